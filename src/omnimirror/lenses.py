@@ -1,0 +1,197 @@
+"""Lenses: how a virtual image behind the mirror becomes a height and a blur on the imager.
+
+The stop lies at the lens, a thin one; then the blur needs no obliquity factor. Focusing changes the
+image distance b0 only (internal focusing, as in the paper) and leaves the principal point where it is.
+
+Object distances ``L`` count from the lens's reference point along the axis: the principal point of a
+perspective lens (Eqs. 34, 35), the mirror vertex under an orthographic one.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, fields, replace
+from typing import ClassVar, Literal, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .errors import InvalidParameter
+from .mirrors import Parameter
+
+Array = NDArray[np.float64]
+BlurMode = Literal["exact", "paper"]
+"""``"exact"`` is Eq. 28; ``"paper"`` Eq. 29, which drops f against L0 and is 5.5-6.1 % too small here."""
+
+FOCUS = Parameter("mm", 1e-3, 1e7, "object distance in focus (L0), from the lens's reference point")
+F_NUMBER = Parameter("", 0.1, 1e3, "F-number")
+
+
+class DepthOfField(NamedTuple):
+    """Nearest and farthest object distance (mm) whose blur stays within a tolerance; far may be inf."""
+
+    near: float
+    far: float
+
+    @property
+    def depth(self) -> float:
+        return self.far - self.near
+
+
+class Lens(ABC):
+    """What the evaluation asks of a lens. ``w`` is the axial distance m + z from lens to mirror point."""
+
+    KIND: ClassVar[str]
+    PARAMETERS: ClassVar[dict[str, Parameter]]
+    TELECENTRIC: ClassVar[bool]
+
+    focus_distance_mm: float
+
+    @abstractmethod
+    def image_height(self, x: Array, w: Array) -> Array:
+        """Image height h (mm) of the mirror point at distance x from the axis (Eq. 7)."""
+
+    @abstractmethod
+    def image_height_rate(self, x: Array, w: Array, slope: Array) -> Array:
+        """dh/dx along the meridian, dimensionless."""
+
+    @abstractmethod
+    def blur(self, L: ArrayLike, focus: ArrayLike | None = None, mode: BlurMode = "exact") -> Array:
+        """Blur diameter (mm) on the imager of a point at L; positive beyond the focus (Eqs. 27-29)."""
+
+    @abstractmethod
+    def depth_of_field(self, tolerance: float, mode: BlurMode = "exact") -> DepthOfField:
+        """Object distances (mm) whose blur is at most ``tolerance`` (mm) (Eqs. 30, 31)."""
+
+    @abstractmethod
+    def image_f_number(self) -> float:
+        """Working F-number F_w of the cone of light that reaches the imager; sets the Airy disk."""
+
+    def focused_at(self, focus_distance_mm: float) -> Self:
+        """The same lens focused elsewhere."""
+        return replace(self, focus_distance_mm=focus_distance_mm)  # type: ignore[type-var]
+
+    def airy_diameter(self, wavelength_nm: float = 550.0) -> float:
+        """Diameter of the Airy disk on the imager, mm: 2.44 lambda F_w."""
+        if not 100.0 <= wavelength_nm <= 20000.0:
+            raise InvalidParameter(f"wavelength_nm = {wavelength_nm:g} is outside 100 to 20000 nm")
+        return 2.44 * wavelength_nm * 1e-6 * self.image_f_number()
+
+    def _check(self) -> None:
+        for f in fields(self):  # type: ignore[arg-type]
+            self.PARAMETERS[f.name].check(f.name, getattr(self, f.name))
+
+
+@dataclass(frozen=True)
+class Perspective(Lens):
+    """An ordinary lens: ``h = b0 tan(theta)``, ``1/b0 = 1/f - 1/L0``.
+
+    >>> lens = Perspective(focal_length_mm=11.6, f_number=4.0, focus_distance_mm=212.0)
+    >>> round(lens.image_distance, 4), round(lens.image_f_number(), 4)
+    (12.2715, 4.2315)
+    """
+
+    focal_length_mm: float
+    f_number: float
+    focus_distance_mm: float
+
+    KIND: ClassVar[str] = "perspective"
+    TELECENTRIC: ClassVar[bool] = False
+    PARAMETERS: ClassVar[dict[str, Parameter]] = {
+        "focal_length_mm": Parameter("mm", 1e-2, 1e5, "focal length (f)"),
+        "f_number": F_NUMBER,
+        "focus_distance_mm": FOCUS,
+    }
+
+    def __post_init__(self) -> None:
+        self._check()
+        if self.focus_distance_mm <= self.focal_length_mm:
+            raise InvalidParameter(
+                f"focus_distance_mm = {self.focus_distance_mm:g} is not beyond the focal length; "
+                f"it is valid above focal_length_mm = {self.focal_length_mm:g}"
+            )
+
+    @property
+    def image_distance(self) -> float:
+        """Distance b0 (mm) from lens to imager when focused (Eq. 25)."""
+        return float(self._image_distance(self.focus_distance_mm))
+
+    def image_f_number(self) -> float:
+        return self.f_number * self.image_distance / self.focal_length_mm
+
+    def hyperfocal_distance(self, tolerance: float) -> float:
+        """L_inf = f^2 / (delta F), mm, for a permissible blur delta in mm."""
+        return self.focal_length_mm**2 / (tolerance * self.f_number)
+
+    def image_height(self, x: Array, w: Array) -> Array:
+        return self.image_distance * x / w
+
+    def image_height_rate(self, x: Array, w: Array, slope: Array) -> Array:
+        return self.image_distance * (w - x * slope) / w**2
+
+    def blur(self, L: ArrayLike, focus: ArrayLike | None = None, mode: BlurMode = "exact") -> Array:
+        L0 = np.asarray(self.focus_distance_mm if focus is None else focus, dtype=float)
+        b0 = self._image_distance(L0) if mode == "exact" else self.focal_length_mm
+        with np.errstate(divide="ignore"):
+            blur: Array = self.focal_length_mm * b0 / self.f_number * (1 / L0 - 1 / np.asarray(L, dtype=float))
+        return blur
+
+    def depth_of_field(self, tolerance: float, mode: BlurMode = "exact") -> DepthOfField:
+        f, L0 = self.focal_length_mm, self.focus_distance_mm
+        dropped = f if mode == "exact" else 0.0
+        spread = tolerance * self.f_number * (L0 - dropped)
+        far = f**2 * L0 / (f**2 - spread) if spread < f**2 else np.inf
+        return DepthOfField(f**2 * L0 / (f**2 + spread), far)
+
+    def _image_distance(self, L0: ArrayLike) -> Array:
+        L0 = np.asarray(L0, dtype=float)
+        return self.focal_length_mm * L0 / (L0 - self.focal_length_mm)
+
+
+@dataclass(frozen=True)
+class Orthographic(Lens):
+    """A telecentric lens: all chief rays parallel to the axis, ``h = mu x``; as wide as the mirror.
+
+    ``working_f_number`` is the image-side F-number, as makers of telecentric lenses state it.
+
+    >>> lens = Orthographic(magnification=0.1, working_f_number=4.0, focus_distance_mm=20.0)
+    >>> float(lens.blur(24.0))  # mu^2 (L - L0) / F_w
+    0.01
+    """
+
+    magnification: float
+    working_f_number: float
+    focus_distance_mm: float
+
+    KIND: ClassVar[str] = "orthographic"
+    TELECENTRIC: ClassVar[bool] = True
+    PARAMETERS: ClassVar[dict[str, Parameter]] = {
+        "magnification": Parameter("", 1e-5, 1e3, "image size over object size (mu)"),
+        "working_f_number": F_NUMBER,
+        "focus_distance_mm": Parameter("mm", -1e6, 1e6, "object plane in focus (L0), from the mirror vertex"),
+    }
+
+    def __post_init__(self) -> None:
+        self._check()
+
+    def image_f_number(self) -> float:
+        return self.working_f_number
+
+    def image_height(self, x: Array, w: Array) -> Array:
+        return self.magnification * x
+
+    def image_height_rate(self, x: Array, w: Array, slope: Array) -> Array:
+        return np.full_like(x, self.magnification)
+
+    def blur(self, L: ArrayLike, focus: ArrayLike | None = None, mode: BlurMode = "exact") -> Array:
+        L0 = np.asarray(self.focus_distance_mm if focus is None else focus, dtype=float)
+        blur: Array = self.magnification**2 * (np.asarray(L, dtype=float) - L0) / self.working_f_number
+        return blur
+
+    def depth_of_field(self, tolerance: float, mode: BlurMode = "exact") -> DepthOfField:
+        reach = tolerance * self.working_f_number / self.magnification**2
+        return DepthOfField(self.focus_distance_mm - reach, self.focus_distance_mm + reach)
+
+
+LENSES: dict[str, type[Lens]] = {cls.KIND: cls for cls in (Perspective, Orthographic)}
+"""Every lens by the word that names it in a sensor file."""

@@ -1,0 +1,39 @@
+"""The cone: a straight meridian, pointed at the axis."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .base import RIM_RADIUS, Array, Mirror, Parameter
+
+
+@dataclass(frozen=True)
+class Cone(Mirror):
+    """``z = x tan(beta)``: R_t is infinite and R_s = x / sin(beta).
+
+    Its field begins at ``Omega = 2 beta``. Viewed by a pinhole at distance m, its viewpoints lie on
+    a ring of radius ``m sin(2 beta)`` at ``z = m cos(2 beta)``: no single viewpoint unless m -> 0.
+
+    >>> round(float(Cone(slope_deg=45.0, rim_radius_mm=20.0).sag(10.0)), 12)
+    10.0
+    """
+
+    slope_deg: float
+    rim_radius_mm: float
+
+    KIND: ClassVar[str] = "cone"
+    PARAMETERS: ClassVar[dict[str, Parameter]] = {
+        "slope_deg": Parameter("deg", 0.1, 89.9, "angle of the surface from the plane across the axis (beta)"),
+        "rim_radius_mm": RIM_RADIUS,
+    }
+
+    def __post_init__(self) -> None:
+        self._check()
+
+    def profile(self, x_mm: ArrayLike) -> tuple[Array, Array, Array]:
+        x, slope = np.asarray(x_mm, dtype=float), float(np.tan(np.radians(self.slope_deg)))
+        return x * slope, np.full_like(x, slope), np.zeros_like(x)

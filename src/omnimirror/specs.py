@@ -1,0 +1,288 @@
+"""The sensor file: TOML to a checked model to a Sensor, and back without loss.
+
+The tables of a mirror, a lens and the imager are made from the parameters that these describe
+themselves, so a new mirror needs no line here.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import re
+import tomllib
+import types
+import typing
+from collections.abc import Iterable
+from functools import cache
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import tomli_w
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
+
+from .errors import OmnimirrorError, SpecError
+from .files import write_text
+from .frames import CameraLooks, Mount
+from .imagers import Imager
+from .lenses import LENSES
+from .mirrors import MIRRORS, Parameter
+from .sensor import Sensor
+
+BUNDLED = Path(__file__).parent / "sensors"
+FORMAT = 1
+
+
+def bundled_sensors() -> list[str]:
+    """Names of the sensors that come with the package.
+
+    >>> "paper-spherical" in bundled_sensors()
+    True
+    """
+    return sorted(p.stem for p in BUNDLED.glob("*.toml"))
+
+
+def load_sensor(name_or_path: str | Path) -> Sensor:
+    """Read a sensor file, or a bundled sensor by its name.
+
+    Raises
+    ------
+    SpecError
+        No such file or name; not TOML; an unknown, missing or wrong entry. The message gives the
+        file, the line and what would be valid.
+
+    Examples
+    --------
+    >>> sensor = load_sensor("paper-spherical")
+    >>> sensor.mirror.KIND, round(sensor.field_deg[1], 3)
+    ('sphere', 135.005)
+    """
+    path = Path(name_or_path)
+    if not path.is_file() and str(name_or_path) in bundled_sensors():
+        path = BUNDLED / f"{name_or_path}.toml"
+    try:
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        hint = _did_you_mean(str(name_or_path), bundled_sensors())
+        raise SpecError(
+            f"there is no sensor file or bundled sensor {str(name_or_path)!r}{hint}; bundled are "
+            f"{', '.join(bundled_sensors())}"
+        ) from None
+    except (OSError, UnicodeDecodeError) as e:
+        reason = e.strerror if isinstance(e, OSError) else "it is not a text file"
+        raise SpecError(f"cannot read the sensor file {path}: {reason}") from None
+    return parse_sensor(text, source=str(path), folder=path.parent)
+
+
+def parse_sensor(text: str, source: str = "sensor file", folder: Path = Path()) -> Sensor:
+    """A Sensor from the text of a sensor file; ``folder`` is where files named in it are looked for."""
+    where = _Places(text, source)
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as e:
+        raise SpecError(f"{source} is not valid TOML: {e}") from None
+    _check_table_names(data, where)
+    kinds = {"mirror": MIRRORS, "lens": LENSES}
+    parts: dict[str, Any] = {}
+    for section, registry in kinds.items():
+        cls = _class_of(section, data, registry, where)
+        table = {k: v for k, v in data[section].items() if k != "kind"}
+        if hasattr(cls, "from_spec"):
+            table = where.wrap((section,), lambda c=cls, t=table: c.from_spec(t, folder))
+        parts[section] = _build(section, cls, table, where)
+    parts["imager"] = _build("imager", Imager, data["imager"], where)
+    mount = _validated(MountTable, "mount", data.get("mount", {}), where).model_dump()
+    distance = mount.pop("mirror_distance_mm")
+    return where.wrap(
+        ("mount", "mirror_distance_mm"),
+        lambda: Sensor(
+            **parts,
+            mount=Mount(**mount),
+            mirror_distance_mm=np.inf if distance is None else distance,
+            name=data.get("name", "sensor"),
+            notes=data.get("notes", ""),
+        ),
+    )
+
+
+def format_sensor(sensor: Sensor) -> str:
+    """The text of the sensor's file; reading it back gives an equal sensor.
+
+    >>> sensor = load_sensor("paper-hyperboloidal")
+    >>> parse_sensor(format_sensor(sensor)) == sensor
+    True
+    """
+    mount = dataclasses.asdict(sensor.mount)
+    if np.isfinite(sensor.mirror_distance_mm):
+        mount = {"mirror_distance_mm": sensor.mirror_distance_mm, **mount}
+    data = {
+        "format": FORMAT,
+        "name": sensor.name,
+        "notes": sensor.notes,
+        "mirror": {"kind": sensor.mirror.KIND, **_table(sensor.mirror)},
+        "lens": {"kind": sensor.lens.KIND, **_table(sensor.lens)},
+        "imager": _table(sensor.imager),
+        "mount": mount,
+    }
+    return tomli_w.dumps(data)
+
+
+def save_sensor(sensor: Sensor, path: str | Path) -> None:
+    """Write the sensor's file, whole or not at all."""
+    write_text(path, format_sensor(sensor))
+
+
+# -- the model -------------------------------------------------------------------------------------
+
+
+class Table(BaseModel):
+    """A table of the file: strict types, no unknown keys, no infinities."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
+
+
+class MountTable(Table):
+    mirror_distance_mm: Annotated[float, Field(gt=0, le=1e7)] | None = None
+    camera_looks: CameraLooks = "up"
+    forward_azimuth_deg: Annotated[float, Field(ge=-360, le=360)] = -90.0
+    image_flipped: bool = False
+
+
+@cache
+def table_model(cls: type[Any]) -> type[Table]:
+    """The pydantic model of a part that describes itself in PARAMETERS, for checks, forms and schemas."""
+    hints = typing.get_type_hints(cls)
+    entries: dict[str, Any] = {}
+    for f in dataclasses.fields(cls):
+        p: Parameter = cls.PARAMETERS[f.name]
+        default = ... if f.default is dataclasses.MISSING else f.default
+        entries[f.name] = (_annotation(hints[f.name], p), Field(default, description=p.description))
+    model: type[Table] = create_model(cls.__name__, __base__=Table, **entries)
+    return model
+
+
+def _annotation(hint: Any, p: Parameter) -> Any:
+    """The model's type of one field: its numbers bounded by the parameter's range."""
+    args = typing.get_args(hint)
+    if isinstance(hint, types.UnionType):
+        return _annotation(args[0], p) | None
+    if typing.get_origin(hint) is tuple:
+        return list[_annotation(args[0], p)]  # type: ignore[misc]
+    if hint is str:
+        return typing.Literal[p.choices]
+    return Annotated[hint, Field(ge=p.low, le=p.high, json_schema_extra={"unit": p.unit})]
+
+
+def _table(part: Any) -> dict[str, Any]:
+    """A part's parameters, as the file holds them."""
+    values = {f.name: getattr(part, f.name) for f in dataclasses.fields(part)}
+    return {k: list(v) if isinstance(v, tuple) else v for k, v in values.items() if v is not None}
+
+
+# -- checks, each error with its place in the file ---------------------------------------------------
+
+
+class _Places:
+    """Finds the line of an entry, and says errors as ``file line n: ..``."""
+
+    def __init__(self, text: str, source: str) -> None:
+        self.source = source
+        self.lines = text.splitlines()
+
+    def line(self, path: tuple[str, ...]) -> int | None:
+        """Line number of an entry (or else of its table), None if there is neither."""
+        table, found = "", None
+        for number, line in enumerate(self.lines, start=1):
+            if header := re.match(r"\s*\[\s*([\w.-]+)\s*\]", line):
+                table = header[1]
+                if path[:1] == (table,):
+                    found = number
+            elif (key := re.match(r"\s*[\"']?([\w-]+)[\"']?\s*=", line)) and path[-1:] == (key[1],):
+                if table == ".".join(path[:-1]):
+                    return number
+        return found
+
+    def error(self, path: tuple[str, ...], message: str) -> SpecError:
+        line = self.line(path)
+        return SpecError(f"{self.source}{f' line {line}' if line else ''}: {message}")
+
+    def wrap(self, path: tuple[str, ...], make: typing.Callable[[], Any]) -> Any:
+        """Run ``make``, giving its errors their place in the file."""
+        try:
+            return make()
+        except OmnimirrorError as e:
+            raise self.error(path, str(e)) from None
+
+
+def _check_table_names(data: dict[str, Any], where: _Places) -> None:
+    known = {"format": int, "name": str, "notes": str, "mirror": dict, "lens": dict, "imager": dict, "mount": dict}
+    for key, value in data.items():
+        if key not in known:
+            raise where.error((key,), f"{key} is not known{_did_you_mean(key, known)}; valid are {', '.join(known)}")
+        if not isinstance(value, known[key]):
+            noun = {dict: "a table", str: "a text in quotes", int: "a whole number"}[known[key]]
+            raise where.error((key,), f"{key} = {value!r} is not {noun}")
+    for key in ("mirror", "lens", "imager"):
+        if key not in data:
+            raise where.error((), f"there is no [{key}] table; a sensor file needs [mirror], [lens] and [imager]")
+    if data.get("format", FORMAT) != FORMAT:
+        raise where.error(("format",), f"format = {data['format']} is not known to this version, which reads {FORMAT}")
+
+
+def _class_of(section: str, data: dict[str, Any], registry: dict[str, type[Any]], where: _Places) -> type[Any]:
+    kind = data[section].get("kind")
+    if kind is None:
+        raise where.error((section,), f"{section}.kind is missing; valid are {', '.join(registry)}")
+    if kind not in registry:
+        hint = _did_you_mean(str(kind), registry)
+        raise where.error(
+            (section, "kind"), f"{section}.kind = {kind!r} is not known{hint}; valid are {', '.join(registry)}"
+        )
+    return registry[kind]
+
+
+def _build(section: str, cls: type[Any], table: dict[str, Any], where: _Places) -> Any:
+    """A part from its checked table."""
+    values = _validated(table_model(cls), section, table, where).model_dump()
+    values = {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
+
+    def make() -> Any:
+        return cls(**values)
+
+    return where.wrap((section,), make)
+
+
+def _validated(model: type[Table], section: str, table: dict[str, Any], where: _Places) -> Table:
+    try:
+        return model.model_validate(table)
+    except ValidationError as e:
+        problem = e.errors()[0]
+        path = (section, *(str(p) for p in problem["loc"]))
+        raise where.error(path[:2], _sentence(model, path, problem)) from None
+
+
+def _sentence(model: type[Table], path: tuple[str, ...], problem: Any) -> str:
+    """One pydantic error in our words: the value, and what would be valid."""
+    name, value = ".".join(path[:2]), problem["input"]
+    index = next((f"[{p}]" for p in path[2:] if p.isdigit()), "")
+    match problem["type"]:
+        case "missing":
+            return f"{name} is missing{_describe(model, path[1])}"
+        case "extra_forbidden":
+            names = list(model.model_fields)
+            return f"{name} is not known{_did_you_mean(path[1], names)}; valid are {', '.join(names)}"
+        case "literal_error":
+            return f"{name} = {value!r} is not one of {problem['ctx']['expected']}"
+        case _:
+            wanted = problem["msg"].replace("Input should be", "it should be")
+            return f"{name}{index} = {value!r}: {wanted}{_describe(model, path[1])}"
+
+
+def _describe(model: type[Table], name: str) -> str:
+    description = model.model_fields[name].description
+    return f" ({description})" if description else ""
+
+
+def _did_you_mean(word: str, known: Iterable[str]) -> str:
+    close = difflib.get_close_matches(word, list(known), n=1, cutoff=0.5)
+    return f"; did you mean {close[0]}?" if close else ""

@@ -1,0 +1,274 @@
+"""Chief rays in the meridian plane, and the way back from angles and points to the mirror.
+
+The mirror point x is the parameter: everything else follows from it without a pole at 90 degrees and
+without aiming. Angles are in radians; ``m`` is the distance from the lens's principal point to the
+mirror vertex, infinite under an orthographic lens.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import InvalidParameter, NotOneToOne, OutsideField, OutsideMirror, SelfObstruction
+from ..mirrors import Mirror
+from ..mirrors.base import sagittal_radius, tangential_radius
+from .roots import increasing_root
+
+Array = NDArray[np.float64]
+
+NODES = 1025  # of the table from which inversions start and on which the mapping is proven monotonic
+ROUNDING = 1e-12  # relative; an angle this little past the rim is the rim
+
+
+@dataclass(frozen=True)
+class ChiefRays:
+    """Chief rays through n mirror points; every array (n,), lengths in mm, angles in radians.
+
+    ``beta`` is the mirror slope angle, ``theta`` the viewing angle of the lens, ``gamma`` the angle of
+    incidence and reflection, ``omega`` the field angle from -z (Eqs. 1-5), ``w`` = m + z.
+    """
+
+    x: Array
+    z: Array
+    slope: Array
+    curvature: Array
+    m: float
+    w: Array
+    beta: Array
+    theta: Array
+    gamma: Array
+    omega: Array
+
+    def domega_dx(self) -> Array:
+        """dOmega/dx, 1/mm."""
+        return 2 * self.curvature / (1 + self.slope**2) + self._dtheta_dx()
+
+    def _dtheta_dx(self) -> Array:
+        if np.isinf(self.m):
+            return np.zeros_like(self.x)
+        return (self.w - self.x * self.slope) / (self.w**2 + self.x**2)
+
+    def viewpoint_offset(self) -> Array:
+        """Distance z_v - z (mm) from the mirror point's height to where its ray meets the axis: x / tan(Omega).
+
+        On the axis of a smooth mirror the limit m R/(2 m + R) is taken, at a point 0.
+        """
+        with np.errstate(divide="ignore", invalid="ignore"):
+            offset = self.x / np.tan(self.omega)
+            on_axis = np.where(self.slope == 0.0, 1 / (2 * self.curvature + 1 / self.m), 0.0)
+        return np.where(self.x == 0.0, on_axis, offset)
+
+    def radius_t(self) -> Array:
+        """Tangential radius of curvature, mm (Eq. 14)."""
+        return tangential_radius(self.slope, self.curvature)
+
+    def radius_s(self) -> Array:
+        """Sagittal radius of curvature, mm (Eq. 18)."""
+        return sagittal_radius(self.x, self.slope, self.curvature)
+
+
+def trace_chief_rays(mirror: Mirror, m: float, x_mm: ArrayLike) -> ChiefRays:
+    """Chief rays through the mirror points at distances x from the axis (Eqs. 1-5).
+
+    >>> from omnimirror.mirrors import Sphere
+    >>> rays = trace_chief_rays(Sphere(50.0, 44.0), np.inf, [30.0])
+    >>> np.degrees(rays.omega).round(6)  # twice asin(30/50)
+    array([73.739795])
+    """
+    x = np.asarray(x_mm, dtype=float)
+    z, slope, curvature = mirror.profile(x)
+    beta = np.arctan(slope)
+    w = m + z
+    theta = np.arctan2(x, w)
+    gamma = beta + theta
+    return ChiefRays(x, z, slope, curvature, m, w, beta, theta, gamma, beta + gamma)
+
+
+@dataclass(frozen=True)
+class Meridian:
+    """A mirror seen by a lens at distance m: its field, and the mirror point of any ray.
+
+    Nothing is computed until asked for; the first question proves that the mapping is one to one and
+    raises :class:`NotOneToOne` or :class:`SelfObstruction` where it is not.
+    """
+
+    mirror: Mirror
+    m: float
+
+    @cached_property
+    def _table(self) -> ChiefRays:
+        rays = trace_chief_rays(self.mirror, self.m, np.linspace(0.0, self.mirror.rim_radius_mm, NODES))
+        _check_front_side(rays)
+        _check_one_to_one(rays)
+        if (rays.curvature < 0).any():  # a convex meridian cannot stand in its own way
+            _check_unobstructed(rays)
+        return rays
+
+    @property
+    def omega_min(self) -> float:
+        """Field angle of the axis: 0 for a smooth mirror, more for a pointed one."""
+        return float(self._table.omega[0])
+
+    @property
+    def omega_max(self) -> float:
+        """Field angle of the rim."""
+        return float(self._table.omega[-1])
+
+    @property
+    def theta_max(self) -> float:
+        """Viewing angle of the rim; 0 under an orthographic lens."""
+        return float(self._table.theta[-1])
+
+    def trace(self, x_mm: ArrayLike) -> ChiefRays:
+        """Chief rays through mirror points given by their distance from the axis (n,), mm."""
+        self._table  # noqa: B018 - proves that the mirror can be used
+        x = np.asarray(x_mm, dtype=float)
+        rim = self.mirror.rim_radius_mm
+        inside = (x >= 0) & (x <= rim * (1 + ROUNDING))
+        if not inside.all():
+            raise OutsideMirror(f"x = {_first(x, ~inside):g} mm is not on the mirror, which reaches from 0 to {rim:g} mm")
+        return trace_chief_rays(self.mirror, self.m, np.minimum(x, rim))
+
+    def x_from_omega(self, omega: ArrayLike) -> Array:
+        """Mirror point (mm) of field angles (n,) in radians; OutsideField names the first one not seen."""
+        omega = np.asarray(omega, dtype=float)
+        inside = self.sees(omega)
+        if not inside.all():
+            raise OutsideField(
+                f"omega = {np.degrees(_first(omega, ~inside)):.10g} deg is outside the field; it is valid from "
+                f"{np.degrees(self.omega_min):.6g} to {np.degrees(self.omega_max):.6g} deg"
+            )
+        return self._invert_omega(omega)
+
+    def sees(self, omega: Array) -> NDArray[np.bool_]:
+        """Which field angles lie between axis and rim, rounding forgiven."""
+        slack = ROUNDING * self.omega_max
+        return (omega >= self.omega_min - slack) & (omega <= self.omega_max + slack)
+
+    def _invert_omega(self, omega: Array) -> Array:
+        table, rim = self._table, self.mirror.rim_radius_mm
+        omega = np.clip(omega, self.omega_min, self.omega_max)
+        cell = np.clip(np.searchsorted(table.omega, omega) - 1, 0, NODES - 2)
+
+        def difference(x: Array) -> tuple[Array, Array]:
+            rays = trace_chief_rays(self.mirror, self.m, x)
+            return rays.omega - omega, rays.domega_dx()
+
+        start = np.interp(omega, table.omega, table.x)
+        return increasing_root(difference, table.x[cell], table.x[cell + 1], start, rim)
+
+    def x_from_tan_theta(self, tan_theta: ArrayLike) -> Array:
+        """Mirror point (mm) that the lens sees at viewing angles given by their tangents (n,)."""
+        tangent, table = np.asarray(tan_theta, dtype=float), self._table
+        tangents = table.x / table.w
+        inside = (tangent >= 0) & (tangent <= tangents[-1] * (1 + ROUNDING))
+        if not inside.all():
+            raise OutsideField(
+                f"theta = {np.degrees(np.arctan(_first(tangent, ~inside))):.10g} deg looks past the mirror, "
+                f"whose rim stands at {np.degrees(self.theta_max):.6g} deg"
+            )
+        cell = np.clip(np.searchsorted(tangents, tangent) - 1, 0, NODES - 2)
+
+        def difference(x: Array) -> tuple[Array, Array]:
+            z, slope, _ = self.mirror.profile(x)
+            return x - (self.m + z) * tangent, 1 - slope * tangent
+
+        start = np.interp(tangent, tangents, table.x)
+        return increasing_root(difference, table.x[cell], table.x[cell + 1], start, self.mirror.rim_radius_mm)
+
+    def x_from_point(self, x_t: ArrayLike, z_t: ArrayLike) -> Array:
+        """Mirror point (mm) in which points (x_t >= 0, z_t) of the meridian plane are seen; NaN where not.
+
+        Solves ``Omega(x) = phi(x)``, phi the direction from mirror point to object, which is unique:
+        the difference increases at any root. Points in the mirror's shadow or inside it are not seen.
+        """
+        x_t, z_t = np.broadcast_arrays(np.asarray(x_t, dtype=float), np.asarray(z_t, dtype=float))
+        rim = self.mirror.rim_radius_mm
+        self._table  # noqa: B018 - proves that the mirror can be used
+
+        def difference(x: Array, xt: Array, zt: Array) -> tuple[Array, Array]:
+            rays = trace_chief_rays(self.mirror, self.m, x)
+            phi, distance = _direction(xt - x, zt - rays.z)
+            with np.errstate(divide="ignore"):
+                rate = np.cos(rays.gamma) / (np.cos(rays.beta) * distance)
+            return rays.omega - phi, rays.domega_dx() + rate
+
+        zero, edge = np.zeros_like(x_t), np.full_like(x_t, rim)
+        surface = np.where(x_t <= rim, self.mirror.sag(np.minimum(x_t, rim)), np.inf)
+        with np.errstate(invalid="ignore"):  # points that are not finite are not seen
+            seen = (z_t < surface) & np.isfinite(x_t) & np.isfinite(z_t)
+            seen &= (difference(zero, x_t, z_t)[0] <= 0) & (difference(edge, x_t, z_t)[0] >= -ROUNDING)
+        x = np.full_like(x_t, np.nan)
+        if seen.any():
+            xt, zt = x_t[seen], z_t[seen]
+            x[seen] = increasing_root(
+                lambda x: difference(x, xt, zt), zero[seen], edge[seen], self._first_guess(xt, zt), rim
+            )
+        return x
+
+    def _first_guess(self, x_t: Array, z_t: Array) -> Array:
+        """Where the point would be seen from one viewpoint, a middle one."""
+        middle = self._table.z[NODES // 2] + self._table.viewpoint_offset()[NODES // 2]
+        omega, _ = _direction(x_t, z_t - middle)
+        return np.interp(omega, self._table.omega, self._table.x)
+
+
+def _direction(dx: Array, dz: Array) -> tuple[Array, Array]:
+    """Angle from -z in (-pi/2, 3 pi/2), so that shadow points lie beyond every field angle; and length."""
+    phi = np.arctan2(dx, -dz)
+    return np.where(phi < -np.pi / 2, phi + 2 * np.pi, phi), np.hypot(dx, dz)
+
+
+def _first(values: Array, where: NDArray[np.bool_]) -> float:
+    return float(np.atleast_1d(values)[np.atleast_1d(where)][0])
+
+
+# -- proofs that a mirror can be used ----------------------------------------------------------
+
+
+def _check_front_side(rays: ChiefRays) -> None:
+    if not rays.m > 0:
+        raise InvalidParameter(f"mirror_distance_mm = {rays.m:g} is not a distance; it is valid above 0")
+    if np.isinf(rays.m):
+        return
+    hidden = (rays.w <= 0) | (rays.w - rays.x * rays.slope <= 0)
+    if hidden.any():
+        raise SelfObstruction(
+            f"the mirror hides itself from the lens beyond x = {_first(rays.x, hidden):.6g} mm, where the lens "
+            f"sees it edge-on; rim_radius_mm = {rays.x[-1]:g} is valid below that"
+        )
+
+
+def _check_one_to_one(rays: ChiefRays) -> None:
+    falling = rays.domega_dx() <= 0
+    if not falling.any():
+        return
+    i = int(np.argmax(falling))
+    if i == 0:
+        raise NotOneToOne(
+            "the field angle Omega(x) does not grow away from the axis; the mirror must be convex towards the lens"
+        )
+    raise NotOneToOne(
+        f"the field angle Omega(x) stops growing at x = {rays.x[i]:.6g} mm ({np.degrees(rays.omega[i]):.5g} deg), so "
+        f"the mapping is not one to one; rim_radius_mm = {rays.x[-1]:g} is valid below {rays.x[i]:.6g}"
+    )
+
+
+def _check_unobstructed(rays: ChiefRays) -> None:
+    """No reflected ray may meet the mirror again farther out."""
+    every = slice(None, None, 4)  # 257 points: a pairwise table of 66,000
+    x, z, omega = rays.x[every], rays.z[every], rays.omega[every]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        height = z[:, None] - (x[None, :] - x[:, None]) / np.tan(omega[:, None])
+    blocked = (x[None, :] > x[:, None]) & (height > z[None, :] + ROUNDING * x[-1])
+    if blocked.any():
+        i = int(np.argmax(blocked.any(axis=1)))
+        j = int(np.argmax(blocked[i]))
+        raise SelfObstruction(
+            f"the ray reflected at x = {x[i]:.6g} mm (Omega = {np.degrees(omega[i]):.5g} deg) meets the mirror again "
+            f"near x = {x[j]:.6g} mm; choose rim_radius_mm below that or a less curved profile"
+        )
