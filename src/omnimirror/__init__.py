@@ -7,14 +7,22 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from .analysis import best_focus as best_focus
+    from .analysis import best_viewpoint as best_viewpoint
+    from .analysis import evaluate as evaluate
     from .sensor import Sensor as Sensor
     from .specs import load_sensor as load_sensor
+    from .specs import save_sensor as save_sensor
 
 __version__ = "0.1.0"
 
 _HOMES = {
+    "best_focus": "analysis",
+    "best_viewpoint": "analysis",
+    "evaluate": "analysis",
     "Sensor": "sensor",
     "load_sensor": "specs",
+    "save_sensor": "specs",
 }
 __all__ = ["__version__", *_HOMES]
 

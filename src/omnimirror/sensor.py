@@ -44,8 +44,8 @@ class Sensor:
     >>> import omnimirror as om
     >>> sensor = om.load_sensor("paper-spherical")
     >>> origins, directions, valid = sensor.backproject([[511.5, 11.5], [0.0, 0.0]])
-    >>> directions.round(3)[0]  # 500 px above the centre: forward, and 45 deg up
-    array([ 0.711, -0.   ,  0.703])
+    >>> directions.round(3)[0]  # 500 px above the centre: forward, and 44 deg up
+    array([0.721, 0.   , 0.693])
     >>> valid
     array([ True, False])
     """
@@ -96,6 +96,10 @@ class Sensor:
         unit = self.lens.image_height(np.ones(1), np.full(1, np.inf))[0]
         return self.meridian.trace(h_mm / unit).x
 
+    def radius_from_centre_px(self, pixels: Array) -> Array:
+        """Image heights (n,) of pixels (n, 2), px."""
+        return np.hypot(*self._from_centre(pixels))
+
     @property
     def rim_radius_px(self) -> float:
         """Radius of the image of the rim, px."""
@@ -137,7 +141,7 @@ class Sensor:
         valid = inside_image(pixels, self.image_size) & (radius <= rim * (1 + ROUNDING))
         origins, directions = np.full((2, *radius.shape, 3), np.nan)
         rays = self.meridian.trace(self.x_from_height_px(np.minimum(radius[valid], rim)))
-        r, cos, sin = _unit(du[valid], dv[valid])
+        _, cos, sin = _unit(du[valid], dv[valid])
         s = np.sin(rays.omega)
         rotation = self.mount.rotation().T
         origins[valid] = np.stack([rays.x * cos, rays.x * sin, rays.z], axis=-1) @ rotation

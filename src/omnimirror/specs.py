@@ -12,8 +12,8 @@ import re
 import tomllib
 import types
 import typing
-from collections.abc import Iterable
-from functools import cache
+from collections.abc import Callable, Iterable
+from functools import cache, partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -26,11 +26,12 @@ from .files import write_text
 from .frames import CameraLooks, Mount
 from .imagers import Imager
 from .lenses import LENSES
-from .mirrors import MIRRORS, Parameter
+from .mirrors import MIRRORS, Mirror, Parameter
 from .sensor import Sensor
 
 BUNDLED = Path(__file__).parent / "sensors"
 FORMAT = 1
+T = typing.TypeVar("T")
 
 
 def bundled_sensors() -> list[str]:
@@ -82,27 +83,26 @@ def parse_sensor(text: str, source: str = "sensor file", folder: Path = Path()) 
     except tomllib.TOMLDecodeError as e:
         raise SpecError(f"{source} is not valid TOML: {e}") from None
     _check_table_names(data, where)
-    kinds = {"mirror": MIRRORS, "lens": LENSES}
+    kinds: dict[str, dict[str, type[Any]]] = {"mirror": MIRRORS, "lens": LENSES}
     parts: dict[str, Any] = {}
     for section, registry in kinds.items():
         cls = _class_of(section, data, registry, where)
         table = {k: v for k, v in data[section].items() if k != "kind"}
-        if hasattr(cls, "from_spec"):
-            table = where.wrap((section,), lambda c=cls, t=table: c.from_spec(t, folder))
+        if issubclass(cls, Mirror):
+            table = where.wrap((section,), partial(cls.from_spec, table, folder))
         parts[section] = _build(section, cls, table, where)
     parts["imager"] = _build("imager", Imager, data["imager"], where)
     mount = _validated(MountTable, "mount", data.get("mount", {}), where).model_dump()
     distance = mount.pop("mirror_distance_mm")
-    return where.wrap(
-        ("mount", "mirror_distance_mm"),
-        lambda: Sensor(
-            **parts,
-            mount=Mount(**mount),
-            mirror_distance_mm=np.inf if distance is None else distance,
-            name=data.get("name", "sensor"),
-            notes=data.get("notes", ""),
-        ),
+    make = partial(
+        Sensor,
+        **parts,
+        mount=Mount(**mount),
+        mirror_distance_mm=np.inf if distance is None else distance,
+        name=data.get("name", "sensor"),
+        notes=data.get("notes", ""),
     )
+    return where.wrap(("mount", "mirror_distance_mm"), make)
 
 
 def format_sensor(sensor: Sensor) -> str:
@@ -197,16 +197,17 @@ class _Places:
                 table = header[1]
                 if path[:1] == (table,):
                     found = number
-            elif (key := re.match(r"\s*[\"']?([\w-]+)[\"']?\s*=", line)) and path[-1:] == (key[1],):
-                if table == ".".join(path[:-1]):
-                    return number
+                continue
+            key = re.match(r"\s*[\"']?([\w-]+)[\"']?\s*=", line)
+            if key and (table, key[1]) == (".".join(path[:-1]), *path[-1:]):
+                return number
         return found
 
     def error(self, path: tuple[str, ...], message: str) -> SpecError:
         line = self.line(path)
         return SpecError(f"{self.source}{f' line {line}' if line else ''}: {message}")
 
-    def wrap(self, path: tuple[str, ...], make: typing.Callable[[], Any]) -> Any:
+    def wrap(self, path: tuple[str, ...], make: Callable[[], T]) -> T:
         """Run ``make``, giving its errors their place in the file."""
         try:
             return make()
@@ -243,12 +244,10 @@ def _class_of(section: str, data: dict[str, Any], registry: dict[str, type[Any]]
 
 def _build(section: str, cls: type[Any], table: dict[str, Any], where: _Places) -> Any:
     """A part from its checked table."""
-    values = _validated(table_model(cls), section, table, where).model_dump()
+    model: type[Table] = table_model(cls)  # type: ignore[arg-type]  # the cache asks for Hashable
+    values = _validated(model, section, table, where).model_dump()
     values = {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
-
-    def make() -> Any:
-        return cls(**values)
-
+    make: Callable[[], Any] = partial(cls, **values)
     return where.wrap((section,), make)
 
 

@@ -23,8 +23,8 @@ NORMALIZATION = Parameter("mm", 1e-3, 1e5, "length unit of the coefficients")
 def even_polynomial(x: Array, coefficients: tuple[float, ...], first: int) -> tuple[Array, Array, Array]:
     """Value, first and second derivative of ``sum c_i x^(2 (first + i))``, by Horner's rule in x^2.
 
-    >>> even_polynomial(np.array(2.0), (1.0, 0.5), first=1)  # x^2 + x^4/2
-    (array(12.), array(20.), array(26.))
+    >>> even_polynomial(np.array([2.0]), (1.0, 0.5), first=1)  # x^2 + x^4/2
+    (array([12.]), array([20.]), array([26.]))
     """
     u = x * x
     value, slope, curvature = np.zeros_like(u), np.zeros_like(u), np.zeros_like(u)
@@ -73,8 +73,8 @@ class ConicAsphere(Mirror):
 
     The even asphere that every optical program exchanges; the x^2 term belongs to R.
 
-    >>> ConicAsphere(vertex_radius_mm=50.0, conic=0.0, rim_radius_mm=40.0).sag(30.0)
-    array(10.)
+    >>> ConicAsphere(vertex_radius_mm=50.0, conic=0.0, rim_radius_mm=40.0).sag([30.0])
+    array([10.])
     """
 
     vertex_radius_mm: float

@@ -42,9 +42,7 @@ class Parameter:
             if not self.low <= number <= self.high:
                 label = f"{name}[{i}]" if np.ndim(value) else name
                 unit = f" {self.unit}" if self.unit else ""
-                raise InvalidParameter(
-                    f"{label} = {number:g}{unit} is outside {self.low:g} to {self.high:g}{unit}"
-                )
+                raise InvalidParameter(f"{label} = {number:g}{unit} is outside {self.low:g} to {self.high:g}{unit}")
 
 
 RIM_RADIUS = Parameter("mm", 1e-3, 1e5, "radius of the mirror's rim")

@@ -23,8 +23,8 @@ def conic_profile(x: Array, R: float, k: float) -> tuple[Array, Array, Array]:
     The sag ``c x^2 / (1 + sqrt(1 - (1 + k) c^2 x^2))`` with ``c = 1/R`` keeps full precision near the
     axis and for the paraboloid, where the textbook quadratic divides by ``1 + k = 0``.
 
-    >>> conic_profile(np.array(30.0), R=50.0, k=0.0)  # sphere: 50 - 40, tan, 50^2 / 40^3
-    (array(10.), array(0.75), array(0.0390625))
+    >>> conic_profile(np.array([30.0]), R=50.0, k=0.0)  # sphere: 50 - 40, tan, 50^2 / 40^3
+    (array([10.]), array([0.75]), array([0.0390625]))
     """
     root = conic_root(x, R, k)
     return x**2 / (R * (1 + root)), x / (R * root), 1 / (R * root**3)

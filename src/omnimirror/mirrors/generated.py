@@ -58,15 +58,18 @@ class GeneratedMeridian:
         return cls(omega, domega, theta_max, series, distance)
 
     def x(self, theta: Array) -> Array:
-        return self.distance * np.exp(self.log_rho(theta)) * np.sin(theta)
+        x: Array = self.distance * np.exp(self.log_rho(theta)) * np.sin(theta)
+        return x
 
     def z(self, theta: Array) -> Array:
         # rho cos(theta) - m, without the cancellation near the axis
-        return self.distance * (np.expm1(self.log_rho(theta)) * np.cos(theta) - 2 * np.sin(theta / 2) ** 2)
+        z: Array = np.expm1(self.log_rho(theta)) * np.cos(theta) - 2 * np.sin(theta / 2) ** 2
+        return self.distance * z
 
     def dx(self, theta: Array) -> Array:
         rate = np.tan((self.omega(theta) + theta) / 2)
-        return self.distance * np.exp(self.log_rho(theta)) * (np.cos(theta) + rate * np.sin(theta))
+        dx: Array = np.exp(self.log_rho(theta)) * (np.cos(theta) + rate * np.sin(theta))
+        return self.distance * dx
 
     def theta(self, x: Array) -> Array:
         """Inverse of :meth:`x`, by Newton's rule from a fine table; NaN beyond the rim."""
@@ -120,9 +123,7 @@ class Equidistant(Mirror):
     def _meridian(self) -> GeneratedMeridian:
         theta_max = float(np.radians(self.theta_max_deg))
         k = float(np.radians(self.omega_max_deg)) / np.tan(theta_max)
-        return GeneratedMeridian.solve(
-            lambda theta: k * np.tan(theta), lambda theta: k / np.cos(theta) ** 2, theta_max
-        )
+        return GeneratedMeridian.solve(lambda theta: k * np.tan(theta), lambda theta: k / np.cos(theta) ** 2, theta_max)
 
     def profile(self, x_mm: ArrayLike) -> tuple[Array, Array, Array]:
         M, g = self.rim_radius_mm, self._meridian

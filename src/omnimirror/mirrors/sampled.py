@@ -75,12 +75,11 @@ class SampledProfile(Mirror):
             raise InvalidParameter(f"x_mm does not grow after point {i} ({x[i]:g} then {x[i + 1]:g} mm)")
         object.__setattr__(self, "x_mm", x)
         object.__setattr__(self, "z_mm", z)
-        if self.rim_radius_mm is None:
-            object.__setattr__(self, "rim_radius_mm", x[-1])
-        if self.rim_radius_mm > x[-1]:
+        rim: float | None = self.rim_radius_mm
+        object.__setattr__(self, "rim_radius_mm", x[-1] if rim is None else rim)
+        if rim is not None and rim > x[-1]:
             raise InvalidParameter(
-                f"rim_radius_mm = {self.rim_radius_mm:g} lies beyond the last point of the profile; "
-                f"it is valid up to {x[-1]:g}"
+                f"rim_radius_mm = {rim:g} lies beyond the last point of the profile; it is valid up to {x[-1]:g}"
             )
         self._check()
 
@@ -94,7 +93,7 @@ class SampledProfile(Mirror):
             The file is missing, or a line after the first number does not hold two numbers.
         """
         x, z = read_profile(Path(path))
-        return cls(x, z, rim_radius_mm, apex)  # type: ignore[arg-type]
+        return cls(x, z, rim_radius_mm, apex)
 
     @classmethod
     def from_spec(cls, data: dict[str, Any], folder: Path) -> dict[str, Any]:

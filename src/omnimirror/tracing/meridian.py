@@ -130,7 +130,9 @@ class Meridian:
         rim = self.mirror.rim_radius_mm
         inside = (x >= 0) & (x <= rim * (1 + ROUNDING))
         if not inside.all():
-            raise OutsideMirror(f"x = {_first(x, ~inside):g} mm is not on the mirror, which reaches from 0 to {rim:g} mm")
+            raise OutsideMirror(
+                f"x = {_first(x, ~inside):g} mm is not on the mirror, which reaches from 0 to {rim:g} mm"
+            )
         return trace_chief_rays(self.mirror, self.m, np.minimum(x, rim))
 
     def x_from_omega(self, omega: ArrayLike) -> Array:

@@ -1,0 +1,314 @@
+"""The whole evaluation of a sensor: one row per field angle, one column per quantity of the paper."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import InvalidParameter
+from ..files import write_text
+from ..lenses import BlurMode, DepthOfField, Perspective
+from ..sensor import Sensor
+from .focus import FocusStudy, best_focus
+from .viewpoints import viewpoint_z
+from .virtual_images import virtual_images
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """A sensor evaluated at n field angles; every column is an array (n,) named with its unit.
+
+    Lengths count from the mirror vertex (``z``) and the axis (``x``), except ``distance_*``, which
+    count from the lens's reference point (its principal point; the vertex under an orthographic lens).
+    """
+
+    omega_deg: Array
+    """Field angle from the direction back past the lens."""
+    x_mm: Array
+    """Mirror point: distance from the axis."""
+    z_mm: Array
+    """Mirror point: height over the vertex."""
+    beta_deg: Array
+    """Slope angle of the mirror (Eq. 2)."""
+    theta_deg: Array
+    """Viewing angle of the lens (Eq. 5)."""
+    gamma_deg: Array
+    """Angle of incidence and reflection (Eq. 3)."""
+    h_px: Array
+    """Image height (Eq. 7), with the image distance of the focused lens."""
+    dh_domega_px_per_deg: Array
+    """Radial image of one degree, Dh (Eqs. 8, 9)."""
+    width_px_per_deg: Array
+    """Image of one degree along the circle, Dw (Eq. 10)."""
+    area_px2: Array
+    """Image area of one square degree, Ds (Eq. 11)."""
+    aspect: Array
+    """Dw / Dh (Eq. 12)."""
+    viewpoint_z_mm: Array
+    """Where the chief ray meets the axis (Eq. 6)."""
+    radius_t_mm: Array
+    """Tangential radius of curvature (Eq. 14)."""
+    radius_s_mm: Array
+    """Sagittal radius of curvature (Eq. 18)."""
+    q_t_mm: Array
+    """Mirror point to tangential image, positive behind the mirror (Eq. 15)."""
+    q_s_mm: Array
+    """Mirror point to sagittal image (Eq. 19)."""
+    image_t_x_mm: Array
+    """Tangential image, distance from the axis (Eq. 16)."""
+    image_t_z_mm: Array
+    """Tangential image, height over the vertex (Eq. 17)."""
+    image_s_x_mm: Array
+    """Sagittal image, distance from the axis (Eq. 20)."""
+    image_s_z_mm: Array
+    """Sagittal image, height over the vertex (Eq. 21)."""
+    distance_t_mm: Array
+    """L_t (Eq. 34)."""
+    distance_s_mm: Array
+    """L_s (Eq. 35)."""
+    blur_t_px: Array
+    """Tangential blur diameter, positive beyond the focus (Eq. 28, or 29 in the paper's mode)."""
+    blur_s_px: Array
+    """Sagittal blur diameter."""
+    blur_t_deg: Array
+    """Tangential blur in the angle of the object (Eq. 36)."""
+    blur_s_deg: Array
+    """Sagittal blur in the angle of the object (Eq. 37)."""
+    blur_area_deg2: Array
+    """The paper's blur area: the product of both, signed by its factors (Fig. 9c)."""
+    floored_area_deg2: Array
+    """Blur area with a pixel and the Airy disk added in quadrature to each side."""
+    sensor: Sensor
+    """The sensor as evaluated, focus included."""
+    object_distance_mm: float | Array
+    mode: BlurMode
+    wavelength_nm: float
+    image_radius_px: float | None
+    tolerance_px: float
+
+    def __len__(self) -> int:
+        return len(self.omega_deg)
+
+    @property
+    def focus_mm(self) -> float:
+        """Object distance L0 in focus."""
+        return self.sensor.lens.focus_distance_mm
+
+    @property
+    def airy_px(self) -> float:
+        """Diameter of the Airy disk, px."""
+        return self.sensor.lens.airy_diameter(self.wavelength_nm) / self.sensor.imager.pitch_mm
+
+    @property
+    def depth_of_field_mm(self) -> DepthOfField:
+        """Nearest and farthest distance whose blur is within ``tolerance_px`` pixels (Eqs. 30, 31)."""
+        return self.sensor.lens.depth_of_field(self.tolerance_px * self.sensor.imager.pitch_mm, self.mode)
+
+    def columns(self) -> dict[str, Array]:
+        """The columns of the table in their fixed order."""
+        return {name: getattr(self, name) for name in COLUMNS}
+
+    def summary(self) -> dict[str, Any]:
+        """What holds for the whole table: focus, depth of field, diffraction, and how it was computed."""
+        near, far = self.depth_of_field_mm
+        values: dict[str, Any] = {
+            "sensor": self.sensor.name,
+            "field_deg": list(self.sensor.field_deg),
+            "rim_radius_px": self.sensor.rim_radius_px,
+            "focus_mm": self.focus_mm,
+            "object_distance_mm": np.asarray(self.object_distance_mm).tolist(),
+            "blur_mode": self.mode,
+            "depth_of_field_near_mm": near,
+            "depth_of_field_far_mm": far,
+            "depth_of_field_tolerance_px": self.tolerance_px,
+            "wavelength_nm": self.wavelength_nm,
+            "airy_px": self.airy_px,
+            "image_radius_px": self.image_radius_px,
+        }
+        if isinstance(self.sensor.lens, Perspective):
+            values["hyperfocal_mm"] = self.sensor.lens.hyperfocal_distance(
+                self.tolerance_px * self.sensor.imager.pitch_mm
+            )
+        return values
+
+    def to_csv(self, path: str | Path) -> None:
+        """Write the table with 17 significant digits, which hold every double exactly."""
+        columns = self.columns()
+        rows = (",".join(f"{v:.17g}" for v in row) for row in zip(*columns.values(), strict=True))
+        write_text(path, "\n".join([",".join(columns), *rows]) + "\n")
+
+    def to_json(self, path: str | Path) -> None:
+        """Write summary and columns; numbers that are not finite become "inf", "-inf" and "nan"."""
+        data = {"summary": self.summary(), "columns": {k: v.tolist() for k, v in self.columns().items()}}
+        write_text(path, json.dumps(_finite(data), indent=1) + "\n")
+
+
+_FIELDS = tuple(Evaluation.__annotations__)
+COLUMNS = _FIELDS[: _FIELDS.index("blur_area_deg2") + 1]
+"""The columns of tables and files, in order: ``omega_deg`` to ``blur_area_deg2``."""
+
+
+def evaluate(
+    sensor: Sensor,
+    omega_deg: ArrayLike | None = None,
+    *,
+    x_mm: ArrayLike | None = None,
+    h_px: ArrayLike | None = None,
+    pixels: ArrayLike | None = None,
+    object_distance_mm: ArrayLike = np.inf,
+    focus_mm: float | Literal["auto"] | None = None,
+    merit: str = "floored-area",
+    mode: BlurMode = "exact",
+    wavelength_nm: float = 550.0,
+    image_radius_px: float | None = None,
+    tolerance_px: float = 1.0,
+) -> Evaluation:
+    """Evaluate a sensor at field angles, mirror points, image heights or pixels.
+
+    Parameters
+    ----------
+    sensor
+        From :func:`omnimirror.load_sensor`, say.
+    omega_deg : (n,), optional
+        Field angles; every 5 deg of the field when nothing is given.
+    x_mm, h_px, pixels : (n,), (n,), (n, 2), optional
+        Instead of field angles: distances of the mirror points from the axis, image heights, or pixels (u, v).
+    object_distance_mm : scalar or (n,)
+        Distance p from the reflection point to the object.
+    focus_mm
+        Object distance L0 in focus; the sensor's own by default, the best by ``merit`` for ``"auto"``.
+    mode
+        ``"exact"`` blur (Eq. 28), or ``"paper"`` (Eq. 29).
+    wavelength_nm
+        Of the Airy disk.
+    image_radius_px
+        Scales the image so that the rim has this radius; by default the real one follows from lens and pitch.
+    tolerance_px
+        Permissible blur of the depth of field.
+
+    Raises
+    ------
+    OutsideField, OutsideMirror
+        An angle, pixel or mirror point that the sensor does not see or have; the message names it.
+    NotOneToOne, SelfObstruction
+        The mirror cannot be used as it stands.
+    InvalidParameter
+        Anything else that cannot be computed.
+
+    Examples
+    --------
+    >>> from omnimirror.specs import load_sensor
+    >>> result = evaluate(load_sensor("paper-spherical"), omega_deg=[0, 90, 135])
+    >>> result.viewpoint_z_mm.round(3)
+    array([ 21.941,  11.82 , -17.784])
+    """
+    choices = {"omega_deg": omega_deg, "x_mm": x_mm, "h_px": h_px, "pixels": pixels}
+    given = {k: v for k, v in choices.items() if v is not None}
+    if len(given) > 1:
+        raise InvalidParameter(f"{' and '.join(given)} were given together; give one of them")
+    if mode not in ("exact", "paper"):
+        raise InvalidParameter(f"mode = {mode!r} is not known; valid are 'exact' and 'paper'")
+    for name, value in (("tolerance_px", tolerance_px), ("image_radius_px", image_radius_px)):
+        if value is not None and not (np.isfinite(value) and value > 0):
+            raise InvalidParameter(f"{name} = {value:g} is not valid; it must be above 0")
+    if focus_mm == "auto":
+        focus_mm = best_focus(
+            sensor, merit, None, _scalar_distance(object_distance_mm), mode, image_radius_px, wavelength_nm
+        ).focus_mm
+    if focus_mm is not None:
+        sensor = replace(sensor, lens=sensor.lens.focused_at(float(focus_mm)))
+    asked, x = _mirror_points(sensor, given)
+    rays = sensor.meridian.trace(x)
+    p = np.asarray(object_distance_mm, dtype=float)
+    if p.shape not in ((), (1,), x.shape):
+        raise InvalidParameter(
+            f"object_distance_mm has {p.size} values for {x.size} field angles; give one, or as many"
+        )
+    images = virtual_images(rays, p)
+    study = FocusStudy(sensor, rays, images, mode, image_radius_px, wavelength_nm)
+    blur = study.at(sensor.lens.focus_distance_mm)
+    h, _ = study.heights(sensor)
+    L_t, L_s = study.distances()
+    return Evaluation(
+        omega_deg=np.degrees(rays.omega) if asked is None else asked,
+        x_mm=rays.x,
+        z_mm=rays.z,
+        beta_deg=np.degrees(rays.beta),
+        theta_deg=np.degrees(rays.theta),
+        gamma_deg=np.degrees(rays.gamma),
+        h_px=h,
+        dh_domega_px_per_deg=blur.imaging.height,
+        width_px_per_deg=blur.imaging.width,
+        area_px2=blur.imaging.area,
+        aspect=blur.imaging.aspect,
+        viewpoint_z_mm=viewpoint_z(rays),
+        radius_t_mm=rays.radius_t(),
+        radius_s_mm=rays.radius_s(),
+        q_t_mm=images.q_t,
+        q_s_mm=images.q_s,
+        image_t_x_mm=images.x_t,
+        image_t_z_mm=images.z_t,
+        image_s_x_mm=images.x_s,
+        image_s_z_mm=images.z_s,
+        distance_t_mm=L_t,
+        distance_s_mm=L_s,
+        blur_t_px=blur.t_px,
+        blur_s_px=blur.s_px,
+        blur_t_deg=blur.t_deg,
+        blur_s_deg=blur.s_deg,
+        blur_area_deg2=blur.product(),
+        floored_area_deg2=blur.floored_area(),
+        sensor=sensor,
+        object_distance_mm=float(p) if p.ndim == 0 else p,
+        mode=mode,
+        wavelength_nm=wavelength_nm,
+        image_radius_px=image_radius_px,
+        tolerance_px=tolerance_px,
+    )
+
+
+def field_angles(sensor: Sensor, step_deg: float = 5.0) -> Array:
+    """Every multiple of ``step_deg`` that the sensor sees, (n,) deg; and where it sees none, its two ends."""
+    low, high = sensor.field_deg
+    angles = step_deg * np.arange(np.ceil(low / step_deg - 1e-9), np.floor(high / step_deg + 1e-9) + 1) + 0.0  # no -0
+    return angles if angles.size else np.array([low, high])
+
+
+def _mirror_points(sensor: Sensor, given: dict[str, ArrayLike]) -> tuple[Array | None, Array]:
+    """The field angles asked for, if it was angles, and the mirror points, (n,) mm."""
+    kind, values = next(iter(given.items()), ("omega_deg", field_angles(sensor)))
+    numbers = np.atleast_1d(np.asarray(values, dtype=float))
+    if kind == "omega_deg":
+        numbers = numbers.ravel()
+        return numbers, sensor.meridian.x_from_omega(np.radians(numbers))
+    if kind == "x_mm":
+        return None, numbers.ravel()
+    if kind == "pixels":
+        if numbers.shape[-1] != 2:
+            raise InvalidParameter(f"pixels has shape {numbers.shape}; it needs pairs (u, v), shape (n, 2)")
+        numbers = sensor.radius_from_centre_px(numbers.reshape(-1, 2))
+    return None, sensor.x_from_height_px(numbers.ravel())
+
+
+def _scalar_distance(distance: ArrayLike) -> float:
+    p = np.unique(np.asarray(distance, dtype=float))
+    if p.size != 1:
+        raise InvalidParameter("focus 'auto' needs one object_distance_mm for all field angles; several were given")
+    return float(p[0])
+
+
+def _finite(value: Any) -> Any:
+    """The same data with numbers that JSON cannot hold as words."""
+    if isinstance(value, dict):
+        return {k: _finite(v) for k, v in value.items()}
+    if isinstance(value, list):
+        return [_finite(v) for v in value]
+    return str(value) if isinstance(value, float) and not math.isfinite(value) else value

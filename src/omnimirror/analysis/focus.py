@@ -1,0 +1,176 @@
+"""Blur against focus: what the lens and the imager make of the virtual images, and the best focus.
+
+Signed blur diameters are positive where the image lies beyond the focus. In angle they are
+``Delta_t / Dh`` and ``Delta_s / Dw`` (Eqs. 36, 37; Eq. 37 prints L_t where L_s is meant, erratum 7).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import InvalidParameter
+from ..lenses import BlurMode
+from ..sensor import Sensor
+from ..tracing.meridian import ChiefRays
+from .imaging import ImagingCharacteristics, imaging_characteristics
+from .minimise import lowest
+from .virtual_images import VirtualImages, virtual_images
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Blur:
+    """Blur of n field angles at one focus.
+
+    Attributes
+    ----------
+    t_px, s_px : (n,) px
+        Signed tangential and sagittal blur diameters.
+    imaging
+        Image-forming characteristics, which turn pixels into degrees.
+    omega : (n,) radians
+    airy_px
+        Diameter of the Airy disk.
+    """
+
+    t_px: Array
+    s_px: Array
+    imaging: ImagingCharacteristics
+    omega: Array
+    airy_px: float
+
+    @property
+    def t_deg(self) -> Array:
+        """Tangential blur (n,) in degrees of the object (Eq. 36)."""
+        return self.t_px / self.imaging.height
+
+    @property
+    def s_deg(self) -> Array:
+        """Sagittal blur (n,) in degrees of the object (Eq. 37)."""
+        with np.errstate(divide="ignore"):
+            return self.s_px / self.imaging.width
+
+    def product(self) -> Array:
+        """The paper's blur area (n,), square degrees: a product without pi/4 (Fig. 9c), signed by its factors."""
+        return self.t_deg * self.s_deg
+
+    def floored_area(self) -> Array:
+        """Blur area (n,), square degrees, with a pixel and the Airy disk added in quadrature to each side.
+
+        What a user really gets: the bare product vanishes wherever one of its factors does.
+        """
+        floor = 1 + self.airy_px**2
+        with np.errstate(divide="ignore"):
+            return np.sqrt((self.t_px**2 + floor) * (self.s_px**2 + floor)) / self.imaging.area
+
+
+MERITS: dict[str, Callable[[Blur], float]] = {
+    "floored-area": lambda b: float(b.floored_area().max()),
+    "mean-floored-area": lambda b: float(np.average(b.floored_area(), weights=np.sin(b.omega) + 1e-9)),
+    "product": lambda b: float(np.abs(b.product()).max()),
+    "worst-px": lambda b: float(np.maximum(np.abs(b.t_px), np.abs(b.s_px)).max()),
+    "worst-deg": lambda b: float(np.maximum(np.abs(b.t_deg), np.abs(b.s_deg)).max()),
+    "rss-deg": lambda b: float(np.hypot(b.t_deg, b.s_deg).max()),
+}
+"""What a best focus can minimise over the field: the worst floored area (the default; square degrees),
+its mean over solid angle, the worst of the paper's bare product, the worst single blur in pixels or
+degrees, the worst root of the squares of both in degrees."""
+
+
+@dataclass(frozen=True)
+class FocusStudy:
+    """Everything about n field angles that does not depend on where the lens is focused."""
+
+    sensor: Sensor
+    rays: ChiefRays
+    images: VirtualImages
+    mode: BlurMode
+    image_radius_px: float | None
+    wavelength_nm: float
+
+    def distances(self) -> tuple[Array, Array]:
+        """L_t and L_s (n,), mm: image distances from the lens's reference point (Eqs. 34, 35)."""
+        offset = 0.0 if self.sensor.lens.TELECENTRIC else self.sensor.mirror_distance_mm
+        return offset + self.images.z_t, offset + self.images.z_s
+
+    def heights(self, sensor: Sensor) -> tuple[Array, Array]:
+        """h (px) and dh/dOmega (px per radian), (n,), of the sensor as focused."""
+        scale = 1.0 if self.image_radius_px is None else self.image_radius_px / sensor.rim_radius_px
+        return sensor.image_height_px(self.rays) * scale, sensor.image_height_rate_px(self.rays) * scale
+
+    def at(self, focus_mm: float) -> Blur:
+        """Blur with the lens focused at an object distance in mm."""
+        sensor = replace(self.sensor, lens=self.sensor.lens.focused_at(focus_mm))
+        h, rate = self.heights(sensor)
+        pitch = sensor.imager.pitch_mm
+        L_t, L_s = self.distances()
+        return Blur(
+            sensor.lens.blur(L_t, mode=self.mode) / pitch,
+            sensor.lens.blur(L_s, mode=self.mode) / pitch,
+            imaging_characteristics(self.rays.omega, h, rate),
+            self.rays.omega,
+            sensor.lens.airy_diameter(self.wavelength_nm) / pitch,
+        )
+
+
+class BestFocus(NamedTuple):
+    """The focus that minimises a merit, and the merit there."""
+
+    focus_mm: float
+    value: float
+    merit: str
+
+
+def best_focus(
+    sensor: Sensor,
+    merit: str = "floored-area",
+    omega_deg: ArrayLike | None = None,
+    object_distance_mm: ArrayLike = np.inf,
+    mode: BlurMode = "exact",
+    image_radius_px: float | None = None,
+    wavelength_nm: float = 550.0,
+) -> BestFocus:
+    """The object distance L0 to focus at, over the whole field or the angles given.
+
+    Parameters
+    ----------
+    merit
+        One of :data:`MERITS`.
+    omega_deg : (n,), optional
+        Field angles; 1001 over the whole field by default.
+    mode, image_radius_px
+        ``"paper"`` and 500 to compute as the paper does.
+
+    Raises
+    ------
+    InvalidParameter
+        An unknown merit, or a mirror none of whose images lies in front of the lens.
+
+    Examples
+    --------
+    The paper's choice for its spherical mirror, L0 = 212 mm:
+
+    >>> from omnimirror.specs import load_sensor
+    >>> best = best_focus(load_sensor("paper-spherical"), "product", mode="paper", image_radius_px=500)
+    >>> round(best.focus_mm, 1), round(best.value, 4)
+    (212.4, 0.0751)
+    """
+    if merit not in MERITS:
+        raise InvalidParameter(f"merit = {merit!r} is not known; valid are {', '.join(MERITS)}")
+    omega = np.linspace(*sensor.field_deg, 1001) if omega_deg is None else np.asarray(omega_deg, dtype=float)
+    rays = sensor.meridian.trace(sensor.meridian.x_from_omega(np.radians(omega)))
+    study = FocusStudy(sensor, rays, virtual_images(rays, object_distance_mm), mode, image_radius_px, wavelength_nm)
+    L = np.concatenate(study.distances())
+    nearest = -np.inf if sensor.lens.TELECENTRIC else sensor.lens.PARAMETERS["focus_distance_mm"].low
+    L = L[np.isfinite(L) & (nearest < L)]
+    if not L.size:
+        raise InvalidParameter("the virtual images lie nowhere the lens could be focused at, so there is no best focus")
+    margin = 0.05 * (float(np.ptp(L)) or 1.0)
+    focus = lowest(lambda L0: MERITS[merit](study.at(L0)), float(L.min()) - margin, float(L.max()) + margin)
+    return BestFocus(focus, MERITS[merit](study.at(focus)), merit)

@@ -1,0 +1,53 @@
+"""Image-forming characteristics: how 1 deg x 1 deg of the object appears in the image (Eqs. 9-13)."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+class ImagingCharacteristics(NamedTuple):
+    """The image of an object of 1 deg x 1 deg, for n field angles; each array (n,)."""
+
+    height: Array
+    """Dh, px per deg: radial extent (Eq. 9)."""
+    width: Array
+    """Dw, px per deg: extent along the circle (Eq. 10)."""
+    area: Array
+    """Ds = Dh Dw, px^2 per square degree (Eq. 11; erratum 5)."""
+    aspect: Array
+    """Dw / Dh (Eq. 12)."""
+
+
+def imaging_characteristics(omega: Array, h_px: Array, dh_domega_px: Array) -> ImagingCharacteristics:
+    """Image-forming characteristics from the mapping.
+
+    Parameters
+    ----------
+    omega : (n,) radians
+    h_px : (n,) px
+        Image height.
+    dh_domega_px : (n,) px per radian
+
+    Notes
+    -----
+    On the axis of a smooth mirror ``h / sin(Omega)`` is 0/0 and tends to ``dh/dOmega``: aspect 1.
+
+    Examples
+    --------
+    A mapping h = 100 tan(Omega/2) has aspect 1 everywhere (it is conformal):
+
+    >>> omega = np.radians([0.0, 90.0, 120.0])
+    >>> c = imaging_characteristics(omega, 100 * np.tan(omega / 2), 50 / np.cos(omega / 2) ** 2)
+    >>> c.aspect.round(12)
+    array([1., 1., 1.])
+    """
+    degree = np.pi / 180
+    height = dh_domega_px * degree
+    with np.errstate(divide="ignore", invalid="ignore"):
+        width = np.where(omega == 0.0, height, h_px * degree / np.sin(omega))
+        return ImagingCharacteristics(height, width, height * width, width / height)

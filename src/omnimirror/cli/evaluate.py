@@ -1,0 +1,169 @@
+"""``omnimirror evaluate``: the paper's whole evaluation of one sensor."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from ..analysis import MERITS, Evaluation, best_focus, best_viewpoint, evaluate
+from ..specs import load_sensor
+from .options import distance, focus, output_console, values
+
+TERMINAL_COLUMNS = {
+    "omega_deg": ("Omega", "deg", ".6g"),
+    "theta_deg": ("theta", "deg", ".3f"),
+    "h_px": ("h", "px", ".2f"),
+    "dh_domega_px_per_deg": ("Dh", "px/deg", ".3f"),
+    "width_px_per_deg": ("Dw", "px/deg", ".3f"),
+    "aspect": ("aspect", "", ".3f"),
+    "viewpoint_z_mm": ("viewpoint", "mm", ".2f"),
+    "distance_t_mm": ("L_t", "mm", ".2f"),
+    "distance_s_mm": ("L_s", "mm", ".2f"),
+    "blur_t_px": ("blur T", "px", ".2f"),
+    "blur_s_px": ("blur S", "px", ".2f"),
+    "blur_t_deg": ("blur T", "deg", ".3f"),
+    "blur_s_deg": ("blur S", "deg", ".3f"),
+}
+"""What fits a terminal, with heading, unit and format; files hold every column."""
+
+
+@click.command()
+@click.argument("sensor")
+@click.option(
+    "--omega-deg", type=values, metavar="A:B:STEP", help="Field angles, measured from the direction back past the lens."
+)
+@click.option(
+    "--x-mm", type=values, metavar="A:B:STEP", help="Instead: mirror points, by their distance from the axis."
+)
+@click.option("--h-px", type=values, metavar="A:B:STEP", help="Instead: image heights, in pixels from the centre.")
+@click.option("--object-distance-mm", type=distance, metavar="MM", default="inf", show_default=True,
+              help="From the reflection point to the object.")  # fmt: skip
+@click.option(
+    "--focus-mm",
+    type=focus,
+    metavar="MM|auto",
+    help="Object distance in focus, or 'auto'; the sensor's own by default.",
+)
+@click.option("--merit", type=click.Choice(list(MERITS)), default="floored-area", show_default=True,
+              help="What 'auto' focus makes least.")  # fmt: skip
+@click.option("--paper-mode", is_flag=True, help="Blur by the paper's Eq. 29 instead of the exact form.")
+@click.option("--image-radius-px", type=float, help="Scale the image to this rim radius, as the paper does with 500.")
+@click.option("--wavelength-nm", type=float, default=550.0, show_default=True, help="Of the Airy disk.")
+@click.option("--tolerance-px", type=float, default=1.0, show_default=True, help="Permissible blur: depth of field.")
+@click.option("--csv", "csv_file", type=click.Path(path_type=Path), help="Write all columns, 17 significant digits.")
+@click.option("--json", "json_file", type=click.Path(path_type=Path), help="Write summary and all columns.")
+@click.option("--figures", type=click.Path(path_type=Path), help="Draw the paper's figures into this folder.")
+def command(
+    sensor: str,
+    omega_deg: Any,
+    x_mm: Any,
+    h_px: Any,
+    object_distance_mm: float,
+    focus_mm: Any,
+    merit: str,
+    paper_mode: bool,
+    image_radius_px: float | None,
+    wavelength_nm: float,
+    tolerance_px: float,
+    csv_file: Path | None,
+    json_file: Path | None,
+    figures: Path | None,
+) -> None:
+    """Evaluate SENSOR, a sensor file or the name of a bundled sensor.
+
+    Prints a table; files hold more columns. Example: omnimirror evaluate paper-spherical --omega-deg 0:135:5
+    """
+    result = evaluate(
+        load_sensor(sensor),
+        omega_deg,
+        x_mm=x_mm,
+        h_px=h_px,
+        object_distance_mm=object_distance_mm,
+        focus_mm=focus_mm,
+        merit=merit,
+        mode="paper" if paper_mode else "exact",
+        wavelength_nm=wavelength_nm,
+        image_radius_px=image_radius_px,
+        tolerance_px=tolerance_px,
+    )
+    console = output_console()
+    if csv_file:
+        result.to_csv(csv_file)
+    if json_file:
+        result.to_json(json_file)
+    print_summary(console, result, merit)
+    print_table(console, result)
+    for path in (csv_file, json_file):
+        if path:
+            console.print(f"Wrote [bold]{path}[/]", highlight=False, soft_wrap=True)
+    if figures:
+        _draw(console, result, figures)
+
+
+def print_table(console: Console, result: Evaluation) -> None:
+    """The columns that fit; a terminal too narrow for them gets fewer, never broken numbers."""
+    table = Table(box=None, pad_edge=False, header_style="bold", collapse_padding=True)
+    columns = result.columns()
+    cells = {name: [f"{v:{form}}" for v in columns[name]] for name, (_, _, form) in TERMINAL_COLUMNS.items()}
+    width = 0
+    for name, (heading, unit, _) in TERMINAL_COLUMNS.items():
+        width += max(len(heading), len(unit), *map(len, cells[name])) + 2
+        if console.is_terminal and width > console.width:
+            break
+        table.add_column(f"{heading}\n{unit}", justify="right", no_wrap=True)
+    shown = list(TERMINAL_COLUMNS)[: len(table.columns)]
+    for row in zip(*(cells[name] for name in shown), strict=True):
+        table.add_row(*row)
+    console.print(table)
+    hidden = len(TERMINAL_COLUMNS) - len(shown)
+    if hidden:
+        console.print(f"[dim]{hidden} more columns need a wider terminal; --csv holds all of them[/]")
+
+
+def print_summary(console: Console, result: Evaluation, merit: str) -> None:
+    """Field, focus and blur of the sensor in a few lines."""
+    sensor, s = result.sensor, result.summary()
+    near, far = result.depth_of_field_mm
+    best = best_focus(
+        sensor, merit, None, float(np.max(result.object_distance_mm)), result.mode, result.image_radius_px,
+        result.wavelength_nm,
+    )  # fmt: skip
+    lines = [
+        f"[bold]{sensor.name}[/]: {sensor.mirror.KIND}, {sensor.lens.KIND} lens, field "
+        f"{s['field_deg'][0]:.4g} to {s['field_deg'][1]:.6g} deg, rim at {s['rim_radius_px']:.1f} px",
+        f"focus L0 = {result.focus_mm:.2f} mm; depth of field {near:.2f} to {far:.2f} mm "
+        f"(blur within {result.tolerance_px:g} px); Airy disk {result.airy_px:.2f} px at {result.wavelength_nm:g} nm",
+        f"best focus by {merit}: {best.focus_mm:.2f} mm, where it is {best.value:.4g} {UNITS[merit]}",
+    ]
+    if np.isfinite(result.object_distance_mm).all():
+        v = best_viewpoint(sensor, float(np.min(result.object_distance_mm)), image_radius_px=result.image_radius_px)
+        lines.append(
+            f"best single viewpoint: {v.z_mm:.3f} mm over the vertex; assuming it errs by up to "
+            f"{v.worst_px:.2f} px ({v.worst_deg:.3f} deg)"
+        )
+    for line in lines:
+        console.print(line, highlight=False, soft_wrap=True)
+    console.print()
+
+
+UNITS = {
+    "floored-area": "deg2",
+    "mean-floored-area": "deg2",
+    "product": "deg2",
+    "worst-px": "px",
+    "worst-deg": "deg",
+    "rss-deg": "deg",
+}
+
+
+def _draw(console: Console, result: Evaluation, folder: Path) -> None:
+    from ..figures import save_all
+
+    with console.status("Drawing figures"):
+        paths = save_all([result.sensor], folder)
+    console.print(f"Wrote {len(paths)} figures to [bold]{folder}[/]", highlight=False, soft_wrap=True)
