@@ -247,15 +247,15 @@ def _build(section: str, cls: type[Any], table: dict[str, Any], where: _Places) 
     model: type[Table] = table_model(cls)  # type: ignore[arg-type]  # the cache asks for Hashable
     values = _validated(model, section, table, where).model_dump()
     values = {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
-    make: Callable[[], Any] = partial(cls, **values)
-    return where.wrap((section,), make)
+    return where.wrap((section,), lambda: cls(**values))
 
 
 def _validated(model: type[Table], section: str, table: dict[str, Any], where: _Places) -> Table:
     try:
         return model.model_validate(table)
     except ValidationError as e:
-        problem = e.errors()[0]
+        # a misspelt entry is the likely reason for the missing one: name it first
+        problem = min(e.errors(), key=lambda p: p["type"] != "extra_forbidden")
         path = (section, *(str(p) for p in problem["loc"]))
         raise where.error(path[:2], _sentence(model, path, problem)) from None
 

@@ -12,7 +12,7 @@ from rich.table import Table
 
 from ..analysis import MERITS, Evaluation, best_focus, best_viewpoint, evaluate
 from ..specs import load_sensor
-from .options import distance, focus, output_console, values
+from .options import distance, focus, output_console, pixel, values
 
 TERMINAL_COLUMNS = {
     "omega_deg": ("Omega", "deg", ".6g"),
@@ -41,6 +41,7 @@ TERMINAL_COLUMNS = {
     "--x-mm", type=values, metavar="A:B:STEP", help="Instead: mirror points, by their distance from the axis."
 )
 @click.option("--h-px", type=values, metavar="A:B:STEP", help="Instead: image heights, in pixels from the centre.")
+@click.option("--pixel", "pixels", type=pixel, metavar="U,V", multiple=True, help="Instead: pixels, one per option.")
 @click.option("--object-distance-mm", type=distance, metavar="MM", default="inf", show_default=True,
               help="From the reflection point to the object.")  # fmt: skip
 @click.option(
@@ -63,6 +64,7 @@ def command(
     omega_deg: Any,
     x_mm: Any,
     h_px: Any,
+    pixels: tuple[tuple[float, float], ...],
     object_distance_mm: float,
     focus_mm: Any,
     merit: str,
@@ -83,6 +85,7 @@ def command(
         omega_deg,
         x_mm=x_mm,
         h_px=h_px,
+        pixels=pixels or None,
         object_distance_mm=object_distance_mm,
         focus_mm=focus_mm,
         merit=merit,

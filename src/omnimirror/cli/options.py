@@ -37,6 +37,19 @@ def values(text: str) -> NDArray[np.float64]:
     return start + step * np.arange(count, dtype=np.float64)
 
 
+def pixel(text: str) -> tuple[float, float]:
+    """A pixel as ``U,V``.
+
+    >>> pixel("511.5,11.5")
+    (511.5, 11.5)
+    """
+    try:
+        u, v = (float(p) for p in text.split(","))
+    except ValueError:
+        raise click.BadParameter(f"{text!r} is not a pixel U,V") from None
+    return u, v
+
+
 def distance(text: str) -> float:
     """A length in mm above 0, ``inf`` allowed.
 

@@ -101,6 +101,10 @@ class Mirror(ABC):
         """The mirror table of a sensor file, after names of other files in it have been followed."""
         return data
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Pickle the parameters alone; what was computed from them is computed again."""
+        return {f.name: getattr(self, f.name) for f in fields(self)}  # type: ignore[arg-type]
+
     def _check(self) -> None:
         """Every parameter in its range, and a surface all the way to the rim."""
         for f in fields(self):  # type: ignore[arg-type]

@@ -104,8 +104,6 @@ class Meridian:
         rays = trace_chief_rays(self.mirror, self.m, np.linspace(0.0, self.mirror.rim_radius_mm, NODES))
         _check_front_side(rays)
         _check_one_to_one(rays)
-        if (rays.curvature < 0).any():  # a convex meridian cannot stand in its own way
-            _check_unobstructed(rays)
         return rays
 
     @property
@@ -230,6 +228,10 @@ def _first(values: Array, where: NDArray[np.bool_]) -> float:
 
 
 # -- proofs that a mirror can be used ----------------------------------------------------------
+#
+# That a reflected ray never meets the mirror again needs no check of its own: to meet it, the surface
+# farther out would have to be flatter than the ray, beta' < Omega - 90 deg, and then gamma' = Omega' - beta'
+# > Omega' - Omega + 90 deg, which is over 90 deg when Omega grows outwards: the lens would not see it.
 
 
 def _check_front_side(rays: ChiefRays) -> None:
@@ -252,25 +254,10 @@ def _check_one_to_one(rays: ChiefRays) -> None:
     i = int(np.argmax(falling))
     if i == 0:
         raise NotOneToOne(
-            "the field angle Omega(x) does not grow away from the axis; the mirror must be convex towards the lens"
+            "the field angle Omega(x) does not grow away from the axis; the mirror must be convex towards "
+            "the lens, and a cone needs a perspective lens"
         )
     raise NotOneToOne(
         f"the field angle Omega(x) stops growing at x = {rays.x[i]:.6g} mm ({np.degrees(rays.omega[i]):.5g} deg), so "
         f"the mapping is not one to one; rim_radius_mm = {rays.x[-1]:g} is valid below {rays.x[i]:.6g}"
     )
-
-
-def _check_unobstructed(rays: ChiefRays) -> None:
-    """No reflected ray may meet the mirror again farther out."""
-    every = slice(None, None, 4)  # 257 points: a pairwise table of 66,000
-    x, z, omega = rays.x[every], rays.z[every], rays.omega[every]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        height = z[:, None] - (x[None, :] - x[:, None]) / np.tan(omega[:, None])
-    blocked = (x[None, :] > x[:, None]) & (height > z[None, :] + ROUNDING * x[-1])
-    if blocked.any():
-        i = int(np.argmax(blocked.any(axis=1)))
-        j = int(np.argmax(blocked[i]))
-        raise SelfObstruction(
-            f"the ray reflected at x = {x[i]:.6g} mm (Omega = {np.degrees(omega[i]):.5g} deg) meets the mirror again "
-            f"near x = {x[j]:.6g} mm; choose rim_radius_mm below that or a less curved profile"
-        )

@@ -1,0 +1,80 @@
+"""Shared by all tests: one sensor per kind of mirror, and where the real photographs are."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.imagers import Imager
+from omnimirror.lenses import Orthographic, Perspective
+from omnimirror.mirrors import (
+    Cone,
+    ConicAsphere,
+    Ellipsoid,
+    Equidistant,
+    EvenPolynomial,
+    Hyperboloid,
+    Mirror,
+    Paraboloid,
+    SampledProfile,
+    Sphere,
+)
+from omnimirror.specs import bundled_sensors
+
+SHARED = Path(__file__).parents[1].parent / "shared" / "data"
+M = 43.9
+
+
+def _sampled_sphere() -> SampledProfile:
+    x = np.linspace(0, 46, 116)
+    return SampledProfile(tuple(x), tuple(49.9582 - np.sqrt(49.9582**2 - x**2)), rim_radius_mm=M)
+
+
+MIRRORS: dict[str, tuple[Mirror, float]] = {
+    "sphere": (Sphere(1.138 * M, 43.905), 4.110 * M),
+    "hyperboloid": (Hyperboloid(0.7407 * M, 1.698 * M, M), 3.5505227367025753 * M),
+    "paraboloid": (Paraboloid(21.0, M), 4.0 * M),
+    "ellipsoid": (Ellipsoid(60.0, 120.0, M), 4.0 * M),
+    "cone": (Cone(50.0, M), 4.0 * M),
+    "even-polynomial": (EvenPolynomial((0.6409, 0.1550, -0.01), M, M), 3.919 * M),
+    "conic-asphere": (ConicAsphere(40.0, -0.6, M, (0.03, 0.01), M), 4.0 * M),
+    "sampled": (_sampled_sphere(), 4.110 * M),
+    "equidistant": (Equidistant(137.0, 12.2, 44.5), Equidistant(137.0, 12.2, 44.5).design_distance),
+}
+"""Every kind of mirror (mm), with a lens distance at which it can be used."""
+
+
+def sensor_of(kind: str, lens: str = "perspective") -> om.Sensor:
+    mirror, m = MIRRORS[kind]
+    if lens == "orthographic":
+        return om.Sensor(mirror, Orthographic(0.0592, 4.0, 22.0), Imager(1024, 1024, 5.2), name=kind)
+    return om.Sensor(mirror, Perspective(11.6, 4.0, 210.0), Imager(1024, 1024, 5.2), mirror_distance_mm=m, name=kind)
+
+
+@pytest.fixture(params=sorted(MIRRORS))
+def any_mirror(request: pytest.FixtureRequest) -> Mirror:
+    return MIRRORS[request.param][0]
+
+
+@pytest.fixture(
+    params=[f"{k}/perspective" for k in sorted(MIRRORS)] + ["sphere/orthographic", "paraboloid/orthographic"]
+)
+def any_sensor(request: pytest.FixtureRequest) -> om.Sensor:
+    """Every mirror under a perspective lens, two under an orthographic one."""
+    return sensor_of(*request.param.split("/"))
+
+
+@pytest.fixture(params=bundled_sensors())
+def bundled(request: pytest.FixtureRequest) -> om.Sensor:
+    return om.load_sensor(request.param)
+
+
+@pytest.fixture
+def shared_data() -> Path:
+    """The folder of real photographs, or a skip that says so."""
+    if not SHARED.is_dir():
+        pytest.skip(f"real photographs are not here: {SHARED}")
+    return SHARED

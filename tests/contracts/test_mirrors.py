@@ -1,0 +1,169 @@
+"""What every mirror must satisfy, whatever its formula."""
+
+from __future__ import annotations
+
+import pickle
+from dataclasses import fields, replace
+
+import mpmath as mp
+import numpy as np
+import pytest
+
+from omnimirror.errors import InvalidParameter, OmnimirrorError
+from omnimirror.mirrors import (
+    MIRRORS,
+    Cone,
+    ConicAsphere,
+    Ellipsoid,
+    Equidistant,
+    EvenPolynomial,
+    Hyperboloid,
+    Mirror,
+    Paraboloid,
+    SampledProfile,
+    Sphere,
+)
+from omnimirror.specs import table_model
+from tests.conftest import MIRRORS as EXAMPLES
+
+
+def exact_sag(mirror: Mirror):
+    """The sag in 30 digits from the textbook equation of each shape; None where there is none."""
+    match mirror:
+        case Sphere(A, _):
+            return lambda x: A - mp.sqrt(A**2 - x**2)
+        case Hyperboloid(A, B, _):
+            return lambda x: -B + B / mp.mpf(A) * mp.sqrt(mp.mpf(A) ** 2 + x**2)
+        case Paraboloid(s, _):
+            return lambda x: x**2 / (2 * mp.mpf(s))
+        case Ellipsoid(A, B, _):
+            return lambda x: B - B * mp.sqrt(1 - (x / mp.mpf(A)) ** 2)
+        case Cone(slope, _):
+            return lambda x: x * mp.tan(mp.radians(slope))
+        case EvenPolynomial(c, _, N):
+            return lambda x: N * sum(a * (x / mp.mpf(N)) ** (2 * i + 2) for i, a in enumerate(c))
+        case ConicAsphere(R, k, _, a, N):
+            return lambda x: (
+                (R - mp.sqrt(R**2 - (1 + mp.mpf(k)) * x**2)) / (1 + mp.mpf(k))
+                + N * sum(c * (x / mp.mpf(N)) ** (2 * i + 4) for i, c in enumerate(a))
+            )
+        case Equidistant():
+            return exact_equidistant_sag(mirror)
+        case SampledProfile():  # the samples of conftest are those of a sphere
+            return lambda x: mp.mpf("49.9582") - mp.sqrt(mp.mpf("49.9582") ** 2 - x**2)
+
+
+def exact_equidistant_sag(mirror: Equidistant):
+    """ln(rho/m) by mpmath's quadrature and x(theta) = x by its root finder."""
+    theta_max = mp.radians(mirror.theta_max_deg)
+    k = mp.radians(mirror.omega_max_deg) / mp.tan(theta_max)
+
+    def rho(theta):
+        return mp.exp(mp.quad(lambda t: mp.tan((k * mp.tan(t) + t) / 2), [0, theta]))
+
+    m = mirror.rim_radius_mm / (rho(theta_max) * mp.sin(theta_max))
+
+    def sag(x):
+        theta = mp.findroot(lambda t: m * rho(t) * mp.sin(t) - x, x / m / 1.2)
+        return m * rho(theta) * mp.cos(theta) - m
+
+    return sag
+
+
+@pytest.mark.parametrize("kind", sorted(EXAMPLES))
+def test_sag_and_derivatives_are_those_of_the_textbook_equation(kind):
+    mirror, _ = EXAMPLES[kind]
+    mp.mp.dps = 30
+    sag = exact_sag(mirror)
+    # a quintic spline through 116 points of a sphere follows it to 1e-9, its curvature to 5e-6
+    tolerance = (1e-9, 5e-8, 5e-6) if kind == "sampled" else (1e-13, 1e-13, 1e-12)
+    for x in np.linspace(0.05, 0.99, 3 if kind == "equidistant" else 8) * mirror.rim_radius_mm:
+        exact = [sag(mp.mpf(x)), mp.diff(sag, mp.mpf(x)), mp.diff(sag, mp.mpf(x), 2)]
+        for name, value, truth, rel in zip(
+            ("sag", "slope", "curvature"), mirror.profile(x), exact, tolerance, strict=True
+        ):
+            assert float(value) == pytest.approx(float(truth), rel=rel, abs=1e-14), f"{name} at x = {x}"
+
+
+def test_every_kind_is_walked():
+    assert set(EXAMPLES) == set(MIRRORS)
+
+
+def test_sag_slope_and_curvature_are_the_profile(any_mirror):
+    x = np.linspace(0, any_mirror.rim_radius_mm, 11)
+    for part, value in zip(
+        any_mirror.profile(x), (any_mirror.sag, any_mirror.slope, any_mirror.curvature), strict=True
+    ):
+        np.testing.assert_array_equal(part, value(x))
+        assert part.shape == x.shape
+
+
+def test_the_vertex_is_the_origin(any_mirror):
+    assert float(any_mirror.sag(0.0)) == pytest.approx(0.0, abs=1e-13)
+    assert any_mirror.is_pointed == (any_mirror.KIND == "cone")
+    if not any_mirror.is_pointed:
+        assert float(any_mirror.slope(0.0)) == 0.0
+
+
+def test_radii_are_centres_of_curvature_of_neighbouring_normals(any_mirror):
+    """R_s: where the normal meets the axis. R_t: where normals a little to each side meet."""
+    for x in np.linspace(0.2, 0.9, 5) * any_mirror.rim_radius_mm:
+        z, slope = float(any_mirror.sag(x)), float(any_mirror.slope(x))
+        assert float(any_mirror.radius_s(x)) == pytest.approx(np.hypot(x, x / slope), rel=1e-12)
+        if any_mirror.KIND == "cone":
+            assert np.isinf(any_mirror.radius_t(x))
+            continue
+        estimates = []
+        for step in (0.02, 0.01):
+            ends = [
+                (x + s * step, float(any_mirror.sag(x + s * step)), float(any_mirror.slope(x + s * step)))
+                for s in (-1, 1)
+            ]
+            (x1, z1, s1), (x2, z2, s2) = ends  # normals: x + s (z - z0) = x0
+            zc = ((x1 + s1 * z1) - (x2 + s2 * z2)) / (s1 - s2)
+            xc = x1 - s1 * (zc - z1)
+            estimates.append(np.hypot(xc - x, zc - z))
+        limit = (4 * estimates[1] - estimates[0]) / 3
+        assert float(any_mirror.radius_t(x)) == pytest.approx(limit, rel=1e-6)
+
+
+def test_at_a_smooth_apex_both_radii_agree(any_mirror):
+    if any_mirror.is_pointed:
+        pytest.skip("a cone has no smooth apex")
+    assert float(any_mirror.radius_s(0.0)) == pytest.approx(float(any_mirror.radius_t(0.0)), rel=1e-12)
+    near = 1e-4 * any_mirror.rim_radius_mm
+    assert float(any_mirror.radius_s(near)) == pytest.approx(float(any_mirror.radius_s(0.0)), rel=1e-6)
+
+
+def test_bounds_hold_the_meridian(any_mirror):
+    (x0, x1), (z0, z1) = any_mirror.bounds
+    assert (x0, x1) == (0.0, any_mirror.rim_radius_mm)
+    assert z0 == pytest.approx(0.0, abs=1e-13)
+    assert z1 == float(any_mirror.sag(any_mirror.rim_radius_mm))
+
+
+def test_reads_back_from_its_own_words_and_from_a_pickle(any_mirror):
+    assert eval(repr(any_mirror)) == any_mirror
+    assert pickle.loads(pickle.dumps(any_mirror)) == any_mirror
+    assert len({any_mirror, eval(repr(any_mirror))}) == 1
+
+
+def test_describes_every_parameter(any_mirror):
+    assert list(any_mirror.PARAMETERS) == [f.name for f in fields(any_mirror)]
+    for name, p in any_mirror.PARAMETERS.items():
+        assert p.description
+        assert p.choices or p.low < p.high
+        assert name.endswith(("_mm", "_deg")) == (p.unit in ("mm", "deg")), name
+    assert set(table_model(type(any_mirror)).model_fields) == set(any_mirror.PARAMETERS)
+
+
+def test_refuses_what_it_says_is_out_of_range(any_mirror):
+    for name, p in any_mirror.PARAMETERS.items():
+        if p.choices or name in ("x_mm", "z_mm"):
+            continue
+        beyond = p.high * 1.01 + 1
+        value = (beyond,) if isinstance(getattr(any_mirror, name), tuple) else beyond
+        with pytest.raises(OmnimirrorError, match=name):
+            replace(any_mirror, **{name: value})
+        with pytest.raises(InvalidParameter, match=name):
+            replace(any_mirror, **{name: (np.nan,) if isinstance(value, tuple) else np.nan})
