@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields
 from typing import ClassVar
 
 from .errors import InvalidParameter
-from .mirrors import Parameter
+from .parameters import Parameter
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .errors import InvalidParameter
-from .mirrors import Parameter
+from .parameters import Parameter
 
 Array = NDArray[np.float64]
 BlurMode = Literal["exact", "paper"]

@@ -26,7 +26,8 @@ from .files import write_text
 from .frames import CameraLooks, Mount
 from .imagers import Imager
 from .lenses import LENSES
-from .mirrors import MIRRORS, Mirror, Parameter
+from .mirrors import MIRRORS, Mirror
+from .parameters import Parameter
 from .sensor import Sensor
 
 BUNDLED = Path(__file__).parent / "sensors"

@@ -15,6 +15,8 @@ def lowest(function: Callable[[float], float], low: float, high: float, scan: in
 
     >>> round(lowest(lambda x: abs(x - 0.3) + 0.1 * np.cos(9 * x), -1.0, 1.0), 6)
     0.3
+    >>> lowest(lambda x: x, 1.0, 1.0 + 1e-15)  # an interval of a few roundings ends too
+    1.0...
     """
     if not high > low:
         return low
@@ -24,7 +26,8 @@ def lowest(function: Callable[[float], float], low: float, high: float, scan: in
     golden = (5**0.5 - 1) / 2
     c, d = b - golden * (b - a), a + golden * (b - a)
     fc, fd = function(c), function(d)
-    while b - a > 1e-10 * (high - low):
+    rounding = 4 * np.finfo(float).eps * max(abs(a), abs(b))  # an interval this narrow cannot shrink any more
+    while b - a > max(1e-10 * (high - low), rounding):
         if fc < fd:
             b, d, fd = d, c, fc
             c = b - golden * (b - a)

@@ -1,7 +1,7 @@
 """What a mirror is: sag, slope and curvature of one meridian. One class per shape, one registry."""
 
 from .aspheres import ConicAsphere, EvenPolynomial
-from .base import Mirror, Parameter
+from .base import Mirror
 from .cone import Cone
 from .conics import Ellipsoid, Hyperboloid, Paraboloid, Sphere
 from .generated import Equidistant
@@ -33,7 +33,6 @@ __all__ = [
     "Hyperboloid",
     "Mirror",
     "Paraboloid",
-    "Parameter",
     "SampledProfile",
     "Sphere",
 ]

@@ -14,7 +14,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .base import RIM_RADIUS, Array, Mirror, Parameter
+from ..parameters import Parameter
+from .base import RIM_RADIUS, Array, Mirror
 from .conics import conic_profile, conic_reach
 
 NORMALIZATION = Parameter("mm", 1e-3, 1e5, "length unit of the coefficients")

@@ -8,7 +8,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .base import RIM_RADIUS, Array, Mirror, Parameter
+from ..parameters import Parameter
+from .base import RIM_RADIUS, Array, Mirror
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .base import RIM_RADIUS, Array, Mirror, Parameter
+from ..parameters import Parameter
+from .base import RIM_RADIUS, Array, Mirror
 
 
 def conic_profile(x: Array, R: float, k: float) -> tuple[Array, Array, Array]:

@@ -21,7 +21,8 @@ from numpy.polynomial import Chebyshev
 from numpy.typing import ArrayLike
 
 from ..errors import InvalidParameter
-from .base import RIM_RADIUS, Array, Mirror, Parameter
+from ..parameters import Parameter
+from .base import RIM_RADIUS, Array, Mirror
 
 DEGREE = 80  # the integrand is smooth: its Chebyshev coefficients fall below 1e-16 long before
 

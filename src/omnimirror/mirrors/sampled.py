@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import InvalidParameter, OmnimirrorError, SpecError
-from .base import RIM_RADIUS, Array, Mirror, Parameter
+from ..parameters import Parameter
+from .base import RIM_RADIUS, Array, Mirror
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline

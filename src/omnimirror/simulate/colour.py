@@ -1,0 +1,53 @@
+"""Colours: light is linear and added as floats, pictures are sRGB in bytes, and both are in RGB order."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import InvalidParameter
+
+Light = NDArray[np.float32]
+Picture = NDArray[np.uint8]
+
+
+def linear_from_srgb(srgb: ArrayLike) -> Light:
+    """Linear light of sRGB values, both with white at 1 (IEC 61966-2-1).
+
+    >>> linear_from_srgb([0.0, 0.5, 1.0]).round(4)
+    array([0.   , 0.214, 1.   ], dtype=float32)
+    """
+    s = np.asarray(srgb, dtype=np.float32)
+    return np.where(s <= 0.04045, s / 12.92, ((s + 0.055) / 1.055) ** 2.4).astype(np.float32)
+
+
+def srgb_bytes(linear: ArrayLike) -> Picture:
+    """sRGB bytes of linear light; light above 1 saturates, as it does in an imager.
+
+    >>> srgb_bytes([0.0, 0.214, 1.0, 7.0])
+    array([  0, 127, 255, 255], dtype=uint8)
+    """
+    x = np.clip(np.asarray(linear, dtype=np.float32), 0, 1)
+    srgb = np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1 / 2.4) - 0.055)
+    picture: Picture = np.rint(255 * srgb).astype(np.uint8)
+    return picture
+
+
+def hex_colour(text: str) -> Light:
+    """Linear light (3,) of a colour written as on a web page.
+
+    Raises
+    ------
+    InvalidParameter
+        If the text is not # and six hexadecimal digits.
+
+    Examples
+    --------
+    >>> hex_colour("#ff8000").round(4)
+    array([1.    , 0.2159, 0.    ], dtype=float32)
+    """
+    if not re.fullmatch("#[0-9a-fA-F]{6}", text):
+        raise InvalidParameter(f"{text!r} is not a colour; write # and six hexadecimal digits, such as '#ff8000'")
+    return linear_from_srgb([int(text[i : i + 2], 16) / 255 for i in (1, 3, 5)])

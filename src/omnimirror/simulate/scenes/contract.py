@@ -1,0 +1,45 @@
+"""The Scene contract: light that comes back along rays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..colour import Light
+
+Array = NDArray[np.float64]
+
+
+@runtime_checkable
+class Scene(Protocol):
+    """Whatever can be looked at, in the world frame (x forward, y left, z up, origin at the mirror vertex).
+
+    Answers must not depend on which rays are asked for together: pictures are taken in tiles, on threads.
+    """
+
+    def radiance(self, origins_mm: Array, directions: Array) -> Light:
+        """Linear RGB (n, 3), white at 1 and lamps above, of rays from origins (n, 3) mm in directions (n, 3)."""
+        ...
+
+
+@dataclass(frozen=True)
+class Distant:
+    """A scene moved infinitely far away: every ray sees what the world's origin sees in its direction.
+
+    So a camera's picture of it has no parallax, whatever viewpoints the mirror has.
+
+    >>> from omnimirror.simulate.scenes import Room
+    >>> room = Distant(Room(texel_mm=40.0))
+    >>> towards = np.array([[1.0, 0.2, 0.1]])
+    >>> bool(np.all(room.radiance(np.full((1, 3), 999.0), towards) == room.radiance(np.zeros((1, 3)), towards)))
+    True
+    """
+
+    scene: Scene
+
+    def radiance(self, origins_mm: Array, directions: Array) -> Light:
+        """Linear RGB (n, 3) in directions (n, 3); the origins do not matter."""
+        return self.scene.radiance(np.zeros_like(origins_mm), directions)

@@ -1,0 +1,136 @@
+"""How light falls on the surfaces: lamps and windows with soft shadows, and what all the rest returns.
+
+Light is found once, on a coarse grid over each face, and painted on. It makes the room look like a
+room; it is no radiometry: light is thrown back once, and the rest is an even glow that corners dim.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..colour import Light, hex_colour
+from .boxes import Box, Face, blocked, meet
+from .canvas import CLEAR, EMISSION, Canvas
+
+Array = NDArray[np.float64]
+
+GRID_MM = 100.0  # of the light on a face: the shadows are softer than this
+SOURCE_MM = 400.0  # size of the patches that lamps and windows are cut into
+LIFT_MM = 1.0  # from the face to where its light is gathered, so that it does not shade itself
+DAYLIGHT = 2.0 * hex_colour("#e8f1fb")
+LAMPLIGHT = 10.0  # lamps give more light than they show, as a photographer would dim their glare
+GLOW = 0.55 * hex_colour("#fff8ee")
+REACH_MM = 1500.0  # things nearer than this keep the glow away
+WAYS = 40  # in which the glow is looked for
+
+
+class Sources(NamedTuple):
+    """Lamps and windows, cut into patches."""
+
+    points: Array
+    """(n, 3) mm."""
+    normals: Array
+    """(n, 3) into the room."""
+    strength: Array
+    """(n, 3) radiance times area, mm^2."""
+
+
+def find_sources(painted: Iterable[tuple[Face, Canvas]]) -> Sources:
+    """The patches of all faces that send light: those that glow, and those that let daylight in."""
+    points, normals, strength = [], [], []
+    for face, canvas in painted:
+        sent = LAMPLIGHT * canvas.texels[..., EMISSION] + canvas.texels[..., CLEAR, None] * DAYLIGHT
+        x, y = canvas.grid()
+        rows, columns = (max(1, round(size / SOURCE_MM)) for size in (face.height_mm, face.width_mm))
+        for down in np.array_split(np.arange(y.size), rows):
+            for across in np.array_split(np.arange(x.size), columns):
+                patch = sent[np.ix_(down, across)]
+                weight = patch.sum(axis=2)
+                if weight.any():  # the patch stands where its light comes from, not in its middle
+                    points.append(face.point(*_centroid(weight, x[across], y[down])))
+                    normals.append(face.normal)
+                    strength.append(patch.sum(axis=(0, 1)) * np.prod(canvas.texel))
+    return Sources(*(np.array(part, dtype=float).reshape(-1, 3) for part in (points, normals, strength)))
+
+
+def _centroid(weight: Light, x: Array, y: Array) -> tuple[float, float]:
+    total = weight.sum()
+    return float(weight.sum(axis=0) @ x / total), float(weight.sum(axis=1) @ y / total)
+
+
+def light_on(painted: Sequence[tuple[Face, Canvas]], room: Box, solids: Sequence[Box]) -> Iterator[Light]:
+    """For each face the light (rows, columns, 3) that its texels throw back, were they perfectly white."""
+    sources = find_sources(painted)
+    points = [_grid_points(face, room) for face, _ in painted]
+    normals = [np.tile(face.normal, (len(p), 1)) for (face, _), p in zip(painted, points, strict=True)]
+    from_sources = direct(np.concatenate(points), np.concatenate(normals), solids, sources)
+    shares = np.split(from_sources, np.cumsum([len(p) for p in points])[:-1])
+    for (face, canvas), p, share in zip(painted, points, shares, strict=True):
+        reached = openness(p, face, room, solids)
+        yield _spread(share + reached[:, None] * GLOW, reached > 0, face, canvas)
+
+
+def _grid_points(face: Face, room: Box) -> Array:
+    """Points (n, 3) mm just before a face, in rows from its top."""
+    rows, columns = _grid_shape(face)
+    x = (np.arange(columns) + 0.5) * face.width_mm / columns
+    y = face.height_mm - (np.arange(rows) + 0.5) * face.height_mm / rows
+    xs, ys = np.meshgrid(x, y)
+    points = face.point(xs.ravel(), ys.ravel()) + LIFT_MM * face.normal
+    inside: Array = np.clip(points, np.array(room.low) + LIFT_MM, np.array(room.high) - LIFT_MM)
+    return inside
+
+
+def _grid_shape(face: Face) -> tuple[int, int]:
+    return max(1, round(face.height_mm / GRID_MM)), max(1, round(face.width_mm / GRID_MM))
+
+
+def _spread(light: Array, free: NDArray[np.bool_], face: Face, canvas: Canvas) -> Light:
+    """Light on each texel, between the points of the grid that no solid covers; a dim glow where all are covered."""
+    import cv2
+
+    weight = np.where(free, 1.0, 1e-3)[:, None]
+    weighted = np.hstack([weight * np.where(free[:, None], light, GLOW / 2), weight])
+    grid = weighted.reshape(*_grid_shape(face), 4).astype(np.float32)
+    rows, columns, _ = canvas.texels.shape
+    smooth = cv2.resize(grid, (columns, rows), interpolation=cv2.INTER_LINEAR).reshape(rows, columns, 4)
+    return (smooth[..., :3] / smooth[..., 3:]).astype(np.float32)
+
+
+def direct(points: Array, normals: Array, solids: Sequence[Box], sources: Sources) -> Array:
+    """Light (n, 3) from lamps and windows that white faces throw back at points (n, 3) mm with normals (n, 3).
+
+    Each patch adds radiance x area x cos x cos / (pi distance^2) unless a solid stands in its way.
+
+    >>> lamp = Sources(np.array([[0.0, 0.0, 1000.0]]), np.array([[0.0, 0.0, -1.0]]), np.full((1, 3), 1e6 * np.pi))
+    >>> points, up = np.array([[0.0, 0.0, 0.0], [0.0, 1000.0, 0.0]]), np.array([[0.0, 0.0, 1.0]] * 2)
+    >>> direct(points, up, [], lamp)[:, 0].round(6)  # 45 deg aside: cos^4
+    array([1.  , 0.25])
+    """
+    light = np.zeros_like(points)
+    for point, towards, strength in zip(*sources, strict=True):
+        ways = point - points
+        square = np.maximum((ways**2).sum(axis=1), SOURCE_MM**2 / 16)  # a patch is no point: no pole beside it
+        share = np.maximum((ways * normals).sum(axis=1), 0) * np.maximum(-ways @ towards, 0) / (np.pi * square**2)
+        lit = np.flatnonzero(share)
+        share[lit[blocked(solids, points[lit], ways[lit])]] = 0
+        light += share[:, None] * strength
+    return light
+
+
+def openness(points: Array, face: Face, room: Box, solids: Sequence[Box]) -> Array:
+    """Share (n,) of the even glow that reaches points (n, 3) mm of a face: 1 far from everything."""
+    ways = _hemisphere() @ np.stack([face.right, face.up, face.normal])
+    distance = meet(room, solids, np.repeat(points, WAYS, axis=0), np.tile(ways, (len(points), 1))).distance
+    return np.asarray(np.minimum(np.sqrt(distance / REACH_MM), 1).reshape(-1, WAYS).mean(axis=1))
+
+
+def _hemisphere() -> Array:
+    """Directions (WAYS, 3) about z, as dense as their cosine, on a golden spiral."""
+    i = np.arange(WAYS) + 0.5
+    radius, turn = np.sqrt(i / WAYS), i * np.pi * (3 - np.sqrt(5))
+    return np.stack([radius * np.cos(turn), radius * np.sin(turn), np.sqrt(1 - radius**2)], axis=1)
