@@ -10,17 +10,37 @@ if TYPE_CHECKING:
     from .analysis import best_focus as best_focus
     from .analysis import best_viewpoint as best_viewpoint
     from .analysis import evaluate as evaluate
+    from .central import MirrorBall as MirrorBall
+    from .central import OCam as OCam
+    from .central import load_ocam as load_ocam
+    from .dewarp import Dewarper as Dewarper
+    from .dewarp import screens as screens
+    from .dewarp import views as views
+    from .media import read_image as read_image
+    from .media import write_image as write_image
     from .sensor import Sensor as Sensor
+    from .simulate import Room as Room
+    from .simulate import take_picture as take_picture
     from .specs import load_sensor as load_sensor
     from .specs import save_sensor as save_sensor
 
 __version__ = "0.1.0"
 
 _HOMES = {
+    "Dewarper": "dewarp",
+    "MirrorBall": "central",
+    "OCam": "central",
+    "load_ocam": "central",
+    "read_image": "media",
+    "screens": "dewarp",
+    "views": "dewarp",
+    "write_image": "media",
     "best_focus": "analysis",
     "best_viewpoint": "analysis",
     "evaluate": "analysis",
     "Sensor": "sensor",
+    "Room": "simulate",
+    "take_picture": "simulate",
     "load_sensor": "specs",
     "save_sensor": "specs",
 }

@@ -37,6 +37,9 @@ class Projection(NamedTuple):
     """(n,) False where the point is out of view or its image falls outside the picture."""
 
 
+EDGE_SLACK = 1e-9  # px; a pixel on the very edge comes back from the world as still on it
+
+
 @dataclass(frozen=True)
 class AxialSymmetry:
     """What a camera that is symmetric about an axis tells of itself, so that panoramas separate."""
@@ -83,5 +86,6 @@ class Camera(Protocol):
 def inside_image(pixels: Array, size: tuple[int, int]) -> Mask:
     """Where pixels (n, 2) fall on the picture, whose outermost pixels reach half a pixel beyond their centres."""
     u, v = pixels[..., 0], pixels[..., 1]
+    edge = 0.5 + EDGE_SLACK
     with np.errstate(invalid="ignore"):
-        return (u >= -0.5) & (u <= size[0] - 0.5) & (v >= -0.5) & (v <= size[1] - 0.5)
+        return (u >= -edge) & (u <= size[0] - 1 + edge) & (v >= -edge) & (v <= size[1] - 1 + edge)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 
 import click
@@ -43,11 +44,57 @@ def pixel(text: str) -> tuple[float, float]:
     >>> pixel("511.5,11.5")
     (511.5, 11.5)
     """
-    try:
-        u, v = (float(p) for p in text.split(","))
-    except ValueError:
-        raise click.BadParameter(f"{text!r} is not a pixel U,V") from None
+    u, v = _numbers(text, 2, ",", "a pixel U,V")
     return u, v
+
+
+def angle(text: str) -> float:
+    """A finite number of degrees.
+
+    >>> angle("-12.5")
+    -12.5
+    """
+    return _numbers(text, 1, ",", "an angle in degrees")[0]
+
+
+def angle_range(text: str) -> tuple[float, float]:
+    """Two angles in degrees, ``MIN:MAX``.
+
+    >>> angle_range("-30:45")
+    (-30.0, 45.0)
+    """
+    low, high = _numbers(text, 2, ":", "a range MIN:MAX in degrees")
+    return low, high
+
+
+def ball(text: str) -> tuple[float, float, float, float]:
+    """The circle of a mirror ball in pixels and its full field in degrees, ``CX,CY,R,FOV``."""
+    u, v, radius, field = _numbers(text, 4, ",", "CX,CY,R,FOV, the ball's centre, radius and field")
+    return u, v, radius, field
+
+
+def picture_size(text: str) -> tuple[int | None, int | None]:
+    """``WxH`` in whole pixels; a side left out is chosen later.
+
+    >>> picture_size("1440x360"), picture_size("x360")
+    ((1440, 360), (None, 360))
+    """
+    match = re.fullmatch(r"(\d{0,6})x(\d{0,6})", text.strip().lower())
+    if not match:
+        raise click.BadParameter(f"{text!r} is not a size in pixels, such as 1440x360, 1440x or x360")
+    width, height = (int(side) if side else None for side in match.groups())
+    return width, height
+
+
+def _numbers(text: str, count: int, separator: str, what: str) -> list[float]:
+    """So many finite numbers with a separator between them."""
+    try:
+        numbers = [float(part) for part in text.split(separator)]
+    except ValueError:
+        numbers = []
+    if len(numbers) != count or not np.isfinite(numbers).all():
+        raise click.BadParameter(f"{text!r} is not {what}")
+    return numbers
 
 
 def distance(text: str) -> float:

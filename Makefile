@@ -1,0 +1,53 @@
+# `make demo` and `make test` are all a fresh machine needs: each sets up what it uses.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet install -c constraints.txt
+DEMO_OUT ?= out/demo
+
+.DEFAULT_GOAL := help
+.PHONY: help demo test test-full lint format bench clean
+
+help:  ## List the targets
+	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
+
+demo: $(VENV)/.core  ## Evaluate, simulate and straighten a picture, and write a report
+	$(BIN)/omnimirror demo --out $(DEMO_OUT)
+
+test: lint  ## Everything that must hold, in a few minutes
+	$(BIN)/python -m pytest -n auto -m "not full"
+
+test-full: lint $(VENV)/.full  ## Also long checks and other programs (1.3 GB more)
+	$(BIN)/python -m pytest -n auto
+
+lint: $(VENV)/.test
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+format: $(VENV)/.test  ## Format the code
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+bench: $(VENV)/.full  ## Measure against other programs; tables go to out/benchmarks
+	$(BIN)/python benchmarks/evaluation.py --out out/benchmarks
+
+clean:  ## Remove what was made, the virtual environment too
+	rm -rf $(VENV) out build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
+
+$(BIN)/python:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+	  { echo "omnimirror needs Python 3.11 or newer; $(PYTHON) is older: make PYTHON=python3.12 ..."; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+
+$(VENV)/.core: pyproject.toml constraints.txt | $(BIN)/python
+	$(PIP) -e .
+	@touch $@
+
+$(VENV)/.test: pyproject.toml constraints.txt | $(BIN)/python
+	$(PIP) -e '.[test]'
+	@touch $@ $(VENV)/.core
+
+$(VENV)/.full: pyproject.toml constraints.txt | $(BIN)/python
+	$(PIP) -e '.[test,full]'
+	@touch $@

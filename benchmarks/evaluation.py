@@ -1,0 +1,111 @@
+"""What 100 field angles cost: omnimirror's whole evaluation beside Optiland's field-curvature analysis.
+
+Both run interleaved in one process; medians of many runs. Optiland's analysis gives two columns (tangential
+and sagittal focus) for fields below 90 deg; omnimirror's gives 27, over the whole field. Optiland aims its
+rays at a stop that lies behind the mirror's aberrations, and past some 15 deg they miss the lens: the table
+says by how much, for a cost comparison is not an accuracy comparison.
+
+    python benchmarks/evaluation.py --out out/benchmarks
+"""
+
+from __future__ import annotations
+
+import argparse
+import platform
+import statistics
+import time
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import omnimirror as om
+from omnimirror.files import write_text
+
+ANGLES = 100
+RUNS = 100
+
+
+def optiland_system(sensor: om.Sensor, largest_deg: float) -> Any:
+    """The sensor as Optiland can hold it: mirror, ideal lens with the stop, image; fields to largest_deg."""
+    from optiland.optic import Optic
+
+    system = Optic()
+    system.add_surface(index=0, thickness=np.inf)
+    system.add_surface(
+        index=1, thickness=-sensor.mirror_distance_mm, radius=sensor.mirror.vertex_radius, material="mirror"
+    )
+    lens = sensor.lens
+    system.add_surface(
+        index=2, surface_type="paraxial", f=lens.focal_length_mm, thickness=-lens.image_distance, is_stop=True
+    )
+    system.add_surface(index=3)
+    system.set_aperture("EPD", 0.3)
+    system.set_field_type("angle")
+    for angle in (0.0, largest_deg / 2, largest_deg):
+        system.add_field(y=angle)
+    system.add_wavelength(0.55, is_primary=True)
+    return system
+
+
+def interleaved(functions: dict[str, Callable[[], object]], runs: int) -> dict[str, float]:
+    """Median seconds of each function, called in turn."""
+    times: dict[str, list[float]] = {name: [] for name in functions}
+    for function in functions.values():
+        function()
+    for _ in range(runs):
+        for name, function in functions.items():
+            start = time.perf_counter()
+            function()
+            times[name].append(time.perf_counter() - start)
+    return {name: statistics.median(t) for name, t in times.items()}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
+    arguments = parser.parse_args()
+    sensor = om.load_sensor("paper-spherical")
+    omega = np.linspace(0, 135, ANGLES)
+    functions: dict[str, Callable[[], object]] = {
+        "omnimirror evaluate, 27 columns": lambda: om.evaluate(sensor, omega),
+        "omnimirror best focus, 1001 angles": lambda: om.best_focus(sensor),
+    }
+    notes = []
+    try:
+        from optiland.analysis import FieldCurvature
+    except ImportError:
+        notes.append("Optiland is not installed (`make bench` installs it), so it is not compared.")
+    else:
+        warnings.simplefilter("ignore")
+        system = optiland_system(sensor, 80.0)
+        functions["Optiland field curvature, 2 columns, to 80 deg"] = lambda: FieldCurvature(system, num_points=ANGLES)
+        for angle in (15.0, 45.0, 80.0):
+            ray = system.trace_generic(0, angle / 80.0, 0, 0, 0.55)
+            x = om.evaluate(sensor, [angle]).h_px[0] * sensor.imager.pitch_mm
+            notes.append(
+                f"Optiland's chief ray at {angle:g} deg lands {abs(float(ray.y[0])):.3f} mm from the axis; it is {x:.3f} mm."
+            )
+    medians = interleaved(functions, RUNS)
+    first = medians["omnimirror evaluate, 27 columns"]
+    rows = [f"| {name} | {1e3 * t:.3f} | {t / first:.1f} |" for name, t in medians.items()]
+    table = "\n".join(
+        [
+            f"Medians of {RUNS} interleaved runs of {ANGLES} field angles, Python {platform.python_version()}, NumPy "
+            f"{np.__version__}.",
+            "",
+            "| what | ms | ratio |",
+            "|---|---|---|",
+            *rows,
+            "",
+            *notes,
+        ]
+    )
+    print(table)
+    write_text(arguments.out / "evaluation.md", table + "\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,90 @@
+"""The mirror ball: a reflecting sphere seen from far away."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InvalidParameter
+from ..frames import Mount
+from .base import CentralCamera
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class MirrorBall(CentralCamera):
+    """A reflecting ball, or the part of one inside a circular rim, seen from far away and far from things.
+
+    Under parallel rays a sphere of radius A turns the ray at distance x from its axis by twice the
+    slope angle, ``sin(Omega / 2) = x / A``: the picture is exactly equal in area.
+
+    Parameters
+    ----------
+    centre_px : (u, v)
+        Centre of the ball's circle; integers are pixel centres.
+    rim_radius_px : px
+        Radius of the circle.
+    field_deg : deg
+        Full angle of the field, so that the rim sees ``Omega = field_deg / 2``. A whole ball shows
+        nearly 360 deg, a convex traffic mirror much less.
+    image_size : (width, height)
+    mount
+        How the camera that looks at the ball stands.
+
+    Raises
+    ------
+    InvalidParameter
+        For a radius that is not above 0, or a field outside 0 to 360 deg.
+
+    Examples
+    --------
+    Half-way to the rim of a whole ball, ``sin(Omega / 2) = 1/2``:
+
+    >>> ball = MirrorBall((511.5, 511.5), 500.0, 360.0, (1024, 1024))
+    >>> np.degrees(ball.omega_from_radius(np.array([250.0]))).round(9)
+    array([60.])
+    """
+
+    centre_px: tuple[float, float]
+    rim_radius_px: float
+    field_deg: float
+    image_size: tuple[int, int]
+    mount: Mount = field(default_factory=Mount)
+
+    def __post_init__(self) -> None:
+        self._check_picture()
+        if not (np.isfinite(self.rim_radius_px) and self.rim_radius_px > 0):
+            raise InvalidParameter(f"rim_radius_px = {self.rim_radius_px:g} is not a radius; it is valid above 0")
+        if not 0 < self.field_deg <= 360:
+            raise InvalidParameter(
+                f"field_deg = {self.field_deg:g} is not the full angle of a field; it is valid above 0, up to 360"
+            )
+
+    @property
+    def looks_back(self) -> bool:
+        return True
+
+    @property
+    def field_radius_px(self) -> float:
+        return self.rim_radius_px
+
+    @property
+    def omega_max(self) -> float:
+        """Field angle of the rim, radians: half the full field."""
+        return float(np.radians(self.field_deg / 2))
+
+    def omega_from_radius(self, radius_px: Array) -> Array:
+        """Field angles (n,) in radians of radii (n,) in px."""
+        return 2 * np.arcsin(np.minimum(radius_px / self._ball_radius_px, 1.0))
+
+    def radius_from_omega(self, omega: Array) -> Array:
+        """Radii (n,) in px of field angles (n,) in radians."""
+        return self._ball_radius_px * np.sin(omega / 2)
+
+    @property
+    def _ball_radius_px(self) -> float:
+        """Radius of the whole ball's outline, of which the rim may cut off a part."""
+        return self.rim_radius_px / float(np.sin(self.omega_max / 2))

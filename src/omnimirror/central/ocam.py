@@ -1,0 +1,270 @@
+"""OCamCalib's calibration file, and the camera it describes.
+
+OCamCalib (Scaramuzza, Martinelli and Siegwart, IROS 2006) writes a pixel's ray as
+``(row - xc, col - yc, f(rho))`` with a polynomial f of the distance rho from the centre, f(0) < 0, in a
+frame whose third axis points from the scene to the camera. In our camera frame (X right, Y down, Z
+ahead) the centre of a mirror's picture looks back past the lens and that of a fisheye ahead, so
+``Z = f`` for a mirror and ``Z = -f`` for a fisheye. The file does not say which of the two it is.
+
+The file's inverse polynomial is a fit, good to some tenth of a pixel: it is checked for form and then
+left aside, and projection solves the direct polynomial itself.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.polynomial.polynomial import polyadd, polyder, polymul, polyroots, polyval
+from numpy.typing import NDArray
+
+from ..errors import InvalidParameter, OmnimirrorError, SpecError
+from ..frames import Mount
+from ..tracing.roots import increasing_root
+from .base import CentralCamera
+
+Array = NDArray[np.float64]
+Optics = Literal["mirror", "fisheye"]
+
+NODES = 257  # of the table from which projections start
+SLOWEST = 0.01  # dOmega/drho against its value at the centre, below which the polynomial is not used
+
+
+@dataclass(frozen=True)
+class OCam(CentralCamera):
+    """A camera calibrated with OCamCalib.
+
+    The polynomial is used as far as the farthest corner of the picture, and no farther than the field
+    angle grows with the radius (at 1 % of its rate at the centre or more: beyond that a fitted polynomial
+    says nothing of the optics). A mirror's picture usually ends before, at its rim: give
+    ``rim_radius_px`` to leave out what lies beyond.
+
+    Parameters
+    ----------
+    polynomial
+        a0, a1, a2, .. of f(rho), rho in px; a0 < 0.
+    centre_px : (u, v)
+        Column and row of the centre; integers are pixel centres.
+    image_size : (width, height)
+    affine
+        c, d, e of OCamCalib: ``row = c x + d y + xc``, ``col = e x + y + yc``.
+    optics
+        ``"mirror"`` or ``"fisheye"``.
+    mount
+        How the camera stands.
+    rim_radius_px : px, optional
+        Where the field ends, measured in the picture.
+
+    Raises
+    ------
+    InvalidParameter
+        For numbers that describe no camera.
+
+    Examples
+    --------
+    >>> camera = OCam((-100.0, 0.0, 0.0025), (319.5, 239.5), (640, 480))
+    >>> float(np.degrees(camera.omega_from_radius(np.array([200.0]))[0]))  # f(200) = 0: the horizon
+    90.0
+    >>> camera.project_directions([[1.0, 0.0, 0.0]]).pixels  # forward, at the top of the picture
+    array([[319.5,  39.5]])
+    """
+
+    polynomial: tuple[float, ...]
+    centre_px: tuple[float, float]
+    image_size: tuple[int, int]
+    affine: tuple[float, float, float] = (1.0, 0.0, 0.0)
+    optics: Optics = "mirror"
+    mount: Mount = field(default_factory=Mount)
+    rim_radius_px: float | None = None
+
+    def __post_init__(self) -> None:
+        self._check_picture()
+        if not (len(self.polynomial) and np.isfinite(self.polynomial).all() and self.polynomial[0] < 0):
+            raise InvalidParameter(
+                f"polynomial = {self.polynomial} does not begin with a negative number, as OCamCalib's direct "
+                "polynomial does (f(0) < 0)"
+            )
+        if not np.isfinite(self.affine).all() or abs(np.linalg.det(self.stretch)) < 1e-3:
+            raise InvalidParameter(f"affine = {self.affine} flattens the picture; c, d, e are near 1, 0, 0")
+        if self.optics not in get_args(Optics):
+            raise InvalidParameter(f"optics = {self.optics!r} is not one of {', '.join(get_args(Optics))}")
+        if self.rim_radius_px is not None and not (np.isfinite(self.rim_radius_px) and self.rim_radius_px > 0):
+            raise InvalidParameter(f"rim_radius_px = {self.rim_radius_px:g} is not a radius; it is valid above 0")
+
+    @property
+    def looks_back(self) -> bool:
+        return self.optics == "mirror"
+
+    @property
+    def stretch(self) -> Array:
+        """OCamCalib's affine matrix, in (right, down) instead of (row, column)."""
+        c, d, e = self.affine
+        return np.array([[1.0, e], [d, c]])
+
+    @cached_property
+    def field_radius_px(self) -> float:
+        """Radius where the field ends: the rim, the farthest corner, or the end of the polynomial's use."""
+        width, height = self.image_size
+        corners = np.array([[u, v] for u in (-0.5, width - 0.5) for v in (-0.5, height - 0.5)])
+        in_plane = (corners - self.centre_px) @ np.linalg.inv(self.stretch).T
+        ends = [np.hypot(*in_plane.T).max(), _end_of_use(np.array(self.polynomial))]
+        if self.rim_radius_px is not None:
+            ends.append(self.rim_radius_px)
+        return float(min(ends))
+
+    def omega_from_radius(self, radius_px: Array) -> Array:
+        """Field angles (n,) in radians of radii (n,) in px: ``tan(Omega) = rho / -f(rho)``."""
+        return np.arctan2(radius_px, -polyval(radius_px, self.polynomial))
+
+    def radius_from_omega(self, omega: Array) -> Array:
+        """Radii (n,) in px of field angles (n,) in radians, to machine precision.
+
+        Solves ``rho cos(Omega) + f(rho) sin(Omega) = 0``, which has one root inside the field and
+        increases there.
+        """
+        nodes, omegas = self._table
+        cell = np.clip(np.searchsorted(omegas, omega) - 1, 0, NODES - 2)
+        cos, sin = np.cos(omega), np.sin(omega)
+        slope = polyder(self.polynomial)
+
+        def difference(rho: Array) -> tuple[Array, Array]:
+            return rho * cos + polyval(rho, self.polynomial) * sin, cos + polyval(rho, slope) * sin
+
+        start = np.interp(omega, omegas, nodes)
+        return increasing_root(difference, nodes[cell], nodes[cell + 1], start, self.field_radius_px)
+
+    @cached_property
+    def _table(self) -> tuple[Array, Array]:
+        nodes = np.linspace(0.0, self.field_radius_px, NODES)
+        return nodes, self.omega_from_radius(nodes)
+
+
+def _end_of_use(a: Array) -> float:
+    """Radius (px) where the field angle all but stops growing; infinite if it never does.
+
+    ``dOmega/drho = g / (rho^2 + f^2)`` with ``g = rho f' - f``, and ``1 / |a0|`` at the centre, so the end
+    is the first root of another polynomial, ``g |a0| - SLOWEST (rho^2 + f^2)``.
+    """
+    g = a * (np.arange(len(a)) - 1)
+    rest = polyadd(g * abs(a[0]), -SLOWEST * polyadd([0.0, 0.0, 1.0], polymul(a, a)))
+    roots = polyroots(np.trim_zeros(rest, "b"))
+    ends = roots.real[(abs(roots.imag) < 1e-9 * abs(roots)) & (roots.real > 0)]
+    return float(ends.min(initial=np.inf))
+
+
+# -- the file --------------------------------------------------------------------------------------
+
+
+def load_ocam(
+    path: str | Path, optics: Optics = "mirror", mount: Mount | None = None, rim_radius_px: float | None = None
+) -> OCam:
+    """Read OCamCalib's ``calib_results.txt``.
+
+    Parameters
+    ----------
+    path
+    optics
+        What was calibrated, ``"mirror"`` or ``"fisheye"``; the file does not say.
+    mount
+        How the camera stands; looking up by default.
+    rim_radius_px : px, optional
+        Where the field ends, measured in the picture.
+
+    Raises
+    ------
+    SpecError
+        The file is missing or not OCamCalib's; the message gives the line and what is expected there.
+    InvalidParameter
+        For an unknown ``optics`` or a rim that is no radius.
+    """
+    path = Path(path)
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except FileNotFoundError:
+        raise SpecError(f"there is no OCamCalib file {path}") from None
+    except (OSError, UnicodeDecodeError) as e:
+        reason = e.strerror if isinstance(e, OSError) else "it is not a text file"
+        raise SpecError(f"cannot read the OCamCalib file {path}: {reason}") from None
+    return parse_ocam(text, str(path), optics, mount, rim_radius_px)
+
+
+def parse_ocam(
+    text: str,
+    source: str = "OCamCalib file",
+    optics: Optics = "mirror",
+    mount: Mount | None = None,
+    rim_radius_px: float | None = None,
+) -> OCam:
+    """The camera of the text of a ``calib_results.txt``; arguments and errors as :func:`load_ocam`.
+
+    >>> text = "3 -1.0e+002 0 2.5e-003\\n 2 100 50\\n 239.5 319.5\\n 1 0 0\\n # size\\n 480 640\\n"
+    >>> parse_ocam(text).centre_px
+    (319.5, 239.5)
+    """
+    lines = _Lines(text, source)
+    direct = lines.polynomial("the direct polynomial")
+    lines.polynomial("the inverse polynomial")
+    row, column = lines.numbers("the centre (row and column)", 2)
+    c, d, e = lines.numbers("the affine parameters (c, d and e)", 3)
+    height, width = lines.numbers("the image size (height and width)", 2)
+    lines.end()
+    if not (height == int(height) and width == int(width)):
+        raise lines.error(f"the image size {height:g} {width:g} is not in whole pixels")
+    size = (int(width), int(height))
+    try:
+        model = OCam(direct, (column, row), size, (c, d, e))
+    except OmnimirrorError as problem:
+        raise SpecError(f"{source}: {problem}") from None
+    return replace(model, optics=optics, mount=Mount() if mount is None else mount, rim_radius_px=rim_radius_px)
+
+
+class _Lines:
+    """The file's lines that hold numbers, one after the other, and errors that name them."""
+
+    def __init__(self, text: str, source: str) -> None:
+        self.source = source
+        self.number = 0
+        stripped = ((i, line.split("#")[0].split()) for i, line in enumerate(text.splitlines(), start=1))
+        self.lines = [(i, words) for i, words in stripped if words]
+
+    def error(self, message: str) -> SpecError:
+        return SpecError(f"{self.source} line {self.number}: {message}")
+
+    def polynomial(self, what: str) -> tuple[float, ...]:
+        """A line of a count and that many coefficients."""
+        count, *coefficients = self._next(f"{what} (a count, then that many coefficients)")
+        if count != len(coefficients) or not coefficients:
+            raise self.error(
+                f"{what} announces {count:g} coefficients and has {len(coefficients)}; expected a count, "
+                "then that many coefficients"
+            )
+        return tuple(coefficients)
+
+    def numbers(self, what: str, count: int) -> tuple[float, ...]:
+        """A line of so many numbers."""
+        values = self._next(what)
+        if len(values) != count:
+            raise self.error(f"expected {what}: {count} numbers, and there are {len(values)}")
+        return tuple(values)
+
+    def end(self) -> None:
+        if self.lines:
+            self.number = self.lines[0][0]
+            raise self.error("expected the end of the file after the image size")
+
+    def _next(self, what: str) -> list[float]:
+        if not self.lines:
+            raise SpecError(f"{self.source} ends before {what}")
+        self.number, words = self.lines.pop(0)
+        values = []
+        for word in words:
+            try:
+                values.append(float(word))
+            except ValueError:
+                values.append(np.nan)
+            if not np.isfinite(values[-1]):
+                raise self.error(f"expected {what}, and {word[:40]!r} is not a number")
+        return values

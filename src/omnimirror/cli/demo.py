@@ -1,0 +1,24 @@
+"""``omnimirror demo``: one sensor through the whole house, onto one page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from ..specs import load_sensor
+from .options import output_console
+
+
+@click.command()
+@click.argument("sensor", default="paper-spherical")
+@click.option("--out", type=click.Path(path_type=Path), default="omnimirror-demo", show_default=True,
+              help="Folder for pictures, table and report.")  # fmt: skip
+def command(sensor: str, out: Path) -> None:
+    """Evaluate SENSOR (paper-spherical by default), take its picture of a room, straighten it, write a report."""
+    from ..report import write_demo
+
+    console = output_console()
+    with console.status("Evaluating, simulating, straightening"):
+        report = write_demo(load_sensor(sensor), out)
+    console.print(f"Wrote {report.resolve()}", highlight=False, soft_wrap=True)

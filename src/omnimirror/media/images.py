@@ -1,0 +1,174 @@
+"""Picture files, read and written as they are: depth and channels kept, every failure a sentence."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import MediaError, OmnimirrorError
+from ..files import replacing
+
+Image = NDArray[Any]
+
+
+class Format(NamedTuple):
+    """What a kind of picture file can hold."""
+
+    depths: tuple[str, ...]
+    channels: tuple[int, ...]
+
+    @property
+    def has_alpha(self) -> bool:
+        return 4 in self.channels
+
+
+_JPEG = Format(("uint8",), (1, 3))
+_TIFF = Format(("uint8", "uint16", "float32"), (1, 3, 4))
+FORMATS = {
+    ".png": Format(("uint8", "uint16"), (1, 3, 4)),
+    ".jpg": _JPEG,
+    ".jpeg": _JPEG,
+    ".tif": _TIFF,
+    ".tiff": _TIFF,
+    ".webp": Format(("uint8",), (3, 4)),
+    ".bmp": Format(("uint8",), (1, 3)),
+    ".hdr": Format(("float32",), (3,)),
+}
+"""What can be written, by suffix."""
+
+FULL = {"uint8": 255, "uint16": 65535, "float32": 1.0}
+"""The value of an opaque alpha, by depth."""
+
+
+def format_of(path: str | Path) -> Format:
+    """What the file may hold, from its suffix.
+
+    >>> format_of("view.PNG").has_alpha, format_of("view.jpg").has_alpha
+    (True, False)
+
+    Raises
+    ------
+    MediaError
+        For a suffix that cannot be written.
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix not in FORMATS:
+        what = f"pictures of kind {suffix!r} are" if suffix else "a picture without a suffix is"
+        raise MediaError(f"cannot write {path}: {what} not known; valid are {', '.join(FORMATS)}")
+    return FORMATS[suffix]
+
+
+def read_image(path: str | Path) -> Image:
+    """Read a picture file.
+
+    Pixels come as they are stored: an orientation that the camera noted beside them is not applied,
+    since a calibration belongs to the stored pixels.
+
+    Returns
+    -------
+    (h, w) or (h, w, 3) or (h, w, 4) array
+        uint8, uint16 or float32 as in the file; channels in OpenCV's order, blue, green, red (alpha).
+
+    Raises
+    ------
+    MediaError
+        There is no such file, or it is unreadable, cut short, or no picture.
+    """
+    path = Path(path)
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError:
+        raise MediaError(f"there is no picture {path}") from None
+    except OSError as e:
+        raise MediaError(f"cannot read the picture {path}: {e.strerror or e}") from None
+    if not data:
+        raise MediaError(f"the picture {path} is empty")
+    if _is_cut_short(data):
+        raise MediaError(f"the picture {path} is cut short: its end is missing")
+    try:
+        with _quiet():
+            image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    except cv2.error as e:
+        raise MediaError(f"cannot read the picture {path}: {_reason(e)}") from None
+    if image is None:
+        raise MediaError(f"{path} is not a picture that can be read, or is damaged or cut short")
+    if image.dtype.name not in FULL:
+        raise MediaError(f"the picture {path} holds {image.dtype.name} values; valid are {', '.join(FULL)}")
+    return image
+
+
+def write_image(path: str | Path, image: Image) -> None:
+    """Write a picture file whole, or leave an earlier one as it was.
+
+    Parameters
+    ----------
+    path
+        Its suffix names the format, one of :data:`FORMATS`. PNG, TIFF and WebP are written without
+        loss, JPEG with quality 95.
+    image : (h, w) or (h, w, 1) or (h, w, 3) or (h, w, 4) array
+        uint8, uint16 or float32; channels in OpenCV's order, blue, green, red (alpha).
+
+    Raises
+    ------
+    MediaError
+        The suffix is not known, the format cannot hold such a picture, or the file cannot be written.
+    """
+    kind = format_of(path)
+    channels = image.shape[2] if image.ndim == 3 else 1
+    if image.ndim not in (2, 3) or 0 in image.shape:
+        raise MediaError(f"cannot write {path}: an array of shape {image.shape} is not a picture")
+    if image.dtype.name not in kind.depths or channels not in kind.channels:
+        raise MediaError(
+            f"cannot write {path}: {Path(path).suffix} holds {' or '.join(kind.depths)} pictures of "
+            f"{' or '.join(map(str, kind.channels))} channels, and this one is {image.dtype.name} of {channels}"
+        )
+    try:
+        with _quiet():
+            _, data = cv2.imencode(Path(path).suffix.lower(), np.ascontiguousarray(image))
+    except cv2.error as e:
+        raise MediaError(f"cannot write {path}: {_reason(e)}") from None
+    try:
+        with replacing(path) as temporary:
+            temporary.write_bytes(data.tobytes())
+    except OmnimirrorError as e:
+        raise MediaError(str(e)) from None
+
+
+def _is_cut_short(data: bytes) -> bool:
+    """Whether a JPEG or PNG lacks its end mark; decoders may fill the rest with grey and say nothing."""
+    if data.startswith(b"\x89PNG\r\n\x1a\n"):
+        return b"IEND\xaeB`\x82" not in data
+    if data.startswith(b"\xff\xd8\xff"):
+        return data.rfind(b"\xff\xd9") < _first_scan(data)  # a thumbnail before it has an end mark of its own
+    return False
+
+
+def _first_scan(data: bytes) -> int:
+    """Where a JPEG's header segments end and its first scan begins."""
+    at = 2
+    while data[at : at + 1] == b"\xff" and data[at + 1 : at + 2] != b"\xda":
+        is_filling = data[at + 1 : at + 2] == b"\xff"
+        at += 1 if is_filling else 2 + int.from_bytes(data[at + 2 : at + 4], "big")
+    return at
+
+
+def _reason(e: cv2.error) -> str:
+    """OpenCV's reason, its first line without the source file."""
+    return str(e.err or e).strip().split("\n")[0]
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep OpenCV's own messages off the terminal; ours say it."""
+    logging = cv2.utils.logging
+    before = logging.setLogLevel(logging.LOG_LEVEL_SILENT)
+    try:
+        yield
+    finally:
+        logging.setLogLevel(before)

@@ -1,0 +1,150 @@
+"""A sensor on one self-contained page: its pictures, its figures, its numbers."""
+
+from __future__ import annotations
+
+import base64
+import io
+from html import escape
+from pathlib import Path
+from string import Template
+
+import numpy as np
+
+from ..analysis import Evaluation, best_focus, evaluate
+from ..dewarp import Dewarper, screens, views
+from ..figures import FIGURES, draw
+from ..files import write_text
+from ..media import write_image
+from ..sensor import Sensor
+from ..simulate import Room, take_picture
+
+VIEW = screens.Plane((960, 600))
+FIGURES_SHOWN = ("fig4", "fig5", "fig6", "fig7", "fig9", "fig10")
+COLUMNS_SHOWN = {
+    "omega_deg": ("Omega", "deg", ".0f"),
+    "x_mm": ("x", "mm", ".2f"),
+    "theta_deg": ("theta", "deg", ".2f"),
+    "h_px": ("h", "px", ".1f"),
+    "dh_domega_px_per_deg": ("Dh", "px/deg", ".3f"),
+    "width_px_per_deg": ("Dw", "px/deg", ".3f"),
+    "aspect": ("aspect", "", ".3f"),
+    "viewpoint_z_mm": ("viewpoint", "mm", ".2f"),
+    "distance_t_mm": ("L_t", "mm", ".2f"),
+    "distance_s_mm": ("L_s", "mm", ".2f"),
+    "blur_t_px": ("blur T", "px", ".2f"),
+    "blur_s_px": ("blur S", "px", ".2f"),
+    "floored_area_deg2": ("blur area", "deg²", ".3f"),
+}
+
+
+def write_demo(sensor: Sensor, folder: str | Path) -> Path:
+    """Evaluate a sensor, take its picture of the bundled room, straighten that twice, and report.
+
+    Returns
+    -------
+    Path of the report, ``report.html``; beside it ``circle.png``, ``panorama.png``, ``view.png`` and
+    ``evaluation.csv``.
+
+    Raises
+    ------
+    OmnimirrorError
+        The sensor cannot be used, or the folder cannot be written.
+    """
+    folder = Path(folder)
+    result = evaluate(sensor)
+    circle = take_picture(sensor, Room())[..., ::-1]  # files are in the order blue, green, red
+    pictures = {
+        "circle": circle,
+        "panorama": Dewarper(sensor, views.panorama(sensor), interpolation="cubic")(circle),
+        "view": Dewarper(sensor, VIEW, interpolation="cubic")(circle),
+    }
+    for name, picture in pictures.items():
+        write_image(folder / f"{name}.png", picture)
+    result.to_csv(folder / "evaluation.csv")
+    write_text(folder / "report.html", report_html(result, folder))
+    return folder / "report.html"
+
+
+def report_html(result: Evaluation, folder: Path) -> str:
+    """The page with everything inside it, the pictures of ``folder`` included."""
+    sensor = result.sensor
+    title = (sensor.notes.strip().splitlines() or [""])[0]
+    template = Template((Path(__file__).parent / "template.html").read_text(encoding="utf-8"))
+    return template.substitute(
+        name=escape(sensor.name),
+        title=escape(title),
+        numbers=_numbers(result),
+        pictures=_pictures(folder),
+        figures=_figures(sensor),
+        table=_table(result),
+        commands=escape(_commands(sensor.name)),
+    )
+
+
+def _numbers(result: Evaluation) -> str:
+    sensor, best = result.sensor, best_focus(result.sensor)
+    near, far = result.depth_of_field_mm
+    low, high = sensor.field_deg
+    seen = (np.cos(np.radians(low)) - np.cos(np.radians(high))) / 2
+    entries = {
+        "Mirror": f"{sensor.mirror.KIND}, rim {2 * sensor.mirror.rim_radius_mm:g} mm across",
+        "Field": f"{low:.3g} to {high:.4g}°, {100 * seen:.0f} % of the sphere",
+        "Image circle": f"{2 * sensor.rim_radius_px:.0f} px across",
+        "Resolution": f"{result.dh_domega_px_per_deg.min():.2f} to {result.dh_domega_px_per_deg.max():.2f} px/deg",
+        "Focus": f"{result.focus_mm:.1f} mm (best for blur area: {best.focus_mm:.1f})",
+        "Depth of field": f"{near:.1f} to {far:.1f} mm",
+        "Worst blur area": f"{result.floored_area_deg2.max():.3f} deg²",
+        "Viewpoints": f"{np.ptp(result.viewpoint_z_mm):.3g} mm apart",
+    }
+    return "".join(f"<div><dt>{k}</dt><dd>{escape(v)}</dd></div>" for k, v in entries.items())
+
+
+def _pictures(folder: Path) -> str:
+    panorama = _picture(
+        folder / "panorama.png", "The field as a panorama: 360° around, and all the mirror sees up and down."
+    )
+    circle = _picture(
+        folder / "circle.png", "The picture on the imager, of a room with signs on its walls: text runs backwards."
+    )
+    view = _picture(folder / "view.png", "A perspective view straight ahead, 90° wide.")
+    return f'{panorama}<div class="pair">{circle}{view}</div>'
+
+
+def _picture(path: Path, caption: str) -> str:
+    return _figure(path.read_bytes(), "png", caption)
+
+
+def _figure(data: bytes, kind: str, caption: str, css: str = "") -> str:
+    source = f"data:image/{kind};base64,{base64.b64encode(data).decode()}"
+    text = escape(caption)
+    return f'<figure><img class="{css}" alt="{text}" src="{source}"><figcaption>{text}</figcaption></figure>'
+
+
+def _figures(sensor: Sensor) -> str:
+    """Wide figures one below the other, then the upright ones side by side."""
+    wide: list[str] = []
+    upright: list[str] = []
+    for name in FIGURES_SHOWN:
+        figure, svg = draw(name, [sensor]), io.BytesIO()
+        figure.savefig(svg, format="svg")
+        place = wide if figure.get_figwidth() > 1.5 * figure.get_figheight() else upright
+        place.append(_figure(svg.getvalue(), "svg+xml", FIGURES[name].title, css="plot"))
+    return f'{"".join(wide)}<div class="columns">{"".join(upright)}</div>'
+
+
+def _table(result: Evaluation) -> str:
+    head = "".join(f"<th>{name}<small>{unit or '&nbsp;'}</small></th>" for name, unit, _ in COLUMNS_SHOWN.values())
+    columns = [[f"{v:{form}}" for v in getattr(result, name)] for name, (_, _, form) in COLUMNS_SHOWN.items()]
+    rows = "".join("<tr>" + "".join(f"<td>{c}</td>" for c in row) + "</tr>" for row in zip(*columns, strict=True))
+    return f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"
+
+
+def _commands(name: str) -> str:
+    return "\n".join(
+        [
+            f"omnimirror demo {name} --out .",
+            f"omnimirror evaluate {name} --omega-deg 0:135:5 --csv evaluation.csv",
+            f"omnimirror dewarp circle.png --sensor {name} --view panorama -o panorama.png",
+            f"omnimirror dewarp circle.png --sensor {name} --view perspective --hfov-deg 90 --size 960x600 -o view.png",
+        ]
+    )

@@ -1,0 +1,175 @@
+"""What every camera must satisfy, whatever it is made of and however it stands."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.cameras import Camera
+from omnimirror.frames import Mount
+from omnimirror.specs import bundled_sensors
+
+CATADIOPTRIC = (-131.4797, 0.0, 1.848991e-03, 2.251206e-07, -7.343233e-10)
+FISHEYE = (-551.7655, 0.0, 8.372454e-04, -6.474789e-07, 1.235631e-09)
+SKEWED = (0.999845, 4.4e-05, 8e-06)
+
+MODELS = {
+    **{name: om.load_sensor(name) for name in bundled_sensors()},
+    "ocam-mirror": om.OCam(CATADIOPTRIC, (515.323794, 382.294245), (1024, 768), SKEWED),
+    "ocam-mirror-rim": om.OCam(CATADIOPTRIC, (515.3, 382.3), (1024, 768), rim_radius_px=452.0),
+    "ocam-fisheye": om.OCam(FISHEYE, (505.480427, 381.777786), (1024, 768), optics="fisheye"),
+    "ball-260": om.MirrorBall((1226.0, 1217.5), 1122.75, 260.0, (2464, 2464)),
+    "ball-cut": om.MirrorBall((100.0, 400.0), 390.0, 350.0, (640, 480)),
+    "ball-whole": om.MirrorBall((500.0, 500.0), 499.0, 360.0, (1001, 1001)),
+}
+MOUNTS = [
+    Mount("up"),
+    Mount("down", 0.0),
+    Mount("forward"),
+    Mount("up", 33.0, image_flipped=True),
+    Mount("forward", 120.0, image_flipped=True),
+]
+CASES = [
+    pytest.param(replace(model, mount=mount), id=f"{name}-{mount.camera_looks}{'-flipped' * mount.image_flipped}-{i}")
+    for name, model in MODELS.items()
+    for i, mount in enumerate(MOUNTS)
+]
+
+
+def some_pixels(camera, count=400):
+    """Pixels all over the picture, all but its very corners, and some of its centre."""
+    width, height = camera.image_size
+    rng = np.random.default_rng(7)
+    edge = 0.5 - 1e-9  # at the edge itself rounding decides
+    corners = [[u, v] for u in (-edge, width - 1 + edge) for v in (-edge, height - 1 + edge)]
+    near = np.add([[0.0, 0.0], [1e-9, 0.0], [1e-3, -1e-3]], (width / 2, height / 2))
+    return np.concatenate([rng.uniform(-0.5, [width - 0.5, height - 0.5], (count, 2)), corners, near])
+
+
+def some_directions(count=400):
+    directions = np.random.default_rng(8).normal(size=(count, 3))
+    return directions / np.linalg.norm(directions, axis=1, keepdims=True)
+
+
+@pytest.mark.parametrize("camera", CASES)
+def test_it_is_a_camera(camera):
+    assert isinstance(camera, Camera)
+
+
+@pytest.mark.parametrize("camera", CASES)
+def test_directions_lead_back_to_their_pixels(camera):
+    pixels = some_pixels(camera)
+    origins, directions, valid = camera.backproject(pixels)
+    assert valid.sum() > 100
+    back = camera.project_directions(directions[valid])
+    assert back.valid.all()
+    np.testing.assert_allclose(back.pixels, pixels[valid], atol=1e-9, rtol=0)
+    for distance_mm in (1e3, 1e7):
+        seen = camera.project(origins[valid] + distance_mm * directions[valid])
+        assert seen.valid.all()
+        np.testing.assert_allclose(seen.pixels, pixels[valid], atol=1e-9, rtol=0)
+
+
+@pytest.mark.parametrize("camera", CASES)
+def test_rays_are_unit_vectors_or_nothing(camera):
+    width, height = camera.image_size
+    pixels = np.concatenate([some_pixels(camera), [[-0.6, 3.0], [3.0, height], [width + 1e9, 0.0], [np.nan, 5.0]]])
+    origins, directions, valid = camera.backproject(pixels)
+    assert origins.shape == directions.shape == (len(pixels), 3)
+    np.testing.assert_allclose(np.linalg.norm(directions[valid], axis=1), 1.0, atol=1e-12)
+    assert np.isfinite(origins[valid]).all()
+    assert np.isnan(origins[~valid]).all()
+    assert np.isnan(directions[~valid]).all()
+    assert not valid[-4:].any()
+
+
+@pytest.mark.parametrize("camera", CASES)
+def test_pixels_are_in_the_picture_or_nothing(camera):
+    directions = np.concatenate([some_directions(), np.eye(3), -np.eye(3)])
+    pixels, valid = camera.project_directions(directions)
+    width, height = camera.image_size
+    assert valid.any()
+    inside = pixels[valid]
+    assert ((inside >= -0.5) & (inside <= (width - 0.5, height - 0.5))).all()
+    assert np.isnan(pixels[~valid]).all()
+    nothing = camera.project_directions([[0.0, 0.0, 0.0], [np.nan, 1.0, 0.0]])
+    assert not nothing.valid.any()
+    assert np.isnan(nothing.pixels).all()
+
+
+@pytest.mark.parametrize("camera", CASES)
+def test_the_length_of_a_direction_does_not_matter(camera):
+    directions = some_directions()
+    short, long = camera.project_directions(directions), camera.project_directions(directions * 1e4)
+    np.testing.assert_array_equal(short.valid, long.valid)
+    np.testing.assert_allclose(short.pixels, long.pixels, atol=1e-9, rtol=0)
+
+
+@pytest.mark.parametrize("camera", CASES)
+def test_far_points_are_seen_like_their_directions(camera):
+    directions = some_directions()
+    near_enough = camera.project(directions * 1e10)
+    limit = camera.project_directions(directions)
+    both = near_enough.valid & limit.valid
+    assert both.sum() >= limit.valid.sum() - 1
+    np.testing.assert_allclose(near_enough.pixels[both], limit.pixels[both], atol=1e-5, rtol=0)
+
+
+@pytest.mark.parametrize("camera", CASES)
+def test_the_symmetry_it_claims_is_there(camera):
+    """Directions built here about the claimed axis land at the claimed radius, equally far apart."""
+    symmetry = camera.symmetry
+    if symmetry is None:
+        assert getattr(camera, "affine", None) == SKEWED
+        return
+    axis = symmetry.axis
+    e1 = np.cross(axis, [0.36, 0.48, 0.8])
+    e1 /= np.linalg.norm(e1)
+    e2 = np.cross(axis, e1)
+    for omega in np.linspace(symmetry.omega_min, symmetry.omega_max, 7)[1:-1]:
+        turn = np.radians(np.arange(0, 360, 10))[:, None]
+        directions = np.cos(omega) * axis + np.sin(omega) * (np.cos(turn) * e1 + np.sin(turn) * e2)
+        pixels, valid = camera.project_directions(directions)
+        offsets = pixels - symmetry.centre_px
+        radius = symmetry.radius_px(np.array([omega]))[0]
+        np.testing.assert_allclose(np.hypot(*offsets[valid].T), radius, rtol=1e-11)
+        angles = np.degrees(np.arctan2(offsets[:, 1], offsets[:, 0]))
+        steps = (np.diff(angles)[valid[1:] & valid[:-1]] + 180) % 360 - 180
+        np.testing.assert_allclose(abs(steps), 10.0, atol=1e-9)
+        assert (np.sign(steps) == np.sign(steps[:1])).all()
+
+
+@pytest.mark.parametrize("flipped", [False, True])
+@pytest.mark.parametrize("model", MODELS.values(), ids=MODELS)
+def test_a_mirrors_picture_is_reversed_and_a_fisheyes_is_not(model, flipped):
+    """Three directions that turn clockwise for somebody who looks at them, and how they turn in the picture."""
+    model = replace(model, mount=replace(model.mount, image_flipped=flipped))
+    symmetry = model.symmetry or om.OCam(CATADIOPTRIC, (511.5, 383.5), (1024, 768)).symmetry
+    axis = symmetry.axis
+    e1 = np.cross(axis, [0.36, 0.48, 0.8])
+    e2 = np.cross(axis, e1)  # looking along the axis, from e1 to e2 is clockwise
+    around = [e1, e2 - e1 / 2, -e2 - e1 / 2]
+    pixels, valid = model.project_directions([axis + 0.3 * e for e in around])
+    assert valid.all()
+    (du1, dv1), (du2, dv2) = pixels[1] - pixels[0], pixels[2] - pixels[0]
+    is_clockwise_in_picture = du1 * dv2 - dv1 * du2 > 0  # rows grow downwards
+    is_mirror = getattr(model, "optics", "mirror") == "mirror"
+    assert is_clockwise_in_picture == (is_mirror == flipped)
+    assert model.is_picture_reversed == (not is_clockwise_in_picture)
+
+
+@pytest.mark.parametrize("model", MODELS.values(), ids=MODELS)
+def test_a_flipped_picture_is_the_picture_reversed(model):
+    """A sensor's centre is the camera's own; a calibration's is that of the picture as delivered."""
+    flipped = replace(model, mount=replace(model.mount, image_flipped=True))
+    last_column = model.image_size[0] - 1
+    if not isinstance(model, om.Sensor):
+        flipped = replace(flipped, centre_px=(last_column - model.centre_px[0], model.centre_px[1]))
+    if isinstance(model, om.OCam):
+        c, d, e = model.affine
+        flipped = replace(flipped, affine=(c, -d, -e))
+    directions = some_directions()
+    straight, reversed_ = model.project_directions(directions), flipped.project_directions(directions)
+    np.testing.assert_array_equal(straight.valid, reversed_.valid)
+    np.testing.assert_allclose(reversed_.pixels, [last_column, 0] + straight.pixels * [-1, 1], atol=1e-9, rtol=0)

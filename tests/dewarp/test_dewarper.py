@@ -1,0 +1,190 @@
+"""The dewarper: separable against general, what it samples, what it leaves empty, what it refuses."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.dewarp import sampling
+from omnimirror.dewarp.dewarper import general_coordinates, is_separable, separable_coordinates
+from omnimirror.errors import InvalidParameter, OutsideField
+from omnimirror.frames import Mount
+from omnimirror.specs import bundled_sensors
+
+BALL = om.MirrorBall((511.0, 509.5), 480.0, 270.0, (1024, 1020))
+FISHEYE = om.OCam((-250.0, 0.0, 4e-4), (320.0, 240.0), (640, 480), optics="fisheye")
+CAMERAS = {**{name: om.load_sensor(name) for name in bundled_sensors()}, "ball": BALL, "fisheye": FISHEYE}
+MOUNTS = [Mount("up"), Mount("down", 17.0), Mount("up", -90.0, True), Mount("down", 200.0, True)]
+
+
+@pytest.mark.parametrize("mount", MOUNTS, ids=str)
+@pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS)
+def test_separable_panoramas_are_the_general_ones(camera, mount):
+    camera = replace(camera, mount=mount)
+    view = om.screens.Cylinder((200, 120), -90.0, 90.0, 13.0, 350.0)
+    assert is_separable(camera, view)
+    separable, general = separable_coordinates(camera, view), general_coordinates(camera, view)
+    assert np.isfinite(general).any()
+    np.testing.assert_array_equal(np.isnan(separable), np.isnan(general))
+    np.testing.assert_allclose(separable, general, atol=1e-9, rtol=0)
+
+
+def test_only_panoramas_about_a_vertical_axis_are_separable():
+    cylinder = om.screens.Cylinder((200, 120), -90.0, 90.0)
+    assert not is_separable(replace(BALL, mount=Mount("forward")), cylinder)
+    assert not is_separable(BALL, om.screens.Plane((20, 10)))
+    assert not is_separable(replace(FISHEYE, affine=(1.0, 0.001, 0.0)), cylinder)
+
+
+def test_a_camera_cut_by_its_picture_is_separable_too():
+    """The centre near a corner: only some pixels around it can tell which way round the picture is."""
+    camera = om.MirrorBall((3.0, 470.0), 900.0, 200.0, (640, 480))
+    view = om.screens.Cylinder((300, 100), -90.0, 0.0)
+    separable, general = separable_coordinates(camera, view), general_coordinates(camera, view)
+    np.testing.assert_array_equal(np.isnan(separable), np.isnan(general))
+    np.testing.assert_allclose(separable, general, atol=1e-9, rtol=0)
+
+
+@pytest.mark.parametrize("view", [om.screens.Plane((90, 70), 30.0, -20.0), om.screens.Dome((80, 80), 135.0)])
+def test_coordinates_are_the_cameras_own(view, monkeypatch):
+    monkeypatch.setattr("omnimirror.dewarp.dewarper.STRIP_PX", 1000)  # several strips, the last one short
+    targets = view.targets(0, view.size[1])
+    coordinates = om.Dewarper(BALL, view).coordinates()
+    expected = BALL.project_directions(targets.reshape(-1, 3)).pixels.reshape(coordinates.shape)
+    np.testing.assert_array_equal(coordinates, expected)
+
+
+@dataclass(frozen=True)
+class Wall:
+    """A screen at a finite distance, as a later one will be."""
+
+    size = (12, 8)
+    is_distant = False
+
+    def targets(self, first_row, last_row):
+        y, z = np.meshgrid(np.linspace(500, -500, 12), np.linspace(200, -400, 8)[first_row:last_row])
+        return np.stack([np.full_like(y, 600.0), y, z], axis=-1)
+
+
+def test_screens_at_a_finite_distance_use_the_true_reflection():
+    sensor = om.load_sensor("paper-spherical")
+    coordinates = om.Dewarper(sensor, Wall()).coordinates()
+    points = Wall().targets(0, 8).reshape(-1, 3)
+    np.testing.assert_array_equal(coordinates.reshape(-1, 2), sensor.project(points).pixels)
+    assert np.abs(coordinates.reshape(-1, 2) - sensor.project_directions(points).pixels).max() > 1
+
+
+def test_sampling_is_at_the_coordinates():
+    """Of a picture whose values are its coordinates, sampling gives these back.
+
+    OpenCV's cubic kernel (a = -.75) bends a ramp by up to .047.
+    """
+    width, height = BALL.image_size
+    v, u = np.mgrid[:height, :width].astype(np.float32)
+    picture = np.dstack([u, v, u + v])
+    view = om.screens.Plane((160, 120), 20.0, -30.0, 5.0, 70.0)
+    for interpolation, tolerance in (("linear", 0.02), ("cubic", 0.06), ("nearest", 0.51)):
+        dewarp = om.Dewarper(BALL, view, interpolation)
+        x, y = np.moveaxis(dewarp.coordinates(), -1, 0)
+        straight = dewarp(picture)
+        assert dewarp.valid.all()
+        np.testing.assert_allclose(straight[..., 0], x, atol=tolerance)
+        np.testing.assert_allclose(straight[..., 1], y, atol=tolerance)
+        np.testing.assert_allclose(straight[..., 2], x + y, atol=2 * tolerance)
+
+
+@pytest.mark.parametrize("interpolation", ["nearest", "linear", "cubic"])
+@pytest.mark.parametrize("channels", [(), (1,), (3,), (4,)])
+@pytest.mark.parametrize("dtype", ["uint8", "uint16", "float32"])
+def test_every_kind_of_picture_keeps_its_kind(dtype, channels, interpolation):
+    full = {"uint8": 255, "uint16": 65535, "float32": 1.0}[dtype]
+    picture = np.full((1020, 1024, *channels), full, dtype)
+    dewarp = om.Dewarper(BALL, om.screens.Cylinder((60, 90), -90.0, 90.0), interpolation)
+    straight = dewarp(picture)
+    assert straight.dtype == picture.dtype
+    assert straight.shape == (90, 60, *channels)
+    above = np.arange(90) < 22  # 45 deg and higher, row 22 is cut by the rim
+    np.testing.assert_array_equal(straight[above], 0)
+    np.testing.assert_allclose(straight[23:], full, rtol=1e-6)
+    np.testing.assert_array_equal(dewarp.valid[:, 0], np.isfinite(dewarp.coordinates()[:, 0, 0]))
+    clear = dewarp(picture, transparent=True)
+    assert clear.shape == (90, 60, 4)
+    np.testing.assert_array_equal(clear[above], 0)
+    np.testing.assert_allclose(clear[23:], full, rtol=1e-6)
+
+
+def test_transparent_keeps_the_colours():
+    picture = np.zeros((1020, 1024, 3), np.uint8)
+    picture[:] = (10, 20, 30)
+    view = om.screens.Plane((20, 10), tilt_deg=-30.0)
+    np.testing.assert_array_equal(om.Dewarper(BALL, view)(picture, transparent=True)[5, 5], [10, 20, 30, 255])
+    grey = np.full((1020, 1024), 77, np.uint8)
+    np.testing.assert_array_equal(om.Dewarper(BALL, view)(grey, transparent=True)[5, 5], [77, 77, 77, 255])
+
+
+@pytest.mark.parametrize("interpolation", ["nearest", "linear", "cubic"])
+def test_the_edge_of_the_picture_is_not_smeared(interpolation):
+    """A fisheye sees beyond its picture: its white border ends there, and does not turn dark before."""
+    picture = np.full((480, 640), 200, np.uint8)
+    dewarp = om.Dewarper(
+        replace(FISHEYE, mount=Mount("forward")), om.screens.Plane((400, 300), hfov_deg=150.0), interpolation
+    )
+    straight = dewarp(picture)
+    u, v = np.moveaxis(dewarp.coordinates(), -1, 0)
+    inside = (u >= -0.5) & (u <= 639.5) & (v >= -0.5) & (v <= 479.5)
+    assert 0.1 < inside.mean() < 0.9
+    np.testing.assert_array_equal(straight, np.where(inside, 200, 0))
+
+
+def test_large_outputs_are_tiled(monkeypatch):
+    view = om.screens.Cylinder((90, 70), -90.0, 90.0)
+    picture = np.random.default_rng(0).integers(0, 255, (1020, 1024, 3), np.uint8)
+    whole = om.Dewarper(BALL, view)(picture)
+    monkeypatch.setattr(sampling, "LONGEST_SIDE_PX", 1025)
+    long = om.Dewarper(BALL, om.screens.Cylinder((4000, 3), -50.0, 0.0))(picture)
+    monkeypatch.undo()
+    np.testing.assert_array_equal(long, om.Dewarper(BALL, om.screens.Cylinder((4000, 3), -50.0, 0.0))(picture))
+    assert whole.any()
+    longest = om.Dewarper(BALL, om.screens.Cylinder((40_000, 2), -50.0, 0.0))(picture)
+    assert longest.shape == (2, 40_000, 3)
+    assert longest[:, 33_000:].any(axis=-1).mean() > 0.9
+
+
+@pytest.mark.parametrize(
+    ("picture", "message"),
+    [
+        (np.zeros((510, 512, 3), np.uint8), r"512 x 510 px and the camera's 1024 x 1020 px; both have the same shape"),
+        (np.zeros((480, 640), np.uint8), r"640 x 480 px and the camera's 1024 x 1020 px$"),
+        (np.zeros((1020, 1024), float), "float64 values; valid are uint8, uint16, float32"),
+        (np.zeros((1020, 1024, 2), np.uint8), r"shape \(1020, 1024, 2\) is not a picture of 1, 3 or 4 channels"),
+        (np.zeros(1020, np.uint8), r"shape \(1020,\) is not a picture"),
+    ],
+)
+def test_another_picture_is_refused(picture, message):
+    with pytest.raises(InvalidParameter, match=message):
+        om.Dewarper(BALL, om.screens.Plane((20, 10), tilt_deg=-30.0))(picture)
+
+
+def test_a_picture_too_large_for_opencv_is_refused():
+    camera = om.MirrorBall((20_000.0, 1.0), 15_000.0, 200.0, (40_000, 3))
+    with pytest.raises(InvalidParameter, match="40000 x 3 px is too large"):
+        om.Dewarper(camera, om.screens.Plane((20, 10), tilt_deg=-90.0))(np.zeros((3, 40_000), np.uint8))
+
+
+@pytest.mark.parametrize(
+    ("view", "message"),
+    [
+        (om.screens.Cylinder((20, 10), 50.0, 80.0), r"panorama \(elevation 50 to 80 deg\) sees nothing"),
+        (om.screens.Plane((20, 10), tilt_deg=80.0, hfov_deg=30.0), r"perspective view \(pan 0, tilt 80, hfov 30 deg\)"),
+        (om.screens.Dome((20, 10), 30.0, "zenith"), r"dome \(0 to 30 deg from the zenith\)"),
+    ],
+)
+def test_a_view_of_nothing_is_refused(view, message):
+    with pytest.raises(OutsideField, match=message + ".*from -90 to 45 deg of elevation"):
+        om.Dewarper(BALL, view).coordinates()
+
+
+def test_an_unknown_interpolation_is_refused():
+    with pytest.raises(InvalidParameter, match="'lanczos' is not one of nearest, linear, cubic"):
+        om.Dewarper(BALL, om.screens.Plane((20, 10)), "lanczos")

@@ -1,0 +1,123 @@
+"""Screens against the formulas of the conventions, written out pixel by pixel."""
+
+import math
+
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.dewarp.screens import Cylinder, Dome, Plane, Screen
+from omnimirror.errors import InvalidParameter
+
+
+def world(pan, tilt):
+    """x forward, y left, z up; pan to the right."""
+    return np.array([math.cos(tilt) * math.cos(pan), -math.cos(tilt) * math.sin(pan), math.sin(tilt)])
+
+
+def whole(screen):
+    return screen.targets(0, screen.size[1])
+
+
+@pytest.mark.parametrize(
+    "screen",
+    [
+        Cylinder((7, 5), -30.0, 45.0, 10.0, 300.0),
+        Plane((7, 5), 20.0, -30.0, 40.0, 100.0),
+        Dome((7, 5), 120.0),
+        Dome((4, 8), 120.0, "zenith", 30.0, 20.0),
+    ],
+)
+def test_every_screen_keeps_the_contract(screen):
+    assert isinstance(screen, Screen)
+    targets = whole(screen)
+    assert targets.shape == (screen.size[1], screen.size[0], 3)
+    np.testing.assert_array_equal(screen.targets(2, 4), targets[2:4])
+    assert str(screen)
+    assert eval(repr(screen)) == screen
+
+
+def test_panorama_columns_and_rows():
+    W, H, centre, span, low, high = 9, 6, 25.0, 300.0, -40.0, 70.0
+    targets = whole(Cylinder((W, H), low, high, centre, span))
+    for u in range(W):
+        for v in range(H):
+            pan = centre + ((u + 0.5) / W - 0.5) * span
+            tilt = high - (v + 0.5) / H * (high - low)
+            np.testing.assert_allclose(targets[v, u], world(math.radians(pan), math.radians(tilt)), atol=1e-14)
+
+
+def test_right_in_a_panorama_is_right_of_forward():
+    targets = whole(om.screens.Cylinder((360, 2), -1.0, 1.0))
+    assert targets[0, 181, 1] < 0 < targets[0, 178, 1]  # y is left
+    assert targets[0, 0, 2] > 0 > targets[1, 0, 2]  # the upper row looks up
+
+
+def test_perspective_pixels():
+    W, H, pan, tilt, roll, hfov = 8, 5, math.radians(35), math.radians(-20), math.radians(15), math.radians(80)
+    targets = whole(Plane((W, H), 35.0, -20.0, 15.0, 80.0))
+    f = world(pan, tilt)
+    right = np.array([-math.sin(pan), -math.cos(pan), 0.0])
+    down = np.cross(f, right)
+    turned_right = math.cos(roll) * right + math.sin(roll) * down
+    turned_down = -math.sin(roll) * right + math.cos(roll) * down
+    F = W / 2 / math.tan(hfov / 2)
+    for u in range(W):
+        for v in range(H):
+            d = f + (u - (W - 1) / 2) / F * turned_right + (v - (H - 1) / 2) / F * turned_down
+            np.testing.assert_allclose(targets[v, u], d, atol=1e-14)
+
+
+def test_hfov_reaches_from_edge_to_edge():
+    plane = Plane((1000, 3), hfov_deg=120.0)
+    row = whole(plane)[1]
+    left, right = row[0] + (row[0] - row[1]) / 2, row[-1] + (row[-1] - row[-2]) / 2
+    angle = np.degrees(np.arccos(left @ right / np.linalg.norm(left) / np.linalg.norm(right)))
+    assert angle == pytest.approx(120.0)
+
+
+@pytest.mark.parametrize(("pole", "side"), [("nadir", 1.0), ("zenith", -1.0)])
+def test_a_dome_shows_forward_at_the_top(pole, side):
+    """Looking down, right is right; looking up, right is left (a star chart)."""
+    dome = Dome((101, 101), 120.0, pole)
+    targets = whole(dome)
+    up = -1.0 if pole == "nadir" else 1.0
+    np.testing.assert_allclose(targets[50, 50], [0, 0, up], atol=1e-15)
+    omega = math.radians(40 * 120.0 / 50.5)
+    np.testing.assert_allclose(targets[10, 50], [math.sin(omega), 0, up * math.cos(omega)], atol=1e-14)
+    np.testing.assert_allclose(targets[50, 90], [0, -side * math.sin(omega), up * math.cos(omega)], atol=1e-14)
+
+
+def test_a_dome_is_proportional_to_the_angle_and_turns_with_pan():
+    targets = whole(Dome((64, 64), 130.0, pan_deg=90.0, omega_min_deg=20.0))
+    v, u = np.mgrid[:64, :64]
+    radius = np.hypot(u - 31.5, v - 31.5)
+    omega = np.degrees(np.arccos(-targets[..., 2]))
+    shown = ~np.isnan(omega)
+    np.testing.assert_allclose(omega[shown], radius[shown] * 130 / 32, rtol=1e-9)
+    np.testing.assert_array_equal(shown, (radius <= 32) & (radius * 130 / 32 >= 20))
+    top = targets[2, 32]
+    assert top[1] < -0.9 * np.hypot(*top[:2])  # the top looks right
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Cylinder((0, 5), -10.0, 10.0), "size"),
+        (lambda: Cylinder((5, 200_000), -10.0, 10.0), "size"),
+        (lambda: Cylinder((5, 5), 10.0, 10.0), "10 to 10 deg make no panorama"),
+        (lambda: Cylinder((5, 5), -91.0, 10.0), "-91 to 10"),
+        (lambda: Cylinder((5, 5), -np.nan, 10.0), "nan to 10"),
+        (lambda: Cylinder((5, 5), -10.0, 10.0, span_deg=361.0), "span_deg = 361"),
+        (lambda: Cylinder((5, 5), -10.0, 10.0, span_deg=0.0), "span_deg = 0"),
+        (lambda: Cylinder((5, 5), -10.0, 10.0, pan_deg=np.inf), "pan_deg = inf"),
+        (lambda: Plane((5, 5), hfov_deg=180.0), "hfov_deg = 180 is valid above 0 and below 180"),
+        (lambda: Plane((5, 5), tilt_deg=np.nan), "tilt_deg = nan"),
+        (lambda: Dome((5, 5), 181.0), "0 to 181 deg make no dome"),
+        (lambda: Dome((5, 5), 90.0, omega_min_deg=90.0), "90 to 90"),
+        (lambda: Dome((5, 5), 90.0, "north"), "'north' is not one of nadir, zenith"),
+    ],
+)
+def test_a_screen_that_cannot_be_is_refused(make, message):
+    with pytest.raises(InvalidParameter, match=message):
+        make()
