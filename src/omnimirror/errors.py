@@ -31,3 +31,7 @@ class SpecError(OmnimirrorError):
 
 class MediaError(OmnimirrorError):
     """A picture cannot be read or written."""
+
+
+class NotReproduced(OmnimirrorError):
+    """A number of the paper does not get the verdict that is known to be right; the message names the row."""

@@ -1,0 +1,105 @@
+"""Labels at the ends of lines, moved apart until none covers another."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.text import Annotation
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import isotonic_regression
+
+Array = NDArray[np.float64]
+
+
+def spread(wanted: ArrayLike, gap: float, low: float, high: float) -> Array:
+    """Positions (n,) at least ``gap`` apart and between low and high, as near the wanted ones as can be.
+
+    The order stays. Least squares under these constraints is an isotonic regression of what remains
+    after the gaps are taken out. Where the room does not suffice the gap shrinks.
+
+    >>> spread([0.0, 1.0, 1.0, 9.0], gap=2.0, low=-5.0, high=9.0)
+    array([-1.3..., 0.6..., 2.6..., 9. ])
+    """
+    at: Array = np.asarray(wanted, dtype=float)
+    if at.size < 2:
+        return np.clip(at, low, high)
+    order = np.argsort(at, kind="stable")
+    gap = min(gap, (high - low) / (at.size - 1))
+    taken = gap * np.arange(at.size)
+    free: Array = isotonic_regression(at[order] - taken).x
+    placed = np.empty_like(at)
+    placed[order] = np.clip(free, low, high - taken[-1]) + taken
+    return placed
+
+
+def shown_points(ax: Axes, line: Line2D) -> NDArray[np.bool_]:
+    """Which points of a line lie within the limits of its axes."""
+    x, y = np.asarray(line.get_xdata(), float), np.asarray(line.get_ydata(), float)
+    (left, right), (bottom, top) = sorted(ax.get_xlim()), sorted(ax.get_ylim())
+    return (x >= left) & (x <= right) & (y >= bottom) & (y <= top)
+
+
+@dataclass
+class EndLabels:
+    """Labels to the right of a figure's axes, one per line; :meth:`settle` once all is drawn."""
+
+    figure: Figure
+    size: float = 6.5
+    _labels: dict[Axes, list[Annotation]] = field(default_factory=dict)
+
+    def of_line(self, ax: Axes, line: Line2D, text: str) -> None:
+        """Label the last visible point of a line in its colour."""
+        shown = np.flatnonzero(shown_points(ax, line))
+        if shown.size:
+            x, y = (float(np.asarray(v, float)[shown[-1]]) for v in (line.get_xdata(), line.get_ydata()))
+            self.at(ax, x, y, text, str(line.get_color()))
+
+    def at(self, ax: Axes, x: float, y: float, text: str, colour: str) -> None:
+        """Label a point (data coordinates), joined to it by a hairline."""
+        hairline = {
+            "arrowstyle": "-",
+            "color": colour,
+            "linewidth": 0.4,
+            "shrinkA": 0.5,
+            "shrinkB": 1,
+            "relpos": (0, 0.5),
+        }
+        label = ax.annotate(
+            text,
+            (x, y),
+            xytext=(1.0, y),
+            textcoords=ax.get_yaxis_transform(),
+            color=colour,
+            size=self.size,
+            va="center",
+            annotation_clip=False,
+            arrowprops=hairline,
+        )
+        self._labels.setdefault(ax, []).append(label)
+
+    def settle(self) -> Figure:
+        """Give every label its place. Call it last: limits and sizes must be final."""
+        self._indent()
+        self.figure.draw_without_rendering()
+        for ax, labels in self._labels.items():
+            box = ax.get_window_extent()
+            wanted = [float(ax.transData.transform(label.xy)[1]) for label in labels]
+            line_height = 1.18 * self.size * self.figure.dpi / 72
+            placed = spread(wanted, line_height, box.y0, box.y1)
+            for label, y in zip(labels, placed, strict=True):
+                inverse = ax.transData.inverted().transform((0.0, float(y)))
+                label.set_position((label.get_position()[0], float(inverse[1])))
+        return self.figure
+
+    def _indent(self) -> None:
+        """Start labels a fixed distance right of the axes, whose width the layout still decides."""
+        if layout := self.figure.get_layout_engine():
+            layout.execute(self.figure)
+        for ax, labels in self._labels.items():
+            width = ax.get_window_extent().width
+            for label in labels:
+                label.set_position((1.0 + 7.0 * self.figure.dpi / 72 / width, label.get_position()[1]))

@@ -1,0 +1,109 @@
+"""What a figure draws: sensors with a colour each, evaluated on one basis."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..analysis import Evaluation, evaluate, field_angles
+from ..errors import InvalidParameter
+from ..lenses import BlurMode
+from ..sensor import Sensor
+from .style import PALETTE
+
+Array = NDArray[np.float64]
+
+NODES = 361  # points of a curve
+
+
+@dataclass(frozen=True)
+class Basis:
+    """How quantities are computed: exactly and in the sensor's own pixels, or as the paper does.
+
+    Parameters
+    ----------
+    mode
+        Of the blur: ``"exact"`` (Eq. 28) or ``"paper"`` (Eq. 29).
+    image_radius_px
+        Radius to which the image of every rim is scaled; None for the real one.
+    """
+
+    mode: BlurMode = "exact"
+    image_radius_px: float | None = None
+
+
+EXACT = Basis()
+PAPER = Basis("paper", 500.0)
+"""Eq. 29 for the blur, and an image circle of 2N = 1000 pixels."""
+
+
+@dataclass(frozen=True)
+class Subject:
+    """One sensor of a figure."""
+
+    sensor: Sensor
+    colour: str
+    basis: Basis = EXACT
+
+    @property
+    def name(self) -> str:
+        return self.sensor.name
+
+    @property
+    def rim_mm(self) -> float:
+        """M."""
+        return self.sensor.mirror.rim_radius_mm
+
+    @property
+    def radius_px(self) -> float:
+        """Radius of the image circle."""
+        return self.basis.image_radius_px or self.sensor.rim_radius_px
+
+    @cached_property
+    def curve(self) -> Evaluation:
+        """The field from end to end at :data:`NODES` angles, for distant objects."""
+        return self.at(np.linspace(*self.sensor.field_deg, NODES))
+
+    @cached_property
+    def marks(self) -> Evaluation:
+        """Every 15 deg of the field."""
+        return self.at(field_angles(self.sensor, 15.0))
+
+    def at(self, omega_deg: ArrayLike, object_distance_mm: float = np.inf) -> Evaluation:
+        """Evaluate field angles (n,), deg, for objects at a distance from the mirror."""
+        return evaluate(
+            self.sensor,
+            omega_deg,
+            object_distance_mm=object_distance_mm,
+            mode=self.basis.mode,
+            image_radius_px=self.basis.image_radius_px,
+        )
+
+    def mean_pixel_deg(self) -> float:
+        """Side (deg) of the square that a pixel of the image circle sees on average (Sec. 3.3)."""
+        low, high = np.radians(self.sensor.field_deg)
+        seen = 2 * np.pi * (np.cos(low) - np.cos(high)) * np.degrees(1.0) ** 2
+        inner = float(self.curve.h_px[0])  # a pointed mirror leaves a hole in the image circle
+        return float(np.sqrt(seen / (np.pi * (self.radius_px**2 - inner**2))))
+
+
+def subjects_of(sensors: Sequence[Sensor], basis: Basis) -> list[Subject]:
+    """One subject per sensor, in its colour.
+
+    Raises
+    ------
+    InvalidParameter
+        No sensor, or more than there are colours.
+    """
+    if not 1 <= len(sensors) <= len(PALETTE):
+        raise InvalidParameter(f"{len(sensors)} sensors do not fit into a figure; it takes 1 to {len(PALETTE)}")
+    return [Subject(s, colour, basis) for s, colour in zip(sensors, PALETTE, strict=False)]
+
+
+def widest(subjects: Sequence[Subject]) -> float:
+    """Largest field angle of all, deg, rounded to what was meant by 135.005."""
+    return round(max(s.sensor.field_deg[1] for s in subjects), 1)

@@ -1,0 +1,138 @@
+"""The paper again: every number it states, with a verdict, and every figure."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..errors import InvalidParameter
+from ..figures import FIGURES, PAPER, save_all, save_figure, three_pictures
+from . import blur, shapes, tables
+from .claims import Claim, Row, judge
+from .paper import Paper, paper_sensors
+
+__all__ = [
+    "ALL_FIGURES",
+    "Claim",
+    "Reproduction",
+    "Row",
+    "all_claims",
+    "check",
+    "draw_figures",
+    "paper_sensors",
+    "reproduce",
+]
+
+FIG_17 = "fig17"
+ALL_FIGURES = (*FIGURES, FIG_17)
+"""Names of the figures: those of :data:`omnimirror.figures.FIGURES` and the pictures of Fig. 17."""
+
+
+@dataclass(frozen=True)
+class Reproduction:
+    """What came out: the rows of the table, and the files written."""
+
+    rows: list[Row]
+    files: list[Path]
+
+    @property
+    def unexpected(self) -> list[Row]:
+        """Rows whose verdict is not the one known to be right."""
+        return [r for r in self.rows if not r.as_expected]
+
+
+def all_claims() -> list[Claim]:
+    """Every number of the paper, section by section."""
+    return [*shapes.claims(), *blur.claims()]
+
+
+def check(claims: Sequence[Claim] | None = None) -> list[Row]:
+    """Compute every claim and judge it.
+
+    >>> rows = check(all_claims()[:1])
+    >>> rows[0].verdict, round(rows[0].computed, 2)
+    ('agrees', 134.98)
+    """
+    return judge(list(all_claims() if claims is None else claims), Paper())
+
+
+def draw_figures(
+    out_dir: str | Path,
+    which: Iterable[str] | None = None,
+    formats: Sequence[str] = ("svg", "png"),
+    progress: Callable[[str], None] | None = None,
+) -> list[Path]:
+    """Draw the paper's figures, computed the paper's way.
+
+    Raises
+    ------
+    InvalidParameter
+        An unknown figure.
+    OmnimirrorError
+        A file cannot be written.
+    """
+    names = _figure_names(which)
+    drawn = [n for n in names if n != FIG_17]
+    files = save_all(paper_sensors(), out_dir, formats, drawn, PAPER, progress)
+    if FIG_17 in names:
+        if progress is not None:
+            progress(FIG_17)
+        files += _pictures(Path(out_dir), formats)
+    return files
+
+
+def _figure_names(which: Iterable[str] | None) -> list[str]:
+    names = list(ALL_FIGURES if which is None else dict.fromkeys(which))
+    if unknown := [n for n in names if n not in ALL_FIGURES]:
+        raise InvalidParameter(f"figure {unknown[0]!r} is not known; valid are {', '.join(ALL_FIGURES)}")
+    return names
+
+
+def _pictures(out_dir: Path, formats: Sequence[str]) -> list[Path]:
+    """Fig. 17 of a furnished room in place of the garden: circle, panorama, zoom."""
+    from ..dewarp import Dewarper, views
+    from ..simulate import Room, take_picture
+
+    sensor = paper_sensors()[0]
+    circle = take_picture(sensor, Room())
+    panorama = Dewarper(sensor, views.panorama(sensor), "cubic")(circle)
+    zoom = Dewarper(sensor, views.perspective((1120, 840), hfov_deg=75.0), "cubic")(circle)
+    figure = three_pictures(circle, panorama, zoom)
+    return [save_figure(figure, out_dir / f"{FIG_17}.{kind}") for kind in formats]
+
+
+def reproduce(
+    out_dir: str | Path,
+    figures: bool = True,
+    only: Iterable[str] | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> Reproduction:
+    """Write ``numbers.csv``, ``numbers.md`` and the figures to a folder.
+
+    Parameters
+    ----------
+    figures
+        Whether to draw at all.
+    only
+        Names of the figures to draw; all by default.
+    progress
+        Called with what is worked on, before it is.
+
+    Raises
+    ------
+    InvalidParameter
+        An unknown figure; before anything is written.
+    OmnimirrorError
+        A file cannot be written.
+    """
+    which = _figure_names(only)
+    if progress is not None:
+        progress("numbers")
+    rows, folder = check(), Path(out_dir)
+    files = [folder / "numbers.csv", folder / "numbers.md"]
+    tables.write_csv(rows, files[0])
+    tables.write_markdown(rows, files[1])
+    if figures:
+        files += draw_figures(folder, which, progress=progress)
+    return Reproduction(rows, files)

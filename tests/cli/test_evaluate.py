@@ -1,0 +1,144 @@
+"""The commands that describe and evaluate sensors, run as a user runs them."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.cli import COMMANDS
+
+HEADER = """
+omega_deg x_mm z_mm beta_deg theta_deg gamma_deg h_px dh_domega_px_per_deg width_px_per_deg area_px2
+aspect viewpoint_z_mm radius_t_mm radius_s_mm q_t_mm q_s_mm image_t_x_mm image_t_z_mm image_s_x_mm
+image_s_z_mm distance_t_mm distance_s_mm blur_t_px blur_s_px blur_t_deg blur_s_deg blur_area_deg2
+""".split()  # noqa: SIM905 - as the requirement spells it
+
+
+def omnimirror(*args, cwd=None) -> subprocess.CompletedProcess[str]:
+    program = Path(sys.executable).with_name("omnimirror")
+    return subprocess.run([program, *map(str, args)], capture_output=True, text=True, cwd=cwd)
+
+
+def fails(*args, cwd=None) -> str:
+    """Run, expect failure, and return the one sentence."""
+    run = omnimirror(*args, cwd=cwd)
+    assert run.returncode != 0
+    assert "Traceback" not in run.stderr
+    lines = run.stderr.strip().splitlines()
+    assert len(lines) == 1, run.stderr
+    return lines[0]
+
+
+def test_help_names_every_command():
+    run = omnimirror("--help")
+    assert run.returncode == 0
+    for name in COMMANDS:
+        assert name in run.stdout
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_has_help(name):
+    run = omnimirror(name, "--help")
+    assert run.returncode == 0, run.stderr
+    assert "Usage: omnimirror" in run.stdout
+
+
+def test_the_table_on_the_terminal_has_every_angle():
+    run = omnimirror("evaluate", "paper-spherical", "--omega-deg", "0:135:5")
+    assert run.returncode == 0
+    rows = [line.split() for line in run.stdout.splitlines() if line.strip() and line.split()[0].isdigit()]
+    assert [int(r[0]) for r in rows] == list(range(0, 136, 5))
+    assert "212.00 mm" in run.stdout
+
+
+def test_csv_holds_every_double_exactly(tmp_path):
+    run = omnimirror("evaluate", "paper-equidistant", "--omega-deg", "0:135:15", "--csv", tmp_path / "e.csv")
+    assert run.returncode == 0
+    header, *rows = (tmp_path / "e.csv").read_text().splitlines()
+    assert header.split(",") == HEADER
+    values = np.array([[float(v) for v in r.split(",")] for r in rows])
+    result = om.evaluate(om.load_sensor("paper-equidistant"), np.arange(0, 136, 15.0))
+    np.testing.assert_array_equal(values, np.stack(list(result.columns().values()), axis=1))
+
+
+def test_json_holds_summary_and_columns(tmp_path):
+    args = ["evaluate", "paper-spherical", "--omega-deg", "90", "--object-distance-mm", "219.5", "--focus-mm", "auto"]
+    assert omnimirror(*args, "--json", tmp_path / "e.json").returncode == 0
+    data = json.loads((tmp_path / "e.json").read_text())
+    assert list(data["columns"]) == HEADER
+    best = om.best_focus(om.load_sensor("paper-spherical"), object_distance_mm=219.5)
+    assert data["summary"]["focus_mm"] == best.focus_mm
+    assert data["summary"]["object_distance_mm"] == 219.5
+
+
+def test_numbers_that_are_not_finite_stay_readable_json(tmp_path):
+    (tmp_path / "cone.toml").write_text(
+        '[mirror]\nkind = "cone"\nslope_deg = 50.0\nrim_radius_mm = 40.0\n[lens]\nkind = "perspective"\n'
+        "focal_length_mm = 11.6\nf_number = 4.0\nfocus_distance_mm = 200.0\n[imager]\nwidth_px = 1024\n"
+        "height_px = 1024\npixel_pitch_um = 5.2\n[mount]\nmirror_distance_mm = 160.0\n"
+    )
+    run = omnimirror("evaluate", "cone.toml", "--omega-deg", "105", "--json", "e.json", cwd=tmp_path)
+    assert run.returncode == 0, run.stderr
+    assert json.loads((tmp_path / "e.json").read_text())["columns"]["radius_t_mm"] == ["inf"]
+
+
+def test_paper_mode_changes_the_blur_only(tmp_path):
+    for name, flags in (("exact", []), ("paper", ["--paper-mode"])):
+        args = ["--omega-deg", "0:135:45", "--csv", tmp_path / f"{name}.csv", *flags]
+        assert omnimirror("evaluate", "paper-spherical", *args).returncode == 0
+    exact, paper = (np.genfromtxt(tmp_path / f"{n}.csv", delimiter=",", names=True) for n in ("exact", "paper"))
+    for name in HEADER:
+        same = np.array_equal(exact[name], paper[name])
+        assert same != name.startswith("blur"), name
+    np.testing.assert_allclose(paper["blur_t_px"] / exact["blur_t_px"], 1 - 11.6 / 212, rtol=1e-12)
+
+
+def test_sensors_lists_the_bundled_ones():
+    run = omnimirror("sensors")
+    assert run.returncode == 0
+    for name in om.specs.bundled_sensors():
+        assert name in run.stdout
+
+
+def test_init_writes_a_file_that_evaluates_and_never_overwrites(tmp_path):
+    assert omnimirror("init", "mine.toml", cwd=tmp_path).returncode == 0
+    assert omnimirror("evaluate", "mine.toml", cwd=tmp_path).returncode == 0
+    (tmp_path / "mine.toml").write_text("precious")
+    assert "exists already" in fails("init", "mine.toml", cwd=tmp_path)
+    assert (tmp_path / "mine.toml").read_text() == "precious"
+    assert omnimirror("init", "mine.toml", "--force", cwd=tmp_path).returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("args", "message"),
+    [
+        (["evaluate", "nowhere.toml"], "there is no sensor file or bundled sensor 'nowhere.toml'"),
+        (["evaluate", "paper-sferical"], "did you mean paper-spherical"),
+        (["evaluate"], "Missing argument 'SENSOR'"),
+        (["evaluate", "paper-spherical", "--omega-deg", "140"], "omega = 140 deg is outside the field"),
+        (["evaluate", "paper-spherical", "--omega-deg", "0:135"], "a range is START:STOP:STEP"),
+        (["evaluate", "paper-spherical", "--omega-deg", "0:135:0"], "is an empty range"),
+        (["evaluate", "paper-spherical", "--omega-deg", "0:1e9:1e-3"], "at most 1000000 are valid"),
+        (["evaluate", "paper-spherical", "--omega-deg", "ten"], "'ten' is not a range"),
+        (["evaluate", "paper-spherical", "--omega-deg", "nan"], "not finite"),
+        (["evaluate", "paper-spherical", "--omega-deg", "1", "--x-mm", "2"], "omega_deg and x_mm were given together"),
+        (["evaluate", "paper-spherical", "--object-distance-mm", "-3"], "'-3' is not a distance in mm"),
+        (["evaluate", "paper-spherical", "--object-distance-mm", "5m"], "'5m' is not a distance in mm"),
+        (["evaluate", "paper-spherical", "--focus-mm", "near"], "'near' is not a distance in mm, nor 'auto'"),
+        (["evaluate", "paper-spherical", "--focus-mm", "3"], "focus_distance_mm = 3 is not beyond the focal length"),
+        (["evaluate", "paper-spherical", "--pixel", "7"], "'7' is not a pixel U,V"),
+        (["evaluate", "paper-spherical", "--merit", "nice"], "'nice' is not one of 'floored-area'"),
+        (["evaluate", "paper-spherical", "--omga-deg", "3"], "No such option"),
+        (["evaluate", "paper-spherical", "--csv", "/proc/no/e.csv"], "cannot write /proc/no/e.csv"),
+        (["evaluat", "paper-spherical"], "No such command 'evaluat'"),
+    ],
+)
+def test_bad_input_is_one_sentence(args, message, tmp_path):
+    assert message in fails(*args, cwd=tmp_path)
+    assert list(tmp_path.iterdir()) == []

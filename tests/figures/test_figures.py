@@ -1,0 +1,188 @@
+"""Figures draw for every sensor, show what the analysis says, and come out the same twice."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from matplotlib.patches import Ellipse, Rectangle
+from matplotlib.text import Text
+
+import omnimirror as om
+from omnimirror.errors import InvalidParameter
+from omnimirror.figures import FIGURES, PAPER, draw, render, save_all
+from omnimirror.figures.labels import spread
+from omnimirror.figures.style import PALETTE, save_figure
+from omnimirror.reproduce import paper_sensors
+from omnimirror.specs import bundled_sensors
+from tests.conftest import sensor_of
+
+SENSORS = paper_sensors()
+
+
+def line(figure, gid):
+    """x and y of the line of that gid."""
+    found = [a for ax in figure.axes for a in ax.get_lines() if a.get_gid() == gid]
+    assert len(found) == 1, f"{gid}: {len(found)} lines"
+    return np.asarray(found[0].get_xdata(), float), np.asarray(found[0].get_ydata(), float)
+
+
+def texts(figure):
+    return [t.get_text() for ax in figure.axes for t in ax.texts]
+
+
+@pytest.mark.parametrize("name", FIGURES)
+@pytest.mark.parametrize("sensor", bundled_sensors())
+def test_every_figure_draws_for_every_bundled_sensor(name, sensor):
+    assert draw(name, [om.load_sensor(sensor)]).axes  # the next test also renders them
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_every_figure_draws_a_cone_and_six_sensors(name):
+    """A cone has a pointed tip, a hole in its image and no tangential image of distant objects."""
+    render(draw(name, [sensor_of("cone"), sensor_of("ellipsoid"), *SENSORS, sensor_of("sphere", "orthographic")]))
+
+
+@pytest.mark.parametrize(
+    ("figure", "column"),
+    [
+        ("fig5", "h_px"),
+        ("fig5", "dh_domega_px_per_deg"),
+        ("fig6", "viewpoint_z_mm"),
+        ("fig7", "area_px2"),
+        ("fig7", "aspect"),
+        ("fig9", "blur_t_px"),
+        ("fig9", "blur_s_px"),
+        ("fig9", "blur_t_deg"),
+        ("fig9", "blur_s_deg"),
+        ("fig9", "floored_area_deg2"),
+    ],
+)
+def test_lines_are_the_columns_of_the_evaluation(figure, column):
+    drawn = draw(figure, SENSORS, PAPER)
+    for sensor in SENSORS:
+        omega, y = line(drawn, f"{sensor.name}:{column}")
+        result = om.evaluate(sensor, omega, mode="paper", image_radius_px=500)
+        np.testing.assert_array_equal(y, getattr(result, column))
+        assert omega[0] == 0
+        assert omega[-1] == pytest.approx(135, abs=0.01)
+
+
+def test_virtual_images_and_depth_of_field_of_figure_4():
+    figure = draw("fig4", SENSORS, PAPER)
+    for sensor in SENSORS:
+        omega = np.linspace(*sensor.field_deg, 361)
+        for name, distance in (("∞", np.inf), ("5M", 5 * sensor.mirror.rim_radius_mm)):
+            result = om.evaluate(sensor, omega, object_distance_mm=distance)
+            for way in "TS":
+                x, z = line(figure, f"{sensor.name}:{way}{name}")
+                np.testing.assert_allclose(x, getattr(result, f"image_{way.lower()}_x_mm"), rtol=1e-12)
+                np.testing.assert_allclose(z, getattr(result, f"image_{way.lower()}_z_mm"), rtol=1e-12)
+        bands = [p for ax in figure.axes for p in ax.patches if p.get_gid() == f"{sensor.name}:depth-of-field"]
+        near, far = om.evaluate(sensor, mode="paper").depth_of_field_mm
+        assert [b.get_height() for b in bands] == pytest.approx([far - near] * 2)
+        assert bands[0].get_y() == pytest.approx(near - sensor.mirror_distance_mm)
+
+
+def test_rays_of_figure_4_obey_the_law_of_reflection():
+    figure = draw("fig4", SENSORS[:1])
+    (xs, x, foot), (zs, z, lens) = line(figure, "SPH:ray:75")
+    slope = SENSORS[0].mirror.slope(x)
+    normal = np.array([slope, -1]) / np.hypot(slope, 1)
+    to_object, to_lens = (v / np.linalg.norm(v) for v in (np.array([xs - x, zs - z]), np.array([foot - x, lens - z])))
+    assert to_object @ normal == pytest.approx(to_lens @ normal, abs=1e-9)
+    assert lens == -SENSORS[0].mirror_distance_mm
+
+
+def test_rectangles_of_figure_8_are_fifteen_degrees():
+    figure = draw("fig8", SENSORS, PAPER)
+    result = om.evaluate(SENSORS[0], [90.0], image_radius_px=500)
+    (patch,) = [p for p in figure.axes[0].patches if isinstance(p, Rectangle) and p.get_gid() == "SPH:rectangle:90"]
+    assert patch.get_width() == pytest.approx(15 * result.dh_domega_px_per_deg[0])
+    assert patch.get_height() == pytest.approx(15 * result.width_px_per_deg[0])
+    assert patch.get_x() + patch.get_width() / 2 == pytest.approx(result.h_px[0])
+
+
+def test_spots_of_figure_11_are_ten_times_the_blur():
+    figure = draw("fig11", SENSORS, PAPER)
+    result = om.evaluate(SENSORS[0], [90.0], mode="paper", image_radius_px=500)
+    (spot,) = [p for p in figure.axes[0].patches if isinstance(p, Ellipse) and p.get_gid() == "SPH:spot:90"]
+    assert spot.height == pytest.approx(10 * abs(result.blur_t_deg[0]))
+    assert spot.width == pytest.approx(10 * abs(result.blur_s_deg[0]))
+    assert "(0.212°)²" in texts(figure)
+
+
+def test_tangential_and_sagittal_lines_are_labelled():
+    assert {"SPH T", "SPH S", "E-DI T", "E-DI S", "SVP T, S"} <= set(texts(draw("fig9", SENSORS)))
+
+
+def test_each_sensor_keeps_its_colour():
+    for name in ("fig5", "fig6", "fig9"):
+        lines = [a for ax in draw(name, SENSORS).axes for a in ax.get_lines() if a.get_gid()]
+        for i, sensor in enumerate(SENSORS):
+            assert {a.get_color() for a in lines if a.get_gid().startswith(f"{sensor.name}:")} == {PALETTE[i]}
+
+
+@pytest.mark.parametrize("name", ["fig5", "fig7", "fig9", "fig12", "fig15"])
+def test_end_labels_do_not_overlap(name):
+    figure = draw(name, SENSORS, PAPER)
+    figure.draw_without_rendering()
+    for ax in figure.axes:
+        labels = [t for t in ax.texts if getattr(t, "arrow_patch", None) is not None]
+        boxes = sorted((Text.get_window_extent(t) for t in labels), key=lambda b: b.y0)
+        for below, above in pairwise(boxes):
+            assert above.y0 >= below.y0 + 0.8 * below.height
+
+
+@pytest.mark.parametrize("name", ["fig3", "fig9"])
+def test_the_same_figure_gives_the_same_file(name):
+    first, second = (render(draw(name, SENSORS), "svg") for _ in range(2))
+    assert first == second
+    assert b"<text" in first  # text stays text
+    assert not re.search(rb"<dc:date>", first)
+
+
+def test_drawing_leaves_matplotlib_as_it_was():
+    import matplotlib as mpl
+
+    before = dict(mpl.rcParams)
+    draw("fig5", SENSORS)
+    assert dict(mpl.rcParams) == before
+
+
+def test_save_all_writes_what_it_says(tmp_path):
+    seen = []
+    files = save_all(SENSORS, tmp_path / "new", which=["fig6", "fig5"], progress=seen.append)
+    assert [f.name for f in files] == ["fig6.svg", "fig6.png", "fig5.svg", "fig5.png"]
+    assert sorted(p.name for p in (tmp_path / "new").iterdir()) == sorted(f.name for f in files)
+    assert seen == ["fig6", "fig5"]
+
+
+def test_wrong_requests_are_refused_before_anything_is_written(tmp_path):
+    with pytest.raises(InvalidParameter, match=r"fig99.*valid are fig3"):
+        save_all(SENSORS, tmp_path, which=["fig5", "fig99"])
+    with pytest.raises(InvalidParameter, match=r"'gif'.*valid are svg"):
+        save_all(SENSORS, tmp_path, formats=["gif"])
+    with pytest.raises(InvalidParameter, match="1 to 6"):
+        draw("fig5", [])
+    with pytest.raises(InvalidParameter, match="not as gif"):
+        save_figure(draw("fig6", SENSORS), tmp_path / "a.gif")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_names_may_hold_anything():
+    render(draw("fig9", [replace(s, name=f"{s.name} $_{{<&") for s in SENSORS[:2]]), "svg")
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_spread_keeps_apart_in_order_and_inside(seed):
+    rng = np.random.default_rng(seed)
+    wanted = rng.uniform(0, 10, 8)
+    placed = spread(wanted, 0.9, 0.0, 10.0)
+    order = np.argsort(wanted)
+    assert (np.diff(placed[order]) >= 0.9 - 1e-9).all()
+    assert placed.min() >= 0
+    assert placed.max() <= 10

@@ -1,0 +1,37 @@
+"""The rules of the house: arrows run downwards, and importing stays light."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+HEAVY = ("scipy", "pydantic", "matplotlib", "cv2", "rich", "tomli_w")
+
+
+def test_arrows_run_downwards_only():
+    run = subprocess.run(
+        [Path(sys.executable).with_name("lint-imports"), "--no-cache"], cwd=ROOT, capture_output=True, text=True
+    )
+    assert run.returncode == 0, run.stdout
+
+
+@pytest.mark.parametrize("statement", ["import omnimirror", "from omnimirror.cli import main; main(['--help'])"])
+def test_importing_is_light(statement):
+    """Heavy packages are imported where they are used, so that the import and --help are instant."""
+    code = f"import sys, atexit; atexit.register(lambda: print([m for m in {HEAVY} if m in sys.modules])); {statement}"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert run.stdout.splitlines()[-1] == "[]", run.stdout
+
+
+def test_public_names_resolve():
+    import omnimirror as om
+
+    for name in om.__all__:
+        assert getattr(om, name) is not None
+    assert set(om.__all__) <= set(dir(om))
+    with pytest.raises(AttributeError, match="no attribute 'lode_sensor'"):
+        om.lode_sensor  # noqa: B018
