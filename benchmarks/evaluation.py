@@ -86,7 +86,8 @@ def main() -> None:
             ray = system.trace_generic(0, angle / 80.0, 0, 0, 0.55)
             x = om.evaluate(sensor, [angle]).h_px[0] * sensor.imager.pitch_mm
             notes.append(
-                f"Optiland's chief ray at {angle:g} deg lands {abs(float(ray.y[0])):.3f} mm from the axis; it is {x:.3f} mm."
+                f"Optiland's chief ray at {angle:g} deg lands {abs(float(ray.y[0])):.3f} mm from the axis, "
+                f"and the real one at {x:.3f} mm."
             )
     medians = interleaved(functions, RUNS)
     first = medians["omnimirror evaluate, 27 columns"]

@@ -16,9 +16,14 @@ from omnimirror.files import replacing, write_text
 def test_a_file_appears_whole_or_not_at_all(tmp_path):
     path = tmp_path / "new" / "table.csv"
     write_text(path, "first")
-    with pytest.raises(RuntimeError, match="half way"), replacing(path) as temporary:
-        temporary.write_text("sec")
-        raise RuntimeError("half way")
+
+    def stop_half_way():
+        with replacing(path) as temporary:
+            temporary.write_text("sec")
+            raise RuntimeError("half way")
+
+    with pytest.raises(RuntimeError, match="half way"):
+        stop_half_way()
     assert path.read_text() == "first"
     assert [p.name for p in path.parent.iterdir()] == ["table.csv"]
 

@@ -12,10 +12,10 @@ from tests.cli.test_evaluate import fails, omnimirror
 
 
 def test_writes_table_and_figures(tmp_path):
-    run = omnimirror("reproduce", "--out", "here", "--only", "fig6", "--only", "fig4", cwd=tmp_path)
+    run = omnimirror("reproduce", "--out", "here", "--only", "fig6", "--only", "fig8", cwd=tmp_path)
     assert run.returncode == 0, run.stderr
     assert {p.name for p in (tmp_path / "here").iterdir()} == {
-        "numbers.csv", "numbers.md", "fig4.svg", "fig4.png", "fig6.svg", "fig6.png",
+        "numbers.csv", "numbers.md", "fig6.svg", "fig6.png", "fig8.svg", "fig8.png",
     }  # fmt: skip
     assert "0 are not reproduced" in run.stdout
     assert "erratum 18" in run.stdout

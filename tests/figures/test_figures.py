@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
@@ -21,6 +22,12 @@ from omnimirror.specs import bundled_sensors
 from tests.conftest import sensor_of
 
 SENSORS = paper_sensors()
+
+
+@cache
+def drawn(name):
+    """A figure of the three, the paper's way; not to be changed."""
+    return draw(name, SENSORS, PAPER)
 
 
 def line(figure, gid):
@@ -62,9 +69,9 @@ def test_every_figure_draws_a_cone_and_six_sensors(name):
     ],
 )
 def test_lines_are_the_columns_of_the_evaluation(figure, column):
-    drawn = draw(figure, SENSORS, PAPER)
+    picture = drawn(figure)
     for sensor in SENSORS:
-        omega, y = line(drawn, f"{sensor.name}:{column}")
+        omega, y = line(picture, f"{sensor.name}:{column}")
         result = om.evaluate(sensor, omega, mode="paper", image_radius_px=500)
         np.testing.assert_array_equal(y, getattr(result, column))
         assert omega[0] == 0
@@ -72,7 +79,7 @@ def test_lines_are_the_columns_of_the_evaluation(figure, column):
 
 
 def test_virtual_images_and_depth_of_field_of_figure_4():
-    figure = draw("fig4", SENSORS, PAPER)
+    figure = drawn("fig4")
     for sensor in SENSORS:
         omega = np.linspace(*sensor.field_deg, 361)
         for name, distance in (("∞", np.inf), ("5M", 5 * sensor.mirror.rim_radius_mm)):
@@ -98,7 +105,7 @@ def test_rays_of_figure_4_obey_the_law_of_reflection():
 
 
 def test_rectangles_of_figure_8_are_fifteen_degrees():
-    figure = draw("fig8", SENSORS, PAPER)
+    figure = drawn("fig8")
     result = om.evaluate(SENSORS[0], [90.0], image_radius_px=500)
     (patch,) = [p for p in figure.axes[0].patches if isinstance(p, Rectangle) and p.get_gid() == "SPH:rectangle:90"]
     assert patch.get_width() == pytest.approx(15 * result.dh_domega_px_per_deg[0])
@@ -107,7 +114,7 @@ def test_rectangles_of_figure_8_are_fifteen_degrees():
 
 
 def test_spots_of_figure_11_are_ten_times_the_blur():
-    figure = draw("fig11", SENSORS, PAPER)
+    figure = drawn("fig11")
     result = om.evaluate(SENSORS[0], [90.0], mode="paper", image_radius_px=500)
     (spot,) = [p for p in figure.axes[0].patches if isinstance(p, Ellipse) and p.get_gid() == "SPH:spot:90"]
     assert spot.height == pytest.approx(10 * abs(result.blur_t_deg[0]))
@@ -116,19 +123,19 @@ def test_spots_of_figure_11_are_ten_times_the_blur():
 
 
 def test_tangential_and_sagittal_lines_are_labelled():
-    assert {"SPH T", "SPH S", "E-DI T", "E-DI S", "SVP T, S"} <= set(texts(draw("fig9", SENSORS)))
+    assert {"SPH T", "SPH S", "E-DI T", "E-DI S", "SVP T, S"} <= set(texts(drawn("fig9")))
 
 
 def test_each_sensor_keeps_its_colour():
     for name in ("fig5", "fig6", "fig9"):
-        lines = [a for ax in draw(name, SENSORS).axes for a in ax.get_lines() if a.get_gid()]
+        lines = [a for ax in drawn(name).axes for a in ax.get_lines() if a.get_gid()]
         for i, sensor in enumerate(SENSORS):
             assert {a.get_color() for a in lines if a.get_gid().startswith(f"{sensor.name}:")} == {PALETTE[i]}
 
 
 @pytest.mark.parametrize("name", ["fig5", "fig7", "fig9", "fig12", "fig15"])
 def test_end_labels_do_not_overlap(name):
-    figure = draw(name, SENSORS, PAPER)
+    figure = drawn(name)
     figure.draw_without_rendering()
     for ax in figure.axes:
         labels = [t for t in ax.texts if getattr(t, "arrow_patch", None) is not None]
@@ -139,7 +146,7 @@ def test_end_labels_do_not_overlap(name):
 
 @pytest.mark.parametrize("name", ["fig3", "fig9"])
 def test_the_same_figure_gives_the_same_file(name):
-    first, second = (render(draw(name, SENSORS), "svg") for _ in range(2))
+    first, second = (render(draw(name, SENSORS[:1]), "svg") for _ in range(2))
     assert first == second
     assert b"<text" in first  # text stays text
     assert not re.search(rb"<dc:date>", first)
@@ -169,7 +176,7 @@ def test_wrong_requests_are_refused_before_anything_is_written(tmp_path):
     with pytest.raises(InvalidParameter, match="1 to 6"):
         draw("fig5", [])
     with pytest.raises(InvalidParameter, match="not as gif"):
-        save_figure(draw("fig6", SENSORS), tmp_path / "a.gif")
+        save_figure(drawn("fig6"), tmp_path / "a.gif")
     assert list(tmp_path.iterdir()) == []
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import io
 from html import escape
 from pathlib import Path
 from string import Template
@@ -12,14 +11,14 @@ import numpy as np
 
 from ..analysis import Evaluation, best_focus, evaluate
 from ..dewarp import Dewarper, screens, views
-from ..figures import FIGURES, draw
+from ..figures import FIGURES, draw, render
 from ..files import write_text
 from ..media import write_image
 from ..sensor import Sensor
 from ..simulate import Room, take_picture
 
 VIEW = screens.Plane((960, 600))
-FIGURES_SHOWN = ("fig4", "fig5", "fig6", "fig7", "fig9", "fig10")
+FIGURES_SHOWN = ("fig5", "fig7", "fig10", "fig4", "fig9", "fig6")
 COLUMNS_SHOWN = {
     "omega_deg": ("Omega", "deg", ".0f"),
     "x_mm": ("x", "mm", ".2f"),
@@ -125,10 +124,9 @@ def _figures(sensor: Sensor) -> str:
     wide: list[str] = []
     upright: list[str] = []
     for name in FIGURES_SHOWN:
-        figure, svg = draw(name, [sensor]), io.BytesIO()
-        figure.savefig(svg, format="svg")
+        figure = draw(name, [sensor])
         place = wide if figure.get_figwidth() > 1.5 * figure.get_figheight() else upright
-        place.append(_figure(svg.getvalue(), "svg+xml", FIGURES[name].title, css="plot"))
+        place.append(_figure(render(figure, "svg"), "svg+xml", FIGURES[name].title, css="plot"))
     return f'{"".join(wide)}<div class="columns">{"".join(upright)}</div>'
 
 
@@ -143,8 +141,9 @@ def _commands(name: str) -> str:
     return "\n".join(
         [
             f"omnimirror demo {name} --out .",
-            f"omnimirror evaluate {name} --omega-deg 0:135:5 --csv evaluation.csv",
-            f"omnimirror dewarp circle.png --sensor {name} --view panorama -o panorama.png",
-            f"omnimirror dewarp circle.png --sensor {name} --view perspective --hfov-deg 90 --size 960x600 -o view.png",
+            f"omnimirror evaluate {name} --csv evaluation.csv",
+            f"omnimirror dewarp circle.png --sensor {name} --view panorama --interpolation cubic --black -o panorama.png",
+            f"omnimirror dewarp circle.png --sensor {name} --view perspective --hfov-deg 90 --size 960x600 --interpolation cubic "
+            "--black -o view.png",
         ]
     )

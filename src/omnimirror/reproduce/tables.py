@@ -81,7 +81,8 @@ def write_markdown(rows: Sequence[Row], path: str | Path) -> None:
     for r in rows:
         c = r.claim
         verdict = r.verdict if r.as_expected else f"**{r.verdict}** (expected: {c.expected})"
-        cells = (str(r.number), c.place, c.quantity, f"{printed(r)} ± {number(c.tolerance)}", number(r.computed),
+        said = printed(r) + (f" ± {number(c.tolerance)}" if c.tolerance else "")
+        cells = (str(r.number), c.place, c.quantity, said, number(r.computed),
                  number(r.exact), c.unit, verdict, c.formula, c.note)  # fmt: skip
         lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
     write_text(path, "\n".join(lines) + "\n")
