@@ -138,12 +138,13 @@ def _table(result: Evaluation) -> str:
 
 
 def _commands(name: str) -> str:
+    dewarp = f"omnimirror dewarp circle.png --sensor {name} --interpolation cubic --black"
+    width, height = VIEW.size
     return "\n".join(
         [
             f"omnimirror demo {name} --out .",
             f"omnimirror evaluate {name} --csv evaluation.csv",
-            f"omnimirror dewarp circle.png --sensor {name} --view panorama --interpolation cubic --black -o panorama.png",
-            f"omnimirror dewarp circle.png --sensor {name} --view perspective --hfov-deg 90 --size 960x600 --interpolation cubic "
-            "--black -o view.png",
+            f"{dewarp} --view panorama -o panorama.png",
+            f"{dewarp} --view perspective --hfov-deg {VIEW.hfov_deg:g} --size {width}x{height} -o view.png",
         ]
     )
