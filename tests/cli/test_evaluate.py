@@ -142,3 +142,19 @@ def test_init_writes_a_file_that_evaluates_and_never_overwrites(tmp_path):
 def test_bad_input_is_one_sentence(args, message, tmp_path):
     assert message in fails(*args, cwd=tmp_path)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_figures_are_drawn_into_a_folder(tmp_path):
+    run = omnimirror("evaluate", "paraboloid-telecentric", "--omega-deg", "0:90:30", "--figures", tmp_path / "f")
+    assert run.returncode == 0, run.stderr
+    names = {p.name for p in (tmp_path / "f").iterdir()}
+    assert {"fig4.svg", "fig4.png", "fig5.svg", "fig9.svg"} <= names
+
+
+def test_pixels_can_be_asked_for(tmp_path):
+    run = omnimirror(
+        "evaluate", "paper-spherical", "--pixel", "511.5,11.5", "--pixel", "811.5,511.5", "--csv", tmp_path / "p.csv"
+    )
+    assert run.returncode == 0, run.stderr
+    table = np.genfromtxt(tmp_path / "p.csv", delimiter=",", names=True)
+    np.testing.assert_allclose(table["h_px"], [500, 300], rtol=1e-12)
