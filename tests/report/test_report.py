@@ -54,7 +54,7 @@ def test_the_numbers_are_those_of_the_evaluation(demo):
     assert f"{r.floored_area_deg2.max():.3f} deg²" in text
     rows = re.findall(r"<tr>(<td>.*?)</tr>", text)
     assert len(rows) == len(r) == 28
-    assert f"<td>{r.h_px[-1]:.1f}</td>" in rows[-1]
+    assert f"<td>{r.h_px[-1]:.2f}</td>" in rows[-1]
     csv = np.genfromtxt(demo / "evaluation.csv", delimiter=",", names=True)
     np.testing.assert_array_equal(csv["viewpoint_z_mm"], r.viewpoint_z_mm)
 

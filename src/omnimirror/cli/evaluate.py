@@ -11,25 +11,12 @@ from rich.console import Console
 from rich.table import Table
 
 from ..analysis import MERITS, Evaluation, best_focus, best_viewpoint, evaluate
+from ..analysis.headings import HEADINGS, formatted
 from ..specs import load_sensor
 from .options import distance, focus, output_console, pixel, values
 
-TERMINAL_COLUMNS = {
-    "omega_deg": ("Omega", "deg", ".6g"),
-    "theta_deg": ("theta", "deg", ".3f"),
-    "h_px": ("h", "px", ".2f"),
-    "dh_domega_px_per_deg": ("Dh", "px/deg", ".3f"),
-    "width_px_per_deg": ("Dw", "px/deg", ".3f"),
-    "aspect": ("aspect", "", ".3f"),
-    "viewpoint_z_mm": ("viewpoint", "mm", ".2f"),
-    "distance_t_mm": ("L_t", "mm", ".2f"),
-    "distance_s_mm": ("L_s", "mm", ".2f"),
-    "blur_t_px": ("blur T", "px", ".2f"),
-    "blur_s_px": ("blur S", "px", ".2f"),
-    "blur_t_deg": ("blur T", "deg", ".3f"),
-    "blur_s_deg": ("blur S", "deg", ".3f"),
-}
-"""What fits a terminal, with heading, unit and format; files hold every column."""
+TERMINAL_COLUMNS = [name for name in HEADINGS if name not in ("x_mm", "floored_area_deg2")]
+"""What fits a terminal; files hold every column."""
 
 
 @click.command()
@@ -111,15 +98,14 @@ def command(
 def print_table(console: Console, result: Evaluation) -> None:
     """The columns that fit; a terminal too narrow for them gets fewer, never broken numbers."""
     table = Table(box=None, pad_edge=False, header_style="bold", collapse_padding=True)
-    columns = result.columns()
-    cells = {name: [f"{v:{form}}" for v in columns[name]] for name, (_, _, form) in TERMINAL_COLUMNS.items()}
-    width = 0
-    for name, (heading, unit, _) in TERMINAL_COLUMNS.items():
+    cells, width = formatted(result, TERMINAL_COLUMNS), 0
+    for name in TERMINAL_COLUMNS:
+        heading, unit, _ = HEADINGS[name]
         width += max(len(heading), len(unit), *map(len, cells[name])) + 2
         if console.is_terminal and width > console.width:
             break
         table.add_column(f"{heading}\n{unit}", justify="right", no_wrap=True)
-    shown = list(TERMINAL_COLUMNS)[: len(table.columns)]
+    shown = TERMINAL_COLUMNS[: len(table.columns)]
     for row in zip(*(cells[name] for name in shown), strict=True):
         table.add_row(*row)
     console.print(table)

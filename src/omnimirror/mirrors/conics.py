@@ -66,6 +66,13 @@ class Conic(Mirror):
         return conic_reach(self.vertex_radius, self.conic)
 
 
+SEMI_AXES = {
+    "a_mm": Parameter("mm", 1e-3, 1e6, "semi-axis across the mirror axis (A)"),
+    "b_mm": Parameter("mm", 1e-3, 1e6, "semi-axis along the mirror axis (B)"),
+    "rim_radius_mm": RIM_RADIUS,
+}
+
+
 @dataclass(frozen=True)
 class Sphere(Conic):
     """The paper's SPH: ``z = A - sqrt(A^2 - x^2)``, with R_t = R_s = A.
@@ -112,11 +119,7 @@ class Hyperboloid(Conic):
     rim_radius_mm: float
 
     KIND: ClassVar[str] = "hyperboloid"
-    PARAMETERS: ClassVar[dict[str, Parameter]] = {
-        "a_mm": Parameter("mm", 1e-3, 1e6, "semi-axis across the mirror axis (A)"),
-        "b_mm": Parameter("mm", 1e-3, 1e6, "semi-axis along the mirror axis (B)"),
-        "rim_radius_mm": RIM_RADIUS,
-    }
+    PARAMETERS: ClassVar[dict[str, Parameter]] = SEMI_AXES
 
     def __post_init__(self) -> None:
         self._check()
@@ -177,11 +180,7 @@ class Ellipsoid(Conic):
     rim_radius_mm: float
 
     KIND: ClassVar[str] = "ellipsoid"
-    PARAMETERS: ClassVar[dict[str, Parameter]] = {
-        "a_mm": Parameter("mm", 1e-3, 1e6, "semi-axis across the mirror axis (A)"),
-        "b_mm": Parameter("mm", 1e-3, 1e6, "semi-axis along the mirror axis (B)"),
-        "rim_radius_mm": RIM_RADIUS,
-    }
+    PARAMETERS: ClassVar[dict[str, Parameter]] = SEMI_AXES
 
     def __post_init__(self) -> None:
         self._check()

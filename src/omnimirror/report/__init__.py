@@ -10,6 +10,7 @@ from string import Template
 import numpy as np
 
 from ..analysis import Evaluation, best_focus, evaluate
+from ..analysis.headings import HEADINGS, formatted
 from ..dewarp import Dewarper, screens, views
 from ..figures import FIGURES, draw, render
 from ..files import write_text
@@ -19,21 +20,7 @@ from ..simulate import Room, take_picture
 
 VIEW = screens.Plane((960, 600))
 FIGURES_SHOWN = ("fig5", "fig7", "fig10", "fig4", "fig9", "fig6")
-COLUMNS_SHOWN = {
-    "omega_deg": ("Omega", "deg", ".0f"),
-    "x_mm": ("x", "mm", ".2f"),
-    "theta_deg": ("theta", "deg", ".2f"),
-    "h_px": ("h", "px", ".1f"),
-    "dh_domega_px_per_deg": ("Dh", "px/deg", ".3f"),
-    "width_px_per_deg": ("Dw", "px/deg", ".3f"),
-    "aspect": ("aspect", "", ".3f"),
-    "viewpoint_z_mm": ("viewpoint", "mm", ".2f"),
-    "distance_t_mm": ("L_t", "mm", ".2f"),
-    "distance_s_mm": ("L_s", "mm", ".2f"),
-    "blur_t_px": ("blur T", "px", ".2f"),
-    "blur_s_px": ("blur S", "px", ".2f"),
-    "floored_area_deg2": ("blur area", "deg²", ".3f"),
-}
+COLUMNS_SHOWN = [name for name in HEADINGS if name not in ("blur_t_deg", "blur_s_deg")]
 
 
 def write_demo(sensor: Sensor, folder: str | Path) -> Path:
@@ -131,9 +118,9 @@ def _figures(sensor: Sensor) -> str:
 
 
 def _table(result: Evaluation) -> str:
-    head = "".join(f"<th>{name}<small>{unit or '&nbsp;'}</small></th>" for name, unit, _ in COLUMNS_SHOWN.values())
-    columns = [[f"{v:{form}}" for v in getattr(result, name)] for name, (_, _, form) in COLUMNS_SHOWN.items()]
-    rows = "".join("<tr>" + "".join(f"<td>{c}</td>" for c in row) + "</tr>" for row in zip(*columns, strict=True))
+    head = "".join(f"<th>{HEADINGS[n].symbol}<small>{HEADINGS[n].unit or '&nbsp;'}</small></th>" for n in COLUMNS_SHOWN)
+    cells = formatted(result, COLUMNS_SHOWN).values()
+    rows = "".join("<tr>" + "".join(f"<td>{c}</td>" for c in row) + "</tr>" for row in zip(*cells, strict=True))
     return f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"
 
 
