@@ -48,6 +48,10 @@ class AxialSymmetry:
     """Image of the axis, (u, v)."""
     axis: Array
     """(3,) world direction seen at field angle 0."""
+    right: Array
+    """(3,) world direction across the axis that is seen right of the centre, in the picture as delivered."""
+    down: Array
+    """(3,) world direction across the axis that is seen below the centre."""
     omega_min: float
     """Smallest field angle seen, radians from ``axis``."""
     omega_max: float

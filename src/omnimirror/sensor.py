@@ -121,8 +121,9 @@ class Sensor:
 
         u, v = self.imager.centre
         centre = (self.imager.width_px - 1 - u, v) if self.mount.image_flipped else (u, v)
-        axis = self.mount.rotation() @ np.array([0.0, 0.0, -1.0])
-        return AxialSymmetry(centre, axis, self.meridian.omega_min, self.meridian.omega_max, radius_px)
+        x, y, z = self.mount.rotation().T
+        right = -x if self.mount.image_flipped else x
+        return AxialSymmetry(centre, -z, right, y, self.meridian.omega_min, self.meridian.omega_max, radius_px)
 
     @property
     def is_picture_reversed(self) -> bool:

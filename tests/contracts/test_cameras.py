@@ -7,6 +7,7 @@ import pytest
 
 import omnimirror as om
 from omnimirror.cameras import Camera
+from omnimirror.dewarp.radial import RadialTable
 from omnimirror.frames import Mount
 from omnimirror.specs import bundled_sensors
 
@@ -138,6 +139,33 @@ def test_the_symmetry_it_claims_is_there(camera):
         steps = (np.diff(angles)[valid[1:] & valid[:-1]] + 180) % 360 - 180
         np.testing.assert_allclose(abs(steps), 10.0, atol=1e-9)
         assert (np.sign(steps) == np.sign(steps[:1])).all()
+
+
+@pytest.mark.parametrize("camera", CASES)
+def test_right_and_down_are_where_it_says(camera):
+    symmetry = camera.symmetry
+    if symmetry is None:
+        return
+    omega = 0.7 * symmetry.omega_min + 0.3 * symmetry.omega_max
+    radius = symmetry.radius_px(np.array([omega]))[0]
+    for across, in_picture in ((symmetry.right, [1, 0]), (symmetry.down, [0, 1]), (-symmetry.right, [-1, 0])):
+        pixels, valid = camera.project_directions([np.cos(omega) * symmetry.axis + np.sin(omega) * across])
+        if valid[0]:
+            np.testing.assert_allclose(pixels[0], symmetry.centre_px + radius * np.array(in_picture), atol=1e-8)
+
+
+@pytest.mark.parametrize("camera", CASES)
+def test_the_radial_table_is_the_projection(camera):
+    """Interpolated once, against the camera itself; the same directions are seen but for the very edge."""
+    if camera.symmetry is None:
+        return
+    axis, right, down = camera.symmetry.axis, camera.symmetry.right, camera.symmetry.down
+    near = axis + np.geomspace(1e-9, 1e-2, 20)[:, None] * (0.6 * right - 0.8 * down)  # next to the axis
+    directions = np.concatenate([some_directions() * 7.5, near, [axis]])
+    table = RadialTable(camera.symmetry, camera.image_size).project_directions(directions)
+    exact = camera.project_directions(directions).pixels
+    np.testing.assert_array_equal(np.isnan(table), np.isnan(exact))
+    assert np.nanmax(np.abs(table - exact)) < 1e-5
 
 
 @pytest.mark.parametrize("flipped", [False, True])

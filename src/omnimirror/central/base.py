@@ -74,7 +74,9 @@ class CentralCamera(ABC):
         """The axis of symmetry; None when the picture is stretched."""
         if not np.array_equal(self.stretch, np.eye(2)):
             return None
-        return AxialSymmetry(self.centre_px, self.axis, 0.0, self.omega_max, self.radius_from_omega)
+        x, y, _ = self.mount.rotation().T
+        right, down = self._handedness[0] * x, self._handedness[1] * y
+        return AxialSymmetry(self.centre_px, self.axis, right, down, 0.0, self.omega_max, self.radius_from_omega)
 
     @property
     def is_picture_reversed(self) -> bool:
