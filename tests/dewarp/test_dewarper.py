@@ -7,7 +7,7 @@ import pytest
 
 import omnimirror as om
 from omnimirror.dewarp import sampling
-from omnimirror.dewarp.dewarper import general_coordinates, is_separable, separable_coordinates
+from omnimirror.dewarp.coordinates import exact_pixels, is_separable, separable_coordinates
 from omnimirror.errors import InvalidParameter, OutsideField
 from omnimirror.frames import Mount
 from omnimirror.specs import bundled_sensors
@@ -24,7 +24,7 @@ def test_separable_panoramas_are_the_general_ones(camera, mount):
     camera = replace(camera, mount=mount)
     view = om.screens.Cylinder((200, 120), -90.0, 90.0, 13.0, 350.0)
     assert is_separable(camera, view)
-    separable, general = separable_coordinates(camera, view), general_coordinates(camera, view)
+    separable, general = separable_coordinates(camera, view), exact_pixels(camera, view)
     assert np.isfinite(general).any()
     np.testing.assert_array_equal(np.isnan(separable), np.isnan(general))
     np.testing.assert_allclose(separable, general, atol=1e-9, rtol=0)
@@ -41,16 +41,16 @@ def test_a_camera_cut_by_its_picture_is_separable_too():
     """The centre near a corner: only some pixels around it can tell which way round the picture is."""
     camera = om.MirrorBall((3.0, 470.0), 900.0, 200.0, (640, 480))
     view = om.screens.Cylinder((300, 100), -90.0, 0.0)
-    separable, general = separable_coordinates(camera, view), general_coordinates(camera, view)
+    separable, general = separable_coordinates(camera, view), exact_pixels(camera, view)
     np.testing.assert_array_equal(np.isnan(separable), np.isnan(general))
     np.testing.assert_allclose(separable, general, atol=1e-9, rtol=0)
 
 
 @pytest.mark.parametrize("view", [om.screens.Plane((90, 70), 30.0, -20.0), om.screens.Dome((80, 80), 135.0)])
 def test_coordinates_are_the_cameras_own(view, monkeypatch):
-    monkeypatch.setattr("omnimirror.dewarp.dewarper.STRIP_PX", 1000)  # several strips, the last one short
+    monkeypatch.setattr("omnimirror.dewarp.coordinates.STRIP_PX", 1000)  # several strips, the last one short
     targets = view.targets(0, view.size[1])
-    coordinates = om.Dewarper(BALL, view).coordinates()
+    coordinates = om.Dewarper(BALL, view).coordinates(exact=True)
     expected = BALL.project_directions(targets.reshape(-1, 3)).pixels.reshape(coordinates.shape)
     np.testing.assert_array_equal(coordinates, expected)
 
@@ -62,15 +62,15 @@ class Wall:
     size = (12, 8)
     is_distant = False
 
-    def targets(self, first_row, last_row):
-        y, z = np.meshgrid(np.linspace(500, -500, 12), np.linspace(200, -400, 8)[first_row:last_row])
+    def targets_at(self, u, v):
+        y, z = np.broadcast_arrays(500 - u * 1000 / 11, 200 - v * 600 / 7)
         return np.stack([np.full_like(y, 600.0), y, z], axis=-1)
 
 
 def test_screens_at_a_finite_distance_use_the_true_reflection():
     sensor = om.load_sensor("paper-spherical")
     coordinates = om.Dewarper(sensor, Wall()).coordinates()
-    points = Wall().targets(0, 8).reshape(-1, 3)
+    points = Wall().targets_at(np.arange(12.0), np.arange(8.0)[:, None]).reshape(-1, 3)
     np.testing.assert_array_equal(coordinates.reshape(-1, 2), sensor.project(points).pixels)
     assert np.abs(coordinates.reshape(-1, 2) - sensor.project_directions(points).pixels).max() > 1
 

@@ -2,6 +2,7 @@
 
 import math
 
+import cv2
 import numpy as np
 import pytest
 
@@ -34,7 +35,7 @@ def test_every_screen_keeps_the_contract(screen):
     assert targets.shape == (screen.size[1], screen.size[0], 3)
     np.testing.assert_array_equal(screen.targets(2, 4), targets[2:4])
     assert str(screen)
-    assert eval(repr(screen)) == screen
+    assert eval(repr(screen), {**globals(), "inf": np.inf}) == screen
 
 
 def test_panorama_columns_and_rows():
@@ -121,3 +122,28 @@ def test_a_dome_is_proportional_to_the_angle_and_turns_with_pan():
 def test_a_screen_that_cannot_be_is_refused(make, message):
     with pytest.raises(InvalidParameter, match=message):
         make()
+
+
+@pytest.mark.parametrize(("layout", "ffmpeg", "size"), [("3x2", "c3x2", (300, 200)), ("strip", "c6x1", (600, 100))])
+def test_ffmpeg_reads_our_cube_maps(layout, ffmpeg, size):
+    """Its v360 filter turns a cube map of ours into the sphere of ours, and not into its mirror image."""
+    av = pytest.importorskip("av")
+    camera = om.MirrorBall((300.0, 300.0), 290.0, 300.0, (601, 601))
+    v, u = np.mgrid[:601, :601]
+    picture = np.dstack([u / 3, v / 3, 100 + 90 * np.sin(u / 40) * np.sin(v / 60)]).astype(np.uint8)
+    sphere = om.Dewarper(camera, om.screens.Sphere((400, 200)))
+    cube = om.Dewarper(camera, om.screens.CubeMap(size, layout))(picture)
+    graph = av.filter.Graph()
+    first = graph.add_buffer(width=size[0], height=size[1], format="bgr24", time_base=1)
+    turn, last = graph.add("v360", f"input={ffmpeg}:output=e:w=400:h=200"), graph.add("buffersink")
+    first.link_to(turn)
+    turn.link_to(last)
+    graph.configure()
+    frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(cube), "bgr24")
+    frame.pts, frame.time_base = 0, 1
+    first.push(frame)
+    found = last.pull().to_ndarray(format="bgr24").astype(int)
+    inside = cv2.erode(sphere.valid.astype(np.uint8), np.ones((9, 9))) > 0
+    expected = sphere(picture)
+    assert np.abs(found - expected)[inside].mean() < 2
+    assert np.abs(found[:, ::-1] - expected)[inside].mean() > 20

@@ -7,6 +7,7 @@ import pytest
 
 import omnimirror as om
 from omnimirror.dewarp import views
+from omnimirror.errors import InvalidParameter
 from omnimirror.frames import Mount
 
 BALL = om.MirrorBall((499.5, 499.5), 480.0, 260.0, (1000, 1000))
@@ -74,3 +75,87 @@ def test_a_dome_is_drawn_about_the_pole_that_is_seen(looks, pole, end):
 def test_a_dome_of_a_fisheye_looking_up_is_about_the_zenith():
     assert om.views.dome(FISHEYE).pole == "zenith"
     assert om.views.dome(replace(FISHEYE, affine=(1.0001, 0.0, 0.0), mount=Mount("down"))).pole == "nadir"
+
+
+SPHERE = om.load_sensor("paper-spherical")
+
+
+def test_every_view_has_a_sensible_size():
+    scale = views.field_of(BALL).pixels_per_degree
+    assert views.sphere(BALL).size == (2 * views.sphere(BALL).size[1], views.sphere(BALL).size[1])
+    assert views.sphere(BALL).size[1] == pytest.approx(180 * scale, abs=2)
+    assert views.sphere(BALL, (200, None)).size == (200, 100)
+    assert views.sphere(BALL, (200, None), span_deg=90, elevation_deg=(-20.0, 10.0)).size == (200, 67)
+    assert views.planet(BALL, (None, 300)).size == (300, 300)
+    assert views.planet(BALL).hfov_deg == pytest.approx(260)
+    assert views.planet(replace(BALL, mount=Mount("forward"))).hfov_deg == views.WIDEST_PLANET_DEG
+    assert views.planet(BALL, pole="zenith").pole == "zenith"
+    plan = views.ground(BALL, 1500.0)
+    assert plan.mm_per_pixel == pytest.approx(1500 * np.radians(1) / scale)
+    assert plan.size[0] * plan.mm_per_pixel == pytest.approx(6000, abs=2 * plan.mm_per_pixel)
+    assert views.ground(BALL, 1500.0, mm_per_pixel=10.0).size == (600, 600)
+    for layout, (columns, rows) in {"cross": (4, 3), "strip": (6, 1), "3x2": (3, 2)}.items():
+        cube = views.cube(BALL, layout=layout)
+        assert cube.face_px == pytest.approx(90 * scale, abs=2)
+        assert cube.size == (columns * cube.face_px, rows * cube.face_px)
+        assert views.cube(BALL, (columns * 50, None), layout).face_px == 50
+    wall = views.panorama(BALL, rows="height", elevation_deg=(-45.0, 45.0), size=(None, 200), span_deg=180.0)
+    assert wall.size[0] == pytest.approx(200 * np.pi / 2, abs=1)  # square at the horizon
+
+
+def test_a_mosaic_is_a_panorama_over_the_views_of_its_quarters():
+    mosaic = views.mosaic(SPHERE, (1600, None), pan_deg=10.0, tilt_deg=-15.0, distance_mm=900.0)
+    over, *under = mosaic.parts
+    assert mosaic.size == (1600, over.view.size[1] + 300)
+    assert isinstance(over.view, om.screens.Cylinder)
+    for part in under:
+        assert (part.view.size, part.view.tilt_deg, part.view.distance_mm) == ((400, 300), -15.0, 900.0)
+        middle = over.view.pans()[part.left + 199 : part.left + 201].mean()
+        assert np.cos(middle - np.radians(part.view.pan_deg)) == pytest.approx(1)
+    assert [part.view.pan_deg for part in under] == [-80, 10, 100, 190]
+    with pytest.raises(InvalidParameter, match="height of a mosaic, 90 px, follows from its width"):
+        views.mosaic(SPHERE, (None, 90))
+
+
+def test_presets_are_one_screen_in_three_places():
+    """Edges of the screen as seen from the projector, from widths of the screen."""
+    for name, away in (("distant", 2.0), ("wide", 0.5)):
+        plane = views.preset(name, (640, 360), 30.0, -10.0, 700.0, (1.0, 2.0, 3.0))
+        assert np.tan(np.radians(plane.hfov_deg / 2)) == pytest.approx(0.5 / away)
+        assert (plane.pan_deg, plane.tilt_deg, plane.distance_mm) == (30.0, -10.0, 700.0)
+    bent = views.preset("super-wide", (640, 360), 30.0)
+    assert bent.span_deg == pytest.approx(180)
+    assert np.ptp(np.tan(np.radians([bent.tilt_min_deg, bent.tilt_max_deg]))) == pytest.approx(np.pi * 360 / 640)
+    raised = views.preset("super-wide", (640, 360), tilt_deg=20.0)
+    middle = np.tan(np.radians([raised.tilt_min_deg, raised.tilt_max_deg])).mean()
+    assert middle == pytest.approx(np.tan(np.radians(20)))
+    with pytest.raises(InvalidParameter, match="no preset 'tele'; there are distant, wide, super-wide"):
+        views.preset("tele")
+
+
+@pytest.mark.parametrize("factor", [1.0, 3.0])
+def test_resolution_is_that_of_the_picture(factor):
+    """Straight down a ball shows A/2 px per radian, sideways as much as any area: sin(Omega/2) = r/A."""
+    ball_px = 480 / np.sin(np.radians(65))
+    plan = om.screens.Ground((101, 101), 1000.0, 1.0 / factor)
+    assert views.resolution(BALL, plan) == pytest.approx(ball_px / 2 / 1000 / factor, rel=1e-3)
+    view = om.screens.Plane((101, 101), hfov_deg=20.0).zoomed(factor)
+    assert views.resolution(BALL, view) == pytest.approx(ball_px / 2 / view.focal_px, rel=1e-2)
+    both = om.screens.Mosaic.stacked([[plan, view, om.screens.Plane((9, 9), tilt_deg=90.0, hfov_deg=20.0)]])
+    assert views.resolution(BALL, both) == min(views.resolution(BALL, v) for v in (plan, view))
+
+
+def test_resolution_is_taken_where_the_view_is_seen():
+    half_seen = om.screens.Plane((101, 201), tilt_deg=60.0, hfov_deg=60.0)  # the field ends at 40 deg
+    assert 0 < views.resolution(BALL, half_seen) < 20
+    assert np.isnan(views.resolution(BALL, om.screens.Plane((101, 101), tilt_deg=90.0, hfov_deg=30.0)))
+    assert np.isnan(views.resolution(BALL, om.screens.Plane((1, 9))))
+
+
+def test_zoom_ends_where_nothing_is_resolved():
+    view = om.screens.Plane((640, 480), hfov_deg=90.0)
+    most = views.largest_zoom(SPHERE, view)
+    assert most > 1
+    assert 1 / views.resolution(SPHERE, view.zoomed(most)) == pytest.approx(views.LARGEST_MAGNIFICATION, rel=1e-3)
+    assert views.largest_zoom(SPHERE, view.zoomed(50.0)) == 1.0
+    assert views.largest_zoom(SPHERE, om.screens.Plane((1, 1))) == np.inf

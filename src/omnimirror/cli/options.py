@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import sys
+from collections.abc import Iterable
 
 import click
 import numpy as np
@@ -112,6 +113,58 @@ def distance(text: str) -> float:
     return number
 
 
+def height(text: str) -> float:
+    """A finite length in mm, below 0 too.
+
+    >>> height("-300")
+    -300.0
+    """
+    return _numbers(text, 1, ",", "a height in mm")[0]
+
+
+def height_range(text: str) -> tuple[float, float]:
+    """Two heights in mm, ``LOW:HIGH``.
+
+    >>> height_range("-1200:1800")
+    (-1200.0, 1800.0)
+    """
+    low, high = _numbers(text, 2, ":", "a range LOW:HIGH in mm")
+    return low, high
+
+
+def offset(text: str) -> tuple[float, float, float]:
+    """A place in the world in mm, ``X,Y,Z``.
+
+    >>> offset("0,0,-500")
+    (0.0, 0.0, -500.0)
+    """
+    x, y, z = _numbers(text, 3, ",", "X,Y,Z in mm")
+    return x, y, z
+
+
+def factor(text: str) -> float:
+    """A factor above 0.
+
+    >>> factor("2.5")
+    2.5
+    """
+    (number,) = _numbers(text, 1, ",", "a factor above 0")
+    if number <= 0:
+        raise click.BadParameter(f"{text!r} is not a factor above 0")
+    return number
+
+
+def viewpoint(text: str) -> float | str:
+    """The word ``exact`` or ``single``, or a height over the mirror vertex in mm.
+
+    >>> viewpoint("single"), viewpoint("11.3")
+    ('single', 11.3)
+    """
+    if text in ("exact", "single"):
+        return text
+    return _numbers(text, 1, ",", "'exact', 'single' or a height over the mirror vertex in mm")[0]
+
+
 def focus(text: str) -> float | str:
     """A focus distance in mm, or the word ``auto``."""
     if text == "auto":
@@ -120,6 +173,21 @@ def focus(text: str) -> float | str:
         return float(text)
     except ValueError:
         raise click.BadParameter(f"{text!r} is not a distance in mm, nor 'auto'") from None
+
+
+def refuse_other(given: Iterable[str], options_of: dict[str, tuple[str, ...]], chosen: str) -> None:
+    """Refuse options that belong to other owners than the chosen one, each owner named by its flag."""
+    for name in given:
+        owners = [owner for owner, names in options_of.items() if name in names]
+        if owners and chosen not in owners:
+            *others, last = owners
+            belongs = f"{', '.join(others)} and {last}" if others else last
+            raise click.UsageError(f"{flag(name)} does not apply to {chosen}; it belongs to {belongs}")
+
+
+def flag(name: str) -> str:
+    """The option of a parameter."""
+    return "--" + name.replace("_", "-")
 
 
 def output_console() -> Console:

@@ -20,7 +20,7 @@ Exact = Callable[[Array, Array], Array]
 """Source pixels (n, 2) of view pixels u (n,), v (n,); NaN outside the field."""
 
 STEPS = (16, 8, 4)
-TOLERANCE_PX = 0.002  # at the middle of a cell, where the error of the interpolation is largest
+TOLERANCE_PX = 0.001  # at the middle of a cell, where the error of the interpolation is largest
 FEW = 0.1  # of the cells: so many may be computed pixel by pixel before a finer lattice is cheaper
 
 
@@ -63,14 +63,14 @@ class _Lattice:
 
     def __init__(self, exact: Exact, size: tuple[int, int], step: int) -> None:
         self.exact, self.size, self.step = exact, size, step
-        self.cells = tuple(max(1, -(-(n - 1) // step)) for n in size)  # (across, down)
+        across, down = (max(1, -(-(n - 1) // step)) for n in size)
+        self.cells = across, down
         columns, rows = (step * np.arange(-1.0, cells + 2) for cells in self.cells)
         nodes = self._at(columns, rows)
         outside = np.isnan(nodes[..., 0])
         near = np.lib.stride_tricks.sliding_window_view(outside, (4, 4)).any(axis=(2, 3))
         self.nodes = np.where(outside[..., None], 0.0, nodes)
-        middle = step * (np.arange(self.cells[0]) + 0.5), step * (np.arange(self.cells[1]) + 0.5)
-        self.middles = self._at(*middle)
+        self.middles = self._at(*(step * (np.arange(n, dtype=np.float64) + 0.5) for n in self.cells))
         self.unsure: Mask = near | np.isnan(self.middles[..., 0])
 
     def _at(self, columns: Array, rows: Array) -> Array:
@@ -79,9 +79,10 @@ class _Lattice:
 
     def rough(self, tolerance: float) -> Mask:
         """Cells (down, across) whose middle the interpolation misses."""
-        across, down = (_weights(np.arange(n) + 0.5, n) for n in self.cells)
+        across, down = (_weights(np.arange(n, dtype=np.float64) + 0.5, n) for n in self.cells)
         miss = np.abs(_spread(self.nodes, across, down) - self.middles).max(axis=-1)
-        return ~self.unsure & (miss > tolerance)
+        rough: Mask = ~self.unsure & (miss > tolerance)
+        return rough
 
     def interpolated(self) -> Array:
         """Source pixels (height, width, 2) by interpolation everywhere."""

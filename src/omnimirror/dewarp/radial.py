@@ -8,12 +8,12 @@ axis), and holds ``r / sin(Omega)``-like factors that turn a direction into a pi
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..cameras import AxialSymmetry, inside_image
+from ..cameras import AxialSymmetry, Camera, inside_image
 
 Array = NDArray[np.float64]
 
@@ -58,3 +58,10 @@ class RadialTable:
         pixels = np.stack([s.centre_px[0] + u, s.centre_px[1] + scale * down], axis=-1)
         pixels[outside | ~inside_image(pixels, self.image_size)] = np.nan
         return pixels
+
+
+@lru_cache(maxsize=32)
+def radial_table(camera: Camera) -> RadialTable:
+    """The table of a camera that has an axis of symmetry, built once."""
+    assert camera.symmetry is not None
+    return RadialTable(camera.symmetry, camera.image_size)

@@ -1,68 +1,44 @@
-"""Sensible screens for a camera: they cover what it sees, at the resolution that its picture has."""
+"""Sensible views for a camera: they cover what it sees, at the resolution that its picture has."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..cameras import AxialSymmetry, Camera
-from ..errors import OutsideField
-from .screens import Cylinder, Dome, Plane, Pole
+from ..cameras import Camera
+from ..errors import InvalidParameter
+from .coordinates import rows_of_pixels
+from .fields import Field, field_of, pole_of
+from .screens import (
+    CubeMap,
+    Cylinder,
+    Dome,
+    Ground,
+    Layout,
+    LittlePlanet,
+    Mosaic,
+    Plane,
+    Pole,
+    Rows,
+    Screen,
+    Sphere,
+    View,
+    parts_of,
+)
+from .screens.base import NOT_MOVED, Offset
 
-Array = NDArray[np.float64]
 PartialSize = tuple[int | None, int | None]
 
-SAMPLES = 20_000  # directions all over the sphere, and pixels all over the picture
-EDGE_SAMPLES = 1440  # points along the rim and along each side of the picture
 PERSPECTIVE_SIZE = (1280, 720)
 UNKNOWN_SIZE: PartialSize = (None, None)
-
-
-@dataclass(frozen=True)
-class Field:
-    """What a camera sees, as far as views need to know."""
-
-    tilt_min_deg: float
-    """Lowest elevation seen."""
-    tilt_max_deg: float
-    """Highest elevation seen."""
-    pixels_per_degree: float
-    """Square root of the mean number of source pixels per square degree seen."""
-
-
-def field_of(camera: Camera) -> Field:
-    """The camera's elevations and mean resolution.
-
-    Elevations are exact for a camera that is symmetric about a vertical axis and reaches its full field
-    inside the picture; otherwise they come from the pixels along the rim, along the edge of the
-    picture and all over it, and are good to about the distance of these.
-
-    Raises
-    ------
-    OutsideField
-        If no pixel sees anything.
-
-    Examples
-    --------
-    The paper's mean resolution, .0448 square degrees per pixel, for a rim at 500 px:
-
-    >>> import omnimirror as om
-    >>> field = field_of(om.load_sensor("paper-spherical"))
-    >>> round(field.tilt_min_deg, 2), round(field.tilt_max_deg, 2), round(field.pixels_per_degree, 1)
-    (-90.0, 45.0, 4.7)
-    """
-    pixels = _pixels_all_over(camera.image_size)
-    rays = camera.backproject(pixels)
-    if not rays.valid.any():
-        raise OutsideField("no pixel of the camera's picture sees anything of the scene")
-    low, high = _tilts_seen(camera, rays.directions[rays.valid])
-    sphere = _directions_all_over()
-    width, height = camera.image_size
-    pixels_seen = rays.valid.mean() * width * height
-    square_degrees = max(camera.project_directions(sphere).valid.mean(), 1 / SAMPLES) * 4 * np.pi * np.degrees(1) ** 2
-    return Field(low, high, float(np.sqrt(pixels_seen / square_degrees)))
+WIDEST_PLANET_DEG = 270.0  # beyond, most of the picture is the opposite pole
+PLAN_HEIGHTS = 4.0  # side of a plan in heights of the mirror over the ground: down to 63 deg from the nadir
+VIEWS_IN_MOSAIC = 4
+LARGEST_MAGNIFICATION = 4.0
+"""Output pixels per source pixel to which a zoom is limited: cubic interpolation still looks smooth, and
+there has been nothing more to see since about 1."""
+ROWS_EXAMINED = 65
 
 
 def panorama(
@@ -71,8 +47,13 @@ def panorama(
     pan_deg: float = 0.0,
     span_deg: float = 360.0,
     elevation_deg: tuple[float, float] | None = None,
+    rows: Rows = "tilt",
+    distance_mm: float = np.inf,
+    offset_mm: Offset = NOT_MOVED,
 ) -> Cylinder:
     """A panorama that covers the camera's elevations, or those given, at its mean resolution.
+
+    With rows linear in height, the elevations must be given unless the field leaves out both poles.
 
     >>> import omnimirror as om
     >>> panorama(om.load_sensor("paper-spherical")).size  # .21 deg per pixel
@@ -80,8 +61,29 @@ def panorama(
     """
     seen = field_of(camera)
     low, high = elevation_deg or (seen.tilt_min_deg, seen.tilt_max_deg)
-    natural = span_deg * seen.pixels_per_degree, (high - low) * seen.pixels_per_degree
-    return Cylinder(_completed(size, natural), low, high, pan_deg, span_deg)
+    tall = high - low
+    if rows == "height" and -90 < low < high < 90:
+        tall = float(np.degrees(np.ptp(np.tan(np.radians([low, high])))))
+    natural = span_deg * seen.pixels_per_degree, tall * seen.pixels_per_degree
+    return Cylinder(_completed(size, natural), low, high, pan_deg, span_deg, rows, distance_mm, offset_mm)
+
+
+def sphere(
+    camera: Camera,
+    size: PartialSize = UNKNOWN_SIZE,
+    pan_deg: float = 0.0,
+    span_deg: float = 360.0,
+    elevation_deg: tuple[float, float] = (-90.0, 90.0),
+    distance_mm: float = np.inf,
+    offset_mm: Offset = NOT_MOVED,
+) -> Sphere:
+    """An equirectangular picture of the whole sphere, or of a part of it, at the camera's mean resolution."""
+    low, high = elevation_deg
+    scale = field_of(camera).pixels_per_degree
+    natural = span_deg * scale, (high - low) * scale
+    if span_deg == 2 * (high - low):  # what viewers expect to be twice as wide as high is so to the pixel
+        natural = 2.0 * _even(natural[1]), natural[1]
+    return Sphere(_completed(size, natural), low, high, pan_deg, span_deg, distance_mm, offset_mm)
 
 
 def perspective(
@@ -90,9 +92,11 @@ def perspective(
     tilt_deg: float = 0.0,
     roll_deg: float = 0.0,
     hfov_deg: float = 90.0,
+    distance_mm: float = np.inf,
+    offset_mm: Offset = NOT_MOVED,
 ) -> Plane:
     """A perspective view, 1280 x 720 unless said otherwise."""
-    return Plane(_completed(size, PERSPECTIVE_SIZE), pan_deg, tilt_deg, roll_deg, hfov_deg)
+    return Plane(_completed(size, PERSPECTIVE_SIZE), pan_deg, tilt_deg, roll_deg, hfov_deg, distance_mm, offset_mm)
 
 
 def dome(
@@ -100,86 +104,209 @@ def dome(
     size: PartialSize = UNKNOWN_SIZE,
     pan_deg: float = 0.0,
     omega_deg: tuple[float, float] | None = None,
+    pole: Pole | None = None,
+    distance_mm: float = np.inf,
+    offset_mm: Offset = NOT_MOVED,
 ) -> Dome:
     """A dome about the pole nearer to the centre of the camera's field, reaching to the end of it."""
     seen = field_of(camera)
-    pole = pole_of(camera)
-    end = 90 - seen.tilt_min_deg if pole == "zenith" else 90 + seen.tilt_max_deg
-    first, last = omega_deg or (0.0, end)
+    pole = pole or pole_of(camera)
+    first, last = omega_deg or (0.0, _end(seen, pole))
     diameter = 2 * last * seen.pixels_per_degree
-    return Dome(_completed(size, (diameter, diameter)), last, pole, pan_deg, first)
+    return Dome(_completed(size, (diameter, diameter)), last, pole, pan_deg, first, distance_mm, offset_mm)
 
 
-def pole_of(camera: Camera) -> Pole:
-    """The pole that the camera's axis of symmetry, or else the mean of its directions, is nearer to."""
-    if camera.symmetry is not None:
-        up = camera.symmetry.axis[2]
-    else:
-        up = np.nanmean(camera.backproject(_pixels_all_over(camera.image_size)).directions[:, 2])
-    return "zenith" if up > 1e-9 else "nadir"
+def planet(
+    camera: Camera,
+    size: PartialSize = UNKNOWN_SIZE,
+    pan_deg: float = 0.0,
+    hfov_deg: float | None = None,
+    pole: Pole | None = None,
+    distance_mm: float = np.inf,
+    offset_mm: Offset = NOT_MOVED,
+) -> LittlePlanet:
+    """A little planet about the pole nearer to the centre of the camera's field, reaching to the end of it."""
+    seen = field_of(camera)
+    pole = pole or pole_of(camera)
+    hfov = hfov_deg or min(2 * _end(seen, pole), WIDEST_PLANET_DEG)
+    diameter = hfov * seen.pixels_per_degree
+    return LittlePlanet(_completed(size, (diameter, diameter)), hfov, pole, pan_deg, distance_mm, offset_mm)
 
 
-def is_vertical(symmetry: AxialSymmetry) -> bool:
-    """Whether the axis points straight up or down."""
-    return bool(np.hypot(*symmetry.axis[:2]) < 1e-12)
+def ground(
+    camera: Camera,
+    height_mm: float,
+    size: PartialSize = UNKNOWN_SIZE,
+    mm_per_pixel: float | None = None,
+    pan_deg: float = 0.0,
+    offset_mm: Offset = NOT_MOVED,
+) -> Ground:
+    """A plan of the ground, four times as wide as the mirror is high; as fine as the picture on average shows it."""
+    scale = mm_per_pixel or abs(height_mm) * np.radians(1) / field_of(camera).pixels_per_degree
+    side = PLAN_HEIGHTS * abs(height_mm) / scale if scale > 0 else 0.0
+    return Ground(_completed(size, (side, side)), height_mm, float(scale), pan_deg, offset_mm)
 
 
-def _tilts_seen(camera: Camera, directions: Array) -> tuple[float, float]:
-    """Lowest and highest elevation (deg) of the camera's field, some of its directions (n, 3) given."""
-    symmetry = camera.symmetry
-    edge = [camera.backproject(_pixels_along_the_edge(camera.image_size)).directions]
-    if symmetry is not None:
-        rim = _ring(symmetry.axis, symmetry.omega_max)
-        seen = camera.project_directions(rim).valid
-        if is_vertical(symmetry) and seen.any():
-            return _sorted_degrees(symmetry.axis[2] * (np.pi / 2 - np.array([symmetry.omega_min, symmetry.omega_max])))
-        edge.append(rim[seen])
-    poles = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])
-    edge.append(poles[camera.project_directions(poles).valid])
-    heights = np.concatenate([directions, *edge])[:, 2]
-    return _sorted_degrees(np.arcsin(np.clip([np.nanmin(heights), np.nanmax(heights)], -1, 1)))
+def cube(
+    camera: Camera,
+    size: PartialSize = UNKNOWN_SIZE,
+    layout: Layout = "cross",
+    pan_deg: float = 0.0,
+    distance_mm: float = np.inf,
+    offset_mm: Offset = NOT_MOVED,
+) -> CubeMap:
+    """A cube map whose faces have the camera's mean resolution."""
+    face = _even(90 * field_of(camera).pixels_per_degree)
+    columns, rows = CubeMap.grid(layout)
+    return CubeMap(_completed(size, (columns * face, rows * face)), layout, pan_deg, distance_mm, offset_mm)
 
 
-def _sorted_degrees(angles: Array) -> tuple[float, float]:
-    low, high = sorted(float(a) for a in np.degrees(angles))
-    return low, high
+def mosaic(
+    camera: Camera,
+    size: PartialSize = UNKNOWN_SIZE,
+    pan_deg: float = 0.0,
+    tilt_deg: float = 0.0,
+    hfov_deg: float = 90.0,
+    elevation_deg: tuple[float, float] | None = None,
+    distance_mm: float = np.inf,
+    offset_mm: Offset = NOT_MOVED,
+) -> Mosaic:
+    """A panorama over four perspective views to the left, ahead, to the right and behind, 4 : 3 each.
 
+    The panorama is turned by 45 deg, so that each view stands under its own quarter of it. The views
+    stand at ``distance_mm``, all from the same ``offset_mm``; the panorama is a distant one.
 
-def _ring(axis: Array, omega: float) -> Array:
-    """Unit vectors (EDGE_SAMPLES, 3) at the angle omega from an axis."""
-    helper = np.eye(3)[np.argmin(abs(axis))]
-    e1 = np.cross(axis, helper) / np.linalg.norm(np.cross(axis, helper))
-    e2 = np.cross(axis, e1)
-    phi = np.linspace(0, 2 * np.pi, EDGE_SAMPLES, endpoint=False)[:, None]
-    ring: Array = np.cos(omega) * axis + np.sin(omega) * (np.cos(phi) * e1 + np.sin(phi) * e2)
-    return ring
-
-
-def _directions_all_over() -> Array:
-    """Unit vectors (SAMPLES, 3), each for the same part of the sphere (a Fibonacci lattice)."""
-    i = np.arange(SAMPLES) + 0.5
-    z = 1 - 2 * i / SAMPLES
-    phi = i * np.pi * (1 + 5**0.5)
-    r = np.sqrt(1 - z * z)
-    return np.stack([r * np.cos(phi), r * np.sin(phi), z], axis=-1)
-
-
-def _pixels_all_over(size: tuple[int, int]) -> Array:
-    """Pixels (about SAMPLES, 2) in a regular grid."""
+    Raises
+    ------
+    InvalidParameter
+        If a height is given: it follows from the width.
+    """
     width, height = size
-    step = np.sqrt(width * height / SAMPLES)
-    columns, rows = max(1, round(width / step)), max(1, round(height / step))
-    u = (np.arange(columns) + 0.5) * width / columns - 0.5
-    v = (np.arange(rows) + 0.5) * height / rows - 0.5
-    return np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
+    if height is not None:
+        raise InvalidParameter(f"the height of a mosaic, {height} px, follows from its width; give the width only")
+    part = round((width or panorama(camera, size, elevation_deg=elevation_deg).size[0]) / VIEWS_IN_MOSAIC)
+    part_size = max(1, part), max(1, round(part * 3 / 4))
+    over = panorama(camera, (VIEWS_IN_MOSAIC * part_size[0], None), pan_deg + 45, elevation_deg=elevation_deg)
+    pans = (pan_deg - 90, pan_deg, pan_deg + 90, pan_deg + 180)
+    under = [Plane(part_size, pan, tilt_deg, 0.0, hfov_deg, distance_mm, offset_mm) for pan in pans]
+    return Mosaic.panorama_over_views(over, under)
 
 
-def _pixels_along_the_edge(size: tuple[int, int]) -> Array:
-    """Points (4 EDGE_SAMPLES, 2) along the outline of the picture."""
-    right, bottom = size[0] - 0.5, size[1] - 0.5
-    u, v = np.linspace(-0.5, right, EDGE_SAMPLES), np.linspace(-0.5, bottom, EDGE_SAMPLES)
-    sides = [(u, np.full_like(u, -0.5)), (u, np.full_like(u, bottom)), (np.full_like(v, -0.5), v)]
-    return np.concatenate([np.stack(side, axis=-1) for side in [*sides, (np.full_like(v, right), v)]])
+# -- the paper's effects ---------------------------------------------------------------------------
+
+
+class Preset(NamedTuple):
+    """A placing of the paper's virtual screen before the virtual projector (Fig. 13)."""
+
+    widths_away: float
+    """Distance of the screen from the projector, in widths of the screen."""
+    is_bent: bool
+    """Whether it is bent about the projector, or flat."""
+    description: str
+
+
+PRESETS: dict[str, Preset] = {
+    "distant": Preset(2.0, False, "flat, two widths away: 28 deg wide, as through a telephoto lens"),
+    "wide": Preset(0.5, False, "the same screen moved up to half a width: 90 deg wide, still in perspective"),
+    "super-wide": Preset(1 / np.pi, True, "the same screen bent half round the projector: 180 deg wide"),
+}
+"""The paper's distant, wide-angle and super-wide-angle views: one screen, three places.
+
+The screen keeps its size and proportions; it is moved towards the projector, and then bent about it,
+since a flat screen never reaches 180 deg. Bent, its columns are linear in pan and its rows in height.
+"""
+
+
+def preset(
+    name: str,
+    size: PartialSize = UNKNOWN_SIZE,
+    pan_deg: float = 0.0,
+    tilt_deg: float = 0.0,
+    distance_mm: float = np.inf,
+    offset_mm: Offset = NOT_MOVED,
+) -> Plane | Cylinder:
+    """One of the paper's effects, of :data:`PRESETS`; a bent screen is not tilted but moved up.
+
+    Raises
+    ------
+    InvalidParameter
+        For an unknown name, or a screen that would reach the zenith.
+
+    Examples
+    --------
+    >>> for name in PRESETS:
+    ...     print(preset(name))
+    perspective view (pan 0, tilt 0, hfov 28.0725 deg)
+    perspective view (pan 0, tilt 0, hfov 90 deg)
+    panorama (180 deg around pan 0, elevation -41.4629 to 41.4629 deg)
+    """
+    if name not in PRESETS:
+        raise InvalidParameter(f"there is no preset {name!r}; there are {', '.join(PRESETS)}")
+    away, is_bent, _ = PRESETS[name]
+    width, height = _completed(size, PERSPECTIVE_SIZE)
+    if not is_bent:
+        hfov = float(2 * np.degrees(np.arctan(0.5 / away)))
+        return Plane((width, height), pan_deg, tilt_deg, 0.0, hfov, distance_mm, offset_mm)
+    end = float(np.degrees(np.arctan(height / width / 2 / away)))
+    around = float(np.degrees(1 / away))
+    bent = Cylinder((width, height), -end, end, pan_deg, around, "height", distance_mm, offset_mm)
+    return bent.panned(0.0, tilt_deg)
+
+
+# -- zoom ------------------------------------------------------------------------------------------
+
+
+def resolution(camera: Camera, view: View) -> float:
+    """Source pixels per output pixel, by length, where the view is seen next to its centre.
+
+    Of several views in one picture the coarsest counts. NaN where none is seen, or has fewer than
+    2 x 2 pixels.
+
+    >>> import omnimirror as om
+    >>> view = om.views.perspective(hfov_deg=40.0)
+    >>> print(f"{om.views.resolution(om.load_sensor('paper-spherical'), view):.3f}")
+    0.154
+    """
+    found = [_resolution(camera, part.screen) for part in parts_of(view)]
+    return float(min((r for r in found if np.isfinite(r)), default=np.nan))
+
+
+def largest_zoom(camera: Camera, view: View) -> float:
+    """The factor up to which a view can be zoomed within what the camera resolves, 1 or more.
+
+    It ends where :data:`LARGEST_MAGNIFICATION` output pixels show one source pixel; infinite where the
+    resolution is not known.
+    """
+    within = LARGEST_MAGNIFICATION * resolution(camera, view)
+    return max(1.0, within) if np.isfinite(within) else np.inf
+
+
+def _resolution(camera: Camera, screen: Screen) -> float:
+    width, height = screen.size
+    if width < 2 or height < 2:
+        return np.nan
+    middle = (height - 2) / 2
+    rows = np.unique(np.linspace(0, height - 2, min(height - 1, ROWS_EXAMINED)).round().astype(int))
+    nearest, found = np.inf, np.nan
+    for row in map(int, rows[np.argsort(abs(rows - middle), kind="stable")]):
+        if abs(row - middle) >= nearest:
+            break
+        pixels = rows_of_pixels(camera, screen, row, row + 2)
+        across, down = np.diff(pixels[0], axis=0), (pixels[1] - pixels[0])[:-1]
+        area = abs(across[:, 0] * down[:, 1] - across[:, 1] * down[:, 0])
+        distances = np.where(np.isnan(area), np.inf, np.hypot(np.arange(width - 1) - (width - 2) / 2, row - middle))
+        best = int(np.argmin(distances))
+        if distances[best] < nearest:
+            nearest, found = float(distances[best]), float(np.sqrt(area[best]))
+    return found
+
+
+# -- sizes -----------------------------------------------------------------------------------------
+
+
+def _end(seen: Field, pole: Pole) -> float:
+    """Angle (deg) from a pole to the far end of the field."""
+    return 90 - seen.tilt_min_deg if pole == "zenith" else 90 + seen.tilt_max_deg
 
 
 def _completed(size: PartialSize, natural: tuple[float, float]) -> tuple[int, int]:

@@ -1,0 +1,101 @@
+"""From a view to the pixels of the picture that it shows."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..cameras import AxialSymmetry, Camera, inside_image
+from ..frames import pan_tilt_direction
+from .fields import is_vertical
+from .grid import Exact, gridded_coordinates
+from .radial import RadialTable, radial_table
+from .screens import Panorama, Screen, View, parts_of
+from .screens.base import pixels_of_rows
+from .viewpoints import Viewpoint, projection_of
+
+Array = NDArray[np.float64]
+
+STRIP_PX = 1 << 17  # output pixels worked on at a time: their rays stay in the cache
+
+
+def source_pixels(camera: Camera, view: View, viewpoint: Viewpoint = "exact", exact: bool = False) -> Array:
+    """Source pixels (height, width, 2) of a view as (u, v); NaN outside the field and between a mosaic's views.
+
+    With ``exact`` every pixel is projected by itself; otherwise most are interpolated, to some thousandths
+    of a pixel.
+    """
+    of_screen = exact_pixels if exact else screen_pixels
+    if isinstance(view, Screen):
+        return of_screen(camera, view, viewpoint)
+    pixels = np.full((view.size[1], view.size[0], 2), np.nan)
+    for left, top, screen in parts_of(view):
+        width, height = screen.size
+        pixels[top : top + height, left : left + width] = of_screen(camera, screen, viewpoint)
+    return pixels
+
+
+def screen_pixels(camera: Camera, screen: Screen, viewpoint: Viewpoint = "exact") -> Array:
+    """Source pixels (height, width, 2) of a screen, the quickest way."""
+    if is_separable(camera, screen):
+        return separable_coordinates(camera, screen)
+    return gridded_coordinates(projection_at(camera, screen, viewpoint), screen.size)
+
+
+def projection_at(camera: Camera, screen: Screen, viewpoint: Viewpoint = "exact") -> Exact:
+    """What maps columns and rows (n,) of a screen to source pixels (n, 2)."""
+    if screen.is_distant and camera.symmetry is not None:
+        table: RadialTable = radial_table(camera)  # type: ignore[arg-type]  # the cache asks for Hashable
+        return lambda u, v: table.project_directions(screen.targets_at(u, v))
+    project = projection_of(camera, screen, viewpoint)
+    return lambda u, v: project(screen.targets_at(u, v)).pixels
+
+
+def exact_pixels(camera: Camera, screen: Screen, viewpoint: Viewpoint = "exact") -> Array:
+    """Source pixels (height, width, 2) of any camera and screen, each projected by itself, in strips of rows."""
+    width, height = screen.size
+    pixels = np.empty((height, width, 2))
+    step = max(1, STRIP_PX // width)
+    for first in range(0, height, step):
+        last = min(first + step, height)
+        pixels[first:last] = rows_of_pixels(camera, screen, first, last, viewpoint)
+    return pixels
+
+
+def rows_of_pixels(
+    camera: Camera, screen: Screen, first_row: int, last_row: int, viewpoint: Viewpoint = "exact"
+) -> Array:
+    """Source pixels (rows, width, 2) of some rows of a screen, each projected by itself."""
+    targets = screen.targets_at(*pixels_of_rows(screen.size, first_row, last_row))
+    return projection_of(camera, screen, viewpoint)(targets.reshape(-1, 3)).pixels.reshape(*targets.shape[:2], 2)
+
+
+# -- panoramas about the camera's own axis ---------------------------------------------------------
+
+
+def is_separable(camera: Camera, screen: Screen) -> bool:
+    """Whether rows are circles in the picture: a distant panorama about the camera's vertical axis."""
+    about_the_vertical = isinstance(screen, Panorama) and screen.is_distant
+    return about_the_vertical and camera.symmetry is not None and is_vertical(camera.symmetry)
+
+
+def separable_coordinates(camera: Camera, screen: Screen) -> Array:
+    """Source pixels (height, width, 2) as centre + r(row) (cos, sin)(column)."""
+    symmetry = camera.symmetry
+    assert isinstance(screen, Panorama)
+    assert symmetry is not None
+    pans = screen.pans()
+    towards = pan_tilt_direction(pans, 0.0) @ np.stack([symmetry.right, symmetry.down], axis=-1)
+    radii = _radii_of_tilts(symmetry, screen.tilts())
+    pixels: Array = symmetry.centre_px + radii[:, None, None] * towards
+    pixels[~inside_image(pixels, camera.image_size)] = np.nan
+    return pixels
+
+
+def _radii_of_tilts(symmetry: AxialSymmetry, tilts: Array) -> Array:
+    """Image radii (n,) in px of tilts (n,) in radians; NaN outside the field."""
+    omega: Array = np.pi / 2 - symmetry.axis[2] * tilts
+    radii = np.full_like(omega, np.nan)
+    seen = (omega >= symmetry.omega_min) & (omega <= symmetry.omega_max)
+    radii[seen] = symmetry.radius_px(omega[seen])
+    return radii

@@ -1,0 +1,195 @@
+"""What all screens share: the contract, where they stand, and the refusal of what cannot be."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import NamedTuple, Protocol, TypeAlias, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import InvalidParameter
+
+Array = NDArray[np.float64]
+Offset = tuple[float, float, float]
+
+LARGEST_PX = 100_000
+NOT_MOVED: Offset = (0.0, 0.0, 0.0)
+
+
+@runtime_checkable
+class Screen(Protocol):
+    """What every output pixel looks at: a direction, or a point at a finite distance."""
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(width, height) in pixels."""
+        ...
+
+    @property
+    def is_distant(self) -> bool:
+        """Whether the targets are directions to infinitely distant points, rather than points in mm."""
+        ...
+
+    def targets_at(self, u: Array, v: Array) -> Array:
+        """What columns u and rows v look at, (..., 3), world frame; they need not be whole numbers, nor inside.
+
+        NaN where a pixel of the screen looks at nothing.
+        """
+        ...
+
+    def __str__(self) -> str:
+        """A few words for messages: what it shows, in degrees or mm."""
+        ...
+
+
+@runtime_checkable
+class Composite(Protocol):
+    """Several views in one picture; the pixels between them look at nothing."""
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(width, height) in pixels."""
+        ...
+
+    @property
+    def parts(self) -> tuple[Part, ...]:
+        """Its views and their places; where they overlap, the later one is seen."""
+        ...
+
+
+View: TypeAlias = Screen | Composite
+
+
+class Part(NamedTuple):
+    """A view and its place in a larger picture."""
+
+    left: int
+    """Column of its first pixel."""
+    top: int
+    """Row of its first pixel."""
+    view: View
+
+
+class PlacedScreen(NamedTuple):
+    """A screen, which is not made of others, and its place in the whole picture."""
+
+    left: int
+    top: int
+    screen: Screen
+
+
+def parts_of(view: View, left: int = 0, top: int = 0) -> tuple[PlacedScreen, ...]:
+    """The screens that a view is made of, at their places in it; a screen is its own only part.
+
+    >>> from omnimirror.dewarp.screens import CubeMap
+    >>> [(part.left, part.top) for part in parts_of(CubeMap((12, 8), layout="3x2"))]
+    [(0, 0), (4, 0), (8, 0), (0, 4), (4, 4), (8, 4)]
+    """
+    if isinstance(view, Composite):
+        return tuple(s for part in view.parts for s in parts_of(part.view, left + part.left, top + part.top))
+    return (PlacedScreen(left, top, view),)
+
+
+class CentredScreen(ABC):
+    """A screen that stands around a centre, or before it, at a distance that may be infinite.
+
+    The centre is the world's origin, moved by ``offset_mm``: the projector stays where it is.
+    """
+
+    size: tuple[int, int]
+    distance_mm: float
+    offset_mm: Offset
+
+    @abstractmethod
+    def from_centre(self, u: Array, v: Array) -> Array:
+        """Vectors (..., 3) from the centre to the screen, in units of the distance, at pixels (u, v)."""
+
+    @property
+    def is_distant(self) -> bool:
+        """Whether it is infinitely far away."""
+        return bool(np.isinf(self.distance_mm))
+
+    def targets(self, first_row: int, last_row: int) -> Array:
+        """Points (rows, width, 3) in mm, or directions where the screen is infinitely far away."""
+        return self.targets_at(*pixels_of_rows(self.size, first_row, last_row))
+
+    def targets_at(self, u: Array, v: Array) -> Array:
+        """Points (..., 3) in mm, or directions, at columns u and rows v, which need not be whole numbers."""
+        vectors = self.from_centre(u, v)
+        if self.is_distant:
+            return vectors
+        vectors *= self.distance_mm
+        vectors += self.offset_mm
+        return vectors
+
+    @property
+    def _place(self) -> str:
+        """Where it stands, for messages; nothing when that is infinitely far away."""
+        if self.is_distant:
+            return ""
+        return f", at {self.distance_mm:g} mm{offset_words(self.offset_mm)}"
+
+    def _check_place(self) -> None:
+        check_size(self.size)
+        if not self.distance_mm > 0:
+            raise InvalidParameter(f"distance_mm = {self.distance_mm:g} is no distance; it is valid above 0, and inf")
+        check_offset(self.offset_mm)
+        if self.is_distant and any(self.offset_mm):
+            raise InvalidParameter(
+                f"offset_mm = {self.offset_mm} moves nothing: a screen at infinity looks the same from everywhere; "
+                "give it a distance_mm"
+            )
+
+
+def pixels_of_rows(size: tuple[int, int], first_row: int, last_row: int) -> tuple[Array, Array]:
+    """Columns (width,) and rows (rows, 1) of the pixels in some rows, ready to be broadcast."""
+    return np.arange(size[0], dtype=float), np.arange(first_row, last_row, dtype=float)[:, None]
+
+
+def offset_words(offset_mm: Offset) -> str:
+    """``, moved by (x, y, z) mm``, or nothing."""
+    return ", moved by ({:g}, {:g}, {:g}) mm".format(*offset_mm) if any(offset_mm) else ""
+
+
+def check_size(size: tuple[int, int]) -> None:
+    """Refuse what is no width and height in whole pixels."""
+    if len(size) != 2 or not all(1 <= n <= LARGEST_PX and int(n) == n for n in size):
+        raise InvalidParameter(f"size = {size} is not a width and a height from 1 to {LARGEST_PX} px")
+
+
+def check_offset(offset_mm: Offset) -> None:
+    """Refuse what is no place in the world."""
+    if len(offset_mm) != 3 or not np.isfinite(offset_mm).all():
+        raise InvalidParameter(f"offset_mm = {offset_mm} is not x, y and z in mm")
+
+
+def check_angle(name: str, angle_deg: float) -> None:
+    """Refuse angles that are not finite."""
+    if not np.isfinite(angle_deg):
+        raise InvalidParameter(f"{name} = {angle_deg} is not an angle in degrees")
+
+
+def check_range(name: str, value: float, low: float, high: float, upper_included: bool) -> None:
+    """Refuse angles (deg) that are not above ``low`` and below ``high``."""
+    if not (low < value < high or (upper_included and value == high)):
+        bound = f"up to {high:g}" if upper_included else f"below {high:g}"
+        raise InvalidParameter(f"{name} = {value:g} is valid above {low:g} and {bound} deg")
+
+
+def check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
+    """Refuse a word that is not among those known."""
+    if value not in choices:
+        raise InvalidParameter(f"{name} = {value!r} is not one of {', '.join(choices)}")
+
+
+def check_zoom(factor: float) -> None:
+    """Refuse what does not enlarge or shrink."""
+    if not (np.isfinite(factor) and factor > 0):
+        raise InvalidParameter(f"zoom = {factor:g} is no factor; it is valid above 0 and finite")
+
+
+def refuse_tilt(screen: object, tilt_deg: float) -> None:
+    """Refuse to tilt a screen that knows no up and down."""
+    if tilt_deg:
+        raise InvalidParameter(f"the {screen} cannot be tilted by {tilt_deg:g} deg; only its pan can change")

@@ -1,0 +1,199 @@
+"""Round screens about a pole: the paper's compensated circle, and the little planet."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal, Self, get_args
+
+import numpy as np
+
+from ...errors import InvalidParameter
+from ...frames import view_axes
+from .base import (
+    NOT_MOVED,
+    Array,
+    CentredScreen,
+    Offset,
+    check_angle,
+    check_choice,
+    check_range,
+    check_zoom,
+    refuse_tilt,
+)
+
+Pole = Literal["nadir", "zenith"]
+
+
+class PolarScreen(CentredScreen):
+    """What is drawn in circles about a pole, as it would be seen by looking at it.
+
+    Looking down at the nadir, forward is at the top and right is right; looking up at the zenith,
+    forward is at the top and right is left, as on a star chart.
+    """
+
+    pole: Pole
+    pan_deg: float
+
+    def _from_middle(self, u: Array, v: Array) -> tuple[Array, Array, Array]:
+        """Pixels from the middle of the picture: to the right, down, and how far."""
+        width, height = self.size
+        x, y = u - (width - 1) / 2, v - (height - 1) / 2
+        radius: Array = np.hypot(x, y)
+        return x, y, radius
+
+    def _vectors(self, x: Array, y: Array, omega: Array, sideways: Array) -> Array:
+        """Unit vectors (..., 3) at angles from the pole; ``sideways`` is sin(omega) / radius."""
+        if self.pole == "nadir":
+            to_pole, right, down = view_axes(self.pan_deg, -90.0)
+        else:  # tilting up from the opposite side brings forward to the top
+            to_pole, right, down = view_axes(self.pan_deg + 180.0, 90.0)
+        vectors: Array = np.cos(omega)[..., None] * to_pole
+        vectors += (sideways * x)[..., None] * right + (sideways * y)[..., None] * down
+        return vectors
+
+    def _check(self) -> None:
+        self._check_place()
+        check_choice("pole", self.pole, get_args(Pole))
+        check_angle("pan_deg", self.pan_deg)
+
+
+@dataclass(frozen=True)
+class Dome(PolarScreen):
+    """The paper's compensated circle: the distance from the centre grows in proportion to the angle.
+
+    Drawn as it would be seen: looking down at the nadir, forward is at the top and right is right;
+    looking up at the zenith, forward is at the top and right is left, as on a star chart.
+
+    Parameters
+    ----------
+    size : (width, height)
+        The circle touches the shorter side.
+    omega_max_deg : deg
+        Angle from the pole at the edge of the circle, up to 180.
+    pole
+        ``"nadir"`` or ``"zenith"``, at the centre.
+    pan_deg : deg
+        What is at the top, right of forward.
+    omega_min_deg : deg
+        Angle from the pole inside which the circle stays empty.
+    distance_mm : mm
+        Radius of the sphere that is drawn.
+    offset_mm : (x, y, z) mm
+        Where its centre stands from the mirror vertex, in the world frame; of a finite sphere only.
+
+    Raises
+    ------
+    InvalidParameter
+        For numbers that describe no dome.
+
+    Examples
+    --------
+    >>> dome = Dome((3, 3), omega_max_deg=135.0)
+    >>> dome.targets(0, 1)[0, 1].round(12) + 0.0  # the top is forward, one pixel of 1.5 from the nadir
+    array([1., 0., 0.])
+    """
+
+    size: tuple[int, int]
+    omega_max_deg: float
+    pole: Pole = "nadir"
+    pan_deg: float = 0.0
+    omega_min_deg: float = 0.0
+    distance_mm: float = np.inf
+    offset_mm: Offset = NOT_MOVED
+
+    def __post_init__(self) -> None:
+        self._check()
+        if not 0 <= self.omega_min_deg < self.omega_max_deg <= 180:
+            raise InvalidParameter(
+                f"angles from {self.omega_min_deg:g} to {self.omega_max_deg:g} deg make no dome; they are valid "
+                "from 0 to 180, the smaller one first"
+            )
+
+    def from_centre(self, u: Array, v: Array) -> Array:
+        """Unit vectors (..., 3); NaN outside the circle."""
+        x, y, radius = self._from_middle(u, v)
+        edge = min(self.size) / 2
+        per_pixel = np.radians(self.omega_max_deg) / edge
+        omega = radius * per_pixel
+        vectors = self._vectors(x, y, omega, np.sinc(omega / np.pi) * per_pixel)
+        inside = (radius <= edge) & (omega >= np.radians(self.omega_min_deg))
+        vectors[~inside] = np.nan
+        return vectors
+
+    def zoomed(self, factor: float) -> Self:
+        """The circle ends at an angle so many times smaller."""
+        check_zoom(factor)
+        return replace(self, omega_max_deg=min(180.0, self.omega_max_deg / factor))
+
+    def panned(self, pan_deg: float, tilt_deg: float = 0.0) -> Self:
+        """Turned so that what is farther to the right is at the top."""
+        refuse_tilt(self, tilt_deg)
+        return replace(self, pan_deg=self.pan_deg + pan_deg)
+
+    def __str__(self) -> str:
+        return f"dome ({self.omega_min_deg:g} to {self.omega_max_deg:.6g} deg from the {self.pole}{self._place})"
+
+
+@dataclass(frozen=True)
+class LittlePlanet(PolarScreen):
+    """A stereographic picture about a pole: small circles stay circles, and the horizon is one.
+
+    Drawn as a dome is, and to the corners: about the nadir the ground curls up to a planet on which
+    things stand; about the zenith it is a tunnel around the sky.
+
+    Parameters
+    ----------
+    size : (width, height)
+    hfov_deg : deg
+        Angle from the left edge to the right edge through the pole, between 0 and 360.
+    pole
+        ``"nadir"`` or ``"zenith"``, at the centre.
+    pan_deg : deg
+        What is at the top, right of forward.
+    distance_mm : mm
+        Radius of the sphere that is drawn.
+    offset_mm : (x, y, z) mm
+        Where its centre stands from the mirror vertex, in the world frame; of a finite sphere only.
+
+    Raises
+    ------
+    InvalidParameter
+        For numbers that describe no such picture.
+
+    Examples
+    --------
+    >>> planet = LittlePlanet((4, 4), hfov_deg=180.0)  # the horizon touches the sides
+    >>> planet.targets(0, 4)[0, 0].round(3)  # beyond it, forward and left
+    array([0.706, 0.706, 0.059])
+    """
+
+    size: tuple[int, int]
+    hfov_deg: float = 240.0
+    pole: Pole = "nadir"
+    pan_deg: float = 0.0
+    distance_mm: float = np.inf
+    offset_mm: Offset = NOT_MOVED
+
+    def __post_init__(self) -> None:
+        self._check()
+        check_range("hfov_deg", self.hfov_deg, 0, 360, upper_included=False)
+
+    def from_centre(self, u: Array, v: Array) -> Array:
+        """Unit vectors (..., 3)."""
+        x, y, radius = self._from_middle(u, v)
+        per_pixel = np.tan(np.radians(self.hfov_deg / 4)) / (self.size[0] / 2)
+        half_tangent = radius * per_pixel  # tan(omega / 2)
+        return self._vectors(x, y, 2 * np.arctan(half_tangent), 2 * per_pixel / (1 + half_tangent**2))
+
+    def zoomed(self, factor: float) -> Self:
+        """Everything drawn so many times larger."""
+        check_zoom(factor)
+        return replace(self, hfov_deg=float(4 * np.degrees(np.arctan(np.tan(np.radians(self.hfov_deg / 4)) / factor))))
+
+    def panned(self, pan_deg: float, tilt_deg: float = 0.0) -> Self:
+        """Turned so that what is farther to the right is at the top."""
+        refuse_tilt(self, tilt_deg)
+        return replace(self, pan_deg=self.pan_deg + pan_deg)
+
+    def __str__(self) -> str:
+        return f"little planet (hfov {self.hfov_deg:.6g} deg about the {self.pole}{self._place})"

@@ -1,0 +1,467 @@
+"""What every screen must satisfy, before every camera: a point of the world lands on the pixel that it should.
+
+Where a pixel looks is written here once more, in plain numbers from the conventions; where a camera sees
+that is asked the other way round, by the ray that leaves its pixel.
+"""
+
+from __future__ import annotations
+
+import math
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy import inf
+
+import omnimirror as om
+from omnimirror.dewarp.coordinates import exact_pixels, source_pixels
+from omnimirror.dewarp.screens import (
+    LAYOUTS,
+    Composite,
+    CubeMap,
+    Cylinder,
+    Dome,
+    Ground,
+    LittlePlanet,
+    Mosaic,
+    Part,
+    Plane,
+    Screen,
+    Sphere,
+    parts_of,
+)
+from omnimirror.errors import InvalidParameter
+from omnimirror.frames import Mount
+from tests.conftest import sensor_of
+from tests.contracts.test_cameras import CATADIOPTRIC, SKEWED
+from tests.dewarp.test_handedness import IMAGE_TOP_IS_FORWARD, sensor_with, shortest_path_pixel
+
+MOVED = (40.0, -60.0, 25.0)
+
+
+def world(pan, tilt):
+    """Pan to the right and tilt up, both in degrees: x forward, y left, z up."""
+    a, t = math.radians(pan), math.radians(tilt)
+    return np.array([math.cos(t) * math.cos(a), -math.cos(t) * math.sin(a), math.sin(t)])
+
+
+def perspective(W, H, pan, tilt, roll, hfov, u, v):
+    f, a, r = world(pan, tilt), math.radians(pan), math.radians(roll)
+    right = np.array([-math.sin(a), -math.cos(a), 0.0])
+    down = np.cross(f, right)
+    right, down = math.cos(r) * right + math.sin(r) * down, -math.sin(r) * right + math.cos(r) * down
+    F = W / 2 / math.tan(math.radians(hfov / 2))
+    return f + (u - (W - 1) / 2) / F * right + (v - (H - 1) / 2) / F * down
+
+
+def about_a_pole(omega, pan, up):
+    """Omega from the pole, at a pan."""
+    return world(pan, omega - 90.0 if not up else 90.0 - omega)
+
+
+def pan_in_circle(W, H, u, v, top, up):
+    """What is at the top is at the pan ``top``; clockwise is to the right below, to the left above."""
+    clockwise = math.degrees(math.atan2(u - (W - 1) / 2, (H - 1) / 2 - v))
+    return top - clockwise if up else top + clockwise
+
+
+# -- every shape: how it is made, and what its pixels look at in units of its distance ------------------
+
+
+def cylinder(u, v):
+    tilt = 60 - (v + 0.5) / 14 * 140
+    return world(10 + ((u + 0.5) / 24 - 0.5) * 300, tilt) / math.cos(math.radians(tilt))
+
+
+def tall_cylinder(u, v):
+    """Rows linear in height, between -1 and .75 radii."""
+    x, y, _ = world(-20 + ((u + 0.5) / 21 - 0.5) * 360, 0)
+    return np.array([x, y, 0.75 - (v + 0.5) / 13 * 1.75])
+
+
+def sphere(u, v):
+    return world(((u + 0.5) / 24 - 0.5) * 360, 90 - (v + 0.5) / 12 * 180)
+
+
+def dome(u, v):
+    omega = math.hypot(u - 9, v - 8.5) * 130 / 9
+    return about_a_pole(omega, pan_in_circle(19, 18, u, v, 25, False), False) if 10 <= omega <= 130 else None
+
+
+def zenith_dome(u, v):
+    omega = math.hypot(u - 8, v - 9) * 120 / 8.5
+    return about_a_pole(omega, pan_in_circle(17, 19, u, v, 25, True), True) if omega <= 120 else None
+
+
+def planet(u, v):
+    omega = 2 * math.degrees(math.atan(math.hypot(u - 9.5, v - 7) * math.tan(math.radians(230 / 4)) / 10))
+    return about_a_pole(omega, pan_in_circle(20, 15, u, v, -70, False), False)
+
+
+def zenith_planet(u, v):
+    omega = 2 * math.degrees(math.atan(math.hypot(u - 7, v - 9.5) * math.tan(math.radians(300 / 4)) / 7.5))
+    return about_a_pole(omega, pan_in_circle(15, 20, u, v, -70, True), True)
+
+
+TALL = math.degrees(math.atan(0.75))
+SHAPES = {
+    "cylinder": (Cylinder((24, 14), -80.0, 60.0, 10.0, 300.0), cylinder),
+    "tall-cylinder": (Cylinder((21, 13), -45.0, TALL, -20.0, 360.0, "height"), tall_cylinder),
+    "sphere": (Sphere((24, 12)), sphere),
+    "plane": (Plane((16, 11), 35.0, -25.0, 20.0, 100.0), lambda u, v: perspective(16, 11, 35, -25, 20, 100, u, v)),
+    "plane-down": (Plane((9, 8), 35.0, -90.0, 0.0, 60.0), lambda u, v: perspective(9, 8, 35, -90, 0, 60, u, v)),
+    "dome": (Dome((19, 18), 130.0, "nadir", 25.0, 10.0), dome),
+    "zenith-dome": (Dome((17, 19), 120.0, "zenith", 25.0), zenith_dome),
+    "planet": (LittlePlanet((20, 15), 230.0, "nadir", -70.0), planet),
+    "zenith-planet": (LittlePlanet((15, 20), 300.0, "zenith", -70.0), zenith_planet),
+}  # fmt: skip
+PLACES = {"distant": (inf, (0.0, 0.0, 0.0)), "near": (300.0, (0.0, 0.0, 0.0)), "moved": (900.0, MOVED)}
+
+
+def placed(shape, distance, offset):
+    """A screen of a shape at a place, and the target of each of its pixels."""
+    screen, looks = SHAPES[shape]
+
+    def target(u, v):
+        vector = looks(u, v)
+        if vector is None or distance == inf:
+            return vector
+        return distance * vector + offset
+
+    return replace(screen, distance_mm=distance, offset_mm=offset), target
+
+
+def ground(u, v):
+    """Pixels 50 mm apart, forward at the top turned 30 deg to the right."""
+    forward, right = world(30, 0), world(120, 0)
+    return (7 - v) * 50 * forward + (u - 6.5) * 50 * right + [100, -50, -600 + 20]
+
+
+SCREENS = {
+    **{f"{shape}-{place}": placed(shape, *PLACES[place]) for shape in SHAPES for place in PLACES},
+    "ground": (Ground((14, 15), 600.0, 50.0, 30.0, (100.0, -50.0, 20.0)), ground),
+    "ceiling": (Ground((3, 3), -600.0, 200.0), lambda u, v: np.array([(1 - v) * 200, (1 - u) * 200, 600])),
+}
+CAMERAS = {
+    **{name: om.load_sensor(name) for name in ("paper-spherical", "paper-hyperboloidal", "paraboloid-telecentric")},
+    **{kind: sensor_of(kind) for kind in ("cone", "equidistant", "ellipsoid")},
+    "ocam": om.OCam(CATADIOPTRIC, (515.3, 382.3), (1024, 768), SKEWED, rim_radius_px=452.0),
+    "ball": om.MirrorBall((500.0, 500.0), 499.0, 300.0, (1001, 1001)),
+}
+MOUNTS = [Mount("up"), Mount("down", 20.0), Mount("forward"), Mount("up", 33.0, image_flipped=True)]
+STANDING = [
+    pytest.param(replace(camera, mount=mount), id=f"{name}-{mount.camera_looks}{'-flipped' * mount.image_flipped}")
+    for name, camera in CAMERAS.items()
+    for mount in MOUNTS
+]
+
+
+def whole(screen):
+    return screen.targets(0, screen.size[1])
+
+
+@pytest.mark.parametrize("name", SCREENS)
+def test_pixels_look_where_the_conventions_say(name):
+    screen, target = SCREENS[name]
+    assert isinstance(screen, Screen)
+    width, height = screen.size
+    targets = whole(screen)
+    assert targets.shape == (height, width, 3)
+    scale = 1.0 if screen.is_distant else 1000.0
+    for u in range(width):
+        for v in range(height):
+            expected = target(u, v)
+            if expected is None:
+                assert np.isnan(targets[v, u]).all()
+            else:
+                found, expected = targets[v, u], np.asarray(expected, float)
+                if screen.is_distant:
+                    found, expected = found / np.linalg.norm(found), expected / np.linalg.norm(expected)
+                np.testing.assert_allclose(found, expected, atol=1e-12 * scale, rtol=1e-12)
+
+
+@pytest.mark.parametrize("camera", STANDING)
+def test_points_land_on_the_pixels_that_look_at_them(camera):
+    """The ray of every source pixel goes through the point, and what has no pixel is far from every ray."""
+    width, height = camera.image_size
+    grid = np.stack(np.meshgrid(np.arange(0, width, 12.0), np.arange(0, height, 12.0)), -1).reshape(-1, 2)
+    inside = np.all([camera.backproject(grid + s).valid for s in 10 * np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])], 0)
+    far_inside = camera.backproject(grid[inside])
+    for name, (screen, _) in SCREENS.items():
+        pixels = om.Dewarper(camera, screen).coordinates().reshape(-1, 2) if sees(camera, screen) else None
+        if pixels is None:
+            continue
+        targets = whole(screen).reshape(-1, 3)
+        seen = ~np.isnan(pixels[:, 0])
+        origins, directions, valid = camera.backproject(pixels[seen])
+        assert valid.all(), name
+        towards = targets[seen] - (0.0 if screen.is_distant else origins)
+        towards /= np.linalg.norm(towards, axis=1, keepdims=True)
+        np.testing.assert_allclose(directions, towards, atol=1e-8, err_msg=name)
+        for point in targets[~seen & ~np.isnan(targets[:, 0])][::7]:
+            towards = point - (0.0 if screen.is_distant else far_inside.origins)
+            towards = towards / np.linalg.norm(towards, axis=-1, keepdims=True)
+            nearest = (far_inside.directions * towards).sum(axis=1).max()
+            assert np.degrees(np.arccos(min(1.0, nearest))) > 0.5, name
+
+
+def sees(camera, screen):
+    return not np.isnan(source_pixels(camera, screen)[..., 0]).all()
+
+
+@pytest.mark.parametrize("looks", ["up", "down"])
+@pytest.mark.parametrize("name", [n for n in SCREENS if "near" in n or "moved" in n or n == "ground"])
+def test_points_are_seen_along_the_shortest_path(name, looks):
+    """Against Fermat's principle over a sphere, without any of the package's optics."""
+    screen, target = SCREENS[name]
+    sensor = sensor_with(looks, -90.0)
+    pixels = source_pixels(sensor, screen)
+    v, u = np.nonzero(~np.isnan(pixels[..., 0]))
+    assert len(u) or looks == "down"  # which does not see the ground
+    for i in np.random.default_rng(3).permutation(len(u))[:3]:
+        expected = shortest_path_pixel(np.asarray(target(u[i], v[i])), IMAGE_TOP_IS_FORWARD[looks])
+        np.testing.assert_allclose(pixels[v[i], u[i]], expected, atol=5e-3)
+
+
+@pytest.mark.parametrize("name", SCREENS)
+def test_right_and_down_are_as_seen_from_inside(name):
+    """Right x down points away from who looks; of a plan of the ceiling, seen from above, towards him."""
+    screen, _ = SCREENS[name]
+    targets = whole(screen) - (0.0 if screen.is_distant else screen.offset_mm)
+    here, right, down = targets[:-1, :-1], targets[:-1, 1:], targets[1:, :-1]
+    turn = np.einsum("hwi,hwi->hw", here, np.cross(right - here, down - here))
+    turn = turn[~np.isnan(turn)]
+    assert len(turn)
+    assert (turn < 0).all() if name == "ceiling" else (turn > 0).all()
+
+
+@pytest.mark.parametrize("name", SCREENS)
+def test_strips_single_pixels_and_copies_agree(name):
+    screen, _ = SCREENS[name]
+    targets = whole(screen)
+    np.testing.assert_array_equal(screen.targets(1, 3), targets[1:3])
+    width, height = screen.size
+    u, v = np.meshgrid(np.arange(width), np.arange(height))
+    np.testing.assert_array_equal(screen.targets_at(u, v), targets)
+    assert eval(repr(screen)) == screen
+    assert pickle.loads(pickle.dumps(screen)) == screen
+    assert len({screen, eval(repr(screen))}) == 1
+    place = ", at " in str(screen)
+    assert place == (not screen.is_distant and not isinstance(screen, Ground))
+    assert ("moved by" in str(screen)) == any(screen.offset_mm)
+
+
+@pytest.mark.parametrize("name", SCREENS)
+def test_one_pixel_is_a_picture(name):
+    screen = replace(SCREENS[name][0], size=(1, 1))
+    targets = whole(screen)
+    assert targets.shape == (1, 1, 3)
+    if "dome" not in name or "zenith" in name:  # a dome may leave out its pole
+        assert np.isfinite(targets).all()
+    camera = om.OCam((-200.0, 0.0, 1e-4), (320.0, 240.0), (640, 480), optics="fisheye")
+    assert exact_pixels(camera, screen).shape == (1, 1, 2)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("name", ["ocam", "ball"])
+def test_from_one_viewpoint_distance_does_not_matter(name, shape):
+    camera = CAMERAS[name]
+    distant = exact_pixels(camera, SHAPES[shape][0])
+    for distance in (1.0, 300.0, 1e9):
+        near = replace(SHAPES[shape][0], distance_mm=distance)
+        for viewpoint in ("exact", "single", 0.0):
+            found = exact_pixels(camera, near, viewpoint)
+            np.testing.assert_array_equal(np.isnan(found), np.isnan(distant))
+            np.testing.assert_allclose(found, distant, atol=1e-9, rtol=0)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_far_screens_are_distant_ones(shape):
+    camera = CAMERAS["paper-spherical"]
+    far = exact_pixels(camera, replace(SHAPES[shape][0], distance_mm=1e11, offset_mm=MOVED))
+    distant = exact_pixels(camera, SHAPES[shape][0])
+    both = ~np.isnan(far[..., 0]) & ~np.isnan(distant[..., 0])
+    assert both.sum() > 0.95 * (~np.isnan(distant[..., 0])).sum()
+    np.testing.assert_allclose(far[both], distant[both], atol=1e-5, rtol=0)
+
+
+# -- zoom and pan ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", SCREENS)
+@pytest.mark.parametrize("factor", [2.0, 0.9, 1.0])
+def test_zoom_enlarges_about_the_middle(name, factor):
+    screen, _ = SCREENS[name]
+    if factor < 1 and (isinstance(screen, Sphere) or screen.size == (21, 13)):
+        return  # these show all around already, and end where the shape does
+    zoomed = screen.zoomed(factor)
+    assert zoomed.size == screen.size
+    width, height = screen.size
+    u = (width - 1) / 2 + np.linspace(-0.4, 0.4, 5) * width / max(1, factor)
+    v = ((height - 1) / 2 + np.linspace(-0.4, 0.4, 5) * height / max(1, factor))[:, None]
+    far_u, far_v = (c + factor * (x - c) for x, c in ((u, (width - 1) / 2), (v, (height - 1) / 2)))
+    here, there = screen.targets_at(u, v), zoomed.targets_at(far_u, far_v)
+    shown = ~np.isnan(here) & ~np.isnan(there)  # the zoomed dome ends at its circle
+    assert shown.mean() > 0.5
+    np.testing.assert_allclose(there[shown], here[shown], rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", SCREENS)
+def test_pan_turns_about_the_vertical(name):
+    screen, _ = SCREENS[name]
+    offset = (0.0, 0.0, 0.0)
+    if not isinstance(screen, Ground) or not any(screen.offset_mm):
+        offset = screen.offset_mm
+        c, s = math.cos(math.radians(40)), math.sin(math.radians(40))
+        turned = (whole(screen) - offset) @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]).T
+        np.testing.assert_allclose(whole(screen.panned(40.0)) - offset, turned, atol=1e-9)
+    assert screen.panned(0.0) == screen or isinstance(screen, Cylinder)
+
+
+def test_tilt_moves_rows_up():
+    plane = Plane((5, 5), 10.0, 20.0)
+    assert plane.panned(5.0, 10.0) == Plane((5, 5), 15.0, 30.0)
+    assert Sphere((8, 4), -40.0, 20.0).panned(0.0, 10.0) == Sphere((8, 4), -30.0, 30.0)
+    bent = Cylinder((8, 5), -45.0, 45.0, rows="height").panned(0.0, 45.0)
+    assert (bent.tilt_min_deg, bent.tilt_max_deg) == pytest.approx((0.0, math.degrees(math.atan(2))))
+    for screen in (Dome((5, 5), 90.0), LittlePlanet((5, 5)), Ground((5, 5), 100.0, 1.0), CubeMap((6, 1), "strip")):
+        with pytest.raises(InvalidParameter, match="cannot be tilted by 5 deg"):
+            screen.panned(0.0, 5.0)
+    with pytest.raises(InvalidParameter, match="elevations from -80 to 100 deg"):
+        Cylinder((8, 5), -90.0, 90.0).panned(0.0, 10.0)
+
+
+@pytest.mark.parametrize("factor", [0.0, -1.0, np.nan, inf])
+def test_a_zoom_that_is_none_is_refused(factor):
+    for screen, _ in SHAPES.values():
+        with pytest.raises(InvalidParameter, match="is no factor"):
+            screen.zoomed(factor)
+    with pytest.raises(InvalidParameter, match="cannot be zoomed"):
+        CubeMap((4, 3)).zoomed(2.0)
+
+
+# -- several views in one picture ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("place", PLACES.values(), ids=PLACES)
+def test_faces_of_a_cube_are_views_at_right_angles(layout, place):
+    columns, rows = CubeMap.grid(layout)
+    cube = CubeMap((columns * 6, rows * 6), layout, 20.0, *place)
+    assert isinstance(cube, Composite)
+    assert not isinstance(cube, Screen)
+    assert eval(repr(cube)) == cube
+    looks = {"front": (20, 0), "right": (110, 0), "back": (200, 0), "left": (-70, 0), "up": (20, 90), "down": (20, -90)}
+    camera = CAMERAS["ball"]
+    pixels = source_pixels(camera, cube)
+    shown = np.zeros(pixels.shape[:2], bool)
+    for name, (pan, tilt) in looks.items():
+        ((j, i),) = [(j, i) for j, row in enumerate(LAYOUTS[layout]) for i, n in enumerate(row) if n == name]
+        part = pixels[j * 6 : j * 6 + 6, i * 6 : i * 6 + 6]
+        face = Plane((6, 6), pan, tilt, 0.0, 90.0, *place)
+        np.testing.assert_array_equal(part, source_pixels(camera, face))
+        shown[j * 6 : j * 6 + 6, i * 6 : i * 6 + 6] = True
+    assert np.isnan(pixels[~shown]).all()
+
+
+def test_faces_of_a_cross_join():
+    """The last pixel of one face and the first of the next look half a pixel to each side of their edge."""
+    faces = {name: whole(CubeMap((400, 300)).face(name)) for name in ("front", "right", "up", "down")}
+    f = faces["front"]
+    for edge, neighbour in (
+        (f[:, -1], faces["right"][:, 0]),
+        (f[0], faces["up"][-1]),
+        (f[-1], faces["down"][0]),
+    ):
+        a, b = (x / np.linalg.norm(x, axis=-1, keepdims=True) for x in (edge, neighbour))
+        angles = np.degrees(np.arccos(np.clip((a * b).sum(axis=-1), -1, 1)))
+        assert angles.max() < 0.6
+
+
+def test_a_mosaic_is_its_views():
+    """Near and distant ones, one of several views itself; later ones over earlier ones."""
+    sensor = CAMERAS["paper-spherical"]
+    near, far = Plane((8, 6), 20.0, -20.0, distance_mm=200.0), Plane((8, 6), 20.0, -20.0)
+    cube = CubeMap((12, 2), "strip", distance_mm=500.0)
+    mosaic = Mosaic((20, 16), ((0, 0, near), (10, 0, far), (3, 7, cube), (1, 1, Sphere((4, 2)))))
+    assert mosaic.parts[0] == Part(0, 0, near)
+    assert len(parts_of(mosaic)) == 9
+    assert eval(repr(mosaic)) == mosaic
+    expected = np.full((16, 20, 2), np.nan)
+    expected[:6, :8] = source_pixels(sensor, near)
+    expected[:6, 10:18] = source_pixels(sensor, far)
+    expected[7:9, 3:15] = source_pixels(sensor, cube)
+    expected[1:3, 1:5] = source_pixels(sensor, Sphere((4, 2)))
+    np.testing.assert_array_equal(om.Dewarper(sensor, mosaic).coordinates(), expected)
+    assert not np.allclose(expected[0, :8], expected[0, 10:18], atol=2.0)
+    picture = np.full((1024, 1024), 255, np.uint8)
+    straight = om.Dewarper(sensor, mosaic, "nearest")(picture)
+    np.testing.assert_array_equal(straight == 255, ~np.isnan(expected[..., 0]))
+
+
+def test_a_mosaic_with_a_view_of_nothing_shows_the_others():
+    sensor = CAMERAS["paper-spherical"]
+    sky = Plane((8, 6), tilt_deg=90.0, hfov_deg=30.0, distance_mm=500.0)
+    mosaic = Mosaic.stacked([[sky, Plane((8, 6))]], gap_px=2)
+    for viewpoint in ("exact", "single"):
+        valid = om.Dewarper(sensor, mosaic, viewpoint=viewpoint).valid
+        assert not valid[:, :10].any()
+        assert valid[:, 10:].all()
+
+
+def test_stacked_views_stand_in_the_middle():
+    rows = [[Plane((30, 10))], [Plane((8, 6)), Plane((8, 4))], [Plane((5, 5))]]
+    mosaic = Mosaic.stacked(rows, gap_px=2)
+    assert mosaic.size == (30, 25)
+    assert [p[:2] for p in mosaic.parts] == [(0, 0), (6, 12), (16, 12), (12, 20)]
+    zoomed = mosaic.zoomed(2.0).panned(10.0)
+    assert [p.view for p in zoomed.parts] == [p.view.zoomed(2.0).panned(10.0) for p in mosaic.parts]
+
+
+# -- what cannot be ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_places_that_cannot_be_are_refused(shape):
+    screen = SHAPES[shape][0]
+    with pytest.raises(InvalidParameter, match=r"offset_mm = \(0, 0, 9.0\) moves nothing: a screen at infinity"):
+        replace(screen, offset_mm=(0, 0, 9.0))
+    for distance in (0.0, -5.0, np.nan):
+        with pytest.raises(InvalidParameter, match="is no distance; it is valid above 0, and inf"):
+            replace(screen, distance_mm=distance)
+    for offset in ((0.0, np.nan, 0.0), (0.0, 1.0)):
+        with pytest.raises(InvalidParameter, match="is not x, y and z in mm"):
+            replace(screen, distance_mm=100.0, offset_mm=offset)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Cylinder((5, 5), -90.0, 10.0, rows="height"), "neither the zenith nor the nadir"),
+        (lambda: Cylinder((5, 5), -9.0, 10.0, rows="mm"), "'mm' is not one of tilt, height"),
+        (lambda: Cylinder.wall((5, 5), (100.0, 100.0), 500.0), "heights from 100 to 100 mm make no wall"),
+        (lambda: Cylinder((5, 5), -45.0, 9.0, rows="height").panned(0.0, 90.0), "tilt_deg = 90 is valid above -90"),
+        (lambda: Sphere((5, 5), 10.0, -10.0), "10 to -10 deg make no panorama"),
+        (lambda: Ground((5, 5), np.nan, 1.0), "height_mm = nan"),
+        (lambda: Ground((5, 5), 100.0, 0.0), "mm_per_pixel = 0 is no scale"),
+        (lambda: Ground((5, 5), 100.0, inf), "mm_per_pixel = inf is no scale"),
+        (lambda: LittlePlanet((5, 5), 360.0), "hfov_deg = 360 is valid above 0 and below 360"),
+        (lambda: LittlePlanet((5, 5), pole="south"), "'south' is not one of nadir, zenith"),
+        (lambda: CubeMap((5, 5)), "the layout cross needs 4 n x 3 n px, such as 1024 x 768"),
+        (lambda: CubeMap((8, 8), "3x2"), "the layout 3x2 needs 3 n x 2 n px"),
+        (lambda: CubeMap((2, 1), "3x2"), "holds no square faces"),
+        (lambda: CubeMap((6, 1), "row"), "'row' is not one of cross, strip, 3x2"),
+        (lambda: CubeMap((6, 1), "strip", offset_mm=(1.0, 0.0, 0.0)), "moves nothing"),
+        (lambda: CubeMap((6, 1), "strip").face("top"), "'top' is not one of right, left, up, down, front, back"),
+        (lambda: Mosaic((5, 5), ()), "at least one view"),
+        (lambda: Mosaic((5, 5), ((0, 0, Plane((6, 5))),)), r"reaches to \(6, 5\), beyond its 5 x 5 px"),
+        (lambda: Mosaic((9, 9), ((-1, 0, Plane((6, 5))),)), r"begins at \(-1, 0\)"),
+        (lambda: Mosaic((9, 9), ((0, 0.5, Plane((6, 5))),)), r"begins at \(0, 0.5\)"),
+        (lambda: Mosaic.stacked([]), "size"),
+        (lambda: Mosaic.stacked([[Plane((5, 5))], []]), "a row of the mosaic has no view"),
+    ],
+)  # fmt: skip
+def test_a_screen_that_cannot_be_is_refused(make, message):
+    with pytest.raises(InvalidParameter, match=message):
+        make()
