@@ -4,6 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet install -c constraints.txt
 DEMO_OUT ?= out/demo
+NATIVE := $(wildcard native/CMakeLists.txt native/src/*)
 
 .DEFAULT_GOAL := help
 .PHONY: help demo test test-full lint format bench clean
@@ -19,6 +20,7 @@ test: lint  ## Everything that must hold, in a few minutes
 
 test-full: lint $(VENV)/.full  ## Also long checks and other programs (1.3 GB more)
 	$(BIN)/python -m pytest -n auto
+	native/sanitize.sh $(BIN)/python -q
 
 lint: $(VENV)/.test
 	$(BIN)/ruff check .
@@ -40,14 +42,14 @@ $(BIN)/python:
 	  { echo "omnimirror needs Python 3.11 or newer; $(PYTHON) is older: make PYTHON=python3.12 ..."; exit 1; }
 	$(PYTHON) -m venv $(VENV)
 
-$(VENV)/.core: pyproject.toml constraints.txt | $(BIN)/python
+$(VENV)/.core: pyproject.toml constraints.txt $(NATIVE) | $(BIN)/python
 	$(PIP) -e .
 	@touch $@
 
-$(VENV)/.test: pyproject.toml constraints.txt | $(BIN)/python
+$(VENV)/.test: pyproject.toml constraints.txt $(NATIVE) | $(BIN)/python
 	$(PIP) -e '.[test]'
 	@touch $@ $(VENV)/.core
 
-$(VENV)/.full: pyproject.toml constraints.txt | $(BIN)/python
+$(VENV)/.full: pyproject.toml constraints.txt $(NATIVE) | $(BIN)/python
 	$(PIP) -e '.[test,full]'
 	@touch $@

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-HEAVY = ("scipy", "pydantic", "matplotlib", "cv2", "rich", "tomli_w")
+HEAVY = ("scipy", "pydantic", "matplotlib", "cv2", "av", "rich", "tomli_w")
 
 
 def test_arrows_run_downwards_only():

@@ -12,7 +12,7 @@ from ..cameras import Camera, Mask
 from ..errors import InvalidParameter, OutsideField
 from .coordinates import source_pixels
 from .fields import field_of
-from .sampling import INTERPOLATIONS, Image, Interpolation, check_picture, sample
+from .sampling import INTERPOLATIONS, FixedMap, Image, Interpolation, check_picture, with_alpha
 from .screens import View
 from .viewpoints import Viewpoint, check_viewpoint
 
@@ -84,7 +84,7 @@ class Dewarper:
             with an alpha of its own, everything outside the field is 0 in all channels.
         """
         check_picture(image, self.camera.image_size)
-        return sample(image, *self._maps, self.interpolation, transparent)
+        return self._map(with_alpha(image) if transparent else image)
 
     def coordinates(self, exact: bool = False) -> Array:
         """Source pixels (height, width, 2) as (u, v); NaN outside the field.
@@ -104,12 +104,9 @@ class Dewarper:
     @property
     def valid(self) -> Mask:
         """(height, width), False outside the field."""
-        return self._maps[2]
+        valid: Mask = ~np.isnan(self._map.coordinates[..., 0])
+        return valid
 
     @cached_property
-    def _maps(self) -> tuple[NDArray[np.float32], NDArray[np.float32], Mask]:
-        """Columns and rows of the source pixels, 0 outside the field, and where inside; each (height, width)."""
-        pixels = self.coordinates()
-        valid: Mask = ~np.isnan(pixels[..., 0])
-        columns, rows = np.where(valid, np.moveaxis(pixels, -1, 0), 0.0).astype(np.float32)
-        return columns, rows, valid
+    def _map(self) -> FixedMap:
+        return FixedMap(self.coordinates(), self.camera.image_size, self.interpolation)

@@ -1,31 +1,42 @@
-"""Taking a picture's values at fractional coordinates, with OpenCV."""
+"""Taking a picture's values at fractional coordinates: compiled, or with OpenCV where nothing was compiled.
+
+Both follow one rule. A coordinate from half a pixel before the first pixel's centre to half a pixel behind the
+last one's lies on the picture; on that outermost half pixel the picture has the value of its edge. NaN and all
+other coordinates lie outside and give the border value: nothing is smeared. Cubic is the kernel of Keys with
+a = -0.75, as in OpenCV; its taps beyond the picture repeat the edge.
+
+Values agree to one grey level. Coordinates are kept as float32; the compiled samplers take fractions of a pixel
+to 1/255 in uint8 pictures and to 1/65535 in others.
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from ..cameras import Mask
+from ..cameras import Mask, inside_image
 from ..errors import InvalidParameter
 from ..media.images import FULL
+from .native import compiled
 
 Image = NDArray[Any]
+Coordinates = NDArray[np.float32] | NDArray[np.float64]
+Array = NDArray[np.float64]
 Interpolation = Literal["nearest", "linear", "cubic"]
 
 INTERPOLATIONS = {"nearest": cv2.INTER_NEAREST, "linear": cv2.INTER_LINEAR, "cubic": cv2.INTER_CUBIC}
+NUMBERS = {"nearest": 0, "linear": 1, "cubic": 2}
 LONGEST_SIDE_PX = 32_766  # cv2.remap counts pixels in 16 bits
+MOST_VALUES = 0x7FFF0000  # the compiled samplers count values in 31 bits
 
 
 def check_picture(image: Image, size: tuple[int, int]) -> None:
     """Refuse what is not a picture of the given (width, height)."""
-    channels = image.shape[2] if image.ndim == 3 else 1
-    if image.ndim not in (2, 3) or channels not in (1, 3, 4):
-        raise InvalidParameter(f"an array of shape {image.shape} is not a picture of 1, 3 or 4 channels")
-    if image.dtype.name not in FULL:
-        raise InvalidParameter(f"the picture holds {image.dtype.name} values; valid are {', '.join(FULL)}")
+    check_kind(image)
     height, width = image.shape[:2]
     if (width, height) != tuple(size):
         same_shape = abs(width * size[1] - height * size[0]) <= max(width, height, *size) / 2
@@ -33,49 +44,338 @@ def check_picture(image: Image, size: tuple[int, int]) -> None:
         raise InvalidParameter(
             f"the picture has {width} x {height} px and the camera's {size[0]} x {size[1]} px{advice}"
         )
-    if max(size) > LONGEST_SIDE_PX:
+    check_largest(image)
+
+
+def check_kind(image: Image) -> None:
+    """Refuse what no picture looks like."""
+    channels = image.shape[2] if image.ndim == 3 else 1
+    if image.ndim not in (2, 3) or channels not in (1, 3, 4) or image.size == 0:
+        raise InvalidParameter(f"an array of shape {image.shape} is not a picture of 1, 3 or 4 channels")
+    if image.dtype.name not in FULL:
+        raise InvalidParameter(f"the picture holds {image.dtype.name} values; valid are {', '.join(FULL)}")
+
+
+def check_largest(image: Image) -> None:
+    """Refuse a picture with more pixels than can be counted."""
+    height, width = image.shape[:2]
+    if compiled() is None and max(width, height) > LONGEST_SIDE_PX:
         raise InvalidParameter(
-            f"a picture of {width} x {height} px is too large; valid are {LONGEST_SIDE_PX} px a side"
+            f"a picture of {width} x {height} px is too large; valid are {LONGEST_SIDE_PX} px a side, "
+            "and more with the compiled samplers"
         )
+    if image.size > MOST_VALUES:
+        raise InvalidParameter(f"a picture of {width} x {height} px is too large; valid are {MOST_VALUES} values")
 
 
-def sample(
-    image: Image,
-    columns: NDArray[np.float32],
-    rows: NDArray[np.float32],
-    valid: Mask,
-    interpolation: Interpolation,
-    transparent: bool,
-) -> Image:
-    """The picture's values at (columns, rows), each (h, w); 0 where not valid.
-
-    The outermost pixels reach half a pixel beyond their centres, with their own value; nothing is
-    repeated farther out. ``transparent`` adds an alpha channel to a picture that has none.
-    """
-    height, width = valid.shape
+def with_alpha(image: Image) -> Image:
+    """The picture in four channels, opaque unless it has an alpha."""
     channels = image.shape[2:]
-    if transparent and channels != (4,):
-        bgr = image if channels == (3,) else cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
-        image = cv2.cvtColor(bgr, cv2.COLOR_BGR2BGRA)
-        channels = (4,)
-    if height <= LONGEST_SIDE_PX and width <= LONGEST_SIDE_PX:
-        return _sample_tile(image, columns, rows, valid, interpolation).reshape(height, width, *channels)
-    out = np.empty((height, width, *channels), image.dtype)
-    for top in range(0, height, LONGEST_SIDE_PX):
-        for left in range(0, width, LONGEST_SIDE_PX):
+    if channels == (4,):
+        return image
+    bgr = image if channels == (3,) else cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
+    return np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2BGRA))
+
+
+# -- what can be asked -----------------------------------------------------------------------------
+
+
+def remap(
+    image: Image,
+    coordinates: Coordinates,
+    interpolation: Interpolation = "linear",
+    out: Image | None = None,
+    border: float = 0,
+) -> Image:
+    """The picture's values at coordinates that are used once.
+
+    Parameters
+    ----------
+    image : (h, w) or (h, w, c) array, uint8, uint16 or float32, c = 1, 3 or 4
+        With any strides.
+    coordinates : (rows, columns, 2), float32 or float64, px
+        (u, v), integers at pixel centres; NaN is outside.
+    interpolation
+        ``"nearest"``, ``"linear"`` or ``"cubic"``.
+    out : (rows, columns) or (rows, columns, c) array of the same depth, optional
+        Filled and returned; with any strides.
+    border
+        Value of all channels outside the picture.
+
+    Raises
+    ------
+    InvalidParameter
+        For arrays that do not fit each other.
+
+    Examples
+    --------
+    >>> picture = np.array([[0, 100], [0, 100]], np.uint8)
+    >>> remap(picture, np.array([[[0.25, 0.5], [1.5, 0.0], [1.6, 0.0]]]), border=7)
+    array([[ 25, 100,   7]], dtype=uint8)
+    """
+    coordinates = _checked(coordinates)
+    call = _Call(image, coordinates.shape[:2], interpolation, out, border)
+    module = compiled()
+    if module is None:
+        return call.done(_remap_opencv(call.source, coordinates, interpolation, border))
+    module.remap(call.source, _adjoining(coordinates), call.target, NUMBERS[interpolation], border)
+    return call.done()
+
+
+class FixedMap:
+    """Coordinates that are used for many pictures of one size; see :func:`remap`.
+
+    The compiled samplers take the first picture with the coordinates as they are, since a moving view has no
+    second one; then they pack them into 6 bytes a pixel (8 for deep pictures) and are about twice as fast.
+
+    Parameters
+    ----------
+    coordinates : (rows, columns, 2), px
+        Kept as float32.
+    size : (width, height)
+        Of the pictures.
+    interpolation
+        As in :func:`remap`.
+    """
+
+    def __init__(self, coordinates: Coordinates, size: tuple[int, int], interpolation: Interpolation = "linear"):
+        _check_interpolation(interpolation)
+        self.coordinates = np.array(_checked(coordinates), np.float32, order="C")
+        self.size = size
+        self.interpolation: Interpolation = interpolation
+        self._packed: dict[tuple[int, bool], Any] = {}
+        self._is_used = False
+
+    def __call__(self, image: Image, out: Image | None = None, border: float = 0) -> Image:
+        """The picture's values; ``out`` and ``border`` as in :func:`remap`."""
+        check_kind(image)
+        if image.shape[1::-1] != tuple(self.size):
+            raise InvalidParameter(f"the picture has another size than the map: {image.shape[1::-1]}, not {self.size}")
+        call = _Call(image, self.coordinates.shape[:2], self.interpolation, out, border)
+        module = compiled()
+        if module is None:
+            return call.done(_remap_opencv(call.source, self.coordinates, self.interpolation, border))
+        if not self._is_used:
+            self._is_used = True
+            module.remap(call.source, self.coordinates, call.target, NUMBERS[self.interpolation], border)
+            return call.done()
+        kind = (call.source.shape[2], call.source.dtype != np.uint8)
+        if kind not in self._packed:
+            self._packed[kind] = module.PackedMap(self.coordinates, *self.size, *kind, NUMBERS[self.interpolation])
+        self._packed[kind].sample(call.source, call.target, border)
+        return call.done()
+
+
+def remap_polar(
+    image: Image,
+    radii: ArrayLike,
+    angles: ArrayLike,
+    centre: tuple[float, float],
+    interpolation: Interpolation = "linear",
+    out: Image | None = None,
+    border: float = 0,
+) -> Image:
+    """The picture's values at ``centre + radii[row] (cos, sin)(angles[column])``, without a map.
+
+    Parameters
+    ----------
+    radii : (rows,) px
+        NaN is outside.
+    angles : (columns,) radians
+        From right towards down in the picture.
+    centre : (u, v) px
+
+    The others are those of :func:`remap`.
+    """
+    rows, columns = np.asarray(radii, np.float64), np.asarray(angles, np.float64)
+    directions = np.cos(columns), np.sin(columns)
+    call = _Call(image, (len(rows), len(columns)), interpolation, out, border)
+    module = compiled()
+    if module is None:
+        pixels = np.stack([c + rows[:, None] * d for c, d in zip(centre, directions, strict=True)], axis=-1)
+        return call.done(_remap_opencv(call.source, pixels, interpolation, border))
+    cosines, sines = (d.astype(np.float32) for d in directions)
+    radii32 = rows.astype(np.float32)
+    module.remap_polar(call.source, radii32, cosines, sines, *centre, call.target, NUMBERS[interpolation], border)
+    return call.done()
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Coordinates at every ``step``-th output pixel, to be interpolated bicubically between.
+
+    With 16 pixels between nodes, a perspective view is met to some thousandths of a pixel.
+    """
+
+    nodes: NDArray[np.float32]
+    """(2, rows, columns): u and v at output pixels (-step, -step), (0, -step), .. up to one beyond the cell of
+    the last pixel."""
+    size: tuple[int, int]
+    """(width, height) of the output."""
+    step: int
+    """8, 16, 32 or 64."""
+    cells: NDArray[np.int32]
+    """(cell rows, cell columns): -1 where to interpolate, else the index of a patch."""
+    patches: NDArray[np.float32]
+    """(n, step, step, 2): the coordinates of cells that must not be interpolated."""
+    centre: tuple[float, float] = (np.nan, np.nan)
+    """A point of the picture, (u, v); where it is NaN, the two below mean nothing."""
+    least: float = 0.0
+    """What is seen lies at least so far from the centre, px,"""
+    most: float = np.inf
+    """and at most so far."""
+
+    def coordinates(self) -> NDArray[np.float32]:
+        """All coordinates (height, width, 2); NaN outside."""
+        down, across = self.cells.shape
+        weights = node_weights(self.step)
+        full = np.zeros((2, down, self.step, across, self.step), np.float32)
+        for j, along in enumerate(weights):
+            for k, over in enumerate(weights):
+                corner = self.nodes[:, j : j + down, k : k + across]
+                full += corner[:, :, None, :, None] * along[:, None, None] * over
+        tiles = full.transpose(1, 3, 2, 4, 0)
+        exact = self.cells >= 0
+        tiles[exact] = self.patches[self.cells[exact]]
+        width, height = self.size
+        whole = tiles.transpose(0, 2, 1, 3, 4).reshape(down * self.step, across * self.step, 2)[:height, :width]
+        if np.isfinite(self.centre[0]):
+            distance2 = ((whole - np.array(self.centre, np.float32)) ** 2).sum(axis=-1)
+            whole[~((distance2 >= self.least**2) & (distance2 <= self.most**2))] = np.nan
+        return whole
+
+
+def node_weights(step: int) -> NDArray[np.float32]:
+    """Lagrange's cubic weights (4, step) of the nodes at -1, 0, 1 and 2, at every 1/step."""
+    t = np.arange(step) / step
+    outer = t * (t - 1) / 6
+    inner = (t + 1) * (t - 2) / 2
+    return np.stack([-outer * (t - 2), inner * (t - 1), -inner * t, outer * (t + 1)]).astype(np.float32)
+
+
+def remap_grid(
+    image: Image, grid: Grid, interpolation: Interpolation = "linear", out: Image | None = None, border: float = 0
+) -> Image:
+    """The picture's values at a grid's coordinates; the others are as in :func:`remap`."""
+    call = _Call(image, grid.size[::-1], interpolation, out, border)
+    module = compiled()
+    if module is None:
+        return call.done(_remap_opencv(call.source, grid.coordinates(), interpolation, border))
+    module.remap_grid(
+        call.source,
+        *grid.nodes,
+        node_weights(grid.step),
+        grid.cells,
+        grid.patches,
+        *grid.centre,
+        grid.least,
+        grid.most,
+        call.target,
+        NUMBERS[interpolation],
+        border,
+    )
+    return call.done()
+
+
+# -- arrays as the samplers need them --------------------------------------------------------------
+
+
+class _Call:
+    """One picture in, one out: three axes, pixels that adjoin, checked against each other."""
+
+    def __init__(
+        self, image: Image, shape: tuple[int, ...], interpolation: str, out: Image | None, border: float
+    ) -> None:
+        check_kind(image)
+        check_largest(image)
+        _check_interpolation(interpolation)
+        if image.dtype.kind == "u" and not (0 <= border <= np.iinfo(image.dtype).max and border == int(border)):
+            raise InvalidParameter(f"border = {border} is no value of a picture of {image.dtype.name}")
+        whole, kind = (*shape, *image.shape[2:]), image.dtype.newbyteorder("=")
+        if out is None:
+            out = np.empty(whole, kind)
+        elif out.shape != whole or out.dtype != kind:
+            raise InvalidParameter(f"out is {out.shape} of {out.dtype.name}, not {whole} of {image.dtype.name}")
+        elif not out.flags.writeable:
+            raise InvalidParameter("out cannot be written")
+        self.out = out
+        self.source = np.atleast_3d(image)
+        if not _is_direct(self.source):
+            self.source = np.array(self.source, kind, order="C")  # a copy, aligned too
+        self.target = np.atleast_3d(out)
+        if not _is_direct(self.target) or np.may_share_memory(image, out):
+            self.target = np.empty(self.target.shape, kind)
+
+    def done(self, taken: Image | None = None) -> Image:
+        """What the caller asked for, from what was sampled."""
+        target = self.target if taken is None else taken
+        if not np.may_share_memory(target, self.out):
+            self.out[...] = target.reshape(self.out.shape)
+        return self.out
+
+
+def _is_direct(array: Image) -> bool:
+    """Whether channels and pixels adjoin, and rows follow downwards without overlap."""
+    _, width, channels = array.shape
+    down, across, deep = array.strides
+    item = array.itemsize
+    return bool(
+        array.flags.aligned
+        and array.dtype.isnative
+        and (channels == 1 or deep == item)
+        and (width == 1 or across == channels * item)
+        and (array.shape[0] == 1 or (down >= width * channels * item and down % item == 0))
+        and (down % item, across % item, deep % item) == (0, 0, 0)
+        and (array.size > 0)
+    )
+
+
+def _adjoining(coordinates: Coordinates) -> Image:
+    direct = coordinates.strides[1:] == (2 * coordinates.itemsize, coordinates.itemsize)
+    return (
+        coordinates
+        if direct and _is_direct(coordinates)
+        else np.array(coordinates, coordinates.dtype.newbyteorder("="), order="C")
+    )
+
+
+def _checked(coordinates: Coordinates) -> Coordinates:
+    if coordinates.ndim != 3 or coordinates.shape[2] != 2 or coordinates.dtype not in (np.float32, np.float64):
+        raise InvalidParameter(
+            f"coordinates are (rows, columns, 2) of float32 or float64, not {coordinates.shape} of {coordinates.dtype}"
+        )
+    return coordinates
+
+
+def _check_interpolation(interpolation: str) -> None:
+    if interpolation not in INTERPOLATIONS:
+        raise InvalidParameter(f"interpolation = {interpolation!r} is not one of {', '.join(INTERPOLATIONS)}")
+
+
+# -- OpenCV ----------------------------------------------------------------------------------------
+
+
+def _remap_opencv(image: Image, coordinates: Coordinates, interpolation: Interpolation, border: float) -> Image:
+    """:func:`remap` without anything compiled; a last axis of length 1 may be lost."""
+    rows, columns = coordinates.shape[:2]
+    out = np.empty((rows, columns, image.shape[2]), image.dtype)
+    for top in range(0, rows, LONGEST_SIDE_PX):
+        for left in range(0, columns, LONGEST_SIDE_PX):
             tile = slice(top, top + LONGEST_SIDE_PX), slice(left, left + LONGEST_SIDE_PX)
-            taken = _sample_tile(image, columns[tile], rows[tile], valid[tile], interpolation)
+            taken = _remap_tile(image, coordinates[tile], interpolation, border)
             out[tile] = taken.reshape(out[tile].shape)
     return out
 
 
-def _sample_tile(
-    image: Image,
-    columns: NDArray[np.float32],
-    rows: NDArray[np.float32],
-    valid: Mask,
-    interpolation: Interpolation,
-) -> Image:
-    """:func:`sample` of an output small enough for OpenCV; a last axis of length 1 is lost."""
-    taken = cv2.remap(image, columns, rows, INTERPOLATIONS[interpolation], borderMode=cv2.BORDER_REPLICATE)
-    return taken if valid.all() else cv2.copyTo(taken, valid.astype(np.uint8))
+def _remap_tile(image: Image, coordinates: Coordinates, interpolation: Interpolation, border: float) -> Image:
+    height, width = image.shape[:2]
+    pixels: NDArray[Any] = coordinates.astype(np.float32)
+    inside: Mask = inside_image(pixels, (width, height))
+    pixels[~inside] = 0
+    x, y = pixels[..., 0].clip(0, width - 1), pixels[..., 1].clip(0, height - 1)
+    if interpolation == "nearest":  # OpenCV's versions differ in what they make of halves
+        x, y = np.floor(x + 0.5), np.floor(y + 0.5)
+    taken = cv2.remap(image, x, y, INTERPOLATIONS[interpolation], borderMode=cv2.BORDER_REPLICATE)
+    taken = taken.reshape(*inside.shape, image.shape[2])
+    taken[~inside] = border
+    return np.asarray(taken)

@@ -1,0 +1,121 @@
+// What is to be sampled, from where, to where: plain data, shared by all instruction sets.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+
+namespace omnimirror {
+
+enum class Interpolation { nearest = 0, linear = 1, cubic = 2 };
+enum class Depth { u8 = 0, u16 = 1, f32 = 2 };
+
+// Every output pixel is described by the offset of one source pixel and two fractions. The offset counts
+// elements (bytes of a uint8 picture) from the first pixel. Two kinds of pixel are told by the upper bit:
+constexpr uint32_t OUTSIDE = 0xffffffffu;  // not in the field: becomes the border colour
+constexpr uint32_t EDGE = 0x80000000u;     // cubic taps beyond the picture: the edge is repeated, slowly
+constexpr int64_t LARGEST_OFFSET = 0x7fff0000;
+
+constexpr int STRIP = 64;  // output pixels described at a time, in the first-level cache
+
+// Pictures narrower or lower than this are copied into a larger one that repeats their edge, so that no
+// kernel has to think of pictures smaller than its loads.
+constexpr int SMALLEST_SIDE = 16;
+
+// The source picture as the kernels need it: pixels adjoin, rows are row_step elements apart.
+struct Geometry {
+    int width, height;           // where coordinates are valid: -0.5 to width - 0.5
+    int x0_max, y0_max;          // the last pixel that has a right or lower neighbour in memory
+    uint32_t pixel_step, row_step;  // in elements
+    // Pixels x0 in [x_inner, x_inner + x_span] and likewise y0 need no repeated edge.
+    int x_inner, y_inner;
+    uint32_t x_span, y_span;
+};
+
+struct Source {
+    const uint8_t* data;
+    Depth depth;
+    int channels;
+    int64_t elements;  // from the first to the last that may be read
+    Geometry geometry;
+};
+
+struct Target {
+    uint8_t* data;
+    int width, height;
+    ptrdiff_t stride;  // bytes; pixels adjoin
+};
+
+// Where output pixels look: one of these.
+struct Coordinates {
+    const uint8_t* data;      // (x, y) pairs that adjoin
+    ptrdiff_t row_stride;     // bytes
+    bool is_double;
+};
+
+struct Polar {  // centre + radii[row] * (cosines, sines)[column]
+    const float *radii, *cosines, *sines;
+    float x, y;
+};
+
+struct Nodes {  // coordinates at every step-th pixel, from (-step, -step) on, interpolated bicubically
+    const float *x, *y;         // (rows, columns)
+    int columns, step;
+    const float* weights;       // (4, step)
+    const int32_t* cells;       // (cell rows, cell columns): -1 interpolate, else index into patches
+    const float* patches;       // (n, step, step, 2) coordinates of cells that must not be interpolated
+    int cell_columns;
+    // Only what lies between these distances from a point of the picture is seen. Squares; none if x is NaN.
+    float x_centre, y_centre, least2, most2;
+};
+
+struct Packed {
+    const uint32_t* offsets;
+    const void *fx, *fy;        // uint8_t or uint16_t, as is_deep says
+    ptrdiff_t row_step;         // entries, a multiple of 8
+};
+
+enum class Where { coordinates, polar, nodes, packed };
+
+struct Job {
+    Source source;
+    Target target;
+    Interpolation interpolation;
+    uint8_t border[16];         // one pixel, in the source's depth
+    Where where;
+    Coordinates coordinates;
+    Polar polar;
+    Nodes nodes;
+    Packed packed;
+};
+
+struct Tile {
+    int top, bottom, left, right;  // left is a multiple of STRIP
+};
+
+// A packed map that is being made: rows from top to bottom of coordinates.
+struct Packing {
+    Coordinates coordinates;
+    Geometry geometry;
+    Interpolation interpolation;
+    int width;
+    bool is_deep;
+    uint32_t* offsets;
+    void *fx, *fy;
+    ptrdiff_t row_step;
+};
+
+inline bool is_deep(Depth depth) { return depth != Depth::u8; }
+inline int size_of(Depth depth) { return depth == Depth::u8 ? 1 : depth == Depth::u16 ? 2 : 4; }
+
+// What each instruction set implements, in a translation unit of its own.
+struct Kernels {
+    const char* name;
+    void (*sample)(const Job&, const Tile&);
+    void (*pack)(const Packing&, int top, int bottom);
+};
+
+extern const Kernels plain_kernels;
+extern const Kernels avx2_kernels;
+extern const Kernels neon_kernels;
+
+}  // namespace omnimirror

@@ -1,0 +1,143 @@
+// The kernels for 64-bit ARM. To the last bit the arithmetic of linear_pixel and cubic_sum.
+#include <arm_neon.h>
+
+#include "common.hpp"
+
+namespace omnimirror {
+namespace {
+
+// Fetching reads 8 or 16 bytes of a row; offsets up to last allow it.
+template <int C> struct Linear {
+    const uint8_t* data;
+    ptrdiff_t row_step;
+    uint32_t last;
+
+    explicit Linear(const Source& s)
+        : data(s.data), row_step(s.geometry.row_step), last(static_cast<uint32_t>(s.elements - row_step - 8)) {}
+
+    // One row of one pixel, less 128, times 255; the first 4 of 8 words count.
+    static int16x4_t across(const uint8_t* row, uint8_t fx) {
+        const uint8x8_t left = vld1_u8(row);
+        const uint8x8_t right = vext_u8(left, left, C);
+        uint16x8_t sum = vmull_u8(left, vdup_n_u8(static_cast<uint8_t>(255 - fx)));
+        sum = vmlal_u8(sum, right, vdup_n_u8(fx));
+        return vreinterpret_s16_u16(vsub_u16(vget_low_u16(sum), vdup_n_u16(128 * 255)));
+    }
+
+    int16x4_t pixel(uint32_t offset, uint8_t fx, uint8_t fy) const {
+        const int16_t lower = static_cast<int16_t>(linear_weight(fy)), upper = static_cast<int16_t>(LINEAR_ONE - lower);
+        const int16x4_t u = vqrdmulh_n_s16(across(data + offset, fx), upper);
+        return vadd_s16(u, vqrdmulh_n_s16(across(data + offset + row_step, fx), lower));
+    }
+
+    // Two pixels of 4 bytes.
+    uint8x8_t two(const uint32_t* offsets, const uint8_t* fx, const uint8_t* fy) const {
+        const int16x8_t v = vcombine_s16(pixel(offsets[0], fx[0], fy[0]), pixel(offsets[1], fx[1], fy[1]));
+        const int16x8_t rounded = vaddq_s16(vrshrq_n_s16(v, 7), vdupq_n_s16(128));
+        return vqmovun_s16(rounded);
+    }
+
+    uint8x16_t four(const uint32_t* offsets, const uint8_t* fx, const uint8_t* fy) const {
+        return vcombine_u8(two(offsets, fx, fy), two(offsets + 2, fx + 2, fy + 2));
+    }
+};
+
+template <int C> struct Cubic {
+    const uint8_t* data;
+    ptrdiff_t row_step;
+    uint32_t last;
+
+    explicit Cubic(const Source& s)
+        : data(s.data), row_step(s.geometry.row_step),
+          last(static_cast<uint32_t>(s.elements - 2 * row_step + C - 16)) {}
+
+    // A row's bytes times a weight, less 8 bits, in 8 words from byte 0 or 8.
+    static uint16x8_t weigh(uint8x8_t bytes, uint32_t magnitude) {
+        const uint16x8_t values = vshll_n_u8(bytes, 8 - 1), doubled = vaddq_u16(values, values);
+        const uint16_t weight = static_cast<uint16_t>(magnitude);
+        const uint16x4_t low = vshrn_n_u32(vmull_n_u16(vget_low_u16(doubled), weight), 16);
+        return vcombine_u16(low, vshrn_n_u32(vmull_n_u16(vget_high_u16(doubled), weight), 16));
+    }
+
+    struct Columns {
+        int16x8_t low, high;
+    };
+
+    static Columns columns(const uint8_t* first, ptrdiff_t row_step, const uint32_t* wy) {
+        int16x8_t halves[2];
+        for (int h = 0; h < 2; ++h) {
+            const auto row = [&](int j) { return weigh(vld1_u8(first + j * row_step + 8 * h), wy[j]); };
+            const uint16x8_t inner = vaddq_u16(row(1), row(2)), outer = vaddq_u16(row(0), row(3));
+            halves[h] = vreinterpretq_s16_u16(vsubq_u16(inner, outer));
+        }
+        return {halves[0], halves[1]};
+    }
+
+    static int32x4_t pixel(const uint8_t* inner, ptrdiff_t row_step, uint8_t fx, uint8_t fy) {
+        const Columns v = columns(inner - row_step - C, row_step, CUBIC.magnitudes[fy]);
+        const int16_t* w = CUBIC.weights[fx];
+        const int16x4_t tap1 = vget_low_s16(vextq_s16(v.low, v.high, C));
+        const int16x4_t tap2 = C == 4 ? vget_low_s16(v.high) : vget_low_s16(vextq_s16(v.low, v.high, 6));
+        const int16x4_t tap3 = C == 4 ? vget_high_s16(v.high) : vget_low_s16(vextq_s16(v.high, v.high, 1));
+        int32x4_t sum = vmlal_n_s16(vdupq_n_s32(1 << 19), vget_low_s16(v.low), w[0]);
+        sum = vmlal_n_s16(sum, tap1, w[1]);
+        sum = vmlal_n_s16(sum, tap2, w[2]);
+        return vshrq_n_s32(vmlal_n_s16(sum, tap3, w[3]), 20);
+    }
+
+    uint8x16_t four(const uint32_t* offsets, const uint8_t* fx, const uint8_t* fy) const {
+        const auto at = [&](int i) { return vqmovn_s32(pixel(data + offsets[i], row_step, fx[i], fy[i])); };
+        return vcombine_u8(vqmovun_s16(vcombine_s16(at(0), at(1))), vqmovun_s16(vcombine_s16(at(2), at(3))));
+    }
+};
+
+// 4 pixels of 4 bytes, of which the first C are written.
+template <int C> void store_4(uint8x16_t pixels, uint8_t* out) {
+    if constexpr (C == 4) {
+        vst1q_u8(out, pixels);
+    } else {
+        static const uint8_t order[16] = {0, 1, 2, 4, 5, 6, 8, 9, 10, 12, 13, 14, 255, 255, 255, 255};
+        const uint8x16_t whole = vqtbl1q_u8(pixels, vld1q_u8(order));
+        vst1_u8(out, vget_low_u8(whole));
+        const uint32_t end = vgetq_lane_u32(vreinterpretq_u32_u8(whole), 2);
+        std::memcpy(out + 8, &end, 4);
+    }
+}
+
+template <class Kernel, Interpolation I, int C> void sample_by_4(const Job& job, const Strip<uint8_t>& s) {
+    const Kernel kernel(job.source);
+    const uint32_t last = kernel.last;
+    int i = 0;
+    for (; i + 4 <= s.count; i += 4) {
+        const uint32_t* o = s.offsets + i;
+        if ((o[0] <= last) & (o[1] <= last) & (o[2] <= last) & (o[3] <= last)) {
+            store_4<C>(kernel.four(o, s.fx + i, s.fy + i), s.out + i * C);
+        } else {
+            for (int k = i; k < i + 4; ++k)
+                sample_pixel<I, C>(job, s.offsets[k], s.fx[k], s.fy[k], s.out + k * C);
+        }
+    }
+    for (; i < s.count; ++i) sample_pixel<I, C>(job, s.offsets[i], s.fx[i], s.fy[i], s.out + i * C);
+}
+
+struct Neon {
+    template <Interpolation I, class Real, class F>
+    static void locate(const Real* x, const Real* y, int count, const Geometry& g, uint32_t* offsets, F* fx, F* fy) {
+        Plain::locate<I>(x, y, count, g, offsets, fx, fy);
+    }
+
+    template <Interpolation I, int C, class T> static void sample_strip(const Job& job, const Strip<Fraction<T>>& s) {
+        if constexpr (sizeof(T) == 1 && C != 1 && I == Interpolation::linear)
+            sample_by_4<Linear<C>, I, C>(job, s);
+        else if constexpr (sizeof(T) == 1 && C != 1 && I == Interpolation::cubic)
+            sample_by_4<Cubic<C>, I, C>(job, s);
+        else
+            Plain::sample_strip<I, C, T>(job, s);
+    }
+};
+
+}  // namespace
+
+const Kernels neon_kernels{"neon", &sample<Neon>, &pack<Neon>};
+
+}  // namespace omnimirror

@@ -1,0 +1,219 @@
+// omnimirror._native: the samplers, as omnimirror.dewarp.native calls them.
+//
+// Arrays are checked here once more, whatever the Python side has checked: no argument may make a kernel read
+// or write outside a buffer.
+#include <nanobind/nanobind.h>
+#include <nanobind/ndarray.h>
+#include <nanobind/stl/string.h>
+
+#include <cmath>
+#include <cstring>
+#include <limits>
+#include <string>
+
+#include "packed.hpp"
+#include "pool.hpp"
+#include "sample.hpp"
+
+namespace nb = nanobind;
+using namespace nb::literals;
+
+namespace omnimirror {
+namespace {
+
+using In = nb::ndarray<nb::ro, nb::device::cpu>;
+using Out = nb::ndarray<nb::device::cpu>;
+using Floats = nb::ndarray<const float, nb::c_contig, nb::device::cpu>;
+using Ints = nb::ndarray<const int32_t, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
+
+void require(bool condition, const char* message) {
+    if (!condition) throw nb::value_error(message);
+}
+
+bool is_aligned(const void* data, int bytes) { return reinterpret_cast<uintptr_t>(data) % static_cast<uintptr_t>(bytes) == 0; }
+
+template <class A> Depth depth_of(const A& array) {
+    if (array.dtype() == nb::dtype<uint8_t>()) return Depth::u8;
+    if (array.dtype() == nb::dtype<uint16_t>()) return Depth::u16;
+    require(array.dtype() == nb::dtype<float>(), "pictures hold uint8, uint16 or float32");
+    return Depth::f32;
+}
+
+int side(size_t length) {
+    require(length < (size_t{1} << 30), "a side is too long");
+    return static_cast<int>(length);
+}
+
+// (rows, columns, channels) whose pixels adjoin; rows may lie apart, but not overlap.
+template <class A> Picture picture_of(const A& array) {
+    require(array.ndim() == 3, "pictures are (height, width, channels)");
+    const Depth depth = depth_of(array);
+    const int height = side(array.shape(0)), width = side(array.shape(1)), channels = side(array.shape(2));
+    require(channels == 1 || channels == 3 || channels == 4, "pictures have 1, 3 or 4 channels");
+    const auto* data = reinterpret_cast<const uint8_t*>(array.data());
+    if (array.size() == 0) return {data, width, height, channels, 0, depth};  // its strides mean nothing
+    require(is_aligned(data, size_of(depth)), "values must be aligned");
+    require(channels == 1 || array.stride(2) == 1, "channels must adjoin");
+    require(width <= 1 || array.stride(1) == channels, "pixels must adjoin");
+    const int64_t across = int64_t{width} * channels;
+    const int64_t row_step = height > 1 ? array.stride(0) : across;
+    require(row_step >= across, "rows must follow each other downwards, without overlap");
+    return {data, width, height, channels, static_cast<ptrdiff_t>(row_step * size_of(depth)), depth};
+}
+
+Picture source_of(const In& array) {
+    const Picture picture = picture_of(array);
+    require(picture.width > 0 && picture.height > 0, "the picture is empty");
+    return picture;
+}
+
+Target target_of(const Out& array, const Picture& source) {
+    const Picture p = picture_of(array);
+    require(p.channels == source.channels && p.depth == source.depth, "dst differs from src in kind");
+    return {static_cast<uint8_t*>(array.data()), p.width, p.height, p.stride};
+}
+
+Coordinates coordinates_of(const In& array) {
+    require(array.ndim() == 3 && array.shape(2) == 2, "coordinates are (height, width, 2)");
+    const bool is_double = array.dtype() == nb::dtype<double>();
+    require(is_double || array.dtype() == nb::dtype<float>(), "coordinates hold float32 or float64");
+    const bool adjoin = array.size() == 0 || (array.stride(2) == 1 && (array.shape(1) == 1 || array.stride(1) == 2));
+    require(adjoin, "coordinates must adjoin in a row");
+    require(is_aligned(array.data(), is_double ? 8 : 4), "coordinates must be aligned");
+    side(array.shape(0)), side(array.shape(1));
+    return {static_cast<const uint8_t*>(array.data()),
+            static_cast<ptrdiff_t>(array.stride(0)) * (is_double ? 8 : 4), is_double};
+}
+
+Interpolation interpolation_of(int number) {
+    require(number >= 0 && number <= 2, "interpolation is 0 (nearest), 1 (linear) or 2 (cubic)");
+    return static_cast<Interpolation>(number);
+}
+
+template <class T> void put_border(Job& job, double value) {
+    T rounded = static_cast<T>(value);
+    for (int c = 0; c < job.source.channels; ++c) std::memcpy(job.border + c * sizeof(T), &rounded, sizeof(T));
+}
+
+Job job_of(const Sampled& sampled, const Target& target, Interpolation interpolation, double border, Where where) {
+    Job job{};
+    job.source = sampled.source(), job.target = target;
+    job.interpolation = interpolation, job.where = where;
+    const double most = job.source.depth == Depth::u8 ? 255 : 65535;
+    require(job.source.depth == Depth::f32 || (border >= 0 && border <= most), "the border is no value of the picture's");
+    if (job.source.depth == Depth::u8) put_border<uint8_t>(job, border);
+    if (job.source.depth == Depth::u16) put_border<uint16_t>(job, border);
+    if (job.source.depth == Depth::f32) put_border<float>(job, border);
+    return job;
+}
+
+void run(const Job& job) {
+    nb::gil_scoped_release released;
+    sample(job);
+}
+
+void remap(const In& src, const In& coordinates, const Out& dst, int interpolation, double border) {
+    const Picture picture = source_of(src);
+    const Interpolation kind = interpolation_of(interpolation);
+    const Sampled sampled(picture, kind);
+    Job job = job_of(sampled, target_of(dst, picture), kind, border, Where::coordinates);
+    job.coordinates = coordinates_of(coordinates);
+    require(coordinates.shape(0) == dst.shape(0) && coordinates.shape(1) == dst.shape(1),
+            "coordinates and dst differ in size");
+    run(job);
+}
+
+void remap_polar(const In& src, const Floats& radii, const Floats& cosines, const Floats& sines, double x, double y,
+                 const Out& dst, int interpolation, double border) {
+    const Picture picture = source_of(src);
+    const Interpolation kind = interpolation_of(interpolation);
+    const Sampled sampled(picture, kind);
+    Job job = job_of(sampled, target_of(dst, picture), kind, border, Where::polar);
+    for (const Floats* floats : {&radii, &cosines, &sines})
+        require(is_aligned(floats->data(), 4), "values must be aligned");
+    require(radii.size() == dst.shape(0), "there must be one radius per row");
+    require(cosines.size() == dst.shape(1) && sines.size() == dst.shape(1), "there must be one direction per column");
+    job.polar = {radii.data(), cosines.data(), sines.data(), static_cast<float>(x), static_cast<float>(y)};
+    run(job);
+}
+
+void check_cells(const Ints& cells, size_t patches) {
+    for (size_t i = 0; i < cells.size(); ++i)
+        require(cells.data()[i] < static_cast<int64_t>(patches), "a cell names a patch that is not there");
+}
+
+void remap_grid(const In& src, const Floats& x, const Floats& y, const Floats& weights, const Ints& cells,
+                const Floats& patches, double x_centre, double y_centre, double least, double most, const Out& dst,
+                int interpolation, double border) {
+    const Picture picture = source_of(src);
+    const Interpolation kind = interpolation_of(interpolation);
+    const Sampled sampled(picture, kind);
+    Job job = job_of(sampled, target_of(dst, picture), kind, border, Where::nodes);
+    require(weights.ndim() == 2 && weights.shape(0) == 4, "weights are (4, step)");
+    const size_t step = weights.shape(1);
+    require(step == 8 || step == 16 || step == 32 || step == 64, "the step is 8, 16, 32 or 64");
+    const size_t down = (dst.shape(0) + step - 1) / step, across = (dst.shape(1) + step - 1) / step;
+    for (const Floats* floats : {&x, &y, &weights, &patches})
+        require(is_aligned(floats->data(), 4), "values must be aligned");
+    for (const Floats* nodes : {&x, &y})
+        require(nodes->ndim() == 2 && nodes->shape(0) == down + 3 && nodes->shape(1) == across + 3,
+                "there must be three nodes more than cells, down and across");
+    require(cells.shape(0) == down && cells.shape(1) == across, "cells do not fit dst");
+    require(patches.ndim() == 4 && patches.shape(1) == step && patches.shape(2) == step && patches.shape(3) == 2,
+            "patches are (n, step, step, 2)");
+    check_cells(cells, patches.shape(0));
+    job.nodes = {x.data(), y.data(), static_cast<int>(across + 3), static_cast<int>(step), weights.data(), cells.data(),
+                 patches.data(), static_cast<int>(across), static_cast<float>(x_centre), static_cast<float>(y_centre),
+                 static_cast<float>(least * least), static_cast<float>(most * most)};
+    run(job);
+}
+
+PackedMap* make_packed(const In& coordinates, int width, int height, int channels, bool deep, int interpolation) {
+    require(width > 0 && height > 0, "the picture is empty");
+    require(channels == 1 || channels == 3 || channels == 4, "pictures have 1, 3 or 4 channels");
+    const Coordinates c = coordinates_of(coordinates);
+    const Interpolation kind = interpolation_of(interpolation);
+    nb::gil_scoped_release released;
+    return new PackedMap(c, static_cast<int>(coordinates.shape(0)), static_cast<int>(coordinates.shape(1)), width,
+                         height, channels, deep, kind);
+}
+
+void sample_packed(const PackedMap& map, const In& src, const Out& dst, double border) {
+    const Picture picture = source_of(src);
+    require(picture.width == map.width() && picture.height == map.height() && picture.channels == map.channels() &&
+                is_deep(picture.depth) == map.deep(),
+            "the map was made for another kind of picture");
+    const Sampled sampled(picture, map.interpolation());
+    Job job = job_of(sampled, target_of(dst, picture), map.interpolation(), border, Where::packed);
+    require(job.target.width == map.columns() && job.target.height == map.rows(), "dst has another size than the map");
+    nb::gil_scoped_release released;
+    const auto offsets = map.offsets_for(job.source.geometry.row_step);
+    job.packed = map.packed(*offsets);
+    sample(job);
+}
+
+}  // namespace
+}  // namespace omnimirror
+
+NB_MODULE(_native, m) {
+    using namespace omnimirror;
+    m.doc() = "Samplers of pictures. Interpolation is 0 (nearest), 1 (linear) or 2 (cubic).";
+    m.def("remap", &remap, "src"_a, "coordinates"_a, "dst"_a, "interpolation"_a, "border"_a);
+    m.def("remap_polar", &remap_polar, "src"_a, "radii"_a, "cosines"_a, "sines"_a, "x"_a, "y"_a, "dst"_a,
+          "interpolation"_a, "border"_a);
+    m.def("remap_grid", &remap_grid, "src"_a, "x"_a, "y"_a, "weights"_a, "cells"_a, "patches"_a, "x_centre"_a,
+          "y_centre"_a, "least"_a, "most"_a, "dst"_a, "interpolation"_a, "border"_a);
+    nb::class_<PackedMap>(m, "PackedMap")
+        .def(nb::new_(&make_packed), "coordinates"_a, "width"_a, "height"_a, "channels"_a, "deep"_a, "interpolation"_a)
+        .def("sample", &sample_packed, "src"_a, "dst"_a, "border"_a)
+        .def_prop_ro("nbytes", &PackedMap::bytes);
+    m.def("set_threads", [](int count) {
+        require(count >= 1 && count <= 1024, "threads are valid from 1 to 1024");
+        set_threads(count);
+    }, "count"_a);
+    m.def("get_threads", &get_threads);
+    m.def("instructions", [] { return std::string(kernels().name); });
+    m.def("use_instructions", [](const std::string& name) {
+        require(use_kernels(name.c_str()), "this machine has no such instructions");
+    }, "name"_a);
+}

@@ -1,0 +1,44 @@
+// A map that is made once, for pictures of one size that come again and again.
+#pragma once
+
+#include <memory>
+#include <mutex>
+#include <vector>
+
+#include "job.hpp"
+#include "sample.hpp"
+
+namespace omnimirror {
+
+class PackedMap {
+  public:
+    PackedMap(const Coordinates& coordinates, int rows, int columns, int width, int height, int channels, bool is_deep,
+              Interpolation interpolation);
+
+    int rows() const { return rows_; }
+    int columns() const { return columns_; }
+    int width() const { return width_; }
+    int height() const { return height_; }
+    int channels() const { return channels_; }
+    bool deep() const { return deep_; }
+    Interpolation interpolation() const { return interpolation_; }
+    size_t bytes() const;
+
+    // Offsets for pictures whose rows are row_step elements apart; kept until another step is asked for.
+    std::shared_ptr<const std::vector<uint32_t>> offsets_for(uint32_t row_step) const;
+    Packed packed(const std::vector<uint32_t>& offsets) const;
+
+  private:
+    int rows_, columns_, width_, height_, channels_;
+    bool deep_;
+    Interpolation interpolation_;
+    ptrdiff_t row_entries_;
+    uint32_t own_row_step_;
+    std::shared_ptr<std::vector<uint32_t>> offsets_;
+    std::vector<uint8_t> fx_, fy_;
+    mutable std::mutex mutex_;  // guards the two below
+    mutable uint32_t other_row_step_ = 0;
+    mutable std::shared_ptr<std::vector<uint32_t>> other_offsets_;
+};
+
+}  // namespace omnimirror

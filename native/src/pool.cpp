@@ -1,0 +1,119 @@
+#include "pool.hpp"
+
+#include <atomic>
+#include <condition_variable>
+#include <mutex>
+#include <system_error>
+#include <thread>
+
+#ifndef _WIN32
+#include <pthread.h>
+#endif
+
+namespace omnimirror {
+namespace {
+
+class Pool {
+  public:
+    void run(int count, int helpers, Task task, void* context) {
+        std::unique_lock busy(busy_, std::try_to_lock);
+        if (!busy) return run_alone(count, task, context);
+        helpers = start(helpers);
+        {
+            std::lock_guard lock(mutex_);
+            task_ = task, context_ = context, count_ = count, next_ = 0;
+            wanted_ = helpers;
+        }
+        for (int i = 0; i < helpers; ++i) wake_.notify_one();
+        work();
+        // Helpers that have not woken by now are not waited for: there is nothing left for them.
+        std::unique_lock lock(mutex_);
+        wanted_ = 0;
+        done_.wait(lock, [this] { return inside_ == 0; });
+    }
+
+    static void run_alone(int count, Task task, void* context) {
+        for (int i = 0; i < count; ++i) task(context, i);
+    }
+
+  private:
+    // Threads are started when they are first needed. A machine that gives no more is no error.
+    int start(int helpers) {
+        while (started_ < helpers) {
+            try {
+                std::thread(&Pool::serve, this).detach();
+            } catch (const std::system_error&) {
+                return started_;
+            }
+            ++started_;
+        }
+        return helpers;
+    }
+
+    void serve() {
+        std::unique_lock lock(mutex_);
+        for (;;) {
+            wake_.wait(lock, [this] { return wanted_ > 0; });
+            --wanted_, ++inside_;
+            lock.unlock();
+            work();
+            lock.lock();
+            if (--inside_ == 0) done_.notify_one();
+        }
+    }
+
+    void work() {
+        for (int i; (i = next_.fetch_add(1, std::memory_order_relaxed)) < count_;) task_(context_, i);
+    }
+
+    std::mutex busy_;   // held by the caller whose work is done
+    std::mutex mutex_;  // guards all below
+    std::condition_variable wake_, done_;
+    int started_ = 0, wanted_ = 0, inside_ = 0;
+    Task task_ = nullptr;
+    void* context_ = nullptr;
+    int count_ = 0;
+    std::atomic<int> next_{0};
+};
+
+int cores() {
+    const unsigned count = std::thread::hardware_concurrency();  // those this process may use, on Linux
+    return count ? static_cast<int>(count) : 1;
+}
+
+std::atomic<int> threads{0};  // 0: one per core
+
+// Never destroyed: its threads sleep until the process ends. A child process has none of them, so it forgets
+// the parent's pool, whatever state that was in, and makes its own.
+std::atomic<Pool*> current{nullptr};
+
+Pool& pool() {
+#ifndef _WIN32
+    static const int registered = pthread_atfork(nullptr, nullptr, [] { current = nullptr; });
+    (void)registered;
+#endif
+    Pool* existing = current.load();
+    if (existing) return *existing;
+    Pool* fresh = new Pool;
+    if (current.compare_exchange_strong(existing, fresh)) return *fresh;
+    delete fresh;
+    return *existing;
+}
+
+}  // namespace
+
+void parallel_for(int count, Task task, void* context) {
+    const int most = get_threads();
+    const int helpers = (most < count ? most : count) - 1;
+    if (helpers < 1) return Pool::run_alone(count, task, context);
+    pool().run(count, helpers, task, context);
+}
+
+void set_threads(int count) { threads = count; }
+
+int get_threads() {
+    const int count = threads;
+    return count ? count : cores();
+}
+
+}  // namespace omnimirror

@@ -1,0 +1,103 @@
+#include "sample.hpp"
+
+#include <algorithm>
+#include <atomic>
+#include <cstring>
+#include <stdexcept>
+
+#include "cpu.hpp"
+#include "pool.hpp"
+
+namespace omnimirror {
+namespace {
+
+std::atomic<const Kernels*> in_use{nullptr};
+
+// The copy of a small picture: its edge repeated to the right and below.
+std::vector<uint8_t> enlarged(const Picture& p, int width, int height) {
+    const size_t pixel = static_cast<size_t>(p.channels * size_of(p.depth));
+    std::vector<uint8_t> copy(pixel * static_cast<size_t>(width) * static_cast<size_t>(height));
+    for (int y = 0; y < height; ++y)
+        for (int x = 0; x < width; ++x)
+            std::memcpy(copy.data() + pixel * (static_cast<size_t>(y) * static_cast<size_t>(width) + static_cast<size_t>(x)),
+                        p.data + std::min(y, p.height - 1) * p.stride +
+                            static_cast<ptrdiff_t>(pixel) * std::min(x, p.width - 1),
+                        pixel);
+    return copy;
+}
+
+// A thread takes a band of whole rows, since threads that write into the same cache line hinder each other.
+// Within the band it follows tiles, whose source pixels stay in its cache.
+constexpr int TILE_WIDTH = 128, BAND_HEIGHT = 64, LOWEST_BAND = 4, BANDS_PER_THREAD = 4;
+
+int band_height(int rows) {
+    const int shared = rows / (get_threads() * BANDS_PER_THREAD);
+    return std::clamp(shared, LOWEST_BAND, BAND_HEIGHT);
+}
+
+struct Work {
+    const Job& job;
+    const Kernels& kernels;
+    int band;
+};
+
+void sample_band(void* context, int index) {
+    const Work& work = *static_cast<const Work*>(context);
+    const Target& target = work.job.target;
+    const int top = index * work.band, bottom = std::min(top + work.band, target.height);
+    for (int left = 0; left < target.width; left += TILE_WIDTH)
+        work.kernels.sample(work.job, {top, bottom, left, std::min(left + TILE_WIDTH, target.width)});
+}
+
+}  // namespace
+
+const Kernels& kernels() {
+    const Kernels* chosen = in_use;
+    if (!chosen) in_use = chosen = best_kernels();
+    return *chosen;
+}
+
+bool use_kernels(const char* name) {
+    const Kernels* found = kernels_named(name);
+    if (found) in_use = found;
+    return found;
+}
+
+bool is_small(int width, int height) { return width < SMALLEST_SIDE || height < SMALLEST_SIDE; }
+
+Geometry geometry_of(int width, int height, int channels, int64_t row_step, Interpolation interpolation) {
+    int last_x = width - 1, last_y = height - 1;
+    if (is_small(width, height)) {
+        last_x += SMALLEST_SIDE, last_y += SMALLEST_SIDE;
+        row_step = int64_t{last_x + 1} * channels;
+    }
+    if (row_step * (last_y + 1) > LARGEST_OFFSET)
+        throw std::invalid_argument("the picture is too large: valid are 2^31 values, gaps between rows included");
+    Geometry g{};
+    g.width = width, g.height = height;
+    const int beyond = interpolation == Interpolation::nearest ? 0 : 1;
+    g.x0_max = last_x - beyond, g.y0_max = last_y - beyond;
+    g.pixel_step = static_cast<uint32_t>(channels), g.row_step = static_cast<uint32_t>(row_step);
+    g.x_inner = g.y_inner = 1;
+    g.x_span = static_cast<uint32_t>(last_x - 3), g.y_span = static_cast<uint32_t>(last_y - 3);
+    return g;
+}
+
+Sampled::Sampled(const Picture& p, Interpolation interpolation) {
+    source_.depth = p.depth, source_.channels = p.channels;
+    source_.geometry = geometry_of(p.width, p.height, p.channels, p.stride / size_of(p.depth), interpolation);
+    source_.data = p.data;
+    source_.elements = int64_t{source_.geometry.row_step} * (p.height - 1) + int64_t{p.width} * p.channels;
+    if (is_small(p.width, p.height)) {
+        copy_ = enlarged(p, p.width + SMALLEST_SIDE, p.height + SMALLEST_SIDE);
+        source_.data = copy_.data();
+        source_.elements = static_cast<int64_t>(copy_.size()) / size_of(p.depth);
+    }
+}
+
+void sample(const Job& job) {
+    Work work{job, kernels(), band_height(job.target.height)};
+    parallel_for((job.target.height + work.band - 1) / work.band, &sample_band, &work);
+}
+
+}  // namespace omnimirror

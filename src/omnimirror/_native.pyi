@@ -1,0 +1,48 @@
+"""The compiled samplers; absent where they could not be built. Call them through omnimirror.dewarp.sampling."""
+
+from typing import Any
+
+from numpy.typing import NDArray
+
+def remap(
+    src: NDArray[Any], coordinates: NDArray[Any], dst: NDArray[Any], interpolation: int, border: float
+) -> None: ...
+def remap_polar(
+    src: NDArray[Any],
+    radii: NDArray[Any],
+    cosines: NDArray[Any],
+    sines: NDArray[Any],
+    x: float,
+    y: float,
+    dst: NDArray[Any],
+    interpolation: int,
+    border: float,
+) -> None: ...
+def remap_grid(
+    src: NDArray[Any],
+    x: NDArray[Any],
+    y: NDArray[Any],
+    weights: NDArray[Any],
+    cells: NDArray[Any],
+    patches: NDArray[Any],
+    x_centre: float,
+    y_centre: float,
+    least: float,
+    most: float,
+    dst: NDArray[Any],
+    interpolation: int,
+    border: float,
+) -> None: ...
+
+class PackedMap:
+    def __init__(
+        self, coordinates: NDArray[Any], width: int, height: int, channels: int, deep: bool, interpolation: int
+    ) -> None: ...
+    def sample(self, src: NDArray[Any], dst: NDArray[Any], border: float) -> None: ...
+    @property
+    def nbytes(self) -> int: ...
+
+def set_threads(count: int) -> None: ...
+def get_threads() -> int: ...
+def instructions() -> str: ...
+def use_instructions(name: str) -> None: ...
