@@ -20,9 +20,9 @@ image_s_z_mm distance_t_mm distance_s_mm blur_t_px blur_s_px blur_t_deg blur_s_d
 """.split()  # noqa: SIM905 - as the requirement spells it
 
 
-def omnimirror(*args, cwd=None) -> subprocess.CompletedProcess[str]:
+def omnimirror(*args, cwd=None, text=True) -> subprocess.CompletedProcess:
     program = Path(sys.executable).with_name("omnimirror")
-    return subprocess.run([program, *map(str, args)], capture_output=True, text=True, cwd=cwd)
+    return subprocess.run([program, *map(str, args)], capture_output=True, text=text, cwd=cwd)
 
 
 def fails(*args, cwd=None) -> str:

@@ -1,5 +1,7 @@
 """Picture files, in and out."""
 
+import sys
+
 import cv2
 import numpy as np
 import pytest
@@ -59,10 +61,10 @@ def test_colours_are_blue_green_red(tmp_path):
     assert (tmp_path / "a.bmp").read_bytes()[54:57] == b"\x01\x02\x03"
 
 
-@pytest.mark.parametrize("suffix", [".png", ".jpg", ".tif", ".webp", ".bmp", ".hdr"])
+@pytest.mark.parametrize("suffix", [".png", ".jpg", ".tif", ".webp", ".bmp", ".hdr", ".exr"])
 @pytest.mark.parametrize("share", [0.02, 0.5, 0.9, 0.999])
 def test_a_picture_cut_short_is_refused(tmp_path, suffix, share, capfd):
-    image = cv2.GaussianBlur(picture("float32" if suffix == ".hdr" else "uint8", 3, (200, 300)), (5, 5), 2)
+    image = cv2.GaussianBlur(picture("float32" if suffix in (".hdr", ".exr") else "uint8", 3, (200, 300)), (5, 5), 2)
     om.write_image(tmp_path / f"whole{suffix}", image)
     data = (tmp_path / f"whole{suffix}").read_bytes()
     path = tmp_path / f"part{suffix}"
@@ -139,3 +141,39 @@ def test_a_full_disk_leaves_the_earlier_picture(tmp_path, monkeypatch):
         om.write_image(path, picture())
     np.testing.assert_array_equal(om.read_image(path), before)
     assert len(list(tmp_path.iterdir())) == 1
+
+
+@pytest.mark.parametrize("compression", ["NO", "RLE", "ZIPS", "ZIP", "PIZ", "DWAA"])
+def test_exr_of_other_programs(tmp_path, compression, capfd):
+    """Half precision, more channels than colours, and any compression."""
+    library = pytest.importorskip("OpenEXR")
+    red, green, blue = (RNG.random((70, 50)).astype(np.float16) for _ in range(3))
+    header = {"compression": getattr(library, f"{compression}_COMPRESSION"), "type": library.scanlineimage}
+    path = tmp_path / "a.exr"
+    with library.File(header, {"R": red, "G": green, "B": blue, "Z": RNG.random((70, 50), np.float32)}) as file:
+        file.write(str(path))
+    image = om.read_image(path)
+    assert image.dtype == np.float32
+    tolerance = 0.1 if compression == "DWAA" else 0
+    np.testing.assert_allclose(image, np.stack([blue, green, red], axis=-1), atol=tolerance)
+    for share in (0.01, 0.3, 0.99):
+        (tmp_path / "b.exr").write_bytes(path.read_bytes()[: int(share * path.stat().st_size)])
+        with pytest.raises(MediaError, match="cut short"):
+            om.read_image(tmp_path / "b.exr")
+    assert capfd.readouterr() == ("", "")
+
+
+def test_exr_without_colours_is_refused(tmp_path):
+    library = pytest.importorskip("OpenEXR")
+    header = {"compression": library.ZIP_COMPRESSION, "type": library.scanlineimage}
+    with library.File(header, {"Z": np.zeros((7, 5), np.float32)}) as file:
+        file.write(str(tmp_path / "a.exr"))
+    with pytest.raises(MediaError, match="has the channels Z; valid are R, G, B"):
+        om.read_image(tmp_path / "a.exr")
+
+
+def test_exr_without_its_package_is_one_sentence(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "OpenEXR", None)
+    with pytest.raises(MediaError, match=r"needs one more package: pip install 'omnimirror\[exr\]'"):
+        om.write_image(tmp_path / "a.exr", picture("float32"))
+    assert not list(tmp_path.iterdir())

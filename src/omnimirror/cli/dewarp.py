@@ -1,7 +1,9 @@
-"""``omnimirror dewarp``: straighten a picture."""
+"""``omnimirror dewarp``: straighten pictures, folders of them, and videos."""
 
 from __future__ import annotations
 
+import sys
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -9,43 +11,144 @@ import click
 
 from ..dewarp import Dewarper
 from ..dewarp.sampling import INTERPOLATIONS
-from ..media.images import format_of, read_image, write_image
+from ..dewarp.screens import Cylinder, Sphere, View
+from ..errors import OmnimirrorError
+from ..media import GPano, read_image, write_image
+from ..media.batch import PICTURES, Job, expand_inputs, outputs_for, run_parallel
+from ..media.images import can_be_panorama, format_of
 from .camera_options import camera_of, camera_options, check_camera_options
+from .options import output_console
 from .view_options import check_view_options, view_of, view_options
+
+VIDEOS = (".mp4", ".m4v", ".mov", ".mkv", ".webm", ".avi", ".ts", ".mpg", ".mpeg")
+VIDEO_OPTIONS = ("start_s", "duration_s", "codec", "crf", "keyframes")
 
 
 @click.command()
-@click.argument("image", type=click.Path(path_type=Path))
-@click.option("-o", "--output", type=click.Path(path_type=Path), required=True, help="The picture to write.")
+@click.argument("sources", nargs=-1, required=True, metavar="SOURCE...")
+@click.option("-o", "--output", required=True, help="What to write: a picture, a video, or a folder for many pictures.")
 @camera_options
 @view_options
 @click.option("--interpolation", type=click.Choice(list(INTERPOLATIONS)), default="linear", show_default=True)
 @click.option(
     "--transparent/--black",
     default=None,
-    help="Outside the field.  [default: transparent where the file can: PNG, TIFF, WebP]",
+    help="Pictures, outside the field.  [default: transparent where the file can: PNG, TIFF, WebP]",
 )
-def command(image: Path, output: Path, interpolation: Any, transparent: bool | None, **options: Any) -> None:
-    """Straighten IMAGE, taken with a mirror sensor, a mirror ball or a fisheye.
+@click.option("--start-s", type=float, help="Videos: where to begin, in seconds.  [default: 0]")
+@click.option("--duration-s", type=float, help="Videos: how much to take, in seconds.  [default: the rest]")
+@click.option("--codec", help="Videos: the encoder, by FFmpeg's name.  [default: by the file's suffix]")
+@click.option("--crf", type=int, help="Videos: constant quality, smaller is better.  [default: the encoder's]")
+@click.option(
+    "--keyframes",
+    type=click.Path(path_type=Path),
+    help="Videos: pan, tilt, roll, field and distance over time, a CSV or TOML file.",
+)
+def command(
+    sources: tuple[str, ...], output: str, interpolation: Any, transparent: bool | None, **options: Any
+) -> None:
+    """Straighten each SOURCE, taken with a mirror sensor, a mirror ball or a fisheye.
 
-    Say which camera it was with one of --sensor, --ocam and --ball. The result is drawn as seen from the
-    camera's place: never reversed, forward in the middle of a panorama and at the top of a dome.
+    A SOURCE is a picture, a folder or pattern of pictures, a video file, or a camera or stream
+    (/dev/video0, rtsp://..). Say which camera it was with one of --sensor, --ocam and --ball. The
+    result is drawn as seen from the camera's place: never reversed, forward in the middle of a
+    panorama and at the top of a dome.
     """
     given = {name: value for name, value in options.items() if value is not None}
     check_camera_options(given)
     check_view_options(given)
-    if output.resolve() == image.resolve():
-        raise click.UsageError(f"{output} is the picture to straighten; write to another name")
-    can_be_transparent = format_of(output).has_alpha
-    if transparent and not can_be_transparent:
-        raise click.UsageError(f"{output.suffix} files hold no transparency; write .png, .tif or .webp, or say --black")
-    picture = read_image(image)
-    camera = camera_of(given, (picture.shape[1], picture.shape[0]))
-    dewarp = Dewarper(camera, view_of(camera, given), interpolation, given.get("viewpoint", "exact"))
-    straight = dewarp(picture, can_be_transparent if transparent is None else transparent)
-    write_image(output, straight)
-    height, width = straight.shape[:2]
-    click.echo(f"{output}: {dewarp.view}, {width} x {height} px, {_percent(dewarp)} of it inside the field")
+    if len(sources) == 1 and is_video(sources[0]):
+        if transparent is not None:
+            raise click.UsageError("--transparent and --black belong to pictures; videos are black outside the field")
+        _video(sources[0], output, given, interpolation)
+        return
+    if asked := [name for name in VIDEO_OPTIONS if name in given]:
+        raise click.UsageError(f"--{asked[0].replace('_', '-')} belongs to videos, and {sources[0]} is none")
+    if len(sources) > 1 or Path(output).is_dir() or output.endswith("/") or not _is_one_picture(sources[0]):
+        _many(sources, Path(output), given, interpolation, transparent)
+    else:
+        click.echo(Straightener(given, interpolation, transparent).straighten(Path(sources[0]), Path(output)))
+
+
+def is_video(source: str) -> bool:
+    """Whether a source is a video file, a camera or a stream, going by its name.
+
+    >>> [is_video(s) for s in ("room.MP4", "0", "/dev/video2", "rtsp://door/1", "room.png", "*.jpg")]
+    [True, True, True, True, False, False]
+    """
+    is_live = source.isdigit() or source.startswith("/dev/video") or "://" in source
+    return is_live or Path(source).suffix.lower() in VIDEOS
+
+
+def panorama_of(view: View) -> GPano | None:
+    """What viewers of panoramas must know of a view; None for a view that is no distant panorama linear in tilt."""
+    if not isinstance(view, Cylinder | Sphere) or not view.is_distant or getattr(view, "rows", "tilt") != "tilt":
+        return None
+    return GPano.of_view(view.size, (view.tilt_min_deg, view.tilt_max_deg), view.span_deg)
+
+
+class Straightener:
+    """Straightens pictures as the options say; pictures of one size share their map."""
+
+    def __init__(self, given: dict[str, Any], interpolation: Any, transparent: bool | None) -> None:
+        self.given, self.interpolation, self.transparent = given, interpolation, transparent
+        self.dewarper = cache(self._dewarper)
+
+    def _dewarper(self, size: tuple[int, int]) -> Dewarper:
+        camera = camera_of(self.given, size)
+        viewpoint = self.given.get("viewpoint", "exact")
+        return Dewarper(camera, view_of(camera, self.given), self.interpolation, viewpoint)
+
+    def straighten(self, source: Path, output: Path) -> str:
+        """Read, straighten and write one picture; what was done, in a sentence."""
+        if output.resolve() == source.resolve():
+            raise OmnimirrorError(f"{output} is the picture to straighten; write to another name")
+        kind = format_of(output)
+        if self.transparent and not kind.has_alpha:
+            raise OmnimirrorError(
+                f"{output.suffix} files hold no transparency; write .png, .tif or .webp, or say --black"
+            )
+        picture = read_image(source)
+        dewarp = self.dewarper((picture.shape[1], picture.shape[0]))
+        straight = dewarp(picture, kind.has_alpha if self.transparent is None else self.transparent)
+        write_image(output, straight, panorama_of(dewarp.view) if can_be_panorama(output) else None)
+        height, width = straight.shape[:2]
+        return f"{output}: {dewarp.view}, {width} x {height} px, {_percent(dewarp)} of it inside the field"
+
+
+def _is_one_picture(source: str) -> bool:
+    return not Path(source).is_dir() and (Path(source).exists() or not set("*?[") & set(source))
+
+
+def _many(
+    sources: tuple[str, ...], folder: Path, given: dict[str, Any], interpolation: Any, transparent: bool | None
+) -> None:
+    """Pictures into a folder, side by side; those that fail are named and the others done."""
+    if folder.exists() and not folder.is_dir():
+        raise click.UsageError(f"{folder} is a file, and several pictures need a folder")
+    if not folder.is_dir() and folder.suffix.lower() in (*PICTURES, *VIDEOS):
+        raise click.UsageError(f"{folder} is the name of one file, and several pictures need a folder")
+    paths = expand_inputs(sources)
+    straightener = Straightener(given, interpolation, transparent)
+    pairs = zip(paths, outputs_for(paths, folder), strict=True)
+    jobs = [Job(str(s), lambda s=s, o=o: straightener.straighten(s, o)) for s, o in pairs]  # type: ignore[misc]
+    console = output_console()
+    with console.status("Straightening") as status:
+        results = run_parallel(jobs, progress=lambda done, of: status.update(f"Straightening: {done} of {of}"))
+    for name, sentence in results.failed.items():
+        click.echo(f"omnimirror: {name}: {sentence}", err=True)
+    click.echo(f"{folder}: {len(results.done)} of {len(jobs)} pictures straightened")
+    sys.exit(results.exit_code)
+
+
+def _video(source: str, output: str, given: dict[str, Any], interpolation: Any) -> None:
+    try:
+        from .dewarp_video import straighten_video
+    except ModuleNotFoundError as e:
+        if e.name != "av":
+            raise
+        raise OmnimirrorError(f"{source} is a video, which needs PyAV: install omnimirror[video]") from None
+    straighten_video(source, output, given, interpolation)
 
 
 def _percent(dewarp: Dewarper) -> str:

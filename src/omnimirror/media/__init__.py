@@ -1,5 +1,11 @@
-"""Pictures in and out."""
+"""Pictures and video in and out.
+
+Pictures are at hand here; video is imported from its own modules, since FFmpeg is heavy: ``video`` reads
+files and ``writer`` writes them, ``live`` reads cameras and streams, ``outputs`` are pipes, streams and
+windows, and ``process`` leads from the one to the other.
+"""
 
 from .images import read_image, write_image
+from .panorama import GPano
 
-__all__ = ["read_image", "write_image"]
+__all__ = ["GPano", "read_image", "write_image"]

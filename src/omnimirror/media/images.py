@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 from ..errors import MediaError, OmnimirrorError
 from ..files import replacing
+from . import exr, xmp
+from .panorama import GPano
 
 Image = NDArray[Any]
 
@@ -39,6 +41,7 @@ FORMATS = {
     ".webp": Format(("uint8",), (3, 4)),
     ".bmp": Format(("uint8",), (1, 3)),
     ".hdr": Format(("float32",), (3,)),
+    ".exr": Format(("float32",), (1, 3, 4)),
 }
 """What can be written, by suffix."""
 
@@ -64,11 +67,21 @@ def format_of(path: str | Path) -> Format:
     return FORMATS[suffix]
 
 
+def can_be_panorama(path: str | Path) -> bool:
+    """Whether the file can say that it is a panorama.
+
+    >>> can_be_panorama("view.jpg"), can_be_panorama("view.exr")
+    (True, False)
+    """
+    return Path(path).suffix.lower() in xmp.CARRIERS
+
+
 def read_image(path: str | Path) -> Image:
     """Read a picture file.
 
-    Pixels come as they are stored: an orientation that the camera noted beside them is not applied,
-    since a calibration belongs to the stored pixels.
+    Pixels come as they are stored: an orientation that the camera noted beside them (EXIF) is not
+    applied, since a calibration belongs to the stored pixels, and a mirror above a lens knows no
+    upright. Nor is it written: a straightened view is drawn upright.
 
     Returns
     -------
@@ -89,6 +102,8 @@ def read_image(path: str | Path) -> Image:
         raise MediaError(f"cannot read the picture {path}: {e.strerror or e}") from None
     if not data:
         raise MediaError(f"the picture {path} is empty")
+    if data.startswith(exr.MAGIC):
+        return exr.read_exr(path)
     if _is_cut_short(data):
         raise MediaError(f"the picture {path} is cut short: its end is missing")
     try:
@@ -103,21 +118,24 @@ def read_image(path: str | Path) -> Image:
     return image
 
 
-def write_image(path: str | Path, image: Image) -> None:
+def write_image(path: str | Path, image: Image, panorama: GPano | None = None) -> None:
     """Write a picture file whole, or leave an earlier one as it was.
 
     Parameters
     ----------
     path
-        Its suffix names the format, one of :data:`FORMATS`. PNG, TIFF and WebP are written without
-        loss, JPEG with quality 95.
+        Its suffix names the format, one of :data:`FORMATS`. PNG, TIFF, WebP and EXR are written without
+        loss, JPEG with quality 95. EXR needs the extra ``omnimirror[exr]``.
     image : (h, w) or (h, w, 1) or (h, w, 3) or (h, w, 4) array
         uint8, uint16 or float32; channels in OpenCV's order, blue, green, red (alpha).
+    panorama
+        What part of the full sphere the picture shows, for viewers; JPEG, PNG, WebP and TIFF can hold it.
 
     Raises
     ------
     MediaError
-        The suffix is not known, the format cannot hold such a picture, or the file cannot be written.
+        The suffix is not known, the format cannot hold such a picture or the panorama's metadata, or the
+        file cannot be written.
     """
     kind = format_of(path)
     channels = image.shape[2] if image.ndim == 3 else 1
@@ -128,16 +146,39 @@ def write_image(path: str | Path, image: Image) -> None:
             f"cannot write {path}: {Path(path).suffix} holds {' or '.join(kind.depths)} pictures of "
             f"{' or '.join(map(str, kind.channels))} channels, and this one is {image.dtype.name} of {channels}"
         )
-    try:
-        with _quiet():
-            _, data = cv2.imencode(Path(path).suffix.lower(), np.ascontiguousarray(image))
-    except cv2.error as e:
-        raise MediaError(f"cannot write {path}: {_reason(e)}") from None
+    if panorama is not None:
+        _check_panorama(path, image, panorama)
     try:
         with replacing(path) as temporary:
-            temporary.write_bytes(data.tobytes())
+            if temporary.suffix.lower() == ".exr":
+                exr.write_exr(temporary, image)
+            else:
+                temporary.write_bytes(_encoded(Path(path), image, panorama))
+    except MediaError:
+        raise
     except OmnimirrorError as e:
         raise MediaError(str(e)) from None
+
+
+def _check_panorama(path: str | Path, image: Image, panorama: GPano) -> None:
+    if not can_be_panorama(path):
+        raise MediaError(f"{path} cannot say that it is a panorama; valid are {', '.join(xmp.CARRIERS)}")
+    height, width = image.shape[:2]
+    if panorama.cropped_size != (width, height):
+        told = " x ".join(map(str, panorama.cropped_size))
+        raise MediaError(f"cannot write {path}: the picture has {width} x {height} px, and the panorama {told} px")
+
+
+def _encoded(path: Path, image: Image, panorama: GPano | None) -> bytes:
+    """The bytes of the file."""
+    suffix = path.suffix.lower()
+    try:
+        with _quiet():
+            _, encoded = cv2.imencode(suffix, np.ascontiguousarray(image))
+    except cv2.error as e:
+        raise MediaError(f"cannot write {path}: {_reason(e)}") from None
+    data: bytes = encoded.tobytes()
+    return data if panorama is None else xmp.embed(suffix, data, panorama.xmp())
 
 
 def _is_cut_short(data: bytes) -> bool:

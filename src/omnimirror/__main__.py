@@ -1,0 +1,6 @@
+"""``python -m omnimirror``."""
+
+from .cli import main
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,289 @@
+"""From a source through a picture function to a sink, with reading and writing in threads of their own."""
+
+from __future__ import annotations
+
+import queue
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
+from typing import Any, Literal, NamedTuple
+
+import av
+
+from ..errors import MediaError
+from . import interrupts
+from .frames import Image, Planes, as_frame, bgr, planar, planes
+from .video import Item
+from .writer import Sink
+
+Pixels = Literal["picture", "planes"]
+Made = av.VideoFrame | Image | Planes
+PictureFunction = Callable[[Any, float], Made]
+"""A picture (h, w, 3), or planes, and its time (s), to another picture, planes, or a finished frame."""
+
+Prepared = tuple[Item, Image | Planes | None]
+"""A frame with what the function takes, or a packet of sound with nothing."""
+
+REPORT_EVERY_S = 0.2
+RATE_OVER_S = 5.0  # the rate is that of the last few seconds
+
+
+class Progress(NamedTuple):
+    """How far it is."""
+
+    done: int
+    """Frames."""
+    total: int | None
+    """Frames to expect; None where nobody knows."""
+    rate: float
+    """Frames a second, of late."""
+    elapsed_s: float
+    left_s: float | None
+
+
+class Outcome(NamedTuple):
+    """What became of it."""
+
+    frames: int
+    elapsed_s: float
+    stopped: bool
+    """Whether Ctrl-C ended it; what was done is kept."""
+
+    @property
+    def rate(self) -> float:
+        """Frames a second."""
+        return self.frames / max(self.elapsed_s, 1e-9)
+
+
+def process(
+    items: Iterable[Item],
+    sink: Sink,
+    function: PictureFunction,
+    pixels: Pixels = "picture",
+    progress: Callable[[Progress], None] | None = None,
+    total: int | None = None,
+    ahead: int = 4,
+) -> Outcome:
+    """Put every frame through a function, in order; packets of sound pass by untouched.
+
+    Reading, the function and writing overlap, each in its own thread, with the function in the caller's.
+    Ctrl-C ends the source: what was done is written and kept, and a second one gives up. A
+    damaged source is treated alike, and its error raised at the end. In every case the sink has been
+    closed, or given up, when this returns.
+
+    Parameters
+    ----------
+    items
+        Frames and packets, as :meth:`VideoReader.items` or :meth:`LiveSource.frames` gives them.
+    sink
+        Such as a :class:`VideoWriter`.
+    function
+        Called as ``function(picture, time_s)``. What it returns must be memory of its own, since it is
+        written while the next frame is made; :func:`omnimirror.media.frames.empty_frame` spares a copy.
+    pixels
+        ``"picture"``: it takes (h, w, 3) uint8, blue, green, red. ``"planes"``: it takes (y, u, v), or
+        (y, uv) of NV12, as :func:`omnimirror.media.frames.planes` gives them, without any conversion
+        unless the source is of another kind than 4:2:0 with 8 bits.
+    progress
+        Told a few times a second, and at the end.
+    total
+        Frames to expect, for the time left.
+    ahead
+        Frames that wait between two threads, at most. 0 reads in the caller's thread: for live sources,
+        which have a thread already and whose frames must not wait.
+
+    Raises
+    ------
+    MediaError
+        The source is damaged, after all that could be read has been written; or the sink cannot be
+        written. Errors of the function are passed on, and give the sink up.
+    """
+    meter = _Meter(progress, total)
+    with interrupts.deferred():
+        source = _Reading(items, pixels, ahead) if ahead else (_prepared(item, pixels) for item in items)
+        writing = _Writing(sink, max(1, ahead))
+        problem: MediaError | None = None
+        try:
+            try:
+                _work(source, function, writing, meter)
+            except _SourceProblem as e:
+                problem = e.error
+            finally:
+                if isinstance(source, _Reading):
+                    source.stop()
+            stopped = interrupts.is_pending()
+            writing.finish(may_be_empty=stopped or problem is not None)
+        except BaseException:
+            writing.give_up()
+            raise
+    if problem is not None:
+        raise problem
+    meter.report()
+    return Outcome(sink.frames_written, meter.elapsed_s, stopped)
+
+
+def _work(source: Iterable[Prepared], function: PictureFunction, writing: _Writing, meter: _Meter) -> None:
+    """Everything from the source through the function to the writing thread, until it ends or Ctrl-C."""
+    for item, pixels_of_item in source:
+        if isinstance(item, av.VideoFrame):
+            writing.put(as_frame(function(pixels_of_item, item.time or 0.0), item))
+            meter.step()
+        else:
+            writing.put(item)
+        if interrupts.is_pending():
+            return
+
+
+class _SourceProblem(Exception):
+    """An error of the source, told apart from those of the function."""
+
+    def __init__(self, error: MediaError) -> None:
+        self.error = error
+
+
+def _prepared(item: Item, pixels: Pixels) -> Prepared:
+    """An item with what the function takes; None for sound."""
+    if not isinstance(item, av.VideoFrame):
+        return item, None
+    if pixels == "picture":
+        return item, bgr(item)
+    item = planar(item)
+    return item, planes(item)
+
+
+class _Reading:
+    """Reads ahead in a thread of its own."""
+
+    def __init__(self, items: Iterable[Item], pixels: Pixels, ahead: int) -> None:
+        self._waiting: queue.Queue[Prepared | BaseException | None] = queue.Queue(ahead)
+        self._stopping = threading.Event()
+        self._thread = threading.Thread(target=self._run, args=(items, pixels), name="reading", daemon=True)
+        self._thread.start()
+
+    def __iter__(self) -> Iterator[Prepared]:
+        while not interrupts.is_pending():
+            try:
+                item = self._waiting.get(timeout=interrupts.POLL_S)
+            except queue.Empty:
+                continue
+            if item is None:
+                return
+            if isinstance(item, MediaError):
+                raise _SourceProblem(item)
+            if isinstance(item, BaseException):
+                raise item
+            yield item
+
+    def _run(self, items: Iterable[Item], pixels: Pixels) -> None:
+        try:
+            for item in items:
+                if not self._put(_prepared(item, pixels)):
+                    break
+        except BaseException as e:  # handed over, and raised where the frames are taken
+            self._put(e)
+        self._put(None)
+
+    def _put(self, item: Prepared | BaseException | None) -> bool:
+        """Whether there was still someone to take it."""
+        while not self._stopping.is_set():
+            with suppress(queue.Full):
+                self._waiting.put(item, timeout=interrupts.POLL_S)
+                return True
+        return False
+
+    def stop(self) -> None:
+        """Take no more, and wait until the source has been let go."""
+        self._stopping.set()
+        self._thread.join()
+
+
+class _Writing:
+    """Writes in a thread of its own, what is put, in order."""
+
+    def __init__(self, sink: Sink, ahead: int) -> None:
+        self._sink = sink
+        self._waiting: queue.Queue[Item | None] = queue.Queue(ahead)
+        self._error: BaseException | None = None
+        self._is_over = False
+        self._thread = threading.Thread(target=self._run, name="writing", daemon=True)
+        self._thread.start()
+
+    def put(self, item: Item | None) -> None:
+        """Hand over the next frame or packet; an error of the sink is raised here."""
+        while self._error is None:
+            with suppress(queue.Full):
+                self._waiting.put(item, timeout=interrupts.POLL_S)
+                return
+        raise self._error
+
+    def _run(self) -> None:
+        while True:
+            item = self._waiting.get()
+            if item is None:
+                return
+            if self._error is not None:  # take the rest, so that nobody waits
+                continue
+            try:
+                if isinstance(item, av.VideoFrame):
+                    self._sink.write(item)
+                else:
+                    self._sink.write_packet(item)
+            except BaseException as e:
+                self._error = e
+
+    def finish(self, may_be_empty: bool = False) -> None:
+        """Write what waits, and close the sink; where nothing was written it may be given up instead."""
+        self.put(None)
+        self._thread.join()
+        if self._error is not None:
+            raise self._error
+        self._is_over = True
+        if may_be_empty and not self._sink.frames_written:
+            self._sink.abort()
+        else:
+            self._sink.close()
+
+    def give_up(self) -> None:
+        """Forget what waits, and give the sink up."""
+        if self._is_over:
+            return
+        self._error = self._error or MediaError("given up")
+        self._waiting.put(None)
+        self._thread.join()
+        self._is_over = True
+        self._sink.abort()
+
+
+class _Meter:
+    """Counts frames, and reports now and then."""
+
+    def __init__(self, progress: Callable[[Progress], None] | None, total: int | None) -> None:
+        self._progress, self._total = progress, total
+        self._start = self._reported = time.monotonic()
+        self._done = 0
+        self._recent: deque[tuple[float, int]] = deque([(self._start, 0)])
+
+    @property
+    def elapsed_s(self) -> float:
+        return time.monotonic() - self._start
+
+    def step(self) -> None:
+        self._done += 1
+        now = time.monotonic()
+        if now - self._reported >= REPORT_EVERY_S:
+            self._reported = now
+            self.report()
+
+    def report(self) -> None:
+        if self._progress is None:
+            return
+        now = time.monotonic()
+        self._recent.append((now, self._done))
+        while len(self._recent) > 2 and now - self._recent[0][0] > RATE_OVER_S:
+            self._recent.popleft()
+        since, before = self._recent[0]
+        rate = (self._done - before) / max(now - since, 1e-9)
+        left = None if self._total is None or rate <= 0 else max(0, self._total - self._done) / rate
+        self._progress(Progress(self._done, self._total, rate, now - self._start, left))

@@ -1,0 +1,120 @@
+"""``omnimirror dewarp`` on videos and on folders of pictures, run as a user runs it."""
+
+from __future__ import annotations
+
+import av
+import cv2
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.media.frames import frame_of_image
+from omnimirror.media.writer import VideoWriter
+from tests.cli.test_evaluate import fails, omnimirror
+
+SIZE = 160
+BALL = ["--ball", "79.5,79.5,76,260"]
+CAMERA = om.MirrorBall((79.5, 79.5), 76.0, 260.0, (SIZE, SIZE))
+
+
+def picture(shade: int) -> np.ndarray:
+    """A smooth picture with a colour that tells its number."""
+    v, u = np.mgrid[0:SIZE, 0:SIZE]
+    return np.stack([u / 2 + 40, v / 2 + 40, np.full_like(u, shade)], axis=-1).astype(np.uint8)
+
+
+@pytest.fixture
+def video(tmp_path):
+    with VideoWriter(tmp_path / "in.mp4", (SIZE, SIZE), 25, crf=1) as writer:
+        for i in range(20):
+            writer.write(frame_of_image(picture(60 + 5 * i)))
+    return tmp_path / "in.mp4"
+
+
+def frames(path) -> list[np.ndarray]:
+    with av.open(str(path)) as container:
+        return [f.to_ndarray(format="bgr24") for f in container.decode(video=0)]
+
+
+def test_every_frame_of_a_video_is_straightened(video, tmp_path):
+    args = [*BALL, "--view", "perspective", "--tilt-deg", "-30", "--size", "96x64", "--crf", "1"]
+    run = omnimirror("dewarp", video, *args, "-o", tmp_path / "out.mp4")
+    assert run.returncode == 0, run.stderr
+    assert "20 frames" in run.stderr
+    out = frames(tmp_path / "out.mp4")
+    assert len(out) == 20
+    dewarp = om.Dewarper(CAMERA, om.screens.Plane((96, 64), tilt_deg=-30.0))
+    for i in (0, 7, 19):
+        expected = dewarp(frames(video)[i]).astype(float)
+        assert np.abs(out[i] - expected)[4:-4, 4:-4].mean() < 3
+
+
+def test_a_part_of_a_video(video, tmp_path):
+    args = [*BALL, "--size", "128x", "--start-s", "0.2", "--duration-s", "0.4"]
+    run = omnimirror("dewarp", video, *args, "-o", tmp_path / "out.mp4")
+    assert run.returncode == 0, run.stderr
+    assert len(frames(tmp_path / "out.mp4")) == 10
+    assert b"GPano" in (tmp_path / "out.mp4").read_bytes() or b"sv3d" in (tmp_path / "out.mp4").read_bytes()
+
+
+def test_the_view_moves_with_keyframes(video, tmp_path):
+    (tmp_path / "keys.csv").write_text("time_s,pan_deg,hfov_deg\n0,0,60\n0.76,40,90\n")
+    args = [*BALL, "--view", "perspective", "--tilt-deg", "-30", "--size", "96x64", "--crf", "1"]
+    run = omnimirror("dewarp", video, *args, "--keyframes", tmp_path / "keys.csv", "-o", tmp_path / "out.mp4")
+    assert run.returncode == 0, run.stderr
+    last = om.Dewarper(CAMERA, om.screens.Plane((96, 64), 40.0, -30.0, hfov_deg=90.0))(frames(video)[-1])
+    assert np.abs(frames(tmp_path / "out.mp4")[-1] - last.astype(float))[4:-4, 4:-4].mean() < 3
+
+
+def test_a_pipe_carries_y4m(video, tmp_path):
+    run = omnimirror("dewarp", video, *BALL, "--size", "128x64", "-o", "-", text=False)
+    assert run.returncode == 0, run.stderr
+    assert run.stdout.startswith(b"YUV4MPEG2 W128 H64 F25:1")
+    assert run.stdout.count(b"FRAME") == 20
+
+
+def test_a_folder_of_pictures_and_one_that_is_damaged(tmp_path):
+    for i in range(3):
+        cv2.imwrite(str(tmp_path / f"{i}.png"), picture(60 + i))
+    (tmp_path / "bad.png").write_bytes(b"not a picture")
+    run = omnimirror("dewarp", tmp_path, *BALL, "--size", "128x", "--black", "-o", tmp_path / "out")
+    assert run.returncode == 1
+    assert run.stderr.count("\n") == 1
+    assert "bad.png is not a picture" in run.stderr
+    assert "3 of 4 pictures straightened" in run.stdout
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["0.png", "1.png", "2.png"]
+    expected = om.Dewarper(CAMERA, om.views.panorama(CAMERA, (128, None)))(picture(61))
+    np.testing.assert_array_equal(cv2.imread(str(tmp_path / "out" / "1.png")), expected)
+
+
+def test_a_panorama_tells_viewers_what_it_shows(tmp_path):
+    cv2.imwrite(str(tmp_path / "a.png"), picture(90))
+    assert omnimirror("dewarp", tmp_path / "a.png", *BALL, "--size", "128x", "-o", tmp_path / "p.jpg").returncode == 0
+    assert b"GPano:CroppedAreaTopPixels" in (tmp_path / "p.jpg").read_bytes()
+    args = ["--view", "perspective", "--tilt-deg", "-30", "-o", tmp_path / "v.jpg"]
+    assert omnimirror("dewarp", tmp_path / "a.png", *BALL, *args).returncode == 0
+    assert b"GPano" not in (tmp_path / "v.jpg").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("args", "message"),
+    [
+        (["no.mp4", "-o", "o.mp4"], "there is no video no.mp4"),
+        (["in.mp4", "-o", "in.mp4"], "in.mp4 is the video to straighten"),
+        (["in.mp4", "-o", "o.gifv"], "videos of kind '.gifv' are not known"),
+        (["in.mp4", "-o", "o.mp4", "--start-s", "9"], "a start at 9 s lies behind the end"),
+        (["in.mp4", "-o", "o.mp4", "--transparent"], "belong to pictures"),
+        (["in.mp4", "-o", "-", "--crf", "3"], "does not apply to a pipe"),
+        (["in.mp4", "-o", "o.mp4", "--keyframes", "no.csv"], "no.csv"),
+        (["in.mp4", "-o", "o.mp4", "--codec", "h266"], "h266"),
+        (["a.png", "-o", "o.png", "--start-s", "1"], "--start-s belongs to videos, and a.png is none"),
+        (["a.png", "a.png", "-o", "o.png"], "several pictures need a folder"),
+        (["*.tif", "-o", "out"], "there is no file *.tif"),
+        (["/dev/video99", "-o", "o.mp4"], "there is no camera /dev/video99"),
+    ],
+)
+def test_what_cannot_be_done_is_one_sentence(args, message, video, tmp_path):
+    cv2.imwrite(str(tmp_path / "a.png"), picture(90))
+    before = sorted(p.name for p in tmp_path.iterdir())
+    assert message in fails("dewarp", *args, *BALL, cwd=tmp_path)
+    assert sorted(p.name for p in tmp_path.iterdir()) == before

@@ -1,0 +1,248 @@
+"""Streams on loopback that break and come back, and slow consumers."""
+
+import socket
+import subprocess
+import sys
+import threading
+import time
+from contextlib import contextmanager, suppress
+from itertools import pairwise
+
+import pytest
+
+from omnimirror.errors import MediaError
+from omnimirror.media.live import TICKS, LiveSource
+from omnimirror.media.outputs import StreamSink
+from omnimirror.media.process import process
+from omnimirror.media.writer import VideoWriter
+from tests.media.synthetic import SIZE, make_video, pictures_of
+
+HEAD = b"HTTP/1.0 200 OK\r\nContent-Type: video/mp2t\r\n\r\n"
+PATIENCE = {"timeout_s": 2.0, "patience_s": 12.0, "first_wait_s": 0.05}
+
+
+@pytest.fixture(scope="module")
+def transport(tmp_path_factory):
+    """Four seconds of MPEG-TS with a key frame twice a second."""
+    return make_video(tmp_path_factory.mktemp("live") / "a.ts", 100, with_sound=False).read_bytes()
+
+
+@contextmanager
+def server(*plans):
+    """An HTTP server on loopback; each connection follows the next plan, the last one all that come after.
+
+    A plan is a list of bytes and pauses (s); an empty one hangs up without a word.
+    """
+    listener = socket.create_server(("127.0.0.1", 0))
+    stopping = threading.Event()
+    served = []
+
+    def serve(connection, plan):
+        with connection, suppress(OSError):
+            connection.recv(4096)
+            for part in plan:
+                if stopping.is_set():
+                    return
+                if isinstance(part, bytes):
+                    connection.sendall(part)
+                else:
+                    stopping.wait(part)
+
+    def accept():
+        with suppress(OSError):
+            while True:
+                connection, _ = listener.accept()
+                served.append(
+                    threading.Thread(target=serve, args=(connection, plans[min(len(served), len(plans) - 1)]))
+                )
+                served[-1].start()
+
+    thread = threading.Thread(target=accept)
+    thread.start()
+    try:
+        yield f"http://127.0.0.1:{listener.getsockname()[1]}/live.ts"
+    finally:
+        stopping.set()
+        listener.shutdown(socket.SHUT_RDWR)
+        listener.close()
+        thread.join()
+        for each in served:
+            each.join()
+
+
+def paced(data, seconds):
+    """The data in real time."""
+    size = -(-len(data) // 50)
+    return [part for at in range(0, len(data), size) for part in (data[at : at + size], seconds / 50)]
+
+
+def free_port(kind=socket.SOCK_STREAM):
+    with socket.socket(socket.AF_INET, kind) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def test_a_stream_that_breaks_is_found_again(transport):
+    """It ends, then hangs up twice without a word, then comes back."""
+    half = transport[: len(transport) // 2]
+    told = []
+    with (
+        server([HEAD, *paced(half, 1.0)], [], [], [HEAD, *paced(transport, 2.0), 5.0]) as url,
+        LiveSource(url, **PATIENCE, report=told.append) as source,
+    ):
+        before = 0
+        for frame in source.frames():
+            assert (frame.width, frame.height) == SIZE
+            if not source.reconnects:
+                before = source.received
+            elif source.received >= before + 20:
+                break
+        assert source.frame_rate == 25
+    assert before >= 20
+    assert source.reconnects == 1
+    lost = [sentence for sentence in told if "is lost" in sentence]
+    waits = [sentence.rsplit("trying again in ")[1] for sentence in lost[:3]]
+    assert waits == ["0.05 s", "0.1 s", "0.2 s"]  # doubled while nothing comes
+    assert f"{url} is back after" in told[-1]
+
+
+def test_a_stream_that_falls_silent_is_lost(transport):
+    told = []
+    with (
+        server([HEAD, transport, 30.0], [HEAD, *paced(transport, 1.0), 5.0]) as url,
+        LiveSource(url, timeout_s=0.7, patience_s=8, first_wait_s=0.05, report=told.append) as source,
+    ):
+        for _ in source.frames():
+            if source.reconnects:
+                break
+    assert "nothing came for 0.7 s" in told[0]
+
+
+def test_a_slow_consumer_gets_the_newest_frame(transport):
+    with server([HEAD, *paced(transport, 2.0), 5.0]) as url, LiveSource(url, **PATIENCE) as source:
+        frames = source.frames()
+        times = []
+        for _ in range(5):
+            taken = next(frames)
+            times.append(taken.time)
+            age = time.monotonic() - source._start - taken.time
+            assert age < 0.25  # it came just now, however slow the last one was
+            time.sleep(0.3)
+        assert source.dropped >= source.received - 5 - 2
+        assert source.dropped > 10
+    assert all(b > a for a, b in pairwise(times))
+
+
+def test_a_fast_consumer_misses_nothing(transport):
+    with server([HEAD, *paced(transport, 2.5)]) as url, LiveSource(url, **PATIENCE, reconnect=False) as source:
+        first = source.first()
+        count = sum(1 for _ in source.frames())
+        assert (first.width, first.height) == SIZE
+    assert source.received == 100
+    assert count == 100 - source.dropped
+    assert source.dropped < 30  # what came in a burst while the stream was being opened
+
+
+def test_a_live_stream_is_recorded(transport, tmp_path):
+    with server([HEAD, *paced(transport, 2.0)]) as url, LiveSource(url, **PATIENCE, reconnect=False) as source:
+        source.first()
+        sink = VideoWriter(tmp_path / "a.mp4", SIZE, source.frame_rate, time_base=TICKS)
+        outcome = process(source.frames(), sink, lambda picture, time_s: picture, ahead=0)
+    frames = pictures_of(tmp_path / "a.mp4")
+    assert len(frames) == outcome.frames == 100 - source.dropped
+    assert 0.3 < frames[-1].time - frames[0].time < 4
+
+
+def test_nobody_there_is_one_sentence():
+    url = f"http://127.0.0.1:{free_port()}/live.ts"
+    begin = time.monotonic()
+    with LiveSource(url, timeout_s=1, patience_s=0.6, first_wait_s=0.05) as source:
+        with pytest.raises(MediaError, match=r"nothing has come from http.* for .* s: Connection refused") as e:
+            next(source.frames())
+        with pytest.raises(MediaError, match="nothing has come"):
+            source.first()
+    assert "\n" not in str(e.value)
+    assert time.monotonic() - begin < 5
+
+
+def test_closing_is_clean_and_ends_the_frames(transport):
+    with server([HEAD, transport, 30.0]) as url:
+        source = LiveSource(url, timeout_s=1.0)
+        threading.Timer(0.5, source.close).start()
+        begin = time.monotonic()
+        assert sum(1 for _ in source.frames()) >= 1
+        source.close()
+        assert time.monotonic() - begin < 4
+        assert not source._thread.is_alive()
+
+
+@pytest.mark.parametrize(
+    ("url", "message"),
+    [
+        ("/dev/video99", "there is no camera /dev/video99; here"),
+        ("99", "there is no camera /dev/video99"),
+        ("room.mp4", "'room.mp4' is no camera or stream; valid are"),
+        ("gopher://x", "is no camera or stream"),
+    ],
+)
+def test_what_is_no_source_is_refused(url, message):
+    with pytest.raises(MediaError, match=message):
+        LiveSource(url)
+
+
+# -- streams that we send ----------------------------------------------------------------------------
+
+PUSH = """
+import sys, time
+from fractions import Fraction
+import numpy as np
+from omnimirror.media.frames import frame_of_image
+from omnimirror.media.outputs import StreamSink
+for attempt in range(40):
+    try:
+        sink = StreamSink(sys.argv[1], (64, 48), 25)
+        break
+    except ValueError:
+        time.sleep(0.1)
+try:
+    for i in range(int(sys.argv[2])):
+        frame = frame_of_image(np.full((48, 64, 3), 8 * (i % 30), np.uint8))
+        frame.pts, frame.time_base = i, Fraction(1, 25)
+        sink.write(frame)
+        time.sleep(0.03)
+    sink.close()
+except ValueError:
+    sink.abort()
+"""
+
+
+def push(url, frames):
+    """Send from another process: FFmpeg holds Python's lock while it opens a stream for writing."""
+    return subprocess.Popen([sys.executable, "-c", PUSH, url, str(frames)], stderr=subprocess.DEVNULL)
+
+
+@pytest.mark.parametrize("scheme", ["udp", "rtsp"])
+def test_what_we_send_is_received(scheme):
+    port = free_port(socket.SOCK_DGRAM if scheme == "udp" else socket.SOCK_STREAM)
+    url = f"{scheme}://127.0.0.1:{port}" + ("/live" if scheme == "rtsp" else "")
+    # RTSP has no server here, so the reader is one; it needs a time to wait, or else waits for ever.
+    options = {"rtsp_flags": "listen", "listen_timeout": "8"} if scheme == "rtsp" else {}
+    timeout_s = 8 if scheme == "rtsp" else 1.5
+    with LiveSource(url, timeout_s, patience_s=16, first_wait_s=0.05, options=options) as source:
+        sender = push(url + "?pkt_size=1316" * (scheme == "udp"), 60)
+        try:
+            for frame in source.frames():
+                assert (frame.width, frame.height) == SIZE
+                if source.received >= 30:
+                    break
+        finally:
+            sender.terminate()
+            sender.wait()
+
+
+def test_addresses_that_cannot_be_streamed_to():
+    for url in ("room.mp4", "gopher://x"):
+        with pytest.raises(MediaError, match=r"cannot stream to .*; valid are addresses of udp"):
+            StreamSink(url, SIZE, 25)
+    with pytest.raises(MediaError, match=r"cannot write http://.*: Connection refused"):
+        StreamSink(f"http://127.0.0.1:{free_port()}/x", SIZE, 25)
