@@ -24,37 +24,29 @@ template <> struct FractionOf<uint8_t> { using type = uint8_t; };
 template <class T> using Fraction = typename FractionOf<T>::type;
 template <class F> constexpr int one = sizeof(F) == 1 ? 255 : 65535;
 
+// Pictures with more values are fetched ahead; smaller ones are in the cache anyway.
+constexpr int64_t FETCHED_FROM = 4'000'000;
+
 constexpr int round_up8(int n) { return (n + 7) & ~7; }
 
 // -- where output pixels look ----------------------------------------------------------------------
 
-template <class F> struct Taps {
-    alignas(64) uint32_t offsets[STRIP];
-    alignas(64) F fx[STRIP];
-    alignas(64) F fy[STRIP];
-};
-
 // Up to STRIP adjoining output pixels. Entries up to the next multiple of 8 can be read, and are harmless.
 template <class F> struct Strip {
-    const uint32_t* offsets;
-    const F *fx, *fy;
+    const Block<F>* blocks;
     int count;
     uint8_t* out;
-    const uint32_t* ahead;  // offsets that are wanted soon, as many, or nullptr
+    const Block<F>* ahead;  // as many that are wanted soon, or nullptr
 };
 
-// Coordinates to offsets and fractions; x and y hold count, a multiple of 8. Written so that compilers
-// vectorise it: no branches, and comparisons that are false for NaN.
+// Coordinates of 8 pixels to offsets and fractions. Written so that compilers vectorise it: no branches, and
+// comparisons that are false for NaN.
 template <Interpolation I, class Real, class F>
-void locate(const Real* __restrict x, const Real* __restrict y, int count, const Geometry& g,
-            uint32_t* __restrict offsets, F* __restrict fx, F* __restrict fy) {
+void locate_8(const Real* __restrict x, const Real* __restrict y, const Geometry& g, Block<F>& __restrict block) {
     const Real right = static_cast<Real>(g.width - 0.5), bottom = static_cast<Real>(g.height - 0.5);
     const Real x_last = static_cast<Real>(g.width - 1), y_last = static_cast<Real>(g.height - 1);
     const Real scale = one<F>, half = static_cast<Real>(0.5);
-    const int x0_max = g.x0_max, y0_max = g.y0_max;
-    const int x_inner = g.x_inner, y_inner = g.y_inner;
-    const uint32_t x_span = g.x_span, y_span = g.y_span, pixel_step = g.pixel_step, row_step = g.row_step;
-    for (int i = 0; i < count; ++i) {
+    for (int i = 0; i < 8; ++i) {
         const bool inside = (x[i] >= -half) & (x[i] <= right) & (y[i] >= -half) & (y[i] <= bottom);
         Real xc = x[i] > 0 ? x[i] : 0, yc = y[i] > 0 ? y[i] : 0;
         xc = xc < x_last ? xc : x_last;
@@ -65,18 +57,25 @@ void locate(const Real* __restrict x, const Real* __restrict y, int count, const
             x0 = static_cast<int>(xc + half), y0 = static_cast<int>(yc + half);
         } else {
             x0 = static_cast<int>(xc), y0 = static_cast<int>(yc);
-            x0 = x0 < x0_max ? x0 : x0_max;
-            y0 = y0 < y0_max ? y0 : y0_max;
-            fx[i] = static_cast<F>(static_cast<int>((xc - static_cast<Real>(x0)) * scale + half));
-            fy[i] = static_cast<F>(static_cast<int>((yc - static_cast<Real>(y0)) * scale + half));
+            x0 = x0 < g.x0_max ? x0 : g.x0_max;
+            y0 = y0 < g.y0_max ? y0 : g.y0_max;
+            block.fx[i] = static_cast<F>(static_cast<int>((xc - static_cast<Real>(x0)) * scale + half));
+            block.fy[i] = static_cast<F>(static_cast<int>((yc - static_cast<Real>(y0)) * scale + half));
         }
         if constexpr (I == Interpolation::cubic) {
-            const bool inner = (static_cast<uint32_t>(x0 - x_inner) <= x_span) &
-                               (static_cast<uint32_t>(y0 - y_inner) <= y_span);
+            const bool inner = (static_cast<uint32_t>(x0 - g.x_inner) <= g.x_span) &
+                               (static_cast<uint32_t>(y0 - g.y_inner) <= g.y_span);
             kind |= inner ? 0 : EDGE;
         }
-        offsets[i] = (static_cast<uint32_t>(y0) * row_step + static_cast<uint32_t>(x0) * pixel_step) | kind;
+        block.offsets[i] = (static_cast<uint32_t>(y0) * g.row_step + static_cast<uint32_t>(x0) * g.pixel_step) | kind;
     }
+}
+
+// x and y hold count, a multiple of 8.
+template <Interpolation I, class Real, class F>
+void locate(const Real* x, const Real* y, int count, const Geometry& geometry, Block<F>* blocks) {
+    const Geometry g = geometry;
+    for (int i = 0; i < count; i += 8) locate_8<I>(x + i, y + i, g, blocks[i / 8]);
 }
 
 // Separate (x, y) pairs, and repeat the last one up to a multiple of 8.
@@ -87,89 +86,112 @@ template <class Real> void separate(const uint8_t* pairs, int count, Real* __res
 }
 
 template <class Isa, Interpolation I, class Real, class F>
-void locate_pairs(const Coordinates& c, int row, int column, int count, const Geometry& g, uint32_t* offsets,
-                  F* fx, F* fy) {
+void locate_pairs(const Coordinates& c, int row, int column, int count, const Geometry& g, Block<F>* blocks) {
     alignas(64) Real x[STRIP], y[STRIP];
     separate(c.data + row * c.row_stride + static_cast<ptrdiff_t>(column) * 2 * sizeof(Real), count, x, y);
-    Isa::template locate<I>(x, y, round_up8(count), g, offsets, fx, fy);
+    Isa::template locate<I>(x, y, round_up8(count), g, false, blocks);
 }
 
-void polar_coordinates(const Polar& p, int row, int column, int count, float* __restrict x, float* __restrict y) {
+// Whether a disc lies so far within the picture that no coordinate in it needs a check, and no tap an edge.
+bool is_inner(const Geometry& g, float x, float y, float radius) {
+    return x - radius >= 2 && x + radius <= static_cast<float>(g.width - 3) && y - radius >= 2 &&
+           y + radius <= static_cast<float>(g.height - 3);
+}
+
+// Returns whether all coordinates are inner ones.
+bool polar_coordinates(const Polar& p, const Geometry& g, int row, int column, int count, float* __restrict x,
+                       float* __restrict y) {
     const float radius = p.radii[row];
     const float *cosines = p.cosines + column, *sines = p.sines + column;
     for (int i = 0; i < count; ++i) x[i] = p.x + radius * cosines[i], y[i] = p.y + radius * sines[i];
-    for (int i = count; i < round_up8(count); ++i) x[i] = y[i] = -1;
+    for (int i = count; i < round_up8(count); ++i) x[i] = x[0], y[i] = y[0];
+    return is_inner(g, p.x, p.y, std::fabs(radius) * p.reach);
 }
 
-// The sum of four neighbours' values with the weights of one phase; each is step entries apart in weights.
-float weigh(const float* values, ptrdiff_t apart, const float* weights, int step) {
-    return weights[0] * values[0] + weights[step] * values[apart] + weights[2 * step] * values[2 * apart] +
-           weights[3 * step] * values[3 * apart];
+// Columns of nodes weighed along the rows, for one row of a strip: 8 at a time, and so up to 7 too many.
+void weigh_nodes(const float* __restrict nodes, ptrdiff_t columns, const float* weights, int step, int count,
+                 float* __restrict out) {
+    const float wa = weights[0], wb = weights[step], wc = weights[2 * step], wd = weights[3 * step];
+    const float *a = nodes, *b = a + columns, *c = b + columns, *d = c + columns;
+    for (int j = 0; j < count; j += 8)
+        for (int k = j; k < j + 8; ++k) out[k] = wa * a[k] + wb * b[k] + wc * c[k] + wd * d[k];
 }
 
-// One row of one cell, from four columns of nodes that have been weighed along the rows.
-void cell_row(const float* nodes, const float* __restrict weights, int step, float* __restrict out) {
-    const float a = nodes[0], b = nodes[1], c = nodes[2], d = nodes[3];
-    for (int i = 0; i < step; ++i)
-        out[i] = a * weights[i] + b * weights[step + i] + c * weights[2 * step + i] + d * weights[3 * step + i];
+// One row of one cell, from four columns of nodes that have been weighed along the rows. 8 at a time, so that
+// compilers make one vector of them.
+void cell_row(const float* x_nodes, const float* y_nodes, const float* __restrict weights, int step,
+              float* __restrict x, float* __restrict y) {
+    const float xa = x_nodes[0], xb = x_nodes[1], xc = x_nodes[2], xd = x_nodes[3];
+    const float ya = y_nodes[0], yb = y_nodes[1], yc = y_nodes[2], yd = y_nodes[3];
+    const float *wa = weights, *wb = wa + step, *wc = wb + step, *wd = wc + step;
+    for (int i = 0; i < step; i += 8)
+        for (int k = i; k < i + 8; ++k) {
+            x[k] = xa * wa[k] + xb * wb[k] + xc * wc[k] + xd * wd[k];
+            y[k] = ya * wa[k] + yb * wb[k] + yc * wc[k] + yd * wd[k];
+        }
 }
 
-// Make NaN what lies outside the ring that is seen.
-void keep_ring(const Nodes& n, int count, float* __restrict x, const float* __restrict y) {
+// Put outside the picture what lies outside the ring that is seen; whether all lies within. count is a multiple
+// of 8.
+bool keep_ring(const Nodes& n, int count, float* __restrict x, const float* __restrict y) {
     const float x_centre = n.x_centre, y_centre = n.y_centre, least2 = n.least2, most2 = n.most2;
-    for (int i = 0; i < count; ++i) {
-        const float dx = x[i] - x_centre, dy = y[i] - y_centre, distance2 = dx * dx + dy * dy;
-        x[i] = (distance2 >= least2) & (distance2 <= most2) ? x[i] : -1;
-    }
+    int outside = 0;
+    for (int i = 0; i < count; i += 8)
+        for (int k = i; k < i + 8; ++k) {
+            const float dx = x[k] - x_centre, dy = y[k] - y_centre, distance2 = dx * dx + dy * dy;
+            const bool kept = (distance2 >= least2) & (distance2 <= most2);
+            x[k] = kept ? x[k] : -1;
+            outside |= kept ? 0 : -1;
+        }
+    return !outside;
 }
 
-// column and STRIP are multiples of the step, so a strip is made of whole cells (the last may be cut).
-void node_coordinates(const Nodes& n, int row, int column, int count, float* x, float* y) {
+// Returns whether all coordinates are inner ones. column and STRIP are multiples of the step, so a strip is made
+// of whole cells; what the last one has beyond the picture is found too, and does no harm.
+template <class Isa>
+bool node_coordinates(const Nodes& n, const Geometry& g, int row, int column, int count, float* x, float* y) {
     const int step = n.step, first = column / step, cells = (count + step - 1) / step;
-    const int cell_row_index = row / step, phase = row % step;
-    float x_nodes[STRIP / 8 + 3], y_nodes[STRIP / 8 + 3];
-    for (int j = 0; j < cells + 3; ++j) {
-        const ptrdiff_t at = static_cast<ptrdiff_t>(cell_row_index) * n.columns + first + j;
-        x_nodes[j] = weigh(n.x + at, n.columns, n.weights + phase, step);
-        y_nodes[j] = weigh(n.y + at, n.columns, n.weights + phase, step);
-    }
-    const int32_t* states = n.cells + static_cast<ptrdiff_t>(cell_row_index) * n.cell_columns + first;
+    const int cell = row / step, phase = row % step;
+    alignas(32) float x_nodes[16], y_nodes[16];  // up to 11 are needed
+    const ptrdiff_t at = static_cast<ptrdiff_t>(cell) * n.columns + first;
+    weigh_nodes(n.x + at, n.columns, n.weights + phase, step, cells + 3, x_nodes);
+    weigh_nodes(n.y + at, n.columns, n.weights + phase, step, cells + 3, y_nodes);
+    const int32_t* states = n.cells + static_cast<ptrdiff_t>(cell) * n.cell_columns + first;
     for (int j = 0; j < cells; ++j) {
+        float *x_cell = x + j * step, *y_cell = y + j * step;
         if (states[j] < 0) {
-            cell_row(x_nodes + j, n.weights, step, x + j * step);
-            cell_row(y_nodes + j, n.weights, step, y + j * step);
+            Isa::cell_row(x_nodes + j, y_nodes + j, n.weights, step, x_cell, y_cell);
         } else {
             const float* patch = n.patches + (static_cast<ptrdiff_t>(states[j]) * step + phase) * step * 2;
-            for (int i = 0; i < step; ++i) x[j * step + i] = patch[2 * i], y[j * step + i] = patch[2 * i + 1];
+            for (int i = 0; i < step; ++i) x_cell[i] = patch[2 * i], y_cell[i] = patch[2 * i + 1];
         }
     }
-    if (n.x_centre == n.x_centre) keep_ring(n, cells * step, x, y);
+    if (n.x_centre != n.x_centre) return false;
+    return Isa::keep_ring(n, cells * step, x, y) && is_inner(g, n.x_centre, n.y_centre, n.most);
 }
 
 template <class Isa, Interpolation I, class F>
-Strip<F> find_strip(const Job& job, int row, int column, int count, uint8_t* out, Taps<F>& taps) {
+Strip<F> find_strip(const Job& job, int row, int column, int count, uint8_t* out, Block<F>* blocks) {
     const Geometry& g = job.source.geometry;
     if (job.where == Where::packed) {
-        const ptrdiff_t at = row * job.packed.row_step + column;
-        const bool more = column + STRIP + round_up8(count) <= job.packed.row_step;
-        return {job.packed.offsets + at, static_cast<const F*>(job.packed.fx) + at,
-                static_cast<const F*>(job.packed.fy) + at, count, out,
-                more ? job.packed.offsets + at + STRIP : nullptr};
+        const Packed& p = job.packed;
+        const Block<F>* first = static_cast<const Block<F>*>(p.blocks) + place_in_panels(p.rows, p.columns, row, column);
+        const bool more = row + 1 < p.rows && count == STRIP && job.source.elements > FETCHED_FROM;
+        return {first, count, out, more ? first + STRIP / 8 : nullptr};
     }
     if (job.where == Where::coordinates) {
         if (job.coordinates.is_double)
-            locate_pairs<Isa, I, double>(job.coordinates, row, column, count, g, taps.offsets, taps.fx, taps.fy);
+            locate_pairs<Isa, I, double>(job.coordinates, row, column, count, g, blocks);
         else
-            locate_pairs<Isa, I, float>(job.coordinates, row, column, count, g, taps.offsets, taps.fx, taps.fy);
+            locate_pairs<Isa, I, float>(job.coordinates, row, column, count, g, blocks);
     } else {
         alignas(64) float x[STRIP], y[STRIP];
-        if (job.where == Where::polar)
-            polar_coordinates(job.polar, row, column, count, x, y);
-        else
-            node_coordinates(job.nodes, row, column, count, x, y);
-        Isa::template locate<I>(x, y, round_up8(count), g, taps.offsets, taps.fx, taps.fy);
+        const bool inner = job.where == Where::polar
+                               ? polar_coordinates(job.polar, g, row, column, count, x, y)
+                               : node_coordinates<Isa>(job.nodes, g, row, column, count, x, y);
+        Isa::template locate<I>(x, y, round_up8(count), g, inner, blocks);
     }
-    return {taps.offsets, taps.fx, taps.fy, count, out, nullptr};
+    return {blocks, count, out, nullptr};
 }
 
 // -- the picture's values there --------------------------------------------------------------------
@@ -314,27 +336,38 @@ void sample_pixel(const Job& job, uint32_t offset, F fx, F fy, T* out) {
 
 struct Plain {
     template <Interpolation I, class Real, class F>
-    static void locate(const Real* x, const Real* y, int count, const Geometry& g, uint32_t* offsets, F* fx, F* fy) {
-        omnimirror::locate<I>(x, y, count, g, offsets, fx, fy);
+    static void locate(const Real* x, const Real* y, int count, const Geometry& g, bool, Block<F>* blocks) {
+        omnimirror::locate<I>(x, y, count, g, blocks);
+    }
+
+    static void cell_row(const float* x_nodes, const float* y_nodes, const float* weights, int step, float* x, float* y) {
+        omnimirror::cell_row(x_nodes, y_nodes, weights, step, x, y);
+    }
+
+    static bool keep_ring(const Nodes& n, int count, float* x, const float* y) {
+        return omnimirror::keep_ring(n, count, x, y);
     }
 
     template <Interpolation I, int C, class T> static void sample_strip(const Job& job, const Strip<Fraction<T>>& s) {
         T* out = reinterpret_cast<T*>(s.out);
-        for (int i = 0; i < s.count; ++i) sample_pixel<I, C>(job, s.offsets[i], s.fx[i], s.fy[i], out + i * C);
+        for (int i = 0; i < s.count; ++i) {
+            const Block<Fraction<T>>& b = s.blocks[i / 8];
+            sample_pixel<I, C>(job, b.offsets[i % 8], b.fx[i % 8], b.fy[i % 8], out + i * C);
+        }
     }
 };
 
 // -- tiles -----------------------------------------------------------------------------------------
 
 template <class Isa, Interpolation I, int C, class T> void sample_tile(const Job& job, const Tile& tile) {
-    Taps<Fraction<T>> taps;
-    if constexpr (I == Interpolation::nearest) std::memset(&taps, 0, sizeof taps);  // it has no fractions
+    alignas(64) Block<Fraction<T>> blocks[STRIP / 8];
+    if constexpr (I == Interpolation::nearest) std::memset(blocks, 0, sizeof blocks);  // it has no fractions
     for (int row = tile.top; row < tile.bottom; ++row) {
         uint8_t* out = job.target.data + row * job.target.stride;
         for (int column = tile.left; column < tile.right; column += STRIP) {
             const int count = smaller(STRIP, tile.right - column);
             uint8_t* at = out + static_cast<ptrdiff_t>(column) * C * static_cast<ptrdiff_t>(sizeof(T));
-            Isa::template sample_strip<I, C, T>(job, find_strip<Isa, I>(job, row, column, count, at, taps));
+            Isa::template sample_strip<I, C, T>(job, find_strip<Isa, I>(job, row, column, count, at, blocks));
         }
     }
 }
@@ -367,12 +400,11 @@ template <class Isa, Interpolation I, class F> void pack_rows(const Packing& p, 
     for (int row = top; row < bottom; ++row) {
         for (int column = 0; column < p.width; column += STRIP) {
             const int count = smaller(STRIP, p.width - column);
-            const ptrdiff_t at = row * p.row_step + column;
-            F *fx = static_cast<F*>(p.fx) + at, *fy = static_cast<F*>(p.fy) + at;
+            Block<F>* blocks = static_cast<Block<F>*>(p.blocks) + place_in_panels(p.rows, p.width, row, column);
             if (p.coordinates.is_double)
-                locate_pairs<Isa, I, double>(p.coordinates, row, column, count, p.geometry, p.offsets + at, fx, fy);
+                locate_pairs<Isa, I, double>(p.coordinates, row, column, count, p.geometry, blocks);
             else
-                locate_pairs<Isa, I, float>(p.coordinates, row, column, count, p.geometry, p.offsets + at, fx, fy);
+                locate_pairs<Isa, I, float>(p.coordinates, row, column, count, p.geometry, blocks);
         }
     }
 }

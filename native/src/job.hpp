@@ -15,7 +15,14 @@ constexpr uint32_t OUTSIDE = 0xffffffffu;  // not in the field: becomes the bord
 constexpr uint32_t EDGE = 0x80000000u;     // cubic taps beyond the picture: the edge is repeated, slowly
 constexpr int64_t LARGEST_OFFSET = 0x7fff0000;
 
-constexpr int STRIP = 64;  // output pixels described at a time, in the first-level cache
+constexpr int STRIP = 64;   // output pixels described at a time, in the first-level cache
+constexpr int PANEL = 128;  // columns of the output that are worked on together, so that source pixels stay in a cache
+
+// 8 adjoining output pixels. Fractions F are uint8_t in 255ths of a pixel, or uint16_t in 65535ths.
+template <class F> struct Block {
+    uint32_t offsets[8];
+    F fx[8], fy[8];
+};
 
 // Pictures narrower or lower than this are copied into a larger one that repeats their edge, so that no
 // kernel has to think of pictures smaller than its loads.
@@ -55,24 +62,34 @@ struct Coordinates {
 struct Polar {  // centre + radii[row] * (cosines, sines)[column]
     const float *radii, *cosines, *sines;
     float x, y;
+    float reach;                // the largest cosine or sine there is
 };
 
+constexpr int NODES_BEYOND = 16;
+
 struct Nodes {  // coordinates at every step-th pixel, from (-step, -step) on, interpolated bicubically
-    const float *x, *y;         // (rows, columns)
+    const float *x, *y;         // (rows, columns), and NODES_BEYOND that may be read but do not count
     int columns, step;
     const float* weights;       // (4, step)
     const int32_t* cells;       // (cell rows, cell columns): -1 interpolate, else index into patches
     const float* patches;       // (n, step, step, 2) coordinates of cells that must not be interpolated
     int cell_columns;
-    // Only what lies between these distances from a point of the picture is seen. Squares; none if x is NaN.
-    float x_centre, y_centre, least2, most2;
+    // Only what lies between two distances from a point of the picture is seen; all if x_centre is NaN.
+    float x_centre, y_centre, least2, most2, most;
 };
 
+// Blocks in the order in which they are wanted: panel after panel, row after row, from left to right.
 struct Packed {
-    const uint32_t* offsets;
-    const void *fx, *fy;        // uint8_t or uint16_t, as is_deep says
-    ptrdiff_t row_step;         // entries, a multiple of 8
+    const void* blocks;  // of uint8_t or uint16_t, as is_deep says
+    int rows, columns;
 };
+
+// Where in a packed map the block is that starts at a row and a column.
+inline ptrdiff_t place_in_panels(int rows, int columns, int row, int column) {
+    const int start = column / PANEL * PANEL;
+    const int width = (columns - start < PANEL ? columns - start : PANEL) + 7;
+    return static_cast<ptrdiff_t>(start / 8) * rows + static_cast<ptrdiff_t>(width / 8) * row + (column - start) / 8;
+}
 
 enum class Where { coordinates, polar, nodes, packed };
 
@@ -99,9 +116,8 @@ struct Packing {
     Interpolation interpolation;
     int width;
     bool is_deep;
-    uint32_t* offsets;
-    void *fx, *fy;
-    ptrdiff_t row_step;
+    int rows;
+    void* blocks;
 };
 
 inline bool is_deep(Depth depth) { return depth != Depth::u8; }

@@ -4,6 +4,8 @@
 // beats hardware gathers.
 #include <immintrin.h>
 
+#include <cstddef>
+
 #include "common.hpp"
 
 namespace omnimirror {
@@ -35,6 +37,13 @@ struct Axis {
     __m256 fraction;
     __m256i inside;    // all bits set where it lies on the picture
 };
+
+// A coordinate of 8 pixels that is known to have a neighbour.
+Axis along_inner(const float* at) {
+    const __m256 x = _mm256_loadu_ps(at);
+    const __m256i first = _mm256_cvttps_epi32(x);
+    return {first, _mm256_sub_ps(x, _mm256_cvtepi32_ps(first)), first};
+}
 
 Axis along(const float* at, int size, int first_max) {
     const __m256 x = _mm256_loadu_ps(at);
@@ -80,25 +89,24 @@ __m256i in_255ths(__m256 fraction) {
         _mm256_add_ps(_mm256_mul_ps(fraction, _mm256_set1_ps(255.0f)), _mm256_set1_ps(0.5f)));
 }
 
-void store_fractions(__m256i x, __m256i y, uint8_t* fx, uint8_t* fy) {
+void store_fractions(__m256i x, __m256i y, Block<uint8_t>& block) {
     const __m256i words = _mm256_packs_epi32(x, y);  // x 0-3, y 0-3; x 4-7, y 4-7
     const __m256i bytes = _mm256_packus_epi16(words, words);
     const __m128i sorted =
         _mm_unpacklo_epi32(_mm256_castsi256_si128(bytes), _mm256_extracti128_si256(bytes, 1));
-    _mm_storel_epi64(reinterpret_cast<__m128i*>(fx), sorted);
-    _mm_storel_epi64(reinterpret_cast<__m128i*>(fy), _mm_srli_si128(sorted, 8));
+    static_assert(offsetof(Block<uint8_t>, fy) == offsetof(Block<uint8_t>, fx) + 8);
+    store16(block.fx, sorted);
 }
 
 // See locate in common.hpp, which this does 8 pixels at a time.
 template <Interpolation I, class Real>
-void locate_by_8(const Real* x, const Real* y, int count, const Geometry& geometry, uint32_t* offsets, uint8_t* fx,
-                 uint8_t* fy) {
+void locate_by_8(const Real* x, const Real* y, int count, const Geometry& geometry, Block<uint8_t>* blocks) {
     const Geometry g = geometry;
     const __m256i row_step = _mm256_set1_epi32(static_cast<int>(g.row_step));
     const __m256i pixel_step = _mm256_set1_epi32(static_cast<int>(g.pixel_step));
     for (int i = 0; i < count; i += 8) {
         const Axis across = along(x + i, g.width, g.x0_max), down = along(y + i, g.height, g.y0_max);
-        store_fractions(in_255ths(across.fraction), in_255ths(down.fraction), fx + i, fy + i);
+        store_fractions(in_255ths(across.fraction), in_255ths(down.fraction), blocks[i / 8]);
         const __m256i all = _mm256_set1_epi32(-1), inside = _mm256_and_si256(across.inside, down.inside);
         __m256i offset = _mm256_add_epi32(_mm256_mullo_epi32(down.first, row_step),
                                           _mm256_mullo_epi32(across.first, pixel_step));
@@ -109,8 +117,51 @@ void locate_by_8(const Real* x, const Real* y, int count, const Geometry& geomet
             offset = _mm256_or_si256(offset, _mm256_and_si256(beyond, edge));
         }
         offset = _mm256_or_si256(offset, _mm256_xor_si256(inside, all));
-        _mm256_storeu_si256(reinterpret_cast<__m256i*>(offsets + i), offset);
+        _mm256_storeu_si256(reinterpret_cast<__m256i*>(blocks[i / 8].offsets), offset);
     }
+}
+
+// The same where all coordinates are inner ones: half the work.
+void locate_inner_by_8(const float* x, const float* y, int count, const Geometry& g, Block<uint8_t>* blocks) {
+    const __m256i row_step = _mm256_set1_epi32(static_cast<int>(g.row_step));
+    const __m256i pixel_step = _mm256_set1_epi32(static_cast<int>(g.pixel_step));
+    for (int i = 0; i < count; i += 8) {
+        const Axis across = along_inner(x + i), down = along_inner(y + i);
+        store_fractions(in_255ths(across.fraction), in_255ths(down.fraction), blocks[i / 8]);
+        const __m256i offset = _mm256_add_epi32(_mm256_mullo_epi32(down.first, row_step),
+                                                _mm256_mullo_epi32(across.first, pixel_step));
+        _mm256_storeu_si256(reinterpret_cast<__m256i*>(blocks[i / 8].offsets), offset);
+    }
+}
+
+// See cell_row and keep_ring in common.hpp.
+__m256 interpolate(__m256 a, __m256 b, __m256 c, __m256 d, const float* weights, int step) {
+    const __m256 left = _mm256_fmadd_ps(b, _mm256_loadu_ps(weights + step), _mm256_mul_ps(a, _mm256_loadu_ps(weights)));
+    const __m256 right = _mm256_fmadd_ps(d, _mm256_loadu_ps(weights + 3 * step),
+                                         _mm256_mul_ps(c, _mm256_loadu_ps(weights + 2 * step)));
+    return _mm256_add_ps(left, right);
+}
+
+void cell_row_by_8(const float* nodes, const float* weights, int step, float* out) {
+    const __m256 a = _mm256_broadcast_ss(nodes), b = _mm256_broadcast_ss(nodes + 1);
+    const __m256 c = _mm256_broadcast_ss(nodes + 2), d = _mm256_broadcast_ss(nodes + 3);
+    for (int i = 0; i < step; i += 8) _mm256_storeu_ps(out + i, interpolate(a, b, c, d, weights + i, step));
+}
+
+bool keep_ring_by_8(const Nodes& n, int count, float* x, const float* y) {
+    const __m256 x_centre = _mm256_set1_ps(n.x_centre), y_centre = _mm256_set1_ps(n.y_centre);
+    const __m256 least2 = _mm256_set1_ps(n.least2), most2 = _mm256_set1_ps(n.most2), away = _mm256_set1_ps(-1);
+    __m256 all = _mm256_castsi256_ps(_mm256_set1_epi32(-1));
+    for (int i = 0; i < count; i += 8) {
+        const __m256 here = _mm256_loadu_ps(x + i);
+        const __m256 dx = _mm256_sub_ps(here, x_centre), dy = _mm256_sub_ps(_mm256_loadu_ps(y + i), y_centre);
+        const __m256 distance2 = _mm256_fmadd_ps(dx, dx, _mm256_mul_ps(dy, dy));
+        const __m256 kept = _mm256_and_ps(_mm256_cmp_ps(distance2, least2, _CMP_GE_OQ),
+                                          _mm256_cmp_ps(distance2, most2, _CMP_LE_OQ));
+        _mm256_storeu_ps(x + i, _mm256_blendv_ps(away, here, kept));
+        all = _mm256_and_ps(all, kept);
+    }
+    return _mm256_movemask_ps(all) == 0xff;
 }
 
 // -- bilinear --------------------------------------------------------------------------------------
@@ -190,11 +241,11 @@ template <int C> struct Linear {
         return _mm256_mulhrs_epi16(sum, round);
     }
 
-    void sample_8(const uint32_t* offsets, const uint8_t* fx, const uint8_t* fy, uint8_t* out) const {
-        const __m256i x = load_fractions(fx), y = load_fractions(fy);
-        const __m256i a = sample_4(offsets, x, y, across_0, down_0);
-        const __m256i b = sample_4(offsets + 2, x, y, across_2, down_2);
-        writer.write(_mm256_xor_si256(_mm256_packs_epi16(a, b), sign), out);
+    void sample_8(const Block<uint8_t>& b, uint8_t* out) const {
+        const __m256i x = load_fractions(b.fx), y = load_fractions(b.fy);
+        const __m256i first = sample_4(b.offsets, x, y, across_0, down_0);
+        const __m256i second = sample_4(b.offsets + 2, x, y, across_2, down_2);
+        writer.write(_mm256_xor_si256(_mm256_packs_epi16(first, second), sign), out);
     }
 };
 
@@ -220,14 +271,14 @@ template <> struct Linear<1> {
     explicit Linear(const Source& s)
         : data(s.data), row_step(s.geometry.row_step), last(static_cast<uint32_t>(s.elements - row_step - 2)) {}
 
-    void sample_8(const uint32_t* offsets, const uint8_t* fx, const uint8_t* fy, uint8_t* out) const {
-        const __m128i sign = _mm_set1_epi8(-128), f = load8(fx);
+    void sample_8(const Block<uint8_t>& b, uint8_t* out) const {
+        const __m128i sign = _mm_set1_epi8(-128), f = load8(b.fx);
         const __m128i x = _mm_xor_si128(_mm_unpacklo_epi8(f, f), _mm_set1_epi16(0x00ff));
         const __m128i lower_weight =
-            _mm_mulhi_epu16(_mm_unpacklo_epi8(_mm_setzero_si128(), load8(fy)), _mm_set1_epi16(129 * 128));
+            _mm_mulhi_epu16(_mm_unpacklo_epi8(_mm_setzero_si128(), load8(b.fy)), _mm_set1_epi16(129 * 128));
         const __m128i upper_weight = _mm_sub_epi16(_mm_set1_epi16(LINEAR_ONE), lower_weight);
-        const __m128i u = _mm_maddubs_epi16(x, _mm_xor_si128(load_grey(data, offsets), sign));
-        const __m128i l = _mm_maddubs_epi16(x, _mm_xor_si128(load_grey(data + row_step, offsets), sign));
+        const __m128i u = _mm_maddubs_epi16(x, _mm_xor_si128(load_grey(data, b.offsets), sign));
+        const __m128i l = _mm_maddubs_epi16(x, _mm_xor_si128(load_grey(data + row_step, b.offsets), sign));
         const __m128i v = _mm_add_epi16(_mm_mulhrs_epi16(u, upper_weight), _mm_mulhrs_epi16(l, lower_weight));
         const __m128i values = _mm_mulhrs_epi16(v, _mm_set1_epi16(256));
         _mm_storel_epi64(reinterpret_cast<__m128i*>(out), _mm_xor_si128(_mm_packs_epi16(values, values), sign));
@@ -285,10 +336,10 @@ template <int C> struct Cubic {
         return _mm256_srai_epi32(_mm256_add_epi32(sum, round), 20);
     }
 
-    void sample_8(const uint32_t* offsets, const uint8_t* fx, const uint8_t* fy, uint8_t* out) const {
-        const auto at = [&](int i) { return sample_2(offsets + i, fx + i, fy + i); };
-        const __m256i a = _mm256_packs_epi32(at(0), at(1)), b = _mm256_packs_epi32(at(2), at(3));
-        writer.write(_mm256_packus_epi16(a, b), out);
+    void sample_8(const Block<uint8_t>& b, uint8_t* out) const {
+        const auto at = [&](int i) { return sample_2(b.offsets + i, b.fx + i, b.fy + i); };
+        const __m256i first = _mm256_packs_epi32(at(0), at(1)), second = _mm256_packs_epi32(at(2), at(3));
+        writer.write(_mm256_packus_epi16(first, second), out);
     }
 };
 
@@ -327,13 +378,13 @@ template <> struct Cubic<1> {
         return _mm_madd_epi16(columns, _mm_set1_epi64x(wx));
     }
 
-    void sample_8(const uint32_t* offsets, const uint8_t* fx, const uint8_t* fy, uint8_t* out) const {
-        const auto at = [&](int i) { return one_pixel(offsets[i], fx[i], fy[i]); };
-        const __m128i a = _mm_hadd_epi32(_mm_hadd_epi32(at(0), at(1)), _mm_hadd_epi32(at(2), at(3)));
-        const __m128i b = _mm_hadd_epi32(_mm_hadd_epi32(at(4), at(5)), _mm_hadd_epi32(at(6), at(7)));
+    void sample_8(const Block<uint8_t>& b, uint8_t* out) const {
+        const auto at = [&](int i) { return one_pixel(b.offsets[i], b.fx[i], b.fy[i]); };
+        const __m128i first = _mm_hadd_epi32(_mm_hadd_epi32(at(0), at(1)), _mm_hadd_epi32(at(2), at(3)));
+        const __m128i second = _mm_hadd_epi32(_mm_hadd_epi32(at(4), at(5)), _mm_hadd_epi32(at(6), at(7)));
         const __m128i round = _mm_set1_epi32(1 << 19);
-        const __m128i words = _mm_packs_epi32(_mm_srai_epi32(_mm_add_epi32(a, round), 20),
-                                              _mm_srai_epi32(_mm_add_epi32(b, round), 20));
+        const __m128i words = _mm_packs_epi32(_mm_srai_epi32(_mm_add_epi32(first, round), 20),
+                                              _mm_srai_epi32(_mm_add_epi32(second, round), 20));
         _mm_storel_epi64(reinterpret_cast<__m128i*>(out), _mm_packus_epi16(words, words));
     }
 };
@@ -349,16 +400,18 @@ int unfit(const uint32_t* offsets, __m256i last) {
 
 // 8 pixels of which some are unfit, or not wanted: count < 8. Apart, so that it takes no registers from the rest.
 template <class Kernel, Interpolation I, int C>
-[[gnu::noinline]] void sample_mixed(const Job& job, const Kernel& kernel, const uint32_t* offsets, const uint8_t* fx, const uint8_t* fy, int unfit_bits,
-                  int count, uint8_t* out) {
+[[gnu::noinline]] void sample_mixed(const Job& job, const Kernel& kernel, const Block<uint8_t>& b, int unfit_bits,
+                                    int count, uint8_t* out) {
     uint8_t pixels[8 * C];
     if (unfit_bits != 0xff) {
-        uint32_t fit_offsets[8], fit = offsets[__builtin_ctz(~unfit_bits)];
-        for (int i = 0; i < 8; ++i) fit_offsets[i] = unfit_bits >> i & 1 ? fit : offsets[i];
-        kernel.sample_8(fit_offsets, fx, fy, pixels);
+        Block<uint8_t> fit = b;
+        const uint32_t other = b.offsets[__builtin_ctz(~unfit_bits)];
+        for (int i = 0; i < 8; ++i)
+            if (unfit_bits >> i & 1) fit.offsets[i] = other;
+        kernel.sample_8(fit, pixels);
     }
     for (int i = 0; i < count; ++i)
-        if (unfit_bits >> i & 1) sample_pixel<I, C>(job, offsets[i], fx[i], fy[i], pixels + i * C);
+        if (unfit_bits >> i & 1) sample_pixel<I, C>(job, b.offsets[i], b.fx[i], b.fy[i], pixels + i * C);
     std::memcpy(out, pixels, static_cast<size_t>(count * C));
 }
 
@@ -372,22 +425,35 @@ template <class Kernel, Interpolation I, int C> void sample_by_8(const Job& job,
     const Kernel kernel(job.source);
     const __m256i last = _mm256_set1_epi32(static_cast<int>(kernel.last));
     for (int i = 0; i < s.count; i += 8) {
-        const int bits = unfit(s.offsets + i, last), left = s.count - i;
-        if (s.ahead) fetch_ahead(kernel.data, s.ahead + i);
+        const Block<uint8_t>& block = s.blocks[i / 8];
+        const int bits = unfit(block.offsets, last), left = s.count - i;
+        if (s.ahead) fetch_ahead(kernel.data, s.ahead[i / 8].offsets);
         if (__builtin_expect(!bits && left >= 8, 1))
-            kernel.sample_8(s.offsets + i, s.fx + i, s.fy + i, s.out + i * C);
+            kernel.sample_8(block, s.out + i * C);
         else
-            sample_mixed<Kernel, I, C>(job, kernel, s.offsets + i, s.fx + i, s.fy + i, bits, smaller(left, 8), s.out + i * C);
+            sample_mixed<Kernel, I, C>(job, kernel, block, bits, smaller(left, 8), s.out + i * C);
     }
 }
 
 struct Avx2 {
+    static void cell_row(const float* x_nodes, const float* y_nodes, const float* weights, int step, float* x, float* y) {
+        cell_row_by_8(x_nodes, weights, step, x);
+        cell_row_by_8(y_nodes, weights, step, y);
+    }
+
+    static bool keep_ring(const Nodes& n, int count, float* x, const float* y) { return keep_ring_by_8(n, count, x, y); }
+
     template <Interpolation I, class Real, class F>
-    static void locate(const Real* x, const Real* y, int count, const Geometry& g, uint32_t* offsets, F* fx, F* fy) {
-        if constexpr (sizeof(F) == 1 && I != Interpolation::nearest)
-            locate_by_8<I>(x, y, count, g, offsets, fx, fy);
-        else
-            Plain::locate<I>(x, y, count, g, offsets, fx, fy);
+    static void locate(const Real* x, const Real* y, int count, const Geometry& g, bool inner,
+                       Block<F>* blocks) {
+        if constexpr (sizeof(F) == 1 && I != Interpolation::nearest) {
+            if constexpr (sizeof(Real) == 4) {
+                if (inner) return locate_inner_by_8(x, y, count, g, blocks);
+            }
+            locate_by_8<I>(x, y, count, g, blocks);
+        } else {
+            Plain::locate<I>(x, y, count, g, inner, blocks);
+        }
     }
 
     template <Interpolation I, int C, class T> static void sample_strip(const Job& job, const Strip<Fraction<T>>& s) {

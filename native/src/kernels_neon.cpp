@@ -107,25 +107,20 @@ template <int C> void store_4(uint8x16_t pixels, uint8_t* out) {
 template <class Kernel, Interpolation I, int C> void sample_by_4(const Job& job, const Strip<uint8_t>& s) {
     const Kernel kernel(job.source);
     const uint32_t last = kernel.last;
-    int i = 0;
-    for (; i + 4 <= s.count; i += 4) {
-        const uint32_t* o = s.offsets + i;
-        if ((o[0] <= last) & (o[1] <= last) & (o[2] <= last) & (o[3] <= last)) {
-            store_4<C>(kernel.four(o, s.fx + i, s.fy + i), s.out + i * C);
+    for (int i = 0; i < s.count; i += 4) {
+        const Block<uint8_t>& b = s.blocks[i / 8];
+        const int half = i % 8, count = smaller(4, s.count - i);
+        const uint32_t* o = b.offsets + half;
+        if ((count == 4) & (o[0] <= last) & (o[1] <= last) & (o[2] <= last) & (o[3] <= last)) {
+            store_4<C>(kernel.four(o, b.fx + half, b.fy + half), s.out + i * C);
         } else {
-            for (int k = i; k < i + 4; ++k)
-                sample_pixel<I, C>(job, s.offsets[k], s.fx[k], s.fy[k], s.out + k * C);
+            for (int k = 0; k < count; ++k)
+                sample_pixel<I, C>(job, o[k], b.fx[half + k], b.fy[half + k], s.out + (i + k) * C);
         }
     }
-    for (; i < s.count; ++i) sample_pixel<I, C>(job, s.offsets[i], s.fx[i], s.fy[i], s.out + i * C);
 }
 
-struct Neon {
-    template <Interpolation I, class Real, class F>
-    static void locate(const Real* x, const Real* y, int count, const Geometry& g, uint32_t* offsets, F* fx, F* fy) {
-        Plain::locate<I>(x, y, count, g, offsets, fx, fy);
-    }
-
+struct Neon : Plain {
     template <Interpolation I, int C, class T> static void sample_strip(const Job& job, const Strip<Fraction<T>>& s) {
         if constexpr (sizeof(T) == 1 && C != 1 && I == Interpolation::linear)
             sample_by_4<Linear<C>, I, C>(job, s);

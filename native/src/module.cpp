@@ -6,10 +6,11 @@
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/string.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstring>
-#include <limits>
 #include <string>
+#include <vector>
 
 #include "packed.hpp"
 #include "pool.hpp"
@@ -123,6 +124,16 @@ void remap(const In& src, const In& coordinates, const Out& dst, int interpolati
     run(job);
 }
 
+// Infinite where one is no number.
+float largest(const Floats& values) {
+    float most = 0;
+    for (size_t i = 0; i < values.size(); ++i) {
+        const float size = std::fabs(values.data()[i]);
+        most = size <= most ? most : std::isnan(size) ? INFINITY : size;
+    }
+    return most;
+}
+
 void remap_polar(const In& src, const Floats& radii, const Floats& cosines, const Floats& sines, double x, double y,
                  const Out& dst, int interpolation, double border) {
     const Picture picture = source_of(src);
@@ -133,8 +144,15 @@ void remap_polar(const In& src, const Floats& radii, const Floats& cosines, cons
         require(is_aligned(floats->data(), 4), "values must be aligned");
     require(radii.size() == dst.shape(0), "there must be one radius per row");
     require(cosines.size() == dst.shape(1) && sines.size() == dst.shape(1), "there must be one direction per column");
-    job.polar = {radii.data(), cosines.data(), sines.data(), static_cast<float>(x), static_cast<float>(y)};
+    job.polar = {radii.data(), cosines.data(), sines.data(), static_cast<float>(x), static_cast<float>(y), std::max(largest(cosines), largest(sines))};
     run(job);
+}
+
+// A copy that can be read a little beyond its end.
+std::vector<float> longer(const Floats& values) {
+    std::vector<float> copy(values.size() + NODES_BEYOND);
+    std::copy_n(values.data(), values.size(), copy.begin());
+    return copy;
 }
 
 void check_cells(const Ints& cells, size_t patches) {
@@ -162,9 +180,10 @@ void remap_grid(const In& src, const Floats& x, const Floats& y, const Floats& w
     require(patches.ndim() == 4 && patches.shape(1) == step && patches.shape(2) == step && patches.shape(3) == 2,
             "patches are (n, step, step, 2)");
     check_cells(cells, patches.shape(0));
-    job.nodes = {x.data(), y.data(), static_cast<int>(across + 3), static_cast<int>(step), weights.data(), cells.data(),
+    const std::vector<float> x_nodes = longer(x), y_nodes = longer(y);
+    job.nodes = {x_nodes.data(), y_nodes.data(), static_cast<int>(across + 3), static_cast<int>(step), weights.data(), cells.data(),
                  patches.data(), static_cast<int>(across), static_cast<float>(x_centre), static_cast<float>(y_centre),
-                 static_cast<float>(least * least), static_cast<float>(most * most)};
+                 static_cast<float>(least * least), static_cast<float>(most * most), static_cast<float>(most)};
     run(job);
 }
 
@@ -187,8 +206,8 @@ void sample_packed(const PackedMap& map, const In& src, const Out& dst, double b
     Job job = job_of(sampled, target_of(dst, picture), map.interpolation(), border, Where::packed);
     require(job.target.width == map.columns() && job.target.height == map.rows(), "dst has another size than the map");
     nb::gil_scoped_release released;
-    const auto offsets = map.offsets_for(job.source.geometry.row_step);
-    job.packed = map.packed(*offsets);
+    const auto blocks = map.blocks_for(job.source.geometry.row_step);
+    job.packed = map.packed(*blocks);
     sample(job);
 }
 

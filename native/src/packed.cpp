@@ -27,40 +27,39 @@ uint32_t moved(uint32_t offset, uint32_t from, uint32_t to) {
     return (place / from * to + place % from) | (offset & EDGE);
 }
 
+template <class F> void move_all(PackedMap::Blocks& blocks, uint32_t from, uint32_t to) {
+    auto* first = reinterpret_cast<Block<F>*>(blocks.data());
+    for (auto* block = first; block != first + blocks.size() / sizeof(Block<F>); ++block)
+        for (uint32_t& offset : block->offsets) offset = moved(offset, from, to);
+}
+
 }  // namespace
 
 PackedMap::PackedMap(const Coordinates& coordinates, int rows, int columns, int width, int height, int channels,
                      bool is_deep, Interpolation interpolation)
     : rows_(rows), columns_(columns), width_(width), height_(height), channels_(channels), deep_(is_deep),
-      interpolation_(interpolation), row_entries_((columns + 7) & ~7) {
+      interpolation_(interpolation) {
     const Geometry geometry = geometry_of(width, height, channels, int64_t{width} * channels, interpolation);
     own_row_step_ = geometry.row_step;
-    const size_t entries = static_cast<size_t>(rows) * static_cast<size_t>(row_entries_);
-    offsets_ = std::make_shared<std::vector<uint32_t>>(entries);
-    fx_.resize(entries * (is_deep ? 2 : 1));
-    fy_.resize(fx_.size());
-    const Packing packing{coordinates, geometry, interpolation, columns, is_deep, offsets_->data(), fx_.data(),
-                          fy_.data(), row_entries_};
+    const size_t entries = static_cast<size_t>(rows) * static_cast<size_t>((columns + 7) / 8);
+    blocks_ = std::make_shared<Blocks>(entries * (is_deep ? sizeof(Block<uint16_t>) : sizeof(Block<uint8_t>)));
+    const Packing packing{coordinates, geometry, interpolation, columns, is_deep, rows, blocks_->data()};
     Work work{packing, kernels(), rows};
     parallel_for((rows + ROWS_AT_A_TIME - 1) / ROWS_AT_A_TIME, &pack_some_rows, &work);
 }
 
-size_t PackedMap::bytes() const { return offsets_->size() * 4 + fx_.size() + fy_.size(); }
-
-std::shared_ptr<const std::vector<uint32_t>> PackedMap::offsets_for(uint32_t row_step) const {
-    if (row_step == own_row_step_) return offsets_;
+std::shared_ptr<const PackedMap::Blocks> PackedMap::blocks_for(uint32_t row_step) const {
+    if (row_step == own_row_step_) return blocks_;
     std::lock_guard lock(mutex_);
     if (row_step != other_row_step_) {
-        auto other = std::make_shared<std::vector<uint32_t>>(offsets_->size());
-        std::transform(offsets_->begin(), offsets_->end(), other->begin(),
-                       [&](uint32_t offset) { return moved(offset, own_row_step_, row_step); });
-        other_offsets_ = other, other_row_step_ = row_step;
+        auto other = std::make_shared<Blocks>(*blocks_);
+        if (deep_)
+            move_all<uint16_t>(*other, own_row_step_, row_step);
+        else
+            move_all<uint8_t>(*other, own_row_step_, row_step);
+        other_blocks_ = other, other_row_step_ = row_step;
     }
-    return other_offsets_;
-}
-
-Packed PackedMap::packed(const std::vector<uint32_t>& offsets) const {
-    return {offsets.data(), fx_.data(), fy_.data(), row_entries_};
+    return other_blocks_;
 }
 
 }  // namespace omnimirror

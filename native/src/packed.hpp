@@ -22,23 +22,22 @@ class PackedMap {
     int channels() const { return channels_; }
     bool deep() const { return deep_; }
     Interpolation interpolation() const { return interpolation_; }
-    size_t bytes() const;
+    size_t bytes() const { return blocks_->size(); }
 
-    // Offsets for pictures whose rows are row_step elements apart; kept until another step is asked for.
-    std::shared_ptr<const std::vector<uint32_t>> offsets_for(uint32_t row_step) const;
-    Packed packed(const std::vector<uint32_t>& offsets) const;
+    // Blocks for pictures whose rows are row_step elements apart; kept until another step is asked for.
+    using Blocks = std::vector<uint8_t>;
+    std::shared_ptr<const Blocks> blocks_for(uint32_t row_step) const;
+    Packed packed(const Blocks& blocks) const { return {blocks.data(), rows_, columns_}; }
 
   private:
     int rows_, columns_, width_, height_, channels_;
     bool deep_;
     Interpolation interpolation_;
-    ptrdiff_t row_entries_;
     uint32_t own_row_step_;
-    std::shared_ptr<std::vector<uint32_t>> offsets_;
-    std::vector<uint8_t> fx_, fy_;
+    std::shared_ptr<Blocks> blocks_;
     mutable std::mutex mutex_;  // guards the two below
     mutable uint32_t other_row_step_ = 0;
-    mutable std::shared_ptr<std::vector<uint32_t>> other_offsets_;
+    mutable std::shared_ptr<Blocks> other_blocks_;
 };
 
 }  // namespace omnimirror

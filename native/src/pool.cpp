@@ -24,12 +24,14 @@ class Pool {
             task_ = task, context_ = context, count_ = count, next_ = 0;
             wanted_ = helpers;
         }
-        for (int i = 0; i < helpers; ++i) wake_.notify_one();
+        wake_.notify_one();  // who wakes, wakes the next: this thread has better things to do
         work();
-        // Helpers that have not woken by now are not waited for: there is nothing left for them.
-        std::unique_lock lock(mutex_);
-        wanted_ = 0;
-        done_.wait(lock, [this] { return inside_ == 0; });
+        {
+            // Helpers that have not woken by now are not waited for: there is nothing left for them.
+            std::lock_guard lock(mutex_);
+            wanted_ = 0;
+        }
+        wait_for_helpers();
     }
 
     static void run_alone(int count, Task task, void* context) {
@@ -54,22 +56,42 @@ class Pool {
         std::unique_lock lock(mutex_);
         for (;;) {
             wake_.wait(lock, [this] { return wanted_ > 0; });
-            --wanted_, ++inside_;
+            ++inside_;
+            const bool more = --wanted_ > 0;
             lock.unlock();
+            if (more) wake_.notify_one();
             work();
             lock.lock();
             if (--inside_ == 0) done_.notify_one();
         }
     }
 
+    // They are at their last piece of work: asleep, this thread would take longer to wake than they to finish.
+    void wait_for_helpers() {
+        for (int i = 0; i < SPINS && inside_ != 0; ++i) pause();
+        std::unique_lock lock(mutex_);
+        done_.wait(lock, [this] { return inside_ == 0; });
+    }
+
+    static void pause() {
+#if defined(__x86_64__) && defined(__GNUC__)
+        __builtin_ia32_pause();
+#else
+        std::atomic_signal_fence(std::memory_order_seq_cst);
+#endif
+    }
+
+    static constexpr int SPINS = 2000;  // some 30 us
+
     void work() {
         for (int i; (i = next_.fetch_add(1, std::memory_order_relaxed)) < count_;) task_(context_, i);
     }
 
     std::mutex busy_;   // held by the caller whose work is done
-    std::mutex mutex_;  // guards all below
+    std::mutex mutex_;  // guards all below; the atomic ones are read without it
     std::condition_variable wake_, done_;
-    int started_ = 0, wanted_ = 0, inside_ = 0;
+    int started_ = 0, wanted_ = 0;
+    std::atomic<int> inside_{0};
     Task task_ = nullptr;
     void* context_ = nullptr;
     int count_ = 0;

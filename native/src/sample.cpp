@@ -27,8 +27,8 @@ std::vector<uint8_t> enlarged(const Picture& p, int width, int height) {
 }
 
 // A thread takes a band of whole rows, since threads that write into the same cache line hinder each other.
-// Within the band it follows tiles, whose source pixels stay in its cache.
-constexpr int TILE_WIDTH = 128, BAND_HEIGHT = 64, LOWEST_BAND = 4, BANDS_PER_THREAD = 4;
+// Within the band it goes from panel to panel.
+constexpr int BAND_HEIGHT = 64, LOWEST_BAND = 4, BANDS_PER_THREAD = 4;
 
 int band_height(int rows) {
     const int shared = rows / (get_threads() * BANDS_PER_THREAD);
@@ -45,8 +45,8 @@ void sample_band(void* context, int index) {
     const Work& work = *static_cast<const Work*>(context);
     const Target& target = work.job.target;
     const int top = index * work.band, bottom = std::min(top + work.band, target.height);
-    for (int left = 0; left < target.width; left += TILE_WIDTH)
-        work.kernels.sample(work.job, {top, bottom, left, std::min(left + TILE_WIDTH, target.width)});
+    for (int left = 0; left < target.width; left += PANEL)
+        work.kernels.sample(work.job, {top, bottom, left, std::min(left + PANEL, target.width)});
 }
 
 }  // namespace

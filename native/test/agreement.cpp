@@ -57,14 +57,14 @@ Difference run(const Case& c, std::mt19937& random) {
     Job job{};
     job.source = sampled.source(), job.interpolation = c.interpolation;
     const PackedMap map(coordinates, c.rows, c.columns, c.width, c.height, c.channels, is_deep(c.depth), c.interpolation);
-    const auto offsets = map.offsets_for(job.source.geometry.row_step);
+    const auto blocks = map.blocks_for(job.source.geometry.row_step);
     const char* names[3] = {"plain", "avx2", "avx2"};
     for (int k = 0; k < 3; ++k) {
         out[k].reset(new uint8_t[places * pixel]);
         job.target = {out[k].get(), c.columns, c.rows, static_cast<ptrdiff_t>(pixel) * c.columns};
         job.where = k < 2 ? Where::coordinates : Where::packed;
         job.coordinates = coordinates;
-        if (k == 2) job.packed = map.packed(*offsets);
+        if (k == 2) job.packed = map.packed(*blocks);
         if (!use_kernels(names[k])) use_kernels("neon");
         sample(job);
     }

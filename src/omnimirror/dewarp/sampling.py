@@ -30,6 +30,7 @@ Interpolation = Literal["nearest", "linear", "cubic"]
 
 INTERPOLATIONS = {"nearest": cv2.INTER_NEAREST, "linear": cv2.INTER_LINEAR, "cubic": cv2.INTER_CUBIC}
 NUMBERS = {"nearest": 0, "linear": 1, "cubic": 2}
+DEPTHS = frozenset(np.dtype(name) for name in FULL) | {np.dtype(name).newbyteorder() for name in FULL}
 LONGEST_SIDE_PX = 32_766  # cv2.remap counts pixels in 16 bits
 MOST_VALUES = 0x7FFF0000  # the compiled samplers count values in 31 bits
 
@@ -52,7 +53,7 @@ def check_kind(image: Image) -> None:
     channels = image.shape[2] if image.ndim == 3 else 1
     if image.ndim not in (2, 3) or channels not in (1, 3, 4) or image.size == 0:
         raise InvalidParameter(f"an array of shape {image.shape} is not a picture of 1, 3 or 4 channels")
-    if image.dtype.name not in FULL:
+    if image.dtype not in DEPTHS:
         raise InvalidParameter(f"the picture holds {image.dtype.name} values; valid are {', '.join(FULL)}")
 
 
@@ -289,7 +290,7 @@ class _Call:
         check_kind(image)
         check_largest(image)
         _check_interpolation(interpolation)
-        if image.dtype.kind == "u" and not (0 <= border <= np.iinfo(image.dtype).max and border == int(border)):
+        if border != 0 and image.dtype.kind == "u" and not (0 <= border <= FULL[image.dtype.name] and border % 1 == 0):
             raise InvalidParameter(f"border = {border} is no value of a picture of {image.dtype.name}")
         whole, kind = (*shape, *image.shape[2:]), image.dtype.newbyteorder("=")
         if out is None:
@@ -299,34 +300,36 @@ class _Call:
         elif not out.flags.writeable:
             raise InvalidParameter("out cannot be written")
         self.out = out
-        self.source = np.atleast_3d(image)
+        self.source = image if image.ndim == 3 else image[..., None]
         if not _is_direct(self.source):
             self.source = np.array(self.source, kind, order="C")  # a copy, aligned too
-        self.target = np.atleast_3d(out)
+        self.target = out if out.ndim == 3 else out[..., None]
         if not _is_direct(self.target) or np.may_share_memory(image, out):
             self.target = np.empty(self.target.shape, kind)
 
     def done(self, taken: Image | None = None) -> Image:
         """What the caller asked for, from what was sampled."""
         target = self.target if taken is None else taken
-        if not np.may_share_memory(target, self.out):
+        if target is not self.out and target.base is not self.out:
             self.out[...] = target.reshape(self.out.shape)
         return self.out
 
 
 def _is_direct(array: Image) -> bool:
     """Whether channels and pixels adjoin, and rows follow downwards without overlap."""
+    flags = array.flags
+    if not (flags.aligned and array.dtype.isnative):
+        return False
+    if flags.c_contiguous:
+        return True
     _, width, channels = array.shape
     down, across, deep = array.strides
     item = array.itemsize
     return bool(
-        array.flags.aligned
-        and array.dtype.isnative
-        and (channels == 1 or deep == item)
+        (channels == 1 or deep == item)
         and (width == 1 or across == channels * item)
         and (array.shape[0] == 1 or (down >= width * channels * item and down % item == 0))
         and (down % item, across % item, deep % item) == (0, 0, 0)
-        and (array.size > 0)
     )
 
 
