@@ -14,15 +14,29 @@
 namespace omnimirror {
 namespace {
 
-template <class T> T smaller(T a, T b) { return b < a ? b : a; }
-template <class T> T larger(T a, T b) { return a < b ? b : a; }
+template <class T>
+T smaller(T a, T b) {
+    return b < a ? b : a;
+}
+template <class T>
+T larger(T a, T b) {
+    return a < b ? b : a;
+}
 
 // Fractions of deep pictures are finer: 1/65535 of a pixel instead of 1/255. A fraction of 1 occurs, at the
 // last pixel, which has no right or lower neighbour.
-template <class T> struct FractionOf { using type = uint16_t; };
-template <> struct FractionOf<uint8_t> { using type = uint8_t; };
-template <class T> using Fraction = typename FractionOf<T>::type;
-template <class F> constexpr int one = sizeof(F) == 1 ? 255 : 65535;
+template <class T>
+struct FractionOf {
+    using type = uint16_t;
+};
+template <>
+struct FractionOf<uint8_t> {
+    using type = uint8_t;
+};
+template <class T>
+using Fraction = typename FractionOf<T>::type;
+template <class F>
+constexpr int one = sizeof(F) == 1 ? 255 : 65535;
 
 // Pictures with more values are fetched ahead; smaller ones are in the cache anyway.
 constexpr int64_t FETCHED_FROM = 4'000'000;
@@ -32,7 +46,8 @@ constexpr int round_up8(int n) { return (n + 7) & ~7; }
 // -- where output pixels look ----------------------------------------------------------------------
 
 // Up to STRIP adjoining output pixels. Entries up to the next multiple of 8 can be read, and are harmless.
-template <class F> struct Strip {
+template <class F>
+struct Strip {
     const Block<F>* blocks;
     int count;
     uint8_t* out;
@@ -79,7 +94,8 @@ void locate(const Real* x, const Real* y, int count, const Geometry& geometry, B
 }
 
 // Separate (x, y) pairs, and repeat the last one up to a multiple of 8.
-template <class Real> void separate(const uint8_t* pairs, int count, Real* __restrict x, Real* __restrict y) {
+template <class Real>
+void separate(const uint8_t* pairs, int count, Real* __restrict x, Real* __restrict y) {
     const Real* p = reinterpret_cast<const Real*>(pairs);
     for (int i = 0; i < count; ++i) x[i] = p[2 * i], y[i] = p[2 * i + 1];
     for (int i = count; i < round_up8(count); ++i) x[i] = x[count - 1], y[i] = y[count - 1];
@@ -175,7 +191,8 @@ Strip<F> find_strip(const Job& job, int row, int column, int count, uint8_t* out
     const Geometry& g = job.source.geometry;
     if (job.where == Where::packed) {
         const Packed& p = job.packed;
-        const Block<F>* first = static_cast<const Block<F>*>(p.blocks) + place_in_panels(p.rows, p.columns, row, column);
+        const Block<F>* first =
+            static_cast<const Block<F>*>(p.blocks) + place_in_panels(p.rows, p.columns, row, column);
         const bool more = row + 1 < p.rows && count == STRIP && job.source.elements > FETCHED_FROM;
         return {first, count, out, more ? first + STRIP / 8 : nullptr};
     }
@@ -186,9 +203,8 @@ Strip<F> find_strip(const Job& job, int row, int column, int count, uint8_t* out
             locate_pairs<Isa, I, float>(job.coordinates, row, column, count, g, blocks);
     } else {
         alignas(64) float x[STRIP], y[STRIP];
-        const bool inner = job.where == Where::polar
-                               ? polar_coordinates(job.polar, g, row, column, count, x, y)
-                               : node_coordinates<Isa>(job.nodes, g, row, column, count, x, y);
+        const bool inner = job.where == Where::polar ? polar_coordinates(job.polar, g, row, column, count, x, y)
+                                                     : node_coordinates<Isa>(job.nodes, g, row, column, count, x, y);
         Isa::template locate<I>(x, y, round_up8(count), g, inner, blocks);
     }
     return {blocks, count, out, nullptr};
@@ -198,7 +214,8 @@ Strip<F> find_strip(const Job& job, int row, int column, int count, uint8_t* out
 
 // Weights of the two inner taps (>= 0) and, without their sign, of the two outer ones; their sum is 1.
 // Keys' kernel with a = -0.75, as in OpenCV.
-template <class Real> constexpr void cubic_weights(Real t, Real (&w)[4]) {
+template <class Real>
+constexpr void cubic_weights(Real t, Real (&w)[4]) {
     const Real a = Real(0.75), s = 1 - t;
     w[0] = a * t * s * s;
     w[3] = a * s * t * t;
@@ -207,8 +224,8 @@ template <class Real> constexpr void cubic_weights(Real t, Real (&w)[4]) {
 }
 
 struct CubicTable {
-    int16_t weights[256][4];     // signed, 16384 is 1, their sum is 16384
-    uint32_t magnitudes[256][4]; // without sign, twice in 32 bits
+    int16_t weights[256][4];      // signed, 16384 is 1, their sum is 16384
+    uint32_t magnitudes[256][4];  // without sign, twice in 32 bits
 };
 
 constexpr CubicTable cubic_table() {
@@ -237,17 +254,22 @@ constexpr int linear_weight(int fy) { return (fy * 129) >> 1; }
 constexpr int multiply_high(int a, int b) { return (a * b + 0x4000) >> 15; }  // as pmulhrsw and sqrdmulh do
 constexpr uint8_t clamp8(int v) { return static_cast<uint8_t>(v < 0 ? 0 : v > 255 ? 255 : v); }
 
-template <class T> T round_to(float v) {
+template <class T>
+T round_to(float v) {
     if constexpr (sizeof(T) == 4) return v;
     constexpr float most = sizeof(T) == 1 ? 255.0f : 65535.0f;
     v = v > 0 ? v : 0;
     v = v < most ? v : most;
     return static_cast<T>(v + 0.5f);
 }
-template <> float round_to<float>(float v) { return v; }
+template <>
+float round_to<float>(float v) {
+    return v;
+}
 
 // One pixel of uint8, to the last bit what the vector kernels give.
-template <int C> void linear_pixel(const Source& s, uint32_t offset, uint8_t fx, uint8_t fy, uint8_t* out) {
+template <int C>
+void linear_pixel(const Source& s, uint32_t offset, uint8_t fx, uint8_t fy, uint8_t* out) {
     const uint8_t *upper = s.data + offset, *lower = upper + s.geometry.row_step;
     const int w1 = linear_weight(fy), w0 = LINEAR_ONE - w1;
     for (int c = 0; c < C; ++c) {
@@ -257,7 +279,8 @@ template <int C> void linear_pixel(const Source& s, uint32_t offset, uint8_t fx,
     }
 }
 
-template <int C, class T> void linear_pixel(const Source& s, uint32_t offset, uint16_t fx, uint16_t fy, T* out) {
+template <int C, class T>
+void linear_pixel(const Source& s, uint32_t offset, uint16_t fx, uint16_t fy, T* out) {
     const T *upper = reinterpret_cast<const T*>(s.data) + offset, *lower = upper + s.geometry.row_step;
     const float x = static_cast<float>(fx) / 65535, y = static_cast<float>(fy) / 65535;
     for (int c = 0; c < C; ++c) {
@@ -282,7 +305,8 @@ uint8_t cubic_sum(const uint8_t (&taps)[4][4], uint8_t fx, uint8_t fy) {
     return clamp8(sum >> 20);
 }
 
-template <class T> T cubic_sum(const T (&taps)[4][4], uint16_t fx, uint16_t fy) {
+template <class T>
+T cubic_sum(const T (&taps)[4][4], uint16_t fx, uint16_t fy) {
     float wx[4], wy[4], sum = 0;
     cubic_weights(static_cast<float>(fx) / 65535, wx);
     cubic_weights(static_cast<float>(fy) / 65535, wy);
@@ -294,7 +318,8 @@ template <class T> T cubic_sum(const T (&taps)[4][4], uint16_t fx, uint16_t fy) 
 }
 
 // One pixel whose taps may lie beyond the picture: its edge is repeated.
-template <int C, class T, class F> void cubic_pixel(const Source& s, uint32_t offset, F fx, F fy, T* out) {
+template <int C, class T, class F>
+void cubic_pixel(const Source& s, uint32_t offset, F fx, F fy, T* out) {
     const Geometry& g = s.geometry;
     const T* data = reinterpret_cast<const T*>(s.data);
     const int y0 = static_cast<int>(offset / g.row_step), x0 = static_cast<int>(offset % g.row_step / C);
@@ -309,7 +334,8 @@ template <int C, class T, class F> void cubic_pixel(const Source& s, uint32_t of
     }
 }
 
-template <int C, class T, class F> void inner_cubic_pixel(const Source& s, uint32_t offset, F fx, F fy, T* out) {
+template <int C, class T, class F>
+void inner_cubic_pixel(const Source& s, uint32_t offset, F fx, F fy, T* out) {
     const ptrdiff_t row_step = s.geometry.row_step;
     const T* first = reinterpret_cast<const T*>(s.data) + offset - row_step - C;
     for (int c = 0; c < C; ++c) {
@@ -340,7 +366,8 @@ struct Plain {
         omnimirror::locate<I>(x, y, count, g, blocks);
     }
 
-    static void cell_row(const float* x_nodes, const float* y_nodes, const float* weights, int step, float* x, float* y) {
+    static void cell_row(const float* x_nodes, const float* y_nodes, const float* weights, int step, float* x,
+                         float* y) {
         omnimirror::cell_row(x_nodes, y_nodes, weights, step, x, y);
     }
 
@@ -348,7 +375,8 @@ struct Plain {
         return omnimirror::keep_ring(n, count, x, y);
     }
 
-    template <Interpolation I, int C, class T> static void sample_strip(const Job& job, const Strip<Fraction<T>>& s) {
+    template <Interpolation I, int C, class T>
+    static void sample_strip(const Job& job, const Strip<Fraction<T>>& s) {
         T* out = reinterpret_cast<T*>(s.out);
         for (int i = 0; i < s.count; ++i) {
             const Block<Fraction<T>>& b = s.blocks[i / 8];
@@ -359,7 +387,17 @@ struct Plain {
 
 // -- tiles -----------------------------------------------------------------------------------------
 
-template <class Isa, Interpolation I, int C, class T> void sample_tile(const Job& job, const Tile& tile) {
+// Panels are too narrow for the processor to see where the next row will be written.
+void fetch_to_write(uint8_t* out, int bytes) {
+#if defined(__GNUC__)
+    for (int i = 0; i < bytes; i += 64) __builtin_prefetch(out + i, 1);
+#else
+    (void)out, (void)bytes;
+#endif
+}
+
+template <class Isa, Interpolation I, int C, class T>
+void sample_tile(const Job& job, const Tile& tile) {
     alignas(64) Block<Fraction<T>> blocks[STRIP / 8];
     if constexpr (I == Interpolation::nearest) std::memset(blocks, 0, sizeof blocks);  // it has no fractions
     for (int row = tile.top; row < tile.bottom; ++row) {
@@ -367,12 +405,14 @@ template <class Isa, Interpolation I, int C, class T> void sample_tile(const Job
         for (int column = tile.left; column < tile.right; column += STRIP) {
             const int count = smaller(STRIP, tile.right - column);
             uint8_t* at = out + static_cast<ptrdiff_t>(column) * C * static_cast<ptrdiff_t>(sizeof(T));
+            if (row + 1 < tile.bottom) fetch_to_write(at + job.target.stride, count * C * static_cast<int>(sizeof(T)));
             Isa::template sample_strip<I, C, T>(job, find_strip<Isa, I>(job, row, column, count, at, blocks));
         }
     }
 }
 
-template <class Isa, Interpolation I, int C> void sample_of_depth(const Job& job, const Tile& tile) {
+template <class Isa, Interpolation I, int C>
+void sample_of_depth(const Job& job, const Tile& tile) {
     switch (job.source.depth) {
         case Depth::u8: return sample_tile<Isa, I, C, uint8_t>(job, tile);
         case Depth::u16: return sample_tile<Isa, I, C, uint16_t>(job, tile);
@@ -380,7 +420,8 @@ template <class Isa, Interpolation I, int C> void sample_of_depth(const Job& job
     }
 }
 
-template <class Isa, Interpolation I> void sample_of_channels(const Job& job, const Tile& tile) {
+template <class Isa, Interpolation I>
+void sample_of_channels(const Job& job, const Tile& tile) {
     switch (job.source.channels) {
         case 1: return sample_of_depth<Isa, I, 1>(job, tile);
         case 3: return sample_of_depth<Isa, I, 3>(job, tile);
@@ -388,7 +429,8 @@ template <class Isa, Interpolation I> void sample_of_channels(const Job& job, co
     }
 }
 
-template <class Isa> void sample(const Job& job, const Tile& tile) {
+template <class Isa>
+void sample(const Job& job, const Tile& tile) {
     switch (job.interpolation) {
         case Interpolation::nearest: return sample_of_channels<Isa, Interpolation::nearest>(job, tile);
         case Interpolation::linear: return sample_of_channels<Isa, Interpolation::linear>(job, tile);
@@ -396,7 +438,8 @@ template <class Isa> void sample(const Job& job, const Tile& tile) {
     }
 }
 
-template <class Isa, Interpolation I, class F> void pack_rows(const Packing& p, int top, int bottom) {
+template <class Isa, Interpolation I, class F>
+void pack_rows(const Packing& p, int top, int bottom) {
     for (int row = top; row < bottom; ++row) {
         for (int column = 0; column < p.width; column += STRIP) {
             const int count = smaller(STRIP, p.width - column);
@@ -409,7 +452,8 @@ template <class Isa, Interpolation I, class F> void pack_rows(const Packing& p, 
     }
 }
 
-template <class Isa, class F> void pack_with(const Packing& p, int top, int bottom) {
+template <class Isa, class F>
+void pack_with(const Packing& p, int top, int bottom) {
     switch (p.interpolation) {
         case Interpolation::nearest: return pack_rows<Isa, Interpolation::nearest, F>(p, top, bottom);
         case Interpolation::linear: return pack_rows<Isa, Interpolation::linear, F>(p, top, bottom);
@@ -417,7 +461,8 @@ template <class Isa, class F> void pack_with(const Packing& p, int top, int bott
     }
 }
 
-template <class Isa> void pack(const Packing& p, int top, int bottom) {
+template <class Isa>
+void pack(const Packing& p, int top, int bottom) {
     p.is_deep ? pack_with<Isa, uint16_t>(p, top, bottom) : pack_with<Isa, uint8_t>(p, top, bottom);
 }
 

@@ -19,7 +19,8 @@ constexpr int STRIP = 64;   // output pixels described at a time, in the first-l
 constexpr int PANEL = 128;  // columns of the output that are worked on together, so that source pixels stay in a cache
 
 // 8 adjoining output pixels. Fractions F are uint8_t in 255ths of a pixel, or uint16_t in 65535ths.
-template <class F> struct Block {
+template <class F>
+struct Block {
     uint32_t offsets[8];
     F fx[8], fy[8];
 };
@@ -30,8 +31,8 @@ constexpr int SMALLEST_SIDE = 16;
 
 // The source picture as the kernels need it: pixels adjoin, rows are row_step elements apart.
 struct Geometry {
-    int width, height;           // where coordinates are valid: -0.5 to width - 0.5
-    int x0_max, y0_max;          // the last pixel that has a right or lower neighbour in memory
+    int width, height;              // where coordinates are valid: -0.5 to width - 0.5
+    int x0_max, y0_max;             // the last pixel that has a right or lower neighbour in memory
     uint32_t pixel_step, row_step;  // in elements
     // Pixels x0 in [x_inner, x_inner + x_span] and likewise y0 need no repeated edge.
     int x_inner, y_inner;
@@ -54,25 +55,25 @@ struct Target {
 
 // Where output pixels look: one of these.
 struct Coordinates {
-    const uint8_t* data;      // (x, y) pairs that adjoin
-    ptrdiff_t row_stride;     // bytes
+    const uint8_t* data;   // (x, y) pairs that adjoin
+    ptrdiff_t row_stride;  // bytes
     bool is_double;
 };
 
 struct Polar {  // centre + radii[row] * (cosines, sines)[column]
     const float *radii, *cosines, *sines;
     float x, y;
-    float reach;                // the largest cosine or sine there is
+    float reach;  // the largest cosine or sine there is
 };
 
 constexpr int NODES_BEYOND = 16;
 
-struct Nodes {  // coordinates at every step-th pixel, from (-step, -step) on, interpolated bicubically
-    const float *x, *y;         // (rows, columns), and NODES_BEYOND that may be read but do not count
+struct Nodes {           // coordinates at every step-th pixel, from (-step, -step) on, interpolated bicubically
+    const float *x, *y;  // (rows, columns), and NODES_BEYOND that may be read but do not count
     int columns, step;
-    const float* weights;       // (4, step)
-    const int32_t* cells;       // (cell rows, cell columns): -1 interpolate, else index into patches
-    const float* patches;       // (n, step, step, 2) coordinates of cells that must not be interpolated
+    const float* weights;  // (4, step)
+    const int32_t* cells;  // (cell rows, cell columns): -1 interpolate, else index into patches
+    const float* patches;  // (n, step, step, 2) coordinates of cells that must not be interpolated
     int cell_columns;
     // Only what lies between two distances from a point of the picture is seen; all if x_centre is NaN.
     float x_centre, y_centre, least2, most2, most;
@@ -97,7 +98,7 @@ struct Job {
     Source source;
     Target target;
     Interpolation interpolation;
-    uint8_t border[16];         // one pixel, in the source's depth
+    uint8_t border[16];  // one pixel, in the source's depth
     Where where;
     Coordinates coordinates;
     Polar polar;

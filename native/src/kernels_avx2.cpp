@@ -19,7 +19,8 @@ void store16(uint8_t* p, __m128i v) { _mm_storeu_si128(reinterpret_cast<__m128i*
 
 // A constant that the compiler must keep, in a register or on the stack. Left to itself it makes constants anew
 // for every 8 pixels, through general registers, which costs a fifth of the time.
-template <class V> V kept(V v) {
+template <class V>
+V kept(V v) {
     asm("" : "+x"(v));
     return v;
 }
@@ -33,9 +34,9 @@ __m128i load_pair(const uint8_t* a, const uint8_t* b) {
 
 // One coordinate of 8 pixels.
 struct Axis {
-    __m256i first;     // the pixel left of it or above
+    __m256i first;  // the pixel left of it or above
     __m256 fraction;
-    __m256i inside;    // all bits set where it lies on the picture
+    __m256i inside;  // all bits set where it lies on the picture
 };
 
 // A coordinate of 8 pixels that is known to have a neighbour.
@@ -80,20 +81,19 @@ Axis along(const double* at, int size, int first_max) {
 }
 
 __m256i is_beyond(__m256i first, int inner, uint32_t span) {
-    const __m256i from = _mm256_sub_epi32(first, _mm256_set1_epi32(inner)), most = _mm256_set1_epi32(static_cast<int>(span));
+    const __m256i from = _mm256_sub_epi32(first, _mm256_set1_epi32(inner)),
+                  most = _mm256_set1_epi32(static_cast<int>(span));
     return _mm256_xor_si256(_mm256_cmpeq_epi32(_mm256_max_epu32(from, most), most), _mm256_set1_epi32(-1));
 }
 
 __m256i in_255ths(__m256 fraction) {
-    return _mm256_cvttps_epi32(
-        _mm256_add_ps(_mm256_mul_ps(fraction, _mm256_set1_ps(255.0f)), _mm256_set1_ps(0.5f)));
+    return _mm256_cvttps_epi32(_mm256_add_ps(_mm256_mul_ps(fraction, _mm256_set1_ps(255.0f)), _mm256_set1_ps(0.5f)));
 }
 
 void store_fractions(__m256i x, __m256i y, Block<uint8_t>& block) {
     const __m256i words = _mm256_packs_epi32(x, y);  // x 0-3, y 0-3; x 4-7, y 4-7
     const __m256i bytes = _mm256_packus_epi16(words, words);
-    const __m128i sorted =
-        _mm_unpacklo_epi32(_mm256_castsi256_si128(bytes), _mm256_extracti128_si256(bytes, 1));
+    const __m128i sorted = _mm_unpacklo_epi32(_mm256_castsi256_si128(bytes), _mm256_extracti128_si256(bytes, 1));
     static_assert(offsetof(Block<uint8_t>, fy) == offsetof(Block<uint8_t>, fx) + 8);
     store16(block.fx, sorted);
 }
@@ -108,8 +108,8 @@ void locate_by_8(const Real* x, const Real* y, int count, const Geometry& geomet
         const Axis across = along(x + i, g.width, g.x0_max), down = along(y + i, g.height, g.y0_max);
         store_fractions(in_255ths(across.fraction), in_255ths(down.fraction), blocks[i / 8]);
         const __m256i all = _mm256_set1_epi32(-1), inside = _mm256_and_si256(across.inside, down.inside);
-        __m256i offset = _mm256_add_epi32(_mm256_mullo_epi32(down.first, row_step),
-                                          _mm256_mullo_epi32(across.first, pixel_step));
+        __m256i offset =
+            _mm256_add_epi32(_mm256_mullo_epi32(down.first, row_step), _mm256_mullo_epi32(across.first, pixel_step));
         if constexpr (I == Interpolation::cubic) {
             const __m256i beyond = _mm256_or_si256(is_beyond(across.first, g.x_inner, g.x_span),
                                                    is_beyond(down.first, g.y_inner, g.y_span));
@@ -128,8 +128,8 @@ void locate_inner_by_8(const float* x, const float* y, int count, const Geometry
     for (int i = 0; i < count; i += 8) {
         const Axis across = along_inner(x + i), down = along_inner(y + i);
         store_fractions(in_255ths(across.fraction), in_255ths(down.fraction), blocks[i / 8]);
-        const __m256i offset = _mm256_add_epi32(_mm256_mullo_epi32(down.first, row_step),
-                                                _mm256_mullo_epi32(across.first, pixel_step));
+        const __m256i offset =
+            _mm256_add_epi32(_mm256_mullo_epi32(down.first, row_step), _mm256_mullo_epi32(across.first, pixel_step));
         _mm256_storeu_si256(reinterpret_cast<__m256i*>(blocks[i / 8].offsets), offset);
     }
 }
@@ -137,8 +137,8 @@ void locate_inner_by_8(const float* x, const float* y, int count, const Geometry
 // See cell_row and keep_ring in common.hpp.
 __m256 interpolate(__m256 a, __m256 b, __m256 c, __m256 d, const float* weights, int step) {
     const __m256 left = _mm256_fmadd_ps(b, _mm256_loadu_ps(weights + step), _mm256_mul_ps(a, _mm256_loadu_ps(weights)));
-    const __m256 right = _mm256_fmadd_ps(d, _mm256_loadu_ps(weights + 3 * step),
-                                         _mm256_mul_ps(c, _mm256_loadu_ps(weights + 2 * step)));
+    const __m256 right =
+        _mm256_fmadd_ps(d, _mm256_loadu_ps(weights + 3 * step), _mm256_mul_ps(c, _mm256_loadu_ps(weights + 2 * step)));
     return _mm256_add_ps(left, right);
 }
 
@@ -156,8 +156,8 @@ bool keep_ring_by_8(const Nodes& n, int count, float* x, const float* y) {
         const __m256 here = _mm256_loadu_ps(x + i);
         const __m256 dx = _mm256_sub_ps(here, x_centre), dy = _mm256_sub_ps(_mm256_loadu_ps(y + i), y_centre);
         const __m256 distance2 = _mm256_fmadd_ps(dx, dx, _mm256_mul_ps(dy, dy));
-        const __m256 kept = _mm256_and_ps(_mm256_cmp_ps(distance2, least2, _CMP_GE_OQ),
-                                          _mm256_cmp_ps(distance2, most2, _CMP_LE_OQ));
+        const __m256 kept =
+            _mm256_and_ps(_mm256_cmp_ps(distance2, least2, _CMP_GE_OQ), _mm256_cmp_ps(distance2, most2, _CMP_LE_OQ));
         _mm256_storeu_ps(x + i, _mm256_blendv_ps(away, here, kept));
         all = _mm256_and_ps(all, kept);
     }
@@ -172,14 +172,16 @@ __m256i load_row(const uint8_t* row, const uint32_t* offsets) {
                             load_pair(row + offsets[0], row + offsets[1]));
 }
 
-template <int C> __m256i pairs_of_channels() {
+template <int C>
+__m256i pairs_of_channels() {
     const __m128i pairs = C == 3 ? _mm_setr_epi8(0, 3, 1, 4, 2, 5, 2, 5, 8, 11, 9, 12, 10, 13, 10, 13)
                                  : _mm_setr_epi8(0, 4, 1, 5, 2, 6, 3, 7, 8, 12, 9, 13, 10, 14, 11, 15);
     return twice(pairs);
 }
 
 // The bytes of pixels first, first + 1, first + 4 and first + 5 out of 8 that are in each half, 4 times two.
-template <int first, bool as_words> __m256i order_of_weights() {
+template <int first, bool as_words>
+__m256i order_of_weights() {
     constexpr char a = first, b = a + 1, c = a + 4, d = c + 1;
     const auto upper = [](char i) { return as_words ? char{-1} : i; };  // words: the byte in the upper half
     return _mm256_setr_epi8(upper(a), a, upper(a), a, upper(a), a, upper(a), a, upper(b), b, upper(b), b, upper(b), b,
@@ -194,7 +196,8 @@ __m256i load_fractions(const uint8_t* p) {
 }
 
 // 8 pixels of 4 bytes, of which the first C are written.
-template <int C> struct Writer {
+template <int C>
+struct Writer {
     __m256i order = kept(twice(_mm_setr_epi8(0, 1, 2, 4, 5, 6, 8, 9, 10, 12, 13, 14, -1, -1, -1, -1)));
     __m256i together = kept(_mm256_setr_epi32(0, 1, 2, 4, 5, 6, 7, 7));
 
@@ -210,7 +213,8 @@ template <int C> struct Writer {
 };
 
 // Colour. See linear_pixel for the arithmetic.
-template <int C> struct Linear {
+template <int C>
+struct Linear {
     const uint8_t* data;
     ptrdiff_t row_step;
     uint32_t last;  // the last offset from which 8 bytes of both rows can be read
@@ -263,7 +267,8 @@ __m128i load_grey(const uint8_t* row, const uint32_t* o) {
     return _mm_setr_epi32(two(0), two(2), two(4), two(6));
 }
 
-template <> struct Linear<1> {
+template <>
+struct Linear<1> {
     const uint8_t* data;
     ptrdiff_t row_step;
     uint32_t last;
@@ -288,7 +293,8 @@ template <> struct Linear<1> {
 // -- bicubic ---------------------------------------------------------------------------------------
 
 // The words of both halves: channels of taps 0 and 1 paired, and of taps 2 and 3; bytes in the upper half.
-template <int C> __m256i pairs_of_taps() {
+template <int C>
+__m256i pairs_of_taps() {
     const auto half = [](char k) {
         const char a = k * C, b = a + C;
         constexpr char d = C == 4 ? 3 : 2, z = -1;
@@ -298,18 +304,20 @@ template <int C> __m256i pairs_of_taps() {
 }
 
 // Colour. See cubic_sum for the arithmetic.
-template <int C> struct Cubic {
+template <int C>
+struct Cubic {
     const uint8_t* data;
     ptrdiff_t row_step;
     uint32_t last;  // the last offset from which the lowest row's 16 bytes can be read
     Writer<C> writer;
     __m256i order = kept(pairs_of_taps<C>());
-    __m256i spread = kept(_mm256_setr_epi8(0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3,
-                                           4, 5, 6, 7, 4, 5, 6, 7, 4, 5, 6, 7, 4, 5, 6, 7));
+    __m256i spread = kept(_mm256_setr_epi8(0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3, 4, 5, 6, 7, 4, 5, 6, 7, 4, 5,
+                                           6, 7, 4, 5, 6, 7));
     __m256i round = kept(_mm256_set1_epi32(1 << 19));
 
     explicit Cubic(const Source& s)
-        : data(s.data), row_step(s.geometry.row_step),
+        : data(s.data),
+          row_step(s.geometry.row_step),
           last(static_cast<uint32_t>(s.elements - 2 * row_step + C - 16)) {}
 
     __m256i weighted(const uint8_t* row, uint32_t magnitude) const {
@@ -344,14 +352,14 @@ template <int C> struct Cubic {
 };
 
 // Grey: the 16 taps of a pixel fill one register.
-template <> struct Cubic<1> {
+template <>
+struct Cubic<1> {
     const uint8_t* data;
     ptrdiff_t row_step;
     uint32_t last;
 
     explicit Cubic(const Source& s)
-        : data(s.data), row_step(s.geometry.row_step),
-          last(static_cast<uint32_t>(s.elements - 2 * row_step + 1 - 4)) {}
+        : data(s.data), row_step(s.geometry.row_step), last(static_cast<uint32_t>(s.elements - 2 * row_step + 1 - 4)) {}
 
     static int load4(const uint8_t* p) {
         int taps;
@@ -421,12 +429,14 @@ void fetch_ahead(const uint8_t* data, const uint32_t* offsets) {
         _mm_prefetch(reinterpret_cast<const char*>(data) + (offsets[i] & ~EDGE), _MM_HINT_T0);
 }
 
-template <class Kernel, Interpolation I, int C> void sample_by_8(const Job& job, const Strip<uint8_t>& s) {
+template <class Kernel, Interpolation I, int C>
+void sample_by_8(const Job& job, const Strip<uint8_t>& s) {
     const Kernel kernel(job.source);
     const __m256i last = _mm256_set1_epi32(static_cast<int>(kernel.last));
     for (int i = 0; i < s.count; i += 8) {
         const Block<uint8_t>& block = s.blocks[i / 8];
         const int bits = unfit(block.offsets, last), left = s.count - i;
+        _mm_prefetch(reinterpret_cast<const char*>(&block) + 2048, _MM_HINT_T0);  // a packed map goes on there
         if (s.ahead) fetch_ahead(kernel.data, s.ahead[i / 8].offsets);
         if (__builtin_expect(!bits && left >= 8, 1))
             kernel.sample_8(block, s.out + i * C);
@@ -436,16 +446,18 @@ template <class Kernel, Interpolation I, int C> void sample_by_8(const Job& job,
 }
 
 struct Avx2 {
-    static void cell_row(const float* x_nodes, const float* y_nodes, const float* weights, int step, float* x, float* y) {
+    static void cell_row(const float* x_nodes, const float* y_nodes, const float* weights, int step, float* x,
+                         float* y) {
         cell_row_by_8(x_nodes, weights, step, x);
         cell_row_by_8(y_nodes, weights, step, y);
     }
 
-    static bool keep_ring(const Nodes& n, int count, float* x, const float* y) { return keep_ring_by_8(n, count, x, y); }
+    static bool keep_ring(const Nodes& n, int count, float* x, const float* y) {
+        return keep_ring_by_8(n, count, x, y);
+    }
 
     template <Interpolation I, class Real, class F>
-    static void locate(const Real* x, const Real* y, int count, const Geometry& g, bool inner,
-                       Block<F>* blocks) {
+    static void locate(const Real* x, const Real* y, int count, const Geometry& g, bool inner, Block<F>* blocks) {
         if constexpr (sizeof(F) == 1 && I != Interpolation::nearest) {
             if constexpr (sizeof(Real) == 4) {
                 if (inner) return locate_inner_by_8(x, y, count, g, blocks);
@@ -456,7 +468,8 @@ struct Avx2 {
         }
     }
 
-    template <Interpolation I, int C, class T> static void sample_strip(const Job& job, const Strip<Fraction<T>>& s) {
+    template <Interpolation I, int C, class T>
+    static void sample_strip(const Job& job, const Strip<Fraction<T>>& s) {
         if constexpr (sizeof(T) == 1 && I == Interpolation::linear)
             sample_by_8<Linear<C>, I, C>(job, s);
         else if constexpr (sizeof(T) == 1 && I == Interpolation::cubic)

@@ -7,7 +7,8 @@ namespace omnimirror {
 namespace {
 
 // Fetching reads 8 or 16 bytes of a row; offsets up to last allow it.
-template <int C> struct Linear {
+template <int C>
+struct Linear {
     const uint8_t* data;
     ptrdiff_t row_step;
     uint32_t last;
@@ -42,13 +43,15 @@ template <int C> struct Linear {
     }
 };
 
-template <int C> struct Cubic {
+template <int C>
+struct Cubic {
     const uint8_t* data;
     ptrdiff_t row_step;
     uint32_t last;
 
     explicit Cubic(const Source& s)
-        : data(s.data), row_step(s.geometry.row_step),
+        : data(s.data),
+          row_step(s.geometry.row_step),
           last(static_cast<uint32_t>(s.elements - 2 * row_step + C - 16)) {}
 
     // A row's bytes times a weight, less 8 bits, in 8 words from byte 0 or 8.
@@ -92,7 +95,8 @@ template <int C> struct Cubic {
 };
 
 // 4 pixels of 4 bytes, of which the first C are written.
-template <int C> void store_4(uint8x16_t pixels, uint8_t* out) {
+template <int C>
+void store_4(uint8x16_t pixels, uint8_t* out) {
     if constexpr (C == 4) {
         vst1q_u8(out, pixels);
     } else {
@@ -104,7 +108,8 @@ template <int C> void store_4(uint8x16_t pixels, uint8_t* out) {
     }
 }
 
-template <class Kernel, Interpolation I, int C> void sample_by_4(const Job& job, const Strip<uint8_t>& s) {
+template <class Kernel, Interpolation I, int C>
+void sample_by_4(const Job& job, const Strip<uint8_t>& s) {
     const Kernel kernel(job.source);
     const uint32_t last = kernel.last;
     for (int i = 0; i < s.count; i += 4) {
@@ -121,7 +126,8 @@ template <class Kernel, Interpolation I, int C> void sample_by_4(const Job& job,
 }
 
 struct Neon : Plain {
-    template <Interpolation I, int C, class T> static void sample_strip(const Job& job, const Strip<Fraction<T>>& s) {
+    template <Interpolation I, int C, class T>
+    static void sample_strip(const Job& job, const Strip<Fraction<T>>& s) {
         if constexpr (sizeof(T) == 1 && C != 1 && I == Interpolation::linear)
             sample_by_4<Linear<C>, I, C>(job, s);
         else if constexpr (sizeof(T) == 1 && C != 1 && I == Interpolation::cubic)

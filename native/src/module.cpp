@@ -31,9 +31,12 @@ void require(bool condition, const char* message) {
     if (!condition) throw nb::value_error(message);
 }
 
-bool is_aligned(const void* data, int bytes) { return reinterpret_cast<uintptr_t>(data) % static_cast<uintptr_t>(bytes) == 0; }
+bool is_aligned(const void* data, int bytes) {
+    return reinterpret_cast<uintptr_t>(data) % static_cast<uintptr_t>(bytes) == 0;
+}
 
-template <class A> Depth depth_of(const A& array) {
+template <class A>
+Depth depth_of(const A& array) {
     if (array.dtype() == nb::dtype<uint8_t>()) return Depth::u8;
     if (array.dtype() == nb::dtype<uint16_t>()) return Depth::u16;
     require(array.dtype() == nb::dtype<float>(), "pictures hold uint8, uint16 or float32");
@@ -46,7 +49,8 @@ int side(size_t length) {
 }
 
 // (rows, columns, channels) whose pixels adjoin; rows may lie apart, but not overlap.
-template <class A> Picture picture_of(const A& array) {
+template <class A>
+Picture picture_of(const A& array) {
     require(array.ndim() == 3, "pictures are (height, width, channels)");
     const Depth depth = depth_of(array);
     const int height = side(array.shape(0)), width = side(array.shape(1)), channels = side(array.shape(2));
@@ -82,8 +86,8 @@ Coordinates coordinates_of(const In& array) {
     require(adjoin, "coordinates must adjoin in a row");
     require(is_aligned(array.data(), is_double ? 8 : 4), "coordinates must be aligned");
     side(array.shape(0)), side(array.shape(1));
-    return {static_cast<const uint8_t*>(array.data()),
-            static_cast<ptrdiff_t>(array.stride(0)) * (is_double ? 8 : 4), is_double};
+    return {static_cast<const uint8_t*>(array.data()), static_cast<ptrdiff_t>(array.stride(0)) * (is_double ? 8 : 4),
+            is_double};
 }
 
 Interpolation interpolation_of(int number) {
@@ -91,7 +95,8 @@ Interpolation interpolation_of(int number) {
     return static_cast<Interpolation>(number);
 }
 
-template <class T> void put_border(Job& job, double value) {
+template <class T>
+void put_border(Job& job, double value) {
     T rounded = static_cast<T>(value);
     for (int c = 0; c < job.source.channels; ++c) std::memcpy(job.border + c * sizeof(T), &rounded, sizeof(T));
 }
@@ -101,7 +106,8 @@ Job job_of(const Sampled& sampled, const Target& target, Interpolation interpola
     job.source = sampled.source(), job.target = target;
     job.interpolation = interpolation, job.where = where;
     const double most = job.source.depth == Depth::u8 ? 255 : 65535;
-    require(job.source.depth == Depth::f32 || (border >= 0 && border <= most), "the border is no value of the picture's");
+    require(job.source.depth == Depth::f32 || (border >= 0 && border <= most),
+            "the border is no value of the picture's");
     if (job.source.depth == Depth::u8) put_border<uint8_t>(job, border);
     if (job.source.depth == Depth::u16) put_border<uint16_t>(job, border);
     if (job.source.depth == Depth::f32) put_border<float>(job, border);
@@ -144,7 +150,8 @@ void remap_polar(const In& src, const Floats& radii, const Floats& cosines, cons
         require(is_aligned(floats->data(), 4), "values must be aligned");
     require(radii.size() == dst.shape(0), "there must be one radius per row");
     require(cosines.size() == dst.shape(1) && sines.size() == dst.shape(1), "there must be one direction per column");
-    job.polar = {radii.data(), cosines.data(), sines.data(), static_cast<float>(x), static_cast<float>(y), std::max(largest(cosines), largest(sines))};
+    job.polar = {radii.data(),          cosines.data(),        sines.data(),
+                 static_cast<float>(x), static_cast<float>(y), std::max(largest(cosines), largest(sines))};
     run(job);
 }
 
@@ -181,9 +188,19 @@ void remap_grid(const In& src, const Floats& x, const Floats& y, const Floats& w
             "patches are (n, step, step, 2)");
     check_cells(cells, patches.shape(0));
     const std::vector<float> x_nodes = longer(x), y_nodes = longer(y);
-    job.nodes = {x_nodes.data(), y_nodes.data(), static_cast<int>(across + 3), static_cast<int>(step), weights.data(), cells.data(),
-                 patches.data(), static_cast<int>(across), static_cast<float>(x_centre), static_cast<float>(y_centre),
-                 static_cast<float>(least * least), static_cast<float>(most * most), static_cast<float>(most)};
+    job.nodes = {x_nodes.data(),
+                 y_nodes.data(),
+                 static_cast<int>(across + 3),
+                 static_cast<int>(step),
+                 weights.data(),
+                 cells.data(),
+                 patches.data(),
+                 static_cast<int>(across),
+                 static_cast<float>(x_centre),
+                 static_cast<float>(y_centre),
+                 static_cast<float>(least * least),
+                 static_cast<float>(most * most),
+                 static_cast<float>(most)};
     run(job);
 }
 
@@ -226,13 +243,17 @@ NB_MODULE(_native, m) {
         .def(nb::new_(&make_packed), "coordinates"_a, "width"_a, "height"_a, "channels"_a, "deep"_a, "interpolation"_a)
         .def("sample", &sample_packed, "src"_a, "dst"_a, "border"_a)
         .def_prop_ro("nbytes", &PackedMap::bytes);
-    m.def("set_threads", [](int count) {
-        require(count >= 1 && count <= 1024, "threads are valid from 1 to 1024");
-        set_threads(count);
-    }, "count"_a);
+    m.def(
+        "set_threads",
+        [](int count) {
+            require(count >= 1 && count <= 1024, "threads are valid from 1 to 1024");
+            set_threads(count);
+        },
+        "count"_a);
     m.def("get_threads", &get_threads);
     m.def("instructions", [] { return std::string(kernels().name); });
-    m.def("use_instructions", [](const std::string& name) {
-        require(use_kernels(name.c_str()), "this machine has no such instructions");
-    }, "name"_a);
+    m.def(
+        "use_instructions",
+        [](const std::string& name) { require(use_kernels(name.c_str()), "this machine has no such instructions"); },
+        "name"_a);
 }

@@ -27,7 +27,8 @@ uint32_t moved(uint32_t offset, uint32_t from, uint32_t to) {
     return (place / from * to + place % from) | (offset & EDGE);
 }
 
-template <class F> void move_all(PackedMap::Blocks& blocks, uint32_t from, uint32_t to) {
+template <class F>
+void move_all(PackedMap::Blocks& blocks, uint32_t from, uint32_t to) {
     auto* first = reinterpret_cast<Block<F>*>(blocks.data());
     for (auto* block = first; block != first + blocks.size() / sizeof(Block<F>); ++block)
         for (uint32_t& offset : block->offsets) offset = moved(offset, from, to);
@@ -37,7 +38,12 @@ template <class F> void move_all(PackedMap::Blocks& blocks, uint32_t from, uint3
 
 PackedMap::PackedMap(const Coordinates& coordinates, int rows, int columns, int width, int height, int channels,
                      bool is_deep, Interpolation interpolation)
-    : rows_(rows), columns_(columns), width_(width), height_(height), channels_(channels), deep_(is_deep),
+    : rows_(rows),
+      columns_(columns),
+      width_(width),
+      height_(height),
+      channels_(channels),
+      deep_(is_deep),
       interpolation_(interpolation) {
     const Geometry geometry = geometry_of(width, height, channels, int64_t{width} * channels, interpolation);
     own_row_step_ = geometry.row_step;

@@ -19,10 +19,11 @@ std::vector<uint8_t> enlarged(const Picture& p, int width, int height) {
     std::vector<uint8_t> copy(pixel * static_cast<size_t>(width) * static_cast<size_t>(height));
     for (int y = 0; y < height; ++y)
         for (int x = 0; x < width; ++x)
-            std::memcpy(copy.data() + pixel * (static_cast<size_t>(y) * static_cast<size_t>(width) + static_cast<size_t>(x)),
-                        p.data + std::min(y, p.height - 1) * p.stride +
-                            static_cast<ptrdiff_t>(pixel) * std::min(x, p.width - 1),
-                        pixel);
+            std::memcpy(
+                copy.data() + pixel * (static_cast<size_t>(y) * static_cast<size_t>(width) + static_cast<size_t>(x)),
+                p.data + std::min(y, p.height - 1) * p.stride +
+                    static_cast<ptrdiff_t>(pixel) * std::min(x, p.width - 1),
+                pixel);
     return copy;
 }
 

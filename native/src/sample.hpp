@@ -7,8 +7,8 @@
 
 namespace omnimirror {
 
-const Kernels& kernels();             // those in use
-bool use_kernels(const char* name);   // false where this machine has none of that name
+const Kernels& kernels();            // those in use
+bool use_kernels(const char* name);  // false where this machine has none of that name
 
 // A picture as the caller has it: pixels adjoin, rows are stride bytes apart.
 struct Picture {

@@ -56,7 +56,8 @@ Difference run(const Case& c, std::mt19937& random) {
     std::unique_ptr<uint8_t[]> out[3];
     Job job{};
     job.source = sampled.source(), job.interpolation = c.interpolation;
-    const PackedMap map(coordinates, c.rows, c.columns, c.width, c.height, c.channels, is_deep(c.depth), c.interpolation);
+    const PackedMap map(coordinates, c.rows, c.columns, c.width, c.height, c.channels, is_deep(c.depth),
+                        c.interpolation);
     const auto blocks = map.blocks_for(job.source.geometry.row_step);
     const char* names[3] = {"plain", "avx2", "avx2"};
     for (int k = 0; k < 3; ++k) {
@@ -87,8 +88,14 @@ int main(int argc, char** argv) {
     long differing = 0, worst = 0;
     for (int i = 0; i < cases; ++i) {
         const auto side = [&] { return static_cast<int>(random() % 4 ? 1 + random() % 40 : 1 + random() % 200); };
-        const Case c{side(), side(), side(), side(), channels[random() % 3], static_cast<Depth>(random() % 3),
-                     static_cast<Interpolation>(random() % 3), static_cast<int>(random() % 3)};
+        const Case c{side(),
+                     side(),
+                     side(),
+                     side(),
+                     channels[random() % 3],
+                     static_cast<Depth>(random() % 3),
+                     static_cast<Interpolation>(random() % 3),
+                     static_cast<int>(random() % 3)};
         set_threads(1 + static_cast<int>(random() % 4));
         const Difference d = run(c, random);
         differing += d.count;

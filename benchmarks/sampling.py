@@ -1,0 +1,127 @@
+"""What straightening a frame costs: the compiled samplers beside cv2.remap with fixed-point maps.
+
+All run interleaved in one process with the same number of threads; medians. Bilinear and bicubic, uint8 RGB.
+Maps are made once. The last two columns take panoramas straight from r(row) and (cos, sin)(column).
+
+    python benchmarks/sampling.py --out out/benchmarks --picture photograph.jpg
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import platform
+import statistics
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+import omnimirror as om
+from omnimirror.dewarp import native
+from omnimirror.dewarp.sampling import FixedMap, remap_polar
+from omnimirror.dewarp.screens import Cylinder, Plane
+from omnimirror.files import write_text
+
+RUNS = 25
+CASES = [
+    (1000, (1440, 360), "panorama"),
+    (1000, (2880, 720), "panorama"),
+    (1000, (1280, 720), "view"),
+    (2048, (2880, 720), "panorama"),
+    (4096, (2880, 720), "panorama"),
+]
+CV = {"linear": cv2.INTER_LINEAR, "cubic": cv2.INTER_CUBIC}
+
+
+def interleaved(functions: dict[str, Callable[[], object]], runs: int) -> dict[str, float]:
+    """Median milliseconds of each function, called in turn."""
+    times: dict[str, list[float]] = {name: [] for name in functions}
+    for function in functions.values():
+        function()
+    for _ in range(runs):
+        for name, function in functions.items():
+            start = time.perf_counter()
+            function()
+            times[name].append(time.perf_counter() - start)
+    return {name: 1e3 * statistics.median(t) for name, t in times.items()}
+
+
+def set_threads(count: int) -> None:
+    native.set_threads(count)
+    cv2.setNumThreads(count)
+
+
+def camera_of(side: int) -> om.MirrorBall:
+    return om.MirrorBall(((side - 1) / 2, (side - 1) / 2), 0.48 * side, 270.0, (side, side))
+
+
+def screen_of(kind: str, size: tuple[int, int], pan_deg: float = 30.0) -> Cylinder | Plane:
+    return Cylinder(size, -70.0, 40.0) if kind == "panorama" else Plane(size, pan_deg, -20.0, 0.0, 90.0)
+
+
+def fixed_rows(photograph: np.ndarray, threads: int, runs: int) -> list[str]:
+    """Maps that stay: packed against fixed-point, and panoramas without a map."""
+    rows = []
+    for side, size, kind in CASES:
+        picture = cv2.resize(photograph, (side, side), interpolation=cv2.INTER_AREA)
+        camera = camera_of(side)
+        coordinates = om.Dewarper(camera, screen_of(kind, size)).coordinates()
+        fixed_point = cv2.convertMaps(*np.moveaxis(coordinates.astype(np.float32), -1, 0).copy(), cv2.CV_16SC2)
+        out, other = np.empty((*size[::-1], 3), np.uint8), np.empty((*size[::-1], 3), np.uint8)
+        for interpolation, flag in CV.items():
+            packed = FixedMap(coordinates, (side, side), interpolation)
+            functions: dict[str, Callable[[], object]] = {
+                "OpenCV": lambda p=picture, m=fixed_point, f=flag, o=other: cv2.remap(p, *m, f, o),
+                "packed": lambda p=picture, m=packed, o=out: m(p, o),
+            }
+            packed(picture, out)  # the second picture is the first to use the packed map
+            if kind == "panorama":
+                centre = np.array(camera.centre_px)
+                radii = np.nanmean(np.linalg.norm(coordinates - centre, axis=-1), axis=1)
+                angles = np.arctan2(*(coordinates - centre)[size[1] // 2].T[::-1])
+                functions["polar"] = lambda p=picture, r=radii, a=angles, c=centre, i=interpolation, o=out: remap_polar(
+                    p, r, a, tuple(c), i, o
+                )
+            ms = interleaved(functions, runs)
+            ours = ms["packed"]
+            polar = f"{ms['polar']:.2f} | {ms['OpenCV'] / ms['polar']:.1f}" if "polar" in ms else "|"
+            rows.append(
+                f"| {side} -> {size[0]} x {size[1]} {kind} | {interpolation} | {threads} | {ms['OpenCV']:.2f} | "
+                f"{ours:.2f} | {ms['OpenCV'] / ours:.1f} | {polar} |"
+            )
+            print(rows[-1], flush=True)
+    return rows
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
+    parser.add_argument("--picture", type=Path, help="a photograph; noise without it")
+    parser.add_argument("--runs", type=int, default=RUNS)
+    parser.add_argument("--threads", type=int, nargs="*", default=[1, 4])
+    arguments = parser.parse_args()
+    if arguments.picture:
+        photograph = om.read_image(arguments.picture)
+    else:
+        photograph = np.random.default_rng(0).integers(0, 255, (2000, 2000, 3), np.uint8)
+    lines = [
+        "# Straightening a frame, uint8 RGB",
+        "",
+        f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores, {native.sampler()} samplers, "
+        f"OpenCV {cv2.__version__}; medians of {arguments.runs} interleaved runs, ms.",
+        "",
+        "| source -> output | interpolation | threads | OpenCV | omnimirror | ratio | without a map | ratio |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for threads in arguments.threads:
+        set_threads(threads)
+        lines += fixed_rows(photograph, threads, arguments.runs)
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    write_text(arguments.out / "sampling.md", "\n".join(lines) + "\n")
+
+
+if __name__ == "__main__":
+    main()
