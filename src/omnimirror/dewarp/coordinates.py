@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 from ..cameras import AxialSymmetry, Camera, inside_image
 from ..frames import pan_tilt_direction
 from .fields import is_vertical
-from .grid import Exact, gridded_coordinates
+from .grid import Exact, view_grid
 from .radial import RadialTable, radial_table
+from .sampling import Grid
 from .screens import Panorama, Screen, View, parts_of
 from .screens.base import pixels_of_rows
 from .viewpoints import Viewpoint, projection_of
@@ -39,7 +40,17 @@ def screen_pixels(camera: Camera, screen: Screen, viewpoint: Viewpoint = "exact"
     """Source pixels (height, width, 2) of a screen, the quickest way."""
     if is_separable(camera, screen):
         return separable_coordinates(camera, screen)
-    return gridded_coordinates(projection_at(camera, screen, viewpoint), screen.size)
+    return screen_grid(camera, screen, viewpoint).coordinates().astype(np.float64)
+
+
+def has_grid(camera: Camera, view: View) -> bool:
+    """Whether a view is a single screen whose coordinates come from a lattice."""
+    return isinstance(view, Screen) and not is_separable(camera, view)
+
+
+def screen_grid(camera: Camera, screen: Screen, viewpoint: Viewpoint = "exact") -> Grid:
+    """The lattice of a screen, which the sampler takes as it is."""
+    return view_grid(projection_at(camera, screen, viewpoint), screen.size)
 
 
 def projection_at(camera: Camera, screen: Screen, viewpoint: Viewpoint = "exact") -> Exact:

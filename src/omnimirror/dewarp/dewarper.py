@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from ..cameras import Camera, Mask
 from ..errors import InvalidParameter, OutsideField
-from .coordinates import source_pixels
+from .coordinates import has_grid, screen_grid, source_pixels
 from .fields import field_of
-from .sampling import INTERPOLATIONS, FixedMap, Image, Interpolation, check_picture, with_alpha
-from .screens import View
+from .sampling import INTERPOLATIONS, FixedMap, Grid, Image, Interpolation, check_picture, remap_grid, with_alpha
+from .screens import Screen, View
 from .viewpoints import Viewpoint, check_viewpoint
 
 Array = NDArray[np.float64]
@@ -84,7 +84,10 @@ class Dewarper:
             with an alpha of its own, everything outside the field is 0 in all channels.
         """
         check_picture(image, self.camera.image_size)
-        return self._map(with_alpha(image) if transparent else image)
+        image = with_alpha(image) if transparent else image
+        if "_map" in self.__dict__ or "_grid" in self.__dict__ or not has_grid(self.camera, self.view):
+            return self._map(image)
+        return remap_grid(image, self._grid, self.interpolation)  # a view that moves has no second picture
 
     def coordinates(self, exact: bool = False) -> Array:
         """Source pixels (height, width, 2) as (u, v); NaN outside the field.
@@ -94,18 +97,29 @@ class Dewarper:
         """
         pixels = source_pixels(self.camera, self.view, self.viewpoint, exact)
         if np.isnan(pixels[..., 0]).all():
-            seen = field_of(self.camera)
-            raise OutsideField(
-                f"the {self.view} sees nothing of the camera's field, which reaches from "
-                f"{seen.tilt_min_deg:.6g} to {seen.tilt_max_deg:.6g} deg of elevation"
-            )
+            raise self._sees_nothing()
         return pixels
+
+    def _sees_nothing(self) -> OutsideField:
+        seen = field_of(self.camera)
+        return OutsideField(
+            f"the {self.view} sees nothing of the camera's field, which reaches from "
+            f"{seen.tilt_min_deg:.6g} to {seen.tilt_max_deg:.6g} deg of elevation"
+        )
 
     @property
     def valid(self) -> Mask:
         """(height, width), False outside the field."""
         valid: Mask = ~np.isnan(self._map.coordinates[..., 0])
         return valid
+
+    @cached_property
+    def _grid(self) -> Grid:
+        assert isinstance(self.view, Screen)
+        grid = screen_grid(self.camera, self.view, self.viewpoint)
+        if (grid.cells >= 0).all() and np.isnan(grid.patches).all():
+            raise self._sees_nothing()
+        return grid
 
     @cached_property
     def _map(self) -> FixedMap:

@@ -229,13 +229,11 @@ class Grid:
     def coordinates(self) -> NDArray[np.float32]:
         """All coordinates (height, width, 2); NaN outside."""
         down, across = self.cells.shape
-        weights = node_weights(self.step)
-        full = np.zeros((2, down, self.step, across, self.step), np.float32)
-        for j, along in enumerate(weights):
-            for k, over in enumerate(weights):
-                corner = self.nodes[:, j : j + down, k : k + across]
-                full += corner[:, :, None, :, None] * along[:, None, None] * over
-        tiles = full.transpose(1, 3, 2, 4, 0)
+        outside = np.isnan(self.nodes).any(axis=0)
+        nodes = np.where(outside, np.float32(0), self.nodes)  # or one would spoil its whole row and column
+        full = _banded(self.step, down) @ nodes @ _banded(self.step, across).T
+        tiles = full.reshape(2, down, self.step, across, self.step).transpose(1, 3, 2, 4, 0)
+        tiles[np.lib.stride_tricks.sliding_window_view(outside, (4, 4)).any(axis=(2, 3))] = np.nan
         exact = self.cells >= 0
         tiles[exact] = self.patches[self.cells[exact]]
         width, height = self.size
@@ -243,7 +241,16 @@ class Grid:
         if np.isfinite(self.centre[0]):
             distance2 = ((whole - np.array(self.centre, np.float32)) ** 2).sum(axis=-1)
             whole[~((distance2 >= self.least**2) & (distance2 <= self.most**2))] = np.nan
-        return whole
+        pixels: NDArray[np.float32] = whole
+        return pixels
+
+
+def _banded(step: int, cells: int) -> NDArray[np.float32]:
+    """Matrix (cells step, cells + 3) that interpolates along one side."""
+    matrix = np.zeros((cells, step, cells + 3), np.float32)
+    for i, weights in enumerate(node_weights(step)):
+        matrix[np.arange(cells), :, np.arange(cells) + i] = weights
+    return matrix.reshape(cells * step, cells + 3)
 
 
 def node_weights(step: int) -> NDArray[np.float32]:
