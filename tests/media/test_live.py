@@ -126,7 +126,7 @@ def test_a_slow_consumer_gets_the_newest_frame(transport):
             taken = next(frames)
             times.append(taken.time)
             age = time.monotonic() - source._start - taken.time
-            assert age < 0.25  # it came just now, however slow the last one was
+            assert age < 0.8  # it came just now; a queue would lag by more than a second at the end
             time.sleep(0.3)
         assert source.dropped >= source.received - 5 - 2
         assert source.dropped > 10
