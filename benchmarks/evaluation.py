@@ -12,14 +12,13 @@ from __future__ import annotations
 
 import argparse
 import platform
-import statistics
-import time
 import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from interleaving import interleaved
 
 import omnimirror as om
 from omnimirror.files import write_text
@@ -50,19 +49,6 @@ def optiland_system(sensor: om.Sensor, largest_deg: float) -> Any:
     return system
 
 
-def interleaved(functions: dict[str, Callable[[], object]], runs: int) -> dict[str, float]:
-    """Median seconds of each function, called in turn."""
-    times: dict[str, list[float]] = {name: [] for name in functions}
-    for function in functions.values():
-        function()
-    for _ in range(runs):
-        for name, function in functions.items():
-            start = time.perf_counter()
-            function()
-            times[name].append(time.perf_counter() - start)
-    return {name: statistics.median(t) for name, t in times.items()}
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
@@ -91,7 +77,7 @@ def main() -> None:
             )
     medians = interleaved(functions, RUNS)
     first = medians["omnimirror evaluate, 27 columns"]
-    rows = [f"| {name} | {1e3 * t:.3f} | {t / first:.1f} |" for name, t in medians.items()]
+    rows = [f"| {name} | {t:.3f} | {t / first:.1f} |" for name, t in medians.items()]
     table = "\n".join(
         [
             f"Medians of {RUNS} interleaved runs of {ANGLES} field angles, Python {platform.python_version()}, NumPy "

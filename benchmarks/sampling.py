@@ -11,13 +11,12 @@ from __future__ import annotations
 import argparse
 import os
 import platform
-import statistics
-import time
 from collections.abc import Callable
 from pathlib import Path
 
 import cv2
 import numpy as np
+from interleaving import interleaved
 
 import omnimirror as om
 from omnimirror.dewarp import native
@@ -34,19 +33,6 @@ CASES = [
     (4096, (2880, 720), "panorama"),
 ]
 CV = {"linear": cv2.INTER_LINEAR, "cubic": cv2.INTER_CUBIC}
-
-
-def interleaved(functions: dict[str, Callable[[], object]], runs: int) -> dict[str, float]:
-    """Median milliseconds of each function, called in turn."""
-    times: dict[str, list[float]] = {name: [] for name in functions}
-    for function in functions.values():
-        function()
-    for _ in range(runs):
-        for name, function in functions.items():
-            start = time.perf_counter()
-            function()
-            times[name].append(time.perf_counter() - start)
-    return {name: 1e3 * statistics.median(t) for name, t in times.items()}
 
 
 def set_threads(count: int) -> None:

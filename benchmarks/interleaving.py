@@ -1,0 +1,20 @@
+"""Timing that is fair on a shared machine: every function in turn, and medians."""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Callable
+
+
+def interleaved(functions: dict[str, Callable[[], object]], runs: int) -> dict[str, float]:
+    """Median milliseconds of each function, called in turn after one call to warm up."""
+    times: dict[str, list[float]] = {name: [] for name in functions}
+    for function in functions.values():
+        function()
+    for _ in range(runs):
+        for name, function in functions.items():
+            start = time.perf_counter()
+            function()
+            times[name].append(time.perf_counter() - start)
+    return {name: 1e3 * statistics.median(t) for name, t in times.items()}
