@@ -1,0 +1,1 @@
+"""From what is wanted to a mirror that can be made."""
