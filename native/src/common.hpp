@@ -163,15 +163,17 @@ bool keep_ring(const Nodes& n, int count, float* __restrict x, const float* __re
 }
 
 // Returns whether all coordinates are inner ones. column and STRIP are multiples of the step, so a strip is made
-// of whole cells; what the last one has beyond the picture is found too, and does no harm.
+// of whole cells; what the last one has beyond the picture is found too, and does no harm. x and y have room for
+// half a vector more than a strip: cells of 4 pixels are made 8 at a time, and the next cell overwrites what is too
+// much.
 template <class Isa>
 bool node_coordinates(const Nodes& n, const Geometry& g, int row, int column, int count, float* x, float* y) {
     const int step = n.step, first = column / step, cells = (count + step - 1) / step;
     const int cell = row / step, phase = row % step;
-    alignas(32) float x_nodes[16], y_nodes[16];  // up to 11 are needed
+    alignas(32) float x_nodes[24], y_nodes[24];  // up to 19 are needed
     const ptrdiff_t at = static_cast<ptrdiff_t>(cell) * n.columns + first;
-    weigh_nodes(n.x + at, n.columns, n.weights + phase, step, cells + 3, x_nodes);
-    weigh_nodes(n.y + at, n.columns, n.weights + phase, step, cells + 3, y_nodes);
+    weigh_nodes(n.x + at, n.columns, n.row_weights + phase, step, cells + 3, x_nodes);
+    weigh_nodes(n.y + at, n.columns, n.row_weights + phase, step, cells + 3, y_nodes);
     const int32_t* states = n.cells + static_cast<ptrdiff_t>(cell) * n.cell_columns + first;
     for (int j = 0; j < cells; ++j) {
         float *x_cell = x + j * step, *y_cell = y + j * step;
@@ -182,6 +184,7 @@ bool node_coordinates(const Nodes& n, const Geometry& g, int row, int column, in
             for (int i = 0; i < step; ++i) x_cell[i] = patch[2 * i], y_cell[i] = patch[2 * i + 1];
         }
     }
+    for (int i = cells * step; i < round_up8(cells * step); ++i) x[i] = x[0], y[i] = y[0];
     if (n.x_centre != n.x_centre) return false;
     return Isa::keep_ring(n, cells * step, x, y) && is_inner(g, n.x_centre, n.y_centre, n.most);
 }
@@ -202,7 +205,7 @@ Strip<F> find_strip(const Job& job, int row, int column, int count, uint8_t* out
         else
             locate_pairs<Isa, I, float>(job.coordinates, row, column, count, g, blocks);
     } else {
-        alignas(64) float x[STRIP], y[STRIP];
+        alignas(64) float x[STRIP + 8], y[STRIP + 8];
         const bool inner = job.where == Where::polar ? polar_coordinates(job.polar, g, row, column, count, x, y)
                                                      : node_coordinates<Isa>(job.nodes, g, row, column, count, x, y);
         Isa::template locate<I>(x, y, round_up8(count), g, inner, blocks);
@@ -424,6 +427,7 @@ template <class Isa, Interpolation I>
 void sample_of_channels(const Job& job, const Tile& tile) {
     switch (job.source.channels) {
         case 1: return sample_of_depth<Isa, I, 1>(job, tile);
+        case 2: return sample_of_depth<Isa, I, 2>(job, tile);
         case 3: return sample_of_depth<Isa, I, 3>(job, tile);
         case 4: return sample_of_depth<Isa, I, 4>(job, tile);
     }

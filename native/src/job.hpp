@@ -71,7 +71,8 @@ constexpr int NODES_BEYOND = 16;
 struct Nodes {           // coordinates at every step-th pixel, from (-step, -step) on, interpolated bicubically
     const float *x, *y;  // (rows, columns), and NODES_BEYOND that may be read but do not count
     int columns, step;
-    const float* weights;  // (4, step)
+    const float* weights;      // (4, step) along a row, and NODES_BEYOND that may be read but do not count
+    const float* row_weights;  // (4, step) down a column
     const int32_t* cells;  // (cell rows, cell columns): -1 interpolate, else index into patches
     const float* patches;  // (n, step, step, 2) coordinates of cells that must not be interpolated
     int cell_columns;

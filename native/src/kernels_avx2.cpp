@@ -290,6 +290,50 @@ struct Linear<1> {
     }
 };
 
+int load4(const uint8_t* p) {
+    int four;
+    std::memcpy(&four, p, 4);
+    return four;
+}
+
+// Two channels, as of NV12's colours: both neighbours of a pixel are 4 bytes.
+template <>
+struct Linear<2> {
+    const uint8_t* data;
+    ptrdiff_t row_step;
+    uint32_t last;
+    __m256i pairs = kept(twice(_mm_setr_epi8(0, 2, 1, 3, 4, 6, 5, 7, 8, 10, 9, 11, 12, 14, 13, 15)));
+    __m256i across = kept(_mm256_setr_epi8(0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2, 3, 3, 3, 3, 4, 4, 4, 4, 5, 5, 5, 5, 6, 6,
+                                           6, 6, 7, 7, 7, 7));
+    __m256i down = kept(_mm256_setr_epi8(-1, 0, -1, 0, -1, 1, -1, 1, -1, 2, -1, 2, -1, 3, -1, 3, -1, 4, -1, 4, -1, 5, -1,
+                                         5, -1, 6, -1, 6, -1, 7, -1, 7));
+    __m256i sign = kept(_mm256_set1_epi8(-128)), complement = kept(_mm256_set1_epi16(0x00ff));
+    __m256i weight = kept(_mm256_set1_epi16(129 * 128)), one = kept(_mm256_set1_epi16(LINEAR_ONE));
+    __m256i round = kept(_mm256_set1_epi16(256));
+
+    explicit Linear(const Source& s)
+        : data(s.data), row_step(s.geometry.row_step), last(static_cast<uint32_t>(s.elements - row_step - 4)) {}
+
+    __m256i values(const uint8_t* row, const uint32_t* o) const {
+        const __m256i pixels =
+            _mm256_setr_epi32(load4(row + o[0]), load4(row + o[1]), load4(row + o[2]), load4(row + o[3]),
+                              load4(row + o[4]), load4(row + o[5]), load4(row + o[6]), load4(row + o[7]));
+        return _mm256_xor_si256(_mm256_shuffle_epi8(pixels, pairs), sign);
+    }
+
+    void sample_8(const Block<uint8_t>& b, uint8_t* out) const {
+        const __m256i x = _mm256_xor_si256(_mm256_shuffle_epi8(load_fractions(b.fx), across), complement);
+        const __m256i lower_weight = _mm256_mulhi_epu16(_mm256_shuffle_epi8(load_fractions(b.fy), down), weight);
+        const __m256i upper_weight = _mm256_sub_epi16(one, lower_weight);
+        const __m256i u = _mm256_maddubs_epi16(x, values(data, b.offsets));
+        const __m256i l = _mm256_maddubs_epi16(x, values(data + row_step, b.offsets));
+        const __m256i sum = _mm256_add_epi16(_mm256_mulhrs_epi16(u, upper_weight), _mm256_mulhrs_epi16(l, lower_weight));
+        const __m256i words = _mm256_mulhrs_epi16(sum, round);
+        const __m256i bytes = _mm256_xor_si256(_mm256_packs_epi16(words, words), sign);
+        store16(out, _mm256_castsi256_si128(_mm256_permute4x64_epi64(bytes, 0x08)));
+    }
+};
+
 // -- bicubic ---------------------------------------------------------------------------------------
 
 // The words of both halves: channels of taps 0 and 1 paired, and of taps 2 and 3; bytes in the upper half.
@@ -361,12 +405,6 @@ struct Cubic<1> {
     explicit Cubic(const Source& s)
         : data(s.data), row_step(s.geometry.row_step), last(static_cast<uint32_t>(s.elements - 2 * row_step + 1 - 4)) {}
 
-    static int load4(const uint8_t* p) {
-        int taps;
-        std::memcpy(&taps, p, 4);
-        return taps;
-    }
-
     // Four sums of words that add up to one pixel.
     __m128i one_pixel(uint32_t offset, uint8_t fx, uint8_t fy) const {
         const uint8_t* first = data + offset - row_step - 1;
@@ -394,6 +432,45 @@ struct Cubic<1> {
         const __m128i words = _mm_packs_epi32(_mm_srai_epi32(_mm_add_epi32(first, round), 20),
                                               _mm_srai_epi32(_mm_add_epi32(second, round), 20));
         _mm_storel_epi64(reinterpret_cast<__m128i*>(out), _mm_packus_epi16(words, words));
+    }
+};
+
+// Two channels: a row's taps are 8 bytes.
+template <>
+struct Cubic<2> {
+    const uint8_t* data;
+    ptrdiff_t row_step;
+    uint32_t last;
+
+    explicit Cubic(const Source& s)
+        : data(s.data), row_step(s.geometry.row_step), last(static_cast<uint32_t>(s.elements - 2 * row_step + 2 - 8)) {}
+
+    static __m128i weighted(const uint8_t* row, uint32_t magnitude) {
+        const __m128i values = _mm_unpacklo_epi8(_mm_setzero_si128(), load8(row));
+        return _mm_mulhi_epu16(values, _mm_set1_epi32(static_cast<int>(magnitude)));
+    }
+
+    // Four sums of words: the first channel's two, and the second's.
+    __m128i one_pixel(uint32_t offset, uint8_t fx, uint8_t fy) const {
+        const uint8_t* first = data + offset - row_step - 2;
+        const uint32_t* wy = CUBIC.magnitudes[fy];
+        const __m128i minus = _mm_add_epi16(weighted(first, wy[0]), weighted(first + 3 * row_step, wy[3]));
+        const __m128i plus = _mm_add_epi16(weighted(first + row_step, wy[1]), weighted(first + 2 * row_step, wy[2]));
+        const __m128i apart = _mm_setr_epi8(0, 1, 4, 5, 8, 9, 12, 13, 2, 3, 6, 7, 10, 11, 14, 15);
+        int64_t wx;
+        std::memcpy(&wx, CUBIC.weights[fx], 8);
+        return _mm_madd_epi16(_mm_shuffle_epi8(_mm_sub_epi16(plus, minus), apart), _mm_set1_epi64x(wx));
+    }
+
+    void sample_8(const Block<uint8_t>& b, uint8_t* out) const {
+        const __m128i round = _mm_set1_epi32(1 << 19);
+        const auto two = [&](int i) {
+            const __m128i sums = _mm_hadd_epi32(one_pixel(b.offsets[i], b.fx[i], b.fy[i]),
+                                                one_pixel(b.offsets[i + 1], b.fx[i + 1], b.fy[i + 1]));
+            return _mm_srai_epi32(_mm_add_epi32(sums, round), 20);
+        };
+        const __m128i first = _mm_packs_epi32(two(0), two(2)), second = _mm_packs_epi32(two(4), two(6));
+        store16(out, _mm_packus_epi16(first, second));
     }
 };
 

@@ -128,9 +128,9 @@ void sample_by_4(const Job& job, const Strip<uint8_t>& s) {
 struct Neon : Plain {
     template <Interpolation I, int C, class T>
     static void sample_strip(const Job& job, const Strip<Fraction<T>>& s) {
-        if constexpr (sizeof(T) == 1 && C != 1 && I == Interpolation::linear)
+        if constexpr (sizeof(T) == 1 && C > 2 && I == Interpolation::linear)
             sample_by_4<Linear<C>, I, C>(job, s);
-        else if constexpr (sizeof(T) == 1 && C != 1 && I == Interpolation::cubic)
+        else if constexpr (sizeof(T) == 1 && C > 2 && I == Interpolation::cubic)
             sample_by_4<Cubic<C>, I, C>(job, s);
         else
             Plain::sample_strip<I, C, T>(job, s);

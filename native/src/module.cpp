@@ -54,7 +54,7 @@ Picture picture_of(const A& array) {
     require(array.ndim() == 3, "pictures are (height, width, channels)");
     const Depth depth = depth_of(array);
     const int height = side(array.shape(0)), width = side(array.shape(1)), channels = side(array.shape(2));
-    require(channels == 1 || channels == 3 || channels == 4, "pictures have 1, 3 or 4 channels");
+    require(channels >= 1 && channels <= 4, "pictures have 1 to 4 channels");
     const auto* data = reinterpret_cast<const uint8_t*>(array.data());
     if (array.size() == 0) return {data, width, height, channels, 0, depth};  // its strides mean nothing
     require(is_aligned(data, size_of(depth)), "values must be aligned");
@@ -167,8 +167,8 @@ void check_cells(const Ints& cells, size_t patches) {
         require(cells.data()[i] < static_cast<int64_t>(patches), "a cell names a patch that is not there");
 }
 
-void remap_grid(const In& src, const Floats& x, const Floats& y, const Floats& weights, const Ints& cells,
-                const Floats& patches, double x_centre, double y_centre, double least, double most, const Out& dst,
+void remap_grid(const In& src, const Floats& x, const Floats& y, const Floats& weights, const Floats& row_weights,
+                const Ints& cells, const Floats& patches, double x_centre, double y_centre, double least, double most, const Out& dst,
                 int interpolation, double border) {
     const Picture picture = source_of(src);
     const Interpolation kind = interpolation_of(interpolation);
@@ -176,9 +176,11 @@ void remap_grid(const In& src, const Floats& x, const Floats& y, const Floats& w
     Job job = job_of(sampled, target_of(dst, picture), kind, border, Where::nodes);
     require(weights.ndim() == 2 && weights.shape(0) == 4, "weights are (4, step)");
     const size_t step = weights.shape(1);
-    require(step == 8 || step == 16 || step == 32 || step == 64, "the step is 8, 16, 32 or 64");
+    require(step == 4 || step == 8 || step == 16 || step == 32 || step == 64, "the step is 4, 8, 16, 32 or 64");
+    require(row_weights.ndim() == 2 && row_weights.shape(0) == 4 && row_weights.shape(1) == step,
+            "weights of rows and columns differ in shape");
     const size_t down = (dst.shape(0) + step - 1) / step, across = (dst.shape(1) + step - 1) / step;
-    for (const Floats* floats : {&x, &y, &weights, &patches})
+    for (const Floats* floats : {&x, &y, &weights, &row_weights, &patches})
         require(is_aligned(floats->data(), 4), "values must be aligned");
     for (const Floats* nodes : {&x, &y})
         require(nodes->ndim() == 2 && nodes->shape(0) == down + 3 && nodes->shape(1) == across + 3,
@@ -187,12 +189,13 @@ void remap_grid(const In& src, const Floats& x, const Floats& y, const Floats& w
     require(patches.ndim() == 4 && patches.shape(1) == step && patches.shape(2) == step && patches.shape(3) == 2,
             "patches are (n, step, step, 2)");
     check_cells(cells, patches.shape(0));
-    const std::vector<float> x_nodes = longer(x), y_nodes = longer(y);
+    const std::vector<float> x_nodes = longer(x), y_nodes = longer(y), across_weights = longer(weights);
     job.nodes = {x_nodes.data(),
                  y_nodes.data(),
                  static_cast<int>(across + 3),
                  static_cast<int>(step),
-                 weights.data(),
+                 across_weights.data(),
+                 row_weights.data(),
                  cells.data(),
                  patches.data(),
                  static_cast<int>(across),
@@ -206,7 +209,7 @@ void remap_grid(const In& src, const Floats& x, const Floats& y, const Floats& w
 
 PackedMap* make_packed(const In& coordinates, int width, int height, int channels, bool deep, int interpolation) {
     require(width > 0 && height > 0, "the picture is empty");
-    require(channels == 1 || channels == 3 || channels == 4, "pictures have 1, 3 or 4 channels");
+    require(channels >= 1 && channels <= 4, "pictures have 1 to 4 channels");
     const Coordinates c = coordinates_of(coordinates);
     const Interpolation kind = interpolation_of(interpolation);
     nb::gil_scoped_release released;
@@ -237,8 +240,8 @@ NB_MODULE(_native, m) {
     m.def("remap", &remap, "src"_a, "coordinates"_a, "dst"_a, "interpolation"_a, "border"_a);
     m.def("remap_polar", &remap_polar, "src"_a, "radii"_a, "cosines"_a, "sines"_a, "x"_a, "y"_a, "dst"_a,
           "interpolation"_a, "border"_a);
-    m.def("remap_grid", &remap_grid, "src"_a, "x"_a, "y"_a, "weights"_a, "cells"_a, "patches"_a, "x_centre"_a,
-          "y_centre"_a, "least"_a, "most"_a, "dst"_a, "interpolation"_a, "border"_a);
+    m.def("remap_grid", &remap_grid, "src"_a, "x"_a, "y"_a, "weights"_a, "row_weights"_a, "cells"_a, "patches"_a,
+          "x_centre"_a, "y_centre"_a, "least"_a, "most"_a, "dst"_a, "interpolation"_a, "border"_a);
     nb::class_<PackedMap>(m, "PackedMap")
         .def(nb::new_(&make_packed), "coordinates"_a, "width"_a, "height"_a, "channels"_a, "deep"_a, "interpolation"_a)
         .def("sample", &sample_packed, "src"_a, "dst"_a, "border"_a)

@@ -84,7 +84,7 @@ Difference run(const Case& c, std::mt19937& random) {
 int main(int argc, char** argv) {
     const int cases = argc > 1 ? std::atoi(argv[1]) : 3000;
     std::mt19937 random(1);
-    const int channels[] = {1, 3, 4};
+    const int channels[] = {1, 2, 3, 4};
     long differing = 0, worst = 0;
     for (int i = 0; i < cases; ++i) {
         const auto side = [&] { return static_cast<int>(random() % 4 ? 1 + random() % 40 : 1 + random() % 200); };
@@ -92,7 +92,7 @@ int main(int argc, char** argv) {
                      side(),
                      side(),
                      side(),
-                     channels[random() % 3],
+                     channels[random() % 4],
                      static_cast<Depth>(random() % 3),
                      static_cast<Interpolation>(random() % 3),
                      static_cast<int>(random() % 3)};

@@ -28,7 +28,7 @@ if MODULE is not None:
             continue
 
 FULL = {"uint8": 255, "uint16": 65535, "float32": 1.0}
-KINDS = [(depth, channels) for depth in FULL for channels in (1, 3, 4)]
+KINDS = [(depth, channels) for depth in FULL for channels in (1, 2, 3, 4)]
 INTERPOLATIONS = ["nearest", "linear", "cubic"]
 
 pytestmark = pytest.mark.skipif(MODULE is None, reason="the compiled samplers are not built")
@@ -148,7 +148,7 @@ def test_values_are_the_formulas(depth, channels, interpolation, instructions, o
 
 
 @pytest.mark.parametrize("interpolation", ["linear", "cubic"])
-@pytest.mark.parametrize("channels", [1, 3, 4])
+@pytest.mark.parametrize("channels", [1, 2, 3, 4])
 def test_a_photograph_is_as_exact_as_rounding_and_as_opencv(channels, interpolation, instructions, opencv):
     picture = photograph(channels=channels, size=(640, 480))
     coordinates = spiral((640, 480), (300, 401), reach=0.9)
@@ -173,7 +173,7 @@ def test_the_real_photograph_too(shared_data, instructions, opencv):
 
 
 @pytest.mark.parametrize("interpolation", ["linear", "cubic"])
-@pytest.mark.parametrize("channels", [1, 3, 4])
+@pytest.mark.parametrize("channels", [1, 2, 3, 4])
 def test_the_worst_picture_is_off_by_fractions_only(channels, interpolation, instructions):
     """Black and white noise: 1/510 px of error in both directions, and rounding."""
     picture = np.random.default_rng(0).choice([0, 255], (90, 110, channels)).astype(np.uint8)
@@ -186,7 +186,7 @@ def test_the_worst_picture_is_off_by_fractions_only(channels, interpolation, ins
 @pytest.mark.parametrize("interpolation", INTERPOLATIONS)
 @pytest.mark.parametrize("value", [0, 1, 127, 128, 254, 255])
 def test_a_plain_surface_stays_as_it_is(value, interpolation, instructions):
-    for channels in (1, 3, 4):
+    for channels in (1, 2, 3, 4):
         picture = np.full((40, 50, channels), value, np.uint8)
         inside = spiral((50, 40), reach=0.99)
         taken = remap(picture, inside, interpolation, border=value)
@@ -196,7 +196,7 @@ def test_a_plain_surface_stays_as_it_is(value, interpolation, instructions):
 def test_instructions_agree_to_the_last_bit():
     """The plain kernels state in ordinary arithmetic what the vector kernels do."""
     before = MODULE.instructions()
-    for channels in (1, 3, 4):
+    for channels in (1, 2, 3, 4):
         picture, coordinates = photograph(channels=channels), spiral((230, 170))
         for interpolation in INTERPOLATIONS:
             taken = []
@@ -231,8 +231,8 @@ def test_polar_maps_are_their_coordinates(interpolation, instructions, opencv):
         opencv()
 
 
-def a_grid(size, step, bend=2e-3):
-    """A grid of a smooth map, and the map itself."""
+def a_grid(size, step, bend=2e-3, shift=(0.0, 0.0)):
+    """A grid of a smooth map, and the map itself, ``shift`` right of and below the grid's nodes."""
     width, height = size
 
     def pixels(x, y):
@@ -244,16 +244,16 @@ def a_grid(size, step, bend=2e-3):
     x, y = np.meshgrid((np.arange(across + 3) - 1.0) * step, (np.arange(down + 3) - 1.0) * step)
     nodes = np.ascontiguousarray(np.moveaxis(pixels(x, y), -1, 0), np.float32)
     cells = np.full((down, across), -1, np.int32)
-    grid = Grid(nodes, size, step, cells, np.empty((0, step, step, 2), np.float32))
-    return grid, pixels(*np.meshgrid(np.arange(width), np.arange(height)))
+    grid = Grid(nodes, size, step, cells, np.empty((0, step, step, 2), np.float32), shift=shift)
+    return grid, pixels(*np.meshgrid(np.arange(width) + shift[0], np.arange(height) + shift[1]))
 
 
 @pytest.mark.parametrize("interpolation", INTERPOLATIONS)
-@pytest.mark.parametrize("step", [8, 16, 32, 64])
+@pytest.mark.parametrize("step", [4, 8, 16, 32, 64])
 def test_grids_are_their_coordinates(step, interpolation, instructions, opencv):
     picture = photograph(size=(300, 280))
-    for size in ((203, 101), (64, 64), (1, 1), (7, 130)):
-        grid, pixels = a_grid(size, step)
+    for size, shift in (((203, 101), (0, 0)), ((64, 64), (0.25, 0.25)), ((1, 1), (0, 0.25)), ((7, 130), (0.5, 0.25))):
+        grid, pixels = a_grid(size, step, shift=shift)
         np.testing.assert_allclose(grid.coordinates(), pixels, atol=2e-4)  # Lagrange's cubics meet a parabola
         taken = remap_grid(picture, grid, interpolation, border=9)
         off = np.abs(taken - truth(picture, pixels, interpolation, 9)).max(axis=-1) > 1.5
@@ -476,7 +476,7 @@ def test_the_module_itself_refuses_what_would_leave_memory():
         lambda: MODULE.remap_polar(picture, *[np.zeros(9, np.float32)] * 3, 1, 1, out, 1, 0),
         lambda: MODULE.PackedMap(coordinates, 61, 50, 3, False, 1).sample(picture, out, 0),
         lambda: MODULE.PackedMap(coordinates, 60, 50, 3, True, 1).sample(picture, out, 0),
-        lambda: MODULE.PackedMap(coordinates, 60, 50, 2, False, 1),
+        lambda: MODULE.PackedMap(coordinates, 60, 50, 5, False, 1),
         lambda: MODULE.PackedMap(coordinates, 1 << 29, 50, 3, False, 1),
         lambda: MODULE.remap_grid(
             picture, x, y, node_weights(16), far, grid.patches, 0, 0, 0, 0, np.empty((50, 60, 3), np.uint8), 1, 0

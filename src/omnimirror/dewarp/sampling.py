@@ -38,6 +38,8 @@ MOST_VALUES = 0x7FFF0000  # the compiled samplers count values in 31 bits
 def check_picture(image: Image, size: tuple[int, int]) -> None:
     """Refuse what is not a picture of the given (width, height)."""
     check_kind(image)
+    if image.shape[2:] == (2,):
+        raise InvalidParameter(f"an array of shape {image.shape} is not a picture of 1, 3 or 4 channels")
     height, width = image.shape[:2]
     if (width, height) != tuple(size):
         same_shape = abs(width * size[1] - height * size[0]) <= max(width, height, *size) / 2
@@ -51,8 +53,8 @@ def check_picture(image: Image, size: tuple[int, int]) -> None:
 def check_kind(image: Image) -> None:
     """Refuse what no picture looks like."""
     channels = image.shape[2] if image.ndim == 3 else 1
-    if image.ndim not in (2, 3) or channels not in (1, 3, 4) or image.size == 0:
-        raise InvalidParameter(f"an array of shape {image.shape} is not a picture of 1, 3 or 4 channels")
+    if image.ndim not in (2, 3) or channels not in (1, 2, 3, 4) or image.size == 0:
+        raise InvalidParameter(f"an array of shape {image.shape} is not a picture of 1 to 4 channels")
     if image.dtype not in DEPTHS:
         raise InvalidParameter(f"the picture holds {image.dtype.name} values; valid are {', '.join(FULL)}")
 
@@ -92,7 +94,7 @@ def remap(
 
     Parameters
     ----------
-    image : (h, w) or (h, w, c) array, uint8, uint16 or float32, c = 1, 3 or 4
+    image : (h, w) or (h, w, c) array, uint8, uint16 or float32, c from 1 to 4
         With any strides.
     coordinates : (rows, columns, 2), float32 or float64, px
         (u, v), integers at pixel centres; NaN is outside.
@@ -214,7 +216,7 @@ class Grid:
     size: tuple[int, int]
     """(width, height) of the output."""
     step: int
-    """8, 16, 32 or 64."""
+    """4, 8, 16, 32 or 64."""
     cells: NDArray[np.int32]
     """(cell rows, cell columns): -1 where to interpolate, else the index of a patch."""
     patches: NDArray[np.float32]
@@ -225,13 +227,15 @@ class Grid:
     """What is seen lies at least so far from the centre, px,"""
     most: float = np.inf
     """and at most so far."""
+    shift: tuple[float, float] = (0.0, 0.0)
+    """How far right of and below the nodes' lattice the output's pixels lie, less than 1 px."""
 
     def coordinates(self) -> NDArray[np.float32]:
         """All coordinates (height, width, 2); NaN outside."""
         down, across = self.cells.shape
         outside = np.isnan(self.nodes).any(axis=0)
         nodes = np.where(outside, np.float32(0), self.nodes)  # or one would spoil its whole row and column
-        full = _banded(self.step, down) @ nodes @ _banded(self.step, across).T
+        full = _banded(self.step, down, self.shift[1]) @ nodes @ _banded(self.step, across, self.shift[0]).T
         tiles = full.reshape(2, down, self.step, across, self.step).transpose(1, 3, 2, 4, 0)
         tiles[np.lib.stride_tricks.sliding_window_view(outside, (4, 4)).any(axis=(2, 3))] = np.nan
         exact = self.cells >= 0
@@ -245,17 +249,17 @@ class Grid:
         return pixels
 
 
-def _banded(step: int, cells: int) -> NDArray[np.float32]:
+def _banded(step: int, cells: int, shift: float) -> NDArray[np.float32]:
     """Matrix (cells step, cells + 3) that interpolates along one side."""
     matrix = np.zeros((cells, step, cells + 3), np.float32)
-    for i, weights in enumerate(node_weights(step)):
+    for i, weights in enumerate(node_weights(step, shift)):
         matrix[np.arange(cells), :, np.arange(cells) + i] = weights
     return matrix.reshape(cells * step, cells + 3)
 
 
-def node_weights(step: int) -> NDArray[np.float32]:
-    """Lagrange's cubic weights (4, step) of the nodes at -1, 0, 1 and 2, at every 1/step."""
-    t = np.arange(step) / step
+def node_weights(step: int, shift: float = 0.0) -> NDArray[np.float32]:
+    """Lagrange's cubic weights (4, step) of the nodes at -1, 0, 1 and 2, at every 1/step from shift/step on."""
+    t = (np.arange(step) + shift) / step
     outer = t * (t - 1) / 6
     inner = (t + 1) * (t - 2) / 2
     return np.stack([-outer * (t - 2), inner * (t - 1), -inner * t, outer * (t + 1)]).astype(np.float32)
@@ -272,7 +276,7 @@ def remap_grid(
     module.remap_grid(
         call.source,
         *grid.nodes,
-        node_weights(grid.step),
+        *(node_weights(grid.step, shift) for shift in grid.shift),
         grid.cells,
         grid.patches,
         *grid.centre,
@@ -378,7 +382,9 @@ def _remap_opencv(image: Image, coordinates: Coordinates, interpolation: Interpo
 
 
 def _remap_tile(image: Image, coordinates: Coordinates, interpolation: Interpolation, border: float) -> Image:
-    height, width = image.shape[:2]
+    height, width, channels = image.shape
+    if channels == 2:  # of these OpenCV takes fractions to 1/32 only
+        return np.dstack([_remap_tile(part, coordinates, interpolation, border) for part in np.dsplit(image, 2)])
     pixels: NDArray[Any] = coordinates.astype(np.float32)
     inside: Mask = inside_image(pixels, (width, height))
     pixels[~inside] = 0
