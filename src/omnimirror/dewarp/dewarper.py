@@ -12,6 +12,7 @@ from ..cameras import Camera, Mask
 from ..errors import InvalidParameter, OutsideField
 from .coordinates import has_grid, screen_grid, source_pixels
 from .fields import field_of
+from .planar import Planes, Siting, black, check_planes, check_shapes, chroma_of, empty_planes, sample_planes
 from .sampling import INTERPOLATIONS, FixedMap, Grid, Image, Interpolation, check_picture, remap_grid, with_alpha
 from .screens import Screen, View
 from .viewpoints import Viewpoint, check_viewpoint
@@ -85,9 +86,55 @@ class Dewarper:
         """
         check_picture(image, self.camera.image_size)
         image = with_alpha(image) if transparent else image
-        if "_map" in self.__dict__ or "_grid" in self.__dict__ or not has_grid(self.camera, self.view):
-            return self._map(image)
-        return remap_grid(image, self._grid, self.interpolation)  # a view that moves has no second picture
+        return remap_grid(image, self._grid, self.interpolation) if self._is_first else self._map(image)
+
+    def planes(
+        self,
+        parts: Planes,
+        out: Planes | None = None,
+        siting: Siting = "left",
+        full_range: bool = False,
+        bits: int = 8,
+    ) -> Planes:
+        """The straightened frame of a video, plane by plane as it is coded (4:2:0), without any conversion.
+
+        Parameters
+        ----------
+        parts : (y, u, v), or (y, uv) as in NV12 and P010
+            Luma of the camera's ``image_size``; colours of half of it, rounded up, (h, w) or (h, w, 2).
+            uint8 or uint16, with any strides.
+        out
+            Planes of the view to be filled, such as those of a frame to be encoded; arranged as ``parts``.
+        siting
+            Where colour samples lie: ``"left"`` as in H.264 and MPEG-2, ``"center"`` as in JPEG and MPEG-1,
+            or ``"topleft"``. The result has the same.
+        full_range
+            Whether luma counts from 0, or from 16 (in 8 bits). Outside the field the frame is black.
+        bits
+            Of values in uint16: 10 for yuv420p10, 16 for P010, whose values stand in the upper bits.
+
+        Raises
+        ------
+        InvalidParameter
+            For planes that are no frame of the camera's.
+
+        Examples
+        --------
+        >>> import numpy as np, omnimirror as om
+        >>> dewarp = om.Dewarper(om.load_sensor("paper-spherical"), om.screens.Plane((641, 480)))
+        >>> y, uv = dewarp.planes((np.full((1024, 1024), 90, np.uint8), np.full((512, 512, 2), 130, np.uint8)))
+        >>> y.shape, uv.shape, y[200, 300], uv[100, 150]
+        ((480, 641), (240, 321, 2), np.uint8(90), array([130, 130], dtype=uint8))
+        """
+        check_planes(parts, self.camera.image_size, siting, bits)
+        if out is None:
+            out = empty_planes(parts, self.view.size)
+        check_shapes(out, self.view.size, parts)
+        luma = self._grid if self._is_first else self._map
+        kept = (siting, isinstance(luma, Grid))
+        if kept not in self._chroma:
+            self._chroma[kept] = chroma_of(luma, self.view, siting, self.camera.image_size)
+        return sample_planes(parts, luma, self._chroma[kept], self.interpolation, out, black(full_range, bits))
 
     def coordinates(self, exact: bool = False) -> Array:
         """Source pixels (height, width, 2) as (u, v); NaN outside the field.
@@ -112,6 +159,15 @@ class Dewarper:
         """(height, width), False outside the field."""
         valid: Mask = ~np.isnan(self._map.coordinates[..., 0])
         return valid
+
+    @property
+    def _is_first(self) -> bool:
+        """Whether to take the lattice and spare the map: a view that moves has no second picture."""
+        return not self.__dict__.keys() & {"_map", "_grid"} and has_grid(self.camera, self.view)
+
+    @cached_property
+    def _chroma(self) -> dict[tuple[str, bool], FixedMap | Grid]:
+        return {}
 
     @cached_property
     def _grid(self) -> Grid:

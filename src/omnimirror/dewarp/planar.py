@@ -1,0 +1,214 @@
+"""Where the planes of a video frame look: luma by the view's map, colours at half the resolution by one made of it.
+
+In 4:2:0 a colour sample belongs to 2 x 2 luma pixels. Column i of the colours lies over luma column
+``2 i + x``, row j over ``2 j + y``, where (x, y) is the siting; so what a colour sample shows is found at
+``(luma map there - siting) / 2`` in the colour planes of the source. The luma map is taken between its pixels,
+or between its nodes: nothing is projected again.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..cameras import Mask
+from ..errors import InvalidParameter
+from .sampling import FixedMap, Grid, Image, Interpolation, node_weights, remap_grid
+from .screens import Screen, View, parts_of
+
+Siting = Literal["left", "center", "topleft"]
+Planes = tuple[Image, ...]
+"""(y, u, v), or (y, uv): (h, w), then (h/2, w/2) or (h/2, w/2, 2), halves rounded up; uint8 or uint16."""
+Where = FixedMap | Grid
+Floats = NDArray[Any]
+
+SITINGS: dict[str, tuple[float, float]] = {"left": (0.0, 0.5), "center": (0.5, 0.5), "topleft": (0.0, 0.0)}
+"""Where a colour sample lies among its 2 x 2 luma pixels, right of and below the first one (ITU-T H.273)."""
+SEEN = 2  # of the 4 luma pixels must show the scene for their colour to count
+
+
+def half(size: tuple[int, int]) -> tuple[int, int]:
+    """Size of the colour planes of a picture of a size.
+
+    >>> half((63, 48))
+    (32, 24)
+    """
+    return (size[0] + 1) // 2, (size[1] + 1) // 2
+
+
+def check_planes(parts: Planes, size: tuple[int, int], siting: str, bits: int) -> None:
+    """Refuse what is no 4:2:0 frame of the given (width, height).
+
+    Raises
+    ------
+    InvalidParameter
+        For planes that do not belong together, or another siting or depth.
+    """
+    if siting not in SITINGS:
+        raise InvalidParameter(f"siting = {siting!r} is not one of {', '.join(SITINGS)}")
+    check_shapes(parts, size)
+    kinds = {part.dtype for part in parts}
+    if len(kinds) != 1 or not kinds <= {np.dtype(np.uint8), np.dtype(np.uint16)}:
+        raise InvalidParameter(f"planes hold {', '.join(sorted(map(str, kinds)))}; valid are uint8, or all uint16")
+    low, high = (8, 8) if parts[0].dtype == np.uint8 else (9, 16)
+    if not low <= bits <= high:
+        raise InvalidParameter(f"bits = {bits} does not go with {parts[0].dtype} planes; valid are {low} to {high}")
+
+
+def check_shapes(parts: Planes, size: tuple[int, int], like: Planes = ()) -> None:
+    """Refuse planes that do not make up a picture of a size, or that are arranged otherwise than others."""
+    (across, down), luma = half(size), (size[1], size[0])
+    arrangements: dict[int, list[tuple[int, ...]]] = {
+        3: [luma, (down, across), (down, across)],
+        2: [luma, (down, across, 2)],
+    }
+    valid = [arrangements[len(like)]] if like else list(arrangements.values())
+    if [part.shape for part in parts] not in valid:
+        found, wanted = ", ".join(str(part.shape) for part in parts), ", ".join(map(str, valid[-1]))
+        also = "" if like else f", or three, of which the last two are {(down, across)}"
+        raise InvalidParameter(
+            f"planes of shapes {found} are no 4:2:0 picture of {size[0]} x {size[1]} px; valid are {wanted}{also}"
+        )
+
+
+def black(full_range: bool, bits: int) -> tuple[int, int]:
+    """Luma and chroma of black.
+
+    >>> black(False, 8), black(True, 8), black(False, 10)
+    ((16, 128), (0, 128), (64, 512))
+    """
+    return 0 if full_range else 16 << (bits - 8), 1 << (bits - 1)
+
+
+def empty_planes(like: Planes, size: tuple[int, int]) -> Planes:
+    """Planes for a picture of a size, arranged as others are; their values are undefined."""
+    across, down = half(size)
+    return tuple(
+        np.empty((size[1], size[0]) if i == 0 else (down, across, *part.shape[2:]), part.dtype)
+        for i, part in enumerate(like)
+    )
+
+
+# -- colours from the luma map ---------------------------------------------------------------------
+
+
+def chroma_of(luma: Where, view: View, siting: Siting, source_size: tuple[int, int]) -> Where:
+    """What colours are sampled with, made of what luma is sampled with."""
+    if isinstance(luma, Grid):
+        return chroma_grid(luma, siting, source_size)
+    pixels = chroma_coordinates(luma.coordinates, siting, source_size, labels_of(view))
+    return FixedMap(pixels, half(source_size), luma.interpolation)
+
+
+def chroma_coordinates(
+    luma: Floats, siting: Siting, source_size: tuple[int, int], labels: NDArray[np.int32] | None = None
+) -> Floats:
+    """Coordinates (.., ceil h/2, ceil w/2, 2) in the source's colour planes from those of luma (.., h, w, 2).
+
+    Linear between luma pixels, which is wrong by an eighth of what the map bends from one output pixel to the
+    next. At the end of the field a colour counts if at least two of its four luma pixels do.
+
+    Parameters
+    ----------
+    labels : (h, w), optional
+        Different numbers where one must not interpolate between.
+
+    Examples
+    --------
+    >>> u, v = np.meshgrid(np.arange(4.0), np.arange(2.0))
+    >>> chroma_coordinates(np.stack([u, v], axis=-1), "left", (4, 2))  # the same picture
+    array([[[0., 0.],
+            [1., 0.]]])
+    """
+    x, y = SITINGS[siting]
+    blocks = _blocks(luma)
+    rows = (1 - y) * blocks[..., 0, :, :] + y * blocks[..., 1, :, :]
+    at = (1 - x) * rows[..., 0, :] + x * rows[..., 1, :]
+    cut = np.isnan(at[..., 0]) & ((~np.isnan(blocks[..., 0])).sum(axis=(-2, -1)) >= SEEN)
+    at[cut] = np.nanmean(blocks[cut], axis=(1, 2))
+    if labels is not None:
+        of_block = _blocks(labels[..., None])[..., 0]
+        mixed = (of_block != of_block[..., :1, :1]).any(axis=(-2, -1))
+        at[mixed] = blocks[mixed][:, 0, 0]
+    return _within((at - (x, y)) / 2, source_size).astype(luma.dtype)
+
+
+def _blocks(values: Floats) -> Floats:
+    """Squares of 2 x 2 values (.., h/2, w/2, 2, 2, n) of (.., h, w, n); odd sides go on as they end."""
+    for axis in (-3, -2):
+        count = values.shape[axis]
+        if count % 2:
+            last = np.take(values, [-1], axis)
+            before = np.take(values, [max(count - 2, 0)], axis)
+            values = np.concatenate([values, 2 * last - before], axis)
+    *more, height, width, n = values.shape
+    return np.swapaxes(values.reshape(*more, height // 2, 2, width // 2, 2, n), -4, -3)
+
+
+def _within(pixels: Floats, source_size: tuple[int, int]) -> Floats:
+    """Coordinates in a colour plane, those on the outermost luma pixels moved onto it."""
+    return np.clip(pixels, -0.5, np.array(half(source_size)) - 0.5)
+
+
+def labels_of(view: View) -> NDArray[np.int32] | None:
+    """Which part of a mosaic each pixel shows, (h, w), 0 for none; None for a view that is no mosaic."""
+    if isinstance(view, Screen):
+        return None
+    labels = np.zeros((view.size[1], view.size[0]), np.int32)
+    for number, (left, top, screen) in enumerate(parts_of(view), start=1):
+        width, height = screen.size
+        labels[top : top + height, left : left + width] = number
+    return labels
+
+
+def chroma_grid(grid: Grid, siting: Siting, source_size: tuple[int, int]) -> Grid:
+    """The lattice of the colours: that of luma at half the step, read between its pixels."""
+    site = np.array(SITINGS[siting])
+    nodes = ((grid.nodes - site[:, None, None]) / 2).astype(np.float32)
+    fine = replace(
+        grid,
+        nodes=nodes,
+        size=half(grid.size),
+        step=grid.step // 2,
+        patches=chroma_coordinates(grid.patches, siting, source_size),
+        centre=tuple((np.array(grid.centre) - site) / 2),
+        least=grid.least / 2,
+        most=grid.most / 2,
+        shift=tuple(site / 2),
+    )
+    right, bottom = np.array(half(source_size)) - 0.5
+    beyond = (nodes[0] > right) | (nodes[1] > bottom)
+    near = np.lib.stride_tricks.sliding_window_view(beyond, (4, 4)).any(axis=(2, 3)) & (grid.cells < 0)
+    return _patched(fine, near, source_size) if near.any() else fine
+
+
+def _patched(grid: Grid, where: Mask, source_size: tuple[int, int]) -> Grid:
+    """A lattice of colours some of whose cells are worked out here, and kept on the colour planes.
+
+    Only luma on the last half pixel of the picture looks beyond them.
+    """
+    windows = np.lib.stride_tricks.sliding_window_view(grid.nodes, (4, 4), axis=(1, 2))[:, where]
+    across, down = (node_weights(grid.step, shift) for shift in grid.shift)
+    tiles = _within(np.einsum("cnij,ik,jl->nklc", windows, down, across), source_size)
+    cells = grid.cells.copy()
+    cells[where] = len(grid.patches) + np.arange(len(tiles))
+    return replace(grid, cells=cells, patches=np.concatenate([grid.patches, tiles]).astype(np.float32))
+
+
+# -- sampling --------------------------------------------------------------------------------------
+
+
+def sample_planes(
+    parts: Planes, luma: Where, chroma: Where, interpolation: Interpolation, out: Planes, border: tuple[int, int]
+) -> Planes:
+    """Fill the planes ``out`` with those of ``parts``; outside the field with the border's luma and chroma."""
+    for i, (part, target) in enumerate(zip(parts, out, strict=True)):
+        where, value = (chroma, border[1]) if i else (luma, border[0])
+        if isinstance(where, Grid):
+            remap_grid(part, where, interpolation, target, value)
+        else:
+            where(part, target, value)
+    return out
