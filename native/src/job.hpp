@@ -4,6 +4,8 @@
 #include <cstddef>
 #include <cstdint>
 
+#include "axial.hpp"
+
 namespace omnimirror {
 
 enum class Interpolation { nearest = 0, linear = 1, cubic = 2 };
@@ -130,6 +132,7 @@ struct Kernels {
     const char* name;
     void (*sample)(const Job&, const Tile&);
     void (*pack)(const Packing&, int top, int bottom);
+    void (*project)(const Axial&, const Targets&, int64_t first, int64_t last);
 };
 
 extern const Kernels plain_kernels;

@@ -6,6 +6,7 @@
 
 #include <cstddef>
 
+#include "axial_kernel.hpp"
 #include "common.hpp"
 
 namespace omnimirror {
@@ -558,6 +559,6 @@ struct Avx2 {
 
 }  // namespace
 
-const Kernels avx2_kernels{"avx2", &sample<Avx2>, &pack<Avx2>};
+const Kernels avx2_kernels{"avx2", &sample<Avx2>, &pack<Avx2>, &project_targets};
 
 }  // namespace omnimirror

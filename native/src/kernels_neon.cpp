@@ -1,6 +1,7 @@
 // The kernels for 64-bit ARM. To the last bit the arithmetic of linear_pixel and cubic_sum.
 #include <arm_neon.h>
 
+#include "axial_kernel.hpp"
 #include "common.hpp"
 
 namespace omnimirror {
@@ -139,6 +140,6 @@ struct Neon : Plain {
 
 }  // namespace
 
-const Kernels neon_kernels{"neon", &sample<Neon>, &pack<Neon>};
+const Kernels neon_kernels{"neon", &sample<Neon>, &pack<Neon>, &project_targets};
 
 }  // namespace omnimirror

@@ -4,14 +4,17 @@
 // or write outside a buffer.
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
+#include <nanobind/stl/optional.h>
 #include <nanobind/stl/string.h>
 
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <optional>
 #include <string>
 #include <vector>
 
+#include "axial.hpp"
 #include "packed.hpp"
 #include "pool.hpp"
 #include "sample.hpp"
@@ -231,6 +234,50 @@ void sample_packed(const PackedMap& map, const In& src, const Out& dst, double b
     sample(job);
 }
 
+using Doubles = nb::ndarray<const double, nb::c_contig, nb::device::cpu>;
+
+std::vector<double> copy_of(const Doubles& values) {
+    for (size_t i = 0; i < values.size(); ++i) require(std::isfinite(values.data()[i]), "tables hold numbers");
+    return {values.data(), values.data() + values.size()};
+}
+
+AxialCamera* make_axial(const Doubles& frame, double x, double y, int width, int height, double first, double last,
+                        const Doubles& radii, const Doubles& origins, double eye) {
+    require(frame.ndim() == 2 && frame.shape(0) == 3 && frame.shape(1) == 3, "the frame is (3, 3)");
+    require(first < last && last - first < 2, "the table has no length");  // false for NaN
+    require(radii.ndim() == 1 && radii.size() >= 2 && radii.size() < (1u << 30), "radii are (n,), n from 2");
+    require(origins.ndim() == 2 && origins.shape(1) == 2 && origins.shape(0) != 1 && origins.size() < (1u << 30),
+            "origins are (n, 2), n 0 or from 2");
+    for (const Doubles* doubles : {&frame, &radii, &origins})
+        require(is_aligned(doubles->data(), 8), "values must be aligned");
+    Axial camera{};
+    for (int i = 0; i < 3; ++i) {
+        camera.axis[i] = frame.data()[i];
+        camera.right[i] = frame.data()[3 + i];
+        camera.down[i] = frame.data()[6 + i];
+    }
+    camera.x = x, camera.y = y, camera.x_last = width - 1.0, camera.y_last = height - 1.0;
+    camera.first = first, camera.last = last, camera.eye = eye;
+    return new AxialCamera(camera, copy_of(radii), copy_of(origins));
+}
+
+using OutDoubles = nb::ndarray<double, nb::c_contig, nb::device::cpu>;
+
+void project_axial(const AxialCamera& camera, const Doubles& targets, bool is_near, const OutDoubles& pixels,
+                   std::optional<OutDoubles> excess) {
+    require(targets.ndim() == 2 && targets.shape(1) == 3, "targets are (n, 3)");
+    const size_t count = targets.shape(0);
+    require(count < (size_t{1} << 39), "there are too many targets");
+    require(pixels.ndim() == 2 && pixels.shape(0) == count && pixels.shape(1) == 2, "pixels are (n, 2)");
+    require(!excess || (excess->ndim() == 1 && excess->shape(0) == count), "the excess is (n,)");
+    require(is_aligned(targets.data(), 8) && is_aligned(pixels.data(), 8), "values must be aligned");
+    require(!excess || is_aligned(excess->data(), 8), "values must be aligned");
+    const Targets all{targets.data(), static_cast<int64_t>(count), is_near, pixels.data(),
+                      excess ? excess->data() : nullptr};
+    nb::gil_scoped_release released;
+    camera.project(all);
+}
+
 }  // namespace
 }  // namespace omnimirror
 
@@ -246,6 +293,10 @@ NB_MODULE(_native, m) {
         .def(nb::new_(&make_packed), "coordinates"_a, "width"_a, "height"_a, "channels"_a, "deep"_a, "interpolation"_a)
         .def("sample", &sample_packed, "src"_a, "dst"_a, "border"_a)
         .def_prop_ro("nbytes", &PackedMap::bytes);
+    nb::class_<AxialCamera>(m, "AxialCamera")
+        .def(nb::new_(&make_axial), "frame"_a, "x"_a, "y"_a, "width"_a, "height"_a, "first"_a, "last"_a, "radii"_a,
+             "origins"_a, "eye"_a)
+        .def("project", &project_axial, "targets"_a, "is_near"_a, "pixels"_a, "excess"_a.none());
     m.def(
         "set_threads",
         [](int count) {

@@ -42,6 +42,24 @@ class PackedMap:
     @property
     def nbytes(self) -> int: ...
 
+class AxialCamera:
+    def __init__(
+        self,
+        frame: NDArray[Any],
+        x: float,
+        y: float,
+        width: int,
+        height: int,
+        first: float,
+        last: float,
+        radii: NDArray[Any],
+        origins: NDArray[Any],
+        eye: float,
+    ) -> None: ...
+    def project(
+        self, targets: NDArray[Any], is_near: bool, pixels: NDArray[Any], excess: NDArray[Any] | None
+    ) -> None: ...
+
 def set_threads(count: int) -> None: ...
 def get_threads() -> int: ...
 def instructions() -> str: ...

@@ -58,6 +58,9 @@ class AxialSymmetry:
     """Largest field angle seen, radians from ``axis``."""
     radius_px: Callable[[Array], Array]
     """Image radius (px) of an array of field angles (radians)."""
+    origin_mm: Callable[[Array], tuple[Array, Array]] | None = None
+    """Where the rays of an array of field angles (radians) start: how far from the axis, on the side to which they
+    lead, and how far along ``axis`` from the world's origin. None where all start at that origin."""
 
 
 @runtime_checkable

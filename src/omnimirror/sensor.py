@@ -116,14 +116,22 @@ class Sensor:
     def symmetry(self) -> AxialSymmetry:
         """The mirror axis, about which the sensor is symmetric."""
 
+        def rays(omega: Array) -> ChiefRays:
+            return self.meridian.trace(self.meridian.x_from_omega(omega))
+
         def radius_px(omega: Array) -> Array:
-            return self.image_height_px(self.meridian.trace(self.meridian.x_from_omega(omega)))
+            return self.image_height_px(rays(omega))
+
+        def origin_mm(omega: Array) -> tuple[Array, Array]:
+            chief = rays(omega)
+            return chief.x, -chief.z
 
         u, v = self.imager.centre
         centre = (self.imager.width_px - 1 - u, v) if self.mount.image_flipped else (u, v)
         x, y, z = self.mount.rotation().T
         right = -x if self.mount.image_flipped else x
-        return AxialSymmetry(centre, -z, right, y, self.meridian.omega_min, self.meridian.omega_max, radius_px)
+        angles = self.meridian.omega_min, self.meridian.omega_max
+        return AxialSymmetry(centre, -z, right, y, *angles, radius_px, origin_mm)
 
     @property
     def is_picture_reversed(self) -> bool:

@@ -7,7 +7,7 @@ import pytest
 
 import omnimirror as om
 from omnimirror.cameras import Camera
-from omnimirror.dewarp.radial import RadialTable
+from omnimirror.dewarp import radial
 from omnimirror.frames import Mount
 from omnimirror.specs import bundled_sensors
 
@@ -155,17 +155,66 @@ def test_right_and_down_are_where_it_says(camera):
 
 
 @pytest.mark.parametrize("camera", CASES)
-def test_the_radial_table_is_the_projection(camera):
+def test_rays_start_where_the_symmetry_says(camera):
+    """Anywhere on the ray: its line is meant."""
+    symmetry = camera.symmetry
+    if symmetry is None:
+        return
+    pixels = some_pixels(camera)
+    origins, directions, valid = camera.backproject(pixels)
+    origins, directions, offsets = origins[valid], directions[valid], (pixels - symmetry.centre_px)[valid]
+    sideways = offsets @ [symmetry.right, symmetry.down] / np.linalg.norm(offsets, axis=1, keepdims=True)
+    across, along = np.zeros((2, len(origins)))
+    if symmetry.origin_mm is not None:
+        omega = np.arccos(np.clip(directions @ symmetry.axis, -1, 1))
+        across, along = symmetry.origin_mm(np.clip(omega, symmetry.omega_min, symmetry.omega_max))
+    start = across[:, None] * sideways + along[:, None] * symmetry.axis
+    np.testing.assert_allclose(np.cross(origins - start, directions), 0, atol=1e-5)
+
+
+@pytest.fixture(params=["compiled", "not compiled"])
+def table_of(request, monkeypatch):
+    """What makes the radial table of a camera."""
+    if request.param == "not compiled":
+        monkeypatch.setattr(radial, "compiled", lambda: None)
+    elif radial.compiled() is None:
+        pytest.skip("the compiled module is not built")
+    return lambda camera: radial.RadialTable(camera.symmetry, camera.image_size)
+
+
+@pytest.mark.parametrize("camera", CASES)
+def test_the_radial_table_is_the_projection(camera, table_of):
     """Interpolated once, against the camera itself; the same directions are seen but for the very edge."""
     if camera.symmetry is None:
         return
     axis, right, down = camera.symmetry.axis, camera.symmetry.right, camera.symmetry.down
     near = axis + np.geomspace(1e-9, 1e-2, 20)[:, None] * (0.6 * right - 0.8 * down)  # next to the axis
-    directions = np.concatenate([some_directions() * 7.5, near, [axis]])
-    table = RadialTable(camera.symmetry, camera.image_size).project_directions(directions)
+    nothing = [[0.0, 0.0, 0.0], [np.nan, 1.0, 0.0]]
+    directions = np.concatenate([some_directions() * 7.5, near, [axis], nothing])
+    pixels, excess = table_of(camera).pixels_and_excess(directions)
     exact = camera.project_directions(directions).pixels
-    np.testing.assert_array_equal(np.isnan(table), np.isnan(exact))
-    assert np.nanmax(np.abs(table - exact)) < 1e-5
+    np.testing.assert_array_equal(np.isnan(pixels), np.isnan(exact))
+    np.testing.assert_array_equal(excess <= 0, ~np.isnan(exact[:, 0]))
+    assert np.nanmax(np.abs(pixels - exact)) < 1e-5
+
+
+@pytest.mark.parametrize("camera", CASES)
+def test_the_radial_table_is_the_projection_of_near_points(camera, table_of):
+    """Down to points at, behind and inside the mirror, and in its shadow."""
+    if camera.symmetry is None:
+        return
+    rng = np.random.default_rng(5)
+    distances = rng.choice([10.0, 45.0, 60.0, 150.0, 1e3, 1e5], 3000)[:, None]
+    s = camera.symmetry
+    odd = np.outer([-300.0, -50.0, 0.1, 50.0, 300.0], s.axis) + 1e-6 * s.right
+    points = np.concatenate(
+        [some_directions(3000) * distances, odd, [44.0 * s.right, 44.0 * s.down, [np.nan, 1.0, 0.0]]]
+    )
+    pixels, excess = table_of(camera).pixels_and_excess(points, are_points=True)
+    exact = camera.project(points).pixels
+    np.testing.assert_array_equal(np.isnan(pixels), np.isnan(exact))
+    assert not (excess[np.isnan(exact[:, 0])] <= 0).any()
+    assert np.nanmax(np.abs(pixels - exact)) < 5e-5
 
 
 @pytest.mark.parametrize("flipped", [False, True])

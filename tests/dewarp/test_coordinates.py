@@ -78,7 +78,7 @@ def test_few_pixels_are_projected():
 
     def counted(u, v):
         nonlocal asked
-        asked += len(u)
+        asked += np.broadcast(u, v).size
         return sensor.project_directions(Plane((640, 400), tilt_deg=-10, hfov_deg=70).targets_at(u, v)).pixels
 
     view_grid(counted, (640, 400))

@@ -8,12 +8,12 @@ from numpy.typing import NDArray
 from ..cameras import AxialSymmetry, Camera, inside_image
 from ..frames import pan_tilt_direction
 from .fields import is_vertical
-from .grid import Exact, view_grid
+from .grid import view_grid
 from .radial import RadialTable, radial_table
 from .sampling import Grid
 from .screens import Panorama, Screen, View, parts_of
 from .screens.base import pixels_of_rows
-from .viewpoints import Viewpoint, projection_of
+from .viewpoints import Viewpoint, eye_of, projection_of
 
 Array = NDArray[np.float64]
 
@@ -50,16 +50,21 @@ def has_grid(camera: Camera, view: View) -> bool:
 
 def screen_grid(camera: Camera, screen: Screen, viewpoint: Viewpoint = "exact") -> Grid:
     """The lattice of a screen, which the sampler takes as it is."""
-    return view_grid(projection_at(camera, screen, viewpoint), screen.size)
+    if camera.symmetry is None:
+        project = projection_of(camera, screen, viewpoint)
+        return view_grid(lambda u, v: project(screen.targets_at(u, v)).pixels, screen.size)
+    table: RadialTable = radial_table(camera)  # type: ignore[arg-type]  # the cache asks for Hashable
+    eye = eye_of(camera, screen, viewpoint)
 
+    def targets(u: Array, v: Array) -> Array:
+        there = screen.targets_at(u, v)
+        return there - eye if eye is not None and eye.any() else there
 
-def projection_at(camera: Camera, screen: Screen, viewpoint: Viewpoint = "exact") -> Exact:
-    """What maps columns and rows (n,) of a screen to source pixels (n, 2)."""
-    if screen.is_distant and camera.symmetry is not None:
-        table: RadialTable = radial_table(camera)  # type: ignore[arg-type]  # the cache asks for Hashable
-        return lambda u, v: table.project_directions(screen.targets_at(u, v))
-    project = projection_of(camera, screen, viewpoint)
-    return lambda u, v: project(screen.targets_at(u, v)).pixels
+    return view_grid(
+        lambda u, v: table.pixels(targets(u, v), eye is None),
+        screen.size,
+        with_excess=lambda u, v: table.pixels_and_excess(targets(u, v), eye is None),
+    )
 
 
 def exact_pixels(camera: Camera, screen: Screen, viewpoint: Viewpoint = "exact") -> Array:

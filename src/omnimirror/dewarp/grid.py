@@ -9,6 +9,7 @@ of the field, are computed pixel by pixel.
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,14 +19,18 @@ from .sampling import Grid
 
 Array = NDArray[np.float64]
 Exact = Callable[[Array, Array], Array]
-"""Source pixels (n, 2) of view pixels u (n,), v (n,); NaN outside the field."""
+"""Source pixels (..., 2) of view pixels u and v, which are broadcast; NaN outside the field."""
+WithExcess = Callable[[Array, Array], tuple[Array, Array]]
+"""The same, and about how far (...) px the view pixels look outside the field: not above 0 within, NaN if unknown."""
 
 STEPS = (16, 8)
 TOLERANCE_PX = 0.001  # at the middle of a cell, where the error of the interpolation is largest
 FEW = 0.1  # of the cells: so many may be computed pixel by pixel before a finer lattice is cheaper
 
 
-def view_grid(exact: Exact, size: tuple[int, int], tolerance: float = TOLERANCE_PX) -> Grid:
+def view_grid(
+    exact: Exact, size: tuple[int, int], tolerance: float = TOLERANCE_PX, with_excess: WithExcess | None = None
+) -> Grid:
     """The lattice of a view of ``size`` (width, height), ready to be sampled.
 
     Parameters
@@ -34,64 +39,85 @@ def view_grid(exact: Exact, size: tuple[int, int], tolerance: float = TOLERANCE_
         The projection of single pixels of the view; also asked a little beyond its edges.
     tolerance : px
         Largest error allowed at the middle of a cell.
+    with_excess
+        Spares the computing of cells that lie wholly outside the field.
 
     Examples
     --------
     >>> def bent(u, v):
-    ...     return np.where(u < 50, [u + 1e-4 * v**2, v], np.nan).T
+    ...     u, v = np.broadcast_arrays(u, v)
+    ...     return np.stack([np.where(u < 50, u + 1e-4 * v**2, np.nan), np.where(u < 50, v, np.nan)], axis=-1)
     >>> view_grid(bent, (60, 40)).coordinates()[30, [20, 49, 50]].round(3)
     array([[20.09, 30.  ],
            [49.09, 30.  ],
            [  nan,   nan]], dtype=float32)
     """
+    ask = with_excess or (lambda u, v: _without_excess(exact(u, v)))
     for step in STEPS:
-        lattice = _Lattice(exact, size, step)
+        lattice = _Lattice(ask, size, step)
         rough = lattice.rough(tolerance)
-        if rough.mean() <= FEW:
+        if rough.sum() <= FEW * rough.size:
             break
-    return lattice.grid(rough | lattice.unsure)
+    return lattice.grid(exact, rough)
+
+
+def _without_excess(pixels: Array) -> tuple[Array, Array]:
+    return pixels, np.where(np.isnan(pixels[..., 0]), np.nan, 0.0)
 
 
 class _Lattice:
-    """Exact nodes every ``step`` pixels, one more than needed on each side.
+    """Nodes every ``step`` pixels, one more than needed on each side, and the middles of the cells between them.
 
     A cell is ``unsure`` where one of the 16 nodes that its interpolation uses, or its middle, is outside
-    the field: the field may end in it.
+    the field: the field may end in it. It is ``empty`` where all of them are so far outside, compared with how
+    much they differ, that the field cannot reach into it.
     """
 
-    def __init__(self, exact: Exact, size: tuple[int, int], step: int) -> None:
-        self.exact, self.size, self.step = exact, size, step
+    def __init__(self, ask: WithExcess, size: tuple[int, int], step: int) -> None:
+        self.size, self.step = size, step
         across, down = (-(-n // step) for n in size)
-        self.cells = across, down
-        columns, rows = (step * np.arange(-1.0, cells + 2) for cells in self.cells)
-        nodes = self._at(columns, rows)
-        outside = np.isnan(nodes[..., 0])
-        near = np.lib.stride_tricks.sliding_window_view(outside, (4, 4)).any(axis=(2, 3))
-        self.nodes = np.where(outside[..., None], 0.0, nodes)
-        self.middles = self._at(*(step * (np.arange(n, dtype=np.float64) + 0.5) for n in self.cells))
-        self.unsure: Mask = near | np.isnan(self.middles[..., 0])
-
-    def _at(self, columns: Array, rows: Array) -> Array:
-        u, v = np.meshgrid(columns, rows)
-        return self.exact(u.ravel(), v.ravel()).reshape(len(rows), len(columns), 2)
+        columns, rows = (step * np.arange(-1.0, cells + 2) for cells in (across, down))
+        self.nodes, excess = ask(columns, rows[:, None])
+        self.middles, excess_within = ask(columns[1:-2] + step / 2, rows[1:-2, None] + step / 2)
+        outside, outside_within = ~(excess <= 0), ~(excess_within <= 0)
+        self.unsure: Mask = outside_within
+        self.empty: Mask = np.zeros_like(outside_within)
+        if outside.any():
+            self.nodes[outside] = 0.0  # NaN would spread in the sampler
+            self.unsure = outside_within | _in_windows(np.logical_or, outside)
+            least, most = _in_windows(np.minimum, excess), _in_windows(np.maximum, excess)
+            self.empty = (2 * least > most) & outside_within
 
     def rough(self, tolerance: float) -> Mask:
         """Cells (down, across) whose middle the interpolation misses."""
-        taps = np.array([-1.0, 9.0, 9.0, -1.0]) / 16  # of Lagrange's cubic half way between the inner two
-        windows = np.lib.stride_tricks.sliding_window_view(self.nodes, (4, 4), axis=(0, 1))
-        miss = np.abs(windows @ taps @ taps - self.middles).max(axis=-1)
-        rough: Mask = ~self.unsure & (miss > tolerance)
+        miss = np.abs(_half_way(_half_way(self.nodes).swapaxes(0, 1)).swapaxes(0, 1) - self.middles)
+        rough: Mask = ~self.unsure & ((miss[..., 0] > tolerance) | (miss[..., 1] > tolerance))
         return rough
 
-    def grid(self, patched: Mask) -> Grid:
-        """What the sampler takes, with the cells of a mask (down, across) computed pixel by pixel."""
-        rows, columns = np.nonzero(patched)
-        cells = np.full(patched.shape, -1, np.int32)
+    def grid(self, exact: Exact, rough: Mask) -> Grid:
+        """What the sampler takes, with the cells that must not be interpolated computed pixel by pixel."""
+        step = self.step
+        rows, columns = np.nonzero((rough | self.unsure) & ~self.empty)
+        cells = np.full(rough.shape, -1, np.int32)
+        cells[self.empty] = len(rows)  # one patch for all of them
         cells[rows, columns] = np.arange(len(rows))
-        steps = np.arange(self.step, dtype=np.float64)
-        u = self.step * columns[:, None, None] + steps
-        v = self.step * rows[:, None, None] + steps[:, None]
-        u, v = (np.broadcast_to(a, (len(rows), self.step, self.step)).ravel() for a in (u, v))
-        patches = self.exact(u, v).reshape(len(rows), self.step, self.step, 2)
+        patches = np.full((len(rows) + bool(self.empty.any()), step, step, 2), np.nan, np.float32)
+        if len(rows):
+            steps = np.arange(step, dtype=np.float64)
+            u, v = step * columns[:, None, None] + steps, step * rows[:, None, None] + steps[:, None]
+            patches[: len(rows)] = exact(u, v)
         nodes = np.ascontiguousarray(np.moveaxis(self.nodes, -1, 0), np.float32)
-        return Grid(nodes, self.size, self.step, cells, patches.astype(np.float32))
+        return Grid(nodes, self.size, step, cells, patches)
+
+
+def _half_way(nodes: Array) -> Array:
+    """Lagrange's cubic half way between the inner two of every 4 rows: (n, ...) to (n - 3, ...)."""
+    middle: Array = (9 * (nodes[1:-2] + nodes[2:-1]) - nodes[:-3] - nodes[3:]) / 16
+    return middle
+
+
+def _in_windows(combine: np.ufunc, values: NDArray[Any]) -> NDArray[Any]:
+    """Every 4 x 4 values (n, m) combined to one, (n - 3, m - 3)."""
+    for _ in range(2):
+        values = combine.reduce([values[i : len(values) - 3 + i] for i in range(4)]).T
+    return values

@@ -37,14 +37,21 @@ def check_viewpoint(viewpoint: Viewpoint) -> None:
 
 def projection_of(camera: Camera, screen: Screen, viewpoint: Viewpoint) -> Callable[[Array], Projection]:
     """The camera's projection of a screen's targets (n, 3)."""
-    if screen.is_distant:
-        return camera.project_directions  # from infinitely far away all viewpoints are one
-    if viewpoint == "exact":
+    eye = eye_of(camera, screen, viewpoint)
+    if eye is None:
         return camera.project
+    return lambda targets: camera.project_directions(targets - eye)
+
+
+def eye_of(camera: Camera, screen: Screen, viewpoint: Viewpoint) -> Array | None:
+    """The place (3,) mm from which all of a screen is seen; None where each point is seen from a place of its own."""
+    if screen.is_distant:
+        return np.zeros(3)  # from infinitely far away all viewpoints are one
+    if viewpoint == "exact":
+        return None
     if viewpoint == "single":
         viewpoint = single_viewpoint(camera, middle_distance(screen))
-    eye = place_on_axis(camera, float(viewpoint))
-    return lambda points: camera.project_directions(points - eye)
+    return place_on_axis(camera, float(viewpoint))
 
 
 def place_on_axis(camera: Camera, height_mm: float) -> Array:
