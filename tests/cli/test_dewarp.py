@@ -192,7 +192,7 @@ def test_black_keeps_the_channels(folder):
     [
         ("sphere.png", "exactly one of --sensor, --ocam and --ball; none is given"),
         ("sphere.png SPHERE BALL", "--sensor and --ball are given"),
-        ("sphere.png SPHERE NO-OUTPUT", "Missing option '-o'"),
+        ("sphere.png SPHERE NO-OUTPUT", "say what to write with -o"),
         ("-o out.png SPHERE", "Missing argument 'SOURCE...'"),
         ("none.png SPHERE", "there is no picture none.png"),
         ("note.txt SPHERE", "note.txt is not a picture"),

@@ -49,18 +49,18 @@ def parts_of(view):
     return [(p.left, p.top, p.view) for p in view.parts] if isinstance(view, om.screens.Mosaic) else [(0, 0, view)]
 
 
-@pytest.mark.parametrize("siting", SITINGS)
+@pytest.mark.parametrize(("siting", "to_siting"), [*((s, s) for s in SITINGS), ("center", "left")])
 @pytest.mark.parametrize("name", SCREENS)
 @pytest.mark.parametrize("camera", [BALL, CUT, SENSOR], ids=["ball", "cut", "sensor"])
-def test_colours_are_where_the_exact_projection_puts_them(camera, name, siting):
+def test_colours_are_where_the_exact_projection_puts_them(camera, name, siting, to_siting):
     """Ramps come out as the projection of their own places, of the first frame and of later ones."""
     view = SCREENS[name]
     dewarp, other = om.Dewarper(camera, view), om.Dewarper(camera, view)
     planes = ramps(camera.image_size, siting)
-    x, y = SITINGS[siting]
-    last = np.array(camera.image_size) // 2 * 2 - 2 + np.array([x, y])  # beyond its last sample a plane is level
+    x, y = SITINGS[to_siting]
+    last = np.array(camera.image_size) // 2 * 2 - 2 + np.array(SITINGS[siting])  # then it is level
     for _ in range(2):
-        luma, u, v = dewarp.planes(planes, siting=siting, full_range=True, bits=16)
+        luma, u, v = dewarp.planes(planes, None, siting, to_siting, full_range=True, bits=16)
         for left, top, screen in parts_of(view):
             width, height = screen.size
             columns, rows = np.arange(-(-left // 2), (left + width) // 2), np.arange(-(-top // 2), (top + height) // 2)
@@ -170,7 +170,7 @@ def test_what_is_no_frame_is_refused(shapes, dtype, more, message):
 @given(st.data())
 def test_flat_maps_are_met_exactly(data):
     """Of an affine map between any sizes the colours' map is what the definition of siting says."""
-    siting = data.draw(st.sampled_from(list(SITINGS)))
+    sitings = data.draw(st.tuples(*[st.sampled_from(list(SITINGS))] * 2))
     width, height = (data.draw(st.integers(2, 40)) for _ in range(2))
     matrix = np.array(data.draw(st.lists(st.floats(-1, 1), min_size=4, max_size=4))).reshape(2, 2)
     size, middle = (1000, 800), np.array([500.0, 400.0])
@@ -178,9 +178,9 @@ def test_flat_maps_are_met_exactly(data):
     def luma(u, v):
         return middle + np.stack(np.meshgrid(u, v), axis=-1) @ matrix.T
 
-    site = np.array(SITINGS[siting])
-    found = chroma_coordinates(luma(np.arange(width), np.arange(height)), siting, size)
-    columns, rows = (2 * np.arange((n + 1) // 2) + s for n, s in zip((width, height), site, strict=True))
+    site, to_site = (np.array(SITINGS[siting]) for siting in sitings)
+    found = chroma_coordinates(luma(np.arange(width), np.arange(height)), sitings, size)
+    columns, rows = (2 * np.arange((n + 1) // 2) + s for n, s in zip((width, height), to_site, strict=True))
     np.testing.assert_allclose(found, (luma(columns, rows) - site) / 2, atol=1e-9)
 
 

@@ -2,21 +2,25 @@
 
 import io
 import os
+import shutil
 import subprocess
 import sys
+import time
 from fractions import Fraction
+from importlib.util import find_spec
 
 import av
 import numpy as np
 import pytest
 
 from omnimirror.errors import InvalidParameter, MediaError
-from omnimirror.media.frames import planes
+from omnimirror.media import interrupts, outputs
+from omnimirror.media.frames import frame_of_image, planes
 from omnimirror.media.outputs import PipeSink, Preview, Tee, VirtualCamera
-from omnimirror.media.process import process
+from omnimirror.media.process import in_real_time, process
 from omnimirror.media.video import VideoReader
 from omnimirror.media.writer import VideoWriter
-from tests.media.synthetic import make_video, pictures_of
+from tests.media.synthetic import SIZE, make_video, pictures_of, sound_of
 
 
 @pytest.fixture(scope="module", params=[1, 2], ids=["limited", "full"])
@@ -92,7 +96,7 @@ def test_a_reader_that_has_seen_enough_is_no_error(clip):
     code = f"""
 import sys
 from omnimirror.media.outputs import PipeSink
-from omnimirror.media.process import process
+from omnimirror.media.process import in_real_time, process
 from omnimirror.media.video import VideoReader
 reader = VideoReader({str(clip)!r})
 try:
@@ -119,6 +123,24 @@ def test_two_sinks_take_the_same_frames(clip, tmp_path):
     assert outcome.frames == 10 == len(y4m_of(pipe.getvalue())[1]) == len(pictures_of(tmp_path / "a.mp4"))
 
 
+def test_two_files_have_the_sound_both(tmp_path):
+    clip = make_video(tmp_path / "in.mp4", 30)
+    names = [tmp_path / "a.mp4", tmp_path / "b.mkv"]
+    with VideoReader(clip) as reader:
+        process(reader.items(), Tee(*(VideoWriter.like(reader, name) for name in names)), lambda p, t: p)
+    expected = [data for _, data in sound_of(clip)]
+    for name in names:
+        assert [data for _, data in sound_of(name)] == expected
+        assert len(pictures_of(name)) == 30
+
+
+def test_frames_of_a_file_can_be_held_back_until_their_time(clip):
+    with VideoReader(clip) as reader:
+        begin = time.monotonic()
+        times = [(frame.time, time.monotonic() - begin) for frame in in_real_time(reader.frames())]
+    assert all(came >= at - times[0][0] - 1e-3 for at, came in times)
+
+
 def test_no_virtual_camera_is_one_sentence():
     with pytest.raises(MediaError, match=r"/dev/video77 is no virtual camera; here .* 'sudo modprobe v4l2loopback'"):
         VirtualCamera("/dev/video77", (64, 48), 25)
@@ -129,10 +151,73 @@ def test_no_window_is_one_sentence(monkeypatch):
         monkeypatch.delenv(name, raising=False)
     if sys.platform.startswith("linux"):
         with pytest.raises(MediaError, match="there is no display for a preview window"):
-            Preview()
-    import cv2
+            Preview(SIZE)
+    monkeypatch.setenv("DISPLAY", ":4711")
+    with monkeypatch.context() as patch:
+        patch.setattr(outputs, "find_spec", lambda name: None)
+        with pytest.raises(MediaError, match=r"needs Tk, which this Python lacks; .* 'apt install python3-tk'"):
+            Preview(SIZE)
+    if find_spec("_tkinter"):
+        with pytest.raises(MediaError, match="cannot open a preview window: couldn't connect to display"):
+            Preview(SIZE)
 
-    if "GUI:                           NONE" in cv2.getBuildInformation():
-        monkeypatch.setitem(os.environ, "DISPLAY", ":99")
-        with pytest.raises(MediaError, match=r"opens no windows for a preview; 'pip install opencv-python'"):
-            Preview()
+
+@pytest.fixture
+def display(monkeypatch):
+    """An X server without a screen that anybody sees."""
+    program = shutil.which("Xvfb")
+    if program is None or find_spec("_tkinter") is None:
+        pytest.skip("there is no Xvfb to show a window, or no Tk to draw it")
+    read, write = os.pipe()
+    command = [program, "-displayfd", str(write), "-screen", "0", "640x480x24", "-nolisten", "tcp"]
+    server = subprocess.Popen(command, pass_fds=[write], stderr=subprocess.DEVNULL)
+    os.close(write)
+    with os.fdopen(read) as told:
+        monkeypatch.setenv("DISPLAY", ":" + told.readline().strip())
+    yield
+    server.terminate()
+    server.wait()
+
+
+def red_frame():
+    return frame_of_image(np.full((48, 64, 3), (0, 0, 230), np.uint8))
+
+
+def pixel_on_screen():
+    """Red, green and blue in the middle of the upper left window, by Tk's own eyes in another process."""
+    code = """
+import subprocess, sys
+dump = subprocess.run(["xwd", "-root", "-silent"], capture_output=True, check=True).stdout
+head = int.from_bytes(dump[:4], "big"); colours = int.from_bytes(dump[76:80], "big")
+line = int.from_bytes(dump[48:52], "big"); start = head + 12 * colours
+at = start + 24 * line + 32 * 4
+print(*dump[at:at + 3])
+"""
+    return [int(v) for v in subprocess.run([sys.executable, "-c", code], capture_output=True).stdout.split()]
+
+
+@pytest.mark.skipif(shutil.which("xwd") is None, reason="there is no xwd to look at the screen")
+def test_a_preview_shows_the_frames(display):
+    with Preview(SIZE) as preview:
+        for _ in range(100):
+            preview.write(red_frame())
+            time.sleep(0.05)
+            seen = pixel_on_screen()
+            if np.abs(np.subtract(seen, (0, 0, 230))).max() < 6:  # blue first
+                break
+        else:
+            pytest.fail(f"the window does not show the frame, but {seen}")
+    assert preview.frames_written >= 1
+    assert preview._window.returncode == 0
+
+
+def test_closing_the_window_stops_as_ctrl_c_does(display):
+    with interrupts.deferred(), Preview(SIZE) as preview:
+        preview.write(red_frame())
+        preview._window.terminate()
+        for _ in range(200):
+            preview.write(red_frame())
+            if interrupts.is_pending():
+                break
+            time.sleep(0.02)
+        assert interrupts.is_pending()

@@ -21,12 +21,19 @@ from .options import output_console
 from .view_options import check_view_options, view_of, view_options
 
 VIDEOS = (".mp4", ".m4v", ".mov", ".mkv", ".webm", ".avi", ".ts", ".mpg", ".mpeg")
-VIDEO_OPTIONS = ("start_s", "duration_s", "codec", "crf", "keyframes")
+VIDEO_OPTIONS = ("start_s", "duration_s", "codec", "crf", "keyframes", "format", "pixel_format", "preview")
 
 
 @click.command()
 @click.argument("sources", nargs=-1, required=True, metavar="SOURCE...")
-@click.option("-o", "--output", required=True, help="What to write: a picture, a video, or a folder for many pictures.")
+@click.option(
+    "-o",
+    "--output",
+    "outputs",
+    multiple=True,
+    help="What to write: a picture, or a folder for many; of a video also an address (udp://.., rtsp://..), a virtual "
+    "camera (/dev/video9) or - for a pipe, and several of them.",
+)
 @camera_options
 @view_options
 @click.option("--interpolation", type=click.Choice(list(INTERPOLATIONS)), default="linear", show_default=True)
@@ -44,8 +51,13 @@ VIDEO_OPTIONS = ("start_s", "duration_s", "codec", "crf", "keyframes")
     type=click.Path(path_type=Path),
     help="Videos: pan, tilt, roll, field and distance over time, a CSV or TOML file.",
 )
+@click.option("--preview", is_flag=True, default=None, help="Videos: show the view in a window; Escape ends it.")
+@click.option(
+    "--format", type=click.Choice(["y4m", "rawvideo"]), help="Videos: what '-o -' writes to the pipe.  [default: y4m]"
+)
+@click.option("--pixel-format", help="Videos: of --format rawvideo, by FFmpeg's name.  [default: bgr24]")
 def command(
-    sources: tuple[str, ...], output: str, interpolation: Any, transparent: bool | None, **options: Any
+    sources: tuple[str, ...], outputs: tuple[str, ...], interpolation: Any, transparent: bool | None, **options: Any
 ) -> None:
     """Straighten each SOURCE, taken with a mirror sensor, a mirror ball or a fisheye.
 
@@ -57,13 +69,18 @@ def command(
     given = {name: value for name, value in options.items() if value is not None}
     check_camera_options(given)
     check_view_options(given)
+    if not outputs and "preview" not in given:
+        raise click.UsageError("say what to write with -o, or of a video ask for a --preview")
     if len(sources) == 1 and is_video(sources[0]):
         if transparent is not None:
             raise click.UsageError("--transparent and --black belong to pictures; videos are black outside the field")
-        _video(sources[0], output, given, interpolation)
+        _video(sources[0], outputs, given, interpolation)
         return
     if asked := [name for name in VIDEO_OPTIONS if name in given]:
         raise click.UsageError(f"--{asked[0].replace('_', '-')} belongs to videos, and {sources[0]} is none")
+    if len(outputs) > 1:
+        raise click.UsageError(f"{outputs[1]} is one output too many: several belong to videos")
+    output = outputs[0]
     if len(sources) > 1 or Path(output).is_dir() or output.endswith("/") or not _is_one_picture(sources[0]):
         _many(sources, Path(output), given, interpolation, transparent)
     else:
@@ -141,14 +158,14 @@ def _many(
     sys.exit(results.exit_code)
 
 
-def _video(source: str, output: str, given: dict[str, Any], interpolation: Any) -> None:
+def _video(source: str, outputs: tuple[str, ...], given: dict[str, Any], interpolation: Any) -> None:
     try:
         from .dewarp_video import straighten_video
     except ModuleNotFoundError as e:
         if e.name != "av":
             raise
         raise OmnimirrorError(f"{source} is a video, which needs PyAV: install omnimirror[video]") from None
-    straighten_video(source, output, given, interpolation)
+    straighten_video(source, outputs, given, interpolation)
 
 
 def _percent(dewarp: Dewarper) -> str:

@@ -4,22 +4,27 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterable
+from contextlib import ExitStack
 from dataclasses import fields, replace
 from fractions import Fraction
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+import av
 import click
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from ..dewarp import Dewarper
+from ..dewarp.planar import Siting
 from ..dewarp.screens import View
+from ..dewarp.video import dewarp_frame
 from ..errors import InvalidParameter
 from ..media import process as processing
 from ..media.keyframes import Keyframes
 from ..media.live import TICKS, LiveSource, is_live
-from ..media.outputs import PipeSink, StreamSink
+from ..media.outputs import PipeSink, Preview, StreamSink, Tee, VirtualCamera
 from ..media.spherical import can_be_spherical
 from ..media.video import Item, VideoReader
 from ..media.writer import Sink, VideoWriter
@@ -30,29 +35,32 @@ from .view_options import view_of
 UNKNOWN_RATE = Fraction(25)
 
 
-def straighten_video(source: str, output: str, given: dict[str, Any], interpolation: Any) -> None:
-    """From a video file, camera or stream to a video file, a stream (an address) or a pipe (``-``)."""
+def straighten_video(source: str, outputs: tuple[str, ...], given: dict[str, Any], interpolation: Any) -> None:
+    """From a video file, camera or stream to any number of video files, streams (addresses), virtual cameras
+    (``/dev/video9``), a pipe (``-``), and a window if ``preview`` is given."""
+    _check_outputs(source, outputs, given)
     if is_live(source):
-        _straighten_live(source, output, given, interpolation)
+        _straighten_live(source, outputs, given, interpolation)
         return
-    if output != "-" and "://" not in output and Path(output).resolve() == Path(source).resolve():
-        raise click.UsageError(f"{output} is the video to straighten; write to another name")
-    with VideoReader(source, given.get("start_s", 0.0), given.get("duration_s"), with_sound=output != "-") as reader:
-        turn = Turning(camera_of(given, reader.size), given, interpolation)
-        sink = _sink(output, turn.view, reader.frame_rate, given, reader)
-        _run(reader.items(), sink, turn, output, reader.expected_frames)
+    with_sound = any(_is_file(output) for output in outputs)
+    with VideoReader(source, given.get("start_s", 0.0), given.get("duration_s"), with_sound) as reader:
+        turn = Turning(camera_of(given, reader.size), given, interpolation, reader.siting)
+        sink = _sinks(outputs, turn.view, reader.frame_rate, given, reader)
+        is_watched = not any(output == "-" or _is_file(output) for output in outputs)
+        items = processing.in_real_time(reader.items()) if is_watched else reader.items()
+        _run(items, sink, turn, outputs, reader.expected_frames)
 
 
-def _straighten_live(source: str, output: str, given: dict[str, Any], interpolation: Any) -> None:
+def _straighten_live(source: str, outputs: tuple[str, ...], given: dict[str, Any], interpolation: Any) -> None:
     if "start_s" in given:
         raise click.UsageError(f"--start-s belongs to video files; {source} has no beginning")
     live = LiveSource(source, report=lambda sentence: click.echo(f"omnimirror: {sentence}", err=True))
     try:
         first = live.first()
-        turn = Turning(camera_of(given, (first.width, first.height)), given, interpolation)
-        sink = _sink(output, turn.view, live.frame_rate or UNKNOWN_RATE, given, None)
+        turn = Turning(camera_of(given, (first.width, first.height)), given, interpolation, live.siting)
+        sink = _sinks(outputs, turn.view, live.frame_rate or UNKNOWN_RATE, given, None)
         frames = _until(live.frames(), given.get("duration_s"))
-        _run(frames, sink, turn, output, None, ahead=0)
+        _run(frames, sink, turn, outputs, None, ahead=0)
     finally:
         live.close()
     click.echo(
@@ -60,11 +68,36 @@ def _straighten_live(source: str, output: str, given: dict[str, Any], interpolat
     )
 
 
+def _is_file(output: str) -> bool:
+    return output != "-" and "://" not in output and not _is_virtual_camera(output)
+
+
+def _is_virtual_camera(output: str) -> bool:
+    return output.startswith("/dev/video")
+
+
+def _check_outputs(source: str, outputs: tuple[str, ...], given: dict[str, Any]) -> None:
+    """Refuse outputs that are in each other's way, and options that belong to none of them."""
+    if twice := [output for output in outputs if outputs.count(output) > 1]:
+        raise click.UsageError(f"{twice[0]} is to be written twice; give each output once")
+    for output in outputs:
+        if _is_file(output) and Path(output).resolve() == Path(source).resolve():
+            raise click.UsageError(f"{output} is the video to straighten; write to another name")
+    if not any(_is_file(output) or "://" in output for output in outputs):
+        for name in ("codec", "crf"):
+            if name in given:
+                raise click.UsageError(f"--{name} does not apply to a pipe, camera or window: nothing is compressed")
+    if "format" in given and "-" not in outputs:
+        raise click.UsageError("--format says what '-o -' writes; other outputs are named by themselves")
+    if "pixel_format" in given and given.get("format") != "rawvideo":
+        raise click.UsageError("--pixel-format belongs to --format rawvideo")
+
+
 class Turning:
     """The view over time: it stands still, or moves with keyframes."""
 
-    def __init__(self, camera: MountedCamera, given: dict[str, Any], interpolation: Any) -> None:
-        self.camera, self.interpolation = camera, interpolation
+    def __init__(self, camera: MountedCamera, given: dict[str, Any], interpolation: Any, siting: Siting) -> None:
+        self.camera, self.interpolation, self.siting = camera, interpolation, siting
         self.viewpoint = given.get("viewpoint", "exact")
         self.view: View = view_of(camera, given)
         self.still = self._dewarper(self.view)
@@ -77,19 +110,35 @@ class Turning:
     def _dewarper(self, view: View) -> Dewarper:
         return Dewarper(self.camera, view, self.interpolation, self.viewpoint)
 
-    def __call__(self, picture: Any, time_s: float) -> Any:
-        """The straightened frame of a time."""
+    def __call__(self, frame: av.VideoFrame, time_s: float, to_siting: Siting) -> av.VideoFrame:
+        """The straightened frame of a time, its colour samples where those who read it take them to lie."""
         if self.keyframes is None:
-            return self.still(picture)
-        return self._dewarper(replace(self.view, **self.keyframes.at(time_s)))(picture)  # type: ignore[type-var]
+            return dewarp_frame(self.still, frame, self.siting, to_siting)
+        view = replace(self.view, **self.keyframes.at(time_s))  # type: ignore[type-var]
+        return dewarp_frame(self._dewarper(view), frame, self.siting, to_siting)
+
+
+def _sinks(
+    outputs: tuple[str, ...], view: View, rate: Fraction, given: dict[str, Any], source: VideoReader | None
+) -> Sink:
+    """All outputs as one; those that were opened are given up if one cannot be."""
+    with ExitStack() as opened:
+        sinks: list[Sink] = []
+        for output in outputs:
+            sinks.append(_sink(output, view, rate, given, source))
+            opened.callback(sinks[-1].abort)
+        if "preview" in given:
+            sinks.append(Preview(view.size, f"omnimirror: {view}"))
+        opened.pop_all()
+    return Tee(*sinks) if len(sinks) > 1 else sinks[0]
 
 
 def _sink(output: str, view: View, rate: Fraction, given: dict[str, Any], source: VideoReader | None) -> Sink:
-    encoding: dict[str, Any] = {name: given[name] for name in ("codec", "crf") if name in given}
-    if unused := [name for name in encoding if output == "-"]:
-        raise click.UsageError(f"--{unused[0]} does not apply to a pipe, which is not compressed")
     if output == "-":
-        return PipeSink("y4m", rate)
+        return PipeSink(given.get("format", "y4m"), rate, given.get("pixel_format", "bgr24"))
+    if _is_virtual_camera(output):
+        return VirtualCamera(output, view.size, rate)
+    encoding: dict[str, Any] = {name: given[name] for name in ("codec", "crf") if name in given}
     if "://" in output:
         return StreamSink(output, view.size, rate, **encoding)
     if can_be_spherical(output) and "keyframes" not in given:
@@ -99,7 +148,9 @@ def _sink(output: str, view: View, rate: Fraction, given: dict[str, Any], source
     return VideoWriter.like(source, output, view.size, rotation_deg=0, pixel_aspect=Fraction(1), **encoding)
 
 
-def _run(items: Iterable[Item], sink: Sink, turn: Turning, output: str, total: int | None, ahead: int = 4) -> None:
+def _run(
+    items: Iterable[Item], sink: Sink, turn: Turning, outputs: tuple[str, ...], total: int | None, ahead: int = 4
+) -> None:
     """Straighten every frame under a progress bar, and say what became of it."""
     bar = Progress(
         TextColumn("Straightening"),
@@ -113,15 +164,15 @@ def _run(items: Iterable[Item], sink: Sink, turn: Turning, output: str, total: i
     with bar:
         task = bar.add_task("", total=total, rate=0.0)
         outcome = processing.process(
-            items, sink, turn, total=total, ahead=ahead,
+            items, sink, partial(turn, to_siting=sink.siting), "frame", total=total, ahead=ahead,
             progress=lambda p: bar.update(task, completed=p.done, rate=p.rate),
         )  # fmt: skip
-    name = "standard output" if output == "-" else output
+    name = ", ".join("standard output" if output == "-" else output for output in outputs) or "preview"
     width, height = turn.view.size
     click.echo(
         f"{name}: {turn.view}, {width} x {height} px, {outcome.frames} frames, {outcome.rate:.0f} a second", err=True
     )
-    if outcome.stopped:
+    if outcome.stopped and outputs:
         click.echo(f"omnimirror: stopped; {name} holds what was done", err=True)
         sys.exit(130)
 

@@ -93,6 +93,7 @@ class Dewarper:
         parts: Planes,
         out: Planes | None = None,
         siting: Siting = "left",
+        to_siting: Siting | None = None,
         full_range: bool = False,
         bits: int = 8,
     ) -> Planes:
@@ -107,7 +108,9 @@ class Dewarper:
             Planes of the view to be filled, such as those of a frame to be encoded; arranged as ``parts``.
         siting
             Where colour samples lie: ``"left"`` as in H.264 and MPEG-2, ``"center"`` as in JPEG and MPEG-1,
-            or ``"topleft"``. The result has the same.
+            or ``"topleft"``.
+        to_siting
+            Where they lie in the result; there too where not given.
         full_range
             Whether luma counts from 0, or from 16 (in 8 bits). Outside the field the frame is black.
         bits
@@ -126,15 +129,16 @@ class Dewarper:
         >>> y.shape, uv.shape, y[200, 300], uv[100, 150]
         ((480, 641), (240, 321, 2), np.uint8(90), array([130, 130], dtype=uint8))
         """
-        check_planes(parts, self.camera.image_size, siting, bits)
+        sitings = (siting, to_siting or siting)
+        check_planes(parts, self.camera.image_size, sitings, bits)
         if out is None:
             out = empty_planes(parts, self.view.size)
         check_shapes(out, self.view.size, parts)
         luma = self._grid if self._is_first else self._map
-        kept = (siting, isinstance(luma, Grid))
-        if kept not in self._chroma:
-            self._chroma[kept] = chroma_of(luma, self.view, siting, self.camera.image_size)
-        return sample_planes(parts, luma, self._chroma[kept], self.interpolation, out, black(full_range, bits))
+        kind = (*sitings, isinstance(luma, Grid))
+        if kind not in self._chroma:
+            self._chroma[kind] = chroma_of(luma, self.view, sitings, self.camera.image_size)
+        return sample_planes(parts, luma, self._chroma[kind], self.interpolation, out, black(full_range, bits))
 
     def coordinates(self, exact: bool = False) -> Array:
         """Source pixels (height, width, 2) as (u, v); NaN outside the field.
@@ -166,7 +170,7 @@ class Dewarper:
         return not self.__dict__.keys() & {"_map", "_grid"} and has_grid(self.camera, self.view)
 
     @cached_property
-    def _chroma(self) -> dict[tuple[str, bool], FixedMap | Grid]:
+    def _chroma(self) -> dict[tuple[str, str, bool], FixedMap | Grid]:
         return {}
 
     @cached_property

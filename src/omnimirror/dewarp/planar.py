@@ -1,9 +1,9 @@
 """Where the planes of a video frame look: luma by the view's map, colours at half the resolution by one made of it.
 
 In 4:2:0 a colour sample belongs to 2 x 2 luma pixels. Column i of the colours lies over luma column
-``2 i + x``, row j over ``2 j + y``, where (x, y) is the siting; so what a colour sample shows is found at
-``(luma map there - siting) / 2`` in the colour planes of the source. The luma map is taken between its pixels,
-or between its nodes: nothing is projected again.
+``2 i + x``, row j over ``2 j + y``, where (x, y) is the siting; so what a colour sample of the view shows is found
+at ``(luma map there - siting of the source) / 2`` in the colour planes of the source. The luma map is taken
+between its pixels, or between its nodes: nothing is projected again.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def half(size: tuple[int, int]) -> tuple[int, int]:
     return (size[0] + 1) // 2, (size[1] + 1) // 2
 
 
-def check_planes(parts: Planes, size: tuple[int, int], siting: str, bits: int) -> None:
+def check_planes(parts: Planes, size: tuple[int, int], sitings: tuple[str, str], bits: int) -> None:
     """Refuse what is no 4:2:0 frame of the given (width, height).
 
     Raises
@@ -47,8 +47,9 @@ def check_planes(parts: Planes, size: tuple[int, int], siting: str, bits: int) -
     InvalidParameter
         For planes that do not belong together, or another siting or depth.
     """
-    if siting not in SITINGS:
-        raise InvalidParameter(f"siting = {siting!r} is not one of {', '.join(SITINGS)}")
+    for siting in sitings:
+        if siting not in SITINGS:
+            raise InvalidParameter(f"siting = {siting!r} is not one of {', '.join(SITINGS)}")
     check_shapes(parts, size)
     kinds = {part.dtype for part in parts}
     if len(kinds) != 1 or not kinds <= {np.dtype(np.uint8), np.dtype(np.uint16)}:
@@ -95,16 +96,19 @@ def empty_planes(like: Planes, size: tuple[int, int]) -> Planes:
 # -- colours from the luma map ---------------------------------------------------------------------
 
 
-def chroma_of(luma: Where, view: View, siting: Siting, source_size: tuple[int, int]) -> Where:
-    """What colours are sampled with, made of what luma is sampled with."""
+def chroma_of(luma: Where, view: View, sitings: tuple[Siting, Siting], source_size: tuple[int, int]) -> Where:
+    """What colours are sampled with, made of what luma is sampled with; sitings of the source and of the view."""
     if isinstance(luma, Grid):
-        return chroma_grid(luma, siting, source_size)
-    pixels = chroma_coordinates(luma.coordinates, siting, source_size, labels_of(view))
+        return chroma_grid(luma, sitings, source_size)
+    pixels = chroma_coordinates(luma.coordinates, sitings, source_size, labels_of(view))
     return FixedMap(pixels, half(source_size), luma.interpolation)
 
 
 def chroma_coordinates(
-    luma: Floats, siting: Siting, source_size: tuple[int, int], labels: NDArray[np.int32] | None = None
+    luma: Floats,
+    sitings: tuple[Siting, Siting],
+    source_size: tuple[int, int],
+    labels: NDArray[np.int32] | None = None,
 ) -> Floats:
     """Coordinates (.., ceil h/2, ceil w/2, 2) in the source's colour planes from those of luma (.., h, w, 2).
 
@@ -113,17 +117,20 @@ def chroma_coordinates(
 
     Parameters
     ----------
+    sitings
+        Of the source and of the view.
     labels : (h, w), optional
         Different numbers where one must not interpolate between.
 
     Examples
     --------
     >>> u, v = np.meshgrid(np.arange(4.0), np.arange(2.0))
-    >>> chroma_coordinates(np.stack([u, v], axis=-1), "left", (4, 2))  # the same picture
+    >>> chroma_coordinates(np.stack([u, v], axis=-1), ("left", "left"), (4, 2))  # the same picture
     array([[[0., 0.],
             [1., 0.]]])
     """
-    x, y = SITINGS[siting]
+    site = np.array(SITINGS[sitings[0]])
+    x, y = SITINGS[sitings[1]]
     blocks = _blocks(luma)
     rows = (1 - y) * blocks[..., 0, :, :] + y * blocks[..., 1, :, :]
     at = (1 - x) * rows[..., 0, :] + x * rows[..., 1, :]
@@ -133,7 +140,7 @@ def chroma_coordinates(
         of_block = _blocks(labels[..., None])[..., 0]
         mixed = (of_block != of_block[..., :1, :1]).any(axis=(-2, -1))
         at[mixed] = blocks[mixed][:, 0, 0]
-    return _within((at - (x, y)) / 2, source_size).astype(luma.dtype)
+    return _within((at - site) / 2, source_size).astype(luma.dtype)
 
 
 def _blocks(values: Floats) -> Floats:
@@ -164,20 +171,20 @@ def labels_of(view: View) -> NDArray[np.int32] | None:
     return labels
 
 
-def chroma_grid(grid: Grid, siting: Siting, source_size: tuple[int, int]) -> Grid:
+def chroma_grid(grid: Grid, sitings: tuple[Siting, Siting], source_size: tuple[int, int]) -> Grid:
     """The lattice of the colours: that of luma at half the step, read between its pixels."""
-    site = np.array(SITINGS[siting])
+    site, of_view = (np.array(SITINGS[siting]) for siting in sitings)
     nodes = ((grid.nodes - site[:, None, None]) / 2).astype(np.float32)
     fine = replace(
         grid,
         nodes=nodes,
         size=half(grid.size),
         step=grid.step // 2,
-        patches=chroma_coordinates(grid.patches, siting, source_size),
+        patches=chroma_coordinates(grid.patches, sitings, source_size),
         centre=tuple((np.array(grid.centre) - site) / 2),
         least=grid.least / 2,
         most=grid.most / 2,
-        shift=tuple(site / 2),
+        shift=tuple(of_view / 2),
     )
     right, bottom = np.array(half(source_size)) - 0.5
     beyond = (nodes[0] > right) | (nodes[1] > bottom)

@@ -16,7 +16,7 @@ from av.packet import Packet
 from av.video.stream import VideoStream
 
 from ..errors import InvalidParameter, MediaError, OmnimirrorError
-from .frames import FULL_RANGE, Colour, converted
+from .frames import FULL_RANGE, Colour, converted, is_full_range
 
 DEFAULT_CODEC = "libx264"
 KNOWN_CODECS = ("libx264", "libx265", "libsvtav1", "libvpx-vp9", "mpeg4", "mjpeg", "ffv1")
@@ -88,7 +88,7 @@ class Encoder:
         container_format: str | None = None,
     ) -> None:
         self.size, self.frames_written, self._latest_pts = size, 0, -(2**62)
-        self.target = target
+        self.target, self.codec = target, codec
         rate = Fraction(frame_rate).limit_denominator(1_000_000)
         encoder_options = _options(codec, crf, options or {})
         self.container: OutputContainer = av.open(target, "w", format=container_format)
@@ -134,7 +134,7 @@ class Encoder:
         if not is_yuv:  # how colours become luma and chroma is for the target to say
             frame.colorspace, frame.color_range = self.colour.space, self.colour.range
             return converted(frame, self.pixel_format)
-        is_full = frame.color_range == FULL_RANGE or frame.format.name.startswith("yuvj")
+        is_full = is_full_range(frame)
         if is_full != self.colour.is_full_range:
             return converted(frame, self.pixel_format, dst_color_range=1 if is_full else FULL_RANGE)
         return frame if frame.format.name == self.pixel_format else converted(frame, self.pixel_format)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import threading
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import av
 import numpy as np
@@ -25,6 +25,9 @@ PLANAR = ("yuv420p", "yuvj420p", "nv12")
 """The pixel formats whose planes are handed out as they are; the second is the first in full range."""
 PACKED = {1: "gray", 3: "bgr24", 4: "bgra"}
 FULL_RANGE = 2
+Siting = Literal["left", "center"]
+CENTRED = ("mjpeg", "mpeg1video", "h263", "flv1")
+"""Codecs whose colour samples lie in the middle of their four pixels, and not at the left ones."""
 
 _kept = threading.local()
 
@@ -90,6 +93,20 @@ def planes(frame: av.VideoFrame) -> Planes:
         is_pairs = len(frame.planes) == 2 and bool(views)
         views.append(rows[:, : 2 * plane.width].reshape(plane.height, -1, 2) if is_pairs else rows[:, : plane.width])
     return tuple(views)
+
+
+def siting_of(codec: str) -> Siting:
+    """Where a codec's colour samples lie, unless a stream says otherwise (which PyAV does not tell).
+
+    >>> siting_of("h264"), siting_of("mjpeg")
+    ('left', 'center')
+    """
+    return "center" if codec in CENTRED else "left"
+
+
+def is_full_range(frame: av.VideoFrame) -> bool:
+    """Whether luma counts from 0 to 255."""
+    return bool(frame.color_range == FULL_RANGE) or frame.format.name.startswith("yuvj")
 
 
 def converted(frame: av.VideoFrame, pixel_format: str, **colours: int) -> av.VideoFrame:

@@ -14,9 +14,11 @@ from av.container import InputContainer
 
 from ..errors import MediaError
 from . import interrupts
+from .frames import Siting, siting_of
 
 TICKS = Fraction(1, 90_000)  # s, the unit of the frames' times
 SCHEMES = ("rtsp", "rtsps", "http", "https", "udp", "tcp", "rtp", "rtmp", "srt", "file")
+CLOSING_S = 0.2  # longer than any running stream takes to its next frame
 LOW_DELAY = {"flags": "low_delay", "analyzeduration": "500000"}
 """Half a second (us) to learn what the stream is, whose frames are given all the same."""
 OPTIONS_OF_SCHEME = {
@@ -97,6 +99,8 @@ class LiveSource:
         """How often the stream was found again."""
         self.frame_rate: Fraction | None = None
         """Frames a second, as the stream says; None before the first frame, or if it says nothing."""
+        self.siting: Siting = "left"
+        """Where colour samples lie in its frames."""
         self._newest: av.VideoFrame | None = None
         self._problem: MediaError | None = None
         self._is_over = False
@@ -140,10 +144,14 @@ class LiveSource:
                 return
 
     def close(self) -> None:
-        """Stop reading, and wait for the thread, ``timeout_s`` at most."""
+        """Stop reading.
+
+        A stream that is silent just now is let go in the background, when FFmpeg's ``timeout_s`` is over:
+        nothing wakes it before.
+        """
         self._stopping.set()
         self._end(None)
-        self._thread.join(self.timeout_s + 1.0)
+        self._thread.join(CLOSING_S)
 
     def __enter__(self) -> LiveSource:
         return self
@@ -202,6 +210,7 @@ class LiveSource:
         stream = container.streams.video[0]
         stream.thread_type = "SLICE"  # threads that work on several frames at once hold frames back
         self.frame_rate = stream.average_rate or stream.guessed_rate
+        self.siting = siting_of(stream.codec_context.name)
         return container
 
     def _receive(self, container: InputContainer) -> None:

@@ -4,21 +4,23 @@ from __future__ import annotations
 
 import os
 import sys
-from contextlib import suppress
+import threading
+from contextlib import ExitStack, suppress
 from fractions import Fraction
+from importlib.util import find_spec
 from pathlib import Path
+from subprocess import PIPE, Popen
 from types import TracebackType
 from typing import Any, BinaryIO, Literal
 
 import av
-import cv2
 from av.audio.stream import AudioStream
 from av.packet import Packet
 
 from ..errors import InvalidParameter, MediaError
 from . import interrupts
 from .encoder import DEFAULT_CODEC, Encoder, sentences
-from .frames import FULL_RANGE, bgr, converted, planes
+from .frames import Image, Siting, converted, is_full_range, planes, siting_of
 
 STREAM_FORMATS = {"udp": "mpegts", "tcp": "mpegts", "http": "mpegts", "rtsp": "rtsp", "rtmp": "flv", "srt": "mpegts"}
 """How a stream is packed, by the scheme of its address."""
@@ -31,6 +33,8 @@ class SinkBase:
     """What sinks have in common: leaving the block closes them, after an error too, and sound is forgotten."""
 
     frames_written = 0
+    siting: Siting = "left"
+    """Where readers of what is written take colour samples to lie."""
 
     def write(self, frame: av.VideoFrame) -> None:
         """Take the next frame."""
@@ -83,6 +87,7 @@ class StreamSink(SinkBase):
         encoding["options"] = {**key_frames, **LIVE_OPTIONS.get(codec, {}), **encoding.get("options", {})}
         with sentences(url):
             self._encoder = Encoder(url, size, frame_rate, container_format=STREAM_FORMATS[scheme], **encoding)
+        self.siting = siting_of(codec)
         self._is_open = True
 
     def write(self, frame: av.VideoFrame) -> None:
@@ -137,6 +142,7 @@ class PipeSink(SinkBase):
         if kind not in ("y4m", "rawvideo"):
             raise InvalidParameter(f"a pipe of kind {kind!r} is not known; valid are y4m and rawvideo")
         self._stream = stream or sys.stdout.buffer
+        self.siting = "center" if kind == "y4m" else "left"
         self._rate = Fraction(frame_rate).limit_denominator(1_000_000)
         self._is_y4m, self._pixel_format = kind == "y4m", pixel_format
 
@@ -165,7 +171,7 @@ class PipeSink(SinkBase):
         self.frames_written += 1
 
     def _write_y4m(self, frame: av.VideoFrame) -> None:
-        is_full = frame.color_range == FULL_RANGE or frame.format.name.startswith("yuvj")
+        is_full = is_full_range(frame)
         frame = frame if frame.format.name in ("yuv420p", "yuvj420p") else converted(frame, "yuv420p")
         if not self.frames_written:
             rate = f"{self._rate.numerator}:{self._rate.denominator}"
@@ -212,44 +218,87 @@ class VirtualCamera(SinkBase):
 
 
 class Preview(SinkBase):
-    """A window that shows the frames; Escape or q in it stops as Ctrl-C does.
+    """A window that shows the frames; Escape or q in it, or closing it, stops as Ctrl-C does.
+
+    Nobody waits for it: while a frame is being drawn, others pass it by.
+
+    Parameters
+    ----------
+    size : (width, height) px
+        Of the frames; the window is smaller where the screen is.
 
     Raises
     ------
     MediaError
-        There is no display, or OpenCV was installed without windows.
+        There is no display, or Python was installed without Tk.
     """
 
-    def __init__(self, title: str = "omnimirror") -> None:
+    def __init__(self, size: tuple[int, int], title: str = "omnimirror") -> None:
         if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
             raise MediaError("there is no display for a preview window")
-        self._title = title
-        try:
-            cv2.namedWindow(title, cv2.WINDOW_NORMAL)
-        except cv2.error:
-            raise MediaError(
-                "the installed OpenCV opens no windows for a preview; 'pip install opencv-python' in place of "
-                "opencv-python-headless does"
-            ) from None
+        if find_spec("tkinter") is None or find_spec("_tkinter") is None:
+            raise MediaError("a preview window needs Tk, which this Python lacks; on Debian 'apt install python3-tk'")
+        self._newest: Image | None = None
+        self._news = threading.Condition()
+        self._is_over = False
+        command = [sys.executable, "-m", "omnimirror.media.window", *map(str, size), title]
+        self._window = Popen(command, stdin=PIPE, stdout=PIPE, stderr=PIPE)
+        assert self._window.stdout is not None
+        if self._window.stdout.readline().strip() != b"ready":
+            _, said = self._window.communicate()
+            reason = (said.decode(errors="replace").strip().splitlines() or ["it does not say why"])[-1]
+            raise MediaError(f"cannot open a preview window: {reason}")
+        self._thread = threading.Thread(target=self._feed, name="preview", daemon=True)
+        self._thread.start()
 
     def write(self, frame: av.VideoFrame) -> None:
-        """Show a frame."""
-        cv2.imshow(self._title, bgr(frame))
+        """Show a frame, unless an earlier one is still being drawn."""
+        if self._newest is None:
+            picture = converted(frame, "rgb24").to_ndarray()
+            with self._news:
+                self._newest = picture
+                self._news.notify()
         self.frames_written += 1
-        if cv2.waitKey(1) & 0xFF in (27, ord("q")):
-            interrupts.request()
+
+    def _feed(self) -> None:
+        pipe = self._window.stdin
+        assert pipe is not None
+        while True:
+            with self._news:
+                self._news.wait_for(lambda: self._newest is not None or self._is_over)
+                picture = self._newest
+            if picture is None:
+                break
+            try:
+                pipe.write(picture.data)
+            except OSError:  # someone closed the window
+                interrupts.request()
+                break
+            self._newest = None
+        with suppress(OSError):
+            pipe.close()
 
     def close(self) -> None:
-        """Close the window."""
-        with suppress(cv2.error):
-            cv2.destroyWindow(self._title)
+        """Close the window, once it has shown the last frame."""
+        with self._news:
+            self._is_over = True
+            self._news.notify()
+        self._thread.join()
+        self._window.wait()
+        for pipe in (self._window.stdout, self._window.stderr):
+            if pipe is not None:
+                pipe.close()
 
 
 class Tee(SinkBase):
-    """Several sinks that take the same frames, such as a file and a preview."""
+    """Several sinks that take the same frames, such as a file and a preview.
+
+    Colours are sited for the first one.
+    """
 
     def __init__(self, *sinks: Any) -> None:
         self._sinks = sinks
+        self.siting = sinks[0].siting
 
     def write(self, frame: av.VideoFrame) -> None:
         """Give the frame to all."""
@@ -260,15 +309,26 @@ class Tee(SinkBase):
         self.frames_written += 1
 
     def write_packet(self, packet: Packet[AudioStream]) -> None:
-        """Give the packet to the first, which has the sound."""
-        self._sinks[0].write_packet(packet)
+        """Give the packet to all, each its own: whoever writes it changes its times."""
+        copies = [_copied(packet) for _ in self._sinks[1:]]
+        for sink, own in zip(self._sinks, [packet, *copies], strict=True):
+            sink.write_packet(own)
 
     def close(self) -> None:
-        """Close all."""
-        for sink in self._sinks:
-            sink.close()
+        """Close all; if one cannot be, the others are all the same."""
+        with ExitStack() as all_of_them:
+            for sink in reversed(self._sinks):
+                all_of_them.callback(sink.close)
 
     def abort(self) -> None:
         """Give all up."""
         for sink in self._sinks:
             sink.abort()
+
+
+def _copied(packet: Packet[AudioStream]) -> Packet[AudioStream]:
+    copy: Any = Packet(bytes(packet))
+    copy.stream = packet.stream
+    copy.pts, copy.dts, copy.duration = packet.pts, packet.dts, packet.duration
+    copy.time_base, copy.is_keyframe = packet.time_base, packet.is_keyframe
+    return copy  # type: ignore[no-any-return]

@@ -18,12 +18,12 @@ from .frames import Image, Planes, as_frame, bgr, planar, planes
 from .video import Item
 from .writer import Sink
 
-Pixels = Literal["picture", "planes"]
+Pixels = Literal["picture", "planes", "frame"]
 Made = av.VideoFrame | Image | Planes
 PictureFunction = Callable[[Any, float], Made]
-"""A picture (h, w, 3), or planes, and its time (s), to another picture, planes, or a finished frame."""
+"""A picture (h, w, 3), planes, or a frame, and its time (s), to another picture, planes, or a finished frame."""
 
-Prepared = tuple[Item, Image | Planes | None]
+Prepared = tuple[Item, Image | Planes | av.VideoFrame | None]
 """A frame with what the function takes, or a packet of sound with nothing."""
 
 REPORT_EVERY_S = 0.2
@@ -85,7 +85,9 @@ def process(
     pixels
         ``"picture"``: it takes (h, w, 3) uint8, blue, green, red. ``"planes"``: it takes (y, u, v), or
         (y, uv) of NV12, as :func:`omnimirror.media.frames.planes` gives them, without any conversion
-        unless the source is of another kind than 4:2:0 with 8 bits.
+        unless the source is of another kind than 4:2:0 with 8 bits. ``"frame"``: it takes the frame that
+        holds these planes, which also tells how they are coded, such as
+        :func:`omnimirror.dewarp.video.dewarp_frame`.
     progress
         Told a few times a second, and at the end.
     total
@@ -124,6 +126,17 @@ def process(
     return Outcome(sink.frames_written, meter.elapsed_s, stopped)
 
 
+def in_real_time(items: Iterable[Item]) -> Iterator[Item]:
+    """Items of a file, each frame held back until its time has come: for a camera, a stream or a window to show."""
+    start = None
+    for item in items:
+        if isinstance(item, av.VideoFrame):
+            start = time.monotonic() - (item.time or 0.0) if start is None else start
+            while (left := start + (item.time or 0.0) - time.monotonic()) > 0 and not interrupts.is_pending():
+                time.sleep(min(left, interrupts.POLL_S))
+        yield item
+
+
 def _work(source: Iterable[Prepared], function: PictureFunction, writing: _Writing, meter: _Meter) -> None:
     """Everything from the source through the function to the writing thread, until it ends or Ctrl-C."""
     for item, pixels_of_item in source:
@@ -150,7 +163,7 @@ def _prepared(item: Item, pixels: Pixels) -> Prepared:
     if pixels == "picture":
         return item, bgr(item)
     item = planar(item)
-    return item, planes(item)
+    return item, item if pixels == "frame" else planes(item)
 
 
 class _Reading:

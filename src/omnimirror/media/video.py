@@ -17,7 +17,7 @@ from av.packet import Packet
 from av.video.stream import VideoStream
 
 from ..errors import InvalidParameter, MediaError
-from .frames import Colour
+from .frames import Colour, siting_of
 
 AnyPacket: TypeAlias = "Packet[Any]"
 Item: TypeAlias = "av.VideoFrame | AnyPacket"
@@ -91,6 +91,7 @@ class VideoReader:
         self.size: tuple[int, int] = (first.width, first.height)
         self.pixel_format: str = first.format.name
         self.colour = Colour.of(first)
+        self.siting = siting_of(stream.codec_context.name)
         self.rotation_deg: int = first.rotation
         self.pixel_aspect = stream.sample_aspect_ratio or Fraction(1)
         self.frame_rate: Fraction = stream.average_rate or stream.guessed_rate or Fraction(25)

@@ -15,6 +15,7 @@ from av.packet import Packet
 from ..errors import MediaError
 from ..files import replacing
 from .encoder import DEFAULT_CODEC, Encoder, sentences
+from .frames import Siting, siting_of
 from .panorama import GPano
 from .spherical import SUFFIXES, can_be_spherical, make_spherical
 from .video import VideoReader
@@ -31,6 +32,11 @@ class Sink(Protocol):
     @property
     def frames_written(self) -> int:
         """How many frames it has taken."""
+        ...
+
+    @property
+    def siting(self) -> Siting:
+        """Where readers of what is written take colour samples to lie."""
         ...
 
     def write(self, frame: av.VideoFrame) -> None:
@@ -129,6 +135,10 @@ class VideoWriter:
     @property
     def frames_written(self) -> int:
         return self._encoder.frames_written
+
+    @property
+    def siting(self) -> Siting:
+        return siting_of(self._encoder.codec)
 
     def write(self, frame: av.VideoFrame) -> None:
         """Encode a frame.

@@ -1,0 +1,53 @@
+"""Frames of videos straightened as they are coded."""
+
+from __future__ import annotations
+
+import av
+
+from ..media.frames import FULL_RANGE, empty_frame, is_full_range, planar, planes
+from .dewarper import Dewarper
+from .planar import Siting
+
+
+def dewarp_frame(
+    dewarp: Dewarper, frame: av.VideoFrame, siting: Siting = "left", to_siting: Siting | None = None
+) -> av.VideoFrame:
+    """A frame's view: its planes straightened into those of a new frame, with its time and colour coding.
+
+    Parameters
+    ----------
+    dewarp
+        The camera and the view.
+    frame
+        Of any pixel format; one that is not 4:2:0 with 8 bits is converted first.
+    siting, to_siting
+        Where colours lie in it, and in the result; see :meth:`Dewarper.planes`. Readers and sinks of
+        :mod:`omnimirror.media` tell theirs.
+
+    Returns
+    -------
+    A frame of pixel format nv12 where the given one is, and yuv420p otherwise.
+
+    Raises
+    ------
+    InvalidParameter
+        The frame is not of the camera's size.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> from omnimirror.media.frames import empty_frame, planes
+    >>> frame, parts = empty_frame((1024, 1024))
+    >>> for part in parts:
+    ...     part[:] = 100
+    >>> dewarp = om.Dewarper(om.load_sensor("paper-spherical"), om.screens.Plane((640, 480)))
+    >>> planes(dewarp_frame(dewarp, frame))[0][240, 320]
+    np.uint8(100)
+    """
+    frame = planar(frame)
+    made, target = empty_frame(dewarp.view.size, "nv12" if frame.format.name == "nv12" else "yuv420p", like=frame)
+    is_full = is_full_range(frame)
+    if is_full:
+        made.color_range = FULL_RANGE
+    dewarp.planes(planes(frame), target, siting, to_siting, is_full)
+    return made
