@@ -56,6 +56,30 @@ class Lens(ABC):
         """dh/dx along the meridian, dimensionless."""
 
     @abstractmethod
+    def eyes(self, pupil: Array) -> Array:
+        """Where (n, 3) mm points (n, 2) of the unit disk of the aperture stand.
+
+        In the frame of the lens's reference point, X and Y as in the unflipped picture, Z towards the
+        mirror. Under a telecentric lens, which sees from infinitely far away: unit vectors towards it.
+        """
+
+    @abstractmethod
+    def eyes_motion(self, pupil: Array) -> Array:
+        """Derivatives (n, 2, 3) of :meth:`eyes` by the two coordinates of the aperture."""
+
+    @abstractmethod
+    def rays(self, image: Array, pupil: Array) -> tuple[Array, Array]:
+        """Origins and directions (n, 3) of rays from image points (n, 2) mm through aperture points to the mirror.
+
+        An ideal thin lens: all rays of an image point meet in the plane in focus. Origins lie in the
+        plane of the lens; under a telecentric one, in the plane in focus.
+        """
+
+    @abstractmethod
+    def image_of(self, points: Array, directions: Array) -> Array:
+        """Image points (n, 2) mm of rays from the mirror, given by points and directions (n, 3) on them."""
+
+    @abstractmethod
     def blur(self, L: ArrayLike, focus: ArrayLike | None = None, mode: BlurMode = "exact") -> Array:
         """Blur diameter (mm) on the imager of a point at L; positive beyond the focus (Eqs. 27-29)."""
 
@@ -129,6 +153,26 @@ class Perspective(Lens):
     def image_height_rate(self, x: Array, w: Array, slope: Array) -> Array:
         return self.image_distance * (w - x * slope) / w**2
 
+    @property
+    def aperture_radius(self) -> float:
+        """Radius of the entrance pupil, mm."""
+        return self.focal_length_mm / self.f_number / 2
+
+    def eyes(self, pupil: Array) -> Array:
+        return np.concatenate([self.aperture_radius * pupil, np.zeros((len(pupil), 1))], axis=1)
+
+    def eyes_motion(self, pupil: Array) -> Array:
+        return np.broadcast_to(self.aperture_radius * np.eye(2, 3), (len(pupil), 2, 3))
+
+    def rays(self, image: Array, pupil: Array) -> tuple[Array, Array]:
+        origins = self.eyes(pupil)
+        in_focus = np.concatenate([image / self.image_distance, np.ones((len(image), 1))], axis=1)
+        return origins, in_focus - origins / self.focus_distance_mm
+
+    def image_of(self, points: Array, directions: Array) -> Array:
+        L0 = self.focus_distance_mm
+        return self.image_distance / L0 * _crossing(points, directions, L0)
+
     def blur(self, L: ArrayLike, focus: ArrayLike | None = None, mode: BlurMode = "exact") -> Array:
         L0 = np.asarray(self.focus_distance_mm if focus is None else focus, dtype=float)
         b0 = self._image_distance(L0) if mode == "exact" else self.focal_length_mm
@@ -183,6 +227,30 @@ class Orthographic(Lens):
     def image_height_rate(self, x: Array, w: Array, slope: Array) -> Array:
         return np.full_like(x, self.magnification)
 
+    @property
+    def aperture_slope(self) -> float:
+        """Slope of the outermost rays on the side of the mirror, against the axis."""
+        return self.magnification / self.working_f_number / 2
+
+    def eyes(self, pupil: Array) -> Array:
+        slopes = self.aperture_slope * pupil
+        towards = np.concatenate([slopes, -np.ones((len(pupil), 1))], axis=1)
+        towards /= np.linalg.norm(towards, axis=1, keepdims=True)
+        return towards
+
+    def eyes_motion(self, pupil: Array) -> Array:
+        towards = self.eyes(pupil)
+        turn = np.eye(2, 3) - towards[:, None, :] * towards[:, :2, None]
+        motion: Array = -self.aperture_slope * towards[:, 2:, None] * turn
+        return motion
+
+    def rays(self, image: Array, pupil: Array) -> tuple[Array, Array]:
+        in_focus = np.concatenate([image / self.magnification, np.full((len(image), 1), self.focus_distance_mm)], 1)
+        return in_focus, -self.eyes(pupil)
+
+    def image_of(self, points: Array, directions: Array) -> Array:
+        return self.magnification * _crossing(points, directions, self.focus_distance_mm)
+
     def blur(self, L: ArrayLike, focus: ArrayLike | None = None, mode: BlurMode = "exact") -> Array:
         L0 = np.asarray(self.focus_distance_mm if focus is None else focus, dtype=float)
         blur: Array = self.magnification**2 * (np.asarray(L, dtype=float) - L0) / self.working_f_number
@@ -191,6 +259,13 @@ class Orthographic(Lens):
     def depth_of_field(self, tolerance: float, mode: BlurMode = "exact") -> DepthOfField:
         reach = tolerance * self.working_f_number / self.magnification**2
         return DepthOfField(self.focus_distance_mm - reach, self.focus_distance_mm + reach)
+
+
+def _crossing(points: Array, directions: Array, z: float) -> Array:
+    """(x, y) (n, 2) at which rays (n, 3), (n, 3) cross the plane at z."""
+    steps = (z - points[..., 2]) / directions[..., 2]
+    crossing: Array = points[..., :2] + steps[..., None] * directions[..., :2]
+    return crossing
 
 
 LENSES: dict[str, type[Lens]] = {cls.KIND: cls for cls in (Perspective, Orthographic)}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -14,14 +14,17 @@ from .frames import Mount
 from .imagers import Imager
 from .lenses import Lens, Perspective
 from .mirrors import Mirror
+from .mirrors.pose import MirrorPose
 from .tracing.meridian import ROUNDING, ChiefRays, Meridian
+from .tracing.posed import PosedMirror
+from .tracing.reflection import Ends
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Sensor:
-    """A curved mirror of revolution seen by an ordinary camera on its axis.
+    """A curved mirror of revolution seen by an ordinary camera, on its axis or nearly so.
 
     Parameters
     ----------
@@ -32,6 +35,9 @@ class Sensor:
         files) under an orthographic lens, where it does not matter.
     name, notes
         For people.
+    mirror_pose
+        Where the mirror really sits, decentred, displaced or tilted against lens and imager; perfectly
+        mounted by default. The world's origin stays where the vertex was meant to be.
 
     Raises
     ------
@@ -57,6 +63,7 @@ class Sensor:
     mirror_distance_mm: float = np.inf
     name: str = "sensor"
     notes: str = ""
+    mirror_pose: MirrorPose = field(default_factory=MirrorPose)
 
     def __post_init__(self) -> None:
         if self.lens.TELECENTRIC:
@@ -71,8 +78,23 @@ class Sensor:
 
     @cached_property
     def meridian(self) -> Meridian:
-        """Its chief rays, field and inversions."""
-        return Meridian(self.mirror, self.mirror_distance_mm)
+        """Its chief rays, field and inversions, of a mirror on the lens's axis.
+
+        Raises
+        ------
+        InvalidParameter
+            If the mirror is decentred or tilted: what holds in one meridian then holds in none.
+        """
+        if not self.mirror_pose.is_axial:
+            raise InvalidParameter(
+                f"the mirror of {self.name!r} is decentred or tilted, and field angles from axis to rim belong to an "
+                "aligned one: take sensor.aligned(), or what traces in space (rays, pictures, spots, MTF)"
+            )
+        return Meridian(self.mirror, self.mirror_distance_mm + self.mirror_pose.displacement_mm)
+
+    def aligned(self) -> Sensor:
+        """The same sensor with its mirror perfectly mounted."""
+        return replace(self, mirror_pose=MirrorPose())
 
     @property
     def field_deg(self) -> tuple[float, float]:
@@ -113,8 +135,10 @@ class Sensor:
         return self.imager.size
 
     @property
-    def symmetry(self) -> AxialSymmetry:
-        """The mirror axis, about which the sensor is symmetric."""
+    def symmetry(self) -> AxialSymmetry | None:
+        """The mirror axis, about which the sensor is symmetric; None for a decentred or tilted mirror."""
+        if not self.mirror_pose.is_axial:
+            return None
 
         def rays(omega: Array) -> ChiefRays:
             return self.meridian.trace(self.meridian.x_from_omega(omega))
@@ -134,6 +158,11 @@ class Sensor:
         return AxialSymmetry(centre, -z, right, y, *angles, radius_px, origin_mm)
 
     @property
+    def axis(self) -> Array:
+        """World direction (3,) from the mirror back to the lens, along the optical axis."""
+        return -self.mount.rotation()[:, 2]
+
+    @property
     def is_picture_reversed(self) -> bool:
         """Whether the raw picture is a mirror image: text runs backwards and markers go undetected."""
         return not self.mount.image_flipped
@@ -144,6 +173,8 @@ class Sensor:
         Pixels outside the image of the rim or outside the picture are not valid and NaN.
         """
         pixels = np.asarray(pixels, dtype=float)
+        if not self.mirror_pose.is_axial:
+            return self.aperture_rays(pixels, np.zeros(2))
         du, dv = self._from_centre(pixels)
         radius = np.hypot(du, dv)
         rim = self.rim_radius_px
@@ -151,21 +182,27 @@ class Sensor:
         origins, directions = np.full((2, *radius.shape, 3), np.nan)
         rays = self.meridian.trace(self.x_from_height_px(np.minimum(radius[valid], rim)))
         _, cos, sin = _unit(du[valid], dv[valid])
-        s = np.sin(rays.omega)
+        s, z = np.sin(rays.omega), rays.z + self.mirror_pose.displacement_mm
         rotation = self.mount.rotation().T
-        origins[valid] = np.stack([rays.x * cos, rays.x * sin, rays.z], axis=-1) @ rotation
+        origins[valid] = np.stack([rays.x * cos, rays.x * sin, z], axis=-1) @ rotation
         directions[valid] = np.stack([s * cos, s * sin, -np.cos(rays.omega)], axis=-1) @ rotation
         return Rays(origins, directions, valid)
 
     def project(self, points_mm: ArrayLike) -> Projection:
         """Pixels of points (n, 3) in mm, by the true reflection of each (no single viewpoint is assumed)."""
-        x, y, z = np.moveaxis(np.asarray(points_mm, dtype=float) @ self.mount.rotation(), -1, 0)
+        points = np.asarray(points_mm, dtype=float) @ self.mount.rotation()
+        if not self.mirror_pose.is_axial:
+            return self._project_in_space(points, distant=False)
+        x, y, z = np.moveaxis(points, -1, 0)
         distance, cos, sin = _unit(x, y)
-        return self._image(self.meridian.x_from_point(distance, z), cos, sin)
+        return self._image(self.meridian.x_from_point(distance, z - self.mirror_pose.displacement_mm), cos, sin)
 
     def project_directions(self, directions: ArrayLike) -> Projection:
         """Pixels of infinitely distant points in directions (n, 3) of any length but 0."""
-        x, y, z = np.moveaxis(np.asarray(directions, dtype=float) @ self.mount.rotation(), -1, 0)
+        towards = np.asarray(directions, dtype=float) @ self.mount.rotation()
+        if not self.mirror_pose.is_axial:
+            return self._project_in_space(towards, distant=True)
+        x, y, z = np.moveaxis(towards, -1, 0)
         distance, cos, sin = _unit(x, y)
         omega = np.arctan2(distance, -z)
         seen = self.meridian.sees(omega) & (distance + np.abs(z) > 0)
@@ -175,14 +212,91 @@ class Sensor:
 
     def _image(self, x_mirror: Array, cos: Array, sin: Array) -> Projection:
         """Pixels of mirror points (n,) at azimuths; NaN in, not valid out."""
-        pixels = np.full((*x_mirror.shape, 2), np.nan)
+        offsets = np.full((*x_mirror.shape, 2), np.nan)
         seen = np.isfinite(x_mirror)
         radius = self.image_height_px(self.meridian.trace(x_mirror[seen]))
+        offsets[seen] = np.stack([radius * cos[seen], radius * sin[seen]], axis=-1)
+        return self._in_picture(offsets)
+
+    # -- in space ------------------------------------------------------------------------------
+
+    @property
+    def posed_mirror(self) -> PosedMirror:
+        """The mirror where it sits in the camera frame, whose origin is the vertex as it was meant to be."""
+        return PosedMirror(self.mirror, self.mirror_pose)
+
+    @property
+    def lens_offset(self) -> Array:
+        """The lens's reference point (3,) mm in the camera frame."""
+        return np.array([0.0, 0.0, 0.0 if self.lens.TELECENTRIC else -self.mirror_distance_mm])
+
+    def eyes(self, pupil: Array) -> Ends:
+        """Where points (n, 2) of the unit disk of the aperture see from, in the camera frame."""
+        if self.lens.TELECENTRIC:
+            return Ends(self.lens.eyes(pupil), distant=True)
+        return Ends(self.lens.eyes(pupil) + self.lens_offset)
+
+    def lens_rays(self, pixels: Array, pupil: Array) -> tuple[Array, Array]:
+        """Origins and directions (n, 3) of rays from pixels (n, 2) through aperture points (n, 2) to the mirror.
+
+        In the camera frame; the lens is thin and ideal, and its aperture the unit disk.
+        """
+        offsets = np.stack(self._from_centre(pixels), axis=-1) * self.imager.pitch_mm
+        origins, directions = self.lens.rays(offsets, np.broadcast_to(pupil, offsets.shape))
+        origins = origins + self.lens_offset
+        if self.lens.TELECENTRIC:  # from the plane in focus back to where nothing of the mirror is
+            bound = np.linalg.norm(self.mirror_pose.shift) + self.mirror.rim_radius_mm + self.mirror.bounds[1][1]
+            origins = origins - (bound + np.abs(origins[:, 2:])) * directions
+        return origins, directions
+
+    def aperture_rays(self, pixels: ArrayLike, pupil: ArrayLike) -> Rays:
+        """Rays of pixels (n, 2) through points (n, 2), or one, of the unit disk of the aperture, into the world.
+
+        Traced in space from the imager outwards: an ideal thin lens sends a pixel through every point of
+        its aperture to one point of the plane in focus; on the way the mirror reflects them. The aperture
+        point (0, 0) is the chief ray of :meth:`backproject`.
+
+        Examples
+        --------
+        How far apart a pixel looks through both edges of the aperture is its blur in angle:
+
+        >>> import omnimirror as om
+        >>> sensor = om.load_sensor("paper-spherical")
+        >>> rays = sensor.aperture_rays([[811.5, 511.5]] * 2, [[-1.0, 0.0], [1.0, 0.0]])
+        >>> round(float(np.degrees(np.arccos(rays.directions[0] @ rays.directions[1]))), 2)
+        0.21
+        >>> om.evaluate(sensor, h_px=[300.0]).blur_t_deg.round(2)
+        array([-0.21])
+        """
+        pixels = np.asarray(pixels, dtype=float)
+        flat = pixels.reshape(-1, 2)
+        pupil = np.broadcast_to(np.asarray(pupil, dtype=float), pixels.shape).reshape(-1, 2)
+        valid = inside_image(flat, self.image_size)
+        origins, directions = np.full((2, *flat.shape[:-1], 3), np.nan)
+        found = self.posed_mirror.trace(*self.lens_rays(flat[valid], pupil[valid]))
+        rotation = self.mount.rotation().T
+        origins[valid] = found.points @ rotation
+        directions[valid] = found.directions @ rotation
+        valid[valid] = found.valid
+        shape = pixels.shape[:-1]
+        return Rays(origins.reshape(*shape, 3), directions.reshape(*shape, 3), valid.reshape(shape))
+
+    def _project_in_space(self, targets: Array, distant: bool) -> Projection:
+        """Pixels of points or directions (n, 3) of the camera frame."""
+        found = self.posed_mirror.specular(self.eyes(np.zeros((1, 2))), Ends.of(targets.reshape(-1, 3), distant))
+        offsets = self.lens.image_of(found.points - self.lens_offset, found.to_eyes) / self.imager.pitch_mm
+        offsets[~found.valid] = np.nan
+        return self._in_picture(offsets.reshape(*targets.shape[:-1], 2))
+
+    # -- in the picture ------------------------------------------------------------------------
+
+    def _in_picture(self, offsets: Array) -> Projection:
+        """Pixels at offsets (n, 2) px from the optical axis; NaN in, or outside the picture, is not valid."""
         u, v = self.imager.centre
-        columns = u + radius * cos[seen]
+        columns = u + offsets[..., 0]
         if self.mount.image_flipped:
             columns = self.imager.width_px - 1 - columns
-        pixels[seen] = np.stack([columns, v + radius * sin[seen]], axis=-1)
+        pixels = np.stack([columns, v + offsets[..., 1]], axis=-1)
         valid = inside_image(pixels, self.image_size)
         pixels[~valid] = np.nan
         return Projection(pixels, valid)

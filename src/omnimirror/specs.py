@@ -27,6 +27,7 @@ from .frames import CameraLooks, Mount
 from .imagers import Imager
 from .lenses import LENSES
 from .mirrors import MIRRORS, Mirror
+from .mirrors.pose import MirrorPose
 from .parameters import Parameter
 from .sensor import Sensor
 
@@ -93,6 +94,7 @@ def parse_sensor(text: str, source: str = "sensor file", folder: Path = Path()) 
             table = where.wrap((section,), partial(cls.from_spec, table, folder))
         parts[section] = _build(section, cls, table, where)
     parts["imager"] = _build("imager", Imager, data["imager"], where)
+    parts["mirror_pose"] = _build("mirror_pose", MirrorPose, data.get("mirror_pose", {}), where)
     mount = _validated(MountTable, "mount", data.get("mount", {}), where).model_dump()
     distance = mount.pop("mirror_distance_mm")
     make = partial(
@@ -125,6 +127,8 @@ def format_sensor(sensor: Sensor) -> str:
         "imager": _table(sensor.imager),
         "mount": mount,
     }
+    if sensor.mirror_pose != MirrorPose():
+        data["mirror_pose"] = _table(sensor.mirror_pose)
     return tomli_w.dumps(data)
 
 
@@ -217,7 +221,8 @@ class _Places:
 
 
 def _check_table_names(data: dict[str, Any], where: _Places) -> None:
-    known = {"format": int, "name": str, "notes": str, "mirror": dict, "lens": dict, "imager": dict, "mount": dict}
+    known = {"format": int, "name": str, "notes": str}
+    known |= dict.fromkeys(("mirror", "lens", "imager", "mount", "mirror_pose"), dict)
     for key, value in data.items():
         if key not in known:
             raise where.error((key,), f"{key} is not known{_did_you_mean(key, known)}; valid are {', '.join(known)}")

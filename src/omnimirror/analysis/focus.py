@@ -96,7 +96,8 @@ class FocusStudy:
 
     def distances(self) -> tuple[Array, Array]:
         """L_t and L_s (n,), mm: image distances from the lens's reference point (Eqs. 34, 35)."""
-        offset = 0.0 if self.sensor.lens.TELECENTRIC else self.sensor.mirror_distance_mm
+        sensor = self.sensor
+        offset = sensor.mirror_pose.displacement_mm - sensor.lens_offset[2]
         return offset + self.images.z_t, offset + self.images.z_s
 
     def heights(self, sensor: Sensor) -> tuple[Array, Array]:

@@ -82,4 +82,4 @@ def camera_of(given: dict[str, Any], picture_size: tuple[int, int]) -> MountedCa
 
 def axis_of(camera: MountedCamera) -> Array:
     """World direction (3,) that the centre of the picture sees."""
-    return camera.symmetry.axis if isinstance(camera, Sensor) else camera.axis
+    return camera.axis

@@ -72,15 +72,15 @@ def ray_traces(subjects: Sequence[Subject]) -> Figure:
 
 def lens_height(subject: Subject) -> float:
     """Height z (mm) at which the lens is drawn; a telecentric one stands anywhere."""
-    m = subject.sensor.mirror_distance_mm
+    m = subject.sensor.meridian.m
     return -m if np.isfinite(m) else -2.5 * subject.rim_mm
 
 
 def focus_band(subject: Subject) -> tuple[float, float, float]:
     """Heights z (mm) of the focus and of the near and far ends of the depth of field (Eqs. 30, 31)."""
     near, far = subject.curve.depth_of_field_mm
-    m = subject.sensor.mirror_distance_mm
-    offset = m if np.isfinite(m) else 0.0
+    m = subject.sensor.meridian.m
+    offset = m if np.isfinite(m) else subject.sensor.mirror_pose.displacement_mm
     return subject.curve.focus_mm - offset, near - offset, far - offset
 
 

@@ -1,0 +1,82 @@
+"""A mirror where it really sits, traced in the camera frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..mirrors import Mirror
+from ..mirrors.pose import MirrorPose
+from . import reflection, space
+from .reflection import Ends, Specular
+from .space import Reflections
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class PosedMirror:
+    """A mirror and its pose; the camera frame's origin is the vertex of the mirror as it was meant to sit.
+
+    >>> from omnimirror.mirrors import Sphere
+    >>> posed = PosedMirror(Sphere(50.0, 44.0), MirrorPose(decentre_x_mm=1.0))
+    >>> posed.trace(np.array([[1.0, 0.0, -100.0]]), np.array([[0.0, 0.0, 1.0]])).points + 0.0  # the vertex
+    array([[1., 0., 0.]])
+    """
+
+    mirror: Mirror
+    pose: MirrorPose
+
+    def trace(self, origins: Array, directions: Array) -> Reflections:
+        """Reflect rays (n, 3), (n, 3); see :func:`omnimirror.tracing.space.trace`."""
+        turned = self.pose.turned_to_mirror(directions)
+        found = space.trace(self.mirror, self.pose.to_mirror(origins), turned)
+        turn = self.pose.turned_to_camera
+        return Reflections(self.pose.to_camera(found.points), turn(found.directions), turn(found.normals), found.valid)
+
+    def specular(self, eyes: Ends, targets: Ends, start: Array | None = None) -> Specular:
+        """The mirror points (n, 3) in which eyes see targets; see :mod:`omnimirror.tracing.reflection`.
+
+        ``start`` are points (n, 3) mm to begin from. Paths of distant ends count from the camera frame's origin.
+        """
+        begin = None if start is None else self.pose.to_mirror(start)[..., :2]
+        found = reflection.specular_points(self.mirror, self._ends(eyes), self._ends(targets), begin)
+        turn = self.pose.turned_to_camera
+        path = found.path
+        for end in (eyes, targets):
+            if end.distant:
+                path = path - end.xyz @ self.pose.shift
+        return found._replace(
+            points=self.pose.to_camera(found.points),
+            normals=turn(found.normals),
+            to_eyes=turn(found.to_eyes),
+            to_targets=turn(found.to_targets),
+            path=path,
+        )
+
+    def beam(self, eyes: Ends, targets: Ends, found: Specular, motion: Array) -> Array:
+        """Light (n,) that mirror points send to moving eyes, per unit of the eyes' motion (2, 3) or (n, 2, 3).
+
+        Cross-section (mm^2) of the beam from a distant target, solid angle (sr) of that from a near one.
+        """
+        inside = found._replace(points=self.pose.to_mirror(found.points))
+        area = reflection.footprint(
+            self.mirror, self._ends(eyes), self._ends(targets), inside, self.pose.turned_to_mirror(motion)
+        )
+        upright = np.abs(self.pose.turned_to_mirror(found.normals)[:, 2])
+        facing = np.einsum("ni,ni->n", found.normals, found.to_targets)
+        section: Array = area * facing / upright
+        if not targets.distant:
+            section /= np.einsum("ni,ni->n", targets.xyz - found.points, targets.xyz - found.points)
+        return section
+
+    def radius_mm(self, points: Array) -> Array:
+        """Distances (n,) of points (n, 3) from the mirror's own axis."""
+        inside = self.pose.to_mirror(points)
+        return np.hypot(inside[..., 0], inside[..., 1])
+
+    def _ends(self, ends: Ends) -> Ends:
+        turn = self.pose.turned_to_mirror if ends.distant else self.pose.to_mirror
+        return Ends(turn(ends.xyz), ends.distant)

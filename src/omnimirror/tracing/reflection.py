@@ -1,0 +1,304 @@
+"""The mirror point in which an eye sees an object, wherever both are (Fermat's principle in two dimensions).
+
+Light takes the path of stationary length from the object by way of the mirror to the eye. On a convex
+mirror seen from its front every such path is a strict minimum: the second derivative of the length
+across the surface is the sum of what both distances add, never negative, and of the surface's own
+curvature times ``2 cos(gamma)``. So it is found as a minimum, by Newton's rule that only goes downhill,
+and whatever it finds is proven afterwards: the law of reflection holds, both ends lie in front of the
+surface, the point lies within the rim, and nothing of a hollow mirror stands in between.
+
+All of it is in the mirror's own frame. An end is a point, or the direction towards an infinitely far one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..mirrors import Mirror
+from .meridian import trace_chief_rays
+from .roots import NEWTON_CLOSE
+from .space import LIFT, hollowness, intersect
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+CHUNK = 1 << 13  # pairs worked on at a time: their arrays stay in the cache
+MAX_STEPS = 60
+LONGEST_STEP = 0.3  # of the rim radius, and of the distance from the tip of a pointed mirror
+UPHILL = 1e-12  # relative; a path this much longer than before is rounding
+REFLECTS = 1e-9  # largest miss of the law of reflection, as a sine
+RIM_SLACK = 1e-9  # relative; a point this little past the rim is on it
+GUESS_NODES = 129
+RESTARTS = 8  # around a pointed mirror
+
+
+@dataclass(frozen=True)
+class Ends:
+    """Points (n, 3) mm, or, if they are distant, unit vectors (n, 3) from the mirror towards them."""
+
+    xyz: Array
+    distant: bool = False
+
+    @classmethod
+    def of(cls, xyz: ArrayLike, distant: bool = False) -> Ends:
+        """Ends of any array-like; directions may have any length but 0."""
+        ends = np.atleast_2d(np.asarray(xyz, dtype=float))
+        if distant:
+            with np.errstate(invalid="ignore", divide="ignore"):
+                ends = ends / np.linalg.norm(ends, axis=-1, keepdims=True)
+        return cls(ends, distant)
+
+    def __getitem__(self, which: slice | NDArray[np.integer]) -> Ends:
+        return Ends(self.xyz[which], self.distant)
+
+    def spread(self, count: int) -> Ends:
+        """As many ends as asked for, from one or as many."""
+        return Ends(np.broadcast_to(self.xyz, (count, 3)), self.distant)
+
+
+class Specular(NamedTuple):
+    """The mirror points of n pairs of ends; NaN where not valid, but for ``points``."""
+
+    points: Array
+    """(n, 3) mm; where the mirror ends too early, on its smooth continuation beyond the rim."""
+    normals: Array
+    """(n, 3) unit vectors towards the side of the lens."""
+    to_eyes: Array
+    """(n, 3) unit vectors from the mirror points."""
+    to_targets: Array
+    """(n, 3) unit vectors from the mirror points."""
+    path: Array
+    """(n,) mm: length of the path of light; of a distant end, from a plane through the vertex."""
+    reflects: Mask
+    """(n,) whether the law of reflection holds with both ends in front of the surface or its continuation."""
+    valid: Mask
+    """(n,) whether, besides, the point is within the rim and nothing stands in between."""
+
+
+def specular_points(mirror: Mirror, eyes: Ends, targets: Ends, start: Array | None = None) -> Specular:
+    """The mirror points in which eyes see targets.
+
+    Parameters
+    ----------
+    eyes, targets : Ends of n, or of 1
+    start : (n, 2) mm, optional
+        Where to begin, (x, y) on the mirror; by default where an eye on the axis would see the target.
+
+    Examples
+    --------
+    Section 10 of Alhazen's problem: a ball of 50 mm, eye and object symmetric about a line at 45 deg:
+
+    >>> from omnimirror.mirrors import Sphere
+    >>> eyes, targets = Ends.of([0.0, 0.0, -100.0]), Ends.of([150.0, 0.0, 50.0])
+    >>> found = specular_points(Sphere(50.0, 44.0), eyes, targets)
+    >>> found.points.round(6) + 0.0, found.valid  # 50 sin 45, 50 - 50 cos 45
+    (array([[35.355339,  0.      , 14.644661]]), array([ True]))
+    """
+    (count,) = np.broadcast_shapes((len(eyes.xyz),), (len(targets.xyz),))
+    eyes, targets = eyes.spread(count), targets.spread(count)
+    xy = np.empty((count, 2))
+    with np.errstate(all="ignore"):  # what is not finite is not valid
+        first = guess(mirror, eyes, targets) if start is None else np.broadcast_to(start, (count, 2))
+        for begin in range(0, count, CHUNK):
+            part = slice(begin, begin + CHUNK)
+            xy[part] = _shortest(mirror, eyes[part], targets[part], first[part])
+        if mirror.is_pointed:
+            _leave_the_tip(mirror, eyes, targets, xy)
+        return _proven(mirror, eyes, targets, xy)
+
+
+def guess(mirror: Mirror, eyes: Ends, targets: Ends) -> Array:
+    """Where (n, 2) mm an eye on the axis, as far away as these are, would see the targets' directions."""
+    if not len(eyes.xyz):
+        return np.empty((0, 2))
+    m = np.inf if eyes.distant else max(-float(np.median(eyes.xyz[:, 2])), 1e-3 * mirror.rim_radius_mm)
+    table = trace_chief_rays(mirror, m, np.linspace(0.0, mirror.rim_radius_mm, GUESS_NODES))
+    middle = table.z[GUESS_NODES // 2] + table.viewpoint_offset()[GUESS_NODES // 2]
+    towards = targets.xyz if targets.distant else targets.xyz - [0.0, 0.0, middle]
+    across = np.hypot(towards[:, 0], towards[:, 1])
+    x = np.interp(np.arctan2(across, -towards[:, 2]), table.omega, table.x)
+    if mirror.is_pointed:
+        x = np.maximum(x, 1e-3 * mirror.rim_radius_mm)
+    azimuth = np.arctan2(towards[:, 1], towards[:, 0])
+    return np.stack([x * np.cos(azimuth), x * np.sin(azimuth)], axis=-1)
+
+
+def continued_profile(mirror: Mirror, x: Array) -> tuple[Array, Array, Array]:
+    """Sag, slope and curvature of a mirror, and beyond its rim of the parabola that continues it.
+
+    >>> from omnimirror.mirrors import Sphere
+    >>> [float(v) for v in continued_profile(Sphere(50.0, 30.0), np.array([32.0]))[0].round(6)]
+    [11.578125]
+    """
+    inside = np.minimum(x, mirror.rim_radius_mm)
+    sag, slope, curvature = mirror.profile(inside)
+    beyond = x - inside
+    bend = np.where(beyond > 0, np.maximum(curvature, 0.0), curvature)
+    return sag + slope * beyond + bend * beyond**2 / 2, slope + bend * beyond, bend
+
+
+def footprint(mirror: Mirror, eyes: Ends, targets: Ends, found: Specular, motion: Array) -> Array:
+    """How fast (n,) mirror points move with their eyes: area (mm^2) on the plane z = 0 per unit of the eyes' motion.
+
+    Parameters
+    ----------
+    found
+        From :func:`specular_points` for the same ends.
+    motion : (2, 3) or (n, 2, 3)
+        Derivatives of an eye's ``xyz`` by the two numbers that move it.
+
+    Notes
+    -----
+    The gradient of the path stays 0 while the eye moves, so that the point moves by the inverse of the
+    path's second derivative times the mixed one.
+    """
+    count = len(found.points)
+    eyes, targets = eyes.spread(count), targets.spread(count)
+    with np.errstate(all="ignore"):
+        surface = _Surface(mirror, found.points[:, :2])
+        _, _, (a, b, c) = _path(surface, eyes, targets)
+        motion = np.broadcast_to(motion, (count, 2, 3))
+        if not eyes.distant:
+            step = found.points - eyes.xyz
+            distance = np.linalg.norm(step, axis=1)[:, None, None]
+            u = step[:, :, None] / distance
+            motion = (motion - (motion @ u) * u.transpose(0, 2, 1)) / distance
+        tangents = np.zeros((count, 2, 3))
+        tangents[:, 0, 0] = tangents[:, 1, 1] = 1.0
+        tangents[:, :, 2] = surface.slopes
+        mixed = np.linalg.det(motion @ tangents.transpose(0, 2, 1))
+        area: Array = np.abs(mixed / (a * c - b * b))
+    return area
+
+
+class _Surface:
+    """Points of the continued surface over (x, y) with first and second derivatives."""
+
+    def __init__(self, mirror: Mirror, xy: Array) -> None:
+        x, y = xy[:, 0], xy[:, 1]
+        r = np.hypot(x, y)
+        sag, slope, bend = continued_profile(mirror, r)
+        on_axis = r == 0
+        safe = np.where(on_axis, 1.0, r)
+        cos, sin = np.where(on_axis, 1.0, x / safe), y / safe
+        hoop = np.where(on_axis, bend, slope / safe)
+        self.points = np.stack([x, y, sag], axis=-1)
+        self.slopes = np.stack([slope * cos, slope * sin], axis=-1)
+        self.second = (
+            bend * cos * cos + hoop * sin * sin,
+            (bend - hoop) * cos * sin,
+            bend * sin * sin + hoop * cos * cos,
+        )
+
+
+def _path(surface: _Surface, eyes: Ends, targets: Ends) -> tuple[Array, Array, tuple[Array, Array, Array]]:
+    """Length of the path (n,), its gradient (n, 2) and its second derivatives (xx, xy, yy) over (x, y)."""
+    length = np.zeros(len(surface.points))
+    pull = np.zeros_like(surface.points)
+    sx, sy = surface.slopes.T
+    xx, xy, yy = (np.zeros_like(length) for _ in range(3))
+    for end in (eyes, targets):
+        if end.distant:
+            length -= np.einsum("ni,ni->n", end.xyz, surface.points)
+            pull -= end.xyz
+            continue
+        step = surface.points - end.xyz
+        distance = np.sqrt(np.einsum("ni,ni->n", step, step))
+        u = step / distance[:, None]
+        length += distance
+        pull += u
+        ux, uy = u[:, 0] + sx * u[:, 2], u[:, 1] + sy * u[:, 2]
+        xx += (1 + sx * sx - ux * ux) / distance
+        xy += (sx * sy - ux * uy) / distance
+        yy += (1 + sy * sy - uy * uy) / distance
+    gradient = pull[:, :2] + surface.slopes * pull[:, 2:]
+    a, b, c = surface.second
+    return length, gradient, (xx + pull[:, 2] * a, xy + pull[:, 2] * b, yy + pull[:, 2] * c)
+
+
+def _shortest(mirror: Mirror, eyes: Ends, targets: Ends, start: Array) -> Array:
+    """(x, y) (n, 2) of the shortest paths, going downhill from a start."""
+    rim, pointed = mirror.rim_radius_mm, mirror.is_pointed
+    best = np.array(start)
+    trial, step, length = best.copy(), np.zeros_like(best), np.full(len(best), np.inf)
+    active = np.arange(len(best))
+    for _ in range(MAX_STEPS):
+        eye, target = eyes[active], targets[active]
+        new_length, gradient, second = _path(_Surface(mirror, trial[active]), eye, target)
+        down = new_length <= length[active] * (1 + UPHILL) + UPHILL * rim
+        taken = active[down]
+        best[taken], length[taken] = trial[taken], new_length[down]
+        reach = LONGEST_STEP * (np.hypot(*best[taken].T) if pointed else rim)
+        step[taken] = _downhill(gradient[down], tuple(s[down] for s in second), reach)
+        step[active[~down]] /= 4
+        trial[active] = best[active] + step[active]
+        size = np.hypot(*step[active].T)
+        arrived = down & (size <= NEWTON_CLOSE * rim)
+        best[active[arrived]] = trial[active[arrived]]
+        active = active[~arrived & np.isfinite(size)]
+        if not active.size:
+            break
+    return best
+
+
+def _leave_the_tip(mirror: Mirror, eyes: Ends, targets: Ends, xy: Array) -> None:
+    """Try again, from all around, where the way down has ended at the tip, which reflects nothing."""
+    for azimuth in np.arange(RESTARTS) * 2 * np.pi / RESTARTS:
+        lost = np.flatnonzero(~_proven(mirror, eyes, targets, xy).reflects)
+        if not lost.size:
+            return
+        start = mirror.rim_radius_mm / 2 * np.array([np.cos(azimuth), np.sin(azimuth)])
+        xy[lost] = _shortest(mirror, eyes[lost], targets[lost], np.broadcast_to(start, (lost.size, 2)))
+
+
+def _downhill(gradient: Array, second: tuple[Array, ...], reach: Array | float) -> Array:
+    """Newton's step (n, 2) where the path curves upwards, else straight downhill; no longer than ``reach``."""
+    a, b, c = second
+    gx, gy = gradient.T
+    det = a * c - b * b
+    newton = np.stack([b * gy - c * gx, b * gx - a * gy], axis=-1) / det[:, None]
+    slope = np.hypot(gx, gy)
+    steepest = -gradient * (reach / np.where(slope > 0, slope, 1.0))[:, None]
+    step = np.where(((det > 0) & (a > 0))[:, None], newton, steepest)
+    size = np.hypot(*step.T)
+    limited: Array = step * np.where(size > reach, reach / size, 1.0)[:, None]
+    return limited
+
+
+def _proven(mirror: Mirror, eyes: Ends, targets: Ends, xy: Array) -> Specular:
+    """What stands behind a mirror point, and whether it is one."""
+    surface = _Surface(mirror, xy)
+    length, gradient, _ = _path(surface, eyes, targets)
+    points, slopes = surface.points, surface.slopes
+    normals = np.concatenate([slopes, np.full((len(xy), 1), -1.0)], axis=1)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    to_eyes, to_targets = (end.xyz if end.distant else _unit(end.xyz - points) for end in (eyes, targets))
+    facing = (np.einsum("ni,ni->n", to_eyes, normals) > 0) & (np.einsum("ni,ni->n", to_targets, normals) > 0)
+    miss = np.hypot(*gradient.T) / np.sqrt(1 + np.einsum("ni,ni->n", slopes, slopes))
+    reflects = facing & (miss <= REFLECTS)
+    valid = reflects & (np.hypot(*xy.T) <= mirror.rim_radius_mm * (1 + RIM_SLACK))
+    if hollowness(mirror) > 0 and valid.any():
+        for end, towards in ((eyes, to_eyes), (targets, to_targets)):
+            lifted = points[valid] + LIFT * mirror.rim_radius_mm * towards[valid]
+            hit = intersect(mirror, lifted, towards[valid]).distance
+            away = np.inf if end.distant else np.linalg.norm(end.xyz[valid] - lifted, axis=1)
+            valid[valid] = ~(hit < away)
+    blank = np.where(reflects, 1.0, np.nan)
+    return Specular(
+        points,
+        normals * blank[:, None],
+        to_eyes * blank[:, None],
+        to_targets * blank[:, None],
+        length * blank,
+        reflects,
+        valid,
+    )
+
+
+def _unit(vectors: Array) -> Array:
+    unit: Array = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+    return unit
