@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "axial.hpp"
+#include "exposure_module.hpp"
 #include "packed.hpp"
 #include "pool.hpp"
 #include "sample.hpp"
@@ -305,6 +306,7 @@ NB_MODULE(_native, m) {
         },
         "count"_a);
     m.def("get_threads", &get_threads);
+    add_exposure(m);
     m.def("instructions", [] { return std::string(kernels().name); });
     m.def(
         "use_instructions",

@@ -1,0 +1,425 @@
+// The kernels of exposure.hpp. Compiled once per instruction set, so everything here has internal linkage.
+//
+// Rays go through in blocks: each step is a loop over the lanes of a block without branches, which compilers
+// vectorise.
+#pragma once
+
+#include <cmath>
+
+#include "exposure.hpp"
+
+namespace omnimirror {
+namespace {
+
+constexpr int LANES = 64;
+using Lane = float[LANES];
+
+#if defined(__GNUC__) && !defined(__clang__)
+#define OMNIMIRROR_EACH_LANE(i) _Pragma("GCC ivdep") for (int i = 0; i < LANES; ++i)
+#else
+#define OMNIMIRROR_EACH_LANE(i) for (int i = 0; i < LANES; ++i)
+#endif
+
+struct alignas(64) Bundle {
+    Lane u, v, a, b;                 // pixel, and place on the aperture in [0, 1)
+    Lane tx, ty;                     // tangents of the pixel
+    Lane ox, oy, oz, dx, dy, dz;     // the ray: in the camera frame, then the mirror's, and the camera's again
+    Lane px, py, pz, nx, ny;         // where it meets the mirror, and the normal (nx, ny, 1)
+    Lane weight;
+    float fate[LANES];  // as a number, so that lanes are of one width
+};
+
+inline float positive(float x) { return x > 0 ? x : 0; }
+inline float absolute(float x) { return x < 0 ? -x : x; }
+inline float root(float x) { return __builtin_sqrtf(positive(x)); }
+inline float floor_of(float x) { return __builtin_floorf(x); }
+
+// atan2 in radians, to 3e-7.
+inline float angle_of(float y, float x) {
+    const float ax = absolute(x), ay = absolute(y);
+    const float low = ax < ay ? ax : ay, high = ax < ay ? ay : ax;
+    const float t = low / (high + 1e-30f), s = t * t;
+    float a = 0.00681177105f;
+    a = a * s - 0.0336041491f, a = a * s + 0.0796235844f, a = a * s - 0.132333369f;
+    a = a * s + 0.198078141f, a = a * s - 0.333173679f, a = (a * s + 0.999996111f) * t;
+    a = ay > ax ? 1.57079633f - a : a;
+    a = x < 0 ? 3.14159265f - a : a;
+    return y < 0 ? -a : a;
+}
+
+// sin and cos of t turns, t in [-.5, .5], to 3e-7.
+inline float sine_of(float t) {
+    const float s = t * t;
+    float a = -12.3700726f;
+    a = a * s + 41.268481f, a = a * s - 76.5946177f, a = a * s + 81.5976293f;
+    return ((a * s - 41.3414793f) * s + 6.28318346f) * t;
+}
+inline float cosine_of(float t) {
+    const float s = t * t;
+    float a = 6.5744248f;
+    a = a * s - 25.9997443f, a = a * s + 60.1760386f, a = a * s - 85.4511445f, a = a * s + 64.9391712f;
+    return (a * s - 19.7392055f) * s + 0.999999992f;
+}
+
+inline uint32_t mixed(uint32_t h) {  // a 32-bit finaliser whose bits all depend on all (Wellons, "lowbias32")
+    h ^= h >> 16, h *= 0x7feb352du, h ^= h >> 15, h *= 0x846ca68bu, h ^= h >> 16;
+    return h;
+}
+
+// A shift in [0, 1) per pixel and dimension.
+struct Shifts {
+    float of[4];
+};
+
+inline Shifts shifts_of(const Samples& samples, int column, int row) {
+    Shifts shifts{{0, 0, 0, 0}};
+    if (!samples.shifted) return shifts;
+    uint32_t h = mixed(samples.seed ^ mixed(static_cast<uint32_t>(column) + mixed(static_cast<uint32_t>(row))));
+    for (float& shift : shifts.of) shift = static_cast<float>(h >> 8) * 0x1p-24f, h = mixed(h + 0x9e3779b9u);
+    return shifts;
+}
+
+inline float wrapped(float x) { return x - (x >= 1 ? 1.f : 0.f); }
+
+// -- the steps of a ray ----------------------------------------------------------------------------
+
+// The lanes' samples: those from number `first` of the row's on.
+void place(const Exposure& e, int row, int64_t first, Bundle& r) {
+    const Samples& s = e.samples;
+    int column = static_cast<int>(first / s.count), sample = static_cast<int>(first % s.count);
+    Shifts shifts = shifts_of(s, e.left + column, row);
+    for (int i = 0; i < LANES; ++i) {
+        const float* p = s.points + 4 * sample;
+        r.u[i] = static_cast<float>(e.left + column) + wrapped(p[0] + shifts.of[0]) - 0.5f;
+        r.v[i] = static_cast<float>(row) + wrapped(p[1] + shifts.of[1]) - 0.5f;
+        r.a[i] = wrapped(p[2] + shifts.of[2]), r.b[i] = wrapped(p[3] + shifts.of[3]);
+        if (++sample == s.count) sample = 0, shifts = shifts_of(s, e.left + ++column, row);
+    }
+}
+
+// From the pixel through the aperture towards the point in focus.
+void through_lens(const Optics& o, Bundle& r) {
+    const float perspective = o.telecentric ? 0.f : 1.f;
+    OMNIMIRROR_EACH_LANE(i) {
+        const float x = o.scale[0] * (r.u[i] - o.centre[0]), y = o.scale[1] * (r.v[i] - o.centre[1]);
+        const float r2 = x * x + y * y;
+        const float bend = 1 + r2 * (o.distortion[0] + r2 * (o.distortion[1] + r2 * o.distortion[2]));
+        const float tx = bend * x, ty = bend * y;
+        const float radius = o.stop * root(r.a[i]), turn = r.b[i] - 0.5f;
+        const float ax = radius * cosine_of(turn), ay = radius * sine_of(turn);
+        r.tx[i] = tx, r.ty[i] = ty;
+        // towards (tx, ty, 1) focus from (ax, ay, 0); telecentric: through (tx, ty, focus) with slopes (ax, ay)
+        r.ox[i] = perspective * ax + (1 - perspective) * tx;
+        r.oy[i] = perspective * ay + (1 - perspective) * ty;
+        r.oz[i] = (1 - perspective) * o.focus;
+        r.dx[i] = perspective * (o.focus * tx - ax) + (1 - perspective) * ax;
+        r.dy[i] = perspective * (o.focus * ty - ay) + (1 - perspective) * ay;
+        r.dz[i] = perspective * o.focus + (1 - perspective);
+        const float cos2 = 1 / (1 + perspective * (tx * tx + ty * ty));
+        r.weight[i] = 1 - o.natural_vignetting * (1 - cos2 * cos2);
+    }
+}
+
+// To the mirror's frame, and to its vertex plane, where little is left to cancel.
+void to_mirror(const Optics& o, Bundle& r) {
+    const float *t = o.vertex, *m = o.axes;
+    OMNIMIRROR_EACH_LANE(i) {
+        float x = r.ox[i] - t[0], y = r.oy[i] - t[1], z = r.oz[i] - t[2];
+        float dx = r.dx[i], dy = r.dy[i], dz = r.dz[i];
+        if (!o.aligned) {
+            const float x1 = m[0] * x + m[1] * y + m[2] * z, y1 = m[3] * x + m[4] * y + m[5] * z;
+            z = m[6] * x + m[7] * y + m[8] * z, x = x1, y = y1;
+            const float dx1 = m[0] * dx + m[1] * dy + m[2] * dz, dy1 = m[3] * dx + m[4] * dy + m[5] * dz;
+            dz = m[6] * dx + m[7] * dy + m[8] * dz, dx = dx1, dy = dy1;
+        }
+        const float s = -z / dz;
+        r.ox[i] = x + s * dx, r.oy[i] = y + s * dy;
+        r.dx[i] = dx, r.dy[i] = dy, r.dz[i] = dz;
+    }
+}
+
+// Where the ray meets the conic's sheet at the vertex, coming from the lens; t counts from the vertex plane.
+void meet_conic(const Optics& o, Bundle& r) {
+    const float c = o.curvature, k1 = 1 + o.conic;
+    OMNIMIRROR_EACH_LANE(i) {
+        const float x = r.ox[i], y = r.oy[i], dx = r.dx[i], dy = r.dy[i], dz = r.dz[i];
+        const float b = dz - c * (x * dx + y * dy), cc = c * (x * x + y * y);
+        const float disc = b * b - c * (dx * dx + dy * dy + k1 * dz * dz) * cc;
+        const float t = cc / (b + root(disc));
+        const float px = x + t * dx, py = y + t * dy, pz = t * dz, steep = 1 / (1 - k1 * c * pz);
+        r.px[i] = px, r.py[i] = py, r.pz[i] = pz;
+        r.nx[i] = -c * px * steep, r.ny[i] = -c * py * steep;
+        r.fate[i] = (disc >= 0) & (b > 0) & (px * px + py * py <= o.rim * o.rim) ? REFLECTED : LOST;
+    }
+}
+
+// The meridian about a place r0, as far as h to both sides: slope is a polynomial of t = (r - r0)/h, and sag its
+// integral. So short a piece of any smooth mirror is one, and lanes need nothing from a table.
+struct Piece {
+    float r0, h, sag, slope[6];
+};
+
+// A value between two nodes and its derivative, from values and derivatives there (Hermite), t in [0, 1].
+struct Between {
+    float value, rate;
+};
+inline Between between(float f0, float g0, float f1, float g1, float t) {
+    const float d = f1 - f0, a = 3 * d - 2 * g0 - g1, b = g0 + g1 - 2 * d;
+    return {f0 + t * (g0 + t * (a + t * b)), g0 + t * (2 * a + 3 * b * t)};
+}
+
+inline const MeridianNode* node_before(const Optics& o, float r, float& t) {
+    const float place = r / o.step, last = static_cast<float>(o.cells) - 1;
+    const float cell = place < last ? floor_of(place) : last;
+    t = place - cell;
+    return o.nodes + static_cast<int>(cell);
+}
+
+inline Between slope_at(const Optics& o, float r) {
+    float t;
+    const MeridianNode* n = node_before(o, r, t);
+    const Between s = between(n[0].slope, n[0].curvature * o.step, n[1].slope, n[1].curvature * o.step, t);
+    return {s.value, s.rate / o.step};
+}
+
+inline float sag_at(const Optics& o, float r) {
+    float t;
+    const MeridianNode* n = node_before(o, r, t);
+    return between(n[0].sag, n[0].slope * o.step, n[1].sag, n[1].slope * o.step, t).value;
+}
+
+Piece piece_of(const Optics& o, float low, float high) {
+    const float r0 = 0.5f * (low + high), h = 0.5f * (high - low);
+    const Between a = slope_at(o, low), m = slope_at(o, r0), b = slope_at(o, high);
+    const float even = 0.5f * (b.value + a.value) - m.value, odd = 0.5f * (b.value - a.value) - h * m.rate;
+    const float even_rate = 0.5f * h * (b.rate - a.rate), odd_rate = 0.5f * h * (b.rate + a.rate) - h * m.rate;
+    const float a4 = 0.5f * even_rate - even, a5 = 0.5f * (odd_rate - 3 * odd);
+    return {r0, h, sag_at(o, r0), {m.value, h * m.rate, even - a4, odd - a5, a4, a5}};
+}
+
+// The piece under all lanes that are near the mirror, and a little more.
+Piece piece_under(const Optics& o, const Bundle& r) {
+    float low = o.rim, high = 0;
+    for (int i = 0; i < LANES; ++i) {
+        const float distance = root(r.px[i] * r.px[i] + r.py[i] * r.py[i]), inside = distance < o.rim ? distance : o.rim;
+        low = inside < low ? inside : low, high = inside > high ? inside : high;
+    }
+    const float margin = 0.002f * o.rim + 0.2f * (high - low);
+    low = positive(low - margin), high = high + margin < o.rim ? high + margin : o.rim;
+    return piece_of(o, low, high);
+}
+
+struct Progress {
+    float moved;  // the longest step, mm
+    float left;   // how far a lane lies off the piece, mm
+};
+
+// One step of Newton's rule from the points at px, py, pz; beyond the rim the surface goes on straight.
+Progress approach(const Optics& o, const Piece& piece, Bundle& r) {
+    const float* s = piece.slope;
+    const float inverse = 1 / piece.h;
+    Lane moved, left;
+    OMNIMIRROR_EACH_LANE(i) {
+        const float x = r.px[i], y = r.py[i], distance = root(x * x + y * y);
+        const float on = distance < o.rim ? distance : o.rim, t = (on - piece.r0) * inverse;
+        const float slope = s[0] + t * (s[1] + t * (s[2] + t * (s[3] + t * (s[4] + t * s[5]))));
+        const float mean = s[0] + t * (s[1] * 0.5f + t * (s[2] * (1.f / 3) + t * (s[3] * 0.25f +
+                           t * (s[4] * 0.2f + t * s[5] * (1.f / 6)))));
+        const float sag = piece.sag + (on - piece.r0) * mean + (distance - on) * slope;
+        const float outwards = slope / (distance + 1e-20f);
+        const float nx = -outwards * x, ny = -outwards * y;
+        const float rate = nx * r.dx[i] + ny * r.dy[i] + r.dz[i];  // of z - sag along the ray
+        const float step = (sag - r.pz[i]) / rate;
+        const bool hit = (rate > 0) & (distance <= o.rim);
+        r.px[i] = x + step * r.dx[i], r.py[i] = y + step * r.dy[i], r.pz[i] += step * r.dz[i];
+        r.nx[i] = nx, r.ny[i] = ny;
+        r.fate[i] = hit ? REFLECTED : LOST;
+        moved[i] = hit ? absolute(step * r.dz[i]) : 0;
+        left[i] = hit ? absolute(on - piece.r0) - piece.h : 0;
+    }
+    Progress progress{0, 0};
+    OMNIMIRROR_EACH_LANE(i) progress.moved = moved[i] > progress.moved ? moved[i] : progress.moved;
+    OMNIMIRROR_EACH_LANE(i) progress.left = left[i] > progress.left ? left[i] : progress.left;
+    return progress;
+}
+
+constexpr float NEAR_MM = 5e-5f;  // moves the normal by 1e-6
+constexpr int MOST_STEPS = 16;    // a few do, but for rays that graze the rim
+
+// A meridian given by nodes: from the conic that is most like it.
+void meet_nodes(const Optics& o, Bundle& r) {
+    meet_conic(o, r);
+    OMNIMIRROR_EACH_LANE(i) {  // the conic may be missed where the mirror is not
+        const bool usable = r.px[i] * r.px[i] + r.py[i] * r.py[i] < 2 * o.rim * o.rim;
+        r.px[i] = usable ? r.px[i] : r.ox[i], r.py[i] = usable ? r.py[i] : r.oy[i], r.pz[i] = usable ? r.pz[i] : 0;
+    }
+    Piece piece = piece_under(o, r);
+    for (int k = 0; k < MOST_STEPS; ++k) {
+        const Progress progress = approach(o, piece, r);
+        if (progress.left > 0)
+            piece = piece_under(o, r);
+        else if (progress.moved <= NEAR_MM)
+            return;
+    }
+}
+
+// Off the mirror, and back to the camera frame; rays that missed go straight on.
+void reflect(const Optics& o, Bundle& r) {
+    const float *t = o.vertex, *m = o.axes;
+    const float *w = o.reflectance;
+    OMNIMIRROR_EACH_LANE(i) {
+        const bool hit = r.fate[i] == REFLECTED;
+        float x = hit ? r.px[i] : r.ox[i], y = hit ? r.py[i] : r.oy[i], z = hit ? r.pz[i] : 0;
+        float dx = r.dx[i], dy = r.dy[i], dz = r.dz[i];
+        const float nx = r.nx[i], ny = r.ny[i], n2 = 1 + nx * nx + ny * ny;
+        const float along = dx * nx + dy * ny + dz;
+        const float turned = hit ? 2 * along / n2 : 0;
+        const float d2 = dx * dx + dy * dy + dz * dz;
+        const float oblique = 1 - absolute(along) / root(n2 * d2);
+        dx -= turned * nx, dy -= turned * ny, dz -= turned;
+        float kept = w[7];
+        for (int k = 6; k >= 0; --k) kept = kept * oblique + w[k];
+        r.weight[i] *= hit ? kept : 1;
+        if (!o.aligned) {
+            const float x1 = m[0] * x + m[3] * y + m[6] * z, y1 = m[1] * x + m[4] * y + m[7] * z;
+            z = m[2] * x + m[5] * y + m[8] * z, x = x1, y = y1;
+            const float dx1 = m[0] * dx + m[3] * dy + m[6] * dz, dy1 = m[1] * dx + m[4] * dy + m[7] * dz;
+            dz = m[2] * dx + m[5] * dy + m[8] * dz, dx = dx1, dy = dy1;
+        }
+        r.px[i] = x + t[0], r.py[i] = y + t[1], r.pz[i] = z + t[2];
+        r.dx[i] = dx, r.dy[i] = dy, r.dz[i] = dz;
+    }
+}
+
+// Whether a ray meets the rod between its two ends.
+inline bool meets_rod(const Optics& o, float x, float y, float z, float dx, float dy, float dz) {
+    const float taper = (o.rod_radius[1] - o.rod_radius[0]) / (o.rod_z[1] - o.rod_z[0]);
+    const float radius = o.rod_radius[0] + taper * (z - o.rod_z[0]), widening = taper * dz;
+    const float a = dx * dx + dy * dy - widening * widening, b = x * dx + y * dy - radius * widening;
+    const float c = x * x + y * y - radius * radius, disc = b * b - a * c;
+    const float t = (-b - root(disc)) / (a + 1e-20f), at = z + t * dz;
+    return (disc > 0) & (t > 0) & (at >= o.rod_z[0]) & (at <= o.rod_z[1]);
+}
+
+// The camera and its rod, where mirrored rays meet them. The rod also hides the mirror: the ray is followed back.
+void stand_in_the_way(const Optics& o, Bundle& r) {
+    const bool rod = o.rod_z[1] > o.rod_z[0];
+    OMNIMIRROR_EACH_LANE(i) {
+        const float down = (o.body_z - r.pz[i]) / (r.dz[i] - 1e-30f);
+        const float x = r.px[i] + down * r.dx[i], y = r.py[i] + down * r.dy[i];
+        const bool body = (r.dz[i] < 0) & (x * x + y * y < o.body_radius * o.body_radius);
+        r.fate[i] = (r.fate[i] == REFLECTED) & body ? HARDWARE : r.fate[i];
+    }
+    if (!rod) return;
+    OMNIMIRROR_EACH_LANE(i) {
+        const bool out = meets_rod(o, r.px[i], r.py[i], r.pz[i], r.dx[i], r.dy[i], r.dz[i]);
+        const bool back = meets_rod(o, r.px[i], r.py[i], r.pz[i], -o.focus * r.tx[i], -o.focus * r.ty[i], -o.focus);
+        r.fate[i] = (r.fate[i] != LOST) & (out | back) ? HARDWARE : r.fate[i];
+    }
+}
+
+// Directions to the world's, in dx, dy, dz.
+void to_world(const Optics& o, Bundle& r) {
+    const float* m = o.rotation;
+    OMNIMIRROR_EACH_LANE(i) {
+        const float x = r.dx[i], y = r.dy[i], z = r.dz[i];
+        r.dx[i] = m[0] * x + m[1] * y + m[2] * z;
+        r.dy[i] = m[3] * x + m[4] * y + m[5] * z;
+        r.dz[i] = m[6] * x + m[7] * y + m[8] * z;
+    }
+}
+
+// All of it; whether any lane got anywhere.
+bool trace(const Exposure& e, int row, int64_t first, Bundle& r) {
+    const Optics& o = e.optics;
+    place(e, row, first, r);
+    through_lens(o, r);
+    to_mirror(o, r);
+    if (o.nodes)
+        meet_nodes(o, r);
+    else
+        meet_conic(o, r);
+    float sum = 0;
+    OMNIMIRROR_EACH_LANE(i) sum += r.fate[i];
+    if (sum == 0 && !o.sees_past) return false;
+    reflect(o, r);
+    const float past = o.sees_past ? DIRECT : LOST;
+    OMNIMIRROR_EACH_LANE(i) r.fate[i] = r.fate[i] == LOST ? past : r.fate[i];
+    if (o.body_radius > 0 || o.rod_z[1] > o.rod_z[0]) stand_in_the_way(o, r);
+    to_world(o, r);
+    return true;
+}
+
+// -- light -----------------------------------------------------------------------------------------
+
+// Places of directions on the environment, px: columns in u, rows in v.
+void look_up(const Environment& world, Bundle& r) {
+    const float across = static_cast<float>(world.width) / 6.28318531f, middle = 0.5f * static_cast<float>(world.width);
+    const float down = static_cast<float>(world.height) / 3.14159265f;
+    const float lowest = static_cast<float>(world.height) - 1;
+    OMNIMIRROR_EACH_LANE(i) {
+        const float x = r.dx[i], y = r.dy[i], z = r.dz[i];
+        const float u = middle - across * angle_of(y, x) - 0.5f;
+        const float v = down * angle_of(root(x * x + y * y), z) - 0.5f;
+        r.u[i] = u < 0 ? u + static_cast<float>(world.width) : u;
+        r.v[i] = v < 0 ? 0 : v > lowest ? lowest : v;
+    }
+}
+
+struct Sum {
+    float rgb[4];
+};
+
+void add_light(const Environment& world, float u, float v, float weight, Sum& sum) {
+    const int column = static_cast<int>(u), above = static_cast<int>(v);
+    const int below = above + 1 < world.height ? above + 1 : above;
+    const int64_t pitch = 4 * (int64_t{world.width} + 2);
+    const float *a = world.texels + above * pitch + 4 * column, *b = world.texels + below * pitch + 4 * column;
+    const float fu = u - static_cast<float>(column), fv = weight * (v - static_cast<float>(above));
+    const float w10 = fv - fv * fu, w11 = fv * fu, w01 = weight * fu - w11, w00 = weight - w01 - fv;
+    for (int c = 0; c < 4; ++c) sum.rgb[c] += w00 * a[c] + w01 * a[c + 4] + w10 * b[c] + w11 * b[c + 4];
+}
+
+void light_of_row(const Exposure& e, const Environment& world, int row, float* out) {
+    Bundle r;
+    const int64_t count = int64_t{e.width} * e.samples.count;
+    const float share = 1 / static_cast<float>(e.samples.count);
+    Sum sum{};
+    int left = e.samples.count;
+    for (int64_t first = 0; first < count; first += LANES) {
+        const bool any = trace(e, row, first, r);
+        if (any) look_up(world, r);
+        const int lanes = count - first < LANES ? static_cast<int>(count - first) : LANES;
+        for (int i = 0; i < lanes; ++i) {
+            if (any && (r.fate[i] == REFLECTED || r.fate[i] == DIRECT))
+                add_light(world, r.u[i], r.v[i], share * r.weight[i], sum);
+            else if (any && r.fate[i] == HARDWARE)
+                for (int c = 0; c < 3; ++c) sum.rgb[c] += share * e.optics.hardware_light[c];
+            if (--left) continue;
+            for (int c = 0; c < 3; ++c) *out++ = sum.rgb[c];
+            sum = {}, left = e.samples.count;
+        }
+    }
+}
+
+void rays_of_row(const Exposure& e, int row, const RayOut& out) {
+    Bundle r;
+    const int64_t count = int64_t{e.width} * e.samples.count;
+    const float *m = e.optics.rotation, *shift = e.optics.shift;
+    for (int64_t first = 0; first < count; first += LANES) {
+        const bool any = trace(e, row, first, r);
+        const int lanes = count - first < LANES ? static_cast<int>(count - first) : LANES;
+        for (int i = 0; i < lanes; ++i) {
+            const int64_t n = first + i;
+            const float x = r.px[i], y = r.py[i], z = r.pz[i];
+            out.fates[n] = any ? static_cast<uint8_t>(r.fate[i]) : uint8_t{0};
+            out.weights[n] = r.weight[i];
+            for (int c = 0; c < 3; ++c)
+                out.origins[3 * n + c] = m[3 * c] * x + m[3 * c + 1] * y + m[3 * c + 2] * z + shift[c];
+            out.directions[3 * n] = r.dx[i], out.directions[3 * n + 1] = r.dy[i], out.directions[3 * n + 2] = r.dz[i];
+        }
+    }
+}
+
+}  // namespace
+}  // namespace omnimirror

@@ -1,0 +1,7 @@
+#include "exposure_kernel.hpp"
+
+namespace omnimirror {
+
+const ExposureKernels plain_exposure{"plain", &light_of_row, &rays_of_row};
+
+}  // namespace omnimirror
