@@ -1,4 +1,4 @@
-// What Python sees of exposure.hpp.
+// What Python sees of exposure.hpp and surfaces.hpp.
 #pragma once
 
 #include <nanobind/nanobind.h>
@@ -6,5 +6,6 @@
 namespace omnimirror {
 
 void add_exposure(nanobind::module_& m);
+void add_surfaces(nanobind::module_& m);
 
 }  // namespace omnimirror

@@ -307,6 +307,7 @@ NB_MODULE(_native, m) {
         "count"_a);
     m.def("get_threads", &get_threads);
     add_exposure(m);
+    add_surfaces(m);
     m.def("instructions", [] { return std::string(kernels().name); });
     m.def(
         "use_instructions",

@@ -1,0 +1,78 @@
+#include "exposure_module.hpp"
+
+#include <nanobind/ndarray.h>
+
+#include <algorithm>
+#include <memory>
+#include <vector>
+
+#include "surfaces.hpp"
+
+namespace nb = nanobind;
+using namespace nb::literals;
+
+namespace omnimirror {
+namespace {
+
+using Floats = nb::ndarray<const float, nb::c_contig, nb::device::cpu>;
+using FloatsOut = nb::ndarray<float, nb::c_contig, nb::device::cpu>;
+using Ints = nb::ndarray<const int32_t, nb::c_contig, nb::device::cpu>;
+
+void require(bool condition, const char* message) {
+    if (!condition) throw nb::value_error(message);
+}
+
+std::vector<Texture> textures_of(const Ints& sizes, size_t texels) {
+    require(sizes.ndim() == 2 && sizes.shape(1) == 3, "sizes are (textures, 3): width, height, repeats");
+    std::vector<Texture> textures;
+    int64_t first = 0;
+    for (size_t i = 0; i < sizes.shape(0); ++i) {
+        const int32_t* s = sizes.data() + 3 * i;
+        require(s[0] > 0 && s[1] > 0 && s[0] < (1 << 24) && s[1] < (1 << 24), "a texture is empty or too large");
+        textures.push_back({first, s[0], s[1], s[2]});
+        first += int64_t{s[0]} * s[1];
+    }
+    require(4 * first == static_cast<int64_t>(texels), "the texels do not fit the textures' sizes");
+    return textures;
+}
+
+Surfaces* make_surfaces(const Floats& places, const Floats& texel_places, const Ints& kinds, const Ints& sizes,
+                        const Floats& texels) {
+    const size_t count = kinds.ndim() == 2 ? kinds.shape(0) : 0;
+    require(kinds.ndim() == 2 && kinds.shape(1) == 2, "kinds are (n, 2): texture, triangle");
+    require(places.size() == 9 * count && texel_places.size() == 6 * count,
+            "places are (n, 3, 3) and places on textures (n, 3, 2): corner and two sides");
+    require(count < (1u << 28), "there are too many surfaces");
+    std::vector<Texture> textures = textures_of(sizes, texels.size());
+    std::vector<Surface> surfaces(count);
+    for (size_t i = 0; i < count; ++i) {
+        Surface& s = surfaces[i];
+        const float *p = places.data() + 9 * i, *t = texel_places.data() + 6 * i;
+        std::copy_n(p, 3, s.corner), std::copy_n(p + 3, 6, &s.side[0][0]);
+        std::copy_n(t, 2, s.texel), std::copy_n(t + 2, 4, &s.texel_side[0][0]);
+        s.texture = kinds.data()[2 * i], s.triangle = kinds.data()[2 * i + 1];
+        require(s.texture >= 0 && s.texture < static_cast<int32_t>(textures.size()), "there is no such texture");
+    }
+    return new Surfaces(std::move(surfaces), std::move(textures),
+                        std::vector<float>(texels.data(), texels.data() + texels.size()));
+}
+
+void radiance(const Surfaces& surfaces, const Floats& origins, const Floats& directions, const FloatsOut& light,
+              const FloatsOut& distances) {
+    const int64_t count = static_cast<int64_t>(distances.size());
+    require(static_cast<int64_t>(origins.size()) == 3 * count && static_cast<int64_t>(directions.size()) == 3 * count &&
+                static_cast<int64_t>(light.size()) == 4 * count,
+            "the arrays differ in size");
+    nb::gil_scoped_release released;
+    surfaces.radiance(origins.data(), directions.data(), count, light.data(), distances.data());
+}
+
+}  // namespace
+
+void add_surfaces(nb::module_& m) {
+    nb::class_<Surfaces>(m, "Surfaces")
+        .def(nb::new_(&make_surfaces), "places"_a, "texel_places"_a, "kinds"_a, "sizes"_a, "texels"_a)
+        .def("radiance", &radiance, "origins"_a, "directions"_a, "light"_a, "distances"_a);
+}
+
+}  // namespace omnimirror
