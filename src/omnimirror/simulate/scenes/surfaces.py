@@ -1,0 +1,151 @@
+"""Scenes of flat textured surfaces: parallelograms and triangles, lit once and for all."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...dewarp.native import compiled
+from ..colour import Light
+from .contract import Array
+
+BESIDE = 1e-6  # of a side: neighbours that share an edge leave no gap
+RAYS_AT_ONCE = 1 << 22  # times surfaces, in NumPy
+
+
+class Texture(NamedTuple):
+    """A picture on surfaces."""
+
+    texels: Light
+    """(h, w, 4): linear red, green, blue, and the share of what is behind that comes through."""
+    repeats: bool = False
+    """Whether it starts again beyond its edge; else its edge goes on."""
+
+
+class Seen(NamedTuple):
+    """What rays (n,) meet first."""
+
+    light: Light
+    """(n, 3), 0 where they meet nothing."""
+    clear: NDArray[np.float32]
+    """(n,) share of what is behind, 0 where they meet nothing."""
+    distance: NDArray[np.float32]
+    """(n,) in lengths of the direction, infinite where they meet nothing."""
+
+
+@dataclass(frozen=True, eq=False)
+class Surfaces:
+    """Surfaces (n,), each a corner and two sides; seen from both sides.
+
+    Parameters
+    ----------
+    places : (n, 3, 3) array, mm
+        Corner and the two sides, in the world frame.
+    texel_places : (n, 3, 2) array, texels
+        Column and row of the corner in its texture, and what the sides add.
+    texture_of : (n,) array
+        Index of each surface's texture.
+    is_triangle : (n,) array
+        Whether it is the half of the parallelogram that adjoins the corner.
+    textures
+
+    Examples
+    --------
+    >>> white = Texture(np.array([[[1, 1, 1, 0]]], np.float32))
+    >>> wall = np.array([[[5.0, 1, -1], [0, -2, 0], [0, 0, 2]]])
+    >>> scene = Surfaces(wall, np.zeros((1, 3, 2)), np.zeros(1, int), np.zeros(1, bool), (white,))
+    >>> seen = scene.seen(np.zeros((2, 3)), np.array([[1.0, 0, 0], [1.0, 1.0, 0]]))
+    >>> seen.distance
+    array([ 5., inf], dtype=float32)
+    """
+
+    places: Array
+    texel_places: Array
+    texture_of: NDArray[Any]
+    is_triangle: NDArray[np.bool_]
+    textures: tuple[Texture, ...]
+
+    def seen(self, origins_mm: Array, directions: Array) -> Seen:
+        """What rays from origins (n, 3) mm in directions (n, 3) meet first."""
+        if compiled() is None:
+            return self._seen_by_all(origins_mm, directions)
+        count = len(origins_mm)
+        light, distance = np.empty((count, 4), np.float32), np.empty(count, np.float32)
+        rays = (np.ascontiguousarray(a, np.float32) for a in (origins_mm, directions))
+        self._native.radiance(*rays, light, distance)
+        return Seen(light[:, :3], light[:, 3], distance)
+
+    @cached_property
+    def _native(self) -> Any:
+        module = compiled()
+        assert module is not None
+        sizes = [(t.texels.shape[1], t.texels.shape[0], t.repeats) for t in self.textures]
+        return module.Surfaces(
+            np.ascontiguousarray(self.places, np.float32),
+            np.ascontiguousarray(self.texel_places, np.float32),
+            np.stack([self.texture_of, self.is_triangle], axis=-1).astype(np.int32),
+            np.array(sizes, np.int32).reshape(-1, 3),
+            np.concatenate([t.texels.reshape(-1, 4) for t in self.textures]).astype(np.float32),
+        )
+
+    # -- without anything compiled ---------------------------------------------------------------
+
+    def _seen_by_all(self, origins: Array, directions: Array) -> Seen:
+        """Every ray against every surface; the same answers, slowly."""
+        step = max(1, RAYS_AT_ONCE // max(1, len(self.places)))
+        parts = [
+            self._seen_at_once(origins[i : i + step], directions[i : i + step]) for i in range(0, len(origins), step)
+        ]
+        if not parts:
+            return Seen(np.zeros((0, 3), np.float32), np.zeros(0, np.float32), np.zeros(0, np.float32))
+        return Seen(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+
+    def _seen_at_once(self, origins: Array, directions: Array) -> Seen:
+        distance, a, b = self._meet(origins, directions)
+        first = distance.argmin(axis=1)
+        rays = np.arange(len(origins))
+        nearest = distance[rays, first]
+        hit = np.isfinite(nearest)
+        light = np.zeros((len(origins), 4), np.float32)
+        for number, texture in enumerate(self.textures):
+            on = np.flatnonzero(hit & (self.texture_of[first] == number))
+            corner, along_a, along_b = np.moveaxis(self.texel_places[first[on]], 1, 0)
+            place = corner + a[on, first[on], None] * along_a + b[on, first[on], None] * along_b
+            light[on] = _look_up(texture, place)
+        return Seen(light[:, :3], light[:, 3], nearest.astype(np.float32))
+
+    def _meet(self, origins: Array, directions: Array) -> tuple[Array, Array, Array]:
+        """Distances (n, surfaces), infinite where missed, and places on the sides (Moeller and Trumbore, 1997)."""
+        corner, side, other = np.moveaxis(self.places, 1, 0)
+        p = np.cross(directions[:, None], other)
+        start = origins[:, None] - corner
+        q = np.cross(start, side)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            inverse = 1 / np.einsum("sj,nsj->ns", side, p)
+            a = np.einsum("nsj,nsj->ns", start, p) * inverse
+            b = np.einsum("nj,nsj->ns", directions, q) * inverse
+            t = np.einsum("sj,nsj->ns", other, q) * inverse
+            end = np.where(self.is_triangle, a + b, np.maximum(a, b))
+            on = (np.minimum(a, b) >= -BESIDE) & (end <= 1 + BESIDE) & (t > 0)
+        return np.where(on, t, np.inf), a, b
+
+
+def _look_up(texture: Texture, place: Array) -> Light:
+    """Texels (n, 4), interpolated linearly, at columns and rows (n, 2)."""
+    size = np.array(texture.texels.shape[1::-1])
+    if not texture.repeats:
+        place = np.clip(place, 0, size - 1)
+    first = np.floor(place).astype(int)
+    share = (place - first).astype(np.float32)
+    (left, top), (right, bottom) = (
+        (np.mod(i, size) if texture.repeats else np.minimum(i, size - 1)).T for i in (first, first + 1)
+    )
+    fx, fy = share[:, :1], share[:, 1:]
+    upper = texture.texels[top, left] * (1 - fx) + texture.texels[top, right] * fx
+    lower = texture.texels[bottom, left] * (1 - fx) + texture.texels[bottom, right] * fx
+    mixed: Light = upper * (1 - fy) + lower * fy
+    return mixed
