@@ -19,7 +19,9 @@ if TYPE_CHECKING:
     from .media import read_image as read_image
     from .media import write_image as write_image
     from .sensor import Sensor as Sensor
+    from .simulate import Environment as Environment
     from .simulate import Room as Room
+    from .simulate import expose as expose
     from .simulate import take_picture as take_picture
     from .specs import load_sensor as load_sensor
     from .specs import save_sensor as save_sensor
@@ -39,7 +41,9 @@ _HOMES = {
     "best_viewpoint": "analysis",
     "evaluate": "analysis",
     "Sensor": "sensor",
+    "Environment": "simulate",
     "Room": "simulate",
+    "expose": "simulate",
     "take_picture": "simulate",
     "load_sensor": "specs",
     "save_sensor": "specs",

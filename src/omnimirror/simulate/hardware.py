@@ -1,0 +1,109 @@
+"""What stands in the light: the camera under the mirror, and the rod that holds the two together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..parameters import Parameter
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Hardware:
+    """Camera and central rod about the lens's axis, and how the mirror and the lens dim the light.
+
+    Heights count from the lens's principal point (the mirror's vertex under an orthographic lens) towards the
+    mirror. By default nothing stands in the light and nothing is dimmed.
+
+    Parameters
+    ----------
+    camera_radius_mm, camera_height_mm
+        The camera as a disk that mirrored rays meet: it is seen in the middle of the picture.
+    rod_from_mm, rod_to_mm, rod_radius_mm, rod_end_radius_mm
+        A rod that tapers from the one height to the other; none where both are the same.
+    grey
+        Light that camera and rod send out, linear, white at 1.
+    reflectivity
+        Share of the light that the mirror returns.
+    vignetting
+        1: the natural one of a lens, with the fourth power of the cosine; 0: none.
+    sees_past
+        Whether the camera sees the world beside the mirror; else it is black there.
+
+    Raises
+    ------
+    InvalidParameter
+        A number outside its range.
+    """
+
+    camera_radius_mm: float = 0.0
+    camera_height_mm: float = 0.0
+    rod_from_mm: float = 0.0
+    rod_to_mm: float = 0.0
+    rod_radius_mm: float = 0.0
+    rod_end_radius_mm: float = 0.0
+    grey: float = 0.02
+    reflectivity: float = 1.0
+    vignetting: float = 0.0
+    sees_past: bool = False
+
+    PARAMETERS: ClassVar[dict[str, Parameter]] = {
+        "camera_radius_mm": Parameter("mm", 0.0, 1e5, "radius of the camera as the mirror shows it"),
+        "camera_height_mm": Parameter("mm", -1e5, 1e5, "height of the camera's front"),
+        "rod_from_mm": Parameter("mm", -1e5, 1e5, "height at which the rod begins"),
+        "rod_to_mm": Parameter("mm", -1e5, 1e5, "height at which the rod ends"),
+        "rod_radius_mm": Parameter("mm", 0.0, 1e5, "radius of the rod where it begins"),
+        "rod_end_radius_mm": Parameter("mm", 0.0, 1e5, "radius of the rod where it ends"),
+        "grey": Parameter("", 0.0, 1e3, "light that camera and rod send out"),
+        "reflectivity": Parameter("", 0.0, 1.0, "share of the light that the mirror returns"),
+        "vignetting": Parameter("", 0.0, 1.0, "share of the natural vignetting of the lens"),
+    }
+
+    def __post_init__(self) -> None:
+        for f in fields(self):
+            if f.name in self.PARAMETERS:
+                self.PARAMETERS[f.name].check(f.name, getattr(self, f.name))
+
+    @property
+    def has_rod(self) -> bool:
+        """Whether there is a rod."""
+        return self.rod_to_mm > self.rod_from_mm
+
+    def hides(self, points: Array, directions: Array, towards_lens: Array) -> Mask:
+        """Which mirrored rays (n,) camera or rod stop, on their way out or between lens and mirror.
+
+        Parameters
+        ----------
+        points, directions : (n, 3) arrays
+            Where rays leave the mirror, and their directions into the world, in the camera frame (right, down,
+            towards the mirror) from the lens's principal point.
+        towards_lens : (n, 3) array
+            Directions from there back to the lens.
+        """
+        with np.errstate(divide="ignore", invalid="ignore"):
+            down = (self.camera_height_mm - points[:, 2]) / directions[:, 2]
+            across = points[:, :2] + down[:, None] * directions[:, :2]
+            hidden: Mask = (directions[:, 2] < 0) & ((across**2).sum(axis=1) < self.camera_radius_mm**2)
+        if self.has_rod:
+            hidden |= self._meets_rod(points, directions) | self._meets_rod(points, towards_lens)
+        return hidden
+
+    def _meets_rod(self, points: Array, directions: Array) -> Mask:
+        """Which rays (n,) meet the cone that the rod is a piece of between its ends."""
+        taper = (self.rod_end_radius_mm - self.rod_radius_mm) / (self.rod_to_mm - self.rod_from_mm)
+        (x, y, z), (dx, dy, dz) = points.T, directions.T
+        radius, widening = self.rod_radius_mm + taper * (z - self.rod_from_mm), taper * dz
+        a = dx**2 + dy**2 - widening**2
+        b = x * dx + y * dy - radius * widening
+        disc = b**2 - a * (x**2 + y**2 - radius**2)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            t = (-b - np.sqrt(np.maximum(disc, 0))) / a
+            at = z + t * dz
+            meets: Mask = (disc > 0) & (t > 0) & (at >= self.rod_from_mm) & (at <= self.rod_to_mm)
+        return meets

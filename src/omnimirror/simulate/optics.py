@@ -1,0 +1,87 @@
+"""A sensor as the compiled kernels take it: numbers of its lens, its mirror and what stands in the light."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..dewarp.native import compiled
+from ..lenses import Lens, Orthographic, Perspective
+from ..mirrors import Mirror
+from ..sensor import Sensor
+from .hardware import Hardware
+
+Array = NDArray[np.float64]
+
+NODES = 2049  # along the meridian; between them sag is a cubic, good to a millionth of a millimetre
+SAME_MM = 1e-9  # a conic that is the mirror, not one that is like it
+
+
+@lru_cache(maxsize=8)
+def native_optics(sensor: Sensor, hardware: Hardware, blur: bool, heading: tuple[float, ...]) -> Any:
+    """The compiled optics of a sensor; ``heading`` is a rotation (9,) of the world's directions, row by row."""
+    module = compiled()
+    assert module is not None
+    mirror, pose, m = sensor.mirror, sensor.mirror_pose, -sensor.lens_offset[2]
+    curvature, conic, nodes = _surface(mirror)
+    rotation = sensor.mount.rotation()
+    scale = sensor.imager.pitch_mm * _object_scale(sensor.lens)
+    u, v = sensor.imager.centre
+    if sensor.mount.image_flipped:
+        u = sensor.imager.width_px - 1 - u
+    return module.Optics(
+        telecentric=sensor.lens.TELECENTRIC,
+        centre=(u, v),
+        scale=(-scale if sensor.mount.image_flipped else scale, scale),
+        distortion=(0.0, 0.0, 0.0),
+        focus=sensor.lens.focus_distance_mm,
+        stop=_stop(sensor.lens) if blur else 0.0,
+        vertex=tuple(pose.shift - sensor.lens_offset),
+        axes=tuple(pose.rotation().T.ravel()),
+        aligned=pose.is_axial,
+        curvature=curvature,
+        conic=conic,
+        rim=mirror.rim_radius_mm,
+        nodes=nodes,
+        reflectance=(hardware.reflectivity, *(0.0,) * 7),
+        natural_vignetting=hardware.vignetting,
+        body_z=hardware.camera_height_mm,
+        body_radius=hardware.camera_radius_mm,
+        rod_z=(hardware.rod_from_mm, hardware.rod_to_mm),
+        rod_radius=(hardware.rod_radius_mm, hardware.rod_end_radius_mm),
+        hardware_light=(hardware.grey,) * 3,
+        sees_past=hardware.sees_past,
+        rotation=tuple((np.reshape(heading, (3, 3)) @ rotation).ravel()),
+        shift=tuple(-m * rotation[:, 2]),
+    )
+
+
+def _object_scale(lens: Lens) -> float:
+    """Tangent of the viewing angle (mm under a telecentric lens) for each mm of the imager."""
+    return float(1 / lens.image_height(np.ones(1), np.ones(1))[0])
+
+
+def _stop(lens: Lens) -> float:
+    """Radius of the aperture, mm; tangent of the half angle of its cone if telecentric, which it turns over."""
+    if isinstance(lens, Orthographic):
+        return -lens.aperture_slope
+    assert isinstance(lens, Perspective)
+    return lens.aperture_radius
+
+
+def _surface(mirror: Mirror) -> tuple[float, float, NDArray[np.float32]]:
+    """Curvature and conic constant of the conic most like the mirror, and nodes where that is not the mirror."""
+    x = np.linspace(0.0, mirror.rim_radius_mm, NODES)
+    profile = mirror.profile(x)
+    z = profile[0]
+    # on a conic c (x^2 + (1 + k) z^2) = 2 z
+    (c, ck), *_ = np.linalg.lstsq(np.stack([x**2, z**2], axis=-1), 2 * z, rcond=None)
+    conic = float(ck / c - 1) if c > 0 else -1.0
+    with np.errstate(invalid="ignore"):
+        same = c * x**2 / (1 + np.sqrt(1 - (1 + conic) * c**2 * x**2))
+    is_conic = bool(np.abs(same - z).max() < SAME_MM)
+    nodes = np.zeros((0, 3)) if is_conic else np.stack(profile, axis=-1)
+    return float(c), conic, nodes.astype(np.float32)
