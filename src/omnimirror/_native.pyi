@@ -64,3 +64,45 @@ def set_threads(count: int) -> None: ...
 def get_threads() -> int: ...
 def instructions() -> str: ...
 def use_instructions(name: str) -> None: ...
+
+class Optics:
+    def __init__(self, **numbers: Any) -> None: ...
+
+class Environment:
+    def __init__(self, light: NDArray[Any]) -> None: ...
+
+def expose_environment(
+    optics: Optics,
+    environment: Environment,
+    points: NDArray[Any],
+    shifted: bool,
+    seed: int,
+    left: int,
+    top: int,
+    light: NDArray[Any],
+) -> None: ...
+def expose_rays(
+    optics: Optics,
+    points: NDArray[Any],
+    shifted: bool,
+    seed: int,
+    left: int,
+    top: int,
+    origins: NDArray[Any],
+    directions: NDArray[Any],
+    weights: NDArray[Any],
+    fates: NDArray[Any],
+) -> None: ...
+
+class Surfaces:
+    def __init__(
+        self,
+        places: NDArray[Any],
+        texel_places: NDArray[Any],
+        kinds: NDArray[Any],
+        sizes: NDArray[Any],
+        texels: NDArray[Any],
+    ) -> None: ...
+    def radiance(
+        self, origins: NDArray[Any], directions: NDArray[Any], light: NDArray[Any], distances: NDArray[Any]
+    ) -> None: ...

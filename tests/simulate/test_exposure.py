@@ -86,6 +86,7 @@ def test_rays_of_a_pixel_fill_it_and_the_aperture_evenly():
     assert np.abs(pixels[0] - pixels[1] + [1, 0]).max() > 0.1  # each pixel has a shift of its own
 
 
+@needs_native  # 270 million rays
 def test_blur_spreads_a_point_over_the_disk_that_the_evaluation_says():
     """A small far lamp becomes a spot: its extent across is the evaluation's sagittal blur and a pixel's width."""
     sensor = om.load_sensor("paper-spherical")
