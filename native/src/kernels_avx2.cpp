@@ -262,10 +262,11 @@ uint16_t load2(const uint8_t* p) {
 
 // Both neighbours of 8 pixels of one channel.
 __m128i load_grey(const uint8_t* row, const uint32_t* o) {
-    const auto two = [&](int i) {
-        return static_cast<int>(load2(row + o[i]) | static_cast<uint32_t>(load2(row + o[i + 1])) << 16);
-    };
-    return _mm_setr_epi32(two(0), two(2), two(4), two(6));
+    __m128i a = _mm_cvtsi32_si128(load2(row + o[0])), b = _mm_cvtsi32_si128(load2(row + o[4]));
+    a = _mm_insert_epi16(a, load2(row + o[1]), 1), b = _mm_insert_epi16(b, load2(row + o[5]), 1);
+    a = _mm_insert_epi16(a, load2(row + o[2]), 2), b = _mm_insert_epi16(b, load2(row + o[6]), 2);
+    a = _mm_insert_epi16(a, load2(row + o[3]), 3), b = _mm_insert_epi16(b, load2(row + o[7]), 3);
+    return _mm_unpacklo_epi64(a, b);
 }
 
 template <>

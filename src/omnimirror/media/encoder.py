@@ -62,6 +62,8 @@ class Encoder:
         Title, time, place and so on.
     container_format
         The name of the format; by the name of the target where not given.
+    is_live
+        Whether threads share each frame, instead of holding several back, which is quicker.
 
     Raises
     ------
@@ -86,6 +88,7 @@ class Encoder:
         audio: Sequence[AudioStream] = (),
         metadata: Mapping[str, str] | None = None,
         container_format: str | None = None,
+        is_live: bool = False,
     ) -> None:
         self.size, self.frames_written, self._latest_pts = size, 0, -(2**62)
         self.target, self.codec = target, codec
@@ -99,6 +102,7 @@ class Encoder:
             context.time_base = self._stream.time_base = self._time_base
             self.pixel_format = context.pix_fmt = _pixel_format(context.codec, size)
             context.width, context.height = size
+            context.thread_type = "SLICE" if is_live else "AUTO"
             context.sample_aspect_ratio = pixel_aspect
             self.colour = Colour() if colour is None or codec in WITHOUT_COLOUR else colour
             self.colour.put_on(context)

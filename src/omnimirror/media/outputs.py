@@ -86,7 +86,9 @@ class StreamSink(SinkBase):
         key_frames = {"g": str(max(1, round(KEY_FRAME_EVERY_S * float(frame_rate))))}
         encoding["options"] = {**key_frames, **LIVE_OPTIONS.get(codec, {}), **encoding.get("options", {})}
         with sentences(url):
-            self._encoder = Encoder(url, size, frame_rate, container_format=STREAM_FORMATS[scheme], **encoding)
+            self._encoder = Encoder(
+                url, size, frame_rate, container_format=STREAM_FORMATS[scheme], is_live=True, **encoding
+            )
         self.siting = siting_of(codec)
         self._is_open = True
 

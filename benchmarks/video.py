@@ -1,0 +1,197 @@
+"""Video file to video file: omnimirror beside ffmpeg's v360, with the same codecs, sizes and threads.
+
+v360 runs in PyAV's filter graph, in place of our function between the same reader and writer, and in the
+``ffmpeg`` program where there is one. It takes the picture for a mirror ball's, as ours does; what it shows is
+not the same (it knows one mirror, and reverses the picture), what it has to do is. All in turn; medians.
+
+    python benchmarks/video.py --out out/benchmarks --picture photograph.jpg
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import platform
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Callable
+from fractions import Fraction
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import av
+import cv2
+import numpy as np
+from av.filter import Graph
+from interleaving import interleaved
+
+import omnimirror as om
+from omnimirror.dewarp import native
+from omnimirror.dewarp.video import dewarp_frame
+from omnimirror.files import write_text
+from omnimirror.media.frames import frame_of_image
+from omnimirror.media.process import process
+from omnimirror.media.video import VideoReader
+from omnimirror.media.writer import VideoWriter
+
+SIDE, SIZE = 1000, (1440, 360)
+CAMERA = om.MirrorBall(((SIDE - 1) / 2, (SIDE - 1) / 2), 0.48 * SIDE, 270.0, (SIDE, SIDE))
+SCREEN = om.screens.Cylinder(SIZE, -70.0, 40.0)
+V360 = f"input=ball:output=equirect:w={SIZE[0]}:h={SIZE[1]}:interp=linear"
+CODECS: dict[str, tuple[str, dict[str, str], str]] = {
+    "H.264, veryfast": ("libx264", {"preset": "veryfast", "crf": "23"}, ".mp4"),
+    "MPEG-4": ("mpeg4", {"b": "8000000"}, ".mp4"),
+    "FFV1": ("ffv1", {}, ".mkv"),
+    "uncompressed": ("rawvideo", {}, ".mkv"),
+}
+
+
+def make_source(path: Path, photograph: np.ndarray, frames: int, codec: str, options: dict[str, str]) -> Path:
+    """The photograph, turning about its centre."""
+    middle = ((SIDE - 1) / 2, (SIDE - 1) / 2)
+    with VideoWriter(path, (SIDE, SIDE), 60, codec=codec, options=options) as video:
+        for i in range(frames):
+            turn = cv2.getRotationMatrix2D(middle, 0.5 * i, 1.0)
+            video.write(frame_of_image(cv2.warpAffine(photograph, turn, (SIDE, SIDE))))
+    return path
+
+
+class Filter:
+    """v360 in a graph of its own."""
+
+    def __init__(self, frame: av.VideoFrame, threads: int) -> None:
+        self.graph = Graph()
+        self.graph.threads = threads
+        source = self.graph.add_buffer(
+            width=SIDE, height=SIDE, format=frame.format, time_base=frame.time_base, name="source"
+        )
+        v360, sink = self.graph.add("v360", V360), self.graph.add("buffersink")
+        source.link_to(v360)
+        v360.link_to(sink)
+        self.graph.configure()
+
+    def __call__(self, frame: av.VideoFrame, time_s: float = 0.0) -> av.VideoFrame:
+        self.graph.vpush(frame)
+        return self.graph.vpull()
+
+
+def convert(source: Path, output: Path, codec: str, options: dict[str, str], function: Callable[..., Any]) -> None:
+    """From file to file through a function of frames."""
+    with VideoReader(source) as reader:
+        sink = VideoWriter.like(reader, output, SIZE, codec=codec, options=options)
+        process(reader.items(), sink, function, "frame")
+
+
+def with_program(source: Path, output: Path, codec: str, options: dict[str, str], threads: int, program: str) -> None:
+    """The same by the ffmpeg program."""
+    settings = [word for name, value in options.items() for word in (f"-{name}:v", value)]
+    command = [program, "-v", "error", "-y", "-threads", str(threads), "-filter_threads", str(threads), "-i", source]
+    command += ["-vf", "v360=" + V360, "-c:v", codec, *settings, "-threads", str(threads), output]
+    subprocess.run(command, check=True, stdin=subprocess.DEVNULL)
+
+
+def from_file_to_file(photograph: np.ndarray, folder: Path, frames: int, runs: int, program: str | None) -> list[str]:
+    rows = []
+    threads = native.threads()
+    for name, (codec, options, suffix) in CODECS.items():
+        source = make_source(folder / f"source{suffix}", photograph, frames, codec, options)
+        output = folder / f"view{suffix}"
+        with VideoReader(source) as reader:
+            v360 = Filter(next(reader.frames()), threads)
+        ours = partial(dewarp_frame, om.Dewarper(CAMERA, SCREEN))
+        functions: dict[str, Callable[[], object]] = {
+            "omnimirror": lambda: convert(source, output, codec, options, lambda frame, time_s: ours(frame)),  # noqa: B023
+            "v360 in PyAV": lambda: convert(source, output, codec, options, v360),  # noqa: B023
+        }
+        if program:
+            functions["ffmpeg"] = lambda: with_program(source, output, codec, options, threads, program)  # noqa: B023
+        ms = interleaved(functions, runs)
+        rate = {who: 1e3 * frames / each for who, each in ms.items()}
+        others = [rate[who] for who in functions if who != "omnimirror"]
+        cells = " | ".join(f"{rate[who]:.0f}" for who in functions)
+        rows.append(f"| {name} | {cells} | {'' if program else '| '}{rate['omnimirror'] / max(others):.2f} |")
+        print(rows[-1], flush=True)
+    return rows
+
+
+def filter_only(photograph: np.ndarray, runs: int) -> list[str]:
+    """One frame again and again, in memory."""
+    rows = []
+    frame = frame_of_image(photograph).reformat(format="yuv420p")
+    frame.pts, frame.time_base = 0, Fraction(1, 60)
+    before = native.threads()
+    for threads in sorted({1, before}):
+        native.set_threads(threads)
+        v360 = Filter(frame, threads)
+        dewarp = om.Dewarper(CAMERA, SCREEN)
+        moving = iter(np.arange(0.0, 1e6, 0.1))
+
+        def move(moving: Any = moving) -> av.VideoFrame:
+            view = om.screens.Plane((1280, 720), float(next(moving)) % 360, -20.0)
+            return dewarp_frame(om.Dewarper(CAMERA, view), frame)
+
+        dewarp_frame(dewarp, frame), dewarp_frame(dewarp, frame)  # the second one makes the map
+        ms = interleaved(
+            {
+                "planes": lambda: dewarp_frame(dewarp, frame),  # noqa: B023
+                "v360": lambda: v360(frame),  # noqa: B023
+                "through BGR": lambda: frame_of_image(dewarp(frame.to_ndarray(format="bgr24"))).reformat(  # noqa: B023
+                    format="yuv420p"
+                ),
+                "moving": move,
+            },
+            runs,
+        )
+        rows.append(
+            f"| {threads} | {ms['planes']:.2f} | {ms['v360']:.2f} | {ms['v360'] / ms['planes']:.1f} | "
+            f"{ms['through BGR']:.2f} | {ms['moving']:.2f} |"
+        )
+        print(rows[-1], flush=True)
+    native.set_threads(before)
+    return rows
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
+    parser.add_argument("--picture", type=Path, help="a photograph; a drawn one without it")
+    parser.add_argument("--frames", type=int, default=300)
+    parser.add_argument("--runs", type=int, default=5)
+    parser.add_argument("--threads", type=int, default=4)
+    parser.add_argument("--ffmpeg", default=shutil.which("ffmpeg"), help="the program, to be compared with too")
+    arguments = parser.parse_args()
+    if arguments.picture:
+        photograph = om.read_image(arguments.picture)
+    else:
+        photograph = cv2.GaussianBlur(np.random.default_rng(0).integers(0, 255, (SIDE, SIDE, 3), np.uint8), (0, 0), 4)
+    photograph = cv2.resize(photograph, (SIDE, SIDE), interpolation=cv2.INTER_AREA)
+    native.set_threads(arguments.threads)
+    with tempfile.TemporaryDirectory() as folder:
+        files = from_file_to_file(photograph, Path(folder), arguments.frames, arguments.runs, arguments.ffmpeg)
+    lines = [
+        f"# Video, {SIDE} x {SIDE} to {SIZE[0]} x {SIZE[1]}, yuv420p",
+        "",
+        f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores, {native.sampler()} samplers, "
+        f"{arguments.threads} threads, PyAV {av.__version__}; medians of {arguments.runs} runs of "
+        f"{arguments.frames} frames, in turn.",
+        "",
+        "File to file, frames a second:",
+        "",
+        "| codec | omnimirror | v360 in PyAV | ffmpeg -vf v360 | ratio to the faster |",
+        "|---|---|---|---|---|",
+        *files,
+        "",
+        "One frame in memory, ms; the last column a moving view of 1280 x 720, its coordinates found anew each time:",
+        "",
+        "| threads | omnimirror | v360 | ratio | through BGR | moving view |",
+        "|---|---|---|---|---|---|",
+        *filter_only(photograph, 60),
+    ]
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    write_text(arguments.out / "video.md", "\n".join(lines) + "\n")
+
+
+if __name__ == "__main__":
+    main()
