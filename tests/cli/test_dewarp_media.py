@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import socket
+import sys
+import time
+
 import av
 import cv2
 import numpy as np
@@ -9,6 +13,7 @@ import pytest
 
 import omnimirror as om
 from omnimirror.media.frames import frame_of_image
+from omnimirror.media.live import LiveSource
 from omnimirror.media.writer import VideoWriter
 from tests.cli.test_evaluate import fails, omnimirror
 
@@ -73,6 +78,42 @@ def test_a_pipe_carries_y4m(video, tmp_path):
     assert run.stdout.count(b"FRAME") == 20
 
 
+def test_a_pipe_carries_raw_video(video):
+    args = ["--size", "128x64", "-o", "-", "--format", "rawvideo"]
+    run = omnimirror("dewarp", video, *BALL, *args, text=False)
+    assert run.returncode == 0, run.stderr
+    pictures = np.frombuffer(run.stdout, np.uint8).reshape(20, 64, 128, 3)
+    dewarp = om.Dewarper(CAMERA, om.views.panorama(CAMERA, (128, 64)))
+    assert np.abs(pictures[7] - dewarp(frames(video)[7]).astype(float))[4:-4].mean() < 3
+    grey = omnimirror("dewarp", video, *BALL, *args, "--pixel-format", "gray", text=False)
+    assert len(grey.stdout) == 20 * 64 * 128
+
+
+def test_several_outputs_at_once(video, tmp_path):
+    args = [*BALL, "--size", "128x64", "-o", tmp_path / "a.mp4", "-o", tmp_path / "b.mkv", "-o", "-"]
+    run = omnimirror("dewarp", video, *args, text=False)
+    assert run.returncode == 0, run.stderr
+    assert b"a.mp4, " in run.stderr
+    assert b"b.mkv, standard output: panorama" in run.stderr
+    assert run.stdout.count(b"FRAME") == len(frames(tmp_path / "a.mp4")) == len(frames(tmp_path / "b.mkv")) == 20
+
+
+def test_a_file_is_streamed_in_real_time(video, tmp_path):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        url = f"udp://127.0.0.1:{probe.getsockname()[1]}"
+    with LiveSource(url, timeout_s=10, patience_s=20, reconnect=False) as live:
+        begin = time.monotonic()
+        # again and again, until the receiver has understood what it is
+        while not live.received and time.monotonic() < begin + 30:
+            began = time.monotonic()
+            run = omnimirror("dewarp", video, *BALL, "--size", "128x64", "-o", url + "?pkt_size=1316")
+            assert run.returncode == 0, run.stderr
+            assert time.monotonic() - began > 19 / 25
+        frame = live.first()
+    assert (frame.width, frame.height) == (128, 64)
+
+
 def test_a_folder_of_pictures_and_one_that_is_damaged(tmp_path):
     for i in range(3):
         cv2.imwrite(str(tmp_path / f"{i}.png"), picture(60 + i))
@@ -111,6 +152,16 @@ def test_a_panorama_tells_viewers_what_it_shows(tmp_path):
         (["a.png", "a.png", "-o", "o.png"], "several pictures need a folder"),
         (["*.tif", "-o", "out"], "there is no file *.tif"),
         (["/dev/video99", "-o", "o.mp4"], "there is no camera /dev/video99"),
+        (["in.mp4", "-o", "/dev/video98"], "/dev/video98 is no virtual camera"),
+        (["in.mp4", "-o", "o.mp4", "-o", "/dev/video98"], "/dev/video98 is no virtual camera"),
+        (["in.mp4", "-o", "gopher://x"], "cannot stream to 'gopher://x'"),
+        (["in.mp4", "-o", "o.mp4", "-o", "o.mp4"], "o.mp4 is to be written twice"),
+        (["in.mp4", "-o", "o.mp4", "--format", "rawvideo"], "--format says what '-o -' writes"),
+        (["in.mp4", "-o", "-", "--pixel-format", "gray"], "--pixel-format belongs to --format rawvideo"),
+        (["in.mp4", "-o", "-", "--format", "rawvideo", "--pixel-format", "no"], "pixel format no"),
+        (["in.mp4"], "say what to write with -o, or of a video ask for a --preview"),
+        (["a.png", "-o", "o.png", "-o", "p.png"], "p.png is one output too many"),
+        (["a.png", "--preview"], "--preview belongs to videos, and a.png is none"),
     ],
 )
 def test_what_cannot_be_done_is_one_sentence(args, message, video, tmp_path):
@@ -118,3 +169,12 @@ def test_what_cannot_be_done_is_one_sentence(args, message, video, tmp_path):
     before = sorted(p.name for p in tmp_path.iterdir())
     assert message in fails("dewarp", *args, *BALL, cwd=tmp_path)
     assert sorted(p.name for p in tmp_path.iterdir()) == before
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="other systems have no DISPLAY")
+def test_no_display_leaves_the_file_alone(video, tmp_path, monkeypatch):
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    said = fails("dewarp", video, *BALL, "-o", "o.mp4", "--preview", cwd=tmp_path)
+    assert "there is no display for a preview window" in said
+    assert [p.name for p in tmp_path.iterdir()] == ["in.mp4"]

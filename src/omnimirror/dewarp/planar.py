@@ -188,6 +188,8 @@ def chroma_grid(grid: Grid, sitings: tuple[Siting, Siting], source_size: tuple[i
     )
     right, bottom = np.array(half(source_size)) - 0.5
     beyond = (nodes[0] > right) | (nodes[1] > bottom)
+    if not beyond.any():
+        return fine
     near = np.lib.stride_tricks.sliding_window_view(beyond, (4, 4)).any(axis=(2, 3)) & (grid.cells < 0)
     return _patched(fine, near, source_size) if near.any() else fine
 
