@@ -34,6 +34,8 @@ format: $(VENV)/.test  ## Format the code
 bench: $(VENV)/.full  ## Measure against other programs; tables go to out/benchmarks
 	$(BIN)/python benchmarks/evaluation.py --out out/benchmarks
 	$(BIN)/python benchmarks/sampling.py --out out/benchmarks
+	$(BIN)/python benchmarks/video.py --out out/benchmarks
+	$(BIN)/python benchmarks/live.py --out out/benchmarks
 
 clean:  ## Remove what was made, the virtual environment too
 	rm -rf $(VENV) out build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
