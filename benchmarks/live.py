@@ -118,7 +118,7 @@ def viewed(url: str, options: dict[str, str]) -> Iterator[av.VideoFrame]:
     with LiveSource(url, timeout_s=10.0, first_wait_s=0.05, reconnect=False, options=options) as source:
         for i, frame in enumerate(source.frames()):
             view = om.screens.Plane(SIZE, 0.5 * i, -20.0)
-            dewarp_frame(om.Dewarper(CAMERA, view), frame, source.siting)
+            dewarp_frame(om.Dewarper(CAMERA, view, "linear"), frame, source.siting)
             yield frame
 
 
