@@ -62,32 +62,19 @@ def best_sphere(mirror: Mirror, merit: Merit = "least-squares") -> BestSphere:
     >>> round(sphere.radius_mm, 2), round(sphere.peak_to_valley_um, 1)
     (101.0, 5.0)
     """
-    from scipy.optimize import minimize_scalar
-
     if merit not in MERITS:
         raise InvalidParameter(f"merit = {merit!r} is not one of {', '.join(MERITS)}")
     x = nodes(mirror, 2001)
     z, slope, _ = mirror.profile(x)
-    area = x * np.gradient(x)
-    area /= area.sum()
-
-    def distances(bow: float) -> Array:
-        """From the centre, less the radius of the sphere through vertex and rim; 1/bow is the centre's height."""
-        return np.hypot(x, 1 / bow - z) - 1 / bow
-
-    def square(bow: float) -> float:
-        d = distances(bow)
-        return float(area @ (d - area @ d) ** 2)
-
-    def spread(bow: float) -> float:
-        return float(np.ptp(distances(bow)))
-
-    chord = float(2 * z[-1] / (x[-1] ** 2 + z[-1] ** 2))  # 1/R of the sphere through vertex and rim
+    chord = 2 * z[-1] / (x[-1] ** 2 + z[-1] ** 2)  # 1/R of the sphere through vertex and rim
     if chord < 1e-9:
         raise InvalidParameter("the mirror is flat or hollow: there is no sphere convex towards the lens near it")
-    function = square if merit == "least-squares" else spread
-    fit = minimize_scalar(function, bounds=(0.1 * chord, 3 * chord), method="bounded", options={"xatol": 1e-13 * chord})
-    d, centre = distances(float(fit.x)), 1 / float(fit.x)
+    area = x * np.gradient(x)
+    area /= area.sum()
+    centre = _least_squares_centre(x, z, area, float(1 / chord))
+    if merit == "least-departure":
+        centre = _least_departure_centre(x, z, centre)
+    d = np.hypot(x, centre - z) - centre
     offset = float(area @ d) if merit == "least-squares" else float(d.max() + d.min()) / 2
     departure = offset - d
     angle = np.arctan(slope) - np.arctan2(x, centre - z)
@@ -99,3 +86,27 @@ def best_sphere(mirror: Mirror, merit: Merit = "least-squares") -> BestSphere:
         rms_um=float(1e3 * np.sqrt(area @ departure**2)),
         slope_mrad=float(1e3 * np.abs(angle[1:] if mirror.is_pointed else angle).max()),
     )
+
+
+def _least_squares_centre(x: Array, z: Array, weight: Array, centre: float) -> float:
+    """Gauss and Newton's rule for the height of the centre; the radius is the mean distance from it."""
+    for _ in range(100):
+        d = np.hypot(x, centre - z)
+        rate = (centre - z) / d
+        d, rate = d - weight @ d, rate - weight @ rate
+        step = float((weight * rate) @ d / ((weight * rate) @ rate))
+        centre -= step
+        if abs(step) <= 1e-15 * abs(centre):
+            break
+    return float(centre)
+
+
+def _least_departure_centre(x: Array, z: Array, start: float) -> float:
+    """Where the distances differ least: the spread is a convex function with a kink at its minimum."""
+    from scipy.optimize import minimize_scalar
+
+    def spread(bow: float) -> float:
+        return float(np.ptp(np.hypot(x, 1 / bow - z) - 1 / bow))
+
+    bounds = (0.3 / start, 3 / start)
+    return 1 / float(minimize_scalar(spread, bounds=bounds, method="bounded", options={"xatol": 1e-13 / start}).x)

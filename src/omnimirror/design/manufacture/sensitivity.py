@@ -1,0 +1,113 @@
+"""How far the picture moves when the sensor is not built as drawn, by finite differences of the mapping.
+
+For each field angle the image height is compared between the sensor as drawn and the same one with one error,
+in the meridian in which the error is largest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...sensor import Sensor
+
+Array = NDArray[np.float64]
+
+POINTS = 2001
+EDGE = 0.01
+"""Share of the meridian left out at both ends, where a moved mirror has no points."""
+
+
+class Meridian(NamedTuple):
+    """A meridian with an error, at distances x (n,) mm from the lens's axis: height (mm) and slope."""
+
+    x: Array
+    z: Array
+    slope: Array
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """How an error of one kind moves the picture.
+
+    Attributes
+    ----------
+    name, unit : of the error
+    px_per_unit : largest motion over the field
+    omega_deg : where that is
+    """
+
+    name: str
+    unit: str
+    px_per_unit: float
+    omega_deg: float
+
+    def tolerance(self, px: float = 0.5) -> float:
+        """The error that moves the picture by so many pixels where it moves most, in :attr:`unit`."""
+        return px / self.px_per_unit if self.px_per_unit else np.inf
+
+
+def sensitivities(sensor: Sensor) -> list[Sensitivity]:
+    """What an error of distance, centring, tilt, slope and form does to the picture.
+
+    ``form`` is a bump of one period between axis and rim, ``a (1 - cos(2 pi x/M))/2``; a is its peak to valley.
+    What a telecentric lens does not feel is left out.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> found = {s.name: s for s in sensitivities(om.load_sensor("paper-spherical"))}
+    >>> round(found["mirror distance"].px_per_unit, 3), round(found["surface slope"].tolerance(0.5), 2)
+    (2.339, 0.87)
+    """
+    M = sensor.mirror.rim_radius_mm
+    period = 2 * np.pi / M
+
+    def form(x: Array, z: Array, slope: Array, a: float) -> Meridian:
+        a *= 1e-3  # um
+        return Meridian(x, z + a * (1 - np.cos(period * x)) / 2, slope + a * period * np.sin(period * x) / 2)
+
+    def tilted(x: Array, z: Array, slope: Array, degrees: float) -> Meridian:
+        angle = np.radians(degrees)
+        turned = np.tan(np.arctan(slope) + angle)
+        return Meridian(x * np.cos(angle) - z * np.sin(angle), x * np.sin(angle) + z * np.cos(angle), turned)
+
+    errors: dict[tuple[str, str], tuple[float, Callable[[Array, Array, Array, float], Meridian]]] = {
+        ("mirror distance", "mm"): (1e-4 * M, lambda x, z, slope, e: Meridian(x, z + e, slope)),
+        ("mirror decentre", "mm"): (1e-4 * M, lambda x, z, slope, e: Meridian(x + e, z, slope)),
+        ("mirror tilt", "deg"): (1e-3, tilted),
+        ("surface slope", "mrad"): (1e-2, lambda x, z, slope, e: Meridian(x, z, np.tan(np.arctan(slope) + 1e-3 * e))),
+        ("surface form", "um"): (1e-3 * M, form),
+    }
+    if sensor.lens.TELECENTRIC:
+        del errors["mirror distance", "mm"]
+    return [_sensitivity(sensor, *key, *error) for key, error in errors.items()]
+
+
+def _sensitivity(
+    sensor: Sensor, name: str, unit: str, step: float, moved: Callable[[Array, Array, Array, float], Meridian]
+) -> Sensitivity:
+    """Central difference of the image height over the error, at fixed field angles."""
+    mirror, M = sensor.mirror, sensor.mirror.rim_radius_mm
+    x = np.linspace(0.0 if not mirror.is_pointed else EDGE * M, M, POINTS)
+    z, slope, _ = mirror.profile(x)
+    omega = sensor.meridian.trace(np.linspace(2 * EDGE * M, (1 - EDGE) * M, 501)).omega
+    ahead, behind = (_image_height_px(sensor, moved(x, z, slope, e), omega) for e in (step, -step))
+    motion = np.abs(ahead - behind) / (2 * step)
+    worst = int(np.argmax(motion))
+    return Sensitivity(name, unit, float(motion[worst]), float(np.degrees(omega[worst])))
+
+
+def _image_height_px(sensor: Sensor, meridian: Meridian, omega: Array) -> Array:
+    """Image height of field angles on a meridian that need not be the sensor's own."""
+    from scipy.interpolate import CubicSpline
+
+    w = sensor.mirror_distance_mm + meridian.z
+    found = 2 * np.arctan(meridian.slope) + np.arctan2(meridian.x, w)
+    height = sensor.lens.image_height(meridian.x, w) / sensor.imager.pitch_mm
+    heights: Array = CubicSpline(found, height)(omega)
+    return heights

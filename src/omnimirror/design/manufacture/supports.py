@@ -1,0 +1,235 @@
+"""What holds the mirror in front of the lens, and what of the picture it hides.
+
+Everything here is round about the axis, so it hides rings of field angle at every azimuth. What counts is the
+chief ray: near the edge of a ring the picture fades over the width of the lens's aperture.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...errors import InvalidParameter
+from ...parameters import Parameter
+from ...sensor import Sensor
+from ...tracing.meridian import ChiefRays
+from .body import Body
+
+Array = NDArray[np.float64]
+
+KINDS = ("tube", "rod", "none")
+CLEARANCE_MM = 3.0
+"""Between the rim and a tube, where the tube's diameter is not given."""
+LENS_AT_RIMS = 2.5
+"""How many rim radii before the vertex a telecentric lens is drawn; it may stand anywhere."""
+
+
+@dataclass(frozen=True)
+class Support:
+    """A transparent tube around the mirror, an opaque rod from its vertex towards the lens, or nothing.
+
+    Parameters
+    ----------
+    kind : "tube", "rod" or "none"
+    diameter_mm : optional
+        Outer diameter. By default a tube leaves 3 mm around the rim or the flange, to the next full
+        millimetre, and a rod has 4 mm.
+    wall_mm
+        Of a tube.
+    gap_mm : optional
+        From the foot of a rod to the lens; a quarter of the mirror distance by default. (The foot stands on
+        a glass plate: a rod that reached the lens would hide everything.)
+    refractive_index
+        Of a tube; acrylic by default.
+    camera_diameter_mm
+        Of what stands in the plane of the lens and is seen in the mirror; not given by default.
+    """
+
+    kind: str = "tube"
+    diameter_mm: float | None = None
+    wall_mm: float = 3.0
+    gap_mm: float | None = None
+    refractive_index: float = 1.49
+    camera_diameter_mm: float = 0.0
+
+    PARAMETERS: ClassVar[dict[str, Parameter]] = {
+        "kind": Parameter("", 0, 0, "what holds the mirror", KINDS),
+        "diameter_mm": Parameter("mm", 1e-3, 1e5, "outer diameter of the rod or tube"),
+        "wall_mm": Parameter("mm", 1e-3, 1e3, "wall of the tube"),
+        "gap_mm": Parameter("mm", 0.0, 1e5, "from the foot of the rod to the lens"),
+        "refractive_index": Parameter("", 1.0, 4.0, "of the tube"),
+        "camera_diameter_mm": Parameter("mm", 0.0, 1e5, "diameter of the camera in the plane of the lens"),
+    }
+
+    def __post_init__(self) -> None:
+        for f in fields(self):
+            value = getattr(self, f.name)
+            if value is not None:
+                self.PARAMETERS[f.name].check(f.name, value)
+
+    def fitted(self, sensor: Sensor, body: Body) -> Support:
+        """The same support with the sizes that it takes from the sensor.
+
+        Raises
+        ------
+        InvalidParameter
+            A tube that the mirror does not fit in, or a rod's foot beyond the mirror.
+        """
+        outer, distance = body.outer_radius_mm(sensor.mirror), -lens_height(sensor)
+        if self.kind == "tube":
+            least = 2 * (outer + self.wall_mm)
+            diameter = self.diameter_mm or float(np.ceil(least + 2 * CLEARANCE_MM))
+            if diameter < least:
+                raise InvalidParameter(
+                    f"a tube of {diameter:g} mm with a wall of {self.wall_mm:g} mm does not take in the mirror; its "
+                    f"diameter is valid from {least:g} mm"
+                )
+            return replace(self, diameter_mm=diameter)
+        gap = distance / 4 if self.gap_mm is None else self.gap_mm
+        if self.kind == "rod" and not gap < distance:
+            raise InvalidParameter(f"gap_mm = {gap:g} leaves no rod; it is valid below {distance:g} mm")
+        return replace(self, diameter_mm=self.diameter_mm or 4.0, gap_mm=gap)
+
+
+def lens_height(sensor: Sensor) -> float:
+    """Height z (mm) of the lens below the vertex; a telecentric one is drawn 2.5 rim radii away."""
+    m = sensor.mirror_distance_mm
+    return -m if np.isfinite(m) else -LENS_AT_RIMS * sensor.mirror.rim_radius_mm
+
+
+@dataclass(frozen=True)
+class Hidden:
+    """A ring of the picture that a part hides, at every azimuth.
+
+    Attributes
+    ----------
+    part : what hides it
+    omega_deg : (low, high)
+    picture_percent : its share of the image circle's area
+    """
+
+    part: str
+    omega_deg: tuple[float, float]
+    picture_percent: float
+
+
+def obscuration(sensor: Sensor, support: Support, body: Body | None = None) -> list[Hidden]:
+    """What the support, the camera and the mirror's own flange hide; rings may overlap.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> sensor = om.load_sensor("paper-spherical")
+    >>> for ring in obscuration(sensor, Support("rod", diameter_mm=4)):
+    ...     print(ring.part, [round(v, 2) for v in ring.omega_deg], round(ring.picture_percent, 2))
+    rod [0.0, 21.04] 4.35
+    """
+    body = Body() if body is None else body
+    support = support.fitted(sensor, body)
+    rings = [_ring(sensor, part, clear) for part, clear in _clearances(sensor, support, body).items()]
+    return [ring for found in rings for ring in found]
+
+
+def hidden_percent(sensor: Sensor, support: Support, body: Body | None = None) -> float:
+    """Share of the image circle that is hidden by anything, rings that overlap counted once."""
+    body = Body() if body is None else body
+    clearances = _clearances(sensor, support.fitted(sensor, body), body).values()
+    everything = (
+        _ring(sensor, "", lambda rays: np.min([clear(rays) for clear in clearances], axis=0)) if clearances else []
+    )
+    return sum(ring.picture_percent for ring in everything)
+
+
+def _clearances(sensor: Sensor, support: Support, body: Body) -> dict[str, Callable[[ChiefRays], Array]]:
+    """For each part that may hide something: how far chief rays clear it, below 0 where it hides them."""
+    lens, back = lens_height(sensor), body.back_mm(sensor.mirror)
+    parts: dict[str, Callable[[ChiefRays], Array]] = {}
+    if support.kind == "rod":
+        assert support.diameter_mm is not None
+        assert support.gap_mm is not None
+        foot, radius = lens + support.gap_mm, support.diameter_mm / 2
+        # between mirror and lens the ray is nearest to the axis at the rod's foot
+        parts["rod"] = lambda rays: rays.x - rays.x * (rays.z - foot) / (rays.z - lens) * _narrowing(sensor) - radius
+    if support.kind == "tube":
+        assert support.diameter_mm is not None
+        outer = support.diameter_mm / 2
+        parts["tube's base"] = lambda rays: _height_at(rays, outer) - lens
+        parts["tube's cap"] = lambda rays: back - _height_at(rays, outer)
+    if support.camera_diameter_mm:
+        camera = support.camera_diameter_mm / 2
+        parts["camera"] = lambda rays: _height_at(rays, camera) - lens
+    if body.flange_width_mm:
+        front, edge = back - body.flange_thickness_mm, body.outer_radius_mm(sensor.mirror)
+        parts["flange"] = lambda rays: front - _height_at(rays, edge)
+    return parts
+
+
+def _narrowing(sensor: Sensor) -> float:
+    """1 for a lens that sees the mirror from a point, 0 for one that looks along the axis everywhere."""
+    return 0.0 if sensor.lens.TELECENTRIC else 1.0
+
+
+def _height_at(rays: ChiefRays, radius: float) -> Array:
+    """Height z (mm) at which rays on their way into the world are this far from the axis."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        height = rays.z - (radius - rays.x) / np.tan(rays.omega)
+    return np.where(rays.omega > 0, height, -np.inf)
+
+
+def _ring(sensor: Sensor, part: str, clear: Callable[[ChiefRays], Array]) -> list[Hidden]:
+    """Rings of the picture where a clearance is below 0, their edges to rounding."""
+    from scipy.optimize import brentq
+
+    x = np.linspace(0.0, sensor.mirror.rim_radius_mm, 2049)
+    hidden = clear(sensor.meridian.trace(x)) < 0
+    steps = np.flatnonzero(np.diff(hidden.astype(int)))
+    edges = [
+        float(brentq(lambda v: np.clip(clear(sensor.meridian.trace(np.array(v))), -1e9, 1e9), x[i], x[i + 1]))
+        for i in steps
+    ]
+    edges = [*([0.0] if hidden[0] else []), *edges, *([x[-1]] if hidden[-1] else [])]
+    rim = sensor.rim_radius_px
+    rings = []
+    for pair in zip(edges[::2], edges[1::2], strict=True):
+        rays = sensor.meridian.trace(np.array(pair))
+        h = sensor.image_height_px(rays) / rim
+        low, high = np.degrees(rays.omega)
+        rings.append(Hidden(part, (float(low), float(high)), float(100 * (h[1] ** 2 - h[0] ** 2))))
+    return rings
+
+
+# -- what a tube does to what it lets through --------------------------------------------------------
+
+
+def tube_transmission(omega_deg: ArrayLike, refractive_index: float) -> Array:
+    """Share of unpolarised light (n,) that passes the tube's wall in the meridian, all reflections added.
+
+    Fresnel's formulas at an incidence of 90 deg - Omega on the wall; (1 - R)/(1 + R) for each polarisation
+    sums the reflections between both sides.
+
+    >>> tube_transmission([90.0, 135.0], 1.5).round(4)  # 12/13 straight through
+    array([0.9231, 0.9073])
+    """
+    incidence = np.abs(np.radians(90.0 - np.asarray(omega_deg, dtype=float)))
+    inside = np.arcsin(np.sin(incidence) / refractive_index)
+    cos_i, cos_t = np.cos(incidence), np.cos(inside)
+    rs = ((cos_i - refractive_index * cos_t) / (cos_i + refractive_index * cos_t)) ** 2
+    rp = ((refractive_index * cos_i - cos_t) / (refractive_index * cos_i + cos_t)) ** 2
+    passed: Array = ((1 - rs) / (1 + rs) + (1 - rp) / (1 + rp)) / 2
+    return passed
+
+
+def tube_shift_mm(omega_deg: ArrayLike, wall_mm: float, refractive_index: float) -> Array:
+    """How far the tube's wall moves rays (n,) sideways in the meridian, mm; their direction stays.
+
+    >>> tube_shift_mm([90.0, 135.0], 3.0, 1.5).round(3)
+    array([0.   , 0.987])
+    """
+    incidence = np.abs(np.radians(90.0 - np.asarray(omega_deg, dtype=float)))
+    sin = np.sin(incidence)
+    shift: Array = wall_mm * sin * (1 - np.cos(incidence) / np.sqrt(refractive_index**2 - sin**2))
+    return shift

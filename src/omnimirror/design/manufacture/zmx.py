@@ -1,0 +1,137 @@
+"""OpticStudio: the sensor as a sequential .zmx file, traced from the imager through the lens onto the mirror.
+
+Field angles beyond 90 degrees cannot be given to a sequential program from the outside, so the light runs
+backwards. Surface 0 is the imager (object heights are image heights), 1 the stop and lens (a paraxial
+surface), 2 the mirror, 3 the same shape again without an effect: there a ray has the direction in which
+the sensor looks. Our z runs from the lens towards the mirror as theirs does, so a convex mirror has a
+positive radius.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ... import __version__
+from ...lenses import Orthographic, Perspective
+from ...sensor import Sensor
+from .forms import Asphere, asphere_of
+
+Array = NDArray[np.float64]
+
+FIELDS = 7
+"""Field angles in equal steps from the axis to the rim."""
+WAVELENGTH_UM = 0.55
+
+
+def format_zmx(sensor: Sensor, asphere: Asphere | None = None) -> str:
+    """The text of the .zmx file.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> text = format_zmx(om.load_sensor("paper-spherical"))
+    >>> [line.split()[1] for line in text.splitlines() if line.startswith("  TYPE")]
+    ['STANDARD', 'PARAXIAL', 'EVENASPH', 'EVENASPH']
+    """
+    asphere = asphere_of(sensor.mirror) if asphere is None else asphere
+    lines = [
+        "VERS 181107 0 0 0 0",
+        "MODE SEQ",
+        f"NAME {' '.join(sensor.name.split())}",
+        *(f"NOTE 0 {note}" for note in _notes(sensor, asphere)),
+        "UNIT MM X W X CM MR CPMM",
+        *_system(sensor),
+        *_surfaces(sensor, asphere),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def write_zmx(path: Path, sensor: Sensor) -> Asphere:
+    """Write the file in UTF-16, as OpticStudio does; the asphere that stands for the mirror."""
+    asphere = asphere_of(sensor.mirror)
+    path.write_bytes(format_zmx(sensor, asphere).replace("\n", "\r\n").encode("utf-16"))
+    return asphere
+
+
+def field_angles(sensor: Sensor) -> Array:
+    """Field angles (n,) of the file's field points, degrees; the tip of a pointed mirror has no direction."""
+    start = int(sensor.mirror.is_pointed)
+    return np.linspace(*sensor.field_deg, FIELDS + start)[start:]
+
+
+def _notes(sensor: Sensor, asphere: Asphere) -> list[str]:
+    deviation = f"within {asphere.deviation_um:.2g} um of the mirror" if asphere.deviation_um else "exact"
+    angles = ", ".join(f"{a:.4g}" for a in field_angles(sensor))
+    return [
+        f"omnimirror {__version__}: {sensor.mirror.KIND} mirror as {asphere.kind} asphere, {deviation}.",
+        "Light runs backwards: object = imager, stop = lens, mirror, then directions into the world.",
+        f"Omega = 180 deg - angle of the ray to +z, after surface 2. Omega of the fields, deg: {angles}.",
+    ]
+
+
+def _system(sensor: Sensor) -> list[str]:
+    """Aperture, field points and wavelength."""
+    rays = sensor.meridian.trace(sensor.meridian.x_from_omega(np.radians(field_angles(sensor))))
+    if sensor.lens.TELECENTRIC:
+        wide = cast(Orthographic, sensor.lens)  # the cone of light on its mirror side
+        aperture = f"OBNA {_number(np.sin(np.arctan(wide.magnification / (2 * wide.working_f_number))))} 0"
+        heights = rays.x
+    else:
+        aperture = f"ENPD {_number(2 * _stop_radius(sensor))}"
+        heights = -sensor.lens.image_height(rays.x, rays.w)  # the lens turns the image over
+    return [
+        aperture,
+        "ENVD 20 1 0",
+        "GFAC 0 0",
+        f"FTYP 1 {int(sensor.lens.TELECENTRIC)} {FIELDS} 1 0 0 0 1",
+        "ROPD 2",
+        "PICB 1",
+        f"XFLN {' '.join(['0'] * 12)}",
+        f"YFLN {' '.join([*map(_number, heights), *['0'] * (12 - FIELDS)])}",
+        f"FWGN {' '.join(['1'] * 12)}",
+        f"WAVM 1 {WAVELENGTH_UM} 1",
+        "PWAV 1",
+    ]
+
+
+def _surfaces(sensor: Sensor, asphere: Asphere) -> list[str]:
+    shape = [
+        f"  TYPE {'EVENASPH' if asphere.kind == 'even' else 'ODDASPHE'}",
+        f"  CURV {_number(asphere.curvature)} 0 0 0 0",
+        f"  CONI {_number(asphere.conic)}",
+        *(f"  PARM {i} {_number(a)}" for i, a in enumerate(asphere.coefficients, start=1)),
+    ]
+    rim = sensor.mirror.rim_radius_mm
+    if sensor.lens.TELECENTRIC:
+        # the object is the plane in focus, behind the vertex; the stop of a telecentric lens is at infinity
+        m = 2 * rim
+        first = ["  COMM plane in focus", *_flat(-(sensor.lens.focus_distance_mm + m), 0.0)]
+        second = ["  COMM telecentric lens", "  STOP", *_flat(m, rim)]
+    else:
+        lens = cast(Perspective, sensor.lens)
+        first = ["  COMM imager", *_flat(lens.image_distance, 0.0)]
+        second = ["  COMM lens", "  STOP", *_flat(sensor.mirror_distance_mm, _stop_radius(sensor), "PARAXIAL")]
+        second.append(f"  PARM 1 {_number(lens.focal_length_mm)}")
+    end = ["  DISZ 0", f"  DIAM {_number(rim)} 1 0 0 1"]
+    third = ["  COMM mirror", *shape, "  GLAS MIRROR 0 0 1.5 40", *end]
+    surfaces = (first, second, third, ["  COMM directions", *shape, *end])
+    return [line for i, surface in enumerate(surfaces) for line in (f"SURF {i}", *surface)]
+
+
+def _flat(thickness: float, radius: float, kind: str = "STANDARD") -> list[str]:
+    """A flat surface: the distance to the next one and its own radius, mm."""
+    return [f"  TYPE {kind}", "  CURV 0 0 0 0 0", f"  DISZ {_number(thickness)}", f"  DIAM {_number(radius)} 1 0 0 1"]
+
+
+def _stop_radius(sensor: Sensor) -> float:
+    lens = cast(Perspective, sensor.lens)
+    return lens.focal_length_mm / lens.f_number / 2
+
+
+def _number(value: float) -> str:
+    """As many digits as bring the same double back, and 0 as 0."""
+    return repr(float(value)) if value else "0"
