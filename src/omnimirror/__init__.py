@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from .central import MirrorBall as MirrorBall
     from .central import OCam as OCam
     from .central import load_ocam as load_ocam
+    from .design.manufacture import export as export
     from .dewarp import Dewarper as Dewarper
     from .dewarp import screens as screens
     from .dewarp import views as views
@@ -40,6 +41,7 @@ _HOMES = {
     "best_focus": "analysis",
     "best_viewpoint": "analysis",
     "evaluate": "analysis",
+    "export": "design.manufacture",
     "Sensor": "sensor",
     "Environment": "simulate",
     "Room": "simulate",

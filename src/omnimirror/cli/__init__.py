@@ -14,6 +14,7 @@ COMMANDS = {
     "sensors": "List the sensors that come with omnimirror.",
     "init": "Write a commented sensor file to start from.",
     "evaluate": "Evaluate a sensor: mapping, viewpoints, virtual images, blur.",
+    "export": "Write CAD files, lens files, tables and a drawing of a sensor.",
     "dewarp": "Straighten a picture taken with a mirror or fisheye.",
     "reproduce": "Redraw the paper's figures and check its numbers.",
     "demo": "Evaluate, simulate and straighten, and write a report.",

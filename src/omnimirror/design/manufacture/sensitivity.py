@@ -22,6 +22,10 @@ EDGE = 0.01
 """Share of the meridian left out at both ends, where a moved mirror has no points."""
 
 
+ROUNDING_PX = 1e-9
+"""Motion over one step that is no motion: a cone's picture does not feel its distance."""
+
+
 class Meridian(NamedTuple):
     """A meridian with an error, at distances x (n,) mm from the lens's axis: height (mm) and slope."""
 
@@ -99,7 +103,8 @@ def _sensitivity(
     ahead, behind = (_image_height_px(sensor, moved(x, z, slope, e), omega) for e in (step, -step))
     motion = np.abs(ahead - behind) / (2 * step)
     worst = int(np.argmax(motion))
-    return Sensitivity(name, unit, float(motion[worst]), float(np.degrees(omega[worst])))
+    rate = float(motion[worst]) if motion[worst] * step > ROUNDING_PX else 0.0
+    return Sensitivity(name, unit, rate, float(np.degrees(omega[worst])))
 
 
 def _image_height_px(sensor: Sensor, meridian: Meridian, omega: Array) -> Array:

@@ -108,13 +108,13 @@ class Sheet:
             (line,) = self.ax.plot(*zip(*ends, strict=True), color=INK, linewidth=FINE * self.k * POINT)
             line.set_clip_path(inside)
 
-    def arrow(self, tip: ArrayLike, direction: ArrayLike) -> None:
+    def arrow(self, tip: ArrayLike, direction: ArrayLike, color: str = INK) -> None:
         """A filled arrow head whose tip points along a direction."""
         tip, along = np.asarray(tip, dtype=float), np.asarray(direction, dtype=float)
         along = along / np.hypot(*along) * ARROW * self.k
         across = np.array([-along[1], along[0]]) / 6
         corners = [tip, tip - along + across, tip - along - across]
-        self.ax.add_patch(Polygon(corners, closed=True, facecolor=INK, edgecolor="none", zorder=3))
+        self.ax.add_patch(Polygon(corners, closed=True, facecolor=color, edgecolor="none", zorder=3))
 
     # -- text ------------------------------------------------------------------------------------
 
@@ -133,11 +133,13 @@ class Sheet:
 
     # -- dimensions ------------------------------------------------------------------------------
 
-    def dimension(self, start: ArrayLike, end: ArrayLike, at: float, words: str, upright: bool = False) -> None:
+    def dimension(
+        self, start: ArrayLike, end: ArrayLike, at: float, words: str, upright: bool = False, before: bool = False
+    ) -> None:
         """A length between two points, its line at the height ``at``, or at that x where ``upright``.
 
         Arrows stand inside where there is room for them and outside elsewhere; words that do not fit between
-        the ends stand past the second one.
+        the ends stand past the second one, or ``before`` the first.
         """
         a, b = np.asarray(start, dtype=float), np.asarray(end, dtype=float)
         along = 1 if upright else 0
@@ -158,18 +160,24 @@ class Sheet:
         reach = 0.0 if inside else 2.2 * ARROW * k
         width = self.text_width(words)
         fits = width + 1.5 * k < room - (2 * ARROW * k if inside else 0)
-        far = b[along] + reach if fits else b[along] + max(reach, ARROW * k) + width + 2 * k
-        self.line([place(a[along] - reach, at), place(far if not fits else b[along] + reach, at)], FINE)
+        low, high = a[along] - reach, b[along] + reach
+        middle = (a[along] + b[along]) / 2
+        if not fits and before:
+            low = a[along] - max(reach, ARROW * k) - width - 2 * k
+            middle = low + (width + k) / 2
+        elif not fits:
+            high = b[along] + max(reach, ARROW * k) + width + 2 * k
+            middle = high - (width + k) / 2
+        self.line([place(low, at), place(high, at)], FINE)
         towards = place(1.0, 0.0) if inside else place(-1.0, 0.0)
         self.arrow(place(a[along], at), -towards)
         self.arrow(place(b[along], at), towards)
-        middle = (a[along] + b[along]) / 2 if fits else far - width / 2 - k / 2
         x, y = place(middle, at - k if upright else at + k)
         self.text(x, y, words, ha="right" if upright else "center", va="center" if upright else "baseline",
                   rotation=90 if upright else 0)  # fmt: skip
 
     def leader(self, tip: ArrayLike, bend: ArrayLike, words: Sequence[str], rightwards: bool = True) -> None:
-        """A line with an arrow from words to what they are about."""
+        """A line with an arrow from words to what they are about; the words stand on its level part."""
         tip, bend = np.asarray(tip, dtype=float), np.asarray(bend, dtype=float)
         width = max(self.text_width(w) for w in words) + 2 * self.k
         end = bend + np.array([width if rightwards else -width, 0.0])

@@ -32,6 +32,9 @@ LENS_AT_RIMS = 2.5
 class Support:
     """A transparent tube around the mirror, an opaque rod from its vertex towards the lens, or nothing.
 
+    A tube is closed by opaque discs inside it, one in the plane of the lens and one at the mirror's back, and
+    reaches past the mirror as far as the rim's ray needs.
+
     Parameters
     ----------
     kind : "tube", "rod" or "none"
@@ -95,6 +98,13 @@ class Support:
         return replace(self, diameter_mm=self.diameter_mm or 4.0, gap_mm=gap)
 
 
+def tube_end_mm(sensor: Sensor, support: Support, body: Body) -> float:
+    """Height z (mm) where the tube ends: at the mirror's back, or where the rim's ray has left the wall."""
+    assert support.diameter_mm is not None
+    rim = sensor.meridian.trace(np.array([sensor.mirror.rim_radius_mm]))
+    return max(body.back_mm(sensor.mirror), float(_height_at(rim, support.diameter_mm / 2)[0]))
+
+
 def lens_height(sensor: Sensor) -> float:
     """Height z (mm) of the lens below the vertex; a telecentric one is drawn 2.5 rim radii away."""
     m = sensor.mirror_distance_mm
@@ -156,9 +166,9 @@ def _clearances(sensor: Sensor, support: Support, body: Body) -> dict[str, Calla
         parts["rod"] = lambda rays: rays.x - rays.x * (rays.z - foot) / (rays.z - lens) * _narrowing(sensor) - radius
     if support.kind == "tube":
         assert support.diameter_mm is not None
-        outer = support.diameter_mm / 2
-        parts["tube's base"] = lambda rays: _height_at(rays, outer) - lens
-        parts["tube's cap"] = lambda rays: back - _height_at(rays, outer)
+        inner = support.diameter_mm / 2 - support.wall_mm  # base and cap are discs inside the tube
+        parts["tube's base"] = lambda rays: _height_at(rays, inner) - lens
+        parts["tube's cap"] = lambda rays: back - _height_at(rays, inner)
     if support.camera_diameter_mm:
         camera = support.camera_diameter_mm / 2
         parts["camera"] = lambda rays: _height_at(rays, camera) - lens

@@ -1,0 +1,104 @@
+"""``omnimirror export``: what a workshop and other programs need of a sensor."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.table import Table
+
+from ..design.manufacture import DEFAULT_FORMATS, FORMATS, Body, Exported, Support, export
+from ..design.manufacture.body import TAP_DRILLS_MM
+from ..design.manufacture.sheet import SHEETS
+from ..design.manufacture.supports import KINDS
+from ..specs import load_sensor
+from .options import output_console
+
+
+def formats(text: str) -> list[str]:
+    """Names of formats, with commas between them.
+
+    >>> formats("step, pdf")
+    ['step', 'pdf']
+    """
+    names = [name.strip() for name in text.split(",")]
+    if unknown := [name for name in names if name not in FORMATS]:
+        raise click.BadParameter(f"{unknown[0]!r} is not a format; valid are {', '.join(FORMATS)}")
+    return names
+
+
+def scale(text: str) -> float:
+    """A drawing scale, paper to nature.
+
+    >>> scale("1:2"), scale("5:1")
+    (0.5, 5.0)
+    """
+    try:
+        paper, nature = (float(part) for part in text.split(":"))
+        number = paper / nature
+    except (ValueError, ZeroDivisionError):
+        number = 0.0
+    if not number > 0:
+        raise click.BadParameter(f"{text!r} is not a scale, such as 1:2 or 5:1")
+    return number
+
+
+@click.command()
+@click.argument("sensor")
+@click.option("-o", "--output", required=True, type=click.Path(path_type=Path),
+              help="A folder, or one file whose suffix says what to write.")  # fmt: skip
+@click.option("--formats", type=formats, metavar="NAME,..",
+              help=f"For a folder: of {', '.join(FORMATS)}.  [default: {','.join(DEFAULT_FORMATS)}]")  # fmt: skip
+@click.option("--thickness-mm", type=float, default=5.0, show_default=True, help="Solid: from the rim to the back.")
+@click.option("--bore-diameter-mm", type=float, default=0.0, help="Solid: bore on the axis, from the back.")
+@click.option("--thread", type=click.Choice(list(TAP_DRILLS_MM)), help="Instead: a bore to tap this thread in.")
+@click.option("--bore-depth-mm", type=float, default=10.0, show_default=True, help="Of the bore; 'inf' goes through.")
+@click.option("--flange-width-mm", type=float, default=0.0, help="Solid: a flange at the back, beyond the rim.")
+@click.option("--flange-thickness-mm", type=float, default=2.0, show_default=True, help="Of the flange.")
+@click.option("--chord-tolerance-um", type=float, default=10.0, show_default=True, help="STL, 3MF: of the triangles.")
+@click.option("--step-mm", type=float, help="Table: step along x.  [default: a hundredth of the rim radius]")
+@click.option("--step-deg", type=float, help="Table: instead, step of the field angle.")
+@click.option("--digits", type=int, default=6, show_default=True, help="Table: decimals of a millimetre.")
+@click.option("--grid-points", type=int, default=257, show_default=True, help="Grid sag: points along each side.")
+@click.option("--support", type=click.Choice(KINDS), default="tube", show_default=True,
+              help="Drawing: what holds the mirror.")  # fmt: skip
+@click.option("--support-diameter-mm", type=float, help="Of rod or tube.  [default: rod 4, tube 3 mm around the rim]")
+@click.option("--wall-mm", type=float, default=3.0, show_default=True, help="Of the tube.")
+@click.option("--refractive-index", type=float, default=1.49, show_default=True, help="Of the tube.")
+@click.option("--gap-mm", type=float, help="From the rod's foot to the lens.  [default: a quarter of the distance]")
+@click.option("--camera-diameter-mm", type=float, default=0.0, help="What of the camera is seen in the mirror.")
+@click.option("--sheet", type=click.Choice(list(SHEETS)), default="A3", show_default=True, help="Drawing: paper.")
+@click.option("--scale", type=scale, metavar="1:N", help="Drawing: of the sensor.  [default: the largest that fits]")
+def command(sensor: str, output: Path, **options: Any) -> None:
+    """Write CAD files, lens files, tables and a drawing of SENSOR, a sensor file or a bundled sensor.
+
+    Every line of the table says how far the file's surface lies from the mirror. Example:
+
+        omnimirror export paper-spherical -o workshop --thread M6 --bore-depth-mm 12
+    """
+    body = Body(
+        options.pop("thickness_mm"), options.pop("bore_diameter_mm"), options.pop("bore_depth_mm"),
+        options.pop("thread") or "", options.pop("flange_width_mm"), options.pop("flange_thickness_mm"),
+    )  # fmt: skip
+    support = Support(
+        options.pop("support"), options.pop("support_diameter_mm"), options.pop("wall_mm"), options.pop("gap_mm"),
+        options.pop("refractive_index"), options.pop("camera_diameter_mm"),
+    )  # fmt: skip
+    console = output_console()
+    with console.status("Writing"):
+        written = export(load_sensor(sensor), output, options.pop("formats"), body=body, support=support, **options)
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    table.add_column("file", no_wrap=True)
+    table.add_column("what")
+    table.add_column("deviation from the mirror\num", justify="right", no_wrap=True)
+    for file in written:
+        table.add_row(str(file.path), file.what, deviation_words(file))
+    console.print(table)
+
+
+def deviation_words(file: Exported) -> str:
+    """The deviation of a file as it is printed."""
+    if file.deviation_um is None:
+        return ""
+    return f"{file.deviation_um:.2g}" if file.deviation_um else "exact"

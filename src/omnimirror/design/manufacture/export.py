@@ -1,0 +1,243 @@
+"""One call writes what a workshop and other programs need of a sensor, all files or none."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from importlib.util import find_spec
+from pathlib import Path
+
+from ...errors import InvalidParameter, OmnimirrorError
+from ...files import replacing
+from ...sensor import Sensor
+from .body import Body
+from .drawing import Drawing, draw_sheet, write_drawing
+from .gridsag import write_grid_sag
+from .sheet import scale_words
+from .supports import Support
+from .table import format_table, table_points
+from .zmx import write_zmx
+
+
+@dataclass(frozen=True)
+class Exported:
+    """A file that was written.
+
+    Attributes
+    ----------
+    path
+    what : what it holds, in a few words
+    deviation_um : how far its surface lies from the mirror at most, 0 where it is the mirror; None for a drawing
+    """
+
+    path: Path
+    what: str
+    deviation_um: float | None
+
+
+@dataclass(frozen=True)
+class Plan:
+    """All that the formats ask for: the sensor, its solid and support, and how fine each file is."""
+
+    sensor: Sensor
+    body: Body = field(default_factory=Body)
+    support: Support = field(default_factory=Support)
+    chord_tolerance_um: float = 10.0
+    step_mm: float | None = None
+    step_deg: float | None = None
+    digits: int = 6
+    grid_points: int = 257
+    sheet: str = "A3"
+    scale: float | None = None
+
+
+Writer = Callable[[Plan, Path], tuple[str, float | None]]
+
+
+@dataclass(frozen=True)
+class Format:
+    """How a format is written and named: ``suffixes`` it goes by, what is put after the sensor's name, its packages."""
+
+    write: Writer
+    suffixes: tuple[str, ...]
+    ending: str = ""
+    packages: tuple[str, ...] = ()
+
+
+def export(
+    sensor: Sensor,
+    path: str | Path,
+    formats: Iterable[str] | None = None,
+    *,
+    body: Body | None = None,
+    support: Support | None = None,
+    chord_tolerance_um: float = 10.0,
+    step_mm: float | None = None,
+    step_deg: float | None = None,
+    digits: int = 6,
+    grid_points: int = 257,
+    sheet: str = "A3",
+    scale: float | None = None,
+) -> list[Exported]:
+    """Write CAD files, lens files, tables and the drawing of a sensor: all of them, or none.
+
+    Parameters
+    ----------
+    sensor
+    path
+        A folder, or one file whose suffix says the format: .step, .stl, .3mf, .dxf, .zmx, .dat (grid sag),
+        .csv (sag table), and .pdf, .svg or .png (drawing).
+    formats : optional
+        Of :data:`FORMATS`, for a folder; the first eight by default.
+    body : optional
+        The solid behind the surface, ``Body()`` by default.
+    support : optional
+        What holds the mirror in the drawing, a transparent tube by default.
+    chord_tolerance_um
+        Of the triangles of STL and 3MF.
+    step_mm, step_deg, digits
+        Step of the sag table along x or in field angle, and its decimals of a millimetre.
+    grid_points
+        Of the grid sag file, along each side.
+    sheet, scale
+        "A3" or "A4", and the scale of the drawing's first view; by default the largest standard one that fits.
+
+    Returns
+    -------
+    list of Exported
+        A file each, with how far its surface lies from the mirror.
+
+    Raises
+    ------
+    InvalidParameter
+        A format or suffix that is not known, or a parameter outside its range.
+    OmnimirrorError
+        A package of ``omnimirror[cad]`` is missing, or a file cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile, omnimirror as om
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     files = om.export(om.load_sensor("paper-spherical"), folder, ["csv", "zmx"], digits=4)
+    >>> [(file.path.name, file.deviation_um) for file in files]
+    [('paper-spherical-sag.csv', 0.05), ('paper-spherical.zmx', 0.0)]
+    """
+    plan = Plan(
+        sensor, body or Body(), support or Support(), chord_tolerance_um, step_mm, step_deg, digits, grid_points, sheet,
+        scale,
+    )  # fmt: skip
+    targets = _targets(sensor, Path(path), None if formats is None else list(formats))
+    _check_packages(list(targets.values()))
+    written = []
+    with ExitStack() as stack:
+        temporary = {target: stack.enter_context(replacing(target)) for target in targets}
+        for target, name in targets.items():
+            what, deviation = FORMATS[name].write(plan, temporary[target])
+            written.append(Exported(target, what, deviation))
+    return written
+
+
+def _targets(sensor: Sensor, path: Path, formats: list[str] | None) -> dict[Path, str]:
+    """The files to write, each with its format."""
+    for name in formats or ():
+        if name not in FORMATS:
+            raise InvalidParameter(f"there is no format {name!r}; valid are {', '.join(FORMATS)}")
+    by_suffix = {suffix: name for name, f in FORMATS.items() for suffix in f.suffixes}
+    suffix = path.suffix.lower()
+    if suffix in by_suffix and not path.is_dir():
+        name = by_suffix[suffix]
+        if formats and formats != [name]:
+            raise InvalidParameter(f"{path.name} is a {name} file; give a folder for {', '.join(formats)}")
+        return {path: name}
+    if suffix and formats is None and not path.is_dir():
+        raise InvalidParameter(
+            f"{path.name} has no suffix that is known; valid are {', '.join(by_suffix)}, or a folder"
+        )
+    stem = re.sub(r"[^\w.+-]+", "-", sensor.name).strip("-.") or "sensor"
+    chosen = DEFAULT_FORMATS if formats is None else tuple(dict.fromkeys(formats))
+    return {path / f"{stem}{FORMATS[name].ending}{FORMATS[name].suffixes[0]}": name for name in chosen}
+
+
+def _check_packages(names: list[str]) -> None:
+    lacking = {name: [p for p in FORMATS[name].packages if not _is_installed(p)] for name in names}
+    missing = sorted({package for packages in lacking.values() for package in packages})
+    if not missing:
+        return
+    without = [name for name, packages in lacking.items() if packages]
+    others = [name for name, packages in lacking.items() if not packages]
+    rest = f", or choose from {', '.join(others)}" if others else ""
+    raise OmnimirrorError(
+        f"{', '.join(without)} need{'s' * (len(without) == 1)} {', '.join(missing)}: install omnimirror[cad]{rest}"
+    )
+
+
+def _is_installed(package: str) -> bool:
+    return find_spec(package) is not None
+
+
+# -- the formats -----------------------------------------------------------------------------------------
+
+
+def _step(plan: Plan, path: Path) -> tuple[str, float]:
+    from .step import write_step
+
+    curve = write_step(path, plan.sensor.mirror, plan.body, plan.sensor.name)
+    return f"solid, meridian an {curve.words}" if curve.words[
+        0
+    ] in "ae" else f"solid, {curve.words}", curve.deviation_um
+
+
+def _mesh(plan: Plan, path: Path) -> tuple[str, float]:
+    from .mesh import write_mesh
+
+    deviation, count = write_mesh(path, plan.sensor.mirror, plan.body, plan.chord_tolerance_um)
+    return f"{count} triangles", deviation
+
+
+def _dxf(plan: Plan, path: Path) -> tuple[str, float]:
+    from .dxf import write_dxf
+
+    curve = write_dxf(path, plan.sensor.mirror, plan.body, plan.sensor.name)
+    return f"half-section with dimensions, {curve.words}", curve.deviation_um
+
+
+def _zmx(plan: Plan, path: Path) -> tuple[str, float]:
+    asphere = write_zmx(path, plan.sensor)
+    return f"OpticStudio, {asphere.kind} asphere", asphere.deviation_um
+
+
+def _grid_sag(plan: Plan, path: Path) -> tuple[str, float]:
+    deviation = write_grid_sag(path, plan.sensor.mirror, plan.grid_points)
+    return f"OpticStudio grid sag, {plan.grid_points} x {plan.grid_points}", deviation
+
+
+def _table(plan: Plan, path: Path) -> tuple[str, float]:
+    x = table_points(plan.sensor, plan.step_mm, plan.step_deg)
+    path.write_text(format_table(plan.sensor, x, plan.digits), encoding="utf-8", newline="")
+    return f"sag table, {len(x)} points", 1e3 * 0.5 * 10.0**-plan.digits
+
+
+def _drawing(plan: Plan, path: Path) -> tuple[str, None]:
+    drawing: Drawing = draw_sheet(plan.sensor, plan.body, plan.support, plan.sheet, plan.scale)
+    write_drawing(path, drawing)
+    return f"drawing, {plan.sheet}, {scale_words(drawing.sensor_scale)}", None
+
+
+MESHES = ("trimesh", "lxml", "networkx")
+FORMATS: dict[str, Format] = {
+    "step": Format(_step, (".step", ".stp"), packages=("OCP",)),
+    "stl": Format(_mesh, (".stl",), packages=MESHES[:1]),
+    "3mf": Format(_mesh, (".3mf",), packages=MESHES),
+    "dxf": Format(_dxf, (".dxf",), packages=("ezdxf",)),
+    "zmx": Format(_zmx, (".zmx",)),
+    "gridsag": Format(_grid_sag, (".dat",)),
+    "csv": Format(_table, (".csv",), "-sag"),
+    "pdf": Format(_drawing, (".pdf",), "-drawing"),
+    "svg": Format(_drawing, (".svg",), "-drawing"),
+    "png": Format(_drawing, (".png",), "-drawing"),
+}
+"""Every format by the word that names it."""
+DEFAULT_FORMATS = tuple(FORMATS)[:8]
+"""What is written where nothing else is asked for."""

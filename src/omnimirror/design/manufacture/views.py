@@ -1,0 +1,311 @@
+"""The two views of the drawing: the sensor with its rays and support, and the mirror in half-section."""
+
+from __future__ import annotations
+
+from typing import NamedTuple, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...figures.style import PALETTE
+from ...lenses import Perspective
+from ...sensor import Sensor
+from .body import Body
+from .forms import chords, conic_of
+from .sheet import CHAIN, DASHED, FINE, PHANTOM, THICK, THIN, Sheet, View, fitting_scale, scale_words
+from .supports import Hidden, Support, lens_height, tube_end_mm
+
+Array = NDArray[np.float64]
+
+RAY = PALETTE[0]
+ROW = 8.0
+"""Distance of dimension lines on A3, mm."""
+
+
+class Region(NamedTuple):
+    """A rectangle of an A3 sheet, mm; other sheets are like it."""
+
+    left: float
+    bottom: float
+    right: float
+    top: float
+
+    def on(self, sheet: Sheet) -> Region:
+        return Region(*(sheet.k * v for v in self))
+
+
+SENSOR_REGION = Region(24.0, 136.0, 408.0, 284.0)
+MIRROR_REGION = Region(24.0, 13.0, 148.0, 132.0)
+
+
+def section_outline(sensor: Sensor, body: Body) -> Array:
+    """Closed half-section (n, 2) as (z, x) in mm, its meridian by chords within a micrometre."""
+    x = chords(sensor.mirror, 1.0, body.start_mm())
+    meridian = np.stack([sensor.mirror.sag(x), x], axis=-1)
+    return np.concatenate([meridian, body.outline(sensor.mirror)[1:, ::-1]])
+
+
+# -- the sensor --------------------------------------------------------------------------------------
+
+
+class Assembly(NamedTuple):
+    """What the view of the sensor is made of; lengths in mm."""
+
+    sensor: Sensor
+    body: Body
+    support: Support
+    rings: list[Hidden]
+    lens: float
+    imager: float
+    back: float
+    end: float
+    """Where the tube ends; the back without one."""
+    outer: float
+    """Radius of the widest part."""
+
+    @classmethod
+    def of(cls, sensor: Sensor, body: Body, support: Support, rings: list[Hidden]) -> Assembly:
+        lens = lens_height(sensor)
+        distance = 0.0 if sensor.lens.TELECENTRIC else cast(Perspective, sensor.lens).image_distance
+        tube = (support.diameter_mm or 0.0) / 2 if support.kind == "tube" else 0.0
+        outer = max(tube, body.outer_radius_mm(sensor.mirror), support.camera_diameter_mm / 2)
+        back = body.back_mm(sensor.mirror)
+        end = tube_end_mm(sensor, support, body) if support.kind == "tube" else back
+        return cls(sensor, body, support, rings, lens, lens - distance, back, end, outer)
+
+
+def draw_sensor(sheet: Sheet, assembly: Assembly, scale: float | None = None) -> float:
+    """The sensor along its axis, the lens to the left; the scale it is drawn at."""
+    k, region = sheet.k, SENSOR_REGION.on(sheet)
+    length, left, right, below, above = assembly.end - assembly.imager, 40 * k, 36 * k, 26 * k, 14 * k
+    room = region.right - region.left - left - right, region.top - region.bottom - below - above
+    scale = scale or fitting_scale(length, 2 * assembly.outer, *room)
+    x = region.left + left + max(room[0] - scale * length, 0.0) / 2 - scale * assembly.imager
+    view = View(x, region.bottom + below + room[1] / 2, scale)
+    sheet.text(region.left, region.top - 4 * k, f"SENSOR  {scale_words(scale)}", height=3.5)
+    sheet.line(view.at([assembly.imager - 8 * k / scale, assembly.back + 8 * k / scale], 0.0), THIN, CHAIN)
+    _draw_rays(sheet, view, assembly, region)
+    _draw_support(sheet, view, assembly)
+    outline = section_outline(assembly.sensor, assembly.body)
+    for side in (1, -1):
+        corners = view.at(outline[:, 0], side * outline[:, 1])
+        sheet.hatch(corners, rising=side > 0)
+        sheet.line(corners[:-1] if not assembly.body.bore_goes_through else corners, THICK)
+    _draw_camera(sheet, view, assembly)
+    _dimension_sensor(sheet, view, assembly)
+    return scale
+
+
+def shown_angles(sensor: Sensor, rings: list[Hidden]) -> list[float]:
+    """Field angles (deg) whose rays are drawn: full steps that nothing hides, and the rim."""
+    low, high = sensor.field_deg
+    step = 30.0 if high > 90 else 15.0
+    hidden = [ring.omega_deg for ring in rings]
+    full = [a for a in np.arange(step, high - step / 4, step) if a > low]
+    return [*(float(a) for a in full if not any(r[0] <= a <= r[1] for r in hidden)), high]
+
+
+def _draw_rays(sheet: Sheet, view: View, assembly: Assembly, region: Region) -> None:
+    """Chief rays from the world over the mirror through the lens; above all of them, below the rim's."""
+    sensor, k = assembly.sensor, sheet.k
+    angles = shown_angles(sensor, assembly.rings)
+    x = sensor.meridian.x_from_omega(np.radians(np.minimum(angles, sensor.field_deg[1])))
+    rays = sensor.meridian.trace(x)
+    heights = sensor.lens.image_height(rays.x, rays.w)
+    for i, omega in enumerate(angles):
+        tail = (
+            [(assembly.lens, x[i])]
+            if sensor.lens.TELECENTRIC
+            else [(assembly.lens, 0.0), (assembly.imager, -heights[i])]
+        )
+        inner = np.array([(float(rays.z[i]), x[i]), *tail])
+        for side in (1, -1) if omega == angles[-1] else (1,):
+            points = view.at(inner[:, 0], side * inner[:, 1])
+            away = np.array([-np.cos(rays.omega[i]), side * np.sin(rays.omega[i])])
+            top = (region.top - 8 * k - points[0, 1]) if side > 0 else view.scale * (assembly.outer - x[i]) + 5 * k
+            reach = top / abs(away[1])
+            if away[0]:
+                reach = min(reach, ((region.right if away[0] > 0 else region.left) - points[0, 0]) / away[0])
+            start = points[0] + reach * away
+            sheet.line([start, *points], FINE, color=RAY)
+            if reach > 8 * k:
+                sheet.arrow(points[0] + 0.55 * reach * away, -away, RAY)
+            if side > 0:
+                x_text, y_text = start + k * away
+                sheet.text(x_text, y_text, f"{omega:.4g}°", color=RAY, ha="center", va="bottom")
+
+
+def _draw_support(sheet: Sheet, view: View, assembly: Assembly) -> None:
+    support, k = assembly.support, sheet.k
+    if support.kind == "tube":
+        assert support.diameter_mm is not None
+        outer = support.diameter_mm / 2
+        inner, rim = outer - support.wall_mm, assembly.body.outer_radius_mm(assembly.sensor.mirror)
+        for side in (1, -1):
+            wall = view.at(
+                np.array([assembly.lens, assembly.end, assembly.end, assembly.lens, assembly.lens]),
+                side * np.array([inner, inner, outer, outer, inner]),
+            )
+            sheet.hatch(wall, spacing=1.6, rising=side < 0)
+            sheet.line(wall, THIN)
+            sheet.line(view.at([assembly.back] * 2, [side * rim, side * inner]), THIN)
+        sheet.line(view.at([assembly.lens] * 2, [-inner, inner]), THIN, DASHED)
+        tip = view.at(0.98 * assembly.lens, outer)
+        words = [
+            f"transparent tube Ø{support.diameter_mm:g} × {support.wall_mm:g}",
+            f"n = {support.refractive_index:g}",
+        ]
+        sheet.leader(tip, tip + np.array([-4, 5]) * k, words, rightwards=False)
+    elif support.kind == "rod":
+        assert support.diameter_mm is not None
+        assert support.gap_mm is not None
+        radius, foot = support.diameter_mm / 2, assembly.lens + support.gap_mm
+        tip_z = float(assembly.sensor.mirror.sag(min(radius, assembly.sensor.mirror.rim_radius_mm)))
+        rod = view.at(np.array([tip_z, foot, foot, tip_z]), np.array([radius, radius, -radius, -radius]))
+        sheet.hatch(rod, spacing=1.6)
+        sheet.line(rod, THICK)
+        tip, words = view.at(0.6 * assembly.lens, -radius), [f"rod Ø{support.diameter_mm:g} × {-foot:.4g}"]
+        # below the rim's ray, where the words end
+        end = tip[0] + 8 * k + sheet.text_width(words[0])
+        theta = assembly.sensor.meridian.theta_max
+        ray = (end - view.at(assembly.lens, 0.0)[0]) * np.tan(theta) if theta else view.scale * assembly.outer
+        sheet.leader(tip, [tip[0] + 6 * k, view.y - ray - 6 * k], words)
+    if support.camera_diameter_mm:
+        half = support.camera_diameter_mm / 2
+        sheet.line(view.at([assembly.lens] * 2, [-half, half]), THIN, PHANTOM)
+
+
+def _draw_camera(sheet: Sheet, view: View, assembly: Assembly) -> None:
+    """Lens and imager, with what they are."""
+    sensor, k = assembly.sensor, sheet.k
+    rim, imager = sensor.mirror.rim_radius_mm, sensor.imager
+    half = rim if sensor.lens.TELECENTRIC else max(imager.height_px * imager.pitch_mm, 8 * k / view.scale)
+    top, bottom = view.at(assembly.lens, half), view.at(assembly.lens, -half)
+    sheet.line([bottom, top], THICK)
+    for tip, up in ((top, 1.0), (bottom, -1.0)):
+        sheet.arrow(tip, (0.0, up))
+    if sensor.lens.TELECENTRIC:
+        words = ["telecentric lens,", "at any distance"]
+        sheet.leader(
+            view.at(assembly.lens, 0.5 * half), view.at(assembly.lens, 0.5 * half) + np.array([-6, 8]) * k, words, False
+        )
+        return
+    lens = cast(Perspective, sensor.lens)
+    words = [f"lens f = {lens.focal_length_mm:g}, F/{lens.f_number:g}", f"focused at {lens.focus_distance_mm:g}"]
+    # below the rim's ray, where the words end
+    ray = (9 * k + max(map(sheet.text_width, words))) * np.tan(sensor.meridian.theta_max)
+    sheet.leader(bottom, [bottom[0] + 7 * k, view.y - ray - 10 * k], words)
+    size = imager.height_px * imager.pitch_mm / 2
+    sheet.line(view.at([assembly.imager] * 2, [-size, size]), 2 * THICK, solid_capstyle="butt")
+    tip = view.at(assembly.imager, size)
+    words = ["imager", f"{imager.width_px} × {imager.height_px}", f"{imager.pixel_pitch_um:g} µm"]
+    sheet.leader(tip, tip + np.array([-7, 12]) * k, words, rightwards=False)
+
+
+def _dimension_sensor(sheet: Sheet, view: View, assembly: Assembly) -> None:
+    k, sensor = sheet.k, assembly.sensor
+    lower = view.at(0.0, -assembly.outer)[1]
+    vertex, back = view.at(0.0, 0.0), view.at(assembly.back, -assembly.outer)
+    if not sensor.lens.TELECENTRIC:
+        lens, imager = view.at(assembly.lens, 0.0), view.at(assembly.imager, 0.0)
+        edge = view.at(assembly.lens, -assembly.outer if assembly.support.kind == "tube" else 0.0)
+        sheet.dimension(edge, vertex, lower - 10 * k, length_words(-assembly.lens))
+        sheet.dimension(imager, lens, lower - 10 * k, length_words(assembly.lens - assembly.imager), before=True)
+        sheet.dimension(imager, back, lower - 18 * k, length_words(assembly.back - assembly.imager))
+    side = view.at(assembly.end, 0.0)[0] + 16 * k
+    if assembly.support.kind == "tube":
+        low, high = (view.at(assembly.end, s * assembly.outer) for s in (-1, 1))
+        sheet.dimension(low, high, side, f"Ø{2 * assembly.outer:g}", upright=True)
+    else:
+        rim, z = sensor.mirror.rim_radius_mm, float(sensor.mirror.sag(sensor.mirror.rim_radius_mm))
+        sheet.dimension(view.at(z, -rim), view.at(z, rim), side, f"Ø{length_words(2 * rim)}", upright=True)
+
+
+def length_words(mm: float) -> str:
+    """A length to the micrometre, without idle zeros.
+
+    >>> length_words(180.429), length_words(5.0), length_words(-0.0001)
+    ('180.429', '5', '0')
+    """
+    words = f"{mm:.3f}".rstrip("0").rstrip(".")
+    return "0" if words == "-0" else words
+
+
+# -- the mirror --------------------------------------------------------------------------------------
+
+
+def draw_mirror(sheet: Sheet, sensor: Sensor, body: Body, scale: float | None = None) -> float:
+    """The mirror in half-section with its dimensions; the scale it is drawn at."""
+    k, region, mirror = sheet.k, MIRROR_REGION.on(sheet), sensor.mirror
+    back, outer, rim = body.back_mm(mirror), body.outer_radius_mm(mirror), mirror.rim_radius_mm
+    left, right, below, above = 48 * k, 36 * k, 22 * k, 6 * k
+    room = region.right - region.left - left - right, region.top - region.bottom - below - above
+    scale = scale or fitting_scale(back, 2 * outer, *room)
+    view = View(region.left + left, region.bottom + below + room[1] / 2, scale)
+    sheet.text(region.left, region.top - 4 * k, f"MIRROR  {scale_words(scale)}", height=3.5)
+    sheet.line(view.at([-8 * k / scale, back + 10 * k / scale], 0.0), THIN, CHAIN)
+    outline = section_outline(sensor, body)
+    upper = view.at(outline[:, 0], outline[:, 1])
+    sheet.hatch(upper)
+    sheet.line(upper if body.bore_goes_through else upper[:-1], THICK)
+    _draw_outside(sheet, view, sensor, body)
+    surface = np.array([p for p in outline if p[1] <= rim][: len(chords(mirror, 1.0, body.start_mm()))])
+    for side in (1, -1):
+        sheet.line(view.at(surface[:, 0], side * surface[:, 1]), 2 * THICK, solid_capstyle="butt")
+    _dimension_mirror(sheet, view, sensor, body)
+    return scale
+
+
+def _draw_outside(sheet: Sheet, view: View, sensor: Sensor, body: Body) -> None:
+    """The lower half as seen from outside: its silhouette, and the edge of the rim."""
+    mirror = sensor.mirror
+    corners = body.outline(mirror)
+    outside = corners[corners[:, 0] >= mirror.rim_radius_mm * (1 - 1e-12)]
+    silhouette = [*outside, (0.0, body.back_mm(mirror))]
+    points = np.array(silhouette)
+    sheet.line(view.at(points[:, 1], -points[:, 0]), THICK)
+    x = chords(mirror, 1.0, body.start_mm())
+    sheet.line(view.at(mirror.sag(x), -x), THICK)
+    if start := body.start_mm():
+        sheet.line(view.at([float(mirror.sag(start))] * 2, [-start, 0.0]), THICK)
+    edges = {float(z) for z in outside[:, 1]} - {body.back_mm(mirror)}
+    for z in edges:
+        reach = max(r for r, height in outside if height == z)
+        sheet.line(view.at([z, z], [-reach, 0.0]), THIN)
+
+
+def _dimension_mirror(sheet: Sheet, view: View, sensor: Sensor, body: Body) -> None:
+    k, mirror = sheet.k, sensor.mirror
+    rim, back, outer = mirror.rim_radius_mm, body.back_mm(mirror), body.outer_radius_mm(mirror)
+    edge, low = float(mirror.sag(rim)), view.at(0.0, -outer)[1]
+    left = MIRROR_REGION.on(sheet).left + 8 * k
+    sheet.dimension(view.at(edge, -rim), view.at(edge, rim), left, f"Ø{length_words(2 * rim)}", upright=True)
+    sheet.dimension(view.at(0.0, 0.0), view.at(edge, -rim), low - ROW * k, length_words(edge), before=True)
+    sheet.dimension(view.at(edge, -rim), view.at(back, -outer), low - ROW * k, length_words(back - edge))
+    sheet.dimension(view.at(0.0, 0.0), view.at(back, -outer), low - 2 * ROW * k, length_words(back))
+    tip, words = view.at(mirror.sag(0.62 * rim), 0.62 * rim), surface_lines(sensor)
+    highest = view.at(edge, rim)[1] - (4 * len(words) + 1) * k  # clear of the extension line at the rim
+    sheet.leader(tip, [view.x - 4 * k, min(tip[1] + 7 * k, highest)], words, rightwards=False)
+    if body.bore_mm:
+        tip = view.at(back, body.bore_mm / 2)
+        sheet.leader(tip, tip + np.array([6, 10]) * k, _bore_words(body))
+    if body.flange_width_mm:
+        tip = view.at(back, -outer + body.flange_width_mm / 2)
+        words = ["flange", f"Ø{length_words(2 * outer)} × {length_words(body.flange_thickness_mm)}"]
+        sheet.leader(tip, tip + np.array([6, 6]) * k, words)
+
+
+def _bore_words(body: Body) -> list[str]:
+    depth = "through" if body.bore_goes_through else f"{length_words(body.bore_depth_mm)} deep"
+    if body.thread:
+        return [f"{body.thread}, {depth}", f"drill Ø{length_words(body.bore_mm)}"]
+    return [f"Ø{length_words(body.bore_mm)}", depth]
+
+
+def surface_lines(sensor: Sensor) -> list[str]:
+    """What to write at the mirror surface."""
+    mirror, conic = sensor.mirror, conic_of(sensor.mirror)
+    if mirror.is_pointed:
+        return ["mirror surface", f"{np.degrees(np.arctan(float(mirror.slope(0.0)))):.4f}° at the tip"]
+    lines = ["mirror surface", f"R = {float(mirror.radius_t(0.0)):.7g}"]
+    return [*lines, f"k = {conic[1]:.6g}"] if conic else [*lines, "at the vertex"]
