@@ -38,6 +38,7 @@ LAYERS = (MIRROR, OUTLINE, CENTRE, HATCH, DIMENSIONS, NOTES)
 
 TEXT_MM = 3.5
 STYLE = "OMNIMIRROR"
+BY_LAYER = 256
 
 
 def write_dxf(path: Path, mirror: Mirror, body: Body, name: str) -> Curve:
@@ -86,6 +87,7 @@ def _dimension_style(doc: Any, size: float) -> None:
     style.dxf.dimdsep = ord(".")
     style.dxf.dimlunit = 2
     style.dxf.dimtxsty = "OpenSans"
+    style.dxf.dimclrd = style.dxf.dimclre = style.dxf.dimclrt = BY_LAYER
 
 
 # -- the part --------------------------------------------------------------------------------------
@@ -99,8 +101,9 @@ def _draw_outline(page: Any, curve: Curve, section: Array) -> None:
             back = max(z for z, _ in corners)
             outside = [c for c in corners if c[1] <= -curve.ends[1][0] * (1 - 1e-12)]
             corners = [*outside, (back, 0.0)]
-            rim = curve.ends[1]
-            page.add_line((rim[1], -rim[0]), (rim[1], 0.0), dxfattribs=_on(OUTLINE))
+            start, rim = curve.ends
+            for x, z in [rim, start] if start[0] else [rim]:
+                page.add_line((z, -x), (z, 0.0), dxfattribs=_on(OUTLINE))
         elif not curve.ends[0][0]:
             corners = corners[:-1]  # the axis is no edge
         page.add_lwpolyline(corners, dxfattribs=_on(OUTLINE))
@@ -126,7 +129,7 @@ def _draw_curve(page: Any, curve: Curve, side: float) -> None:
 def _draw_hatch(page: Any, mirror: Mirror, body: Body, section: Array, size: float) -> None:
     x = chords(mirror, 1.0, body.start_mm())
     boundary = np.concatenate([np.stack([x, mirror.sag(x)], axis=-1), section[1:]])
-    hatch = page.add_hatch(color=256, dxfattribs=_on(HATCH))
+    hatch = page.add_hatch(color=BY_LAYER, dxfattribs=_on(HATCH))
     hatch.set_pattern_fill("ANSI31", scale=size / TEXT_MM)
     hatch.paths.add_polyline_path([(float(pz), float(px)) for px, pz in boundary], is_closed=True)
 
@@ -148,7 +151,7 @@ def _draw_dimensions(page: Any, mirror: Mirror, body: Body, size: float) -> None
         _linear(page, (z0, at), (z0, x0), (z1, x1), 0.0, override)
 
     def diameter(x: float, z: float, at: float) -> None:
-        _linear(page, (at, 0.0), (z, -x), (z, x), 90.0, {"dimpost": "%%c<>"})
+        _linear(page, (at, 0.0), (z, -x), (z, x), 90.0, {"dimpost": "Ø<>"})
 
     along(0.0, edge, 0.0, -rim, -outer - 1.5 * row)
     along(edge, back, -rim, -outer, -outer - 1.5 * row)
@@ -175,8 +178,6 @@ def _linear(page: Any, base: Any, p1: Any, p2: Any, angle: float, override: dict
 def _draw_notes(page: Any, mirror: Mirror, body: Body, curve: Curve, name: str, size: float) -> None:
     deviation = f"within {curve.deviation_um:.2g} um of the mirror" if curve.deviation_um else "exact"
     lines = [name, *surface_words(mirror), f"Mirror surface: {curve.words}, {deviation}", f"Body: {body.words()}"]
-    if body.thread:
-        lines.append(f"Thread {body.thread}, tap drill {body.bore_mm:g} mm")
     top = -body.outer_radius_mm(mirror) - 10 * size
     text = page.add_mtext("\n".join(lines), dxfattribs={"char_height": size, "style": "OpenSans", **_on(NOTES)})
     text.set_location((0.0, top))

@@ -8,6 +8,8 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 from importlib.util import find_spec
 from pathlib import Path
+from shutil import copyfile
+from tempfile import TemporaryDirectory
 
 from ...errors import InvalidParameter, OmnimirrorError
 from ...files import replacing
@@ -130,13 +132,20 @@ def export(
     )  # fmt: skip
     targets = _targets(sensor, Path(path), None if formats is None else list(formats))
     _check_packages(list(targets.values()))
-    written = []
-    with ExitStack() as stack:
-        temporary = {target: stack.enter_context(replacing(target)) for target in targets}
-        for target, name in targets.items():
-            what, deviation = FORMATS[name].write(plan, temporary[target])
-            written.append(Exported(target, what, deviation))
+    with TemporaryDirectory() as folder, ExitStack() as stack:
+        made = {target: Path(folder) / target.name for target in targets}
+        written = [Exported(target, *_write(plan, name, made[target], target)) for target, name in targets.items()]
+        for target, file in made.items():
+            copyfile(file, stack.enter_context(replacing(target)))
     return written
+
+
+def _write(plan: Plan, name: str, path: Path, target: Path) -> tuple[str, float | None]:
+    """Write one file where it can be thrown away; ``target`` is what the user knows it as."""
+    try:
+        return FORMATS[name].write(plan, path)
+    except OSError as e:
+        raise OmnimirrorError(f"cannot write {target}: {e.strerror or e}") from None
 
 
 def _targets(sensor: Sensor, path: Path, formats: list[str] | None) -> dict[Path, str]:
@@ -184,9 +193,7 @@ def _step(plan: Plan, path: Path) -> tuple[str, float]:
     from .step import write_step
 
     curve = write_step(path, plan.sensor.mirror, plan.body, plan.sensor.name)
-    return f"solid, meridian an {curve.words}" if curve.words[
-        0
-    ] in "ae" else f"solid, {curve.words}", curve.deviation_um
+    return f"solid, {curve.words}", curve.deviation_um
 
 
 def _mesh(plan: Plan, path: Path) -> tuple[str, float]:

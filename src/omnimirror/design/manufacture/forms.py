@@ -136,7 +136,11 @@ def _exact_asphere(mirror: Mirror) -> Asphere | None:
 
 
 def _fitted_asphere(mirror: Mirror) -> Asphere:
-    """Least squares of the normal distance; a smooth mirror keeps its vertex radius and varies k."""
+    """Least squares of the normal distance; of a smooth mirror the vertex radius is given and k searched.
+
+    The vertex radius is the mirror's own, or, where it does better (a measured profile may have a bump there),
+    that of the even polynomial through the whole mirror.
+    """
     M, x = mirror.rim_radius_mm, nodes(mirror, 401)
     z, slope, curvature = mirror.profile(x)
     weight = 1 / np.sqrt(1 + slope**2)
@@ -147,16 +151,16 @@ def _fitted_asphere(mirror: Mirror) -> Asphere:
         return scaled / M ** np.array(powers, float), float(np.abs(matrix @ scaled - weight * rest).max())
 
     if mirror.is_pointed:
-        a, _ = solve(z, tuple(range(1, TERMS + 1)))
-        return Asphere("odd", 0.0, 0.0, tuple(a))
-    c = float(curvature[0])
+        return Asphere("odd", 0.0, 0.0, tuple(map(float, solve(z, tuple(range(1, TERMS + 1)))[0])))
     powers = tuple(2 * i for i in range(2, TERMS + 1))
 
-    def with_conic(k: float) -> tuple[Array, float]:
+    def fitted(c: float, k: float) -> tuple[Array, float]:
         return solve(z - (conic_profile(x, 1 / c, k)[0] if c else 0.0), powers)
 
-    k = _best_conic(lambda k: with_conic(k)[1], c, M) if c else 0.0
-    return Asphere("even", c, k, (0.0, *with_conic(k)[0]))
+    curvatures = [float(curvature[0]), float(2 * solve(z, (2, *powers))[0][0])]
+    shapes = [(c, _best_conic(lambda k, c=c: fitted(c, k)[1], c, M) if c > 0 else 0.0) for c in curvatures]  # type: ignore[misc]
+    c, k = min(shapes, key=lambda shape: fitted(*shape)[1])
+    return Asphere("even", c, k, (0.0, *map(float, fitted(c, k)[0])))
 
 
 def _best_conic(worst: Callable[[float], float], c: float, M: float) -> float:
@@ -209,7 +213,7 @@ def curve_of(mirror: Mirror, start_mm: float = 0.0, tolerance_um: float = 0.01) 
     >>> curve_of(ConicAsphere(50.0, 0.0, 30.0)).words
     'arc of 50 mm'
     >>> curve_of(EvenPolynomial((0.01,), 30.0)).words
-    'exact conic'
+    'conic'
     """
     rim = mirror.rim_radius_mm
     ends = (start_mm, float(mirror.sag(start_mm))), (rim, float(mirror.sag(rim)))
@@ -247,7 +251,7 @@ def _conic_arc(mirror: Mirror, ends: Ends, conic: tuple[float, float]) -> Curve:
     weight = t / (1 - t)
     poles = ((x0, z0), (float(corner[0]), float(corner[1])), (x2, z2))
     knots = (0.0, 0.0, 0.0, 1.0, 1.0, 1.0)
-    return Curve("spline", ends, 0.0, 2, knots, poles, (1.0, weight, 1.0), 0.0, "exact conic")
+    return Curve("spline", ends, 0.0, 2, knots, poles, (1.0, weight, 1.0), 0.0, "conic")
 
 
 def _spline(mirror: Mirror, ends: Ends, tolerance_um: float) -> Curve:
@@ -270,7 +274,7 @@ def _spline(mirror: Mirror, ends: Ends, tolerance_um: float) -> Curve:
         second = np.stack([-slope[last], np.ones(2)], axis=-1) * (curvature / (1 + slope**2) ** 2)[last][:, None]
         conditions = [[(1, first[i]), (2, second[i])] for i in (0, 1)]
         spline = make_interp_spline(s, points, k=5, bc_type=tuple(conditions))
-        x_on, z_on = spline(np.linspace(0.0, length[-1], 8 * spans + 1)).T
+        x_on, z_on = spline(np.linspace(0.0, length[-1], 32 * spans + 1)).T
         worst = float(np.abs(deviation_um(mirror, np.clip(x_on, start, rim), z_on)).max())
         if best is None or worst < best.deviation_um:
             poles = tuple((float(px), float(pz)) for px, pz in spline.c)

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from ... import __version__
-from ...errors import OmnimirrorError
 from ...mirrors import Mirror
 from .body import Body
 from .forms import Curve, curve_of
@@ -40,7 +39,7 @@ def write_step(path: Path, mirror: Mirror, body: Body, name: str) -> Curve:
 
     Raises
     ------
-    OmnimirrorError
+    OSError
         The file cannot be written.
     """
     from OCP.APIHeaderSection import APIHeaderSection_MakeHeader
@@ -63,7 +62,7 @@ def write_step(path: Path, mirror: Mirror, body: Body, name: str) -> Curve:
         header.SetOriginatingSystem(TCollection_HAsciiString(f"omnimirror {__version__}"))
         status = writer.Write(str(path))
     if status != IFSelect_ReturnStatus.IFSelect_RetDone:
-        raise OmnimirrorError("the STEP file cannot be written; is the disk full?")
+        raise OSError(28, "the STEP writer failed; the disk may be full")
     return curve
 
 
