@@ -101,7 +101,7 @@ def shown_angles(sensor: Sensor, rings: list[Hidden]) -> list[float]:
     low, high = sensor.field_deg
     step = 30.0 if high > 90 else 15.0
     hidden = [ring.omega_deg for ring in rings]
-    full = [a for a in np.arange(step, high - step / 4, step) if a > low]
+    full = [a for a in np.arange(step, high - 0.4 * step, step) if a > low]
     return [*(float(a) for a in full if not any(r[0] <= a <= r[1] for r in hidden)), high]
 
 

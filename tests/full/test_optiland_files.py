@@ -1,0 +1,68 @@
+"""OpticStudio files read by Optiland: the surface it builds, and the chief rays it traces through the system."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from omnimirror.design.manufacture.zmx import field_angles, write_zmx
+from tests.conftest import MIRRORS, sensor_of
+
+pytestmark = [pytest.mark.full, pytest.mark.filterwarnings("ignore")]
+
+
+@pytest.fixture(scope="module")
+def load():
+    pytest.importorskip("optiland", reason="Optiland is installed by `make test-full` only")
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    from optiland.fileio import load_zemax_file
+
+    return load_zemax_file
+
+
+@pytest.mark.parametrize("kind", sorted(MIRRORS))
+def test_the_surface_is_the_mirror(kind, load, tmp_path):
+    sensor = sensor_of(kind)
+    stated = write_zmx(tmp_path / "s.zmx", sensor).deviation_um
+    geometry = load(str(tmp_path / "s.zmx")).surfaces.surfaces[2].geometry
+    x = np.linspace(0, sensor.mirror.rim_radius_mm, 301)
+    off = 1e3 * np.abs(np.asarray(geometry.sag(0 * x, x)) - sensor.mirror.sag(x))
+    assert off.max() <= 3 * stated + 1e-9  # heights, where the file states distances along the normal
+    assert float(geometry.radius) > 0
+
+
+@pytest.mark.parametrize("kind", sorted(MIRRORS))
+def test_chief_rays_leave_the_mirror_at_the_field_angles(kind, load, tmp_path):
+    """From the imager through the lens: its own field points, up to 135 degrees and more."""
+    sensor = sensor_of(kind)
+    write_zmx(tmp_path / "s.zmx", sensor)
+    system = load(str(tmp_path / "s.zmx"))
+    heights = np.array([float(f.y) for f in system.fields.fields])
+    omega = []
+    for height in heights:
+        ray = system.trace_generic(Hx=0, Hy=height / np.abs(heights).max(), Px=0, Py=0, wavelength=0.55)
+        omega.append(np.degrees(np.arctan2(float(ray.M[0]), -float(ray.N[0]))))
+    tolerance = 1e-6 if kind not in ("sampled", "equidistant") else 1e-4  # its fits have slopes a little off
+    np.testing.assert_allclose(sorted(omega), field_angles(sensor), atol=tolerance)
+
+
+def test_a_pencil_from_the_imager_leaves_the_mirror_with_the_vergence_of_eq_15(load, tmp_path):
+    """The lens sends it towards its plane of focus; two rays close to the chief ray meet at the tangential object."""
+    sensor = sensor_of("sphere")
+    write_zmx(tmp_path / "s.zmx", sensor)
+    system = load(str(tmp_path / "s.zmx"))
+    heights = np.array([float(f.y) for f in system.fields.fields])
+    for height in heights:
+        edges = []
+        for pupil in (0.01, -0.01):
+            ray = system.trace_generic(Hx=0, Hy=height / np.abs(heights).max(), Px=0, Py=pupil, wavelength=0.55)
+            at_mirror = [float(np.asarray(getattr(system.surfaces, axis))[2, 0]) for axis in "yz"]
+            edges.append((np.array(at_mirror), np.array([float(ray.M[0]), float(ray.N[0])])))
+        (a, u), (b, v) = edges
+        meeting = np.cross(b - a, v) / np.cross(u, v)  # along the outgoing ray from the mirror
+        rays = sensor.meridian.trace(np.abs([(a[0] + b[0]) / 2]))
+        q = sensor.lens.focus_distance_mm / np.cos(rays.theta[0]) - np.hypot(rays.x, rays.w)[0]
+        vergence = 1 / q - 2 / (rays.radius_t()[0] * np.cos(rays.gamma[0]))
+        assert 1 / meeting == pytest.approx(vergence, abs=2e-5)
