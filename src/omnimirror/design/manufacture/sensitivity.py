@@ -26,7 +26,7 @@ ROUNDING_PX = 1e-9
 """Motion over one step that is no motion: a cone's picture does not feel its distance."""
 
 
-class Meridian(NamedTuple):
+class Moved(NamedTuple):
     """A meridian with an error, at distances x (n,) mm from the lens's axis: height (mm) and slope."""
 
     x: Array
@@ -71,20 +71,20 @@ def sensitivities(sensor: Sensor) -> list[Sensitivity]:
     M = sensor.mirror.rim_radius_mm
     period = 2 * np.pi / M
 
-    def form(x: Array, z: Array, slope: Array, a: float) -> Meridian:
+    def form(x: Array, z: Array, slope: Array, a: float) -> Moved:
         a *= 1e-3  # um
-        return Meridian(x, z + a * (1 - np.cos(period * x)) / 2, slope + a * period * np.sin(period * x) / 2)
+        return Moved(x, z + a * (1 - np.cos(period * x)) / 2, slope + a * period * np.sin(period * x) / 2)
 
-    def tilted(x: Array, z: Array, slope: Array, degrees: float) -> Meridian:
+    def tilted(x: Array, z: Array, slope: Array, degrees: float) -> Moved:
         angle = np.radians(degrees)
         turned = np.tan(np.arctan(slope) + angle)
-        return Meridian(x * np.cos(angle) - z * np.sin(angle), x * np.sin(angle) + z * np.cos(angle), turned)
+        return Moved(x * np.cos(angle) - z * np.sin(angle), x * np.sin(angle) + z * np.cos(angle), turned)
 
-    errors: dict[tuple[str, str], tuple[float, Callable[[Array, Array, Array, float], Meridian]]] = {
-        ("mirror distance", "mm"): (1e-4 * M, lambda x, z, slope, e: Meridian(x, z + e, slope)),
-        ("mirror decentre", "mm"): (1e-4 * M, lambda x, z, slope, e: Meridian(x + e, z, slope)),
+    errors: dict[tuple[str, str], tuple[float, Callable[[Array, Array, Array, float], Moved]]] = {
+        ("mirror distance", "mm"): (1e-4 * M, lambda x, z, slope, e: Moved(x, z + e, slope)),
+        ("mirror decentre", "mm"): (1e-4 * M, lambda x, z, slope, e: Moved(x + e, z, slope)),
         ("mirror tilt", "deg"): (1e-3, tilted),
-        ("surface slope", "mrad"): (1e-2, lambda x, z, slope, e: Meridian(x, z, np.tan(np.arctan(slope) + 1e-3 * e))),
+        ("surface slope", "mrad"): (1e-2, lambda x, z, slope, e: Moved(x, z, np.tan(np.arctan(slope) + 1e-3 * e))),
         ("surface form", "um"): (1e-3 * M, form),
     }
     if sensor.lens.TELECENTRIC:
@@ -93,7 +93,7 @@ def sensitivities(sensor: Sensor) -> list[Sensitivity]:
 
 
 def _sensitivity(
-    sensor: Sensor, name: str, unit: str, step: float, moved: Callable[[Array, Array, Array, float], Meridian]
+    sensor: Sensor, name: str, unit: str, step: float, moved: Callable[[Array, Array, Array, float], Moved]
 ) -> Sensitivity:
     """Central difference of the image height over the error, at fixed field angles."""
     mirror, M = sensor.mirror, sensor.mirror.rim_radius_mm
@@ -107,7 +107,7 @@ def _sensitivity(
     return Sensitivity(name, unit, rate, float(np.degrees(omega[worst])))
 
 
-def _image_height_px(sensor: Sensor, meridian: Meridian, omega: Array) -> Array:
+def _image_height_px(sensor: Sensor, meridian: Moved, omega: Array) -> Array:
     """Image height of field angles on a meridian that need not be the sensor's own."""
     from scipy.interpolate import CubicSpline
 

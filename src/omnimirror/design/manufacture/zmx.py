@@ -3,8 +3,8 @@
 Field angles beyond 90 degrees cannot be given to a sequential program from the outside, so the light runs
 backwards. Surface 0 is the imager (object heights are image heights), 1 the stop and lens (a paraxial
 surface), 2 the mirror, 3 the same shape again without an effect: there the direction of a ray, not its
-place, is that in which the sensor looks. Our z runs from the lens towards the mirror as theirs does, so a convex mirror has a
-positive radius.
+place, is that in which the sensor looks. Our z runs from the lens towards the mirror as theirs does, so a
+convex mirror has a positive radius.
 """
 
 from __future__ import annotations
