@@ -11,6 +11,7 @@ import omnimirror as om
 from omnimirror.design.manufacture import Body, Support, hidden_percent, obscuration, sensitivities
 from omnimirror.design.manufacture.supports import lens_height, tube_end_mm, tube_shift_mm, tube_transmission
 from omnimirror.errors import InvalidParameter
+from omnimirror.mirrors.pose import MirrorPose
 from tests.conftest import MIRRORS, sensor_of
 
 SPH = om.load_sensor("paper-spherical")
@@ -182,3 +183,29 @@ def test_a_form_error_is_its_slope_times_the_sensitivity_to_slope():
 def test_a_telecentric_picture_and_that_of_a_cone_do_not_feel_the_distance():
     assert "mirror distance" not in found(om.load_sensor("paraboloid-telecentric"))
     assert found(sensor_of("cone"))["mirror distance"].tolerance() == np.inf
+
+
+@pytest.mark.parametrize("name", ["paper-spherical", "paper-hyperboloidal", "paraboloid-telecentric"])
+@pytest.mark.parametrize(
+    ("error", "field", "step"), [("mirror decentre", "decentre_x_mm", 1e-3), ("mirror tilt", "tilt_y_deg", 1e-3)]
+)
+def test_decentre_and_tilt_move_the_picture_as_rays_in_space_do(name, error, field, step):
+    """Over all azimuths: so the meridian is where they move it most."""
+    sensor = om.load_sensor(name)
+    omega = sensor.meridian.trace(np.linspace(0.02, 0.99, 121) * sensor.mirror.rim_radius_mm).omega[:, None]
+    azimuth = np.radians(np.arange(0, 181, 15))
+    rays = [np.sin(omega) * np.cos(azimuth), np.sin(omega) * np.sin(azimuth), -np.cos(omega) + 0 * azimuth]
+    directions = np.stack(rays, axis=-1).reshape(-1, 3) @ sensor.mount.rotation().T
+    pixels = [
+        replace(sensor, mirror_pose=MirrorPose(**{field: sign * step})).project_directions(directions).pixels
+        for sign in (1, -1)
+    ]
+    motion = np.nanmax(np.hypot(*(pixels[0] - pixels[1]).T)) / (2 * step)
+    assert found(sensor)[error].px_per_unit == pytest.approx(motion, rel=0.02)
+
+
+def test_a_displaced_mirror_is_drawn_where_it_is_and_a_tilted_one_refused():
+    displaced = replace(SPH, mirror_pose=MirrorPose(displacement_mm=2.0))
+    assert lens_height(displaced) == pytest.approx(-182.429)
+    with pytest.raises(InvalidParameter, match=r"take sensor.aligned\(\)"):
+        obscuration(replace(SPH, mirror_pose=MirrorPose(tilt_x_deg=1.0)), Support())

@@ -107,7 +107,7 @@ def tube_end_mm(sensor: Sensor, support: Support, body: Body) -> float:
 
 def lens_height(sensor: Sensor) -> float:
     """Height z (mm) of the lens below the vertex; a telecentric one is drawn 2.5 rim radii away."""
-    m = sensor.mirror_distance_mm
+    m = sensor.meridian.m
     return -m if np.isfinite(m) else -LENS_AT_RIMS * sensor.mirror.rim_radius_mm
 
 

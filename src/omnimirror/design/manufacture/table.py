@@ -126,7 +126,7 @@ def _head(sensor: Sensor, points: int) -> list[str]:
         f'mirror = "{mirror.KIND}"',
         f"rim_radius_mm = {mirror.rim_radius_mm!r}",
         *_vertex_lines(sensor),
-        f"mirror_distance_mm = {float(sensor.mirror_distance_mm)!r}  # from the lens to the vertex",
+        f"mirror_distance_mm = {float(sensor.meridian.m)!r}  # from the lens to the vertex",
         f"points = {points}",
         f'sag = "{z_axis}"',
         f"best_sphere_radius_mm = {sphere.radius_mm:.9g}",

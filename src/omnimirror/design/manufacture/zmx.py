@@ -78,10 +78,10 @@ def _system(sensor: Sensor) -> list[str]:
     rays = sensor.meridian.trace(sensor.meridian.x_from_omega(np.radians(field_angles(sensor))))
     if sensor.lens.TELECENTRIC:
         wide = cast(Orthographic, sensor.lens)  # the cone of light on its mirror side
-        aperture = f"OBNA {_number(np.sin(np.arctan(wide.magnification / (2 * wide.working_f_number))))} 0"
+        aperture = f"OBNA {_number(np.sin(np.arctan(wide.aperture_slope)))} 0"
         heights = rays.x
     else:
-        aperture = f"ENPD {_number(2 * _stop_radius(sensor))}"
+        aperture = f"ENPD {_number(2 * cast(Perspective, sensor.lens).aperture_radius)}"
         heights = -sensor.lens.image_height(rays.x, rays.w)  # the lens turns the image over
     return [
         aperture,
@@ -114,7 +114,7 @@ def _surfaces(sensor: Sensor, asphere: Asphere) -> list[str]:
     else:
         lens = cast(Perspective, sensor.lens)
         first = ["  COMM imager", *_flat(lens.image_distance, 0.0)]
-        second = ["  COMM lens", "  STOP", *_flat(sensor.mirror_distance_mm, _stop_radius(sensor), "PARAXIAL")]
+        second = ["  COMM lens", "  STOP", *_flat(sensor.meridian.m, lens.aperture_radius, "PARAXIAL")]
         second.append(f"  PARM 1 {_number(lens.focal_length_mm)}")
     end = ["  DISZ 0", f"  DIAM {_number(rim)} 1 0 0 1"]
     third = ["  COMM mirror", *shape, "  GLAS MIRROR 0 0 1.5 40", *end]
@@ -125,11 +125,6 @@ def _surfaces(sensor: Sensor, asphere: Asphere) -> list[str]:
 def _flat(thickness: float, radius: float, kind: str = "STANDARD") -> list[str]:
     """A flat surface: the distance to the next one and its own radius, mm."""
     return [f"  TYPE {kind}", "  CURV 0 0 0 0 0", f"  DISZ {_number(thickness)}", f"  DIAM {_number(radius)} 1 0 0 1"]
-
-
-def _stop_radius(sensor: Sensor) -> float:
-    lens = cast(Perspective, sensor.lens)
-    return lens.focal_length_mm / lens.f_number / 2
 
 
 def _number(value: float) -> str:
