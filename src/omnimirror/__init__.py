@@ -9,7 +9,12 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from .analysis import best_focus as best_focus
     from .analysis import best_viewpoint as best_viewpoint
+    from .analysis import check_blur as check_blur
     from .analysis import evaluate as evaluate
+    from .analysis import illumination as illumination
+    from .analysis import mtf as mtf
+    from .analysis import psf as psf
+    from .analysis import spots as spots
     from .central import MirrorBall as MirrorBall
     from .central import OCam as OCam
     from .central import load_ocam as load_ocam
@@ -42,6 +47,11 @@ _HOMES = {
     "best_viewpoint": "analysis",
     "evaluate": "analysis",
     "export": "design.manufacture",
+    "check_blur": "analysis",
+    "illumination": "analysis",
+    "mtf": "analysis",
+    "psf": "analysis",
+    "spots": "analysis",
     "Sensor": "sensor",
     "Environment": "simulate",
     "Room": "simulate",

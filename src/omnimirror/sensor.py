@@ -241,8 +241,11 @@ class Sensor:
 
         In the camera frame; the lens is thin and ideal, and its aperture the unit disk.
         """
-        offsets = np.stack(self._from_centre(pixels), axis=-1) * self.imager.pitch_mm
-        origins, directions = self.lens.rays(offsets, np.broadcast_to(pupil, offsets.shape))
+        return self.lens_rays_of_image(np.stack(self._from_centre(pixels), axis=-1) * self.imager.pitch_mm, pupil)
+
+    def lens_rays_of_image(self, image_mm: Array, pupil: Array) -> tuple[Array, Array]:
+        """The same for image points (n, 2) mm from the optical axis, right and down in the unflipped picture."""
+        origins, directions = self.lens.rays(image_mm, np.broadcast_to(pupil, image_mm.shape))
         origins = origins + self.lens_offset
         if self.lens.TELECENTRIC:  # from the plane in focus back to where nothing of the mirror is
             bound = np.linalg.norm(self.mirror_pose.shift) + self.mirror.rim_radius_mm + self.mirror.bounds[1][1]
