@@ -21,6 +21,7 @@ from omnimirror.mirrors import (
     Mirror,
     Paraboloid,
     SampledProfile,
+    SlopeSpline,
     Sphere,
 )
 from omnimirror.specs import bundled_sensors
@@ -38,6 +39,11 @@ def _sampled_sphere() -> SampledProfile:
     return SampledProfile(tuple(x), tuple(49.9582 - np.sqrt(49.9582**2 - x**2)), rim_radius_mm=M)
 
 
+def _sloped_sphere() -> SlopeSpline:
+    x = np.linspace(0, 44.5, 121)
+    return SlopeSpline(tuple(x / np.sqrt(49.9582**2 - x**2)), rim_radius_mm=44.5)
+
+
 MIRRORS: dict[str, tuple[Mirror, float]] = {
     "sphere": (Sphere(1.138 * M, 43.905), 4.110 * M),
     "hyperboloid": (Hyperboloid(0.7407 * M, 1.698 * M, M), 3.5505227367025753 * M),
@@ -47,6 +53,7 @@ MIRRORS: dict[str, tuple[Mirror, float]] = {
     "even-polynomial": (EvenPolynomial((0.6409, 0.1550, -0.01), M, M), 3.919 * M),
     "conic-asphere": (ConicAsphere(40.0, -0.6, M, (0.03, 0.01), M), 4.0 * M),
     "sampled": (_sampled_sphere(), 4.110 * M),
+    "slope-spline": (_sloped_sphere(), 4.110 * M),
     "equidistant": (Equidistant(137.0, 12.2, 44.5), Equidistant(137.0, 12.2, 44.5).design_distance),
 }
 """Every kind of mirror (mm), with a lens distance at which it can be used."""

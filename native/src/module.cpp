@@ -280,6 +280,9 @@ void project_axial(const AxialCamera& camera, const Doubles& targets, bool is_ne
 }
 
 }  // namespace
+
+void add_designs(nb::module_& m);  // in module_designs.cpp
+
 }  // namespace omnimirror
 
 NB_MODULE(_native, m) {
@@ -298,6 +301,7 @@ NB_MODULE(_native, m) {
         .def(nb::new_(&make_axial), "frame"_a, "x"_a, "y"_a, "width"_a, "height"_a, "first"_a, "last"_a, "radii"_a,
              "origins"_a, "eye"_a)
         .def("project", &project_axial, "targets"_a, "is_near"_a, "pixels"_a, "excess"_a.none());
+    add_designs(m);
     m.def(
         "set_threads",
         [](int count) {

@@ -33,6 +33,21 @@ def remap_grid(
     interpolation: int,
     border: float,
 ) -> None: ...
+def evaluate_designs(
+    coefficients: NDArray[Any],
+    numbers: NDArray[Any],
+    basis: NDArray[Any],
+    fractions: NDArray[Any],
+    has_conic: bool,
+    paper: bool,
+    pitch: float,
+    image_radius: float,
+    wavelength: float,
+    inverse_distance: float,
+    least_omega: float,
+    columns: NDArray[Any],
+    results: NDArray[Any],
+) -> None: ...
 
 class PackedMap:
     def __init__(

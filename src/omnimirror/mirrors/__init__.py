@@ -6,6 +6,7 @@ from .cone import Cone
 from .conics import Ellipsoid, Hyperboloid, Paraboloid, Sphere
 from .generated import Equidistant
 from .sampled import SampledProfile
+from .slope_spline import SlopeSpline
 
 MIRRORS: dict[str, type[Mirror]] = {
     cls.KIND: cls
@@ -19,6 +20,7 @@ MIRRORS: dict[str, type[Mirror]] = {
         ConicAsphere,
         SampledProfile,
         Equidistant,
+        SlopeSpline,
     )
 }
 """Every mirror by the word that names it in a sensor file. Adding one is a class and a line here."""
@@ -34,5 +36,6 @@ __all__ = [
     "Mirror",
     "Paraboloid",
     "SampledProfile",
+    "SlopeSpline",
     "Sphere",
 ]

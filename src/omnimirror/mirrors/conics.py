@@ -18,7 +18,7 @@ from ..parameters import Parameter
 from .base import RIM_RADIUS, Array, Mirror
 
 
-def conic_profile(x: Array, R: float, k: float) -> tuple[Array, Array, Array]:
+def conic_profile(x: Array, R: float | Array, k: float | Array) -> tuple[Array, Array, Array]:
     """Sag (mm), slope and curvature (1/mm) of the conic over its vertex plane; NaN where it has ended.
 
     The sag ``c x^2 / (1 + sqrt(1 - (1 + k) c^2 x^2))`` with ``c = 1/R`` keeps full precision near the
@@ -31,7 +31,7 @@ def conic_profile(x: Array, R: float, k: float) -> tuple[Array, Array, Array]:
     return x**2 / (R * (1 + root)), x / (R * root), 1 / (R * root**3)
 
 
-def conic_root(x: Array, R: float, k: float) -> Array:
+def conic_root(x: Array, R: float | Array, k: float | Array) -> Array:
     """``sqrt(1 - (1 + k) (x/R)^2)``; NaN marks "no surface here" and is checked by callers."""
     with np.errstate(invalid="ignore"):
         return np.sqrt(1 - (1 + k) * (x / R) ** 2)

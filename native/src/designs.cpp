@@ -1,0 +1,218 @@
+#include "designs.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <vector>
+
+#include "pool.hpp"
+
+namespace omnimirror {
+namespace {
+
+constexpr double DEGREE = 3.14159265358979323846 / 180;
+constexpr int BLOCK = 16;  // designs per piece of work
+
+constexpr int SCAN = 17, MOST_STEPS = 60, HALVING = 4;
+constexpr double MARGIN = 0.05, CLOSE = 1e-12, EDGE = 1e-3;
+
+// The arrays of one design, (angles) each.
+struct Scratch {
+    explicit Scratch(int angles) : store(size_t(ARRAYS) * angles) {
+        double** all[ARRAYS] = {&z, &slope, &curvature, &tangent, &radial, &around, &near_t, &near_s, &density, &squares};
+        for (int i = 0; i < ARRAYS; ++i) *all[i] = store.data() + size_t(i) * angles;
+    }
+    static constexpr int ARRAYS = 10;
+    std::vector<double> store;
+    double *z, *slope, *curvature, *tangent, *radial, *around, *near_t, *near_s, *density, *squares;
+};
+
+// The camera as a function of the vergence v that it is focused at: design/foci.py, AreaModel.
+struct AreaModel {
+    double inverse_f, airy2, scale, delta;
+    bool paper;
+    int power;
+
+    struct At {
+        double r, dr, D, d_log_D;
+    };
+
+    At at(double v) const {
+        const double b = inverse_f - v, b2 = b * b;
+        const double r = paper ? scale * (1 + airy2 / b2) : scale * (b2 + airy2);
+        const double dr = paper ? 2 * scale * airy2 / (b2 * b) : -2 * scale * b;
+        const double D = power == 0 ? delta : power > 0 ? delta * (b2 * b2) : delta / (b2 * b2);
+        return {r, dr, D, -4 * power / b};
+    }
+};
+
+struct Worst {
+    double value, rate;
+    int angle;
+};
+
+double fill_squares(double v, double r, int n, const Scratch& s) {
+    const double *near_t = s.near_t, *near_s = s.near_s, *density = s.density;
+    double* squares = s.squares;
+    for (int j = 0; j < n; ++j) {
+        const double t = v - near_t[j], u = v - near_s[j];
+        squares[j] = (t * t + r) * (u * u + r) * density[j];
+    }
+    double most[4] = {squares[0], squares[0], squares[0], squares[0]};  // four chains, which run beside each other
+    int j = 0;
+    for (; j + 4 <= n; j += 4)
+        for (int k = 0; k < 4; ++k) most[k] = most[k] < squares[j + k] ? squares[j + k] : most[k];
+    for (; j < n; ++j) most[0] = most[0] < squares[j] ? squares[j] : most[0];
+    return std::max(std::max(most[0], most[1]), std::max(most[2], most[3]));
+}
+
+Worst worst_at(double v, int n, const AreaModel& model, const Scratch& s) {
+    const AreaModel::At m = model.at(v);
+    const double most = fill_squares(v, m.r, n, s);
+    const int j = static_cast<int>(std::find(s.squares, s.squares + n, most) - s.squares) % n;
+    const double t = v - s.near_t[j], u = v - s.near_s[j], value = m.D * most;
+    return {value, value * (m.d_log_D + (2 * t + m.dr) / (t * t + m.r) + (2 * u + m.dr) / (u * u + m.r)), j};
+}
+
+// Where the worst area, which falls at a and rises at b, is least, to within `close`.
+double bottom(double a, double b, double close, int n, const AreaModel& model, const Scratch& s) {
+    Worst at_a = worst_at(a, n, model, s), at_b = worst_at(b, n, model, s);
+    for (int step = 1; step <= MOST_STEPS && b - a > close; ++step) {
+        const double width = b - a, edge = EDGE * width;
+        double c = at_a.angle == at_b.angle
+                       ? a - at_a.rate * width / (at_b.rate - at_a.rate)
+                       : a + (at_b.value - at_a.value - at_b.rate * width) / (at_a.rate - at_b.rate);
+        const bool good = std::isfinite(c) && at_a.rate < 0 && at_b.rate > 0 && step % HALVING;
+        c = good ? std::min(std::max(c, a + edge), b - edge) : (a + b) / 2;
+        const Worst at_c = worst_at(c, n, model, s);
+        if (at_c.rate > 0)
+            b = c, at_b = at_c;
+        else
+            a = c, at_a = at_c;
+    }
+    return (a + b) / 2;
+}
+
+double best_vergence(int n, const AreaModel& model, const Scratch& s) {
+    double low = std::numeric_limits<double>::infinity(), high = -low;
+    for (int j = 0; j < n; ++j) {
+        low = std::min(low, std::min(s.near_t[j], s.near_s[j]));
+        high = std::max(high, std::max(s.near_t[j], s.near_s[j]));
+    }
+    const double margin = MARGIN * (high - low), least = 1e-7 * model.inverse_f, most = 0.999 * model.inverse_f;
+    low = std::min(std::max(low - margin, least), most);
+    high = std::min(std::max(high + margin, least), most);
+    const double step = (high - low) / (SCAN - 1);
+    int best = 0;
+    double lowest = std::numeric_limits<double>::infinity();
+    for (int i = 0; i < SCAN; ++i) {
+        const double v = low + i * step;
+        const AreaModel::At m = model.at(v);
+        const double value = m.D * fill_squares(v, m.r, n, s);
+        if (value < lowest) lowest = value, best = i;
+    }
+    best = std::min(std::max(best, 1), SCAN - 2);
+    return bottom(low + (best - 1) * step, low + (best + 1) * step, CLOSE * (high - low), n, model, s);
+}
+
+// Sag, slope and curvature in units of M, added up term by term.
+void fill_profile(const DesignJob& job, int i, double M, const Scratch& s) {
+    const int n = job.angles;
+    std::fill_n(s.z, 3 * size_t(n), 0.0);  // z, slope and curvature adjoin
+    for (int k = 0; k < job.terms; ++k) {
+        const double c = job.coefficients[size_t(i) * job.terms + k];
+        const size_t row = size_t(k) * n;
+        for (int j = 0; j < n; ++j) {
+            s.z[j] += c * job.sag[row + j];
+            s.slope[j] += c * job.slope[row + j];
+            s.curvature[j] += c * job.curvature[row + j];
+        }
+    }
+    if (!job.has_conic) return;
+    const double R = job.numbers[size_t(i) * DESIGN_NUMBERS + 4] / M, conic = job.numbers[size_t(i) * DESIGN_NUMBERS + 5];
+    for (int j = 0; j < n; ++j) {
+        const double x = job.fractions[j], t = x / R, root = std::sqrt(1 - (1 + conic) * (t * t));
+        s.z[j] += x * x / (R * (1 + root));
+        s.slope[j] += x / (R * root);
+        s.curvature[j] += 1 / (R * (root * root * root));
+    }
+}
+
+void evaluate_one(const DesignJob& job, int i, const Scratch& s) {
+    const int n = job.angles;
+    const double* number = job.numbers + size_t(i) * DESIGN_NUMBERS;
+    const double m = number[0], M = number[1], f = number[2], F = number[3];
+    const size_t plane = size_t(job.designs) * n;
+    double* row = job.columns + size_t(i) * n;
+    double *omega = row, *viewpoint = row + 4 * plane;
+    fill_profile(job, i, M, s);
+    bool valid = true;
+    for (int j = 0; j < n; ++j) {
+        const double x = job.fractions[j] * M, z = s.z[j] * M, slope = s.slope[j], curvature = s.curvature[j] / M;
+        const double slope_over_x = x > 0 ? slope / x : curvature;
+        const double w = m + z, steep = 1 + slope * slope, root = std::sqrt(steep);
+        const double to_lens = w * w + x * x, rho = std::sqrt(to_lens), facing = w - x * slope;
+        const double cos_gamma = facing / (root * rho), sine = 2 * w * slope_over_x + 1 - slope * slope;
+        const double q_t = 1 / (2 * curvature / (steep * root * cos_gamma) + job.inverse_distance);
+        const double q_s = 1 / (2 * cos_gamma * slope_over_x / root + job.inverse_distance);
+        const double turning = 2 * curvature / steep + facing / to_lens;
+        s.tangent[j] = x / w;
+        s.radial[j] = facing / (w * w * turning);
+        s.around[j] = rho * steep / (w * sine);
+        s.near_t[j] = 1 / (w * (1 + q_t / rho));
+        s.near_s[j] = 1 / (w * (1 + q_s / rho));
+        viewpoint[j] = z + (w * (1 - slope * slope) - 2 * slope * x) / sine;
+        valid &= turning > 0 && facing > 0 && s.around[j] > 0;
+    }
+    for (int j = 0; j < n; ++j) omega[j] = 2 * std::atan(s.slope[j]) + std::atan(s.tangent[j]);
+    for (int j = 0; j < n; ++j) {
+        const double product = s.radial[j] * s.around[j];
+        s.density[j] = omega[j] < job.least_omega ? 0.0 : 1 / (product * product);
+    }
+    const bool scaled = job.image_radius > 0;
+    const double blur = f / (F * job.pitch) * (job.paper ? f : 1.0);
+    const double image = scaled ? job.image_radius / s.tangent[n - 1] : 1 / job.pitch;
+    const double airy_per_b = 2.44e-6 * job.wavelength * F / (f * job.pitch), ratio = blur / (image * DEGREE);
+    const AreaModel model{1 / f,
+                          airy_per_b * airy_per_b,
+                          1 / (blur * blur),
+                          ratio * ratio * ratio * ratio,
+                          job.paper,
+                          int(job.paper) - int(scaled)};
+    const double v = best_vergence(n, model, s), b = 1 / (1 / f - v);
+    const double tangent_px = scaled ? image : b / job.pitch, vergence_px = job.paper ? blur : blur * b;
+    const double airy = airy_per_b * b, floor = 1 + airy * airy;
+    double *h = row + plane, *dh = row + 2 * plane, *dw = row + 3 * plane, *L_t = row + 5 * plane,
+           *L_s = row + 6 * plane, *t = row + 7 * plane, *u = row + 8 * plane, *area = row + 9 * plane;
+    for (int j = 0; j < n; ++j) {
+        omega[j] /= DEGREE;
+        h[j] = s.tangent[j] * tangent_px;
+        dh[j] = s.radial[j] * tangent_px * DEGREE;
+        dw[j] = s.around[j] * tangent_px * DEGREE;
+        L_t[j] = 1 / s.near_t[j];
+        L_s[j] = 1 / s.near_s[j];
+        t[j] = vergence_px * (v - s.near_t[j]);
+        u[j] = vergence_px * (v - s.near_s[j]);
+        area[j] = std::sqrt((t[j] * t[j] + floor) * (u[j] * u[j] + floor)) / (dh[j] * dw[j]);
+    }
+    const AreaModel::At at = model.at(v);
+    job.focus[i] = 1 / v;
+    job.worst[i] = std::sqrt(at.D * fill_squares(v, at.r, n, s));
+    job.valid[i] = valid;
+}
+
+void evaluate_block(void* context, int block) {
+    const DesignJob& job = *static_cast<const DesignJob*>(context);
+    const Scratch scratch(job.angles);
+    const int end = std::min(job.designs, (block + 1) * BLOCK);
+    for (int i = block * BLOCK; i < end; ++i) evaluate_one(job, i, scratch);
+}
+
+}  // namespace
+
+void evaluate_designs(const DesignJob& job) {
+    DesignJob copy = job;
+    parallel_for((job.designs + BLOCK - 1) / BLOCK, &evaluate_block, &copy);
+}
+
+}  // namespace omnimirror

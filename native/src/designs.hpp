@@ -1,0 +1,34 @@
+// Designs by the thousand, as omnimirror.design.batch has them; the formulas are those of design/optics.py and
+// design/foci.py, and so are the steps.
+#pragma once
+
+#include <cstddef>
+
+namespace omnimirror {
+
+constexpr int DESIGN_COLUMNS = 10;
+constexpr int DESIGN_NUMBERS = 6;
+
+struct DesignJob {
+    // (designs, terms): what shapes each mirror; (designs, 6): distance, rim radius, focal length, F-number,
+    // vertex radius, conic constant
+    const double* coefficients;
+    const double* numbers;
+    // (terms, angles): sag over M, slope, curvature times M; (angles): fractions of the rim radius
+    const double* sag;
+    const double* slope;
+    const double* curvature;
+    const double* fractions;
+    int designs, terms, angles;
+    bool has_conic, paper;
+    double pitch, image_radius, wavelength, inverse_distance, least_omega;  // image_radius 0: the real one
+    // (10, designs, angles), (designs), (designs), (designs)
+    double* columns;
+    double* focus;
+    double* worst;
+    double* valid;  // 1 or 0
+};
+
+void evaluate_designs(const DesignJob& job);
+
+}  // namespace omnimirror

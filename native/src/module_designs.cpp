@@ -1,0 +1,72 @@
+// The part of omnimirror._native that omnimirror.design.batch calls. Arrays are checked here once more.
+#include <nanobind/nanobind.h>
+#include <nanobind/ndarray.h>
+
+#include "designs.hpp"
+
+namespace nb = nanobind;
+using namespace nb::literals;
+
+namespace omnimirror {
+namespace {
+
+using Doubles = nb::ndarray<const double, nb::c_contig, nb::device::cpu>;
+using OutDoubles = nb::ndarray<double, nb::c_contig, nb::device::cpu>;
+
+void require(bool condition, const char* message) {
+    if (!condition) throw nb::value_error(message);
+}
+
+int count_of(size_t length) {
+    require(length < (size_t{1} << 30), "an array is too long");
+    return static_cast<int>(length);
+}
+
+void design_batch(const Doubles& coefficients, const Doubles& numbers, const Doubles& basis, const Doubles& fractions,
+                  bool has_conic, bool paper, double pitch, double image_radius, double wavelength,
+                  double inverse_distance, double least_omega, const OutDoubles& columns, const OutDoubles& results) {
+    require(coefficients.ndim() == 2 && fractions.ndim() == 1, "coefficients are (designs, terms), fractions (angles)");
+    const size_t designs = coefficients.shape(0), terms = coefficients.shape(1), angles = fractions.shape(0);
+    require(angles > 0, "there must be an angle");
+    require(numbers.ndim() == 2 && numbers.shape(0) == designs && numbers.shape(1) == DESIGN_NUMBERS,
+            "numbers are (designs, 6)");
+    require(basis.ndim() == 3 && basis.shape(0) == 3 && basis.shape(1) == terms && basis.shape(2) == angles,
+            "the basis is (3, terms, angles)");
+    require(columns.ndim() == 3 && columns.shape(0) == DESIGN_COLUMNS && columns.shape(1) == designs &&
+                columns.shape(2) == angles,
+            "columns are (10, designs, angles)");
+    require(results.ndim() == 2 && results.shape(0) == 3 && results.shape(1) == designs, "results are (3, designs)");
+    const size_t part = terms * angles;
+    const DesignJob job{coefficients.data(),
+                        numbers.data(),
+                        basis.data(),
+                        basis.data() + part,
+                        basis.data() + 2 * part,
+                        fractions.data(),
+                        count_of(designs),
+                        count_of(terms),
+                        count_of(angles),
+                        has_conic,
+                        paper,
+                        pitch,
+                        image_radius,
+                        wavelength,
+                        inverse_distance,
+                        least_omega,
+                        columns.data(),
+                        results.data(),
+                        results.data() + designs,
+                        results.data() + 2 * designs};
+    nb::gil_scoped_release released;
+    evaluate_designs(job);
+}
+
+}  // namespace
+
+void add_designs(nb::module_& m) {
+    m.def("evaluate_designs", &design_batch, "coefficients"_a, "numbers"_a, "basis"_a, "fractions"_a, "has_conic"_a,
+          "paper"_a, "pitch"_a, "image_radius"_a, "wavelength"_a, "inverse_distance"_a, "least_omega"_a, "columns"_a,
+          "results"_a);
+}
+
+}  // namespace omnimirror
