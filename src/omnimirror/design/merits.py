@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InvalidParameter
 
@@ -39,6 +39,25 @@ class Field(NamedTuple):
     """From imager to rim along the axis, mm."""
     solid_angle: Array
     """Share of the solid angle that belongs to each field angle, up to a factor."""
+
+
+def field_of(result: Any, length_mm: ArrayLike) -> Field:
+    """What merits look at, from the columns of an :class:`~omnimirror.analysis.Evaluation` or of a batch of designs.
+
+    Field angles have to grow along the last axis; ``length_mm`` is from imager to rim, (..).
+    """
+    dh, dw = result.dh_domega_px_per_deg, result.width_px_per_deg
+    omega = np.radians(result.omega_deg)
+    with np.errstate(all="ignore"):
+        steps = np.diff(omega, axis=-1) / 2
+        share = np.sin(omega)
+        share = np.concatenate([share[..., :-1] * steps, np.zeros_like(share[..., :1])], -1) + np.concatenate(
+            [np.zeros_like(share[..., :1]), share[..., 1:] * steps], -1
+        )
+        return Field(
+            result.blur_t_px / dh, result.blur_s_px / dw, np.log(result.floored_area_deg2), np.log(dh * dw),
+            np.log(dw / dh), result.viewpoint_z_mm, np.asarray(length_mm, dtype=float)[..., None], share,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)

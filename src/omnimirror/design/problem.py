@@ -242,9 +242,14 @@ class DesignSpace:
             p.object_distance_mm, p.omega_min_deg,
         )  # fmt: skip
 
+    def rim_distance_mm(self, y: Array) -> Array:
+        """From the lens to the rim along the axis, of designs (b, dim), (b,) mm."""
+        distance: Array = self.problem.rim_radius_mm / self._shapes(y)[1][:, 0]
+        return distance
+
     def focus_mm(self, y: Array) -> float:
         """The object distance L0 that a point (dim,) is focused at."""
-        return float(self.problem.rim_radius_mm / (y[self.names.index("focus")] * self._shapes(y[None])[1][0, 0]))
+        return float(self.rim_distance_mm(y[None])[0] / y[self.names.index("focus")])
 
     def with_focus(self, y: Array, focus_mm: float) -> Array:
         """The same point (dim,) focused elsewhere."""
