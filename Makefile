@@ -36,6 +36,7 @@ bench: $(VENV)/.full  ## Measure against other programs; tables go to out/benchm
 	$(BIN)/python benchmarks/sampling.py --out out/benchmarks
 	$(BIN)/python benchmarks/video.py --out out/benchmarks
 	$(BIN)/python benchmarks/live.py --out out/benchmarks
+	$(BIN)/python benchmarks/design.py --out out/benchmarks
 
 clean:  ## Remove what was made, the virtual environment too
 	rm -rf $(VENV) out build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache

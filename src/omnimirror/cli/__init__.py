@@ -20,6 +20,9 @@ COMMANDS = {
     "mtf": "Tangential and sagittal MTF over the field.",
     "illumination": "Relative illumination over the field.",
     "dewarp": "Straighten a picture taken with a mirror or fisheye.",
+    "optimise": "Find the best mirror of free form, or what merits cost each other.",
+    "apertures": "Find the F-number and focus with the least blur and diffraction.",
+    "parts": "Choose a lens and an imager that can be bought.",
     "reproduce": "Redraw the paper's figures and check its numbers.",
     "demo": "Evaluate, simulate and straighten, and write a report.",
 }
