@@ -13,6 +13,7 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from importlib import import_module
+from math import comb
 from pathlib import Path
 from typing import Any
 
@@ -231,8 +232,9 @@ def _epoch(contest: _Contest, alive: _Alive, generations: int, seed: int) -> _Al
     if count == 2:
         algorithm = NSGA2(pop_size=size, sampling=alive.y)
     else:
-        directions = get_reference_directions("energy", count, size, seed=seed)
-        algorithm = NSGA3(ref_dirs=directions, pop_size=size, sampling=alive.y)
+        steps = next(n for n in range(size, 0, -1) if comb(n + count - 1, count - 1) <= size or n == 1)
+        directions = get_reference_directions("das-dennis", count, n_partitions=steps)
+        algorithm = NSGA3(ref_dirs=directions, pop_size=max(size, len(directions)), sampling=alive.y)
     seed_here = int(np.random.SeedSequence([seed, alive.generation]).generate_state(1)[0] >> 1)
     with np.errstate(all="ignore"):
         found = minimize(Comparison(), algorithm, ("n_gen", generations + 1), seed=seed_here, verbose=False)

@@ -124,7 +124,7 @@ def rings_for(part: LensPart, focus_mm: float) -> tuple[float, list[str]]:
     f = part.focal_length_mm
     needed, travel = f * f / (focus_mm - f), f * f / (part.minimum_focus_mm - f)
     rings = part.extension_rings_mm
-    for ring in sorted(sum(chosen) for n in range(len(rings) + 1) for chosen in combinations(rings, n)):
+    for ring in sorted(float(sum(chosen)) for n in range(len(rings) + 1) for chosen in combinations(rings, n)):
         if ring <= needed <= ring + travel:
             return ring, []
     sentence = f"its nearest focus is {part.minimum_focus_mm:g} mm, the images need {focus_mm:.0f} mm"
