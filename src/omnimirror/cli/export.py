@@ -75,7 +75,8 @@ def command(sensor: str, output: Path, **options: Any) -> None:
 
     Every line of the table says how far the file's surface lies from the mirror. Example:
 
-        omnimirror export paper-spherical -o workshop --thread M6 --bore-depth-mm 12
+    \b
+    omnimirror export paper-spherical -o workshop --thread M6 --bore-depth-mm 12
     """
     body = Body(
         options.pop("thickness_mm"), options.pop("bore_diameter_mm"), options.pop("bore_depth_mm"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import zlib
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -88,10 +89,12 @@ CASES = [
     *((om.load_sensor(f"paper-{name}"), TAPPED, Support("rod"), "A4") for name in ("hyperboloidal", "equidistant")),
     *((sensor_of(kind), FULL, Support("none", camera_diameter_mm=40.0), "A3") for kind in sorted(MIRRORS)),
     (sensor_of("sphere", "orthographic"), Body(), Support("tube"), "A3"),
+    (replace(sensor_of("sphere"), name=60 * "ab", notes=70 * "$x_ yz "), Body(), Support("tube"), "A4"),
+    (replace(sensor_of("cone"), notes=200 * "x"), Body(), Support("rod"), "A3"),
 ]
 
 
-@pytest.mark.parametrize("case", CASES, ids=[f"{c[0].name}-{c[2].kind}-{c[3]}" for c in CASES])
+@pytest.mark.parametrize("case", CASES, ids=[f"{c[0].name[:30]}-{c[2].kind}-{c[3]}" for c in CASES])
 def test_no_words_touch_and_all_lie_inside_the_frame(case):
     sensor, body, support, size = case
     boxes = texts(draw_sheet(sensor, body, support, size))

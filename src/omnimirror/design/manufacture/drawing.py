@@ -238,12 +238,13 @@ def _draw_title(sheet: Sheet, sensor: Sensor, sensor_scale: float, mirror_scale:
     columns = [left + (right - left) * f for f in (0.0, 0.25, 0.5, 0.75)]
     for x in columns[1:]:
         sheet.line([(x, bottom), (x, rows[2])], THIN)
-    sheet.text(left + 3 * k, rows[2] + 9 * k, sensor.name, height=5, fontweight="bold")
+    room = right - left - 6 * k
+    name = " ".join(sensor.name.split())
+    height = min(5.0, 5.0 * room / max(sheet.text_width(name, 5.0, weight="bold"), 1e-9))
+    sheet.text(left + 3 * k, rows[2] + 9 * k, name, height=height, fontweight="bold")
     notes = sensor.notes.strip().splitlines()
     words = f"{sensor.mirror.KIND} mirror, {sensor.lens.KIND} lens" if not notes else notes[0]
-    while sheet.text_width(words) > right - left - 6 * k:
-        words = words.rsplit(" ", 1)[0].rstrip(" .,;") + " ..." if " " in words.rstrip(" .") else words[:40]
-    sheet.text(left + 3 * k, rows[2] + 3 * k, words)
+    sheet.text(left + 3 * k, rows[2] + 3 * k, _shortened(sheet, words, room))
     cells = [
         ("SENSOR", scale_words(sensor_scale)),
         ("MIRROR", scale_words(mirror_scale)),
@@ -259,6 +260,14 @@ def _draw_title(sheet: Sheet, sensor: Sensor, sensor_scale: float, mirror_scale:
         sheet.text(x + 2 * k, y + 8.6 * k, name, height=1.6, color="#555555")
         sheet.text(x + 2 * k, y + 2.6 * k, value, height=3.0)
     _draw_projection(sheet, columns[2] + 24 * k, rows[0] + 4.6 * k)
+
+
+def _shortened(sheet: Sheet, words: str, room: float) -> str:
+    """As many of the words' letters as fit the room, mm."""
+    if sheet.text_width(words) <= room:
+        return words
+    cut = (words[:end].rstrip(" .,;") + " ..." for end in range(len(words) - 1, 0, -1))
+    return next((short for short in cut if sheet.text_width(short) <= room), "")
 
 
 def _draw_projection(sheet: Sheet, x: float, y: float) -> None:

@@ -121,7 +121,7 @@ class Sheet:
     def text(self, x: float, y: float, words: str, height: float = 2.5, **look: Any) -> None:
         """Words whose capitals are so many mm high on A3."""
         look = {"ha": "left", "va": "baseline", "color": INK, **look}
-        self.ax.text(x, y, words, fontsize=height * self.k / CAPITAL * POINT, **look)
+        self.ax.text(x, y, words, fontsize=height * self.k / CAPITAL * POINT, parse_math=False, **look)
 
     def text_width(self, words: str, height: float = 2.5, **look: Any) -> float:
         """How wide words would come out, mm."""
@@ -129,6 +129,7 @@ class Sheet:
 
         font = FontProperties(family="DejaVu Sans", **look)
         size = height * self.k / CAPITAL
+        words = words.replace("$", r"\$")  # a dollar is a dollar
         return float(TextPath((0, 0), words, size=size, prop=font).get_extents().width) if words.strip() else 0.0
 
     # -- dimensions ------------------------------------------------------------------------------

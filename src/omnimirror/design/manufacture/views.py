@@ -237,7 +237,7 @@ def length_words(mm: float) -> str:
 def draw_mirror(sheet: Sheet, sensor: Sensor, body: Body, scale: float | None = None) -> float:
     """The mirror in half-section with its dimensions; the scale it is drawn at."""
     k, region, mirror = sheet.k, MIRROR_REGION.on(sheet), sensor.mirror
-    back, outer, rim = body.back_mm(mirror), body.outer_radius_mm(mirror), mirror.rim_radius_mm
+    back, outer = body.back_mm(mirror), body.outer_radius_mm(mirror)
     left, right, below, above = 48 * k, 36 * k, 22 * k, 6 * k
     room = region.right - region.left - left - right, region.top - region.bottom - below - above
     scale = scale or fitting_scale(back, 2 * outer, *room)
@@ -249,7 +249,7 @@ def draw_mirror(sheet: Sheet, sensor: Sensor, body: Body, scale: float | None = 
     sheet.hatch(upper)
     sheet.line(upper if body.bore_goes_through else upper[:-1], THICK)
     _draw_outside(sheet, view, sensor, body)
-    surface = np.array([p for p in outline if p[1] <= rim][: len(chords(mirror, 1.0, body.start_mm()))])
+    surface = outline[: len(chords(mirror, 1.0, body.start_mm()))]
     for side in (1, -1):
         sheet.line(view.at(surface[:, 0], side * surface[:, 1]), 2 * THICK, solid_capstyle="butt")
     _dimension_mirror(sheet, view, sensor, body)
