@@ -126,6 +126,8 @@ def test_a_displaced_mirror_is_one_at_another_distance():
     points = 300 * np.random.default_rng(2).normal(size=(50, 3))
     here, there = displaced.project(points + away), farther.project(points)
     np.testing.assert_allclose(here.pixels, there.pixels, atol=1e-9)
+    wall = om.Dewarper(displaced, om.screens.Plane((64, 48), distance_mm=150.0))
+    np.testing.assert_allclose(wall.coordinates(), wall.coordinates(exact=True), atol=0.01)
     one, other = om.evaluate(displaced), om.evaluate(farther)
     for name, column in one.columns().items():
         np.testing.assert_allclose(column, other.columns()[name], rtol=1e-13)

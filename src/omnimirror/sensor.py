@@ -148,7 +148,7 @@ class Sensor:
 
         def origin_mm(omega: Array) -> tuple[Array, Array]:
             chief = rays(omega)
-            return chief.x, -chief.z
+            return chief.x, -chief.z - self.mirror_pose.displacement_mm
 
         u, v = self.imager.centre
         centre = (self.imager.width_px - 1 - u, v) if self.mount.image_flipped else (u, v)

@@ -11,6 +11,8 @@ from ..errors import OmnimirrorError
 from ..files import write_text
 from ..lenses import LENSES, Lens
 from ..mirrors import MIRRORS, Mirror
+from ..mirrors.pose import MirrorPose
+from ..parameters import Parameter
 
 
 @click.command()
@@ -58,7 +60,15 @@ mirror_distance_mm = 185.93  # m: from the lens's principal point to the mirror 
 camera_looks = "up"  # "up": the mirror hangs above the camera; "down"; or "forward" (horizontal)
 forward_azimuth_deg = -90.0  # image direction that is forward: 0 = image right, -90 = image top
 image_flipped = false  # true when the driver delivers the picture reversed left to right
+
+# [mirror_pose]  # where the mirror really sits, if it is out of place; camera frame, tilts about the vertex
+{_entries(MirrorPose.PARAMETERS)}
 '''
+
+
+def _entries(parameters: Mapping[str, Parameter]) -> str:
+    """Entries of a table that may be left out, commented, all of them 0."""
+    return "\n".join(f"# {name} = 0.0  # {p.description}" for name, p in parameters.items())
 
 
 def _catalogue(parts: Mapping[str, type[Mirror] | type[Lens]]) -> str:
