@@ -16,7 +16,7 @@ from tests.conftest import MIRRORS, sensor_of
 
 MISALIGNED = MirrorPose(1.5, -0.8, 0.6, 1.2, -2.0)
 WITHIN_DEG, WITHIN_PX = 0.002, 0.01
-FINE = (350, 700)  # rings and spokes
+FINE, FINEST = (350, 700), (700, 1400)  # rings and spokes
 
 
 @pytest.fixture(scope="module")
@@ -140,6 +140,6 @@ def test_every_mirror_on_meshes_that_grow_finer(mi, kind, pose):
 @pytest.mark.parametrize("kind", ["sphere", "paraboloid"])
 def test_under_a_telecentric_lens(mi, kind, pose):
     sensor = replace(sensor_of(kind, "orthographic"), mirror_pose=pose)
-    worst_deg, _, worst_px = differences(mi, sensor, meshed(mi, sensor, *FINE), 4000)
+    worst_deg, _, worst_px = differences(mi, sensor, meshed(mi, sensor, *FINEST), 4000)
     assert worst_deg < WITHIN_DEG
     assert worst_px < WITHIN_PX
