@@ -23,6 +23,14 @@ from ..lenses import Perspective
 from ..sensor import Sensor
 from ..specs import load_sensor, save_sensor
 
+FOCUS_BY = {
+    "blur_area": "floored-area",
+    "mean_blur_area": "mean-floored-area",
+    "blur": "worst-deg",
+    "blur_rss": "rss-deg",
+}
+"""What a sphere is focused by to be compared with a mirror that has the least of a merit."""
+
 MARKS = {
     "SPH": "paper-spherical",
     "E-DI": "paper-equidistant",
@@ -137,10 +145,11 @@ def run_optimise(
             best = found if best is None or found.value < best.value else best
         bar.update(task, completed=starts * len(terms))
     assert best is not None
+    if out:
+        save_sensor(best.sensor, out)
     console.print(table)
     _print_merits(console, best)
     if out:
-        save_sensor(best.sensor, out)
         console.print(
             f"Wrote [bold]{out}[/]; look at it with: omnimirror evaluate {out}", highlight=False, soft_wrap=True
         )
@@ -157,14 +166,14 @@ def _print_merits(console: Console, best: Optimum) -> None:
     table = Table(box=None, pad_edge=False, header_style="bold")
     for heading in ("merit", "sphere", "optimised", "unit", "meaning"):
         table.add_column(heading, justify="right" if heading in ("sphere", "optimised") else "left")
-    rows = zip(
-        MERITS.values(), *(merit_values(s, list(MERITS), best.problem) for s in (sphere, best.sensor)), strict=True
-    )
-    for m, before, after in rows:
+    focus_by = FOCUS_BY.get(best.merit, "floored-area")
+    before_all = merit_values(sphere, list(MERITS), best.problem, focus_by)
+    after_all = merit_values(best.sensor, list(MERITS), best.problem, None)
+    for m, before, after in zip(MERITS.values(), before_all, after_all, strict=True):
         table.add_row(m.name, f"{before:.4f}", f"{after:.4f}", m.unit, m.meaning)
     console.print()
     console.print(table)
-    console.print("[dim]each at its own best focus by worst floored blur area[/]")
+    console.print(f"[dim]the sphere for the same field, at its best focus by {focus_by}[/]")
 
 
 def run_pareto(
@@ -190,16 +199,18 @@ def run_pareto(
             on_progress=lambda done, _: bar.update(task, completed=done),
         )  # fmt: skip
         bar.update(task, completed=generations)
-    _print_front(console, front)
+    if out and pick is None:
+        raise OmnimirrorError(f"the front has {len(front)} designs; name the one to write with --pick NUMBER")
+    if out and pick is not None:
+        save_sensor(front.sensor(pick), out)
     if figure:
         _draw(front, figure)
+    _print_front(console, front)
+    if figure:
         console.print(f"Wrote [bold]{figure}[/]", highlight=False, soft_wrap=True)
     if file:
         console.print(f"Wrote [bold]{file}[/]", highlight=False, soft_wrap=True)
     if out:
-        if pick is None:
-            raise OmnimirrorError(f"the front has {len(front)} designs; name the one to write with --pick NUMBER")
-        save_sensor(front.sensor(pick), out)
         console.print(f"Wrote [bold]{out}[/]", highlight=False, soft_wrap=True)
     return front
 
@@ -227,12 +238,16 @@ def _draw(front: Front, path: Path) -> None:
     from ..figures.fronts import front as drawing
     from ..figures.style import save_figure, styled
 
-    a, b = (
-        f"{merit_named(m).meaning}{f' ({merit_named(m).unit})' if merit_named(m).unit else ''}" for m in front.merits
-    )
+    a, b = (_axis_label(m) for m in front.merits)
     marks = {name: (values[0], values[1]) for name, values in marked(front).items()}
     with styled():
-        save_figure(drawing(front.values, (a.capitalize(), b.capitalize()), marks), path)
+        save_figure(drawing(front.values, (a, b), marks), path)
+
+
+def _axis_label(merit: str) -> str:
+    m = merit_named(merit)
+    words = m.meaning.partition(";")[0].capitalize()
+    return f"{words} ({m.unit.replace('2', '²')})" if m.unit else words
 
 
 def _bar(console: Console) -> Progress:

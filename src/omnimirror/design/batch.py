@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 Numbers = Any
 """One number, or an array with one per design; an array once it is in :class:`Designs`."""
 
-BLOCK = 64  # designs per block: their intermediate arrays of 100 angles stay in the cache
+BLOCK = 256  # designs per block: their intermediate arrays of 100 angles stay in the cache
 COLUMNS = (
     "omega_deg", "h_px", "dh_domega_px_per_deg", "width_px_per_deg", "viewpoint_z_mm", "distance_t_mm",
     "distance_s_mm", "blur_t_px", "blur_s_px", "floored_area_deg2",

@@ -114,11 +114,12 @@ def vergence_range(near_t: Array, near_s: Array, inverse_f: Array) -> tuple[Arra
 def _worst(v: Array, near_t: Array, near_s: Array, density: Array, model: AreaModel) -> tuple[Array, Array, Array]:
     """Largest A^2, its derivative by v, and which angle has it; (n, 1) each."""
     squares = model.squares(v, near_t, near_s, density)
-    j = squares.argmax(axis=1)[:, None]
+    j = squares.argmax(axis=1)
+    at = j + np.arange(len(j)) * squares.shape[1]
     r, dr, D, d_log_D = model.at(v)
-    t, s = v - np.take_along_axis(near_t, j, 1), v - np.take_along_axis(near_s, j, 1)
-    value = D * np.take_along_axis(squares, j, 1)
-    return value, value * (d_log_D + (2 * t + dr) / (t * t + r) + (2 * s + dr) / (s * s + r)), j
+    t, s = v - near_t.take(at)[:, None], v - near_s.take(at)[:, None]
+    value = D * squares.take(at)[:, None]
+    return value, value * (d_log_D + (2 * t + dr) / (t * t + r) + (2 * s + dr) / (s * s + r)), j[:, None]
 
 
 def _bottom(a: Array, b: Array, close: Array, worst: Callable[[Array], tuple[Array, Array, Array]]) -> Array:

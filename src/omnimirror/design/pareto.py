@@ -77,15 +77,21 @@ class Front:
         return self._space.sensor(self._space.with_focus(self.y[i], self.focus_mm[i]), f"front-{name}-{i % len(self)}")
 
 
-def merit_values(sensor: Sensor, merits: Sequence[str], problem: DesignProblem) -> Array:
-    """The merits (n,) of any sensor, at its own best focus, computed as the problem says."""
+def merit_values(
+    sensor: Sensor, merits: Sequence[str], problem: DesignProblem, focus_by: str | None = "floored-area"
+) -> Array:
+    """The merits (n,) of any sensor, computed as the problem says.
+
+    ``focus_by`` is one of the merits that :func:`omnimirror.best_focus` knows, or None for the sensor's own focus.
+    """
     rim = sensor.mirror.rim_radius_mm
     least = float(sensor.meridian.x_from_omega(np.radians(max(problem.omega_min_deg, sensor.field_deg[0]))))
     result = evaluate(
         sensor,
         x_mm=np.linspace(least, rim, 1001),
         object_distance_mm=problem.object_distance_mm,
-        focus_mm="auto",
+        focus_mm=None if focus_by is None else "auto",
+        merit=focus_by or "floored-area",
         mode=problem.mode,
         image_radius_px=problem.image_radius_px,
         wavelength_nm=problem.wavelength_nm,
