@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "axial.hpp"
+#include "designs_module.hpp"
 #include "exposure_module.hpp"
 #include "packed.hpp"
 #include "pool.hpp"
@@ -280,9 +281,6 @@ void project_axial(const AxialCamera& camera, const Doubles& targets, bool is_ne
 }
 
 }  // namespace
-
-void add_designs(nb::module_& m);  // in module_designs.cpp
-
 }  // namespace omnimirror
 
 NB_MODULE(_native, m) {

@@ -1,5 +1,6 @@
 // The part of omnimirror._native that omnimirror.design.batch calls. Arrays are checked here once more.
-#include <nanobind/nanobind.h>
+#include "designs_module.hpp"
+
 #include <nanobind/ndarray.h>
 
 #include "designs.hpp"
