@@ -58,7 +58,15 @@ MIRRORS: dict[str, tuple[Mirror, float]] = {
 }
 """Every kind of mirror (mm), with a lens distance at which it can be used."""
 
-SURFACES_OF_LENS_FILES = {"sphere", "hyperboloid", "paraboloid", "ellipsoid", "cone", "even-polynomial", "conic-asphere"}
+SURFACES_OF_LENS_FILES = {
+    "sphere",
+    "hyperboloid",
+    "paraboloid",
+    "ellipsoid",
+    "cone",
+    "even-polynomial",
+    "conic-asphere",
+}
 """Kinds that a conic with even terms is exactly; the others are fitted."""
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from omnimirror.design.manufacture.zmx import field_angles, write_zmx
-from tests.conftest import SURFACES_OF_LENS_FILES, MIRRORS, sensor_of
+from tests.conftest import MIRRORS, SURFACES_OF_LENS_FILES, sensor_of
 
 pytestmark = [pytest.mark.full, pytest.mark.filterwarnings("ignore")]
 
