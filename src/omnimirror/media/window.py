@@ -12,7 +12,6 @@ from __future__ import annotations
 import signal
 import sys
 import threading
-import tkinter
 
 import cv2
 import numpy as np
@@ -25,6 +24,8 @@ class Window:
     """Shows the newest picture, as large as the window is made."""
 
     def __init__(self, size: tuple[int, int], title: str) -> None:
+        import tkinter  # not every Python has it
+
         self.size = size
         self.newest: bytes | None = None
         self.is_over = False
@@ -73,10 +74,12 @@ class Window:
 
 def main() -> None:
     """Open the window, or say in one line why there is none."""
+    from tkinter import TclError
+
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the program that sends the pictures
     try:
         window = Window((int(sys.argv[1]), int(sys.argv[2])), sys.argv[3])
-    except tkinter.TclError as e:
+    except TclError as e:
         sys.exit(str(e))
     print("ready", flush=True)
     window.run()
