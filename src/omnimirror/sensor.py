@@ -13,11 +13,12 @@ from .errors import InvalidParameter
 from .frames import Mount
 from .imagers import Imager
 from .lenses import Lens, Perspective
-from .mirrors import Mirror
+from .mirrors import Mirror, Secondary
 from .mirrors.pose import MirrorPose
 from .tracing.meridian import ROUNDING, ChiefRays, Meridian
 from .tracing.posed import PosedMirror
 from .tracing.reflection import Ends
+from .tracing.two_mirrors import TwoMirrorMeridian
 
 Array = NDArray[np.float64]
 
@@ -32,12 +33,15 @@ class Sensor:
         Its parts.
     mirror_distance_mm : mm
         Distance m from the lens's principal point to the mirror vertex; infinite (and left out of
-        files) under an orthographic lens, where it does not matter.
+        files) under an orthographic lens, where it does not matter. With a secondary, the length of the
+        way by it.
     name, notes
         For people.
     mirror_pose
         Where the mirror really sits, decentred, displaced or tilted against lens and imager; perfectly
         mounted by default. The world's origin stays where the vertex was meant to be.
+    secondary
+        A second mirror, in which the lens sees the first: flat, to fold the sensor, or curved.
 
     Raises
     ------
@@ -64,6 +68,7 @@ class Sensor:
     name: str = "sensor"
     notes: str = ""
     mirror_pose: MirrorPose = field(default_factory=MirrorPose)
+    secondary: Secondary | None = None
 
     def __post_init__(self) -> None:
         if self.lens.TELECENTRIC:
@@ -72,6 +77,10 @@ class Sensor:
             raise InvalidParameter(
                 f"mirror_distance_mm = {self.mirror_distance_mm:g} does not say where the mirror stands; a "
                 f"{self.lens.KIND} lens needs a finite distance above 0 from its principal point to the mirror vertex"
+            )
+        if self.secondary is not None and self.mirror_pose != MirrorPose():
+            raise InvalidParameter(
+                "mirror_pose is not valid beside a secondary: two mirrors are traced on one axis; leave one of them out"
             )
 
     # -- in the meridian -----------------------------------------------------------------------
@@ -90,7 +99,8 @@ class Sensor:
                 f"the mirror of {self.name!r} is decentred or tilted, and field angles from axis to rim belong to an "
                 "aligned one: take sensor.aligned(), or what traces in space (rays, pictures, spots, MTF)"
             )
-        return Meridian(self.mirror, self.mirror_distance_mm + self.mirror_pose.displacement_mm)
+        m = self.mirror_distance_mm + self.mirror_pose.displacement_mm
+        return Meridian(self.mirror, m) if self.secondary is None else TwoMirrorMeridian(self.mirror, m, self.secondary)
 
     def aligned(self) -> Sensor:
         """The same sensor with its mirror perfectly mounted."""
@@ -103,11 +113,12 @@ class Sensor:
 
     def image_height_px(self, rays: ChiefRays) -> Array:
         """Image height h of chief rays, px (Eq. 7)."""
-        return self.lens.image_height(rays.x, rays.w) / self.imager.pitch_mm
+        return self.lens.image_height(rays.first.x, rays.first.w) / self.imager.pitch_mm
 
     def image_height_rate_px(self, rays: ChiefRays) -> Array:
         """dh/dOmega of chief rays, px per radian (Eq. 8)."""
-        rate = self.lens.image_height_rate(rays.x, rays.w, rays.slope)
+        first = rays.first
+        rate = self.lens.image_height_rate(first.x, first.w, first.slope) * rays.dfirst_dx()
         return rate / rays.domega_dx() / self.imager.pitch_mm
 
     def x_from_height_px(self, h_px: ArrayLike) -> Array:
@@ -116,7 +127,7 @@ class Sensor:
         if isinstance(self.lens, Perspective):
             return self.meridian.x_from_tan_theta(h_mm / self.lens.image_distance)
         unit = self.lens.image_height(np.ones(1), np.full(1, np.inf))[0]
-        return self.meridian.trace(h_mm / unit).x
+        return self.meridian.x_from_first(h_mm / unit)
 
     def radius_from_centre_px(self, pixels: Array) -> Array:
         """Image heights (n,) of pixels (n, 2), px."""
@@ -125,7 +136,14 @@ class Sensor:
     @property
     def rim_radius_px(self) -> float:
         """Radius of the image of the rim, px."""
-        return float(self.image_height_px(self.meridian.trace(self.mirror.rim_radius_mm)))
+        return self._edges_px[1]
+
+    @cached_property
+    def _edges_px(self) -> tuple[float, float]:
+        """Radii of the image of the field's ends, px; the inner one is 0 unless bore or secondary hide the middle."""
+        ends = np.array([self.meridian.x_min, self.mirror.rim_radius_mm])
+        inner, outer = self.image_height_px(self.meridian.trace(ends))
+        return float(inner), float(outer)
 
     # -- as a camera ---------------------------------------------------------------------------
 
@@ -152,20 +170,32 @@ class Sensor:
 
         u, v = self.imager.centre
         centre = (self.imager.width_px - 1 - u, v) if self.mount.image_flipped else (u, v)
-        x, y, z = self.mount.rotation().T
+        x, y, z = self._axes.T
         right = -x if self.mount.image_flipped else x
         angles = self.meridian.omega_min, self.meridian.omega_max
         return AxialSymmetry(centre, -z, right, y, *angles, radius_px, origin_mm)
 
     @property
     def axis(self) -> Array:
-        """World direction (3,) from the mirror back to the lens, along the optical axis."""
-        return -self.mount.rotation()[:, 2]
+        """World direction (3,) in which the field begins: back from the mirror to what sees it, along the optical axis."""
+        return -self._axes[:, 2]
 
     @property
     def is_picture_reversed(self) -> bool:
-        """Whether the raw picture is a mirror image: text runs backwards and markers go undetected."""
-        return not self.mount.image_flipped
+        """Whether the raw picture is a mirror image: text runs backwards and markers go undetected.
+
+        A second reflection puts right what the first has reversed.
+        """
+        return (self.secondary is None) != self.mount.image_flipped
+
+    @property
+    def _axes(self) -> Array:
+        """World directions (3, 3), in columns, of image right, image down and from the lens's side to the mirror.
+
+        A lens that sees the mirror in a second one looks the other way.
+        """
+        axes: Array = self.mount.rotation() * np.array([1.0, 1.0, 1.0 if self.secondary is None else -1.0])
+        return axes
 
     def backproject(self, pixels: ArrayLike) -> Rays:
         """Rays of pixels (n, 2) px into the world: from their mirror points (mm) to the object.
@@ -177,20 +207,21 @@ class Sensor:
             return self.aperture_rays(pixels, np.zeros(2))
         du, dv = self._from_centre(pixels)
         radius = np.hypot(du, dv)
-        rim = self.rim_radius_px
-        valid = inside_image(pixels, self.image_size) & (radius <= rim * (1 + ROUNDING))
+        inner, outer = self._edges_px
+        valid = inside_image(pixels, self.image_size)
+        valid &= (radius >= inner * (1 - ROUNDING)) & (radius <= outer * (1 + ROUNDING))
         origins, directions = np.full((2, *radius.shape, 3), np.nan)
-        rays = self.meridian.trace(self.x_from_height_px(np.minimum(radius[valid], rim)))
+        rays = self.meridian.trace(self.x_from_height_px(np.clip(radius[valid], inner, outer)))
         _, cos, sin = _unit(du[valid], dv[valid])
         s, z = np.sin(rays.omega), rays.z + self.mirror_pose.displacement_mm
-        rotation = self.mount.rotation().T
+        rotation = self._axes.T
         origins[valid] = np.stack([rays.x * cos, rays.x * sin, z], axis=-1) @ rotation
         directions[valid] = np.stack([s * cos, s * sin, -np.cos(rays.omega)], axis=-1) @ rotation
         return Rays(origins, directions, valid)
 
     def project(self, points_mm: ArrayLike) -> Projection:
         """Pixels of points (n, 3) in mm, by the true reflection of each (no single viewpoint is assumed)."""
-        points = np.asarray(points_mm, dtype=float) @ self.mount.rotation()
+        points = np.asarray(points_mm, dtype=float) @ self._axes
         if not self.mirror_pose.is_axial:
             return self._project_in_space(points, distant=False)
         x, y, z = np.moveaxis(points, -1, 0)
@@ -199,7 +230,7 @@ class Sensor:
 
     def project_directions(self, directions: ArrayLike) -> Projection:
         """Pixels of infinitely distant points in directions (n, 3) of any length but 0."""
-        towards = np.asarray(directions, dtype=float) @ self.mount.rotation()
+        towards = np.asarray(directions, dtype=float) @ self._axes
         if not self.mirror_pose.is_axial:
             return self._project_in_space(towards, distant=True)
         x, y, z = np.moveaxis(towards, -1, 0)
@@ -222,7 +253,18 @@ class Sensor:
 
     @property
     def posed_mirror(self) -> PosedMirror:
-        """The mirror where it sits in the camera frame, whose origin is the vertex as it was meant to be."""
+        """The mirror where it sits in the camera frame, whose origin is the vertex as it was meant to be.
+
+        Raises
+        ------
+        InvalidParameter
+            If the lens sees it in a second mirror.
+        """
+        if self.secondary is not None:
+            raise InvalidParameter(
+                f"the lens of {self.name!r} sees its mirror in a secondary, and rays through the whole aperture are "
+                "traced off one mirror only; chief rays, blur by evaluation and sharp pictures are valid for two"
+            )
         return PosedMirror(self.mirror, self.mirror_pose)
 
     @property

@@ -26,7 +26,7 @@ from .files import write_text
 from .frames import CameraLooks, Mount
 from .imagers import Imager
 from .lenses import LENSES
-from .mirrors import MIRRORS, Mirror
+from .mirrors import MIRRORS, SECONDARIES, Mirror, Secondary
 from .mirrors.pose import MirrorPose
 from .parameters import Parameter
 from .sensor import Sensor
@@ -85,16 +85,14 @@ def parse_sensor(text: str, source: str = "sensor file", folder: Path = Path()) 
     except tomllib.TOMLDecodeError as e:
         raise SpecError(f"{source} is not valid TOML: {e}") from None
     _check_table_names(data, where)
-    kinds: dict[str, dict[str, type[Any]]] = {"mirror": MIRRORS, "lens": LENSES}
-    parts: dict[str, Any] = {}
-    for section, registry in kinds.items():
-        cls = _class_of(section, data, registry, where)
-        table = {k: v for k, v in data[section].items() if k != "kind"}
-        if issubclass(cls, Mirror):
-            table = where.wrap((section,), partial(cls.from_spec, table, folder))
-        parts[section] = _build(section, cls, table, where)
-    parts["imager"] = _build("imager", Imager, data["imager"], where)
-    parts["mirror_pose"] = _build("mirror_pose", MirrorPose, data.get("mirror_pose", {}), where)
+    parts: dict[str, Any] = {
+        "mirror": _part("mirror", data, MIRRORS, folder, where),
+        "lens": _part("lens", data, LENSES, folder, where),
+        "imager": _build("imager", Imager, data["imager"], where),
+        "mirror_pose": _build("mirror_pose", MirrorPose, data.get("mirror_pose", {}), where),
+    }
+    if "secondary" in data:
+        parts["secondary"] = _secondary(data, folder, where)
     mount = _validated(MountTable, "mount", data.get("mount", {}), where).model_dump()
     distance = mount.pop("mirror_distance_mm")
     make = partial(
@@ -123,6 +121,10 @@ def format_sensor(sensor: Sensor) -> str:
         "name": sensor.name,
         "notes": sensor.notes,
         "mirror": {"kind": sensor.mirror.KIND, **_table(sensor.mirror)},
+    }
+    if (second := sensor.secondary) is not None:
+        data["secondary"] = {"kind": second.mirror.KIND, **_table(second.mirror), **_table(second)}
+    data |= {
         "lens": {"kind": sensor.lens.KIND, **_table(sensor.lens)},
         "imager": _table(sensor.imager),
         "mount": mount,
@@ -157,11 +159,12 @@ class MountTable(Table):
 def table_model(cls: type[Any]) -> type[Table]:
     """The pydantic model of a part that describes itself in PARAMETERS, for checks, forms and schemas."""
     hints = typing.get_type_hints(cls)
-    entries: dict[str, Any] = {}
-    for f in dataclasses.fields(cls):
-        p: Parameter = cls.PARAMETERS[f.name]
-        default = ... if f.default is dataclasses.MISSING else f.default
-        entries[f.name] = (_annotation(hints[f.name], p), Field(default, description=p.description))
+    defaults = {f.name: ... if f.default is dataclasses.MISSING else f.default for f in dataclasses.fields(cls)}
+    parameters: dict[str, Parameter] = cls.PARAMETERS
+    entries: dict[str, Any] = {
+        name: (_annotation(hints[name], p), Field(defaults[name], description=p.description))
+        for name, p in parameters.items()
+    }
     model: type[Table] = create_model(cls.__name__, __base__=Table, **entries)
     return model
 
@@ -180,7 +183,7 @@ def _annotation(hint: Any, p: Parameter) -> Any:
 
 def _table(part: Any) -> dict[str, Any]:
     """A part's parameters, as the file holds them."""
-    values = {f.name: getattr(part, f.name) for f in dataclasses.fields(part)}
+    values = {name: getattr(part, name) for name in part.PARAMETERS}
     return {k: list(v) if isinstance(v, tuple) else v for k, v in values.items() if v is not None}
 
 
@@ -221,8 +224,8 @@ class _Places:
 
 
 def _check_table_names(data: dict[str, Any], where: _Places) -> None:
-    known = {"format": int, "name": str, "notes": str}
-    known |= dict.fromkeys(("mirror", "lens", "imager", "mount", "mirror_pose"), dict)
+    known: dict[str, type] = {"format": int, "name": str, "notes": str}
+    known |= dict.fromkeys(("mirror", "secondary", "lens", "imager", "mount", "mirror_pose"), dict)
     for key, value in data.items():
         if key not in known:
             raise where.error((key,), f"{key} is not known{_did_you_mean(key, known)}; valid are {', '.join(known)}")
@@ -248,12 +251,42 @@ def _class_of(section: str, data: dict[str, Any], registry: dict[str, type[Any]]
     return registry[kind]
 
 
+def _part(section: str, data: dict[str, Any], registry: dict[str, type[T]], folder: Path, where: _Places) -> T:
+    """The part that a table describes."""
+    part: T = _build(section, *_class_and_table(section, data, registry, folder, where), where)
+    return part
+
+
+def _class_and_table(
+    section: str, data: dict[str, Any], registry: dict[str, type[T]], folder: Path, where: _Places
+) -> tuple[type[T], dict[str, Any]]:
+    """The class that a table's kind names, and its other entries; files that a mirror's table names are followed."""
+    cls = _class_of(section, data, registry, where)
+    table = {k: v for k, v in data[section].items() if k != "kind"}
+    if issubclass(cls, Mirror):
+        table = where.wrap((section,), partial(cls.from_spec, table, folder))
+    return cls, table
+
+
+def _secondary(data: dict[str, Any], folder: Path, where: _Places) -> Secondary:
+    """The second mirror: its table holds the entries of its kind, and those of its place."""
+    cls, table = _class_and_table("secondary", data, SECONDARIES, folder, where)
+    model = create_model("secondary", __base__=(table_model(cls), table_model(Secondary)))
+    values = _values(model, "secondary", table, where)
+    place = {name: values.pop(name) for name in Secondary.PARAMETERS}
+    return where.wrap(("secondary",), lambda: Secondary(cls(**values), **place))
+
+
 def _build(section: str, cls: type[Any], table: dict[str, Any], where: _Places) -> Any:
     """A part from its checked table."""
-    model: type[Table] = table_model(cls)  # type: ignore[arg-type]  # the cache asks for Hashable
-    values = _validated(model, section, table, where).model_dump()
-    values = {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
+    values = _values(table_model(cls), section, table, where)  # type: ignore[arg-type]  # the cache asks for Hashable
     return where.wrap((section,), lambda: cls(**values))
+
+
+def _values(model: type[Table], section: str, table: dict[str, Any], where: _Places) -> dict[str, Any]:
+    """The checked entries of a table, lists as tuples."""
+    values = _validated(model, section, table, where).model_dump()
+    return {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
 
 
 def _validated(model: type[Table], section: str, table: dict[str, Any], where: _Places) -> Table:

@@ -126,7 +126,7 @@ def test_outside_the_field_names_the_angle_and_the_field():
         Meridian(Cone(50.0, 1.0), 4.0).x_from_omega(np.radians([90.0]))
     with pytest.raises(OutsideField, match="theta = 13 deg looks past the mirror"):
         SPH.x_from_tan_theta(np.tan(np.radians([13.0])))
-    with pytest.raises(OutsideMirror, match=r"x = 1\.2 mm is not on the mirror, which reaches from 0 to 1\.0"):
+    with pytest.raises(OutsideMirror, match=r"x = 1\.2 mm is not on the mirror, which is seen from 0 to 1\.0"):
         SPH.trace([0.5, 1.2])
     with pytest.raises(OutsideField, match="nan"):
         SPH.x_from_omega([np.nan])

@@ -28,6 +28,8 @@ class Evaluation:
 
     Lengths count from the mirror vertex (``z``) and the axis (``x``), except ``distance_*``, which
     count from the lens's reference point (its principal point; the vertex under an orthographic lens).
+    Where the lens sees the mirror in a second one, ``theta_deg``, ``distance_*`` and all that follows from
+    them are what the lens gets of both; slope, radii and virtual images are those of the first mirror.
     """
 
     omega_deg: Array
@@ -242,7 +244,7 @@ def evaluate(
         x_mm=rays.x,
         z_mm=rays.z,
         beta_deg=np.degrees(rays.beta),
-        theta_deg=np.degrees(rays.theta),
+        theta_deg=np.degrees(rays.first.theta),
         gamma_deg=np.degrees(rays.gamma),
         h_px=h,
         dh_domega_px_per_deg=blur.imaging.height,

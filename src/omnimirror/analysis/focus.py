@@ -19,7 +19,7 @@ from ..sensor import Sensor
 from ..tracing.meridian import ChiefRays
 from .imaging import ImagingCharacteristics, imaging_characteristics
 from .minimise import lowest
-from .virtual_images import VirtualImages, virtual_images
+from .virtual_images import VirtualImages, distances_from_lens, virtual_images
 
 Array = NDArray[np.float64]
 
@@ -96,9 +96,7 @@ class FocusStudy:
 
     def distances(self) -> tuple[Array, Array]:
         """L_t and L_s (n,), mm: image distances from the lens's reference point (Eqs. 34, 35)."""
-        sensor = self.sensor
-        offset = sensor.mirror_pose.displacement_mm - sensor.lens_offset[2]
-        return offset + self.images.z_t, offset + self.images.z_s
+        return distances_from_lens(self.rays, self.images)
 
     def heights(self, sensor: Sensor) -> tuple[Array, Array]:
         """h (px) and dh/dOmega (px per radian), (n,), of the sensor as focused."""

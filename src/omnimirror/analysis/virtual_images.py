@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 
 
 class VirtualImages(NamedTuple):
-    """Where the lens sees the image of an object point; each array (n,), mm.
+    """Where a mirror shows the image of an object point; each array (n,), mm.
 
     ``q`` counts from the mirror point along the chief ray, positive behind the mirror, and (x, z) is
     the image in the meridian plane, z from the vertex.
@@ -52,10 +52,27 @@ def virtual_images(rays: ChiefRays, object_distance: ArrayLike = np.inf) -> Virt
     if not np.all(p > 0):
         bad = np.atleast_1d(p)[np.atleast_1d(~(p > 0))][0]
         raise InvalidParameter(f"object_distance_mm = {bad:g} is not a distance; it is valid above 0, and inf")
+    return _images(rays, p, p)
+
+
+def distances_from_lens(rays: ChiefRays, images: VirtualImages) -> tuple[Array, Array]:
+    """L_t and L_s (n,), mm: what the lens focuses on, along its axis from its reference point (Eqs. 34, 35).
+
+    Where the lens sees the mirror in a second one, the images in the first are the objects of the second,
+    at ``q + |P1 P2|`` from its chief rays, and the same equations hold once more.
+    """
+    if rays.seen_in is not None:
+        images = _images(rays.seen_in, images.q_t + rays.path, images.q_s + rays.path)
+    lens = 0.0 if np.isinf(rays.first.m) else rays.first.m
+    return lens + images.z_t, lens + images.z_s
+
+
+def _images(rays: ChiefRays, p_t: Array, p_s: Array) -> VirtualImages:
+    """Images of tangential and sagittal objects at distances that may be negative: light that converges."""
     cos_gamma = np.cos(rays.gamma)
     with np.errstate(divide="ignore"):
-        q_t = 1 / (2 / (rays.radius_t() * cos_gamma) + 1 / p)
-        q_s = 1 / (2 * cos_gamma / rays.radius_s() + 1 / p)
+        q_t = 1 / (2 / (rays.radius_t() * cos_gamma) + 1 / p_t)
+        q_s = 1 / (2 * cos_gamma / rays.radius_s() + 1 / p_s)
     sin, cos = np.sin(rays.theta), np.cos(rays.theta)
     return VirtualImages(
         q_t,

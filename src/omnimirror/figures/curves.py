@@ -213,7 +213,8 @@ def sphere_for(sensor: Sensor, omega_max_deg: float, theta_deg: float, radius_px
     else:
         m = float(M / np.tan(theta) - A * (1 - np.cos(beta)))
         lens = Perspective(float(radius_px * pitch / np.tan(theta)), 4.0, 1e6)
-    return replace(sensor, mirror=Sphere(A, M), lens=lens, mirror_distance_mm=m, name=f"Θ = {theta_deg:g} deg")
+    name = f"Θ = {theta_deg:g} deg"
+    return replace(sensor, mirror=Sphere(A, M), lens=lens, mirror_distance_mm=m, name=name, secondary=None)
 
 
 # -- Fig. 15: one viewpoint for all ------------------------------------------------------------

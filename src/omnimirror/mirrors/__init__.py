@@ -4,8 +4,10 @@ from .aspheres import ConicAsphere, EvenPolynomial
 from .base import Mirror
 from .cone import Cone
 from .conics import Ellipsoid, Hyperboloid, Paraboloid, Sphere
+from .flat import Flat
 from .generated import Equidistant
 from .sampled import SampledProfile
+from .secondary import Secondary
 from .slope_spline import SlopeSpline
 
 MIRRORS: dict[str, type[Mirror]] = {
@@ -25,17 +27,23 @@ MIRRORS: dict[str, type[Mirror]] = {
 }
 """Every mirror by the word that names it in a sensor file. Adding one is a class and a line here."""
 
+SECONDARIES: dict[str, type[Mirror]] = {Flat.KIND: Flat, **MIRRORS}
+"""What can stand as a second mirror: those, and a flat one."""
+
 __all__ = [
     "MIRRORS",
+    "SECONDARIES",
     "Cone",
     "ConicAsphere",
     "Ellipsoid",
     "Equidistant",
     "EvenPolynomial",
+    "Flat",
     "Hyperboloid",
     "Mirror",
     "Paraboloid",
     "SampledProfile",
+    "Secondary",
     "SlopeSpline",
     "Sphere",
 ]

@@ -16,8 +16,8 @@ from .base import RIM_RADIUS, Array, Mirror
 class Cone(Mirror):
     """``z = x tan(beta)``: R_t is infinite and R_s = x / sin(beta).
 
-    Its field begins at ``Omega = 2 beta``. Viewed by a pinhole at distance m, its viewpoints lie on
-    a ring of radius ``m sin(2 beta)`` at ``z = m cos(2 beta)``: no single viewpoint unless m -> 0.
+    Its field begins at ``Omega = 2 beta`` and ends at ``2 beta + theta`` of the rim: a narrow band around the
+    horizon for beta near 45 deg. It has no single viewpoint (:meth:`pinhole_ring`) unless m -> 0.
 
     >>> round(float(Cone(slope_deg=45.0, rim_radius_mm=20.0).sag(10.0)), 12)
     10.0
@@ -38,3 +38,17 @@ class Cone(Mirror):
     def profile(self, x_mm: ArrayLike) -> tuple[Array, Array, Array]:
         x, slope = np.asarray(x_mm, dtype=float), float(np.tan(np.radians(self.slope_deg)))
         return x * slope, np.full_like(x, slope), np.zeros_like(x)
+
+    def pinhole_ring(self, mirror_distance_mm: float) -> tuple[float, float]:
+        """Radius and height z (mm) of the ring on which the virtual pinholes lie, for a lens at distance m.
+
+        Each half of a meridian is a plane mirror to the rays in that plane and shows the lens in
+        ``(-m sin(2 beta), m cos(2 beta))``, on the far side of the axis. All rays come from one point only as m -> 0,
+        with the lens in the tip.
+
+        >>> radius, z = Cone(slope_deg=45.0, rim_radius_mm=20.0).pinhole_ring(100.0)
+        >>> round(radius, 9), round(z, 9)
+        (100.0, 0.0)
+        """
+        twice = 2 * np.radians(self.slope_deg)
+        return mirror_distance_mm * float(np.sin(twice)), mirror_distance_mm * float(np.cos(twice))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple, TypeGuard, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,14 +90,21 @@ def expose(
     Light that falls outside the mirror's image is 0, and a pixel cut by the rim is dimmed by the share that is
     cut off. Without blur all rays are chief rays.
     """
-    if not isinstance(camera, Sensor) and (blur or hardware is not None):
-        raise InvalidParameter("only a mirror sensor has blur and hardware; a calibrated camera says nothing of them")
+    if not _has_one_mirror(camera) and (blur or hardware is not None):
+        raise InvalidParameter(
+            "only a sensor of one mirror has blur and hardware; a calibrated camera says nothing of them, and by way of "
+            "a secondary chief rays alone are traced"
+        )
     plan = spread(samples, blur, seed)
     hardware = hardware or Hardware()
     seen = Distant(scene) if distant and not isinstance(scene, Environment) else scene
-    if isinstance(camera, Sensor) and isinstance(seen, Environment) and compiled() is not None:
+    if _has_one_mirror(camera) and isinstance(seen, Environment) and compiled() is not None:
         return _of_environment(camera, seen, plan, hardware, progress)
     return _of_scene(camera, seen, plan, hardware, progress, workers)
+
+
+def _has_one_mirror(camera: Camera) -> TypeGuard[Sensor]:
+    return isinstance(camera, Sensor) and camera.secondary is None
 
 
 def _of_environment(
@@ -157,7 +164,7 @@ def gather(bundle: Bundle, scene: Scene, hardware: Hardware) -> Light:
 
 def trace(camera: Camera, plan: Samples, hardware: Hardware, rows: slice, columns: slice) -> Bundle:
     """The rays of a part of the picture."""
-    if not isinstance(camera, Sensor):
+    if not _has_one_mirror(camera):
         pixels, _ = places(plan, *np.meshgrid(np.r_[columns], np.r_[rows]))
         origins, directions, valid = camera.backproject(pixels.reshape(-1, 2))
         shape = pixels.shape[:-1]

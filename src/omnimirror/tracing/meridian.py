@@ -28,8 +28,10 @@ ROUNDING = 1e-12  # relative; an angle this little past the rim is the rim
 class ChiefRays:
     """Chief rays through n mirror points; every array (n,), lengths in mm, angles in radians.
 
-    ``beta`` is the mirror slope angle, ``theta`` the viewing angle of the lens, ``gamma`` the angle of
-    incidence and reflection, ``omega`` the field angle from -z (Eqs. 1-5), ``w`` = m + z.
+    ``beta`` is the mirror slope angle, ``theta`` the angle from the axis under which the mirror is seen (by
+    the lens its viewing angle), ``gamma`` the angle of incidence and reflection, ``omega`` the field angle
+    from -z (Eqs. 1-5), ``w`` = m + z, ``path`` the way to what sees the mirror: the lens, or the chief
+    rays ``seen_in`` of a second mirror in which the lens sees the first (:mod:`.two_mirrors`).
     """
 
     x: Array
@@ -42,15 +44,34 @@ class ChiefRays:
     theta: Array
     gamma: Array
     omega: Array
+    path: Array
+    seen_in: ChiefRays | None = None
+
+    @property
+    def first(self) -> ChiefRays:
+        """Chief rays at the mirror that the lens looks at: these, or those at a second mirror."""
+        return self if self.seen_in is None else self.seen_in
+
+    def dfirst_dx(self) -> Array:
+        """How far the point that the lens looks at moves with x, dimensionless."""
+        return np.ones_like(self.x) if self.seen_in is None else self._dtheta_dx() / self.seen_in.domega_dx()
+
+    def pupil_distance(self) -> Array:
+        """Distance (mm) from the mirror point to what its neighbours' rays aim at, along the chief ray.
+
+        That is the lens, or its tangential image in a second mirror.
+        """
+        if self.seen_in is None:
+            return self.path
+        second = self.seen_in
+        return self.path + np.cos(second.gamma) / (np.cos(second.beta) * second.domega_dx())
 
     def domega_dx(self) -> Array:
         """dOmega/dx, 1/mm."""
         return 2 * self.curvature / (1 + self.slope**2) + self._dtheta_dx()
 
     def _dtheta_dx(self) -> Array:
-        if np.isinf(self.m):
-            return np.zeros_like(self.x)
-        return (self.w - self.x * self.slope) / (self.w**2 + self.x**2)
+        return (np.cos(self.theta) - self.slope * np.sin(self.theta)) / self.pupil_distance()
 
     def viewpoint_offset(self) -> Array:
         """Distance z_v - z (mm) from the mirror point's height to where its ray meets the axis: x / tan(Omega).
@@ -59,7 +80,7 @@ class ChiefRays:
         """
         with np.errstate(divide="ignore", invalid="ignore"):
             offset = self.x / np.tan(self.omega)
-            on_axis = np.where(self.slope == 0.0, 1 / (2 * self.curvature + 1 / self.m), 0.0)
+            on_axis = np.where(self.slope == 0.0, 1 / self.domega_dx(), 0.0)
         return np.where(self.x == 0.0, on_axis, offset)
 
     def radius_t(self) -> Array:
@@ -85,7 +106,7 @@ def trace_chief_rays(mirror: Mirror, m: float, x_mm: ArrayLike) -> ChiefRays:
     w = m + z
     theta = np.arctan2(x, w)
     gamma = beta + theta
-    return ChiefRays(x, z, slope, curvature, m, w, beta, theta, gamma, beta + gamma)
+    return ChiefRays(x, z, slope, curvature, m, w, beta, theta, gamma, beta + gamma, np.hypot(x, w))
 
 
 @dataclass(frozen=True)
@@ -101,14 +122,19 @@ class Meridian:
 
     @cached_property
     def _table(self) -> ChiefRays:
-        rays = trace_chief_rays(self.mirror, self.m, np.linspace(0.0, self.mirror.rim_radius_mm, NODES))
-        _check_front_side(rays)
-        _check_one_to_one(rays)
-        return rays
+        return checked(self._rays(np.linspace(self.x_min, self.mirror.rim_radius_mm, NODES)))
+
+    @property
+    def x_min(self) -> float:
+        """Where on the mirror the field begins, mm from the axis."""
+        return 0.0
+
+    def _rays(self, x: Array) -> ChiefRays:
+        return trace_chief_rays(self.mirror, self.m, x)
 
     @property
     def omega_min(self) -> float:
-        """Field angle of the axis: 0 for a smooth mirror, more for a pointed one."""
+        """Field angle where the field begins: 0 for a smooth mirror, more for a pointed one."""
         return float(self._table.omega[0])
 
     @property
@@ -118,20 +144,20 @@ class Meridian:
 
     @property
     def theta_max(self) -> float:
-        """Viewing angle of the rim; 0 under an orthographic lens."""
-        return float(self._table.theta[-1])
+        """Viewing angle of the lens towards the rim; 0 for an orthographic lens."""
+        return float(self._table.first.theta[-1])
 
     def trace(self, x_mm: ArrayLike) -> ChiefRays:
         """Chief rays through mirror points given by their distance from the axis (n,), mm."""
         self._table  # noqa: B018 - proves that the mirror can be used
         x = np.asarray(x_mm, dtype=float)
-        rim = self.mirror.rim_radius_mm
-        inside = (x >= 0) & (x <= rim * (1 + ROUNDING))
+        start, rim = self.x_min, self.mirror.rim_radius_mm
+        inside = (x >= start * (1 - ROUNDING)) & (x <= rim * (1 + ROUNDING))
         if not inside.all():
             raise OutsideMirror(
-                f"x = {_first(x, ~inside):g} mm is not on the mirror, which reaches from 0 to {rim:g} mm"
+                f"x = {_first(x, ~inside):g} mm is not on the mirror, which is seen from {start:g} to {rim:g} mm"
             )
-        return trace_chief_rays(self.mirror, self.m, np.minimum(x, rim))
+        return self._rays(np.clip(x, start, rim))
 
     def x_from_omega(self, omega: ArrayLike) -> Array:
         """Mirror point (mm) of field angles (n,) in radians; OutsideField names the first one not seen."""
@@ -155,11 +181,15 @@ class Meridian:
         cell = np.clip(np.searchsorted(table.omega, omega) - 1, 0, NODES - 2)
 
         def difference(x: Array) -> tuple[Array, Array]:
-            rays = trace_chief_rays(self.mirror, self.m, x)
+            rays = self._rays(x)
             return rays.omega - omega, rays.domega_dx()
 
         start = np.interp(omega, table.omega, table.x)
         return increasing_root(difference, table.x[cell], table.x[cell + 1], start, rim)
+
+    def x_from_first(self, x_mm: ArrayLike) -> Array:
+        """Mirror point (mm) that the lens sees by way of points (n,), mm from the axis, of the mirror it looks at."""
+        return self.trace(x_mm).x
 
     def x_from_tan_theta(self, tan_theta: ArrayLike) -> Array:
         """Mirror point (mm) that the lens sees at viewing angles given by their tangents (n,)."""
@@ -191,22 +221,22 @@ class Meridian:
         self._table  # noqa: B018 - proves that the mirror can be used
 
         def difference(x: Array, xt: Array, zt: Array) -> tuple[Array, Array]:
-            rays = trace_chief_rays(self.mirror, self.m, x)
+            rays = self._rays(x)
             phi, distance = _direction(xt - x, zt - rays.z)
             with np.errstate(divide="ignore"):
                 rate = np.cos(rays.gamma) / (np.cos(rays.beta) * distance)
             return rays.omega - phi, rays.domega_dx() + rate
 
-        zero, edge = np.zeros_like(x_t), np.full_like(x_t, rim)
+        start, edge = np.full_like(x_t, self.x_min), np.full_like(x_t, rim)
         surface = np.where(x_t <= rim, self.mirror.sag(np.minimum(x_t, rim)), np.inf)
         with np.errstate(invalid="ignore"):  # points that are not finite are not seen
             seen = (z_t < surface) & np.isfinite(x_t) & np.isfinite(z_t)
-            seen &= (difference(zero, x_t, z_t)[0] <= 0) & (difference(edge, x_t, z_t)[0] >= -ROUNDING)
+            seen &= (difference(start, x_t, z_t)[0] <= 0) & (difference(edge, x_t, z_t)[0] >= -ROUNDING)
         x = np.full_like(x_t, np.nan)
         if seen.any():
             xt, zt = x_t[seen], z_t[seen]
             x[seen] = increasing_root(
-                lambda x: difference(x, xt, zt), zero[seen], edge[seen], self._first_guess(xt, zt), rim
+                lambda x: difference(x, xt, zt), start[seen], edge[seen], self._first_guess(xt, zt), rim
             )
         return x
 
@@ -234,12 +264,17 @@ def _first(values: Array, where: NDArray[np.bool_]) -> float:
 # > Omega' - Omega + 90 deg, which is over 90 deg when Omega grows outwards: the lens would not see it.
 
 
+def checked(rays: ChiefRays) -> ChiefRays:
+    """Chief rays from the axis outwards, proven to be on the mirror's front and one to one."""
+    _check_front_side(rays)
+    _check_one_to_one(rays)
+    return rays
+
+
 def _check_front_side(rays: ChiefRays) -> None:
     if not rays.m > 0:
         raise InvalidParameter(f"mirror_distance_mm = {rays.m:g} is not a distance; it is valid above 0")
-    if np.isinf(rays.m):
-        return
-    hidden = (rays.w <= 0) | (rays.w - rays.x * rays.slope <= 0)
+    hidden = (rays.w <= 0) | (np.cos(rays.theta) - rays.slope * np.sin(rays.theta) <= 0)
     if hidden.any():
         raise SelfObstruction(
             f"the mirror hides itself from the lens beyond x = {_first(rays.x, hidden):.6g} mm, where the lens "

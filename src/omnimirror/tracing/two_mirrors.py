@@ -1,0 +1,166 @@
+"""Chief rays by way of a second mirror, and what of the field that mirror and the camera hide.
+
+The secondary, seen by the lens, is a mirror like any other: it has chief rays of its own, and the point of
+the primary that a ray ends on is to it an object at a finite distance. All lengths in mm, angles in radians.
+The secondary's own frame has its vertex as origin and its z away from the lens, down from the primary.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.optimize import brentq
+
+from ..errors import NotOneToOne, SelfObstruction
+from ..mirrors import Secondary
+from .meridian import NODES, Array, ChiefRays, Meridian, checked, trace_chief_rays
+from .roots import increasing_root
+
+PROFILE = 129  # points of the secondary's profile past which rays must pass
+
+
+@dataclass(frozen=True)
+class TwoMirrorMeridian(Meridian):
+    """A mirror that the lens sees in a second one; ``m`` is the way from lens to vertex by way of both.
+
+    A ray of viewing angle theta leaves the secondary at ``theta' = theta + 2 beta_2`` from the axis (beta_2
+    its slope angle as the lens sees it) and meets the primary, where ``Omega = 2 beta_1 + theta'``.
+
+    >>> from omnimirror.mirrors import Flat, Sphere
+    >>> sphere = Sphere(50.0, 44.0)
+    >>> folded = TwoMirrorMeridian(sphere, 180.0, Secondary(Flat(25.0), 90.0, 5.0))
+    >>> bool(np.isclose(folded.omega_max, Meridian(sphere, 180.0).omega_max, rtol=1e-14))
+    True
+    """
+
+    secondary: Secondary
+
+    @cached_property
+    def seen(self) -> Meridian:
+        """The secondary as the lens sees it."""
+        return Meridian(self.secondary.mirror, self.m - self.secondary.distance_mm)
+
+    def _rays(self, x: Array) -> ChiefRays:
+        z, slope, curvature = self.mirror.profile(x)
+        below = -self.secondary.distance_mm - z  # the mirror point in the secondary's frame
+        second = trace_chief_rays(self.seen.mirror, self.seen.m, self.seen.x_from_point(x, below))
+        beta, theta = np.arctan(slope), second.omega
+        gamma = beta + theta
+        path = np.hypot(x - second.x, below - second.z)
+        return ChiefRays(
+            x, z, slope, curvature, self.m, self.m + z, beta, theta, gamma, beta + gamma, path, seen_in=second
+        )
+
+    def x_from_first(self, x_mm: ArrayLike) -> Array:
+        second = self.seen.trace(x_mm)
+        sin, cos = np.sin(second.omega), np.cos(second.omega)
+        height = -self.secondary.distance_mm - second.z
+
+        def difference(x: Array) -> tuple[Array, Array]:
+            z, slope, _ = self.mirror.profile(x)
+            return (x - second.x) * cos - (z - height) * sin, cos - slope * sin
+
+        rim = self.mirror.rim_radius_mm
+        zero = np.zeros_like(second.x)
+        guess = second.x - height * np.tan(second.omega)  # as if the mirror were flat
+        return increasing_root(difference, zero, zero + rim, guess, rim)
+
+    def x_from_tan_theta(self, tan_theta: ArrayLike) -> Array:
+        return self.x_from_first(self.seen.x_from_tan_theta(tan_theta))
+
+    # -- what is hidden --------------------------------------------------------------------------
+
+    @cached_property
+    def x_min(self) -> float:
+        """Where on the mirror the field begins: past bore and camera, where rays from the object pass the secondary."""
+        self._check_secondary()
+        rim = self.mirror.rim_radius_mm
+        x = np.linspace(float(self.x_from_first([0.0])[0]), rim, NODES)
+        rays = self._rays(x)
+        self._check_shows_all(rays)
+        checked(rays)
+        self._check_bore(rays)
+        start = max(self._first_clear(x, self._past_camera), self._first_clear(x, self._past_secondary))
+        if start >= rim:
+            raise SelfObstruction(
+                f"secondary and camera hide the whole mirror, whose rim_radius_mm is {rim:g}; the secondary's rim and "
+                "bore_radius_mm must be smaller, or distance_mm larger"
+            )
+        return start
+
+    def _first_clear(self, x: Array, clearance: Callable[[ChiefRays], Array]) -> float:
+        """Least mirror point from which a clearance (n,), mm, is kept to the rim; the rim if nowhere."""
+        blocked = np.flatnonzero(clearance(self._rays(x)) < 0)
+        if not blocked.size:
+            return float(x[0])
+        last = int(blocked[-1])
+        if last == len(x) - 1:
+            return float(x[-1])
+        return float(brentq(lambda x: clearance(self._rays(np.array([x])))[0], x[last], x[last + 1], xtol=1e-12))
+
+    def _past_camera(self, rays: ChiefRays) -> Array:
+        """How far (n,), mm, rays between the mirrors pass the bore, or the camera before the mirror."""
+        lens = self.secondary.lens_height(self.m)
+        at = np.minimum(rays.z, lens)
+        return rays.x - (rays.z - at) * np.tan(rays.theta) - self.secondary.bore_radius_mm
+
+    def _past_secondary(self, rays: ChiefRays) -> Array:
+        """How far (n,), mm, rays from the object pass the secondary; inf for those that rise towards the mirror."""
+        x = np.linspace(0.0, self.secondary.mirror.rim_radius_mm, PROFILE)
+        with np.errstate(over="ignore"):
+            along = rays.x[:, None] + (rays.z[:, None] - self.secondary.height(x)) * np.tan(rays.omega)[:, None]
+        clear: Array = (along - x).min(axis=1)
+        return np.where(rays.omega < np.pi / 2, clear, np.inf)
+
+    # -- what cannot be used ---------------------------------------------------------------------
+
+    def _check_secondary(self) -> None:
+        self.secondary.check_before(self.mirror, self.m)
+        try:
+            self.seen.omega_max  # noqa: B018 - proves that it can be used
+        except SelfObstruction as e:
+            raise SelfObstruction(f"as the secondary, {e}") from None
+        except NotOneToOne:
+            if np.isinf(self.m):
+                raise NotOneToOne(
+                    "a telecentric lens needs a convex secondary: another one sends back a beam no wider than it gets"
+                ) from None
+            raise NotOneToOne(
+                f"the secondary bends the lens's rays back across the axis: the lens stands {self.seen.m:g} mm from "
+                "it, beyond its focus; a secondary must be convex, flat, or concave with its focus behind the lens"
+            ) from None
+
+    def _check_shows_all(self, rays: ChiefRays) -> None:
+        missing = ~np.isfinite(rays.omega)
+        if missing.any():
+            shown = float(rays.x[np.argmax(missing) - 1])
+            raise SelfObstruction(
+                f"the secondary shows the mirror only to x = {shown:.4g} mm, and its rim stands at {rays.x[-1]:g} mm; "
+                "make the secondary's rim_radius_mm larger or the mirror's smaller"
+            )
+
+    def _check_bore(self, rays: ChiefRays) -> None:
+        """Refuse a bore too small for the view of the camera behind it, chief rays alone."""
+        second, bore = rays.first, self.secondary.bore_radius_mm
+        lens = self.secondary.lens_height(self.m)
+        widest = float(second.x[-1])
+        if np.isinf(lens):
+            needed = widest
+        elif lens <= 0:
+            return
+        else:
+            tangent = widest / float(second.w[-1])
+
+            def room(radius: float) -> float:
+                return radius - max(lens - float(self.mirror.sag(radius)), 0.0) * tangent
+
+            needed = float(brentq(room, 0.0, self.mirror.rim_radius_mm))
+        if bore < needed:
+            raise SelfObstruction(
+                f"bore_radius_mm = {bore:g} cuts off the view of the camera behind the mirror; it is valid above "
+                f"{needed:.4g}"
+            )
