@@ -96,7 +96,9 @@ class FocusStudy:
 
     def distances(self) -> tuple[Array, Array]:
         """L_t and L_s (n,), mm: image distances from the lens's reference point (Eqs. 34, 35)."""
-        return distances_from_lens(self.rays, self.images)
+        L_t, L_s = distances_from_lens(self.rays, self.images)
+        displaced = self.sensor.mirror_pose.displacement_mm if self.sensor.lens.TELECENTRIC else 0.0
+        return L_t + displaced, L_s + displaced  # m itself holds it under a perspective lens
 
     def heights(self, sensor: Sensor) -> tuple[Array, Array]:
         """h (px) and dh/dOmega (px per radian), (n,), of the sensor as focused."""

@@ -10,7 +10,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from ..analysis import Evaluation
 from ..lenses import Perspective
+from ..mirrors import Flat
 from .labels import EndLabels, shown_points
 from .style import COLUMN, GREY, INK, PAGE, new_figure, panel_title
 from .subjects import Subject
@@ -72,22 +74,59 @@ def ray_traces(subjects: Sequence[Subject]) -> Figure:
 
 def lens_height(subject: Subject) -> float:
     """Height z (mm) at which the lens is drawn; a telecentric one stands anywhere."""
-    m = subject.sensor.meridian.m
+    m, second = subject.sensor.meridian.m, subject.sensor.secondary
+    if second is not None:
+        return second.lens_height(m) if np.isfinite(m) else _top(subject) + 0.5 * subject.rim_mm
     return -m if np.isfinite(m) else -2.5 * subject.rim_mm
+
+
+def _top(subject: Subject) -> float:
+    """Highest z (mm) of the mirror."""
+    return subject.sensor.mirror.bounds[1][1]
+
+
+def reference_height(subject: Subject) -> float:
+    """Height z (mm) from which the lens's object distances count; a fold in between taken out."""
+    m, second = subject.sensor.meridian.m, subject.sensor.secondary
+    if np.isfinite(m):
+        return -m
+    return -subject.sensor.mirror_pose.displacement_mm if second is None else -second.distance_mm
 
 
 def focus_band(subject: Subject) -> tuple[float, float, float]:
     """Heights z (mm) of the focus and of the near and far ends of the depth of field (Eqs. 30, 31)."""
     near, far = subject.curve.depth_of_field_mm
-    m = subject.sensor.meridian.m
-    offset = m if np.isfinite(m) else subject.sensor.mirror_pose.displacement_mm
-    return subject.curve.focus_mm - offset, near - offset, far - offset
+    zero = reference_height(subject)
+    return subject.curve.focus_mm + zero, near + zero, far + zero
 
 
 def _overview_window(subjects: Sequence[Subject]) -> Window:
-    bottom = min(lens_height(s) / s.rim_mm for s in subjects) - 0.3
-    tops = [max(s.sensor.mirror.bounds[1][1], min(focus_band(s)[2], FAR_AWAY * s.rim_mm)) / s.rim_mm for s in subjects]
+    bottom = min(_lowest(s) / s.rim_mm for s in subjects) - 0.3
+    tops = [_highest(s) / s.rim_mm for s in subjects]
     return Window(-1.2, 1.75, bottom, max(tops) + 0.35)
+
+
+def _lowest(subject: Subject) -> float:
+    """Lowest z (mm) of the sensor: its lens, or its second mirror."""
+    second = subject.sensor.secondary
+    if second is None:
+        return lens_height(subject)
+    rim = second.mirror.rim_radius_mm
+    return min(lens_height(subject), float(second.height(np.linspace(0, rim, 65)).min()))
+
+
+def _highest(subject: Subject) -> float:
+    """Highest z (mm) of what the overview shows: the mirror, its depth of field, a lens behind it."""
+    shown = [_top(subject), lens_height(subject)]
+    if _is_as_seen(subject):
+        shown.append(min(focus_band(subject)[2], FAR_AWAY * subject.rim_mm))
+    return max(shown)
+
+
+def _is_as_seen(subject: Subject) -> bool:
+    """Whether the lens sees the mirror undistorted: directly, or in a flat one."""
+    second = subject.sensor.secondary
+    return second is None or isinstance(second.mirror, Flat)
 
 
 def _close_up_window(subjects: Sequence[Subject]) -> Window:
@@ -95,15 +134,28 @@ def _close_up_window(subjects: Sequence[Subject]) -> Window:
     points = []
     for s in subjects:
         heights = [z for _, _, z, _ in _image_curves(s)]
-        points += [z / s.rim_mm for z in (*heights, np.array([0.0, s.sensor.mirror.bounds[1][1], *focus_band(s)]))]
+        points += [z / s.rim_mm for z in (*heights, np.array([0.0, _top(s), *focus_band(s)]))]
     z = np.concatenate(points)
     z = z[np.isfinite(z) & (np.abs(z) < FAR_AWAY)]
     return Window(-1.35, 1.35, float(z.min()) - 0.06, float(z.max()) + 0.06)
 
 
 def _draw_mirror(ax: Axes, subject: Subject) -> None:
-    x = np.linspace(-subject.rim_mm, subject.rim_mm, 401)
-    ax.plot(x, subject.sensor.mirror.sag(np.abs(x)), color=INK, linewidth=1.6, zorder=4, gid=f"{subject.name}:mirror")
+    """The mirror, with its bore where the camera looks through one."""
+    x, second = np.linspace(-subject.rim_mm, subject.rim_mm, 401), subject.sensor.secondary
+    bored = second is not None and lens_height(subject) > 0
+    hole = np.abs(x) < (second.bore_radius_mm if second is not None and bored else 0.0)
+    z = np.where(hole, np.nan, subject.sensor.mirror.sag(np.abs(x)))
+    ax.plot(x, z, color=INK, linewidth=1.6, zorder=4, gid=f"{subject.name}:mirror")
+
+
+def _draw_secondary(ax: Axes, subject: Subject) -> None:
+    second = subject.sensor.secondary
+    if second is None:
+        return
+    rim = second.mirror.rim_radius_mm
+    x = np.linspace(-rim, rim, 201)
+    ax.plot(x, second.height(np.abs(x)), color=INK, linewidth=1.6, zorder=4, gid=f"{subject.name}:secondary")
 
 
 def _draw_overview(ax: Axes, subject: Subject, labels: EndLabels) -> None:
@@ -111,19 +163,31 @@ def _draw_overview(ax: Axes, subject: Subject, labels: EndLabels) -> None:
     right, (bottom, top) = ax.get_xlim()[1], ax.get_ylim()
     ax.grid(False)
     ax.plot([0, 0], [bottom, top], color=GREY, linewidth=0.4, dashes=(8, 2, 1, 2))
-    _draw_band(ax, subject)
+    if _is_as_seen(subject):
+        _draw_band(ax, subject)
     _draw_mirror(ax, subject)
+    _draw_secondary(ax, subject)
     _draw_lens(ax, subject, lens)
     marks = subject.marks
     for x, z, omega in zip(marks.x_mm, marks.z_mm, marks.omega_deg, strict=True):
         xs, zs = _incoming(x, z, np.radians(omega), right, bottom, top)
-        foot = 0.0 if isinstance(subject.sensor.lens, Perspective) else x
-        ax.plot([xs, x, foot], [zs, z, lens], color=subject.colour, linewidth=0.6, gid=f"{subject.name}:ray:{omega:g}")
+        way = [(xs, zs), (x, z), *_to_lens(subject, x, lens)]
+        ax.plot(*np.transpose(way), color=subject.colour, linewidth=0.6, gid=f"{subject.name}:ray:{omega:g}")
         if xs >= right * (1 - 1e-9):
             labels.at(ax, right, zs, f"{omega:g}°", subject.colour)
         else:
             y, va = (bottom + 0.04 * M, "bottom") if omega < 90 else (top - 0.02 * M, "top")
             ax.text(xs + 0.05 * M, y, f"{omega:g}°", size=6, va=va, color=subject.colour)
+
+
+def _to_lens(subject: Subject, x: float, lens: float) -> list[tuple[float, float]]:
+    """Places (x, z) that a chief ray goes by from its mirror point to the lens."""
+    first = subject.sensor.meridian.trace(x).first
+    at = float(first.x)
+    by = []
+    if subject.sensor.secondary is not None:
+        by = [(at, float(subject.sensor.secondary.height(first.x)))]
+    return [*by, (0.0 if isinstance(subject.sensor.lens, Perspective) else at, lens)]
 
 
 def _incoming(x: float, z: float, omega: float, right: float, bottom: float, top: float) -> tuple[float, float]:
@@ -138,13 +202,15 @@ def _incoming(x: float, z: float, omega: float, right: float, bottom: float, top
 def _draw_lens(ax: Axes, subject: Subject, z: float) -> None:
     """A lens as a double arrow, as wide as the mirror when telecentric."""
     telecentric, M = subject.sensor.lens.TELECENTRIC, subject.rim_mm
-    half = M * (1.0 if telecentric else 0.18)
+    half = float(subject.sensor.meridian.trace(M).first.x[()]) if telecentric else 0.18 * M
     arrow = {"arrowstyle": "<->", "color": INK, "linewidth": 1.0, "shrinkA": 0, "shrinkB": 0, "mutation_scale": 7}
     ax.annotate("", (half, z), (-half, z), arrowprops=arrow, zorder=5)
     if telecentric:
         ax.text(-half, z - 0.08 * M, "telecentric lens", size=6, va="top")
     else:
-        ax.text(-half - 0.06 * M, z, "lens", size=6, ha="right", va="center")
+        beside = subject.sensor.secondary is None  # else the mirror is there
+        x, y, ha, va = (-half - 0.06 * M, z, "right", "center") if beside else (0.0, z + 0.08 * M, "center", "bottom")
+        ax.text(x, y, "lens", size=6, ha=ha, va=va)
 
 
 def _draw_band(ax: Axes, subject: Subject) -> None:
@@ -155,9 +221,14 @@ def _draw_band(ax: Axes, subject: Subject) -> None:
 
 
 def _draw_close_up(ax: Axes, subject: Subject, labels: EndLabels) -> None:
-    """The mirror and behind it T and S images of far objects (strong) and near ones (fine)."""
+    """The mirror and behind it T and S images of far objects (strong) and near ones (fine).
+
+    A fold is taken out of the way. Through a curved second mirror the lens sees the images elsewhere than
+    the first mirror makes them: they are drawn where it sees them, and the first mirror, bent too, is not.
+    """
     _draw_band(ax, subject)
-    _draw_mirror(ax, subject)
+    if _is_as_seen(subject):
+        _draw_mirror(ax, subject)
     beyond = []
     for name, x, z, look in _image_curves(subject):
         label = f"{name[0]}$_{{{name[1:]}}}$"
@@ -177,16 +248,25 @@ def _draw_close_up(ax: Axes, subject: Subject, labels: EndLabels) -> None:
 
 
 def _image_curves(subject: Subject) -> list[tuple[str, Array, Array, dict[str, object]]]:
-    """Name, x and z (mm) and look of the four curves of virtual images; NaN at infinity."""
+    """Name, x and z (mm) and look of the four curves of virtual images as the lens sees them; NaN at infinity."""
     omega = subject.curve.omega_deg
     far, near = subject.curve, subject.at(omega, NEAR * subject.rim_mm)
     strong: dict[str, object] = {"linewidth": 1.3}
     fine: dict[str, object] = {"linewidth": 0.7}
     dashed: dict[str, object] = {"linestyle": (0, (4, 2))}
     curves = [
-        ("T∞", far.image_t_x_mm, far.image_t_z_mm, strong),
-        (f"T{NEAR:g}M", near.image_t_x_mm, near.image_t_z_mm, fine),
-        ("S∞", far.image_s_x_mm, far.image_s_z_mm, strong | dashed),
-        (f"S{NEAR:g}M", near.image_s_x_mm, near.image_s_z_mm, fine | dashed),
+        ("T∞", *_seen(subject, far, far.distance_t_mm), strong),
+        (f"T{NEAR:g}M", *_seen(subject, near, near.distance_t_mm), fine),
+        ("S∞", *_seen(subject, far, far.distance_s_mm), strong | dashed),
+        (f"S{NEAR:g}M", *_seen(subject, near, near.distance_s_mm), fine | dashed),
     ]
     return [(n, np.where(np.isfinite(z), x, np.nan), np.where(np.isfinite(z), z, np.nan), k) for n, x, z, k in curves]
+
+
+def _seen(subject: Subject, result: Evaluation, distance: Array) -> tuple[Array, Array]:
+    """Places x and z (n,), mm, of images at distances from the lens along its axis, on the lines it sees them in."""
+    if subject.sensor.lens.TELECENTRIC:
+        x = subject.sensor.meridian.trace(result.x_mm).first.x
+    else:
+        x = distance * np.tan(np.radians(result.theta_deg))
+    return x, distance + reference_height(subject)
