@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from .analysis import best_focus as best_focus
     from .analysis import best_viewpoint as best_viewpoint
     from .analysis import check_blur as check_blur
+    from .analysis import compare as compare
     from .analysis import evaluate as evaluate
     from .analysis import illumination as illumination
     from .analysis import mtf as mtf
@@ -45,6 +46,7 @@ _HOMES = {
     "write_image": "media",
     "best_focus": "analysis",
     "best_viewpoint": "analysis",
+    "compare": "analysis",
     "evaluate": "analysis",
     "export": "design.manufacture",
     "check_blur": "analysis",

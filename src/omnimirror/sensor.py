@@ -177,7 +177,7 @@ class Sensor:
 
     @property
     def axis(self) -> Array:
-        """World direction (3,) in which the field begins: back from the mirror to what sees it, along the optical axis."""
+        """World direction (3,) from the mirror back to what sees it, the direction of field angle 0."""
         return -self._axes[:, 2]
 
     @property

@@ -1,6 +1,7 @@
 """What a sensor does: imaging characteristics, viewpoints, virtual images, blur, and all of it together."""
 
 from .blur_check import BlurCheck, check_blur
+from .comparison import Comparison, compare
 from .evaluation import COLUMNS, Evaluation, evaluate, field_angles
 from .focus import MERITS, BestFocus, best_focus
 from .illumination import Illumination, illumination
@@ -14,6 +15,7 @@ __all__ = [
     "MERITS",
     "BestFocus",
     "BlurCheck",
+    "Comparison",
     "Evaluation",
     "Illumination",
     "Mtf",
@@ -23,6 +25,7 @@ __all__ = [
     "best_focus",
     "best_viewpoint",
     "check_blur",
+    "compare",
     "evaluate",
     "field_angles",
     "illumination",

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from ..errors import InvalidParameter
 from ..sensor import Sensor
 from . import curves, images, raytraces
+from .comparison import picture_sheet, side_by_side, table_sheet
 from .pictures import three_pictures
 from .style import FORMATS, render, save_figure, styled
 from .subjects import EXACT, PAPER, Basis, Subject, subjects_of
@@ -22,9 +23,12 @@ __all__ = [
     "Basis",
     "FigureSpec",
     "draw",
+    "picture_sheet",
     "render",
     "save_all",
     "save_figure",
+    "side_by_side",
+    "table_sheet",
     "three_pictures",
 ]
 

@@ -75,8 +75,13 @@ def _line(ax: Axes, subject: Subject, column: str, values: Array | None = None, 
 
 
 def _limits(ax: Axes, lines: Sequence[Line2D], from_zero: bool = True) -> None:
+    """The limits of lines already drawn."""
+    value_limits(ax, [np.asarray(line.get_ydata(), float) for line in lines], from_zero)
+
+
+def value_limits(ax: Axes, values: Sequence[Array], from_zero: bool = True) -> None:
     """From 0 where the values allow, with 4 % of air; poles (a cone's tip) are cut at the typical size."""
-    y = np.concatenate([np.asarray(line.get_ydata(), float) for line in lines])
+    y = np.concatenate(values)
     y = y[np.isfinite(y)]
     low, high = np.quantile(y, [0.0, 1.0])
     typical = np.quantile(np.abs(y), 0.98)

@@ -97,10 +97,11 @@ def _pictures(folder: Path) -> str:
 
 
 def _picture(path: Path, caption: str) -> str:
-    return _figure(path.read_bytes(), "png", caption)
+    return figure_html(path.read_bytes(), "png", caption)
 
 
-def _figure(data: bytes, kind: str, caption: str, css: str = "") -> str:
+def figure_html(data: bytes, kind: str, caption: str, css: str = "") -> str:
+    """A picture inside the page, with its caption."""
     source = f"data:image/{kind};base64,{base64.b64encode(data).decode()}"
     text = escape(caption)
     return f'<figure><img class="{css}" alt="{text}" src="{source}"><figcaption>{text}</figcaption></figure>'
@@ -113,7 +114,7 @@ def _figures(sensor: Sensor) -> str:
     for name in FIGURES_SHOWN:
         figure = draw(name, [sensor])
         place = wide if figure.get_figwidth() > 1.5 * figure.get_figheight() else upright
-        place.append(_figure(render(figure, "svg"), "svg+xml", FIGURES[name].title, css="plot"))
+        place.append(figure_html(render(figure, "svg"), "svg+xml", FIGURES[name].title, css="plot"))
     return f'{"".join(wide)}<div class="columns">{"".join(upright)}</div>'
 
 

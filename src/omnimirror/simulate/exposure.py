@@ -92,8 +92,8 @@ def expose(
     """
     if not _has_one_mirror(camera) and (blur or hardware is not None):
         raise InvalidParameter(
-            "only a sensor of one mirror has blur and hardware; a calibrated camera says nothing of them, and by way of "
-            "a secondary chief rays alone are traced"
+            "only a sensor of one mirror has blur and hardware; a calibrated camera says nothing of them, and by way "
+            "of a secondary chief rays alone are traced"
         )
     plan = spread(samples, blur, seed)
     hardware = hardware or Hardware()

@@ -1,0 +1,267 @@
+"""Sensors side by side: one table of what each does over its whole field, the best of each row known."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InvalidParameter
+from ..files import write_text
+from ..lenses import Perspective
+from ..sensor import Sensor
+from .evaluation import Evaluation, evaluate
+from .focus import BestFocus, best_focus
+from .viewpoints import best_viewpoint
+
+Array = NDArray[np.float64]
+Better = Literal["high", "low", ""]
+
+MOST = 6  # sensors side by side; as many as there are colours that the colour-blind tell apart
+NODES = 721  # field angles over which the worst and the mean are taken
+NEAR_MM = 1000.0  # distance of the objects for which one viewpoint is assumed
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the comparison."""
+
+    key: str
+    """Name of the quantity, with its unit."""
+    title: str
+    unit: str
+    values: tuple[float | str, ...]
+    """One per sensor; NaN where the sensor has no such thing."""
+    better: Better
+    """Whether high or low is better; neither for what only describes."""
+    format: str
+
+    @property
+    def texts(self) -> list[str]:
+        """The values as people read them."""
+        return [v if isinstance(v, str) else "–" if math.isnan(v) else f"{v:{self.format}}" for v in self.values]
+
+    @property
+    def best(self) -> list[bool]:
+        """Which sensors are best; none where it does not matter or all are equal, all that read equal to the best."""
+        numbers = [v for v in self.values if isinstance(v, float) and not math.isnan(v)]
+        if not self.better or len({*self.texts} - {"–"}) < 2:
+            return [False] * len(self.values)
+        best = f"{(max if self.better == 'high' else min)(numbers):{self.format}}"
+        return [text == best for text in self.texts]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One to six sensors side by side; see :func:`compare`."""
+
+    sensors: tuple[Sensor, ...]
+    rows: tuple[Row, ...]
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the sensors, told apart by a number where two are the same."""
+        return [s.name for s in self.sensors]
+
+    def __getitem__(self, key: str) -> Row:
+        """The row of a quantity.
+
+        Raises
+        ------
+        InvalidParameter
+            A quantity that is not in the table.
+        """
+        for row in self.rows:
+            if row.key == key:
+                return row
+        raise InvalidParameter(f"{key!r} is not compared; valid are {', '.join(r.key for r in self.rows)}")
+
+    def to_csv(self, path: str | Path) -> None:
+        """Write the table, a line per quantity and a column per sensor, numbers with 17 significant digits."""
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(["quantity", *self.names])
+        writer.writerows([r.key, *(v if isinstance(v, str) else f"{v:.17g}" for v in r.values)] for r in self.rows)
+        write_text(path, text.getvalue())
+
+    def to_json(self, path: str | Path) -> None:
+        """Write a list of sensors, each an object of its quantities; numbers that are not finite become words."""
+        sensors = [
+            {"name": name, **{row.key: _word(row.values[i]) for row in self.rows}} for i, name in enumerate(self.names)
+        ]
+        write_text(path, json.dumps(sensors, indent=1) + "\n")
+
+
+def compare(sensors: Sequence[Sensor]) -> Comparison:
+    """Compare up to six sensors over their whole fields, for distant objects, each at its own F-number.
+
+    Parameters
+    ----------
+    sensors
+        One to six; sensors of the same name get a number behind it.
+
+    Raises
+    ------
+    InvalidParameter
+        No sensor, or more than six.
+    NotOneToOne, SelfObstruction
+        A mirror that cannot be used as it stands.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> result = om.compare([om.load_sensor("paper-spherical"), om.load_sensor("paper-hyperboloidal")])
+    >>> result["worst_floored_area_best_focus_deg2"].texts, result["viewpoint_spread_mm"].best
+    (['0.741', '1.795'], [False, True])
+    """
+    if not 1 <= len(sensors) <= MOST:
+        raise InvalidParameter(f"{len(sensors)} sensors do not fit side by side; 1 to {MOST} are valid")
+    studies = [Study(s) for s in _told_apart(sensors)]
+    return Comparison(tuple(s.sensor for s in studies), tuple(_row(studies, *q) for q in QUANTITIES))
+
+
+def _told_apart(sensors: Sequence[Sensor]) -> list[Sensor]:
+    """The sensors with names that all differ."""
+    names = [s.name for s in sensors]
+    return [
+        s if names.count(s.name) == 1 else replace(s, name=f"{s.name} ({names[: i + 1].count(s.name)})")
+        for i, s in enumerate(sensors)
+    ]
+
+
+# -- what is compared ------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Study:
+    """What the rows of one sensor are made from."""
+
+    sensor: Sensor
+
+    @cached_property
+    def own(self) -> Evaluation:
+        """The whole field, focused as the sensor says."""
+        return evaluate(self.sensor, np.linspace(*self.sensor.field_deg, NODES))
+
+    @cached_property
+    def best(self) -> BestFocus:
+        return best_focus(self.sensor)
+
+    def share_of_sphere(self) -> float:
+        """Percentage of all directions that is seen."""
+        low, high = np.cos(np.radians(self.sensor.field_deg))
+        return float(50 * (low - high))
+
+    def nonlinearity(self) -> float:
+        """Largest departure of the image height from the line through centre and rim, % of the rim's."""
+        h, omega = self.own.h_px, self.own.omega_deg
+        return float(100 * np.abs(h / h[-1] - omega / omega[-1]).max())
+
+    def worst_aspect(self) -> float:
+        """Largest ratio of the longer to the shorter side of the image of a small square."""
+        ratio = self.own.aspect[np.isfinite(self.own.aspect)]
+        return float(np.maximum(ratio, 1 / ratio).max())
+
+    def one_viewpoint_error(self) -> float:
+        return best_viewpoint(self.sensor, NEAR_MM).worst_px
+
+    def length(self) -> float:
+        """From the lens (or a second mirror before it) to the far end, mm; NaN for a telecentric lens, which stands
+        anywhere."""
+        sensor, second = self.sensor, self.sensor.secondary
+        if sensor.lens.TELECENTRIC:
+            return float("nan")
+        m = sensor.meridian.m
+        heights = [*sensor.mirror.bounds[1], -m if second is None else second.lens_height(m)]
+        if second is not None:
+            heights += list(second.height(np.linspace(0, second.mirror.rim_radius_mm, 129)))
+        return float(max(heights) - min(heights))
+
+
+def _of(column: str, reduce: Callable[[Array], Any]) -> Callable[[Study], float]:
+    """A number made from a column of the evaluation, poles (a cone's tip) left out."""
+
+    def value(study: Study) -> float:
+        values = getattr(study.own, column)
+        return float(reduce(values[np.isfinite(values)]))
+
+    return value
+
+
+def _worst(column: str) -> Callable[[Study], float]:
+    return _of(column, lambda values: np.abs(values).max())
+
+
+def _uniformity(column: str) -> Callable[[Study], float]:
+    return _of(column, lambda values: values.min() / values.max())
+
+
+def _secondary(study: Study) -> str:
+    second = study.sensor.secondary
+    return "–" if second is None else second.mirror.KIND
+
+
+def _f_number(study: Study) -> float:
+    lens = study.sensor.lens
+    return lens.f_number if isinstance(lens, Perspective) else lens.image_f_number()
+
+
+def _sag(study: Study) -> float:
+    low, high = study.sensor.mirror.bounds[1]
+    return high - low
+
+
+RADIAL = "dh_domega_px_per_deg"
+Quantity = tuple[str, str, str, Better, str, Callable[[Study], float | str]]
+QUANTITIES: tuple[Quantity, ...] = (
+    ("mirror", "Mirror", "", "", "", lambda s: s.sensor.mirror.KIND),
+    ("secondary", "Second mirror", "", "", "", _secondary),
+    ("f_number", "F-number", "", "", ".3g", _f_number),
+    ("field_from_deg", "Field from", "deg", "low", ".1f", lambda s: s.sensor.field_deg[0]),
+    ("field_to_deg", "Field to", "deg", "high", ".1f", lambda s: s.sensor.field_deg[1]),
+    ("share_of_sphere_percent", "Share of the sphere", "%", "high", ".1f", Study.share_of_sphere),
+    ("rim_radius_px", "Image circle, radius", "px", "", ".1f", lambda s: s.sensor.rim_radius_px),
+    ("nonlinearity_percent", "Departure from equidistant", "%", "low", ".2f", Study.nonlinearity),
+    ("resolution_min_px_per_deg", "Resolution, least", "px/deg", "high", ".2f", _of(RADIAL, np.min)),
+    ("resolution_max_px_per_deg", "Resolution, largest", "px/deg", "", ".2f", _of(RADIAL, np.max)),
+    ("resolution_uniformity", "Resolution, least / largest", "", "high", ".3f", _uniformity(RADIAL)),
+    ("area_uniformity", "Image area, least / largest", "", "high", ".3f", _uniformity("area_px2")),
+    ("aspect_min", "Aspect, least", "", "", ".3f", _of("aspect", np.min)),
+    ("aspect_max", "Aspect, largest", "", "", ".3f", _of("aspect", np.max)),
+    ("worst_aspect", "Aspect, worst either way", "", "low", ".3f", Study.worst_aspect),
+    ("viewpoint_spread_mm", "Viewpoints, spread", "mm", "low", ".3f", _of("viewpoint_z_mm", np.ptp)),
+    ("one_viewpoint_error_px", "One viewpoint, error at 1 m", "px", "low", ".2f", Study.one_viewpoint_error),
+    ("focus_mm", "Focus", "mm", "", ".1f", lambda s: s.own.focus_mm),
+    ("depth_of_field_mm", "Depth of field", "mm", "high", ".1f", lambda s: s.own.depth_of_field_mm.depth),
+    ("worst_blur_t_px", "Worst blur T", "px", "low", ".2f", _worst("blur_t_px")),
+    ("worst_blur_s_px", "Worst blur S", "px", "low", ".2f", _worst("blur_s_px")),
+    ("worst_blur_t_deg", "Worst blur T", "deg", "low", ".3f", _worst("blur_t_deg")),
+    ("worst_blur_s_deg", "Worst blur S", "deg", "low", ".3f", _worst("blur_s_deg")),
+    ("worst_floored_area_deg2", "Worst floored blur area", "deg²", "low", ".3f", _worst("floored_area_deg2")),
+    ("best_focus_mm", "Best focus", "mm", "", ".1f", lambda s: s.best.focus_mm),
+    ("worst_floored_area_best_focus_deg2", "Worst floored area there", "deg²", "low", ".3f", lambda s: s.best.value),
+    ("airy_px", "Airy disk", "px", "low", ".2f", lambda s: s.own.airy_px),
+    ("length_mm", "Length, lens to far end", "mm", "low", ".1f", Study.length),
+    ("mirror_diameter_mm", "Mirror diameter", "mm", "low", ".1f", lambda s: 2 * s.sensor.mirror.rim_radius_mm),
+    ("mirror_sag_mm", "Mirror sag", "mm", "low", ".1f", _sag),
+    ("rim_slope_deg", "Slope at the rim", "deg", "low", ".1f", lambda s: float(s.own.beta_deg[-1])),
+)
+"""Key, title, unit, what is better, format, and value; pixels, blur and depth of field are each sensor's own."""
+
+
+def _row(studies: Sequence[Study], *quantity: Any) -> Row:
+    key, title, unit, better, fmt, value = quantity
+    return Row(key, title, unit, tuple(value(s) for s in studies), better, fmt)
+
+
+def _word(value: float | str) -> float | str:
+    return str(value) if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,0 +1,122 @@
+"""Sensors side by side on one page, or as one picture: table, curves, and what each sees of the same room."""
+
+from __future__ import annotations
+
+from html import escape
+from io import BytesIO
+from pathlib import Path
+from string import Template
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+from matplotlib import image
+from numpy.typing import NDArray
+
+from ..analysis import Comparison
+from ..dewarp import Dewarper, views
+from ..dewarp.fields import field_of
+from ..errors import InvalidParameter
+from ..figures import picture_sheet, render, side_by_side, table_sheet
+from ..files import write_text
+from ..media import write_image
+from ..simulate import Room, Scene, take_picture
+from . import figure_html
+
+PANORAMA_PX = 1440  # width of every panorama
+
+
+class Pictures(NamedTuple):
+    """What each sensor sees of one scene; pictures (rows, columns, 3) uint8 in RGB order."""
+
+    circles: list[NDArray[Any]]
+    panoramas: list[NDArray[Any]]
+
+
+def write_comparison(comparison: Comparison, path: str | Path, scene: Scene | None = None) -> Path:
+    """Write a comparison as one self-contained page (``.html``) or one picture (``.png``).
+
+    Parameters
+    ----------
+    scene
+        What every sensor takes its picture of; the bundled room by default.
+
+    Raises
+    ------
+    InvalidParameter
+        A file name that ends in neither, before anything is computed.
+    OmnimirrorError
+        A sensor cannot be used, or the file cannot be written.
+    """
+    path = Path(path)
+    kind = path.suffix.lower()
+    if kind not in (".html", ".png"):
+        raise InvalidParameter(f"a comparison is written as .html or .png, and {path.name} is neither")
+    pictures = take_pictures(comparison, Room() if scene is None else scene)
+    if kind == ".html":
+        write_text(path, comparison_html(comparison, pictures))
+    else:
+        write_image(path, comparison_sheet(comparison, pictures)[..., ::-1])
+    return path
+
+
+def take_pictures(comparison: Comparison, scene: Scene) -> Pictures:
+    """Every sensor's picture of the scene, and its panorama over the elevations that any of them sees."""
+    fields = [field_of(s) for s in comparison.sensors]
+    elevations = min(f.tilt_min_deg for f in fields), max(f.tilt_max_deg for f in fields)
+    circles, panoramas = [], []
+    for sensor in comparison.sensors:
+        circle = take_picture(sensor, scene)
+        view = views.panorama(sensor, (PANORAMA_PX, None), elevation_deg=elevations)
+        circles.append(circle)
+        panoramas.append(Dewarper(sensor, view, interpolation="cubic")(circle))
+    return Pictures(circles, panoramas)
+
+
+def comparison_html(comparison: Comparison, pictures: Pictures) -> str:
+    """The page with everything inside it."""
+    template = Template((Path(__file__).parent / "comparison.html").read_text(encoding="utf-8"))
+    return template.substitute(
+        title=escape(" · ".join(comparison.names)),
+        count=len(comparison.sensors),
+        table=_table(comparison),
+        curves=figure_html(
+            render(side_by_side(comparison.sensors), "svg"),
+            "svg+xml",
+            "For distant objects, each sensor focused as its file says. Dots are lenses; the thin lines lead from the "
+            "mirror's rim to them.",
+            css="plot",
+        ),
+        circles="".join(_picture(p, n) for p, n in zip(pictures.circles, comparison.names, strict=True)),
+        panoramas="".join(_picture(p, n) for p, n in zip(pictures.panoramas, comparison.names, strict=True)),
+        command=escape(f"omnimirror compare {' '.join(comparison.names)} -o comparison.html"),
+    )
+
+
+def comparison_sheet(comparison: Comparison, pictures: Pictures) -> NDArray[np.uint8]:
+    """The same as one tall picture (rows, columns, 3) in RGB order."""
+    lines = [[r.title, r.unit, *r.texts] for r in comparison.rows]
+    figures = (
+        table_sheet(comparison.names, lines, [r.best for r in comparison.rows]),
+        side_by_side(comparison.sensors),
+        picture_sheet(comparison.names, pictures.circles, pictures.panoramas),
+    )
+    sheets = [image.imread(BytesIO(render(f, "png")), format="png")[..., :3] for f in figures]
+    return np.round(255 * np.concatenate(sheets)).astype(np.uint8)
+
+
+def _table(comparison: Comparison) -> str:
+    head = "".join(f"<th>{escape(n)}</th>" for n in comparison.names)
+    rows = []
+    for row in comparison.rows:
+        cells = "".join(
+            f'<td class="best">{escape(text)}</td>' if best else f"<td>{escape(text)}</td>"
+            for text, best in zip(row.texts, row.best, strict=True)
+        )
+        rows.append(f"<tr><th>{escape(row.title)} <small>{escape(row.unit)}</small></th>{cells}</tr>")
+    return f"<table><thead><tr><th></th>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
+
+
+def _picture(picture: NDArray[Any], name: str) -> str:
+    _, data = cv2.imencode(".jpg", picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 90])
+    return figure_html(data.tobytes(), "jpeg", name)
