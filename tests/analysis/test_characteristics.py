@@ -14,7 +14,7 @@ from omnimirror.analysis.viewpoints import viewpoint_angle_error
 from omnimirror.errors import InvalidParameter, OmnimirrorError, OutsideField, OutsideMirror
 from omnimirror.imagers import Imager
 from omnimirror.lenses import Orthographic, Perspective
-from omnimirror.mirrors import Hyperboloid, Paraboloid, Sphere
+from omnimirror.mirrors import Cone, Hyperboloid, Paraboloid, Sphere
 from tests.conftest import M
 
 SPH, EDI, SVP = (om.load_sensor(f"paper-{n}") for n in ("spherical", "equidistant", "hyperboloidal"))
@@ -149,3 +149,39 @@ def test_an_unusable_mirror_says_so_when_first_asked():
         om.evaluate(sensor, [10.0])
     with pytest.raises(InvalidParameter, match="mirror_distance_mm"):
         om.Sensor(Paraboloid(20.0, 20.0), Perspective(11.6, 4.0, 200.0), Imager(10, 10, 5.0))
+
+
+@pytest.mark.parametrize("m", [176.0, 5.0])
+def test_rays_of_a_cone_come_from_a_ring_of_virtual_pinholes(m):
+    """Real rays, reflected in three dimensions off planes that touch the cone, and prolonged behind it."""
+    cone = Cone(50.0, 43.9)
+    sensor = om.Sensor(cone, Perspective(11.6, 4.0, 300.0), Imager(1024, 1024, 5.2), mirror_distance_mm=m)
+    radius, height = cone.pinhole_ring(m)
+    x = np.linspace(1, 43.9, 12)
+    phi = np.linspace(0, 6, 12)
+    across, up = np.stack([np.cos(phi), np.sin(phi), 0 * phi], axis=-1), np.array([0.0, 0.0, 1.0])
+    tangent = np.tan(np.radians(50.0))
+    hits = x[:, None] * across + (x * tangent)[:, None] * up
+    normals = (tangent * across - up) / np.hypot(tangent, 1)
+    from_lens = hits + m * up
+    out = from_lens - 2 * (from_lens * normals).sum(axis=1, keepdims=True) * normals
+    out /= np.linalg.norm(out, axis=1, keepdims=True)
+    to_pinhole = -radius * across + height * up - hits  # on the far side of the axis
+    np.testing.assert_allclose(np.cross(to_pinhole, out), 0, atol=1e-11 * m)
+    result = om.evaluate(sensor, x_mm=x, object_distance_mm=700.0)
+    np.testing.assert_allclose(np.cos(np.radians(result.omega_deg)), -out[:, 2], atol=1e-13)
+    assert np.isinf(result.radius_t_mm).all()
+    np.testing.assert_allclose(result.q_t_mm, 700.0, rtol=1e-13)  # a plane mirror in the meridian
+    np.testing.assert_allclose(result.radius_s_mm, x / np.sin(np.radians(50.0)), rtol=1e-13)
+
+
+def test_a_cone_has_one_viewpoint_only_with_the_lens_in_its_tip():
+    """The ring shrinks with m, and with it the spread of where rays meet the axis."""
+    spread = []
+    for m in (10.0, 1.0, 0.1):
+        cone = om.Sensor(Cone(50.0, 43.9), Perspective(11.6, 4.0, 300.0), Imager(1024, 1024, 5.2), mirror_distance_mm=m)
+        low, high = cone.field_deg
+        angles = np.linspace(low + 0.3 * (high - low), high, 9)
+        spread.append(np.ptp(om.evaluate(cone, angles).viewpoint_z_mm))
+        assert cone.mirror.pinhole_ring(m)[0] == pytest.approx(m * np.sin(np.radians(100.0)))
+    np.testing.assert_allclose(np.divide(spread[:-1], spread[1:]), 10, rtol=0.3)

@@ -12,6 +12,7 @@ from rich.table import Table
 
 from ..analysis import MERITS, Evaluation, best_focus, best_viewpoint, evaluate
 from ..analysis.headings import HEADINGS, formatted
+from ..mirrors import Cone
 from ..specs import load_sensor
 from .options import distance, focus, output_console, pixel, values
 
@@ -122,13 +123,19 @@ def print_summary(console: Console, result: Evaluation, merit: str) -> None:
         sensor, merit, None, float(np.max(result.object_distance_mm)), result.mode, result.image_radius_px,
         result.wavelength_nm,
     )  # fmt: skip
+    second = "" if sensor.secondary is None else f" seen in a second mirror ({sensor.secondary.mirror.KIND})"
     lines = [
-        f"[bold]{sensor.name}[/]: {sensor.mirror.KIND}, {sensor.lens.KIND} lens, field "
+        f"[bold]{sensor.name}[/]: {sensor.mirror.KIND}{second}, {sensor.lens.KIND} lens, field "
         f"{s['field_deg'][0]:.4g} to {s['field_deg'][1]:.6g} deg, rim at {s['rim_radius_px']:.1f} px",
         f"focus L0 = {result.focus_mm:.2f} mm; depth of field {near:.2f} to {far:.2f} mm "
         f"(blur within {result.tolerance_px:g} px); Airy disk {result.airy_px:.2f} px at {result.wavelength_nm:g} nm",
         f"best focus by {merit}: {best.focus_mm:.2f} mm, where it is {best.value:.4g} {UNITS[merit]}",
     ]
+    if isinstance(sensor.mirror, Cone) and sensor.secondary is None:
+        radius, z = sensor.mirror.pinhole_ring(sensor.meridian.m)
+        lines.append(
+            f"a cone has no single viewpoint: virtual pinholes on a ring of radius {radius:.2f} mm at z = {z:.2f} mm"
+        )
     if np.isfinite(result.object_distance_mm).all():
         v = best_viewpoint(sensor, float(np.min(result.object_distance_mm)), image_radius_px=result.image_radius_px)
         lines.append(

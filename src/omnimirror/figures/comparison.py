@@ -141,7 +141,7 @@ def table_sheet(header: Sequence[str], lines: Sequence[Sequence[str]], best: Seq
         for j, name in enumerate(header):
             at = left + (j + 1) * width
             fitting = int(width * PAGE / 0.062)  # letters
-            ax.text(at, -0.4, fill(name, fitting), ha="right", va="bottom", weight="bold", linespacing=1.1)
+            ax.text(at, -0.8, fill(name, fitting), ha="right", va="baseline", weight="bold", linespacing=1.1)
         for i, (title, unit, *cells) in enumerate(lines):
             if i % 2 == 0:
                 ax.axhspan(i - 0.5, i + 0.5, color="#F5F7F8", linewidth=0)

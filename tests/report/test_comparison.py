@@ -1,0 +1,80 @@
+"""The page and the picture of a comparison: everything inside, the curves those of the evaluation."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.errors import InvalidParameter
+from omnimirror.figures import side_by_side
+from omnimirror.report.comparison import take_pictures, write_comparison
+from tests.cli.test_evaluate import omnimirror
+
+ROOM = om.Room(texel_mm=40.0)
+
+
+def small(name):
+    sensor = om.load_sensor(name)
+    pixels = replace(sensor.imager, width_px=128, height_px=128, pixel_pitch_um=8 * sensor.imager.pixel_pitch_um)
+    return replace(sensor, imager=pixels)
+
+
+@pytest.fixture(scope="module")
+def comparison():
+    return om.compare([small(n) for n in ("paper-spherical", "folded-spherical", "paraboloid-telecentric")])
+
+
+def test_the_page_holds_table_curves_and_pictures(comparison, tmp_path):
+    page = write_comparison(comparison, tmp_path / "c.html", ROOM).read_text(encoding="utf-8")
+    assert page.count("data:image/jpeg") == 6
+    assert page.count("data:image/svg+xml") == 1
+    assert not re.search(r'(src|href)="(?!data:)', page)
+    for row in comparison.rows:
+        cells = re.search(rf"<tr><th>{re.escape(row.title)} <small>{row.unit}</small></th>(.*?)</tr>", page)[1]
+        assert re.findall(r">([^<]+)</td>", cells) == row.texts
+    assert page.count('class="best"') == sum(sum(row.best) for row in comparison.rows)
+
+
+def test_the_picture_is_one_sheet(comparison, tmp_path):
+    path = write_comparison(comparison, tmp_path / "c.png", ROOM)
+    sheet = om.read_image(path)
+    assert sheet.shape[1] == 1440
+    assert sheet.shape[0] > 2 * 1440
+    with pytest.raises(InvalidParameter, match=r"written as \.html or \.png, and c\.gif is neither"):
+        write_comparison(comparison, tmp_path / "c.gif")
+
+
+def test_panoramas_show_the_same_elevations_the_right_way_round(comparison):
+    """Where all see, the panoramas agree, the folded sensor's too; black where one does not see."""
+    one, folded, telecentric = (p.astype(int) for p in take_pictures(comparison, ROOM).panoramas)
+    assert one.shape == folded.shape == telecentric.shape
+    rows = slice(one.shape[0] // 4, one.shape[0] // 2)
+    assert np.abs(one - folded)[rows].mean() < 3
+    assert np.abs(one - folded[:, ::-1])[rows].mean() > 20
+    assert not telecentric[: one.shape[0] // 8].any()
+
+
+def test_the_curves_are_those_of_the_evaluation(comparison):
+    figure = side_by_side(comparison.sensors)
+    lines = {line.get_gid(): line for ax in figure.axes for line in ax.get_lines() if line.get_gid()}
+    for sensor in comparison.sensors:
+        for column in ("h_px", "dh_domega_px_per_deg", "blur_t_deg", "blur_s_deg", "aspect", "viewpoint_z_mm"):
+            x, y = lines[f"{sensor.name}:{column}"].get_data()
+            np.testing.assert_allclose(y[::60], getattr(om.evaluate(sensor, x[::60]), column), rtol=1e-9, atol=1e-12)
+    legend = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert legend == comparison.names
+
+
+def test_from_the_command_line(tmp_path):
+    run = omnimirror("compare", "paper-spherical", "folded-spherical", "--csv", "c.csv", cwd=tmp_path)
+    assert run.returncode == 0
+    assert "Length, lens to far end" in run.stdout
+    assert "112.1 *" in run.stdout
+    assert (tmp_path / "c.csv").read_text().startswith("quantity,paper-spherical,folded-spherical\n")
+    wrong = omnimirror("compare", *["paper-spherical"] * 7, cwd=tmp_path)
+    assert wrong.returncode == 1
+    assert "7 sensors do not fit" in wrong.stderr
