@@ -105,7 +105,7 @@ template <class Isa, Interpolation I, class Real, class F>
 void locate_pairs(const Coordinates& c, int row, int column, int count, const Geometry& g, Block<F>* blocks) {
     alignas(64) Real x[STRIP], y[STRIP];
     separate(c.data + row * c.row_stride + static_cast<ptrdiff_t>(column) * 2 * sizeof(Real), count, x, y);
-    Isa::template locate<I>(x, y, round_up8(count), g, false, blocks);
+    Isa::template locate<I>(x, y, round_up8(count), g, blocks);
 }
 
 // Whether a disc lies so far within the picture that no coordinate in it needs a check, and no tap an edge.
@@ -114,23 +114,25 @@ bool is_inner(const Geometry& g, float x, float y, float radius) {
            y + radius <= static_cast<float>(g.height - 3);
 }
 
-// Returns whether all coordinates are inner ones.
-bool polar_coordinates(const Polar& p, const Geometry& g, int row, int column, int count, float* __restrict x,
-                       float* __restrict y) {
+void polar_coordinates(const Polar& p, int row, int column, int count, float* __restrict x, float* __restrict y) {
     const float radius = p.radii[row];
     const float *cosines = p.cosines + column, *sines = p.sines + column;
-    for (int i = 0; i < count; ++i) x[i] = p.x + radius * cosines[i], y[i] = p.y + radius * sines[i];
-    for (int i = count; i < round_up8(count); ++i) x[i] = x[0], y[i] = y[0];
-    return is_inner(g, p.x, p.y, std::fabs(radius) * p.reach);
+    for (int i = 0; i < count; i += 8)
+        for (int k = i; k < i + 8; ++k) x[k] = p.x + radius * cosines[k], y[k] = p.y + radius * sines[k];
 }
+
+constexpr float FINE = 65536;  // steps into which some kernels divide a pixel
 
 // Columns of nodes weighed along the rows, for one row of a strip: 8 at a time, and so up to 7 too many.
 void weigh_nodes(const float* __restrict nodes, ptrdiff_t columns, const float* weights, int step, int count,
-                 float* __restrict out) {
+                 float* __restrict out, float* __restrict fine) {
     const float wa = weights[0], wb = weights[step], wc = weights[2 * step], wd = weights[3 * step];
     const float *a = nodes, *b = a + columns, *c = b + columns, *d = c + columns;
     for (int j = 0; j < count; j += 8)
-        for (int k = j; k < j + 8; ++k) out[k] = wa * a[k] + wb * b[k] + wc * c[k] + wd * d[k];
+        for (int k = j; k < j + 8; ++k) {
+            out[k] = wa * a[k] + wb * b[k] + wc * c[k] + wd * d[k];
+            fine[k] = out[k] * FINE;
+        }
 }
 
 // One row of one cell, from four columns of nodes that have been weighed along the rows. 8 at a time, so that
@@ -147,70 +149,78 @@ void cell_row(const float* x_nodes, const float* y_nodes, const float* __restric
         }
 }
 
-// Put outside the picture what lies outside the ring that is seen; whether all lies within. count is a multiple
-// of 8.
-bool keep_ring(const Nodes& n, int count, float* __restrict x, const float* __restrict y) {
-    const float x_centre = n.x_centre, y_centre = n.y_centre, least2 = n.least2, most2 = n.most2;
-    int outside = 0;
-    for (int i = 0; i < count; i += 8)
-        for (int k = i; k < i + 8; ++k) {
-            const float dx = x[k] - x_centre, dy = y[k] - y_centre, distance2 = dx * dx + dy * dy;
-            const bool kept = (distance2 >= least2) & (distance2 <= most2);
-            x[k] = kept ? x[k] : -1;
-            outside |= kept ? 0 : -1;
-        }
-    return !outside;
+// The cells of one row of a strip. column and STRIP are multiples of the step, so a strip is made of whole cells; what
+// the last one has beyond the picture is found too, and does no harm.
+struct RowOfCells {
+    int count, step, phase;
+    bool is_inner;
+    const int32_t* states;
+    alignas(32) float x[24], y[24];  // nodes weighed along the rows; up to 19 are needed
+    alignas(32) float fine_x[24], fine_y[24];
+};
+
+void weigh_row(const Nodes& n, int row, int column, int pixels, RowOfCells& r) {
+    r.step = 1 << n.log2_step, r.phase = row & (r.step - 1), r.count = (pixels + r.step - 1) >> n.log2_step;
+    const ptrdiff_t first = column >> n.log2_step, cell = row >> n.log2_step, at = cell * n.columns + first;
+    weigh_nodes(n.x + at, n.columns, n.row_weights + r.phase, r.step, r.count + 3, r.x, r.fine_x);
+    weigh_nodes(n.y + at, n.columns, n.row_weights + r.phase, r.step, r.count + 3, r.y, r.fine_y);
+    r.states = n.cells + cell * n.cell_columns + first;
+    r.is_inner = true;
+    for (int j = 0; j < r.count; ++j) r.is_inner &= r.states[j] == INNER;
 }
 
-// Returns whether all coordinates are inner ones. column and STRIP are multiples of the step, so a strip is made
-// of whole cells; what the last one has beyond the picture is found too, and does no harm. x and y have room for
-// half a vector more than a strip: cells of 4 pixels are made 8 at a time, and the next cell overwrites what is too
-// much.
+// x and y have room for half a vector more than a strip: cells of 4 pixels are made 8 at a time, and the next cell
+// overwrites what is too much.
 template <class Isa>
-bool node_coordinates(const Nodes& n, const Geometry& g, int row, int column, int count, float* x, float* y) {
-    const int step = n.step, first = column / step, cells = (count + step - 1) / step;
-    const int cell = row / step, phase = row % step;
-    alignas(32) float x_nodes[24], y_nodes[24];  // up to 19 are needed
-    const ptrdiff_t at = static_cast<ptrdiff_t>(cell) * n.columns + first;
-    weigh_nodes(n.x + at, n.columns, n.row_weights + phase, step, cells + 3, x_nodes);
-    weigh_nodes(n.y + at, n.columns, n.row_weights + phase, step, cells + 3, y_nodes);
-    const int32_t* states = n.cells + static_cast<ptrdiff_t>(cell) * n.cell_columns + first;
-    for (int j = 0; j < cells; ++j) {
-        float *x_cell = x + j * step, *y_cell = y + j * step;
-        if (states[j] < 0) {
-            Isa::cell_row(x_nodes + j, y_nodes + j, n.weights, step, x_cell, y_cell);
+void node_coordinates(const Nodes& n, const RowOfCells& r, float* x, float* y) {
+    for (int j = 0; j < r.count; ++j) {
+        float *x_cell = x + j * r.step, *y_cell = y + j * r.step;
+        if (r.states[j] < 0) {
+            Isa::cell_row(r.x + j, r.y + j, n.weights, r.step, x_cell, y_cell);
         } else {
-            const float* patch = n.patches + (static_cast<ptrdiff_t>(states[j]) * step + phase) * step * 2;
-            for (int i = 0; i < step; ++i) x_cell[i] = patch[2 * i], y_cell[i] = patch[2 * i + 1];
+            const float* patch = n.patches + (static_cast<ptrdiff_t>(r.states[j]) * r.step + r.phase) * r.step * 2;
+            for (int i = 0; i < r.step; ++i) x_cell[i] = patch[2 * i], y_cell[i] = patch[2 * i + 1];
         }
     }
-    for (int i = cells * step; i < round_up8(cells * step); ++i) x[i] = x[0], y[i] = y[0];
-    if (n.x_centre != n.x_centre) return false;
-    return Isa::keep_ring(n, cells * step, x, y) && is_inner(g, n.x_centre, n.y_centre, n.most);
+    const int pixels = r.count * r.step;
+    for (int i = pixels; i < round_up8(pixels); ++i) x[i] = x[0], y[i] = y[0];
 }
 
 template <class Isa, Interpolation I, class F>
-Strip<F> find_strip(const Job& job, int row, int column, int count, uint8_t* out, Block<F>* blocks) {
+void locate_nodes(const Nodes& n, const Geometry& g, const RowOfCells& r, int count, Block<F>* blocks) {
+    if (r.is_inner) return Isa::template locate_inner_cells<I>(n, r, g, blocks);
+    alignas(64) float x[STRIP + 8], y[STRIP + 8];
+    node_coordinates<Isa>(n, r, x, y);
+    Isa::template locate<I>(x, y, round_up8(count), g, blocks);
+}
+
+template <class Isa, Interpolation I, class F>
+void locate_polar(const Polar& p, const Geometry& g, int row, int column, int count, Block<F>* blocks) {
+    if (is_inner(g, p.x, p.y, std::fabs(p.radii[row]) * p.reach))
+        return Isa::template locate_inner_ring<I>(p, row, column, round_up8(count), g, blocks);
+    alignas(64) float x[STRIP], y[STRIP];
+    polar_coordinates(p, row, column, round_up8(count), x, y);
+    Isa::template locate<I>(x, y, round_up8(count), g, blocks);
+}
+
+// A strip of a packed map, of which the next row is fetched ahead.
+template <class F>
+Strip<F> packed_strip(const Job& job, int row, int column, int count, uint8_t* out) {
+    const Packed& p = job.packed;
+    const Block<F>* first = static_cast<const Block<F>*>(p.blocks) + place_in_panels(p.rows, p.columns, row, column);
+    const bool more = row + 1 < p.rows && count == STRIP && job.source.elements > FETCHED_FROM;
+    return {first, count, out, more ? first + STRIP / 8 : nullptr};
+}
+
+template <class Isa, Interpolation I, class F>
+void locate_strip(const Job& job, int row, int column, int count, Block<F>* blocks) {
     const Geometry& g = job.source.geometry;
-    if (job.where == Where::packed) {
-        const Packed& p = job.packed;
-        const Block<F>* first =
-            static_cast<const Block<F>*>(p.blocks) + place_in_panels(p.rows, p.columns, row, column);
-        const bool more = row + 1 < p.rows && count == STRIP && job.source.elements > FETCHED_FROM;
-        return {first, count, out, more ? first + STRIP / 8 : nullptr};
-    }
-    if (job.where == Where::coordinates) {
-        if (job.coordinates.is_double)
-            locate_pairs<Isa, I, double>(job.coordinates, row, column, count, g, blocks);
-        else
-            locate_pairs<Isa, I, float>(job.coordinates, row, column, count, g, blocks);
-    } else {
-        alignas(64) float x[STRIP + 8], y[STRIP + 8];
-        const bool inner = job.where == Where::polar ? polar_coordinates(job.polar, g, row, column, count, x, y)
-                                                     : node_coordinates<Isa>(job.nodes, g, row, column, count, x, y);
-        Isa::template locate<I>(x, y, round_up8(count), g, inner, blocks);
-    }
-    return {blocks, count, out, nullptr};
+    if (job.where == Where::polar)
+        locate_polar<Isa, I>(job.polar, g, row, column, count, blocks);
+    else if (job.coordinates.is_double)
+        locate_pairs<Isa, I, double>(job.coordinates, row, column, count, g, blocks);
+    else
+        locate_pairs<Isa, I, float>(job.coordinates, row, column, count, g, blocks);
 }
 
 // -- the picture's values there --------------------------------------------------------------------
@@ -365,17 +375,27 @@ void sample_pixel(const Job& job, uint32_t offset, F fx, F fy, T* out) {
 
 struct Plain {
     template <Interpolation I, class Real, class F>
-    static void locate(const Real* x, const Real* y, int count, const Geometry& g, bool, Block<F>* blocks) {
+    static void locate(const Real* x, const Real* y, int count, const Geometry& g, Block<F>* blocks) {
+        omnimirror::locate<I>(x, y, count, g, blocks);
+    }
+
+    template <Interpolation I, class F>
+    static void locate_inner_cells(const Nodes& n, const RowOfCells& r, const Geometry& g, Block<F>* blocks) {
+        alignas(64) float x[STRIP + 8], y[STRIP + 8];
+        node_coordinates<Plain>(n, r, x, y);
+        omnimirror::locate<I>(x, y, round_up8(r.count * r.step), g, blocks);
+    }
+
+    template <Interpolation I, class F>
+    static void locate_inner_ring(const Polar& p, int row, int column, int count, const Geometry& g, Block<F>* blocks) {
+        alignas(64) float x[STRIP], y[STRIP];
+        polar_coordinates(p, row, column, count, x, y);
         omnimirror::locate<I>(x, y, count, g, blocks);
     }
 
     static void cell_row(const float* x_nodes, const float* y_nodes, const float* weights, int step, float* x,
                          float* y) {
         omnimirror::cell_row(x_nodes, y_nodes, weights, step, x, y);
-    }
-
-    static bool keep_ring(const Nodes& n, int count, float* x, const float* y) {
-        return omnimirror::keep_ring(n, count, x, y);
     }
 
     template <Interpolation I, int C, class T>
@@ -399,18 +419,57 @@ void fetch_to_write(uint8_t* out, int bytes) {
 #endif
 }
 
+// The strips of a tile, row after row.
+struct Strips {
+    const Tile& tile;
+    int in_row;
+
+    explicit Strips(const Tile& t) : tile(t), in_row((t.right - t.left + STRIP - 1) / STRIP) {}
+    int count() const { return (tile.bottom - tile.top) * in_row; }
+    int row(int i) const { return tile.top + i / in_row; }
+    int column(int i) const { return tile.left + i % in_row * STRIP; }
+    int width(int i) const { return smaller(STRIP, tile.right - column(i)); }
+};
+
+constexpr int AHEAD = PANEL / STRIP;  // strips that are located before they are sampled, so that they can be fetched
+
 template <class Isa, Interpolation I, int C, class T>
 void sample_tile(const Job& job, const Tile& tile) {
-    alignas(64) Block<Fraction<T>> blocks[STRIP / 8];
+    using F = Fraction<T>;
+    constexpr int SLOTS = 2 * AHEAD;
+    alignas(64) Block<F> blocks[SLOTS][STRIP / 8];
     if constexpr (I == Interpolation::nearest) std::memset(blocks, 0, sizeof blocks);  // it has no fractions
-    for (int row = tile.top; row < tile.bottom; ++row) {
-        uint8_t* out = job.target.data + row * job.target.stride;
-        for (int column = tile.left; column < tile.right; column += STRIP) {
-            const int count = smaller(STRIP, tile.right - column);
-            uint8_t* at = out + static_cast<ptrdiff_t>(column) * C * static_cast<ptrdiff_t>(sizeof(T));
-            if (row + 1 < tile.bottom) fetch_to_write(at + job.target.stride, count * C * static_cast<int>(sizeof(T)));
-            Isa::template sample_strip<I, C, T>(job, find_strip<Isa, I>(job, row, column, count, at, blocks));
+    const Strips strips(tile);
+    const bool is_packed = job.where == Where::packed, is_fetched = job.source.elements > FETCHED_FROM;
+    RowOfCells cells[2];
+    const int count = strips.count();
+    // Nodes are weighed one strip earlier still: what follows would wait for them.
+    const auto weigh = [&](int i) {
+        if (i < count) weigh_row(job.nodes, strips.row(i), strips.column(i), strips.width(i), cells[i % 2]);
+    };
+    const auto locate = [&](int i) {
+        if (job.where == Where::nodes) {
+            weigh(i + 1);
+            return locate_nodes<Isa, I>(job.nodes, job.source.geometry, cells[i % 2], strips.width(i), blocks[i % SLOTS]);
         }
+        locate_strip<Isa, I>(job, strips.row(i), strips.column(i), strips.width(i), blocks[i % SLOTS]);
+    };
+    if (job.where == Where::nodes) weigh(0);
+    for (int i = 0; i < smaller(AHEAD, count) && !is_packed; ++i) locate(i);
+    for (int i = 0; i < count; ++i) {
+        const int row = strips.row(i), column = strips.column(i), width = strips.width(i);
+        uint8_t* out = job.target.data + row * job.target.stride +
+                       static_cast<ptrdiff_t>(column) * C * static_cast<ptrdiff_t>(sizeof(T));
+        if (row + 1 < tile.bottom)
+            fetch_to_write(out + job.target.stride, width * C * static_cast<int>(sizeof(T)));
+        if (is_packed) {
+            Isa::template sample_strip<I, C, T>(job, packed_strip<F>(job, row, column, width, out));
+            continue;
+        }
+        const bool more = i + AHEAD < count;
+        if (more) locate(i + AHEAD);
+        const Block<F>* ahead = more && is_fetched && strips.width(i + AHEAD) >= width ? blocks[(i + AHEAD) % SLOTS] : nullptr;
+        Isa::template sample_strip<I, C, T>(job, {blocks[i % SLOTS], width, out, ahead});
     }
 }
 

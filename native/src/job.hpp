@@ -62,24 +62,28 @@ struct Coordinates {
     bool is_double;
 };
 
+constexpr int BEYOND = 16;  // values behind the end of some arrays that may be read but do not count
+
 struct Polar {  // centre + radii[row] * (cosines, sines)[column]
-    const float *radii, *cosines, *sines;
+    const float* radii;
+    const float *cosines, *sines;  // and BEYOND
     float x, y;
     float reach;  // the largest cosine or sine there is
 };
 
-constexpr int NODES_BEYOND = 16;
+// States of cells that are interpolated; others are indices of patches.
+constexpr int32_t INTERPOLATED = -1;
+constexpr int32_t INNER = -2;  // and lie so far within the picture that nothing need be checked
 
 struct Nodes {           // coordinates at every step-th pixel, from (-step, -step) on, interpolated bicubically
-    const float *x, *y;  // (rows, columns), and NODES_BEYOND that may be read but do not count
-    int columns, step;
-    const float* weights;      // (4, step) along a row, and NODES_BEYOND that may be read but do not count
+    const float *x, *y;  // (rows, columns), and BEYOND
+    int rows, columns;
+    int log2_step;
+    const float* weights;      // (4, step) along a row, and BEYOND
     const float* row_weights;  // (4, step) down a column
-    const int32_t* cells;  // (cell rows, cell columns): -1 interpolate, else index into patches
+    const int32_t* cells;  // (cell rows, cell columns), states
     const float* patches;  // (n, step, step, 2) coordinates of cells that must not be interpolated
     int cell_columns;
-    // Only what lies between two distances from a point of the picture is seen; all if x_centre is NaN.
-    float x_centre, y_centre, least2, most2, most;
 };
 
 // Blocks in the order in which they are wanted: panel after panel, row after row, from left to right.

@@ -40,13 +40,6 @@ struct Axis {
     __m256i inside;  // all bits set where it lies on the picture
 };
 
-// A coordinate of 8 pixels that is known to have a neighbour.
-Axis along_inner(const float* at) {
-    const __m256 x = _mm256_loadu_ps(at);
-    const __m256i first = _mm256_cvttps_epi32(x);
-    return {first, _mm256_sub_ps(x, _mm256_cvtepi32_ps(first)), first};
-}
-
 Axis along(const float* at, int size, int first_max) {
     const __m256 x = _mm256_loadu_ps(at);
     const float last = static_cast<float>(size - 1), end = static_cast<float>(size - 0.5);
@@ -122,47 +115,70 @@ void locate_by_8(const Real* x, const Real* y, int count, const Geometry& geomet
     }
 }
 
-// The same where all coordinates are inner ones: half the work.
-void locate_inner_by_8(const float* x, const float* y, int count, const Geometry& g, Block<uint8_t>* blocks) {
-    const __m256i row_step = _mm256_set1_epi32(static_cast<int>(g.row_step));
-    const __m256i pixel_step = _mm256_set1_epi32(static_cast<int>(g.pixel_step));
-    for (int i = 0; i < count; i += 8) {
-        const Axis across = along_inner(x + i), down = along_inner(y + i);
-        store_fractions(in_255ths(across.fraction), in_255ths(down.fraction), blocks[i / 8]);
-        const __m256i offset =
-            _mm256_add_epi32(_mm256_mullo_epi32(down.first, row_step), _mm256_mullo_epi32(across.first, pixel_step));
-        _mm256_storeu_si256(reinterpret_cast<__m256i*>(blocks[i / 8].offsets), offset);
-    }
-}
+// Whether all that there is in a picture fits into 16 bits, with a sign.
+bool is_narrow(const Geometry& g) { return g.width <= 0x7fff && g.height <= 0x7fff && g.row_step <= 0x7fff; }
 
-// See cell_row and keep_ring in common.hpp.
-__m256 interpolate(__m256 a, __m256 b, __m256 c, __m256 d, const float* weights, int step) {
-    const __m256 left = _mm256_fmadd_ps(b, _mm256_loadu_ps(weights + step), _mm256_mul_ps(a, _mm256_loadu_ps(weights)));
-    const __m256 right =
-        _mm256_fmadd_ps(d, _mm256_loadu_ps(weights + 3 * step), _mm256_mul_ps(c, _mm256_loadu_ps(weights + 2 * step)));
-    return _mm256_add_ps(left, right);
-}
+// The same where all coordinates are inner ones and the picture is narrow, 8 at a time and in 65536ths of a pixel. Few
+// steps that depend on each other: that is what counts here.
+struct InnerLocator {
+    __m256i steps, half = kept(_mm256_set1_epi16(128));
+    __m256i apart = kept(twice(_mm_setr_epi8(1, 5, 9, 13, 3, 7, 11, 15, -1, -1, -1, -1, -1, -1, -1, -1)));
+
+    explicit InnerLocator(const Geometry& g)
+        : steps(kept(_mm256_set1_epi32(static_cast<int>(g.row_step << 16 | g.pixel_step)))) {}
+
+    void put(__m256 x_fine, __m256 y_fine, Block<uint8_t>& block) const {
+        const __m256i x = _mm256_cvtps_epi32(x_fine), y = _mm256_cvtps_epi32(y_fine);
+        const __m256i pixels = _mm256_blend_epi16(_mm256_srli_epi32(x, 16), y, 0xaa);
+        const __m256i fractions = _mm256_blend_epi16(x, _mm256_slli_epi32(y, 16), 0xaa);
+        const __m256i in_255ths = _mm256_add_epi16(_mm256_sub_epi16(fractions, _mm256_srli_epi16(fractions, 8)), half);
+        const __m256i bytes = _mm256_shuffle_epi8(in_255ths, apart);
+        _mm256_storeu_si256(reinterpret_cast<__m256i*>(block.offsets), _mm256_madd_epi16(pixels, steps));
+        store16(block.fx, _mm_unpacklo_epi32(_mm256_castsi256_si128(bytes), _mm256_extracti128_si256(bytes, 1)));
+    }
+};
+
+// See cell_row in common.hpp.
+struct FourNodes {
+    __m256 a, b, c, d;
+
+    explicit FourNodes(const float* nodes)
+        : a(_mm256_broadcast_ss(nodes)),
+          b(_mm256_broadcast_ss(nodes + 1)),
+          c(_mm256_broadcast_ss(nodes + 2)),
+          d(_mm256_broadcast_ss(nodes + 3)) {}
+
+    __m256 between(const float* w, int step) const {
+        const __m256 left = _mm256_fmadd_ps(b, _mm256_loadu_ps(w + step), _mm256_mul_ps(a, _mm256_loadu_ps(w)));
+        const __m256 right =
+            _mm256_fmadd_ps(d, _mm256_loadu_ps(w + 3 * step), _mm256_mul_ps(c, _mm256_loadu_ps(w + 2 * step)));
+        return _mm256_add_ps(left, right);
+    }
+};
 
 void cell_row_by_8(const float* nodes, const float* weights, int step, float* out) {
-    const __m256 a = _mm256_broadcast_ss(nodes), b = _mm256_broadcast_ss(nodes + 1);
-    const __m256 c = _mm256_broadcast_ss(nodes + 2), d = _mm256_broadcast_ss(nodes + 3);
-    for (int i = 0; i < step; i += 8) _mm256_storeu_ps(out + i, interpolate(a, b, c, d, weights + i, step));
+    const FourNodes four(nodes);
+    for (int i = 0; i < step; i += 8) _mm256_storeu_ps(out + i, four.between(weights + i, step));
 }
 
-bool keep_ring_by_8(const Nodes& n, int count, float* x, const float* y) {
-    const __m256 x_centre = _mm256_set1_ps(n.x_centre), y_centre = _mm256_set1_ps(n.y_centre);
-    const __m256 least2 = _mm256_set1_ps(n.least2), most2 = _mm256_set1_ps(n.most2), away = _mm256_set1_ps(-1);
-    __m256 all = _mm256_castsi256_ps(_mm256_set1_epi32(-1));
-    for (int i = 0; i < count; i += 8) {
-        const __m256 here = _mm256_loadu_ps(x + i);
-        const __m256 dx = _mm256_sub_ps(here, x_centre), dy = _mm256_sub_ps(_mm256_loadu_ps(y + i), y_centre);
-        const __m256 distance2 = _mm256_fmadd_ps(dx, dx, _mm256_mul_ps(dy, dy));
-        const __m256 kept =
-            _mm256_and_ps(_mm256_cmp_ps(distance2, least2, _CMP_GE_OQ), _mm256_cmp_ps(distance2, most2, _CMP_LE_OQ));
-        _mm256_storeu_ps(x + i, _mm256_blendv_ps(away, here, kept));
-        all = _mm256_and_ps(all, kept);
+template <int step>
+void locate_narrow_cells(const float* weights, const RowOfCells& r, const Geometry& g, Block<uint8_t>* blocks) {
+    const InnerLocator locator(g);
+    for (int j = 0; j < r.count; ++j) {
+        const FourNodes x(r.fine_x + j), y(r.fine_y + j);
+        for (int i = 0; i < step; i += 8)
+            locator.put(x.between(weights + i, step), y.between(weights + i, step), *blocks++);
     }
-    return _mm256_movemask_ps(all) == 0xff;
+}
+
+void locate_narrow_ring(const Polar& p, int row, int column, int count, const Geometry& g, Block<uint8_t>* blocks) {
+    const InnerLocator locator(g);
+    const __m256 radius = _mm256_set1_ps(p.radii[row] * FINE);
+    const __m256 x = _mm256_set1_ps(p.x * FINE), y = _mm256_set1_ps(p.y * FINE);
+    const float *cosines = p.cosines + column, *sines = p.sines + column;
+    for (int i = 0; i < count; i += 8)
+        locator.put(_mm256_fmadd_ps(radius, _mm256_loadu_ps(cosines + i), x),
+                    _mm256_fmadd_ps(radius, _mm256_loadu_ps(sines + i), y), blocks[i / 8]);
 }
 
 // -- bilinear --------------------------------------------------------------------------------------
@@ -531,20 +547,32 @@ struct Avx2 {
         cell_row_by_8(y_nodes, weights, step, y);
     }
 
-    static bool keep_ring(const Nodes& n, int count, float* x, const float* y) {
-        return keep_ring_by_8(n, count, x, y);
-    }
+    template <Interpolation I, class F>
+    static constexpr bool has_fractions_of_8 = sizeof(F) == 1 && I != Interpolation::nearest;
 
     template <Interpolation I, class Real, class F>
-    static void locate(const Real* x, const Real* y, int count, const Geometry& g, bool inner, Block<F>* blocks) {
-        if constexpr (sizeof(F) == 1 && I != Interpolation::nearest) {
-            if constexpr (sizeof(Real) == 4) {
-                if (inner) return locate_inner_by_8(x, y, count, g, blocks);
-            }
+    static void locate(const Real* x, const Real* y, int count, const Geometry& g, Block<F>* blocks) {
+        if constexpr (has_fractions_of_8<I, F>)
             locate_by_8<I>(x, y, count, g, blocks);
-        } else {
-            Plain::locate<I>(x, y, count, g, inner, blocks);
+        else
+            Plain::locate<I>(x, y, count, g, blocks);
+    }
+
+    template <Interpolation I, class F>
+    static void locate_inner_cells(const Nodes& n, const RowOfCells& r, const Geometry& g, Block<F>* blocks) {
+        if constexpr (has_fractions_of_8<I, F>) {
+            if (is_narrow(g) && r.step == 16) return locate_narrow_cells<16>(n.weights, r, g, blocks);
+            if (is_narrow(g) && r.step == 8) return locate_narrow_cells<8>(n.weights, r, g, blocks);
         }
+        Plain::locate_inner_cells<I>(n, r, g, blocks);
+    }
+
+    template <Interpolation I, class F>
+    static void locate_inner_ring(const Polar& p, int row, int column, int count, const Geometry& g, Block<F>* blocks) {
+        if constexpr (has_fractions_of_8<I, F>) {
+            if (is_narrow(g)) return locate_narrow_ring(p, row, column, count, g, blocks);
+        }
+        Plain::locate_inner_ring<I>(p, row, column, count, g, blocks);
     }
 
     template <Interpolation I, int C, class T>

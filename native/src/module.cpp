@@ -8,6 +8,7 @@
 #include <nanobind/stl/string.h>
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <cstring>
 #include <optional>
@@ -145,6 +146,13 @@ float largest(const Floats& values) {
     return most;
 }
 
+// A copy that can be read a little beyond its end.
+std::vector<float> longer(const Floats& values) {
+    std::vector<float> copy(values.size() + BEYOND);
+    std::copy_n(values.data(), values.size(), copy.begin());
+    return copy;
+}
+
 void remap_polar(const In& src, const Floats& radii, const Floats& cosines, const Floats& sines, double x, double y,
                  const Out& dst, int interpolation, double border) {
     const Picture picture = source_of(src);
@@ -155,16 +163,10 @@ void remap_polar(const In& src, const Floats& radii, const Floats& cosines, cons
         require(is_aligned(floats->data(), 4), "values must be aligned");
     require(radii.size() == dst.shape(0), "there must be one radius per row");
     require(cosines.size() == dst.shape(1) && sines.size() == dst.shape(1), "there must be one direction per column");
-    job.polar = {radii.data(),          cosines.data(),        sines.data(),
+    const std::vector<float> all_cosines = longer(cosines), all_sines = longer(sines);
+    job.polar = {radii.data(),          all_cosines.data(),    all_sines.data(),
                  static_cast<float>(x), static_cast<float>(y), std::max(largest(cosines), largest(sines))};
     run(job);
-}
-
-// A copy that can be read a little beyond its end.
-std::vector<float> longer(const Floats& values) {
-    std::vector<float> copy(values.size() + NODES_BEYOND);
-    std::copy_n(values.data(), values.size(), copy.begin());
-    return copy;
 }
 
 void check_cells(const Ints& cells, size_t patches) {
@@ -173,8 +175,7 @@ void check_cells(const Ints& cells, size_t patches) {
 }
 
 void remap_grid(const In& src, const Floats& x, const Floats& y, const Floats& weights, const Floats& row_weights,
-                const Ints& cells, const Floats& patches, double x_centre, double y_centre, double least, double most, const Out& dst,
-                int interpolation, double border) {
+                const Ints& cells, const Floats& patches, const Out& dst, int interpolation, double border) {
     const Picture picture = source_of(src);
     const Interpolation kind = interpolation_of(interpolation);
     const Sampled sampled(picture, kind);
@@ -197,18 +198,16 @@ void remap_grid(const In& src, const Floats& x, const Floats& y, const Floats& w
     const std::vector<float> x_nodes = longer(x), y_nodes = longer(y), across_weights = longer(weights);
     job.nodes = {x_nodes.data(),
                  y_nodes.data(),
+                 static_cast<int>(down + 3),
                  static_cast<int>(across + 3),
-                 static_cast<int>(step),
+                 std::countr_zero(step),
                  across_weights.data(),
                  row_weights.data(),
                  cells.data(),
                  patches.data(),
-                 static_cast<int>(across),
-                 static_cast<float>(x_centre),
-                 static_cast<float>(y_centre),
-                 static_cast<float>(least * least),
-                 static_cast<float>(most * most),
-                 static_cast<float>(most)};
+                 static_cast<int>(across)};
+    const std::vector<int32_t> states = states_of(job.nodes, job.source.geometry);
+    job.nodes.cells = states.data();
     run(job);
 }
 
@@ -290,7 +289,7 @@ NB_MODULE(_native, m) {
     m.def("remap_polar", &remap_polar, "src"_a, "radii"_a, "cosines"_a, "sines"_a, "x"_a, "y"_a, "dst"_a,
           "interpolation"_a, "border"_a);
     m.def("remap_grid", &remap_grid, "src"_a, "x"_a, "y"_a, "weights"_a, "row_weights"_a, "cells"_a, "patches"_a,
-          "x_centre"_a, "y_centre"_a, "least"_a, "most"_a, "dst"_a, "interpolation"_a, "border"_a);
+          "dst"_a, "interpolation"_a, "border"_a);
     nb::class_<PackedMap>(m, "PackedMap")
         .def(nb::new_(&make_packed), "coordinates"_a, "width"_a, "height"_a, "channels"_a, "deep"_a, "interpolation"_a)
         .def("sample", &sample_packed, "src"_a, "dst"_a, "border"_a)

@@ -181,9 +181,6 @@ def chroma_grid(grid: Grid, sitings: tuple[Siting, Siting], source_size: tuple[i
         size=half(grid.size),
         step=grid.step // 2,
         patches=chroma_coordinates(grid.patches, sitings, source_size),
-        centre=tuple((np.array(grid.centre) - site) / 2),
-        least=grid.least / 2,
-        most=grid.most / 2,
         shift=tuple(of_view / 2),
     )
     right, bottom = np.array(half(source_size)) - 0.5

@@ -221,12 +221,6 @@ class Grid:
     """(cell rows, cell columns): -1 where to interpolate, else the index of a patch."""
     patches: NDArray[np.float32]
     """(n, step, step, 2): the coordinates of cells that must not be interpolated."""
-    centre: tuple[float, float] = (np.nan, np.nan)
-    """A point of the picture, (u, v); where it is NaN, the two below mean nothing."""
-    least: float = 0.0
-    """What is seen lies at least so far from the centre, px,"""
-    most: float = np.inf
-    """and at most so far."""
     shift: tuple[float, float] = (0.0, 0.0)
     """How far right of and below the nodes' lattice the output's pixels lie, less than 1 px."""
 
@@ -242,9 +236,6 @@ class Grid:
         tiles[exact] = self.patches[self.cells[exact]]
         width, height = self.size
         whole = tiles.transpose(0, 2, 1, 3, 4).reshape(down * self.step, across * self.step, 2)[:height, :width]
-        if np.isfinite(self.centre[0]):
-            distance2 = ((whole - np.array(self.centre, np.float32)) ** 2).sum(axis=-1)
-            whole[~((distance2 >= self.least**2) & (distance2 <= self.most**2))] = np.nan
         pixels: NDArray[np.float32] = whole
         return pixels
 
@@ -279,9 +270,6 @@ def remap_grid(
         *(node_weights(grid.step, shift) for shift in grid.shift),
         grid.cells,
         grid.patches,
-        *grid.centre,
-        grid.least,
-        grid.most,
         call.target,
         NUMBERS[interpolation],
         border,
