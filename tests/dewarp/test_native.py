@@ -465,6 +465,8 @@ def test_the_module_itself_refuses_what_would_leave_memory():
     far = grid.cells.copy()
     far[0, 0] = 0
     x, y = grid.nodes
+    weights, whole = [node_weights(16)] * 2, np.empty((50, 60, 3), np.uint8)
+    MODULE.remap_grid(picture, x, y, *weights, grid.cells, grid.patches, whole, 1, 0)  # what fits is taken
     for call in (
         lambda: MODULE.remap(picture, coordinates[1:], out, 1, 0),
         lambda: MODULE.remap(picture[:, ::2], coordinates, out, 1, 0),
@@ -476,15 +478,51 @@ def test_the_module_itself_refuses_what_would_leave_memory():
         lambda: MODULE.PackedMap(coordinates, 60, 50, 3, True, 1).sample(picture, out, 0),
         lambda: MODULE.PackedMap(coordinates, 60, 50, 5, False, 1),
         lambda: MODULE.PackedMap(coordinates, 1 << 29, 50, 3, False, 1),
-        lambda: MODULE.remap_grid(
-            picture, x, y, node_weights(16), far, grid.patches, 0, 0, 0, 0, np.empty((50, 60, 3), np.uint8), 1, 0
-        ),
-        lambda: MODULE.remap_grid(
-            picture, x[1:], y, node_weights(16), grid.cells, grid.patches, 0, 0, 0, 0, picture, 1, 0
-        ),
+        lambda: MODULE.remap_grid(picture, x, y, *weights, far, grid.patches, whole, 1, 0),
+        lambda: MODULE.remap_grid(picture, x[1:], y, *weights, grid.cells, grid.patches, whole, 1, 0),
+        lambda: MODULE.remap_grid(picture, x, y, weights[0], weights[1][:, :8], grid.cells, grid.patches, whole, 1, 0),
+        lambda: MODULE.remap_grid(picture, x, y, *weights, grid.cells, grid.patches, whole[:32], 1, 0),
     ):
         with pytest.raises((ValueError, TypeError)):
             call()
+
+
+@pytest.mark.parametrize("count", [0, 1, 7, 8, 9, 511, 513, 1030])
+@pytest.mark.parametrize("is_near", [False, True])
+def test_any_number_of_targets_stays_within_its_memory(count, is_near, instructions):
+    """All of them in one call, against the same one by one."""
+    q = np.linspace(0.0, 0.9, 50)
+    origins = np.stack([40 * q, -20 * q**2], axis=-1)  # of a paraboloid, more or less
+    camera = MODULE.AxialCamera(np.eye(3), 499.5, 499.5, 1000, 1000, 0.0, 0.9, 500 * q / 0.9, origins, 3.0)
+    given, _ = guarded((count, 3), "float64")
+    given[:] = np.random.default_rng(count).normal(size=(count, 3)) * 100
+    given[::5] = (np.nan, 1.0, 2.0)
+    (pixels, intact), (excess, unharmed) = guarded((count, 2), "float64"), guarded((count,), "float64")
+    camera.project(given, is_near, pixels, excess)
+    assert intact()
+    assert unharmed()
+    alone, how_far = np.empty((1, 2)), np.empty(1)
+    for target, pixel, far in zip(given, pixels, excess, strict=True):
+        camera.project(target[None], is_near, alone, how_far)
+        np.testing.assert_allclose(alone[0], pixel, atol=1e-9)
+        np.testing.assert_allclose(how_far[0], far, atol=1e-9)
+    assert count < 7 or np.isfinite(pixels).any()
+
+
+def test_tables_that_do_not_fit_are_refused():
+    table = np.eye(3), 5.0, 5.0, 11, 11, 0.0, 0.9
+    good = MODULE.AxialCamera(*table, np.arange(4.0), np.empty((0, 2)), 0.0)
+    for wrong in (
+        lambda: MODULE.AxialCamera(*table, np.zeros(1), np.empty((0, 2)), 0.0),
+        lambda: MODULE.AxialCamera(*table, np.arange(4.0), np.zeros((1, 2)), 0.0),
+        lambda: MODULE.AxialCamera(*table, np.array([0.0, np.nan]), np.empty((0, 2)), 0.0),
+        lambda: MODULE.AxialCamera(*table[:5], 0.9, 0.9, np.arange(4.0), np.empty((0, 2)), 0.0),
+        lambda: good.project(np.zeros((3, 3)), False, np.zeros((2, 2)), None),
+        lambda: good.project(np.zeros((3, 3)), False, np.zeros((3, 2)), np.zeros(2)),
+        lambda: good.project(np.zeros((3, 2)), False, np.zeros((3, 2)), None),
+    ):
+        with pytest.raises(ValueError):  # noqa: PT011 - what it says is for those who work on the module
+            wrong()
 
 
 # -- threads ---------------------------------------------------------------------------------------

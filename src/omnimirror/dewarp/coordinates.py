@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..cameras import AxialSymmetry, Camera, inside_image
+from ..cameras import AxialSymmetry, Camera
 from ..frames import pan_tilt_direction
 from .fields import is_vertical
 from .grid import view_grid
 from .radial import RadialTable, radial_table
+from .rings import Rings
 from .sampling import Grid
 from .screens import Panorama, Screen, View, parts_of
 from .screens.base import pixels_of_rows
@@ -39,7 +40,7 @@ def source_pixels(camera: Camera, view: View, viewpoint: Viewpoint = "exact", ex
 def screen_pixels(camera: Camera, screen: Screen, viewpoint: Viewpoint = "exact") -> Array:
     """Source pixels (height, width, 2) of a screen, the quickest way."""
     if is_separable(camera, screen):
-        return separable_coordinates(camera, screen)
+        return screen_rings(camera, screen, viewpoint).coordinates(camera.image_size)
     return screen_grid(camera, screen, viewpoint).coordinates().astype(np.float64)
 
 
@@ -90,22 +91,27 @@ def rows_of_pixels(
 
 
 def is_separable(camera: Camera, screen: Screen) -> bool:
-    """Whether rows are circles in the picture: a distant panorama about the camera's vertical axis."""
-    about_the_vertical = isinstance(screen, Panorama) and screen.is_distant
-    return about_the_vertical and camera.symmetry is not None and is_vertical(camera.symmetry)
+    """Whether rows are circles in the picture: a panorama about the camera's vertical axis."""
+    if not isinstance(screen, Panorama) or camera.symmetry is None or not is_vertical(camera.symmetry):
+        return False
+    return screen.is_distant or not any(screen.offset_mm[:2])
 
 
-def separable_coordinates(camera: Camera, screen: Screen) -> Array:
-    """Source pixels (height, width, 2) as centre + r(row) (cos, sin)(column)."""
+def screen_rings(camera: Camera, screen: Screen, viewpoint: Viewpoint = "exact") -> Rings:
+    """The circles that the rows of a separable screen are."""
     symmetry = camera.symmetry
     assert isinstance(screen, Panorama)
     assert symmetry is not None
-    pans = screen.pans()
-    towards = pan_tilt_direction(pans, 0.0) @ np.stack([symmetry.right, symmetry.down], axis=-1)
-    radii = _radii_of_tilts(symmetry, screen.tilts())
-    pixels: Array = symmetry.centre_px + radii[:, None, None] * towards
-    pixels[~inside_image(pixels, camera.image_size)] = np.nan
-    return pixels
+    across = pan_tilt_direction(screen.pans(), 0.0)
+    angles = np.unwrap(np.arctan2(across @ symmetry.down, across @ symmetry.right))
+    if screen.is_distant:
+        return Rings(symmetry.centre_px, _radii_of_tilts(symmetry, screen.tilts()), angles)
+    eye = eye_of(camera, screen, viewpoint)
+    points = screen.targets_at(np.zeros(1), np.arange(screen.size[1], dtype=float))  # of one column: all are alike
+    points -= 0.0 if eye is None else eye
+    table: RadialTable = radial_table(camera)  # type: ignore[arg-type]  # the cache asks for Hashable
+    radii = table.radii_px(np.hypot(points[:, 0], points[:, 1]), points @ symmetry.axis, eye is None)
+    return Rings(symmetry.centre_px, radii, angles)
 
 
 def _radii_of_tilts(symmetry: AxialSymmetry, tilts: Array) -> Array:

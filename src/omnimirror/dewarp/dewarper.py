@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from ..cameras import Camera, Mask
 from ..errors import InvalidParameter, OutsideField
-from .coordinates import has_grid, screen_grid, source_pixels
+from .coordinates import has_grid, is_separable, screen_grid, screen_rings, source_pixels
 from .fields import field_of
-from .planar import Planes, Siting, black, check_planes, check_shapes, chroma_of, empty_planes, sample_planes
+from .planar import Planes, Siting, Where, black, check_planes, check_shapes, chroma_of, empty_planes, sample_planes
+from .rings import Rings
 from .sampling import INTERPOLATIONS, FixedMap, Grid, Image, Interpolation, check_picture, remap_grid, with_alpha
 from .screens import Screen, View
 from .viewpoints import Viewpoint, check_viewpoint
@@ -86,6 +87,8 @@ class Dewarper:
         """
         check_picture(image, self.camera.image_size)
         image = with_alpha(image) if transparent else image
+        if self._rings is not None:
+            return self._rings.sample(image, self.interpolation)
         return remap_grid(image, self._grid, self.interpolation) if self._is_first else self._map(image)
 
     def planes(
@@ -134,10 +137,10 @@ class Dewarper:
         if out is None:
             out = empty_planes(parts, self.view.size)
         check_shapes(out, self.view.size, parts)
-        luma = self._grid if self._is_first else self._map
+        luma = self._rings or (self._grid if self._is_first else self._map)
         kind = (*sitings, isinstance(luma, Grid))
         if kind not in self._chroma:
-            self._chroma[kind] = chroma_of(luma, self.view, sitings, self.camera.image_size)
+            self._chroma[kind] = chroma_of(luma, self.view, sitings, self.camera.image_size, self.interpolation)
         return sample_planes(parts, luma, self._chroma[kind], self.interpolation, out, black(full_range, bits))
 
     def coordinates(self, exact: bool = False) -> Array:
@@ -164,13 +167,21 @@ class Dewarper:
         valid: Mask = ~np.isnan(self._map.coordinates[..., 0])
         return valid
 
+    @cached_property
+    def _rings(self) -> Rings | None:
+        """What is quicker than any map; None where there is none, or where only a map tells if anything is seen."""
+        if not (isinstance(self.view, Screen) and is_separable(self.camera, self.view)):
+            return None
+        rings = screen_rings(self.camera, self.view, self.viewpoint)
+        return rings if rings.show_something(self.camera.image_size) else None
+
     @property
     def _is_first(self) -> bool:
         """Whether to take the lattice and spare the map: a view that moves has no second picture."""
         return not self.__dict__.keys() & {"_map", "_grid"} and has_grid(self.camera, self.view)
 
     @cached_property
-    def _chroma(self) -> dict[tuple[str, str, bool], FixedMap | Grid]:
+    def _chroma(self) -> dict[tuple[str, str, bool], Where]:
         return {}
 
     @cached_property

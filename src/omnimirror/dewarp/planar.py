@@ -16,13 +16,14 @@ from numpy.typing import NDArray
 
 from ..cameras import Mask
 from ..errors import InvalidParameter
+from .rings import Rings
 from .sampling import FixedMap, Grid, Image, Interpolation, node_weights, remap_grid
 from .screens import Screen, View, parts_of
 
 Siting = Literal["left", "center", "topleft"]
 Planes = tuple[Image, ...]
 """(y, u, v), or (y, uv): (h, w), then (h/2, w/2) or (h/2, w/2, 2), halves rounded up; uint8 or uint16."""
-Where = FixedMap | Grid
+Where = FixedMap | Grid | Rings
 Floats = NDArray[Any]
 
 SITINGS: dict[str, tuple[float, float]] = {"left": (0.0, 0.5), "center": (0.5, 0.5), "topleft": (0.0, 0.0)}
@@ -96,12 +97,18 @@ def empty_planes(like: Planes, size: tuple[int, int]) -> Planes:
 # -- colours from the luma map ---------------------------------------------------------------------
 
 
-def chroma_of(luma: Where, view: View, sitings: tuple[Siting, Siting], source_size: tuple[int, int]) -> Where:
+def chroma_of(
+    luma: Where, view: View, sitings: tuple[Siting, Siting], source_size: tuple[int, int], kind: Interpolation
+) -> Where:
     """What colours are sampled with, made of what luma is sampled with; sitings of the source and of the view."""
     if isinstance(luma, Grid):
         return chroma_grid(luma, sitings, source_size)
-    pixels = chroma_coordinates(luma.coordinates, sitings, source_size, labels_of(view))
-    return FixedMap(pixels, half(source_size), luma.interpolation)
+    if isinstance(luma, FixedMap):
+        pixels = chroma_coordinates(luma.coordinates, sitings, source_size, labels_of(view))
+        return FixedMap(pixels, half(source_size), luma.interpolation)
+    if luma.lie_within(source_size):
+        return chroma_rings(luma, sitings)
+    return FixedMap(chroma_coordinates(luma.coordinates(source_size), sitings, source_size), half(source_size), kind)
 
 
 def chroma_coordinates(
@@ -155,6 +162,13 @@ def _blocks(values: Floats) -> Floats:
     return np.swapaxes(values.reshape(*more, height // 2, 2, width // 2, 2, n), -4, -3)
 
 
+def _pairs(values: Floats) -> Floats:
+    """Pairs (n/2, 2) of values (n,); an odd number goes on as it ends."""
+    if len(values) % 2:
+        values = np.append(values, 2 * values[-1] - values[max(len(values) - 2, 0)])
+    return values.reshape(-1, 2)
+
+
 def _within(pixels: Floats, source_size: tuple[int, int]) -> Floats:
     """Coordinates in a colour plane, those on the outermost luma pixels moved onto it."""
     return np.clip(pixels, -0.5, np.array(half(source_size)) - 0.5)
@@ -169,6 +183,16 @@ def labels_of(view: View) -> NDArray[np.int32] | None:
         width, height = screen.size
         labels[top : top + height, left : left + width] = number
     return labels
+
+
+def chroma_rings(rings: Rings, sitings: tuple[Siting, Siting]) -> Rings:
+    """The rings of the colours, between those of luma; at the end of the field one of two is enough."""
+    site, (x, y) = (SITINGS[siting] for siting in sitings)
+    radii, angles = _pairs(rings.radii), _pairs(rings.angles)
+    at = (1 - y) * radii[:, 0] + y * radii[:, 1]
+    at = np.where(np.isnan(at), np.where(np.isnan(radii[:, 0]), radii[:, 1], radii[:, 0]), at)
+    centre = (rings.centre[0] - site[0]) / 2, (rings.centre[1] - site[1]) / 2
+    return Rings(centre, at / 2, (1 - x) * angles[:, 0] + x * angles[:, 1])
 
 
 def chroma_grid(grid: Grid, sitings: tuple[Siting, Siting], source_size: tuple[int, int]) -> Grid:
@@ -215,6 +239,8 @@ def sample_planes(
         where, value = (chroma, border[1]) if i else (luma, border[0])
         if isinstance(where, Grid):
             remap_grid(part, where, interpolation, target, value)
+        elif isinstance(where, Rings):
+            where.sample(part, interpolation, target, value)
         else:
             where(part, target, value)
     return out

@@ -1,0 +1,50 @@
+"""Panoramas about the camera's own axis, whose rows are circles in the picture: no map is needed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..cameras import inside_image
+from .sampling import Image, Interpolation, remap_polar
+
+Array = NDArray[np.float64]
+
+EVERY_COLUMN = 16  # of so many one tells whether anything is seen
+
+
+@dataclass(frozen=True)
+class Rings:
+    """Coordinates ``centre + radii[row] (cos, sin)(angles[column])``."""
+
+    centre: tuple[float, float]
+    """(u, v) px."""
+    radii: Array
+    """(rows,) px; NaN outside the field."""
+    angles: Array
+    """(columns,) radians from right towards down in the picture; without jumps from one column to the next."""
+
+    def coordinates(self, size: tuple[int, int], every: int = 1) -> Array:
+        """Pixels (rows, columns, 2) of a picture of a (width, height); NaN outside it. Of every n-th column only."""
+        angles = self.angles[::every]
+        pixels: Array = self.centre + self.radii[:, None, None] * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+        if not self.lie_within(size):
+            pixels[~inside_image(pixels, size)] = np.nan
+        return pixels
+
+    def lie_within(self, size: tuple[int, int]) -> bool:
+        """Whether no ring comes nearer to the edge of a picture of a size than the centres of its outermost pixels."""
+        reach = np.nanmax(self.radii, initial=0.0)
+        return all(reach <= c <= length - 1 - reach for c, length in zip(self.centre, size, strict=True))
+
+    def show_something(self, size: tuple[int, int]) -> bool:
+        """Whether something of a picture of a size is seen; False also where only a closer look would tell."""
+        return bool(np.isfinite(self.coordinates(size, EVERY_COLUMN)).any())
+
+    def sample(
+        self, image: Image, interpolation: Interpolation = "linear", out: Image | None = None, border: float = 0
+    ) -> Image:
+        """The picture's values there; see :func:`omnimirror.dewarp.sampling.remap`."""
+        return remap_polar(image, self.radii, self.angles, self.centre, interpolation, out, border)
