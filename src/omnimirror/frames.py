@@ -93,9 +93,12 @@ def pan_tilt_direction(pan: ArrayLike, tilt: ArrayLike) -> Array:
     >>> pan_tilt_direction(np.radians(90), 0.0).round(12) + 0.0
     array([ 0., -1.,  0.])
     """
-    pan, tilt = np.broadcast_arrays(np.asarray(pan, float), np.asarray(tilt, float))
-    c = np.cos(tilt)
-    return np.stack([c * np.cos(pan), -c * np.sin(pan), np.sin(tilt)], axis=-1)
+    pan, tilt = np.asarray(pan, float), np.asarray(tilt, float)
+    c, direction = np.cos(tilt), np.empty((*np.broadcast_shapes(pan.shape, tilt.shape), 3))
+    direction[..., 0] = c * np.cos(pan)
+    direction[..., 1] = -c * np.sin(pan)
+    direction[..., 2] = np.sin(tilt)
+    return direction
 
 
 def view_axes(pan_deg: float, tilt_deg: float, roll_deg: float = 0.0) -> tuple[Array, Array, Array]:
@@ -108,5 +111,5 @@ def view_axes(pan_deg: float, tilt_deg: float, roll_deg: float = 0.0) -> tuple[A
     (ca, sa), (ct, st), (cr, sr) = (_cos_sin_deg(d) for d in (pan_deg, tilt_deg, roll_deg))
     forward = np.array([ct * ca, -ct * sa, st])
     right = np.array([-sa, -ca, 0.0])
-    down = np.cross(forward, right)
+    down = np.array([st * ca, -st * sa, -ct])  # forward x right
     return forward, cr * right + sr * down, -sr * right + cr * down

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.dewarp.coordinates import exact_pixels, screen_pixels
+from omnimirror.dewarp.coordinates import exact_pixels, screen_grid, screen_pixels
 from omnimirror.dewarp.grid import view_grid
 from omnimirror.dewarp.screens import Cylinder, Dome, Ground, LittlePlanet, Plane, Sphere
 from omnimirror.frames import Mount
@@ -92,3 +92,25 @@ def test_a_field_smaller_than_a_cell_is_not_lost():
     quick, exact = screen_pixels(ball, view), exact_pixels(ball, view)
     assert np.isfinite(exact).any()
     np.testing.assert_allclose(quick, exact, atol=2e-4)
+
+
+@pytest.mark.parametrize("size", [(1, 500), (7, 120), (500, 3), (40, 20)])
+def test_views_of_few_pixels_are_exact(size):
+    """Neighbouring nodes of such views may lie all around: what is between them tells nothing."""
+    ball = om.MirrorBall((2048.0, 2048.0), 1966.0, 258.8, (4096, 4096))
+    for view in (
+        LittlePlanet(size, 231.0),
+        Cylinder(size, -86.0, 28.0, distance_mm=400.0, offset_mm=(-41.0, 1.0, -60.0)),
+    ):
+        quick, exact = screen_pixels(ball, view), exact_pixels(ball, view)
+        assert np.isfinite(exact).any()
+        np.testing.assert_allclose(quick, exact, atol=5e-4)
+
+
+def test_what_lies_wholly_outside_the_field_is_not_projected():
+    """Half of the view is sky that the sensor does not see; its edge is where it is."""
+    sensor = om.load_sensor("paper-spherical")
+    view = Plane((1280, 720), tilt_deg=45, hfov_deg=90)
+    grid = screen_grid(sensor, view)
+    assert len(grid.patches) < 0.2 * grid.cells.size < 0.5 * (grid.cells >= 0).sum()
+    np.testing.assert_array_equal(np.isnan(grid.coordinates()), np.isnan(exact_pixels(sensor, view)))

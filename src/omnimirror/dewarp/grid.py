@@ -25,6 +25,7 @@ WithExcess = Callable[[Array, Array], tuple[Array, Array]]
 
 STEPS = (16, 8)
 TOLERANCE_PX = 0.001  # at the middle of a cell, where the error of the interpolation is largest
+CELLS = 6  # across and down at least: of fewer, neighbouring nodes of a wide view may lie on opposite sides of it
 FEW = 0.1  # of the cells: so many may be computed pixel by pixel before a finer lattice is cheaper
 
 
@@ -53,12 +54,27 @@ def view_grid(
            [  nan,   nan]], dtype=float32)
     """
     ask = with_excess or (lambda u, v: _without_excess(exact(u, v)))
-    for step in STEPS:
+    lattice = None
+    for step in (step for step in STEPS if min(size) >= CELLS * step):
         lattice = _Lattice(ask, size, step)
         rough = lattice.rough(tolerance)
         if rough.sum() <= FEW * rough.size:
             break
-    return lattice.grid(exact, rough)
+    return lattice.grid(exact, rough) if lattice else _pixel_by_pixel(exact, size, STEPS[-1])
+
+
+def _pixel_by_pixel(exact: Exact, size: tuple[int, int], step: int) -> Grid:
+    across, down = (-(-n // step) for n in size)
+    cells = np.arange(across * down, dtype=np.int32).reshape(down, across)
+    return Grid(np.zeros((2, down + 3, across + 3), np.float32), size, step, cells, _patches(exact, cells >= 0, step))
+
+
+def _patches(exact: Exact, where: Mask, step: int) -> NDArray[np.float32]:
+    """Source pixels (n, step, step, 2) of the cells in a mask (down, across), row after row."""
+    rows, columns = np.nonzero(where)
+    steps = np.arange(step, dtype=np.float64)
+    pixels = exact(step * columns[:, None, None] + steps, step * rows[:, None, None] + steps[:, None])
+    return pixels.astype(np.float32)
 
 
 def _without_excess(pixels: Array) -> tuple[Array, Array]:
@@ -69,8 +85,8 @@ class _Lattice:
     """Nodes every ``step`` pixels, one more than needed on each side, and the middles of the cells between them.
 
     A cell is ``unsure`` where one of the 16 nodes that its interpolation uses, or its middle, is outside
-    the field: the field may end in it. It is ``empty`` where all of them are so far outside, compared with how
-    much they differ, that the field cannot reach into it.
+    the field: the field may end in it. It is ``empty`` where its corners and its middle are so far outside, compared
+    with how much the nodes around differ, that the field cannot reach into it.
     """
 
     def __init__(self, ask: WithExcess, size: tuple[int, int], step: int) -> None:
@@ -85,8 +101,9 @@ class _Lattice:
         if outside.any():
             self.nodes[outside] = 0.0  # NaN would spread in the sampler
             self.unsure = outside_within | _in_windows(np.logical_or, outside)
-            least, most = _in_windows(np.minimum, excess), _in_windows(np.maximum, excess)
-            self.empty = (2 * least > most) & outside_within
+            change = _in_windows(np.maximum, excess) - _in_windows(np.minimum, excess)  # over three cells
+            nearest = np.minimum(_in_windows(np.minimum, excess[1:-1, 1:-1], 2), excess_within)
+            self.empty = nearest > change / 2
 
     def rough(self, tolerance: float) -> Mask:
         """Cells (down, across) whose middle the interpolation misses."""
@@ -96,18 +113,17 @@ class _Lattice:
 
     def grid(self, exact: Exact, rough: Mask) -> Grid:
         """What the sampler takes, with the cells that must not be interpolated computed pixel by pixel."""
-        step = self.step
-        rows, columns = np.nonzero((rough | self.unsure) & ~self.empty)
+        patched = (rough | self.unsure) & ~self.empty
         cells = np.full(rough.shape, -1, np.int32)
-        cells[self.empty] = len(rows)  # one patch for all of them
-        cells[rows, columns] = np.arange(len(rows))
-        patches = np.full((len(rows) + bool(self.empty.any()), step, step, 2), np.nan, np.float32)
-        if len(rows):
-            steps = np.arange(step, dtype=np.float64)
-            u, v = step * columns[:, None, None] + steps, step * rows[:, None, None] + steps[:, None]
-            patches[: len(rows)] = exact(u, v)
+        patches = np.empty((0, self.step, self.step, 2), np.float32)
+        if patched.any():
+            patches = _patches(exact, patched, self.step)
+            cells[patched] = np.arange(len(patches))
+        if self.empty.any():  # one patch for all of them
+            cells[self.empty] = len(patches)
+            patches = np.concatenate([patches, np.full_like(patches, np.nan, shape=(1, *patches.shape[1:]))])
         nodes = np.ascontiguousarray(np.moveaxis(self.nodes, -1, 0), np.float32)
-        return Grid(nodes, self.size, step, cells, patches)
+        return Grid(nodes, self.size, self.step, cells, patches)
 
 
 def _half_way(nodes: Array) -> Array:
@@ -116,8 +132,8 @@ def _half_way(nodes: Array) -> Array:
     return middle
 
 
-def _in_windows(combine: np.ufunc, values: NDArray[Any]) -> NDArray[Any]:
-    """Every 4 x 4 values (n, m) combined to one, (n - 3, m - 3)."""
+def _in_windows(combine: np.ufunc, values: NDArray[Any], side: int = 4) -> NDArray[Any]:
+    """Every ``side`` x ``side`` values (n, m) combined to one, (n - side + 1, m - side + 1)."""
     for _ in range(2):
-        values = combine.reduce([values[i : len(values) - 3 + i] for i in range(4)]).T
+        values = combine.reduce([values[i : len(values) - side + 1 + i] for i in range(side)]).T
     return values

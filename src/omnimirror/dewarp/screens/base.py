@@ -147,6 +147,14 @@ def pixels_of_rows(size: tuple[int, int], first_row: int, last_row: int) -> tupl
     return np.arange(size[0], dtype=float), np.arange(first_row, last_row, dtype=float)[:, None]
 
 
+def on_plane(origin: Array, x: Array, right: Array, y: Array, down: Array) -> Array:
+    """Points (..., 3) at places x and y, which are broadcast, along two vectors from an origin, each (3,)."""
+    points = np.empty((*np.broadcast_shapes(np.shape(x), np.shape(y)), 3))
+    for axis in range(3):  # several times quicker than rows of 3
+        np.add(origin[axis] + x * right[axis], y * down[axis], out=points[..., axis])
+    return points
+
+
 def offset_words(offset_mm: Offset) -> str:
     """``, moved by (x, y, z) mm``, or nothing."""
     return ", moved by ({:g}, {:g}, {:g}) mm".format(*offset_mm) if any(offset_mm) else ""

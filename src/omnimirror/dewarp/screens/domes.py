@@ -18,6 +18,7 @@ from .base import (
     check_choice,
     check_range,
     check_zoom,
+    on_plane,
     refuse_tilt,
 )
 
@@ -47,8 +48,10 @@ class PolarScreen(CentredScreen):
             to_pole, right, down = view_axes(self.pan_deg, -90.0)
         else:  # tilting up from the opposite side brings forward to the top
             to_pole, right, down = view_axes(self.pan_deg + 180.0, 90.0)
-        vectors: Array = np.cos(omega)[..., None] * to_pole
-        vectors += (sideways * x)[..., None] * right + (sideways * y)[..., None] * down
+        vectors = on_plane(np.zeros(3), sideways * x, right, sideways * y, down)
+        ahead = np.cos(omega)
+        for axis in range(3):
+            vectors[..., axis] += ahead * to_pole[axis]
         return vectors
 
     def _check(self) -> None:

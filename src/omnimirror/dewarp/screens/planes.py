@@ -20,6 +20,7 @@ from .base import (
     check_size,
     check_zoom,
     offset_words,
+    on_plane,
     pixels_of_rows,
     refuse_tilt,
 )
@@ -86,8 +87,7 @@ class Plane(CentredScreen):
         forward, right, down = view_axes(self.pan_deg, self.tilt_deg, self.roll_deg)
         x = (u - (width - 1) / 2) / self.focal_px
         y = (v - (height - 1) / 2) / self.focal_px
-        vectors: Array = forward + x[..., None] * right + y[..., None] * down
-        return vectors
+        return on_plane(forward, x, right, y, down)
 
     def zoomed(self, factor: float) -> Self:
         """As with a lens whose focal length is so many times longer."""
@@ -163,8 +163,7 @@ class Ground:
         x = (u - (width - 1) / 2) * self.mm_per_pixel
         y = (v - (height - 1) / 2) * self.mm_per_pixel
         centre = np.add(self.offset_mm, (0.0, 0.0, -self.height_mm))
-        points: Array = centre + x[..., None] * right + y[..., None] * down
-        return points
+        return on_plane(centre, x, right, y, down)
 
     def zoomed(self, factor: float) -> Self:
         """So many times fewer millimetres in a pixel."""
