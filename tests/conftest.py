@@ -13,17 +13,26 @@ from omnimirror.imagers import Imager
 from omnimirror.lenses import Orthographic, Perspective
 from omnimirror.mirrors import (
     Cone,
+    Conformal,
     ConicAsphere,
+    CylinderMapping,
     Ellipsoid,
+    Equiangular,
+    Equiareal,
     Equidistant,
     EvenPolynomial,
+    GroundPlane,
     Hyperboloid,
     Mirror,
     Paraboloid,
+    Rectifying,
     SampledProfile,
     SlopeSpline,
     Sphere,
+    TabulatedMapping,
+    UnitAspect,
 )
+from omnimirror.mirrors.generated import Mapped
 from omnimirror.specs import bundled_sensors
 
 # A shared machine stalls now and then, and a run must not fail for a case that the next run will not see.
@@ -44,6 +53,26 @@ def _sloped_sphere() -> SlopeSpline:
     return SlopeSpline(tuple(x / np.sqrt(49.9582**2 - x**2)), rim_radius_mm=44.5)
 
 
+def _table() -> TabulatedMapping:
+    omega = np.linspace(0, 122, 62)
+    return TabulatedMapping(tuple(omega), tuple(np.sin(np.radians(omega) / 2)), 11.0, 40.0)
+
+
+GENERATED: dict[str, Mapped] = {
+    mirror.KIND: mirror
+    for mirror in (
+        Equidistant(137.0, 12.2, 44.5),
+        Equiangular(130.0, 14.0, M, omega_min_deg=0.0),
+        Conformal(136.0, 12.0, M),
+        UnitAspect(122.0, 12.0, M),
+        Equiareal(139.0, 12.3, M, omega_min_deg=0.0),
+        Rectifying(77.0, 12.0, M),
+        GroundPlane(70.0, 12.0, M, plane_distance_mm=600.0),
+        CylinderMapping(115.0, 12.0, M, omega_min_deg=50.0, cylinder_radius_mm=800.0),
+        _table(),
+    )
+}
+
 MIRRORS: dict[str, tuple[Mirror, float]] = {
     "sphere": (Sphere(1.138 * M, 43.905), 4.110 * M),
     "hyperboloid": (Hyperboloid(0.7407 * M, 1.698 * M, M), 3.5505227367025753 * M),
@@ -54,7 +83,7 @@ MIRRORS: dict[str, tuple[Mirror, float]] = {
     "conic-asphere": (ConicAsphere(40.0, -0.6, M, (0.03, 0.01), M), 4.0 * M),
     "sampled": (_sampled_sphere(), 4.110 * M),
     "slope-spline": (_sloped_sphere(), 4.110 * M),
-    "equidistant": (Equidistant(137.0, 12.2, 44.5), Equidistant(137.0, 12.2, 44.5).design_distance),
+    **{kind: (mirror, mirror.design_distance) for kind, mirror in GENERATED.items()},
 }
 """Every kind of mirror (mm), with a lens distance at which it can be used."""
 

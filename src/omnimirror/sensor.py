@@ -116,10 +116,11 @@ class Sensor:
         return self.lens.image_height(rays.first.x, rays.first.w) / self.imager.pitch_mm
 
     def image_height_rate_px(self, rays: ChiefRays) -> Array:
-        """dh/dOmega of chief rays, px per radian (Eq. 8)."""
+        """dh/dOmega of chief rays, px per radian (Eq. 8); infinite at a point where a mapping starts square."""
         first = rays.first
         rate = self.lens.image_height_rate(first.x, first.w, first.slope) * rays.dfirst_dx()
-        return rate / rays.domega_dx() / self.imager.pitch_mm
+        with np.errstate(divide="ignore"):
+            return rate / rays.domega_dx() / self.imager.pitch_mm
 
     def x_from_height_px(self, h_px: ArrayLike) -> Array:
         """Mirror point (mm) of image heights (n,) in px; OutsideField beyond the rim's image."""

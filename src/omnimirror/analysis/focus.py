@@ -23,6 +23,8 @@ from .virtual_images import VirtualImages, distances_from_lens, virtual_images
 
 Array = NDArray[np.float64]
 
+POINTED_CENTRE = 0.1  # of the image radius
+
 
 @dataclass(frozen=True)
 class Blur:
@@ -66,7 +68,7 @@ class Blur:
         What a user really gets: the bare product vanishes wherever one of its factors does.
         """
         floor = 1 + self.airy_px**2
-        with np.errstate(divide="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore"):
             return np.sqrt((self.t_px**2 + floor) * (self.s_px**2 + floor)) / self.imaging.area
 
 
@@ -144,7 +146,8 @@ def best_focus(
     merit
         One of :data:`MERITS`.
     omega_deg : (n,), optional
-        Field angles; 1001 over the whole field by default.
+        Field angles; 1001 over the whole field by default, without the middle tenth of the image of a
+        pointed mirror, where a degree of azimuth shrinks to nothing and no focus helps.
     mode, image_radius_px
         ``"paper"`` and 500 to compute as the paper does.
 
@@ -164,7 +167,7 @@ def best_focus(
     """
     if merit not in MERITS:
         raise InvalidParameter(f"merit = {merit!r} is not known; valid are {', '.join(MERITS)}")
-    omega = np.linspace(*sensor.field_deg, 1001) if omega_deg is None else np.asarray(omega_deg, dtype=float)
+    omega = _focusable(sensor) if omega_deg is None else np.asarray(omega_deg, dtype=float)
     rays = sensor.meridian.trace(sensor.meridian.x_from_omega(np.radians(omega)))
     study = FocusStudy(sensor, rays, virtual_images(rays, object_distance_mm), mode, image_radius_px, wavelength_nm)
     L = np.concatenate(study.distances())
@@ -175,3 +178,12 @@ def best_focus(
     margin = 0.05 * (float(np.ptp(L)) or 1.0)
     focus = lowest(lambda L0: MERITS[merit](study.at(L0)), float(L.min()) - margin, float(L.max()) + margin)
     return BestFocus(focus, MERITS[merit](study.at(focus)), merit)
+
+
+def _focusable(sensor: Sensor) -> Array:
+    """The field angles (n,), deg, that the focus is chosen for."""
+    low, high = sensor.field_deg
+    if sensor.mirror.is_pointed:
+        edge = sensor.meridian.trace(sensor.x_from_height_px([POINTED_CENTRE * sensor.rim_radius_px]))
+        low = float(np.degrees(edge.omega[0]))
+    return np.linspace(low, high, 1001)

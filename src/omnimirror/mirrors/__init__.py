@@ -5,7 +5,17 @@ from .base import Mirror
 from .cone import Cone
 from .conics import Ellipsoid, Hyperboloid, Paraboloid, Sphere
 from .flat import Flat
-from .generated import Equidistant
+from .generated import (
+    Conformal,
+    CylinderMapping,
+    Equiangular,
+    Equiareal,
+    Equidistant,
+    GroundPlane,
+    Rectifying,
+    TabulatedMapping,
+    UnitAspect,
+)
 from .sampled import SampledProfile
 from .secondary import Secondary
 from .slope_spline import SlopeSpline
@@ -23,6 +33,14 @@ MIRRORS: dict[str, type[Mirror]] = {
         SampledProfile,
         Equidistant,
         SlopeSpline,
+        Equiangular,
+        Conformal,
+        UnitAspect,
+        Equiareal,
+        Rectifying,
+        GroundPlane,
+        CylinderMapping,
+        TabulatedMapping,
     )
 }
 """Every mirror by the word that names it in a sensor file. Adding one is a class and a line here."""
@@ -34,16 +52,24 @@ __all__ = [
     "MIRRORS",
     "SECONDARIES",
     "Cone",
+    "Conformal",
     "ConicAsphere",
+    "CylinderMapping",
     "Ellipsoid",
+    "Equiangular",
+    "Equiareal",
     "Equidistant",
     "EvenPolynomial",
     "Flat",
+    "GroundPlane",
     "Hyperboloid",
     "Mirror",
     "Paraboloid",
+    "Rectifying",
     "SampledProfile",
     "Secondary",
     "SlopeSpline",
     "Sphere",
+    "TabulatedMapping",
+    "UnitAspect",
 ]

@@ -93,7 +93,7 @@ class SampledProfile(Mirror):
         OmnimirrorError
             The file is missing, or a line after the first number does not hold two numbers.
         """
-        x, z = read_profile(Path(path))
+        x, z = read_columns(Path(path))
         return cls(x, z, rim_radius_mm, apex)
 
     @classmethod
@@ -104,7 +104,7 @@ class SampledProfile(Mirror):
         if clash := {"x_mm", "z_mm"} & set(data):
             raise SpecError(f"mirror has both profile_csv and {' and '.join(sorted(clash))}; give one or the other")
         rest = {k: v for k, v in data.items() if k != "profile_csv"}
-        x, z = read_profile(folder / str(data["profile_csv"]))
+        x, z = read_columns(folder / str(data["profile_csv"]))
         return {**rest, "x_mm": list(x), "z_mm": list(z)}
 
     @cached_property
@@ -125,27 +125,27 @@ class SampledProfile(Mirror):
         return z, slope, curvature
 
 
-def read_profile(path: Path) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """x and z (mm) from a CSV file; a header and comment lines are skipped."""
+def read_columns(
+    path: Path, noun: str = "profile", names: str = "x, z in mm"
+) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Two columns of numbers from a CSV file; a header and comment lines are skipped."""
     try:
         lines = path.read_text(encoding="utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as e:
-        raise OmnimirrorError(f"cannot read the profile {path}: {_reason(e)}") from None
+        raise OmnimirrorError(f"cannot read the {noun} {path}: {_reason(e)}") from None
     points: list[tuple[float, float]] = []
     for number, row in enumerate(csv.reader(lines), start=1):
         try:
-            x, z = float(row[0]), float(row[1])
+            first, second = float(row[0]), float(row[1])
         except (ValueError, IndexError):
             if points and row and not row[0].lstrip().startswith("#"):
-                raise OmnimirrorError(
-                    f"{path} line {number}: {','.join(row)!r} is not two numbers x, z in mm"
-                ) from None
+                raise OmnimirrorError(f"{path} line {number}: {','.join(row)!r} is not two numbers {names}") from None
             continue
-        points.append((x, z))
+        points.append((first, second))
     if not points:
-        raise OmnimirrorError(f"{path} holds no line of two numbers x, z in mm")
-    xs, zs = zip(*points, strict=True)
-    return xs, zs
+        raise OmnimirrorError(f"{path} holds no line of two numbers {names}")
+    firsts, seconds = zip(*points, strict=True)
+    return firsts, seconds
 
 
 def _reason(error: Exception) -> str:

@@ -284,10 +284,11 @@ def _check_front_side(rays: ChiefRays) -> None:
 
 def _check_one_to_one(rays: ChiefRays) -> None:
     falling = rays.domega_dx() <= 0
+    falling[0] &= rays.slope[0] == 0  # at the very point of a pointed mirror the mapping may start square
     if not falling.any():
         return
     i = int(np.argmax(falling))
-    if i == 0:
+    if i <= 1:
         raise NotOneToOne(
             "the field angle Omega(x) does not grow away from the axis; the mirror must be convex towards "
             "the lens, and a cone needs a perspective lens"

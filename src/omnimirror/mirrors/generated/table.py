@@ -1,0 +1,156 @@
+"""Any mapping of one's own: a table of field angles and image heights, or a function made into one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ...errors import InvalidParameter, SpecError
+from ...parameters import Parameter
+from ..base import RIM_RADIUS, Array
+from ..sampled import read_columns
+from .base import THETA_MAX, Mapped
+
+if TYPE_CHECKING:
+    from scipy.interpolate import BSpline
+
+DEGREE = 5  # quintic in tau: the mirror's curvature is then smooth
+MOST_ROWS = 4096
+
+
+@dataclass(frozen=True)
+class TabulatedMapping(Mapped):
+    """A mirror with the mapping of a table: image heights, in any unit, of growing field angles.
+
+    A quintic spline goes through the table, Omega as a function of height. The first height is 0, the
+    image centre; the mirror is smooth when the field angle there is 0 and pointed otherwise. The last
+    row is the rim.
+
+    Raises
+    ------
+    InvalidParameter
+        Too few rows, columns of different lengths or that do not grow, or a rim the lens cannot see so.
+
+    Examples
+    --------
+    >>> omega = np.linspace(0, 120, 41)
+    >>> stereographic = TabulatedMapping(tuple(omega), tuple(np.tan(np.radians(omega) / 2)), 12.0, 40.0)
+    >>> from omnimirror.mirrors import UnitAspect
+    >>> float(abs(stereographic.sag(30.0) - UnitAspect(120.0, 12.0, 40.0).sag(30.0))) < 1e-6
+    True
+    """
+
+    omega_deg: tuple[float, ...]
+    height: tuple[float, ...]
+    theta_max_deg: float
+    rim_radius_mm: float
+
+    KIND: ClassVar[str] = "tabulated-mapping"
+    PARAMETERS: ClassVar[dict[str, Parameter]] = {
+        "omega_deg": Parameter("deg", 0.0, 179.0, "field angles, growing from the image centre to the rim"),
+        "height": Parameter("", 0.0, 1e9, "their image heights in any unit, growing from 0"),
+        "theta_max_deg": THETA_MAX,
+        "rim_radius_mm": RIM_RADIUS,
+    }
+
+    def __post_init__(self) -> None:
+        omega, height = (tuple(float(v) for v in a) for a in (self.omega_deg, self.height))
+        object.__setattr__(self, "omega_deg", omega)
+        object.__setattr__(self, "height", height)
+        for name, parameter in self.PARAMETERS.items():
+            parameter.check(name, getattr(self, name))
+        if len(omega) != len(height):
+            raise InvalidParameter(
+                f"omega_deg has {len(omega)} rows and height {len(height)}; they need the same number"
+            )
+        if len(omega) <= DEGREE:
+            raise InvalidParameter(f"omega_deg has {len(omega)} rows; a table needs at least {DEGREE + 1}")
+        if height[0] != 0.0:
+            raise InvalidParameter(f"height starts at {height[0]:g}; it must start at the image centre, at 0")
+        for name, column in (("omega_deg", omega), ("height", height)):
+            if not np.all(np.diff(column) > 0):
+                i = int(np.argmin(np.diff(column) > 0))
+                raise InvalidParameter(f"{name} does not grow after row {i + 1} ({column[i]:g} then {column[i + 1]:g})")
+        self._check_reach(omega[-1])
+        self._check()
+
+    @classmethod
+    def from_function(
+        cls,
+        height: Callable[[Array], ArrayLike],
+        omega_max_deg: float,
+        theta_max_deg: float,
+        rim_radius_mm: float,
+        omega_min_deg: float = 0.0,
+        tolerance: float = 1e-11,
+    ) -> TabulatedMapping:
+        """The mirror for a function: field angles (n,) in radians to image heights in any unit.
+
+        As many rows are taken as the spline needs to agree with the function within ``tolerance`` of the
+        rim's height halfway between rows.
+
+        Raises
+        ------
+        InvalidParameter
+            The function does not grow from 0 at the image centre, or is not smooth enough for 4096 rows.
+
+        Examples
+        --------
+        >>> mirror = TabulatedMapping.from_function(lambda omega: np.sin(omega / 2), 135.0, 12.0, 1.0)
+        >>> round(mirror.design_distance, 9)
+        4.072351768
+        """
+        rows = 64
+        while True:
+            # evenly spaced in the height of a sine, so that rows crowd at the rim, where mappings steepen
+            share = np.sin(np.pi / 2 * np.linspace(0.0, 1.0, rows + 1))
+            omega = np.radians(omega_min_deg + (omega_max_deg - omega_min_deg) * share)
+            between = (omega[1:] + omega[:-1]) / 2
+            h, wanted = (np.asarray(height(a), dtype=float) for a in (omega, between))
+            if not (np.isfinite(h).all() and np.isfinite(wanted).all()):
+                raise InvalidParameter("the mapping function gives heights that are not finite in the field")
+            mirror = cls(tuple(np.degrees(omega)), tuple(h), theta_max_deg, rim_radius_mm)
+            found, rate = mirror.mapping(wanted / h[-1])
+            error = float(np.abs((found - between) / rate).max())
+            if error <= tolerance:
+                return mirror
+            rows *= 2
+            if rows > MOST_ROWS:
+                raise InvalidParameter(
+                    f"the mapping function is not smooth: {MOST_ROWS} rows still miss it by {error:.2g} of the rim's "
+                    f"height; give it as a table, or a larger tolerance than {tolerance:g}"
+                )
+
+    @classmethod
+    def from_spec(cls, data: dict[str, Any], folder: Path) -> dict[str, Any]:
+        """Follow ``mapping_csv``, a file of two columns omega_deg, height named relative to the sensor file."""
+        if "mapping_csv" not in data:
+            return data
+        if clash := {"omega_deg", "height"} & set(data):
+            raise SpecError(f"mirror has both mapping_csv and {' and '.join(sorted(clash))}; give one or the other")
+        rest = {k: v for k, v in data.items() if k != "mapping_csv"}
+        omega, height = read_columns(folder / str(data["mapping_csv"]), "mapping", "omega_deg, height")
+        return {**rest, "omega_deg": list(omega), "height": list(height)}
+
+    @cached_property
+    def _splines(self) -> tuple[BSpline, BSpline]:
+        from scipy.interpolate import make_interp_spline
+
+        tau, omega = np.array(self.height) / self.height[-1], np.radians(self.omega_deg)
+        if self.omega_deg[0] == 0.0:  # smooth: the same to the other side of the axis
+            tau, omega = np.concatenate([-tau[:0:-1], tau]), np.concatenate([-omega[:0:-1], omega])
+        spline = make_interp_spline(tau, omega, k=DEGREE)
+        return spline, spline.derivative()
+
+    def mapping(self, tau: ArrayLike) -> tuple[Array, Array]:
+        tau = np.asarray(tau, dtype=float)
+        omega, rate = (np.asarray(s(tau)) for s in self._splines)
+        if self.omega_deg[0] == 0.0:
+            omega = np.where(tau == 0.0, 0.0, omega)  # by symmetry; the spline says 1e-18
+        return omega, rate
