@@ -1,0 +1,117 @@
+"""Fits judged by the mapping of the fitted mirror itself, and by what theory says of a best fit."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.design import PlacedMirror, Rim, fit_mirror, generated_mirror
+from omnimirror.errors import InvalidParameter
+from omnimirror.imagers import Imager
+from omnimirror.lenses import Orthographic, Perspective
+from omnimirror.mirrors import EvenPolynomial, Sphere
+
+M = 43.9
+EQUIDISTANT = generated_mirror("equidistant", Rim(135.0, 12.0, M))
+
+
+def linearity(placed: PlacedMirror) -> np.ndarray:
+    """How far the heights that evaluation gives lie off the line from the centre to 135 deg at the rim."""
+    sensor = om.Sensor(placed.mirror, Perspective(11.6, 4.0, 206.0), Imager(1024, 1024, 5.2),
+                       mirror_distance_mm=placed.distance_mm)  # fmt: skip
+    omega = np.linspace(0.5, 135.0, 2000)
+    assert sensor.field_deg[1] >= 135.0 - 1e-9
+    return om.evaluate(sensor, omega).h_px / sensor.rim_radius_px - omega / 135.0
+
+
+@pytest.mark.parametrize(("terms", "most"), [(3, 0.066e-2), (4, 0.0058e-2), (5, 0.0006e-2)])
+def test_the_equidistant_polynomial_is_far_straighter_than_the_papers(terms, most):
+    fit = fit_mirror(EQUIDISTANT, f"polynomial:{terms}")
+    off = linearity(fit.placed)
+    assert np.abs(off).max() <= most
+    assert np.abs(off).max() == pytest.approx(fit.mapping, rel=2e-2)
+
+
+def test_the_papers_polynomial_is_judged_as_it_was():
+    """.49 % off the line through centre and rim: the measure is the one by which the fits are better."""
+    paper = om.load_sensor("paper-equidistant")
+    omega = np.linspace(0.5, paper.field_deg[1], 2000)
+    off = om.evaluate(paper, omega).h_px / paper.rim_radius_px - omega / omega[-1]
+    assert np.abs(off).max() == pytest.approx(0.0049, abs=5e-5)
+
+
+def test_the_largest_deviation_alternates_as_a_best_fit_must():
+    """Chebyshev: three terms, none of them held, leave four extremes of equal size and turning sign."""
+    off = linearity(fit_mirror(EQUIDISTANT, "polynomial:3").placed)
+    peak = np.abs(off).max()
+    signs = np.sign(off[np.abs(off) > 0.97 * peak])
+    assert np.count_nonzero(np.diff(signs)) >= 2
+    extremes = [np.abs(part).max() for part in np.split(off, np.flatnonzero(np.diff(np.sign(off))) + 1)]
+    assert len(extremes) >= 4
+    assert sorted(extremes)[-3:] == pytest.approx([peak] * 3, rel=0.03)
+
+
+@pytest.mark.parametrize("theta", [12.0, 0.0])
+@pytest.mark.parametrize("form", ["polynomial:4", "asphere:3"])
+def test_each_aim_is_best_at_what_it_aims_for(form, theta):
+    target = generated_mirror("equidistant", Rim(120.0, theta, M))
+    worst, mean, sag = (fit_mirror(target, form, aim) for aim in ("worst-mapping", "mean-mapping", "sag"))
+    assert worst.mapping < sag.mapping
+    assert sag.sag_um < min(worst.sag_um, mean.sag_um)
+    for fit in (worst, mean, sag):
+        x = np.linspace(0, M, 3000)
+        assert np.abs(fit.placed.mirror.sag(x) - target.mirror.sag(x)).max() * 1e3 == pytest.approx(
+            fit.sag_um, rel=1e-2
+        )
+        turn = np.arctan(fit.placed.mirror.slope(x)) - np.arctan(target.mirror.slope(x))
+        assert np.abs(turn).max() * 1e3 == pytest.approx(fit.slope_mrad, rel=1e-2)
+
+
+@pytest.mark.parametrize("mapping", ["equidistant", "equiareal"])
+def test_more_terms_never_do_worse(mapping):
+    target = generated_mirror(mapping, Rim(135.0, 12.0, M))
+    for kind, counts in (("polynomial", (2, 3, 5)), ("asphere", (0, 1, 2))):
+        found = [fit_mirror(target, f"{kind}:{n}").mapping for n in counts]
+        assert all(b < 1.001 * a for a, b in pairwise(found)), found
+    assert fit_mirror(target, "polynomial:8").mapping < 1e-6
+
+
+def test_a_form_that_holds_the_target_finds_it():
+    paraboloid = EvenPolynomial((0.011, 2e-6), M)
+    target = PlacedMirror(paraboloid, 170.0)
+    fit = fit_mirror(target, "polynomial:2")
+    assert fit.mapping < 1e-12
+    assert fit.placed.mirror.coefficients == pytest.approx(np.multiply(paraboloid.coefficients, [M, M**3]), rel=1e-9)
+    sphere = PlacedMirror(Sphere(50.0, M), 180.0)
+    found = fit_mirror(sphere, "asphere:0").placed
+    assert found.mirror.vertex_radius_mm == pytest.approx(50.0, rel=1e-9)
+    assert found.mirror.conic == pytest.approx(0.0, abs=1e-8)
+    assert found.distance_mm == pytest.approx(180.0, rel=1e-9)
+
+
+def test_under_an_orthographic_lens_the_field_is_kept():
+    target = generated_mirror("equidistant", Rim(100.0, 0.0, M))
+    fit = fit_mirror(target, "polynomial:4")
+    sensor = om.Sensor(fit.placed.mirror, Orthographic(0.0592, 4.0, 22.0), Imager(1024, 1024, 5.2))
+    omega = np.linspace(1, 100, 300)
+    h = om.evaluate(sensor, omega).h_px / sensor.rim_radius_px
+    assert np.abs(h - omega / 100).max() == pytest.approx(fit.mapping, rel=2e-2)
+
+
+@pytest.mark.parametrize("form", ["polynomial", "polynomial:0", "asphere:13", "spline:4", "polynomial:-1"])
+def test_a_form_that_is_not_known_is_refused(form):
+    with pytest.raises(InvalidParameter, match="is not a form to fit; valid are polynomial:N"):
+        fit_mirror(EQUIDISTANT, form)
+
+
+def test_what_cannot_be_fitted_is_said():
+    with pytest.raises(InvalidParameter, match="ends in a point"):
+        fit_mirror(generated_mirror("equidistant", Rim(135.0, 12.0, M), 30.0), "polynomial:4")
+    with pytest.raises(InvalidParameter, match="aim = 'best' is not known"):
+        fit_mirror(EQUIDISTANT, "polynomial:4", "best")
+    near = generated_mirror("ground-plane", Rim(70.0, 12.0, M), plane_distance_mm=600.0)
+    with pytest.raises(InvalidParameter, match="no polynomial of 4 terms comes near"):
+        fit_mirror(near, "polynomial:4", "sag")
