@@ -12,6 +12,7 @@ import re
 import tomllib
 import types
 import typing
+from collections import Counter
 from collections.abc import Callable, Iterable
 from functools import cache, partial
 from pathlib import Path
@@ -66,7 +67,7 @@ def load_sensor(name_or_path: str | Path) -> Sensor:
     try:
         text = path.read_text(encoding="utf-8")
     except FileNotFoundError:
-        hint = _did_you_mean(str(name_or_path), bundled_sensors())
+        hint = did_you_mean(str(name_or_path), bundled_sensors())
         raise SpecError(
             f"there is no sensor file or bundled sensor {str(name_or_path)!r}{hint}; bundled are "
             f"{', '.join(bundled_sensors())}"
@@ -79,7 +80,7 @@ def load_sensor(name_or_path: str | Path) -> Sensor:
 
 def parse_sensor(text: str, source: str = "sensor file", folder: Path = Path()) -> Sensor:
     """A Sensor from the text of a sensor file; ``folder`` is where files named in it are looked for."""
-    where = _Places(text, source)
+    where = Places(text, source)
     try:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as e:
@@ -93,7 +94,7 @@ def parse_sensor(text: str, source: str = "sensor file", folder: Path = Path()) 
     }
     if "secondary" in data:
         parts["secondary"] = _secondary(data, folder, where)
-    mount = _validated(MountTable, "mount", data.get("mount", {}), where).model_dump()
+    mount = validated(MountTable, "mount", data.get("mount", {}), where).model_dump()
     distance = mount.pop("mirror_distance_mm")
     make = partial(
         Sensor,
@@ -190,7 +191,7 @@ def _table(part: Any) -> dict[str, Any]:
 # -- checks, each error with its place in the file ---------------------------------------------------
 
 
-class _Places:
+class Places:
     """Finds the line of an entry, and says errors as ``file line n: ..``."""
 
     def __init__(self, text: str, source: str) -> None:
@@ -198,12 +199,18 @@ class _Places:
         self.lines = text.splitlines()
 
     def line(self, path: tuple[str, ...]) -> int | None:
-        """Line number of an entry (or else of its table), None if there is neither."""
+        """Line number of an entry (or else of its table), None if there is neither.
+
+        The tables of a list, ``[[limit]]``, are ``limit.0``, ``limit.1`` and so on.
+        """
         table, found = "", None
+        counts: Counter[str] = Counter()
         for number, line in enumerate(self.lines, start=1):
-            if header := re.match(r"\s*\[\s*([\w.-]+)\s*\]", line):
-                table = header[1]
-                if path[:1] == (table,):
+            if header := re.match(r"\s*(\[\[?)\s*([\w.-]+)\s*\]", line):
+                table = header[2]
+                if header[1] == "[[":
+                    table, counts[table] = f"{table}.{counts[table]}", counts[table] + 1
+                if table in (".".join(path[:1]), ".".join(path[:2])):
                     found = number
                 continue
             key = re.match(r"\s*[\"']?([\w-]+)[\"']?\s*=", line)
@@ -223,12 +230,12 @@ class _Places:
             raise self.error(path, str(e)) from None
 
 
-def _check_table_names(data: dict[str, Any], where: _Places) -> None:
+def _check_table_names(data: dict[str, Any], where: Places) -> None:
     known: dict[str, type] = {"format": int, "name": str, "notes": str}
     known |= dict.fromkeys(("mirror", "secondary", "lens", "imager", "mount", "mirror_pose"), dict)
     for key, value in data.items():
         if key not in known:
-            raise where.error((key,), f"{key} is not known{_did_you_mean(key, known)}; valid are {', '.join(known)}")
+            raise where.error((key,), f"{key} is not known{did_you_mean(key, known)}; valid are {', '.join(known)}")
         if not isinstance(value, known[key]):
             noun = {dict: "a table", str: "a text in quotes", int: "a whole number"}[known[key]]
             raise where.error((key,), f"{key} = {value!r} is not {noun}")
@@ -239,26 +246,26 @@ def _check_table_names(data: dict[str, Any], where: _Places) -> None:
         raise where.error(("format",), f"format = {data['format']} is not known to this version, which reads {FORMAT}")
 
 
-def _class_of(section: str, data: dict[str, Any], registry: dict[str, type[Any]], where: _Places) -> type[Any]:
+def _class_of(section: str, data: dict[str, Any], registry: dict[str, type[Any]], where: Places) -> type[Any]:
     kind = data[section].get("kind")
     if kind is None:
         raise where.error((section,), f"{section}.kind is missing; valid are {', '.join(registry)}")
     if kind not in registry:
-        hint = _did_you_mean(str(kind), registry)
+        hint = did_you_mean(str(kind), registry)
         raise where.error(
             (section, "kind"), f"{section}.kind = {kind!r} is not known{hint}; valid are {', '.join(registry)}"
         )
     return registry[kind]
 
 
-def _part(section: str, data: dict[str, Any], registry: dict[str, type[T]], folder: Path, where: _Places) -> T:
+def _part(section: str, data: dict[str, Any], registry: dict[str, type[T]], folder: Path, where: Places) -> T:
     """The part that a table describes."""
     part: T = _build(section, *_class_and_table(section, data, registry, folder, where), where)
     return part
 
 
 def _class_and_table(
-    section: str, data: dict[str, Any], registry: dict[str, type[T]], folder: Path, where: _Places
+    section: str, data: dict[str, Any], registry: dict[str, type[T]], folder: Path, where: Places
 ) -> tuple[type[T], dict[str, Any]]:
     """The class that a table's kind names, and its other entries; files that a mirror's table names are followed."""
     cls = _class_of(section, data, registry, where)
@@ -268,7 +275,7 @@ def _class_and_table(
     return cls, table
 
 
-def _secondary(data: dict[str, Any], folder: Path, where: _Places) -> Secondary:
+def _secondary(data: dict[str, Any], folder: Path, where: Places) -> Secondary:
     """The second mirror: its table holds the entries of its kind, and those of its place."""
     cls, table = _class_and_table("secondary", data, SECONDARIES, folder, where)
     model = create_model("secondary", __base__=(table_model(cls), table_model(Secondary)))
@@ -277,19 +284,19 @@ def _secondary(data: dict[str, Any], folder: Path, where: _Places) -> Secondary:
     return where.wrap(("secondary",), lambda: Secondary(cls(**values), **place))
 
 
-def _build(section: str, cls: type[Any], table: dict[str, Any], where: _Places) -> Any:
+def _build(section: str, cls: type[Any], table: dict[str, Any], where: Places) -> Any:
     """A part from its checked table."""
     values = _values(table_model(cls), section, table, where)  # type: ignore[arg-type]  # the cache asks for Hashable
     return where.wrap((section,), lambda: cls(**values))
 
 
-def _values(model: type[Table], section: str, table: dict[str, Any], where: _Places) -> dict[str, Any]:
+def _values(model: type[Table], section: str, table: dict[str, Any], where: Places) -> dict[str, Any]:
     """The checked entries of a table, lists as tuples."""
-    values = _validated(model, section, table, where).model_dump()
+    values = validated(model, section, table, where).model_dump()
     return {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
 
 
-def _validated(model: type[Table], section: str, table: dict[str, Any], where: _Places) -> Table:
+def validated(model: type[Table], section: str, table: dict[str, Any], where: Places) -> Table:
     try:
         return model.model_validate(table)
     except ValidationError as e:
@@ -308,7 +315,7 @@ def _sentence(model: type[Table], path: tuple[str, ...], problem: Any) -> str:
             return f"{name} is missing{_describe(model, path[1])}"
         case "extra_forbidden":
             names = list(model.model_fields)
-            return f"{name} is not known{_did_you_mean(path[1], names)}; valid are {', '.join(names)}"
+            return f"{name} is not known{did_you_mean(path[1], names)}; valid are {', '.join(names)}"
         case "literal_error":
             return f"{name} = {value!r} is not one of {problem['ctx']['expected']}"
         case _:
@@ -321,6 +328,6 @@ def _describe(model: type[Table], name: str) -> str:
     return f" ({description})" if description else ""
 
 
-def _did_you_mean(word: str, known: Iterable[str]) -> str:
+def did_you_mean(word: str, known: Iterable[str]) -> str:
     close = difflib.get_close_matches(word, list(known), n=1, cutoff=0.5)
     return f"; did you mean {close[0]}?" if close else ""
