@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from .central import MirrorBall as MirrorBall
     from .central import OCam as OCam
     from .central import load_ocam as load_ocam
+    from .design import design_sensor as design_sensor
+    from .design import load_requirements as load_requirements
     from .design.manufacture import export as export
     from .dewarp import Dewarper as Dewarper
     from .dewarp import screens as screens
@@ -37,6 +39,8 @@ __version__ = "0.1.0"
 
 _HOMES = {
     "Dewarper": "dewarp",
+    "design_sensor": "design",
+    "load_requirements": "design",
     "MirrorBall": "central",
     "OCam": "central",
     "load_ocam": "central",

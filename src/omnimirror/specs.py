@@ -149,6 +149,9 @@ class Table(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
 
 
+M = typing.TypeVar("M", bound=Table)
+
+
 class MountTable(Table):
     mirror_distance_mm: Annotated[float, Field(gt=0, le=1e7)] | None = None
     camera_looks: CameraLooks = "up"
@@ -296,7 +299,8 @@ def _values(model: type[Table], section: str, table: dict[str, Any], where: Plac
     return {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
 
 
-def validated(model: type[Table], section: str, table: dict[str, Any], where: Places) -> Table:
+def validated(model: type[M], section: str, table: dict[str, Any], where: Places) -> M:
+    """The table of a file, checked by its model; an error names its line, the entry and what would be valid."""
     try:
         return model.model_validate(table)
     except ValidationError as e:

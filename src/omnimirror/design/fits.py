@@ -30,8 +30,8 @@ Aim = Literal["worst-mapping", "mean-mapping", "sag"]
 """What a fit makes least: the largest deviation of the mapping, its root mean square, or that of the sag."""
 
 NODES, TABLE = 400, 2001
-STEPS, ROUNDS, MODELS = 60, 2000, 8  # of least squares, of Lawson for one linear model, of such models
-SETTLED = 1e-4  # relative; Lawson's rule converges slowly at the end
+STEPS, ROUNDS, MODELS = 60, 500, 8  # of least squares, of Lawson for one linear model, of such models
+SETTLED = 1e-3  # relative; Lawson's rule converges slowly at the end
 MOST_TERMS = 12
 STEP = 1e-30  # of complex-step derivatives
 
@@ -226,9 +226,8 @@ class _Problem:
         return omega, rate
 
     def settle(self, p: Array, residual: Callable[[Array], _Linear]) -> Array:
-        """Least squares, each time from the solution with a term less: coefficients of high powers trade widely."""
-        first = 1 if self.form.kind == "polynomial" else 2
-        for count in range(first, p.size + 1):
+        """Least squares; beside a conic each time from the solution with a term less, as they trade widely."""
+        for count in range(2 if self.form.kind == "asphere" else p.size, p.size + 1):
             p = np.append(self._least_squares(p[:count], p[count:], residual), p[count:])
         return p
 

@@ -1,0 +1,178 @@
+"""Requirement by requirement: what was asked, what is reached, and the margin."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..analysis import Evaluation, evaluate
+from ..lenses import Perspective
+from ..tracing.meridian import Meridian
+from .making import Choice, Made, imager_radius_mm, wanted_mirror
+from .placed import Rim
+from .quantities import QUANTITIES
+from .requirements import LimitTable, Requirements, Span
+
+Array = NDArray[np.float64]
+
+ROUNDING = 1e-6  # relative; a margin this little below 0 is none
+SEARCHED, REPORTED = 181, 1001  # field angles
+
+
+@dataclass(frozen=True)
+class Row:
+    """One requirement.
+
+    Attributes
+    ----------
+    name
+        The quantity, or the entry of the requirement file.
+    unit
+    at_least, at_most
+        What was asked; None where it was not.
+    reached
+    omega_deg
+        Field angle where the worst value is, if there is one.
+    part_deg
+        Part of the field over which it is judged, if it is not all of it.
+    is_limit
+        Whether it is a ``[[limit]]``, not an entry that is simply given.
+    """
+
+    name: str
+    unit: str
+    at_least: float | None
+    at_most: float | None
+    reached: float
+    omega_deg: float | None = None
+    part_deg: tuple[float, float] | None = None
+    is_limit: bool = False
+
+    @property
+    def margin(self) -> float:
+        """How far it is kept; below 0 by how much it is missed."""
+        sides = [self.reached - self.at_least] if self.at_least is not None else []
+        sides += [self.at_most - self.reached] if self.at_most is not None else []
+        return min(sides)
+
+    @property
+    def scale(self) -> float:
+        """The size of what was asked, by which margins of different units are compared."""
+        asked = [abs(v) for v in (self.at_least, self.at_most) if v is not None]
+        return max(asked) or 1.0
+
+    @property
+    def is_met(self) -> bool:
+        return self.margin >= -ROUNDING * self.scale
+
+    @property
+    def shortfall(self) -> float:
+        """By what share of what was asked it is missed; below 0 by what share it is kept."""
+        return -self.margin / self.scale
+
+    @property
+    def label(self) -> str:
+        """Name, with the part of the field."""
+        part = f", {self.part_deg[0]:g} to {self.part_deg[1]:g} deg" if self.part_deg else ""
+        return f"{self.name}{part}"
+
+
+def unit_of(name: str) -> str:
+    """The unit in the name of an entry.
+
+    >>> unit_of("rim_radius_mm"), unit_of("f_number")
+    ('mm', '')
+    """
+    return next((unit for unit in ("deg", "mm", "px") if name.endswith(f"_{unit}")), "")
+
+
+def assess(requirements: Requirements, choice: Choice, made: Made, angles: int = REPORTED) -> list[Row]:
+    """Every requirement of a made sensor: the field, the imager, the parts given, then the limits."""
+    return [
+        *_field_rows(requirements, choice, made),
+        *_part_rows(requirements, made),
+        *limit_rows(requirements, choice, made, angles),
+    ]
+
+
+def _field_rows(requirements: Requirements, choice: Choice, made: Made) -> list[Row]:
+    low, high = made.sensor.field_deg
+    rows = [Row("omega_max_deg", "deg", choice.omega_max_deg, None, high)]
+    begin = max(low, made.hidden_deg)
+    if choice.omega_min_deg > 0 or begin > 0:
+        asked = choice.omega_min_deg if choice.omega_min_deg > 0 or not made.hidden_deg else begin
+        rows.append(Row("omega_min_deg", "deg", None, asked, begin))
+    return rows
+
+
+def _part_rows(requirements: Requirements, made: Made) -> list[Row]:
+    """What the requirements say of mirror, lens and imager."""
+    sensor, lens = made.sensor, requirements.lens
+    rim = imager_radius_mm(requirements) / requirements.imager.pitch_mm
+    rows = [
+        Row("rim_radius_mm", "mm", *requirements.mirror.rim_radius_mm, sensor.mirror.rim_radius_mm),
+        Row("image_radius_px", "px", None, rim, sensor.rim_radius_px),
+    ]
+    optics = sensor.lens
+    if isinstance(optics, Perspective):
+        reached = {"focal_length_mm": optics.focal_length_mm, "f_number": optics.f_number}
+        reached["theta_max_deg"] = float(np.degrees(sensor.meridian.theta_max))
+    else:
+        reached = {"f_number": optics.image_f_number()}
+    for name, value in reached.items():
+        span: Span | None = getattr(lens, name)
+        if span is not None:
+            rows.append(Row(name, unit_of(name), span[0], span[1], value))
+    return rows
+
+
+def limit_rows(requirements: Requirements, choice: Choice, made: Made, angles: int) -> list[Row]:
+    """The limits, each by its worst field angle and object distance."""
+    return [_limit_row(requirements, choice, made, limit, angles) for limit in requirements.limits]
+
+
+def _limit_row(requirements: Requirements, choice: Choice, made: Made, limit: LimitTable, angles: int) -> Row:
+    low, high = made.field_from_deg, min(choice.omega_max_deg, made.sensor.field_deg[1])
+    part = None
+    if limit.omega_deg is not None:
+        low, high = max(low, limit.omega_deg[0]), min(high, limit.omega_deg[1])
+        part = (limit.omega_deg[0], limit.omega_deg[1])
+        low = min(low, high)
+    results = evaluated(requirements, made, np.linspace(low, high, angles))
+    quantity = QUANTITIES[limit.quantity]
+    found = []
+    if limit.at_most is not None:
+        found.append(max((quantity.extreme(r, largest=True) for r in results), key=lambda v: v[0]))
+    if limit.at_least is not None:
+        found.append(min((quantity.extreme(r, largest=False) for r in results), key=lambda v: v[0]))
+    rows = [Row(limit.quantity, quantity.unit, limit.at_least, limit.at_most, v, o, part, True) for v, o in found]
+    return min(rows, key=lambda row: row.margin)
+
+
+def evaluated(requirements: Requirements, made: Made, omega_deg: Array) -> list[Evaluation]:
+    """The evaluation for the nearest and the farthest object."""
+    return [
+        evaluate(made.sensor, omega_deg, object_distance_mm=distance)
+        for distance in sorted(set(requirements.field.object_distance_mm))
+    ]
+
+
+def mapping_deviation_px(requirements: Requirements, choice: Choice, made: Made) -> float | None:
+    """Largest difference of the image height from that of the mapping asked for, px; None where none was asked for.
+
+    The mapping is taken with the viewing angle and the focused lens of the sensor as made.
+    """
+    table, sensor = requirements.mirror, made.sensor
+    if table.fit is None and (table.family is None or ":" not in table.family):
+        return None
+    rim = Rim(choice.omega_max_deg, float(np.degrees(sensor.meridian.theta_max)), choice.rim_radius_mm)
+    if table.family is not None and ":" in table.family:
+        table = table.model_copy(update={"mapping": "equidistant", "family": None})
+    wanted = wanted_mirror(table, rim, choice)
+    target = Meridian(wanted.mirror, wanted.distance_mm)
+    omega = np.radians(np.linspace(0.0, choice.omega_max_deg, REPORTED)[1:])
+    ours, theirs = (m.trace(m.x_from_omega(np.minimum(omega, m.omega_max))) for m in (sensor.meridian, target))
+    h = [sensor.lens.image_height(r.x, r.w) / sensor.imager.pitch_mm for r in (ours, theirs)]
+    return float(np.abs(h[0] - h[1]).max())

@@ -1,0 +1,288 @@
+"""The requirement file: what a sensor must do, as TOML, checked entry by entry like a sensor file.
+
+An entry that may be a range takes a number, or ``[LOW, HIGH]``, within which the design is free.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import BeforeValidator, Field
+from pydantic_core import PydanticCustomError
+
+from ..errors import SpecError
+from ..frames import CameraLooks, Mount
+from ..imagers import Imager
+from ..mirrors.sampled import read_columns
+from ..specs import Places, Table, did_you_mean, table_model, validated
+from .families import FAMILIES
+from .fits import FitForm
+from .mappings import MAPPINGS
+from .quantities import QUANTITIES
+
+FORMAT = 1
+
+Span = tuple[float, float]
+"""Lowest and highest value allowed; both the same for a value that is given."""
+
+
+def _span(low: float, high: float) -> BeforeValidator:
+    """Takes a number or a pair that grows, between low and high."""
+
+    def check(value: Any) -> Span:
+        numbers = value if isinstance(value, (list, tuple)) else [value, value]
+        good = len(numbers) == 2 and all(isinstance(n, (int, float)) and not isinstance(n, bool) for n in numbers)
+        if not (good and low <= numbers[0] <= numbers[1] <= high):
+            raise PydanticCustomError("span", f"it should be a number from {low:g} to {high:g}, or such a [LOW, HIGH]")
+        return float(numbers[0]), float(numbers[1])
+
+    return BeforeValidator(check)
+
+
+Radius = Annotated[Span, _span(1e-3, 1e5)]
+Focal = Annotated[Span, _span(1e-2, 1e5)]
+Theta = Annotated[Span, _span(0.1, 60.0)]
+FNumber = Annotated[Span, _span(0.1, 1e3)]
+Endless = Annotated[float, Field(allow_inf_nan=True)]
+Distances = Annotated[tuple[Endless, Endless], _span(1e-3, np.inf)]
+Conic = Annotated[Span, _span(-1e3, 1e3)]
+CameraRadius = Annotated[float, Field(gt=0, description="of what stands at the lens and hides the view")]
+Angle = Annotated[float, Field(ge=0, le=179)]
+
+
+class FieldTable(Table):
+    """What is looked at."""
+
+    omega_max_deg: Annotated[float, Field(ge=1, le=179, description="field angle at the rim")]
+    omega_min_deg: Annotated[float, Field(ge=0, le=170, description="where the field begins that matters")] = 0.0
+    camera_radius_mm: (
+        Annotated[float, Field(gt=0, description="of what stands at the lens and hides the view")] | None
+    ) = None
+    object_distance_mm: Distances = (np.inf, np.inf)
+
+
+class MirrorTable(Table):
+    """What mirror: by its mapping or by its family."""
+
+    mapping: str | None = None
+    family: str | None = None
+    fit: str | None = None
+    apex: Literal["smooth", "pointed"] = "smooth"
+    rim_radius_mm: Radius
+    conic: Conic | None = None
+    plane_distance_mm: float | None = None
+    cylinder_radius_mm: float | None = None
+    omega_deg: list[float] | None = None
+    height: list[float] | None = None
+
+
+class LensTable(Table):
+    """What lens."""
+
+    kind: Literal["perspective", "orthographic"] = "perspective"
+    focal_length_mm: Focal | None = None
+    theta_max_deg: Theta | None = None
+    f_number: FNumber = (4.0, 4.0)
+    focus_mm: float | None = None
+
+
+class MountTable(Table):
+    """Which way it looks; as in a sensor file."""
+
+    camera_looks: CameraLooks = "up"
+    forward_azimuth_deg: Annotated[float, Field(ge=-360, le=360)] = -90.0
+    image_flipped: bool = False
+
+
+class LimitTable(Table):
+    """A quantity of the evaluation and what it may be, over the whole field or a part of it."""
+
+    quantity: str
+    at_most: float | None = None
+    at_least: float | None = None
+    omega_deg: Annotated[list[Angle], Field(min_length=2, max_length=2, description="[FROM, TO], deg")] | None = None
+
+
+@dataclass(frozen=True)
+class Requirements:
+    """What a sensor must do; from a file by :func:`load_requirements`."""
+
+    name: str
+    notes: str
+    field: FieldTable
+    mirror: MirrorTable
+    lens: LensTable
+    imager: Imager
+    mount: Mount
+    limits: tuple[LimitTable, ...]
+
+
+DEFAULT_IMAGER = {"width_px": 1024, "height_px": 1024, "pixel_pitch_um": 5.2}
+"""The paper's prototype's; taken where no imager is stated."""
+
+
+def load_requirements(path: str | Path, changes: dict[str, Any] | None = None) -> Requirements:
+    """Read a requirement file.
+
+    Parameters
+    ----------
+    changes
+        Entries that take the place of the file's: ``{"lens": {"f_number": 5.6}}``.
+
+    Raises
+    ------
+    SpecError
+        No such file; not TOML; an unknown, missing or wrong entry. The message gives the file, the line and
+        what would be valid.
+    """
+    path = Path(path)
+    try:
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise SpecError(f"there is no requirement file {str(path)!r}") from None
+    except (OSError, UnicodeDecodeError) as e:
+        reason = e.strerror if isinstance(e, OSError) else "it is not a text file"
+        raise SpecError(f"cannot read the requirement file {path}: {reason}") from None
+    return parse_requirements(text, str(path), path.parent, changes)
+
+
+def parse_requirements(
+    text: str,
+    source: str = "requirements",
+    folder: Path = Path(),
+    changes: dict[str, Any] | None = None,
+) -> Requirements:
+    """Requirements from the text of a file; ``folder`` is where files named in it are looked for.
+
+    >>> wanted = parse_requirements('''
+    ... field.omega_max_deg = 135
+    ... [mirror]
+    ... mapping = "equidistant"
+    ... rim_radius_mm = 43.9
+    ... [lens]
+    ... theta_max_deg = [10, 14]
+    ... ''')
+    >>> wanted.lens.theta_max_deg, wanted.lens.f_number
+    ((10.0, 14.0), (4.0, 4.0))
+    """
+    where = Places(text, source)
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as e:
+        raise SpecError(f"{source} is not valid TOML: {e}") from None
+    for section, entries in (changes or {}).items():
+        data[section] = {**data.get(section, {}), **entries} if isinstance(entries, dict) else entries
+    _check_tables(data, where)
+    mirror = dict(data["mirror"])
+    if "mapping_csv" in mirror:
+        file = folder / str(mirror.pop("mapping_csv"))
+        omega, height = where.wrap(
+            ("mirror", "mapping_csv"), lambda: read_columns(file, "mapping", "omega_deg, height")
+        )
+        mirror |= {"omega_deg": list(omega), "height": list(height)}
+    imager = validated(table_model(Imager), "imager", data.get("imager", DEFAULT_IMAGER), where).model_dump()
+    if imager["centre_px"] is not None:
+        imager["centre_px"] = tuple(imager["centre_px"])
+    limits = [validated(LimitTable, f"limit.{i}", table, where) for i, table in enumerate(data.get("limit", []))]
+    wanted = Requirements(
+        name=data.get("name", "design"),
+        notes=data.get("notes", ""),
+        field=validated(FieldTable, "field", data["field"], where),
+        mirror=validated(MirrorTable, "mirror", mirror, where),
+        lens=validated(LensTable, "lens", data.get("lens", {}), where),
+        imager=where.wrap(("imager",), lambda: Imager(**imager)),
+        mount=Mount(**validated(MountTable, "mount", data.get("mount", {}), where).model_dump()),
+        limits=tuple(limits),
+    )
+    _check_together(wanted, where)
+    return wanted
+
+
+# -- checks ----------------------------------------------------------------------------------------
+
+
+def _check_tables(data: dict[str, Any], where: Places) -> None:
+    known = {
+        "format": int, "name": str, "notes": str, "field": dict, "mirror": dict, "lens": dict, "imager": dict,
+        "mount": dict, "limit": list,
+    }  # fmt: skip
+    nouns = {dict: "a table", str: "a text in quotes", int: "a whole number", list: "a list of tables, each [[limit]]"}
+    for key, value in data.items():
+        if key not in known:
+            raise where.error((key,), f"{key} is not known{did_you_mean(key, known)}; valid are {', '.join(known)}")
+        if not isinstance(value, known[key]):
+            raise where.error((key,), f"{key} = {value!r} is not {nouns[known[key]]}")
+    if data.get("format", FORMAT) != FORMAT:
+        raise where.error(("format",), f"format = {data['format']} is not known to this version, which reads {FORMAT}")
+    for key in ("field", "mirror"):
+        if key not in data:
+            raise where.error((), f"there is no [{key}] table; a requirement file needs [field] and [mirror]")
+
+
+def _check_together(wanted: Requirements, where: Places) -> None:
+    """What the tables alone cannot see."""
+    field, mirror, lens = wanted.field, wanted.mirror, wanted.lens
+    if field.omega_min_deg >= field.omega_max_deg:
+        raise where.error(
+            ("field", "omega_min_deg"),
+            f"field.omega_min_deg = {field.omega_min_deg:g} is not below omega_max_deg = {field.omega_max_deg:g}",
+        )
+    ways = [name for name in ("mapping", "family") if getattr(mirror, name) is not None]
+    if len(ways) != 1:
+        said = "both mapping and family" if ways else "neither mapping nor family"
+        raise where.error(("mirror",), f"mirror has {said}; give one of them")
+    for name, known in (("mapping", list(MAPPINGS)), ("family", [*FAMILIES, "polynomial:N"])):
+        value = getattr(mirror, name)
+        if value is not None and value not in known and not (name == "family" and value.startswith("polynomial:")):
+            raise where.error(
+                ("mirror", name),
+                f"mirror.{name} = {value!r} is not known{did_you_mean(value, known)}; valid are {', '.join(known)}",
+            )
+    for name in ("fit", "family"):
+        text = getattr(mirror, name)
+        if text is not None and (name == "fit" or ":" in text):
+            where.wrap(("mirror", name), partial(FitForm.parse, text))
+    _check_lens(lens, field, where)
+    for i, limit in enumerate(wanted.limits):
+        _check_limit(f"limit.{i}", limit, field, where)
+
+
+def _check_lens(lens: LensTable, field: FieldTable, where: Places) -> None:
+    if lens.kind == "orthographic":
+        for name in ("focal_length_mm", "theta_max_deg"):
+            if getattr(lens, name) is not None:
+                raise where.error(("lens", name), f"lens.{name} does not apply to an orthographic lens")
+        if field.camera_radius_mm is not None:
+            raise where.error(
+                ("field", "camera_radius_mm"),
+                "field.camera_radius_mm does not apply to an orthographic lens, which may stand anywhere; "
+                "give omega_min_deg",
+            )
+    elif lens.focal_length_mm is None and lens.theta_max_deg is None:
+        raise where.error(
+            ("lens",), "lens has neither focal_length_mm nor theta_max_deg; give one of them, a number or a range"
+        )
+
+
+def _check_limit(section: str, limit: LimitTable, field: FieldTable, where: Places) -> None:
+    if limit.quantity not in QUANTITIES:
+        hint = did_you_mean(limit.quantity, QUANTITIES)
+        raise where.error(
+            (section, "quantity"),
+            f"limit.quantity = {limit.quantity!r} is not known{hint}; valid are {', '.join(QUANTITIES)}",
+        )
+    if limit.at_most is None and limit.at_least is None:
+        raise where.error((section,), f"limit of {limit.quantity} says neither at_most nor at_least")
+    if limit.at_most is not None and limit.at_least is not None and limit.at_least > limit.at_most:
+        raise where.error((section,), f"limit of {limit.quantity}: at_least is above at_most")
+    if limit.omega_deg is not None and not 0 <= limit.omega_deg[0] < limit.omega_deg[1] <= field.omega_max_deg:
+        raise where.error(
+            (section, "omega_deg"),
+            f"limit.omega_deg = {limit.omega_deg} is no part of the field; it needs FROM below TO, up to "
+            f"{field.omega_max_deg:g}",
+        )

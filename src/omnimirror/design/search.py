@@ -1,0 +1,130 @@
+"""What the requirements leave free, chosen so that the requirement kept worst is kept best.
+
+Every candidate is judged by the largest share by which a requirement is missed (below 0: kept); without
+limits, by its worst floored blur area. A coarse grid of the ranges finds the valley, the simplex of
+Nelder and Mead its bottom.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import OmnimirrorError
+from .assessment import SEARCHED, Row, assess, evaluated
+from .making import Choice, Made, given, make
+from .requirements import Requirements
+
+Array = NDArray[np.float64]
+
+GRID = {1: 9, 2: 5, 3: 4, 4: 3, 5: 3}  # points per free number, by how many are free
+NOT_TO_BE_HAD = 1e6  # added where nothing but blur is to be made least, and what is given does not fit
+POLISH = 60  # candidates of the simplex, per free number
+
+
+class Candidate(NamedTuple):
+    """A choice, made and judged; ``badness`` is what the search makes least."""
+
+    choice: Choice
+    made: Made
+    rows: list[Row]
+    badness: float
+
+
+@dataclass(frozen=True)
+class Search:
+    """The candidates that requirements leave to choose from."""
+
+    requirements: Requirements
+
+    @cached_property
+    def spans(self) -> dict[str, tuple[float, float] | None]:
+        return given(self.requirements)
+
+    @cached_property
+    def free(self) -> list[str]:
+        """Entries of a choice that have a range."""
+        return [name for name, span in self.spans.items() if span is not None and span[0] < span[1]]
+
+    def middle(self) -> Choice:
+        """The choice in the middle of all ranges."""
+        return Choice(**{name: None if s is None else (s[0] + s[1]) / 2 for name, s in self.spans.items()})  # type: ignore[arg-type]
+
+    def judge(self, choice: Choice, angles: int = SEARCHED) -> Candidate:
+        """Make a choice and judge it; raises OmnimirrorError where there is no such sensor."""
+        made = make(self.requirements, choice)
+        rows = assess(self.requirements, choice, made, angles)
+        return Candidate(choice, made, rows, self._badness(made, rows))
+
+    def _badness(self, made: Made, rows: list[Row]) -> float:
+        missed = [row.shortfall for row in rows if not row.is_limit and not row.is_met]
+        limits = [row.shortfall for row in rows if row.is_limit]
+        if missed or limits:
+            return max(missed + limits) + (0.0 if limits else NOT_TO_BE_HAD)
+        angles = np.linspace(made.field_from_deg, made.sensor.field_deg[1], SEARCHED)
+        return max(float(r.floored_area_deg2.max()) for r in evaluated(self.requirements, made, angles))
+
+    def best(self, start: Choice | None = None, most: int | None = None) -> Candidate:
+        """The best candidate; from ``start`` by the simplex alone, with at most so many candidates.
+
+        Raises
+        ------
+        OmnimirrorError
+            No candidate can be made; with the reason of the one in the middle.
+        """
+        base = start or self.middle()
+        if not self.free:
+            return self.judge(base)
+        judged = _Memory(self, base)
+        if start is None:
+            count = GRID[len(self.free)]
+            for point in product(np.linspace(0.0, 1.0, count), repeat=len(self.free)):
+                judged(np.array(point))
+        if judged.best is None and start is None:
+            return self.judge(base)  # says why
+        judged.polish(most or POLISH * len(self.free))
+        if judged.best is None:
+            return self.judge(base)
+        return judged.best
+
+
+class _Memory:
+    """Candidates by where they lie in the unit cube of the free numbers; keeps the best one."""
+
+    def __init__(self, search: Search, base: Choice) -> None:
+        self.search, self.base = search, base
+        self.best: Candidate | None = None
+        self.place = np.array([self._share(name) for name in search.free])
+
+    def _share(self, name: str) -> float:
+        span, value = self.search.spans[name], getattr(self.base, name)
+        assert span is not None
+        return float(np.clip((value - span[0]) / (span[1] - span[0]), 0.0, 1.0))
+
+    def __call__(self, point: Array) -> float:
+        point = np.clip(point, 0.0, 1.0)
+        numbers = {}
+        for name, share in zip(self.search.free, point, strict=True):
+            low, high = self.search.spans[name] or (0.0, 0.0)
+            numbers[name] = float(low + share * (high - low))
+        try:
+            found = self.search.judge(replace(self.base, **numbers))
+        except OmnimirrorError:
+            return np.inf
+        if self.best is None or found.badness < self.best.badness:
+            self.best, self.place = found, point
+        return found.badness
+
+    def polish(self, most: int) -> None:
+        from scipy.optimize import minimize
+
+        size = 0.5 / GRID[len(self.search.free)]
+        steps = np.diag(np.where(self.place > 0.5, -size, size))
+        corners = np.vstack([self.place, self.place + steps])
+        options = {"initial_simplex": corners, "maxfev": most, "xatol": 1e-6, "fatol": 1e-9}
+        minimize(self, self.place, method="Nelder-Mead", bounds=[(0, 1)] * self.place.size, options=options)
