@@ -63,7 +63,7 @@ def test_every_kind_of_mirror_can_be_compared(any_sensor):
 def test_files_hold_every_number_exactly(tmp_path):
     TABLE.to_csv(tmp_path / "t.csv")
     TABLE.to_json(tmp_path / "t.json")
-    header, *lines = list(csv.reader((tmp_path / "t.csv").open(encoding="utf-8")))
+    header, *lines = csv.reader((tmp_path / "t.csv").read_text(encoding="utf-8").splitlines())
     assert header == ["quantity", *NAMES]
     sensors = json.loads((tmp_path / "t.json").read_text(encoding="utf-8"))
     assert [s["name"] for s in sensors] == list(NAMES)

@@ -167,9 +167,10 @@ class Study:
         return float(100 * np.abs(h / h[-1] - omega / omega[-1]).max())
 
     def worst_aspect(self) -> float:
-        """Largest ratio of the longer to the shorter side of the image of a small square."""
+        """Largest ratio of the longer to the shorter side of the image of a small square; inf at the tip of a cone."""
         ratio = self.own.aspect[np.isfinite(self.own.aspect)]
-        return float(np.maximum(ratio, 1 / ratio).max())
+        with np.errstate(divide="ignore"):
+            return float(np.maximum(ratio, 1 / ratio).max())
 
     def one_viewpoint_error(self) -> float:
         return best_viewpoint(self.sensor, NEAR_MM).worst_px

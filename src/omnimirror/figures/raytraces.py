@@ -268,5 +268,6 @@ def _seen(subject: Subject, result: Evaluation, distance: Array) -> tuple[Array,
     if subject.sensor.lens.TELECENTRIC:
         x = subject.sensor.meridian.trace(result.x_mm).first.x
     else:
-        x = distance * np.tan(np.radians(result.theta_deg))
+        with np.errstate(invalid="ignore"):  # an infinite image seen exactly along the axis
+            x = distance * np.tan(np.radians(result.theta_deg))
     return x, distance + reference_height(subject)
