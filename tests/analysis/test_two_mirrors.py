@@ -14,6 +14,7 @@ import omnimirror as om
 from omnimirror.errors import InvalidParameter, NotOneToOne, OutsideField, OutsideMirror, SelfObstruction
 from omnimirror.lenses import Orthographic
 from omnimirror.mirrors import EvenPolynomial, Flat, Paraboloid, Secondary, Sphere
+from omnimirror.mirrors.pose import MirrorPose
 from tests.conftest import M
 
 WEIGHTS = np.array([4 / 5, -1 / 5, 4 / 105, -1 / 280])  # eighth-order central difference
@@ -272,3 +273,12 @@ def test_a_picture_of_two_mirrors_reads_the_right_way_round():
     seen = np.hypot(*np.mgrid[-63.5:64, -63.5:64]) > 12
     assert np.mean(np.abs(one[:, ::-1] - two)[seen]) < 0.5
     assert np.mean(np.abs(one - two)[seen]) > 10
+
+
+def test_what_is_traced_off_one_mirror_only_is_refused():
+    with pytest.raises(InvalidParameter, match="only a sensor of one mirror has blur"):
+        om.take_picture(FOLDED, om.Room(texel_mm=40.0), samples=1, blur=True)
+    with pytest.raises(InvalidParameter, match="traced off one mirror only"):
+        FOLDED.aperture_rays([[100.0, 511.5]], [0.0, 1.0])
+    with pytest.raises(InvalidParameter, match="mirror_pose is not valid beside a secondary"):
+        replace(FOLDED, mirror_pose=MirrorPose(decentre_x_mm=0.1))
