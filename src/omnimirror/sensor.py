@@ -102,6 +102,14 @@ class Sensor:
         m = self.mirror_distance_mm + self.mirror_pose.displacement_mm
         return Meridian(self.mirror, m) if self.secondary is None else TwoMirrorMeridian(self.mirror, m, self.secondary)
 
+    def check_one_mirror(self, what: str) -> None:
+        """Raise InvalidParameter if there is a second mirror, for what knows of one only."""
+        if self.secondary is not None:
+            raise InvalidParameter(
+                f"{what} is for sensors of one mirror, and the lens of {self.name!r} sees its mirror in a second one; "
+                "evaluation, sharp pictures and straightening are valid for both, and the sensor without its secondary"
+            )
+
     def aligned(self) -> Sensor:
         """The same sensor with its mirror perfectly mounted."""
         return replace(self, mirror_pose=MirrorPose())
@@ -261,11 +269,7 @@ class Sensor:
         InvalidParameter
             If the lens sees it in a second mirror.
         """
-        if self.secondary is not None:
-            raise InvalidParameter(
-                f"the lens of {self.name!r} sees its mirror in a secondary, and rays through the whole aperture are "
-                "traced off one mirror only; chief rays, blur by evaluation and sharp pictures are valid for two"
-            )
+        self.check_one_mirror("tracing through the whole aperture")
         return PosedMirror(self.mirror, self.mirror_pose)
 
     @property

@@ -275,10 +275,12 @@ def test_a_picture_of_two_mirrors_reads_the_right_way_round():
     assert np.mean(np.abs(one - two)[seen]) > 10
 
 
-def test_what_is_traced_off_one_mirror_only_is_refused():
+def test_what_knows_of_one_mirror_only_is_refused(tmp_path):
     with pytest.raises(InvalidParameter, match="only a sensor of one mirror has blur"):
         om.take_picture(FOLDED, om.Room(texel_mm=40.0), samples=1, blur=True)
-    with pytest.raises(InvalidParameter, match="traced off one mirror only"):
+    with pytest.raises(InvalidParameter, match="whole aperture is for sensors of one mirror"):
         FOLDED.aperture_rays([[100.0, 511.5]], [0.0, 1.0])
+    with pytest.raises(InvalidParameter, match="export is for sensors of one mirror"):
+        om.export(FOLDED, tmp_path, ["csv"])
     with pytest.raises(InvalidParameter, match="mirror_pose is not valid beside a secondary"):
         replace(FOLDED, mirror_pose=MirrorPose(decentre_x_mm=0.1))

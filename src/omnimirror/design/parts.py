@@ -77,6 +77,7 @@ def choose_parts(
     InvalidParameter
         A fill outside 0 to 1.
     """
+    sensor.check_one_mirror("the choice of parts")
     if not 0 <= least_fill <= 1:
         raise InvalidParameter(f"least_fill = {least_fill:g} is not valid; it is a share from 0 to 1")
     found = [

@@ -83,6 +83,7 @@ def draw_sheet(
     >>> drawing.sensor_scale, drawing.mirror_scale
     (1.0, 1.0)
     """
+    sensor.check_one_mirror("the drawing")
     if scale is not None and not LEAST_SCALE <= scale <= LARGEST_SCALE:
         raise InvalidParameter(f"scale = {scale:g} is outside {LEAST_SCALE:g} to {LARGEST_SCALE:g}")
     body = Body() if body is None else body

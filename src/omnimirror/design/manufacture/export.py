@@ -126,6 +126,7 @@ def export(
     >>> [(file.path.name, file.deviation_um) for file in files]
     [('paper-spherical-sag.csv', 0.05), ('paper-spherical.zmx', 0.0)]
     """
+    sensor.check_one_mirror("export")
     plan = Plan(
         sensor, body or Body(), support or Support(), chord_tolerance_um, step_mm, step_deg, digits, grid_points, sheet,
         scale,

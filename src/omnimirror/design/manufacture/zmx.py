@@ -37,6 +37,7 @@ def format_zmx(sensor: Sensor, asphere: Asphere | None = None) -> str:
     >>> [line.split()[1] for line in text.splitlines() if line.startswith("  TYPE")]
     ['STANDARD', 'PARAXIAL', 'EVENASPH', 'EVENASPH']
     """
+    sensor.check_one_mirror("a lens file")
     asphere = asphere_of(sensor.mirror) if asphere is None else asphere
     lines = [
         "VERS 181107 0 0 0 0",
