@@ -8,18 +8,14 @@ Maps are made once. The last two columns take panoramas straight from r(row) and
 
 from __future__ import annotations
 
-import argparse
-import os
-import platform
 from collections.abc import Callable
-from pathlib import Path
 
 import cv2
 import numpy as np
 from interleaving import interleaved
+from setting import arguments_of, circumstances, photograph_of, set_threads
 
 import omnimirror as om
-from omnimirror.dewarp import native
 from omnimirror.dewarp.sampling import FixedMap, remap_polar
 from omnimirror.dewarp.screens import Cylinder, Plane
 from omnimirror.files import write_text
@@ -33,11 +29,6 @@ CASES = [
     (4096, (2880, 720), "panorama"),
 ]
 CV = {"linear": cv2.INTER_LINEAR, "cubic": cv2.INTER_CUBIC}
-
-
-def set_threads(count: int) -> None:
-    native.set_threads(count)
-    cv2.setNumThreads(count)
 
 
 def camera_of(side: int) -> om.MirrorBall:
@@ -83,29 +74,19 @@ def fixed_rows(photograph: np.ndarray, threads: int, runs: int) -> list[str]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
-    parser.add_argument("--picture", type=Path, help="a photograph; noise without it")
-    parser.add_argument("--runs", type=int, default=RUNS)
-    parser.add_argument("--threads", type=int, nargs="*", default=[1, 4])
-    arguments = parser.parse_args()
-    if arguments.picture:
-        photograph = om.read_image(arguments.picture)
-    else:
-        photograph = np.random.default_rng(0).integers(0, 255, (2000, 2000, 3), np.uint8)
+    arguments = arguments_of(__doc__.splitlines()[0], RUNS)
+    photograph = photograph_of(arguments.picture)
     lines = [
         "# Straightening a frame, uint8 RGB",
         "",
-        f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores, {native.sampler()} samplers, "
-        f"OpenCV {cv2.__version__}; medians of {arguments.runs} interleaved runs, ms.",
+        circumstances(arguments.runs),
         "",
-        "| source -> output | interpolation | threads | OpenCV | omnimirror | ratio | without a map | ratio |",
+        "| source -> output | interpolation | threads | cv2.remap, ms | packed map, ms | ratio | no map, ms | ratio |",
         "|---|---|---|---|---|---|---|---|",
     ]
     for threads in arguments.threads:
         set_threads(threads)
         lines += fixed_rows(photograph, threads, arguments.runs)
-    arguments.out.mkdir(parents=True, exist_ok=True)
     write_text(arguments.out / "sampling.md", "\n".join(lines) + "\n")
 
 

@@ -419,57 +419,90 @@ void fetch_to_write(uint8_t* out, int bytes) {
 #endif
 }
 
-// The strips of a tile, row after row.
-struct Strips {
+// Goes from strip to strip of a tile, row after row.
+struct Cursor {
     const Tile& tile;
-    int in_row;
+    int row, column, index = 0;
 
-    explicit Strips(const Tile& t) : tile(t), in_row((t.right - t.left + STRIP - 1) / STRIP) {}
-    int count() const { return (tile.bottom - tile.top) * in_row; }
-    int row(int i) const { return tile.top + i / in_row; }
-    int column(int i) const { return tile.left + i % in_row * STRIP; }
-    int width(int i) const { return smaller(STRIP, tile.right - column(i)); }
+    explicit Cursor(const Tile& t) : tile(t), row(t.top), column(t.left) {}
+    bool is_done() const { return row >= tile.bottom; }
+    int width() const { return smaller(STRIP, tile.right - column); }
+
+    void go_on() {
+        ++index, column += STRIP;
+        if (column >= tile.right) column = tile.left, ++row;
+    }
 };
 
 constexpr int AHEAD = PANEL / STRIP;  // strips that are located before they are sampled, so that they can be fetched
 
+// Locates the strips of a tile one after the other.
+template <class Isa, Interpolation I, class F>
+struct Locator {
+    const Job& job;
+    Cursor at, weighed;  // nodes are weighed one strip earlier still: what follows would wait for them
+    RowOfCells cells[2];
+    alignas(64) Block<F> blocks[2 * AHEAD][STRIP / 8];
+
+    Locator(const Job& j, const Tile& tile) : job(j), at(tile), weighed(tile) {
+        if constexpr (I == Interpolation::nearest) std::memset(blocks, 0, sizeof blocks);  // it has no fractions
+        weigh();
+    }
+
+    Block<F>* of(int index) { return blocks[index % (2 * AHEAD)]; }
+
+    void weigh() {
+        if (job.where != Where::nodes || weighed.is_done()) return;
+        weigh_row(job.nodes, weighed.row, weighed.column, weighed.width(), cells[weighed.index % 2]);
+        weighed.go_on();
+    }
+
+    void locate() {
+        const int width = at.width();
+        weigh();
+        if (job.where == Where::nodes)
+            locate_nodes<Isa, I>(job.nodes, job.source.geometry, cells[at.index % 2], width, of(at.index));
+        else
+            locate_strip<Isa, I>(job, at.row, at.column, width, of(at.index));
+        at.go_on();
+    }
+};
+
+template <int C, class T>
+uint8_t* place_in_target(const Job& job, int row, int column) {
+    const ptrdiff_t pixel = C * static_cast<ptrdiff_t>(sizeof(T));
+    return job.target.data + row * job.target.stride + column * pixel;
+}
+
+template <class Isa, Interpolation I, int C, class T>
+void sample_packed_tile(const Job& job, const Tile& tile) {
+    for (Cursor at(tile); !at.is_done(); at.go_on()) {
+        uint8_t* out = place_in_target<C, T>(job, at.row, at.column);
+        const int width = at.width();
+        if (at.row + 1 < tile.bottom) fetch_to_write(out + job.target.stride, width * C * static_cast<int>(sizeof(T)));
+        Isa::template sample_strip<I, C, T>(job, packed_strip<Fraction<T>>(job, at.row, at.column, width, out));
+    }
+}
+
 template <class Isa, Interpolation I, int C, class T>
 void sample_tile(const Job& job, const Tile& tile) {
     using F = Fraction<T>;
-    constexpr int SLOTS = 2 * AHEAD;
-    alignas(64) Block<F> blocks[SLOTS][STRIP / 8];
-    if constexpr (I == Interpolation::nearest) std::memset(blocks, 0, sizeof blocks);  // it has no fractions
-    const Strips strips(tile);
-    const bool is_packed = job.where == Where::packed, is_fetched = job.source.elements > FETCHED_FROM;
-    RowOfCells cells[2];
-    const int count = strips.count();
-    // Nodes are weighed one strip earlier still: what follows would wait for them.
-    const auto weigh = [&](int i) {
-        if (i < count) weigh_row(job.nodes, strips.row(i), strips.column(i), strips.width(i), cells[i % 2]);
-    };
-    const auto locate = [&](int i) {
-        if (job.where == Where::nodes) {
-            weigh(i + 1);
-            return locate_nodes<Isa, I>(job.nodes, job.source.geometry, cells[i % 2], strips.width(i), blocks[i % SLOTS]);
+    if (job.where == Where::packed) return sample_packed_tile<Isa, I, C, T>(job, tile);
+    const bool is_fetched = job.source.elements > FETCHED_FROM;
+    Locator<Isa, I, F> locator(job, tile);
+    for (int i = 0; i < AHEAD && !locator.at.is_done(); ++i) locator.locate();
+    for (Cursor at(tile); !at.is_done(); at.go_on()) {
+        uint8_t* out = place_in_target<C, T>(job, at.row, at.column);
+        const int width = at.width();
+        if (at.row + 1 < tile.bottom) fetch_to_write(out + job.target.stride, width * C * static_cast<int>(sizeof(T)));
+        const Block<F>* ahead = nullptr;
+        if (!locator.at.is_done()) {
+            const int soon = locator.at.index;
+            const bool is_as_wide = locator.at.width() >= width;
+            locator.locate();
+            if (is_fetched && is_as_wide) ahead = locator.of(soon);
         }
-        locate_strip<Isa, I>(job, strips.row(i), strips.column(i), strips.width(i), blocks[i % SLOTS]);
-    };
-    if (job.where == Where::nodes) weigh(0);
-    for (int i = 0; i < smaller(AHEAD, count) && !is_packed; ++i) locate(i);
-    for (int i = 0; i < count; ++i) {
-        const int row = strips.row(i), column = strips.column(i), width = strips.width(i);
-        uint8_t* out = job.target.data + row * job.target.stride +
-                       static_cast<ptrdiff_t>(column) * C * static_cast<ptrdiff_t>(sizeof(T));
-        if (row + 1 < tile.bottom)
-            fetch_to_write(out + job.target.stride, width * C * static_cast<int>(sizeof(T)));
-        if (is_packed) {
-            Isa::template sample_strip<I, C, T>(job, packed_strip<F>(job, row, column, width, out));
-            continue;
-        }
-        const bool more = i + AHEAD < count;
-        if (more) locate(i + AHEAD);
-        const Block<F>* ahead = more && is_fetched && strips.width(i + AHEAD) >= width ? blocks[(i + AHEAD) % SLOTS] : nullptr;
-        Isa::template sample_strip<I, C, T>(job, {blocks[i % SLOTS], width, out, ahead});
+        Isa::template sample_strip<I, C, T>(job, {locator.of(at.index), width, out, ahead});
     }
 }
 

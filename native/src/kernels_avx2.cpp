@@ -123,6 +123,7 @@ bool is_narrow(const Geometry& g) { return g.width <= 0x7fff && g.height <= 0x7f
 struct InnerLocator {
     __m256i steps, half = kept(_mm256_set1_epi16(128));
     __m256i apart = kept(twice(_mm_setr_epi8(1, 5, 9, 13, 3, 7, 11, 15, -1, -1, -1, -1, -1, -1, -1, -1)));
+    __m256i together = kept(_mm256_setr_epi32(0, 4, 1, 5, 0, 4, 1, 5));
 
     explicit InnerLocator(const Geometry& g)
         : steps(kept(_mm256_set1_epi32(static_cast<int>(g.row_step << 16 | g.pixel_step)))) {}
@@ -134,7 +135,7 @@ struct InnerLocator {
         const __m256i in_255ths = _mm256_add_epi16(_mm256_sub_epi16(fractions, _mm256_srli_epi16(fractions, 8)), half);
         const __m256i bytes = _mm256_shuffle_epi8(in_255ths, apart);
         _mm256_storeu_si256(reinterpret_cast<__m256i*>(block.offsets), _mm256_madd_epi16(pixels, steps));
-        store16(block.fx, _mm_unpacklo_epi32(_mm256_castsi256_si128(bytes), _mm256_extracti128_si256(bytes, 1)));
+        store16(block.fx, _mm256_castsi256_si128(_mm256_permutevar8x32_epi32(bytes, together)));
     }
 };
 

@@ -105,7 +105,9 @@ void mark_outer(const float* nodes, const Nodes& n, int size, std::vector<int32_
     for (int row = 0; row + 3 < n.rows; ++row) {
         const float* first = nodes + static_cast<ptrdiff_t>(row) * n.columns;
         for (int i = 0; i < n.columns; ++i) {
-            const float a = first[i], b = first[i + n.columns], c = first[i + 2 * n.columns], d = first[i + 3 * n.columns];
+            const float* node = first + i;
+            const float a = node[0], b = node[n.columns];
+            const float c = node[2 * n.columns], d = node[3 * n.columns];
             least[static_cast<size_t>(i)] = std::min(std::min(a, b), std::min(c, d));
             most[static_cast<size_t>(i)] = std::max(std::max(a, b), std::max(c, d));
         }
@@ -114,7 +116,7 @@ void mark_outer(const float* nodes, const Nodes& n, int size, std::vector<int32_
             const float low = std::min(std::min(l[0], l[1]), std::min(l[2], l[3]));
             const float high = std::max(std::max(m[0], m[1]), std::max(m[2], m[3]));
             const float beyond = 0.3f * (high - low);
-            int32_t& state = states[static_cast<size_t>(row) * static_cast<size_t>(n.cell_columns) + static_cast<size_t>(i)];
+            int32_t& state = states[static_cast<size_t>(row * n.cell_columns + i)];
             const bool inner = low - beyond >= 2 && high + beyond <= static_cast<float>(size - 3);
             if (state == INNER && !inner) state = INTERPOLATED;
         }

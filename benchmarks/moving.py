@@ -1,0 +1,170 @@
+"""What a view that moves costs, map and sampling for every frame: beside a table map and a plain NumPy map.
+
+A spherical mirror in 1000 x 1000 px to views of 1280 x 720 px, bilinear, uint8 RGB; every run looks elsewhere.
+``table map`` is the best that NumPy and OpenCV do: one product per pixel, the radius from a table, float32,
+buffers kept, and ``cv2.remap``. ``NumPy map`` is what one would write first. Both know distant things only. All run
+interleaved in one process with the same number of threads; medians.
+
+    python benchmarks/moving.py --out out/benchmarks --picture photograph.jpg
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from dataclasses import replace
+
+import cv2
+import numpy as np
+from interleaving import interleaved
+from setting import arguments_of, circumstances, photograph_of, set_threads
+
+import omnimirror as om
+from omnimirror.dewarp.coordinates import screen_grid, screen_rings
+from omnimirror.files import write_text
+from omnimirror.frames import view_axes
+from omnimirror.imagers import Imager
+
+RUNS = 41
+SIDE, SIZE, HFOV_DEG, TILT_DEG = 1000, (1280, 720), 90.0, -20.0
+PANORAMA = (1440, 360)
+ENTRIES = 1 << 16
+Maps = tuple[np.ndarray, np.ndarray]
+
+
+def sensor() -> om.Sensor:
+    return replace(om.load_sensor("paper-spherical"), imager=Imager(SIDE, SIDE, 5.2 * 1024 / SIDE))
+
+
+class TableMap:
+    """Maps of distant views, some 10 passes over float32 arrays each."""
+
+    def __init__(self, camera: om.Sensor) -> None:
+        s = camera.symmetry
+        self.centre, self.frame = s.centre_px, np.stack([s.right, s.down, s.axis])
+        self.table = self._radius_over_sine(s)
+        width, height = SIZE
+        focal = width / 2 / np.tan(np.radians(HFOV_DEG / 2))
+        self.x = ((np.arange(width) - (width - 1) / 2) / focal).astype(np.float32)
+        self.y = ((np.arange(height) - (height - 1) / 2) / focal).astype(np.float32)[:, None]
+        self.per_length = 1 / np.sqrt(1 + self.x**2 + self.y**2)
+        self.u, self.v, self.along = (np.empty((height, width), np.float32) for _ in range(3))
+        self.index = np.empty((height, width), np.int32)
+
+    @staticmethod
+    def _radius_over_sine(symmetry: om.cameras.AxialSymmetry) -> np.ndarray:
+        """Over sin(Omega/2), up to 1; far outside the picture beyond the field."""
+        half_sine = (np.arange(ENTRIES) + 0.5) / ENTRIES
+        omega = 2 * np.arcsin(half_sine)
+        inside = omega <= symmetry.omega_max
+        table = np.full(ENTRIES, 1e6)
+        table[inside] = symmetry.radius_px(omega[inside]) / np.sin(omega[inside])
+        return table.astype(np.float32)
+
+    def __call__(self, pan_deg: float) -> Maps:
+        axes = np.stack(view_axes(pan_deg, TILT_DEG), axis=-1)
+        for out, (ahead, right, down) in zip((self.u, self.v, self.along), self.frame @ axes, strict=True):
+            np.add(np.float32(ahead) + np.float32(right) * self.x, np.float32(down) * self.y, out=out)
+        self.along *= self.per_length
+        np.subtract(1, self.along, out=self.along)
+        self.along *= np.float32(0.5)
+        np.sqrt(self.along, out=self.along)
+        self.along *= np.float32(ENTRIES - 1)
+        np.copyto(self.index, self.along, casting="unsafe")
+        np.take(self.table, self.index, out=self.along, mode="clip")
+        self.along *= self.per_length
+        for out, centre in zip((self.u, self.v), self.centre, strict=True):
+            out *= self.along
+            out += np.float32(centre)
+        return self.u, self.v
+
+
+def numpy_map(camera: om.Sensor, omegas: np.ndarray, radii: np.ndarray, pan_deg: float) -> Maps:
+    """A map as one would write it first: unit vectors, turned, their angles, and back."""
+    s, (width, height) = camera.symmetry, SIZE
+    focal = width / 2 / np.tan(np.radians(HFOV_DEG / 2))
+    x, y = np.meshgrid(np.arange(width) - (width - 1) / 2, np.arange(height) - (height - 1) / 2)
+    rays = np.stack([np.full_like(x, focal), x, y], axis=-1)
+    rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
+    rays = rays @ np.stack(view_axes(pan_deg, TILT_DEG)) @ np.stack([s.right, s.down, s.axis], axis=-1)
+    omega, phi = np.arccos(rays[..., 2]), np.arctan2(rays[..., 1], rays[..., 0])
+    radius = np.interp(omega, omegas, radii, right=1e6)
+    u, v = s.centre_px[0] + radius * np.cos(phi), s.centre_px[1] + radius * np.sin(phi)
+    return u.astype(np.float32), v.astype(np.float32)
+
+
+def functions_of(picture: np.ndarray) -> dict[str, Callable[[], object]]:
+    camera = sensor()
+    frame = itertools.count()
+    table_map = TableMap(camera)
+    omegas = np.linspace(0, camera.symmetry.omega_max, 4096)
+    radii = camera.symmetry.radius_px(omegas)
+
+    def pan() -> float:
+        return 0.37 * next(frame)
+
+    def view(distance_mm: float) -> om.screens.Plane:
+        here = pan()
+        distance_mm += 0.1 * here  # infinite stays so
+        return om.screens.Plane(SIZE, here, TILT_DEG, hfov_deg=HFOV_DEG, distance_mm=distance_mm)
+
+    def panorama(distance_mm: float) -> om.screens.Cylinder:
+        return om.screens.Cylinder(PANORAMA, -70.0, 40.0, pan(), distance_mm=distance_mm)
+
+    def remap(maps: Maps) -> np.ndarray:
+        return cv2.remap(picture, *maps, cv2.INTER_LINEAR)
+
+    check(camera, table_map, numpy_map(camera, omegas, radii, 30.0))
+    return {
+        "NumPy map + cv2.remap": lambda: remap(numpy_map(camera, omegas, radii, pan())),
+        "table map + cv2.remap": lambda: remap(table_map(pan())),
+        "distant view": lambda: om.Dewarper(camera, view(np.inf))(picture),
+        "near view": lambda: om.Dewarper(camera, view(400.0))(picture),
+        "coordinates of the distant view": lambda: screen_grid(camera, view(np.inf)),
+        "coordinates of the near view": lambda: screen_grid(camera, view(400.0)),
+        "distant panorama": lambda: om.Dewarper(camera, panorama(np.inf))(picture),
+        "near panorama": lambda: om.Dewarper(camera, panorama(400.0))(picture),
+        "coordinates of the near panorama": lambda: screen_rings(camera, panorama(400.0)),
+    }
+
+
+def check(camera: om.Sensor, table_map: TableMap, plain: Maps) -> None:
+    """All maps are the same view."""
+    ours = om.Dewarper(camera, om.screens.Plane(SIZE, 30.0, TILT_DEG, hfov_deg=HFOV_DEG)).coordinates()
+    for maps in (table_map(30.0), plain):
+        assert np.abs(np.stack(maps, axis=-1) - ours).max() < 0.05
+
+
+def main() -> None:
+    arguments = arguments_of(__doc__.splitlines()[0], RUNS)
+    picture = cv2.resize(photograph_of(arguments.picture), (SIDE, SIDE), interpolation=cv2.INTER_AREA)
+    functions = functions_of(picture)
+    ms = {}
+    for threads in arguments.threads:
+        set_threads(threads)
+        ms[threads] = interleaved(functions, arguments.runs)
+    heads = [f"{threads} thread{'s' * (threads > 1)}, ms" for threads in ms]
+    lines = [
+        "# A view that moves",
+        "",
+        circumstances(arguments.runs),
+        "",
+        f"| {' | '.join(['what, for every frame', *heads])} | table map / this | NumPy map / this |",
+        f"|{'---|' * (len(heads) + 3)}",
+    ]
+    for name in functions:
+        times = [f"{of[name]:.2f}" for of in ms.values()]
+        ratios = [
+            ", ".join(f"{of[reference] / of[name]:.1f}" for of in ms.values()) if name.endswith(" view") else ""
+            for reference in ("table map + cv2.remap", "NumPy map + cv2.remap")
+        ]
+        ratios = ["", ""] if name.startswith("coordinates") else ratios
+        lines.append(f"| {' | '.join([name, *times, *ratios])} |")
+    near = ", ".join(f"{of['near view'] / of['distant view']:.2f}" for of in ms.values())
+    lines += ["", f"A near view costs {near} times a distant one."]
+    print("\n".join(lines))
+    write_text(arguments.out / "moving.md", "\n".join(lines) + "\n")
+
+
+if __name__ == "__main__":
+    main()

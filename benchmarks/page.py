@@ -1,0 +1,40 @@
+"""Puts the tables that the benchmarks wrote into docs/benchmarks.md, between the marks that name them.
+
+A table that was not measured stays as it is.
+
+    python benchmarks/page.py --tables out/benchmarks
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+from pathlib import Path
+
+from omnimirror.files import write_text
+
+PAGE = Path(__file__).parents[1] / "docs" / "benchmarks.md"
+
+
+def filled(page: str, tables: Path) -> str:
+    """The page with every table that there is; the heading of a table is the page's."""
+
+    def table(mark: re.Match[str]) -> str:
+        path = tables / f"{mark['name']}.md"
+        if not path.exists():
+            return mark[0]
+        text = re.sub(r"\A# .*\n+", "", path.read_text(encoding="utf-8"))
+        return f"<!-- {mark['name']} -->\n\n{text.strip()}\n\n<!-- end -->"
+
+    return re.sub(r"<!-- (?P<name>\w+) -->\n.*?<!-- end -->", table, page, flags=re.S)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--tables", type=Path, default=Path("out/benchmarks"))
+    arguments = parser.parse_args()
+    write_text(PAGE, filled(PAGE.read_text(encoding="utf-8"), arguments.tables))
+
+
+if __name__ == "__main__":
+    main()

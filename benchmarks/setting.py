@@ -1,0 +1,54 @@
+"""What the benchmarks of the dewarper share: the picture, the threads, and words for the machine."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import platform
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+import omnimirror as om
+from omnimirror.dewarp import native
+
+
+def arguments_of(description: str, runs: int) -> argparse.Namespace:
+    """The options that all take."""
+    parser = argparse.ArgumentParser(description=description)
+    parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
+    parser.add_argument("--picture", type=Path, help="a photograph; noise without it")
+    parser.add_argument("--runs", type=int, default=runs)
+    parser.add_argument("--threads", type=int, nargs="*", default=[1, 4])
+    return parser.parse_args()
+
+
+def photograph_of(path: Path | None) -> np.ndarray:
+    """A large picture in colour."""
+    return om.read_image(path) if path else np.random.default_rng(0).integers(0, 255, (2000, 2000, 3), np.uint8)
+
+
+def set_threads(count: int) -> None:
+    """Of everything that is compared."""
+    native.set_threads(count)
+    cv2.setNumThreads(count)
+
+
+def circumstances(runs: int) -> str:
+    """How and on what was measured, in one paragraph."""
+    return (
+        f"`{Path(sys.argv[0]).name}` on {processor()}, {os.cpu_count()} cores, {native.sampler()} samplers, OpenCV "
+        f"{cv2.__version__}, NumPy {np.__version__}; medians of {runs} interleaved runs."
+    )
+
+
+def processor() -> str:
+    """The processor's name, as far as the system tells."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.processor() or platform.machine()
+    names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.machine()
