@@ -4,10 +4,11 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet install -c constraints.txt
 DEMO_OUT ?= out/demo
+PICTURE ?=
 NATIVE := $(wildcard native/CMakeLists.txt native/src/*)
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-full lint format bench clean
+.PHONY: help demo test test-full lint format bench bench-page clean
 
 help:  ## List the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -37,6 +38,11 @@ bench: $(VENV)/.full  ## Measure against other programs; tables go to out/benchm
 	$(BIN)/python benchmarks/video.py --out out/benchmarks
 	$(BIN)/python benchmarks/live.py --out out/benchmarks
 	$(BIN)/python benchmarks/design.py --out out/benchmarks
+	$(BIN)/python benchmarks/sampling.py --out out/benchmarks $(if $(PICTURE),--picture $(PICTURE))
+	$(BIN)/python benchmarks/moving.py --out out/benchmarks $(if $(PICTURE),--picture $(PICTURE))
+
+bench-page: bench  ## The same, and put the tables into docs/benchmarks.md
+	$(BIN)/python benchmarks/page.py --tables out/benchmarks
 
 clean:  ## Remove what was made, the virtual environment too
 	rm -rf $(VENV) out build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache

@@ -40,8 +40,14 @@ def circumstances(runs: int) -> str:
     """How and on what was measured, in one paragraph."""
     return (
         f"`{Path(sys.argv[0]).name}` on {processor()}, {os.cpu_count()} cores, {native.sampler()} samplers, OpenCV "
-        f"{cv2.__version__}, NumPy {np.__version__}; medians of {runs} interleaved runs."
+        f"{cv2.__version__}, NumPy {np.__version__}; medians of {runs} interleaved runs.{other_load()}"
     )
+
+
+def other_load() -> str:
+    """A warning where the machine has other things to do."""
+    load = os.getloadavg()[0] if hasattr(os, "getloadavg") else 0.0
+    return f" The machine was busy: its load was {load:.0f} before." if load > 0.5 * (os.cpu_count() or 1) else ""
 
 
 def processor() -> str:
