@@ -85,7 +85,7 @@ def texts(drawing):
 
 FULL = Body(8.0, bore_diameter_mm=6.0, bore_depth_mm=np.inf, flange_width_mm=5.0)
 CASES = [
-    *((om.load_sensor(name), TAPPED, Support("tube"), "A3") for name in bundled_sensors()),
+    *((s, TAPPED, Support("tube"), "A3") for s in map(om.load_sensor, bundled_sensors()) if s.secondary is None),
     *((om.load_sensor(f"paper-{name}"), TAPPED, Support("rod"), "A4") for name in ("hyperboloidal", "equidistant")),
     *((sensor_of(kind), FULL, Support("none", camera_diameter_mm=40.0), "A3") for kind in sorted(MIRRORS)),
     (sensor_of("sphere", "orthographic"), Body(), Support("tube"), "A3"),
