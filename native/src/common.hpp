@@ -40,6 +40,7 @@ constexpr int one = sizeof(F) == 1 ? 255 : 65535;
 
 // Pictures with more values are fetched ahead; smaller ones are in the cache anyway.
 constexpr int64_t FETCHED_FROM = 4'000'000;
+constexpr int AHEAD = 16;  // so many strips, some 8 rows of a panel, are located before they are sampled
 
 constexpr int round_up8(int n) { return (n + 7) & ~7; }
 
@@ -203,13 +204,13 @@ void locate_polar(const Polar& p, const Geometry& g, int row, int column, int co
     Isa::template locate<I>(x, y, round_up8(count), g, blocks);
 }
 
-// A strip of a packed map, of which the next row is fetched ahead.
+// A strip of a packed map. Full strips that follow each other adjoin, and there are at most two in a row.
 template <class F>
 Strip<F> packed_strip(const Job& job, int row, int column, int count, uint8_t* out) {
     const Packed& p = job.packed;
     const Block<F>* first = static_cast<const Block<F>*>(p.blocks) + place_in_panels(p.rows, p.columns, row, column);
-    const bool more = row + 1 < p.rows && count == STRIP && job.source.elements > FETCHED_FROM;
-    return {first, count, out, more ? first + STRIP / 8 : nullptr};
+    const bool more = row + AHEAD < p.rows && count == STRIP && job.source.elements > FETCHED_FROM;
+    return {first, count, out, more ? first + AHEAD * STRIP / 8 : nullptr};
 }
 
 template <class Isa, Interpolation I, class F>
@@ -434,22 +435,22 @@ struct Cursor {
     }
 };
 
-constexpr int AHEAD = PANEL / STRIP;  // strips that are located before they are sampled, so that they can be fetched
-
 // Locates the strips of a tile one after the other.
 template <class Isa, Interpolation I, class F>
 struct Locator {
+    static constexpr int SLOTS = AHEAD + 1;
+
     const Job& job;
     Cursor at, weighed;  // nodes are weighed one strip earlier still: what follows would wait for them
     RowOfCells cells[2];
-    alignas(64) Block<F> blocks[2 * AHEAD][STRIP / 8];
+    alignas(64) Block<F> blocks[SLOTS][STRIP / 8];
 
     Locator(const Job& j, const Tile& tile) : job(j), at(tile), weighed(tile) {
         if constexpr (I == Interpolation::nearest) std::memset(blocks, 0, sizeof blocks);  // it has no fractions
         weigh();
     }
 
-    Block<F>* of(int index) { return blocks[index % (2 * AHEAD)]; }
+    Block<F>* of(int index) { return blocks[index % SLOTS]; }
 
     void weigh() {
         if (job.where != Where::nodes || weighed.is_done()) return;
