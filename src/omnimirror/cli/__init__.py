@@ -21,6 +21,7 @@ COMMANDS = {
     "mtf": "Tangential and sagittal MTF over the field.",
     "illumination": "Relative illumination over the field.",
     "compare": "Put up to six sensors side by side.",
+    "simulate": "Take the picture that a sensor would take of a scene.",
     "dewarp": "Straighten a picture taken with a mirror or fisheye.",
     "optimise": "Find the best mirror of free form, or what merits cost each other.",
     "apertures": "Find the F-number and focus with the least blur and diffraction.",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -64,15 +65,27 @@ def write_exr(path: Path, image: Image) -> None:
     OSError
         The file cannot be written.
     """
-    library = _library(path)
     image = image.reshape(*image.shape[:2], -1)
     names = CHANNELS[image.shape[2]]
     if len(names) > 1:
         image = image[..., [2, 1, 0, 3][: len(names)]]
-    channels = {name: np.ascontiguousarray(image[..., i]) for i, name in enumerate(names)}
+    write_channels(path, {name: np.ascontiguousarray(image[..., i]) for i, name in enumerate(names)})
+
+
+def write_channels(path: Path, channels: Mapping[str, NDArray[np.float32]]) -> None:
+    """Write channels (h, w) of any names, without loss.
+
+    Raises
+    ------
+    MediaError
+        OpenEXR is not installed.
+    OSError
+        The file cannot be written.
+    """
+    library = _library(path)
     header = {"compression": library.ZIP_COMPRESSION, "type": library.scanlineimage}
     try:
-        with library.File(header, channels) as file:
+        with library.File(header, dict(channels)) as file:
             file.write(str(path))
     except RuntimeError as e:
         raise OSError(5, str(e).strip().splitlines()[0]) from None

@@ -1,8 +1,24 @@
 """What a sensor would see: scenes, and the pictures that a camera takes of them."""
 
+from .detector import Detector
 from .exposure import expose
 from .hardware import Hardware
 from .picture import pinhole_picture, take_picture
-from .scenes import Distant, Environment, Room, Scene
+from .scenes import Distant, Environment, Placed, Pose, Room, Scene
+from .truth import Truth, ground_truth
 
-__all__ = ["Distant", "Environment", "Hardware", "Room", "Scene", "expose", "pinhole_picture", "take_picture"]
+__all__ = [
+    "Detector",
+    "Distant",
+    "Environment",
+    "Hardware",
+    "Placed",
+    "Pose",
+    "Room",
+    "Scene",
+    "Truth",
+    "expose",
+    "ground_truth",
+    "pinhole_picture",
+    "take_picture",
+]

@@ -29,10 +29,18 @@ def srgb_bytes(linear: ArrayLike) -> Picture:
     >>> srgb_bytes([0.0, 0.214, 1.0, 7.0])
     array([  0, 127, 255, 255], dtype=uint8)
     """
-    x = np.clip(np.asarray(linear, dtype=np.float32), 0, 1)
-    srgb = np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1 / 2.4) - 0.055)
-    picture: Picture = np.rint(255 * srgb).astype(np.uint8)
+    picture: Picture = np.rint(255 * srgb_from_linear(linear)).astype(np.uint8)
     return picture
+
+
+def srgb_from_linear(linear: ArrayLike) -> Light:
+    """sRGB values of linear light, both with white at 1; light above 1 saturates.
+
+    >>> srgb_from_linear([0.0, 0.214, 7.0]).round(3)
+    array([0. , 0.5, 1. ], dtype=float32)
+    """
+    x = np.clip(np.asarray(linear, dtype=np.float32), 0, 1)
+    return np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1 / 2.4) - 0.055).astype(np.float32)
 
 
 def hex_colour(text: str) -> Light:

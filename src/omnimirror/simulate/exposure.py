@@ -20,6 +20,7 @@ from .optics import native_optics
 from .samples import Samples, places, spread
 from .scenes.contract import Distant, Scene
 from .scenes.environment import Environment
+from .scenes.placed import Placed
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]
@@ -97,9 +98,10 @@ def expose(
         )
     plan = spread(samples, blur, seed)
     hardware = hardware or Hardware()
-    seen = Distant(scene) if distant and not isinstance(scene, Environment) else scene
-    if _has_one_mirror(camera) and isinstance(seen, Environment) and compiled() is not None:
-        return _of_environment(camera, seen, plan, hardware, progress)
+    seen = Distant(scene) if distant else scene
+    far = _environment_of(seen)
+    if _has_one_mirror(camera) and far is not None and compiled() is not None:
+        return _of_environment(camera, *far, plan, hardware, progress)
     return _of_scene(camera, seen, plan, hardware, progress, workers)
 
 
@@ -107,13 +109,25 @@ def _has_one_mirror(camera: Camera) -> TypeGuard[Sensor]:
     return isinstance(camera, Sensor) and camera.secondary is None
 
 
+def _environment_of(scene: Scene) -> tuple[Environment, Array] | None:
+    """The environment that is all of a scene, and the rotation (3, 3) of the world's directions into its picture's."""
+    if isinstance(scene, Environment):
+        return scene, scene.heading()
+    if isinstance(scene, Distant | Placed):
+        inner = _environment_of(scene.scene)
+        if inner is not None:
+            turn = scene.pose.rotation() if isinstance(scene, Placed) else np.eye(3)
+            return inner[0], inner[1] @ turn
+    return None
+
+
 def _of_environment(
-    sensor: Sensor, scene: Environment, plan: Samples, hardware: Hardware, progress: Progress | None
+    sensor: Sensor, scene: Environment, heading: Array, plan: Samples, hardware: Hardware, progress: Progress | None
 ) -> Light:
     """All in the compiled kernels: no ray is ever stored."""
     module = compiled()
     assert module is not None
-    optics = native_optics(sensor, hardware, plan.blur, tuple(scene.heading().ravel()))
+    optics = native_optics(sensor, hardware, plan.blur, tuple(heading.ravel()))
     width, height = sensor.image_size
     light = np.empty((height, width, 3), np.float32)
     for top in range(0, height, ROWS_AT_ONCE):

@@ -1,7 +1,9 @@
-"""Scenes to take pictures of: the contract, environments far away, and a furnished room."""
+"""Scenes to take pictures of: the contract, environments far away, and the scenes that come with the project."""
 
-from .contract import Distant, Scene
+from .bundled import BUNDLED, bundled_scene
+from .contract import Distant, Measured, Scene
 from .environment import Environment
+from .placed import Placed, Pose
 from .room import Room
 
-__all__ = ["Distant", "Environment", "Room", "Scene"]
+__all__ = ["BUNDLED", "Distant", "Environment", "Measured", "Placed", "Pose", "Room", "Scene", "bundled_scene"]

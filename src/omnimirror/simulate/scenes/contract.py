@@ -8,6 +8,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from ...errors import InvalidParameter
 from ..colour import Light
 
 Array = NDArray[np.float64]
@@ -23,6 +24,28 @@ class Scene(Protocol):
     def radiance(self, origins_mm: Array, directions: Array) -> Light:
         """Linear RGB (n, 3), white at 1 and lamps above, of rays from origins (n, 3) mm in directions (n, 3)."""
         ...
+
+
+@runtime_checkable
+class Measured(Protocol):
+    """A scene that also tells how far rays go, for ground truth."""
+
+    def distance_mm(self, origins_mm: Array, directions: Array) -> Array:
+        """How far (n,) rays from origins (n, 3) mm in directions (n, 3) of any length go; infinite at nothing."""
+        ...
+
+
+def distances_mm(scene: Scene, origins_mm: Array, directions: Array) -> Array:
+    """How far (n,) rays go in a scene.
+
+    Raises
+    ------
+    InvalidParameter
+        If the scene cannot tell.
+    """
+    if not isinstance(scene, Measured):
+        raise InvalidParameter(f"a {type(scene).__name__} has no distance_mm(), which depth as ground truth needs")
+    return scene.distance_mm(origins_mm, directions)
 
 
 @dataclass(frozen=True)
@@ -43,3 +66,7 @@ class Distant:
     def radiance(self, origins_mm: Array, directions: Array) -> Light:
         """Linear RGB (n, 3) in directions (n, 3); the origins do not matter."""
         return self.scene.radiance(np.zeros_like(origins_mm), directions)
+
+    def distance_mm(self, origins_mm: Array, directions: Array) -> Array:
+        """Infinite (n,)."""
+        return np.full(len(directions), np.inf)

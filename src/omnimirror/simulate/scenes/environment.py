@@ -88,6 +88,10 @@ class Environment:
         light: Light = remap(self._closed, places)[0]
         return light
 
+    def distance_mm(self, origins_mm: ArrayLike, directions: ArrayLike) -> Array:
+        """Infinite (n,)."""
+        return np.full(len(np.asarray(directions)), np.inf)
+
     def heading(self) -> Array:
         """Rotation (3, 3) of world directions into the picture's own, whose middle lies along x."""
         c, s = np.cos(np.radians(self.heading_deg)), np.sin(np.radians(self.heading_deg))

@@ -75,6 +75,19 @@ class Room:
         light[outside] += clear[outside, None] * landscape(towards[outside])
         return light
 
+    def distance_mm(self, origins_mm: ArrayLike, directions: ArrayLike) -> Array:
+        """How far (n,) rays go to a wall or a piece of furniture; window panes count as wall.
+
+        Raises
+        ------
+        InvalidParameter
+            As :meth:`radiance`.
+        """
+        origins, towards = np.asarray(origins_mm, dtype=float), np.asarray(directions, dtype=float)
+        _check_rays(origins, towards)
+        length: Array = np.linalg.norm(towards, axis=1)
+        return meet(ROOM, SOLIDS, origins, towards).distance * length
+
     @property
     def words(self) -> tuple[str, ...]:
         """The words on the walls."""

@@ -1,0 +1,126 @@
+"""The scenes that can be named on the command line, and the options of the pictures taken of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+from ..errors import OmnimirrorError
+from ..simulate import Detector, Environment, Hardware, Pose, Scene
+from ..simulate.detector import BAYER, CURVES
+from ..simulate.scenes import BUNDLED, bundled_scene
+from .options import _numbers, angle, distance, factor
+
+Command = TypeVar("Command", bound=Callable[..., Any])
+
+ENVIRONMENTS = (".hdr", ".exr", ".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp")
+
+
+def pose(text: str) -> Pose:
+    """A pose as ``X,Y,Z``, ``X,Y,Z,PAN``, .. up to ``X,Y,Z,PAN,TILT,ROLL``, in mm and degrees.
+
+    >>> pose("500,0,-200,30")
+    Pose(x_mm=500.0, y_mm=0.0, z_mm=-200.0, pan_deg=30.0, tilt_deg=0.0, roll_deg=0.0)
+    """
+    count = min(max(3, text.count(",") + 1), 6)
+    return Pose(*_numbers(text, count, ",", "a pose X,Y,Z[,PAN[,TILT[,ROLL]]] in mm and deg"))
+
+
+_SCENE = (
+    click.option(
+        "--scene",
+        default="room",
+        show_default=True,
+        metavar="NAME|FILE",
+        help=f"What to look at: {', '.join(BUNDLED)}, or an equirectangular picture (HDR, EXR, JPEG, ..).",
+    ),
+    click.option(
+        "--heading-deg", type=angle, metavar="DEG", help="Where the middle of an environment is seen.  [default: 0]"
+    ),
+)
+_PICTURE = (
+    click.option(
+        "--blur/--no-blur", default=True, show_default=True, help="Look through the whole aperture, or sharp."
+    ),
+    click.option("--samples", "--spp", type=int, default=16, show_default=True, help="Rays per pixel."),
+    click.option("--seed", type=int, default=0, show_default=True, help="Of the rays' places and of the noise."),
+)
+_HARDWARE = (
+    click.option(
+        "--camera-radius-mm", type=float, metavar="MM", help="The camera, seen in the middle.  [default: none]"
+    ),
+    click.option("--reflectivity", type=float, metavar="SHARE", help="Of the mirror.  [default: 1]"),
+    click.option("--vignetting/--no-vignetting", default=None, help="The lens's natural one, cos^4.  [default: none]"),
+    click.option("--sees-past/--black-past", default=None, help="What lies beside the mirror.  [default: black]"),
+)
+_DETECTOR = (
+    click.option("--exposure", type=factor, metavar="FACTOR", help="Of the light; above 1 saturates.  [default: 1]"),
+    click.option("--full-well-e", type=distance, metavar="N", help="Electrons at saturation.  [default: no noise]"),
+    click.option("--read-noise-e", type=float, metavar="N", help="Noise of reading out, electrons.  [default: 0]"),
+    click.option(
+        "--bits", type=int, metavar="8..16", help="Depth of values; PNG and TIFF hold more than 8.  [default: 8]"
+    ),
+    click.option("--curve", type=click.Choice(CURVES), help="Of the values.  [default: srgb]"),
+    click.option("--bayer", type=click.Choice(BAYER), help="One colour per pixel, not interpolated.  [default: none]"),
+)
+HARDWARE = ("camera_radius_mm", "reflectivity", "vignetting", "sees_past")
+DETECTOR = ("exposure", "full_well_e", "read_noise_e", "bits", "curve", "bayer")
+
+
+def scene_options(command: Command) -> Command:
+    """Options that name a scene."""
+    return _all(command, _SCENE)
+
+
+def picture_options(command: Command) -> Command:
+    """Options of how pictures are taken."""
+    return _all(command, (*_PICTURE, *_HARDWARE, *_DETECTOR))
+
+
+def _all(command: Command, options: tuple[Callable[[Command], Command], ...]) -> Command:
+    for option in reversed(options):
+        command = option(command)
+    return command
+
+
+def scene_of(name: str, given: dict[str, Any]) -> Scene:
+    """The scene of a name or a file."""
+    suffix = Path(name).suffix.lower()
+    if suffix in ENVIRONMENTS:
+        return Environment.load(name, given.get("heading_deg", 0.0))
+    if "heading_deg" in given:
+        raise click.UsageError("--heading-deg turns an environment; turn other scenes with --pose")
+    if name in BUNDLED:
+        return bundled_scene(name)
+    raise OmnimirrorError(
+        f"there is no scene {name!r}; valid are {', '.join(BUNDLED)}, and files {', '.join(ENVIRONMENTS)}"
+    )
+
+
+def hardware_of(given: dict[str, Any]) -> Hardware:
+    """What stands in the light, as the options say."""
+    asked: dict[str, Any] = {n: given[n] for n in HARDWARE if n in given}
+    return Hardware(**asked | {"vignetting": float(asked.get("vignetting", 0.0))})
+
+
+def detector_of(given: dict[str, Any]) -> Detector:
+    """The imager's electronics, as the options say."""
+    return Detector(**{n: given[n] for n in DETECTOR if n in given})
+
+
+@contextmanager
+def rows_bar(what: str) -> Iterator[Callable[[int, int], None]]:
+    """A progress bar on stderr, told of rows or frames done."""
+    bar = Progress(
+        TextColumn(what), BarColumn(), TextColumn("{task.percentage:.0f} %"), TimeRemainingColumn(),
+        console=Console(stderr=True), transient=True,
+    )  # fmt: skip
+    with bar:
+        task = bar.add_task("", total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)
