@@ -15,11 +15,12 @@ from ..errors import OmnimirrorError
 from ..simulate import Detector, Environment, Hardware, Pose, Scene
 from ..simulate.detector import BAYER, CURVES
 from ..simulate.scenes import BUNDLED, bundled_scene
-from .options import _numbers, angle, distance, factor
+from .options import _numbers, angle, distance, factor, flag
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
 ENVIRONMENTS = (".hdr", ".exr", ".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp")
+MESHES = (".glb", ".gltf", ".obj")
 
 
 def pose(text: str) -> Pose:
@@ -38,11 +39,17 @@ _SCENE = (
         default="room",
         show_default=True,
         metavar="NAME|FILE",
-        help=f"What to look at: {', '.join(BUNDLED)}, or an equirectangular picture (HDR, EXR, JPEG, ..).",
+        help=f"What to look at: {', '.join(BUNDLED)}, an equirectangular picture (HDR, EXR, JPEG, ..), or a mesh "
+        "(GLB, glTF, OBJ).",
     ),
     click.option(
         "--heading-deg", type=angle, metavar="DEG", help="Where the middle of an environment is seen.  [default: 0]"
     ),
+    click.option("--unit-mm", type=factor, metavar="MM", help="Unit of a mesh.  [default: 1000, as glTF says]"),
+    click.option(
+        "--up", type=click.Choice(["y", "z"]), help="Axis of a mesh that points up.  [default: y, as glTF says]"
+    ),
+    click.option("--background", metavar="FILE", help="Environment behind a mesh.  [default: nothing]"),
 )
 _PICTURE = (
     click.option(
@@ -92,15 +99,27 @@ def _all(command: Command, options: tuple[Callable[[Command], Command], ...]) ->
 def scene_of(name: str, given: dict[str, Any]) -> Scene:
     """The scene of a name or a file."""
     suffix = Path(name).suffix.lower()
+    if suffix in MESHES:
+        from ..simulate.scenes.mesh import load_mesh
+
+        far = _environment(given["background"], given) if "background" in given else None
+        return load_mesh(name, given.get("unit_mm", 1000.0), given.get("up", "y"), far)
+    for option in ("unit_mm", "up", "background"):
+        if option in given:
+            raise click.UsageError(f"{flag(option)} belongs to a mesh, and {name} is none")
     if suffix in ENVIRONMENTS:
-        return Environment.load(name, given.get("heading_deg", 0.0))
+        return _environment(name, given)
     if "heading_deg" in given:
         raise click.UsageError("--heading-deg turns an environment; turn other scenes with --pose")
     if name in BUNDLED:
         return bundled_scene(name)
     raise OmnimirrorError(
-        f"there is no scene {name!r}; valid are {', '.join(BUNDLED)}, and files {', '.join(ENVIRONMENTS)}"
+        f"there is no scene {name!r}; valid are {', '.join(BUNDLED)}, and files {', '.join((*ENVIRONMENTS, *MESHES))}"
     )
+
+
+def _environment(path: str, given: dict[str, Any]) -> Environment:
+    return Environment.load(path, given.get("heading_deg", 0.0))
 
 
 def hardware_of(given: dict[str, Any]) -> Hardware:

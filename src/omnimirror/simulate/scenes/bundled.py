@@ -6,9 +6,11 @@ from collections.abc import Callable
 
 from ...errors import InvalidParameter
 from .contract import Scene
+from .hall import Hall
 from .room import Room
+from .street import Street
 
-BUNDLED: dict[str, Callable[[], Scene]] = {"room": Room}
+BUNDLED: dict[str, Callable[[], Scene]] = {"room": Room, "street": Street, "hall": Hall}
 
 
 def bundled_scene(name: str) -> Scene:

@@ -24,6 +24,9 @@ LIFT_MM = 1.0  # from the face to where its light is gathered, so that it does n
 DAYLIGHT = 2.0 * hex_colour("#e8f1fb")
 LAMPLIGHT = 10.0  # lamps give more light than they show, as a photographer would dim their glare
 GLOW = 0.55 * hex_colour("#fff8ee")
+SUNLIGHT = 0.85 * hex_colour("#fff3dc")
+SKYLIGHT, EARTHLIGHT = 0.55 * hex_colour("#e2e9f2"), 0.35 * hex_colour("#e8ddc8")
+HORIZON_MM = 1e6  # as far as shadows reach
 REACH_MM = 1500.0  # things nearer than this keep the glow away
 WAYS = 40  # in which the glow is looked for
 
@@ -71,31 +74,67 @@ def light_on(painted: Sequence[tuple[Face, Canvas]], room: Box, solids: Sequence
     shares = np.split(from_sources, np.cumsum([len(p) for p in points])[:-1])
     for (face, canvas), p, share in zip(painted, points, shares, strict=True):
         reached = openness(p, face, room, solids)
-        yield _spread(share + reached[:, None] * GLOW, reached > 0, face, canvas)
+        yield _spread(share + reached[:, None] * GLOW, reached > 0, face, canvas, GRID_MM)
+
+
+def under_sky(
+    painted: Iterable[tuple[Face, Canvas]], solids: Sequence[Box], sun: Array, grid_mm: float
+) -> Iterator[Light]:
+    """For each face the light (rows, columns, 3) that white would throw back under the sun and an even sky.
+
+    Parameters
+    ----------
+    painted
+        One after the other, so that canvases need not be kept.
+    solids
+        What casts shadows.
+    sun : (3,) unit vector towards it
+    grid_mm
+        Between points at which light is found, where texels are not coarser.
+    """
+    import cv2
+
+    for face, canvas in painted:
+        step = max(grid_mm, 2 * float(canvas.texel.max()))
+        points = _points_before(face, step)
+        towards = float(face.normal @ sun)
+        lit: Array = np.zeros(len(points))
+        if towards > 0:
+            in_sun = ~blocked(solids, points, np.tile(HORIZON_MM * sun, (len(points), 1)))
+            grid = in_sun.astype(float).reshape(_grid_shape(face, step))
+            lit = np.asarray(
+                towards * cv2.GaussianBlur(grid, (0, 0), 1.0).ravel(), dtype=float
+            )  # or shadows would have steps
+        open_sky = 0.5 + 0.5 * face.normal[2]
+        light = lit[:, None] * SUNLIGHT + open_sky * SKYLIGHT + (1 - open_sky) * EARTHLIGHT
+        yield _spread(light, np.ones(len(points), dtype=bool), face, canvas, step)
 
 
 def _grid_points(face: Face, room: Box) -> Array:
-    """Points (n, 3) mm just before a face, in rows from its top."""
-    rows, columns = _grid_shape(face)
-    x = (np.arange(columns) + 0.5) * face.width_mm / columns
-    y = face.height_mm - (np.arange(rows) + 0.5) * face.height_mm / rows
-    xs, ys = np.meshgrid(x, y)
-    points = face.point(xs.ravel(), ys.ravel()) + LIFT_MM * face.normal
-    inside: Array = np.clip(points, np.array(room.low) + LIFT_MM, np.array(room.high) - LIFT_MM)
+    """Points (n, 3) mm just before a face and inside the room, in rows from its top."""
+    inside: Array = np.clip(_points_before(face, GRID_MM), np.array(room.low) + LIFT_MM, np.array(room.high) - LIFT_MM)
     return inside
 
 
-def _grid_shape(face: Face) -> tuple[int, int]:
-    return max(1, round(face.height_mm / GRID_MM)), max(1, round(face.width_mm / GRID_MM))
+def _points_before(face: Face, grid_mm: float) -> Array:
+    rows, columns = _grid_shape(face, grid_mm)
+    x = (np.arange(columns) + 0.5) * face.width_mm / columns
+    y = face.height_mm - (np.arange(rows) + 0.5) * face.height_mm / rows
+    xs, ys = np.meshgrid(x, y)
+    return face.point(xs.ravel(), ys.ravel()) + LIFT_MM * face.normal
 
 
-def _spread(light: Array, free: NDArray[np.bool_], face: Face, canvas: Canvas) -> Light:
+def _grid_shape(face: Face, grid_mm: float) -> tuple[int, int]:
+    return max(1, round(face.height_mm / grid_mm)), max(1, round(face.width_mm / grid_mm))
+
+
+def _spread(light: Array, free: NDArray[np.bool_], face: Face, canvas: Canvas, grid_mm: float) -> Light:
     """Light on each texel, between the points of the grid that no solid covers; a dim glow where all are covered."""
     import cv2
 
     weight = np.where(free, 1.0, 1e-3)[:, None]
     weighted = np.hstack([weight * np.where(free[:, None], light, GLOW / 2), weight])
-    grid = weighted.reshape(*_grid_shape(face), 4).astype(np.float32)
+    grid = weighted.reshape(*_grid_shape(face, grid_mm), 4).astype(np.float32)
     rows, columns, _ = canvas.texels.shape
     smooth = cv2.resize(grid, (columns, rows), interpolation=cv2.INTER_LINEAR).reshape(rows, columns, 4)
     return (smooth[..., :3] / smooth[..., 3:]).astype(np.float32)

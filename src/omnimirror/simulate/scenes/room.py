@@ -8,14 +8,16 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...dewarp.native import compiled
 from ...errors import InvalidParameter
 from ..colour import Light
 from .boxes import FACES, Face, face_of, meet
-from .canvas import ALBEDO, CLEAR, EMISSION, Canvas, Extent
+from .canvas import Canvas, Extent
 from .contract import Array
 from .decor import PIECES, ROOM, paint_room
 from .landscape import landscape
 from .lighting import light_on
+from .painted import Landscape, Surroundings, finished, outsides, surfaces_of
 
 FINEST_MM, COARSEST_MM = 1.0, 100.0
 PLAIN_MM = 25.0  # fine enough where there is nothing but light and shade
@@ -69,8 +71,11 @@ class Room:
         """
         origins, towards = np.asarray(origins_mm, dtype=float), np.asarray(directions, dtype=float)
         _check_rays(origins, towards)
-        hits = meet(ROOM, SOLIDS, origins, towards)
-        light, clear = _painted(self.texel_mm).look_up(hits.face, origins + hits.distance[:, None] * towards)
+        painted = _painted(self.texel_mm)
+        if compiled() is not None:
+            return painted.surroundings.radiance(origins, towards)
+        hits = meet(ROOM, SOLIDS, origins, towards)  # boxes are met quicker than any surfaces are in NumPy
+        light, clear = painted.look_up(hits.face, origins + hits.distance[:, None] * towards)
         outside = np.flatnonzero(clear)
         light[outside] += clear[outside, None] * landscape(towards[outside])
         return light
@@ -127,6 +132,7 @@ class _Painted:
 
     def __init__(self, faces: list[Face], pictures: list[Light], signs: dict[str, Array]) -> None:
         self.signs = signs
+        self.surroundings = Surroundings(surfaces_of(faces, pictures), Landscape())
         self._sizes = np.array([p.shape[:2] for p in pictures])
         self._starts = np.concatenate([[0], np.cumsum(self._sizes.prod(axis=1))])[:-1]
         self._texels = np.concatenate([p.reshape(-1, 4) for p in pictures])
@@ -164,7 +170,7 @@ class _Painted:
 def _painted(texel_mm: float) -> _Painted:
     """Paint the faces, find the light that falls on them, and keep both in one picture each."""
     faces = [face_of(ROOM, i, inside=True) for i in FACES]
-    faces += [face_of(solid, i, inside=False) for solid in SOLIDS for i in FACES]
+    faces += outsides(SOLIDS)
     canvases: list[Canvas] = []
     signs: dict[str, Array] = {}
     for i in FACES:
@@ -180,14 +186,8 @@ def _painted(texel_mm: float) -> _Painted:
             decorate(canvas)
         canvases.append(canvas)
     lights = light_on(list(zip(faces, canvases, strict=True)), ROOM, SOLIDS)
-    pictures = [_finished(canvas, light) for canvas, light in zip(canvases, lights, strict=True)]
+    pictures = [finished(canvas, light) for canvas, light in zip(canvases, lights, strict=True)]
     return _Painted(faces, pictures, signs)
-
-
-def _finished(canvas: Canvas, light: Light) -> Light:
-    """Light that a face sends towards whoever looks, and what it lets through: (rows, columns, 4)."""
-    sent = canvas.texels[..., ALBEDO] * light + canvas.texels[..., EMISSION]
-    return np.concatenate([sent, canvas.texels[..., CLEAR, None]], axis=-1)
 
 
 def _corners(face: Face, extent: Extent) -> Array:

@@ -1,0 +1,76 @@
+"""Triangles of plain or blended colours, as surfaces, and crowns of trees made of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..colour import Light, hex_colour
+from .boxes import Box
+from .contract import Array
+from .surfaces import Surfaces, Texture
+
+
+def facets(triangles: Array, colours: Light) -> Surfaces:
+    """Triangles (n, 3, 3), mm, with the linear RGB (n, 3, 3) of their corners, blended between them.
+
+    Each has four texels of its own, whose last continues the others' plane, so that blending is exact.
+
+    >>> red_to_blue = facets(np.array([[[9.0, 3, -3], [9, -3, -3], [9, 3, 3]]]), np.eye(3)[None].astype(np.float32))
+    >>> red_to_blue.seen(np.zeros((1, 3)), np.array([[9.0, 1.0, -1.0]])).light.round(3)
+    array([[0.333, 0.333, 0.333]], dtype=float32)
+    """
+    count = len(triangles)
+    columns = max(1, int(np.ceil(np.sqrt(count))))
+    blocks = np.zeros((-(-count // columns), columns, 2, 2, 4), np.float32)
+    row, column = np.divmod(np.arange(count), columns)
+    a, b, c = np.moveaxis(np.asarray(colours, np.float32), 1, 0)
+    for (i, j), light in {(0, 0): a, (0, 1): b, (1, 0): c, (1, 1): b + c - a}.items():
+        blocks[row, column, i, j, :3] = light
+    texels = blocks.transpose(0, 2, 1, 3, 4).reshape(2 * blocks.shape[0], 2 * columns, 4)
+    places = np.stack([triangles[:, 0], triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]], axis=1)
+    corner = 2.0 * np.stack([column, row], axis=-1)
+    sides = np.broadcast_to(np.eye(2), (count, 2, 2))
+    at = np.concatenate([corner[:, None], sides], axis=1)
+    return Surfaces(places, at, np.zeros(count, int), np.ones(count, bool), (Texture(texels),))
+
+
+def combined(parts: Sequence[Surfaces]) -> Surfaces:
+    """Several sets of surfaces as one."""
+    shifts = np.cumsum([0, *(len(part.textures) for part in parts)])
+    return Surfaces(
+        np.concatenate([part.places for part in parts]),
+        np.concatenate([part.texel_places for part in parts]),
+        np.concatenate([part.texture_of + shift for part, shift in zip(parts, shifts, strict=False)]),
+        np.concatenate([part.is_triangle for part in parts]),
+        tuple(texture for part in parts for texture in part.textures),
+    )
+
+
+RINGS, SPOKES = 7, 14
+
+
+def crown(box: Box, colour: str, sun: Array) -> Surfaces:
+    """The crown of a tree: an uneven ball that fills a box, lit by the sun."""
+    low, high = np.array(box.low), np.array(box.high)
+    chance = np.random.default_rng(int(abs(low).sum()))
+    polar, turn = np.meshgrid(np.linspace(0, np.pi, RINGS), 2 * np.pi * np.arange(SPOKES) / SPOKES, indexing="ij")
+    bumps = 1 + 0.14 * chance.standard_normal(polar.shape)
+    bumps[[0, -1]] = 1.0
+    ball = np.stack([np.sin(polar) * np.cos(turn), np.sin(polar) * np.sin(turn), np.cos(polar)], axis=-1)
+    points = (low + high) / 2 + (high - low) / 2 * bumps[..., None] * ball
+    sunny, tone = np.clip(ball @ sun, 0, 1), 1 + 0.12 * chance.standard_normal(polar.shape)
+    light = (0.25 + 0.2 * (ball[..., 2] + 1) / 2 + 0.8 * sunny) * tone
+    colours = light[..., None] * hex_colour(colour)
+    corners = (points, colours)
+    quads = [[np.roll(a, shift, axis=1)[rows] for rows, shift in _QUAD] for a in corners]
+    triangles, shades = (
+        np.concatenate([np.stack([q[i] for i in order], axis=-2).reshape(-1, 3, 3) for order in ((0, 1, 2), (0, 2, 3))])
+        for q in quads
+    )
+    return facets(triangles, shades.astype(np.float32))
+
+
+_QUAD = ((slice(None, -1), 0), (slice(1, None), 0), (slice(1, None), -1), (slice(None, -1), -1))
+"""Rows and turns of the four corners of the faces between two rings."""
