@@ -291,14 +291,21 @@ void reflect(const Optics& o, Bundle& r) {
     }
 }
 
-// Whether a ray meets the rod between its two ends.
+// Whether a ray meets one of the rod's ends.
+inline bool meets_end(const Optics& o, int end, float x, float y, float z, float dx, float dy, float dz) {
+    const float t = (o.rod_z[end] - z) / (dz + 1e-30f), px = x + t * dx, py = y + t * dy;
+    return (t >= 0) & (px * px + py * py < o.rod_radius[end] * o.rod_radius[end]);
+}
+
+// Whether a ray meets the rod, on its side or its ends.
 inline bool meets_rod(const Optics& o, float x, float y, float z, float dx, float dy, float dz) {
     const float taper = (o.rod_radius[1] - o.rod_radius[0]) / (o.rod_z[1] - o.rod_z[0]);
     const float radius = o.rod_radius[0] + taper * (z - o.rod_z[0]), widening = taper * dz;
     const float a = dx * dx + dy * dy - widening * widening, b = x * dx + y * dy - radius * widening;
     const float c = x * x + y * y - radius * radius, disc = b * b - a * c;
     const float t = (-b - root(disc)) / (a + 1e-20f), at = z + t * dz;
-    return (disc > 0) & (t > 0) & (at >= o.rod_z[0]) & (at <= o.rod_z[1]);
+    const bool side = (disc > 0) & (t > 0) & (at >= o.rod_z[0]) & (at <= o.rod_z[1]);
+    return side | meets_end(o, 0, x, y, z, dx, dy, dz) | meets_end(o, 1, x, y, z, dx, dy, dz);
 }
 
 // The camera and its rod, where mirrored rays meet them. The rod also hides the mirror: the ray is followed back.

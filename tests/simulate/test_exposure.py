@@ -9,6 +9,7 @@ import omnimirror as om
 from omnimirror.dewarp.native import compiled
 from omnimirror.errors import InvalidParameter
 from omnimirror.mirrors.pose import MirrorPose
+from omnimirror.mirrors.reflectivity import METALS
 from omnimirror.simulate import Environment, Hardware, expose
 from omnimirror.simulate import exposure as rays
 from omnimirror.simulate.samples import places, spread
@@ -112,6 +113,32 @@ def test_an_even_world_comes_back_as_bright_as_it_is():
     assert light[0, 0].max() == 0
     beside = expose(small("paper-spherical"), white, 16, blur=True, hardware=Hardware(sees_past=True))
     np.testing.assert_allclose(beside, 1.0, rtol=1e-5)
+
+
+@needs_native
+@pytest.mark.parametrize("pose", [MirrorPose(), MISPLACED], ids=["aligned", "misplaced"])
+@pytest.mark.parametrize("metal", ["aluminium", "gold", 0.5 + 2.0j])
+def test_metals_reflect_as_fresnel_says_in_kernels_and_without(metal, pose):
+    sensor, plan = small("paper-spherical", mirror_pose=pose), spread(4, blur=True)
+    part, hardware = (slice(0, 100), slice(0, 100)), Hardware(reflectivity=metal)
+    fast, slow = rays._trace_natively(sensor, plan, hardware, *part), rays._trace_sensor(sensor, plan, hardware, *part)
+    seen = (fast.fate == rays.REFLECTED) & (slow.fate == rays.REFLECTED)
+    np.testing.assert_allclose(fast.weight[seen], slow.weight[seen], atol=5e-5)
+    assert np.ptp(slow.weight[seen]) > 5e-3
+
+
+def test_a_metal_dims_a_pixel_by_its_own_angle_of_incidence():
+    sensor, white = om.load_sensor("paper-spherical"), Environment(np.ones((4, 8, 3), np.float32))
+    light = expose(sensor, white, 1, hardware=Hardware(reflectivity=("gold", "silver", 0.7)))
+    u, v = 911, 512
+    radius = np.hypot(*(np.array([u, v]) - sensor.imager.centre))
+    gamma = sensor.meridian.trace(sensor.x_from_height_px([radius])).gamma
+    cos, inside = np.cos(gamma), {m: np.sqrt(1 - (np.sin(gamma) / METALS[m]) ** 2) for m in ("gold", "silver")}
+    for channel, metal in enumerate(inside):
+        n, t = METALS[metal], inside[metal]
+        s, p = (cos - n * t) / (cos + n * t), (n * cos - t) / (n * cos + t)
+        assert light[v, u, channel] == pytest.approx(float((abs(s) ** 2 + abs(p) ** 2)[0] / 2), abs=2e-5)
+    assert light[v, u, 2] == pytest.approx(0.7)
 
 
 def test_natural_vignetting_falls_with_the_fourth_power_of_the_cosine():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -11,10 +12,14 @@ import click
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
+from ..design.manufacture.supports import Support, tube_of
+from ..design.manufacture.supports import hardware_of as hardware_of_support
 from ..errors import OmnimirrorError
+from ..sensor import Sensor
 from ..simulate import Detector, Environment, Hardware, Pose, Scene
 from ..simulate.detector import BAYER, CURVES
 from ..simulate.scenes import BUNDLED, bundled_scene
+from ..simulate.tube import ThroughTube
 from .options import _numbers, angle, distance, factor, flag
 
 Command = TypeVar("Command", bound=Callable[..., Any])
@@ -31,6 +36,22 @@ def pose(text: str) -> Pose:
     """
     count = min(max(3, text.count(",") + 1), 6)
     return Pose(*_numbers(text, count, ",", "a pose X,Y,Z[,PAN[,TILT[,ROLL]]] in mm and deg"))
+
+
+def reflectivity(text: str) -> Any:
+    """A reflectivity as a share, a metal's name or its index, or three of them with commas between.
+
+    >>> reflectivity("0.9"), reflectivity("gold"), reflectivity("0.96+6.69j,0.9,1")
+    (0.9, 'gold', ((0.96+6.69j), 0.9, 1.0))
+    """
+    if "," in text:
+        return tuple(reflectivity(part) for part in text.split(","))
+    for kind in (float, complex):
+        try:
+            return kind(text)
+        except ValueError:
+            continue
+    return text.strip()
 
 
 _SCENE = (
@@ -62,7 +83,19 @@ _HARDWARE = (
     click.option(
         "--camera-radius-mm", type=float, metavar="MM", help="The camera, seen in the middle.  [default: none]"
     ),
-    click.option("--reflectivity", type=float, metavar="SHARE", help="Of the mirror.  [default: 1]"),
+    click.option(
+        "--reflectivity",
+        type=reflectivity,
+        metavar="SHARE|METAL|N+Kj",
+        help="Of the mirror: a share, a metal by Fresnel's formulas, or three of them for red, green and blue.  "
+        "[default: 1]",
+    ),
+    click.option(
+        "--support",
+        type=click.Choice(["rod", "tube"]),
+        help="What holds the mirror; a tube shows ghosts.  [default: none]",
+    ),
+    click.option("--support-mm", type=distance, metavar="MM", help="Outer diameter of rod or tube.  [default: to fit]"),
     click.option("--vignetting/--no-vignetting", default=None, help="The lens's natural one, cos^4.  [default: none]"),
     click.option("--sees-past/--black-past", default=None, help="What lies beside the mirror.  [default: black]"),
 )
@@ -122,10 +155,27 @@ def _environment(path: str, given: dict[str, Any]) -> Environment:
     return Environment.load(path, given.get("heading_deg", 0.0))
 
 
-def hardware_of(given: dict[str, Any]) -> Hardware:
-    """What stands in the light, as the options say."""
+def hardware_of(sensor: Sensor, given: dict[str, Any]) -> Hardware:
+    """What stands in the light of a sensor, as the options say."""
     asked: dict[str, Any] = {n: given[n] for n in HARDWARE if n in given}
-    return Hardware(**asked | {"vignetting": float(asked.get("vignetting", 0.0))})
+    if isinstance(asked.get("reflectivity"), tuple) and len(asked["reflectivity"]) != 3:
+        raise click.UsageError("--reflectivity takes one value, or three for red, green and blue")
+    hardware = hardware_of_support(sensor, _support(given)) if "support" in given else Hardware()
+    return replace(hardware, **asked | {"vignetting": float(asked.get("vignetting", 0.0))})
+
+
+def behind_support(sensor: Sensor, scene: Scene, given: dict[str, Any]) -> Scene:
+    """The scene as a sensor sees it through its tube, if it stands in one."""
+    if given.get("support") != "tube":
+        if "support_mm" in given and "support" not in given:
+            raise click.UsageError("--support-mm is the size of a --support")
+        return scene
+    x, y, z = map(float, sensor.axis)
+    return ThroughTube(scene, tube_of(sensor, _support(given)), (x, y, z))
+
+
+def _support(given: dict[str, Any]) -> Support:
+    return Support(given["support"], given.get("support_mm"))
 
 
 def detector_of(given: dict[str, Any]) -> Detector:

@@ -18,6 +18,7 @@ from ..specs import load_sensor
 from .options import flag
 from .scene_options import (
     DETECTOR,
+    behind_support,
     detector_of,
     hardware_of,
     picture_options,
@@ -90,11 +91,11 @@ def _photograph(camera: Sensor, scene: Scene, output: Path, given: dict[str, Any
     detector = detector_of(given)
     if detector.bits > 8 and not is_light and "uint16" not in kind.depths:
         raise OmnimirrorError(f"{output.suffix} holds 8 bits; write .png or .tif for {detector.bits}")
-    placed = Placed(scene, given.get("placed", Pose()))
+    placed = behind_support(camera, Placed(scene, given.get("placed", Pose())), given)
     seen: Scene = Distant(placed) if given["distant"] else placed
     with rows_bar("Exposing") as progress:
-        light = expose(camera, seen, given["samples"], given["blur"], hardware=hardware_of(given), seed=given["seed"],
-                       progress=progress)  # fmt: skip
+        hardware, seed = hardware_of(camera, given), given["seed"]
+        light = expose(camera, seen, given["samples"], given["blur"], hardware=hardware, seed=seed, progress=progress)
     if output.suffix.lower() == ".exr":
         _write_truth(camera, seen, detector.exposure * light, output)
     elif is_light:
@@ -136,8 +137,8 @@ def _film(camera: Sensor, scene: Scene, output: Path, given: dict[str, Any]) -> 
         if name in given:
             shown = "pose" if name == "placed" else name
             raise click.UsageError(f"{flag(shown)} belongs to pictures, not to a video along a --path")
-    if given["distant"]:
-        raise click.UsageError("--distant belongs to pictures, not to a video along a --path")
+    if given["distant"] or given.get("support") == "tube":
+        raise click.UsageError("--distant and tubes belong to pictures, not to a video along a --path")
     try:
         from ..media.frames import frame_of_image
         from ..media.writer import VideoWriter
@@ -149,7 +150,7 @@ def _film(camera: Sensor, scene: Scene, output: Path, given: dict[str, Any]) -> 
 
     path, rate, detector = load_path(given["path"]), given.get("fps", 25.0), detector_of(given)
     times = frame_times(path, rate, given.get("duration_s"))
-    hardware, seed = hardware_of(given), given["seed"]
+    hardware, seed = hardware_of(camera, given), given["seed"]
     exact_rate = Fraction(rate).limit_denominator(1001)
     with rows_bar("Filming") as progress, VideoWriter(output, camera.image_size, exact_rate) as video:
         for number, time in enumerate(times):

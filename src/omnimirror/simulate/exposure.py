@@ -98,6 +98,9 @@ def expose(
         )
     plan = spread(samples, blur, seed)
     hardware = hardware or Hardware()
+    if (coloured := hardware.of_colours()) is not None:
+        shares = [expose(camera, scene, samples, blur, distant, h, seed, progress, workers) for h in coloured]
+        return np.stack([share[..., i] for i, share in enumerate(shares)], axis=-1)
     seen = Distant(scene) if distant else scene
     far = _environment_of(seen)
     if _has_one_mirror(camera) and far is not None and compiled() is not None:
@@ -216,7 +219,9 @@ def _trace_sensor(sensor: Sensor, plan: Samples, hardware: Hardware, rows: slice
     hidden = hardware.hides(points - sensor.lens_offset, directions, -chief)
     fate[hidden & hit] = HIDDEN
     cos2 = chief[:, 2] ** 2 / (chief**2).sum(axis=1)
-    weight = (1 - hardware.vignetting * (1 - cos2**2)) * np.where(hit, hardware.reflectivity, 1.0)
+    turned = np.einsum("ni,ni->n", towards, directions) / np.linalg.norm(towards, axis=1)
+    gamma = np.pi / 2 - np.arccos(np.clip(turned / np.linalg.norm(directions, axis=1), -1, 1)) / 2
+    weight = (1 - hardware.vignetting * (1 - cos2**2)) * np.where(hit, hardware.returned(gamma), 1.0)
     rotation = sensor.mount.rotation().T
     return Bundle(
         (points @ rotation).reshape(*shape, 3),

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..mirrors.reflectivity import Reflectivity, reflectance
 from ..parameters import Parameter
 
 Array = NDArray[np.float64]
@@ -30,7 +31,9 @@ class Hardware:
     grey
         Light that camera and rod send out, linear, white at 1.
     reflectivity
-        Share of the light that the mirror returns.
+        Share of the light that the mirror returns: a number, a metal's index ``n + 1j k`` or its name, which
+        follow Fresnel's formulas (:func:`omnimirror.mirrors.reflectivity.reflectance`), or three of them, for
+        red, green and blue.
     vignetting
         1: the natural one of a lens, with the fourth power of the cosine; 0: none.
     sees_past
@@ -49,7 +52,7 @@ class Hardware:
     rod_radius_mm: float = 0.0
     rod_end_radius_mm: float = 0.0
     grey: float = 0.02
-    reflectivity: float = 1.0
+    reflectivity: Reflectivity | tuple[Reflectivity, Reflectivity, Reflectivity] = 1.0
     vignetting: float = 0.0
     sees_past: bool = False
 
@@ -61,7 +64,6 @@ class Hardware:
         "rod_radius_mm": Parameter("mm", 0.0, 1e5, "radius of the rod where it begins"),
         "rod_end_radius_mm": Parameter("mm", 0.0, 1e5, "radius of the rod where it ends"),
         "grey": Parameter("", 0.0, 1e3, "light that camera and rod send out"),
-        "reflectivity": Parameter("", 0.0, 1.0, "share of the light that the mirror returns"),
         "vignetting": Parameter("", 0.0, 1.0, "share of the natural vignetting of the lens"),
     }
 
@@ -69,6 +71,20 @@ class Hardware:
         for f in fields(self):
             if f.name in self.PARAMETERS:
                 self.PARAMETERS[f.name].check(f.name, getattr(self, f.name))
+        for each in self.reflectivity if isinstance(self.reflectivity, tuple) else (self.reflectivity,):
+            reflectance(0.0, each)
+
+    def returned(self, gamma: Array) -> Array:
+        """Share (n,) of the light that the mirror returns at angles of incidence (n,), radians; of one colour."""
+        assert not isinstance(self.reflectivity, tuple)
+        return reflectance(gamma, self.reflectivity)
+
+    def of_colours(self) -> tuple[Hardware, Hardware, Hardware] | None:
+        """The same hardware as red, green and blue light meet it; None where that is all the same."""
+        if not isinstance(self.reflectivity, tuple):
+            return None
+        red, green, blue = (replace(self, reflectivity=each) for each in self.reflectivity)
+        return red, green, blue
 
     @property
     def has_rod(self) -> bool:
@@ -95,7 +111,7 @@ class Hardware:
         return hidden
 
     def _meets_rod(self, points: Array, directions: Array) -> Mask:
-        """Which rays (n,) meet the cone that the rod is a piece of between its ends."""
+        """Which rays (n,) meet the rod, a piece of a cone, on its side or its ends."""
         taper = (self.rod_end_radius_mm - self.rod_radius_mm) / (self.rod_to_mm - self.rod_from_mm)
         (x, y, z), (dx, dy, dz) = points.T, directions.T
         radius, widening = self.rod_radius_mm + taper * (z - self.rod_from_mm), taper * dz
@@ -106,4 +122,7 @@ class Hardware:
             t = (-b - np.sqrt(np.maximum(disc, 0))) / a
             at = z + t * dz
             meets: Mask = (disc > 0) & (t > 0) & (at >= self.rod_from_mm) & (at <= self.rod_to_mm)
+            for height, end in ((self.rod_from_mm, self.rod_radius_mm), (self.rod_to_mm, self.rod_end_radius_mm)):
+                t = (height - z) / dz
+                meets |= (t >= 0) & ((x + t * dx) ** 2 + (y + t * dy) ** 2 < end**2)
         return meets

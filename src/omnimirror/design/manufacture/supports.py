@@ -16,7 +16,10 @@ from numpy.typing import ArrayLike, NDArray
 from ...errors import InvalidParameter
 from ...parameters import Parameter
 from ...sensor import Sensor
+from ...simulate.hardware import Hardware
+from ...simulate.tube import Tube
 from ...tracing.meridian import ChiefRays
+from ...tracing.walls import wall_transmission
 from .body import Body
 
 Array = NDArray[np.float64]
@@ -212,6 +215,49 @@ def _ring(sensor: Sensor, part: str, clear: Callable[[ChiefRays], Array]) -> lis
     return rings
 
 
+# -- in pictures -------------------------------------------------------------------------------------
+
+
+def hardware_of(sensor: Sensor, support: Support, body: Body | None = None) -> Hardware:
+    """What of a support stands in the light of pictures: the rod, or the tube's base, and the camera.
+
+    A tube's wall is :func:`tube_of`.
+
+    >>> import omnimirror as om
+    >>> hardware_of(om.load_sensor("paper-spherical"), Support("rod", diameter_mm=4)).rod_radius_mm
+    2.0
+    """
+    support = support.fitted(sensor, Body() if body is None else body)
+    assert support.diameter_mm is not None
+    telecentric = sensor.lens.TELECENTRIC
+    lens, vertex = (lens_height(sensor), 0.0) if telecentric else (0.0, -lens_height(sensor))
+    camera = support.camera_diameter_mm / 2
+    if support.kind == "tube":
+        camera = max(camera, support.diameter_mm / 2 - support.wall_mm)
+    hardware = Hardware(camera_radius_mm=camera, camera_height_mm=lens)
+    if support.kind != "rod":
+        return hardware
+    assert support.gap_mm is not None
+    radius = support.diameter_mm / 2
+    foot = lens + support.gap_mm
+    return replace(hardware, rod_from_mm=foot, rod_to_mm=vertex, rod_radius_mm=radius, rod_end_radius_mm=radius)
+
+
+def tube_of(sensor: Sensor, support: Support, body: Body | None = None) -> Tube:
+    """The wall of a support that is a tube, for pictures through it.
+
+    Raises
+    ------
+    InvalidParameter
+        For a support without a tube.
+    """
+    if support.kind != "tube":
+        raise InvalidParameter(f"a support of kind {support.kind!r} has no tube")
+    support = support.fitted(sensor, Body() if body is None else body)
+    assert support.diameter_mm is not None
+    return Tube(support.diameter_mm / 2, support.wall_mm, support.refractive_index)
+
+
 # -- what a tube does to what it lets through --------------------------------------------------------
 
 
@@ -224,13 +270,7 @@ def tube_transmission(omega_deg: ArrayLike, refractive_index: float) -> Array:
     >>> tube_transmission([90.0, 135.0], 1.5).round(4)  # 12/13 straight through
     array([0.9231, 0.9073])
     """
-    incidence = np.abs(np.radians(90.0 - np.asarray(omega_deg, dtype=float)))
-    inside = np.arcsin(np.sin(incidence) / refractive_index)
-    cos_i, cos_t = np.cos(incidence), np.cos(inside)
-    rs = ((cos_i - refractive_index * cos_t) / (cos_i + refractive_index * cos_t)) ** 2
-    rp = ((refractive_index * cos_i - cos_t) / (refractive_index * cos_i + cos_t)) ** 2
-    passed: Array = ((1 - rs) / (1 + rs) + (1 - rp) / (1 + rp)) / 2
-    return passed
+    return wall_transmission(np.abs(np.radians(90.0 - np.asarray(omega_deg, dtype=float))), refractive_index)
 
 
 def tube_shift_mm(omega_deg: ArrayLike, wall_mm: float, refractive_index: float) -> Array:
