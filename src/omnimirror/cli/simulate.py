@@ -161,3 +161,30 @@ def _film(camera: Sensor, scene: Scene, output: Path, given: dict[str, Any]) -> 
             progress(number + 1, len(times))
     width, height = camera.image_size
     click.echo(f"{output}: {width} x {height} px, {len(times)} frames")
+
+
+@command.command("dataset")
+@click.argument("sensor")
+@click.option("-o", "--output", type=click.Path(path_type=Path, file_okay=False), required=True, help="A folder.")
+@click.option("--views", type=int, default=12, show_default=True, help="How many pictures.")
+@picture_options
+def dataset(sensor: str, output: Path, views: int, **options: Any) -> None:
+    """Write a calibration set: pictures of the hall's checkerboards that SENSOR would take from many poses.
+
+    dataset.json holds for each picture its pose and the true pixels of the corners of all boards in view (7 rows
+    of 11; null where a corner is hidden or out of the field), and the corners' places in the hall (mm).
+    """
+    from ..simulate.dataset import write_calibration_set
+
+    given = {name: value for name, value in options.items() if value is not None}
+    if given.get("support") == "tube":
+        raise click.UsageError("a tube bends the rays of a set whose corners are true without it; leave out --support")
+    camera = load_sensor(sensor)
+    hardware, detector = hardware_of(camera, given), detector_of(given)
+    with rows_bar("Taking pictures") as progress:
+        written = write_calibration_set(
+            camera, output, views, given["samples"], given["blur"], hardware, detector, given["seed"]
+        )
+        for number, _ in enumerate(written, start=1):
+            progress(min(number, views), views)
+    click.echo(f"{output}: {views} pictures, sensor.toml and dataset.json")
