@@ -35,6 +35,7 @@ format: $(VENV)/.test  ## Format the code
 bench: $(VENV)/.full  ## Measure against other programs; tables go to out/benchmarks
 	$(BIN)/python benchmarks/evaluation.py --out out/benchmarks
 	$(BIN)/python benchmarks/sampling.py --out out/benchmarks
+	$(BIN)/python benchmarks/exposure.py --out out/benchmarks
 	$(BIN)/python benchmarks/video.py --out out/benchmarks
 	$(BIN)/python benchmarks/live.py --out out/benchmarks
 	$(BIN)/python benchmarks/design.py --out out/benchmarks

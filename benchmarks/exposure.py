@@ -1,0 +1,150 @@
+"""What a picture through the whole aperture costs, beside Mitsuba 3 at equal rays, and how much it errs.
+
+1000 x 1000 pixels, 64 rays each, an environment of 512 x 1024. All run interleaved with all cores; medians of wall
+clock, and of processor time, which a busy machine disturbs less. Mitsuba renders the same lens, mirror (a mesh of
+500 000 triangles; of the sphere its own sphere), environment and box filter; each variant in a process of its own,
+since one may abort where it finds no LLVM.
+
+    python benchmarks/exposure.py --out out/benchmarks
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+import omnimirror as om
+from omnimirror.files import write_text
+from omnimirror.mirrors.pose import MirrorPose
+from omnimirror.simulate import Environment, expose
+from omnimirror.simulate.colour import srgb_from_linear
+
+PIXELS, RAYS = 1000, 64
+SENSORS = {"sphere": "paper-spherical", "asphere": "paper-equidistant"}
+MOST_RAYS = 4096  # of the picture that errors count from
+
+
+def sensor_of(name: str, pixels: int = PIXELS) -> om.Sensor:
+    from tests.simulate.test_mitsuba_pictures import small
+
+    return small(name, pixels, MirrorPose())
+
+
+def timed(function: Callable[[], object]) -> tuple[float, float]:
+    wall, cpu = time.perf_counter(), time.process_time()
+    function()
+    return time.perf_counter() - wall, time.process_time() - cpu
+
+
+def theirs(variant: str, name: str, rays: int, runs: int) -> tuple[float, float] | str:
+    """Median seconds, wall and processor, of Mitsuba's render; or why there are none."""
+    command = [sys.executable, __file__, "--mitsuba", variant, name, str(rays), str(runs)]
+    try:
+        run = subprocess.run(command, capture_output=True, text=True, timeout=600)
+    except subprocess.TimeoutExpired:
+        return "longer than 10 minutes"
+    if run.returncode:
+        reason = run.stderr.strip().splitlines()
+        return f"did not run ({reason[-1][:60] if reason else run.returncode})"
+    wall, cpu = map(float, run.stdout.split()[-2:])
+    return wall, cpu
+
+
+def render_here(variant: str, name: str, rays: int, runs: int) -> None:
+    """In a process of its own: print the medians."""
+    import mitsuba as mi
+
+    mi.set_variant(variant)
+    from tests.simulate import test_mitsuba_pictures as pictures
+
+    sensor = sensor_of(name)
+    _, light = pictures.maps()
+    with tempfile.TemporaryDirectory() as folder:
+        if name == "paper-spherical":
+            mirror = pictures.ball(sensor)
+        else:
+            path = Path(folder) / "mirror.ply"
+            mi.set_variant("scalar_rgb")
+            pictures.meshed(mi, sensor, 500, 500).shapes()[0].write_ply(str(path))
+            mi.set_variant(variant)
+            mirror = {"type": "ply", "filename": str(path)}
+        pictures.rendered(mi, sensor, mirror, light, 1)
+        times = [timed(lambda: pictures.rendered(mi, sensor, mirror, light, rays)) for _ in range(runs)]
+    print(*(statistics.median(t) for t in zip(*times, strict=True)))
+
+
+def error_db(sensor: om.Sensor, world: Environment, rays: int) -> float:
+    """Sampling error in sRGB within the mirror's image, against many more rays of another seed."""
+    a = srgb_from_linear(expose(sensor, world, rays, blur=True, seed=1))
+    b = srgb_from_linear(expose(sensor, world, MOST_RAYS, blur=True, seed=2))
+    rows, columns = np.mgrid[: len(a), : len(a)]
+    pixels = np.stack([columns, rows], axis=-1).reshape(-1, 2).astype(float)
+    inside = sensor.backproject(pixels).valid.reshape(a.shape[:2])
+    return float(-10 * np.log10(np.mean((a - b)[inside] ** 2)))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
+    parser.add_argument("--runs", type=int, default=7)
+    parser.add_argument("--their-rays", type=int, default=RAYS, help="fewer are scaled up")
+    parser.add_argument("--mitsuba", nargs=4, help=argparse.SUPPRESS)
+    arguments = parser.parse_args()
+    if arguments.mitsuba:
+        variant, name, rays, runs = arguments.mitsuba
+        render_here(variant, name, int(rays), int(runs))
+        return
+    from tests.simulate.test_mitsuba_pictures import maps
+
+    world = Environment(maps()[0])
+    lines = [
+        "# A picture through the whole aperture",
+        "",
+        f"{PIXELS} x {PIXELS} px, {RAYS} rays each, environment; {os.cpu_count()} cores; medians, s. Mitsuba renders "
+        f"{arguments.their_rays} rays a pixel, scaled to {RAYS}.",
+        "",
+        "| mirror | program | wall | processor | ours is quicker by (processor) | sampling error |",
+        "|---|---|---|---|---|---|",
+    ]
+    for label, name in SENSORS.items():
+        sensor = sensor_of(name)
+        expose(sensor, world, 1, blur=True)
+        times: list[tuple[float, float]] = []
+        chief: list[tuple[float, float]] = []
+        rendered: dict[str, list[tuple[float, float] | str]] = {"scalar_rgb": [], "llvm_ad_rgb": []}
+        for run in range(arguments.runs):
+            times.append(timed(lambda s=sensor: expose(s, world, RAYS, blur=True)))
+            chief.append(timed(lambda s=sensor: expose(s, world, 1)))
+            for variant, found in rendered.items():
+                if run < 2 and not any(isinstance(f, str) for f in found):
+                    found.append(theirs(variant, name, arguments.their_rays, 1))
+        wall, cpu = (statistics.median(t) for t in zip(*times, strict=True))
+        decibels = error_db(sensor_of(name, 500), world, RAYS)
+        lines.append(f"| {label} | omnimirror | {wall:.2f} | {cpu:.2f} | | {decibels:.1f} dB |")
+        for variant, found in rendered.items():
+            numbers = [f for f in found if not isinstance(f, str)]
+            if not numbers:
+                lines.append(f"| {label} | Mitsuba {variant} | {found[-1]} | | | |")
+                continue
+            w, c = (statistics.median(t) * RAYS / arguments.their_rays for t in zip(*numbers, strict=True))
+            lines.append(f"| {label} | Mitsuba {variant} | {w:.1f} | {c:.1f} | {c / cpu:.0f} | |")
+        wall, cpu = (statistics.median(t) for t in zip(*chief, strict=True))
+        lines.append(f"| {label} | omnimirror, chief rays | {wall:.3f} | {cpu:.3f} | | |")
+        print("\n".join(lines[-4:]), flush=True)
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    write_text(arguments.out / "exposure.md", "\n".join(lines) + "\n")
+
+
+if __name__ == "__main__":
+    main()
