@@ -197,7 +197,7 @@ def roundtrip(sensors: tuple[str, ...], samples: int) -> None:
     """Simulate the room's wall at 800 mm, straighten it, and compare with what a pinhole sees: a table.
 
     Decibels (sRGB) of the sharp picture straightened exactly, with pixels of half the size, blurred by the aperture,
-    and straightened from the best single viewpoint; then the largest shift found in it and the one that Eq. 23 predicts.
+    and straightened from the best single viewpoint; then the largest shifts found, and the one that Eq. 23 predicts.
     """
     from rich.table import Table
 

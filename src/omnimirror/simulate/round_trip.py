@@ -73,12 +73,13 @@ def round_trip(sensor: Sensor, samples: int = 16, texel_mm: float = 2.0) -> Roun
     exact, single = Dewarper(sensor, VIEW, "cubic"), Dewarper(sensor, VIEW, "cubic", viewpoint=near.z_mm)
     sharp, blurred = (srgb_from_linear(expose(sensor, room, samples, blur)) for blur in (False, True))
     straight, guessed = exact(sharp), single(sharp)
+    u, v = sensor.imager.centre
     halved = replace(
         sensor.imager,
         width_px=2 * sensor.imager.width_px,
         height_px=2 * sensor.imager.height_px,
         pixel_pitch_um=sensor.imager.pixel_pitch_um / 2,
-        centre_px=tuple(2 * c + 0.5 for c in sensor.imager.centre),
+        centre_px=(2 * u + 0.5, 2 * v + 0.5),
     )
     finer = replace(sensor, imager=halved)
     fine = Dewarper(finer, VIEW, "cubic")(srgb_from_linear(expose(finer, room, samples, False)))
