@@ -155,9 +155,11 @@ def _environment(path: str, given: dict[str, Any]) -> Environment:
     return Environment.load(path, given.get("heading_deg", 0.0))
 
 
-def hardware_of(sensor: Sensor, given: dict[str, Any]) -> Hardware:
-    """What stands in the light of a sensor, as the options say."""
+def hardware_of(sensor: Sensor, given: dict[str, Any]) -> Hardware | None:
+    """What stands in the light of a sensor, as the options say; None if they say nothing."""
     asked: dict[str, Any] = {n: given[n] for n in HARDWARE if n in given}
+    if not asked and "support" not in given:
+        return None
     if isinstance(asked.get("reflectivity"), tuple) and len(asked["reflectivity"]) != 3:
         raise click.UsageError("--reflectivity takes one value, or three for red, green and blue")
     hardware = hardware_of_support(sensor, _support(given)) if "support" in given else Hardware()
