@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InvalidParameter
-from ..lenses import BlurMode
+from ..lenses import BlurMode, Lens, Perspective
 from ..sensor import Sensor
 from ..tracing.meridian import ChiefRays
 from .imaging import ImagingCharacteristics, imaging_characteristics
@@ -171,13 +171,29 @@ def best_focus(
     rays = sensor.meridian.trace(sensor.meridian.x_from_omega(np.radians(omega)))
     study = FocusStudy(sensor, rays, virtual_images(rays, object_distance_mm), mode, image_radius_px, wavelength_nm)
     L = np.concatenate(study.distances())
-    nearest = -np.inf if sensor.lens.TELECENTRIC else sensor.lens.PARAMETERS["focus_distance_mm"].low
-    L = L[np.isfinite(L) & (nearest < L)]
-    if not L.size:
-        raise InvalidParameter("the virtual images lie nowhere the lens could be focused at, so there is no best focus")
-    margin = 0.05 * (float(np.ptp(L)) or 1.0)
-    focus = lowest(lambda L0: MERITS[merit](study.at(L0)), float(L.min()) - margin, float(L.max()) + margin)
+    if sensor.lens.TELECENTRIC:
+        low, high = _around(L[np.isfinite(L)])
+        focus = lowest(lambda L0: MERITS[merit](study.at(L0)), low, high)
+    else:  # by nearness 1/L0, in which blur is linear, and far images do not stretch the search
+        farthest = sensor.lens.PARAMETERS["focus_distance_mm"].high
+        nearest = max(sensor.lens.PARAMETERS["focus_distance_mm"].low, _closest(sensor.lens))
+        low, high = _around(1 / L[(nearest < L) & (farthest > L)])
+        bounds = max(low, 1 / farthest), min(high, 1 / nearest)
+        focus = 1 / lowest(lambda nearness: MERITS[merit](study.at(1 / nearness)), *bounds)
     return BestFocus(focus, MERITS[merit](study.at(focus)), merit)
+
+
+def _around(places: Array) -> tuple[float, float]:
+    """An interval that holds the places of all images, and a little more."""
+    if not places.size:
+        raise InvalidParameter("the virtual images lie nowhere the lens could be focused at, so there is no best focus")
+    margin = 0.05 * (float(np.ptp(places)) or abs(float(places[0])))
+    return float(places.min()) - margin, float(places.max()) + margin
+
+
+def _closest(lens: Lens) -> float:
+    """Nearest object distance (mm) that a lens could be focused at: a little beyond its focal length."""
+    return 1.0001 * lens.focal_length_mm if isinstance(lens, Perspective) else 0.0
 
 
 def _focusable(sensor: Sensor) -> Array:

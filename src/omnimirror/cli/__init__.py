@@ -14,6 +14,7 @@ COMMANDS = {
     "sensors": "List the sensors that come with omnimirror.",
     "init": "Write a commented sensor file to start from.",
     "design": "Design a sensor from requirements, and say what conflicts.",
+    "mappings": "List the mappings that a mirror can be generated for.",
     "evaluate": "Evaluate a sensor: mapping, viewpoints, virtual images, blur.",
     "export": "Write CAD files, lens files, tables and a drawing of a sensor.",
     "spots": "Spot diagrams by real rays through the whole aperture.",

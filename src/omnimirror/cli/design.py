@@ -8,17 +8,17 @@ from pathlib import Path
 from typing import Any
 
 import click
-import tomli_w
 from rich.console import Console
 from rich.table import Table
 
+from ..design.assessment import ROUNDING
 from ..design.conflicts import Conflict, Relaxation
 from ..design.designing import Design, design_sensor
 from ..design.families import FAMILIES
 from ..design.mappings import MAPPINGS
-from ..design.requirements import Requirements, load_requirements, parse_requirements
+from ..design.requirements import Requirements, load_requirements, requirements_of
 from ..files import write_text
-from ..specs import save_sensor
+from ..specs import Places, save_sensor
 from .design_search import number_or_range
 from .options import distance, output_console
 
@@ -113,7 +113,7 @@ def _wanted(file: Path | None, name: str | None, entries: dict[str, Any]) -> Req
         raise click.UsageError("give a requirement file, or a field and a mirror by options")
     if "imager" in changes:
         changes["imager"] = {"width_px": 1024, "height_px": 1024, "pixel_pitch_um": 5.2} | changes["imager"]
-    return parse_requirements(tomli_w.dumps(title | changes), "the options")
+    return requirements_of(title | changes, Places("", "the options"))
 
 
 def print_design(console: Console, design: Design) -> None:
@@ -132,7 +132,7 @@ def print_design(console: Console, design: Design) -> None:
     for row in design.rows:
         at = "" if row.omega_deg is None else f"{row.omega_deg:.4g} deg"
         met = "met" if row.is_met else "[bold red]missed[/]"
-        margin = 0.0 if row.is_met and row.margin < 0 else row.margin
+        margin = 0.0 if abs(row.margin) <= ROUNDING * row.scale else row.margin
         asked = _asked(row.at_least, row.at_most, row.unit)
         table.add_row(row.label, asked, _number(row.reached), _number(margin), at, met)
     console.print(table)

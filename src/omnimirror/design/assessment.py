@@ -18,6 +18,7 @@ from .requirements import LimitTable, Requirements, Span
 Array = NDArray[np.float64]
 
 ROUNDING = 1e-6  # relative; a margin this little below 0 is none
+EDGE_PX = 0.02  # past the last pixel is still its edge: lens and focus are settled to this
 SEARCHED, REPORTED = 181, 1001  # field angles
 
 
@@ -49,6 +50,8 @@ class Row:
     omega_deg: float | None = None
     part_deg: tuple[float, float] | None = None
     is_limit: bool = False
+    slack: float = 0.0
+    """What may be missing without anyone's noticing."""
 
     @property
     def margin(self) -> float:
@@ -65,7 +68,7 @@ class Row:
 
     @property
     def is_met(self) -> bool:
-        return self.margin >= -ROUNDING * self.scale
+        return self.margin >= -max(ROUNDING * self.scale, self.slack)
 
     @property
     def shortfall(self) -> float:
@@ -113,7 +116,7 @@ def _part_rows(requirements: Requirements, made: Made) -> list[Row]:
     rim = imager_radius_mm(requirements) / requirements.imager.pitch_mm
     rows = [
         Row("rim_radius_mm", "mm", *requirements.mirror.rim_radius_mm, sensor.mirror.rim_radius_mm),
-        Row("image_radius_px", "px", None, rim, sensor.rim_radius_px),
+        Row("image_radius_px", "px", None, rim, sensor.rim_radius_px, slack=EDGE_PX),
     ]
     optics = sensor.lens
     if isinstance(optics, Perspective):

@@ -19,10 +19,10 @@ from .making import Choice
 from .requirements import LimitTable
 from .search import Candidate, Search
 
-STEPS = (0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.75)  # shares by which a requirement is tried to give
+STEPS = (0.05, 0.15, 0.35, 0.75)  # shares by which a requirement is tried to give
 FURTHER = (1.5, 3.0, 10.0, 100.0)  # for what may give by more than all of it
-ROUNDS = 11  # of bisection
-QUICK = 25  # candidates, where numbers are free while others give
+ROUNDS = 9  # of bisection
+QUICK = 8  # candidates for each free number, where numbers are free while others give
 RANGES = {"omega_max_deg": (1.0, 179.0), "theta_max_deg": (0.1, 60.0), "omega_min_deg": (0.0, 170.0)}
 
 
@@ -47,10 +47,10 @@ class Relaxation:
 
     @property
     def share(self) -> float | None:
-        """By what share of what was asked it gives."""
-        if self.needed is None:
+        """By what share of what was asked it gives; None where that is nothing, or 0 was asked."""
+        if self.needed is None or self.asked == 0:
             return None
-        return abs(self.needed - self.asked) / (abs(self.asked) or 1.0)
+        return abs(self.needed - self.asked) / abs(self.asked)
 
 
 @dataclass(frozen=True)
@@ -89,11 +89,11 @@ def find_conflict(search: Search, best: Candidate, on_step: Callable[[str], None
     if not missed:
         return None
     alone = []
-    for name, relax in [*_limits(search, best), *_givens(search, best)]:
+    for name, relax in [*_limits(search, best), *_givens(search, best), *_others(search, best)]:
         if on_step:
             on_step(name)
         alone.append(relax())
-    alone.sort(key=lambda r: (r.share is None, r.share or 0.0))
+    alone.sort(key=lambda r: (r.needed is None, r.share or 0.0))
     joint, share = _jointly(search, best, [r for r in alone if r.needed is not None])
     return Conflict(missed, tuple(alone), joint, share)
 
@@ -163,10 +163,10 @@ def _ease(limit: LimitTable, share: float) -> LimitTable:
 def _keeping(search: Search, start: Choice) -> Candidate | None:
     """A design near a choice that keeps everything, or None."""
     try:
-        found = search.best(start, QUICK)
+        found = search.keeping(start, QUICK)
     except OmnimirrorError:
         return None
-    return found if all(row.is_met for row in found.rows) else None
+    return found if found.is_met else None
 
 
 def _keeps(search: Search, start: Choice) -> bool:
@@ -193,6 +193,16 @@ def _givens(search: Search, best: Candidate) -> Iterator[Entry]:
         if name == "omega_min_deg" and all(limit.omega_deg for limit in requirements.limits):
             continue
         yield name, partial(_moved, search, best, name)
+
+
+def _others(search: Search, best: Candidate) -> Iterator[Entry]:
+    """What is missed and is neither a limit nor a number to move: it must be what is reached, if all else is kept."""
+    missed = [row for row in best.rows if not row.is_met]
+    moved = {name for name, _ in _givens(search, best)}
+    for row in missed:
+        if not row.is_limit and row.name not in moved:
+            needed = row.reached if len(missed) == 1 else None
+            yield row.label, partial(Relaxation, row.label, row.unit, _asked(row), needed)
 
 
 def with_given(search: Search, name: str, value: float) -> Search:

@@ -27,7 +27,7 @@ ANGLES = 181  # of the field, for the focus
 MERIT = "floored-area"
 FREE_CONIC = (-0.9, 4.0)  # of an ellipsoid whose constant is left to the design
 POINTED_CENTRE = 0.1  # of the image radius; around a point a degree of azimuth shrinks to nothing
-SETTLED, MOST_ROUNDS = 1e-7, 30  # of lens and focus, which depend on each other
+SETTLED, MOST_ROUNDS = 1e-5, 30  # of lens and focus, which depend on each other
 
 
 @dataclass(frozen=True)
@@ -167,9 +167,11 @@ def _perspective(requirements: Requirements, choice: Choice) -> Made:
             break
         if choice.focal_length_mm is not None and choice.theta_max_deg is not None:
             break
-    assert wanted is not None
     if requirements.mirror.fit is None:
         return made
+    # the fit moves the focus by little, and that the lens by less
+    theta, focal = _viewing(requirements, choice, made.sensor.lens.focus_distance_mm)
+    wanted = wanted_mirror(requirements.mirror, Rim(choice.omega_max_deg, theta, choice.rim_radius_mm), choice)
     return _placed_before(requirements, choice, _fitted(requirements.mirror, wanted), focal)
 
 

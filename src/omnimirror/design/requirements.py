@@ -177,6 +177,11 @@ def parse_requirements(
         raise SpecError(f"{source} is not valid TOML: {e}") from None
     for section, entries in (changes or {}).items():
         data[section] = {**data.get(section, {}), **entries} if isinstance(entries, dict) else entries
+    return requirements_of(data, where, folder)
+
+
+def requirements_of(data: dict[str, Any], where: Places, folder: Path = Path()) -> Requirements:
+    """Requirements from the tables of a file; ``where`` gives errors their place."""
     _check_tables(data, where)
     mirror = dict(data["mirror"])
     if "mapping_csv" in mirror:

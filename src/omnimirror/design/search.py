@@ -7,6 +7,7 @@ Nelder and Mead its bottom.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
@@ -34,6 +35,11 @@ class Candidate(NamedTuple):
     made: Made
     rows: list[Row]
     badness: float
+
+    @property
+    def is_met(self) -> bool:
+        """Whether every requirement is met."""
+        return all(row.is_met for row in self.rows)
 
 
 @dataclass(frozen=True)
@@ -69,36 +75,51 @@ class Search:
         angles = np.linspace(made.field_from_deg, made.sensor.field_deg[1], SEARCHED)
         return max(float(r.floored_area_deg2.max()) for r in evaluated(self.requirements, made, angles))
 
-    def best(self, start: Choice | None = None, most: int | None = None) -> Candidate:
-        """The best candidate; from ``start`` by the simplex alone, with at most so many candidates.
+    def best(self) -> Candidate:
+        """The best candidate.
 
         Raises
         ------
         OmnimirrorError
             No candidate can be made; with the reason of the one in the middle.
         """
-        base = start or self.middle()
+        base = self.middle()
         if not self.free:
             return self.judge(base)
         judged = _Memory(self, base)
-        if start is None:
-            count = GRID[len(self.free)]
-            for point in product(np.linspace(0.0, 1.0, count), repeat=len(self.free)):
-                judged(np.array(point))
-        if judged.best is None and start is None:
-            return self.judge(base)  # says why
-        judged.polish(most or POLISH * len(self.free))
+        for point in product(np.linspace(0.0, 1.0, GRID[len(self.free)]), repeat=len(self.free)):
+            judged(np.array(point))
         if judged.best is None:
-            return self.judge(base)
+            return self.judge(base)  # says why
+        judged.polish(POLISH * len(self.free))
         return judged.best
+
+    def keeping(self, start: Choice, most: int) -> Candidate:
+        """A candidate near a choice that meets everything, or else the best of so many for each free number.
+
+        Raises
+        ------
+        OmnimirrorError
+            The choice itself cannot be made.
+        """
+        first = self.judge(start)
+        if first.is_met or not self.free:
+            return first
+        judged = _Memory(self, start, first)
+        with suppress(_Kept):
+            judged.polish(most * len(self.free), stop=True)
+        return judged.best or first
+
+
+class _Kept(Exception):
+    """A candidate meets everything; there is no need to look further."""
 
 
 class _Memory:
     """Candidates by where they lie in the unit cube of the free numbers; keeps the best one."""
 
-    def __init__(self, search: Search, base: Choice) -> None:
-        self.search, self.base = search, base
-        self.best: Candidate | None = None
+    def __init__(self, search: Search, base: Choice, best: Candidate | None = None) -> None:
+        self.search, self.base, self.best, self.stop = search, base, best, False
         self.place = np.array([self._share(name) for name in search.free])
 
     def _share(self, name: str) -> float:
@@ -118,11 +139,16 @@ class _Memory:
             return np.inf
         if self.best is None or found.badness < self.best.badness:
             self.best, self.place = found, point
+        if self.stop and found.is_met:
+            self.best = found
+            raise _Kept
         return found.badness
 
-    def polish(self, most: int) -> None:
+    def polish(self, most: int, stop: bool = False) -> None:
+        """The simplex from the best place, up to so many candidates; ``stop`` at the first that meets everything."""
         from scipy.optimize import minimize
 
+        self.stop = stop
         size = 0.5 / GRID[len(self.search.free)]
         steps = np.diag(np.where(self.place > 0.5, -size, size))
         corners = np.vstack([self.place, self.place + steps])
