@@ -212,7 +212,8 @@ class Places:
             if header := re.match(r"\s*(\[\[?)\s*([\w.-]+)\s*\]", line):
                 table = header[2]
                 if header[1] == "[[":
-                    table, counts[table] = f"{table}.{counts[table]}", counts[table] + 1
+                    counts[header[2]] += 1
+                    table = f"{table}.{counts[header[2]] - 1}"
                 if table in (".".join(path[:1]), ".".join(path[:2])):
                     found = number
                 continue

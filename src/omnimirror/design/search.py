@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 
 GRID = {1: 9, 2: 5, 3: 4, 4: 3, 5: 3}  # points per free number, by how many are free
 NOT_TO_BE_HAD = 1e6  # added where nothing but blur is to be made least, and what is given does not fit
-POLISH = 60  # candidates of the simplex, per free number
+POLISH = 30  # candidates of the simplex, per free number
 
 
 class Candidate(NamedTuple):
