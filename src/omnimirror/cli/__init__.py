@@ -24,6 +24,8 @@ COMMANDS = {
     "compare": "Put up to six sensors side by side.",
     "simulate": "Take the picture that a sensor would take of a scene.",
     "dewarp": "Straighten a picture taken with a mirror or fisheye.",
+    "view": "Look around in a picture, video or stream, in the browser.",
+    "studio": "Open the workbench in the browser.",
     "optimise": "Find the best mirror of free form, or what merits cost each other.",
     "apertures": "Find the F-number and focus with the least blur and diffraction.",
     "parts": "Choose a lens and an imager that can be bought.",

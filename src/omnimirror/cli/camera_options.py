@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import fields, replace
+from pathlib import Path
 from typing import Any, TypeAlias, TypeVar
 
 import click
@@ -78,6 +79,20 @@ def camera_of(given: dict[str, Any], picture_size: tuple[int, int]) -> MountedCa
         camera = MirrorBall((u, v), radius, full_field, picture_size)
     names = [f.name for f in fields(Mount)]
     return replace(camera, mount=replace(camera.mount, **{n: given[n] for n in names if n in given}))
+
+
+def camera_words(given: dict[str, Any]) -> tuple[str, tuple[str, ...]]:
+    """A name for the camera that the options describe, and these options as they stand on a command line."""
+    kind = next(name for name in OPTIONS_OF_SOURCE if name in given)
+    value = given[kind]
+    text = ",".join(f"{x:.10g}" for x in value) if kind == "ball" else str(value)
+    words = [flag(kind), text]
+    for name in (*OPTIONS_OF_SOURCE[kind], "camera_looks", "forward_azimuth_deg"):
+        if name in given:
+            words += [flag(name), str(given[name])]
+    if "image_flipped" in given:
+        words.append("--image-flipped" if given["image_flipped"] else "--not-image-flipped")
+    return "mirror ball" if kind == "ball" else Path(text).name, tuple(words)
 
 
 def axis_of(camera: MountedCamera) -> Array:

@@ -16,7 +16,7 @@ from ..errors import OmnimirrorError
 from ..media import GPano, read_image, write_image
 from ..media.batch import PICTURES, Job, expand_inputs, outputs_for, run_parallel
 from ..media.images import can_be_panorama, format_of
-from .camera_options import camera_of, camera_options, check_camera_options
+from .camera_options import camera_of, camera_options, camera_words, check_camera_options
 from .options import output_console
 from .view_options import check_view_options, view_of, view_options
 
@@ -55,9 +55,19 @@ VIDEO_OPTIONS = ("start_s", "duration_s", "codec", "crf", "keyframes", "format",
 @click.option(
     "--format", type=click.Choice(["y4m", "rawvideo"]), help="Videos: what '-o -' writes to the pipe.  [default: y4m]"
 )
+@click.option(
+    "--viewer",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="One picture: write an HTML file in which to look around, with everything inside it.",
+)
 @click.option("--pixel-format", help="Videos: of --format rawvideo, by FFmpeg's name.  [default: bgr24]")
 def command(
-    sources: tuple[str, ...], outputs: tuple[str, ...], interpolation: Any, transparent: bool | None, **options: Any
+    sources: tuple[str, ...],
+    outputs: tuple[str, ...],
+    interpolation: Any,
+    transparent: bool | None,
+    viewer: Path | None,
+    **options: Any,
 ) -> None:
     """Straighten each SOURCE, taken with a mirror sensor, a mirror ball or a fisheye.
 
@@ -69,8 +79,12 @@ def command(
     given = {name: value for name, value in options.items() if value is not None}
     check_camera_options(given)
     check_view_options(given)
+    if viewer is not None:
+        write_viewer(sources, viewer, given)
+        if not outputs:
+            return
     if not outputs and "preview" not in given:
-        raise click.UsageError("say what to write with -o, or of a video ask for a --preview")
+        raise click.UsageError("say what to write with -o or --viewer, or of a video ask for a --preview")
     if len(sources) == 1 and is_video(sources[0]):
         if transparent is not None:
             raise click.UsageError("--transparent and --black belong to pictures; videos are black outside the field")
@@ -131,6 +145,22 @@ class Straightener:
         write_image(output, straight, panorama_of(dewarp.view) if can_be_panorama(output) else None)
         height, width = straight.shape[:2]
         return f"{output}: {dewarp.view}, {width} x {height} px, {_percent(dewarp)} of it inside the field"
+
+
+def write_viewer(sources: tuple[str, ...], output: Path, given: dict[str, Any]) -> None:
+    """Write the page in which to look around in one picture."""
+    from ..files import write_text
+    from ..studio import viewer_of
+
+    if len(sources) > 1 or is_video(sources[0]) or not _is_one_picture(sources[0]):
+        raise click.UsageError("--viewer holds one picture")
+    if output.suffix.lower() not in (".html", ".htm"):
+        raise click.UsageError(f"--viewer writes an HTML file, such as {output.stem or 'view'}.html, and no {output}")
+    picture = read_image(sources[0])
+    camera = camera_of(given, (picture.shape[1], picture.shape[0]))
+    name, words = camera_words(given)
+    write_text(output, viewer_of(camera, name, words, Path(sources[0]), picture))
+    click.echo(f"{output}: open it in a browser to look around in {sources[0]}")
 
 
 def _is_one_picture(source: str) -> bool:

@@ -1,0 +1,53 @@
+"""Write web/src/messages.ts, the page's types, from the server's messages: one schema for both sides."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from pydantic.json_schema import models_json_schema
+
+from omnimirror.studio import messages
+
+PLACE = Path(__file__).parent / "src" / "messages.ts"
+HEAD = "// Made by web/message_types.py from omnimirror.studio.messages; not to be edited.\n"
+SIMPLE = {"string": "string", "number": "number", "integer": "number", "boolean": "boolean", "null": "null"}
+
+
+def typescript() -> str:
+    """The text of the file."""
+    models = [m for m in vars(messages).values() if isinstance(m, type) and issubclass(m, messages.Message)]
+    chosen = [(m, "serialization") for m in models if m is not messages.Message]
+    _, schema = models_json_schema(chosen)
+    return HEAD + "".join(_interface(name, model) for name, model in sorted(schema["$defs"].items()))
+
+
+def _interface(name: str, model: dict[str, Any]) -> str:
+    lines = [f"\n/** {model['description']} */\nexport interface {name} {{\n"]
+    for field, kind in model["properties"].items():
+        if "description" in kind:
+            lines.append(f"  /** {kind['description']} */\n")
+        lines.append(f"  {field}: {_type(kind)};\n")
+    return "".join([*lines, "}\n"])
+
+
+def _type(kind: dict[str, Any]) -> str:
+    if "$ref" in kind:
+        return kind["$ref"].rsplit("/", 1)[1]
+    if "anyOf" in kind:
+        return " | ".join(_type(k) for k in kind["anyOf"])
+    if "const" in kind:
+        return f'"{kind["const"]}"'
+    if "enum" in kind:
+        return " | ".join(f'"{value}"' for value in kind["enum"])
+    if kind["type"] == "array":
+        if "prefixItems" in kind:
+            return f"[{', '.join(_type(k) for k in kind['prefixItems'])}]"
+        return f"{_type(kind['items'])}[]"
+    return SIMPLE[kind["type"]]
+
+
+if __name__ == "__main__":
+    argparse.ArgumentParser(description=__doc__).parse_args()
+    PLACE.write_text(typescript(), encoding="utf-8")

@@ -1,0 +1,56 @@
+import type { State } from "../state";
+import type { Camera } from "./camera";
+import { domeEnd, elevations, groundScale, planetWidth, spanOf } from "./views";
+
+const word = (text: string): string => (/^[\w.,:/=+-]+$/.test(text) ? text : `'${text.replaceAll("'", `'\\''`)}'`);
+const plain = (x: number, digits = 4): string => String(+x.toFixed(digits));
+
+/** The name under which the page saves the file of a sensor whose circle was moved. */
+export const fittedName = (camera: Camera): string => `${camera.model.name.replace(/[^\w.-]/g, "_")}-fitted.toml`;
+
+/** Whether the command needs a sensor file that the page has to save first. */
+export const needsFile = (camera: Camera): boolean => camera.model.kind === "sensor" && camera.isMoved;
+
+/** The command line that gives the same picture. */
+export function commandOf(s: State, camera: Camera, picture: string, width: number, height: number): string {
+  const words = ["omnimirror", "dewarp", picture, ...cameraWords(camera), ...viewWords(s, camera, width, height)];
+  return [...words, "--interpolation", "cubic", "-o", `${s.mode}.png`].map(word).join(" ");
+}
+
+function cameraWords(camera: Camera): string[] {
+  const { kind, options, mount, mount_in_file: own } = camera.model;
+  const words = needsFile(camera) ? ["--sensor", fittedName(camera)] : [...options];
+  if (kind === "ball") {
+    const { u, v, radius } = camera.circle;
+    const field = options[1].split(",")[3];
+    words[1] = [...[u, v, radius].map((x) => plain(x, 3)), field].join(",");
+  }
+  if (needsFile(camera)) return words; // the file says how it stands
+  if (mount.camera_looks !== own.camera_looks) words.push("--camera-looks", mount.camera_looks);
+  if (mount.forward_azimuth_deg !== own.forward_azimuth_deg)
+    words.push("--forward-azimuth-deg", plain(mount.forward_azimuth_deg));
+  if (mount.image_flipped !== own.image_flipped) words.push(mount.image_flipped ? "--image-flipped" : "--not-image-flipped");
+  return words;
+}
+
+function viewWords(s: State, camera: Camera, width: number, height: number): string[] {
+  const words = ["--view", s.mode, "--pan-deg", plain(s.pan)];
+  const far = Number.isFinite(s.distance) && camera.model.sees_near ? ["--distance-mm", plain(s.distance)] : [];
+  const size = ["--size", `${width}x${height}`];
+  switch (s.mode) {
+    case "panorama": {
+      const range = elevations(s, camera).map((x) => plain(x)).join(":");
+      return [...words, "--span-deg", plain(spanOf(s)), "--elevation-deg", range, ...far, ...size];
+    }
+    case "perspective":
+      return [...words, "--tilt-deg", plain(s.tilt), "--hfov-deg", plain(s.hfov), ...far, ...size];
+    case "dome":
+      return [...words, "--omega-deg", `0:${plain(domeEnd(s, camera))}`, "--pole", camera.model.pole, ...far, ...size];
+    case "planet":
+      return [...words, "--hfov-deg", plain(planetWidth(s, camera)), "--pole", camera.model.pole, ...far, ...size];
+    case "ground":
+      return [...words, "--height-mm", plain(s.height), "--mm-per-px", String(groundScale(s, width, height)), ...size];
+    case "mosaic":
+      return [...words, "--tilt-deg", plain(s.tilt), "--hfov-deg", plain(s.hfov), ...far, "--size", `${width}x`];
+  }
+}

@@ -1,0 +1,33 @@
+import { defineConfig } from "vite";
+
+/** One file with everything in it: served by the studio, and opened from disk as a viewer. */
+const inline = {
+  name: "inline",
+  enforce: "post",
+  generateBundle(_, bundle) {
+    const page = bundle["index.html"];
+    for (const [name, part] of Object.entries(bundle)) {
+      if (name.endsWith(".js")) {
+        const code = part.code.trim().replaceAll("</script", "<\\/script");
+        page.source = page.source.replace(/<script type="module"[^>]*><\/script>\s*/, "");
+        page.source = page.source.replace("</body>", () => `<script type="module">${code}</script>\n</body>`);
+      } else if (name.endsWith(".css")) {
+        page.source = page.source.replace(/<link rel="stylesheet"[^>]*>/, () => `<style>${String(part.source).trim()}</style>`);
+      } else continue;
+      delete bundle[name];
+    }
+  },
+};
+
+export default defineConfig({
+  base: "./",
+  plugins: [inline],
+  build: {
+    outDir: "../src/omnimirror/studio/page",
+    emptyOutDir: true,
+    modulePreload: false,
+    cssCodeSplit: false,
+    target: "es2022",
+  },
+  server: { proxy: { "/api": { target: "http://127.0.0.1:8765", ws: true }, "/health": "http://127.0.0.1:8765" } },
+});
