@@ -1,0 +1,243 @@
+"""What a user does in the page, and what the page then shows."""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import struct
+import subprocess
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.media import read_image, write_image
+from omnimirror.studio.app import Studio
+from omnimirror.studio.sources import Sources
+from tests.cli.test_evaluate import fails, omnimirror
+
+from .browser import command, drawn, drop, look, open_page, serving
+from .test_server import video_of
+from .test_view import pattern, psnr, python_view
+
+WEB = Path(__file__).parents[2] / "web"
+AXE = WEB / "node_modules" / "axe-core" / "axe.min.js"
+
+
+@pytest.fixture(scope="module")
+def room(tmp_path_factory) -> Path:
+    """A picture of a room with signs on its walls."""
+    path = tmp_path_factory.mktemp("room") / "circle.png"
+    write_image(path, om.take_picture(om.load_sensor("paper-spherical"), om.Room(texel_mm=15.0), samples=1)[..., ::-1])
+    return path
+
+
+def state(page) -> dict:
+    return page.evaluate("window.omnimirror.store.state")
+
+
+def test_an_empty_page_invites_and_the_demo_room_is_drawn_the_right_way_round(browser, server):
+    page = open_page(browser, server)
+    assert page.get_by_text("Drop a picture or video here").is_visible()
+    page.get_by_role("button", name="Try the demo room").click()
+    page.wait_for_function("window.omnimirror.look.feed")
+    assert page.locator("#view").is_visible()
+    look(page, mode="perspective", hfov=70, tilt=8)
+    seen = cv2.cvtColor(drawn(page, 280, 210), cv2.COLOR_RGBA2GRAY)
+    upright = om.Dewarper(om.load_sensor("paper-spherical"), om.screens.Plane((280, 210), 0, 8, 0, 70), "cubic")
+    picture = om.take_picture(om.load_sensor("paper-spherical"), om.Room(), samples=1)
+    sign = cv2.cvtColor(upright(picture), cv2.COLOR_RGB2GRAY)
+    straight, reversed_ = (cv2.matchTemplate(seen, s, cv2.TM_CCOEFF_NORMED).max() for s in (sign, sign[:, ::-1].copy()))
+    assert straight > 0.95
+    assert straight > reversed_ + 0.1
+    assert page.problems == []
+    page.context.close()
+
+
+def test_dragging_wheel_keys_and_the_circle_move_the_view_and_a_reload_keeps_it(browser, server, room):
+    page = open_page(browser, f"{server}#mode=perspective", reduced_motion="reduce")
+    drop(page, room)
+    page.wait_for_selector("#view:visible")
+    box = page.locator("#view").bounding_box()
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x + 60, y + 30)
+    page.mouse.up()
+    after = state(page)
+    assert after["pan"] < -5  # what was in the middle went right with the pointer
+    assert after["tilt"] > 2
+    page.mouse.wheel(0, -300)
+    page.wait_for_function(f"window.omnimirror.store.state.hfov < {after['hfov'] - 5}")
+    page.locator("#view").focus()
+    page.keyboard.press("ArrowRight")
+    assert state(page)["pan"] > after["pan"]
+    page.keyboard.press("3")
+    assert state(page)["mode"] == "dome"
+    page.keyboard.press("2")
+
+    circle = page.locator("#overlay")
+    box = circle.bounding_box()
+    circle.scroll_into_view_if_needed()
+    circle.dblclick(position={"x": box["width"] * 0.8, "y": box["height"] * 0.5})  # image right is the left of the room
+    rays = om.load_sensor("paper-spherical").backproject([[1024 * 0.8 - 0.5, 511.5]])
+    ahead = rays.directions[0]
+    assert state(page)["pan"] == pytest.approx(np.degrees(np.arctan2(-ahead[1], ahead[0])), abs=1)
+    assert state(page)["tilt"] == pytest.approx(np.degrees(np.arcsin(ahead[2])), abs=1)
+
+    before = state(page)
+    page.wait_for_function(f"location.hash.includes('pan={before['pan']}') && location.hash.includes('source=kept')")
+    page.reload()
+    page.wait_for_function("window.omnimirror?.look.feed")
+    assert state(page) == before
+    assert page.problems == []
+    page.context.close()
+
+
+def test_the_circle_is_fitted_by_dragging_its_handles(browser, server, tmp_path):
+    write_image(tmp_path / "other.png", pattern((500, 400)))
+    page = open_page(browser, server, 1000, 900)
+    drop(page, tmp_path / "other.png")
+    page.get_by_role("button", name="Fit the circle").click()
+    page.wait_for_selector("#overlay .handle")
+    place = "([u, v]) => { const p = new DOMPoint(u, v).matrixTransform(document.querySelector('#overlay').getScreenCTM()); return [p.x, p.y]; }"  # noqa: E501
+    page.mouse.move(*page.evaluate(place, [249.5, 199.5]))
+    page.mouse.down()
+    page.mouse.move(*page.evaluate(place, [279.5, 189.5]))
+    page.mouse.up()
+    u, v, radius = state(page)["rim"]
+    assert (u, v) == (pytest.approx(279.5, abs=1), pytest.approx(189.5, abs=1))
+    assert radius == 192
+    page.get_by_label("Radius").fill("150")
+    page.keyboard.press("Enter")
+    assert state(page)["rim"][2] == 150
+    page.context.close()
+
+
+def test_a_snapshot_carries_the_command_that_gives_the_same_picture(browser, server, room, tmp_path):
+    page = open_page(browser, f"{server}#mode=perspective&pan=35&tilt=-12&hfov=45")
+    drop(page, room)
+    page.wait_for_selector("#view:visible")
+    with page.expect_download() as saved:
+        page.get_by_role("button", name="Snapshot").click()
+    saved.value.save_as(tmp_path / "snapshot.png")
+    data = (tmp_path / "snapshot.png").read_bytes()
+    at = data.index(b"iTXtComment")
+    (length,) = struct.unpack(">I", data[at - 4 : at])
+    line = data[at + 4 : at + 4 + length].split(b"\0")[-1].decode()
+    (tmp_path / "circle.png").write_bytes(room.read_bytes())
+    run = omnimirror(*shlex.split(line)[1:], cwd=tmp_path)
+    assert run.returncode == 0, run.stderr
+    mine, theirs = read_image(tmp_path / "snapshot.png"), read_image(tmp_path / "perspective.png")
+    assert mine.shape == theirs.shape
+    assert psnr(mine[..., :3], theirs[..., :3], (mine[..., 3] > 0) & (theirs[..., 3] > 0)) > 38
+    page.context.close()
+
+
+def test_what_is_not_understood_is_said_and_what_was_there_stays(browser, server, room, tmp_path):
+    page = open_page(browser, server)
+    drop(page, room)
+    (tmp_path / "notes.png").write_text("no picture")
+    page.set_input_files("#file", tmp_path / "notes.png")
+    page.wait_for_selector("#banner:visible")
+    assert "notes.png is not a picture" in page.locator("#banner").inner_text()
+    assert page.evaluate("window.omnimirror.look.feed.name") == room.name
+    (tmp_path / "bad.toml").write_text("[mirror]\nkind = 'spher'\n[lens]\n[imager]\n")
+    page.set_input_files("#calibration", tmp_path / "bad.toml")
+    page.wait_for_function("document.querySelector('#banner').textContent.includes('did you mean sphere?')")
+    page.get_by_role("button", name="Webcam").click()
+    page.wait_for_function("document.querySelector('#banner').textContent.includes('refused')")
+    page.context.close()
+
+
+def test_a_webcam_is_shown_once_it_is_allowed(browser, server):
+    page = open_page(browser, server, permissions=["camera"])
+    page.get_by_role("button", name="Webcam").click()
+    page.wait_for_function("window.omnimirror.look.feed?.moves")
+    page.wait_for_selector("#view:visible")
+    assert page.problems == []
+    page.context.close()
+
+
+def test_a_video_of_the_server_plays_and_comes_back_when_the_server_does(browser, tmp_path):
+    studio = Studio(Sources(str(video_of(tmp_path / "ride.mp4", 100))))
+    with serving(studio) as address:
+        page = open_page(browser, address)
+        page.wait_for_function("window.omnimirror.look.feed?.name === 'ride.mp4'")
+    port = int(re.search(r":(\d+)/", address)[1])
+    page.wait_for_function("document.querySelector('#banner').textContent.includes('does not answer')")
+    with serving(Studio(studio.sources), port):
+        page.wait_for_function("document.querySelector('#banner').hidden")
+    page.context.close()
+
+
+def test_a_viewer_from_disk_shows_what_the_command_line_does(browser, room, tmp_path):
+    viewer = tmp_path / "look.html"
+    run = omnimirror("dewarp", room, "--sensor", "paper-spherical", "--camera-looks", "down", "--viewer", viewer)
+    assert run.returncode == 0, run.stderr
+    page = open_page(browser, f"{viewer.as_uri()}#mode=perspective&pan=60&tilt=20&hfov=50")
+    page.wait_for_function("window.omnimirror.look.feed")
+    (tmp_path / "circle.png").write_bytes(room.read_bytes())
+    line = command(page, 200, 150)
+    assert "--camera-looks down" in line
+    wanted = python_view(line, tmp_path)(read_image(room))
+    seen = drawn(page, 200, 150)
+    both = (seen[..., 3] > 0) & (wanted.max(axis=-1) > 0)
+    assert psnr(seen[..., 2::-1], wanted, both) > 40
+    assert not page.get_by_role("button", name="Webcam").is_visible()
+    assert page.problems == []
+    page.context.close()
+
+
+def test_a_viewer_of_what_is_no_picture_is_refused(tmp_path):
+    write_image(tmp_path / "small.png", np.zeros((8, 8, 3), np.uint8))
+    sensor = ("--sensor", "paper-spherical")
+    assert "1024 x 1024" in fails("dewarp", tmp_path / "small.png", *sensor, "--viewer", tmp_path / "v.html")
+    assert "HTML" in fails("dewarp", tmp_path / "small.png", *sensor, "--viewer", tmp_path / "v.png")
+    assert "one picture" in fails("dewarp", tmp_path / "ride.mp4", *sensor, "--viewer", tmp_path / "v.html")
+    assert not (tmp_path / "v.html").exists()
+
+
+def test_the_page_keeps_its_own_policy(browser, server):
+    """With the content security policy in force, nothing that the page does is blocked."""
+    context = browser.new_context()
+    page = context.new_page()
+    said = []
+    page.on("console", lambda m: said.append(m.text))
+    page.goto(server)
+    page.get_by_text("Field -90").wait_for()
+    assert [text for text in said if "Content Security Policy" in text] == []
+    context.close()
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_axe_finds_nothing_serious(scheme, browser, server, room):
+    if not AXE.exists():
+        pytest.skip("axe-core is not here: npm install in web/")
+    page = open_page(browser, server, color_scheme=scheme)
+    drop(page, room)
+    page.get_by_role("button", name="Fit the circle").click()
+    page.add_script_tag(path=AXE)
+    found = page.evaluate("axe.run().then((r) => r.violations)")
+    serious = {v["id"]: v["nodes"][0]["html"] for v in found if v["impact"] in ("serious", "critical")}
+    assert serious == {}
+    page.context.close()
+
+
+def test_the_types_of_the_page_are_those_of_the_server():
+    names: dict[str, object] = {"__name__": "message_types", "__file__": str(WEB / "message_types.py")}
+    exec(compile((WEB / "message_types.py").read_text(), "message_types.py", "exec"), names)
+    assert names["typescript"]() == (WEB / "src" / "messages.ts").read_text()
+
+
+def test_the_built_page_is_that_of_its_sources(tmp_path):
+    if not (WEB / "node_modules" / "vite").is_dir():
+        pytest.skip("vite is not here: npm install in web/")
+    vite = [str(WEB / "node_modules" / ".bin" / "vite"), "build", "--outDir", str(tmp_path), "--logLevel", "error"]
+    subprocess.run(vite, cwd=WEB, check=True, env={**os.environ, "NODE_ENV": "production"}, capture_output=True)
+    built = Path(om.__file__).parent / "studio" / "page" / "index.html"
+    assert (tmp_path / "index.html").read_text() == built.read_text()
+    assert len(built.read_bytes()) < 300_000

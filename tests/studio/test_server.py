@@ -1,0 +1,282 @@
+"""The server: what it tells, what it refuses, and streams for many."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import re
+import struct
+import subprocess
+import sys
+import zlib
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import av
+import cv2
+import numpy as np
+import pytest
+from starlette.testclient import TestClient
+from starlette.websockets import WebSocketDisconnect
+
+import omnimirror as om
+from omnimirror.studio.access import is_loopback
+from omnimirror.studio.app import Studio, create_app
+from omnimirror.studio.sources import Sources
+from omnimirror.studio.streams import Streams
+from omnimirror.studio.uploads import LARGEST_CALIBRATION, browser_picture
+
+from .browser import serving
+
+LOCAL = "http://127.0.0.1"
+
+
+@pytest.fixture
+def client():
+    with TestClient(create_app(), base_url=LOCAL) as client:
+        yield client
+
+
+def sentence(answer) -> str:
+    """Why something was refused: one sentence, and nothing of the server's insides."""
+    detail = answer.json()["detail"]
+    assert "Traceback" not in detail
+    assert "/src/" not in detail
+    return detail
+
+
+def test_health_and_the_page(client):
+    assert client.get("/health").json() == {"status": "ok", "version": om.__version__}
+    page = client.get("/")
+    assert "<title>omnimirror studio</title>" in page.text
+    assert "default-src 'none'" in page.headers["content-security-policy"]
+
+
+def test_tables_give_the_pixels_of_the_camera(client):
+    """Against the sensor's own projection, interpolated here as the shader does."""
+    sensor = om.load_sensor("paper-spherical")
+    model = client.get("/api/camera", params={"id": "paper-spherical"}).json()
+    values = np.frombuffer(client.get("/api/camera/tables", params={"id": "paper-spherical"}).content, "<f4")
+    t = model["tables"]
+    radii = values[: t["radii"]].astype(float)
+    d = np.random.default_rng(1).normal(size=(500, 3))
+    d /= np.linalg.norm(d, axis=1)[:, None]
+    along, right, down = (d @ np.array(model[name]) for name in ("axis", "right", "down"))
+    half = np.sqrt((1 - along) / 2)
+    r = np.interp(half, np.linspace(t["first"], t["last"], t["radii"]), radii)
+    pixels = model["centre_px"] + (r / np.hypot(right, down))[:, None] * np.stack([right, down], axis=-1)
+    exact = sensor.project_directions(d)
+    assert exact.valid.mean() > 0.7
+    assert np.linalg.norm(pixels - exact.pixels, axis=1)[exact.valid].max() < 0.001
+
+
+def test_a_camera_stands_as_asked(client):
+    asked = {"id": "paper-spherical", "camera_looks": "down", "forward_azimuth_deg": 30}
+    model = client.get("/api/camera", params=asked).json()
+    assert model["pole"] == "zenith"
+    assert model["axis"] == [0, 0, 1]
+    assert model["mount_in_file"]["camera_looks"] == "up"
+
+
+# -- who may ask ---------------------------------------------------------------------------------------
+
+
+def test_other_names_and_other_pages_are_refused(client):
+    assert "evil.example" in sentence(client.get("/health", headers={"host": "evil.example"}))
+    answer = client.post("/api/sensors", content=b"x", headers={"origin": "https://evil.example"})
+    assert answer.status_code == 403
+    assert "https://evil.example" in sentence(answer)
+    with (
+        pytest.raises(WebSocketDisconnect),
+        client.websocket_connect("/api/stream?id=source", headers={"origin": "https://evil.example"}),
+    ):
+        pass
+
+
+def test_beyond_this_machine_the_token_is_asked_for():
+    assert not is_loopback("0.0.0.0")
+    with TestClient(create_app(Studio(token="secret")), base_url="http://192.168.1.7:80") as client:
+        assert client.get("/health").status_code == 200
+        assert "token" in sentence(client.get("/api/start"))
+        assert client.get("/api/start", params={"token": "wrong"}).status_code == 403
+        assert client.get("/", params={"token": "secret"}).status_code == 200
+        assert client.get("/api/start").status_code == 200  # by the cookie
+
+
+# -- hostile files ---------------------------------------------------------------------------------------
+
+
+def png_of(width: int, height: int) -> bytes:
+    """A PNG that says it is huge, with hardly anything in it."""
+
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    rows = zlib.compress(b"\0" * 100_000, 9)
+    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", rows) + chunk(b"IEND", b"")
+
+
+@pytest.mark.parametrize("side", [11_000, 60_000])
+def test_pictures_that_unfold_are_refused_by_their_header(side, client):
+    answer = client.post("/api/pictures", params={"name": "bomb.png"}, content=png_of(side, side))
+    assert answer.status_code == 400
+    assert sentence(answer) == "bomb.png unfolds to too many pixels; at most 100 million are valid"
+
+
+@pytest.mark.parametrize(
+    "data", [b"", b"no picture", b"PK\3\4" + bytes(100), b"\x89PNG\r\n\x1a\n", b"II*\0" + bytes(8)]
+)
+def test_what_is_no_picture_is_refused(data, client):
+    answer = client.post("/api/pictures", content=data)
+    assert answer.status_code == 400
+    assert sentence(answer)
+
+
+def test_a_truncated_picture_is_refused(client):
+    whole = cv2.imencode(".jpg", np.random.default_rng(0).integers(0, 255, (99, 99, 3), np.uint8))[1].tobytes()
+    answer = client.post("/api/pictures", params={"name": "../../half.jpg"}, content=whole[:-400])
+    assert answer.status_code == 400
+    assert sentence(answer) == "the picture half.jpg is cut short: its end is missing"
+
+
+def test_what_is_too_large_is_refused_before_it_is_read_and_while(client):
+    huge = LARGEST_CALIBRATION + 1
+    assert client.post("/api/sensors", content=b"#" * huge).status_code == 413
+
+    def pieces():
+        for _ in range(huge // 4096 + 1):
+            yield b"#" * 4096
+
+    answer = client.post("/api/sensors", content=pieces())  # chunked: no length is announced
+    assert answer.status_code == 413
+    assert sentence(answer) == "the file is larger than 1 MB, which is the most that is taken here"
+
+
+def test_sensor_files_cannot_name_files_of_the_server(client):
+    text = '[mirror]\nkind = "sampled"\nprofile_csv = "/etc/passwd"\n[lens]\n[imager]\n'
+    answer = client.post("/api/sensors", params={"name": "spy.toml"}, content=text)
+    assert answer.status_code == 400
+    assert "names another file" in sentence(answer)
+    assert "root:" not in answer.text
+
+
+@pytest.mark.parametrize("data", [b"\xff\xfe\0", b"[mirror", b"1 2 3\n4", b"{}", b"[mirror]\nkind = 3"])
+def test_calibrations_that_are_none_are_refused(data, client):
+    answer = client.post("/api/sensors", content=data)
+    assert answer.status_code == 400
+    assert sentence(answer)
+
+
+def test_deep_pictures_come_as_eight_bits():
+    deep = (np.arange(48, dtype=np.uint16) * 1365).reshape(4, 4, 3)
+    tiff = cv2.imencode(".tif", deep)[1].tobytes()
+    shallow = cv2.imdecode(np.frombuffer(browser_picture(tiff, "deep.tif"), np.uint8), cv2.IMREAD_UNCHANGED)
+    np.testing.assert_array_equal(shallow, np.round(deep / 257).astype(np.uint8))
+
+
+# -- what it shows ---------------------------------------------------------------------------------------
+
+
+def test_only_files_of_the_folders_given_are_shown(tmp_path):
+    inside, outside = tmp_path / "in", tmp_path / "secret.png"
+    inside.mkdir()
+    for path in (inside / "a.png", outside):
+        cv2.imwrite(str(path), np.zeros((4, 4, 3), np.uint8))
+    (inside / "link.png").symlink_to(outside)
+    (inside / "notes.txt").write_text("no picture")
+    with TestClient(create_app(Studio(Sources(folders=[inside]))), base_url=LOCAL) as client:
+        assert [s["name"] for s in client.get("/api/start").json()["sources"]] == ["a.png"]
+        assert client.get("/api/picture", params={"id": "0/a.png"}).status_code == 200
+        for id in ("0/link.png", "0/../secret.png", str(outside), "0/notes.txt", "..", "\0"):
+            assert client.get("/api/picture", params={"id": id}).status_code == 404
+
+
+def video_of(path: Path, frames: int = 40) -> Path:
+    """A video whose frames grow lighter."""
+    with av.open(str(path), "w") as out:
+        stream = out.add_stream("mpeg4", rate=20)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+        for i in range(frames):
+            picture = np.full((48, 64, 3), 2 * i % 256, np.uint8)
+            out.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="bgr24")))
+        out.mux(stream.encode())
+    return path
+
+
+def test_twenty_pages_share_one_stream_and_the_slow_ones_slow_nobody(tmp_path):
+    """Pages that ask all the time, one that asks once, and one that never does."""
+    shown = Sources(str(video_of(tmp_path / "ride.mp4"))).given
+
+    async def eager(stream, frames: int) -> list[int]:
+        seen, state = [0], None
+        while len(seen) <= frames:
+            number, jpeg, state = await stream.after(seen[-1], state)
+            if jpeg is not None:
+                assert cv2.imdecode(np.frombuffer(jpeg, np.uint8), 1).shape == (48, 64, 3)
+                seen.append(number)
+        return seen[1:]
+
+    async def slow(stream) -> tuple[int, int]:
+        first, _, state = await stream.after(0, None)
+        await asyncio.sleep(0.7)
+        return first, (await stream.after(first, state))[0]
+
+    async def all_of_them():
+        streams = Streams()
+        async with streams.watch(shown) as stream, streams.watch(shown) as same:
+            assert same is stream  # read once
+            found = await asyncio.gather(slow(stream), *(eager(stream, 12) for _ in range(19)))
+        streams.close()
+        return found
+
+    with ThreadPoolExecutor() as pool:  # with a loop of its own
+        run = pool.submit(lambda: asyncio.run(asyncio.wait_for(all_of_them(), 60)))
+        (first, later), *others = run.result()
+    assert all(np.all(np.diff(seen) > 0) for seen in others)  # never an old frame
+    assert later > first + 1  # frames that came meanwhile are never seen
+
+
+def test_a_page_gets_the_state_of_a_stream_and_its_frames(tmp_path):
+    studio = Studio(Sources(str(video_of(tmp_path / "ride.mp4"))))
+    with (
+        TestClient(create_app(studio), base_url=LOCAL) as client,
+        client.websocket_connect("ws://127.0.0.1/api/stream?id=source") as socket,
+    ):
+        socket.send_text("next")
+        states, jpeg = [], None
+        while jpeg is None:
+            message = socket.receive()
+            jpeg = message.get("bytes")
+            if jpeg is None:
+                states.append(json.loads(message["text"])["state"])
+        assert jpeg[:2] == b"\xff\xd8"
+        assert states[-1] == "playing"
+
+
+def test_a_broken_video_ends_with_a_sentence(tmp_path):
+    (tmp_path / "bad.mp4").write_bytes(b"no video")
+    studio = Studio(Sources(str(tmp_path / "bad.mp4")))
+    with (
+        TestClient(create_app(studio), base_url=LOCAL) as client,
+        client.websocket_connect("ws://127.0.0.1/api/stream?id=source") as socket,
+    ):
+        told = json.loads(socket.receive_text())
+        while told["state"] != "ended":
+            told = json.loads(socket.receive_text())
+        assert "bad.mp4" in told["sentence"]
+
+
+# -- the whole interface -----------------------------------------------------------------------------------
+
+
+def test_no_request_that_schemathesis_makes_of_the_schema_breaks_the_server(tmp_path):
+    program = Path(sys.executable).with_name("schemathesis")
+    if not program.exists():
+        pytest.skip("schemathesis is not here")
+    with serving(Studio()) as address:
+        words = f"run {address}openapi.json --phases fuzzing --max-examples 8 --seed 1 --no-color"
+        checks = "--checks not_a_server_error --exclude-path /api/room"
+        run = subprocess.run([program, *words.split(), *checks.split()], capture_output=True, text=True, cwd=tmp_path)
+    assert run.returncode == 0, run.stdout[-3000:]
+    assert re.search(r"\b\d\d+ passed", run.stdout)

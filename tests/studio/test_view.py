@@ -1,0 +1,170 @@
+"""What the page draws against what the Python dewarper draws: the same pixels of the same picture."""
+
+from __future__ import annotations
+
+import shlex
+from dataclasses import replace
+from pathlib import Path
+
+import click
+import cv2
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.cli.dewarp import command as dewarp
+from omnimirror.media import read_image, write_image
+from omnimirror.mirrors.pose import MirrorPose
+from omnimirror.specs import save_sensor
+from tests.cli.test_evaluate import omnimirror
+
+from .browser import command, coordinates, drawn, drop, look, open_page
+
+SIZE = (120, 90)
+NEAR = 0.02  # px
+STATES = {
+    "panorama": {"mode": "panorama", "pan": 20},
+    "part of a panorama": {"mode": "panorama", "pan": -100, "tilt": -10, "zoom": 3},
+    "perspective": {"mode": "perspective", "pan": 70, "tilt": -25, "hfov": 75},
+    "dome": {"mode": "dome", "pan": 30, "zoom": 1.2},
+    "planet": {"mode": "planet", "pan": -40},
+    "ground": {"mode": "ground", "pan": 15, "height": 900, "zoom": 1.5},
+    "mosaic": {"mode": "mosaic", "pan": 10, "tilt": -20, "hfov": 80},
+    "near panorama": {"mode": "panorama", "distance": 250},
+    "near wall": {"mode": "perspective", "pan": -30, "tilt": 5, "hfov": 100, "distance": 300},
+    "near dome": {"mode": "dome", "distance": 400},
+}
+OCAM = "5 -2.6e2 0 1.1e-3 -4.0e-7 3.1e-9\n2 100 50\n299.2 402.7\n0.9991 0.0007 -0.0004\n600 800\n"
+
+
+def pattern(size: tuple[int, int]) -> np.ndarray:
+    """A smooth picture without two places alike, (h, w, 3)."""
+    width, height = size
+    v, u = np.mgrid[:height, :width]
+    waves = [128 + 90 * np.sin(u / 53) * np.cos(v / 61), 128 + 90 * np.cos(u / 83 + v / 47), 40 + 170 * u / width]
+    return np.stack(waves, axis=-1).round().astype(np.uint8)
+
+
+def decentred() -> om.Sensor:
+    return replace(om.load_sensor("paper-spherical"), mirror_pose=MirrorPose(decentre_x_mm=0.8, tilt_y_deg=0.6))
+
+
+def python_view(line: str, folder: Path) -> om.Dewarper:
+    """The dewarper that a command line asks for."""
+    from omnimirror.cli.camera_options import camera_of
+    from omnimirror.cli.view_options import view_of
+
+    words = [str(folder / w) if (folder / w).is_file() else w for w in shlex.split(line)[2:]]
+    given = dewarp.make_context("dewarp", words, parent=click.Context(click.Command("omnimirror"))).params
+    height, width = read_image(given["sources"][0]).shape[:2]
+    given = {k: v for k, v in given.items() if v is not None}
+    camera = camera_of(given, (width, height))
+    return om.Dewarper(camera, view_of(camera, given), given["interpolation"])
+
+
+def psnr(a: np.ndarray, b: np.ndarray, where: np.ndarray) -> float:
+    error = np.mean((a[where].astype(float) - b[where].astype(float)) ** 2)
+    return float(10 * np.log10(255**2 / max(error, 1e-9)))
+
+
+def check(page, folder: Path, picture: np.ndarray, near: bool = True) -> None:
+    """Every kind of view has the coordinates and the colours of the command line shown with it."""
+    page.add_style_tag(content="#frame { height: 40px !important; min-height: 0 !important }")  # the page's own view
+    for name, state in STATES.items():
+        if not near and ("near" in name or name == "ground"):
+            continue
+        look(page, **{"zoom": 1, "tilt": 0, "distance": float("inf"), **state})
+        straight = python_view(command(page, *SIZE), folder)
+        found, wanted = coordinates(page, *SIZE), straight.coordinates(exact=True)
+        assert found.shape == wanted.shape, name
+        both = np.isfinite(found[..., 0]) & np.isfinite(wanted[..., 0])
+        differ = np.isfinite(found[..., 0]) ^ np.isfinite(wanted[..., 0])
+        assert both.any(), name
+        assert differ.mean() < 0.002, f"{name}: {differ.sum()} pixels are seen by one only"
+        worst = np.linalg.norm(found - wanted, axis=-1)[both].max()
+        assert worst < NEAR, f"{name}: {worst:.4f} px"
+        colours = drawn(page, *SIZE)
+        assert (colours[..., 3] == 255)[both].all()
+        level = psnr(colours[..., 2::-1], straight(picture), both)
+        assert level > 40, f"{name}: {level:.1f} dB"
+    page.context.close()
+
+
+@pytest.mark.parametrize("camera", ["paper-spherical", "paraboloid-telecentric"])
+def test_views_of_mirror_sensors_are_those_of_the_command_line(camera, browser, server, tmp_path):
+    picture = pattern(om.load_sensor(camera).image_size)
+    write_image(tmp_path / "picture.png", picture)
+    page = open_page(browser, f"{server}#sensor={camera}")
+    drop(page, tmp_path / "picture.png")
+    check(page, tmp_path, picture)
+
+
+def test_views_of_a_camera_that_looks_down_in_a_reversed_picture_are_those_of_the_command_line(
+    browser, server, tmp_path
+):
+    picture = pattern((1024, 1024))
+    write_image(tmp_path / "picture.png", picture)
+    page = open_page(browser, f"{server}#looks=down&forward=33&flipped=true")
+    drop(page, tmp_path / "picture.png")
+    check(page, tmp_path, picture)
+
+
+@pytest.mark.parametrize("kind", ["ocam", "decentred"])
+def test_views_of_cameras_without_symmetry_are_those_of_the_command_line(kind, browser, server, tmp_path):
+    path = tmp_path / ("calib_results.txt" if kind == "ocam" else "decentred.toml")
+    if kind == "ocam":
+        path.write_text(OCAM)
+    else:
+        save_sensor(decentred(), path)
+    picture = pattern((800, 600) if kind == "ocam" else (1024, 1024))
+    write_image(tmp_path / "picture.png", picture)
+    page = open_page(browser, server)
+    page.set_input_files("#calibration", path)
+    page.wait_for_function("window.omnimirror.look.sensor.camera.model.tables.lattice > 0")
+    drop(page, tmp_path / "picture.png")
+    check(page, tmp_path, picture, near=kind == "ocam")
+
+
+def test_views_of_a_mirror_ball_fitted_to_a_picture_are_those_of_the_command_line(browser, server, tmp_path):
+    picture = pattern((900, 700))
+    write_image(tmp_path / "picture.png", picture)
+    page = open_page(browser, f"{server}#sensor=ball:280&looks=forward")
+    drop(page, tmp_path / "picture.png")
+    look(page, rim=[470.25, 341.5, 300.0])
+    check(page, tmp_path, picture)
+
+
+def test_a_sensor_fitted_to_a_picture_is_saved_as_a_file_that_gives_the_same_view(browser, server, tmp_path):
+    picture = pattern((640, 480))
+    write_image(tmp_path / "picture.png", picture)
+    page = open_page(browser, f"{server}#mode=perspective&pan=50&hfov=60")
+    drop(page, tmp_path / "picture.png")
+    look(page, rim=[330.0, 250.5, 210.0])
+    with page.expect_download() as saved:
+        page.click("#save-sensor")
+    saved.value.save_as(tmp_path / saved.value.suggested_filename)
+    words = shlex.split(command(page, *SIZE))
+    run = omnimirror(*words[1:], cwd=tmp_path)
+    assert run.returncode == 0, run.stderr
+    straight = read_image(tmp_path / "perspective.png")
+    found = drawn(page, *SIZE)
+    both = (straight[..., 3] > 0) & (found[..., 3] > 0)
+    assert both.mean() > 0.9
+    assert psnr(found[..., 2::-1], straight[..., :3], both) > 40
+    page.context.close()
+
+
+def test_fine_detail_is_averaged_where_the_view_shrinks_it(browser, server, tmp_path):
+    """Against Python's view eight times as large, averaged by OpenCV."""
+    picture = np.random.default_rng(4).integers(0, 256, (1024, 1024, 3)).astype(np.uint8)
+    picture = cv2.GaussianBlur(picture, (0, 0), 0.8)
+    write_image(tmp_path / "picture.png", picture)
+    page = open_page(browser, f"{server}#mode=perspective&hfov=100&tilt=-30")
+    drop(page, tmp_path / "picture.png")
+    line = command(page, *SIZE).replace("120x90", "960x720")
+    wanted = cv2.resize(python_view(line, tmp_path)(picture), SIZE, interpolation=cv2.INTER_AREA)
+    seen = drawn(page, *SIZE)
+    inner = np.zeros(seen.shape[:2], bool)
+    inner[8:-8, 8:-8] = True
+    assert psnr(seen[..., 2::-1], wanted, inner & (seen[..., 3] > 0)) > 35
+    page.context.close()
