@@ -8,7 +8,7 @@ PICTURE ?=
 NATIVE := $(wildcard native/CMakeLists.txt native/src/*)
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-full lint format bench bench-page clean
+.PHONY: help demo test test-full chromium page lint format bench bench-page clean
 
 help:  ## List the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -16,10 +16,10 @@ help:  ## List the targets
 demo: $(VENV)/.core  ## Evaluate, simulate and straighten a picture, and write a report
 	$(BIN)/omnimirror demo --out $(DEMO_OUT)
 
-test: lint  ## Everything that must hold, in a few minutes
+test: lint chromium  ## Everything that must hold, in a few minutes
 	$(BIN)/python -m pytest -n auto -m "not full"
 
-test-full: lint $(VENV)/.full  ## Also long checks and other programs (1.3 GB more)
+test-full: lint chromium $(VENV)/.full  ## Also long checks and other programs (1.3 GB more)
 	$(BIN)/python -m pytest -n auto
 	native/sanitize.sh $(BIN)/python -q
 
@@ -27,6 +27,16 @@ lint: $(VENV)/.test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+
+# The browser in which the studio's page is tested.
+chromium:
+	@command -v chromium >/dev/null || command -v google-chrome >/dev/null || { [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null && \
+	  apt-get -qq update && apt-get -qq install -y chromium >/dev/null; } || \
+	  echo "there is no chromium here: the tests of the studio's page are skipped"
+
+page: $(VENV)/.test  ## Build the studio's page from web/ (needs Node 20)
+	$(BIN)/python web/message_types.py
+	cd web && npm ci --no-audit --no-fund && npm run build
 
 format: $(VENV)/.test  ## Format the code
 	$(BIN)/ruff check --fix .
@@ -46,7 +56,7 @@ bench-page: bench  ## The same, and put the tables into docs/benchmarks.md
 	$(BIN)/python benchmarks/page.py --tables out/benchmarks
 
 clean:  ## Remove what was made, the virtual environment too
-	rm -rf $(VENV) out build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) out build web/node_modules dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
