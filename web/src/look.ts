@@ -167,6 +167,7 @@ export class Look {
     const largest = this.renderer.largestPicture;
     if (Math.max(feed.width, feed.height) > largest)
       throw new api.Refused(`${feed.name} is ${feed.width} × ${feed.height} px; this graphics card takes ${largest} on a side.`);
+    if (this.feed && (this.feed.width !== feed.width || this.feed.height !== feed.height)) this.store.set({ rim: null });
     this.feed?.close();
     this.feed = feed;
     byId("empty").hidden = true;

@@ -75,8 +75,9 @@ export class SensorPanel {
     this.showLooks(model.mount.camera_looks);
     byId<HTMLInputElement>("forward").value = String(model.mount.forward_azimuth_deg);
     byId<HTMLInputElement>("flipped").checked = model.mount.image_flipped;
-    byId("ball-row").hidden = model.kind !== "ball";
-    if (model.kind === "ball") byId<HTMLInputElement>("ball-field").value = model.id.split(":")[1] ?? "";
+    const [kind, field] = model.id.split(":");
+    byId("ball-row").hidden = kind !== "ball";
+    if (kind === "ball") byId<HTMLInputElement>("ball-field").value = field;
     byId<HTMLInputElement>("distance").disabled = !model.sees_near;
     byId("distance-label").title = model.sees_near ? "" : "A decentred or tilted mirror is seen as from far away here; the command line knows better.";
     this.changed();
