@@ -48,6 +48,8 @@ bench: $(VENV)/.full  ## Measure against other programs; tables go to out/benchm
 	$(BIN)/python benchmarks/exposure.py --out out/benchmarks
 	$(BIN)/python benchmarks/video.py --out out/benchmarks
 	$(BIN)/python benchmarks/live.py --out out/benchmarks
+	$(BIN)/python benchmarks/video.py --out out/benchmarks $(if $(PICTURE),--picture $(PICTURE))
+	$(BIN)/python benchmarks/live.py --out out/benchmarks $(if $(PICTURE),--picture $(PICTURE))
 	$(BIN)/python benchmarks/design.py --out out/benchmarks
 	$(BIN)/python benchmarks/sampling.py --out out/benchmarks $(if $(PICTURE),--picture $(PICTURE))
 	$(BIN)/python benchmarks/moving.py --out out/benchmarks $(if $(PICTURE),--picture $(PICTURE))
