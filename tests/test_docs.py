@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from omnimirror.design import parse_requirements
 from omnimirror.specs import parse_sensor
 from tests.cli.test_evaluate import omnimirror
 
@@ -29,6 +30,9 @@ def test_python_examples_run_in_order(page, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("page", [p for p in PAGES if blocks(p, "console")], ids=lambda p: p.name)
 def test_commands_run_in_order(page, tmp_path):
+    for block in blocks(page, "toml"):  # a first line "# name.toml" says which file the commands find
+        if file := re.match(r"# ([\w-]+\.toml)\n", block):
+            (tmp_path / file[1]).write_text(block)
     commands = [line[2:] for block in blocks(page, "console") for line in block.splitlines() if line.startswith("$ ")]
     for command in commands:
         program, *args = shlex.split(command)
@@ -38,8 +42,11 @@ def test_commands_run_in_order(page, tmp_path):
 
 
 @pytest.mark.parametrize("page", [p for p in PAGES if blocks(p, "toml")], ids=lambda p: p.name)
-def test_sensor_files_are_valid(page):
+def test_sensor_and_requirement_files_are_valid(page):
     for block in blocks(page, "toml"):
+        if "[field]" in block:
+            assert parse_requirements(block).field.omega_max_deg > 0
+            continue
         assert parse_sensor(block).aligned().field_deg[1] > 0
 
 
