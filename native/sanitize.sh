@@ -20,7 +20,7 @@ case $(uname -m) in
   aarch64 | arm64) flags="$flags -DOMNIMIRROR_NEON" kernels="$kernels native/src/kernels_neon.cpp" ;;
 esac
 # shellcheck disable=SC2086
-"$compiler" $flags native/test/agreement.cpp native/src/{axial,sample,packed,pool}.cpp $kernels -o "$build/agreement" -pthread
+"$compiler" $flags native/test/agreement.cpp native/src/{axial,sample,packed,pool,squares}.cpp $kernels -o "$build/agreement" -pthread
 "$build/agreement" 2000
 
 cmake=$("$python" -c 'import shutil, sys, os; print(shutil.which("cmake", path=os.path.dirname(sys.executable)) or "cmake")')
@@ -49,4 +49,5 @@ PYTHON
 export ASAN_OPTIONS=detect_leaks=0:abort_on_error=0 UBSAN_OPTIONS=print_stacktrace=1
 libraries=$("$compiler" -print-file-name=libasan.so):$("$compiler" -print-file-name=libubsan.so)
 LD_PRELOAD=$libraries "$python" "$build/run.py" -p no:cacheprovider \
-  tests/dewarp/test_native.py tests/dewarp/test_dewarper.py tests/design/test_batch.py tests/simulate/test_scenes.py "$@"
+  tests/dewarp/test_native.py tests/dewarp/test_footprints.py tests/dewarp/test_dewarper.py tests/design/test_batch.py \
+  tests/simulate/test_scenes.py "$@"

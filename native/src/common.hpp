@@ -304,9 +304,9 @@ void linear_pixel(const Source& s, uint32_t offset, uint16_t fx, uint16_t fy, T*
     }
 }
 
-// Four rows' values at four taps, of one channel.
-uint8_t cubic_sum(const uint8_t (&taps)[4][4], uint8_t fx, uint8_t fy) {
-    int sum = 1 << 19;
+// Four rows' values at four taps, of one channel, weighed: 20 bits of it after the point.
+int cubic_sum(const uint8_t (&taps)[4][4], uint8_t fx, uint8_t fy) {
+    int sum = 0;
     for (int k = 0; k < 4; ++k) {
         int column = 0;
         for (int j = 0; j < 4; ++j) {
@@ -316,11 +316,11 @@ uint8_t cubic_sum(const uint8_t (&taps)[4][4], uint8_t fx, uint8_t fy) {
         }
         sum += column * CUBIC.weights[fx][k];
     }
-    return clamp8(sum >> 20);
+    return sum;
 }
 
 template <class T>
-T cubic_sum(const T (&taps)[4][4], uint16_t fx, uint16_t fy) {
+float cubic_sum(const T (&taps)[4][4], uint16_t fx, uint16_t fy) {
     float wx[4], wy[4], sum = 0;
     cubic_weights(static_cast<float>(fx) / 65535, wx);
     cubic_weights(static_cast<float>(fy) / 65535, wy);
@@ -328,12 +328,20 @@ T cubic_sum(const T (&taps)[4][4], uint16_t fx, uint16_t fy) {
     for (int j = 0; j < 4; ++j)
         sum += wy[j] * (wx[0] * static_cast<float>(taps[j][0]) + wx[1] * static_cast<float>(taps[j][1]) +
                         wx[2] * static_cast<float>(taps[j][2]) + wx[3] * static_cast<float>(taps[j][3]));
-    return round_to<T>(sum);
+    return sum;
 }
 
-// One pixel whose taps may lie beyond the picture: its edge is repeated.
-template <int C, class T, class F>
-void cubic_pixel(const Source& s, uint32_t offset, F fx, F fy, T* out) {
+template <class T, class Sum>
+T rounded_cubic(Sum sum) {
+    if constexpr (sizeof(T) == 1)
+        return clamp8((sum + (1 << 19)) >> 20);
+    else
+        return round_to<T>(sum);
+}
+
+// One pixel whose taps may lie beyond the picture: its edge is repeated. Every channel's sum goes to take(c, sum).
+template <int C, class T, class F, class Take>
+void cubic_pixel(const Source& s, uint32_t offset, F fx, F fy, Take take) {
     const Geometry& g = s.geometry;
     const T* data = reinterpret_cast<const T*>(s.data);
     const int y0 = static_cast<int>(offset / g.row_step), x0 = static_cast<int>(offset % g.row_step / C);
@@ -344,20 +352,28 @@ void cubic_pixel(const Source& s, uint32_t offset, F fx, F fy, T* out) {
             const T* row = data + static_cast<ptrdiff_t>(y) * g.row_step + c;
             for (int k = 0; k < 4; ++k) taps[j][k] = row[smaller(larger(x0 - 1 + k, 0), g.x0_max + 1) * C];
         }
-        out[c] = cubic_sum(taps, fx, fy);
+        take(c, cubic_sum(taps, fx, fy));
     }
 }
 
-template <int C, class T, class F>
-void inner_cubic_pixel(const Source& s, uint32_t offset, F fx, F fy, T* out) {
+template <int C, class T, class F, class Take>
+void inner_cubic_pixel(const Source& s, uint32_t offset, F fx, F fy, Take take) {
     const ptrdiff_t row_step = s.geometry.row_step;
     const T* first = reinterpret_cast<const T*>(s.data) + offset - row_step - C;
     for (int c = 0; c < C; ++c) {
         T taps[4][4];
         for (int j = 0; j < 4; ++j)
             for (int k = 0; k < 4; ++k) taps[j][k] = first[j * row_step + k * C + c];
-        out[c] = cubic_sum(taps, fx, fy);
+        take(c, cubic_sum(taps, fx, fy));
     }
+}
+
+template <int C, class T, class F, class Take>
+void any_cubic_pixel(const Source& s, uint32_t offset, F fx, F fy, Take take) {
+    if (offset & EDGE)
+        cubic_pixel<C, T>(s, offset & ~EDGE, fx, fy, take);
+    else
+        inner_cubic_pixel<C, T>(s, offset, fx, fy, take);
 }
 
 template <Interpolation I, int C, class T, class F>
@@ -368,10 +384,9 @@ void sample_pixel(const Job& job, uint32_t offset, F fx, F fy, T* out) {
         std::memcpy(out, reinterpret_cast<const T*>(job.source.data) + offset, C * sizeof(T));
     else if constexpr (I == Interpolation::linear)
         linear_pixel<C>(job.source, offset, fx, fy, out);
-    else if (offset & EDGE)
-        cubic_pixel<C>(job.source, offset & ~EDGE, fx, fy, out);
     else
-        inner_cubic_pixel<C>(job.source, offset, fx, fy, out);
+        any_cubic_pixel<C, T>(job.source, offset, fx, fy,
+                              [out](int c, auto sum) { out[c] = rounded_cubic<T>(sum); });
 }
 
 struct Plain {

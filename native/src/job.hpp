@@ -101,20 +101,35 @@ inline ptrdiff_t place_in_panels(int rows, int columns, int row, int column) {
 
 enum class Where { coordinates, polar, nodes, packed };
 
+// Which output pixels are averages over their footprint in the picture, and of how many taps: so many across and
+// down for each cell of step x step pixels. 1 x 1 is a plain sample.
+constexpr int MOST_TAPS = 128;  // a side
+
+struct Footprints {
+    const uint8_t* taps;  // (cell rows, cell columns, 2), or nullptr: nothing is averaged
+    int columns, step;
+    // A side of a footprint of s px is shortened by the factor 1 - (sharp / s)^8, and to nothing up to sharp; this
+    // is sharp^2.
+    float sharp2;
+    // Only what lies between two distances from a point of the picture is seen; unknown if most2 is 0.
+    float x_centre, y_centre, least2, most2;
+};
+
 struct Job {
     Source source;
     Target target;
     Interpolation interpolation;
     uint8_t border[16];  // one pixel, in the source's depth
     Where where;
-    Coordinates coordinates;
+    Coordinates coordinates;  // beside a packed map too, where footprints are averaged
     Polar polar;
     Nodes nodes;
     Packed packed;
+    Footprints footprints;
 };
 
 struct Tile {
-    int top, bottom, left, right;  // left is a multiple of STRIP
+    int top, bottom, left, right;  // left is a multiple of 8, and of the step of nodes
 };
 
 // A packed map that is being made: rows from top to bottom of coordinates.
@@ -135,6 +150,7 @@ inline int size_of(Depth depth) { return depth == Depth::u8 ? 1 : depth == Depth
 struct Kernels {
     const char* name;
     void (*sample)(const Job&, const Tile&);
+    void (*average)(const Job&, const Tile&);  // the same where there are footprints
     void (*pack)(const Packing&, int top, int bottom);
     void (*project)(const Axial&, const Targets&, int64_t first, int64_t last);
 };

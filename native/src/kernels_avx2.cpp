@@ -7,7 +7,7 @@
 #include <cstddef>
 
 #include "axial_kernel.hpp"
-#include "common.hpp"
+#include "footprint.hpp"
 
 namespace omnimirror {
 namespace {
@@ -355,6 +355,10 @@ struct Linear<2> {
 
 // -- bicubic ---------------------------------------------------------------------------------------
 
+void add_to(int32_t* sums, __m256i more) {
+    _mm256_store_si256(reinterpret_cast<__m256i*>(sums), _mm256_add_epi32(load32(sums), more));
+}
+
 // The words of both halves: channels of taps 0 and 1 paired, and of taps 2 and 3; bytes in the upper half.
 template <int C>
 __m256i pairs_of_taps() {
@@ -399,16 +403,19 @@ struct Cubic {
         return _mm256_madd_epi16(_mm256_sub_epi16(plus, minus), _mm256_shuffle_epi8(_mm256_set1_epi64x(wx), spread));
     }
 
-    // Pixels 0 and 4, in 32 bits a channel.
-    __m256i sample_2(const uint32_t* offsets, const uint8_t* fx, const uint8_t* fy) const {
-        const __m256i a = halves(offsets[0], fx[0], fy[0]), b = halves(offsets[4], fx[4], fy[4]);
-        const __m256i sum =
-            _mm256_add_epi32(_mm256_permute2x128_si256(a, b, 0x20), _mm256_permute2x128_si256(a, b, 0x31));
-        return _mm256_srai_epi32(_mm256_add_epi32(sum, round), 20);
+    // Pixels i and i + 4, in 32 bits a channel.
+    __m256i sum_2(const Block<uint8_t>& block, int i) const {
+        const __m256i a = halves(block.offsets[i], block.fx[i], block.fy[i]);
+        const __m256i b = halves(block.offsets[i + 4], block.fx[i + 4], block.fy[i + 4]);
+        return _mm256_add_epi32(_mm256_permute2x128_si256(a, b, 0x20), _mm256_permute2x128_si256(a, b, 0x31));
+    }
+
+    void add_8(const Block<uint8_t>& b, int32_t* sums) const {
+        for (int i = 0; i < 4; ++i) add_to(sums + 8 * i, _mm256_srai_epi32(sum_2(b, i), 13));
     }
 
     void sample_8(const Block<uint8_t>& b, uint8_t* out) const {
-        const auto at = [&](int i) { return sample_2(b.offsets + i, b.fx + i, b.fy + i); };
+        const auto at = [&](int i) { return _mm256_srai_epi32(_mm256_add_epi32(sum_2(b, i), round), 20); };
         const __m256i first = _mm256_packs_epi32(at(0), at(1)), second = _mm256_packs_epi32(at(2), at(3));
         writer.write(_mm256_packus_epi16(first, second), out);
     }
@@ -443,13 +450,18 @@ struct Cubic<1> {
         return _mm_madd_epi16(columns, _mm_set1_epi64x(wx));
     }
 
-    void sample_8(const Block<uint8_t>& b, uint8_t* out) const {
+    __m256i sum_8(const Block<uint8_t>& b) const {
         const auto at = [&](int i) { return one_pixel(b.offsets[i], b.fx[i], b.fy[i]); };
         const __m128i first = _mm_hadd_epi32(_mm_hadd_epi32(at(0), at(1)), _mm_hadd_epi32(at(2), at(3)));
         const __m128i second = _mm_hadd_epi32(_mm_hadd_epi32(at(4), at(5)), _mm_hadd_epi32(at(6), at(7)));
-        const __m128i round = _mm_set1_epi32(1 << 19);
-        const __m128i words = _mm_packs_epi32(_mm_srai_epi32(_mm_add_epi32(first, round), 20),
-                                              _mm_srai_epi32(_mm_add_epi32(second, round), 20));
+        return _mm256_set_m128i(second, first);
+    }
+
+    void add_8(const Block<uint8_t>& b, int32_t* sums) const { add_to(sums, _mm256_srai_epi32(sum_8(b), 13)); }
+
+    void sample_8(const Block<uint8_t>& b, uint8_t* out) const {
+        const __m256i sum = _mm256_srai_epi32(_mm256_add_epi32(sum_8(b), _mm256_set1_epi32(1 << 19)), 20);
+        const __m128i words = _mm_packs_epi32(_mm256_castsi256_si128(sum), _mm256_extracti128_si256(sum, 1));
         _mm_storel_epi64(reinterpret_cast<__m128i*>(out), _mm_packus_epi16(words, words));
     }
 };
@@ -481,13 +493,19 @@ struct Cubic<2> {
         return _mm_madd_epi16(_mm_shuffle_epi8(_mm_sub_epi16(plus, minus), apart), _mm_set1_epi64x(wx));
     }
 
+    __m128i sum_2(const Block<uint8_t>& b, int i) const {
+        return _mm_hadd_epi32(one_pixel(b.offsets[i], b.fx[i], b.fy[i]),
+                              one_pixel(b.offsets[i + 1], b.fx[i + 1], b.fy[i + 1]));
+    }
+
+    void add_8(const Block<uint8_t>& b, int32_t* sums) const {
+        for (int i = 0; i < 8; i += 4)
+            add_to(sums + 2 * i, _mm256_srai_epi32(_mm256_set_m128i(sum_2(b, i + 2), sum_2(b, i)), 13));
+    }
+
     void sample_8(const Block<uint8_t>& b, uint8_t* out) const {
         const __m128i round = _mm_set1_epi32(1 << 19);
-        const auto two = [&](int i) {
-            const __m128i sums = _mm_hadd_epi32(one_pixel(b.offsets[i], b.fx[i], b.fy[i]),
-                                                one_pixel(b.offsets[i + 1], b.fx[i + 1], b.fy[i + 1]));
-            return _mm_srai_epi32(_mm_add_epi32(sums, round), 20);
-        };
+        const auto two = [&](int i) { return _mm_srai_epi32(_mm_add_epi32(sum_2(b, i), round), 20); };
         const __m128i first = _mm_packs_epi32(two(0), two(2)), second = _mm_packs_epi32(two(4), two(6));
         store16(out, _mm_packus_epi16(first, second));
     }
@@ -541,6 +559,30 @@ void sample_by_8(const Job& job, const Strip<uint8_t>& s) {
     }
 }
 
+// Means in 32 bits, of 8 sums.
+__m256i means(const int32_t* sums, float scale) {
+    const __m256 values = _mm256_mul_ps(_mm256_cvtepi32_ps(load32(sums)), _mm256_set1_ps(scale));
+    return _mm256_cvttps_epi32(_mm256_add_ps(_mm256_max_ps(values, _mm256_setzero_ps()), _mm256_set1_ps(0.5f)));
+}
+
+template <int C>
+void mean_by_8(const int32_t* sums, int count, uint8_t* out) {
+    const float scale = 1 / (SUM_ONE * static_cast<float>(count));
+    const auto words = [](__m256i values) {
+        return _mm_packs_epi32(_mm256_castsi256_si128(values), _mm256_extracti128_si256(values, 1));
+    };
+    if constexpr (C == 1) {
+        const __m128i values = words(means(sums, scale));
+        _mm_storel_epi64(reinterpret_cast<__m128i*>(out), _mm_packus_epi16(values, values));
+    } else if constexpr (C == 2) {
+        store16(out, _mm_packus_epi16(words(means(sums, scale)), words(means(sums + 8, scale))));
+    } else {
+        const __m256i first = _mm256_packs_epi32(means(sums, scale), means(sums + 8, scale));
+        const __m256i second = _mm256_packs_epi32(means(sums + 16, scale), means(sums + 24, scale));
+        Writer<C>().write(_mm256_packus_epi16(first, second), out);
+    }
+}
+
 struct Avx2 {
     static void cell_row(const float* x_nodes, const float* y_nodes, const float* weights, int step, float* x,
                          float* y) {
@@ -587,8 +629,38 @@ struct Avx2 {
     }
 };
 
+struct Avx2Sums {
+    template <int C, class T>
+    static void add_taps(const Source& source, const Block<Fraction<T>>* blocks, int count, Sum<T>* sums,
+                         uint16_t* inside) {
+        if constexpr (sizeof(T) == 1) {
+            const Cubic<C> kernel(source);
+            const __m256i last = _mm256_set1_epi32(static_cast<int>(kernel.last));
+            for (int i = 0; i < count; i += 8) {
+                if (unfit(blocks[i / 8].offsets, last)) {
+                    add_8_taps<C, T>(source, blocks[i / 8], sums + i * CHANNELS_OF_SUMS<C>, inside + i);
+                    continue;
+                }
+                kernel.add_8(blocks[i / 8], sums + i * CHANNELS_OF_SUMS<C>);
+                auto* counts = reinterpret_cast<__m128i*>(inside + i);
+                _mm_storeu_si128(counts, _mm_add_epi16(load16(counts), _mm_set1_epi16(1)));
+            }
+        } else {
+            PlainSums::add_taps<C, T>(source, blocks, count, sums, inside);
+        }
+    }
+
+    template <int C, class T>
+    static void mean_of_8(const Sum<T>* sums, int count, T* out) {
+        if constexpr (sizeof(T) == 1)
+            mean_by_8<C>(sums, count, out);
+        else
+            PlainSums::mean_of_8<C, T>(sums, count, out);
+    }
+};
+
 }  // namespace
 
-const Kernels avx2_kernels{"avx2", &sample<Avx2>, &pack<Avx2>, &project_targets};
+const Kernels avx2_kernels{"avx2", &sample<Avx2>, &average<Avx2, Avx2Sums>, &pack<Avx2>, &project_targets};
 
 }  // namespace omnimirror

@@ -2,7 +2,7 @@
 #include <arm_neon.h>
 
 #include "axial_kernel.hpp"
-#include "common.hpp"
+#include "footprint.hpp"
 
 namespace omnimirror {
 namespace {
@@ -77,20 +77,31 @@ struct Cubic {
         return {halves[0], halves[1]};
     }
 
-    static int32x4_t pixel(const uint8_t* inner, ptrdiff_t row_step, uint8_t fx, uint8_t fy) {
+    // With 20 bits after the point, on top of a beginning.
+    static int32x4_t sum(const uint8_t* inner, ptrdiff_t row_step, uint8_t fx, uint8_t fy, int beginning) {
         const Columns v = columns(inner - row_step - C, row_step, CUBIC.magnitudes[fy]);
         const int16_t* w = CUBIC.weights[fx];
         const int16x4_t tap1 = vget_low_s16(vextq_s16(v.low, v.high, C));
         const int16x4_t tap2 = C == 4 ? vget_low_s16(v.high) : vget_low_s16(vextq_s16(v.low, v.high, 6));
         const int16x4_t tap3 = C == 4 ? vget_high_s16(v.high) : vget_low_s16(vextq_s16(v.high, v.high, 1));
-        int32x4_t sum = vmlal_n_s16(vdupq_n_s32(1 << 19), vget_low_s16(v.low), w[0]);
-        sum = vmlal_n_s16(sum, tap1, w[1]);
-        sum = vmlal_n_s16(sum, tap2, w[2]);
-        return vshrq_n_s32(vmlal_n_s16(sum, tap3, w[3]), 20);
+        int32x4_t total = vmlal_n_s16(vdupq_n_s32(beginning), vget_low_s16(v.low), w[0]);
+        total = vmlal_n_s16(total, tap1, w[1]);
+        total = vmlal_n_s16(total, tap2, w[2]);
+        return vmlal_n_s16(total, tap3, w[3]);
+    }
+
+    void add_8(const Block<uint8_t>& b, int32_t* sums) const {
+        for (int i = 0; i < 8; ++i) {
+            int32_t* at = sums + place_of_sum<C>(i);
+            const int32x4_t more = vshrq_n_s32(sum(data + b.offsets[i], row_step, b.fx[i], b.fy[i], 0), 13);
+            vst1q_s32(at, vaddq_s32(vld1q_s32(at), more));
+        }
     }
 
     uint8x16_t four(const uint32_t* offsets, const uint8_t* fx, const uint8_t* fy) const {
-        const auto at = [&](int i) { return vqmovn_s32(pixel(data + offsets[i], row_step, fx[i], fy[i])); };
+        const auto at = [&](int i) {
+            return vqmovn_s32(vshrq_n_s32(sum(data + offsets[i], row_step, fx[i], fy[i], 1 << 19), 20));
+        };
         return vcombine_u8(vqmovun_s16(vcombine_s16(at(0), at(1))), vqmovun_s16(vcombine_s16(at(2), at(3))));
     }
 };
@@ -138,8 +149,31 @@ struct Neon : Plain {
     }
 };
 
+struct NeonSums : PlainSums {
+    template <int C, class T>
+    static void add_taps(const Source& source, const Block<Fraction<T>>* blocks, int count, Sum<T>* sums,
+                         uint16_t* inside) {
+        if constexpr (sizeof(T) == 1 && C > 2) {
+            const Cubic<C> kernel(source);
+            const uint32x4_t last = vdupq_n_u32(kernel.last);
+            for (int i = 0; i < count; i += 8) {
+                const Block<uint8_t>& b = blocks[i / 8];
+                const uint32x4_t most = vmaxq_u32(vld1q_u32(b.offsets), vld1q_u32(b.offsets + 4));
+                if (vmaxvq_u32(vcgtq_u32(most, last))) {
+                    add_8_taps<C, T>(source, b, sums + i * CHANNELS_OF_SUMS<C>, inside + i);
+                    continue;
+                }
+                kernel.add_8(b, sums + i * CHANNELS_OF_SUMS<C>);
+                vst1q_u16(inside + i, vaddq_u16(vld1q_u16(inside + i), vdupq_n_u16(1)));
+            }
+        } else {
+            PlainSums::add_taps<C, T>(source, blocks, count, sums, inside);
+        }
+    }
+};
+
 }  // namespace
 
-const Kernels neon_kernels{"neon", &sample<Neon>, &pack<Neon>, &project_targets};
+const Kernels neon_kernels{"neon", &sample<Neon>, &average<Neon, NeonSums>, &pack<Neon>, &project_targets};
 
 }  // namespace omnimirror

@@ -1,9 +1,9 @@
 // The kernels for every machine.
 #include "axial_kernel.hpp"
-#include "common.hpp"
+#include "footprint.hpp"
 
 namespace omnimirror {
 
-const Kernels plain_kernels{"plain", &sample<Plain>, &pack<Plain>, &project_targets};
+const Kernels plain_kernels{"plain", &sample<Plain>, &average<Plain, PlainSums>, &pack<Plain>, &project_targets};
 
 }  // namespace omnimirror

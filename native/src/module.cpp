@@ -6,6 +6,9 @@
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/string.h>
+#include <nanobind/stl/tuple.h>
+#include <nanobind/stl/variant.h>
+#include <nanobind/stl/vector.h>
 
 #include <algorithm>
 #include <bit>
@@ -13,6 +16,8 @@
 #include <cstring>
 #include <optional>
 #include <string>
+#include <tuple>
+#include <variant>
 #include <vector>
 
 #include "axial.hpp"
@@ -21,6 +26,7 @@
 #include "packed.hpp"
 #include "pool.hpp"
 #include "sample.hpp"
+#include "squares.hpp"
 
 namespace nb = nanobind;
 using namespace nb::literals;
@@ -32,6 +38,8 @@ using In = nb::ndarray<nb::ro, nb::device::cpu>;
 using Out = nb::ndarray<nb::device::cpu>;
 using Floats = nb::ndarray<const float, nb::c_contig, nb::device::cpu>;
 using Ints = nb::ndarray<const int32_t, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
+using Bytes = nb::ndarray<const uint8_t, nb::ndim<3>, nb::c_contig, nb::device::cpu>;
+using Border = std::variant<double, std::vector<double>>;  // for all channels, or for each
 
 void require(bool condition, const char* message) {
     if (!condition) throw nb::value_error(message);
@@ -102,30 +110,75 @@ Interpolation interpolation_of(int number) {
 }
 
 template <class T>
-void put_border(Job& job, double value) {
-    T rounded = static_cast<T>(value);
-    for (int c = 0; c < job.source.channels; ++c) std::memcpy(job.border + c * sizeof(T), &rounded, sizeof(T));
+void put_border(Job& job, int channel, double value) {
+    const T rounded = static_cast<T>(value);
+    std::memcpy(job.border + channel * static_cast<int>(sizeof(T)), &rounded, sizeof(T));
 }
 
-Job job_of(const Sampled& sampled, const Target& target, Interpolation interpolation, double border, Where where) {
+void put_border(Job& job, const Border& border) {
+    const Depth depth = job.source.depth;
+    const double most = depth == Depth::u8 ? 255 : 65535;
+    const auto* each = std::get_if<std::vector<double>>(&border);
+    require(!each || each->size() == static_cast<size_t>(job.source.channels), "the border has one value per channel");
+    for (int c = 0; c < job.source.channels; ++c) {
+        const double value = each ? (*each)[static_cast<size_t>(c)] : std::get<double>(border);
+        require(depth == Depth::f32 || (value >= 0 && value <= most), "the border is no value of the picture's");
+        if (depth == Depth::u8) put_border<uint8_t>(job, c, value);
+        if (depth == Depth::u16) put_border<uint16_t>(job, c, value);
+        if (depth == Depth::f32) put_border<float>(job, c, value);
+    }
+}
+
+Job job_of(const Sampled& sampled, const Target& target, Interpolation interpolation, const Border& border,
+           Where where) {
     Job job{};
     job.source = sampled.source(), job.target = target;
     job.interpolation = interpolation, job.where = where;
-    const double most = job.source.depth == Depth::u8 ? 255 : 65535;
-    require(job.source.depth == Depth::f32 || (border >= 0 && border <= most),
-            "the border is no value of the picture's");
-    if (job.source.depth == Depth::u8) put_border<uint8_t>(job, border);
-    if (job.source.depth == Depth::u16) put_border<uint16_t>(job, border);
-    if (job.source.depth == Depth::f32) put_border<float>(job, border);
+    put_border(job, border);
     return job;
 }
+
+// How many taps each cell's pixels take: a copy, so that nobody changes it meanwhile.
+class Averages {
+  public:
+    using Ring = std::tuple<double, double, double, double>;  // centre, least and largest distance from it
+
+    Averages(const Bytes& taps, int step, double sharp, const std::optional<Ring>& ring)
+        : taps_(taps.data(), taps.data() + taps.size()), rows_(taps.shape(0)), columns_(taps.shape(1)), step_(step),
+          sharp2_(static_cast<float>(sharp * sharp)), ring_(ring.value_or(Ring{})) {
+        require(step == 4 || step == 8 || step == 16 || step == 32 || step == 64, "the step is 4, 8, 16, 32 or 64");
+        require(taps.shape(2) == 2, "taps are (cell rows, cell columns, 2)");
+        require(std::all_of(taps_.begin(), taps_.end(), [](int count) { return count >= 1 && count <= MOST_TAPS; }),
+                "taps are 1 to 128");
+    }
+
+    void apply(Job& job) const {
+        const auto cells = [&](int pixels) { return static_cast<size_t>((pixels + step_ - 1) / step_); };
+        require(rows_ == cells(job.target.height) && columns_ == cells(job.target.width), "taps do not fit dst");
+        require(job.interpolation == Interpolation::cubic, "what is averaged are cubic samples");
+        require(job.where != Where::nodes || 1 << job.nodes.log2_step == step_, "cells of nodes and taps differ");
+        require(job.where != Where::packed || step_ % 8 == 0, "cells of packed maps are multiples of 8");
+        const auto [x, y, least, most] = ring_;
+        job.footprints = {taps_.data(),          static_cast<int>(columns_), step_,
+                          sharp2_,               static_cast<float>(x),      static_cast<float>(y),
+                          static_cast<float>(least * least), static_cast<float>(most * most)};
+    }
+
+  private:
+    std::vector<uint8_t> taps_;
+    size_t rows_, columns_;
+    int step_;
+    float sharp2_;
+    Ring ring_;
+};
 
 void run(const Job& job) {
     nb::gil_scoped_release released;
     sample(job);
 }
 
-void remap(const In& src, const In& coordinates, const Out& dst, int interpolation, double border) {
+void remap(const In& src, const In& coordinates, const Out& dst, int interpolation, const Border& border,
+           const Averages* averages) {
     const Picture picture = source_of(src);
     const Interpolation kind = interpolation_of(interpolation);
     const Sampled sampled(picture, kind);
@@ -133,6 +186,7 @@ void remap(const In& src, const In& coordinates, const Out& dst, int interpolati
     job.coordinates = coordinates_of(coordinates);
     require(coordinates.shape(0) == dst.shape(0) && coordinates.shape(1) == dst.shape(1),
             "coordinates and dst differ in size");
+    if (averages) averages->apply(job);
     run(job);
 }
 
@@ -154,7 +208,7 @@ std::vector<float> longer(const Floats& values) {
 }
 
 void remap_polar(const In& src, const Floats& radii, const Floats& cosines, const Floats& sines, double x, double y,
-                 const Out& dst, int interpolation, double border) {
+                 const Out& dst, int interpolation, const Border& border, const Averages* averages) {
     const Picture picture = source_of(src);
     const Interpolation kind = interpolation_of(interpolation);
     const Sampled sampled(picture, kind);
@@ -166,6 +220,7 @@ void remap_polar(const In& src, const Floats& radii, const Floats& cosines, cons
     const std::vector<float> all_cosines = longer(cosines), all_sines = longer(sines);
     job.polar = {radii.data(),          all_cosines.data(),    all_sines.data(),
                  static_cast<float>(x), static_cast<float>(y), std::max(largest(cosines), largest(sines))};
+    if (averages) averages->apply(job);
     run(job);
 }
 
@@ -174,27 +229,43 @@ void check_cells(const Ints& cells, size_t patches) {
         require(cells.data()[i] < static_cast<int64_t>(patches), "a cell names a patch that is not there");
 }
 
+void check_lattice(const Floats& x, const Floats& y, size_t step, const Ints& cells, const Floats& patches) {
+    require(step == 4 || step == 8 || step == 16 || step == 32 || step == 64, "the step is 4, 8, 16, 32 or 64");
+    for (const Floats* floats : {&x, &y, &patches})
+        require(is_aligned(floats->data(), 4), "values must be aligned");
+    for (const Floats* nodes : {&x, &y})
+        require(nodes->ndim() == 2 && nodes->shape(0) == cells.shape(0) + 3 && nodes->shape(1) == cells.shape(1) + 3,
+                "there must be three nodes more than cells, down and across");
+    require(patches.ndim() == 4 && patches.shape(1) == step && patches.shape(2) == step && patches.shape(3) == 2,
+            "patches are (n, step, step, 2)");
+    check_cells(cells, patches.shape(0));
+}
+
+void find_squares(const Floats& x, const Floats& y, int step, const Ints& cells, const Floats& patches,
+                  const nb::ndarray<float, nb::ndim<3>, nb::c_contig, nb::device::cpu>& out) {
+    check_lattice(x, y, static_cast<size_t>(step), cells, patches);
+    require(out.shape(0) == cells.shape(0) && out.shape(1) == cells.shape(1) && out.shape(2) == 2,
+            "out is (cell rows, cell columns, 2)");
+    squares_of_nodes(x.data(), y.data(), step, cells.data(), side(cells.shape(0)), side(cells.shape(1)),
+                     patches.data(), out.data());
+}
+
 void remap_grid(const In& src, const Floats& x, const Floats& y, const Floats& weights, const Floats& row_weights,
-                const Ints& cells, const Floats& patches, const Out& dst, int interpolation, double border) {
+                const Ints& cells, const Floats& patches, const Out& dst, int interpolation, const Border& border,
+                const Averages* averages) {
     const Picture picture = source_of(src);
     const Interpolation kind = interpolation_of(interpolation);
     const Sampled sampled(picture, kind);
     Job job = job_of(sampled, target_of(dst, picture), kind, border, Where::nodes);
     require(weights.ndim() == 2 && weights.shape(0) == 4, "weights are (4, step)");
     const size_t step = weights.shape(1);
-    require(step == 4 || step == 8 || step == 16 || step == 32 || step == 64, "the step is 4, 8, 16, 32 or 64");
     require(row_weights.ndim() == 2 && row_weights.shape(0) == 4 && row_weights.shape(1) == step,
             "weights of rows and columns differ in shape");
-    const size_t down = (dst.shape(0) + step - 1) / step, across = (dst.shape(1) + step - 1) / step;
-    for (const Floats* floats : {&x, &y, &weights, &row_weights, &patches})
+    for (const Floats* floats : {&weights, &row_weights})
         require(is_aligned(floats->data(), 4), "values must be aligned");
-    for (const Floats* nodes : {&x, &y})
-        require(nodes->ndim() == 2 && nodes->shape(0) == down + 3 && nodes->shape(1) == across + 3,
-                "there must be three nodes more than cells, down and across");
+    check_lattice(x, y, step, cells, patches);
+    const size_t down = (dst.shape(0) + step - 1) / step, across = (dst.shape(1) + step - 1) / step;
     require(cells.shape(0) == down && cells.shape(1) == across, "cells do not fit dst");
-    require(patches.ndim() == 4 && patches.shape(1) == step && patches.shape(2) == step && patches.shape(3) == 2,
-            "patches are (n, step, step, 2)");
-    check_cells(cells, patches.shape(0));
     const std::vector<float> x_nodes = longer(x), y_nodes = longer(y), across_weights = longer(weights);
     job.nodes = {x_nodes.data(),
                  y_nodes.data(),
@@ -208,6 +279,7 @@ void remap_grid(const In& src, const Floats& x, const Floats& y, const Floats& w
                  static_cast<int>(across)};
     const std::vector<int32_t> states = states_of(job.nodes, job.source.geometry);
     job.nodes.cells = states.data();
+    if (averages) averages->apply(job);
     run(job);
 }
 
@@ -221,7 +293,9 @@ PackedMap* make_packed(const In& coordinates, int width, int height, int channel
                          height, channels, deep, kind);
 }
 
-void sample_packed(const PackedMap& map, const In& src, const Out& dst, double border) {
+// With averages, the coordinates that the map was made of are needed too.
+void sample_packed(const PackedMap& map, const In& src, const Out& dst, const Border& border,
+                   const std::optional<In>& coordinates, const Averages* averages) {
     const Picture picture = source_of(src);
     require(picture.width == map.width() && picture.height == map.height() && picture.channels == map.channels() &&
                 is_deep(picture.depth) == map.deep(),
@@ -229,6 +303,13 @@ void sample_packed(const PackedMap& map, const In& src, const Out& dst, double b
     const Sampled sampled(picture, map.interpolation());
     Job job = job_of(sampled, target_of(dst, picture), map.interpolation(), border, Where::packed);
     require(job.target.width == map.columns() && job.target.height == map.rows(), "dst has another size than the map");
+    if (averages) {
+        require(coordinates.has_value(), "averages need coordinates");
+        job.coordinates = coordinates_of(*coordinates);
+        require(coordinates->shape(0) == dst.shape(0) && coordinates->shape(1) == dst.shape(1),
+                "coordinates and dst differ in size");
+        averages->apply(job);
+    }
     nb::gil_scoped_release released;
     const auto blocks = map.blocks_for(job.source.geometry.row_step);
     job.packed = map.packed(*blocks);
@@ -285,14 +366,20 @@ void project_axial(const AxialCamera& camera, const Doubles& targets, bool is_ne
 NB_MODULE(_native, m) {
     using namespace omnimirror;
     m.doc() = "Samplers of pictures. Interpolation is 0 (nearest), 1 (linear) or 2 (cubic).";
-    m.def("remap", &remap, "src"_a, "coordinates"_a, "dst"_a, "interpolation"_a, "border"_a);
+    nb::class_<Averages>(m, "Averages")
+        .def(nb::init<const Bytes&, int, double, const std::optional<Averages::Ring>&>(), "taps"_a, "step"_a, "sharp"_a,
+             "ring"_a.none());
+    m.def("remap", &remap, "src"_a, "coordinates"_a, "dst"_a, "interpolation"_a, "border"_a,
+          "averages"_a.none() = nb::none());
     m.def("remap_polar", &remap_polar, "src"_a, "radii"_a, "cosines"_a, "sines"_a, "x"_a, "y"_a, "dst"_a,
-          "interpolation"_a, "border"_a);
+          "interpolation"_a, "border"_a, "averages"_a.none() = nb::none());
     m.def("remap_grid", &remap_grid, "src"_a, "x"_a, "y"_a, "weights"_a, "row_weights"_a, "cells"_a, "patches"_a,
-          "dst"_a, "interpolation"_a, "border"_a);
+          "dst"_a, "interpolation"_a, "border"_a, "averages"_a.none() = nb::none());
+    m.def("squares_of_nodes", &find_squares, "x"_a, "y"_a, "step"_a, "cells"_a, "patches"_a, "out"_a);
     nb::class_<PackedMap>(m, "PackedMap")
         .def(nb::new_(&make_packed), "coordinates"_a, "width"_a, "height"_a, "channels"_a, "deep"_a, "interpolation"_a)
-        .def("sample", &sample_packed, "src"_a, "dst"_a, "border"_a)
+        .def("sample", &sample_packed, "src"_a, "dst"_a, "border"_a, "coordinates"_a.none() = nb::none(),
+             "averages"_a.none() = nb::none())
         .def_prop_ro("nbytes", &PackedMap::bytes);
     nb::class_<AxialCamera>(m, "AxialCamera")
         .def(nb::new_(&make_axial), "frame"_a, "x"_a, "y"_a, "width"_a, "height"_a, "first"_a, "last"_a, "radii"_a,

@@ -46,8 +46,9 @@ void sample_band(void* context, int index) {
     const Work& work = *static_cast<const Work*>(context);
     const Target& target = work.job.target;
     const int top = index * work.band, bottom = std::min(top + work.band, target.height);
+    const auto fill = work.job.footprints.taps ? work.kernels.average : work.kernels.sample;
     for (int left = 0; left < target.width; left += PANEL)
-        work.kernels.sample(work.job, {top, bottom, left, std::min(left + PANEL, target.width)});
+        fill(work.job, {top, bottom, left, std::min(left + PANEL, target.width)});
 }
 
 }  // namespace

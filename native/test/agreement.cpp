@@ -18,7 +18,8 @@ struct Case {
     int width, height, columns, rows, channels;
     Depth depth;
     Interpolation interpolation;
-    int gap;  // pixels between the rows of the source
+    int gap;             // pixels between the rows of the source
+    bool is_averaged;  // over footprints, where the interpolation is cubic
 };
 
 struct Difference {
@@ -59,6 +60,15 @@ Difference run(const Case& c, std::mt19937& random) {
     const PackedMap map(coordinates, c.rows, c.columns, c.width, c.height, c.channels, is_deep(c.depth),
                         c.interpolation);
     const auto blocks = map.blocks_for(job.source.geometry.row_step);
+    constexpr int STEP = 16;
+    const int cell_columns = (c.columns + STEP - 1) / STEP, cell_rows = (c.rows + STEP - 1) / STEP;
+    std::unique_ptr<uint8_t[]> taps(new uint8_t[static_cast<size_t>(2 * cell_columns * cell_rows)]);
+    for (int i = 0; i < 2 * cell_columns * cell_rows; ++i) taps[i] = static_cast<uint8_t>(1 + random() % 4);
+    if (c.is_averaged && c.interpolation == Interpolation::cubic) {
+        const float x_middle = static_cast<float>(c.width) / 2, y_middle = static_cast<float>(c.height) / 2;
+        const float most2 = random() % 2 ? 0.0f : x_middle * x_middle + 4;
+        job.footprints = {taps.get(), cell_columns, STEP, random() % 2 ? 1.44f : 0, x_middle, y_middle, 0, most2};
+    }
     const char* names[3] = {"plain", "avx2", "avx2"};
     for (int k = 0; k < 3; ++k) {
         out[k].reset(new uint8_t[places * pixel]);
@@ -95,7 +105,8 @@ int main(int argc, char** argv) {
                      channels[random() % 4],
                      static_cast<Depth>(random() % 3),
                      static_cast<Interpolation>(random() % 3),
-                     static_cast<int>(random() % 3)};
+                     static_cast<int>(random() % 3),
+                     random() % 2 == 0};
         set_threads(1 + static_cast<int>(random() % 4));
         const Difference d = run(c, random);
         differing += d.count;

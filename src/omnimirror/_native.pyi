@@ -1,11 +1,27 @@
 """The compiled samplers; absent where they could not be built. Call them through omnimirror.dewarp.sampling."""
 
+from collections.abc import Sequence
 from typing import Any
 
 from numpy.typing import NDArray
 
+Border = float | Sequence[float]
+
+class Averages:
+    def __init__(
+        self, taps: NDArray[Any], step: int, sharp: float, ring: tuple[float, float, float, float] | None
+    ) -> None: ...
+
+def squares_of_nodes(
+    x: NDArray[Any], y: NDArray[Any], step: int, cells: NDArray[Any], patches: NDArray[Any], out: NDArray[Any]
+) -> None: ...
 def remap(
-    src: NDArray[Any], coordinates: NDArray[Any], dst: NDArray[Any], interpolation: int, border: float
+    src: NDArray[Any],
+    coordinates: NDArray[Any],
+    dst: NDArray[Any],
+    interpolation: int,
+    border: Border,
+    averages: Averages | None = None,
 ) -> None: ...
 def remap_polar(
     src: NDArray[Any],
@@ -16,7 +32,8 @@ def remap_polar(
     y: float,
     dst: NDArray[Any],
     interpolation: int,
-    border: float,
+    border: Border,
+    averages: Averages | None = None,
 ) -> None: ...
 def remap_grid(
     src: NDArray[Any],
@@ -28,7 +45,8 @@ def remap_grid(
     patches: NDArray[Any],
     dst: NDArray[Any],
     interpolation: int,
-    border: float,
+    border: Border,
+    averages: Averages | None = None,
 ) -> None: ...
 def evaluate_designs(
     coefficients: NDArray[Any],
@@ -50,7 +68,14 @@ class PackedMap:
     def __init__(
         self, coordinates: NDArray[Any], width: int, height: int, channels: int, deep: bool, interpolation: int
     ) -> None: ...
-    def sample(self, src: NDArray[Any], dst: NDArray[Any], border: float) -> None: ...
+    def sample(
+        self,
+        src: NDArray[Any],
+        dst: NDArray[Any],
+        border: Border,
+        coordinates: NDArray[Any] | None = None,
+        averages: Averages | None = None,
+    ) -> None: ...
     @property
     def nbytes(self) -> int: ...
 

@@ -55,7 +55,7 @@ def test_panoramas_are_sampled_without_a_map(camera):
     """As at their coordinates, up to one grey level."""
     width, height = camera.image_size
     picture = cv2.resize(np.random.default_rng(3).integers(0, 255, (40, 40, 3), np.uint8), (width, height))
-    dewarp = om.Dewarper(camera, om.screens.Cylinder((500, 300), -90.0, 60.0))
+    dewarp = om.Dewarper(camera, om.screens.Cylinder((500, 300), -90.0, 60.0), "linear")
     straight = dewarp(picture)
     assert "_map" not in dewarp.__dict__
     mapped = sampling.remap(picture, dewarp.coordinates())
@@ -128,7 +128,7 @@ def test_sampling_is_at_the_coordinates():
         np.testing.assert_allclose(straight[..., 2], x + y, atol=2 * tolerance)
 
 
-@pytest.mark.parametrize("interpolation", ["nearest", "linear", "cubic"])
+@pytest.mark.parametrize("interpolation", ["auto", "nearest", "linear", "cubic", "area"])
 @pytest.mark.parametrize("channels", [(), (1,), (3,), (4,)])
 @pytest.mark.parametrize("dtype", ["uint8", "uint16", "float32"])
 def test_every_kind_of_picture_keeps_its_kind(dtype, channels, interpolation):
@@ -157,7 +157,7 @@ def test_transparent_keeps_the_colours():
     np.testing.assert_array_equal(om.Dewarper(BALL, view)(grey, transparent=True)[5, 5], [77, 77, 77, 255])
 
 
-@pytest.mark.parametrize("interpolation", ["nearest", "linear", "cubic"])
+@pytest.mark.parametrize("interpolation", ["auto", "nearest", "linear", "cubic", "area"])
 def test_the_edge_of_the_picture_is_not_smeared(interpolation):
     """A fisheye sees beyond its picture: its white border ends there, and does not turn dark before."""
     picture = np.full((480, 640), 200, np.uint8)
@@ -222,6 +222,70 @@ def test_a_view_of_nothing_is_refused(view, message):
         om.Dewarper(BALL, view).coordinates()
 
 
+# -- the border ------------------------------------------------------------------------------------
+
+ALL_OF_IT = om.screens.Cylinder((60, 90), -90.0, 90.0)  # of which nothing is seen above 45 deg
+
+
+@pytest.mark.parametrize("interpolation", ["auto", "nearest", "linear", "cubic", "area"])
+@pytest.mark.parametrize(
+    ("dtype", "channels", "border", "expected"),
+    [
+        ("uint8", (), 17, 17),
+        ("uint8", (), (17,), 17),
+        ("uint8", (1,), 255, [255]),
+        ("uint8", (3,), 17, [17, 17, 17]),
+        ("uint8", (3,), (1, 20, 255), [1, 20, 255]),
+        ("uint16", (3,), (1, 20, 65535), [1, 20, 65535]),
+        ("uint16", (4,), np.array([1, 2, 3, 65535]), [1, 2, 3, 65535]),
+        ("float32", (3,), (-1.5, 0.25, 1e6), [-1.5, 0.25, 1e6]),
+        ("float32", (), float("nan"), float("nan")),
+    ],
+)
+def test_the_border_is_the_colour_outside(dtype, channels, border, expected, interpolation):
+    picture = np.full((1020, 1024, *channels), 100, dtype)
+    for view in (ALL_OF_IT, om.screens.Dome((90, 90), 170.0, "nadir"), om.screens.CubeMap((80, 60))):
+        dewarp = om.Dewarper(BALL, view, interpolation, border=border)
+        for _ in range(2):
+            straight = dewarp(picture)
+            np.testing.assert_allclose(straight[dewarp.valid], 100, rtol=1e-6)
+            outside = straight[~dewarp.valid]
+            assert len(outside)
+            np.testing.assert_array_equal(outside, np.broadcast_to(np.array(expected, dtype), outside.shape))
+
+
+def test_the_border_of_a_picture_that_gets_an_alpha_is_clear():
+    for picture, border in (
+        (np.full((1020, 1024, 3), 100, np.uint8), (1, 2, 3)),
+        (np.full((1020, 1024), 100, np.uint8), 9),
+    ):
+        straight = om.Dewarper(BALL, ALL_OF_IT, border=border)(picture, transparent=True)
+        colour = border if isinstance(border, tuple) else (border,) * 3
+        np.testing.assert_array_equal(straight[0, 0], [*colour, 0])
+        np.testing.assert_array_equal(straight[-5, 0], [100, 100, 100, 255])
+
+
+@pytest.mark.parametrize(
+    ("dtype", "channels", "border", "message"),
+    [
+        ("uint8", (3,), 256, "border = 256 is no value of a picture of uint8; valid are whole numbers from 0 to 255"),
+        ("uint8", (3,), -1, "border = -1 is no value"),
+        ("uint16", (3,), 0.5, "border = 0.5 is no value of a picture of uint16"),
+        ("uint8", (3,), (1, 2), r"border = \(1, 2\) has 2 values, and the picture 3 channels"),
+        ("uint8", (), (1, 2, 3), r"has 3 values, and the picture 1 channels"),
+    ],
+)
+def test_a_border_that_does_not_fit_is_refused(dtype, channels, border, message):
+    with pytest.raises(InvalidParameter, match=message):
+        om.Dewarper(BALL, ALL_OF_IT, border=border)(np.zeros((1020, 1024, *channels), dtype))
+
+
+@pytest.mark.parametrize("border", ["red", (1, "x"), None, [[1, 2, 3]]])
+def test_a_border_that_is_no_colour_is_refused(border):
+    with pytest.raises(InvalidParameter, match="is no colour"):
+        om.Dewarper(BALL, ALL_OF_IT, border=border)
+
+
 def test_an_unknown_interpolation_is_refused():
-    with pytest.raises(InvalidParameter, match="'lanczos' is not one of nearest, linear, cubic"):
+    with pytest.raises(InvalidParameter, match="'lanczos' is not one of auto, nearest, linear, cubic, area"):
         om.Dewarper(BALL, om.screens.Plane((20, 10)), "lanczos")

@@ -55,7 +55,7 @@ def parts_of(view):
 def test_colours_are_where_the_exact_projection_puts_them(camera, name, siting, to_siting):
     """Ramps come out as the projection of their own places, of the first frame and of later ones."""
     view = SCREENS[name]
-    dewarp, other = om.Dewarper(camera, view), om.Dewarper(camera, view)
+    dewarp, other = (om.Dewarper(camera, view, "linear") for _ in range(2))
     planes = ramps(camera.image_size, siting)
     x, y = SITINGS[to_siting]
     last = np.array(camera.image_size) // 2 * 2 - 2 + np.array(SITINGS[siting])  # then it is level
@@ -107,7 +107,30 @@ def test_black_in_more_bits():
             assert plane[0, 0] == expected[1]
 
 
-@pytest.mark.parametrize("interpolation", ["nearest", "linear", "cubic"])
+def test_the_border_is_a_grey_or_a_coded_colour():
+    view = om.screens.Cylinder((720, 180), -90.0, 90.0)
+    parts = tuple(part.astype(np.uint8) for part in ramps(SIZE, "left", 8))
+    for border, full_range, expected in (
+        (255, False, (235, 128, 128)),
+        (255, True, (255, 128, 128)),
+        (0, True, (0, 128, 128)),
+        ((90, 30, 200), False, (90, 30, 200)),
+    ):
+        dewarp = om.Dewarper(BALL, view, border=border)
+        y, u, v = dewarp.planes(parts, full_range=full_range)
+        luma, pairs = dewarp.planes((parts[0], np.dstack(parts[1:])), full_range=full_range)
+        assert (y[0, 0], u[0, 0], v[0, 0]) == expected
+        assert (luma[0, 0], *pairs[0, 0]) == expected
+        assert (y[~dewarp.valid] == expected[0]).all()
+    for border, message in (
+        (256, "no grey of 8 bits; valid are 0 to 255"),
+        ((1, 2), "valid are a grey, or y, u and v"),
+    ):
+        with pytest.raises(InvalidParameter, match=message):
+            om.Dewarper(BALL, view, border=border).planes(parts)
+
+
+@pytest.mark.parametrize("interpolation", ["auto", "nearest", "linear", "cubic", "area"])
 @pytest.mark.parametrize("name", SCREENS)
 def test_nv12_is_the_same_picture(name, interpolation):
     dewarp = om.Dewarper(BALL, SCREENS[name], interpolation)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -11,10 +11,32 @@ from numpy.typing import NDArray
 from ..cameras import Camera, Mask
 from ..errors import InvalidParameter, OutsideField
 from .coordinates import has_grid, is_separable, screen_grid, screen_rings, source_pixels
-from .fields import field_of
-from .planar import Planes, Siting, Where, black, check_planes, check_shapes, chroma_of, empty_planes, sample_planes
+from .fields import field_of, ring_of
+from .planar import (
+    Planes,
+    Siting,
+    Where,
+    border_of_planes,
+    check_planes,
+    check_shapes,
+    chroma_of,
+    empty_planes,
+    sample_planes,
+)
 from .rings import Rings
-from .sampling import INTERPOLATIONS, FixedMap, Grid, Image, Interpolation, check_picture, remap_grid, with_alpha
+from .sampling import (
+    INTERPOLATIONS,
+    Border,
+    FixedMap,
+    Grid,
+    Image,
+    Interpolation,
+    check_border,
+    check_picture,
+    clear_border,
+    remap_grid,
+    with_alpha,
+)
 from .screens import Screen, View
 from .viewpoints import Viewpoint, check_viewpoint
 
@@ -32,18 +54,23 @@ class Dewarper:
     view
         A screen, such as those of :mod:`omnimirror.screens`, or a mosaic of several.
     interpolation
-        ``"nearest"``, ``"linear"`` or ``"cubic"``. Cubic is sharper where the view magnifies; where it
-        shrinks the picture by more than 2, none of them averages enough.
+        ``"auto"``: cubic where the view magnifies, and where it shrinks the picture the mean of as many cubic
+        samples as it takes, so that nothing aliases. ``"nearest"``, ``"linear"`` and ``"cubic"``: one
+        sample for every pixel. ``"area"``: the mean over all that a pixel covers, everywhere.
     viewpoint
         How screens at a finite distance are seen. ``"exact"``: each point by its own reflection.
         ``"single"``: all from one viewpoint on the axis, as in the paper, the one whose largest error at
         the screen's distance is least. A number: from that height over the mirror vertex, mm. Distant
         screens are the same in all three, and before a camera with one viewpoint the first two are.
+    border
+        The colour outside the field, in the picture's own values: a number for all its channels, or one for
+        each. Of frames as in :meth:`planes`, a grey level or (y, u, v).
 
     Raises
     ------
     InvalidParameter
-        For an unknown interpolation or viewpoint, or a picture of another size or kind than the camera's.
+        For an unknown interpolation or viewpoint, for a picture of another size or kind than the camera's,
+        or one that has no such values as the border's.
     OutsideField
         At the first use, if the view sees nothing of the camera's field.
 
@@ -66,13 +93,15 @@ class Dewarper:
 
     camera: Camera
     view: View
-    interpolation: Interpolation = "linear"
+    interpolation: Interpolation = "auto"
     viewpoint: Viewpoint = "exact"
+    border: Border = 0
 
     def __post_init__(self) -> None:
         if self.interpolation not in INTERPOLATIONS:
             raise InvalidParameter(f"interpolation = {self.interpolation!r} is not one of {', '.join(INTERPOLATIONS)}")
         check_viewpoint(self.viewpoint)
+        check_border(self.border)
 
     def __call__(self, image: Image, transparent: bool = False) -> Image:
         """The straightened picture, of the same depth.
@@ -82,14 +111,19 @@ class Dewarper:
         image : (h, w) or (h, w, 1) or (h, w, 3) or (h, w, 4) array, uint8, uint16 or float32
             A picture of the camera's ``image_size``.
         transparent
-            Whether to add an alpha channel, 0 outside the field. Otherwise, as in a picture that comes
-            with an alpha of its own, everything outside the field is 0 in all channels.
+            Whether to add an alpha channel, 0 outside the field. A picture that comes with an alpha of its
+            own has the border's there.
         """
         check_picture(image, self.camera.image_size)
-        image = with_alpha(image) if transparent else image
+        border: Border = self.border
+        if transparent:
+            border = clear_border(border, image)
+            image = with_alpha(image)
         if self._rings is not None:
-            return self._rings.sample(image, self.interpolation)
-        return remap_grid(image, self._grid, self.interpolation) if self._is_first else self._map(image)
+            return self._rings.sample(image, self.interpolation, border=border)
+        if self._is_first:
+            return remap_grid(image, self._grid, self.interpolation, border=border)
+        return self._map(image, border=border)
 
     def planes(
         self,
@@ -115,7 +149,8 @@ class Dewarper:
         to_siting
             Where they lie in the result; there too where not given.
         full_range
-            Whether luma counts from 0, or from 16 (in 8 bits). Outside the field the frame is black.
+            Whether luma counts from 0, or from 16 (in 8 bits). A ``border`` that is a number is a grey level that
+            counts from 0 either way.
         bits
             Of values in uint16: 10 for yuv420p10, 16 for P010, whose values stand in the upper bits.
 
@@ -137,11 +172,12 @@ class Dewarper:
         if out is None:
             out = empty_planes(parts, self.view.size)
         check_shapes(out, self.view.size, parts)
+        border = border_of_planes(self.border, full_range, bits)
         luma = self._rings or (self._grid if self._is_first else self._map)
         kind = (*sitings, isinstance(luma, Grid))
         if kind not in self._chroma:
             self._chroma[kind] = chroma_of(luma, self.view, sitings, self.camera.image_size, self.interpolation)
-        return sample_planes(parts, luma, self._chroma[kind], self.interpolation, out, black(full_range, bits))
+        return sample_planes(parts, luma, self._chroma[kind], self.interpolation, out, border)
 
     def coordinates(self, exact: bool = False) -> Array:
         """Source pixels (height, width, 2) as (u, v); NaN outside the field.
@@ -173,7 +209,7 @@ class Dewarper:
         if not (isinstance(self.view, Screen) and is_separable(self.camera, self.view)):
             return None
         rings = screen_rings(self.camera, self.view, self.viewpoint)
-        return rings if rings.show_something(self.camera.image_size) else None
+        return replace(rings, ring=ring_of(self.camera)) if rings.show_something(self.camera.image_size) else None
 
     @property
     def _is_first(self) -> bool:
@@ -190,8 +226,11 @@ class Dewarper:
         grid = screen_grid(self.camera, self.view, self.viewpoint)
         if (grid.cells >= 0).all() and np.isnan(grid.patches).all():
             raise self._sees_nothing()
-        return grid
+        return replace(grid, ring=ring_of(self.camera))
 
     @cached_property
     def _map(self) -> FixedMap:
-        return FixedMap(self.coordinates(), self.camera.image_size, self.interpolation)
+        size = self.camera.image_size
+        if has_grid(self.camera, self.view):
+            return FixedMap.of_grid(self._grid, size, self.interpolation)
+        return FixedMap(self.coordinates(), size, self.interpolation, ring_of(self.camera))

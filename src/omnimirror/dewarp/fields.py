@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..cameras import AxialSymmetry, Camera
 from ..errors import OutsideField
+from .footprints import Ring
 from .screens import Pole
 
 Array = NDArray[np.float64]
 
 SAMPLES = 20_000  # directions all over the sphere, and pixels all over the picture
+RING_SLACK_PX = 1e-3  # the rim itself is seen
 EDGE_SAMPLES = 1440  # points along the rim and along each side of the picture
 
 
@@ -74,6 +77,20 @@ def pole_of(camera: Camera) -> Pole:
 def is_vertical(symmetry: AxialSymmetry) -> bool:
     """Whether the axis points straight up or down."""
     return bool(np.hypot(*symmetry.axis[:2]) < 1e-12)
+
+
+def ring_of(camera: Camera) -> Ring | None:
+    """The part of the picture that the field of a symmetric camera fills; None for other cameras."""
+    return None if camera.symmetry is None else _ring_seen(camera)  # type: ignore[arg-type]  # asks for Hashable
+
+
+@lru_cache(maxsize=32)
+def _ring_seen(camera: Camera) -> Ring:
+    symmetry = camera.symmetry
+    assert symmetry is not None
+    ends = symmetry.radius_px(np.array([symmetry.omega_min, symmetry.omega_max]))
+    least, most = float(ends.min()) - RING_SLACK_PX, float(ends.max()) + RING_SLACK_PX
+    return Ring(*symmetry.centre_px, max(least, 0.0), most)
 
 
 def _tilts_seen(camera: Camera, directions: Array) -> tuple[float, float]:

@@ -8,6 +8,7 @@ between its pixels, or between its nodes: nothing is projected again.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, Literal
 
@@ -16,8 +17,9 @@ from numpy.typing import NDArray
 
 from ..cameras import Mask
 from ..errors import InvalidParameter
+from .footprints import Ring
 from .rings import Rings
-from .sampling import FixedMap, Grid, Image, Interpolation, node_weights, remap_grid
+from .sampling import Border, FixedMap, Grid, Image, Interpolation, node_weights, remap_grid
 from .screens import Screen, View, parts_of
 
 Siting = Literal["left", "center", "topleft"]
@@ -76,13 +78,26 @@ def check_shapes(parts: Planes, size: tuple[int, int], like: Planes = ()) -> Non
         )
 
 
-def black(full_range: bool, bits: int) -> tuple[int, int]:
-    """Luma and chroma of black.
+def border_of_planes(border: Border, full_range: bool, bits: int) -> tuple[float, float, float]:
+    """The border as y, u and v: it is given so, or as a grey that counts from 0 to the largest value.
 
-    >>> black(False, 8), black(True, 8), black(False, 10)
-    ((16, 128), (0, 128), (64, 512))
+    >>> border_of_planes(0, False, 8), border_of_planes(255, False, 8), border_of_planes(0, False, 10)
+    ((16, 128, 128), (235, 128, 128), (64, 512, 512))
+
+    Raises
+    ------
+    InvalidParameter
+        For anything else.
     """
-    return 0 if full_range else 16 << (bits - 8), 1 << (bits - 1)
+    if isinstance(border, Sequence):
+        if len(border) != 3:
+            raise InvalidParameter(f"border = {border} is no colour of a 4:2:0 frame; valid are a grey, or y, u and v")
+        return border[0], border[1], border[2]
+    most = (1 << bits) - 1
+    if not 0 <= border <= most:
+        raise InvalidParameter(f"border = {border} is no grey of {bits} bits; valid are 0 to {most}")
+    y = border if full_range else (16 << (bits - 8)) + border * (219 << (bits - 8)) / most
+    return round(y), 1 << (bits - 1), 1 << (bits - 1)
 
 
 def empty_planes(like: Planes, size: tuple[int, int]) -> Planes:
@@ -103,12 +118,14 @@ def chroma_of(
     """What colours are sampled with, made of what luma is sampled with; sitings of the source and of the view."""
     if isinstance(luma, Grid):
         return chroma_grid(luma, sitings, source_size)
+    ring = _halved(luma.ring, sitings[0])
     if isinstance(luma, FixedMap):
         pixels = chroma_coordinates(luma.coordinates, sitings, source_size, labels_of(view))
-        return FixedMap(pixels, half(source_size), luma.interpolation)
+        return FixedMap(pixels, half(source_size), luma.interpolation, ring)
     if luma.lie_within(source_size):
-        return chroma_rings(luma, sitings)
-    return FixedMap(chroma_coordinates(luma.coordinates(source_size), sitings, source_size), half(source_size), kind)
+        return replace(chroma_rings(luma, sitings), ring=ring)
+    pixels = chroma_coordinates(luma.coordinates(source_size), sitings, source_size)
+    return FixedMap(pixels, half(source_size), kind, ring)
 
 
 def chroma_coordinates(
@@ -206,6 +223,7 @@ def chroma_grid(grid: Grid, sitings: tuple[Siting, Siting], source_size: tuple[i
         step=grid.step // 2,
         patches=chroma_coordinates(grid.patches, sitings, source_size),
         shift=tuple(of_view / 2),
+        ring=_halved(grid.ring, sitings[0]),
     )
     right, bottom = np.array(half(source_size)) - 0.5
     beyond = (nodes[0] > right) | (nodes[1] > bottom)
@@ -213,6 +231,14 @@ def chroma_grid(grid: Grid, sitings: tuple[Siting, Siting], source_size: tuple[i
         return fine
     near = np.lib.stride_tricks.sliding_window_view(beyond, (4, 4)).any(axis=(2, 3)) & (grid.cells < 0)
     return _patched(fine, near, source_size) if near.any() else fine
+
+
+def _halved(ring: Ring | None, siting: Siting) -> Ring | None:
+    """Where colours are seen in their planes."""
+    if ring is None:
+        return None
+    x, y = SITINGS[siting]
+    return Ring((ring.u - x) / 2, (ring.v - y) / 2, ring.least / 2, ring.most / 2)
 
 
 def _patched(grid: Grid, where: Mask, source_size: tuple[int, int]) -> Grid:
@@ -232,11 +258,18 @@ def _patched(grid: Grid, where: Mask, source_size: tuple[int, int]) -> Grid:
 
 
 def sample_planes(
-    parts: Planes, luma: Where, chroma: Where, interpolation: Interpolation, out: Planes, border: tuple[int, int]
+    parts: Planes,
+    luma: Where,
+    chroma: Where,
+    interpolation: Interpolation,
+    out: Planes,
+    border: tuple[float, float, float],
 ) -> Planes:
-    """Fill the planes ``out`` with those of ``parts``; outside the field with the border's luma and chroma."""
-    for i, (part, target) in enumerate(zip(parts, out, strict=True)):
-        where, value = (chroma, border[1]) if i else (luma, border[0])
+    """Fill the planes ``out`` with those of ``parts``; outside the field with the border's y, u and v."""
+    y, u, v = border
+    borders: tuple[Border, ...] = (y, u, v) if len(parts) == 3 else (y, (u, v))
+    for i, (part, target, value) in enumerate(zip(parts, out, borders, strict=True)):
+        where = chroma if i else luma
         if isinstance(where, Grid):
             remap_grid(part, where, interpolation, target, value)
         elif isinstance(where, Rings):

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..cameras import inside_image
-from .sampling import Image, Interpolation, remap_polar
+from .footprints import CELL_PX, RULES, Averages, Ring, averages_of, squares_of_rings
+from .sampling import Border, Image, Interpolation, remap_polar
 
 Array = NDArray[np.float64]
 
@@ -25,6 +28,8 @@ class Rings:
     """(rows,) px; NaN outside the field."""
     angles: Array
     """(columns,) radians from right towards down in the picture; without jumps from one column to the next."""
+    ring: Ring | None = None
+    """Where in the pictures something is seen, for averages at the end of the field."""
 
     def coordinates(self, size: tuple[int, int], every: int = 1) -> Array:
         """Pixels (rows, columns, 2) of a picture of a (width, height); NaN outside it. Of every n-th column only."""
@@ -44,7 +49,15 @@ class Rings:
         return bool(np.isfinite(self.coordinates(size, EVERY_COLUMN)).any())
 
     def sample(
-        self, image: Image, interpolation: Interpolation = "linear", out: Image | None = None, border: float = 0
+        self, image: Image, interpolation: Interpolation = "linear", out: Image | None = None, border: Border = 0
     ) -> Image:
         """The picture's values there; see :func:`omnimirror.dewarp.sampling.remap`."""
-        return remap_polar(image, self.radii, self.angles, self.centre, interpolation, out, border)
+        averages = self._averages(interpolation) if interpolation in RULES else None
+        if averages is None and interpolation in RULES:
+            interpolation = "cubic"
+        return remap_polar(image, self.radii, self.angles, self.centre, interpolation, out, border, averages)
+
+    @cached_property
+    def _averages(self) -> Callable[[Interpolation], Averages | None]:
+        squares = squares_of_rings(self.radii, self.angles)
+        return cache(lambda interpolation: averages_of(squares, CELL_PX, interpolation, self.ring))

@@ -3,7 +3,9 @@
 Both follow one rule. A coordinate from half a pixel before the first pixel's centre to half a pixel behind the
 last one's lies on the picture; on that outermost half pixel the picture has the value of its edge. NaN and all
 other coordinates lie outside and give the border value: nothing is smeared. Cubic is the kernel of Keys with
-a = -0.75, as in OpenCV; its taps beyond the picture repeat the edge.
+a = -0.75, as in OpenCV; its taps beyond the picture repeat the edge. Area is the mean of cubic samples over what an
+output pixel covers in the picture, of those that are inside; auto is the same where the picture is minified, and
+cubic elsewhere (see :mod:`omnimirror.dewarp.footprints`).
 
 Values agree to one grey level. Coordinates are kept as float32; the compiled samplers take fractions of a pixel
 to 1/255 in uint8 pictures and to 1/65535 in others.
@@ -11,27 +13,41 @@ to 1/255 in uint8 pictures and to 1/65535 in others.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from functools import cached_property
+from typing import Any, Literal, Self
 
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..cameras import Mask, inside_image
 from ..errors import InvalidParameter
 from ..media.images import FULL
+from .footprints import (
+    CELL_PX,
+    RULES,
+    Averages,
+    Ring,
+    averages_of,
+    squares_of_coordinates,
+    squares_of_nodes,
+    squares_of_rings,
+)
 from .native import compiled
+from .opencv import LONGEST_SIDE_PX, remap_opencv
 
 Image = NDArray[Any]
 Coordinates = NDArray[np.float32] | NDArray[np.float64]
 Array = NDArray[np.float64]
-Interpolation = Literal["nearest", "linear", "cubic"]
+Interpolation = Literal["auto", "nearest", "linear", "cubic", "area"]
+Border = float | Sequence[float]
 
-INTERPOLATIONS = {"nearest": cv2.INTER_NEAREST, "linear": cv2.INTER_LINEAR, "cubic": cv2.INTER_CUBIC}
+INTERPOLATIONS: tuple[Interpolation, ...] = ("auto", "nearest", "linear", "cubic", "area")
+KINDS = {"nearest": "nearest", "linear": "linear", "cubic": "cubic", "area": "cubic", "auto": "cubic"}
+"""The single samples that each is made of."""
 NUMBERS = {"nearest": 0, "linear": 1, "cubic": 2}
 DEPTHS = frozenset(np.dtype(name) for name in FULL) | {np.dtype(name).newbyteorder() for name in FULL}
-LONGEST_SIDE_PX = 32_766  # cv2.remap counts pixels in 16 bits
 MOST_VALUES = 0x7FFF0000  # the compiled samplers count values in 31 bits
 
 
@@ -71,6 +87,39 @@ def check_largest(image: Image) -> None:
         raise InvalidParameter(f"a picture of {width} x {height} px is too large; valid are {MOST_VALUES} values")
 
 
+def check_border(border: Border) -> None:
+    """Refuse what is neither a number nor some numbers."""
+    values = np.array(border, object)
+    if values.ndim > 1 or not all(isinstance(value, int | float | np.number) for value in values.flat):
+        raise InvalidParameter(f"border = {border!r} is no colour; valid are a number, or one for every channel")
+
+
+def border_values(border: Border, image: Image) -> tuple[float, ...]:
+    """The border's value in each of a picture's channels; refuses what is none."""
+    check_border(border)
+    channels = image.shape[2] if image.ndim == 3 else 1
+    values = np.array(border, float)
+    if values.ndim and len(values) != channels:
+        raise InvalidParameter(
+            f"border = {border} has {len(values)} values, and the picture {channels} channels; "
+            "a single number stands for all of them"
+        )
+    full = FULL[image.dtype.name]
+    if image.dtype.kind == "u" and not ((values >= 0) & (values <= full) & (values % 1 == 0)).all():
+        raise InvalidParameter(
+            f"border = {border} is no value of a picture of {image.dtype.name}; "
+            f"valid are whole numbers from 0 to {full}"
+        )
+    return tuple(np.broadcast_to(values, channels).tolist())
+
+
+def clear_border(border: Border, image: Image) -> tuple[float, ...]:
+    """The border of a picture that gets an alpha: a colour for those who look at it without, and 0."""
+    values = border_values(border, image)
+    colours = values[:3] if len(values) > 1 else values * 3
+    return (*colours, 0.0)
+
+
 def with_alpha(image: Image) -> Image:
     """The picture in four channels, opaque unless it has an alpha."""
     channels = image.shape[2:]
@@ -88,7 +137,7 @@ def remap(
     coordinates: Coordinates,
     interpolation: Interpolation = "linear",
     out: Image | None = None,
-    border: float = 0,
+    border: Border = 0,
 ) -> Image:
     """The picture's values at coordinates that are used once.
 
@@ -99,11 +148,11 @@ def remap(
     coordinates : (rows, columns, 2), float32 or float64, px
         (u, v), integers at pixel centres; NaN is outside.
     interpolation
-        ``"nearest"``, ``"linear"`` or ``"cubic"``.
+        ``"auto"``, ``"nearest"``, ``"linear"``, ``"cubic"`` or ``"area"``.
     out : (rows, columns) or (rows, columns, c) array of the same depth, optional
         Filled and returned; with any strides.
     border
-        Value of all channels outside the picture.
+        Value outside the picture, of all channels or of each.
 
     Raises
     ------
@@ -118,10 +167,11 @@ def remap(
     """
     coordinates = _checked(coordinates)
     call = _Call(image, coordinates.shape[:2], interpolation, out, border)
+    averages = _averages_of_map(coordinates, interpolation)
     module = compiled()
     if module is None:
-        return call.done(_remap_opencv(call.source, coordinates, interpolation, border))
-    module.remap(call.source, _adjoining(coordinates), call.target, NUMBERS[interpolation], border)
+        return call.done(remap_opencv(call.source, coordinates, call.kind, call.border, averages))
+    module.remap(call.source, _adjoining(coordinates), call.target, *call.how(averages))
     return call.done()
 
 
@@ -139,17 +189,37 @@ class FixedMap:
         Of the pictures.
     interpolation
         As in :func:`remap`.
+    ring
+        Where in the pictures something is seen, for averages at the end of the field.
+    averages
+        Of how many samples values are made; found from the coordinates where not given.
     """
 
-    def __init__(self, coordinates: Coordinates, size: tuple[int, int], interpolation: Interpolation = "linear"):
+    def __init__(
+        self,
+        coordinates: Coordinates,
+        size: tuple[int, int],
+        interpolation: Interpolation = "linear",
+        ring: Ring | None = None,
+        averages: Averages | None = None,
+    ):
         _check_interpolation(interpolation)
         self.coordinates = np.array(_checked(coordinates), np.float32, order="C")
         self.size = size
         self.interpolation: Interpolation = interpolation
+        self.ring = ring
+        self._averages = averages or _averages_of_map(self.coordinates, interpolation, ring)
+        # Where all values are averages, a packed map of single samples is of no use.
+        self._can_pack = self._averages is None or bool((self._averages.taps == 1).all(axis=-1).any())
         self._packed: dict[tuple[int, bool], Any] = {}
         self._is_used = False
 
-    def __call__(self, image: Image, out: Image | None = None, border: float = 0) -> Image:
+    @classmethod
+    def of_grid(cls, grid: Grid, size: tuple[int, int], interpolation: Interpolation = "linear") -> Self:
+        """For the same pictures as :func:`remap_grid`'s."""
+        return cls(grid.coordinates(), size, interpolation, grid.ring, grid.averages(interpolation))
+
+    def __call__(self, image: Image, out: Image | None = None, border: Border = 0) -> Image:
         """The picture's values; ``out`` and ``border`` as in :func:`remap`."""
         check_kind(image)
         if image.shape[1::-1] != tuple(self.size):
@@ -157,15 +227,16 @@ class FixedMap:
         call = _Call(image, self.coordinates.shape[:2], self.interpolation, out, border)
         module = compiled()
         if module is None:
-            return call.done(_remap_opencv(call.source, self.coordinates, self.interpolation, border))
-        if not self._is_used:
+            return call.done(remap_opencv(call.source, self.coordinates, call.kind, call.border, self._averages))
+        if not (self._is_used and self._can_pack):
             self._is_used = True
-            module.remap(call.source, self.coordinates, call.target, NUMBERS[self.interpolation], border)
+            module.remap(call.source, self.coordinates, call.target, *call.how(self._averages))
             return call.done()
         kind = (call.source.shape[2], call.source.dtype != np.uint8)
         if kind not in self._packed:
-            self._packed[kind] = module.PackedMap(self.coordinates, *self.size, *kind, NUMBERS[self.interpolation])
-        self._packed[kind].sample(call.source, call.target, border)
+            self._packed[kind] = module.PackedMap(self.coordinates, *self.size, *kind, NUMBERS[call.kind])
+        averages = (self.coordinates, self._averages.for_compiled) if self._averages else ()
+        self._packed[kind].sample(call.source, call.target, call.border, *averages)
         return call.done()
 
 
@@ -176,7 +247,8 @@ def remap_polar(
     centre: tuple[float, float],
     interpolation: Interpolation = "linear",
     out: Image | None = None,
-    border: float = 0,
+    border: Border = 0,
+    averages: Averages | None = None,
 ) -> Image:
     """The picture's values at ``centre + radii[row] (cos, sin)(angles[column])``, without a map.
 
@@ -187,19 +259,22 @@ def remap_polar(
     angles : (columns,) radians
         From right towards down in the picture.
     centre : (u, v) px
+    averages
+        Of how many samples values are made; found from radii and angles where not given.
 
     The others are those of :func:`remap`.
     """
     rows, columns = np.asarray(radii, np.float64), np.asarray(angles, np.float64)
     directions = np.cos(columns), np.sin(columns)
     call = _Call(image, (len(rows), len(columns)), interpolation, out, border)
+    if averages is None and interpolation in RULES:
+        averages = averages_of(squares_of_rings(rows, columns), CELL_PX, interpolation)
     module = compiled()
     if module is None:
         pixels = np.stack([c + rows[:, None] * d for c, d in zip(centre, directions, strict=True)], axis=-1)
-        return call.done(_remap_opencv(call.source, pixels, interpolation, border))
+        return call.done(remap_opencv(call.source, pixels, call.kind, call.border, averages))
     cosines, sines = (d.astype(np.float32) for d in directions)
-    radii32 = rows.astype(np.float32)
-    module.remap_polar(call.source, radii32, cosines, sines, *centre, call.target, NUMBERS[interpolation], border)
+    module.remap_polar(call.source, rows.astype(np.float32), cosines, sines, *centre, call.target, *call.how(averages))
     return call.done()
 
 
@@ -223,6 +298,8 @@ class Grid:
     """(n, step, step, 2): the coordinates of cells that must not be interpolated."""
     shift: tuple[float, float] = (0.0, 0.0)
     """How far right of and below the nodes' lattice the output's pixels lie, less than 1 px."""
+    ring: Ring | None = None
+    """Where in the pictures something is seen, for averages at the end of the field."""
 
     def coordinates(self) -> NDArray[np.float32]:
         """All coordinates (height, width, 2); NaN outside."""
@@ -238,6 +315,14 @@ class Grid:
         whole = tiles.transpose(0, 2, 1, 3, 4).reshape(down * self.step, across * self.step, 2)[:height, :width]
         pixels: NDArray[np.float32] = whole
         return pixels
+
+    def averages(self, interpolation: Interpolation) -> Averages | None:
+        """What an interpolation averages; None where that is nothing."""
+        return averages_of(self._squares, self.step, interpolation, self.ring) if interpolation in RULES else None
+
+    @cached_property
+    def _squares(self) -> NDArray[np.float32]:
+        return squares_of_nodes(self.nodes, self.step, self.cells, self.patches)
 
 
 def _banded(step: int, cells: int, shift: float) -> NDArray[np.float32]:
@@ -257,13 +342,14 @@ def node_weights(step: int, shift: float = 0.0) -> NDArray[np.float32]:
 
 
 def remap_grid(
-    image: Image, grid: Grid, interpolation: Interpolation = "linear", out: Image | None = None, border: float = 0
+    image: Image, grid: Grid, interpolation: Interpolation = "linear", out: Image | None = None, border: Border = 0
 ) -> Image:
     """The picture's values at a grid's coordinates; the others are as in :func:`remap`."""
     call = _Call(image, grid.size[::-1], interpolation, out, border)
+    averages = grid.averages(interpolation)
     module = compiled()
     if module is None:
-        return call.done(_remap_opencv(call.source, grid.coordinates(), interpolation, border))
+        return call.done(remap_opencv(call.source, grid.coordinates(), call.kind, call.border, averages))
     module.remap_grid(
         call.source,
         *grid.nodes,
@@ -271,10 +357,17 @@ def remap_grid(
         grid.cells,
         grid.patches,
         call.target,
-        NUMBERS[interpolation],
-        border,
+        *call.how(averages),
     )
     return call.done()
+
+
+def _averages_of_map(
+    coordinates: Coordinates, interpolation: Interpolation, ring: Ring | None = None
+) -> Averages | None:
+    if interpolation not in RULES:
+        return None
+    return averages_of(squares_of_coordinates(coordinates), CELL_PX, interpolation, ring)
 
 
 # -- arrays as the samplers need them --------------------------------------------------------------
@@ -284,13 +377,13 @@ class _Call:
     """One picture in, one out: three axes, pixels that adjoin, checked against each other."""
 
     def __init__(
-        self, image: Image, shape: tuple[int, ...], interpolation: str, out: Image | None, border: float
+        self, image: Image, shape: tuple[int, ...], interpolation: str, out: Image | None, border: Border
     ) -> None:
         check_kind(image)
         check_largest(image)
         _check_interpolation(interpolation)
-        if border != 0 and image.dtype.kind == "u" and not (0 <= border <= FULL[image.dtype.name] and border % 1 == 0):
-            raise InvalidParameter(f"border = {border} is no value of a picture of {image.dtype.name}")
+        self.kind = KINDS[interpolation]
+        self.border = border_values(border, image)
         whole, kind = (*shape, *image.shape[2:]), image.dtype.newbyteorder("=")
         if out is None:
             out = np.empty(whole, kind)
@@ -305,6 +398,10 @@ class _Call:
         self.target = out if out.ndim == 3 else out[..., None]
         if not _is_direct(self.target) or np.may_share_memory(image, out):
             self.target = np.empty(self.target.shape, kind)
+
+    def how(self, averages: Averages | None) -> tuple[Any, ...]:
+        """The last arguments of the compiled samplers."""
+        return NUMBERS[self.kind], self.border, averages and averages.for_compiled
 
     def done(self, taken: Image | None = None) -> Image:
         """What the caller asked for, from what was sampled."""
@@ -352,34 +449,3 @@ def _checked(coordinates: Coordinates) -> Coordinates:
 def _check_interpolation(interpolation: str) -> None:
     if interpolation not in INTERPOLATIONS:
         raise InvalidParameter(f"interpolation = {interpolation!r} is not one of {', '.join(INTERPOLATIONS)}")
-
-
-# -- OpenCV ----------------------------------------------------------------------------------------
-
-
-def _remap_opencv(image: Image, coordinates: Coordinates, interpolation: Interpolation, border: float) -> Image:
-    """:func:`remap` without anything compiled; a last axis of length 1 may be lost."""
-    rows, columns = coordinates.shape[:2]
-    out = np.empty((rows, columns, image.shape[2]), image.dtype)
-    for top in range(0, rows, LONGEST_SIDE_PX):
-        for left in range(0, columns, LONGEST_SIDE_PX):
-            tile = slice(top, top + LONGEST_SIDE_PX), slice(left, left + LONGEST_SIDE_PX)
-            taken = _remap_tile(image, coordinates[tile], interpolation, border)
-            out[tile] = taken.reshape(out[tile].shape)
-    return out
-
-
-def _remap_tile(image: Image, coordinates: Coordinates, interpolation: Interpolation, border: float) -> Image:
-    height, width, channels = image.shape
-    if channels == 2:  # of these OpenCV takes fractions to 1/32 only
-        return np.dstack([_remap_tile(part, coordinates, interpolation, border) for part in np.dsplit(image, 2)])
-    pixels: NDArray[Any] = coordinates.astype(np.float32)
-    inside: Mask = inside_image(pixels, (width, height))
-    pixels[~inside] = 0
-    x, y = pixels[..., 0].clip(0, width - 1), pixels[..., 1].clip(0, height - 1)
-    if interpolation == "nearest":  # OpenCV's versions differ in what they make of halves
-        x, y = np.floor(x + 0.5), np.floor(y + 0.5)
-    taken = cv2.remap(image, x, y, INTERPOLATIONS[interpolation], borderMode=cv2.BORDER_REPLICATE)
-    taken = taken.reshape(*inside.shape, image.shape[2])
-    taken[~inside] = border
-    return np.asarray(taken)

@@ -1,0 +1,260 @@
+// Averages over footprints: what an output pixel covers in the picture, half way to each of its neighbours, and the
+// mean of cubic samples spread evenly over that. Done block by block, so that all but the picture stays in the
+// first-level cache. src/omnimirror/dewarp/opencv.py does the same without anything compiled.
+#pragma once
+
+#include "sums.hpp"
+
+namespace omnimirror {
+namespace {
+
+constexpr int BLOCK_ROWS = 8;
+constexpr int HALO = 8;  // one column is needed on each side; 8 keep the rows aligned
+constexpr float NOWHERE = __builtin_nanf("");
+
+template <class Real>
+void separate_as_floats(const uint8_t* pairs, int count, float* x, float* y) {
+    const Real* p = reinterpret_cast<const Real*>(pairs);
+    for (int i = 0; i < count; ++i) x[i] = static_cast<float>(p[2 * i]), y[i] = static_cast<float>(p[2 * i + 1]);
+}
+
+// Coordinates of a row of output pixels, from any column to any other.
+template <class Isa>
+void find_row(const Job& job, int row, int left, int right, float* x, float* y) {
+    if (job.where == Where::polar) {
+        const Polar& p = job.polar;
+        for (int i = left; i < right; ++i)
+            x[i - left] = p.x + p.radii[row] * p.cosines[i], y[i - left] = p.y + p.radii[row] * p.sines[i];
+    } else if (job.where == Where::nodes) {
+        const Nodes& n = job.nodes;
+        alignas(64) float xs[STRIP + 8], ys[STRIP + 8];
+        RowOfCells cells;
+        for (int column = left >> n.log2_step << n.log2_step; column < right; column += STRIP) {
+            weigh_row(n, row, column, smaller(STRIP, right - column), cells);
+            node_coordinates<Isa>(n, cells, xs, ys);
+            const int first = larger(left - column, 0), last = smaller(STRIP, right - column);
+            for (int i = first; i < last; ++i) x[column + i - left] = xs[i], y[column + i - left] = ys[i];
+        }
+    } else {
+        const Coordinates& c = job.coordinates;
+        const uint8_t* pairs = c.data + row * c.row_stride + static_cast<ptrdiff_t>(left) * (c.is_double ? 16 : 8);
+        c.is_double ? separate_as_floats<double>(pairs, right - left, x, y)
+                    : separate_as_floats<float>(pairs, right - left, x, y);
+    }
+}
+
+void keep_inside(const Geometry& g, int count, float* __restrict x, float* __restrict y) {
+    const float right = static_cast<float>(g.width - 0.5), bottom = static_cast<float>(g.height - 0.5);
+    for (int i = 0; i < count; ++i) {
+        const bool inside = (x[i] >= -0.5f) & (x[i] <= right) & (y[i] >= -0.5f) & (y[i] <= bottom);
+        x[i] = inside ? x[i] : NOWHERE, y[i] = inside ? y[i] : NOWHERE;
+    }
+}
+
+// Coordinates of a block of output pixels and of their neighbours all around; NaN outside the picture. Beyond the
+// output they go on in a straight line.
+struct Neighbourhood {
+    static constexpr int STRIDE = PANEL + 2 * HALO;
+    static constexpr int SIZE = (BLOCK_ROWS + 2) * STRIDE;
+    alignas(64) float xs[SIZE], ys[SIZE];
+
+    static int place(int row, int column) { return (row + 1) * STRIDE + HALO + column; }
+
+    template <class Isa>
+    void find(const Job& job, const Tile& tile) {
+        const int width = tile.right - tile.left, height = tile.bottom - tile.top;
+        const int first = larger(tile.left - 1, 0), last = smaller(tile.right + 1, job.target.width);
+        const int top = larger(tile.top - 1, 0), bottom = smaller(tile.bottom + 1, job.target.height);
+        for (int row = top; row < bottom; ++row) {
+            const int begin = place(row - tile.top, first - tile.left), end = place(row - tile.top, width);
+            find_row<Isa>(job, row, first, last, xs + begin, ys + begin);
+            keep_inside(job.source.geometry, last - first, xs + begin, ys + begin);
+            const int step = last - first > 1 ? 1 : 0;
+            if (first == tile.left) go_on(begin - 1, begin, step, 1);
+            if (last == tile.right) go_on(end, end - 1, -step, 1);
+            const int padding = place(row - tile.top, round_up8(width));
+            for (int i = end + 1; i <= padding; ++i) xs[i] = xs[end], ys[i] = ys[end];
+        }
+        const int step = bottom - top > 1 ? STRIDE : 0, count = round_up8(width) + 2;
+        if (top == tile.top) go_on(place(-1, -1), place(0, -1), step, count);
+        if (bottom == tile.bottom) go_on(place(height, -1), place(height - 1, -1), -step, count);
+    }
+
+  private:
+    // From the values at a place, in the direction away from those one step behind.
+    void go_on(int to, int from, int step_back, int count) {
+        for (int i = 0; i < count; ++i) {
+            xs[to + i] = 2 * xs[from + i] - xs[from + step_back + i];
+            ys[to + i] = 2 * ys[from + i] - ys[from + step_back + i];
+        }
+    }
+};
+
+// From each pixel of a strip to its neighbours, before and behind it on one axis: the sides of its footprint.
+struct Sides {
+    alignas(64) float x[2][STRIP], y[2][STRIP];
+};
+
+// A neighbour that is many times farther than the one opposite belongs to another view of a mosaic.
+constexpr float JUMP2 = 16, JUMP2_PX = 4;  // as in footprints.py
+
+bool is_missing(float square, float opposite) {
+    return (square != square) | (square > JUMP2 * opposite + JUMP2_PX);
+}
+
+float shortened(float square, float sharp2) {
+    const float ratio = sharp2 / square, squared = ratio * ratio;
+    return square > sharp2 ? 1 - squared * squared : 0;
+}
+
+// Where a neighbour is missing, the one opposite tells; but not where the field may end there, and nobody knows
+// where: then nothing is averaged.
+void find_sides(const Neighbourhood& n, int place, int to_next, int count, const Footprints& f, Sides& sides) {
+    const float *x = n.xs + place, *y = n.ys + place;
+    const float *x0 = x - to_next, *y0 = y - to_next, *x1 = x + to_next, *y1 = y + to_next;
+    float *__restrict left = sides.x[0], *__restrict up = sides.y[0];
+    float *__restrict right = sides.x[1], *__restrict down = sides.y[1];
+    const bool is_known = f.most2 > 0;
+    const float sharp2 = f.sharp2;
+    for (int i = 0; i < count; ++i) {
+        const float dx0 = x0[i] - x[i], dy0 = y0[i] - y[i], square0 = dx0 * dx0 + dy0 * dy0;
+        const float dx1 = x1[i] - x[i], dy1 = y1[i] - y[i], square1 = dx1 * dx1 + dy1 * dy1;
+        const bool missing0 = is_missing(square0, square1), missing1 = is_missing(square1, square0);
+        const bool ends = (square0 != square0) | (square1 != square1);
+        const bool none = (missing0 & missing1) | (ends & !is_known);
+        const float share0 = shortened(missing0 ? square1 : square0, sharp2);
+        const float share1 = shortened(missing1 ? square0 : square1, sharp2);
+        const float to_left = missing0 ? -dx1 : dx0, to_right = missing1 ? -dx0 : dx1;
+        const float upwards = missing0 ? -dy1 : dy0, downwards = missing1 ? -dy0 : dy1;
+        left[i] = none ? 0 : share0 * to_left, up[i] = none ? 0 : share0 * upwards;
+        right[i] = none ? 0 : share1 * to_right, down[i] = none ? 0 : share1 * downwards;
+    }
+}
+
+// t is from -.5, half way to the neighbour before, to .5.
+void move(const float* x, const float* y, const Sides& sides, float t, int count, float* __restrict x_to,
+          float* __restrict y_to) {
+    const float *dx = sides.x[t < 0 ? 0 : 1], *dy = sides.y[t < 0 ? 0 : 1];
+    const float part = t < 0 ? -t : t;
+    for (int i = 0; i < count; ++i) x_to[i] = x[i] + part * dx[i], y_to[i] = y[i] + part * dy[i];
+}
+
+// Put outside the picture what lies outside the ring that is seen.
+void keep_seen(const Footprints& f, int count, float* __restrict x, const float* __restrict y) {
+    for (int i = 0; i < count; ++i) {
+        const float dx = x[i] - f.x_centre, dy = y[i] - f.y_centre, square = dx * dx + dy * dy;
+        x[i] = (square >= f.least2) & (square <= f.most2) ? x[i] : NOWHERE;
+    }
+}
+
+float tap_at(int i, int count) { return (static_cast<float>(i) + 0.5f) / static_cast<float>(count) - 0.5f; }
+
+// Means of up to 8 pixels of which some have taps outside: of those inside. Where all are, the pixel itself is
+// sampled.
+template <int C, class T>
+void mean_of_some(const Job& job, const Sum<T>* sums, const uint16_t* inside, const Block<Fraction<T>>& middle,
+                  int count, T* out) {
+    for (int i = 0; i < count; ++i) {
+        if (inside[i] == 0)
+            sample_pixel<Interpolation::cubic, C>(job, middle.offsets[i], middle.fx[i], middle.fy[i], out + i * C);
+        else
+            for (int c = 0; c < C; ++c) out[i * C + c] = mean_of<T>(sums[place_of_sum<C>(i) + c], inside[i]);
+    }
+}
+
+bool are_all(const uint16_t* values, int wanted) {
+    int differing = 0;
+    for (int i = 0; i < 8; ++i) differing |= values[i] ^ wanted;
+    return !differing;
+}
+
+template <class Isa, class Sums, int C, class T>
+void average_strip(const Job& job, const Neighbourhood& n, int place, int count, int across, int down, T* out) {
+    using F = Fraction<T>;
+    const Geometry& g = job.source.geometry;
+    const int padded = round_up8(count);
+    const Footprints& f = job.footprints;
+    Sides aside, upright;
+    find_sides(n, place, 1, padded, f, aside);
+    find_sides(n, place, Neighbourhood::STRIDE, padded, f, upright);
+    alignas(64) Sum<T> sums[STRIP * CHANNELS_OF_SUMS<C>] = {};
+    alignas(16) uint16_t inside[STRIP] = {};
+    alignas(64) float x_across[STRIP], y_across[STRIP], x[STRIP], y[STRIP];
+    alignas(64) Block<F> blocks[STRIP / 8];
+    for (int i = 0; i < across; ++i) {
+        move(n.xs + place, n.ys + place, aside, tap_at(i, across), padded, x_across, y_across);
+        for (int j = 0; j < down; ++j) {
+            move(x_across, y_across, upright, tap_at(j, down), padded, x, y);
+            if (f.most2 > 0) keep_seen(f, padded, x, y);
+            Isa::template locate<Interpolation::cubic>(x, y, padded, g, blocks);
+            Sums::template add_taps<C, T>(job.source, blocks, padded, sums, inside);
+        }
+    }
+    Isa::template locate<Interpolation::cubic>(n.xs + place, n.ys + place, padded, g, blocks);
+    for (int i = 0; i < count; i += 8) {
+        const Sum<T>* eight = sums + i * CHANNELS_OF_SUMS<C>;
+        if (count - i >= 8 && are_all(inside + i, across * down))
+            Sums::template mean_of_8<C, T>(eight, across * down, out + i * C);
+        else
+            mean_of_some<C, T>(job, eight, inside + i, blocks[i / 8], smaller(count - i, 8), out + i * C);
+    }
+}
+
+template <class Isa, class Sums, int C, class T>
+void average_part(const Job& job, const Tile& part, int across, int down) {
+    Neighbourhood n;
+    n.find<Isa>(job, part);
+    for (int row = part.top; row < part.bottom; ++row) {
+        T* out = reinterpret_cast<T*>(job.target.data + row * job.target.stride);
+        for (int column = part.left; column < part.right; column += STRIP)
+            average_strip<Isa, Sums, C, T>(job, n, Neighbourhood::place(row - part.top, column - part.left),
+                                           smaller(STRIP, part.right - column), across, down,
+                                           out + static_cast<ptrdiff_t>(column) * C);
+    }
+}
+
+// Cells of a row that want as many taps are done together.
+template <class Isa, class Sums, int C, class T>
+void average_tile(const Job& job, const Tile& tile) {
+    const Footprints& f = job.footprints;
+    for (int top = tile.top; top < tile.bottom;) {
+        const int bottom = smaller(tile.bottom, smaller(top + BLOCK_ROWS, (top / f.step + 1) * f.step));
+        const uint8_t* taps = f.taps + static_cast<ptrdiff_t>(top / f.step) * f.columns * 2;
+        for (int left = tile.left; left < tile.right;) {
+            int cell = left / f.step, right = left;
+            const int across = taps[2 * cell], down = taps[2 * cell + 1];
+            do {
+                right = smaller(++cell * f.step, tile.right);
+            } while (right < tile.right && taps[2 * cell] == across && taps[2 * cell + 1] == down);
+            const Tile part{top, bottom, left, right};
+            if (across * down == 1)
+                sample_tile<Isa, Interpolation::cubic, C, T>(job, part);
+            else
+                average_part<Isa, Sums, C, T>(job, part, across, down);
+            left = right;
+        }
+        top = bottom;
+    }
+}
+
+template <class Isa, class Sums, int C>
+void average_of_depth(const Job& job, const Tile& tile) {
+    switch (job.source.depth) {
+        case Depth::u8: return average_tile<Isa, Sums, C, uint8_t>(job, tile);
+        case Depth::u16: return average_tile<Isa, Sums, C, uint16_t>(job, tile);
+        case Depth::f32: return average_tile<Isa, Sums, C, float>(job, tile);
+    }
+}
+
+template <class Isa, class Sums>
+void average(const Job& job, const Tile& tile) {
+    switch (job.source.channels) {
+        case 1: return average_of_depth<Isa, Sums, 1>(job, tile);
+        case 2: return average_of_depth<Isa, Sums, 2>(job, tile);
+        case 3: return average_of_depth<Isa, Sums, 3>(job, tile);
+        case 4: return average_of_depth<Isa, Sums, 4>(job, tile);
+    }
+}
+
+}  // namespace
+}  // namespace omnimirror
