@@ -187,6 +187,38 @@ def test_black_keeps_the_channels(folder):
     assert (straight[0, 0], straight[20, 20]) == (0, 50_000)
 
 
+@pytest.mark.parametrize("interpolation", ["auto", "nearest", "linear", "cubic", "area"])
+def test_every_interpolation_straightens(folder, interpolation):
+    args = ["sphere.png", *SPHERE, "--size", "60x40", "--interpolation", interpolation, "--threads", "2"]
+    assert dewarp(*args, "-o", "o.png") == 0
+    assert (om.read_image("o.png")[20] == [200, 200, 200, 255]).all()
+
+
+@pytest.mark.parametrize(
+    ("picture", "source", "border", "expected"),
+    [
+        ("sphere.png", SPHERE, "17", [17, 17, 17]),
+        ("sphere.png", SPHERE, "1,20,255", [255, 20, 1]),
+        ("sphere.png", SPHERE, "#0114ff", [255, 20, 1]),
+        ("ball.png", BALL, "#111111", 17),
+        ("deep.png", BALL, "40000", 40_000),
+        ("deep.png", BALL, "#808080", 0x8080),
+        ("clear.png", BALL, "#0114ff", [255, 20, 1, 255]),
+        ("clear.png", BALL, "9", [9, 9, 9, 255]),
+        ("light.tif", BALL, "#ffffff", [1.0, 1.0, 1.0]),
+        ("light.tif", BALL, "0,0.5,-2", [-2.0, 0.5, 0.0]),
+    ],
+)
+def test_the_border_is_a_colour(folder, picture, source, border, expected):
+    om.write_image("clear.png", np.full((200, 200, 4), 200, np.uint8))
+    om.write_image("light.tif", np.full((200, 200, 3), 0.3, np.float32))
+    out = "o.tif" if picture.endswith("tif") else "o.png"
+    assert dewarp(picture, *source, "--size", "60x40", "--elevation-deg", "-90:90", "--border", border, "-o", out) == 0
+    straight = om.read_image(out)
+    np.testing.assert_array_equal(straight[0, 0], expected)
+    np.testing.assert_allclose(straight[30, 0], om.read_image(picture)[100, 100], rtol=1e-6)
+
+
 @pytest.mark.parametrize(
     ("line", "message"),
     [
@@ -278,6 +310,13 @@ def test_black_keeps_the_channels(folder):
         ("sphere.png SPHERE --size 999999x5", "size = (999999, 5)"),
         ("sphere.png SPHERE --camera-looks left", "'left'"),
         ("sphere.png SPHERE --interpolation magic", "'magic'"),
+        ("sphere.png SPHERE --border red", "'red' is no colour; valid are a grey level, R,G,B and #rrggbb"),
+        ("sphere.png SPHERE --border #12345g", "'#12345g' is no colour"),
+        ("sphere.png SPHERE --border 1,2", "'1,2' is no colour"),
+        ("sphere.png SPHERE --border 256", "--border 256 is no value of a picture of uint8"),
+        ("ball.png BALL --border #ff0000", "--border #ff0000 is a colour, and the picture is grey"),
+        ("sphere.png SPHERE --border 5 --black", "--border is the colour outside the field"),
+        ("sphere.png SPHERE --threads 0", "0 is not in the range 1<=x<=1024"),
         ("sphere.png SPHERE -o out.gif", "pictures of kind '.gif' are not known"),
         ("sphere.png SPHERE -o out", "a picture without a suffix"),
         ("sphere.png SPHERE --transparent -o out.jpg", ".jpg files hold no transparency"),

@@ -54,6 +54,17 @@ def test_every_frame_of_a_video_is_straightened(video, tmp_path):
         assert np.abs(out[i] - expected)[4:-4, 4:-4].mean() < 3
 
 
+def test_the_border_of_a_video_is_a_colour(video, tmp_path):
+    args = [*BALL, "--elevation-deg", "-90:90", "--size", "128x64", "--crf", "1", "--interpolation", "area"]
+    run = omnimirror("dewarp", video, *args, "--border", "#c86432", "--threads", "1", "-o", tmp_path / "out.mp4")
+    assert run.returncode == 0, run.stderr
+    for frame in frames(tmp_path / "out.mp4"):
+        assert np.abs(frame[:10, 8:-8].astype(int) - [0x32, 0x64, 0xC8]).max() < 12
+    for border in ("#ff", "300"):
+        fails(omnimirror("dewarp", video, *args, "--border", border, "-o", tmp_path / "no.mp4"), border)
+        assert not (tmp_path / "no.mp4").exists()
+
+
 def test_a_part_of_a_video(video, tmp_path):
     args = [*BALL, "--size", "128x", "--start-s", "0.2", "--duration-s", "0.4"]
     run = omnimirror("dewarp", video, *args, "-o", tmp_path / "out.mp4")

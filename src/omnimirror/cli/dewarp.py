@@ -10,7 +10,8 @@ from typing import Any
 import click
 
 from ..dewarp import Dewarper
-from ..dewarp.sampling import INTERPOLATIONS
+from ..dewarp.native import set_threads
+from ..dewarp.sampling import Border
 from ..dewarp.screens import Cylinder, Sphere, View
 from ..errors import OmnimirrorError
 from ..media import GPano, read_image, write_image
@@ -18,6 +19,7 @@ from ..media.batch import PICTURES, Job, expand_inputs, outputs_for, run_paralle
 from ..media.images import can_be_panorama, format_of
 from .camera_options import camera_of, camera_options, camera_words, check_camera_options
 from .options import output_console
+from .sampling_options import BorderColour, sampling_options
 from .view_options import check_view_options, view_of, view_options
 
 VIDEOS = (".mp4", ".m4v", ".mov", ".mkv", ".webm", ".avi", ".ts", ".mpg", ".mpeg")
@@ -36,7 +38,7 @@ VIDEO_OPTIONS = ("start_s", "duration_s", "codec", "crf", "keyframes", "format",
 )
 @camera_options
 @view_options
-@click.option("--interpolation", type=click.Choice(list(INTERPOLATIONS)), default="linear", show_default=True)
+@sampling_options
 @click.option(
     "--transparent/--black",
     default=None,
@@ -79,6 +81,8 @@ def command(
     given = {name: value for name, value in options.items() if value is not None}
     check_camera_options(given)
     check_view_options(given)
+    if "threads" in given:
+        set_threads(given["threads"])
     if viewer is not None:
         write_viewer(sources, viewer, given)
         if not outputs:
@@ -87,9 +91,11 @@ def command(
         raise click.UsageError("say what to write with -o or --viewer, or of a video ask for a --preview")
     if len(sources) == 1 and is_video(sources[0]):
         if transparent is not None:
-            raise click.UsageError("--transparent and --black belong to pictures; videos are black outside the field")
+            raise click.UsageError("--transparent and --black belong to pictures; videos have a --border")
         _video(sources[0], outputs, given, interpolation)
         return
+    if transparent is not None and "border" in given:
+        raise click.UsageError("--border is the colour outside the field; leave out --transparent and --black")
     if asked := [name for name in VIDEO_OPTIONS if name in given]:
         raise click.UsageError(f"--{asked[0].replace('_', '-')} belongs to videos, and {sources[0]} is none")
     if len(outputs) > 1:
@@ -122,13 +128,15 @@ class Straightener:
     """Straightens pictures as the options say; pictures of one size share their map."""
 
     def __init__(self, given: dict[str, Any], interpolation: Any, transparent: bool | None) -> None:
-        self.given, self.interpolation, self.transparent = given, interpolation, transparent
+        self.given, self.interpolation = given, interpolation
+        self.border: BorderColour | None = given.get("border")
+        self.transparent = False if self.border else transparent
         self.dewarper = cache(self._dewarper)
 
-    def _dewarper(self, size: tuple[int, int]) -> Dewarper:
+    def _dewarper(self, size: tuple[int, int], border: Border) -> Dewarper:
         camera = camera_of(self.given, size)
         viewpoint = self.given.get("viewpoint", "exact")
-        return Dewarper(camera, view_of(camera, self.given), self.interpolation, viewpoint)
+        return Dewarper(camera, view_of(camera, self.given), self.interpolation, viewpoint, border)
 
     def straighten(self, source: Path, output: Path) -> str:
         """Read, straighten and write one picture; what was done, in a sentence."""
@@ -140,7 +148,8 @@ class Straightener:
                 f"{output.suffix} files hold no transparency; write .png, .tif or .webp, or say --black"
             )
         picture = read_image(source)
-        dewarp = self.dewarper((picture.shape[1], picture.shape[0]))
+        border = self.border.of_picture(picture) if self.border else 0
+        dewarp = self.dewarper((picture.shape[1], picture.shape[0]), border)
         straight = dewarp(picture, kind.has_alpha if self.transparent is None else self.transparent)
         write_image(output, straight, panorama_of(dewarp.view) if can_be_panorama(output) else None)
         height, width = straight.shape[:2]
@@ -181,7 +190,9 @@ def _many(
     jobs = [Job(str(s), lambda s=s, o=o: straightener.straighten(s, o)) for s, o in pairs]  # type: ignore[misc]
     console = output_console()
     with console.status("Straightening") as status:
-        results = run_parallel(jobs, progress=lambda done, of: status.update(f"Straightening: {done} of {of}"))
+        results = run_parallel(
+            jobs, given.get("threads"), lambda done, of: status.update(f"Straightening: {done} of {of}")
+        )
     for name, sentence in results.failed.items():
         click.echo(f"omnimirror: {name}: {sentence}", err=True)
     click.echo(f"{folder}: {len(results.done)} of {len(jobs)} pictures straightened")

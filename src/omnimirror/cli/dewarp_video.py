@@ -18,6 +18,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from ..dewarp import Dewarper
 from ..dewarp.planar import Siting
+from ..dewarp.sampling import Border
 from ..dewarp.screens import View
 from ..dewarp.video import dewarp_frame
 from ..errors import InvalidParameter
@@ -30,6 +31,7 @@ from ..media.video import Item, VideoReader
 from ..media.writer import Sink, VideoWriter
 from .camera_options import MountedCamera, camera_of
 from .dewarp import panorama_of
+from .sampling_options import BorderColour
 from .view_options import view_of
 
 UNKNOWN_RATE = Fraction(25)
@@ -99,6 +101,8 @@ class Turning:
     def __init__(self, camera: MountedCamera, given: dict[str, Any], interpolation: Any, siting: Siting) -> None:
         self.camera, self.interpolation, self.siting = camera, interpolation, siting
         self.viewpoint = given.get("viewpoint", "exact")
+        self.colour: BorderColour | None = given.get("border")
+        self.border: Border = 0
         self.view: View = view_of(camera, given)
         self.still = self._dewarper(self.view)
         self.keyframes = Keyframes.load(given["keyframes"]) if "keyframes" in given else None
@@ -108,10 +112,13 @@ class Turning:
                 raise InvalidParameter(f"{given['keyframes']}: {unknown[0]} does not apply to the {self.view}")
 
     def _dewarper(self, view: View) -> Dewarper:
-        return Dewarper(self.camera, view, self.interpolation, self.viewpoint)
+        return Dewarper(self.camera, view, self.interpolation, self.viewpoint, self.border)
 
     def __call__(self, frame: av.VideoFrame, time_s: float, to_siting: Siting) -> av.VideoFrame:
         """The straightened frame of a time, its colour samples where those who read it take them to lie."""
+        if self.colour is not None:  # the first frame tells how colours are coded
+            self.border, self.colour = self.colour.of_frame(frame), None
+            self.still = self._dewarper(self.view)
         if self.keyframes is None:
             return dewarp_frame(self.still, frame, self.siting, to_siting)
         view = replace(self.view, **self.keyframes.at(time_s))  # type: ignore[type-var]

@@ -197,6 +197,19 @@ def frame_of_image(image: Image, like: av.VideoFrame | None = None) -> av.VideoF
     return frame
 
 
+def coded_colour(colour: tuple[float, ...], like: av.VideoFrame) -> tuple[int, int, int]:
+    """y, u and v of a colour (blue, green, red) of 8 bits, in a frame whose colours are coded like another's.
+
+    >>> coded_colour((0, 0, 0), empty_frame((64, 48))[0])
+    (16, 128, 128)
+    """
+    like = planar(like)
+    frame = frame_of_image(np.full((2, 2, 3), colour, np.uint8), like)
+    frame.color_range = FULL_RANGE if is_full_range(like) else 1
+    y, u, v = (int(plane[0, 0]) for plane in planes(converted(frame, "yuv420p")))
+    return y, u, v
+
+
 def as_frame(made: av.VideoFrame | Image | Planes, like: av.VideoFrame) -> av.VideoFrame:
     """A frame of what a picture function returned for ``like``: a frame, a picture or planes."""
     if isinstance(made, av.VideoFrame):
