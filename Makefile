@@ -46,6 +46,7 @@ bench: $(VENV)/.full  ## Measure against other programs; tables go to out/benchm
 	$(BIN)/python benchmarks/evaluation.py --out out/benchmarks
 	$(BIN)/python benchmarks/sampling.py --out out/benchmarks
 	$(BIN)/python benchmarks/exposure.py --out out/benchmarks
+	$(BIN)/python benchmarks/quality.py --out out/benchmarks
 	$(BIN)/python benchmarks/video.py --out out/benchmarks
 	$(BIN)/python benchmarks/live.py --out out/benchmarks
 	$(BIN)/python benchmarks/video.py --out out/benchmarks $(if $(PICTURE),--picture $(PICTURE))

@@ -1,0 +1,113 @@
+"""How near a straightened picture comes to what the view would really look like: PSNR of every interpolation.
+
+The paper's spherical sensor takes a picture of the room, 64 rays a pixel. The truth of a view is what an ideal
+camera with the same screen would record: the mean of the scene's light over each output pixel, 8 x 8 rays of it,
+straight from the scene and not from the sensor's picture. The room is taken for infinitely far away, so that the
+mirror's viewpoints make no difference. Only pixels inside the field count.
+
+    python benchmarks/quality.py --out out/benchmarks
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+import omnimirror as om
+from omnimirror.dewarp.screens import Screen
+from omnimirror.files import write_text
+from omnimirror.simulate import pinhole_picture
+
+SAMPLES = 8  # rays per pixel and side
+RAYS = 1 << 17  # traced at a time: more fall out of the cache
+S = om.screens
+VIEWS: list[tuple[str, Screen]] = [
+    ("perspective, 40 deg", S.Plane((640, 480), 20.0, -15.0, 0.0, 40.0)),
+    ("perspective, 60 deg", S.Plane((640, 480), 200.0, -20.0, 0.0, 60.0)),
+    ("quarter of a panorama", S.Cylinder((960, 480), -60.0, 30.0, 0.0, 90.0)),
+    ("panorama", S.Cylinder((1706, 640), -90.0, 45.0)),
+    ("dome", S.Dome((1000, 1000), 135.0, "nadir")),
+    ("perspective, 140 deg", S.Plane((640, 400), 20.0, -40.0, 0.0, 140.0)),
+    ("little planet", S.LittlePlanet((800, 800), 260.0, "nadir")),
+    ("panorama", S.Cylinder((854, 320), -90.0, 45.0)),
+    ("dome", S.Dome((500, 500), 135.0, "nadir")),
+    ("perspective, 100 deg", S.Plane((240, 180), 20.0, -20.0, 0.0, 100.0)),
+    ("perspective, 140 deg", S.Plane((200, 125), 20.0, -40.0, 0.0, 140.0)),
+    ("little planet", S.LittlePlanet((300, 300), 260.0, "nadir")),
+    ("panorama", S.Cylinder((426, 160), -90.0, 45.0)),
+    ("dome, thumbnail", S.Dome((200, 200), 135.0, "nadir")),
+    ("panorama, thumbnail", S.Cylinder((200, 75), -90.0, 45.0)),
+]
+OURS = ("nearest", "linear", "cubic", "area", "auto")
+OPENCV = {"linear": cv2.INTER_LINEAR, "cubic": cv2.INTER_CUBIC, "lanczos4": cv2.INTER_LANCZOS4}
+
+
+def truth_of(scene: om.Room, screen: Screen) -> np.ndarray:
+    """The view as an ideal camera records it, (height, width, 3) uint8."""
+    width, height = screen.size
+    step = max(1, RAYS // (width * SAMPLES**2))
+    u = (np.arange(width * SAMPLES) + 0.5) / SAMPLES - 0.5
+
+    def strip(top: int) -> np.ndarray:
+        v = top + (np.arange(min(step, height - top) * SAMPLES) + 0.5) / SAMPLES - 0.5
+        return pinhole_picture(scene, screen.targets_at(*np.meshgrid(u, v)), SAMPLES)
+
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        return np.concatenate(list(pool.map(strip, range(0, height, step))))
+
+
+def psnr(taken: np.ndarray, truth: np.ndarray, inside: np.ndarray) -> float:
+    return float(10 * np.log10(255**2 / np.mean((taken[inside].astype(float) - truth[inside]) ** 2)))
+
+
+def scale(pixels: np.ndarray, axis: int) -> float:
+    """Median of source pixels per output pixel along an axis."""
+    return float(np.nanmedian(np.linalg.norm(np.diff(pixels, axis=axis), axis=-1)))
+
+
+def row_of(name: str, screen: Screen, sensor: om.Sensor, picture: np.ndarray, scene: om.Room) -> str:
+    truth = truth_of(scene, screen)
+    pixels = om.Dewarper(sensor, screen).coordinates()
+    inside = np.isfinite(pixels[..., 0])
+    maps = np.moveaxis(np.nan_to_num(pixels, nan=-10.0).astype(np.float32), -1, 0)
+    ours = [psnr(om.Dewarper(sensor, screen, kind)(picture), truth, inside) for kind in OURS]
+    theirs = [psnr(cv2.remap(picture, *maps, flag), truth, inside) for flag in OPENCV.values()]
+    best = max(ours + theirs)
+    cells = [f"**{value:.2f}**" if value == best else f"{value:.2f}" for value in ours + theirs]
+    width, height = screen.size
+    return (
+        f"| {name}, {width} x {height} | {scale(pixels, 1):.2f} x {scale(pixels, 0):.2f} | {' | '.join(cells)} | "
+        f"{ours[-1] - best:+.2f} |"
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
+    arguments = parser.parse_args()
+    sensor, scene = om.load_sensor("paper-spherical"), om.Room()
+    picture = om.take_picture(sensor, scene, SAMPLES**2, distant=True)
+    lines = [
+        "# PSNR of straightened pictures, dB",
+        "",
+        f"The picture has {picture.shape[1]} x {picture.shape[0]} px; truth and picture by {SAMPLES**2} rays a pixel. "
+        f"OpenCV {cv2.__version__}.",
+        "",
+        f"| view | source px per output px | {' | '.join(OURS)} | "
+        f"{' | '.join(f'cv2 {name}' for name in OPENCV)} | auto less best |",
+        "|---|---|" + "---|" * (len(OURS) + len(OPENCV) + 1),
+    ]
+    for name, screen in VIEWS:
+        lines.append(row_of(name, screen, sensor, picture, scene))
+        print(lines[-1], flush=True)
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    write_text(arguments.out / "quality.md", "\n".join(lines) + "\n")
+
+
+if __name__ == "__main__":
+    main()
