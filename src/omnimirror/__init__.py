@@ -31,6 +31,9 @@ if TYPE_CHECKING:
     from .simulate import Environment as Environment
     from .simulate import Room as Room
     from .simulate import expose as expose
+    from .simulate import merge_bracket as merge_bracket
+    from .simulate import plan_bracket as plan_bracket
+    from .simulate import restore as restore
     from .simulate import take_picture as take_picture
     from .specs import load_sensor as load_sensor
     from .specs import save_sensor as save_sensor
@@ -62,6 +65,9 @@ _HOMES = {
     "Environment": "simulate",
     "Room": "simulate",
     "expose": "simulate",
+    "merge_bracket": "simulate",
+    "plan_bracket": "simulate",
+    "restore": "simulate",
     "take_picture": "simulate",
     "load_sensor": "specs",
     "save_sensor": "specs",

@@ -28,6 +28,7 @@ COMMANDS = {
     "studio": "Open the workbench in the browser.",
     "optimise": "Find the best mirror of free form, or what merits cost each other.",
     "apertures": "Find the F-number and focus with the least blur and diffraction.",
+    "bracket": "Plan pictures at several focus distances, and merge them into a sharp one.",
     "parts": "Choose a lens and an imager that can be bought.",
     "reproduce": "Redraw the paper's figures and check its numbers.",
     "demo": "Evaluate, simulate and straighten, and write a report.",

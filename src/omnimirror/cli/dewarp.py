@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from functools import cache
 from pathlib import Path
+from threading import Lock
 from typing import Any
 
 import click
@@ -17,12 +18,15 @@ from ..errors import OmnimirrorError
 from ..media import GPano, read_image, write_image
 from ..media.batch import PICTURES, Job, expand_inputs, outputs_for, run_parallel
 from ..media.images import can_be_panorama, format_of
+from ..sensor import Sensor
+from ..simulate.restoration import Restorer
 from .camera_options import camera_of, camera_options, camera_words, check_camera_options
 from .options import output_console
 from .sampling_options import BorderColour, sampling_options
 from .view_options import check_view_options, view_of, view_options
 
 VIDEOS = (".mp4", ".m4v", ".mov", ".mkv", ".webm", ".avi", ".ts", ".mpg", ".mpeg")
+PICTURE_OPTIONS = ("restore", "noise")
 VIDEO_OPTIONS = ("start_s", "duration_s", "codec", "crf", "keyframes", "format", "pixel_format", "preview")
 
 
@@ -44,6 +48,8 @@ VIDEO_OPTIONS = ("start_s", "duration_s", "codec", "crf", "keyframes", "format",
     default=None,
     help="Pictures, outside the field.  [default: transparent where the file can: PNG, TIFF, WebP]",
 )
+@click.option("--restore", is_flag=True, default=None, help="Pictures: first sharpen what --sensor is known to blur.")
+@click.option("--noise", type=float, metavar="SHARE", help="With --restore, of full scale.  [default: estimated]")
 @click.option("--start-s", type=float, help="Videos: where to begin, in seconds.  [default: 0]")
 @click.option("--duration-s", type=float, help="Videos: how much to take, in seconds.  [default: the rest]")
 @click.option("--codec", help="Videos: the encoder, by FFmpeg's name.  [default: by the file's suffix]")
@@ -81,6 +87,8 @@ def command(
     given = {name: value for name, value in options.items() if value is not None}
     check_camera_options(given)
     check_view_options(given)
+    if "noise" in given and "restore" not in given:
+        raise click.UsageError("--noise belongs to --restore")
     if "threads" in given:
         set_threads(given["threads"])
     if viewer is not None:
@@ -92,6 +100,8 @@ def command(
     if len(sources) == 1 and is_video(sources[0]):
         if transparent is not None:
             raise click.UsageError("--transparent and --black belong to pictures; videos have a --border")
+        if asked := [name for name in PICTURE_OPTIONS if name in given]:
+            raise click.UsageError(f"--{asked[0]} belongs to pictures, and {sources[0]} is a video")
         _video(sources[0], outputs, given, interpolation)
         return
     if transparent is not None and "border" in given:
@@ -132,6 +142,8 @@ class Straightener:
         self.border: BorderColour | None = given.get("border")
         self.transparent = False if self.border else transparent
         self.dewarper = cache(self._dewarper)
+        self.restorer = cache(Restorer)
+        self.alone = Lock()  # it needs a lot of memory
 
     def _dewarper(self, size: tuple[int, int], border: Border) -> Dewarper:
         camera = camera_of(self.given, size)
@@ -150,6 +162,11 @@ class Straightener:
         picture = read_image(source)
         border = self.border.of_picture(picture) if self.border else 0
         dewarp = self.dewarper((picture.shape[1], picture.shape[0]), border)
+        if "restore" in self.given:
+            if not isinstance(dewarp.camera, Sensor):
+                raise OmnimirrorError("--restore needs to know the lens and the mirror: say --sensor")
+            with self.alone:
+                picture = self.restorer(dewarp.camera)(picture, self.given.get("noise"))
         straight = dewarp(picture, kind.has_alpha if self.transparent is None else self.transparent)
         write_image(output, straight, panorama_of(dewarp.view) if can_be_panorama(output) else None)
         height, width = straight.shape[:2]
