@@ -116,10 +116,13 @@ def test_alpha_and_what_is_outside_stay(small: Restorer):
 
 
 def test_a_flipped_picture_is_restored_flipped(small: Restorer, scene: om.Environment):
-    picture = om.take_picture(small.sensor, scene, 32, blur=True)
-    flipped = replace(small.sensor, mount=replace(small.sensor.mount, image_flipped=True))
+    """Off the middle, too, where flipping moves the optical axis; neighbours count to one side, so not to the byte."""
+    sensor = replace(small.sensor, imager=replace(small.sensor.imager, centre_px=(110.0, 128.0)))
+    picture = om.take_picture(sensor, scene, 32, blur=True)
+    flipped = replace(sensor, mount=replace(sensor.mount, image_flipped=True))
+    restored = om.restore(sensor, picture, 0.01).astype(float)
     other = om.restore(flipped, np.ascontiguousarray(picture[:, ::-1]), 0.01)[:, ::-1]
-    assert np.abs(other.astype(int) - small(picture, 0.01)).max() <= 3
+    assert np.sqrt(((other - restored) ** 2).mean()) < 0.3 * np.sqrt(((picture - restored) ** 2).mean())
 
 
 def test_what_cannot_be_restored_is_refused(small: Restorer):

@@ -115,7 +115,7 @@ class Restorer:
         values = values[:height, :width]
         diagonal = (values[::2, ::2] - values[1::2, ::2] - values[::2, 1::2] + values[1::2, 1::2]) / 2
         inside = self.radius[:height, :width, None] < whole_radius_px(self.sensor)
-        level = _blocks(np.where(inside, values, np.nan).astype(np.float32), BLOCK_PX).mean(axis=-1)
+        level = _blocks(np.where(inside, values, np.nan), BLOCK_PX).mean(axis=-1)
         plain = (level > BLACK) & (level < WHITE)
         if not plain.any():
             return LEAST_NOISE
@@ -285,7 +285,7 @@ def _binned(fine: Values, fineness: int) -> Light:
     return binned
 
 
-def _blocks(values: Values, side: int) -> Values:
+def _blocks(values: NDArray[np.floating], side: int) -> NDArray[np.floating]:
     """Values (rows, columns, n) of each of the square blocks."""
     rows, columns, channels = values.shape
     blocks = values.reshape(rows // side, side, columns // side, side, channels).swapaxes(1, 2)

@@ -1,0 +1,65 @@
+"""The command line of restoration and bracketing."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.imagers import Imager
+from tests.cli.test_evaluate import omnimirror
+
+
+@pytest.fixture
+def small(tmp_path) -> om.Sensor:
+    """A sensor of few pixels, its file and a picture that it might have taken."""
+    sensor = om.load_sensor("paper-hyperboloidal")
+    sensor = replace(sensor, imager=Imager(128, 128, 41.6), lens=replace(sensor.lens, f_number=1.0))
+    om.save_sensor(sensor, tmp_path / "small.toml")
+    light = np.random.default_rng(1).random((32, 64, 3), np.float32)
+    picture = om.take_picture(sensor, om.Environment(light), 16, blur=True)
+    om.write_image(tmp_path / "raw.png", np.ascontiguousarray(picture[..., ::-1]))
+    return sensor
+
+
+def test_restoring_comes_before_straightening(small, tmp_path):
+    options = ("--sensor", "small.toml", "--view", "panorama", "--size", "256x")
+    assert omnimirror("dewarp", "raw.png", *options, "-o", "given.png", cwd=tmp_path).returncode == 0
+    run = omnimirror("dewarp", "raw.png", *options, "--restore", "--noise", "0.01", "-o", "sharp.png", cwd=tmp_path)
+    assert run.returncode == 0, run.stderr
+    restored = om.restore(small, om.read_image(tmp_path / "raw.png"), 0.01)
+    om.write_image(tmp_path / "restored.png", restored)
+    assert omnimirror("dewarp", "restored.png", *options, "-o", "both.png", cwd=tmp_path).returncode == 0
+    given, sharp, both = (om.read_image(tmp_path / f"{name}.png") for name in ("given", "sharp", "both"))
+    np.testing.assert_array_equal(sharp, both)
+    assert (sharp != given).any()
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (("--sensor", "small.toml", "--noise", "0.01"), "--noise belongs to --restore"),
+        (("--ball", "64,64,50,180", "--restore"), "--restore needs to know the lens and the mirror"),
+    ],
+)
+def test_what_cannot_be_restored_is_said(small, tmp_path, options, sentence):
+    run = omnimirror("dewarp", "raw.png", *options, "-o", "out.png", cwd=tmp_path)
+    assert run.returncode != 0
+    assert sentence in run.stderr
+    assert not (tmp_path / "out.png").exists()
+
+
+def test_a_bracket_is_planned_taken_and_merged(small, tmp_path):
+    run = omnimirror("bracket", "plan", "small.toml", "--limit-px", "3", cwd=tmp_path)
+    assert run.returncode == 0, run.stderr
+    assert "170" in run.stdout
+    run = omnimirror(
+        "bracket", "take", "small.toml", "--focus-mm", "175,207", "--samples", "1", "-o", "b", cwd=tmp_path
+    )
+    assert run.returncode == 0, run.stderr
+    merge = ("bracket", "merge", "small.toml", "b/175.0mm.png", "b/207.0mm.png", "-o", "merged.png", "--focus-mm")
+    assert omnimirror(*merge, "175,207", cwd=tmp_path).returncode == 0
+    assert om.read_image(tmp_path / "merged.png").shape == (128, 128, 3)
+    run = omnimirror(*merge, "175", cwd=tmp_path)
+    assert run.returncode == 1
+    assert "2 pictures and 1 focus distances" in run.stderr
