@@ -52,7 +52,7 @@ def test_what_cannot_be_restored_is_said(small, tmp_path, options, sentence):
 def test_a_bracket_is_planned_taken_and_merged(small, tmp_path):
     run = omnimirror("bracket", "plan", "small.toml", "--limit-px", "3", cwd=tmp_path)
     assert run.returncode == 0, run.stderr
-    assert "170" in run.stdout
+    assert ", ".join(f"{f:.1f}" for f in om.plan_bracket(small, 3.0).focus_mm) in run.stdout
     run = omnimirror(
         "bracket", "take", "small.toml", "--focus-mm", "175,207", "--samples", "1", "-o", "b", cwd=tmp_path
     )
