@@ -2,7 +2,7 @@
 
 The scenes are none that the method was tuned on: dead leaves with lettering, made here, and environments given as
 equirectangular files. Gains are of the sRGB picture in 8 bits, over the inner two thirds of the radius, the
-outer third, and the worst of its ten tenths; seconds are those of one picture, its blur being prepared.
+outer third, and the worst of its ten tenths; seconds are those that processors spend on a picture, its blur prepared.
 
     python benchmarks/restoration.py --environment hall.hdr sunset.hdr --out out/benchmarks
 """
@@ -78,9 +78,9 @@ def gains(restorer: Restorer, scene: Scene, noise: float = NOISE, seed: int = 1)
     blurred = srgb_from_linear(om.expose(sensor, scene, 64, blur=True))
     noisy = blurred + noise * np.random.default_rng(seed).standard_normal(blurred.shape)
     given = np.rint(255 * np.clip(noisy, 0, 1)).astype(np.uint8)
-    start = time.perf_counter()
+    start = time.process_time()
     restored = restorer(given, noise)
-    seconds = time.perf_counter() - start
+    seconds = time.process_time() - start
     radius = restorer.radius / sensor.rim_radius_px
 
     def psnr(picture: NDArray[np.uint8], edges: Any) -> NDArray[np.float64]:
@@ -117,7 +117,7 @@ def main() -> None:
             found = gains(restorer, environment)
             (g0, g1), (d0, d1) = found.given_db, found.gain_db
             rows.append(
-                f"| {name} | {scene} | {g0:.1f} / {g1:.1f} | {d0:+.1f} / {d1:+.1f} | {found.tenths_db.min():+.1f} | "
+                f"| {name} | {scene} | {g0:.1f} / {g1:.1f} | {d0:+.2f} / {d1:+.2f} | {found.tenths_db.min():+.1f} | "
                 f"{found.seconds:.0f} |"
             )
             print(rows[-1], flush=True)

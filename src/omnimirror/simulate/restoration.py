@@ -29,7 +29,7 @@ Values = NDArray[np.float32]
 Picture = NDArray[Any]
 
 REGULARITY = 0.35  # the weight of the total variation over the noise; tuned on the room alone
-ROUNDS, STEPS = 4, 8  # replacements by quadratic terms, and conjugate gradients in each
+ROUNDS, STEPS = 5, 8  # replacements by quadratic terms, and conjugate gradients in each
 EDGE = np.float32(0.008)  # differences of u below it cost their square, which keeps slopes from becoming stairs
 DARK = np.float32(1e-4)  # light below it has no more weight than this
 SATURATED = np.float32(0.995)  # such a pixel may have been brighter
