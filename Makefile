@@ -52,12 +52,12 @@ bench: $(VENV)/.full  ## Measure against other programs; tables go to out/benchm
 	$(BIN)/python benchmarks/video.py --out out/benchmarks $(if $(PICTURE),--picture $(PICTURE))
 	$(BIN)/python benchmarks/live.py --out out/benchmarks $(if $(PICTURE),--picture $(PICTURE))
 	$(BIN)/python benchmarks/design.py --out out/benchmarks
+	$(BIN)/python benchmarks/restoration.py --out out/benchmarks
 	$(BIN)/python benchmarks/sampling.py --out out/benchmarks $(if $(PICTURE),--picture $(PICTURE))
 	$(BIN)/python benchmarks/moving.py --out out/benchmarks $(if $(PICTURE),--picture $(PICTURE))
 
 bench-page: bench  ## The same, and put the tables into docs/benchmarks.md
 	$(BIN)/python benchmarks/page.py --tables out/benchmarks
-	$(BIN)/python benchmarks/restoration.py --out out/benchmarks
 
 clean:  ## Remove what was made, the virtual environment too
 	rm -rf $(VENV) out build web/node_modules dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache

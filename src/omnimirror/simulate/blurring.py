@@ -68,9 +68,10 @@ def offsets_from_axis(sensor: Sensor) -> Array:
     Raises
     ------
     InvalidParameter
-        If the mirror is decentred or tilted.
+        If the mirror is decentred or tilted, or there are two.
     """
-    _ = sensor.meridian  # refuses such a mirror
+    sensor.check_one_mirror("restoring and merging pictures")
+    _ = sensor.meridian  # refuses mirrors out of place
     assert sensor.symmetry is not None
     width, height = sensor.image_size
     columns, rows = np.meshgrid(np.arange(width), np.arange(height))

@@ -85,6 +85,7 @@ def plan_bracket(sensor: Sensor, limit_px: float = 1.0, object_distance_mm: floa
     """
     if not 0.05 <= limit_px <= 1000:
         raise InvalidParameter(f"limit_px = {limit_px:g} is outside 0.05 to 1000 px")
+    sensor.check_one_mirror("a focus bracket")
     omega = np.linspace(*sensor.field_deg, ANGLES)
     omega[-1] *= ROUNDED
     study = _study(sensor, np.radians(omega), object_distance_mm)
