@@ -55,7 +55,7 @@ def blur_sizes(sensor: Sensor, radius_px: ArrayLike, object_distance_mm: float =
 
     >>> import omnimirror as om
     >>> blur_sizes(om.load_sensor("paper-spherical"), [0.0, 490.0]).sagittal.round(1)
-    array([1. , 7.8])
+    array([1. , 7.3])
     """
     radius = np.minimum(np.asarray(radius_px, dtype=float), sensor.rim_radius_px * ROUNDED)
     found = evaluate(sensor, h_px=radius, object_distance_mm=object_distance_mm)
