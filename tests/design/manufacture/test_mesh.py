@@ -44,7 +44,7 @@ def test_the_mesh_is_closed_outward_and_as_close_as_asked(kind, suffix, body, tm
     on_surface = points[:, 2] <= float(mirror.sag(mirror.rim_radius_mm)) - 1e-6 * mirror.rim_radius_mm
     z, slope, _ = mirror.profile(r)
     distance = (1e3 * np.abs(points[:, 2] - z) / np.sqrt(1 + slope**2))[on_surface]
-    assert distance.max() <= 1.001 * stated <= 20.0
+    assert distance.max() <= 1.005 * stated <= 20.0  # stated by 91 points on each triangle
     if kind != "cone":
         assert stated > 10.0  # and no finer than asked
 
