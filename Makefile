@@ -44,11 +44,8 @@ format: $(VENV)/.test  ## Format the code
 
 bench: $(VENV)/.full  ## Measure against other programs; tables go to out/benchmarks
 	$(BIN)/python benchmarks/evaluation.py --out out/benchmarks
-	$(BIN)/python benchmarks/sampling.py --out out/benchmarks
 	$(BIN)/python benchmarks/exposure.py --out out/benchmarks
 	$(BIN)/python benchmarks/quality.py --out out/benchmarks
-	$(BIN)/python benchmarks/video.py --out out/benchmarks
-	$(BIN)/python benchmarks/live.py --out out/benchmarks
 	$(BIN)/python benchmarks/video.py --out out/benchmarks $(if $(PICTURE),--picture $(PICTURE))
 	$(BIN)/python benchmarks/live.py --out out/benchmarks $(if $(PICTURE),--picture $(PICTURE))
 	$(BIN)/python benchmarks/design.py --out out/benchmarks

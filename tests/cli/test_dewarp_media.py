@@ -170,7 +170,7 @@ def test_a_panorama_tells_viewers_what_it_shows(tmp_path):
         (["in.mp4", "-o", "o.mp4", "--format", "rawvideo"], "--format says what '-o -' writes"),
         (["in.mp4", "-o", "-", "--pixel-format", "gray"], "--pixel-format belongs to --format rawvideo"),
         (["in.mp4", "-o", "-", "--format", "rawvideo", "--pixel-format", "no"], "pixel format no"),
-        (["in.mp4"], "say what to write with -o, or of a video ask for a --preview"),
+        (["in.mp4"], "say what to write with -o or --viewer, or of a video ask for a --preview"),
         (["a.png", "-o", "o.png", "-o", "p.png"], "p.png is one output too many"),
         (["a.png", "--preview"], "--preview belongs to videos, and a.png is none"),
     ],
