@@ -118,12 +118,12 @@ def functions_of(picture: np.ndarray) -> dict[str, Callable[[], object]]:
     return {
         "NumPy map + cv2.remap": lambda: remap(numpy_map(camera, omegas, radii, pan())),
         "table map + cv2.remap": lambda: remap(table_map(pan())),
-        "distant view": lambda: om.Dewarper(camera, view(np.inf))(picture),
-        "near view": lambda: om.Dewarper(camera, view(400.0))(picture),
+        "distant view": lambda: om.Dewarper(camera, view(np.inf), "linear")(picture),
+        "near view": lambda: om.Dewarper(camera, view(400.0), "linear")(picture),
         "coordinates of the distant view": lambda: screen_grid(camera, view(np.inf)),
         "coordinates of the near view": lambda: screen_grid(camera, view(400.0)),
-        "distant panorama": lambda: om.Dewarper(camera, panorama(np.inf))(picture),
-        "near panorama": lambda: om.Dewarper(camera, panorama(400.0))(picture),
+        "distant panorama": lambda: om.Dewarper(camera, panorama(np.inf), "linear")(picture),
+        "near panorama": lambda: om.Dewarper(camera, panorama(400.0), "linear")(picture),
         "coordinates of the near panorama": lambda: screen_rings(camera, panorama(400.0)),
     }
 
