@@ -169,7 +169,9 @@ class _Pass:
         self.container = container
         self.video = container.streams.video[0]
         self.tick = reader.time_base
-        self.audio = list(container.streams.audio) if reader.with_sound else []
+        self.audio = list(container.streams.audio)[: len(reader.audio_streams)]
+        self.lasting = {stream.index: own for stream, own in zip(self.audio, reader.audio_streams, strict=False)}
+        """The reader's own streams: packets are looked at after this pass has closed its container."""
         origin = _origin(container)
         self.start = origin + Fraction(reader.start_s).limit_denominator(1_000_000)
         length = reader.duration_s
@@ -244,6 +246,7 @@ class _Pass:
                     if self.end is not None and time >= self.end:
                         running.discard(packet.stream.index)
             elif packet.pts is not None:
+                packet.stream = self.lasting[packet.stream_index]
                 yield packet, _time(packet)
                 if self.end is not None and _time(packet) >= self.end:
                     running.discard(packet.stream.index)
