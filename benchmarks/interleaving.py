@@ -7,14 +7,15 @@ import time
 from collections.abc import Callable
 
 
-def interleaved(functions: dict[str, Callable[[], object]], runs: int) -> dict[str, float]:
-    """Median milliseconds of each function, called in turn after one call to warm up."""
+def interleaved(functions: dict[str, Callable[[], object]], runs: int, in_a_row: int = 1) -> dict[str, float]:
+    """Median milliseconds of a call of each function, so many calls of each in turn, after one to warm up."""
     times: dict[str, list[float]] = {name: [] for name in functions}
     for function in functions.values():
         function()
     for _ in range(runs):
         for name, function in functions.items():
-            start = time.perf_counter()
-            function()
-            times[name].append(time.perf_counter() - start)
+            for _ in range(in_a_row):
+                start = time.perf_counter()
+                function()
+                times[name].append(time.perf_counter() - start)
     return {name: 1e3 * statistics.median(t) for name, t in times.items()}

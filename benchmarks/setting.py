@@ -36,11 +36,12 @@ def set_threads(count: int) -> None:
     cv2.setNumThreads(count)
 
 
-def circumstances(runs: int) -> str:
+def circumstances(runs: int, in_a_row: int = 1) -> str:
     """How and on what was measured, in one paragraph."""
+    row = f" of {in_a_row} in a row" if in_a_row > 1 else ""
     return (
         f"`{Path(sys.argv[0]).name}` on {processor()}, {os.cpu_count()} cores, {native.sampler()} samplers, OpenCV "
-        f"{cv2.__version__}, NumPy {np.__version__}; medians of {runs} interleaved runs.{other_load()}"
+        f"{cv2.__version__}, NumPy {np.__version__}; medians of {runs} interleaved runs{row}.{other_load()}"
     )
 
 

@@ -51,16 +51,18 @@ def test_near_panoramas_about_the_axis_are_separable_too(camera, mount, viewpoin
 @pytest.mark.parametrize(
     "camera", [BALL, FISHEYE, replace(BALL, centre_px=(90.0, 500.0))], ids=["within", "cut", "off"]
 )
-def test_panoramas_are_sampled_without_a_map(camera):
-    """As at their coordinates, up to one grey level."""
+def test_the_first_panorama_is_sampled_without_a_map(camera):
+    """As at their coordinates, up to one grey level; and those that follow with one."""
     width, height = camera.image_size
     picture = cv2.resize(np.random.default_rng(3).integers(0, 255, (40, 40, 3), np.uint8), (width, height))
     dewarp = om.Dewarper(camera, om.screens.Cylinder((500, 300), -90.0, 60.0), "linear")
     straight = dewarp(picture)
     assert "_map" not in dewarp.__dict__
     mapped = sampling.remap(picture, dewarp.coordinates())
-    off = np.abs(straight.astype(int) - mapped).max(axis=-1) > 1
-    assert off.mean() < 1e-3  # at the edge of the picture float32 may decide otherwise
+    for later in (straight, dewarp(picture), dewarp(picture)):
+        off = np.abs(later.astype(int) - mapped).max(axis=-1) > 1
+        assert off.mean() < 1e-3  # at the edge of the picture float32 may decide otherwise
+    assert "_map" in dewarp.__dict__
 
 
 def test_only_panoramas_about_a_vertical_axis_are_separable():
@@ -126,6 +128,20 @@ def test_sampling_is_at_the_coordinates():
         np.testing.assert_allclose(straight[..., 0], x, atol=tolerance)
         np.testing.assert_allclose(straight[..., 1], y, atol=tolerance)
         np.testing.assert_allclose(straight[..., 2], x + y, atol=2 * tolerance)
+
+
+@pytest.mark.parametrize("view", [om.screens.Cylinder((60, 90), -90.0, 90.0), om.screens.Plane((60, 90))], ids=str)
+def test_a_picture_can_be_filled(view):
+    picture = np.random.default_rng(5).integers(0, 255, (1020, 1024, 3), np.uint8)
+    dewarp = om.Dewarper(BALL, view)
+    straight = dewarp(picture)
+    kept = np.empty((90, 60, 4), np.uint8)
+    for out in (kept[..., :3], np.empty((90, 60, 3), np.uint8)):
+        assert dewarp(picture, out=out) is out
+        np.testing.assert_allclose(out, straight, atol=1)
+    assert dewarp(picture, transparent=True, out=kept) is kept
+    with pytest.raises(InvalidParameter, match=r"out is \(90, 60\) of uint8, not \(90, 60, 3\) of uint8"):
+        dewarp(picture, out=np.empty((90, 60), np.uint8))
 
 
 @pytest.mark.parametrize("interpolation", ["auto", "nearest", "linear", "cubic", "area"])

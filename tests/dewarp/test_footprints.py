@@ -258,9 +258,9 @@ def test_regions_join_without_a_seam():
     picture = (100 + 60 * np.sin(u / 3.1) * np.sin(v / 3.7)).astype(np.float32)
     view = om.screens.Plane((640, 400), 20.0, -40.0, 0.0, 150.0)
     dewarp = om.Dewarper(BALL, view)
-    taken, taps = dewarp(picture), dewarp._grid.averages("auto").taps
+    taken, taps = dewarp(picture), dewarp._lattice.averages("auto").taps
     assert len(np.unique(taps.reshape(-1, 2), axis=0)) >= 4
-    step = dewarp._grid.step
+    step = dewarp._lattice.step
     differs = (np.diff(taps.astype(int), axis=1) != 0).any(axis=-1).repeat(step, axis=0)[: view.size[1]]
     bend = np.abs(np.diff(taken, 3, axis=1))  # of four pixels in a row
     rows, cells = np.nonzero(differs)

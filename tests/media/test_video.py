@@ -129,6 +129,13 @@ def test_a_file_can_be_read_again_and_frames_alone(clip):
         assert all(isinstance(item, av.VideoFrame) for item in reader.items())
 
 
+def test_packets_of_sound_tell_their_stream_after_the_last_was_read(clip):
+    with VideoReader(clip) as reader:
+        packets = [item for item in reader.items() if not isinstance(item, av.VideoFrame)]
+        assert packets
+        assert all(packet.stream is reader.audio_streams[0] for packet in packets)
+
+
 def test_the_function_sees_every_frame_in_order_with_its_time(clip, tmp_path):
     seen = []
 

@@ -44,11 +44,6 @@ def screen_pixels(camera: Camera, screen: Screen, viewpoint: Viewpoint = "exact"
     return screen_grid(camera, screen, viewpoint).coordinates().astype(np.float64)
 
 
-def has_grid(camera: Camera, view: View) -> bool:
-    """Whether a view is a single screen whose coordinates come from a lattice."""
-    return isinstance(view, Screen) and not is_separable(camera, view)
-
-
 def screen_grid(camera: Camera, screen: Screen, viewpoint: Viewpoint = "exact") -> Grid:
     """The lattice of a screen, which the sampler takes as it is."""
     if camera.symmetry is None:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..cameras import Camera, Mask
 from ..errors import InvalidParameter, OutsideField
-from .coordinates import has_grid, is_separable, screen_grid, screen_rings, source_pixels
+from .coordinates import is_separable, screen_grid, screen_rings, source_pixels
 from .fields import field_of, ring_of
 from .planar import (
     Planes,
@@ -21,6 +21,7 @@ from .planar import (
     check_shapes,
     chroma_of,
     empty_planes,
+    sample,
     sample_planes,
 )
 from .rings import Rings
@@ -34,7 +35,6 @@ from .sampling import (
     check_border,
     check_picture,
     clear_border,
-    remap_grid,
     with_alpha,
 )
 from .screens import Screen, View
@@ -103,7 +103,7 @@ class Dewarper:
         check_viewpoint(self.viewpoint)
         check_border(self.border)
 
-    def __call__(self, image: Image, transparent: bool = False) -> Image:
+    def __call__(self, image: Image, transparent: bool = False, out: Image | None = None) -> Image:
         """The straightened picture, of the same depth.
 
         Parameters
@@ -113,17 +113,20 @@ class Dewarper:
         transparent
             Whether to add an alpha channel, 0 outside the field. A picture that comes with an alpha of its
             own has the border's there.
+        out
+            A picture of the view's size, with the channels and the depth of the result, to be filled and returned.
+
+        Raises
+        ------
+        InvalidParameter
+            For a picture of another size or kind than the camera's, or an ``out`` of another than the view's.
         """
         check_picture(image, self.camera.image_size)
         border: Border = self.border
         if transparent:
             border = clear_border(border, image)
             image = with_alpha(image)
-        if self._rings is not None:
-            return self._rings.sample(image, self.interpolation, border=border)
-        if self._is_first:
-            return remap_grid(image, self._grid, self.interpolation, border=border)
-        return self._map(image, border=border)
+        return sample(image, self._where(), self.interpolation, out, border)
 
     def planes(
         self,
@@ -173,8 +176,8 @@ class Dewarper:
             out = empty_planes(parts, self.view.size)
         check_shapes(out, self.view.size, parts)
         border = border_of_planes(self.border, full_range, bits)
-        luma = self._rings or (self._grid if self._is_first else self._map)
-        kind = (*sitings, isinstance(luma, Grid))
+        luma = self._where()
+        kind = (*sitings, type(luma))
         if kind not in self._chroma:
             self._chroma[kind] = chroma_of(luma, self.view, sitings, self.camera.image_size, self.interpolation)
         return sample_planes(parts, luma, self._chroma[kind], self.interpolation, out, border)
@@ -203,34 +206,34 @@ class Dewarper:
         valid: Mask = ~np.isnan(self._map.coordinates[..., 0])
         return valid
 
+    def _where(self) -> Where:
+        """Where to sample: the first picture without a map if possible, since a view that moves has no second one."""
+        is_first = not self.__dict__.keys() & {"_map", "_lattice"}
+        return (self._lattice if is_first else None) or self._map
+
     @cached_property
-    def _rings(self) -> Rings | None:
-        """What is quicker than any map; None where there is none, or where only a map tells if anything is seen."""
-        if not (isinstance(self.view, Screen) and is_separable(self.camera, self.view)):
+    def _lattice(self) -> Rings | Grid | None:
+        """What is made much sooner than a map, and sampled nearly as fast; None where there is no such thing."""
+        if not isinstance(self.view, Screen):
             return None
-        rings = screen_rings(self.camera, self.view, self.viewpoint)
-        return replace(rings, ring=ring_of(self.camera)) if rings.show_something(self.camera.image_size) else None
-
-    @property
-    def _is_first(self) -> bool:
-        """Whether to take the lattice and spare the map: a view that moves has no second picture."""
-        return not self.__dict__.keys() & {"_map", "_grid"} and has_grid(self.camera, self.view)
-
-    @cached_property
-    def _chroma(self) -> dict[tuple[str, str, bool], Where]:
-        return {}
-
-    @cached_property
-    def _grid(self) -> Grid:
-        assert isinstance(self.view, Screen)
+        if is_separable(self.camera, self.view):
+            rings = screen_rings(self.camera, self.view, self.viewpoint)
+            # Where they do not seem to, only a map tells whether anything is seen.
+            return replace(rings, ring=ring_of(self.camera)) if rings.show_something(self.camera.image_size) else None
         grid = screen_grid(self.camera, self.view, self.viewpoint)
         if (grid.cells >= 0).all() and np.isnan(grid.patches).all():
             raise self._sees_nothing()
         return replace(grid, ring=ring_of(self.camera))
 
     @cached_property
+    def _chroma(self) -> dict[tuple[str, str, type], Where]:
+        return {}
+
+    @cached_property
     def _map(self) -> FixedMap:
         size = self.camera.image_size
-        if has_grid(self.camera, self.view):
-            return FixedMap.of_grid(self._grid, size, self.interpolation)
+        if isinstance(self._lattice, Rings):
+            return self._lattice.map(size, self.interpolation)
+        if isinstance(self._lattice, Grid):
+            return FixedMap.of_grid(self._lattice, size, self.interpolation)
         return FixedMap(self.coordinates(), size, self.interpolation, ring_of(self.camera))

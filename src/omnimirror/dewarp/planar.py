@@ -269,11 +269,14 @@ def sample_planes(
     y, u, v = border
     borders: tuple[Border, ...] = (y, u, v) if len(parts) == 3 else (y, (u, v))
     for i, (part, target, value) in enumerate(zip(parts, out, borders, strict=True)):
-        where = chroma if i else luma
-        if isinstance(where, Grid):
-            remap_grid(part, where, interpolation, target, value)
-        elif isinstance(where, Rings):
-            where.sample(part, interpolation, target, value)
-        else:
-            where(part, target, value)
+        sample(part, chroma if i else luma, interpolation, target, value)
     return out
+
+
+def sample(image: Image, where: Where, interpolation: Interpolation, out: Image | None, border: Border) -> Image:
+    """A picture's values, wherever they are; a map has its own interpolation."""
+    if isinstance(where, Grid):
+        return remap_grid(image, where, interpolation, out, border)
+    if isinstance(where, Rings):
+        return where.sample(image, interpolation, out, border)
+    return where(image, out, border)
