@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet install -c constraints.txt
 DEMO_OUT ?= out/demo
 PICTURE ?=
-NATIVE := $(wildcard native/CMakeLists.txt native/src/*)
+NATIVE := $(wildcard native/CMakeLists.txt native/src/*.* native/src/*/*)
 
 .DEFAULT_GOAL := help
 .PHONY: help demo test test-full chromium page lint format bench bench-page clean

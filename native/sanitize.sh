@@ -14,13 +14,13 @@ compiler=${CXX:-c++}
 
 mkdir -p "$build"
 flags="-std=c++20 -O1 -g -fsanitize=address,undefined -fno-sanitize-recover=undefined -fno-omit-frame-pointer"
-kernels=native/src/kernels_plain.cpp
+kernels=native/src/sampling/kernels_plain.cpp
 case $(uname -m) in
-  x86_64 | amd64) flags="$flags -DOMNIMIRROR_AVX2 -mavx2 -mfma" kernels="$kernels native/src/kernels_avx2.cpp" ;;
-  aarch64 | arm64) flags="$flags -DOMNIMIRROR_NEON" kernels="$kernels native/src/kernels_neon.cpp" ;;
+  x86_64 | amd64) flags="$flags -DOMNIMIRROR_AVX2 -mavx2 -mfma" kernels="$kernels native/src/sampling/kernels_avx2.cpp" ;;
+  aarch64 | arm64) flags="$flags -DOMNIMIRROR_NEON" kernels="$kernels native/src/sampling/kernels_neon.cpp" ;;
 esac
 # shellcheck disable=SC2086
-"$compiler" $flags native/test/agreement.cpp native/src/{axial,sample,packed,pool,squares}.cpp $kernels -o "$build/agreement" -pthread
+"$compiler" $flags native/test/agreement.cpp -I native/src native/src/{pool,sampling/{axial,sample,packed,squares}}.cpp $kernels -o "$build/agreement" -pthread
 "$build/agreement" 2000
 
 cmake=$("$python" -c 'import shutil, sys, os; print(shutil.which("cmake", path=os.path.dirname(sys.executable)) or "cmake")')

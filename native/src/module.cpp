@@ -20,13 +20,13 @@
 #include <variant>
 #include <vector>
 
-#include "axial.hpp"
-#include "designs_module.hpp"
-#include "exposure_module.hpp"
-#include "packed.hpp"
+#include "sampling/axial.hpp"
+#include "designs/module.hpp"
+#include "exposure/module.hpp"
+#include "sampling/packed.hpp"
 #include "pool.hpp"
-#include "sample.hpp"
-#include "squares.hpp"
+#include "sampling/sample.hpp"
+#include "sampling/squares.hpp"
 
 namespace nb = nanobind;
 using namespace nb::literals;

@@ -7,8 +7,8 @@
 #include <memory>
 #include <random>
 
-#include "../src/packed.hpp"
-#include "../src/pool.hpp"
+#include "pool.hpp"
+#include "sampling/packed.hpp"
 
 using namespace omnimirror;
 

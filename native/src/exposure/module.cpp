@@ -1,4 +1,4 @@
-#include "exposure_module.hpp"
+#include "module.hpp"
 
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/array.h>

@@ -1,4 +1,4 @@
-#include "exposure_kernel.hpp"
+#include "kernel.hpp"
 
 namespace omnimirror {
 

@@ -1,5 +1,5 @@
 // The part of omnimirror._native that omnimirror.design.batch calls. Arrays are checked here once more.
-#include "designs_module.hpp"
+#include "module.hpp"
 
 #include <nanobind/ndarray.h>
 

@@ -3,7 +3,7 @@
 #include <cstring>
 
 #include "pool.hpp"
-#include "sample.hpp"
+#include "sampling/sample.hpp"
 
 namespace omnimirror {
 namespace {
