@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import base64
 from html import escape
 from pathlib import Path
-from string import Template
 
 import numpy as np
 
@@ -17,6 +15,7 @@ from ..files import write_text
 from ..media import write_image
 from ..sensor import Sensor
 from ..simulate import Room, take_picture
+from .pages import figure_html, page_html
 
 VIEW = screens.Plane((960, 600))
 FIGURES_SHOWN = ("fig5", "fig7", "fig10", "fig4", "fig9", "fig6")
@@ -54,11 +53,12 @@ def write_demo(sensor: Sensor, folder: str | Path) -> Path:
 def report_html(result: Evaluation, folder: Path) -> str:
     """The page with everything inside it, the pictures of ``folder`` included."""
     sensor = result.sensor
-    title = (sensor.notes.strip().splitlines() or [""])[0]
-    template = Template((Path(__file__).parent / "template.html").read_text(encoding="utf-8"))
-    return template.substitute(
-        name=escape(sensor.name),
-        title=escape(title),
+    lead = (sensor.notes.strip().splitlines() or [""])[0]
+    return page_html(
+        sensor.name,
+        "sensor",
+        heading=escape(sensor.name),
+        lead=escape(lead),
         numbers=_numbers(result),
         pictures=_pictures(folder),
         figures=_figures(sensor),
@@ -98,13 +98,6 @@ def _pictures(folder: Path) -> str:
 
 def _picture(path: Path, caption: str) -> str:
     return figure_html(path.read_bytes(), "png", caption)
-
-
-def figure_html(data: bytes, kind: str, caption: str, css: str = "") -> str:
-    """A picture inside the page, with its caption."""
-    source = f"data:image/{kind};base64,{base64.b64encode(data).decode()}"
-    text = escape(caption)
-    return f'<figure><img class="{css}" alt="{text}" src="{source}"><figcaption>{text}</figcaption></figure>'
 
 
 def _figures(sensor: Sensor) -> str:

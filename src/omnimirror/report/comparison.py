@@ -5,7 +5,6 @@ from __future__ import annotations
 from html import escape
 from io import BytesIO
 from pathlib import Path
-from string import Template
 from typing import Any, NamedTuple
 
 import cv2
@@ -21,7 +20,7 @@ from ..figures import picture_sheet, render, side_by_side, table_sheet
 from ..files import write_text
 from ..media import write_image
 from ..simulate import Room, Scene, take_picture
-from . import figure_html
+from .pages import figure_html, page_html
 
 PANORAMA_PX = 1440  # width of every panorama
 
@@ -75,9 +74,11 @@ def take_pictures(comparison: Comparison, scene: Scene) -> Pictures:
 
 def comparison_html(comparison: Comparison, pictures: Pictures) -> str:
     """The page with everything inside it."""
-    template = Template((Path(__file__).parent / "comparison.html").read_text(encoding="utf-8"))
-    return template.substitute(
-        title=escape(" · ".join(comparison.names)),
+    title = " · ".join(comparison.names)
+    return page_html(
+        title,
+        "comparison",
+        heading=escape(title),
         count=len(comparison.sensors),
         table=_table(comparison),
         curves=figure_html(
