@@ -98,9 +98,6 @@ SURFACES_OF_LENS_FILES = {
 }
 """Kinds that a conic with even terms is exactly; the others are fitted."""
 
-STEEP = {"cylinder", "equiareal", "ground-plane", "rectifying"}
-"""Kinds whose curvature changes so fast towards the rim that the terms of a lens file follow them to .5 um only."""
-
 
 def sensor_of(kind: str, lens: str = "perspective") -> om.Sensor:
     mirror, m = MIRRORS[kind]

@@ -1,12 +1,17 @@
-"""OpticStudio files read by Optiland: the surface it builds, and the chief rays it traces through the system."""
+"""OpticStudio files read by Optiland: the surface it builds, and the chief rays it traces through the system.
+
+Optiland reads no extended aspheres, but its own take any number of terms: they are given to it here.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
+from omnimirror.design.manufacture import asphere_of
+from omnimirror.design.manufacture.forms import EXACT_UM
 from omnimirror.design.manufacture.zmx import field_angles, write_zmx
-from tests.conftest import MIRRORS, STEEP, SURFACES_OF_LENS_FILES, sensor_of
+from tests.conftest import MIRRORS, SURFACES_OF_LENS_FILES, sensor_of
 
 pytestmark = [pytest.mark.full, pytest.mark.filterwarnings("ignore")]
 
@@ -19,17 +24,31 @@ def load():
     mpl.use("Agg")
     from optiland.fileio import load_zemax_file
 
-    return load_zemax_file
+    def read(path):
+        text = path.read_text(encoding="utf-16")
+        plain = text.replace("XASPHERE", "EVENASPH").replace("XOSPHERE", "ODDASPHE")
+        path.write_text(plain, encoding="utf-16")
+        system = load_zemax_file(str(path))
+        if plain != text:
+            lines = text.split("SURF 2")[1].split("SURF 3")[0].splitlines()
+            _, N, *a = (float(line.split()[2]) for line in lines if line.startswith("  XDAT"))
+            step = 2 if "XASPHERE" in text else 1
+            for surface in system.surfaces.surfaces[2:4]:
+                surface.geometry.coefficients = [v / N ** (step * i) for i, v in enumerate(a, start=1)]
+        return system
+
+    return read
 
 
 @pytest.mark.parametrize("kind", sorted(MIRRORS))
 def test_the_surface_is_the_mirror(kind, load, tmp_path):
     sensor = sensor_of(kind)
     stated = write_zmx(tmp_path / "s.zmx", sensor).deviation_um
-    geometry = load(str(tmp_path / "s.zmx")).surfaces.surfaces[2].geometry
+    geometry = load(tmp_path / "s.zmx").surfaces.surfaces[2].geometry
     x = np.linspace(0, sensor.mirror.rim_radius_mm, 301)
     off = 1e3 * np.abs(np.asarray(geometry.sag(0 * x, x)) - sensor.mirror.sag(x))
-    assert off.max() <= 3 * stated + 1e-9  # heights, where the file states distances along the normal
+    assert off.max() <= 3 * max(stated, EXACT_UM)  # heights, where the file states distances along the normal
+    assert stated < 0.005
     assert float(geometry.radius) > 0
 
 
@@ -38,13 +57,14 @@ def test_chief_rays_leave_the_mirror_at_the_field_angles(kind, load, tmp_path):
     """From the imager through the lens: its own field points, up to 135 degrees and more."""
     sensor = sensor_of(kind)
     write_zmx(tmp_path / "s.zmx", sensor)
-    system = load(str(tmp_path / "s.zmx"))
+    system = load(tmp_path / "s.zmx")
     heights = np.array([float(f.y) for f in system.fields.fields])
     omega = []
     for height in heights:
         ray = system.trace_generic(Hx=0, Hy=height / np.abs(heights).max(), Px=0, Py=0, wavelength=0.55)
         omega.append(np.degrees(np.arctan2(float(ray.M[0]), -float(ray.N[0]))))
-    tolerance = 1e-6 if kind in SURFACES_OF_LENS_FILES else 0.15 if kind in STEEP else 1e-4  # of the fits' slopes
+    tolerance = 1e-6 if kind in SURFACES_OF_LENS_FILES else asphere_of(sensor.mirror).ray_deg + 1e-5
+    assert tolerance < 1e-3
     np.testing.assert_allclose(sorted(omega), field_angles(sensor), atol=tolerance)
 
 
@@ -52,7 +72,7 @@ def test_a_pencil_from_the_imager_leaves_the_mirror_with_the_vergence_of_eq_15(l
     """The lens sends it towards its plane of focus; two rays close to the chief ray meet at the tangential object."""
     sensor = sensor_of("sphere")
     write_zmx(tmp_path / "s.zmx", sensor)
-    system = load(str(tmp_path / "s.zmx"))
+    system = load(tmp_path / "s.zmx")
     heights = np.array([float(f.y) for f in system.fields.fields])
     for height in heights:
         edges = []

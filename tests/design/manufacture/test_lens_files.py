@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import mpmath as mp
 import numpy as np
 import pytest
@@ -11,8 +13,8 @@ from omnimirror.design.manufacture.gridsag import grid_deviation_um, write_grid_
 from omnimirror.design.manufacture.zmx import field_angles, write_zmx
 from omnimirror.errors import InvalidParameter
 from omnimirror.lenses import Perspective
-from omnimirror.mirrors import Cone, ConicAsphere, EvenPolynomial, SampledProfile
-from tests.conftest import MIRRORS, STEEP, SURFACES_OF_LENS_FILES, sensor_of
+from omnimirror.mirrors import Cone, ConicAsphere, EvenPolynomial, Rectifying, SampledProfile
+from tests.conftest import MIRRORS, SURFACES_OF_LENS_FILES, sensor_of
 
 
 def parse_zmx(path):
@@ -22,24 +24,38 @@ def parse_zmx(path):
         key, *values = line.split()
         if key == "SURF":
             assert int(values[0]) == len(surfaces)
-            surfaces.append({"PARM": {}})
+            surfaces.append({"PARM": {}, "XDAT": {}})
         elif not surfaces:
             system.setdefault(key, values)
-        elif key == "PARM":
-            surfaces[-1]["PARM"][int(values[0])] = mp.mpf(values[1])
+        elif key in ("PARM", "XDAT"):
+            surfaces[-1][key][int(values[0])] = mp.mpf(values[1])
         else:
             surfaces[-1][key] = values
     return system, surfaces
 
 
 def sag_of(surface):
-    """The textbook formula of an even or odd asphere, in 30 digits."""
+    """The textbook formula of an even or odd asphere, in 30 digits.
+
+    The extended ones have the number of terms, the normalization radius and the terms in their extra data.
+    """
     c, k = mp.mpf(surface["CURV"][0]), mp.mpf(surface["CONI"][0])
-    step = {"EVENASPH": 2, "ODDASPHE": 1}[surface["TYPE"][0]]
+    step, extended = {
+        "EVENASPH": (2, False),
+        "ODDASPHE": (1, False),
+        "XASPHERE": (2, True),
+        "XOSPHERE": (1, True),
+    }[surface["TYPE"][0]]
+    unit, terms = mp.mpf(1), surface["PARM"]
+    if extended:
+        assert not terms
+        count, unit = surface["XDAT"][1], surface["XDAT"][2]
+        terms = {i - 2: a for i, a in surface["XDAT"].items() if i > 2}
+        assert sorted(terms) == list(range(1, int(count) + 1))
 
     def sag(r):
         return c * r**2 / (1 + mp.sqrt(1 - (1 + k) * c**2 * r**2)) + mp.fsum(
-            a * r ** (step * i) for i, a in surface["PARM"].items()
+            a * (r / unit) ** (step * i) for i, a in terms.items()
         )
 
     return sag
@@ -61,7 +77,7 @@ def test_the_surface_is_the_mirror_within_what_the_file_says(kind, tmp_path):
         z, slope, _ = mirror.profile(r)
         off_um = 1e3 * abs(float(sag(mp.mpf(float(r))) - mp.mpf(float(z)))) / np.hypot(1, slope)
         assert off_um <= 1.01 * stated + 1e-6
-    assert stated < (0.5 if kind in STEEP else 1e-3)
+    assert stated < 0.005
     if kind in SURFACES_OF_LENS_FILES:
         assert stated == 0
     assert surfaces[2]["GLAS"][0] == "MIRROR"
@@ -79,7 +95,8 @@ def test_chief_rays_of_the_file_leave_at_the_field_angles(kind, tmp_path):
     assert [s.get("TYPE") for s in surfaces[:2]] == [["STANDARD"], ["PARAXIAL"]]
     assert "STOP" in surfaces[1]
     assert surfaces[1]["PARM"] == {1: mp.mpf("11.6")}
-    within_deg = 0.15 if kind in STEEP else 1e-4  # .12 deg at the rim of the rectifying mirror
+    within_deg = 1e-6 if kind in SURFACES_OF_LENS_FILES else 1.01 * asphere_of(sensor.mirror).ray_deg + 1e-6
+    assert within_deg < 1e-3
     b, m, sag = mp.mpf(surfaces[0]["DISZ"][0]), mp.mpf(surfaces[1]["DISZ"][0]), sag_of(surfaces[2])
     for omega, height in zip(field_angles(sensor), system["YFLN"], strict=False):
         slope = -mp.mpf(height) / b  # y over z after the lens, undeviated in its middle
@@ -117,11 +134,32 @@ def test_a_focus_in_the_file_is_the_sensors(tmp_path):
     assert 1 / float(surfaces[0]["DISZ"][0]) + 1 / lens.focus_distance_mm == pytest.approx(1 / 11.6, rel=1e-14)
 
 
-def test_more_terms_than_the_format_has_become_a_fit_that_says_how_far_off_it_is():
-    rough = EvenPolynomial((0.64, 0.1, 0, 0, 0, 0, 0, 0, 0.002), 40.0, 40.0)
-    smooth = EvenPolynomial((0.64, 0.1, 0, 0, 0, 0, 0, 0.002), 40.0, 40.0)
-    assert asphere_of(smooth).deviation_um == 0
-    assert 0 < asphere_of(rough).deviation_um < 5
+def test_more_terms_than_a_plain_asphere_has_stay_exact_in_an_extended_one(tmp_path):
+    sensor = sensor_of("even-polynomial")
+    nine = EvenPolynomial((0.64, 0.1, 0, 0, 0, 0, 0, 0, 0.002), 40.0, 40.0)
+    eight = EvenPolynomial((*nine.coefficients[:7], 0.002), 40.0, 40.0)
+    for mirror, kind in ((eight, "EVENASPH"), (nine, "XASPHERE")):
+        assert write_zmx(tmp_path / "s.zmx", replace(sensor, mirror=mirror)).deviation_um == 0
+        _, surfaces = parse_zmx(tmp_path / "s.zmx")
+        assert surfaces[2]["TYPE"] == surfaces[3]["TYPE"] == [kind]
+        sag = sag_of(surfaces[2])
+        for r in (7.0, 23.0, 40.0):
+            assert float(sag(mp.mpf(r))) == pytest.approx(float(mirror.sag(r)), rel=1e-14)
+
+
+@pytest.mark.parametrize("kind", ["rectifying", "ground-plane", "cylinder"])
+def test_what_eight_terms_do_not_follow_is_an_extended_asphere(kind, tmp_path):
+    form = write_zmx(tmp_path / "s.zmx", sensor_of(kind))
+    text = (tmp_path / "s.zmx").read_text(encoding="utf-16")
+    assert form.is_extended
+    assert f"{kind} mirror as extended {form.kind} asphere of 16 terms" in text
+    assert '  XDAT 1 16.0 0 0 1 0 0 ""' in text
+
+
+def test_the_surface_of_a_wider_field_is_followed_too():
+    """A plan of the ground to 80 degrees bends harder than any mirror above."""
+    form = asphere_of(Rectifying(80.0, 12.0, 43.9))
+    assert form.ray_deg < 0.005
 
 
 def test_measured_bumps_show_in_the_deviation():

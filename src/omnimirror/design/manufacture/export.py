@@ -213,7 +213,7 @@ def _dxf(plan: Plan, path: Path) -> tuple[str, float]:
 
 def _zmx(plan: Plan, path: Path) -> tuple[str, float]:
     asphere = write_zmx(path, plan.sensor)
-    return f"OpticStudio, {asphere.kind} asphere", asphere.deviation_um
+    return f"OpticStudio, {asphere.words()}", asphere.deviation_um
 
 
 def _grid_sag(plan: Plan, path: Path) -> tuple[str, float]:

@@ -7,7 +7,7 @@ that is the mirror itself says 0.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
@@ -22,6 +22,14 @@ EXACT_UM = 1e-6
 """A deviation below this is rounding: the form is the mirror. An atom is a hundred times as wide."""
 TERMS = 8
 """Even powers r^2 .. r^16 of OpticStudio's even asphere, and powers r^1 .. r^8 of its odd one."""
+MORE_TERMS = 16
+"""Terms of its extended aspheres, where eight do not do; in double precision more gain little."""
+MOST_TERMS = 240
+"""What an extended asphere can have."""
+GOOD_UM, GOOD_DEG = 0.01, 0.002
+"""A fit is good enough when its surface and its reflected rays are as close as this."""
+ANGLE_SHARE = 0.05
+"""A fit counts an error of angle over this share of the rim radius, and so as one of distance."""
 
 
 def deviation_um(mirror: Mirror, x: Array, z: Array) -> Array:
@@ -67,54 +75,94 @@ def is_straight(mirror: Mirror) -> bool:
 
 @dataclass(frozen=True)
 class Asphere:
-    """``c r^2 / (1 + sqrt(1 - (1 + k) c^2 r^2)) + sum a_i r^p_i``, what lens programs take for a mirror.
+    """``c r^2 / (1 + sqrt(1 - (1 + k) c^2 r^2)) + sum a_i (r/N)^p_i``, what lens programs take for a mirror.
 
     Attributes
     ----------
     kind : "even" or "odd"
-        The powers are 2, 4, .. 16, or 1, 2, .. 8 for a mirror with a point.
+        The powers are 2, 4, 6, .., or 1, 2, 3, .. for a mirror with a point.
     curvature : c = 1/R, 1/mm
     conic : k
-    coefficients : the eight a_i, mm^(1 - p_i)
+    coefficients : the a_i, mm; eight, or more of an extended asphere
+    normalization_mm : N, 1 mm but for an extended asphere
     deviation_um : largest distance from the mirror
+    ray_deg : largest angle between the rays that this surface and the mirror reflect
     """
 
     kind: str
     curvature: float
     conic: float
     coefficients: tuple[float, ...]
+    normalization_mm: float = 1.0
     deviation_um: float = 0.0
+    ray_deg: float = 0.0
+
+    @property
+    def is_extended(self) -> bool:
+        """Whether it takes more terms than OpticStudio's plain aspheres have."""
+        return len(self.coefficients) > TERMS
+
+    @property
+    def is_good(self) -> bool:
+        return self.deviation_um < GOOD_UM and self.ray_deg < GOOD_DEG
 
     @property
     def powers(self) -> tuple[int, ...]:
         step = 2 if self.kind == "even" else 1
-        return tuple(step * (i + 1) for i in range(TERMS))
+        return tuple(step * (i + 1) for i in range(len(self.coefficients)))
 
-    def sag(self, r: Array) -> Array:
-        """Height over the vertex plane, mm."""
-        z = np.zeros_like(r)
+    def profile(self, r: Array) -> tuple[Array, Array]:
+        """Height over the vertex plane (mm) and slope."""
+        z, slope = np.zeros_like(r), np.zeros_like(r)
         if self.curvature:
-            z = conic_profile(r, 1 / self.curvature, self.conic)[0]
+            z, slope, _ = conic_profile(r, 1 / self.curvature, self.conic)
+        rho = r / self.normalization_mm
         for power, a in zip(self.powers, self.coefficients, strict=True):
-            z = z + a * r**power
-        return z
+            z = z + a * rho**power
+            slope = slope + a * power / self.normalization_mm * rho ** (power - 1)
+        return z, slope
+
+    def words(self) -> str:
+        """
+        >>> Asphere("even", 0.02, 0.0, (0.0,) * 8).words()
+        'even asphere'
+        """
+        return f"extended {self.kind} asphere of {len(self.coefficients)} terms" if self.is_extended else (
+            f"{self.kind} asphere"
+        )  # fmt: skip
 
 
 def asphere_of(mirror: Mirror) -> Asphere:
-    """The mirror as an asphere of eight terms: exact where it is one, else the closest by least squares.
+    """The mirror as an asphere: exact where it is one, else the closest in distance and slope by least squares.
+
+    It has eight terms, or sixteen where eight are not good enough.
 
     Examples
     --------
     >>> from omnimirror.mirrors import Cone, Equidistant
     >>> asphere_of(Cone(45.0, 20.0)).coefficients[0].__round__(12)
     1.0
-    >>> asphere_of(Equidistant(135.0, 12.0, 43.9)).deviation_um < 0.5
+    >>> asphere_of(Equidistant(135.0, 12.0, 43.9)).deviation_um < 0.001
     True
     """
-    form = _exact_asphere(mirror) or _fitted_asphere(mirror)
+    if form := _exact_asphere(mirror):
+        return _compared(mirror, form)
+    plain = _compared(mirror, _fitted_asphere(mirror, TERMS))
+    if plain.is_good:
+        return plain
+    extended = _compared(mirror, _fitted_asphere(mirror, MORE_TERMS))
+    return min(plain, extended, key=lambda form: form.ray_deg)
+
+
+def _compared(mirror: Mirror, form: Asphere) -> Asphere:
+    """The form with what it leaves: 0 where that is rounding."""
     x = nodes(mirror)
-    worst = float(np.abs(deviation_um(mirror, x, form.sag(x))).max())
-    return Asphere(form.kind, form.curvature, form.conic, form.coefficients, worst if worst > EXACT_UM else 0.0)
+    z, slope = form.profile(x)
+    worst = float(np.abs(deviation_um(mirror, x, z)).max())
+    if worst <= EXACT_UM:
+        return form
+    turned = 2 * np.abs(np.arctan(slope) - np.arctan(mirror.slope(x)))
+    return replace(form, deviation_um=worst, ray_deg=float(np.degrees(turned.max())))
 
 
 def _exact_asphere(mirror: Mirror) -> Asphere | None:
@@ -129,38 +177,67 @@ def _exact_asphere(mirror: Mirror) -> Asphere | None:
         first, c, k = 2 * mirror.coefficients[0] / N, mirror.coefficients[1:], -1.0
     else:
         first, c, k = 1 / mirror.vertex_radius_mm, mirror.coefficients, mirror.conic
-    if any(c[TERMS - 1 :]):
+    while c and not c[-1]:
+        c = c[:-1]
+    if len(c) > MOST_TERMS - 1:
         return None
-    terms = [a * N ** (1 - 2 * i) for i, a in enumerate(c[: TERMS - 1], start=2)]
+    if len(c) > TERMS - 1:  # their coefficients are heights over N, ours heights
+        return Asphere("even", first, k, (0.0, *(N * a for a in c)), N)
+    terms = [a * N ** (1 - 2 * i) for i, a in enumerate(c, start=2)]
     return Asphere("even", first, k, (0.0, *terms, *(0.0,) * (TERMS - 1 - len(terms))))
 
 
-def _fitted_asphere(mirror: Mirror) -> Asphere:
-    """Least squares of the normal distance; of a smooth mirror the vertex radius is given and k searched.
+def _fitted_asphere(mirror: Mirror, terms: int) -> Asphere:
+    """Least squares of normal distance and angle; of a smooth mirror the vertex radius is given and k searched.
 
-    The vertex radius is the mirror's own, or, where it does better (a measured profile may have a bump there),
-    that of the even polynomial through the whole mirror.
+    A fit of the distance alone ripples towards the rim, and rays feel slopes. The vertex radius is the mirror's
+    own, or, where it does better (a measured profile may have a bump there), that of the even polynomial through
+    the whole mirror.
     """
-    M, x = mirror.rim_radius_mm, nodes(mirror, 401)
-    z, slope, curvature = mirror.profile(x)
-    weight = 1 / np.sqrt(1 + slope**2)
-
-    def solve(rest: Array, powers: tuple[int, ...]) -> tuple[Array, float]:
-        matrix = weight[:, None] * (x[:, None] / M) ** np.array(powers)
-        scaled = np.linalg.lstsq(matrix, weight * rest, rcond=None)[0]
-        return scaled / M ** np.array(powers, float), float(np.abs(matrix @ scaled - weight * rest).max())
-
+    N = mirror.rim_radius_mm if terms > TERMS else 1.0
     if mirror.is_pointed:
-        return Asphere("odd", 0.0, 0.0, tuple(map(float, solve(z, tuple(range(1, TERMS + 1)))[0])))
-    powers = tuple(2 * i for i in range(2, TERMS + 1))
+        fit = _Fit(mirror, tuple(range(1, terms + 1)))
+        return Asphere("odd", 0.0, 0.0, fit.coefficients(0.0, 0.0, N), N)
+    fit = _Fit(mirror, tuple(2 * i for i in range(2, terms + 1)))
+    whole = _Fit(mirror, tuple(2 * i for i in range(1, terms + 1))).coefficients(0.0, 0.0, 1.0)
+    vertex = [float(mirror.curvature(0.0)), 2 * whole[0]]
+    shapes = [(c, _best_conic(lambda k, c=c: fit.worst(c, k), c, fit.M) if c > 0 else 0.0) for c in vertex]  # type: ignore[misc]
+    c, k = min(shapes, key=lambda shape: fit.worst(*shape))
+    return Asphere("even", c, k, (0.0, *fit.coefficients(c, k, N)), N)
 
-    def fitted(c: float, k: float) -> tuple[Array, float]:
-        return solve(z - (conic_profile(x, 1 / c, k)[0] if c else 0.0), powers)
 
-    curvatures = [float(curvature[0]), float(2 * solve(z, (2, *powers))[0][0])]
-    shapes = [(c, _best_conic(lambda k, c=c: fitted(c, k)[1], c, M) if c > 0 else 0.0) for c in curvatures]  # type: ignore[misc]
-    c, k = min(shapes, key=lambda shape: fitted(*shape)[1])
-    return Asphere("even", c, k, (0.0, *map(float, fitted(c, k)[0])))
+class _Fit:
+    """Least squares of what a conic leaves of a mirror, in given powers of r/M; the conic may change."""
+
+    def __init__(self, mirror: Mirror, powers: tuple[int, ...]) -> None:
+        self.M, self.x, self.powers = mirror.rim_radius_mm, nodes(mirror, 801), np.array(powers)
+        self.z, self.slope, _ = mirror.profile(self.x)
+        self.weight = 1 / np.sqrt(1 + self.slope**2)
+        self.rate = ANGLE_SHARE * self.M * self.weight**2  # of slope into angle
+        rho = self.x[:, None] / self.M
+        rates = self.powers / self.M * rho ** (self.powers - 1)
+        self.q, self.r = np.linalg.qr(
+            np.concatenate([self.weight[:, None] * rho**self.powers, self.rate[:, None] * rates])
+        )
+
+    def _rest(self, c: float, k: float) -> Array:
+        z, slope = self.z, self.slope
+        if c:
+            base = conic_profile(self.x, 1 / c, k)
+            z, slope = z - base[0], slope - base[1]
+        return np.concatenate([self.weight * z, self.rate * slope])
+
+    def worst(self, c: float, k: float) -> float:
+        """Largest residual beside a conic, mm."""
+        rest = self._rest(c, k)
+        return float(np.abs(rest - self.q @ (self.q.T @ rest)).max())
+
+    def coefficients(self, c: float, k: float, N: float) -> tuple[float, ...]:
+        """Of the powers of r/N, mm."""
+        from scipy.linalg import solve_triangular
+
+        scaled = solve_triangular(self.r, self.q.T @ self._rest(c, k))
+        return tuple(map(float, scaled * (N / self.M) ** self.powers))
 
 
 def _best_conic(worst: Callable[[float], float], c: float, M: float) -> float:

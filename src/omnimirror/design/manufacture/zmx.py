@@ -4,7 +4,8 @@ Field angles beyond 90 degrees cannot be given to a sequential program from the 
 backwards. Surface 0 is the imager (object heights are image heights), 1 the stop and lens (a paraxial
 surface), 2 the mirror, 3 the same shape again without an effect: there the direction of a ray, not its
 place, is that in which the sensor looks. Our z runs from the lens towards the mirror as theirs does, so a
-convex mirror has a positive radius.
+convex mirror has a positive radius. Mirrors that eight terms do not follow are extended aspheres, whose
+terms stand in extra data: their number, the normalization radius, and the coefficients in mm.
 """
 
 from __future__ import annotations
@@ -65,10 +66,12 @@ def field_angles(sensor: Sensor) -> Array:
 
 
 def _notes(sensor: Sensor, asphere: Asphere) -> list[str]:
-    deviation = f"within {asphere.deviation_um:.2g} um of the mirror" if asphere.deviation_um else "exact"
+    deviation = "exact"
+    if asphere.deviation_um:
+        deviation = f"within {asphere.deviation_um:.2g} um of the mirror, its rays within {asphere.ray_deg:.2g} deg"
     angles = ", ".join(f"{a:.4g}" for a in field_angles(sensor))
     return [
-        f"omnimirror {__version__}: {sensor.mirror.KIND} mirror as {asphere.kind} asphere, {deviation}.",
+        f"omnimirror {__version__}: {sensor.mirror.KIND} mirror as {asphere.words()}, {deviation}.",
         "Light runs backwards: object = imager, stop = lens, mirror, then directions into the world.",
         f"Omega = 180 deg - angle of the ray to +z, after surface 2. Omega of the fields, deg: {angles}.",
     ]
@@ -100,12 +103,7 @@ def _system(sensor: Sensor) -> list[str]:
 
 
 def _surfaces(sensor: Sensor, asphere: Asphere) -> list[str]:
-    shape = [
-        f"  TYPE {'EVENASPH' if asphere.kind == 'even' else 'ODDASPHE'}",
-        f"  CURV {_number(asphere.curvature)} 0 0 0 0",
-        f"  CONI {_number(asphere.conic)}",
-        *(f"  PARM {i} {_number(a)}" for i, a in enumerate(asphere.coefficients, start=1)),
-    ]
+    shape = _shape(asphere)
     rim = sensor.mirror.rim_radius_mm
     if sensor.lens.TELECENTRIC:
         # the object is the plane in focus, behind the vertex; the stop of a telecentric lens is at infinity
@@ -121,6 +119,19 @@ def _surfaces(sensor: Sensor, asphere: Asphere) -> list[str]:
     third = ["  COMM mirror", *shape, "  GLAS MIRROR 0 0 1.5 40", *end]
     surfaces = (first, second, third, ["  COMM directions", *shape, *end])
     return [line for i, surface in enumerate(surfaces) for line in (f"SURF {i}", *surface)]
+
+
+def _shape(asphere: Asphere) -> list[str]:
+    """The mirror's own lines, the same for both surfaces that have its shape."""
+    lines = [f"  CURV {_number(asphere.curvature)} 0 0 0 0", f"  CONI {_number(asphere.conic)}"]
+    if asphere.is_extended:
+        data = (float(len(asphere.coefficients)), asphere.normalization_mm, *asphere.coefficients)
+        kind = "XASPHERE" if asphere.kind == "even" else "XOSPHERE"
+        rest = [f'  XDAT {i} {_number(a)} 0 0 1 0 0 ""' for i, a in enumerate(data, start=1)]
+    else:
+        kind = "EVENASPH" if asphere.kind == "even" else "ODDASPHE"
+        rest = [f"  PARM {i} {_number(a)}" for i, a in enumerate(asphere.coefficients, start=1)]
+    return [f"  TYPE {kind}", *lines, *rest]
 
 
 def _flat(thickness: float, radius: float, kind: str = "STANDARD") -> list[str]:
