@@ -16,6 +16,7 @@ from typing import ClassVar, Literal, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .distortion import Coefficients, distorted, distorted_radius, fold, shrinkage, undistorted, undistorted_radius
 from .errors import InvalidParameter
 from .parameters import Parameter
 
@@ -48,12 +49,45 @@ class Lens(ABC):
     focus_distance_mm: float
 
     @abstractmethod
-    def image_height(self, x: Array, w: Array) -> Array:
-        """Image height h (mm) of the mirror point at distance x from the axis (Eq. 7)."""
+    def ideal_height(self, x: Array, w: Array) -> Array:
+        """Image height (mm) of the mirror point at distance x from the axis under a lens without distortion (Eq. 7)."""
 
     @abstractmethod
+    def ideal_height_rate(self, x: Array, w: Array, slope: Array) -> Array:
+        """Its derivative by x along the meridian, dimensionless."""
+
+    def image_height(self, x: Array, w: Array) -> Array:
+        """Image height h (mm) of the mirror point at distance x from the axis: Eq. 7, and radial distortion."""
+        return self.distorted_height(self.ideal_height(x, w))
+
     def image_height_rate(self, x: Array, w: Array, slope: Array) -> Array:
         """dh/dx along the meridian, dimensionless."""
+        return self.stretch(self.ideal_height(x, w))[0] * self.ideal_height_rate(x, w, slope)
+
+    @property
+    def is_symmetric(self) -> bool:
+        """Whether its picture is the same all about the axis."""
+        return True
+
+    def distorted(self, ideal: Array) -> Array:
+        """Where (.., 2) mm image points (.., 2) of a lens without distortion really are; NaN where they are not."""
+        return ideal
+
+    def undistorted(self, image: Array) -> Array:
+        """Where (.., 2) mm image points (.., 2) would be without distortion; NaN where nothing is sent."""
+        return image
+
+    def distorted_height(self, ideal: Array) -> Array:
+        """Image heights (n,) mm of those without distortion; radial distortion alone."""
+        return ideal
+
+    def undistorted_height(self, h: Array) -> Array:
+        """The inverse of :meth:`distorted_height`; NaN where nothing is sent."""
+        return h
+
+    def stretch(self, ideal: Array) -> tuple[Array, Array]:
+        """By how much distortion widens the picture tangentially and sagittally at ideal heights (n,) mm."""
+        return np.ones_like(ideal), np.ones_like(ideal)
 
     @abstractmethod
     def eyes(self, pupil: Array) -> Array:
@@ -78,6 +112,10 @@ class Lens(ABC):
     @abstractmethod
     def image_of(self, points: Array, directions: Array) -> Array:
         """Image points (n, 2) mm of rays from the mirror, given by points and directions (n, 3) on them."""
+
+    def falloff(self, image: Array) -> Array:
+        """Natural vignetting (n,) at image points (n, 2) mm: what arrives of an even light, against the axis."""
+        return np.ones(image.shape[:-1])
 
     @abstractmethod
     def blur(self, L: ArrayLike, focus: ArrayLike | None = None, mode: BlurMode = "exact") -> Array:
@@ -108,7 +146,10 @@ class Lens(ABC):
 
 @dataclass(frozen=True)
 class Perspective(Lens):
-    """An ordinary lens: ``h = b0 tan(theta)``, ``1/b0 = 1/f - 1/L0``.
+    """An ordinary lens: ``h = b0 tan(theta)``, ``1/b0 = 1/f - 1/L0``; distorted, if it is, as OpenCV states it.
+
+    Distortion moves what an ideal thin lens shows, whole cones of light at a time
+    (:mod:`omnimirror.distortion`); a blur grows and shrinks with the picture about it.
 
     >>> lens = Perspective(focal_length_mm=11.6, f_number=4.0, focus_distance_mm=212.0)
     >>> round(lens.image_distance, 4), round(lens.image_f_number(), 4)
@@ -118,6 +159,11 @@ class Perspective(Lens):
     focal_length_mm: float
     f_number: float
     focus_distance_mm: float
+    k1: float = 0.0
+    k2: float = 0.0
+    k3: float = 0.0
+    p1: float = 0.0
+    p2: float = 0.0
 
     KIND: ClassVar[str] = "perspective"
     TELECENTRIC: ClassVar[bool] = False
@@ -125,6 +171,11 @@ class Perspective(Lens):
         "focal_length_mm": Parameter("mm", 1e-2, 1e5, "focal length (f)"),
         "f_number": F_NUMBER,
         "focus_distance_mm": FOCUS,
+        "k1": Parameter("", -100.0, 100.0, "radial distortion as in OpenCV, none by default: r^2 of the tangent"),
+        "k2": Parameter("", -1e4, 1e4, "radial distortion, r^4"),
+        "k3": Parameter("", -1e6, 1e6, "radial distortion, r^6"),
+        "p1": Parameter("", -1.0, 1.0, "tangential distortion"),
+        "p2": Parameter("", -1.0, 1.0, "tangential distortion"),
     }
 
     def __post_init__(self) -> None:
@@ -147,11 +198,48 @@ class Perspective(Lens):
         """L_inf = f^2 / (delta F), mm, for a permissible blur delta in mm."""
         return self.focal_length_mm**2 / (tolerance * self.f_number)
 
-    def image_height(self, x: Array, w: Array) -> Array:
+    def ideal_height(self, x: Array, w: Array) -> Array:
         return self.image_distance * x / w
 
-    def image_height_rate(self, x: Array, w: Array, slope: Array) -> Array:
+    def ideal_height_rate(self, x: Array, w: Array, slope: Array) -> Array:
         return self.image_distance * (w - x * slope) / w**2
+
+    @property
+    def brown(self) -> Coefficients:
+        """Its distortion."""
+        return self.k1, self.k2, self.k3, self.p1, self.p2
+
+    @property
+    def is_symmetric(self) -> bool:
+        return not (self.p1 or self.p2)
+
+    def distorted(self, ideal: Array) -> Array:
+        return self.image_distance * distorted(ideal / self.image_distance, self.brown) if any(self.brown) else ideal
+
+    def undistorted(self, image: Array) -> Array:
+        return self.image_distance * undistorted(image / self.image_distance, self.brown) if any(self.brown) else image
+
+    def distorted_height(self, ideal: Array) -> Array:
+        k, b0 = self.brown[:3], self.image_distance
+        if not any(k):
+            return ideal
+        tangent, last = ideal / b0, fold(k)
+        if (tangent > last).any():
+            raise InvalidParameter(
+                f"k1, k2, k3 = {k[0]:g}, {k[1]:g}, {k[2]:g} fold the picture over at {np.degrees(np.arctan(last)):.4g} "
+                f"deg from the lens's axis, and the mirror reaches {np.degrees(np.arctan(np.max(tangent))):.4g} deg; "
+                "distortion is valid if the picture grows up to there"
+            )
+        return b0 * distorted_radius(tangent, k)[0]
+
+    def undistorted_height(self, h: Array) -> Array:
+        return self.image_distance * undistorted_radius(h / self.image_distance, self.brown[:3])
+
+    def stretch(self, ideal: Array) -> tuple[Array, Array]:
+        tangent = ideal / self.image_distance
+        radius, rate = distorted_radius(tangent, self.brown[:3])
+        with np.errstate(invalid="ignore"):
+            return rate, np.where(tangent == 0.0, 1.0, radius / tangent)
 
     @property
     def aperture_radius(self) -> float:
@@ -165,13 +253,19 @@ class Perspective(Lens):
         return np.broadcast_to(self.aperture_radius * np.eye(2, 3), (len(pupil), 2, 3))
 
     def rays(self, image: Array, pupil: Array) -> tuple[Array, Array]:
-        origins = self.eyes(pupil)
-        in_focus = np.concatenate([image / self.image_distance, np.ones((len(image), 1))], axis=1)
+        origins, ideal = self.eyes(pupil), self.undistorted(image)
+        in_focus = np.concatenate([ideal / self.image_distance, np.ones((len(ideal), 1))], axis=1)
         return origins, in_focus - origins / self.focus_distance_mm
 
     def image_of(self, points: Array, directions: Array) -> Array:
         L0 = self.focus_distance_mm
-        return self.image_distance / L0 * _crossing(points, directions, L0)
+        return self.distorted(self.image_distance / L0 * _crossing(points, directions, L0))
+
+    def falloff(self, image: Array) -> Array:
+        """cos^4(theta), and more where distortion packs more of the world into an area of the picture."""
+        ideal = self.undistorted(image) / self.image_distance
+        cos4: Array = (1 + (ideal**2).sum(axis=-1)) ** -2
+        return cos4 * shrinkage(ideal, self.brown)
 
     def blur(self, L: ArrayLike, focus: ArrayLike | None = None, mode: BlurMode = "exact") -> Array:
         L0 = np.asarray(self.focus_distance_mm if focus is None else focus, dtype=float)
@@ -221,10 +315,10 @@ class Orthographic(Lens):
     def image_f_number(self) -> float:
         return self.working_f_number
 
-    def image_height(self, x: Array, w: Array) -> Array:
+    def ideal_height(self, x: Array, w: Array) -> Array:
         return self.magnification * x
 
-    def image_height_rate(self, x: Array, w: Array, slope: Array) -> Array:
+    def ideal_height_rate(self, x: Array, w: Array, slope: Array) -> Array:
         return np.full_like(x, self.magnification)
 
     @property

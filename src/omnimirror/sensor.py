@@ -132,26 +132,35 @@ class Sensor:
 
     def x_from_height_px(self, h_px: ArrayLike) -> Array:
         """Mirror point (mm) of image heights (n,) in px; OutsideField beyond the rim's image."""
-        h_mm = np.asarray(h_px, dtype=float) * self.imager.pitch_mm
+        h_mm = self.lens.undistorted_height(np.asarray(h_px, dtype=float) * self.imager.pitch_mm)
+        return self._x_from_ideal_mm(h_mm)
+
+    def _x_from_ideal_mm(self, h_mm: Array) -> Array:
+        """Mirror point (mm) of image heights (n,) mm without distortion."""
         if isinstance(self.lens, Perspective):
             return self.meridian.x_from_tan_theta(h_mm / self.lens.image_distance)
-        unit = self.lens.image_height(np.ones(1), np.full(1, np.inf))[0]
+        unit = self.lens.ideal_height(np.ones(1), np.full(1, np.inf))[0]
         return self.meridian.x_from_first(h_mm / unit)
 
     def radius_from_centre_px(self, pixels: Array) -> Array:
-        """Image heights (n,) of pixels (n, 2), px."""
-        return np.hypot(*self._from_centre(pixels))
+        """Image heights (n,) of pixels (n, 2), px; what a lens's tangential distortion adds is taken away."""
+        image = np.stack(self.from_centre_px(pixels), axis=-1)
+        if self.lens.is_symmetric:
+            return np.hypot(image[..., 0], image[..., 1])
+        ideal = self.lens.undistorted(image * self.imager.pitch_mm)
+        return self.lens.distorted_height(np.hypot(ideal[..., 0], ideal[..., 1])) / self.imager.pitch_mm
 
     @property
     def rim_radius_px(self) -> float:
         """Radius of the image of the rim, px."""
-        return self._edges_px[1]
+        return float(self.lens.distorted_height(np.array(self._edges_mm[1])) / self.imager.pitch_mm)
 
     @cached_property
-    def _edges_px(self) -> tuple[float, float]:
-        """Radii of the image of the field's ends, px; the inner one is 0 unless bore or secondary hide the middle."""
-        ends = np.array([self.meridian.x_min, self.mirror.rim_radius_mm])
-        inner, outer = self.image_height_px(self.meridian.trace(ends))
+    def _edges_mm(self) -> tuple[float, float]:
+        """Image heights of the field's ends without distortion; the first is 0 unless something hides the middle."""
+        first = self.meridian.trace(np.array([self.meridian.x_min, self.mirror.rim_radius_mm])).first
+        inner, outer = self.lens.ideal_height(first.x, first.w)
+        self.lens.distorted_height(np.array([outer]))  # proves that distortion does not fold the picture over
         return float(inner), float(outer)
 
     # -- as a camera ---------------------------------------------------------------------------
@@ -163,8 +172,8 @@ class Sensor:
 
     @property
     def symmetry(self) -> AxialSymmetry | None:
-        """The mirror axis, about which the sensor is symmetric; None for a decentred or tilted mirror."""
-        if not self.mirror_pose.is_axial:
+        """The mirror axis, about which the sensor is symmetric; None for a decentred or tilted mirror or lens."""
+        if not (self.mirror_pose.is_axial and self.lens.is_symmetric):
             return None
 
         def rays(omega: Array) -> ChiefRays:
@@ -214,14 +223,15 @@ class Sensor:
         pixels = np.asarray(pixels, dtype=float)
         if not self.mirror_pose.is_axial:
             return self.aperture_rays(pixels, np.zeros(2))
-        du, dv = self._from_centre(pixels)
-        radius = np.hypot(du, dv)
-        inner, outer = self._edges_px
+        image = np.stack(self.from_centre_px(pixels), axis=-1) * self.imager.pitch_mm
+        radius, cos, sin = _unit(*np.moveaxis(self.lens.undistorted(image), -1, 0))
+        inner, outer = self._edges_mm
         valid = inside_image(pixels, self.image_size)
-        valid &= (radius >= inner * (1 - ROUNDING)) & (radius <= outer * (1 + ROUNDING))
+        with np.errstate(invalid="ignore"):  # a lens that distorts sends nothing to some pixels
+            valid &= (radius >= inner * (1 - ROUNDING)) & (radius <= outer * (1 + ROUNDING))
         origins, directions = np.full((2, *radius.shape, 3), np.nan)
-        rays = self.meridian.trace(self.x_from_height_px(np.clip(radius[valid], inner, outer)))
-        _, cos, sin = _unit(du[valid], dv[valid])
+        rays = self.meridian.trace(self._x_from_ideal_mm(np.clip(radius[valid], inner, outer)))
+        cos, sin = cos[valid], sin[valid]
         s, z = np.sin(rays.omega), rays.z + self.mirror_pose.displacement_mm
         rotation = self._axes.T
         origins[valid] = np.stack([rays.x * cos, rays.x * sin, z], axis=-1) @ rotation
@@ -254,8 +264,10 @@ class Sensor:
         """Pixels of mirror points (n,) at azimuths; NaN in, not valid out."""
         offsets = np.full((*x_mirror.shape, 2), np.nan)
         seen = np.isfinite(x_mirror)
-        radius = self.image_height_px(self.meridian.trace(x_mirror[seen]))
-        offsets[seen] = np.stack([radius * cos[seen], radius * sin[seen]], axis=-1)
+        first = self.meridian.trace(x_mirror[seen]).first
+        radius = self.lens.ideal_height(first.x, first.w)
+        ideal = np.stack([radius * cos[seen], radius * sin[seen]], axis=-1)
+        offsets[seen] = self.lens.distorted(ideal) / self.imager.pitch_mm
         return self._in_picture(offsets)
 
     # -- in space ------------------------------------------------------------------------------
@@ -286,9 +298,9 @@ class Sensor:
     def lens_rays(self, pixels: Array, pupil: Array) -> tuple[Array, Array]:
         """Origins and directions (n, 3) of rays from pixels (n, 2) through aperture points (n, 2) to the mirror.
 
-        In the camera frame; the lens is thin and ideal, and its aperture the unit disk.
+        In the camera frame; the lens is thin and ideal but for its distortion, and its aperture the unit disk.
         """
-        return self.lens_rays_of_image(np.stack(self._from_centre(pixels), axis=-1) * self.imager.pitch_mm, pupil)
+        return self.lens_rays_of_image(np.stack(self.from_centre_px(pixels), axis=-1) * self.imager.pitch_mm, pupil)
 
     def lens_rays_of_image(self, image_mm: Array, pupil: Array) -> tuple[Array, Array]:
         """The same for image points (n, 2) mm from the optical axis, right and down in the unflipped picture."""
@@ -351,8 +363,8 @@ class Sensor:
         pixels[~valid] = np.nan
         return Projection(pixels, valid)
 
-    def _from_centre(self, pixels: Array) -> tuple[Array, Array]:
-        """Offsets from the optical axis (px), right and down in the unflipped picture."""
+    def from_centre_px(self, pixels: Array) -> tuple[Array, Array]:
+        """Offsets (n,), (n,) px of pixels (n, 2) from the optical axis, right and down in the unflipped picture."""
         u, v = self.imager.centre
         columns = pixels[..., 0]
         if self.mount.image_flipped:

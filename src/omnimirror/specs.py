@@ -186,9 +186,10 @@ def _annotation(hint: Any, p: Parameter) -> Any:
 
 
 def _table(part: Any) -> dict[str, Any]:
-    """A part's parameters, as the file holds them."""
+    """A part's parameters, as the file holds them; what is 0 or nothing unless given is left out."""
     values = {name: getattr(part, name) for name in part.PARAMETERS}
-    return {k: list(v) if isinstance(v, tuple) else v for k, v in values.items() if v is not None}
+    unset = {f.name for f in dataclasses.fields(part) if f.default in (None, 0.0) and values.get(f.name) == f.default}
+    return {k: list(v) if isinstance(v, tuple) else v for k, v in values.items() if k not in unset}
 
 
 # -- checks, each error with its place in the file ---------------------------------------------------

@@ -18,7 +18,8 @@ struct Optics {
     // the lens: tangents of a pixel (offsets in mm under a telecentric lens) are scale (pixel - centre)
     bool telecentric = false;
     float centre[2] = {0, 0}, scale[2] = {1, 1};
-    float distortion[3] = {0, 0, 0};  // of tangents, by 1 + d0 r^2 + d1 r^4 + d2 r^6
+    float distortion[5] = {0, 0, 0, 0, 0};  // Brown's k1, k2, k3, p1, p2, of tangents without it
+    float fold = 1e3f;                // the tangent at which it folds the picture over
     float focus = 1;                  // to the plane in focus
     float stop = 0;                   // radius of the aperture; tangent of the cone's half angle if telecentric
     // the mirror's vertex in the camera frame, and its axes as rows; right, down, away from the lens

@@ -97,17 +97,52 @@ void place(const Exposure& e, int row, int64_t first, Bundle& r) {
     }
 }
 
+// Takes the lens's distortion away from tangents, and keeps how it crowds light: by Newton's rule, first along
+// the radius, where the fold bounds it, then in both coordinates. What no ray is sent to is put far away, dark.
+void undistort(const Optics& o, Bundle& r) {
+    const float k1 = o.distortion[0], k2 = o.distortion[1], k3 = o.distortion[2];
+    const float p1 = o.distortion[3], p2 = o.distortion[4];
+    OMNIMIRROR_EACH_LANE(i) {
+        const float wanted_x = r.tx[i], wanted_y = r.ty[i], wanted = root(wanted_x * wanted_x + wanted_y * wanted_y);
+        float radius = wanted < o.fold ? wanted : o.fold;
+        for (int step = 0; step < 8; ++step) {
+            const float s = radius * radius, bend = 1 + s * (k1 + s * (k2 + s * k3));
+            const float rate = 1 + s * (3 * k1 + s * (5 * k2 + s * 7 * k3));
+            radius -= (radius * bend - wanted) / (rate > 0.01f ? rate : 0.01f);
+            radius = radius < o.fold ? positive(radius) : o.fold;
+        }
+        const float inwards = radius / (wanted + 1e-30f);
+        float x = wanted_x * inwards, y = wanted_y * inwards, left_x = 0, left_y = 0, area = 1;
+        for (int step = 0; step < 3; ++step) {
+            const float s = x * x + y * y, bend = 1 + s * (k1 + s * (k2 + s * k3)), turn = k1 + s * (2 * k2 + s * 3 * k3);
+            left_x = x * bend + 2 * p1 * x * y + p2 * (s + 2 * x * x) - wanted_x;
+            left_y = y * bend + p1 * (s + 2 * y * y) + 2 * p2 * x * y - wanted_y;
+            const float xx = bend + 2 * x * x * turn + 2 * p1 * y + 6 * p2 * x, xy = 2 * (x * y * turn + p1 * x + p2 * y);
+            const float yy = bend + 2 * y * y * turn + 6 * p1 * y + 2 * p2 * x;
+            area = xx * yy - xy * xy;
+            const float inverse = 1 / (area > 1e-3f ? area : 1e-3f);
+            x -= inverse * (yy * left_x - xy * left_y), y -= inverse * (xx * left_y - xy * left_x);
+        }
+        const float miss = absolute(left_x) + absolute(left_y);
+        const bool found = (miss < 1e-5f * (1 + wanted)) & (x * x + y * y <= o.fold * o.fold) & (area > 0);
+        r.tx[i] = found ? x : 1e3f, r.ty[i] = found ? y : 1e3f;
+        r.weight[i] = found ? 1 / area : 0;
+    }
+}
+
 // From the pixel through the aperture towards the point in focus.
 void through_lens(const Optics& o, Bundle& r) {
     const float perspective = o.telecentric ? 0.f : 1.f;
     OMNIMIRROR_EACH_LANE(i) {
-        const float x = o.scale[0] * (r.u[i] - o.centre[0]), y = o.scale[1] * (r.v[i] - o.centre[1]);
-        const float r2 = x * x + y * y;
-        const float bend = 1 + r2 * (o.distortion[0] + r2 * (o.distortion[1] + r2 * o.distortion[2]));
-        const float tx = bend * x, ty = bend * y;
+        r.tx[i] = o.scale[0] * (r.u[i] - o.centre[0]), r.ty[i] = o.scale[1] * (r.v[i] - o.centre[1]);
+        r.weight[i] = 1;
+    }
+    const float* d = o.distortion;
+    if (d[0] != 0 || d[1] != 0 || d[2] != 0 || d[3] != 0 || d[4] != 0) undistort(o, r);
+    OMNIMIRROR_EACH_LANE(i) {
+        const float tx = r.tx[i], ty = r.ty[i];
         const float radius = o.stop * root(r.a[i]), turn = r.b[i] - 0.5f;
         const float ax = radius * cosine_of(turn), ay = radius * sine_of(turn);
-        r.tx[i] = tx, r.ty[i] = ty;
         // towards (tx, ty, 1) focus from (ax, ay, 0); telecentric: through (tx, ty, focus) with slopes (ax, ay)
         r.ox[i] = perspective * ax + (1 - perspective) * tx;
         r.oy[i] = perspective * ay + (1 - perspective) * ty;
@@ -116,7 +151,7 @@ void through_lens(const Optics& o, Bundle& r) {
         r.dy[i] = perspective * (o.focus * ty - ay) + (1 - perspective) * ay;
         r.dz[i] = perspective * o.focus + (1 - perspective);
         const float cos2 = 1 / (1 + perspective * (tx * tx + ty * ty));
-        r.weight[i] = 1 - o.natural_vignetting * (1 - cos2 * cos2);
+        r.weight[i] = r.weight[i] > 0 ? 1 - o.natural_vignetting * (1 - cos2 * cos2 * r.weight[i]) : 0;
     }
 }
 

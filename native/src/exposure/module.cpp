@@ -37,8 +37,8 @@ void copy(const Numbers<N>& from, float (&to)[N]) {
     std::copy(from.begin(), from.end(), to);
 }
 
-OwnedOptics* make_optics(bool telecentric, Numbers<2> centre, Numbers<2> scale, Numbers<3> distortion, float focus,
-                         float stop, Numbers<3> vertex, Numbers<9> axes, bool aligned, float curvature, float conic,
+OwnedOptics* make_optics(bool telecentric, Numbers<2> centre, Numbers<2> scale, Numbers<5> distortion, float fold,
+                         float focus, float stop, Numbers<3> vertex, Numbers<9> axes, bool aligned, float curvature, float conic,
                          float rim, const Floats& nodes, Numbers<8> reflectance, float natural_vignetting,
                          float body_z, float body_radius, Numbers<2> rod_z, Numbers<2> rod_radius,
                          Numbers<3> hardware_light, bool sees_past, Numbers<9> rotation, Numbers<3> shift) {
@@ -47,7 +47,7 @@ OwnedOptics* make_optics(bool telecentric, Numbers<2> centre, Numbers<2> scale, 
     require(rim > 0, "the rim's radius is above 0");
     auto owned = std::make_unique<OwnedOptics>();
     Optics& o = owned->optics;
-    o.telecentric = telecentric, o.focus = focus, o.stop = stop, o.aligned = aligned;
+    o.telecentric = telecentric, o.focus = focus, o.fold = fold, o.stop = stop, o.aligned = aligned;
     o.curvature = curvature, o.conic = conic, o.rim = rim, o.natural_vignetting = natural_vignetting;
     o.body_z = body_z, o.body_radius = body_radius, o.sees_past = sees_past;
     copy(centre, o.centre), copy(scale, o.scale), copy(distortion, o.distortion), copy(vertex, o.vertex);
@@ -118,8 +118,8 @@ void expose_rays(const OwnedOptics& optics, const Floats& points, bool shifted, 
 
 void add_exposure(nb::module_& m) {
     nb::class_<OwnedOptics>(m, "Optics")
-        .def(nb::new_(&make_optics), nb::kw_only(), "telecentric"_a, "centre"_a, "scale"_a, "distortion"_a, "focus"_a,
-             "stop"_a, "vertex"_a, "axes"_a, "aligned"_a, "curvature"_a, "conic"_a, "rim"_a, "nodes"_a,
+        .def(nb::new_(&make_optics), nb::kw_only(), "telecentric"_a, "centre"_a, "scale"_a, "distortion"_a, "fold"_a,
+             "focus"_a, "stop"_a, "vertex"_a, "axes"_a, "aligned"_a, "curvature"_a, "conic"_a, "rim"_a, "nodes"_a,
              "reflectance"_a, "natural_vignetting"_a, "body_z"_a, "body_radius"_a, "rod_z"_a, "rod_radius"_a,
              "hardware_light"_a, "sees_past"_a, "rotation"_a, "shift"_a);
     nb::class_<OwnedEnvironment>(m, "Environment").def(nb::new_(&make_environment), "light"_a);

@@ -111,11 +111,12 @@ class FocusStudy:
         """Blur with the lens focused at an object distance in mm."""
         sensor = replace(self.sensor, lens=self.sensor.lens.focused_at(focus_mm))
         h, rate = self.heights(sensor)
-        pitch = sensor.imager.pitch_mm
+        pitch, first = sensor.imager.pitch_mm, self.rays.first
         L_t, L_s = self.distances()
+        wider_t, wider_s = sensor.lens.stretch(sensor.lens.ideal_height(first.x, first.w))
         return Blur(
-            sensor.lens.blur(L_t, mode=self.mode) / pitch,
-            sensor.lens.blur(L_s, mode=self.mode) / pitch,
+            wider_t * sensor.lens.blur(L_t, mode=self.mode) / pitch,
+            wider_s * sensor.lens.blur(L_s, mode=self.mode) / pitch,
             imaging_characteristics(self.rays.omega, h, rate),
             self.rays.omega,
             sensor.lens.airy_diameter(self.wavelength_nm) / pitch,

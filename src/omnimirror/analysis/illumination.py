@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InvalidParameter
 from ..files import write_text
-from ..lenses import Perspective
 from ..mirrors.reflectivity import Reflectivity, reflectance
 from ..sensor import Sensor
 from .bundles import trace_bundles
@@ -96,16 +95,8 @@ def illumination(
     reflected = np.where(found.valid, reflectance(gamma, reflectivity), 0.0).reshape(k, n)
     on_axis = np.pi * transmission / (4 * sensor.lens.image_f_number() ** 2)
     filled = found.valid.reshape(k, n) @ pupil.weights
-    irradiance = on_axis * (reflected @ pupil.weights) * _cos4(sensor, np.hypot(*height.T))
+    irradiance = on_axis * (reflected @ pupil.weights) * sensor.lens.falloff(height)
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = (reflected @ pupil.weights) / filled
         relative = irradiance / (on_axis * reflectance([0.0], reflectivity)[0])
     return Illumination(chief.omega_deg, chief.azimuth_deg, irradiance, relative, mean, filled)
-
-
-def _cos4(sensor: Sensor, height_mm: Array) -> Array:
-    """cos^4(theta) (k,) of image heights."""
-    if not isinstance(sensor.lens, Perspective):
-        return np.ones_like(height_mm)
-    falloff: Array = (1 + (height_mm / sensor.lens.image_distance) ** 2) ** -2
-    return falloff

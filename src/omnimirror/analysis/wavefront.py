@@ -157,12 +157,17 @@ def wavefronts(bundles: Bundles, focus_mm: float) -> list[Wavefront]:
 
 
 def working_f_numbers(sensor: Sensor, height_mm: float) -> tuple[float, float]:
-    """Tangential and sagittal F-number (F_w / cos^3, F_w / cos) of the cone of light at an image height."""
+    """Tangential and sagittal F-number (F_w / cos^3, F_w / cos) of the cone of light at an image height.
+
+    Where distortion widens the picture it narrows the cone as much.
+    """
     F = sensor.lens.image_f_number()
     if not isinstance(sensor.lens, Perspective):
         return F, F
-    cos = float(np.cos(np.arctan(height_mm / sensor.lens.image_distance)))
-    return F / cos**3, F / cos
+    ideal = sensor.lens.undistorted_height(np.array(height_mm))
+    wider_t, wider_s = map(float, sensor.lens.stretch(ideal))
+    cos = float(np.cos(np.arctan(ideal / sensor.lens.image_distance)))
+    return wider_t * F / cos**3, wider_s * F / cos
 
 
 def _phase(bundles: Bundles, sensor: Sensor, chief_mm: Array) -> Array:

@@ -215,13 +215,15 @@ def _trace_sensor(sensor: Sensor, plan: Samples, hardware: Hardware, rows: slice
     hit = found.valid
     points, directions = np.where(hit[:, None], found.points, start), np.where(hit[:, None], found.directions, towards)
     fate = np.where(hit, REFLECTED, DIRECT if hardware.sees_past else LOST).astype(np.uint8)
+    fate[~np.isfinite(towards[:, 2])] = LOST  # where distortion folds the picture over
     chief = sensor.lens_rays(pixels, 0 * pupil)[1]
     hidden = hardware.hides(points - sensor.lens_offset, directions, -chief)
     fate[hidden & hit] = HIDDEN
-    cos2 = chief[:, 2] ** 2 / (chief**2).sum(axis=1)
     turned = np.einsum("ni,ni->n", towards, directions) / np.linalg.norm(towards, axis=1)
     gamma = np.pi / 2 - np.arccos(np.clip(turned / np.linalg.norm(directions, axis=1), -1, 1)) / 2
-    weight = (1 - hardware.vignetting * (1 - cos2**2)) * np.where(hit, hardware.returned(gamma), 1.0)
+    image = np.stack(sensor.from_centre_px(pixels), axis=-1) * sensor.imager.pitch_mm
+    weight = (1 - hardware.vignetting * (1 - sensor.lens.falloff(image))) * np.where(hit, hardware.returned(gamma), 1.0)
+    weight[fate == LOST] = 0.0
     rotation = sensor.mount.rotation().T
     return Bundle(
         (points @ rotation).reshape(*shape, 3),

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..dewarp.native import compiled
+from ..distortion import fold
 from ..lenses import Lens, Orthographic, Perspective
 from ..mirrors import Mirror
 from ..sensor import Sensor
@@ -17,6 +18,8 @@ from .hardware import Hardware
 Array = NDArray[np.float64]
 
 NODES = 2049  # along the meridian; between them sag is a cubic, good to a millionth of a millimetre
+NO_DISTORTION = (0.0, 0.0, 0.0, 0.0, 0.0)
+FARTHEST = 1e3  # tangent; nothing is seen there
 SAME_MM = 1e-9  # a conic that is the mirror, not one that is like it
 
 
@@ -28,6 +31,7 @@ def native_optics(sensor: Sensor, hardware: Hardware, blur: bool, heading: tuple
     mirror, pose, m = sensor.mirror, sensor.mirror_pose, -sensor.lens_offset[2]
     curvature, conic, nodes = _surface(mirror)
     rotation = sensor.mount.rotation()
+    brown = sensor.lens.brown if isinstance(sensor.lens, Perspective) else NO_DISTORTION
     scale = sensor.imager.pitch_mm * _object_scale(sensor.lens)
     u, v = sensor.imager.centre
     if sensor.mount.image_flipped:
@@ -36,7 +40,8 @@ def native_optics(sensor: Sensor, hardware: Hardware, blur: bool, heading: tuple
         telecentric=sensor.lens.TELECENTRIC,
         centre=(u, v),
         scale=(-scale if sensor.mount.image_flipped else scale, scale),
-        distortion=(0.0, 0.0, 0.0),
+        distortion=brown,
+        fold=min(fold(brown[:3]), FARTHEST),
         focus=sensor.lens.focus_distance_mm,
         stop=_stop(sensor.lens) if blur else 0.0,
         vertex=tuple(pose.shift - sensor.lens_offset),
@@ -87,8 +92,8 @@ def reflectance_series(hardware: Hardware, gamma_max: float) -> Array:
 
 
 def _object_scale(lens: Lens) -> float:
-    """Tangent of the viewing angle (mm under a telecentric lens) for each mm of the imager."""
-    return float(1 / lens.image_height(np.ones(1), np.ones(1))[0])
+    """Tangent of the viewing angle (mm under a telecentric lens) for each mm of the imager, without distortion."""
+    return float(1 / lens.ideal_height(np.ones(1), np.ones(1))[0])
 
 
 def _stop(lens: Lens) -> float:

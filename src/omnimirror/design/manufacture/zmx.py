@@ -86,7 +86,7 @@ def _system(sensor: Sensor) -> list[str]:
         heights = rays.x
     else:
         aperture = f"ENPD {_number(2 * cast(Perspective, sensor.lens).aperture_radius)}"
-        heights = -sensor.lens.image_height(rays.x, rays.w)  # the lens turns the image over
+        heights = -sensor.lens.ideal_height(rays.x, rays.w)  # the lens turns the image over, and does not distort
     return [
         aperture,
         "ENVD 20 1 0",
