@@ -1,26 +1,31 @@
-"""Write web/src/messages.ts, the page's types, from the server's messages: one schema for both sides."""
+"""Write the page's types (messages.ts) from the server's messages: one schema for both sides."""
 
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from pydantic.json_schema import models_json_schema
 
 from omnimirror.studio import messages
+from omnimirror.studio.bench import messages as bench
 
-PLACE = Path(__file__).parent / "src" / "messages.ts"
-HEAD = "// Made by web/message_types.py from omnimirror.studio.messages; not to be edited.\n"
+PLACES = {messages: "messages.ts", bench: "bench/messages.ts"}
+SOURCES = Path(__file__).parent / "src"
+HEAD = "// Made by web/message_types.py from {}; not to be edited.\n"
 SIMPLE = {"string": "string", "number": "number", "integer": "number", "boolean": "boolean", "null": "null"}
 
 
-def typescript() -> str:
-    """The text of the file."""
-    models = [m for m in vars(messages).values() if isinstance(m, type) and issubclass(m, messages.Message)]
+def typescript(module: ModuleType = messages) -> str:
+    """The text of the file of a module's messages."""
+    models = [m for m in vars(module).values() if isinstance(m, type) and issubclass(m, messages.Message)]
     chosen = [(m, "serialization") for m in models if m is not messages.Message]
     _, schema = models_json_schema(chosen)
-    return HEAD + "".join(_interface(name, model) for name, model in sorted(schema["$defs"].items()))
+    return HEAD.format(module.__name__) + "".join(
+        _interface(name, model) for name, model in sorted(schema["$defs"].items())
+    )
 
 
 def _interface(name: str, model: dict[str, Any]) -> str:
@@ -41,6 +46,8 @@ def _type(kind: dict[str, Any]) -> str:
         return f'"{kind["const"]}"'
     if "enum" in kind:
         return " | ".join(f'"{value}"' for value in kind["enum"])
+    if kind.get("type") == "object":
+        return "Record<string, any>"
     if kind["type"] == "array":
         if "prefixItems" in kind:
             return f"[{', '.join(_type(k) for k in kind['prefixItems'])}]"
@@ -50,4 +57,5 @@ def _type(kind: dict[str, Any]) -> str:
 
 if __name__ == "__main__":
     argparse.ArgumentParser(description=__doc__).parse_args()
-    PLACE.write_text(typescript(), encoding="utf-8")
+    for module, name in PLACES.items():
+        (SOURCES / name).write_text(typescript(module), encoding="utf-8")

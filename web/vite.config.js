@@ -19,15 +19,23 @@ const inline = {
   },
 };
 
-export default defineConfig({
+const server = { proxy: { "/api": { target: "http://127.0.0.1:8765", ws: true }, "/health": "http://127.0.0.1:8765" } };
+const build = { outDir: "../src/omnimirror/studio/page", modulePreload: false, cssCodeSplit: false, target: "es2022" };
+
+/** The design bench is a script of its own, which the page fetches when it is wanted. */
+const bench = {
   base: "./",
-  plugins: [inline],
   build: {
-    outDir: "../src/omnimirror/studio/page",
-    emptyOutDir: true,
-    modulePreload: false,
-    cssCodeSplit: false,
-    target: "es2022",
+    ...build,
+    emptyOutDir: false,
+    rollupOptions: {
+      input: "src/bench/bench.ts",
+      preserveEntrySignatures: "strict",
+      output: { entryFileNames: "bench.js" },
+    },
   },
-  server: { proxy: { "/api": { target: "http://127.0.0.1:8765", ws: true }, "/health": "http://127.0.0.1:8765" } },
-});
+};
+
+export default defineConfig(({ mode }) =>
+  mode === "bench" ? bench : { base: "./", plugins: [inline], build: { ...build, emptyOutDir: true }, server },
+);

@@ -85,6 +85,11 @@ def parse_sensor(text: str, source: str = "sensor file", folder: Path = Path()) 
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as e:
         raise SpecError(f"{source} is not valid TOML: {e}") from None
+    return sensor_of(data, where, folder)
+
+
+def sensor_of(data: dict[str, Any], where: Places, folder: Path = Path()) -> Sensor:
+    """A Sensor from the tables of a sensor file; ``where`` gives errors their place."""
     _check_table_names(data, where)
     parts: dict[str, Any] = {
         "mirror": _part("mirror", data, MIRRORS, folder, where),
@@ -114,10 +119,15 @@ def format_sensor(sensor: Sensor) -> str:
     >>> parse_sensor(format_sensor(sensor)) == sensor
     True
     """
+    return tomli_w.dumps(tables_of(sensor))
+
+
+def tables_of(sensor: Sensor) -> dict[str, Any]:
+    """The tables of the sensor's file, as plain data."""
     mount = dataclasses.asdict(sensor.mount)
     if np.isfinite(sensor.mirror_distance_mm):
         mount = {"mirror_distance_mm": sensor.mirror_distance_mm, **mount}
-    data = {
+    data: dict[str, Any] = {
         "format": FORMAT,
         "name": sensor.name,
         "notes": sensor.notes,
@@ -132,7 +142,7 @@ def format_sensor(sensor: Sensor) -> str:
     }
     if sensor.mirror_pose != MirrorPose():
         data["mirror_pose"] = _table(sensor.mirror_pose)
-    return tomli_w.dumps(data)
+    return data
 
 
 def save_sensor(sensor: Sensor, path: str | Path) -> None:

@@ -2,6 +2,7 @@ import * as api from "./api";
 import { NoWebGL } from "./gl/renderer";
 import { Look } from "./look";
 import { Store } from "./state";
+import { Tabs } from "./tabs";
 import { banner, say } from "./ui/dom";
 
 const HEARTBEAT_MS = 3000;
@@ -10,7 +11,7 @@ const AWAY = "The studio's server does not answer. What is shown stays; it goes 
 declare global {
   interface Window {
     /** For tests, and for whoever scripts the page. */
-    omnimirror?: { look: Look; store: Store };
+    omnimirror?: { look: Look; store: Store; tabs: Tabs };
   }
 }
 
@@ -35,14 +36,15 @@ function watchServer(look: Look): void {
 
 async function main(): Promise<void> {
   const store = new Store();
+  const tabs = new Tabs(store);
   let look: Look;
   try {
-    look = new Look(store);
+    look = tabs.look = new Look(store);
   } catch (e) {
     if (!(e instanceof NoWebGL)) throw e;
     return banner(e.message);
   }
-  window.omnimirror = { look, store };
+  window.omnimirror = { look, store, tabs };
   if (api.embedded()) return look.beginEmbedded();
   watchServer(look);
   await look.begin().catch((e: unknown) => look.fail(e));

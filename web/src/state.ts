@@ -25,6 +25,9 @@ export interface State {
   looks: Looks | null;
   forward: number | null;
   flipped: boolean | null;
+  tab: "look" | "design";
+  /** The design on the bench, as the bench writes it. */
+  design: string;
 }
 
 export const INITIAL: State = {
@@ -41,6 +44,8 @@ export const INITIAL: State = {
   looks: null,
   forward: null,
   flipped: null,
+  tab: "look",
+  design: "",
 };
 
 type Listener = (state: State, changed: Set<keyof State>) => void;
@@ -100,6 +105,8 @@ export function fromHash(hash: string): State {
     if (!Number.isNaN(x)) s[key] = x;
   };
   (["pan", "tilt", "hfov", "zoom", "distance", "height", "forward"] as const).forEach(number);
+  s.tab = parts.get("tab") === "design" ? "design" : "look";
+  s.design = parts.get("design") ?? s.design;
   s.source = parts.get("source") ?? s.source;
   s.sensor = parts.get("sensor") ?? s.sensor;
   const mode = parts.get("mode") as Mode | null;

@@ -148,7 +148,7 @@ def _orthographic(requirements: Requirements, choice: Choice) -> Made:
         name=requirements.name,
         notes=requirements.notes,
     )
-    made = _judged_part(requirements, sensor, placed)
+    made = judged(requirements, sensor, placed)
     return made if focus is not None else replace(made, sensor=_focused(requirements, made))
 
 
@@ -203,7 +203,7 @@ def _placed_before(requirements: Requirements, choice: Choice, placed: PlacedMir
         requirements.name,
         requirements.notes,
     )
-    made = _judged_part(requirements, sensor, placed)
+    made = judged(requirements, sensor, placed)
     return made if fixed is not None else replace(made, sensor=_focused(requirements, made))
 
 
@@ -215,7 +215,7 @@ def _focused(requirements: Requirements, made: Made) -> Sensor:
     return replace(made.sensor, lens=made.sensor.lens.focused_at(best.focus_mm))
 
 
-def _judged_part(requirements: Requirements, sensor: Sensor, placed: PlacedMirror) -> Made:
+def judged(requirements: Requirements, sensor: Sensor, placed: PlacedMirror) -> Made:
     low, high = sensor.field_deg
     radius = requirements.field.camera_radius_mm
     hidden = 0.0 if radius is None else hidden_deg(sensor, radius)

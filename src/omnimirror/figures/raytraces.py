@@ -118,12 +118,12 @@ def _lowest(subject: Subject) -> float:
 def _highest(subject: Subject) -> float:
     """Highest z (mm) of what the overview shows: the mirror, its depth of field, a lens behind it."""
     shown = [_top(subject), lens_height(subject)]
-    if _is_as_seen(subject):
+    if is_as_seen(subject):
         shown.append(min(focus_band(subject)[2], FAR_AWAY * subject.rim_mm))
     return max(shown)
 
 
-def _is_as_seen(subject: Subject) -> bool:
+def is_as_seen(subject: Subject) -> bool:
     """Whether the lens sees the mirror undistorted: directly, or in a flat one."""
     second = subject.sensor.secondary
     return second is None or isinstance(second.mirror, Flat)
@@ -133,7 +133,7 @@ def _close_up_window(subjects: Sequence[Subject]) -> Window:
     """Everything up to :data:`FAR_AWAY`: mirror, depth of field and virtual images."""
     points = []
     for s in subjects:
-        heights = [z for _, _, z, _ in _image_curves(s)]
+        heights = [z for _, _, z, _ in image_curves(s)]
         points += [z / s.rim_mm for z in (*heights, np.array([0.0, _top(s), *focus_band(s)]))]
     z = np.concatenate(points)
     z = z[np.isfinite(z) & (np.abs(z) < FAR_AWAY)]
@@ -163,7 +163,7 @@ def _draw_overview(ax: Axes, subject: Subject, labels: EndLabels) -> None:
     right, (bottom, top) = ax.get_xlim()[1], ax.get_ylim()
     ax.grid(False)
     ax.plot([0, 0], [bottom, top], color=GREY, linewidth=0.4, dashes=(8, 2, 1, 2))
-    if _is_as_seen(subject):
+    if is_as_seen(subject):
         _draw_band(ax, subject)
     _draw_mirror(ax, subject)
     _draw_secondary(ax, subject)
@@ -171,7 +171,7 @@ def _draw_overview(ax: Axes, subject: Subject, labels: EndLabels) -> None:
     marks = subject.marks
     for x, z, omega in zip(marks.x_mm, marks.z_mm, marks.omega_deg, strict=True):
         xs, zs = _incoming(x, z, np.radians(omega), right, bottom, top)
-        way = [(xs, zs), (x, z), *_to_lens(subject, x, lens)]
+        way = [(xs, zs), (x, z), *way_to_lens(subject, x, lens)]
         ax.plot(*np.transpose(way), color=subject.colour, linewidth=0.6, gid=f"{subject.name}:ray:{omega:g}")
         if xs >= right * (1 - 1e-9):
             labels.at(ax, right, zs, f"{omega:g}°", subject.colour)
@@ -180,7 +180,7 @@ def _draw_overview(ax: Axes, subject: Subject, labels: EndLabels) -> None:
             ax.text(xs + 0.05 * M, y, f"{omega:g}°", size=6, va=va, color=subject.colour)
 
 
-def _to_lens(subject: Subject, x: float, lens: float) -> list[tuple[float, float]]:
+def way_to_lens(subject: Subject, x: float, lens: float) -> list[tuple[float, float]]:
     """Places (x, z) that a chief ray goes by from its mirror point to the lens."""
     first = subject.sensor.meridian.trace(x).first
     at = float(first.x)
@@ -227,10 +227,10 @@ def _draw_close_up(ax: Axes, subject: Subject, labels: EndLabels) -> None:
     the first mirror makes them: they are drawn where it sees them, and the first mirror, bent too, is not.
     """
     _draw_band(ax, subject)
-    if _is_as_seen(subject):
+    if is_as_seen(subject):
         _draw_mirror(ax, subject)
     beyond = []
-    for name, x, z, look in _image_curves(subject):
+    for name, x, z, look in image_curves(subject):
         label = f"{name[0]}$_{{{name[1:]}}}$"
         (line,) = ax.plot(x, z, color=subject.colour, gid=f"{subject.name}:{name}", **look)  # type: ignore[arg-type]
         ax.plot(-x, z, color=subject.colour, **look)  # type: ignore[arg-type]
@@ -247,7 +247,7 @@ def _draw_close_up(ax: Axes, subject: Subject, labels: EndLabels) -> None:
     ax.set_title(text, fontsize=6, fontweight="normal", color=BAND_INK, pad=3)
 
 
-def _image_curves(subject: Subject) -> list[tuple[str, Array, Array, dict[str, object]]]:
+def image_curves(subject: Subject) -> list[tuple[str, Array, Array, dict[str, object]]]:
     """Name, x and z (mm) and look of the four curves of virtual images as the lens sees them; NaN at infinity."""
     omega = subject.curve.omega_deg
     far, near = subject.curve, subject.at(omega, NEAR * subject.rim_mm)

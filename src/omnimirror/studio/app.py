@@ -20,6 +20,7 @@ from ..frames import CameraLooks, Mount
 from ..media import read_image
 from ..sensor import Sensor
 from .access import Guard, policy_of
+from .bench.routes import add_bench
 from .cameras import Cameras, Known
 from .messages import CameraModel, Health, Problem, SensorEntry, SensorFile, Start, StreamState
 from .sources import Sources
@@ -35,7 +36,7 @@ from .uploads import (
     encoded,
     safe_name,
 )
-from .viewer import page_text
+from .viewer import bench_text, page_text
 
 BYTES: dict[str, Any] = {"application/octet-stream": {}}
 PNG: dict[str, Any] = {"image/png": {}}
@@ -98,6 +99,7 @@ def api(studio: Studio) -> FastAPI:
     _add_cameras(app, studio)
     _add_pictures(app, studio)
     _add_streams(app, studio)
+    add_bench(app, FILE_BODY)
     return app
 
 
@@ -105,6 +107,10 @@ def _add_page(app: FastAPI, studio: Studio) -> None:
     @app.get("/", response_class=HTMLResponse, include_in_schema=False)
     def page() -> HTMLResponse:
         return HTMLResponse(page_text(), headers={"cache-control": "no-cache"})
+
+    @app.get("/bench.js", include_in_schema=False)
+    def bench() -> Response:
+        return Response(bench_text(), media_type="text/javascript", headers={"cache-control": "no-cache"})
 
     @app.get("/health")
     def health() -> Health:

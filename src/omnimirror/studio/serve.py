@@ -44,7 +44,7 @@ def serve(studio: Studio, host: str, port: int, open_browser: bool, tell: Callab
         create_app(studio),
         log_level="warning",
         ws="websockets-sansio",
-        ws_max_size=1 << 16,
+        ws_max_size=1 << 20,
         timeout_graceful_shutdown=2,
     )
     tell(f"omnimirror studio at {address} (Ctrl-C ends it)")

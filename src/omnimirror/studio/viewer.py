@@ -15,6 +15,7 @@ from .tables import MountedCamera, camera_model, camera_tables, title_of
 from .uploads import eight_bits, encoded
 
 PAGE = Path(__file__).parent / "page" / "index.html"
+BENCH = PAGE.with_name("bench.js")
 PLACE = "<!--embedded-->"
 KINDS = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg"}
 """Pictures that go into the page as they are."""
@@ -24,6 +25,12 @@ KINDS = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg"}
 def page_text() -> str:
     """The studio's page, one file with everything in it."""
     return PAGE.read_text(encoding="utf-8")
+
+
+@cache
+def bench_text() -> str:
+    """The script of the design bench, which the page fetches when it is wanted."""
+    return BENCH.read_text(encoding="utf-8")
 
 
 def viewer_of(

@@ -1,0 +1,1 @@
+"""The studio's design bench: a sensor by sliders, its plots at once, requirements, and the optimiser."""

@@ -1,0 +1,150 @@
+"""What a design does, in one pass: its curves, its section, its squares and its requirements, as one binary message."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...analysis import Evaluation
+from ...design.quantities import length_mm
+from ...errors import OmnimirrorError
+from ...figures.raytraces import focus_band, image_curves, is_as_seen, lens_height, way_to_lens
+from ...figures.subjects import Subject
+from ...sensor import Sensor
+from .framing import framed
+from .judging import imager_radius_px, judge
+from .messages import Answer, Ask, Block, Facts
+from .sensors import sensor_on_bench, trouble_of
+
+Array = NDArray[np.float64]
+
+CURVES = (
+    "omega_deg", "x_mm", "z_mm", "h_px", "dh_domega_px_per_deg", "viewpoint_z_mm", "area_px2", "aspect", "blur_t_px",
+    "blur_s_px", "blur_t_deg", "blur_s_deg", "floored_area_deg2",
+)  # fmt: skip
+"""The columns of :class:`~omnimirror.analysis.Evaluation` that plots show."""
+SQUARES = (
+    "omega_deg", "h_px", "dh_domega_px_per_deg", "width_px_per_deg", "blur_t_px", "blur_s_px", "blur_t_deg",
+    "blur_s_deg",
+)  # fmt: skip
+PROFILE = 121
+IMAGE_NODES = 3  # every third field angle is enough for the curves of virtual images
+
+
+class Values(NamedTuple):
+    """A block and its values, (columns, rows)."""
+
+    block: Block
+    values: Array
+
+
+@dataclass(frozen=True)
+class Design:
+    """A sensor as asked about."""
+
+    subject: Subject
+    curve: Evaluation
+    marks: Evaluation
+
+
+def answer(ask: Ask) -> bytes:
+    """The answer to what a page asks; what cannot be is a sentence in it."""
+    try:
+        sensor = sensor_on_bench(ask.tables, ask.follows)
+        design = _evaluated(sensor, np.inf if ask.object_distance_mm is None else ask.object_distance_mm)
+        facts = _facts(design)
+        blocks = [_block("curves", CURVES, design.curve)]
+        blocks += _section(design) if ask.section else []
+        blocks += [_block("squares", SQUARES, design.marks)] if ask.squares else []
+    except OmnimirrorError as e:
+        return framed(_answer(ask, trouble=trouble_of(e)))
+    rows, wanted_trouble = judge(ask.wanted, sensor) if ask.wanted is not None else ((), None)
+    told = _answer(
+        ask, facts=facts, rows=rows, wanted_trouble=wanted_trouble, blocks=tuple(values.block for values in blocks)
+    )
+    return framed(told, *(b.values.astype("<f4").tobytes() for b in blocks))
+
+
+def _answer(ask: Ask, **told: object) -> Answer:
+    empty = {"trouble": None, "facts": None, "rows": (), "wanted_trouble": None, "blocks": ()}
+    return Answer(slot=ask.slot, number=ask.number, **{**empty, **told})  # type: ignore[arg-type]
+
+
+def _evaluated(sensor: Sensor, object_distance_mm: float) -> Design:
+    subject = Subject(sensor, "")
+    if np.isinf(object_distance_mm):
+        return Design(subject, subject.curve, subject.marks)
+    curve, marks = (subject.at(e.omega_deg, object_distance_mm) for e in (subject.curve, subject.marks))
+    return Design(subject, curve, marks)
+
+
+def _block(name: str, columns: tuple[str, ...], result: Evaluation) -> Values:
+    values = np.stack([getattr(result, column) for column in columns])
+    return Values(Block(name=name, columns=columns, rows=values.shape[1]), values)
+
+
+def _facts(design: Design) -> Facts:
+    sensor, e = design.subject.sensor, design.curve
+    near, far = e.depth_of_field_mm
+    blurs = np.maximum(np.abs(e.blur_t_px), np.abs(e.blur_s_px))
+    resolution = np.minimum(e.dh_domega_px_per_deg, e.width_px_per_deg)
+    return Facts(
+        name=sensor.name,
+        field_deg=sensor.field_deg,
+        rim_radius_mm=sensor.mirror.rim_radius_mm,
+        rim_radius_px=sensor.rim_radius_px,
+        imager_radius_px=imager_radius_px(sensor),
+        mirror_distance_mm=finite(sensor.mirror_distance_mm),
+        focus_mm=e.focus_mm,
+        depth_of_field_mm=(near, finite(far)),
+        airy_px=e.airy_px,
+        length_mm=length_mm(e),
+        viewpoint_spread_mm=float(np.ptp(e.viewpoint_z_mm)),
+        worst_blur_px=finite(float(blurs.max())),
+        worst_area_deg2=finite(float(e.floored_area_deg2.max())),
+        resolution_px_per_deg=(float(resolution.min()), finite(float(resolution.max()))),
+    )
+
+
+def finite(value: float) -> float | None:
+    """A number that JSON can hold."""
+    return value if np.isfinite(value) else None
+
+
+def _section(design: Design) -> list[Values]:
+    """The cross-section: mirrors, lens, chief rays on the sensor's side, virtual images, depth of field."""
+    subject, second = design.subject, design.subject.sensor.secondary
+    M, lens = subject.rim_mm, lens_height(subject)
+    x = np.linspace(-M, M, 2 * PROFILE - 1)
+    z = subject.sensor.mirror.sag(np.abs(x))
+    if second is not None and lens > 0:
+        z = np.where(np.abs(x) < second.bore_radius_mm, np.nan, z)
+    found = [_lines("mirror", x, z)]
+    if second is not None:
+        rim = second.mirror.rim_radius_mm
+        x = np.linspace(-rim, rim, PROFILE)
+        found.append(_lines("secondary", x, second.height(np.abs(x))))
+    half = float(subject.sensor.meridian.trace(M).first.x[()]) if subject.sensor.lens.TELECENTRIC else 0.18 * M
+    found.append(_lines("lens", np.array([-half, half]), np.array([lens, lens])))
+    found += _rays(design, lens)
+    if is_as_seen(subject):
+        for name, image_x, image_z, _ in image_curves(subject):
+            found.append(_lines(name, image_x[::IMAGE_NODES], image_z[::IMAGE_NODES]))
+        found.append(_lines("focus", np.zeros(3), np.array(focus_band(subject))))
+    return found
+
+
+def _rays(design: Design, lens: float) -> list[Values]:
+    """Chief rays from their mirror points to the lens, every 15 degrees."""
+    marks = design.marks
+    return [
+        _lines(f"ray {omega:g}", *np.array([(x, z), *way_to_lens(design.subject, float(x), lens)]).T)
+        for x, z, omega in zip(marks.x_mm, marks.z_mm, marks.omega_deg, strict=True)
+    ]
+
+
+def _lines(name: str, x: Array, z: Array) -> Values:
+    return Values(Block(name=name, columns=("x_mm", "z_mm"), rows=len(x)), np.stack([x, z]))

@@ -1,0 +1,203 @@
+"""Files of the bench: sensors and requirements opened and written, reports, drawings, tables, and pictures taken."""
+
+from __future__ import annotations
+
+import tempfile
+import tomllib
+from collections.abc import Callable
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import tomli_w
+
+from ...analysis import evaluate
+from ...errors import SpecError
+from ...imagers import Imager
+from ...sensor import Sensor
+from ...specs import Places, format_sensor, sensor_of, tables_of
+from ..uploads import encoded, safe_name
+from .framing import framed
+from .judging import requirements_for
+from .messages import Download, Opened, PictureAsk, Taken
+from .sensors import on_bench, refuse_files, sensor_on_bench
+
+ROWS = 361  # field angles of a table
+JPEG_QUALITY = 86
+
+
+class File(NamedTuple):
+    """A file to be handed down."""
+
+    name: str
+    kind: str
+    data: bytes
+
+
+def opened(name: str, data: bytes) -> Opened:
+    """A sensor file, or a requirement file (which has a ``[field]``), that was handed up.
+
+    Raises
+    ------
+    OmnimirrorError
+        It is neither, or wrong; the message says where.
+    """
+    try:
+        text = data.decode("utf-8-sig")
+        tables = tomllib.loads(text)
+    except UnicodeDecodeError:
+        raise SpecError(f"{name} is not a text file; valid are sensor files and requirement files") from None
+    except tomllib.TOMLDecodeError as e:
+        raise SpecError(f"{name} is not valid TOML: {e}") from None
+    where = Places(text, name)
+    if "field" in tables:
+        return Opened(sensor=None, wanted=_checked(tables, where, name))
+    where.wrap(("mirror",), lambda: refuse_files(tables))
+    return Opened(sensor=on_bench(sensor_of(tables, where)), wanted=None)
+
+
+def _checked(tables: dict[str, Any], where: Places, name: str) -> dict[str, Any]:
+    """The tables of a requirement file, once they are known to be right."""
+    from ...design.requirements import requirements_of
+
+    if "mapping_csv" in tables.get("mirror", {}):
+        raise SpecError(f"{name} names another file in mirror.mapping_csv; put the table itself in")
+    requirements_of(tables, where)
+    plain: dict[str, Any] = _jsonable(tables)
+    return plain
+
+
+def _jsonable(value: Any) -> Any:
+    """The same data with infinite numbers as very large ones, which JSON can hold."""
+    if isinstance(value, dict):
+        return {k: _jsonable(v) for k, v in value.items()}
+    if isinstance(value, list):
+        return [_jsonable(v) for v in value]
+    return 1e12 if value == float("inf") else value
+
+
+def requirement_file(wanted: dict[str, Any], sensor: Sensor) -> str:
+    """The text of a requirement file; what it leaves out is taken from the sensor.
+
+    Raises
+    ------
+    SpecError
+        The requirements are wrong.
+    """
+    requirements = requirements_for(wanted, sensor)
+    imager = tables_of(sensor)["imager"]
+    rim = {"family": "sphere", "rim_radius_mm": sensor.mirror.rim_radius_mm}
+    own = {"name": requirements.name, "mirror": rim, "imager": imager, "lens": {"theta_max_deg": 12.0}}
+    return tomli_w.dumps({**own, **wanted})
+
+
+# -- handed down -----------------------------------------------------------------------------------
+
+
+def downloaded(wanted: Download) -> File:
+    """A file of a design: what ``omnimirror evaluate``, ``export`` and ``demo`` write of it.
+
+    Raises
+    ------
+    OmnimirrorError
+        The sensor cannot be, or has no such file.
+    """
+    return KINDS[wanted.kind](sensor_on_bench(wanted.tables), wanted)
+
+
+def _sensor_file(sensor: Sensor, wanted: Download) -> File:
+    return File(f"{_stem(sensor)}.toml", "application/toml", format_sensor(sensor).encode())
+
+
+def _table(sensor: Sensor, wanted: Download) -> File:
+    distance = np.inf if wanted.object_distance_mm is None else wanted.object_distance_mm
+    result = evaluate(sensor, np.linspace(*sensor.field_deg, ROWS), object_distance_mm=distance)
+    return _written(f"{_stem(sensor)}-evaluation.csv", "text/csv", result.to_csv)
+
+
+def _sag(sensor: Sensor, wanted: Download) -> File:
+    return _exported(sensor, f"{_stem(sensor)}-sag.csv", "text/csv")
+
+
+def _drawing(sensor: Sensor, wanted: Download) -> File:
+    return _exported(sensor, f"{_stem(sensor)}.pdf", "application/pdf")
+
+
+def _report(sensor: Sensor, wanted: Download) -> File:
+    from ...report import write_demo
+
+    with tempfile.TemporaryDirectory() as folder:
+        data = write_demo(sensor, folder).read_bytes()
+    return File(f"{_stem(sensor)}-report.html", "text/html", data)
+
+
+KINDS: dict[str, Callable[[Sensor, Download], File]] = {
+    "sensor": _sensor_file,
+    "table": _table,
+    "sag": _sag,
+    "drawing": _drawing,
+    "report": _report,
+}
+
+
+def _exported(sensor: Sensor, name: str, kind: str) -> File:
+    from ...design.manufacture import export
+
+    return _written(name, kind, lambda path: export(sensor, path))
+
+
+def _written(name: str, kind: str, write: Callable[[Path], object]) -> File:
+    """What a function writes to a path, as bytes."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / name
+        write(path)
+        return File(name, kind, path.read_bytes())
+
+
+def _stem(sensor: Sensor) -> str:
+    return safe_name(sensor.name)
+
+
+# -- pictures --------------------------------------------------------------------------------------
+
+
+@lru_cache(maxsize=1)
+def _room() -> Any:
+    from ...simulate import Room
+
+    return Room()
+
+
+def taken(ask: PictureAsk) -> bytes:
+    """The picture of the room that a sensor takes, and its panorama, on an imager of fewer pixels.
+
+    Raises
+    ------
+    OmnimirrorError
+        The sensor cannot be.
+    """
+    from ...dewarp import Dewarper, views
+    from ...simulate import take_picture
+
+    sensor = coarser(sensor_on_bench(ask.tables), ask.width_px)
+    picture = np.ascontiguousarray(take_picture(sensor, _room(), samples=ask.samples)[..., ::-1])
+    panorama = Dewarper(sensor, views.panorama(sensor))(picture)
+    files = [encoded(image, ".jpg", JPEG_QUALITY) for image in (picture, panorama)]
+    return framed(Taken(picture_bytes=len(files[0]), panorama_bytes=len(files[1])), *files)
+
+
+def coarser(sensor: Sensor, width_px: int) -> Sensor:
+    """The same sensor before an imager of the same size with so many columns.
+
+    >>> import omnimirror as om
+    >>> small = coarser(om.load_sensor("paper-spherical"), 256)
+    >>> small.imager.size, round(small.rim_radius_px, 1)
+    ((256, 256), 125.4)
+    """
+    i = sensor.imager
+    share = width_px / i.width_px
+    centre = None if i.centre_px is None else tuple((c + 0.5) * share - 0.5 for c in i.centre_px)
+    imager = Imager(width_px, max(1, round(i.height_px * share)), i.pixel_pitch_um / share, centre)  # type: ignore[arg-type]
+    return replace(sensor, imager=imager)

@@ -1,0 +1,70 @@
+"""What the bench's sliders are made from: the parameters that the parts describe themselves."""
+
+from __future__ import annotations
+
+import dataclasses
+import types
+import typing
+from functools import cache
+from typing import Any
+
+from ...design.merits import MERITS
+from ...design.quantities import QUANTITIES
+from ...imagers import Imager
+from ...lenses import LENSES
+from ...mirrors import MIRRORS, SECONDARIES, Secondary
+from ...parameters import Parameter
+from ...specs import bundled_sensors
+from .messages import BenchStart, ParameterOf, PartOf, QuantityOf
+
+DISTANCE = Parameter("mm", 1e-3, 1e7, "from the lens's principal point to the mirror's vertex (m)")
+FAMILIES = ("slope-spline", "even-polynomial", "conic-asphere")
+
+
+@cache
+def bench_start() -> BenchStart:
+    """All parts with their parameters, and what can be asked of them.
+
+    Examples
+    --------
+    >>> sphere = next(part for part in bench_start().mirrors if part.kind == "sphere")
+    >>> [(p.name, p.unit) for p in sphere.parameters]
+    [('radius_mm', 'mm'), ('rim_radius_mm', 'mm')]
+    """
+    distance = _parameter("mirror_distance_mm", DISTANCE, float, False)
+    return BenchStart(
+        mirrors=tuple(part_of(kind, cls) for kind, cls in MIRRORS.items()),
+        secondaries=tuple(part_of(kind, cls) for kind, cls in SECONDARIES.items()),
+        lenses=tuple(part_of(kind, cls) for kind, cls in LENSES.items()),
+        imager=part_of("imager", Imager),
+        place=part_of("place", Secondary),
+        mount=PartOf(kind="mount", parameters=(distance,)),
+        quantities=tuple(QuantityOf(name=n, unit=q.unit, meaning=q.meaning) for n, q in QUANTITIES.items()),
+        merits=tuple(QuantityOf(name=n, unit=m.unit, meaning=m.meaning) for n, m in MERITS.items()),
+        families=FAMILIES,
+        sensors=tuple(bundled_sensors()),
+    )
+
+
+def part_of(kind: str, cls: type[Any]) -> PartOf:
+    """A part by what its class says of itself."""
+    hints = typing.get_type_hints(cls)
+    defaults = {f.name: f.default is not dataclasses.MISSING for f in dataclasses.fields(cls)}
+    parameters: dict[str, Parameter] = cls.PARAMETERS
+    found = [_parameter(name, p, hints[name], defaults[name]) for name, p in parameters.items()]
+    return PartOf(kind=kind, parameters=tuple(found))
+
+
+def _parameter(name: str, p: Parameter, hint: Any, is_optional: bool) -> ParameterOf:
+    inner = typing.get_args(hint)[0] if isinstance(hint, types.UnionType) else hint
+    return ParameterOf(
+        name=name,
+        unit=p.unit,
+        low=p.low,
+        high=p.high,
+        description=p.description,
+        choices=p.choices,
+        is_list=typing.get_origin(inner) is tuple,
+        is_whole=inner is int,
+        is_optional=is_optional,
+    )

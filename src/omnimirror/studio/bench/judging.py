@@ -1,0 +1,86 @@
+"""Requirements against a sensor that was not made from them: any on the bench."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ...design.assessment import SEARCHED, Row, assess
+from ...design.making import Choice, judged
+from ...design.placed import PlacedMirror
+from ...design.requirements import Requirements, requirements_of
+from ...errors import OmnimirrorError
+from ...lenses import Perspective
+from ...sensor import Sensor
+from ...specs import Places, tables_of
+from .messages import Judged
+
+OWN = ("rim_radius_mm", "focal_length_mm", "theta_max_deg", "f_number")
+"""Entries that are judged only where the requirements themselves have them."""
+
+
+def requirements_for(wanted: dict[str, Any], sensor: Sensor) -> Requirements:
+    """Requirements from their tables; what they leave out (mirror, lens, imager) is the sensor's.
+
+    Raises
+    ------
+    SpecError
+        They are wrong; the message says where and what would be valid.
+    """
+    data = dict(wanted)
+    data.setdefault("mirror", {"family": "sphere", "rim_radius_mm": sensor.mirror.rim_radius_mm})
+    telecentric = sensor.lens.TELECENTRIC
+    data.setdefault("lens", {"kind": "orthographic"} if telecentric else {"theta_max_deg": 12.0})
+    data.setdefault("imager", tables_of(sensor)["imager"])
+    return requirements_of(data, Places("", "requirements"))
+
+
+def judge(wanted: dict[str, Any], sensor: Sensor) -> tuple[tuple[Judged, ...], str | None]:
+    """Every requirement with what the sensor reaches, and why they cannot be judged, if they cannot."""
+    try:
+        requirements = requirements_for(wanted, sensor)
+        made = judged(requirements, sensor, PlacedMirror(sensor.mirror, sensor.mirror_distance_mm))
+        rows = assess(requirements, _choice(requirements, sensor), made, SEARCHED)
+    except OmnimirrorError as e:
+        return (), str(e).removeprefix("requirements: ")
+    asked = {*wanted.get("mirror", {}), *wanted.get("lens", {})}
+    shown = [row for row in rows if row.name not in OWN or row.name in asked]
+    first = len(shown) - len(requirements.limits)
+    return tuple(_told(row, i - first) for i, row in enumerate(shown)), None
+
+
+def imager_radius_px(sensor: Sensor) -> float:
+    """Radius of the largest circle about the optical axis that the imager holds, px."""
+    (u, v), (width, height) = sensor.imager.centre, sensor.imager.size
+    return min(u, v, width - 1 - u, height - 1 - v) + 0.5
+
+
+def _choice(requirements: Requirements, sensor: Sensor) -> Choice:
+    """What is asked for, in the words of the search."""
+    lens = sensor.lens
+    return Choice(
+        requirements.field.omega_max_deg,
+        requirements.field.omega_min_deg,
+        sensor.mirror.rim_radius_mm,
+        None,
+        lens.focal_length_mm if isinstance(lens, Perspective) else None,
+        lens.image_f_number(),
+        None,
+    )
+
+
+def _told(row: Row, limit: int) -> Judged:
+    reached = float(row.reached) if np.isfinite(row.reached) else None
+    return Judged(
+        name=row.name,
+        unit=row.unit,
+        at_least=row.at_least,
+        at_most=row.at_most,
+        reached=reached,
+        margin=None if reached is None else float(row.margin),
+        is_met=bool(row.is_met) and reached is not None,
+        omega_deg=row.omega_deg,
+        part_deg=row.part_deg,
+        limit=limit if limit >= 0 else None,
+    )

@@ -1,0 +1,210 @@
+"""What the server and the design bench tell each other; the page's types are made from these.
+
+A sensor travels as the tables of its file (``specs.tables_of``), requirements as those of a requirement file.
+Numbers that are not finite travel as null.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+from pydantic import ConfigDict, Field
+
+from ..messages import Message
+
+Tables = dict[str, Any]
+Part = Literal["mirror", "lens"]
+
+
+class ParameterOf(Message):
+    """A parameter as a part describes it: what a slider, a number field and a tooltip need."""
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    description: str
+    choices: tuple[str, ...]
+    is_list: bool
+    is_whole: bool
+    is_optional: bool
+
+
+class PartOf(Message):
+    """A part that can be chosen, and its parameters in their order."""
+
+    kind: str
+    parameters: tuple[ParameterOf, ...]
+
+
+class QuantityOf(Message):
+    """A quantity that a requirement or the optimiser can name."""
+
+    name: str
+    unit: str
+    meaning: str
+
+
+class BenchStart(Message):
+    """What the bench is made from."""
+
+    mirrors: tuple[PartOf, ...]
+    secondaries: tuple[PartOf, ...]
+    lenses: tuple[PartOf, ...]
+    imager: PartOf
+    place: PartOf = Field(description="of a second mirror")
+    mount: PartOf = Field(description="how far the mirror stands")
+    quantities: tuple[QuantityOf, ...]
+    merits: tuple[QuantityOf, ...]
+    families: tuple[str, ...]
+    sensors: tuple[str, ...]
+
+
+class Trouble(Message):
+    """Why something cannot be: the entry it is about, if it is about one, and a sentence."""
+
+    path: tuple[str, ...]
+    sentence: str
+
+
+class BenchSensor(Message):
+    """A sensor on the bench."""
+
+    tables: Tables
+    follows: bool = Field(description="whether the lens stands where the mirror's mapping needs it")
+
+
+class Opened(Message):
+    """A file that was opened: a sensor, or requirements."""
+
+    sensor: BenchSensor | None
+    wanted: Tables | None
+
+
+class Change(Message):
+    """A change that takes more than a number: another kind of mirror or lens, or the best focus by a merit."""
+
+    tables: Tables
+    what: Literal["mirror", "lens", "focus"]
+    to: str = Field(max_length=60)
+
+
+class Ask(Message):
+    """What a page wants to know of a design."""
+
+    slot: int = Field(ge=0, le=8, description="which of the designs shown")
+    number: int
+    tables: Tables
+    follows: bool
+    object_distance_mm: float | None = Field(gt=0, description="null: infinite")
+    section: bool
+    squares: bool
+    wanted: Tables | None
+
+
+class Facts(Message):
+    """What holds for the whole design."""
+
+    name: str
+    field_deg: tuple[float, float]
+    rim_radius_mm: float
+    rim_radius_px: float
+    imager_radius_px: float = Field(description="largest circle that the imager holds")
+    mirror_distance_mm: float | None
+    focus_mm: float
+    depth_of_field_mm: tuple[float, float | None]
+    airy_px: float
+    length_mm: float
+    viewpoint_spread_mm: float
+    worst_blur_px: float | None
+    worst_area_deg2: float | None
+    resolution_px_per_deg: tuple[float, float | None]
+
+
+class Judged(Message):
+    """A requirement, and what is reached of it."""
+
+    name: str
+    unit: str
+    at_least: float | None
+    at_most: float | None
+    reached: float | None
+    margin: float | None
+    is_met: bool
+    omega_deg: float | None = Field(description="where the worst value is")
+    part_deg: tuple[float, float] | None
+    limit: int | None = Field(description="which of the limits it is")
+
+
+class Block(Message):
+    """Part of the float32 values: so many rows of named columns, column by column."""
+
+    name: str
+    columns: tuple[str, ...]
+    rows: int
+
+
+class Answer(Message):
+    """What a design does; float32 values follow, block by block, not finite where there is nothing."""
+
+    slot: int
+    number: int
+    trouble: Trouble | None
+    facts: Facts | None
+    rows: tuple[Judged, ...]
+    wanted_trouble: str | None
+    blocks: tuple[Block, ...]
+
+
+class PictureAsk(Message):
+    """The picture that a design takes of the room, and its panorama."""
+
+    tables: Tables
+    width_px: int = Field(ge=32, le=1024)
+    samples: int = Field(ge=1, le=4)
+
+
+class Taken(Message):
+    """Two JPEG files that follow: the picture, and its panorama."""
+
+    picture_bytes: int
+    panorama_bytes: int
+
+
+class Download(Message):
+    """A file of a design."""
+
+    tables: Tables
+    kind: Literal["sensor", "table", "sag", "drawing", "report"]
+    object_distance_mm: float | None = Field(gt=0)
+
+
+class WantedFile(Message):
+    """A requirement file to be written, and the sensor that it is for."""
+
+    wanted: Tables
+    tables: Tables
+
+
+class Task(Message):
+    """Something that takes time: to optimise a mirror, or to design a sensor from requirements."""
+
+    what: Literal["optimise", "design"]
+    tables: Tables
+    wanted: Tables | None
+    merit: str = Field(max_length=40)
+    family: str = Field(max_length=40)
+    terms: int = Field(ge=1, le=32)
+    starts: int = Field(ge=1, le=8)
+
+
+class News(Message):
+    """How a task is getting on."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", ser_json_inf_nan="null")
+
+    state: Literal["running", "done", "failed"]
+    sentence: str
+    share: float | None = Field(description="how much is done")
+    value: float | None = Field(description="the merit by now")
+    sensor: BenchSensor | None

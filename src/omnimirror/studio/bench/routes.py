@@ -1,0 +1,160 @@
+"""The routes of the design bench."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Annotated, Any
+
+from fastapi import FastAPI, Query, Request, WebSocket, WebSocketDisconnect
+from fastapi.responses import PlainTextResponse, Response
+from pydantic import ValidationError
+
+from ...errors import OmnimirrorError
+from ...specs import load_sensor
+from ..uploads import LARGEST_CALIBRATION, collected, safe_name
+from .files import downloaded, opened, requirement_file, taken
+from .form import bench_start
+from .messages import Ask, BenchSensor, BenchStart, Change, Download, News, Opened, PictureAsk, Task, WantedFile
+from .sensors import changed, on_bench, sensor_on_bench
+from .work import Workers
+
+BYTES: dict[str, Any] = {"application/octet-stream": {}}
+
+
+def add_bench(app: FastAPI, file_body: dict[str, Any]) -> None:
+    """Put the bench's routes into a server; ``file_body`` says in its schema that a file is handed up."""
+    _add_questions(app, file_body)
+    _add_files(app)
+    _add_sockets(app, Workers())
+
+
+def _add_questions(app: FastAPI, file_body: dict[str, Any]) -> None:
+    @app.get("/api/bench")
+    def start() -> BenchStart:
+        """What the bench is made from: every part with its parameters."""
+        return bench_start()
+
+    @app.get("/api/bench/sensor")
+    def bundled(name: str) -> BenchSensor:
+        """A bundled sensor, on the bench."""
+        if name not in bench_start().sensors:
+            raise OmnimirrorError(f"there is no bundled sensor {name!r}; there are {', '.join(bench_start().sensors)}")
+        return on_bench(load_sensor(name))
+
+    @app.post("/api/bench/change")
+    def change(wanted: Change) -> BenchSensor:
+        """The sensor with another kind of mirror or lens, or at its best focus."""
+        return on_bench(changed(wanted))
+
+    @app.post("/api/bench/open", openapi_extra=file_body)
+    async def open_file(request: Request, name: Annotated[str, Query(max_length=200)] = "sensor.toml") -> Opened:
+        """Read a sensor file or a requirement file."""
+        data = await collected(request.stream(), LARGEST_CALIBRATION, request.headers.get("content-length"))
+        return await asyncio.to_thread(opened, safe_name(name), data)
+
+
+def _add_files(app: FastAPI) -> None:
+    @app.post("/api/bench/file", response_class=Response, responses={200: {"content": BYTES}})
+    def file(wanted: Download) -> Response:
+        """A file of a design: its sensor file, tables, drawing or report."""
+        made = downloaded(wanted)
+        headers = {"content-disposition": f'attachment; filename="{made.name}"'}
+        return Response(made.data, media_type=made.kind, headers=headers)
+
+    @app.post("/api/bench/requirements", response_class=PlainTextResponse)
+    def requirements(wanted: WantedFile) -> str:
+        """The text of a requirement file."""
+        return requirement_file(wanted.wanted, sensor_on_bench(wanted.tables))
+
+    @app.post("/api/bench/picture", response_class=Response, responses={200: {"content": BYTES}})
+    def picture(ask: PictureAsk) -> Response:
+        """The simulated picture of a room and its panorama, two JPEG files after a header that has their lengths."""
+        return Response(taken(ask), media_type="application/octet-stream")
+
+
+def _add_sockets(app: FastAPI, workers: Workers) -> None:
+    @app.websocket("/api/bench/ask")
+    async def ask(socket: WebSocket) -> None:
+        """Questions about designs, each answered at once; of several that wait the newest of each slot."""
+        await socket.accept()
+        await _answer_newest(socket)
+
+    @app.websocket("/api/bench/work")
+    async def work(socket: WebSocket) -> None:
+        """One task, and its news; closing the socket ends it."""
+        await socket.accept()
+        try:
+            await _work(socket, workers)
+        except (WebSocketDisconnect, RuntimeError, OSError):
+            return
+
+
+async def _answer_newest(socket: WebSocket) -> None:
+    waiting: dict[int, Ask] = {}
+    news = asyncio.Event()
+    listening = asyncio.create_task(_listen(socket, waiting, news))
+    try:
+        while not (listening.done() and not waiting):
+            await news.wait()
+            news.clear()
+            while waiting:
+                newest = waiting.pop(min(waiting))  # slot 0 is the design in hand
+                await socket.send_bytes(await asyncio.to_thread(_answered, newest))
+    except (WebSocketDisconnect, RuntimeError, OSError):
+        return
+    finally:
+        listening.cancel()
+
+
+def _answered(ask: Ask) -> bytes:
+    from .answers import answer  # brings the figures with it, which not every studio needs
+
+    return answer(ask)
+
+
+async def _listen(socket: WebSocket, waiting: dict[int, Ask], news: asyncio.Event) -> None:
+    """Put questions where they wait, a newer one in the place of an older."""
+    try:
+        while True:
+            asked = Ask.model_validate_json(await socket.receive_text())
+            waiting[asked.slot] = asked
+            news.set()
+    except ValidationError:
+        await socket.close(1003, "that is no question about a design")
+    except (WebSocketDisconnect, RuntimeError, KeyError):
+        pass
+    finally:
+        news.set()
+
+
+async def _work(socket: WebSocket, workers: Workers) -> None:
+    try:
+        task = Task.model_validate_json(await socket.receive_text())
+        async with workers.at(task) as lines:
+            gone = asyncio.create_task(socket.receive())
+            try:
+                async for line in _until(gone, lines):
+                    await socket.send_text(line)
+            finally:
+                gone.cancel()
+    except ValidationError:
+        await socket.close(1003, "that is no task")
+        return
+    except OmnimirrorError as e:
+        failed = News(state="failed", sentence=str(e), share=None, value=None, sensor=None)
+        await socket.send_text(failed.model_dump_json())
+    await socket.close()
+
+
+async def _until(gone: asyncio.Task[Any], lines: Any) -> Any:
+    """Lines, until there are no more or the page has gone."""
+    while True:
+        line = asyncio.create_task(anext(lines))
+        await asyncio.wait({gone, line}, return_when=asyncio.FIRST_COMPLETED)
+        if not line.done():
+            line.cancel()
+            return
+        try:
+            yield line.result()
+        except StopAsyncIteration:
+            return

@@ -1,0 +1,224 @@
+"""Sensors as the bench holds them: tables of a sensor file, their errors by entry, and other kinds of parts."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ...analysis import best_focus
+from ...design.families import FAMILIES
+from ...design.fits import fit_mirror
+from ...design.mappings import MAPPINGS
+from ...design.placed import PlacedMirror, Rim
+from ...errors import InvalidParameter, OmnimirrorError, SpecError
+from ...lenses import Orthographic, Perspective
+from ...mirrors import MIRRORS, EvenPolynomial, Mirror, SampledProfile, SlopeSpline, TabulatedMapping
+from ...mirrors.generated.base import Mapped
+from ...sensor import Sensor
+from ...specs import Places, sensor_of, tables_of
+from .messages import BenchSensor, Change, Trouble
+
+NODES = 25  # of a profile, a spline or a table taken from another mirror
+SLOPES = 13
+ELLIPSOID_CONIC = -0.4
+NARROWER = 15.0  # degrees below the field angle that a mapping cannot reach
+AROUND = 10.0  # rim radii from the mirror to a plane or a cylinder
+NAMED = re.compile(r"(?:\w+\.)?(\w+_\w+|\w+(?= =))(?:\[\d+\])? ")
+"""The entry that an error begins with."""
+THETA_DEG = 12.0  # where nothing says how wide the lens sees
+
+
+class EntryError(SpecError):
+    """An error about one entry of the bench's form."""
+
+    def __init__(self, path: tuple[str, ...], sentence: str) -> None:
+        super().__init__(sentence)
+        self.path = path
+
+
+class Form(Places):
+    """Finds no lines, for there is no file, but says which entry an error is about."""
+
+    def __init__(self) -> None:
+        super().__init__("", "design")
+
+    def error(self, path: tuple[str, ...], message: str) -> SpecError:
+        if len(path) == 1 and (
+            named := re.match(r"(?:\w+\.)?(\w+?)(?:\[\d+\])? (?:=|has|does|starts|puts|lets)", message)
+        ):
+            path = (path[0], named[1])
+        return EntryError(path, message)
+
+
+def trouble_of(error: OmnimirrorError) -> Trouble:
+    """What the page says about an error, and beside which entry."""
+    return Trouble(path=getattr(error, "path", ()), sentence=str(error))
+
+
+def sensor_on_bench(tables: dict[str, Any], follows: bool = False) -> Sensor:
+    """The sensor of the tables, its lens where the mapping needs it if it follows.
+
+    Raises
+    ------
+    EntryError
+        It cannot be; the error says which entry is why.
+    """
+    refuse_files(tables)
+    form = Form()
+    if not follows:
+        return sensor_of(tables, form)
+    mount = {**tables.get("mount", {}), "mirror_distance_mm": 1.0}  # any, until the mirror says which
+    sensor = sensor_of({**tables, "mount": mount}, form)
+    if not isinstance(sensor.mirror, Mapped) or sensor.lens.TELECENTRIC:
+        return sensor_of(tables, form)
+    distance = sensor.mirror.design_distance
+    return form.wrap(("mirror", "theta_max_deg"), lambda: replace(sensor, mirror_distance_mm=distance))
+
+
+def on_bench(sensor: Sensor) -> BenchSensor:
+    """A sensor as the bench holds it."""
+    mirror = sensor.mirror
+    is_mapped = isinstance(mirror, Mapped) and sensor.secondary is None and not sensor.lens.TELECENTRIC
+    follows = is_mapped and np.isclose(mirror.design_distance, sensor.mirror_distance_mm, rtol=1e-9)  # type: ignore[attr-defined]
+    return BenchSensor(tables=tables_of(sensor), follows=bool(follows))
+
+
+def changed(change: Change) -> Sensor:
+    """The sensor with another kind of mirror or lens, or at its best focus.
+
+    Another mirror keeps the radius and the viewing angle of the rim, and the field where its kind can reach it;
+    kinds with many numbers take the shape of the mirror before.
+
+    Raises
+    ------
+    OmnimirrorError
+        There is no such kind, or none for this field.
+    """
+    sensor = sensor_on_bench(change.tables)
+    if change.what == "focus":
+        return _focused(sensor, change.to)
+    if change.what == "lens":
+        return _with_lens(sensor, change.to)
+    if change.to not in MIRRORS:
+        raise InvalidParameter(f"there is no mirror {change.to!r}; valid are {', '.join(MIRRORS)}")
+    placed = recast(sensor, change.to)
+    distance = np.inf if sensor.lens.TELECENTRIC else placed.distance_mm
+    return _focused(replace(sensor, mirror=placed.mirror, mirror_distance_mm=distance, secondary=None), None)
+
+
+def recast(sensor: Sensor, kind: str) -> PlacedMirror:
+    """A mirror of another kind for the same rim.
+
+    >>> import omnimirror as om
+    >>> placed = recast(om.load_sensor("paper-spherical"), "hyperboloid")
+    >>> round(placed.mirror.a_mm / 43.9, 3), round(placed.distance_mm / 43.9, 3)  # Table 1: .7407, 3.550
+    (0.741, 3.551)
+    """
+    rim = rim_of(sensor)
+    cls = MIRRORS[kind]
+    if kind in FAMILIES:
+        return FAMILIES[kind](rim, ELLIPSOID_CONIC if kind == "ellipsoid" else None)
+    if cls in AS_BEFORE:
+        return rim.place(AS_BEFORE[cls](sensor, rim))
+    if kind not in MAPPINGS:
+        before = rim.place(sensor.mirror)
+        return fit_mirror(before, "polynomial:5" if cls is EvenPolynomial else "asphere:3").placed
+    mirror = _mapped(cls, rim)
+    return PlacedMirror(mirror, mirror.design_distance)
+
+
+def rim_of(sensor: Sensor) -> Rim:
+    """Field angle, viewing angle and radius of the rim of a sensor."""
+    theta = 0.0 if sensor.lens.TELECENTRIC else float(np.degrees(sensor.meridian.theta_max))
+    omega = sensor.field_deg[1]
+    return Rim(round(omega, 6), round(theta, 6), sensor.mirror.rim_radius_mm)
+
+
+def _mapped(cls: type[Any], rim: Rim) -> Mapped:
+    """A generated mirror, for as much of the field as its mapping reaches."""
+    M, most = rim.rim_radius_mm, cls.MOST_OMEGA_DEG
+    omega = rim.omega_max_deg if rim.omega_max_deg < most else most - NARROWER
+    own = {"plane_distance_mm": AROUND * M, "cylinder_radius_mm": AROUND * M, "omega_min_deg": omega / 3}
+    needed = [name for name in ("plane_distance_mm", "cylinder_radius_mm") if name in cls.PARAMETERS]
+    if "cylinder_radius_mm" in needed:
+        needed.append("omega_min_deg")
+    made: Mapped = cls(omega, rim.theta_max_deg, rim_radius_mm=M, **{name: own[name] for name in needed})
+    return made
+
+
+def _sampled(sensor: Sensor, rim: Rim) -> Mirror:
+    x = np.linspace(0.0, rim.rim_radius_mm, NODES)
+    apex = "pointed" if sensor.mirror.is_pointed else "smooth"
+    return SampledProfile(tuple(x), tuple(sensor.mirror.sag(x)), apex=apex)
+
+
+def _spline(sensor: Sensor, rim: Rim) -> Mirror:
+    return SlopeSpline(tuple(sensor.mirror.slope(np.linspace(0.0, rim.rim_radius_mm, SLOPES))), rim.rim_radius_mm)
+
+
+def _tabulated(sensor: Sensor, rim: Rim) -> Mirror:
+    """The mapping at even heights, so that the table is the mapping of the mirror before."""
+    top = sensor.rim_radius_px
+    low = float(sensor.image_height_px(sensor.meridian.trace([sensor.meridian.x_min]))[0])
+    rays = sensor.meridian.trace(sensor.x_from_height_px(np.linspace(low, top, NODES)))
+    omega, height = np.degrees(rays.omega), np.linspace(0.0, 100.0, NODES)
+    return TabulatedMapping(tuple(omega), tuple(height), rim.theta_max_deg, rim.rim_radius_mm)
+
+
+AS_BEFORE: dict[type[Mirror], Callable[[Sensor, Rim], Mirror]] = {
+    SampledProfile: _sampled,
+    SlopeSpline: _spline,
+    TabulatedMapping: _tabulated,
+}
+"""Kinds that can take any shape, and how they take that of the mirror before."""
+
+
+def _with_lens(sensor: Sensor, kind: str) -> Sensor:
+    """The other kind of lens, with the rim's image as large as before."""
+    if kind == sensor.lens.KIND:
+        return sensor
+    M, height = sensor.mirror.rim_radius_mm, sensor.rim_radius_px * sensor.imager.pitch_mm
+    F = sensor.lens.image_f_number()
+    if kind == "orthographic":
+        telecentric = Orthographic(round(height / M, 6), round(F, 3), 0.0)
+        return _focused(replace(sensor, lens=telecentric, mirror=_for_theta(sensor.mirror, 0.0)), None)
+    if kind != "perspective":
+        raise InvalidParameter(f"there is no lens {kind!r}; valid are perspective, orthographic")
+    mirror = _for_theta(sensor.mirror, THETA_DEG)
+    distance = M / np.tan(np.radians(THETA_DEG)) - float(mirror.sag(M))
+    focal = 1 / (np.tan(np.radians(THETA_DEG)) / height + 1 / distance)
+    f_number = F * focal / height * np.tan(np.radians(THETA_DEG))
+    lens = Perspective(round(float(focal), 4), round(float(f_number), 3), float(distance))
+    return _focused(replace(sensor, lens=lens, mirror=mirror, mirror_distance_mm=float(distance)), None)
+
+
+def _for_theta(mirror: Mirror, theta_deg: float) -> Mirror:
+    """A generated mirror made for another viewing angle; any other stays as it is."""
+    if isinstance(mirror, Mapped):
+        return replace(mirror, theta_max_deg=theta_deg)  # type: ignore[type-var]
+    return mirror
+
+
+def _focused(sensor: Sensor, merit: str | None) -> Sensor:
+    """At its best focus, which is rounded to what a lens can be set to."""
+    try:
+        best = best_focus(sensor) if merit is None else best_focus(sensor, merit)
+    except OmnimirrorError:
+        if merit is None:
+            return sensor  # one step of several; the evaluation says what is wrong
+        raise
+    return replace(sensor, lens=sensor.lens.focused_at(round(best.focus_mm, 3)))
+
+
+def refuse_files(tables: dict[str, Any]) -> None:
+    """Files named in the tables would be the server's."""
+    for section in ("mirror", "secondary"):
+        table = tables.get(section)
+        if isinstance(table, dict) and "profile_csv" in table:
+            raise EntryError(
+                (section, "x_mm"), "profile_csv names another file; put the profile itself in, as x_mm and z_mm"
+            )

@@ -1,0 +1,145 @@
+"""What takes time runs in a process of its own, which sliders do not feel and which can be ended at any moment.
+
+Run as ``python -m omnimirror.studio.bench.work`` it reads one task from its input and writes its news, a line each.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import subprocess
+import sys
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+
+import numpy as np
+
+from ...design.optimise import Progress, optimise
+from ...design.problem import DesignProblem
+from ...errors import InvalidParameter, OmnimirrorError
+from ...lenses import Perspective
+from ...sensor import Sensor
+from .judging import requirements_for
+from .messages import News, Task
+from .sensors import on_bench, sensor_on_bench
+
+MOST_AT_ONCE = 2
+LONGEST_LINE = 1 << 22
+
+Tell = Callable[[News], None]
+
+
+def perform(task: Task, tell: Tell) -> None:
+    """Do a task and tell of it; the last news has the sensor, or says why there is none."""
+    try:
+        sensor = sensor_on_bench(task.tables)
+        (_optimise if task.what == "optimise" else _design)(task, sensor, tell)
+    except OmnimirrorError as e:
+        tell(_news("failed", str(e)))
+
+
+def problem_of(sensor: Sensor, family: str, terms: int) -> DesignProblem:
+    """The problem of a sensor's field, size, lens and imager.
+
+    Raises
+    ------
+    InvalidParameter
+        Mirrors before a telecentric lens are not optimised, nor are two mirrors.
+    """
+    sensor.check_one_mirror("optimising")
+    lens = sensor.lens
+    if not isinstance(lens, Perspective):
+        raise InvalidParameter(f"{sensor.name} has a {lens.KIND} lens; mirrors are optimised for perspective lenses")
+    return DesignProblem(
+        omega_max_deg=sensor.field_deg[1],
+        theta_max_deg=float(np.degrees(sensor.meridian.theta_max)),
+        rim_radius_mm=sensor.mirror.rim_radius_mm,
+        focal_length_mm=lens.focal_length_mm,
+        f_number=lens.f_number,
+        imager=sensor.imager,
+        family=family,
+        terms=terms,
+    )
+
+
+def _optimise(task: Task, sensor: Sensor, tell: Tell) -> None:
+    steps = 0
+
+    def said(progress: Progress) -> None:
+        nonlocal steps
+        steps += 1
+        words = f"start {progress.run + 1} of {progress.runs}, step {steps}"
+        tell(_news("running", words, progress.run / progress.runs, progress.value))
+
+    found = optimise(problem_of(sensor, task.family, task.terms), task.merit, starts=task.starts, on_progress=said)
+    tell(_news("done", found.sensor.notes, 1.0, found.value, found.sensor))
+
+
+def _design(task: Task, sensor: Sensor, tell: Tell) -> None:
+    from ...design import design_sensor
+
+    if task.wanted is None:
+        raise InvalidParameter("there are no requirements to design from")
+    made = design_sensor(requirements_for(task.wanted, sensor), lambda words: tell(_news("running", words)))
+    missed = [row.label for row in made.rows if not row.is_met]
+    words = f"Not everything can be met: {', '.join(missed)}." if missed else "Everything is met."
+    tell(_news("done", words, 1.0, None, made.sensor))
+
+
+def _news(
+    state: str, sentence: str, share: float | None = None, value: float | None = None, sensor: Sensor | None = None
+) -> News:
+    on = on_bench(sensor) if sensor is not None else None
+    return News(state=state, sentence=sentence, share=share, value=value, sensor=on)  # type: ignore[arg-type]
+
+
+# -- on the server's side --------------------------------------------------------------------------
+
+
+class Workers:
+    """Processes at work, never too many."""
+
+    def __init__(self) -> None:
+        self._running = 0
+
+    @asynccontextmanager
+    async def at(self, task: Task) -> AsyncIterator[AsyncIterator[str]]:
+        """The news of a task as JSON lines; leaving the block ends its process.
+
+        Raises
+        ------
+        InvalidParameter
+            Too many are at work.
+        """
+        if self._running >= MOST_AT_ONCE:
+            raise InvalidParameter(f"{MOST_AT_ONCE} searches are running already; wait for one of them, or cancel it")
+        self._running += 1
+        process = await asyncio.create_subprocess_exec(
+            sys.executable, "-m", __name__, stdin=subprocess.PIPE, stdout=subprocess.PIPE, limit=LONGEST_LINE,
+            start_new_session=True,
+        )  # fmt: skip
+        try:
+            assert process.stdin is not None
+            assert process.stdout is not None
+            process.stdin.write(task.model_dump_json().encode())
+            process.stdin.close()
+            yield _lines(process.stdout)
+        finally:
+            self._running -= 1
+            if process.returncode is None:
+                process.kill()
+            await process.wait()
+
+
+async def _lines(stream: asyncio.StreamReader) -> AsyncIterator[str]:
+    while line := await stream.readline():
+        yield line.decode()
+
+
+def main() -> None:
+    """Perform the task on the standard input."""
+    task = Task.model_validate_json(sys.stdin.buffer.read())
+    perform(task, lambda news: print(news.model_dump_json(), flush=True))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,310 @@
+import sheet from "./bench.css?inline";
+import uplotSheet from "uplot/dist/uPlot.min.css?inline";
+import * as api from "./api";
+import { CHARTS, ChartView, type Drawn } from "./charts";
+import { CompareTable } from "./compare";
+import { Cursor } from "./cursor";
+import { History, nameOf, placed, type Design, type Pin } from "./design";
+import { colour, h } from "./dom";
+import { Form } from "./form";
+import { Link, wishOf, type Found } from "./link";
+import type { BenchSensor, BenchStart } from "./messages";
+import { PictureView } from "./picture";
+import { SectionView } from "./section";
+import { SquaresView } from "./squares";
+import { fromAddress, inAddress, keep, kept } from "./store";
+import { Toolbar } from "./toolbar";
+import { WantedPanel } from "./wanted";
+import { WorkPanel } from "./work";
+
+/** What the bench needs of the page around it. */
+export interface Host {
+  place: HTMLElement;
+  header: HTMLElement;
+  isShown: () => boolean;
+  address: () => string;
+  setAddress: (design: string) => void;
+  banner: (sentence: string | null) => void;
+  say: (sentence: string) => void;
+  /** Look through a sensor: its file, and its name. */
+  lookThrough: (file: Blob, name: string) => Promise<void>;
+}
+
+const FIRST = "paper-spherical";
+const MOST_PINS = 4;
+const INKS = ["accent", "pin1", "pin2", "pin3", "pin4"];
+const DESCRIBED_MS = 400;
+const AWAY = "The studio's server does not answer. What is shown stays; it goes on when the server is back.";
+const GROUPS = ["Section", ...new Set(CHARTS.map((c) => c.group)), "Squares", "Picture"];
+
+/** The design bench: a design, what was found of it, and all that shows and changes it. */
+export class Bench {
+  history: History;
+  pins: Pin[] = [];
+  hidden: string[] = [];
+  readonly sensors: readonly string[];
+  /** How long ago the newest answer was asked for when it had been drawn, ms: for whoever measures. */
+  latencies: number[] = [];
+  private found: (Found | null)[] = [];
+  private readonly cursor = new Cursor();
+  private readonly link: Link;
+  private readonly form: Form;
+  private readonly wanted: WantedPanel;
+  private readonly work: WorkPanel;
+  private readonly toolbar: Toolbar;
+  private readonly compare: CompareTable;
+  private readonly section = new SectionView(this.cursor);
+  private readonly squares = new SquaresView();
+  private readonly picture = new PictureView();
+  private readonly charts = CHARTS.map((chart) => new ChartView(chart, this.cursor));
+  private describing = 0;
+
+  constructor(private readonly host: Host, parts: BenchStart, first: Design) {
+    this.history = new History(first);
+    this.sensors = parts.sensors;
+    const aside = h("aside", { "aria-label": "Design" });
+    const panel = (title: string): HTMLElement => {
+      const body = h("section", { className: "panel", "aria-label": title }, h("h2", {}, title));
+      aside.append(body);
+      return body;
+    };
+    const hands = {
+      now: () => this.history.now,
+      facts: () => this.found[0]?.facts ?? null,
+      edit: (design: Design) => this.edit(design),
+      settle: () => this.settle(),
+      change: (what: "mirror" | "lens" | "focus", to: string) => void this.change(what, to),
+      take: (found: BenchSensor, words: string) => this.take(found, words),
+    };
+    this.toolbar = new Toolbar(host, this);
+    this.form = new Form(panel("Sensor"), parts, hands);
+    this.wanted = new WantedPanel(panel("Requirements"), parts, hands);
+    this.work = new WorkPanel(panel("Optimise"), parts, hands);
+    this.compare = new CompareTable({ take: (i) => this.takePin(i), drop: (i) => this.dropPin(i) });
+    const plots = h("div", { className: "plots" }, this.section.element, ...this.charts.map((c) => c.element), this.squares.element, this.picture.element);
+    host.place.append(aside, h("section", { className: "desk", "aria-label": "What the design does" }, this.compare.element, this.shownGroups(), plots));
+    this.cursor.listen((omega) => host.place.classList.toggle("reading", omega !== null));
+    plots.addEventListener("pointerleave", () => this.cursor.set(null, this));
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.restyle());
+    this.link = new Link((found) => this.answered(found), (isAway) => host.banner(isAway && host.isShown() ? AWAY : null));
+    this.bindKeys();
+  }
+
+  // -- the design ---------------------------------------------------------------------------------
+
+  /** Try a design, as while a slider is held. */
+  edit(design: Design): void {
+    this.history.now = design;
+    this.form.show(design);
+    this.wanted.show(design);
+    this.ask();
+  }
+
+  /** Settle on the design as it is. */
+  settle(): void {
+    if (this.history.settle()) this.kept();
+    this.toolbar.show();
+  }
+
+  /** Put another sensor on the bench; what is asked of it stays. */
+  take(sensor: BenchSensor, words: string): void {
+    this.edit({ ...this.history.now, tables: sensor.tables, follows: sensor.follows });
+    this.settle();
+    if (words) this.host.say(words);
+  }
+
+  takeDesign(design: Design): void {
+    this.edit(design);
+    this.settle();
+  }
+
+  undo(): void {
+    this.history.undo();
+    this.takeDesign(this.history.now);
+    this.kept();
+  }
+
+  redo(): void {
+    this.history.redo();
+    this.takeDesign(this.history.now);
+    this.kept();
+  }
+
+  async change(what: "mirror" | "lens" | "focus", to: string): Promise<void> {
+    try {
+      this.take(await api.change({ tables: this.history.now.tables, what, to }), "");
+    } catch (e) {
+      this.fail(e);
+      this.form.show(this.history.now);
+    }
+  }
+
+  fail(e: unknown): void {
+    if (!(e instanceof api.Refused)) throw e;
+    this.form.complain({ path: [], sentence: e.message });
+    this.host.say(e.message);
+  }
+
+  // -- pins ---------------------------------------------------------------------------------------
+
+  pin(): void {
+    if (this.pins.length >= MOST_PINS) return this.host.say(`${MOST_PINS} designs are pinned already; unpin one first.`);
+    const same = this.pins.filter((p) => p.name.startsWith(nameOf(this.history.now))).length;
+    this.pins = [...this.pins, { name: `${nameOf(this.history.now)}${same ? ` ${same + 1}` : ""}`, design: this.history.now }];
+    this.host.say("Pinned: change the design, and compare");
+    this.pinsChanged();
+  }
+
+  private takePin(index: number): void {
+    this.takeDesign(this.pins[index].design);
+  }
+
+  private dropPin(index: number): void {
+    this.pins = this.pins.filter((_, i) => i !== index);
+    this.found = this.found.slice(0, 1);
+    this.pinsChanged();
+  }
+
+  private pinsChanged(): void {
+    this.pins.forEach((pin, i) => this.link.ask(i + 1, wishOf({ ...pin.design, wanted: null }, true, false)));
+    this.kept();
+    this.draw();
+    this.toolbar.show();
+  }
+
+  // -- questions and answers ------------------------------------------------------------------------
+
+  ask(): void {
+    this.link.ask(0, wishOf(this.history.now, !this.hidden.includes("Section"), !this.hidden.includes("Squares")));
+  }
+
+  /** Begin, or begin anew with what the address holds. */
+  begin(): void {
+    this.form.show(this.history.now);
+    this.wanted.show(this.history.now);
+    this.toolbar.show();
+    this.ask();
+    this.pinsChanged();
+  }
+
+  private answered(found: Found): void {
+    if (found.slot > this.pins.length) return;
+    if (found.trouble) {
+      if (found.slot === 0) this.troubled(found);
+      return;
+    }
+    this.found[found.slot] = found;
+    if (found.slot === 0) this.settleFound(found);
+    this.draw();
+    if (found.slot === 0) this.latencies = [...this.latencies.slice(-199), performance.now() - found.asked];
+  }
+
+  private troubled(found: Found): void {
+    this.form.complain(found.trouble);
+    this.host.place.classList.add("stale");
+  }
+
+  private settleFound(found: Found): void {
+    this.host.place.classList.remove("stale");
+    this.form.complain(null);
+    const complete = placed(this.history.now, found.facts!);
+    if (complete !== this.history.now) {
+      this.history.complete(complete);
+      this.form.show(complete);
+    }
+    this.wanted.judge(found.rows, found.wanted_trouble);
+    if (!this.hidden.includes("Picture")) this.picture.show(this.history.now);
+  }
+
+  // -- drawing --------------------------------------------------------------------------------------
+
+  private drawn(): Drawn[] {
+    const names = [nameOf(this.history.now), ...this.pins.map((p) => p.name)];
+    return names.flatMap((name, i) => {
+      const found = this.found[i];
+      return found ? [{ name, ink: colour(INKS[i]), found }] : [];
+    });
+  }
+
+  private draw(): void {
+    if (!this.found[0]) return;
+    const drawn = this.drawn();
+    this.compare.show(drawn);
+    for (const chart of this.charts) if (!this.hidden.includes(chart.chart.group)) chart.show(drawn);
+    if (!this.hidden.includes("Section")) this.section.show(drawn);
+    if (!this.hidden.includes("Squares")) this.squares.show(drawn);
+    this.work.show(this.history.now);
+    clearTimeout(this.describing);
+    this.describing = window.setTimeout(() => [...this.charts, this.section, this.squares].forEach((v) => v.describe()), DESCRIBED_MS);
+  }
+
+  private restyle(): void {
+    this.draw();
+    for (const chart of this.charts) chart.restyle();
+  }
+
+  private shownGroups(): HTMLElement {
+    const boxes = GROUPS.map((group) => {
+      const box = h("input", { type: "checkbox", checked: true, name: group });
+      box.addEventListener("change", () => {
+        this.hidden = box.checked ? this.hidden.filter((g) => g !== group) : [...this.hidden, group];
+        this.showGroups();
+        this.kept();
+        this.ask();
+      });
+      return h("label", {}, box, h("span", {}, group));
+    });
+    return h("fieldset", { className: "groups" }, h("legend", { className: "hidden" }, "Plots shown"), ...boxes);
+  }
+
+  /** Show the plots that are wanted, and no others. */
+  showGroups(): void {
+    const views: [string, HTMLElement][] = [["Section", this.section.element], ["Squares", this.squares.element], ["Picture", this.picture.element]];
+    for (const [group, element] of [...views, ...this.charts.map((c): [string, HTMLElement] => [c.chart.group, c.element])]) element.hidden = this.hidden.includes(group);
+    for (const box of this.host.place.querySelectorAll<HTMLInputElement>(".groups input")) box.checked = !this.hidden.includes(box.name);
+    this.draw();
+  }
+
+  // -- keeping ----------------------------------------------------------------------------------------
+
+  kept(): void {
+    keep(this.history, this.pins, this.hidden);
+    this.host.setAddress(inAddress(this.history.now));
+  }
+
+  private bindKeys(): void {
+    document.addEventListener("keydown", (e) => {
+      if (!this.host.isShown() || !(e.ctrlKey || e.metaKey)) return;
+      const key = e.key.toLowerCase();
+      if (key === "z" || key === "y") {
+        e.preventDefault();
+        if (key === "y" || e.shiftKey) this.redo();
+        else this.undo();
+      } else if (key === "s") {
+        e.preventDefault();
+        void this.toolbar.download("sensor");
+      }
+    });
+  }
+}
+
+/** Make the bench in its place: with the design of the address, the one that was kept, or the paper's. */
+export async function begin(host: Host): Promise<Bench> {
+  for (const text of [uplotSheet, sheet]) {
+    const made = new CSSStyleSheet();
+    made.replaceSync(text);
+    document.adoptedStyleSheets = [...document.adoptedStyleSheets, made];
+  }
+  const parts = await api.start();
+  const before = kept();
+  const design = fromAddress(host.address()) ?? before?.design ?? { ...(await api.bundled(FIRST)), distance: null, wanted: null };
+  const bench = new Bench(host, parts, design);
+  if (before) {
+    bench.pins = before.pins;
+    bench.hidden = before.hidden;
+    if (JSON.stringify(before.design) === JSON.stringify(design)) bench.history.restore(before);
+  }
+  bench.showGroups();
+  bench.begin();
+  return bench;
+}

@@ -1,0 +1,158 @@
+import uPlot from "uplot";
+import { interpolated, type Cursor } from "./cursor";
+import { colour, h } from "./dom";
+import type { Found, Table } from "./link";
+import { words } from "./scale";
+
+/** One plot over the field angle: which columns, how they are called, in which unit. */
+interface Chart {
+  title: string;
+  group: string;
+  unit: string;
+  columns: { name: string; symbol: string; dashed?: boolean }[];
+  hint: string;
+}
+
+export const CHARTS: Chart[] = [
+  { title: "Image height", group: "Mapping", unit: "px", columns: [{ name: "h_px", symbol: "h" }], hint: "Eq. 7" },
+  { title: "Rate of image height", group: "Mapping", unit: "px/°", columns: [{ name: "dh_domega_px_per_deg", symbol: "dh/dΩ" }], hint: "Eq. 8" },
+  { title: "Viewpoint", group: "Viewpoints", unit: "mm", columns: [{ name: "viewpoint_z_mm", symbol: "z" }], hint: "over the mirror's vertex, Eq. 6" },
+  { title: "Image area of a square degree", group: "Area and aspect", unit: "px²", columns: [{ name: "area_px2", symbol: "Δs" }], hint: "Eq. 11" },
+  { title: "Aspect", group: "Area and aspect", unit: "", columns: [{ name: "aspect", symbol: "Δw/Δh" }], hint: "width to height of a small square, Eq. 12" },
+  { title: "Blur in the image", group: "Blur", unit: "px", columns: [{ name: "blur_t_px", symbol: "T" }, { name: "blur_s_px", symbol: "S", dashed: true }], hint: "tangential and sagittal (dashed), positive beyond the focus, Eq. 28" },
+  { title: "Blur in angle", group: "Blur", unit: "°", columns: [{ name: "blur_t_deg", symbol: "T" }, { name: "blur_s_deg", symbol: "S", dashed: true }], hint: "tangential and sagittal (dashed), Eqs. 36 and 37" },
+  { title: "Blur area", group: "Blur", unit: "deg²", columns: [{ name: "floored_area_deg2", symbol: "A" }], hint: "with a pixel and the Airy disk added to both sides" },
+];
+
+/** A design that is drawn: its colour, its name, what was found. */
+export interface Drawn {
+  name: string;
+  ink: string;
+  found: Found;
+}
+
+const HEIGHT = 172;
+const AXIS_FONT = "11px system-ui, sans-serif";
+const STEP_DEG = 1;
+
+/** One chart with all designs in it. */
+export class ChartView {
+  readonly element: HTMLElement;
+  private readonly readout = h("output", { className: "readout" });
+  private readonly place = h("div", { className: "chart", tabIndex: 0 });
+  private plot: uPlot | null = null;
+  private drawn: Drawn[] = [];
+  private shape = "";
+
+  constructor(readonly chart: Chart, private readonly cursor: Cursor) {
+    const title = chart.unit ? `${chart.title}, ${chart.unit}` : chart.title;
+    this.element = h("figure", { className: "plot", title: `${chart.title}: ${chart.hint}` }, h("figcaption", {}, h("span", {}, title), this.readout), this.place);
+    this.place.setAttribute("role", "img");
+    cursor.listen((omega, from) => this.point(omega, from));
+    this.place.addEventListener("keydown", (e) => this.key(e));
+    new ResizeObserver(() => this.plot?.setSize(this.size())).observe(this.place);
+  }
+
+  show(drawn: Drawn[]): void {
+    this.drawn = drawn;
+    const shape = drawn.map((d) => d.ink).join();
+    const data = this.data();
+    if (this.plot && shape === this.shape) this.plot.setData(data);
+    else {
+      this.plot?.destroy();
+      this.plot = new uPlot(this.options(), data, this.place);
+      this.shape = shape;
+    }
+    this.read(this.cursor.omega);
+  }
+
+  /** Draw anew, as when colours have changed. */
+  restyle(): void {
+    this.shape = "";
+    if (this.drawn.length) this.show(this.drawn);
+  }
+
+  /** Say what is drawn to who does not see it. */
+  describe(): void {
+    const [first] = this.drawn;
+    const table = first && curves(first);
+    if (!table) return;
+    const omega = table.column("omega_deg");
+    const parts = this.chart.columns.map(({ name, symbol }) => `${symbol} from ${words(table.column(name)[0])} at ${words(omega[0])}° to ${words(table.column(name)[table.rows - 1])} at ${words(omega[table.rows - 1])}°`);
+    this.place.setAttribute("aria-label", `${this.chart.title} against field angle${this.chart.unit ? ` in ${this.chart.unit}` : ""}: ${parts.join("; ")}. Arrow keys read values.`);
+  }
+
+  private data(): uPlot.AlignedData {
+    const tables: uPlot.AlignedData[] = [];
+    for (const d of this.drawn) {
+      const table = curves(d)!;
+      const x = Array.from(table.column("omega_deg"));
+      tables.push([x, ...this.chart.columns.map(({ name }) => Array.from(table.column(name), (v) => (Number.isFinite(v) ? v : null)))]);
+    }
+    return tables.length === 1 ? tables[0] : uPlot.join(tables);
+  }
+
+  private options(): uPlot.Options {
+    const series = this.drawn.flatMap((d) =>
+      this.chart.columns.map(({ dashed }): uPlot.Series => ({ stroke: d.ink, width: d === this.drawn[0] ? 2 : 1.4, dash: dashed ? [6, 4] : undefined, spanGaps: true, points: { show: false } })),
+    );
+    const axis = { stroke: colour("soft"), font: AXIS_FONT, grid: { stroke: colour("line"), width: 1 }, ticks: { show: false } };
+    const degrees = (_: uPlot, splits: number[]): string[] => splits.map((v) => `${v}°`);
+    const numbers = (_: uPlot, splits: number[]): string[] => splits.map((v) => String(+v.toPrecision(6)).replace("-", "−"));
+    return {
+      ...this.size(),
+      legend: { show: false },
+      scales: { x: { time: false }, y: { range: { min: { pad: 0.06, soft: 0, mode: 2 }, max: { pad: 0.06, soft: 0, mode: 2 } } } },
+      axes: [
+        { ...axis, size: 26, gap: 4, values: degrees, incrs: [5, 10, 15, 30, 45, 90] },
+        { ...axis, size: 48, gap: 4, values: numbers, space: 26 },
+      ],
+      series: [{}, ...series],
+      cursor: { y: false, points: { size: 6 }, drag: { x: false, y: false } },
+      hooks: { setCursor: [(u) => this.moved(u)] },
+    };
+  }
+
+  private moved(u: uPlot): void {
+    if (!this.place.matches(":hover")) return;
+    const { left } = u.cursor;
+    this.cursor.set(left === undefined || left === null || left < 0 ? null : u.posToVal(left, "x"), this);
+    if (this.cursor.omega !== null) this.read(this.cursor.omega);
+  }
+
+  private point(omega: number | null, from: unknown): void {
+    this.read(omega);
+    if (from === this || !this.plot) return;
+    const left = omega === null ? -10 : this.plot.valToPos(omega, "x");
+    this.plot.setCursor({ left, top: omega === null ? -10 : 1 }, false);
+  }
+
+  private read(omega: number | null): void {
+    if (omega === null) return this.readout.replaceChildren();
+    const values = this.drawn.map((d) => {
+      const table = curves(d)!;
+      const text = this.chart.columns.map(({ name }) => words(interpolated(table.column("omega_deg"), table.column(name), omega)));
+      const span = h("b", {}, text.join(" · "));
+      span.style.color = d.ink;
+      return span;
+    });
+    this.readout.replaceChildren(`${omega.toFixed(1)}°  `, ...values);
+  }
+
+  private key(e: KeyboardEvent): void {
+    const step = { ArrowRight: STEP_DEG, ArrowLeft: -STEP_DEG }[e.key];
+    const table = this.drawn[0] && curves(this.drawn[0]);
+    if (!step || !table) return;
+    e.preventDefault();
+    const omega = table.column("omega_deg");
+    const [low, high] = [omega[0], omega[table.rows - 1]];
+    const next = Math.min(high, Math.max(low, (this.cursor.omega ?? (low + high) / 2) + step));
+    this.cursor.set(next, this.place);
+  }
+
+  private size(): { width: number; height: number } {
+    return { width: Math.max(120, this.place.clientWidth), height: HEIGHT };
+  }
+}
+
+const curves = (d: Drawn): Table | null => d.found.block("curves");

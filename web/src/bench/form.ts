@@ -1,0 +1,198 @@
+import { withEntry, type Design, type Tables } from "./design";
+import { h, unique } from "./dom";
+import { Field } from "./field";
+import type { BenchStart, ParameterOf, PartOf, Trouble } from "./messages";
+import { label } from "./scale";
+
+/** What the form needs of the bench. */
+export interface Hands {
+  now: () => Design;
+  edit: (design: Design) => void;
+  settle: () => void;
+  change: (what: "mirror" | "lens" | "focus", to: string) => void;
+}
+
+const MOST_FIELDS = 16; // of a list; longer ones are a text
+const FAR: ParameterOf = { name: "distance", unit: "mm", low: 1, high: 1e7, description: "from the mirror to the objects", choices: [], is_list: false, is_whole: false, is_optional: false };
+
+/** Sliders and number fields, made from what the parts say of themselves. */
+export class Form {
+  private fields = new Map<string, Field>();
+  private shape = "";
+  private last = "";
+  private readonly mirror: HTMLSelectElement;
+  private readonly lens: HTMLSelectElement;
+  private readonly follows = h("input", { type: "checkbox" });
+  private readonly infinite = h("input", { type: "checkbox" });
+  private readonly body = h("div", { className: "sections" });
+  private readonly problem = h("p", { className: "problem", role: "alert", hidden: true });
+
+  constructor(place: HTMLElement, private readonly parts: BenchStart, private readonly hands: Hands) {
+    this.mirror = choice(parts.mirrors.map((p) => p.kind), (kind) => hands.change("mirror", kind));
+    this.lens = choice(parts.lenses.map((p) => p.kind), (kind) => hands.change("lens", kind));
+    this.follows.addEventListener("change", () => this.settled({ ...hands.now(), follows: this.follows.checked }));
+    this.infinite.addEventListener("change", () => this.settled({ ...hands.now(), distance: this.infinite.checked ? null : 10 * this.rim() }));
+    place.append(this.problem, this.body);
+  }
+
+  /** Show a design; fields are made anew only where there are others than before. */
+  show(design: Design): void {
+    const shape = shapeOf(design);
+    if (shape !== this.shape) {
+      this.shape = shape;
+      this.build(design);
+    }
+    for (const [key, field] of this.fields) {
+      const value = valueAt(design, key);
+      if (value !== undefined) field.set(value);
+    }
+    this.mirror.value = design.tables.mirror.kind as string;
+    this.lens.value = design.tables.lens.kind as string;
+    this.follows.checked = design.follows;
+    this.infinite.checked = design.distance === null;
+  }
+
+  /** Say why the design cannot be, beside the field it is about, or the one that was changed last. */
+  complain(trouble: Trouble | null): void {
+    const key = trouble && ([...this.fields.keys()].find((k) => k.startsWith(trouble.path.join(".")) && trouble.path.length > 1) ?? this.last);
+    for (const [k, field] of this.fields) field.complain(k === key ? trouble!.sentence : null);
+    this.problem.hidden = !trouble || this.fields.has(key ?? "");
+    this.problem.textContent = this.problem.hidden ? "" : trouble!.sentence;
+  }
+
+  private build(design: Design): void {
+    const open = document.activeElement?.closest(".field")?.querySelector("label")?.textContent;
+    this.fields.clear();
+    const { tables } = design;
+    const part = (all: PartOf[], kind: unknown): PartOf => all.find((p) => p.kind === kind)!;
+    this.body.replaceChildren(
+      this.section("Mirror", [labelled("Kind of mirror", this.mirror), ...this.of("mirror", part(this.parts.mirrors, tables.mirror.kind), tables.mirror), ...this.distance(design)]),
+      ...(tables.secondary ? [this.section("Second mirror", this.second(tables.secondary as Tables))] : []),
+      this.section("Lens", [labelled("Kind of lens", this.lens), ...this.of("lens", part(this.parts.lenses, tables.lens.kind), tables.lens), this.focus()]),
+      this.section("Imager", this.of("imager", this.parts.imager, tables.imager)),
+      this.section("Objects", this.objects(design)),
+    );
+    const again = [...this.body.querySelectorAll("label")].find((l) => l.textContent === open);
+    if (open) again?.closest(".field")?.querySelector<HTMLInputElement>("input[type=range]")?.focus();
+  }
+
+  private section(title: string, children: HTMLElement[]): HTMLElement {
+    const id = unique();
+    return h("section", { "aria-labelledby": id }, h("h3", { id }, title), ...children);
+  }
+
+  private of(section: string, part: PartOf, table: Tables): HTMLElement[] {
+    return part.parameters.flatMap((p) => {
+      const value = table[p.name] as unknown;
+      if (p.choices.length) return [this.words(section, p, String(value ?? p.choices[0]))];
+      if (value === undefined || value === null) return [];
+      return p.is_list ? this.list(section, p, value as number[]) : [this.number(`${section}.${p.name}`, p, label(p.name), value as number)];
+    });
+  }
+
+  private number(key: string, p: ParameterOf, title: string, value: number): HTMLElement {
+    const changed = (v: number): void => {
+      this.last = key;
+      this.hands.edit(changedAt(this.hands.now(), key, v));
+    };
+    const field = new Field(p, title, value, changed, () => this.hands.settle());
+    this.fields.set(key, field);
+    return field.element;
+  }
+
+  private list(section: string, p: ParameterOf, values: number[]): HTMLElement[] {
+    if (values.length > MOST_FIELDS) return [this.text(section, p, values)];
+    const fields = values.map((v, i) => this.number(`${section}.${p.name}.${i}`, p, `${label(p.name)} ${i + 1}`, v));
+    if (p.name !== "coefficients") return fields;
+    const set = (to: number[]): void => this.settled(withEntry(this.hands.now(), section, p.name, to));
+    const now = (): number[] => this.hands.now().tables[section][p.name] as number[];
+    const more = h("button", { type: "button", onclick: () => set([...now(), 0]) }, "Add a coefficient");
+    const less = h("button", { type: "button", disabled: values.length < 2, onclick: () => set(now().slice(0, -1)) }, "Remove the last");
+    return [...fields, h("div", { className: "row" }, more, less)];
+  }
+
+  private text(section: string, p: ParameterOf, values: number[]): HTMLElement {
+    const id = unique();
+    const area = h("textarea", { id, rows: 4, spellcheck: false, value: values.join(", ") });
+    area.addEventListener("change", () => {
+      const numbers = area.value.split(/[\s,;]+/).filter(Boolean).map(Number);
+      if (numbers.some(Number.isNaN)) return this.complain({ path: [], sentence: `${label(p.name)}: numbers with commas between them` });
+      this.last = `${section}.${p.name}`;
+      this.settled(withEntry(this.hands.now(), section, p.name, numbers));
+    });
+    return h("div", { className: "field", title: p.description }, h("label", { htmlFor: id }, label(p.name)), h("span", { className: "unit" }, p.unit), area);
+  }
+
+  private words(section: string, p: ParameterOf, value: string): HTMLElement {
+    const select = choice(p.choices, (to) => this.settled(withEntry(this.hands.now(), section, p.name, to)));
+    select.value = value;
+    return labelled(label(p.name), select);
+  }
+
+  private distance(design: Design): HTMLElement[] {
+    if (design.tables.lens.kind === "orthographic") return [];
+    const [p] = this.parts.mount.parameters;
+    const value = design.tables.mount.mirror_distance_mm as number;
+    const field = this.number("mount.mirror_distance_mm", p, "Distance from lens", value);
+    const isMapped = "theta_max_deg" in design.tables.mirror && !design.tables.secondary;
+    field.classList.toggle("led", design.follows);
+    return [field, ...(isMapped ? [check(this.follows, "Lens stands where the mapping needs it")] : [])];
+  }
+
+  private second(table: Tables): HTMLElement[] {
+    const kind = this.parts.secondaries.find((p) => p.kind === table.kind)!;
+    return [h("p", { className: "words" }, `${kind.kind}`), ...this.of("secondary", kind, table), ...this.of("secondary", this.parts.place, table)];
+  }
+
+  private focus(): HTMLElement {
+    return h("div", { className: "row" }, h("button", { type: "button", onclick: () => this.hands.change("focus", "floored-area"), title: "Where the worst blur area is least" }, "Best focus"));
+  }
+
+  private objects(design: Design): HTMLElement[] {
+    const far = check(this.infinite, "Infinitely far away");
+    return design.distance === null ? [far] : [this.number("distance", FAR, "Distance from mirror", design.distance), far];
+  }
+
+  private settled(design: Design): void {
+    this.hands.edit(design);
+    this.hands.settle();
+  }
+
+  private rim(): number {
+    const { mirror } = this.hands.now().tables;
+    return Math.round((mirror.rim_radius_mm as number | undefined) ?? 50);
+  }
+}
+
+/** What decides which fields there are. */
+function shapeOf({ tables, follows, distance }: Design): string {
+  const of = (table: Tables | undefined): unknown => table && Object.entries(table).map(([k, v]) => [k, Array.isArray(v) ? v.length : k === "kind" && v]);
+  return JSON.stringify([of(tables.mirror), of(tables.secondary), of(tables.lens), of(tables.imager), follows, distance === null]);
+}
+
+function valueAt(design: Design, key: string): number | undefined {
+  if (key === "distance") return design.distance ?? undefined;
+  const [section, name, index] = key.split(".");
+  const value = (design.tables[section] as Tables | undefined)?.[name] as unknown;
+  return (index === undefined ? value : (value as number[] | undefined)?.[Number(index)]) as number | undefined;
+}
+
+function changedAt(design: Design, key: string, value: number): Design {
+  if (key === "distance") return { ...design, distance: value };
+  const [section, name, index] = key.split(".");
+  const changed = withEntry(design, section, name, value, index === undefined ? undefined : Number(index));
+  return key === "mount.mirror_distance_mm" ? { ...changed, follows: false } : changed;
+}
+
+function choice(values: readonly string[], chosen: (value: string) => void): HTMLSelectElement {
+  const select = h("select", {}, ...values.map((value) => h("option", { value }, value.replaceAll("-", " "))));
+  select.addEventListener("change", () => chosen(select.value));
+  return select;
+}
+
+function labelled(title: string, select: HTMLSelectElement): HTMLElement {
+  select.id ||= unique();
+  return h("div", { className: "field" }, h("label", { htmlFor: select.id }, title), select);
+}
+
+const check = (box: HTMLInputElement, title: string): HTMLElement => h("label", { className: "check" }, box, title);

@@ -1,0 +1,114 @@
+import type { Design } from "./design";
+import type { Answer, Ask } from "./messages";
+
+/** What the server answered about a design: words, and blocks of numbers by their names. */
+export interface Found extends Answer {
+  block: (name: string) => Table | null;
+  /** When the question was asked, for whoever measures. */
+  asked: number;
+}
+
+/** Named columns of numbers; not a number where there is nothing. */
+export interface Table {
+  name: string;
+  rows: number;
+  column: (name: string) => Float32Array;
+}
+
+type Wish = Omit<Ask, "number" | "slot">;
+
+const RETRY_MS = 1000;
+
+/** One connection for all questions about designs: one is on its way, and of those that wait the newest is asked. */
+export class Link {
+  private socket: WebSocket | null = null;
+  private waiting = new Map<number, { wish: Wish; asked: number }>();
+  private onItsWay: { slot: number; asked: number } | null = null;
+  private number = 0;
+  private isClosed = false;
+
+  constructor(private readonly answered: (found: Found) => void, private readonly away: (isAway: boolean) => void) {
+    this.connect();
+  }
+
+  /** Ask about a design; an older question of the same slot that still waits is forgotten. */
+  ask(slot: number, wish: Wish): void {
+    this.waiting.set(slot, { wish, asked: performance.now() });
+    this.next();
+  }
+
+  forget(slot: number): void {
+    this.waiting.delete(slot);
+  }
+
+  private connect(): void {
+    const socket = new WebSocket(addressOf("api/bench/ask"));
+    socket.binaryType = "arraybuffer";
+    socket.onopen = () => {
+      this.away(false);
+      this.next();
+    };
+    socket.onmessage = (e: MessageEvent<ArrayBuffer>) => {
+      const found = read(e.data, this.onItsWay?.asked ?? 0);
+      this.onItsWay = null;
+      this.next();
+      this.answered(found);
+    };
+    socket.onclose = () => {
+      this.onItsWay = null;
+      if (this.isClosed) return;
+      this.away(true);
+      setTimeout(() => this.connect(), RETRY_MS);
+    };
+    this.socket = socket;
+  }
+
+  private next(): void {
+    if (this.onItsWay || this.socket?.readyState !== WebSocket.OPEN) return;
+    const slot = Math.min(...this.waiting.keys());
+    const question = this.waiting.get(slot);
+    if (!question) return;
+    this.waiting.delete(slot);
+    this.onItsWay = { slot, asked: question.asked };
+    const ask: Ask = { slot, number: ++this.number, ...question.wish };
+    this.socket.send(JSON.stringify(ask));
+  }
+}
+
+/** The question about a design. */
+export const wishOf = (design: Design, section: boolean, squares: boolean): Wish => ({
+  tables: design.tables,
+  follows: design.follows,
+  object_distance_mm: design.distance,
+  section,
+  squares,
+  wanted: design.wanted,
+});
+
+export const addressOf = (path: string): string => new URL(path, document.baseURI).href.replace(/^http/, "ws");
+
+/** A binary message: the header in words, and where its bytes begin. */
+export function unpack<T>(data: ArrayBuffer): { header: T; start: number } {
+  const length = new DataView(data).getUint32(0, true);
+  const header = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, length))) as T;
+  return { header, start: 4 + length };
+}
+
+function read(data: ArrayBuffer, asked: number): Found {
+  const { header, start } = unpack<Answer>(data);
+  const tables = new Map<string, Table>();
+  let at = start;
+  for (const { name, columns, rows } of header.blocks) {
+    const values = new Map<string, Float32Array>();
+    for (const column of columns) {
+      values.set(column, new Float32Array(data, at, rows));
+      at += 4 * rows;
+    }
+    tables.set(name, { name, rows, column: (c) => values.get(c)! });
+  }
+  return { ...header, asked, block: (name) => tables.get(name) ?? null };
+}
+
+/** Blocks whose names begin so. */
+export const blocksLike = (found: Found, start: string): Table[] =>
+  found.blocks.filter((b) => b.name.startsWith(start)).map((b) => found.block(b.name)!);

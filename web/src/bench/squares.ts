@@ -1,0 +1,106 @@
+import type { Drawn } from "./charts";
+import { h, svg } from "./dom";
+import type { Table } from "./link";
+import { words } from "./scale";
+
+const OBJECT_DEG = 15;
+const ENLARGED = 10;
+const SMALLEST = 1.5;
+
+/** Objects of 15° x 15° along the image radius, and in object space, with their blur spots ten times enlarged. */
+export class SquaresView {
+  readonly element: HTMLElement;
+  private readonly image = svg("svg", { class: "strip", role: "img" });
+  private readonly object = svg("svg", { class: "strip", role: "img" });
+  private first: Drawn | null = null;
+
+  constructor() {
+    const caption = h("figcaption", {}, h("span", {}, "Squares of 15° with their blur"), h("span", { className: "quiet" }, "blur spots × 10; above in the image, along its radius; below in object space"));
+    this.element = h("figure", { className: "plot wide" }, caption, this.image as never, this.object as never);
+    new ResizeObserver(() => this.draw()).observe(this.element);
+  }
+
+  show(drawn: Drawn[]): void {
+    this.first = drawn[0]?.found.block("squares") ? drawn[0] : null;
+    this.draw();
+  }
+
+  describe(): void {
+    const table = this.first?.found.block("squares");
+    if (!table) return;
+    const at = (name: string, i: number): string => words(Math.abs(table.column(name)[i]), 3);
+    const rows = Array.from(table.column("omega_deg"), (omega, i) => `${omega}°: ${at("blur_t_deg", i)} by ${at("blur_s_deg", i)} degrees`);
+    this.image.setAttribute("aria-label", `Images of squares of 15° along the image radius of ${words(this.first!.found.facts!.rim_radius_px)} pixels, with their blur.`);
+    this.object.setAttribute("aria-label", `Blur against squares of 15° in object space, tangential by sagittal: ${rows.join("; ")}.`);
+  }
+
+  private draw(): void {
+    const table = this.first?.found.block("squares");
+    if (!table) return;
+    this.drawImage(table);
+    this.drawObject(table);
+  }
+
+  private drawImage(table: Table): void {
+    const width = Math.max(200, this.image.getBoundingClientRect().width);
+    const radius = this.first!.found.facts!.rim_radius_px;
+    const [h_px, dh, dw] = ["h_px", "dh_domega_px_per_deg", "width_px_per_deg"].map((n) => table.column(n));
+    const half = (i: number): number => (OBJECT_DEG * dh[i]) / 2;
+    const left = Math.min(0, ...Array.from(h_px, (h, i) => h - half(i)));
+    const right = Math.max(radius, ...Array.from(h_px, (h, i) => Math.min(h + half(i), 1.4 * radius)));
+    const scale = (width - 8) / (right - left);
+    const tallest = Math.min(Math.max(...Array.from(dw, (w) => (Number.isFinite(w) ? OBJECT_DEG * w : 0))), 0.6 * radius) * scale;
+    const [height, middle] = [tallest + 22, tallest / 2 + 18];
+    const at = (px: number): number => 4 + (px - left) * scale;
+    this.reset(this.image, width, height);
+    const rim = radius * scale;
+    const dip = rim - Math.sqrt(Math.max(0, rim * rim - (height / 2) ** 2));
+    this.image.append(
+      svg("line", { class: "axis", x1: 0, x2: width, y1: middle, y2: middle }),
+      svg("path", { class: "rimline", d: `M${at(radius) - dip} ${middle - height / 2}Q${at(radius) + dip} ${middle} ${at(radius) - dip} ${middle + height / 2}` }),
+    );
+    for (let i = 0; i < table.rows; i++) {
+      if (!Number.isFinite(dw[i])) continue;
+      const [w, t] = [OBJECT_DEG * dh[i] * scale, OBJECT_DEG * dw[i] * scale];
+      this.square(this.image, at(h_px[i]), middle, w, t);
+      this.spot(this.image, at(h_px[i]), middle, ENLARGED * table.column("blur_t_px")[i] * scale, ENLARGED * table.column("blur_s_px")[i] * scale);
+      this.text(this.image, at(h_px[i]), Math.max(11, middle - t / 2 - 4), `${words(table.column("omega_deg")[i], 2)}°`);
+    }
+  }
+
+  private drawObject(table: Table): void {
+    const width = Math.max(200, this.object.getBoundingClientRect().width);
+    const pitch = Math.min(width / table.rows, 110);
+    const side = 0.8 * pitch;
+    const numbers = pitch > 62;
+    this.reset(this.object, width, side + (numbers ? 36 : 20));
+    for (let i = 0; i < table.rows; i++) {
+      const [x, y] = [pitch * (i + 0.5), 16 + side / 2];
+      const [t, s] = [table.column("blur_t_deg")[i], table.column("blur_s_deg")[i]];
+      this.square(this.object, x, y, side, side);
+      this.text(this.object, x, 11, `${words(table.column("omega_deg")[i], 2)}°`);
+      if (!Number.isFinite(t) || !Number.isFinite(s)) continue;
+      const enlarged = (ENLARGED * side) / OBJECT_DEG;
+      this.spot(this.object, x, y, Math.min(side, Math.abs(s) * enlarged), Math.min(side, Math.abs(t) * enlarged));
+      if (numbers) this.text(this.object, x, y + side / 2 + 14, `${Math.abs(t).toFixed(2)} × ${Math.abs(s).toFixed(2)}`);
+    }
+  }
+
+  private reset(place: SVGElement, width: number, height: number): void {
+    place.setAttribute("viewBox", `0 0 ${width} ${height}`);
+    place.setAttribute("height", String(Math.round(height)));
+    place.replaceChildren();
+  }
+
+  private square(place: SVGElement, x: number, y: number, w: number, t: number): void {
+    place.append(svg("rect", { class: "object", x: x - w / 2, y: y - t / 2, width: w, height: t, stroke: this.first!.ink, fill: this.first!.ink }));
+  }
+
+  private spot(place: SVGElement, x: number, y: number, w: number, t: number): void {
+    place.append(svg("ellipse", { class: "spot", cx: x, cy: y, rx: Math.max(SMALLEST, Math.abs(w) / 2), ry: Math.max(SMALLEST, Math.abs(t) / 2) }));
+  }
+
+  private text(place: SVGElement, x: number, y: number, text: string): void {
+    place.append(svg("text", { x, y, "text-anchor": "middle" }, text));
+  }
+}

@@ -1,0 +1,113 @@
+import * as api from "./api";
+import type { Bench, Host } from "./bench";
+import { h, save } from "./dom";
+import type { Download } from "./messages";
+
+const FILES: [Download["kind"], string][] = [
+  ["sensor", "Sensor file (TOML)"],
+  ["report", "Report (HTML)"],
+  ["drawing", "Drawing (PDF)"],
+  ["table", "Evaluation (CSV)"],
+  ["sag", "Sag table (CSV)"],
+];
+
+/** What stands in the page's header while the bench is shown. */
+export class Toolbar {
+  private readonly undo = h("button", { type: "button", title: "Undo (Ctrl+Z)", "aria-label": "Undo", onclick: () => this.bench.undo() }, "↶");
+  private readonly redo = h("button", { type: "button", title: "Redo (Ctrl+Shift+Z)", "aria-label": "Redo", onclick: () => this.bench.redo() }, "↷");
+  private readonly file = h("input", { type: "file", accept: ".toml", hidden: true, "aria-label": "Sensor or requirement file", id: "bench-file" });
+  private readonly menu = h("details", { className: "menu" });
+  private readonly requirements = h("button", { type: "button", onclick: () => void this.downloadRequirements() }, "Requirements (TOML)");
+
+  constructor(private readonly host: Host, private readonly bench: Bench) {
+    this.file.addEventListener("change", () => {
+      const [file] = this.file.files ?? [];
+      if (file) void this.open(file, file.name);
+      this.file.value = "";
+    });
+    const items = FILES.map(([kind, title]) => h("button", { type: "button", onclick: () => void this.download(kind) }, title));
+    this.menu.append(h("summary", { role: "button" }, "Download"), h("div", { className: "items" }, ...items, this.requirements));
+    const nav = (title: string, className: string, ...children: (Node | string)[]): HTMLElement => h("nav", { "aria-label": title, className, "data-tab": "design" }, ...children);
+    host.header.append(
+      nav("Design", "", this.undo, this.redo, h("button", { type: "button", onclick: () => this.file.click() }, "Open…"), this.starts(), this.file, h("button", { type: "button", onclick: () => bench.pin() }, "Pin")),
+      nav("Keep the design", "keep", this.menu, h("button", { type: "button", className: "primary", onclick: () => void this.look() }, "Look through it")),
+    );
+    document.addEventListener("click", (e) => !this.menu.contains(e.target as Node) && (this.menu.open = false));
+    this.menu.addEventListener("keydown", (e) => e.key === "Escape" && (this.menu.open = false));
+    this.bindDropping();
+  }
+
+  show(): void {
+    this.undo.disabled = !this.bench.history.canUndo;
+    this.redo.disabled = !this.bench.history.canRedo;
+    this.requirements.hidden = this.bench.history.now.wanted === null;
+  }
+
+  /** Open a sensor file, or a requirement file. */
+  async open(file: Blob, name: string): Promise<void> {
+    await this.try(async () => {
+      const { sensor, wanted } = await api.open(file, name);
+      if (sensor) this.bench.take(sensor, `${name} is on the bench`);
+      if (!wanted) return;
+      this.bench.takeDesign({ ...this.bench.history.now, wanted });
+      this.host.say(`${name}: its requirements are judged`);
+    });
+  }
+
+  async download(kind: Download["kind"]): Promise<void> {
+    this.menu.open = false;
+    const { tables, distance } = this.bench.history.now;
+    if (kind === "report" || kind === "drawing") this.host.say("Drawing; this takes a few seconds");
+    await this.try(async () => {
+      const { blob, name } = await api.download({ tables, kind, object_distance_mm: distance });
+      save(blob, name);
+    });
+  }
+
+  private async downloadRequirements(): Promise<void> {
+    this.menu.open = false;
+    const { tables, wanted } = this.bench.history.now;
+    await this.try(async () => save(await api.requirements({ tables, wanted: wanted! }), "requirements.toml"));
+  }
+
+  private async look(): Promise<void> {
+    const { tables, distance } = this.bench.history.now;
+    await this.try(async () => {
+      const { blob, name } = await api.download({ tables, kind: "sensor", object_distance_mm: distance });
+      await this.host.lookThrough(blob, name);
+    });
+  }
+
+  private starts(): HTMLElement {
+    const select = h("select", { "aria-label": "Start from a bundled sensor" }, h("option", { value: "" }, "Start from…"), ...this.bench.sensors.map((name) => h("option", { value: name }, name)));
+    select.addEventListener("change", () => {
+      const name = select.value;
+      select.value = "";
+      void this.try(async () => this.bench.take(await api.bundled(name), ""));
+    });
+    return select;
+  }
+
+  private async try(act: () => Promise<void>): Promise<void> {
+    try {
+      await act();
+    } catch (e) {
+      this.bench.fail(e);
+    }
+  }
+
+  /** Files dropped while the bench is shown are the bench's. */
+  private bindDropping(): void {
+    document.addEventListener(
+      "drop",
+      (e) => {
+        const file = e.dataTransfer?.files[0];
+        if (!this.host.isShown() || !file) return;
+        e.preventDefault();
+        e.stopImmediatePropagation();
+        void this.open(file, file.name);
+      },
+      { capture: true },
+    );
+  }
+}

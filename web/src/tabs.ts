@@ -1,0 +1,65 @@
+import type { Bench, begin, Host } from "./bench/bench";
+import type { Look } from "./look";
+import type { State, Store } from "./state";
+import { banner, byId, say } from "./ui/dom";
+
+const BENCH = import.meta.env.DEV ? "/src/bench/bench.ts" : "./bench.js";
+
+/** The two halves of the page; the bench is fetched when it is wanted first. */
+export class Tabs {
+  look: Look | null = null;
+  bench: Bench | null = null;
+  private isFetching = false;
+
+  constructor(private readonly store: Store) {
+    for (const button of document.querySelectorAll<HTMLButtonElement>("#tabs button"))
+      button.addEventListener("click", () => store.set({ tab: button.value as State["tab"] }));
+    store.listen((_, changed) => changed.has("tab") && this.show());
+    this.show();
+  }
+
+  private show(): void {
+    const { tab } = this.store.state;
+    document.body.dataset.tab = tab;
+    for (const button of document.querySelectorAll<HTMLButtonElement>("#tabs button")) {
+      if (button.value === tab) button.setAttribute("aria-current", "page");
+      else button.removeAttribute("aria-current");
+    }
+    byId("look").hidden = tab !== "look";
+    byId("bench").hidden = tab !== "design";
+    if (tab === "design" && !this.bench && !this.isFetching) void this.fetch();
+  }
+
+  private async fetch(): Promise<void> {
+    this.isFetching = true;
+    try {
+      const made = (await import(/* @vite-ignore */ BENCH)) as { begin: typeof begin };
+      this.bench = await made.begin(this.host());
+      byId("bench-busy").hidden = true;
+    } catch {
+      banner("The design bench could not be fetched from the studio's server; loading the page anew may help.");
+    }
+    this.isFetching = false;
+  }
+
+  private host(): Host {
+    return {
+      place: byId("bench"),
+      header: document.querySelector("header")!,
+      isShown: () => this.store.state.tab === "design",
+      address: () => this.store.state.design,
+      setAddress: (design) => this.store.set({ design }),
+      banner,
+      say,
+      lookThrough: (file, name) => this.lookThrough(file, name),
+    };
+  }
+
+  /** Look through a design, at the picture of a room that it takes. */
+  private async lookThrough(file: Blob, name: string): Promise<void> {
+    if (!this.look) return say("Looking needs WebGL2, which this browser does not offer.");
+    this.store.set({ tab: "look", source: "" });
+    await this.look.sensor.load(file, name);
+    await this.look.openRoom();
+  }
+}
