@@ -143,7 +143,8 @@ def test_rays_of_pixels_are_those_traced_out_of_the_camera(kind, looks):
     sensor = SENSORS[kind]
     sensor = replace(sensor, mount=replace(sensor.mount, camera_looks=looks, forward_azimuth_deg=25.0))
     rng = np.random.default_rng(3)
-    radius, phi = rng.uniform(*sensor._edges_px, 8), rng.uniform(0, 2 * np.pi, 8)
+    edges_px = np.array(sensor._edges_mm) / sensor.imager.pitch_mm
+    radius, phi = rng.uniform(*edges_px, 8), rng.uniform(0, 2 * np.pi, 8)
     pixels = sensor.imager.centre + np.stack([radius * np.cos(phi), radius * np.sin(phi)], axis=-1)
     pixels = pixels[(np.abs(pixels - 511.5) < 511).all(axis=1)]
     origins, directions, valid = sensor.backproject(pixels)

@@ -51,7 +51,13 @@ VIDEO_OPTIONS = ("start_s", "duration_s", "codec", "crf", "keyframes", "format",
 @click.option("--restore", is_flag=True, default=None, help="Pictures: first sharpen what --sensor is known to blur.")
 @click.option("--noise", type=float, metavar="SHARE", help="With --restore, of full scale.  [default: estimated]")
 @click.option("--start", "--start-s", "start_s", type=float, help="Videos: where to begin, in seconds.  [default: 0]")
-@click.option("--duration", "--duration-s", "duration_s", type=float, help="Videos: how much to take, in seconds.  [default: the rest]")
+@click.option(
+    "--duration",
+    "--duration-s",
+    "duration_s",
+    type=float,
+    help="Videos: how much to take, in seconds.  [default: the rest]",
+)
 @click.option("--codec", help="Videos: the encoder, by FFmpeg's name.  [default: by the file's suffix]")
 @click.option("--crf", type=int, help="Videos: constant quality, smaller is better.  [default: the encoder's]")
 @click.option(
