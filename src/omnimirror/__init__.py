@@ -19,8 +19,15 @@ if TYPE_CHECKING:
     from .central import MirrorBall as MirrorBall
     from .central import OCam as OCam
     from .central import load_ocam as load_ocam
+    from .design import DesignProblem as DesignProblem
+    from .design import Front as Front
+    from .design import Limit as Limit
+    from .design import Optimum as Optimum
     from .design import design_sensor as design_sensor
+    from .design import load_front as load_front
     from .design import load_requirements as load_requirements
+    from .design import optimise as optimise
+    from .design import pareto as pareto
     from .design.manufacture import export as export
     from .dewarp import Dewarper as Dewarper
     from .dewarp import screens as screens
@@ -42,8 +49,15 @@ __version__ = "0.1.0"
 
 _HOMES = {
     "Dewarper": "dewarp",
+    "DesignProblem": "design",
+    "Front": "design",
+    "Limit": "design",
+    "Optimum": "design",
     "design_sensor": "design",
+    "load_front": "design",
     "load_requirements": "design",
+    "optimise": "design",
+    "pareto": "design",
     "MirrorBall": "central",
     "OCam": "central",
     "load_ocam": "central",

@@ -136,7 +136,7 @@ def test_what_gives_jointly_is_enough(limited):
         if relaxation.name in search.spans:
             search = with_given(search, relaxation.name, relaxation.needed)
         elif relaxation.name == "blur_px":
-            limits[0] = limits[0].model_copy(update={"at_most": relaxation.needed})
+            limits[0] = replace(limits[0], at_most=relaxation.needed)
     assert Search(replace(search.requirements, limits=tuple(limits))).best().is_met
 
 

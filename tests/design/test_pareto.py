@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ import omnimirror as om
 from omnimirror.design.optimise import optimise
 from omnimirror.design.pareto import EPOCH, load_front, merit_values, pareto
 from omnimirror.design.problem import DesignProblem
+from omnimirror.design.quantities import Limit
 from omnimirror.errors import InvalidParameter, OmnimirrorError
 from tests.design.test_optimise import looked_at_again
 
@@ -33,7 +35,8 @@ def test_a_front_is_as_good_as_designs_optimised_one_by_one(front):
     """The least blur area under a limit of uniformity, by linear programmes instead of evolution."""
     for i in np.linspace(2, len(front) - 3, 3).astype(int):
         area, uniformity = front.values[i]
-        alone = optimise(PROBLEM, "blur_area", limits={"uniformity": uniformity}, starts=1)
+        problem = replace(PROBLEM, limits=(Limit("area_ratio", at_least=1 / uniformity),))
+        alone = optimise(problem, "blur_area", starts=1)
         assert area <= alone.value * 1.03
 
 
@@ -60,9 +63,9 @@ def test_the_papers_mirrors_are_beaten_by_the_front(front, name):
 def test_a_stopped_evolution_goes_on_as_if_it_had_not_been(tmp_path):
     merits, file = ("blur", "aspect"), tmp_path / "front.parquet"
     straight = pareto(PROBLEM, merits, **SMALL)
-    pareto(PROBLEM, merits, **{**SMALL, "generations": EPOCH}, path=file)
+    pareto(PROBLEM, merits, **{**SMALL, "generations": EPOCH}, resume=file)
     told = []
-    resumed = pareto(PROBLEM, merits, **SMALL, path=file, on_progress=lambda *done: told.append(done))
+    resumed = pareto(PROBLEM, merits, **SMALL, resume=file, on_progress=lambda *done: told.append(done))
     np.testing.assert_array_equal(resumed.y, straight.y)
     np.testing.assert_array_equal(resumed.values, straight.values)
     assert told == [(2 * EPOCH, 2 * EPOCH)]
@@ -71,13 +74,12 @@ def test_a_stopped_evolution_goes_on_as_if_it_had_not_been(tmp_path):
     assert loaded.problem == PROBLEM
     assert loaded.sensor(0) == straight.sensor(0)
     with pytest.raises(OmnimirrorError, match="seed differ"):
-        pareto(PROBLEM, merits, **{**SMALL, "seed": 4}, path=file)
+        pareto(PROBLEM, merits, **{**SMALL, "seed": 4}, resume=file)
 
 
 def test_three_merits_and_a_limit():
-    front = pareto(
-        PROBLEM, ("blur_area", "uniformity", "aspect"), limits={"viewpoint_spread": 45.0}, population=40, generations=20
-    )
+    problem = replace(PROBLEM, limits=(Limit("viewpoint_spread_mm", at_most=45.0),))
+    front = pareto(problem, ("blur_area", "uniformity", "aspect"), population=40, generations=20)
     assert front.values.shape[1] == 3
     for i in range(0, len(front), 5):
         assert looked_at_again(front.sensor(i))["viewpoint_spread"] <= 45.0 * 1.001

@@ -49,7 +49,7 @@ def test_a_file_is_read_as_it_says():
     assert wanted.lens.focal_length_mm is None
     assert wanted.imager.size == (1280, 1024)
     assert [limit.quantity for limit in wanted.limits] == ["blur_px", "aspect"]
-    assert wanted.limits[1].omega_deg == [20.0, 100.0]
+    assert wanted.limits[1].omega_deg == (20.0, 100.0)
 
 
 def test_changes_go_before_the_file(tmp_path):

@@ -19,19 +19,20 @@ constexpr double MARGIN = 0.05, CLOSE = 1e-12, EDGE = 1e-3;
 // The arrays of one design, (angles) each.
 struct Scratch {
     explicit Scratch(int angles) : store(size_t(ARRAYS) * angles) {
-        double** all[ARRAYS] = {&z, &slope, &curvature, &tangent, &radial, &around, &near_t, &near_s, &density, &squares};
+        double** all[ARRAYS] = {&z, &slope, &curvature, &ray, &radial, &around, &place_t, &place_s, &density, &squares};
         for (int i = 0; i < ARRAYS; ++i) *all[i] = store.data() + size_t(i) * angles;
     }
     static constexpr int ARRAYS = 10;
     std::vector<double> store;
-    double *z, *slope, *curvature, *tangent, *radial, *around, *near_t, *near_s, *density, *squares;
+    double *z, *slope, *curvature, *ray, *radial, *around, *place_t, *place_s, *density, *squares;
 };
 
-// The camera as a function of the vergence v that it is focused at: design/foci.py, AreaModel.
+// The camera as a function of the place v that it is focused at: design/foci.py, AreaModel.
 struct AreaModel {
     double inverse_f, airy2, scale, delta;
     bool paper;
     int power;
+    double least, most;  // places that the lens can be focused at
 
     struct At {
         double r, dr, D, d_log_D;
@@ -52,10 +53,10 @@ struct Worst {
 };
 
 double fill_squares(double v, double r, int n, const Scratch& s) {
-    const double *near_t = s.near_t, *near_s = s.near_s, *density = s.density;
+    const double *place_t = s.place_t, *place_s = s.place_s, *density = s.density;
     double* squares = s.squares;
     for (int j = 0; j < n; ++j) {
-        const double t = v - near_t[j], u = v - near_s[j];
+        const double t = v - place_t[j], u = v - place_s[j];
         squares[j] = (t * t + r) * (u * u + r) * density[j];
     }
     double most[4] = {squares[0], squares[0], squares[0], squares[0]};  // four chains, which run beside each other
@@ -70,7 +71,7 @@ Worst worst_at(double v, int n, const AreaModel& model, const Scratch& s) {
     const AreaModel::At m = model.at(v);
     const double most = fill_squares(v, m.r, n, s);
     const int j = static_cast<int>(std::find(s.squares, s.squares + n, most) - s.squares) % n;
-    const double t = v - s.near_t[j], u = v - s.near_s[j], value = m.D * most;
+    const double t = v - s.place_t[j], u = v - s.place_s[j], value = m.D * most;
     return {value, value * (m.d_log_D + (2 * t + m.dr) / (t * t + m.r) + (2 * u + m.dr) / (u * u + m.r)), j};
 }
 
@@ -93,15 +94,15 @@ double bottom(double a, double b, double close, int n, const AreaModel& model, c
     return (a + b) / 2;
 }
 
-double best_vergence(int n, const AreaModel& model, const Scratch& s) {
+double best_place(int n, const AreaModel& model, const Scratch& s) {
     double low = std::numeric_limits<double>::infinity(), high = -low;
     for (int j = 0; j < n; ++j) {
-        low = std::min(low, std::min(s.near_t[j], s.near_s[j]));
-        high = std::max(high, std::max(s.near_t[j], s.near_s[j]));
+        low = std::min(low, std::min(s.place_t[j], s.place_s[j]));
+        high = std::max(high, std::max(s.place_t[j], s.place_s[j]));
     }
-    const double margin = MARGIN * (high - low), least = 1e-7 * model.inverse_f, most = 0.999 * model.inverse_f;
-    low = std::min(std::max(low - margin, least), most);
-    high = std::min(std::max(high + margin, least), most);
+    const double margin = MARGIN * (high - low);
+    low = std::min(std::max(low - margin, model.least), model.most);
+    high = std::min(std::max(high + margin, model.least), model.most);
     const double step = (high - low) / (SCAN - 1);
     int best = 0;
     double lowest = std::numeric_limits<double>::infinity();
@@ -138,65 +139,107 @@ void fill_profile(const DesignJob& job, int i, double M, const Scratch& s) {
     }
 }
 
-void evaluate_one(const DesignJob& job, int i, const Scratch& s) {
-    const int n = job.angles;
-    const double* number = job.numbers + size_t(i) * DESIGN_NUMBERS;
-    const double m = number[0], M = number[1], f = number[2], F = number[3];
-    const size_t plane = size_t(job.designs) * n;
-    double* row = job.columns + size_t(i) * n;
-    double *omega = row, *viewpoint = row + 4 * plane;
-    fill_profile(job, i, M, s);
+// A mirror point under a perspective lens and under a telecentric one: design/optics.py. True where it can be used.
+struct Point {
+    double x, z, slope, curvature, slope_over_x, inverse_distance;
+};
+
+bool fill_perspective(const Point& p, double m, int j, const Scratch& s, double& viewpoint) {
+    const double w = m + p.z, steep = 1 + p.slope * p.slope, root = std::sqrt(steep);
+    const double to_lens = w * w + p.x * p.x, rho = std::sqrt(to_lens), front = w - p.x * p.slope;
+    const double cos_gamma = front / (root * rho), sine = 2 * w * p.slope_over_x + 1 - p.slope * p.slope;
+    const double q_t = 1 / (2 * p.curvature / (steep * root * cos_gamma) + p.inverse_distance);
+    const double q_s = 1 / (2 * cos_gamma * p.slope_over_x / root + p.inverse_distance);
+    const double turning = 2 * p.curvature / steep + front / to_lens;
+    s.ray[j] = p.x / w;
+    s.radial[j] = front / (w * w * turning);
+    s.around[j] = rho * steep / (w * sine);
+    s.place_t[j] = 1 / (w * (1 + q_t / rho));
+    s.place_s[j] = 1 / (w * (1 + q_s / rho));
+    viewpoint = p.z + (w * (1 - p.slope * p.slope) - 2 * p.slope * p.x) / sine;
+    return turning > 0 && front > 0 && s.around[j] > 0;
+}
+
+bool fill_telecentric(const Point& p, int j, const Scratch& s, double& viewpoint) {
+    const double steep = 1 + p.slope * p.slope, turning = 2 * p.curvature / steep;
+    s.ray[j] = p.x;
+    s.radial[j] = 1 / turning;
+    s.around[j] = steep / (2 * p.slope_over_x);
+    s.place_t[j] = -(p.z + 1 / (turning + p.inverse_distance));
+    s.place_s[j] = -(p.z + 1 / (2 * p.slope_over_x / steep + p.inverse_distance));
+    viewpoint = p.z + (1 - p.slope * p.slope) / (2 * p.slope_over_x);
+    return turning > 0 && s.around[j] > 0;
+}
+
+// Everything that does not depend on the focus; whether the design can be used.
+bool fill_points(const DesignJob& job, const double* number, const Scratch& s, double* omega, double* viewpoint) {
+    const double m = number[0], M = number[1];
+    const bool telecentric = number[6] > 0;
     bool valid = true;
-    for (int j = 0; j < n; ++j) {
-        const double x = job.fractions[j] * M, z = s.z[j] * M, slope = s.slope[j], curvature = s.curvature[j] / M;
-        const double slope_over_x = x > 0 ? slope / x : curvature;
-        const double w = m + z, steep = 1 + slope * slope, root = std::sqrt(steep);
-        const double to_lens = w * w + x * x, rho = std::sqrt(to_lens), facing = w - x * slope;
-        const double cos_gamma = facing / (root * rho), sine = 2 * w * slope_over_x + 1 - slope * slope;
-        const double q_t = 1 / (2 * curvature / (steep * root * cos_gamma) + job.inverse_distance);
-        const double q_s = 1 / (2 * cos_gamma * slope_over_x / root + job.inverse_distance);
-        const double turning = 2 * curvature / steep + facing / to_lens;
-        s.tangent[j] = x / w;
-        s.radial[j] = facing / (w * w * turning);
-        s.around[j] = rho * steep / (w * sine);
-        s.near_t[j] = 1 / (w * (1 + q_t / rho));
-        s.near_s[j] = 1 / (w * (1 + q_s / rho));
-        viewpoint[j] = z + (w * (1 - slope * slope) - 2 * slope * x) / sine;
-        valid &= turning > 0 && facing > 0 && s.around[j] > 0;
+    for (int j = 0; j < job.angles; ++j) {
+        const double x = job.fractions[j] * M, slope = s.slope[j], curvature = s.curvature[j] / M;
+        const Point p{x, s.z[j] * M, slope, curvature, x > 0 ? slope / x : curvature, job.inverse_distance[j]};
+        valid &= telecentric ? fill_telecentric(p, j, s, viewpoint[j]) : fill_perspective(p, m, j, s, viewpoint[j]);
     }
-    for (int j = 0; j < n; ++j) omega[j] = 2 * std::atan(s.slope[j]) + std::atan(s.tangent[j]);
-    for (int j = 0; j < n; ++j) {
+    for (int j = 0; j < job.angles; ++j)
+        omega[j] = 2 * std::atan(s.slope[j]) + (telecentric ? 0.0 : std::atan(s.ray[j]));
+    for (int j = 0; j < job.angles; ++j) {
         const double product = s.radial[j] * s.around[j];
         s.density[j] = omega[j] < job.least_omega ? 0.0 : 1 / (product * product);
     }
-    const bool scaled = job.image_radius > 0;
-    const double blur = f / (F * job.pitch) * (job.paper ? f : 1.0);
-    const double image = scaled ? job.image_radius / s.tangent[n - 1] : 1 / job.pitch;
-    const double airy_per_b = 2.44e-6 * job.wavelength * F / (f * job.pitch), ratio = blur / (image * DEGREE);
-    const AreaModel model{1 / f,
-                          airy_per_b * airy_per_b,
-                          1 / (blur * blur),
-                          ratio * ratio * ratio * ratio,
-                          job.paper,
-                          int(job.paper) - int(scaled)};
-    const double v = best_vergence(n, model, s), b = 1 / (1 / f - v);
-    const double tangent_px = scaled ? image : b / job.pitch, vergence_px = job.paper ? blur : blur * b;
-    const double airy = airy_per_b * b, floor = 1 + airy * airy;
+    return valid;
+}
+
+// What a lens and its pixels make of places and ray coordinates.
+struct Camera {
+    double f, mu, blur, image, airy;  // airy: per mm of image distance; of a telecentric lens the disk itself
+    bool telecentric, scaled, paper;
+
+    Camera(const DesignJob& job, const double* number, double rim_ray)
+        : f(number[2]), mu(number[6]), telecentric(number[6] > 0), scaled(job.image_radius > 0), paper(job.paper) {
+        const double F = number[3], disk = 2.44e-6 * job.wavelength * F / job.pitch;
+        blur = telecentric ? mu * mu / (F * job.pitch) : f / (F * job.pitch) * (paper ? f : 1.0);
+        image = scaled ? job.image_radius / rim_ray : (telecentric ? mu : 1.0) / job.pitch;
+        airy = telecentric ? disk : disk / f;
+    }
+
+    AreaModel model() const {
+        const double ratio = blur / (image * DEGREE), delta = ratio * ratio * ratio * ratio, per_blur = 1 / (blur * blur);
+        const double endless = std::numeric_limits<double>::infinity();
+        if (telecentric) return {endless, 0.0, (1 + airy * airy) * per_blur, delta, true, 0, -endless, endless};
+        return {1 / f, airy * airy, per_blur, delta, paper, int(paper) - int(scaled), 1e-7 / f, 0.999 / f};
+    }
+};
+
+void evaluate_one(const DesignJob& job, int i, const Scratch& s) {
+    const int n = job.angles;
+    const double* number = job.numbers + size_t(i) * DESIGN_NUMBERS;
+    const size_t plane = size_t(job.designs) * n;
+    double* row = job.columns + size_t(i) * n;
+    double* omega = row;
+    fill_profile(job, i, number[1], s);
+    const bool valid = fill_points(job, number, s, omega, row + 4 * plane);
+    const Camera camera(job, number, s.ray[n - 1]);
+    const AreaModel model = camera.model();
+    const double v = best_place(n, model, s), b = camera.telecentric ? 1.0 : 1 / (1 / camera.f - v);
+    const double ray_px = camera.image * (camera.scaled ? 1.0 : b);
+    const double place_px = camera.blur * (camera.paper ? 1.0 : b);
+    const double airy = camera.airy * b, floor = 1 + airy * airy;
     double *h = row + plane, *dh = row + 2 * plane, *dw = row + 3 * plane, *L_t = row + 5 * plane,
            *L_s = row + 6 * plane, *t = row + 7 * plane, *u = row + 8 * plane, *area = row + 9 * plane;
     for (int j = 0; j < n; ++j) {
         omega[j] /= DEGREE;
-        h[j] = s.tangent[j] * tangent_px;
-        dh[j] = s.radial[j] * tangent_px * DEGREE;
-        dw[j] = s.around[j] * tangent_px * DEGREE;
-        L_t[j] = 1 / s.near_t[j];
-        L_s[j] = 1 / s.near_s[j];
-        t[j] = vergence_px * (v - s.near_t[j]);
-        u[j] = vergence_px * (v - s.near_s[j]);
+        h[j] = s.ray[j] * ray_px;
+        dh[j] = s.radial[j] * ray_px * DEGREE;
+        dw[j] = s.around[j] * ray_px * DEGREE;
+        L_t[j] = camera.telecentric ? -s.place_t[j] : 1 / s.place_t[j];
+        L_s[j] = camera.telecentric ? -s.place_s[j] : 1 / s.place_s[j];
+        t[j] = place_px * (v - s.place_t[j]);
+        u[j] = place_px * (v - s.place_s[j]);
         area[j] = std::sqrt((t[j] * t[j] + floor) * (u[j] * u[j] + floor)) / (dh[j] * dw[j]);
     }
     const AreaModel::At at = model.at(v);
-    job.focus[i] = 1 / v;
+    job.focus[i] = camera.telecentric ? -v : 1 / v;
     job.worst[i] = std::sqrt(at.D * fill_squares(v, at.r, n, s));
     job.valid[i] = valid;
 }

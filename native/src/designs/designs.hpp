@@ -7,21 +7,23 @@
 namespace omnimirror {
 
 constexpr int DESIGN_COLUMNS = 10;
-constexpr int DESIGN_NUMBERS = 6;
+constexpr int DESIGN_NUMBERS = 7;
 
 struct DesignJob {
-    // (designs, terms): what shapes each mirror; (designs, 6): distance, rim radius, focal length, F-number,
-    // vertex radius, conic constant
+    // (designs, terms): what shapes each mirror; (designs, 7): distance, rim radius, focal length, F-number,
+    // vertex radius, conic constant, magnification (0 under a perspective lens)
     const double* coefficients;
     const double* numbers;
-    // (terms, angles): sag over M, slope, curvature times M; (angles): fractions of the rim radius
+    // (terms, angles): sag over M, slope, curvature times M; (angles): fractions of the rim radius, 1 over the
+    // distance of the object
     const double* sag;
     const double* slope;
     const double* curvature;
     const double* fractions;
+    const double* inverse_distance;
     int designs, terms, angles;
     bool has_conic, paper;
-    double pitch, image_radius, wavelength, inverse_distance, least_omega;  // image_radius 0: the real one
+    double pitch, image_radius, wavelength, least_omega;  // image_radius 0: the real one
     // (10, designs, angles), (designs), (designs), (designs)
     double* columns;
     double* focus;

@@ -25,12 +25,13 @@ int count_of(size_t length) {
 
 void design_batch(const Doubles& coefficients, const Doubles& numbers, const Doubles& basis, const Doubles& fractions,
                   bool has_conic, bool paper, double pitch, double image_radius, double wavelength,
-                  double inverse_distance, double least_omega, const OutDoubles& columns, const OutDoubles& results) {
+                  const Doubles& inverse_distance, double least_omega, const OutDoubles& columns, const OutDoubles& results) {
     require(coefficients.ndim() == 2 && fractions.ndim() == 1, "coefficients are (designs, terms), fractions (angles)");
     const size_t designs = coefficients.shape(0), terms = coefficients.shape(1), angles = fractions.shape(0);
     require(angles > 0, "there must be an angle");
     require(numbers.ndim() == 2 && numbers.shape(0) == designs && numbers.shape(1) == DESIGN_NUMBERS,
-            "numbers are (designs, 6)");
+            "numbers are (designs, 7)");
+    require(inverse_distance.ndim() == 1 && inverse_distance.shape(0) == angles, "inverse distances are (angles)");
     require(basis.ndim() == 3 && basis.shape(0) == 3 && basis.shape(1) == terms && basis.shape(2) == angles,
             "the basis is (3, terms, angles)");
     require(columns.ndim() == 3 && columns.shape(0) == DESIGN_COLUMNS && columns.shape(1) == designs &&
@@ -44,6 +45,7 @@ void design_batch(const Doubles& coefficients, const Doubles& numbers, const Dou
                         basis.data() + part,
                         basis.data() + 2 * part,
                         fractions.data(),
+                        inverse_distance.data(),
                         count_of(designs),
                         count_of(terms),
                         count_of(angles),
@@ -52,7 +54,6 @@ void design_batch(const Doubles& coefficients, const Doubles& numbers, const Dou
                         pitch,
                         image_radius,
                         wavelength,
-                        inverse_distance,
                         least_omega,
                         columns.data(),
                         results.data(),

@@ -13,7 +13,7 @@ from ..errors import OmnimirrorError
 COMMANDS = {
     "sensors": "List the sensors that come with omnimirror.",
     "init": "Write a commented sensor file to start from.",
-    "design": "Design a sensor from requirements, and say what conflicts.",
+    "design": "Design a sensor from requirements, optimise it, and say what conflicts.",
     "mappings": "List the mappings that a mirror can be generated for.",
     "evaluate": "Evaluate a sensor: mapping, viewpoints, virtual images, blur.",
     "export": "Write CAD files, lens files, tables and a drawing of a sensor.",
@@ -26,7 +26,6 @@ COMMANDS = {
     "dewarp": "Straighten a picture taken with a mirror or fisheye.",
     "view": "Look around in a picture, video or stream, in the browser.",
     "studio": "Open the workbench in the browser.",
-    "optimise": "Find the best mirror of free form, or what merits cost each other.",
     "apertures": "Find the F-number and focus with the least blur and diffraction.",
     "bracket": "Plan pictures at several focus distances, and merge them into a sharp one.",
     "parts": "Choose a lens and an imager that can be bought.",

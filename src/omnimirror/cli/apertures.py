@@ -8,8 +8,7 @@ from rich.table import Table
 from ..design.apertures import best_apertures
 from ..lenses import BlurMode
 from ..specs import load_sensor
-from .design_search import number_or_range
-from .options import distance, output_console
+from .options import distance, number_or_range, output_console
 
 
 @click.command()

@@ -4,51 +4,58 @@ from __future__ import annotations
 
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import click
 from rich.console import Console
-from rich.table import Table
 
-from ..design.assessment import ROUNDING
-from ..design.conflicts import Conflict, Relaxation
-from ..design.designing import Design, design_sensor
+from ..design.designing import Design, SearchOptions, assessed, design_sensor, free_form_notes
 from ..design.families import FAMILIES
+from ..design.freeform import FREE_FORMS
 from ..design.mappings import MAPPINGS
-from ..design.requirements import Requirements, load_requirements, requirements_of
+from ..design.merits import MERITS
+from ..design.requirements import Requirements
+from ..design.shaping import SHAPE, problem_of
+from ..errors import InvalidParameter
 from ..files import write_text
-from ..specs import Places, save_sensor
-from .design_search import number_or_range
-from .options import distance, output_console
+from ..specs import save_sensor
+from .design_front import check_pick, find_front
+from .design_options import distances, limit, merit_list, requirements_from, whole_numbers
+from .design_tables import print_convergence, print_design, print_merits
+from .options import number_or_range, output_console, progress_bar, refuse_other
 
 MISSED = 3
 """Exit code where a sensor was designed that misses a requirement."""
 
-SECTIONS: dict[str, tuple[str, ...]] = {
-    "field": ("omega_max_deg", "omega_min_deg", "camera_radius_mm", "object_distance_mm"),
-    "mirror": (
-        "mapping", "family", "fit", "apex", "rim_radius_mm", "conic", "plane_distance_mm", "cylinder_radius_mm",
-        "mapping_csv",
-    ),
-    "lens": ("kind", "focal_length_mm", "theta_max_deg", "f_number", "focus_mm"),
-    "imager": ("width_px", "height_px", "pixel_pitch_um"),
-}  # fmt: skip
-"""The options that stand for entries of the requirement file, by their table."""
+STOPPED = 130
+"""Exit code of a search that Ctrl-C ended; what it had by then is written."""
+
+FOR_BOTH = ("seed", "resume", "paper_mode", "image_radius_px")
+ONLY = {
+    "--optimise": ("starts", "terms", *FOR_BOTH),
+    "--pareto": ("population", "generations", "figure", "pick", *FOR_BOTH),
+}
 
 
 @click.command()
 @click.argument("requirements", required=False, type=click.Path(path_type=Path))
 @click.option("--mapping", type=click.Choice([*MAPPINGS]), help="How the image is to be laid out.")
 @click.option("--mirror", "family", metavar="FAMILY", help=f"Instead: {', '.join(FAMILIES)} or polynomial:N.")
+@click.option("--optimise", type=click.Choice([*MERITS]), help="Instead: the mirror of free form with the least of it.")
+@click.option("--pareto", "merits", type=merit_list, metavar="MERIT,MERIT",
+              help="Instead: what these cost each other, as designs of which none is better by all.")  # fmt: skip
+@click.option("--shape", metavar="FORM[:N]", help=f"What is optimised: {', '.join(FREE_FORMS)}; {SHAPE} by default.")
+@click.option("--terms", type=whole_numbers, metavar="N[,N..]",
+              help="The N of --shape; several give a table of convergence.")  # fmt: skip
 @click.option("--fit", metavar="FORM:N", help="Make it a polynomial:N or an asphere:N that keeps the mapping best.")
+@click.option("--like", metavar="SENSOR", help="Field, rim, lens and imager as of a sensor file or a bundled sensor.")
 @click.option("--omega-max-deg", type=float, help="Field angle at the rim.")
 @click.option("--omega-min-deg", type=float, help="Where the field begins that matters.")
 @click.option("--apex", type=click.Choice(["smooth", "pointed"]), help="pointed: the image centre shows omega-min-deg.")
 @click.option("--camera-radius-mm", type=float, help="Of what stands at the lens and hides the view.")
-@click.option(
-    "--object-distance-mm", type=distance, metavar="MM", help="From the mirror to the object; inf by default."
-)
+@click.option("--object-distance-mm", type=distances, metavar="MM|NEAR:FAR", help="From the mirror; inf by default.")
 @click.option("--rim-radius-mm", type=number_or_range, metavar="MM|LOW:HIGH", help="Of the mirror.")
 @click.option("--conic", type=number_or_range, metavar="K|LOW:HIGH", help="Conic constant, where the family leaves it.")
 @click.option("--plane-distance-mm", type=float, help="Of a ground-plane mapping: mirror vertex to the plane.")
@@ -62,115 +69,129 @@ SECTIONS: dict[str, tuple[str, ...]] = {
 @click.option("--width-px", type=int, help="Of the imager; 1024 by default.")
 @click.option("--height-px", type=int, help="Of the imager; 1024 by default.")
 @click.option("--pixel-pitch-um", type=float, help="Of the imager; 5.2 by default.")
+@click.option("--at-most", type=limit, multiple=True, metavar="QUANTITY=NUMBER[@FROM:TO]",
+              help="A limit, over a part of the field in degrees or all of it; may be repeated.")  # fmt: skip
+@click.option("--at-least", type=limit, multiple=True, metavar="QUANTITY=NUMBER[@FROM:TO]",
+              help="Likewise; may be repeated.")  # fmt: skip
+@click.option("--starts", type=int, default=4, show_default=True, help="From how many mirrors to optimise.")
+@click.option("--seed", type=int, default=0, show_default=True, help="Of everything drawn.")
+@click.option("--resume", type=click.Path(path_type=Path),
+              help="Keep the search in this file, and go on from it: JSON; of a front, Parquet.")  # fmt: skip
+@click.option("--paper-mode", is_flag=True, help="Merits of blur by the paper's Eq. 29 instead of the exact form.")
+@click.option("--image-radius-px", type=float, help="Merits for an image of this radius, as the paper's 500.")
+@click.option("--population", type=int, default=120, show_default=True, help="Designs of a front.")
+@click.option("--generations", type=int, default=200, show_default=True, help="Of the front's evolution.")
+@click.option("--figure", type=click.Path(path_type=Path), help="Draw the front, known mirrors marked.")
+@click.option("--pick", type=int, help="Which design of the front to take.")
 @click.option("--name", help="Of the sensor.")
 @click.option("-o", "--out", type=click.Path(path_type=Path), help="Write the sensor file.")
 @click.option("--json", "json_file", type=click.Path(path_type=Path), help="Write the table, and what conflicts.")
 @click.option("--figures", type=click.Path(path_type=Path), help="Draw the paper's figures into this folder.")
+@click.pass_context
 def command(
+    ctx: click.Context,
+    /,
     requirements: Path | None,
+    merits: list[str] | None,
+    like: str | None,
     name: str | None,
     out: Path | None,
     json_file: Path | None,
     figures: Path | None,
+    at_most: Any,
+    at_least: Any,
     **entries: Any,
 ) -> None:
     """Design a sensor that meets REQUIREMENTS, a TOML file; or what the options say, which go before the file.
 
     Prints what was asked, what is reached and the margins, and where not all can be met what would have to give.
-    The exit code is then 3. Example: omnimirror design --mapping equidistant --omega-max-deg 135 --theta-max-deg 12
-    --rim-radius-mm 43.9 -o sensor.toml
+    The exit code is then 3. Examples: omnimirror design --mapping equidistant --omega-max-deg 135 --theta-max-deg 12
+    --rim-radius-mm 43.9 -o sensor.toml; omnimirror design --like paper-spherical --optimise blur_area -o sharper.toml
     """
+    given = [n for n in entries if ctx.get_parameter_source(n) is click.core.ParameterSource.COMMANDLINE]
+    entries["optimise"] = merits[0] if merits else entries["optimise"]
+    wanted = requirements_from(requirements, like, name, entries, at_most, at_least)
+    way = "--pareto" if merits else "--optimise" if wanted.mirror.optimise else "a mapping or a family"
+    refuse_other(given, ONLY, way)
     console = output_console()
-    wanted = _wanted(requirements, name, entries)
-    with console.status("Designing") as status:
-        design = design_sensor(wanted, lambda words: status.update(f"Designing: {words}"))
+    if merits:
+        check_pick(entries["pick"], {"out": out, "json": json_file, "figures": figures})
+        design, is_complete = _front(console, wanted, merits, entries)
+    elif wanted.mirror.optimise:
+        design = _optimised(console, wanted, entries)
+        is_complete = design.optimum is None or design.optimum.is_complete
+    else:
+        with console.status("Designing") as status:
+            design = design_sensor(wanted, lambda words: status.update(f"Designing: {words}"))
+        is_complete = True
+    if design is not None:
+        _write(console, design, out, json_file, figures)
+    for path in (entries["figure"], entries["resume"]):
+        if path and path.exists():
+            console.print(f"Wrote [bold]{path}[/]", highlight=False, soft_wrap=True)
+    sys.exit(STOPPED if not is_complete else MISSED if design and not design.is_met else 0)
+
+
+def _write(console: Console, design: Design, out: Path | None, json_file: Path | None, figures: Path | None) -> None:
+    """Write what is asked for, then print the design."""
     if out:
         save_sensor(design.sensor, out)
     if json_file:
         write_text(json_file, json.dumps(design.to_dict(), indent=1, ensure_ascii=False) + "\n")
     print_design(console, design)
+    if design.optimum:
+        print_merits(console, design.optimum)
+        if not design.optimum.is_complete:
+            console.print("[bold]Stopped: this is the best of the starts that were finished[/]", highlight=False)
     if figures:
         _draw(console, design, figures)
     for path in (out, json_file, figures):
         if path:
             console.print(f"Wrote [bold]{path}[/]", highlight=False, soft_wrap=True)
-    if not design.is_met:
-        sys.exit(MISSED)
 
 
-def _wanted(file: Path | None, name: str | None, entries: dict[str, Any]) -> Requirements:
-    """The requirements of a file with the options in place of its entries, or of the options alone."""
-    given = {k: list(v) if isinstance(v, tuple) else v for k, v in entries.items() if v is not None}
-    changes: dict[str, Any] = {
-        section: found
-        for section, names in SECTIONS.items()
-        if (found := {k: v for k, v in given.items() if k in names})
-    }
-    title = {"name": name} if name else {}
-    if file is not None:
-        return load_requirements(file, changes | title)
-    if not changes:
-        raise click.UsageError("give a requirement file, or a field and a mirror by options")
-    if "imager" in changes:
-        changes["imager"] = {"width_px": 1024, "height_px": 1024, "pixel_pitch_um": 5.2} | changes["imager"]
-    return requirements_of(title | changes, Places("", "the options"))
+def _optimised(console: Console, wanted: Requirements, options: dict[str, Any]) -> Design:
+    """The best of one or several numbers of terms, with a bar; several are told of in a table."""
+    shape = (wanted.mirror.shape or SHAPE).partition(":")[0]
+    counts = options["terms"] or [problem_of(wanted).terms]
+    if options["resume"] and len(counts) > 1:
+        raise InvalidParameter("a file to resume holds the search with one number of terms; give one")
+    starts, designs = options["starts"], {}
+    with progress_bar(console) as bar:
+        task = bar.add_task("", total=starts * len(counts))
+        for i, count in enumerate(counts):
+
+            def told(p: Any, i: int = i) -> None:
+                bar.update(task, completed=i * starts + p.run, description=f"{wanted.mirror.optimise} {p.value:.5g}")
+
+            search = SearchOptions(starts, options["seed"], options["resume"], told, **_as_paper(options))
+            table = wanted.mirror.model_copy(update={"shape": f"{shape}:{count}"})
+            designs[count] = design_sensor(
+                replace(wanted, mirror=table), lambda words: bar.update(task, description=words), search
+            )
+    if len(counts) > 1:
+        print_convergence(console, designs)
+    return min(designs.values(), key=lambda d: d.optimum.value if d.optimum else float("inf"))
 
 
-def print_design(console: Console, design: Design) -> None:
-    """The table, the notes, and what conflicts."""
-    sensor = design.sensor
-    console.print(
-        f"[bold]{sensor.name}[/]: {sensor.mirror.KIND}, lens {_number(sensor.mirror_distance_mm)} mm from its vertex",
-        highlight=False, soft_wrap=True,
-    )  # fmt: skip
-    for note in design.notes:
-        console.print(f"  {note}", highlight=False, soft_wrap=True)
+def _front(
+    console: Console, wanted: Requirements, merits: list[str], options: dict[str, Any]
+) -> tuple[Design | None, bool]:
+    """The design picked from a front, if one is, and whether the front's evolution came to its end."""
+    problem = replace(problem_of(wanted), **_as_paper(options))
+    own = {n: options[n] for n in ("figure", "pick", "population", "generations", "seed", "resume")}
+    front = find_front(console, problem, merits, **own)
+    if own["pick"] is None:
+        return None, front.is_complete
+    sensor = front.sensor(own["pick"])
     console.print()
-    table = Table(box=None, pad_edge=False, header_style="bold", collapse_padding=True)
-    for heading in ("requirement", "asked", "reached", "margin", "at Ω", ""):
-        table.add_column(heading, justify="left" if heading in ("requirement", "") else "right", no_wrap=True)
-    for row in design.rows:
-        at = "" if row.omega_deg is None else f"{row.omega_deg:.4g} deg"
-        met = "met" if row.is_met else "[bold red]missed[/]"
-        margin = 0.0 if abs(row.margin) <= ROUNDING * row.scale else row.margin
-        asked = _asked(row.at_least, row.at_most, row.unit)
-        table.add_row(row.label, asked, _number(row.reached), _number(margin), at, met)
-    console.print(table)
-    if design.conflict is not None:
-        _print_conflict(console, design.conflict)
+    sensor = sensor if wanted.name == "design" else replace(sensor, name=wanted.name)
+    return assessed(wanted, sensor, free_form_notes(problem, sensor)), front.is_complete
 
 
-def _asked(low: float | None, high: float | None, unit: str) -> str:
-    if low is not None and high is not None:
-        text = _number(low) if low == high else f"{_number(low)} to {_number(high)}"
-    else:
-        text = f"at least {_number(low)}" if low is not None else f"at most {_number(high)}"
-    return f"{text} {unit}".rstrip()
-
-
-def _number(value: float | None) -> str:
-    return "" if value is None else f"{value:.5g}"
-
-
-def _print_conflict(console: Console, conflict: Conflict) -> None:
-    console.print(f"\nNot everything can be met: {'; '.join(conflict.missed)}.", highlight=False, soft_wrap=True)
-    helpful = [r for r in conflict.alone if r.needed is not None and r.needed != r.asked]
-    if helpful:
-        console.print("All is met if one of these alone gives:", highlight=False)
-        for r in helpful:
-            console.print(f"  {_change(r)}", highlight=False, soft_wrap=True)
-    else:
-        console.print("No single requirement that gives, within half of what is asked, would do.", highlight=False)
-    if conflict.joint_share is not None:
-        console.print(f"Or if all give at once by {conflict.joint_share:.2%}:", highlight=False)
-        for r in conflict.joint:
-            console.print(f"  {_change(r)}", highlight=False, soft_wrap=True)
-
-
-def _change(r: Relaxation) -> str:
-    unit = f" {r.unit}" if r.unit else ""
-    share = f" ({r.share:.2%})" if r.share is not None else ""
-    return f"{r.name}: {_number(r.needed)}{unit} instead of {_number(r.asked)}{unit}{share}"
+def _as_paper(options: dict[str, Any]) -> dict[str, Any]:
+    mode = "paper" if options["paper_mode"] else "exact"
+    return {"mode": mode, "image_radius_px": options["image_radius_px"]}
 
 
 def _draw(console: Console, design: Design, folder: Path) -> None:

@@ -10,6 +10,7 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 MOST_VALUES = 1_000_000
 
@@ -96,6 +97,21 @@ def _numbers(text: str, count: int, separator: str, what: str) -> list[float]:
     if len(numbers) != count or not np.isfinite(numbers).all():
         raise click.BadParameter(f"{text!r} is not {what}")
     return numbers
+
+
+def number_or_range(text: str) -> float | tuple[float, float]:
+    """A number, or a range ``LOW:HIGH`` to choose from.
+
+    >>> number_or_range("12"), number_or_range("10:14")
+    (12.0, (10.0, 14.0))
+    """
+    try:
+        numbers = [float(part) for part in text.split(":")]
+    except ValueError:
+        numbers = []
+    if len(numbers) not in (1, 2) or not np.isfinite(numbers).all():
+        raise click.BadParameter(f"{text!r} is not a number or a range LOW:HIGH")
+    return numbers[0] if len(numbers) == 1 else (numbers[0], numbers[1])
 
 
 def distance(text: str) -> float:
@@ -193,3 +209,11 @@ def flag(name: str) -> str:
 def output_console() -> Console:
     """The terminal as it is; a pipe or a file gets lines as long as they need to be."""
     return Console() if sys.stdout.isatty() else Console(width=200)
+
+
+def progress_bar(console: Console) -> Progress:
+    """A bar with a description, on a terminal only; it leaves nothing behind."""
+    return Progress(
+        TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), console=console, transient=True,
+        disable=not console.is_terminal,
+    )  # fmt: skip

@@ -11,9 +11,10 @@ from ..analysis import Evaluation, evaluate
 from ..lenses import Perspective
 from ..tracing.meridian import Meridian
 from .making import Choice, Made, imager_radius_mm, wanted_mirror
+from .merits import field_of_evaluation
 from .placed import Rim
-from .quantities import QUANTITIES
-from .requirements import LimitTable, Requirements, Span
+from .quantities import Limit
+from .requirements import Requirements, Span
 
 Array = NDArray[np.float64]
 
@@ -136,21 +137,23 @@ def limit_rows(requirements: Requirements, choice: Choice, made: Made, angles: i
     return [_limit_row(requirements, choice, made, limit, angles) for limit in requirements.limits]
 
 
-def _limit_row(requirements: Requirements, choice: Choice, made: Made, limit: LimitTable, angles: int) -> Row:
+def _limit_row(requirements: Requirements, choice: Choice, made: Made, limit: Limit, angles: int) -> Row:
     low, high = made.field_from_deg, min(choice.omega_max_deg, made.sensor.field_deg[1])
     part = None
     if limit.omega_deg is not None:
         low, high = max(low, limit.omega_deg[0]), min(high, limit.omega_deg[1])
-        part = (limit.omega_deg[0], limit.omega_deg[1])
+        part = limit.omega_deg
         low = min(low, high)
     results = evaluated(requirements, made, np.linspace(low, high, angles))
-    quantity = QUANTITIES[limit.quantity]
-    found = []
-    if limit.at_most is not None:
-        found.append(max((quantity.extreme(r, largest=True) for r in results), key=lambda v: v[0]))
-    if limit.at_least is not None:
-        found.append(min((quantity.extreme(r, largest=False) for r in results), key=lambda v: v[0]))
-    rows = [Row(limit.quantity, quantity.unit, limit.at_least, limit.at_most, v, o, part, True) for v, o in found]
+    fields = [(field_of_evaluation(r), r.omega_deg) for r in results]
+    sides = [(True, limit.at_most)] if limit.at_most is not None else []
+    sides += [(False, limit.at_least)] if limit.at_least is not None else []
+    rows = []
+    for largest, _ in sides:
+        found = [(*limit.of.extreme(field, largest), omega) for field, omega in fields]
+        value, i, omega = (max if largest else min)(found, key=lambda v: v[0])
+        at = None if i is None else float(omega[i])
+        rows.append(Row(limit.quantity, limit.of.unit, limit.at_least, limit.at_most, value, at, part, True))
     return min(rows, key=lambda row: row.margin)
 
 

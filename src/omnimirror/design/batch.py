@@ -16,12 +16,12 @@ from numpy.typing import ArrayLike, NDArray
 from ..dewarp.native import compiled
 from ..errors import InvalidParameter
 from ..imagers import Imager
-from ..lenses import BlurMode, Perspective
+from ..lenses import BlurMode, Lens, Orthographic, Perspective
 from ..mirrors.conics import conic_profile
 from ..sensor import Sensor
-from .foci import AreaModel, best_vergences
+from .foci import AreaModel, best_places
 from .freeform import Family
-from .optics import DEGREE, Camera, node_optics
+from .optics import DEGREE, Camera, NodeOptics, TelecentricCamera, node_optics, telecentric_optics
 
 Array = NDArray[np.float64]
 Numbers = Any
@@ -37,7 +37,7 @@ COLUMNS = (
 
 @dataclass(frozen=True, eq=False)
 class Designs:
-    """n sensors with mirrors of one family, a perspective lens and the same pixels.
+    """n sensors with mirrors of one family, lenses of one kind and the same pixels.
 
     Attributes
     ----------
@@ -47,8 +47,13 @@ class Designs:
         Numbers stand for all designs.
     vertex_radius_mm, conic : (n,)
         Of a conic with asphere terms; left alone by other families.
-    mode, image_radius_px, wavelength_nm, object_distance_mm
+    magnification : (n,)
+        Of telecentric lenses, of which distance and focal length do not count and the F-number is the image's; 0 of
+        perspective ones.
+    mode, image_radius_px, wavelength_nm
         As :func:`omnimirror.evaluate` takes them.
+    object_distance_mm
+        From mirror to object; or one distance for each field angle.
     least_omega_deg
         Field angles below this do not count for the best focus.
     """
@@ -62,10 +67,11 @@ class Designs:
     pixel_pitch_um: float
     vertex_radius_mm: Numbers = np.inf
     conic: Numbers = 0.0
+    magnification: Numbers = 0.0
     mode: BlurMode = "exact"
     image_radius_px: float | None = None
     wavelength_nm: float = 550.0
-    object_distance_mm: float = np.inf
+    object_distance_mm: float | Array = np.inf
     least_omega_deg: float = 0.0
 
     def __post_init__(self) -> None:
@@ -81,11 +87,13 @@ class Designs:
             if value.shape not in ((), (len(c),)):
                 raise InvalidParameter(f"{name} has shape {value.shape}; it needs one number, or one per design")
             value = np.ascontiguousarray(np.broadcast_to(value, len(c)))
-            if name not in ("vertex_radius_mm", "conic") and not (value > 0).all():
+            if name not in ("vertex_radius_mm", "conic", "magnification") and not (value > 0).all():
                 raise InvalidParameter(f"{name} = {value[~(value > 0)][0]:g} is not valid; it must be above 0")
             object.__setattr__(self, name, value)
-        if not self.object_distance_mm > 0:
-            raise InvalidParameter(f"object_distance_mm = {self.object_distance_mm:g} is not valid above 0 and inf")
+        if (self.magnification > 0).any() and not (self.magnification > 0).all():
+            raise InvalidParameter("magnification is above 0 for some designs only; all lenses are of one kind")
+        if not np.all(np.asarray(self.object_distance_mm) > 0):
+            raise InvalidParameter(f"object_distance_mm = {self.object_distance_mm} is not valid; it must be above 0")
 
     def __len__(self) -> int:
         return len(self.coefficients)
@@ -95,22 +103,37 @@ class Designs:
         chosen = {name: getattr(self, name)[rows] for name in ("coefficients", *_NUMBERS)}
         return replace(self, **chosen)
 
-    def camera(self, rim_tangent: Array) -> Camera:
-        """The lenses and pixels, of designs whose rims stand at tan(theta) = ``rim_tangent`` (n,)."""
+    @property
+    def is_telecentric(self) -> bool:
+        return bool((self.magnification > 0).all())
+
+    def camera(self, rim_ray: Array) -> Camera | TelecentricCamera:
+        """The lenses and pixels, of designs whose rims stand at a ray coordinate ``rim_ray`` (n,)."""
+        pitch = self.pixel_pitch_um * 1e-3
+        if self.is_telecentric:
+            return TelecentricCamera(
+                self.magnification, self.f_number, rim_ray, pitch, self.image_radius_px, self.wavelength_nm
+            )
         return Camera(
-            self.focal_length_mm, self.f_number, rim_tangent, self.pixel_pitch_um * 1e-3, self.mode,
-            self.image_radius_px, self.wavelength_nm,
-        )  # fmt: skip
+            self.focal_length_mm, self.f_number, rim_ray, pitch, self.mode, self.image_radius_px, self.wavelength_nm
+        )
 
     def sensor(self, i: int, imager: Imager, focus_mm: float, name: str = "design") -> Sensor:
         """Design i as an ordinary sensor, focused at an object distance."""
         R, k = (float(v[i]) for v in (self.vertex_radius_mm, self.conic))
         mirror = self.family.mirror(self.coefficients[i], float(self.rim_radius_mm[i]), R, k)
-        lens = Perspective(float(self.focal_length_mm[i]), float(self.f_number[i]), float(focus_mm))
+        F = float(self.f_number[i])
+        lens: Lens = (
+            Perspective(float(self.focal_length_mm[i]), F, float(focus_mm))
+            if not self.is_telecentric
+            else (Orthographic(float(self.magnification[i]), F, float(focus_mm)))
+        )
         return Sensor(mirror, lens, imager, mirror_distance_mm=float(self.mirror_distance_mm[i]), name=name)
 
 
-_NUMBERS = ("mirror_distance_mm", "rim_radius_mm", "focal_length_mm", "f_number", "vertex_radius_mm", "conic")
+_NUMBERS = (
+    "mirror_distance_mm", "rim_radius_mm", "focal_length_mm", "f_number", "vertex_radius_mm", "conic", "magnification"
+)  # fmt: skip
 """One per design; the compiled evaluator takes them in this order."""
 
 
@@ -170,6 +193,8 @@ def evaluate_designs(designs: Designs, angles: int | ArrayLike = 100, native: bo
     u = np.linspace(0.0, 1.0, angles) if isinstance(angles, int) else np.asarray(angles, dtype=float).ravel()
     if not (u.size and (u >= 0).all() and (u <= 1).all()):
         raise InvalidParameter("angles need at least one, at fractions from 0 to 1 of the rim radius")
+    if np.shape(designs.object_distance_mm) not in ((), u.shape):
+        raise InvalidParameter(f"object_distance_mm needs one number, or one for each of the {u.size} field angles")
     module = compiled() if native is not False else None
     if native and module is None:
         raise InvalidParameter("the compiled evaluator is not here; install omnimirror where a C++20 compiler works")
@@ -196,30 +221,38 @@ def _profiles(d: Designs, u: Array) -> tuple[Array, ...]:
     return x, z, slope, curvature, slope_over_x
 
 
+def _optics(d: Designs, u: Array) -> NodeOptics:
+    x, z, slope, curvature, slope_over_x = _profiles(d, u)
+    near = 1 / np.asarray(d.object_distance_mm, dtype=float)
+    if d.is_telecentric:
+        return telecentric_optics(x, z, slope, curvature, slope_over_x, near)
+    return node_optics(x, z, slope, curvature, slope_over_x, d.mirror_distance_mm[:, None], near)
+
+
 def _block(d: Designs, u: Array) -> BatchEvaluation:
     """As :func:`evaluate_designs`, in NumPy, for a few designs."""
     with np.errstate(all="ignore"):
-        x, z, slope, curvature, slope_over_x = _profiles(d, u)
-        m = d.mirror_distance_mm[:, None]
-        o = node_optics(x, z, slope, curvature, slope_over_x, m, 1 / d.object_distance_mm)
-        camera = d.camera(o.tangent[:, -1])
+        o = _optics(d, u)
+        camera = d.camera(o.ray[:, -1])
         density = 1 / (o.radial * o.around) ** 2
         density[o.omega < d.least_omega_deg * DEGREE] = 0.0
         valid: Any = ((o.turning > 0) & (o.facing > 0) & (o.around > 0)).all(axis=1)
-        v, worst = best_vergences(o.near_t, o.near_s, density, AreaModel.of(camera, len(d)))
-        tangent_px, vergence_px, airy = (
+        v, worst = best_places(o.place_t, o.place_s, density, AreaModel.of(camera, len(d)))
+        ray_px, place_px, airy = (
             np.broadcast_to(part, len(d))[:, None]
-            for part in (camera.px_per_tangent(v), camera.px_per_vergence(v), camera.airy_px(v))
+            for part in (camera.px_per_ray(v), camera.px_per_place(v), camera.airy_px(v))
         )
         v = v[:, None]
-        dh, dw = o.radial * tangent_px * DEGREE, o.around * tangent_px * DEGREE
-        t, s = vergence_px * (v - o.near_t), vergence_px * (v - o.near_s)
+        dh, dw = o.radial * ray_px * DEGREE, o.around * ray_px * DEGREE
+        t, s = place_px * (v - o.place_t), place_px * (v - o.place_s)
         floor = 1 + airy**2
         area = np.sqrt((t * t + floor) * (s * s + floor)) / (dh * dw)
+        distance: Any = np.negative if d.is_telecentric else np.reciprocal
         columns = (
-            o.omega / DEGREE, o.tangent * tangent_px, dh, dw, o.viewpoint_z, 1 / o.near_t, 1 / o.near_s, t, s, area
+            o.omega / DEGREE, o.ray * ray_px, dh, dw, o.viewpoint_z, distance(o.place_t), distance(o.place_s),
+            t, s, area,
         )  # fmt: skip
-        return BatchEvaluation(np.stack(columns), 1 / v[:, 0], worst, valid)
+        return BatchEvaluation(np.stack(columns), distance(v[:, 0]), worst, valid)
 
 
 def _compiled(module: Any, d: Designs, u: Array) -> BatchEvaluation:
@@ -227,9 +260,10 @@ def _compiled(module: Any, d: Designs, u: Array) -> BatchEvaluation:
     columns, results = np.empty((len(COLUMNS), len(d), u.size)), np.empty((3, len(d)))
     numbers = np.stack([getattr(d, name) for name in _NUMBERS], axis=1)
     basis = np.ascontiguousarray(np.stack(d.family.basis(u)))
+    near = np.ascontiguousarray(np.broadcast_to(1 / np.asarray(d.object_distance_mm, dtype=float), u.size))
     module.evaluate_designs(
         d.coefficients, numbers, basis, np.ascontiguousarray(u), d.family.has_conic, d.mode == "paper",
-        d.pixel_pitch_um * 1e-3, d.image_radius_px or 0.0, d.wavelength_nm, 1 / d.object_distance_mm,
+        d.pixel_pitch_um * 1e-3, d.image_radius_px or 0.0, d.wavelength_nm, near,
         d.least_omega_deg * DEGREE, columns, results,
     )  # fmt: skip
     focus, worst, valid = results

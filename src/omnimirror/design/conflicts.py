@@ -16,7 +16,7 @@ import numpy as np
 from ..errors import OmnimirrorError
 from .assessment import Row, unit_of
 from .making import Choice
-from .requirements import LimitTable
+from .quantities import Limit
 from .search import Candidate, Search
 
 STEPS = (0.05, 0.15, 0.35, 0.75)  # shares by which a requirement is tried to give
@@ -112,7 +112,7 @@ def _limits(search: Search, best: Candidate) -> Iterator[Entry]:
 
 def _without(search: Search, best: Candidate, index: int, row: Row) -> Relaxation:
     """The limit's value where the others are kept and it is missed least."""
-    asked = _asked(row)
+    asked = asked_of(row)
     others_missed = [r for r in best.rows if r is not row and not r.is_met]
     if others_missed and not search.free:
         return Relaxation(row.label, row.unit, asked, None)
@@ -128,17 +128,17 @@ def _without(search: Search, best: Candidate, index: int, row: Row) -> Relaxatio
     if high is None:
         return Relaxation(row.label, row.unit, asked, None)
     share = _bisected(low, high, lambda s: _keeps(_eased(search, {index: s}), best.choice))
-    return Relaxation(row.label, row.unit, asked, _given_way(row, share))
+    return Relaxation(row.label, row.unit, asked, given_way(row, share))
 
 
-def _asked(row: Row) -> float:
+def asked_of(row: Row) -> float:
     """The side of the limit that is missed, or nearer to it."""
     sides = [v for v in (row.at_least, row.at_most) if v is not None]
     return min(sides, key=lambda v: abs(v - row.reached))
 
 
-def _given_way(row: Row, share: float) -> float:
-    asked = _asked(row)
+def given_way(row: Row, share: float) -> float:
+    asked = asked_of(row)
     return asked + (1 if asked == row.at_most else -1) * share * row.scale
 
 
@@ -150,13 +150,12 @@ def _eased(search: Search, shares: dict[int, float]) -> Search:
     return Search(replace(search.requirements, limits=tuple(limits)))
 
 
-def _ease(limit: LimitTable, share: float) -> LimitTable:
-    size = max(abs(v) for v in (limit.at_least, limit.at_most) if v is not None) or 1.0
-    return limit.model_copy(
-        update={
-            "at_most": None if limit.at_most is None else limit.at_most + share * size,
-            "at_least": None if limit.at_least is None else limit.at_least - share * size,
-        }
+def _ease(limit: Limit, share: float) -> Limit:
+    give = share * limit.scale
+    return replace(
+        limit,
+        at_most=None if limit.at_most is None else limit.at_most + give,
+        at_least=None if limit.at_least is None else limit.at_least - give,
     )
 
 
@@ -202,7 +201,7 @@ def _others(search: Search, best: Candidate) -> Iterator[Entry]:
     for row in missed:
         if not row.is_limit and row.name not in moved:
             needed = row.reached if len(missed) == 1 else None
-            yield row.label, partial(Relaxation, row.label, row.unit, _asked(row), needed)
+            yield row.label, partial(Relaxation, row.label, row.unit, asked_of(row), needed)
 
 
 def with_given(search: Search, name: str, value: float) -> Search:
@@ -271,6 +270,6 @@ def _jointly(search: Search, best: Candidate, helpful: list[Relaxation]) -> tupl
     asked = [row for row in best.rows if row.is_limit]
     reached = [row.reached for row in found.rows if row.is_limit]
     now = [(row, replace(row, reached=value)) for row, value in zip(asked, reached, strict=True)]
-    limits = (Relaxation(row.label, row.unit, _asked(new), new.reached) for row, new in now if not new.is_met)
+    limits = (Relaxation(row.label, row.unit, asked_of(new), new.reached) for row, new in now if not new.is_met)
     moved = (replace(r, needed=r.asked * (1 + givens[r.name] * share)) for r in helpful if r.name in givens)
     return (*limits, *moved), share

@@ -5,17 +5,23 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ..lenses import Perspective
+from ..lenses import BlurMode, Perspective
 from ..sensor import Sensor
 from .assessment import Row, assess, mapping_deviation_px
+from .concessions import find_concessions
 from .conflicts import Conflict, find_conflict
 from .making import Choice
+from .merits import merit_named
+from .optimise import Optimum, Progress
+from .problem import DesignProblem, ends
 from .requirements import Requirements
 from .search import Search
+from .shaping import judged_sensor, problem_of, shape
 
 
 @dataclass(frozen=True)
@@ -33,6 +39,8 @@ class Design:
         Why not all are met, and what would have to give; None where they are.
     notes
         What was chosen where the requirements left a choice.
+    optimum
+        How an optimised mirror was found; None for other mirrors, and where no design keeps everything.
     """
 
     requirements: Requirements
@@ -40,6 +48,7 @@ class Design:
     rows: tuple[Row, ...]
     conflict: Conflict | None
     notes: tuple[str, ...]
+    optimum: Optimum | None = None
 
     @property
     def is_met(self) -> bool:
@@ -60,17 +69,23 @@ class Design:
         return plain
 
 
-def design_sensor(requirements: Requirements, on_step: Callable[[str], None] | None = None) -> Design:
+def design_sensor(
+    requirements: Requirements, on_step: Callable[[str], None] | None = None, search: SearchOptions | None = None
+) -> Design:
     """Design a sensor: mirror, distance, lens and focus.
 
-    What the requirements leave free (ranges; the conic constant of an ellipsoid) is chosen so that the limit
-    kept worst is kept best, or without limits so that the worst floored blur area is least. The lens is focused
-    where that is least, unless ``focus_mm`` is given.
+    With ``optimise`` in the requirements the mirror is of free form and has the least of that merit; limits are
+    constraints of the search, and ranges are left to it. With a mapping or a family, what the requirements leave
+    free (ranges; the conic constant of an ellipsoid) is chosen so that the limit kept worst is kept best, or without
+    limits so that the worst floored blur area is least. The lens is focused where that is least, unless ``focus_mm``
+    is given.
 
     Parameters
     ----------
     on_step
         Called with a few words before each longer step.
+    search
+        How an optimised mirror is searched for.
 
     Raises
     ------
@@ -93,6 +108,13 @@ def design_sensor(requirements: Requirements, on_step: Callable[[str], None] | N
     (True, 172.275, 512.0)
     """
     say = on_step or (lambda words: None)
+    if requirements.mirror.optimise is not None:
+        return _optimised(requirements, say, search or SearchOptions())
+    return _chosen(requirements, say)
+
+
+def _chosen(requirements: Requirements, say: Callable[[str], None]) -> Design:
+    """With a mapping or a family."""
     search = Search(requirements)
     if search.free:
         say(f"choosing {', '.join(search.free)}")
@@ -104,9 +126,80 @@ def design_sensor(requirements: Requirements, on_step: Callable[[str], None] | N
     deviation = mapping_deviation_px(requirements, best.choice, best.made)
     if deviation is not None:
         notes = (*notes, f"the fitted mirror departs from its mapping by up to {deviation:.3g} px")
+    return Design(requirements, _noted(requirements, best.made.sensor, notes), rows, conflict, notes)
+
+
+def _optimised(requirements: Requirements, say: Callable[[str], None], search: SearchOptions) -> Design:
+    """With a mirror of free form."""
+    problem = search.changed(problem_of(requirements))
+    said = search.on_progress or (lambda p: say(f"start {p.run + 1} of {p.runs}, {p.value:.4g}"))
+    shaped = shape(requirements, problem, search.starts, search.seed, search.resume, said)
+    notes = free_form_notes(problem, shaped.made.sensor)
+    conflict = find_concessions(shaped, lambda name: say(f"what if {name} gives"))
+    if shaped.optimum is None:
+        notes = (f"no mirror of {problem.terms} numbers was found that keeps everything: this one misses least", *notes)
+    else:
+        merit = merit_named(shaped.optimum.merit)
+        notes = (f"{merit.meaning}: {shaped.optimum.value:.5g} {merit.unit}".rstrip(), *notes)
+    sensor = replace(_noted(requirements, shaped.made.sensor, notes), name=requirements.name)
+    return Design(requirements, sensor, tuple(shaped.rows), conflict, notes, shaped.optimum)
+
+
+def assessed(requirements: Requirements, sensor: Sensor, notes: tuple[str, ...] = ()) -> Design:
+    """A sensor from elsewhere, such as from a front, requirement by requirement."""
+    _, made, rows = judged_sensor(requirements, sensor)
+    return Design(requirements, _noted(requirements, made.sensor, notes), tuple(rows), None, notes)
+
+
+@dataclass(frozen=True)
+class SearchOptions:
+    """How an optimised mirror is searched for, see :func:`~omnimirror.design.optimise.optimise`.
+
+    ``mode`` and ``image_radius_px`` are taken as :func:`omnimirror.evaluate` takes them; the merit, and limits of blur
+    while they are kept, are computed so. The table is always that of the real image.
+    """
+
+    starts: int = 4
+    seed: int = 0
+    resume: str | Path | None = None
+    on_progress: Callable[[Progress], None] | None = None
+    mode: BlurMode = "exact"
+    image_radius_px: float | None = None
+
+    def changed(self, problem: DesignProblem) -> DesignProblem:
+        """A problem computed as these options say."""
+        return replace(problem, mode=self.mode, image_radius_px=self.image_radius_px)
+
+
+def _noted(requirements: Requirements, sensor: Sensor, notes: tuple[str, ...]) -> Sensor:
     said = "; ".join(notes)
     text = "\n".join(part for part in (requirements.notes.strip(), said and f"Designed: {said}.") if part)
-    return Design(requirements, replace(best.made.sensor, notes=text), rows, conflict, notes)
+    return replace(sensor, notes=text)
+
+
+def free_form_notes(problem: DesignProblem, sensor: Sensor) -> tuple[str, ...]:
+    """What an optimiser chose besides the shape, in words."""
+    lens, notes = sensor.lens, []
+    reached = {
+        "rim_radius_mm": sensor.mirror.rim_radius_mm,
+        "f_number": getattr(lens, "f_number", None) or lens.image_f_number(),
+    }
+    if isinstance(lens, Perspective):
+        reached |= {
+            "focal_length_mm": lens.focal_length_mm,
+            "theta_max_deg": float(np.degrees(sensor.meridian.theta_max)),
+        }
+    for name, value in reached.items():
+        asked = getattr(problem, name)
+        if asked is None:
+            notes.append(f"{name} = {value:.6g}, where the rim fills the imager")
+        elif name in problem.free:
+            notes.append("{} = {:.6g}, chosen between {:g} and {:g}".format(name, value, *ends(asked)))
+    if problem.is_telecentric:
+        notes.append(f"the telecentric lens has to be as wide as the mirror, {2 * reached['rim_radius_mm']:g} mm")
+    if problem.focus_mm is None:
+        notes.append(f"focused at {lens.focus_distance_mm:.5g} mm")
+    return tuple(notes)
 
 
 def _notes(search: Search, choice: Choice, sensor: Sensor, made: tuple[str, ...]) -> tuple[str, ...]:

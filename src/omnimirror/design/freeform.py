@@ -113,3 +113,33 @@ _FAMILIES = {
     ),
     SlopeSpline.KIND: (3, 60, False, _spline_basis, lambda c, M, _R, _k: SlopeSpline((0.0, *c), M)),
 }  # fmt: skip
+
+
+class FreeForm(NamedTuple):
+    """``spline:N``, ``polynomial:N`` or ``asphere:N``: a family to optimise, and how many numbers shape it."""
+
+    name: str
+    terms: int
+
+    @classmethod
+    def parse(cls, text: str) -> FreeForm:
+        """
+        >>> FreeForm.parse("spline:12")
+        FreeForm(name='slope-spline', terms=12)
+        >>> FreeForm.parse("polynomial")
+        FreeForm(name='even-polynomial', terms=8)
+        """
+        word, colon, count = text.strip().partition(":")
+        if word not in FREE_FORMS or (colon and not count.isdigit()):
+            few_to_many = (f"{w}:N with {_FAMILIES[n][0]} to {_FAMILIES[n][1]}" for w, (n, _) in FREE_FORMS.items())
+            raise InvalidParameter(f"{text!r} is not a shape to optimise; valid are {', '.join(few_to_many)}")
+        name, usual = FREE_FORMS[word]
+        return cls(name, family(name, int(count) if colon else usual).terms)
+
+
+FREE_FORMS = {
+    "spline": (SlopeSpline.KIND, 12),
+    "polynomial": (EvenPolynomial.KIND, 8),
+    "asphere": (ConicAsphere.KIND, 6),
+}
+"""The families by the words that fits have for them too, and how many numbers shape them where it is not said."""

@@ -19,6 +19,7 @@ from .families import FAMILIES
 from .fits import fit_mirror
 from .mappings import generated_mirror
 from .placed import PlacedMirror, Rim
+from .problem import imager_radius_px
 from .requirements import MirrorTable, Requirements
 
 Array = NDArray[np.float64]
@@ -130,9 +131,7 @@ def _fitted(table: MirrorTable, placed: PlacedMirror) -> PlacedMirror:
 
 def imager_radius_mm(requirements: Requirements) -> float:
     """Radius of the largest circle about the optical axis that the imager holds."""
-    imager = requirements.imager
-    u, v = imager.centre
-    return (min(u, v, imager.width_px - 1 - u, imager.height_px - 1 - v) + 0.5) * imager.pitch_mm
+    return imager_radius_px(requirements.imager) * requirements.imager.pitch_mm
 
 
 def _orthographic(requirements: Requirements, choice: Choice) -> Made:
@@ -216,6 +215,7 @@ def _focused(requirements: Requirements, made: Made) -> Sensor:
 
 
 def judged(requirements: Requirements, sensor: Sensor, placed: PlacedMirror) -> Made:
+    """A sensor with the part of its field that is judged."""
     low, high = sensor.field_deg
     radius = requirements.field.camera_radius_mm
     hidden = 0.0 if radius is None else hidden_deg(sensor, radius)

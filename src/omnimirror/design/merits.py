@@ -13,7 +13,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..analysis import Evaluation
 from ..errors import InvalidParameter
+from ..lenses import Perspective
 
 Array = NDArray[Any]
 
@@ -21,43 +23,106 @@ PROJECTIONS = 8
 
 
 class Field(NamedTuple):
-    """What merits look at; arrays (.., k) over k field angles, and (.., 1) where one number holds for all."""
+    """What merits and limits look at; arrays (.., k) over k field angles, or (.., 1) where one number holds for all."""
 
-    t_deg: Array
-    """Signed tangential blur in degrees of the object (Eq. 36)."""
-    s_deg: Array
-    """Signed sagittal blur (Eq. 37)."""
+    t_px: Array
+    """Signed tangential blur (Eq. 28)."""
+    s_px: Array
+    """Signed sagittal blur."""
+    dh: Array
+    """Dh, px/deg: resolution along the radius (Eq. 9)."""
+    dw: Array
+    """Dw, px/deg: resolution around the circle (Eq. 10)."""
     log_area: Array
     """Logarithm of the floored blur area in square degrees."""
-    log_density: Array
-    """Logarithm of Ds: pixels on a square degree of the object (Eq. 11)."""
-    log_aspect: Array
-    """Logarithm of Dw/Dh (Eq. 12)."""
     viewpoint_z: Array
     """Height of the viewpoint over the vertex, mm (Eq. 6)."""
-    length: Array
-    """From imager to rim along the axis, mm."""
     solid_angle: Array
     """Share of the solid angle that belongs to each field angle, up to a factor."""
+    image_distance: Array
+    """From the lens to the imager, mm; 0 of a telecentric lens."""
+    reach: Array
+    """From the lens (telecentric: the vertex) to the farther of rim and vertex along the axis, mm."""
+    sag: Array
+    """Height of the mirror along the axis, mm."""
+
+    @property
+    def t_deg(self) -> Array:
+        """Signed tangential blur in degrees of the object (Eq. 36)."""
+        return self.t_px / self.dh
+
+    @property
+    def s_deg(self) -> Array:
+        """Signed sagittal blur (Eq. 37)."""
+        return self.s_px / self.dw
+
+    @property
+    def log_density(self) -> Array:
+        """Logarithm of Ds: pixels on a square degree of the object (Eq. 11)."""
+        density: Array = np.log(self.dh * self.dw)
+        return density
+
+    @property
+    def log_aspect(self) -> Array:
+        """Logarithm of Dw/Dh (Eq. 12)."""
+        aspect: Array = np.log(self.dw / self.dh)
+        return aspect
+
+    @property
+    def length(self) -> Array:
+        """From imager to rim along the axis, mm."""
+        return self.image_distance + self.reach
+
+    def at(self, which: NDArray[np.intp]) -> Field:
+        """The same at some of the field angles (.., k); those that are named again have no share of the solid angle."""
+        index = np.arange(which.shape[-1])
+        taken = [a if a.shape[-1] == 1 else np.take_along_axis(a, _like(which, a), axis=-1) for a in self]
+        return Field(*taken)._replace(solid_angle=np.where(which == index, self.solid_angle, 0.0))
 
 
-def field_of(result: Any, length_mm: ArrayLike) -> Field:
+def _like(which: NDArray[np.intp], values: Array) -> NDArray[np.intp]:
+    return np.broadcast_to(which, values.shape[:-1] + which.shape[-1:])
+
+
+def field_of(result: Any, image_distance: ArrayLike, reach: ArrayLike, sag: ArrayLike) -> Field:
     """What merits look at, from the columns of an :class:`~omnimirror.analysis.Evaluation` or of a batch of designs.
 
-    Field angles have to grow along the last axis; ``length_mm`` is from imager to rim, (..).
+    Field angles have to grow along the last axis; the lengths (..) are those of :class:`Field`.
     """
-    dh, dw = result.dh_domega_px_per_deg, result.width_px_per_deg
     omega = np.radians(result.omega_deg)
+    lengths = (np.asarray(v, dtype=float)[..., None] for v in (image_distance, reach, sag))
     with np.errstate(all="ignore"):
-        steps = np.diff(omega, axis=-1) / 2
-        share = np.sin(omega)
-        share = np.concatenate([share[..., :-1] * steps, np.zeros_like(share[..., :1])], -1) + np.concatenate(
-            [np.zeros_like(share[..., :1]), share[..., 1:] * steps], -1
-        )
         return Field(
-            result.blur_t_px / dh, result.blur_s_px / dw, np.log(result.floored_area_deg2), np.log(dh * dw),
-            np.log(dw / dh), result.viewpoint_z_mm, np.asarray(length_mm, dtype=float)[..., None], share,
+            result.blur_t_px, result.blur_s_px, result.dh_domega_px_per_deg, result.width_px_per_deg,
+            np.log(result.floored_area_deg2), result.viewpoint_z_mm, solid_angle(omega), *lengths,
         )  # fmt: skip
+
+
+def field_of_evaluation(result: Evaluation) -> Field:
+    """What merits look at, of one evaluated sensor."""
+    lens = result.sensor.lens
+    (_, _), (bottom, top) = result.sensor.mirror.bounds
+    b0 = lens.image_distance if isinstance(lens, Perspective) else 0.0
+    return field_of(result, b0, length_mm(result), top - bottom)
+
+
+def length_mm(result: Evaluation) -> float:
+    """From the lens's principal point (telecentric: from the vertex) to the highest point of the mirror, mm."""
+    (_, _), (_, top) = result.sensor.mirror.bounds
+    m = result.sensor.mirror_distance_mm
+    return top + (m if np.isfinite(m) else 0.0)
+
+
+def solid_angle(omega: Array) -> Array:
+    """Share (.., k) of the solid angle that belongs to each of some field angles in radians, up to a factor.
+
+    Where angles begin anew, as those of a second object distance do, so do the shares.
+    """
+    steps = np.diff(omega, axis=-1) / 2
+    steps = np.where(steps.real > 0, steps, 0.0)
+    none = np.zeros_like(omega[..., :1])
+    shares: Array = np.sin(omega) * (np.concatenate([steps, none], -1) + np.concatenate([none, steps], -1))
+    return shares
 
 
 @dataclass(frozen=True)
@@ -88,18 +153,16 @@ class Merit:
     is_mean: bool = False
     is_sharpness: bool = True
 
-    def value(self, field: Field, counts: NDArray[np.bool_] | None = None) -> Array:
-        """The merit (..) of fields (.., k), over the angles that count."""
+    def value(self, field: Field) -> Array:
+        """The merit (..) of fields (.., k)."""
         with np.errstate(all="ignore"):
             rows = np.stack(np.broadcast_arrays(*self.rows(field)))
             if self.is_mean:
                 weights = np.broadcast_to(field.solid_angle, rows.shape[1:])
-                weights = weights if counts is None else np.where(counts, weights, 0.0)
                 return self.shown((np.where(weights > 0, np.exp(rows[0]), 0.0) * weights).sum(-1) / weights.sum(-1))
-            keep = np.ones(rows.shape[1:], bool) if counts is None else np.broadcast_to(counts, rows.shape[1:])
-            largest = np.where(keep, rows, -np.inf).max(axis=(0, -1))
+            largest = rows.max(axis=(0, -1))
             if self.is_spread:
-                largest = (largest - np.where(keep, rows, np.inf).min(axis=(0, -1))) / 2
+                largest = (largest - rows.min(axis=(0, -1))) / 2
             return self.shown(largest)
 
 
@@ -137,7 +200,8 @@ MERITS: dict[str, Merit] = {
               _either_sign(lambda f: f.log_aspect), np.exp, np.log, is_sharpness=False),
         Merit("viewpoint_spread", "mm", "highest minus lowest viewpoint", lambda f: (f.viewpoint_z,),
               lambda t: 2 * t, lambda t: t / 2, is_spread=True, is_sharpness=False),
-        Merit("length", "mm", "imager to rim", lambda f: (f.length,), _same, _same, is_sharpness=False),
+        Merit("length", "mm", "imager to rim (telecentric: vertex to rim)", lambda f: (f.length,), _same, _same,
+              is_sharpness=False),
     )
 }  # fmt: skip
 """Every merit by its name."""

@@ -1,60 +1,103 @@
-"""A merit of a design space as rows for the optimiser: at a point, with exact derivatives, under constraints."""
+"""What an optimiser makes small and what it keeps, as rows with exact derivatives at a point of a design space.
+
+What is made small is a merit; or what is asked too much: limits, and numbers that were given, each by its share.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InvalidParameter
 from .freeform import Basis
-from .merits import Merit, merit_named
+from .merits import Field, Merit
 from .minimax import Rows, Values
-from .optics import DEGREE
-from .problem import STEP, DesignSpace, State
+from .problem import ends
+from .space import DesignSpace, State
 
-Array = NDArray[np.float64]
+Array = NDArray[Any]
 
+STEP = 1e-30  # the imaginary step; nothing is subtracted, so it may be as small as one likes
 LEAST_TURNING = 0.05  # dOmega/du, radians: a mapping that turns less counts as folded
-LEAST_FACING = 0.05  # w - x z' over M: a surface that faces the lens less counts as hidden
+LEAST_FACING = 0.01  # cosine of the incidence: a surface that faces the lens less counts as seen edge-on
+TIGHT = 1e-4  # share by which limits are kept better at the nodes than asked, so that they are kept between them
+IMAGE, CLEAR = "image_radius_px", "omega_min_deg"  # what has to be kept besides the limits
+Key = int | str
+
+
+@dataclass(frozen=True)
+class Concession:
+    """What is to give as little as can be: requirements by their keys, and given numbers.
+
+    Attributes
+    ----------
+    keys
+        Limits by their index, :data:`IMAGE`, :data:`CLEAR`; the largest share by which one is missed is made least.
+        All that are not named are kept.
+    numbers
+        Free numbers of the problem, with what was asked of them and the sign of the way in which they may give.
+    """
+
+    keys: tuple[Key, ...]
+    numbers: tuple[tuple[str, float, int], ...] = ()
 
 
 @dataclass(frozen=True)
 class Objective:
-    """One merit over some fractions u of the rim radius, the last of them 1.
-
-    Attributes
-    ----------
-    limits
-        Other merits by name, and the numbers that they may not exceed.
-    """
+    """A merit, or a concession, over some fractions u of the rim radius, the last of them 1."""
 
     space: DesignSpace
-    merit: Merit
+    goal: Merit | Concession
     u: Array
-    limits: Mapping[str, float]
 
     def values(self, y: Array) -> Values:
         """Rows and constraints at a point (dim,)."""
-        rows, constraints = self._parts(self.space.state(y[None], self.u, self._basis))
+        rows, constraints = self._parts(y[None], self.space.state(y[None], self.u, self._basis))
         return Values(rows[0], constraints[0])
 
     def rows(self, y: Array) -> Rows:
-        """Rows and constraints at a point (dim,), with their derivatives."""
-        g, c = self._parts(self.space.derivatives(y, self.u, self._basis))
+        """Rows and constraints at a point (dim,), with their derivatives: complex steps, exact to rounding."""
+        stepped = y + 1j * STEP * np.eye(self.space.dim)
+        g, c = self._parts(stepped, self.space.state(stepped, self.u, self._basis))
         return Rows(g[0].real, c[0].real, g.imag.T / STEP, c.imag.T / STEP)
 
     def shown(self, value: float) -> float:
-        """The merit in its unit, from the largest row."""
-        return float(self.merit.shown(np.asarray(value * self._scale)))
+        """The merit in its unit, or the share conceded, from the largest row."""
+        if isinstance(self.goal, Concession):
+            return value
+        return float(self.goal.shown(np.asarray(value * self._scale)))
+
+    @property
+    def is_spread(self) -> bool:
+        return isinstance(self.goal, Merit) and self.goal.is_spread
+
+    @property
+    def is_mean(self) -> bool:
+        return isinstance(self.goal, Merit) and self.goal.is_mean
 
     @property
     def is_about_sharpness(self) -> bool:
-        """Whether the focus matters, to the merit or to a limit."""
-        return self.merit.is_sharpness or any(merit_named(name).is_sharpness for name in self.limits)
+        """Whether the focus matters, to the goal or to a limit."""
+        own = isinstance(self.goal, Merit) and self.goal.is_sharpness
+        return own or any(limit.of.is_sharpness for limit in self.space.problem.limits)
+
+    @property
+    def asked(self) -> tuple[Key, ...]:
+        """Everything that a design can miss: the limits, the imager, the view past the camera."""
+        problem = self.space.problem
+        keys: list[Key] = [*range(len(problem.limits))]
+        keys += [IMAGE] if problem.has_image_to_fit else []
+        keys += [CLEAR] if problem.has_view_to_clear else []
+        return tuple(keys)
+
+    def missed(self, y: Array) -> dict[Key, float]:
+        """By what share each requirement is missed at a point (dim,); below 0 by what share it is kept."""
+        state = self.space.state(y[None], self.u, self._basis)
+        return {key: float(rows.max()) for key, rows in self._requirements(state)}
 
     @cached_property
     def _basis(self) -> Basis:
@@ -63,50 +106,62 @@ class Objective:
     @cached_property
     def _scale(self) -> float:
         """Rows of lengths come in units of the rim radius, so that a violated constraint costs more than it gains."""
-        return self.space.problem.rim_radius_mm if self.merit.unit == "mm" else 1.0
+        is_length = isinstance(self.goal, Merit) and self.goal.unit == "mm"
+        return ends(self.space.problem.rim_radius_mm)[1] if is_length else 1.0
 
-    def _parts(self, state: State) -> tuple[Array, Array]:
+    def _parts(self, y: Array, state: State) -> tuple[Array, Array]:
         with np.errstate(all="ignore"):
-            counts = state.omega[0].real >= self.space.problem.omega_min_deg * DEGREE - 1e-12
-            if self.merit.is_mean:
-                area, weights = np.exp(state.field.log_area[:, counts]), state.field.solid_angle[:, counts]
-                rows = (area * weights).sum(axis=1, keepdims=True) / weights.sum(axis=1, keepdims=True)
+            wanted = dict(self._requirements(state))
+            constraints = [LEAST_TURNING - state.turning, LEAST_FACING - state.facing]
+            given: tuple[Key, ...] = ()
+            if isinstance(self.goal, Concession):
+                given = self.goal.keys
+                rows = [wanted[key] for key in given] + [self._moved(y, *n) for n in self.goal.numbers]
+                objective = _beside(rows, len(y))
             else:
-                rows = _counting(self.merit, state, counts) / self._scale
-            return rows, self._constraints(state, counts)
+                objective = self._merit(self.goal, state)
+            constraints += [TIGHT + part for key, part in wanted.items() if key not in given]
+            return objective, _beside(constraints, len(y))
 
-    def _constraints(self, state: State, counts: NDArray[np.bool_]) -> Array:
-        p = self.space.problem
-        parts = [LEAST_TURNING - state.turning, LEAST_FACING - state.facing]
-        if np.isfinite(p.sag_max_mm):
-            parts.append(state.sag / p.sag_max_mm - 1)
-        if np.isfinite(p.length_max_mm):
-            parts.append(state.field.length / p.length_max_mm - 1)
-        for name, limit in self.limits.items():
-            merit = merit_named(name)
-            most = merit.hidden(np.asarray(limit, dtype=float))
-            rows = _counting(merit, state, counts)
-            if merit.is_spread:
-                lowest = rows[0].real.argmin()
-                rows, most = rows - rows[:, lowest : lowest + 1], 2 * most
-            parts.append((rows - most) / max(abs(float(most)), 1e-3 if merit.unit else 1.0))
-        return np.concatenate([np.broadcast_to(p, (len(state.omega), p.shape[1])) for p in parts], axis=1)
+    def _moved(self, y: Array, name: str, asked: float, sign: int) -> Array:
+        """By what share a free number has moved."""
+        value = np.exp(y[:, self.space.names.index(name), None])
+        moved: Array = sign * (value / asked - 1)
+        return moved
 
-
-def check_limits(limits: Mapping[str, float]) -> None:
-    """Refuse limits that no design can be held to, InvalidParameter."""
-    for name, limit in limits.items():
-        merit = merit_named(name)
+    def _merit(self, merit: Merit, state: State) -> Array:
+        field = state.field.at(self._counting(state)())
         if merit.is_mean:
-            raise InvalidParameter(f"{name} cannot be limited, only minimised")
-        with np.errstate(all="ignore"):
-            reachable = limit > 0 and np.isfinite(merit.hidden(np.asarray(limit))) and (merit.unit or limit > 1)
-        if not reachable:
-            raise InvalidParameter(f"{name} = {limit:g} is no limit; it is valid above {0 if merit.unit else 1}")
+            area, weights = np.exp(field.log_area), field.solid_angle
+            mean: Array = (area * weights).sum(axis=1, keepdims=True) / weights.sum(axis=1, keepdims=True)
+            return mean
+        return _beside([*merit.rows(field)], len(state.omega)) / self._scale
+
+    def _requirements(self, state: State) -> Iterator[tuple[Key, Array]]:
+        return requirements_of(self.space, state.field, self._counting(state), state.hidden, state.image)
+
+    def _counting(self, state: State) -> Counting:
+        """Which columns count, as the first design has it: derivatives are those of one set of rows."""
+        return partial(self.space.counting, state.omega[:1].real, state.hidden[:1].real)
 
 
-def _counting(merit: Merit, state: State, counts: NDArray[np.bool_]) -> Array:
-    """All rows of a merit beside each other (b, r), as many wherever the field that counts begins."""
-    rows = [np.broadcast_to(r, (len(state.omega), r.shape[1])) for r in merit.rows(state.field)]
-    which = np.maximum(np.arange(counts.size), counts.argmax())  # those inside repeat the first one that counts
-    return np.concatenate([r[:, which] if r.shape[1] == counts.size else r for r in rows], axis=1)
+Counting = Callable[..., NDArray[np.intp]]
+"""Columns that count, from one field angle to another in degrees."""
+
+
+def requirements_of(
+    space: DesignSpace, field: Field, counting: Counting, hidden: Array, image: Array
+) -> Iterator[tuple[Key, Array]]:
+    """By what share designs miss each requirement, as rows (b, r)."""
+    problem = space.problem
+    if problem.has_image_to_fit:
+        yield IMAGE, image - 1
+    if problem.has_view_to_clear:
+        yield CLEAR, np.take_along_axis(hidden, np.broadcast_to(counting(), hidden.shape), axis=-1)
+    for i, limit in enumerate(problem.limits):
+        yield i, limit.excess(field.at(counting(*(limit.omega_deg or (0.0, 180.0)))))
+
+
+def _beside(rows: list[Array], count: int) -> Array:
+    """Rows of several shapes (count or 1, r) beside each other."""
+    return np.concatenate([np.broadcast_to(r, (count, r.shape[1])) for r in rows], axis=1)

@@ -4,12 +4,16 @@ The same equations as :mod:`omnimirror.tracing` and :mod:`omnimirror.analysis`, 
 but sums, products, roots and one kind of arctangent occurs. Two things need that: an optimiser takes
 exact derivatives by adding an imaginary step to an input, and blocks of thousands of designs are quick.
 On the axis no limit has to be taken: z'/x stands for itself.
+
+Both kinds of lens are written alike. A *place* says where an image lies, so that blur is linear in it:
+under a perspective lens the vergence 1/L, under a telecentric one -L. A *ray coordinate* is what the image
+height is proportional to: tan(theta), and x.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,26 +31,26 @@ class NodeOptics(NamedTuple):
 
     omega: Array
     """Field angle (Eq. 4)."""
-    tangent: Array
-    """tan(theta) of the lens's viewing angle (Eq. 5)."""
+    ray: Array
+    """tan(theta) of the lens's viewing angle (Eq. 5); x under a telecentric lens."""
     radial: Array
-    """d tan(theta) / d Omega: Dh per radian and unit of tan(theta) (Eqs. 8, 9)."""
+    """d ray / d Omega: Dh per radian and unit of the ray coordinate (Eqs. 8, 9)."""
     around: Array
-    """tan(theta) / sin(Omega): Dw in the same units (Eq. 10)."""
-    near_t: Array
-    """1/L_t (Eq. 34)."""
-    near_s: Array
-    """1/L_s (Eq. 35)."""
+    """ray / sin(Omega): Dw in the same units (Eq. 10)."""
+    place_t: Array
+    """1/L_t (Eq. 34); -L_t under a telecentric lens."""
+    place_s: Array
+    """1/L_s (Eq. 35); -L_s under a telecentric lens."""
     viewpoint_z: Array
     """Where the chief ray meets the axis (Eq. 6)."""
     turning: Array
     """dOmega/dx, 1/mm; above 0 where the mapping is one to one."""
     facing: Array
-    """w - x z', mm; above 0 where the lens sees the mirror's front."""
+    """Cosine of the angle of incidence; above 0 where the lens sees the mirror's front."""
 
 
 def node_optics(
-    x: Array, z: Array, slope: Array, curvature: Array, slope_over_x: Array, m: Array, inverse_distance: float = 0.0
+    x: Array, z: Array, slope: Array, curvature: Array, slope_over_x: Array, m: Array, inverse_distance: Any = 0.0
 ) -> NodeOptics:
     """The optics of mirror points seen by a perspective lens at distance m from the vertex.
 
@@ -62,65 +66,136 @@ def node_optics(
     root = np.sqrt(steep)
     to_lens = w * w + x * x
     rho = np.sqrt(to_lens)
-    facing = w - x * slope
-    cos_gamma = facing / (root * rho)
+    front = w - x * slope
+    cos_gamma = front / (root * rho)
     sine = 2 * w * slope_over_x + 1 - slope * slope  # sin(Omega) steep rho / x
     q_t = 1 / (2 * curvature / (steep * root * cos_gamma) + inverse_distance)
     q_s = 1 / (2 * cos_gamma * slope_over_x / root + inverse_distance)
-    turning = 2 * curvature / steep + facing / to_lens
+    turning = 2 * curvature / steep + front / to_lens
     return NodeOptics(
         omega=2 * np.arctan(slope) + np.arctan(x / w),
-        tangent=x / w,
-        radial=facing / (w * w * turning),
+        ray=x / w,
+        radial=front / (w * w * turning),
         around=rho * steep / (w * sine),
-        near_t=1 / (w * (1 + q_t / rho)),
-        near_s=1 / (w * (1 + q_s / rho)),
+        place_t=1 / (w * (1 + q_t / rho)),
+        place_s=1 / (w * (1 + q_s / rho)),
         viewpoint_z=z + (w * (1 - slope * slope) - 2 * slope * x) / sine,
         turning=turning,
-        facing=facing,
+        facing=cos_gamma,
     )
+
+
+def telecentric_optics(
+    x: Array, z: Array, slope: Array, curvature: Array, slope_over_x: Array, inverse_distance: Any = 0.0
+) -> NodeOptics:
+    """As :func:`node_optics` under a telecentric lens: the limit of a lens infinitely far away."""
+    steep = 1 + slope * slope
+    turning = 2 * curvature / steep
+    return NodeOptics(
+        omega=2 * np.arctan(slope),
+        ray=x + 0 * slope,
+        radial=1 / turning,
+        around=steep / (2 * slope_over_x),
+        place_t=-(z + 1 / (turning + inverse_distance)),
+        place_s=-(z + 1 / (2 * slope_over_x / steep + inverse_distance)),
+        viewpoint_z=z + (1 - slope * slope) / (2 * slope_over_x),
+        turning=turning,
+        facing=1 / np.sqrt(steep),
+    )
+
+
+class CameraModel(Protocol):
+    """Lens and pixels as functions of the place v that is in focus."""
+
+    def image_distance(self, v: Array) -> Array:
+        """From the lens to the imager, mm; 0 of a telecentric lens, whose length is its maker's affair."""
+        ...
+
+    def px_per_ray(self, v: Array) -> Array:
+        """Image height over the ray coordinate, px (Eq. 7)."""
+        ...
+
+    def px_per_place(self, v: Array) -> Array:
+        """Blur over the difference of two places, px (Eqs. 28, 29)."""
+        ...
+
+    def airy_px(self, v: Array) -> Array:
+        """Diameter of the Airy disk, px."""
+        ...
 
 
 @dataclass(frozen=True)
 class Camera:
-    """A perspective lens and its pixels, as functions of the vergence v = 1/L0 (1/mm) that it is focused at.
+    """A perspective lens and its pixels; places are vergences v = 1/L0 (1/mm).
 
     Attributes
     ----------
-    focal_length_mm, f_number, rim_tangent
-        Numbers, or arrays with one entry per design; ``rim_tangent`` is tan(Theta).
+    focal_length_mm, f_number, rim_ray
+        Numbers, or arrays with one entry per design; ``rim_ray`` is tan(Theta).
     image_radius_px
         Scales the image so that the rim has this radius; None for the real one.
     """
 
     focal_length_mm: Any
     f_number: Any
-    rim_tangent: Any
+    rim_ray: Any
     pitch_mm: float
     mode: BlurMode = "exact"
     image_radius_px: float | None = None
     wavelength_nm: float = 550.0
 
     def image_distance(self, v: Array) -> Array:
-        """b0, mm (Eq. 25)."""
-        b: Array = 1 / (1 / self.focal_length_mm - v)
+        b: Array = 1 / (1 / self.focal_length_mm - v)  # b0, Eq. 25
         return b
 
-    def px_per_tangent(self, v: Array) -> Array:
-        """Image height over tan(theta), px (Eq. 7)."""
+    def px_per_ray(self, v: Array) -> Array:
         if self.image_radius_px is None:
             return self.image_distance(v) / self.pitch_mm
-        scaled: Array = self.image_radius_px / self.rim_tangent + 0 * v
+        scaled: Array = self.image_radius_px / self.rim_ray + 0 * v
         return scaled
 
-    def px_per_vergence(self, v: Array) -> Array:
-        """Blur over (1/L0 - 1/L), px mm (Eqs. 28, 29)."""
+    def px_per_place(self, v: Array) -> Array:
         b = self.image_distance(v) if self.mode == "exact" else self.focal_length_mm + 0 * v
         blur: Array = self.focal_length_mm * b / (self.f_number * self.pitch_mm)
         return blur
 
     def airy_px(self, v: Array) -> Array:
-        """Diameter of the Airy disk, px."""
         working = self.f_number * self.image_distance(v) / self.focal_length_mm
         airy: Array = 2.44e-6 * self.wavelength_nm * working / self.pitch_mm
+        return airy
+
+
+@dataclass(frozen=True)
+class TelecentricCamera:
+    """A telecentric lens and its pixels; places are -L0 (mm), L0 from the mirror vertex.
+
+    Attributes
+    ----------
+    magnification, f_number, rim_ray
+        Numbers, or arrays with one entry per design; the F-number is the image's, ``rim_ray`` the rim radius.
+    """
+
+    magnification: Any
+    f_number: Any
+    rim_ray: Any
+    pitch_mm: float
+    image_radius_px: float | None = None
+    wavelength_nm: float = 550.0
+
+    def image_distance(self, v: Array) -> Array:
+        return 0 * v
+
+    def px_per_ray(self, v: Array) -> Array:
+        if self.image_radius_px is None:
+            plain: Array = self.magnification / self.pitch_mm + 0 * v
+            return plain
+        scaled: Array = self.image_radius_px / self.rim_ray + 0 * v
+        return scaled
+
+    def px_per_place(self, v: Array) -> Array:
+        blur: Array = self.magnification**2 / (self.f_number * self.pitch_mm) + 0 * v
+        return blur
+
+    def airy_px(self, v: Array) -> Array:
+        airy: Array = 2.44e-6 * self.wavelength_nm * self.f_number / self.pitch_mm + 0 * v
         return airy

@@ -8,8 +8,8 @@ once more on a fine set. Derivatives are complex steps through closed forms, exa
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,13 +18,15 @@ from numpy.typing import NDArray
 
 from ..errors import InvalidParameter, OmnimirrorError
 from ..files import write_text
+from ..imagers import Imager
 from ..mirrors import Equidistant, Mirror, Sphere
 from ..sensor import Sensor
-from .batch import evaluate_designs
 from .merits import merit_named
 from .minimax import Minimum, least_mean, least_worst
-from .objective import Objective, check_limits
-from .problem import DesignProblem, DesignSpace, ends
+from .objective import Concession, Objective
+from .problem import DesignProblem, ends
+from .quantities import Limit
+from .space import DesignSpace
 
 Array = NDArray[np.float64]
 
@@ -33,6 +35,7 @@ POLISH_TRUST = 1e-3
 CLOSE, CLOSER = 1e-6, 1e-7  # relative gains that end the search, and the polish
 WAVES, HEIGHT = 4, 0.05  # of the starts that are not known mirrors: how many, and their relative height
 KEPT = 1e-6  # largest violation of a constraint that counts as kept
+REFOCUSED = 3  # times that a mirror whose merit is not about sharpness is shaped for its best focus
 
 
 @dataclass(frozen=True)
@@ -79,8 +82,12 @@ class Optimum:
         An ordinary sensor, focused where the merit is least.
     value
         The merit over 1201 field angles, in its unit.
+    y
+        The design as a point of the problem's :class:`~omnimirror.design.space.DesignSpace`.
     runs
         Every start, the first being the sphere.
+    is_complete
+        False where the search was stopped before its last start.
     """
 
     problem: DesignProblem
@@ -89,95 +96,140 @@ class Optimum:
     value: float
     y: Array
     runs: tuple[Run, ...]
+    is_complete: bool = True
 
 
 def optimise(
     problem: DesignProblem,
     merit: str = "blur_area",
     *,
-    limits: Mapping[str, float] | None = None,
     starts: int = 4,
     seed: int = 0,
-    checkpoint: str | Path | None = None,
+    resume: str | Path | None = None,
     on_progress: Callable[[Progress], None] | None = None,
 ) -> Optimum:
-    """The mirror, distance, focus and F-number with the least merit.
+    """The mirror, focus and what the problem leaves free, with the least merit.
 
     Parameters
     ----------
     merit
         One of :data:`omnimirror.design.merits.MERITS`.
-    limits
-        Other merits, and the numbers that they may not exceed.
     starts, seed
         From how many mirrors to start; the third and later ones are drawn with the seed.
-    checkpoint
+    resume
         A file that keeps finished starts; a search that was stopped goes on where it was.
 
     Raises
     ------
     InvalidParameter
-        An unknown merit, a limit that is none, no start; or no design found that keeps all constraints.
+        An unknown merit, no start; or no design found that keeps all limits.
+    KeyboardInterrupt
+        Stopped (Ctrl-C) before the first start was finished; later, the best of those finished is returned.
 
     Examples
     --------
     >>> best = optimise(DesignProblem(family="even-polynomial", terms=3), "blur", starts=1)
     >>> best.sensor.mirror.KIND, round(best.value, 3)
     ('even-polynomial', 0.635)
+
+    Under a limit, and from the sphere as a telecentric lens sees it, which is equiareal already:
+
+    >>> import omnimirror as om
+    >>> from omnimirror.design import Limit
+    >>> even = Limit("area_ratio", at_least=0.9)
+    >>> problem = DesignProblem(lens="orthographic", omega_max_deg=120, family="conic-asphere", terms=3, limits=(even,))
+    >>> best = optimise(problem, "blur_area", starts=1)
+    >>> result = om.evaluate(best.sensor)
+    >>> float(result.area_px2.min() / result.area_px2.max()) > 0.8999
+    True
     """
-    limits = dict(limits or {})
-    check_limits(limits)
+    found = optimised(problem, merit, starts, seed, resume, on_progress)
+    if not isinstance(found, Optimum):
+        raise InvalidParameter(
+            f"no mirror found with {problem.terms} terms of {problem.family} that keeps all limits; "
+            "allow more terms, more starts, or looser limits"
+        )
+    return found
+
+
+def optimised(
+    problem: DesignProblem,
+    merit: str,
+    starts: int,
+    seed: int,
+    resume: str | Path | None = None,
+    on_progress: Callable[[Progress], None] | None = None,
+) -> Optimum | list[Array]:
+    """As :func:`optimise`; but where no design keeps all limits, the points where the starts ended."""
     if starts < 1:
         raise InvalidParameter(f"starts = {starts} is not valid; at least one is needed")
     space = DesignSpace(problem)
-    coarse = Objective(space, merit_named(merit), np.linspace(0.0, 1.0, max(COARSE, 12 * problem.terms + 1)), limits)
-    header = _header(problem, merit, limits, seed)
-    runs = _finished(checkpoint, header)[:starts]
-    for i in range(len(runs), starts):
-        name, y = start(space, i, seed)
-        said = (lambda v, i=i: on_progress(Progress(i, starts, coarse.shown(v)))) if on_progress else None
-        found = _follow(coarse, y, tolerance=CLOSE, on_step=said)
-        runs.append(_run(name, found, coarse))
-        if checkpoint is not None:
-            write_text(checkpoint, json.dumps({**header, "runs": [asdict(r) for r in runs]}, indent=1) + "\n")
-    return _best(space, merit, limits, runs)
+    coarse = Objective(space, merit_named(merit), coarse_nodes(problem))
+    header = _header(problem, merit, seed)
+    runs = _finished(resume, header)[:starts]
+    try:
+        for i in range(len(runs), starts):
+            name, y = start(space, i, seed)
+            said = (lambda v, i=i: on_progress(Progress(i, starts, coarse.shown(v)))) if on_progress else None
+            runs.append(_run(name, _kept_first(coarse, y, said), coarse))
+            if resume is not None:
+                write_text(resume, json.dumps({**header, "runs": [asdict(r) for r in runs]}, indent=1) + "\n")
+    except KeyboardInterrupt:
+        if not runs:
+            raise
+    if not any(run.kept for run in runs):
+        return [np.array(run.y) for run in runs]
+    return replace(_polished(space, merit, runs), is_complete=len(runs) == starts)
 
 
-def _best(space: DesignSpace, merit: str, limits: Mapping[str, float], runs: list[Run]) -> Optimum:
+def _kept_first(objective: Objective, y: Array, on_step: Callable[[float], None] | None) -> Minimum:
+    """A start followed to its optimum; where that breaks a limit, once more from where the limits are missed least."""
+    found = follow(objective, y, tolerance=CLOSE, on_step=on_step)
+    if found.violation < KEPT:
+        return found
+    keys = objective.asked
+    if not keys:
+        return found
+    least = follow(replace(objective, goal=Concession(keys)), found.y, tolerance=CLOSE)
+    return follow(objective, least.y, tolerance=CLOSE, on_step=on_step) if least.value < 0 else found
+
+
+def _polished(space: DesignSpace, merit: str, runs: list[Run]) -> Optimum:
     """The best run, polished over the fine field angles."""
-    kept = [r for r in runs if r.kept]
-    if not kept:
-        raise InvalidParameter(
-            f"no mirror found with {space.problem.terms} terms of {space.problem.family} that keeps all limits; "
-            "allow more terms, more starts, or looser limits"
-        )
-    best = min(kept, key=lambda r: r.value)
-    fine = Objective(space, merit_named(merit), np.linspace(0.0, 1.0, FINE), limits)
-    found = _follow(fine, np.array(best.y), tolerance=CLOSER, first_trust=POLISH_TRUST)
-    y, value = found.y, fine.shown(found.value)
+    best = min((r for r in runs if r.kept), key=lambda r: r.value)
+    fine = Objective(space, merit_named(merit), np.linspace(0.0, 1.0, FINE))
+    found = follow(fine, np.array(best.y), tolerance=CLOSER, first_trust=POLISH_TRUST)
     if not fine.is_about_sharpness:
-        y = _focused(space, y)
-    sensor = space.sensor(y, f"optimised-{merit.replace('_', '-')}", _notes(space.problem, merit, limits, value))
-    return Optimum(space.problem, merit, sensor, value, y, tuple(runs))
+        for _ in range(REFOCUSED):
+            found = follow(fine, _focused(space, found.y), tolerance=CLOSER, first_trust=POLISH_TRUST)
+    value = fine.shown(found.value)
+    sensor = space.sensor(found.y, f"optimised-{merit.replace('_', '-')}", _notes(space.problem, merit, value))
+    return Optimum(space.problem, merit, sensor, value, found.y, tuple(runs))
 
 
-def _follow(objective: Objective, y: Array, **options: Any) -> Minimum:
+def coarse_nodes(problem: DesignProblem) -> Array:
+    """Fractions (k,) of the rim radius that a search looks at."""
+    return np.linspace(0.0, 1.0, max(COARSE, 12 * problem.terms + 1))
+
+
+def follow(objective: Objective, y: Array, **options: Any) -> Minimum:
+    """A point followed to the nearest optimum of an objective."""
     bounds = objective.space.bounds
-    if not objective.is_about_sharpness:  # any focus would do: keep the start's, and find the best one in the end
+    if not objective.is_about_sharpness and "focus" in objective.space.names:
+        # any focus would do: keep the start's, which is the best for sharpness
         i = objective.space.names.index("focus")
         low, high = (np.concatenate([b[:i], y[i : i + 1], b[i + 1 :]]) for b in bounds)
         bounds = low, high
-    if objective.merit.is_mean:
+    if objective.is_mean:
         options.pop("first_trust", None)
         return least_mean(objective.values, objective.rows, y, bounds, **options)
-    return least_worst(objective.values, objective.rows, y, bounds, objective.merit.is_spread, **options)
+    return least_worst(objective.values, objective.rows, y, bounds, objective.is_spread, **options)
 
 
 def _focused(space: DesignSpace, y: Array) -> Array:
-    """The same mirror at its own best focus."""
-    design = space.designs(y)
-    focus = float(evaluate_designs(design, FINE).focus_mm[0])
-    return space.with_focus(y, focus)
+    """The same mirror (dim,) at its own best focus."""
+    at_best: Array = space.at_best_focus(y[None], FINE)[0]
+    return at_best
 
 
 def _run(name: str, found: Minimum, objective: Objective) -> Run:
@@ -190,63 +242,98 @@ def _run(name: str, found: Minimum, objective: Objective) -> Run:
 
 def start(space: DesignSpace, index: int, seed: int) -> tuple[str, Array]:
     """The start of that number, its name and its point (dim,), at its own best focus."""
-    p = space.problem
-    theta, F = (float(np.sqrt(np.prod(ends(r)))) for r in (p.theta_max_deg, p.f_number))
-    beta = np.radians(p.omega_max_deg - theta) / 2
-    sphere = Sphere(p.rim_radius_mm / float(np.sin(beta)), p.rim_radius_mm)
-    if index == 0:
-        return "sphere", _point(space, sphere, theta, F)
+    middle = {name: np.sqrt(np.prod(ends(getattr(space.problem, name)))) for name in space.problem.free}
+    y = np.array([np.log(middle[n]) if n in middle else FIRST.get(n, 0.0) for n in space.names])
+    given = space.given(y[None])
+    omega, theta, M = (float(v[0, 0]) for v in (given.omega_max, given.theta, given.M))
+    sphere = Sphere(M / float(np.sin((omega - theta) / 2)), M)
     if index == 1:
-        return "equidistant", _point(space, Equidistant(p.omega_max_deg, theta, p.rim_radius_mm), theta, F)
+        mirror: Mirror = Equidistant(float(np.degrees(omega)), float(np.degrees(theta)), M)
+        return "equidistant", _shaped(space, mirror, y)
+    y = _shaped(space, sphere, y)
+    if index == 0:
+        return "sphere", y
     rng = np.random.default_rng([seed, index])
-    y = _point(space, sphere, theta, F)
     u = space.family.slope_places()[:-1]
     waves = np.cos(np.pi * np.outer(u, np.arange(WAVES))) @ rng.standard_normal(WAVES)
     y[: u.size] *= 1 + HEIGHT * waves * (1 - u**2)
     return f"sphere with waves {index - 1}", y
 
 
-def _point(space: DesignSpace, mirror: Mirror, theta_max_deg: float, f_number: float) -> Array:
-    """The point (dim,) whose slopes are those of a mirror."""
-    M = space.problem.rim_radius_mm
-    coordinates = {
-        "curvature": M * float(mirror.curvature(0.0)),
-        "conic": 0.0,
-        "focus": 1.0,
-        "theta_max_deg": np.log(theta_max_deg),
-        "f_number": np.log(f_number),
-    }
-    slopes = mirror.slope(space.family.slope_places()[:-1] * M)
-    y = np.concatenate([slopes, [coordinates[name] for name in space.names[slopes.size :]]])
+FIRST = {"focus": 1.0}
+"""Where coordinates stand before a mirror is known."""
+
+
+def _shaped(space: DesignSpace, mirror: Mirror, y: Array) -> Array:
+    """A point (dim,) with the slopes of a mirror instead of its own, at its own best focus."""
+    M, y = mirror.rim_radius_mm, np.array(y)
+    u = space.family.slope_places()[:-1]
+    y[: u.size] = mirror.slope(u * M)
+    if "curvature" in space.names:
+        y[space.names.index("curvature")] = M * float(mirror.curvature(0.0))
     return _focused(space, y)
 
 
-# -- checkpoints -----------------------------------------------------------------------------------
+# -- files -----------------------------------------------------------------------------------------
 
 
-def _header(problem: DesignProblem, merit: str, limits: Mapping[str, float], seed: int) -> dict[str, Any]:
-    described = json.loads(json.dumps(asdict(problem)).replace("Infinity", '"inf"'))
-    return {"problem": described, "merit": merit, "limits": dict(limits), "seed": seed}
+def _header(problem: DesignProblem, merit: str, seed: int) -> dict[str, Any]:
+    return {"problem": json.loads(json.dumps(described(problem))), "merit": merit, "seed": seed}
 
 
-def _finished(checkpoint: str | Path | None, header: dict[str, Any]) -> list[Run]:
-    """The runs of a checkpoint of the same search; none where there is no file yet."""
-    if checkpoint is None or not Path(checkpoint).exists():
+def described(problem: DesignProblem) -> dict[str, Any]:
+    """A problem as JSON can hold it; :func:`problem_from` reads it back."""
+    plain: dict[str, Any] = _plain(asdict(problem))
+    return plain
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {k: _plain(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(v) for v in value]
+    return "inf" if isinstance(value, float) and np.isinf(value) else value
+
+
+def problem_from(data: dict[str, Any]) -> DesignProblem:
+    """The problem that :func:`described` wrote.
+
+    >>> problem = DesignProblem(theta_max_deg=(10.0, 14.0), limits=(Limit("blur_px", 4.0),))
+    >>> problem_from(json.loads(json.dumps(described(problem)))) == problem
+    True
+    """
+    values: dict[str, Any] = _read(data)
+    limits = tuple(Limit(**limit) for limit in values.pop("limits"))
+    return DesignProblem(**{**values, "imager": Imager(**values["imager"]), "limits": limits})
+
+
+def _read(value: Any) -> Any:
+    """What :func:`_plain` made, with lists as tuples."""
+    if isinstance(value, dict):
+        return {k: _read(v) for k, v in value.items()}
+    if isinstance(value, list):
+        return tuple(_read(v) for v in value)
+    return np.inf if value == "inf" else value
+
+
+def _finished(resume: str | Path | None, header: dict[str, Any]) -> list[Run]:
+    """The runs of a kept search; none where there is no file yet."""
+    if resume is None or not Path(resume).exists():
         return []
     try:
-        data = json.loads(Path(checkpoint).read_text(encoding="utf-8"))
+        data = json.loads(Path(resume).read_text(encoding="utf-8"))
         runs = [Run(r["start"], tuple(r["y"]), r["value"], r["kept"], tuple(r["history"])) for r in data.pop("runs")]
     except (OSError, ValueError, KeyError, TypeError):
-        raise OmnimirrorError(f"{checkpoint} is not a checkpoint of a search; name another file") from None
+        raise OmnimirrorError(f"{resume} is not a search that omnimirror kept; name another file") from None
     if data != header:
         changed = ", ".join(k for k in header if data.get(k) != header[k])
-        raise OmnimirrorError(f"{checkpoint} belongs to another search ({changed} differ); name another file")
+        raise OmnimirrorError(f"{resume} belongs to another search ({changed} differ); name another file")
     return runs
 
 
-def _notes(problem: DesignProblem, merit: str, limits: Mapping[str, float], value: float) -> str:
+def _notes(problem: DesignProblem, merit: str, value: float) -> str:
     m = merit_named(merit)
-    kept = "".join(f", {k} at most {v:g} {merit_named(k).unit}".rstrip() for k, v in limits.items())
     found = f"Optimised: {m.meaning}, {value:.5g} {m.unit}".rstrip()
-    shape = f"{problem.family} of {problem.terms} terms, object at {problem.object_distance_mm:g} mm"
-    return f"{found}{kept}; {shape}, blur by the {problem.mode} form."
+    distances = " and ".join(f"{d:g}" for d in problem.distances_mm)
+    shape = f"{problem.family} of {problem.terms} terms, object at {distances} mm"
+    return f"{found}; {shape}, blur by the {problem.mode} form."

@@ -8,10 +8,10 @@ seed, and the generation after each is kept: a run that was stopped goes on as i
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from importlib import import_module
 from math import comb
 from pathlib import Path
@@ -20,17 +20,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..analysis import evaluate
+from ..analysis import best_focus, evaluate
 from ..errors import InvalidParameter, OmnimirrorError
 from ..files import replacing
-from ..imagers import Imager
-from ..lenses import Perspective
 from ..sensor import Sensor
-from .batch import evaluate_designs
-from .merits import Merit, field_of, merit_named
-from .objective import check_limits
-from .optimise import optimise, start
-from .problem import DesignProblem, DesignSpace
+from .merits import Merit, field_of_evaluation, merit_named
+from .objective import requirements_of
+from .optics import DEGREE
+from .optimise import described, optimise, problem_from, start
+from .problem import DesignProblem
+from .space import DesignSpace
 
 Array = NDArray[np.float64]
 
@@ -38,7 +37,7 @@ ANGLES = 161  # of every evaluation
 EPOCH = 20  # generations between two files
 MARGIN = 0.1  # of the box of designs beyond the first ones, in every coordinate
 REFUSED = 1e6  # merit of a design that cannot be used
-FORMAT = 1
+FORMAT = 2
 
 
 @dataclass(frozen=True)
@@ -50,17 +49,18 @@ class Front:
     merits
         Names of the merits, the columns of ``values``.
     y : (n, dim)
-        The designs as points of the design space, sorted by the first merit.
+        The designs as points of the design space, each at its own best focus, sorted by the first merit.
     values : (n, merits)
-        Their merits, each at the design's own best focus.
-    focus_mm : (n,)
+        Their merits.
+    is_complete
+        False where the evolution was stopped before its last generation.
     """
 
     problem: DesignProblem
     merits: tuple[str, ...]
     y: Array
     values: Array
-    focus_mm: Array
+    is_complete: bool = True
 
     def __len__(self) -> int:
         return len(self.y)
@@ -69,12 +69,17 @@ class Front:
     def _space(self) -> DesignSpace:
         return DesignSpace(self.problem)
 
+    @property
+    def focus_mm(self) -> Array:
+        """Where each design is focused (n,)."""
+        return self._space.focus_mm(self.y)
+
     def sensor(self, i: int) -> Sensor:
         """Design i as an ordinary sensor, at its best focus."""
         if not -len(self) <= i < len(self):
             raise InvalidParameter(f"the front has no design {i}; it has {len(self)}, from 0")
         name = "-".join(m.replace("_", "-") for m in self.merits)
-        return self._space.sensor(self._space.with_focus(self.y[i], self.focus_mm[i]), f"front-{name}-{i % len(self)}")
+        return self._space.sensor(self.y[i], f"front-{name}-{i % len(self)}")
 
 
 def merit_values(
@@ -87,43 +92,39 @@ def merit_values(
     sensor.check_one_mirror("comparing with a front")
     rim = sensor.mirror.rim_radius_mm
     least = float(sensor.meridian.x_from_omega(np.radians(max(problem.omega_min_deg, sensor.field_deg[0]))))
-    result = evaluate(
-        sensor,
-        x_mm=np.linspace(least, rim, 1001),
-        object_distance_mm=problem.object_distance_mm,
-        focus_mm=None if focus_by is None else "auto",
-        merit=focus_by or "floored-area",
-        mode=problem.mode,
-        image_radius_px=problem.image_radius_px,
-        wavelength_nm=problem.wavelength_nm,
-    )
-    length = sensor.mirror_distance_mm + float(sensor.mirror.sag(rim))
-    if isinstance(result.sensor.lens, Perspective):
-        length += result.sensor.lens.image_distance
-    field = field_of(result, length)
-    return np.array([float(merit_named(m).value(field)) for m in merits])
+    common: dict[str, Any] = {
+        "mode": problem.mode, "image_radius_px": problem.image_radius_px, "wavelength_nm": problem.wavelength_nm
+    }  # fmt: skip
+    x, distances = np.linspace(least, rim, 1001), np.array(problem.distances_mm)
+    if focus_by is not None:
+        omega = np.degrees(sensor.meridian.trace(x).omega)
+        angles, far = np.tile(omega, distances.size), np.repeat(distances, omega.size)
+        best = best_focus(sensor, focus_by, angles, far, **common)
+        sensor = replace(sensor, lens=sensor.lens.focused_at(best.focus_mm))
+    results = [evaluate(sensor, x_mm=x, object_distance_mm=d, **common) for d in distances]
+    values = np.array([[merit_named(m).value(field_of_evaluation(r)) for m in merits] for r in results])
+    means = np.array([merit_named(m).is_mean for m in merits])
+    joined: Array = np.where(means, values.mean(axis=0), values.max(axis=0))
+    return joined
 
 
 def pareto(
     problem: DesignProblem,
     merits: Sequence[str] = ("blur_area", "uniformity"),
     *,
-    limits: Mapping[str, float] | None = None,
     population: int = 120,
     generations: int = 200,
     seed: int = 0,
-    path: str | Path | None = None,
+    resume: str | Path | None = None,
     on_progress: Callable[[int, int], None] | None = None,
 ) -> Front:
     """The front of two or more merits.
 
     Parameters
     ----------
-    limits
-        Other merits, and the numbers that they may not exceed.
     population, generations
         Designs that live together, and how often they have offspring.
-    path
+    resume
         A Parquet file that holds the generation and what it was made for; an interrupted run goes on from it, and
         :func:`load_front` reads it.
     on_progress
@@ -135,25 +136,35 @@ def pareto(
         Fewer than two merits, an unknown or repeated one; a population or number of generations below 1.
     OmnimirrorError
         pymoo or pyarrow is not installed, or the file belongs to another search.
+    KeyboardInterrupt
+        Stopped (Ctrl-C) before the first generation lived; later, the front of the last one kept is returned.
+
+    Examples
+    --------
+    >>> problem = DesignProblem(family="even-polynomial", terms=3)
+    >>> front = pareto(problem, ("blur_area", "uniformity"), population=12, generations=10)  # doctest: +SKIP
     """
+    if problem.focus_mm is not None:
+        raise InvalidParameter("the designs of a front are compared each at its own best focus; leave out focus_mm")
     if len(set(merits)) < max(len(merits), 2):
         raise InvalidParameter(f"a front needs two different merits or more; given were {', '.join(merits) or 'none'}")
     for name, value in (("population", population), ("generations", generations)):
         if value < 1:
             raise InvalidParameter(f"{name} = {value} is not valid; it must be above 0")
-    limits = dict(limits or {})
-    check_limits(limits)
     _needs("pymoo")
-    contest = _Contest(DesignSpace(problem), [merit_named(m) for m in merits], limits)
+    contest = _Contest(DesignSpace(problem), [merit_named(m) for m in merits])
     search = {
-        "format": FORMAT, "problem": described(problem), "merits": list(merits), "limits": limits,
-        "population": population, "seed": seed,
+        "format": FORMAT, "problem": described(problem), "merits": list(merits), "population": population,
+        "seed": seed,
     }  # fmt: skip
-    alive = _resumed(path, search) or _first_generation(contest, population, seed)
+    alive = _resumed(resume, search) or _first_generation(contest, population, seed)
     while alive.generation < generations:
-        alive = _epoch(contest, alive, min(EPOCH, generations - alive.generation), seed)
-        if path is not None:
-            _write(Path(path), search, contest, alive)
+        try:
+            alive = _epoch(contest, alive, min(EPOCH, generations - alive.generation), seed)
+        except KeyboardInterrupt:
+            return replace(contest.front(alive.y), is_complete=False)
+        if resume is not None:
+            _write(Path(resume), search, contest, alive)
         if on_progress:
             on_progress(alive.generation, generations)
     return contest.front(alive.y)
@@ -165,32 +176,32 @@ class _Contest:
 
     space: DesignSpace
     merits: list[Merit]
-    limits: dict[str, float]
 
     def compare(self, y: Array) -> tuple[Array, Array, Array]:
-        """Merits (n, merits) of designs (n, dim), how far each breaks the limits (n,), and their foci (n,), mm."""
-        p, designs = self.space.problem, self.space.designs(y)
-        result = evaluate_designs(designs, ANGLES)
-        length = self.space.rim_distance_mm(y) + 1 / (1 / p.focal_length_mm - 1 / result.focus_mm)
-        field = field_of(result, length)
-        counts = result.omega_deg >= p.omega_min_deg
-        values = np.stack([m.value(field, counts) for m in self.merits], axis=1)
+        """Designs (n, dim) at their best focus, their merits (n, merits), and by what share they miss a limit (n,)."""
+        y = self.space.at_best_focus(y, ANGLES)
+        result = self.space.evaluate(y, ANGLES)
+        field, omega = self.space.field(y, result), result.omega_deg * DEGREE
+        hidden = self.space.hidden(field, omega)
+        counting = partial(self.space.counting, omega, hidden)
+        counted = field.at(counting())
+        values = np.stack([m.value(counted) for m in self.merits], axis=1)
         broken = np.where(result.valid, 0.0, 1.0)
-        for name, limit in self.limits.items():
-            broken = np.maximum(broken, merit_named(name).value(field, counts) / limit - 1)
+        for _, rows in requirements_of(self.space, field, counting, hidden, self.space.image(self.space.given(y))):
+            broken = np.maximum(broken, rows.max(axis=1))
         usable = result.valid & np.isfinite(values).all(axis=1) & np.isfinite(broken)
-        return np.where(usable[:, None], values, REFUSED), np.where(usable, broken, 1.0), result.focus_mm
+        return y, np.where(usable[:, None], values, REFUSED), np.where(usable, broken, 1.0)
 
     def front(self, y: Array) -> Front:
         """Those designs (n, dim) of which none is better by every merit."""
-        values, broken, focus = self.compare(y)
+        y, values, broken = self.compare(y)
         better: Any = (values[:, None] <= values).all(axis=2) & (values[:, None] < values).any(axis=2)
         keep = np.flatnonzero((broken <= 0) & ~better[broken <= 0].any(axis=0))
         _, first = np.unique(values[keep], axis=0, return_index=True)  # sorted by the first merit, each but once
         keep = keep[first]
         if not keep.size:
             raise InvalidParameter("no design found that keeps all limits; allow more generations or looser limits")
-        return Front(self.space.problem, tuple(m.name for m in self.merits), y[keep], values[keep], focus[keep])
+        return Front(self.space.problem, tuple(m.name for m in self.merits), y[keep], values[keep])
 
 
 @dataclass(frozen=True)
@@ -208,7 +219,7 @@ def _first_generation(contest: _Contest, population: int, seed: int) -> _Alive:
     known = [start(space, i, seed)[1] for i in range(2)]
     for merit in contest.merits:
         with suppress(InvalidParameter):  # limits that one start does not meet
-            known.append(optimise(space.problem, merit.name, limits=contest.limits, starts=1, seed=seed).y)
+            known.append(optimise(space.problem, merit.name, starts=1, seed=seed).y)
     corners = np.array(known)
     rng = np.random.default_rng(seed)
     blends = rng.dirichlet(np.full(len(corners), 0.5), max(population - len(corners), 0)) @ corners
@@ -232,7 +243,7 @@ def _epoch(contest: _Contest, alive: _Alive, generations: int, seed: int) -> _Al
             super().__init__(n_var=contest.space.dim, n_obj=count, n_ieq_constr=1, xl=alive.box[0], xu=alive.box[1])
 
         def _evaluate(self, y: Array, out: dict[str, Any], *_: Any, **__: Any) -> None:
-            values, broken, _focus = contest.compare(y)
+            values, broken = contest.compare(y)[1:]
             out["F"], out["G"] = values, broken[:, None]
 
     size, count = len(alive.y), len(contest.merits)
@@ -251,28 +262,6 @@ def _epoch(contest: _Contest, alive: _Alive, generations: int, seed: int) -> _Al
 # -- files -----------------------------------------------------------------------------------------
 
 
-def described(problem: DesignProblem) -> dict[str, Any]:
-    """A problem as JSON can hold it; :func:`problem_from` reads it back."""
-    data = asdict(problem)
-    return {k: "inf" if isinstance(v, float) and np.isinf(v) else v for k, v in data.items()}
-
-
-def problem_from(data: Mapping[str, Any]) -> DesignProblem:
-    """The problem that :func:`described` wrote.
-
-    >>> problem = DesignProblem(theta_max_deg=(10.0, 14.0))
-    >>> problem_from(json.loads(json.dumps(described(problem)))) == problem
-    True
-    """
-    values: dict[str, Any] = {
-        k: tuple(v) if isinstance(v, list) else np.inf if v == "inf" else v for k, v in data.items()
-    }
-    imager = dict(values.pop("imager"))
-    if imager.get("centre_px") is not None:
-        imager["centre_px"] = tuple(imager["centre_px"])
-    return DesignProblem(**values, imager=Imager(**imager))
-
-
 def load_front(path: str | Path) -> Front:
     """The front of a file that :func:`pareto` wrote.
 
@@ -283,7 +272,7 @@ def load_front(path: str | Path) -> Front:
     """
     search, alive = _read(Path(path))
     merits = [merit_named(m) for m in search["merits"]]
-    return _Contest(DesignSpace(problem_from(search["problem"])), merits, search["limits"]).front(alive.y)
+    return _Contest(DesignSpace(problem_from(search["problem"])), merits).front(alive.y)
 
 
 def _write(path: Path, search: dict[str, Any], contest: _Contest, alive: _Alive) -> None:
@@ -292,9 +281,9 @@ def _write(path: Path, search: dict[str, Any], contest: _Contest, alive: _Alive)
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    values, broken, focus = contest.compare(alive.y)
+    focused, values, broken = contest.compare(alive.y)
     columns: dict[str, Any] = {m.name: values[:, i] for i, m in enumerate(contest.merits)}
-    columns |= {"limits_kept": broken <= 0, "focus_mm": focus}
+    columns |= {"limits_kept": broken <= 0, "focus_mm": contest.space.focus_mm(focused)}
     columns |= {f"y{i} {name}": alive.y[:, i] for i, name in enumerate(contest.space.names)}
     about = {**search, "generation": alive.generation, "box": alive.box.tolist()}
     table = pa.table(columns).replace_schema_metadata({"omnimirror": json.dumps(about)})

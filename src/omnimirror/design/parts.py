@@ -18,7 +18,7 @@ from ..imagers import Imager
 from ..lenses import Lens, Orthographic, Perspective
 from ..sensor import Sensor
 from .catalogue import Catalogue, ImagerPart, LensPart, TelecentricPart
-from .foci import AreaModel, best_vergences
+from .foci import AreaModel, best_places
 from .optics import Camera, node_optics
 
 Array = NDArray[np.float64]
@@ -155,7 +155,7 @@ def _foci(sensor: Sensor, focal_length_mm: float, stops: Array, distance: float)
         slope_over_x = np.where(rays.x > 0, rays.slope / rays.x, rays.curvature)
         o = node_optics(rays.x, rays.z, rays.slope, rays.curvature, slope_over_x, np.asarray(rays.m), 1 / distance)
         density = 1 / (o.radial * o.around) ** 2
-    camera = Camera(focal_length_mm, stops, o.tangent[-1], sensor.imager.pitch_mm)
-    near_t, near_s, density = (np.repeat(a[None], len(stops), axis=0) for a in (o.near_t, o.near_s, density))
-    v, area = best_vergences(near_t, near_s, density, AreaModel.of(camera, len(stops)))
+    camera = Camera(focal_length_mm, stops, o.ray[-1], sensor.imager.pitch_mm)
+    place_t, place_s, density = (np.repeat(a[None], len(stops), axis=0) for a in (o.place_t, o.place_s, density))
+    v, area = best_places(place_t, place_s, density, AreaModel.of(camera, len(stops)))
     return 1 / v, area

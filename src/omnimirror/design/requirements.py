@@ -6,6 +6,7 @@ An entry that may be a range takes a number, or ``[LOW, HIGH]``, within which th
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -22,8 +23,10 @@ from ..mirrors.sampled import read_columns
 from ..specs import Places, Table, did_you_mean, table_model, validated
 from .families import FAMILIES
 from .fits import FitForm
+from .freeform import FreeForm
 from .mappings import MAPPINGS
-from .quantities import QUANTITIES
+from .merits import MERITS
+from .quantities import QUANTITIES, Limit
 
 FORMAT = 1
 
@@ -67,10 +70,12 @@ class FieldTable(Table):
 
 
 class MirrorTable(Table):
-    """What mirror: by its mapping or by its family."""
+    """What mirror: by its mapping, by its family, or the best of free form by a merit."""
 
     mapping: str | None = None
     family: str | None = None
+    optimise: str | None = None
+    shape: str | None = None
     fit: str | None = None
     apex: Literal["smooth", "pointed"] = "smooth"
     rim_radius_mm: Radius
@@ -119,20 +124,24 @@ class Requirements:
     lens: LensTable
     imager: Imager
     mount: Mount
-    limits: tuple[LimitTable, ...]
+    limits: tuple[Limit, ...]
 
 
 DEFAULT_IMAGER = {"width_px": 1024, "height_px": 1024, "pixel_pitch_um": 5.2}
 """The paper's prototype's; taken where no imager is stated."""
 
 
-def load_requirements(path: str | Path, changes: dict[str, Any] | None = None) -> Requirements:
+def load_requirements(
+    path: str | Path, changes: dict[str, Any] | None = None, limits: Sequence[dict[str, Any]] = ()
+) -> Requirements:
     """Read a requirement file.
 
     Parameters
     ----------
     changes
-        Entries that take the place of the file's: ``{"lens": {"f_number": 5.6}}``.
+        Entries that take the place of the file's: ``{"lens": {"f_number": 5.6}}``; None takes one away.
+    limits
+        Tables of more limits: ``{"quantity": "blur_px", "at_most": 4.0}``.
 
     Raises
     ------
@@ -148,7 +157,7 @@ def load_requirements(path: str | Path, changes: dict[str, Any] | None = None) -
     except (OSError, UnicodeDecodeError) as e:
         reason = e.strerror if isinstance(e, OSError) else "it is not a text file"
         raise SpecError(f"cannot read the requirement file {path}: {reason}") from None
-    return parse_requirements(text, str(path), path.parent, changes)
+    return parse_requirements(text, str(path), path.parent, changes, limits)
 
 
 def parse_requirements(
@@ -156,6 +165,7 @@ def parse_requirements(
     source: str = "requirements",
     folder: Path = Path(),
     changes: dict[str, Any] | None = None,
+    limits: Sequence[dict[str, Any]] = (),
 ) -> Requirements:
     """Requirements from the text of a file; ``folder`` is where files named in it are looked for.
 
@@ -176,7 +186,12 @@ def parse_requirements(
     except tomllib.TOMLDecodeError as e:
         raise SpecError(f"{source} is not valid TOML: {e}") from None
     for section, entries in (changes or {}).items():
-        data[section] = {**data.get(section, {}), **entries} if isinstance(entries, dict) else entries
+        if isinstance(entries, dict):
+            merged = {**data.get(section, {}), **entries}
+            entries = {name: value for name, value in merged.items() if value is not None}
+        data[section] = entries
+    if limits:
+        data["limit"] = [*data.get("limit", []), *limits]
     return requirements_of(data, where, folder)
 
 
@@ -193,16 +208,16 @@ def requirements_of(data: dict[str, Any], where: Places, folder: Path = Path()) 
     imager = validated(table_model(Imager), "imager", data.get("imager", DEFAULT_IMAGER), where).model_dump()
     if imager["centre_px"] is not None:
         imager["centre_px"] = tuple(imager["centre_px"])
-    limits = [validated(LimitTable, f"limit.{i}", table, where) for i, table in enumerate(data.get("limit", []))]
+    field = validated(FieldTable, "field", data["field"], where)
     wanted = Requirements(
         name=data.get("name", "design"),
         notes=data.get("notes", ""),
-        field=validated(FieldTable, "field", data["field"], where),
+        field=field,
         mirror=validated(MirrorTable, "mirror", mirror, where),
         lens=validated(LensTable, "lens", data.get("lens", {}), where),
         imager=where.wrap(("imager",), lambda: Imager(**imager)),
         mount=Mount(**validated(MountTable, "mount", data.get("mount", {}), where).model_dump()),
-        limits=tuple(limits),
+        limits=tuple(_limit(i, table, field, where) for i, table in enumerate(data.get("limit", []))),
     )
     _check_together(wanted, where)
     return wanted
@@ -237,11 +252,13 @@ def _check_together(wanted: Requirements, where: Places) -> None:
             ("field", "omega_min_deg"),
             f"field.omega_min_deg = {field.omega_min_deg:g} is not below omega_max_deg = {field.omega_max_deg:g}",
         )
-    ways = [name for name in ("mapping", "family") if getattr(mirror, name) is not None]
+    ways = [name for name in ("mapping", "family", "optimise") if getattr(mirror, name) is not None]
     if len(ways) != 1:
-        said = "both mapping and family" if ways else "neither mapping nor family"
+        said = f"both {' and '.join(ways)}" if ways else "neither mapping nor family nor optimise"
         raise where.error(("mirror",), f"mirror has {said}; give one of them")
-    for name, known in (("mapping", list(MAPPINGS)), ("family", [*FAMILIES, "polynomial:N"])):
+    for name, known in (
+        ("mapping", list(MAPPINGS)), ("family", [*FAMILIES, "polynomial:N"]), ("optimise", list(MERITS))
+    ):  # fmt: skip
         value = getattr(mirror, name)
         if value is not None and value not in known and not (name == "family" and value.startswith("polynomial:")):
             raise where.error(
@@ -252,9 +269,26 @@ def _check_together(wanted: Requirements, where: Places) -> None:
         text = getattr(mirror, name)
         if text is not None and (name == "fit" or ":" in text):
             where.wrap(("mirror", name), partial(FitForm.parse, text))
+    _check_free_form(mirror, where)
     _check_lens(lens, field, where)
-    for i, limit in enumerate(wanted.limits):
-        _check_limit(f"limit.{i}", limit, field, where)
+
+
+NOT_OF_FREE_FORM = ("fit", "conic", "plane_distance_mm", "cylinder_radius_mm", "omega_deg")
+
+
+def _check_free_form(mirror: MirrorTable, where: Places) -> None:
+    """What belongs to an optimised mirror alone, and what does not."""
+    if mirror.optimise is None:
+        if mirror.shape is not None:
+            raise where.error(("mirror", "shape"), "mirror.shape belongs to an optimised mirror; give optimise too")
+        return
+    for name in NOT_OF_FREE_FORM:
+        if getattr(mirror, name) is not None:
+            raise where.error(("mirror", name), f"mirror.{name} does not apply to an optimised mirror")
+    if mirror.apex == "pointed":
+        raise where.error(("mirror", "apex"), "an optimised mirror has a smooth apex")
+    if mirror.shape is not None:
+        where.wrap(("mirror", "shape"), partial(FreeForm.parse, mirror.shape))
 
 
 def _check_lens(lens: LensTable, field: FieldTable, where: Places) -> None:
@@ -274,20 +308,17 @@ def _check_lens(lens: LensTable, field: FieldTable, where: Places) -> None:
         )
 
 
-def _check_limit(section: str, limit: LimitTable, field: FieldTable, where: Places) -> None:
-    if limit.quantity not in QUANTITIES:
-        hint = did_you_mean(limit.quantity, QUANTITIES)
-        raise where.error(
-            (section, "quantity"),
-            f"limit.quantity = {limit.quantity!r} is not known{hint}; valid are {', '.join(QUANTITIES)}",
-        )
-    if limit.at_most is None and limit.at_least is None:
-        raise where.error((section,), f"limit of {limit.quantity} says neither at_most nor at_least")
-    if limit.at_most is not None and limit.at_least is not None and limit.at_least > limit.at_most:
-        raise where.error((section,), f"limit of {limit.quantity}: at_least is above at_most")
-    if limit.omega_deg is not None and not 0 <= limit.omega_deg[0] < limit.omega_deg[1] <= field.omega_max_deg:
+def _limit(index: int, table: dict[str, Any], field: FieldTable, where: Places) -> Limit:
+    section = f"limit.{index}"
+    entries = validated(LimitTable, section, table, where)
+    place = (section, "quantity") if entries.quantity not in QUANTITIES else (section,)
+    part = entries.omega_deg
+    if part is not None and not 0 <= part[0] < part[1] <= field.omega_max_deg:
         raise where.error(
             (section, "omega_deg"),
-            f"limit.omega_deg = {limit.omega_deg} is no part of the field; it needs FROM below TO, up to "
-            f"{field.omega_max_deg:g}",
+            f"limit.omega_deg = {part} is no part of the field; it needs FROM below TO, up to {field.omega_max_deg:g}",
         )
+    return where.wrap(
+        place,
+        lambda: Limit(entries.quantity, entries.at_most, entries.at_least, (part[0], part[1]) if part else None),
+    )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -16,25 +17,36 @@ from .style import GREY, INK, PAGE, PALETTE, new_figure
 Array = NDArray[np.float64]
 
 TEXT = 6.5
+BESIDE, NEAR = 8.0, 30.0  # points: from a mark to its name, and how near the next mark is stepped over
+RIGHT = 0.65  # of the width: names of marks beyond it stand to their left
+RINGED: dict[str, Any] = {"markersize": 4.5, "markeredgewidth": 0.8}
 
 
-def front(points: ArrayLike, labels: tuple[str, str], marks: Mapping[str, tuple[float, float]]) -> Figure:
+def front(
+    points: ArrayLike,
+    labels: tuple[str, str],
+    marks: Mapping[str, tuple[float, float]],
+    others: Mapping[str, tuple[float, float]],
+) -> Figure:
     """Two merits of a front's designs (n, 2), both the better the smaller, and those of named sensors.
 
-    What lies above and to the right of the line is beaten by a design on it.
+    ``marks`` are shown as diamonds in colour, ``others`` as rings, so that both are seen where they meet. What lies
+    above and to the right of the line is beaten by a design on it.
     """
     at = np.asarray(points, dtype=float)
-    known = np.array([*marks.values()]).reshape(-1, 2)
+    known = np.array([*marks.values(), *others.values()]).reshape(-1, 2)
+    colours = [PALETTE[i % len(PALETTE)] for i in range(len(marks))] + [INK] * len(others)
     figure = new_figure(PAGE * 0.72, 3.2)
     ax = figure.subplots()
     ax.set(xlabel=labels[0], ylabel=labels[1])
     _scales(ax, np.vstack([at, known]))
     ax.plot(*at.T, color=INK, linewidth=1.0, marker="o", markersize=2.2, markeredgewidth=0, zorder=3)
-    ax.annotate("best designs", at[len(at) // 2], xytext=(6, 6), textcoords="offset points", size=TEXT, color=INK)
+    ax.annotate("best designs", at[0], xytext=(6, 4), textcoords="offset points", size=TEXT, color=INK)
     ax.set_title("better: down and to the left", size=TEXT, weight="normal", color=GREY)
-    for colour, place in zip(PALETTE * len(known), known, strict=False):
-        ax.plot(*place, color=colour, marker="D", markersize=4.5, linestyle="none", zorder=4)
-    _names(figure, ax, list(marks), known)
+    for i, (colour, place) in enumerate(zip(colours, known, strict=True)):
+        ring = {} if i < len(marks) else {"markerfacecolor": "none", "markersize": 8.0}
+        ax.plot(*place, color=colour, marker="o" if ring else "D", linestyle="none", zorder=4, **RINGED | ring)
+    _names(figure, ax, [*marks, *others], known, colours)
     return figure
 
 
@@ -51,18 +63,21 @@ def _scales(ax: Axes, values: Array) -> None:
         axis.set_tick_params(which="minor", length=0)
 
 
-def _names(figure: Figure, ax: Axes, names: list[str], places: Array) -> None:
-    """A name beside each mark, on its side with more room, moved up or down where names would meet."""
+def _names(figure: Figure, ax: Axes, names: list[str], places: Array, colours: list[str]) -> None:
+    """A name beside each mark, to its right where there is room, past marks there, moved where names would meet."""
     figure.draw_without_rendering()
     point = figure.dpi / 72
     shown = ax.transData.transform(places) / point if len(places) else places
     box = ax.get_window_extent()
-    middle = (box.x0 + box.x1) / 2 / point
-    for on_left in (False, True):
-        chosen = [i for i in range(len(names)) if (shown[i, 0] > middle) == on_left]
+    turn = (box.x0 + RIGHT * box.width) / point
+    for side in (1, -1):
+        chosen = [i for i in range(len(names)) if (shown[i, 0] <= turn) == (side > 0)]
         heights = spread([shown[i, 1] for i in chosen], 1.25 * TEXT, box.y0 / point, box.y1 / point)
         for i, y in zip(chosen, heights, strict=True):
+            along = side * (shown[:, 0] - shown[i, 0])
+            beside = (np.abs(shown[:, 1] - y) < TEXT) & (along >= 0) & (along < NEAR)
+            reach = float(along[beside].max(initial=0.0))
             ax.annotate(
-                names[i], places[i], xytext=(-8 if on_left else 8, y - shown[i, 1]), textcoords="offset points",
-                size=TEXT, color=PALETTE[i % len(PALETTE)], ha="right" if on_left else "left", va="center",
+                names[i], places[i], xytext=(side * (reach + BESIDE), y - shown[i, 1]), textcoords="offset points",
+                size=TEXT, color=colours[i], ha="left" if side > 0 else "right", va="center",
             )  # fmt: skip
