@@ -56,6 +56,42 @@ def test_every_column_is_that_of_the_evaluation(name, mode, radius, distance):
         assert batch.worst_area_deg2[i] == pytest.approx(alone.floored_area_deg2.max(), rel=1e-10)
 
 
+@pytest.mark.parametrize("radius", [None, 500.0])
+@pytest.mark.parametrize("name", ["even-polynomial", "conic-asphere", "slope-spline"])
+def test_every_column_is_that_of_the_evaluation_under_a_telecentric_lens(name, radius):
+    designs = sphere_like(name, 12, 1, magnification=0.06, image_radius_px=radius, object_distance_mm=400.0)
+    batch = evaluate_designs(designs)
+    assert batch.valid.sum() >= 6
+    for i in np.flatnonzero(batch.valid)[:4]:
+        sensor = designs.sensor(i, IMAGER, batch.focus_mm[i])
+        assert sensor.lens.KIND == "orthographic"
+        alone = om.evaluate(sensor, x_mm=np.linspace(0, 1, 100) * M, image_radius_px=radius, object_distance_mm=400.0)
+        for column in COLUMNS:
+            expected = getattr(alone, column)
+            np.testing.assert_allclose(
+                getattr(batch, column)[i], expected, rtol=1e-10, atol=1e-12 * np.abs(expected).max(), err_msg=column
+            )
+        best = om.best_focus(sensor, omega_deg=batch.omega_deg[i], object_distance_mm=400.0, image_radius_px=radius)
+        assert batch.worst_area_deg2[i] <= best.value * (1 + 1e-9)
+
+
+def test_each_field_angle_can_have_its_own_object_distance():
+    """The nearest and the farthest object at one focus: columns of each alone, and the worst of both."""
+    u = np.linspace(0.0, 1.0, 60)
+    distances = np.repeat([300.0, np.inf], 60)
+    designs = sphere_like("slope-spline", 5, 1, object_distance_mm=distances)
+    batch = evaluate_designs(designs, np.tile(u, 2))
+    for i in np.flatnonzero(batch.valid):
+        sensor = designs.sensor(i, IMAGER, batch.focus_mm[i])
+        near, far = (om.evaluate(sensor, x_mm=u * M, object_distance_mm=d) for d in (300.0, np.inf))
+        blur = np.concatenate([near.blur_t_px, far.blur_t_px])
+        np.testing.assert_allclose(batch.blur_t_px[i], blur, rtol=1e-9, atol=1e-10)
+        worst = max(near.floored_area_deg2.max(), far.floored_area_deg2.max())
+        assert batch.worst_area_deg2[i] == pytest.approx(worst, rel=1e-10)
+    with pytest.raises(InvalidParameter, match="60 field angles"):
+        evaluate_designs(designs, u)
+
+
 @pytest.mark.parametrize(("mode", "radius"), BASES)
 @settings(max_examples=20)
 @given(seed=st.integers(0, 10**6), name=st.sampled_from(["even-polynomial", "conic-asphere", "slope-spline"]))
@@ -77,8 +113,10 @@ def test_the_focus_is_the_best_focus(mode, radius, seed, name):
 @pytest.mark.skipif(compiled() is None, reason="the compiled part is not built here")
 @pytest.mark.parametrize(("mode", "radius"), BASES)
 @pytest.mark.parametrize("name", ["even-polynomial", "conic-asphere", "slope-spline"])
-def test_the_compiled_evaluator_gives_the_numbers_of_numpy(name, mode, radius):
-    designs = sphere_like(name, 300, 2, mode=mode, image_radius_px=radius, least_omega_deg=20.0)
+@pytest.mark.parametrize("magnification", [0.0, 0.06])
+def test_the_compiled_evaluator_gives_the_numbers_of_numpy(name, mode, radius, magnification):
+    options = {"mode": mode, "image_radius_px": radius, "least_omega_deg": 20.0, "magnification": magnification}
+    designs = sphere_like(name, 300, 2, **options)
     plain, fast = (evaluate_designs(designs, native=native) for native in (False, True))
     np.testing.assert_array_equal(plain.valid, fast.valid)
     ok = plain.valid
