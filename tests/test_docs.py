@@ -28,17 +28,64 @@ def test_python_examples_run_in_order(page, tmp_path, monkeypatch):
         exec(compile(block, str(page), "exec"), names)
 
 
-@pytest.mark.parametrize("page", [p for p in PAGES if blocks(p, "console")], ids=lambda p: p.name)
-def test_commands_run_in_order(page, tmp_path):
-    for block in blocks(page, "toml"):  # a first line "# name.toml" says which file the commands find
+def write_files(page: Path, folder: Path) -> None:
+    """The files of a page: a first line "# name.toml" says what the commands find."""
+    for block in blocks(page, "toml"):
         if file := re.match(r"# ([\w-]+\.toml)\n", block):
-            (tmp_path / file[1]).write_text(block)
-    commands = [line[2:] for block in blocks(page, "console") for line in block.splitlines() if line.startswith("$ ")]
-    for command in commands:
-        program, *args = shlex.split(command)
-        assert program == "omnimirror"
-        run = omnimirror(*args, cwd=tmp_path)
-        assert run.returncode == 0, f"{command}\n{run.stderr}"
+            (folder / file[1]).write_text(block)
+
+
+def commands(page: Path, language: str) -> list[tuple[str, list[str]]]:
+    """The commands of a page, each with the lines that are shown of what it prints."""
+    found: list[tuple[str, list[str]]] = []
+    for line in (line for block in blocks(page, language) for line in block.splitlines()):
+        if line.startswith("$ "):
+            found.append((line[2:], []))
+        elif line.strip():
+            found[-1][1].append(line)
+    return found
+
+
+def run_command(command: str, folder: Path, exit_codes: tuple[int, ...]) -> str:
+    program, *args = shlex.split(command)
+    assert program == "omnimirror"
+    run = omnimirror(*args, cwd=folder)
+    assert run.returncode in exit_codes, f"{command}\n{run.stderr}"
+    return run.stdout
+
+
+def assert_printed(shown: list[str], output: str, command: str) -> None:
+    """Every line that is shown was printed, in this order, to the third digit of its numbers."""
+    printed = iter(output.splitlines())
+    for line in shown:
+        assert any(is_same(line, other) for other in printed), f"{command} does not print\n{line}\n{output}"
+
+
+def is_same(shown: str, printed: str) -> bool:
+    a, b = shown.split(), printed.split()
+    return len(a) == len(b) and all(word == other or is_near(word, other) for word, other in zip(a, b, strict=True))
+
+
+def is_near(shown: str, printed: str) -> bool:
+    try:
+        return float(printed.strip("()%")) == pytest.approx(float(shown.strip("()%")), rel=2e-3, abs=0.02)
+    except ValueError:
+        return False
+
+
+@pytest.mark.parametrize("page", [p for p in PAGES if blocks(p, "console")], ids=lambda p: p.name)
+def test_commands_run_in_order_and_print_what_is_shown(page, tmp_path):
+    write_files(page, tmp_path)
+    for command, shown in commands(page, "console"):
+        assert_printed(shown, run_command(command, tmp_path, (0,)), command)
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("page", [p for p in PAGES if blocks(p, "console slow")], ids=lambda p: p.name)
+def test_slow_commands_print_what_is_shown(page, tmp_path):
+    write_files(page, tmp_path)
+    for command, shown in commands(page, "console slow"):
+        assert_printed(shown, run_command(command, tmp_path, (0, 3)), command)
 
 
 @pytest.mark.parametrize("page", [p for p in PAGES if blocks(p, "toml")], ids=lambda p: p.name)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, cast
@@ -264,11 +265,13 @@ def _draw_title(sheet: Sheet, sensor: Sensor, sensor_scale: float, mirror_scale:
 
 
 def _shortened(sheet: Sheet, words: str, room: float) -> str:
-    """As many of the words' letters as fit the room, mm."""
+    """As many of the words as fit the room, mm."""
     if sheet.text_width(words) <= room:
         return words
-    cut = (words[:end].rstrip(" .,;") + " ..." for end in range(len(words) - 1, 0, -1))
-    return next((short for short in cut if sheet.text_width(short) <= room), "")
+    parts = words.split(" ")
+    cuts = [" ".join(parts[:n]).rstrip(" .,:;") + " ..." for n in range(1, len(parts))]
+    fitting = bisect_right(cuts, room, key=sheet.text_width)
+    return cuts[fitting - 1] if fitting else ""
 
 
 def _draw_projection(sheet: Sheet, x: float, y: float) -> None:

@@ -1,0 +1,68 @@
+"""Make the pictures of docs/stories.md: its own commands, with more rays to a pixel.
+
+python docs/images/stories.py
+"""
+
+from __future__ import annotations
+
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import cv2
+import numpy as np
+
+from omnimirror.media import read_image, write_image
+
+IMAGES = Path(__file__).parent
+PAGE = IMAGES.parent / "stories.md"
+PICTURES = {
+    "robot.jpg": (("robot.jpg", "robot-plan.jpg"), ("robot-drawing.png",)),
+    "ceiling.jpg": (("ceiling.jpg", "ceiling-drawing.png"), ("ceiling-panorama.jpg",)),
+    "panorama.jpg": (("panorama.jpg", "panorama-drawing.png"), ("panorama-straight.jpg",)),
+}
+"""Each picture of the page by its rows."""
+WIDTH, GAP = 1200, 10
+
+
+def make(folder: Path) -> None:
+    """Run the commands in a folder, and put what they draw side by side."""
+    text = PAGE.read_text(encoding="utf-8")
+    for name, file in re.findall(r"^```toml\n# ([\w-]+\.toml)\n(.*?)^```", text, flags=re.M | re.S):
+        (folder / name).write_text(file, encoding="utf-8")
+    program = Path(sys.executable).with_name("omnimirror")
+    for block in re.findall(r"^```console\n(.*?)^```", text, flags=re.M | re.S):
+        for line in re.findall(r"^\$ omnimirror (.*)", block, flags=re.M):
+            words = line.replace("--spp 1", "--spp 16").replace("zmx,csv,pdf", "png")
+            subprocess.run([program, *shlex.split(words)], cwd=folder, check=True)
+    for drawing in folder.glob("*-workshop/*-drawing.png"):
+        drawing.rename(folder / drawing.name)
+    for name, rows in PICTURES.items():
+        page = np.concatenate([_row([read_image(folder / part)[..., :3] for part in row]) for row in rows])
+        write_image(IMAGES / name, page)
+    figure = read_image(folder / "panorama-figures" / "fig5.png")[..., :3]
+    write_image(IMAGES / "panorama-mapping.png", _scaled(figure, 900 / figure.shape[1]))
+
+
+def _row(parts: list[np.ndarray]) -> np.ndarray:
+    """Pictures of one height side by side, all of them as wide as the page."""
+    widths = [part.shape[1] / part.shape[0] for part in parts]
+    height = (WIDTH - GAP * (len(parts) - 1)) / sum(widths)
+    scaled = [_scaled(part, height / part.shape[0]) for part in parts]
+    rows = min(part.shape[0] for part in scaled)
+    gap = np.full((rows, GAP, 3), 255, np.uint8)
+    row = np.concatenate([piece for part in scaled for piece in (part[:rows], gap)][:-1], axis=1)
+    row = cv2.copyMakeBorder(row, 0, GAP, 0, max(WIDTH - row.shape[1], 0), cv2.BORDER_CONSTANT, value=(255,) * 3)
+    return row[:, :WIDTH]
+
+
+def _scaled(picture: np.ndarray, factor: float) -> np.ndarray:
+    return cv2.resize(picture, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
+
+
+if __name__ == "__main__":
+    with TemporaryDirectory() as temporary:
+        make(Path(temporary))
