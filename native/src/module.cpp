@@ -21,6 +21,7 @@
 #include <vector>
 
 #include "sampling/axial.hpp"
+#include "deblur/module.hpp"
 #include "designs/module.hpp"
 #include "exposure/module.hpp"
 #include "sampling/packed.hpp"
@@ -396,6 +397,7 @@ NB_MODULE(_native, m) {
     m.def("get_threads", &get_threads);
     add_exposure(m);
     add_surfaces(m);
+    add_deblurring(m);
     m.def("instructions", [] { return std::string(kernels().name); });
     m.def(
         "use_instructions",

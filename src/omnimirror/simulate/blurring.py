@@ -1,4 +1,4 @@
-"""Blur as a matrix: from a sharp picture on a fine grid to the pixels of a sensor that is out of focus.
+"""Blur as kernels: from a sharp picture on a fine grid to the pixels of a sensor that is out of focus.
 
 What a lens with a round aperture makes of a point is an elliptic disk, as long away from the optical axis as the
 tangential blur and across as the sagittal one (Eqs. 34-36 of Ohte and Tsuzuki). So every pixel is the mean of the
@@ -7,8 +7,7 @@ sharp picture over such a disk about it, widened by its own square.
 
 from __future__ import annotations
 
-from itertools import pairwise
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,7 +19,7 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
 
 Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
+Whole = NDArray[np.int32]
 
 RING_PX = 2.0  # the width of rings with one kernel for each direction
 TURNS = 64  # directions, over half a turn: at 10 px of blur its ends are .25 px off at most
@@ -39,15 +38,40 @@ class BlurSize(NamedTuple):
         return np.maximum(self.tangential, self.sagittal)
 
 
-class BlurMatrix(NamedTuple):
-    """``matrix @ sharp.reshape(-1, channels)`` are the blurred values of ``pixels``."""
+class Blur(NamedTuple):
+    """The blur of pixels as kernels: the weights with which values of a sharp picture on a finer grid count in each."""
 
-    matrix: csr_matrix
-    """(n, rows * columns * fineness^2), float32; every row adds up to 1."""
-    pixels: Indices
-    """(n,) of the pixels: row * width + column."""
+    size: tuple[int, int]
+    """Width and height of the picture in pixels."""
     fineness: int
     """Pixels of the sharp picture along the side of a pixel."""
+    pixels: Whole
+    """(n,) that are known, ascending: row * width + column."""
+    kernels: Whole
+    """(n,) which kernel each of them has."""
+    firsts: Whole
+    """(kernels + 1,) the first weight of each kernel, and the number of all."""
+    offsets: Whole
+    """(m, 2) rows down and columns right on the fine grid, from the first value of a pixel."""
+    weights: NDArray[np.float32]
+    """(m,), adding up to 1 in every kernel."""
+
+    def matrix(self) -> csr_matrix:
+        """``matrix @ sharp.reshape(-1, channels)`` are the blurred values of ``pixels``; beyond its edge the picture
+        goes on as it ends."""
+        from scipy.sparse import csr_matrix
+
+        width, height = self.size
+        across, deep = width * self.fineness, height * self.fineness
+        counts = np.diff(self.firsts)[self.kernels]
+        bounds = np.r_[0, np.cumsum(counts)]
+        of_pixel = np.repeat(np.arange(len(counts)), counts)
+        entry = np.arange(bounds[-1]) - np.repeat(bounds[:-1] - self.firsts[self.kernels], counts)
+        rows, columns = np.divmod(self.pixels, width)
+        down = np.clip(self.fineness * rows[of_pixel] + self.offsets[entry, 0], 0, deep - 1)
+        right = np.clip(self.fineness * columns[of_pixel] + self.offsets[entry, 1], 0, across - 1)
+        shape = (len(counts), across * deep)
+        return csr_matrix((self.weights[entry], (down * across + right).astype(np.int32), bounds), shape=shape)
 
 
 def blur_sizes(sensor: Sensor, radius_px: ArrayLike, object_distance_mm: float = np.inf) -> BlurSize:
@@ -87,7 +111,7 @@ def whole_radius_px(sensor: Sensor) -> float:
     return sensor.rim_radius_px - 1.0 - float(np.abs(lens.blur(L))) / sensor.imager.pitch_mm / 2
 
 
-def blur_matrix(sensor: Sensor, fineness: int = 2, object_distance_mm: float = np.inf) -> BlurMatrix:
+def blur_of(sensor: Sensor, fineness: int = 2, object_distance_mm: float = np.inf) -> Blur:
     """The blur of all pixels whose whole light comes off the mirror.
 
     Parameters
@@ -104,43 +128,32 @@ def blur_matrix(sensor: Sensor, fineness: int = 2, object_distance_mm: float = n
     InvalidParameter
         If the mirror is decentred or tilted.
     """
-    from scipy.sparse import csr_matrix
-
     offsets = offsets_from_axis(sensor)
-    height, width = offsets.shape[:2]
     radius = np.hypot(offsets[..., 0], offsets[..., 1]).ravel()
     pixels = np.flatnonzero(radius <= whole_radius_px(sensor))
     ring = (radius[pixels] / RING_PX).astype(int)
     turn = np.arctan2(offsets[..., 1], offsets[..., 0]).ravel()[pixels] / np.pi * TURNS
     sizes = blur_sizes(sensor, (np.arange(ring.max() + 1) + 0.5) * RING_PX, object_distance_mm)
+    groups, kernels = np.unique(ring * TURNS + np.rint(turn).astype(int) % TURNS, return_inverse=True)
+    found = [
+        _kernel(sizes.tangential[r], sizes.sagittal[r], np.pi * k / TURNS, fineness)
+        for r, k in zip(*np.divmod(groups, TURNS), strict=True)
+    ]
+    firsts = np.r_[0, np.cumsum([len(weights) for _, weights in found])]
+    reached, weights = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    return Blur(
+        sensor.image_size, fineness, _whole(pixels), _whole(kernels), _whole(firsts), _whole(reached), weights
+    )  # fmt: skip
 
-    group = ring * TURNS + np.rint(turn).astype(int) % TURNS
-    order = np.argsort(group, kind="stable")
-    starts = np.flatnonzero(np.r_[True, np.diff(group[order]) > 0, True])
-    across = width * fineness
-    lengths, targets, weights = np.zeros(len(pixels), np.int64), [], []
-    for begin, end in pairwise(starts):
-        members = order[begin:end]
-        r, k = divmod(int(group[members[0]]), TURNS)
-        down, right, weight = _kernel(sizes.tangential[r], sizes.sagittal[r], np.pi * k / TURNS, fineness)
-        y, x = np.divmod(pixels[members], width)
-        y = np.clip(fineness * y[:, None] + down, 0, height * fineness - 1)
-        x = np.clip(fineness * x[:, None] + right, 0, across - 1)
-        targets.append((y * across + x).astype(np.int32).ravel())
-        weights.append(np.broadcast_to(weight, x.shape).ravel())
-        lengths[begin:end] = len(weight)
-    bounds = np.r_[0, np.cumsum(lengths)]
-    shape = (len(pixels), across * height * fineness)
-    matrix = csr_matrix((np.concatenate(weights), np.concatenate(targets), bounds), shape=shape)
-    back = np.empty_like(order)
-    back[order] = np.arange(len(order))
-    return BlurMatrix(matrix[back], pixels, fineness)
+
+def _whole(numbers: NDArray[Any]) -> Whole:
+    return np.ascontiguousarray(numbers, np.int32)
 
 
 def _kernel(
     tangential: float, sagittal: float, turn: float, fineness: int
-) -> tuple[Indices, Indices, NDArray[np.float32]]:
-    """Offsets (m,) down and right on the fine grid from a pixel's first, and weights (m,): a disk, times its square."""
+) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+    """Offsets (m, 2) down and right on the fine grid, row by row, and weights (m,): a disk, widened by the pixel."""
     count = max(32, int(np.ceil(POINTS_PER_PX2 * tangential * sagittal)))
     along, across = (_sunflower(count) * [tangential / 2, sagittal / 2]).T * fineness
     c, s = np.cos(turn), np.sin(turn)
@@ -159,7 +172,7 @@ def _kernel(
             wide[dy : dy + side, dx : dx + side] += grid.reshape(side, side)
     down, right = np.nonzero(wide > 1e-4 * wide.max())
     weight = wide[down, right]
-    return down - reach, right - reach, (weight / weight.sum()).astype(np.float32)
+    return np.stack([down, right], axis=-1) - reach, (weight / weight.sum()).astype(np.float32)
 
 
 def _sunflower(count: int) -> Array:
