@@ -42,8 +42,8 @@ def maps():
     return [world(pan_tilt_direction(*np.meshgrid(pan, tilt))).astype(np.float32) for tilt in (ours, theirs)]
 
 
-def rendered(mi, sensor, mirror, light, rays):  # noqa: F811
-    """Mitsuba's picture in the camera frame, whose origin is the mirror's vertex."""
+def rendered(mi, sensor, mirror, light, rays, others=None):  # noqa: F811
+    """Mitsuba's picture in the camera frame, whose origin is the mirror's vertex; other shapes may stand in it."""
     lens, (width, height), m = sensor.lens, sensor.image_size, sensor.mirror_distance_mm
     half = np.degrees(np.arctan(width / 2 * sensor.imager.pitch_mm / lens.image_distance))
     turn = np.eye(4)  # theirs: columns from -z over x, rows from y; ours: columns from -x over y, rows from z
@@ -52,7 +52,8 @@ def rendered(mi, sensor, mirror, light, rays):  # noqa: F811
     scene = mi.load_dict(
         {
             "type": "scene",
-            "integrator": {"type": "path", "max_depth": 3},
+            "integrator": {"type": "path", "max_depth": 12 if others else 3, "rr_depth": 20},
+            **(others or {}),
             "mirror": {**mirror, "bsdf": {"type": "conductor", "material": "none"}},
             "world": {"type": "envmap", "bitmap": mi.Bitmap(light), "to_world": frame(turn.tolist())},
             "camera": {

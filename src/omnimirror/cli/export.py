@@ -63,9 +63,9 @@ def scale(text: str) -> float:
 @click.option("--grid-points", type=int, default=257, show_default=True, help="Grid sag: points along each side.")
 @click.option("--support", type=click.Choice(KINDS), default="tube", show_default=True,
               help="Drawing: what holds the mirror.")  # fmt: skip
-@click.option("--support-diameter-mm", type=float, help="Of rod or tube.  [default: rod 4, tube 3 mm around the rim]")
-@click.option("--wall-mm", type=float, default=3.0, show_default=True, help="Of the tube.")
-@click.option("--refractive-index", type=float, default=1.49, show_default=True, help="Of the tube.")
+@click.option("--support-diameter-mm", type=float, help="Outer.  [default: of a rod 4, else 3 mm around the rim]")
+@click.option("--wall-mm", type=float, default=3.0, show_default=True, help="Of tube or dome.")
+@click.option("--refractive-index", type=float, default=1.49, show_default=True, help="Of tube or dome.")
 @click.option("--gap-mm", type=float, help="From the rod's foot to the lens.  [default: a quarter of the distance]")
 @click.option("--camera-diameter-mm", type=float, default=0.0, help="What of the camera is seen in the mirror.")
 @click.option("--sheet", type=click.Choice(list(SHEETS)), default="A3", show_default=True, help="Drawing: paper.")

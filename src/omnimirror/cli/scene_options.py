@@ -12,20 +12,21 @@ import click
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from ..design.manufacture.supports import Support, tube_of
+from ..design.manufacture.supports import Support, shell_of
 from ..design.manufacture.supports import hardware_of as hardware_of_support
 from ..errors import OmnimirrorError
 from ..sensor import Sensor
 from ..simulate import Detector, Environment, Hardware, Pose, Scene
 from ..simulate.detector import BAYER, CURVES
 from ..simulate.scenes import BUNDLED, bundled_scene
-from ..simulate.tube import ThroughTube
+from ..simulate.shells import ThroughShell
 from .options import _numbers, angle, distance, factor, flag
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
 ENVIRONMENTS = (".hdr", ".exr", ".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp")
 MESHES = (".glb", ".gltf", ".obj")
+SHELLS = ("tube", "dome")
 
 
 def pose(text: str) -> Pose:
@@ -92,10 +93,10 @@ _HARDWARE = (
     ),
     click.option(
         "--support",
-        type=click.Choice(["rod", "tube"]),
-        help="What holds the mirror; a tube shows ghosts.  [default: none]",
+        type=click.Choice(["rod", *SHELLS]),
+        help="What holds the mirror; tubes and domes show ghosts.  [default: none]",
     ),
-    click.option("--support-mm", type=distance, metavar="MM", help="Outer diameter of rod or tube.  [default: to fit]"),
+    click.option("--support-mm", type=distance, metavar="MM", help="Outer diameter of the support.  [default: to fit]"),
     click.option("--vignetting/--no-vignetting", default=None, help="The lens's natural one, cos^4.  [default: none]"),
     click.option("--sees-past/--black-past", default=None, help="What lies beside the mirror.  [default: black]"),
 )
@@ -167,13 +168,12 @@ def hardware_of(sensor: Sensor, given: dict[str, Any]) -> Hardware | None:
 
 
 def behind_support(sensor: Sensor, scene: Scene, given: dict[str, Any]) -> Scene:
-    """The scene as a sensor sees it through its tube, if it stands in one."""
-    if given.get("support") != "tube":
+    """The scene as a sensor sees it through its tube or dome, if it stands in one."""
+    if given.get("support") not in SHELLS:
         if "support_mm" in given and "support" not in given:
             raise click.UsageError("--support-mm is the size of a --support")
         return scene
-    x, y, z = map(float, sensor.axis)
-    return ThroughTube(scene, tube_of(sensor, _support(given)), (x, y, z))
+    return ThroughShell(scene, shell_of(sensor, _support(given)), sensor)
 
 
 def _support(given: dict[str, Any]) -> Support:

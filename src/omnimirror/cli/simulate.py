@@ -18,6 +18,7 @@ from ..specs import load_sensor
 from .options import flag
 from .scene_options import (
     DETECTOR,
+    SHELLS,
     behind_support,
     detector_of,
     hardware_of,
@@ -137,8 +138,8 @@ def _film(camera: Sensor, scene: Scene, output: Path, given: dict[str, Any]) -> 
         if name in given:
             shown = "pose" if name == "placed" else name
             raise click.UsageError(f"{flag(shown)} belongs to pictures, not to a video along a --path")
-    if given["distant"] or given.get("support") == "tube":
-        raise click.UsageError("--distant and tubes belong to pictures, not to a video along a --path")
+    if given["distant"] or given.get("support") in SHELLS:
+        raise click.UsageError("--distant, tubes and domes belong to pictures, not to a video along a --path")
     try:
         from ..media.frames import frame_of_image
         from ..media.writer import VideoWriter
@@ -177,8 +178,8 @@ def dataset(sensor: str, output: Path, views: int, **options: Any) -> None:
     from ..simulate.dataset import write_calibration_set
 
     given = {name: value for name, value in options.items() if value is not None}
-    if given.get("support") == "tube":
-        raise click.UsageError("a tube bends the rays of a set whose corners are true without it; leave out --support")
+    if given.get("support") in SHELLS:
+        raise click.UsageError("tubes and domes bend the rays of a set whose corners are true without; leave it out")
     camera = load_sensor(sensor)
     hardware, detector = hardware_of(camera, given), detector_of(given)
     with rows_bar("Taking pictures") as progress:

@@ -1,4 +1,4 @@
-"""Transparent walls: what passes through them and what they throw back, and cylinders that bend rays."""
+"""Transparent walls: what passes through them and what they throw back; cylinders and spheres that bend rays."""
 
 from __future__ import annotations
 
@@ -10,25 +10,30 @@ from numpy.typing import ArrayLike, NDArray
 Array = NDArray[np.float64]
 
 
-def wall_transmission(incidence: ArrayLike, refractive_index: float) -> Array:
+def wall_transmission(incidence: ArrayLike, refractive_index: float, behind: ArrayLike | None = None) -> Array:
     """Share of unpolarised light (n,) that passes a clear wall, at angles of incidence in radians.
 
-    Fresnel's formulas; (1 - R)/(1 + R) for each polarisation sums the reflections between both sides. What does
-    not pass is thrown back.
+    Fresnel's formulas; the reflections between both sides are summed for each polarisation. What does not pass is
+    thrown back. A bent wall is left at an angle ``behind`` that differs from that of incidence.
 
     >>> wall_transmission(np.radians([0.0, 45.0]), 1.5).round(4)  # 12/13 straight through
     array([0.9231, 0.9073])
     """
-    angle = np.asarray(incidence, dtype=float)
-    cos_i, cos_t = np.cos(angle), np.sqrt(1 - (np.sin(angle) / refractive_index) ** 2)
-    rs = ((cos_i - refractive_index * cos_t) / (cos_i + refractive_index * cos_t)) ** 2
-    rp = ((refractive_index * cos_i - cos_t) / (refractive_index * cos_i + cos_t)) ** 2
-    passed: Array = ((1 - rs) / (1 + rs) + (1 - rp) / (1 + rp)) / 2
+    first = _fresnel(np.asarray(incidence, dtype=float), refractive_index)
+    second = first if behind is None else _fresnel(np.asarray(behind, dtype=float), refractive_index)
+    each = [(1 - a) * (1 - b) / np.maximum(1 - a * b, 1e-300) for a, b in zip(first, second, strict=True)]
+    passed: Array = (each[0] + each[1]) / 2
     return passed
 
 
+def _fresnel(angle: Array, refractive_index: float) -> tuple[Array, Array]:
+    """Reflectances of one side for both polarisations, at angles in the air."""
+    n, cos_i, cos_t = refractive_index, np.cos(angle), np.sqrt(1 - (np.sin(angle) / refractive_index) ** 2)
+    return ((cos_i - n * cos_t) / (cos_i + n * cos_t)) ** 2, ((n * cos_i - cos_t) / (n * cos_i + cos_t)) ** 2
+
+
 class Passage(NamedTuple):
-    """Rays (n,) that leave a tube from inside."""
+    """Rays (n,) that leave a tube or a dome from inside."""
 
     points: Array
     """(n, 3): where they leave it."""
@@ -72,6 +77,47 @@ def through_tube(
         np.where(keep, back, d),
         np.where(across, passed, 1.0),
     )
+
+
+def through_dome(
+    points: Array,
+    directions: Array,
+    inner: tuple[Array, float],
+    outer: tuple[Array, float],
+    refractive_index: float,
+) -> Passage:
+    """Rays from inside a dome, traced out through its two spheres by Snell's law.
+
+    Parameters
+    ----------
+    points, directions : (n, 3)
+    inner, outer
+        Centre (3,) and radius of either sphere, in the unit of the points.
+    refractive_index
+
+    Notes
+    -----
+    Where both have one centre, a ray that passes it at a distance s leaves as far from it, and is turned by
+    asin(s/a) - asin(s/(n a)) + asin(s/(n b)) - asin(s/b) for radii a and b.
+    """
+    d = directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    met, inwards = _meet_sphere(points, d, *inner)
+    inside = _refracted(d, inwards, 1 / refractive_index)
+    left, normal = _meet_sphere(met, inside, *outer)
+    out = _refracted(inside, normal, refractive_index)
+    cos_before, cos_behind = (-np.einsum("ni,ni->n", *pair) for pair in ((d, inwards), (out, normal)))
+    before, behind = (np.arccos(np.clip(c, 0, 1)) for c in (cos_before, cos_behind))
+    passed = wall_transmission(before, refractive_index, behind)
+    return Passage(left, out, met, d + 2 * cos_before[:, None] * inwards, passed)
+
+
+def _meet_sphere(points: Array, d: Array, centre: Array, radius: float) -> tuple[Array, Array]:
+    """Where rays from inside meet a sphere, and its unit normals there, towards its centre."""
+    p = points - centre
+    b, c = np.einsum("ni,ni->n", p, d), np.einsum("ni,ni->n", p, p) - radius**2
+    t = -b + np.sqrt(np.maximum(b**2 - c, 0))
+    met = points + t[:, None] * d
+    return met, (centre - met) / radius
 
 
 def _meet(points: Array, d: Array, axis: Array, radius: float) -> tuple[Array, Array]:

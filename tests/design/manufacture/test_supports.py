@@ -113,8 +113,10 @@ def test_every_mirror_can_be_supported(kind):
     ("support", "sentence"),
     [
         ({"kind": "tube", "diameter_mm": 80.0}, "its diameter is valid from 93.81 mm"),
+        ({"kind": "dome", "diameter_mm": 200.0}, "does not take in the mirror; its diameter is valid from 235.05 mm"),
+        ({"kind": "dome", "diameter_mm": 200.0, "centre_mm": 30.0}, "does not reach the plane of the lens"),
         ({"kind": "rod", "gap_mm": 200.0}, "valid below 180.429 mm"),
-        ({"kind": "pole"}, "not one of tube, rod, none"),
+        ({"kind": "pole"}, "not one of tube, dome, rod, none"),
         ({"refractive_index": 0.9}, "outside 1 to 4"),
     ],
 )

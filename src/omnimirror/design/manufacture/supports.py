@@ -17,42 +17,46 @@ from ...errors import InvalidParameter
 from ...parameters import Parameter
 from ...sensor import Sensor
 from ...simulate.hardware import Hardware
-from ...simulate.tube import Tube
+from ...simulate.shells import Dome, Tube
 from ...tracing.meridian import ChiefRays
 from ...tracing.walls import wall_transmission
 from .body import Body
 
 Array = NDArray[np.float64]
 
-KINDS = ("tube", "rod", "none")
+KINDS = ("tube", "dome", "rod", "none")
 CLEARANCE_MM = 3.0
-"""Between the rim and a tube, where the tube's diameter is not given."""
+"""Between the rim and a tube or a dome, where its diameter is not given."""
 LENS_AT_RIMS = 2.5
 """How many rim radii before the vertex a telecentric lens is drawn; it may stand anywhere."""
 
 
 @dataclass(frozen=True)
 class Support:
-    """A transparent tube around the mirror, an opaque rod from its vertex towards the lens, or nothing.
+    """A transparent tube or dome around the mirror, an opaque rod from its vertex towards the lens, or nothing.
 
     A tube is closed by opaque discs inside it, one in the plane of the lens and one at the mirror's back, and
-    reaches past the mirror as far as the rim's ray needs.
+    reaches past the mirror as far as the rim's ray needs. A dome is a sphere cut off at an opaque disc in the plane
+    of the lens.
 
     Parameters
     ----------
-    kind : "tube", "rod" or "none"
+    kind : "tube", "dome", "rod" or "none"
     diameter_mm : optional
-        Outer diameter. By default a tube leaves 3 mm around the rim or the flange, to the next full
+        Outer diameter. By default a tube or a dome leaves 3 mm around the rim or the flange, to the next full
         millimetre, and a rod has 4 mm.
     wall_mm
-        Of a tube.
+        Of a tube or a dome.
     gap_mm : optional
         From the foot of a rod to the lens; a quarter of the mirror distance by default. (The foot stands on
         a glass plate: a rod that reached the lens would hide everything.)
     refractive_index
-        Of a tube; acrylic by default.
+        Of a tube or a dome; acrylic by default.
     camera_diameter_mm
         Of what stands in the plane of the lens and is seen in the mirror; not given by default.
+    centre_mm : optional
+        Height of a dome's centre over the mirror's vertex, away from the lens; by default midway between the lens
+        and the mirror's back. A dome about the viewpoints bends the rays least.
     """
 
     kind: str = "tube"
@@ -61,14 +65,16 @@ class Support:
     gap_mm: float | None = None
     refractive_index: float = 1.49
     camera_diameter_mm: float = 0.0
+    centre_mm: float | None = None
 
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
         "kind": Parameter("", 0, 0, "what holds the mirror", KINDS),
-        "diameter_mm": Parameter("mm", 1e-3, 1e5, "outer diameter of the rod or tube"),
-        "wall_mm": Parameter("mm", 1e-3, 1e3, "wall of the tube"),
+        "diameter_mm": Parameter("mm", 1e-3, 1e5, "outer diameter of the rod, tube or dome"),
+        "wall_mm": Parameter("mm", 1e-3, 1e3, "wall of the tube or dome"),
         "gap_mm": Parameter("mm", 0.0, 1e5, "from the foot of the rod to the lens"),
-        "refractive_index": Parameter("", 1.0, 4.0, "of the tube"),
+        "refractive_index": Parameter("", 1.0, 4.0, "of the tube or dome"),
         "camera_diameter_mm": Parameter("mm", 0.0, 1e5, "diameter of the camera in the plane of the lens"),
+        "centre_mm": Parameter("mm", -1e5, 1e5, "height of the dome's centre over the mirror's vertex"),
     }
 
     def __post_init__(self) -> None:
@@ -83,7 +89,8 @@ class Support:
         Raises
         ------
         InvalidParameter
-            A tube that the mirror does not fit in, or a rod's foot beyond the mirror.
+            A tube or a dome that the mirror does not fit in, a dome that does not reach the lens, or a rod's foot
+            beyond the mirror.
         """
         outer, distance = body.outer_radius_mm(sensor.mirror), -lens_height(sensor)
         if self.kind == "tube":
@@ -95,10 +102,30 @@ class Support:
                     f"diameter is valid from {least:g} mm"
                 )
             return replace(self, diameter_mm=diameter)
+        if self.kind == "dome":
+            return self._fitted_dome(outer, body.back_mm(sensor.mirror), -distance)
         gap = distance / 4 if self.gap_mm is None else self.gap_mm
         if self.kind == "rod" and not gap < distance:
             raise InvalidParameter(f"gap_mm = {gap:g} leaves no rod; it is valid below {distance:g} mm")
         return replace(self, diameter_mm=self.diameter_mm or 4.0, gap_mm=gap)
+
+    def _fitted_dome(self, rim: float, back: float, lens: float) -> Support:
+        """A dome about a mirror of this radius and height, down to the lens."""
+        centre = (back + lens) / 2 if self.centre_mm is None else self.centre_mm
+        farther = max(abs(back - centre), abs(lens - centre))
+        least = 2 * (float(np.hypot(rim, back - centre)) + self.wall_mm)
+        diameter = self.diameter_mm or float(np.ceil(2 * (np.hypot(rim + CLEARANCE_MM, farther) + self.wall_mm)))
+        if diameter < least:
+            raise InvalidParameter(
+                f"a dome of {diameter:g} mm about a centre at {centre:.4g} mm, its wall {self.wall_mm:g} mm thick, "
+                f"does not take in the mirror; its diameter is valid from {least:.5g} mm"
+            )
+        if diameter / 2 - self.wall_mm <= abs(lens - centre):
+            raise InvalidParameter(
+                f"a dome of {diameter:g} mm about a centre at {centre:.4g} mm does not reach the plane of the lens, at "
+                f"{lens:.4g} mm; its diameter is valid above {2 * (abs(lens - centre) + self.wall_mm):.5g} mm"
+            )
+        return replace(self, diameter_mm=diameter, centre_mm=centre)
 
 
 def tube_end_mm(sensor: Sensor, support: Support, body: Body) -> float:
@@ -167,6 +194,9 @@ def _clearances(sensor: Sensor, support: Support, body: Body) -> dict[str, Calla
         foot, radius = lens + support.gap_mm, support.diameter_mm / 2
         # between mirror and lens the ray is nearest to the axis at the rod's foot
         parts["rod"] = lambda rays: rays.x - rays.x * (rays.z - foot) / (rays.z - lens) * _narrowing(sensor) - radius
+    if support.kind == "dome":
+        base = shell_of(sensor, support, body).inner_radius_mm(lens)
+        parts["dome's base"] = lambda rays: _height_at(rays, base) - lens
     if support.kind == "tube":
         assert support.diameter_mm is not None
         inner = support.diameter_mm / 2 - support.wall_mm  # base and cap are discs inside the tube
@@ -219,9 +249,9 @@ def _ring(sensor: Sensor, part: str, clear: Callable[[ChiefRays], Array]) -> lis
 
 
 def hardware_of(sensor: Sensor, support: Support, body: Body | None = None) -> Hardware:
-    """What of a support stands in the light of pictures: the rod, or the tube's base, and the camera.
+    """What of a support stands in the light of pictures: the rod, or the base of a tube or a dome, and the camera.
 
-    A tube's wall is :func:`tube_of`.
+    Their walls are :func:`shell_of`.
 
     >>> import omnimirror as om
     >>> hardware_of(om.load_sensor("paper-spherical"), Support("rod", diameter_mm=4)).rod_radius_mm
@@ -232,8 +262,8 @@ def hardware_of(sensor: Sensor, support: Support, body: Body | None = None) -> H
     telecentric = sensor.lens.TELECENTRIC
     lens, vertex = (lens_height(sensor), 0.0) if telecentric else (0.0, -lens_height(sensor))
     camera = support.camera_diameter_mm / 2
-    if support.kind == "tube":
-        camera = max(camera, support.diameter_mm / 2 - support.wall_mm)
+    if support.kind in ("tube", "dome"):
+        camera = max(camera, shell_of(sensor, support, body).inner_radius_mm(lens_height(sensor)))
     hardware = Hardware(camera_radius_mm=camera, camera_height_mm=lens)
     if support.kind != "rod":
         return hardware
@@ -243,19 +273,24 @@ def hardware_of(sensor: Sensor, support: Support, body: Body | None = None) -> H
     return replace(hardware, rod_from_mm=foot, rod_to_mm=vertex, rod_radius_mm=radius, rod_end_radius_mm=radius)
 
 
-def tube_of(sensor: Sensor, support: Support, body: Body | None = None) -> Tube:
-    """The wall of a support that is a tube, for pictures through it.
+def shell_of(sensor: Sensor, support: Support, body: Body | None = None) -> Tube | Dome:
+    """The wall of a support that is a tube or a dome, for pictures through it.
 
     Raises
     ------
     InvalidParameter
-        For a support without a tube.
+        For a support without a wall.
     """
-    if support.kind != "tube":
-        raise InvalidParameter(f"a support of kind {support.kind!r} has no tube")
-    support = support.fitted(sensor, Body() if body is None else body)
+    if support.kind not in ("tube", "dome"):
+        raise InvalidParameter(f"a support of kind {support.kind!r} has no wall; tube and dome have one")
+    body = Body() if body is None else body
+    support, lens = support.fitted(sensor, body), lens_height(sensor)
     assert support.diameter_mm is not None
-    return Tube(support.diameter_mm / 2, support.wall_mm, support.refractive_index)
+    radius, wall, n = support.diameter_mm / 2, support.wall_mm, support.refractive_index
+    if support.kind == "tube":
+        return Tube(radius, wall, n, lids_mm=(lens, body.back_mm(sensor.mirror)))
+    assert support.centre_mm is not None
+    return Dome(radius, wall, n, support.centre_mm, lids_mm=(lens,))
 
 
 # -- what a tube does to what it lets through --------------------------------------------------------

@@ -59,7 +59,7 @@ class Assembly(NamedTuple):
     imager: float
     back: float
     end: float
-    """Where the tube ends; the back without one."""
+    """Where the tube or the dome ends; the back without one."""
     outer: float
     """Radius of the widest part."""
 
@@ -67,10 +67,11 @@ class Assembly(NamedTuple):
     def of(cls, sensor: Sensor, body: Body, support: Support, rings: list[Hidden]) -> Assembly:
         lens = lens_height(sensor)
         distance = 0.0 if sensor.lens.TELECENTRIC else cast(Perspective, sensor.lens).image_distance
-        tube = (support.diameter_mm or 0.0) / 2 if support.kind == "tube" else 0.0
-        outer = max(tube, body.outer_radius_mm(sensor.mirror), support.camera_diameter_mm / 2)
+        shell = (support.diameter_mm or 0.0) / 2 if support.kind in ("tube", "dome") else 0.0
+        outer = max(shell, body.outer_radius_mm(sensor.mirror), support.camera_diameter_mm / 2)
         back = body.back_mm(sensor.mirror)
         end = tube_end_mm(sensor, support, body) if support.kind == "tube" else back
+        end = shell + (support.centre_mm or 0.0) if support.kind == "dome" else end
         return cls(sensor, body, support, rings, lens, lens - distance, back, end, outer)
 
 
@@ -156,6 +157,8 @@ def _draw_support(sheet: Sheet, view: View, assembly: Assembly) -> None:
             f"n = {support.refractive_index:g}",
         ]
         sheet.leader(tip, tip + np.array([-4, 5]) * k, words, rightwards=False)
+    elif support.kind == "dome":
+        _draw_dome(sheet, view, assembly)
     elif support.kind == "rod":
         assert support.diameter_mm is not None
         assert support.gap_mm is not None
@@ -173,6 +176,28 @@ def _draw_support(sheet: Sheet, view: View, assembly: Assembly) -> None:
     if support.camera_diameter_mm:
         half = support.camera_diameter_mm / 2
         sheet.line(view.at([assembly.lens] * 2, [-half, half]), THIN, PHANTOM)
+
+
+def _draw_dome(sheet: Sheet, view: View, assembly: Assembly) -> None:
+    support, k = assembly.support, sheet.k
+    assert support.diameter_mm is not None
+    assert support.centre_mm is not None
+    radii, centre = np.array([support.diameter_mm / 2 - support.wall_mm, support.diameter_mm / 2]), support.centre_mm
+    foot = np.arccos((assembly.lens - centre) / radii)  # from the axis, seen from the centre
+    arcs = [np.linspace(0, end, 181) for end in foot]
+    for side in (1, -1):
+        inner, outer = (
+            view.at(centre + r * np.cos(arc), side * r * np.sin(arc)) for r, arc in zip(radii, arcs, strict=True)
+        )
+        wall = np.concatenate([inner, outer[::-1]])
+        sheet.hatch(wall, spacing=1.6, rising=side < 0)
+        sheet.line(inner, THIN)
+        sheet.line(outer, THIN)
+    base = float(radii[0] * np.sin(foot[0]))
+    sheet.line(view.at([assembly.lens] * 2, [-base, base]), THIN, DASHED)
+    tip = view.at(centre + radii[1] * np.cos(0.9 * foot[1]), -radii[1] * np.sin(0.9 * foot[1]))
+    words = [f"transparent dome SØ{support.diameter_mm:g} × {support.wall_mm:g}", f"n = {support.refractive_index:g}"]
+    sheet.leader(tip, tip + np.array([-14, 2]) * k, words, rightwards=False)
 
 
 def _draw_camera(sheet: Sheet, view: View, assembly: Assembly) -> None:
@@ -213,9 +238,10 @@ def _dimension_sensor(sheet: Sheet, view: View, assembly: Assembly) -> None:
         sheet.dimension(imager, lens, lower - 10 * k, length_words(assembly.lens - assembly.imager), before=True)
         sheet.dimension(imager, back, lower - 18 * k, length_words(assembly.back - assembly.imager))
     side = view.at(assembly.end, 0.0)[0] + 16 * k
-    if assembly.support.kind == "tube":
-        low, high = (view.at(assembly.end, s * assembly.outer) for s in (-1, 1))
-        sheet.dimension(low, high, side, f"Ø{2 * assembly.outer:g}", upright=True)
+    if assembly.support.kind in ("tube", "dome"):
+        widest, shape = (assembly.end, "") if assembly.support.kind == "tube" else (assembly.support.centre_mm, "S")
+        low, high = (view.at(widest or 0.0, s * assembly.outer) for s in (-1, 1))
+        sheet.dimension(low, high, side, f"{shape}Ø{2 * assembly.outer:g}", upright=True)
     else:
         rim, z = sensor.mirror.rim_radius_mm, float(sensor.mirror.sag(sensor.mirror.rim_radius_mm))
         sheet.dimension(view.at(z, -rim), view.at(z, rim), side, f"Ø{length_words(2 * rim)}", upright=True)
