@@ -11,8 +11,9 @@ import pytest
 
 import omnimirror as om
 from omnimirror.errors import InvalidParameter
-from omnimirror.simulate import Hall, Pose
-from omnimirror.simulate.dataset import seen_corners_px, view_poses, write_calibration_set
+from omnimirror.media.keyframes import Keyframes
+from omnimirror.simulate import Hall, Pose, Room
+from omnimirror.simulate.dataset import seen_corners_px, view_poses, write_calibration_set, write_video_set
 
 
 @pytest.fixture(scope="module")
@@ -67,12 +68,57 @@ def test_poses_repeat_and_differ():
         view_poses(0)
 
 
+def small(pixels=96):
+    sensor = om.load_sensor("paper-spherical")
+    pitch = 5.2 * 1024 / pixels
+    return replace(sensor, imager=replace(sensor.imager, width_px=pixels, height_px=pixels, pixel_pitch_um=pitch))
+
+
+PATH = Keyframes({"x_mm": ((0.0, 0.0), (1.0, 600.0)), "pan_deg": ((0.0, 0.0), (1.0, 45.0))})
+
+
+def test_a_video_set_holds_the_poses_of_its_frames_and_what_their_pixels_see(tmp_path):
+    pytest.importorskip("av")
+    library = pytest.importorskip("OpenEXR")
+    from omnimirror.media.video import VideoReader
+    from omnimirror.simulate.video import load_path
+
+    room, sensor = Room(texel_mm=40.0), small()
+    assert write_video_set(sensor, room, PATH, tmp_path, 4.0, samples=1, blur=False, truth=True) == 5
+    data = json.loads((tmp_path / "dataset.json").read_text())
+    assert data["frames"] == VideoReader(tmp_path / data["video"]).expected_frames == 5
+    poses = load_path(tmp_path / data["poses"])
+    assert poses.at(0.75)["x_mm"] == pytest.approx(PATH.at(0.75)["x_mm"])
+    with library.File(str(tmp_path / (data["truth"] % 3)), separate_channels=True) as file:
+        depth = np.array(file.channels()["Z"].pixels)
+    pixel, pose = [60, 30], Pose(**PATH.at(0.75))
+    rays = om.load_sensor(tmp_path / data["sensor"]).backproject([pixel])
+    start, ahead = pose.to_scene(rays.origins), pose.to_scene(rays.origins + rays.directions)
+    assert depth[pixel[1], pixel[0]] == pytest.approx(room.distance_mm(start, ahead - start)[0], rel=1e-5)
+
+
+def test_what_ctrl_c_ends_describes_what_is_there(tmp_path):
+    pytest.importorskip("av")
+
+    def stop(done, _):
+        if done == 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        write_video_set(small(), Room(texel_mm=40.0), PATH, tmp_path / "v", 9.0, samples=1, blur=False, progress=stop)
+    assert json.loads((tmp_path / "v/dataset.json").read_text())["frames"] == 2
+    assert len((tmp_path / "v/poses.csv").read_text().splitlines()) == 3
+    pictures = write_calibration_set(small(), tmp_path / "c", 5, samples=1, blur=False, hall=Hall(texel_mm=50.0))
+    with pytest.raises(KeyboardInterrupt):
+        next(pictures), pictures.throw(KeyboardInterrupt())
+    described = json.loads((tmp_path / "c/dataset.json").read_text())
+    assert [view["image"] for view in described["views"]] == ["view-000.png"]
+
+
 def test_the_command_writes_a_set(tmp_path):
     from tests.cli.test_evaluate import omnimirror
 
-    sensor = om.load_sensor("paper-spherical")
-    imager = replace(sensor.imager, width_px=128, height_px=128, pixel_pitch_um=41.6)
-    om.save_sensor(replace(sensor, imager=imager), tmp_path / "small.toml")
+    om.save_sensor(small(), tmp_path / "small.toml")
     run = omnimirror("simulate", "dataset", "small.toml", "-o", "set", "--views", 1, "--spp", 1, cwd=tmp_path)
     assert run.returncode == 0, run.stderr
     assert sorted(p.name for p in (tmp_path / "set").iterdir()) == ["dataset.json", "sensor.toml", "view-000.png"]

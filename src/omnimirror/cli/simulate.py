@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -98,7 +97,9 @@ def _photograph(camera: Sensor, scene: Scene, output: Path, given: dict[str, Any
         hardware, seed = hardware_of(camera, given), given["seed"]
         light = expose(camera, seen, given["samples"], given["blur"], hardware=hardware, seed=seed, progress=progress)
     if output.suffix.lower() == ".exr":
-        _write_truth(camera, seen, detector.exposure * light, output)
+        from ..simulate.dataset import write_truth
+
+        write_truth(output, camera, seen, detector.exposure * light)
     elif is_light:
         write_image(output, np.ascontiguousarray((detector.exposure * light)[..., ::-1]))
     else:
@@ -112,16 +113,6 @@ def _photograph(camera: Sensor, scene: Scene, output: Path, given: dict[str, Any
 def _for_file(picture: Any) -> Any:
     """In the order of files: blue, green, red."""
     return picture if picture.ndim == 2 else np.ascontiguousarray(picture[..., ::-1])
-
-
-def _write_truth(camera: Sensor, scene: Scene, light: Any, output: Path) -> None:
-    from ..files import replacing
-    from ..media.exr import write_channels
-    from ..simulate.truth import ground_truth
-
-    truth = ground_truth(camera, scene)
-    with replacing(output) as temporary:
-        write_channels(temporary, truth.channels(light))
 
 
 def _write_panorama(camera: Sensor, picture: Any, output: Path) -> None:
@@ -140,55 +131,109 @@ def _film(camera: Sensor, scene: Scene, output: Path, given: dict[str, Any]) -> 
             raise click.UsageError(f"{flag(shown)} belongs to pictures, not to a video along a --path")
     if given["distant"] or given.get("support") in SHELLS:
         raise click.UsageError("--distant, tubes and domes belong to pictures, not to a video along a --path")
-    try:
-        from ..media.frames import frame_of_image
-        from ..media.writer import VideoWriter
-    except ModuleNotFoundError as e:
-        if e.name != "av":
-            raise
-        raise OmnimirrorError(f"{output} is a video, which needs PyAV: install omnimirror[video]") from None
-    from ..simulate.video import frame_at, frame_times, load_path
+    from ..simulate.video import load_path, write_video
 
-    path, rate, detector = load_path(given["path"]), given.get("fps", 25.0), detector_of(given)
-    times = frame_times(path, rate, given.get("duration_s"))
-    hardware, seed = hardware_of(camera, given), given["seed"]
-    exact_rate = Fraction(rate).limit_denominator(1001)
-    with rows_bar("Filming") as progress, VideoWriter(output, camera.image_size, exact_rate) as video:
-        for number, time in enumerate(times):
-            light = frame_at(camera, scene, path, time, given["samples"], given["blur"], hardware, seed + number)
-            frame = frame_of_image(_for_file(detector.read(light, seed + number)))
-            frame.pts, frame.time_base = number, 1 / exact_rate
-            video.write(frame)
-            progress(number + 1, len(times))
+    done = 0
+    with rows_bar("Filming") as progress:
+
+        def written(frame: Any, total: int) -> None:
+            nonlocal done
+            done = frame.number + 1
+            progress(done, total)
+
+        try:
+            write_video(
+                camera, scene, load_path(given["path"]), output, given.get("fps", 25.0), given.get("duration_s"),
+                given["samples"], given["blur"], hardware_of(camera, given), detector_of(given), given["seed"], written,
+            )  # fmt: skip
+        except KeyboardInterrupt:
+            _stopped(output, done, "frames")
+            raise
     width, height = camera.image_size
-    click.echo(f"{output}: {width} x {height} px, {len(times)} frames")
+    click.echo(f"{output}: {width} x {height} px, {done} frames")
+
+
+def _stopped(output: Path, done: int, what: str) -> None:
+    """Say what is left of work that Ctrl-C has ended; the last word is the application's."""
+    held = f"holds the {done} {what} that were done" if done else "was not written"
+    click.echo(f"omnimirror: {output} {held}", err=True)
 
 
 @command.command("dataset")
 @click.argument("sensor")
 @click.option("-o", "--output", type=click.Path(path_type=Path, file_okay=False), required=True, help="A folder.")
-@click.option("--views", type=int, default=12, show_default=True, help="How many pictures.")
+@click.option("--views", type=int, help="Pictures of the hall: how many.  [default: 12]")
+@click.option("--path", type=click.Path(path_type=Path), help="Instead a video along poses, a CSV or TOML file.")
+@click.option("--fps", type=float, help="Videos: frames a second.  [default: 25]")
+@click.option("--duration-s", type=float, help="Videos: how long.  [default: to the last pose]")
+@click.option("--truth", is_flag=True, help="Also an EXR with light, depth and direction beside each picture or frame.")
+@scene_options
 @picture_options
-def dataset(sensor: str, output: Path, views: int, **options: Any) -> None:
-    """Write a calibration set: pictures of the hall's checkerboards that SENSOR would take from many poses.
+def dataset(sensor: str, output: Path, scene: str, truth: bool, **options: Any) -> None:
+    """Write a calibration set, or with --path a video set, of what SENSOR would take.
 
-    dataset.json holds for each picture its pose and the true pixels of the corners of all boards in view (7 rows
-    of 11; null where a corner is hidden or out of the field), and the corners' places in the hall (mm).
+    A calibration set holds pictures of the hall's checkerboards from many poses. dataset.json has for each picture its
+    pose and the true pixels of the corners of all boards in view (7 rows of 11; null where a corner is hidden or out of
+    the field), and the corners' places in the hall (mm).
+
+    A video set holds video.mp4 and poses.csv, the sensor's pose at each frame, in the scene that is named.
     """
-    from ..simulate.dataset import write_calibration_set
-
     given = {name: value for name, value in options.items() if value is not None}
     if given.get("support") in SHELLS:
-        raise click.UsageError("tubes and domes bend the rays of a set whose corners are true without; leave it out")
+        raise click.UsageError("tubes and domes bend the rays of a set that is true without; leave out --support")
     camera = load_sensor(sensor)
-    hardware, detector = hardware_of(camera, given), detector_of(given)
+    taken = {name: given[name] for name in ("samples", "blur", "seed")}
+    taken |= {"hardware": hardware_of(camera, given), "detector": detector_of(given), "truth": truth}
+    if "path" in given:
+        _write_video_set(camera, scene_of(scene, given), output, given, taken)
+    else:
+        _write_calibration_set(camera, output, given, taken)
+
+
+def _write_calibration_set(camera: Sensor, output: Path, given: dict[str, Any], taken: dict[str, Any]) -> None:
+    from ..simulate.dataset import write_calibration_set
+
+    source = click.get_current_context().get_parameter_source("scene")
+    named = {*given} | ({"scene"} if source == click.core.ParameterSource.COMMANDLINE else set())
+    for name in ("scene", "fps", "duration_s", "heading_deg", "unit_mm", "up", "background"):
+        if name in named:
+            raise click.UsageError(f"{flag(name)} belongs to a video set; give a --path, or take the hall as it is")
+    views, done = given.get("views", 12), 0
     with rows_bar("Taking pictures") as progress:
-        written = write_calibration_set(
-            camera, output, views, given["samples"], given["blur"], hardware, detector, given["seed"]
-        )
-        for number, _ in enumerate(written, start=1):
-            progress(min(number, views), views)
+        try:
+            for number, _ in enumerate(write_calibration_set(camera, output, views, **taken), start=1):
+                done = min(number, views)
+                progress(done, views)
+        except KeyboardInterrupt:
+            _stopped(output, done, "pictures")
+            raise
     click.echo(f"{output}: {views} pictures, sensor.toml and dataset.json")
+
+
+def _write_video_set(camera: Sensor, scene: Scene, output: Path, given: dict[str, Any], taken: dict[str, Any]) -> None:
+    from ..simulate.dataset import write_video_set
+    from ..simulate.video import load_path
+
+    for name in ("views", "bits", "bayer"):
+        if name in given:
+            raise click.UsageError(f"{flag(name)} belongs to a calibration set, not to a video along a --path")
+    path, done = load_path(given["path"]), 0
+    with rows_bar("Filming") as progress:
+
+        def report(number: int, total: int) -> None:
+            nonlocal done
+            done = number
+            progress(number, total)
+
+        try:
+            write_video_set(
+                camera, scene, path, output, given.get("fps", 25.0), given.get("duration_s"), progress=report,
+                **taken,
+            )  # fmt: skip
+        except KeyboardInterrupt:
+            _stopped(output, done, "frames")
+            raise
+    click.echo(f"{output}: {done} frames, sensor.toml, video.mp4, poses.csv and dataset.json")
 
 
 @command.command("roundtrip")

@@ -1,9 +1,9 @@
-"""Calibration sets that are ready to use: pictures of known boards, with poses and true corners."""
+"""Sets of pictures that are ready to use: of known boards with true corners, and videos with poses and depth."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -12,20 +12,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InvalidParameter
-from ..files import write_text
+from ..files import replacing, write_text
 from ..media import write_image
+from ..media.keyframes import Keyframes
 from ..sensor import Sensor
 from ..specs import save_sensor
+from .colour import Light
 from .detector import Detector
 from .exposure import expose
 from .hardware import Hardware
 from .scenes.boards import SQUARE_MM
-from .scenes.contract import distances_mm
+from .scenes.contract import Scene, distances_mm
 from .scenes.hall import Hall
 from .scenes.placed import Placed, Pose
+from .truth import ground_truth
+from .video import POSE_NAMES, Frame, write_video
 
 Array = NDArray[np.float64]
 
+DESCRIPTION = "dataset.json"
 MOST_VIEWS = 10_000
 REACH_MM = np.array([700.0, 700.0, 350.0])
 """How far from the hall's middle views are taken: boards stay at least twice as far."""
@@ -79,6 +84,7 @@ def write_calibration_set(
     detector: Detector | None = None,
     seed: int = 0,
     hall: Hall | None = None,
+    truth: bool = False,
 ) -> Iterator[Path]:
     """Write pictures of the calibration hall one after the other, and then ``dataset.json``, which describes them.
 
@@ -86,15 +92,18 @@ def write_calibration_set(
     ----------
     sensor
     folder
-        Takes ``sensor.toml``, ``view-000.png``, .. and ``dataset.json``, which is written last.
+        Takes ``sensor.toml``, ``view-000.png``, .. and ``dataset.json``, which is written last. Stopped by Ctrl-C,
+        it describes the pictures that are there.
     views
         How many.
     samples, blur, hardware, detector, seed, hall
         Of the pictures; the seed is of the poses, too.
+    truth
+        Also write ``view-000.exr``, ..: light, depth, direction and origin of every pixel.
 
     Yields
     ------
-    Path of each file.
+    Path of each picture, and of ``dataset.json``.
 
     Raises
     ------
@@ -103,28 +112,118 @@ def write_calibration_set(
     """
     folder, hall, detector = Path(folder), hall or Hall(), detector or Detector()
     poses = view_poses(views, seed)
+    described = _begin(folder, sensor, "calibration", samples, blur, detector) | {
+        "square_mm": SQUARE_MM,
+        "boards_mm": {name: hall.board_corners_mm(name).round(6).tolist() for name in hall.boards},
+        "views": [],
+    }
+    try:
+        for number, pose in enumerate(poses):
+            path = folder / f"view-{number:03d}.png"
+            light = expose(sensor, Placed(hall, pose), samples, blur, hardware=hardware, seed=seed + number)
+            picture = detector.read(light, seed + number)
+            record: dict[str, Any] = {"image": path.name, "pose": asdict(pose)}
+            if truth:
+                record["truth"] = path.with_suffix(".exr").name
+                write_truth(folder / record["truth"], sensor, Placed(hall, pose), light)
+            write_image(path, picture if picture.ndim == 2 else np.ascontiguousarray(picture[..., ::-1]))
+            described["views"].append(record | {"corners_px": _lists(seen_corners_px(sensor, hall, pose))})
+            yield path
+    except (KeyboardInterrupt, GeneratorExit):
+        if described["views"]:
+            _finish(folder, described)
+        raise
+    _finish(folder, described)
+    yield folder / DESCRIPTION
+
+
+def write_video_set(
+    sensor: Sensor,
+    scene: Scene,
+    path: Keyframes,
+    folder: str | Path,
+    frame_rate: float = 25.0,
+    duration_s: float | None = None,
+    samples: int = 16,
+    blur: bool = True,
+    hardware: Hardware | None = None,
+    detector: Detector | None = None,
+    seed: int = 0,
+    truth: bool = False,
+    progress: Callable[[int, int], None] | None = None,
+) -> int:
+    """Write the video of a sensor that moves through a scene, its poses, and what each pixel sees; count its frames.
+
+    Parameters
+    ----------
+    folder
+        Takes ``sensor.toml``, ``video.mp4``, ``poses.csv`` (one row a frame, as :func:`load_path` reads them) and
+        ``dataset.json``, which is written last. Stopped by Ctrl-C, they hold the frames that are there.
+    truth
+        Also write ``frame-00000.exr``, ..: light, depth, direction and origin of every pixel.
+    progress
+        Called with the number of frames done, and of all.
+
+    Raises
+    ------
+    InvalidParameter, MediaError
+        As :func:`~omnimirror.simulate.video.write_video`.
+    """
+    folder, detector = Path(folder), detector or Detector()
+    described = _begin(folder, sensor, "video", samples, blur, detector)
+    rows = [",".join(["time_s", *POSE_NAMES])]
+
+    def written(frame: Frame, total: int) -> None:
+        if truth:
+            write_truth(folder / f"frame-{frame.number:05d}.exr", sensor, Placed(scene, frame.pose), frame.light)
+        rows.append(",".join(f"{value:.9g}" for value in (frame.time_s, *asdict(frame.pose).values())))
+        if progress is not None:
+            progress(frame.number + 1, total)
+
+    def finish() -> int:
+        frames, files = len(rows) - 1, {"video": "video.mp4", "poses": "poses.csv"}
+        write_text(folder / "poses.csv", "\n".join(rows) + "\n")
+        if truth:
+            files["truth"] = "frame-%05d.exr"
+        _finish(folder, described | files | {"frame_rate": frame_rate, "frames": frames})
+        return frames
+
+    try:
+        write_video(
+            sensor, scene, path, folder / "video.mp4", frame_rate, duration_s, samples, blur, hardware, detector, seed,
+            written,
+        )  # fmt: skip
+    except KeyboardInterrupt:
+        if len(rows) > 1:
+            finish()
+        raise
+    return finish()
+
+
+def write_truth(path: Path, sensor: Sensor, scene: Scene, light: Light) -> None:
+    """Write light and :func:`~omnimirror.simulate.ground_truth` as an EXR file."""
+    from ..media.exr import write_channels
+
+    truth = ground_truth(sensor, scene)
+    with replacing(path) as temporary:
+        write_channels(temporary, truth.channels(light))
+
+
+def _begin(folder: Path, sensor: Sensor, kind: str, samples: int, blur: bool, detector: Detector) -> dict[str, Any]:
+    """Write the sensor, take away what described an earlier set, and say what all sets say."""
+    (folder / DESCRIPTION).unlink(missing_ok=True)
     save_sensor(sensor, folder / "sensor.toml")
-    records = []
-    for number, pose in enumerate(poses):
-        path = folder / f"view-{number:03d}.png"
-        light = expose(sensor, Placed(hall, pose), samples, blur, hardware=hardware, seed=seed + number)
-        picture = detector.read(light, seed + number)
-        write_image(path, picture if picture.ndim == 2 else np.ascontiguousarray(picture[..., ::-1]))
-        corners = seen_corners_px(sensor, hall, pose)
-        records.append({"image": path.name, "pose": asdict(pose), "corners_px": _lists(corners)})
-        yield path
-    described = {
-        "format": "omnimirror calibration set 1",
+    return {
+        "format": f"omnimirror {kind} set 1",
         "sensor": "sensor.toml",
         "samples": samples,
         "blur": blur,
         "detector": {k: (None if v == np.inf else v) for k, v in asdict(detector).items()},
-        "square_mm": SQUARE_MM,
-        "boards_mm": {name: hall.board_corners_mm(name).round(6).tolist() for name in hall.boards},
-        "views": records,
     }
-    write_text(folder / "dataset.json", json.dumps(described) + "\n")
-    yield folder / "dataset.json"
+
+
+def _finish(folder: Path, described: dict[str, Any]) -> None:
+    write_text(folder / DESCRIPTION, json.dumps(described) + "\n")
 
 
 def _lists(corners: dict[str, Array]) -> dict[str, Any]:

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import fields
+from fractions import Fraction
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from ..cameras import Camera
-from ..errors import InvalidParameter
+from ..errors import InvalidParameter, MediaError
 from ..media.keyframes import Keyframes
 from .colour import Light
+from .detector import Detector
 from .exposure import expose
 from .hardware import Hardware
 from .scenes.contract import Scene
@@ -75,3 +78,63 @@ def frame_at(
     """
     placed = Placed(scene, Pose(**path.at(time_s)))
     return expose(camera, placed, samples, blur, hardware=hardware, seed=seed, progress=progress)
+
+
+class Frame(NamedTuple):
+    """A frame of a video that was written."""
+
+    number: int
+    time_s: float
+    pose: Pose
+    light: Light
+    """(h, w, 3), linear."""
+
+
+def write_video(
+    camera: Camera,
+    scene: Scene,
+    path: Keyframes,
+    output: str | Path,
+    frame_rate: float = 25.0,
+    duration_s: float | None = None,
+    samples: int = 4,
+    blur: bool = False,
+    hardware: Hardware | None = None,
+    detector: Detector | None = None,
+    seed: int = 0,
+    written: Callable[[Frame, int], None] | None = None,
+) -> int:
+    """Write the video that a camera takes along a path, and say how many frames it has.
+
+    Parameters
+    ----------
+    written
+        Called with each frame after it was written, and the number of all.
+
+    Raises
+    ------
+    InvalidParameter
+        As :func:`frame_times` and :func:`frame_at`.
+    MediaError
+        PyAV is not installed, or the file cannot be written.
+    KeyboardInterrupt
+        On Ctrl-C; the video then holds the frames that were done.
+    """
+    try:
+        from ..media.frames import frame_of_image
+        from ..media.writer import VideoWriter
+    except ModuleNotFoundError as e:
+        if e.name != "av":
+            raise
+        raise MediaError(f"{output} is a video, which needs PyAV: install omnimirror[video]") from None
+    times, detector = frame_times(path, frame_rate, duration_s), detector or Detector()
+    rate = Fraction(frame_rate).limit_denominator(1001)
+    with VideoWriter(output, camera.image_size, rate) as video:
+        for number, time in enumerate(times):
+            light = frame_at(camera, scene, path, time, samples, blur, hardware, seed + number)
+            frame = frame_of_image(np.ascontiguousarray(detector.read(light, seed + number)[..., ::-1]))
+            frame.pts, frame.time_base = number, 1 / rate
+            video.write(frame)
+            if written is not None:
+                written(Frame(number, time, Pose(**path.at(time)), light), len(times))
+    return len(times)
