@@ -5,8 +5,7 @@ import { unpack } from "./link";
 export class Refused extends Error {}
 
 async function ask(url: string, init?: RequestInit): Promise<Response> {
-  const answer = await fetch(url, init).catch((e: unknown) => {
-    if (e instanceof DOMException && e.name === "AbortError") throw e;
+  const answer = await fetch(url, init).catch(() => {
     throw new Refused("The studio's server does not answer. What is shown stays; it goes on when the server is back.");
   });
   if (answer.ok) return answer;
@@ -14,8 +13,8 @@ async function ask(url: string, init?: RequestInit): Promise<Response> {
   throw new Refused(typeof body?.detail === "string" ? body.detail : `The server answered ${answer.status}.`);
 }
 
-const post = (url: string, body: unknown, signal?: AbortSignal): Promise<Response> =>
-  ask(url, { method: "POST", headers: { "content-type": "application/json" }, body: JSON.stringify(body), signal });
+const post = (url: string, body: unknown): Promise<Response> =>
+  ask(url, { method: "POST", headers: { "content-type": "application/json" }, body: JSON.stringify(body) });
 
 export const start = async (): Promise<BenchStart> => (await ask("api/bench")).json();
 export const bundled = async (name: string): Promise<BenchSensor> => (await ask(`api/bench/sensor?${new URLSearchParams({ name })}`)).json();
@@ -30,8 +29,8 @@ export async function download(wanted: Download): Promise<{ blob: Blob; name: st
   return { blob: await answer.blob(), name };
 }
 
-export async function picture(wanted: PictureAsk, signal: AbortSignal): Promise<{ picture: Blob; panorama: Blob }> {
-  const data = await (await post("api/bench/picture", wanted, signal)).arrayBuffer();
+export async function picture(wanted: PictureAsk): Promise<{ picture: Blob; panorama: Blob }> {
+  const data = await (await post("api/bench/picture", wanted)).arrayBuffer();
   const { header, start } = unpack<Taken>(data);
   const middle = start + header.picture_bytes;
   const jpeg = (from: number, to: number): Blob => new Blob([data.slice(from, to)], { type: "image/jpeg" });

@@ -57,6 +57,7 @@ export class Bench {
   private readonly squares = new SquaresView();
   private readonly picture = new PictureView();
   private readonly charts = CHARTS.map((chart) => new ChartView(chart, this.cursor));
+  private readonly trouble = h("p", { className: "trouble", role: "alert", hidden: true });
   private describing = 0;
 
   constructor(private readonly host: Host, parts: BenchStart, first: Design) {
@@ -82,7 +83,7 @@ export class Bench {
     this.work = new WorkPanel(panel("Optimise"), parts, hands);
     this.compare = new CompareTable({ take: (i) => this.takePin(i), drop: (i) => this.dropPin(i) });
     const plots = h("div", { className: "plots" }, this.section.element, ...this.charts.map((c) => c.element), this.squares.element, this.picture.element);
-    host.place.append(aside, h("section", { className: "desk", "aria-label": "What the design does" }, this.compare.element, this.shownGroups(), plots));
+    host.place.append(aside, h("section", { className: "desk", "aria-label": "What the design does" }, this.trouble, this.compare.element, this.shownGroups(), plots));
     this.cursor.listen((omega) => host.place.classList.toggle("reading", omega !== null));
     plots.addEventListener("pointerleave", () => this.cursor.set(null, this));
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.restyle());
@@ -201,11 +202,15 @@ export class Bench {
 
   private troubled(found: Found): void {
     this.form.complain(found.trouble);
+    const sentence = found.trouble!.sentence.replace(/^./, (c) => c.toUpperCase());
+    this.trouble.textContent = `${sentence}. ${this.found[0] ? "The plots are those of the last design that can be." : ""}`;
+    this.trouble.hidden = false;
     this.host.place.classList.add("stale");
   }
 
   private settleFound(found: Found): void {
     this.host.place.classList.remove("stale");
+    this.trouble.hidden = true;
     this.form.complain(null);
     const complete = placed(this.history.now, found.facts!);
     if (complete !== this.history.now) {

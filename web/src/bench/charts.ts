@@ -2,7 +2,7 @@ import uPlot from "uplot";
 import { interpolated, type Cursor } from "./cursor";
 import { colour, h } from "./dom";
 import type { Found, Table } from "./link";
-import { words } from "./scale";
+import { fixed, words } from "./scale";
 
 /** One plot over the field angle: which columns, how they are called, in which unit. */
 interface Chart {
@@ -10,18 +10,19 @@ interface Chart {
   group: string;
   unit: string;
   columns: { name: string; symbol: string; dashed?: boolean }[];
+  places: number;
   hint: string;
 }
 
 export const CHARTS: Chart[] = [
-  { title: "Image height", group: "Mapping", unit: "px", columns: [{ name: "h_px", symbol: "h" }], hint: "Eq. 7" },
-  { title: "Rate of image height", group: "Mapping", unit: "px/°", columns: [{ name: "dh_domega_px_per_deg", symbol: "dh/dΩ" }], hint: "Eq. 8" },
-  { title: "Viewpoint", group: "Viewpoints", unit: "mm", columns: [{ name: "viewpoint_z_mm", symbol: "z" }], hint: "over the mirror's vertex, Eq. 6" },
-  { title: "Image area of a square degree", group: "Area and aspect", unit: "px²", columns: [{ name: "area_px2", symbol: "Δs" }], hint: "Eq. 11" },
-  { title: "Aspect", group: "Area and aspect", unit: "", columns: [{ name: "aspect", symbol: "Δw/Δh" }], hint: "width to height of a small square, Eq. 12" },
-  { title: "Blur in the image", group: "Blur", unit: "px", columns: [{ name: "blur_t_px", symbol: "T" }, { name: "blur_s_px", symbol: "S", dashed: true }], hint: "tangential and sagittal (dashed), positive beyond the focus, Eq. 28" },
-  { title: "Blur in angle", group: "Blur", unit: "°", columns: [{ name: "blur_t_deg", symbol: "T" }, { name: "blur_s_deg", symbol: "S", dashed: true }], hint: "tangential and sagittal (dashed), Eqs. 36 and 37" },
-  { title: "Blur area", group: "Blur", unit: "deg²", columns: [{ name: "floored_area_deg2", symbol: "A" }], hint: "with a pixel and the Airy disk added to both sides" },
+  { title: "Image height", group: "Mapping", unit: "px", columns: [{ name: "h_px", symbol: "h" }], places: 1, hint: "Eq. 7" },
+  { title: "Rate of image height", group: "Mapping", unit: "px/°", columns: [{ name: "dh_domega_px_per_deg", symbol: "dh/dΩ" }], places: 3, hint: "Eq. 8" },
+  { title: "Viewpoint", group: "Viewpoints", unit: "mm", columns: [{ name: "viewpoint_z_mm", symbol: "z" }], places: 2, hint: "over the mirror's vertex, Eq. 6" },
+  { title: "Image area", group: "Area and aspect", unit: "px²", columns: [{ name: "area_px2", symbol: "Δs" }], places: 2, hint: "of a square degree, Eq. 11" },
+  { title: "Aspect", group: "Area and aspect", unit: "", columns: [{ name: "aspect", symbol: "Δw/Δh" }], places: 3, hint: "width to height of a small square, Eq. 12" },
+  { title: "Blur in the image", group: "Blur", unit: "px", columns: [{ name: "blur_t_px", symbol: "T" }, { name: "blur_s_px", symbol: "S", dashed: true }], places: 2, hint: "tangential and sagittal (dashed), positive beyond the focus, Eq. 28" },
+  { title: "Blur in angle", group: "Blur", unit: "°", columns: [{ name: "blur_t_deg", symbol: "T" }, { name: "blur_s_deg", symbol: "S", dashed: true }], places: 3, hint: "tangential and sagittal (dashed), Eqs. 36 and 37" },
+  { title: "Blur area", group: "Blur", unit: "deg²", columns: [{ name: "floored_area_deg2", symbol: "A" }], places: 3, hint: "with a pixel and the Airy disk added to both sides" },
 ];
 
 /** A design that is drawn: its colour, its name, what was found. */
@@ -31,7 +32,7 @@ export interface Drawn {
   found: Found;
 }
 
-const HEIGHT = 172;
+const HEIGHT = 164;
 const AXIS_FONT = "11px system-ui, sans-serif";
 const STEP_DEG = 1;
 
@@ -46,8 +47,9 @@ export class ChartView {
 
   constructor(readonly chart: Chart, private readonly cursor: Cursor) {
     const title = chart.unit ? `${chart.title}, ${chart.unit}` : chart.title;
-    this.element = h("figure", { className: "plot", title: `${chart.title}: ${chart.hint}` }, h("figcaption", {}, h("span", {}, title), this.readout), this.place);
+    this.element = h("figure", { className: "plot" }, h("figcaption", { title: `${chart.title}: ${chart.hint}` }, h("span", {}, title)), this.readout, this.place);
     this.place.setAttribute("role", "img");
+    this.place.setAttribute("aria-label", `${chart.title} against field angle`);
     cursor.listen((omega, from) => this.point(omega, from));
     this.place.addEventListener("keydown", (e) => this.key(e));
     new ResizeObserver(() => this.plot?.setSize(this.size())).observe(this.place);
@@ -101,10 +103,11 @@ export class ChartView {
     const numbers = (_: uPlot, splits: number[]): string[] => splits.map((v) => String(+v.toPrecision(6)).replace("-", "−"));
     return {
       ...this.size(),
+      padding: [8, 15, 0, 0],
       legend: { show: false },
       scales: { x: { time: false }, y: { range: { min: { pad: 0.06, soft: 0, mode: 2 }, max: { pad: 0.06, soft: 0, mode: 2 } } } },
       axes: [
-        { ...axis, size: 26, gap: 4, values: degrees, incrs: [5, 10, 15, 30, 45, 90] },
+        { ...axis, size: 26, gap: 4, values: degrees, space: 34, incrs: [5, 10, 15, 30, 45, 90] },
         { ...axis, size: 48, gap: 4, values: numbers, space: 26 },
       ],
       series: [{}, ...series],
@@ -131,12 +134,13 @@ export class ChartView {
     if (omega === null) return this.readout.replaceChildren();
     const values = this.drawn.map((d) => {
       const table = curves(d)!;
-      const text = this.chart.columns.map(({ name }) => words(interpolated(table.column("omega_deg"), table.column(name), omega)));
+      const text = this.chart.columns.map(({ name }) => fixed(interpolated(table.column("omega_deg"), table.column(name), omega), this.chart.places));
       const span = h("b", {}, text.join(" · "));
       span.style.color = d.ink;
       return span;
     });
     this.readout.replaceChildren(`${omega.toFixed(1)}°  `, ...values);
+    this.readout.title = this.readout.textContent ?? "";
   }
 
   private key(e: KeyboardEvent): void {
@@ -151,7 +155,7 @@ export class ChartView {
   }
 
   private size(): { width: number; height: number } {
-    return { width: Math.max(120, this.place.clientWidth), height: HEIGHT };
+    return { width: Math.max(120, this.place.clientWidth), height: this.place.clientHeight || HEIGHT };
   }
 }
 

@@ -11,7 +11,6 @@ const COLUMNS: [title: string, unit: string, value: (f: Facts) => string][] = [
   ["Blur area", "deg²", (f) => words(f.worst_area_deg2, 3)],
   ["Focus", "mm", (f) => words(f.focus_mm)],
   ["Depth of field", "mm", (f) => `${words(f.depth_of_field_mm[0])} – ${words(f.depth_of_field_mm[1] ?? Infinity)}`],
-  ["Airy disk", "px", (f) => words(f.airy_px, 3)],
   ["Viewpoints", "mm", (f) => words(f.viewpoint_spread_mm, 3)],
   ["Length", "mm", (f) => words(f.length_mm)],
 ];
@@ -29,8 +28,8 @@ export class CompareTable {
   constructor(private readonly hands: PinHands) {}
 
   show(drawn: Drawn[]): void {
-    const head = h("tr", {}, h("th", { scope: "col" }, "Design"), ...COLUMNS.map(([title, unit]) => h("th", { scope: "col" }, title, h("small", {}, unit))), h("th", { scope: "col" }, h("span", { className: "hidden" }, "Pinned")));
-    const rows = drawn.map((d, i) => h("tr", {}, this.name(d), ...COLUMNS.map(([, , value]) => h("td", {}, value(d.found.facts!))), h("td", {}, ...(i ? this.buttons(d, i - 1) : []))));
+    const head = h("tr", {}, h("th", { scope: "col" }, "Design"), h("td", {}), ...COLUMNS.map(([title, unit]) => h("th", { scope: "col" }, title, h("small", {}, unit))));
+    const rows = drawn.map((d, i) => h("tr", {}, this.name(d), h("td", {}, ...(i ? this.buttons(d, i - 1) : [])), ...COLUMNS.map(([, , value]) => h("td", {}, value(d.found.facts!)))));
     const held = document.activeElement instanceof HTMLElement && this.element.contains(document.activeElement);
     if (held) return this.refill(rows);
     this.element.replaceChildren(h("table", {}, h("thead", {}, head), h("tbody", {}, ...rows)));
@@ -40,7 +39,7 @@ export class CompareTable {
   private refill(rows: HTMLTableRowElement[]): void {
     const old = this.element.querySelectorAll("tbody tr");
     if (old.length !== rows.length) return this.element.querySelector("tbody")!.replaceChildren(...rows);
-    rows.forEach((row, i) => [...row.cells].slice(0, -1).forEach((cell, j) => old[i].children[j].replaceWith(cell)));
+    rows.forEach((row, i) => [...row.cells].forEach((cell, j) => j !== 1 && old[i].children[j].replaceWith(cell)));
   }
 
   private name(d: Drawn): HTMLElement {
@@ -50,7 +49,7 @@ export class CompareTable {
   }
 
   private buttons(d: Drawn, index: number): HTMLElement[] {
-    const take = h("button", { type: "button", title: "Put it on the bench", "aria-label": `Put ${d.name} on the bench`, onclick: () => this.hands.take(index) }, "Take");
+    const take = h("button", { type: "button", title: "Put it on the bench", "aria-label": `Take ${d.name}`, onclick: () => this.hands.take(index) }, "Take");
     const drop = h("button", { type: "button", title: "Unpin", "aria-label": `Unpin ${d.name}`, onclick: () => this.hands.drop(index) }, "×");
     return [take, drop];
   }

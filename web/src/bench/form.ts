@@ -1,4 +1,4 @@
-import { withEntry, type Design, type Tables } from "./design";
+import { nameOf, withEntry, type Design, type Tables } from "./design";
 import { h, unique } from "./dom";
 import { Field } from "./field";
 import type { BenchStart, ParameterOf, PartOf, Trouble } from "./messages";
@@ -20,16 +20,19 @@ export class Form {
   private fields = new Map<string, Field>();
   private shape = "";
   private last = "";
+  private named: HTMLInputElement | null = null;
   private readonly mirror: HTMLSelectElement;
   private readonly lens: HTMLSelectElement;
   private readonly follows = h("input", { type: "checkbox" });
   private readonly infinite = h("input", { type: "checkbox" });
   private readonly body = h("div", { className: "sections" });
-  private readonly problem = h("p", { className: "problem", role: "alert", hidden: true });
+  private readonly problem = h("p", { className: "problem", hidden: true });
 
   constructor(place: HTMLElement, private readonly parts: BenchStart, private readonly hands: Hands) {
     this.mirror = choice(parts.mirrors.map((p) => p.kind), (kind) => hands.change("mirror", kind));
     this.lens = choice(parts.lenses.map((p) => p.kind), (kind) => hands.change("lens", kind));
+    this.mirror.setAttribute("aria-label", "Kind of mirror");
+    this.lens.setAttribute("aria-label", "Kind of lens");
     this.follows.addEventListener("change", () => this.settled({ ...hands.now(), follows: this.follows.checked }));
     this.infinite.addEventListener("change", () => this.settled({ ...hands.now(), distance: this.infinite.checked ? null : 10 * this.rim() }));
     place.append(this.problem, this.body);
@@ -46,6 +49,7 @@ export class Form {
       const value = valueAt(design, key);
       if (value !== undefined) field.set(value);
     }
+    if (this.named && document.activeElement !== this.named) this.named.value = nameOf(design);
     this.mirror.value = design.tables.mirror.kind as string;
     this.lens.value = design.tables.lens.kind as string;
     this.follows.checked = design.follows;
@@ -66,9 +70,9 @@ export class Form {
     const { tables } = design;
     const part = (all: PartOf[], kind: unknown): PartOf => all.find((p) => p.kind === kind)!;
     this.body.replaceChildren(
-      this.section("Mirror", [labelled("Kind of mirror", this.mirror), ...this.of("mirror", part(this.parts.mirrors, tables.mirror.kind), tables.mirror), ...this.distance(design)]),
+      this.section("Mirror", [this.name(design), labelled("Kind", this.mirror), ...this.of("mirror", part(this.parts.mirrors, tables.mirror.kind), tables.mirror), ...this.distance(design)]),
       ...(tables.secondary ? [this.section("Second mirror", this.second(tables.secondary as Tables))] : []),
-      this.section("Lens", [labelled("Kind of lens", this.lens), ...this.of("lens", part(this.parts.lenses, tables.lens.kind), tables.lens), this.focus()]),
+      this.section("Lens", [labelled("Kind", this.lens), ...this.of("lens", part(this.parts.lenses, tables.lens.kind), tables.lens), this.focus()]),
       this.section("Imager", this.of("imager", this.parts.imager, tables.imager)),
       this.section("Objects", this.objects(design)),
     );
@@ -133,7 +137,7 @@ export class Form {
     if (design.tables.lens.kind === "orthographic") return [];
     const [p] = this.parts.mount.parameters;
     const value = design.tables.mount.mirror_distance_mm as number;
-    const field = this.number("mount.mirror_distance_mm", p, "Distance from lens", value);
+    const field = this.number("mount.mirror_distance_mm", p, "Distance", value);
     const isMapped = "theta_max_deg" in design.tables.mirror && !design.tables.secondary;
     field.classList.toggle("led", design.follows);
     return [field, ...(isMapped ? [check(this.follows, "Lens stands where the mapping needs it")] : [])];
@@ -144,13 +148,23 @@ export class Form {
     return [h("p", { className: "words" }, `${kind.kind}`), ...this.of("secondary", kind, table), ...this.of("secondary", this.parts.place, table)];
   }
 
+  private name(design: Design): HTMLElement {
+    const input = h("input", { type: "text", id: unique(), maxLength: 60, value: nameOf(design), spellcheck: false });
+    input.addEventListener("change", () => {
+      const now = this.hands.now();
+      this.settled({ ...now, tables: { ...now.tables, name: input.value.trim() || "design" } });
+    });
+    this.named = input;
+    return h("div", { className: "field" }, h("label", { htmlFor: input.id }, "Name"), input);
+  }
+
   private focus(): HTMLElement {
     return h("div", { className: "row" }, h("button", { type: "button", onclick: () => this.hands.change("focus", "floored-area"), title: "Where the worst blur area is least" }, "Best focus"));
   }
 
   private objects(design: Design): HTMLElement[] {
     const far = check(this.infinite, "Infinitely far away");
-    return design.distance === null ? [far] : [this.number("distance", FAR, "Distance from mirror", design.distance), far];
+    return design.distance === null ? [far] : [this.number("distance", FAR, "Object distance", design.distance), far];
   }
 
   private settled(design: Design): void {

@@ -2,20 +2,18 @@ import * as api from "./api";
 import { nameOf, type Design } from "./design";
 import { h } from "./dom";
 
-const SOON_MS = 60;
-const IDLE_MS = 500;
+const IDLE_MS = 400;
 const COARSE = { width_px: 224, samples: 1 };
 const FINE = { width_px: 640, samples: 2 };
 
 /** The picture of a room that the design takes, and its panorama: coarse at once, finer when nothing moves. */
 export class PictureView {
   readonly element: HTMLElement;
-  private readonly circle = h("img", { alt: "" });
-  private readonly panorama = h("img", { alt: "" });
+  private readonly circle = h("img", { alt: "", hidden: true });
+  private readonly panorama = h("img", { alt: "", hidden: true });
   private readonly note = h("span", { className: "quiet" });
-  private timer = 0;
-  private running: AbortController | null = null;
-  private shown = "";
+  private wanted: Design | null = null;
+  private isTaking = false;
 
   constructor() {
     this.element = h(
@@ -27,29 +25,32 @@ export class PictureView {
   }
 
   show(design: Design): void {
-    const key = JSON.stringify(design.tables);
-    if (key === this.shown) return;
-    this.shown = key;
-    clearTimeout(this.timer);
-    this.timer = window.setTimeout(() => void this.take(design), SOON_MS);
+    if (this.wanted?.tables === design.tables) return;
+    this.wanted = design;
+    if (!this.isTaking) void this.take();
   }
 
-  private async take(design: Design): Promise<void> {
-    if (!(await this.fetch(design, COARSE))) return;
-    this.timer = window.setTimeout(() => void this.fetch(design, FINE), IDLE_MS);
+  /** One picture at a time, of what is newest then. */
+  private async take(): Promise<void> {
+    this.isTaking = true;
+    let design: Design;
+    do {
+      design = this.wanted!;
+      await this.fetch(design, COARSE);
+      for (let waited = 0; waited < IDLE_MS && design === this.wanted; waited += 50) await new Promise((r) => setTimeout(r, 50));
+      if (design === this.wanted) await this.fetch(design, FINE);
+    } while (design !== this.wanted);
+    this.isTaking = false;
   }
 
-  private async fetch(design: Design, size: typeof COARSE): Promise<boolean> {
-    this.running?.abort();
-    const running = (this.running = new AbortController());
+  private async fetch(design: Design, size: typeof COARSE): Promise<void> {
     try {
-      const { picture, panorama } = await api.picture({ tables: design.tables, ...size }, running.signal);
+      const { picture, panorama } = await api.picture({ tables: design.tables, ...size });
       put(this.circle, picture, `Simulated picture of a room taken by ${nameOf(design)}`);
       put(this.panorama, panorama, "Its panorama");
       this.note.textContent = size === FINE ? "" : "preview";
-      return true;
-    } catch {
-      return false; // it was overtaken, or the form says what is wrong
+    } catch (e) {
+      this.note.textContent = e instanceof api.Refused ? e.message : "";
     }
   }
 }
@@ -58,5 +59,6 @@ function put(image: HTMLImageElement, blob: Blob, words: string): void {
   const before = image.src;
   image.src = URL.createObjectURL(blob);
   image.alt = words;
+  image.hidden = false;
   if (before) URL.revokeObjectURL(before);
 }

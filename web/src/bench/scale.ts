@@ -45,6 +45,9 @@ export function words(value: number | null | undefined, digits = 4): string {
   return text.replace("-", "−");
 }
 
+/** A number with so many decimals. */
+export const fixed = (value: number, places: number): string => (Number.isFinite(value) ? value.toFixed(places).replace("-", "−") : "–");
+
 function plain(value: number, digits: number): string {
   const places = value === 0 ? 0 : clamp(digits - 1 - Math.floor(Math.log10(Math.abs(value))), 0, 8);
   return value.toFixed(places);

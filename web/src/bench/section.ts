@@ -19,14 +19,14 @@ const CURVES: [name: string, label: string][] = [["T∞", "T∞"], ["T5M", "T5M"
 /** The sensor in cross-section, its lens to the left: the whole of it, and the mirror with the virtual images. */
 export class SectionView {
   readonly element: HTMLElement;
-  private readonly whole = svg("svg", { class: "section", role: "img" });
-  private readonly close = svg("svg", { class: "section", role: "img" });
+  private readonly whole = svg("svg", { class: "section", role: "img", "aria-label": "Cross-section" });
+  private readonly close = svg("svg", { class: "section", role: "img", "aria-label": "Virtual images" });
   private readonly readout = h("output", { className: "readout" });
   private readonly note = h("span", { className: "quiet" });
   private drawn: Drawn[] = [];
 
   constructor(private readonly cursor: Cursor) {
-    this.element = h("figure", { className: "plot wide" }, h("figcaption", {}, h("span", {}, "Cross-section"), this.note, this.readout), h("div", { className: "pair" }, this.whole as never, this.close as never));
+    this.element = h("figure", { className: "plot wide" }, h("figcaption", {}, h("span", {}, "Cross-section"), this.note), this.readout, h("div", { className: "pair" }, this.whole as never, this.close as never));
     cursor.listen(() => this.drawCursor());
     new ResizeObserver(() => this.draw()).observe(this.element);
   }
@@ -51,7 +51,7 @@ export class SectionView {
     this.drawWhole(first);
     this.drawClose(first);
     const [near, far] = first.found.facts!.depth_of_field_mm;
-    this.note.textContent = `depth of field ${words(near)} to ${words(far)} mm`;
+    this.note.textContent = `chief rays; virtual images T and S of objects at infinity and at 5 rim radii (fine); depth of field ${words(near)} to ${words(far)} mm from the lens`;
     this.drawCursor();
   }
 

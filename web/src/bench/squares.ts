@@ -6,17 +6,18 @@ import { words } from "./scale";
 const OBJECT_DEG = 15;
 const ENLARGED = 10;
 const SMALLEST = 1.5;
+const TALLEST = 170; // px, of the image strip, or a fifth of its width
 
 /** Objects of 15° x 15° along the image radius, and in object space, with their blur spots ten times enlarged. */
 export class SquaresView {
   readonly element: HTMLElement;
-  private readonly image = svg("svg", { class: "strip", role: "img" });
-  private readonly object = svg("svg", { class: "strip", role: "img" });
+  private readonly image = svg("svg", { class: "strip", role: "img", "aria-label": "Images of squares" });
+  private readonly object = svg("svg", { class: "strip", role: "img", "aria-label": "Blur of squares" });
   private first: Drawn | null = null;
 
   constructor() {
-    const caption = h("figcaption", {}, h("span", {}, "Squares of 15° with their blur"), h("span", { className: "quiet" }, "blur spots × 10; above in the image, along its radius; below in object space"));
-    this.element = h("figure", { className: "plot wide" }, caption, this.image as never, this.object as never);
+    const caption = h("figcaption", {}, h("span", {}, "Squares of 15° with their blur"), h("span", { className: "quiet" }, "spots ten times enlarged; left in the image along its radius, right in object space, tangential × sagittal"));
+    this.element = h("figure", { className: "plot wide" }, caption, h("div", { className: "pair squares" }, this.image as never, this.object as never));
     new ResizeObserver(() => this.draw()).observe(this.element);
   }
 
@@ -48,8 +49,9 @@ export class SquaresView {
     const half = (i: number): number => (OBJECT_DEG * dh[i]) / 2;
     const left = Math.min(0, ...Array.from(h_px, (h, i) => h - half(i)));
     const right = Math.max(radius, ...Array.from(h_px, (h, i) => Math.min(h + half(i), 1.4 * radius)));
-    const scale = (width - 8) / (right - left);
-    const tallest = Math.min(Math.max(...Array.from(dw, (w) => (Number.isFinite(w) ? OBJECT_DEG * w : 0))), 0.6 * radius) * scale;
+    const widest = Math.min(Math.max(...Array.from(dw, (w) => (Number.isFinite(w) ? OBJECT_DEG * w : 0))), 0.6 * radius);
+    const scale = Math.min((width - 8) / (right - left), Math.max(TALLEST, 0.2 * width) / widest);
+    const tallest = widest * scale;
     const [height, middle] = [tallest + 22, tallest / 2 + 18];
     const at = (px: number): number => 4 + (px - left) * scale;
     this.reset(this.image, width, height);
@@ -70,19 +72,21 @@ export class SquaresView {
 
   private drawObject(table: Table): void {
     const width = Math.max(200, this.object.getBoundingClientRect().width);
-    const pitch = Math.min(width / table.rows, 110);
-    const side = 0.8 * pitch;
-    const numbers = pitch > 62;
-    this.reset(this.object, width, side + (numbers ? 36 : 20));
+    const columns = Math.min(table.rows, Math.max(4, Math.floor(width / 66)));
+    const pitch = Math.min(width / columns, 104);
+    const side = 0.74 * pitch;
+    const row = side + 38;
+    this.reset(this.object, width, row * Math.ceil(table.rows / columns));
     for (let i = 0; i < table.rows; i++) {
-      const [x, y] = [pitch * (i + 0.5), 16 + side / 2];
+      const [x, top] = [pitch * ((i % columns) + 0.5), row * Math.floor(i / columns)];
+      const y = top + 16 + side / 2;
       const [t, s] = [table.column("blur_t_deg")[i], table.column("blur_s_deg")[i]];
       this.square(this.object, x, y, side, side);
-      this.text(this.object, x, 11, `${words(table.column("omega_deg")[i], 2)}°`);
+      this.text(this.object, x, top + 11, `${words(table.column("omega_deg")[i], 2)}°`);
       if (!Number.isFinite(t) || !Number.isFinite(s)) continue;
       const enlarged = (ENLARGED * side) / OBJECT_DEG;
       this.spot(this.object, x, y, Math.min(side, Math.abs(s) * enlarged), Math.min(side, Math.abs(t) * enlarged));
-      if (numbers) this.text(this.object, x, y + side / 2 + 14, `${Math.abs(t).toFixed(2)} × ${Math.abs(s).toFixed(2)}`);
+      this.text(this.object, x, y + side / 2 + 14, `${Math.abs(t).toFixed(2)} × ${Math.abs(s).toFixed(2)}`);
     }
   }
 

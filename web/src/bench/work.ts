@@ -28,7 +28,7 @@ export class WorkPanel {
     this.family = h("select", {}, ...parts.families.map((f) => h("option", { value: f }, f.replaceAll("-", " "))));
     place.append(
       labelled("Make least", this.merit),
-      labelled("Kind of mirror", this.family),
+      labelled("Free form", this.family),
       h("div", { className: "two" }, labelled("Terms", this.terms), labelled("Starts", this.starts)),
       h("div", { className: "row" }, this.begin, this.design, this.cancel),
       this.bar,

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import tempfile
+import threading
 import tomllib
 from collections.abc import Callable
 from dataclasses import replace
-from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -26,6 +26,10 @@ from .sensors import on_bench, refuse_files, sensor_on_bench
 
 ROWS = 361  # field angles of a table
 JPEG_QUALITY = 86
+TAKING = threading.Lock()
+"""One picture at a time: each takes all processors, and the first one paints the room."""
+VERY_FAR = 1e12
+"""Millimetres: as good as infinite, which JSON cannot hold."""
 
 
 class File(NamedTuple):
@@ -65,17 +69,17 @@ def _checked(tables: dict[str, Any], where: Places, name: str) -> dict[str, Any]
     if "mapping_csv" in tables.get("mirror", {}):
         raise SpecError(f"{name} names another file in mirror.mapping_csv; put the table itself in")
     requirements_of(tables, where)
-    plain: dict[str, Any] = _jsonable(tables)
+    plain: dict[str, Any] = _replaced(tables, float("inf"), VERY_FAR)
     return plain
 
 
-def _jsonable(value: Any) -> Any:
-    """The same data with infinite numbers as very large ones, which JSON can hold."""
+def _replaced(value: Any, old: float, new: float) -> Any:
+    """The same data with one number in the place of another."""
     if isinstance(value, dict):
-        return {k: _jsonable(v) for k, v in value.items()}
+        return {k: _replaced(v, old, new) for k, v in value.items()}
     if isinstance(value, list):
-        return [_jsonable(v) for v in value]
-    return 1e12 if value == float("inf") else value
+        return [_replaced(v, old, new) for v in value]
+    return new if value == old else value
 
 
 def requirement_file(wanted: dict[str, Any], sensor: Sensor) -> str:
@@ -90,7 +94,7 @@ def requirement_file(wanted: dict[str, Any], sensor: Sensor) -> str:
     imager = tables_of(sensor)["imager"]
     rim = {"family": "sphere", "rim_radius_mm": sensor.mirror.rim_radius_mm}
     own = {"name": requirements.name, "mirror": rim, "imager": imager, "lens": {"theta_max_deg": 12.0}}
-    return tomli_w.dumps({**own, **wanted})
+    return tomli_w.dumps(_replaced({**own, **wanted}, VERY_FAR, float("inf")))
 
 
 # -- handed down -----------------------------------------------------------------------------------
@@ -163,13 +167,6 @@ def _stem(sensor: Sensor) -> str:
 # -- pictures --------------------------------------------------------------------------------------
 
 
-@lru_cache(maxsize=1)
-def _room() -> Any:
-    from ...simulate import Room
-
-    return Room()
-
-
 def taken(ask: PictureAsk) -> bytes:
     """The picture of the room that a sensor takes, and its panorama, on an imager of fewer pixels.
 
@@ -179,10 +176,11 @@ def taken(ask: PictureAsk) -> bytes:
         The sensor cannot be.
     """
     from ...dewarp import Dewarper, views
-    from ...simulate import take_picture
+    from ...simulate import Room, take_picture
 
     sensor = coarser(sensor_on_bench(ask.tables), ask.width_px)
-    picture = np.ascontiguousarray(take_picture(sensor, _room(), samples=ask.samples)[..., ::-1])
+    with TAKING:
+        picture = np.ascontiguousarray(take_picture(sensor, Room(), samples=ask.samples)[..., ::-1])
     panorama = Dewarper(sensor, views.panorama(sensor))(picture)
     files = [encoded(image, ".jpg", JPEG_QUALITY) for image in (picture, panorama)]
     return framed(Taken(picture_bytes=len(files[0]), panorama_bytes=len(files[1])), *files)

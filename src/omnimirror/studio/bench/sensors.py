@@ -27,9 +27,9 @@ SLOPES = 13
 ELLIPSOID_CONIC = -0.4
 NARROWER = 15.0  # degrees below the field angle that a mapping cannot reach
 AROUND = 10.0  # rim radii from the mirror to a plane or a cylinder
-NAMED = re.compile(r"(?:\w+\.)?(\w+_\w+|\w+(?= =))(?:\[\d+\])? ")
-"""The entry that an error begins with."""
 THETA_DEG = 12.0  # where nothing says how wide the lens sees
+NAMED = re.compile(r"(\w+)(?:\[\d+\])? (?:=|has) ")
+"""The entry that an error names first."""
 
 
 class EntryError(SpecError):
@@ -47,11 +47,8 @@ class Form(Places):
         super().__init__("", "design")
 
     def error(self, path: tuple[str, ...], message: str) -> SpecError:
-        if len(path) == 1 and (
-            named := re.match(r"(?:\w+\.)?(\w+?)(?:\[\d+\])? (?:=|has|does|starts|puts|lets)", message)
-        ):
-            path = (path[0], named[1])
-        return EntryError(path, message)
+        named = NAMED.search(message)
+        return EntryError((path[0], named[1]) if named and len(path) == 1 else path, message)
 
 
 def trouble_of(error: OmnimirrorError) -> Trouble:
@@ -107,7 +104,8 @@ def changed(change: Change) -> Sensor:
         raise InvalidParameter(f"there is no mirror {change.to!r}; valid are {', '.join(MIRRORS)}")
     placed = recast(sensor, change.to)
     distance = np.inf if sensor.lens.TELECENTRIC else placed.distance_mm
-    return _focused(replace(sensor, mirror=placed.mirror, mirror_distance_mm=distance, secondary=None), None)
+    made = replace(sensor, mirror=placed.mirror, mirror_distance_mm=distance, secondary=None, name=change.to, notes="")
+    return _focused(made, None)
 
 
 def recast(sensor: Sensor, kind: str) -> PlacedMirror:

@@ -10,6 +10,7 @@ import subprocess
 import sys
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
+from typing import IO
 
 import numpy as np
 
@@ -23,7 +24,6 @@ from .messages import News, Task
 from .sensors import on_bench, sensor_on_bench
 
 MOST_AT_ONCE = 2
-LONGEST_LINE = 1 << 22
 
 Tell = Callable[[News], None]
 
@@ -113,9 +113,9 @@ class Workers:
         if self._running >= MOST_AT_ONCE:
             raise InvalidParameter(f"{MOST_AT_ONCE} searches are running already; wait for one of them, or cancel it")
         self._running += 1
-        process = await asyncio.create_subprocess_exec(
-            sys.executable, "-m", __name__, stdin=subprocess.PIPE, stdout=subprocess.PIPE, limit=LONGEST_LINE,
-            start_new_session=True,
+        process = subprocess.Popen(
+            [sys.executable, "-m", __name__],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True,
         )  # fmt: skip
         try:
             assert process.stdin is not None
@@ -125,13 +125,13 @@ class Workers:
             yield _lines(process.stdout)
         finally:
             self._running -= 1
-            if process.returncode is None:
-                process.kill()
-            await process.wait()
+            process.kill()
+            process.wait()  # which a killed process does not make long
+            process.stdout.close()  # type: ignore[union-attr]
 
 
-async def _lines(stream: asyncio.StreamReader) -> AsyncIterator[str]:
-    while line := await stream.readline():
+async def _lines(stream: IO[bytes]) -> AsyncIterator[str]:
+    while line := await asyncio.to_thread(stream.readline):
         yield line.decode()
 
 

@@ -1,0 +1,312 @@
+"""The design bench's server: answers against the evaluation, other kinds of mirrors, files, work in processes."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from starlette.testclient import TestClient
+
+import omnimirror as om
+from omnimirror.design.requirements import parse_requirements
+from omnimirror.imagers import Imager
+from omnimirror.mirrors import MIRRORS
+from omnimirror.specs import bundled_sensors, format_sensor, parse_sensor, tables_of
+from omnimirror.studio.app import create_app
+
+LOCAL = "http://127.0.0.1"
+WANTED = {
+    "field": {"omega_max_deg": 130.0, "object_distance_mm": [600.0, 1e12]},
+    "limit": [{"quantity": "blur_px", "at_most": 9.0}, {"quantity": "resolution_px_per_deg", "at_least": 3.0}],
+}
+
+
+@pytest.fixture(scope="module")
+def client():
+    with TestClient(create_app(), base_url=LOCAL) as client:
+        yield client
+
+
+def question(sensor: om.Sensor, **changes) -> dict:
+    plain = {"slot": 0, "number": 1, "tables": tables_of(sensor), "follows": False, "object_distance_mm": None}
+    return {**plain, "section": False, "squares": False, "wanted": None, **changes}
+
+
+def unpacked(data: bytes) -> tuple[dict, dict[str, dict[str, np.ndarray]]]:
+    """The header of a binary message, and its blocks by name and column."""
+    length = int.from_bytes(data[:4], "little")
+    header = json.loads(data[4 : 4 + length])
+    at, blocks = 4 + length, {}
+    for block in header["blocks"]:
+        columns = {}
+        for column in block["columns"]:
+            columns[column] = np.frombuffer(data, "<f4", block["rows"], at)
+            at += 4 * block["rows"]
+        blocks[block["name"]] = columns
+    assert at == len(data)
+    return header, blocks
+
+
+def ask(client, *questions: dict) -> list[tuple[dict, dict[str, dict[str, np.ndarray]]]]:
+    answers = []
+    with client.websocket_connect("ws://127.0.0.1/api/bench/ask") as socket:
+        for each in questions:
+            socket.send_json(each)
+            answers.append(unpacked(socket.receive_bytes()))
+    return answers
+
+
+def post(client, place: str, **body):
+    return client.post(f"/api/bench/{place}", json=body)
+
+
+# -- answers -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", bundled_sensors())
+def test_curves_are_those_of_the_evaluation(name, client):
+    sensor = om.load_sensor(name)
+    asked = question(sensor, object_distance_mm=900.0, section=True, squares=True)
+    (header, blocks), *_ = ask(client, asked)
+    assert header["trouble"] is None
+    curves = blocks["curves"]
+    expected = om.evaluate(sensor, np.linspace(*sensor.field_deg, 361), object_distance_mm=900.0)
+    for column, values in curves.items():
+        np.testing.assert_allclose(values, getattr(expected, column), rtol=2e-6, atol=2e-5, err_msg=column)
+    assert header["facts"]["rim_radius_px"] == pytest.approx(sensor.rim_radius_px)
+    mirror = blocks["mirror"]
+    inside = np.isfinite(mirror["z_mm"])
+    x = np.minimum(np.abs(mirror["x_mm"][inside].astype(float)), sensor.mirror.rim_radius_mm)
+    np.testing.assert_allclose(mirror["z_mm"][inside], sensor.mirror.sag(x), atol=1e-4)
+
+
+def test_rays_of_the_section_obey_the_law_of_reflection(client):
+    """In from Omega, out to the lens: both make the same angle with the normal of the mirror."""
+    sensor = om.load_sensor("paper-spherical")
+    (_, blocks), *_ = ask(client, question(sensor, section=True))
+    rays = {float(name[4:]): block for name, block in blocks.items() if name.startswith("ray ")}
+    assert sorted(rays) == list(range(0, 136, 15))
+    for omega, ray in rays.items():
+        (x, lens_x), (z, lens_z) = ray["x_mm"].astype(float), ray["z_mm"].astype(float)
+        slope = float(sensor.mirror.slope(x))
+        normal = np.array([slope, -1.0]) / np.hypot(slope, 1.0)
+        to_object = np.array([np.sin(np.radians(omega)), -np.cos(np.radians(omega))])
+        to_lens = np.array([lens_x - x, lens_z - z])
+        assert to_object @ normal == pytest.approx(to_lens @ normal / np.linalg.norm(to_lens), abs=1e-5)
+
+
+def test_what_cannot_be_is_said_beside_its_entry(client):
+    sensor = om.load_sensor("paper-spherical")
+    tables = tables_of(sensor)
+    wrong = [
+        ("lens", "f_number", 0.0),
+        ("mirror", "rim_radius_mm", 51.0),  # beyond the sphere
+        ("lens", "focus_distance_mm", 5.0),  # nearer than the focal length
+        ("mount", "mirror_distance_mm", -1.0),
+    ]
+    for section, name, value in wrong:
+        changed = {**tables, section: {**tables[section], name: value}}
+        (header, blocks), *_ = ask(client, question(sensor, tables=changed))
+        assert header["trouble"]["path"] == [section, name]
+        assert name in header["trouble"]["sentence"]
+        assert blocks == {}
+
+
+def test_the_newest_of_the_questions_that_wait_is_answered(client):
+    sensor = om.load_sensor("exact-equidistant")
+    with client.websocket_connect("ws://127.0.0.1/api/bench/ask") as socket:
+        for number in range(1, 41):
+            socket.send_json(question(sensor, number=number, slot=0))
+        numbers = [0]
+        while numbers[-1] < 40:
+            numbers.append(unpacked(socket.receive_bytes())[0]["number"])
+    assert numbers == sorted(numbers)
+    assert len(numbers) < 35
+
+
+def test_a_lens_that_follows_stands_where_the_mapping_needs_it(client):
+    sensor = om.load_sensor("exact-equidistant")
+    wider = replace(sensor, mirror=replace(sensor.mirror, omega_max_deg=120.0))
+    (header, blocks), *_ = ask(client, question(wider, follows=True))
+    assert header["facts"]["mirror_distance_mm"] == pytest.approx(wider.mirror.design_distance)
+    rate = blocks["curves"]["dh_domega_px_per_deg"]
+    np.testing.assert_allclose(rate, rate[0], rtol=1e-6)
+
+
+def test_requirements_are_judged_by_their_worst_angle_and_distance(client):
+    sensor = om.load_sensor("paper-spherical")
+    (header, _), *_ = ask(client, question(sensor, wanted=WANTED))
+    rows = {row["name"]: row for row in header["rows"]}
+    omega = np.linspace(0, 130, 4001)
+    worst = max(np.abs([e.blur_t_px, e.blur_s_px]).max() for e in (
+        om.evaluate(sensor, omega, object_distance_mm=d) for d in (600.0, np.inf)
+    ))  # fmt: skip
+    blur = rows["blur_px"]
+    assert blur["reached"] == pytest.approx(worst, rel=1e-4)
+    assert blur["is_met"] == (worst <= 9.0)
+    assert blur["margin"] == pytest.approx(9.0 - worst, abs=1e-3)
+    assert not rows["resolution_px_per_deg"]["is_met"]
+    assert rows["resolution_px_per_deg"]["omega_deg"] == pytest.approx(130.0)
+    assert rows["omega_max_deg"]["is_met"]
+    (header, _), *_ = ask(client, question(sensor, wanted={"field": {"omega_max_deg": 500}}))
+    assert header["rows"] == []
+    assert "omega_max_deg" in header["wanted_trouble"]
+
+
+# -- other kinds ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", list(MIRRORS))
+def test_another_kind_of_mirror_keeps_the_rim(kind, client):
+    sensor = om.load_sensor("paper-spherical")
+    made = post(client, "change", tables=tables_of(sensor), what="mirror", to=kind).json()
+    new = parse_sensor(format_sensor(parse_sensor(toml(made["tables"]))))
+    assert made["tables"]["mirror"]["kind"] == kind
+    assert new.mirror.rim_radius_mm == pytest.approx(sensor.mirror.rim_radius_mm)
+    reaches = {"rectifying": 75.0, "ground-plane": 75.0}.get(kind, sensor.field_deg[1])
+    assert new.field_deg[1] == pytest.approx(reaches, abs=0.06)
+    assert np.degrees(new.meridian.theta_max) == pytest.approx(np.degrees(sensor.meridian.theta_max), abs=0.02)
+
+
+@pytest.mark.parametrize("name", ["paper-spherical", "paraboloid-telecentric", "exact-equidistant"])
+def test_another_lens_keeps_the_size_of_the_image(name, client):
+    sensor = om.load_sensor(name)
+    to = "perspective" if sensor.lens.TELECENTRIC else "orthographic"
+    made = post(client, "change", tables=tables_of(sensor), what="lens", to=to).json()
+    new = parse_sensor(toml(made["tables"]))
+    assert made["tables"]["lens"]["kind"] == to
+    assert new.rim_radius_px == pytest.approx(sensor.rim_radius_px, rel=0.05)
+
+
+def test_the_best_focus_is_that_of_the_evaluation(client):
+    sensor = om.load_sensor("paper-spherical")
+    made = post(client, "change", tables=tables_of(sensor), what="focus", to="worst-px").json()
+    best = om.best_focus(sensor, "worst-px").focus_mm
+    assert made["tables"]["lens"]["focus_distance_mm"] == pytest.approx(best, abs=1e-3)
+    refused = post(client, "change", tables=tables_of(sensor), what="mirror", to="spoon")
+    assert refused.status_code == 400
+    assert "spoon" in refused.json()["detail"]
+
+
+def toml(tables: dict) -> str:
+    import tomli_w
+
+    return tomli_w.dumps(tables)
+
+
+# -- files ---------------------------------------------------------------------------------------------
+
+
+def test_a_sensor_file_is_written_and_opened_without_loss(client):
+    sensor = om.load_sensor("folded-spherical")
+    text = post(client, "file", tables=tables_of(sensor), kind="sensor", object_distance_mm=None).content
+    assert parse_sensor(text.decode()) == sensor
+    opened = client.post("/api/bench/open", params={"name": "mine.toml"}, content=text).json()
+    assert parse_sensor(toml(opened["sensor"]["tables"])) == sensor
+
+
+def test_a_requirement_file_is_opened_and_written_without_loss(client):
+    own = {"mirror": {"mapping": "equidistant", "rim_radius_mm": 40.0}, "lens": {"theta_max_deg": [10, 14]}}
+    text = toml({**WANTED, **own})
+    text = text.replace("1000000000000.0", "inf")
+    opened = client.post("/api/bench/open", params={"name": "wanted.toml"}, content=text).json()
+    assert opened["sensor"] is None
+    sensor = om.load_sensor("paper-spherical")
+    again = post(client, "requirements", wanted=opened["wanted"], tables=tables_of(sensor)).text
+    asked, got = parse_requirements(text), parse_requirements(again)
+    assert (got.field, got.mirror, got.lens, got.limits) == (asked.field, asked.mirror, asked.lens, asked.limits)
+
+
+def test_tables_and_drawings_are_those_of_the_command_line(client, tmp_path):
+    sensor = om.load_sensor("paper-spherical")
+    table = post(client, "file", tables=tables_of(sensor), kind="table", object_distance_mm=800.0)
+    om.evaluate(sensor, np.linspace(*sensor.field_deg, 361), object_distance_mm=800.0).to_csv(tmp_path / "t.csv")
+    assert table.content == (tmp_path / "t.csv").read_bytes()
+    assert 'filename="paper-spherical-evaluation.csv"' in table.headers["content-disposition"]
+    drawing = post(client, "file", tables=tables_of(sensor), kind="drawing", object_distance_mm=None)
+    assert drawing.content.startswith(b"%PDF-")
+    folded = tables_of(om.load_sensor("folded-spherical"))
+    refused = post(client, "file", tables=folded, kind="drawing", object_distance_mm=None)
+    assert refused.status_code == 400
+    assert "one mirror" in refused.json()["detail"]
+
+
+SPIES = (
+    b'[mirror]\nkind = "sampled"\nprofile_csv = "/etc/passwd"\n[lens]\n[imager]\n',
+    b'[field]\nomega_max_deg = 90\n[mirror]\nmapping = "tabulated-mapping"\nmapping_csv = "/etc/passwd"\n',
+)
+
+
+@pytest.mark.parametrize("text", [b"\xff\xfe", b"[mirror", b"x = 1", b"[field]\nomega = 3", *SPIES])
+def test_files_that_are_none_are_refused_with_a_sentence(text, client):
+    answer = client.post("/api/bench/open", params={"name": "bad.toml"}, content=text)
+    assert answer.status_code == 400
+    assert "bad.toml" in answer.json()["detail"]
+    assert "root:" not in answer.text
+
+
+def test_no_question_makes_the_server_read_a_file(client):
+    sensor = om.load_sensor("paper-spherical")
+    tables = {**tables_of(sensor), "mirror": {"kind": "sampled", "profile_csv": "/etc/passwd"}}
+    (header, _), *_ = ask(client, question(sensor, tables=tables))
+    assert "names another file" in header["trouble"]["sentence"]
+
+
+def test_the_preview_is_the_simulated_picture_made_small(client):
+    sensor = om.load_sensor("paper-spherical")
+    data = post(client, "picture", tables=tables_of(sensor), width_px=128, samples=1).content
+    length = int.from_bytes(data[:4], "little")
+    header = json.loads(data[4 : 4 + length])
+    picture = cv2.imdecode(np.frombuffer(data, np.uint8, header["picture_bytes"], 4 + length), 1)
+    assert picture.shape == (128, 128, 3)
+    whole = om.take_picture(replace(sensor, imager=Imager(512, 512, 10.4)), om.Room(), samples=1)[..., ::-1]
+    small = cv2.resize(whole, (128, 128), interpolation=cv2.INTER_AREA).astype(float)
+    assert np.abs(cv2.blur(picture.astype(float), (5, 5)) - cv2.blur(small, (5, 5))).mean() < 4
+
+
+# -- work ------------------------------------------------------------------------------------------------
+
+
+def task(**changes) -> dict:
+    sensor = om.load_sensor("paper-spherical")
+    plain = {"what": "optimise", "tables": tables_of(sensor), "wanted": None, "merit": "blur", "terms": 3, "starts": 1}
+    return {**plain, "family": "even-polynomial", **changes}
+
+
+def test_an_optimised_mirror_comes_with_news_on_the_way(client):
+    with client.websocket_connect("ws://127.0.0.1/api/bench/work") as socket:
+        socket.send_json(task())
+        news = [socket.receive_json()]
+        while news[-1]["state"] == "running":
+            news.append(socket.receive_json())
+    assert len(news) > 2
+    last = news[-1]
+    assert last["state"] == "done"
+    found = parse_sensor(toml(last["sensor"]["tables"]))
+    e = om.evaluate(found, np.linspace(0, found.field_deg[1], 2001))
+    assert np.maximum(np.abs(e.blur_t_deg), np.abs(e.blur_s_deg)).max() == pytest.approx(last["value"], rel=1e-3)
+
+
+def test_what_cannot_be_optimised_is_said(client):
+    with client.websocket_connect("ws://127.0.0.1/api/bench/work") as socket:
+        socket.send_json(task(tables=tables_of(om.load_sensor("paraboloid-telecentric"))))
+        news = socket.receive_json()
+    assert news["state"] == "failed"
+    assert "orthographic lens" in news["sentence"]
+
+
+def test_a_sensor_is_designed_from_requirements(client):
+    wanted = {**WANTED, "mirror": {"mapping": "equidistant", "rim_radius_mm": 40.0}, "lens": {"theta_max_deg": 12.0}}
+    wanted["limit"] = [{"quantity": "resolution_px_per_deg", "at_least": 3.0}]
+    with client.websocket_connect("ws://127.0.0.1/api/bench/work") as socket:
+        socket.send_json(task(what="design", wanted=wanted))
+        news = socket.receive_json()
+        while news["state"] == "running":
+            news = socket.receive_json()
+    assert news["sentence"] == "Everything is met."
+    assert news["sensor"]["tables"]["mirror"]["kind"] == "equidistant"
+    assert tomllib.loads(toml(news["sensor"]["tables"]))["mirror"]["omega_max_deg"] == 130.0
