@@ -37,7 +37,7 @@ export const picture = async (id: string): Promise<Blob> => (await ask(`api/pict
 export const convert = async (file: Blob, name: string): Promise<Blob> =>
   (await ask(`api/pictures?${query({ name })}`, { method: "POST", body: file })).blob();
 
-export const loadSensor = async (file: Blob, name: string, optics: string): Promise<SensorEntry> =>
+export const loadSensor = async (file: Blob, name: string, optics = "mirror"): Promise<SensorEntry> =>
   (await ask(`api/sensors?${query({ name, optics })}`, { method: "POST", body: file })).json();
 
 export async function sensorFile(wanted: SensorFile): Promise<string> {

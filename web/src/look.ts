@@ -226,8 +226,6 @@ export class Look {
       const [w, h] = model.image_size;
       return `${feed.name} is ${feed.width} × ${feed.height} px, and ${model.name} belongs to pictures of ${w} × ${h}. Choose the sensor that took it.`;
     }
-    if (this.store.state.mode === "ground" && !model.sees_near)
-      return "The plan of the ground under a decentred or tilted mirror is drawn by the command line only: omnimirror dewarp --view ground.";
     return null;
   }
 

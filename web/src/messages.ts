@@ -25,8 +25,6 @@ export interface CameraModel {
   is_picture_reversed: boolean;
   /** whether its circle may be moved to fit a picture */
   is_adjustable: boolean;
-  /** whether screens at a finite distance can be shown */
-  sees_near: boolean;
   tables: TableLayout;
 }
 
@@ -117,4 +115,6 @@ export interface TableLayout {
   lattice: number;
   /** sin(Omega/2) where the field ends, at even steps of the azimuth */
   limits: number;
+  /** side of a lattice, over the same disk, of where rays start: mm along axis, right, down */
+  starts: number;
 }

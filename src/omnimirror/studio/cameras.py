@@ -141,7 +141,7 @@ def read_calibration(name: str, data: bytes, optics: str = "mirror") -> Known:
         raise SpecError(
             f"{name} is not a text file; valid are sensor files and OCamCalib's calib_results.txt"
         ) from None
-    id = f"file:{hashlib.sha256(data + optics.encode()).hexdigest()[:16]}"
+    id = f"file:{hashlib.sha256(data + f'{name} {optics}'.encode()).hexdigest()[:16]}"
     if _looks_like_ocam(text):
         if optics not in get_args(Optics):
             raise InvalidParameter(f"optics = {optics!r} is not one of {', '.join(get_args(Optics))}")

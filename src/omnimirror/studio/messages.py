@@ -61,6 +61,9 @@ class TableLayout(Message):
     origins: int = Field(description="origins of rays, mm: so many from the axis, then so many along it")
     lattice: int = Field(description="side of a lattice of pixels (u, v) over sin(Omega/2) (cos, sin) of the azimuth")
     limits: int = Field(description="sin(Omega/2) where the field ends, at even steps of the azimuth")
+    starts: int = Field(
+        description="side of a lattice, over the same disk, of where rays start: mm along axis, right, down"
+    )
 
 
 class CameraModel(Message):
@@ -85,7 +88,6 @@ class CameraModel(Message):
     pole: Literal["nadir", "zenith"]
     is_picture_reversed: bool
     is_adjustable: bool = Field(description="whether its circle may be moved to fit a picture")
-    sees_near: bool = Field(description="whether screens at a finite distance can be shown")
     tables: TableLayout
 
 

@@ -2,13 +2,14 @@
 
 A camera with an axis of symmetry is its tables over sin(Omega/2), as in :mod:`omnimirror.dewarp.radial`, shorter.
 One without is a lattice of pixels over the disk ``sin(Omega/2) (cos phi, sin phi)`` about its axis, which
-looks much like the picture itself, and a table of where the field ends.
+looks much like the picture itself, a table of where the field ends and, of a mirror, a lattice of where the rays start.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from functools import lru_cache
+from threading import RLock
 from typing import NamedTuple
 
 import numpy as np
@@ -28,8 +29,12 @@ ENTRIES = 2048  # what every WebGL2 texture can be wide
 LATTICE = 513
 LIMITS = 1024
 HALVINGS = 24
-BEYOND = 3  # nodes past the field, so that interpolation reaches its end
+BEYOND = 4  # nodes past the field, so that cubic interpolation reaches its end
 MARGIN = 1.02
+
+ALONE = RLock()
+"""Held by the request that computes: OpenBLAS, by NumPy's products of matrices, has been seen to give wrong numbers to
+threads that call it at once."""
 
 
 class CameraTables(NamedTuple):
@@ -56,7 +61,6 @@ def frame_of(camera: MountedCamera) -> Frame:
     return Frame(camera.axis, -x if camera.mount.image_flipped else x, y)
 
 
-@lru_cache(maxsize=32)
 def camera_tables(camera: MountedCamera) -> CameraTables:
     """The tables of a camera.
 
@@ -67,22 +71,33 @@ def camera_tables(camera: MountedCamera) -> CameraTables:
     >>> layout.radii, layout.origins, values.shape
     (2048, 2048, (6144,))
     """
+    with ALONE:
+        return _tables_of(camera)
+
+
+@lru_cache(maxsize=32)
+def _tables_of(camera: MountedCamera) -> CameraTables:
     symmetry = camera.symmetry
     if symmetry is None:
         return _lattice_tables(camera)
     t = tables_of(symmetry, ENTRIES, ENTRIES)
     layout = TableLayout(
-        first=t.first, last=t.last, eye_mm=t.eye, radii=len(t.radii), origins=len(t.origins), lattice=0, limits=0
-    )
+        first=t.first, last=t.last, eye_mm=t.eye, radii=len(t.radii), origins=len(t.origins),
+        lattice=0, limits=0, starts=0,
+    )  # fmt: skip
     return CameraTables(layout, np.concatenate([t.radii, *t.origins.T]).astype(np.float32))
 
 
-@lru_cache(maxsize=64)
 def camera_model(id: str, name: str, title: str, options: tuple[str, ...], camera: MountedCamera) -> CameraModel:
     """What the page must know of a camera, besides its tables."""
+    with ALONE:
+        return _model_of(id, name, title, options, camera)
+
+
+@lru_cache(maxsize=64)
+def _model_of(id: str, name: str, title: str, options: tuple[str, ...], camera: MountedCamera) -> CameraModel:
     seen, frame, layout = field_of(camera), frame_of(camera), camera_tables(camera).layout
     centre, radius = _circle(camera)
-    is_sensor = isinstance(camera, Sensor)
     return CameraModel(
         id=id,
         name=name,
@@ -103,7 +118,6 @@ def camera_model(id: str, name: str, title: str, options: tuple[str, ...], camer
         pole=pole_of(camera),
         is_picture_reversed=camera.is_picture_reversed,
         is_adjustable=camera.symmetry is not None and not isinstance(camera, OCam),
-        sees_near=camera.symmetry is not None or not is_sensor,
         tables=layout,
     )
 
@@ -139,12 +153,22 @@ def _lattice_tables(camera: MountedCamera) -> CameraTables:
     limits = _limits(project)
     end = min(1.0, MARGIN * float(limits.max()))
     side = np.linspace(-end, end, LATTICE)
-    pixels = project(np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)).reshape(LATTICE, LATTICE, 2)
-    for _ in range(BEYOND):
-        pixels = _extended(pixels)
-    layout = TableLayout(first=0.0, last=end, eye_mm=0.0, radii=0, origins=0, lattice=LATTICE, limits=LIMITS)
-    values = np.concatenate([np.nan_to_num(pixels, nan=-1e6).ravel(), limits]).astype(np.float32)
-    return CameraTables(layout, values)
+    nodes = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
+    pixels = project(nodes).reshape(LATTICE, LATTICE, 2)
+    starts = _starts(camera, pixels) if isinstance(camera, Sensor) else np.empty((0, 0, 3))
+    layout = TableLayout(
+        first=0.0, last=end, eye_mm=0.0, radii=0, origins=0, lattice=LATTICE, limits=LIMITS, starts=len(starts)
+    )
+    values = [np.nan_to_num(_continued(pixels), nan=-1e6), limits, starts]
+    return CameraTables(layout, np.concatenate([np.ravel(v) for v in values]).astype(np.float32))
+
+
+def _starts(camera: Sensor, pixels: Array) -> Array:
+    """Where the rays of a lattice of pixels start (n, n, 3), mm along axis, right and down; 0 far outside the field."""
+    seen = np.isfinite(pixels[..., 0])
+    origins = np.full((*seen.shape, 3), np.nan)
+    origins[seen] = camera.backproject(pixels[seen]).origins @ np.stack(frame_of(camera), axis=-1)
+    return np.nan_to_num(_continued(origins))
 
 
 def _projection(camera: MountedCamera) -> Callable[[Array], Array]:
@@ -177,20 +201,27 @@ def _limits(project: Callable[[Array], Array]) -> Array:
     return low
 
 
-def _extended(pixels: Array) -> Array:
-    """One more node all around, as the second differences go on."""
-    side = len(pixels)
-    padded = np.pad(pixels, ((3, 3), (3, 3), (0, 0)), constant_values=np.nan)
+def _continued(values: Array) -> Array:
+    """A lattice with some more nodes around the field."""
+    for _ in range(BEYOND):
+        values = _extended(values)
+    return values
+
+
+def _extended(values: Array) -> Array:
+    """One more node all around, as the third differences go on."""
+    side = len(values)
+    padded = np.pad(values, ((4, 4), (4, 4), (0, 0)), constant_values=np.nan)
 
     def shifted(k: int, dx: int, dy: int) -> Array:
-        return padded[3 + k * dy : 3 + k * dy + side, 3 + k * dx : 3 + k * dx + side]
+        return padded[4 + k * dy : 4 + k * dy + side, 4 + k * dx : 4 + k * dx + side]
 
     around = [(dx, dy) for dx in (-1, 0, 1) for dy in (-1, 0, 1) if dx or dy]
-    guesses = np.stack([3 * shifted(1, *d) - 3 * shifted(2, *d) + shifted(3, *d) for d in around])
+    guesses = np.stack([4 * shifted(1, *d) - 6 * shifted(2, *d) + 4 * shifted(3, *d) - shifted(4, *d) for d in around])
     known = np.isfinite(guesses)
     mean = np.where(known, guesses, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
     guess = np.where(known.any(axis=0), mean, np.nan)
-    return np.where(np.isfinite(pixels), pixels, guess)
+    return np.where(np.isfinite(values), values, guess)
 
 
 def _circle(camera: MountedCamera) -> tuple[tuple[float, float], float]:

@@ -4,7 +4,7 @@ import { FRAGMENT, VERTEX } from "./shader";
 
 export type Picture = ImageBitmap | HTMLVideoElement | HTMLCanvasElement;
 
-const UNITS = { picture: 0, radii: 1, lattice: 2, limits: 3 } as const;
+const UNITS = { picture: 0, radii: 1, lattice: 2, limits: 3, starts: 4 } as const;
 
 /** WebGL2 is missing, or too weak. */
 export class NoWebGL extends Error {}
@@ -43,7 +43,8 @@ export class Renderer {
     if (t.lattice) {
       const nodes = 2 * t.lattice * t.lattice;
       this.upload("lattice", gl.RG32F, gl.RG, t.lattice, t.lattice, camera.tables.subarray(0, nodes));
-      this.upload("limits", gl.R32F, gl.RED, t.limits, 1, camera.tables.subarray(nodes));
+      this.upload("limits", gl.R32F, gl.RED, t.limits, 1, camera.tables.subarray(nodes, nodes + t.limits));
+      if (t.starts) this.upload("starts", gl.RGB32F, gl.RGB, t.starts, t.starts, camera.tables.subarray(nodes + t.limits));
       return;
     }
     const rows = new Float32Array(4 * t.radii);
@@ -127,6 +128,7 @@ export class Renderer {
     gl.uniform1f(this.place("scale"), camera.scale);
     gl.uniform1f(this.place("eye"), tables.eye_mm);
     gl.uniform1i(this.place("has_origins"), +(tables.origins > 0));
+    gl.uniform1i(this.place("has_starts"), +(tables.starts > 0));
     gl.uniform1i(this.place("has_lattice"), +(tables.lattice > 0));
   }
 

@@ -1,3 +1,5 @@
+import { STEPS_IN_SPACE } from "../model/camera";
+
 /** The shader: what a pixel of the view looks at, where that is in the picture, and its colour there. */
 
 export const VERTEX = `#version 300 es
@@ -46,6 +48,18 @@ vec3 target(vec2 p, out bool inside) {
   return far * (axes * vec3((1.0 - t * t) * k, 2.0 * numbers.x * k * q));
 }`;
 
+const KERNEL = `
+// The kernel of Keys.
+vec4 weights(float t, float a) {
+  float x = 1.0 + t, y = 1.0 - t, z = 2.0 - t;
+  return vec4(
+    ((a * x - 5.0 * a) * x + 8.0 * a) * x - 4.0 * a,
+    ((a + 2.0) * t - (a + 3.0)) * t * t + 1.0,
+    ((a + 2.0) * y - (a + 3.0)) * y * y + 1.0,
+    ((a * z - 5.0 * a) * z + 8.0 * a) * z - 4.0 * a
+  );
+}`;
+
 const PROJECTION = `
 // As omnimirror.dewarp.radial, over s = sin(Omega/2).
 vec2 halfAngle(float across, float along) {
@@ -89,26 +103,63 @@ float limitAt(vec2 towards) {
   return mix(texelFetch(limits, ivec2(i, 0), 0).x, texelFetch(limits, ivec2((i + 1) % n, 0), 0).x, fract(place));
 }
 
-vec2 latticeAt(vec2 p) {
-  int n = textureSize(lattice, 0).x;
+// Where a place of the disk lies among nodes: those before it, and how far past them.
+vec2 among(sampler2D nodes, vec2 p, out ivec2 before) {
+  int n = textureSize(nodes, 0).x;
   vec2 place = (p / ends.y + 1.0) / 2.0 * float(n - 1);
-  ivec2 i = ivec2(clamp(floor(place), 0.0, float(n - 2)));
-  vec2 f = place - vec2(i);
-  vec2 low = mix(texelFetch(lattice, i, 0).xy, texelFetch(lattice, i + ivec2(1, 0), 0).xy, f.x);
-  vec2 high = mix(texelFetch(lattice, i + ivec2(0, 1), 0).xy, texelFetch(lattice, i + ivec2(1, 1), 0).xy, f.x);
+  before = ivec2(clamp(floor(place), 0.0, float(n - 2)));
+  return place - vec2(before);
+}
+
+// What nodes hold at a place, along straight lines from one to the next.
+vec3 roughly(sampler2D nodes, vec2 p) {
+  ivec2 i;
+  vec2 f = among(nodes, p, i);
+  vec3 low = mix(texelFetch(nodes, i, 0).xyz, texelFetch(nodes, i + ivec2(1, 0), 0).xyz, f.x);
+  vec3 high = mix(texelFetch(nodes, i + ivec2(0, 1), 0).xyz, texelFetch(nodes, i + ivec2(1, 1), 0).xyz, f.x);
   return mix(low, high, f.y);
+}
+
+// The same on cubic curves: straight lines err by a tenth of a pixel near the rim.
+vec3 finely(sampler2D nodes, vec2 p) {
+  ivec2 i, last = textureSize(nodes, 0) - 1;
+  vec2 f = among(nodes, p, i);
+  vec4 wx = weights(f.x, -0.5), wy = weights(f.y, -0.5);
+  vec3 total = vec3(0.0);
+  for (int j = 0; j < 4; j++)
+    for (int k = 0; k < 4; k++)
+      total += wy[j] * wx[k] * texelFetch(nodes, clamp(i + ivec2(k - 1, j - 1), ivec2(0), last), 0).xyz;
+  return total;
+}
+
+// Of a vector along axis, right and down: the azimuth, and s.
+float polar(vec3 t, out vec2 towards) {
+  float across = length(t.yz);
+  towards = across > 0.0 ? t.yz / across : vec2(1.0, 0.0);
+  return halfAngle(across, t.x).x;
+}
+
+const int FINE_STEPS = 4;
+
+// The same of a point that is seen from where its own ray starts, without an axis of symmetry.
+float solveInSpace(vec3 t, out vec2 towards) {
+  towards = vec2(1.0, 0.0);
+  float s = 0.0;
+  for (int i = 0; i < ${STEPS_IN_SPACE}; i++) s = polar(t - roughly(starts, min(s, ends.y) * towards), towards);
+  for (int i = 0; i < FINE_STEPS; i++) s = polar(t - finely(starts, min(s, ends.y) * towards), towards);
+  return s;
 }
 
 vec2 project(vec3 world, out bool seen) {
   vec3 t = frame * world;
-  float across = length(t.yz);
-  vec2 towards = across > 0.0 ? t.yz / across : vec2(1.0, 0.0);
-  float s = is_point && has_origins ? solve(across, t.x) : halfAngle(across, t.x).x;
+  vec2 towards;
+  float s = is_point && has_starts ? solveInSpace(t, towards) : polar(t, towards);
+  if (is_point && has_origins) s = solve(length(t.yz), t.x);
   vec2 offset;
   if (has_lattice) {
     float end = limitAt(towards);
     seen = s <= end;
-    offset = latticeAt(min(s, end + 2.0 * ends.y / float(textureSize(lattice, 0).x)) * towards) - own_centre;
+    offset = finely(lattice, min(s, end + 2.0 * ends.y / float(textureSize(lattice, 0).x)) * towards).xy - own_centre;
   } else {
     seen = s >= ends.x - 1e-6 && s <= ends.y + 1e-6;
     vec3 value, rate;
@@ -125,21 +176,11 @@ vec3 texel(ivec2 p) {
   return texelFetch(picture, clamp(p, ivec2(0), ivec2(picture_size) - 1), 0).rgb;
 }
 
-// The kernel of Keys with a = -0.75, as OpenCV and omnimirror's own samplers have it.
-vec4 weights(float t) {
-  const float a = -0.75;
-  float x = 1.0 + t, y = 1.0 - t, z = 2.0 - t;
-  return vec4(
-    ((a * x - 5.0 * a) * x + 8.0 * a) * x - 4.0 * a,
-    ((a + 2.0) * t - (a + 3.0)) * t * t + 1.0,
-    ((a + 2.0) * y - (a + 3.0)) * y * y + 1.0,
-    ((a * z - 5.0 * a) * z + 8.0 * a) * z - 4.0 * a
-  );
-}
+const float PICTURE = -0.75; // as OpenCV and omnimirror's own samplers have it
 
 vec3 cubic(vec2 p) {
   ivec2 i = ivec2(floor(p));
-  vec4 wx = weights(p.x - float(i.x)), wy = weights(p.y - float(i.y));
+  vec4 wx = weights(p.x - float(i.x), PICTURE), wy = weights(p.y - float(i.y), PICTURE);
   vec3 total = vec3(0.0);
   for (int j = 0; j < 4; j++) {
     vec3 row = vec3(0.0);
@@ -164,16 +205,17 @@ export const FRAGMENT = `#version 300 es
 precision highp float;
 precision highp int;
 precision highp sampler2D;
-uniform sampler2D picture, radii, lattice, limits;
+uniform sampler2D picture, radii, lattice, limits, starts;
 uniform vec2 picture_size, size, corner, ends, centre, own_centre;
 uniform float scale, eye, distance_mm;
 uniform mat3 frame, axes;
 uniform vec4 numbers;
 uniform int shape;
-uniform bool is_point, has_origins, has_lattice, wants_coordinates;
+uniform bool is_point, has_origins, has_starts, has_lattice, wants_coordinates;
 out vec4 colour;
 ${CIRCULAR}
 ${TARGET}
+${KERNEL}
 ${PROJECTION}
 ${SAMPLING}
 const int FINEST = 8;

@@ -9,6 +9,7 @@ export interface Circle {
 }
 
 const NEWTON_STEPS = 8;
+export const STEPS_IN_SPACE = 8; // each leaves of the error about the size of the mirror over twice the distance
 const NUDGE = 1e-5;
 
 /** A camera from its tables, as the shader reads them too; the circle may have been moved to fit a picture. */
@@ -39,17 +40,22 @@ export class Camera {
   /** The pixel of a direction, or of a point in mm; beyond the field, of where the field ends, with `seen` false. */
   project(target: Vec3, isPoint = false): { pixel: Pixel; seen: boolean } {
     const t = this.model.tables;
-    const [x, y] = [dot(target, this.model.right as Vec3), dot(target, this.model.down as Vec3)];
-    const along = dot(target, this.model.axis as Vec3);
-    const across = Math.hypot(x, y);
-    const s = isPoint && t.origins ? this.solve(across, along) : halfSine(across, along);
-    const [cos, sin] = across > 0 ? [x / across, y / across] : [1, 0];
+    const [s, cos, sin] = this.place(target, isPoint);
     const end = t.lattice ? this.limit(Math.atan2(sin, cos)) : t.last;
     const inside = clamp(s, t.first, end);
     const pixel = this.pixelAt(inside * cos, inside * sin);
     const [w, h] = this.size;
     const inPicture = pixel[0] >= -0.5 && pixel[1] >= -0.5 && pixel[0] <= w - 0.5 && pixel[1] <= h - 0.5;
     return { pixel, seen: s >= t.first - 1e-6 && s <= end + 1e-6 && inPicture };
+  }
+
+  /** Under what a target is seen: sin(Omega/2), and cosine and sine of the azimuth. */
+  private place(target: Vec3, isPoint: boolean): Vec3 {
+    const { axis, right, down, tables: t } = this.model;
+    const seen: Vec3 = [dot(target, axis as Vec3), dot(target, right as Vec3), dot(target, down as Vec3)];
+    if (isPoint && t.starts) return this.solveInSpace(seen);
+    const [s, cos, sin] = polar(seen);
+    return [isPoint && t.origins ? this.solve(Math.hypot(seen[1], seen[2]), seen[0]) : s, cos, sin];
   }
 
   /** The direction that a pixel sees; null outside the field. */
@@ -102,15 +108,20 @@ export class Camera {
     return a + (b - a) * (place - cell);
   }
 
+  /** In straight lines between the nodes, which is enough for what is drawn over the picture. */
   private latticeAt(x: number, y: number): Pixel {
-    const { last, lattice: n } = this.model.tables;
+    const at = this.between(0, this.model.tables.lattice, 2, x, y);
+    return [at(0), at(1)];
+  }
+
+  /** Component k of a lattice of n x n nodes at a place of the disk, between its nodes. */
+  private between(from: number, n: number, components: number, x: number, y: number): (k: number) => number {
+    const { last } = this.model.tables;
     const place = (a: number): number => ((a / last + 1) / 2) * (n - 1);
     const [i, j] = [x, y].map((a) => clamp(Math.floor(place(a)), 0, n - 2));
     const [fx, fy] = [place(x) - i, place(y) - j];
-    const at = (di: number, dj: number, k: number): number => this.tables[2 * ((j + dj) * n + i + di) + k];
-    const mixed = (k: number): number =>
-      (at(0, 0, k) * (1 - fx) + at(1, 0, k) * fx) * (1 - fy) + (at(0, 1, k) * (1 - fx) + at(1, 1, k) * fx) * fy;
-    return [mixed(0), mixed(1)];
+    const at = (di: number, dj: number, k: number): number => this.tables[from + components * ((j + dj) * n + i + di) + k];
+    return (k) => (at(0, 0, k) * (1 - fx) + at(1, 0, k) * fx) * (1 - fy) + (at(0, 1, k) * (1 - fx) + at(1, 1, k) * fx) * fy;
   }
 
   private limit(phi: number): number {
@@ -138,11 +149,31 @@ export class Camera {
     }
     return s;
   }
+
+  /** The same without an axis of symmetry: seen from where the ray starts that was found before, again and again. */
+  private solveInSpace([along, right, down]: Vec3): Vec3 {
+    const { last, lattice, limits, starts } = this.model.tables;
+    let found: Vec3 = [0, 1, 0];
+    for (let i = 0; i < STEPS_IN_SPACE; i++) {
+      const [s, cos, sin] = found;
+      const inside = Math.min(s, last);
+      const start = this.between(2 * lattice * lattice + limits, starts, 3, inside * cos, inside * sin);
+      found = polar([along - start(0), right - start(1), down - start(2)]);
+    }
+    return found;
+  }
 }
 
 /** The circle that a camera has by itself. */
 export function circleOf(model: CameraModel): Circle {
   return { u: model.centre_px[0], v: model.centre_px[1], radius: model.rim_radius_px };
+}
+
+/** sin(Omega/2), and cosine and sine of the azimuth, of a vector along axis, right and down. */
+function polar([along, right, down]: Vec3): Vec3 {
+  const across = Math.hypot(right, down);
+  const [cos, sin] = across > 0 ? [right / across, down / across] : [1, 0];
+  return [halfSine(across, along), cos, sin];
 }
 
 /** Sine of half the angle from the axis, without cancellation anywhere. */

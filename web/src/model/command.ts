@@ -35,7 +35,7 @@ function cameraWords(camera: Camera): string[] {
 
 function viewWords(s: State, camera: Camera, width: number, height: number): string[] {
   const words = ["--view", s.mode, "--pan-deg", plain(s.pan)];
-  const far = Number.isFinite(s.distance) && camera.model.sees_near ? ["--distance-mm", plain(s.distance)] : [];
+  const far = Number.isFinite(s.distance) ? ["--distance-mm", plain(s.distance)] : [];
   const size = ["--size", `${width}x${height}`];
   switch (s.mode) {
     case "panorama": {

@@ -74,7 +74,7 @@ export function aspectOf(s: State, camera: Camera): number | null {
 
 /** The view of a state, so many pixels large. A mosaic's height follows from its width. */
 export function viewOf(s: State, camera: Camera, width: number, height: number): View {
-  const distance = Number.isFinite(s.distance) && camera.model.sees_near ? s.distance : 0;
+  const distance = Number.isFinite(s.distance) ? s.distance : 0;
   const box = { left: 0, top: 0, width, height };
   switch (s.mode) {
     case "panorama":

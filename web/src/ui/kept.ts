@@ -3,7 +3,7 @@
 export interface Kept {
   blob: Blob;
   name: string;
-  optics?: string;
+  optics?: "mirror" | "fisheye";
 }
 
 const STORE = "kept";

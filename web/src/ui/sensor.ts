@@ -3,18 +3,21 @@ import type { SensorEntry } from "../messages";
 import { Camera } from "../model/camera";
 import type { Looks, Store } from "../state";
 import { byId, choices, say } from "./dom";
-import { keep, kept } from "./kept";
+import { keep, kept, type Kept } from "./kept";
 
 /** Choosing a sensor, saying how it stood, and fitting its circle to the picture. */
 export class SensorPanel {
   private readonly select = byId<HTMLSelectElement>("sensor");
   private readonly showLooks: (looks: Looks) => void;
+  private readonly showOptics: (optics: Optics) => void;
   private asked = 0;
   camera: Camera | null = null;
 
   constructor(private readonly store: Store, private readonly changed: () => void, private readonly failed: (e: unknown) => void) {
     const looks = [["up", "up"], ["down", "down"], ["forward", "ahead"]] as const;
     this.showLooks = choices<Looks>(byId("looks"), "looks", looks, (value) => store.set({ looks: value }));
+    const optics = [["mirror", "a mirror"], ["fisheye", "a fisheye"]] as const;
+    this.showOptics = choices<Optics>(byId("optics"), "optics", optics, (value) => void this.loadAgain(value));
     this.select.addEventListener("change", () => store.set({ sensor: this.select.value, ...AS_IN_FILE }));
     byId("load").addEventListener("click", () => byId<HTMLInputElement>("calibration").click());
     byId<HTMLInputElement>("calibration").addEventListener("change", (e) => {
@@ -36,7 +39,7 @@ export class SensorPanel {
   }
 
   /** Read a calibration file, and choose it. */
-  async load(file: Blob, name: string, optics = "mirror"): Promise<void> {
+  async load(file: Blob, name: string, optics: Optics = "mirror"): Promise<void> {
     try {
       const entry = await api.loadSensor(file, name, optics);
       await keep(entry.id, { blob: file, name, optics });
@@ -48,6 +51,12 @@ export class SensorPanel {
     }
   }
 
+  /** OCamCalib's files do not say what they are of. */
+  private async loadAgain(optics: Optics): Promise<void> {
+    const file = await kept(this.store.state.sensor);
+    if (file) await this.load(file.blob, file.name, optics);
+  }
+
   /** Fetch the camera that the state asks for. */
   async fetch(): Promise<void> {
     const { sensor, looks, forward, flipped } = this.store.state;
@@ -57,7 +66,7 @@ export class SensorPanel {
       const { model, tables } = await api.camera(sensor, mount).catch(async (e: unknown) => {
         const file = await kept(sensor);
         if (!(e instanceof api.Refused) || !file) throw e;
-        this.choose(await api.loadSensor(file.blob, file.name, file.optics ?? "mirror")); // the server was started anew
+        this.choose(await api.loadSensor(file.blob, file.name, file.optics)); // the server was started anew
         return api.camera(sensor, mount);
       });
       if (number === this.asked) this.take(new Camera(model, tables));
@@ -76,10 +85,10 @@ export class SensorPanel {
     byId<HTMLInputElement>("forward").value = String(model.mount.forward_azimuth_deg);
     byId<HTMLInputElement>("flipped").checked = model.mount.image_flipped;
     const [kind, field] = model.id.split(":");
+    byId("optics-row").hidden = model.kind !== "ocam" || !model.id.startsWith("file:");
+    if (model.kind === "ocam") this.showOptics(model.options.includes("fisheye") ? "fisheye" : "mirror");
     byId("ball-row").hidden = kind !== "ball";
     if (kind === "ball") byId<HTMLInputElement>("ball-field").value = field;
-    byId<HTMLInputElement>("distance").disabled = !model.sees_near;
-    byId("distance-label").title = model.sees_near ? "" : "A decentred or tilted mirror is seen as from far away here; the command line knows better.";
     this.changed();
   }
 
@@ -94,5 +103,7 @@ export class SensorPanel {
     return Object.assign(document.createElement("option"), { value: entry.id, textContent: entry.name, title: entry.title });
   }
 }
+
+type Optics = NonNullable<Kept["optics"]>;
 
 const AS_IN_FILE = { rim: null, looks: null, forward: null, flipped: null } as const;
