@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import omnimirror as om
 from omnimirror.analysis import MERITS
 from omnimirror.analysis.minimise import lowest
+from omnimirror.design import Rim, generated_mirror
 from omnimirror.lenses import Orthographic, Perspective
+from omnimirror.mirrors import EvenPolynomial
 
 SPH, EDI, SVP = (om.load_sensor(f"paper-{n}") for n in ("spherical", "equidistant", "hyperboloidal"))
 LENS = Perspective(11.6, 4.0, 212.0)
@@ -101,6 +105,29 @@ def test_floored_area_is_never_below_a_pixel_and_the_airy_disk():
     assert np.all(r.floored_area_deg2 >= floor)
     sides = [np.sqrt(r.blur_t_px**2 + 1 + r.airy_px**2), np.sqrt(r.blur_s_px**2 + 1 + r.airy_px**2)]
     np.testing.assert_allclose(r.floored_area_deg2, sides[0] * sides[1] / r.area_px2, rtol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["paper-spherical", "paraboloid-telecentric"])
+@pytest.mark.parametrize("curvature", [1e-5, 1e-7, 1e-9, 1e-12])
+def test_a_mirror_as_good_as_flat_is_focused_at_its_images_or_as_far_as_can_be(name, curvature):
+    """z = c x^2 has images of distant objects 1/(4 c) away, at last farther than any lens can be focused."""
+    sensor = replace(om.load_sensor(name), mirror=EvenPolynomial((curvature,), 20.0))
+    best = om.best_focus(sensor)
+    assert om.evaluate(sensor, focus_mm=best.focus_mm).focus_mm == best.focus_mm
+    farthest = sensor.lens.PARAMETERS["focus_distance_mm"].high
+    assert best.focus_mm == pytest.approx(min(1 / (4 * curvature), farthest), rel=0.05)
+
+
+def test_images_on_both_sides_of_infinity_leave_far_foci_to_choose_from():
+    """The mirror of a far plane to 80 deg has tangential ones behind the lens; no focus on a fine scan is better."""
+    placed = generated_mirror("rectifying", Rim(80.0, 12.0, 43.9))
+    sensor = replace(SPH, mirror=placed.mirror, mirror_distance_mm=placed.distance_mm)
+    angles = np.linspace(0, sensor.field_deg[1], 301)
+    best = om.best_focus(sensor, omega_deg=angles)
+    found = om.evaluate(sensor, angles)
+    assert found.distance_t_mm.min() < 0 < 5e3 < found.distance_t_mm.max()
+    for focus in 1 / np.linspace(1e-7, 1 / 60, 200):
+        assert om.evaluate(sensor, angles, focus_mm=focus).floored_area_deg2.max() >= best.value * (1 - 1e-9)
 
 
 def test_auto_focus_is_the_best_focus():

@@ -155,7 +155,7 @@ def best_focus(
     Raises
     ------
     InvalidParameter
-        An unknown merit, or a mirror none of whose images lies in front of the lens.
+        An unknown merit, or a mirror without virtual images.
 
     Examples
     --------
@@ -172,24 +172,34 @@ def best_focus(
     rays = sensor.meridian.trace(sensor.meridian.x_from_omega(np.radians(omega)))
     study = FocusStudy(sensor, rays, virtual_images(rays, object_distance_mm), mode, image_radius_px, wavelength_nm)
     L = np.concatenate(study.distances())
+    limits = sensor.lens.PARAMETERS["focus_distance_mm"]
+
+    def price(focus_mm: float) -> float:
+        return MERITS[merit](study.at(focus_mm))
+
     if sensor.lens.TELECENTRIC:
-        low, high = _around(L[np.isfinite(L)])
-        focus = lowest(lambda L0: MERITS[merit](study.at(L0)), low, high)
+        focus = lowest(price, *_around(L, limits.low, limits.high))
     else:  # by nearness 1/L0, in which blur is linear, and far images do not stretch the search
-        farthest = sensor.lens.PARAMETERS["focus_distance_mm"].high
-        nearest = max(sensor.lens.PARAMETERS["focus_distance_mm"].low, _closest(sensor.lens))
-        low, high = _around(1 / L[(nearest < L) & (farthest > L)])
-        bounds = max(low, 1 / farthest), min(high, 1 / nearest)
-        focus = 1 / lowest(lambda nearness: MERITS[merit](study.at(1 / nearness)), *bounds)
-    return BestFocus(focus, MERITS[merit](study.at(focus)), merit)
+        nearest = max(limits.low, _closest(sensor.lens))
+        with np.errstate(divide="ignore"):
+            nearness = np.where(L < 0, 0.0, 1 / L)  # what lies behind the lens converges: beyond infinity
+        low, high = _around(nearness, 1 / limits.high, 1 / nearest)
+        focus = float(np.clip(1 / lowest(lambda v: price(1 / v), low, high), nearest, limits.high))
+    return BestFocus(focus, price(focus), merit)
 
 
-def _around(places: Array) -> tuple[float, float]:
-    """An interval that holds the places of all images, and a little more."""
+def _around(places: Array, least: float, most: float) -> tuple[float, float]:
+    """An interval that holds the places of all images that a lens can be focused at, and a little more.
+
+    Places past the last one are left out, unless there are no others; those before the first count as the first.
+    """
+    places = places[~np.isnan(places)]
     if not places.size:
-        raise InvalidParameter("the virtual images lie nowhere the lens could be focused at, so there is no best focus")
-    margin = 0.05 * (float(np.ptp(places)) or abs(float(places[0])))
-    return float(places.min()) - margin, float(places.max()) + margin
+        raise InvalidParameter("there are no virtual images, so there is no best focus")
+    within = places[places < most] if (places < most).any() else places
+    within = np.clip(within, least, most)
+    margin = 0.05 * (float(np.ptp(within)) or abs(float(within[0])))
+    return max(float(within.min()) - margin, least), min(float(within.max()) + margin, most)
 
 
 def _closest(lens: Lens) -> float:
