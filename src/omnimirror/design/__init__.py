@@ -1,6 +1,6 @@
 """From requirements to a mirror: mappings, families, fits, and what they cost."""
 
-from .designing import Design, design_sensor
+from .designing import Design, SearchOptions, design_sensor
 from .families import FAMILIES
 from .fits import Fit, FitForm, fit_mirror
 from .mappings import MAPPINGS, generated_mirror
@@ -24,6 +24,7 @@ __all__ = [
     "PlacedMirror",
     "Requirements",
     "Rim",
+    "SearchOptions",
     "design_sensor",
     "fit_mirror",
     "generated_mirror",

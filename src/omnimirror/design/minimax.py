@@ -22,6 +22,7 @@ Array = NDArray[np.float64]
 
 FIRST_TRUST, LAST_TRUST = 0.1, 1e-9
 FORETOLD_WELL = 0.9  # of the gain; a step that brings less is tried again with what it showed of the curvature
+NOTHING = 1e-10  # gain that ends the search where the optimum is 0
 PENALTY = 100.0  # price of a violated constraint, in units of the objective
 
 
@@ -106,7 +107,7 @@ def least_worst(
     for _ in range(most_steps):
         step, foretold = _programme(linear, y, bounds, trust, is_spread)
         gain = here.price - foretold
-        if not gain > tolerance * max(abs(here.value), 1e-12):
+        if not gain > max(tolerance * abs(here.value), NOTHING):
             break
         ahead = values(y + step)
         there = _price(ahead, is_spread)
