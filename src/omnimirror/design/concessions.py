@@ -23,7 +23,7 @@ from .space import DesignSpace
 Array = NDArray[np.float64]
 
 NUMBERS = ("omega_max_deg", "theta_max_deg", "rim_radius_mm", "focal_length_mm", "f_number")
-FARTHEST = 4.0  # times what was asked, or one over it
+FARTHEST = 10.0  # times what was asked, or one over it
 STILL = 1e-6  # a share below this is none
 
 

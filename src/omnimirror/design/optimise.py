@@ -214,12 +214,11 @@ def coarse_nodes(problem: DesignProblem) -> Array:
 
 def follow(objective: Objective, y: Array, **options: Any) -> Minimum:
     """A point followed to the nearest optimum of an objective."""
-    bounds = objective.space.bounds
-    if not objective.is_about_sharpness and "focus" in objective.space.names:
-        # any focus would do: keep the start's, which is the best for sharpness
-        i = objective.space.names.index("focus")
-        low, high = (np.concatenate([b[:i], y[i : i + 1], b[i + 1 :]]) for b in bounds)
-        bounds = low, high
+    low, high = (np.array(b) for b in objective.space.bounds)
+    if not objective.is_about_sharpness:  # any focus and F-number would do: keep the start's
+        held = [i for i, name in enumerate(objective.space.names) if name in ("focus", "f_number")]
+        low[held] = high[held] = y[held]
+    bounds = low, high
     if objective.is_mean:
         options.pop("first_trust", None)
         return least_mean(objective.values, objective.rows, y, bounds, **options)
