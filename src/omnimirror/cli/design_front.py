@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -69,7 +70,7 @@ def _draw(front: Front, known: dict[str, Any], path: Path) -> None:
 
 def _axis_label(merit: str) -> str:
     m = merit_named(merit)
-    words = m.meaning.partition(";")[0].capitalize()
+    words = re.split(r"; | \(", m.meaning)[0].capitalize()
     return f"{words} ({m.unit.replace('2', '²')})" if m.unit else words
 
 

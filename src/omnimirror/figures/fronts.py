@@ -19,6 +19,7 @@ Array = NDArray[np.float64]
 TEXT = 6.5
 BESIDE, NEAR = 8.0, 30.0  # points: from a mark to its name, and how near the next mark is stepped over
 RIGHT = 0.65  # of the width: names of marks beyond it stand to their left
+LEADER: dict[str, Any] = {"arrowstyle": "-", "color": GREY, "linewidth": 0.4, "shrinkA": 1.0, "shrinkB": 4.0}
 RINGED: dict[str, Any] = {"markersize": 4.5, "markeredgewidth": 0.8}
 
 
@@ -64,20 +65,23 @@ def _scales(ax: Axes, values: Array) -> None:
 
 
 def _names(figure: Figure, ax: Axes, names: list[str], places: Array, colours: list[str]) -> None:
-    """A name beside each mark, to its right where there is room, past marks there, moved where names would meet."""
+    """A name beside each mark, to its right where there is room, past marks there; moved where names would meet."""
+    if not names:
+        return
     figure.draw_without_rendering()
     point = figure.dpi / 72
-    shown = ax.transData.transform(places) / point if len(places) else places
+    shown = ax.transData.transform(places) / point
     box = ax.get_window_extent()
     turn = (box.x0 + RIGHT * box.width) / point
-    for side in (1, -1):
-        chosen = [i for i in range(len(names)) if (shown[i, 0] <= turn) == (side > 0)]
-        heights = spread([shown[i, 1] for i in chosen], 1.25 * TEXT, box.y0 / point, box.y1 / point)
-        for i, y in zip(chosen, heights, strict=True):
-            along = side * (shown[:, 0] - shown[i, 0])
-            beside = (np.abs(shown[:, 1] - y) < TEXT) & (along >= 0) & (along < NEAR)
-            reach = float(along[beside].max(initial=0.0))
-            ax.annotate(
-                names[i], places[i], xytext=(side * (reach + BESIDE), y - shown[i, 1]), textcoords="offset points",
-                size=TEXT, color=colours[i], ha="left" if side > 0 else "right", va="center",
-            )  # fmt: skip
+    heights = spread(shown[:, 1], 1.25 * TEXT, box.y0 / point, box.y1 / point)
+    for i, y in enumerate(heights):
+        side = 1 if shown[i, 0] <= turn else -1
+        along = side * (shown[:, 0] - shown[i, 0])
+        beside = (np.abs(shown[:, 1] - y) < TEXT) & (along >= 0) & (along < NEAR)
+        reach = float(along[beside].max(initial=0.0))
+        is_far = abs(y - shown[i, 1]) > 1.5 * TEXT
+        ax.annotate(
+            names[i], places[i], xytext=(side * (reach + BESIDE), y - shown[i, 1]), textcoords="offset points",
+            size=TEXT, color=colours[i], ha="left" if side > 0 else "right", va="center",
+            arrowprops=LEADER | {"relpos": (0.5 - side / 2, 0.5)} if is_far else None,
+        )  # fmt: skip
