@@ -115,6 +115,16 @@ def test_init_writes_a_file_that_evaluates_and_never_overwrites(tmp_path):
     assert omnimirror("init", "mine.toml", "--force", cwd=tmp_path).returncode == 0
 
 
+def test_the_secondary_of_the_template_folds_its_sensor(tmp_path):
+    assert omnimirror("init", "mine.toml", cwd=tmp_path).returncode == 0
+    text = (tmp_path / "mine.toml").read_text()
+    start, end = text.index("# [secondary]"), text.index("# [mirror_pose]")
+    folded = "".join(line.removeprefix("# ") + "\n" for line in text[start:end].splitlines())
+    (tmp_path / "folded.toml").write_text(text[:start] + folded + text[end:])
+    one, two = (om.load_sensor(tmp_path / name) for name in ("mine.toml", "folded.toml"))
+    np.testing.assert_allclose(om.evaluate(two, [60.0]).h_px, om.evaluate(one, [60.0]).h_px, rtol=1e-12)
+
+
 @pytest.mark.parametrize(
     ("args", "message"),
     [

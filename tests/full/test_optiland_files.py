@@ -11,6 +11,7 @@ import pytest
 from omnimirror.design.manufacture import asphere_of
 from omnimirror.design.manufacture.forms import EXACT_UM
 from omnimirror.design.manufacture.zmx import field_angles, write_zmx
+from tests.analysis.test_two_mirrors import SENSORS as FOLDED
 from tests.conftest import MIRRORS, SURFACES_OF_LENS_FILES, sensor_of
 
 pytestmark = [pytest.mark.full, pytest.mark.filterwarnings("ignore")]
@@ -43,7 +44,7 @@ def load():
 @pytest.mark.parametrize("kind", sorted(MIRRORS))
 def test_the_surface_is_the_mirror(kind, load, tmp_path):
     sensor = sensor_of(kind)
-    stated = write_zmx(tmp_path / "s.zmx", sensor).deviation_um
+    stated = write_zmx(tmp_path / "s.zmx", sensor)[0].deviation_um
     geometry = load(tmp_path / "s.zmx").surfaces.surfaces[2].geometry
     x = np.linspace(0, sensor.mirror.rim_radius_mm, 301)
     off = 1e3 * np.abs(np.asarray(geometry.sag(0 * x, x)) - sensor.mirror.sag(x))
@@ -86,3 +87,16 @@ def test_a_pencil_from_the_imager_leaves_the_mirror_with_the_vergence_of_eq_15(l
         q = sensor.lens.focus_distance_mm / np.cos(rays.theta[0]) - np.hypot(rays.x, rays.w)[0]
         vergence = 1 / q - 2 / (rays.radius_t()[0] * np.cos(rays.gamma[0]))
         assert 1 / meeting == pytest.approx(vergence, abs=2e-5)
+
+
+@pytest.mark.parametrize("kind", sorted(k for k in FOLDED if k != "telecentric"))
+def test_chief_rays_leave_both_mirrors_of_a_folded_sensor_at_the_field_angles(kind, load, tmp_path):
+    sensor = FOLDED[kind]
+    write_zmx(tmp_path / "s.zmx", sensor)
+    system = load(tmp_path / "s.zmx")
+    heights = np.array([float(f.y) for f in system.fields.fields])
+    omega = []
+    for height in heights:
+        ray = system.trace_generic(Hx=0, Hy=height / np.abs(heights).max(), Px=0, Py=0, wavelength=0.55)
+        omega.append(np.degrees(np.arctan2(np.abs(float(ray.M[0])), float(ray.N[0]))))
+    np.testing.assert_allclose(sorted(omega), field_angles(sensor), atol=1e-6)

@@ -56,6 +56,7 @@ def scale(text: str) -> float:
 @click.option("--bore-depth-mm", type=float, default=10.0, show_default=True, help="Of the bore; 'inf' goes through.")
 @click.option("--flange-width-mm", type=float, default=0.0, help="Solid: a flange at the back, beyond the rim.")
 @click.option("--flange-thickness-mm", type=float, default=2.0, show_default=True, help="Of the flange.")
+@click.option("--secondary-thickness-mm", type=float, help="Solid of a second mirror: the same of it.  [default: 5]")
 @click.option("--chord-tolerance-um", type=float, default=10.0, show_default=True, help="STL, 3MF: of the triangles.")
 @click.option("--step-mm", type=float, help="Table: step along x.  [default: a hundredth of the rim radius]")
 @click.option("--step-deg", type=float, help="Table: instead, step of the field angle.")
@@ -82,13 +83,18 @@ def command(sensor: str, output: Path, **options: Any) -> None:
         options.pop("thickness_mm"), options.pop("bore_diameter_mm"), options.pop("bore_depth_mm"),
         options.pop("thread") or "", options.pop("flange_width_mm"), options.pop("flange_thickness_mm"),
     )  # fmt: skip
+    thickness = options.pop("secondary_thickness_mm")
+    second = None if thickness is None else Body(thickness)
     support = Support(
         options.pop("support"), options.pop("support_diameter_mm"), options.pop("wall_mm"), options.pop("gap_mm"),
         options.pop("refractive_index"), options.pop("camera_diameter_mm"),
     )  # fmt: skip
     console = output_console()
     with console.status("Writing"):
-        written = export(load_sensor(sensor), output, options.pop("formats"), body=body, support=support, **options)
+        written = export(
+            load_sensor(sensor), output, options.pop("formats"), body=body, secondary_body=second, support=support,
+            **options,
+        )  # fmt: skip
     table = Table(box=None, pad_edge=False, header_style="bold")
     table.add_column("file", no_wrap=True)
     table.add_column("what")

@@ -10,7 +10,7 @@ import click
 from ..errors import OmnimirrorError
 from ..files import write_text
 from ..lenses import LENSES, Lens
-from ..mirrors import MIRRORS, Mirror
+from ..mirrors import MIRRORS, Mirror, Secondary
 from ..mirrors.pose import MirrorPose
 from ..parameters import Parameter
 
@@ -61,14 +61,24 @@ camera_looks = "up"  # "up": the mirror hangs above the camera; "down"; or "forw
 forward_azimuth_deg = -90.0  # image direction that is forward: 0 = image right, -90 = image top
 image_flipped = false  # true when the driver delivers the picture reversed left to right
 
+# [secondary]  # a second mirror, in which the lens sees the first; any kind of mirror, as the camera sees it, or flat
+# kind = "flat"
+# rim_radius_mm = 21.0
+{_entries(Secondary.PARAMETERS, SECONDARY)}
+
 # [mirror_pose]  # where the mirror really sits, if it is out of place; camera frame, tilts about the vertex
 {_entries(MirrorPose.PARAMETERS)}
 '''
 
 
-def _entries(parameters: Mapping[str, Parameter]) -> str:
-    """Entries of a table that may be left out, commented, all of them 0."""
-    return "\n".join(f"# {name} = 0.0  # {p.description}" for name, p in parameters.items())
+SECONDARY = {"distance_mm": 88.0, "bore_radius_mm": 5.0}
+"""A fold of the template's sensor that works as it stands."""
+
+
+def _entries(parameters: Mapping[str, Parameter], values: Mapping[str, float] | None = None) -> str:
+    """Entries of a table that may be left out, commented; 0 where no value is given."""
+    values = values or {}
+    return "\n".join(f"# {name} = {values.get(name, 0.0)}  # {p.description}" for name, p in parameters.items())
 
 
 def _catalogue(parts: Mapping[str, type[Mirror] | type[Lens]]) -> str:

@@ -15,6 +15,7 @@ from omnimirror.design.manufacture import Body, Support, draw_sheet
 from omnimirror.design.manufacture.sheet import SHEETS, Sheet, fitting_scale, scale_words
 from omnimirror.errors import InvalidParameter
 from omnimirror.specs import bundled_sensors
+from tests.analysis.test_two_mirrors import SENSORS as FOLDED
 from tests.conftest import MIRRORS, sensor_of
 
 POINT = 72 / 25.4
@@ -86,6 +87,8 @@ def texts(drawing):
 FULL = Body(8.0, bore_diameter_mm=6.0, bore_depth_mm=np.inf, flange_width_mm=5.0)
 CASES = [
     *((s, TAPPED, Support("tube"), "A3") for s in map(om.load_sensor, bundled_sensors()) if s.secondary is None),
+    *((s, Body(), Support(kind), "A3") for s in FOLDED.values() for kind in ("tube", "none")),
+    (FOLDED["flat"], Body(), Support("tube"), "A4"),
     *((om.load_sensor(f"paper-{name}"), TAPPED, Support("rod"), "A4") for name in ("hyperboloidal", "equidistant")),
     *((sensor_of(kind), FULL, Support("none", camera_diameter_mm=40.0), "A3") for kind in sorted(MIRRORS)),
     (sensor_of("sphere", "orthographic"), Body(), Support("tube"), "A3"),

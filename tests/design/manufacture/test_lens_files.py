@@ -70,7 +70,7 @@ def thirty_digits():
 @pytest.mark.parametrize("kind", sorted(MIRRORS))
 def test_the_surface_is_the_mirror_within_what_the_file_says(kind, tmp_path):
     sensor = sensor_of(kind)
-    stated = write_zmx(tmp_path / "s.zmx", sensor).deviation_um
+    stated = write_zmx(tmp_path / "s.zmx", sensor)[0].deviation_um
     _, surfaces = parse_zmx(tmp_path / "s.zmx")
     sag, mirror = sag_of(surfaces[2]), sensor.mirror
     for r in np.linspace(0.013, 1, 40) * mirror.rim_radius_mm:
@@ -139,7 +139,7 @@ def test_more_terms_than_a_plain_asphere_has_stay_exact_in_an_extended_one(tmp_p
     nine = EvenPolynomial((0.64, 0.1, 0, 0, 0, 0, 0, 0, 0.002), 40.0, 40.0)
     eight = EvenPolynomial((*nine.coefficients[:7], 0.002), 40.0, 40.0)
     for mirror, kind in ((eight, "EVENASPH"), (nine, "XASPHERE")):
-        assert write_zmx(tmp_path / "s.zmx", replace(sensor, mirror=mirror)).deviation_um == 0
+        assert write_zmx(tmp_path / "s.zmx", replace(sensor, mirror=mirror))[0].deviation_um == 0
         _, surfaces = parse_zmx(tmp_path / "s.zmx")
         assert surfaces[2]["TYPE"] == surfaces[3]["TYPE"] == [kind]
         sag = sag_of(surfaces[2])
@@ -149,7 +149,7 @@ def test_more_terms_than_a_plain_asphere_has_stay_exact_in_an_extended_one(tmp_p
 
 @pytest.mark.parametrize("kind", ["rectifying", "ground-plane", "cylinder"])
 def test_what_eight_terms_do_not_follow_is_an_extended_asphere(kind, tmp_path):
-    form = write_zmx(tmp_path / "s.zmx", sensor_of(kind))
+    (form,) = write_zmx(tmp_path / "s.zmx", sensor_of(kind))
     text = (tmp_path / "s.zmx").read_text(encoding="utf-16")
     assert form.is_extended
     assert f"{kind} mirror as extended {form.kind} asphere of 16 terms" in text

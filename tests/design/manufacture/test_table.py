@@ -12,7 +12,7 @@ from scipy.optimize import minimize
 import omnimirror as om
 from omnimirror.design.manufacture import best_sphere, format_table, sag_table, table_points
 from omnimirror.errors import InvalidParameter
-from omnimirror.mirrors import EvenPolynomial, SampledProfile
+from omnimirror.mirrors import EvenPolynomial, Flat, SampledProfile
 from tests.conftest import MIRRORS, sensor_of
 
 
@@ -154,8 +154,18 @@ def test_the_slope_departure_is_the_angle_between_the_normals():
     assert sphere.slope_mrad == pytest.approx(1e3 * max(angles), rel=1e-4)
 
 
-def test_a_hollow_mirror_has_no_sphere_and_a_merit_must_be_known():
-    with pytest.raises(InvalidParameter, match="flat or hollow"):
-        best_sphere(EvenPolynomial((-0.001,), 10.0))
+def test_a_hollow_mirror_is_the_convex_one_turned_over():
+    convex, hollow = (best_sphere(EvenPolynomial((a,), 10.0)) for a in (0.001, -0.001))
+    assert (hollow.radius_mm, hollow.centre_z_mm) == (-convex.radius_mm, -convex.centre_z_mm)
+    assert hollow.peak_to_valley_um == convex.peak_to_valley_um
+    x = np.linspace(0, 10, 5)
+    over = hollow.departure_um(EvenPolynomial((-0.001,), 10.0), x)
+    np.testing.assert_allclose(over, -convex.departure_um(EvenPolynomial((0.001,), 10.0), x), atol=1e-9)
+    assert best_sphere(Flat(10.0)).radius_mm == np.inf
+
+
+def test_a_nearly_flat_mirror_has_no_sphere_and_a_merit_must_be_known():
+    with pytest.raises(InvalidParameter, match="nearly flat"):
+        best_sphere(EvenPolynomial((-1e-12,), 10.0))
     with pytest.raises(InvalidParameter, match="least-departure"):
         best_sphere(MIRRORS["sphere"][0], "best")

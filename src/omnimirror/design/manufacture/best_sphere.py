@@ -19,7 +19,7 @@ MERITS = ("least-squares", "least-departure")
 
 @dataclass(frozen=True)
 class BestSphere:
-    """A sphere about (0, centre_z_mm), and the mirror's departure from it.
+    """A sphere about (0, centre_z_mm), and the mirror's departure from it; a radius below 0 is hollow, inf a plane.
 
     Departures are measured along the sphere's normal and are positive where a spherical blank has
     material to be removed. The RMS is the mean over the aperture, weighted by projected area.
@@ -41,7 +41,10 @@ class BestSphere:
     def departure_um(self, mirror: Mirror, x_mm: ArrayLike) -> Array:
         """Departure (n,) of the mirror at distances x from the axis, um."""
         x = np.asarray(x_mm, dtype=float)
-        departure: Array = 1e3 * (self.radius_mm - np.hypot(x, self.centre_z_mm - mirror.sag(x)))
+        if np.isinf(self.radius_mm):
+            return np.zeros_like(x)
+        away = np.sign(self.radius_mm) * np.hypot(x, self.centre_z_mm - mirror.sag(x))
+        departure: Array = 1e3 * (self.radius_mm - away)
         return departure
 
 
@@ -51,7 +54,7 @@ def best_sphere(mirror: Mirror, merit: Merit = "least-squares") -> BestSphere:
     Raises
     ------
     InvalidParameter
-        A merit that is not known, or a mirror that no sphere comes near (flat, or hollow).
+        A merit that is not known, or a mirror that no sphere comes near (flat, but not a plane).
 
     Examples
     --------
@@ -66,9 +69,13 @@ def best_sphere(mirror: Mirror, merit: Merit = "least-squares") -> BestSphere:
         raise InvalidParameter(f"merit = {merit!r} is not one of {', '.join(MERITS)}")
     x = nodes(mirror, 2001)
     z, slope, _ = mirror.profile(x)
+    if not np.any(z):
+        return BestSphere(merit, np.inf, np.inf, 0.0, 0.0, 0.0)
+    sense = float(np.sign(z[-1]))
+    z, slope = sense * z, sense * slope  # a hollow mirror from behind
     chord = 2 * z[-1] / (x[-1] ** 2 + z[-1] ** 2)  # 1/R of the sphere through vertex and rim
     if chord < 1e-9:
-        raise InvalidParameter("the mirror is flat or hollow: there is no sphere convex towards the lens near it")
+        raise InvalidParameter("the mirror is nearly flat: there is no sphere near it")
     area = x * np.gradient(x)
     area /= area.sum()
     centre = _least_squares_centre(x, z, area, float(1 / chord))
@@ -80,8 +87,8 @@ def best_sphere(mirror: Mirror, merit: Merit = "least-squares") -> BestSphere:
     angle = np.arctan(slope) - np.arctan2(x, centre - z)
     return BestSphere(
         merit,
-        radius_mm=centre + offset,
-        centre_z_mm=centre,
+        radius_mm=sense * (centre + offset),
+        centre_z_mm=sense * centre,
         peak_to_valley_um=float(1e3 * np.ptp(departure)),
         rms_um=float(1e3 * np.sqrt(area @ departure**2)),
         slope_mrad=float(1e3 * np.abs(angle[1:] if mirror.is_pointed else angle).max()),

@@ -14,13 +14,15 @@ from ... import __version__
 from ...errors import InvalidParameter
 from ...figures.style import render, styled
 from ...lenses import Orthographic, Perspective
+from ...mirrors import Mirror
 from ...sensor import Sensor
 from .best_sphere import best_sphere
 from .body import Body
+from .parts import Part, omega_of, parts_of
 from .sensitivity import sensitivities
 from .sheet import FINE, FRAME, SCALES, THIN, Sheet, scale_words
-from .supports import Support, hidden_percent, obscuration, tube_shift_mm, tube_transmission
-from .views import Assembly, draw_mirror, draw_sensor, length_words
+from .supports import Hidden, Support, hidden_percent, obscuration, tube_shift_mm, tube_transmission
+from .views import MIRROR_REGION, SECONDARY_REGION, Assembly, draw_mirror, draw_sensor, length_words
 
 LEAST_SCALE, LARGEST_SCALE = SCALES[-1], SCALES[0]
 TABLE_TOP = 129.0
@@ -29,6 +31,14 @@ NOTES = (
     "Ω counts from the axis, back past the lens.",
     "Each error alone; where it moves the picture most.",
     "Surface form: one bump between axis and rim, P-V.",
+)
+
+
+NOTES_OF_TWO = (
+    "z counts from the vertex, away from what the mirror looks at.",
+    "Ω counts from the axis, down past the secondary.",
+    "Each error alone; where it moves the picture most.",
+    "Both mirrors are centred and square to the axis.",
 )
 
 
@@ -57,6 +67,7 @@ def draw_sheet(
     support: Support | None = None,
     sheet: str = "A3",
     scale: float | None = None,
+    secondary_body: Body | None = None,
 ) -> Drawing:
     """Draw the sensor on a sheet of paper.
 
@@ -71,6 +82,8 @@ def draw_sheet(
         In landscape.
     scale : optional
         Of the sensor's view, paper over nature; by default the largest standard one that fits.
+    secondary_body : optional
+        The solid of a second mirror, ``Body()`` by default.
 
     Raises
     ------
@@ -84,20 +97,27 @@ def draw_sheet(
     >>> drawing.sensor_scale, drawing.mirror_scale
     (1.0, 1.0)
     """
-    sensor.check_one_mirror("the drawing")
     if scale is not None and not LEAST_SCALE <= scale <= LARGEST_SCALE:
         raise InvalidParameter(f"scale = {scale:g} is outside {LEAST_SCALE:g} to {LARGEST_SCALE:g}")
-    body = Body() if body is None else body
+    parts = parts_of(sensor, Body() if body is None else body, secondary_body)
+    body = parts[0].body
     support = (support or Support()).fitted(sensor, body)
-    rings = obscuration(sensor, support, body)
+    rings = obscuration(sensor, support, body, secondary_body)
     with styled():
         paper = Sheet(sheet)
-        sensor_scale = draw_sensor(paper, Assembly.of(sensor, body, support, rings), scale)
-        mirror_scale = draw_mirror(paper, sensor, body)
+        sensor_scale = draw_sensor(paper, Assembly.of(sensor, body, support, rings, secondary_body), scale)
+        mirror_scale = _draw_mirrors(paper, parts)
         _draw_frame(paper)
-        _draw_tables(paper, sensor, body, support)
+        _draw_tables(paper, parts, support, rings)
         _draw_title(paper, sensor, sensor_scale, mirror_scale)
     return Drawing(paper.figure, sensor_scale, mirror_scale)
+
+
+def _draw_mirrors(sheet: Sheet, parts: list[Part]) -> float:
+    """Each mirror in half-section; the scale of the first."""
+    for part in parts[1:]:
+        draw_mirror(sheet, part.mirror, part.body, SECONDARY_REGION.on(sheet), "SECONDARY")
+    return draw_mirror(sheet, parts[0].mirror, parts[0].body, MIRROR_REGION.on(sheet))
 
 
 def write_drawing(path: Path, drawing: Drawing) -> None:
@@ -108,23 +128,25 @@ def write_drawing(path: Path, drawing: Drawing) -> None:
 # -- tables --------------------------------------------------------------------------------------------
 
 
-def _draw_tables(sheet: Sheet, sensor: Sensor, body: Body, support: Support) -> None:
-    k = sheet.k
-    y = sheet.table(152 * k, TABLE_TOP * k, (38, 36), mirror_rows(sensor), "MIRROR")
-    rows = int((y - 16 * k) / (4.4 * k)) - 2
-    sheet.table(152 * k, y - 4 * k, (20, 20, 16, 18), sag_rows(sensor, min(rows, 14)), "SURFACE")
+def _draw_tables(sheet: Sheet, parts: list[Part], support: Support, rings: list[Hidden]) -> None:
+    k, sensor = sheet.k, parts[0].sensor
+    y = sheet.table(152 * k, TABLE_TOP * k, (38, 36), mirror_rows(sensor.mirror), "MIRROR")
+    if sensor.secondary is not None:
+        y = sheet.table(152 * k, y - 4 * k, (38, 36), mirror_rows(sensor.secondary.mirror), "SECONDARY")
+    rows = int((y - 20 * k) / (4.4 * k)) - 2
+    if rows > 4:
+        sheet.table(152 * k, y - 4 * k, (20, 20, 16, 18), sag_rows(sensor, min(rows, 14)), "SURFACE")
     y = sheet.table(232 * k, TABLE_TOP * k, (40, 44), sensor_rows(sensor), "SENSOR")
-    sheet.table(232 * k, y - 4 * k, (38, 28, 18), support_rows(sensor, body, support), "HIDDEN FROM THE PICTURE")
+    sheet.table(232 * k, y - 4 * k, (38, 28, 18), support_rows(parts, support, rings), "HIDDEN FROM THE PICTURE")
     y = sheet.table(
         324 * k, TABLE_TOP * k, (38, 28, 18), tolerance_rows(sensor), "ERROR THAT MOVES THE PICTURE BY 0.5 px"
     )
-    for i, note in enumerate(NOTES):
+    for i, note in enumerate(NOTES if sensor.secondary is None else NOTES_OF_TWO):
         sheet.text(324 * k, y - (6 + 3.8 * i) * k, note, height=1.8)
 
 
-def mirror_rows(sensor: Sensor) -> list[tuple[str, str]]:
+def mirror_rows(mirror: Mirror) -> list[tuple[str, str]]:
     """The mirror's own parameters, and the sphere nearest to it."""
-    mirror = sensor.mirror
     rows = [("kind", mirror.KIND)]
     for f in fields(cast(Any, mirror)):
         value, p = getattr(mirror, f.name), mirror.PARAMETERS[f.name]
@@ -138,9 +160,10 @@ def mirror_rows(sensor: Sensor) -> list[tuple[str, str]]:
             rows.append((name, value))
         elif not (f.name == "normalization_radius_mm" and value == 1.0):
             rows.append((name, f"{value:.9g} {p.unit}".strip()))
-    radius = f"{float(mirror.radius_t(0.0)):.9g} mm"
-    if not mirror.is_pointed and radius not in (value for _, value in rows):
-        rows.append(("vertex radius", radius))
+    radius = float(mirror.radius_t(0.0))
+    words = f"{radius:.9g} mm"
+    if not mirror.is_pointed and np.isfinite(radius) and words not in (value for _, value in rows):
+        rows.append(("vertex radius", words))
     sphere = best_sphere(mirror)
     if sphere.peak_to_valley_um < 1e-3:
         return rows
@@ -162,10 +185,13 @@ def sag_rows(sensor: Sensor, count: int) -> list[tuple[str, ...]]:
     steps = (a * 10.0**n for n in range(-6, 6) for a in (1, 2, 5))
     step = next(s for s in steps if rim / s <= max(count - 1, 1))
     x = np.append(step * np.arange(int(np.ceil(rim / step - 0.2))), rim)  # none close to the rim
-    rays = sensor.meridian.trace(x)
-    rows = zip(x, rays.z, np.degrees(rays.beta), np.degrees(rays.omega), strict=True)
+    z, slope, _ = sensor.mirror.profile(x)
+    rows = zip(x, z, np.degrees(np.arctan(slope)), np.degrees(omega_of(sensor, x)), strict=True)
     head = ("x mm", "z mm", "slope °", "Ω °")
-    return [head, *((length_words(a), f"{b:.4f}", f"{c:.3f}", f"{d:.2f}") for a, b, c, d in rows)]
+    return [
+        head,
+        *((length_words(a), f"{b:.4f}", f"{c:.3f}", f"{d:.2f}" if np.isfinite(d) else "hidden") for a, b, c, d in rows),
+    ]
 
 
 def sensor_rows(sensor: Sensor) -> list[tuple[str, str]]:
@@ -187,14 +213,14 @@ def sensor_rows(sensor: Sensor) -> list[tuple[str, str]]:
     ]
 
 
-def support_rows(sensor: Sensor, body: Body, support: Support) -> list[tuple[str, str, str]]:
+def support_rows(parts: list[Part], support: Support, rings: list[Hidden]) -> list[tuple[str, str, str]]:
     """What is hidden, and what a tube does to the rest."""
-    rings = obscuration(sensor, support, body)
+    sensor, (body, *second) = parts[0].sensor, (part.body for part in parts)
     rows = [
         (ring.part, f"Ω {ring.omega_deg[0]:.1f}° to {ring.omega_deg[1]:.1f}°", f"{ring.picture_percent:.2f} %")
         for ring in rings
     ]
-    rows.append(("in all, at every azimuth", "", f"{hidden_percent(sensor, support, body):.2f} %"))
+    rows.append(("in all, at every azimuth", "", f"{hidden_percent(sensor, support, body, *second):.2f} %"))
     if support.kind == "tube":
         for omega in sorted({min(90.0, sensor.field_deg[1]), sensor.field_deg[1]}):
             passed = 100 * float(tube_transmission(omega, support.refractive_index))

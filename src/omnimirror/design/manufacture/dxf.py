@@ -194,6 +194,8 @@ def surface_words(mirror: Mirror) -> list[str]:
         beta = float(np.degrees(np.arctan(mirror.slope(0.0))))
         return [f"Surface: {mirror.KIND}, {beta:.6g} deg from the plane across the axis"]
     conic, R = conic_of(mirror), float(mirror.radius_t(0.0))
+    if np.isinf(R):
+        return [f"Surface: {mirror.KIND}"]
     k = f", conic constant k = {conic[1]:.9g}" if conic else ""
     return [f"Surface: {mirror.KIND}, vertex radius R = {R:.9g} mm{k}"]
 

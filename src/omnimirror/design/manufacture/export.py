@@ -17,6 +17,7 @@ from ...sensor import Sensor
 from .body import Body
 from .drawing import Drawing, draw_sheet, write_drawing
 from .gridsag import write_grid_sag
+from .parts import Part, parts_of
 from .sheet import scale_words
 from .supports import Support
 from .table import format_table, table_points
@@ -41,10 +42,10 @@ class Exported:
 
 @dataclass(frozen=True)
 class Plan:
-    """All that the formats ask for: the sensor, its solid and support, and how fine each file is."""
+    """All that the formats ask for: the sensor and its mirrors, and how fine each file is."""
 
     sensor: Sensor
-    body: Body = field(default_factory=Body)
+    parts: list[Part]
     support: Support = field(default_factory=Support)
     chord_tolerance_um: float = 10.0
     step_mm: float | None = None
@@ -55,17 +56,22 @@ class Plan:
     scale: float | None = None
 
 
-Writer = Callable[[Plan, Path], tuple[str, float | None]]
+Writer = Callable[[Plan, Part, Path], tuple[str, float | None]]
+"""Writes a file of one mirror, or of the sensor, to which all parts belong."""
 
 
 @dataclass(frozen=True)
 class Format:
-    """How a format is written and named: ``suffixes`` it goes by, what is put after the sensor's name, its packages."""
+    """How a format is written and named: ``suffixes`` it goes by, what is put after the sensor's name, its packages.
+
+    Of two mirrors there is a file each, unless a file shows the whole sensor.
+    """
 
     write: Writer
     suffixes: tuple[str, ...]
     ending: str = ""
     packages: tuple[str, ...] = ()
+    shows_sensor: bool = False
 
 
 def export(
@@ -74,6 +80,7 @@ def export(
     formats: Iterable[str] | None = None,
     *,
     body: Body | None = None,
+    secondary_body: Body | None = None,
     support: Support | None = None,
     chord_tolerance_um: float = 10.0,
     step_mm: float | None = None,
@@ -90,11 +97,13 @@ def export(
     sensor
     path
         A folder, or one file whose suffix says the format: .step, .stl, .3mf, .dxf, .zmx, .dat (grid sag),
-        .csv (sag table), and .pdf, .svg or .png (drawing).
+        .csv (sag table), and .pdf, .svg or .png (drawing). The file of a second mirror stands beside it.
     formats : optional
         Of :data:`FORMATS`, for a folder; the first eight by default.
     body : optional
-        The solid behind the surface, ``Body()`` by default.
+        The solid behind the surface, ``Body()`` by default; a camera behind it gets the bore it looks through.
+    secondary_body : optional
+        The same of a second mirror.
     support : optional
         What holds the mirror in the drawing, a transparent tube by default.
     chord_tolerance_um
@@ -126,31 +135,30 @@ def export(
     >>> [(file.path.name, file.deviation_um) for file in files]
     [('paper-spherical-sag.csv', 0.05), ('paper-spherical.zmx', 0.0)]
     """
-    sensor.check_one_mirror("export")
     plan = Plan(
-        sensor, body or Body(), support or Support(), chord_tolerance_um, step_mm, step_deg, digits, grid_points, sheet,
-        scale,
+        sensor, parts_of(sensor, body or Body(), secondary_body), support or Support(), chord_tolerance_um, step_mm,
+        step_deg, digits, grid_points, sheet, scale,
     )  # fmt: skip
-    targets = _targets(sensor, Path(path), None if formats is None else list(formats))
-    _check_packages(list(targets.values()))
+    targets = _targets(plan, Path(path), None if formats is None else list(formats))
+    _check_packages(list(dict.fromkeys(name for name, _ in targets.values())))
     with TemporaryDirectory() as folder, ExitStack() as stack:
         made = {target: Path(folder) / target.name for target in targets}
-        written = [Exported(target, *_write(plan, name, made[target], target)) for target, name in targets.items()]
+        written = [Exported(target, *_write(plan, *what, made[target], target)) for target, what in targets.items()]
         for target, file in made.items():
             copyfile(file, stack.enter_context(replacing(target)))
     return written
 
 
-def _write(plan: Plan, name: str, path: Path, target: Path) -> tuple[str, float | None]:
+def _write(plan: Plan, name: str, part: Part, path: Path, target: Path) -> tuple[str, float | None]:
     """Write one file where it can be thrown away; ``target`` is what the user knows it as."""
     try:
-        return FORMATS[name].write(plan, path)
+        return FORMATS[name].write(plan, part, path)
     except OSError as e:
         raise OmnimirrorError(f"cannot write {target}: {e.strerror or e}") from None
 
 
-def _targets(sensor: Sensor, path: Path, formats: list[str] | None) -> dict[Path, str]:
-    """The files to write, each with its format."""
+def _targets(plan: Plan, path: Path, formats: list[str] | None) -> dict[Path, tuple[str, Part]]:
+    """The files to write, each with its format and the mirror that it is of."""
     for name in formats or ():
         if name not in FORMATS:
             raise InvalidParameter(f"there is no format {name!r}; valid are {', '.join(FORMATS)}")
@@ -160,14 +168,24 @@ def _targets(sensor: Sensor, path: Path, formats: list[str] | None) -> dict[Path
         name = by_suffix[suffix]
         if formats and formats != [name]:
             raise InvalidParameter(f"{path.name} is a {name} file; give a folder for {', '.join(formats)}")
-        return {path: name}
+        return {path.with_stem(path.stem + mark): (name, part) for mark, part in _marked(plan, name)}
     if suffix and formats is None and not path.is_dir():
         raise InvalidParameter(
             f"{path.name} has no suffix that is known; valid are {', '.join(by_suffix)}, or a folder"
         )
-    stem = re.sub(r"[^\w.+-]+", "-", sensor.name).strip("-.") or "sensor"
+    stem = re.sub(r"[^\w.+-]+", "-", plan.sensor.name).strip("-.") or "sensor"
     chosen = DEFAULT_FORMATS if formats is None else tuple(dict.fromkeys(formats))
-    return {path / f"{stem}{FORMATS[name].ending}{FORMATS[name].suffixes[0]}": name for name in chosen}
+    return {
+        path / f"{stem}{mark}{FORMATS[name].ending}{FORMATS[name].suffixes[0]}": (name, part)
+        for name in chosen
+        for mark, part in _marked(plan, name)
+    }
+
+
+def _marked(plan: Plan, name: str) -> list[tuple[str, Part]]:
+    """The mirrors that a format has a file of, each with what its name ends in."""
+    parts = plan.parts[:1] if FORMATS[name].shows_sensor else plan.parts
+    return [("-secondary" if part.is_secondary else "", part) for part in parts]
 
 
 def _check_packages(names: list[str]) -> None:
@@ -190,45 +208,47 @@ def _is_installed(package: str) -> bool:
 # -- the formats -----------------------------------------------------------------------------------------
 
 
-def _step(plan: Plan, path: Path) -> tuple[str, float]:
+def _step(plan: Plan, part: Part, path: Path) -> tuple[str, float]:
     from .step import write_step
 
-    curve = write_step(path, plan.sensor.mirror, plan.body, plan.sensor.name)
+    curve = write_step(path, part.mirror, part.body, part.name)
     return f"solid, {curve.words}", curve.deviation_um
 
 
-def _mesh(plan: Plan, path: Path) -> tuple[str, float]:
+def _mesh(plan: Plan, part: Part, path: Path) -> tuple[str, float]:
     from .mesh import write_mesh
 
-    deviation, count = write_mesh(path, plan.sensor.mirror, plan.body, plan.chord_tolerance_um)
+    deviation, count = write_mesh(path, part.mirror, part.body, plan.chord_tolerance_um)
     return f"{count} triangles", deviation
 
 
-def _dxf(plan: Plan, path: Path) -> tuple[str, float]:
+def _dxf(plan: Plan, part: Part, path: Path) -> tuple[str, float]:
     from .dxf import write_dxf
 
-    curve = write_dxf(path, plan.sensor.mirror, plan.body, plan.sensor.name)
+    curve = write_dxf(path, part.mirror, part.body, part.name)
     return f"half-section with dimensions, {curve.words}", curve.deviation_um
 
 
-def _zmx(plan: Plan, path: Path) -> tuple[str, float]:
-    asphere = write_zmx(path, plan.sensor)
-    return f"OpticStudio, {asphere.words()}", asphere.deviation_um
+def _zmx(plan: Plan, part: Part, path: Path) -> tuple[str, float]:
+    aspheres = write_zmx(path, plan.sensor)
+    words = " and ".join(asphere.words() for asphere in aspheres)
+    return f"OpticStudio, {words}", max(asphere.deviation_um for asphere in aspheres)
 
 
-def _grid_sag(plan: Plan, path: Path) -> tuple[str, float]:
-    deviation = write_grid_sag(path, plan.sensor.mirror, plan.grid_points)
+def _grid_sag(plan: Plan, part: Part, path: Path) -> tuple[str, float]:
+    deviation = write_grid_sag(path, part.mirror, plan.grid_points)
     return f"OpticStudio grid sag, {plan.grid_points} x {plan.grid_points}", deviation
 
 
-def _table(plan: Plan, path: Path) -> tuple[str, float]:
-    x = table_points(plan.sensor, plan.step_mm, plan.step_deg)
-    path.write_text(format_table(plan.sensor, x, plan.digits), encoding="utf-8", newline="")
+def _table(plan: Plan, part: Part, path: Path) -> tuple[str, float]:
+    x = table_points(plan.sensor, plan.step_mm, plan.step_deg, part.is_secondary)
+    path.write_text(format_table(plan.sensor, x, plan.digits, part.is_secondary), encoding="utf-8", newline="")
     return f"sag table, {len(x)} points", 1e3 * 0.5 * 10.0**-plan.digits
 
 
-def _drawing(plan: Plan, path: Path) -> tuple[str, None]:
-    drawing: Drawing = draw_sheet(plan.sensor, plan.body, plan.support, plan.sheet, plan.scale)
+def _drawing(plan: Plan, part: Part, path: Path) -> tuple[str, None]:
+    bodies = [p.body for p in plan.parts]
+    drawing: Drawing = draw_sheet(plan.sensor, bodies[0], plan.support, plan.sheet, plan.scale, *bodies[1:])
     write_drawing(path, drawing)
     return f"drawing, {plan.sheet}, {scale_words(drawing.sensor_scale)}", None
 
@@ -239,12 +259,12 @@ FORMATS: dict[str, Format] = {
     "stl": Format(_mesh, (".stl",), packages=MESHES[:1]),
     "3mf": Format(_mesh, (".3mf",), packages=MESHES),
     "dxf": Format(_dxf, (".dxf",), packages=("ezdxf",)),
-    "zmx": Format(_zmx, (".zmx",)),
+    "zmx": Format(_zmx, (".zmx",), shows_sensor=True),
     "gridsag": Format(_grid_sag, (".dat",)),
     "csv": Format(_table, (".csv",), "-sag"),
-    "pdf": Format(_drawing, (".pdf",), "-drawing"),
-    "svg": Format(_drawing, (".svg",), "-drawing"),
-    "png": Format(_drawing, (".png",), "-drawing"),
+    "pdf": Format(_drawing, (".pdf",), "-drawing", shows_sensor=True),
+    "svg": Format(_drawing, (".svg",), "-drawing", shows_sensor=True),
+    "png": Format(_drawing, (".png",), "-drawing", shows_sensor=True),
 }
 """Every format by the word that names it."""
 DEFAULT_FORMATS = tuple(FORMATS)[:8]

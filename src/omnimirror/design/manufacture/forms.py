@@ -122,6 +122,10 @@ class Asphere:
             slope = slope + a * power / self.normalization_mm * rho ** (power - 1)
         return z, slope
 
+    def reversed(self) -> Asphere:
+        """The same surface with its z the other way."""
+        return replace(self, curvature=-self.curvature, coefficients=tuple(-a for a in self.coefficients))
+
     def words(self) -> str:
         """
         >>> Asphere("even", 0.02, 0.0, (0.0,) * 8).words()
@@ -169,6 +173,8 @@ def _exact_asphere(mirror: Mirror) -> Asphere | None:
     if conic := conic_of(mirror):
         return Asphere("even", 1 / conic[0], conic[1], (0.0,) * TERMS)
     if is_straight(mirror):
+        if not mirror.is_pointed:
+            return Asphere("even", 0.0, 0.0, (0.0,) * TERMS)
         return Asphere("odd", 0.0, 0.0, (float(mirror.slope(0.0)), *(0.0,) * (TERMS - 1)))
     if not isinstance(mirror, EvenPolynomial | ConicAsphere):
         return None
@@ -367,7 +373,7 @@ def chords(mirror: Mirror, tolerance_um: float, start_mm: float = 0.0) -> Array:
     """Distances from the axis (mm) of points whose chords stay within a tolerance of the meridian.
 
     Steps follow the curvature: a chord c of a curve of radius R_t lies c^2 / (8 R_t) from it. A tenth of
-    the tolerance is left for the change of curvature along a step.
+    the tolerance is left for the change of curvature along a step, and what that does not cover is made finer.
     """
     fine = np.linspace(start_mm, mirror.rim_radius_mm, 8193)
     _, slope, curvature = mirror.profile(fine)
@@ -378,7 +384,19 @@ def chords(mirror: Mirror, tolerance_um: float, start_mm: float = 0.0) -> Array:
     total = int(np.ceil(count[-1]))
     if total <= 1 and not np.any(curvature):
         return fine[[0, -1]]
-    total = max(total, 8)
     floor = np.linspace(0.0, 1e-3 * max(count[-1], 1.0), fine.size)  # keeps the count growing where it is flat
-    points: Array = np.interp(np.linspace(0.0, 1.0, total + 1), (count + floor) / (count + floor)[-1], fine)
-    return points
+    share = (count + floor) / (count + floor)[-1]
+    total = max(total, 8)
+    while True:
+        points: Array = np.interp(np.linspace(0.0, 1.0, total + 1), share, fine)
+        worst = _worst_chord_um(mirror, points)
+        if worst <= tolerance_um or total >= fine.size:
+            return points
+        total = int(np.ceil(1.01 * total * np.sqrt(worst / tolerance_um)))  # a long step next to an inflection
+
+
+def _worst_chord_um(mirror: Mirror, points: Array) -> float:
+    """Largest distance of chords between points (mm) of the meridian from it, um."""
+    ends, share = mirror.sag(points), np.linspace(0.0, 1.0, 17)[1:-1, None]
+    between = np.minimum(points[:-1] + share * np.diff(points), mirror.rim_radius_mm)
+    return float(np.abs(deviation_um(mirror, between, ends[:-1] + share * np.diff(ends))).max())

@@ -7,7 +7,7 @@ in the meridian in which the error is largest.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -59,7 +59,8 @@ def sensitivities(sensor: Sensor) -> list[Sensitivity]:
     """What an error of distance, centring, tilt, slope and form does to the picture.
 
     ``form`` is a bump of one period between axis and rim, ``a (1 - cos(2 pi x/M))/2``; a is its peak to valley.
-    What a telecentric lens does not feel is left out.
+    What a telecentric lens does not feel is left out. Of two mirrors only what keeps them on one axis is computed:
+    where the lens and each mirror stand.
 
     Examples
     --------
@@ -68,6 +69,8 @@ def sensitivities(sensor: Sensor) -> list[Sensitivity]:
     >>> round(found["mirror distance"].px_per_unit, 3), round(found["surface slope"].tolerance(0.5), 2)
     (2.339, 0.87)
     """
+    if sensor.secondary is not None:
+        return _along_the_axis(sensor)
     M = sensor.mirror.rim_radius_mm
     period = 2 * np.pi / M
 
@@ -90,6 +93,30 @@ def sensitivities(sensor: Sensor) -> list[Sensitivity]:
     if sensor.lens.TELECENTRIC:
         del errors["mirror distance", "mm"]
     return [_sensitivity(sensor, *key, *error) for key, error in errors.items()]
+
+
+def _along_the_axis(sensor: Sensor) -> list[Sensitivity]:
+    """What moving a part of a folded sensor along the axis does, the others left where they are."""
+    second = sensor.secondary
+    assert second is not None
+    m, s, step = sensor.mirror_distance_mm, second.distance_mm, 1e-4 * sensor.mirror.rim_radius_mm
+    # the way m goes from the lens to the secondary and on to the mirror
+    moves = {"mirror distance": (1.0, 1.0), "secondary distance": (2.0, 1.0), "lens distance": (1.0, 0.0)}
+    if sensor.lens.TELECENTRIC:
+        moves = {"distance between mirrors": (0.0, 1.0)}
+    low, high = np.radians(sensor.field_deg)
+    omega = np.linspace(low + 2 * EDGE * (high - low), high - EDGE * (high - low), 201)
+
+    def height(dm: float, ds: float) -> Array:
+        moved = replace(sensor, mirror_distance_mm=m + dm, secondary=replace(second, distance_mm=s + ds))
+        return moved.image_height_px(moved.meridian.trace(moved.meridian.x_from_omega(omega)))
+
+    found = []
+    for name, (dm, ds) in moves.items():
+        motion = np.abs(height(dm * step, ds * step) - height(-dm * step, -ds * step)) / (2 * step)
+        worst = int(np.argmax(motion))
+        found.append(Sensitivity(name, "mm", float(motion[worst]), float(np.degrees(omega[worst]))))
+    return found
 
 
 def _sensitivity(

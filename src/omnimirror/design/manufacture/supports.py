@@ -36,8 +36,8 @@ class Support:
     """A transparent tube or dome around the mirror, an opaque rod from its vertex towards the lens, or nothing.
 
     A tube is closed by opaque discs inside it, one in the plane of the lens and one at the mirror's back, and
-    reaches past the mirror as far as the rim's ray needs. A dome is a sphere cut off at an opaque disc in the plane
-    of the lens.
+    reaches past the mirror as far as the rim's ray needs. Around two mirrors it begins at the back of the second. A
+    dome is a sphere cut off at an opaque disc in the plane of the lens.
 
     Parameters
     ----------
@@ -89,9 +89,10 @@ class Support:
         Raises
         ------
         InvalidParameter
-            A tube or a dome that the mirror does not fit in, a dome that does not reach the lens, or a rod's foot
-            beyond the mirror.
+            A tube or a dome that the mirror does not fit in, a dome that does not reach the lens, a rod's foot
+            beyond the mirror, or what a second mirror rules out.
         """
+        self._check_beside(sensor)
         outer, distance = body.outer_radius_mm(sensor.mirror), -lens_height(sensor)
         if self.kind == "tube":
             least = 2 * (outer + self.wall_mm)
@@ -127,6 +128,19 @@ class Support:
             )
         return replace(self, diameter_mm=diameter, centre_mm=centre)
 
+    def _check_beside(self, sensor: Sensor) -> None:
+        if sensor.secondary is None:
+            return
+        if self.kind == "rod":
+            raise InvalidParameter("a rod would stand in the view of the secondary; valid supports are tube and none")
+        if self.kind == "dome":
+            raise InvalidParameter("a dome is for sensors of one mirror; beside a secondary valid are tube and none")
+        if self.camera_diameter_mm:
+            raise InvalidParameter(
+                f"camera_diameter_mm = {self.camera_diameter_mm:g} is for sensors of one mirror; beside a "
+                "secondary the camera's front is its bore_radius_mm"
+            )
+
 
 def tube_end_mm(sensor: Sensor, support: Support, body: Body) -> float:
     """Height z (mm) where the tube ends: at the mirror's back, or where the rim's ray has left the wall."""
@@ -139,6 +153,13 @@ def lens_height(sensor: Sensor) -> float:
     """Height z (mm) of the lens below the vertex; a telecentric one is drawn 2.5 rim radii away."""
     m = sensor.meridian.m
     return -m if np.isfinite(m) else -LENS_AT_RIMS * sensor.mirror.rim_radius_mm
+
+
+def base_height(sensor: Sensor, secondary_body: Body | None = None) -> float:
+    """Height z (mm) where a tube begins: in the plane of the lens, or at the back of a second mirror."""
+    if sensor.secondary is None:
+        return lens_height(sensor)
+    return -sensor.secondary.distance_mm - (secondary_body or Body()).back_mm(sensor.secondary.mirror)
 
 
 @dataclass(frozen=True)
@@ -157,8 +178,10 @@ class Hidden:
     picture_percent: float
 
 
-def obscuration(sensor: Sensor, support: Support, body: Body | None = None) -> list[Hidden]:
-    """What the support, the camera and the mirror's own flange hide; rings may overlap.
+def obscuration(
+    sensor: Sensor, support: Support, body: Body | None = None, secondary_body: Body | None = None
+) -> list[Hidden]:
+    """What the support, the camera, a second mirror and the mirror's own flange hide; rings may overlap.
 
     Examples
     --------
@@ -170,23 +193,38 @@ def obscuration(sensor: Sensor, support: Support, body: Body | None = None) -> l
     """
     body = Body() if body is None else body
     support = support.fitted(sensor, body)
-    rings = [_ring(sensor, part, clear) for part, clear in _clearances(sensor, support, body).items()]
+    clearances = _clearances(sensor, support, body, secondary_body).items()
+    rings = [_middle(sensor), *(_ring(sensor, part, clear) for part, clear in clearances)]
     return [ring for found in rings for ring in found]
 
 
-def hidden_percent(sensor: Sensor, support: Support, body: Body | None = None) -> float:
+def hidden_percent(
+    sensor: Sensor, support: Support, body: Body | None = None, secondary_body: Body | None = None
+) -> float:
     """Share of the image circle that is hidden by anything, rings that overlap counted once."""
     body = Body() if body is None else body
-    clearances = _clearances(sensor, support.fitted(sensor, body), body).values()
+    clearances = _clearances(sensor, support.fitted(sensor, body), body, secondary_body).values()
     everything = (
         _ring(sensor, "", lambda rays: np.min([clear(rays) for clear in clearances], axis=0)) if clearances else []
     )
-    return sum(ring.picture_percent for ring in everything)
+    return sum(ring.picture_percent for ring in (*_middle(sensor), *everything))
 
 
-def _clearances(sensor: Sensor, support: Support, body: Body) -> dict[str, Callable[[ChiefRays], Array]]:
+def _middle(sensor: Sensor) -> list[Hidden]:
+    """What two mirrors hide of their own field."""
+    if sensor.secondary is None:
+        return []
+    start = sensor.meridian.trace(np.array([sensor.meridian.x_min]))
+    share = float(sensor.image_height_px(start)[0] / sensor.rim_radius_px) ** 2
+    return [Hidden("secondary, bore", (0.0, float(np.degrees(start.omega[0]))), 100 * share)]
+
+
+def _clearances(
+    sensor: Sensor, support: Support, body: Body, secondary_body: Body | None
+) -> dict[str, Callable[[ChiefRays], Array]]:
     """For each part that may hide something: how far chief rays clear it, below 0 where it hides them."""
     lens, back = lens_height(sensor), body.back_mm(sensor.mirror)
+    base = base_height(sensor, secondary_body)
     parts: dict[str, Callable[[ChiefRays], Array]] = {}
     if support.kind == "rod":
         assert support.diameter_mm is not None
@@ -200,7 +238,7 @@ def _clearances(sensor: Sensor, support: Support, body: Body) -> dict[str, Calla
     if support.kind == "tube":
         assert support.diameter_mm is not None
         inner = support.diameter_mm / 2 - support.wall_mm  # base and cap are discs inside the tube
-        parts["tube's base"] = lambda rays: _height_at(rays, inner) - lens
+        parts["tube's base"] = lambda rays: _height_at(rays, inner) - base
         parts["tube's cap"] = lambda rays: back - _height_at(rays, inner)
     if support.camera_diameter_mm:
         camera = support.camera_diameter_mm / 2
@@ -208,6 +246,9 @@ def _clearances(sensor: Sensor, support: Support, body: Body) -> dict[str, Calla
     if body.flange_width_mm:
         front, edge = back - body.flange_thickness_mm, body.outer_radius_mm(sensor.mirror)
         parts["flange"] = lambda rays: front - _height_at(rays, edge)
+    if sensor.secondary is not None and secondary_body is not None and secondary_body.flange_width_mm:
+        top, brim = base + secondary_body.flange_thickness_mm, secondary_body.outer_radius_mm(sensor.secondary.mirror)
+        parts["secondary's flange"] = lambda rays: _height_at(rays, brim) - top
     return parts
 
 
@@ -227,14 +268,14 @@ def _ring(sensor: Sensor, part: str, clear: Callable[[ChiefRays], Array]) -> lis
     """Rings of the picture where a clearance is below 0, their edges to rounding."""
     from scipy.optimize import brentq
 
-    x = np.linspace(0.0, sensor.mirror.rim_radius_mm, 2049)
+    x = np.linspace(sensor.meridian.x_min, sensor.mirror.rim_radius_mm, 2049)
     hidden = clear(sensor.meridian.trace(x)) < 0
     steps = np.flatnonzero(np.diff(hidden.astype(int)))
     edges = [
         float(brentq(lambda v: np.clip(clear(sensor.meridian.trace(np.array(v))), -1e9, 1e9), x[i], x[i + 1]))
         for i in steps
     ]
-    edges = [*([0.0] if hidden[0] else []), *edges, *([x[-1]] if hidden[-1] else [])]
+    edges = [*([x[0]] if hidden[0] else []), *edges, *([x[-1]] if hidden[-1] else [])]
     rim = sensor.rim_radius_px
     rings = []
     for pair in zip(edges[::2], edges[1::2], strict=True):

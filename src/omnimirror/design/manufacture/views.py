@@ -9,11 +9,12 @@ from numpy.typing import NDArray
 
 from ...figures.style import PALETTE
 from ...lenses import Perspective
+from ...mirrors import Mirror
 from ...sensor import Sensor
 from .body import Body
-from .forms import chords, conic_of
+from .forms import chords, conic_of, is_straight
 from .sheet import CHAIN, DASHED, FINE, PHANTOM, THICK, THIN, Sheet, View, fitting_scale, scale_words
-from .supports import Hidden, Support, lens_height, tube_end_mm
+from .supports import Hidden, Support, base_height, lens_height, tube_end_mm
 
 Array = NDArray[np.float64]
 
@@ -36,13 +37,15 @@ class Region(NamedTuple):
 
 SENSOR_REGION = Region(24.0, 136.0, 408.0, 284.0)
 MIRROR_REGION = Region(24.0, 13.0, 148.0, 132.0)
+SECONDARY_REGION = Region(24.0, 165.0, 144.0, 284.0)
+"""To the left of the sensor, which is short where it is folded."""
 
 
-def section_outline(sensor: Sensor, body: Body) -> Array:
+def section_outline(mirror: Mirror, body: Body) -> Array:
     """Closed half-section (n, 2) as (z, x) in mm, its meridian by chords within a micrometre."""
-    x = chords(sensor.mirror, 1.0, body.start_mm())
-    meridian = np.stack([sensor.mirror.sag(x), x], axis=-1)
-    return np.concatenate([meridian, body.outline(sensor.mirror)[1:, ::-1]])
+    x = chords(mirror, 1.0, body.start_mm())
+    meridian = np.stack([mirror.sag(x), x], axis=-1)
+    return np.concatenate([meridian, body.outline(mirror)[1:, ::-1]])
 
 
 # -- the sensor --------------------------------------------------------------------------------------
@@ -58,43 +61,72 @@ class Assembly(NamedTuple):
     lens: float
     imager: float
     back: float
+    base: float
+    """Where the tube begins: at the lens, or at the back of a second mirror."""
     end: float
     """Where the tube or the dome ends; the back without one."""
     outer: float
     """Radius of the widest part."""
+    secondary_body: Body
 
     @classmethod
-    def of(cls, sensor: Sensor, body: Body, support: Support, rings: list[Hidden]) -> Assembly:
+    def of(
+        cls, sensor: Sensor, body: Body, support: Support, rings: list[Hidden], secondary_body: Body | None = None
+    ) -> Assembly:
         lens = lens_height(sensor)
-        distance = 0.0 if sensor.lens.TELECENTRIC else cast(Perspective, sensor.lens).image_distance
+        away = 0.0 if sensor.lens.TELECENTRIC else cast(Perspective, sensor.lens).image_distance
+        if sensor.secondary is not None:  # the camera looks the other way
+            away = -away
+            lens = -lens if sensor.lens.TELECENTRIC else sensor.secondary.lens_height(sensor.mirror_distance_mm)
         shell = (support.diameter_mm or 0.0) / 2 if support.kind in ("tube", "dome") else 0.0
         outer = max(shell, body.outer_radius_mm(sensor.mirror), support.camera_diameter_mm / 2)
-        back = body.back_mm(sensor.mirror)
+        back, base = body.back_mm(sensor.mirror), base_height(sensor, secondary_body)
         end = tube_end_mm(sensor, support, body) if support.kind == "tube" else back
         end = shell + (support.centre_mm or 0.0) if support.kind == "dome" else end
-        return cls(sensor, body, support, rings, lens, lens - distance, back, end, outer)
+        second = secondary_body or Body()
+        return cls(sensor, body, support, rings, lens, lens - away, back, base, end, outer, second)
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """Heights between which everything stands."""
+        places = (self.imager, self.lens, self.base, self.back, self.end)
+        return min(places), max(places)
 
 
 def draw_sensor(sheet: Sheet, assembly: Assembly, scale: float | None = None) -> float:
     """The sensor along its axis, the lens to the left; the scale it is drawn at."""
     k, region = sheet.k, SENSOR_REGION.on(sheet)
-    length, left, right, below, above = assembly.end - assembly.imager, 40 * k, 36 * k, 26 * k, 14 * k
+    if assembly.sensor.secondary is not None:
+        region = region._replace(left=SECONDARY_REGION.right * k)
+    low, high = assembly.ends
+    length, left, right, below, above = high - low, 40 * k, 36 * k, 26 * k, 14 * k
     room = region.right - region.left - left - right, region.top - region.bottom - below - above
     scale = scale or fitting_scale(length, 2 * assembly.outer, *room)
-    x = region.left + left + max(room[0] - scale * length, 0.0) / 2 - scale * assembly.imager
+    x = region.left + left + max(room[0] - scale * length, 0.0) / 2 - scale * low
     view = View(x, region.bottom + below + room[1] / 2, scale)
     sheet.text(region.left, region.top - 4 * k, f"SENSOR  {scale_words(scale)}", height=3.5)
-    sheet.line(view.at([assembly.imager - 8 * k / scale, assembly.back + 8 * k / scale], 0.0), THIN, CHAIN)
+    sheet.line(view.at([low - 8 * k / scale, max(assembly.back, assembly.imager) + 8 * k / scale], 0.0), THIN, CHAIN)
     _draw_rays(sheet, view, assembly, region)
     _draw_support(sheet, view, assembly)
-    outline = section_outline(assembly.sensor, assembly.body)
-    for side in (1, -1):
-        corners = view.at(outline[:, 0], side * outline[:, 1])
-        sheet.hatch(corners, rising=side > 0)
-        sheet.line(corners[:-1] if not assembly.body.bore_goes_through else corners, THICK)
+    for outline, body in _sections(assembly):
+        for side in (1, -1):
+            corners = view.at(outline[:, 0], side * outline[:, 1])
+            sheet.hatch(corners, rising=side > 0)
+            sheet.line(corners[:-1] if not body.bore_goes_through else corners, THICK)
     _draw_camera(sheet, view, assembly)
     _dimension_sensor(sheet, view, assembly)
     return scale
+
+
+def _sections(assembly: Assembly) -> list[tuple[Array, Body]]:
+    """Half-sections (z, x) of the mirrors where they stand, each with its body."""
+    sensor = assembly.sensor
+    sections = [(section_outline(sensor.mirror, assembly.body), assembly.body)]
+    if sensor.secondary is not None:
+        outline = section_outline(sensor.secondary.mirror, assembly.secondary_body)
+        there = outline * [-1.0, 1.0] - [sensor.secondary.distance_mm, 0.0]
+        sections.append((there, assembly.secondary_body))
+    return sections
 
 
 def shown_angles(sensor: Sensor, rings: list[Hidden]) -> list[float]:
@@ -112,14 +144,18 @@ def _draw_rays(sheet: Sheet, view: View, assembly: Assembly, region: Region) -> 
     angles = shown_angles(sensor, assembly.rings)
     x = sensor.meridian.x_from_omega(np.radians(np.minimum(angles, sensor.field_deg[1])))
     rays = sensor.meridian.trace(x)
-    heights = sensor.lens.image_height(rays.x, rays.w)
+    heights = sensor.lens.image_height(rays.first.x, rays.first.w)
+    labels: list[tuple[float, float, str]] = []
     for i, omega in enumerate(angles):
+        met, seen_at = [(float(rays.z[i]), x[i])], rays.first.x[i]
+        if sensor.secondary is not None:
+            met.append((float(sensor.secondary.height(seen_at)), seen_at))
         tail = (
-            [(assembly.lens, x[i])]
+            [(assembly.lens, seen_at)]
             if sensor.lens.TELECENTRIC
             else [(assembly.lens, 0.0), (assembly.imager, -heights[i])]
         )
-        inner = np.array([(float(rays.z[i]), x[i]), *tail])
+        inner = np.array([*met, *tail])
         for side in (1, -1) if omega == angles[-1] else (1,):
             points = view.at(inner[:, 0], side * inner[:, 1])
             away = np.array([-np.cos(rays.omega[i]), side * np.sin(rays.omega[i])])
@@ -132,8 +168,12 @@ def _draw_rays(sheet: Sheet, view: View, assembly: Assembly, region: Region) -> 
             if reach > 8 * k:
                 sheet.arrow(points[0] + 0.55 * reach * away, -away, RAY)
             if side > 0:
-                x_text, y_text = start + k * away
-                sheet.text(x_text, y_text, f"{omega:.4g}°", color=RAY, ha="center", va="bottom")
+                labels.append((*(start + k * away), f"{omega:.4g}°"))
+    for i, (x_text, y_text, words) in enumerate(labels):
+        widths = [(sheet.text_width(words) + sheet.text_width(other[2])) / 2 + k for other in labels[i + 1 :]]
+        gaps = [abs(x_text - other[0]) for other in labels[i + 1 :]]
+        if all(gap > width for gap, width in zip(gaps, widths, strict=True)):  # else the one nearer to the rim is said
+            sheet.text(x_text, y_text, words, color=RAY, ha="center", va="bottom")
 
 
 def _draw_support(sheet: Sheet, view: View, assembly: Assembly) -> None:
@@ -144,19 +184,26 @@ def _draw_support(sheet: Sheet, view: View, assembly: Assembly) -> None:
         inner, rim = outer - support.wall_mm, assembly.body.outer_radius_mm(assembly.sensor.mirror)
         for side in (1, -1):
             wall = view.at(
-                np.array([assembly.lens, assembly.end, assembly.end, assembly.lens, assembly.lens]),
+                np.array([assembly.base, assembly.end, assembly.end, assembly.base, assembly.base]),
                 side * np.array([inner, inner, outer, outer, inner]),
             )
             sheet.hatch(wall, spacing=1.6, rising=side < 0)
             sheet.line(wall, THIN)
             sheet.line(view.at([assembly.back] * 2, [side * rim, side * inner]), THIN)
-        sheet.line(view.at([assembly.lens] * 2, [-inner, inner]), THIN, DASHED)
-        tip = view.at(0.98 * assembly.lens, outer)
+        if assembly.sensor.secondary is None:
+            sheet.line(view.at([assembly.base] * 2, [-inner, inner]), THIN, DASHED)
+        else:  # the disc that carries the second mirror
+            brim = assembly.secondary_body.outer_radius_mm(assembly.sensor.secondary.mirror)
+            for side in (1, -1):
+                sheet.line(view.at([assembly.base] * 2, [side * brim, side * inner]), THIN)
+        tip, bend = view.at(0.98 * assembly.base, outer), np.array([-4, 5]) * k
+        if assembly.sensor.secondary is not None:  # above it are rays
+            tip, bend = view.at(assembly.base, outer - support.wall_mm / 2), np.array([-12, -8]) * k
         words = [
             f"transparent tube Ø{support.diameter_mm:g} × {support.wall_mm:g}",
             f"n = {support.refractive_index:g}",
         ]
-        sheet.leader(tip, tip + np.array([-4, 5]) * k, words, rightwards=False)
+        sheet.leader(tip, tip + bend, words, rightwards=False)
     elif support.kind == "dome":
         _draw_dome(sheet, view, assembly)
     elif support.kind == "rod":
@@ -205,6 +252,8 @@ def _draw_camera(sheet: Sheet, view: View, assembly: Assembly) -> None:
     sensor, k = assembly.sensor, sheet.k
     rim, imager = sensor.mirror.rim_radius_mm, sensor.imager
     half = rim if sensor.lens.TELECENTRIC else max(imager.height_px * imager.pitch_mm, 8 * k / view.scale)
+    if sensor.secondary is not None and assembly.lens < assembly.back:
+        half = min(half, 0.9 * max(sensor.secondary.bore_radius_mm, 1.0))  # in the bore
     top, bottom = view.at(assembly.lens, half), view.at(assembly.lens, -half)
     sheet.line([bottom, top], THICK)
     for tip, up in ((top, 1.0), (bottom, -1.0)):
@@ -217,18 +266,26 @@ def _draw_camera(sheet: Sheet, view: View, assembly: Assembly) -> None:
         return
     lens = cast(Perspective, sensor.lens)
     words = [f"lens f = {lens.focal_length_mm:g}, F/{lens.f_number:g}", f"focused at {lens.focus_distance_mm:g}"]
-    # below the rim's ray, where the words end
-    ray = (9 * k + max(map(sheet.text_width, words))) * np.tan(sensor.meridian.theta_max)
-    sheet.leader(bottom, [bottom[0] + 7 * k, view.y - ray - 10 * k], words)
     size = imager.height_px * imager.pitch_mm / 2
     sheet.line(view.at([assembly.imager] * 2, [-size, size]), 2 * THICK, solid_capstyle="butt")
     tip = view.at(assembly.imager, size)
-    words = ["imager", f"{imager.width_px} × {imager.height_px}", f"{imager.pixel_pitch_um:g} µm"]
-    sheet.leader(tip, tip + np.array([-7, 12]) * k, words, rightwards=False)
+    about = ["imager", f"{imager.width_px} × {imager.height_px}", f"{imager.pixel_pitch_um:g} µm"]
+    if sensor.secondary is not None:  # the camera's side is the right one
+        right = view.at(max(assembly.back, assembly.imager), 0.0)[0] + 12 * k
+        sheet.leader(tip, [right, view.y + 12 * k], about)
+        sheet.leader(bottom, [right, view.y - 18 * k], words)
+        return
+    # below the rim's ray, where the words end
+    ray = (9 * k + max(map(sheet.text_width, words))) * np.tan(sensor.meridian.theta_max)
+    sheet.leader(bottom, [bottom[0] + 7 * k, view.y - ray - 10 * k], words)
+    sheet.leader(tip, tip + np.array([-7, 12]) * k, about, rightwards=False)
 
 
 def _dimension_sensor(sheet: Sheet, view: View, assembly: Assembly) -> None:
     k, sensor = sheet.k, assembly.sensor
+    if sensor.secondary is not None:
+        _dimension_two(sheet, view, assembly)
+        return
     lower = view.at(0.0, -assembly.outer)[1]
     vertex, back = view.at(0.0, 0.0), view.at(assembly.back, -assembly.outer)
     if not sensor.lens.TELECENTRIC:
@@ -237,14 +294,37 @@ def _dimension_sensor(sheet: Sheet, view: View, assembly: Assembly) -> None:
         sheet.dimension(edge, vertex, lower - 10 * k, length_words(-assembly.lens))
         sheet.dimension(imager, lens, lower - 10 * k, length_words(assembly.lens - assembly.imager), before=True)
         sheet.dimension(imager, back, lower - 18 * k, length_words(assembly.back - assembly.imager))
-    side = view.at(assembly.end, 0.0)[0] + 16 * k
-    if assembly.support.kind in ("tube", "dome"):
-        widest, shape = (assembly.end, "") if assembly.support.kind == "tube" else (assembly.support.centre_mm, "S")
-        low, high = (view.at(widest or 0.0, s * assembly.outer) for s in (-1, 1))
-        sheet.dimension(low, high, side, f"{shape}Ø{2 * assembly.outer:g}", upright=True)
+    _dimension_width(sheet, view, assembly, view.at(assembly.end, 0.0)[0] + 16 * k)
+
+
+def _dimension_two(sheet: Sheet, view: View, assembly: Assembly) -> None:
+    """Of a folded sensor: from mirror to mirror, to the lens, to the imager, and all of it."""
+    k, second = sheet.k, assembly.sensor.secondary
+    assert second is not None
+    lower, (low, high) = view.at(0.0, -assembly.outer)[1], assembly.ends
+    vertex, there = view.at(0.0, 0.0), view.at(-second.distance_mm, 0.0)
+    sheet.dimension(there, vertex, lower - 10 * k, length_words(second.distance_mm))
+    if not assembly.sensor.lens.TELECENTRIC:
+        lens, imager = view.at(assembly.lens, 0.0), view.at(assembly.imager, 0.0)
+        if abs(assembly.lens) > 1e-3:
+            sheet.dimension(vertex, lens, lower - 10 * k, length_words(abs(assembly.lens)))
+        sheet.dimension(lens, imager, lower - 18 * k, length_words(assembly.imager - assembly.lens))
+        sheet.dimension(view.at(low, -assembly.outer), view.at(high, 0.0), lower - 26 * k, length_words(high - low))
+    _dimension_width(sheet, view, assembly, view.at(low, 0.0)[0] - 8 * k)
+
+
+def _dimension_width(sheet: Sheet, view: View, assembly: Assembly, side: float) -> None:
+    """The largest diameter, its line at x = ``side``: of the tube, or of the mirror."""
+    sensor = assembly.sensor
+    if assembly.support.kind == "tube":
+        at = assembly.end if assembly.sensor.secondary is None else assembly.base
+        half, words = assembly.outer, f"Ø{2 * assembly.outer:g}"
+    elif assembly.support.kind == "dome":
+        at, half, words = assembly.support.centre_mm or 0.0, assembly.outer, f"SØ{2 * assembly.outer:g}"
     else:
-        rim, z = sensor.mirror.rim_radius_mm, float(sensor.mirror.sag(sensor.mirror.rim_radius_mm))
-        sheet.dimension(view.at(z, -rim), view.at(z, rim), side, f"Ø{length_words(2 * rim)}", upright=True)
+        half = sensor.mirror.rim_radius_mm
+        at, words = float(sensor.mirror.sag(half)), f"Ø{length_words(2 * half)}"
+    sheet.dimension(view.at(at, -half), view.at(at, half), side, words, upright=True)
 
 
 def length_words(mm: float) -> str:
@@ -260,31 +340,35 @@ def length_words(mm: float) -> str:
 # -- the mirror --------------------------------------------------------------------------------------
 
 
-def draw_mirror(sheet: Sheet, sensor: Sensor, body: Body, scale: float | None = None) -> float:
-    """The mirror in half-section with its dimensions; the scale it is drawn at."""
-    k, region, mirror = sheet.k, MIRROR_REGION.on(sheet), sensor.mirror
-    back, outer = body.back_mm(mirror), body.outer_radius_mm(mirror)
+def draw_mirror(
+    sheet: Sheet,
+    mirror: Mirror,
+    body: Body,
+    region: Region,
+    title: str = "MIRROR",
+) -> float:
+    """A mirror in half-section with its dimensions; the scale it is drawn at."""
+    k, back, outer = sheet.k, body.back_mm(mirror), body.outer_radius_mm(mirror)
     left, right, below, above = 48 * k, 36 * k, 22 * k, 6 * k
     room = region.right - region.left - left - right, region.top - region.bottom - below - above
-    scale = scale or fitting_scale(back, 2 * outer, *room)
+    scale = fitting_scale(back, 2 * outer, *room)
     view = View(region.left + left, region.bottom + below + room[1] / 2, scale)
-    sheet.text(region.left, region.top - 4 * k, f"MIRROR  {scale_words(scale)}", height=3.5)
+    sheet.text(region.left, region.top - 4 * k, f"{title}  {scale_words(scale)}", height=3.5)
     sheet.line(view.at([-8 * k / scale, back + 10 * k / scale], 0.0), THIN, CHAIN)
-    outline = section_outline(sensor, body)
+    outline = section_outline(mirror, body)
     upper = view.at(outline[:, 0], outline[:, 1])
     sheet.hatch(upper)
     sheet.line(upper if body.bore_goes_through else upper[:-1], THICK)
-    _draw_outside(sheet, view, sensor, body)
+    _draw_outside(sheet, view, mirror, body)
     surface = outline[: len(chords(mirror, 1.0, body.start_mm()))]
     for side in (1, -1):
         sheet.line(view.at(surface[:, 0], side * surface[:, 1]), 2 * THICK, solid_capstyle="butt")
-    _dimension_mirror(sheet, view, sensor, body)
+    _dimension_mirror(sheet, view, mirror, body, region.left + 8 * k)
     return scale
 
 
-def _draw_outside(sheet: Sheet, view: View, sensor: Sensor, body: Body) -> None:
+def _draw_outside(sheet: Sheet, view: View, mirror: Mirror, body: Body) -> None:
     """The lower half as seen from outside: its silhouette, and the edge of the rim."""
-    mirror = sensor.mirror
     corners = body.outline(mirror)
     outside = corners[corners[:, 0] >= mirror.rim_radius_mm * (1 - 1e-12)]
     silhouette = [*outside, (0.0, body.back_mm(mirror))]
@@ -300,16 +384,16 @@ def _draw_outside(sheet: Sheet, view: View, sensor: Sensor, body: Body) -> None:
         sheet.line(view.at([z, z], [-reach, 0.0]), THIN)
 
 
-def _dimension_mirror(sheet: Sheet, view: View, sensor: Sensor, body: Body) -> None:
-    k, mirror = sheet.k, sensor.mirror
+def _dimension_mirror(sheet: Sheet, view: View, mirror: Mirror, body: Body, left: float) -> None:
+    k = sheet.k
     rim, back, outer = mirror.rim_radius_mm, body.back_mm(mirror), body.outer_radius_mm(mirror)
     edge, low = float(mirror.sag(rim)), view.at(0.0, -outer)[1]
-    left = MIRROR_REGION.on(sheet).left + 8 * k
     sheet.dimension(view.at(edge, -rim), view.at(edge, rim), left, f"Ø{length_words(2 * rim)}", upright=True)
-    sheet.dimension(view.at(0.0, 0.0), view.at(edge, -rim), low - ROW * k, length_words(edge), before=True)
     sheet.dimension(view.at(edge, -rim), view.at(back, -outer), low - ROW * k, length_words(back - edge))
-    sheet.dimension(view.at(0.0, 0.0), view.at(back, -outer), low - 2 * ROW * k, length_words(back))
-    tip, words = view.at(mirror.sag(0.62 * rim), 0.62 * rim), surface_lines(sensor)
+    if edge:
+        sheet.dimension(view.at(0.0, 0.0), view.at(edge, -rim), low - ROW * k, length_words(abs(edge)), before=True)
+        sheet.dimension(view.at(0.0, 0.0), view.at(back, -outer), low - 2 * ROW * k, length_words(back))
+    tip, words = view.at(mirror.sag(0.62 * rim), 0.62 * rim), surface_lines(mirror)
     highest = view.at(edge, rim)[1] - (4 * len(words) + 1) * k  # clear of the extension line at the rim
     sheet.leader(tip, [view.x - 4 * k, min(tip[1] + 7 * k, highest)], words, rightwards=False)
     if body.bore_mm:
@@ -328,9 +412,11 @@ def _bore_words(body: Body) -> list[str]:
     return [f"Ø{length_words(body.bore_mm)}", depth]
 
 
-def surface_lines(sensor: Sensor) -> list[str]:
+def surface_lines(mirror: Mirror) -> list[str]:
     """What to write at the mirror surface."""
-    mirror, conic = sensor.mirror, conic_of(sensor.mirror)
+    conic = conic_of(mirror)
+    if is_straight(mirror) and not mirror.is_pointed:
+        return ["mirror surface", "flat"]
     if mirror.is_pointed:
         return ["mirror surface", f"{np.degrees(np.arctan(float(mirror.slope(0.0)))):.4f}° at the tip"]
     lines = ["mirror surface", f"R = {float(mirror.radius_t(0.0)):.7g}"]
