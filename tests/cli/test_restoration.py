@@ -7,6 +7,7 @@ import pytest
 
 import omnimirror as om
 from omnimirror.imagers import Imager
+from omnimirror.simulate.bracketing import focused_at
 from tests.cli.test_evaluate import omnimirror
 
 
@@ -19,6 +20,7 @@ def small(tmp_path) -> om.Sensor:
     light = np.random.default_rng(1).random((32, 64, 3), np.float32)
     picture = om.take_picture(sensor, om.Environment(light), 16, blur=True)
     om.write_image(tmp_path / "raw.png", np.ascontiguousarray(picture[..., ::-1]))
+    om.write_image(tmp_path / "world.hdr", light)
     return sensor
 
 
@@ -35,10 +37,24 @@ def test_restoring_comes_before_straightening(small, tmp_path):
     assert (sharp != given).any()
 
 
+def test_near_things_are_restored_by_the_blur_of_near_things(small, tmp_path):
+    options = ("--sensor", "small.toml", "--view", "panorama", "--size", "256x", "--restore", "--noise", "0.01")
+    run = omnimirror("dewarp", "raw.png", *options, "--object-distance-mm", "300", "-o", "near.png", cwd=tmp_path)
+    assert run.returncode == 0, run.stderr
+    raw = om.read_image(tmp_path / "raw.png")
+    near, far = (om.restore(small, raw, 0.01, distance) for distance in (300.0, np.inf))
+    assert (near != far).any()
+    om.write_image(tmp_path / "restored.png", near)
+    assert omnimirror("dewarp", "restored.png", *options[:6], "-o", "both.png", cwd=tmp_path).returncode == 0
+    np.testing.assert_array_equal(om.read_image(tmp_path / "near.png"), om.read_image(tmp_path / "both.png"))
+
+
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
         (("--sensor", "small.toml", "--noise", "0.01"), "--noise belongs to --restore"),
+        (("--sensor", "small.toml", "--object-distance-mm", "300"), "--object-distance-mm belongs to --restore"),
+        (("--sensor", "small.toml", "--restore", "--viewer", "v.html"), "--viewer holds the picture as it is"),
         (("--ball", "64,64,50,180", "--restore"), "--restore needs to know the lens and the mirror"),
     ],
 )
@@ -53,13 +69,23 @@ def test_a_bracket_is_planned_taken_and_merged(small, tmp_path):
     run = omnimirror("bracket", "plan", "small.toml", "--limit-px", "3", cwd=tmp_path)
     assert run.returncode == 0, run.stderr
     assert ", ".join(f"{f:.1f}" for f in om.plan_bracket(small, 3.0).focus_mm) in run.stdout
-    run = omnimirror(
-        "bracket", "take", "small.toml", "--focus-mm", "175,207", "--samples", "1", "-o", "b", cwd=tmp_path
-    )
+    scene = ("--scene", "world.hdr", "--heading-deg", "20", "--pose", "0,0,0,20")
+    take = ("bracket", "take", "small.toml", "--focus-mm", "175,207", "--samples", "16", "-o", "b", *scene)
+    run = omnimirror(*take, cwd=tmp_path)
     assert run.returncode == 0, run.stderr
+    world = om.Environment.load(tmp_path / "world.hdr")
+    straight = om.take_picture(focused_at(small, 175.0), world, 16, blur=True)  # heading and pose cancel
+    assert np.abs(om.read_image(tmp_path / "b/175.0mm.png")[..., ::-1].astype(int) - straight).max() <= 2
     merge = ("bracket", "merge", "small.toml", "b/175.0mm.png", "b/207.0mm.png", "-o", "merged.png", "--focus-mm")
     assert omnimirror(*merge, "175,207", cwd=tmp_path).returncode == 0
     assert om.read_image(tmp_path / "merged.png").shape == (128, 128, 3)
     run = omnimirror(*merge, "175", cwd=tmp_path)
     assert run.returncode == 1
     assert "2 pictures and 1 focus distances" in run.stderr
+
+
+def test_a_video_is_not_restored(small, tmp_path):
+    (tmp_path / "film.mp4").write_bytes(b"")
+    run = omnimirror("dewarp", "film.mp4", "--sensor", "small.toml", "--restore", "-o", "out.mp4", cwd=tmp_path)
+    assert run.returncode == 2
+    assert "film.mp4 is a video; a folder of its frames can be restored" in " ".join(run.stderr.split())

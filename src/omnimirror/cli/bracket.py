@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
 import numpy as np
@@ -12,10 +13,11 @@ from rich.table import Table
 from ..analysis import best_focus
 from ..media import read_image, write_image
 from ..media.images import format_of
-from ..sensor import Sensor
+from ..simulate import Detector, Placed, Pose, expose
 from ..simulate.bracketing import Bracket, focused_at, merge_bracket, plan_bracket
 from ..specs import load_sensor
 from .options import distance, output_console, values
+from .scene_options import pose, rows_bar, scene_of, scene_options
 
 OBJECT_DISTANCE = click.option(
     "--object-distance-mm", type=distance, metavar="MM", default="inf", show_default=True,
@@ -84,19 +86,23 @@ def merge(
 @command.command()
 @click.argument("sensor")
 @click.option("--focus-mm", type=values, metavar="A,B,..", help="Where to focus.  [default: as planned for 1 px]")
-@click.option("--samples", type=int, default=32, show_default=True, help="Rays per pixel.")
+@scene_options
+@click.option("--pose", "placed", type=pose, metavar="X,Y,Z,..",
+              help="Where the mirror stands in the scene, mm, and pan, tilt, roll, deg.  [default: 0,0,0]")  # fmt: skip
+@click.option("--samples", "--spp", type=int, default=32, show_default=True, help="Rays per pixel.")
 @click.option("-o", "--output", type=click.Path(path_type=Path, file_okay=False), required=True, help="A folder.")
-def take(sensor: str, focus_mm: NDArray[np.float64] | None, samples: int, output: Path) -> None:
-    """Simulate the pictures that SENSOR takes of the demo's room at each focus.
+def take(
+    sensor: str, focus_mm: NDArray[np.float64] | None, scene: str, samples: int, output: Path, **options: Any
+) -> None:
+    """Simulate the pictures that SENSOR takes of a scene at each focus.
 
-    Example: omnimirror bracket take paper-spherical --focus-mm 212,228 -o bracket
+    Example: omnimirror bracket take paper-spherical --scene street --focus-mm 212,228 -o bracket
     """
-    from ..simulate import Room, take_picture
-
-    seen: Sensor = load_sensor(sensor)
-    room = Room()
-    for focus in plan_bracket(seen).focus_mm if focus_mm is None else focus_mm:
+    given = {name: value for name, value in options.items() if value is not None}
+    seen, camera = Placed(scene_of(scene, given), given.get("placed", Pose())), load_sensor(sensor)
+    for focus in plan_bracket(camera).focus_mm if focus_mm is None else focus_mm:
         path = output / f"{focus:.1f}mm.png"
-        picture = take_picture(focused_at(seen, float(focus)), room, samples, blur=True)
-        write_image(path, np.ascontiguousarray(picture[..., ::-1]))
+        with rows_bar("Exposing") as progress:
+            light = expose(focused_at(camera, float(focus)), seen, samples, blur=True, progress=progress)
+        write_image(path, np.ascontiguousarray(Detector().read(light)[..., ::-1]))
         click.echo(f"{path}: focused at {focus:.1f} mm")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from functools import cache
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Any
 
 import click
 
+from ..cameras import Camera
 from ..dewarp import Dewarper
 from ..dewarp.native import set_threads
 from ..dewarp.sampling import Border
@@ -21,12 +23,13 @@ from ..media.images import can_be_panorama, format_of
 from ..sensor import Sensor
 from ..simulate.restoration import Restorer
 from .camera_options import camera_of, camera_options, camera_words, check_camera_options
-from .options import output_console
+from .options import distance, flag, output_console
 from .sampling_options import BorderColour, sampling_options
 from .view_options import check_view_options, view_of, view_options
 
 VIDEOS = (".mp4", ".m4v", ".mov", ".mkv", ".webm", ".avi", ".ts", ".mpg", ".mpeg")
-PICTURE_OPTIONS = ("restore", "noise")
+RESTORE_OPTIONS = ("noise", "object_distance_mm")
+PICTURE_OPTIONS = ("restore", *RESTORE_OPTIONS)
 VIDEO_OPTIONS = ("start_s", "duration_s", "codec", "crf", "keyframes", "format", "pixel_format", "preview")
 
 
@@ -50,6 +53,12 @@ VIDEO_OPTIONS = ("start_s", "duration_s", "codec", "crf", "keyframes", "format",
 )
 @click.option("--restore", is_flag=True, default=None, help="Pictures: first sharpen what --sensor is known to blur.")
 @click.option("--noise", type=float, metavar="SHARE", help="With --restore, of full scale.  [default: estimated]")
+@click.option(
+    "--object-distance-mm",
+    type=distance,
+    metavar="MM",
+    help="With --restore, from the mirror to what is seen.  [default: inf]",
+)
 @click.option("--start", "--start-s", "start_s", type=float, help="Videos: where to begin, in seconds.  [default: 0]")
 @click.option(
     "--duration",
@@ -93,8 +102,8 @@ def command(
     given = {name: value for name, value in options.items() if value is not None}
     check_camera_options(given)
     check_view_options(given)
-    if "noise" in given and "restore" not in given:
-        raise click.UsageError("--noise belongs to --restore")
+    if "restore" not in given and (asked := [name for name in RESTORE_OPTIONS if name in given]):
+        raise click.UsageError(f"{flag(asked[0])} belongs to --restore")
     if "threads" in given:
         set_threads(given["threads"])
     if viewer is not None:
@@ -107,7 +116,10 @@ def command(
         if transparent is not None:
             raise click.UsageError("--transparent and --black belong to pictures; videos have a --border")
         if asked := [name for name in PICTURE_OPTIONS if name in given]:
-            raise click.UsageError(f"--{asked[0]} belongs to pictures, and {sources[0]} is a video")
+            raise click.UsageError(
+                f"{flag(asked[0])} belongs to pictures, since it takes seconds for each, and {sources[0]} is a video; "
+                "a folder of its frames can be restored"
+            )
         _video(sources[0], outputs, given, interpolation)
         return
     if transparent is not None and "border" in given:
@@ -148,13 +160,16 @@ class Straightener:
         self.border: BorderColour | None = given.get("border")
         self.transparent = False if self.border else transparent
         self.dewarper = cache(self._dewarper)
-        self.restorer = cache(Restorer)
+        self.restorer = cache(self._restorer)
         self.alone = Lock()  # it needs a lot of memory
 
     def _dewarper(self, size: tuple[int, int], border: Border) -> Dewarper:
         camera = camera_of(self.given, size)
         viewpoint = self.given.get("viewpoint", "exact")
         return Dewarper(camera, view_of(camera, self.given), self.interpolation, viewpoint, border)
+
+    def _restorer(self, camera: Camera) -> Restorer:
+        return restorer_of(camera, self.given)
 
     def straighten(self, source: Path, output: Path) -> str:
         """Read, straighten and write one picture; what was done, in a sentence."""
@@ -169,14 +184,19 @@ class Straightener:
         border = self.border.of_picture(picture) if self.border else 0
         dewarp = self.dewarper((picture.shape[1], picture.shape[0]), border)
         if "restore" in self.given:
-            if not isinstance(dewarp.camera, Sensor):
-                raise OmnimirrorError("--restore needs to know the lens and the mirror: say --sensor")
             with self.alone:
-                picture = self.restorer(dewarp.camera)(picture, self.given.get("noise"))
+                picture = self.restorer(dewarp.camera)(picture, self.given.get("noise"))  # type: ignore[arg-type]
         straight = dewarp(picture, kind.has_alpha if self.transparent is None else self.transparent)
         write_image(output, straight, panorama_of(dewarp.view) if can_be_panorama(output) else None)
         height, width = straight.shape[:2]
         return f"{output}: {dewarp.view}, {width} x {height} px, {_percent(dewarp)} of it inside the field"
+
+
+def restorer_of(camera: Camera, given: dict[str, Any]) -> Restorer:
+    """What sharpens the pictures of a camera, as the options say."""
+    if not isinstance(camera, Sensor):
+        raise OmnimirrorError("--restore needs to know the lens and the mirror: say --sensor")
+    return Restorer(camera, given.get("object_distance_mm", math.inf))
 
 
 def write_viewer(sources: tuple[str, ...], output: Path, given: dict[str, Any]) -> None:
@@ -186,6 +206,8 @@ def write_viewer(sources: tuple[str, ...], output: Path, given: dict[str, Any]) 
 
     if len(sources) > 1 or is_video(sources[0]) or not _is_one_picture(sources[0]):
         raise click.UsageError("--viewer holds one picture")
+    if "restore" in given:
+        raise click.UsageError("--viewer holds the picture as it is; leave out --restore")
     if output.suffix.lower() not in (".html", ".htm"):
         raise click.UsageError(f"--viewer writes an HTML file, such as {output.stem or 'view'}.html, and no {output}")
     picture = read_image(sources[0])

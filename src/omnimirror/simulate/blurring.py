@@ -37,6 +37,12 @@ class BlurSize(NamedTuple):
     def larger(self) -> Array:
         return np.maximum(self.tangential, self.sagittal)
 
+    @property
+    def widening(self) -> Array:
+        """By how much a pixel grows with the blur: side of the square of its area, less the pixel's own."""
+        widened: Array = ((1 + self.tangential**2) * (1 + self.sagittal**2)) ** 0.25 - 1
+        return widened
+
 
 class Blur(NamedTuple):
     """The blur of pixels as kernels: the weights with which values of a sharp picture on a finer grid count in each."""

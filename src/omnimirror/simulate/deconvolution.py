@@ -23,20 +23,20 @@ from .operators import Operator, differences, smoothness
 
 Values = NDArray[np.float32]
 
-# Tuned on the room, the street and clouds of noise, by `benchmarks/restoration.py --tune`; on nothing else.
-REGULARITY = 2.0  # the weight over the noise, where there is neither blur nor texture
-BLUR_PX = 0.7  # of the mean of both blurs that halves it
-TEXTURE = 2.5  # differences that halve it, over the noise
+# Tuned on the scenes of `benchmarks/restoration.py --tuning` (the room, the street, clouds of noise), and on no others.
+REGULARITY = 1.5  # the weight over the noise, where there is neither blur nor texture
+BLUR_PX = 0.7  # widening of pixels that halves it
+TEXTURE = 2.0  # differences that halve it, over the noise
 EDGE = np.float32(0.005)  # differences of u below it cost their square, which keeps slopes from becoming stairs
 
 ROUNDS, STEPS = 6, 8  # replacements by quadratic terms, and conjugate gradients in each
 WINDOW_PX = 16  # in which texture is judged
-UNJUDGED = np.float32(0.4)  # of texture, in the first round
+UNJUDGED = np.float32(0.7)  # of texture, in the first round
 DARK = np.float32(1e-4)  # light below it has no more weight than this
 SATURATED = np.float32(0.995)  # such a pixel may have been brighter
 
 
-def solve(operator: Operator, pixels: NDArray[np.int32], blur_px: Values, roots: Values, noise: float) -> Values:
+def solve(operator: Operator, pixels: NDArray[np.int32], widening_px: Values, roots: Values, noise: float) -> Values:
     """Roots of the light (rows, columns, channels) of the sharp picture, on its fine grid.
 
     Parameters
@@ -45,8 +45,8 @@ def solve(operator: Operator, pixels: NDArray[np.int32], blur_px: Values, roots:
         Of the blur.
     pixels : (n,)
         That it knows: row * width + column.
-    blur_px : (h, w)
-        Mean of tangential and sagittal blur.
+    widening_px : (h, w)
+        By how much the blur widens a pixel, in the mean of both directions.
     roots : (h, w, 1 or 3)
         Roots of the light of the blurred picture.
     noise
@@ -57,7 +57,7 @@ def solve(operator: Operator, pixels: NDArray[np.int32], blur_px: Values, roots:
         roots = np.pad(roots, ((0, 0), (0, 0), (0, 1)))
     fineness = operator.shape[1] // roots.shape[1]
     seen = roots.reshape(-1, roots.shape[2])[pixels]
-    costs = _repeated((REGULARITY * noise / (1 + blur_px / BLUR_PX)).astype(np.float32), fineness)
+    costs = _repeated((REGULARITY * noise / (1 + widening_px / BLUR_PX)).astype(np.float32), fineness)
     flat = _refined(roots, fineness).reshape(-1, roots.shape[2])
     for n in range(ROUNDS):
         steepness = _steepness(flat.reshape(*operator.shape, -1))
@@ -105,10 +105,10 @@ def _steepness(fine: Values) -> Values:
 def _plain(steepness: Values, noise: float, fineness: int) -> Values:
     """Near 1 where the picture is plain, less where it is textured.
 
-    Texture is judged by the mean of the differences' roots, squared, to which a single edge adds little.
+    Texture is judged by the geometric mean of the differences, to which a single edge adds little.
     """
     window = (WINDOW_PX * fineness,) * 2
-    texture = cv2.boxFilter(np.sqrt(steepness), cv2.CV_32F, window) ** 2
+    texture = np.exp(cv2.boxFilter(np.log(steepness), cv2.CV_32F, window))
     return np.asarray(1 / (1 + texture / np.float32(TEXTURE * noise)), np.float32)
 
 

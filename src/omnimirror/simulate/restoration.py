@@ -80,9 +80,8 @@ class Restorer:
             noise = self.estimate_noise(image)
         share = self.share[..., None]
         light = _light(colours)
-        sizes = self._sizes
-        mean_px = ((sizes.tangential + sizes.sagittal) / 2).astype(np.float32)
-        fine = solve(self._operator, self.blur.pixels, mean_px, np.sqrt(light), max(noise, LEAST_NOISE))
+        widening = self._sizes.widening.astype(np.float32)
+        fine = solve(self.operator, self.blur.pixels, widening, np.sqrt(light), max(noise, LEAST_NOISE))
         sharp = _binned(fine, FINENESS)
         full = FULL[image.dtype.name]
         if image.dtype == np.float32:
@@ -119,7 +118,8 @@ class Restorer:
         return blur_of(self.sensor, FINENESS, self.object_distance_mm)
 
     @cached_property
-    def _operator(self) -> Operator:
+    def operator(self) -> Operator:
+        """Products with the blur."""
         return operator_of(self.blur)
 
     @cached_property
