@@ -70,6 +70,29 @@ def test_points_come_together_to_a_tenth_of_a_pixel(flipped: bool):
         assert np.hypot(*(found - meant).T).max() < 0.1
 
 
+def test_a_rendered_grid_of_lights_lands_where_the_sensor_sees_it():
+    """Rays through the focused lens, an environment and the merge, against projected directions."""
+    sensor, width = om.load_sensor("paper-spherical"), 4096
+    pan, tilt = (np.radians(a).ravel() for a in np.meshgrid(np.arange(-170, 180, 40), [-60, -30, 0, 20, 38]))
+    directions = np.stack([np.cos(tilt) * np.cos(pan), -np.cos(tilt) * np.sin(pan), np.sin(tilt)], axis=-1)
+    column, row = ((np.arange(n) + 0.5) / width * 2 * np.pi for n in (width, width // 2))
+    light = np.zeros((width // 2, width), np.float32)
+    for p, t in zip(pan, tilt, strict=True):
+        rows = np.flatnonzero(np.abs(np.pi / 2 - row - t) < 0.05)
+        near = np.cos(row[rows, None]) * np.sin(t) + np.sin(row[rows, None]) * np.cos(t) * np.cos(column - np.pi - p)
+        light[rows] += np.exp((near - 1) / (1 - np.cos(np.radians(0.35))))
+    lights = om.Environment(np.ascontiguousarray(np.repeat(light[..., None], 3, axis=2)))
+    meant, seen = sensor.project_directions(directions)
+    assert seen.all()
+    shift = np.hypot(*(focused_at(sensor, 190.0).project_directions(directions)[0] - meant).T)
+    assert shift.max() > 2
+    for focus in (190.0, 240.0):
+        taken = om.expose(focused_at(sensor, focus), lights, 36)[..., 1]
+        merged = merge_bracket(sensor, [np.ascontiguousarray(taken)], [focus])
+        found = np.array([centroid(merged, u, v) for u, v in meant])
+        assert np.hypot(*(found - meant).T).max() < 0.1
+
+
 def test_weights_are_smooth_and_add_up():
     sensor = om.load_sensor("paper-spherical")
     radius = np.linspace(0, 520, 2000)
