@@ -19,6 +19,7 @@ needs_native = pytest.mark.skipif(compiled() is None, reason="nothing was compil
 ROD = Hardware(
     camera_radius_mm=30.0,
     camera_height_mm=10.0,
+    rim_width_mm=3.0,
     rod_from_mm=120.0,
     rod_to_mm=170.0,
     rod_radius_mm=4.0,
@@ -57,6 +58,8 @@ def test_compiled_rays_are_those_of_double_precision(name, pose, flipped):
     assert np.mean(fast.fate != slow.fate) < 1e-4  # rays that graze an edge
     seen = (fast.fate == slow.fate) & (slow.fate != rays.HIDDEN)
     np.testing.assert_allclose(fast.weight[seen], slow.weight[seen], atol=1e-6)
+    hidden = (fast.fate == slow.fate) & (slow.fate == rays.HIDDEN)
+    assert np.mean(np.abs(fast.weight[hidden] - slow.weight[hidden]) > 1e-5) < 2e-3  # rays that graze a ring
     a, b = (d[seen] / np.linalg.norm(d[seen], axis=-1, keepdims=True) for d in (fast.directions, slow.directions))
     assert np.degrees(np.linalg.norm(np.cross(a, b), axis=-1)).max() < 5e-4
     off = np.linalg.norm(np.cross(fast.origins[seen] - slow.origins[seen], b), axis=-1)

@@ -34,8 +34,9 @@ struct Optics {
     float natural_vignetting = 0;                     // 1: light falls with the fourth power of the cosine
     // what stands in the light, all about the lens's axis: the camera's front (a disk at z = body_z, seen by
     // mirrored rays) and a rod that tapers from it to the mirror
-    float body_z = 0, body_radius = 0;
+    float body_z = 0, body_radius = 0, lens_radius = 1;  // of the front ring of its lens, which can be made out
     float rod_z[2] = {0, 0}, rod_radius[2] = {0, 0};
+    float edge_z = 0, edge_radius = 0;  // a dark edge about the rim, in the mirror's frame
     float hardware_light[3] = {0, 0, 0};
     bool sees_past = false;  // whether rays that miss the mirror see the world behind it, or nothing
     // from the camera frame to the world

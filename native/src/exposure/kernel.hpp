@@ -343,6 +343,26 @@ inline bool meets_rod(const Optics& o, float x, float y, float z, float dx, floa
     return side | meets_end(o, 0, x, y, z, dx, dy, dz) | meets_end(o, 1, x, y, z, dx, dy, dz);
 }
 
+// How light the camera's front is at a place, q in radii of its lens's front ring: glass with a glint, a bright ring,
+// the barrel, a groove, and the body with a mark towards the picture's top.
+inline float front_of(float x, float y, float q) {
+    const float gx = x + 0.2f, gy = y + 0.25f;
+    const bool glint = gx * gx + gy * gy < 0.0144f;
+    const bool mark = (absolute(x) < 0.12f) & (y < 0) & (q > 1.15f) & (q < 1.55f);
+    const float body = mark ? 12.f : q < 2.2f ? 1.f : 0.7f;
+    const float glass = glint ? 12.f : q < 0.55f ? 0.25f : 1.f;
+    return q < 0.62f ? glass : q < 0.74f ? 6.f : q < 1 ? 1.5f : q < 1.06f ? 0.3f : body;
+}
+
+// A dark edge about the mirror's rim, in the mirror's frame: what passes the mirror may meet it.
+void meet_edge(const Optics& o, Bundle& r) {
+    OMNIMIRROR_EACH_LANE(i) {
+        const float t = o.edge_z / r.dz[i], x = r.ox[i] + t * r.dx[i], y = r.oy[i] + t * r.dy[i];
+        const bool on = (r.fate[i] == LOST) & (x * x + y * y < o.edge_radius * o.edge_radius) & (r.weight[i] > 0);
+        r.fate[i] = on ? HARDWARE : r.fate[i];
+    }
+}
+
 // The camera and its rod, where mirrored rays meet them. The rod also hides the mirror: the ray is followed back.
 void stand_in_the_way(const Optics& o, Bundle& r) {
     const bool rod = o.rod_z[1] > o.rod_z[0];
@@ -350,7 +370,10 @@ void stand_in_the_way(const Optics& o, Bundle& r) {
         const float down = (o.body_z - r.pz[i]) / (r.dz[i] - 1e-30f);
         const float x = r.px[i] + down * r.dx[i], y = r.py[i] + down * r.dy[i];
         const bool body = (r.dz[i] < 0) & (x * x + y * y < o.body_radius * o.body_radius);
-        r.fate[i] = (r.fate[i] == REFLECTED) & body ? HARDWARE : r.fate[i];
+        const bool seen = (r.fate[i] == REFLECTED) & body;
+        const float qx = x / o.lens_radius, qy = y / o.lens_radius;
+        r.weight[i] *= seen ? front_of(qx, qy, root(qx * qx + qy * qy)) : 1;
+        r.fate[i] = seen ? HARDWARE : r.fate[i];
     }
     if (!rod) return;
     OMNIMIRROR_EACH_LANE(i) {
@@ -381,6 +404,7 @@ bool trace(const Exposure& e, int row, int64_t first, Bundle& r) {
         meet_nodes(o, r);
     else
         meet_conic(o, r);
+    if (o.edge_radius > o.rim) meet_edge(o, r);
     float sum = 0;
     OMNIMIRROR_EACH_LANE(i) sum += r.fate[i];
     if (sum == 0 && !o.sees_past) return false;
@@ -436,7 +460,7 @@ void light_of_row(const Exposure& e, const Environment& world, int row, float* o
             if (any && (r.fate[i] == REFLECTED || r.fate[i] == DIRECT))
                 add_light(world, r.u[i], r.v[i], share * r.weight[i], sum);
             else if (any && r.fate[i] == HARDWARE)
-                for (int c = 0; c < 3; ++c) sum.rgb[c] += share * e.optics.hardware_light[c];
+                for (int c = 0; c < 3; ++c) sum.rgb[c] += share * r.weight[i] * e.optics.hardware_light[c];
             if (--left) continue;
             for (int c = 0; c < 3; ++c) *out++ = sum.rgb[c];
             sum = {}, left = e.samples.count;

@@ -40,7 +40,8 @@ void copy(const Numbers<N>& from, float (&to)[N]) {
 OwnedOptics* make_optics(bool telecentric, Numbers<2> centre, Numbers<2> scale, Numbers<5> distortion, float fold,
                          float focus, float stop, Numbers<3> vertex, Numbers<9> axes, bool aligned, float curvature, float conic,
                          float rim, const Floats& nodes, Numbers<8> reflectance, float natural_vignetting,
-                         float body_z, float body_radius, Numbers<2> rod_z, Numbers<2> rod_radius,
+                         float body_z, float body_radius, float lens_radius, float edge_z, float edge_radius,
+                         Numbers<2> rod_z, Numbers<2> rod_radius,
                          Numbers<3> hardware_light, bool sees_past, Numbers<9> rotation, Numbers<3> shift) {
     require(nodes.ndim() == 2 && nodes.shape(1) == 3 && nodes.shape(0) != 1 && nodes.shape(0) < (1u << 24),
             "nodes are (n, 3), none or at least two");
@@ -49,7 +50,8 @@ OwnedOptics* make_optics(bool telecentric, Numbers<2> centre, Numbers<2> scale, 
     Optics& o = owned->optics;
     o.telecentric = telecentric, o.focus = focus, o.fold = fold, o.stop = stop, o.aligned = aligned;
     o.curvature = curvature, o.conic = conic, o.rim = rim, o.natural_vignetting = natural_vignetting;
-    o.body_z = body_z, o.body_radius = body_radius, o.sees_past = sees_past;
+    o.body_z = body_z, o.body_radius = body_radius, o.lens_radius = lens_radius, o.sees_past = sees_past;
+    o.edge_z = edge_z, o.edge_radius = edge_radius;
     copy(centre, o.centre), copy(scale, o.scale), copy(distortion, o.distortion), copy(vertex, o.vertex);
     copy(axes, o.axes), copy(reflectance, o.reflectance), copy(rod_z, o.rod_z), copy(rod_radius, o.rod_radius);
     copy(hardware_light, o.hardware_light), copy(rotation, o.rotation), copy(shift, o.shift);
@@ -120,7 +122,7 @@ void add_exposure(nb::module_& m) {
     nb::class_<OwnedOptics>(m, "Optics")
         .def(nb::new_(&make_optics), nb::kw_only(), "telecentric"_a, "centre"_a, "scale"_a, "distortion"_a, "fold"_a,
              "focus"_a, "stop"_a, "vertex"_a, "axes"_a, "aligned"_a, "curvature"_a, "conic"_a, "rim"_a, "nodes"_a,
-             "reflectance"_a, "natural_vignetting"_a, "body_z"_a, "body_radius"_a, "rod_z"_a, "rod_radius"_a,
+             "reflectance"_a, "natural_vignetting"_a, "body_z"_a, "body_radius"_a, "lens_radius"_a, "edge_z"_a, "edge_radius"_a, "rod_z"_a, "rod_radius"_a,
              "hardware_light"_a, "sees_past"_a, "rotation"_a, "shift"_a);
     nb::class_<OwnedEnvironment>(m, "Environment").def(nb::new_(&make_environment), "light"_a);
     m.def("expose_environment", &expose_environment, "optics"_a, "environment"_a, "points"_a, "shifted"_a, "seed"_a,

@@ -85,6 +85,9 @@ _HARDWARE = (
         "--camera-radius-mm", type=float, metavar="MM", help="The camera, seen in the middle.  [default: none]"
     ),
     click.option(
+        "--rim-width-mm", type=float, metavar="MM", help="A dark edge about the mirror's rim.  [default: none]"
+    ),
+    click.option(
         "--reflectivity",
         type=reflectivity,
         metavar="SHARE|METAL|N+Kj",
@@ -110,7 +113,7 @@ _DETECTOR = (
     click.option("--curve", type=click.Choice(CURVES), help="Of the values.  [default: srgb]"),
     click.option("--bayer", type=click.Choice(BAYER), help="One colour per pixel, not interpolated.  [default: none]"),
 )
-HARDWARE = ("camera_radius_mm", "reflectivity", "vignetting", "sees_past")
+HARDWARE = ("camera_radius_mm", "rim_width_mm", "reflectivity", "vignetting", "sees_past")
 DETECTOR = ("exposure", "full_well_e", "read_noise_e", "bits", "curve", "bayer")
 
 

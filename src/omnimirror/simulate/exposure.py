@@ -42,9 +42,9 @@ class Bundle(NamedTuple):
     directions: NDArray[np.floating]
     """(.., 3) in the world frame."""
     weight: NDArray[np.floating]
-    """Share of their light that arrives."""
+    """Share of their light that arrives; of hidden ones, of the hardware's."""
     fate: NDArray[np.uint8]
-    """``LOST``, ``REFLECTED``, ``DIRECT`` past the mirror, or ``HIDDEN`` by camera or rod."""
+    """``LOST``, ``REFLECTED``, ``DIRECT`` past the mirror, or ``HIDDEN`` by camera, rod or edge."""
 
 
 def expose(
@@ -175,7 +175,8 @@ def gather(bundle: Bundle, scene: Scene, hardware: Hardware) -> Light:
     seeing = (bundle.fate == REFLECTED) | (bundle.fate == DIRECT)
     light[seeing] = scene.radiance(bundle.origins[seeing], bundle.directions[seeing])
     light *= bundle.weight[..., None]
-    light[bundle.fate == HIDDEN] = hardware.grey
+    hidden = bundle.fate == HIDDEN
+    light[hidden] = hardware.grey * bundle.weight[hidden, None]
     return light
 
 
@@ -217,12 +218,15 @@ def _trace_sensor(sensor: Sensor, plan: Samples, hardware: Hardware, rows: slice
     fate = np.where(hit, REFLECTED, DIRECT if hardware.sees_past else LOST).astype(np.uint8)
     fate[~np.isfinite(towards[:, 2])] = LOST  # where distortion folds the picture over
     chief = sensor.lens_rays(pixels, 0 * pupil)[1]
-    hidden = hardware.hides(points - sensor.lens_offset, directions, -chief)
+    from_lens = points - sensor.lens_offset
+    hidden = hardware.hides(from_lens, directions, -chief)
     fate[hidden & hit] = HIDDEN
+    fate[~hit & _meets_edge(sensor, hardware, start, towards)] = HIDDEN
     turned = np.einsum("ni,ni->n", towards, directions) / np.linalg.norm(towards, axis=1)
     gamma = np.pi / 2 - np.arccos(np.clip(turned / np.linalg.norm(directions, axis=1), -1, 1)) / 2
     image = np.stack(sensor.from_centre_px(pixels), axis=-1) * sensor.imager.pitch_mm
     weight = (1 - hardware.vignetting * (1 - sensor.lens.falloff(image))) * np.where(hit, hardware.returned(gamma), 1.0)
+    weight[hit] *= hardware.shade(from_lens[hit], directions[hit])
     weight[fate == LOST] = 0.0
     rotation = sensor.mount.rotation().T
     return Bundle(
@@ -231,6 +235,19 @@ def _trace_sensor(sensor: Sensor, plan: Samples, hardware: Hardware, rows: slice
         weight.reshape(shape),
         fate.reshape(shape),
     )
+
+
+def _meets_edge(sensor: Sensor, hardware: Hardware, start: Array, towards: Array) -> NDArray[np.bool_]:
+    """Which rays (n,), past the mirror, meet the dark edge about its rim."""
+    if not hardware.rim_width_mm:
+        return np.zeros(len(start), dtype=bool)
+    pose, rim = sensor.mirror_pose, sensor.mirror.rim_radius_mm
+    origins, directions = pose.to_mirror(start), pose.turned_to_mirror(towards)
+    steps = (sensor.mirror.sag(np.array(rim)) - origins[:, 2]) / directions[:, 2]
+    across = origins[:, :2] + steps[:, None] * directions[:, :2]
+    with np.errstate(invalid="ignore"):
+        meets: NDArray[np.bool_] = np.hypot(*across.T) < rim + hardware.rim_width_mm
+    return meets
 
 
 def on_threads(function: Callable[[T], R], items: list[T], workers: int | None) -> Iterator[R]:

@@ -298,14 +298,16 @@ def hardware_of(sensor: Sensor, support: Support, body: Body | None = None) -> H
     >>> hardware_of(om.load_sensor("paper-spherical"), Support("rod", diameter_mm=4)).rod_radius_mm
     2.0
     """
-    support = support.fitted(sensor, Body() if body is None else body)
+    body = Body() if body is None else body
+    support = support.fitted(sensor, body)
     assert support.diameter_mm is not None
     telecentric = sensor.lens.TELECENTRIC
     lens, vertex = (lens_height(sensor), 0.0) if telecentric else (0.0, -lens_height(sensor))
     camera = support.camera_diameter_mm / 2
     if support.kind in ("tube", "dome"):
         camera = max(camera, shell_of(sensor, support, body).inner_radius_mm(lens_height(sensor)))
-    hardware = Hardware(camera_radius_mm=camera, camera_height_mm=lens)
+    edge = body.flange_width_mm
+    hardware = Hardware(camera_radius_mm=camera, camera_height_mm=lens, rim_width_mm=edge)
     if support.kind != "rod":
         return hardware
     assert support.gap_mm is not None
