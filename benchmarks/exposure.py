@@ -1,9 +1,10 @@
 """What a picture through the whole aperture costs, beside Mitsuba 3 at equal rays, and how much it errs.
 
-1000 x 1000 pixels, 64 rays each, an environment of 512 x 1024. All run interleaved with all cores; medians of wall
-clock, and of processor time, which a busy machine disturbs less. Mitsuba renders the same lens, mirror (a mesh of
-500 000 triangles; of the sphere its own sphere), environment and box filter; each variant in a process of its own,
-since one may abort where it finds no LLVM.
+1000 x 1000 pixels, 64 rays each for all, an environment of 512 x 1024. All run interleaved with all cores; medians of
+wall clock, and of processor time, which a busy machine disturbs less. Mitsuba renders the same lens, mirror (a mesh of
+500 000 triangles; of the sphere its own sphere), environment and box filter; only its rendering is timed, after a first
+one. Each variant runs in a process of its own, since llvm_ad_rgb aborts without LLVM 16 or newer; DRJIT_LIBLLVM_PATH
+names its library where it is not found by itself.
 
     python benchmarks/exposure.py --out out/benchmarks
 """
@@ -11,7 +12,6 @@ since one may abort where it finds no LLVM.
 from __future__ import annotations
 
 import argparse
-import os
 import statistics
 import subprocess
 import sys
@@ -24,6 +24,8 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
+from setting import circumstances
+
 import omnimirror as om
 from omnimirror.files import write_text
 from omnimirror.mirrors.pose import MirrorPose
@@ -32,6 +34,7 @@ from omnimirror.simulate.colour import srgb_from_linear
 
 PIXELS, RAYS = 1000, 64
 SENSORS = {"sphere": "paper-spherical", "asphere": "paper-equidistant"}
+THEIR_RUNS = 3
 MOST_RAYS = 4096  # of the picture that errors count from
 
 
@@ -47,9 +50,9 @@ def timed(function: Callable[[], object]) -> tuple[float, float]:
     return time.perf_counter() - wall, time.process_time() - cpu
 
 
-def theirs(variant: str, name: str, rays: int, runs: int) -> tuple[float, float] | str:
-    """Median seconds, wall and processor, of Mitsuba's render; or why there are none."""
-    command = [sys.executable, __file__, "--mitsuba", variant, name, str(rays), str(runs)]
+def theirs(variant: str, name: str) -> tuple[float, float] | str:
+    """Seconds, wall and processor, of Mitsuba's render; or why there are none."""
+    command = [sys.executable, __file__, "--mitsuba", variant, name]
     try:
         run = subprocess.run(command, capture_output=True, text=True, timeout=600)
     except subprocess.TimeoutExpired:
@@ -61,8 +64,8 @@ def theirs(variant: str, name: str, rays: int, runs: int) -> tuple[float, float]
     return wall, cpu
 
 
-def render_here(variant: str, name: str, rays: int, runs: int) -> None:
-    """In a process of its own: print the medians."""
+def render_here(variant: str, name: str) -> None:
+    """In a process of its own: print the seconds of a render, the first being for warming up."""
     import mitsuba as mi
 
     mi.set_variant(variant)
@@ -79,9 +82,15 @@ def render_here(variant: str, name: str, rays: int, runs: int) -> None:
             pictures.meshed(mi, sensor, 500, 500).shapes()[0].write_ply(str(path))
             mi.set_variant(variant)
             mirror = {"type": "ply", "filename": str(path)}
-        pictures.rendered(mi, sensor, mirror, light, 1)
-        times = [timed(lambda: pictures.rendered(mi, sensor, mirror, light, rays)) for _ in range(runs)]
-    print(*(statistics.median(t) for t in zip(*times, strict=True)))
+        scene = pictures.scene_of(mi, sensor, mirror, light, RAYS)
+        if variant != "scalar_rgb":  # which has nothing to compile
+            np.array(mi.render(scene, spp=RAYS, seed=1))
+        print(*timed(lambda: np.array(mi.render(scene, spp=RAYS, seed=2))))
+
+
+def medians(times: list[tuple[float, float]]) -> tuple[float, float]:
+    wall, cpu = (statistics.median(t) for t in zip(*times, strict=True))
+    return wall, cpu
 
 
 def error_db(sensor: om.Sensor, world: Environment, rays: int) -> float:
@@ -98,12 +107,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
     parser.add_argument("--runs", type=int, default=7)
-    parser.add_argument("--their-rays", type=int, default=RAYS, help="fewer are scaled up")
-    parser.add_argument("--mitsuba", nargs=4, help=argparse.SUPPRESS)
+    parser.add_argument("--mitsuba", nargs=2, help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.mitsuba:
-        variant, name, rays, runs = arguments.mitsuba
-        render_here(variant, name, int(rays), int(runs))
+        render_here(*arguments.mitsuba)
         return
     from tests.simulate.test_mitsuba_pictures import maps
 
@@ -111,36 +118,35 @@ def main() -> None:
     lines = [
         "# A picture through the whole aperture",
         "",
-        f"{PIXELS} x {PIXELS} px, {RAYS} rays each, environment; {os.cpu_count()} cores; medians, s. Mitsuba renders "
-        f"{arguments.their_rays} rays a pixel, scaled to {RAYS}.",
+        f"{PIXELS} x {PIXELS} px, {RAYS} rays each for all, environment. {circumstances(arguments.runs)}",
         "",
-        "| mirror | program | wall | processor | ours is quicker by (processor) | sampling error |",
-        "|---|---|---|---|---|---|",
+        "| mirror | program | wall, s | processor, s | our gain, wall | our gain, processor | sampling error |",
+        "|---|---|---|---|---|---|---|",
     ]
     for label, name in SENSORS.items():
         sensor = sensor_of(name)
         expose(sensor, world, 1, blur=True)
-        times: list[tuple[float, float]] = []
+        ours: list[tuple[float, float]] = []
         chief: list[tuple[float, float]] = []
-        rendered: dict[str, list[tuple[float, float] | str]] = {"scalar_rgb": [], "llvm_ad_rgb": []}
+        rendered: dict[str, list[tuple[float, float] | str]] = {"llvm_ad_rgb": [], "scalar_rgb": []}
         for run in range(arguments.runs):
-            times.append(timed(lambda s=sensor: expose(s, world, RAYS, blur=True)))
+            ours.append(timed(lambda s=sensor: expose(s, world, RAYS, blur=True)))
             chief.append(timed(lambda s=sensor: expose(s, world, 1)))
             for variant, found in rendered.items():
-                if run < 2 and not any(isinstance(f, str) for f in found):
-                    found.append(theirs(variant, name, arguments.their_rays, 1))
-        wall, cpu = (statistics.median(t) for t in zip(*times, strict=True))
+                if run < THEIR_RUNS and not any(isinstance(f, str) for f in found):
+                    found.append(theirs(variant, name))
+        wall, cpu = medians(ours)
         decibels = error_db(sensor_of(name, 500), world, RAYS)
-        lines.append(f"| {label} | omnimirror | {wall:.2f} | {cpu:.2f} | | {decibels:.1f} dB |")
+        lines.append(f"| {label} | omnimirror | {wall:.2f} | {cpu:.2f} | | | {decibels:.1f} dB |")
         for variant, found in rendered.items():
             numbers = [f for f in found if not isinstance(f, str)]
             if not numbers:
-                lines.append(f"| {label} | Mitsuba {variant} | {found[-1]} | | | |")
+                lines.append(f"| {label} | Mitsuba {variant} | {found[-1]} | | | | |")
                 continue
-            w, c = (statistics.median(t) * RAYS / arguments.their_rays for t in zip(*numbers, strict=True))
-            lines.append(f"| {label} | Mitsuba {variant} | {w:.1f} | {c:.1f} | {c / cpu:.0f} | |")
-        wall, cpu = (statistics.median(t) for t in zip(*chief, strict=True))
-        lines.append(f"| {label} | omnimirror, chief rays | {wall:.3f} | {cpu:.3f} | | |")
+            w, c = medians(numbers)
+            lines.append(f"| {label} | Mitsuba {variant} | {w:.1f} | {c:.1f} | {w / wall:.0f} | {c / cpu:.0f} | |")
+        wall, cpu = medians(chief)
+        lines.append(f"| {label} | omnimirror, chief rays | {wall:.3f} | {cpu:.3f} | | | |")
         print("\n".join(lines[-4:]), flush=True)
     arguments.out.mkdir(parents=True, exist_ok=True)
     write_text(arguments.out / "exposure.md", "\n".join(lines) + "\n")

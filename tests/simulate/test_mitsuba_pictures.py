@@ -43,13 +43,18 @@ def maps():
 
 
 def rendered(mi, sensor, mirror, light, rays, others=None):  # noqa: F811
-    """Mitsuba's picture in the camera frame, whose origin is the mirror's vertex; other shapes may stand in it."""
+    """Mitsuba's picture of a scene."""
+    return np.array(mi.render(scene_of(mi, sensor, mirror, light, rays, others), spp=rays))
+
+
+def scene_of(mi, sensor, mirror, light, rays, others=None):  # noqa: F811
+    """Mitsuba's scene in the camera frame, whose origin is the mirror's vertex; other shapes may stand in it."""
     lens, (width, height), m = sensor.lens, sensor.image_size, sensor.mirror_distance_mm
     half = np.degrees(np.arctan(width / 2 * sensor.imager.pitch_mm / lens.image_distance))
     turn = np.eye(4)  # theirs: columns from -z over x, rows from y; ours: columns from -x over y, rows from z
     turn[:3, :3] = sensor.mount.rotation().T @ np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])
     frame = mi.ScalarTransform4f
-    scene = mi.load_dict(
+    return mi.load_dict(
         {
             "type": "scene",
             "integrator": {"type": "path", "max_depth": 12 if others else 3, "rr_depth": 20},
@@ -71,7 +76,6 @@ def rendered(mi, sensor, mirror, light, rays, others=None):  # noqa: F811
             },
         }
     )  # fmt: skip
-    return np.array(mi.render(scene, spp=rays))
 
 
 def ball(sensor):

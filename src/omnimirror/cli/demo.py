@@ -14,11 +14,12 @@ from .options import output_console
 @click.argument("sensor", default="paper-spherical")
 @click.option("--out", type=click.Path(path_type=Path), default="omnimirror-demo", show_default=True,
               help="Folder for pictures, table and report.")  # fmt: skip
-def command(sensor: str, out: Path) -> None:
+@click.option("--blur/--no-blur", default=True, show_default=True, help="Look through the whole aperture, or sharp.")
+def command(sensor: str, out: Path, blur: bool) -> None:
     """Evaluate SENSOR (paper-spherical by default), take its picture of a room, straighten it, write a report."""
     from ..report import write_demo
 
     console = output_console()
     with console.status("Evaluating, simulating, straightening"):
-        report = write_demo(load_sensor(sensor), out)
+        report = write_demo(load_sensor(sensor), out, blur)
     console.print(f"Wrote {report.resolve()}", highlight=False, soft_wrap=True)

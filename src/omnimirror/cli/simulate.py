@@ -13,7 +13,7 @@ from ..media import write_image
 from ..media.images import format_of
 from ..sensor import Sensor
 from ..simulate import Distant, Placed, Pose, Scene, expose
-from ..specs import load_sensor
+from ..specs import bundled_sensors, load_sensor
 from .options import flag
 from .scene_options import (
     DETECTOR,
@@ -237,13 +237,14 @@ def _write_video_set(camera: Sensor, scene: Scene, output: Path, given: dict[str
 
 
 @command.command("roundtrip")
-@click.argument("sensors", nargs=-1, required=True, metavar="SENSOR...")
+@click.argument("sensors", nargs=-1, metavar="[SENSOR...]")
 @click.option("--samples", "--spp", type=int, default=16, show_default=True, help="Rays per pixel.")
 def roundtrip(sensors: tuple[str, ...], samples: int) -> None:
     """Simulate the room's wall at 800 mm, straighten it, and compare with what a pinhole sees: a table.
 
     Decibels (sRGB) of the sharp picture straightened exactly, with pixels of half the size, blurred by the aperture,
-    and straightened from the best single viewpoint; then the largest shifts found, and the one that Eq. 23 predicts.
+    and straightened from the best single viewpoint; what share of the blurred picture's error is blur; then the largest
+    shifts found, and the one that Eq. 23 predicts. All sensors that come with the package unless some are named.
     """
     from rich.table import Table
 
@@ -251,17 +252,18 @@ def roundtrip(sensors: tuple[str, ...], samples: int) -> None:
     from .options import output_console
 
     table = Table(box=None, pad_edge=False, header_style="bold")
+    table.add_column("sensor", no_wrap=True)
     for heading in ("exact", "half pixels", "blurred", "single"):
-        if heading == "exact":
-            table.add_column("sensor", no_wrap=True)
         table.add_column(f"{heading}\ndB", justify="right")
+    table.add_column("of it blur\n%", justify="right")
     for heading in ("exact", "single", "Eq. 23"):
         table.add_column(f"shift, {heading}\npx", justify="right")
     console = output_console()
-    for name in sensors:
+    for name in sensors or bundled_sensors():
         with console.status(f"Simulating {name}"):
             found = round_trip(load_sensor(name), samples)
         decibels = (found.exact_db, found.finer_db, found.blurred_db, found.single_db)
-        shifts = (np.abs(s).max() for s in (found.exact_px, found.single_px, found.predicted_px))
-        table.add_row(name, *(f"{d:.1f}" for d in decibels), *(f"{s:.2f}" for s in shifts))
+        numbers = [*(f"{d:.1f}" for d in decibels), f"{100 * found.blur_share:.0f}"]
+        numbers += [f"{np.abs(s).max():.2f}" for s in (found.exact_px, found.single_px, found.predicted_px)]
+        table.add_row(name, *("-" if number == "nan" else number for number in numbers))
     console.print(table)

@@ -22,8 +22,21 @@ FIGURES_SHOWN = ("fig5", "fig7", "fig10", "fig4", "fig9", "fig6")
 COLUMNS_SHOWN = [name for name in HEADINGS if name not in ("blur_t_deg", "blur_s_deg")]
 
 
-def write_demo(sensor: Sensor, folder: str | Path) -> Path:
+SAMPLES = 8
+"""Rays of a pixel of the demo's picture."""
+
+
+def write_demo(sensor: Sensor, folder: str | Path, blur: bool = True) -> Path:
     """Evaluate a sensor, take its picture of the bundled room, straighten that twice, and report.
+
+    Parameters
+    ----------
+    sensor
+    folder
+        Takes all files.
+    blur
+        Whether the picture is taken through the lens's whole aperture, as far as one mirror is all there is: by way of
+        a second one it is sharp.
 
     Returns
     -------
@@ -37,7 +50,8 @@ def write_demo(sensor: Sensor, folder: str | Path) -> Path:
     """
     folder = Path(folder)
     result = evaluate(sensor)
-    circle = take_picture(sensor, Room())[..., ::-1]  # files are in the order blue, green, red
+    blur = blur and sensor.secondary is None
+    circle = take_picture(sensor, Room(), SAMPLES, blur)[..., ::-1]  # files are in the order blue, green, red
     pictures = {
         "circle": circle,
         "panorama": Dewarper(sensor, views.panorama(sensor), interpolation="cubic")(circle),

@@ -41,7 +41,7 @@ class RoundTrip:
     finer_db
         The same with pixels of half the size: how much of it is.
     blurred_db
-        The picture through the whole aperture: what focus costs.
+        The picture through the whole aperture: what focus costs; NaN for a sensor of two mirrors.
     single_db
         The sharp one straightened as if the mirror had one viewpoint, the best for that distance.
     exact_px, single_px : (strips,)
@@ -58,6 +58,11 @@ class RoundTrip:
     single_px: Array
     predicted_px: Array
 
+    @property
+    def blur_share(self) -> float:
+        """Share of the blurred picture's mean square error that the blur has added, 0 to 1."""
+        return float(1 - 10 ** ((self.blurred_db - self.exact_db) / 10))
+
 
 def round_trip(sensor: Sensor, samples: int = 16, texel_mm: float = 2.0) -> RoundTrip:
     """Simulate the room's wall 800 mm ahead, straighten it in four ways, and compare each with a pinhole's picture.
@@ -71,8 +76,11 @@ def round_trip(sensor: Sensor, samples: int = 16, texel_mm: float = 2.0) -> Roun
     truth = _truth(room)
     near = best_viewpoint(sensor, WALL_MM)
     exact, single = Dewarper(sensor, VIEW, "cubic"), Dewarper(sensor, VIEW, "cubic", viewpoint=near.z_mm)
-    sharp, blurred = (srgb_from_linear(expose(sensor, room, samples, blur)) for blur in (False, True))
+    sharp = srgb_from_linear(expose(sensor, room, samples, blur=False))
     straight, guessed = exact(sharp), single(sharp)
+    blurred_db = np.nan
+    if sensor.secondary is None:  # no rays of the aperture are traced by way of a second mirror
+        blurred_db = _decibels(exact(srgb_from_linear(expose(sensor, room, samples, blur=True))), truth)
     u, v = sensor.imager.centre
     halved = replace(
         sensor.imager,
@@ -82,11 +90,11 @@ def round_trip(sensor: Sensor, samples: int = 16, texel_mm: float = 2.0) -> Roun
         centre_px=(2 * u + 0.5, 2 * v + 0.5),
     )
     finer = replace(sensor, imager=halved)
-    fine = Dewarper(finer, VIEW, "cubic")(srgb_from_linear(expose(finer, room, samples, False)))
+    fine = Dewarper(finer, VIEW, "cubic")(srgb_from_linear(expose(finer, room, max(1, samples // 4), blur=False)))
     return RoundTrip(
         _decibels(straight, truth),
         _decibels(fine, truth),
-        _decibels(exact(blurred), truth),
+        blurred_db,
         _decibels(guessed, truth),
         _shifts(straight, truth, exact, sensor),
         _shifts(guessed, truth, exact, sensor),
