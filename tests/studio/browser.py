@@ -18,7 +18,7 @@ import uvicorn
 from omnimirror.studio.app import Studio, create_app
 
 FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
-FAKE_CAMERA = ["--use-fake-device-for-media-stream"]
+FAKE_CAMERA = ["--use-fake-device-for-media-stream=device-count=2"]
 BASE64 = """(values) => {
   let text = "";
   const bytes = new Uint8Array(values.buffer);

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 import shlex
 import struct
 import subprocess
@@ -15,12 +14,9 @@ import pytest
 
 import omnimirror as om
 from omnimirror.media import read_image, write_image
-from omnimirror.studio.app import Studio
-from omnimirror.studio.sources import Sources
 from tests.cli.test_evaluate import fails, omnimirror
 
-from .browser import command, drawn, drop, look, open_page, serving
-from .test_server import video_of
+from .browser import command, drawn, drop, look, open_page
 from .test_view import pattern, psnr, python_view
 
 WEB = Path(__file__).parents[2] / "web"
@@ -152,27 +148,6 @@ def test_what_is_not_understood_is_said_and_what_was_there_stays(browser, server
     page.context.close()
 
 
-def test_a_webcam_is_shown_once_it_is_allowed(browser, server):
-    page = open_page(browser, server, permissions=["camera"])
-    page.get_by_role("button", name="Webcam").click()
-    page.wait_for_function("window.omnimirror.look.feed?.moves")
-    page.wait_for_selector("#view:visible")
-    assert page.problems == []
-    page.context.close()
-
-
-def test_a_video_of_the_server_plays_and_comes_back_when_the_server_does(browser, tmp_path):
-    studio = Studio(Sources(str(video_of(tmp_path / "ride.mp4", 100))))
-    with serving(studio) as address:
-        page = open_page(browser, address)
-        page.wait_for_function("window.omnimirror.look.feed?.name === 'ride.mp4'")
-    port = int(re.search(r":(\d+)/", address)[1])
-    page.wait_for_function("document.querySelector('#banner').textContent.includes('does not answer')")
-    with serving(Studio(studio.sources), port):
-        page.wait_for_function("document.querySelector('#banner').hidden")
-    page.context.close()
-
-
 def test_a_viewer_from_disk_shows_what_the_command_line_does(browser, room, tmp_path):
     viewer = tmp_path / "look.html"
     run = omnimirror("dewarp", room, "--sensor", "paper-spherical", "--camera-looks", "down", "--viewer", viewer)
@@ -196,7 +171,8 @@ def test_a_viewer_of_what_is_no_picture_is_refused(tmp_path):
     sensor = ("--sensor", "paper-spherical")
     assert "1024 x 1024" in fails("dewarp", tmp_path / "small.png", *sensor, "--viewer", tmp_path / "v.html")
     assert "HTML" in fails("dewarp", tmp_path / "small.png", *sensor, "--viewer", tmp_path / "v.png")
-    assert "one picture" in fails("dewarp", tmp_path / "ride.mp4", *sensor, "--viewer", tmp_path / "v.html")
+    assert "there is no" in fails("dewarp", tmp_path / "ride.png", *sensor, "--viewer", tmp_path / "v.html")
+    assert "one picture" in fails("dewarp", "rtsp://door/1", *sensor, "--viewer", tmp_path / "v.html")
     assert not (tmp_path / "v.html").exists()
 
 

@@ -51,7 +51,12 @@ export function embedded(): Embedded | null {
   return found ? (JSON.parse(found) as Embedded) : null;
 }
 
-export function floats(base64: string): Float32Array {
-  const bytes = Uint8Array.from(atob(base64), (c) => c.charCodeAt(0));
-  return new Float32Array(bytes.buffer);
+const bytesOf = (base64: string): Uint8Array<ArrayBuffer> => Uint8Array.from(atob(base64), (c) => c.charCodeAt(0));
+
+export const floats = (base64: string): Float32Array => new Float32Array(bytesOf(base64).buffer);
+
+/** What an address holds inside. */
+export function blob(address: string): Blob {
+  const comma = address.indexOf(",");
+  return new Blob([bytesOf(address.slice(comma + 1))], { type: address.slice(5, address.indexOf(";")) });
 }

@@ -8,14 +8,16 @@ import { aspectOf, targetAt, viewOf, type View } from "./model/views";
 import { MODES, type Mode, type State, type Store } from "./state";
 import { CirclePane } from "./ui/circle";
 import { banner, busy, byId, choices, copy, save, say } from "./ui/dom";
-import { pictureFeed, streamFeed, videoFeed, webcamFeed, type Feed } from "./ui/feed";
+import { addressFeed, pictureFeed, streamFeed, videoFeed, type Feed } from "./ui/feed";
 import { Gestures } from "./ui/gestures";
 import { keep, kept } from "./ui/kept";
+import { Playback } from "./ui/playback";
 import { withTexts } from "./ui/png";
 import { Recorder } from "./ui/recorder";
 import { hasSize, RimPanel } from "./ui/rim";
 import { SensorPanel } from "./ui/sensor";
 import { bindSliders } from "./ui/sliders";
+import { Webcams } from "./ui/webcams";
 
 const TITLES: Record<Mode, string> = {
   panorama: "Panorama",
@@ -34,6 +36,9 @@ export class Look {
   private readonly canvas = byId<HTMLCanvasElement>("view");
   private readonly circle: CirclePane;
   private readonly rim: RimPanel;
+  private readonly playback = new Playback();
+  private readonly recorder: Recorder;
+  private readonly webcams = new Webcams((id) => void this.openWebcam(id));
   readonly sensor: SensorPanel;
   private camera: Camera | null = null;
   private isDirty = false;
@@ -50,14 +55,14 @@ export class Look {
       this.refresh();
     });
     this.sensor = new SensorPanel(store, () => this.refresh(true), (e) => this.fail(e));
-    const gestures = new Gestures(this.canvas, store, () => this.camera, (x, y) => this.lookAtView(x, y));
+    const gestures = new Gestures(this.canvas, store, () => this.camera, (x, y) => this.lookAtView(x, y), () => this.playback.toggle());
     const glide = byId<HTMLInputElement>("glide");
     glide.checked = gestures.glides;
     glide.addEventListener("change", () => (gestures.glides = glide.checked));
     const show = choices<Mode>(byId("modes"), "mode", MODES.map((m) => [m, TITLES[m]] as const), (mode) => store.set({ mode }));
     show(store.state.mode);
     bindSliders(store);
-    new Recorder(this.canvas);
+    this.recorder = new Recorder(this.canvas, () => this.refresh());
     this.bindButtons();
     store.listen((s, changed) => {
       if (changed.has("mode")) show(s.mode);
@@ -75,12 +80,13 @@ export class Look {
     this.sensor.offer(start.sensors);
     this.offerSources(start.sources);
     const fresh = !location.hash;
-    if (fresh && start.source) this.store.set({ source: `server:${start.source}` });
+    if (!this.store.state.source && start.source) this.store.set({ source: `server:${start.source}` });
     if (fresh && start.sensor) this.store.set({ sensor: start.sensor });
     else await this.sensor.fetch();
     const { source } = this.store.state;
     if (source === "room") await this.openRoom();
     else if (source.startsWith("server:")) await this.openServer(source.slice(7));
+    else if (source.startsWith("webcam:")) await this.openWebcam(source.slice(7));
     else if (source === "kept") {
       const file = await kept("picture");
       if (file) await this.openFile(file.blob, file.name, false);
@@ -94,10 +100,12 @@ export class Look {
     for (const element of document.querySelectorAll<HTMLElement>("[data-server], [data-opens]")) element.hidden = true;
     byId("sources-label").hidden = true;
     this.sensor.take(new Camera(inside.camera, api.floats(inside.tables)));
-    const bytes = Uint8Array.from(atob(inside.picture.split(",")[1]), (c) => c.charCodeAt(0));
-    const kind = inside.picture.slice(5, inside.picture.indexOf(";"));
-    const feed = await pictureFeed(new Blob([bytes], { type: kind }), inside.name, false);
-    this.show(feed);
+    if (inside.media.startsWith("data:")) return this.openFile(api.blob(inside.media), inside.name, false);
+    if (location.protocol !== "file:") return this.open(`Reading ${inside.name}`, () => addressFeed(inside.media, inside.name));
+    const before = this.store.state.source === "kept" ? await kept("picture") : undefined;
+    if (before?.name === inside.name) return this.openFile(before.blob, before.name, false);
+    byId("invitation").textContent = `Drop ${inside.name} here`;
+    byId("invitation-more").textContent = "It belongs to this page and lies beside it. From disk, browsers let a page read only what it is handed.";
   }
 
   fail(e: unknown): void {
@@ -113,7 +121,7 @@ export class Look {
   viewIn(width: number, height: number): { view: View; command: string } {
     const camera = this.ready()!;
     const view = viewOf(this.store.state, camera, width, height);
-    return { view, command: commandOf(this.store.state, camera, this.feed!.name, view.width, view.height) };
+    return { view, command: commandOf(this.store.state, camera, this.feed!, view.width, view.height) };
   }
 
   // -- what is looked at -------------------------------------------------------------------------
@@ -148,6 +156,11 @@ export class Look {
     if (this.feed?.name === name) this.store.set({ source: `server:${id}` });
   }
 
+  private async openWebcam(id: string): Promise<void> {
+    await this.open("Waiting for the camera", () => this.webcams.open(id, banner));
+    if (this.feed?.device !== undefined) this.store.set({ source: `webcam:${this.feed.device}` });
+  }
+
   private async open(words: string, make: () => Promise<Feed>): Promise<void> {
     const number = ++this.opened;
     busy(`${words}…`);
@@ -170,6 +183,7 @@ export class Look {
     if (this.feed && (this.feed.width !== feed.width || this.feed.height !== feed.height)) this.store.set({ rim: null });
     this.feed?.close();
     this.feed = feed;
+    this.playback.follow(feed.video ?? null);
     byId("empty").hidden = true;
     for (const element of document.querySelectorAll<HTMLButtonElement>("[data-needs]")) element.disabled = false;
     byId("picture-words").textContent = `${feed.name}, ${feed.width} × ${feed.height} px`;
@@ -186,6 +200,7 @@ export class Look {
       this.isDirty = false;
       this.draw();
       if (this.feed?.moves) this.refresh(true);
+      else if (this.recorder.isRunning) this.refresh();
     });
   }
 
@@ -215,7 +230,7 @@ export class Look {
     const view = this.sized();
     this.renderer.draw(view);
     this.circle.drawView(camera, view);
-    byId("command-line").textContent = commandOf(this.store.state, camera, this.feed.name, view.width, view.height);
+    byId("command-line").textContent = commandOf(this.store.state, camera, this.feed, view.width, view.height);
     byId("save-sensor").hidden = !needsFile(camera) || !this.hasServer;
   }
 
@@ -252,7 +267,6 @@ export class Look {
       file.value = "";
     });
     for (const id of ["room", "try"]) byId(id).addEventListener("click", () => void this.openRoom());
-    byId("webcam").addEventListener("click", () => void this.open("Waiting for the camera", webcamFeed));
     byId("sources").addEventListener("change", (e) => void this.openServer((e.target as HTMLSelectElement).value));
     byId("snapshot").addEventListener("click", () => void this.snapshot());
     byId("link").addEventListener("click", () => setTimeout(() => void copy(location.href, "Link"), 200));

@@ -33,8 +33,9 @@ export interface Embedded {
   camera: CameraModel;
   /** float32 values, little-endian, in base64 */
   tables: string;
-  /** address of the picture, with the picture inside */
-  picture: string;
+  /** address of the picture or video: with it inside, or of a file beside the page */
+  media: string;
+  is_video: boolean;
   name: string;
 }
 

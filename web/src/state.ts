@@ -6,7 +6,7 @@ export type Looks = "up" | "down" | "forward";
 
 /** Everything that says what is seen. It lives in the address: a link or a reload brings it back. */
 export interface State {
-  /** What is looked at: "" nothing, "room" the demo, "kept" a file of the browser's, "server:.." a source there. */
+  /** What is looked at: "" nothing, "room" the demo, "kept" a file of the browser's, "webcam:.." a camera, "server:.." a source there. */
   source: string;
   sensor: string;
   mode: Mode;

@@ -81,7 +81,7 @@ VIDEO_OPTIONS = ("start_s", "duration_s", "codec", "crf", "keyframes", "format",
 @click.option(
     "--viewer",
     type=click.Path(dir_okay=False, path_type=Path),
-    help="One picture: write an HTML file in which to look around, with everything inside it.",
+    help="One picture or video: write an HTML file in which to look around, with everything inside it.",
 )
 @click.option("--pixel-format", help="Videos: of --format rawvideo, by FFmpeg's name.  [default: bgr24]")
 def command(
@@ -200,21 +200,41 @@ def restorer_of(camera: Camera, given: dict[str, Any]) -> Restorer:
 
 
 def write_viewer(sources: tuple[str, ...], output: Path, given: dict[str, Any]) -> None:
-    """Write the page in which to look around in one picture."""
+    """Write the page in which to look around in one picture or video."""
     from ..files import write_text
-    from ..studio import viewer_of
+    from ..studio import video_viewer_of, viewer_of
 
-    if len(sources) > 1 or is_video(sources[0]) or not _is_one_picture(sources[0]):
-        raise click.UsageError("--viewer holds one picture")
+    is_film = is_video(sources[0]) and Path(sources[0]).is_file()
+    if len(sources) > 1 or (is_video(sources[0]) and not is_film) or not _is_one_picture(sources[0]):
+        raise click.UsageError("--viewer holds one picture, or one video file")
     if "restore" in given:
         raise click.UsageError("--viewer holds the picture as it is; leave out --restore")
     if output.suffix.lower() not in (".html", ".htm"):
         raise click.UsageError(f"--viewer writes an HTML file, such as {output.stem or 'view'}.html, and no {output}")
-    picture = read_image(sources[0])
-    camera = camera_of(given, (picture.shape[1], picture.shape[0]))
     name, words = camera_words(given)
-    write_text(output, viewer_of(camera, name, words, Path(sources[0]), picture))
+    if is_film:
+        camera = camera_of(given, _size_of_video(sources[0]))
+        text = video_viewer_of(camera, name, words, Path(sources[0]), output)
+    else:
+        picture = read_image(sources[0])
+        camera = camera_of(given, (picture.shape[1], picture.shape[0]))
+        text = viewer_of(camera, name, words, Path(sources[0]), picture)
+    write_text(output, text)
     click.echo(f"{output}: open it in a browser to look around in {sources[0]}")
+
+
+def _size_of_video(source: str) -> tuple[int, int]:
+    try:
+        from ..media.video import VideoReader
+    except ModuleNotFoundError as e:
+        if e.name != "av":
+            raise
+        raise _needs_pyav(source) from None
+    return VideoReader(source, with_sound=False).size
+
+
+def _needs_pyav(source: str) -> OmnimirrorError:
+    return OmnimirrorError(f"{source} is a video, which needs PyAV: install omnimirror[video]")
 
 
 def _is_one_picture(source: str) -> bool:
@@ -250,7 +270,7 @@ def _video(source: str, outputs: tuple[str, ...], given: dict[str, Any], interpo
     except ModuleNotFoundError as e:
         if e.name != "av":
             raise
-        raise OmnimirrorError(f"{source} is a video, which needs PyAV: install omnimirror[video]") from None
+        raise _needs_pyav(source) from None
     straighten_video(source, outputs, given, interpolation)
 
 

@@ -89,6 +89,7 @@ class VideoReader:
         if first is None:
             raise MediaError(f"no frame of the video {self.path} can be decoded; it is damaged or cut short")
         self.size: tuple[int, int] = (first.width, first.height)
+        self.codec: str = stream.codec_context.codec.canonical_name
         self.pixel_format: str = first.format.name
         self.colour = Colour.of(first)
         self.siting = siting_of(stream.codec_context.name)

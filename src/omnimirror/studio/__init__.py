@@ -1,8 +1,8 @@
 """The studio: look through a sensor in the browser, and the page that does without a server.
 
-Needs the extra ``omnimirror[studio]``; :func:`viewer_of` does not.
+Needs the extra ``omnimirror[studio]``; :func:`viewer_of` does not, and :func:`video_viewer_of` only ``[video]``.
 """
 
-from .viewer import viewer_of
+from .viewer import video_viewer_of, viewer_of
 
-__all__ = ["viewer_of"]
+__all__ = ["video_viewer_of", "viewer_of"]

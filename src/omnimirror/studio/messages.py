@@ -131,5 +131,6 @@ class Embedded(Message):
 
     camera: CameraModel
     tables: str = Field(description="float32 values, little-endian, in base64")
-    picture: str = Field(description="address of the picture, with the picture inside")
+    media: str = Field(description="address of the picture or video: with it inside, or of a file beside the page")
+    is_video: bool
     name: str

@@ -1,5 +1,6 @@
 import type { State } from "../state";
 import type { Camera } from "./camera";
+import type { Feed } from "../ui/feed";
 import { domeEnd, elevations, groundScale, planetWidth, spanOf } from "./views";
 
 const word = (text: string): string => (/^[\w.,:/=+-]+$/.test(text) ? text : `'${text.replaceAll("'", `'\\''`)}'`);
@@ -12,9 +13,9 @@ export const fittedName = (camera: Camera): string => `${camera.model.name.repla
 export const needsFile = (camera: Camera): boolean => camera.model.kind === "sensor" && camera.isMoved;
 
 /** The command line that gives the same picture. */
-export function commandOf(s: State, camera: Camera, picture: string, width: number, height: number): string {
-  const words = ["omnimirror", "dewarp", picture, ...cameraWords(camera), ...viewWords(s, camera, width, height)];
-  return [...words, "--interpolation", "cubic", "-o", `${s.mode}.png`].map(word).join(" ");
+export function commandOf(s: State, camera: Camera, feed: Feed, width: number, height: number): string {
+  const words = ["omnimirror", "dewarp", feed.source, ...cameraWords(camera), ...viewWords(s, camera, width, height)];
+  return [...words, "--interpolation", "cubic", "-o", `${s.mode}.${feed.moves ? "mp4" : "png"}`].map(word).join(" ");
 }
 
 function cameraWords(camera: Camera): string[] {

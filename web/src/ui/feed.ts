@@ -6,11 +6,17 @@ import { asStored } from "./jpeg";
 /** A picture or something that moves: what is looked at. */
 export interface Feed {
   name: string;
+  /** How the command line calls it. */
+  source: string;
   picture: Picture;
   width: number;
   height: number;
   /** Whether there may be a new picture at any time. */
   moves: boolean;
+  /** A video that can be stopped. */
+  video?: HTMLVideoElement;
+  /** A camera, as the browser calls it. */
+  device?: string;
   close(): void;
 }
 
@@ -22,37 +28,50 @@ export async function pictureFeed(blob: Blob, name: string, hasServer: boolean):
     if (!hasServer) throw new api.Refused(`${name} is not a picture that this browser reads.`);
     return createImageBitmap(await api.convert(blob, name), DECODING);
   });
-  return { name, picture: bitmap, width: bitmap.width, height: bitmap.height, moves: false, close: () => bitmap.close() };
+  return { name, source: name, picture: bitmap, width: bitmap.width, height: bitmap.height, moves: false, close: () => bitmap.close() };
 }
 
 /** A video file, again and again. */
 export async function videoFeed(blob: Blob, name: string): Promise<Feed> {
   const address = URL.createObjectURL(blob);
+  const after = (): void => URL.revokeObjectURL(address);
+  return addressFeed(address, name, after).catch((e: unknown) => {
+    after();
+    throw e;
+  });
+}
+
+/** A video at an address, again and again. */
+export async function addressFeed(address: string, name: string, after = (): void => {}): Promise<Feed> {
   const video = Object.assign(document.createElement("video"), { src: address, muted: true, loop: true, playsInline: true });
   try {
     await started(video);
   } catch {
-    URL.revokeObjectURL(address);
     throw new api.Refused(`${name} is not a video that this browser plays. The studio's server plays it: omnimirror view ${name}`);
   }
-  return ofVideo(video, name, () => URL.revokeObjectURL(address));
+  return { ...ofVideo(video, name, after), video };
 }
 
 /** A camera of this machine. */
-export async function webcamFeed(): Promise<Feed> {
+export async function webcamFeed(id: string, lost: (sentence: string) => void): Promise<Feed> {
   if (!navigator.mediaDevices) throw new api.Refused("Browsers give cameras to pages of this machine, or over https, only.");
   let stream: MediaStream;
   try {
-    stream = await navigator.mediaDevices.getUserMedia({ video: { width: { ideal: 1920 }, height: { ideal: 1080 } } });
+    const exact = id ? { deviceId: { exact: id } } : {};
+    stream = await navigator.mediaDevices.getUserMedia({ video: { ...exact, width: { ideal: 1920 }, height: { ideal: 1080 } } });
   } catch (e) {
     const name = (e as DOMException).name;
+    if (name === "OverconstrainedError" && id) return webcamFeed("", lost); // one of another day
     if (name === "NotAllowedError") throw new api.Refused("The camera was refused. Allow it for this page in the browser's address bar, and try again.");
     if (name === "NotFoundError") throw new api.Refused("There is no camera at this machine.");
     throw new api.Refused("The camera cannot be opened; another program may be using it.");
   }
   const video = Object.assign(document.createElement("video"), { srcObject: stream, muted: true, playsInline: true });
   await started(video);
-  return ofVideo(video, stream.getVideoTracks()[0]?.label || "webcam", () => stream.getTracks().forEach((track) => track.stop()));
+  const track = stream.getVideoTracks()[0];
+  const name = track.label || "webcam";
+  track.onended = () => lost(`${name} is gone. Plug it in again, and choose Webcam.`);
+  return { ...ofVideo(video, name, () => track.stop()), device: track.getSettings().deviceId ?? "" };
 }
 
 /** A video, camera or stream of the server's: the newest frame whenever the last one is drawn. */
@@ -74,7 +93,7 @@ export function streamFeed(id: string, name: string, told: (state: StreamState |
         const bitmap = await createImageBitmap(data, DECODING);
         if (closed) return bitmap.close();
         if (feed) (feed.picture as ImageBitmap).close();
-        const shown = { name, picture: bitmap, width: bitmap.width, height: bitmap.height };
+        const shown = { name, source: name, picture: bitmap, width: bitmap.width, height: bitmap.height };
         if (feed) Object.assign(feed, shown);
         else resolve((feed = { ...shown, moves: true, close }));
         requestAnimationFrame(() => socket.readyState === WebSocket.OPEN && socket.send("next"));
@@ -102,5 +121,5 @@ function ofVideo(video: HTMLVideoElement, name: string, after: () => void): Feed
     video.pause();
     after();
   };
-  return { name, picture: video, width: video.videoWidth, height: video.videoHeight, moves: true, close };
+  return { name, source: name, picture: video, width: video.videoWidth, height: video.videoHeight, moves: true, close };
 }

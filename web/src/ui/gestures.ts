@@ -19,6 +19,7 @@ export class Gestures {
     private readonly store: Store,
     private readonly camera: () => Camera | null,
     private readonly lookAt: (u: number, v: number) => void,
+    private readonly stop: () => void,
   ) {
     view.addEventListener("pointerdown", (e) => this.down(e));
     view.addEventListener("pointermove", (e) => this.move(e));
@@ -131,6 +132,7 @@ export class Gestures {
       "+": () => this.enlarge(ZOOM_STEP),
       "=": () => this.enlarge(ZOOM_STEP),
       "-": () => this.enlarge(1 / ZOOM_STEP),
+      " ": () => this.stop(),
       "0": () => this.store.set(WHOLE),
       Home: () => this.store.set(WHOLE),
     };

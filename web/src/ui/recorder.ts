@@ -1,13 +1,18 @@
 import { byId, save, say } from "./dom";
 
-const KINDS = ["video/webm;codecs=vp9", "video/webm;codecs=vp8", "video/webm", "video/mp4"];
+const KINDS = ["video/mp4;codecs=avc1.640033", "video/mp4;codecs=vp9", "video/webm;codecs=vp9", "video/webm;codecs=vp8", "video/webm"];
 
 /** Records the view while its button is pressed. */
 export class Recorder {
   private running: MediaRecorder | null = null;
 
-  constructor(private readonly view: HTMLCanvasElement) {
+  constructor(private readonly view: HTMLCanvasElement, private readonly started: () => void) {
     byId("record").addEventListener("click", () => (this.running ? this.running.stop() : this.start()));
+  }
+
+  /** Whether the view must be drawn again and again, for browsers record changes alone. */
+  get isRunning(): boolean {
+    return this.running !== null;
   }
 
   private start(): void {
@@ -25,6 +30,7 @@ export class Recorder {
     };
     recorder.start(1000);
     this.show(true);
+    this.started();
   }
 
   private show(isRunning: boolean): void {
