@@ -91,7 +91,7 @@ def test_a_slider_moves_the_curves_to_those_of_the_evaluation(mirror, bench):
     if mirror != "sphere":
         bench.get_by_label("Kind of mirror").select_option(mirror)
         bench.wait_for_function(f"{NOW}.tables.mirror.kind === '{mirror.replace(' ', '-')}'")
-    name = {"sphere": "Radius", "equidistant": "Ω max", "even polynomial": "Coefficients 1"}[mirror]
+    name = {"sphere": "Radius", "equidistant": "Ω max", "even polynomial": "Coefficient 1"}[mirror]
     before = bench.evaluate(f"JSON.stringify({NOW}.tables.mirror)")
     slide(bench, name, 0.57)
     sensor = sensor_on(bench)

@@ -235,6 +235,7 @@ export class Bench {
     if (!this.found[0]) return;
     const drawn = this.drawn();
     this.compare.show(drawn);
+    this.host.place.classList.toggle("many", drawn.length > 2);
     for (const chart of this.charts) if (!this.hidden.includes(chart.chart.group)) chart.show(drawn);
     if (!this.hidden.includes("Section")) this.section.show(drawn);
     if (!this.hidden.includes("Squares")) this.squares.show(drawn);

@@ -35,6 +35,8 @@ export interface Drawn {
 const HEIGHT = 164;
 const AXIS_FONT = "11px system-ui, sans-serif";
 const STEP_DEG = 1;
+const POINT = 0.1; // of the image radius: about the point of a mirror, where a degree of azimuth shrinks to nothing
+const STEEP = 4; // values there that are so many times as spread do not set the scale
 
 /** One chart with all designs in it. */
 export class ChartView {
@@ -44,6 +46,7 @@ export class ChartView {
   private plot: uPlot | null = null;
   private drawn: Drawn[] = [];
   private shape = "";
+  private range: [number, number] = [0, 1];
 
   constructor(readonly chart: Chart, private readonly cursor: Cursor) {
     const title = chart.unit ? `${chart.title}, ${chart.unit}` : chart.title;
@@ -59,6 +62,7 @@ export class ChartView {
     this.drawn = drawn;
     const shape = drawn.map((d) => d.ink).join();
     const data = this.data();
+    this.range = this.spread();
     if (this.plot && shape === this.shape) this.plot.setData(data);
     else {
       this.plot?.destroy();
@@ -94,6 +98,21 @@ export class ChartView {
     return tables.length === 1 ? tables[0] : uPlot.join(tables);
   }
 
+  /** Lowest and highest value, without what only the point of a mirror has. */
+  private spread(): [number, number] {
+    const of = (share: number): [number, number] => {
+      const values = this.drawn.flatMap((d) => {
+        const [table, least] = [curves(d)!, share * d.found.facts!.rim_radius_px];
+        const heights = table.column("h_px");
+        return this.chart.columns.flatMap(({ name }) => Array.from(table.column(name)).filter((v, i) => Number.isFinite(v) && heights[i] >= least));
+      });
+      return [Math.min(...values), Math.max(...values)];
+    };
+    const [all, outside] = [of(0), of(POINT)];
+    const isSteep = all[1] - all[0] > STEEP * (outside[1] - outside[0]) && outside[1] > outside[0];
+    return isSteep ? outside : all;
+  }
+
   private options(): uPlot.Options {
     const series = this.drawn.flatMap((d) =>
       this.chart.columns.map(({ dashed }): uPlot.Series => ({ stroke: d.ink, width: d === this.drawn[0] ? 2 : 1.4, dash: dashed ? [6, 4] : undefined, spanGaps: true, points: { show: false } })),
@@ -105,7 +124,7 @@ export class ChartView {
       ...this.size(),
       padding: [8, 15, 0, 0],
       legend: { show: false },
-      scales: { x: { time: false }, y: { range: { min: { pad: 0.06, soft: 0, mode: 2 }, max: { pad: 0.06, soft: 0, mode: 2 } } } },
+      scales: { x: { time: false }, y: { range: () => uPlot.rangeNum(...this.range, { min: { pad: 0.06, soft: 0, mode: 2 }, max: { pad: 0.06, soft: 0, mode: 2 } }) } },
       axes: [
         { ...axis, size: 26, gap: 4, values: degrees, space: 34, incrs: [5, 10, 15, 30, 45, 90] },
         { ...axis, size: 48, gap: 4, values: numbers, space: 26 },

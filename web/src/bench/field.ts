@@ -46,7 +46,8 @@ export class Field {
   /** Say why the value cannot be, beside it; null when it can. */
   complain(sentence: string | null): void {
     this.problem.hidden = sentence === null;
-    if (this.problem.textContent !== (sentence ?? "")) this.problem.textContent = sentence ?? "";
+    const words = (sentence ?? "").replace(/^./, (c) => c.toUpperCase());
+    if (this.problem.textContent !== words) this.problem.textContent = words;
     this.number.setAttribute("aria-invalid", String(sentence !== null));
   }
 
@@ -74,7 +75,7 @@ export class Field {
   }
 
   private show(value: number, from?: HTMLInputElement): void {
-    if (from !== this.number) this.number.value = String(Number(value.toPrecision(7)));
+    if (from !== this.number) this.number.value = String(Number(value.toPrecision(6)));
     if (from !== this.slider) this.slider.value = String(this.scale.from(value));
     this.slider.setAttribute("aria-valuetext", `${words(value)} ${unitWords(this.p.unit)}`.trim());
   }

@@ -13,11 +13,13 @@ export interface Hands {
 }
 
 const MOST_FIELDS = 16; // of a list; longer ones are a text
-const FAR: ParameterOf = { name: "distance", unit: "mm", low: 1, high: 1e7, description: "from the mirror to the objects", choices: [], is_list: false, is_whole: false, is_optional: false };
+const FAR: ParameterOf = { name: "distance", unit: "mm", low: 1, high: 1e7, description: "from the mirror to the objects", choices: [], is_list: false, is_whole: false, is_optional: false, default: null };
 
 /** Sliders and number fields, made from what the parts say of themselves. */
 export class Form {
   private fields = new Map<string, Field>();
+  private defaults = new Map<string, number>();
+  private readonly unfolded = new Set<string>();
   private shape = "";
   private last = "";
   private named: HTMLInputElement | null = null;
@@ -40,13 +42,13 @@ export class Form {
 
   /** Show a design; fields are made anew only where there are others than before. */
   show(design: Design): void {
-    const shape = shapeOf(design);
+    const shape = this.shapeOf(design);
     if (shape !== this.shape) {
       this.shape = shape;
       this.build(design);
     }
     for (const [key, field] of this.fields) {
-      const value = valueAt(design, key);
+      const value = valueAt(design, key) ?? this.defaults.get(key);
       if (value !== undefined) field.set(value);
     }
     if (this.named && document.activeElement !== this.named) this.named.value = nameOf(design);
@@ -67,12 +69,12 @@ export class Form {
   private build(design: Design): void {
     const open = document.activeElement?.closest(".field")?.querySelector("label")?.textContent;
     this.fields.clear();
+    this.defaults.clear();
     const { tables } = design;
-    const part = (all: PartOf[], kind: unknown): PartOf => all.find((p) => p.kind === kind)!;
     this.body.replaceChildren(
-      this.section("Mirror", [this.name(design), labelled("Kind", this.mirror), ...this.of("mirror", part(this.parts.mirrors, tables.mirror.kind), tables.mirror), ...this.distance(design)]),
+      this.section("Mirror", [this.name(design), labelled("Kind", this.mirror), ...this.of("mirror", kindOf(this.parts.mirrors, tables.mirror), tables.mirror), ...this.distance(design)]),
       ...(tables.secondary ? [this.section("Second mirror", this.second(tables.secondary as Tables))] : []),
-      this.section("Lens", [labelled("Kind", this.lens), ...this.of("lens", part(this.parts.lenses, tables.lens.kind), tables.lens), this.focus()]),
+      this.section("Lens", [labelled("Kind", this.lens), ...this.of("lens", kindOf(this.parts.lenses, tables.lens), tables.lens), this.focus()]),
       this.section("Imager", this.of("imager", this.parts.imager, tables.imager)),
       this.section("Objects", this.objects(design)),
     );
@@ -86,12 +88,23 @@ export class Form {
   }
 
   private of(section: string, part: PartOf, table: Tables): HTMLElement[] {
-    return part.parameters.flatMap((p) => {
-      const value = table[p.name] as unknown;
-      if (p.choices.length) return [this.words(section, p, String(value ?? p.choices[0]))];
-      if (value === undefined || value === null) return [];
-      return p.is_list ? this.list(section, p, value as number[]) : [this.number(`${section}.${p.name}`, p, label(p.name), value as number)];
-    });
+    const isUsual = (p: ParameterOf): boolean => p.is_optional && p.default !== null && (table[p.name] ?? p.default) === p.default;
+    const made = (all: ParameterOf[]): HTMLElement[] => all.flatMap((p) => this.entry(section, p, table[p.name] ?? p.default));
+    const more = made(part.parameters.filter(isUsual));
+    return [...made(part.parameters.filter((p) => !isUsual(p))), ...(more.length ? [this.more(section, more)] : [])];
+  }
+
+  private entry(section: string, p: ParameterOf, value: unknown): HTMLElement[] {
+    if (p.choices.length) return [this.words(section, p, String(value ?? p.choices[0]))];
+    if (value === undefined || value === null) return [];
+    return p.is_list ? this.list(section, p, value as number[]) : [this.number(`${section}.${p.name}`, p, label(p.name), value as number)];
+  }
+
+  /** What is seldom changed, folded away. */
+  private more(section: string, fields: HTMLElement[]): HTMLElement {
+    const details = h("details", { className: "more", open: this.unfolded.has(section) }, h("summary", {}, "More"), h("div", {}, ...fields));
+    details.addEventListener("toggle", () => (details.open ? this.unfolded.add(section) : this.unfolded.delete(section)));
+    return details;
   }
 
   private number(key: string, p: ParameterOf, title: string, value: number): HTMLElement {
@@ -101,12 +114,13 @@ export class Form {
     };
     const field = new Field(p, title, value, changed, () => this.hands.settle());
     this.fields.set(key, field);
+    if (p.default !== null) this.defaults.set(key, p.default);
     return field.element;
   }
 
   private list(section: string, p: ParameterOf, values: number[]): HTMLElement[] {
     if (values.length > MOST_FIELDS) return [this.text(section, p, values)];
-    const fields = values.map((v, i) => this.number(`${section}.${p.name}.${i}`, p, `${label(p.name)} ${i + 1}`, v));
+    const fields = values.map((v, i) => this.number(`${section}.${p.name}.${i}`, p, `${label(p.name).replace(/s$/, "")} ${i + 1}`, v));
     if (p.name !== "coefficients") return fields;
     const set = (to: number[]): void => this.settled(withEntry(this.hands.now(), section, p.name, to));
     const now = (): number[] => this.hands.now().tables[section][p.name] as number[];
@@ -144,7 +158,7 @@ export class Form {
   }
 
   private second(table: Tables): HTMLElement[] {
-    const kind = this.parts.secondaries.find((p) => p.kind === table.kind)!;
+    const kind = kindOf(this.parts.secondaries, table);
     return [h("p", { className: "words" }, `${kind.kind}`), ...this.of("secondary", kind, table), ...this.of("secondary", this.parts.place, table)];
   }
 
@@ -167,6 +181,14 @@ export class Form {
     return design.distance === null ? [far] : [this.number("distance", FAR, "Object distance", design.distance), far];
   }
 
+  /** What decides which fields there are. */
+  private shapeOf({ tables, follows, distance }: Design): string {
+    const of = (part: PartOf, table: Tables): unknown => part.parameters.map((p) => (Array.isArray(table[p.name]) ? (table[p.name] as number[]).length : (table[p.name] ?? p.default) === null));
+    const second = tables.secondary as Tables | undefined;
+    const parts = [of(kindOf(this.parts.mirrors, tables.mirror), tables.mirror), second && of(kindOf(this.parts.secondaries, second), second), of(kindOf(this.parts.lenses, tables.lens), tables.lens)];
+    return JSON.stringify([tables.mirror.kind, second?.kind, tables.lens.kind, parts, follows, distance === null]);
+  }
+
   private settled(design: Design): void {
     this.hands.edit(design);
     this.hands.settle();
@@ -178,11 +200,7 @@ export class Form {
   }
 }
 
-/** What decides which fields there are. */
-function shapeOf({ tables, follows, distance }: Design): string {
-  const of = (table: Tables | undefined): unknown => table && Object.entries(table).map(([k, v]) => [k, Array.isArray(v) ? v.length : k === "kind" && v]);
-  return JSON.stringify([of(tables.mirror), of(tables.secondary), of(tables.lens), of(tables.imager), follows, distance === null]);
-}
+const kindOf = (all: PartOf[], table: Tables): PartOf => all.find((p) => p.kind === table.kind)!;
 
 function valueAt(design: Design, key: string): number | undefined {
   if (key === "distance") return design.distance ?? undefined;

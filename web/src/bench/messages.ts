@@ -132,6 +132,8 @@ export interface ParameterOf {
   is_list: boolean;
   is_whole: boolean;
   is_optional: boolean;
+  /** of an optional number, where it is a number */
+  default: number | null;
 }
 
 /** A part that can be chosen, and its parameters in their order. */

@@ -10,6 +10,7 @@ export interface Scale {
 
 const clamp = (x: number, low: number, high: number): number => Math.min(high, Math.max(low, x));
 const REACH = 2.5;
+const TINY = 1e-9; // rounding
 const WIDEST = 400; // a range that a slider shows whole
 
 /** A slider around a value: the whole range where that is short, factors of what is positive, or some to either side. */
@@ -40,8 +41,9 @@ function rounded(value: number, p: ParameterOf, span = Math.abs(value)): number 
 export function words(value: number | null | undefined, digits = 4): string {
   if (value === null || value === undefined || Number.isNaN(value)) return "–";
   if (!Number.isFinite(value)) return value > 0 ? "∞" : "−∞";
-  const size = Math.abs(value);
-  const text = size !== 0 && (size >= 1e6 || size < 1e-4) ? value.toExponential(digits - 1) : plain(value, digits);
+  const size = Math.abs(value) < TINY ? 0 : Math.abs(value);
+  if (size === 0) return "0";
+  const text = size >= 1e6 || size < 1e-4 ? value.toExponential(digits - 1) : plain(value, digits);
   return text.replace("-", "−");
 }
 
@@ -49,7 +51,7 @@ export function words(value: number | null | undefined, digits = 4): string {
 export const fixed = (value: number, places: number): string => (Number.isFinite(value) ? value.toFixed(places).replace("-", "−") : "–");
 
 function plain(value: number, digits: number): string {
-  const places = value === 0 ? 0 : clamp(digits - 1 - Math.floor(Math.log10(Math.abs(value))), 0, 8);
+  const places = clamp(digits - 1 - Math.floor(Math.log10(Math.abs(value))), 0, 8);
   return value.toFixed(places);
 }
 

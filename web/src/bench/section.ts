@@ -23,10 +23,11 @@ export class SectionView {
   private readonly close = svg("svg", { class: "section", role: "img", "aria-label": "Virtual images" });
   private readonly readout = h("output", { className: "readout" });
   private readonly note = h("span", { className: "quiet" });
+  private readonly pair = h("div", { className: "pair" }, this.whole, this.close);
   private drawn: Drawn[] = [];
 
   constructor(private readonly cursor: Cursor) {
-    this.element = h("figure", { className: "plot wide" }, h("figcaption", {}, h("span", {}, "Cross-section"), this.note), this.readout, h("div", { className: "pair" }, this.whole as never, this.close as never));
+    this.element = h("figure", { className: "plot wide" }, h("figcaption", {}, h("span", {}, "Cross-section"), this.note), this.readout, this.pair);
     cursor.listen(() => this.drawCursor());
     new ResizeObserver(() => this.draw()).observe(this.element);
   }
@@ -48,6 +49,7 @@ export class SectionView {
   private draw(): void {
     const [first] = this.drawn;
     if (!first) return;
+    this.pair.classList.toggle("alone", !first.found.block("focus"));
     this.drawWhole(first);
     this.drawClose(first);
     const [near, far] = first.found.facts!.depth_of_field_mm;
@@ -78,7 +80,6 @@ export class SectionView {
     const images = CURVES.map(([name]) => first.found.block(name));
     const band = first.found.block("focus")?.column("z_mm");
     const hasImages = images.some(Boolean);
-    this.close.toggleAttribute("hidden", !hasImages);
     this.close.style.display = hasImages ? "" : "none";
     if (!hasImages || !band) return;
     const heights = [...images.flatMap((t) => (t ? [...t.column("z_mm")] : [])), ...first.found.block("mirror")!.column("z_mm"), ...band];

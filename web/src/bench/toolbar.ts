@@ -29,8 +29,8 @@ export class Toolbar {
     this.menu.append(h("summary", { role: "button" }, "Download"), h("div", { className: "items" }, ...items, this.requirements));
     const nav = (title: string, className: string, ...children: (Node | string)[]): HTMLElement => h("nav", { "aria-label": title, className, "data-tab": "design" }, ...children);
     host.header.append(
-      nav("Design", "", this.undo, this.redo, h("button", { type: "button", onclick: () => this.file.click() }, "Open…"), this.starts(), this.file, h("button", { type: "button", onclick: () => bench.pin() }, "Pin")),
-      nav("Keep the design", "keep", this.menu, h("button", { type: "button", className: "primary", onclick: () => void this.look() }, "Look through it")),
+      nav("Design", "", this.undo, this.redo, h("button", { type: "button", onclick: () => this.file.click() }, "Open…"), this.starts(), this.file),
+      nav("Keep the design", "keep", h("button", { type: "button", onclick: () => bench.pin() }, "Pin"), this.menu, h("button", { type: "button", className: "primary", onclick: () => void this.look() }, "Look through it")),
     );
     document.addEventListener("click", (e) => !this.menu.contains(e.target as Node) && (this.menu.open = false));
     this.menu.addEventListener("keydown", (e) => e.key === "Escape" && (this.menu.open = false));

@@ -31,7 +31,7 @@ def bench_start() -> BenchStart:
     >>> [(p.name, p.unit) for p in sphere.parameters]
     [('radius_mm', 'mm'), ('rim_radius_mm', 'mm')]
     """
-    distance = _parameter("mirror_distance_mm", DISTANCE, float, False)
+    distance = _parameter("mirror_distance_mm", DISTANCE, float, dataclasses.MISSING)
     return BenchStart(
         mirrors=tuple(part_of(kind, cls) for kind, cls in MIRRORS.items()),
         secondaries=tuple(part_of(kind, cls) for kind, cls in SECONDARIES.items()),
@@ -49,13 +49,13 @@ def bench_start() -> BenchStart:
 def part_of(kind: str, cls: type[Any]) -> PartOf:
     """A part by what its class says of itself."""
     hints = typing.get_type_hints(cls)
-    defaults = {f.name: f.default is not dataclasses.MISSING for f in dataclasses.fields(cls)}
+    fields = {f.name: f for f in dataclasses.fields(cls)}
     parameters: dict[str, Parameter] = cls.PARAMETERS
-    found = [_parameter(name, p, hints[name], defaults[name]) for name, p in parameters.items()]
+    found = [_parameter(name, p, hints[name], fields[name].default) for name, p in parameters.items()]
     return PartOf(kind=kind, parameters=tuple(found))
 
 
-def _parameter(name: str, p: Parameter, hint: Any, is_optional: bool) -> ParameterOf:
+def _parameter(name: str, p: Parameter, hint: Any, default: Any) -> ParameterOf:
     inner = typing.get_args(hint)[0] if isinstance(hint, types.UnionType) else hint
     return ParameterOf(
         name=name,
@@ -66,5 +66,6 @@ def _parameter(name: str, p: Parameter, hint: Any, is_optional: bool) -> Paramet
         choices=p.choices,
         is_list=typing.get_origin(inner) is tuple,
         is_whole=inner is int,
-        is_optional=is_optional,
+        is_optional=default is not dataclasses.MISSING,
+        default=float(default) if isinstance(default, int | float) else None,
     )

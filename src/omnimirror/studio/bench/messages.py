@@ -28,6 +28,7 @@ class ParameterOf(Message):
     is_list: bool
     is_whole: bool
     is_optional: bool
+    default: float | None = Field(description="of an optional number, where it is a number")
 
 
 class PartOf(Message):
