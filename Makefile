@@ -49,6 +49,7 @@ bench: $(VENV)/.full  ## Measure against other programs; tables go to out/benchm
 	$(BIN)/python benchmarks/video.py --out out/benchmarks $(if $(PICTURE),--picture $(PICTURE))
 	$(BIN)/python benchmarks/live.py --out out/benchmarks $(if $(PICTURE),--picture $(PICTURE))
 	$(BIN)/python benchmarks/design.py --out out/benchmarks
+	$(BIN)/python benchmarks/design_bench.py --out out/benchmarks
 	$(BIN)/python benchmarks/restoration.py --out out/benchmarks
 	$(BIN)/python benchmarks/sampling.py --out out/benchmarks $(if $(PICTURE),--picture $(PICTURE))
 	$(BIN)/python benchmarks/moving.py --out out/benchmarks $(if $(PICTURE),--picture $(PICTURE))

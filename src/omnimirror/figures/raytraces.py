@@ -169,9 +169,10 @@ def _draw_overview(ax: Axes, subject: Subject, labels: EndLabels) -> None:
     _draw_secondary(ax, subject)
     _draw_lens(ax, subject, lens)
     marks = subject.marks
-    for x, z, omega in zip(marks.x_mm, marks.z_mm, marks.omega_deg, strict=True):
+    ways = ways_to_lens(subject, marks.x_mm, lens)
+    for x, z, omega, to_lens in zip(marks.x_mm, marks.z_mm, marks.omega_deg, ways, strict=True):
         xs, zs = _incoming(x, z, np.radians(omega), right, bottom, top)
-        way = [(xs, zs), (x, z), *way_to_lens(subject, x, lens)]
+        way = [(xs, zs), (x, z), *to_lens]
         ax.plot(*np.transpose(way), color=subject.colour, linewidth=0.6, gid=f"{subject.name}:ray:{omega:g}")
         if xs >= right * (1 - 1e-9):
             labels.at(ax, right, zs, f"{omega:g}°", subject.colour)
@@ -180,14 +181,15 @@ def _draw_overview(ax: Axes, subject: Subject, labels: EndLabels) -> None:
             ax.text(xs + 0.05 * M, y, f"{omega:g}°", size=6, va=va, color=subject.colour)
 
 
-def way_to_lens(subject: Subject, x: float, lens: float) -> list[tuple[float, float]]:
-    """Places (x, z) that a chief ray goes by from its mirror point to the lens."""
-    first = subject.sensor.meridian.trace(x).first
-    at = float(first.x)
-    by = []
-    if subject.sensor.secondary is not None:
-        by = [(at, float(subject.sensor.secondary.height(first.x)))]
-    return [*by, (0.0 if isinstance(subject.sensor.lens, Perspective) else at, lens)]
+def ways_to_lens(subject: Subject, x_mm: Array, lens: float) -> list[list[tuple[float, float]]]:
+    """Places (x, z) that the chief rays of mirror points (n,) go by to the lens."""
+    second = subject.sensor.secondary
+    at = subject.sensor.meridian.trace(x_mm).first.x
+    ends = np.zeros_like(at) if isinstance(subject.sensor.lens, Perspective) else at
+    ways = [[(float(end), lens)] for end in ends]
+    if second is None:
+        return ways
+    return [[(float(x), float(z)), *way] for x, z, way in zip(at, second.height(at), ways, strict=True)]
 
 
 def _incoming(x: float, z: float, omega: float, right: float, bottom: float, top: float) -> tuple[float, float]:
@@ -249,8 +251,7 @@ def _draw_close_up(ax: Axes, subject: Subject, labels: EndLabels) -> None:
 
 def image_curves(subject: Subject) -> list[tuple[str, Array, Array, dict[str, object]]]:
     """Name, x and z (mm) and look of the four curves of virtual images as the lens sees them; NaN at infinity."""
-    omega = subject.curve.omega_deg
-    far, near = subject.curve, subject.at(omega, NEAR * subject.rim_mm)
+    far, near = subject.curve, subject.curve_at(NEAR * subject.rim_mm)
     strong: dict[str, object] = {"linewidth": 1.3}
     fine: dict[str, object] = {"linewidth": 0.7}
     dashed: dict[str, object] = {"linestyle": (0, (4, 2))}

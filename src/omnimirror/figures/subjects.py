@@ -73,11 +73,19 @@ class Subject:
         """Every 15 deg of the field."""
         return self.at(field_angles(self.sensor, 15.0))
 
+    def curve_at(self, object_distance_mm: float) -> Evaluation:
+        """The same mirror points as :attr:`curve`, for objects at a distance from the mirror."""
+        return self._evaluated(None, self.curve.x_mm, object_distance_mm)
+
     def at(self, omega_deg: ArrayLike, object_distance_mm: float = np.inf) -> Evaluation:
         """Evaluate field angles (n,), deg, for objects at a distance from the mirror."""
+        return self._evaluated(omega_deg, None, object_distance_mm)
+
+    def _evaluated(self, omega_deg: ArrayLike | None, x_mm: ArrayLike | None, object_distance_mm: float) -> Evaluation:
         return evaluate(
             self.sensor,
             omega_deg,
+            x_mm=x_mm,
             object_distance_mm=object_distance_mm,
             mode=self.basis.mode,
             image_radius_px=self.basis.image_radius_px,

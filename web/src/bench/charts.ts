@@ -158,7 +158,7 @@ export class ChartView {
       span.style.color = d.ink;
       return span;
     });
-    this.readout.replaceChildren(`${omega.toFixed(1)}°  `, ...values);
+    this.readout.replaceChildren(`${omega.toFixed(1)}°  `, ...values.flatMap((v) => [v, " "]));
     this.readout.title = this.readout.textContent ?? "";
   }
 

@@ -191,7 +191,7 @@ class Frame {
     if (!this.holds([u, v])) return;
     let group = this.place.querySelector(".read");
     if (!group) this.place.append((group = svg("g", { class: "read" })));
-    group.append(svg("circle", { cx: u, cy: v, r: 3.5 }), svg("text", { x: u + 6, y: v + 4 }, text));
+    group.append(svg("circle", { cx: u, cy: v, r: 3.5 }), svg("text", text === "T" ? { x: u - 6, y: v + 4, "text-anchor": "end" } : { x: u + 6, y: v + 4 }, text));
   }
 
   /** Words last, those that would lie on others left out. */

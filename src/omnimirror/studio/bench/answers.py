@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ...analysis import Evaluation
 from ...design.merits import length_mm
 from ...errors import OmnimirrorError
-from ...figures.raytraces import focus_band, image_curves, is_as_seen, lens_height, way_to_lens
+from ...figures.raytraces import focus_band, image_curves, is_as_seen, lens_height, ways_to_lens
 from ...figures.subjects import Subject
 from ...sensor import Sensor
 from .framing import framed
@@ -77,8 +77,8 @@ def _evaluated(sensor: Sensor, object_distance_mm: float) -> Design:
     subject = Subject(sensor, "")
     if np.isinf(object_distance_mm):
         return Design(subject, subject.curve, subject.marks)
-    curve, marks = (subject.at(e.omega_deg, object_distance_mm) for e in (subject.curve, subject.marks))
-    return Design(subject, curve, marks)
+    marks = subject.at(subject.marks.omega_deg, object_distance_mm)
+    return Design(subject, subject.curve_at(object_distance_mm), marks)
 
 
 def _block(name: str, columns: tuple[str, ...], result: Evaluation) -> Values:
@@ -140,10 +140,9 @@ def _section(design: Design) -> list[Values]:
 def _rays(design: Design, lens: float) -> list[Values]:
     """Chief rays from their mirror points to the lens, every 15 degrees."""
     marks = design.marks
-    return [
-        _lines(f"ray {omega:g}", *np.array([(x, z), *way_to_lens(design.subject, float(x), lens)]).T)
-        for x, z, omega in zip(marks.x_mm, marks.z_mm, marks.omega_deg, strict=True)
-    ]
+    ways = ways_to_lens(design.subject, marks.x_mm, lens)
+    rays = zip(marks.x_mm, marks.z_mm, marks.omega_deg, ways, strict=True)
+    return [_lines(f"ray {omega:g}", *np.array([(x, z), *way]).T) for x, z, omega, way in rays]
 
 
 def _lines(name: str, x: Array, z: Array) -> Values:

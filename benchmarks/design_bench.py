@@ -1,0 +1,122 @@
+"""How soon the studio's design bench shows what a slider does: from the change to all its plots drawn.
+
+A headless Chromium without a graphics card drives the page; the server runs beside it on the same machine. All plots
+are shown but the simulated picture, which waits until nothing moves. ``server`` is the part that the answer takes in
+the server alone, without the connection.
+
+    python benchmarks/design_bench.py --out out/benchmarks
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import uvicorn
+from playwright.sync_api import sync_playwright
+from setting import circumstances
+
+import omnimirror as om
+from omnimirror.files import write_text
+from omnimirror.specs import tables_of
+from omnimirror.studio.app import Studio, create_app
+from omnimirror.studio.bench.answers import answer
+from omnimirror.studio.bench.messages import Ask, BenchSensor, Change
+from omnimirror.studio.bench.sensors import changed, on_bench
+
+KINDS = ("sphere", "hyperboloid", "even-polynomial", "slope-spline", "equidistant", "equiareal", "tabulated-mapping")
+FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+EMPTY = '{ "design": null, "past": [], "future": [], "pins": [], "hidden": ["Picture"] }'
+MOVE = """async (count) => {
+  const { bench } = window.omnimirror.tabs;
+  const slider = document.querySelector("#bench input[type=range]");
+  const frame = () => new Promise((done) => requestAnimationFrame(done));
+  for (let i = 0; i < count; i++) {
+    const before = bench.latencies;
+    slider.value = String(0.5 + 0.02 * Math.sin(i));
+    slider.dispatchEvent(new Event("input", { bubbles: true }));
+    while (bench.latencies === before) await frame();
+  }
+  return bench.latencies.slice(-count);
+}"""
+
+
+@contextmanager
+def serving() -> Iterator[str]:
+    """The address of a studio that runs."""
+    server = uvicorn.Server(
+        uvicorn.Config(create_app(Studio()), port=0, log_level="error", ws="websockets-sansio", ws_max_size=1 << 20)
+    )
+    thread = threading.Thread(target=server.run, daemon=True)
+    thread.start()
+    while not server.started:
+        time.sleep(0.01)
+    try:
+        yield f"http://127.0.0.1:{server.servers[0].sockets[0].getsockname()[1]}/"
+    finally:
+        server.should_exit = True
+        thread.join(10)
+
+
+def server_ms(sensor: BenchSensor, runs: int) -> float:
+    """Median time of an answer in the server."""
+    ask = Ask(
+        slot=0, number=0, tables=sensor.tables, follows=sensor.follows, object_distance_mm=None, section=True,
+        squares=True, wanted=None,
+    )  # fmt: skip
+    times = []
+    for _ in range(runs):
+        begin = time.perf_counter()
+        answer(ask)
+        times.append(time.perf_counter() - begin)
+    return 1e3 * float(np.median(times))
+
+
+def page_ms(page: Any, kind: str, count: int) -> np.ndarray:
+    """From each change of the mirror's first slider to the plots drawn, (count,)."""
+    choice = page.get_by_label("Kind of mirror")
+    if choice.input_value() != kind:
+        choice.select_option(kind)
+        page.wait_for_function(f"window.omnimirror.tabs.bench.history.now.tables.mirror.kind === '{kind}'")
+        page.wait_for_timeout(500)
+    page.evaluate(MOVE, 10)
+    return np.array(page.evaluate(MOVE, count))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
+    parser.add_argument("--runs", type=int, default=100)
+    arguments = parser.parse_args()
+    said = circumstances(arguments.runs).replace("interleaved runs", "changes")
+    first = tables_of(om.load_sensor("paper-spherical"))
+    sensors = {kind: on_bench(changed(Change(tables=first, what="mirror", to=kind))) for kind in KINDS}
+    chromium = os.environ.get("CHROMIUM") or shutil.which("chromium") or shutil.which("google-chrome")
+    rows = []
+    with serving() as address, sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=chromium, args=FLAGS)
+        page = browser.new_context(viewport={"width": 1280, "height": 900}, bypass_csp=True).new_page()
+        page.add_init_script(f"localStorage.setItem('omnimirror-bench', '{EMPTY}')")
+        page.goto(f"{address}#tab=design")
+        page.wait_for_selector("#bench .compare tbody td")
+        for kind, sensor in sensors.items():
+            drawn = page_ms(page, kind, arguments.runs)
+            rows.append((kind, server_ms(sensor, arguments.runs), np.median(drawn), np.percentile(drawn, 95)))
+        browser.close()
+    lines = [f"| {kind} | {server:.1f} | {median:.1f} | {late:.1f} |" for kind, server, median, late in rows]
+    head = "| mirror | server, ms | slider to plots, ms | 95th percentile, ms |\n| --- | --- | --- | --- |"
+    text = "\n".join(["# Slider to plots", "", said, "", head, *lines, ""])
+    print(text)
+    write_text(arguments.out / "design_bench.md", text)
+
+
+if __name__ == "__main__":
+    main()
