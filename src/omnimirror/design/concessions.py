@@ -34,9 +34,11 @@ def find_concessions(shaped: Shaped, on_step: Callable[[str], None] | None = Non
         return None
     say = on_step or (lambda name: None)
     alone = []
-    for key, row in _keyed(shaped):
+    for i, row in enumerate(row for row in shaped.rows if row.is_limit):
         say(row.label)
-        alone.append(_limit(shaped, key, row))
+        alone.append(_pressed(shaped, i, row))
+    others = (row for row in shaped.rows if not (row.is_limit or row.is_met or row.name in NUMBERS))
+    alone += [_other(shaped, row) for row in others]
     for name in NUMBERS:
         if getattr(shaped.problem, name) is not None and name not in shaped.problem.free:
             say(name)
@@ -47,26 +49,25 @@ def find_concessions(shaped: Shaped, on_step: Callable[[str], None] | None = Non
     return Conflict(missed, tuple(alone), joint, share)
 
 
-def _keyed(shaped: Shaped) -> list[tuple[Key, Row]]:
-    """The rows that can give, by the keys that an objective has for them."""
-    limits: list[tuple[Key, Row]] = [*enumerate(row for row in shaped.rows if row.is_limit)]
-    return limits + [(IMAGE, row) for row in shaped.rows if row.name == IMAGE and not row.is_met]
-
-
 def _followed(problem: DesignProblem, y: Array, goal: Concession) -> tuple[Array, float] | None:
     """Where a goal is reached best from a point, and the share conceded; None where something else is missed."""
     found = follow(Objective(DesignSpace(problem), goal, coarse_nodes(problem)), y, tolerance=CLOSE)
     return (found.y, found.value) if found.violation < KEPT else None
 
 
-def _limit(shaped: Shaped, key: Key, row: Row) -> Relaxation:
-    asked = asked_of(row)
-    if key == IMAGE and not shaped.problem.has_image_to_fit:  # given by lens and rim alone
-        others_missed = any(not r.is_met for r in shaped.rows if r is not row)
-        return Relaxation(row.label, row.unit, asked, None if others_missed else row.reached)
+def _pressed(shaped: Shaped, key: Key, row: Row) -> Relaxation:
+    """What is asked, as near as it can be had while all else is kept."""
     found = _followed(shaped.problem, shaped.y, Concession((key,)))
     needed = None if found is None else given_way(row, max(found[1], 0.0))
-    return Relaxation(row.label, row.unit, asked, needed)
+    return Relaxation(row.label, row.unit, asked_of(row), needed)
+
+
+def _other(shaped: Shaped, row: Row) -> Relaxation:
+    """What is neither a limit nor a given number: the rim's image, where the view begins to be clear."""
+    if row.name == IMAGE and shaped.problem.has_image_to_fit:
+        return _pressed(shaped, IMAGE, row)
+    others_missed = any(not r.is_met for r in shaped.rows if r is not row)
+    return Relaxation(row.label, row.unit, asked_of(row), None if others_missed else row.reached)
 
 
 def _number(shaped: Shaped, name: str) -> Relaxation:

@@ -138,7 +138,7 @@ class Objective:
         return _beside([*merit.rows(field)], len(state.omega)) / self._scale
 
     def _requirements(self, state: State) -> Iterator[tuple[Key, Array]]:
-        return requirements_of(self.space, state.field, self._counting(state), state.hidden, state.image)
+        return requirements_of(self.space, state.field, self._counting(state), state.omega, state.hidden, state.image)
 
     def _counting(self, state: State) -> Counting:
         """Which columns count, as the first design has it: derivatives are those of one set of rows."""
@@ -150,14 +150,14 @@ Counting = Callable[..., NDArray[np.intp]]
 
 
 def requirements_of(
-    space: DesignSpace, field: Field, counting: Counting, hidden: Array, image: Array
+    space: DesignSpace, field: Field, counting: Counting, omega: Array, hidden: Array, image: Array
 ) -> Iterator[tuple[Key, Array]]:
     """By what share designs miss each requirement, as rows (b, r)."""
     problem = space.problem
     if problem.has_image_to_fit:
         yield IMAGE, image - 1
     if problem.has_view_to_clear:
-        yield CLEAR, np.take_along_axis(hidden, np.broadcast_to(counting(), hidden.shape), axis=-1)
+        yield CLEAR, space.hidden_from(omega, hidden)
     for i, limit in enumerate(problem.limits):
         yield i, limit.excess(field.at(counting(*(limit.omega_deg or (0.0, 180.0)))))
 

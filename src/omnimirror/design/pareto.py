@@ -189,7 +189,8 @@ class _Contest:
         counted = field.at(counting())
         values = np.stack([m.value(counted) for m in self.merits], axis=1)
         broken = np.where(result.valid, 0.0, 1.0)
-        for _, rows in requirements_of(self.space, field, counting, hidden, self.space.image(self.space.given(y))):
+        image = self.space.image(self.space.given(y))
+        for _, rows in requirements_of(self.space, field, counting, omega, hidden, image):
             broken = np.maximum(broken, rows.max(axis=1))
         usable = result.valid & np.isfinite(values).all(axis=1) & np.isfinite(broken)
         return y, np.where(usable[:, None], values, REFUSED), np.where(usable, broken, 1.0)

@@ -220,13 +220,26 @@ class DesignSpace:
         rows = along - (field.reach - field.sag + field.viewpoint_z) * np.sin(omega) / radius
         return np.where(along.real > 0, rows, -1.0)
 
+    def hidden_from(self, omega: Array, hidden: Array) -> Array:
+        """By how much the view is hidden (b, 1) at the angle from which it has to be clear, between the nodes there."""
+        low = self.problem.omega_min_deg * DEGREE
+        before = np.clip((omega.real[:, : self._count(omega)] <= low).sum(axis=-1, keepdims=True) - 1, 0, None)
+        nodes = np.concatenate([before, before + 1], axis=-1)
+        (a, b), (h, k) = (np.take_along_axis(v, nodes, axis=-1).T for v in (omega, hidden))
+        at: Array = h + (low - a) / (b - a) * (k - h)
+        return at[:, None]
+
+    def _count(self, omega: Array) -> int:
+        """Field angles of one object distance."""
+        return int(omega.shape[-1]) // len(self.problem.distances_mm)
+
     def counting(self, omega: Array, hidden: Array, low_deg: float = 0.0, high_deg: float = 180.0) -> NDArray[np.intp]:
         """Which columns (b, n) count of field angles (b, n) in radians, that stand for one object distance after the
         other: those of the field that counts, from one angle to another, and the next one beyond either end.
 
         Always as many: where some do not count, the ends are named again.
         """
-        n = omega.shape[-1] // len(self.problem.distances_mm)
+        n = self._count(omega)
         omega, hidden = omega[:, :n], hidden[:, :n]
         low = max(low_deg, self.problem.omega_min_deg) * DEGREE
         first = (omega <= low).sum(axis=-1, keepdims=True) - 1
