@@ -203,7 +203,10 @@ class _Contest:
         _, first = np.unique(values[keep], axis=0, return_index=True)  # sorted by the first merit, each but once
         keep = keep[first]
         if not keep.size:
-            raise InvalidParameter("no design found that keeps all limits; allow more generations or looser limits")
+            raise InvalidParameter(
+                "no design found that keeps all limits; allow more generations or looser limits, or optimise one merit "
+                "alone, which says what conflicts"
+            )
         return Front(self.space.problem, tuple(m.name for m in self.merits), y[keep], values[keep])
 
 
