@@ -114,7 +114,7 @@ def recast(sensor: Sensor, kind: str) -> PlacedMirror:
     >>> import omnimirror as om
     >>> placed = recast(om.load_sensor("paper-spherical"), "hyperboloid")
     >>> round(placed.mirror.a_mm / 43.9, 3), round(placed.distance_mm / 43.9, 3)  # Table 1: .7407, 3.550
-    (0.741, 3.551)
+    (0.741, 3.55)
     """
     rim = rim_of(sensor)
     cls = MIRRORS[kind]
