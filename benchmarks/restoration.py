@@ -39,6 +39,11 @@ from omnimirror.simulate.scenes import Hall, Scene, Street
 NOISE = 0.01
 SENSORS = ("paper-spherical", "paper-equidistant", "paper-hyperboloidal")
 TOLD = (0.5, 0.7, 1.4, 2.0)
+CROPS = (
+    ("paper-spherical", "dead leaves", (20, 330)),
+    ("paper-spherical", "hall", (20, 380)),
+    ("paper-hyperboloidal", "dead leaves", (60, 250)),
+)
 COLUMNS = ("sensor", "scene", "blur alone, dB", "given, dB", "gain, dB", "worst tenth, dB", "core s")
 
 
@@ -149,6 +154,16 @@ def table(sensors: Sequence[str], scenes: dict[str, Scene], out: Path, told: Seq
                 om.write_image(out / f"{name}-{scene}-{kind}.png", np.ascontiguousarray(picture[..., ::-1]))
 
 
+def crops(out: Path) -> NDArray[np.uint8]:
+    """Parts of pictures that the table wrote, twice as large: without blur, as given, restored."""
+    rows = []
+    for name, scene, (top, left) in CROPS:
+        kinds = [om.read_image(out / f"{name}-{scene}-{kind}.png") for kind in ("sharp", "given", "restored")]
+        parts = [np.kron(kind[top : top + 150, left : left + 200], np.ones((2, 2, 1), np.uint8)) for kind in kinds]
+        rows.append(np.hstack([np.pad(part, ((3, 3), (3, 3), (0, 0)), constant_values=255) for part in parts]))
+    return np.vstack(rows)
+
+
 def circumstances() -> str:
     """What seconds were measured on."""
     load = os.getloadavg()[0] if hasattr(os, "getloadavg") else 0.0
@@ -170,6 +185,7 @@ def main() -> None:
     parser.add_argument(
         "--best", action="store_true", help="also with other noises told, which takes five times as long"
     )
+    parser.add_argument("--crops", type=Path, help="write parts of the pictures, side by side")
     arguments = parser.parse_args()
     if arguments.tuning:
         name, scenes = "restoration_tuning", {"room": om.Room(), "street": Street(), "clouds": clouds()}
@@ -181,6 +197,8 @@ def main() -> None:
         print(line, flush=True)
         lines.append(line)
     write_text(arguments.out / f"{name}.md", "\n".join(lines) + "\n")
+    if arguments.crops:
+        om.write_image(arguments.crops, crops(arguments.out))
 
 
 if __name__ == "__main__":

@@ -60,8 +60,10 @@ def solve(operator: Operator, pixels: NDArray[np.int32], widening_px: Values, ro
     costs = _repeated((REGULARITY * noise / (1 + widening_px / BLUR_PX)).astype(np.float32), fineness)
     flat = _refined(roots, fineness).reshape(-1, roots.shape[2])
     for n in range(ROUNDS):
-        steepness = _steepness(flat.reshape(*operator.shape, -1))
-        plain = _plain(steepness, noise, fineness) if n else UNJUDGED
+        fine = flat.reshape(*operator.shape, -1)
+        steepness = _steepness(fine)
+        # what saturates is far brighter than its surroundings, which are not textured for that
+        plain = _plain(_steepness(np.minimum(fine, 1)), noise, fineness) if n else UNJUDGED
         stiffness = (costs * plain / steepness).ravel()
         flat = np.maximum(flat + _step(operator, flat, seen, stiffness, fineness), 0)
     return flat.reshape(*operator.shape, -1)[..., :channels]
