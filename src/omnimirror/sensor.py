@@ -15,6 +15,7 @@ from .imagers import Imager
 from .lenses import Lens, Perspective
 from .mirrors import Mirror, Secondary
 from .mirrors.pose import MirrorPose
+from .tracing.folded import FoldedMirror
 from .tracing.meridian import ROUNDING, ChiefRays, Meridian
 from .tracing.posed import PosedMirror
 from .tracing.reflection import Ends
@@ -107,7 +108,7 @@ class Sensor:
         if self.secondary is not None:
             raise InvalidParameter(
                 f"{what} is for sensors of one mirror, and the lens of {self.name!r} sees its mirror in a second one; "
-                "evaluation, sharp pictures and straightening are valid for both, and the sensor without its secondary"
+                "evaluation, spots, pictures and straightening are valid for both, and the sensor without its secondary"
             )
 
     def aligned(self) -> Sensor:
@@ -273,21 +274,20 @@ class Sensor:
     # -- in space ------------------------------------------------------------------------------
 
     @property
-    def posed_mirror(self) -> PosedMirror:
+    def posed_mirror(self) -> PosedMirror | FoldedMirror:
         """The mirror where it sits in the camera frame, whose origin is the vertex as it was meant to be.
 
-        Raises
-        ------
-        InvalidParameter
-            If the lens sees it in a second mirror.
+        Where the lens sees it in a second mirror, the lens's side of that frame is the unfolded one.
         """
-        self.check_one_mirror("tracing through the whole aperture")
+        if self.secondary is not None:
+            return FoldedMirror(self.mirror, self.secondary, self.mirror_distance_mm)
         return PosedMirror(self.mirror, self.mirror_pose)
 
     @property
     def lens_offset(self) -> Array:
         """The lens's reference point (3,) mm in the camera frame."""
-        return np.array([0.0, 0.0, 0.0 if self.lens.TELECENTRIC else -self.mirror_distance_mm])
+        vertex = 0.0 if self.secondary is None else -self.secondary.distance_mm
+        return np.array([0.0, 0.0, vertex if self.lens.TELECENTRIC else -self.mirror_distance_mm])
 
     def eyes(self, pupil: Array) -> Ends:
         """Where points (n, 2) of the unit disk of the aperture see from, in the camera frame."""
@@ -308,6 +308,7 @@ class Sensor:
         origins = origins + self.lens_offset
         if self.lens.TELECENTRIC:  # from the plane in focus back to where nothing of the mirror is
             bound = np.linalg.norm(self.mirror_pose.shift) + self.mirror.rim_radius_mm + self.mirror.bounds[1][1]
+            bound += 2 * np.abs(self.lens_offset[2])
             origins = origins - (bound + np.abs(origins[:, 2:])) * directions
         return origins, directions
 
@@ -336,7 +337,7 @@ class Sensor:
         valid = inside_image(flat, self.image_size)
         origins, directions = np.full((2, *flat.shape[:-1], 3), np.nan)
         found = self.posed_mirror.trace(*self.lens_rays(flat[valid], pupil[valid]))
-        rotation = self.mount.rotation().T
+        rotation = self._axes.T
         origins[valid] = found.points @ rotation
         directions[valid] = found.directions @ rotation
         valid[valid] = found.valid
@@ -346,7 +347,7 @@ class Sensor:
     def _project_in_space(self, targets: Array, distant: bool) -> Projection:
         """Pixels of points or directions (n, 3) of the camera frame."""
         found = self.posed_mirror.specular(self.eyes(np.zeros((1, 2))), Ends.of(targets.reshape(-1, 3), distant))
-        offsets = self.lens.image_of(found.points - self.lens_offset, found.to_eyes) / self.imager.pitch_mm
+        offsets = self.lens.image_of(found.seen_at - self.lens_offset, found.to_eyes) / self.imager.pitch_mm
         offsets[~found.valid] = np.nan
         return self._in_picture(offsets.reshape(*targets.shape[:-1], 2))
 

@@ -168,7 +168,7 @@ def test_the_camera_is_seen_in_the_middle():
 
 def test_what_only_a_sensor_has_is_refused_for_other_cameras():
     ball = om.MirrorBall((100.0, 100.0), 90.0, 360.0, (200, 200))
-    with pytest.raises(InvalidParameter, match="only a sensor of one mirror has blur"):
+    with pytest.raises(InvalidParameter, match="only a sensor has blur"):
         expose(ball, steps(8, 16), blur=True)
 
 

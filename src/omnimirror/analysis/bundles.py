@@ -53,6 +53,8 @@ class Bundles:
     """(k, n) False for rays that would need a mirror beyond the rim."""
     chief: Specular
     """The chief rays (k,)."""
+    seen_at: Array
+    """(k, n, 3) points that the lens looks at: the mirror points, or those of a second mirror."""
 
     def focused_at(self, focus_mm: float) -> Sensor:
         """The sensor with its lens focused elsewhere."""
@@ -60,25 +62,17 @@ class Bundles:
 
     def image_mm(self, sensor: Sensor) -> Array:
         """Where (k, n, 2) rays land, mm from the optical axis, with the sensor as focused."""
-        return sensor.lens.image_of(self.points - sensor.lens_offset, self.to_eyes)
+        return sensor.lens.image_of(self.seen_at - sensor.lens_offset, self.to_eyes)
 
     def chief_mm(self, sensor: Sensor) -> Array:
         """Where (k, 2) the chief rays land, mm from the optical axis."""
-        return sensor.lens.image_of(self.chief.points - sensor.lens_offset, self.chief.to_eyes)
+        return sensor.lens.image_of(self.chief.seen_at - sensor.lens_offset, self.chief.to_eyes)
 
     def chief_path(self) -> Array:
         """Length (k,) of the chief ray's path of light, counted as :attr:`path` is."""
-        to_object = np.where(
-            np.isfinite(self.object_distance_mm),
-            self.object_distance_mm,
-            -np.einsum("ki,ki->k", self.chief.to_targets, self.chief.points),
-        )
-        centre = self.sensor.eyes(np.zeros((1, 2)))
-        if centre.distant:
-            to_eye = -np.einsum("ki,ki->k", self.chief.to_eyes, self.chief.points)
-        else:
-            to_eye = np.linalg.norm(centre.xyz - self.chief.points, axis=1)
-        path: Array = to_object + to_eye
+        along = np.einsum("ki,ki->k", self.chief.to_targets, self.chief.points)
+        to_eye = self.chief.path + along  # the chief rays' own object is distant
+        path: Array = to_eye + np.where(np.isfinite(self.object_distance_mm), self.object_distance_mm, -along)
         return path
 
     def axes(self) -> Array:
@@ -101,7 +95,7 @@ class Bundles:
         for step in steps:
             ends = [_specular(self.sensor, np.zeros((1, 2)), Ends.of(towards + s * STEP * step, True)) for s in (1, -1)]
             lens, offset = self.sensor.lens, self.sensor.lens_offset
-            a, b = (lens.image_of(e.points - offset, e.to_eyes) for e in ends)
+            a, b = (lens.image_of(e.seen_at - offset, e.to_eyes) for e in ends)
             angle = np.degrees(2 * np.arctan(STEP))
             scales.append(np.hypot(*(a - b).T) / self.sensor.imager.pitch_mm / angle)
         return scales[0], scales[1]
@@ -152,7 +146,7 @@ def trace_bundles(
     return Bundles(
         sensor, omega, azimuth, p, pupil,
         found.points.reshape(k, n, 3), found.to_eyes.reshape(k, n, 3), found.path.reshape(k, n),
-        density / mean[:, None], found.valid.reshape(k, n), chief,
+        density / mean[:, None], found.valid.reshape(k, n), chief, found.seen_at.reshape(k, n, 3),
     )  # fmt: skip
 
 

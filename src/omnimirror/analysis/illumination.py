@@ -83,6 +83,7 @@ def illumination(
     """
     if not 0 < transmission <= 1:
         raise InvalidParameter(f"transmission = {transmission:g} is not a share; it is valid above 0, up to 1")
+    sensor.check_one_mirror("illumination")
     angles = field_angles(sensor) if omega_deg is None else omega_deg
     chief = trace_bundles(sensor, angles, CHIEF, azimuth_deg)
     height, pupil = chief.chief_mm(sensor), gaussian(RINGS)

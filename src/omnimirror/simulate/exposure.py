@@ -91,10 +91,12 @@ def expose(
     Light that falls outside the mirror's image is 0, and a pixel cut by the rim is dimmed by the share that is
     cut off. Without blur all rays are chief rays.
     """
-    if not _has_one_mirror(camera) and (blur or hardware is not None):
+    if blur and not isinstance(camera, Sensor):
+        raise InvalidParameter("only a sensor has blur; a calibrated camera says nothing of its aperture")
+    if hardware is not None and not _has_one_mirror(camera):
         raise InvalidParameter(
-            "only a sensor of one mirror has blur and hardware; a calibrated camera says nothing of them, and by way "
-            "of a secondary chief rays alone are traced"
+            "only a sensor of one mirror has hardware; a calibrated camera says nothing of it, and beside a secondary "
+            "what hides is bore and mirrors, which are seen anyway"
         )
     plan = spread(samples, blur, seed)
     hardware = hardware or Hardware()
@@ -183,9 +185,12 @@ def gather(bundle: Bundle, scene: Scene, hardware: Hardware) -> Light:
 def trace(camera: Camera, plan: Samples, hardware: Hardware, rows: slice, columns: slice) -> Bundle:
     """The rays of a part of the picture."""
     if not _has_one_mirror(camera):
-        pixels, _ = places(plan, *np.meshgrid(np.r_[columns], np.r_[rows]))
-        origins, directions, valid = camera.backproject(pixels.reshape(-1, 2))
-        shape = pixels.shape[:-1]
+        pixels, pupil = places(plan, *np.meshgrid(np.r_[columns], np.r_[rows]))
+        shape, flat = pixels.shape[:-1], pixels.reshape(-1, 2)
+        if isinstance(camera, Sensor) and plan.blur:
+            origins, directions, valid = camera.aperture_rays(flat, pupil.reshape(-1, 2) * plan.blur)
+        else:
+            origins, directions, valid = camera.backproject(flat)
         fate = np.where(valid, REFLECTED, LOST).astype(np.uint8).reshape(shape)
         return Bundle(origins.reshape(*shape, 3), directions.reshape(*shape, 3), np.ones(shape), fate)
     if compiled() is None:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ..mirrors import Mirror
 from ..mirrors.pose import MirrorPose
 from . import reflection, space
-from .reflection import Ends, Specular
+from .reflection import RIM_SLACK, Ends, Specular
 from .space import Reflections
 
 Array = NDArray[np.float64]
@@ -48,8 +48,10 @@ class PosedMirror:
         for end in (eyes, targets):
             if end.distant:
                 path = path - end.xyz @ self.pose.shift
+        points = self.pose.to_camera(found.points)
         return found._replace(
-            points=self.pose.to_camera(found.points),
+            points=points,
+            seen_at=points,
             normals=turn(found.normals),
             to_eyes=turn(found.to_eyes),
             to_targets=turn(found.to_targets),
@@ -72,10 +74,11 @@ class PosedMirror:
             section /= np.einsum("ni,ni->n", targets.xyz - found.points, targets.xyz - found.points)
         return section
 
-    def radius_mm(self, points: Array) -> Array:
-        """Distances (n,) of points (n, 3) from the mirror's own axis."""
+    def beyond_edge_mm(self, points: Array, seen_at: Array) -> Array:
+        """How far (...,) points lie beyond the rim, from the mirror's own axis; below 0 within."""
         inside = self.pose.to_mirror(points)
-        return np.hypot(inside[..., 0], inside[..., 1])
+        beyond: Array = np.hypot(inside[..., 0], inside[..., 1]) - self.mirror.rim_radius_mm * (1 + RIM_SLACK)
+        return beyond
 
     def _ends(self, ends: Ends) -> Ends:
         turn = self.pose.turned_to_mirror if ends.distant else self.pose.to_mirror

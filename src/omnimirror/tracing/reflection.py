@@ -77,6 +77,8 @@ class Specular(NamedTuple):
     """(n,) whether the law of reflection holds with both ends in front of the surface or its continuation."""
     valid: Mask
     """(n,) whether, besides, the point is within the rim and nothing stands in between."""
+    seen_at: Array
+    """(n, 3) mm: points that the eyes look at, on the mirror or, where that is seen in a second one, on that."""
 
 
 def specular_points(mirror: Mirror, eyes: Ends, targets: Ends, start: Array | None = None) -> Specular:
@@ -159,7 +161,7 @@ def footprint(mirror: Mirror, eyes: Ends, targets: Ends, found: Specular, motion
     count = len(found.points)
     eyes, targets = eyes.spread(count), targets.spread(count)
     with np.errstate(all="ignore"):
-        surface = _Surface(mirror, found.points[:, :2])
+        surface = Surface(mirror, found.points[:, :2])
         _, _, (a, b, c) = _path(surface, eyes, targets)
         motion = np.broadcast_to(motion, (count, 2, 3))
         if not eyes.distant:
@@ -167,15 +169,12 @@ def footprint(mirror: Mirror, eyes: Ends, targets: Ends, found: Specular, motion
             distance = np.linalg.norm(step, axis=1)[:, None, None]
             u = step[:, :, None] / distance
             motion = (motion - (motion @ u) * u.transpose(0, 2, 1)) / distance
-        tangents = np.zeros((count, 2, 3))
-        tangents[:, 0, 0] = tangents[:, 1, 1] = 1.0
-        tangents[:, :, 2] = surface.slopes
-        mixed = np.linalg.det(motion @ tangents.transpose(0, 2, 1))
+        mixed = np.linalg.det(motion @ surface.tangents.transpose(0, 2, 1))
         area: Array = np.abs(mixed / (a * c - b * b))
     return area
 
 
-class _Surface:
+class Surface:
     """Points of the continued surface over (x, y) with first and second derivatives."""
 
     def __init__(self, mirror: Mirror, xy: Array) -> None:
@@ -194,8 +193,29 @@ class _Surface:
             bend * sin * sin + hoop * cos * cos,
         )
 
+    @property
+    def tangents(self) -> Array:
+        """Derivatives (n, 2, 3) of the points by x and by y."""
+        tangents = np.zeros((len(self.points), 2, 3))
+        tangents[:, 0, 0] = tangents[:, 1, 1] = 1.0
+        tangents[:, :, 2] = self.slopes
+        return tangents
 
-def _path(surface: _Surface, eyes: Ends, targets: Ends) -> tuple[Array, Array, tuple[Array, Array, Array]]:
+    @property
+    def bend(self) -> Array:
+        """Second derivatives (n, 2, 2) of the height."""
+        xx, xy, yy = self.second
+        return np.stack([np.stack([xx, xy], axis=-1), np.stack([xy, yy], axis=-1)], axis=1)
+
+    @property
+    def normals(self) -> Array:
+        """Unit normals (n, 3) towards the side of the lens."""
+        normals = np.concatenate([self.slopes, np.full((len(self.points), 1), -1.0)], axis=1)
+        unit: Array = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+        return unit
+
+
+def _path(surface: Surface, eyes: Ends, targets: Ends) -> tuple[Array, Array, tuple[Array, Array, Array]]:
     """Length of the path (n,), its gradient (n, 2) and its second derivatives (xx, xy, yy) over (x, y)."""
     length = np.zeros(len(surface.points))
     pull = np.zeros_like(surface.points)
@@ -228,7 +248,7 @@ def _shortest(mirror: Mirror, eyes: Ends, targets: Ends, start: Array) -> Array:
     active = np.arange(len(best))
     for _ in range(MAX_STEPS):
         eye, target = eyes[active], targets[active]
-        new_length, gradient, second = _path(_Surface(mirror, trial[active]), eye, target)
+        new_length, gradient, second = _path(Surface(mirror, trial[active]), eye, target)
         down = new_length <= length[active] * (1 + UPHILL) + UPHILL * rim
         taken = active[down]
         best[taken], length[taken] = trial[taken], new_length[down]
@@ -271,11 +291,9 @@ def _downhill(gradient: Array, second: tuple[Array, ...], reach: Array | float) 
 
 def _proven(mirror: Mirror, eyes: Ends, targets: Ends, xy: Array) -> Specular:
     """What stands behind a mirror point, and whether it is one."""
-    surface = _Surface(mirror, xy)
+    surface = Surface(mirror, xy)
     length, gradient, _ = _path(surface, eyes, targets)
-    points, slopes = surface.points, surface.slopes
-    normals = np.concatenate([slopes, np.full((len(xy), 1), -1.0)], axis=1)
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    points, slopes, normals = surface.points, surface.slopes, surface.normals
     to_eyes, to_targets = (end.xyz if end.distant else _unit(end.xyz - points) for end in (eyes, targets))
     facing = (np.einsum("ni,ni->n", to_eyes, normals) > 0) & (np.einsum("ni,ni->n", to_targets, normals) > 0)
     miss = np.hypot(*gradient.T) / np.sqrt(1 + np.einsum("ni,ni->n", slopes, slopes))
@@ -296,6 +314,7 @@ def _proven(mirror: Mirror, eyes: Ends, targets: Ends, xy: Array) -> Specular:
         length * blank,
         reflects,
         valid,
+        points,
     )
 
 

@@ -1,0 +1,272 @@
+"""Rays through the whole aperture by way of two mirrors, in the frame of the camera and of the world.
+
+The lens's side of the light is told in the unfolded frame: z leads from the lens by way of the secondary on to
+where the primary would stand if the secondary were a window, so that the lens stands at -m and the secondary's
+vertex at -s. The world's side has the primary's vertex as origin and z from the secondary to it. Under a flat
+secondary the two ways are one, and all that is computed here is what one mirror would do.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..mirrors import Mirror, Secondary
+from . import space
+from .reflection import LONGEST_STEP, MAX_STEPS, REFLECTS, RIM_SLACK, Ends, Specular, Surface
+from .roots import NEWTON_CLOSE
+from .space import Reflections
+from .two_mirrors import PROFILE, TwoMirrorMeridian
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+OVER = np.array([1.0, 1.0, -1.0])  # from the secondary's frame to the world's, and back
+CHUNK = 1 << 12
+
+
+class _Path(NamedTuple):
+    """Length (n,) of the way of light over both mirrors, its gradient (n, 4) and second derivatives (n, 4, 4)."""
+
+    length: Array
+    gradient: Array
+    second: Array
+
+
+@dataclass(frozen=True)
+class FoldedMirror:
+    """A mirror that the lens sees in a second one; it answers as a mirror in its pose does.
+
+    >>> from omnimirror.mirrors import Flat, Sphere
+    >>> folded = FoldedMirror(Sphere(50.0, 44.0), Secondary(Flat(25.0), 90.0, 5.0), 180.0)
+    >>> rays = folded.trace(np.array([[0.0, 0.0, -180.0]]), np.array([[30.0, 0.0, 190.0]]))
+    >>> rays.points.round(6)  # as if there were no fold
+    array([[30.,  0., 10.]])
+    """
+
+    mirror: Mirror
+    secondary: Secondary
+    mirror_distance_mm: float
+
+    @cached_property
+    def meridian(self) -> TwoMirrorMeridian:
+        return TwoMirrorMeridian(self.mirror, self.mirror_distance_mm, self.secondary)
+
+    @property
+    def _vertex(self) -> Array:
+        """The secondary's vertex (3,)."""
+        return np.array([0.0, 0.0, -self.secondary.distance_mm])
+
+    def trace(self, origins: Array, directions: Array) -> Reflections:
+        """Reflect rays (n, 3), (n, 3) of the lens's side on both mirrors, out into the world."""
+        first = space.trace(self.secondary.mirror, origins - self._vertex, directions)
+        start, towards = first.points * OVER + self._vertex, first.directions * OVER
+        found = space.trace(self.mirror, start, towards)
+        unit = directions / np.linalg.norm(directions, axis=-1, keepdims=True)
+        valid = found.valid & self._is_clear(unit * OVER, start, found.points, found.directions)
+        points, outgoing, normals = (
+            np.where(valid[:, None], a, np.nan) for a in (found.points, found.directions, found.normals)
+        )
+        return Reflections(points, outgoing, normals, valid)
+
+    def _is_clear(self, from_lens: Array, second: Array, first: Array, outgoing: Array) -> Mask:
+        """Whether rays (n,) pass bore and camera on their way between both mirrors, and the secondary outside."""
+        bore, lens = self.secondary.bore_radius_mm, self.secondary.lens_height(self.mirror_distance_mm)
+        edge = float(self.mirror.sag(min(bore, self.mirror.rim_radius_mm)))
+        with np.errstate(all="ignore"):  # what is not finite is not clear
+            clear = self._at_camera(first, second) >= bore * (1 - RIM_SLACK)
+            if lens > edge:
+                at_bore = second + ((edge - second[:, 2]) / from_lens[:, 2])[:, None] * from_lens
+                clear &= np.hypot(*at_bore[:, :2].T) <= bore * (1 + RIM_SLACK)
+            clear &= np.isfinite(outgoing).all(axis=1)
+            clear[clear] = self._passes_outside(first[clear], outgoing[clear])
+        return np.asarray(clear)
+
+    def _at_camera(self, first: Array, second: Array) -> Array:
+        """Distance (...,) from the axis at which rays between both mirrors pass the bore or the camera's front."""
+        lens = self.secondary.lens_height(self.mirror_distance_mm)
+        step = first - second
+        share = (np.minimum(first[..., 2], lens) - second[..., 2]) / step[..., 2]
+        passing = second + share[..., None] * step
+        return np.hypot(passing[..., 0], passing[..., 1])
+
+    def _passes_outside(self, points: Array, outgoing: Array) -> Mask:
+        """Whether rays (n,) from the primary into the world pass the secondary."""
+        x = np.linspace(0.0, self.secondary.mirror.rim_radius_mm, PROFILE)
+        heights = self.secondary.height(x)
+        p, d = points[:, :2], outgoing[:, :2]
+        low, high = ((h - points[:, 2]) / outgoing[:, 2] for h in (heights.min(), heights.max()))
+        nearest = np.clip(-(p * d).sum(axis=1) / (d * d).sum(axis=1), np.minimum(low, high), np.maximum(low, high))
+        passes = np.hypot(*(p + nearest[:, None] * d).T) >= x[-1]  # the cylinder around it
+        passes |= (low <= 0) & (high <= 0)
+        close = np.flatnonzero(~passes)
+        for begin in range(0, len(close), CHUNK):
+            part = close[begin : begin + CHUNK]
+            along = (heights - points[part, 2:]) / outgoing[part, 2:]
+            radius = np.hypot(*(p[part, :, None] + along[:, None] * d[part, :, None]).transpose(1, 0, 2))
+            passes[part] = ((along <= 0) | (radius >= x * (1 - RIM_SLACK))).all(axis=1)
+        return np.asarray(passes)
+
+    # -- where an eye sees a target --------------------------------------------------------------
+
+    def specular(self, eyes: Ends, targets: Ends, start: Array | None = None) -> Specular:
+        """The points (n, 3) of both mirrors in which eyes of the lens's side see targets of the world's.
+
+        The way of light is stationary over two points, one on each mirror: Newton's rule in four dimensions,
+        from where the middle of the lens sees the target. ``start`` is not needed.
+        """
+        (count,) = np.broadcast_shapes((len(eyes.xyz),), (len(targets.xyz),))
+        place = np.empty((count, 4))
+        with np.errstate(all="ignore"):  # what is not finite is not valid
+            first = np.broadcast_to(self._guess(targets), (count, 4))
+            eyes, targets = self._seen(eyes).spread(count), targets.spread(count)
+            for begin in range(0, count, CHUNK):
+                part = slice(begin, begin + CHUNK)
+                place[part] = self._stationary(eyes[part], targets[part], first[part])
+            return self._proven(eyes, targets, place)
+
+    def _seen(self, eyes: Ends) -> Ends:
+        """Eyes in the secondary's frame."""
+        return eyes if eyes.distant else Ends(eyes.xyz - self._vertex)
+
+    def _guess(self, targets: Ends) -> Array:
+        """Points (n, 4) of the secondary and of the primary in which the middle of the lens sees targets' azimuths."""
+        xyz, low, high = targets.xyz, self.meridian.omega_min, self.meridian.omega_max
+        across, azimuth = np.hypot(xyz[:, 0], xyz[:, 1]), np.arctan2(xyz[:, 1], xyz[:, 0])
+        omega = np.clip(np.where(np.isfinite(across), np.arctan2(across, -xyz[:, 2]), low), low, high)
+        x = self.meridian.x_from_omega(omega)
+        if not targets.distant:
+            near = self.meridian.x_from_point(across, xyz[:, 2])
+            x = np.where(np.isfinite(near), near, x)
+        seen = self.meridian.trace(x).first.x
+        cos, sin = np.cos(azimuth), np.sin(azimuth)
+        return np.stack([seen * cos, seen * sin, x * cos, x * sin], axis=-1)
+
+    def _stationary(self, eyes: Ends, targets: Ends, start: Array) -> Array:
+        rims = np.repeat([self.secondary.mirror.rim_radius_mm, self.mirror.rim_radius_mm], 2)
+        place, active = np.array(start), np.arange(len(start))
+        for _ in range(MAX_STEPS):
+            path = self._path(eyes[active], targets[active], place[active])
+            solvable = np.isfinite(path.second).all(axis=(1, 2)) & (np.linalg.det(path.second) != 0)
+            place[active[~solvable]] = np.nan
+            active = active[solvable]
+            step = -np.linalg.solve(path.second[solvable], path.gradient[solvable][..., None])[..., 0] / rims
+            size = np.abs(step).max(axis=1)
+            place[active] += step * np.minimum(1.0, LONGEST_STEP / size)[:, None] * rims
+            active = active[size > NEWTON_CLOSE]
+            if not active.size:
+                break
+        return place
+
+    def _surfaces(self, place: Array) -> tuple[Surface, Surface]:
+        return Surface(self.secondary.mirror, place[:, :2]), Surface(self.mirror, place[:, 2:])
+
+    def _path(self, eyes: Ends, targets: Ends, place: Array) -> _Path:
+        second, first = self._surfaces(place)
+        length, gradient, hessian = np.zeros(len(place)), np.zeros((len(place), 4)), np.zeros((len(place), 4, 4))
+        for end, surface, part in ((eyes, second, slice(0, 2)), (targets, first, slice(2, 4))):
+            far, pull, bend = _leg(end, surface)
+            length += far
+            gradient[:, part] += pull
+            hessian[:, part, part] += bend
+        # from mirror to mirror, in the world's frame, where the secondary's heights count downwards
+        t2, t1 = second.tangents * OVER, first.tangents
+        step = first.points - (second.points * OVER + self._vertex)
+        distance = np.linalg.norm(step, axis=1)
+        u = step / distance[:, None]
+        t = np.concatenate([-t2, t1], axis=1)
+        along = np.einsum("nai,ni->na", t, u)
+        length += distance
+        gradient += along
+        inner = np.einsum("nai,nbi->nab", t, t) - along[:, :, None] * along[:, None, :]
+        hessian += inner / distance[:, None, None]
+        for surface, part in ((second, slice(0, 2)), (first, slice(2, 4))):
+            hessian[:, part, part] += u[:, 2, None, None] * surface.bend
+        return _Path(length, gradient, hessian)
+
+    def _proven(self, eyes: Ends, targets: Ends, place: Array) -> Specular:
+        second, first = self._surfaces(place)
+        path = self._path(eyes, targets, place)
+        seen_at, met = second.points * OVER + self._vertex, first.points
+        to_eyes = eyes.xyz if eyes.distant else _unit(eyes.xyz - second.points)
+        to_targets = targets.xyz if targets.distant else _unit(targets.xyz - first.points)
+        between = _unit(met - seen_at)
+        facing = [
+            np.einsum("ni,ni->n", a, b) > 0
+            for a, b in (
+                (to_eyes, second.normals),
+                (between * OVER, second.normals),
+                (-between, first.normals),
+                (to_targets, first.normals),
+            )
+        ]
+        steepness = [np.sqrt(1 + np.einsum("ni,ni->n", s.slopes, s.slopes)) for s in (second, first)]
+        misses = [np.hypot(*path.gradient[:, k : k + 2].T) / steepness[k // 2] for k in (0, 2)]
+        reflects = np.logical_and.reduce([*facing, *(miss <= REFLECTS for miss in misses)])
+        valid = reflects & (self.beyond_edge_mm(met, second.points + self._vertex) <= 0)
+        valid &= self._is_clear(-to_eyes * OVER, seen_at, met, to_targets)
+        blank = np.where(reflects, 1.0, np.nan)
+        return Specular(
+            met, first.normals * blank[:, None], to_eyes * blank[:, None], to_targets * blank[:, None],
+            path.length * blank - self._count_from(eyes, to_eyes), reflects, valid, second.points + self._vertex,
+        )  # fmt: skip
+
+    def _count_from(self, eyes: Ends, to_eyes: Array) -> Array:
+        """What paths to distant eyes are counted short by when they count from the secondary's vertex."""
+        return to_eyes @ self._vertex if eyes.distant else np.zeros(len(to_eyes))
+
+    def beam(self, eyes: Ends, targets: Ends, found: Specular, motion: Array) -> Array:
+        """Light (n,) that reaches moving eyes, per unit of their motion (2, 3) or (n, 2, 3).
+
+        Cross-section (mm^2) of the beam from a distant target, solid angle (sr) of that from a near one. The way
+        stays stationary while the eye moves, so that both points move by the inverse of its second derivative.
+        """
+        count = len(found.points)
+        eyes, targets = self._seen(eyes).spread(count), targets.spread(count)
+        place = np.concatenate([found.seen_at[:, :2], found.points[:, :2]], axis=1)
+        with np.errstate(all="ignore"):
+            second, _ = self._surfaces(place)
+            motion = np.broadcast_to(motion, (count, 2, 3))
+            if not eyes.distant:
+                step = second.points - eyes.xyz
+                distance = np.linalg.norm(step, axis=1)[:, None, None]
+                u = step[:, :, None] / distance
+                motion = (motion - (motion @ u) * u.transpose(0, 2, 1)) / distance
+            mixed = np.zeros((count, 4, 2))
+            mixed[:, :2] = np.einsum("nai,nbi->nab", second.tangents, motion)
+            moved = np.linalg.solve(self._path(eyes, targets, place).second, mixed)[:, 2:]
+            facing = np.einsum("ni,ni->n", found.normals, found.to_targets)
+            section: Array = np.abs(np.linalg.det(moved)) * facing / np.abs(found.normals[:, 2])
+            if not targets.distant:
+                section /= np.einsum("ni,ni->n", targets.xyz - found.points, targets.xyz - found.points)
+        return section
+
+    def beyond_edge_mm(self, points: Array, seen_at: Array) -> Array:
+        """How far (...,) points of the primary, or those of the secondary, lie beyond their rims or inside the bore."""
+        pairs = ((points, self.mirror), (seen_at, self.secondary.mirror))
+        excess = [np.hypot(p[..., 0], p[..., 1]) - m.rim_radius_mm * (1 + RIM_SLACK) for p, m in pairs]
+        second = (seen_at - self._vertex) * OVER + self._vertex
+        bore = self.secondary.bore_radius_mm * (1 - RIM_SLACK) - self._at_camera(points, second)
+        return np.maximum(bore, np.maximum(*excess))
+
+
+def _leg(end: Ends, surface: Surface) -> tuple[Array, Array, Array]:
+    """Length of the way from a surface to an end, its gradient (n, 2) and second derivatives (n, 2, 2)."""
+    if end.distant:
+        far = -np.einsum("ni,ni->n", end.xyz, surface.points)
+        return far, -np.einsum("nai,ni->na", surface.tangents, end.xyz), -end.xyz[:, 2, None, None] * surface.bend
+    step = surface.points - end.xyz
+    distance = np.linalg.norm(step, axis=1)
+    u = step / distance[:, None]
+    along = np.einsum("nai,ni->na", surface.tangents, u)
+    inner = np.einsum("nai,nbi->nab", surface.tangents, surface.tangents) - along[:, :, None] * along[:, None, :]
+    return distance, along, inner / distance[:, None, None] + u[:, 2, None, None] * surface.bend
+
+
+def _unit(vectors: Array) -> Array:
+    unit: Array = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+    return unit
