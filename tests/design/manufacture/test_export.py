@@ -63,7 +63,7 @@ def test_what_cannot_be_written_is_refused(path, formats, sentence, tmp_path):
 def test_an_error_half_way_leaves_everything_as_it_was(tmp_path):
     sensor = om.load_sensor("paper-spherical")
     (tmp_path / "paper-spherical-sag.csv").write_text("precious")
-    with pytest.raises(InvalidParameter, match="wall to the mirror surface"):
+    with pytest.raises(InvalidParameter, match="breaks through the mirror surface"):
         om.export(sensor, tmp_path, ["csv", "zmx", "step"], body=Body(bore_diameter_mm=5.0, bore_depth_mm=40.0))
     assert [p.name for p in tmp_path.iterdir()] == ["paper-spherical-sag.csv"]
     assert (tmp_path / "paper-spherical-sag.csv").read_text() == "precious"
@@ -134,7 +134,7 @@ def test_options_reach_the_files(tmp_path, monkeypatch):
         (["--scale", "half"], "'half' is not a scale, such as 1:2"),
         (["--scale", "1:0"], "'1:0' is not a scale"),
         (["--thread", "M6", "--bore-diameter-mm", "5"], "leave out bore_diameter_mm"),
-        (["--bore-diameter-mm", "5", "--bore-depth-mm", "40"], "wall to the mirror surface"),
+        (["--bore-diameter-mm", "5", "--bore-depth-mm", "40"], "breaks through the mirror surface"),
         (["--support-diameter-mm", "50"], "does not take in the mirror"),
         (["--thickness-mm", "nan"], "thickness_mm = nan"),
         (["--digits", "40"], "digits = 40"),

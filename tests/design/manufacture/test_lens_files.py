@@ -125,6 +125,18 @@ def test_a_telecentric_sensor_looks_along_the_axis(tmp_path):
         assert float(mp.degrees(2 * mp.atan(mp.diff(sag, mp.mpf(height))))) == pytest.approx(omega, abs=1e-9)
 
 
+def test_what_a_lens_distorts_is_left_out_and_said(tmp_path):
+    sensor = sensor_of("sphere")
+    bent = replace(sensor, lens=replace(sensor.lens, k1=-0.2))
+    systems = []
+    for name, s in (("straight", sensor), ("bent", bent)):
+        write_zmx(tmp_path / name, s)
+        systems.append(parse_zmx(tmp_path / name)[0])
+    np.testing.assert_allclose(*(np.array(s["YFLN"], float) for s in systems), rtol=1e-14)
+    said = [(tmp_path / name).read_text(encoding="utf-16").count("distortion") for name in ("straight", "bent")]
+    assert said == [0, 1]
+
+
 def test_a_focus_in_the_file_is_the_sensors(tmp_path):
     """The imager is where the lens makes a sharp image of its focus distance: 1/f = 1/b0 + 1/L0."""
     sensor = sensor_of("sphere")

@@ -158,9 +158,10 @@ class Body:
         if wall < LEAST_WALL_MM:
             deepest = self.bore_depth_mm + wall - LEAST_WALL_MM
             advice = f"it is valid up to {np.floor(100 * deepest) / 100:g}" if deepest > 0 else "the body is too thin"
+            left = f"leaves {wall:.3g} mm of wall to" if wall > 0 else "breaks through"
             raise InvalidParameter(
-                f"bore_depth_mm = {self.bore_depth_mm:g} leaves {wall:.3g} mm of wall to the mirror surface at the "
-                f"tip of the drill and {LEAST_WALL_MM:g} mm are needed; {advice}, or inf to go through"
+                f"bore_depth_mm = {self.bore_depth_mm:g} {left} the mirror surface at the tip of the drill, and "
+                f"{LEAST_WALL_MM:g} mm of wall is needed; {advice}, or inf to go through"
             )
         depth = back - self.bore_depth_mm
         return [(radius, back), (radius, depth), (0.0, float(depth - point)), (0.0, 0.0)]

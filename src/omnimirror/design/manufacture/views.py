@@ -19,6 +19,8 @@ from .supports import Hidden, Support, base_height, lens_height, tube_end_mm
 Array = NDArray[np.float64]
 
 RAY = PALETTE[0]
+STEPS_DEG = (30.0, 15.0, 10.0, 5.0, 2.0, 1.0)
+"""Steps of the rays that are drawn, the largest first that shows two."""
 ROW = 8.0
 """Distance of dimension lines on A3, mm."""
 
@@ -132,10 +134,14 @@ def _sections(assembly: Assembly) -> list[tuple[Array, Body]]:
 def shown_angles(sensor: Sensor, rings: list[Hidden]) -> list[float]:
     """Field angles (deg) whose rays are drawn: full steps that nothing hides, and the rim."""
     low, high = sensor.field_deg
-    step = 30.0 if high > 90 else 15.0
     hidden = [ring.omega_deg for ring in rings]
-    full = [a for a in np.arange(step, high - 0.4 * step, step) if a > low]
-    return [*(float(a) for a in full if not any(r[0] <= a <= r[1] for r in hidden)), high]
+    full: list[float] = []
+    for step in STEPS_DEG if high > 90 else STEPS_DEG[1:]:
+        angles = (float(a) for a in np.arange(step, high - 0.4 * step, step) if a > low)
+        full = [a for a in angles if not any(r[0] <= a <= r[1] for r in hidden)]
+        if len(full) >= 2:
+            break
+    return [*full, high]
 
 
 def _draw_rays(sheet: Sheet, view: View, assembly: Assembly, region: Region) -> None:
@@ -169,11 +175,12 @@ def _draw_rays(sheet: Sheet, view: View, assembly: Assembly, region: Region) -> 
                 sheet.arrow(points[0] + 0.55 * reach * away, -away, RAY)
             if side > 0:
                 labels.append((*(start + k * away), f"{omega:.4g}°"))
-    for i, (x_text, y_text, words) in enumerate(labels):
-        widths = [(sheet.text_width(words) + sheet.text_width(other[2])) / 2 + k for other in labels[i + 1 :]]
-        gaps = [abs(x_text - other[0]) for other in labels[i + 1 :]]
-        if all(gap > width for gap, width in zip(gaps, widths, strict=True)):  # else the one nearer to the rim is said
+    free = np.inf
+    for x_text, y_text, words in reversed(labels):  # of two that would overlap the one nearer to the rim is said
+        half = sheet.text_width(words) / 2 + k / 2
+        if x_text + half < free:
             sheet.text(x_text, y_text, words, color=RAY, ha="center", va="bottom")
+            free = x_text - half
 
 
 def _draw_support(sheet: Sheet, view: View, assembly: Assembly) -> None:

@@ -85,10 +85,13 @@ def _notes(sensor: Sensor, aspheres: Sequence[Asphere]) -> list[str]:
         "angle of the ray to +z, after surface 3" if two else "180 deg - angle of the ray to +z, after surface 2"
     )
     angles = ", ".join(f"{a:.4g}" for a in field_angles(sensor))
+    rim = np.array([[sensor.rim_radius_px * sensor.imager.pitch_mm, 0.0]])
+    distorts = not np.array_equal(sensor.lens.distorted(rim), rim)
     return [
         f"omnimirror {__version__}: {'; '.join(shapes)}.",
         f"Light runs backwards: object = imager, stop = lens, {way}, then directions into the world.",
         f"Omega = {'' if two else '180 deg - '}{direction}. Omega of the fields, deg: {angles}.",
+        *(["The distortion of the lens is left out."] if distorts else []),
     ]
 
 
