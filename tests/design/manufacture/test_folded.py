@@ -41,6 +41,16 @@ def test_one_file_of_a_mirror_has_the_other_beside_it(tmp_path):
     assert volume(primary) == pytest.approx(pierced, rel=1e-7)
 
 
+def test_the_section_of_a_flat_mirror_has_no_length_of_nothing(tmp_path):
+    from ezdxf.filemanagement import readfile
+
+    om.export(FOLDED, tmp_path / "part.dxf")
+    drawing = readfile(tmp_path / "part-secondary.dxf")
+    assert not drawing.audit().errors
+    lengths = sorted(float(d.get_measurement()) for d in drawing.modelspace().query("DIMENSION"))
+    assert lengths == pytest.approx([5.0, 41.0])
+
+
 @pytest.mark.parametrize("kind", sorted(SENSORS))
 def test_chief_rays_of_the_lens_file_leave_both_mirrors_at_the_field_angles(kind, tmp_path):
     """From each field point by reflection in the surfaces as they stand in the file, in the file's own frame."""

@@ -153,9 +153,10 @@ def _draw_dimensions(page: Any, mirror: Mirror, body: Body, size: float) -> None
     def diameter(x: float, z: float, at: float) -> None:
         _linear(page, (at, 0.0), (z, -x), (z, x), 90.0, {"dimpost": "Ø<>"})
 
-    along(0.0, edge, 0.0, -rim, -outer - 1.5 * row)
     along(edge, back, -rim, -outer, -outer - 1.5 * row)
-    along(0.0, back, 0.0, -outer, -outer - 2.5 * row)
+    if edge:  # a flat mirror is as thick everywhere
+        along(0.0, edge, 0.0, -rim, -outer - 1.5 * row)
+        along(0.0, back, 0.0, -outer, -outer - 2.5 * row)
     at = back
     if body.bore_mm:
         at += 2 * row
