@@ -87,8 +87,8 @@ def texts(drawing):
 FULL = Body(8.0, bore_diameter_mm=6.0, bore_depth_mm=np.inf, flange_width_mm=5.0)
 CASES = [
     *((s, TAPPED, Support("tube"), "A3") for s in map(om.load_sensor, bundled_sensors()) if s.secondary is None),
-    *((s, Body(), Support(kind), "A3") for s in FOLDED.values() for kind in ("tube", "none")),
-    (FOLDED["flat"], Body(), Support("tube"), "A4"),
+    *((FOLDED[kind], Body(), Support("tube"), "A3") for kind in ("concave", "two-hyperboloids")),
+    *((FOLDED[kind], Body(), Support("none"), "A4") for kind in ("flat", "telecentric")),
     *((om.load_sensor(f"paper-{name}"), TAPPED, Support("rod"), "A4") for name in ("hyperboloidal", "equidistant")),
     *((sensor_of(kind), FULL, Support("none", camera_diameter_mm=40.0), "A3") for kind in sorted(MIRRORS)),
     (sensor_of("sphere", "orthographic"), Body(), Support("tube"), "A3"),

@@ -20,7 +20,7 @@ from tests.design.manufacture.test_step import read, volume
 QUICK = ["stl", "dxf", "zmx", "gridsag", "csv", "svg"]
 
 
-@pytest.mark.parametrize("kind", sorted(SENSORS))
+@pytest.mark.parametrize("kind", ["flat", "aspheric", "telecentric"])
 def test_both_mirrors_are_written_and_the_files_of_a_sensor_once(kind, tmp_path):
     files = om.export(SENSORS[kind], tmp_path, QUICK, grid_points=33, chord_tolerance_um=50.0)
     names = [file.path.name.replace(SENSORS[kind].name, "s") for file in files]
