@@ -81,7 +81,15 @@ def test_rays_along_the_axis_pass_as_they_are_and_no_ray_may_start_outside():
             ThroughShell(world, shell, sensor).radiance(np.array([[58.0, 0, 0]]), np.array([[1.0, 0, 0]]))
 
 
-@pytest.mark.parametrize("support", [Support("rod", diameter_mm=6.0), Support("tube"), Support("dome")])
+@pytest.mark.parametrize(
+    "support",
+    [
+        Support("rod", diameter_mm=6.0),
+        Support("rod", diameter_mm=3.0, end_diameter_mm=16.0),
+        Support("tube"),
+        Support("dome"),
+    ],
+)
 def test_supports_hide_in_pictures_what_their_drawing_says(support):
     sensor = om.load_sensor("paper-spherical")
     light = expose(sensor, Environment(np.ones((4, 8, 3), np.float32)), 1, hardware=hardware_of(sensor, support))

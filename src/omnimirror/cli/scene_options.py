@@ -55,6 +55,14 @@ def reflectivity(text: str) -> Any:
     return text.strip()
 
 
+def _note_sharp(ctx: click.Context, _: click.Parameter, is_sharp: bool) -> None:
+    ctx.meta["is_sharp"] = is_sharp
+
+
+def _is_blurred(ctx: click.Context, _: click.Parameter, word: str) -> bool:
+    return word == "on" and not ctx.meta["is_sharp"]
+
+
 _SCENE = (
     click.option(
         "--scene",
@@ -75,7 +83,22 @@ _SCENE = (
 )
 _PICTURE = (
     click.option(
-        "--blur/--no-blur", default=True, show_default=True, help="Look through the whole aperture, or sharp."
+        "--blur",
+        type=click.Choice(["on", "off"]),
+        is_flag=False,
+        flag_value="on",
+        default="on",
+        show_default=True,
+        callback=_is_blurred,
+        help="Look through the whole aperture, or sharp.",
+    ),
+    click.option(
+        "--no-blur",
+        is_flag=True,
+        is_eager=True,
+        expose_value=False,
+        callback=_note_sharp,
+        help="The same as --blur off.",
     ),
     click.option("--samples", "--spp", type=int, default=16, show_default=True, help="Rays per pixel."),
     click.option("--seed", type=int, default=0, show_default=True, help="Of the rays' places and of the noise."),
@@ -100,6 +123,7 @@ _HARDWARE = (
         help="What holds the mirror; tubes and domes show ghosts.  [default: none]",
     ),
     click.option("--support-mm", type=distance, metavar="MM", help="Outer diameter of the support.  [default: to fit]"),
+    click.option("--support-end-mm", type=distance, metavar="MM", help="Of a rod that tapers: at the mirror."),
     click.option("--vignetting/--no-vignetting", default=None, help="The lens's natural one, cos^4.  [default: none]"),
     click.option("--sees-past/--black-past", default=None, help="What lies beside the mirror.  [default: black]"),
 )
@@ -172,15 +196,17 @@ def hardware_of(sensor: Sensor, given: dict[str, Any]) -> Hardware | None:
 
 def behind_support(sensor: Sensor, scene: Scene, given: dict[str, Any]) -> Scene:
     """The scene as a sensor sees it through its tube or dome, if it stands in one."""
+    if "support_mm" in given and "support" not in given:
+        raise click.UsageError("--support-mm is the size of a --support")
+    if "support_end_mm" in given and given.get("support") != "rod":
+        raise click.UsageError("--support-end-mm belongs to --support rod")
     if given.get("support") not in SHELLS:
-        if "support_mm" in given and "support" not in given:
-            raise click.UsageError("--support-mm is the size of a --support")
         return scene
     return ThroughShell(scene, shell_of(sensor, _support(given)), sensor)
 
 
 def _support(given: dict[str, Any]) -> Support:
-    return Support(given["support"], given.get("support_mm"))
+    return Support(given["support"], given.get("support_mm"), end_diameter_mm=given.get("support_end_mm"))
 
 
 def detector_of(given: dict[str, Any]) -> Detector:

@@ -57,6 +57,8 @@ class Support:
     centre_mm : optional
         Height of a dome's centre over the mirror's vertex, away from the lens; by default midway between the lens
         and the mirror's back. A dome about the viewpoints bends the rays least.
+    end_diameter_mm : optional
+        Of a rod at the mirror, if it tapers; at its foot it has ``diameter_mm``.
     """
 
     kind: str = "tube"
@@ -66,6 +68,7 @@ class Support:
     refractive_index: float = 1.49
     camera_diameter_mm: float = 0.0
     centre_mm: float | None = None
+    end_diameter_mm: float | None = None
 
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
         "kind": Parameter("", 0, 0, "what holds the mirror", KINDS),
@@ -75,6 +78,7 @@ class Support:
         "refractive_index": Parameter("", 1.0, 4.0, "of the tube or dome"),
         "camera_diameter_mm": Parameter("mm", 0.0, 1e5, "diameter of the camera in the plane of the lens"),
         "centre_mm": Parameter("mm", -1e5, 1e5, "height of the dome's centre over the mirror's vertex"),
+        "end_diameter_mm": Parameter("mm", 0.0, 1e5, "diameter of the rod at the mirror"),
     }
 
     def __post_init__(self) -> None:
@@ -108,7 +112,9 @@ class Support:
         gap = distance / 4 if self.gap_mm is None else self.gap_mm
         if self.kind == "rod" and not gap < distance:
             raise InvalidParameter(f"gap_mm = {gap:g} leaves no rod; it is valid below {distance:g} mm")
-        return replace(self, diameter_mm=self.diameter_mm or 4.0, gap_mm=gap)
+        diameter = self.diameter_mm or 4.0
+        end = diameter if self.end_diameter_mm is None else self.end_diameter_mm
+        return replace(self, diameter_mm=diameter, gap_mm=gap, end_diameter_mm=end)
 
     def _fitted_dome(self, rim: float, back: float, lens: float) -> Support:
         """A dome about a mirror of this radius and height, down to the lens."""
@@ -229,9 +235,10 @@ def _clearances(
     if support.kind == "rod":
         assert support.diameter_mm is not None
         assert support.gap_mm is not None
-        foot, radius = lens + support.gap_mm, support.diameter_mm / 2
-        # between mirror and lens the ray is nearest to the axis at the rod's foot
-        parts["rod"] = lambda rays: rays.x - rays.x * (rays.z - foot) / (rays.z - lens) * _narrowing(sensor) - radius
+        assert support.end_diameter_mm is not None
+        ends = ((lens + support.gap_mm, support.diameter_mm / 2), (0.0, support.end_diameter_mm / 2))
+        # between lens and mirror both the ray and the rod are straight: nearest at the foot, or at the mirror
+        parts["rod"] = lambda rays: np.min([_inwards(rays, z, lens, sensor) - radius for z, radius in ends], axis=0)
     if support.kind == "dome":
         base = shell_of(sensor, support, body).inner_radius_mm(lens)
         parts["dome's base"] = lambda rays: _height_at(rays, base) - lens
@@ -250,6 +257,12 @@ def _clearances(
         top, brim = base + secondary_body.flange_thickness_mm, secondary_body.outer_radius_mm(sensor.secondary.mirror)
         parts["secondary's flange"] = lambda rays: _height_at(rays, brim) - top
     return parts
+
+
+def _inwards(rays: ChiefRays, height: float, lens: float, sensor: Sensor) -> Array:
+    """How far from the axis (n,) chief rays are at a height between lens and mirror."""
+    distance: Array = rays.x - rays.x * (rays.z - height) / (rays.z - lens) * _narrowing(sensor)
+    return distance
 
 
 def _narrowing(sensor: Sensor) -> float:
@@ -311,9 +324,9 @@ def hardware_of(sensor: Sensor, support: Support, body: Body | None = None) -> H
     if support.kind != "rod":
         return hardware
     assert support.gap_mm is not None
-    radius = support.diameter_mm / 2
-    foot = lens + support.gap_mm
-    return replace(hardware, rod_from_mm=foot, rod_to_mm=vertex, rod_radius_mm=radius, rod_end_radius_mm=radius)
+    assert support.end_diameter_mm is not None
+    radius, end, foot = support.diameter_mm / 2, support.end_diameter_mm / 2, lens + support.gap_mm
+    return replace(hardware, rod_from_mm=foot, rod_to_mm=vertex, rod_radius_mm=radius, rod_end_radius_mm=end)
 
 
 def shell_of(sensor: Sensor, support: Support, body: Body | None = None) -> Tube | Dome:

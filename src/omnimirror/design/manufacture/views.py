@@ -216,12 +216,14 @@ def _draw_support(sheet: Sheet, view: View, assembly: Assembly) -> None:
     elif support.kind == "rod":
         assert support.diameter_mm is not None
         assert support.gap_mm is not None
-        radius, foot = support.diameter_mm / 2, assembly.lens + support.gap_mm
-        tip_z = float(assembly.sensor.mirror.sag(min(radius, assembly.sensor.mirror.rim_radius_mm)))
-        rod = view.at(np.array([tip_z, foot, foot, tip_z]), np.array([radius, radius, -radius, -radius]))
+        assert support.end_diameter_mm is not None
+        radius, end, foot = support.diameter_mm / 2, support.end_diameter_mm / 2, assembly.lens + support.gap_mm
+        tip_z = float(assembly.sensor.mirror.sag(min(end, assembly.sensor.mirror.rim_radius_mm)))
+        rod = view.at(np.array([tip_z, foot, foot, tip_z]), np.array([end, radius, -radius, -end]))
         sheet.hatch(rod, spacing=1.6)
         sheet.line(rod, THICK)
-        tip, words = view.at(0.6 * assembly.lens, -radius), [f"rod Ø{support.diameter_mm:g} × {-foot:.4g}"]
+        width = f"{support.diameter_mm:g}" + (f" to {support.end_diameter_mm:g}" if end != radius else "")
+        tip, words = view.at(0.6 * assembly.lens, -radius), [f"rod Ø{width} × {-foot:.4g}"]
         # below the rim's ray, where the words end
         end = tip[0] + 8 * k + sheet.text_width(words[0])
         theta = assembly.sensor.meridian.theta_max
