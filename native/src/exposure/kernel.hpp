@@ -365,7 +365,14 @@ void meet_edge(const Optics& o, Bundle& r) {
 
 // The camera and its rod, where mirrored rays meet them. The rod also hides the mirror: the ray is followed back.
 void stand_in_the_way(const Optics& o, Bundle& r) {
-    const bool rod = o.rod_z[1] > o.rod_z[0];
+    if (o.rod_z[1] > o.rod_z[0]) {
+        OMNIMIRROR_EACH_LANE(i) {
+            const float x = r.px[i], y = r.py[i], z = r.pz[i];
+            const bool out = meets_rod(o, x, y, z, r.dx[i], r.dy[i], r.dz[i]);
+            const bool back = meets_rod(o, x, y, z, -o.focus * r.tx[i], -o.focus * r.ty[i], -o.focus);
+            r.fate[i] = (r.fate[i] != LOST) & (out | back) ? HARDWARE : r.fate[i];
+        }
+    }
     OMNIMIRROR_EACH_LANE(i) {
         const float down = (o.body_z - r.pz[i]) / (r.dz[i] - 1e-30f);
         const float x = r.px[i] + down * r.dx[i], y = r.py[i] + down * r.dy[i];
@@ -374,12 +381,6 @@ void stand_in_the_way(const Optics& o, Bundle& r) {
         const float qx = x / o.lens_radius, qy = y / o.lens_radius;
         r.weight[i] *= seen ? front_of(qx, qy, root(qx * qx + qy * qy)) : 1;
         r.fate[i] = seen ? HARDWARE : r.fate[i];
-    }
-    if (!rod) return;
-    OMNIMIRROR_EACH_LANE(i) {
-        const bool out = meets_rod(o, r.px[i], r.py[i], r.pz[i], r.dx[i], r.dy[i], r.dz[i]);
-        const bool back = meets_rod(o, r.px[i], r.py[i], r.pz[i], -o.focus * r.tx[i], -o.focus * r.ty[i], -o.focus);
-        r.fate[i] = (r.fate[i] != LOST) & (out | back) ? HARDWARE : r.fate[i];
     }
 }
 

@@ -8,7 +8,7 @@ from typing import Any
 import click
 import numpy as np
 
-from ..errors import OmnimirrorError
+from ..errors import OmnimirrorError, OutsideField
 from ..media import write_image
 from ..media.images import format_of
 from ..sensor import Sensor
@@ -260,8 +260,14 @@ def roundtrip(sensors: tuple[str, ...], samples: int) -> None:
         table.add_column(f"shift, {heading}\npx", justify="right")
     console = output_console()
     for name in sensors or bundled_sensors():
-        with console.status(f"Simulating {name}"):
-            found = round_trip(load_sensor(name), samples)
+        try:
+            with console.status(f"Simulating {name}"):
+                found = round_trip(load_sensor(name), samples)
+        except OutsideField as e:
+            if name in sensors:
+                raise
+            click.echo(f"omnimirror: {e}", err=True)
+            continue
         decibels = (found.exact_db, found.finer_db, found.blurred_db, found.single_db)
         numbers = [*(f"{d:.1f}" for d in decibels), f"{100 * found.blur_share:.0f}"]
         numbers += [f"{np.abs(s).max():.2f}" for s in (found.exact_px, found.single_px, found.predicted_px)]

@@ -231,7 +231,7 @@ def _trace_sensor(sensor: Sensor, plan: Samples, hardware: Hardware, rows: slice
     gamma = np.pi / 2 - np.arccos(np.clip(turned / np.linalg.norm(directions, axis=1), -1, 1)) / 2
     image = np.stack(sensor.from_centre_px(pixels), axis=-1) * sensor.imager.pitch_mm
     weight = (1 - hardware.vignetting * (1 - sensor.lens.falloff(image))) * np.where(hit, hardware.returned(gamma), 1.0)
-    weight[hit] *= hardware.shade(from_lens[hit], directions[hit])
+    weight[hit] *= hardware.shade(from_lens[hit], directions[hit], -chief[hit])
     weight[fate == LOST] = 0.0
     rotation = sensor.mount.rotation().T
     return Bundle(

@@ -116,9 +116,11 @@ class Hardware:
             hidden |= self._meets_rod(points, directions) | self._meets_rod(points, towards_lens)
         return hidden
 
-    def shade(self, points: Array, directions: Array) -> Array:
+    def shade(self, points: Array, directions: Array, towards_lens: Array) -> Array:
         """How light (n,), against ``grey``, what mirrored rays meet is: the camera's front has parts, all else is 1."""
         meets, across = self._meets_camera(points, directions)
+        if self.has_rod:
+            meets &= ~(self._meets_rod(points, directions) | self._meets_rod(points, towards_lens))
         return np.where(meets, _front(across / self.lens_radius_mm), 1.0)
 
     def _meets_camera(self, points: Array, directions: Array) -> tuple[Mask, Array]:

@@ -12,6 +12,7 @@ from ..analysis import best_viewpoint
 from ..analysis.viewpoints import viewpoint_angle_error
 from ..dewarp import Dewarper
 from ..dewarp.screens import Plane
+from ..errors import OutsideField
 from ..sensor import Sensor
 from .colour import srgb_from_linear
 from .exposure import expose
@@ -71,11 +72,15 @@ def round_trip(sensor: Sensor, samples: int = 16, texel_mm: float = 2.0) -> Roun
     ------
     InvalidParameter
         If the mirror is decentred or tilted, and has no field angles.
+    OutsideField
+        If the sensor does not see all of the wall's letters.
     """
     room = Placed(Room(texel_mm), POSE)
     truth = _truth(room)
     near = best_viewpoint(sensor, WALL_MM)
     exact, single = Dewarper(sensor, VIEW, "cubic"), Dewarper(sensor, VIEW, "cubic", viewpoint=near.z_mm)
+    if not np.isfinite(exact.coordinates()[LETTERS]).all():
+        raise OutsideField(f"{sensor.name!r} does not see all of the letters on the wall {WALL_MM:g} mm ahead")
     sharp = srgb_from_linear(expose(sensor, room, samples, blur=False))
     straight, guessed = exact(sharp), single(sharp)
     blurred_db = np.nan
