@@ -8,7 +8,7 @@ PICTURE ?=
 NATIVE := $(wildcard native/CMakeLists.txt native/src/*.* native/src/*/*)
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-full chromium page lint format bench bench-page clean
+.PHONY: help demo test test-full chromium node page lint format bench bench-page clean
 
 help:  ## List the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -16,10 +16,10 @@ help:  ## List the targets
 demo: $(VENV)/.core  ## Evaluate, simulate and straighten a picture, and write a report
 	$(BIN)/omnimirror demo --out $(DEMO_OUT)
 
-test: lint chromium  ## Everything that must hold, in a few minutes
+test: lint chromium node  ## Everything that must hold, in a few minutes
 	$(BIN)/python -m pytest -n auto -m "not full"
 
-test-full: lint chromium $(VENV)/.full  ## Also long checks and other programs (1.3 GB more)
+test-full: lint chromium node $(VENV)/.full  ## Also long checks and other programs (1.3 GB more)
 	$(BIN)/python -m pytest -n auto
 	native/sanitize.sh $(BIN)/python -q
 
@@ -33,6 +33,15 @@ chromium:
 	@command -v chromium >/dev/null || command -v google-chrome >/dev/null || { [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null && \
 	  apt-get -qq update && apt-get -qq install -y chromium >/dev/null; } || \
 	  echo "there is no chromium here: the tests of the studio's page are skipped"
+
+# What builds the studio's page, and examines it: for tests of the page's sources.
+node:
+	@if command -v npm >/dev/null; then $(MAKE) -s web/node_modules/.made; else \
+	  echo "there is no npm here: that the studio's page is built from its sources is not checked, nor is it by axe"; fi
+
+web/node_modules/.made: web/package-lock.json
+	cd web && npm ci --no-audit --no-fund --loglevel=error
+	@touch $@
 
 page: $(VENV)/.test  ## Build the studio's page from web/ (needs Node 20)
 	$(BIN)/python web/message_types.py

@@ -132,6 +132,22 @@ def test_a_snapshot_carries_the_command_that_gives_the_same_picture(browser, ser
     page.context.close()
 
 
+@pytest.mark.full
+@pytest.mark.parametrize("mode", ["panorama", "perspective", "dome", "planet", "ground", "mosaic"])
+def test_the_command_shown_for_each_view_writes_the_same_picture(mode, browser, server, tmp_path):
+    page = open_page(browser, f"{server}#mode={mode}&pan=35&tilt=-12&hfov=70&zoom=1.5&distance=800")
+    write_image(tmp_path / "circle.png", pattern((1024, 1024)))
+    drop(page, tmp_path / "circle.png")
+    page.wait_for_selector("#view:visible")
+    run = omnimirror(*shlex.split(command(page, 320, 240))[1:], cwd=tmp_path)
+    assert run.returncode == 0, run.stderr
+    seen, written = drawn(page, 320, 240), read_image(tmp_path / f"{mode}.png")
+    assert seen.shape == written.shape
+    assert ((seen[..., 3] > 0) != (written[..., 3] > 0)).mean() < 0.002
+    assert psnr(seen[..., 2::-1], written[..., :3], (seen[..., 3] > 0) & (written[..., 3] > 0)) > 40
+    page.context.close()
+
+
 def test_what_is_not_understood_is_said_and_what_was_there_stays(browser, server, room, tmp_path):
     page = open_page(browser, server)
     drop(page, room)
@@ -189,12 +205,14 @@ def test_the_page_keeps_its_own_policy(browser, server):
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_axe_finds_nothing_serious(scheme, browser, server, room):
+@pytest.mark.parametrize("is_empty", [True, False], ids=["empty", "with a picture"])
+def test_axe_finds_nothing_serious(is_empty, scheme, browser, server, room):
     if not AXE.exists():
-        pytest.skip("axe-core is not here: npm install in web/")
+        pytest.skip("axe-core is not here: `npm ci` in web/, or `make node`, fetches it")
     page = open_page(browser, server, color_scheme=scheme)
-    drop(page, room)
-    page.get_by_role("button", name="Fit the circle").click()
+    if not is_empty:
+        drop(page, room)
+        page.get_by_role("button", name="Fit the circle").click()
     page.add_script_tag(path=AXE)
     found = page.evaluate("axe.run().then((r) => r.violations)")
     serious = {v["id"]: v["nodes"][0]["html"] for v in found if v["impact"] in ("serious", "critical")}
@@ -210,7 +228,7 @@ def test_the_types_of_the_page_are_those_of_the_server():
 
 def test_the_built_page_is_that_of_its_sources(tmp_path):
     if not (WEB / "node_modules" / "vite").is_dir():
-        pytest.skip("vite is not here: npm install in web/")
+        pytest.skip("vite is not here: `npm ci` in web/, or `make node`, fetches it")
     vite = [str(WEB / "node_modules" / ".bin" / "vite"), "build", "--outDir", str(tmp_path), "--logLevel", "error"]
     subprocess.run(vite, cwd=WEB, check=True, env={**os.environ, "NODE_ENV": "production"}, capture_output=True)
     built = Path(om.__file__).parent / "studio" / "page" / "index.html"

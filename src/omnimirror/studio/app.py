@@ -12,6 +12,7 @@ from typing import Annotated, Any
 
 from fastapi import FastAPI, HTTPException, Query, Request, WebSocket, WebSocketDisconnect
 from fastapi.responses import HTMLResponse, PlainTextResponse, Response
+from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp
 
 from .. import __version__
@@ -40,6 +41,7 @@ from .viewer import bench_text, page_text
 
 BYTES: dict[str, Any] = {"application/octet-stream": {}}
 PNG: dict[str, Any] = {"image/png": {}}
+TEXT: dict[str, Any] = {"text/plain": {}}
 ROOM_SAMPLES = 2
 
 
@@ -94,6 +96,10 @@ def api(studio: Studio) -> FastAPI:
     async def refused(request: Request, error: OmnimirrorError) -> Response:
         status = 413 if isinstance(error, TooLarge) else 400
         return Response(Problem(detail=str(error)).model_dump_json(), status, media_type="application/json")
+
+    @app.exception_handler(ClientDisconnect)
+    async def gone(request: Request, error: ClientDisconnect) -> Response:
+        return Response(status_code=400)  # of half a file that nobody waits for any more
 
     _add_page(app, studio)
     _add_cameras(app, studio)
@@ -170,11 +176,11 @@ def _add_cameras(app: FastAPI, studio: Studio) -> None:
         data = await collected(request.stream(), LARGEST_CALIBRATION, request.headers.get("content-length"))
         return (await asyncio.to_thread(studio.cameras.add, safe_name(name), data, optics)).entry
 
-    @app.post("/api/sensor-file", response_class=PlainTextResponse)
-    def sensor_file(wanted: SensorFile) -> str:
+    @app.post("/api/sensor-file", response_class=Response, responses={200: {"content": TEXT}})
+    def sensor_file(wanted: SensorFile) -> Response:
         """The file of a sensor whose circle was moved to fit a picture."""
         known(wanted.id)
-        return studio.cameras.file_of(wanted)
+        return PlainTextResponse(studio.cameras.file_of(wanted))
 
     @app.get("/api/room", response_class=Response, responses={200: {"content": PNG}})
     def room(id: str) -> Response:

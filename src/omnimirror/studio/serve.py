@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import secrets
 import socket
 import threading
@@ -13,6 +14,14 @@ import uvicorn
 from ..errors import OmnimirrorError
 from .access import is_loopback
 from .app import Studio, create_app
+
+
+class _Server(uvicorn.Server):
+    """Says nothing of what Ctrl-C cuts off, such as half an upload."""
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        logging.getLogger("uvicorn.error").setLevel(logging.CRITICAL)
+        await super().shutdown(sockets)
 
 
 def serve(studio: Studio, host: str, port: int, open_browser: bool, tell: Callable[[str], None]) -> None:
@@ -45,13 +54,13 @@ def serve(studio: Studio, host: str, port: int, open_browser: bool, tell: Callab
         log_level="warning",
         ws="websockets-sansio",
         ws_max_size=1 << 20,
-        timeout_graceful_shutdown=2,
+        timeout_graceful_shutdown=1,
     )
     tell(f"omnimirror studio at {address} (Ctrl-C ends it)")
     if open_browser:
         threading.Timer(0.3, webbrowser.open, (address,)).start()
     try:
-        uvicorn.Server(config).run(sockets=[listening])
+        _Server(config).run(sockets=[listening])
     finally:
         listening.close()
 
