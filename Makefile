@@ -62,6 +62,7 @@ bench: $(VENV)/.full  ## Measure against other programs; tables go to out/benchm
 	$(BIN)/python benchmarks/restoration.py --out out/benchmarks
 	$(BIN)/python benchmarks/sampling.py --out out/benchmarks $(if $(PICTURE),--picture $(PICTURE))
 	$(BIN)/python benchmarks/moving.py --out out/benchmarks $(if $(PICTURE),--picture $(PICTURE))
+	$(BIN)/python benchmarks/studio.py --out out/benchmarks
 
 bench-page: bench  ## The same, and put the tables into docs/benchmarks.md
 	$(BIN)/python benchmarks/page.py --tables out/benchmarks

@@ -15,6 +15,7 @@ export class RimPanel {
       const isFitting = this.button.getAttribute("aria-pressed") !== "true";
       this.button.setAttribute("aria-pressed", String(isFitting));
       byId("rim-numbers").hidden = !isFitting;
+      if (isFitting) byId("rim-numbers").scrollIntoView({ block: "nearest" });
       toggled(isFitting);
     });
     byId("reset-rim").addEventListener("click", () => store.set({ rim: null }));

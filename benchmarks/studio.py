@@ -1,0 +1,135 @@
+"""The studio's page: how heavy it is, when it is first seen, and how long after a drag its view has followed.
+
+In a headless Chromium. Where there is no graphics card its shaders run on the processor, and the view takes as long as
+that needs.
+
+    python benchmarks/studio.py --out out/benchmarks
+"""
+
+from __future__ import annotations
+
+import argparse
+import gzip
+import os
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+from playwright.sync_api import Browser, Page, sync_playwright
+from setting import other_load, processor
+
+from omnimirror.files import write_text
+from omnimirror.studio.viewer import PAGE
+
+FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+SIZE = {"width": 1280, "height": 800}
+VIEWS = {"panorama": "mode=panorama", "perspective": "mode=perspective&hfov=80"}
+DRAGS = 60
+WATCH = """() => {
+  const { canvas } = window.omnimirror.look;
+  const gl = canvas.getContext("webgl2");
+  window.delays = [];
+  canvas.addEventListener("pointermove", (e) => requestAnimationFrame(() => {
+    gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4)); // waits until it is drawn
+    window.delays.push(performance.now() - e.timeStamp);
+  }));
+}"""
+
+
+def row(what: str, values: list[float], unit: str, target: str) -> str:
+    """A row of the table."""
+    worst = f"{np.percentile(values, 95):.0f}" if len(values) > 1 else ""
+    line = f"| {what} | {np.median(values):.0f} | {worst} | {unit} | {target} |"
+    print(line, flush=True)
+    return line
+
+
+def weight() -> Iterator[str]:
+    """Of every file of the page, compressed as web servers do."""
+    for path in sorted(PAGE.parent.iterdir(), reverse=True):
+        what = "the page" if path == PAGE else f"`{path.name}`, fetched when it is wanted"
+        yield row(f"{what}, compressed", [len(gzip.compress(path.read_bytes(), 9)) / 1000], "kB", "300 in all")
+
+
+def first_paint(browser: Browser, address: str, runs: int) -> Iterator[str]:
+    """From asking for the page to seeing it, each time by a browser that has never been there."""
+    times = []
+    for _ in range(runs):
+        page = opened(browser, address)
+        times.append(page.evaluate("performance.getEntriesByName('first-contentful-paint')[0].startTime"))
+        page.context.close()
+    yield row("first paint", times, "ms", "1000")
+
+
+def drag_to_frame(browser: Browser, address: str) -> Iterator[str]:
+    """From the movement of the pointer to the view that has followed it."""
+    for name, state in VIEWS.items():
+        page = opened(browser, f"{address}#source=room&{state}")
+        page.wait_for_function("window.omnimirror.look.feed")
+        page.wait_for_selector("#view:visible")
+        box = page.locator("#view").bounding_box()
+        x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+        page.mouse.move(x, y)
+        page.mouse.down()
+        page.evaluate(WATCH)
+        for i in range(DRAGS):
+            page.mouse.move(x + 2 * (i + 1), y)
+            page.wait_for_function(f"window.delays.length > {i}")
+        width, height = page.evaluate("[window.omnimirror.look.canvas.width, window.omnimirror.look.canvas.height]")
+        what = f"drag to frame, {name} of {width} x {height} px"
+        yield row(what, page.evaluate("window.delays"), "ms", "")
+        page.context.close()
+
+
+def opened(browser: Browser, address: str) -> Page:
+    """A page that has fetched its first camera."""
+    page = browser.new_context(viewport=SIZE, bypass_csp=True, reduced_motion="reduce").new_page()
+    page.goto(address)
+    page.wait_for_function("window.omnimirror?.look.sensor.camera")
+    return page
+
+
+@contextmanager
+def served() -> Iterator[str]:
+    """The address of a studio of its own."""
+    words = [sys.executable, "-m", "omnimirror", "studio", "--no-open"]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as server:
+        try:
+            yield re.search(r"http://\S+", server.stdout.readline())[0]
+        finally:
+            server.terminate()
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
+    parser.add_argument("--runs", type=int, default=9)
+    arguments = parser.parse_args()
+    load = other_load()
+    executable = os.environ.get("CHROMIUM") or shutil.which("chromium") or shutil.which("google-chrome")
+    with served() as address, sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=executable, args=FLAGS)
+        measured = [weight(), first_paint(browser, address, arguments.runs), drag_to_frame(browser, address)]
+        rows = [line for lines in measured for line in lines]
+        lines = [
+            "# The studio's page",
+            "",
+            f"`{Path(__file__).name}` on {processor()}, {os.cpu_count()} cores, Chromium {browser.version} without a "
+            f"graphics card.{load}",
+            "",
+            "| | median | 95 % | | target |",
+            "|---|---|---|---|---|",
+            *rows,
+        ]
+        browser.close()
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    write_text(arguments.out / "studio.md", "\n".join(lines) + "\n")
+
+
+if __name__ == "__main__":
+    main()
