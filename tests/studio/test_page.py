@@ -178,6 +178,7 @@ def test_a_viewer_from_disk_shows_what_the_command_line_does(browser, room, tmp_
     both = (seen[..., 3] > 0) & (wanted.max(axis=-1) > 0)
     assert psnr(seen[..., 2::-1], wanted, both) > 40
     assert not page.get_by_role("button", name="Webcam").is_visible()
+    assert not page.get_by_role("button", name="Design").is_visible()
     assert page.problems == []
     page.context.close()
 
@@ -202,6 +203,22 @@ def test_the_page_keeps_its_own_policy(browser, server):
     page.get_by_text("Field -90").wait_for()
     assert [text for text in said if "Content Security Policy" in text] == []
     context.close()
+
+
+def test_nothing_sticks_out_of_a_narrow_page(browser, server, room):
+    page = open_page(browser, server, 360, 740)
+    for mode in ("panorama", "perspective", "ground", "mosaic"):
+        look(page, mode=mode)
+        assert page.evaluate("document.scrollingElement.scrollWidth") == 360, mode
+        if mode == "panorama":
+            drop(page, room)
+            page.get_by_role("button", name="Fit the circle").click()
+    look(page, sensor="ball:300")
+    page.wait_for_selector("#ball-row:visible")
+    ever = ":is(main, header) [hidden]:not([type=file])"
+    page.evaluate("(ever) => document.querySelectorAll(ever).forEach((e) => (e.hidden = false))", ever)
+    assert page.evaluate("document.scrollingElement.scrollWidth") == 360  # with all that ever shows
+    page.context.close()
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])

@@ -106,6 +106,39 @@ def test_beyond_this_machine_the_token_is_asked_for():
         assert client.get("/api/start", params={"token": "wrong"}).status_code == 403
         assert client.get("/", params={"token": "secret"}).status_code == 200
         assert client.get("/api/start").status_code == 200  # by the cookie
+    with TestClient(create_app(Studio(token="secret")), base_url="http://192.168.1.7:80") as client:
+        with pytest.raises(WebSocketDisconnect), client.websocket_connect("ws://192.168.1.7/api/stream?id=source"):
+            pass
+        with client.websocket_connect("ws://192.168.1.7/api/stream?id=source&token=secret") as socket:
+            assert "there is no stream" in socket.receive_text()
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {"host": "127.0.0.1.evil.example"},
+        {"host": "localhost@evil.example"},
+        {"host": ""},
+        {"host": "[::1"},
+        {"origin": "null"},
+        {"origin": "http://127.0.0.1:9999"},
+        {"origin": "http://127.0.0.1.evil.example"},
+    ],
+)
+def test_names_and_origins_that_only_look_like_ours_are_refused(headers, client):
+    answer = client.post("/api/sensors", content=b"x", headers=headers)
+    assert answer.status_code == 403
+    assert sentence(answer)
+
+
+def test_a_text_that_unfolds_inside_a_picture_is_refused(client):
+    """A compressed comment of 100 MB in a PNG of one pixel."""
+    whole = cv2.imencode(".png", np.zeros((1, 1, 3), np.uint8))[1].tobytes()
+    body = b"zTXtComment\0\0" + zlib.compress(bytes(100 << 20), 9)
+    chunk = struct.pack(">I", len(body) - 4) + body + struct.pack(">I", zlib.crc32(body))
+    answer = client.post("/api/pictures", params={"name": "bomb.png"}, content=whole[:33] + chunk + whole[33:])
+    assert answer.status_code == 400
+    assert "bomb.png" in sentence(answer)
 
 
 # -- hostile files ---------------------------------------------------------------------------------------
