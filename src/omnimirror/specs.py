@@ -265,7 +265,7 @@ def _class_of(section: str, data: dict[str, Any], registry: dict[str, type[Any]]
     kind = data[section].get("kind")
     if kind is None:
         raise where.error((section,), f"{section}.kind is missing; valid are {', '.join(registry)}")
-    if kind not in registry:
+    if not isinstance(kind, str) or kind not in registry:
         hint = did_you_mean(str(kind), registry)
         raise where.error(
             (section, "kind"), f"{section}.kind = {kind!r} is not known{hint}; valid are {', '.join(registry)}"
@@ -336,7 +336,7 @@ def _sentence(model: type[Table], path: tuple[str, ...], problem: Any) -> str:
             return f"{name} = {value!r} is not one of {problem['ctx']['expected']}"
         case _:
             wanted = problem["msg"].replace("Input should be", "it should be")
-            return f"{name}{index} = {value!r}: {wanted}{_describe(model, path[1])}"
+            return f"{name}{index} = {value!r}: {wanted}{_describe(model, path[1]) if path[1:] else ''}"
 
 
 def _describe(model: type[Table], name: str) -> str:

@@ -254,6 +254,32 @@ def test_no_question_makes_the_server_read_a_file(client):
     tables = {**tables_of(sensor), "mirror": {"kind": "sampled", "profile_csv": "/etc/passwd"}}
     (header, _), *_ = ask(client, question(sensor, tables=tables))
     assert "names another file" in header["trouble"]["sentence"]
+    mirror = {"mapping": "tabulated-mapping", "mapping_csv": "/etc/passwd", "rim_radius_mm": 40.0}
+    (header, _), *_ = ask(client, question(sensor, wanted={**WANTED, "mirror": mirror}))
+    assert "names another file" in header["wanted_trouble"]
+
+
+@pytest.mark.parametrize("entry", [None, [], {}, "x", -1, [[1]], 1e300])
+def test_tables_that_make_no_sense_are_refused_with_a_sentence(entry, client):
+    sensor = om.load_sensor("folded-spherical")
+    wrong = [{**tables_of(sensor), section: entry} for section in ("name", "mirror", "lens", "mount", "secondary")]
+    wrong += [{**tables_of(sensor), "mirror": {**tables_of(sensor)["mirror"], "kind": entry}}]
+    wrong += [{**tables_of(sensor), "mirror": {**tables_of(sensor)["mirror"], "rim_radius_mm": entry}}]
+    answers = ask(client, *(question(sensor, tables=tables, follows=True) for tables in wrong))
+    assert all(header["trouble"] or header["facts"] for header, _ in answers)
+    assert sum(header["trouble"] is not None for header, _ in answers) >= 5
+    wanted = [{**WANTED, "limit": [entry]}, {**WANTED, "field": entry}, {**WANTED, "mirror": entry}]
+    answers = ask(client, *(question(om.load_sensor("paper-spherical"), wanted=w) for w in wanted))
+    assert all(header["wanted_trouble"] for header, _ in answers)
+
+
+def test_what_is_no_question_ends_the_connection_with_a_sentence(client):
+    for place in ("ask", "work"):
+        with client.websocket_connect(f"ws://127.0.0.1/api/bench/{place}") as socket:
+            socket.send_text("{}")
+            message = socket.receive()
+            assert message["type"] == "websocket.close"
+            assert message["reason"].startswith("that is no ")
 
 
 def test_the_preview_is_the_simulated_picture_made_small(client):

@@ -13,7 +13,9 @@ import tomli_w
 
 import omnimirror as om
 from omnimirror.specs import parse_sensor
+from omnimirror.studio.app import Studio
 
+from .browser import serving
 from .test_page import AXE, WEB
 
 PAGE = Path(om.__file__).parent / "studio" / "page"
@@ -277,6 +279,23 @@ def test_a_design_is_looked_through(bench):
     assert model["rim_radius_px"] == pytest.approx(mine.rim_radius_px)
     bench.get_by_role("button", name="Design", exact=True).click()
     assert sensor_on(bench) == mine
+
+
+def test_the_bench_goes_on_when_the_server_is_back(browser):
+    with serving(Studio()) as address:
+        page = browser.new_context(bypass_csp=True).new_page()
+        page.add_init_script(WITHOUT_PICTURES)
+        page.goto(f"{address}#tab=design")
+        drawn(page)
+    page.locator("#bench").get_by_label("Radius", exact=True).fill("52")
+    page.wait_for_function("document.querySelector('#banner').textContent.includes('does not answer')")
+    before = plotted(page, "Image height")
+    with serving(Studio(), int(re.search(r":(\d+)/", address)[1])):
+        page.wait_for_function("document.querySelector('#banner').hidden")
+        settled(page)
+        page.wait_for_function("window.omnimirror.tabs.bench.found[0].facts.field_deg[1] < 130")
+        assert not np.array_equal(plotted(page, "Image height"), before)
+    page.context.close()
 
 
 def test_the_bench_keeps_the_policy_of_the_page(browser, server):

@@ -23,9 +23,8 @@ const RETRY_MS = 1000;
 export class Link {
   private socket: WebSocket | null = null;
   private waiting = new Map<number, { wish: Wish; asked: number }>();
-  private onItsWay: { slot: number; asked: number } | null = null;
+  private onItsWay: { slot: number; wish: Wish; asked: number } | null = null;
   private number = 0;
-  private isClosed = false;
 
   constructor(private readonly answered: (found: Found) => void, private readonly away: (isAway: boolean) => void) {
     this.connect();
@@ -35,10 +34,6 @@ export class Link {
   ask(slot: number, wish: Wish): void {
     this.waiting.set(slot, { wish, asked: performance.now() });
     this.next();
-  }
-
-  forget(slot: number): void {
-    this.waiting.delete(slot);
   }
 
   private connect(): void {
@@ -55,8 +50,9 @@ export class Link {
       this.answered(found);
     };
     socket.onclose = () => {
+      const { onItsWay } = this;
+      if (onItsWay && !this.waiting.has(onItsWay.slot)) this.waiting.set(onItsWay.slot, onItsWay);
       this.onItsWay = null;
-      if (this.isClosed) return;
       this.away(true);
       setTimeout(() => this.connect(), RETRY_MS);
     };
@@ -69,7 +65,7 @@ export class Link {
     const question = this.waiting.get(slot);
     if (!question) return;
     this.waiting.delete(slot);
-    this.onItsWay = { slot, asked: question.asked };
+    this.onItsWay = { slot, ...question };
     const ask: Ask = { slot, number: ++this.number, ...question.wish };
     this.socket.send(JSON.stringify(ask));
   }

@@ -74,9 +74,9 @@ def _checked(tables: dict[str, Any], where: Places, name: str) -> dict[str, Any]
 
 
 def _replaced(value: Any, old: float, new: float) -> Any:
-    """The same data with one number in the place of another."""
+    """The same data with one number in the place of another, and without entries that are nothing."""
     if isinstance(value, dict):
-        return {k: _replaced(v, old, new) for k, v in value.items()}
+        return {k: _replaced(v, old, new) for k, v in value.items() if v is not None}
     if isinstance(value, list):
         return [_replaced(v, old, new) for v in value]
     return new if value == old else value

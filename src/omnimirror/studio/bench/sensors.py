@@ -66,9 +66,10 @@ def sensor_on_bench(tables: dict[str, Any], follows: bool = False) -> Sensor:
     """
     refuse_files(tables)
     form = Form()
-    if not follows:
+    mount = tables.get("mount", {})
+    if not follows or not isinstance(mount, dict):
         return sensor_of(tables, form)
-    mount = {**tables.get("mount", {}), "mirror_distance_mm": 1.0}  # any, until the mirror says which
+    mount = {**mount, "mirror_distance_mm": 1.0}  # any, until the mirror says which
     sensor = sensor_of({**tables, "mount": mount}, form)
     if not isinstance(sensor.mirror, Mapped) or sensor.lens.TELECENTRIC:
         return sensor_of(tables, form)
