@@ -183,7 +183,7 @@ def test_pinned_designs_are_compared_taken_back_and_unpinned(bench):
     now, pinned = (rows.nth(i).locator("td").nth(2).inner_text() for i in (0, 1))
     assert float(now.split()[0]) == pytest.approx(sensor_on(bench).rim_radius_px, rel=1e-3)
     assert float(pinned) == pytest.approx(first.rim_radius_px, rel=1e-3)
-    omega, _, old = plotted(bench, "Image height")
+    omega, old, _ = plotted(bench, "Image height")
     drawn_at = np.isfinite(old)
     expected = om.evaluate(first, np.minimum(omega[drawn_at], first.field_deg[1])).h_px
     np.testing.assert_allclose(old[drawn_at], expected, rtol=1e-5, atol=1e-3)

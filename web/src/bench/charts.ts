@@ -90,7 +90,7 @@ export class ChartView {
 
   private data(): uPlot.AlignedData {
     const tables: uPlot.AlignedData[] = [];
-    for (const d of this.drawn) {
+    for (const d of this.bottomUp()) {
       const table = curves(d)!;
       const x = Array.from(table.column("omega_deg"));
       tables.push([x, ...this.chart.columns.map(({ name }) => Array.from(table.column(name), (v) => (Number.isFinite(v) ? v : null)))]);
@@ -114,7 +114,7 @@ export class ChartView {
   }
 
   private options(): uPlot.Options {
-    const series = this.drawn.flatMap((d) =>
+    const series = this.bottomUp().flatMap((d) =>
       this.chart.columns.map(({ dashed }): uPlot.Series => ({ stroke: d.ink, width: d === this.drawn[0] ? 2 : 1.4, dash: dashed ? [6, 4] : undefined, spanGaps: true, points: { show: false } })),
     );
     const axis = { stroke: colour("soft"), font: AXIS_FONT, grid: { stroke: colour("line"), width: 1 }, ticks: { show: false } };
@@ -133,6 +133,11 @@ export class ChartView {
       cursor: { y: false, points: { size: 6 }, drag: { x: false, y: false } },
       hooks: { setCursor: [(u) => this.moved(u)] },
     };
+  }
+
+  /** Pinned designs first, so that the one in hand is drawn over them. */
+  private bottomUp(): Drawn[] {
+    return [...this.drawn].reverse();
   }
 
   private moved(u: uPlot): void {

@@ -6,7 +6,7 @@ import { words } from "./scale";
 const OBJECT_DEG = 15;
 const ENLARGED = 10;
 const SMALLEST = 1.5;
-const TALLEST = 170; // px, of the image strip, or a fifth of its width
+const [LOW, TALL] = [170, 240]; // px, between which the image strip is a fifth of its width high at most
 
 /** Objects of 15° x 15° along the image radius, and in object space, with their blur spots ten times enlarged. */
 export class SquaresView {
@@ -50,7 +50,7 @@ export class SquaresView {
     const left = Math.min(0, ...Array.from(h_px, (h, i) => h - half(i)));
     const right = Math.max(radius, ...Array.from(h_px, (h, i) => Math.min(h + half(i), 1.4 * radius)));
     const widest = Math.min(Math.max(...Array.from(dw, (w) => (Number.isFinite(w) ? OBJECT_DEG * w : 0))), 0.6 * radius);
-    const scale = Math.min((width - 8) / (right - left), Math.max(TALLEST, 0.2 * width) / widest);
+    const scale = Math.min((width - 8) / (right - left), Math.min(TALL, Math.max(LOW, 0.2 * width)) / widest);
     const tallest = widest * scale;
     const [height, middle] = [tallest + 22, tallest / 2 + 18];
     const at = (px: number): number => 4 + (px - left) * scale;
