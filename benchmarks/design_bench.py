@@ -98,7 +98,9 @@ def main() -> None:
     arguments = parser.parse_args()
     said = circumstances(arguments.runs).replace("interleaved runs", "changes")
     first = tables_of(om.load_sensor("paper-spherical"))
-    sensors = {kind: on_bench(changed(Change(tables=first, what="mirror", to=kind))) for kind in KINDS}
+    sensors = {
+        kind: on_bench(changed(Change(tables=first, what="mirror", to=kind, object_distance_mm=None))) for kind in KINDS
+    }
     chromium = os.environ.get("CHROMIUM") or shutil.which("chromium") or shutil.which("google-chrome")
     rows = []
     with serving() as address, sync_playwright() as playwright:

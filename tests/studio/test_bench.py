@@ -163,7 +163,7 @@ def test_requirements_are_judged_by_their_worst_angle_and_distance(client):
 @pytest.mark.parametrize("kind", list(MIRRORS))
 def test_another_kind_of_mirror_keeps_the_rim(kind, client):
     sensor = om.load_sensor("paper-spherical")
-    made = post(client, "change", tables=tables_of(sensor), what="mirror", to=kind).json()
+    made = post(client, "change", tables=tables_of(sensor), what="mirror", to=kind, object_distance_mm=None).json()
     new = parse_sensor(format_sensor(parse_sensor(toml(made["tables"]))))
     assert made["tables"]["mirror"]["kind"] == kind
     assert new.mirror.rim_radius_mm == pytest.approx(sensor.mirror.rim_radius_mm)
@@ -176,7 +176,7 @@ def test_another_kind_of_mirror_keeps_the_rim(kind, client):
 def test_another_lens_keeps_the_size_of_the_image(name, client):
     sensor = om.load_sensor(name)
     to = "perspective" if sensor.lens.TELECENTRIC else "orthographic"
-    made = post(client, "change", tables=tables_of(sensor), what="lens", to=to).json()
+    made = post(client, "change", tables=tables_of(sensor), what="lens", to=to, object_distance_mm=None).json()
     new = parse_sensor(toml(made["tables"]))
     assert made["tables"]["lens"]["kind"] == to
     assert new.rim_radius_px == pytest.approx(sensor.rim_radius_px, rel=0.05)
@@ -184,10 +184,11 @@ def test_another_lens_keeps_the_size_of_the_image(name, client):
 
 def test_the_best_focus_is_that_of_the_evaluation(client):
     sensor = om.load_sensor("paper-spherical")
-    made = post(client, "change", tables=tables_of(sensor), what="focus", to="worst-px").json()
-    best = om.best_focus(sensor, "worst-px").focus_mm
+    asked = {"what": "focus", "to": "worst-px", "object_distance_mm": 300.0}
+    made = post(client, "change", tables=tables_of(sensor), **asked).json()
+    best = om.best_focus(sensor, "worst-px", object_distance_mm=300.0).focus_mm
     assert made["tables"]["lens"]["focus_distance_mm"] == pytest.approx(best, abs=1e-3)
-    refused = post(client, "change", tables=tables_of(sensor), what="mirror", to="spoon")
+    refused = post(client, "change", tables=tables_of(sensor), what="mirror", to="spoon", object_distance_mm=None)
     assert refused.status_code == 400
     assert "spoon" in refused.json()["detail"]
 
@@ -300,12 +301,12 @@ def test_the_preview_is_the_simulated_picture_made_small(client):
 def task(**changes) -> dict:
     sensor = om.load_sensor("paper-spherical")
     plain = {"what": "optimise", "tables": tables_of(sensor), "wanted": None, "merit": "blur", "terms": 3, "starts": 1}
-    return {**plain, "family": "even-polynomial", **changes}
+    return {**plain, "family": "even-polynomial", "object_distance_mm": None, **changes}
 
 
 def test_an_optimised_mirror_comes_with_news_on_the_way(client):
     with client.websocket_connect("ws://127.0.0.1/api/bench/work") as socket:
-        socket.send_json(task())
+        socket.send_json(task(object_distance_mm=400.0))
         news = [socket.receive_json()]
         while news[-1]["state"] == "running":
             news.append(socket.receive_json())
@@ -313,7 +314,7 @@ def test_an_optimised_mirror_comes_with_news_on_the_way(client):
     last = news[-1]
     assert last["state"] == "done"
     found = parse_sensor(toml(last["sensor"]["tables"]))
-    e = om.evaluate(found, np.linspace(0, found.field_deg[1], 2001))
+    e = om.evaluate(found, np.linspace(0, found.field_deg[1], 2001), object_distance_mm=400.0)
     assert np.maximum(np.abs(e.blur_t_deg), np.abs(e.blur_s_deg)).max() == pytest.approx(last["value"], rel=1e-3)
 
 

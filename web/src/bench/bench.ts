@@ -31,6 +31,7 @@ export interface Host {
 }
 
 const FIRST = "paper-spherical";
+const OWN = "design";
 const MOST_PINS = 4;
 const INKS = ["accent", "pin1", "pin2", "pin3", "pin4"];
 const DESCRIBED_MS = 400;
@@ -72,7 +73,7 @@ export class Bench {
     const hands = {
       now: () => this.history.now,
       facts: () => this.found[0]?.facts ?? null,
-      edit: (design: Design) => this.edit(design),
+      edit: (design: Design) => this.edit(this.own(design)),
       settle: () => this.settle(),
       change: (what: "mirror" | "lens" | "focus", to: string) => void this.change(what, to),
       take: (found: BenchSensor, words: string) => this.take(found, words),
@@ -99,6 +100,14 @@ export class Bench {
     this.form.show(design);
     this.wanted.show(design);
     this.ask();
+  }
+
+  /** What was a bundled sensor is one no more when something in it is changed. */
+  private own(design: Design): Design {
+    const { tables } = design;
+    const now = this.history.now.tables;
+    if (tables === now || tables.name !== now.name || !this.sensors.includes(tables.name as string)) return design;
+    return { ...design, tables: { ...tables, name: OWN, notes: "" } };
   }
 
   /** Settle on the design as it is. */
@@ -133,7 +142,7 @@ export class Bench {
 
   async change(what: "mirror" | "lens" | "focus", to: string): Promise<void> {
     try {
-      this.take(await api.change({ tables: this.history.now.tables, what, to }), "");
+      this.take(await api.change({ tables: this.history.now.tables, what, to, object_distance_mm: this.history.now.distance }), "");
     } catch (e) {
       this.fail(e);
       this.form.show(this.history.now);

@@ -69,7 +69,8 @@ export class ChartView {
       this.plot = new uPlot(this.options(), data, this.place);
       this.shape = shape;
     }
-    this.read(this.cursor.omega);
+    if (this.place.matches(":hover")) this.read(this.cursor.omega);
+    else this.point(this.cursor.omega, null);
   }
 
   /** Draw anew, as when colours have changed. */

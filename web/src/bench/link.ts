@@ -25,6 +25,7 @@ export class Link {
   private waiting = new Map<number, { wish: Wish; asked: number }>();
   private onItsWay: { slot: number; wish: Wish; asked: number } | null = null;
   private number = 0;
+  private isAway = false;
 
   constructor(private readonly answered: (found: Found) => void, private readonly away: (isAway: boolean) => void) {
     this.connect();
@@ -40,7 +41,7 @@ export class Link {
     const socket = new WebSocket(addressOf("api/bench/ask"));
     socket.binaryType = "arraybuffer";
     socket.onopen = () => {
-      this.away(false);
+      this.tell(false);
       this.next();
     };
     socket.onmessage = (e: MessageEvent<ArrayBuffer>) => {
@@ -53,10 +54,15 @@ export class Link {
       const { onItsWay } = this;
       if (onItsWay && !this.waiting.has(onItsWay.slot)) this.waiting.set(onItsWay.slot, onItsWay);
       this.onItsWay = null;
-      this.away(true);
+      this.tell(true);
       setTimeout(() => this.connect(), RETRY_MS);
     };
     this.socket = socket;
+  }
+
+  private tell(isAway: boolean): void {
+    if (isAway !== this.isAway) this.away(isAway);
+    this.isAway = isAway;
   }
 
   private next(): void {

@@ -60,6 +60,8 @@ export interface Change {
   tables: Record<string, any>;
   what: "mirror" | "lens" | "focus";
   to: string;
+  /** null: infinite */
+  object_distance_mm: number | null;
 }
 
 /** A file of a design. */
@@ -167,6 +169,8 @@ export interface Task {
   what: "optimise" | "design";
   tables: Record<string, any>;
   wanted: Record<string, any> | null;
+  /** null: infinite */
+  object_distance_mm: number | null;
   merit: string;
   family: string;
   terms: number;

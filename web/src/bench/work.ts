@@ -41,8 +41,8 @@ export class WorkPanel {
   }
 
   private start(what: Task["what"]): void {
-    const { tables, wanted } = this.hands.now();
-    const task: Task = { what, tables, wanted, merit: this.merit.value, family: this.family.value, terms: Number(this.terms.value), starts: Number(this.starts.value) };
+    const { tables, wanted, distance } = this.hands.now();
+    const task: Task = { what, tables, wanted, object_distance_mm: distance, merit: this.merit.value, family: this.family.value, terms: Number(this.terms.value), starts: Number(this.starts.value) };
     const socket = (this.socket = new WebSocket(addressOf("api/bench/work")));
     socket.onopen = () => socket.send(JSON.stringify(task));
     socket.onmessage = (e: MessageEvent<string>) => this.told(JSON.parse(e.data) as News);

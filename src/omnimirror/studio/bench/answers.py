@@ -16,7 +16,7 @@ from ...figures.subjects import Subject
 from ...sensor import Sensor
 from .framing import framed
 from .judging import imager_radius_px, judge
-from .messages import Answer, Ask, Block, Facts
+from .messages import Answer, Ask, Block, Facts, distance_of
 from .sensors import sensor_on_bench, trouble_of
 
 Array = NDArray[np.float64]
@@ -54,7 +54,7 @@ def answer(ask: Ask) -> bytes:
     """The answer to what a page asks; what cannot be is a sentence in it."""
     try:
         sensor = sensor_on_bench(ask.tables, ask.follows)
-        design = _evaluated(sensor, np.inf if ask.object_distance_mm is None else ask.object_distance_mm)
+        design = _evaluated(sensor, distance_of(ask.object_distance_mm))
         facts = _facts(design)
         blocks = [_block("curves", CURVES, design.curve)]
         blocks += _section(design) if ask.section else []

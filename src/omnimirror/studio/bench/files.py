@@ -21,7 +21,7 @@ from ...specs import Places, format_sensor, sensor_of, tables_of
 from ..uploads import encoded, safe_name
 from .framing import framed
 from .judging import requirements_for
-from .messages import Download, Opened, PictureAsk, Taken
+from .messages import Download, Opened, PictureAsk, Taken, distance_of
 from .sensors import on_bench, refuse_files, sensor_on_bench
 
 ROWS = 361  # field angles of a table
@@ -116,7 +116,7 @@ def _sensor_file(sensor: Sensor, wanted: Download) -> File:
 
 
 def _table(sensor: Sensor, wanted: Download) -> File:
-    distance = np.inf if wanted.object_distance_mm is None else wanted.object_distance_mm
+    distance = distance_of(wanted.object_distance_mm)
     result = evaluate(sensor, np.linspace(*sensor.field_deg, ROWS), object_distance_mm=distance)
     return _written(f"{_stem(sensor)}-evaluation.csv", "text/csv", result.to_csv)
 

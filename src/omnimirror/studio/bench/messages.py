@@ -6,6 +6,7 @@ Numbers that are not finite travel as null.
 
 from __future__ import annotations
 
+import math
 from typing import Any, Literal
 
 from pydantic import ConfigDict, Field
@@ -88,6 +89,7 @@ class Change(Message):
     tables: Tables
     what: Literal["mirror", "lens", "focus"]
     to: str = Field(max_length=60)
+    object_distance_mm: float | None = Field(gt=0, description="null: infinite")
 
 
 class Ask(Message):
@@ -193,6 +195,7 @@ class Task(Message):
     what: Literal["optimise", "design"]
     tables: Tables
     wanted: Tables | None
+    object_distance_mm: float | None = Field(gt=0, description="null: infinite")
     merit: str = Field(max_length=40)
     family: str = Field(max_length=40)
     terms: int = Field(ge=1, le=32)
@@ -209,3 +212,8 @@ class News(Message):
     share: float | None = Field(description="how much is done")
     value: float | None = Field(description="the merit by now")
     sensor: BenchSensor | None
+
+
+def distance_of(value_mm: float | None) -> float:
+    """A distance as it travels, mm; null is infinite."""
+    return math.inf if value_mm is None else value_mm

@@ -20,13 +20,14 @@ from ...mirrors import MIRRORS, EvenPolynomial, Mirror, SampledProfile, SlopeSpl
 from ...mirrors.generated.base import Mapped
 from ...sensor import Sensor
 from ...specs import Places, sensor_of, tables_of
-from .messages import BenchSensor, Change, Trouble
+from .messages import BenchSensor, Change, Trouble, distance_of
 
 NODES = 25  # of a profile, a spline or a table taken from another mirror
 SLOPES = 13
 ELLIPSOID_CONIC = -0.4
 NARROWER = 15.0  # degrees below the field angle that a mapping cannot reach
 AROUND = 10.0  # rim radii from the mirror to a plane or a cylinder
+FOCUS_DIGITS = 3  # of a millimetre, finer than a lens can be set
 THETA_DEG = 12.0  # where nothing says how wide the lens sees
 NAMED = re.compile(r"(\w+)(?:\[\d+\])? (?:=|has) ")
 """The entry that an error names first."""
@@ -96,17 +97,20 @@ def changed(change: Change) -> Sensor:
     OmnimirrorError
         There is no such kind, or none for this field.
     """
-    sensor = sensor_on_bench(change.tables)
+    sensor, distance = sensor_on_bench(change.tables), distance_of(change.object_distance_mm)
     if change.what == "focus":
-        return _focused(sensor, change.to)
-    if change.what == "lens":
-        return _with_lens(sensor, change.to)
-    if change.to not in MIRRORS:
-        raise InvalidParameter(f"there is no mirror {change.to!r}; valid are {', '.join(MIRRORS)}")
-    placed = recast(sensor, change.to)
+        best = best_focus(sensor, change.to, object_distance_mm=distance)
+        return replace(sensor, lens=sensor.lens.focused_at(round(best.focus_mm, FOCUS_DIGITS)))
+    made = _with_lens(sensor, change.to) if change.what == "lens" else _with_mirror(sensor, change.to)
+    return _focused(made, distance)
+
+
+def _with_mirror(sensor: Sensor, kind: str) -> Sensor:
+    if kind not in MIRRORS:
+        raise InvalidParameter(f"there is no mirror {kind!r}; valid are {', '.join(MIRRORS)}")
+    placed = recast(sensor, kind)
     distance = np.inf if sensor.lens.TELECENTRIC else placed.distance_mm
-    made = replace(sensor, mirror=placed.mirror, mirror_distance_mm=distance, secondary=None, name=change.to, notes="")
-    return _focused(made, None)
+    return replace(sensor, mirror=placed.mirror, mirror_distance_mm=distance, secondary=None, name=kind, notes="")
 
 
 def recast(sensor: Sensor, kind: str) -> PlacedMirror:
@@ -184,7 +188,7 @@ def _with_lens(sensor: Sensor, kind: str) -> Sensor:
     F = sensor.lens.image_f_number()
     if kind == "orthographic":
         telecentric = Orthographic(round(height / M, 6), round(F, 3), 0.0)
-        return _focused(replace(sensor, lens=telecentric, mirror=_for_theta(sensor.mirror, 0.0)), None)
+        return replace(sensor, lens=telecentric, mirror=_for_theta(sensor.mirror, 0.0))
     if kind != "perspective":
         raise InvalidParameter(f"there is no lens {kind!r}; valid are perspective, orthographic")
     mirror = _for_theta(sensor.mirror, THETA_DEG)
@@ -192,7 +196,7 @@ def _with_lens(sensor: Sensor, kind: str) -> Sensor:
     focal = 1 / (np.tan(np.radians(THETA_DEG)) / height + 1 / distance)
     f_number = F * focal / height * np.tan(np.radians(THETA_DEG))
     lens = Perspective(round(float(focal), 4), round(float(f_number), 3), float(distance))
-    return _focused(replace(sensor, lens=lens, mirror=mirror, mirror_distance_mm=float(distance)), None)
+    return replace(sensor, lens=lens, mirror=mirror, mirror_distance_mm=float(distance))
 
 
 def _for_theta(mirror: Mirror, theta_deg: float) -> Mirror:
@@ -202,15 +206,13 @@ def _for_theta(mirror: Mirror, theta_deg: float) -> Mirror:
     return mirror
 
 
-def _focused(sensor: Sensor, merit: str | None) -> Sensor:
-    """At its best focus, which is rounded to what a lens can be set to."""
+def _focused(sensor: Sensor, object_distance_mm: float) -> Sensor:
+    """At its best focus if it has one; if it has none, the evaluation will say why."""
     try:
-        best = best_focus(sensor) if merit is None else best_focus(sensor, merit)
+        best = best_focus(sensor, object_distance_mm=object_distance_mm)
     except OmnimirrorError:
-        if merit is None:
-            return sensor  # one step of several; the evaluation says what is wrong
-        raise
-    return replace(sensor, lens=sensor.lens.focused_at(round(best.focus_mm, 3)))
+        return sensor
+    return replace(sensor, lens=sensor.lens.focused_at(round(best.focus_mm, FOCUS_DIGITS)))
 
 
 def refuse_files(tables: dict[str, Any]) -> None:

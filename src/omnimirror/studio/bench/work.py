@@ -20,7 +20,7 @@ from ...errors import InvalidParameter, OmnimirrorError
 from ...lenses import Perspective
 from ...sensor import Sensor
 from .judging import requirements_for
-from .messages import News, Task
+from .messages import News, Task, distance_of
 from .sensors import on_bench, sensor_on_bench
 
 MOST_AT_ONCE = 2
@@ -37,8 +37,8 @@ def perform(task: Task, tell: Tell) -> None:
         tell(_news("failed", str(e)))
 
 
-def problem_of(sensor: Sensor, family: str, terms: int) -> DesignProblem:
-    """The problem of a sensor's field, size, lens and imager.
+def problem_of(sensor: Sensor, task: Task) -> DesignProblem:
+    """The problem of a sensor's field, size, lens and imager, and of the objects of a task.
 
     Raises
     ------
@@ -56,8 +56,9 @@ def problem_of(sensor: Sensor, family: str, terms: int) -> DesignProblem:
         focal_length_mm=lens.focal_length_mm,
         f_number=lens.f_number,
         imager=sensor.imager,
-        family=family,
-        terms=terms,
+        object_distance_mm=distance_of(task.object_distance_mm),
+        family=task.family,
+        terms=task.terms,
     )
 
 
@@ -70,7 +71,7 @@ def _optimise(task: Task, sensor: Sensor, tell: Tell) -> None:
         words = f"start {progress.run + 1} of {progress.runs}, step {steps}"
         tell(_news("running", words, progress.run / progress.runs, progress.value))
 
-    found = optimise(problem_of(sensor, task.family, task.terms), task.merit, starts=task.starts, on_progress=said)
+    found = optimise(problem_of(sensor, task), task.merit, starts=task.starts, on_progress=said)
     tell(_news("done", found.sensor.notes, 1.0, found.value, found.sensor))
 
 
