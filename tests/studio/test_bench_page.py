@@ -129,6 +129,12 @@ def test_reading_a_plot_reads_them_all_at_the_same_angle(bench):
         readout = figures.filter(has_text=title).first.locator("output").inner_text()
         assert readout.startswith(f"{omega:.1f}°")
         assert value in readout
+    section = bench.locator("svg.section").first
+    section.hover(position={"x": 300, "y": 130})
+    omega = bench.evaluate("window.omnimirror.tabs.bench.cursor.omega")
+    assert figures.filter(has_text="Cross-section").locator("output").inner_text().startswith(f"{omega:.1f}°")
+    read = section.locator(".read circle")
+    assert float(read.get_attribute("cy")) == pytest.approx(130, abs=1.5)  # the mirror point at the pointer's height
     chart.focus()
     bench.keyboard.press("ArrowRight")
     assert bench.evaluate("window.omnimirror.tabs.bench.cursor.omega") == pytest.approx(omega + 1)
@@ -303,7 +309,12 @@ def test_the_bench_keeps_the_policy_of_the_page(browser, server):
     page = context.new_page()
     said = []
     page.on("console", lambda m: said.append(m.text))
-    page.goto(f"{server}#tab=design")
+    fetched = []
+    page.on("request", lambda r: fetched.append(r.url))
+    page.goto(server)
+    page.get_by_text("Field -90").wait_for()
+    assert not any("bench" in url for url in fetched)  # the bench costs the first paint nothing
+    page.get_by_role("button", name="Design", exact=True).click()
     drawn(page)
     page.get_by_alt_text("Its panorama").wait_for()
     assert [text for text in said if "Content Security Policy" in text] == []

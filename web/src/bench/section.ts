@@ -29,6 +29,7 @@ export class SectionView {
   constructor(private readonly cursor: Cursor) {
     this.element = h("figure", { className: "plot wide" }, h("figcaption", {}, h("span", {}, "Cross-section"), this.note), this.readout, this.pair);
     cursor.listen(() => this.drawCursor());
+    for (const place of [this.whole, this.close]) place.addEventListener("pointermove", (e) => this.moved(place, e as PointerEvent));
     new ResizeObserver(() => this.draw()).observe(this.element);
   }
 
@@ -44,6 +45,14 @@ export class SectionView {
     const [near, far] = f.depth_of_field_mm;
     this.whole.setAttribute("aria-label", `Cross-section: mirror of rim radius ${words(f.rim_radius_mm)} mm, lens ${words(f.mirror_distance_mm)} mm away, chief rays every 15° up to ${words(f.field_deg[1])}°.`);
     this.close.setAttribute("aria-label", `Virtual images: tangential and sagittal, of objects at infinity and at five rim radii. Depth of field ${words(near)} to ${words(far)} mm about ${words(f.focus_mm)} mm.`);
+  }
+
+  /** Read at the mirror point that is as far from the axis as the pointer. */
+  private moved(place: SVGElement, e: PointerEvent): void {
+    const table = this.drawn[0]?.found.block("curves");
+    const x = Math.abs(framed.get(place)?.across(e.clientY - place.getBoundingClientRect().top) ?? NaN);
+    const omega = table ? interpolated(table.column("x_mm"), table.column("omega_deg"), x) : NaN;
+    this.cursor.set(Number.isNaN(omega) ? null : omega, this);
   }
 
   private draw(): void {
@@ -137,6 +146,11 @@ class Frame {
 
   at([z, x]: Point): Point {
     return [this.origin[0] + (z - this.window.z[0]) * this.scale, this.height - this.origin[1] - (x - this.window.x[0]) * this.scale];
+  }
+
+  /** How far from the axis a height in the drawing is, mm. */
+  across(v: number): number {
+    return this.window.x[0] + (this.height - this.origin[1] - v) / this.scale;
   }
 
   axis(): void {

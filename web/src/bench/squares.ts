@@ -64,7 +64,7 @@ export class SquaresView {
     for (let i = 0; i < table.rows; i++) {
       if (!Number.isFinite(dw[i])) continue;
       const [w, t] = [OBJECT_DEG * dh[i] * scale, OBJECT_DEG * dw[i] * scale];
-      this.square(this.image, at(h_px[i]), middle, w, t);
+      this.square(this.image, at(h_px[i]), middle, w, t, table, i);
       this.spot(this.image, at(h_px[i]), middle, ENLARGED * table.column("blur_t_px")[i] * scale, ENLARGED * table.column("blur_s_px")[i] * scale);
       this.text(this.image, at(h_px[i]), Math.max(11, middle - t / 2 - 4), `${words(table.column("omega_deg")[i], 2)}°`);
     }
@@ -81,7 +81,7 @@ export class SquaresView {
       const [x, top] = [pitch * ((i % columns) + 0.5), row * Math.floor(i / columns)];
       const y = top + 16 + side / 2;
       const [t, s] = [table.column("blur_t_deg")[i], table.column("blur_s_deg")[i]];
-      this.square(this.object, x, y, side, side);
+      this.square(this.object, x, y, side, side, table, i);
       this.text(this.object, x, top + 11, `${words(table.column("omega_deg")[i], 2)}°`);
       if (!Number.isFinite(t) || !Number.isFinite(s)) continue;
       const enlarged = (ENLARGED * side) / OBJECT_DEG;
@@ -96,8 +96,9 @@ export class SquaresView {
     place.replaceChildren();
   }
 
-  private square(place: SVGElement, x: number, y: number, w: number, t: number): void {
-    place.append(svg("rect", { class: "object", x: x - w / 2, y: y - t / 2, width: w, height: t, stroke: this.first!.ink, fill: this.first!.ink }));
+  private square(place: SVGElement, x: number, y: number, w: number, t: number, table: Table, i: number): void {
+    const title = svg("title", {}, reading(table, i));
+    place.append(svg("rect", { class: "object", x: x - w / 2, y: y - t / 2, width: w, height: t, stroke: this.first!.ink, fill: this.first!.ink }, title));
   }
 
   private spot(place: SVGElement, x: number, y: number, w: number, t: number): void {
@@ -107,4 +108,11 @@ export class SquaresView {
   private text(place: SVGElement, x: number, y: number, text: string): void {
     place.append(svg("text", { x, y, "text-anchor": "middle" }, text));
   }
+}
+
+/** What a square is, in words with units. */
+function reading(table: Table, i: number): string {
+  const at = (name: string): string => words(Math.abs(table.column(name)[i]), 3);
+  const size = ["dh_domega_px_per_deg", "width_px_per_deg"].map((name) => words(OBJECT_DEG * table.column(name)[i], 3));
+  return `Ω ${words(table.column("omega_deg")[i], 3)}°: image ${size.join(" × ")} px, blur ${at("blur_t_px")} × ${at("blur_s_px")} px, ${at("blur_t_deg")}° × ${at("blur_s_deg")}°`;
 }
