@@ -146,6 +146,8 @@ def test_a_lens_that_folds_the_picture_is_refused():
     sensor = sensor_with(k1=-10.0)
     with pytest.raises(InvalidParameter, match=r"fold the picture over at 10\.3. deg .* the mirror reaches 12"):
         sensor.backproject([[511.5, 511.5]])
+    with pytest.raises(InvalidParameter, match="fold the picture over"):
+        expose(replace(sensor, mirror_pose=MISPLACED), Environment(np.ones((4, 8, 3), np.float32)), 1)
 
 
 def test_the_file_holds_it_and_nothing_where_there_is_none():

@@ -101,6 +101,15 @@ def test_supports_hide_in_pictures_what_their_drawing_says(support):
         assert shell_of(sensor, support).wall_mm == support.wall_mm
 
 
+def test_a_mirror_out_of_place_stands_in_the_same_support():
+    sensor = om.load_sensor("paper-spherical")
+    moved = replace(sensor, mirror_pose=MirrorPose(1.0, 0.5, 0.3, 0.5, 0.5))
+    for support in (Support("tube"), Support("dome"), Support("rod")):
+        assert hardware_of(moved, support) == hardware_of(sensor, support)
+        if support.kind != "rod":
+            assert shell_of(moved, support) == shell_of(sensor, support)
+
+
 # -- domes -------------------------------------------------------------------------------------------
 
 

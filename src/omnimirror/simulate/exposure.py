@@ -98,6 +98,8 @@ def expose(
             "only a sensor of one mirror has hardware; a calibrated camera says nothing of it, and beside a secondary "
             "what hides is bore and mirrors, which are seen anyway"
         )
+    if isinstance(camera, Sensor):
+        camera.aligned().rim_radius_px  # noqa: B018 - proves that lens and mirror can be used
     plan = spread(samples, blur, seed)
     hardware = hardware or Hardware()
     if (coloured := hardware.of_colours()) is not None:

@@ -240,7 +240,7 @@ def _clearances(
         # between lens and mirror both the ray and the rod are straight: nearest at the foot, or at the mirror
         parts["rod"] = lambda rays: np.min([_inwards(rays, z, lens, sensor) - radius for z, radius in ends], axis=0)
     if support.kind == "dome":
-        base = shell_of(sensor, support, body).inner_radius_mm(lens)
+        base = _base_radius_mm(shell_of(sensor, support, body))
         parts["dome's base"] = lambda rays: _height_at(rays, base) - lens
     if support.kind == "tube":
         assert support.diameter_mm is not None
@@ -312,13 +312,14 @@ def hardware_of(sensor: Sensor, support: Support, body: Body | None = None) -> H
     2.0
     """
     body = Body() if body is None else body
+    sensor = sensor.aligned()  # supports stand about the lens's axis, wherever the mirror is
     support = support.fitted(sensor, body)
     assert support.diameter_mm is not None
     telecentric = sensor.lens.TELECENTRIC
     lens, vertex = (lens_height(sensor), 0.0) if telecentric else (0.0, -lens_height(sensor))
     camera = support.camera_diameter_mm / 2
     if support.kind in ("tube", "dome"):
-        camera = max(camera, shell_of(sensor, support, body).inner_radius_mm(lens_height(sensor)))
+        camera = max(camera, _base_radius_mm(shell_of(sensor, support, body)))
     edge = body.flange_width_mm
     hardware = Hardware(camera_radius_mm=camera, camera_height_mm=lens, rim_width_mm=edge)
     if support.kind != "rod":
@@ -340,6 +341,7 @@ def shell_of(sensor: Sensor, support: Support, body: Body | None = None) -> Tube
     if support.kind not in ("tube", "dome"):
         raise InvalidParameter(f"a support of kind {support.kind!r} has no wall; tube and dome have one")
     body = Body() if body is None else body
+    sensor = sensor.aligned()
     support, lens = support.fitted(sensor, body), lens_height(sensor)
     assert support.diameter_mm is not None
     radius, wall, n = support.diameter_mm / 2, support.wall_mm, support.refractive_index
@@ -347,6 +349,11 @@ def shell_of(sensor: Sensor, support: Support, body: Body | None = None) -> Tube
         return Tube(radius, wall, n, lids_mm=(lens, body.back_mm(sensor.mirror)))
     assert support.centre_mm is not None
     return Dome(radius, wall, n, support.centre_mm, lids_mm=(lens,))
+
+
+def _base_radius_mm(shell: Tube | Dome) -> float:
+    """Radius of the disc in the plane of the lens."""
+    return shell.inner_radius_mm(shell.lids_mm[0])
 
 
 # -- what a tube does to what it lets through --------------------------------------------------------
