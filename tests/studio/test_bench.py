@@ -228,12 +228,9 @@ def test_tables_and_drawings_are_those_of_the_command_line(client, tmp_path):
     om.evaluate(sensor, np.linspace(*sensor.field_deg, 361), object_distance_mm=800.0).to_csv(tmp_path / "t.csv")
     assert table.content == (tmp_path / "t.csv").read_bytes()
     assert 'filename="paper-spherical-evaluation.csv"' in table.headers["content-disposition"]
-    drawing = post(client, "file", tables=tables_of(sensor), kind="drawing", object_distance_mm=None)
-    assert drawing.content.startswith(b"%PDF-")
-    folded = tables_of(om.load_sensor("folded-spherical"))
-    refused = post(client, "file", tables=folded, kind="drawing", object_distance_mm=None)
-    assert refused.status_code == 400
-    assert "one mirror" in refused.json()["detail"]
+    for tables in (tables_of(sensor), tables_of(om.load_sensor("folded-spherical"))):
+        drawing = post(client, "file", tables=tables, kind="drawing", object_distance_mm=None)
+        assert drawing.content.startswith(b"%PDF-")
 
 
 SPIES = (
