@@ -133,7 +133,7 @@ def test_a_webcam_is_chosen_among_several_and_found_again_on_reload(browser, ser
     page.select_option("#webcams", other)
     page.wait_for_function("(d) => window.omnimirror.look.feed.device === d", arg=other)
     assert command(page, 40, 30).startswith("omnimirror dewarp 1 ")
-    page.wait_for_function("location.hash.includes('webcam')")
+    page.wait_for_function("(d) => location.hash.includes(d)", arg=other)
     page.reload()
     page.wait_for_function("(d) => window.omnimirror?.look.feed?.device === d", arg=other)
     assert page.problems == []

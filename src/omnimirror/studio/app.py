@@ -41,7 +41,6 @@ from .viewer import bench_text, page_text
 
 BYTES: dict[str, Any] = {"application/octet-stream": {}}
 PNG: dict[str, Any] = {"image/png": {}}
-TEXT: dict[str, Any] = {"text/plain": {}}
 ROOM_SAMPLES = 2
 
 
@@ -51,12 +50,12 @@ def _body(schema: dict[str, Any]) -> dict[str, Any]:
 
 
 FILE_BODY = _body({"type": "string", "format": "binary"})
-REFUSALS: dict[int | str, dict[str, Any]] = {
-    400: {"model": Problem},
-    403: {"model": Problem},
-    404: {"model": Problem},
-    413: {"model": Problem},
+# Refusals are JSON, whatever the answer would have been.
+REFUSED: dict[str, Any] = {
+    "model": Problem,
+    "content": {"application/json": {"schema": {"$ref": "#/components/schemas/Problem"}}},
 }
+REFUSALS: dict[int | str, dict[str, Any]] = dict.fromkeys((400, 403, 404, 413), REFUSED)
 
 
 @dataclass
@@ -176,11 +175,11 @@ def _add_cameras(app: FastAPI, studio: Studio) -> None:
         data = await collected(request.stream(), LARGEST_CALIBRATION, request.headers.get("content-length"))
         return (await asyncio.to_thread(studio.cameras.add, safe_name(name), data, optics)).entry
 
-    @app.post("/api/sensor-file", response_class=Response, responses={200: {"content": TEXT}})
-    def sensor_file(wanted: SensorFile) -> Response:
+    @app.post("/api/sensor-file", response_class=PlainTextResponse)
+    def sensor_file(wanted: SensorFile) -> str:
         """The file of a sensor whose circle was moved to fit a picture."""
         known(wanted.id)
-        return PlainTextResponse(studio.cameras.file_of(wanted))
+        return studio.cameras.file_of(wanted)
 
     @app.get("/api/room", response_class=Response, responses={200: {"content": PNG}})
     def room(id: str) -> Response:
