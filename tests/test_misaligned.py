@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -24,6 +25,17 @@ ALMOST = MirrorPose(decentre_x_mm=1e-300)  # off the axis, and so traced in spac
 def pixels_all_over(sensor, count=600):
     width, height = sensor.image_size
     return np.random.default_rng(3).uniform(-0.5, [width - 0.5, height - 0.5], (count, 2))
+
+
+def test_threads_do_not_mix_up_their_rays():
+    """As they did, one call in ten, while OpenBLAS shared products of this size out among threads of its own."""
+    sensor = replace(SPH, mirror_pose=POSES[0])
+    pixels = np.stack(np.meshgrid(*[np.linspace(0, 1023, 300)] * 2), axis=-1).reshape(-1, 2)
+    alone = sensor.backproject(pixels)
+    with ThreadPoolExecutor(3) as pool:
+        for together in pool.map(lambda _: sensor.backproject(pixels), range(24)):
+            np.testing.assert_array_equal(together.origins, alone.origins)
+            np.testing.assert_array_equal(together.directions, alone.directions)
 
 
 @pytest.mark.parametrize("lens", ["perspective", "orthographic"])

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .cameras import AxialSymmetry, Projection, Rays, inside_image
 from .errors import InvalidParameter
-from .frames import Mount
+from .frames import Mount, turned
 from .imagers import Imager
 from .lenses import Lens, Perspective
 from .mirrors import Mirror, Secondary
@@ -235,13 +235,13 @@ class Sensor:
         cos, sin = cos[valid], sin[valid]
         s, z = np.sin(rays.omega), rays.z + self.mirror_pose.displacement_mm
         rotation = self._axes.T
-        origins[valid] = np.stack([rays.x * cos, rays.x * sin, z], axis=-1) @ rotation
-        directions[valid] = np.stack([s * cos, s * sin, -np.cos(rays.omega)], axis=-1) @ rotation
+        origins[valid] = turned(np.stack([rays.x * cos, rays.x * sin, z], axis=-1), rotation)
+        directions[valid] = turned(np.stack([s * cos, s * sin, -np.cos(rays.omega)], axis=-1), rotation)
         return Rays(origins, directions, valid)
 
     def project(self, points_mm: ArrayLike) -> Projection:
         """Pixels of points (n, 3) in mm, by the true reflection of each (no single viewpoint is assumed)."""
-        points = np.asarray(points_mm, dtype=float) @ self._axes
+        points = turned(points_mm, self._axes)
         if not self.mirror_pose.is_axial:
             return self._project_in_space(points, distant=False)
         x, y, z = np.moveaxis(points, -1, 0)
@@ -250,7 +250,7 @@ class Sensor:
 
     def project_directions(self, directions: ArrayLike) -> Projection:
         """Pixels of infinitely distant points in directions (n, 3) of any length but 0."""
-        towards = np.asarray(directions, dtype=float) @ self._axes
+        towards = turned(directions, self._axes)
         if not self.mirror_pose.is_axial:
             return self._project_in_space(towards, distant=True)
         x, y, z = np.moveaxis(towards, -1, 0)
@@ -338,8 +338,8 @@ class Sensor:
         origins, directions = np.full((2, *flat.shape[:-1], 3), np.nan)
         found = self.posed_mirror.trace(*self.lens_rays(flat[valid], pupil[valid]))
         rotation = self._axes.T
-        origins[valid] = found.points @ rotation
-        directions[valid] = found.directions @ rotation
+        origins[valid] = turned(found.points, rotation)
+        directions[valid] = turned(found.directions, rotation)
         valid[valid] = found.valid
         shape = pixels.shape[:-1]
         return Rays(origins.reshape(*shape, 3), directions.reshape(*shape, 3), valid.reshape(shape))

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..cameras import AxialSymmetry, Projection, Rays, inside_image
 from ..errors import InvalidParameter
-from ..frames import Mount
+from ..frames import Mount, turned
 
 Array = NDArray[np.float64]
 
@@ -89,7 +89,7 @@ class CentralCamera(ABC):
         Pixels outside the picture or the model's field are not valid and NaN.
         """
         pixels = np.asarray(pixels, dtype=float)
-        plane = (pixels - self.centre_px) @ np.linalg.inv(self.stretch).T
+        plane = turned(pixels - self.centre_px, np.linalg.inv(self.stretch).T)
         radius, sideways = _length_and_unit(plane)
         with np.errstate(invalid="ignore"):
             valid = inside_image(pixels, self.image_size) & (radius <= self.field_radius_px * (1 + ROUNDING))
@@ -99,7 +99,7 @@ class CentralCamera(ABC):
         in_camera[:, 2] = self._forward * np.cos(omega)
         origins, directions = np.full((2, *radius.shape, 3), np.nan)
         origins[valid] = 0.0
-        directions[valid] = in_camera @ self.mount.rotation().T
+        directions[valid] = turned(in_camera, self.mount.rotation().T)
         return Rays(origins, directions, valid)
 
     def project(self, points_mm: ArrayLike) -> Projection:
@@ -108,7 +108,7 @@ class CentralCamera(ABC):
 
     def project_directions(self, directions: ArrayLike) -> Projection:
         """Pixels of directions (n, 3) of any length but 0."""
-        in_camera = np.asarray(directions, dtype=float) @ self.mount.rotation()
+        in_camera = turned(directions, self.mount.rotation())
         distance, sideways = _length_and_unit(in_camera[..., :2])
         ahead = self._forward * in_camera[..., 2]
         with np.errstate(invalid="ignore"):
@@ -117,7 +117,7 @@ class CentralCamera(ABC):
         radius = self.radius_from_omega(np.minimum(omega[seen], self.omega_max))
         plane = radius[:, None] * sideways[seen] * self._handedness
         pixels = np.full((*distance.shape, 2), np.nan)
-        pixels[seen] = self.centre_px + plane @ self.stretch.T
+        pixels[seen] = self.centre_px + turned(plane, self.stretch.T)
         valid = inside_image(pixels, self.image_size)
         pixels[~valid] = np.nan
         return Projection(pixels, valid)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from importlib import import_module
 
@@ -60,6 +61,9 @@ def app() -> None:
 
 def main(args: list[str] | None = None) -> None:
     """Entry point: every error a user can cause ends as one sentence and a non-zero exit code."""
+    os.environ.setdefault(
+        "OPENBLAS_NUM_THREADS", "1"
+    )  # see omnimirror.frames.turned; commands have threads of their own
     try:
         app.main(args=args, prog_name="omnimirror", standalone_mode=False)
     except click.exceptions.Abort:

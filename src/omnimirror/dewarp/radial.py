@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..cameras import AxialSymmetry, Camera, Mask, inside_image
+from ..frames import turned
 from .native import compiled
 
 Array = NDArray[np.float64]
@@ -95,7 +96,7 @@ class RadialTable:
         """What the compiled module does, several times slower."""
         (x, y), (width, height) = self.symmetry.centre_px, self.image_size
         with np.errstate(invalid="ignore"):  # what is not finite is not seen
-            along, right, down = np.moveaxis(targets @ self._frame.T, -1, 0)
+            along, right, down = np.moveaxis(turned(targets, self._frame.T), -1, 0)
         across = np.hypot(right, down)
         radii, seen = self._radii_of(self._half_sines(across, along, are_points))
         off_axis = across > 0  # on the axis any azimuth is as good

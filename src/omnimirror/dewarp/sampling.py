@@ -306,8 +306,10 @@ class Grid:
         down, across = self.cells.shape
         outside = np.isnan(self.nodes).any(axis=0)
         nodes = np.where(outside, np.float32(0), self.nodes)  # or one would spoil its whole row and column
-        full = _banded(self.step, down, self.shift[1]) @ nodes @ _banded(self.step, across, self.shift[0]).T
-        tiles = full.reshape(2, down, self.step, across, self.step).transpose(1, 3, 2, 4, 0)
+        (right, below), step = (node_weights(self.step, shift) for shift in self.shift), self.step
+        lines = sum(nodes[:, :, i : i + across, None] * w for i, w in enumerate(right)).reshape(2, -1, 1, across * step)
+        full = sum(lines[:, i : i + down] * w[:, None] for i, w in enumerate(below))
+        tiles = full.reshape(2, down, step, across, step).transpose(1, 3, 2, 4, 0)
         tiles[np.lib.stride_tricks.sliding_window_view(outside, (4, 4)).any(axis=(2, 3))] = np.nan
         exact = self.cells >= 0
         tiles[exact] = self.patches[self.cells[exact]]
@@ -323,14 +325,6 @@ class Grid:
     @cached_property
     def _squares(self) -> NDArray[np.float32]:
         return squares_of_nodes(self.nodes, self.step, self.cells, self.patches)
-
-
-def _banded(step: int, cells: int, shift: float) -> NDArray[np.float32]:
-    """Matrix (cells step, cells + 3) that interpolates along one side."""
-    matrix = np.zeros((cells, step, cells + 3), np.float32)
-    for i, weights in enumerate(node_weights(step, shift)):
-        matrix[np.arange(cells), :, np.arange(cells) + i] = weights
-    return matrix.reshape(cells * step, cells + 3)
 
 
 def node_weights(step: int, shift: float = 0.0) -> NDArray[np.float32]:

@@ -14,6 +14,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..frames import turned
 from ..parameters import Parameter
 
 Array = NDArray[np.float64]
@@ -96,8 +97,8 @@ class MirrorPose:
 
     def turned_to_camera(self, directions: ArrayLike) -> Array:
         """Directions (n, 3) of the mirror's frame, in the camera frame."""
-        return np.asarray(directions, dtype=float) @ self.rotation().T
+        return turned(directions, self.rotation().T)
 
     def turned_to_mirror(self, directions: ArrayLike) -> Array:
         """Directions (n, 3) of the camera frame, in the mirror's frame."""
-        return np.asarray(directions, dtype=float) @ self.rotation()
+        return turned(directions, self.rotation())

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ..cameras import Camera
 from ..dewarp.native import compiled
 from ..errors import InvalidParameter
+from ..frames import turned
 from ..sensor import Sensor
 from .colour import Light
 from .hardware import Hardware
@@ -124,7 +125,7 @@ def _environment_of(scene: Scene) -> tuple[Environment, Array] | None:
         inner = _environment_of(scene.scene)
         if inner is not None:
             turn = scene.pose.rotation() if isinstance(scene, Placed) else np.eye(3)
-            return inner[0], inner[1] @ turn
+            return inner[0], turned(inner[1], turn)
     return None
 
 
@@ -229,16 +230,16 @@ def _trace_sensor(sensor: Sensor, plan: Samples, hardware: Hardware, rows: slice
     hidden = hardware.hides(from_lens, directions, -chief)
     fate[hidden & hit] = HIDDEN
     fate[~hit & _meets_edge(sensor, hardware, start, towards)] = HIDDEN
-    turned = np.einsum("ni,ni->n", towards, directions) / np.linalg.norm(towards, axis=1)
-    gamma = np.pi / 2 - np.arccos(np.clip(turned / np.linalg.norm(directions, axis=1), -1, 1)) / 2
+    along = np.einsum("ni,ni->n", towards, directions) / np.linalg.norm(towards, axis=1)
+    gamma = np.pi / 2 - np.arccos(np.clip(along / np.linalg.norm(directions, axis=1), -1, 1)) / 2
     image = np.stack(sensor.from_centre_px(pixels), axis=-1) * sensor.imager.pitch_mm
     weight = (1 - hardware.vignetting * (1 - sensor.lens.falloff(image))) * np.where(hit, hardware.returned(gamma), 1.0)
     weight[hit] *= hardware.shade(from_lens[hit], directions[hit], -chief[hit])
     weight[fate == LOST] = 0.0
     rotation = sensor.mount.rotation().T
     return Bundle(
-        (points @ rotation).reshape(*shape, 3),
-        (directions @ rotation).reshape(*shape, 3),
+        turned(points, rotation).reshape(*shape, 3),
+        turned(directions, rotation).reshape(*shape, 3),
         weight.reshape(shape),
         fate.reshape(shape),
     )

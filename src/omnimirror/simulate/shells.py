@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InvalidParameter
+from ..frames import turned
 from ..parameters import Parameter
 from ..sensor import Sensor
 from ..tracing.walls import Passage, through_dome, through_tube
@@ -209,12 +210,12 @@ class ThroughShell:
             If a ray starts outside.
         """
         turn = self.sensor.mount.rotation()
-        points, towards = (np.asarray(v, dtype=float) @ turn for v in (origins_mm, directions))
+        points, towards = (turned(v, turn) for v in (origins_mm, directions))
         light = np.zeros(points.shape)
         left, share = np.arange(len(points)), np.ones(len(points))
         for _ in range(1 + GHOSTS):
             passage = self.shell.passage(points, towards)
-            seen = self.scene.radiance(passage.points @ turn.T, passage.directions @ turn.T)
+            seen = self.scene.radiance(turned(passage.points, turn.T), turned(passage.directions, turn.T))
             light[left] += (share * passage.passed)[:, None] * seen
             ghosts = self._ghosts(passage)
             left, share = left[ghosts.alive], (share * (1 - passage.passed))[ghosts.alive]
@@ -224,10 +225,12 @@ class ThroughShell:
     def distance_mm(self, origins_mm: Array, directions: Array) -> Array:
         """How far (n,) rays go through the wall: the way inside, and the way behind it."""
         turn = self.sensor.mount.rotation()
-        origins = np.asarray(origins_mm, dtype=float) @ turn
-        passage = self.shell.passage(origins, np.asarray(directions, dtype=float) @ turn)
+        origins = turned(origins_mm, turn)
+        passage = self.shell.passage(origins, turned(directions, turn))
         inside = np.linalg.norm(passage.points - origins, axis=1)
-        distance: Array = inside + distances_mm(self.scene, passage.points @ turn.T, passage.directions @ turn.T)
+        distance: Array = inside + distances_mm(
+            self.scene, turned(passage.points, turn.T), turned(passage.directions, turn.T)
+        )
         return distance
 
     def _ghosts(self, passage: Passage) -> _Ghosts:

@@ -26,7 +26,7 @@ from .cameras import Cameras, Known
 from .messages import CameraModel, Health, Problem, SensorEntry, SensorFile, Start, StreamState
 from .sources import Sources
 from .streams import Streams
-from .tables import ALONE, camera_tables
+from .tables import camera_tables
 from .uploads import (
     LARGEST_CALIBRATION,
     LARGEST_PICTURE,
@@ -253,13 +253,8 @@ async def _serve(socket: WebSocket, watched: Any) -> None:
         asked.cancel()
 
 
-def _room(known: Known) -> bytes:
-    with ALONE:
-        return _simulated(known)
-
-
 @lru_cache(maxsize=8)
-def _simulated(known: Known) -> bytes:
+def _room(known: Known) -> bytes:
     from ..simulate import Room, take_picture
 
     if not isinstance(known.camera, Sensor) and known.camera.image_size[0] > 4096:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import lru_cache
-from threading import RLock
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +17,7 @@ from numpy.typing import NDArray
 from ..central import MirrorBall, OCam
 from ..dewarp.fields import field_of, pole_of
 from ..dewarp.radial import tables_of
-from ..frames import Mount
+from ..frames import Mount, turned
 from ..sensor import Sensor
 from .messages import CameraModel, Kind, MountOf, TableLayout
 
@@ -31,10 +30,6 @@ LIMITS = 1024
 HALVINGS = 24
 BEYOND = 4  # nodes past the field, so that cubic interpolation reaches its end
 MARGIN = 1.02
-
-ALONE = RLock()
-"""Held by the request that computes: OpenBLAS, by NumPy's products of matrices, has been seen to give wrong numbers to
-threads that call it at once."""
 
 
 class CameraTables(NamedTuple):
@@ -61,6 +56,7 @@ def frame_of(camera: MountedCamera) -> Frame:
     return Frame(camera.axis, -x if camera.mount.image_flipped else x, y)
 
 
+@lru_cache(maxsize=32)
 def camera_tables(camera: MountedCamera) -> CameraTables:
     """The tables of a camera.
 
@@ -71,12 +67,6 @@ def camera_tables(camera: MountedCamera) -> CameraTables:
     >>> layout.radii, layout.origins, values.shape
     (2048, 2048, (6144,))
     """
-    with ALONE:
-        return _tables_of(camera)
-
-
-@lru_cache(maxsize=32)
-def _tables_of(camera: MountedCamera) -> CameraTables:
     symmetry = camera.symmetry
     if symmetry is None:
         return _lattice_tables(camera)
@@ -88,14 +78,9 @@ def _tables_of(camera: MountedCamera) -> CameraTables:
     return CameraTables(layout, np.concatenate([t.radii, *t.origins.T]).astype(np.float32))
 
 
+@lru_cache(maxsize=64)
 def camera_model(id: str, name: str, title: str, options: tuple[str, ...], camera: MountedCamera) -> CameraModel:
     """What the page must know of a camera, besides its tables."""
-    with ALONE:
-        return _model_of(id, name, title, options, camera)
-
-
-@lru_cache(maxsize=64)
-def _model_of(id: str, name: str, title: str, options: tuple[str, ...], camera: MountedCamera) -> CameraModel:
     seen, frame, layout = field_of(camera), frame_of(camera), camera_tables(camera).layout
     centre, radius = _circle(camera)
     return CameraModel(
@@ -167,7 +152,7 @@ def _starts(camera: Sensor, pixels: Array) -> Array:
     """Where the rays of a lattice of pixels start (n, n, 3), mm along axis, right and down; 0 far outside the field."""
     seen = np.isfinite(pixels[..., 0])
     origins = np.full((*seen.shape, 3), np.nan)
-    origins[seen] = camera.backproject(pixels[seen]).origins @ np.stack(frame_of(camera), axis=-1)
+    origins[seen] = turned(camera.backproject(pixels[seen]).origins, np.stack(frame_of(camera), axis=-1))
     return np.nan_to_num(_continued(origins))
 
 

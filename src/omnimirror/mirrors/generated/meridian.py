@@ -20,14 +20,20 @@ from functools import cached_property
 from typing import Protocol
 
 import numpy as np
-from numpy.polynomial import Chebyshev
+from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Curve = Callable[[Array], Array]
 
 CELLS = 1024  # of the table theta(x); cubic pieces err by 1e-13 or so, and one step of Newton's rule by its square
-MOST_TERMS = 2048  # of a series; a mapping given by a table has a few thousand pieces and needs most of them
+
+TERMS = 16  # of the series of one piece
+NODES = chebyshev.chebpts1(TERMS)
+TO_SERIES = 2 / TERMS * chebyshev.chebvander(NODES, TERMS - 1).T
+TO_SERIES[0] /= 2
+NEGLIGIBLE = 1e-14  # of the last terms, beside the largest
+LEAST_PIECES, MOST_HALVINGS = 4, 12
 
 
 class GeneratedMeridian(Protocol):
@@ -41,22 +47,51 @@ class GeneratedMeridian(Protocol):
         """Sag, slope and curvature at distances x in [0, 1] from the axis."""
 
 
-def converged_series(function: Curve, high: float) -> Chebyshev:
-    """Chebyshev series of a smooth function over [0, high], of as many terms as it needs.
+@dataclass(frozen=True)
+class Primitive:
+    """The integral from 0 of a smooth function over [0, high]: short series over as many pieces as it takes.
 
-    Its last terms are at most 1e-13 of its first; the noise of steep functions lies a little below. An
-    integral divides that by the number of terms, and is then exact to rounding.
+    Pieces that a function does not fit are halved, so that it may also be smooth in pieces only, as that of a table is,
+    whose spline has knots. An integral divides what a series leaves by the number of its terms, and is then exact to
+    rounding.
 
-    >>> converged_series(np.exp, 1.0).degree()
-    32
+    >>> float(Primitive.of(np.exp, 1.0)(np.array(0.5)) - np.expm1(0.5))
+    0.0
     """
-    degree = 32
-    while True:
-        series = Chebyshev.interpolate(function, degree, domain=[0.0, high])
-        size = np.abs(series.coef)
-        if size[-4:].max() <= 1e-13 * size.max() or degree >= MOST_TERMS:
-            return series
-        degree *= 2
+
+    edges: Array
+    """(pieces + 1,)."""
+    coefficients: Array
+    """(terms, pieces): Chebyshev series of the integral."""
+
+    @classmethod
+    def of(cls, function: Curve, high: float) -> Primitive:
+        low: Array = np.linspace(0.0, high, LEAST_PIECES, endpoint=False)
+        width: Array = np.full(LEAST_PIECES, high / LEAST_PIECES)
+        done: list[tuple[Array, Array, Array]] = []
+        for halving in range(MOST_HALVINGS + 1):
+            series: Array = np.einsum("ij,jk->ik", TO_SERIES, function(low + (NODES[:, None] + 1) / 2 * width))
+            size = np.abs(series)
+            rough = size[-2:].max(axis=0) > NEGLIGIBLE * size.max()
+            if halving == MOST_HALVINGS:
+                rough[:] = False
+            done.append((low[~rough], width[~rough], series[:, ~rough]))
+            if not rough.any():
+                break
+            width = np.repeat(width[rough] / 2, 2)
+            low = np.repeat(low[rough], 2)
+            low[1::2] += width[1::2]
+        starts, widths, all_series = (np.concatenate(parts, axis=-1) for parts in zip(*done, strict=True))
+        order = np.argsort(starts)
+        integral: Array = np.asarray(chebyshev.chebint(all_series[:, order], lbnd=-1), float) * widths[order] / 2
+        integral[0, 1:] += np.cumsum(integral.sum(axis=0))[:-1]  # a series ends with the sum of its terms
+        return cls(np.append(starts[order], high), integral)
+
+    def __call__(self, x: Array) -> Array:
+        piece = np.clip(np.searchsorted(self.edges, x, side="right") - 1, 0, len(self.edges) - 2)
+        low, high = self.edges[piece], self.edges[piece + 1]
+        at = (2 * x - low - high) / (high - low)
+        return np.asarray(chebyshev.chebval(at, self.coefficients[:, piece], tensor=False), dtype=np.float64)
 
 
 @dataclass(frozen=True)
@@ -80,8 +115,8 @@ class PerspectiveMeridian:
     @classmethod
     def solve(cls, omega: Curve, domega: Curve, theta_max: float) -> PerspectiveMeridian:
         """Integrate the mapping from the axis to the rim."""
-        series = converged_series(lambda theta: np.tan((omega(theta) + theta) / 2), theta_max)
-        return cls(omega, domega, theta_max, series.integ(lbnd=0.0))
+        log_rho = Primitive.of(lambda theta: np.tan((omega(theta) + theta) / 2), theta_max)
+        return cls(omega, domega, theta_max, log_rho)
 
     @cached_property
     def distance(self) -> float:
@@ -149,8 +184,7 @@ class OrthographicMeridian:
     @classmethod
     def solve(cls, omega: Curve, domega: Curve) -> OrthographicMeridian:
         """Integrate the mapping from the axis to the rim."""
-        series = converged_series(lambda x: np.tan(omega(x) / 2), 1.0)
-        return cls(omega, domega, series.integ(lbnd=0.0))
+        return cls(omega, domega, Primitive.of(lambda x: np.tan(omega(x) / 2), 1.0))
 
     def profile(self, x: Array) -> tuple[Array, Array, Array]:
         half = self.omega(x) / 2

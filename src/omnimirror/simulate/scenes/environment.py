@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...dewarp.native import compiled
 from ...dewarp.sampling import remap
 from ...errors import InvalidParameter
+from ...frames import turned
 from ...media import read_image
 from ..colour import Light, linear_from_srgb
 from .contract import Array
@@ -80,7 +81,7 @@ class Environment:
 
     def radiance(self, origins_mm: ArrayLike, directions: ArrayLike) -> Light:
         """Linear RGB (n, 3) in directions (n, 3) of any length but 0; the origins do not matter."""
-        x, y, z = self.heading() @ np.asarray(directions, dtype=float).T
+        x, y, z = np.moveaxis(turned(directions, self.heading().T), -1, 0)
         height, width = self.light.shape[:2]
         column = (0.5 - np.arctan2(y, x) / (2 * np.pi)) * width - 0.5
         row = np.arctan2(np.hypot(x, y), z) / np.pi * height - 0.5

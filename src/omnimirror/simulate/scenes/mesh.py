@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InvalidParameter, MediaError
+from ...frames import turned
 from ..colour import Light, linear_from_srgb
 from .contract import Array, Scene
 from .facets import combined, facets
@@ -81,7 +82,7 @@ def _meshes(path: Path) -> list[Any]:
 
 
 def _surfaces_of(mesh: Any, to_world: Array, corners_are_linear: bool) -> Surfaces:
-    triangles = np.asarray(mesh.vertices, dtype=float)[mesh.faces] @ to_world.T
+    triangles = turned(np.asarray(mesh.vertices)[mesh.faces], to_world.T)
     picture, uv = _texture(mesh.visual), getattr(mesh.visual, "uv", None)
     if picture is not None and uv is not None and len(uv) == len(mesh.vertices):
         return _textured(triangles, np.asarray(uv, dtype=float)[mesh.faces], picture)

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from ...frames import view_axes
+from ...frames import turned, view_axes
 from ...parameters import Parameter
 from ..colour import Light
 from .contract import Array, Scene, distances_mm
@@ -68,11 +68,11 @@ class Pose:
 
     def to_scene(self, points_mm: Array) -> Array:
         """Points (n, 3) of the sensor's world in the scene's frame."""
-        return np.asarray(points_mm, dtype=float) @ self.rotation().T + self.shift_mm
+        return turned(points_mm, self.rotation().T) + self.shift_mm
 
     def to_sensor(self, points_mm: Array) -> Array:
         """Points (n, 3) of the scene's frame in the sensor's world."""
-        moved: Array = (np.asarray(points_mm, dtype=float) - self.shift_mm) @ self.rotation()
+        moved: Array = turned(np.asarray(points_mm, dtype=float) - self.shift_mm, self.rotation())
         return moved
 
 
@@ -103,4 +103,4 @@ class Placed:
 
     def _in_scene(self, origins: Array, directions: Array) -> tuple[Array, Array]:
         turn = self.pose.rotation().T
-        return self.pose.to_scene(origins), np.asarray(directions, dtype=float) @ turn
+        return self.pose.to_scene(origins), turned(directions, turn)
