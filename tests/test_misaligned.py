@@ -30,7 +30,7 @@ def pixels_all_over(sensor, count=600):
 def test_threads_do_not_mix_up_their_rays():
     """As they did, one call in ten, while OpenBLAS shared products of this size out among threads of its own."""
     sensor = replace(SPH, mirror_pose=POSES[0])
-    pixels = np.stack(np.meshgrid(*[np.linspace(0, 1023, 300)] * 2), axis=-1).reshape(-1, 2)
+    pixels = np.stack(np.meshgrid(*[np.linspace(0, 1023, 520)] * 2), axis=-1).reshape(-1, 2)
     alone = sensor.backproject(pixels)
     with ThreadPoolExecutor(3) as pool:
         for together in pool.map(lambda _: sensor.backproject(pixels), range(24)):
