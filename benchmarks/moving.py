@@ -25,8 +25,8 @@ from omnimirror.files import write_text
 from omnimirror.frames import view_axes
 from omnimirror.imagers import Imager
 
-RUNS = 15
-FRAMES = 8  # in a row: after a second of something else the first finds caches and memory cold
+RUNS = 7
+FRAMES = 24  # in a row: after a second of something else the first ones find caches and memory cold
 SIDE, SIZE, HFOV_DEG, TILT_DEG = 1000, (1280, 720), 90.0, -20.0
 PANORAMA = (1440, 360)
 ENTRIES = 1 << 16
