@@ -3,7 +3,8 @@
 A spherical mirror in 1000 x 1000 px to views of 1280 x 720 px, bilinear, uint8 RGB; every run looks elsewhere.
 ``table map`` is the best that NumPy and OpenCV do: one product per pixel, the radius from a table, float32,
 buffers kept, and ``cv2.remap``. ``NumPy map`` is what one would write first. Both know distant things only. All run
-interleaved in one process with the same number of threads, a few frames of each in turn as in a video; medians.
+interleaved in one process with the same number of threads, a few frames of each in turn as in a video, into pictures
+that are kept; medians.
 
     python benchmarks/moving.py --out out/benchmarks --picture photograph.jpg
 """
@@ -112,19 +113,24 @@ def functions_of(picture: np.ndarray) -> dict[str, Callable[[], object]]:
     def panorama(distance_mm: float) -> om.screens.Cylinder:
         return om.screens.Cylinder(PANORAMA, -70.0, 40.0, pan(), distance_mm=distance_mm)
 
+    out = {size: np.empty((*size[::-1], 3), np.uint8) for size in (SIZE, PANORAMA)}
+
     def remap(maps: Maps) -> np.ndarray:
-        return cv2.remap(picture, *maps, cv2.INTER_LINEAR)
+        return cv2.remap(picture, *maps, cv2.INTER_LINEAR, out[SIZE])
+
+    def straightened(screen: om.screens.Plane | om.screens.Cylinder) -> np.ndarray:
+        return om.Dewarper(camera, screen, "linear")(picture, out=out[screen.size])
 
     check(camera, table_map, numpy_map(camera, omegas, radii, 30.0))
     return {
         "NumPy map + cv2.remap": lambda: remap(numpy_map(camera, omegas, radii, pan())),
         "table map + cv2.remap": lambda: remap(table_map(pan())),
-        "distant view": lambda: om.Dewarper(camera, view(np.inf), "linear")(picture),
-        "near view": lambda: om.Dewarper(camera, view(400.0), "linear")(picture),
+        "distant view": lambda: straightened(view(np.inf)),
+        "near view": lambda: straightened(view(400.0)),
         "coordinates of the distant view": lambda: screen_grid(camera, view(np.inf)),
         "coordinates of the near view": lambda: screen_grid(camera, view(400.0)),
-        "distant panorama": lambda: om.Dewarper(camera, panorama(np.inf), "linear")(picture),
-        "near panorama": lambda: om.Dewarper(camera, panorama(400.0), "linear")(picture),
+        "distant panorama": lambda: straightened(panorama(np.inf)),
+        "near panorama": lambda: straightened(panorama(400.0)),
         "coordinates of the near panorama": lambda: screen_rings(camera, panorama(400.0)),
     }
 
