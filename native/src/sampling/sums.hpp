@@ -1,7 +1,7 @@
 // Sums of many cubic samples of a pixel, and their mean.
 #pragma once
 
-#include "common.hpp"
+#include "tiles.hpp"
 
 namespace omnimirror {
 namespace {
