@@ -20,7 +20,8 @@ from omnimirror.dewarp.sampling import FixedMap, remap_polar
 from omnimirror.dewarp.screens import Cylinder, Plane
 from omnimirror.files import write_text
 
-RUNS = 25
+RUNS = 15
+FRAMES = 5  # in a row, as in a video
 CASES = [
     (1000, (1440, 360), "panorama"),
     (1000, (2880, 720), "panorama"),
@@ -62,7 +63,7 @@ def fixed_rows(photograph: np.ndarray, threads: int, runs: int) -> list[str]:
                 functions["polar"] = lambda p=picture, r=radii, a=angles, c=centre, i=interpolation, o=out: remap_polar(
                     p, r, a, tuple(c), i, o
                 )
-            ms = interleaved(functions, runs)
+            ms = interleaved(functions, runs, FRAMES)
             ours = ms["packed"]
             polar = f"{ms['polar']:.2f} | {ms['OpenCV'] / ms['polar']:.1f}" if "polar" in ms else "|"
             rows.append(
@@ -79,7 +80,7 @@ def main() -> None:
     lines = [
         "# Straightening a frame, uint8 RGB",
         "",
-        circumstances(arguments.runs),
+        circumstances(arguments.runs, FRAMES),
         "",
         "| source -> output | interpolation | threads | cv2.remap, ms | packed map, ms | ratio | no map, ms | ratio |",
         "|---|---|---|---|---|---|---|---|",

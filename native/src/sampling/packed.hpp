@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "job.hpp"
+#include "large_pages.hpp"
 #include "sample.hpp"
 
 namespace omnimirror {
@@ -25,7 +26,7 @@ class PackedMap {
     size_t bytes() const { return blocks_->size(); }
 
     // Blocks for pictures whose rows are row_step elements apart; kept until another step is asked for.
-    using Blocks = std::vector<uint8_t>;
+    using Blocks = std::vector<uint8_t, LargePages<uint8_t>>;
     std::shared_ptr<const Blocks> blocks_for(uint32_t row_step) const;
     Packed packed(const Blocks& blocks) const { return {blocks.data(), rows_, columns_}; }
 

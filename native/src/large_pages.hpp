@@ -1,0 +1,45 @@
+// Memory that is streamed through, in large pages where the system grants them.
+#pragma once
+
+#include <cstddef>
+#include <new>
+
+#ifdef __linux__
+#include <sys/mman.h>
+#endif
+
+namespace omnimirror {
+
+// An array of many megabytes is read once for every picture: in pages of 4 kB the processor looks up thousands of
+// addresses each time, which costs more than the reading where the system is a virtual one.
+template <class T>
+struct LargePages {
+    using value_type = T;
+    static constexpr size_t PAGE = size_t{1} << 21;
+
+    LargePages() = default;
+    template <class U>
+    LargePages(const LargePages<U>&) {}
+
+    T* allocate(size_t count) {
+        const size_t bytes = count * sizeof(T);
+        if (bytes < PAGE) return static_cast<T*>(::operator new(bytes));
+        const size_t whole = (bytes + PAGE - 1) / PAGE * PAGE;
+        void* memory = ::operator new(whole, std::align_val_t{PAGE});
+#ifdef MADV_HUGEPAGE
+        madvise(memory, whole, MADV_HUGEPAGE);  // where it is refused, all works as without
+#endif
+        return static_cast<T*>(memory);
+    }
+
+    void deallocate(T* memory, size_t count) {
+        if (count * sizeof(T) < PAGE)
+            ::operator delete(memory);
+        else
+            ::operator delete(memory, std::align_val_t{PAGE});
+    }
+
+    friend bool operator==(const LargePages&, const LargePages&) { return true; }
+};
+
+}  // namespace omnimirror
