@@ -440,15 +440,19 @@ def until_it_listens(port: int) -> None:
         time.sleep(0.05)
 
 
-def test_ctrl_c_ends_the_server_at_once_whatever_is_open(tmp_path):
+@pytest.mark.parametrize("before", [signal.SIG_DFL, signal.SIG_IGN], ids=["in the foreground", "as a job of a script"])
+def test_ctrl_c_ends_the_server_at_once_whatever_is_open(before, tmp_path):
     from websockets.sync.client import connect
 
     video = video_of(tmp_path / "ride.mp4", 100)
     words = [sys.executable, "-m", "omnimirror", "view", video, "--no-open"]
-    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as server:
+    with subprocess.Popen(
+        words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, before),
+    ) as server:  # fmt: skip
         port = int(re.search(r":(\d+)/", server.stdout.readline())[1])
         until_it_listens(port)
-        half = f"POST /api/pictures HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nContent-Length: 100000\r\n\r\nabc"
+        head = f"POST /api/pictures HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nContent-Length: 100000\r\n"
         with (
             connect(f"ws://127.0.0.1:{port}/api/stream?id=source") as stream,
             socket.create_connection(("127.0.0.1", port)) as upload,
@@ -456,8 +460,9 @@ def test_ctrl_c_ends_the_server_at_once_whatever_is_open(tmp_path):
         ):
             stream.send("next")
             assert stream.recv()
-            upload.sendall(half.encode())
-            time.sleep(0.3)
+            upload.sendall(f"{head}Expect: 100-continue\r\n\r\n".encode())
+            assert upload.recv(100).startswith(b"HTTP/1.1 100")  # it waits for the rest now
+            upload.sendall(b"abc")
             server.send_signal(signal.SIGINT)
             said = server.communicate(timeout=30)
         assert server.returncode == 130

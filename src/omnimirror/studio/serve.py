@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import logging
 import secrets
+import signal
 import socket
 import threading
 import webbrowser
 from collections.abc import Callable
+from types import FrameType
 
 import uvicorn
 
@@ -17,7 +19,13 @@ from .app import Studio, create_app
 
 
 class _Server(uvicorn.Server):
-    """Says nothing of what Ctrl-C cuts off, such as half an upload."""
+    """Says nothing of what Ctrl-C cuts off, such as half an upload, and knows that it was Ctrl-C."""
+
+    interrupted = False
+
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        self.interrupted |= sig == signal.SIGINT
+        super().handle_exit(sig, frame)
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         logging.getLogger("uvicorn.error").setLevel(logging.CRITICAL)
@@ -42,6 +50,8 @@ def serve(studio: Studio, host: str, port: int, open_browser: bool, tell: Callab
     ------
     OmnimirrorError
         The address cannot be listened on.
+    KeyboardInterrupt
+        Ctrl-C ended it.
     """
     if not is_loopback(host):
         studio.token = secrets.token_urlsafe(16)
@@ -59,10 +69,13 @@ def serve(studio: Studio, host: str, port: int, open_browser: bool, tell: Callab
     tell(f"omnimirror studio at {address} (Ctrl-C ends it)")
     if open_browser:
         threading.Timer(0.3, webbrowser.open, (address,)).start()
+    server = _Server(config)
     try:
-        _Server(config).run(sockets=[listening])
+        server.run(sockets=[listening])
     finally:
         listening.close()
+    if server.interrupted:  # a job that a script started ignores the signal that the server hands on
+        raise KeyboardInterrupt
 
 
 def _listen(host: str, port: int) -> socket.socket:
