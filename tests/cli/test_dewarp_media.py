@@ -113,10 +113,8 @@ def test_a_file_is_streamed_in_real_time(video, tmp_path):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         url = f"udp://127.0.0.1:{probe.getsockname()[1]}"
-    with LiveSource(url, timeout_s=10, patience_s=20, reconnect=False) as live:
-        begin = time.monotonic()
-        # again and again, until the receiver has understood what it is
-        while not live.received and time.monotonic() < begin + 30:
+    with LiveSource(url, timeout_s=60, patience_s=600, reconnect=False) as live:
+        while not live.received:  # again and again, until the receiver has understood what it is
             began = time.monotonic()
             run = omnimirror("dewarp", video, *BALL, "--size", "128x64", "-o", url + "?pkt_size=1316")
             assert run.returncode == 0, run.stderr

@@ -3,7 +3,6 @@
 import subprocess
 import sys
 import threading
-import time
 from pathlib import Path
 
 import pytest
@@ -87,27 +86,27 @@ def test_one_that_fails_leaves_the_others_alone():
 
 
 def test_they_run_side_by_side():
-    together = threading.Barrier(3, timeout=5)
+    together = threading.Barrier(3, timeout=300)
     assert run_parallel([Job(str(n), together.wait) for n in range(3)], 3).exit_code == 0
 
 
 def test_ctrl_c_finishes_what_is_under_way(tmp_path):
     code = f"""
 import time, pathlib
+from omnimirror.media import interrupts
 from omnimirror.media.batch import Job, run_parallel
 def job(n):
     def run():
         print("begun\\n", end="", flush=True)  # in one piece: another thread prints too
-        time.sleep(0.3)
+        while not interrupts.is_pending():
+            time.sleep(0.01)
         pathlib.Path({str(tmp_path)!r}, str(n)).touch()
     return Job(str(n), run)
 results = run_parallel([job(n) for n in range(20)], 2)
 print(len(results.done), len(results.not_begun), results.exit_code, flush=True)
 """
     run = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
-    assert run.stdout.readline() == "begun\n"
-    time.sleep(0.1)
+    assert [run.stdout.readline() for _ in range(2)] == ["begun\n"] * 2
     run.send_signal(2)
-    done, left, exit_code = map(int, run.communicate(timeout=10)[0].split()[-3:])
-    assert (done + left, exit_code) == (20, 130)
-    assert done == len(list(tmp_path.iterdir())) < 20
+    assert run.communicate()[0].split() == ["2", "18", "130"]
+    assert len(list(tmp_path.iterdir())) == 2

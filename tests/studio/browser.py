@@ -19,6 +19,7 @@ from omnimirror.studio.app import Studio, create_app
 
 FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 FAKE_CAMERA = ["--use-fake-device-for-media-stream=device-count=2"]
+PATIENCE_MS = 300_000  # more than any machine needs
 BASE64 = """(values) => {
   let text = "";
   const bytes = new Uint8Array(values.buffer);
@@ -36,14 +37,13 @@ def serving(studio: Studio, port: int = 0) -> Iterator[str]:
     thread = threading.Thread(target=server.run, daemon=True)
     thread.start()
     try:
-        until = time.monotonic() + 30
-        while not server.started and time.monotonic() < until:
+        while not server.started and thread.is_alive():
             time.sleep(0.01)
         yield f"http://127.0.0.1:{server.servers[0].sockets[0].getsockname()[1]}/"
     finally:
         time.sleep(0.2)  # its ends of the last connections close a moment after ours
         server.should_exit = True
-        thread.join(10)
+        thread.join()
 
 
 def chromium() -> str:
@@ -59,7 +59,7 @@ def open_page(browser, url: str, width: int = 400, height: int = 400, **options)
     # Waiting for functions is eval, which the page's policy forbids; another test keeps the policy.
     context = browser.new_context(viewport={"width": width, "height": height}, bypass_csp=True, **options)
     page = context.new_page()
-    page.set_default_timeout(60_000)
+    page.set_default_timeout(PATIENCE_MS)
     page.problems = []
     page.on("pageerror", lambda e: page.problems.append(str(e)))
     page.goto(url)

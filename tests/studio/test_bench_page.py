@@ -15,7 +15,7 @@ import omnimirror as om
 from omnimirror.specs import parse_sensor
 from omnimirror.studio.app import Studio
 
-from .browser import serving
+from .browser import PATIENCE_MS, serving
 from .test_page import AXE, WEB
 
 PAGE = Path(om.__file__).parent / "studio" / "page"
@@ -42,7 +42,7 @@ def bench(browser, server):
     context = browser.new_context(viewport={"width": 1280, "height": 800}, bypass_csp=True, accept_downloads=True)
     context.add_init_script(WITHOUT_PICTURES)
     page = context.new_page()
-    page.set_default_timeout(30_000)
+    page.set_default_timeout(PATIENCE_MS)
     problems = []
     page.on("pageerror", lambda e: problems.append(str(e)))
     page.goto(f"{server}#tab=design")
