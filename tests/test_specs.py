@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -175,7 +176,7 @@ BAD = [
 def test_a_wrong_file_says_where_and_what_would_be_valid(old, new, message):
     assert old in GOOD
     with pytest.raises(SpecError, match=message) as e:
-        parse_sensor(GOOD.replace(old, new, 1), source="mine.toml")
+        parse_sensor(GOOD.replace(old, new, 1), source="mine.toml", folder=Path())
     assert str(e.value).startswith("mine.toml")
     assert "\n" not in str(e.value)
 

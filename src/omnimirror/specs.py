@@ -23,7 +23,7 @@ import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
 
 from .errors import OmnimirrorError, SpecError
-from .files import write_text
+from .files import read_text, write_text
 from .frames import CameraLooks, Mount
 from .imagers import Imager
 from .lenses import LENSES
@@ -64,22 +64,21 @@ def load_sensor(name_or_path: str | Path) -> Sensor:
     path = Path(name_or_path)
     if not path.is_file() and str(name_or_path) in bundled_sensors():
         path = BUNDLED / f"{name_or_path}.toml"
-    try:
-        text = path.read_text(encoding="utf-8")
-    except FileNotFoundError:
-        hint = did_you_mean(str(name_or_path), bundled_sensors())
-        raise SpecError(
-            f"there is no sensor file or bundled sensor {str(name_or_path)!r}{hint}; bundled are "
-            f"{', '.join(bundled_sensors())}"
-        ) from None
-    except (OSError, UnicodeDecodeError) as e:
-        reason = e.strerror if isinstance(e, OSError) else "it is not a text file"
-        raise SpecError(f"cannot read the sensor file {path}: {reason}") from None
+    hint = did_you_mean(str(name_or_path), bundled_sensors())
+    absent = (
+        f"there is no sensor file or bundled sensor {str(name_or_path)!r}{hint}; bundled are "
+        f"{', '.join(bundled_sensors())}"
+    )
+    text = read_text(path, "sensor file", SpecError, absent)
     return parse_sensor(text, source=str(path), folder=path.parent)
 
 
-def parse_sensor(text: str, source: str = "sensor file", folder: Path = Path()) -> Sensor:
-    """A Sensor from the text of a sensor file; ``folder`` is where files named in it are looked for."""
+def parse_sensor(text: str, source: str = "sensor file", folder: Path | None = None) -> Sensor:
+    """A Sensor from the text of a sensor file.
+
+    ``folder`` is where files named in it are looked for; without one it may name none, so that text from anywhere
+    can be read.
+    """
     where = Places(text, source)
     try:
         data = tomllib.loads(text)
@@ -88,8 +87,8 @@ def parse_sensor(text: str, source: str = "sensor file", folder: Path = Path()) 
     return sensor_of(data, where, folder)
 
 
-def sensor_of(data: dict[str, Any], where: Places, folder: Path = Path()) -> Sensor:
-    """A Sensor from the tables of a sensor file; ``where`` gives errors their place."""
+def sensor_of(data: dict[str, Any], where: Places, folder: Path | None = None) -> Sensor:
+    """A Sensor from the tables of a sensor file; ``where`` gives errors their place, ``folder`` as above."""
     _check_table_names(data, where)
     parts: dict[str, Any] = {
         "mirror": _part("mirror", data, MIRRORS, folder, where),
@@ -273,14 +272,14 @@ def _class_of(section: str, data: dict[str, Any], registry: dict[str, type[Any]]
     return registry[kind]
 
 
-def _part(section: str, data: dict[str, Any], registry: dict[str, type[T]], folder: Path, where: Places) -> T:
+def _part(section: str, data: dict[str, Any], registry: dict[str, type[T]], folder: Path | None, where: Places) -> T:
     """The part that a table describes."""
     part: T = _build(section, *_class_and_table(section, data, registry, folder, where), where)
     return part
 
 
 def _class_and_table(
-    section: str, data: dict[str, Any], registry: dict[str, type[T]], folder: Path, where: Places
+    section: str, data: dict[str, Any], registry: dict[str, type[T]], folder: Path | None, where: Places
 ) -> tuple[type[T], dict[str, Any]]:
     """The class that a table's kind names, and its other entries; files that a mirror's table names are followed."""
     cls = _class_of(section, data, registry, where)
@@ -290,7 +289,7 @@ def _class_and_table(
     return cls, table
 
 
-def _secondary(data: dict[str, Any], folder: Path, where: Places) -> Secondary:
+def _secondary(data: dict[str, Any], folder: Path | None, where: Places) -> Secondary:
     """The second mirror: its table holds the entries of its kind, and those of its place."""
     cls, table = _class_and_table("secondary", data, SECONDARIES, folder, where)
     model = create_model("secondary", __base__=(table_model(cls), table_model(Secondary)))

@@ -22,6 +22,7 @@ from numpy.polynomial.polynomial import polyadd, polyder, polymul, polyroots, po
 from numpy.typing import NDArray
 
 from ..errors import InvalidParameter, OmnimirrorError, SpecError
+from ..files import read_text
 from ..frames import Mount
 from ..tracing.roots import increasing_root
 from .base import CentralCamera
@@ -181,13 +182,7 @@ def load_ocam(
         For an unknown ``optics`` or a rim that is no radius.
     """
     path = Path(path)
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except FileNotFoundError:
-        raise SpecError(f"there is no OCamCalib file {path}") from None
-    except (OSError, UnicodeDecodeError) as e:
-        reason = e.strerror if isinstance(e, OSError) else "it is not a text file"
-        raise SpecError(f"cannot read the OCamCalib file {path}: {reason}") from None
+    text = read_text(path, "OCamCalib file", SpecError, f"there is no OCamCalib file {path}")
     return parse_ocam(text, str(path), optics, mount, rim_radius_px)
 
 

@@ -120,7 +120,7 @@ def requirements_from(
         data["lens"] = {k: v for k, v in data["lens"].items() if k in changes["lens"] or k == "f_number"}
     if "imager" in data:
         data["imager"] = DEFAULT_IMAGER | data["imager"]
-    return requirements_of(title | data | ({"limit": limits} if limits else {}), Places("", "the options"))
+    return requirements_of(title | data | ({"limit": limits} if limits else {}), Places("", "the options"), Path())
 
 
 def _limit_table(quantity: str, number: float, part: list[float] | None, side: str) -> dict[str, Any]:

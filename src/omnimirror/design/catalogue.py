@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from ..errors import InvalidParameter, OmnimirrorError
+from ..files import read_text
 from ..parameters import Parameter
 
 RINGS = Parameter("mm", 1e-3, 1e3, "thicknesses of the extension rings that fit between lens and camera")
@@ -147,11 +148,7 @@ def read_catalogue(*paths: str | Path) -> Catalogue:
 
 
 def _read(path: Path) -> Iterable[Part]:
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as e:
-        reason = e.strerror if isinstance(e, OSError) else "it is not a text file"
-        raise OmnimirrorError(f"cannot read the catalogue {path}: {reason}") from None
+    text = read_text(path, "catalogue")
     if path.suffix.lower() == ".csv":
         for number, row in enumerate(csv.DictReader(text.splitlines()), start=2):
             yield _part(f"{path} line {number}", {k: _number(k, v) for k, v in row.items() if k and v})

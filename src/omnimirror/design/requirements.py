@@ -17,9 +17,10 @@ from pydantic import BeforeValidator, Field
 from pydantic_core import PydanticCustomError
 
 from ..errors import SpecError
+from ..files import read_text
 from ..frames import CameraLooks, Mount
 from ..imagers import Imager
-from ..mirrors.sampled import read_columns
+from ..mirrors.columns import MAPPING_FILE
 from ..specs import Places, Table, did_you_mean, table_model, validated
 from .families import FAMILIES
 from .fits import FitForm
@@ -150,24 +151,18 @@ def load_requirements(
         what would be valid.
     """
     path = Path(path)
-    try:
-        text = path.read_text(encoding="utf-8")
-    except FileNotFoundError:
-        raise SpecError(f"there is no requirement file {str(path)!r}") from None
-    except (OSError, UnicodeDecodeError) as e:
-        reason = e.strerror if isinstance(e, OSError) else "it is not a text file"
-        raise SpecError(f"cannot read the requirement file {path}: {reason}") from None
+    text = read_text(path, "requirement file", SpecError, f"there is no requirement file {str(path)!r}")
     return parse_requirements(text, str(path), path.parent, changes, limits)
 
 
 def parse_requirements(
     text: str,
     source: str = "requirements",
-    folder: Path = Path(),
+    folder: Path | None = None,
     changes: dict[str, Any] | None = None,
     limits: Sequence[dict[str, Any]] = (),
 ) -> Requirements:
-    """Requirements from the text of a file; ``folder`` is where files named in it are looked for.
+    """Requirements from the text of a file; ``folder`` is where files named in it are looked for, if it may name any.
 
     >>> wanted = parse_requirements('''
     ... field.omega_max_deg = 135
@@ -195,16 +190,10 @@ def parse_requirements(
     return requirements_of(data, where, folder)
 
 
-def requirements_of(data: dict[str, Any], where: Places, folder: Path = Path()) -> Requirements:
+def requirements_of(data: dict[str, Any], where: Places, folder: Path | None = None) -> Requirements:
     """Requirements from the tables of a file; ``where`` gives errors their place."""
     _check_tables(data, where)
-    mirror = dict(data["mirror"])
-    if "mapping_csv" in mirror:
-        file = folder / str(mirror.pop("mapping_csv"))
-        omega, height = where.wrap(
-            ("mirror", "mapping_csv"), lambda: read_columns(file, "mapping", "omega_deg, height")
-        )
-        mirror |= {"omega_deg": list(omega), "height": list(height)}
+    mirror = where.wrap(("mirror", MAPPING_FILE.entry), lambda: MAPPING_FILE.followed(data["mirror"], folder))
     imager = validated(table_model(Imager), "imager", data.get("imager", DEFAULT_IMAGER), where).model_dump()
     if imager["centre_px"] is not None:
         imager["centre_px"] = tuple(imager["centre_px"])

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import MediaError, OmnimirrorError
-from ..files import replacing
+from ..files import read_bytes, replacing
 from . import exr, xmp
 from .panorama import GPano
 
@@ -47,6 +47,9 @@ FORMATS = {
 
 FULL = {"uint8": 255, "uint16": 65535, "float32": 1.0}
 """The value of an opaque alpha, by depth."""
+
+LARGEST = 2 << 30
+"""Bytes of a picture file."""
 
 
 def format_of(path: str | Path) -> Format:
@@ -95,7 +98,7 @@ def read_image(path: str | Path) -> Image:
     """
     path = Path(path)
     try:
-        data = path.read_bytes()
+        data = read_bytes(path, LARGEST)
     except FileNotFoundError:
         raise MediaError(f"there is no picture {path}") from None
     except OSError as e:

@@ -15,6 +15,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from ..errors import MediaError
+from ..files import read_text
 
 Interpolation = Literal["smooth", "linear"]
 
@@ -62,13 +63,7 @@ class Keyframes:
             No such file, or an entry that is missing, unknown or wrong; the message names the line.
         """
         path = Path(path)
-        try:
-            text = path.read_text(encoding="utf-8-sig")
-        except FileNotFoundError:
-            raise MediaError(f"there are no keyframes {path}") from None
-        except (OSError, UnicodeDecodeError) as e:
-            reason = e.strerror if isinstance(e, OSError) else "it is not a text file"
-            raise MediaError(f"cannot read the keyframes {path}: {reason}") from None
+        text = read_text(path, "keyframes", MediaError, f"there are no keyframes {path}")
         if path.suffix.lower() not in (".csv", ".toml"):
             raise MediaError(f"keyframes are read from .csv and .toml files, and {path} is neither")
         return (parse_csv if path.suffix.lower() == ".csv" else parse_toml)(text, str(path), names)

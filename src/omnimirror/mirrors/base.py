@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import OutsideMirror
 from ..parameters import Parameter
+from .columns import ColumnFile
 
 Array = NDArray[np.float64]
 
@@ -32,6 +33,9 @@ class Mirror(ABC):
     """The word that names this mirror in a sensor file."""
     PARAMETERS: ClassVar[dict[str, Parameter]]
     """Its parameters in the order of its fields."""
+
+    FILE: ClassVar[ColumnFile | None] = None
+    """The entry that may name a file with some of them, if there is one."""
 
     rim_radius_mm: float
 
@@ -74,9 +78,9 @@ class Mirror(ABC):
         return (0.0, self.rim_radius_mm), (float(z.min()), float(z.max()))
 
     @classmethod
-    def from_spec(cls, data: dict[str, Any], folder: Path) -> dict[str, Any]:
-        """The mirror table of a sensor file, after names of other files in it have been followed."""
-        return data
+    def from_spec(cls, data: dict[str, Any], folder: Path | None) -> dict[str, Any]:
+        """The mirror table of a sensor file, its file of columns followed; without a folder it may name none."""
+        return data if cls.FILE is None else cls.FILE.followed(data, folder)
 
     def __getstate__(self) -> dict[str, Any]:
         """Pickle the parameters alone; what was computed from them is computed again."""

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import csv
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import InvalidParameter, OmnimirrorError, SpecError
+from ..errors import InvalidParameter
 from ..parameters import Parameter
 from .base import RIM_RADIUS, Array, Mirror
+from .columns import PROFILE_FILE, read_columns
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
@@ -56,6 +56,7 @@ class SampledProfile(Mirror):
     apex: str = "smooth"
 
     KIND: ClassVar[str] = "sampled"
+    FILE = PROFILE_FILE
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
         "x_mm": Parameter("mm", 0.0, 1e5, "distances from the axis, growing from 0"),
         "z_mm": Parameter("mm", -1e5, 1e5, "heights, growing away from the lens"),
@@ -96,17 +97,6 @@ class SampledProfile(Mirror):
         x, z = read_columns(Path(path))
         return cls(x, z, rim_radius_mm, apex)
 
-    @classmethod
-    def from_spec(cls, data: dict[str, Any], folder: Path) -> dict[str, Any]:
-        """Follow ``profile_csv``, a file named relative to the sensor file."""
-        if "profile_csv" not in data:
-            return data
-        if clash := {"x_mm", "z_mm"} & set(data):
-            raise SpecError(f"mirror has both profile_csv and {' and '.join(sorted(clash))}; give one or the other")
-        rest = {k: v for k, v in data.items() if k != "profile_csv"}
-        x, z = read_columns(folder / str(data["profile_csv"]))
-        return {**rest, "x_mm": list(x), "z_mm": list(z)}
-
     @cached_property
     def _splines(self) -> tuple[BSpline, BSpline, BSpline]:
         from scipy.interpolate import make_interp_spline
@@ -123,30 +113,3 @@ class SampledProfile(Mirror):
         if self.apex == "smooth":
             slope = np.where(x == 0.0, 0.0, slope)  # by symmetry; the spline says 1e-18
         return z, slope, curvature
-
-
-def read_columns(
-    path: Path, noun: str = "profile", names: str = "x, z in mm"
-) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Two columns of numbers from a CSV file; a header and comment lines are skipped."""
-    try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, UnicodeDecodeError) as e:
-        raise OmnimirrorError(f"cannot read the {noun} {path}: {_reason(e)}") from None
-    points: list[tuple[float, float]] = []
-    for number, row in enumerate(csv.reader(lines), start=1):
-        try:
-            first, second = float(row[0]), float(row[1])
-        except (ValueError, IndexError):
-            if points and row and not row[0].lstrip().startswith("#"):
-                raise OmnimirrorError(f"{path} line {number}: {','.join(row)!r} is not two numbers {names}") from None
-            continue
-        points.append((first, second))
-    if not points:
-        raise OmnimirrorError(f"{path} holds no line of two numbers {names}")
-    firsts, seconds = zip(*points, strict=True)
-    return firsts, seconds
-
-
-def _reason(error: Exception) -> str:
-    return (error.strerror or str(error)) if isinstance(error, OSError) else "it is not a text file"

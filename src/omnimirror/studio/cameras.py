@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import re
-import tomllib
 from collections import OrderedDict
 from dataclasses import dataclass, replace
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -148,7 +147,6 @@ def read_calibration(name: str, data: bytes, optics: str = "mirror") -> Known:
         kind: Literal["mirror", "fisheye"] = "fisheye" if optics == "fisheye" else "mirror"
         camera = parse_ocam(text, name, kind)
         return Known(id, name, title_of(camera), ("--ocam", name, "--optics", kind), camera)
-    _refuse_other_files(name, text)
     return _of_sensor(id, parse_sensor(text, source=name), name)
 
 
@@ -170,13 +168,3 @@ def _looks_like_ocam(text: str) -> bool:
         if words := line.split("#")[0].split():
             return all(re.fullmatch(r"[-+.\deE]+|[+-]?(nan|inf)", word, re.I) for word in words)
     return False
-
-
-def _refuse_other_files(name: str, text: str) -> None:
-    """Files named in a sensor file would be the server's."""
-    try:
-        mirror: Any = tomllib.loads(text).get("mirror")
-    except tomllib.TOMLDecodeError:
-        return  # the parser says it better
-    if isinstance(mirror, dict) and "profile_csv" in mirror:
-        raise SpecError(f"{name} names another file in mirror.profile_csv; put the profile itself in, as x_mm and z_mm")

@@ -5,16 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...errors import InvalidParameter, SpecError
+from ...errors import InvalidParameter
 from ...parameters import Parameter
 from ..base import RIM_RADIUS, Array
-from ..sampled import read_columns
+from ..columns import MAPPING_FILE
 from .base import THETA_MAX, Mapped
 
 if TYPE_CHECKING:
@@ -52,6 +51,7 @@ class TabulatedMapping(Mapped):
     rim_radius_mm: float
 
     KIND: ClassVar[str] = "tabulated-mapping"
+    FILE = MAPPING_FILE
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
         "omega_deg": Parameter("deg", 0.0, 179.0, "field angles, growing from the image centre to the rim"),
         "height": Parameter("", 0.0, 1e9, "their image heights in any unit, growing from 0"),
@@ -126,17 +126,6 @@ class TabulatedMapping(Mapped):
                     f"the mapping function is not smooth: {MOST_ROWS} rows still miss it by {error:.2g} of the rim's "
                     f"height; give it as a table, or a larger tolerance than {tolerance:g}"
                 )
-
-    @classmethod
-    def from_spec(cls, data: dict[str, Any], folder: Path) -> dict[str, Any]:
-        """Follow ``mapping_csv``, a file of two columns omega_deg, height named relative to the sensor file."""
-        if "mapping_csv" not in data:
-            return data
-        if clash := {"omega_deg", "height"} & set(data):
-            raise SpecError(f"mirror has both mapping_csv and {' and '.join(sorted(clash))}; give one or the other")
-        rest = {k: v for k, v in data.items() if k != "mapping_csv"}
-        omega, height = read_columns(folder / str(data["mapping_csv"]), "mapping", "omega_deg, height")
-        return {**rest, "omega_deg": list(omega), "height": list(height)}
 
     @cached_property
     def _splines(self) -> tuple[BSpline, BSpline]:

@@ -22,7 +22,7 @@ from ..uploads import encoded, safe_name
 from .framing import framed
 from .judging import requirements_for
 from .messages import Download, Opened, PictureAsk, Taken, distance_of
-from .sensors import on_bench, refuse_files, sensor_on_bench
+from .sensors import on_bench, sensor_on_bench
 
 ROWS = 361  # field angles of a table
 JPEG_QUALITY = 86
@@ -57,17 +57,14 @@ def opened(name: str, data: bytes) -> Opened:
         raise SpecError(f"{name} is not valid TOML: {e}") from None
     where = Places(text, name)
     if "field" in tables:
-        return Opened(sensor=None, wanted=_checked(tables, where, name))
-    where.wrap(("mirror",), lambda: refuse_files(tables))
+        return Opened(sensor=None, wanted=_checked(tables, where))
     return Opened(sensor=on_bench(sensor_of(tables, where)), wanted=None)
 
 
-def _checked(tables: dict[str, Any], where: Places, name: str) -> dict[str, Any]:
+def _checked(tables: dict[str, Any], where: Places) -> dict[str, Any]:
     """The tables of a requirement file, once they are known to be right."""
     from ...design.requirements import requirements_of
 
-    if "mapping_csv" in tables.get("mirror", {}):
-        raise SpecError(f"{name} names another file in mirror.mapping_csv; put the table itself in")
     requirements_of(tables, where)
     plain: dict[str, Any] = _replaced(tables, float("inf"), VERY_FAR)
     return plain

@@ -10,7 +10,7 @@ from ...design.assessment import SEARCHED, Row, assess
 from ...design.making import Choice, judged
 from ...design.placed import PlacedMirror
 from ...design.requirements import Requirements, requirements_of
-from ...errors import OmnimirrorError, SpecError
+from ...errors import OmnimirrorError
 from ...lenses import Perspective
 from ...sensor import Sensor
 from ...specs import Places, tables_of
@@ -29,8 +29,6 @@ def requirements_for(wanted: dict[str, Any], sensor: Sensor) -> Requirements:
         They are wrong; the message says where and what would be valid.
     """
     data = dict(wanted)
-    if isinstance(data.get("mirror"), dict) and "mapping_csv" in data["mirror"]:
-        raise SpecError("mirror.mapping_csv names another file; put the table itself in, as omega_deg and height")
     data.setdefault("mirror", {"family": "sphere", "rim_radius_mm": sensor.mirror.rim_radius_mm})
     telecentric = sensor.lens.TELECENTRIC
     data.setdefault("lens", {"kind": "orthographic"} if telecentric else {"theta_max_deg": 12.0})

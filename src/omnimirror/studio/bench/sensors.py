@@ -65,7 +65,6 @@ def sensor_on_bench(tables: dict[str, Any], follows: bool = False) -> Sensor:
     EntryError
         It cannot be; the error says which entry is why.
     """
-    refuse_files(tables)
     form = Form()
     mount = tables.get("mount", {})
     if not follows or not isinstance(mount, dict):
@@ -213,13 +212,3 @@ def _focused(sensor: Sensor, object_distance_mm: float) -> Sensor:
     except OmnimirrorError:
         return sensor
     return replace(sensor, lens=sensor.lens.focused_at(round(best.focus_mm, FOCUS_DIGITS)))
-
-
-def refuse_files(tables: dict[str, Any]) -> None:
-    """Files named in the tables would be the server's."""
-    for section in ("mirror", "secondary"):
-        table = tables.get(section)
-        if isinstance(table, dict) and "profile_csv" in table:
-            raise EntryError(
-                (section, "x_mm"), "profile_csv names another file; put the profile itself in, as x_mm and z_mm"
-            )

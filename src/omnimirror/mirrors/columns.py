@@ -1,0 +1,88 @@
+"""Files of two columns of numbers, and the entries of a mirror's table that name one."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ..errors import OmnimirrorError, SpecError
+from ..files import read_text
+
+
+@dataclass(frozen=True)
+class ColumnFile:
+    """An entry of a table that names a CSV file of two columns, which take its place."""
+
+    entry: str
+    columns: tuple[str, str]
+    noun: str
+
+    def followed(self, table: dict[str, Any], folder: Path | None) -> dict[str, Any]:
+        """The table with the columns in the place of the file's name.
+
+        This is the one place where a name that stands in a file is opened. Only what the user's own command line
+        names has a ``folder``; text from anywhere else has None, and may name no file.
+
+        Raises
+        ------
+        OmnimirrorError
+            The table may name no file, or has the columns too, or the file is missing or wrong.
+
+        Examples
+        --------
+        >>> PROFILE_FILE.followed({"profile_csv": "/etc/passwd"}, None)
+        Traceback (most recent call last):
+        ...
+        omnimirror.errors.SpecError: profile_csv names another file; put the profile itself in, as x_mm and z_mm
+        """
+        if self.entry not in table:
+            return dict(table)
+        if folder is None:
+            columns = " and ".join(self.columns)
+            raise SpecError(f"{self.entry} names another file; put the {self.noun} itself in, as {columns}")
+        if clash := set(self.columns) & set(table):
+            raise SpecError(f"mirror has both {self.entry} and {' and '.join(sorted(clash))}; give one or the other")
+        name = table[self.entry]
+        if not isinstance(name, str):
+            raise SpecError(f"{self.entry} = {name!r} is not the name of a file in quotes")
+        found = read_columns(folder / name, self.noun, ", ".join(self.columns))
+        rest = {k: v for k, v in table.items() if k != self.entry}
+        return rest | dict(zip(self.columns, map(list, found), strict=True))
+
+
+PROFILE_FILE = ColumnFile("profile_csv", ("x_mm", "z_mm"), "profile")
+MAPPING_FILE = ColumnFile("mapping_csv", ("omega_deg", "height"), "mapping")
+
+
+def read_columns(
+    path: Path, noun: str = "profile", names: str = "x_mm, z_mm"
+) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Two columns of numbers from a CSV file; a header and comment lines are skipped.
+
+    Raises
+    ------
+    OmnimirrorError
+        The file is missing, or a line after the first number does not hold two numbers.
+    """
+    points: list[tuple[float, float]] = []
+    for number, row in enumerate(_rows(read_text(path, noun), path), start=1):
+        try:
+            first, second = float(row[0]), float(row[1])
+        except (ValueError, IndexError):
+            if points and row and not row[0].lstrip().startswith("#"):
+                raise OmnimirrorError(f"{path} line {number}: {','.join(row)!r} is not two numbers {names}") from None
+            continue
+        points.append((first, second))
+    if not points:
+        raise OmnimirrorError(f"{path} holds no line of two numbers {names}")
+    firsts, seconds = zip(*points, strict=True)
+    return firsts, seconds
+
+
+def _rows(text: str, path: Path) -> list[list[str]]:
+    try:
+        return list(csv.reader(text.splitlines()))
+    except csv.Error as e:  # an entry of more than 128 kB
+        raise OmnimirrorError(f"{path} is not a table of two columns: {e}") from None
