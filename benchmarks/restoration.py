@@ -151,7 +151,7 @@ def table(sensors: Sequence[str], scenes: dict[str, Scene], out: Path, told: Seq
             cells = [name, scene, *pairs, won, f"{found.tenths_db.min():+.1f}", f"{found.seconds:.1f}"]
             yield f"| {' | '.join([*cells, best] if told else cells)} |"
             for kind, picture in zip(("sharp", "given", "restored"), found.pictures, strict=True):
-                om.write_image(out / f"{name}-{scene}-{kind}.png", np.ascontiguousarray(picture[..., ::-1]))
+                om.write_image(out / f"{name}-{scene}-{kind}.png", picture)
 
 
 def crops(out: Path) -> NDArray[np.uint8]:

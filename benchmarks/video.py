@@ -137,7 +137,7 @@ def filter_only(photograph: np.ndarray, runs: int) -> list[str]:
             {
                 "planes": lambda: dewarp_frame(dewarp, frame),  # noqa: B023
                 "v360": lambda: v360(frame),  # noqa: B023
-                "through BGR": lambda: frame_of_image(dewarp(frame.to_ndarray(format="bgr24"))).reformat(  # noqa: B023
+                "through RGB": lambda: frame_of_image(dewarp(frame.to_ndarray(format="rgb24"))).reformat(  # noqa: B023
                     format="yuv420p"
                 ),
                 "moving": move,
@@ -146,7 +146,7 @@ def filter_only(photograph: np.ndarray, runs: int) -> list[str]:
         )
         rows.append(
             f"| {threads} | {ms['planes']:.2f} | {ms['v360']:.2f} | {ms['v360'] / ms['planes']:.1f} | "
-            f"{ms['through BGR']:.2f} | {ms['moving']:.2f} |"
+            f"{ms['through RGB']:.2f} | {ms['moving']:.2f} |"
         )
         print(rows[-1], flush=True)
     native.set_threads(before)
@@ -185,7 +185,7 @@ def main() -> None:
         "",
         "One frame in memory, ms; the last column a moving view of 1280 x 720, its coordinates found anew each time:",
         "",
-        "| threads | omnimirror | v360 | ratio | through BGR | moving view |",
+        "| threads | omnimirror | v360 | ratio | through RGB | moving view |",
         "|---|---|---|---|---|---|",
         *filter_only(photograph, 60),
     ]

@@ -19,7 +19,7 @@ def small(tmp_path) -> om.Sensor:
     om.save_sensor(sensor, tmp_path / "small.toml")
     light = np.random.default_rng(1).random((32, 64, 3), np.float32)
     picture = om.take_picture(sensor, om.Environment(light), 16, blur=True)
-    om.write_image(tmp_path / "raw.png", np.ascontiguousarray(picture[..., ::-1]))
+    om.write_image(tmp_path / "raw.png", picture)
     om.write_image(tmp_path / "world.hdr", light)
     return sensor
 
@@ -75,7 +75,7 @@ def test_a_bracket_is_planned_taken_and_merged(small, tmp_path):
     assert run.returncode == 0, run.stderr
     world = om.Environment.load(tmp_path / "world.hdr")
     straight = om.take_picture(focused_at(small, 175.0), world, 16, blur=True)  # heading and pose cancel
-    assert np.abs(om.read_image(tmp_path / "b/175.0mm.png")[..., ::-1].astype(int) - straight).max() <= 2
+    assert np.abs(om.read_image(tmp_path / "b/175.0mm.png").astype(int) - straight).max() <= 2
     merge = ("bracket", "merge", "small.toml", "b/175.0mm.png", "b/207.0mm.png", "-o", "merged.png", "--focus-mm")
     assert omnimirror(*merge, "175,207", cwd=tmp_path).returncode == 0
     assert om.read_image(tmp_path / "merged.png").shape == (128, 128, 3)

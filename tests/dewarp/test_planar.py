@@ -212,22 +212,22 @@ def test_flat_maps_are_met_exactly(data):
 TO_YUV = np.array([[0.2126, 0.7152, 0.0722], [-0.1146, -0.3854, 0.5], [0.5, -0.4542, -0.0458]])  # BT.709
 
 
-def yuv_of(bgr, full_range=False):
+def yuv_of(rgb, full_range=False):
     """Luma and colours at full resolution, in float64."""
     scale = np.array([255, 255, 255]) if full_range else np.array([219, 224, 224])
-    return bgr[..., ::-1].astype(float) / 255 @ TO_YUV.T * scale + [0 if full_range else 16, 128, 128]
+    return rgb.astype(float) / 255 @ TO_YUV.T * scale + [0 if full_range else 16, 128, 128]
 
 
-def coded(bgr, full_range=False):
+def coded(picture, full_range=False):
     """(y, u, v) in 4:2:0 with colours in the middle of their four pixels, and the picture that it stands for."""
-    yuv = yuv_of(bgr, full_range)
-    height, width = bgr.shape[:2]
+    yuv = yuv_of(picture, full_range)
+    height, width = picture.shape[:2]
     u, v = (np.rint(yuv[..., k].reshape(height // 2, 2, width // 2, 2).mean(axis=(1, 3))) for k in (1, 2))
     y = np.rint(yuv[..., 0])
     whole = [y, *(cv2.resize(plane, (width, height), interpolation=cv2.INTER_LINEAR) for plane in (u, v))]
     scale = np.array([255, 255, 255]) if full_range else np.array([219, 224, 224])
     rgb = (np.dstack(whole) - [0 if full_range else 16, 128, 128]) / scale @ np.linalg.inv(TO_YUV).T
-    return tuple(plane.astype(np.uint8) for plane in (y, u, v)), rgb[..., ::-1].astype(np.float32)
+    return tuple(plane.astype(np.uint8) for plane in (y, u, v)), rgb.astype(np.float32)
 
 
 def error_db(taken, expected, where):
@@ -239,7 +239,7 @@ def error_db(taken, expected, where):
 def test_the_way_through_colours_leads_to_the_same_picture(scene, full_range, request):
     """Luma to within rounding; colours as far as two ways to halve a picture can agree."""
     if scene == "photograph":
-        picture = cv2.imread(str(request.getfixturevalue("shared_data") / "mirrorball" / "store.jpg"))
+        picture = om.read_image(request.getfixturevalue("shared_data") / "mirrorball" / "store.jpg")
         picture = cv2.resize(picture, (1000, 1000), interpolation=cv2.INTER_AREA)
         camera = om.MirrorBall((499.5, 499.5), 480.0, 270.0, (1000, 1000))
     else:

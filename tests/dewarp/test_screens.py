@@ -134,15 +134,15 @@ def test_ffmpeg_reads_our_cube_maps(layout, ffmpeg, size):
     sphere = om.Dewarper(camera, om.screens.Sphere((400, 200)))
     cube = om.Dewarper(camera, om.screens.CubeMap(size, layout))(picture)
     graph = av.filter.Graph()
-    first = graph.add_buffer(width=size[0], height=size[1], format="bgr24", time_base=1)
+    first = graph.add_buffer(width=size[0], height=size[1], format="rgb24", time_base=1)
     turn, last = graph.add("v360", f"input={ffmpeg}:output=e:w=400:h=200"), graph.add("buffersink")
     first.link_to(turn)
     turn.link_to(last)
     graph.configure()
-    frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(cube), "bgr24")
+    frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(cube), "rgb24")
     frame.pts, frame.time_base = 0, 1
     first.push(frame)
-    found = last.pull().to_ndarray(format="bgr24").astype(int)
+    found = last.pull().to_ndarray(format="rgb24").astype(int)
     inside = cv2.erode(sphere.valid.astype(np.uint8), np.ones((9, 9))) > 0
     expected = sphere(picture)
     assert np.abs(found - expected)[inside].mean() < 2

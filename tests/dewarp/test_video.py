@@ -16,7 +16,7 @@ BALL = om.MirrorBall((119.5, 119.5), 110.0, 250.0, (SIDE, SIDE))
 VIEW = om.screens.Plane((160, 120), pan_deg=20.0, tilt_deg=-30.0)
 DOME = om.views.dome(BALL, (130, 130))  # whose corners are outside
 LIMITED, FULL = 1, 2
-FORMATS = ["yuv420p", "nv12", "yuvj420p", "yuvj422p", "yuv422p", "yuv444p", "yuv420p10le", "bgr24"]
+FORMATS = ["yuv420p", "nv12", "yuvj420p", "yuvj422p", "yuv422p", "yuv444p", "yuv420p10le", "rgb24"]
 
 
 def picture():
@@ -43,7 +43,7 @@ def test_a_frame_of_any_format_shows_what_its_picture_shows(pixel_format, colour
     assert made.format.name == ("nv12" if pixel_format == "nv12" else "yuv420p")
     assert (made.width, made.height) == VIEW.size
     expected = om.Dewarper(BALL, VIEW)(picture()).astype(float)
-    taken = made.to_ndarray(format="bgr24")
+    taken = made.to_ndarray(format="rgb24")
     assert np.abs(taken - expected).mean() < 2.5  # FFmpeg's two conversions alone are off by 2
     assert np.abs(taken - expected).max() < 12
     assert np.abs(taken[:, ::-1] - expected).mean() > 8
@@ -63,7 +63,7 @@ def test_outside_the_field_a_frame_is_black_in_its_own_range(pixel_format, colou
     assert y[65, 65] == 90
     assert all((part[0, 0] == 128).all() and (part[32, 32] == 90).all() for part in colours)
     assert (made.color_range == FULL) == (luma == 0)
-    assert made.to_ndarray(format="bgr24")[0, 0].max() <= 1
+    assert made.to_ndarray(format="rgb24")[0, 0].max() <= 1
 
 
 def test_time_and_colour_coding_are_carried_on():

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from omnimirror.errors import InvalidParameter, MediaError
-from omnimirror.media.frames import Colour, bgr, empty_frame, frame_of_image, frame_of_planes, planes
+from omnimirror.media.frames import Colour, empty_frame, frame_of_image, frame_of_planes, image_of_frame, planes
 from omnimirror.media.process import process
 from omnimirror.media.video import VideoReader
 from omnimirror.media.writer import VideoWriter
@@ -84,7 +84,7 @@ def test_colours_stay_the_same(tmp_path, space, colour_range, pixels):
     assert (b.color_range, b.colorspace) == (a.color_range, a.colorspace) == (colour_range, space)
     for plane_a, plane_b in zip(planes(a), planes(b), strict=True):
         assert np.abs(plane_a.astype(int) - plane_b).max() <= 3
-    assert np.abs(bgr(a).astype(int) - bgr(b)).max() <= 6
+    assert np.abs(image_of_frame(a).astype(int) - image_of_frame(b)).max() <= 6
 
 
 def test_full_range_is_converted_where_the_target_cannot_say_it(tmp_path):

@@ -41,7 +41,7 @@ def test_corners_are_where_opencv_finds_them_in_the_picture(written):
     """Sub-pixel saddle points of the picture, searched from 1 px beside the true place."""
     folder, _, data = written
     for view in data["views"]:
-        grey = cv2.cvtColor(om.read_image(folder / view["image"]), cv2.COLOR_BGR2GRAY)
+        grey = cv2.cvtColor(om.read_image(folder / view["image"]), cv2.COLOR_RGB2GRAY)
         true = np.array([c for board in view["corners_px"].values() for row in board for c in row if c is not None])
         inner = np.hypot(*(true - 511.5).T) < 440
         start = (true[inner] + [0.7, -0.7]).astype(np.float32)

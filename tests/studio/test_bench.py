@@ -285,9 +285,9 @@ def test_the_preview_is_the_simulated_picture_made_small(client):
     data = post(client, "picture", tables=tables_of(sensor), width_px=128, samples=1).content
     length = int.from_bytes(data[:4], "little")
     header = json.loads(data[4 : 4 + length])
-    picture = cv2.imdecode(np.frombuffer(data, np.uint8, header["picture_bytes"], 4 + length), 1)
+    picture = cv2.imdecode(np.frombuffer(data, np.uint8, header["picture_bytes"], 4 + length), 1)[..., ::-1]
     assert picture.shape == (128, 128, 3)
-    whole = om.take_picture(replace(sensor, imager=Imager(512, 512, 10.4)), om.Room(), samples=1)[..., ::-1]
+    whole = om.take_picture(replace(sensor, imager=Imager(512, 512, 10.4)), om.Room(), samples=1)
     small = cv2.resize(whole, (128, 128), interpolation=cv2.INTER_AREA).astype(float)
     assert np.abs(cv2.blur(picture.astype(float), (5, 5)) - cv2.blur(small, (5, 5))).mean() < 4
 

@@ -237,7 +237,7 @@ def video_of(path: Path, frames: int = 40) -> Path:
         stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
         for i in range(frames):
             picture = np.full((48, 64, 3), 2 * i % 256, np.uint8)
-            out.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="bgr24")))
+            out.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
         out.mux(stream.encode())
     return path
 
@@ -382,7 +382,7 @@ def busy_video(path: Path) -> Path:
         for i in range(12):
             picture = rng.integers(0, 255, (360, 480, 3), np.uint8)
             picture[:64, :64] = 20 * i + 10
-            out.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="bgr24")))
+            out.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
         out.mux(stream.encode())
     return path
 

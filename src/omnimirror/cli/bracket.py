@@ -104,5 +104,5 @@ def take(
         path = output / f"{focus:.1f}mm.png"
         with rows_bar("Exposing") as progress:
             light = expose(focused_at(camera, float(focus)), seen, samples, blur=True, progress=progress)
-        write_image(path, np.ascontiguousarray(Detector().read(light)[..., ::-1]))
+        write_image(path, Detector().read(light))
         click.echo(f"{path}: focused at {focus:.1f} mm")

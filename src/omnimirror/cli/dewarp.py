@@ -83,7 +83,7 @@ VIDEO_OPTIONS = ("start_s", "duration_s", "codec", "crf", "keyframes", "format",
     type=click.Path(dir_okay=False, path_type=Path),
     help="One picture or video: write an HTML file in which to look around, with everything inside it.",
 )
-@click.option("--pixel-format", help="Videos: of --format rawvideo, by FFmpeg's name.  [default: bgr24]")
+@click.option("--pixel-format", help="Videos: of --format rawvideo, by FFmpeg's name.  [default: rgb24]")
 def command(
     sources: tuple[str, ...],
     outputs: tuple[str, ...],

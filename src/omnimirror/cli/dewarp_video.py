@@ -142,7 +142,7 @@ def _sinks(
 
 def _sink(output: str, view: View, rate: Fraction, given: dict[str, Any], source: VideoReader | None) -> Sink:
     if output == "-":
-        return PipeSink(given.get("format", "y4m"), rate, given.get("pixel_format", "bgr24"))
+        return PipeSink(given.get("format", "y4m"), rate, given.get("pixel_format", "rgb24"))
     if _is_virtual_camera(output):
         return VirtualCamera(output, view.size, rate)
     encoding: dict[str, Any] = {name: given[name] for name in ("codec", "crf") if name in given}

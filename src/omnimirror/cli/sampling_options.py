@@ -28,7 +28,7 @@ class BorderColour:
     """What the user wrote: a grey, or red, green and blue.
 
     >>> border("#204080").of_picture(np.zeros((1, 1, 3), np.uint8)), border("7").of_picture(np.zeros((1, 1), np.uint8))
-    ((128.0, 64.0, 32.0), (7.0,))
+    ((32.0, 64.0, 128.0), (7.0,))
     """
 
     text: str
@@ -37,7 +37,7 @@ class BorderColour:
     """Whether values count to 255 whatever the picture's do."""
 
     def of_picture(self, image: NDArray[Any]) -> tuple[float, ...]:
-        """One value per channel of a picture in OpenCV's order, opaque.
+        """One value per channel of a picture, grey, RGB or RGBA, opaque.
 
         Raises
         ------
@@ -56,8 +56,8 @@ class BorderColour:
             if len(set(values)) > 1:
                 raise InvalidParameter(f"--border {self.text} is a colour, and the picture is grey; give one value")
             return values[:1]
-        blue_first = values[::-1] if len(values) == 3 else values * 3
-        return blue_first if channels == 3 else (*blue_first, float(full))
+        colour = values if len(values) == 3 else values * 3
+        return colour if channels == 3 else (*colour, float(full))
 
     def of_frame(self, frame: av.VideoFrame) -> tuple[int, int, int]:
         """y, u and v as a video frame's colours are coded.

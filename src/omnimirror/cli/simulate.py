@@ -101,18 +101,13 @@ def _photograph(camera: Sensor, scene: Scene, output: Path, given: dict[str, Any
 
         write_truth(output, camera, seen, detector.exposure * light)
     elif is_light:
-        write_image(output, np.ascontiguousarray((detector.exposure * light)[..., ::-1]))
+        write_image(output, detector.exposure * light)
     else:
-        write_image(output, _for_file(detector.read(light, given["seed"])))
+        write_image(output, detector.read(light, given["seed"]))
     width, height = camera.image_size
     click.echo(f"{output}: {width} x {height} px, {given['samples']} rays a pixel")
     if "panorama" in given:
-        _write_panorama(camera, _for_file(detector_of({}).read(detector.exposure * light)), given["panorama"])
-
-
-def _for_file(picture: Any) -> Any:
-    """In the order of files: blue, green, red."""
-    return picture if picture.ndim == 2 else np.ascontiguousarray(picture[..., ::-1])
+        _write_panorama(camera, detector_of({}).read(detector.exposure * light), given["panorama"])
 
 
 def _write_panorama(camera: Sensor, picture: Any, output: Path) -> None:

@@ -125,8 +125,8 @@ def with_alpha(image: Image) -> Image:
     channels = image.shape[2:]
     if channels == (4,):
         return image
-    bgr = image if channels == (3,) else cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
-    return np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2BGRA))
+    rgb = image if channels == (3,) else cv2.cvtColor(image, cv2.COLOR_GRAY2RGB)
+    return np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2RGBA))
 
 
 # -- what can be asked -----------------------------------------------------------------------------

@@ -27,7 +27,7 @@ def read_exr(path: Path) -> Image:
     Returns
     -------
     (h, w) or (h, w, 3) or (h, w, 4) float32 array
-        Channels Y, or blue, green, red (alpha); half precision is widened. Other channels are left out.
+        Channels Y, or red, green, blue (alpha); half precision is widened. Other channels are left out.
 
     Raises
     ------
@@ -44,7 +44,7 @@ def read_exr(path: Path) -> Image:
     except Exception as e:  # the library raises RuntimeError, TypeError or its own, by version
         reason = str(e).strip().splitlines()[0]
         raise MediaError(f"the picture {path} is damaged or cut short: {reason}") from None
-    names = next((n for n in ("BGRA", "BGR", "Y") if set(n) <= set(channels)), None)
+    names = next((n for n in ("RGBA", "RGB", "Y") if set(n) <= set(channels)), None)
     if names is None:
         found = ", ".join(channels)
         raise MediaError(f"the picture {path} has the channels {found}; valid are R, G, B, perhaps A, or Y alone")
@@ -56,7 +56,7 @@ def read_exr(path: Path) -> Image:
 
 
 def write_exr(path: Path, image: Image) -> None:
-    """Write a float32 picture, (h, w) or (h, w, c) in the order blue, green, red (alpha), without loss.
+    """Write a float32 picture, (h, w) or (h, w, c) in the order red, green, blue (alpha), without loss.
 
     Raises
     ------
@@ -67,8 +67,6 @@ def write_exr(path: Path, image: Image) -> None:
     """
     image = image.reshape(*image.shape[:2], -1)
     names = CHANNELS[image.shape[2]]
-    if len(names) > 1:
-        image = image[..., [2, 1, 0, 3][: len(names)]]
     write_channels(path, {name: np.ascontiguousarray(image[..., i]) for i, name in enumerate(names)})
 
 

@@ -23,7 +23,7 @@ Planes = tuple[NDArray[np.uint8], ...]
 
 PLANAR = ("yuv420p", "yuvj420p", "nv12")
 """The pixel formats whose planes are handed out as they are; the second is the first in full range."""
-PACKED = {1: "gray", 3: "bgr24", 4: "bgra"}
+PACKED = {1: "gray", 3: "rgb24", 4: "rgba"}
 FULL_RANGE = 2
 Siting = Literal["left", "center"]
 CENTRED = ("mjpeg", "mpeg1video", "h263", "flv1")
@@ -165,14 +165,14 @@ def frame_of_planes(parts: Planes, like: av.VideoFrame | None = None) -> av.Vide
     return frame
 
 
-def bgr(frame: av.VideoFrame) -> Image:
-    """The frame as a picture (h, w, 3) uint8, blue, green, red; converted as its colour coding says."""
-    image: Image = converted(frame, "bgr24").to_ndarray()
+def image_of_frame(frame: av.VideoFrame) -> Image:
+    """The frame as a picture (h, w, 3) uint8, red, green, blue; converted as its colour coding says."""
+    image: Image = converted(frame, "rgb24").to_ndarray()
     return image
 
 
 def frame_of_image(image: Image, like: av.VideoFrame | None = None) -> av.VideoFrame:
-    """A frame of a picture (h, w), (h, w, 3) or (h, w, 4) uint8; grey, or blue, green, red (alpha).
+    """A frame of a picture (h, w), (h, w, 3) or (h, w, 4) uint8; grey, or red, green, blue (alpha).
 
     A contiguous picture is not copied: it must stay as it is until the frame has been written. The time is
     that of ``like``, and its colour coding is noted for when the frame is converted to luma and chroma.
@@ -198,7 +198,7 @@ def frame_of_image(image: Image, like: av.VideoFrame | None = None) -> av.VideoF
 
 
 def coded_colour(colour: tuple[float, ...], like: av.VideoFrame) -> tuple[int, int, int]:
-    """y, u and v of a colour (blue, green, red) of 8 bits, in a frame whose colours are coded like another's.
+    """y, u and v of a colour (red, green, blue) of 8 bits, in a frame whose colours are coded like another's.
 
     >>> coded_colour((0, 0, 0), empty_frame((64, 48))[0])
     (16, 128, 128)

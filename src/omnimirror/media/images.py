@@ -1,8 +1,11 @@
-"""Picture files, read and written as they are: depth and channels kept, every failure a sentence."""
+"""Picture files, read and written as they are: depth and channels kept, every failure a sentence.
+
+Colours are RGB, or RGBA, in Python whatever the file's order; OpenCV's is exchanged on the line that calls it.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -89,7 +92,7 @@ def read_image(path: str | Path) -> Image:
     Returns
     -------
     (h, w) or (h, w, 3) or (h, w, 4) array
-        uint8, uint16 or float32 as in the file; channels in OpenCV's order, blue, green, red (alpha).
+        uint8, uint16 or float32 as in the file; channels in the order red, green, blue (alpha).
 
     Raises
     ------
@@ -111,14 +114,14 @@ def read_image(path: str | Path) -> Image:
         raise MediaError(f"the picture {path} is cut short: its end is missing")
     try:
         with _quiet():
-            image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+            decoded = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error as e:
         raise MediaError(f"cannot read the picture {path}: {_reason(e)}") from None
-    if image is None:
+    if decoded is None:
         raise MediaError(f"{path} is not a picture that can be read, or is damaged or cut short")
-    if image.dtype.name not in FULL:
-        raise MediaError(f"the picture {path} holds {image.dtype.name} values; valid are {', '.join(FULL)}")
-    return image
+    if decoded.dtype.name not in FULL:
+        raise MediaError(f"the picture {path} holds {decoded.dtype.name} values; valid are {', '.join(FULL)}")
+    return _red_and_blue_exchanged(decoded)
 
 
 def write_image(path: str | Path, image: Image, panorama: GPano | None = None) -> None:
@@ -130,7 +133,7 @@ def write_image(path: str | Path, image: Image, panorama: GPano | None = None) -
         Its suffix names the format, one of :data:`FORMATS`. PNG, TIFF, WebP and EXR are written without
         loss, JPEG with quality 95. EXR needs the extra ``omnimirror[exr]``.
     image : (h, w) or (h, w, 1) or (h, w, 3) or (h, w, 4) array
-        uint8, uint16 or float32; channels in OpenCV's order, blue, green, red (alpha).
+        uint8, uint16 or float32; channels in the order red, green, blue (alpha).
     panorama
         What part of the full sphere the picture shows, for viewers; JPEG, PNG, WebP and TIFF can hold it.
 
@@ -176,12 +179,26 @@ def _encoded(path: Path, image: Image, panorama: GPano | None) -> bytes:
     """The bytes of the file."""
     suffix = path.suffix.lower()
     try:
-        with _quiet():
-            _, encoded = cv2.imencode(suffix, np.ascontiguousarray(image))
+        data = encoded(image, suffix)
     except cv2.error as e:
         raise MediaError(f"cannot write {path}: {_reason(e)}") from None
-    data: bytes = encoded.tobytes()
     return data if panorama is None else xmp.embed(suffix, data, panorama.xmp())
+
+
+def encoded(image: Image, suffix: str, parameters: Sequence[int] = ()) -> bytes:
+    """The bytes of a file of a picture, grey, RGB or RGBA, by OpenCV's encoder for ``suffix`` and its parameters."""
+    with _quiet():
+        _, buffer = cv2.imencode(suffix, _red_and_blue_exchanged(np.ascontiguousarray(image)), parameters)
+    data: bytes = buffer.tobytes()
+    return data
+
+
+def _red_and_blue_exchanged(image: Image) -> Image:
+    """RGB of OpenCV's BGR, or the other way round; an alpha stays the last."""
+    channels = image.shape[2] if image.ndim == 3 else 1
+    if channels not in (3, 4):
+        return image
+    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB if channels == 3 else cv2.COLOR_BGRA2RGBA))
 
 
 def _is_cut_short(data: bytes) -> bool:

@@ -20,7 +20,7 @@ from av.packet import Packet
 from ..errors import InvalidParameter, MediaError
 from . import interrupts
 from .encoder import DEFAULT_CODEC, Encoder, sentences
-from .frames import Image, Siting, converted, is_full_range, planes, siting_of
+from .frames import Image, Siting, converted, image_of_frame, is_full_range, planes, siting_of
 
 STREAM_FORMATS = {"udp": "mpegts", "tcp": "mpegts", "http": "mpegts", "rtsp": "rtsp", "rtmp": "flv", "srt": "mpegts"}
 """How a stream is packed, by the scheme of its address."""
@@ -124,7 +124,7 @@ class PipeSink(SinkBase):
     frame_rate : frames a second
         Told by y4m.
     pixel_format
-        Of rawvideo: ``"bgr24"``, ``"rgb24"``, ``"gray"``, ``"yuv420p"`` and others that NumPy knows.
+        Of rawvideo: ``"rgb24"``, ``"bgr24"``, ``"gray"``, ``"yuv420p"`` and others that NumPy knows.
     stream
         Standard output where not given.
 
@@ -138,7 +138,7 @@ class PipeSink(SinkBase):
         self,
         kind: Literal["y4m", "rawvideo"],
         frame_rate: Fraction | float,
-        pixel_format: str = "bgr24",
+        pixel_format: str = "rgb24",
         stream: BinaryIO | None = None,
     ) -> None:
         if kind not in ("y4m", "rawvideo"):
@@ -256,7 +256,7 @@ class Preview(SinkBase):
     def write(self, frame: av.VideoFrame) -> None:
         """Show a frame, unless an earlier one is still being drawn."""
         if self._newest is None:
-            picture = converted(frame, "rgb24").to_ndarray()
+            picture = image_of_frame(frame)
             with self._news:
                 self._newest = picture
                 self._news.notify()

@@ -14,7 +14,7 @@ import av
 
 from ..errors import MediaError
 from . import interrupts
-from .frames import Image, Planes, as_frame, bgr, planar, planes
+from .frames import Image, Planes, as_frame, image_of_frame, planar, planes
 from .video import Item
 from .writer import Sink
 
@@ -83,7 +83,7 @@ def process(
         Called as ``function(picture, time_s)``. What it returns must be memory of its own, since it is
         written while the next frame is made; :func:`omnimirror.media.frames.empty_frame` spares a copy.
     pixels
-        ``"picture"``: it takes (h, w, 3) uint8, blue, green, red. ``"planes"``: it takes (y, u, v), or
+        ``"picture"``: it takes (h, w, 3) uint8, red, green, blue. ``"planes"``: it takes (y, u, v), or
         (y, uv) of NV12, as :func:`omnimirror.media.frames.planes` gives them, without any conversion
         unless the source is of another kind than 4:2:0 with 8 bits. ``"frame"``: it takes the frame that
         holds these planes, which also tells how they are coded, such as
@@ -161,7 +161,7 @@ def _prepared(item: Item, pixels: Pixels) -> Prepared:
     if not isinstance(item, av.VideoFrame):
         return item, None
     if pixels == "picture":
-        return item, bgr(item)
+        return item, image_of_frame(item)
     item = planar(item)
     return item, item if pixels == "frame" else planes(item)
 

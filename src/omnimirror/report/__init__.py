@@ -51,7 +51,7 @@ def write_demo(sensor: Sensor, folder: str | Path, blur: bool = True) -> Path:
     folder = Path(folder)
     result = evaluate(sensor)
     blur = blur and sensor.secondary is None
-    circle = take_picture(sensor, Room(), SAMPLES, blur)[..., ::-1]  # files are in the order blue, green, red
+    circle = take_picture(sensor, Room(), SAMPLES, blur)
     pictures = {
         "circle": circle,
         "panorama": Dewarper(sensor, views.panorama(sensor), interpolation="cubic")(circle),

@@ -19,6 +19,7 @@ from ..errors import InvalidParameter
 from ..figures import picture_sheet, render, side_by_side, table_sheet
 from ..files import write_text
 from ..media import write_image
+from ..media.images import encoded
 from ..simulate import Room, Scene, take_picture
 from .pages import figure_html, page_html
 
@@ -55,7 +56,7 @@ def write_comparison(comparison: Comparison, path: str | Path, scene: Scene | No
     if kind == ".html":
         write_text(path, comparison_html(comparison, pictures))
     else:
-        write_image(path, comparison_sheet(comparison, pictures)[..., ::-1])
+        write_image(path, comparison_sheet(comparison, pictures))
     return path
 
 
@@ -119,5 +120,4 @@ def _table(comparison: Comparison) -> str:
 
 
 def _picture(picture: NDArray[Any], name: str) -> str:
-    _, data = cv2.imencode(".jpg", picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 90])
-    return figure_html(data.tobytes(), "jpeg", name)
+    return figure_html(encoded(picture, ".jpg", [cv2.IMWRITE_JPEG_QUALITY, 90]), "jpeg", name)

@@ -126,7 +126,7 @@ def write_calibration_set(
             if truth:
                 record["truth"] = path.with_suffix(".exr").name
                 write_truth(folder / record["truth"], sensor, Placed(hall, pose), light)
-            write_image(path, picture if picture.ndim == 2 else np.ascontiguousarray(picture[..., ::-1]))
+            write_image(path, picture)
             described["views"].append(record | {"corners_px": _lists(seen_corners_px(sensor, hall, pose))})
             yield path
     except (KeyboardInterrupt, GeneratorExit):

@@ -1,7 +1,7 @@
 """The picture that a camera takes of a scene.
 
-Pictures are arrays (rows, columns, 3) of uint8 in sRGB and in **RGB order**; OpenCV wants BGR, which
-is ``picture[..., ::-1]``.
+Pictures are arrays (rows, columns, 3) of uint8 in sRGB and in **RGB order**, as everywhere in Python; OpenCV
+wants BGR, which is ``picture[..., ::-1]``.
 """
 
 from __future__ import annotations

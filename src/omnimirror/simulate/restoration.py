@@ -36,7 +36,7 @@ def restore(sensor: Sensor, image: Picture, noise: float | None = None, object_d
     sensor
         Which took the picture, at its own focus, with its mirror on the axis of the lens.
     image : (h, w), (h, w, 3) or (h, w, 4) array
-        sRGB in uint8 or uint16, or linear light in float32; channels in any order, a fourth one is left as it is.
+        sRGB in uint8 or uint16, or linear light in float32; RGB or grey, a fourth channel is left as it is.
     noise
         Standard deviation in the sRGB picture, as a share of full scale (0.01 is 2.6 of 255); estimated from the
         picture by default.

@@ -132,7 +132,7 @@ def write_video(
     with VideoWriter(output, camera.image_size, rate) as video:
         for number, time in enumerate(times):
             light = frame_at(camera, scene, path, time, samples, blur, hardware, seed + number)
-            frame = frame_of_image(np.ascontiguousarray(detector.read(light, seed + number)[..., ::-1]))
+            frame = frame_of_image(detector.read(light, seed + number))
             frame.pts, frame.time_base = number, 1 / rate
             video.write(frame)
             if written is not None:

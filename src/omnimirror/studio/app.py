@@ -259,4 +259,4 @@ def _room(known: Known) -> bytes:
 
     if not isinstance(known.camera, Sensor) and known.camera.image_size[0] > 4096:
         raise OmnimirrorError(f"the picture of {known.name} is too large to be simulated here")
-    return encoded(take_picture(known.camera, Room(), samples=ROOM_SAMPLES)[..., ::-1], ".png")
+    return encoded(take_picture(known.camera, Room(), samples=ROOM_SAMPLES), ".png")

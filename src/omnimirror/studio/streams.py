@@ -61,7 +61,7 @@ class Stream:
             self._tell(None, "ended", str(e))
 
     def _live(self) -> Iterator[bytes]:
-        from ..media.frames import bgr
+        from ..media.frames import image_of_frame
         from ..media.live import LiveSource
 
         def report(sentence: str) -> None:
@@ -75,11 +75,11 @@ class Stream:
 
             threading.Thread(target=close, daemon=True).start()  # a stream that is silent is let go too
             for frame in source.frames():
-                yield encoded(bgr(frame), ".jpg")
+                yield encoded(image_of_frame(frame), ".jpg")
 
     def _video(self) -> Iterator[bytes]:
         """The frames of a file at its own speed, again and again."""
-        from ..media.frames import bgr
+        from ..media.frames import image_of_frame
         from ..media.video import VideoReader
 
         while not self._stopping.is_set():
@@ -91,7 +91,7 @@ class Stream:
                 self._stopping.wait(max(0.0, shown_s - first - (time.monotonic() - begin)))
                 if self._stopping.is_set():
                     return
-                yield encoded(bgr(frame), ".jpg")
+                yield encoded(image_of_frame(frame), ".jpg")
             self._stopping.wait(float(1 / reader.frame_rate))
 
     def _tell(self, jpeg: bytes | None, state: State, sentence: str) -> None:

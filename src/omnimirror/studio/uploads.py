@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import MediaError
-from ..media import read_image
+from ..media import images, read_image
 
 LARGEST_CALIBRATION = 1 << 20
 LARGEST_PICTURE = 128 << 20
@@ -81,10 +81,9 @@ def browser_picture(data: bytes, name: str) -> bytes:
 
 
 def encoded(image: NDArray[np.uint8], suffix: str, quality: int = 90) -> bytes:
-    """The bytes of a file of a picture in OpenCV's order of channels."""
+    """The bytes of a file of a picture, grey, RGB or RGBA."""
     parameters = [cv2.IMWRITE_JPEG_QUALITY, quality] if suffix == ".jpg" else [cv2.IMWRITE_PNG_COMPRESSION, 2]
-    data: bytes = cv2.imencode(suffix, image, parameters)[1].tobytes()
-    return data
+    return images.encoded(image, suffix, parameters)
 
 
 def eight_bits(image: NDArray[np.generic]) -> NDArray[np.uint8]:

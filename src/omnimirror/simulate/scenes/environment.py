@@ -112,8 +112,8 @@ class Environment:
 
 
 def _linear(image: NDArray[Any]) -> Array | Light:
-    """Linear RGB of a picture as files hold it, blue first."""
-    rgb = image[..., :3][..., ::-1] if image.ndim == 3 else np.repeat(image[..., None], 3, axis=2)
+    """Linear RGB of a picture as files hold it."""
+    rgb = image[..., :3] if image.ndim == 3 else np.repeat(image[..., None], 3, axis=2)
     if image.dtype.name in FULL_OF_DEPTH:
         return linear_from_srgb(rgb / FULL_OF_DEPTH[image.dtype.name])
     return np.asarray(rgb)

@@ -177,7 +177,7 @@ def taken(ask: PictureAsk) -> bytes:
 
     sensor = coarser(sensor_on_bench(ask.tables), ask.width_px)
     with TAKING:
-        picture = np.ascontiguousarray(take_picture(sensor, Room(), samples=ask.samples)[..., ::-1])
+        picture = take_picture(sensor, Room(), samples=ask.samples)
     panorama = Dewarper(sensor, views.panorama(sensor))(picture)
     files = [encoded(image, ".jpg", JPEG_QUALITY) for image in (picture, panorama)]
     return framed(Taken(picture_bytes=len(files[0]), panorama_bytes=len(files[1])), *files)
