@@ -42,7 +42,7 @@ def test_an_exr_holds_light_and_ground_truth(sensor_file, tmp_path):
     done(sensor_file, "--no-blur", "--samples", 1, "--pose", "300,100,0,30", "-o", out)
     with OpenEXR.File(str(out), separate_channels=True) as file:
         channels = {name: np.array(c.pixels) for name, c in file.channels().items()}
-    assert set(channels) == {"R", "G", "B", "A", "Z", "DX", "DY", "DZ", "OX", "OY", "OZ"}
+    assert set(channels) == {"R", "G", "B", "A", "H", "Z", "DX", "DY", "DZ", "OX", "OY", "OZ"}
     sensor, scene = om.load_sensor(sensor_file), Placed(om.Room(), Pose(300.0, 100.0, 0.0, 30.0))
     truth = ground_truth(sensor, scene)
     np.testing.assert_allclose(channels["Z"], truth.depth_mm, rtol=1e-6)
@@ -50,6 +50,22 @@ def test_an_exr_holds_light_and_ground_truth(sensor_file, tmp_path):
     np.testing.assert_array_equal(channels["A"] == 1, np.isfinite(truth.depth_mm))
     np.testing.assert_allclose(channels["G"], expose(sensor, scene, 1)[..., 1], atol=1e-6)
     assert om.read_image(out).shape == (128, 128, 4)
+
+
+def test_an_exr_labels_what_hardware_hides_and_what_a_tube_bends(sensor_file, tmp_path):
+    OpenEXR = pytest.importorskip("OpenEXR")
+    found = {}
+    for name, options in {"rod": ("--support", "rod", "--support-mm", 12), "tube": ("--support", "tube")}.items():
+        out = tmp_path / f"{name}.exr"
+        done(sensor_file, "--no-blur", "--samples", 1, *options, "-o", out)
+        with OpenEXR.File(str(out), separate_channels=True) as file:
+            found[name] = {name: np.array(c.pixels) for name, c in file.channels().items()}
+        hidden = found[name]["H"] == 1
+        assert hidden.sum() > 100
+        assert not found[name]["A"][hidden].any()
+        assert np.isnan(found[name]["Z"][hidden]).all()
+    seen = found["tube"]["A"] == 1
+    np.testing.assert_allclose(np.hypot(found["tube"]["OX"], found["tube"]["OY"])[seen], 50.0, atol=1e-4)
 
 
 def test_an_environment_blurred_noisy_in_12_bits(sensor_file, sky_file, tmp_path):

@@ -298,7 +298,8 @@ void meet_nodes(const Optics& o, Bundle& r) {
     }
 }
 
-// Off the mirror, and back to the camera frame; rays that missed go straight on.
+// Off the mirror, and back to the camera frame; rays that missed go straight on. What rises past the rim may meet the
+// dark edge about it.
 void reflect(const Optics& o, Bundle& r) {
     const float *t = o.vertex, *m = o.axes;
     const float *w = o.reflectance;
@@ -315,6 +316,9 @@ void reflect(const Optics& o, Bundle& r) {
         float kept = w[7];
         for (int k = 6; k >= 0; --k) kept = kept * oblique + w[k];
         r.weight[i] *= hit ? kept : 1;
+        const float up = (o.edge_z - z) / (dz + 1e-30f), ex = x + up * dx, ey = y + up * dy, e2 = ex * ex + ey * ey;
+        const bool edge = hit & (up > 0) & (e2 > o.rim * o.rim) & (e2 < o.edge_radius * o.edge_radius);
+        r.fate[i] = edge ? HARDWARE : r.fate[i];
         if (!o.aligned) {
             const float x1 = m[0] * x + m[3] * y + m[6] * z, y1 = m[1] * x + m[4] * y + m[7] * z;
             z = m[2] * x + m[5] * y + m[8] * z, x = x1, y = y1;

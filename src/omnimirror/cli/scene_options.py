@@ -19,7 +19,7 @@ from ..sensor import Sensor
 from ..simulate import Detector, Environment, Hardware, Pose, Scene
 from ..simulate.detector import BAYER, CURVES
 from ..simulate.scenes import BUNDLED, bundled_scene
-from ..simulate.shells import ThroughShell
+from ..simulate.shells import Dome, Tube
 from .options import _numbers, angle, distance, factor, flag
 
 Command = TypeVar("Command", bound=Callable[..., Any])
@@ -194,15 +194,15 @@ def hardware_of(sensor: Sensor, given: dict[str, Any]) -> Hardware | None:
     return replace(hardware, **asked | {"vignetting": float(asked.get("vignetting", 0.0))})
 
 
-def behind_support(sensor: Sensor, scene: Scene, given: dict[str, Any]) -> Scene:
-    """The scene as a sensor sees it through its tube or dome, if it stands in one."""
+def shell_in(sensor: Sensor, given: dict[str, Any]) -> Tube | Dome | None:
+    """The tube or the dome that a sensor stands in, as the options say; None if they say none."""
     if "support_mm" in given and "support" not in given:
         raise click.UsageError("--support-mm is the size of a --support")
     if "support_end_mm" in given and given.get("support") != "rod":
         raise click.UsageError("--support-end-mm belongs to --support rod")
     if given.get("support") not in SHELLS:
-        return scene
-    return ThroughShell(scene, shell_of(sensor, _support(given)), sensor)
+        return None
+    return shell_of(sensor, _support(given))
 
 
 def _support(given: dict[str, Any]) -> Support:

@@ -13,12 +13,11 @@ from ..media import write_image
 from ..media.images import format_of
 from ..sensor import Sensor
 from ..simulate import Distant, Placed, Pose, Scene, expose
+from ..simulate.shells import seen_through
 from ..specs import bundled_sensors, load_sensor
 from .options import flag
 from .scene_options import (
     DETECTOR,
-    SHELLS,
-    behind_support,
     detector_of,
     hardware_of,
     picture_options,
@@ -26,6 +25,7 @@ from .scene_options import (
     rows_bar,
     scene_of,
     scene_options,
+    shell_in,
 )
 
 VIDEOS = (".mp4", ".m4v", ".mov", ".mkv", ".webm", ".ts")
@@ -64,9 +64,10 @@ def command() -> None:
 def picture(sensor: str, scene: str, output: Path, **options: Any) -> None:
     """Take the picture, or the video, that SENSOR would take of a scene.
 
-    An EXR file holds linear light (R, G, B) and for the centre of each pixel: whether it sees anything (A), the
-    distance from the mirror to what it sees (Z, mm), the direction (DX, DY, DZ) and the point on the mirror it sees
-    from (OX, OY, OZ, mm), in the sensor's world frame.
+    An EXR file holds linear light (R, G, B) and for the chief ray of each pixel's centre: whether it sees the scene
+    (A), or camera, rod, rim or a lid hide it (H); the point where it leaves the mirror, or the outer side of its tube
+    or dome (OX, OY, OZ, mm), its direction there (DX, DY, DZ) and the distance to what it sees (Z, mm), in the
+    sensor's world frame.
     """
     given = {name: value for name, value in options.items() if value is not None}
     seen, camera = scene_of(scene, given), load_sensor(sensor)
@@ -91,15 +92,15 @@ def _photograph(camera: Sensor, scene: Scene, output: Path, given: dict[str, Any
     detector = detector_of(given)
     if detector.bits > 8 and not is_light and "uint16" not in kind.depths:
         raise OmnimirrorError(f"{output.suffix} holds 8 bits; write .png or .tif for {detector.bits}")
-    placed = behind_support(camera, Placed(scene, given.get("placed", Pose())), given)
-    seen: Scene = Distant(placed) if given["distant"] else placed
+    placed = Placed(scene, given.get("placed", Pose()))
+    seen = seen_through(camera, Distant(placed) if given["distant"] else placed, shell_in(camera, given))
     with rows_bar("Exposing") as progress:
         hardware, seed = hardware_of(camera, given), given["seed"]
         light = expose(camera, seen, given["samples"], given["blur"], hardware=hardware, seed=seed, progress=progress)
     if output.suffix.lower() == ".exr":
         from ..simulate.dataset import write_truth
 
-        write_truth(output, camera, seen, detector.exposure * light)
+        write_truth(output, camera, seen, detector.exposure * light, hardware)
     elif is_light:
         write_image(output, detector.exposure * light)
     else:
@@ -124,8 +125,8 @@ def _film(camera: Sensor, scene: Scene, output: Path, given: dict[str, Any]) -> 
         if name in given:
             shown = "pose" if name == "placed" else name
             raise click.UsageError(f"{flag(shown)} belongs to pictures, not to a video along a --path")
-    if given["distant"] or given.get("support") in SHELLS:
-        raise click.UsageError("--distant, tubes and domes belong to pictures, not to a video along a --path")
+    if given["distant"]:
+        raise click.UsageError("--distant belongs to pictures, not to a video along a --path")
     from ..simulate.video import load_path, write_video
 
     done = 0
@@ -140,6 +141,7 @@ def _film(camera: Sensor, scene: Scene, output: Path, given: dict[str, Any]) -> 
             write_video(
                 camera, scene, load_path(given["path"]), output, given.get("fps", 25.0), given.get("duration_s"),
                 given["samples"], given["blur"], hardware_of(camera, given), detector_of(given), given["seed"], written,
+                shell_in(camera, given),
             )  # fmt: skip
         except KeyboardInterrupt:
             _stopped(output, done, "frames")
@@ -174,11 +176,10 @@ def dataset(sensor: str, output: Path, scene: str, truth: bool, **options: Any) 
     A video set holds video.mp4 and poses.csv, the sensor's pose at each frame, in the scene that is named.
     """
     given = {name: value for name, value in options.items() if value is not None}
-    if given.get("support") in SHELLS:
-        raise click.UsageError("tubes and domes bend the rays of a set that is true without; leave out --support")
     camera = load_sensor(sensor)
     taken = {name: given[name] for name in ("samples", "blur", "seed")}
     taken |= {"hardware": hardware_of(camera, given), "detector": detector_of(given), "truth": truth}
+    taken["shell"] = shell_in(camera, given)
     if "path" in given:
         _write_video_set(camera, scene_of(scene, given), output, given, taken)
     else:

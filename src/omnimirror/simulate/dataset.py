@@ -25,6 +25,8 @@ from .scenes.boards import SQUARE_MM
 from .scenes.contract import Scene, distances_mm
 from .scenes.hall import Hall
 from .scenes.placed import Placed, Pose
+from .shells import Shell, seen_through
+from .sight import seen_at, sights
 from .truth import ground_truth
 from .video import POSE_NAMES, Frame, write_video
 
@@ -59,16 +61,20 @@ def view_poses(count: int, seed: int = 0) -> list[Pose]:
     return [Pose(), *(Pose(*map(float, np.round(row, 3))) for row in np.concatenate([places, turns], axis=1))]
 
 
-def seen_corners_px(sensor: Sensor, hall: Hall, pose: Pose) -> dict[str, Array]:
-    """True pixels (7, 11, 2) of each board's corners, by the true reflection; NaN where a corner is not in view."""
+def seen_corners_px(
+    sensor: Sensor, hall: Hall, pose: Pose, hardware: Hardware | None = None, shell: Shell | None = None
+) -> dict[str, Array]:
+    """True pixels (7, 11, 2) of each board's corners, by the true reflection; NaN where a corner is not in view.
+
+    In view is what its pixel's chief ray meets: past camera, rod and rim, through the wall of a tube or a dome.
+    """
     scene, found = Placed(hall, pose), {}
     for name in hall.boards:
         corners = pose.to_sensor(hall.board_corners_mm(name).reshape(-1, 3))
-        pixels, valid = sensor.project(corners)
-        origins = sensor.backproject(pixels[valid]).origins
+        pixels, valid = seen_at(sensor, corners, hardware, shell)
+        origins = sights(sensor, pixels[valid], hardware, shell).origins
         ways = corners[valid] - origins
         met = distances_mm(scene, origins, ways)
-        pixels[~valid] = np.nan
         pixels[np.flatnonzero(valid)[met < np.linalg.norm(ways, axis=1) - SAME_MM]] = np.nan
         found[name] = pixels.reshape(7, 11, 2)
     return found
@@ -85,6 +91,7 @@ def write_calibration_set(
     seed: int = 0,
     hall: Hall | None = None,
     truth: bool = False,
+    shell: Shell | None = None,
 ) -> Iterator[Path]:
     """Write pictures of the calibration hall one after the other, and then ``dataset.json``, which describes them.
 
@@ -96,7 +103,7 @@ def write_calibration_set(
         it describes the pictures that are there.
     views
         How many.
-    samples, blur, hardware, detector, seed, hall
+    samples, blur, hardware, detector, seed, hall, shell
         Of the pictures; the seed is of the poses, too.
     truth
         Also write ``view-000.exr``, ..: light, depth, direction and origin of every pixel.
@@ -120,14 +127,16 @@ def write_calibration_set(
     try:
         for number, pose in enumerate(poses):
             path = folder / f"view-{number:03d}.png"
-            light = expose(sensor, Placed(hall, pose), samples, blur, hardware=hardware, seed=seed + number)
+            scene = seen_through(sensor, Placed(hall, pose), shell)
+            light = expose(sensor, scene, samples, blur, hardware=hardware, seed=seed + number)
             picture = detector.read(light, seed + number)
             record: dict[str, Any] = {"image": path.name, "pose": asdict(pose)}
             if truth:
                 record["truth"] = path.with_suffix(".exr").name
-                write_truth(folder / record["truth"], sensor, Placed(hall, pose), light)
+                write_truth(folder / record["truth"], sensor, scene, light, hardware)
             write_image(path, picture)
-            described["views"].append(record | {"corners_px": _lists(seen_corners_px(sensor, hall, pose))})
+            corners = seen_corners_px(sensor, hall, pose, hardware, shell)
+            described["views"].append(record | {"corners_px": _lists(corners)})
             yield path
     except (KeyboardInterrupt, GeneratorExit):
         if described["views"]:
@@ -151,6 +160,7 @@ def write_video_set(
     seed: int = 0,
     truth: bool = False,
     progress: Callable[[int, int], None] | None = None,
+    shell: Shell | None = None,
 ) -> int:
     """Write the video of a sensor that moves through a scene, its poses, and what each pixel sees; count its frames.
 
@@ -175,7 +185,8 @@ def write_video_set(
 
     def written(frame: Frame, total: int) -> None:
         if truth:
-            write_truth(folder / f"frame-{frame.number:05d}.exr", sensor, Placed(scene, frame.pose), frame.light)
+            seen = seen_through(sensor, Placed(scene, frame.pose), shell)
+            write_truth(folder / f"frame-{frame.number:05d}.exr", sensor, seen, frame.light, hardware)
         rows.append(",".join(f"{value:.9g}" for value in (frame.time_s, *asdict(frame.pose).values())))
         if progress is not None:
             progress(frame.number + 1, total)
@@ -191,7 +202,7 @@ def write_video_set(
     try:
         write_video(
             sensor, scene, path, folder / "video.mp4", frame_rate, duration_s, samples, blur, hardware, detector, seed,
-            written,
+            written, shell,
         )  # fmt: skip
     except KeyboardInterrupt:
         if len(rows) > 1:
@@ -200,11 +211,11 @@ def write_video_set(
     return finish()
 
 
-def write_truth(path: Path, sensor: Sensor, scene: Scene, light: Light) -> None:
+def write_truth(path: Path, sensor: Sensor, scene: Scene, light: Light, hardware: Hardware | None = None) -> None:
     """Write light and :func:`~omnimirror.simulate.ground_truth` as an EXR file."""
     from ..media.exr import write_channels
 
-    truth = ground_truth(sensor, scene)
+    truth = ground_truth(sensor, scene, hardware)
     with replacing(path) as temporary:
         write_channels(temporary, truth.channels(light))
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from typing import NamedTuple, TypeGuard, TypeVar
 
 import numpy as np
@@ -22,6 +23,8 @@ from .samples import Samples, places, spread
 from .scenes.contract import Distant, Scene
 from .scenes.environment import Environment
 from .scenes.placed import Placed
+from .shells import ThroughShell
+from .sight import DIRECT, HIDDEN, LOST, REFLECTED, follow
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]
@@ -32,7 +35,6 @@ R = TypeVar("R")
 
 RAYS_PER_TILE = 1 << 16  # larger tiles fall out of the cache, smaller ones keep threads waiting for each other
 ROWS_AT_ONCE = 64  # of an environment, between two reports of progress
-LOST, REFLECTED, DIRECT, HIDDEN = range(4)  # what becomes of a ray; numbers of the compiled kernels
 
 
 class Bundle(NamedTuple):
@@ -106,11 +108,16 @@ def expose(
     if (coloured := hardware.of_colours()) is not None:
         shares = [expose(camera, scene, samples, blur, distant, h, seed, progress, workers) for h in coloured]
         return np.stack([share[..., i] for i, share in enumerate(shares)], axis=-1)
-    seen = Distant(scene) if distant else scene
+    seen = _distant(scene) if distant else scene
     far = _environment_of(seen)
     if _has_one_mirror(camera) and far is not None and compiled() is not None:
         return _of_environment(camera, *far, plan, hardware, progress)
     return _of_scene(camera, seen, plan, hardware, progress, workers)
+
+
+def _distant(scene: Scene) -> Scene:
+    """The scene infinitely far away; a tube or a dome stays where it is."""
+    return replace(scene, scene=_distant(scene.scene)) if isinstance(scene, ThroughShell) else Distant(scene)
 
 
 def _has_one_mirror(camera: Camera) -> TypeGuard[Sensor]:
@@ -219,17 +226,8 @@ def _trace_sensor(sensor: Sensor, plan: Samples, hardware: Hardware, rows: slice
     pixels, pupil = places(plan, *np.meshgrid(np.r_[columns], np.r_[rows]))
     shape = pixels.shape[:-1]
     pixels, pupil = pixels.reshape(-1, 2), pupil.reshape(-1, 2) * plan.blur
-    start, towards = sensor.lens_rays(pixels, pupil)
-    found = sensor.posed_mirror.trace(start, towards)
-    hit = found.valid
-    points, directions = np.where(hit[:, None], found.points, start), np.where(hit[:, None], found.directions, towards)
-    fate = np.where(hit, REFLECTED, DIRECT if hardware.sees_past else LOST).astype(np.uint8)
-    fate[~np.isfinite(towards[:, 2])] = LOST  # where distortion folds the picture over
-    chief = sensor.lens_rays(pixels, 0 * pupil)[1]
-    from_lens = points - sensor.lens_offset
-    hidden = hardware.hides(from_lens, directions, -chief)
-    fate[hidden & hit] = HIDDEN
-    fate[~hit & _meets_edge(sensor, hardware, start, towards)] = HIDDEN
+    points, directions, towards, hit, fate = follow(sensor, pixels, pupil, hardware)
+    chief, from_lens = sensor.lens_rays(pixels, 0 * pupil)[1], points - sensor.lens_offset
     along = np.einsum("ni,ni->n", towards, directions) / np.linalg.norm(towards, axis=1)
     gamma = np.pi / 2 - np.arccos(np.clip(along / np.linalg.norm(directions, axis=1), -1, 1)) / 2
     image = np.stack(sensor.from_centre_px(pixels), axis=-1) * sensor.imager.pitch_mm
@@ -243,19 +241,6 @@ def _trace_sensor(sensor: Sensor, plan: Samples, hardware: Hardware, rows: slice
         weight.reshape(shape),
         fate.reshape(shape),
     )
-
-
-def _meets_edge(sensor: Sensor, hardware: Hardware, start: Array, towards: Array) -> NDArray[np.bool_]:
-    """Which rays (n,), past the mirror, meet the dark edge about its rim."""
-    if not hardware.rim_width_mm:
-        return np.zeros(len(start), dtype=bool)
-    pose, rim = sensor.mirror_pose, sensor.mirror.rim_radius_mm
-    origins, directions = pose.to_mirror(start), pose.turned_to_mirror(towards)
-    steps = (sensor.mirror.sag(np.array(rim)) - origins[:, 2]) / directions[:, 2]
-    across = origins[:, :2] + steps[:, None] * directions[:, :2]
-    with np.errstate(invalid="ignore"):
-        meets: NDArray[np.bool_] = np.hypot(*across.T) < rim + hardware.rim_width_mm
-    return meets
 
 
 def on_threads(function: Callable[[T], R], items: list[T], workers: int | None) -> Iterator[R]:

@@ -8,16 +8,18 @@ from typing import ClassVar, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from ..cameras import Camera
 from ..errors import InvalidParameter
 from ..frames import turned
 from ..parameters import Parameter
 from ..sensor import Sensor
 from ..tracing.walls import Passage, through_dome, through_tube
 from .colour import Light
-from .scenes.contract import Array, Scene, distances_mm
+from .scenes.contract import Array, Scene
 
 AXIS = np.array([0.0, 0.0, 1.0])
 GHOSTS = 2  # ghosts of ghosts of ghosts are less than a thousandth
+START_MM = 1e-4  # a ray starts on what is this near: single precision
 LIFT_MM = 1e-6  # by which a ray starts off the surface that it leaves
 
 
@@ -156,6 +158,22 @@ class Dome:
         return through_dome(points, directions, inner, outer, self.refractive_index)
 
 
+def meets_lid(shell: Shell, points: Array, directions: Array) -> NDArray[np.bool_]:
+    """Which rays (n, 3), (n, 3) from inside meet one of the discs that close a shell, before its wall."""
+    meets = np.zeros(len(points), dtype=bool)
+    for height in shell.lids_mm:
+        meets |= _meets_disc(points, directions, height, shell.inner_radius_mm(height))
+    return meets
+
+
+def _meets_disc(points: Array, directions: Array, height: float, radius: float) -> NDArray[np.bool_]:
+    with np.errstate(divide="ignore", invalid="ignore"):
+        t = (height - points[:, 2]) / directions[:, 2]
+        across = points[:, :2] + t[:, None] * directions[:, :2]
+        meets: NDArray[np.bool_] = (t * np.abs(directions[:, 2]) > START_MM) & (np.hypot(*across.T) < radius)
+    return meets
+
+
 def _check_inside(what: str, distances: Array, radius: float) -> None:
     if (distances > radius).any():
         raise InvalidParameter(
@@ -178,7 +196,7 @@ class ThroughShell:
     Rays are bent at both sides of the wall by Snell's law and dimmed by Fresnel's. What the wall throws back is the
     ghost: where it meets the mirror it is reflected once more, where it meets the mirror's back or a lid it ends,
     and else it passes the wall and shows another part of the scene, or is thrown back once more. Of ghosts the mirror
-    swallows nothing.
+    swallows nothing. Lids are black.
 
     Parameters
     ----------
@@ -212,7 +230,8 @@ class ThroughShell:
         turn = self.sensor.mount.rotation()
         points, towards = (turned(v, turn) for v in (origins_mm, directions))
         light = np.zeros(points.shape)
-        left, share = np.arange(len(points)), np.ones(len(points))
+        left = np.flatnonzero(~meets_lid(self.shell, points, towards))
+        points, towards, share = points[left], towards[left], np.ones(len(left))
         for _ in range(1 + GHOSTS):
             passage = self.shell.passage(points, towards)
             seen = self.scene.radiance(turned(passage.points, turn.T), turned(passage.directions, turn.T))
@@ -222,17 +241,6 @@ class ThroughShell:
             points, towards = ghosts.points[ghosts.alive], ghosts.directions[ghosts.alive]
         return light.astype(np.float32)
 
-    def distance_mm(self, origins_mm: Array, directions: Array) -> Array:
-        """How far (n,) rays go through the wall: the way inside, and the way behind it."""
-        turn = self.sensor.mount.rotation()
-        origins = turned(origins_mm, turn)
-        passage = self.shell.passage(origins, turned(directions, turn))
-        inside = np.linalg.norm(passage.points - origins, axis=1)
-        distance: Array = inside + distances_mm(
-            self.scene, turned(passage.points, turn.T), turned(passage.directions, turn.T)
-        )
-        return distance
-
     def _ghosts(self, passage: Passage) -> _Ghosts:
         """Where what was thrown back goes next."""
         mirror = self.sensor.posed_mirror
@@ -240,12 +248,22 @@ class ThroughShell:
         again = mirror.trace(points, directions)
         points = np.where(again.valid[:, None], again.points + LIFT_MM * again.directions, points)
         directions = np.where(again.valid[:, None], again.directions, directions)
-        alive = np.ones(len(points), dtype=bool)
         rim = self.sensor.mirror.rim_radius_mm
         back = float(self.sensor.mirror.sag(np.array(rim))) + self.sensor.mirror_pose.displacement_mm
-        for height, radius in [(back, rim), *((z, self.shell.inner_radius_mm(z)) for z in self.shell.lids_mm)]:
-            with np.errstate(divide="ignore", invalid="ignore"):
-                t = (height - points[:, 2]) / directions[:, 2]
-                across = points[:, :2] + t[:, None] * directions[:, :2]
-                alive &= ~((t > 0) & (np.hypot(*across.T) < radius))
+        alive = ~(_meets_disc(points, directions, back, rim) | meets_lid(self.shell, points, directions))
         return _Ghosts(points, directions, alive)
+
+
+def seen_through(camera: Camera, scene: Scene, shell: Shell | None) -> Scene:
+    """The scene as a camera sees it through a shell, or as it is where there is none.
+
+    Raises
+    ------
+    InvalidParameter
+        If the camera is no sensor, and so has no axis for a shell to stand about.
+    """
+    if shell is None:
+        return scene
+    if not isinstance(camera, Sensor):
+        raise InvalidParameter("only a sensor has a tube or a dome about it; a calibrated camera says nothing of it")
+    return ThroughShell(scene, shell, camera)

@@ -19,6 +19,7 @@ from .exposure import expose
 from .hardware import Hardware
 from .scenes.contract import Scene
 from .scenes.placed import Placed, Pose
+from .shells import Shell, seen_through
 
 POSE_NAMES = tuple(f.name for f in fields(Pose))
 MOST_FRAMES = 100_000
@@ -68,6 +69,7 @@ def frame_at(
     hardware: Hardware | None = None,
     seed: int = 0,
     progress: Callable[[int, int], None] | None = None,
+    shell: Shell | None = None,
 ) -> Light:
     """Linear light (h, w, 3) of the moment ``time_s``; the sensor stands still while it is exposed.
 
@@ -76,8 +78,8 @@ def frame_at(
     InvalidParameter
         As :func:`~omnimirror.simulate.expose`, or if the path leads where a sensor cannot be.
     """
-    placed = Placed(scene, Pose(**path.at(time_s)))
-    return expose(camera, placed, samples, blur, hardware=hardware, seed=seed, progress=progress)
+    seen = seen_through(camera, Placed(scene, Pose(**path.at(time_s))), shell)
+    return expose(camera, seen, samples, blur, hardware=hardware, seed=seed, progress=progress)
 
 
 class Frame(NamedTuple):
@@ -103,6 +105,7 @@ def write_video(
     detector: Detector | None = None,
     seed: int = 0,
     written: Callable[[Frame, int], None] | None = None,
+    shell: Shell | None = None,
 ) -> int:
     """Write the video that a camera takes along a path, and say how many frames it has.
 
@@ -110,6 +113,8 @@ def write_video(
     ----------
     written
         Called with each frame after it was written, and the number of all.
+    shell
+        A tube or a dome about the sensor; none by default.
 
     Raises
     ------
@@ -131,7 +136,7 @@ def write_video(
     rate = Fraction(frame_rate).limit_denominator(1001)
     with VideoWriter(output, camera.image_size, rate) as video:
         for number, time in enumerate(times):
-            light = frame_at(camera, scene, path, time, samples, blur, hardware, seed + number)
+            light = frame_at(camera, scene, path, time, samples, blur, hardware, seed + number, shell=shell)
             frame = frame_of_image(detector.read(light, seed + number))
             frame.pts, frame.time_base = number, 1 / rate
             video.write(frame)
