@@ -11,11 +11,12 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields, replace
-from typing import ClassVar, Literal, NamedTuple, Self
+from typing import Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .arguments import choice
 from .distortion import Coefficients, distorted, distorted_radius, fold, shrinkage, undistorted, undistorted_radius
 from .errors import InvalidParameter
 from .parameters import Parameter
@@ -23,6 +24,8 @@ from .parameters import Parameter
 Array = NDArray[np.float64]
 BlurMode = Literal["exact", "paper"]
 """``"exact"`` is Eq. 28; ``"paper"`` Eq. 29, which drops f against L0 and is 5.5-6.1 % too small here."""
+
+BLUR_MODES: tuple[BlurMode, ...] = ("exact", "paper")
 
 FOCUS = Parameter("mm", 1e-3, 1e7, "object distance in focus (L0), from the lens's reference point")
 F_NUMBER = Parameter("", 0.1, 1e3, "F-number")
@@ -37,6 +40,17 @@ class DepthOfField(NamedTuple):
     @property
     def depth(self) -> float:
         return self.far - self.near
+
+
+class ThroughFocus(NamedTuple):
+    """All of a lens that changes with its focus; numbers, or arrays of several focuses."""
+
+    blur_rate: Any
+    """Blur diameter (mm) per step of :meth:`Lens.focus_coordinate` between image and focus."""
+    image_scale: Any
+    """What image heights are proportional to."""
+    f_number: Any
+    """Working F-number F_w of the cone of light that reaches the imager."""
 
 
 class Lens(ABC):
@@ -118,16 +132,26 @@ class Lens(ABC):
         return np.ones(image.shape[:-1])
 
     @abstractmethod
+    def focus_coordinate(self, L: ArrayLike) -> Array:
+        """The place of object distances L (mm) on the scale on which blur is linear; its own inverse."""
+
+    @abstractmethod
+    def through_focus(self, coordinate: Any, mode: BlurMode = "exact") -> ThroughFocus:
+        """What the lens is when focused at coordinates; analytic in them, so that complex ones have derivatives."""
+
     def blur(self, L: ArrayLike, focus: ArrayLike | None = None, mode: BlurMode = "exact") -> Array:
         """Blur diameter (mm) on the imager of a point at L; positive beyond the focus (Eqs. 27-29)."""
+        focused = self.focus_coordinate(self.focus_distance_mm if focus is None else focus)
+        beyond = focused - self.focus_coordinate(L)
+        return np.asarray(self.through_focus(focused, mode).blur_rate * beyond)
 
     @abstractmethod
     def depth_of_field(self, tolerance: float, mode: BlurMode = "exact") -> DepthOfField:
         """Object distances (mm) whose blur is at most ``tolerance`` (mm) (Eqs. 30, 31)."""
 
-    @abstractmethod
     def image_f_number(self) -> float:
         """Working F-number F_w of the cone of light that reaches the imager; sets the Airy disk."""
+        return float(self.through_focus(self.focus_coordinate(self.focus_distance_mm)).f_number)
 
     def focused_at(self, focus_distance_mm: float) -> Self:
         """The same lens focused elsewhere."""
@@ -189,10 +213,7 @@ class Perspective(Lens):
     @property
     def image_distance(self) -> float:
         """Distance b0 (mm) from lens to imager when focused (Eq. 25)."""
-        return float(self._image_distance(self.focus_distance_mm))
-
-    def image_f_number(self) -> float:
-        return self.f_number * self.image_distance / self.focal_length_mm
+        return float(self.through_focus(1 / self.focus_distance_mm).image_scale)
 
     def hyperfocal_distance(self, tolerance: float) -> float:
         """L_inf = f^2 / (delta F), mm, for a permissible blur delta in mm."""
@@ -267,23 +288,24 @@ class Perspective(Lens):
         cos4: Array = (1 + (ideal**2).sum(axis=-1)) ** -2
         return cos4 * shrinkage(ideal, self.brown)
 
-    def blur(self, L: ArrayLike, focus: ArrayLike | None = None, mode: BlurMode = "exact") -> Array:
-        L0 = np.asarray(self.focus_distance_mm if focus is None else focus, dtype=float)
-        b0 = self._image_distance(L0) if mode == "exact" else self.focal_length_mm
+    def focus_coordinate(self, L: ArrayLike) -> Array:
+        """The vergence 1/L; its inverse is the same."""
         with np.errstate(divide="ignore"):
-            blur: Array = self.focal_length_mm * b0 / self.f_number * (1 / L0 - 1 / np.asarray(L, dtype=float))
-        return blur
+            return np.asarray(1 / np.asarray(L, dtype=float))
+
+    def through_focus(self, coordinate: Any, mode: BlurMode = "exact") -> ThroughFocus:
+        choice("mode", mode, BLUR_MODES)
+        f, F = self.focal_length_mm, self.f_number
+        b0 = f / (1 - f * coordinate)  # Eq. 25
+        return ThroughFocus(f * (b0 if mode == "exact" else f) / F, b0, F * b0 / f)
 
     def depth_of_field(self, tolerance: float, mode: BlurMode = "exact") -> DepthOfField:
+        choice("mode", mode, BLUR_MODES)
         f, L0 = self.focal_length_mm, self.focus_distance_mm
         dropped = f if mode == "exact" else 0.0
         spread = tolerance * self.f_number * (L0 - dropped)
         far = f**2 * L0 / (f**2 - spread) if spread < f**2 else np.inf
         return DepthOfField(f**2 * L0 / (f**2 + spread), far)
-
-    def _image_distance(self, L0: ArrayLike) -> Array:
-        L0 = np.asarray(L0, dtype=float)
-        return self.focal_length_mm * L0 / (L0 - self.focal_length_mm)
 
 
 @dataclass(frozen=True)
@@ -311,9 +333,6 @@ class Orthographic(Lens):
 
     def __post_init__(self) -> None:
         self._check()
-
-    def image_f_number(self) -> float:
-        return self.working_f_number
 
     def ideal_height(self, x: Array, w: Array) -> Array:
         return self.magnification * x
@@ -345,12 +364,17 @@ class Orthographic(Lens):
     def image_of(self, points: Array, directions: Array) -> Array:
         return self.magnification * _crossing(points, directions, self.focus_distance_mm)
 
-    def blur(self, L: ArrayLike, focus: ArrayLike | None = None, mode: BlurMode = "exact") -> Array:
-        L0 = np.asarray(self.focus_distance_mm if focus is None else focus, dtype=float)
-        blur: Array = self.magnification**2 * (np.asarray(L, dtype=float) - L0) / self.working_f_number
-        return blur
+    def focus_coordinate(self, L: ArrayLike) -> Array:
+        """The distance L itself."""
+        return np.asarray(L, dtype=float)
+
+    def through_focus(self, coordinate: Any, mode: BlurMode = "exact") -> ThroughFocus:
+        choice("mode", mode, BLUR_MODES)
+        F = self.working_f_number
+        return ThroughFocus(-(self.magnification**2) / F, 1.0, F)
 
     def depth_of_field(self, tolerance: float, mode: BlurMode = "exact") -> DepthOfField:
+        choice("mode", mode, BLUR_MODES)
         reach = tolerance * self.working_f_number / self.magnification**2
         return DepthOfField(self.focus_distance_mm - reach, self.focus_distance_mm + reach)
 

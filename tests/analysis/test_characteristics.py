@@ -103,6 +103,21 @@ def test_angles_pixels_heights_and_mirror_points_give_the_same_rows():
             np.testing.assert_allclose(getattr(other, name), column, rtol=1e-9, atol=1e-9, err_msg=name)
 
 
+@pytest.mark.parametrize("flipped", [False, True])
+def test_a_scaled_image_is_asked_in_the_pixels_it_answers_in(flipped):
+    """Heights and pixels of the image scaled to 500 px at the rim, in and out."""
+    lens = replace(SPH.lens, k1=-0.3, p1=0.002)
+    mount = replace(SPH.mount, image_flipped=flipped)
+    for sensor in (SPH, replace(SPH, lens=lens, mount=mount)):
+        by_angle = om.evaluate(sensor, [0.0, 45.0, 135.0], image_radius_px=500)
+        again = om.evaluate(sensor, h_px=by_angle.h_px, image_radius_px=500)
+        np.testing.assert_allclose(again.h_px, by_angle.h_px, atol=1e-9)
+        np.testing.assert_allclose(again.omega_deg, by_angle.omega_deg, atol=1e-9)
+    assert om.evaluate(SPH, h_px=[500.0], image_radius_px=500).omega_deg[0] == pytest.approx(SPH.field_deg[1])
+    pixels = 511.5 + np.array([[300.0, 400.0], [-250.0, 0.0]])
+    np.testing.assert_allclose(om.evaluate(SPH, pixels=pixels, image_radius_px=500).h_px, [500.0, 250.0], atol=1e-9)
+
+
 def test_one_row_per_value_in_the_order_given():
     r = om.evaluate(SPH, [120.0, 3.0, 3.0])
     assert r.omega_deg.tolist() == [120.0, 3.0, 3.0]

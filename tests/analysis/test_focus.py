@@ -9,10 +9,15 @@ import pytest
 
 import omnimirror as om
 from omnimirror.analysis import MERITS
+from omnimirror.analysis.focus import FocusStudy, focus_function
 from omnimirror.analysis.minimise import lowest
+from omnimirror.analysis.virtual_images import virtual_images
 from omnimirror.design import Rim, generated_mirror
+from omnimirror.design.apertures import best_apertures
+from omnimirror.errors import InvalidParameter
 from omnimirror.lenses import Orthographic, Perspective
 from omnimirror.mirrors import EvenPolynomial
+from tests.conftest import sensor_of
 
 SPH, EDI, SVP = (om.load_sensor(f"paper-{n}") for n in ("spherical", "equidistant", "hyperboloidal"))
 LENS = Perspective(11.6, 4.0, 212.0)
@@ -75,28 +80,128 @@ def test_the_papers_focus_of_svp_follows_from_its_outer_field():
     assert best.focus_mm == pytest.approx(189.7, abs=0.05)
 
 
+def cap_shares(omega):
+    """Weights of field angles (n,): the solid angle nearer to each than to the others."""
+    borders = np.concatenate([omega[:1], (omega[1:] + omega[:-1]) / 2, omega[-1:]])
+    return -np.diff(np.cos(borders)) / (np.cos(omega[0]) - np.cos(omega[-1]))
+
+
+MEANS = [(SPH, 212.3896, 0.2436625), (EDI, 201.0575, 0.3048491), (SVP, 169.6890, 0.8185778)]
+"""The best focus by the mean, and that mean: integrals of 200 nodes of Gauss over the field."""
+
+
+def spacings(low, high):
+    rng = np.random.default_rng(5)
+    yield "even", np.linspace(low, high, 1001), 1e-5
+    yield "dense centre", np.concatenate([np.linspace(low, 20, 300), np.linspace(20, high, 101)[1:]]), 1e-3
+    yield "dense rim", np.concatenate([np.linspace(low, high - 10, 51)[:-1], np.linspace(high - 10, high, 350)]), 1e-3
+    yield "any", np.concatenate([[low, high], rng.uniform(low, high, 400)]), 1e-3
+    yield "backwards", np.linspace(high, low, 1001), 1e-5
+    yield "twice", np.repeat(np.linspace(low, high, 501), 2), 1e-4
+
+
+@pytest.mark.parametrize(("sensor", "focus", "value"), MEANS, ids=["SPH", "E-DI", "SVP"])
+def test_the_mean_is_that_over_solid_angle_however_the_angles_lie(sensor, focus, value):
+    for name, omega, within in spacings(*sensor.field_deg):
+        best = om.best_focus(sensor, "mean-floored-area", omega)
+        assert best.value == pytest.approx(value, rel=within), name
+        assert best.focus_mm == pytest.approx(focus, abs=1e-4 if within < 1e-4 else 5e-3), name
+    assert om.best_focus(sensor, "mean-floored-area").value == pytest.approx(value, rel=1e-5)
+
+
+@pytest.mark.parametrize("mode", ["exact", "paper"])
+@pytest.mark.parametrize("radius", [None, 500.0])
 @pytest.mark.parametrize("merit", MERITS)
-def test_no_focus_on_a_fine_grid_is_better_than_the_best(merit, bundled):
+def test_what_is_searched_is_the_blur_of_the_evaluation(merit, mode, radius):
+    """The merit as a sum of functions of the focus, and its derivative, against plain evaluations."""
+    lens = replace(SPH.lens, k1=-0.4, k2=1.0)
+    for sensor in (replace(SPH, lens=lens), om.load_sensor("paraboloid-telecentric")):
+        omega = np.linspace(0.0, 0.99 * sensor.field_deg[1], 60)
+        rays = sensor.meridian.trace(sensor.meridian.x_from_omega(np.radians(omega)))
+        study = FocusStudy(sensor, rays, virtual_images(rays, 400.0), mode, radius, 550.0)
+        middle, unit = (24.0, 3.0) if sensor.lens.TELECENTRIC else (1 / 215.0, 1e-4)
+        function = focus_function(study, MERITS[merit], middle, unit)
+        u = np.array([-1.0, -0.3, 0.4, 1.0])
+        found, slope, _ = function(u)
+        focus = sensor.lens.focus_coordinate(middle + unit * u)
+        wanted = np.array([MERITS[merit].value(study.at(f)) for f in focus])
+        np.testing.assert_allclose(found, wanted if merit.startswith("mean") else wanted**2, rtol=1e-10)
+        h = 1e-6
+        np.testing.assert_allclose(slope, (function(u + h)[0] - function(u - h)[0]) / (2 * h), rtol=1e-5)
+
+
+@pytest.mark.parametrize("mode", ["Exact", "rubbish", "", None])
+def test_a_mode_that_is_not_known_is_refused_everywhere(mode):
+    for ask in (
+        lambda: om.best_focus(SPH, "worst-px", mode=mode),
+        lambda: om.evaluate(SPH, [0.0], mode=mode),
+        lambda: LENS.blur(220.0, mode=mode),
+        lambda: LENS.depth_of_field(0.0052, mode=mode),
+        lambda: Orthographic(0.06, 4.0, 20.0).blur(22.0, mode=mode),
+        lambda: Orthographic(0.06, 4.0, 20.0).depth_of_field(0.0052, mode=mode),
+        lambda: best_apertures(SPH, mode=mode),
+    ):
+        with pytest.raises(InvalidParameter, match=r"mode = .* is not known; valid are exact, paper"):
+            ask()
+
+
+@pytest.mark.parametrize(
+    ("kwargs", "message"),
+    [
+        ({"image_radius_px": -5.0}, "image_radius_px = -5.0 is not valid; it is valid above 0 px"),
+        ({"image_radius_px": 0}, "image_radius_px = 0 is not valid"),
+        ({"image_radius_px": float("nan")}, "image_radius_px = nan is not valid"),
+        ({"image_radius_px": "500"}, "image_radius_px = '500' cannot be read as numbers"),
+        ({"omega_deg": []}, "omega_deg is empty"),
+        ({"omega_deg": [[0.0, 1.0]]}, r"omega_deg has shape \(1, 2\)"),
+        ({"omega_deg": [10**400]}, "omega_deg = .* cannot be read as numbers"),
+        ({"object_distance_mm": [100.0, 200.0]}, "object_distance_mm has 2 values for 1001 field angles"),
+        ({"object_distance_mm": -1.0}, "object_distance_mm = -1 is not a distance"),
+        ({"merit": "sharpest"}, "merit = 'sharpest' is not known; valid are floored-area"),
+    ],
+)
+def test_what_cannot_be_focused_by_is_refused(kwargs, message):
+    with pytest.raises(InvalidParameter, match=message):
+        om.best_focus(SPH, **kwargs)
+
+
+def test_one_angle_is_focused_between_its_images():
+    best, row = om.best_focus(SPH, "worst-px", 90), om.evaluate(SPH, [90.0]).columns()
+    near, far = sorted((row["distance_t_mm"][0], row["distance_s_mm"][0]))
+    assert near < best.focus_mm < far
+    assert 1 / best.focus_mm == pytest.approx((1 / near + 1 / far) / 2, rel=1e-9)  # blur is linear in 1/L
+
+
+def test_the_tip_of_a_cone_has_no_best_focus():
+    cone = sensor_of("cone")
+    with pytest.raises(InvalidParameter, match="has no finite blur at any focus"):
+        om.best_focus(cone, "worst-deg", [cone.field_deg[0], cone.field_deg[1]])
+
+
+@pytest.mark.parametrize("merit", MERITS)
+def test_no_focus_on_a_fine_grid_on_a_fine_grid_is_better_than_the_best(merit, bundled):
     """The search against plain enumeration of evaluations."""
     best = om.best_focus(bundled, merit)
     angles = np.linspace(*bundled.field_deg, 1001)
-    weights = np.sin(np.radians(angles)) + 1e-9
+    shares = cap_shares(np.radians(angles))
 
     def value(focus):
         r = om.evaluate(bundled, angles, focus_mm=focus)
         return {
             "floored-area": r.floored_area_deg2.max(),
-            "mean-floored-area": np.average(r.floored_area_deg2, weights=weights),
+            "mean-floored-area": r.floored_area_deg2 @ shares,
             "product": np.abs(r.blur_t_deg * r.blur_s_deg).max(),
             "worst-px": max(np.abs(r.blur_t_px).max(), np.abs(r.blur_s_px).max()),
             "worst-deg": max(np.abs(r.blur_t_deg).max(), np.abs(r.blur_s_deg).max()),
             "rss-deg": np.hypot(r.blur_t_deg, r.blur_s_deg).max(),
         }[merit]
 
-    assert value(best.focus_mm) == pytest.approx(best.value, rel=1e-12)
+    # the mean over caps counts each angle for all of its surroundings, and so is right to second order only
+    assert value(best.focus_mm) == pytest.approx(best.value, rel=1e-4 if merit.startswith("mean") else 1e-12)
     r = om.evaluate(bundled, angles)
     L = np.concatenate([r.distance_t_mm, r.distance_s_mm])
-    assert best.value <= min(value(f) for f in np.linspace(L.min(), L.max(), 150)) * (1 + 1e-9)
+    lowest_value = min(value(f) for f in np.linspace(L.min(), L.max(), 150))
+    assert value(best.focus_mm) <= lowest_value * (1 + 1e-9)
 
 
 def test_floored_area_is_never_below_a_pixel_and_the_airy_disk():

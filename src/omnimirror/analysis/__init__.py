@@ -3,8 +3,9 @@
 from .blur_check import BlurCheck, check_blur
 from .comparison import Comparison, compare
 from .evaluation import COLUMNS, Evaluation, evaluate, field_angles
-from .focus import MERITS, BestFocus, best_focus
+from .focus import BestFocus, best_focus
 from .illumination import Illumination, illumination
+from .merits import MERITS
 from .point_spread import Psf, psf
 from .spot_diagrams import Spots, spots
 from .transfer import Mtf, mtf

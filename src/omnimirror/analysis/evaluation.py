@@ -11,11 +11,12 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arguments import choice, number, numbers
 from ..errors import InvalidParameter
 from ..files import write_text
-from ..lenses import BlurMode, DepthOfField, Perspective
+from ..lenses import BLUR_MODES, BlurMode, DepthOfField, Perspective
 from ..sensor import Sensor
-from .focus import FocusStudy, best_focus
+from .focus import FocusStudy, best_focus, distance_per_angle
 from .viewpoints import viewpoint_z
 from .virtual_images import virtual_images
 
@@ -192,7 +193,8 @@ def evaluate(
     wavelength_nm
         Of the Airy disk.
     image_radius_px
-        Scales the image so that the rim has this radius; by default the real one follows from lens and pitch.
+        Scales the image, ``h_px`` and ``pixels`` as well as what comes out, so that the rim has this radius; by
+        default the real one follows from lens and pitch.
     tolerance_px
         Permissible blur of the depth of field.
 
@@ -216,24 +218,19 @@ def evaluate(
     given = {k: v for k, v in choices.items() if v is not None}
     if len(given) > 1:
         raise InvalidParameter(f"{' and '.join(given)} were given together; give one of them")
-    if mode not in ("exact", "paper"):
-        raise InvalidParameter(f"mode = {mode!r} is not known; valid are 'exact' and 'paper'")
-    for name, value in (("tolerance_px", tolerance_px), ("image_radius_px", image_radius_px)):
-        if value is not None and not (np.isfinite(value) and value > 0):
-            raise InvalidParameter(f"{name} = {value:g} is not valid; it must be above 0")
+    choice("mode", mode, BLUR_MODES)
+    tolerance_px = number("tolerance_px", tolerance_px, above=0.0, unit="px")
+    if image_radius_px is not None:
+        image_radius_px = number("image_radius_px", image_radius_px, above=0.0, unit="px")
     if focus_mm == "auto":
         focus_mm = best_focus(
             sensor, merit, None, _scalar_distance(object_distance_mm), mode, image_radius_px, wavelength_nm
         ).focus_mm
     if focus_mm is not None:
         sensor = replace(sensor, lens=sensor.lens.focused_at(float(focus_mm)))
-    asked, x = _mirror_points(sensor, given)
+    asked, x = _mirror_points(sensor, given, image_radius_px)
     rays = sensor.meridian.trace(x)
-    p = np.asarray(object_distance_mm, dtype=float)
-    if p.shape not in ((), (1,), x.shape):
-        raise InvalidParameter(
-            f"object_distance_mm has {p.size} values for {x.size} field angles; give one, or as many"
-        )
+    p = distance_per_angle(object_distance_mm, x)
     images = virtual_images(rays, p)
     study = FocusStudy(sensor, rays, images, mode, image_radius_px, wavelength_nm)
     blur = study.at(sensor.lens.focus_distance_mm)
@@ -284,20 +281,27 @@ def field_angles(sensor: Sensor, step_deg: float = 5.0) -> Array:
     return angles if angles.size else np.array([low, high])
 
 
-def _mirror_points(sensor: Sensor, given: dict[str, ArrayLike]) -> tuple[Array | None, Array]:
-    """The field angles asked for, if it was angles, and the mirror points, (n,) mm."""
+def _mirror_points(
+    sensor: Sensor, given: dict[str, ArrayLike], image_radius_px: float | None
+) -> tuple[Array | None, Array]:
+    """The field angles asked for, if it was angles, and the mirror points, (n,) mm.
+
+    Heights and pixels are those of the picture scaled to ``image_radius_px``.
+    """
     kind, values = next(iter(given.items()), ("omega_deg", field_angles(sensor)))
-    numbers = np.atleast_1d(np.asarray(values, dtype=float))
     if kind == "omega_deg":
-        numbers = numbers.ravel()
-        return numbers, sensor.meridian.x_from_omega(np.radians(numbers))
+        omega = numbers(kind, values).ravel()
+        return omega, sensor.meridian.x_from_omega(np.radians(omega))
     if kind == "x_mm":
-        return None, numbers.ravel()
-    if kind == "pixels":
-        if numbers.shape[-1] != 2:
-            raise InvalidParameter(f"pixels has shape {numbers.shape}; it needs pairs (u, v), shape (n, 2)")
-        numbers = sensor.radius_from_centre_px(numbers.reshape(-1, 2))
-    return None, sensor.x_from_height_px(numbers.ravel())
+        return None, numbers(kind, values).ravel()
+    scale = 1.0 if image_radius_px is None else image_radius_px / sensor.rim_radius_px
+    if kind == "h_px":
+        return None, sensor.x_from_height_px(numbers(kind, values).ravel() / scale)
+    pixels = np.atleast_1d(numbers(kind, values))
+    if pixels.shape[-1] != 2:
+        raise InvalidParameter(f"pixels has shape {pixels.shape}; it needs pairs (u, v), shape (n, 2)")
+    unscaled = sensor.imager.centre + (pixels.reshape(-1, 2) - sensor.imager.centre) / scale
+    return None, sensor.x_from_height_px(sensor.radius_from_centre_px(unscaled))
 
 
 def _scalar_distance(distance: ArrayLike) -> float:

@@ -8,81 +8,24 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arguments import choice, distances, number, row
 from ..errors import InvalidParameter
-from ..lenses import BlurMode, Lens, Perspective
+from ..lenses import BLUR_MODES, BlurMode, Lens, Perspective
 from ..sensor import Sensor
 from ..tracing.meridian import ChiefRays
-from .imaging import ImagingCharacteristics, imaging_characteristics
-from .minimise import lowest
+from .imaging import imaging_characteristics
+from .merits import MERITS, Blur, FocusFunction, Merit, Scales, Sides
+from .minimise import lowest_with_slopes
 from .virtual_images import VirtualImages, distances_from_lens, virtual_images
 
 Array = NDArray[np.float64]
 
 POINTED_CENTRE = 0.1  # of the image radius
-
-
-@dataclass(frozen=True)
-class Blur:
-    """Blur of n field angles at one focus.
-
-    Attributes
-    ----------
-    t_px, s_px : (n,) px
-        Signed tangential and sagittal blur diameters.
-    imaging
-        Image-forming characteristics, which turn pixels into degrees.
-    omega : (n,) radians
-    airy_px
-        Diameter of the Airy disk.
-    """
-
-    t_px: Array
-    s_px: Array
-    imaging: ImagingCharacteristics
-    omega: Array
-    airy_px: float
-
-    @property
-    def t_deg(self) -> Array:
-        """Tangential blur (n,) in degrees of the object (Eq. 36)."""
-        return self.t_px / self.imaging.height
-
-    @property
-    def s_deg(self) -> Array:
-        """Sagittal blur (n,) in degrees of the object (Eq. 37)."""
-        with np.errstate(divide="ignore"):
-            return self.s_px / self.imaging.width
-
-    def product(self) -> Array:
-        """The paper's blur area (n,), square degrees: a product without pi/4 (Fig. 9c), signed by its factors."""
-        return self.t_deg * self.s_deg
-
-    def floored_area(self) -> Array:
-        """Blur area (n,), square degrees, with a pixel and the Airy disk added in quadrature to each side.
-
-        What a user really gets: the bare product vanishes wherever one of its factors does.
-        """
-        floor = 1 + self.airy_px**2
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return np.sqrt((self.t_px**2 + floor) * (self.s_px**2 + floor)) / self.imaging.area
-
-
-MERITS: dict[str, Callable[[Blur], float]] = {
-    "floored-area": lambda b: float(b.floored_area().max()),
-    "mean-floored-area": lambda b: float(np.average(b.floored_area(), weights=np.sin(b.omega) + 1e-9)),
-    "product": lambda b: float(np.abs(b.product()).max()),
-    "worst-px": lambda b: float(np.maximum(np.abs(b.t_px), np.abs(b.s_px)).max()),
-    "worst-deg": lambda b: float(np.maximum(np.abs(b.t_deg), np.abs(b.s_deg)).max()),
-    "rss-deg": lambda b: float(np.hypot(b.t_deg, b.s_deg).max()),
-}
-"""What a best focus can minimise over the field: the worst floored area (the default; square degrees),
-its mean over solid angle, the worst of the paper's bare product, the worst single blur in pixels or
-degrees, the worst root of the squares of both in degrees."""
 
 
 @dataclass(frozen=True)
@@ -96,6 +39,11 @@ class FocusStudy:
     image_radius_px: float | None
     wavelength_nm: float
 
+    def __post_init__(self) -> None:
+        choice("mode", self.mode, BLUR_MODES)
+        if self.image_radius_px is not None:
+            number("image_radius_px", self.image_radius_px, above=0.0, unit="px")
+
     def distances(self) -> tuple[Array, Array]:
         """L_t and L_s (n,), mm: image distances from the lens's reference point (Eqs. 34, 35)."""
         L_t, L_s = distances_from_lens(self.rays, self.images)
@@ -107,13 +55,31 @@ class FocusStudy:
         scale = 1.0 if self.image_radius_px is None else self.image_radius_px / sensor.rim_radius_px
         return sensor.image_height_px(self.rays) * scale, sensor.image_height_rate_px(self.rays) * scale
 
+    def stretch(self, sensor: Sensor) -> tuple[Array, Array]:
+        """By how much (n,), (n,) the distortion of the lens as focused widens a blur; the same at any focus."""
+        first = self.rays.first
+        return sensor.lens.stretch(sensor.lens.ideal_height(first.x, first.w))
+
+    def scales(self, middle: float, unit: float) -> Callable[[Any], Scales]:
+        """What changes with the focus, of places u in focus that count from a middle in a unit."""
+        lens, pitch = self.sensor.lens, self.sensor.imager.pitch_mm
+        own = lens.through_focus(lens.focus_coordinate(lens.focus_distance_mm))
+        airy2 = (lens.airy_diameter(self.wavelength_nm) / pitch / own.f_number) ** 2
+
+        def at(u: Any) -> Scales:
+            there = lens.through_focus(middle + unit * u, self.mode)
+            scale = there.image_scale / own.image_scale if self.image_radius_px is None else 1.0
+            return Scales(u, there.blur_rate * (unit / pitch), scale, 1 + airy2 * there.f_number**2)
+
+        return at
+
     def at(self, focus_mm: float) -> Blur:
         """Blur with the lens focused at an object distance in mm."""
         sensor = replace(self.sensor, lens=self.sensor.lens.focused_at(focus_mm))
         h, rate = self.heights(sensor)
-        pitch, first = sensor.imager.pitch_mm, self.rays.first
+        pitch = sensor.imager.pitch_mm
         L_t, L_s = self.distances()
-        wider_t, wider_s = sensor.lens.stretch(sensor.lens.ideal_height(first.x, first.w))
+        wider_t, wider_s = self.stretch(sensor)
         return Blur(
             wider_t * sensor.lens.blur(L_t, mode=self.mode) / pitch,
             wider_s * sensor.lens.blur(L_s, mode=self.mode) / pitch,
@@ -147,15 +113,19 @@ def best_focus(
     merit
         One of :data:`MERITS`.
     omega_deg : (n,), optional
-        Field angles; 1001 over the whole field by default, without the middle tenth of the image of a
-        pointed mirror, where a degree of azimuth shrinks to nothing and no focus helps.
+        Field angles, in any order and spacing; 1001 over the whole field by default, without the middle tenth
+        of the image of a pointed mirror, where a degree of azimuth shrinks to nothing and no focus helps.
+    object_distance_mm : scalar or (n,)
+        Distance from the reflection point to the object.
     mode, image_radius_px
         ``"paper"`` and 500 to compute as the paper does.
 
     Raises
     ------
     InvalidParameter
-        An unknown merit, or a mirror without virtual images.
+        An unknown merit or mode, numbers that are not valid, or a mirror without virtual images.
+    OutsideField
+        A field angle that is not seen.
 
     Examples
     --------
@@ -166,26 +136,59 @@ def best_focus(
     >>> round(best.focus_mm, 1), round(best.value, 4)
     (212.4, 0.0751)
     """
-    if merit not in MERITS:
-        raise InvalidParameter(f"merit = {merit!r} is not known; valid are {', '.join(MERITS)}")
-    omega = _focusable(sensor) if omega_deg is None else np.asarray(omega_deg, dtype=float)
+    choice("merit", merit, MERITS)
+    omega = _focusable(sensor) if omega_deg is None else row("omega_deg", omega_deg)
     rays = sensor.meridian.trace(sensor.meridian.x_from_omega(np.radians(omega)))
-    study = FocusStudy(sensor, rays, virtual_images(rays, object_distance_mm), mode, image_radius_px, wavelength_nm)
-    L = np.concatenate(study.distances())
-    limits = sensor.lens.PARAMETERS["focus_distance_mm"]
+    p = distance_per_angle(object_distance_mm, rays.x)
+    study = FocusStudy(sensor, rays, virtual_images(rays, p), mode, image_radius_px, wavelength_nm)
+    focus = _lowest(study, MERITS[merit])
+    return BestFocus(focus, MERITS[merit].value(study.at(focus)), merit)
 
-    def price(focus_mm: float) -> float:
-        return MERITS[merit](study.at(focus_mm))
 
-    if sensor.lens.TELECENTRIC:
-        focus = lowest(price, *_around(L, limits.low, limits.high))
-    else:  # by nearness 1/L0, in which blur is linear, and far images do not stretch the search
-        nearest = max(limits.low, _closest(sensor.lens))
-        with np.errstate(divide="ignore"):
-            nearness = np.where(L < 0, 0.0, 1 / L)  # what lies behind the lens converges: beyond infinity
-        low, high = _around(nearness, 1 / limits.high, 1 / nearest)
-        focus = float(np.clip(1 / lowest(lambda v: price(1 / v), low, high), nearest, limits.high))
-    return BestFocus(focus, price(focus), merit)
+def distance_per_angle(object_distance_mm: ArrayLike, angles: Array) -> Array:
+    """Object distances as an array, one for all field angles (n,) or one for each."""
+    p = distances("object_distance_mm", object_distance_mm)
+    if p.shape not in ((), (1,), angles.shape):
+        raise InvalidParameter(
+            f"object_distance_mm has {p.size} values for {angles.size} field angles; give one, or as many"
+        )
+    return p
+
+
+def _lowest(study: FocusStudy, merit: Merit) -> float:
+    """The focus (mm) that makes a merit least."""
+    lens = study.sensor.lens
+    low, high = _searched(lens, lens.focus_coordinate(np.stack(study.distances())))
+    middle, half = (low + high) / 2, (high - low) / 2 or 1.0
+    function = focus_function(study, merit, middle, half)
+    if not np.isfinite(function.coefficients).all():
+        bad = int(np.argmin(np.isfinite(function.coefficients).all(axis=0))) % len(study.rays.omega)
+        raise InvalidParameter(
+            f"omega_deg = {np.degrees(study.rays.omega[bad]):.6g} has no finite blur at any focus (a degree of object "
+            "has no size in the picture there, or no image); leave it out"
+        )
+    place = middle + half * lowest_with_slopes(function, (low - middle) / half, (high - middle) / half)
+    limits = lens.PARAMETERS["focus_distance_mm"]
+    return float(np.clip(lens.focus_coordinate(place), max(limits.low, _closest(lens)), limits.high))
+
+
+def focus_function(study: FocusStudy, merit: Merit, middle: float, unit: float) -> FocusFunction:
+    """A merit as a function of places in focus (:meth:`Lens.focus_coordinate`) that count from a middle in a unit."""
+    sensor = study.sensor
+    places = sensor.lens.focus_coordinate(np.stack(study.distances()))
+    imaging = study.at(sensor.lens.focus_distance_mm).imaging
+    t, s = (places - middle) / unit
+    sides = Sides(t, s, *study.stretch(sensor), imaging.height, imaging.width)
+    return FocusFunction(merit, sides, study.rays.omega, study.scales(middle, unit))
+
+
+def _searched(lens: Lens, places: Array) -> tuple[float, float]:
+    """The range of places in focus that is searched: those of all images, and a little more."""
+    limits = lens.PARAMETERS["focus_distance_mm"]
+    if lens.TELECENTRIC:
+        return _around(places, limits.low, limits.high)
+    # by nearness, so that far images do not stretch the search; what lies behind the lens converges: beyond infinity
+    return _around(np.maximum(places, 0.0), 1 / limits.high, 1 / max(limits.low, _closest(lens)))
 
 
 def _around(places: Array, least: float, most: float) -> tuple[float, float]:

@@ -129,7 +129,7 @@ def print_summary(console: Console, result: Evaluation, merit: str) -> None:
         f"{s['field_deg'][0]:.4g} to {s['field_deg'][1]:.6g} deg, rim at {s['rim_radius_px']:.1f} px",
         f"focus L0 = {result.focus_mm:.2f} mm; depth of field {near:.2f} to {far:.2f} mm "
         f"(blur within {result.tolerance_px:g} px); Airy disk {result.airy_px:.2f} px at {result.wavelength_nm:g} nm",
-        f"best focus by {merit}: {best.focus_mm:.2f} mm, where it is {best.value:.4g} {UNITS[merit]}",
+        f"best focus by {merit}: {best.focus_mm:.2f} mm, where it is {best.value:.4g} {MERITS[merit].unit}",
     ]
     if isinstance(sensor.mirror, Cone) and sensor.secondary is None:
         radius, z = sensor.mirror.pinhole_ring(sensor.meridian.m)
@@ -147,19 +147,9 @@ def print_summary(console: Console, result: Evaluation, merit: str) -> None:
     console.print()
 
 
-UNITS = {
-    "floored-area": "deg2",
-    "mean-floored-area": "deg2",
-    "product": "deg2",
-    "worst-px": "px",
-    "worst-deg": "deg",
-    "rss-deg": "deg",
-}
-
-
 def _draw(console: Console, result: Evaluation, folder: Path) -> None:
-    from ..figures import save_all
+    from ..figures import Basis, save_all
 
     with console.status("Drawing figures"):
-        paths = save_all([result.sensor], folder)
+        paths = save_all([result.sensor], folder, basis=Basis.of(result))
     console.print(f"Wrote {len(paths)} figures to [bold]{folder}[/]", highlight=False, soft_wrap=True)

@@ -12,22 +12,19 @@ they meet at the bottom. The compiled evaluator goes through the same steps.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..analysis.minimise import bottoms
 from .optics import DEGREE, Camera, TelecentricCamera
 
 Array = NDArray[np.float64]
 
 SCAN = 17  # places at which valleys are looked for
 MARGIN = 0.05  # of the range of places, on either side
-MOST_STEPS = 60
 CLOSE = 1e-12  # of the scanned range: a bracket so narrow holds the focus
-EDGE = 1e-3  # of a bracket, which every step cuts off at least
-HALVING = 4  # every so many steps the bracket is halved, whatever the tangents say
 
 
 @dataclass(frozen=True)
@@ -113,7 +110,7 @@ def best_places(place_t: Array, place_s: Array, density: Array, model: AreaModel
         worst[:, i] *= model.at(v)[2][:, 0]
     k = np.clip(worst.argmin(axis=1), 1, SCAN - 2)[:, None]
     a, b = low + (k - 1) * step, low + (k + 1) * step
-    v = _bottom(a, b, CLOSE * (high - low), lambda v: _worst(v, place_t, place_s, density, model))
+    v = bottoms(a, b, CLOSE * (high - low), lambda v: _worst(v, place_t, place_s, density, model))
     return v[:, 0], np.sqrt(_worst(v, place_t, place_s, density, model)[0][:, 0])
 
 
@@ -134,27 +131,3 @@ def _worst(v: Array, place_t: Array, place_s: Array, density: Array, model: Area
     t, s = v - place_t.take(at)[:, None], v - place_s.take(at)[:, None]
     value = D * squares.take(at)[:, None]
     return value, value * (d_log_D + (2 * t + dr) / (t * t + r) + (2 * s + dr) / (s * s + r)), j[:, None]
-
-
-def _bottom(a: Array, b: Array, close: Array, worst: Callable[[Array], tuple[Array, Array, Array]]) -> Array:
-    """Where a function that falls at a and rises at b is least, to within ``close``; (n, 1) each.
-
-    The function is the largest of many smooth ones. Where the tangents at both ends meet is a good guess
-    for the kink between two of them; where one is the largest at both ends, the zero of its derivative is.
-    """
-    (fa, ga, ja), (fb, gb, jb) = worst(a), worst(b)
-    for step in range(1, MOST_STEPS + 1):
-        open_ = b - a > close
-        if not open_.any():
-            break
-        with np.errstate(divide="ignore", invalid="ignore"):
-            c = np.where(ja == jb, a - ga * (b - a) / (gb - ga), a + (fb - fa - gb * (b - a)) / (ga - gb))
-        middle = (a + b) / 2
-        edge = EDGE * (b - a)
-        good = np.isfinite(c) & (ga < 0) & (gb > 0) if step % HALVING else np.zeros_like(open_)
-        c = np.where(good, np.clip(c, a + edge, b - edge), middle)
-        f, g, j = worst(c)
-        rises, falls = open_ & (g > 0), open_ & ~(g > 0)
-        a, fa, ga, ja = (np.where(falls, new, old) for new, old in ((c, a), (f, fa), (g, ga), (j, ja)))
-        b, fb, gb, jb = (np.where(rises, new, old) for new, old in ((c, b), (f, fb), (g, gb), (j, jb)))
-    return (a + b) / 2

@@ -104,7 +104,7 @@ def blur(subjects: Sequence[Subject]) -> Figure:
     _blur_panel(axes[1], subjects, "deg", labels)
     _blur_area_panel(axes[2], subjects, labels)
     for i, title in enumerate(("Blur in the image", "Blur in object space", "Blur area in object space")):
-        panel_title(axes[i], i, title, 3)
+        panel_title(axes[i], i, title if i else title + subjects[0].objects, 3)
         angle_axis(axes[i], widest(subjects))
         axes[i].set_xlabel("" if i < 2 else axes[i].get_xlabel())
     return labels.settle()
@@ -122,8 +122,17 @@ def _blur_panel(ax: Axes, subjects: Sequence[Subject], unit: str, labels: EndLab
     ax.set_xlim(0, widest(subjects))
     ax.set_ylabel("Blur Δ (px)" if unit == "px" else "Blur Δ$_t$/Δh, Δ$_s$/Δw (deg)")
     if unit == "px":
-        ax.axhspan(-1, 1, color="#F2F2F2", zorder=0)
-        ax.text(0.02, 1.1, "±1 px", transform=ax.get_yaxis_transform(), size=6, color=GREY, va="bottom")
+        permitted = subjects[0].basis.tolerance_px
+        ax.axhspan(-permitted, permitted, color="#F2F2F2", zorder=0)
+        ax.text(
+            0.02,
+            permitted + 0.1,
+            f"±{permitted:g} px",
+            transform=ax.get_yaxis_transform(),
+            size=6,
+            color=GREY,
+            va="bottom",
+        )
     for (line_t, text), (line_s, other) in zip(drawn[::2], drawn[1::2], strict=True):
         if _coincide(ax, line_t, line_s):  # as with a single viewpoint
             labels.of_line(ax, line_t, f"{text}, S")

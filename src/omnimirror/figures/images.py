@@ -186,7 +186,7 @@ def _strips(subjects: Sequence[Subject], draw: Callable[[Axes, Subject], None], 
         N = s.radius_px
         panel_title(ax, i, s.name, len(subjects))
         if note:
-            ax.set_title(note, loc="right", fontweight="normal", fontsize=6.5, color=SPOT)
+            ax.set_title(note + s.objects, loc="right", fontweight="normal", fontsize=6.5, color=SPOT)
         ax.set_aspect("equal")
         ax.set_xlim(-left * N, right * N)
         ax.set_ylim(-h * N, h * N)
@@ -254,7 +254,7 @@ def blur_in_object_space(subjects: Sequence[Subject]) -> Figure:
     row = 26.0 / span * (PAGE - 0.2)
     figure = new_figure(PAGE, count * (row + 0.2) + 0.15)
     for i, (ax, s) in enumerate(zip(grid_of_axes(figure, count, 1, count), subjects, strict=True)):
-        panel_title(ax, i, s.name, count)
+        panel_title(ax, i, s.name + s.objects, count)
         bare(ax)
         for j, omega in enumerate(s.marks.omega_deg):
             _draw_square(ax, s, j, (pitch * j, 0.0))

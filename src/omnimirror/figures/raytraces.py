@@ -250,15 +250,20 @@ def _draw_close_up(ax: Axes, subject: Subject, labels: EndLabels) -> None:
 
 
 def image_curves(subject: Subject) -> list[tuple[str, Array, Array, dict[str, object]]]:
-    """Name, x and z (mm) and look of the four curves of virtual images as the lens sees them; NaN at infinity."""
+    """Name, x and z (mm) and look of the four curves of virtual images as the lens sees them; NaN at infinity.
+
+    Those of the objects that are asked for, distant ones unless said otherwise, and of near ones.
+    """
+    p = subject.basis.object_distance_mm
+    asked = "∞" if np.isinf(p) else f"{p:g}mm"
     far, near = subject.curve, subject.curve_at(NEAR * subject.rim_mm)
     strong: dict[str, object] = {"linewidth": 1.3}
     fine: dict[str, object] = {"linewidth": 0.7}
     dashed: dict[str, object] = {"linestyle": (0, (4, 2))}
     curves = [
-        ("T∞", *_seen(subject, far, far.distance_t_mm), strong),
+        (f"T{asked}", *_seen(subject, far, far.distance_t_mm), strong),
         (f"T{NEAR:g}M", *_seen(subject, near, near.distance_t_mm), fine),
-        ("S∞", *_seen(subject, far, far.distance_s_mm), strong | dashed),
+        (f"S{asked}", *_seen(subject, far, far.distance_s_mm), strong | dashed),
         (f"S{NEAR:g}M", *_seen(subject, near, near.distance_s_mm), fine | dashed),
     ]
     return [(n, np.where(np.isfinite(z), x, np.nan), np.where(np.isfinite(z), z, np.nan), k) for n, x, z, k in curves]

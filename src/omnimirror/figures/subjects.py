@@ -30,10 +30,23 @@ class Basis:
         Of the blur: ``"exact"`` (Eq. 28) or ``"paper"`` (Eq. 29).
     image_radius_px
         Radius to which the image of every rim is scaled; None for the real one.
+    object_distance_mm
+        Distance from mirror to object, of virtual images and blur.
+    wavelength_nm, tolerance_px
+        Of the Airy disk; permissible blur of the depth of field.
     """
 
     mode: BlurMode = "exact"
     image_radius_px: float | None = None
+    object_distance_mm: float = np.inf
+    wavelength_nm: float = 550.0
+    tolerance_px: float = 1.0
+
+    @classmethod
+    def of(cls, result: Evaluation) -> Basis:
+        """How an evaluation was computed; of several object distances the nearest."""
+        p = float(np.min(result.object_distance_mm))
+        return cls(result.mode, result.image_radius_px, p, result.wavelength_nm, result.tolerance_px)
 
 
 EXACT = Basis()
@@ -54,6 +67,12 @@ class Subject:
         return self.sensor.name
 
     @property
+    def objects(self) -> str:
+        """What is said where objects are not distant."""
+        p = self.basis.object_distance_mm
+        return "" if np.isinf(p) else f", objects at {p:g} mm"
+
+    @property
     def rim_mm(self) -> float:
         """M."""
         return self.sensor.mirror.rim_radius_mm
@@ -65,7 +84,7 @@ class Subject:
 
     @cached_property
     def curve(self) -> Evaluation:
-        """The field from end to end at :data:`NODES` angles, for distant objects."""
+        """The field from end to end at :data:`NODES` angles."""
         return self.at(np.linspace(*self.sensor.field_deg, NODES))
 
     @cached_property
@@ -77,9 +96,9 @@ class Subject:
         """The same mirror points as :attr:`curve`, for objects at a distance from the mirror."""
         return self._evaluated(None, self.curve.x_mm, object_distance_mm)
 
-    def at(self, omega_deg: ArrayLike, object_distance_mm: float = np.inf) -> Evaluation:
-        """Evaluate field angles (n,), deg, for objects at a distance from the mirror."""
-        return self._evaluated(omega_deg, None, object_distance_mm)
+    def at(self, omega_deg: ArrayLike) -> Evaluation:
+        """Evaluate field angles (n,), deg."""
+        return self._evaluated(omega_deg, None, self.basis.object_distance_mm)
 
     def _evaluated(self, omega_deg: ArrayLike | None, x_mm: ArrayLike | None, object_distance_mm: float) -> Evaluation:
         return evaluate(
@@ -89,6 +108,8 @@ class Subject:
             object_distance_mm=object_distance_mm,
             mode=self.basis.mode,
             image_radius_px=self.basis.image_radius_px,
+            wavelength_nm=self.basis.wavelength_nm,
+            tolerance_px=self.basis.tolerance_px,
         )
 
     def mean_pixel_deg(self) -> float:

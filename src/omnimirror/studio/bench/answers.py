@@ -12,7 +12,7 @@ from ...analysis import Evaluation
 from ...design.merits import length_mm
 from ...errors import OmnimirrorError
 from ...figures.raytraces import focus_band, image_curves, is_as_seen, lens_height, ways_to_lens
-from ...figures.subjects import Subject
+from ...figures.subjects import Basis, Subject
 from ...sensor import Sensor
 from .framing import framed
 from .judging import imager_radius_px, judge
@@ -74,11 +74,8 @@ def _answer(ask: Ask, **told: object) -> Answer:
 
 
 def _evaluated(sensor: Sensor, object_distance_mm: float) -> Design:
-    subject = Subject(sensor, "")
-    if np.isinf(object_distance_mm):
-        return Design(subject, subject.curve, subject.marks)
-    marks = subject.at(subject.marks.omega_deg, object_distance_mm)
-    return Design(subject, subject.curve_at(object_distance_mm), marks)
+    asked = Subject(sensor, "", Basis(object_distance_mm=object_distance_mm))
+    return Design(Subject(sensor, ""), asked.curve, asked.marks)
 
 
 def _block(name: str, columns: tuple[str, ...], result: Evaluation) -> Values:

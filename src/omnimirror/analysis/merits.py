@@ -1,0 +1,270 @@
+"""What a best focus makes least, and how each of these depends on the focus.
+
+On the coordinate v on which blur is linear (1/L0; under a telecentric lens L0) the blurs of a field angle whose images
+stand at v_t and v_s are ``s w_t (v - v_t)`` and ``s w_s (v - v_s)``, w the share of the lens's distortion, and a degree
+of object is ``g Dh`` by ``g Dw`` wide; s, g and the Airy disk depend on v alone. So the square of every merit is a sum
+of a few functions of v, the same for all field angles, with coefficients that do not change with the focus.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .imaging import ImagingCharacteristics
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Blur:
+    """Blur of n field angles at one focus.
+
+    Attributes
+    ----------
+    t_px, s_px : (n,) px
+        Signed tangential and sagittal blur diameters.
+    imaging
+        Image-forming characteristics, which turn pixels into degrees.
+    omega : (n,) radians
+    airy_px
+        Diameter of the Airy disk.
+    """
+
+    t_px: Array
+    s_px: Array
+    imaging: ImagingCharacteristics
+    omega: Array
+    airy_px: float
+
+    @property
+    def t_deg(self) -> Array:
+        """Tangential blur (n,) in degrees of the object (Eq. 36)."""
+        return self.t_px / self.imaging.height
+
+    @property
+    def s_deg(self) -> Array:
+        """Sagittal blur (n,) in degrees of the object (Eq. 37)."""
+        with np.errstate(divide="ignore"):
+            return self.s_px / self.imaging.width
+
+    def product(self) -> Array:
+        """The paper's blur area (n,), square degrees: a product without pi/4 (Fig. 9c), signed by its factors."""
+        return self.t_deg * self.s_deg
+
+    def floored_area(self) -> Array:
+        """Blur area (n,), square degrees, with a pixel and the Airy disk added in quadrature to each side.
+
+        What a user really gets: the bare product vanishes wherever one of its factors does.
+        """
+        floor = 1 + self.airy_px**2
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.sqrt((self.t_px**2 + floor) * (self.s_px**2 + floor)) / self.imaging.area
+
+
+# -- the same as functions of the focus ----------------------------------------------------------------
+
+
+class Sides(NamedTuple):
+    """What of n field angles does not change with the focus, lengths along v in units of a range about its middle."""
+
+    t: Array
+    """(n,) place of the tangential image."""
+    s: Array
+    w_t: Array
+    """(n,) how far distortion widens the blur."""
+    w_s: Array
+    Dh: Array
+    """(n,) px per deg, at the scale g = 1."""
+    Dw: Array
+
+
+class Scales(NamedTuple):
+    """What changes with the focus: numbers or arrays of m focuses."""
+
+    u: Any
+    """The focus itself."""
+    s: Any
+    """Blur, px, per unit between image and focus."""
+    g: Any
+    """Scale of the picture."""
+    floor: Any
+    """Square of a pixel and of the Airy disk, px^2."""
+
+
+@dataclass(frozen=True)
+class Merit:
+    """One thing that a best focus can make least over the field."""
+
+    unit: str
+    meaning: str
+    size: Callable[[Blur], Array]
+    """What counts at each field angle (n,)."""
+    coefficients: Callable[[Sides], Array]
+    """(terms, k) of its square; k is n, or 2 n where both sides count alone."""
+    functions: Callable[[Scales], list[Any]]
+    """The functions of the focus that they belong to."""
+    is_mean: bool = False
+    """The mean over solid angle in the place of the worst."""
+
+    def value(self, blur: Blur) -> float:
+        """The merit of n field angles."""
+        size = self.size(blur)
+        return float(size @ solid_angle_shares(blur.omega)) if self.is_mean else float(size.max())
+
+
+def _square(place: Array, weight: Array) -> Array:
+    """Coefficients (3, n) of ``weight^2 (u - place)^2`` in u^2, u, 1."""
+    return weight**2 * np.stack([np.ones_like(place), -2 * place, place**2])
+
+
+def _product(x: Array, y: Array) -> Array:
+    """Coefficients (5, n) of the product of two quadratics (3, n)."""
+    return np.stack(
+        [
+            x[0] * y[0],
+            x[0] * y[1] + x[1] * y[0],
+            x[0] * y[2] + x[1] * y[1] + x[2] * y[0],
+            x[1] * y[2] + x[2] * y[1],
+            x[2] * y[2],
+        ]
+    )
+
+
+def _product_area(c: Sides) -> Array:
+    return _product(_square(c.t, c.w_t / c.Dh), _square(c.s, c.w_s / c.Dw))
+
+
+def _floored_area(c: Sides) -> Array:
+    either = _square(c.t, c.w_t) + _square(c.s, c.w_s)
+    return np.concatenate([_product_area(c), np.concatenate([either, np.ones((1, len(c.t)))]) / (c.Dh * c.Dw) ** 2])
+
+
+def _powers(scale: Any, u: Any, degree: int) -> list[Any]:
+    powers = [scale]
+    for _ in range(degree):
+        powers.append(powers[-1] * u)
+    return powers[::-1]
+
+
+def _floored_functions(f: Scales) -> list[Any]:
+    s, g = f.s * f.s, f.g * f.g
+    s, floor = s / g, f.floor / g
+    return [*_powers(s * s, f.u, 4), *_powers(s * floor, f.u, 2), floor * floor]
+
+
+def _degrees(f: Scales) -> list[Any]:
+    s = f.s / f.g
+    return _powers(s * s, f.u, 2)
+
+
+MERITS: dict[str, Merit] = {
+    "floored-area": Merit("deg2", "worst floored blur area", Blur.floored_area, _floored_area, _floored_functions),
+    "mean-floored-area": Merit(
+        "deg2", "mean floored blur area over solid angle", Blur.floored_area, _floored_area, _floored_functions, True
+    ),
+    "product": Merit(
+        "deg2",
+        "worst product of both blurs, the paper's choice",
+        lambda b: np.abs(b.product()),
+        _product_area,
+        lambda f: _powers((f.s * f.s / (f.g * f.g)) ** 2, f.u, 4),
+    ),
+    "worst-px": Merit(
+        "px",
+        "worst single blur in pixels",
+        lambda b: np.maximum(np.abs(b.t_px), np.abs(b.s_px)),
+        lambda c: np.concatenate([_square(c.t, c.w_t), _square(c.s, c.w_s)], axis=1),
+        lambda f: _powers(f.s * f.s, f.u, 2),
+    ),
+    "worst-deg": Merit(
+        "deg",
+        "worst single blur in degrees",
+        lambda b: np.maximum(np.abs(b.t_deg), np.abs(b.s_deg)),
+        lambda c: np.concatenate([_square(c.t, c.w_t / c.Dh), _square(c.s, c.w_s / c.Dw)], axis=1),
+        _degrees,
+    ),
+    "rss-deg": Merit(
+        "deg",
+        "worst root of the squares of both blurs in degrees",
+        lambda b: np.hypot(b.t_deg, b.s_deg),
+        lambda c: _square(c.t, c.w_t / c.Dh) + _square(c.s, c.w_s / c.Dw),
+        _degrees,
+    ),
+}
+"""What a best focus can minimise over the field."""
+
+STEP = 1e-100  # along the imaginary axis, whose derivatives lose no digit
+
+
+@dataclass(frozen=True)
+class FocusFunction:
+    """A merit of n field angles as a function of the focus."""
+
+    merit: Merit
+    sides: Sides
+    omega: Array
+    scales: Callable[[Any], Scales]
+    """What changes with the focus, at places u."""
+
+    @cached_property
+    def coefficients(self) -> Array:
+        """(terms, k)"""
+        with np.errstate(divide="ignore", invalid="ignore"):  # at the tip of a cone
+            return self.merit.coefficients(self.sides)
+
+    @cached_property
+    def _shares(self) -> Array:
+        return solid_angle_shares(self.omega)
+
+    def __call__(self, u: Array) -> tuple[Array, Array, NDArray[np.intp]]:
+        """The merit (its square, if it is a worst one), its derivative, and which angle is the worst; (m,) each."""
+        moved = np.array([f + 0 * u for f in self.merit.functions(self.scales(u + 1j * STEP))])
+        functions, rates = moved.real.T.copy(), moved.imag.T / STEP
+        squares = _times(functions, self.coefficients)
+        if self.merit.is_mean:
+            roots = np.sqrt(squares)
+            slope = _times(_times(rates, self.coefficients) / roots, self._shares[:, None])[:, 0] / 2
+            return _times(roots, self._shares[:, None])[:, 0], slope, np.zeros(len(u), dtype=np.intp)
+        worst = squares.argmax(axis=1)
+        slope = np.einsum("mt,tm->m", rates, self.coefficients[:, worst])
+        return squares[np.arange(len(u)), worst], slope, worst
+
+
+def _times(a: Array, b: Array) -> Array:
+    """The product of two matrices; waking BLAS's threads for so little would take longer."""
+    product: Array = np.einsum("mt,tk->mk", a, b)
+    return product
+
+
+def solid_angle_shares(omega: Array) -> Array:
+    """Weights (n,), together 1, of a mean over the solid angle from the least to the largest of field angles (n,).
+
+    Between neighbours what is averaged counts as linear in the angle; angles given several times share their weight.
+
+    >>> omega = np.sort(np.random.default_rng(1).uniform(0, 2, 200))
+    >>> omega[[0, -1]] = 0, 2
+    >>> exact = (4 * np.sin(2) - 2 * np.cos(2) - 2) / (1 - np.cos(2))  # mean of omega^2
+    >>> bool(abs(solid_angle_shares(omega) @ omega**2 / exact - 1) < 1e-3)
+    True
+    """
+    angles, which, count = np.unique(omega, return_inverse=True, return_counts=True)
+    if len(angles) == 1:
+        return np.full(len(omega), 1 / len(omega))
+    a, b = angles[:-1], angles[1:]
+    step = b - a
+    # integrals of sin(omega) (omega - a)/step and of sin(omega) (b - omega)/step over each step
+    middle, half = (a + b) / 2, step / 2
+    even = np.sin(middle) * np.sin(half)
+    odd = np.cos(middle) * (np.sin(half) / half - np.cos(half))
+    shares = np.zeros(len(angles))
+    shares[1:] += even + odd
+    shares[:-1] += even - odd
+    shares /= shares.sum()
+    mean: Array = (shares / count)[which]
+    return mean
