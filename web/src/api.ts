@@ -1,24 +1,10 @@
+import { ask } from "./ask";
 import type { CameraModel, Embedded, MountOf, SensorEntry, SensorFile, Start } from "./messages";
-
-/** Something the server refused, in its own sentence. */
-export class Refused extends Error {}
-/** The server does not answer. */
-export class Away extends Error {}
-
-async function ask(url: string, init?: RequestInit): Promise<Response> {
-  let answer: Response;
-  try {
-    answer = await fetch(url, init);
-  } catch {
-    throw new Away("The studio's server does not answer. What is shown stays; it goes on when the server is back.");
-  }
-  if (answer.ok) return answer;
-  const body = (await answer.json().catch(() => null)) as { detail?: unknown } | null;
-  throw new Refused(typeof body?.detail === "string" ? body.detail : `the server answered ${answer.status}`);
-}
 
 const query = (values: Record<string, unknown>): string =>
   new URLSearchParams(Object.entries(values).filter(([, v]) => v !== null && v !== undefined).map(([k, v]) => [k, String(v)])).toString();
+
+export { Away, Refused } from "./ask";
 
 export const start = async (): Promise<Start> => (await ask("api/start")).json();
 export const isThere = async (): Promise<boolean> => ask("health").then(() => true, () => false);

@@ -10,7 +10,7 @@ import { CirclePane } from "./ui/circle";
 import { banner, busy, byId, choices, copy, save, say } from "./ui/dom";
 import { addressFeed, pictureFeed, streamFeed, videoFeed, type Feed } from "./ui/feed";
 import { Gestures } from "./ui/gestures";
-import { keep, kept } from "./ui/kept";
+import { identityIn, identityOf, keepPicture, keptPicture, sourceOf } from "./ui/kept";
 import { Playback } from "./ui/playback";
 import { withTexts } from "./ui/png";
 import { Recorder } from "./ui/recorder";
@@ -28,6 +28,9 @@ const TITLES: Record<Mode, string> = {
   mosaic: "Mosaic",
 };
 const MOST_PIXELS = 2;
+const REST_MS = 120; // after which a view that moved is drawn with care
+const INVITATION = "Drop a picture or video here";
+const INVITATION_MORE = "One taken with a curved mirror, a mirror ball or a fisheye. It stays on this machine.";
 
 /** Looking through a sensor: the picture, the camera and the view, and what changes them. */
 export class Look {
@@ -44,8 +47,12 @@ export class Look {
   private isDirty = false;
   private isPictureNew = false;
   private hasServer = true;
-  private hasProblem = false;
+  private hasBegun = false;
   private opened = 0;
+  /** The source that is shown, as the state names it; of a room also the sensor that took it. */
+  private shown = "";
+  private movedAt = 0;
+  private resting = 0;
 
   constructor(private readonly store: Store) {
     this.renderer = new Renderer(this.canvas, () => this.refresh(true));
@@ -54,7 +61,11 @@ export class Look {
       this.circle.isFitting = isFitting;
       this.refresh();
     });
-    this.sensor = new SensorPanel(store, () => this.refresh(true), (e) => this.fail(e));
+    this.sensor = new SensorPanel(store, {
+      changed: () => this.refresh(true),
+      failed: (e) => this.fail(e, "sensor"),
+      prepare: (wanted) => this.prepare(wanted),
+    });
     const gestures = new Gestures(this.canvas, store, () => this.camera, (x, y) => this.lookAtView(x, y), () => this.playback.toggle());
     const glide = byId<HTMLInputElement>("glide");
     glide.checked = gestures.glides;
@@ -66,8 +77,8 @@ export class Look {
     this.bindButtons();
     store.listen((s, changed) => {
       if (changed.has("mode")) show(s.mode);
-      if (["sensor", "looks", "forward", "flipped"].some((key) => changed.has(key as keyof State))) void this.sensor.fetch();
-      if (changed.has("sensor") && s.source === "room") void this.openRoom();
+      if (changed.has("source") && this.hasBegun) void this.openAsked();
+      this.movedAt = performance.now();
       this.refresh();
     });
     new ResizeObserver(() => this.refresh()).observe(byId("frame"));
@@ -80,17 +91,11 @@ export class Look {
     this.sensor.offer(start.sensors);
     this.offerSources(start.sources);
     const fresh = !location.hash;
-    if (!this.store.state.source && start.source) this.store.set({ source: `server:${start.source}` });
-    if (fresh && start.sensor) this.store.set({ sensor: start.sensor });
-    else await this.sensor.fetch();
-    const { source } = this.store.state;
-    if (source === "room") await this.openRoom();
-    else if (source.startsWith("server:")) await this.openServer(source.slice(7));
-    else if (source.startsWith("webcam:")) await this.openWebcam(source.slice(7));
-    else if (source === "kept") {
-      const file = await kept("picture");
-      if (file) await this.openFile(file.blob, file.name, false);
-    }
+    if (!this.store.state.source && start.source) this.store.set({ source: `server:${start.source}` }, false);
+    if (fresh && start.sensor) this.store.set({ sensor: start.sensor }, false);
+    await this.sensor.want();
+    this.hasBegun = true;
+    await this.openAsked();
   }
 
   /** Begin with a picture and a camera that the page holds itself. */
@@ -101,16 +106,17 @@ export class Look {
     byId("sources-label").hidden = true;
     this.sensor.take(new Camera(inside.camera, api.floats(inside.tables)));
     if (inside.media.startsWith("data:")) return this.openFile(api.blob(inside.media), inside.name, false);
-    if (location.protocol !== "file:") return this.open(`Reading ${inside.name}`, () => addressFeed(inside.media, inside.name));
-    const before = this.store.state.source === "kept" ? await kept("picture") : undefined;
-    if (before?.name === inside.name) return this.openFile(before.blob, before.name, false);
-    byId("invitation").textContent = `Drop ${inside.name} here`;
-    byId("invitation-more").textContent = "It belongs to this page and lies beside it. From disk, browsers let a page read only what it is handed.";
+    if (location.protocol !== "file:") return this.open(`Reading ${inside.name}`, () => addressFeed(inside.media, inside.name), "", true);
+    const before = identityIn(this.store.state.source);
+    const file = before?.name === inside.name ? await keptPicture(before) : undefined;
+    if (file) return this.openFile(file.blob, file.name, false);
+    this.invite(`Drop ${inside.name} here`, "It belongs to this page and lies beside it. From disk, browsers let a page read only what it is handed.");
   }
 
-  fail(e: unknown): void {
+  fail(e: unknown, about: "picture" | "sensor" = "picture"): void {
     busy(null);
-    if (e instanceof api.Refused || e instanceof api.Away || e instanceof NoWebGL) banner(e.message);
+    if (e instanceof api.Away) banner(e.message, "server");
+    else if (e instanceof api.Refused || e instanceof NoWebGL) banner(e.message, about);
     else {
       banner("Something went wrong in this page; loading it anew may help.");
       throw e;
@@ -126,49 +132,91 @@ export class Look {
 
   // -- what is looked at -------------------------------------------------------------------------
 
+  /** Open a file that was handed to the page, or one that it kept. */
   async openFile(blob: Blob, name: string, isNew = true): Promise<void> {
     if (/\.(toml|txt)$/i.test(name)) return this.sensor.load(blob, name);
-    await this.open(`Reading ${name}`, () =>
-      blob.type.startsWith("video/") || /\.(mp4|webm|mov|mkv|m4v|avi)$/i.test(name) ? videoFeed(blob, name) : pictureFeed(blob, name, this.hasServer),
-    );
-    if (isNew && this.feed?.name === name) {
-      await keep("picture", { blob, name });
-      this.store.set({ source: "kept" });
-    }
+    const make = (): Promise<Feed> => this.feedOf(blob, name);
+    if (!isNew) return this.open(`Reading ${name}`, make, "", true);
+    const identity = await identityOf(blob, name);
+    const isWanted = identityIn(this.store.state.source)?.id === identity.id; // as of a link that came without it
+    await this.open(`Reading ${name}`, make, sourceOf(identity), isWanted);
+    if (this.shown === sourceOf(identity)) await keepPicture(identity, { blob, name });
   }
 
-  async openRoom(): Promise<void> {
-    const { sensor } = this.store.state;
-    await this.open("Simulating the picture of a room", async () => pictureFeed(await api.room(sensor), "circle.png", true));
-    if (this.feed) this.store.set({ source: "room", rim: null });
+  private feedOf(blob: Blob, name: string): Promise<Feed> {
+    const isVideo = blob.type.startsWith("video/") || /\.(mp4|webm|mov|mkv|m4v|avi)$/i.test(name);
+    return isVideo ? videoFeed(blob, name) : pictureFeed(blob, name, this.hasServer);
   }
 
-  async openServer(id: string): Promise<void> {
+  async openRoom(turns = true): Promise<void> {
+    await this.open("Simulating the picture of a room", () => this.roomOf(this.store.state.sensor), "room", false, turns);
+  }
+
+  private async roomOf(sensor: string): Promise<Feed> {
+    return pictureFeed(await api.room(sensor), "circle.png", true);
+  }
+
+  private async openServer(id: string, isAsked = false): Promise<void> {
     const option = [...byId<HTMLSelectElement>("sources").options].find((o) => o.value === id);
-    const name = option?.textContent ?? id;
+    if (!option) return this.fail(new api.Refused(`The address asks for ${id}, which this server does not offer. Open a picture, or choose what it offers.`));
+    const name = option.textContent ?? id;
     const told = (state: StreamState | null): void => {
       const fine = state?.state === "playing";
-      banner(fine ? null : (state?.sentence ?? "The studio's server does not answer. The stream goes on when it is back."));
+      banner(fine ? null : (state?.sentence ?? `The studio's server does not answer. ${name} goes on when it is back.`), "picture");
     };
-    await this.open(`Opening ${name}`, async () =>
-      option?.dataset.kind === "picture" ? pictureFeed(await api.picture(id), name, true) : streamFeed(id, name, told),
-    );
-    if (this.feed?.name === name) this.store.set({ source: `server:${id}` });
+    const make = async (): Promise<Feed> => (option.dataset.kind === "picture" ? pictureFeed(await api.picture(id), name, true) : streamFeed(id, name, told));
+    await this.open(`Opening ${name}`, make, `server:${id}`, isAsked);
   }
 
-  private async openWebcam(id: string): Promise<void> {
-    await this.open("Waiting for the camera", () => this.webcams.open(id, banner));
-    if (this.feed?.device !== undefined) this.store.set({ source: `webcam:${this.feed.device}` });
+  private async openWebcam(id: string, isAsked = false): Promise<void> {
+    const lost = (sentence: string): void => banner(sentence, "picture");
+    await this.open("Waiting for the camera", () => this.webcams.open(id, lost), (feed) => `webcam:${feed.device}`, isAsked);
   }
 
-  private async open(words: string, make: () => Promise<Feed>): Promise<void> {
+  /** Open what the address asks for, and nothing in its place. */
+  private async openAsked(): Promise<void> {
+    const { source, sensor } = this.store.state;
+    this.opened++; // what is still on its way was asked for before
+    busy(null);
+    if (this.shown === nameOf(source, sensor)) return;
+    if (this.feed) this.close();
+    const [kind, rest] = [source.split(":", 1)[0], source.slice(source.indexOf(":") + 1)];
+    if (kind === "room") return this.open("Simulating the picture of a room", () => this.roomOf(sensor), "room", true);
+    if (kind === "server") return this.openServer(rest, true);
+    if (kind === "webcam") return this.openWebcam(rest, true);
+    const identity = identityIn(source);
+    if (!identity) return source ? this.fail(new api.Refused(`source = ${source} of the address is not understood; open a picture instead.`)) : undefined;
+    const file = identity.id ? await keptPicture(identity) : undefined;
+    if (file && source === this.store.state.source) return this.open(`Reading ${file.name}`, () => this.feedOf(file.blob, file.name), source, true);
+    const name = identity.name || "its picture";
+    this.invite(`Drop ${name} here`, `This link is a view of ${identity.name || "a picture that it does not name"}, which this browser does not hold: links hold the view, not the picture.`);
+  }
+
+  /** Of another sensor, the demo room has another picture. */
+  private async prepare({ source, sensor }: State): Promise<(() => void) | null> {
+    if (source !== "room" || !this.shown || this.shown === nameOf(source, sensor)) return null;
+    const number = ++this.opened;
+    const feed = await this.roomOf(sensor);
+    return () => {
+      if (number !== this.opened) return feed.close();
+      this.shown = nameOf(source, sensor);
+      this.show(feed);
+    };
+  }
+
+  /** Open a source, and make the state name it; `isAsked` is for one that the state names already, with all that is seen of it. */
+  private async open(words: string, make: () => Promise<Feed>, source: string | ((feed: Feed) => string) = "", isAsked = false, turns = !isAsked): Promise<void> {
     const number = ++this.opened;
     busy(`${words}…`);
     try {
       const feed = await make();
       if (number !== this.opened) return feed.close();
-      banner(null);
+      const isAlike = isAsked || (source !== "room" && this.feed?.width === feed.width && this.feed.height === feed.height);
+      const named = typeof source === "string" ? source : source(feed);
       this.show(feed);
+      banner(null, "picture");
+      this.shown = nameOf(named, this.store.state.sensor);
+      this.store.set({ ...(source && { source: named }), ...(!isAlike && { rim: null }) }, turns);
     } catch (e) {
       if (number === this.opened) this.fail(e);
     } finally {
@@ -176,16 +224,40 @@ export class Look {
     }
   }
 
+  /** Show nothing, as at first. */
+  private close(): void {
+    this.feed?.close();
+    this.feed = null;
+    this.shown = "";
+    this.playback.follow(null);
+    this.circle.clear();
+    banner(null, "picture");
+    this.showWhether(false);
+    byId("picture-words").textContent = "None yet.";
+    this.invite(INVITATION, INVITATION_MORE);
+  }
+
+  private invite(title: string, more: string): void {
+    byId("invitation").textContent = title;
+    byId("invitation-more").textContent = more;
+  }
+
+  /** Show what belongs to a picture, or to there being none. */
+  private showWhether(hasPicture: boolean): void {
+    document.body.classList.toggle("empty", !hasPicture);
+    byId("empty").hidden = hasPicture;
+    if (!hasPicture) this.canvas.hidden = byId("command").hidden = true;
+    for (const element of document.querySelectorAll<HTMLButtonElement>("[data-needs]")) element.disabled = !hasPicture;
+  }
+
   private show(feed: Feed): void {
     const largest = this.renderer.largestPicture;
     if (Math.max(feed.width, feed.height) > largest)
       throw new api.Refused(`${feed.name} is ${feed.width} × ${feed.height} px; this graphics card takes ${largest} on a side.`);
-    if (this.feed && (this.feed.width !== feed.width || this.feed.height !== feed.height)) this.store.set({ rim: null });
-    this.feed?.close();
+    if (this.feed !== feed) this.feed?.close();
     this.feed = feed;
     this.playback.follow(feed.video ?? null);
-    byId("empty").hidden = true;
-    for (const element of document.querySelectorAll<HTMLButtonElement>("[data-needs]")) element.disabled = false;
+    this.showWhether(true);
     byId("picture-words").textContent = `${feed.name}, ${feed.width} × ${feed.height} px`;
     this.refresh(true);
   }
@@ -213,10 +285,8 @@ export class Look {
     this.rim.show(camera);
     if (!feed) return null;
     const problem = this.problem(camera, feed);
-    if (problem) banner(problem);
-    else if (this.hasProblem) banner(null);
-    this.hasProblem = problem !== null;
-    this.canvas.hidden = byId("command").hidden = this.hasProblem;
+    banner(problem, "page");
+    this.canvas.hidden = byId("command").hidden = problem !== null;
     if (problem) return null;
     this.renderer.setCamera(camera);
     if (this.isPictureNew) this.renderer.setPicture(feed.picture, feed.width, feed.height);
@@ -228,10 +298,19 @@ export class Look {
     const camera = this.ready();
     if (!camera || !this.feed) return;
     const view = this.sized();
-    this.renderer.draw(view);
+    this.renderer.draw(view, this.isRough());
     this.circle.drawView(camera, view);
     byId("command-line").textContent = commandOf(this.store.state, camera, this.feed, view.width, view.height);
     byId("save-sensor").hidden = !needsFile(camera) || !this.hasServer;
+  }
+
+  /** While it moves, a view is drawn quickly; once it rests, with care. */
+  private isRough(): boolean {
+    clearTimeout(this.resting);
+    if (this.feed?.moves) return true;
+    const rested = performance.now() - this.movedAt;
+    if (rested < REST_MS) this.resting = window.setTimeout(() => this.refresh(), REST_MS - rested);
+    return rested < REST_MS;
   }
 
   /** Why the camera cannot show the picture so; null where it can. */
@@ -269,10 +348,10 @@ export class Look {
     for (const id of ["room", "try"]) byId(id).addEventListener("click", () => void this.openRoom());
     byId("sources").addEventListener("change", (e) => void this.openServer((e.target as HTMLSelectElement).value));
     byId("snapshot").addEventListener("click", () => void this.snapshot());
-    byId("link").addEventListener("click", () => setTimeout(() => void copy(location.href, "Link"), 200));
+    byId("link").addEventListener("click", () => setTimeout(() => void this.copyLink(), 200));
     byId("copy-command").addEventListener("click", () => void copy(byId("command-line").textContent ?? "", "Command"));
     byId("save-sensor").addEventListener("click", () => void this.saveSensor());
-    for (const element of document.querySelectorAll<HTMLButtonElement>("[data-needs]")) element.disabled = true;
+    this.showWhether(false);
     this.bindDropping();
   }
 
@@ -301,8 +380,17 @@ export class Look {
     }
   }
 
+  /** Copy the link, and say what it does not hold. */
+  private async copyLink(): Promise<void> {
+    const { source, sensor } = this.store.state;
+    const missing = [identityIn(source)?.name, sensor.startsWith("file:") ? this.camera?.model.name : null].filter(Boolean).join(" and ");
+    const rest = missing ? `. It holds the view, not ${missing}: elsewhere it asks for the file` : source.startsWith("webcam:") ? ". It opens the webcam of whoever opens it" : "";
+    await copy(location.href, "Link", rest);
+  }
+
   private async snapshot(): Promise<void> {
-    this.draw(); // what is drawn is gone once the browser has shown it
+    if (!this.ready()) return;
+    this.renderer.draw(this.sized()); // what is drawn is gone once the browser has shown it
     const png = await new Promise<Blob | null>((resolve) => this.canvas.toBlob(resolve, "image/png"));
     if (!png) return say("The browser made no picture.");
     const texts = { Software: "omnimirror studio", Comment: byId("command-line").textContent ?? "", Source: this.feed?.name ?? "" };
@@ -344,3 +432,5 @@ export class Look {
     if (target) this.store.set(panTiltOf(target));
   }
 }
+
+const nameOf = (source: string, sensor: string): string => (source === "room" ? `room of ${sensor}` : source);

@@ -1,12 +1,12 @@
 import * as api from "./api";
 import { NoWebGL } from "./gl/renderer";
+import { AWAY } from "./ask";
 import { Look } from "./look";
 import { Store } from "./state";
 import { Tabs } from "./tabs";
 import { banner, say } from "./ui/dom";
 
 const HEARTBEAT_MS = 3000;
-const AWAY = "The studio's server does not answer. What is shown stays; it goes on when the server is back.";
 
 declare global {
   interface Window {
@@ -16,18 +16,18 @@ declare global {
 }
 
 /** Tell when the server goes, and go on when it is back. */
-function watchServer(look: Look): void {
-  let isAway = false;
+function watchServer(look: Look, tabs: Tabs): void {
+  let wasAway = false;
   const beat = async (): Promise<void> => {
     if (document.visibilityState === "visible") {
       const there = await api.isThere();
-      if (!there) banner(AWAY);
-      else if (isAway) {
-        banner(null);
+      banner(there ? null : AWAY, "server");
+      if (there && wasAway) {
         say("The server is back.");
-        await look.sensor.fetch();
+        if (!look.sensor.camera) await look.begin().catch((e: unknown) => look.fail(e));
+        tabs.show();
       }
-      isAway = !there;
+      wasAway = !there;
     }
     setTimeout(() => void beat(), HEARTBEAT_MS);
   };
@@ -45,8 +45,10 @@ async function main(): Promise<void> {
     return banner(e.message);
   }
   window.omnimirror = { look, store, tabs };
+  store.entered = () => banner(store.trouble, "address");
+  store.entered();
   if (api.embedded()) return look.beginEmbedded();
-  watchServer(look);
+  watchServer(look, tabs);
   await look.begin().catch((e: unknown) => look.fail(e));
 }
 

@@ -4,6 +4,7 @@ import type { State, Store } from "./state";
 import { banner, byId, say } from "./ui/dom";
 
 const BENCH = import.meta.env.DEV ? "/src/bench/bench.ts" : "./bench.js";
+const UNFETCHED = "The design bench could not be fetched from the studio's server; loading the page anew may help.";
 
 /** The two halves of the page; the bench is fetched when it is wanted first. */
 export class Tabs {
@@ -14,11 +15,14 @@ export class Tabs {
   constructor(private readonly store: Store) {
     for (const button of document.querySelectorAll<HTMLButtonElement>("#tabs button"))
       button.addEventListener("click", () => store.set({ tab: button.value as State["tab"] }));
-    store.listen((_, changed) => changed.has("tab") && this.show());
+    store.listen((s, changed) => {
+      if (changed.has("tab")) this.show();
+      if (changed.has("design")) this.bench?.goTo(s.design);
+    });
     this.show();
   }
 
-  private show(): void {
+  show(): void {
     const { tab } = this.store.state;
     document.body.dataset.tab = tab;
     for (const button of document.querySelectorAll<HTMLButtonElement>("#tabs button")) {
@@ -33,13 +37,26 @@ export class Tabs {
   private async fetch(): Promise<void> {
     this.isFetching = true;
     try {
-      const made = (await import(/* @vite-ignore */ BENCH)) as { begin: typeof begin };
+      const made = await (import(/* @vite-ignore */ BENCH) as Promise<{ begin: typeof begin }>).catch(() => null);
+      if (!made) return banner(UNFETCHED, "bench");
+      banner(null, "bench");
       this.bench = await made.begin(this.host());
       byId("bench-busy").hidden = true;
-    } catch {
-      banner("The design bench could not be fetched from the studio's server; loading the page anew may help.");
+    } catch (e) {
+      this.clear();
+      const isSaid = e instanceof Error && (e.name === "Refused" || e.name === "Away");
+      banner(isSaid ? e.message : "Something went wrong in the design bench; loading the page anew may help.", "bench");
+      if (!isSaid) throw e;
+    } finally {
+      this.isFetching = false;
     }
-    this.isFetching = false;
+  }
+
+  /** Leave nothing of a bench that could not be made: the next one begins in its place. */
+  private clear(): void {
+    const [place, busy] = [byId("bench"), byId("bench-busy")];
+    place.replaceChildren(busy);
+    for (const part of document.querySelectorAll('header [data-tab="design"]')) part.remove();
   }
 
   private host(): Host {
@@ -49,6 +66,7 @@ export class Tabs {
       isShown: () => this.store.state.tab === "design",
       address: () => this.store.state.design,
       setAddress: (design) => this.store.set({ design }),
+      beforeLeaving: (act) => (this.store.leaving = act),
       banner,
       say,
       lookThrough: (file, name) => this.lookThrough(file, name),
@@ -59,7 +77,7 @@ export class Tabs {
   private async lookThrough(file: Blob, name: string): Promise<void> {
     if (!this.look) return say("Looking needs WebGL2, which this browser does not offer.");
     this.store.set({ tab: "look", source: "" });
-    await this.look.sensor.load(file, name);
-    await this.look.openRoom();
+    await this.look.sensor.load(file, name, "mirror", false);
+    await this.look.openRoom(false);
   }
 }

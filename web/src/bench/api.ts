@@ -1,17 +1,8 @@
+import { ask } from "../ask";
 import type { BenchSensor, BenchStart, Change, Download, Opened, PictureAsk, Taken, WantedFile } from "./messages";
 import { unpack } from "./link";
 
-/** Something the server refused, in its own sentence; or it does not answer. */
-export class Refused extends Error {}
-
-async function ask(url: string, init?: RequestInit): Promise<Response> {
-  const answer = await fetch(url, init).catch(() => {
-    throw new Refused("The studio's server does not answer. What is shown stays; it goes on when the server is back.");
-  });
-  if (answer.ok) return answer;
-  const body = (await answer.json().catch(() => null)) as { detail?: unknown } | null;
-  throw new Refused(typeof body?.detail === "string" ? body.detail : `The server answered ${answer.status}.`);
-}
+export { Away, Refused } from "../ask";
 
 const post = (url: string, body: unknown): Promise<Response> =>
   ask(url, { method: "POST", headers: { "content-type": "application/json" }, body: JSON.stringify(body) });

@@ -1,5 +1,6 @@
 import sheet from "./bench.css?inline";
 import uplotSheet from "uplot/dist/uPlot.min.css?inline";
+import { AWAY } from "../ask";
 import * as api from "./api";
 import { CHARTS, ChartView, type Drawn } from "./charts";
 import { CompareTable } from "./compare";
@@ -24,7 +25,8 @@ export interface Host {
   isShown: () => boolean;
   address: () => string;
   setAddress: (design: string) => void;
-  banner: (sentence: string | null) => void;
+  beforeLeaving: (act: () => void) => void;
+  banner: (sentence: string | null, about: "server" | "address" | "bench") => void;
   say: (sentence: string) => void;
   /** Look through a sensor: its file, and its name. */
   lookThrough: (file: Blob, name: string) => Promise<void>;
@@ -35,7 +37,6 @@ const OWN = "design";
 const MOST_PINS = 4;
 const INKS = ["accent", "pin1", "pin2", "pin3", "pin4"];
 const DESCRIBED_MS = 400;
-const AWAY = "The studio's server does not answer. What is shown stays; it goes on when the server is back.";
 const GROUPS = ["Section", ...new Set(CHARTS.map((c) => c.group)), "Squares", "Picture"];
 
 /** The design bench: a design, what was found of it, and all that shows and changes it. */
@@ -61,7 +62,7 @@ export class Bench {
   private readonly trouble = h("p", { className: "trouble", role: "alert", hidden: true });
   private describing = 0;
 
-  constructor(private readonly host: Host, parts: BenchStart, first: Design) {
+  constructor(private readonly host: Host, private readonly parts: BenchStart, first: Design) {
     this.history = new History(first);
     this.sensors = parts.sensors;
     const aside = h("aside", { "aria-label": "Design" });
@@ -88,7 +89,8 @@ export class Bench {
     this.cursor.listen((omega) => host.place.classList.toggle("reading", omega !== null));
     plots.addEventListener("pointerleave", () => this.cursor.set(null, this));
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.restyle());
-    this.link = new Link((found) => this.answered(found), (isAway) => host.banner(isAway && host.isShown() ? AWAY : null));
+    this.link = new Link((found) => this.answered(found), (isAway) => host.banner(isAway && host.isShown() ? AWAY : null, "server"));
+    host.beforeLeaving(() => this.settle()); // as a number that was typed and not yet entered
     this.bindKeys();
   }
 
@@ -100,6 +102,21 @@ export class Bench {
     this.form.show(design);
     this.wanted.show(design);
     this.ask();
+  }
+
+  /** Go to the design of another address; one that is not whole is told, and changes nothing. */
+  goTo(address: string): void {
+    if (!address || address === inAddress(this.history.now)) return;
+    const found = fromAddress(address, this.parts);
+    if (typeof found === "string") return this.misled(found);
+    this.host.banner(null, "bench");
+    this.takeDesign(found);
+  }
+
+  /** Say that the address is none of a design, and have that of what is shown. */
+  misled(sentence: string): void {
+    this.host.banner(`${sentence} What the bench shows is ${nameOf(this.history.now)}.`, "bench");
+    this.kept();
   }
 
   /** What was a bundled sensor is one no more when something in it is changed. */
@@ -150,7 +167,7 @@ export class Bench {
   }
 
   fail(e: unknown): void {
-    if (!(e instanceof api.Refused)) throw e;
+    if (!(e instanceof api.Refused || e instanceof api.Away)) throw e;
     this.form.complain({ path: [], sentence: e.message });
     this.host.say(e.message);
   }
@@ -312,8 +329,10 @@ export async function begin(host: Host): Promise<Bench> {
     document.adoptedStyleSheets = [...document.adoptedStyleSheets, made];
   }
   const parts = await api.start();
-  const before = kept();
-  const design = fromAddress(host.address()) ?? before?.design ?? { ...(await api.bundled(FIRST)), distance: null, wanted: null };
+  const before = kept(parts);
+  const asked = host.address() ? fromAddress(host.address(), parts) : null;
+  const given = typeof asked === "string" ? null : asked;
+  const design = given ?? before?.design ?? { ...(await api.bundled(FIRST)), distance: null, wanted: null };
   const bench = new Bench(host, parts, design);
   if (before) {
     bench.pins = before.pins;
@@ -322,5 +341,6 @@ export async function begin(host: Host): Promise<Bench> {
   }
   bench.showGroups();
   bench.begin();
+  if (typeof asked === "string") bench.misled(asked);
   return bench;
 }

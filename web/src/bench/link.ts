@@ -17,13 +17,25 @@ export interface Table {
 
 type Wish = Omit<Ask, "number" | "slot">;
 
+/** A question, when it was asked first, and how often a connection ended over it. */
+interface Question {
+  wish: Wish;
+  asked: number;
+  failures: number;
+}
+
 const RETRY_MS = 1000;
+const LATEST_RETRY_MS = 8000;
+const MOST_FAILURES = 2;
+const UNANSWERABLE = "The studio's server cannot answer about this design";
+const REFUSALS = [1003, 1007, 1009]; // closing codes for what is no question, or too long for one
 
 /** One connection for all questions about designs: one is on its way, and of those that wait the newest is asked. */
 export class Link {
   private socket: WebSocket | null = null;
-  private waiting = new Map<number, { wish: Wish; asked: number }>();
-  private onItsWay: { slot: number; wish: Wish; asked: number } | null = null;
+  private waiting = new Map<number, Question>();
+  private onItsWay: (Question & { slot: number }) | null = null;
+  private retry = RETRY_MS;
   private number = 0;
   private isAway = false;
 
@@ -33,7 +45,7 @@ export class Link {
 
   /** Ask about a design; an older question of the same slot that still waits is forgotten. */
   ask(slot: number, wish: Wish): void {
-    this.waiting.set(slot, { wish, asked: performance.now() });
+    this.waiting.set(slot, { wish, asked: performance.now(), failures: 0 });
     this.next();
   }
 
@@ -45,19 +57,31 @@ export class Link {
       this.next();
     };
     socket.onmessage = (e: MessageEvent<ArrayBuffer>) => {
+      this.retry = RETRY_MS;
       const found = read(e.data, this.onItsWay?.asked ?? 0);
       this.onItsWay = null;
       this.next();
       this.answered(found);
     };
-    socket.onclose = () => {
-      const { onItsWay } = this;
-      if (onItsWay && !this.waiting.has(onItsWay.slot)) this.waiting.set(onItsWay.slot, onItsWay);
-      this.onItsWay = null;
-      this.tell(true);
-      setTimeout(() => this.connect(), RETRY_MS);
+    socket.onclose = (e) => {
+      const isRefused = this.unanswered(e);
+      this.tell(!isRefused);
+      setTimeout(() => this.connect(), isRefused ? 0 : this.retry);
+      this.retry = Math.min(2 * this.retry, LATEST_RETRY_MS);
     };
     this.socket = socket;
+  }
+
+  /** What becomes of a question whose connection ended: asked again, but not for ever. Tells whether the end was about it. */
+  private unanswered({ code }: CloseEvent): boolean {
+    const { onItsWay } = this;
+    this.onItsWay = null;
+    if (!onItsWay) return false;
+    const failures = onItsWay.failures + 1;
+    const isRefused = REFUSALS.includes(code) || failures >= MOST_FAILURES;
+    if (isRefused) this.answered({ ...NOTHING, slot: onItsWay.slot, asked: onItsWay.asked });
+    else if (!this.waiting.has(onItsWay.slot)) this.waiting.set(onItsWay.slot, { ...onItsWay, failures });
+    return isRefused;
   }
 
   private tell(isAway: boolean): void {
@@ -76,6 +100,9 @@ export class Link {
     this.socket.send(JSON.stringify(ask));
   }
 }
+
+/** The answer where there is none. */
+const NOTHING: Omit<Found, "slot" | "asked"> = { number: 0, trouble: { path: [], sentence: UNANSWERABLE }, facts: null, rows: [], wanted_trouble: null, blocks: [], block: () => null };
 
 /** The question about a design. */
 export const wishOf = (design: Design, section: boolean, squares: boolean): Wish => ({

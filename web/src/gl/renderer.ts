@@ -61,8 +61,8 @@ export class Renderer {
     gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, gl.RGBA, gl.UNSIGNED_BYTE, picture);
   }
 
-  /** Draw the view over the whole canvas, which becomes as large as it. */
-  draw(view: View): void {
+  /** Draw the view over the whole canvas, which becomes as large as it; roughly where it is soon drawn again. */
+  draw(view: View, isRough = false): void {
     const { gl, canvas } = this;
     if (canvas.width !== view.width || canvas.height !== view.height) {
       canvas.width = view.width;
@@ -73,6 +73,8 @@ export class Renderer {
     gl.disable(gl.SCISSOR_TEST);
     gl.clearColor(0, 0, 0, 0);
     gl.clear(gl.COLOR_BUFFER_BIT);
+    this.gl.useProgram(this.program);
+    gl.uniform1i(this.place("is_rough"), +isRough);
     this.drawParts(view, false);
   }
 

@@ -190,15 +190,43 @@ vec3 cubic(vec2 p) {
   return clamp(total, 0.0, 1.0);
 }
 
-// The mean over the area of the picture that the pixel covers, a parallelogram.
-vec3 area(vec2 p, vec2 right, vec2 down, int n) {
+// As omnimirror.dewarp.footprints: a side is shortened to nothing up to SHARP, and soon no longer.
+const float SHARP = 1.2, SPACING = 1.5;
+const int MOST_TAPS = 16;
+
+float shortened(float side) {
+  return 1.0 - pow(SHARP / max(side, SHARP), 8.0);
+}
+
+int taps(float side) {
+  return side > SHARP ? int(clamp(ceil(side * shortened(side) / SPACING), 2.0, float(MOST_TAPS))) : 1;
+}
+
+// Where the picture shows the field: of a camera with an axis between two radii.
+bool holds(vec2 p) {
+  if (any(lessThan(p, vec2(-0.5))) || any(greaterThan(p, picture_size - 0.5))) return false;
+  if (has_lattice) return true;
+  float r = length(p - centre) / scale;
+  return r >= texelFetch(radii, ivec2(0), 0).x - 1e-3 && r <= texelFetch(radii, ivec2(textureSize(radii, 0).x - 1, 0), 0).x + 1e-3;
+}
+
+// The mean over what the pixel covers in the picture, a parallelogram; rough, of samples between pixels in straight lines.
+vec3 mean(vec2 p, vec2 right, vec2 down, bool rough) {
+  float across = length(right), along = length(down);
+  int n = taps(across), m = taps(along);
+  if (n * m == 1) return cubic(p);
+  right *= shortened(across);
+  down *= shortened(along);
   vec3 total = vec3(0.0);
-  for (int j = 0; j < n; j++)
+  float count = 0.0;
+  for (int j = 0; j < m; j++)
     for (int k = 0; k < n; k++) {
-      vec2 at = (vec2(k, j) + 0.5) / float(n) - 0.5;
-      total += texture(picture, (p + at.x * right + at.y * down + 0.5) / picture_size).rgb;
+      vec2 at = p + ((float(k) + 0.5) / float(n) - 0.5) * right + ((float(j) + 0.5) / float(m) - 0.5) * down;
+      if (!holds(at)) continue;
+      total += rough ? texture(picture, (at + 0.5) / picture_size).rgb : cubic(at);
+      count += 1.0;
     }
-  return total / float(n * n);
+  return count > 0.0 ? total / count : cubic(p);
 }`;
 
 export const FRAGMENT = `#version 300 es
@@ -211,14 +239,13 @@ uniform float scale, eye, distance_mm;
 uniform mat3 frame, axes;
 uniform vec4 numbers;
 uniform int shape;
-uniform bool is_point, has_origins, has_starts, has_lattice, wants_coordinates;
+uniform bool is_point, has_origins, has_starts, has_lattice, wants_coordinates, is_rough;
 out vec4 colour;
 ${CIRCULAR}
 ${TARGET}
 ${KERNEL}
 ${PROJECTION}
 ${SAMPLING}
-const int FINEST = 8;
 
 void main() {
   vec2 p = gl_FragCoord.xy - corner;
@@ -235,7 +262,5 @@ void main() {
     colour = vec4(0.0);
     return;
   }
-  float coarse = max(length(right), length(down));
-  int n = int(clamp(ceil(coarse - 0.25), 1.0, float(FINEST)));
-  colour = vec4(n == 1 ? cubic(at) : area(at, right, down, n), 1.0);
+  colour = vec4(mean(at, right, down, is_rough), 1.0);
 }`;

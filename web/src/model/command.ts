@@ -15,7 +15,7 @@ export const needsFile = (camera: Camera): boolean => camera.model.kind === "sen
 /** The command line that gives the same picture. */
 export function commandOf(s: State, camera: Camera, feed: Feed, width: number, height: number): string {
   const words = ["omnimirror", "dewarp", feed.source, ...cameraWords(camera), ...viewWords(s, camera, width, height)];
-  return [...words, "--interpolation", "cubic", "-o", `${s.mode}.${feed.moves ? "mp4" : "png"}`].map(word).join(" ");
+  return [...words, "-o", `${s.mode}.${feed.moves ? "mp4" : "png"}`].map(word).join(" ");
 }
 
 function cameraWords(camera: Camera): string[] {

@@ -37,6 +37,11 @@ export class CirclePane {
     if (this.overlay.getAttribute("viewBox") !== viewBox) this.overlay.setAttribute("viewBox", viewBox);
   }
 
+  clear(): void {
+    this.raw.width = 0;
+    this.overlay.replaceChildren();
+  }
+
   drawView(camera: Camera, view: View): void {
     this.camera = camera;
     const outlines = view.parts.map((part) => outline(camera, part)).join("");

@@ -76,20 +76,26 @@ export async function webcamFeed(id: string, lost: (sentence: string) => void): 
 
 /** A video, camera or stream of the server's: the newest frame whenever the last one is drawn. */
 export function streamFeed(id: string, name: string, told: (state: StreamState | null) => void): Promise<Feed> {
-  return new Promise((resolve) => {
+  return new Promise((resolve, reject) => {
     let feed: Feed | null = null;
     let closed = false;
+    let last = ""; // what the server said of its end
     let socket: WebSocket;
     const connect = (): void => {
       socket = new WebSocket(`${location.href.split(/[?#]/)[0].replace(/^http/, "ws")}api/stream?id=${encodeURIComponent(id)}`);
       socket.onopen = () => socket.send("next");
       socket.onclose = () => {
         if (closed) return;
+        if (last) return reject(new api.Refused(last));
         told(null);
         setTimeout(connect, 1500);
       };
       socket.onmessage = async ({ data }: MessageEvent<string | Blob>) => {
-        if (typeof data === "string") return told(JSON.parse(data) as StreamState);
+        if (typeof data === "string") {
+          const state = JSON.parse(data) as StreamState;
+          if (state.state === "ended") last = state.sentence;
+          return told(state);
+        }
         const bitmap = await createImageBitmap(data, DECODING);
         if (closed) return bitmap.close();
         if (feed) (feed.picture as ImageBitmap).close();

@@ -1,9 +1,21 @@
 import * as api from "../api";
 import type { SensorEntry } from "../messages";
 import { Camera } from "../model/camera";
-import type { Looks, Store } from "../state";
-import { byId, choices, say } from "./dom";
+import { INITIAL, type Looks, type State, type Store } from "../state";
+import { banner, busy, byId, choices, say } from "./dom";
 import { keep, kept, type Kept } from "./kept";
+
+/** What of the state says which camera it is, and how it stands. */
+type Chosen = Pick<State, (typeof CHOSEN)[number]>;
+
+/** What the panel needs of the page. */
+interface Hands {
+  /** The camera is another one now. */
+  changed: () => void;
+  failed: (e: unknown) => void;
+  /** What else has to be there before the view can be of another sensor: what then shows it, or null. */
+  prepare: (wanted: State) => Promise<(() => void) | null>;
+}
 
 /** Choosing a sensor, saying how it stood, and fitting its circle to the picture. */
 export class SensorPanel {
@@ -11,14 +23,15 @@ export class SensorPanel {
   private readonly showLooks: (looks: Looks) => void;
   private readonly showOptics: (optics: Optics) => void;
   private asked = 0;
+  private chosen: Chosen | null = null;
   camera: Camera | null = null;
 
-  constructor(private readonly store: Store, private readonly changed: () => void, private readonly failed: (e: unknown) => void) {
+  constructor(private readonly store: Store, private readonly hands: Hands) {
     const looks = [["up", "up"], ["down", "down"], ["forward", "ahead"]] as const;
-    this.showLooks = choices<Looks>(byId("looks"), "looks", looks, (value) => store.set({ looks: value }));
+    this.showLooks = choices<Looks>(byId("looks"), "looks", looks, (value) => void this.want({ looks: value }));
     const optics = [["mirror", "a mirror"], ["fisheye", "a fisheye"]] as const;
     this.showOptics = choices<Optics>(byId("optics"), "optics", optics, (value) => void this.loadAgain(value));
-    this.select.addEventListener("change", () => store.set({ sensor: this.select.value, ...AS_IN_FILE }));
+    this.select.addEventListener("change", () => void this.want({ sensor: this.select.value, ...AS_IN_FILE }));
     byId("load").addEventListener("click", () => byId<HTMLInputElement>("calibration").click());
     byId<HTMLInputElement>("calibration").addEventListener("change", (e) => {
       const input = e.target as HTMLInputElement;
@@ -26,11 +39,12 @@ export class SensorPanel {
       input.value = "";
     });
     const ball = byId<HTMLInputElement>("ball-field");
-    ball.addEventListener("change", () => ball.checkValidity() && store.set({ sensor: `ball:${+ball.value}` }));
+    ball.addEventListener("change", () => ball.checkValidity() && void this.want({ sensor: `ball:${+ball.value}` }));
     const forward = byId<HTMLInputElement>("forward");
-    forward.addEventListener("change", () => forward.checkValidity() && store.set({ forward: +forward.value }));
+    forward.addEventListener("change", () => forward.checkValidity() && void this.want({ forward: +forward.value }));
     const flipped = byId<HTMLInputElement>("flipped");
-    flipped.addEventListener("change", () => store.set({ flipped: flipped.checked }));
+    flipped.addEventListener("change", () => void this.want({ flipped: flipped.checked }));
+    store.listen((_, changed) => this.chosen && CHOSEN.some((key) => changed.has(key)) && void this.want());
   }
 
   /** Offer what the server knows. */
@@ -39,15 +53,13 @@ export class SensorPanel {
   }
 
   /** Read a calibration file, and choose it. */
-  async load(file: Blob, name: string, optics: Optics = "mirror"): Promise<void> {
+  async load(file: Blob, name: string, optics: Optics = "mirror", turns = true): Promise<void> {
     try {
       const entry = await api.loadSensor(file, name, optics);
       await keep(entry.id, { blob: file, name, optics });
-      this.choose(entry);
-      this.store.set({ sensor: entry.id, ...AS_IN_FILE });
-      say(`${entry.name} loaded`);
+      if (await this.want({ sensor: entry.id, ...AS_IN_FILE }, turns)) say(`${entry.name} loaded`);
     } catch (e) {
-      this.failed(e);
+      this.hands.failed(e);
     }
   }
 
@@ -57,27 +69,60 @@ export class SensorPanel {
     if (file) await this.load(file.blob, file.name, optics);
   }
 
-  /** Fetch the camera that the state asks for. */
-  async fetch(): Promise<void> {
-    const { sensor, looks, forward, flipped } = this.store.state;
+  /** Take another sensor, or one that stands otherwise: its name, its view and the address change together, once all is there. */
+  async want(change: Partial<State> = {}, turns = true): Promise<boolean> {
+    const wanted = { ...this.store.state, ...change };
     const number = ++this.asked;
-    const mount = { camera_looks: looks, forward_azimuth_deg: forward, image_flipped: flipped };
-    try {
-      const { model, tables } = await api.camera(sensor, mount).catch(async (e: unknown) => {
-        const file = await kept(sensor);
-        if (!(e instanceof api.Refused) || !file) throw e;
-        this.choose(await api.loadSensor(file.blob, file.name, file.optics)); // the server was started anew
-        return api.camera(sensor, mount);
-      });
-      if (number === this.asked) this.take(new Camera(model, tables));
-    } catch (e) {
-      if (number === this.asked) this.failed(e);
+    if (this.camera && this.chosen && isSame(wanted, this.chosen)) {
+      busy(null);
+      this.store.set(change, turns);
+      return true;
     }
+    if (this.camera) this.show(this.camera); // until then, all names what is shown
+    busy("Fetching the sensor…");
+    try {
+      const [camera, show] = await Promise.all([this.fetch(wanted), this.hands.prepare(wanted)]);
+      if (number !== this.asked) return false;
+      const { sensor, looks, forward, flipped } = wanted;
+      this.chosen = { sensor, looks, forward, flipped };
+      show?.();
+      this.take(camera);
+      busy(null);
+      banner(null, "sensor");
+      this.store.set(change, turns);
+      return true;
+    } catch (e) {
+      if (number === this.asked) await this.stay(e, wanted.sensor);
+      return false;
+    }
+  }
+
+  /** Keep the sensor that is shown, since another one could not be had; where there is none, the first of all. */
+  private async stay(e: unknown, sensor: string): Promise<void> {
+    this.hands.failed(e);
+    if (this.chosen) this.store.set(this.chosen, false);
+    else if (e instanceof api.Refused && sensor !== INITIAL.sensor && (await this.want({ sensor: INITIAL.sensor, ...AS_IN_FILE }, false))) this.hands.failed(e);
+  }
+
+  private async fetch({ sensor, looks, forward, flipped }: Chosen): Promise<Camera> {
+    const mount = { camera_looks: looks, forward_azimuth_deg: forward, image_flipped: flipped };
+    const { model, tables } = await api.camera(sensor, mount).catch(async (e: unknown) => {
+      const file = await kept(sensor);
+      if (!(e instanceof api.Refused)) throw e;
+      if (!file) throw sensor.startsWith("file:") ? new api.Refused(ELSEWHERE) : e;
+      await api.loadSensor(file.blob, file.name, file.optics); // the server was started anew
+      return api.camera(sensor, mount);
+    });
+    return new Camera(model, tables);
   }
 
   take(camera: Camera): void {
     this.camera = camera;
-    const { model } = camera;
+    this.show(camera);
+    this.hands.changed();
+  }
+
+  private show({ model }: Camera): void {
     byId("sensor-words").textContent = `${model.title.replace(/\.$/, "")}. Field ${model.tilt_min_deg.toFixed(0)}° to ${model.tilt_max_deg.toFixed(0)}° of elevation.`;
     this.select.value = model.id;
     if (this.select.value !== model.id) this.choose(model);
@@ -89,7 +134,6 @@ export class SensorPanel {
     if (model.kind === "ocam") this.showOptics(model.options.includes("fisheye") ? "fisheye" : "mirror");
     byId("ball-row").hidden = kind !== "ball";
     if (kind === "ball") byId<HTMLInputElement>("ball-field").value = field;
-    this.changed();
   }
 
   private choose(entry: { id: string; name: string; title: string; kind: SensorEntry["kind"] }): void {
@@ -106,4 +150,7 @@ export class SensorPanel {
 
 type Optics = NonNullable<Kept["optics"]>;
 
+const ELSEWHERE = "This link looks through a sensor file that this browser does not hold: links hold the view, not the file. Load it with Load…";
+const isSame = (a: Chosen, b: Chosen): boolean => a.sensor === b.sensor && a.looks === b.looks && a.forward === b.forward && a.flipped === b.flipped;
+const CHOSEN = ["sensor", "looks", "forward", "flipped"] as const;
 const AS_IN_FILE = { rim: null, looks: null, forward: null, flipped: null } as const;
