@@ -85,11 +85,57 @@ def test_the_angle_error_is_what_a_point_seen_from_v0_shows():
 
 
 @pytest.mark.parametrize(("n", "worst", "v0"), [(40, 0.91, 0.2541), (7, 4.75, 0.2623)])
-def test_best_viewpoint_of_the_sphere(n, worst, v0):
-    best = om.best_viewpoint(SPH, n * M, image_radius_px=500)
+def test_best_viewpoint_of_the_sphere_as_the_paper_reckons(n, worst, v0):
+    best = om.best_viewpoint(SPH, n * M, image_radius_px=500, linearised=True)
     assert best.worst_px == pytest.approx(worst, abs=0.005)
     assert best.z_mm / M == pytest.approx(v0, abs=5e-5)
     assert best.error_px.max() == pytest.approx(-best.error_px.min(), rel=1e-6)  # minimax: both signs alike
+
+
+@pytest.mark.parametrize(
+    ("name", "n", "worst"),
+    [
+        ("spherical", 40, 0.917),
+        ("spherical", 20, 1.810),
+        ("spherical", 10, 3.528),
+        ("spherical", 7, 4.930),
+        ("spherical", 3, 10.46),
+        ("spherical", 1, 23.48),
+        ("equidistant", 7, 5.581),
+    ],
+)
+def test_the_true_error_of_one_viewpoint(name, n, worst):
+    """Against the brute force of a scan of viewpoints: objects n M from the mirror, looked for as if from V0."""
+    sensor = om.load_sensor(f"paper-{name}")
+    best = om.best_viewpoint(sensor, n * M, image_radius_px=500)
+    assert best.worst_px == pytest.approx(worst, rel=6e-4)
+    omega = np.linspace(*sensor.field_deg, 301)
+    rays = sensor.meridian.trace(sensor.meridian.x_from_omega(np.radians(omega)))
+    x, z = rays.x + n * M * np.sin(rays.omega), rays.z - n * M * np.cos(rays.omega)
+    scale = 500 / sensor.rim_radius_px
+    fine = np.linspace(0, sensor.field_deg[1], 40001)
+    heights = om.evaluate(sensor, fine).h_px * scale
+
+    def worst_of(v0):
+        apparent = np.degrees(np.arctan2(x, v0 - z))
+        return np.abs(sensor.image_height_px(rays) * scale - np.interp(apparent, fine, heights)).max()
+
+    assert worst_of(best.z_mm) == pytest.approx(worst, rel=1e-3)
+    around = best.z_mm + M * np.linspace(-0.02, 0.02, 81)
+    assert min(worst_of(v0) for v0 in around) >= best.worst_px * (1 - 1e-3)
+
+
+@pytest.mark.parametrize("name", ["spherical", "equidistant"])
+def test_far_away_both_errors_of_one_viewpoint_are_the_same(name):
+    sensor = om.load_sensor(f"paper-{name}")
+    true, linear = (om.best_viewpoint(sensor, 1e6, linearised=b) for b in (False, True))
+    np.testing.assert_allclose(true.error_px, linear.error_px, rtol=2e-4, atol=1e-7)
+
+
+def test_a_viewpoint_is_asked_for_a_distance():
+    for bad in (0.0, -3.0, float("inf"), float("nan"), [1.0, 2.0], "far"):
+        with pytest.raises(InvalidParameter, match="object_distance_mm"):
+            om.best_viewpoint(SPH, bad)
 
 
 def test_angles_pixels_heights_and_mirror_points_give_the_same_rows():

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import InvalidParameter
+from ..arguments import number, row
 from ..sensor import Sensor
 from ..tracing.meridian import ChiefRays
-from .minimise import lowest
 
 Array = NDArray[np.float64]
 
@@ -55,7 +55,7 @@ class SingleViewpoint(NamedTuple):
     omega_deg: Array
     """Field angles (n,) examined."""
     error_px: Array
-    """Signed error (n,) in the image."""
+    """Signed error (n,) in the image: how much farther out an object really is than it is looked for."""
     error_deg: Array
     """Signed error (n,) in angle."""
 
@@ -65,6 +65,8 @@ def best_viewpoint(
     object_distance_mm: float,
     omega_deg: ArrayLike | None = None,
     image_radius_px: float | None = None,
+    *,
+    linearised: bool = False,
 ) -> SingleViewpoint:
     """The viewpoint whose largest error in pixels is least, over the field or the angles given.
 
@@ -76,32 +78,80 @@ def best_viewpoint(
         Field angles; 1001 over the whole field by default.
     image_radius_px
         Scales the image so that the rim has this radius, as the paper does with 500.
+    linearised
+        Whether to take the error for its angle (Eq. 23) times dh/dOmega, as the paper does. Without it the error
+        is the distance in the image of where the object is and where a distant one would be that lies in the same
+        direction from the viewpoint; beyond the ends of the field the image goes on as steeply as it ends.
+
+    Raises
+    ------
+    InvalidParameter
+        Numbers that are not valid.
+    OutsideField
+        A field angle that is not seen.
+
+    Notes
+    -----
+    Every error grows with the height of the viewpoint, so at the best one the largest error outwards is as large as
+    the largest inwards.
 
     Examples
     --------
-    The paper's "+-1 pixel at 40 M":
+    The paper's "+-1 pixel at 40 M", and as it would reckon:
 
     >>> from omnimirror.specs import load_sensor
-    >>> best = best_viewpoint(load_sensor("paper-spherical"), 40 * 43.9, image_radius_px=500)
-    >>> round(best.worst_px, 2), round(best.z_mm / 43.9, 4)
-    (0.91, 0.2541)
+    >>> sphere = load_sensor("paper-spherical")
+    >>> best = best_viewpoint(sphere, 40 * 43.9, image_radius_px=500)
+    >>> round(best.worst_px, 3), round(best.z_mm / 43.9, 4)
+    (0.917, 0.2525)
+    >>> round(best_viewpoint(sphere, 40 * 43.9, image_radius_px=500, linearised=True).worst_px, 3)
+    0.91
     """
-    if not (np.isfinite(object_distance_mm) and object_distance_mm > 0):
-        raise InvalidParameter(
-            f"object_distance_mm = {object_distance_mm:g} has no best viewpoint; it is valid above 0 and finite"
-        )
-    omega = np.linspace(*sensor.field_deg, 1001) if omega_deg is None else np.asarray(omega_deg, dtype=float)
+    distance = number("object_distance_mm", object_distance_mm, above=0.0, unit="mm")
+    omega = np.linspace(*sensor.field_deg, 1001) if omega_deg is None else row("omega_deg", omega_deg)
+    scale = 1.0
+    if image_radius_px is not None:
+        scale = number("image_radius_px", image_radius_px, above=0.0, unit="px") / sensor.rim_radius_px
     rays = sensor.meridian.trace(sensor.meridian.x_from_omega(np.radians(omega)))
-    scale = 1.0 if image_radius_px is None else image_radius_px / sensor.rim_radius_px
-    px_per_radian = sensor.image_height_rate_px(rays) * scale
+    in_picture = _linearised(sensor, rays) if linearised else _displacement(sensor, rays)
 
-    def worst(v0: float) -> float:
-        return float(np.abs(viewpoint_angle_error(rays, v0, object_distance_mm) * px_per_radian).max())
+    def error_px(v0: float) -> Array:
+        return scale * in_picture(viewpoint_angle_error(rays, v0, distance))
+
+    def outwards_less_inwards(v0: float) -> float:
+        error = error_px(v0)
+        return float(error.max() + error.min())
 
     z = viewpoint_z(rays)
-    v0 = lowest(worst, float(z.min()), float(z.max()))
-    error = viewpoint_angle_error(rays, v0, object_distance_mm)
-    error_px, error_deg = error * px_per_radian, np.degrees(error)
-    return SingleViewpoint(
-        v0, float(np.abs(error_px).max()), float(np.abs(error_deg).max()), omega, error_px, error_deg
-    )
+    low, high = float(z.min()), float(z.max())
+    v0 = low
+    if outwards_less_inwards(low) < 0 < outwards_less_inwards(high):
+        from scipy.optimize import brentq
+
+        v0 = float(brentq(outwards_less_inwards, low, high, xtol=1e-12 * (high - low), rtol=1e-14))
+    error, degrees = error_px(v0), np.degrees(viewpoint_angle_error(rays, v0, distance))
+    return SingleViewpoint(v0, float(np.abs(error).max()), float(np.abs(degrees).max()), omega, error, degrees)
+
+
+def _linearised(sensor: Sensor, rays: ChiefRays) -> Callable[[Array], Array]:
+    """Errors (n,) px of errors in angle (n,), radians, by dh/dOmega."""
+    rate = sensor.image_height_rate_px(rays)
+    return lambda angle: angle * rate
+
+
+def _displacement(sensor: Sensor, rays: ChiefRays) -> Callable[[Array], Array]:
+    """Errors (n,) px of errors in angle (n,), radians: from where distant objects of the apparent angle are."""
+    meridian = sensor.meridian
+    first, last = meridian.omega_min, meridian.omega_max
+    ends = sensor.image_height_rate_px(meridian.trace(meridian.x_from_omega(np.array([first, last]))))
+    ends = np.where(np.isfinite(ends), ends, 0.0)  # a mapping that starts square starts nowhere else
+    h = sensor.image_height_px(rays)
+
+    def of(angle: Array) -> Array:
+        apparent = rays.omega - angle
+        inside = np.clip(apparent, first, last)
+        there = sensor.image_height_px(meridian.trace(meridian.x_from_omega(inside)))
+        past = np.where(apparent < first, ends[0], ends[1]) * (apparent - inside)
+        return h - there - past
+
+    return of

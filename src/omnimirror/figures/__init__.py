@@ -117,7 +117,7 @@ FIGURES: dict[str, FigureSpec] = {
             "fig15",
             "Error of assuming one viewpoint",
             "Image error for objects 7, 10, 20 and 40 rim radii M from the mirror, each with the viewpoint V0 "
-            "whose largest error is least (Eq. 23).",
+            "whose largest error is least: how far in the image they lie from where they are looked for.",
             curves.viewpoint_error,
         ),
     )

@@ -97,7 +97,8 @@ class Paper:
 
     def one_viewpoint(self, distance_in_m: float, name: str = "SPH") -> SingleViewpoint:
         """The best single viewpoint for objects at a distance in units of M."""
-        return best_viewpoint(self.sensors[name], distance_in_m * M, np.linspace(0, 135, 1001), RADIUS_PX)
+        omega = np.linspace(0, 135, 1001)
+        return best_viewpoint(self.sensors[name], distance_in_m * M, omega, RADIUS_PX, linearised=True)
 
     @cached_property
     def lens(self) -> Perspective:
