@@ -52,12 +52,12 @@ def test_an_exr_holds_light_and_ground_truth(sensor_file, tmp_path):
     assert om.read_image(out).shape == (128, 128, 4)
 
 
-def test_an_exr_labels_what_hardware_hides_and_what_a_tube_bends(sensor_file, tmp_path):
+def test_an_exr_labels_what_hardware_hides_and_what_a_tube_bends(sensor_file, sky_file, tmp_path):
     OpenEXR = pytest.importorskip("OpenEXR")
     found = {}
     for name, options in {"rod": ("--support", "rod", "--support-mm", 12), "tube": ("--support", "tube")}.items():
         out = tmp_path / f"{name}.exr"
-        done(sensor_file, "--no-blur", "--samples", 1, *options, "-o", out)
+        done(sensor_file, "--scene", sky_file, "--no-blur", "--samples", 1, *options, "-o", out)
         with OpenEXR.File(str(out), separate_channels=True) as file:
             found[name] = {name: np.array(c.pixels) for name, c in file.channels().items()}
         hidden = found[name]["H"] == 1

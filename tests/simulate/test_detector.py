@@ -15,16 +15,64 @@ def test_without_noise_it_writes_srgb():
     np.testing.assert_array_equal(Detector().read(light), srgb_bytes(light))
 
 
-@pytest.mark.parametrize("share", [0.04, 0.3, 0.7])
-@pytest.mark.parametrize("read_noise_e", [0.0, 12.0])
-def test_the_variance_of_the_signal_is_that_of_photons_and_reading(share, read_noise_e):
-    full = 4000.0
-    values = Detector(full_well_e=full, read_noise_e=read_noise_e, bits=16, curve="linear").read(
-        np.full((300, 300, 3), share, np.float32), seed=7
+FULL, READ = 10_000.0, 5.0
+GAIN = 4095 / FULL
+
+
+def variance_of(mean_e):
+    """The linear model of EMVA 1288 (release 4, Eq. 12): shot noise, noise of reading and rounding."""
+    return GAIN**2 * (mean_e + READ**2) + 1 / 12
+
+
+@pytest.mark.parametrize("share", [0.0, 1e-3, 0.04, 0.5, 0.94], ids=["dark", "dusk", "dim", "mid", "near saturation"])
+@pytest.mark.parametrize("changes", [{}, {"black_level_dn": 64.0}, {"bayer": "RGGB"}], ids=["auto", "64", "bayer"])
+def test_mean_and_variance_are_those_of_emva_1288(share, changes):
+    camera = Detector(full_well_e=FULL, read_noise_e=READ, bits=12, curve="linear", **changes)
+    side = 1000 if "bayer" in changes else 600
+    values = camera.read(np.full((side, side, 3), share, np.float32), seed=7).astype(float)
+    assert values.mean() == pytest.approx(GAIN * share * FULL + camera.offset_dn, abs=5e-3 * np.sqrt(values.var()))
+    assert values.var() == pytest.approx(variance_of(share * FULL), rel=0.01)
+    assert (values == 0).mean() < 1e-5
+
+
+def test_oversaturated_light_is_white_with_any_noise():
+    """A pixel that is full twice over stays white however it is read."""
+    values = Detector(full_well_e=FULL, read_noise_e=50.0, bits=12, curve="linear").read(
+        np.full((200, 200, 3), 2.0, np.float32)
     )
-    electrons = values / 65535 * full
-    assert electrons.mean() == pytest.approx(share * full, rel=2e-3)
-    assert electrons.var() == pytest.approx(share * full + read_noise_e**2, rel=0.02)
+    assert (values == 4095).all()
+
+
+def test_just_at_saturation_noise_goes_both_ways_before_values_end():
+    values = Detector(full_well_e=FULL, read_noise_e=50.0, bits=12, curve="linear", black_level_dn=0.0).read(
+        np.full((300, 300, 3), 1.0, np.float32)
+    )
+    assert (values == 4095).mean() == pytest.approx(0.5, abs=0.01)
+
+
+def test_srgb_values_have_their_black_level_taken_away():
+    dark = Detector(full_well_e=FULL, read_noise_e=READ).read(np.zeros((99, 99, 3), np.float32))
+    assert (dark == 0).mean() > 0.5
+
+
+@pytest.mark.parametrize("light", [1e30, np.inf])
+def test_any_brightness_is_counted(light):
+    camera = Detector(exposure=1e9, full_well_e=1e9, read_noise_e=1e3, bits=16, curve="linear")
+    assert (camera.read(np.full((4, 4, 3), light, np.float64)) == 65535).all()
+
+
+@pytest.mark.parametrize(
+    ("light", "seed", "words"),
+    [
+        (np.full((4, 4, 3), np.nan), 0, "light holds NaN"),
+        (np.zeros((4, 4)), 0, r"not \(4, 4\)"),
+        (np.array([[["a", "b", "c"]]]), 0, "light is numbers"),
+        (np.zeros((4, 4, 3)), -1, "seed = -1"),
+    ],
+)
+def test_what_is_no_light_is_refused(light, seed, words):
+    with pytest.raises(InvalidParameter, match=words):
+        Detector(full_well_e=FULL).read(light, seed)
 
 
 def test_a_seed_repeats_the_noise():
@@ -59,6 +107,11 @@ def test_a_mosaic_is_what_opencv_reads(bayer):
         ({"bayer": "RGBG"}, "bayer = 'RGBG'"),
         ({"read_noise_e": 3.0}, "full_well_e"),
         ({"exposure": 0.0}, "exposure = 0"),
+        ({"full_well_e": 1e20}, "full_well_e = 1e\\+20 electrons is outside 10 to 1e\\+09"),
+        ({"full_well_e": np.nan}, "full_well_e = nan"),
+        ({"black_level_dn": 10.0}, "take the curve linear"),
+        ({"black_level_dn": 200.0, "curve": "linear"}, "up to 127"),
+        ({"read_noise_e": 90.0, "full_well_e": 200.0, "curve": "linear"}, "a read_noise_e that needs no more"),
     ],
 )
 def test_what_no_imager_is_is_refused(changes, words):

@@ -132,13 +132,19 @@ _DETECTOR = (
     click.option("--full-well-e", type=distance, metavar="N", help="Electrons at saturation.  [default: no noise]"),
     click.option("--read-noise-e", type=float, metavar="N", help="Noise of reading out, electrons.  [default: 0]"),
     click.option(
+        "--black-level-dn",
+        type=float,
+        metavar="DN",
+        help="Added to linear values, so that dark noise is not cut off.  [default: 5 deviations of reading]",
+    ),
+    click.option(
         "--bits", type=int, metavar="8..16", help="Depth of values; PNG and TIFF hold more than 8.  [default: 8]"
     ),
     click.option("--curve", type=click.Choice(CURVES), help="Of the values.  [default: srgb]"),
     click.option("--bayer", type=click.Choice(BAYER), help="One colour per pixel, not interpolated.  [default: none]"),
 )
 HARDWARE = ("camera_radius_mm", "rim_width_mm", "reflectivity", "vignetting", "sees_past")
-DETECTOR = ("exposure", "full_well_e", "read_noise_e", "bits", "curve", "bayer")
+DETECTOR = ("exposure", "full_well_e", "read_noise_e", "black_level_dn", "bits", "curve", "bayer")
 
 
 def scene_options(command: Command) -> Command:

@@ -14,6 +14,9 @@ from .colour import Light, srgb_from_linear
 
 BAYER = ("none", "RGGB", "BGGR", "GRBG", "GBRG")
 CURVES = ("srgb", "linear")
+MOST_ELECTRONS = 1e9  # a thousand times what pixels hold
+DARK_DEVIATIONS = 5  # of the noise of reading, from the black level to 0
+BEYOND = 20  # deviations past white are white for certain
 
 
 @dataclass(frozen=True)
@@ -25,9 +28,14 @@ class Detector:
     exposure
         Multiplies the light; what then is above 1 saturates.
     full_well_e
-        Electrons of a pixel at saturation. Infinite: light is not counted, and there is no noise.
+        Electrons that light of 1 sets free in a pixel, which fill the range of values. Infinite: light is not counted,
+        and there is no noise.
     read_noise_e
         Standard deviation of the noise of reading out, electrons; only with a full well.
+    black_level_dn
+        Added to linear values (EMVA 1288's dark offset), so that noise in the dark is not cut off at 0; by default
+        five standard deviations of the noise of reading, :attr:`offset_dn`. From sRGB values it has been taken away,
+        as cameras do, and what lies below it is black.
     bits
         8 to 16; more than 8 are kept in uint16, from 0 to 2^bits - 1.
     curve
@@ -40,6 +48,11 @@ class Detector:
     ------
     InvalidParameter
         A value outside its range, or read noise without a full well.
+
+    Notes
+    -----
+    The linear model of EMVA 1288: of ``K = (2^bits - 1)/full_well_e`` values per electron, ``K mu + offset`` is the mean
+    and ``K^2 (mu + read_noise_e^2) + 1/12`` the variance. Values end at 0 and ``2^bits - 1``, after all noise is added.
 
     Examples
     --------
@@ -59,11 +72,13 @@ class Detector:
     bits: int = 8
     curve: str = "srgb"
     bayer: str = "none"
+    black_level_dn: float | None = None
 
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
         "exposure": Parameter("", 1e-9, 1e9, "factor of the light"),
-        "full_well_e": Parameter("electrons", 10.0, np.inf, "electrons at saturation"),
+        "full_well_e": Parameter("electrons", 10.0, MOST_ELECTRONS, "electrons at saturation"),
         "read_noise_e": Parameter("electrons", 0.0, 1e6, "noise of reading out"),
+        "black_level_dn": Parameter("DN", 0.0, 65535.0, "what is added to linear values"),
         "bits": Parameter("", 8, 16, "bits of a value"),
         "curve": Parameter("", 0, 0, "of the values", CURVES),
         "bayer": Parameter("", 0, 0, "colours of the first two rows", BAYER),
@@ -71,13 +86,42 @@ class Detector:
 
     def __post_init__(self) -> None:
         for f in fields(self):
-            self.PARAMETERS[f.name].check(f.name, getattr(self, f.name))
+            value = getattr(self, f.name)
+            if value is not None and not (f.name == "full_well_e" and value == np.inf):
+                self.PARAMETERS[f.name].check(f.name, value)
         if int(self.bits) != self.bits:
             raise InvalidParameter(f"bits = {self.bits} is not a whole number from 8 to 16")
         if self.read_noise_e and not np.isfinite(self.full_well_e):
             raise InvalidParameter(
                 f"read_noise_e = {self.read_noise_e:g} is counted in electrons; say how many fill a pixel, full_well_e"
             )
+        if self.black_level_dn and self.curve != "linear":
+            raise InvalidParameter(
+                f"black_level_dn = {self.black_level_dn:g} belongs to values as imagers count; take the curve linear"
+            )
+        if self.offset_dn > self.largest_dn / 2:
+            raise InvalidParameter(
+                f"a black level of {self.offset_dn:g} DN leaves little of values that end at {self.largest_dn}; valid "
+                f"are black_level_dn up to {self.largest_dn // 2} and a read_noise_e that needs no more"
+            )
+
+    @property
+    def largest_dn(self) -> int:
+        """The largest value, at which all saturate."""
+        return int(2**self.bits - 1)
+
+    @property
+    def offset_dn(self) -> float:
+        """The black level of linear values: as given, or five standard deviations of the noise of reading, rounded up.
+
+        >>> Detector(full_well_e=10_000, read_noise_e=5, bits=12, curve="linear").offset_dn  # 2.05 DN each
+        11.0
+        """
+        if self.black_level_dn is not None:
+            return self.black_level_dn
+        if self.curve != "linear":
+            return 0.0
+        return float(np.ceil(DARK_DEVIATIONS * self.read_noise_e / self.full_well_e * self.largest_dn))
 
     def read(self, light: Light, seed: int = 0) -> NDArray[Any]:
         """Numbers of linear light (h, w, 3): (h, w, 3) in RGB order, or (h, w) of a Bayer mosaic.
@@ -87,23 +131,43 @@ class Detector:
         light
         seed
             Of the noise.
+
+        Raises
+        ------
+        InvalidParameter
+            For light that is no picture or holds NaN, or a seed that is no whole number from 0 on.
         """
+        light = _checked(light)
         signal = self.exposure * (light if self.bayer == "none" else mosaic(light, self.bayer))
         if np.isfinite(self.full_well_e):
             signal = noisy(signal, self.full_well_e, self.read_noise_e, seed)
-        signal = np.clip(signal, 0, 1)
         shown = srgb_from_linear(signal) if self.curve == "srgb" else signal
-        numbers: NDArray[Any] = np.rint((2**self.bits - 1) * shown).astype(np.uint8 if self.bits == 8 else np.uint16)
-        return numbers
+        values = np.rint(self.largest_dn * shown + np.float32(self.offset_dn))
+        return np.clip(values, 0, self.largest_dn).astype(np.uint8 if self.bits == 8 else np.uint16)
+
+
+def _checked(light: Light) -> Light:
+    light = np.asarray(light)
+    if light.ndim != 3 or light.shape[2] != 3 or light.dtype.kind not in "fiu":
+        raise InvalidParameter(f"light is numbers (rows, columns, 3), not {light.shape} of {light.dtype}")
+    if np.isnan(light).any():
+        raise InvalidParameter("light holds NaN; it is valid from 0 on")
+    return light
 
 
 def noisy(light: Light, full_well_e: float, read_noise_e: float, seed: int) -> Light:
-    """Light, saturated at 1, as electrons count it: their number is Poisson's, and reading adds Gauss's noise."""
-    chance = np.random.default_rng(seed)
-    electrons = chance.poisson(np.clip(light, 0, None).astype(float) * full_well_e).astype(float)
-    np.minimum(electrons, full_well_e, out=electrons)
+    """Light as electrons count it, white at 1: their number is Poisson's, and reading adds Gauss's noise.
+
+    What is far beyond white is counted as if it were less far, which no value shows.
+    """
+    if not (seed >= 0 and int(seed) == seed):
+        raise InvalidParameter(f"seed = {seed} is not a whole number from 0 on")
+    chance = np.random.default_rng(int(seed))
+    most = full_well_e + BEYOND * (np.sqrt(full_well_e) + read_noise_e + 1)
+    electrons = chance.poisson(np.clip(light.astype(float) * full_well_e, 0, most)).astype(float)
     electrons += read_noise_e * chance.standard_normal(electrons.shape)
-    return (electrons / full_well_e).astype(np.float32)
+    counted: Light = (electrons / full_well_e).astype(np.float32)
+    return counted
 
 
 def mosaic(light: Light, bayer: str) -> Light:
