@@ -51,8 +51,8 @@ class Detector:
 
     Notes
     -----
-    The linear model of EMVA 1288: of ``K = (2^bits - 1)/full_well_e`` values per electron, ``K mu + offset`` is the mean
-    and ``K^2 (mu + read_noise_e^2) + 1/12`` the variance. Values end at 0 and ``2^bits - 1``, after all noise is added.
+    The linear model of EMVA 1288: of ``K = (2^bits - 1)/full_well_e`` values per electron, the mean is ``K mu + offset``
+    and the variance ``K^2 (mu + read_noise_e^2) + 1/12``. Values end at 0 and ``2^bits - 1``, after all noise is added.
 
     Examples
     --------
@@ -143,7 +143,8 @@ class Detector:
             signal = noisy(signal, self.full_well_e, self.read_noise_e, seed)
         shown = srgb_from_linear(signal) if self.curve == "srgb" else signal
         values = np.rint(self.largest_dn * shown + np.float32(self.offset_dn))
-        return np.clip(values, 0, self.largest_dn).astype(np.uint8 if self.bits == 8 else np.uint16)
+        numbers: NDArray[Any] = np.clip(values, 0, self.largest_dn).astype(np.uint8 if self.bits == 8 else np.uint16)
+        return numbers
 
 
 def _checked(light: Light) -> Light:
