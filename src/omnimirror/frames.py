@@ -4,13 +4,14 @@ Camera frame (OpenCV): X right and Y down in the image, Z the optical axis. A pi
 ``phi`` (from image right towards image bottom) of a mirror sensor sees azimuth ``phi``, in
 direction ``(sin Omega cos phi, sin Omega sin phi, -cos Omega)``.
 
-World frame (ROS REP-103): x forward, y left, z up, origin at the mirror vertex. Nothing is ever
-negated "because of the mirror": the raw picture is reversed and :meth:`Mount.rotation` puts it right.
+World frame (ROS REP-103): x forward, y left, z up along the plumb line, origin at the mirror vertex.
+Nothing is ever negated "because of the mirror": the raw picture is reversed and :meth:`Mount.rotation` puts
+it right, and level where the sensor leans.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 import numpy as np
@@ -38,11 +39,14 @@ class Mount:
         (for ``"forward"``: that is up). The default -90 is the top of the image.
     image_flipped
         True when the driver delivers the picture reversed left to right.
+    pitch_deg, roll_deg : deg
+        How far the sensor leans from plumb, about the mirror vertex: its forward direction points so far above
+        the horizon, -90 to 90, and it is turned clockwise about that, seen from behind, -180 to 180.
 
     Raises
     ------
     InvalidParameter
-        For an unknown ``camera_looks`` or an azimuth that is not finite.
+        For an unknown ``camera_looks``, an azimuth that is not finite, or a lean outside its range.
 
     Examples
     --------
@@ -52,11 +56,18 @@ class Mount:
     array([1., 0., 0.])
     >>> Mount("down").rotation() @ [0, -1, 0]
     array([1., 0., 0.])
+
+    Unless the sensor leans back, by 30 deg:
+
+    >>> (Mount("down", pitch_deg=30.0).rotation() @ [0, -1, 0]).round(3) + 0.0
+    array([0.866, 0.   , 0.5  ])
     """
 
     camera_looks: CameraLooks = "up"
     forward_azimuth_deg: float = -90.0
     image_flipped: bool = False
+    pitch_deg: float = 0.0
+    roll_deg: float = 0.0
 
     def __post_init__(self) -> None:
         if self.camera_looks not in get_args(CameraLooks):
@@ -65,9 +76,35 @@ class Mount:
             )
         if not np.isfinite(self.forward_azimuth_deg):
             raise InvalidParameter(f"forward_azimuth_deg = {self.forward_azimuth_deg} is not an angle in degrees")
+        for name, value, most in (("pitch_deg", self.pitch_deg, 90), ("roll_deg", self.roll_deg, 180)):
+            if not abs(value) <= most:
+                raise InvalidParameter(f"{name} = {value:g} is no lean; it is valid from -{most} to {most} deg")
+
+    @property
+    def upright(self) -> Mount:
+        """The same mount, plumb."""
+        return replace(self, pitch_deg=0.0, roll_deg=0.0)
+
+    @property
+    def leans(self) -> bool:
+        """Whether it is out of plumb."""
+        return bool(self.pitch_deg or self.roll_deg)
+
+    def lean_of_view(self, pan_deg: float) -> tuple[float, float]:
+        """Pitch and roll (deg) of a view that pans in the sensor's own frame and is not levelled.
+
+        >>> [round(angle) + 0 for angle in Mount(pitch_deg=20.0).lean_of_view(90.0)]  # of what is right of forward
+        [0, 20]
+        """
+        forward, left, up = (turn_of(0.0, self.pitch_deg, self.roll_deg) @ turn_of(pan_deg, 0.0, 0.0)).T
+        return float(np.degrees(np.arcsin(np.clip(forward[2], -1, 1)))), float(np.degrees(np.arctan2(left[2], up[2])))
 
     def rotation(self) -> Array:
         """Rotation (3, 3) from the camera frame to the world frame; its determinant is +1."""
+        upright = self._rotation_upright()
+        return turn_of(0.0, self.pitch_deg, self.roll_deg) @ upright if self.leans else upright
+
+    def _rotation_upright(self) -> Array:
         c, s = _cos_sin_deg(self.forward_azimuth_deg)
         if self.camera_looks == "up":
             return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
@@ -134,3 +171,15 @@ def view_axes(pan_deg: float, tilt_deg: float, roll_deg: float = 0.0) -> tuple[A
     right = np.array([-sa, -ca, 0.0])
     down = np.array([st * ca, -st * sa, -ct])  # forward x right
     return forward, cr * right + sr * down, -sr * right + cr * down
+
+
+def turn_of(pan_deg: float, tilt_deg: float, roll_deg: float) -> Array:
+    """Rotation (3, 3) from a frame (forward, left, up) that pans, tilts and rolls to the one in which it does.
+
+    In ROS's angles, which turn the other way about left and up: yaw -pan, pitch -tilt and roll.
+
+    >>> turn_of(0.0, 90.0, 0.0)[:, 0]  # its forward is up
+    array([0., 0., 1.])
+    """
+    forward, right, down = view_axes(pan_deg, tilt_deg, roll_deg)
+    return np.stack([forward, -right, -down], axis=-1) + 0.0

@@ -124,6 +124,8 @@ def format_sensor(sensor: Sensor) -> str:
 def tables_of(sensor: Sensor) -> dict[str, Any]:
     """The tables of the sensor's file, as plain data."""
     mount = dataclasses.asdict(sensor.mount)
+    if not sensor.mount.leans:
+        del mount["pitch_deg"], mount["roll_deg"]
     if np.isfinite(sensor.mirror_distance_mm):
         mount = {"mirror_distance_mm": sensor.mirror_distance_mm, **mount}
     data: dict[str, Any] = {
@@ -161,11 +163,18 @@ class Table(BaseModel):
 M = typing.TypeVar("M", bound=Table)
 
 
-class MountTable(Table):
-    mirror_distance_mm: Annotated[float, Field(gt=0, le=1e7)] | None = None
+class StandTable(Table):
+    """Which way a sensor looks, and how it leans."""
+
     camera_looks: CameraLooks = "up"
     forward_azimuth_deg: Annotated[float, Field(ge=-360, le=360)] = -90.0
     image_flipped: bool = False
+    pitch_deg: Annotated[float, Field(ge=-90, le=90, description="of forward over the horizon")] = 0.0
+    roll_deg: Annotated[float, Field(ge=-180, le=180, description="clockwise about forward")] = 0.0
+
+
+class MountTable(StandTable):
+    mirror_distance_mm: Annotated[float, Field(gt=0, le=1e7)] | None = None
 
 
 @cache

@@ -42,7 +42,7 @@ MOUNTS = [
     Mount("down", 0.0),
     Mount("forward"),
     Mount("up", 33.0, image_flipped=True),
-    Mount("forward", 120.0, image_flipped=True),
+    Mount("forward", 120.0, image_flipped=True, pitch_deg=-12.0, roll_deg=35.0),
 ]
 CASES = [
     pytest.param(replace(model, mount=mount), id=f"{name}-{mount.camera_looks}{'-flipped' * mount.image_flipped}-{i}")

@@ -149,7 +149,7 @@ CAMERAS = {
     "ocam": om.OCam(CATADIOPTRIC, (515.3, 382.3), (1024, 768), SKEWED, rim_radius_px=452.0),
     "ball": om.MirrorBall((500.0, 500.0), 499.0, 300.0, (1001, 1001)),
 }
-MOUNTS = [Mount("up"), Mount("down", 20.0), Mount("forward"), Mount("up", 33.0, image_flipped=True)]
+MOUNTS = [Mount("up"), Mount("down", 20.0), Mount("forward"), Mount("up", 33.0, True, 4.0, -9.0)]
 STANDING = [
     pytest.param(replace(camera, mount=mount), id=f"{name}-{mount.camera_looks}{'-flipped' * mount.image_flipped}")
     for name, camera in CAMERAS.items()

@@ -21,7 +21,7 @@ from tests.media.synthetic import pictures_of
 RNG = np.random.default_rng(5)
 GPANO = "{http://ns.google.com/photos/1.0/panorama/}"
 GSPHERICAL = "{http://ns.google.com/videos/1.0/spherical/}"
-PART = GPano.of_view((60, 40), (-70.0, 50.0), span_deg=120.0, heading_deg=-30.0)
+PART = GPano.of_view((60, 40), (-70.0, 50.0), span_deg=120.0, heading_deg=-30.0, lean_deg=(12.5, -3.25))
 
 # -- the geometry ------------------------------------------------------------------------------------
 
@@ -106,6 +106,8 @@ def test_pillow_finds_the_panorama_and_the_same_pixels(tmp_path, suffix, dtype, 
         "CroppedAreaLeftPixels": "60",
         "CroppedAreaTopPixels": "13",
         "PoseHeadingDegrees": "330",
+        "PosePitchDegrees": "12.5",
+        "PoseRollDegrees": "-3.25",
     }
     np.testing.assert_array_equal(read_image(path), read_image(plain))
     if channels == 3 and dtype == "uint8":
@@ -181,7 +183,7 @@ def test_a_small_parser_finds_both_versions(tmp_path, suffix, codec, entry):
     where = b"/moov/trak/mdia/minf/stbl/stsd/" + entry
     assert found[where + b"/st3d"] == bytes(5)
     assert found[where + b"/sv3d/svhd"][4:] == b"omnimirror\0"
-    assert struct.unpack(">3i", found[where + b"/sv3d/proj/prhd"][4:]) == (30 * 65536, 0, 0)  # counter-clockwise
+    assert struct.unpack(">3i", found[where + b"/sv3d/proj/prhd"][4:]) == (30 << 16, 12.5 * 65536, -3.25 * 65536)
     bounds = struct.unpack(">4I", found[where + b"/sv3d/proj/equi"][4:])
     assert np.array(bounds) / 2**32 == pytest.approx([13 / 60, 7 / 60, 1 / 3, 1 / 3])
     order = [name for name, _ in atoms(path.read_bytes()) if name.startswith(where + b"/") and name.count(b"/") == 8]
@@ -207,7 +209,7 @@ def test_ffmpeg_understands_version_2(tmp_path):
             dump = container.dumps_format()
     finally:
         av.logging.set_level(before)
-    assert "tiled equirectangular (30.000000/0.000000/0.000000) [60, 13, 60, 7]" in dump
+    assert "tiled equirectangular (30.000000/12.500000/-3.250000) [60, 13, 60, 7]" in dump
 
 
 def test_a_format_that_cannot_say_it_is_refused(tmp_path):

@@ -83,6 +83,16 @@ def test_a_camera_stands_as_asked(client):
     assert model["mount_in_file"]["camera_looks"] == "up"
 
 
+def test_a_camera_leans_as_asked(client):
+    """Its tables are the same, and its axes turned: what is right of forward sinks by the roll."""
+    asked = {"id": "paper-spherical", "forward_azimuth_deg": 0, "pitch_deg": 20, "roll_deg": 5}
+    model = client.get("/api/camera", params=asked).json()
+    assert (model["mount"]["pitch_deg"], model["mount"]["roll_deg"]) == (20, 5)
+    assert model["right"] == pytest.approx([np.cos(np.radians(20)), 0, np.sin(np.radians(20))])  # image right: forward
+    assert model["axis"][1] == pytest.approx(np.sin(np.radians(5)))
+    assert client.get("/api/camera", params=asked | {"pitch_deg": 91}).status_code == 422
+
+
 # -- who may ask ---------------------------------------------------------------------------------------
 
 

@@ -50,6 +50,8 @@ export interface MountOf {
   camera_looks: "up" | "down" | "forward";
   forward_azimuth_deg: number;
   image_flipped: boolean;
+  pitch_deg: number;
+  roll_deg: number;
 }
 
 /** Why something was refused, in a sentence. */

@@ -14,7 +14,7 @@ from ..dewarp.fields import Array
 from ..frames import Mount
 from ..sensor import Sensor
 from ..specs import load_sensor
-from .options import angle, ball, flag, refuse_other
+from .options import angle, ball, flag, lean, refuse_other
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 MountedCamera: TypeAlias = Sensor | OCam | MirrorBall
@@ -48,6 +48,19 @@ _OPTIONS = (
         help="Image direction that is forward, from image right towards image bottom.  [default: the sensor's, or -90]",
     ),
     click.option("--image-flipped/--not-image-flipped", default=None, help="The picture was reversed left to right."),
+    click.option(
+        "--level",
+        type=lean,
+        metavar="PITCH,ROLL",
+        help="Level the view: the sensor leaned, its forward PITCH deg above the horizon, and ROLL deg clockwise.  "
+        "[default: the sensor's, or 0,0]",
+    ),
+    click.option(
+        "--keep-lean",
+        is_flag=True,
+        default=None,
+        help="Draw the view as the sensor leans, not level; a panorama says by how much, for viewers to level it.",
+    ),
 )
 
 
@@ -77,8 +90,15 @@ def camera_of(given: dict[str, Any], picture_size: tuple[int, int]) -> MountedCa
     else:
         u, v, radius, full_field = given["ball"]
         camera = MirrorBall((u, v), radius, full_field, picture_size)
-    names = [f.name for f in fields(Mount)]
-    return replace(camera, mount=replace(camera.mount, **{n: given[n] for n in names if n in given}))
+    stands = {f.name: given[f.name] for f in fields(Mount) if f.name in given}
+    if "level" in given:
+        stands |= dict(zip(("pitch_deg", "roll_deg"), given["level"], strict=True))
+    return replace(camera, mount=replace(camera.mount, **stands))
+
+
+def drawn_by(camera: MountedCamera, given: dict[str, Any]) -> MountedCamera:
+    """The camera that draws the view: plumb, however it really leans, where the options keep the lean."""
+    return replace(camera, mount=camera.mount.upright) if "keep_lean" in given else camera
 
 
 def camera_words(given: dict[str, Any]) -> tuple[str, tuple[str, ...]]:
@@ -92,6 +112,10 @@ def camera_words(given: dict[str, Any]) -> tuple[str, tuple[str, ...]]:
             words += [flag(name), str(given[name])]
     if "image_flipped" in given:
         words.append("--image-flipped" if given["image_flipped"] else "--not-image-flipped")
+    if "level" in given:
+        words.append("--level={:.10g},{:.10g}".format(*given["level"]))
+    if "keep_lean" in given:
+        words.append("--keep-lean")
     return "mirror ball" if kind == "ball" else Path(text).name, tuple(words)
 
 

@@ -17,12 +17,13 @@ from ..dewarp.native import set_threads
 from ..dewarp.sampling import Border
 from ..dewarp.screens import Cylinder, Sphere, View
 from ..errors import OmnimirrorError
+from ..frames import Mount
 from ..media import GPano, read_image, write_image
 from ..media.batch import PICTURES, Job, expand_inputs, outputs_for, run_parallel
 from ..media.images import can_be_panorama, format_of
 from ..sensor import Sensor
 from ..simulate.restoration import Restorer
-from .camera_options import camera_of, camera_options, camera_words, check_camera_options
+from .camera_options import camera_of, camera_options, camera_words, check_camera_options, drawn_by
 from .options import distance, flag, output_console
 from .sampling_options import BorderColour, sampling_options
 from .view_options import check_view_options, view_of, view_options
@@ -145,11 +146,15 @@ def is_video(source: str) -> bool:
     return is_live or Path(source).suffix.lower() in VIDEOS
 
 
-def panorama_of(view: View) -> GPano | None:
-    """What viewers of panoramas must know of a view; None for a view that is no distant panorama linear in tilt."""
+def panorama_of(view: View, kept: Mount | None = None) -> GPano | None:
+    """What viewers of panoramas must know of a view; None for a view that is no distant panorama linear in tilt.
+
+    ``kept`` is how the sensor leans where the view leans with it.
+    """
     if not isinstance(view, Cylinder | Sphere) or not view.is_distant or getattr(view, "rows", "tilt") != "tilt":
         return None
-    return GPano.of_view(view.size, (view.tilt_min_deg, view.tilt_max_deg), view.span_deg)
+    lean = (0.0, 0.0) if kept is None else kept.lean_of_view(view.pan_deg)
+    return GPano.of_view(view.size, (view.tilt_min_deg, view.tilt_max_deg), view.span_deg, lean_deg=lean)
 
 
 class Straightener:
@@ -159,14 +164,18 @@ class Straightener:
         self.given, self.interpolation = given, interpolation
         self.border: BorderColour | None = given.get("border")
         self.transparent = False if self.border else transparent
-        self.dewarper = cache(self._dewarper)
+        self.straightening = cache(self._straightening)
         self.restorer = cache(self._restorer)
         self.alone = Lock()  # it needs a lot of memory
 
-    def _dewarper(self, size: tuple[int, int], border: Border) -> Dewarper:
-        camera = camera_of(self.given, size)
-        viewpoint = self.given.get("viewpoint", "exact")
-        return Dewarper(camera, view_of(camera, self.given), self.interpolation, viewpoint, border)
+    def _straightening(self, size: tuple[int, int], border: Border) -> tuple[Dewarper, GPano | None]:
+        """What straightens pictures of a size, and what its panoramas say of themselves."""
+        given = self.given
+        stands = camera_of(given, size)
+        camera = drawn_by(stands, given)
+        view = view_of(camera, given)
+        dewarp = Dewarper(camera, view, self.interpolation, given.get("viewpoint", "exact"), border)
+        return dewarp, panorama_of(view, stands.mount if "keep_lean" in given else None)
 
     def _restorer(self, camera: Camera) -> Restorer:
         return restorer_of(camera, self.given)
@@ -182,12 +191,12 @@ class Straightener:
             )
         picture = read_image(source)
         border = self.border.of_picture(picture) if self.border else 0
-        dewarp = self.dewarper((picture.shape[1], picture.shape[0]), border)
+        dewarp, panorama = self.straightening((picture.shape[1], picture.shape[0]), border)
         if "restore" in self.given:
             with self.alone:
                 picture = self.restorer(dewarp.camera)(picture, self.given.get("noise"))  # type: ignore[arg-type]
         straight = dewarp(picture, kind.has_alpha if self.transparent is None else self.transparent)
-        write_image(output, straight, panorama_of(dewarp.view) if can_be_panorama(output) else None)
+        write_image(output, straight, panorama if can_be_panorama(output) else None)
         height, width = straight.shape[:2]
         return f"{output}: {dewarp.view}, {width} x {height} px, {_percent(dewarp)} of it inside the field"
 
@@ -213,11 +222,11 @@ def write_viewer(sources: tuple[str, ...], output: Path, given: dict[str, Any]) 
         raise click.UsageError(f"--viewer writes an HTML file, such as {output.stem or 'view'}.html, and no {output}")
     name, words = camera_words(given)
     if is_film:
-        camera = camera_of(given, _size_of_video(sources[0]))
+        camera = drawn_by(camera_of(given, _size_of_video(sources[0])), given)
         text = video_viewer_of(camera, name, words, Path(sources[0]), output)
     else:
         picture = read_image(sources[0])
-        camera = camera_of(given, (picture.shape[1], picture.shape[0]))
+        camera = drawn_by(camera_of(given, (picture.shape[1], picture.shape[0])), given)
         text = viewer_of(camera, name, words, Path(sources[0]), picture)
     write_text(output, text)
     click.echo(f"{output}: open it in a browser to look around in {sources[0]}")

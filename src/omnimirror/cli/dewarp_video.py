@@ -29,7 +29,7 @@ from ..media.outputs import PipeSink, Preview, StreamSink, Tee, VirtualCamera
 from ..media.spherical import can_be_spherical
 from ..media.video import Item, VideoReader
 from ..media.writer import Sink, VideoWriter
-from .camera_options import MountedCamera, camera_of
+from .camera_options import MountedCamera, camera_of, drawn_by
 from .dewarp import panorama_of
 from .sampling_options import BorderColour
 from .view_options import view_of
@@ -47,7 +47,7 @@ def straighten_video(source: str, outputs: tuple[str, ...], given: dict[str, Any
     with_sound = any(_is_file(output) for output in outputs)
     with VideoReader(source, given.get("start_s", 0.0), given.get("duration_s"), with_sound) as reader:
         turn = Turning(camera_of(given, reader.size), given, interpolation, reader.siting)
-        sink = _sinks(outputs, turn.view, reader.frame_rate, given, reader)
+        sink = _sinks(outputs, turn, reader.frame_rate, given, reader)
         is_watched = not any(output == "-" or _is_file(output) for output in outputs)
         items = processing.in_real_time(reader.items()) if is_watched else reader.items()
         _run(items, sink, turn, outputs, reader.expected_frames)
@@ -60,7 +60,7 @@ def _straighten_live(source: str, outputs: tuple[str, ...], given: dict[str, Any
     try:
         first = live.first()
         turn = Turning(camera_of(given, (first.width, first.height)), given, interpolation, live.siting)
-        sink = _sinks(outputs, turn.view, live.frame_rate or UNKNOWN_RATE, given, None)
+        sink = _sinks(outputs, turn, live.frame_rate or UNKNOWN_RATE, given, None)
         frames = _until(live.frames(), given.get("duration_s"))
         _run(frames, sink, turn, outputs, None, ahead=0)
     finally:
@@ -99,11 +99,13 @@ class Turning:
     """The view over time: it stands still, or moves with keyframes."""
 
     def __init__(self, camera: MountedCamera, given: dict[str, Any], interpolation: Any, siting: Siting) -> None:
+        stands, camera = camera, drawn_by(camera, given)
         self.camera, self.interpolation, self.siting = camera, interpolation, siting
         self.viewpoint = given.get("viewpoint", "exact")
         self.colour: BorderColour | None = given.get("border")
         self.border: Border = 0
         self.view: View = view_of(camera, given)
+        self.panorama = panorama_of(self.view, stands.mount if "keep_lean" in given else None)
         self.still = self._dewarper(self.view)
         self.keyframes = Keyframes.load(given["keyframes"]) if "keyframes" in given else None
         if self.keyframes is not None:
@@ -126,33 +128,34 @@ class Turning:
 
 
 def _sinks(
-    outputs: tuple[str, ...], view: View, rate: Fraction, given: dict[str, Any], source: VideoReader | None
+    outputs: tuple[str, ...], turn: Turning, rate: Fraction, given: dict[str, Any], source: VideoReader | None
 ) -> Sink:
     """All outputs as one; those that were opened are given up if one cannot be."""
     with ExitStack() as opened:
         sinks: list[Sink] = []
         for output in outputs:
-            sinks.append(_sink(output, view, rate, given, source))
+            sinks.append(_sink(output, turn, rate, given, source))
             opened.callback(sinks[-1].abort)
         if "preview" in given:
-            sinks.append(Preview(view.size, f"omnimirror: {view}"))
+            sinks.append(Preview(turn.view.size, f"omnimirror: {turn.view}"))
         opened.pop_all()
     return Tee(*sinks) if len(sinks) > 1 else sinks[0]
 
 
-def _sink(output: str, view: View, rate: Fraction, given: dict[str, Any], source: VideoReader | None) -> Sink:
+def _sink(output: str, turn: Turning, rate: Fraction, given: dict[str, Any], source: VideoReader | None) -> Sink:
+    size = turn.view.size
     if output == "-":
         return PipeSink(given.get("format", "y4m"), rate, given.get("pixel_format", "rgb24"))
     if _is_virtual_camera(output):
-        return VirtualCamera(output, view.size, rate)
+        return VirtualCamera(output, size, rate)
     encoding: dict[str, Any] = {name: given[name] for name in ("codec", "crf") if name in given}
     if "://" in output:
-        return StreamSink(output, view.size, rate, **encoding)
+        return StreamSink(output, size, rate, **encoding)
     if can_be_spherical(output) and "keyframes" not in given:
-        encoding["panorama"] = panorama_of(view)
+        encoding["panorama"] = turn.panorama
     if source is None:
-        return VideoWriter(output, view.size, rate, time_base=TICKS, **encoding)
-    return VideoWriter.like(source, output, view.size, rotation_deg=0, pixel_aspect=Fraction(1), **encoding)
+        return VideoWriter(output, size, rate, time_base=TICKS, **encoding)
+    return VideoWriter.like(source, output, size, rotation_deg=0, pixel_aspect=Fraction(1), **encoding)
 
 
 def _run(

@@ -60,6 +60,8 @@ mirror_distance_mm = 185.93  # m: from the lens's principal point to the mirror 
 camera_looks = "up"  # "up": the mirror hangs above the camera; "down"; or "forward" (horizontal)
 forward_azimuth_deg = -90.0  # image direction that is forward: 0 = image right, -90 = image top
 image_flipped = false  # true when the driver delivers the picture reversed left to right
+# pitch_deg = 0.0  # how far the sensor leans: its forward direction above the horizon ..
+# roll_deg = 0.0  # .. and clockwise about that, seen from behind
 
 # [secondary]  # a second mirror, in which the lens sees the first; any kind of mirror, as the camera sees it, or flat
 # kind = "flat"

@@ -148,6 +148,16 @@ def height_range(text: str) -> tuple[float, float]:
     return low, high
 
 
+def lean(text: str) -> tuple[float, float]:
+    """Pitch and roll in degrees, ``PITCH,ROLL``.
+
+    >>> lean("24,-1.5")
+    (24.0, -1.5)
+    """
+    pitch, roll = _numbers(text, 2, ",", "PITCH,ROLL in degrees")
+    return pitch, roll
+
+
 def offset(text: str) -> tuple[float, float, float]:
     """A place in the world in mm, ``X,Y,Z``.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, TypeVar
 
 import click
@@ -211,10 +212,10 @@ _MAKERS: dict[str, Callable[[MountedCamera, dict[str, Any]], Shape]] = {
 
 
 def _elevations_of_omega(camera: MountedCamera, options: dict[str, Any]) -> None:
-    """Put elevations (deg) in the place of angles from the camera's axis, which must be vertical."""
+    """Put elevations (deg) in the place of angles from the camera's axis, which must be upright but for its lean."""
     if "omega_deg" not in options:
         return
-    up = axis_of(camera)[2]
+    up = axis_of(replace(camera, mount=camera.mount.upright))[2]
     if abs(up) < 0.5:
         raise InvalidParameter("--omega-deg makes no panorama for a camera that looks forward; use --elevation-deg")
     low, high = sorted(up * (90 - omega) for omega in options.pop("omega_deg"))

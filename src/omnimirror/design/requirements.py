@@ -18,10 +18,10 @@ from pydantic_core import PydanticCustomError
 
 from ..errors import SpecError
 from ..files import read_text
-from ..frames import CameraLooks, Mount
+from ..frames import Mount
 from ..imagers import Imager
 from ..mirrors.columns import MAPPING_FILE
-from ..specs import Places, Table, did_you_mean, table_model, validated
+from ..specs import Places, StandTable, Table, did_you_mean, table_model, validated
 from .families import FAMILIES
 from .fits import FitForm
 from .freeform import FreeForm
@@ -95,14 +95,6 @@ class LensTable(Table):
     theta_max_deg: Theta | None = None
     f_number: FNumber = (4.0, 4.0)
     focus_mm: float | None = None
-
-
-class MountTable(Table):
-    """Which way it looks; as in a sensor file."""
-
-    camera_looks: CameraLooks = "up"
-    forward_azimuth_deg: Annotated[float, Field(ge=-360, le=360)] = -90.0
-    image_flipped: bool = False
 
 
 class LimitTable(Table):
@@ -205,7 +197,7 @@ def requirements_of(data: dict[str, Any], where: Places, folder: Path | None = N
         mirror=validated(MirrorTable, "mirror", mirror, where),
         lens=validated(LensTable, "lens", data.get("lens", {}), where),
         imager=where.wrap(("imager",), lambda: Imager(**imager)),
-        mount=Mount(**validated(MountTable, "mount", data.get("mount", {}), where).model_dump()),
+        mount=Mount(**validated(StandTable, "mount", data.get("mount", {}), where).model_dump()),
         limits=tuple(_limit(i, table, field, where) for i, table in enumerate(data.get("limit", []))),
     )
     _check_together(wanted, where)

@@ -36,22 +36,28 @@ class GPano:
         Where its upper left corner lies in the full panorama.
     heading_deg : deg, optional
         Compass heading of the centre of the full panorama, clockwise from north; None where nobody knows.
+    pitch_deg, roll_deg : deg
+        How a panorama that is not level leans: its centre points so far above the horizon, and it is turned
+        clockwise about that, so that the horizon is turned counter-clockwise there.
 
     Raises
     ------
     InvalidParameter
-        If the crop does not lie inside the full panorama.
+        If the crop does not lie inside the full panorama, or for a lean outside -90 to 90 and -180 to 180 deg.
 
     Examples
     --------
-    >>> GPano.of_view((1440, 540), elevation_deg=(-90.0, 45.0))
-    GPano(full_size=(1440, 720), cropped_size=(1440, 540), cropped_at=(0, 180), heading_deg=None)
+    >>> panorama = GPano.of_view((1440, 540), elevation_deg=(-90.0, 45.0))
+    >>> panorama.full_size, panorama.cropped_size, panorama.cropped_at
+    ((1440, 720), (1440, 540), (0, 180))
     """
 
     full_size: tuple[int, int]
     cropped_size: tuple[int, int]
     cropped_at: tuple[int, int]
     heading_deg: float | None = None
+    pitch_deg: float = 0.0
+    roll_deg: float = 0.0
 
     def __post_init__(self) -> None:
         for full, cropped, at, side in zip(
@@ -61,6 +67,11 @@ class GPano:
                 raise InvalidParameter(
                     f"a crop of {cropped} px from {at} px on does not lie inside a panorama of {full} px {side}"
                 )
+        if not (abs(self.pitch_deg) <= 90 and abs(self.roll_deg) <= 180):
+            raise InvalidParameter(
+                f"a pitch of {self.pitch_deg:g} and a roll of {self.roll_deg:g} deg are no lean; valid are -90 to 90 "
+                "and -180 to 180"
+            )
 
     @classmethod
     def of_view(
@@ -69,6 +80,7 @@ class GPano:
         elevation_deg: tuple[float, float],
         span_deg: float = 360.0,
         heading_deg: float | None = None,
+        lean_deg: tuple[float, float] = (0.0, 0.0),
     ) -> GPano:
         """The panorama of a view whose columns are linear in pan and its rows in elevation.
 
@@ -84,6 +96,8 @@ class GPano:
             From the left edge to the right edge, up to 360.
         heading_deg : deg, optional
             Compass heading of the centre of the view.
+        lean_deg : (pitch, roll) deg
+            Of a view that is not level; :meth:`omnimirror.frames.Mount.lean_of_view` tells it.
         """
         low, high = elevation_deg
         if not (-90 <= low < high <= 90 and 0 < span_deg <= 360):
@@ -95,7 +109,7 @@ class GPano:
         full_width = max(width, round(width * 360 / span_deg))
         full_height = max(height, round(height * 180 / (high - low)))
         top = min(round(full_height * (90 - high) / 180), full_height - height)
-        return cls((full_width, full_height), size, ((full_width - width) // 2, top), heading_deg)
+        return cls((full_width, full_height), size, ((full_width - width) // 2, top), heading_deg, *lean_deg)
 
     @property
     def bounds(self) -> Bounds:
@@ -127,6 +141,8 @@ class GPano:
         }
         if self.pose_heading_deg is not None:
             fields["PoseHeadingDegrees"] = f"{self.pose_heading_deg:g}"
+        # Said of level ones too: what does not say so may have been drawn any way.
+        fields |= {"PosePitchDegrees": f"{self.pitch_deg:g}", "PoseRollDegrees": f"{self.roll_deg:g}"}
         attributes = "\n   ".join(f'GPano:{name}="{value}"' for name, value in fields.items())
         return (
             '<?xpacket begin="\ufeff" id="W5M0MpCehiHzreSzNTczkc9d"?>\n'

@@ -96,13 +96,15 @@ def _described(stsd: bytes, panorama: GPano) -> bytes:
 
 
 def v2_boxes(panorama: GPano) -> bytes:
-    """The boxes st3d and sv3d: one eye, equirectangular, heading and bounds."""
+    """The boxes st3d and sv3d: one eye, equirectangular, pose and bounds."""
     heading = panorama.pose_heading_deg or 0.0
-    # Poses are in 16.16 degrees, the yaw counter-clockwise and so the other way round from a heading.
+    # Poses are in 16.16 degrees, the yaw counter-clockwise and so the other way round from a heading; a pitch
+    # counter-clockwise about the right side lifts the centre, and a roll is clockwise.
     yaw = round(((180.0 - heading) % 360.0 - 180.0) * 65536)
+    pitch, roll = round(panorama.pitch_deg * 65536), round(panorama.roll_deg * 65536)
     bounds = panorama.bounds
     shares = (min(round(share * 2**32), 2**32 - 1) for share in (bounds.top, bounds.bottom, bounds.left, bounds.right))
-    projection = _box(b"prhd", _full(struct.pack(">iii", yaw, 0, 0))) + _box(
+    projection = _box(b"prhd", _full(struct.pack(">iii", yaw, pitch, roll))) + _box(
         b"equi", _full(struct.pack(">4I", *shares))
     )
     spherical = _box(b"svhd", _full(SOURCE + b"\0")) + _box(b"proj", projection)

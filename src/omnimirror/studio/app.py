@@ -148,6 +148,8 @@ def _add_cameras(app: FastAPI, studio: Studio) -> None:
         camera_looks: CameraLooks | None = None,
         forward_azimuth_deg: Annotated[float | None, Query(ge=-360, le=360)] = None,
         image_flipped: bool | None = None,
+        pitch_deg: Annotated[float | None, Query(ge=-90, le=90)] = None,
+        roll_deg: Annotated[float | None, Query(ge=-180, le=180)] = None,
     ) -> CameraModel:
         """A camera, standing as its file says or as asked."""
         found = known(id)
@@ -155,6 +157,8 @@ def _add_cameras(app: FastAPI, studio: Studio) -> None:
             "camera_looks": camera_looks,
             "forward_azimuth_deg": forward_azimuth_deg,
             "image_flipped": image_flipped,
+            "pitch_deg": pitch_deg,
+            "roll_deg": roll_deg,
         }
         stands = found.entry.mount.model_dump() | {k: v for k, v in asked.items() if v is not None}
         return found.model(Mount(**stands))

@@ -39,6 +39,8 @@ class MountOf(Message):
     camera_looks: CameraLooks
     forward_azimuth_deg: float
     image_flipped: bool
+    pitch_deg: float = 0.0
+    roll_deg: float = 0.0
 
 
 class SensorEntry(Message):

@@ -127,6 +127,8 @@ def mount_message(mount: Mount) -> MountOf:
         camera_looks=mount.camera_looks,
         forward_azimuth_deg=mount.forward_azimuth_deg,
         image_flipped=mount.image_flipped,
+        pitch_deg=mount.pitch_deg,
+        roll_deg=mount.roll_deg,
     )
 
 

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from ...frames import turned, view_axes
+from ...frames import turn_of, turned
 from ...parameters import Parameter
 from ..colour import Light
 from .contract import Array, Scene, distances_mm
@@ -63,8 +63,7 @@ class Pose:
 
     def rotation(self) -> Array:
         """Rotation (3, 3) from the sensor's world to the scene's frame."""
-        forward, right, down = view_axes(self.pan_deg, self.tilt_deg, self.roll_deg)
-        return np.stack([forward, -right, -down], axis=-1) + 0.0
+        return turn_of(self.pan_deg, self.tilt_deg, self.roll_deg)
 
     def to_scene(self, points_mm: Array) -> Array:
         """Points (n, 3) of the sensor's world in the scene's frame."""
