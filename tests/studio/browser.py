@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 import uvicorn
 
-from omnimirror.studio.app import Studio, create_app
+from omnimirror.studio.app import Studio
+from omnimirror.studio.serve import configured
 
 FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 FAKE_CAMERA = ["--use-fake-device-for-media-stream=device-count=2"]
@@ -32,8 +33,7 @@ BASE64 = """(values) => {
 @contextmanager
 def serving(studio: Studio, port: int = 0) -> Iterator[str]:
     """The address of a running server."""
-    config = uvicorn.Config(create_app(studio), port=port, log_level="error", ws="websockets-sansio")
-    server = uvicorn.Server(config)
+    server = uvicorn.Server(configured(studio, port, "error"))
     thread = threading.Thread(target=server.run, daemon=True)
     thread.start()
     try:

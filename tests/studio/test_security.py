@@ -2,18 +2,41 @@
 
 from __future__ import annotations
 
+import asyncio
+import errno
 import os
+import resource
+import socket
+import struct
+import threading
+import zlib
+from contextlib import ExitStack, suppress
+from dataclasses import replace
+from urllib.parse import urlsplit
 
+import cv2
+import httpx
+import numpy as np
 import pytest
 import tomli_w
+from starlette.responses import Response
 from starlette.testclient import TestClient
 
 import omnimirror as om
+from omnimirror.errors import MediaError
+from omnimirror.imagers import Imager
 from omnimirror.mirrors import MIRRORS, SECONDARIES
 from omnimirror.specs import tables_of
-from omnimirror.studio.app import create_app
+from omnimirror.studio import connections, limits, uploads
+from omnimirror.studio.access import is_loopback
+from omnimirror.studio.app import Studio, create_app
+from omnimirror.studio.bench.files import coarser
 from omnimirror.studio.bench.messages import Task
 from omnimirror.studio.bench.work import perform
+from omnimirror.studio.limits import LARGEST_MESSAGE
+from omnimirror.studio.serve import names_of
+
+from .browser import serving
 
 LOCAL = "http://127.0.0.1"
 SECRET = "1.25, 2.5"
@@ -93,3 +116,281 @@ def test_the_command_line_still_follows_files_beside_its_own(tmp_path):
         tomli_w.dumps({**SPHERE, "mirror": {"kind": "sampled", "profile_csv": "profile.csv"}})
     )
     assert om.load_sensor(tmp_path / "s.toml").mirror.x_mm[-1] == 29.0
+
+
+# -- how much is taken -----------------------------------------------------------------------------------
+
+
+def test_no_question_is_larger_than_what_is_taken(client):
+    """By the length that is announced."""
+    huge = b" " * (LARGEST_MESSAGE + 1)
+    for path in ("/api/bench/change", "/api/bench/file", "/api/bench/requirements", "/api/sensor-file", "/api/sensors"):
+        answer = client.post(path, content=huge, headers={"content-type": "application/json"})
+        assert (answer.status_code, "larger than 1 MB" in answer.json()["detail"]) == (413, True)
+
+
+async def status_of(bounded: limits.Bounded, receive, name: str = "") -> int:
+    """The status of the answer to a request that announces no length."""
+    said: list = []
+
+    async def send(message):
+        said.append(message)
+
+    await bounded({"type": "http", "name": name, "path": "/", "headers": []}, receive, send)
+    return said[0]["status"]
+
+
+async def reads_all(scope, receive, send):
+    while (await receive()).get("more_body"):
+        pass
+
+
+def test_pieces_without_end_are_stopped():
+    async def endless():
+        return {"type": "http.request", "body": bytes(1 << 16), "more_body": True}
+
+    assert asyncio.run(status_of(limits.Bounded(reads_all, {}), endless)) == 413
+
+
+def test_requests_together_hold_no_more_than_the_server_has_room_for(monkeypatch):
+    """Two pictures of which each is allowed, but not both at once; the first is taken when the second has gone."""
+    monkeypatch.setattr(limits, "MOST_HELD", 1500)
+
+    async def both():
+        first_came, go_on = asyncio.Event(), asyncio.Event()
+
+        async def app(scope, receive, send):
+            body = (await receive())["body"]
+            first_came.set()
+            if scope["name"] == "first":
+                await go_on.wait()
+            await Response(str(len(body)))(scope, receive, send)
+
+        async def receive():
+            return {"type": "http.request", "body": bytes(900), "more_body": False}
+
+        bounded = limits.Bounded(app, {"/": 1000})
+        first = asyncio.create_task(status_of(bounded, receive, "first"))
+        await first_came.wait()
+        refused = await status_of(bounded, receive)
+        go_on.set()
+        return refused, await first, await status_of(bounded, receive)
+
+    assert asyncio.run(both()) == (503, 200, 200)
+
+
+def test_what_comes_too_slowly_is_given_up(monkeypatch):
+    monkeypatch.setattr(limits, "GRACE_S", 0.05)
+
+    async def dribble():
+        await asyncio.sleep(0.01)
+        return {"type": "http.request", "body": b"x", "more_body": True}
+
+    assert asyncio.run(status_of(limits.Bounded(reads_all, {}), dribble)) == 408
+
+
+@pytest.mark.parametrize(
+    ("suffix", "pixel"),
+    [(".tif", np.zeros(3, np.uint16)), (".png", np.zeros(4, np.uint16)), (".png", np.zeros(4, "u1"))],
+)
+def test_pictures_are_bounded_by_their_bytes_in_memory(suffix, pixel, monkeypatch):
+    """To the byte: a picture that just fits is read, and one of a row more is refused before it is."""
+    monkeypatch.setattr(uploads, "MOST_UNPACKED", 40 * 30 * pixel.nbytes)
+
+    def file(rows: int) -> bytes:
+        return cv2.imencode(suffix, np.tile(pixel, (rows, 40, 1)))[1].tobytes()
+
+    assert uploads.browser_picture(file(30), "fits").startswith(b"\x89PNG")
+    with pytest.raises(MediaError, match="unfolds to too many pixels"):
+        uploads.browser_picture(file(31), "large")
+
+
+def test_a_small_file_of_a_huge_picture_takes_little_memory():
+    """9990 x 9990 x 3 of 16 bits, 600 MB, in a TIFF of a megabyte."""
+    side, row = 9990, zlib.compress(bytes(9990 * 6), 9)
+    head = struct.pack("<2sHI", b"II", 42, 8)
+    data = 8 + 2 + 9 * 12 + 4
+    lists = data + 8 + 8 * side
+    entries = [
+        (256, 4, 1, side), (257, 4, 1, side), (258, 3, 3, data), (259, 3, 1, 8), (262, 3, 1, 2),
+        (273, 4, side, data + 8), (277, 3, 1, 3), (278, 4, 1, 1), (279, 4, side, data + 8 + 4 * side),
+    ]  # fmt: skip
+    tags = struct.pack("<H", 9) + b"".join(struct.pack("<HHII", *entry) for entry in entries) + bytes(4)
+    tables = struct.pack("<3H2x", 16, 16, 16) + struct.pack(f"<{side}I", *[lists] * side)
+    tables += struct.pack(f"<{side}I", *[len(row)] * side)
+    with pytest.raises(MediaError, match="unfolds to too many pixels; at most 256 MB of them"):
+        uploads.browser_picture(head + tags + tables + row, "bomb.tif")
+
+
+def test_strips_are_converted_like_the_whole():
+    deep = np.random.default_rng(0).integers(0, 65536, (700, 9, 3), np.uint16)
+    assert np.array_equal(uploads.eight_bits(deep), np.round(deep / 257).astype(np.uint8))
+
+
+@pytest.mark.parametrize("size", [(40_000, 40_000), (1, 100_000), (100_000, 1)])
+def test_imagers_of_any_size_take_no_more_than_a_picture_of_the_page(size, client):
+    """The room of a camera and its report are refused; the preview is made small whatever the proportion."""
+    width, height = size
+    imager = {"width_px": width, "height_px": height, "pixel_pitch_um": 4000 / max(size)}
+    tables = {**SPHERE, "imager": imager}
+    known = client.post("/api/sensors", content=tomli_w.dumps(tables)).json()["id"]
+    if width * height > 1e9:
+        room = client.get("/api/room", params={"id": known})
+        assert (room.status_code, "too large to be simulated here" in room.json()["detail"]) == (400, True)
+    report = client.post("/api/bench/file", json={"tables": tables, "kind": "report", "object_distance_mm": None})
+    assert (report.status_code, f"{width} x {height} px" in report.json()["detail"]) == (400, True)
+    small = coarser(om.load_sensor("paper-spherical"), 64)
+    assert max(coarser(replace(small, imager=Imager(*size, 1.0)), 64).imager.size) == 64
+
+
+def test_equal_work_is_done_once_and_few_may_wait(monkeypatch):
+    monkeypatch.setattr(limits, "MOST_WAITING", 2)
+    runs: list[str] = []
+
+    async def all_of_it():
+        turns, begun, go_on = limits.Turns(), asyncio.Event(), threading.Event()
+        loop = asyncio.get_running_loop()
+
+        def make(name: str) -> str:
+            loop.call_soon_threadsafe(begun.set)
+            go_on.wait()
+            runs.append(name)
+            return name
+
+        many = [asyncio.create_task(turns.do("room", lambda: make("room"))) for _ in range(20)]
+        other = asyncio.create_task(turns.do("other", lambda: make("other")))
+        await begun.wait()
+        with pytest.raises(limits.Busy):
+            await turns.do("third", lambda: make("third"))
+        many[0].cancel()  # one page that goes takes it from none of the others
+        go_on.set()
+        return await asyncio.gather(*many[1:], other)
+
+    assert asyncio.run(all_of_it()) == ["room"] * 19 + ["other"]
+    assert runs == ["room", "other"]
+
+
+def test_a_full_disk_is_a_sentence(client, monkeypatch):
+    def full(*args, **kwargs):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(uploads.tempfile, "TemporaryDirectory", full)
+    tiff = cv2.imencode(".tif", np.zeros((4, 4, 3), np.uint16))[1].tobytes()
+    answer = client.post("/api/pictures", content=tiff)
+    assert answer.status_code == 507
+    assert answer.json()["detail"] == "the server cannot write or read what this needs: No space left on device"
+
+
+# -- who asks --------------------------------------------------------------------------------------------
+
+
+def fetch(client: TestClient, path: str, site: str, mode: str = "no-cors") -> int:
+    headers = {"sec-fetch-site": site, "sec-fetch-mode": mode}
+    return client.get(path, headers=headers, follow_redirects=False).status_code
+
+
+def test_what_other_sites_embed_is_refused(client):
+    """A picture, a script or a frame of ours in a page of theirs; a link to our page may be followed."""
+    for site in ("cross-site", "same-site"):
+        assert fetch(client, "/api/room?id=ball:123.4", site) == 403
+        assert fetch(client, "/bench.js", site) == 403
+        assert fetch(client, "/api/start", site, "navigate") == 403
+        assert fetch(client, "/", site) == 403
+        assert fetch(client, "/", site, "navigate") == 200
+    assert fetch(client, "/api/start", "same-origin", "cors") == 200
+    assert fetch(client, "/api/start", "none", "navigate") == 200
+
+
+def test_the_token_leaves_the_address_and_has_a_cookie_of_its_port():
+    with TestClient(create_app(Studio(token="secret")), base_url="http://192.168.1.7:8080") as client:
+        answer = client.get("/?a=1%202&token=secret&b=", follow_redirects=False)
+        assert (answer.status_code, answer.headers["location"]) == (303, "/?a=1+2&b=")
+        assert answer.headers["cache-control"] == "no-store"
+        cookie = answer.headers["set-cookie"]
+        assert cookie.startswith("omnimirror-token-8080=secret;")
+        assert "httponly" in cookie.lower()
+        assert "samesite=lax" in cookie.lower()  # strict is not sent where a link in a mail leads
+        page = client.get("/?token=secret")
+        assert (page.status_code, str(page.url)) == (200, "http://192.168.1.7:8080/")
+        assert "secret" not in page.text
+        assert client.get("/api/start").status_code == 200
+        elsewhere = client.get("http://192.168.1.7:9090/api/start")  # another studio of the same machine
+        assert elsewhere.status_code == 403
+        assert client.get("/?token=wrong").status_code == 403
+
+
+def test_a_token_does_not_let_hosts_in_that_are_none(client):
+    with TestClient(create_app(Studio(token="secret")), base_url="http://door") as client:
+        for host in ("user@door", "door:80@evil.example", "a b", "door:123456"):
+            assert client.get("/?token=secret", headers={"host": host}).status_code == 403
+
+
+def test_a_server_that_listens_everywhere_is_named_by_addresses_that_can_be_opened():
+    names = names_of("0.0.0.0")
+    assert names[-1] == "127.0.0.1"  # for the browser here
+    assert all(not is_loopback(name) for name in names[:-1])
+    for name in names[:-1]:
+        with socket.socket() as probe:
+            probe.bind((name, 0))  # it is this machine's
+    assert names_of("door.local") == ["door.local"]
+
+
+# -- how often the page is sent --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("path", ["/", "/bench.js"])
+def test_the_page_is_sent_once_and_squeezed(path, client):
+    whole = client.get(path, headers={"accept-encoding": "identity"})
+    squeezed = client.get(path, headers={"accept-encoding": "gzip"})
+    assert "content-encoding" not in whole.headers
+    assert squeezed.headers["content-encoding"] == "gzip"
+    assert int(squeezed.headers["content-length"]) < 0.45 * int(whole.headers["content-length"])
+    assert squeezed.content == whole.content  # the client unpacks it
+    assert squeezed.headers["cache-control"] == "no-cache"
+    assert squeezed.headers["vary"] == "accept-encoding"
+    again = client.get(path, headers={"if-none-match": squeezed.headers["etag"]})
+    assert (again.status_code, again.content) == (304, b"")
+    assert "default-src 'none'" in again.headers["content-security-policy"]
+    assert client.get(path, headers={"if-none-match": '"other"'}).status_code == 200
+
+
+def test_answers_are_not_kept(client):
+    for path in ("/api/start", "/api/camera/tables?id=paper-spherical", "/api/bench"):
+        assert client.get(path).headers["cache-control"] == "no-store"
+
+
+# -- connections -----------------------------------------------------------------------------------------
+
+
+def test_half_requests_are_given_up_and_keep_nobody_out(monkeypatch):
+    """As many as would fill the server; it answers all the same, and lets the oldest of them go."""
+    monkeypatch.setattr(connections, "most_connections", lambda: 20)
+    with serving(Studio()) as address, ExitStack() as open_ones:
+        port = urlsplit(address).port
+        held = [open_ones.enter_context(socket.create_connection(("127.0.0.1", port))) for _ in range(60)]
+        for half in held:
+            with suppress(OSError):
+                half.sendall(b"GET /health HTTP/1.1\r\nHost: 127.0.0.1\r\nX-Slow: ")
+        assert httpx.get(f"{address}health", timeout=300).json()["status"] == "ok"
+        with suppress(ConnectionError):
+            assert held[0].recv(1) == b""  # let go
+
+
+def test_a_head_that_does_not_end_is_given_up(monkeypatch):
+    monkeypatch.setattr(connections, "HEAD_S", 0.2)
+    with serving(Studio()) as address, socket.create_connection(("127.0.0.1", urlsplit(address).port)) as slow:
+        request = f"GET /health HTTP/1.1\r\nHost: {urlsplit(address).netloc}\r\n".encode()
+        slow.sendall(request + b"\r\n")
+        assert slow.recv(65536).startswith(b"HTTP/1.1 200")
+        slow.sendall(request)  # a second one, which never ends
+        with suppress(ConnectionError):
+            while slow.recv(65536):
+                pass
+
+
+@pytest.mark.parametrize("files", [100, 1024, resource.RLIM_INFINITY])
+def test_the_number_of_connections_leaves_files_to_be_opened(files, monkeypatch):
+    monkeypatch.setattr(resource, "getrlimit", lambda which: (files, files))
+    most = connections.most_connections.__wrapped__()
+    assert 8 <= most <= 256
+    assert most + 50 < files or files == resource.RLIM_INFINITY

@@ -25,11 +25,13 @@ from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 
 import omnimirror as om
+from omnimirror.specs import tables_of
 from omnimirror.studio.access import is_loopback
 from omnimirror.studio.app import Studio, create_app
+from omnimirror.studio.limits import LARGEST_MESSAGE
 from omnimirror.studio.sources import Sources
 from omnimirror.studio.streams import Streams
-from omnimirror.studio.uploads import LARGEST_CALIBRATION, browser_picture
+from omnimirror.studio.uploads import browser_picture
 
 from .browser import serving
 
@@ -128,6 +130,12 @@ def test_beyond_this_machine_the_token_is_asked_for():
     [
         {"host": "127.0.0.1.evil.example"},
         {"host": "localhost@evil.example"},
+        {"host": "evil.example:80@127.0.0.1"},
+        {"host": "127.0.0.1:80:80"},
+        {"host": "127.0.0.1 evil.example"},
+        {"origin": "https://127.0.0.1"},
+        {"origin": "chrome-extension://127.0.0.1"},
+        {"origin": "http://user@127.0.0.1"},
         {"host": ""},
         {"host": "[::1"},
         {"origin": "null"},
@@ -169,7 +177,7 @@ def png_of(width: int, height: int) -> bytes:
 def test_pictures_that_unfold_are_refused_by_their_header(side, client):
     answer = client.post("/api/pictures", params={"name": "bomb.png"}, content=png_of(side, side))
     assert answer.status_code == 400
-    assert sentence(answer) == "bomb.png unfolds to too many pixels; at most 100 million are valid"
+    assert sentence(answer) == "bomb.png unfolds to too many pixels; at most 256 MB of them are valid"
 
 
 @pytest.mark.parametrize(
@@ -189,7 +197,7 @@ def test_a_truncated_picture_is_refused(client):
 
 
 def test_what_is_too_large_is_refused_before_it_is_read_and_while(client):
-    huge = LARGEST_CALIBRATION + 1
+    huge = LARGEST_MESSAGE + 1
     assert client.post("/api/sensors", content=b"#" * huge).status_code == 413
 
     def pieces():
@@ -198,7 +206,7 @@ def test_what_is_too_large_is_refused_before_it_is_read_and_while(client):
 
     answer = client.post("/api/sensors", content=pieces())  # chunked: no length is announced
     assert answer.status_code == 413
-    assert sentence(answer) == "the file is larger than 1 MB, which is the most that is taken here"
+    assert sentence(answer) == "what was sent is larger than 1 MB, which is the most that is taken here"
 
 
 def test_sensor_files_cannot_name_files_of_the_server(client):
@@ -324,8 +332,10 @@ def test_no_request_that_schemathesis_makes_of_the_schema_breaks_the_server(tmp_
     if not program.exists():
         pytest.skip("schemathesis is not here")
     with serving(Studio()) as address:
-        words = f"run {address}openapi.json --phases coverage,fuzzing --max-examples 4 --seed 1 --no-color"
-        files = "--exclude-checks positive_data_acceptance"  # no schema tells what a picture or sensor file is
+        words = f"run {address}openapi.json --phases coverage,fuzzing --max-examples 4 --seed 1 --request-timeout 600"
+        files = (
+            "--no-color --exclude-checks positive_data_acceptance"  # no schema tells what a picture or sensor file is
+        )
         run = subprocess.run([program, *words.split(), *files.split()], capture_output=True, text=True, cwd=tmp_path)
     assert run.returncode == 0, run.stdout[-3000:]
     assert re.search(r"(\d+) selected / \1 total", run.stdout)
@@ -478,3 +488,37 @@ def test_ctrl_c_ends_the_server_at_once_whatever_is_open(before, tmp_path):
             said = server.communicate()
         assert server.returncode == 130
         assert said == ("", "\nomnimirror: stopped\n")
+
+
+def children_of(pid: int) -> list[int]:
+    """Processes that any thread of a process has started."""
+    lists = Path(f"/proc/{pid}/task").glob("*/children")
+    return [int(child) for found in lists for child in found.read_text().split()]
+
+
+def is_running(pid: int) -> bool:
+    stat = Path(f"/proc/{pid}/stat")
+    return stat.exists() and stat.read_text().rpartition(")")[2].split()[0] != "Z"
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="looks for processes in /proc")
+def test_sigterm_ends_the_server_and_its_searches():
+    from websockets.sync.client import connect
+
+    task = {
+        "what": "optimise", "tables": tables_of(om.load_sensor("paper-spherical")), "wanted": None, "terms": 12,
+        "object_distance_mm": None, "merit": "blur", "family": "slope-spline", "starts": 8,
+    }  # fmt: skip
+    words = [sys.executable, "-m", "omnimirror", "studio", "--no-open"]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as server:
+        port = int(re.search(r":(\d+)/", server.stdout.readline())[1])
+        # the address can be opened once it is printed
+        with connect(f"ws://127.0.0.1:{port}/api/bench/work", open_timeout=None) as socket:
+            socket.send(json.dumps(task))
+            while not (searches := children_of(server.pid)):
+                time.sleep(0.01)
+            server.send_signal(signal.SIGTERM)
+            said = server.communicate()
+    assert server.returncode in (-signal.SIGTERM, 128 + signal.SIGTERM)
+    assert said == ("", "")
+    assert not any(map(is_running, searches))

@@ -9,14 +9,17 @@ import ipaddress
 import re
 from collections.abc import Iterable
 from http.cookies import CookieError, SimpleCookie
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import parse_qsl, urlencode
 
-from starlette.responses import JSONResponse
+from starlette.responses import JSONResponse, RedirectResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-COOKIE = "omnimirror-token"
+PAGE = "/"
 LOOPBACK = ("localhost", "127.0.0.1", "::1")
 REFUSED = 4403  # WebSockets close with numbers of their own
+HOST = re.compile(r"(\[[0-9a-f:.]+\]|[a-z0-9._-]+)(?::(\d{1,5}))?", re.I)
+OWN_SITES = ("same-origin", "none")
+"""What browsers say of requests by our own pages, and of addresses that were typed."""
 
 
 def is_loopback(host: str) -> bool:
@@ -37,7 +40,8 @@ class Guard:
     """Refuses requests under a foreign name, from a foreign page or without the token; adds safe headers.
 
     A name that leads to this machine without being one of ``hosts`` is how pages of others reach servers at
-    home (DNS rebinding). With a ``token``, whose link sets a cookie once, any name will do.
+    home (DNS rebinding). With a ``token`` any name will do. The link that holds it is answered by a cookie and the
+    same address without it, so that it stays out of histories, screenshots and links that are passed on.
     """
 
     def __init__(self, app: ASGIApp, hosts: Iterable[str], token: str | None, policy: str) -> None:
@@ -54,34 +58,46 @@ class Guard:
         if scope["type"] not in ("http", "websocket"):
             await self.app(scope, receive, send)
             return
-        headers = {k.decode("latin-1").lower(): v.decode("latin-1") for k, v in scope["headers"]}
-        reason = self._reason(scope, headers)
+        reason = self._reason(scope, _headers(scope))
         if reason is not None:
             await _refuse(reason, scope, receive, send)
             return
-        given = _query_token(scope)
 
         async def with_headers(message: Message) -> None:
             if message["type"] == "http.response.start":
+                given = message.get("headers", [])
                 extra = list(self.headers)
-                if self.token is not None and given is not None:
-                    cookie = f"{COOKIE}={self.token}; HttpOnly; SameSite=Strict; Path=/"
-                    extra.append((b"set-cookie", cookie.encode()))
-                message["headers"] = [*message.get("headers", []), *extra]
+                if not any(name == b"cache-control" for name, _ in given):
+                    extra.append((b"cache-control", b"no-store"))
+                message["headers"] = [*given, *extra]
             await send(message)
 
-        await self.app(scope, receive, with_headers)
+        is_link = self.token is not None and scope["type"] == "http" and scope["path"] == PAGE and _query_token(scope)
+        await (self._without_token if is_link else self.app)(scope, receive, with_headers)
+
+    async def _without_token(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Keep the token in a cookie and lead to the same address without it."""
+        rest = urlencode([(k, v) for k, v in _query(scope) if k != "token"])
+        answer = RedirectResponse(f"{PAGE}?{rest}" if rest else PAGE, status_code=303)
+        assert self.token is not None
+        # lax: a link in a mail leads here from another site, and what the page asks for is guarded by its origin
+        answer.set_cookie(_cookie_name(_headers(scope).get("host", "")), self.token, httponly=True, samesite="lax")
+        await answer(scope, receive, send)
 
     def _reason(self, scope: Scope, headers: dict[str, str]) -> str | None:
         """Why a request is refused; None where it is not."""
         host = headers.get("host", "")
-        if self.token is None and _name_of(host) not in self.hosts:
+        name = _name_of(host)
+        if not name or (self.token is None and name not in self.hosts):
             return f"this server does not answer to the name {host!r}"
         origin = headers.get("origin")
-        if origin is not None and urlsplit(origin).netloc.lower() != host.lower():
+        if origin is not None and origin.lower() != f"{_scheme(scope)}://{host.lower()}":
             return f"pages of {origin} may not use this server"
+        is_link = scope["path"] == PAGE and headers.get("sec-fetch-mode") == "navigate"
+        if headers.get("sec-fetch-site", "none") not in OWN_SITES and not is_link:
+            return "pages of other sites may not use this server"
         if self.token is not None and scope["path"] != "/health":
-            given = _query_token(scope) or _cookie_token(headers.get("cookie", ""))
+            given = _query_token(scope) or _cookie_token(headers)
             if given is None or not hmac.compare_digest(given.encode(), self.token.encode()):
                 return "this server asks for the token in the link that it printed when it started"
         return None
@@ -117,21 +133,43 @@ def _digest(text: str) -> str:
 
 
 def _name_of(host: str) -> str:
-    """The name in a Host header, without its port."""
-    try:
-        return (urlsplit(f"//{host}").hostname or "").lower()
-    except ValueError:
-        return ""
+    """The name in a Host header, without its port; nothing of what is no such header, as one with a user's name."""
+    found = HOST.fullmatch(host)
+    return found[1].strip("[]").lower() if found else ""
+
+
+def _scheme(scope: Scope) -> str:
+    """Of the page that a request belongs to; a proxy that is trusted may have said that it was https."""
+    scheme: str = scope["scheme"]
+    return {"ws": "http", "wss": "https"}.get(scheme, scheme)
+
+
+def _headers(scope: Scope) -> dict[str, str]:
+    return {k.decode("latin-1").lower(): v.decode("latin-1") for k, v in scope["headers"]}
+
+
+def _query(scope: Scope) -> list[tuple[str, str]]:
+    return parse_qsl(scope.get("query_string", b"").decode("latin-1"), keep_blank_values=True)
 
 
 def _query_token(scope: Scope) -> str | None:
-    found = parse_qs(scope.get("query_string", b"").decode("latin-1")).get("token")
-    return found[0] if found else None
+    found: dict[str, str] = dict(_query(scope))
+    return found.get("token")
 
 
-def _cookie_token(header: str) -> str | None:
+def _cookie_name(host: str) -> str:
+    """Of the port, since browsers give a cookie to all servers of a machine.
+
+    >>> _cookie_name("192.168.1.7:8080"), _cookie_name("door")
+    ('omnimirror-token-8080', 'omnimirror-token-80')
+    """
+    found = HOST.fullmatch(host)
+    return f"omnimirror-token-{found[2] or 80 if found else 80}"
+
+
+def _cookie_token(headers: dict[str, str]) -> str | None:
     try:
-        cookie = SimpleCookie(header).get(COOKIE)
+        cookie = SimpleCookie(headers.get("cookie", "")).get(_cookie_name(headers.get("host", "")))
     except CookieError:
         return None
     return cookie.value if cookie else None

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from fastapi import FastAPI, HTTPException, Query, Request, WebSocket, WebSocketDisconnect
-from fastapi.responses import HTMLResponse, PlainTextResponse, Response
+from fastapi.responses import PlainTextResponse, Response
 from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp
 
@@ -19,18 +19,16 @@ from .. import __version__
 from ..errors import OmnimirrorError
 from ..frames import CameraLooks, Mount
 from ..media import read_image
-from ..sensor import Sensor
 from .access import Guard, policy_of
 from .bench.routes import add_bench
 from .cameras import Cameras, Known
+from .limits import LARGEST_PICTURE, Bounded, Busy, Turns
 from .messages import CameraModel, Health, Problem, SensorEntry, SensorFile, Start, StreamState
+from .pages import PageFile
 from .sources import Sources
 from .streams import Streams
 from .tables import camera_tables
 from .uploads import (
-    LARGEST_CALIBRATION,
-    LARGEST_PICTURE,
-    TooLarge,
     browser_picture,
     collected,
     eight_bits,
@@ -42,6 +40,8 @@ from .viewer import bench_text, page_text
 BYTES: dict[str, Any] = {"application/octet-stream": {}}
 PNG: dict[str, Any] = {"image/png": {}}
 ROOM_SAMPLES = 2
+MOST_PIXELS = 4096 * 4096
+"""Of a simulated picture, which takes 60 bytes a pixel."""
 
 
 def _body(schema: dict[str, Any]) -> dict[str, Any]:
@@ -55,7 +55,7 @@ REFUSED: dict[str, Any] = {
     "model": Problem,
     "content": {"application/json": {"schema": {"$ref": "#/components/schemas/Problem"}}},
 }
-REFUSALS: dict[int | str, dict[str, Any]] = dict.fromkeys((400, 403, 404, 413), REFUSED)
+REFUSALS: dict[int | str, dict[str, Any]] = dict.fromkeys((400, 403, 404, 408, 413, 503, 507), REFUSED)
 
 
 @dataclass
@@ -70,12 +70,14 @@ class Studio:
     def __post_init__(self) -> None:
         self.cameras = Cameras(self.given)
         self.streams = Streams()
+        self.simulated, self.unpacked, self.reported = Turns(), Turns(), Turns()
 
 
 def create_app(studio: Studio | None = None) -> ASGIApp:
     """The server as an ASGI application, guarded; :func:`api` is what stands behind the guard."""
     studio = studio or Studio()
-    return Guard(api(studio), studio.hosts, studio.token, policy_of(page_text()))
+    taken = Bounded(api(studio), {"/api/pictures": LARGEST_PICTURE})
+    return Guard(taken, studio.hosts, studio.token, policy_of(page_text()))
 
 
 def api(studio: Studio) -> FastAPI:
@@ -93,8 +95,16 @@ def api(studio: Studio) -> FastAPI:
 
     @app.exception_handler(OmnimirrorError)
     async def refused(request: Request, error: OmnimirrorError) -> Response:
-        status = 413 if isinstance(error, TooLarge) else 400
-        return Response(Problem(detail=str(error)).model_dump_json(), status, media_type="application/json")
+        return _problem(503 if isinstance(error, Busy) else 400, str(error))
+
+    @app.exception_handler(OSError)
+    async def no_room(request: Request, error: OSError) -> Response:
+        reason = error.strerror or type(error).__name__
+        return _problem(507, f"the server cannot write or read what this needs: {reason}")
+
+    @app.exception_handler(MemoryError)
+    async def no_memory(request: Request, error: MemoryError) -> Response:
+        return _problem(507, "this needs more memory than the server has")
 
     @app.exception_handler(ClientDisconnect)
     async def gone(request: Request, error: ClientDisconnect) -> Response:
@@ -104,21 +114,27 @@ def api(studio: Studio) -> FastAPI:
     _add_cameras(app, studio)
     _add_pictures(app, studio)
     _add_streams(app, studio)
-    add_bench(app, FILE_BODY)
+    add_bench(app, FILE_BODY, studio.simulated, studio.reported)
     return app
 
 
+def _problem(status: int, sentence: str) -> Response:
+    return Response(Problem(detail=sentence).model_dump_json(), status, media_type="application/json")
+
+
 def _add_page(app: FastAPI, studio: Studio) -> None:
-    @app.get("/", response_class=HTMLResponse, include_in_schema=False)
-    def page() -> HTMLResponse:
-        return HTMLResponse(page_text(), headers={"cache-control": "no-cache"})
+    page_file, bench_file = PageFile(page_text(), "text/html"), PageFile(bench_text(), "text/javascript")
+
+    @app.get("/", include_in_schema=False)
+    async def page(request: Request) -> Response:
+        return page_file.answer(request)
 
     @app.get("/bench.js", include_in_schema=False)
-    def bench() -> Response:
-        return Response(bench_text(), media_type="text/javascript", headers={"cache-control": "no-cache"})
+    async def bench(request: Request) -> Response:
+        return bench_file.answer(request)
 
     @app.get("/health")
-    def health() -> Health:
+    async def health() -> Health:
         """Whether the server is there."""
         return Health(version=__version__)
 
@@ -176,7 +192,7 @@ def _add_cameras(app: FastAPI, studio: Studio) -> None:
         request: Request, name: Annotated[str, Query(max_length=200)] = "sensor.toml", optics: str = "mirror"
     ) -> SensorEntry:
         """Take a calibration file: a sensor file, or OCamCalib's text."""
-        data = await collected(request.stream(), LARGEST_CALIBRATION, request.headers.get("content-length"))
+        data = await collected(request)
         return (await asyncio.to_thread(studio.cameras.add, safe_name(name), data, optics)).entry
 
     @app.post("/api/sensor-file", response_class=PlainTextResponse)
@@ -186,28 +202,31 @@ def _add_cameras(app: FastAPI, studio: Studio) -> None:
         return studio.cameras.file_of(wanted)
 
     @app.get("/api/room", response_class=Response, responses={200: {"content": PNG}})
-    def room(id: str) -> Response:
+    async def room(id: str) -> Response:
         """The picture that a camera takes of a room, simulated."""
-        return Response(_room(known(id)), media_type="image/png")
+        found = known(id)
+        return Response(await studio.simulated.do(found, lambda: _room(found)), media_type="image/png")
 
 
 def _add_pictures(app: FastAPI, studio: Studio) -> None:
     @app.get("/api/picture", response_class=Response, responses={200: {"content": PNG}})
-    def picture(id: str) -> Response:
+    async def picture(id: str) -> Response:
         """A picture of the server's, as PNG of 8 bits."""
         try:
-            shown = studio.sources.find(id)
+            shown = await asyncio.to_thread(studio.sources.find, id)
         except KeyError:
             raise HTTPException(404, f"there is no picture {id!r} here") from None
         if shown.kind != "picture":
             raise HTTPException(404, f"{shown.name} is no picture")
-        return Response(encoded(eight_bits(read_image(Path(shown.place))), ".png"), media_type="image/png")
+        path = Path(shown.place)
+        png = await studio.unpacked.do(path, lambda: encoded(eight_bits(read_image(path)), ".png"))
+        return Response(png, media_type="image/png")
 
     @app.post("/api/pictures", openapi_extra=FILE_BODY, response_class=Response, responses={200: {"content": PNG}})
     async def convert(request: Request, name: Annotated[str, Query(max_length=200)] = "picture") -> Response:
         """A picture that browsers do not read, as PNG of 8 bits."""
-        data = await collected(request.stream(), LARGEST_PICTURE, request.headers.get("content-length"))
-        png = await asyncio.to_thread(browser_picture, data, safe_name(name))
+        data = await collected(request)
+        png = await studio.unpacked.do(request, lambda: browser_picture(data, safe_name(name)))
         return Response(png, media_type="image/png")
 
 
@@ -261,6 +280,10 @@ async def _serve(socket: WebSocket, watched: Any) -> None:
 def _room(known: Known) -> bytes:
     from ..simulate import Room, take_picture
 
-    if not isinstance(known.camera, Sensor) and known.camera.image_size[0] > 4096:
-        raise OmnimirrorError(f"the picture of {known.name} is too large to be simulated here")
+    width, height = known.camera.image_size
+    if width * height > MOST_PIXELS:
+        raise OmnimirrorError(
+            f"the picture of {known.name}, {width} x {height} px, is too large to be simulated here; valid are "
+            f"{MOST_PIXELS // 10**6} million pixels, and omnimirror simulate takes more"
+        )
     return encoded(take_picture(known.camera, Room(), samples=ROOM_SAMPLES), ".png")

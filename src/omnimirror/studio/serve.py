@@ -9,6 +9,7 @@ import socket
 import threading
 import webbrowser
 from collections.abc import Callable
+from contextlib import suppress
 from types import FrameType
 
 import uvicorn
@@ -16,6 +17,13 @@ import uvicorn
 from ..errors import OmnimirrorError
 from .access import is_loopback
 from .app import Studio, create_app
+from .connections import Connection
+from .limits import LARGEST_MESSAGE
+
+EVERYWHERE = ("0.0.0.0", "::", "")
+"""Where a server listens that does not say where."""
+BACKLOG = 256
+"""Connections that wait to be accepted."""
 
 
 class _Server(uvicorn.Server):
@@ -57,19 +65,12 @@ def serve(studio: Studio, host: str, port: int, open_browser: bool, tell: Callab
         studio.token = secrets.token_urlsafe(16)
     listening = _listen(host, port)
     bound = listening.getsockname()[1]
-    shown = f"[{host}]" if ":" in host else host
-    address = f"http://{shown}:{bound}/" + (f"?token={studio.token}" if studio.token else "")
-    config = uvicorn.Config(
-        create_app(studio),
-        log_level="warning",
-        ws="websockets-sansio",
-        ws_max_size=1 << 20,
-        timeout_graceful_shutdown=1,
-    )
-    tell(f"omnimirror studio at {address} (Ctrl-C ends it)")
+    query = f"?token={studio.token}" if studio.token else ""
+    addresses = [f"http://{name}:{bound}/{query}" for name in names_of(host)]
+    tell(f"omnimirror studio at {' or '.join(addresses)} (Ctrl-C ends it)")
     if open_browser:
-        threading.Timer(0.3, webbrowser.open, (address,)).start()
-    server = _Server(config)
+        threading.Timer(0.3, webbrowser.open, (addresses[-1],)).start()
+    server = _Server(configured(studio))
     try:
         server.run(sockets=[listening])
     finally:
@@ -78,12 +79,55 @@ def serve(studio: Studio, host: str, port: int, open_browser: bool, tell: Callab
         raise KeyboardInterrupt
 
 
+def configured(studio: Studio, port: int = 0, log_level: str = "warning") -> uvicorn.Config:
+    """How the server runs, with its limits."""
+    return uvicorn.Config(
+        create_app(studio),
+        port=port,
+        log_level=log_level,
+        http=Connection,
+        ws="websockets-sansio",
+        ws_max_size=LARGEST_MESSAGE,
+        timeout_graceful_shutdown=1,
+    )
+
+
+def names_of(host: str) -> list[str]:
+    """The names under which a server can be opened, in addresses; the last one from this machine.
+
+    One that listens everywhere has each of this machine's addresses, as far as they can be told.
+
+    >>> names_of("127.0.0.1"), names_of("::1")
+    (['127.0.0.1'], ['[::1]'])
+    """
+    if host not in EVERYWHERE:
+        return [f"[{host}]" if ":" in host else host]
+    found = {_towards(socket.AF_INET, "192.0.2.1")}
+    if host == "::":
+        found.add(_towards(socket.AF_INET6, "2001:db8::1"))
+    with suppress(OSError):
+        found |= {str(info[4][0]) for info in socket.getaddrinfo(socket.gethostname(), None, socket.AF_INET)}
+    real = sorted(address for address in found if address and not is_loopback(address))
+    return [f"[{a}]" if ":" in a else a for a in real] + ["127.0.0.1"]
+
+
+def _towards(family: socket.AddressFamily, documented: str) -> str | None:
+    """The address from which this machine would reach others; nothing is sent."""
+    with socket.socket(family, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect((documented, 9))
+        except OSError:
+            return None
+        return str(probe.getsockname()[0])
+
+
 def _listen(host: str, port: int) -> socket.socket:
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     listening = socket.socket(family, socket.SOCK_STREAM)
     try:
         listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         listening.bind((host, port))
+        listening.listen(BACKLOG)  # from here on its address can be opened
     except (OSError, OverflowError) as e:
         listening.close()
         reason = getattr(e, "strerror", None) or str(e)

@@ -1,4 +1,4 @@
-"""What is handed up: taken in pieces, never more than was allowed, and looked at before it is unpacked."""
+"""What is handed up: files with harmless names, and pictures that are looked at before they are unpacked."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import io
 import re
 import tempfile
 import warnings
-from collections.abc import AsyncIterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -16,37 +16,30 @@ from numpy.typing import NDArray
 from ..errors import MediaError
 from ..media import images, read_image
 
-LARGEST_CALIBRATION = 1 << 20
-LARGEST_PICTURE = 128 << 20
-MOST_PIXELS = 100_000_000
+if TYPE_CHECKING:
+    from PIL.ImageFile import ImageFile
+    from starlette.requests import Request
+
+MOST_UNPACKED = 256 << 20
+"""Bytes of a picture in memory."""
+STRIP = 256
+"""Rows that are converted at once."""
+BITS_PER_SAMPLE = 258  # of a TIFF
 KINDS = {"PNG": ".png", "JPEG": ".jpg", "TIFF": ".tif", "WEBP": ".webp", "BMP": ".bmp"}
 
 
-class TooLarge(MediaError):
-    """More was handed up than is allowed."""
-
-
-async def collected(pieces: AsyncIterator[bytes], most: int, announced: str | None) -> bytes:
-    """All pieces, given up as soon as they are more than ``most`` bytes or announce that they will be.
+async def collected(request: Request) -> bytes:
+    """The file that a request hands up.
 
     Raises
     ------
-    TooLarge
-        They are.
     MediaError
         Nothing came.
     """
-    refusal = TooLarge(f"the file is larger than {_words(most)}, which is the most that is taken here")
-    if announced is not None and announced.isdigit() and int(announced) > most:
-        raise refusal
-    data = bytearray()
-    async for piece in pieces:
-        data += piece
-        if len(data) > most:
-            raise refusal
+    data = await request.body()
     if not data:
         raise MediaError("the file is empty")
-    return bytes(data)
+    return data
 
 
 def safe_name(name: str) -> str:
@@ -62,12 +55,12 @@ def safe_name(name: str) -> str:
 def browser_picture(data: bytes, name: str) -> bytes:
     """A picture that browsers do not read (TIFF, 16 bits ..) as 8-bit PNG.
 
-    Its size is read from its header, and refused, before anything is unpacked.
+    Its size in memory is read from its header, and refused, before anything is unpacked.
 
     Raises
     ------
     MediaError
-        It is no picture, is damaged, or would unfold to too many pixels.
+        It is no picture, is damaged, or would unfold to too much.
     """
     suffix = _checked_kind(data, name)
     with tempfile.TemporaryDirectory() as folder:
@@ -91,7 +84,11 @@ def eight_bits(image: NDArray[np.generic]) -> NDArray[np.uint8]:
     if image.dtype == np.uint8:
         return image.astype(np.uint8, copy=False)
     scale = 255.0 if image.dtype == np.float32 else 255.0 / 65535
-    return (np.nan_to_num(image.astype(np.float32)) * scale).clip(0, 255).round().astype(np.uint8)
+    shallow = np.empty(image.shape, np.uint8)
+    for start in range(0, len(image), STRIP):
+        strip = np.nan_to_num(image[start : start + STRIP].astype(np.float32)) * scale
+        shallow[start : start + STRIP] = strip.clip(0, 255).round()
+    return shallow
 
 
 def _checked_kind(data: bytes, name: str) -> str:
@@ -102,16 +99,24 @@ def _checked_kind(data: bytes, name: str) -> str:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)
             with Image.open(io.BytesIO(data), formats=list(KINDS)) as picture:
-                kind, (width, height) = str(picture.format), picture.size
-        is_huge = width * height > MOST_PIXELS
+                kind, unpacked = str(picture.format), _unpacked_bytes(picture, data)
+        is_huge = unpacked > MOST_UNPACKED
     except Image.DecompressionBombError:
         is_huge = True
     except (UnidentifiedImageError, OSError, ValueError, SyntaxError):
         raise MediaError(f"{name} is not a picture that can be read; valid are {', '.join(KINDS)}") from None
     if is_huge:
-        raise MediaError(f"{name} unfolds to too many pixels; at most {MOST_PIXELS // 10**6} million are valid")
+        raise MediaError(f"{name} unfolds to too many pixels; at most {MOST_UNPACKED >> 20} MB of them are valid")
     return KINDS[kind]
 
 
-def _words(size: int) -> str:
-    return f"{size >> 20} MB" if size >= 1 << 20 else f"{size >> 10} kB"
+def _unpacked_bytes(picture: ImageFile, data: bytes) -> int:
+    """How large a picture is once it is read, by its header."""
+    width, height = picture.size
+    channels = 4 if picture.mode in ("P", "PA") else len(picture.getbands())  # a palette is unfolded to colours
+    depth = 8
+    if picture.format == "PNG":
+        depth = data[24]
+    elif picture.format == "TIFF":
+        depth = max(picture.tag_v2.get(BITS_PER_SAMPLE, (8,)))  # type: ignore[attr-defined]
+    return width * height * channels * max(1, -(-depth // 8))

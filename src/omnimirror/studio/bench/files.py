@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import tempfile
-import threading
 import tomllib
 from collections.abc import Callable
 from dataclasses import replace
@@ -14,7 +13,7 @@ import numpy as np
 import tomli_w
 
 from ...analysis import evaluate
-from ...errors import SpecError
+from ...errors import InvalidParameter, SpecError
 from ...imagers import Imager
 from ...sensor import Sensor
 from ...specs import Places, format_sensor, sensor_of, tables_of
@@ -26,8 +25,8 @@ from .sensors import on_bench, sensor_on_bench
 
 ROWS = 361  # field angles of a table
 JPEG_QUALITY = 86
-TAKING = threading.Lock()
-"""One picture at a time: each takes all processors, and the first one paints the room."""
+MOST_ACROSS = 4096
+"""Pixels of a panorama's width, and of an imager's longer side in a report."""
 VERY_FAR = 1e12
 """Millimetres: as good as infinite, which JSON cannot hold."""
 
@@ -129,6 +128,12 @@ def _drawing(sensor: Sensor, wanted: Download) -> File:
 def _report(sensor: Sensor, wanted: Download) -> File:
     from ...report import write_demo
 
+    width, height = sensor.imager.size
+    if max(width, height) > MOST_ACROSS:
+        raise InvalidParameter(
+            f"the report of an imager of {width} x {height} px is not made here; valid are {MOST_ACROSS} px a side, "
+            "and omnimirror demo makes larger ones"
+        )
     with tempfile.TemporaryDirectory() as folder:
         data = write_demo(sensor, folder).read_bytes()
     return File(f"{_stem(sensor)}-report.html", "text/html", data)
@@ -141,6 +146,7 @@ KINDS: dict[str, Callable[[Sensor, Download], File]] = {
     "drawing": _drawing,
     "report": _report,
 }
+SLOW_KINDS = ("drawing", "report")
 
 
 def _exported(sensor: Sensor, name: str, kind: str) -> File:
@@ -176,15 +182,17 @@ def taken(ask: PictureAsk) -> bytes:
     from ...simulate import Room, take_picture
 
     sensor = coarser(sensor_on_bench(ask.tables), ask.width_px)
-    with TAKING:
-        picture = take_picture(sensor, Room(), samples=ask.samples)
-    panorama = Dewarper(sensor, views.panorama(sensor))(picture)
+    picture = take_picture(sensor, Room(), samples=ask.samples)
+    view = views.panorama(sensor)
+    if view.size[0] > MOST_ACROSS:  # of a narrow field
+        view = views.panorama(sensor, (MOST_ACROSS, None))
+    panorama = Dewarper(sensor, view)(picture)
     files = [encoded(image, ".jpg", JPEG_QUALITY) for image in (picture, panorama)]
     return framed(Taken(picture_bytes=len(files[0]), panorama_bytes=len(files[1])), *files)
 
 
-def coarser(sensor: Sensor, width_px: int) -> Sensor:
-    """The same sensor before an imager of the same size with so many columns.
+def coarser(sensor: Sensor, longest_px: int) -> Sensor:
+    """The same sensor before an imager of the same size with so many pixels along its longer side.
 
     >>> import omnimirror as om
     >>> small = coarser(om.load_sensor("paper-spherical"), 256)
@@ -192,7 +200,7 @@ def coarser(sensor: Sensor, width_px: int) -> Sensor:
     ((256, 256), 125.4)
     """
     i = sensor.imager
-    share = width_px / i.width_px
+    share = longest_px / max(i.size)
     centre = None if i.centre_px is None else tuple((c + 0.5) * share - 0.5 for c in i.centre_px)
-    imager = Imager(width_px, max(1, round(i.height_px * share)), i.pixel_pitch_um / share, centre)  # type: ignore[arg-type]
-    return replace(sensor, imager=imager)
+    width, height = (max(1, round(side * share)) for side in i.size)
+    return replace(sensor, imager=Imager(width, height, i.pixel_pitch_um / share, centre))  # type: ignore[arg-type]

@@ -11,8 +11,9 @@ from pydantic import ValidationError
 
 from ...errors import OmnimirrorError
 from ...specs import load_sensor
-from ..uploads import LARGEST_CALIBRATION, collected, safe_name
-from .files import downloaded, opened, requirement_file, taken
+from ..limits import Turns
+from ..uploads import collected, safe_name
+from .files import SLOW_KINDS, downloaded, opened, requirement_file, taken
 from .form import bench_start
 from .messages import Ask, BenchSensor, BenchStart, Change, Download, News, Opened, PictureAsk, Task, WantedFile
 from .sensors import changed, on_bench, sensor_on_bench
@@ -21,10 +22,13 @@ from .work import Workers
 BYTES: dict[str, Any] = {"application/octet-stream": {}}
 
 
-def add_bench(app: FastAPI, file_body: dict[str, Any]) -> None:
-    """Put the bench's routes into a server; ``file_body`` says in its schema that a file is handed up."""
+def add_bench(app: FastAPI, file_body: dict[str, Any], simulated: Turns, reported: Turns) -> None:
+    """Put the bench's routes into a server; ``file_body`` says in its schema that a file is handed up.
+
+    Simulated pictures and reports take their turns.
+    """
     _add_questions(app, file_body)
-    _add_files(app)
+    _add_files(app, simulated, reported)
     _add_sockets(app, Workers())
 
 
@@ -49,15 +53,18 @@ def _add_questions(app: FastAPI, file_body: dict[str, Any]) -> None:
     @app.post("/api/bench/open", openapi_extra=file_body)
     async def open_file(request: Request, name: Annotated[str, Query(max_length=200)] = "sensor.toml") -> Opened:
         """Read a sensor file or a requirement file."""
-        data = await collected(request.stream(), LARGEST_CALIBRATION, request.headers.get("content-length"))
+        data = await collected(request)
         return await asyncio.to_thread(opened, safe_name(name), data)
 
 
-def _add_files(app: FastAPI) -> None:
+def _add_files(app: FastAPI, simulated: Turns, reported: Turns) -> None:
     @app.post("/api/bench/file", response_class=Response, responses={200: {"content": BYTES}})
-    def file(wanted: Download) -> Response:
+    async def file(wanted: Download) -> Response:
         """A file of a design: its sensor file, tables, drawing or report."""
-        made = downloaded(wanted)
+        if wanted.kind in SLOW_KINDS:
+            made = await reported.do(wanted.model_dump_json(), lambda: downloaded(wanted))
+        else:
+            made = await asyncio.to_thread(downloaded, wanted)
         headers = {"content-disposition": f'attachment; filename="{made.name}"'}
         return Response(made.data, media_type=made.kind, headers=headers)
 
@@ -67,9 +74,10 @@ def _add_files(app: FastAPI) -> None:
         return requirement_file(wanted.wanted, sensor_on_bench(wanted.tables))
 
     @app.post("/api/bench/picture", response_class=Response, responses={200: {"content": BYTES}})
-    def picture(ask: PictureAsk) -> Response:
+    async def picture(ask: PictureAsk) -> Response:
         """The simulated picture of a room and its panorama, two JPEG files after a header that has their lengths."""
-        return Response(taken(ask), media_type="application/octet-stream")
+        pictures = await simulated.do(ask.model_dump_json(), lambda: taken(ask))
+        return Response(pictures, media_type="application/octet-stream")
 
 
 def _add_sockets(app: FastAPI, workers: Workers) -> None:
