@@ -21,11 +21,14 @@ def blocks(page: Path, language: str) -> list[str]:
 
 
 @pytest.mark.parametrize("page", [p for p in PAGES if blocks(p, "python")], ids=lambda p: p.name)
-def test_python_examples_run_in_order(page, tmp_path, monkeypatch):
+def test_python_examples_run_in_order_and_print_what_is_shown(page, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     names: dict[str, object] = {}
-    for block in blocks(page, "python"):
+    pattern = r"^```python\n(.*?)^```\n(?:\n```text\n(.*?)^```)?"
+    for block, shown in re.findall(pattern, page.read_text(encoding="utf-8"), flags=re.M | re.S):
+        capsys.readouterr()
         exec(compile(block, str(page), "exec"), names)
+        assert_printed(shown.splitlines(), capsys.readouterr().out, block)
 
 
 def write_files(page: Path, folder: Path) -> None:

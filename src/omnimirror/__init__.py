@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from .design import Front as Front
     from .design import Limit as Limit
     from .design import Optimum as Optimum
+    from .design import blur_bound as blur_bound
     from .design import design_sensor as design_sensor
     from .design import load_front as load_front
     from .design import load_requirements as load_requirements
@@ -53,6 +54,7 @@ _HOMES = {
     "Front": "design",
     "Limit": "design",
     "Optimum": "design",
+    "blur_bound": "design",
     "design_sensor": "design",
     "load_front": "design",
     "load_requirements": "design",

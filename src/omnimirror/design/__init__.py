@@ -3,6 +3,7 @@
 from .designing import Design, SearchOptions, design_sensor
 from .families import FAMILIES
 from .fits import Fit, FitForm, fit_mirror
+from .lower_bound import BlurBound, blur_bound
 from .mappings import MAPPINGS, generated_mirror
 from .optimise import Optimum, optimise
 from .pareto import Front, load_front, pareto
@@ -14,6 +15,7 @@ from .requirements import Requirements, load_requirements, parse_requirements
 __all__ = [
     "FAMILIES",
     "MAPPINGS",
+    "BlurBound",
     "Design",
     "DesignProblem",
     "Fit",
@@ -25,6 +27,7 @@ __all__ = [
     "Requirements",
     "Rim",
     "SearchOptions",
+    "blur_bound",
     "design_sensor",
     "fit_mirror",
     "generated_mirror",

@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,8 @@ from ..files import LARGEST_TEXT, read_bytes, write_text
 from ..imagers import Imager
 from ..mirrors import Equidistant, Mirror, Sphere
 from ..sensor import Sensor
+from .lower_bound import BlurBound, blur_bound
+from .making import hidden_deg
 from .merits import merit_named
 from .minimax import Minimum, least_mean, least_worst
 from .objective import Concession, Objective
@@ -97,6 +100,18 @@ class Optimum:
     y: Array
     runs: tuple[Run, ...]
     is_complete: bool = True
+
+    @cached_property
+    def bound(self) -> BlurBound:
+        """What no mirror of the same field, rim and lens does better than in worst single blur, at the object distance
+        that asks most."""
+        problem = self.problem
+        low = max(problem.omega_min_deg, self.sensor.field_deg[0])
+        if problem.camera_radius_mm is not None and not problem.is_telecentric:
+            low = max(low, hidden_deg(self.sensor, problem.camera_radius_mm))
+        options = {"omega_min_deg": low, "mode": problem.mode, "image_radius_px": problem.image_radius_px}
+        bounds = (blur_bound(self.sensor, distance, **options) for distance in problem.distances_mm)
+        return max(bounds, key=lambda b: b.blur_deg)
 
 
 def optimise(
