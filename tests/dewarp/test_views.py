@@ -159,3 +159,18 @@ def test_zoom_ends_where_nothing_is_resolved():
     assert 1 / views.resolution(SPHERE, view.zoomed(most)) == pytest.approx(views.LARGEST_MAGNIFICATION, rel=1e-3)
     assert views.largest_zoom(SPHERE, view.zoomed(50.0)) == 1.0
     assert views.largest_zoom(SPHERE, om.screens.Plane((1, 1))) == np.inf
+
+
+@pytest.mark.parametrize("radius", [98.0, 243.0, 255.5])
+def test_a_whole_sphere_is_exactly_twice_as_wide_as_high(radius):
+    ball = om.MirrorBall((255.5, 255.5), radius, 300.0, (512, 512))
+    for side in (1, 7, 50, 333, 720, 899):
+        assert om.views.sphere(ball, (2 * side, None)).size == (2 * side, side)
+        assert om.views.sphere(ball, (None, side)).size == (2 * side, side)
+    part = om.views.sphere(ball, (240, None), span_deg=120.0, elevation_deg=(-20.1, 39.9))
+    assert part.size == (240, 120)
+    width, height = om.views.sphere(ball).size
+    assert width == 2 * height
+    assert om.views.sphere(ball, (1441, 720)).size == (1441, 720), "as asked"
+    with pytest.raises(InvalidParameter, match="1441 px of an equirectangular picture .* have no half"):
+        om.views.sphere(ball, (1441, None))

@@ -77,12 +77,27 @@ def sphere(
     distance_mm: float = np.inf,
     offset_mm: Offset = NOT_MOVED,
 ) -> Sphere:
-    """An equirectangular picture of the whole sphere, or of a part of it, at the camera's mean resolution."""
+    """An equirectangular picture of the whole sphere, or of a part of it, at the camera's mean resolution.
+
+    The whole sphere, and any part that is twice as wide as high, has exactly two columns to each row, as viewers
+    expect, unless both sides are given.
+
+    Raises
+    ------
+    InvalidParameter
+        For an odd width alone, which has no half.
+    """
     low, high = elevation_deg
     scale = field_of(camera).pixels_per_degree
     natural = span_deg * scale, (high - low) * scale
-    if span_deg == 2 * (high - low):  # what viewers expect to be twice as wide as high is so to the pixel
-        natural = 2.0 * _even(natural[1]), natural[1]
+    if np.isclose(span_deg, 2 * (high - low), rtol=1e-12):
+        natural = 2.0 * _even(natural[1]), float(_even(natural[1]))
+        width, height = size
+        if height is None and width is not None and width % 2:
+            raise InvalidParameter(
+                f"{width} px of an equirectangular picture that is twice as wide as high have no half; give an even "
+                f"width, such as {width + 1}, or the height too"
+            )
     return Sphere(_completed(size, natural), low, high, pan_deg, span_deg, distance_mm, offset_mm)
 
 
