@@ -109,8 +109,12 @@ class Optimum:
         low = max(problem.omega_min_deg, self.sensor.field_deg[0])
         if problem.camera_radius_mm is not None and not problem.is_telecentric:
             low = max(low, hidden_deg(self.sensor, problem.camera_radius_mm))
-        options = {"omega_min_deg": low, "mode": problem.mode, "image_radius_px": problem.image_radius_px}
-        bounds = (blur_bound(self.sensor, distance, **options) for distance in problem.distances_mm)
+        bounds = (
+            blur_bound(
+                self.sensor, distance, omega_min_deg=low, mode=problem.mode, image_radius_px=problem.image_radius_px
+            )
+            for distance in problem.distances_mm
+        )
         return max(bounds, key=lambda b: b.blur_deg)
 
 
