@@ -1,5 +1,6 @@
 """Streams on loopback that break and come back, and slow consumers."""
 
+import math
 import socket
 import subprocess
 import sys
@@ -11,7 +12,7 @@ from itertools import pairwise
 import pytest
 
 from omnimirror.errors import MediaError
-from omnimirror.media.live import TICKS, LiveSource
+from omnimirror.media.live import TICKS, LiveSource, checked
 from omnimirror.media.outputs import StreamSink
 from omnimirror.media.process import process
 from omnimirror.media.writer import VideoWriter
@@ -181,11 +182,58 @@ def test_closing_is_clean_and_ends_the_frames(transport):
         ("99", "there is no camera /dev/video99"),
         ("room.mp4", "'room.mp4' is no camera or stream; valid are"),
         ("gopher://x", "is no camera or stream"),
+        ("http://", "'http://' names no machine; valid is http://MACHINE"),
+        ("rtsp://", "names no machine"),
+        ("rtsp:///live", "names no machine"),
+        ("rtsp://me:secret@/live", "'rtsp:///live' names no machine"),
+        ("http://[::1", "is no address of a stream"),
+        ("rtsp://door:99999/1", "is no address of a stream: Port out of range"),
+        ("rtsp://me:secret@door:x/1", "'rtsp://door:x/1' is no address of a stream"),
+        ("udp://239.0.0.1", "names no port; valid is udp://MACHINE:PORT"),
+        ("srt://door", "names no port"),
+        ("file:///no/such.ts", "there is no file '/no/such.ts'"),
+        ("file:///etc", "there is no file '/etc'"),
     ],
 )
 def test_what_is_no_source_is_refused(url, message):
     with pytest.raises(MediaError, match=message):
         LiveSource(url)
+
+
+@pytest.mark.parametrize("url", ["udp://@:1234", "tcp://:1234?listen", "http://[::1]:80/x", "rtsp://me:p@ss@door/1"])
+def test_what_may_be_a_source_is_taken(url):
+    assert checked(url) == (url, None)
+
+
+@pytest.mark.parametrize("opening_s", [None, 0.3])
+def test_what_never_answers_is_given_up(opening_s):
+    """By the patience, or by a shorter one for the first frame, though one that has played is waited for."""
+    patience_s = 0.3 if opening_s is None else math.inf
+    url = f"http://me:secret@127.0.0.1:{free_port()}/live.ts"
+    told: list[str] = []
+    with (
+        LiveSource(
+            url, 1.0, patience_s, opening_s=opening_s, first_wait_s=0.02, longest_wait_s=0.02, report=told.append
+        ) as source,
+        pytest.raises(MediaError, match="nothing has come from http://127"),
+    ):
+        source.first()
+    assert told
+    assert not any("secret" in sentence for sentence in told)
+
+
+def test_a_file_that_is_no_video_and_a_door_that_is_locked_are_given_up_at_once(tmp_path):
+    """Nothing is tried a second time: there is no reason why it should go better."""
+    (tmp_path / "passwd").write_text("root:x:0:0\n" * 99)
+    told: list[str] = []
+    with server([b"HTTP/1.1 401 Unauthorized\r\nContent-Length: 0\r\n\r\n"]) as locked:
+        for url in (f"file://{tmp_path}/passwd", locked):
+            with (
+                LiveSource(url, patience_s=math.inf, report=told.append) as source,
+                pytest.raises(MediaError, match="cannot read"),
+            ):
+                source.first()
+    assert not told
 
 
 # -- streams that we send ----------------------------------------------------------------------------

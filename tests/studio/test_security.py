@@ -27,7 +27,7 @@ from omnimirror.errors import MediaError
 from omnimirror.imagers import Imager
 from omnimirror.mirrors import MIRRORS, SECONDARIES
 from omnimirror.specs import tables_of
-from omnimirror.studio import connections, limits, uploads
+from omnimirror.studio import connections, limits, streams, uploads
 from omnimirror.studio.access import is_loopback
 from omnimirror.studio.app import Studio, create_app
 from omnimirror.studio.bench.files import coarser
@@ -35,6 +35,7 @@ from omnimirror.studio.bench.messages import Task
 from omnimirror.studio.bench.work import perform
 from omnimirror.studio.limits import LARGEST_MESSAGE
 from omnimirror.studio.serve import names_of
+from omnimirror.studio.sources import Sources
 
 from .browser import serving
 
@@ -394,3 +395,34 @@ def test_the_number_of_connections_leaves_files_to_be_opened(files, monkeypatch)
     most = connections.most_connections.__wrapped__()
     assert 8 <= most <= 256
     assert most + 50 < files or files == resource.RLIM_INFINITY
+
+
+# -- live sources ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("source", ["http://", "rtsp://", "udp://door", "file:///no/such.ts"])
+def test_what_can_be_no_stream_is_refused_before_a_page_opens(source):
+    with pytest.raises(MediaError, match=r"names|no file"):
+        Sources(source, is_live=True)
+
+
+def test_pages_are_told_no_password_of_a_stream():
+    studio = Studio(Sources("rtsp://me:secret@127.0.0.1:9/live", is_live=True))
+    with TestClient(create_app(studio), base_url=LOCAL) as client:
+        assert client.get("/api/start").json()["sources"][0]["name"] == "rtsp://127.0.0.1:9/live"
+
+
+def test_a_stream_that_never_answers_ends_with_a_sentence(monkeypatch):
+    monkeypatch.setattr(streams, "OPENING_S", 0.3)
+    with socket.socket() as nobody:
+        nobody.bind(("127.0.0.1", 0))  # and never listens
+        address = f"http://127.0.0.1:{nobody.getsockname()[1]}/live.ts"
+        studio = Studio(Sources(address, is_live=True))
+        with (
+            TestClient(create_app(studio), base_url=LOCAL) as client,
+            client.websocket_connect("ws://127.0.0.1/api/stream?id=source") as page,
+        ):
+            told = page.receive_json()
+            while told["state"] != "ended":
+                told = page.receive_json()
+    assert told["sentence"].startswith(f"nothing has come from {address} for")

@@ -5,12 +5,10 @@ from __future__ import annotations
 import asyncio
 import json
 import re
-import signal
 import socket
 import struct
 import subprocess
 import sys
-import time
 import zlib
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -25,7 +23,6 @@ from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 
 import omnimirror as om
-from omnimirror.specs import tables_of
 from omnimirror.studio.access import is_loopback
 from omnimirror.studio.app import Studio, create_app
 from omnimirror.studio.limits import LARGEST_MESSAGE
@@ -451,74 +448,3 @@ def test_twenty_real_clients_share_a_stream_and_one_that_never_reads_holds_up_no
     assert [len(s) for s in seen] == [40] * 19
     again = [np.mean(np.diff(s) == 0) for s in seen]
     assert max(again) < 0.5  # each frame is another one, or rarely the same one a lap of the video later
-
-
-def until_it_listens(port: int) -> None:
-    while True:
-        with socket.socket() as probe:
-            if not probe.connect_ex(("127.0.0.1", port)):
-                return
-        time.sleep(0.05)
-
-
-@pytest.mark.parametrize("before", [signal.SIG_DFL, signal.SIG_IGN], ids=["in the foreground", "as a job of a script"])
-def test_ctrl_c_ends_the_server_at_once_whatever_is_open(before, tmp_path):
-    from websockets.sync.client import connect
-
-    video = video_of(tmp_path / "ride.mp4", 100)
-    words = [sys.executable, "-m", "omnimirror", "view", video, "--no-open"]
-    with subprocess.Popen(
-        words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, before),
-    ) as server:  # fmt: skip
-        port = int(re.search(r":(\d+)/", server.stdout.readline())[1])
-        until_it_listens(port)
-        head = f"POST /api/pictures HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nContent-Length: 100000\r\n"
-        with (
-            connect(f"ws://127.0.0.1:{port}/api/stream?id=source") as stream,
-            socket.create_connection(("127.0.0.1", port)) as upload,
-            socket.create_connection(("127.0.0.1", port)),
-        ):
-            stream.send("next")
-            assert stream.recv()
-            upload.sendall(f"{head}Expect: 100-continue\r\n\r\n".encode())
-            assert upload.recv(100).startswith(b"HTTP/1.1 100")  # it waits for the rest now
-            upload.sendall(b"abc")
-            server.send_signal(signal.SIGINT)
-            said = server.communicate()
-        assert server.returncode == 130
-        assert said == ("", "\nomnimirror: stopped\n")
-
-
-def children_of(pid: int) -> list[int]:
-    """Processes that any thread of a process has started."""
-    lists = Path(f"/proc/{pid}/task").glob("*/children")
-    return [int(child) for found in lists for child in found.read_text().split()]
-
-
-def is_running(pid: int) -> bool:
-    stat = Path(f"/proc/{pid}/stat")
-    return stat.exists() and stat.read_text().rpartition(")")[2].split()[0] != "Z"
-
-
-@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="looks for processes in /proc")
-def test_sigterm_ends_the_server_and_its_searches():
-    from websockets.sync.client import connect
-
-    task = {
-        "what": "optimise", "tables": tables_of(om.load_sensor("paper-spherical")), "wanted": None, "terms": 12,
-        "object_distance_mm": None, "merit": "blur", "family": "slope-spline", "starts": 8,
-    }  # fmt: skip
-    words = [sys.executable, "-m", "omnimirror", "studio", "--no-open"]
-    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as server:
-        port = int(re.search(r":(\d+)/", server.stdout.readline())[1])
-        # the address can be opened once it is printed
-        with connect(f"ws://127.0.0.1:{port}/api/bench/work", open_timeout=None) as socket:
-            socket.send(json.dumps(task))
-            while not (searches := children_of(server.pid)):
-                time.sleep(0.01)
-            server.send_signal(signal.SIGTERM)
-            said = server.communicate()
-    assert server.returncode in (-signal.SIGTERM, 128 + signal.SIGTERM)
-    assert said == ("", "")
-    assert not any(map(is_running, searches))

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from fractions import Fraction
 from pathlib import Path
 from types import TracebackType
+from urllib.parse import urlsplit
 
 import av
 from av.container import InputContainer
@@ -18,6 +20,9 @@ from .frames import Siting, siting_of
 
 TICKS = Fraction(1, 90_000)  # s, the unit of the frames' times
 SCHEMES = ("rtsp", "rtsps", "http", "https", "udp", "tcp", "rtp", "rtmp", "srt", "file")
+NEEDS_PORT = ("udp", "tcp", "rtp", "srt")
+NEVER_BETTER = (av.error.LookupError, av.error.HTTPUnauthorizedError, av.error.HTTPForbiddenError)
+"""No such protocol or decoder, or not for us: waiting does not help."""
 CLOSING_S = 0.2  # longer than any running stream takes to its next frame
 LOW_DELAY = {"flags": "low_delay", "analyzeduration": "500000"}
 """Half a second (us) to learn what the stream is, whose frames are given all the same."""
@@ -58,12 +63,14 @@ class LiveSource:
         ``{"rtsp_flags": "listen", "listen_timeout": "10"}``.
     report
         Told in a sentence, from the reading thread, when the stream is lost and when it is back.
+    opening_s : s, optional
+        How long to go on trying for the very first frame; ``patience_s`` unless given.
 
     Raises
     ------
     MediaError
-        There is no such camera, or the address is of no known kind. What happens later is raised by
-        :meth:`frames`.
+        There is no such camera or file, or the address is of no known kind, or names no machine. What happens later
+        is raised by :meth:`frames`.
 
     Examples
     --------
@@ -83,13 +90,17 @@ class LiveSource:
         reconnect: bool = True,
         options: Mapping[str, str] | None = None,
         report: Callable[[str], None] | None = None,
+        opening_s: float | None = None,
     ) -> None:
-        self.url, self._format = _where(str(url))
+        self.url, self._format = checked(str(url))
+        self.name = named(self.url)
+        """The address without a password, for people."""
         self.timeout_s, self.patience_s = timeout_s, patience_s
+        self.opening_s = patience_s if opening_s is None else opening_s
         self._waits = (first_wait_s, longest_wait_s)
         self._reconnect = reconnect
-        scheme = self.url.partition("://")[0].lower()
-        self._options = {**LOW_DELAY, **OPTIONS_OF_SCHEME.get(scheme, {}), **(options or {})}
+        self._scheme = self.url.partition("://")[0].lower()
+        self._options = {**LOW_DELAY, **OPTIONS_OF_SCHEME.get(self._scheme, {}), **(options or {})}
         self._report = report or (lambda sentence: None)
         self.received = 0
         """Frames that came, taken or not."""
@@ -122,7 +133,7 @@ class LiveSource:
             self._news.wait_for(lambda: self._newest is not None or self._is_over)
             if self._newest is not None:
                 return self._newest
-        raise self._problem or MediaError(f"{self.url} ended before its first frame")
+        raise self._problem or MediaError(f"{self.name} ended before its first frame")
 
     def frames(self) -> Iterator[av.VideoFrame]:
         """Always the newest frame, until :meth:`close` or Ctrl-C; its time is that of its arrival, from 0.
@@ -176,13 +187,18 @@ class LiveSource:
                 return
             if self.received > before:
                 wait = first
-            silent_s = time.monotonic() - self._heard
-            if silent_s + wait > self.patience_s:
-                self._end(MediaError(f"nothing has come from {self.url} for {silent_s:.1f} s: {reason}"))
+            if self._left_s() < wait:
+                silent_s = time.monotonic() - self._heard
+                self._end(MediaError(f"nothing has come from {self.name} for {silent_s:.1f} s: {reason}"))
                 return
-            self._report(f"{self.url} is lost: {reason}; trying again in {wait:g} s")
+            self._report(f"{self.name} is lost: {reason}; trying again in {wait:g} s")
             self._stopping.wait(wait)
             wait = min(2 * wait, longest)
+
+    def _left_s(self) -> float:
+        """How long the patience lasts, s."""
+        patience_s = self.patience_s if self.received else self.opening_s
+        return self._heard + patience_s - time.monotonic()
 
     def _read_once(self) -> str:
         """Read until the stream is lost; why it was."""
@@ -192,14 +208,17 @@ class LiveSource:
             return "it ended"
         except (av.error.ExitError, av.error.TimeoutError):
             return f"nothing came for {self.timeout_s:g} s"
-        except av.error.LookupError as e:  # no such protocol or decoder: waiting does not help
-            self._end(MediaError(f"cannot read {self.url}: {e.strerror}"))
+        except NEVER_BETTER as e:
+            self._end(MediaError(f"cannot read {self.name}: {e.strerror}"))
             return str(e.strerror)
         except MediaError as e:
             self._end(e)
             return str(e)
         except (av.FFmpegError, OSError) as e:
-            return e.strerror or str(e)
+            reason = e.strerror or str(e)
+            if self._scheme == "file" and not self.received:  # it will not turn into a video
+                self._end(MediaError(f"cannot read {self.name}: {reason}"))
+            return reason
 
     def _open(self) -> InputContainer:
         times = (self.timeout_s, self.timeout_s)
@@ -216,7 +235,7 @@ class LiveSource:
     def _receive(self, container: InputContainer) -> None:
         is_found_again = self.received > 0
         for packet in container.demux(container.streams.video[0]):
-            if self._stopping.is_set():
+            if self._stopping.is_set() or self._left_s() < 0:  # what comes may be no pictures
                 return
             try:
                 frames = packet.decode()
@@ -225,7 +244,7 @@ class LiveSource:
             for frame in frames:
                 if is_found_again:
                     self.reconnects += 1
-                    self._report(f"{self.url} is back after {time.monotonic() - self._heard:.1f} s")
+                    self._report(f"{self.name} is back after {time.monotonic() - self._heard:.1f} s")
                     is_found_again = False
                 self._offer(frame)
 
@@ -248,8 +267,23 @@ class LiveSource:
             self._news.notify_all()
 
 
-def _where(url: str) -> tuple[str, str | None]:
-    """The address as FFmpeg wants it, and the format it must be told."""
+def named(url: str) -> str:
+    """An address without the name and password of a user.
+
+    >>> named("rtsp://me:secret@door:554/1"), named("/dev/video0")
+    ('rtsp://door:554/1', '/dev/video0')
+    """
+    return re.sub(r"^(\w+://)[^/]*@", r"\1", url)
+
+
+def checked(url: str) -> tuple[str, str | None]:
+    """The address as FFmpeg wants it, and the format it must be told.
+
+    Raises
+    ------
+    MediaError
+        There can be no such source, whatever happens on the network.
+    """
     if url.isdigit():
         url = f"/dev/video{url}"
     if url.startswith("/dev/video"):
@@ -257,8 +291,29 @@ def _where(url: str) -> tuple[str, str | None]:
             found = sorted(str(path) for path in Path("/dev").glob("video*"))
             raise MediaError(f"there is no camera {url}; here are {', '.join(found) if found else 'none at all'}")
         return url, "v4l2"
-    if url.partition("://")[0].lower() not in SCHEMES or "://" not in url:
+    scheme, colon, rest = url.partition("://")
+    if scheme.lower() not in SCHEMES or not colon:
         raise MediaError(
             f"{url!r} is no camera or stream; valid are /dev/video0, and addresses of {', '.join(SCHEMES)}"
         )
+    if scheme.lower() == "file":
+        if not Path(rest).is_file():
+            raise MediaError(f"there is no file {rest!r}, which {url} names")
+        return url, None
+    _check_machine(url, scheme.lower())
     return url, None
+
+
+def _check_machine(url: str, scheme: str) -> None:
+    """An address names a machine, or where to listen it names a port."""
+    try:
+        parts = urlsplit(url)
+        host, port = parts.hostname, parts.port
+    except ValueError as e:
+        raise MediaError(f"{named(url)!r} is no address of a stream: {e}") from None
+    if not host and port is None:
+        raise MediaError(
+            f"{named(url)!r} names no machine; valid is {scheme}://MACHINE or {scheme}://MACHINE:PORT/PATH"
+        )
+    if scheme in NEEDS_PORT and port is None:
+        raise MediaError(f"{named(url)!r} names no port; valid is {scheme}://MACHINE:PORT")

@@ -29,7 +29,13 @@ class Shown:
 
 
 class Sources:
-    """What can be shown. A page chooses from the list and never names a path."""
+    """What can be shown. A page chooses from the list and never names a path.
+
+    Raises
+    ------
+    MediaError
+        What is given is live, and there can be no such camera or stream.
+    """
 
     def __init__(self, given: str | None = None, folders: Iterable[Path] = (), is_live: bool = False) -> None:
         self.given = _shown("source", given, is_live) if given is not None else None
@@ -72,6 +78,9 @@ def kind_of_file(path: Path) -> Literal["picture", "video"] | None:
 
 def _shown(id: str, place: str, is_live: bool) -> Shown:
     if is_live:
-        return Shown(id, place, "live", place)
+        from ..media.live import checked, named
+
+        checked(place)
+        return Shown(id, named(place), "live", place)
     path = Path(place)
     return Shown(id, path.name, kind_of_file(path) or "picture", place)

@@ -19,6 +19,7 @@ from .sources import Shown
 from .uploads import encoded
 
 State = Literal["waiting", "playing", "lost", "ended"]
+OPENING_S = 60.0
 LINGER_S = 2.0  # a page that is loaded anew finds its stream running
 
 
@@ -67,7 +68,8 @@ class Stream:
         def report(sentence: str) -> None:
             self._tell(None, "playing" if " is back " in sentence else "lost", sentence)
 
-        with LiveSource(self.shown.place, patience_s=float("inf"), report=report) as source:
+        # what has played comes back some day; what never answered is none, and a reload asks again
+        with LiveSource(self.shown.place, patience_s=float("inf"), opening_s=OPENING_S, report=report) as source:
 
             def close() -> None:
                 self._stopping.wait()
