@@ -172,5 +172,5 @@ def test_a_whole_sphere_is_exactly_twice_as_wide_as_high(radius):
     width, height = om.views.sphere(ball).size
     assert width == 2 * height
     assert om.views.sphere(ball, (1441, 720)).size == (1441, 720), "as asked"
-    with pytest.raises(InvalidParameter, match="1441 px of an equirectangular picture .* have no half"):
+    with pytest.raises(InvalidParameter, match=r"1441 px of an equirectangular picture .* have no half"):
         om.views.sphere(ball, (1441, None))

@@ -185,8 +185,8 @@ class Dewarper:
     def coordinates(self, exact: bool = False) -> Array:
         """Source pixels (height, width, 2) as (u, v); NaN outside the field.
 
-        Most are interpolated between exact ones, to within .005 px in pictures of 1000 px (.01 px at 4096),
-        and .02 px in views wider than 120 deg; ``exact`` projects every pixel by itself, many times slower.
+        Most are interpolated between exact ones, to within .005 px in pictures of 1000 px (.01 px at 4096);
+        ``exact`` projects every pixel by itself, many times slower.
         """
         pixels = source_pixels(self.camera, self.view, self.viewpoint, exact)
         if np.isnan(pixels[..., 0]).all():
