@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import os
 import resource
+import signal
+import stat
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -127,3 +130,88 @@ def test_no_command_waits_for_a_pipe_or_reads_without_end(kind, tmp_path):
         run = CliRunner().invoke(app, words)
         assert run.exit_code != 0, words
         assert "a pipe or a device" in str(run.exception), (words, run.output, run.exception)
+
+
+def test_a_link_stays_and_what_it_leads_to_is_replaced(tmp_path):
+    (tmp_path / "far").mkdir()
+    target = tmp_path / "far" / "table.csv"
+    target.write_text("old")
+    target.chmod(0o640)
+    first, second = tmp_path / "first", tmp_path / "second.csv"
+    first.symlink_to("far/table.csv")
+    second.symlink_to(first)
+    before = target.stat().st_ino
+    write_text(second, "new")
+    assert second.is_symlink()
+    assert first.is_symlink()
+    assert target.read_text() == "new"
+    assert target.stat().st_ino != before  # replaced at once, never half written
+    assert stat.S_IMODE(target.stat().st_mode) == 0o640
+    dangling = tmp_path / "dangling"
+    dangling.symlink_to(tmp_path / "far" / "made.csv")
+    write_text(dangling, "made")
+    assert (tmp_path / "far" / "made.csv").read_text() == "made"
+    assert sorted(p.name for p in (tmp_path / "far").iterdir()) == ["made.csv", "table.csv"]
+
+
+def test_a_loop_of_links_is_a_sentence(tmp_path):
+    (tmp_path / "a").symlink_to("b")
+    (tmp_path / "b").symlink_to("a")
+    with pytest.raises(OmnimirrorError, match="symbolic links"):
+        write_text(tmp_path / "a", "x")
+
+
+def test_pipes_and_devices_are_written_through(tmp_path):
+    pipe = tmp_path / "pipe.csv"
+    os.mkfifo(pipe)
+    got = []
+    reader = threading.Thread(target=lambda: got.append(pipe.read_text()))
+    reader.start()
+    write_text(pipe, "rows")
+    reader.join()
+    assert got == ["rows"]
+    assert stat.S_ISFIFO(pipe.lstat().st_mode)
+    device = os.stat(os.devnull).st_rdev
+    write_text(os.devnull, "nothing")
+    assert os.stat(os.devnull).st_rdev == device
+    (tmp_path / "null").symlink_to(os.devnull)
+    write_text(tmp_path / "null", "nothing")
+    assert (tmp_path / "null").is_symlink()
+
+
+@pytest.mark.parametrize("name", ["-", "/dev/stdout", "/dev/fd/1", "/proc/self/fd/1"])
+def test_standard_output_goes_on_where_it_stands(name, tmp_path):
+    script = f"from omnimirror.files import write_text; print('before'); write_text({name!r}, 'rows'); print('after')"
+    with (tmp_path / "log").open("w") as log:
+        log.write("earlier ")
+        log.flush()
+        subprocess.run([sys.executable, "-c", script], stdout=log, check=True)
+    assert (tmp_path / "log").read_text() == "earlier before\nrowsafter\n"
+
+
+KILLED = """
+import os, signal, sys
+from omnimirror.files import replacing
+with replacing(sys.argv[1]) as temporary:
+    temporary.write_text("half")
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_the_next_run_clears_up_after_a_killed_one_and_after_nobody_else(tmp_path):
+    output = tmp_path / "out.mp4"
+    for name in (output, tmp_path / "other.mp4"):
+        run = subprocess.run([sys.executable, "-c", KILLED, name], check=False)
+        assert run.returncode == -signal.SIGKILL
+    left = {p.name for p in tmp_path.iterdir()}
+    assert len(left) == 2
+    theirs = [".out-abcdefgh.mp4", ".out.omnimirror-abcdefgh.mp4.bak", ".out.omnimirror-abcdefgh.mov", "out.mov"]
+    for name in theirs:
+        (tmp_path / name).write_text("precious")
+    with replacing(output) as living:
+        living.write_text("mine")
+        write_text(output, "theirs")  # another run of the same output
+        assert living.read_text() == "mine"
+    assert output.read_text() == "mine"
+    others = {name for name in left if name.startswith(".other.")}
+    assert {p.name for p in tmp_path.iterdir()} == {"out.mp4", *others, *theirs}

@@ -1,9 +1,11 @@
-"""What public functions ask of the numbers they are given; an error names the argument and what would be valid."""
+"""What public functions ask of what they are given; an error names the argument, the value and what would be valid."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable
-from typing import Any
+from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,8 +13,18 @@ from numpy.typing import ArrayLike, NDArray
 from .errors import InvalidParameter
 
 Array = NDArray[np.float64]
+T = TypeVar("T")
 
 LONGEST = 60  # characters of a value that a message repeats
+LONGEST_PATH = 4096
+WHOLE_LIMIT = 2**31 - 1
+
+
+class WrongKind(InvalidParameter, TypeError):
+    """An argument is of the wrong type altogether: text where numbers belong, None where a sensor does."""
+
+
+# -- numbers -----------------------------------------------------------------------------------------
 
 
 def numbers(name: str, value: ArrayLike, shape: str = "of shape (n,)") -> Array:
@@ -23,13 +35,41 @@ def numbers(name: str, value: ArrayLike, shape: str = "of shape (n,)") -> Array:
     """
     try:
         array = np.asarray(value)
-        if array.dtype.kind not in "biufO":  # words that look like numbers, dates, complex numbers
+        if array.dtype.kind not in "iufO":  # words that look like numbers, dates, truth values, complex numbers
+            raise TypeError
+        if array.dtype.kind == "O" and any(isinstance(v, bool | str | None) for v in array.flat):
             raise TypeError
         array = array.astype(float)
     except (TypeError, ValueError, OverflowError):
-        raise InvalidParameter(f"{name} = {shown(value)} cannot be read as numbers {shape}") from None
+        raise WrongKind(f"{name} = {shown(value)} cannot be read as numbers {shape}") from None
     if not array.size:
         raise InvalidParameter(f"{name} is empty; it is valid with at least one number")
+    return array
+
+
+def finite(
+    name: str, value: ArrayLike, low: float = -np.inf, high: float = np.inf, *, unit: str = "", last: int | None = None
+) -> Array:
+    """Finite numbers between two bounds, which are valid themselves.
+
+    Parameters
+    ----------
+    last
+        Length of the last axis: 2 for pixels, 3 for points and directions.
+
+    Examples
+    --------
+    >>> finite("pixels", [[3, 4]], last=2)
+    array([[3., 4.]])
+    """
+    array = numbers(name, value, "of shape (n,)" if last is None else f"of shape (.., {last})")
+    if last is not None and (array.ndim == 0 or array.shape[-1] != last):
+        raise InvalidParameter(f"{name} has shape {array.shape}; it is valid as (.., {last})")
+    bad = ~(np.isfinite(array) & (array >= low) & (array <= high))
+    if bad.any():
+        at = tuple(int(i) for i in np.argwhere(bad)[0])
+        label = f"{name}[{', '.join(map(str, at))}]" if at else name
+        raise InvalidParameter(f"{label} = {array[at]:g} is not valid; it is valid {_range(low, high, unit)}")
     return array
 
 
@@ -41,17 +81,34 @@ def row(name: str, value: ArrayLike) -> Array:
     return array
 
 
-def number(name: str, value: Any, *, above: float = -np.inf, unit: str = "") -> float:
-    """One finite number.
+def number(
+    name: str, value: Any, *, above: float = -np.inf, low: float = -np.inf, high: float = np.inf, unit: str = ""
+) -> float:
+    """One finite number, above a bound or between two that are valid themselves.
 
     >>> number("width_px", 12, above=0)
     12.0
     """
     array = numbers(name, value, "(it takes one)")
-    if array.ndim or not (np.isfinite(array) and array > above):
-        valid = "as one finite number" if np.isinf(above) else f"above {above:g}{unit and ' ' + unit}, and finite"
+    if array.ndim or not (np.isfinite(array) and array > above and low <= array <= high):
+        if np.isinf(above):
+            valid = "as one finite number" if np.isinf(low) and np.isinf(high) else _range(low, high, unit)
+        else:
+            valid = f"above {above:g}{unit and ' ' + unit}, and finite"
         raise InvalidParameter(f"{name} = {shown(value)} is not valid; it is valid {valid}")
     return float(array)
+
+
+def whole(name: str, value: Any, low: int = 0, high: int = WHOLE_LIMIT) -> int:
+    """One whole number between two bounds, which are valid themselves.
+
+    >>> whole("samples", 4, 1)
+    4
+    """
+    array = numbers(name, value, "(it takes a whole one)")
+    if array.ndim or not low <= array <= high or array != np.floor(array):
+        raise InvalidParameter(f"{name} = {shown(value)} is not valid; it is valid as a whole number, {low} to {high}")
+    return int(array)
 
 
 def distances(name: str, value: ArrayLike) -> Array:
@@ -63,17 +120,74 @@ def distances(name: str, value: ArrayLike) -> Array:
     return array
 
 
+def float_of(text: str) -> float:
+    """A number as people write it: Python's underscores and other scripts' digits are slips.
+
+    >>> float_of("1e3"), float_of("-inf")
+    (1000.0, -inf)
+
+    Raises
+    ------
+    ValueError
+        It is none.
+    """
+    if not text.isascii() or "_" in text:
+        raise ValueError(f"{shown(text)} is not a number")
+    return float(text)
+
+
+# -- words, files, things ------------------------------------------------------------------------------
+
+
 def choice(name: str, value: Any, valid: Iterable[str]) -> None:
     """One of a few words."""
     words = list(valid)
-    if value not in words:
+    if not isinstance(value, str) or value not in words:
         raise InvalidParameter(f"{name} = {shown(value)} is not known; valid are {', '.join(words)}")
 
 
+def file_name(name: str, value: Any) -> Path:
+    """The name of a file."""
+    text = os.fspath(value) if isinstance(value, str | os.PathLike) else None
+    if not isinstance(text, str):
+        raise WrongKind(f"{name} = {shown(value)} is not a file name")
+    if not text or "\0" in text or len(text) > LONGEST_PATH:
+        why = "empty" if not text else "too long" if len(text) > LONGEST_PATH else "one with a null character"
+        raise InvalidParameter(f"{name} = {shown(text)} is not valid as a file name: it is {why}")
+    return Path(text)
+
+
+def instance(name: str, value: Any, kind: type[T] | tuple[type[T], ...], what: str) -> T:
+    """A thing of a kind; ``what`` says in words which: "a sensor"."""
+    if not isinstance(value, kind):
+        raise WrongKind(f"{name} = {shown(value)} is not {what}")
+    return value
+
+
+# -- messages ------------------------------------------------------------------------------------------
+
+
 def shown(value: Any) -> str:
-    """A value as a message repeats it."""
+    """A value as a message repeats it.
+
+    >>> shown("room"), shown(range(3)), shown([1.5] * 100_000)
+    ("'room'", 'range(0, 3)', '[1.5, 1.5, 1.5, 1.5, 1.5, 1.5, 1.5, 1.5, 1.5, 1.5, 1.5, 1...')
+    """
+    if isinstance(value, str | bytes | list | tuple):
+        value = value[: 2 * LONGEST]  # the rest is not shown, and need not be written out
     try:
         text = " ".join(repr(value).split())
-    except ValueError:  # whole numbers of thousands of digits have no text
+    except (ValueError, RecursionError):  # whole numbers of thousands of digits have no text
         text = f"a {type(value).__name__}"
     return text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}..."
+
+
+def _range(low: float, high: float, unit: str) -> str:
+    unit = f" {unit}" if unit else ""
+    if np.isinf(low) and np.isinf(high):
+        return "where it is finite"
+    if np.isinf(high):
+        return f"from {low:g}{unit}, and finite"
+    if np.isinf(low):
+        return f"up to {high:g}{unit}, and finite"
+    return f"from {low:g} to {high:g}{unit}"

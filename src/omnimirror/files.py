@@ -1,27 +1,57 @@
-"""Files: read whole, never more than was allowed; written whole, or not touched."""
+"""Files: written whole or not touched; read whole, never more than was allowed."""
 
 from __future__ import annotations
 
 import errno
 import os
+import re
+import shutil
 import stat
+import sys
 import tempfile
+import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any, BinaryIO
 
-from .errors import OmnimirrorError
+from .errors import OmnimirrorError, SpecError
+
+if sys.platform != "win32":  # there, what killed runs leave behind stays
+    import fcntl
 
 LARGEST_TEXT = 64 << 20
 """Bytes of a table, a sensor file or the like; a million points of a measured profile are half of it."""
 SMALLEST_BUFFER = 1 << 20
+MOST_NESTED = 32
+"""Tables and lists within each other, in a TOML file."""
+MARK = ".omnimirror-"
+"""In the name of every temporary file beside an output, so that the next run knows it for one of ours."""
+
+
+# -- writing -----------------------------------------------------------------------------------------
+
+
+def is_standard_output(path: str | Path) -> bool:
+    """Whether a name stands for standard output: ``-``, or ``-.png`` where the suffix tells the format.
+
+    >>> is_standard_output("-"), is_standard_output("-.png"), is_standard_output("./a/-")
+    (True, True, False)
+    """
+    path = Path(path)
+    return path.stem == "-" and path.name == str(path)
 
 
 @contextmanager
 def replacing(path: str | Path) -> Iterator[Path]:
-    """A temporary name beside ``path`` that takes its place when the block ends without an error.
+    """A temporary name that takes the place of ``path`` when the block ends without an error.
 
-    The temporary name keeps the suffix, which picture writers look at. Missing folders are made.
+    It stands beside ``path`` and keeps the suffix, which picture writers look at. Missing folders are made.
+    A symbolic link stays, and the file that it leads to is replaced; a file that is replaced keeps its
+    permissions. What cannot be replaced is written through once the block has ended: standard output
+    (:func:`is_standard_output`), a pipe, a device such as ``/dev/null``.
+
+    What killed runs left behind of the same output is removed.
 
     Raises
     ------
@@ -29,24 +59,167 @@ def replacing(path: str | Path) -> Iterator[Path]:
         The folder cannot be written, or the disk is full; an earlier file at ``path`` is left as it was.
     """
     path = Path(path)
-    temporary: Path | None = None
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        if path.is_dir():
-            raise IsADirectoryError(21, "it is a folder, and a file name is needed")
-        handle, name = tempfile.mkstemp(prefix=f".{path.stem[:60]}-", suffix=path.suffix, dir=path.parent)
-        os.close(handle)
-        temporary = Path(name)
-        yield temporary
-        os.chmod(temporary, 0o666 & ~_umask())
-        os.replace(temporary, path)
-        temporary = None
+        if is_stream(path):
+            with _through(path) as temporary:
+                yield temporary
+        else:
+            with _in_place_of(path) as temporary:
+                yield temporary
+    except BrokenPipeError as e:
+        if is_standard_output(path):  # its reader (head, less) has seen enough
+            raise
+        raise OmnimirrorError(f"cannot write {name_of(path)}: {e.strerror}") from None
     except OSError as e:
-        raise OmnimirrorError(f"cannot write {path}: {e.strerror or e}") from None
+        raise OmnimirrorError(f"cannot write {name_of(path)}: {e.strerror or e}") from None
+
+
+def write_text(path: str | Path, text: str) -> None:
+    """Write a text file whole, or leave an earlier one as it was."""
+    with replacing(path) as temporary:
+        temporary.write_text(text, encoding="utf-8", newline="")
+
+
+def is_stream(path: str | Path) -> bool:
+    """Whether what is written to a name flows away: standard output, a pipe, a device.
+
+    >>> is_stream("-"), is_stream("/dev/null"), is_stream("table.csv")
+    (True, True, False)
+    """
+    if is_standard_output(path) or _descriptor_of(path) is not None:
+        return True
+    try:
+        mode = os.stat(path).st_mode
+    except FileNotFoundError:
+        return False
+    except ValueError:
+        raise OSError(errno.EINVAL, "its name holds a null character") from None
+    return not (stat.S_ISREG(mode) or stat.S_ISDIR(mode))
+
+
+def name_of(path: str | Path) -> str:
+    """A file's name as people read it."""
+    return "standard output" if is_standard_output(path) else str(path)
+
+
+@contextmanager
+def _in_place_of(path: Path) -> Iterator[Path]:
+    target = Path(os.path.realpath(path)) if path.is_symlink() else path
+    target.parent.mkdir(parents=True, exist_ok=True)
+    if target.is_dir():
+        raise IsADirectoryError(errno.EISDIR, "it is a folder, and a file name is needed")
+    _remove_leftovers(target)
+    handle, temporary = _new_beside(target)
+    try:
+        yield temporary
+        os.chmod(temporary, _permissions(target))
+        os.replace(temporary, target)
+    except BaseException:
+        with suppress(OSError):
+            temporary.unlink()
+        raise
     finally:
-        if temporary is not None:
-            with suppress(OSError):
-                temporary.unlink()
+        os.close(handle)
+
+
+@contextmanager
+def _through(path: Path) -> Iterator[Path]:
+    """A file of its own, which writers may seek in; it is copied into the stream at the end."""
+    with tempfile.TemporaryDirectory(prefix="omnimirror-") as folder:
+        temporary = Path(folder) / f"output{path.suffix}"
+        yield temporary
+        with temporary.open("rb") as source, _stream(path) as sink:
+            shutil.copyfileobj(source, sink)
+
+
+@contextmanager
+def _stream(path: Path) -> Iterator[BinaryIO]:
+    """What takes the bytes; a descriptor of this process goes on where it stands, and is not emptied first."""
+    number = 1 if is_standard_output(path) else _descriptor_of(path)
+    if number is None:
+        if stat.S_ISBLK(os.stat(path).st_mode):
+            raise OSError(errno.EINVAL, "it is a disk, and a file name is needed")
+        with open(os.open(path, os.O_WRONLY), "wb") as sink:
+            yield sink
+        return
+    for stream in (sys.stdout, sys.stderr):  # what was said before comes before
+        if stream is not None:
+            stream.flush()
+    buffer = getattr(sys.stdout, "buffer", None)
+    if number == 1 and buffer is not None:
+        yield buffer
+        buffer.flush()
+        return
+    with open(os.dup(number), "wb") as sink:
+        yield sink
+
+
+def _descriptor_of(path: str | Path) -> int | None:
+    """The number of an open descriptor of this process that a name stands for: ``/dev/stdout``, ``/dev/fd/3``."""
+    name = os.fspath(path)
+    for _ in range(8):
+        if match := re.fullmatch(r"/(?:dev|proc/(?:self|\d+))/fd/(\d{1,9})", name):
+            is_ours = name.startswith(("/dev/", "/proc/self/", f"/proc/{os.getpid()}/"))
+            return int(match[1]) if is_ours else None
+        try:
+            name = os.path.join(os.path.dirname(name), os.readlink(name))
+        except OSError:
+            return None
+    return None
+
+
+def _permissions(target: Path) -> int:
+    """Those of the file that is replaced, or of any new one."""
+    try:
+        return stat.S_IMODE(os.stat(target).st_mode)
+    except OSError:
+        return 0o666 & ~_umask()
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+def _prefix(target: Path) -> str:
+    """How temporary names of one output begin: short, and plain enough for every library that writes to them."""
+    return f".{target.stem.encode('ascii', 'ignore').decode()[:60]}{MARK}"
+
+
+def _new_beside(target: Path) -> tuple[int, Path]:
+    """A new file beside a target, locked for as long as its handle is open."""
+    while True:
+        handle, name = tempfile.mkstemp(prefix=_prefix(target), suffix=target.suffix, dir=target.parent)
+        if sys.platform == "win32":
+            return handle, Path(name)
+        with suppress(OSError):  # a file system without locks: see _remove_leftovers
+            fcntl.flock(handle, fcntl.LOCK_EX)
+        if os.path.exists(name):
+            return handle, Path(name)
+        os.close(handle)  # another run took it for a leftover before it was locked
+
+
+def _remove_leftovers(target: Path) -> None:
+    """Remove temporary files of this output whose run is gone: nobody holds their lock any more."""
+    if sys.platform == "win32":
+        return
+    pattern = re.compile(re.escape(_prefix(target)) + r"[a-z0-9_]{8}" + re.escape(target.suffix))
+    with os.scandir(target.parent) as entries:
+        names = [entry.path for entry in entries if pattern.fullmatch(entry.name)]
+    for name in names:
+        with suppress(OSError):
+            handle = os.open(name, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK)
+            try:
+                found = os.fstat(handle)
+                if stat.S_ISREG(found.st_mode) and found.st_uid == os.geteuid():
+                    fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                    os.unlink(name)
+            finally:
+                os.close(handle)
+
+
+# -- reading -----------------------------------------------------------------------------------------
 
 
 def read_bytes(path: str | Path, most: int) -> bytes:
@@ -106,13 +279,29 @@ def read_text(
         raise error(f"cannot read the {noun} {path}: it is not a text file") from None
 
 
-def write_text(path: str | Path, text: str) -> None:
-    """Write a text file whole, or leave an earlier one as it was."""
-    with replacing(path) as temporary:
-        temporary.write_text(text, encoding="utf-8", newline="")
+def parse_toml(text: str, source: str) -> dict[str, Any]:
+    """The tables of a TOML text.
 
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
+    Raises
+    ------
+    SpecError
+        It is not valid TOML, is nested too deeply, or holds a whole number beyond 64 bits; the message begins with
+        the source.
+    """
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as e:
+        raise SpecError(f"{source} is not valid TOML: {e}") from None
+    except RecursionError:
+        raise SpecError(f"{source} is nested too deeply; up to {MOST_NESTED} levels are valid") from None
+    except ValueError:  # whole numbers of thousands of digits
+        raise SpecError(f"{source} holds a whole number of more than 64 bits") from None
+    level: list[Any] = [data]
+    for _ in range(MOST_NESTED):
+        level = [v for value in level for v in (value.values() if isinstance(value, dict) else value)]
+        if any(isinstance(v, int) and not -(2**63) <= v < 2**63 for v in level):
+            raise SpecError(f"{source} holds a whole number of more than 64 bits")
+        level = [value for value in level if isinstance(value, dict | list)]
+    if level:
+        raise SpecError(f"{source} is nested too deeply; up to {MOST_NESTED} levels are valid")
+    return data

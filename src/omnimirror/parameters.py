@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from .arguments import numbers, shown
 from .errors import InvalidParameter
 
 
@@ -24,10 +25,10 @@ class Parameter:
     def check(self, name: str, value: Any) -> None:
         """Raise InvalidParameter with the valid range unless every number in value is inside it."""
         if self.choices:
-            if value not in self.choices:
-                raise InvalidParameter(f"{name} = {value!r} is not one of {', '.join(self.choices)}")
+            if not isinstance(value, str) or value not in self.choices:
+                raise InvalidParameter(f"{name} = {shown(value)} is not one of {', '.join(self.choices)}")
             return
-        for i, number in enumerate(np.atleast_1d(np.asarray(value, dtype=float))):
+        for i, number in enumerate(np.atleast_1d(numbers(name, value))):
             if not self.low <= number <= self.high:
                 label = f"{name}[{i}]" if np.ndim(value) else name
                 unit = f" {self.unit}" if self.unit else ""

@@ -9,7 +9,6 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import re
-import tomllib
 import types
 import typing
 from collections import Counter
@@ -22,8 +21,9 @@ import numpy as np
 import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
 
+from .arguments import shown
 from .errors import OmnimirrorError, SpecError
-from .files import read_text, write_text
+from .files import parse_toml, read_text, write_text
 from .frames import CameraLooks, Mount
 from .imagers import Imager
 from .lenses import LENSES
@@ -80,10 +80,7 @@ def parse_sensor(text: str, source: str = "sensor file", folder: Path | None = N
     can be read.
     """
     where = Places(text, source)
-    try:
-        data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as e:
-        raise SpecError(f"{source} is not valid TOML: {e}") from None
+    data = parse_toml(text, source)
     return sensor_of(data, where, folder)
 
 
@@ -256,17 +253,25 @@ class Places:
 def _check_table_names(data: dict[str, Any], where: Places) -> None:
     known: dict[str, type] = {"format": int, "name": str, "notes": str}
     known |= dict.fromkeys(("mirror", "secondary", "lens", "imager", "mount", "mirror_pose"), dict)
-    for key, value in data.items():
-        if key not in known:
-            raise where.error((key,), f"{key} is not known{did_you_mean(key, known)}; valid are {', '.join(known)}")
-        if not isinstance(value, known[key]):
-            noun = {dict: "a table", str: "a text in quotes", int: "a whole number"}[known[key]]
-            raise where.error((key,), f"{key} = {value!r} is not {noun}")
+    check_entries(data, known, FORMAT, where)
     for key in ("mirror", "lens", "imager"):
         if key not in data:
             raise where.error((), f"there is no [{key}] table; a sensor file needs [mirror], [lens] and [imager]")
-    if data.get("format", FORMAT) != FORMAT:
-        raise where.error(("format",), f"format = {data['format']} is not known to this version, which reads {FORMAT}")
+
+
+NOUNS = {dict: "a table", str: "a text in quotes", int: "a whole number", list: "a list of tables"}
+
+
+def check_entries(data: dict[str, Any], known: dict[str, type], file_format: int, where: Places) -> None:
+    """Refuse what a file says outside its tables, unless it is known, of the right type and of our format."""
+    for key, value in data.items():
+        if key not in known:
+            name = shown(key)[1:-1]
+            raise where.error((key,), f"{name} is not known{did_you_mean(key, known)}; valid are {', '.join(known)}")
+        if not isinstance(value, known[key]) or isinstance(value, bool):
+            raise where.error((key,), f"{key} = {shown(value)} is not {NOUNS[known[key]]}")
+    if (found := data.get("format", file_format)) != file_format:
+        raise where.error(("format",), f"format = {found} is not known to this version, which reads {file_format}")
 
 
 def _class_of(section: str, data: dict[str, Any], registry: dict[str, type[Any]], where: Places) -> type[Any]:
@@ -276,7 +281,7 @@ def _class_of(section: str, data: dict[str, Any], registry: dict[str, type[Any]]
     if not isinstance(kind, str) or kind not in registry:
         hint = did_you_mean(str(kind), registry)
         raise where.error(
-            (section, "kind"), f"{section}.kind = {kind!r} is not known{hint}; valid are {', '.join(registry)}"
+            (section, "kind"), f"{section}.kind = {shown(kind)} is not known{hint}; valid are {', '.join(registry)}"
         )
     return registry[kind]
 
@@ -341,10 +346,10 @@ def _sentence(model: type[Table], path: tuple[str, ...], problem: Any) -> str:
             names = list(model.model_fields)
             return f"{name} is not known{did_you_mean(path[1], names)}; valid are {', '.join(names)}"
         case "literal_error":
-            return f"{name} = {value!r} is not one of {problem['ctx']['expected']}"
+            return f"{name} = {shown(value)} is not one of {problem['ctx']['expected']}"
         case _:
             wanted = problem["msg"].replace("Input should be", "it should be")
-            return f"{name}{index} = {value!r}: {wanted}{_describe(model, path[1]) if path[1:] else ''}"
+            return f"{name}{index} = {shown(value)}: {wanted}{_describe(model, path[1]) if path[1:] else ''}"
 
 
 def _describe(model: type[Table], name: str) -> str:

@@ -146,7 +146,7 @@ def test_the_secondary_of_the_template_folds_its_sensor(tmp_path):
         (["evaluate", "paper-spherical", "--merit", "nice"], "'nice' is not one of 'floored-area'"),
         (["evaluate", "paper-spherical", "--omga-deg", "3"], "No such option"),
         (["evaluate", "paper-spherical", "--csv", "/proc/no/e.csv"], "cannot write /proc/no/e.csv"),
-        (["evaluat", "paper-spherical"], "No such command 'evaluat'"),
+        (["evaluat", "paper-spherical"], "there is no command 'evaluat'; did you mean evaluate?"),
     ],
 )
 def test_bad_input_is_one_sentence(args, message, tmp_path):

@@ -86,7 +86,7 @@ def test_pan_turns_the_short_way(pans, share):
         (parse_csv, "time_s,pan_deg\n", "holds no keyframes"),
         (parse_csv, "pan_deg\n1", "line 1 of keyframes has no time_s"),
         (parse_csv, "time_s,pan\n1,1", "line 1 of keyframes has 'pan'; valid are time_s, pan_deg, tilt_deg"),
-        (parse_csv, "time_s,pan_deg\n0,1\n1,x", "line 3 of keyframes has pan_deg = x, which is not a number"),
+        (parse_csv, "time_s,pan_deg\n0,1\n1,x", "line 3 of keyframes has pan_deg = 'x', which is not a number"),
         (parse_csv, "time_s,pan_deg\n0,1\n\n,5", "line 4 of keyframes has no time_s"),
         (parse_csv, "time_s,pan_deg\n0,1,2", "line 2 of keyframes has 3 values"),
         (parse_csv, "time_s,pan_deg\n1,1\n1,2", "line 3 of keyframes is at 1 s, and the one before at 1 s"),

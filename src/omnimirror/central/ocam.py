@@ -21,6 +21,7 @@ import numpy as np
 from numpy.polynomial.polynomial import polyadd, polyder, polymul, polyroots, polyval
 from numpy.typing import NDArray
 
+from ..arguments import float_of
 from ..errors import InvalidParameter, OmnimirrorError, SpecError
 from ..files import read_text
 from ..frames import Mount
@@ -257,7 +258,7 @@ class _Lines:
         values = []
         for word in words:
             try:
-                values.append(float(word))
+                values.append(float_of(word))
             except ValueError:
                 values.append(np.nan)
             if not np.isfinite(values[-1]):

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import difflib
 import os
+import re
 import sys
+import traceback
 from importlib import import_module
+from typing import Any
 
 import click
 
 from .. import __version__
 from ..errors import OmnimirrorError
+from .streams import forget_output, one_line, prepare
 
 COMMANDS = {
     "sensors": "List the sensors that come with omnimirror.",
@@ -34,6 +39,8 @@ COMMANDS = {
     "demo": "Evaluate, simulate and straighten, and write a report.",
 }
 """Every command with its one line of help; the module of the same name holds ``command``."""
+SERVERS = {"studio", "view"}
+"""What these and their processes say belongs on standard error as it is."""
 
 
 class LazyGroup(click.Group):
@@ -48,6 +55,21 @@ class LazyGroup(click.Group):
         command: click.Command = import_module(f".{cmd_name}", __name__).command
         return command
 
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        if args[0] not in COMMANDS and not args[0].startswith("-"):
+            close = difflib.get_close_matches(args[0], COMMANDS, 1, 0.5)
+            hint = f"did you mean {close[0]}?" if close else f"valid are {', '.join(COMMANDS)}"
+            raise click.UsageError(f"there is no command {args[0]!r}; {hint}", ctx)
+        return super().resolve_command(ctx, args)
+
+    def invoke(self, ctx: click.Context) -> Any:
+        try:
+            return super().invoke(ctx)
+        except BrokenPipeError:  # without a number, by which click would end with 1
+            raise BrokenPipeError("the reader has gone") from None
+
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section("Commands"):
             formatter.write_dl(list(COMMANDS.items()))
@@ -55,33 +77,56 @@ class LazyGroup(click.Group):
 
 @click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="omnimirror")
+@click.option("--debug", is_flag=True, expose_value=False, help="Show where an error comes from; with any command.")
 def app() -> None:
     """Omnidirectional mirror sensors: evaluate them, and straighten the pictures they take."""
 
 
 def main(args: list[str] | None = None) -> None:
-    """Entry point: every error a user can cause ends as one sentence and a non-zero exit code."""
+    """Entry point: every error ends as one sentence and a non-zero exit code."""
     os.environ.setdefault(
         "OPENBLAS_NUM_THREADS", "1"
     )  # see omnimirror.frames.turned; commands have threads of their own
+    words = list(sys.argv[1:] if args is None else args)
+    ours = words[: words.index("--")] if "--" in words else words
+    if is_debugged := "--debug" in ours:
+        words.remove("--debug")
+    prepare(is_quiet=not is_debugged and not SERVERS & set(words))
     try:
-        app.main(args=args, prog_name="omnimirror", standalone_mode=False)
-    except click.exceptions.Abort:
-        _fail("stopped", 130)
-    except click.UsageError as e:
-        where = f" (see '{e.ctx.command_path} --help')" if e.ctx else ""
-        _fail(f"{e.format_message().rstrip('.')}{where}", 2)
-    except click.ClickException as e:
-        _fail(e.format_message(), 1)
-    except OmnimirrorError as e:
-        _fail(str(e), 1)
+        app.main(args=words, prog_name="omnimirror", standalone_mode=False)
+        sys.stdout.flush()
     except BrokenPipeError:  # the reader (head, less) has seen enough
-        sys.stderr.close()
+        forget_output()
         sys.exit(0)
-    except OSError as e:
-        _fail(f"{e.filename or 'the operating system'}: {e.strerror or e}", 1)
+    except Exception as e:
+        if is_debugged:
+            traceback.print_exc()
+        if type(e).__name__ == "NoArgsIsHelpError":
+            click.echo(str(e), err=True)
+            sys.exit(2)
+        sentence, code = explained(e)
+        click.echo(f"omnimirror: {one_line(sentence)}", err=True)
+        sys.exit(code)
 
 
-def _fail(sentence: str, code: int) -> None:
-    click.echo(f"omnimirror: {sentence}", err=True)
-    sys.exit(code)
+def explained(error: Exception) -> tuple[str, int]:
+    """The sentence for an error, and the exit code."""
+    match error:
+        case click.exceptions.Abort():
+            return "stopped", 130
+        case click.UsageError():
+            where = f" (see '{error.ctx.command_path} --help')" if error.ctx else ""
+            return f"{error.format_message().rstrip('.')}{where}", 2
+        case click.ClickException():
+            return error.format_message(), 1
+        case OmnimirrorError():
+            return str(error), 1
+        case OSError():
+            return f"{error.filename or 'the operating system'}: {error.strerror or error}", 1
+        case MemoryError():
+            return "there is not enough memory for this", 1
+        case UnicodeEncodeError() if re.search("[\udc80-\udcff]", error.object):
+            return f"the name {error.object!r} is not UTF-8, which is needed here", 1
+        case _:
+            what = f"{type(error).__name__}: {error}".rstrip(": ")
+            return f"this should not have happened: {what}; --debug shows where", 70

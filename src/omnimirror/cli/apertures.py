@@ -8,7 +8,8 @@ from rich.table import Table
 from ..design.apertures import best_apertures
 from ..lenses import BlurMode
 from ..specs import load_sensor
-from .options import distance, number_or_range, output_console
+from .options import NUMBER, distance, number_or_range
+from .outputs import output_console
 
 
 @click.command()
@@ -17,9 +18,11 @@ from .options import distance, number_or_range, output_console
               help="What the lens can be set to.")  # fmt: skip
 @click.option("--object-distance-mm", type=distance, metavar="MM", default="inf", show_default=True,
               help="From the mirror to the object.")  # fmt: skip
-@click.option("--omega-min-deg", type=float, default=0.0, show_default=True, help="Where the field that counts begins.")
+@click.option(
+    "--omega-min-deg", type=NUMBER, default=0.0, show_default=True, help="Where the field that counts begins."
+)
 @click.option("--paper-mode", is_flag=True, help="Blur by the paper's Eq. 29 instead of the exact form.")
-@click.option("--wavelength-nm", type=float, default=550.0, show_default=True, help="Of the Airy disk.")
+@click.option("--wavelength-nm", type=NUMBER, default=550.0, show_default=True, help="Of the Airy disk.")
 def command(
     sensors: tuple[str, ...],
     f_number: float | tuple[float, float],

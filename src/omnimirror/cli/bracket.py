@@ -11,12 +11,14 @@ from numpy.typing import NDArray
 from rich.table import Table
 
 from ..analysis import best_focus
+from ..files import name_of
 from ..media import read_image, write_image
 from ..media.images import format_of
 from ..simulate import Detector, Placed, Pose, expose
 from ..simulate.bracketing import Bracket, focused_at, merge_bracket, plan_bracket
 from ..specs import load_sensor
-from .options import distance, output_console, values
+from .options import NUMBER, WHOLE, distance, values
+from .outputs import PICTURES, format_option, output_console, output_option, say
 from .scene_options import pose, rows_bar, scene_of, scene_options
 
 OBJECT_DISTANCE = click.option(
@@ -32,7 +34,7 @@ def command() -> None:
 
 @command.command()
 @click.argument("sensors", nargs=-1, required=True)
-@click.option("--limit-px", type=float, default=1.0, show_default=True, help="Largest blur, in pixels.")
+@click.option("--limit-px", type=NUMBER, default=1.0, show_default=True, help="Largest blur, in pixels.")
 @OBJECT_DISTANCE
 def plan(sensors: tuple[str, ...], limit_px: float, object_distance_mm: float) -> None:
     """The fewest focus distances that keep the blur of SENSORS under a limit, and where astigmatism forbids it.
@@ -69,7 +71,8 @@ def _astigmatic(found: Bracket) -> tuple[str, str]:
 @click.argument("pictures", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--focus-mm", type=values, required=True, metavar="A,B,..", help="Where the pictures are focused.")
 @OBJECT_DISTANCE
-@click.option("-o", "--output", type=click.Path(path_type=Path), required=True, help="The picture to write.")
+@output_option("-o", "--output", formats=PICTURES, required=True, help="The picture to write.")
+@format_option(PICTURES)
 def merge(
     sensor: str, pictures: tuple[Path, ...], focus_mm: NDArray[np.float64], object_distance_mm: float, output: Path
 ) -> None:
@@ -80,7 +83,7 @@ def merge(
     format_of(output)
     merged = merge_bracket(load_sensor(sensor), [read_image(p) for p in pictures], focus_mm, object_distance_mm)
     write_image(output, merged)
-    click.echo(f"{output}: {len(pictures)} pictures merged")
+    say(f"{name_of(output)}: {len(pictures)} pictures merged")
 
 
 @command.command()
@@ -89,7 +92,7 @@ def merge(
 @scene_options
 @click.option("--pose", "placed", type=pose, metavar="X,Y,Z,..",
               help="Where the mirror stands in the scene, mm, and pan, tilt, roll, deg.  [default: 0,0,0]")  # fmt: skip
-@click.option("--samples", "--spp", type=int, default=32, show_default=True, help="Rays per pixel.")
+@click.option("--samples", "--spp", type=WHOLE, default=32, show_default=True, help="Rays per pixel.")
 @click.option("-o", "--output", type=click.Path(path_type=Path, file_okay=False), required=True, help="A folder.")
 def take(
     sensor: str, focus_mm: NDArray[np.float64] | None, scene: str, samples: int, output: Path, **options: Any

@@ -14,7 +14,7 @@ from ..dewarp.fields import Array
 from ..frames import Mount
 from ..sensor import Sensor
 from ..specs import load_sensor
-from .options import angle, ball, flag, lean, refuse_other
+from .options import NUMBER, angle, ball, flag, lean, refuse_other
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 MountedCamera: TypeAlias = Sensor | OCam | MirrorBall
@@ -34,7 +34,7 @@ _OPTIONS = (
         "--optics", type=click.Choice(["mirror", "fisheye"]), help="What --ocam calibrated.  [default: mirror]"
     ),
     click.option(
-        "--rim-radius-px", type=float, metavar="PX", help="Where the field of --ocam ends.  [default: nowhere]"
+        "--rim-radius-px", type=NUMBER, metavar="PX", help="Where the field of --ocam ends.  [default: nowhere]"
     ),
     click.option(
         "--camera-looks",

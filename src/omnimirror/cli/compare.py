@@ -11,15 +11,18 @@ from rich.text import Text
 
 from ..analysis import Comparison, compare
 from ..specs import load_sensor
-from .options import output_console
+from .outputs import format_option, output_console, output_option, say_written
+
+FORMATS = ("png", "html")
 
 
 @click.command()
 @click.argument("sensors", nargs=-1, required=True)
-@click.option("-o", "--output", type=click.Path(path_type=Path),
-              help="Write table, curves and pictures of one scene as one .html page or one .png.")  # fmt: skip
-@click.option("--csv", "csv_file", type=click.Path(path_type=Path), help="Write the table, 17 significant digits.")
-@click.option("--json", "json_file", type=click.Path(path_type=Path), help="Write the table, an object per sensor.")
+@output_option("-o", "--output", formats=FORMATS,
+               help="Write table, curves and pictures of one scene as one .html page or one .png.")  # fmt: skip
+@format_option(FORMATS)
+@output_option("--csv", "csv_file", help="Write the table, 17 significant digits.")
+@output_option("--json", "json_file", help="Write the table, an object per sensor.")
 def command(sensors: tuple[str, ...], output: Path | None, csv_file: Path | None, json_file: Path | None) -> None:
     """Put up to six SENSORS side by side, files or names of bundled ones; the best of each row is marked.
 
@@ -37,9 +40,7 @@ def command(sensors: tuple[str, ...], output: Path | None, csv_file: Path | None
 
         with console.status("Drawing, simulating, straightening"):
             write_comparison(comparison, output)
-    for path in (csv_file, json_file, output):
-        if path:
-            console.print(f"Wrote [bold]{path}[/]", highlight=False, soft_wrap=True)
+    say_written(csv_file, json_file, output, console=console)
 
 
 def print_comparison(console: Console, comparison: Comparison) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from ..specs import load_sensor
-from .options import output_console
+from .outputs import output_console, say
 
 
 @click.command()
@@ -22,4 +22,4 @@ def command(sensor: str, out: Path, blur: bool) -> None:
     console = output_console()
     with console.status("Evaluating, simulating, straightening"):
         report = write_demo(load_sensor(sensor), out, blur)
-    console.print(f"Wrote {report.resolve()}", highlight=False, soft_wrap=True)
+    say(f"Wrote {report.resolve()}", console=console)

@@ -24,7 +24,8 @@ from ..specs import save_sensor
 from .design_front import check_pick, find_front
 from .design_options import distances, limit, merit_list, requirements_from, whole_numbers
 from .design_tables import print_convergence, print_design, print_merits
-from .options import number_or_range, output_console, progress_bar, refuse_other
+from .options import NUMBER, WHOLE, number_or_range, refuse_other
+from .outputs import FIGURES, format_option, output_console, output_option, progress_bar, say, say_written
 
 MISSED = 3
 """Exit code where a sensor was designed that misses a requirement."""
@@ -51,41 +52,42 @@ ONLY = {
               help="The N of --shape; several give a table of convergence.")  # fmt: skip
 @click.option("--fit", metavar="FORM:N", help="Make it a polynomial:N or an asphere:N that keeps the mapping best.")
 @click.option("--like", metavar="SENSOR", help="Field, rim, lens and imager as of a sensor file or a bundled sensor.")
-@click.option("--omega-max-deg", type=float, help="Field angle at the rim.")
-@click.option("--omega-min-deg", type=float, help="Where the field begins that matters.")
+@click.option("--omega-max-deg", type=NUMBER, help="Field angle at the rim.")
+@click.option("--omega-min-deg", type=NUMBER, help="Where the field begins that matters.")
 @click.option("--apex", type=click.Choice(["smooth", "pointed"]), help="pointed: the image centre shows omega-min-deg.")
-@click.option("--camera-radius-mm", type=float, help="Of what stands at the lens and hides the view.")
+@click.option("--camera-radius-mm", type=NUMBER, help="Of what stands at the lens and hides the view.")
 @click.option("--object-distance-mm", type=distances, metavar="MM|NEAR:FAR", help="From the mirror; inf by default.")
 @click.option("--rim-radius-mm", type=number_or_range, metavar="MM|LOW:HIGH", help="Of the mirror.")
 @click.option("--conic", type=number_or_range, metavar="K|LOW:HIGH", help="Conic constant, where the family leaves it.")
-@click.option("--plane-distance-mm", type=float, help="Of a ground-plane mapping: mirror vertex to the plane.")
-@click.option("--cylinder-radius-mm", type=float, help="Of a cylinder mapping.")
+@click.option("--plane-distance-mm", type=NUMBER, help="Of a ground-plane mapping: mirror vertex to the plane.")
+@click.option("--cylinder-radius-mm", type=NUMBER, help="Of a cylinder mapping.")
 @click.option("--mapping-csv", type=click.Path(), help="Of a tabulated mapping: columns omega_deg, height.")
 @click.option("--lens", "kind", type=click.Choice(["perspective", "orthographic"]), help="perspective by default.")
 @click.option("--focal-length-mm", type=number_or_range, metavar="MM|LOW:HIGH", help="Of the lens.")
 @click.option("--theta-max-deg", type=number_or_range, metavar="DEG|LOW:HIGH", help="Viewing angle at the rim.")
 @click.option("--f-number", type=number_or_range, metavar="F|LOW:HIGH", help="Of the lens; 4 by default.")
-@click.option("--focus-mm", type=float, help="Object distance in focus; the best by default.")
-@click.option("--width-px", type=int, help="Of the imager; 1024 by default.")
-@click.option("--height-px", type=int, help="Of the imager; 1024 by default.")
-@click.option("--pixel-pitch-um", type=float, help="Of the imager; 5.2 by default.")
+@click.option("--focus-mm", type=NUMBER, help="Object distance in focus; the best by default.")
+@click.option("--width-px", type=WHOLE, help="Of the imager; 1024 by default.")
+@click.option("--height-px", type=WHOLE, help="Of the imager; 1024 by default.")
+@click.option("--pixel-pitch-um", type=NUMBER, help="Of the imager; 5.2 by default.")
 @click.option("--at-most", type=limit, multiple=True, metavar="QUANTITY=NUMBER[@FROM:TO]",
               help="A limit, over a part of the field in degrees or all of it; may be repeated.")  # fmt: skip
 @click.option("--at-least", type=limit, multiple=True, metavar="QUANTITY=NUMBER[@FROM:TO]",
               help="Likewise; may be repeated.")  # fmt: skip
-@click.option("--starts", type=int, default=4, show_default=True, help="From how many mirrors to optimise.")
-@click.option("--seed", type=int, default=0, show_default=True, help="Of everything drawn.")
+@click.option("--starts", type=WHOLE, default=4, show_default=True, help="From how many mirrors to optimise.")
+@click.option("--seed", type=WHOLE, default=0, show_default=True, help="Of everything drawn.")
 @click.option("--resume", type=click.Path(path_type=Path),
               help="Keep the search in this file, and go on from it: JSON; of a front, Parquet.")  # fmt: skip
 @click.option("--paper-mode", is_flag=True, help="Merits of blur by the paper's Eq. 29 instead of the exact form.")
-@click.option("--image-radius-px", type=float, help="Merits for an image of this radius, as the paper's 500.")
-@click.option("--population", type=int, default=120, show_default=True, help="Designs of a front.")
-@click.option("--generations", type=int, default=200, show_default=True, help="Of the front's evolution.")
-@click.option("--figure", type=click.Path(path_type=Path), help="Draw the front, known mirrors marked.")
-@click.option("--pick", type=int, help="Which design of the front to take.")
+@click.option("--image-radius-px", type=NUMBER, help="Merits for an image of this radius, as the paper's 500.")
+@click.option("--population", type=WHOLE, default=120, show_default=True, help="Designs of a front.")
+@click.option("--generations", type=WHOLE, default=200, show_default=True, help="Of the front's evolution.")
+@output_option("--figure", formats=FIGURES, help="Draw the front, known mirrors marked.")
+@format_option(FIGURES)
+@click.option("--pick", type=WHOLE, help="Which design of the front to take.")
 @click.option("--name", help="Of the sensor.")
-@click.option("-o", "--out", type=click.Path(path_type=Path), help="Write the sensor file.")
-@click.option("--json", "json_file", type=click.Path(path_type=Path), help="Write the table, and what conflicts.")
+@output_option("-o", "--out", help="Write the sensor file.")
+@output_option("--json", "json_file", help="Write the table, and what conflicts.")
 @click.option("--figures", type=click.Path(path_type=Path), help="Draw the paper's figures into this folder.")
 @click.pass_context
 def command(
@@ -128,7 +130,7 @@ def command(
         _write(console, design, out, json_file, figures)
     for path in (entries["figure"], entries["resume"]):
         if path and path.exists():
-            console.print(f"Wrote [bold]{path}[/]", highlight=False, soft_wrap=True)
+            say_written(path, console=console)
     sys.exit(STOPPED if not is_complete else MISSED if design and not design.is_met else 0)
 
 
@@ -142,12 +144,10 @@ def _write(console: Console, design: Design, out: Path | None, json_file: Path |
     if design.optimum:
         print_merits(console, design.optimum)
         if not design.optimum.is_complete:
-            console.print("[bold]Stopped: this is the best of the starts that were finished[/]", highlight=False)
+            say(("Stopped: this is the best of the starts that were finished", "bold"), console=console)
     if figures:
         _draw(console, design, figures)
-    for path in (out, json_file, figures):
-        if path:
-            console.print(f"Wrote [bold]{path}[/]", highlight=False, soft_wrap=True)
+    say_written(out, json_file, figures, console=console)
 
 
 def _optimised(console: Console, wanted: Requirements, options: dict[str, Any]) -> Design:

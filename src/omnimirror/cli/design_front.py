@@ -16,7 +16,7 @@ from ..design.merits import merit_named
 from ..design.pareto import Front, merit_values, pareto
 from ..design.problem import DesignProblem
 from ..errors import InvalidParameter
-from .options import progress_bar
+from .outputs import progress_bar
 
 
 def find_front(
@@ -53,7 +53,7 @@ def _print_front(console: Console, front: Front, known: dict[str, Any], rows: in
     for i in np.unique(np.linspace(0, len(front) - 1, min(rows, len(front))).round().astype(int)):
         table.add_row(str(i), *(f"{v:.4f}" for v in front.values[i]), f"{front.focus_mm[i]:.2f}")
     for name, values in known.items():
-        table.add_row(f"[dim]{name}[/]", *(f"[dim]{v:.4f}[/]" for v in values), "")
+        table.add_row(name, *(f"{v:.4f}" for v in values), "", style="dim")
     console.print(table)
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import click
 import numpy as np
 
+from ..arguments import float_of
 from ..design.requirements import DEFAULT_IMAGER, Requirements, load_requirements, requirements_of
 from ..lenses import Perspective
 from ..specs import Places, load_sensor
@@ -65,7 +66,7 @@ def distances(text: str) -> float | tuple[float, float]:
     (inf, (500.0, inf))
     """
     try:
-        numbers = [float(part) for part in text.split(":")]
+        numbers = [float_of(part) for part in text.split(":")]
     except ValueError:
         numbers = []
     if len(numbers) not in (1, 2) or not all(n > 0 for n in numbers):
@@ -83,8 +84,8 @@ def limit(text: str) -> tuple[str, float, list[float] | None]:
     try:
         if match is None:
             raise ValueError
-        part = [float(match[3]), float(match[4])] if match[3] else None
-        return match[1], float(match[2]), part
+        part = [float_of(match[3]), float_of(match[4])] if match[3] else None
+        return match[1], float_of(match[2]), part
     except ValueError:
         raise click.BadParameter(
             f"{text!r} is not a limit QUANTITY=NUMBER or QUANTITY=NUMBER@FROM:TO, such as blur_px=4@20:120"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from ..design.assessment import ROUNDING
 from ..design.conflicts import Conflict, Relaxation
@@ -12,6 +13,7 @@ from ..design.known import known_sensors
 from ..design.merits import MERITS, merit_named
 from ..design.optimise import Optimum
 from ..design.pareto import merit_values
+from .outputs import say
 
 FOCUS_BY = {
     "blur_area": "floored-area",
@@ -26,7 +28,7 @@ def print_design(console: Console, design: Design) -> None:
     """The table, the notes, and what conflicts."""
     sensor = design.sensor
     place = "" if sensor.lens.TELECENTRIC else f", lens {_number(sensor.mirror_distance_mm)} mm from its vertex"
-    console.print(f"[bold]{sensor.name}[/]: {sensor.mirror.KIND}{place}", highlight=False, soft_wrap=True)
+    say((sensor.name, "bold"), f": {sensor.mirror.KIND}{place}", console=console)
     for note in design.notes:
         console.print(f"  {note}", highlight=False, soft_wrap=True)
     console.print()
@@ -35,7 +37,7 @@ def print_design(console: Console, design: Design) -> None:
         table.add_column(heading, justify="left" if heading in ("requirement", "") else "right", no_wrap=True)
     for row in design.rows:
         at = "" if row.omega_deg is None else f"{row.omega_deg:.4g} deg"
-        met = "met" if row.is_met else "[bold red]missed[/]"
+        met = Text("met") if row.is_met else Text("missed", style="bold red")
         margin = 0.0 if abs(row.margin) <= ROUNDING * row.scale else row.margin
         asked = _asked(row.at_least, row.at_most, row.unit)
         table.add_row(row.label, asked, _number(row.reached), _number(margin), at, met)
@@ -107,7 +109,7 @@ def print_merits(console: Console, best: Optimum) -> None:
         table.add_row(m.name, f"{before:.4f}", f"{after:.4f}", m.unit, m.meaning)
     console.print()
     console.print(table)
-    console.print(f"[dim]the sphere for the same field, at its best focus by {focus_by}[/]")
+    say((f"the sphere for the same field, at its best focus by {focus_by}", "dim"), console=console)
     least, blur = best.bound.blur_deg, after_all[list(MERITS).index("blur")]
     console.print(
         f"No mirror of this field, rim and lens has a worst single blur below {least:.4f} deg; "

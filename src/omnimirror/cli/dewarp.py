@@ -17,21 +17,25 @@ from ..dewarp.native import set_threads
 from ..dewarp.sampling import Border
 from ..dewarp.screens import Cylinder, Sphere, View
 from ..errors import OmnimirrorError
+from ..files import name_of
 from ..frames import Mount
 from ..media import GPano, read_image, write_image
-from ..media.batch import PICTURES, Job, expand_inputs, outputs_for, run_parallel
+from ..media.batch import PICTURES as PICTURE_SUFFIXES
+from ..media.batch import Job, expand_inputs, outputs_for, run_parallel
 from ..media.images import can_be_panorama, format_of
 from ..sensor import Sensor
 from ..simulate.restoration import Restorer
 from .camera_options import camera_of, camera_options, camera_words, check_camera_options, drawn_by
-from .options import distance, flag, output_console
+from .options import NUMBER, WHOLE, distance, flag
+from .outputs import PICTURES, output_console, say, take_standard_output
 from .sampling_options import BorderColour, sampling_options
 from .view_options import check_view_options, view_of, view_options
 
 VIDEOS = (".mp4", ".m4v", ".mov", ".mkv", ".webm", ".avi", ".ts", ".mpg", ".mpeg")
 RESTORE_OPTIONS = ("noise", "object_distance_mm")
 PICTURE_OPTIONS = ("restore", *RESTORE_OPTIONS)
-VIDEO_OPTIONS = ("start_s", "duration_s", "codec", "crf", "keyframes", "format", "pixel_format", "preview")
+VIDEO_OPTIONS = ("start_s", "duration_s", "codec", "crf", "keyframes", "pixel_format", "preview")
+PIPE_FORMATS = ("y4m", "rawvideo")
 
 
 @click.command()
@@ -53,23 +57,23 @@ VIDEO_OPTIONS = ("start_s", "duration_s", "codec", "crf", "keyframes", "format",
     help="Pictures, outside the field.  [default: transparent where the file can: PNG, TIFF, WebP]",
 )
 @click.option("--restore", is_flag=True, default=None, help="Pictures: first sharpen what --sensor is known to blur.")
-@click.option("--noise", type=float, metavar="SHARE", help="With --restore, of full scale.  [default: estimated]")
+@click.option("--noise", type=NUMBER, metavar="SHARE", help="With --restore, of full scale.  [default: estimated]")
 @click.option(
     "--object-distance-mm",
     type=distance,
     metavar="MM",
     help="With --restore, from the mirror to what is seen.  [default: inf]",
 )
-@click.option("--start", "--start-s", "start_s", type=float, help="Videos: where to begin, in seconds.  [default: 0]")
+@click.option("--start", "--start-s", "start_s", type=NUMBER, help="Videos: where to begin, in seconds.  [default: 0]")
 @click.option(
     "--duration",
     "--duration-s",
     "duration_s",
-    type=float,
+    type=NUMBER,
     help="Videos: how much to take, in seconds.  [default: the rest]",
 )
 @click.option("--codec", help="Videos: the encoder, by FFmpeg's name.  [default: by the file's suffix]")
-@click.option("--crf", type=int, help="Videos: constant quality, smaller is better.  [default: the encoder's]")
+@click.option("--crf", type=WHOLE, help="Videos: constant quality, smaller is better.  [default: the encoder's]")
 @click.option(
     "--keyframes",
     type=click.Path(path_type=Path),
@@ -77,7 +81,11 @@ VIDEO_OPTIONS = ("start_s", "duration_s", "codec", "crf", "keyframes", "format",
 )
 @click.option("--preview", is_flag=True, default=None, help="Videos: show the view in a window; Escape ends it.")
 @click.option(
-    "--format", type=click.Choice(["y4m", "rawvideo"]), help="Videos: what '-o -' writes to the pipe.  [default: y4m]"
+    "--format",
+    type=click.Choice([*PIPE_FORMATS, *PICTURES]),
+    metavar="NAME",
+    help=f"What '-o -' writes to the pipe: {', '.join(PIPE_FORMATS)} or, of a picture, {', '.join(PICTURES)}.  "
+    "[default: y4m, png]",
 )
 @click.option(
     "--viewer",
@@ -133,7 +141,19 @@ def command(
     if len(sources) > 1 or Path(output).is_dir() or output.endswith("/") or not _is_one_picture(sources[0]):
         _many(sources, Path(output), given, interpolation, transparent)
     else:
-        click.echo(Straightener(given, interpolation, transparent).straighten(Path(sources[0]), Path(output)))
+        name = _named(output, given.get("format"))
+        say(Straightener(given, interpolation, transparent).straighten(Path(sources[0]), name))
+
+
+def _named(output: str, kind: str | None) -> Path:
+    """The file of one picture; ``-`` gets the suffix of its format."""
+    if kind in PIPE_FORMATS:
+        raise click.UsageError(f"--format {kind} belongs to videos; of a picture valid are {', '.join(PICTURES)}")
+    if output != "-":
+        if kind is not None:
+            raise click.UsageError("--format says what '-' writes; files are written as their suffix says")
+        return Path(output)
+    return take_standard_output("--output", kind or PICTURES[0])
 
 
 def is_video(source: str) -> bool:
@@ -198,7 +218,7 @@ class Straightener:
         straight = dewarp(picture, kind.has_alpha if self.transparent is None else self.transparent)
         write_image(output, straight, panorama if can_be_panorama(output) else None)
         height, width = straight.shape[:2]
-        return f"{output}: {dewarp.view}, {width} x {height} px, {_percent(dewarp)} of it inside the field"
+        return f"{name_of(output)}: {dewarp.view}, {width} x {height} px, {_percent(dewarp)} of it inside the field"
 
 
 def restorer_of(camera: Camera, given: dict[str, Any]) -> Restorer:
@@ -256,7 +276,7 @@ def _many(
     """Pictures into a folder, side by side; those that fail are named and the others done."""
     if folder.exists() and not folder.is_dir():
         raise click.UsageError(f"{folder} is a file, and several pictures need a folder")
-    if not folder.is_dir() and folder.suffix.lower() in (*PICTURES, *VIDEOS):
+    if not folder.is_dir() and folder.suffix.lower() in (*PICTURE_SUFFIXES, *VIDEOS):
         raise click.UsageError(f"{folder} is the name of one file, and several pictures need a folder")
     paths = expand_inputs(sources)
     straightener = Straightener(given, interpolation, transparent)

@@ -8,13 +8,13 @@ from typing import Any
 import click
 import numpy as np
 from rich.console import Console
-from rich.table import Table
 
 from ..analysis import MERITS, Evaluation, best_focus, best_viewpoint, evaluate
 from ..analysis.headings import HEADINGS, formatted
 from ..mirrors import Cone
 from ..specs import load_sensor
-from .options import distance, focus, output_console, pixel, values
+from .options import NUMBER, distance, focus, pixel, values
+from .outputs import output_console, output_option, print_rows, say, say_written
 
 TERMINAL_COLUMNS = [name for name in HEADINGS if name not in ("x_mm", "floored_area_deg2")]
 """What fits a terminal; files hold every column."""
@@ -41,11 +41,11 @@ TERMINAL_COLUMNS = [name for name in HEADINGS if name not in ("x_mm", "floored_a
 @click.option("--merit", type=click.Choice(list(MERITS)), default="floored-area", show_default=True,
               help="What 'auto' focus makes least.")  # fmt: skip
 @click.option("--paper-mode", is_flag=True, help="Blur by the paper's Eq. 29 instead of the exact form.")
-@click.option("--image-radius-px", type=float, help="Scale the image to this rim radius, as the paper does with 500.")
-@click.option("--wavelength-nm", type=float, default=550.0, show_default=True, help="Of the Airy disk.")
-@click.option("--tolerance-px", type=float, default=1.0, show_default=True, help="Permissible blur: depth of field.")
-@click.option("--csv", "csv_file", type=click.Path(path_type=Path), help="Write all columns, 17 significant digits.")
-@click.option("--json", "json_file", type=click.Path(path_type=Path), help="Write summary and all columns.")
+@click.option("--image-radius-px", type=NUMBER, help="Scale the image to this rim radius, as the paper does with 500.")
+@click.option("--wavelength-nm", type=NUMBER, default=550.0, show_default=True, help="Of the Airy disk.")
+@click.option("--tolerance-px", type=NUMBER, default=1.0, show_default=True, help="Permissible blur: depth of field.")
+@output_option("--csv", "csv_file", help="Write all columns, 17 significant digits.")
+@output_option("--json", "json_file", help="Write summary and all columns.")
 @click.option("--figures", type=click.Path(path_type=Path), help="Draw the paper's figures into this folder.")
 def command(
     sensor: str,
@@ -89,30 +89,25 @@ def command(
         result.to_json(json_file)
     print_summary(console, result, merit)
     print_table(console, result)
-    for path in (csv_file, json_file):
-        if path:
-            console.print(f"Wrote [bold]{path}[/]", highlight=False, soft_wrap=True)
+    say_written(csv_file, json_file, console=console)
     if figures:
         _draw(console, result, figures)
 
 
 def print_table(console: Console, result: Evaluation) -> None:
     """The columns that fit; a terminal too narrow for them gets fewer, never broken numbers."""
-    table = Table(box=None, pad_edge=False, header_style="bold", collapse_padding=True)
     cells, width = formatted(result, TERMINAL_COLUMNS), 0
+    shown: list[str] = []
     for name in TERMINAL_COLUMNS:
         heading, unit, _ = HEADINGS[name]
         width += max(len(heading), len(unit), *map(len, cells[name])) + 2
         if console.is_terminal and width > console.width:
             break
-        table.add_column(f"{heading}\n{unit}", justify="right", no_wrap=True)
-    shown = TERMINAL_COLUMNS[: len(table.columns)]
-    for row in zip(*(cells[name] for name in shown), strict=True):
-        table.add_row(*row)
-    console.print(table)
+        shown.append(name)
+    print_rows(console, [HEADINGS[name][:2] for name in shown], [cells[name] for name in shown])
     hidden = len(TERMINAL_COLUMNS) - len(shown)
     if hidden:
-        console.print(f"[dim]{hidden} more columns need a wider terminal; --csv holds all of them[/]")
+        say((f"{hidden} more columns need a wider terminal; --csv holds all of them", "dim"), console=console)
 
 
 def print_summary(console: Console, result: Evaluation, merit: str) -> None:
@@ -125,7 +120,7 @@ def print_summary(console: Console, result: Evaluation, merit: str) -> None:
     )  # fmt: skip
     second = "" if sensor.secondary is None else f" seen in a second mirror ({sensor.secondary.mirror.KIND})"
     lines = [
-        f"[bold]{sensor.name}[/]: {sensor.mirror.KIND}{second}, {sensor.lens.KIND} lens, field "
+        f": {sensor.mirror.KIND}{second}, {sensor.lens.KIND} lens, field "
         f"{s['field_deg'][0]:.4g} to {s['field_deg'][1]:.6g} deg, rim at {s['rim_radius_px']:.1f} px",
         f"focus L0 = {result.focus_mm:.2f} mm; depth of field {near:.2f} to {far:.2f} mm "
         f"(blur within {result.tolerance_px:g} px); Airy disk {result.airy_px:.2f} px at {result.wavelength_nm:g} nm",
@@ -142,8 +137,7 @@ def print_summary(console: Console, result: Evaluation, merit: str) -> None:
             f"best single viewpoint: {v.z_mm:.3f} mm over the vertex; assuming it errs by up to "
             f"{v.worst_px:.2f} px ({v.worst_deg:.3f} deg)"
         )
-    for line in lines:
-        console.print(line, highlight=False, soft_wrap=True)
+    say((sensor.name, "bold"), "\n".join(lines), console=console)
     console.print()
 
 
@@ -152,4 +146,4 @@ def _draw(console: Console, result: Evaluation, folder: Path) -> None:
 
     with console.status("Drawing figures"):
         paths = save_all([result.sensor], folder, basis=Basis.of(result))
-    console.print(f"Wrote {len(paths)} figures to [bold]{folder}[/]", highlight=False, soft_wrap=True)
+    say(f"Wrote {len(paths)} figures to ", (str(folder), "bold"), console=console)

@@ -8,12 +8,14 @@ from typing import Any
 import click
 from rich.table import Table
 
+from ..arguments import float_of
 from ..design.manufacture import DEFAULT_FORMATS, FORMATS, Body, Exported, Support, export
 from ..design.manufacture.body import TAP_DRILLS_MM
 from ..design.manufacture.sheet import SHEETS
 from ..design.manufacture.supports import KINDS
 from ..specs import load_sensor
-from .options import output_console
+from .options import NUMBER, WHOLE
+from .outputs import output_console, output_option
 
 
 def formats(text: str) -> list[str]:
@@ -35,7 +37,7 @@ def scale(text: str) -> float:
     (0.5, 5.0)
     """
     try:
-        paper, nature = (float(part) for part in text.split(":"))
+        paper, nature = (float_of(part) for part in text.split(":"))
         number = paper / nature
     except (ValueError, ZeroDivisionError):
         number = 0.0
@@ -46,29 +48,29 @@ def scale(text: str) -> float:
 
 @click.command()
 @click.argument("sensor")
-@click.option("-o", "--output", required=True, type=click.Path(path_type=Path),
-              help="A folder, or one file whose suffix says what to write.")  # fmt: skip
+@output_option("-o", "--output", required=True, formats=("csv",),
+               help="A folder, or one file whose suffix says what to write; - prints the sag table.")  # fmt: skip
 @click.option("--formats", type=formats, metavar="NAME,..",
               help=f"For a folder: of {', '.join(FORMATS)}.  [default: {','.join(DEFAULT_FORMATS)}]")  # fmt: skip
-@click.option("--thickness-mm", type=float, default=5.0, show_default=True, help="Solid: from the rim to the back.")
-@click.option("--bore-diameter-mm", type=float, default=0.0, help="Solid: bore on the axis, from the back.")
+@click.option("--thickness-mm", type=NUMBER, default=5.0, show_default=True, help="Solid: from the rim to the back.")
+@click.option("--bore-diameter-mm", type=NUMBER, default=0.0, help="Solid: bore on the axis, from the back.")
 @click.option("--thread", type=click.Choice(list(TAP_DRILLS_MM)), help="Instead: a bore to tap this thread in.")
-@click.option("--bore-depth-mm", type=float, default=10.0, show_default=True, help="Of the bore; 'inf' goes through.")
-@click.option("--flange-width-mm", type=float, default=0.0, help="Solid: a flange at the back, beyond the rim.")
-@click.option("--flange-thickness-mm", type=float, default=2.0, show_default=True, help="Of the flange.")
-@click.option("--secondary-thickness-mm", type=float, help="Solid of a second mirror: the same of it.  [default: 5]")
-@click.option("--chord-tolerance-um", type=float, default=10.0, show_default=True, help="STL, 3MF: of the triangles.")
-@click.option("--step-mm", type=float, help="Table: step along x.  [default: a hundredth of the rim radius]")
-@click.option("--step-deg", type=float, help="Table: instead, step of the field angle.")
-@click.option("--digits", type=int, default=6, show_default=True, help="Table: decimals of a millimetre.")
-@click.option("--grid-points", type=int, default=257, show_default=True, help="Grid sag: points along each side.")
+@click.option("--bore-depth-mm", type=NUMBER, default=10.0, show_default=True, help="Of the bore; 'inf' goes through.")
+@click.option("--flange-width-mm", type=NUMBER, default=0.0, help="Solid: a flange at the back, beyond the rim.")
+@click.option("--flange-thickness-mm", type=NUMBER, default=2.0, show_default=True, help="Of the flange.")
+@click.option("--secondary-thickness-mm", type=NUMBER, help="Solid of a second mirror: the same of it.  [default: 5]")
+@click.option("--chord-tolerance-um", type=NUMBER, default=10.0, show_default=True, help="STL, 3MF: of the triangles.")
+@click.option("--step-mm", type=NUMBER, help="Table: step along x.  [default: a hundredth of the rim radius]")
+@click.option("--step-deg", type=NUMBER, help="Table: instead, step of the field angle.")
+@click.option("--digits", type=WHOLE, default=6, show_default=True, help="Table: decimals of a millimetre.")
+@click.option("--grid-points", type=WHOLE, default=257, show_default=True, help="Grid sag: points along each side.")
 @click.option("--support", type=click.Choice(KINDS), default="tube", show_default=True,
               help="Drawing: what holds the mirror.")  # fmt: skip
-@click.option("--support-diameter-mm", type=float, help="Outer.  [default: of a rod 4, else 3 mm around the rim]")
-@click.option("--wall-mm", type=float, default=3.0, show_default=True, help="Of tube or dome.")
-@click.option("--refractive-index", type=float, default=1.49, show_default=True, help="Of tube or dome.")
-@click.option("--gap-mm", type=float, help="From the rod's foot to the lens.  [default: a quarter of the distance]")
-@click.option("--camera-diameter-mm", type=float, default=0.0, help="What of the camera is seen in the mirror.")
+@click.option("--support-diameter-mm", type=NUMBER, help="Outer.  [default: of a rod 4, else 3 mm around the rim]")
+@click.option("--wall-mm", type=NUMBER, default=3.0, show_default=True, help="Of tube or dome.")
+@click.option("--refractive-index", type=NUMBER, default=1.49, show_default=True, help="Of tube or dome.")
+@click.option("--gap-mm", type=NUMBER, help="From the rod's foot to the lens.  [default: a quarter of the distance]")
+@click.option("--camera-diameter-mm", type=NUMBER, default=0.0, help="What of the camera is seen in the mirror.")
 @click.option("--sheet", type=click.Choice(list(SHEETS)), default="A3", show_default=True, help="Drawing: paper.")
 @click.option("--scale", type=scale, metavar="1:N", help="Drawing: of the sensor.  [default: the largest that fits]")
 def command(sensor: str, output: Path, **options: Any) -> None:

@@ -10,10 +10,12 @@ import numpy as np
 from rich.table import Table
 
 from ..analysis import illumination
+from ..arguments import float_of
 from ..mirrors.reflectivity import METALS, Reflectivity
 from ..specs import load_sensor
 from .aperture_options import angles_of
-from .options import angle, output_console, values
+from .options import NUMBER, angle, values
+from .outputs import FIGURES, format_option, output_console, output_option, say_written
 
 CURVE, RIM_DEG = 121, 1.5  # points of the curve, and of half as many more where the rim cuts the light off
 
@@ -27,7 +29,7 @@ def reflectivity(text: str) -> Reflectivity:
     if text in METALS:
         return text
     try:
-        numbers = [float(part) for part in text.split(",")]
+        numbers = [float_of(part) for part in text.split(",")]
     except ValueError:
         numbers = []
     if len(numbers) == 1:
@@ -44,9 +46,10 @@ def reflectivity(text: str) -> Reflectivity:
               help="Direction in the picture, from right towards bottom.")  # fmt: skip
 @click.option("--reflectivity", type=reflectivity, default="1", show_default=True, metavar="R|N,K|METAL",
               help=f"Of the mirror: a share, an index, or {', '.join(METALS)}.")  # fmt: skip
-@click.option("--transmission", type=float, default=1.0, show_default=True, help="Of the lens.")
-@click.option("-o", "--output", type=click.Path(path_type=Path), help="Figure (PNG, SVG, PDF).")
-@click.option("--csv", "csv_file", type=click.Path(path_type=Path), help="Write the table.")
+@click.option("--transmission", type=NUMBER, default=1.0, show_default=True, help="Of the lens.")
+@output_option("-o", "--output", formats=FIGURES, help="Figure (PNG, SVG, PDF).")
+@format_option(FIGURES)
+@output_option("--csv", "csv_file", help="Write the table.")
 def command(
     sensor: str,
     omega_deg: Any,
@@ -74,7 +77,7 @@ def command(
     console.print(table)
     if csv_file:
         found.to_csv(csv_file)
-        console.print(f"Wrote [bold]{csv_file}[/]", highlight=False, soft_wrap=True)
+        say_written(csv_file, console=console)
     if output:
         from ..figures import save_figure
         from ..figures.aperture import illumination_curves
@@ -83,4 +86,4 @@ def command(
         dense = np.union1d(dense, np.linspace(max(dense[0], dense[-1] - RIM_DEG), dense[-1], CURVE // 2))
         curve = illumination(seen, dense, azimuth_deg=azimuth_deg, reflectivity=reflectivity, transmission=transmission)
         figure = illumination_curves([(seen.name, curve)])
-        console.print(f"Wrote [bold]{save_figure(figure, output)}[/]", highlight=False, soft_wrap=True)
+        say_written(save_figure(figure, output), console=console)

@@ -6,31 +6,34 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import click
+import tomli_w
 
 from ..errors import OmnimirrorError
-from ..files import write_text
+from ..files import is_stream, write_text
 from ..lenses import LENSES, Lens
 from ..mirrors import MIRRORS, Mirror, Secondary
 from ..mirrors.pose import MirrorPose
 from ..parameters import Parameter
+from .outputs import Output, say
 
 
 @click.command()
-@click.argument("path", type=click.Path(path_type=Path), default="sensor.toml")
+@click.argument("path", type=Output(), default="sensor.toml")
 @click.option("--force", is_flag=True, help="Replace a file that exists.")
 def command(path: Path, force: bool) -> None:
     """Write a commented sensor file to PATH (sensor.toml by default), and say what to do with it."""
-    if path.exists() and not force:
+    if path.exists() and not (force or is_stream(path)):
         raise OmnimirrorError(f"{path} exists already; choose another name or give --force to replace it")
-    write_text(path, template(path.stem))
-    click.echo(f"Wrote {path}; change it, then: omnimirror evaluate {path}")
+    write_text(path, template("sensor" if is_stream(path) else path.stem))
+    if not is_stream(path):
+        say(f"Wrote {path}; change it, then: omnimirror evaluate {path}")
 
 
 def template(name: str) -> str:
     """A sensor file that works as it stands, every entry explained, every mirror listed."""
     return f'''# A sensor: a curved mirror seen by a camera on its axis. Lengths in mm unless the name says otherwise.
 format = 1
-name = "{name}"
+{tomli_w.dumps({"name": name.encode("utf-8", "replace").decode()}).strip()}
 notes = """
 What this sensor is, and where its numbers come from."""
 

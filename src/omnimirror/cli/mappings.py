@@ -6,21 +6,24 @@ from pathlib import Path
 
 import click
 from rich.table import Table
+from rich.text import Text
 
 from ..design.mappings import MAPPINGS, generated_mirror
 from ..design.placed import PlacedMirror, Rim
 from ..errors import OmnimirrorError
 from ..tracing.meridian import Meridian
-from .options import output_console
+from .options import NUMBER
+from .outputs import FIGURES, format_option, output_console, output_option, say_written
 
 MOST_DRAWN = 6
 
 
 @click.command()
-@click.option("--omega-max-deg", type=float, default=75.0, show_default=True, help="Field angle at the rim.")
-@click.option("--theta-max-deg", type=float, default=12.0, show_default=True,
+@click.option("--omega-max-deg", type=NUMBER, default=75.0, show_default=True, help="Field angle at the rim.")
+@click.option("--theta-max-deg", type=NUMBER, default=12.0, show_default=True,
               help="Viewing angle of the lens there; 0 for an orthographic one.")  # fmt: skip
-@click.option("--figure", type=click.Path(path_type=Path), help="Draw their sections and image heights: svg, png, pdf.")
+@output_option("--figure", formats=FIGURES, help="Draw their sections and image heights: svg, png, pdf.")
+@format_option(FIGURES)
 def command(omega_max_deg: float, theta_max_deg: float, figure: Path | None) -> None:
     """List the mappings of omnimirror design, with the mirror that each needs for a field and a lens.
 
@@ -37,7 +40,7 @@ def command(omega_max_deg: float, theta_max_deg: float, figure: Path | None) -> 
         try:
             placed[name] = generated_mirror(name, rim)
         except OmnimirrorError as e:
-            table.add_row(name, "", "", "", f"[dim]{e}[/]")
+            table.add_row(name, "", "", "", Text(str(e), style="dim"))
             continue
         mirror = placed[name].mirror
         numbers = (placed[name].distance_mm, mirror.sag(1.0), 1 / mirror.curvature(0.0))
@@ -45,7 +48,7 @@ def command(omega_max_deg: float, theta_max_deg: float, figure: Path | None) -> 
     console.print(table)
     if figure:
         _draw({name: Meridian(p.mirror, p.distance_mm) for name, p in list(placed.items())[:MOST_DRAWN]}, figure)
-        console.print(f"Wrote [bold]{figure}[/]", highlight=False, soft_wrap=True)
+        say_written(figure, console=console)
 
 
 def _draw(mirrors: dict[str, Meridian], path: Path) -> None:

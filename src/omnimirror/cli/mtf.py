@@ -13,7 +13,8 @@ from ..analysis import mtf
 from ..analysis.point_spread import KINDS
 from ..specs import load_sensor
 from .aperture_options import angles_of, focus_of, object_options
-from .options import focus, output_console, values
+from .options import focus, values
+from .outputs import FIGURES, format_option, output_console, output_option, say_written
 
 SHOWN = (0.125, 0.25, 0.5)  # cycles per pixel, on the terminal
 
@@ -27,10 +28,9 @@ SHOWN = (0.125, 0.25, 0.5)  # cycles per pixel, on the terminal
               help="By waves with all aberrations, or by rays alone.")  # fmt: skip
 @click.option("--wavelength-nm", type=values, default="550", metavar="LIST", show_default=True, help="Of equal shares.")
 @click.option("--pixel/--no-pixel", default=True, show_default=True, help="Multiply by the MTF of the square pixel.")
-@click.option("-o", "--output", type=click.Path(path_type=Path), help="Figure (PNG, SVG, PDF).")
-@click.option(
-    "--csv", "csv_file", type=click.Path(path_type=Path), help="Write it, in cycles/px, lp/mm and cycles/deg."
-)
+@output_option("-o", "--output", formats=FIGURES, help="Figure (PNG, SVG, PDF).")
+@format_option(FIGURES)
+@output_option("--csv", "csv_file", help="Write it, in cycles/px, lp/mm and cycles/deg.")
 def command(
     sensor: str,
     omega_deg: Any,
@@ -72,9 +72,9 @@ def command(
     asked = found.first(len(nu))
     if csv_file:
         asked.to_csv(csv_file)
-        console.print(f"Wrote [bold]{csv_file}[/]", highlight=False, soft_wrap=True)
+        say_written(csv_file, console=console)
     if output:
         from ..figures import save_figure
         from ..figures.aperture import mtf_curves
 
-        console.print(f"Wrote [bold]{save_figure(mtf_curves(asked), output)}[/]", highlight=False, soft_wrap=True)
+        say_written(save_figure(mtf_curves(asked), output), console=console)

@@ -3,16 +3,47 @@
 from __future__ import annotations
 
 import re
-import sys
 from collections.abc import Iterable
+from typing import Any
 
 import click
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+from ..arguments import float_of, shown
 
 MOST_VALUES = 1_000_000
+
+
+def _as_written(value: Any) -> Any:
+    """A number as people write it: Python's underscores and other scripts' digits are slips."""
+    if isinstance(value, str) and (not value.isascii() or "_" in value):
+        raise click.BadParameter(f"{shown(value)} is not a number")
+    return value
+
+
+class Number(click.types.FloatParamType):
+    """A number."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        return super().convert(_as_written(value), param, ctx)
+
+
+class Whole(click.types.IntParamType):
+    """A whole number."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        return super().convert(_as_written(value), param, ctx)
+
+
+class WholeRange(click.IntRange):
+    """A whole number between two bounds."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        return super().convert(_as_written(value), param, ctx)
+
+
+NUMBER, WHOLE = Number(), Whole()
 
 
 def values(text: str) -> NDArray[np.float64]:
@@ -22,21 +53,21 @@ def values(text: str) -> NDArray[np.float64]:
     (array([  0.,  45.,  90., 135.]), array([ 90., 104.]))
     """
     try:
-        parts = [float(p) for p in text.split(":" if ":" in text else ",")]
+        parts = [float_of(p) for p in text.split(":" if ":" in text else ",")]
     except ValueError:
-        raise click.BadParameter(f"{text!r} is not a range START:STOP:STEP or a list of numbers") from None
+        raise click.BadParameter(f"{shown(text)} is not a range START:STOP:STEP or a list of numbers") from None
     if not np.isfinite(parts).all():
-        raise click.BadParameter(f"{text!r} holds a number that is not finite")
+        raise click.BadParameter(f"{shown(text)} holds a number that is not finite")
     if ":" not in text:
         return np.array(parts)
     if len(parts) != 3:
-        raise click.BadParameter(f"{text!r} has {len(parts)} parts; a range is START:STOP:STEP, such as 0:135:5")
+        raise click.BadParameter(f"{shown(text)} has {len(parts)} parts; a range is START:STOP:STEP, such as 0:135:5")
     start, stop, step = parts
     if step <= 0 or stop < start:
-        raise click.BadParameter(f"{text!r} is an empty range; START must not be above STOP, nor STEP 0 or less")
+        raise click.BadParameter(f"{shown(text)} is an empty range; START must not be above STOP, nor STEP 0 or less")
     count = int(np.floor((stop - start) / step + 1e-9)) + 1
     if count > MOST_VALUES:
-        raise click.BadParameter(f"{text!r} stands for {count} numbers; at most {MOST_VALUES} are valid")
+        raise click.BadParameter(f"{shown(text)} stands for {count} numbers; at most {MOST_VALUES} are valid")
     return start + step * np.arange(count, dtype=np.float64)
 
 
@@ -81,9 +112,9 @@ def picture_size(text: str) -> tuple[int | None, int | None]:
     >>> picture_size("1440x360"), picture_size("x360")
     ((1440, 360), (None, 360))
     """
-    match = re.fullmatch(r"(\d{0,6})x(\d{0,6})", text.strip().lower())
+    match = re.fullmatch(r"([0-9]{0,6})x([0-9]{0,6})", text.strip().lower())
     if not match:
-        raise click.BadParameter(f"{text!r} is not a size in pixels, such as 1440x360, 1440x or x360")
+        raise click.BadParameter(f"{shown(text)} is not a size in pixels, such as 1440x360, 1440x or x360")
     width, height = (int(side) if side else None for side in match.groups())
     return width, height
 
@@ -91,11 +122,11 @@ def picture_size(text: str) -> tuple[int | None, int | None]:
 def _numbers(text: str, count: int, separator: str, what: str) -> list[float]:
     """So many finite numbers with a separator between them."""
     try:
-        numbers = [float(part) for part in text.split(separator)]
+        numbers = [float_of(part) for part in text.split(separator)]
     except ValueError:
         numbers = []
     if len(numbers) != count or not np.isfinite(numbers).all():
-        raise click.BadParameter(f"{text!r} is not {what}")
+        raise click.BadParameter(f"{shown(text)} is not {what}")
     return numbers
 
 
@@ -106,11 +137,11 @@ def number_or_range(text: str) -> float | tuple[float, float]:
     (12.0, (10.0, 14.0))
     """
     try:
-        numbers = [float(part) for part in text.split(":")]
+        numbers = [float_of(part) for part in text.split(":")]
     except ValueError:
         numbers = []
     if len(numbers) not in (1, 2) or not np.isfinite(numbers).all():
-        raise click.BadParameter(f"{text!r} is not a number or a range LOW:HIGH")
+        raise click.BadParameter(f"{shown(text)} is not a number or a range LOW:HIGH")
     return numbers[0] if len(numbers) == 1 else (numbers[0], numbers[1])
 
 
@@ -121,11 +152,11 @@ def distance(text: str) -> float:
     inf
     """
     try:
-        number = float(text)
+        number = float_of(text)
     except ValueError:
         number = float("nan")
     if not number > 0:
-        raise click.BadParameter(f"{text!r} is not a distance in mm; it is valid above 0, and 'inf'")
+        raise click.BadParameter(f"{shown(text)} is not a distance in mm; it is valid above 0, and 'inf'")
     return number
 
 
@@ -176,7 +207,7 @@ def factor(text: str) -> float:
     """
     (number,) = _numbers(text, 1, ",", "a factor above 0")
     if number <= 0:
-        raise click.BadParameter(f"{text!r} is not a factor above 0")
+        raise click.BadParameter(f"{shown(text)} is not a factor above 0")
     return number
 
 
@@ -196,9 +227,9 @@ def focus(text: str) -> float | str:
     if text == "auto":
         return text
     try:
-        return float(text)
+        return float_of(text)
     except ValueError:
-        raise click.BadParameter(f"{text!r} is not a distance in mm, nor 'auto'") from None
+        raise click.BadParameter(f"{shown(text)} is not a distance in mm, nor 'auto'") from None
 
 
 def refuse_other(given: Iterable[str], options_of: dict[str, tuple[str, ...]], chosen: str) -> None:
@@ -214,16 +245,3 @@ def refuse_other(given: Iterable[str], options_of: dict[str, tuple[str, ...]], c
 def flag(name: str) -> str:
     """The option of a parameter."""
     return "--" + name.replace("_", "-")
-
-
-def output_console() -> Console:
-    """The terminal as it is; a pipe or a file gets lines as long as they need to be."""
-    return Console() if sys.stdout.isatty() else Console(width=200)
-
-
-def progress_bar(console: Console) -> Progress:
-    """A bar with a description, on a terminal only; it leaves nothing behind."""
-    return Progress(
-        TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), console=console, transient=True,
-        disable=not console.is_terminal,
-    )  # fmt: skip

@@ -12,18 +12,19 @@ from ..design.parts import Combination, choose_parts
 from ..errors import OmnimirrorError
 from ..lenses import Perspective
 from ..specs import load_sensor, save_sensor
-from .options import distance, output_console
+from .options import NUMBER, distance
+from .outputs import output_console, output_option, say_written
 
 
 @click.command()
 @click.argument("sensor")
 @click.argument("catalogue", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("--least-fill", type=float, default=0.6, show_default=True,
+@click.option("--least-fill", type=NUMBER, default=0.6, show_default=True,
               help="Share of half the imager's shorter side that the rim's image has to reach.")  # fmt: skip
 @click.option("--object-distance-mm", type=distance, metavar="MM", default="inf", show_default=True,
               help="From the mirror to the object.")  # fmt: skip
 @click.option("--best", is_flag=True, help="Only those that fit.")
-@click.option("-o", "--out", type=click.Path(path_type=Path), help="Write the best as a sensor file.")
+@output_option("-o", "--out", help="Write the best as a sensor file.")
 def command(
     sensor: str,
     catalogue: tuple[Path, ...],
@@ -44,7 +45,7 @@ def command(
         if not fitting or fitting[0].sensor is None:
             raise OmnimirrorError("no lens and imager of the catalogue fit, so there is no sensor to write")
         save_sensor(fitting[0].sensor, out)
-        console.print(f"Wrote [bold]{out}[/]", highlight=False, soft_wrap=True)
+        say_written(out, console=console)
 
 
 def _table(combinations: list[Combination]) -> Table:

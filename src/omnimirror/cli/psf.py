@@ -14,7 +14,8 @@ from ..analysis.point_spread import KINDS
 from ..errors import OmnimirrorError
 from ..specs import load_sensor
 from .aperture_options import angles_of, focus_of, object_options
-from .options import focus, output_console
+from .options import NUMBER, focus
+from .outputs import FIGURES, format_option, output_console, output_option, say_written
 
 MOST = 15
 
@@ -25,9 +26,10 @@ MOST = 15
 @click.option("--focus-mm", type=focus, metavar="MM|auto", help="Object distance in focus; the sensor's by default.")
 @click.option("--kind", type=click.Choice(KINDS), default="diffraction", show_default=True,
               help="By waves with all aberrations, or by rays alone.")  # fmt: skip
-@click.option("--wavelength-nm", type=float, default=550.0, show_default=True)
-@click.option("-o", "--output", type=click.Path(path_type=Path), help="Figure of the PSFs (PNG, SVG, PDF).")
-@click.option("--encircled", type=click.Path(path_type=Path), help="Figure of the encircled energy.")
+@click.option("--wavelength-nm", type=NUMBER, default=550.0, show_default=True)
+@output_option("-o", "--output", formats=FIGURES, help="Figure of the PSFs (PNG, SVG, PDF).")
+@format_option(FIGURES)
+@output_option("--encircled", formats=FIGURES, help="Figure of the encircled energy.")
 def command(
     sensor: str,
     omega_deg: Any,
@@ -76,4 +78,4 @@ def command(
         found = [p if 2 * p.offset_px[-1] == widest else compute(p.omega_deg, widest) for p in found]
         for path, draw in ((output, psf_pictures), (encircled, encircled_energy)):
             if path:
-                console.print(f"Wrote [bold]{save_figure(draw(found), path)}[/]", highlight=False, soft_wrap=True)
+                say_written(save_figure(draw(found), path), console=console)

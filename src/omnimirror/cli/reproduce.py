@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from .options import output_console
+from .outputs import output_console, say
 
 
 @click.command()
@@ -27,7 +27,7 @@ def command(out: Path, figures: bool, only: tuple[str, ...]) -> None:
         result = reproduce(out, figures, only or None, lambda what: status.update(f"Working on {what}"))
     console.print(tables.terminal_table(result.rows))
     console.print(tables.summary(result.rows), highlight=False, soft_wrap=True)
-    console.print(f"Wrote {len(result.files)} files to [bold]{out}[/]", highlight=False, soft_wrap=True)
+    say(f"Wrote {len(result.files)} files to ", (str(out), "bold"), console=console)
     if result.unexpected:
         rows = "; ".join(r.title for r in result.unexpected)
         raise NotReproduced(f"verdicts differ from what is known to be right in row {rows}")

@@ -10,10 +10,12 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arguments import float_of
 from ..dewarp.native import MOST_THREADS
 from ..dewarp.sampling import INTERPOLATIONS
 from ..errors import InvalidParameter
 from ..media.images import FULL
+from .options import WholeRange
 
 if TYPE_CHECKING:
     import av
@@ -90,7 +92,7 @@ def border(text: str) -> BorderColour:
     if text.startswith("#") and len(text) == 7 and set(text[1:]) <= HEX_DIGITS:
         return BorderColour(text, tuple(float(int(text[i : i + 2], 16)) for i in (1, 3, 5)), True)
     try:
-        values = tuple(float(part) for part in text.split(","))
+        values = tuple(float_of(part) for part in text.split(","))
     except ValueError:
         values = ()
     if len(values) not in (1, 3) or not np.isfinite(values).all():
@@ -114,7 +116,7 @@ _OPTIONS = (
     ),
     click.option(
         "--threads",
-        type=click.IntRange(1, MOST_THREADS),
+        type=WholeRange(1, MOST_THREADS),
         metavar="N",
         help="How many threads straighten.  [default: one per processor core]",
     ),

@@ -20,7 +20,7 @@ from ..simulate import Detector, Environment, Hardware, Pose, Scene
 from ..simulate.detector import BAYER, CURVES
 from ..simulate.scenes import BUNDLED, bundled_scene
 from ..simulate.shells import Dome, Tube
-from .options import _numbers, angle, distance, factor, flag
+from .options import NUMBER, WHOLE, _numbers, angle, distance, factor, flag
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
@@ -100,15 +100,15 @@ _PICTURE = (
         callback=_note_sharp,
         help="The same as --blur off.",
     ),
-    click.option("--samples", "--spp", type=int, default=16, show_default=True, help="Rays per pixel."),
-    click.option("--seed", type=int, default=0, show_default=True, help="Of the rays' places and of the noise."),
+    click.option("--samples", "--spp", type=WHOLE, default=16, show_default=True, help="Rays per pixel."),
+    click.option("--seed", type=WHOLE, default=0, show_default=True, help="Of the rays' places and of the noise."),
 )
 _HARDWARE = (
     click.option(
-        "--camera-radius-mm", type=float, metavar="MM", help="The camera, seen in the middle.  [default: none]"
+        "--camera-radius-mm", type=NUMBER, metavar="MM", help="The camera, seen in the middle.  [default: none]"
     ),
     click.option(
-        "--rim-width-mm", type=float, metavar="MM", help="A dark edge about the mirror's rim.  [default: none]"
+        "--rim-width-mm", type=NUMBER, metavar="MM", help="A dark edge about the mirror's rim.  [default: none]"
     ),
     click.option(
         "--reflectivity",
@@ -130,15 +130,15 @@ _HARDWARE = (
 _DETECTOR = (
     click.option("--exposure", type=factor, metavar="FACTOR", help="Of the light; above 1 saturates.  [default: 1]"),
     click.option("--full-well-e", type=distance, metavar="N", help="Electrons at saturation.  [default: no noise]"),
-    click.option("--read-noise-e", type=float, metavar="N", help="Noise of reading out, electrons.  [default: 0]"),
+    click.option("--read-noise-e", type=NUMBER, metavar="N", help="Noise of reading out, electrons.  [default: 0]"),
     click.option(
         "--black-level-dn",
-        type=float,
+        type=NUMBER,
         metavar="DN",
         help="Added to linear values, so that dark noise is not cut off.  [default: 5 deviations of reading]",
     ),
     click.option(
-        "--bits", type=int, metavar="8..16", help="Depth of values; PNG and TIFF hold more than 8.  [default: 8]"
+        "--bits", type=WHOLE, metavar="8..16", help="Depth of values; PNG and TIFF hold more than 8.  [default: 8]"
     ),
     click.option("--curve", type=click.Choice(CURVES), help="Of the values.  [default: srgb]"),
     click.option("--bayer", type=click.Choice(BAYER), help="One colour per pixel, not interpolated.  [default: none]"),
@@ -223,9 +223,10 @@ def detector_of(given: dict[str, Any]) -> Detector:
 @contextmanager
 def rows_bar(what: str) -> Iterator[Callable[[int, int], None]]:
     """A progress bar on stderr, told of rows or frames done."""
+    console = Console(stderr=True)
     bar = Progress(
-        TextColumn(what), BarColumn(), TextColumn("{task.percentage:.0f} %"), TimeRemainingColumn(),
-        console=Console(stderr=True), transient=True,
+        TextColumn(what, markup=False), BarColumn(), TextColumn("{task.percentage:.0f} %"), TimeRemainingColumn(),
+        console=console, transient=True, disable=not console.is_terminal,
     )  # fmt: skip
     with bar:
         task = bar.add_task("", total=None)

@@ -6,7 +6,7 @@ import click
 from rich.table import Table
 
 from ..specs import bundled_sensors, load_sensor
-from .options import output_console
+from .outputs import output_console
 
 
 @click.command()

@@ -7,15 +7,18 @@ from typing import Any
 
 import click
 import numpy as np
+from rich.text import Text
 
 from ..errors import OmnimirrorError, OutsideField
+from ..files import name_of
 from ..media import write_image
 from ..media.images import format_of
 from ..sensor import Sensor
 from ..simulate import Distant, Placed, Pose, Scene, expose
 from ..simulate.shells import seen_through
 from ..specs import bundled_sensors, load_sensor
-from .options import flag
+from .options import NUMBER, WHOLE, flag
+from .outputs import PICTURES, format_option, output_console, output_option, say
 from .scene_options import (
     DETECTOR,
     detector_of,
@@ -54,13 +57,14 @@ def command() -> None:
 @click.option("--pose", "placed", type=pose, metavar="X,Y,Z,..",
               help="Where the mirror stands in the scene, mm, and pan, tilt, roll, deg.  [default: 0,0,0]")  # fmt: skip
 @click.option("--path", type=click.Path(path_type=Path), help="Videos: poses over time, a CSV or TOML file.")
-@click.option("--fps", type=float, help="Videos: frames a second.  [default: 25]")
-@click.option("--duration-s", type=float, help="Videos: how long.  [default: to the last pose]")
+@click.option("--fps", type=NUMBER, help="Videos: frames a second.  [default: 25]")
+@click.option("--duration-s", type=NUMBER, help="Videos: how long.  [default: to the last pose]")
 @click.option("--distant", is_flag=True, help="Take the scene for infinitely far away: no parallax.")
 @picture_options
-@click.option("--panorama", type=click.Path(path_type=Path), help="Write its panorama, too.")
-@click.option("-o", "--output", type=click.Path(path_type=Path), required=True,
-              help="PNG, JPEG, ..; HDR for light; EXR for light and ground truth; MP4 for --path.")  # fmt: skip
+@output_option("--panorama", formats=PICTURES, help="Write its panorama, too.")
+@output_option("-o", "--output", formats=PICTURES, required=True,
+               help="PNG, JPEG, ..; HDR for light; EXR for light and ground truth; MP4 for --path.")  # fmt: skip
+@format_option(PICTURES)
 def picture(sensor: str, scene: str, output: Path, **options: Any) -> None:
     """Take the picture, or the video, that SENSOR would take of a scene.
 
@@ -106,7 +110,7 @@ def _photograph(camera: Sensor, scene: Scene, output: Path, given: dict[str, Any
     else:
         write_image(output, detector.read(light, given["seed"]))
     width, height = camera.image_size
-    click.echo(f"{output}: {width} x {height} px, {given['samples']} rays a pixel")
+    say(f"{name_of(output)}: {width} x {height} px, {given['samples']} rays a pixel")
     if "panorama" in given:
         _write_panorama(camera, detector_of({}).read(detector.exposure * light), given["panorama"])
 
@@ -117,7 +121,7 @@ def _write_panorama(camera: Sensor, picture: Any, output: Path) -> None:
     dewarp = Dewarper(camera, views.panorama(camera), "cubic")
     straight = dewarp(picture)
     write_image(output, straight)
-    click.echo(f"{output}: {dewarp.view}, {straight.shape[1]} x {straight.shape[0]} px")
+    say(f"{name_of(output)}: {dewarp.view}, {straight.shape[1]} x {straight.shape[0]} px")
 
 
 def _film(camera: Sensor, scene: Scene, output: Path, given: dict[str, Any]) -> None:
@@ -159,10 +163,10 @@ def _stopped(output: Path, done: int, what: str) -> None:
 @command.command("dataset")
 @click.argument("sensor")
 @click.option("-o", "--output", type=click.Path(path_type=Path, file_okay=False), required=True, help="A folder.")
-@click.option("--views", type=int, help="Pictures of the hall: how many.  [default: 12]")
+@click.option("--views", type=WHOLE, help="Pictures of the hall: how many.  [default: 12]")
 @click.option("--path", type=click.Path(path_type=Path), help="Instead a video along poses, a CSV or TOML file.")
-@click.option("--fps", type=float, help="Videos: frames a second.  [default: 25]")
-@click.option("--duration-s", type=float, help="Videos: how long.  [default: to the last pose]")
+@click.option("--fps", type=NUMBER, help="Videos: frames a second.  [default: 25]")
+@click.option("--duration-s", type=NUMBER, help="Videos: how long.  [default: to the last pose]")
 @click.option("--truth", is_flag=True, help="Also an EXR with light, depth and direction beside each picture or frame.")
 @scene_options
 @picture_options
@@ -234,7 +238,7 @@ def _write_video_set(camera: Sensor, scene: Scene, output: Path, given: dict[str
 
 @command.command("roundtrip")
 @click.argument("sensors", nargs=-1, metavar="[SENSOR...]")
-@click.option("--samples", "--spp", type=int, default=16, show_default=True, help="Rays per pixel.")
+@click.option("--samples", "--spp", type=WHOLE, default=16, show_default=True, help="Rays per pixel.")
 def roundtrip(sensors: tuple[str, ...], samples: int) -> None:
     """Simulate the room's wall at 800 mm, straighten it, and compare with what a pinhole sees: a table.
 
@@ -245,7 +249,6 @@ def roundtrip(sensors: tuple[str, ...], samples: int) -> None:
     from rich.table import Table
 
     from ..simulate.round_trip import round_trip
-    from .options import output_console
 
     table = Table(box=None, pad_edge=False, header_style="bold")
     table.add_column("sensor", no_wrap=True)
@@ -257,7 +260,7 @@ def roundtrip(sensors: tuple[str, ...], samples: int) -> None:
     console = output_console()
     for name in sensors or bundled_sensors():
         try:
-            with console.status(f"Simulating {name}"):
+            with console.status(Text(f"Simulating {name}")):
                 found = round_trip(load_sensor(name), samples)
         except OutsideField as e:
             if name in sensors:

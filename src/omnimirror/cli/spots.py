@@ -16,7 +16,8 @@ from ..errors import OmnimirrorError
 from ..sensor import Sensor
 from ..specs import load_sensor
 from .aperture_options import angles_of, object_options
-from .options import output_console, values
+from .options import WHOLE, values
+from .outputs import FIGURES, format_option, output_console, output_option, say_written
 
 MOST_FOCUSES = 15
 
@@ -25,11 +26,12 @@ MOST_FOCUSES = 15
 @click.argument("sensor")
 @object_options
 @click.option("--focus-mm", type=values, metavar="A:B:STEP", help="Focus distances, for spots through focus.")
-@click.option("--rings", type=int, default=12, show_default=True, help="Rings of rays across the aperture.")
+@click.option("--rings", type=WHOLE, default=12, show_default=True, help="Rings of rays across the aperture.")
 @click.option("--f-numbers", type=values, metavar="LIST",
               help="Instead: a table of the blur's error at these F-numbers.")  # fmt: skip
-@click.option("-o", "--output", type=click.Path(path_type=Path), help="Figure: angles by focuses (PNG, SVG, PDF).")
-@click.option("--csv", "csv_file", type=click.Path(path_type=Path), help="Write widths, radii and centroids.")
+@output_option("-o", "--output", formats=FIGURES, help="Figure: angles by focuses (PNG, SVG, PDF).")
+@format_option(FIGURES)
+@output_option("--csv", "csv_file", help="Write widths, radii and centroids.")
 def command(
     sensor: str,
     omega_deg: Any,
@@ -75,13 +77,13 @@ def command(
     console.print(table)
     if csv_file:
         found.to_csv(csv_file)
-        _say(console, csv_file)
+        say_written(csv_file, console=console)
     if output:
         from ..figures import save_figure
         from ..figures.aperture import spot_matrix
 
         airy = seen.lens.airy_diameter() / seen.imager.pitch_mm
-        _say(console, save_figure(spot_matrix(found, airy), output))
+        say_written(save_figure(spot_matrix(found, airy), output), console=console)
 
 
 def _print_check(console: Console, sensor: Sensor, f_numbers: Any, omega_deg: Any, object_distance_mm: float) -> None:
@@ -101,7 +103,3 @@ def _print_check(console: Console, sensor: Sensor, f_numbers: Any, omega_deg: An
     for F, *row in zip(found.f_number, *columns, strict=True):
         table.add_row(f"{F:g}", *(f"{v:.2f}" if i in (0, 3) else f"{v:.4f}" for i, v in enumerate(np.array(row))))
     console.print(table)
-
-
-def _say(console: Console, path: Path) -> None:
-    console.print(f"Wrote [bold]{path}[/]", highlight=False, soft_wrap=True)

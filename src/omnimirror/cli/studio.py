@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from ..errors import OmnimirrorError
+from .options import WholeRange
 
 if TYPE_CHECKING:
     from ..studio.app import Studio
@@ -19,9 +20,7 @@ _OPTIONS = (
     click.option(
         "--host", default="127.0.0.1", show_default=True, help="Where to listen; beyond this machine, with a token."
     ),
-    click.option(
-        "--port", type=click.IntRange(0, 65535), default=0, help="Where to listen.  [default: any that is free]"
-    ),
+    click.option("--port", type=WholeRange(0, 65535), default=0, help="Where to listen.  [default: any that is free]"),
     click.option("--open/--no-open", "open_browser", default=True, help="Whether to open the page in the browser."),
     click.option(
         "--folder",

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import csv
-import tomllib
 from collections.abc import Iterable
 from dataclasses import MISSING, dataclass, fields
+from math import isfinite
 from pathlib import Path
 from typing import Any, ClassVar
 
+from ..arguments import float_of, shown
 from ..errors import InvalidParameter, OmnimirrorError
-from ..files import read_text
+from ..files import parse_toml, read_text
 from ..parameters import Parameter
 
 RINGS = Parameter("mm", 1e-3, 1e3, "thicknesses of the extension rings that fit between lens and camera")
@@ -153,15 +154,18 @@ def _read(path: Path) -> Iterable[Part]:
         for number, row in enumerate(csv.DictReader(text.splitlines()), start=2):
             yield _part(f"{path} line {number}", {k: _number(k, v) for k, v in row.items() if k and v})
         return
-    try:
-        data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as e:
-        raise OmnimirrorError(f"{path} is not valid TOML: {e}") from None
+    data = parse_toml(text, str(path))
     for kind, entries in data.items():
         if kind not in ("lens", "imager") or not isinstance(entries, list):
             raise OmnimirrorError(f"{path}: {kind} is not known; a catalogue has [[lens]] and [[imager]] tables")
         for number, entry in enumerate(entries, start=1):
+            if not isinstance(entry, dict):
+                raise OmnimirrorError(f"{path}: {kind} {number} is no table; a catalogue has [[lens]] and [[imager]]")
             yield _part(f"{path}, {kind} {number}", entry)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)
 
 
 def _number(key: str, text: str) -> Any:
@@ -169,7 +173,7 @@ def _number(key: str, text: str) -> Any:
     if key == "name":
         return text
     try:
-        numbers = tuple(float(part) for part in text.split())
+        numbers = tuple(float_of(part) for part in text.split())
     except ValueError:
         return text
     if key == "extension_rings_mm":
@@ -193,12 +197,18 @@ def _part(where: str, entry: dict[str, Any]) -> Part:
     for key, value in values.items():
         if key == "name":
             ok = isinstance(value, str) and bool(value)
+        elif key == "extension_rings_mm":
+            ok = all(map(_is_number, value if isinstance(value, tuple) else (value,)))
+            values = values | {key: value if isinstance(value, tuple) else (value,)}
         else:
-            ok = all(isinstance(v, int | float) for v in (value if isinstance(value, tuple) else (value,)))
+            ok = _is_number(value)
         if not ok:
-            raise OmnimirrorError(f"{where}: {key} = {value!r} is not {'a name' if key == 'name' else 'a number'}")
+            raise OmnimirrorError(f"{where}: {key} = {shown(value)} is not {'a name' if key == 'name' else 'a number'}")
     if cls is ImagerPart:
-        values |= {k: int(values[k]) for k in ("width_px", "height_px")}
+        for key in ("width_px", "height_px"):
+            if values[key] != int(values[key]):
+                raise OmnimirrorError(f"{where}: {key} = {values[key]:g} is not a whole number of pixels")
+            values[key] = int(values[key])
     try:
         part: Part = cls(**values)
     except InvalidParameter as e:

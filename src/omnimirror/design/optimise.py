@@ -341,7 +341,7 @@ def _finished(resume: str | Path | None, header: dict[str, Any]) -> list[Run]:
     try:
         data = json.loads(read_bytes(resume, LARGEST_TEXT))
         runs = [Run(r["start"], tuple(r["y"]), r["value"], r["kept"], tuple(r["history"])) for r in data.pop("runs")]
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
         raise OmnimirrorError(f"{resume} is not a search that omnimirror kept; name another file") from None
     if data != header:
         changed = ", ".join(k for k in header if data.get(k) != header[k])

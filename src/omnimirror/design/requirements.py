@@ -5,7 +5,6 @@ An entry that may be a range takes a number, or ``[LOW, HIGH]``, within which th
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -17,11 +16,11 @@ from pydantic import BeforeValidator, Field
 from pydantic_core import PydanticCustomError
 
 from ..errors import SpecError
-from ..files import read_text
+from ..files import parse_toml, read_text
 from ..frames import Mount
 from ..imagers import Imager
 from ..mirrors.columns import MAPPING_FILE
-from ..specs import Places, StandTable, Table, did_you_mean, table_model, validated
+from ..specs import Places, StandTable, Table, check_entries, did_you_mean, table_model, validated
 from .families import FAMILIES
 from .fits import FitForm
 from .freeform import FreeForm
@@ -168,16 +167,13 @@ def parse_requirements(
     ((10.0, 14.0), (4.0, 4.0))
     """
     where = Places(text, source)
-    try:
-        data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as e:
-        raise SpecError(f"{source} is not valid TOML: {e}") from None
+    data = parse_toml(text, source)
     for section, entries in (changes or {}).items():
-        if isinstance(entries, dict):
+        if isinstance(entries, dict) and isinstance(data.get(section, {}), dict):
             merged = {**data.get(section, {}), **entries}
             entries = {name: value for name, value in merged.items() if value is not None}
         data[section] = entries
-    if limits:
+    if limits and isinstance(data.get("limit", []), list):
         data["limit"] = [*data.get("limit", []), *limits]
     return requirements_of(data, where, folder)
 
@@ -208,18 +204,11 @@ def requirements_of(data: dict[str, Any], where: Places, folder: Path | None = N
 
 
 def _check_tables(data: dict[str, Any], where: Places) -> None:
-    known = {
+    known: dict[str, type] = {
         "format": int, "name": str, "notes": str, "field": dict, "mirror": dict, "lens": dict, "imager": dict,
         "mount": dict, "limit": list,
     }  # fmt: skip
-    nouns = {dict: "a table", str: "a text in quotes", int: "a whole number", list: "a list of tables, each [[limit]]"}
-    for key, value in data.items():
-        if key not in known:
-            raise where.error((key,), f"{key} is not known{did_you_mean(key, known)}; valid are {', '.join(known)}")
-        if not isinstance(value, known[key]):
-            raise where.error((key,), f"{key} = {value!r} is not {nouns[known[key]]}")
-    if data.get("format", FORMAT) != FORMAT:
-        raise where.error(("format",), f"format = {data['format']} is not known to this version, which reads {FORMAT}")
+    check_entries(data, known, FORMAT, where)
     for key in ("field", "mirror"):
         if key not in data:
             raise where.error((), f"there is no [{key}] table; a requirement file needs [field] and [mirror]")

@@ -21,8 +21,8 @@ ROWS_PER_CHUNK = {0: 1, 1: 1, 2: 1, 3: 16, 4: 32, 5: 16, 6: 32, 7: 32, 8: 32, 9:
 TILED_OR_MANY_PARTS = 0x200 | 0x1000
 
 
-def read_exr(path: Path) -> Image:
-    """Read the first part of an OpenEXR file.
+def read_exr(path: Path, data: bytes) -> Image:
+    """Read the first part of an OpenEXR file, whose bytes are ``data``.
 
     Returns
     -------
@@ -35,7 +35,7 @@ def read_exr(path: Path) -> Image:
         OpenEXR is not installed, or the file is damaged or holds no such channels.
     """
     library = _library(path)
-    if _is_cut_short(path.read_bytes()):  # the library would read it as grey, and write lines of its own
+    if _is_cut_short(data):  # the library would read it as grey, and write lines of its own
         raise MediaError(f"the picture {path} is damaged or cut short")
     try:
         with library.File(str(path), separate_channels=True) as file:

@@ -109,7 +109,7 @@ def read_image(path: str | Path) -> Image:
     if not data:
         raise MediaError(f"the picture {path} is empty")
     if data.startswith(exr.MAGIC):
-        return exr.read_exr(path)
+        return exr.read_exr(path, data)
     if _is_cut_short(data):
         raise MediaError(f"the picture {path} is cut short: its end is missing")
     try:

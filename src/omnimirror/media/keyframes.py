@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import math
 import re
-import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,8 +13,9 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from ..errors import MediaError
-from ..files import read_text
+from .. import files
+from ..arguments import float_of, shown
+from ..errors import MediaError, SpecError
 
 Interpolation = Literal["smooth", "linear"]
 
@@ -63,7 +63,7 @@ class Keyframes:
             No such file, or an entry that is missing, unknown or wrong; the message names the line.
         """
         path = Path(path)
-        text = read_text(path, "keyframes", MediaError, f"there are no keyframes {path}")
+        text = files.read_text(path, "keyframes", MediaError, f"there are no keyframes {path}")
         if path.suffix.lower() not in (".csv", ".toml"):
             raise MediaError(f"keyframes are read from .csv and .toml files, and {path} is neither")
         return (parse_csv if path.suffix.lower() == ".csv" else parse_toml)(text, str(path), names)
@@ -156,12 +156,12 @@ def parse_toml(text: str, source: str = "keyframes", names: Sequence[str] = NAME
     {'pan_deg': 5.0}
     """
     try:
-        data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as e:
-        raise MediaError(f"{source} is not valid TOML: {e}") from None
+        data = files.parse_toml(text, source)
+    except SpecError as e:
+        raise MediaError(str(e)) from None
     interpolation = data.pop("interpolation", "smooth")
     if interpolation not in get_args(Interpolation):
-        raise MediaError(f"interpolation = {interpolation!r} in {source} is not one of smooth, linear")
+        raise MediaError(f"interpolation = {shown(interpolation)} in {source} is not one of smooth, linear")
     tables = data.pop("keyframe", [])
     if data or not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
         raise MediaError(f"{source} should hold [[keyframe]] tables, and perhaps interpolation, and nothing else")
@@ -203,9 +203,9 @@ def _keyframes(points: list[tuple[str, dict[str, Any]]], source: str, interpolat
 
 def _number(name: str, value: Any, where: str) -> float:
     try:
-        number = float(value) if not isinstance(value, bool) else math.nan
+        number = float_of(value) if isinstance(value, str) else math.nan if isinstance(value, bool) else float(value)
     except (TypeError, ValueError):
         number = math.nan
     if not math.isfinite(number):
-        raise MediaError(f"{where} has {name} = {value}, which is not a number")
+        raise MediaError(f"{where} has {name} = {shown(value)}, which is not a number")
     return number

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from ..arguments import float_of, shown
 from ..errors import OmnimirrorError, SpecError
 from ..files import read_text
 
@@ -46,7 +47,7 @@ class ColumnFile:
             raise SpecError(f"mirror has both {self.entry} and {' and '.join(sorted(clash))}; give one or the other")
         name = table[self.entry]
         if not isinstance(name, str):
-            raise SpecError(f"{self.entry} = {name!r} is not the name of a file in quotes")
+            raise SpecError(f"{self.entry} = {shown(name)} is not the name of a file in quotes")
         found = read_columns(folder / name, self.noun, ", ".join(self.columns))
         rest = {k: v for k, v in table.items() if k != self.entry}
         return rest | dict(zip(self.columns, map(list, found), strict=True))
@@ -69,10 +70,12 @@ def read_columns(
     points: list[tuple[float, float]] = []
     for number, row in enumerate(_rows(read_text(path, noun), path), start=1):
         try:
-            first, second = float(row[0]), float(row[1])
+            first, second = float_of(row[0]), float_of(row[1])
         except (ValueError, IndexError):
             if points and row and not row[0].lstrip().startswith("#"):
-                raise OmnimirrorError(f"{path} line {number}: {','.join(row)!r} is not two numbers {names}") from None
+                raise OmnimirrorError(
+                    f"{path} line {number}: {shown(','.join(row))} is not two numbers {names}"
+                ) from None
             continue
         points.append((first, second))
     if not points:

@@ -1,0 +1,148 @@
+"""Where a command's words and files go; ``-`` is standard output, and the words then stand on standard error."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterable
+from functools import wraps
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.text import Text
+
+from ..files import is_standard_output
+
+FIGURES = ("png", "svg", "pdf")
+PICTURES = ("png", "jpg", "tif", "webp", "bmp", "hdr", "exr")
+F = TypeVar("F", bound=Callable[..., Any])
+_TAKEN, _FORMAT = "omnimirror.standard-output", "omnimirror.format"
+
+
+class Output(click.Path):
+    """A file to write, or ``-`` for standard output.
+
+    Parameters
+    ----------
+    formats
+        What can be written to standard output besides text, the first unless ``--format`` says another.
+    """
+
+    def __init__(self, formats: tuple[str, ...] = ()) -> None:
+        super().__init__(path_type=Path)
+        self.formats = formats
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        path = super().convert(value, param, ctx)
+        if not str(value):
+            self.fail("a file name is needed, and this one is empty", param, ctx)
+        if ctx is None or not (str(path) == "-" or str(path) == "/dev/stdout"):
+            return path
+        option = max(param.opts, key=len) if param else "an output"
+        kind = ctx.meta.get(_FORMAT, self.formats[0]) if self.formats and str(path) == "-" else ""
+        return take_standard_output(option, kind, Path(str(path)), ctx)
+
+
+def take_standard_output(option: str, kind: str, path: Path = Path("-"), ctx: click.Context | None = None) -> Path:
+    """Let one output have standard output; the name under which a picture of this kind is written to it.
+
+    Raises
+    ------
+    click.UsageError
+        Another output has it, or it is a terminal and the output a picture.
+    """
+    meta = (ctx or click.get_current_context()).meta
+    if meta.setdefault(_TAKEN, option) != option:
+        raise click.UsageError(f"{meta[_TAKEN]} and {option} cannot both be written to standard output")
+    if kind and kind != "csv" and sys.stdout.isatty():
+        raise click.UsageError("a picture is not shown on a terminal; send it to a file or another program")
+    return path.with_suffix(f".{kind}") if kind else path
+
+
+def output_option(*names: str, formats: tuple[str, ...] = (), **more: Any) -> Callable[[F], F]:
+    """An option that names a file to write."""
+    return click.option(*names, type=Output(formats), **more)
+
+
+def format_option(formats: tuple[str, ...]) -> Callable[[F], F]:
+    """The option ``--format``, of what is written to standard output."""
+
+    def remember(ctx: click.Context, _: click.Parameter, value: str | None) -> None:
+        if value is not None:
+            ctx.meta[_FORMAT] = value
+
+    def decorate(function: F) -> F:
+        @wraps(function)
+        def checked(*args: Any, **kwargs: Any) -> Any:
+            meta = click.get_current_context().meta
+            if _FORMAT in meta and _TAKEN not in meta:
+                raise click.UsageError("--format says what '-' writes; files are written as their suffix says")
+            return function(*args, **kwargs)
+
+        return click.option(
+            "--format", type=click.Choice(formats), is_eager=True, expose_value=False, callback=remember,
+            help=f"What '-' writes to standard output.  [default: {formats[0]}]",
+        )(checked)  # type: ignore[return-value]  # fmt: skip
+
+    return decorate
+
+
+def takes_standard_output() -> bool:
+    """Whether a file is being written to standard output, so that words belong elsewhere."""
+    context = click.get_current_context(silent=True)
+    return context is not None and _TAKEN in context.meta
+
+
+class Terminal(Console):
+    """A console that leaves it to the application to end quietly when the reader has gone."""
+
+    def on_broken_pipe(self) -> None:
+        raise BrokenPipeError
+
+
+def output_console() -> Console:
+    """The terminal as it is; a pipe or a file gets lines as long as they need to be.
+
+    Words are printed as they are, names with brackets or colons too: styles come as :class:`rich.text.Text`.
+    """
+    stream = sys.stderr if takes_standard_output() else sys.stdout
+    width = None if stream.isatty() else 200
+    return Terminal(file=stream, width=width, markup=False, emoji=False, highlight=False)
+
+
+def say(*parts: str | tuple[str, str], console: Console | None = None) -> None:
+    """Print a line that is not wrapped, parts of it in a style: ``say("Wrote ", ("a.csv", "bold"))``."""
+    (console or output_console()).print(Text.assemble(*parts), soft_wrap=True)
+
+
+def say_written(*paths: Path | None, console: Console | None = None) -> None:
+    """Say which files were written, of those that were asked for and can be looked for afterwards."""
+    for path in paths:
+        if path and not is_standard_output(path):
+            say("Wrote ", (str(path), "bold"), console=console)
+
+
+def print_rows(console: Console, headings: Iterable[Iterable[str]], columns: Iterable[list[str]]) -> None:
+    """Columns of numbers under headings of several lines, each row as soon as it is made.
+
+    It prints what a plain :class:`rich.table.Table` of right-aligned columns would, ten thousand rows as well.
+    """
+    told, cells = [list(heading) for heading in headings], list(columns)
+    widths = [max(map(len, (*heading, *column))) for heading, column in zip(told, cells, strict=True)]
+    for line in zip(*told, strict=True):
+        row = " ".join(word.rjust(width) for word, width in zip(line, widths, strict=True))
+        console.print(Text(row, style="bold"), soft_wrap=True)
+    stream = console.file
+    for numbers in zip(*cells, strict=True):
+        stream.write(" ".join(word.rjust(width) for word, width in zip(numbers, widths, strict=True)) + "\n")
+    stream.flush()
+
+
+def progress_bar(console: Console) -> Progress:
+    """A bar with a description, on a terminal only; it leaves nothing behind."""
+    return Progress(
+        TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn(), console=console,
+        transient=True, disable=not console.is_terminal,
+    )  # fmt: skip

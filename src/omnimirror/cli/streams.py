@@ -1,0 +1,106 @@
+"""The three standard streams of a command, whatever the shell has made of them: closed, ASCII, or spoken into."""
+
+from __future__ import annotations
+
+import codecs
+import errno
+import io
+import os
+import sys
+import unicodedata
+import warnings
+from contextlib import suppress
+from typing import TextIO
+
+SPELLED = {"–": "-", "—": "-", "−": "-", "×": "x", "…": "..", "·": ".", "°": " deg", "²": "2", "±": "+-", "→": "->"}
+"""How a terminal that lacks a character shows it."""
+SENTENCE = 2000
+"""Characters of a message; a longer one is cut."""
+WORD = 255
+"""Characters of a word in it, such as a path or a list of numbers."""
+
+
+class Closed(io.TextIOBase):
+    """Standard output that the caller has closed: a word to it is an error."""
+
+    encoding = "utf-8"
+
+    def write(self, text: str) -> int:
+        raise OSError(errno.EBADF, "it is closed", "standard output")
+
+
+def prepare(is_quiet: bool) -> None:
+    """Make the streams usable: open, able to show any name, and ours alone.
+
+    Parameters
+    ----------
+    is_quiet
+        Keep warnings of Python, and what libraries in C say by themselves, off standard error: our own sentence
+        says what is wrong with a file.
+    """
+    for number in range(3):  # or a file that is opened next would become standard output
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)
+    if sys.stdout is None:
+        sys.stdout = Closed()
+    if sys.stderr is None:
+        sys.stderr = open(os.devnull, "w")  # noqa: SIM115
+    codecs.register_error("omnimirror", _spelled)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="omnimirror")
+    if is_quiet:
+        if not sys.warnoptions:
+            warnings.simplefilter("ignore")
+        sys.stderr = _ours_alone(sys.stderr)
+
+
+def _ours_alone(stream: TextIO) -> TextIO:
+    """Standard error on a descriptor of its own; what else is said on number 2 is thrown away."""
+    with suppress(OSError, ValueError):  # a stream of a test has no descriptor
+        if stream.fileno() == 2:
+            stream.flush()
+            own = open(os.dup(2), "w", 1, encoding=stream.encoding, errors="omnimirror")  # noqa: SIM115
+            nothing = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(nothing, 2)
+            os.close(nothing)
+            return own
+    return stream
+
+
+def _spelled(error: UnicodeError) -> tuple[str, int]:
+    """What to show for characters that a stream cannot, in ASCII."""
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    return "".join(map(_plain, error.object[error.start : error.end])), error.end
+
+
+def _plain(character: str) -> str:
+    if character in SPELLED:
+        return SPELLED[character]
+    if "\udc80" <= character <= "\udcff":  # a byte of a file name that is not UTF-8
+        return f"\\x{ord(character) - 0xDC00:02x}"
+    ascii = unicodedata.normalize("NFKD", character).encode("ascii", "ignore").decode()
+    return ascii or character.encode("ascii", "backslashreplace").decode()
+
+
+def forget_output() -> None:
+    """Let nothing more be written to standard output: its reader has gone."""
+    nothing = os.open(os.devnull, os.O_WRONLY)
+    with suppress(OSError, ValueError, AttributeError):
+        os.dup2(nothing, sys.stdout.fileno())
+    os.close(nothing)
+
+
+def one_line(text: str) -> str:
+    """A message as one line of bearable length, whatever stands in the names and values it holds.
+
+    >>> one_line("cannot read a\\nb.png: " + "7, " * 3 + "x" * 300)
+    'cannot read a b.png: 7, 7, 7, xxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxx..xxxxxxxxxxxxxxxxxxxx'
+    """
+    text = "".join(c if c.isprintable() or c.isspace() or "\udc80" <= c <= "\udcff" else repr(c)[1:-1] for c in text)
+    words = [word if len(word) <= WORD else f"{word[:40]}..{word[-20:]}" for word in text.split()]
+    line = " ".join(words)
+    return line if len(line) <= SENTENCE else f"{line[: SENTENCE - 200]} .. {line[-190:]}"

@@ -1,0 +1,98 @@
+"""Outputs that are no plain files: standard output, devices, pipes, links."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+import cv2
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from omnimirror.cli import COMMANDS, app, main
+
+FEW = ["--omega-deg", "0:90:45"]
+
+
+def run(*args):
+    return CliRunner().invoke(app, [str(a) for a in args], catch_exceptions=False, standalone_mode=False)
+
+
+def test_a_table_on_standard_output_is_all_there_is(tmp_path):
+    written = run("evaluate", "paper-spherical", *FEW, "--csv", tmp_path / "a.csv")
+    piped = run("evaluate", "paper-spherical", *FEW, "--csv", "-")
+    assert piped.stdout == (tmp_path / "a.csv").read_text()
+    assert "best focus" in piped.stderr  # the words are not lost
+    assert "Wrote" in written.stdout
+    assert json.loads(run("evaluate", "paper-spherical", *FEW, "--json", "-").stdout)["columns"]["omega_deg"] == [
+        0,
+        45,
+        90,
+    ]
+
+
+def test_a_picture_on_standard_output_is_that_of_a_file(tmp_path):
+    source = tmp_path / "round.png"
+    cv2.imwrite(str(source), np.random.default_rng(1).integers(0, 256, (64, 64, 3), np.uint8))
+    words = ["dewarp", source, "--ball", "31.5,31.5,30,300", "--size", "32x16"]
+    run(*words, "-o", tmp_path / "out.tif")
+    for kind, magic in ((None, b"\x89PNG"), ("tif", b"II*\0"), ("jpg", b"\xff\xd8\xff")):
+        piped = run(*words, "-o", "-", *(["--format", kind] if kind else []))
+        assert piped.stdout_bytes.startswith(magic)
+        if kind != "jpg":
+            picture = cv2.imdecode(np.frombuffer(piped.stdout_bytes, np.uint8), cv2.IMREAD_UNCHANGED)
+            assert np.array_equal(picture, cv2.imread(str(tmp_path / "out.tif"), cv2.IMREAD_UNCHANGED))
+
+
+def test_a_figure_on_standard_output():
+    assert run("spots", "paper-spherical", *FEW, "-o", "-").stdout_bytes.startswith(b"\x89PNG")
+    assert b"<svg" in run("spots", "paper-spherical", *FEW, "-o", "-", "--format", "svg").stdout_bytes
+
+
+@pytest.mark.parametrize(
+    ("args", "sentence"),
+    [
+        (["evaluate", "paper-spherical", "--csv", "-", "--json", "-"], "--csv and --json cannot both be written"),
+        (["spots", "paper-spherical", "--format", "svg", "-o", "a.svg"], "--format says what '-' writes"),
+        (["evaluate", "paper-spherical", "--csv", ""], "this one is empty"),
+    ],
+)
+def test_what_cannot_be_meant_is_refused(args, sentence, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit) as ended:
+        main(args)
+    assert ended.value.code == 2
+    assert sentence in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_reader_may_leave():
+    command = [sys.executable, "-m", "omnimirror", "evaluate", "paper-spherical", "--omega-deg", "0:130:.01"]
+    for words in (command, [*command, "--csv", "-"]):
+        with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+            assert process.stdout.readline()
+            process.stdout.close()
+            assert b"omnimirror: " not in process.stderr.read()
+            assert process.wait() == 0
+
+
+def test_every_command_that_writes_tables_or_pictures_knows_standard_output():
+    """An option that takes a name of a file takes ``-`` too; folders, sources and videos' paths do not."""
+    from omnimirror.cli.outputs import Output
+
+    writes = ("csv_file", "json_file", "output", "out", "figure", "encircled", "panorama")
+
+    def leaves(command, name):
+        for sub in getattr(command, "commands", {}).values():
+            yield from leaves(sub, f"{name} {sub.name}")
+        yield name, command
+
+    context = app.make_context("omnimirror", ["evaluate"])
+    for name in COMMANDS:
+        for path, command in leaves(app.get_command(context, name), name):
+            for parameter in command.params:
+                is_folder = getattr(parameter.type, "file_okay", True) is False or path in ("reproduce", "demo")
+                if parameter.name in writes and not is_folder:
+                    assert isinstance(parameter.type, Output), f"{path} {parameter.opts}"
