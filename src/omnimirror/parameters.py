@@ -28,6 +28,8 @@ class Parameter:
             if not isinstance(value, str) or value not in self.choices:
                 raise InvalidParameter(f"{name} = {shown(value)} is not one of {', '.join(self.choices)}")
             return
+        if np.ndim(value) and not np.size(value):
+            return  # how many there have to be is the part's own affair
         for i, number in enumerate(np.atleast_1d(numbers(name, value))):
             if not self.low <= number <= self.high:
                 label = f"{name}[{i}]" if np.ndim(value) else name
