@@ -13,10 +13,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import uvicorn
 
 from omnimirror.studio.app import Studio
-from omnimirror.studio.serve import configured
+from omnimirror.studio.serve import Server, configured, listen
 
 FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 FAKE_CAMERA = ["--use-fake-device-for-media-stream=device-count=2"]
@@ -33,13 +32,13 @@ BASE64 = """(values) => {
 @contextmanager
 def serving(studio: Studio, port: int = 0) -> Iterator[str]:
     """The address of a running server."""
-    server = uvicorn.Server(configured(studio, port, "error"))
-    thread = threading.Thread(target=server.run, daemon=True)
+    server, listening = Server(configured(studio, "error")), listen("127.0.0.1", port)
+    thread = threading.Thread(target=server.run, kwargs={"sockets": [listening]}, daemon=True)
     thread.start()
     try:
         while not server.started and thread.is_alive():
             time.sleep(0.01)
-        yield f"http://127.0.0.1:{server.servers[0].sockets[0].getsockname()[1]}/"
+        yield f"http://127.0.0.1:{listening.getsockname()[1]}/"
     finally:
         time.sleep(0.2)  # its ends of the last connections close a moment after ours
         server.should_exit = True

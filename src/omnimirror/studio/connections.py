@@ -16,7 +16,7 @@ STUCK_S = 60.0
 MOST = 256
 """Connections at once."""
 SPARE_FILES = 64
-"""Open files that are not connections."""
+"""Open files that are not connections, or not looked at yet."""
 
 
 class Connection(H11Protocol):
@@ -35,7 +35,9 @@ class Connection(H11Protocol):
         self._wait_for_head()
         if len(self.connections) > most_connections():
             waiting = [c for c in self.connections if isinstance(c, Connection) and c.is_silent]
-            min(waiting, key=lambda c: c.since, default=self).transport.abort()
+            longest = min(waiting, key=lambda c: c.since, default=self)
+            self.connections.discard(longest)  # it goes a moment later, and is not to be chosen again until then
+            longest.transport.abort()
 
     def connection_lost(self, exc: Exception | None) -> None:
         for timer in (self._head, self._stuck):

@@ -22,11 +22,13 @@ from .limits import LARGEST_MESSAGE
 
 EVERYWHERE = ("0.0.0.0", "::", "")
 """Where a server listens that does not say where."""
-BACKLOG = 256
+QUEUE = 256
 """Connections that wait to be accepted."""
+AT_A_TIME = 8
+"""Connections that are accepted before the first of them is looked at; a flood of them would take all open files."""
 
 
-class _Server(uvicorn.Server):
+class Server(uvicorn.Server):
     """Says nothing of what Ctrl-C cuts off, such as half an upload, and knows that it was Ctrl-C."""
 
     interrupted = False
@@ -34,6 +36,11 @@ class _Server(uvicorn.Server):
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
         self.interrupted |= sig == signal.SIGINT
         super().handle_exit(sig, frame)
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        await super().startup(sockets)
+        for listening in sockets or ():
+            listening.listen(QUEUE)  # which the event loop made as short as what it accepts at a time
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         logging.getLogger("uvicorn.error").setLevel(logging.CRITICAL)
@@ -63,14 +70,14 @@ def serve(studio: Studio, host: str, port: int, open_browser: bool, tell: Callab
     """
     if not is_loopback(host):
         studio.token = secrets.token_urlsafe(16)
-    listening = _listen(host, port)
+    listening = listen(host, port)
     bound = listening.getsockname()[1]
     query = f"?token={studio.token}" if studio.token else ""
     addresses = [f"http://{name}:{bound}/{query}" for name in names_of(host)]
     tell(f"omnimirror studio at {' or '.join(addresses)} (Ctrl-C ends it)")
     if open_browser:
         threading.Timer(0.3, webbrowser.open, (addresses[-1],)).start()
-    server = _Server(configured(studio))
+    server = Server(configured(studio))
     try:
         server.run(sockets=[listening])
     finally:
@@ -79,15 +86,15 @@ def serve(studio: Studio, host: str, port: int, open_browser: bool, tell: Callab
         raise KeyboardInterrupt
 
 
-def configured(studio: Studio, port: int = 0, log_level: str = "warning") -> uvicorn.Config:
+def configured(studio: Studio, log_level: str = "warning") -> uvicorn.Config:
     """How the server runs, with its limits."""
     return uvicorn.Config(
         create_app(studio),
-        port=port,
         log_level=log_level,
         http=Connection,
         ws="websockets-sansio",
         ws_max_size=LARGEST_MESSAGE,
+        backlog=AT_A_TIME,
         timeout_graceful_shutdown=1,
     )
 
@@ -121,13 +128,20 @@ def _towards(family: socket.AddressFamily, documented: str) -> str | None:
         return str(probe.getsockname()[0])
 
 
-def _listen(host: str, port: int) -> socket.socket:
+def listen(host: str, port: int) -> socket.socket:
+    """A socket whose address can be opened from here on; port 0 is any that is free.
+
+    Raises
+    ------
+    OmnimirrorError
+        The address cannot be listened on.
+    """
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     listening = socket.socket(family, socket.SOCK_STREAM)
     try:
         listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         listening.bind((host, port))
-        listening.listen(BACKLOG)  # from here on its address can be opened
+        listening.listen(QUEUE)
     except (OSError, OverflowError) as e:
         listening.close()
         reason = getattr(e, "strerror", None) or str(e)
