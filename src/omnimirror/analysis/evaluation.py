@@ -17,6 +17,7 @@ from ..files import write_text
 from ..lenses import BLUR_MODES, BlurMode, DepthOfField, Perspective
 from ..sensor import Sensor
 from .focus import FocusStudy, best_focus, distance_per_angle
+from .uncertainty import standard_deviations
 from .viewpoints import viewpoint_z
 from .virtual_images import virtual_images
 
@@ -142,15 +143,30 @@ class Evaluation:
             )
         return values
 
-    def to_csv(self, path: str | Path) -> None:
-        """Write the table with 17 significant digits, which hold every double exactly."""
+    def standard_deviations(self) -> dict[str, Array]:
+        """What the scatter of a measured profile makes of each column at its field angles, (n,); else nothing.
+
+        One standard deviation, to first order; :attr:`SampledProfile.fit` says how much the points scatter.
+        """
+        return standard_deviations(self, (*COLUMNS, "floored_area_deg2"))
+
+    def to_csv(self, path: str | Path, deviations: bool = False) -> None:
+        """Write the table with 17 significant digits, which hold every double exactly.
+
+        With ``deviations`` each column that a measured profile makes uncertain is followed by its standard
+        deviation, ``.._sd``.
+        """
         columns = self.columns()
+        if deviations:
+            columns |= {f"{k}_sd": v for k, v in self.standard_deviations().items() if k in columns}
         rows = (",".join(f"{v:.17g}" for v in row) for row in zip(*columns.values(), strict=True))
         write_text(path, "\n".join([",".join(columns), *rows]) + "\n")
 
     def to_json(self, path: str | Path) -> None:
         """Write summary and columns; numbers that are not finite become "inf", "-inf" and "nan"."""
         data = {"summary": self.summary(), "columns": {k: v.tolist() for k, v in self.columns().items()}}
+        if found := self.standard_deviations():
+            data["standard_deviations"] = {k: v.tolist() for k, v in found.items()}
         write_text(path, json.dumps(_finite(data), indent=1) + "\n")
 
 

@@ -152,6 +152,7 @@ def _displacement(sensor: Sensor, rays: ChiefRays) -> Callable[[Array], Array]:
         inside = np.clip(apparent, first, last)
         there = sensor.image_height_px(meridian.trace(meridian.x_from_omega(inside)))
         past = np.where(apparent < first, ends[0], ends[1]) * (apparent - inside)
-        return h - there - past
+        error: Array = h - there - past
+        return error
 
     return of

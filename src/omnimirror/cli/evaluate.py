@@ -11,11 +11,12 @@ from rich.console import Console
 
 from ..analysis import MERITS, Evaluation, best_focus, best_viewpoint, evaluate
 from ..analysis.headings import HEADINGS, formatted
-from ..mirrors import Cone
+from ..mirrors import Cone, SampledProfile
 from ..specs import load_sensor
 from .options import NUMBER, distance, focus, pixel, values
 from .outputs import output_console, output_option, print_rows, say, say_written
 
+MOST_NAMED = 5  # points that are wrong
 TERMINAL_COLUMNS = [name for name in HEADINGS if name not in ("x_mm", "floored_area_deg2")]
 """What fits a terminal; files hold every column."""
 
@@ -44,7 +45,9 @@ TERMINAL_COLUMNS = [name for name in HEADINGS if name not in ("x_mm", "floored_a
 @click.option("--image-radius-px", type=NUMBER, help="Scale the image to this rim radius, as the paper does with 500.")
 @click.option("--wavelength-nm", type=NUMBER, default=550.0, show_default=True, help="Of the Airy disk.")
 @click.option("--tolerance-px", type=NUMBER, default=1.0, show_default=True, help="Permissible blur: depth of field.")
-@output_option("--csv", "csv_file", help="Write all columns, 17 significant digits.")
+@output_option(
+    "--csv", "csv_file", help="Write all columns, 17 significant digits; of a measured mirror their deviations too."
+)
 @output_option("--json", "json_file", help="Write summary and all columns.")
 @click.option("--figures", type=click.Path(path_type=Path), help="Draw the paper's figures into this folder.")
 def command(
@@ -84,7 +87,7 @@ def command(
     )
     console = output_console()
     if csv_file:
-        result.to_csv(csv_file)
+        result.to_csv(csv_file, deviations=True)
     if json_file:
         result.to_json(json_file)
     print_summary(console, result, merit)
@@ -137,8 +140,27 @@ def print_summary(console: Console, result: Evaluation, merit: str) -> None:
             f"best single viewpoint: {v.z_mm:.3f} mm over the vertex; assuming it errs by up to "
             f"{v.worst_px:.2f} px ({v.worst_deg:.3f} deg)"
         )
+    if isinstance(sensor.mirror, SampledProfile):
+        lines += profile_lines(result, sensor.mirror)
     say((sensor.name, "bold"), "\n".join(lines), console=console)
     console.print()
+
+
+def profile_lines(result: Evaluation, mirror: SampledProfile) -> list[str]:
+    """What is known of a sampled mirror's points: how much they scatter, which are wrong, and what that does."""
+    fit, lines = mirror.fit, []
+    if wrong := mirror.outliers:
+        named = ", ".join(f"{i + 1} (x = {mirror.x_mm[i]:g} mm)" for i in wrong[:MOST_NAMED])
+        more = f" and {len(wrong) - MOST_NAMED} more" if len(wrong) > MOST_NAMED else ""
+        lines.append(f"points of the profile left out as wrong: {named}{more}")
+    deviations = result.standard_deviations()
+    if deviations:
+        how = "estimated from the points" if mirror.uncertainty_um is None else "as stated, or as they scatter"
+        lines.append(f"profile smoothed to {fit.uncertainty_mm * 1e3:.3g} um, {how}; standard deviations at most:")
+        worst = ((HEADINGS[k], v[np.isfinite(v)]) for k, v in deviations.items() if k in HEADINGS)
+        shown = [f"{h.symbol} {v.max():.2g} {h.unit}".strip() for h, v in worst if v.size and v.max() > 0]
+        lines.append("  " + ", ".join(shown))
+    return lines
 
 
 def _draw(console: Console, result: Evaluation, folder: Path) -> None:

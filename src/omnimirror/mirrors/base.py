@@ -77,6 +77,11 @@ class Mirror(ABC):
         z = self.sag(np.linspace(0.0, self.rim_radius_mm, 513))
         return (0.0, self.rim_radius_mm), (float(z.min()), float(z.max()))
 
+    @property
+    def breaks(self) -> Array | None:
+        """Where the polynomials of fifth or lower degree that the sag is made of begin and end, mm; None of others."""
+        return None
+
     @classmethod
     def from_spec(cls, data: dict[str, Any], folder: Path | None) -> dict[str, Any]:
         """The mirror table of a sensor file, its file of columns followed; without a folder it may name none."""
@@ -89,7 +94,8 @@ class Mirror(ABC):
     def _check(self) -> None:
         """Every parameter in its range, and a surface all the way to the rim."""
         for f in fields(self):  # type: ignore[arg-type]
-            self.PARAMETERS[f.name].check(f.name, getattr(self, f.name))
+            if (value := getattr(self, f.name)) is not None:
+                self.PARAMETERS[f.name].check(f.name, value)
         x = np.linspace(0.0, self.rim_radius_mm, 513)
         with np.errstate(all="ignore"):
             z, slope, curvature = self.profile(x)

@@ -1,4 +1,4 @@
-"""A mirror given by points of its meridian: measured, or computed elsewhere."""
+"""A mirror given by points of its meridian: computed elsewhere, or measured."""
 
 from __future__ import annotations
 
@@ -14,20 +14,47 @@ from ..errors import InvalidParameter
 from ..parameters import Parameter
 from .base import RIM_RADIUS, Array, Mirror
 from .columns import PROFILE_FILE, read_columns
+from .measured import DEGREE, Fit, fitted
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
-DEGREE = 5  # quintic: the curvature is then a smooth cubic, as good a spline as the sag has elsewhere
+BEYOND = 1e-5  # of the rim radius
+
+
+@dataclass(frozen=True)
+class SmoothCurve(Mirror):
+    """A mirror whose meridian is a quintic spline."""
+
+    rim_radius_mm: float
+    spline: BSpline
+    apex: str
+
+    KIND: ClassVar[str] = "sampled"
+    PARAMETERS: ClassVar[dict[str, Parameter]] = {"rim_radius_mm": RIM_RADIUS}
+
+    @cached_property
+    def _splines(self) -> tuple[BSpline, BSpline, BSpline]:
+        return self.spline, self.spline.derivative(), self.spline.derivative(2)
+
+    def profile(self, x_mm: ArrayLike) -> tuple[Array, Array, Array]:
+        x = np.asarray(x_mm, dtype=float)
+        z, slope, curvature = (np.asarray(s(x)) for s in self._splines)
+        if self.apex == "smooth":
+            slope = np.where(x == 0.0, 0.0, slope)  # by symmetry; the spline says 1e-18
+        return z - self._splines[0](0.0), slope, curvature
 
 
 @dataclass(frozen=True)
 class SampledProfile(Mirror):
-    """A quintic spline (C4) through points (x, z) from the axis to at least the rim.
+    """A quintic spline (C4) through points (x, z) from the axis to at least the rim, or past them if they are noisy.
 
     The points are taken over to the other side of the axis, evenly for a smooth apex, so that the
-    slope is exactly zero there; a ``"pointed"`` apex is left as it comes. Sags count from the first
-    point.
+    slope is exactly zero there; a ``"pointed"`` apex is left as it comes. Sags count from the axis.
+
+    Curvature doubles the angles of the picture, and a spline through every point of a measured profile would make
+    large ones of a few nanometres. So points that scatter are smoothed to their uncertainty, single points that are
+    wrong are left out (:attr:`outliers`), and exact ones are met exactly; see :mod:`omnimirror.mirrors.measured`.
 
     Parameters
     ----------
@@ -36,11 +63,14 @@ class SampledProfile(Mirror):
     rim_radius_mm : mm, optional
         The last x by default.
     apex : "smooth" or "pointed"
+    uncertainty_um : um, optional
+        Standard uncertainty of the heights; estimated from them by default, and 0 to meet every one of them.
 
     Raises
     ------
     InvalidParameter
-        Too few points, x not growing from 0, different lengths, or a rim beyond the last point.
+        Too few points, x not growing from 0, different lengths, a rim beyond the last point, or points that
+        scatter far more than was stated.
 
     Examples
     --------
@@ -54,6 +84,7 @@ class SampledProfile(Mirror):
     z_mm: tuple[float, ...]
     rim_radius_mm: float | None = None  # type: ignore[assignment]
     apex: str = "smooth"
+    uncertainty_um: float | None = None
 
     KIND: ClassVar[str] = "sampled"
     FILE = PROFILE_FILE
@@ -62,12 +93,17 @@ class SampledProfile(Mirror):
         "z_mm": Parameter("mm", -1e5, 1e5, "heights, growing away from the lens"),
         "rim_radius_mm": RIM_RADIUS,
         "apex": Parameter("", 0, 0, "shape at the axis", choices=("smooth", "pointed")),
+        "uncertainty_um": Parameter(
+            "um", 0.0, 1e4, "standard uncertainty of the heights, estimated unless given; 0 meets every point"
+        ),
     }
 
     def __post_init__(self) -> None:
         x, z = (tuple(float(v) for v in a) for a in (self.x_mm, self.z_mm))
         if len(x) != len(z):
             raise InvalidParameter(f"x_mm has {len(x)} points and z_mm {len(z)}; they need the same number")
+        if not np.isfinite([x, z]).all():
+            raise InvalidParameter("x_mm and z_mm hold a number that is not finite; all of them must be")
         if len(x) <= DEGREE:
             raise InvalidParameter(f"a sampled profile of {len(x)} points is too short; give at least {DEGREE + 1}")
         if x[0] != 0.0:
@@ -86,7 +122,13 @@ class SampledProfile(Mirror):
         self._check()
 
     @classmethod
-    def from_csv(cls, path: str | Path, rim_radius_mm: float | None = None, apex: str = "smooth") -> SampledProfile:
+    def from_csv(
+        cls,
+        path: str | Path,
+        rim_radius_mm: float | None = None,
+        apex: str = "smooth",
+        uncertainty_um: float | None = None,
+    ) -> SampledProfile:
         """Read a profile from a CSV file of two columns x, z in mm; lines that hold no number are skipped.
 
         Raises
@@ -95,21 +137,48 @@ class SampledProfile(Mirror):
             The file is missing, or a line after the first number does not hold two numbers.
         """
         x, z = read_columns(Path(path))
-        return cls(x, z, rim_radius_mm, apex)
+        return cls(x, z, rim_radius_mm, apex, uncertainty_um)
 
     @cached_property
-    def _splines(self) -> tuple[BSpline, BSpline, BSpline]:
-        from scipy.interpolate import make_interp_spline
+    def fit(self) -> Fit:
+        """The curve, how uncertain one height is, and which points count."""
+        stated = None if self.uncertainty_um is None else self.uncertainty_um * 1e-3
+        return fitted(np.array(self.x_mm), np.array(self.z_mm), self.apex == "smooth", stated)
 
-        x, z = np.array(self.x_mm), np.array(self.z_mm) - self.z_mm[0]
-        if self.apex == "smooth":
-            x, z = np.concatenate([-x[:0:-1], x]), np.concatenate([z[:0:-1], z])
-        spline = make_interp_spline(x, z, k=DEGREE)
-        return spline, spline.derivative(), spline.derivative(2)
+    @property
+    def _rim(self) -> float:
+        rim: float = self.rim_radius_mm  # type: ignore[assignment]  # None only until it is made
+        return rim
+
+    @property
+    def outliers(self) -> tuple[int, ...]:
+        """Which points (from 0) are wrong and left out."""
+        return tuple(int(i) for i in np.flatnonzero(~self.fit.used))
+
+    def deviated(self, share: float) -> list[SmoothCurve]:
+        """The mirror a share of each independent standard deviation away, if its points are uncertain.
+
+        The squares of what these change in anything, over the square of the share, add up to its variance. They
+        reach a little beyond the rim, where a given field angle may lie.
+        """
+        from scipy.interpolate import BSpline
+
+        fit, rim = self.fit, self._rim * (1 + BEYOND)
+        curves = [fit.spline, *(BSpline(fit.spline.t, fit.spline.c + share * d, DEGREE) for d in fit.deviations)]
+        return [SmoothCurve(rim, curve, self.apex) for curve in curves]
+
+    @property
+    def breaks(self) -> Array:
+        x = self.fit.spline.t[DEGREE:-DEGREE]
+        inner: Array = x[(x > 0) & (x < self.rim_radius_mm)]
+        return np.concatenate([[0.0], inner, [self.rim_radius_mm]])
+
+    @cached_property
+    def _curve(self) -> SmoothCurve:
+        return SmoothCurve(self._rim, self.fit.spline, self.apex)
 
     def profile(self, x_mm: ArrayLike) -> tuple[Array, Array, Array]:
         x = np.asarray(x_mm, dtype=float)
-        z, slope, curvature = (np.asarray(s(x, extrapolate=False)) for s in self._splines)
-        if self.apex == "smooth":
-            slope = np.where(x == 0.0, 0.0, slope)  # by symmetry; the spline says 1e-18
-        return z, slope, curvature
+        z, slope, curvature = self._curve.profile(x)
+        there = (x >= 0.0 if self.apex == "pointed" else np.abs(x) <= self.x_mm[-1]) & (x <= self.x_mm[-1])
+        return tuple(np.where(there, a, np.nan) for a in (z, slope, curvature))  # type: ignore[return-value]

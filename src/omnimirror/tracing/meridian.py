@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import InvalidParameter, NotOneToOne, OutsideField, OutsideMirror, SelfObstruction
 from ..mirrors import Mirror
 from ..mirrors.base import sagittal_radius, tangential_radius
+from .proofs import stops_growing
 from .roots import increasing_root
 
 Array = NDArray[np.float64]
@@ -122,7 +123,15 @@ class Meridian:
 
     @cached_property
     def _table(self) -> ChiefRays:
-        return checked(self._rays(np.linspace(self.x_min, self.mirror.rim_radius_mm, NODES)))
+        table = checked(self._rays(np.linspace(self.x_min, self.mirror.rim_radius_mm, NODES)))
+        self._check_between_nodes()
+        return table
+
+    def _check_between_nodes(self) -> None:
+        """What the table proves at its nodes, everywhere: of mirrors made of polynomials, which may bend in between."""
+        x = stops_growing(self.mirror, self.m)
+        if x is not None:
+            raise _not_one_to_one(x, float(np.degrees(self._rays(np.array([x])).omega[0])), self.mirror.rim_radius_mm)
 
     @property
     def x_min(self) -> float:
@@ -293,7 +302,11 @@ def _check_one_to_one(rays: ChiefRays) -> None:
             "the field angle Omega(x) does not grow away from the axis; the mirror must be convex towards "
             "the lens, and a cone needs a perspective lens"
         )
-    raise NotOneToOne(
-        f"the field angle Omega(x) stops growing at x = {rays.x[i]:.6g} mm ({np.degrees(rays.omega[i]):.5g} deg), so "
-        f"the mapping is not one to one; rim_radius_mm = {rays.x[-1]:g} is valid below {rays.x[i]:.6g}"
+    raise _not_one_to_one(rays.x[i], float(np.degrees(rays.omega[i])), rays.x[-1])
+
+
+def _not_one_to_one(x: float, omega_deg: float, rim: float) -> NotOneToOne:
+    return NotOneToOne(
+        f"the field angle Omega(x) stops growing at x = {x:.6g} mm ({omega_deg:.5g} deg), so the mapping is not one to "
+        f"one; rim_radius_mm = {rim:g} is valid below {x:.6g}"
     )

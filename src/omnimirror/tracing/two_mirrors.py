@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,6 +21,7 @@ from ..mirrors import Secondary
 from .meridian import NODES, Array, ChiefRays, Meridian, checked, trace_chief_rays
 from .roots import increasing_root
 
+BETWEEN = 8  # points on each polynomial of a mirror at which the mapping is checked
 PROFILE = 129  # points of the secondary's profile past which rays must pass
 
 
@@ -43,6 +45,12 @@ class TwoMirrorMeridian(Meridian):
     def seen(self) -> Meridian:
         """The secondary as the lens sees it."""
         return Meridian(self.secondary.mirror, self.m - self.secondary.distance_mm)
+
+    def _check_between_nodes(self) -> None:
+        """A finer table: seen in a second mirror the mapping is no polynomial."""
+        if (breaks := self.mirror.breaks) is not None and len(breaks) > 2:
+            x = np.concatenate([np.linspace(a, b, BETWEEN, endpoint=False) for a, b in pairwise(breaks)])
+            checked(self._rays(np.append(x[x > self.x_min], breaks[-1])))
 
     def _rays(self, x: Array) -> ChiefRays:
         z, slope, curvature = self.mirror.profile(x)
