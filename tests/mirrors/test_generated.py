@@ -273,8 +273,8 @@ def test_a_function_that_is_no_mapping_is_refused():
     ("make", "message"),
     [
         (lambda: Equiareal(170.0, 12.0, M), "omega_max_deg = 170 cannot be reached .* valid between 12 and 168"),
-        (lambda: Rectifying(95.0, 12.0, M), "omega_max_deg = 95 cannot be reached by a rectifying .* below 90"),
-        (lambda: GroundPlane(90.0, 12.0, M, 500.0), "omega_max_deg = 90 cannot be reached by a ground-plane"),
+        (lambda: Rectifying(95.0, 12.0, M), "omega_max_deg = 95 cannot be reached by the rectifying .* below 90"),
+        (lambda: GroundPlane(90.0, 12.0, M, 500.0), "omega_max_deg = 90 cannot be reached by the ground-plane"),
         (lambda: Equidistant(60.0, 12.0, M, 70.0), "omega_min_deg = 70 is not below omega_max_deg = 60"),
         (lambda: CylinderMapping(110.0, 12.0, M, 50.0, 40.0), "cylinder_radius_mm = 40 does not clear the mirror"),
     ],

@@ -15,6 +15,7 @@ import omnimirror as om
 from omnimirror.design.requirements import parse_requirements
 from omnimirror.imagers import Imager
 from omnimirror.mirrors import MIRRORS
+from omnimirror.mirrors.pose import MirrorPose
 from omnimirror.specs import bundled_sensors, format_sensor, parse_sensor, tables_of
 from omnimirror.studio.app import create_app
 
@@ -315,12 +316,85 @@ def test_an_optimised_mirror_comes_with_news_on_the_way(client):
     assert np.maximum(np.abs(e.blur_t_deg), np.abs(e.blur_s_deg)).max() == pytest.approx(last["value"], rel=1e-3)
 
 
-def test_what_cannot_be_optimised_is_said(client):
+def test_what_cannot_be_optimised_is_said_before_it_is_asked_for(client):
+    sensor = om.load_sensor("folded-spherical")
+    ((header, _),) = ask(client, question(sensor))
+    assert "has two" in header["facts"]["not_optimised"]
     with client.websocket_connect("ws://127.0.0.1/api/bench/work") as socket:
-        socket.send_json(task(tables=tables_of(om.load_sensor("paraboloid-telecentric"))))
+        socket.send_json(task(tables=tables_of(sensor)))
         news = socket.receive_json()
-    assert news["state"] == "failed"
-    assert "orthographic lens" in news["sentence"]
+    assert (news["state"], news["sentence"]) == ("failed", header["facts"]["not_optimised"])
+
+
+def test_the_mirror_of_a_telecentric_lens_is_optimised_and_its_image_stays_as_large(client):
+    sensor = om.load_sensor("paraboloid-telecentric")
+    ((header, _),) = ask(client, question(sensor))
+    assert header["facts"]["not_optimised"] is None
+    with client.websocket_connect("ws://127.0.0.1/api/bench/work") as socket:
+        socket.send_json(task(tables=tables_of(sensor), terms=4))
+        news = socket.receive_json()
+        while news["state"] == "running":
+            news = socket.receive_json()
+    found = parse_sensor(toml(news["sensor"]["tables"]))
+    assert found.lens.KIND == "orthographic"
+    assert found.lens.working_f_number == pytest.approx(sensor.lens.working_f_number)
+    assert found.imager == sensor.imager
+    assert found.rim_radius_px == pytest.approx(sensor.rim_radius_px)
+    assert found.field_deg[1] == pytest.approx(sensor.field_deg[1])
+    after, before = (
+        np.maximum(np.abs(e.blur_t_deg), np.abs(e.blur_s_deg)).max()
+        for e in (om.evaluate(s, np.linspace(1, s.field_deg[1], 999)) for s in (found, sensor))
+    )
+    assert after < before
+    assert after == pytest.approx(news["value"], rel=0.02)
+
+
+@pytest.mark.parametrize("name", ["paraboloid-telecentric", "paper-hyperboloidal", "folded-hyperboloidal"])
+def test_a_requirement_file_carries_the_lens_of_its_sensor(name, client):
+    sensor = om.load_sensor(name)
+    lens = parse_requirements(post(client, "requirements", wanted=WANTED, tables=tables_of(sensor)).text).lens
+    assert lens.kind == sensor.lens.KIND
+    if name == "paraboloid-telecentric":
+        assert lens.f_number[0] == pytest.approx(sensor.lens.working_f_number)
+        assert lens.focal_length_mm is None
+        return
+    assert lens.f_number == (sensor.lens.f_number,) * 2
+    assert lens.focal_length_mm == (sensor.lens.focal_length_mm,) * 2
+    theta = np.arctan(sensor.rim_radius_px * sensor.imager.pitch_mm / sensor.lens.image_distance)
+    assert lens.theta_max_deg[0] == pytest.approx(np.degrees(theta), abs=1e-5)
+
+
+def misaligned() -> om.Sensor:
+    pose = MirrorPose(decentre_x_mm=1.7, decentre_y_mm=-0.9, displacement_mm=1.0, tilt_x_deg=0.8)
+    return replace(om.load_sensor("paper-spherical"), mirror_pose=pose)
+
+
+def test_a_misaligned_sensor_is_drawn_in_its_place_and_said_to_be_out_of_it(client):
+    sensor = misaligned()
+    opened = client.post("/api/bench/open", params={"name": "m.toml"}, content=format_sensor(sensor)).json()
+    assert parse_sensor(toml(opened["sensor"]["tables"])) == sensor
+    (header, blocks), (there, same) = ask(client, question(sensor), question(sensor.aligned()))
+    assert header["trouble"] is None
+    assert "decentred by 1.7 and -0.9 mm, tilted by 0.8 and 0°" in header["remark"]
+    assert there["remark"] is None
+    np.testing.assert_array_equal(blocks["curves"]["h_px"], same["curves"]["h_px"])
+    assert "place" in header["facts"]["not_optimised"]
+    focused = post(client, "change", tables=tables_of(sensor), what="focus", to="floored-area", object_distance_mm=None)
+    assert parse_sensor(toml(focused.json()["tables"])).mirror_pose == sensor.mirror_pose
+    for kind in ("table", "report"):
+        refused = post(client, "file", tables=tables_of(sensor), kind=kind, object_distance_mm=None)
+        assert refused.status_code == 400
+        assert "in its place" in refused.json()["detail"]
+        assert "()" not in refused.json()["detail"]  # no Python
+
+
+def test_the_picture_of_a_misaligned_sensor_is_taken_as_its_mirror_stands(client):
+    sizes = {"width_px": 64, "samples": 1}
+    pictures = [
+        post(client, "picture", tables=tables_of(sensor), **sizes).content
+        for sensor in (misaligned(), misaligned().aligned())
+    ]
+    assert pictures[0] != pictures[1]
 
 
 def test_a_sensor_is_designed_from_requirements(client):

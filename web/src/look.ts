@@ -1,6 +1,6 @@
 import * as api from "./api";
 import { NoWebGL, Renderer } from "./gl/renderer";
-import type { StreamState } from "./messages";
+import type { Source, StreamState } from "./messages";
 import { Camera } from "./model/camera";
 import { commandOf, fittedName, needsFile } from "./model/command";
 import { panTiltOf, type Pixel } from "./model/vectors";
@@ -59,7 +59,10 @@ export class Look {
     this.circle = new CirclePane((pixel) => this.lookAtPixel(pixel), (c) => this.rim.set(c));
     this.rim = new RimPanel(store, (isFitting) => {
       this.circle.isFitting = isFitting;
-      this.refresh();
+      document.body.classList.toggle("fitting", isFitting);
+      (isFitting ? byId("frame") : byId("raw-place")).append(byId("circle")); // large enough to aim at
+      if (isFitting) byId("frame").scrollIntoView({ block: "nearest" });
+      this.refresh(true);
     });
     this.sensor = new SensorPanel(store, {
       changed: () => this.refresh(true),
@@ -153,7 +156,8 @@ export class Look {
   }
 
   private async roomOf(sensor: string): Promise<Feed> {
-    return pictureFeed(await api.room(sensor), "circle.png", true);
+    const made = await api.room(sensor);
+    return { ...(await pictureFeed(made, "circle.png", true)), made };
   }
 
   private async openServer(id: string, isAsked = false): Promise<void> {
@@ -164,7 +168,10 @@ export class Look {
       const fine = state?.state === "playing";
       banner(fine ? null : (state?.sentence ?? `The studio's server does not answer. ${name} goes on when it is back.`), "picture");
     };
-    const make = async (): Promise<Feed> => (option.dataset.kind === "picture" ? pictureFeed(await api.picture(id), name, true) : streamFeed(id, name, told));
+    const make = async (): Promise<Feed> => {
+      const feed = option.dataset.kind === "picture" ? await pictureFeed(await api.picture(id), name, true) : await streamFeed(id, name, told);
+      return Object.assign(feed, { source: option.dataset.command });
+    };
     await this.open(`Opening ${name}`, make, `server:${id}`, isAsked);
   }
 
@@ -258,7 +265,6 @@ export class Look {
     this.feed = feed;
     this.playback.follow(feed.video ?? null);
     this.showWhether(true);
-    byId("picture-words").textContent = `${feed.name}, ${feed.width} × ${feed.height} px`;
     this.refresh(true);
   }
 
@@ -301,7 +307,26 @@ export class Look {
     this.renderer.draw(view, this.isRough());
     this.circle.drawView(camera, view);
     byId("command-line").textContent = commandOf(this.store.state, camera, this.feed, view.width, view.height);
-    byId("save-sensor").hidden = !needsFile(camera) || !this.hasServer;
+    this.showFiles(camera, this.feed);
+    this.showDoubt(camera, this.feed);
+  }
+
+  /** Say where a picture is, and where nothing says how it lies in the circle. */
+  private showDoubt(camera: Camera, feed: Feed): void {
+    const isGuess = camera.isMoved && !this.store.state.rim;
+    const doubt = isGuess ? ". Where the mirror lies in it is a guess: fit the circle, or choose the sensor that took it" : "";
+    const text = `${feed.name}, ${feed.width} × ${feed.height} px${doubt}`;
+    if (byId("picture-words").textContent !== text) byId("picture-words").textContent = text;
+  }
+
+  /** Offer the files that the command needs and no folder holds yet. */
+  private showFiles(camera: Camera, feed: Feed): void {
+    const sensor = needsFile(camera) ? fittedName(camera) : this.sensor.made?.name;
+    byId("save-picture").hidden = !feed.made;
+    byId("save-sensor").hidden = !sensor || !this.hasServer;
+    const files = [feed.made && feed.name, sensor].filter(Boolean).join(" and ");
+    const title = files ? `The same from the command line, once ${files} ${feed.made && sensor ? "are" : "is"} saved` : "The same from the command line";
+    if (byId("command-title").textContent !== title) byId("command-title").textContent = title;
   }
 
   /** While it moves, a view is drawn quickly; once it rests, with care. */
@@ -349,8 +374,10 @@ export class Look {
     byId("sources").addEventListener("change", (e) => void this.openServer((e.target as HTMLSelectElement).value));
     byId("snapshot").addEventListener("click", () => void this.snapshot());
     byId("link").addEventListener("click", () => setTimeout(() => void this.copyLink(), 200));
+    byId("whole-screen").addEventListener("click", () => void (document.fullscreenElement ? document.exitFullscreen() : byId("stage").requestFullscreen().catch(() => say("This browser does not show it on the full screen."))));
     byId("copy-command").addEventListener("click", () => void copy(byId("command-line").textContent ?? "", "Command"));
     byId("save-sensor").addEventListener("click", () => void this.saveSensor());
+    byId("save-picture").addEventListener("click", () => this.feed?.made && save(this.feed.made, this.feed.name));
     this.showWhether(false);
     this.bindDropping();
   }
@@ -370,12 +397,13 @@ export class Look {
     });
   }
 
-  private offerSources(sources: readonly { id: string; name: string; kind: string }[]): void {
+  private offerSources(sources: readonly Source[]): void {
     const select = byId<HTMLSelectElement>("sources");
     byId("sources-label").hidden = !sources.length;
-    for (const { id, name, kind } of sources) {
+    for (const { id, name, kind, command } of sources) {
       const option = Object.assign(document.createElement("option"), { value: id, textContent: name });
       option.dataset.kind = kind;
+      option.dataset.command = command;
       select.append(option);
     }
   }
@@ -399,6 +427,8 @@ export class Look {
 
   private async saveSensor(): Promise<void> {
     const camera = this.camera!;
+    const { made } = this.sensor;
+    if (made && !needsFile(camera)) return save(made.blob, made.name);
     const { u, v, radius } = camera.circle;
     const wanted = {
       id: camera.model.id,

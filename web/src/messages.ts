@@ -83,6 +83,8 @@ export interface Source {
   id: string;
   name: string;
   kind: "picture" | "video" | "live";
+  /** how the command line names it, from where the server was started */
+  command: string;
 }
 
 /** What the page opens with. */

@@ -15,6 +15,10 @@ export class Tabs {
   constructor(private readonly store: Store) {
     for (const button of document.querySelectorAll<HTMLButtonElement>("#tabs button"))
       button.addEventListener("click", () => store.set({ tab: button.value as State["tab"] }));
+    document.querySelector(".skip")!.addEventListener("click", (e) => {
+      e.preventDefault(); // the address is that of what is seen
+      document.querySelector<HTMLElement>(store.state.tab === "look" ? "#stage" : "#bench .desk")?.focus();
+    });
     store.listen((s, changed) => {
       if (changed.has("tab")) this.show();
       if (changed.has("design")) this.bench?.goTo(s.design);
@@ -29,6 +33,7 @@ export class Tabs {
       if (button.value === tab) button.setAttribute("aria-current", "page");
       else button.removeAttribute("aria-current");
     }
+    document.querySelector(".skip")!.setAttribute("href", tab === "look" ? "#look" : "#bench");
     byId("look").hidden = tab !== "look";
     byId("bench").hidden = tab !== "design";
     if (tab === "design" && !this.bench && !this.isFetching) void this.fetch();
@@ -77,7 +82,7 @@ export class Tabs {
   private async lookThrough(file: Blob, name: string): Promise<void> {
     if (!this.look) return say("Looking needs WebGL2, which this browser does not offer.");
     this.store.set({ tab: "look", source: "" });
-    await this.look.sensor.load(file, name, "mirror", false);
+    await this.look.sensor.load(file, name, "mirror", true);
     await this.look.openRoom(false);
   }
 }

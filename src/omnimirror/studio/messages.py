@@ -109,6 +109,7 @@ class Source(Message):
     id: str
     name: str
     kind: Literal["picture", "video", "live"]
+    command: str = Field(description="how the command line names it, from where the server was started")
 
 
 class Start(Message):

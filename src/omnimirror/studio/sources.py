@@ -25,7 +25,14 @@ class Shown:
 
     @property
     def message(self) -> Source:
-        return Source(id=self.id, name=self.name, kind=self.kind)
+        return Source(id=self.id, name=self.name, kind=self.kind, command=self.command)
+
+    @property
+    def command(self) -> str:
+        """Its place, as short as it can be said from here."""
+        here = Path.cwd()
+        is_near = self.kind != "live" and Path(self.place).is_relative_to(here)
+        return str(Path(self.place).relative_to(here)) if is_near else self.place
 
 
 class Sources:

@@ -8,6 +8,7 @@ import { Cursor } from "./cursor";
 import { History, nameOf, placed, type Design, type Pin } from "./design";
 import { colour, h } from "./dom";
 import { Form } from "./form";
+import { glossary } from "./glossary";
 import { Link, wishOf, type Found } from "./link";
 import type { BenchSensor, BenchStart } from "./messages";
 import { PictureView } from "./picture";
@@ -60,6 +61,7 @@ export class Bench {
   private readonly picture = new PictureView();
   private readonly charts = CHARTS.map((chart) => new ChartView(chart, this.cursor));
   private readonly trouble = h("p", { className: "trouble", role: "alert", hidden: true });
+  private readonly remark = h("p", { className: "trouble", role: "status", hidden: true });
   private describing = 0;
 
   constructor(private readonly host: Host, private readonly parts: BenchStart, first: Design) {
@@ -82,10 +84,10 @@ export class Bench {
     this.toolbar = new Toolbar(host, this);
     this.form = new Form(panel("Sensor"), parts, hands);
     this.wanted = new WantedPanel(panel("Requirements"), parts, hands);
-    this.work = new WorkPanel(panel("Optimise"), parts, hands);
+    this.work = new WorkPanel(panel("Optimise"), parts, { ...hands, take: (found) => this.takeFound(found) });
     this.compare = new CompareTable({ take: (i) => this.takePin(i), drop: (i) => this.dropPin(i) });
     const plots = h("div", { className: "plots" }, this.section.element, ...this.charts.map((c) => c.element), this.squares.element, this.picture.element);
-    host.place.append(aside, h("section", { className: "desk", "aria-label": "What the design does" }, this.trouble, this.compare.element, this.shownGroups(), plots));
+    host.place.append(aside, h("section", { className: "desk", tabIndex: -1, "aria-label": "What the design does" }, this.trouble, this.remark, this.compare.element, this.shownGroups(), plots, glossary()));
     this.cursor.listen((omega) => host.place.classList.toggle("reading", omega !== null));
     plots.addEventListener("pointerleave", () => this.cursor.set(null, this));
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.restyle());
@@ -138,6 +140,15 @@ export class Bench {
     this.edit({ ...this.history.now, tables: sensor.tables, follows: sensor.follows });
     this.settle();
     if (words) this.host.say(words);
+  }
+
+  /** Put on the bench what a search has found, with what was there pinned beside it. */
+  private takeFound(sensor: BenchSensor): void {
+    const before = this.history.now;
+    const isFull = this.pins.length >= MOST_PINS || this.pins.some((p) => p.design.tables === before.tables);
+    if (!isFull) this.pins = [...this.pins, { name: `${nameOf(before)}, before`, design: before }];
+    this.take(sensor, isFull ? "Found" : "Found; what was before is pinned beside it");
+    this.pinsChanged();
   }
 
   takeDesign(design: Design): void {
@@ -238,6 +249,8 @@ export class Bench {
   private settleFound(found: Found): void {
     this.host.place.classList.remove("stale");
     this.trouble.hidden = true;
+    this.remark.hidden = found.remark === null;
+    if (found.remark !== this.remark.textContent) this.remark.textContent = found.remark ?? "";
     this.form.complain(null);
     const complete = placed(this.history.now, found.facts!);
     if (complete !== this.history.now) {
@@ -254,7 +267,7 @@ export class Bench {
     const names = [nameOf(this.history.now), ...this.pins.map((p) => p.name)];
     return names.flatMap((name, i) => {
       const found = this.found[i];
-      return found ? [{ name, ink: colour(INKS[i]), found }] : [];
+      return found ? [{ name, ink: colour(INKS[i]), dots: i, found }] : [];
     });
   }
 
@@ -266,7 +279,7 @@ export class Bench {
     for (const chart of this.charts) if (!this.hidden.includes(chart.chart.group)) chart.show(drawn);
     if (!this.hidden.includes("Section")) this.section.show(drawn);
     if (!this.hidden.includes("Squares")) this.squares.show(drawn);
-    this.work.show(this.history.now);
+    this.work.show(this.history.now, this.found[0].facts!.not_optimised);
     clearTimeout(this.describing);
     this.describing = window.setTimeout(() => [...this.charts, this.section, this.squares].forEach((v) => v.describe()), DESCRIBED_MS);
   }

@@ -29,10 +29,13 @@ export const CHARTS: Chart[] = [
 export interface Drawn {
   name: string;
   ink: string;
+  /** How many dots its lines have between their dashes; 0: they are drawn through. */
+  dots: number;
   found: Found;
 }
 
 const HEIGHT = 164;
+const [DASH, DOT, GAP, WIDE_GAP] = [12, 2, 2.5, 6]; // px
 const AXIS_FONT = "11px system-ui, sans-serif";
 const STEP_DEG = 1;
 const POINT = 0.1; // of the image radius: about the point of a mirror, where a degree of azimuth shrinks to nothing
@@ -50,7 +53,7 @@ export class ChartView {
 
   constructor(readonly chart: Chart, private readonly cursor: Cursor) {
     const title = chart.unit ? `${chart.title}, ${chart.unit}` : chart.title;
-    this.element = h("figure", { className: "plot" }, h("figcaption", { title: `${chart.title}: ${chart.hint}` }, h("span", {}, title)), this.readout, this.place);
+    this.element = h("figure", { className: "plot" }, h("figcaption", { title: `${chart.title}: ${chart.hint}` }, h("span", {}, title), chart.columns.length > 1 ? h("span", { className: "quiet" }, chart.columns.map((c) => `${c.symbol} ${c.dashed ? "dashed" : "through"}`).join(", ")) : null), this.readout, this.place);
     this.place.setAttribute("role", "img");
     this.place.setAttribute("aria-label", `${chart.title} against field angle`);
     cursor.listen((omega, from) => this.point(omega, from));
@@ -116,7 +119,7 @@ export class ChartView {
 
   private options(): uPlot.Options {
     const series = this.bottomUp().flatMap((d) =>
-      this.chart.columns.map(({ dashed }): uPlot.Series => ({ stroke: d.ink, width: d === this.drawn[0] ? 2 : 1.4, dash: dashed ? [6, 4] : undefined, spanGaps: true, points: { show: false } })),
+      this.chart.columns.map(({ dashed }): uPlot.Series => ({ stroke: d.ink, width: d === this.drawn[0] ? 2 : 1.4, dash: dashes(d.dots, dashed), spanGaps: true, points: { show: false } })),
     );
     const axis = { stroke: colour("soft"), font: AXIS_FONT, grid: { stroke: colour("line"), width: 1 }, ticks: { show: false } };
     const degrees = (_: uPlot, splits: number[]): string[] => splits.map((v) => `${v}°`);
@@ -182,6 +185,13 @@ export class ChartView {
   private size(): { width: number; height: number } {
     return { width: Math.max(120, this.place.clientWidth), height: this.place.clientHeight || HEIGHT };
   }
+}
+
+/** The line of a design, told from others without its colour; what is dashed has wide gaps. */
+export function dashes(dots: number, isDashed = false): number[] | undefined {
+  const gap = isDashed ? WIDE_GAP : GAP;
+  if (!dots) return isDashed ? [6, 4] : undefined;
+  return [DASH, gap, ...Array.from({ length: dots }, () => [DOT, gap]).flat()];
 }
 
 const curves = (d: Drawn): Table | null => d.found.block("curves");

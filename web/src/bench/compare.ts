@@ -1,5 +1,5 @@
-import type { Drawn } from "./charts";
-import { h } from "./dom";
+import { dashes, type Drawn } from "./charts";
+import { h, svg } from "./dom";
 import type { Facts } from "./messages";
 import { words } from "./scale";
 
@@ -43,8 +43,8 @@ export class CompareTable {
   }
 
   private name(d: Drawn): HTMLElement {
-    const swatch = h("i", { className: "swatch" });
-    swatch.style.background = d.ink;
+    const line = svg("line", { x1: 0, x2: 34, y1: 4, y2: 4, stroke: d.ink, "stroke-width": d.dots ? 2 : 3, "stroke-dasharray": dashes(d.dots)?.join(" ") ?? "none" });
+    const swatch = svg("svg", { class: "swatch", viewBox: "0 0 34 8", "aria-hidden": "true" }, line);
     return h("th", { scope: "row" }, swatch, d.name);
   }
 

@@ -8,6 +8,7 @@ export class Field {
   private readonly number: HTMLInputElement;
   private readonly slider: HTMLInputElement;
   private readonly problem: HTMLElement;
+  private readonly ends = [h("span", {}), h("span", {})];
   private scale: Scale;
 
   /** `changed` is told each value, `settled` when a slider is let go or a number is entered. */
@@ -25,6 +26,7 @@ export class Field {
       h("label", { htmlFor: id }, title),
       h("span", { className: "entry" }, this.number, h("span", { className: "unit" }, unit)),
       this.slider,
+      h("span", { className: "ends", "aria-hidden": "true" }, ...this.ends),
       h("span", { id: `${id}h`, className: "hidden" }, `${p.description}; ${limits}`),
       this.problem,
     );
@@ -77,6 +79,7 @@ export class Field {
   private show(value: number, from?: HTMLInputElement): void {
     if (from !== this.number) this.number.value = String(Number(value.toPrecision(6)));
     if (from !== this.slider) this.slider.value = String(this.scale.from(value));
+    [this.scale.low, this.scale.high].forEach((end, i) => (this.ends[i].textContent = words(end, 3)));
     this.slider.setAttribute("aria-valuetext", `${words(value)} ${unitWords(this.p.unit)}`.trim());
   }
 }

@@ -73,6 +73,7 @@ export class Form {
     const { tables } = design;
     this.body.replaceChildren(
       this.section("Mirror", [this.name(design), labelled("Kind", this.mirror), ...this.of("mirror", kindOf(this.parts.mirrors, tables.mirror), tables.mirror), ...this.distance(design)]),
+      ...(tables.mirror_pose ? [this.section("Out of its place", this.pose(tables.mirror_pose as Tables))] : []),
       ...(tables.secondary ? [this.section("Second mirror", this.second(tables.secondary as Tables))] : []),
       this.section("Lens", [labelled("Kind", this.lens), ...this.of("lens", kindOf(this.parts.lenses, tables.lens), tables.lens), this.focus()]),
       this.section("Imager", this.of("imager", this.parts.imager, tables.imager)),
@@ -162,6 +163,16 @@ export class Form {
     return [h("p", { className: "words" }, `${kind.kind}`), ...this.of("secondary", kind, table), ...this.of("secondary", this.parts.place, table)];
   }
 
+  /** How the mirror stands out of its place, and back into it. */
+  private pose(table: Tables): HTMLElement[] {
+    const fields = this.parts.pose.parameters.flatMap((p) => this.entry("mirror_pose", p, table[p.name] ?? 0));
+    const back = (): void => {
+      const { mirror_pose: _, ...tables } = this.hands.now().tables;
+      this.settled({ ...this.hands.now(), tables });
+    };
+    return [...fields, h("div", { className: "row" }, h("button", { type: "button", onclick: back }, "Put the mirror in its place"))];
+  }
+
   private name(design: Design): HTMLElement {
     const input = h("input", { type: "text", id: unique(), maxLength: 60, value: nameOf(design), spellcheck: false });
     input.addEventListener("change", () => {
@@ -186,7 +197,7 @@ export class Form {
     const of = (part: PartOf, table: Tables): unknown => part.parameters.map((p) => (Array.isArray(table[p.name]) ? (table[p.name] as number[]).length : (table[p.name] ?? p.default) === null));
     const second = tables.secondary as Tables | undefined;
     const parts = [of(kindOf(this.parts.mirrors, tables.mirror), tables.mirror), second && of(kindOf(this.parts.secondaries, second), second), of(kindOf(this.parts.lenses, tables.lens), tables.lens)];
-    return JSON.stringify([tables.mirror.kind, second?.kind, tables.lens.kind, parts, follows, distance === null]);
+    return JSON.stringify([tables.mirror.kind, second?.kind, tables.mirror_pose !== undefined, tables.lens.kind, parts, follows, distance === null]);
   }
 
   private settled(design: Design): void {

@@ -102,7 +102,7 @@ export class Link {
 }
 
 /** The answer where there is none. */
-const NOTHING: Omit<Found, "slot" | "asked"> = { number: 0, trouble: { path: [], sentence: UNANSWERABLE }, facts: null, rows: [], wanted_trouble: null, blocks: [], block: () => null };
+const NOTHING: Omit<Found, "slot" | "asked"> = { number: 0, trouble: { path: [], sentence: UNANSWERABLE }, remark: null, facts: null, rows: [], wanted_trouble: null, blocks: [], block: () => null };
 
 /** The question about a design. */
 export const wishOf = (design: Design, section: boolean, squares: boolean): Wish => ({

@@ -5,6 +5,8 @@ export interface Answer {
   slot: number;
   number: number;
   trouble: Trouble | null;
+  /** what of the sensor the plots do not show */
+  remark: string | null;
   facts: Facts | null;
   rows: Judged[];
   wanted_trouble: string | null;
@@ -42,6 +44,8 @@ export interface BenchStart {
   place: PartOf;
   /** how far the mirror stands */
   mount: PartOf;
+  /** how far the mirror is out of its place */
+  pose: PartOf;
   quantities: QuantityOf[];
   merits: QuantityOf[];
   families: string[];
@@ -88,6 +92,8 @@ export interface Facts {
   worst_blur_px: number | null;
   worst_area_deg2: number | null;
   resolution_px_per_deg: [number, number | null];
+  /** why its mirror cannot be optimised, if it cannot */
+  not_optimised: string | null;
 }
 
 /** A requirement, and what is reached of it. */

@@ -1,10 +1,12 @@
 import { interpolated, type Cursor } from "./cursor";
-import type { Drawn } from "./charts";
+import { dashes, type Drawn } from "./charts";
 import { h, svg } from "./dom";
 import { blocksLike, type Table } from "./link";
 import { words } from "./scale";
 
 type Point = [number, number];
+
+type Anchor = "start" | "middle" | "end";
 
 /** Limits in mm along the axis (z, to the right) and across it (x, up). */
 interface Window {
@@ -13,7 +15,7 @@ interface Window {
 }
 
 const FAR_AWAY = 2.5; // virtual images farther than this from the vertex, in rim radii, are cut
-const LABEL_GAP = 13;
+const [LABEL_GAP, LETTER] = [13, 6.5]; // px, of labels of 11 px
 const CURVES: [name: string, label: string][] = [["T∞", "T∞"], ["T5M", "T5M"], ["S∞", "S∞"], ["S5M", "S5M"]];
 
 /** The sensor in cross-section, its lens to the left: the whole of it, and the mirror with the virtual images. */
@@ -78,7 +80,7 @@ export class SectionView {
     if (band) frame.band(band);
     for (const d of [...this.drawn].reverse()) {
       for (const ray of d === first ? blocksLike(d.found, "ray ") : []) frame.ray(ray, d.ink);
-      for (const name of ["mirror", "secondary"]) frame.curve(d.found.block(name), d.ink, d === first ? "solid" : "other");
+      for (const name of ["mirror", "secondary"]) frame.curve(d.found.block(name), d.ink, d === first ? "solid" : "other", d.dots);
       frame.curve(d.found.block("lens"), d.ink, "lens");
     }
     frame.labels();
@@ -96,7 +98,7 @@ export class SectionView {
     const frame = new Frame(this.close, { z: [low - 0.1 * M, high + 0.18 * M], x: [-1.35 * M, 1.35 * M] });
     frame.axis();
     frame.band(band);
-    for (const d of this.drawn.slice(1)) frame.curve(d.found.block("mirror"), d.ink, "other");
+    for (const d of this.drawn.slice(1)) frame.curve(d.found.block("mirror"), d.ink, "other", d.dots);
     frame.curve(first.found.block("mirror"), first.ink, "solid");
     for (const [name, text] of CURVES) frame.image(first.found.block(name), first.ink, `${name[0] === "S" ? "dashed " : ""}${name.endsWith("M") ? "fine" : "strong"}`, text);
     frame.labels();
@@ -130,7 +132,7 @@ class Frame {
   private readonly origin: Point;
   private readonly width: number;
   private readonly height: number;
-  private readonly texts: { at: Point; text: string; anchor: string }[] = [];
+  private readonly texts: { at: Point; text: string; anchor: Anchor }[] = [];
 
   constructor(private readonly place: SVGElement, private readonly window: Window) {
     const box = place.getBoundingClientRect();
@@ -166,9 +168,10 @@ class Frame {
     this.add("line", { class: "focus", x1: at, x2: at, y1: 0, y2: this.height });
   }
 
-  curve(table: Table | null, ink: string, look: string): void {
+  curve(table: Table | null, ink: string, look: string, dots = 0): void {
     if (!table) return;
-    this.add("path", { class: look, d: this.path(pointsOf(table)), stroke: ink });
+    const style: Record<string, string> = dots ? { "stroke-dasharray": dashes(dots)!.join(" ") } : {};
+    this.add("path", { class: look, d: this.path(pointsOf(table)), stroke: ink, ...style });
   }
 
   image(table: Table | null, ink: string, look: string, text: string): void {
@@ -187,7 +190,7 @@ class Frame {
     const end = this.edge(points[0], omega);
     this.add("path", { class: "ray", d: this.path([end, ...points]), stroke: ink });
     const [u, v] = this.at(end);
-    this.texts.push({ at: [u, v < 4 ? 12 : v - 3], text: `${omega}°`, anchor: u < 30 ? "start" : u > this.width - 30 ? "end" : "middle" });
+    this.texts.push({ at: [u, v < 4 ? 12 : v - 3], text: `${omega}°`, anchor: "middle" });
   }
 
   read(point: Point, omega: number): void {
@@ -210,12 +213,14 @@ class Frame {
 
   /** Words last, those that would lie on others left out. */
   labels(): void {
-    const taken: Point[] = [];
+    const taken: { left: number; right: number; v: number }[] = [];
     for (const { at, text, anchor } of this.texts) {
-      if (taken.some(([u, v]) => Math.abs(u - at[0]) < 2 * LABEL_GAP && Math.abs(v - at[1]) < LABEL_GAP)) continue;
-      taken.push(at);
       const [u, v] = [Math.min(Math.max(at[0], 2), this.width - 2), Math.min(Math.max(at[1], 11), this.height - 3)];
-      this.add("text", { x: u, y: v, "text-anchor": u > this.width - 24 ? "end" : anchor }, text);
+      const width = LETTER * text.length;
+      const left = Math.min(Math.max(2, u - { start: 0, middle: width / 2, end: width }[anchor]), this.width - 2 - width);
+      if (taken.some((t) => left < t.right && left + width > t.left && Math.abs(v - t.v) < LABEL_GAP)) continue;
+      taken.push({ left, right: left + width, v });
+      this.add("text", { x: left + width / 2, y: v, "text-anchor": "middle" }, text);
     }
   }
 

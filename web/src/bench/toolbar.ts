@@ -13,10 +13,11 @@ const FILES: [Download["kind"], string][] = [
 
 /** What stands in the page's header while the bench is shown. */
 export class Toolbar {
-  private readonly undo = h("button", { type: "button", title: "Undo (Ctrl+Z)", "aria-label": "Undo", onclick: () => this.bench.undo() }, "↶");
-  private readonly redo = h("button", { type: "button", title: "Redo (Ctrl+Shift+Z)", "aria-label": "Redo", onclick: () => this.bench.redo() }, "↷");
+  private readonly undo = h("button", { type: "button", title: "Undo (Ctrl+Z)", "aria-label": "Undo", className: "undo", onclick: () => this.bench.undo() });
+  private readonly redo = h("button", { type: "button", title: "Redo (Ctrl+Shift+Z)", "aria-label": "Redo", className: "redo", onclick: () => this.bench.redo() });
   private readonly file = h("input", { type: "file", accept: ".toml", hidden: true, "aria-label": "Sensor or requirement file", id: "bench-file" });
   private readonly menu = h("details", { className: "menu" });
+  private readonly summary = h("summary", { role: "button" }, "Download");
   private readonly requirements = h("button", { type: "button", onclick: () => void this.downloadRequirements() }, "Requirements (TOML)");
 
   constructor(private readonly host: Host, private readonly bench: Bench) {
@@ -26,10 +27,10 @@ export class Toolbar {
       this.file.value = "";
     });
     const items = FILES.map(([kind, title]) => h("button", { type: "button", onclick: () => void this.download(kind) }, title));
-    this.menu.append(h("summary", { role: "button" }, "Download"), h("div", { className: "items" }, ...items, this.requirements));
+    this.menu.append(this.summary, h("div", { className: "items" }, ...items, this.requirements));
     const nav = (title: string, className: string, ...children: (Node | string)[]): HTMLElement => h("nav", { "aria-label": title, className, "data-tab": "design" }, ...children);
     host.header.append(
-      nav("Design", "", this.undo, this.redo, h("button", { type: "button", onclick: () => this.file.click() }, "Open…"), this.starts(), this.file),
+      nav("Design", "", this.undo, this.redo, h("button", { type: "button", title: "A sensor file, or a requirement file", onclick: () => this.file.click() }, "Open sensor…"), this.starts(), this.file),
       nav("Keep the design", "keep", h("button", { type: "button", onclick: () => bench.pin() }, "Pin"), this.menu, h("button", { type: "button", className: "primary", onclick: () => void this.look() }, "Look through it")),
     );
     document.addEventListener("click", (e) => !this.menu.contains(e.target as Node) && (this.menu.open = false));
@@ -57,11 +58,19 @@ export class Toolbar {
   async download(kind: Download["kind"]): Promise<void> {
     this.menu.open = false;
     const { tables, distance } = this.bench.history.now;
-    if (kind === "report" || kind === "drawing") this.host.say("Drawing; this takes a few seconds");
+    if (this.summary.getAttribute("aria-busy") === "true") return this.host.say("One file at a time; the last one is still being made");
+    this.making(true);
     await this.try(async () => {
       const { blob, name } = await api.download({ tables, kind, object_distance_mm: distance });
       save(blob, name);
     });
+    this.making(false);
+  }
+
+  /** Say that a file is being made: a report takes many seconds. */
+  private making(isMaking: boolean): void {
+    this.summary.textContent = isMaking ? "Making the file…" : "Download";
+    this.summary.setAttribute("aria-busy", String(isMaking));
   }
 
   private async downloadRequirements(): Promise<void> {

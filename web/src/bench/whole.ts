@@ -22,6 +22,8 @@ function ofSensor(tables: Tables, follows: boolean, parts: Parts): string | null
   if (!isNumberOrNull(distance)) return `mount.mirror_distance_mm = ${short(distance)} is no number`;
   if (tables.lens.kind === "perspective" && !follows && typeof distance !== "number") return "it lacks mount.mirror_distance_mm";
   const kinds: [string, PartOf[]][] = [["mirror", parts.mirrors], ["lens", parts.lenses]];
+  const pose = tables.mirror_pose as unknown;
+  if (pose !== undefined && !(isTable(pose) && Object.values(pose).every((v) => Number.isFinite(v)))) return "mirror_pose is no table of numbers";
   if (tables.secondary !== undefined) kinds.push(["secondary", parts.secondaries]);
   for (const [name, known] of kinds) {
     const part = isTable(tables[name]) ? known.find((p) => p.kind === tables[name].kind) : undefined;

@@ -7,7 +7,7 @@ import { quantityWords } from "./wanted";
 
 interface Hands {
   now: () => Design;
-  take: (found: BenchSensor, words: string) => void;
+  take: (found: BenchSensor) => void;
 }
 
 /** Searches that take time: the best mirror by a merit, a sensor from requirements. */
@@ -20,24 +20,31 @@ export class WorkPanel {
   private readonly begin = h("button", { type: "button", onclick: () => this.start("optimise") }, "Optimise");
   private readonly design = h("button", { type: "button", onclick: () => this.start("design") }, "Design from requirements");
   private readonly cancel = h("button", { type: "button", hidden: true, onclick: () => this.stop("Cancelled; the design is as it was.") }, "Cancel");
+  private readonly reason = h("p", { className: "words", id: unique(), hidden: true });
   private readonly bar = h("progress", { max: 1, hidden: true, "aria-label": "Search" });
   private readonly said = h("p", { className: "words", role: "status" });
 
   constructor(place: HTMLElement, private readonly parts: BenchStart, private readonly hands: Hands) {
     this.merit = h("select", {}, ...parts.merits.map((m) => h("option", { value: m.name, title: m.meaning }, quantityWords(m.name, m.unit))));
     this.family = h("select", {}, ...parts.families.map((f) => h("option", { value: f }, f.replaceAll("-", " "))));
+    this.begin.setAttribute("aria-describedby", this.reason.id);
     place.append(
       labelled("Make least", this.merit),
       labelled("Free form", this.family),
       h("div", { className: "two" }, labelled("Terms", this.terms), labelled("Starts", this.starts)),
       h("div", { className: "row" }, this.begin, this.design, this.cancel),
+      this.reason,
       this.bar,
       this.said,
     );
   }
 
-  show(design: Design): void {
+  /** Offer what can be done with a design; `reason` says why its mirror cannot be optimised. */
+  show(design: Design, reason: string | null): void {
     this.design.hidden = !design.wanted?.mirror;
+    this.reason.hidden = reason === null;
+    this.reason.textContent = reason ?? "";
+    this.begin.disabled = this.socket !== null || reason !== null;
   }
 
   private start(what: Task["what"]): void {
@@ -61,7 +68,7 @@ export class WorkPanel {
       return;
     }
     this.stop(news.sentence);
-    if (news.sensor) this.hands.take(news.sensor, news.sentence);
+    if (news.sensor) this.hands.take(news.sensor);
   }
 
   private stop(sentence: string): void {
@@ -73,7 +80,8 @@ export class WorkPanel {
   }
 
   private running(isRunning: boolean): void {
-    this.begin.disabled = this.design.disabled = isRunning;
+    this.begin.disabled = isRunning || !this.reason.hidden;
+    this.design.disabled = isRunning;
     this.cancel.hidden = this.bar.hidden = !isRunning;
     this.bar.removeAttribute("value");
   }

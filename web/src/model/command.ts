@@ -6,21 +6,24 @@ import { domeEnd, elevations, groundScale, planetWidth, spanOf } from "./views";
 const word = (text: string): string => (/^[\w.,:/=+-]+$/.test(text) ? text : `'${text.replaceAll("'", `'\\''`)}'`);
 const plain = (x: number, digits = 4): string => String(+x.toFixed(digits));
 
+/** A file's name as a word of its own, never an option. */
+const file = (name: string): string => (name.startsWith("-") ? `./${name}` : name);
+
 /** The name under which the page saves the file of a sensor whose circle was moved. */
 export const fittedName = (camera: Camera): string => `${camera.model.name.replace(/[^\w.-]/g, "_")}-fitted.toml`;
 
-/** Whether the command needs a sensor file that the page has to save first. */
+/** Whether its circle was moved, so that the command needs a sensor file that the page makes. */
 export const needsFile = (camera: Camera): boolean => camera.model.kind === "sensor" && camera.isMoved;
 
 /** The command line that gives the same picture. */
 export function commandOf(s: State, camera: Camera, feed: Feed, width: number, height: number): string {
-  const words = ["omnimirror", "dewarp", feed.source, ...cameraWords(camera), ...viewWords(s, camera, width, height)];
+  const words = ["omnimirror", "dewarp", file(feed.source), ...cameraWords(camera), ...viewWords(s, camera, width, height)];
   return [...words, "-o", `${s.mode}.${feed.moves ? "mp4" : "png"}`].map(word).join(" ");
 }
 
 function cameraWords(camera: Camera): string[] {
   const { kind, options, mount, mount_in_file: own } = camera.model;
-  const words = needsFile(camera) ? ["--sensor", fittedName(camera)] : [...options];
+  const words = needsFile(camera) ? ["--sensor", file(fittedName(camera))] : [options[0], file(options[1]), ...options.slice(2)];
   if (kind === "ball") {
     const { u, v, radius } = camera.circle;
     const field = options[1].split(",")[3];

@@ -7,6 +7,8 @@ import { byId } from "./dom";
 const SVG = "http://www.w3.org/2000/svg";
 const PER_SIDE = 48;
 const HANDLE = 7; // px on the screen
+const STEPS: Record<string, readonly [number, number]> = { ArrowRight: [1, 0], ArrowLeft: [-1, 0], ArrowDown: [0, 1], ArrowUp: [0, -1] };
+const COARSE = 10; // with the shift key
 
 /** The picture as it was taken, with what the view shows of it, and handles to fit its circle. */
 export class CirclePane {
@@ -14,7 +16,9 @@ export class CirclePane {
   private readonly overlay = byId<SVGSVGElement>("overlay");
   private readonly place = byId("circle");
   private camera: Camera | null = null;
-  private held: "centre" | "radius" | null = null;
+  private held: Handle | null = null;
+  private readonly handles: Record<Handle, SVGElement> = { centre: handle("Centre of the circle"), radius: handle("Radius of the circle") };
+  private readonly drawn = element("g", {});
   isFitting = false;
 
   constructor(private readonly lookAt: (pixel: Pixel) => void, private readonly fitted: (circle: Circle) => void) {
@@ -22,6 +26,8 @@ export class CirclePane {
     this.overlay.addEventListener("pointerdown", (e) => this.grab(e));
     this.overlay.addEventListener("pointermove", (e) => this.move(e));
     for (const end of ["pointerup", "pointercancel"] as const) this.overlay.addEventListener(end, () => (this.held = null));
+    for (const which of ["centre", "radius"] as const) this.handles[which].addEventListener("keydown", (e) => this.key(e as KeyboardEvent, which));
+    this.overlay.append(this.drawn);
   }
 
   drawPicture(feed: Feed): void {
@@ -39,7 +45,8 @@ export class CirclePane {
 
   clear(): void {
     this.raw.width = 0;
-    this.overlay.replaceChildren();
+    this.drawn.replaceChildren();
+    for (const each of Object.values(this.handles)) each.remove();
   }
 
   drawView(camera: Camera, view: View): void {
@@ -54,10 +61,32 @@ export class CirclePane {
     if (this.isFitting) {
       const { u, v, radius } = camera.circle;
       parts.push(element("circle", { cx: u, cy: v, r: radius, class: "rim" }));
-      parts.push(element("circle", { cx: u, cy: v, r: HANDLE * unit, class: "handle" }));
-      parts.push(element("circle", { cx: u + radius * Math.SQRT1_2, cy: v + radius * Math.SQRT1_2, r: HANDLE * unit, class: "handle" }));
+      this.put("centre", u, v, unit, `${u.toFixed(1)}, ${v.toFixed(1)} px`, u);
+      this.put("radius", u + radius * Math.SQRT1_2, v + radius * Math.SQRT1_2, unit, `${radius.toFixed(1)} px`, radius);
     }
-    this.overlay.replaceChildren(...parts);
+    this.drawn.replaceChildren(...parts);
+    for (const each of Object.values(this.handles)) {
+      if (!this.isFitting) each.remove();
+      else if (!each.isConnected) this.overlay.append(each);
+    }
+  }
+
+  /** Put a handle where it belongs, and say where that is. */
+  private put(which: Handle, u: number, v: number, unit: number, words: string, value: number): void {
+    const attributes = { cx: u, cy: v, r: HANDLE * unit, "aria-valuetext": words, "aria-valuenow": value.toFixed(1) };
+    for (const [name, text] of Object.entries(attributes)) this.handles[which].setAttribute(name, String(text));
+  }
+
+  /** Arrow keys move the centre, or make the circle larger (right, up) and smaller; with shift ten pixels at a time. */
+  private key(e: KeyboardEvent, which: Handle): void {
+    const step = STEPS[e.key];
+    if (!step || !this.camera) return;
+    e.preventDefault();
+    const [du, dv] = step.map((s) => s * (e.shiftKey ? COARSE : 1));
+    const { u, v, radius } = this.camera.circle;
+    const circle = which === "centre" ? { u: u + du, v: v + dv, radius } : { u, v, radius: Math.max(4, radius + du - dv) };
+    this.camera = this.camera.fitted(circle, this.camera.size); // the next key may come before it is drawn
+    this.fitted(circle);
   }
 
   /** Picture pixels in a pixel of the screen. */
@@ -88,6 +117,12 @@ export class CirclePane {
     if (this.held === "centre") this.fitted({ u, v, radius });
     else this.fitted({ u: cu, v: cv, radius: Math.max(4, Math.hypot(u - cu, v - cv)) });
   }
+}
+
+type Handle = "centre" | "radius";
+
+function handle(name: string): SVGElement {
+  return element("circle", { class: "handle", tabindex: 0, role: "slider", "aria-label": `${name}; arrow keys move it` });
 }
 
 function element(kind: string, attributes: Record<string, string | number>): SVGElement {

@@ -15,6 +15,8 @@ export interface Feed {
   moves: boolean;
   /** A video that can be stopped. */
   video?: HTMLVideoElement;
+  /** Its file, of a picture that was made here and lies nowhere yet. */
+  made?: Blob;
   /** A camera, as the browser calls it. */
   device?: string;
   close(): void;
@@ -99,9 +101,9 @@ export function streamFeed(id: string, name: string, told: (state: StreamState |
         const bitmap = await createImageBitmap(data, DECODING);
         if (closed) return bitmap.close();
         if (feed) (feed.picture as ImageBitmap).close();
-        const shown = { name, source: name, picture: bitmap, width: bitmap.width, height: bitmap.height };
+        const shown = { picture: bitmap, width: bitmap.width, height: bitmap.height };
         if (feed) Object.assign(feed, shown);
-        else resolve((feed = { ...shown, moves: true, close }));
+        else resolve((feed = { ...shown, name, source: name, moves: true, close }));
         requestAnimationFrame(() => socket.readyState === WebSocket.OPEN && socket.send("next"));
       };
     };

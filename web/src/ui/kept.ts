@@ -4,6 +4,8 @@ export interface Kept {
   blob: Blob;
   name: string;
   optics?: "mirror" | "fisheye";
+  /** Whether it was made here, and lies in no folder yet. */
+  isMade?: boolean;
 }
 
 /** A picture or video by what is in it, and what its file was called. */

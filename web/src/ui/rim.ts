@@ -15,7 +15,6 @@ export class RimPanel {
       const isFitting = this.button.getAttribute("aria-pressed") !== "true";
       this.button.setAttribute("aria-pressed", String(isFitting));
       byId("rim-numbers").hidden = !isFitting;
-      if (isFitting) byId("rim-numbers").scrollIntoView({ block: "nearest" });
       toggled(isFitting);
     });
     byId("reset-rim").addEventListener("click", () => store.set({ rim: null }));
@@ -44,7 +43,7 @@ export class RimPanel {
 
   show(camera: Camera): void {
     byId("rim-row").hidden = !camera.model.is_adjustable;
-    if (!camera.model.is_adjustable) byId("rim-numbers").hidden = true;
+    if (!camera.model.is_adjustable && this.button.getAttribute("aria-pressed") === "true") this.button.click();
     byId("reset-rim").hidden = !this.store.state.rim;
     const { u, v, radius } = camera.circle;
     this.inputs.forEach((input, i) => document.activeElement !== input && (input.value = String(+[u, v, radius][i].toFixed(2))));

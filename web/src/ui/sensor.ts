@@ -25,6 +25,8 @@ export class SensorPanel {
   private asked = 0;
   private chosen: Chosen | null = null;
   camera: Camera | null = null;
+  /** The file of a sensor that was made here, which no folder holds yet. */
+  made: Kept | null = null;
 
   constructor(private readonly store: Store, private readonly hands: Hands) {
     const looks = [["up", "up"], ["down", "down"], ["forward", "ahead"]] as const;
@@ -52,12 +54,12 @@ export class SensorPanel {
     this.select.replaceChildren(...entries.map((e) => this.option(e)));
   }
 
-  /** Read a calibration file, and choose it. */
-  async load(file: Blob, name: string, optics: Optics = "mirror", turns = true): Promise<void> {
+  /** Read a calibration file, and choose it; `isMade` is for one of a design on the bench. */
+  async load(file: Blob, name: string, optics: Optics = "mirror", isMade = false): Promise<void> {
     try {
       const entry = await api.loadSensor(file, name, optics);
-      await keep(entry.id, { blob: file, name, optics });
-      if (await this.want({ sensor: entry.id, ...AS_IN_FILE }, turns)) say(`${entry.name} loaded`);
+      await keep(entry.id, { blob: file, name, optics, isMade });
+      if (await this.want({ sensor: entry.id, ...AS_IN_FILE }, !isMade)) say(`${entry.name} loaded`);
     } catch (e) {
       this.hands.failed(e);
     }
@@ -85,6 +87,8 @@ export class SensorPanel {
       if (number !== this.asked) return false;
       const { sensor, looks, forward, flipped } = wanted;
       this.chosen = { sensor, looks, forward, flipped };
+      const file = await kept(sensor);
+      this.made = file?.isMade ? file : null;
       show?.();
       this.take(camera);
       busy(null);

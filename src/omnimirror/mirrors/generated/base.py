@@ -97,7 +97,7 @@ class Generated(Mapped):
         self._check_reach(self.omega_max_deg)
         if self.omega_max_deg >= self.MOST_OMEGA_DEG:
             raise InvalidParameter(
-                f"omega_max_deg = {self.omega_max_deg:g} cannot be reached by a {self.KIND} mapping; it is valid "
+                f"omega_max_deg = {self.omega_max_deg:g} cannot be reached by the {self.KIND} mapping; it is valid "
                 f"below {self.MOST_OMEGA_DEG:g}"
             )
         omega_min: float = getattr(self, "omega_min_deg", 0.0)

@@ -17,7 +17,7 @@ from ...sensor import Sensor
 from .framing import framed
 from .judging import imager_radius_px, judge
 from .messages import Answer, Ask, Block, Facts, distance_of
-from .sensors import sensor_on_bench, trouble_of
+from .sensors import in_place, remark_on, sensor_on_bench, trouble_of, why_not_optimised
 
 Array = NDArray[np.float64]
 
@@ -53,9 +53,10 @@ class Design:
 def answer(ask: Ask) -> bytes:
     """The answer to what a page asks; what cannot be is a sentence in it."""
     try:
-        sensor = sensor_on_bench(ask.tables, ask.follows)
+        stands = sensor_on_bench(ask.tables, ask.follows)
+        sensor = in_place(stands)
         design = _evaluated(sensor, distance_of(ask.object_distance_mm))
-        facts = _facts(design)
+        facts = _facts(design, why_not_optimised(stands))
         blocks = [_block("curves", CURVES, design.curve)]
         blocks += _section(design) if ask.section else []
         blocks += [_block("squares", SQUARES, design.marks)] if ask.squares else []
@@ -63,13 +64,18 @@ def answer(ask: Ask) -> bytes:
         return framed(_answer(ask, trouble=trouble_of(e)))
     rows, wanted_trouble = judge(ask.wanted, sensor) if ask.wanted is not None else ((), None)
     told = _answer(
-        ask, facts=facts, rows=rows, wanted_trouble=wanted_trouble, blocks=tuple(values.block for values in blocks)
+        ask,
+        remark=remark_on(stands),
+        facts=facts,
+        rows=rows,
+        wanted_trouble=wanted_trouble,
+        blocks=tuple(values.block for values in blocks),
     )
     return framed(told, *(b.values.astype("<f4").tobytes() for b in blocks))
 
 
 def _answer(ask: Ask, **told: object) -> Answer:
-    empty = {"trouble": None, "facts": None, "rows": (), "wanted_trouble": None, "blocks": ()}
+    empty = {"trouble": None, "remark": None, "facts": None, "rows": (), "wanted_trouble": None, "blocks": ()}
     return Answer(slot=ask.slot, number=ask.number, **{**empty, **told})  # type: ignore[arg-type]
 
 
@@ -83,7 +89,7 @@ def _block(name: str, columns: tuple[str, ...], result: Evaluation) -> Values:
     return Values(Block(name=name, columns=columns, rows=values.shape[1]), values)
 
 
-def _facts(design: Design) -> Facts:
+def _facts(design: Design, not_optimised: str | None) -> Facts:
     sensor, e = design.subject.sensor, design.curve
     near, far = e.depth_of_field_mm
     blurs = np.maximum(np.abs(e.blur_t_px), np.abs(e.blur_s_px))
@@ -103,6 +109,7 @@ def _facts(design: Design) -> Facts:
         worst_blur_px=finite(float(blurs.max())),
         worst_area_deg2=finite(float(e.floored_area_deg2.max())),
         resolution_px_per_deg=(float(resolution.min()), finite(float(resolution.max()))),
+        not_optimised=not_optimised,
     )
 
 

@@ -19,9 +19,9 @@ from ...sensor import Sensor
 from ...specs import Places, format_sensor, sensor_of, tables_of
 from ..uploads import encoded, safe_name
 from .framing import framed
-from .judging import requirements_for
+from .judging import lens_table, requirements_for
 from .messages import Download, Opened, PictureAsk, Taken, distance_of
-from .sensors import on_bench, sensor_on_bench
+from .sensors import in_place, on_bench, sensor_on_bench
 
 ROWS = 361  # field angles of a table
 JPEG_QUALITY = 86
@@ -86,10 +86,11 @@ def requirement_file(wanted: dict[str, Any], sensor: Sensor) -> str:
     SpecError
         The requirements are wrong.
     """
+    sensor = in_place(sensor)
     requirements = requirements_for(wanted, sensor)
     imager = tables_of(sensor)["imager"]
     rim = {"family": "sphere", "rim_radius_mm": sensor.mirror.rim_radius_mm}
-    own = {"name": requirements.name, "mirror": rim, "imager": imager, "lens": {"theta_max_deg": 12.0}}
+    own = {"name": requirements.name, "mirror": rim, "imager": imager, "lens": lens_table(sensor)}
     return tomli_w.dumps(_replaced({**own, **wanted}, VERY_FAR, float("inf")))
 
 
@@ -104,7 +105,11 @@ def downloaded(wanted: Download) -> File:
     OmnimirrorError
         The sensor cannot be, or has no such file.
     """
-    return KINDS[wanted.kind](sensor_on_bench(wanted.tables), wanted)
+    sensor = sensor_on_bench(wanted.tables)
+    if wanted.kind in OF_ONE_MERIDIAN and not sensor.mirror_pose.is_axial:
+        what = OF_ONE_MERIDIAN[wanted.kind]
+        raise InvalidParameter(f"{what} is of a mirror in its place, and this one is decentred or tilted; put it there")
+    return KINDS[wanted.kind](sensor, wanted)
 
 
 def _sensor_file(sensor: Sensor, wanted: Download) -> File:
@@ -147,6 +152,10 @@ KINDS: dict[str, Callable[[Sensor, Download], File]] = {
     "report": _report,
 }
 SLOW_KINDS = ("drawing", "report")
+
+
+OF_ONE_MERIDIAN = {"table": "the evaluation", "report": "the report"}
+"""Files of what holds from the axis to the rim, whichever way."""
 
 
 def _exported(sensor: Sensor, name: str, kind: str) -> File:

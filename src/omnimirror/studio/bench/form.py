@@ -13,6 +13,7 @@ from ...design.quantities import QUANTITIES
 from ...imagers import Imager
 from ...lenses import LENSES
 from ...mirrors import MIRRORS, SECONDARIES, Secondary
+from ...mirrors.pose import MirrorPose
 from ...parameters import Parameter
 from ...specs import bundled_sensors
 from .messages import BenchStart, ParameterOf, PartOf, QuantityOf
@@ -39,6 +40,7 @@ def bench_start() -> BenchStart:
         imager=part_of("imager", Imager),
         place=part_of("place", Secondary),
         mount=PartOf(kind="mount", parameters=(distance,)),
+        pose=part_of("mirror_pose", MirrorPose),
         quantities=tuple(QuantityOf(name=n, unit=q.unit, meaning=q.meaning) for n, q in QUANTITIES.items()),
         merits=tuple(QuantityOf(name=n, unit=m.unit, meaning=m.meaning) for n, m in MERITS.items()),
         families=FAMILIES,

@@ -30,10 +30,28 @@ def requirements_for(wanted: dict[str, Any], sensor: Sensor) -> Requirements:
     """
     data = dict(wanted)
     data.setdefault("mirror", {"family": "sphere", "rim_radius_mm": sensor.mirror.rim_radius_mm})
-    telecentric = sensor.lens.TELECENTRIC
-    data.setdefault("lens", {"kind": "orthographic"} if telecentric else {"theta_max_deg": 12.0})
+    data.setdefault("lens", lens_table(sensor))
     data.setdefault("imager", tables_of(sensor)["imager"])
     return requirements_of(data, Places("", "requirements"))
+
+
+def lens_table(sensor: Sensor) -> dict[str, Any]:
+    """The lens of a sensor as a requirement file states it; where it is focused is left to the design.
+
+    >>> import omnimirror as om
+    >>> lens_table(om.load_sensor("paraboloid-telecentric"))
+    {'kind': 'orthographic', 'f_number': 4.0}
+    """
+    lens = sensor.lens
+    if not isinstance(lens, Perspective):
+        return {"kind": lens.KIND, "f_number": lens.image_f_number()}
+    theta = round(float(np.degrees(sensor.meridian.theta_max)), 6)
+    return {
+        "kind": lens.KIND,
+        "f_number": lens.f_number,
+        "focal_length_mm": lens.focal_length_mm,
+        "theta_max_deg": theta,
+    }
 
 
 def judge(wanted: dict[str, Any], sensor: Sensor) -> tuple[tuple[Judged, ...], str | None]:

@@ -56,6 +56,7 @@ class BenchStart(Message):
     imager: PartOf
     place: PartOf = Field(description="of a second mirror")
     mount: PartOf = Field(description="how far the mirror stands")
+    pose: PartOf = Field(description="how far the mirror is out of its place")
     quantities: tuple[QuantityOf, ...]
     merits: tuple[QuantityOf, ...]
     families: tuple[str, ...]
@@ -122,6 +123,7 @@ class Facts(Message):
     worst_blur_px: float | None
     worst_area_deg2: float | None
     resolution_px_per_deg: tuple[float, float | None]
+    not_optimised: str | None = Field(description="why its mirror cannot be optimised, if it cannot")
 
 
 class Judged(Message):
@@ -153,6 +155,7 @@ class Answer(Message):
     slot: int
     number: int
     trouble: Trouble | None
+    remark: str | None = Field(description="what of the sensor the plots do not show")
     facts: Facts | None
     rows: tuple[Judged, ...]
     wanted_trouble: str | None

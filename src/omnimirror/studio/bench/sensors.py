@@ -77,6 +77,34 @@ def sensor_on_bench(tables: dict[str, Any], follows: bool = False) -> Sensor:
     return form.wrap(("mirror", "theta_max_deg"), lambda: replace(sensor, mirror_distance_mm=distance))
 
 
+def in_place(sensor: Sensor) -> Sensor:
+    """The sensor with its mirror on the lens's axis, for what holds in one meridian alone."""
+    return sensor if sensor.mirror_pose.is_axial else sensor.aligned()
+
+
+def remark_on(sensor: Sensor) -> str | None:
+    """What of a sensor is not in its plots, in a sentence; None where all is."""
+    pose = sensor.mirror_pose
+    if pose.is_axial:
+        return None
+    shift, tilt = (
+        f"{a:g} and {b:g}" for a, b in ((pose.decentre_x_mm, pose.decentre_y_mm), (pose.tilt_x_deg, pose.tilt_y_deg))
+    )
+    return (
+        f"The mirror is out of its place: decentred by {shift} mm, tilted by {tilt}°. The picture of the room is taken "
+        "so; cross-section, plots and requirements are those of the same mirror in its place."
+    )
+
+
+def why_not_optimised(sensor: Sensor) -> str | None:
+    """Why the mirror of a sensor cannot be optimised, in a sentence; None where it can."""
+    if sensor.secondary is not None:
+        return "Mirrors are optimised one at a time, and this sensor has two."
+    if not sensor.mirror_pose.is_axial:
+        return "Mirrors are optimised in their place, and this one is decentred or tilted."
+    return None
+
+
 def on_bench(sensor: Sensor) -> BenchSensor:
     """A sensor as the bench holds it."""
     mirror = sensor.mirror
@@ -96,12 +124,15 @@ def changed(change: Change) -> Sensor:
     OmnimirrorError
         There is no such kind, or none for this field.
     """
-    sensor, distance = sensor_on_bench(change.tables), distance_of(change.object_distance_mm)
+    stands, distance = sensor_on_bench(change.tables), distance_of(change.object_distance_mm)
+    sensor = in_place(stands)
     if change.what == "focus":
         best = best_focus(sensor, change.to, object_distance_mm=distance)
-        return replace(sensor, lens=sensor.lens.focused_at(round(best.focus_mm, FOCUS_DIGITS)))
-    made = _with_lens(sensor, change.to) if change.what == "lens" else _with_mirror(sensor, change.to)
-    return _focused(made, distance)
+        made = replace(sensor, lens=sensor.lens.focused_at(round(best.focus_mm, FOCUS_DIGITS)))
+    else:
+        changed_part = _with_lens(sensor, change.to) if change.what == "lens" else _with_mirror(sensor, change.to)
+        made = _focused(changed_part, distance)
+    return replace(made, mirror_pose=stands.mirror_pose)
 
 
 def _with_mirror(sensor: Sensor, kind: str) -> Sensor:

@@ -10,6 +10,7 @@ import subprocess
 import sys
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
+from dataclasses import replace
 from typing import IO
 
 import numpy as np
@@ -17,11 +18,12 @@ import numpy as np
 from ...design.optimise import Progress, optimise
 from ...design.problem import DesignProblem
 from ...errors import InvalidParameter, OmnimirrorError
+from ...imagers import Imager
 from ...lenses import Perspective
 from ...sensor import Sensor
 from .judging import requirements_for
 from .messages import News, Task, distance_of
-from .sensors import on_bench, sensor_on_bench
+from .sensors import in_place, on_bench, sensor_on_bench, why_not_optimised
 
 MOST_AT_ONCE = 2
 
@@ -43,23 +45,31 @@ def problem_of(sensor: Sensor, task: Task) -> DesignProblem:
     Raises
     ------
     InvalidParameter
-        Mirrors before a telecentric lens are not optimised, nor are two mirrors.
+        The sensor has two mirrors, or one out of its place.
     """
-    sensor.check_one_mirror("optimising")
+    if (reason := why_not_optimised(sensor)) is not None:
+        raise InvalidParameter(reason)
     lens = sensor.lens
-    if not isinstance(lens, Perspective):
-        raise InvalidParameter(f"{sensor.name} has a {lens.KIND} lens; mirrors are optimised for perspective lenses")
+    is_telecentric = not isinstance(lens, Perspective)
     return DesignProblem(
         omega_max_deg=sensor.field_deg[1],
-        theta_max_deg=float(np.degrees(sensor.meridian.theta_max)),
+        theta_max_deg=None if is_telecentric else float(np.degrees(sensor.meridian.theta_max)),
         rim_radius_mm=sensor.mirror.rim_radius_mm,
-        focal_length_mm=lens.focal_length_mm,
-        f_number=lens.f_number,
-        imager=sensor.imager,
+        focal_length_mm=lens.focal_length_mm if isinstance(lens, Perspective) else None,
+        f_number=lens.f_number if isinstance(lens, Perspective) else lens.image_f_number(),
+        imager=_filled(sensor) if is_telecentric else sensor.imager,
+        lens=lens.KIND,
         object_distance_mm=distance_of(task.object_distance_mm),
         family=task.family,
         terms=task.terms,
     )
+
+
+def _filled(sensor: Sensor) -> Imager:
+    """An imager that the image of the rim fills: the magnification of a telecentric lens follows from it."""
+    radius = sensor.rim_radius_px
+    side = int(np.ceil(2 * radius))
+    return Imager(side, side, sensor.imager.pixel_pitch_um, (radius - 0.5, radius - 0.5))
 
 
 def _optimise(task: Task, sensor: Sensor, tell: Tell) -> None:
@@ -72,7 +82,7 @@ def _optimise(task: Task, sensor: Sensor, tell: Tell) -> None:
         tell(_news("running", words, progress.run / progress.runs, progress.value))
 
     found = optimise(problem_of(sensor, task), task.merit, starts=task.starts, on_progress=said)
-    tell(_news("done", found.sensor.notes, 1.0, found.value, found.sensor))
+    tell(_news("done", found.sensor.notes, 1.0, found.value, replace(found.sensor, imager=sensor.imager)))
 
 
 def _design(task: Task, sensor: Sensor, tell: Tell) -> None:
@@ -80,7 +90,7 @@ def _design(task: Task, sensor: Sensor, tell: Tell) -> None:
 
     if task.wanted is None:
         raise InvalidParameter("there are no requirements to design from")
-    made = design_sensor(requirements_for(task.wanted, sensor), lambda words: tell(_news("running", words)))
+    made = design_sensor(requirements_for(task.wanted, in_place(sensor)), lambda words: tell(_news("running", words)))
     missed = [row.label for row in made.rows if not row.is_met]
     words = f"Not everything can be met: {', '.join(missed)}." if missed else "Everything is met."
     tell(_news("done", words, 1.0, None, made.sensor))
