@@ -1,5 +1,8 @@
 """The dewarper: separable against general, what it samples, what it leaves empty, what it refuses."""
 
+import copy
+import multiprocessing
+import pickle
 from dataclasses import dataclass, replace
 
 import cv2
@@ -51,18 +54,19 @@ def test_near_panoramas_about_the_axis_are_separable_too(camera, mount, viewpoin
 @pytest.mark.parametrize(
     "camera", [BALL, FISHEYE, replace(BALL, centre_px=(90.0, 500.0))], ids=["within", "cut", "off"]
 )
-def test_the_first_panorama_is_sampled_without_a_map(camera):
-    """As at their coordinates, up to one grey level; and those that follow with one."""
+def test_panoramas_are_sampled_without_a_map(camera):
+    """As at their coordinates, up to one grey level; and with one where it was asked for."""
     width, height = camera.image_size
     picture = cv2.resize(np.random.default_rng(3).integers(0, 255, (40, 40, 3), np.uint8), (width, height))
     dewarp = om.Dewarper(camera, om.screens.Cylinder((500, 300), -90.0, 60.0), "linear")
     straight = dewarp(picture)
     assert "_map" not in dewarp.__dict__
     mapped = sampling.remap(picture, dewarp.coordinates())
-    for later in (straight, dewarp(picture), dewarp(picture)):
+    kept = replace(dewarp, keep_map=True)
+    for later in (straight, kept(picture), kept(picture)):
         off = np.abs(later.astype(int) - mapped).max(axis=-1) > 1
         assert off.mean() < 1e-3  # at the edge of the picture float32 may decide otherwise
-    assert "_map" in dewarp.__dict__
+    assert "_map" in kept.__dict__
 
 
 def test_only_panoramas_about_a_vertical_axis_are_separable():
@@ -305,3 +309,28 @@ def test_a_border_that_is_no_colour_is_refused(border):
 def test_an_unknown_interpolation_is_refused():
     with pytest.raises(InvalidParameter, match="'lanczos' is not one of auto, nearest, linear, cubic, area"):
         om.Dewarper(BALL, om.screens.Plane((20, 10)), "lanczos")
+
+
+# -- copies ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("way", [copy.copy, copy.deepcopy, lambda d: pickle.loads(pickle.dumps(d))])
+@pytest.mark.parametrize("camera", [om.load_sensor("paper-spherical"), BALL], ids=["sensor", "ball"])
+def test_a_dewarper_that_was_used_can_be_copied_and_pickled(camera, way):
+    width, height = camera.image_size
+    picture = np.random.default_rng(7).integers(0, 256, (height, width, 3), np.uint8)
+    for view in (om.screens.Cylinder((60, 20), -60.0, -10.0), om.screens.CubeMap((48, 36))):
+        dewarp = om.Dewarper(camera, view, "area", border=(1, 2, 3), keep_map=True)
+        straight = dewarp(picture)
+        other = way(dewarp)
+        assert other == dewarp
+        np.testing.assert_array_equal(other(picture), straight)
+
+
+@pytest.mark.full
+def test_a_dewarper_serves_processes_that_were_spawned():
+    dewarp = om.Dewarper(om.load_sensor("paper-spherical"), om.screens.Cylinder((60, 20), -60.0, -10.0))
+    picture = np.random.default_rng(8).integers(0, 256, (1024, 1024, 3), np.uint8)
+    straight = dewarp(picture)
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        np.testing.assert_array_equal(pool.map(dewarp, [picture])[0], straight)

@@ -202,12 +202,33 @@ def test_compiled_and_opencv_agree_on_a_real_view(monkeypatch):
             assert np.abs(taken[0].astype(int) - taken[1]).max() <= 1
 
 
-def test_the_first_picture_is_like_the_others():
-    picture = texture("uint8", 3, (1024, 1020))
-    dewarp = om.Dewarper(BALL, om.screens.Plane((320, 200), 10.0, -40.0, 0.0, 140.0))
-    first, second, third = (dewarp(picture).astype(int) for _ in range(3))
-    assert np.abs(second - first).max() <= 1
-    assert np.abs(third - first).max() <= 1
+@pytest.mark.parametrize("keep_map", [False, True])
+@pytest.mark.parametrize("interpolation", ["auto", "nearest", "linear", "cubic", "area"])
+@pytest.mark.parametrize("dtype", ["uint8", "float32"])
+def test_the_first_picture_is_the_others_to_the_bit(dtype, interpolation, keep_map, sampler):
+    noise = np.random.default_rng(5).integers(0, 256, (1020, 1024, 3)).astype(dtype)
+    for view in (
+        om.screens.Plane((160, 100), 10.0, -40.0, 0.0, 140.0),
+        om.screens.Cylinder((200, 60), -60.0, 20.0),
+        om.screens.Cylinder((200, 60), -60.0, 20.0, distance_mm=500.0, offset_mm=(30.0, 0.0, 0.0)),
+        om.screens.CubeMap((120, 80), "3x2"),
+    ):
+        dewarp = om.Dewarper(BALL, view, interpolation, keep_map=keep_map)
+        first = dewarp(noise)
+        dewarp.coordinates()
+        _ = dewarp.valid
+        for _ in range(3):
+            np.testing.assert_array_equal(dewarp(noise), first)
+
+
+def test_the_first_frame_is_the_others_to_the_bit():
+    luma, chroma = (np.random.default_rng(6).integers(0, 256, s, np.uint8) for s in ((1020, 1024), (510, 512, 2)))
+    for view in (om.screens.Plane((160, 100), 10.0, -40.0), om.screens.Cylinder((200, 60), -60.0, 20.0)):
+        dewarp = om.Dewarper(BALL, view)
+        first = dewarp.planes((luma, chroma))
+        _ = dewarp.valid
+        for plane, again in zip(first, dewarp.planes((luma, chroma)), strict=True):
+            np.testing.assert_array_equal(plane, again)
 
 
 # -- what it is for --------------------------------------------------------------------------------

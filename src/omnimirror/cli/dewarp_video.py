@@ -106,15 +106,17 @@ class Turning:
         self.border: Border = 0
         self.view: View = view_of(camera, given)
         self.panorama = panorama_of(self.view, stands.mount if "keep_lean" in given else None)
-        self.still = self._dewarper(self.view)
         self.keyframes = Keyframes.load(given["keyframes"]) if "keyframes" in given else None
+        self.still = self._dewarper(self.view)
         if self.keyframes is not None:
             known = {f.name for f in fields(self.view)}
             if unknown := [name for name in self.keyframes.tracks if name not in known]:
                 raise InvalidParameter(f"{given['keyframes']}: {unknown[0]} does not apply to the {self.view}")
 
     def _dewarper(self, view: View) -> Dewarper:
-        return Dewarper(self.camera, view, self.interpolation, self.viewpoint, self.border)
+        return Dewarper(
+            self.camera, view, self.interpolation, self.viewpoint, self.border, keep_map=self.keyframes is None
+        )
 
     def __call__(self, frame: av.VideoFrame, time_s: float, to_siting: Siting) -> av.VideoFrame:
         """The straightened frame of a time, its colour samples where those who read it take them to lie."""

@@ -13,9 +13,9 @@ to 1/255 in uint8 pictures and to 1/65535 in others.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any, Literal, Self
 
 import cv2
@@ -320,11 +320,12 @@ class Grid:
 
     def averages(self, interpolation: Interpolation) -> Averages | None:
         """What an interpolation averages; None where that is nothing."""
-        return averages_of(self._squares, self.step, interpolation, self.ring) if interpolation in RULES else None
+        return self._averages(interpolation) if interpolation in RULES else None
 
     @cached_property
-    def _squares(self) -> NDArray[np.float32]:
-        return squares_of_nodes(self.nodes, self.step, self.cells, self.patches)
+    def _averages(self) -> Callable[[Interpolation], Averages | None]:
+        squares = squares_of_nodes(self.nodes, self.step, self.cells, self.patches)
+        return cache(lambda interpolation: averages_of(squares, self.step, interpolation, self.ring))
 
 
 def node_weights(step: int, shift: float = 0.0) -> NDArray[np.float32]:
