@@ -103,6 +103,13 @@ class Sensor:
         m = self.mirror_distance_mm + self.mirror_pose.displacement_mm
         return Meridian(self.mirror, m) if self.secondary is None else TwoMirrorMeridian(self.mirror, m, self.secondary)
 
+    def with_lens(self, lens: Lens) -> Sensor:
+        """The same sensor with another lens at the same place; what its mirrors do is not worked out anew."""
+        other = replace(self, lens=lens)
+        if "meridian" in self.__dict__:
+            other.__dict__["meridian"] = self.meridian
+        return other
+
     def check_one_mirror(self, what: str) -> None:
         """Raise InvalidParameter if there is a second mirror, for what knows of one only."""
         if self.secondary is not None:

@@ -10,8 +10,8 @@ import pytest
 import omnimirror as om
 from omnimirror.design import parse_requirements
 from omnimirror.design.conflicts import with_given
+from omnimirror.design.counted import hidden_deg
 from omnimirror.design.designing import design_sensor
-from omnimirror.design.making import hidden_deg
 from omnimirror.design.search import Search
 from omnimirror.errors import InvalidParameter
 from omnimirror.specs import format_sensor, parse_sensor
@@ -67,7 +67,7 @@ def test_a_rim_past_the_imager_is_missed_and_a_smaller_angle_or_lens_would_do():
     tangent = np.tan(np.radians(alone["theta_max_deg"].needed)) / np.tan(np.radians(12))
     assert tangent == pytest.approx(512 / image.reached, rel=0.02)
     assert alone["focal_length_mm"].needed == pytest.approx(14.0 * 512 / image.reached, rel=0.02)
-    assert alone["image_radius_px"].needed == pytest.approx(image.reached)
+    assert image.reached <= alone["image_radius_px"].needed == pytest.approx(image.reached, rel=1e-4)
 
 
 LIMITED = """
@@ -81,7 +81,7 @@ rim_radius_mm = 40
 theta_max_deg = 12
 [[limit]]
 quantity = "blur_px"
-at_most = 3.0
+at_most = 4.0
 [[limit]]
 quantity = "resolution_px_per_deg"
 at_least = 2.0
@@ -101,7 +101,7 @@ def test_the_table_is_what_evaluation_says(limited):
     omega = np.linspace(0, 130, 2000)
     near, far = (om.evaluate(limited.sensor, omega, object_distance_mm=d) for d in (600.0, np.inf))
     worst = max(np.abs([e.blur_t_px, e.blur_s_px]).max() for e in (near, far))
-    assert row(limited, "blur_px").reached == pytest.approx(worst, rel=1e-4)
+    assert row(limited, "blur_px").reached == pytest.approx(np.hypot(worst, near.airy_px), rel=1e-4)
     part = om.evaluate(limited.sensor, np.linspace(20, 120, 2000))
     finest = np.minimum(part.dh_domega_px_per_deg, part.width_px_per_deg)
     resolution = row(limited, "resolution_px_per_deg")
@@ -125,7 +125,8 @@ def test_what_gives_alone_is_enough_and_no_more_than_needed(limited):
         assert not with_given(search, relaxation.name, less).best().is_met, relaxation
     assert tried >= 2
     blur = next(r for r in limited.conflict.alone if r.name == "blur_px")
-    assert blur.needed == pytest.approx(row(limited, "blur_px").reached)
+    reached = row(limited, "blur_px").reached
+    assert reached <= blur.needed == pytest.approx(reached, rel=1e-4)
 
 
 def test_what_gives_jointly_is_enough(limited):

@@ -150,11 +150,12 @@ def test_distance_and_f_number_are_chosen_within_their_ranges():
 
 def test_limits_are_kept_and_cost_something():
     free = optimise(DesignProblem(terms=8), "blur_area", starts=1)
-    limits = (Limit("area_ratio", at_least=1 / 1.3), Limit("blur_t_deg", at_most=0.25), Limit("sag_mm", at_most=28.5))
+    limits = (Limit("area_ratio", at_least=1 / 1.3), Limit("blur_t_deg", at_most=0.6), Limit("sag_mm", at_most=28.5))
     limited = optimise(DesignProblem(terms=8, limits=limits), "blur_area", starts=1)
     again = looked_at_again(limited.sensor)
     assert again["uniformity"] <= 1.3 * (1 + 1e-6)
-    assert again["blur_t"] <= 0.25 * (1 + 1e-6)
+    r = om.evaluate(limited.sensor, np.linspace(0.0, 135.0, 2001))
+    assert (np.hypot(r.blur_t_px, r.airy_px) / r.dh_domega_px_per_deg).max() <= 0.6 * (1 + 1e-6)
     assert float(limited.sensor.mirror.sag(43.9)) <= 28.5
     assert limited.value > free.value
     assert looked_at_again(free.sensor)["uniformity"] > 1.3

@@ -143,7 +143,7 @@ def test_requirements_are_judged_by_their_worst_angle_and_distance(client):
     (header, _), *_ = ask(client, question(sensor, wanted=WANTED))
     rows = {row["name"]: row for row in header["rows"]}
     omega = np.linspace(0, 130, 4001)
-    worst = max(np.abs([e.blur_t_px, e.blur_s_px]).max() for e in (
+    worst = max(np.hypot([e.blur_t_px, e.blur_s_px], e.airy_px).max() for e in (
         om.evaluate(sensor, omega, object_distance_mm=d) for d in (600.0, np.inf)
     ))  # fmt: skip
     blur = rows["blur_px"]

@@ -66,7 +66,7 @@ ONLY = {
 @click.option("--focal-length-mm", type=number_or_range, metavar="MM|LOW:HIGH", help="Of the lens.")
 @click.option("--theta-max-deg", type=number_or_range, metavar="DEG|LOW:HIGH", help="Viewing angle at the rim.")
 @click.option("--f-number", type=number_or_range, metavar="F|LOW:HIGH", help="Of the lens; 4 by default.")
-@click.option("--focus-mm", type=NUMBER, help="Object distance in focus; the best by default.")
+@click.option("--focus-mm", type=number_or_range, metavar="MM|LOW:HIGH", help="In focus; the best by default.")
 @click.option("--width-px", type=WHOLE, help="Of the imager; 1024 by default.")
 @click.option("--height-px", type=WHOLE, help="Of the imager; 1024 by default.")
 @click.option("--pixel-pitch-um", type=NUMBER, help="Of the imager; 5.2 by default.")

@@ -42,6 +42,9 @@ def print_design(console: Console, design: Design) -> None:
         asked = _asked(row.at_least, row.at_most, row.unit)
         table.add_row(row.label, asked, _number(row.reached), _number(margin), at, met)
     console.print(table)
+    for remark in dict.fromkeys(remark for row in design.rows for remark in row.remarks):
+        names = ", ".join(row.label for row in design.rows if remark in row.remarks)
+        console.print(f"  {names}: {remark}", highlight=False, soft_wrap=True)
     if design.conflict is not None:
         _print_conflict(console, design.conflict)
 

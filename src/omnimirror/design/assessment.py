@@ -11,7 +11,7 @@ from ..analysis import Evaluation, evaluate
 from ..lenses import Perspective
 from ..tracing.meridian import Meridian
 from .making import Choice, Made, imager_radius_mm, wanted_mirror
-from .merits import field_of_evaluation
+from .merits import Field, field_of_evaluation
 from .placed import Rim
 from .quantities import Limit
 from .requirements import Requirements, Span
@@ -41,6 +41,8 @@ class Row:
         Part of the field over which it is judged, if it is not all of it.
     is_limit
         Whether it is a ``[[limit]]``, not an entry that is simply given.
+    remarks
+        What of the field asked for is not judged, and why; what by itself is too much.
     """
 
     name: str
@@ -53,6 +55,7 @@ class Row:
     is_limit: bool = False
     slack: float = 0.0
     """What may be missing without anyone's noticing."""
+    remarks: tuple[str, ...] = ()
 
     @property
     def margin(self) -> float:
@@ -94,20 +97,20 @@ def unit_of(name: str) -> str:
 
 def assess(requirements: Requirements, choice: Choice, made: Made, angles: int = REPORTED) -> list[Row]:
     """Every requirement of a made sensor: the field, the imager, the parts given, then the limits."""
-    return [
-        *_field_rows(requirements, choice, made),
-        *_part_rows(requirements, made),
-        *limit_rows(requirements, choice, made, angles),
-    ]
+    return [*given_rows(requirements, choice, made), *limit_rows(requirements, made, angles)]
+
+
+def given_rows(requirements: Requirements, choice: Choice, made: Made) -> list[Row]:
+    """What is not a limit: the field, the imager, the parts given."""
+    return [*_field_rows(requirements, choice, made), *_part_rows(requirements, made)]
 
 
 def _field_rows(requirements: Requirements, choice: Choice, made: Made) -> list[Row]:
     low, high = made.sensor.field_deg
     rows = [Row("omega_max_deg", "deg", choice.omega_max_deg, None, high)]
-    begin = max(low, made.hidden_deg)
-    if choice.omega_min_deg > 0 or begin > 0:
-        asked = choice.omega_min_deg if choice.omega_min_deg > 0 or not made.hidden_deg else begin
-        rows.append(Row("omega_min_deg", "deg", None, asked, begin))
+    if choice.omega_min_deg > 0 or low > 0:  # otherwise what the camera hides is taken as it comes
+        begin = max(low, made.counted.hidden_deg)
+        rows.append(Row("omega_min_deg", "deg", None, choice.omega_min_deg, begin))
     return rows
 
 
@@ -132,20 +135,23 @@ def _part_rows(requirements: Requirements, made: Made) -> list[Row]:
     return rows
 
 
-def limit_rows(requirements: Requirements, choice: Choice, made: Made, angles: int) -> list[Row]:
+def limit_rows(requirements: Requirements, made: Made, angles: int) -> list[Row]:
     """The limits, each by its worst field angle and object distance."""
-    return [_limit_row(requirements, choice, made, limit, angles) for limit in requirements.limits]
+    parts = {limit.omega_deg: made.counted.part(limit.omega_deg) for limit in requirements.limits}
+    omega = [np.linspace(part.low_deg, part.high_deg, angles) for part in parts.values()]
+    results = evaluated(requirements, made, np.concatenate(omega)) if omega else []
+    where = {part: slice(i * angles, (i + 1) * angles) for i, part in enumerate(parts)}
+    fields = [field_of_evaluation(result) for result in results]
+    rows = []
+    for limit in requirements.limits:
+        own = [(field.part(where[limit.omega_deg]), r.omega_deg[where[limit.omega_deg]])
+               for field, r in zip(fields, results, strict=True)]  # fmt: skip
+        rows.append(_limit_row(limit, own, (*parts[limit.omega_deg].left_out, *_diffraction(limit, own, made))))
+    return rows
 
 
-def _limit_row(requirements: Requirements, choice: Choice, made: Made, limit: Limit, angles: int) -> Row:
-    low, high = made.field_from_deg, min(choice.omega_max_deg, made.sensor.field_deg[1])
-    part = None
-    if limit.omega_deg is not None:
-        low, high = max(low, limit.omega_deg[0]), min(high, limit.omega_deg[1])
-        part = limit.omega_deg
-        low = min(low, high)
-    results = evaluated(requirements, made, np.linspace(low, high, angles))
-    fields = [(field_of_evaluation(r), r.omega_deg) for r in results]
+def _limit_row(limit: Limit, fields: list[tuple[Field, Array]], remarks: tuple[str, ...]) -> Row:
+    """One limit, from what each object distance gives at some field angles."""
     sides = [(True, limit.at_most)] if limit.at_most is not None else []
     sides += [(False, limit.at_least)] if limit.at_least is not None else []
     rows = []
@@ -153,8 +159,21 @@ def _limit_row(requirements: Requirements, choice: Choice, made: Made, limit: Li
         found = [(*limit.of.extreme(field, largest), omega) for field, omega in fields]
         value, i, omega = (max if largest else min)(found, key=lambda v: v[0])
         at = None if i is None else float(omega[i])
-        rows.append(Row(limit.quantity, limit.of.unit, limit.at_least, limit.at_most, value, at, part, True))
+        asked = (limit.at_least, limit.at_most)
+        rows.append(Row(limit.quantity, limit.of.unit, *asked, value, at, limit.omega_deg, True, remarks=remarks))
     return min(rows, key=lambda row: row.margin)
+
+
+def _diffraction(limit: Limit, fields: list[tuple[Field, Array]], made: Made) -> list[str]:
+    """That no focus helps, where the Airy disk by itself is more than a limit of blur allows."""
+    if limit.at_most is None or not limit.of.is_blur:
+        return []
+    sharp = (field._replace(t_px=0 * field.t_px, s_px=0 * field.s_px) for field, _ in fields)
+    least = max(limit.of.extreme(field, True)[0] for field in sharp)
+    lens = made.sensor.lens
+    f_number = lens.f_number if isinstance(lens, Perspective) else lens.image_f_number()
+    said = f"the Airy disk alone is {least:.4g} {limit.of.unit} at F/{f_number:.4g}"
+    return [said] if least > limit.at_most else []
 
 
 def evaluated(requirements: Requirements, made: Made, omega_deg: Array) -> list[Evaluation]:

@@ -1,29 +1,41 @@
-"""What would have to give where requirements cannot all be kept: found by giving, not by guessing.
+"""What would have to give where requirements cannot all be kept: thresholds of the problem, tried before they are told.
 
-Each requirement alone: a limit is left out and the others kept as well as can be, and what it then comes
-to is what it must be. A number that is given (field, rim, lens) is moved, either way, to the nearest value
-at which everything else is kept. Jointly: the least share by which all give at once.
+Each requirement alone: what is free, the focus among it, is chosen anew so that a limit is missed least while all else
+is kept, or so that a number that is given (field, rim, lens) moves as little as will do. Jointly: the largest share by
+which any of them gives is made least. What comes out is rounded to the side of caution, put into a requirement file,
+and that is designed: only if everything in it is met is it advice.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from math import ceil
 
 import numpy as np
 
 from ..errors import OmnimirrorError
-from .assessment import Row, unit_of
-from .making import Choice
-from .quantities import Limit
+from ..specs import Places
+from .assessment import REPORTED, Row, unit_of
+from .leeway import Found, Goal, Key, Leeway, unfitted
+from .objective import IMAGE
+from .problem import imager_radius_px
+from .requirements import Requirements, requirements_of
 from .search import Candidate, Search
 
-STEPS = (0.05, 0.15, 0.35, 0.75)  # shares by which a requirement is tried to give
-FURTHER = (1.5, 3.0, 10.0, 100.0)  # for what may give by more than all of it
-ROUNDS = 9  # of bisection
-QUICK = 8  # candidates for each free number, where numbers are free while others give
-RANGES = {"omega_max_deg": (1.0, 179.0), "theta_max_deg": (0.1, 60.0), "omega_min_deg": (0.0, 170.0)}
+FARTHEST = 10.0  # times what was asked, or one over it
+LOOKED_AT = (0.05, 0.2, 0.5, 1.0, 2.0, 4.0)  # shares by which a number has moved, to see where its search should begin
+MORE = (0.0, 1e-4, 1e-3, 1e-2)  # shares by which advice is widened until it holds
+DIGITS = 5  # of advice
+STILL = 1e-6  # a share below this is none
+RANGES = {
+    "omega_max_deg": (1.0, 179.0),
+    "theta_max_deg": (0.1, 60.0),
+    "omega_min_deg": (0.0, 170.0),
+    "f_number": (0.1, 1e3),
+    "conic": (-1e3, 1e3),
+}
 
 
 @dataclass(frozen=True)
@@ -38,12 +50,15 @@ class Relaxation:
     asked
     needed
         None where no value of it lets the others be kept.
+    limit
+        Which of the limits it is; None of other requirements.
     """
 
     name: str
     unit: str
     asked: float
     needed: float | None
+    limit: int | None = None
 
     @property
     def share(self) -> float | None:
@@ -51,6 +66,13 @@ class Relaxation:
         if self.needed is None or self.asked == 0:
             return None
         return abs(self.needed - self.asked) / abs(self.asked)
+
+    def widened(self, share: float) -> Relaxation:
+        """Giving by a little more than needed, in few digits."""
+        if self.needed is None or self.needed == self.asked:
+            return self
+        way = 1 if self.needed > self.asked else -1
+        return replace(self, needed=outwards(self.needed + way * share * abs(self.needed), way))
 
 
 @dataclass(frozen=True)
@@ -66,13 +88,17 @@ class Conflict:
     joint
         What each must become if all give by the same share, which is the least that will do.
     joint_share
-        That share; None where even giving half is not enough.
+        That share; None where none would do.
     """
 
     missed: tuple[str, ...]
     alone: tuple[Relaxation, ...]
     joint: tuple[Relaxation, ...]
     joint_share: float | None
+
+
+Holds = Callable[[Sequence[Relaxation]], bool]
+"""Whether everything is met once some requirements have given."""
 
 
 def find_conflict(search: Search, best: Candidate, on_step: Callable[[str], None] | None = None) -> Conflict | None:
@@ -88,47 +114,103 @@ def find_conflict(search: Search, best: Candidate, on_step: Callable[[str], None
     missed = tuple(row.label for row in best.rows if not row.is_met)
     if not missed:
         return None
+    say = on_step or (lambda name: None)
+    holds = partial(_is_met, search.requirements)
     alone = []
-    for name, relax in [*_limits(search, best), *_givens(search, best), *_others(search, best)]:
-        if on_step:
-            on_step(name)
-        alone.append(relax())
+    for i, row in enumerate(row for row in best.rows if row.is_limit):
+        say(row.label)
+        alone.append(held(_pressed(search, best, i, row), holds))
+    others = (r for r in best.rows if not (r.is_limit or r.is_met or r.name in _numbers(search)))
+    alone += [held(_pressed(search, best, row.name, row), holds) for row in others]
+    for name in _numbers(search):
+        say(name)
+        alone.append(held(_moved(search, best, name), holds))
     alone.sort(key=lambda r: (r.needed is None, r.share or 0.0))
-    joint, share = _jointly(search, best, [r for r in alone if r.needed is not None])
+    say("everything")
+    joint, share = held_together(*_jointly(search, best, alone), holds)
     return Conflict(missed, tuple(alone), joint, share)
 
 
-Entry = tuple[str, Callable[[], Relaxation]]
+# -- advice is tried -------------------------------------------------------------------------------
+
+
+def relaxed(requirements: Requirements, given: Iterable[Relaxation]) -> Requirements:
+    """The requirements after some have given, read as a file that says so.
+
+    Raises
+    ------
+    SpecError
+        There is no such file.
+    """
+    tables = requirements.tables()
+    for r in given:
+        if r.needed is None:
+            continue
+        if r.limit is not None:
+            limit = tables["limit"][r.limit]
+            limit["at_most" if limit.get("at_most") == r.asked else "at_least"] = r.needed
+        elif r.name == IMAGE:
+            more = ceil(r.needed - imager_radius_px(requirements.imager))
+            tables["imager"] |= {name: tables["imager"][name] + 2 * more for name in ("width_px", "height_px")}
+            if "centre_px" in tables["imager"]:
+                tables["imager"]["centre_px"] = [c + more for c in tables["imager"]["centre_px"]]
+        else:
+            _change(tables, r)
+    return requirements_of(tables, Places("", "requirements"))
+
+
+def _change(tables: dict[str, dict[str, object]], r: Relaxation) -> None:
+    """A given number that moves, or a range that reaches farther."""
+    section = next(tables[name] for name in ("field", "mirror", "lens") if r.name in tables[name])
+    now = section[r.name]
+    low, high = now if isinstance(now, list) else (r.asked, r.asked)
+    section[r.name] = r.needed if low == high else [min(low, r.needed), max(high, r.needed)]  # type: ignore[type-var]
+
+
+def _is_met(requirements: Requirements, given: Sequence[Relaxation]) -> bool:
+    """Whether a design made from scratch meets everything once some requirements have given."""
+    try:
+        search = Search(relaxed(requirements, given))
+        return search.judge(search.best().choice, REPORTED).is_met
+    except OmnimirrorError:
+        return False
+
+
+def held(r: Relaxation, holds: Holds) -> Relaxation:
+    """The advice in few digits, as it was found or a little wider, once it holds; without a value if it never does."""
+    if r.needed is None or r.needed == r.asked:
+        return r
+    wider = (r.widened(share) for share in MORE)
+    return next((w for w in wider if holds([w])), replace(r, needed=None))
+
+
+def held_together(
+    given: tuple[Relaxation, ...], share: float | None, holds: Holds
+) -> tuple[tuple[Relaxation, ...], float | None]:
+    """As :func:`held`, of several that give at once."""
+    if share is None or not given:
+        return (), None
+    for more in MORE:
+        wider = tuple(r.widened(more) for r in given)
+        if holds(wider):
+            return wider, share
+    return (), None
+
+
+def outwards(value: float, way: int) -> float:
+    """A number in few digits, rounded up (way 1) or down (-1).
+
+    >>> outwards(6.123412, 1), outwards(6.123412, -1)
+    (6.1235, 6.1234)
+    """
+    if value == 0:
+        return value
+    unit = 10.0 ** (int(np.floor(np.log10(abs(value)))) + 1 - DIGITS)
+    steps = np.round(value / unit, 6)  # what is round already stays
+    return float(f"{(np.ceil(steps) if way > 0 else np.floor(steps)) * unit:.{DIGITS}g}")
 
 
 # -- a limit gives ---------------------------------------------------------------------------------
-
-
-def _limits(search: Search, best: Candidate) -> Iterator[Entry]:
-    rows = [row for row in best.rows if row.is_limit]
-    for i, row in enumerate(rows):
-        yield row.label, partial(_without, search, best, i, row)
-
-
-def _without(search: Search, best: Candidate, index: int, row: Row) -> Relaxation:
-    """The limit's value where the others are kept and it is missed least."""
-    asked = asked_of(row)
-    others_missed = [r for r in best.rows if r is not row and not r.is_met]
-    if others_missed and not search.free:
-        return Relaxation(row.label, row.unit, asked, None)
-    if not others_missed:
-        # the best design misses this one alone, by as little as can be
-        return Relaxation(row.label, row.unit, asked, asked if row.is_met else row.reached)
-    low, high = 0.0, None
-    for share in (*STEPS, *FURTHER):
-        if _keeps(_eased(search, {index: share}), best.choice):
-            high = share
-            break
-        low = share
-    if high is None:
-        return Relaxation(row.label, row.unit, asked, None)
-    share = _bisected(low, high, lambda s: _keeps(_eased(search, {index: s}), best.choice))
-    return Relaxation(row.label, row.unit, asked, given_way(row, share))
 
 
 def asked_of(row: Row) -> float:
@@ -138,70 +220,90 @@ def asked_of(row: Row) -> float:
 
 
 def given_way(row: Row, share: float) -> float:
+    """What a requirement comes to that gives by a share of what was asked."""
     asked = asked_of(row)
     return asked + (1 if asked == row.at_most else -1) * share * row.scale
 
 
-def _eased(search: Search, shares: dict[int, float]) -> Search:
-    """The same search with limits that give by shares of what they ask."""
-    limits = list(search.requirements.limits)
-    for i, share in shares.items():
-        limits[i] = _ease(limits[i], share)
-    return Search(replace(search.requirements, limits=tuple(limits)))
+def _pressed(search: Search, best: Candidate, key: Key, row: Row) -> Relaxation:
+    """What is asked, as near as it can be had while all else is kept."""
+    missed = [other for other in best.rows if not other.is_met]
+    asked, number = asked_of(row), key if isinstance(key, int) else None
+    if missed == [row]:  # the best design misses this one alone, by as little as can be
+        return Relaxation(row.label, row.unit, asked, row.reached, number)
+    found = _near(search, best, {}).reach(_point(search, best, {}), Goal((key,)))
+    needed = None if found is None else given_way(row, max(found.share, 0.0))
+    return Relaxation(row.label, row.unit, asked, needed, number)
 
 
-def _ease(limit: Limit, share: float) -> Limit:
-    give = share * limit.scale
-    return replace(
-        limit,
-        at_most=None if limit.at_most is None else limit.at_most + give,
-        at_least=None if limit.at_least is None else limit.at_least - give,
-    )
+def _near(search: Search, best: Candidate, spans: dict[str, tuple[float, float]]) -> Leeway:
+    """What may move: the free numbers, and some that were given."""
+    free = {name: search.spans[name] or (0.0, 0.0) for name in search.free}
+    return Leeway(search.requirements, best.choice, free | spans, best.made)
 
 
-def _keeping(search: Search, start: Choice) -> Candidate | None:
-    """A design near a choice that keeps everything, or None."""
-    try:
-        found = search.keeping(start, QUICK)
-    except OmnimirrorError:
-        return None
-    return found if found.is_met else None
-
-
-def _keeps(search: Search, start: Choice) -> bool:
-    return _keeping(search, start) is not None
-
-
-def _bisected(low: float, high: float, holds: Callable[[float], bool]) -> float:
-    """The least number between low and high at which something holds that holds at high."""
-    for _ in range(ROUNDS):
-        middle = (low + high) / 2
-        low, high = (low, middle) if holds(middle) else (middle, high)
-    return high
+def _point(search: Search, best: Candidate, values: dict[str, float]) -> np.ndarray:
+    """The best candidate as a point, with given numbers moved to other values."""
+    leeway = _near(search, best, dict.fromkeys(values, (0.0, 0.0)))
+    return leeway.point(replace(best.choice, **values), best.made.sensor.lens.focus_distance_mm)
 
 
 # -- a given number gives --------------------------------------------------------------------------
 
 
-def _givens(search: Search, best: Candidate) -> Iterator[Entry]:
+def _numbers(search: Search) -> list[str]:
     """The numbers of the requirements that are no ranges."""
-    requirements = search.requirements
-    for name, span in search.spans.items():
-        if span is None or span[0] < span[1] or span[0] == 0:
-            continue
-        if name == "omega_min_deg" and all(limit.omega_deg for limit in requirements.limits):
-            continue
-        yield name, partial(_moved, search, best, name)
+    names = [n for n, span in search.spans.items() if span is not None and span[0] == span[1] != 0]
+    if all(limit.omega_deg for limit in search.requirements.limits):
+        return [name for name in names if name != "omega_min_deg"]
+    return names
 
 
-def _others(search: Search, best: Candidate) -> Iterator[Entry]:
-    """What is missed and is neither a limit nor a number to move: it must be what is reached, if all else is kept."""
-    missed = [row for row in best.rows if not row.is_met]
-    moved = {name for name, _ in _givens(search, best)}
-    for row in missed:
-        if not row.is_limit and row.name not in moved:
-            needed = row.reached if len(missed) == 1 else None
-            yield row.label, partial(Relaxation, row.label, row.unit, asked_of(row), needed)
+def _span(search: Search, best: Candidate, name: str, sign: int) -> tuple[float, float]:
+    """Where a given number may move to, one way."""
+    asked, field = getattr(best.choice, name), search.requirements.field
+    low, high = RANGES.get(name, (1e-2, 1e5))
+    if name in ("omega_max_deg", "theta_max_deg"):  # the rim must not be seen edge-on, nor parts of the field vanish
+        other = best.choice.theta_max_deg or 0.0 if name == "omega_max_deg" else best.choice.omega_max_deg
+        high = min(high, 179.0 - other)
+    if name == "omega_max_deg":
+        parts = [limit.omega_deg[1] for limit in search.requirements.limits if limit.omega_deg]
+        low = max([low, field.omega_min_deg + 1, *parts])
+    if name == "omega_min_deg":
+        high = field.omega_max_deg - 1
+    reach = abs(asked) * FARTHEST
+    low, high = max(low, asked - reach if asked < 0 else asked / FARTHEST), min(high, asked + reach)
+    return (low, asked) if sign < 0 else (asked, high)
+
+
+def _moved(search: Search, best: Candidate, name: str) -> Relaxation:
+    """The nearest value of a given number, either way, at which all else is kept."""
+    asked = getattr(best.choice, name)
+    found = []
+    for sign in (-1, 1):
+        low, high = _span(search, best, name, sign)
+        if low < high and (there := _reached(search, best, name, sign, (low, high))) is not None:
+            found.append(getattr(there.choice, name))
+    needed = min(found, key=lambda v: abs(v - asked)) if found else None
+    return Relaxation(name, unit_of(name), asked, needed)
+
+
+def _reached(search: Search, best: Candidate, name: str, sign: int, span: tuple[float, float]) -> Found | None:
+    """Where a number that moves one way lets all be kept; from where it does already, or is nearest to it."""
+    asked = getattr(best.choice, name)
+    plain, near, least = Search(unfitted(search.requirements)), best, np.inf
+    for share in LOOKED_AT:
+        value = asked + sign * share * abs(asked)
+        if not span[0] <= value <= span[1]:
+            break
+        there = with_given(plain, name, value).judged(replace(best.choice, **{name: value}))
+        if there is not None and there.worst < least:
+            near, least = there, there.worst
+        if least <= 0:
+            break
+    leeway = _near(search, best, {name: span})
+    start = leeway.point(near.choice, near.made.sensor.lens.focus_distance_mm)
+    return leeway.reach(start, Goal((), ((name, asked, sign),)))
 
 
 def with_given(search: Search, name: str, value: float) -> Search:
@@ -214,62 +316,32 @@ def with_given(search: Search, name: str, value: float) -> Search:
     return Search(replace(r, **{section: getattr(r, section).model_copy(update={name: new})}))
 
 
-def _moved(search: Search, best: Candidate, name: str) -> Relaxation:
-    """The nearest value of a given number at which all else is kept."""
-    asked = getattr(best.choice, name)
-
-    def keeps(share: float) -> bool:
-        value = asked * (1 + share)
-        low, high = RANGES.get(name, (1e-3, 1e6))
-        if not low <= value <= high:
-            return False
-        return _keeps(with_given(search, name, value), replace(best.choice, **{name: value}))
-
-    found = []
-    for sign in (-1, 1):
-        low = 0.0
-        for share in STEPS if sign < 0 else (*STEPS, *FURTHER[:2]):
-            if keeps(sign * share):
-                found.append(sign * _bisected(low, share, partial(_signed, keeps, sign)))
-                break
-            low = share
-    needed = asked * (1 + min(found, key=abs)) if found else None
-    return Relaxation(name, unit_of(name), asked, needed)
-
-
-def _signed(keeps: Callable[[float], bool], sign: int, share: float) -> bool:
-    return keeps(sign * share)
-
-
 # -- all give --------------------------------------------------------------------------------------
 
 
-def _jointly(search: Search, best: Candidate, helpful: list[Relaxation]) -> tuple[tuple[Relaxation, ...], float | None]:
+def _jointly(search: Search, best: Candidate, alone: list[Relaxation]) -> tuple[tuple[Relaxation, ...], float | None]:
     """The least share by which all limits give, and with them the given numbers that help, each its own way."""
-    signs = {r.name: float(np.sign(r.needed - r.asked)) for r in helpful if r.needed is not None}
-    givens = {name: sign for name, sign in signs.items() if name in search.spans and sign}
-    count = len(search.requirements.limits)
-
-    def eased(share: float) -> tuple[Search, Choice]:
-        eased, choice = _eased(search, dict.fromkeys(range(count), share)), best.choice
-        for name, sign in givens.items():
-            value = getattr(best.choice, name) * (1 + sign * share)
-            eased, choice = with_given(eased, name, value), replace(choice, **{name: value})
-        return eased, choice
-
-    low = 0.0
-    for share in STEPS:
-        if _keeps(*eased(share)):
-            break
-        low = share
-    else:
+    signs = {r.name: int(np.sign(r.needed - r.asked)) for r in alone if r.needed is not None and r.limit is None}
+    signs = {name: sign for name, sign in signs.items() if sign and name in _numbers(search)}
+    keys = tuple(range(len(search.requirements.limits)))
+    if not keys and not signs:
         return (), None
-    share = _bisected(low, share, lambda s: _keeps(*eased(s)))
-    found = _keeping(*eased(share))
-    assert found is not None  # the bisection ends where it was
-    asked = [row for row in best.rows if row.is_limit]
-    reached = [row.reached for row in found.rows if row.is_limit]
-    now = [(row, replace(row, reached=value)) for row, value in zip(asked, reached, strict=True)]
-    limits = (Relaxation(row.label, row.unit, asked_of(new), new.reached) for row, new in now if not new.is_met)
-    moved = (replace(r, needed=r.asked * (1 + givens[r.name] * share)) for r in helpful if r.name in givens)
-    return (*limits, *moved), share
+    spans = {name: _span(search, best, name, sign) for name, sign in signs.items()}
+    asked = {name: float(getattr(best.choice, name)) for name in signs}
+    numbers = tuple((name, asked[name], sign) for name, sign in signs.items())
+    leeway = _near(search, best, spans)
+    found = leeway.reach(_point(search, best, asked), Goal(keys, numbers))
+    if found is None:
+        return (), None
+    missed = leeway.missed(found.y, fitted=True)
+    shares = [float(missed[key].max()) for key in keys]
+    rows = [row for row in best.rows if row.is_limit]
+    limits = (
+        Relaxation(row.label, row.unit, asked_of(row), given_way(row, share), i)
+        for i, (row, share) in enumerate(zip(rows, shares, strict=True))
+        if share > STILL
+    )
+    moved = ((name, getattr(found.choice, name)) for name in signs)
+    changed = (Relaxation(n, unit_of(n), asked[n], v) for n, v in moved if abs(v / asked[n] - 1) > STILL)
+    given = (*limits, *changed)
+    return (given, found.share) if len(given) > 1 else ((), None)

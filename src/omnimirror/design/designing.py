@@ -77,8 +77,9 @@ def design_sensor(
     With ``optimise`` in the requirements the mirror is of free form and has the least of that merit; limits are
     constraints of the search, and ranges are left to it. With a mapping or a family, what the requirements leave
     free (ranges; the conic constant of an ellipsoid) is chosen so that the limit kept worst is kept best, or without
-    limits so that the worst floored blur area is least. The lens is focused where that is least, unless ``focus_mm``
-    is given.
+    limits so that the worst floored blur area is least. The lens is focused likewise, anywhere or within the range of
+    ``focus_mm``, unless that is one number: where the limit of blur kept worst is kept best, without limits of blur
+    where the worst floored blur area is least.
 
     Parameters
     ----------
@@ -135,7 +136,7 @@ def _optimised(requirements: Requirements, say: Callable[[str], None], search: S
     said = search.on_progress or (lambda p: say(f"start {p.run + 1} of {p.runs}, {p.value:.4g}"))
     shaped = shape(requirements, problem, search.starts, search.seed, search.resume, said)
     notes = free_form_notes(problem, shaped.made.sensor)
-    conflict = find_concessions(shaped, lambda name: say(f"what if {name} gives"))
+    conflict = find_concessions(requirements, shaped, lambda name: say(f"what if {name} gives"))
     if shaped.optimum is None:
         notes = (f"no mirror of {problem.terms} numbers was found that keeps everything: this one misses least", *notes)
     else:
@@ -197,7 +198,7 @@ def free_form_notes(problem: DesignProblem, sensor: Sensor) -> tuple[str, ...]:
             notes.append("{} = {:.6g}, chosen between {:g} and {:g}".format(name, value, *ends(asked)))
     if problem.is_telecentric:
         notes.append(f"the telecentric lens has to be as wide as the mirror, {2 * reached['rim_radius_mm']:g} mm")
-    if problem.focus_mm is None:
+    if not isinstance(problem.focus_mm, float):
         notes.append(f"focused at {lens.focus_distance_mm:.5g} mm")
     return tuple(notes)
 
@@ -213,9 +214,17 @@ def _notes(search: Search, choice: Choice, sensor: Sensor, made: tuple[str, ...]
         notes.append(f"theta_max_deg = {theta:.6g}, where the rim fills the imager")
     elif search.spans["focal_length_mm"] is None and isinstance(sensor.lens, Perspective):
         notes.append(f"focal_length_mm = {sensor.lens.focal_length_mm:.6g}, where the rim fills the imager")
-    if search.requirements.lens.focus_mm is None:
-        notes.append(f"focused at {sensor.lens.focus_distance_mm:.5g} mm, where the worst floored blur area is least")
+    span = search.requirements.lens.focus_mm
+    if span is None or span[0] < span[1]:
+        notes.append(f"focused at {sensor.lens.focus_distance_mm:.5g} mm, {_focus_by(search.requirements)}")
     return tuple(notes)
+
+
+def _focus_by(requirements: Requirements) -> str:
+    """What the focus was chosen for."""
+    if any(limit.of.is_sharpness for limit in requirements.limits):
+        return "where the limits of blur are kept best"
+    return "where the worst floored blur area is least"
 
 
 def _plain(value: Any) -> Any:

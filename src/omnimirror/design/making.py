@@ -8,15 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..analysis import best_focus
 from ..lenses import Orthographic, Perspective
 from ..sensor import Sensor
+from .counted import Counted, counted_field
 from .families import FAMILIES
 from .fits import fit_mirror
+from .focusing import POINTS, Focusing
 from .mappings import generated_mirror
 from .placed import PlacedMirror, Rim
 from .problem import imager_radius_px
@@ -24,10 +26,7 @@ from .requirements import MirrorTable, Requirements
 
 Array = NDArray[np.float64]
 
-ANGLES = 181  # of the field, for the focus
-MERIT = "floored-area"
 FREE_CONIC = (-0.9, 4.0)  # of an ellipsoid whose constant is left to the design
-POINTED_CENTRE = 0.1  # of the image radius; around a point a degree of azimuth shrinks to nothing
 SETTLED, MOST_ROUNDS = 1e-5, 30  # of lens and focus, which depend on each other
 
 
@@ -50,10 +49,7 @@ class Made:
 
     sensor: Sensor
     notes: tuple[str, ...]
-    field_from_deg: float
-    """Where the field begins that is judged: beyond what the camera hides, and not at a mirror's point."""
-    hidden_deg: float
-    """Up to where the camera hides the view; 0 where nothing is known of its size."""
+    counted: Counted
 
 
 def given(requirements: Requirements) -> dict[str, tuple[float, float] | None]:
@@ -95,35 +91,48 @@ def make(requirements: Requirements, choice: Choice) -> Made:
 # -- mirrors ---------------------------------------------------------------------------------------
 
 
-def _by_mapping(table: MirrorTable, rim: Rim, choice: Choice) -> PlacedMirror:
+def _by_mapping(table: MirrorTable, rim: Rim, omega_min_deg: float, conic: float | None) -> PlacedMirror:
     lists = {name: tuple(v) for name in ("omega_deg", "height") if (v := getattr(table, name)) is not None}
     distances = {name: getattr(table, name) for name in ("plane_distance_mm", "cylinder_radius_mm")}
     entries = lists | {name: v for name, v in distances.items() if v is not None}
     is_pointed = table.apex == "pointed" or table.mapping == "cylinder"
     assert table.mapping is not None
-    return generated_mirror(table.mapping, rim, choice.omega_min_deg if is_pointed else 0.0, **entries)
+    return generated_mirror(table.mapping, rim, omega_min_deg if is_pointed else 0.0, **entries)
 
 
-def _by_family(table: MirrorTable, rim: Rim, choice: Choice) -> PlacedMirror:
+def _by_family(table: MirrorTable, rim: Rim, omega_min_deg: float, conic: float | None) -> PlacedMirror:
     assert table.family is not None
     if table.family in FAMILIES:
-        return FAMILIES[table.family](rim, choice.conic)
+        return FAMILIES[table.family](rim, conic)
     equidistant = generated_mirror("equidistant", rim)
     return fit_mirror(equidistant, table.family).placed
 
 
-WAYS: dict[str, Callable[[MirrorTable, Rim, Choice], PlacedMirror]] = {"mapping": _by_mapping, "family": _by_family}
+WAYS: dict[str, Callable[[MirrorTable, Rim, float, float | None], PlacedMirror]] = {
+    "mapping": _by_mapping,
+    "family": _by_family,
+}
 """How a mirror is made, by the entry of ``[mirror]`` that asks for it."""
 
 
 def wanted_mirror(table: MirrorTable, rim: Rim, choice: Choice) -> PlacedMirror:
     """The mirror before it is fitted."""
-    way = next(name for name in WAYS if getattr(table, name) is not None)
-    return WAYS[way](table, rim, choice)
+    return _kept(table.model_dump_json(exclude={"fit"}), rim, choice.omega_min_deg, choice.conic, None)
 
 
-def _fitted(table: MirrorTable, placed: PlacedMirror) -> PlacedMirror:
-    return placed if table.fit is None else fit_mirror(placed, table.fit).placed
+def _fitted(table: MirrorTable, rim: Rim, choice: Choice) -> PlacedMirror:
+    """The mirror, fitted if it is to be."""
+    return _kept(table.model_dump_json(exclude={"fit"}), rim, choice.omega_min_deg, choice.conic, table.fit)
+
+
+@lru_cache(maxsize=128)
+def _kept(table: str, rim: Rim, omega_min_deg: float, conic: float | None, fit: str | None) -> PlacedMirror:
+    """A mirror, kept: a search asks for the same one before many lenses."""
+    if fit is not None:
+        return fit_mirror(_kept(table, rim, omega_min_deg, conic, None), fit).placed
+    wanted = MirrorTable.model_validate_json(table)
+    way = next(name for name in WAYS if getattr(wanted, name) is not None)
+    return WAYS[way](wanted, rim, omega_min_deg, conic)
 
 
 # -- lens and focus --------------------------------------------------------------------------------
@@ -136,48 +145,47 @@ def imager_radius_mm(requirements: Requirements) -> float:
 
 def _orthographic(requirements: Requirements, choice: Choice) -> Made:
     rim = Rim(choice.omega_max_deg, 0.0, choice.rim_radius_mm)
-    placed = _fitted(requirements.mirror, wanted_mirror(requirements.mirror, rim, choice))
+    placed = _fitted(requirements.mirror, rim, choice)
     magnification = imager_radius_mm(requirements) / choice.rim_radius_mm
-    focus = requirements.lens.focus_mm
+    span = requirements.lens.focus_mm
     sensor = Sensor(
         placed.mirror,
-        Orthographic(magnification, choice.f_number, 0.0 if focus is None else focus),
+        Orthographic(magnification, choice.f_number, 0.0 if span is None else span[0]),
         requirements.imager,
         requirements.mount,
         name=requirements.name,
         notes=requirements.notes,
     )
-    made = judged(requirements, sensor, placed)
-    return made if focus is not None else replace(made, sensor=_focused(requirements, made))
+    return _focused(requirements, choice, judged(requirements, sensor, placed))
 
 
 def _perspective(requirements: Requirements, choice: Choice) -> Made:
-    """Lens and focus follow from each other: in rounds until nothing moves; a fit, which moves little, comes last."""
-    wanted: PlacedMirror | None = None
-    focus: float | None = None
+    """Lens and focus follow from each other: settled first; a fit, which moves little, comes last."""
+    span = requirements.lens.focus_mm
+    nearness, steps = 0.0 if span is None else 1 / span[1], list[tuple[float, float]]()
     for _ in range(MOST_ROUNDS):
-        theta, focal = _viewing(requirements, choice, focus)
-        if wanted is None or choice.theta_max_deg is None:
-            rim = Rim(choice.omega_max_deg, theta, choice.rim_radius_mm)
-            wanted = wanted_mirror(requirements.mirror, rim, choice)
-        made = _placed_before(requirements, choice, wanted, focal)
-        before, focus = focus, made.sensor.lens.focus_distance_mm
-        if before is not None and abs(focus - before) <= SETTLED * focus:
+        made = _before_lens(requirements, choice, nearness, wanted_mirror)
+        found = 1 / made.sensor.lens.focus_distance_mm
+        steps.append((nearness, found - nearness))
+        if abs(steps[-1][1]) <= SETTLED * found or None not in (choice.focal_length_mm, choice.theta_max_deg):
             break
-        if choice.focal_length_mm is not None and choice.theta_max_deg is not None:
-            break
-    if requirements.mirror.fit is None:
-        return made
-    # the fit moves the focus by little, and that the lens by less
-    theta, focal = _viewing(requirements, choice, made.sensor.lens.focus_distance_mm)
-    wanted = wanted_mirror(requirements.mirror, Rim(choice.omega_max_deg, theta, choice.rim_radius_mm), choice)
-    return _placed_before(requirements, choice, _fitted(requirements.mirror, wanted), focal)
+        nearness = _next(steps)
+    return made if requirements.mirror.fit is None else _before_lens(requirements, choice, found, _fitted)
 
 
-def _viewing(requirements: Requirements, choice: Choice, focus_mm: float | None) -> tuple[float, float]:
-    """Theta (deg) and focal length (mm): as chosen, or so that the rim fills the imager at a focus (None: infinite)."""
+def _next(steps: list[tuple[float, float]]) -> float:
+    """Where to try next, from numbers and by how much each was off: by a secant, or simply what was found."""
+    (x, off) = steps[-1]
+    if len(steps) > 1 and (bent := off - steps[-2][1]):
+        secant = x - off * (x - steps[-2][0]) / bent
+        if abs(secant - x) <= 2 * abs(off):
+            return max(secant, 0.0)
+    return x + off
+
+
+def _viewing(requirements: Requirements, choice: Choice, nearness: float) -> tuple[float, float]:
+    """Theta (deg) and focal length (mm): as chosen, or so that the rim fills the imager at a focus 1/L0."""
     radius = imager_radius_mm(requirements)
-    nearness = 0.0 if focus_mm is None else 1 / focus_mm
     if choice.focal_length_mm is None:
         assert choice.theta_max_deg is not None
         tangent = np.tan(np.radians(choice.theta_max_deg))
@@ -189,59 +197,46 @@ def _viewing(requirements: Requirements, choice: Choice, focus_mm: float | None)
     return float(np.degrees(np.arctan(radius * (1 / focal - nearness)))), focal
 
 
-def _placed_before(requirements: Requirements, choice: Choice, placed: PlacedMirror, focal_mm: float) -> Made:
-    """The mirror before a lens of that focal length, focused as asked or at its best."""
-    fixed = requirements.lens.focus_mm
-    focus = max(placed.distance_mm, 1.001 * focal_mm) if fixed is None else fixed
+def _before_lens(
+    requirements: Requirements,
+    choice: Choice,
+    nearness: float,
+    mirror: Callable[[MirrorTable, Rim, Choice], PlacedMirror],
+) -> Made:
+    """The mirror before the lens that it has if it is focused at 1/L0; focused as asked, or at its best."""
+    theta, focal = _viewing(requirements, choice, nearness)
+    placed = mirror(requirements.mirror, Rim(choice.omega_max_deg, theta, choice.rim_radius_mm), choice)
+    span = requirements.lens.focus_mm
     sensor = Sensor(
         placed.mirror,
-        Perspective(focal_mm, choice.f_number, focus),
+        Perspective(focal, choice.f_number, max(placed.distance_mm, 1.001 * focal) if span is None else span[1]),
         requirements.imager,
         requirements.mount,
         placed.distance_mm,
         requirements.name,
         requirements.notes,
     )
-    made = judged(requirements, sensor, placed)
-    return made if fixed is not None else replace(made, sensor=_focused(requirements, made))
+    return _focused(requirements, choice, judged(requirements, sensor, placed))
 
 
-def _focused(requirements: Requirements, made: Made) -> Sensor:
-    """The sensor at its best focus, over the field that counts and from the nearest to the farthest object."""
-    angles = np.linspace(made.field_from_deg, made.sensor.field_deg[1], ANGLES)
-    distances = sorted(set(requirements.field.object_distance_mm))
-    best = best_focus(made.sensor, MERIT, np.tile(angles, len(distances)), np.repeat(np.array(distances), ANGLES))
-    return replace(made.sensor, lens=made.sensor.lens.focused_at(best.focus_mm))
+def focusing(requirements: Requirements, choice: Choice, made: Made, points: int = POINTS) -> Focusing:
+    """What a made sensor does, wherever it is focused."""
+    fits = None in (choice.theta_max_deg, choice.focal_length_mm)  # the rim fills the imager, whatever the focus
+    radius = np.inf if fits else imager_radius_px(requirements.imager)
+    distances = tuple(sorted(set(requirements.field.object_distance_mm)))
+    span = requirements.lens.focus_mm
+    return Focusing(made.sensor, made.counted, requirements.limits, distances, radius, span, points)
+
+
+def _focused(requirements: Requirements, choice: Choice, made: Made) -> Made:
+    """The sensor at its best focus, where the requirements leave one."""
+    span = requirements.lens.focus_mm
+    if span is not None and span[0] == span[1]:
+        return made
+    focus = focusing(requirements, choice, made).best().focus_mm
+    return replace(made, sensor=made.sensor.with_lens(made.sensor.lens.focused_at(focus)))
 
 
 def judged(requirements: Requirements, sensor: Sensor, placed: PlacedMirror) -> Made:
-    """A sensor with the part of its field that is judged."""
-    low, high = sensor.field_deg
-    radius = requirements.field.camera_radius_mm
-    hidden = 0.0 if radius is None else hidden_deg(sensor, radius)
-    start = max(low, requirements.field.omega_min_deg, hidden)
-    if sensor.mirror.is_pointed:
-        edge = sensor.meridian.trace(sensor.x_from_height_px([POINTED_CENTRE * sensor.rim_radius_px]))
-        start = max(start, float(np.degrees(edge.omega[0])))
-    return Made(sensor, placed.notes, min(start, high), hidden)
-
-
-def hidden_deg(sensor: Sensor, camera_radius_mm: float) -> float:
-    """Field angle up to which a round camera at the lens hides the view.
-
-    The chief ray of mirror point x goes through the plane of the lens at ``x + (m + z) tan(Omega)``.
-
-    >>> from omnimirror.specs import load_sensor
-    >>> round(hidden_deg(load_sensor("paper-spherical"), 30.0), 2)
-    8.43
-    """
-    rays = sensor.meridian.trace(np.linspace(0.0, sensor.mirror.rim_radius_mm, 1025))
-    with np.errstate(invalid="ignore"):
-        radius = np.where(np.cos(rays.omega) > 0, rays.x + rays.w * np.tan(rays.omega), np.inf)
-    clear = int(np.argmax(radius >= camera_radius_mm))
-    if clear == 0:
-        return 0.0
-    a, b = radius[clear - 1], radius[clear]
-    share = (camera_radius_mm - a) / (b - a) if np.isfinite(b) else 1.0
-    omega = rays.omega[clear - 1] + share * (rays.omega[clear] - rays.omega[clear - 1])
-    return float(np.degrees(omega))
+    """A sensor with what counts of its field."""
+    return Made(sensor, placed.notes, counted_field(requirements.field, sensor))

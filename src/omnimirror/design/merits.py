@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..analysis import Evaluation
 from ..errors import InvalidParameter
 from ..lenses import Perspective
+from .optics import DEGREE, CameraModel, NodeOptics
 
 Array = NDArray[Any]
 
@@ -45,6 +46,8 @@ class Field(NamedTuple):
     """From the lens (telecentric: the vertex) to the farther of rim and vertex along the axis, mm."""
     sag: Array
     """Height of the mirror along the axis, mm."""
+    airy_px: Array
+    """Diameter of the Airy disk, px."""
 
     @property
     def t_deg(self) -> Array:
@@ -73,6 +76,10 @@ class Field(NamedTuple):
         """From imager to rim along the axis, mm."""
         return self.image_distance + self.reach
 
+    def part(self, which: slice) -> Field:
+        """The same at some field angles that stand together."""
+        return Field(*(a if a.shape[-1] == 1 else a[..., which] for a in self))
+
     def at(self, which: NDArray[np.intp]) -> Field:
         """The same at some of the field angles (.., k); those that are named again have no share of the solid angle."""
         index = np.arange(which.shape[-1])
@@ -84,17 +91,28 @@ def _like(which: NDArray[np.intp], values: Array) -> NDArray[np.intp]:
     return np.broadcast_to(which, values.shape[:-1] + which.shape[-1:])
 
 
-def field_of(result: Any, image_distance: ArrayLike, reach: ArrayLike, sag: ArrayLike) -> Field:
+def field_at(o: NodeOptics, camera: CameraModel, v: Array, reach: Array, sag: Array) -> Field:
+    """What merits look at, of mirror points (.., k) seen by a camera that is focused at places v (.., 1)."""
+    ray_px, blur_px, airy = camera.px_per_ray(v), camera.px_per_place(v), camera.airy_px(v)
+    dh, dw = o.radial * ray_px * DEGREE, o.around * ray_px * DEGREE
+    t, s = blur_px * (v - o.place_t), blur_px * (v - o.place_s)
+    floor = 1 + airy**2
+    log_area = np.log((t * t + floor) * (s * s + floor)) / 2 - np.log(dh * dw)
+    b0 = camera.image_distance(v)
+    return Field(t, s, dh, dw, log_area, o.viewpoint_z, solid_angle(o.omega), b0, reach, sag, airy)
+
+
+def field_of(result: Any, image_distance: ArrayLike, reach: ArrayLike, sag: ArrayLike, airy_px: ArrayLike) -> Field:
     """What merits look at, from the columns of an :class:`~omnimirror.analysis.Evaluation` or of a batch of designs.
 
-    Field angles have to grow along the last axis; the lengths (..) are those of :class:`Field`.
+    Field angles have to grow along the last axis; the numbers (..) are those of :class:`Field`.
     """
     omega = np.radians(result.omega_deg)
-    lengths = (np.asarray(v, dtype=float)[..., None] for v in (image_distance, reach, sag))
+    numbers = (np.asarray(v, dtype=float)[..., None] for v in (image_distance, reach, sag, airy_px))
     with np.errstate(all="ignore"):
         return Field(
             result.blur_t_px, result.blur_s_px, result.dh_domega_px_per_deg, result.width_px_per_deg,
-            np.log(result.floored_area_deg2), result.viewpoint_z_mm, solid_angle(omega), *lengths,
+            np.log(result.floored_area_deg2), result.viewpoint_z_mm, solid_angle(omega), *numbers,
         )  # fmt: skip
 
 
@@ -103,7 +121,7 @@ def field_of_evaluation(result: Evaluation) -> Field:
     lens = result.sensor.lens
     (_, _), (bottom, top) = result.sensor.mirror.bounds
     b0 = lens.image_distance if isinstance(lens, Perspective) else 0.0
-    return field_of(result, b0, length_mm(result), top - bottom)
+    return field_of(result, b0, length_mm(result), top - bottom, result.airy_px)
 
 
 def length_mm(result: Evaluation) -> float:

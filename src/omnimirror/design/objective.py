@@ -159,7 +159,7 @@ def requirements_of(
     if problem.has_view_to_clear:
         yield CLEAR, space.hidden_from(omega, hidden)
     for i, limit in enumerate(problem.limits):
-        yield i, limit.excess(field.at(counting(*(limit.omega_deg or (0.0, 180.0)))))
+        yield i, limit.excess(field.at(counting(*(limit.omega_deg or ()))))
 
 
 def _beside(rows: list[Array], count: int) -> Array:

@@ -22,8 +22,8 @@ from ..files import LARGEST_TEXT, read_bytes, write_text
 from ..imagers import Imager
 from ..mirrors import Equidistant, Mirror, Sphere
 from ..sensor import Sensor
+from .counted import hidden_deg
 from .lower_bound import BlurBound, blur_bound
-from .making import hidden_deg
 from .merits import merit_named
 from .minimax import Minimum, least_mean, least_worst
 from .objective import Concession, Objective

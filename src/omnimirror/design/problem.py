@@ -43,7 +43,7 @@ class DesignProblem:
     object_distance_mm
         From the mirror to the object, or to the nearest and the farthest one: both count.
     focus_mm
-        Where the lens is focused; None leaves it to the optimiser.
+        Where the lens is focused, or between which distances; None leaves it to the optimiser.
     mode, image_radius_px, wavelength_nm
         As :func:`omnimirror.evaluate` takes them.
     limits
@@ -68,7 +68,7 @@ class DesignProblem:
     omega_min_deg: float = 0.0
     camera_radius_mm: float | None = None
     object_distance_mm: Range = np.inf
-    focus_mm: float | None = None
+    focus_mm: Range | None = None
     mode: BlurMode = "exact"
     image_radius_px: float | None = None
     wavelength_nm: float = 550.0
@@ -85,6 +85,7 @@ class DesignProblem:
         elif self.theta_max_deg is None and self.focal_length_mm is None:
             raise InvalidParameter("a perspective lens needs theta_max_deg or focal_length_mm, a number or a range")
         self._check_ranges()
+        self._check_focus()
         self._check_field()
         family(self.family, self.terms)
 
@@ -122,6 +123,16 @@ class DesignProblem:
             if not 0 < low <= high:
                 said = f"{low:g}" if low == high else f"{low:g} to {high:g}"
                 raise InvalidParameter(f"{name} = {said} is no range or number above 0; it needs 0 < low <= high")
+
+    def _check_focus(self) -> None:
+        if self.focus_mm is None:
+            return
+        low, high = ends(self.focus_mm)
+        object.__setattr__(self, "focus_mm", low if low == high else (low, high))
+        if not (np.isfinite([low, high]).all() and low <= high and (low > 0 or self.is_telecentric)):
+            raise InvalidParameter(
+                f"focus_mm = {low:g} to {high:g} is no distance or range of distances; it needs 0 < low <= high"
+            )
 
     def _check_field(self) -> None:
         least, omega = ends(self.omega_max_deg)

@@ -2,6 +2,10 @@
 
 A quantity is judged by its worst field angle in a part of the field. The same definition serves the table
 of a finished design and the rows that an optimiser keeps within limits, real or complex.
+
+A blur that is limited is what the imager gets of a point: the geometric blur (Eq. 28) and the Airy disk,
+added in quadrature, ``sqrt(blur^2 + Airy^2)``; in angle both over Dh or Dw. Without the disk a lens that is
+stopped down far enough would pass as sharp.
 """
 
 from __future__ import annotations
@@ -33,8 +37,14 @@ class Quantity:
     takes
         What counts at a field angle: the largest or the smallest of the parts. ``"spread"`` and ``"ratio"`` have one
         part and give one number for the whole part of the field: largest less smallest, smallest over largest.
+    straight
+        Arrays that are never above the largest part and bend less, which tell a linear model how that part bends.
     is_sharpness
         Whether it depends on where the lens is focused, other than through the scale of the image.
+    is_blur
+        Whether it is a blur with its Airy disk, and so depends on the F-number.
+    is_scale
+        Whether it grows with the image, whose scale follows from the focus too.
     """
 
     unit: str
@@ -42,6 +52,9 @@ class Quantity:
     parts: Callable[[Field], tuple[Array, ...]]
     takes: Literal["largest", "smallest", "spread", "ratio"]
     is_sharpness: bool = False
+    is_blur: bool = False
+    is_scale: bool = False
+    straight: Callable[[Field], tuple[Array, ...]] = lambda field: ()
 
     def values(self, field: Field) -> Array:
         """What counts at each field angle (.., k); of a spread or a ratio for all of them (.., 1)."""
@@ -66,7 +79,7 @@ class Quantity:
     def above(self, field: Field, limit: float) -> Array:
         """How far it is above a limit, as rows (.., r) of which each is smooth."""
         if self.takes == "largest":
-            return _beside([part - limit for part in self.parts(field)])
+            return _beside([part - limit for part in (*self.parts(field), *self.straight(field))])
         if self.takes == "spread":
             (part,) = self.parts(field)
             return _beside([part - one - limit for one in _references(part, part.real.argmin(-1))])
@@ -100,26 +113,51 @@ def _beside(rows: list[Array]) -> Array:
     return np.concatenate(np.broadcast_arrays(*rows), axis=-1)
 
 
-def _blur(*names: str) -> Callable[[Field], tuple[Array, ...]]:
-    """Signed blurs by both signs, so that the largest is a magnitude."""
-    return lambda f: tuple(sign * getattr(f, name) for name in names for sign in (1, -1))
+Disk = Callable[[Field], tuple[Array, Array]]
+"""A signed blur, and the Airy disk in the same unit."""
+
+
+def _in_quadrature(blur: Array, airy: Array) -> Array:
+    length: Array = np.sqrt(blur * blur + airy * airy)
+    return length
+
+
+def _blur(unit: str, meaning: str, *disks: Disk) -> Quantity:
+    """The larger of some blurs with their Airy disks; straight are the blurs by themselves, by both signs."""
+    return Quantity(
+        unit,
+        meaning,
+        lambda f: tuple(_in_quadrature(*disk(f)) for disk in disks),
+        "largest",
+        is_sharpness=True,
+        is_blur=True,
+        straight=lambda f: tuple(sign * disk(f)[0] for disk in disks for sign in (1, -1)),
+    )
+
+
+T_PX: Disk = lambda f: (f.t_px, f.airy_px)  # noqa: E731 - a table of four
+S_PX: Disk = lambda f: (f.s_px, f.airy_px)  # noqa: E731
+T_DEG: Disk = lambda f: (f.t_deg, f.airy_px / f.dh)  # noqa: E731
+S_DEG: Disk = lambda f: (f.s_deg, f.airy_px / f.dw)  # noqa: E731
 
 
 QUANTITIES: dict[str, Quantity] = {
-    "blur_px": Quantity("px", "larger of tangential and sagittal blur", _blur("t_px", "s_px"), "largest", True),
-    "blur_t_px": Quantity("px", "tangential blur", _blur("t_px"), "largest", True),
-    "blur_s_px": Quantity("px", "sagittal blur", _blur("s_px"), "largest", True),
-    "blur_deg": Quantity("deg", "larger of both blurs, in angle", _blur("t_deg", "s_deg"), "largest", True),
-    "blur_t_deg": Quantity("deg", "tangential blur in angle", _blur("t_deg"), "largest", True),
-    "blur_s_deg": Quantity("deg", "sagittal blur in angle", _blur("s_deg"), "largest", True),
+    "blur_px": _blur("px", "larger of tangential and sagittal blur, with the Airy disk", T_PX, S_PX),
+    "blur_t_px": _blur("px", "tangential blur, with the Airy disk", T_PX),
+    "blur_s_px": _blur("px", "sagittal blur, with the Airy disk", S_PX),
+    "blur_deg": _blur("deg", "larger of both blurs in angle, with the Airy disk", T_DEG, S_DEG),
+    "blur_t_deg": _blur("deg", "tangential blur in angle, with the Airy disk", T_DEG),
+    "blur_s_deg": _blur("deg", "sagittal blur in angle, with the Airy disk", S_DEG),
     "floored_area_deg2": Quantity(
         "deg²", "blur area with a pixel and the Airy disk", lambda f: (np.exp(f.log_area),), "largest", True
     ),
     "resolution_px_per_deg": Quantity(
-        "px/deg", "smaller of radial and tangential resolution", lambda f: (f.dh, f.dw), "smallest"
+        "px/deg", "smaller of radial and tangential resolution", lambda f: (f.dh, f.dw), "smallest", is_scale=True
     ),
-    "resolution_t_px_per_deg": Quantity("px/deg", "radial resolution Dh", lambda f: (f.dh,), "smallest"),
-    "resolution_s_px_per_deg": Quantity("px/deg", "resolution around the circle Dw", lambda f: (f.dw,), "smallest"),
+    "resolution_t_px_per_deg": Quantity("px/deg", "radial resolution Dh", lambda f: (f.dh,), "smallest", is_scale=True),
+    "resolution_s_px_per_deg": Quantity(
+        "px/deg", "resolution around the circle Dw", lambda f: (f.dw,), "smallest", is_scale=True
+    ),
     "aspect": Quantity("", "width to height of a small square", lambda f: (f.dw / f.dh,), "smallest"),
     "viewpoint_spread_mm": Quantity("mm", "highest less lowest viewpoint", lambda f: (f.viewpoint_z,), "spread"),
     "area_ratio": Quantity("", "smallest to largest image of a square degree", lambda f: (f.dh * f.dw,), "ratio"),
@@ -177,6 +215,15 @@ class Limit:
     def label(self) -> str:
         """The quantity, with the part of the field."""
         return self.quantity + (f", {self.omega_deg[0]:g} to {self.omega_deg[1]:g} deg" if self.omega_deg else "")
+
+    def missed(self, field: Field) -> Array:
+        """By what share (..) of what is asked fields (.., k) miss it at worst; below 0 by what share they keep it."""
+        values = self.of.values(field)
+        with np.errstate(invalid="ignore"):
+            high = -np.inf if self.at_most is None else np.fmax.reduce(values, axis=-1) - self.at_most
+            low = -np.inf if self.at_least is None else self.at_least - np.fmin.reduce(values, axis=-1)
+        share: Array = np.maximum(high, low) / self.scale
+        return share
 
     def excess(self, field: Field) -> Array:
         """By what share of what is asked it is missed, as rows (.., r) of which each is smooth; below 0 where kept."""

@@ -6,7 +6,7 @@ An entry that may be a range takes a number, or ``[LOW, HIGH]``, within which th
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -51,6 +51,7 @@ Radius = Annotated[Span, _span(1e-3, 1e5)]
 Focal = Annotated[Span, _span(1e-2, 1e5)]
 Theta = Annotated[Span, _span(0.1, 60.0)]
 FNumber = Annotated[Span, _span(0.1, 1e3)]
+Focus = Annotated[Span, _span(-1e6, 1e7)]
 Endless = Annotated[float, Field(allow_inf_nan=True)]
 Distances = Annotated[tuple[Endless, Endless], _span(1e-3, np.inf)]
 Conic = Annotated[Span, _span(-1e3, 1e3)]
@@ -93,7 +94,7 @@ class LensTable(Table):
     focal_length_mm: Focal | None = None
     theta_max_deg: Theta | None = None
     f_number: FNumber = (4.0, 4.0)
-    focus_mm: float | None = None
+    focus_mm: Focus | None = None
 
 
 class LimitTable(Table):
@@ -117,6 +118,23 @@ class Requirements:
     imager: Imager
     mount: Mount
     limits: tuple[Limit, ...]
+
+    def tables(self) -> dict[str, Any]:
+        """The tables of a requirement file that says the same; :func:`requirements_of` reads them."""
+        parts = {name: getattr(self, name).model_dump() for name in ("field", "mirror", "lens")}
+        parts |= {name: asdict(getattr(self, name)) for name in ("imager", "mount")}
+        data = {"name": self.name, "notes": self.notes, **parts, "limit": [asdict(limit) for limit in self.limits]}
+        plain: dict[str, Any] = _plain(data)
+        return plain
+
+
+def _plain(value: Any) -> Any:
+    """The same data as TOML has it: lists for tuples, and nothing where there is nothing."""
+    if isinstance(value, dict):
+        return {k: _plain(v) for k, v in value.items() if v is not None}
+    if isinstance(value, (list, tuple)):
+        return [_plain(v) for v in value]
+    return value
 
 
 DEFAULT_IMAGER = {"width_px": 1024, "height_px": 1024, "pixel_pitch_um": 5.2}

@@ -1,31 +1,27 @@
 """What the requirements leave free, chosen so that the requirement kept worst is kept best.
 
 Every candidate is judged by the largest share by which a requirement is missed (below 0: kept); without
-limits, by its worst floored blur area. A coarse grid of the ranges finds the valley, the simplex of
-Nelder and Mead its bottom.
+limits, by its worst floored blur area. A coarse grid of the ranges finds the valley, linear programmes its bottom.
 """
 
 from __future__ import annotations
 
-from contextlib import suppress
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import OmnimirrorError
 from .assessment import SEARCHED, Row, assess, evaluated
+from .leeway import AREA, Goal, Key, Leeway
 from .making import Choice, Made, given, make
 from .requirements import Requirements
 
-Array = NDArray[np.float64]
-
-GRID = {1: 9, 2: 5, 3: 4, 4: 3, 5: 3}  # points per free number, by how many are free
+GRID = {1: 9, 2: 4, 3: 3, 4: 2, 5: 2}  # points per free number, by how many are free
 NOT_TO_BE_HAD = 1e6  # added where nothing but blur is to be made least, and what is given does not fit
-POLISH = 30  # candidates of the simplex, per free number
 
 
 class Candidate(NamedTuple):
@@ -40,6 +36,11 @@ class Candidate(NamedTuple):
     def is_met(self) -> bool:
         """Whether every requirement is met."""
         return all(row.is_met for row in self.rows)
+
+    @property
+    def worst(self) -> float:
+        """The largest share by which a requirement is missed; 0 or below where all are met."""
+        return max((row.shortfall for row in self.rows if not row.is_met), default=0.0)
 
 
 @dataclass(frozen=True)
@@ -72,7 +73,7 @@ class Search:
         limits = [row.shortfall for row in rows if row.is_limit]
         if missed or limits:
             return max(missed + limits) + (0.0 if limits else NOT_TO_BE_HAD)
-        angles = np.linspace(made.field_from_deg, made.sensor.field_deg[1], SEARCHED)
+        angles = np.linspace(*made.counted.part()[:2], SEARCHED)
         return max(float(r.floored_area_deg2.max()) for r in evaluated(self.requirements, made, angles))
 
     def best(self) -> Candidate:
@@ -83,74 +84,45 @@ class Search:
         OmnimirrorError
             No candidate can be made; with the reason of the one in the middle.
         """
-        base = self.middle()
+        middle = self.middle()
         if not self.free:
-            return self.judge(base)
-        judged = _Memory(self, base)
-        for point in product(np.linspace(0.0, 1.0, GRID[len(self.free)]), repeat=len(self.free)):
-            judged(np.array(point))
-        if judged.best is None:
-            return self.judge(base)  # says why
-        judged.polish(POLISH * len(self.free))
-        return judged.best
+            return self.judge(middle)
+        tried = [found for choice in [middle, *self._grid(middle)] if (found := self.judged(choice)) is not None]
+        if not tried:
+            return self.judge(middle)  # says why
+        return self.polished(min(tried, key=lambda c: c.badness))
 
-    def keeping(self, start: Choice, most: int) -> Candidate:
-        """A candidate near a choice that meets everything, or else the best of so many for each free number.
+    def polished(self, start: Candidate) -> Candidate:
+        """The best candidate near one, by what the requirements leave free."""
+        spans = {name: self.spans[name] or (0.0, 0.0) for name in self.free}
+        leeway = Leeway(self.requirements, start.choice, spans, start.made)
+        y = leeway.point(start.choice, start.made.sensor.lens.focus_distance_mm)
+        keys: tuple[Key, ...] = tuple(range(len(self.requirements.limits))) or (AREA,)
+        found = leeway.reach(y, Goal(keys))
+        if found is None:  # something given is missed, and gives as little as a limit
+            found = leeway.reach(y, Goal(tuple(leeway.missed(y))))
+        better = None if found is None else self.judged(found.choice)
+        return better if better is not None and better.badness < start.badness else start
 
-        Raises
-        ------
-        OmnimirrorError
-            The choice itself cannot be made.
-        """
-        first = self.judge(start)
-        if first.is_met or not self.free:
-            return first
-        judged = _Memory(self, start, first)
-        with suppress(_Kept):
-            judged.polish(most * len(self.free), stop=True)
-        return judged.best or first
+    def _grid(self, base: Choice) -> Iterator[Choice]:
+        """Choices all over the ranges, in equal ratios where that can be."""
+        values = [ratios(self.spans[name] or (0.0, 0.0), GRID[len(self.free)]) for name in self.free]
+        for numbers in product(*values):
+            yield replace(base, **dict(zip(self.free, numbers, strict=True)))
 
-
-class _Kept(Exception):
-    """A candidate meets everything; there is no need to look further."""
-
-
-class _Memory:
-    """Candidates by where they lie in the unit cube of the free numbers; keeps the best one."""
-
-    def __init__(self, search: Search, base: Choice, best: Candidate | None = None) -> None:
-        self.search, self.base, self.best, self.stop = search, base, best, False
-        self.place = np.array([self._share(name) for name in search.free])
-
-    def _share(self, name: str) -> float:
-        span, value = self.search.spans[name], getattr(self.base, name)
-        assert span is not None
-        return float(np.clip((value - span[0]) / (span[1] - span[0]), 0.0, 1.0))
-
-    def __call__(self, point: Array) -> float:
-        point = np.clip(point, 0.0, 1.0)
-        numbers = {}
-        for name, share in zip(self.search.free, point, strict=True):
-            low, high = self.search.spans[name] or (0.0, 0.0)
-            numbers[name] = float(low + share * (high - low))
+    def judged(self, choice: Choice) -> Candidate | None:
+        """A choice judged, or None where there is no such sensor."""
         try:
-            found = self.search.judge(replace(self.base, **numbers))
+            return self.judge(choice)
         except OmnimirrorError:
-            return np.inf
-        if self.best is None or found.badness < self.best.badness:
-            self.best, self.place = found, point
-        if self.stop and found.is_met:
-            self.best = found
-            raise _Kept
-        return found.badness
+            return None
 
-    def polish(self, most: int, stop: bool = False) -> None:
-        """The simplex from the best place, up to so many candidates; ``stop`` at the first that meets everything."""
-        from scipy.optimize import minimize
 
-        self.stop = stop
-        size = 0.5 / GRID[len(self.search.free)]
-        steps = np.diag(np.where(self.place > 0.5, -size, size))
-        corners = np.vstack([self.place, self.place + steps])
-        options = {"initial_simplex": corners, "maxfev": most, "xatol": 1e-6, "fatol": 1e-9}
-        minimize(self, self.place, method="Nelder-Mead", bounds=[(0, 1)] * self.place.size, options=options)
+def ratios(span: tuple[float, float], count: int) -> list[float]:
+    """Numbers from one end of a range to the other, in equal ratios, or in equal steps past 0.
+
+    >>> ratios((4.0, 16.0), 3), ratios((-1.0, 1.0), 3)
+    ([4.0, 8.0, 16.0], [-1.0, 0.0, 1.0])
+    """
+    spaced = np.geomspace if span[0] > 0 else np.linspace
+    return [float(v) for v in spaced(*span, count)]

@@ -62,7 +62,7 @@ def problem_of(requirements: Requirements) -> DesignProblem:
         omega_min_deg=field.omega_min_deg,
         camera_radius_mm=field.camera_radius_mm,
         object_distance_mm=_range(field.object_distance_mm),
-        focus_mm=lens.focus_mm,
+        focus_mm=None if lens.focus_mm is None else _range(lens.focus_mm),
         family=shape.name,
         terms=shape.terms,
         limits=requirements.limits,

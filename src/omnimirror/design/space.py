@@ -19,8 +19,8 @@ from ..mirrors.conics import conic_profile
 from ..sensor import Sensor
 from .batch import BatchEvaluation, Designs, evaluate_designs
 from .freeform import Basis, Family, family
-from .merits import Field, field_of, solid_angle
-from .optics import DEGREE, Camera, NodeOptics, TelecentricCamera, node_optics, telecentric_optics
+from .merits import Field, field_at, field_of
+from .optics import DEGREE, Camera, TelecentricCamera, node_optics, telecentric_optics
 from .problem import DesignProblem, ends, imager_radius_px
 
 Array = NDArray[Any]
@@ -65,7 +65,7 @@ class DesignSpace:
 
     The coordinates: slopes at all of the family's places but the rim; curvature (times M) and conic constant of a
     conic with asphere terms, the conic constant of a pure one; the place in focus, unless it is given, over that of
-    the rim (telecentric: over M); and the logarithms of what is free besides.
+    the rim (telecentric: over M), or of a range over that of its nearest end; and the logarithms of what is free.
     """
 
     problem: DesignProblem
@@ -82,7 +82,7 @@ class DesignSpace:
     def names(self) -> list[str]:
         """What each coordinate is."""
         conic = (["curvature", "conic"] if self.family.terms else ["conic"]) if self.family.has_conic else []
-        focus = ["focus"] if self.problem.focus_mm is None else []
+        focus = [] if isinstance(self.problem.focus_mm, float) else ["focus"]
         return [*(f"slope {u:.4f}" for u in self.family.slope_places()[:-1]), *conic, *focus, *self.problem.free]
 
     @property
@@ -95,6 +95,9 @@ class DesignSpace:
         low, high = np.full(self.dim, -np.inf), np.full(self.dim, np.inf)
         low[: max(self.family.terms - 1, 0)] = 0.0
         focus = (-30.0, 30.0) if self.problem.is_telecentric else (0.05, 3.0)
+        if isinstance(asked := self.problem.focus_mm, tuple):
+            places = sorted(self._place(mm) / self._focus_unit for mm in asked)
+            focus = places[0], places[1]
         for name, ends_of in (("curvature", (1e-3, 10.0)), ("conic", (-20.0, 20.0)), ("focus", focus)):
             if name in self.names:
                 low[self.names.index(name)], high[self.names.index(name)] = ends_of
@@ -117,7 +120,7 @@ class DesignSpace:
         if self.problem.is_telecentric:
             return self._given_telecentric(y, omega_max, M, F)
         p, radius = self.problem, self.imager_radius_mm
-        fixed = None if p.focus_mm is None else np.full_like(M, 1 / p.focus_mm)
+        fixed = self._fixed(y, M)
         relative = 0 * M if fixed is not None else y[:, self.names.index("focus"), None]
         if p.theta_max_deg is not None:
             theta = self._number(y, "theta_max_deg") * DEGREE
@@ -131,9 +134,28 @@ class DesignSpace:
         return Given(omega_max, M, theta, tangent, focal, F, v)
 
     def _given_telecentric(self, y: Array, omega_max: Array, M: Array, F: Array) -> Given:
-        p = self.problem
-        v = y[:, self.names.index("focus"), None] * M if p.focus_mm is None else np.full_like(M, -p.focus_mm)
+        fixed = self._fixed(y, M)
+        v = y[:, self.names.index("focus"), None] * M if fixed is None else fixed
         return Given(omega_max, M, 0 * M, np.nan * M, self.imager_radius_mm / M, F, v)
+
+    def _place(self, focus_mm: float) -> float:
+        return -focus_mm if self.problem.is_telecentric else 1 / focus_mm
+
+    @property
+    def _focus_unit(self) -> float:
+        """Of the coordinate of a focus that is given as a range: the size of the largest place in it."""
+        assert isinstance(self.problem.focus_mm, tuple)
+        return max(abs(self._place(mm)) for mm in self.problem.focus_mm)
+
+    def _fixed(self, y: Array, M: Array) -> Array | None:
+        """The place in focus (b, 1) as the problem gives it, or as it is chosen from its range; None if it is free."""
+        asked = self.problem.focus_mm
+        if asked is None:
+            return None
+        if isinstance(asked, tuple):
+            chosen: Array = y[:, self.names.index("focus"), None] * self._focus_unit
+            return chosen
+        return np.full_like(M, self._place(asked))
 
     @property
     def imager_radius_mm(self) -> float:
@@ -196,17 +218,8 @@ class DesignSpace:
         else:
             reach = g.M / g.tangent
             o = node_optics(*rest, reach - rim, near)
-        field = self._field(o, g, reach, rim)
+        field = field_at(o, self.camera(g), g.focus, reach, rim)
         return State(field, o.omega, o.turning * g.M, o.facing, self.hidden(field, o.omega), self.image(g))
-
-    def _field(self, o: NodeOptics, g: Given, reach: Array, rim: Array) -> Field:
-        camera, v = self.camera(g), g.focus
-        ray_px, blur_px = camera.px_per_ray(v), camera.px_per_place(v)
-        dh, dw = o.radial * ray_px * DEGREE, o.around * ray_px * DEGREE
-        t, s = blur_px * (v - o.place_t), blur_px * (v - o.place_s)
-        floor = 1 + camera.airy_px(v) ** 2
-        log_area = np.log((t * t + floor) * (s * s + floor)) / 2 - np.log(dh * dw)
-        return Field(t, s, dh, dw, log_area, o.viewpoint_z, solid_angle(o.omega), camera.image_distance(v), reach, rim)
 
     def hidden(self, field: Field, omega: Array) -> Array:
         """By how much what stands at the lens hides the view at field angles (b, k) in radians, over its radius.
@@ -233,17 +246,21 @@ class DesignSpace:
         """Field angles of one object distance."""
         return int(omega.shape[-1]) // len(self.problem.distances_mm)
 
-    def counting(self, omega: Array, hidden: Array, low_deg: float = 0.0, high_deg: float = 180.0) -> NDArray[np.intp]:
+    def counting(
+        self, omega: Array, hidden: Array, low_deg: float | None = None, high_deg: float = 180.0
+    ) -> NDArray[np.intp]:
         """Which columns (b, n) count of field angles (b, n) in radians, that stand for one object distance after the
-        other: those of the field that counts, from one angle to another, and the next one beyond either end.
+        other: those in view from one angle to another (by default from where the field begins that matters), and
+        the next one beyond either end.
 
         Always as many: where some do not count, the ends are named again.
         """
         n = self._count(omega)
         omega, hidden = omega[:, :n], hidden[:, :n]
-        low = max(low_deg, self.problem.omega_min_deg) * DEGREE
+        low = (self.problem.omega_min_deg if low_deg is None else low_deg) * DEGREE
         first = (omega <= low).sum(axis=-1, keepdims=True) - 1
-        if self.problem.omega_min_deg == 0:  # else the view has to be clear from there
+        begin = self.problem.omega_min_deg * DEGREE
+        if begin == 0 or low < begin:  # else the view has to be clear from there
             first = np.maximum(first, np.argmax(hidden <= 0, axis=-1)[:, None])
         first = np.clip(first, 0, n - 1)
         last = np.clip((omega < high_deg * DEGREE).sum(axis=-1, keepdims=True), first, n - 1)
@@ -277,7 +294,9 @@ class DesignSpace:
         g = self.given(y)
         sag = g.M * self._profile(y, g, np.ones(1), self.basis(np.ones(1)))[0]
         reach = sag if self.problem.is_telecentric else g.M / g.tangent
-        return field_of(result, self.camera(g).image_distance(g.focus)[:, 0], reach[:, 0], sag[:, 0])
+        camera = self.camera(g)
+        numbers = (camera.image_distance(g.focus), reach, sag, camera.airy_px(g.focus))
+        return field_of(result, *(v[:, 0] for v in numbers))
 
     def image(self, g: Given) -> Array:
         """Image of the rim over the largest that the imager holds (b, 1)."""
@@ -301,6 +320,10 @@ class DesignSpace:
     def with_focus(self, y: Array, focus_mm: Array) -> Array:
         """The same points (b, dim) focused at L0 (b,)."""
         i, y = self.names.index("focus"), np.array(y)
+        if isinstance(self.problem.focus_mm, tuple):
+            y[:, i] = (-focus_mm if self.problem.is_telecentric else 1 / focus_mm) / self._focus_unit
+            y[:, i] = np.clip(y[:, i], *(ends_of[i] for ends_of in self.bounds))
+            return y
         for _ in range(ROUNDS if self.problem.theta_max_deg is None else 1):  # theta may follow from the focus
             g = self.given(y)
             y[:, i] = -focus_mm / g.M[:, 0] if self.problem.is_telecentric else (g.M / g.tangent)[:, 0] / focus_mm
