@@ -97,6 +97,15 @@ def is_stream(path: str | Path) -> bool:
     return not (stat.S_ISREG(mode) or stat.S_ISDIR(mode))
 
 
+def is_same_file(a: str | Path, b: str | Path) -> bool:
+    """Whether two names lead to one file, there or not; links that lead in a circle lead nowhere, and to themselves.
+
+    >>> is_same_file("a.png", "./b/../a.png")
+    True
+    """
+    return os.path.realpath(a) == os.path.realpath(b)
+
+
 def name_of(path: str | Path) -> str:
     """A file's name as people read it."""
     return "standard output" if is_standard_output(path) else str(path)

@@ -320,7 +320,6 @@ def test_the_border_is_a_colour(folder, picture, source, border, expected):
         ("sphere.png SPHERE -o out.gif", "pictures of kind '.gif' are not known"),
         ("sphere.png SPHERE -o out", "a picture without a suffix"),
         ("sphere.png SPHERE --transparent -o out.jpg", ".jpg files hold no transparency"),
-        ("deep.png BALL -o out.jpg", "out.jpg: .jpg holds uint8 pictures"),
         ("sphere.png SPHERE -o note.txt/out.png", "cannot write note.txt"),
         ("sphere.png SPHERE --fast", "--fast"),
         ("sphere.png SPHERE -o ./sphere.png", "is the picture to straighten"),

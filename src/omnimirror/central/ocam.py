@@ -31,6 +31,7 @@ from .base import CentralCamera
 Array = NDArray[np.float64]
 Optics = Literal["mirror", "fisheye"]
 
+LARGEST_COEFFICIENT = 1e100  # its square is a number still
 NODES = 257  # of the table from which projections start
 SLOWEST = 0.01  # dOmega/drho against its value at the centre, below which the polynomial is not used
 
@@ -88,6 +89,11 @@ class OCam(CentralCamera):
             raise InvalidParameter(
                 f"polynomial = {self.polynomial} does not begin with a negative number, as OCamCalib's direct "
                 "polynomial does (f(0) < 0)"
+            )
+        if not np.max(np.abs(self.polynomial)) < LARGEST_COEFFICIENT:
+            raise InvalidParameter(
+                f"polynomial = {self.polynomial} holds {max(self.polynomial, key=abs):g}, which is no coefficient of a "
+                f"camera; they are valid below {LARGEST_COEFFICIENT:g}"
             )
         if not np.isfinite(self.affine).all() or abs(np.linalg.det(self.stretch)) < 1e-3:
             raise InvalidParameter(f"affine = {self.affine} flattens the picture; c, d, e are near 1, 0, 0")
@@ -196,6 +202,8 @@ def parse_ocam(
 ) -> OCam:
     """The camera of the text of a ``calib_results.txt``; arguments and errors as :func:`load_ocam`.
 
+    What other programs write after the image size is left alone.
+
     >>> text = "3 -1.0e+002 0 2.5e-003\\n 2 100 50\\n 239.5 319.5\\n 1 0 0\\n # size\\n 480 640\\n"
     >>> parse_ocam(text).centre_px
     (319.5, 239.5)
@@ -206,7 +214,6 @@ def parse_ocam(
     row, column = lines.numbers("the centre (row and column)", 2)
     c, d, e = lines.numbers("the affine parameters (c, d and e)", 3)
     height, width = lines.numbers("the image size (height and width)", 2)
-    lines.end()
     if not (height == int(height) and width == int(width)):
         raise lines.error(f"the image size {height:g} {width:g} is not in whole pixels")
     size = (int(width), int(height))
@@ -245,11 +252,6 @@ class _Lines:
         if len(values) != count:
             raise self.error(f"expected {what}: {count} numbers, and there are {len(values)}")
         return tuple(values)
-
-    def end(self) -> None:
-        if self.lines:
-            self.number = self.lines[0][0]
-            raise self.error("expected the end of the file after the image size")
 
     def _next(self, what: str) -> list[float]:
         if not self.lines:

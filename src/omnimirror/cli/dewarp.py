@@ -17,15 +17,16 @@ from ..dewarp.native import set_threads
 from ..dewarp.sampling import Border
 from ..dewarp.screens import Cylinder, Sphere, View
 from ..errors import OmnimirrorError
-from ..files import name_of
+from ..files import is_same_file, name_of
 from ..frames import Mount
 from ..media import GPano, read_image, write_image
 from ..media.batch import PICTURES as PICTURE_SUFFIXES
 from ..media.batch import Job, expand_inputs, outputs_for, run_parallel
-from ..media.images import can_be_panorama, format_of
+from ..media.images import can_be_panorama, check_size, format_of
 from ..sensor import Sensor
 from ..simulate.restoration import Restorer
 from .camera_options import camera_of, camera_options, camera_words, check_camera_options, drawn_by
+from .depths import as_held, depth_for
 from .options import NUMBER, WHOLE, distance, flag
 from .outputs import PICTURES, output_console, say, take_standard_output
 from .sampling_options import BorderColour, sampling_options
@@ -202,7 +203,7 @@ class Straightener:
 
     def straighten(self, source: Path, output: Path) -> str:
         """Read, straighten and write one picture; what was done, in a sentence."""
-        if output.resolve() == source.resolve():
+        if is_same_file(output, source):
             raise OmnimirrorError(f"{output} is the picture to straighten; write to another name")
         kind = format_of(output)
         if self.transparent and not kind.has_alpha:
@@ -212,13 +213,22 @@ class Straightener:
         picture = read_image(source)
         border = self.border.of_picture(picture) if self.border else 0
         dewarp, panorama = self.straightening((picture.shape[1], picture.shape[0]), border)
+        check_size(output, dewarp.view.size)
         if "restore" in self.given:
             with self.alone:
                 picture = self.restorer(dewarp.camera)(picture, self.given.get("noise"))  # type: ignore[arg-type]
         straight = dewarp(picture, kind.has_alpha if self.transparent is None else self.transparent)
-        write_image(output, straight, panorama if can_be_panorama(output) else None)
+        write_image(output, as_held(straight, kind), panorama if can_be_panorama(output) else None)
         height, width = straight.shape[:2]
-        return f"{name_of(output)}: {dewarp.view}, {width} x {height} px, {_percent(dewarp)} of it inside the field"
+        told = _change_of_depth(straight.dtype.name, depth_for(straight.dtype.name, kind))
+        size = f"{width} x {height} px"
+        return f"{name_of(output)}: {dewarp.view}, {size}, {_percent(dewarp)} of it inside the field{told}"
+
+
+def _change_of_depth(had: str, has: str) -> str:
+    """What was lost or found on the way into a file of another depth."""
+    words = {"uint8": "8 bits", "uint16": "16 bits", "float32": "light"}
+    return "" if had == has else f", {words[had]} written as {words[has]}"
 
 
 def restorer_of(camera: Camera, given: dict[str, Any]) -> Restorer:

@@ -8,7 +8,6 @@ from contextlib import ExitStack
 from dataclasses import fields, replace
 from fractions import Fraction
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import av
@@ -22,6 +21,7 @@ from ..dewarp.sampling import Border
 from ..dewarp.screens import View
 from ..dewarp.video import dewarp_frame
 from ..errors import InvalidParameter
+from ..files import is_same_file
 from ..media import process as processing
 from ..media.keyframes import Keyframes
 from ..media.live import TICKS, LiveSource, is_live
@@ -83,7 +83,7 @@ def _check_outputs(source: str, outputs: tuple[str, ...], given: dict[str, Any])
     if twice := [output for output in outputs if outputs.count(output) > 1]:
         raise click.UsageError(f"{twice[0]} is to be written twice; give each output once")
     for output in outputs:
-        if _is_file(output) and Path(output).resolve() == Path(source).resolve():
+        if _is_file(output) and is_same_file(output, source):
             raise click.UsageError(f"{output} is the video to straighten; write to another name")
     if not any(_is_file(output) or "://" in output for output in outputs):
         for name in ("codec", "crf"):

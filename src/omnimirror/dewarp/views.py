@@ -39,6 +39,7 @@ LARGEST_MAGNIFICATION = 4.0
 """Output pixels per source pixel to which a zoom is limited: cubic interpolation still looks smooth, and
 there has been nothing more to see since about 1."""
 ROWS_EXAMINED = 65
+LARGEST_RATIO = 1e6  # of the sides of a picture
 
 
 def panorama(
@@ -327,6 +328,13 @@ def _end(seen: Field, pole: Pole) -> float:
 def _completed(size: PartialSize, natural: tuple[float, float]) -> tuple[int, int]:
     """The size with what is missing taken from a natural size: all of it, or the proportion."""
     width, height = size
+    if width is not None and height is not None:
+        return width, height
+    if not np.isfinite(natural).all() or max(natural) > LARGEST_RATIO * min(natural) >= 0:
+        raise InvalidParameter(
+            f"a view of {natural[0]:.3g} x {natural[1]:.3g} px, at the picture's resolution, is no picture; give it "
+            "other angles, or both sides of its size"
+        )
     if width is None and height is None:
         return _even(natural[0]), _even(natural[1])
     if height is None:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ..errors import MediaError, OmnimirrorError
+from ..files import is_same_file
 from . import interrupts
 
 PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp", ".hdr", ".exr")
@@ -82,7 +83,7 @@ def output_for(source: str | Path, folder: str | Path, suffix: str | None = None
     """
     source = Path(source)
     output = Path(folder) / (source.name if suffix is None else source.stem + suffix)
-    if output.resolve() == source.resolve():
+    if is_same_file(output, source):
         raise MediaError(f"{source} would be written over by its own result; give another folder")
     return output
 

@@ -27,13 +27,15 @@ class Format(NamedTuple):
 
     depths: tuple[str, ...]
     channels: tuple[int, ...]
+    longest_px: int = 1 << 20
+    """A side of the largest picture."""
 
     @property
     def has_alpha(self) -> bool:
         return 4 in self.channels
 
 
-_JPEG = Format(("uint8",), (1, 3))
+_JPEG = Format(("uint8",), (1, 3), 65_500)
 _TIFF = Format(("uint8", "uint16", "float32"), (1, 3, 4))
 FORMATS = {
     ".png": Format(("uint8", "uint16"), (1, 3, 4)),
@@ -41,7 +43,7 @@ FORMATS = {
     ".jpeg": _JPEG,
     ".tif": _TIFF,
     ".tiff": _TIFF,
-    ".webp": Format(("uint8",), (3, 4)),
+    ".webp": Format(("uint8",), (3, 4), 16_383),
     ".bmp": Format(("uint8",), (1, 3)),
     ".hdr": Format(("float32",), (3,)),
     ".exr": Format(("float32",), (1, 3, 4)),
@@ -64,13 +66,31 @@ def format_of(path: str | Path) -> Format:
     Raises
     ------
     MediaError
-        For a suffix that cannot be written.
+        For a suffix that cannot be written, or not without a package that is not installed.
     """
     suffix = Path(path).suffix.lower()
     if suffix not in FORMATS:
         what = f"pictures of kind {suffix!r} are" if suffix else "a picture without a suffix is"
         raise MediaError(f"cannot write {path}: {what} not known; valid are {', '.join(FORMATS)}")
+    if suffix == ".exr":
+        exr.check_installed(Path(path))
     return FORMATS[suffix]
+
+
+def check_size(path: str | Path, size: tuple[int, int]) -> None:
+    """Refuse a picture of a (width, height) that the file cannot hold.
+
+    Raises
+    ------
+    MediaError
+        It is too large, or for a suffix that cannot be written.
+    """
+    longest = format_of(path).longest_px
+    if max(size) > longest:
+        raise MediaError(
+            f"cannot write {path}: {Path(path).suffix} holds pictures of up to {longest} px a side, and this one has "
+            f"{size[0]} x {size[1]} px; .png and .tif hold more"
+        )
 
 
 def can_be_panorama(path: str | Path) -> bool:
@@ -152,6 +172,7 @@ def write_image(path: str | Path, image: Image, panorama: GPano | None = None) -
             f"cannot write {path}: {Path(path).suffix} holds {' or '.join(kind.depths)} pictures of "
             f"{' or '.join(map(str, kind.channels))} channels, and this one is {image.dtype.name} of {channels}"
         )
+    check_size(path, (image.shape[1], image.shape[0]))
     if panorama is not None:
         _check_panorama(path, image, panorama)
     try:
@@ -188,7 +209,10 @@ def _encoded(path: Path, image: Image, panorama: GPano | None) -> bytes:
 def encoded(image: Image, suffix: str, parameters: Sequence[int] = ()) -> bytes:
     """The bytes of a file of a picture, grey, RGB or RGBA, by OpenCV's encoder for ``suffix`` and its parameters."""
     with _quiet():
-        _, buffer = cv2.imencode(suffix, _red_and_blue_exchanged(np.ascontiguousarray(image)), parameters)
+        is_done, buffer = cv2.imencode(suffix, _red_and_blue_exchanged(np.ascontiguousarray(image)), parameters)
+    if not is_done:
+        height, width = image.shape[:2]
+        raise MediaError(f"a picture of {width} x {height} px cannot be written as {suffix}")
     data: bytes = buffer.tobytes()
     return data
 

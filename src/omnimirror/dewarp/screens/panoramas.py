@@ -22,6 +22,7 @@ from .base import (
 )
 
 Rows = Literal["tilt", "height"]
+NARROWEST_DEG = 1e-6
 
 
 class Panorama(CentredScreen):
@@ -64,7 +65,12 @@ class Panorama(CentredScreen):
                 f"elevations from {self.tilt_min_deg:g} to {self.tilt_max_deg:g} deg make no panorama; they are "
                 "valid from -90 to 90, the smaller one first"
             )
-        check_range("span_deg", self.span_deg, 0, 360, upper_included=True)
+        if self.tilt_max_deg - self.tilt_min_deg < NARROWEST_DEG:
+            raise InvalidParameter(
+                f"elevations from {self.tilt_min_deg:g} to {self.tilt_max_deg:g} deg leave nothing to see; they are "
+                f"valid {NARROWEST_DEG:g} deg apart, and more"
+            )
+        check_range("span_deg", self.span_deg, NARROWEST_DEG, 360, upper_included=True)
         check_angle("pan_deg", self.pan_deg)
 
 
