@@ -127,9 +127,13 @@ class Lens(ABC):
     def image_of(self, points: Array, directions: Array) -> Array:
         """Image points (n, 2) mm of rays from the mirror, given by points and directions (n, 3) on them."""
 
-    def falloff(self, image: Array) -> Array:
-        """Natural vignetting (n,) at image points (n, 2) mm: what arrives of an even light, against the axis."""
-        return np.ones(image.shape[:-1])
+    def falloff(self, image: Array, pupil: Array | None = None) -> Array:
+        """Natural vignetting (n,) at image points (n, 2) mm, against the axis, of an even light.
+
+        What arrives by way of points (n, 2) of the unit disk of the aperture; of its centre by default.
+        """
+        tangent = np.zeros_like(image) if pupil is None else pupil / (2 * self.image_f_number())
+        return _cos4(tangent)
 
     @abstractmethod
     def focus_coordinate(self, L: ArrayLike) -> Array:
@@ -282,11 +286,11 @@ class Perspective(Lens):
         L0 = self.focus_distance_mm
         return self.distorted(self.image_distance / L0 * _crossing(points, directions, L0))
 
-    def falloff(self, image: Array) -> Array:
-        """cos^4(theta), and more where distortion packs more of the world into an area of the picture."""
+    def falloff(self, image: Array, pupil: Array | None = None) -> Array:
+        """cos^4 of the angle at the imager, and more where distortion packs more of the world into an area of it."""
         ideal = self.undistorted(image) / self.image_distance
-        cos4: Array = (1 + (ideal**2).sum(axis=-1)) ** -2
-        return cos4 * shrinkage(ideal, self.brown)
+        tangent = ideal if pupil is None else ideal + pupil / (2 * self.image_f_number())
+        return _cos4(tangent) * shrinkage(ideal, self.brown)
 
     def focus_coordinate(self, L: ArrayLike) -> Array:
         """The vergence 1/L; its inverse is the same."""
@@ -377,6 +381,12 @@ class Orthographic(Lens):
         choice("mode", mode, BLUR_MODES)
         reach = tolerance * self.working_f_number / self.magnification**2
         return DepthOfField(self.focus_distance_mm - reach, self.focus_distance_mm + reach)
+
+
+def _cos4(tangent: Array) -> Array:
+    """Fourth power (n,) of the cosine of angles whose tangents are (n, 2)."""
+    cos4: Array = (1 + (tangent**2).sum(axis=-1)) ** -2
+    return cos4
 
 
 def _crossing(points: Array, directions: Array, z: float) -> Array:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arguments import row
 from ..errors import InvalidParameter
 from ..lenses import Perspective
 from ..sensor import Sensor
@@ -64,10 +65,10 @@ def check_blur(
     >>> bool(found.worst("edge_t_px")[0] < 0.002)
     True
     """
-    numbers = np.atleast_1d(np.asarray(f_numbers, dtype=float))
+    numbers = row("f_numbers", f_numbers)
     name = "f_number" if isinstance(sensor.lens, Perspective) else "working_f_number"
     low, high = sensor.field_deg
-    angles = field_angles(sensor) if omega_deg is None else np.atleast_1d(np.asarray(omega_deg, dtype=float))
+    angles = field_angles(sensor) if omega_deg is None else row("omega_deg", omega_deg)
     angles = angles[(angles >= low) & (angles <= high - CLEAR)] if omega_deg is None else angles
     if not angles.size:
         raise InvalidParameter("there is no field angle to check; give some as omega_deg")

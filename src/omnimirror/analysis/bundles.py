@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arguments import distances, finite, row
 from ..errors import InvalidParameter, OutsideField
 from ..frames import camera_direction
 from ..sensor import Sensor
@@ -125,12 +126,17 @@ def trace_bundles(
     >>> bundles.points.shape, bundles.passes.all()
     ((2, 37, 3), np.True_)
     """
-    omega, azimuth, p = np.broadcast_arrays(
-        *(np.atleast_1d(np.asarray(a, dtype=float)) for a in (omega_deg, azimuth_deg, object_distance_mm))
+    angles, azimuths = (
+        finite("omega_deg", row("omega_deg", omega_deg)),
+        finite("azimuth_deg", row("azimuth_deg", azimuth_deg)),
     )
-    if not np.all(p > 0):
-        bad = p[~(p > 0)][0]
-        raise InvalidParameter(f"object_distance_mm = {bad:g} is not a distance; it is valid above 0, and inf")
+    p = row("object_distance_mm", distances("object_distance_mm", object_distance_mm))
+    if len({len(a) for a in (angles, azimuths, p)} - {1}) > 1:
+        raise InvalidParameter(
+            f"there are {len(angles)} omega_deg, {len(azimuths)} azimuth_deg and {len(p)} object_distance_mm; give one "
+            "of each, or as many"
+        )
+    omega, azimuth, p = np.broadcast_arrays(angles, azimuths, p)
     towards = camera_direction(np.radians(omega), np.radians(azimuth))
     chief = _specular(sensor, np.zeros((1, 2)), Ends(towards, True))
     if not chief.valid.all():

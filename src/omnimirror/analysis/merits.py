@@ -50,12 +50,14 @@ class Blur:
     @property
     def s_deg(self) -> Array:
         """Sagittal blur (n,) in degrees of the object (Eq. 37)."""
-        with np.errstate(divide="ignore"):
-            return self.s_px / self.imaging.width
+        with np.errstate(divide="ignore", invalid="ignore"):  # at the tip of a cone a degree has no width
+            return np.where(self.imaging.width == 0.0, np.copysign(np.inf, self.s_px), self.s_px / self.imaging.width)
 
     def product(self) -> Array:
         """The paper's blur area (n,), square degrees: a product without pi/4 (Fig. 9c), signed by its factors."""
-        return self.t_deg * self.s_deg
+        with np.errstate(invalid="ignore"):
+            area = self.t_deg * self.s_deg
+        return np.where(self.imaging.width == 0.0, np.copysign(np.inf, self.t_px * self.s_px), area)
 
     def floored_area(self) -> Array:
         """Blur area (n,), square degrees, with a pixel and the Airy disk added in quadrature to each side.

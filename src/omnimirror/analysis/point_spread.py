@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arguments import choice, number
 from ..errors import InvalidParameter
 from ..sensor import Sensor
 from .bundles import trace_bundles
@@ -45,8 +46,10 @@ class Psf:
 
     @property
     def strehl(self) -> float:
-        """Largest density over that of a perfect wave."""
-        return float(self.density.max()) / self.ideal_peak
+        """Largest density over that of a perfect wave, up to 1; NaN of rays alone, which know no diffraction."""
+        if self.kind == "geometric":
+            return float("nan")
+        return min(float(self.density.max()) / self.ideal_peak, 1.0)  # above it by rounding alone
 
     @property
     def light_within(self) -> float:
@@ -126,10 +129,10 @@ def psf(
     >>> round(spot.strehl, 2), spot.encircled_energy([sensor.lens.airy_diameter() / 2 / 0.0052]).round(2)
     (1.0, array([0.84]))
     """
-    if kind not in KINDS:
-        raise InvalidParameter(f"kind = {kind!r} is not known; valid are {', '.join(KINDS)}")
+    choice("kind", kind, KINDS)
+    omega_deg, azimuth_deg = number("omega_deg", omega_deg), number("azimuth_deg", azimuth_deg)
     bundles = trace_bundles(sensor, [omega_deg], FITTED, azimuth_deg, object_distance_mm)
-    focus = sensor.lens.focus_distance_mm if focus_mm is None else float(focus_mm)
+    focus = sensor.lens.focus_distance_mm if focus_mm is None else number("focus_mm", focus_mm)
     (wave,) = wavefronts(bundles, focus)
     pitch, wavelength_mm = sensor.imager.pitch_mm, wavelength_nm * 1e-6
     airy = bundles.focused_at(focus).lens.airy_diameter(wavelength_nm) / pitch
@@ -146,15 +149,15 @@ def psf(
 def _offsets(wave: Wavefront, pitch: float, airy: float, width_px: float | None, step_px: float | None) -> Array:
     """Places (n,) px of the samples along each side, symmetric about 0."""
     _, landing, _ = wave.at(FITTED.points)
-    width = 2.6 * float(np.abs(landing).max()) / pitch + 6 * airy if width_px is None else float(width_px)
-    step = airy / STEPS_PER_AIRY if step_px is None else float(step_px)
-    for name, value in (("width_px", width), ("step_px", step)):
-        if not (np.isfinite(value) and value > 0):
-            raise InvalidParameter(f"{name} = {value:g} is not valid; it must be above 0")
-    half = int(np.ceil(width / step / 2))
+    width = 2.6 * float(np.abs(landing).max()) / pitch + 6 * airy
+    if width_px is not None:
+        width = number("width_px", width_px, above=0.0, unit="px")
+    step = airy / STEPS_PER_AIRY if step_px is None else number("step_px", step_px, above=0.0, unit="px")
+    steps = width / step if width < MOST_SAMPLES * step else np.inf
+    half = int(np.ceil(min(steps, MOST_SAMPLES) / 2))
     if 2 * half + 1 > MOST_SAMPLES:
         raise InvalidParameter(
-            f"a PSF {width:g} px wide in steps of {step:g} px has {2 * half + 1} samples a side; "
+            f"a PSF {width:g} px wide in steps of {step:g} px has more than {MOST_SAMPLES} samples a side; "
             f"up to {MOST_SAMPLES} are valid, so step_px from {width / (MOST_SAMPLES - 1):.2g}"
         )
     return step * np.arange(-half, half + 1, dtype=np.float64)

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arguments import row
 from ..files import write_text
 from ..sensor import Sensor
 from .bundles import Bundles, trace_bundles
@@ -147,7 +148,7 @@ def spots(
         azimuth_deg,
         object_distance_mm,
     )
-    focus = np.atleast_1d(np.asarray(sensor.lens.focus_distance_mm if focus_mm is None else focus_mm, dtype=float))
+    focus = row("focus_mm", sensor.lens.focus_distance_mm if focus_mm is None else focus_mm)
     axes, pitch = bundles.axes(), sensor.imager.pitch_mm
     across, heights = [], []
     for L0 in focus:

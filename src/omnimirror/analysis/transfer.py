@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arguments import choice, finite, number, row
 from ..errors import InvalidParameter
 from ..files import write_text
 from ..sensor import Sensor
@@ -23,6 +24,7 @@ from .wavefront import FITTED, SOFT, Wavefront, wavefronts
 
 Array = NDArray[np.float64]
 
+FINEST = 1e6  # cycles per pixel
 FREQUENCIES = 51  # from 0 to 1 cycle per pixel, unless asked for otherwise
 
 
@@ -134,15 +136,13 @@ def mtf(
     array([[1.  , 0.73, 0.39],
            [1.  , 0.76, 0.45]])
     """
-    if kind not in KINDS:
-        raise InvalidParameter(f"kind = {kind!r} is not known; valid are {', '.join(KINDS)}")
-    nu = np.atleast_1d(np.linspace(0, 1, FREQUENCIES) if cycles_per_px is None else np.asarray(cycles_per_px, float))
-    if not (np.isfinite(nu) & (nu >= 0)).all():
-        raise InvalidParameter(f"cycles_per_px = {nu[~(nu >= 0)][0]:g} is not a spatial frequency; it is valid from 0")
+    choice("kind", kind, KINDS)
+    asked = np.linspace(0, 1, FREQUENCIES) if cycles_per_px is None else row("cycles_per_px", cycles_per_px)
+    nu = finite("cycles_per_px", asked, 0.0, FINEST)
     waves, shares = _spectrum(wavelength_nm, weights)
     angles = field_angles(sensor, 15.0) if omega_deg is None else omega_deg
     bundles = trace_bundles(sensor, angles, FITTED, azimuth_deg, object_distance_mm)
-    focus = sensor.lens.focus_distance_mm if focus_mm is None else float(focus_mm)
+    focus = sensor.lens.focus_distance_mm if focus_mm is None else number("focus_mm", focus_mm)
     per_mm = nu / sensor.imager.pitch_mm
     found = np.empty((2, len(bundles.omega_deg), len(nu)))
     for i, wave in enumerate(wavefronts(bundles, focus)):
@@ -222,8 +222,8 @@ def _pixel_mtf(bundles: Bundles, nu: Array) -> Array:
 
 def _spectrum(wavelength_nm: ArrayLike, weights: ArrayLike | None) -> tuple[Array, Array]:
     """Wavelengths and their shares, together 1."""
-    waves = np.atleast_1d(np.asarray(wavelength_nm, dtype=float))
-    shares = np.ones(len(waves)) if weights is None else np.atleast_1d(np.asarray(weights, dtype=float))
+    waves = row("wavelength_nm", wavelength_nm)
+    shares = np.ones(len(waves)) if weights is None else row("weights", weights)
     if len(shares) != len(waves):
         raise InvalidParameter(f"there are {len(shares)} weights for {len(waves)} wavelengths; give as many")
     seen = (waves >= 100) & (waves <= 20000)

@@ -23,6 +23,7 @@ from .columns import ColumnFile
 Array = NDArray[np.float64]
 
 
+APEX = 1e-6  # of the rim radius: an odd function is linear there to 1e-12
 RIM_RADIUS = Parameter("mm", 1e-3, 1e5, "radius of the mirror's rim")
 
 
@@ -110,6 +111,14 @@ class Mirror(ABC):
     def _reach(self, first_missing_mm: float) -> float:
         """Where the surface ends; shapes that know it exactly say so."""
         return first_missing_mm
+
+
+def near_apex(u: Array, linear: Array, value: Array) -> Array:
+    """Values (n,) of an odd spline, near its middle (shares u of its length) as its derivative says.
+
+    There a spline's own rounding, 1e-18 of what it has elsewhere, would be much of so little.
+    """
+    return np.where(np.abs(u) < APEX, linear, value)
 
 
 def tangential_radius(slope: Array, curvature: Array) -> Array:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from ..errors import InvalidParameter
 from ..parameters import Parameter
-from .base import RIM_RADIUS, Array, Mirror
+from .base import RIM_RADIUS, Array, Mirror, near_apex
 from .columns import PROFILE_FILE, read_columns
 from .measured import DEGREE, Fit, fitted
 
@@ -41,7 +41,7 @@ class SmoothCurve(Mirror):
         x = np.asarray(x_mm, dtype=float)
         z, slope, curvature = (np.asarray(s(x)) for s in self._splines)
         if self.apex == "smooth":
-            slope = np.where(x == 0.0, 0.0, slope)  # by symmetry; the spline says 1e-18
+            slope = near_apex(x / self.rim_radius_mm, x * curvature, slope)
         return z - self._splines[0](0.0), slope, curvature
 
 

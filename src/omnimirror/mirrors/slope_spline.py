@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from ..errors import InvalidParameter
 from ..parameters import Parameter
-from .base import RIM_RADIUS, Array, Mirror
+from .base import RIM_RADIUS, Array, Mirror, near_apex
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
@@ -85,6 +85,7 @@ class SlopeSpline(Mirror):
         u = np.where((u >= 0) & (u <= 1 + 1e-12), u, np.nan)
         sag, slope, curvature = self._splines
         dz: Array = slope(u)
+        bend = curvature(u)
         if not self.slopes[0]:
-            dz = np.where(u == 0.0, 0.0, dz)  # the odd spline passes through it up to rounding
-        return (sag(u) - sag(0.0)) * M, dz, curvature(u) / M
+            dz = near_apex(u, u * bend, dz)
+        return (sag(u) - sag(0.0)) * M, dz, bend / M

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from ...errors import InvalidParameter
 from ...parameters import Parameter
-from ..base import RIM_RADIUS, Array
+from ..base import RIM_RADIUS, Array, near_apex
 from ..columns import MAPPING_FILE
 from .base import THETA_MAX, Mapped
 
@@ -141,5 +141,5 @@ class TabulatedMapping(Mapped):
         tau = np.asarray(tau, dtype=float)
         omega, rate = (np.asarray(s(tau)) for s in self._splines)
         if self.omega_deg[0] == 0.0:
-            omega = np.where(tau == 0.0, 0.0, omega)  # by symmetry; the spline says 1e-18
+            omega = near_apex(tau, tau * rate, omega)
         return omega, rate
