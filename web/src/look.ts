@@ -3,7 +3,7 @@ import { NoWebGL, Renderer } from "./gl/renderer";
 import type { Source, StreamState } from "./messages";
 import { Camera } from "./model/camera";
 import { commandOf, fittedName, needsFile } from "./model/command";
-import { panTiltOf, type Pixel } from "./model/vectors";
+import { panTiltOf, type Pixel, type Vec3 } from "./model/vectors";
 import { aspectOf, targetAt, viewOf, type View } from "./model/views";
 import { MODES, type Mode, type State, type Store } from "./state";
 import { CirclePane } from "./ui/circle";
@@ -11,6 +11,7 @@ import { banner, busy, byId, choices, copy, save, say } from "./ui/dom";
 import { addressFeed, pictureFeed, streamFeed, videoFeed, type Feed } from "./ui/feed";
 import { Gestures } from "./ui/gestures";
 import { identityIn, identityOf, keepPicture, keptPicture, sourceOf } from "./ui/kept";
+import { LevelPanel } from "./ui/level";
 import { Playback } from "./ui/playback";
 import { withTexts } from "./ui/png";
 import { Recorder } from "./ui/recorder";
@@ -43,6 +44,7 @@ export class Look {
   private readonly recorder: Recorder;
   private readonly webcams = new Webcams((id) => void this.openWebcam(id));
   readonly sensor: SensorPanel;
+  private readonly level: LevelPanel;
   private camera: Camera | null = null;
   private isDirty = false;
   private isPictureNew = false;
@@ -69,7 +71,13 @@ export class Look {
       failed: (e) => this.fail(e, "sensor"),
       prepare: (wanted) => this.prepare(wanted),
     });
-    const gestures = new Gestures(this.canvas, store, () => this.camera, (x, y) => this.lookAtView(x, y), () => this.playback.toggle());
+    this.level = new LevelPanel(store, () => this.sensor, () => this.refresh());
+    const horizon = {
+      isDragged: () => this.level.isDragged(),
+      drag: (from: PointerEvent, to: PointerEvent) => this.dragHorizon(from, to),
+      settle: () => this.sensor.settleLean(),
+    };
+    const gestures = new Gestures(this.canvas, store, () => this.camera, (x, y) => this.lookAtView(x, y), () => this.playback.toggle(), horizon);
     const glide = byId<HTMLInputElement>("glide");
     glide.checked = gestures.glides;
     glide.addEventListener("change", () => (gestures.glides = glide.checked));
@@ -307,6 +315,7 @@ export class Look {
     this.renderer.draw(view, this.isRough());
     this.circle.drawView(camera, view);
     byId("command-line").textContent = commandOf(this.store.state, camera, this.feed, view.width, view.height);
+    this.level.show(camera, this.canvas);
     this.showFiles(camera, this.feed);
     this.showDoubt(camera, this.feed);
   }
@@ -453,13 +462,25 @@ export class Look {
 
   /** Look at what is at a place of the view, given in parts of its width and height. */
   private lookAtView(x: number, y: number): void {
-    if (!this.camera) return;
+    const target = this.targetIn(x, y);
+    if (target) this.store.set(panTiltOf(target));
+  }
+
+  private dragHorizon(...ends: [PointerEvent, PointerEvent]): void {
+    const box = this.canvas.getBoundingClientRect();
+    const [from, to] = ends.map((e) => this.targetIn((e.clientX - box.left) / box.width, (e.clientY - box.top) / box.height));
+    this.movedAt = performance.now();
+    if (from && to) this.level.drag(from, to);
+  }
+
+  /** What lies at a place of the view, given in parts of its width and height. */
+  private targetIn(x: number, y: number): Vec3 | null {
+    if (!this.camera) return null;
     const view = this.sized();
     const [u, v] = [x * view.width - 0.5, y * view.height - 0.5];
     const inside = (p: View["parts"][number]): boolean => u >= p.left && v >= p.top && u < p.left + p.width && v < p.top + p.height;
     const part = view.parts.find(inside);
-    const target = part && targetAt(part, u - part.left, v - part.top);
-    if (target) this.store.set(panTiltOf(target));
+    return (part && targetAt(part, u - part.left, v - part.top)) ?? null;
   }
 }
 

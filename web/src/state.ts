@@ -27,6 +27,9 @@ export interface State {
   looks: Looks | null;
   forward: number | null;
   flipped: boolean | null;
+  /** How far the sensor leans, degrees; null as its file says. */
+  pitch: number | null;
+  roll: number | null;
   tab: (typeof TABS)[number];
   /** The design on the bench, as the bench writes it. */
   design: string;
@@ -46,12 +49,14 @@ export const INITIAL: State = {
   looks: null,
   forward: null,
   flipped: null,
+  pitch: null,
+  roll: null,
   tab: "look",
   design: "",
 };
 
 /** Numbers of the address, and from where to where they are taken; beyond, the nearest is. */
-const RANGES = { pan: [-Infinity, Infinity], tilt: [-90, 90], hfov: [2, 160], zoom: [1, 20], distance: [100, 1e6], height: [10, 1e5], forward: [-360, 360] } as const;
+const RANGES = { pan: [-Infinity, Infinity], tilt: [-90, 90], hfov: [2, 160], zoom: [1, 20], distance: [100, 1e6], height: [10, 1e5], forward: [-360, 360], pitch: [-90, 90], roll: [-180, 180] } as const;
 
 /** What makes another page of the browser's history; all else changes the page that is shown. */
 const TURNS: readonly (keyof State)[] = ["tab", "mode", "source", "sensor"];

@@ -1,4 +1,5 @@
 import type { CameraModel } from "../messages";
+import { releaned, type Lean } from "./lean";
 import { clamp, dot, sum, times, type Pixel, type Vec3 } from "./vectors";
 
 /** Where the circle of a picture lies: centre and radius, px. */
@@ -28,6 +29,15 @@ export class Camera {
   /** The same camera with its circle elsewhere, in a picture of some size. */
   fitted(circle: Circle, size: readonly [number, number]): Camera {
     return new Camera(this.model, this.tables, circle, size);
+  }
+
+  /** The same camera on a mount that leans otherwise. */
+  leaning(to: Lean): Camera {
+    const { mount, axis, right, down } = this.model;
+    const from = { pitch: mount.pitch_deg, roll: mount.roll_deg };
+    const [a, r, d] = [axis, right, down].map((v) => [...releaned(v as Vec3, from, to)] as [number, number, number]);
+    const stands = { ...mount, pitch_deg: to.pitch, roll_deg: to.roll };
+    return new Camera({ ...this.model, mount: stands, axis: a, right: r, down: d }, this.tables, this.circle, this.size);
   }
 
   get isMoved(): boolean {

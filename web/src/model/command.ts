@@ -34,6 +34,7 @@ function cameraWords(camera: Camera): string[] {
   if (mount.forward_azimuth_deg !== own.forward_azimuth_deg)
     words.push("--forward-azimuth-deg", plain(mount.forward_azimuth_deg));
   if (mount.image_flipped !== own.image_flipped) words.push(mount.image_flipped ? "--image-flipped" : "--not-image-flipped");
+  if (mount.pitch_deg !== own.pitch_deg || mount.roll_deg !== own.roll_deg) words.push(`--level=${plain(mount.pitch_deg)},${plain(mount.roll_deg)}`);
   return words;
 }
 

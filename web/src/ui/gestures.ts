@@ -7,6 +7,13 @@ const KEY_STEP = 0.06; // of the width of the view
 const ZOOM_STEP = 1.15;
 const FRICTION_S = 0.25;
 
+/** What dragging does while the horizon is levelled. */
+interface Horizon {
+  isDragged: () => boolean;
+  drag: (from: PointerEvent, to: PointerEvent) => void;
+  settle: () => void;
+}
+
 /** Dragging, wheel, pinch and keys on the view. */
 export class Gestures {
   glides = !matchMedia("(prefers-reduced-motion: reduce)").matches;
@@ -20,6 +27,7 @@ export class Gestures {
     private readonly camera: () => Camera | null,
     private readonly lookAt: (u: number, v: number) => void,
     private readonly stop: () => void,
+    private readonly horizon: Horizon,
   ) {
     view.addEventListener("pointerdown", (e) => this.down(e));
     view.addEventListener("pointermove", (e) => this.move(e));
@@ -50,7 +58,8 @@ export class Gestures {
     }
     const share = 1 / this.pointers.size;
     const [dx, dy] = [(e.clientX - before.clientX) * share, (e.clientY - before.clientY) * share];
-    this.drag(dx, dy, before);
+    if (this.horizon.isDragged()) this.horizon.drag(before, e);
+    else this.drag(dx, dy, before);
     const seconds = Math.max((e.timeStamp - this.speed.at) / 1000, 0.001);
     this.speed = { x: dx / seconds, y: dy / seconds, at: e.timeStamp };
     this.pointers.set(e.pointerId, e);
@@ -59,6 +68,7 @@ export class Gestures {
   private up(e: PointerEvent): void {
     if (!this.pointers.delete(e.pointerId) || this.pointers.size) return;
     this.view.classList.remove("held");
+    if (this.horizon.isDragged()) return this.horizon.settle();
     if (this.glides && e.timeStamp - this.speed.at < 60 && Math.hypot(this.speed.x, this.speed.y) > 80) this.glide(e);
   }
 

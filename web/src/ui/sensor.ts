@@ -1,6 +1,7 @@
 import * as api from "../api";
 import type { SensorEntry } from "../messages";
 import { Camera } from "../model/camera";
+import type { Lean } from "../model/lean";
 import { INITIAL, type Looks, type State, type Store } from "../state";
 import { banner, busy, byId, choices, say } from "./dom";
 import { keep, kept, type Kept } from "./kept";
@@ -25,6 +26,8 @@ export class SensorPanel {
   private asked = 0;
   private chosen: Chosen | null = null;
   camera: Camera | null = null;
+  /** The camera as the server has it; the other one may lean otherwise while the horizon is dragged. */
+  private fetched: Camera | null = null;
   /** The file of a sensor that was made here, which no folder holds yet. */
   made: Kept | null = null;
 
@@ -44,6 +47,10 @@ export class SensorPanel {
     ball.addEventListener("change", () => ball.checkValidity() && void this.want({ sensor: `ball:${+ball.value}` }));
     const forward = byId<HTMLInputElement>("forward");
     forward.addEventListener("change", () => forward.checkValidity() && void this.want({ forward: +forward.value }));
+    for (const key of ["pitch", "roll"] as const) {
+      const input = byId<HTMLInputElement>(key);
+      input.addEventListener("change", () => input.checkValidity() && void this.want({ [key]: +input.value }));
+    }
     const flipped = byId<HTMLInputElement>("flipped");
     flipped.addEventListener("change", () => void this.want({ flipped: flipped.checked }));
     store.listen((_, changed) => this.chosen && CHOSEN.some((key) => changed.has(key)) && void this.want());
@@ -75,7 +82,8 @@ export class SensorPanel {
   async want(change: Partial<State> = {}, turns = true): Promise<boolean> {
     const wanted = { ...this.store.state, ...change };
     const number = ++this.asked;
-    if (this.camera && this.chosen && isSame(wanted, this.chosen)) {
+    if (this.fetched && this.chosen && isSame(wanted, this.chosen)) {
+      if (this.camera !== this.fetched) this.take(this.fetched);
       busy(null);
       this.store.set(change, turns);
       return true;
@@ -85,9 +93,8 @@ export class SensorPanel {
     try {
       const [camera, show] = await Promise.all([this.fetch(wanted), this.hands.prepare(wanted)]);
       if (number !== this.asked) return false;
-      const { sensor, looks, forward, flipped } = wanted;
-      this.chosen = { sensor, looks, forward, flipped };
-      const file = await kept(sensor);
+      this.chosen = Object.fromEntries(CHOSEN.map((key) => [key, wanted[key]])) as Chosen;
+      const file = await kept(wanted.sensor);
       this.made = file?.isMade ? file : null;
       show?.();
       this.take(camera);
@@ -104,12 +111,14 @@ export class SensorPanel {
   /** Keep the sensor that is shown, since another one could not be had; where there is none, the first of all. */
   private async stay(e: unknown, sensor: string): Promise<void> {
     this.hands.failed(e);
-    if (this.chosen) this.store.set(this.chosen, false);
-    else if (e instanceof api.Refused && sensor !== INITIAL.sensor && (await this.want({ sensor: INITIAL.sensor, ...AS_IN_FILE }, false))) this.hands.failed(e);
+    if (this.chosen && this.fetched) {
+      this.take(this.fetched);
+      this.store.set(this.chosen, false);
+    } else if (e instanceof api.Refused && sensor !== INITIAL.sensor && (await this.want({ sensor: INITIAL.sensor, ...AS_IN_FILE }, false))) this.hands.failed(e);
   }
 
-  private async fetch({ sensor, looks, forward, flipped }: Chosen): Promise<Camera> {
-    const mount = { camera_looks: looks, forward_azimuth_deg: forward, image_flipped: flipped };
+  private async fetch({ sensor, looks, forward, flipped, pitch, roll }: Chosen): Promise<Camera> {
+    const mount = { camera_looks: looks, forward_azimuth_deg: forward, image_flipped: flipped, pitch_deg: pitch, roll_deg: roll };
     const { model, tables } = await api.camera(sensor, mount).catch(async (e: unknown) => {
       const file = await kept(sensor);
       if (!(e instanceof api.Refused)) throw e;
@@ -121,9 +130,23 @@ export class SensorPanel {
   }
 
   take(camera: Camera): void {
-    this.camera = camera;
+    this.camera = this.fetched = camera;
     this.show(camera);
     this.hands.changed();
+  }
+
+  /** Lean it otherwise, as while the horizon is dragged. */
+  lean(to: Lean): void {
+    if (!this.camera) return;
+    this.camera = this.camera.leaning(to);
+    this.show(this.camera);
+    this.hands.changed();
+  }
+
+  /** Have the server's camera that leans as this one. */
+  settleLean(): void {
+    const mount = this.camera?.model.mount;
+    if (mount) void this.want({ pitch: +mount.pitch_deg.toFixed(2), roll: +mount.roll_deg.toFixed(2) });
   }
 
   private show({ model }: Camera): void {
@@ -133,6 +156,10 @@ export class SensorPanel {
     this.showLooks(model.mount.camera_looks);
     byId<HTMLInputElement>("forward").value = String(model.mount.forward_azimuth_deg);
     byId<HTMLInputElement>("flipped").checked = model.mount.image_flipped;
+    for (const key of ["pitch", "roll"] as const) {
+      const input = byId<HTMLInputElement>(key);
+      if (document.activeElement !== input) input.value = String(+model.mount[`${key}_deg`].toFixed(2));
+    }
     const [kind, field] = model.id.split(":");
     byId("optics-row").hidden = model.kind !== "ocam" || !model.id.startsWith("file:");
     if (model.kind === "ocam") this.showOptics(model.options.includes("fisheye") ? "fisheye" : "mirror");
@@ -155,6 +182,6 @@ export class SensorPanel {
 type Optics = NonNullable<Kept["optics"]>;
 
 const ELSEWHERE = "This link looks through a sensor file that this browser does not hold: links hold the view, not the file. Load it with Load…";
-const isSame = (a: Chosen, b: Chosen): boolean => a.sensor === b.sensor && a.looks === b.looks && a.forward === b.forward && a.flipped === b.flipped;
-const CHOSEN = ["sensor", "looks", "forward", "flipped"] as const;
-const AS_IN_FILE = { rim: null, looks: null, forward: null, flipped: null } as const;
+const isSame = (a: Chosen, b: Chosen): boolean => CHOSEN.every((key) => a[key] === b[key]);
+const CHOSEN = ["sensor", "looks", "forward", "flipped", "pitch", "roll"] as const;
+const AS_IN_FILE = { rim: null, looks: null, forward: null, flipped: null, pitch: null, roll: null } as const;
