@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..errors import InvalidParameter
-from ..figures import FIGURES, PAPER, save_all, save_figure, three_pictures
+from ..figures import FIGURES, PAPER, save_all, save_figure
 from . import blur, shapes, tables
 from .claims import Claim, Row, judge
 from .paper import Paper, paper_sensors
@@ -24,9 +24,8 @@ __all__ = [
     "reproduce",
 ]
 
-FIG_17 = "fig17"
-ALL_FIGURES = (*FIGURES, FIG_17)
-"""Names of the figures: those of :data:`omnimirror.figures.FIGURES` and the pictures of Fig. 17."""
+ALL_FIGURES = tuple(f"fig{number}" for number in range(1, 19))
+"""Names of the figures: the curves of :data:`omnimirror.figures.FIGURES`, and diagrams and pictures."""
 
 
 @dataclass(frozen=True)
@@ -73,12 +72,15 @@ def draw_figures(
         A file cannot be written.
     """
     names = _figure_names(which)
-    drawn = [n for n in names if n != FIG_17]
-    files = save_all(paper_sensors(), out_dir, formats, drawn, PAPER, progress)
-    if FIG_17 in names:
+    curves = [n for n in names if n in FIGURES]
+    files = save_all(paper_sensors(), out_dir, formats, curves, PAPER, progress)
+    for name in (n for n in names if n not in FIGURES):
+        from .pictures import PICTURES
+
         if progress is not None:
-            progress(FIG_17)
-        files += _pictures(Path(out_dir), formats)
+            progress(name)
+        figure = PICTURES[name]()
+        files += [save_figure(figure, Path(out_dir) / f"{name}.{kind}") for kind in formats]
     return files
 
 
@@ -87,19 +89,6 @@ def _figure_names(which: Iterable[str] | None) -> list[str]:
     if unknown := [n for n in names if n not in ALL_FIGURES]:
         raise InvalidParameter(f"figure {unknown[0]!r} is not known; valid are {', '.join(ALL_FIGURES)}")
     return names
-
-
-def _pictures(out_dir: Path, formats: Sequence[str]) -> list[Path]:
-    """Fig. 17 of a furnished room in place of the garden: circle, panorama, zoom."""
-    from ..dewarp import Dewarper, views
-    from ..simulate import Room, take_picture
-
-    sensor = paper_sensors()[0]
-    circle = take_picture(sensor, Room())
-    panorama = Dewarper(sensor, views.panorama(sensor), "cubic")(circle)
-    zoom = Dewarper(sensor, views.perspective((1120, 840), hfov_deg=75.0), "cubic")(circle)
-    figure = three_pictures(circle, panorama, zoom)
-    return [save_figure(figure, out_dir / f"{FIG_17}.{kind}") for kind in formats]
 
 
 def reproduce(

@@ -16,7 +16,7 @@ from .paper import Paper
 
 Relation = Literal["=", "<=", ">="]
 
-AGREES, NOT_REPRODUCED = "agrees", "not reproduced"
+AGREES, AS_READ, ASSUMED, NOT_REPRODUCED = "agrees", "agrees as read", "assumed", "not reproduced"
 
 
 @dataclass(frozen=True)
@@ -47,6 +47,11 @@ class Claim:
         to ``corrected_tolerance``, by default half a unit of its last digit as written.
     exact
         The same quantity without the paper's approximations, where they matter.
+    reading
+        How words such as "almost" are read, where the tolerance is wider than half a unit of the last digit; the
+        verdict then says so.
+    is_assumed
+        Whether the number went into what is computed, so that it can only be found again.
     note
         Anything a reader needs to judge the row.
     """
@@ -63,12 +68,18 @@ class Claim:
     corrected: float | None = None
     corrected_tolerance: float = 0.0
     exact: Callable[[Paper], float] | None = None
+    reading: str = ""
+    is_assumed: bool = False
     note: str = ""
 
     @property
     def expected(self) -> str:
         """The verdict that is known to be right."""
-        return AGREES if self.erratum is None else f"erratum {self.erratum}"
+        return self._agreement if self.erratum is None else f"erratum {self.erratum}"
+
+    @property
+    def _agreement(self) -> str:
+        return ASSUMED if self.is_assumed else AS_READ if self.reading else AGREES
 
     def verdict(self, computed: float) -> str:
         """What follows from a computed number.
@@ -79,7 +90,7 @@ class Claim:
         ('erratum 9', 'agrees', 'not reproduced')
         """
         if self._holds(computed):
-            return AGREES
+            return self._agreement
         if self.corrected is not None and _close(computed, self.corrected, self.corrected_tolerance):
             return f"erratum {self.erratum}"
         return NOT_REPRODUCED

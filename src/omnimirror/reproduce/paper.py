@@ -90,15 +90,20 @@ class Paper:
         """Depth of field about L0 in mm."""
         return self.field(name, basis).depth_of_field_mm.depth
 
-    def best_focus(self, name: str, lowest_omega_deg: float = 0.0) -> BestFocus:
-        """L0 with the least worst blur area (the paper's product), from a field angle to the rim."""
-        omega = np.linspace(lowest_omega_deg, 135.0, 1001)
+    def best_focus(self, name: str) -> BestFocus:
+        """L0 with the least worst blur area (the paper's product)."""
+        omega = np.linspace(0.0, 135.0, 1001)
         return best_focus(self.sensors[name], "product", omega, mode="paper", image_radius_px=RADIUS_PX)
 
     def one_viewpoint(self, distance_in_m: float, name: str = "SPH") -> SingleViewpoint:
         """The best single viewpoint for objects at a distance in units of M."""
         omega = np.linspace(0, 135, 1001)
-        return best_viewpoint(self.sensors[name], distance_in_m * M, omega, RADIUS_PX, linearised=True)
+        return best_viewpoint(self.sensors[name], distance_in_m * M, omega, RADIUS_PX)
+
+    def worst_at_best(self, name: str) -> float:
+        """The least worst single blur in pixels that a focus can leave."""
+        omega = np.linspace(0, 135.0, 1001)
+        return best_focus(self.sensors[name], "worst-px", omega, mode="paper", image_radius_px=RADIUS_PX).value
 
     @cached_property
     def lens(self) -> Perspective:

@@ -11,10 +11,11 @@ from rich.table import Table
 from rich.text import Text
 
 from ..files import write_text
-from .claims import AGREES, NOT_REPRODUCED, Row
+from .claims import AGREES, AS_READ, ASSUMED, NOT_REPRODUCED, Row
 
 HEADINGS = ("no", "place", "quantity", "printed", "computed", "exact", "unit", "tolerance", "corrected", "verdict",
-            "expected", "formula", "note")  # fmt: skip
+            "expected", "formula", "reading", "note")  # fmt: skip
+STYLES = {AGREES: "green", AS_READ: "green", ASSUMED: "dim"}
 RELATIONS = {"=": "", "<=": "≤ ", ">=": "≥ "}
 
 
@@ -38,13 +39,16 @@ def summary(rows: Sequence[Row]) -> str:
     """One sentence: how many agree, how many are known errata, how many are not reproduced.
 
     >>> summary([])
-    '0 numbers of the paper: 0 agree, 0 are errata of the paper, 0 are not reproduced'
+    "0 numbers of the paper: 0 agree, 0 agree as words such as 'almost' are read, 0 are assumed, 0 are errata ..."
     """
-    agree = sum(r.verdict == AGREES for r in rows)
-    failed = sum(r.verdict == NOT_REPRODUCED for r in rows)
-    known = len(rows) - agree - failed
+    agree, read, assumed, failed = (
+        sum(r.verdict == verdict for r in rows) for verdict in (AGREES, AS_READ, ASSUMED, NOT_REPRODUCED)
+    )
+    known = len(rows) - agree - read - assumed - failed
     return (
-        f"{len(rows)} numbers of the paper: {agree} agree, {known} are errata of the paper, {failed} are not reproduced"
+        f"{len(rows)} numbers of the paper: {agree} agree, {read} agree as words such as 'almost' are read, "
+        f"{assumed} {'is' if assumed == 1 else 'are'} assumed, {known} are errata of the paper, {failed} are not "
+        "reproduced"
     )
 
 
@@ -59,7 +63,7 @@ def write_csv(rows: Sequence[Row], path: str | Path) -> None:
         writer.writerow(
             [r.number, c.place, c.quantity, relation + number(c.printed, 12), number(r.computed, 12),
              number(r.exact, 12), c.unit, number(c.tolerance, 12), number(c.corrected, 12), r.verdict, c.expected,
-             c.formula, c.note]
+             c.formula, c.reading, c.note]
         )  # fmt: skip
     write_text(path, text.getvalue())
 
@@ -83,7 +87,7 @@ def write_markdown(rows: Sequence[Row], path: str | Path) -> None:
         verdict = r.verdict if r.as_expected else f"**{r.verdict}** (expected: {c.expected})"
         said = printed(r) + (f" ± {number(c.tolerance)}" if c.tolerance else "")
         cells = (str(r.number), c.place, c.quantity, said, number(r.computed),
-                 number(r.exact), c.unit, verdict, c.formula, c.note)  # fmt: skip
+                 number(r.exact), c.unit, verdict, c.formula, "; ".join(filter(None, (c.reading, c.note))))  # fmt: skip
         lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
     write_text(path, "\n".join(lines) + "\n")
 
@@ -100,7 +104,7 @@ def terminal_table(rows: Sequence[Row]) -> Table:
     table.add_column("Verdict")
     for r in rows:
         c = r.claim
-        style = "bold red" if not r.as_expected else "green" if r.verdict == AGREES else "yellow"
+        style = STYLES.get(r.verdict, "yellow") if r.as_expected else "bold red"
         cells = (str(r.number), c.place, c.quantity, printed(r), number(r.computed), number(r.exact), c.unit)
         table.add_row(*map(Text, cells), Text(r.verdict, style=style))
     return table

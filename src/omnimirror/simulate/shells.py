@@ -163,6 +163,7 @@ def meets_lid(shell: Shell, points: Array, directions: Array) -> NDArray[np.bool
     meets = np.zeros(len(points), dtype=bool)
     for height in shell.lids_mm:
         meets |= _meets_disc(points, directions, height, shell.inner_radius_mm(height))
+        meets |= (points[:, 2] - height) * np.sign(height) > -START_MM  # thrown back in the very corner
     return meets
 
 

@@ -1,0 +1,94 @@
+"""The paper's figures that are diagrams, photographs and straightened pictures: Figs. 1, 2, 13, 14 and 16 to 18.
+
+Where the paper has photographs, of a garden and of its prototypes, there are simulated pictures of a room.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+
+from matplotlib.figure import Figure
+
+from ..analysis import best_viewpoint
+from ..dewarp import Dewarper, views
+from ..figures import diagrams, three_pictures
+from ..figures.diagrams import Picture, Prototype
+from ..sensor import Sensor
+from ..simulate import Room, take_picture
+from ..simulate.hardware import Hardware
+from ..simulate.shells import Dome, ThroughShell, Tube
+from .paper import M, paper_sensors
+
+SAMPLES = 8  # rays of a pixel
+CAMERA = 20.0  # mm: radius of the body of the prototypes' cameras
+
+
+def _sphere() -> Sensor:
+    return paper_sensors()[0]
+
+
+@cache
+def _circle() -> Picture:
+    """What the spherical sensor sees of the room."""
+    return take_picture(_sphere(), Room(), samples=SAMPLES)
+
+
+def fig1() -> Figure:
+    return diagrams.principle(_sphere(), _circle())
+
+
+def fig2() -> Figure:
+    return diagrams.design(_sphere())
+
+
+def fig13() -> Figure:
+    sensor = _sphere()
+    flat = (views.panorama(sensor), views.dome(sensor))
+    return diagrams.virtual_screens(sensor, [Dewarper(sensor, view)(_circle()) for view in flat])
+
+
+def fig14() -> Figure:
+    sensor = _sphere()
+    return diagrams.one_viewpoint(sensor, best_viewpoint(sensor, 3 * M).z_mm)
+
+
+def fig16() -> Figure:
+    """The prototypes of Sec. 5.2; their measures are not printed, and these are chosen.
+
+    The rod is clear and tapers towards the lens, so that its sides lie along chief rays: the picture is that of the
+    bare mirror with the camera in its middle.
+    """
+    sensor, room = _sphere(), Room()
+    m = sensor.meridian.m
+    body = Hardware(camera_radius_mm=CAMERA)
+    tube = Tube(55.0, 3.0, lids_mm=(-m,))  # it stands on the camera
+    dome = Dome(75.0, 3.0, centre_mm=20.0)
+    taken = [
+        take_picture(sensor, room, samples=SAMPLES, hardware=body),
+        take_picture(sensor, ThroughShell(room, tube, sensor), samples=SAMPLES, hardware=body),
+        take_picture(sensor, ThroughShell(room, dome, sensor), samples=SAMPLES, hardware=body),
+    ]
+    return diagrams.prototypes(
+        [
+            Prototype(sensor, "Bare, on a clear rod", taken[0], rod_mm=7.0),
+            Prototype(sensor, "In a clear tube", taken[1], tube_mm=(55.0, 3.0)),
+            Prototype(sensor, "In a clear globe", taken[2], dome_mm=(75.0, 3.0, 20.0)),
+        ]
+    )
+
+
+def fig17() -> Figure:
+    """A furnished room in place of the garden: circle, panorama, zoom."""
+    sensor = _sphere()
+    panorama = Dewarper(sensor, views.panorama(sensor), "cubic")(_circle())
+    zoom = Dewarper(sensor, views.perspective((1120, 840), hfov_deg=75.0), "cubic")(_circle())
+    return three_pictures(_circle(), panorama, zoom)
+
+
+def fig18() -> Figure:
+    return diagrams.blur_geometry()
+
+
+PICTURES: dict[str, Callable[[], Figure]] = {f.__name__: f for f in (fig1, fig2, fig13, fig14, fig16, fig17, fig18)}
+"""Figures that are no curves of the sensors' evaluation, by name."""
