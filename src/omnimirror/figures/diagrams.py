@@ -194,7 +194,7 @@ def one_viewpoint(sensor: Sensor, viewpoint_z_mm: float, omega_deg: float = 60.0
         _dot(ax, V, "V", -0.12 * M, -0.04 * M)
         _dot(ax, V0, "V$_0$", -0.17 * M, 0.05 * M)
         arrow = {"arrowstyle": "<->", "linewidth": 0.6, "shrinkA": 0, "shrinkB": 0}
-        ax.annotate("", V0 - [0.45 * M, 0], V - [0.45 * M, 0], arrowprops=arrow)
+        ax.annotate("", (-0.45 * M, V0[1]), (-0.45 * M, V[1]), arrowprops=arrow)
         ax.text(-0.5 * M, (V + V0)[1] / 2, "v", size=7, ha="right", va="center")
         middle = 0.7 * P + 0.3 * T
         ax.text(middle[0] + 0.08 * M, middle[1] + 0.1 * M, "n M", size=7, color=RAY)
