@@ -105,7 +105,7 @@ class Gains(NamedTuple):
 
 def gains(restorer: Restorer, scene: Scene, noise: float = NOISE, seed: int = 1, told: Sequence[float] = ()) -> Gains:
     """Take the picture with and without blur, add noise, restore, and compare; also where shares of it are told."""
-    sensor = restorer.sensor
+    sensor = restorer.camera
     sharp = srgb_from_linear(om.expose(sensor, scene, 16))
     blurred = srgb_from_linear(om.expose(sensor, scene, 64, blur=True))
     noisy = blurred + noise * np.random.default_rng(seed).standard_normal(blurred.shape)
@@ -143,7 +143,7 @@ def table(sensors: Sequence[str], scenes: dict[str, Scene], out: Path, told: Seq
     yield "|---" * len(columns) + "|"
     for name in sensors:
         restorer = Restorer(om.load_sensor(name))
-        _ = restorer.operator
+        _ = restorer.problem.operator
         for scene, seen in scenes.items():
             found = gains(restorer, seen, told=told)
             pairs = (f"{rest:.1f} / {outer:.1f}" for rest, outer in (found.blurred_db, found.given_db))

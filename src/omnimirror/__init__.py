@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from .sensor import Sensor as Sensor
     from .simulate import Environment as Environment
     from .simulate import Room as Room
+    from .simulate import estimate_noise as estimate_noise
     from .simulate import expose as expose
     from .simulate import merge_bracket as merge_bracket
     from .simulate import plan_bracket as plan_bracket
@@ -80,6 +81,7 @@ _HOMES = {
     "Sensor": "sensor",
     "Environment": "simulate",
     "Room": "simulate",
+    "estimate_noise": "simulate",
     "expose": "simulate",
     "merge_bracket": "simulate",
     "plan_bracket": "simulate",

@@ -55,6 +55,9 @@ def test_near_things_are_restored_by_the_blur_of_near_things(small, tmp_path):
         (("--sensor", "small.toml", "--noise", "0.01"), "--noise belongs to --restore"),
         (("--sensor", "small.toml", "--object-distance-mm", "300"), "--object-distance-mm belongs to --restore"),
         (("--sensor", "small.toml", "--restore", "--viewer", "v.html"), "--viewer holds the picture as it is"),
+        (("--ball", "64,64,50,180", "--blur-px", "2"), "--blur-px belongs to --restore"),
+        (("--ball", "64,64,50,180", "--restore", "--blur-px", "1,2,3"), "--blur-px 1,2,3 has 3 numbers"),
+        (("--ball", "64,64,50,180", "--restore", "--blur-px", "no.csv"), "cannot read the blur no.csv"),
         (("--ball", "64,64,50,180", "--restore"), "--restore needs to know the lens and the mirror"),
     ],
 )
@@ -63,6 +66,24 @@ def test_what_cannot_be_restored_is_said(small, tmp_path, options, sentence):
     assert run.returncode != 0
     assert sentence in run.stderr
     assert not (tmp_path / "out.png").exists()
+
+
+def test_a_ball_is_restored_by_blur_that_is_told(small, tmp_path):
+    """In numbers, and in files by the radius and by the field angle: all the same."""
+    angles = np.array([0.0, 60.0, 120.0, 180.0])
+    radii = 60 * np.sin(np.radians(angles) / 2)
+    for name, column, places in (("a.csv", "omega_deg", angles), ("b.csv", "radius_px", radii)):
+        lines = [f"{column},t_px,s_px", *(f"{place!r},3,2" for place in places.tolist())]
+        (tmp_path / name).write_text("\n".join(lines))
+    options = ("--ball", "63.5,63.5,60,360", "--view", "panorama", "--size", "128x", "--restore", "--noise", "0.02")
+    found = []
+    for blur in ("3,2", "a.csv", "b.csv"):
+        run = omnimirror("dewarp", "raw.png", *options, "--blur-px", blur, "-o", "out.png", cwd=tmp_path)
+        assert run.returncode == 0, run.stderr
+        assert "restored at a noise of 2 % (told)" in run.stdout
+        found.append(om.read_image(tmp_path / "out.png"))
+    np.testing.assert_array_equal(found[0], found[1])
+    np.testing.assert_array_equal(found[0], found[2])
 
 
 def test_a_bracket_is_planned_taken_and_merged(small, tmp_path):

@@ -9,9 +9,11 @@ from benchmarks.restoration import faster
 import omnimirror as om
 from omnimirror.dewarp.native import compiled
 from omnimirror.imagers import Imager
-from omnimirror.simulate.blurring import Blur, blur_of
+from omnimirror.simulate.blur_problem import BlurProblem
+from omnimirror.simulate.blurring import Blur
 from omnimirror.simulate.deconvolution import solve
 from omnimirror.simulate.operators import CompiledOperator, Operator, SparseOperator
+from omnimirror.simulate.round_blur import round_blur
 
 needs_compiled = pytest.mark.skipif(compiled() is None, reason="nothing is compiled here")
 KINDS = [SparseOperator, pytest.param(CompiledOperator, marks=needs_compiled)]
@@ -21,7 +23,8 @@ KINDS = [SparseOperator, pytest.param(CompiledOperator, marks=needs_compiled)]
 def blur() -> Blur:
     """Of a sensor whose picture is cut off, so that kernels reach beyond its edge."""
     sensor = faster(om.load_sensor("paper-hyperboloidal"), 96, 0.5)
-    return blur_of(replace(sensor, imager=Imager(90, 70, sensor.imager.pixel_pitch_um, centre_px=(40.0, 30.0))))
+    sensor = replace(sensor, imager=Imager(90, 70, sensor.imager.pixel_pitch_um, centre_px=(40.0, 30.0)))
+    return BlurProblem(round_blur(sensor)).blur
 
 
 def random(places: int, channels: int, seed: int):
@@ -92,8 +95,8 @@ def test_compiled_kernels_and_matrices_agree(blur: Blur, channels: int):
 @pytest.mark.parametrize("channels", [1, 3])
 def test_pictures_solved_by_compiled_kernels_and_by_matrices_are_the_same(blur: Blur, channels: int):
     roots = np.random.default_rng(4).random((blur.size[1], blur.size[0], channels), np.float32)
-    widening = np.full(roots.shape[:2], 2.0, np.float32)
-    one, other = (solve(kind(blur), blur.pixels, widening, roots, 0.02) for kind in (CompiledOperator, SparseOperator))
+    widening, noise = (np.full(roots.shape[:2], value, np.float32) for value in (2.0, 0.02))
+    one, other = (solve(kind(blur), blur.pixels, widening, roots, noise) for kind in (CompiledOperator, SparseOperator))
     assert np.abs(one - other).max() < 0.01
     assert np.sqrt(((one - other) ** 2).mean()) < 2e-4
 

@@ -22,10 +22,12 @@ from ..frames import Mount
 from ..media import GPano, read_image, write_image
 from ..media.batch import PICTURES as PICTURE_SUFFIXES
 from ..media.batch import Job, expand_inputs, outputs_for, run_parallel
-from ..media.images import can_be_panorama, check_size, format_of
+from ..media.images import Image, can_be_panorama, check_size, format_of
 from ..sensor import Sensor
+from ..simulate.noise import told_noise
 from ..simulate.restoration import Restorer
-from .camera_options import camera_of, camera_options, camera_words, check_camera_options, drawn_by
+from ..simulate.round_blur import load_blur
+from .camera_options import MountedCamera, camera_of, camera_options, camera_words, check_camera_options, drawn_by
 from .depths import as_held, depth_for
 from .options import NUMBER, WHOLE, distance, flag
 from .outputs import PICTURES, output_console, say, take_standard_output
@@ -33,7 +35,7 @@ from .sampling_options import BorderColour, sampling_options
 from .view_options import check_view_options, view_of, view_options
 
 VIDEOS = (".mp4", ".m4v", ".mov", ".mkv", ".webm", ".avi", ".ts", ".mpg", ".mpeg")
-RESTORE_OPTIONS = ("noise", "object_distance_mm")
+RESTORE_OPTIONS = ("noise", "object_distance_mm", "blur_px")
 PICTURE_OPTIONS = ("restore", *RESTORE_OPTIONS)
 VIDEO_OPTIONS = ("start_s", "duration_s", "codec", "crf", "keyframes", "pixel_format", "preview")
 PIPE_FORMATS = ("y4m", "rawvideo")
@@ -57,13 +59,24 @@ PIPE_FORMATS = ("y4m", "rawvideo")
     default=None,
     help="Pictures, outside the field.  [default: transparent where the file can: PNG, TIFF, WebP]",
 )
-@click.option("--restore", is_flag=True, default=None, help="Pictures: first sharpen what --sensor is known to blur.")
+@click.option(
+    "--restore",
+    is_flag=True,
+    default=None,
+    help="Pictures: first sharpen what --sensor is known to blur, or what --blur-px tells.",
+)
 @click.option("--noise", type=NUMBER, metavar="SHARE", help="With --restore, of full scale.  [default: estimated]")
 @click.option(
     "--object-distance-mm",
     type=distance,
     metavar="MM",
     help="With --restore, from the mirror to what is seen.  [default: inf]",
+)
+@click.option(
+    "--blur-px",
+    metavar="PX|T,S|FILE",
+    help="With --restore, of any camera: blur diameter, tangential and sagittal ones, or a CSV file of radius_px or "
+    "omega_deg, t_px and s_px.  [default: the sensor's]",
 )
 @click.option("--start", "--start-s", "start_s", type=NUMBER, help="Videos: where to begin, in seconds.  [default: 0]")
 @click.option(
@@ -198,8 +211,19 @@ class Straightener:
         dewarp = Dewarper(camera, view, self.interpolation, given.get("viewpoint", "exact"), border)
         return dewarp, panorama_of(view, stands.mount if "keep_lean" in given else None)
 
-    def _restorer(self, camera: Camera) -> Restorer:
+    def _restorer(self, camera: MountedCamera) -> Restorer:
         return restorer_of(camera, self.given)
+
+    def _restored(self, picture: Image, source: Path, camera: Camera) -> tuple[Image, str]:
+        """The picture without its blur, and what was found."""
+        restorer = self.restorer(camera)  # type: ignore[arg-type]
+        told = self.given.get("noise")
+        noise = restorer.estimate_noise(picture, source) if told is None else told_noise(told, picture.shape)
+        share = restorer.shown_share(picture, noise)
+        found = f"; restored at a noise of {100 * noise.share:.2g} % ({noise.kind})"
+        if share < 1:
+            found += f", and {100 * share:.0f} % of the blur, since the picture shows no more"
+        return restorer(picture, noise, share), found
 
     def straighten(self, source: Path, output: Path) -> str:
         """Read, straighten and write one picture; what was done, in a sentence."""
@@ -214,15 +238,16 @@ class Straightener:
         border = self.border.of_picture(picture) if self.border else 0
         dewarp, panorama = self.straightening((picture.shape[1], picture.shape[0]), border)
         check_size(output, dewarp.view.size)
+        restored = ""
         if "restore" in self.given:
             with self.alone:
-                picture = self.restorer(dewarp.camera)(picture, self.given.get("noise"))  # type: ignore[arg-type]
+                picture, restored = self._restored(picture, source, dewarp.camera)
         straight = dewarp(picture, kind.has_alpha if self.transparent is None else self.transparent)
         write_image(output, as_held(straight, kind), panorama if can_be_panorama(output) else None)
         height, width = straight.shape[:2]
         told = _change_of_depth(straight.dtype.name, depth_for(straight.dtype.name, kind))
         size = f"{width} x {height} px"
-        return f"{name_of(output)}: {dewarp.view}, {size}, {_percent(dewarp)} of it inside the field{told}"
+        return f"{name_of(output)}: {dewarp.view}, {size}, {_percent(dewarp)} of it inside the field{told}{restored}"
 
 
 def _change_of_depth(had: str, has: str) -> str:
@@ -231,11 +256,25 @@ def _change_of_depth(had: str, has: str) -> str:
     return "" if had == has else f", {words[had]} written as {words[has]}"
 
 
-def restorer_of(camera: Camera, given: dict[str, Any]) -> Restorer:
+def restorer_of(camera: MountedCamera, given: dict[str, Any]) -> Restorer:
     """What sharpens the pictures of a camera, as the options say."""
-    if not isinstance(camera, Sensor):
-        raise OmnimirrorError("--restore needs to know the lens and the mirror: say --sensor")
-    return Restorer(camera, given.get("object_distance_mm", math.inf))
+    told = given.get("blur_px")
+    if told is None and not isinstance(camera, Sensor):
+        raise OmnimirrorError("--restore needs to know the lens and the mirror: say --sensor, or --blur-px")
+    if told is not None and "object_distance_mm" in given:
+        raise click.UsageError("--blur-px tells the blur at any distance; leave out --object-distance-mm")
+    return Restorer(camera, given.get("object_distance_mm", math.inf), None if told is None else _blur_of(told, camera))
+
+
+def _blur_of(told: str, camera: MountedCamera) -> Any:
+    """One or two numbers, or the table of a file."""
+    try:
+        numbers = [float(part) for part in told.split(",")]
+    except ValueError:
+        return load_blur(told, camera)
+    if len(numbers) > 2:
+        raise click.UsageError(f"--blur-px {told} has {len(numbers)} numbers; give one, T,S or a file")
+    return numbers
 
 
 def write_viewer(sources: tuple[str, ...], output: Path, given: dict[str, Any]) -> None:

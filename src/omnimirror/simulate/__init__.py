@@ -4,6 +4,7 @@ from .bracketing import merge_bracket, plan_bracket
 from .detector import Detector
 from .exposure import expose
 from .hardware import Hardware
+from .noise import Noise, estimate_noise
 from .picture import pinhole_picture, take_picture
 from .restoration import restore
 from .scenes import Distant, Environment, Hall, Placed, Pose, Room, Scene, Street
@@ -15,12 +16,14 @@ __all__ = [
     "Environment",
     "Hall",
     "Hardware",
+    "Noise",
     "Placed",
     "Pose",
     "Room",
     "Scene",
     "Street",
     "Truth",
+    "estimate_noise",
     "expose",
     "ground_truth",
     "merge_bracket",

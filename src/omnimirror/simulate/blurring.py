@@ -7,6 +7,7 @@ sharp picture over such a disk about it, widened by its own square.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -117,39 +118,34 @@ def whole_radius_px(sensor: Sensor) -> float:
     return sensor.rim_radius_px - 1.0 - float(np.abs(lens.blur(L))) / sensor.imager.pitch_mm / 2
 
 
-def blur_of(sensor: Sensor, fineness: int = 2, object_distance_mm: float = np.inf) -> Blur:
+def blur_kernels(offsets: Array, whole_radius_px: float, sizes: Callable[[Array], BlurSize], fineness: int = 2) -> Blur:
     """The blur of all pixels whose whole light comes off the mirror.
 
     Parameters
     ----------
-    sensor
-        With its mirror on the axis of the lens.
+    offsets : (h, w, 2)
+        Of the pixels from the axis, px right and down.
+    whole_radius_px
+        Distance from the axis up to which pixels are known.
+    sizes
+        Blur at distances (n,) px from the axis.
     fineness
         Pixels of the sharp picture along the side of a pixel.
-    object_distance_mm
-        From the mirror to what is seen.
-
-    Raises
-    ------
-    InvalidParameter
-        If the mirror is decentred or tilted.
     """
-    offsets = offsets_from_axis(sensor)
     radius = np.hypot(offsets[..., 0], offsets[..., 1]).ravel()
-    pixels = np.flatnonzero(radius <= whole_radius_px(sensor))
+    pixels = np.flatnonzero(radius <= whole_radius_px)
     ring = (radius[pixels] / RING_PX).astype(int)
     turn = np.arctan2(offsets[..., 1], offsets[..., 0]).ravel()[pixels] / np.pi * TURNS
-    sizes = blur_sizes(sensor, (np.arange(ring.max() + 1) + 0.5) * RING_PX, object_distance_mm)
+    of_ring = sizes((np.arange(ring.max(initial=0) + 1) + 0.5) * RING_PX)
     groups, kernels = np.unique(ring * TURNS + np.rint(turn).astype(int) % TURNS, return_inverse=True)
     found = [
-        _kernel(sizes.tangential[r], sizes.sagittal[r], np.pi * k / TURNS, fineness)
+        _kernel(of_ring.tangential[r], of_ring.sagittal[r], np.pi * k / TURNS, fineness)
         for r, k in zip(*np.divmod(groups, TURNS), strict=True)
     ]
     firsts = np.r_[0, np.cumsum([len(weights) for _, weights in found])]
     reached, weights = (np.concatenate(parts) for parts in zip(*found, strict=True))
-    return Blur(
-        sensor.image_size, fineness, _whole(pixels), _whole(kernels), _whole(firsts), _whole(reached), weights
-    )  # fmt: skip
+    size = (offsets.shape[1], offsets.shape[0])
+    return Blur(size, fineness, _whole(pixels), _whole(kernels), _whole(firsts), _whole(reached), weights)
 
 
 def _whole(numbers: NDArray[Any]) -> Whole:

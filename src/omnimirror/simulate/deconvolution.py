@@ -36,7 +36,15 @@ DARK = np.float32(1e-4)  # light below it has no more weight than this
 SATURATED = np.float32(0.995)  # such a pixel may have been brighter
 
 
-def solve(operator: Operator, pixels: NDArray[np.int32], widening_px: Values, roots: Values, noise: float) -> Values:
+def solve(
+    operator: Operator,
+    pixels: NDArray[np.int32],
+    widening_px: Values,
+    roots: Values,
+    noise: Values,
+    rounds: int = ROUNDS,
+    steps: int = STEPS,
+) -> Values:
     """Roots of the light (rows, columns, channels) of the sharp picture, on its fine grid.
 
     Parameters
@@ -49,8 +57,10 @@ def solve(operator: Operator, pixels: NDArray[np.int32], widening_px: Values, ro
         By how much the blur widens a pixel, in the mean of both directions.
     roots : (h, w, 1 or 3)
         Roots of the light of the blurred picture.
-    noise
+    noise : (h, w)
         Standard deviation of the roots.
+    rounds, steps
+        Replacements by quadratic terms, and steps of conjugate gradients in each.
     """
     channels = roots.shape[2]
     if channels == 3:  # operators take four
@@ -58,36 +68,43 @@ def solve(operator: Operator, pixels: NDArray[np.int32], widening_px: Values, ro
     fineness = operator.shape[1] // roots.shape[1]
     seen = roots.reshape(-1, roots.shape[2])[pixels]
     costs = _repeated((REGULARITY * noise / (1 + widening_px / BLUR_PX)).astype(np.float32), fineness)
+    texture = _repeated(TEXTURE * noise, fineness)
     flat = _refined(roots, fineness).reshape(-1, roots.shape[2])
-    for n in range(ROUNDS):
+    for n in range(rounds):
         fine = flat.reshape(*operator.shape, -1)
         steepness = _steepness(fine)
         # what saturates is far brighter than its surroundings, which are not textured for that
-        plain = _plain(_steepness(np.minimum(fine, 1)), noise, fineness) if n else UNJUDGED
+        plain = _plain(_steepness(np.minimum(fine, 1)), texture, fineness) if n else UNJUDGED
         stiffness = (costs * plain / steepness).ravel()
-        flat = np.maximum(flat + _step(operator, flat, seen, stiffness, fineness), 0)
+        flat = np.maximum(flat + _step(operator, flat, seen, stiffness, fineness, steps), 0)
     return flat.reshape(*operator.shape, -1)[..., :channels]
 
 
-def _step(operator: Operator, flat: Values, seen: Values, stiffness: Values, fineness: int) -> Values:
+def _step(operator: Operator, flat: Values, seen: Values, stiffness: Values, fineness: int, steps: int) -> Values:
     """From values (places, channels) of the fine grid towards those that make the quadratic terms about them least."""
     level = np.sqrt(np.maximum(operator.blur(flat**2), DARK))
     counted = (seen < SATURATED) | (level < seen)
     slope = (counted / level).astype(np.float32)  # of sqrt(A u^2), but for A and u
     pull = flat * operator.spread(slope * (seen - level)) - smoothness(flat, stiffness, operator.shape)
     scale = np.reciprocal(4 * stiffness + np.float32(0.5 / fineness**4))  # about the inverse of the diagonal
-    return _conjugate_gradients(operator, flat, slope**2, stiffness, pull, scale)
+    return _conjugate_gradients(operator, flat, slope**2, stiffness, pull, scale, steps)
 
 
 def _conjugate_gradients(
-    operator: Operator, fine: Values, slope2: Values, stiffness: Values, residual: Values, scale: Values
+    operator: Operator,
+    fine: Values,
+    slope2: Values,
+    stiffness: Values,
+    residual: Values,
+    scale: Values,
+    steps: int,
 ) -> Values:
     """Nearly the x whose product with the second derivative is the residual, which is used up."""
     x = np.zeros_like(residual)
     d = scale[:, None] * residual
     product = np.empty_like(d)
     power = float(np.vdot(residual, d))
-    for _ in range(STEPS):
+    for _ in range(steps):
         if power <= 0:  # solved already
             break
         bend = operator.curvature_times(fine, slope2, stiffness, d, product)
@@ -104,14 +121,14 @@ def _steepness(fine: Values) -> Values:
     return steepness
 
 
-def _plain(steepness: Values, noise: float, fineness: int) -> Values:
-    """Near 1 where the picture is plain, less where it is textured.
+def _plain(steepness: Values, textured: Values, fineness: int) -> Values:
+    """Near 1 where the picture is plain, a half where its differences are those that count as textured, or less.
 
     Texture is judged by the geometric mean of the differences, to which a single edge adds little.
     """
     window = (WINDOW_PX * fineness,) * 2
     texture = np.exp(cv2.boxFilter(np.log(steepness), cv2.CV_32F, window))
-    return np.asarray(1 / (1 + texture / np.float32(TEXTURE * noise)), np.float32)
+    return np.asarray(1 / (1 + texture / textured), np.float32)
 
 
 def _refined(roots: Values, fineness: int) -> Values:

@@ -4,61 +4,70 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..cameras import Camera
 from ..errors import InvalidParameter
-from ..sensor import Sensor
-from .blurring import Blur, BlurSize, blur_of, blur_sizes, offsets_from_axis, whole_radius_px
+from .blur_problem import BlurProblem
+from .blur_scale import shown_share
 from .colour import Light, linear_from_srgb, srgb_from_linear
-from .deconvolution import solve
-from .operators import Operator, operator_of
+from .noise import FULL, Noise, check_picture, estimate_noise, told_noise
+from .round_blur import RoundBlur, ToldBlur, round_blur
 
 Values = NDArray[np.float32]
 Picture = NDArray[Any]
 
-FINENESS = 2  # a picture blurred one way is aliased the other, and what aliasing folded must have its place
 SHARP_PX = 0.25  # pixels with less blur stay as they are, and those with twice as much are all restored
-FULL = {"uint8": 255.0, "uint16": 65535.0, "float32": 1.0}
-BLOCK_PX, PLAINEST, BLACK, WHITE = 8, 0.1, 0.03, 0.97  # of the estimate of noise
-LEAST_NOISE, MOST_NOISE = 1e-3, 0.2
 
 
-def restore(sensor: Sensor, image: Picture, noise: float | None = None, object_distance_mm: float = np.inf) -> Picture:
-    """The picture of a sensor without the blur that its optics left in it.
+def restore(
+    camera: Camera,
+    image: Picture,
+    noise: float | Noise | None = None,
+    object_distance_mm: float = np.inf,
+    blur: ToldBlur | None = None,
+) -> Picture:
+    """The picture of a camera without the blur that its optics left in it.
 
-    For many pictures of one sensor keep a :class:`Restorer`.
+    For many pictures of one camera keep a :class:`Restorer`.
 
     Parameters
     ----------
-    sensor
-        Which took the picture, at its own focus, with its mirror on the axis of the lens.
+    camera
+        Which took the picture: a sensor at its own focus, with its mirror on the axis of the lens, or any other whose
+        ``blur`` is told.
     image : (h, w), (h, w, 3) or (h, w, 4) array
         sRGB in uint8 or uint16, or linear light in float32; RGB or grey, a fourth channel is left as it is.
     noise
-        Standard deviation in the sRGB picture, as a share of full scale (0.01 is 2.6 of 255); estimated from the
-        picture by default.
+        Standard deviation in the sRGB picture, as a share of full scale (0.01 is 2.6 of 255), or what
+        :func:`~omnimirror.simulate.estimate_noise` found; estimated from the picture by default.
     object_distance_mm
-        From the mirror to what is seen.
+        From a sensor's mirror to what is seen.
+    blur
+        Blur diameters in px instead of those of the sensor: one number, a pair (tangential, sagittal), a table (n, 3)
+        of radius, tangential and sagittal, or a function of radii (n,) that returns both.
 
     Returns
     -------
     Picture of the same kind. Where the blur is under a quarter of a pixel, and within some pixels of the rim, it
-    is the picture given.
+    is the picture given. Where the picture shows less blur than is known or told, so much is taken out of it.
 
     Raises
     ------
     InvalidParameter
-        If picture, sensor and noise do not fit together, or the mirror is decentred or tilted.
+        If picture, camera and noise do not fit together, the picture holds values that are not finite, nothing is
+        known of the blur, or a sensor's mirror is decentred or tilted.
     """
-    return Restorer(sensor, object_distance_mm)(image, noise)
+    return Restorer(camera, object_distance_mm, blur)(image, noise)
 
 
 @dataclass(frozen=True, eq=False)
 class Restorer:
-    """Sharpens the pictures of one sensor; what it needs to know of the blur is prepared once.
+    """Sharpens the pictures of one camera; what it needs to know of the blur is prepared once.
 
     >>> import omnimirror as om
     >>> from dataclasses import replace
@@ -69,114 +78,90 @@ class Restorer:
     (128, 128)
     """
 
-    sensor: Sensor
+    camera: Camera
     object_distance_mm: float = np.inf
+    told: ToldBlur | None = None
 
-    def __call__(self, image: Picture, noise: float | None = None) -> Picture:
-        """As :func:`restore`."""
-        self._check(image, noise)
+    def __call__(self, image: Picture, noise: float | Noise | None = None, share: float | None = None) -> Picture:
+        """As :func:`restore`; ``share`` of the blur is taken out, by default what the picture shows."""
+        found = self._noise_of(image, noise)
         colours = image[..., None] if image.ndim == 2 else image[..., :3]
-        if noise is None:
-            noise = self.estimate_noise(image)
-        share = self.share[..., None]
         light = _light(colours)
-        widening = self._sizes.widening.astype(np.float32)
-        fine = solve(self.operator, self.blur.pixels, widening, np.sqrt(light), max(noise, LEAST_NOISE))
-        sharp = _binned(fine, FINENESS)
+        if share is None:
+            share = shown_share(self.known, np.sqrt(light), found)
+        problem = self._problem(share)
+        sharp = problem.sharp_roots(np.sqrt(light), found) ** 2
+        mixing = self.share_of(problem)[..., None]
         full = FULL[image.dtype.name]
         if image.dtype == np.float32:
-            mixed = light + share * (sharp - light)
+            mixed = light + mixing * (sharp - light)
         else:
             given = (colours / np.float32(full)).astype(np.float32)
-            mixed = np.rint(full * np.clip(given + share * (srgb_from_linear(sharp) - given), 0, 1))
+            mixed = np.rint(full * np.clip(given + mixing * (srgb_from_linear(sharp) - given), 0, 1))
         restored = image.copy()
         restored.reshape(*image.shape[:2], -1)[..., : mixed.shape[2]] = mixed
         return restored
 
-    def estimate_noise(self, image: Picture) -> float:
-        """Standard deviation of the noise in sRGB, as a share of full scale.
+    def estimate_noise(self, image: Picture, file: str | Path | None = None) -> Noise:
+        """The noise of a picture within the rim, as :func:`~omnimirror.simulate.estimate_noise` finds it."""
+        self._check(image)
+        return estimate_noise(image, file, self.radius < self.known.whole_radius_px)
 
-        From differences within squares of 2 x 2 pixels (the finest diagonal wavelet), which hold little but noise
-        where the picture is plain: by their median in the plainest tenth of blocks, neither black nor saturated.
-        """
-        values = srgb_from_linear(_light(image[..., None] if image.ndim == 2 else image[..., :3]))
-        height, width = (side // BLOCK_PX * BLOCK_PX for side in values.shape[:2])
-        values = values[:height, :width]
-        diagonal = (values[::2, ::2] - values[1::2, ::2] - values[::2, 1::2] + values[1::2, 1::2]) / 2
-        inside = self.radius[:height, :width, None] < whole_radius_px(self.sensor)
-        level = _blocks(np.where(inside, values, np.nan), BLOCK_PX).mean(axis=-1)
-        plain = (level > BLACK) & (level < WHITE)
-        if not plain.any():
-            return LEAST_NOISE
-        typical = np.median(np.abs(_blocks(diagonal, BLOCK_PX // 2)), axis=-1) / 0.6745  # of a normal distribution
-        noise = np.quantile(typical[plain], PLAINEST)
-        return float(np.clip(noise, LEAST_NOISE, MOST_NOISE))
+    def shown_share(self, image: Picture, noise: float | Noise | None = None) -> float:
+        """The share of the known blur that a picture shows: 1 unless it is sharper than that."""
+        found = self._noise_of(image, noise)
+        colours = image[..., None] if image.ndim == 2 else image[..., :3]
+        return shown_share(self.known, np.sqrt(_light(colours)), found)
 
     @cached_property
-    def blur(self) -> Blur:
-        """The blur of every pixel."""
-        return blur_of(self.sensor, FINENESS, self.object_distance_mm)
+    def known(self) -> RoundBlur:
+        """What is known of the blur."""
+        return round_blur(self.camera, self.object_distance_mm, self.told)
 
     @cached_property
-    def operator(self) -> Operator:
-        """Products with the blur."""
-        return operator_of(self.blur)
+    def problem(self) -> BlurProblem:
+        """Of taking out all of the blur."""
+        return BlurProblem(self.known)
 
     @cached_property
     def share(self) -> Values:
         """How much of a pixel (h, w) is restored, 0 to 1: nothing where it is sharp, or near the rim."""
-        blurred = _smooth(self._sizes.larger / SHARP_PX - 1)
-        inside = _smooth((whole_radius_px(self.sensor) - self.radius) / 2)
-        return (blurred * inside).astype(np.float32)
+        return self.share_of(self.problem)
 
     @cached_property
     def radius(self) -> NDArray[np.float64]:
         """Distance (h, w) px of every pixel from the optical axis."""
-        offsets = offsets_from_axis(self.sensor)
-        return np.hypot(offsets[..., 0], offsets[..., 1])
+        return self.known.radius
 
-    @cached_property
-    def _sizes(self) -> BlurSize:
-        """Blur of every pixel (h, w)."""
-        radii = np.arange(int(self.radius.max()) + 2, dtype=float)
-        known = blur_sizes(self.sensor, radii, self.object_distance_mm)
-        return BlurSize(*(np.interp(self.radius, radii, size) for size in known))
+    def share_of(self, problem: BlurProblem) -> Values:
+        """How much of a pixel (h, w) is restored where another blur is taken out."""
+        blurred = _smooth(problem.sizes.larger / SHARP_PX - 1)
+        inside = _smooth((self.known.whole_radius_px - self.radius) / 2)
+        return (blurred * inside).astype(np.float32)
 
-    def _check(self, image: Picture, noise: float | None) -> None:
-        width, height = self.sensor.image_size
+    def _problem(self, share: float) -> BlurProblem:
+        return self.problem if share == 1 else BlurProblem(self.known.scaled(share))
+
+    def _noise_of(self, image: Picture, noise: float | Noise | None) -> Noise:
+        self._check(image)
+        if noise is None:
+            return self.estimate_noise(image)
+        return noise if isinstance(noise, Noise) else told_noise(noise, image.shape)
+
+    def _check(self, image: Picture) -> None:
+        check_picture(image)
+        width, height = self.camera.image_size
         if image.shape[:2] != (height, width):
+            name = getattr(self.camera, "name", type(self.camera).__name__)
             raise InvalidParameter(
-                f"the picture has {image.shape[1]} x {image.shape[0]} px, and those of {self.sensor.name!r} have "
-                f"{width} x {height}"
+                f"the picture has {image.shape[1]} x {image.shape[0]} px, and those of {name!r} have {width} x {height}"
             )
-        if image.dtype.name not in FULL or (image.ndim != 2 and (image.ndim != 3 or image.shape[2] not in (1, 3, 4))):
-            raise InvalidParameter(
-                f"a picture of shape {image.shape} and {image.dtype} is not valid; valid are {', '.join(FULL)} with 1, "
-                "3 or 4 channels"
-            )
-        if noise is not None and not 0 <= noise <= MOST_NOISE:
-            raise InvalidParameter(f"noise = {noise:g} is outside 0 to {MOST_NOISE:g} of full scale")
 
 
 def _light(colours: Picture) -> Light:
     """Linear light of a picture; what is below 0 is noise."""
     full = FULL[colours.dtype.name]
     return np.maximum(colours, 0) if colours.dtype == np.float32 else linear_from_srgb(colours / np.float32(full))
-
-
-def _binned(fine: Values, fineness: int) -> Light:
-    """Light of the pixels of a sensor from its roots on a fine grid."""
-    rows, columns, channels = fine.shape
-    light = (fine**2).reshape(rows // fineness, fineness, columns // fineness, fineness, channels)
-    binned: Light = light.mean(axis=(1, 3))
-    return binned
-
-
-def _blocks(values: NDArray[np.floating], side: int) -> NDArray[np.floating]:
-    """Values (rows, columns, n) of each of the square blocks."""
-    rows, columns, channels = values.shape
-    blocks = values.reshape(rows // side, side, columns // side, side, channels).swapaxes(1, 2)
-    return blocks.reshape(rows // side, columns // side, -1)
 
 
 def _smooth(x: NDArray[np.float64]) -> NDArray[np.float64]:

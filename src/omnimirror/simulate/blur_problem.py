@@ -1,0 +1,110 @@
+"""A blur to be taken out of pictures: what lies beyond the rim kept out, and texture that is lost given back."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from .blurring import Blur, BlurSize, blur_kernels
+from .deconvolution import BLUR_PX, DARK, ROUNDS, SATURATED, STEPS, solve
+from .noise import Noise
+from .operators import Operator, operator_of
+from .round_blur import RoundBlur
+
+Values = NDArray[np.float32]
+
+FINENESS = 2  # a picture blurred one way is aliased the other, and what aliasing folded must have its place
+TEXTURE_PX = 9  # in which what is left over is compared with the noise
+MEAN_OF_LOG = np.float32(np.exp(0.37))  # a mean of three squares over the geometric mean of such means
+BEYOND_PX = 5  # in which what is mirrored beyond the rim is made even, texture there being none of the picture's
+CODED = 0.35  # of the error of coding is there to be seen; the rest is texture that is gone already
+COARSE = 0.25  # what coding leaves is coarse, and blur damps it less than noise: by this power
+
+
+class BlurProblem:
+    """What is needed to take one blur out of pictures."""
+
+    def __init__(self, known: RoundBlur) -> None:
+        self.known = known
+        self.sizes: BlurSize = known.by_pixel
+        self.widening: Values = self.sizes.widening.astype(np.float32)
+
+    @cached_property
+    def blur(self) -> Blur:
+        """The blur of every pixel."""
+        return blur_kernels(self.known.offsets, self.known.whole_radius_px, self.known.sizes, FINENESS)
+
+    @cached_property
+    def operator(self) -> Operator:
+        """Products with the blur."""
+        return operator_of(self.blur)
+
+    def sharp_roots(self, roots: Values, noise: Noise) -> Values:
+        """Roots (h, w, channels) of the light of the sharp picture."""
+        roots = self.within(roots)
+        fine = self.solved(roots, noise)
+        sharp = np.sqrt(_binned(fine, FINENESS))
+        left = self.left_over(roots, fine)
+        share = self._texture(left, noise) / (1 + self.widening)
+        return np.asarray(np.maximum(sharp + share[..., None] * left, 0), np.float32)
+
+    def solved(self, roots: Values, noise: Noise, rounds: int = ROUNDS, steps: int = STEPS) -> Values:
+        """Roots of the light of the sharp picture, on the fine grid."""
+        deviation = noise.by_pixel
+        if noise.kind == "JPEG":
+            deviation = deviation * (1 + self.widening / np.float32(BLUR_PX)) ** np.float32(COARSE)
+        return solve(self.operator, self.blur.pixels, self.widening, roots, deviation, rounds, steps)
+
+    def left_over(self, roots: Values, fine: Values) -> Values:
+        """What the sharp picture leaves unexplained of the one given (h, w, channels); 0 where nothing is known."""
+        channels = roots.shape[2]
+        flat = fine.reshape(-1, channels) if channels == 1 else np.pad(fine, ((0, 0), (0, 0), (0, 1))).reshape(-1, 4)
+        level = np.sqrt(np.maximum(self.operator.blur(np.ascontiguousarray(flat) ** 2)[:, :channels], DARK))
+        seen = roots.reshape(-1, channels)[self.blur.pixels]
+        left = np.zeros_like(roots)
+        left.reshape(-1, channels)[self.blur.pixels] = np.where((seen < SATURATED) | (level < seen), seen - level, 0)
+        return left
+
+    def within(self, roots: Values) -> Values:
+        """The picture with what it shows within the rim mirrored beyond it, where anything may stand."""
+        rows, columns = self._mirrored
+        mirrored = roots[rows, columns]
+        smooth = cv2.blur(mirrored, (BEYOND_PX, BEYOND_PX)).reshape(roots.shape)
+        return np.where((self.known.radius > self.known.whole_radius_px)[..., None], smooth, mirrored)
+
+    def _texture(self, left: Values, noise: Noise) -> Values:
+        """The share (h, w) of what is left over that is no noise: texture that looked like it.
+
+        By the geometric mean of its squares, to which the surroundings of a single edge add little.
+        """
+        known = np.zeros(left.shape[:2], np.float32)
+        known.ravel()[self.blur.pixels] = 1
+        window = (TEXTURE_PX, TEXTURE_PX)
+        logarithm = cv2.blur(np.log((left**2).mean(axis=2) + np.float32(1e-8)) * known, window)
+        power = MEAN_OF_LOG * np.exp(logarithm / np.maximum(cv2.blur(known, window), np.float32(1e-3)))
+        expected = (CODED if noise.kind == "JPEG" else 1.0) * noise.by_pixel
+        return np.asarray(np.clip(1 - expected**2 / power, 0, 1) * known, np.float32)
+
+    @cached_property
+    def _mirrored(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Rows and columns (h, w) whose pixel stands for each."""
+        radius, rim = self.known.radius, self.known.whole_radius_px
+        beyond = radius > rim
+        rows, columns = np.indices(radius.shape)
+        target = np.clip(2 * rim - radius, 0, rim - 1)  # a pixel off, so that the nearest one is within
+        inwards = np.where(beyond, target / np.maximum(radius, 1) - 1, 0)
+        moved = [np.rint(i + inwards * self.known.offsets[..., n]) for i, n in ((rows, 1), (columns, 0))]
+        height, width = radius.shape
+        found = np.clip(moved[0], 0, height - 1).astype(int), np.clip(moved[1], 0, width - 1).astype(int)
+        return found
+
+
+def _binned(fine: Values, fineness: int) -> Values:
+    """Light of the pixels of a picture from its roots on a fine grid."""
+    rows, columns, channels = fine.shape
+    light = (fine**2).reshape(rows // fineness, fineness, columns // fineness, fineness, channels)
+    binned: Values = light.mean(axis=(1, 3))
+    return binned
