@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from pathlib import Path
 from typing import Any, TypeVar
 
 import click
@@ -14,18 +13,16 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from ..design.manufacture.supports import Support, shell_of
 from ..design.manufacture.supports import hardware_of as hardware_of_support
-from ..errors import OmnimirrorError
 from ..sensor import Sensor
-from ..simulate import Detector, Environment, Hardware, Pose, Scene
+from ..simulate import Detector, Hardware, Pose, Scene
 from ..simulate.detector import BAYER, CURVES
-from ..simulate.scenes import BUNDLED, bundled_scene
+from ..simulate.scenes import BUNDLED
+from ..simulate.scenes.sources import SceneSource
 from ..simulate.shells import Dome, Tube
 from .options import NUMBER, WHOLE, _numbers, angle, distance, factor, flag
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
-ENVIRONMENTS = (".hdr", ".exr", ".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp")
-MESHES = (".glb", ".gltf", ".obj")
 SHELLS = ("tube", "dome")
 
 
@@ -70,14 +67,16 @@ _SCENE = (
         show_default=True,
         metavar="NAME|FILE",
         help=f"What to look at: {', '.join(BUNDLED)}, an equirectangular picture (HDR, EXR, JPEG, ..), or a mesh "
-        "(GLB, glTF, OBJ).",
+        "(GLB, glTF, OBJ, PLY, STL).",
     ),
     click.option(
         "--heading-deg", type=angle, metavar="DEG", help="Where the middle of an environment is seen.  [default: 0]"
     ),
-    click.option("--unit-mm", type=factor, metavar="MM", help="Unit of a mesh.  [default: 1000, as glTF says]"),
+    click.option("--unit-mm", type=factor, metavar="MM", help="Unit of a mesh.  [default: 1000; of an STL 1]"),
     click.option(
-        "--up", type=click.Choice(["y", "z"]), help="Axis of a mesh that points up.  [default: y, as glTF says]"
+        "--up",
+        type=click.Choice(["y", "z"]),
+        help="Axis of a mesh that points up.  [default: y; of an STL z]",
     ),
     click.option("--background", metavar="FILE", help="Environment behind a mesh.  [default: nothing]"),
 )
@@ -165,28 +164,19 @@ def _all(command: Command, options: tuple[Callable[[Command], Command], ...]) ->
 
 def scene_of(name: str, given: dict[str, Any]) -> Scene:
     """The scene of a name or a file."""
-    suffix = Path(name).suffix.lower()
-    if suffix in MESHES:
-        from ..simulate.scenes.mesh import load_mesh
+    return source_of(name, given).load()
 
-        far = _environment(given["background"], given) if "background" in given else None
-        return load_mesh(name, given.get("unit_mm", 1000.0), given.get("up", "y"), far)
+
+def source_of(name: str, given: dict[str, Any]) -> SceneSource:
+    """Where the scene of a name or a file comes from, as the options say."""
+    options = ("heading_deg", "unit_mm", "up", "background")
+    source = SceneSource(name, **{option: given[option] for option in options if option in given})
     for option in ("unit_mm", "up", "background"):
-        if option in given:
+        if option in given and not source.is_mesh:
             raise click.UsageError(f"{flag(option)} belongs to a mesh, and {name} is none")
-    if suffix in ENVIRONMENTS:
-        return _environment(name, given)
-    if "heading_deg" in given:
+    if "heading_deg" in given and not (source.is_environment or "background" in given):
         raise click.UsageError("--heading-deg turns an environment; turn other scenes with --pose")
-    if name in BUNDLED:
-        return bundled_scene(name)
-    raise OmnimirrorError(
-        f"there is no scene {name!r}; valid are {', '.join(BUNDLED)}, and files {', '.join((*ENVIRONMENTS, *MESHES))}"
-    )
-
-
-def _environment(path: str, given: dict[str, Any]) -> Environment:
-    return Environment.load(path, given.get("heading_deg", 0.0))
+    return source
 
 
 def hardware_of(sensor: Sensor, given: dict[str, Any]) -> Hardware | None:

@@ -29,6 +29,7 @@ from .scene_options import (
     scene_of,
     scene_options,
     shell_in,
+    source_of,
 )
 
 VIDEOS = (".mp4", ".m4v", ".mov", ".mkv", ".webm", ".ts")
@@ -96,6 +97,10 @@ def _photograph(camera: Sensor, scene: Scene, output: Path, given: dict[str, Any
     detector = detector_of(given)
     if detector.bits > 8 and not is_light and "uint16" not in kind.depths:
         raise OmnimirrorError(f"{output.suffix} holds 8 bits; write .png or .tif for {detector.bits}")
+    if output.suffix.lower() == ".exr":
+        from ..media.exr import check_exr_can_be_written
+
+        check_exr_can_be_written(output)
     placed = Placed(scene, given.get("placed", Pose()))
     seen = seen_through(camera, Distant(placed) if given["distant"] else placed, shell_in(camera, given))
     with rows_bar("Exposing") as progress:
@@ -161,8 +166,10 @@ def _stopped(output: Path, done: int, what: str) -> None:
 
 
 @command.command("dataset")
-@click.argument("sensor")
+@click.argument("sensor", required=False)
 @click.option("-o", "--output", type=click.Path(path_type=Path, file_okay=False), required=True, help="A folder.")
+@click.option("--again", type=click.Path(path_type=Path), metavar="dataset.json",
+              help="Make that set again: its sensor, its options, no others.")  # fmt: skip
 @click.option("--views", type=WHOLE, help="Pictures of the hall: how many.  [default: 12]")
 @click.option("--path", type=click.Path(path_type=Path), help="Instead a video along poses, a CSV or TOML file.")
 @click.option("--fps", type=NUMBER, help="Videos: frames a second.  [default: 25]")
@@ -170,7 +177,7 @@ def _stopped(output: Path, done: int, what: str) -> None:
 @click.option("--truth", is_flag=True, help="Also an EXR with light, depth and direction beside each picture or frame.")
 @scene_options
 @picture_options
-def dataset(sensor: str, output: Path, scene: str, truth: bool, **options: Any) -> None:
+def dataset(sensor: str | None, output: Path, again: Path | None, scene: str, truth: bool, **options: Any) -> None:
     """Write a calibration set, or with --path a video set, of what SENSOR would take.
 
     A calibration set holds pictures of the hall's checkerboards from many poses. dataset.json has for each picture its
@@ -178,30 +185,68 @@ def dataset(sensor: str, output: Path, scene: str, truth: bool, **options: Any) 
     the field), and the corners' places in the hall (mm).
 
     A video set holds video.mp4 and poses.csv, the sensor's pose at each frame, in the scene that is named.
+
+    A set that was stopped or killed goes on where it was when the same is asked for again. dataset.json also holds all
+    that --again needs to make the same files once more.
+
+    Example: omnimirror simulate dataset paper-spherical --views 20 --full-well-e 10000 -o boards
     """
-    given = {name: value for name, value in options.items() if value is not None}
-    camera = load_sensor(sensor)
-    taken = {name: given[name] for name in ("samples", "blur", "seed")}
-    taken |= {"hardware": hardware_of(camera, given), "detector": detector_of(given), "truth": truth}
-    taken["shell"] = shell_in(camera, given)
-    if "path" in given:
-        _write_video_set(camera, scene_of(scene, given), output, given, taken)
+    if again is not None:
+        kind, arguments = _made_before(again)
+    elif sensor is None:
+        raise click.UsageError("a set is taken with a SENSOR, or made --again from a dataset.json")
     else:
-        _write_calibration_set(camera, output, given, taken)
+        given = {name: value for name, value in options.items() if value is not None}
+        kind, arguments = _asked_for(load_sensor(sensor), scene, truth, given)
+    writer = _write_video_set if kind == "video" else _write_calibration_set
+    writer(output, arguments)
 
 
-def _write_calibration_set(camera: Sensor, output: Path, given: dict[str, Any], taken: dict[str, Any]) -> None:
+def _made_before(again: Path) -> tuple[str, dict[str, Any]]:
+    """Kind and arguments of a set that was made before."""
+    from .. import __version__
+    from ..simulate.recipe import load_arguments, load_recipe
+
+    context = click.get_current_context()
+    for name in context.params:
+        source = context.get_parameter_source(name)
+        if name not in ("again", "output") and source == click.core.ParameterSource.COMMANDLINE:
+            what = "a SENSOR" if name == "sensor" else flag(name)
+            raise click.UsageError(f"{what} is not valid beside --again, which takes all from {again}")
+    made_by = load_recipe(again)["omnimirror"]
+    if made_by != __version__:
+        click.echo(f"omnimirror: {again} is of omnimirror {made_by}, and {__version__} may make other files", err=True)
+    return load_arguments(again)
+
+
+def _asked_for(camera: Sensor, scene: str, truth: bool, given: dict[str, Any]) -> tuple[str, dict[str, Any]]:
+    """Kind and arguments of the set that the options ask for."""
+    arguments = {name: given[name] for name in ("samples", "blur", "seed")}
+    arguments |= {"sensor": camera, "truth": truth, "hardware": hardware_of(camera, given)}
+    arguments |= {"detector": detector_of(given), "shell": shell_in(camera, given)}
+    if "path" not in given:
+        source = click.get_current_context().get_parameter_source("scene")
+        named = {*given} | ({"scene"} if source == click.core.ParameterSource.COMMANDLINE else set())
+        for name in ("scene", "fps", "duration_s", "heading_deg", "unit_mm", "up", "background"):
+            if name in named:
+                raise click.UsageError(f"{flag(name)} belongs to a video set; give a --path, or take the hall as it is")
+        return "calibration", arguments | {"views": given.get("views", 12)}
+    from ..simulate.video import load_path
+
+    for name in ("views", "bits", "bayer"):
+        if name in given:
+            raise click.UsageError(f"{flag(name)} belongs to a calibration set, not to a video along a --path")
+    arguments |= {"scene": source_of(scene, given), "path": load_path(given["path"])}
+    return "video", arguments | {"frame_rate": given.get("fps", 25.0), "duration_s": given.get("duration_s")}
+
+
+def _write_calibration_set(output: Path, arguments: dict[str, Any]) -> None:
     from ..simulate.dataset import write_calibration_set
 
-    source = click.get_current_context().get_parameter_source("scene")
-    named = {*given} | ({"scene"} if source == click.core.ParameterSource.COMMANDLINE else set())
-    for name in ("scene", "fps", "duration_s", "heading_deg", "unit_mm", "up", "background"):
-        if name in named:
-            raise click.UsageError(f"{flag(name)} belongs to a video set; give a --path, or take the hall as it is")
-    views, done = given.get("views", 12), 0
+    views, done = arguments["views"], 0
     with rows_bar("Taking pictures") as progress:
         try:
-            for number, _ in enumerate(write_calibration_set(camera, output, views, **taken), start=1):
+            for number, _ in enumerate(write_calibration_set(folder=output, **arguments), start=1):
                 done = min(number, views)
                 progress(done, views)
         except KeyboardInterrupt:
@@ -210,14 +255,10 @@ def _write_calibration_set(camera: Sensor, output: Path, given: dict[str, Any], 
     click.echo(f"{output}: {views} pictures, sensor.toml and dataset.json")
 
 
-def _write_video_set(camera: Sensor, scene: Scene, output: Path, given: dict[str, Any], taken: dict[str, Any]) -> None:
+def _write_video_set(output: Path, arguments: dict[str, Any]) -> None:
     from ..simulate.dataset import write_video_set
-    from ..simulate.video import load_path
 
-    for name in ("views", "bits", "bayer"):
-        if name in given:
-            raise click.UsageError(f"{flag(name)} belongs to a calibration set, not to a video along a --path")
-    path, done = load_path(given["path"]), 0
+    done = 0
     with rows_bar("Filming") as progress:
 
         def report(number: int, total: int) -> None:
@@ -226,14 +267,11 @@ def _write_video_set(camera: Sensor, scene: Scene, output: Path, given: dict[str
             progress(number, total)
 
         try:
-            write_video_set(
-                camera, scene, path, output, given.get("fps", 25.0), given.get("duration_s"), progress=report,
-                **taken,
-            )  # fmt: skip
+            frames = write_video_set(folder=output, progress=report, **arguments)
         except KeyboardInterrupt:
             _stopped(output, done, "frames")
             raise
-    click.echo(f"{output}: {done} frames, sensor.toml, video.mp4, poses.csv and dataset.json")
+    click.echo(f"{output}: {frames} frames, sensor.toml, video.mp4, poses.csv and dataset.json")
 
 
 @command.command("roundtrip")

@@ -89,6 +89,11 @@ def write_channels(path: Path, channels: Mapping[str, NDArray[np.float32]]) -> N
         raise OSError(5, str(e).strip().splitlines()[0]) from None
 
 
+def check_exr_can_be_written(path: Path) -> None:
+    """Raise MediaError unless OpenEXR is installed; before what is to be written takes its time."""
+    _library(path)
+
+
 def _is_cut_short(data: bytes) -> bool:
     """Whether chunks of pixels are missing; files of tiles or of several parts are not looked through."""
     try:

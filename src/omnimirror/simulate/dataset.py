@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from ..errors import InvalidParameter
 from ..files import replacing, write_text
-from ..media import write_image
+from ..media import read_image, write_image
+from ..media.exr import check_exr_can_be_written
 from ..media.keyframes import Keyframes
 from ..sensor import Sensor
 from ..specs import save_sensor
@@ -21,18 +22,21 @@ from .colour import Light
 from .detector import Detector
 from .exposure import expose
 from .hardware import Hardware
+from .ledger import DESCRIPTION, FRAMES, Ledger
+from .recipe import recipe_of
 from .scenes.boards import SQUARE_MM
 from .scenes.contract import Scene, distances_mm
 from .scenes.hall import Hall
 from .scenes.placed import Placed, Pose
+from .scenes.sources import SceneSource
 from .shells import Shell, seen_through
 from .sight import seen_at, sights
 from .truth import ground_truth
-from .video import POSE_NAMES, Frame, write_video
+from .video import POSE_NAMES, check_video_can_be_written, encode, frame_at, frame_times
 
 Array = NDArray[np.float64]
 
-DESCRIPTION = "dataset.json"
+FRAME = f"{FRAMES}/frame-%05d.png"
 MOST_VIEWS = 10_000
 REACH_MM = np.array([700.0, 700.0, 350.0])
 """How far from the hall's middle views are taken: boards stay at least twice as far."""
@@ -93,14 +97,17 @@ def write_calibration_set(
     truth: bool = False,
     shell: Shell | None = None,
 ) -> Iterator[Path]:
-    """Write pictures of the calibration hall one after the other, and then ``dataset.json``, which describes them.
+    """Write pictures of the calibration hall one after the other, and ``dataset.json``, which describes them.
+
+    A set that was ended, however that happened, goes on where it stopped when it is written again: what is there and
+    has not changed is kept.
 
     Parameters
     ----------
     sensor
     folder
-        Takes ``sensor.toml``, ``view-000.png``, .. and ``dataset.json``, which is written last. Stopped by Ctrl-C,
-        it describes the pictures that are there.
+        Takes ``sensor.toml``, ``view-000.png``, .. and ``dataset.json``, which says how the set is made, and what of it
+        is there.
     views
         How many.
     samples, blur, hardware, detector, seed, hall, shell
@@ -115,40 +122,44 @@ def write_calibration_set(
     Raises
     ------
     InvalidParameter
-        As :func:`view_poses` and :func:`~omnimirror.simulate.expose`.
+        As :func:`view_poses` and :func:`~omnimirror.simulate.expose`; or the folder holds another set.
+    MediaError
+        OpenEXR is not installed, which truth needs.
     """
     folder, hall, detector = Path(folder), hall or Hall(), detector or Detector()
     poses = view_poses(views, seed)
-    described = _begin(folder, sensor, "calibration", samples, blur, detector) | {
+    recipe = recipe_of("calibration", {
+        "sensor": sensor, "views": views, "samples": samples, "blur": blur, "hardware": hardware, "detector": detector,
+        "seed": seed, "hall": hall, "truth": truth, "shell": shell,
+    })  # fmt: skip
+    ledger = _begin(folder, sensor, recipe, {
         "square_mm": SQUARE_MM,
         "boards_mm": {name: hall.board_corners_mm(name).round(6).tolist() for name in hall.boards},
-        "views": [],
-    }
-    try:
+    })  # fmt: skip
+    records = {view["image"]: view for view in ledger.entries.get("views", []) if ledger.has(view["image"])}
+    with _to_its_end(ledger):
         for number, pose in enumerate(poses):
-            path = folder / f"view-{number:03d}.png"
-            scene = seen_through(sensor, Placed(hall, pose), shell)
-            light = expose(sensor, scene, samples, blur, hardware=hardware, seed=seed + number)
-            picture = detector.read(light, seed + number)
-            record: dict[str, Any] = {"image": path.name, "pose": asdict(pose)}
-            if truth:
-                record["truth"] = path.with_suffix(".exr").name
-                write_truth(folder / record["truth"], sensor, scene, light, hardware)
-            write_image(path, picture)
-            corners = seen_corners_px(sensor, hall, pose, hardware, shell)
-            described["views"].append(record | {"corners_px": _lists(corners)})
-            yield path
-    except (KeyboardInterrupt, GeneratorExit):
-        if described["views"]:
-            _finish(folder, described)
-        raise
-    _finish(folder, described)
+            name = f"view-{number:03d}"
+            files = [f"{name}.png"] + [f"{name}.exr"] * truth
+            if not (files[0] in records and ledger.has(*files)):
+                scene = seen_through(sensor, Placed(hall, pose), shell)
+                light = expose(sensor, scene, samples, blur, hardware=hardware, seed=seed + number)
+                if truth:
+                    write_truth(folder / files[1], sensor, scene, light, hardware)
+                write_image(folder / files[0], detector.read(light, seed + number))
+                corners = _lists(seen_corners_px(sensor, hall, pose, hardware, shell))
+                record = {"image": files[0], "pose": asdict(pose), "corners_px": corners}
+                records[files[0]] = record | ({"truth": files[1]} if truth else {})
+                ledger.entries["views"] = [records[name] for name in sorted(records, key=lambda n: (len(n), n))]
+                ledger.add(*files)
+            yield folder / files[0]
+    ledger.finish(complete=True)
     yield folder / DESCRIPTION
 
 
 def write_video_set(
     sensor: Sensor,
-    scene: Scene,
+    scene: Scene | SceneSource,
     path: Keyframes,
     folder: str | Path,
     frame_rate: float = 25.0,
@@ -164,11 +175,16 @@ def write_video_set(
 ) -> int:
     """Write the video of a sensor that moves through a scene, its poses, and what each pixel sees; count its frames.
 
+    Until all are done each frame is kept as a picture in ``frames``, and a set that was ended, however that happened,
+    goes on from there when it is written again.
+
     Parameters
     ----------
+    scene
+        Of a :class:`SceneSource`, or one of the project, ``dataset.json`` says how it is had again.
     folder
         Takes ``sensor.toml``, ``video.mp4``, ``poses.csv`` (one row a frame, as :func:`load_path` reads them) and
-        ``dataset.json``, which is written last. Stopped by Ctrl-C, they hold the frames that are there.
+        ``dataset.json``. Stopped by Ctrl-C, they hold the frames that are there.
     truth
         Also write ``frame-00000.exr``, ..: light, depth, direction and origin of every pixel.
     progress
@@ -177,38 +193,61 @@ def write_video_set(
     Raises
     ------
     InvalidParameter, MediaError
-        As :func:`~omnimirror.simulate.video.write_video`.
+        As :func:`~omnimirror.simulate.video.write_video`; or the folder holds another set.
     """
-    folder, detector = Path(folder), detector or Detector()
-    described = _begin(folder, sensor, "video", samples, blur, detector)
-    rows = [",".join(["time_s", *POSE_NAMES])]
+    folder, detector, times = Path(folder), detector or Detector(), frame_times(path, frame_rate, duration_s)
+    check_video_can_be_written(folder / "video.mp4")
+    recipe = recipe_of("video", {
+        "sensor": sensor, "scene": scene, "path": path, "frame_rate": frame_rate, "duration_s": duration_s,
+        "samples": samples, "blur": blur, "hardware": hardware, "detector": detector, "seed": seed, "truth": truth,
+        "shell": shell,
+    })  # fmt: skip
+    world = scene.load() if isinstance(scene, SceneSource) else scene
+    described: dict[str, Any] = {"video": "video.mp4", "poses": "poses.csv", "frame_rate": frame_rate}
+    ledger = _begin(folder, sensor, recipe, described | ({"truth": "frame-%05d.exr"} if truth else {}))
+    if ledger.is_complete:
+        return len(times)
+    done = 0
 
-    def written(frame: Frame, total: int) -> None:
+    def expose_frame(number: int, picture: str, exr: str) -> None:
+        pose = Pose(**path.at(times[number]))
+        light = frame_at(sensor, world, path, times[number], samples, blur, hardware, seed + number, shell=shell)
         if truth:
-            seen = seen_through(sensor, Placed(scene, frame.pose), shell)
-            write_truth(folder / f"frame-{frame.number:05d}.exr", sensor, seen, frame.light, hardware)
-        rows.append(",".join(f"{value:.9g}" for value in (frame.time_s, *asdict(frame.pose).values())))
-        if progress is not None:
-            progress(frame.number + 1, total)
-
-    def finish() -> int:
-        frames, files = len(rows) - 1, {"video": "video.mp4", "poses": "poses.csv"}
-        write_text(folder / "poses.csv", "\n".join(rows) + "\n")
-        if truth:
-            files["truth"] = "frame-%05d.exr"
-        _finish(folder, described | files | {"frame_rate": frame_rate, "frames": frames})
-        return frames
+            seen = seen_through(sensor, Placed(world, pose), shell)
+            write_truth(folder / exr, sensor, seen, light, hardware)
+        write_image(folder / picture, detector.read(light, seed + number))
+        ledger.add(picture, *([exr] if truth else []))
 
     try:
-        write_video(
-            sensor, scene, path, folder / "video.mp4", frame_rate, duration_s, samples, blur, hardware, detector, seed,
-            written, shell,
-        )  # fmt: skip
+        with _to_its_end(ledger):
+            for number in range(len(times)):
+                picture, exr = FRAME % number, f"frame-{number:05d}.exr"
+                if not ledger.has(picture, *([exr] if truth else [])):
+                    expose_frame(number, picture, exr)
+                done = number + 1
+                if progress is not None:
+                    progress(done, len(times))
     except KeyboardInterrupt:
-        if len(rows) > 1:
-            finish()
+        if done:
+            _join(ledger, sensor, path, times[:done], frame_rate)
+            ledger.write()
         raise
-    return finish()
+    _join(ledger, sensor, path, times, frame_rate)
+    ledger.is_complete = True
+    ledger.drop([FRAME % number for number in range(len(times))])
+    (folder / FRAMES).rmdir()
+    return len(times)
+
+
+def _join(ledger: Ledger, sensor: Sensor, path: Keyframes, times: list[float], frame_rate: float) -> None:
+    """Write the video of the frames that are there, and their poses."""
+    rows = [",".join(["time_s", *POSE_NAMES])]
+    rows += [",".join(f"{v:.9g}" for v in (time, *asdict(Pose(**path.at(time))).values())) for time in times]
+    write_text(ledger.folder / "poses.csv", "\n".join(rows) + "\n")
+    pictures = (read_image(ledger.folder / (FRAME % number)) for number in range(len(times)))
+    encode(ledger.folder / "video.mp4", sensor.image_size, frame_rate, pictures)
+    ledger.entries["frames"] = len(times)
+    ledger.add("poses.csv", "video.mp4")
 
 
 def write_truth(path: Path, sensor: Sensor, scene: Scene, light: Light, hardware: Hardware | None = None) -> None:
@@ -220,21 +259,27 @@ def write_truth(path: Path, sensor: Sensor, scene: Scene, light: Light, hardware
         write_channels(temporary, truth.channels(light))
 
 
-def _begin(folder: Path, sensor: Sensor, kind: str, samples: int, blur: bool, detector: Detector) -> dict[str, Any]:
-    """Write the sensor, take away what described an earlier set, and say what all sets say."""
-    (folder / DESCRIPTION).unlink(missing_ok=True)
-    save_sensor(sensor, folder / "sensor.toml")
-    return {
-        "format": f"omnimirror {kind} set 1",
-        "sensor": "sensor.toml",
-        "samples": samples,
-        "blur": blur,
-        "detector": {k: (None if v == np.inf else v) for k, v in asdict(detector).items()},
-    }
+def _begin(folder: Path, sensor: Sensor, recipe: dict[str, Any], described: dict[str, Any]) -> Ledger:
+    """What is there of a set, after its sensor and its dataset.json were written."""
+    if recipe["truth"]:
+        check_exr_can_be_written(folder)
+    head = {"format": f"omnimirror {recipe['kind']} set 2", "sensor": "sensor.toml", "recipe": recipe}
+    ledger = Ledger(folder, head | described)
+    if not ledger.has("sensor.toml"):
+        save_sensor(sensor, folder / "sensor.toml")
+        ledger.add("sensor.toml")
+    return ledger
 
 
-def _finish(folder: Path, described: dict[str, Any]) -> None:
-    write_text(folder / DESCRIPTION, json.dumps(described) + "\n")
+@contextmanager
+def _to_its_end(ledger: Ledger) -> Iterator[None]:
+    """However it ends, dataset.json says what is done, and nothing is left of a set that had only begun."""
+    ledger.is_complete = False
+    try:
+        yield
+    except BaseException:
+        ledger.end(["sensor.toml"])
+        raise
 
 
 def _lists(corners: dict[str, Array]) -> dict[str, Any]:

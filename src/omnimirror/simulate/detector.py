@@ -51,8 +51,9 @@ class Detector:
 
     Notes
     -----
-    The linear model of EMVA 1288: of ``K = (2^bits - 1)/full_well_e`` values per electron, the mean is ``K mu + offset``
-    and the variance ``K^2 (mu + read_noise_e^2) + 1/12``. Values end at 0 and ``2^bits - 1``, after all noise is added.
+    The linear model of EMVA 1288: of ``K = (2^bits - 1)/full_well_e`` values per electron, the mean of mu electrons is
+    ``K mu + offset`` and the variance ``K^2 (mu + read_noise_e^2) + 1/12``. Values end at 0 and ``2^bits - 1``, after
+    all noise is added.
 
     Examples
     --------

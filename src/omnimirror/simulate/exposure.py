@@ -24,7 +24,7 @@ from .scenes.contract import Distant, Scene
 from .scenes.environment import Environment
 from .scenes.placed import Placed
 from .shells import ThroughShell
-from .sight import DIRECT, HIDDEN, LOST, REFLECTED, follow
+from .sight import DIRECT, HIDDEN, LOST, REFLECTED, check_clear, follow
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]
@@ -87,7 +87,7 @@ def expose(
     ------
     InvalidParameter
         For a number of samples out of range, for blur or hardware of a camera that is no sensor, or if the
-        scene cannot be seen from where the camera is.
+        scene cannot be seen from where the camera is, or cuts through its mirror.
 
     Notes
     -----
@@ -103,6 +103,8 @@ def expose(
         )
     if isinstance(camera, Sensor):
         camera.aligned().rim_radius_px  # noqa: B018 - proves that lens and mirror can be used
+        if not distant:
+            check_clear(camera, scene)
     plan = spread(samples, blur, seed)
     hardware = hardware or Hardware()
     if (coloured := hardware.of_colours()) is not None:

@@ -12,13 +12,15 @@ from ..errors import InvalidParameter
 from ..frames import turned
 from ..sensor import Sensor
 from .hardware import Hardware
-from .shells import Shell, meets_lid
+from .scenes.contract import Measured, Scene
+from .shells import Shell, ThroughShell, meets_lid
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Fates = NDArray[np.uint8]
 
 LOST, REFLECTED, DIRECT, HIDDEN = range(4)  # what becomes of a ray; numbers of the compiled kernels
+LINES = 64  # from the vertex to the rim
 STEPS = 12  # each takes a wall's displacement to a hundredth or less
 MISS_MM = 1e-7
 INWARDS = 0.02  # of the distance: what a wall brings into the field lies this near to it
@@ -64,6 +66,30 @@ def meets_edge(sensor: Sensor, hardware: Hardware, points: Array, directions: Ar
         across = np.hypot(*(origins[:, :2] + steps[:, None] * towards[:, :2]).T)
         meets: Mask = (steps > 0) & (across > rim) & (across < rim + hardware.rim_width_mm)
     return meets
+
+
+def check_clear(sensor: Sensor, scene: Scene) -> None:
+    """Raise InvalidParameter if something of a scene cuts the mirror: lines from its vertex to its rim, and around.
+
+    Scenes that tell no distances are taken at their word.
+    """
+    scene = scene.scene if isinstance(scene, ThroughShell) else scene
+    if not isinstance(scene, Measured):
+        return
+    x = np.linspace(0.0, sensor.mirror.rim_radius_mm, LINES // 2 + 1)
+    turn = np.linspace(0, 2 * np.pi, LINES + 1)
+    across = np.stack([x[:, None] * np.cos(turn), x[:, None] * np.sin(turn)], axis=-1)
+    sag = np.broadcast_to(sensor.mirror.sag(x)[:, None, None], (*across.shape[:2], 1))
+    rotation = sensor.mount.rotation()
+    points = sensor.mirror_pose.to_camera(np.concatenate([across, sag], axis=-1).reshape(-1, 3))
+    points[:, 2] *= np.sign(-sensor.axis @ rotation[:, 2])  # a lens that sees it in a second mirror looks the other way
+    net = turned(points, rotation.T).reshape(*across.shape[:2], 3)
+    start = np.concatenate([net[:-1].reshape(-1, 3), net[1:, :-1].reshape(-1, 3)])
+    end = np.concatenate([net[1:].reshape(-1, 3), net[1:, 1:].reshape(-1, 3)])
+    if (scene.distance_mm(start, end - start) < np.linalg.norm(end - start, axis=1)).any():
+        raise InvalidParameter(
+            "the mirror stands in something of the scene; give it another pose, or look at the unit of a mesh"
+        )
 
 
 class Sights(NamedTuple):

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import fields
 from fractions import Fraction
+from importlib.util import find_spec
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..cameras import Camera
 from ..errors import InvalidParameter, MediaError
@@ -125,21 +127,34 @@ def write_video(
     KeyboardInterrupt
         On Ctrl-C; the video then holds the frames that were done.
     """
-    try:
-        from ..media.frames import frame_of_image
-        from ..media.writer import VideoWriter
-    except ModuleNotFoundError as e:
-        if e.name != "av":
-            raise
-        raise MediaError(f"{output} is a video, which needs PyAV: install omnimirror[video]") from None
+    check_video_can_be_written(output)
     times, detector = frame_times(path, frame_rate, duration_s), detector or Detector()
-    rate = Fraction(frame_rate).limit_denominator(1001)
-    with VideoWriter(output, camera.image_size, rate) as video:
+
+    def pictures() -> Iterator[NDArray[Any]]:
         for number, time in enumerate(times):
             light = frame_at(camera, scene, path, time, samples, blur, hardware, seed + number, shell=shell)
-            frame = frame_of_image(detector.read(light, seed + number))
-            frame.pts, frame.time_base = number, 1 / rate
-            video.write(frame)
+            yield detector.read(light, seed + number)
             if written is not None:
                 written(Frame(number, time, Pose(**path.at(time)), light), len(times))
+
+    encode(output, camera.image_size, frame_rate, pictures())
     return len(times)
+
+
+def encode(output: str | Path, size: tuple[int, int], frame_rate: float, pictures: Iterable[NDArray[Any]]) -> None:
+    """Write pictures (h, w, 3), RGB, as a video."""
+    from ..media.frames import frame_of_image
+    from ..media.writer import VideoWriter
+
+    rate = Fraction(frame_rate).limit_denominator(1001)
+    with VideoWriter(output, size, rate) as video:
+        for number, picture in enumerate(pictures):
+            frame = frame_of_image(picture)
+            frame.pts, frame.time_base = number, 1 / rate
+            video.write(frame)
+
+
+def check_video_can_be_written(output: str | Path) -> None:
+    """Raise MediaError unless PyAV is installed."""
+    if find_spec("av") is None:
+        raise MediaError(f"{output} is a video, which needs PyAV: install omnimirror[video]")

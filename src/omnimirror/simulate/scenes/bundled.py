@@ -10,7 +10,7 @@ from .hall import Hall
 from .room import Room
 from .street import Street
 
-BUNDLED: dict[str, Callable[[], Scene]] = {"room": Room, "street": Street, "hall": Hall}
+BUNDLED: dict[str, Callable[..., Scene]] = {"room": Room, "street": Street, "hall": Hall}
 
 
 def bundled_scene(name: str) -> Scene:

@@ -18,6 +18,7 @@ from ...media import read_image
 from ..colour import Light, linear_from_srgb
 from .contract import Array
 
+FEWEST_ROWS = 4
 FULL_OF_DEPTH = {"uint8": 255.0, "uint16": 65535.0}
 
 
@@ -69,13 +70,17 @@ class Environment:
         MediaError
             If the file cannot be read.
         InvalidParameter
-            If it is not about twice as wide as high, and so cannot be equirectangular.
+            If it is not about twice as wide as high, and so cannot be equirectangular, or has but a few pixels.
         """
         image = read_image(path)
         height, width = image.shape[:2]
         if not 1.9 <= width / height <= 2.1:
             raise InvalidParameter(
                 f"{path} has {width} x {height} px; an equirectangular picture is twice as wide as high"
+            )
+        if height < FEWEST_ROWS:
+            raise InvalidParameter(
+                f"{path} has {width} x {height} px; an environment has at least {2 * FEWEST_ROWS} x {FEWEST_ROWS}"
             )
         return cls(np.ascontiguousarray(gain * _linear(image), np.float32), heading_deg)
 

@@ -1,4 +1,4 @@
-"""Scenes out of files: textured triangle meshes in glTF, GLB and OBJ, through trimesh."""
+"""Scenes out of files: triangle meshes in glTF, GLB, OBJ, PLY and STL, through trimesh."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from ...frames import turned
 from ..colour import Light, linear_from_srgb
 from .contract import Array, Scene
 from .facets import combined, facets
+from .mesh_checks import check_corners, check_file
 from .painted import Surroundings
 from .surfaces import Surfaces, Texture
 
@@ -21,14 +22,16 @@ TO_WORLD = {
     "z": np.eye(3),
 }
 """From a file's axes to forward, left and up: y up is looked at along -z, z up along x."""
+USUAL = {".glb": (1000.0, "y"), ".stl": (1.0, "z")}
+"""Unit (mm) and upward axis, where a file's kind has its own."""
 SUN = np.array([0.35, 0.5, 0.8]) / np.linalg.norm([0.35, 0.5, 0.8])
 FROM_SKY, FROM_SUN = 0.55, 0.45
 
 
 def load_mesh(
-    path: str | Path, unit_mm: float = 1000.0, up: str = "y", background: Scene | None = None
+    path: str | Path, unit_mm: float | None = None, up: str | None = None, background: Scene | None = None
 ) -> Surroundings:
-    """Read a textured mesh.
+    """Read a mesh.
 
     Textures are shown as they are, as light that was painted in; corner colours and plain ones are shaded by
     a sun and an even sky.
@@ -36,27 +39,35 @@ def load_mesh(
     Parameters
     ----------
     path
-        A .glb, .gltf or .obj file with what belongs to it.
+        A .glb, .gltf, .obj, .ply or .stl file with what belongs to it.
     unit_mm
-        What one unit of the file is, mm; glTF counts in metres.
+        What one unit of the file is, mm; by default a metre, as glTF says, and a millimetre in an STL.
     up : "y" or "z"
-        The axis that points up; glTF says y, and then looks along -z.
+        The axis that points up; by default y, as glTF says, which then looks along -z, and z in an STL.
     background
         What is seen beside the mesh, such as an :class:`Environment`; nothing by default.
 
     Raises
     ------
     MediaError
-        The file cannot be read, or holds no triangles; or trimesh is not installed.
+        The file cannot be read, holds no triangles or none that can be seen, or names files that are not there; or
+        trimesh is not installed.
     InvalidParameter
         For an unknown axis or a unit that is no length.
     """
+    path = Path(path)
+    usual_unit, usual_up = USUAL.get(path.suffix.lower(), USUAL[".glb"])
+    unit_mm, up = usual_unit if unit_mm is None else unit_mm, usual_up if up is None else up
     if up not in TO_WORLD:
         raise InvalidParameter(f"up = {up!r} is not one of {', '.join(TO_WORLD)}")
     if not 0 < unit_mm < np.inf:
         raise InvalidParameter(f"unit_mm = {unit_mm:g} is no length; it is valid above 0")
-    corners_are_linear = Path(path).suffix.lower() != ".obj"  # as glTF says; OBJ says nothing and means sRGB
-    parts = [_surfaces_of(mesh, unit_mm * TO_WORLD[up], corners_are_linear) for mesh in _meshes(Path(path))]
+    meshes, to_world = _meshes(path), unit_mm * TO_WORLD[up]
+    with np.errstate(all="ignore"):  # what overflows is refused
+        corners = [turned(np.asarray(mesh.vertices)[mesh.faces], to_world.T) for mesh in meshes]
+        check_corners(path, corners)
+    corners_are_linear = path.suffix.lower() in (".glb", ".gltf")  # as glTF says; others say nothing and mean sRGB
+    parts = [_surfaces_of(m, c, to_world, corners_are_linear) for m, c in zip(meshes, corners, strict=True)]
     return Surroundings(combined(parts), background)
 
 
@@ -70,6 +81,7 @@ def _meshes(path: Path) -> list[Any]:
         ) from None
     if not path.is_file():
         raise MediaError(f"there is no mesh {path}")
+    check_file(path)
     try:
         loaded = trimesh.load_scene(path, process=False)
         meshes = [mesh for mesh in loaded.dump() if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces)]
@@ -81,8 +93,7 @@ def _meshes(path: Path) -> list[Any]:
     return meshes
 
 
-def _surfaces_of(mesh: Any, to_world: Array, corners_are_linear: bool) -> Surfaces:
-    triangles = turned(np.asarray(mesh.vertices)[mesh.faces], to_world.T)
+def _surfaces_of(mesh: Any, triangles: Array, to_world: Array, corners_are_linear: bool) -> Surfaces:
     picture, uv = _texture(mesh.visual), getattr(mesh.visual, "uv", None)
     if picture is not None and uv is not None and len(uv) == len(mesh.vertices):
         return _textured(triangles, np.asarray(uv, dtype=float)[mesh.faces], picture)

@@ -58,12 +58,46 @@ class Street:
             raise InvalidParameter(f"texel_mm = {self.texel_mm:g} is outside {FINEST_MM:g} to {COARSEST_MM:g}")
 
     def radiance(self, origins_mm: ArrayLike, directions: ArrayLike) -> Light:
-        """Linear RGB (n, 3) of rays from origins (n, 3) mm in directions (n, 3) of any length but 0."""
+        """Linear RGB (n, 3) of rays from origins (n, 3) mm in directions (n, 3) of any length but 0.
+
+        Raises
+        ------
+        InvalidParameter
+            If a ray starts under the ground, or in a house or a car.
+        """
+        _check_outside(origins_mm)
         return _painted(self.texel_mm).radiance(origins_mm, directions)
 
     def distance_mm(self, origins_mm: ArrayLike, directions: ArrayLike) -> Array:
-        """How far (n,) rays go; infinite to the sky."""
+        """How far (n,) rays go; infinite to the sky.
+
+        Raises
+        ------
+        InvalidParameter
+            If a ray starts under the ground, or in a house or a car.
+        """
+        _check_outside(origins_mm)
         return _painted(self.texel_mm).distance_mm(origins_mm, directions)
+
+
+def _check_outside(origins_mm: ArrayLike) -> None:
+    origins = np.asarray(origins_mm, dtype=float)
+    if not len(origins):
+        return
+    low, high = origins.min(axis=0), origins.max(axis=0)
+    if low[2] < GROUND_MM:
+        raise InvalidParameter(
+            f"a ray starts at z = {low[2]:.6g} mm, under the ground of the street, which lies at {GROUND_MM:g} mm"
+        )
+    boxes = {"a house": [house.box for house in HOUSES], "a car": [box for car in CARS for box in car.boxes]}
+    for what, box in ((name, box) for name, kind in boxes.items() for box in kind):
+        if (low < box.high).all() and (high > box.low).all():
+            inside = ((origins > box.low) & (origins < box.high)).all(axis=1)
+            if inside.any():
+                raise InvalidParameter(
+                    f"a ray starts at {origins[inside][0].round(3).tolist()} mm, in {what} that reaches from "
+                    f"{list(box.low)} to {list(box.high)} mm"
+                )
 
 
 @lru_cache(maxsize=2)
