@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -182,7 +183,7 @@ def test_a_video_set_made_again_is_the_same_byte_for_byte(place):
     assert sorted(files) == ["dataset.json", *frames, "poses.csv", "sensor.toml", "video.mp4"]
     data = json.loads(files["dataset.json"])
     assert data["recipe"]["seed"] == 3
-    assert data["recipe"]["omnimirror"] == om.__version__
+    assert data["recipe"]["omnimirror"] == version("omnimirror")
     assert data["recipe"]["shell"]["kind"] == "tube"
     assert "refused" not in data
 

@@ -204,7 +204,8 @@ def dataset(sensor: str | None, output: Path, again: Path | None, scene: str, tr
 
 def _made_before(again: Path) -> tuple[str, dict[str, Any]]:
     """Kind and arguments of a set that was made before."""
-    from .. import __version__
+    from importlib.metadata import version
+
     from ..simulate.recipe import load_arguments, load_recipe
 
     context = click.get_current_context()
@@ -213,9 +214,9 @@ def _made_before(again: Path) -> tuple[str, dict[str, Any]]:
         if name not in ("again", "output") and source == click.core.ParameterSource.COMMANDLINE:
             what = "a SENSOR" if name == "sensor" else flag(name)
             raise click.UsageError(f"{what} is not valid beside --again, which takes all from {again}")
-    made_by = load_recipe(again)["omnimirror"]
-    if made_by != __version__:
-        click.echo(f"omnimirror: {again} is of omnimirror {made_by}, and {__version__} may make other files", err=True)
+    made_by, this = load_recipe(again).get("omnimirror"), version("omnimirror")
+    if made_by != this:
+        click.echo(f"omnimirror: {again} is of omnimirror {made_by}, and {this} may make other files", err=True)
     return load_arguments(again)
 
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from .. import __version__
 from ..errors import InvalidParameter, MediaError
 from ..files import LARGEST_TEXT, read_bytes
 from ..media.keyframes import Keyframes
@@ -40,7 +40,9 @@ def recipe_of(kind: str, arguments: dict[str, Any]) -> dict[str, Any]:
     }
     same: Any = lambda value: value  # noqa: E731
     recipe = {name: encoders.get(name, same)(value) for name, value in arguments.items()}
-    return json.loads(json.dumps({"omnimirror": __version__, "kind": kind} | recipe, default=lambda v: v.item()))  # type: ignore[no-any-return]
+    whole = {"omnimirror": version("omnimirror"), "kind": kind} | recipe
+    as_read: dict[str, Any] = json.loads(json.dumps(whole, default=lambda number: number.item()))
+    return as_read
 
 
 def arguments_of(recipe: dict[str, Any], folder: Path) -> tuple[str, dict[str, Any]]:
