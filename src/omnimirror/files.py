@@ -10,7 +10,7 @@ import stat
 import sys
 import tempfile
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -43,7 +43,7 @@ def is_standard_output(path: str | Path) -> bool:
 
 
 @contextmanager
-def replacing(path: str | Path) -> Iterator[Path]:
+def replacing(path: str | Path, rescue: Callable[[Path], Path | None] | None = None) -> Iterator[Path]:
     """A temporary name that takes the place of ``path`` when the block ends without an error.
 
     It stands beside ``path`` and keeps the suffix, which picture writers look at. Missing folders are made.
@@ -51,7 +51,8 @@ def replacing(path: str | Path) -> Iterator[Path]:
     permissions. What cannot be replaced is written through once the block has ended: standard output
     (:func:`is_standard_output`), a pipe, a device such as ``/dev/null``.
 
-    What killed runs left behind of the same output is removed.
+    What killed runs left behind of the same output is removed, unless ``rescue``, which is asked about each of these
+    files, gives a name that it shall have.
 
     Raises
     ------
@@ -64,7 +65,7 @@ def replacing(path: str | Path) -> Iterator[Path]:
             with _through(path) as temporary:
                 yield temporary
         else:
-            with _in_place_of(path) as temporary:
+            with _in_place_of(path, rescue) as temporary:
                 yield temporary
     except BrokenPipeError as e:
         if is_standard_output(path):  # its reader (head, less) has seen enough
@@ -112,12 +113,12 @@ def name_of(path: str | Path) -> str:
 
 
 @contextmanager
-def _in_place_of(path: Path) -> Iterator[Path]:
+def _in_place_of(path: Path, rescue: Callable[[Path], Path | None] | None) -> Iterator[Path]:
     target = Path(os.path.realpath(path)) if path.is_symlink() else path
     target.parent.mkdir(parents=True, exist_ok=True)
     if target.is_dir():
         raise IsADirectoryError(errno.EISDIR, "it is a folder, and a file name is needed")
-    _remove_leftovers(target)
+    _remove_leftovers(target, rescue or (lambda leftover: None))
     handle, temporary = _new_beside(target)
     try:
         yield temporary
@@ -209,8 +210,8 @@ def _new_beside(target: Path) -> tuple[int, Path]:
         os.close(handle)  # another run took it for a leftover before it was locked
 
 
-def _remove_leftovers(target: Path) -> None:
-    """Remove temporary files of this output whose run is gone: nobody holds their lock any more."""
+def _remove_leftovers(target: Path, rescue: Callable[[Path], Path | None]) -> None:
+    """Remove or rename temporary files of this output whose run is gone: nobody holds their lock any more."""
     if sys.platform == "win32":
         return
     pattern = re.compile(re.escape(_prefix(target)) + r"[a-z0-9_]{8}" + re.escape(target.suffix))
@@ -223,7 +224,11 @@ def _remove_leftovers(target: Path) -> None:
                 found = os.fstat(handle)
                 if stat.S_ISREG(found.st_mode) and found.st_uid == os.geteuid():
                     fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                    os.unlink(name)
+                    if rescued := rescue(Path(name)):
+                        os.chmod(name, _permissions(rescued))
+                        os.rename(name, rescued)
+                    else:
+                        os.unlink(name)
             finally:
                 os.close(handle)
 

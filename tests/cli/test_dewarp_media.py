@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import signal
 import socket
 import sys
 import time
+from pathlib import Path
+from subprocess import PIPE, Popen
 
 import av
 import numpy as np
@@ -106,6 +109,18 @@ def test_several_outputs_at_once(video, tmp_path):
     assert b"a.mp4, " in run.stderr
     assert b"b.mkv, standard output: panorama" in run.stderr
     assert run.stdout.count(b"FRAME") == len(frames(tmp_path / "a.mp4")) == len(frames(tmp_path / "b.mkv")) == 20
+
+
+def test_sigterm_keeps_what_was_done(video, tmp_path):
+    program = Path(sys.executable).with_name("omnimirror")
+    words = ["dewarp", video, *BALL, "--size", "512x256", "-o", tmp_path / "a.mkv", "-o", "-"]
+    with Popen([program, *map(str, words)], stdout=PIPE, stderr=PIPE) as run:
+        assert run.stdout.read(9) == b"YUV4MPEG2"  # a frame is more than the pipe holds: nothing goes on unread
+        run.send_signal(signal.SIGTERM)
+        _, said = run.communicate()
+    assert run.returncode == 143, said
+    assert b"stopped; " in said
+    assert 1 <= len(frames(tmp_path / "a.mkv")) < 20
 
 
 def test_a_file_is_streamed_in_real_time(video, tmp_path):

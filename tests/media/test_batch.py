@@ -1,5 +1,6 @@
 """Many files at once."""
 
+import signal
 import subprocess
 import sys
 import threading
@@ -90,7 +91,8 @@ def test_they_run_side_by_side():
     assert run_parallel([Job(str(n), together.wait) for n in range(3)], 3).exit_code == 0
 
 
-def test_ctrl_c_finishes_what_is_under_way(tmp_path):
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_ctrl_c_and_sigterm_finish_what_is_under_way(tmp_path, number):
     code = f"""
 import time, pathlib
 from omnimirror.media import interrupts
@@ -107,6 +109,6 @@ print(len(results.done), len(results.not_begun), results.exit_code, flush=True)
 """
     run = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
     assert [run.stdout.readline() for _ in range(2)] == ["begun\n"] * 2
-    run.send_signal(2)
-    assert run.communicate()[0].split() == ["2", "18", "130"]
+    run.send_signal(number)
+    assert run.communicate()[0].split() == ["2", "18", str(128 + number)]
     assert len(list(tmp_path.iterdir())) == 2

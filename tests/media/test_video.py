@@ -3,6 +3,7 @@
 import os
 import resource
 import signal
+import stat
 import subprocess
 import sys
 import threading
@@ -339,24 +340,25 @@ def counted(picture, time_s):
 try:
     reader = VideoReader(source)
     outcome = process(reader.items(), VideoWriter.like(reader, out), counted)
-    print("stopped" if outcome.stopped else "done", outcome.frames, flush=True)
+    print(outcome.exit_code, outcome.frames, flush=True)
 except OmnimirrorError as e:
     sys.exit(f"omnimirror: {e}")
 """
 
 
-def test_ctrl_c_leaves_a_file_that_plays(clip, tmp_path):
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_ctrl_c_and_sigterm_leave_a_file_that_plays(clip, tmp_path, number):
     out = tmp_path / "b.mp4"
     run = subprocess.Popen(
         [sys.executable, "-c", SCRIPT, clip, out, "8"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
     for _ in range(8):
         assert run.stdout.readline() == "frame\n"
-    run.send_signal(signal.SIGINT)
+    run.send_signal(number)
     rest, errors = run.communicate()
     assert (run.returncode, errors) == (0, "")
-    word, count = rest.splitlines()[-1].split()
-    assert word == "stopped"
+    code, count = rest.splitlines()[-1].split()
+    assert int(code) == 128 + number
     frames = pictures_of(out)
     assert 7 <= len(frames) == int(count) < 40
     assert [number_of(frame) for frame in frames] == [i % 9 for i in range(len(frames))]
@@ -380,3 +382,54 @@ def test_a_full_disk_is_one_sentence_and_loses_nothing(tmp_path):
     assert len(run.stderr.splitlines()) == 1
     assert out.read_text() == "precious"
     assert os.listdir(out.parent) == ["b.mp4"]
+
+
+KILLED = """
+import os, signal, sys
+import numpy as np
+from omnimirror.media.frames import frame_of_image
+from omnimirror.media.writer import VideoWriter
+
+writer = VideoWriter(sys.argv[1], (64, 48), 25, options={"tune": "zerolatency"})
+for i in range(100):
+    writer.write(frame_of_image(np.full((48, 64), i, np.uint8)))
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+@pytest.mark.parametrize("suffix", [".mp4", ".mov", ".mkv"])
+def test_what_a_killed_run_had_done_plays_and_is_given_a_name(tmp_path, suffix):
+    out = tmp_path / f"a{suffix}"
+    for _ in range(2):  # the second finds what the first had done
+        subprocess.run([sys.executable, "-c", KILLED, out])
+    left = [path for path in tmp_path.iterdir() if path.name.startswith(".")]
+    assert len(left) == 1
+    assert not out.exists()
+    whole = len(pictures_of(left[0]))
+    assert 60 <= whole <= 100  # all but the last second
+    with VideoWriter(out, SIZE, 25) as writer:
+        writer.write(frame_of_image(np.zeros((48, 64), np.uint8)))
+    names = {f"a{suffix}", f"a.rescued{suffix}", f"a.rescued-2{suffix}"}
+    assert {path.name for path in tmp_path.iterdir()} == names
+    assert len(pictures_of(tmp_path / f"a.rescued-2{suffix}")) == whole
+    assert "killed" in writer.notes[0]
+    assert stat.S_IMODE((tmp_path / f"a.rescued{suffix}").stat().st_mode) == stat.S_IMODE(out.stat().st_mode)
+
+
+def test_what_cannot_be_played_of_a_killed_run_is_removed(tmp_path):
+    (tmp_path / ".a.omnimirror-12345678.mp4").write_bytes(b"nothing")
+    with VideoWriter(tmp_path / "a.mp4", SIZE, 25) as writer:
+        writer.write(frame_of_image(np.zeros((48, 64), np.uint8)))
+    assert [path.name for path in tmp_path.iterdir()] == ["a.mp4"]
+    assert writer.notes == []
+
+
+def test_a_finished_mp4_is_an_ordinary_one_with_its_index(clip, tmp_path):
+    through(clip, tmp_path / "a.mp4")
+    with av.open(str(tmp_path / "a.mp4")) as container:
+        assert container.streams.video[0].frames == 50
+    boxes, data = [], (tmp_path / "a.mp4").read_bytes()
+    while data:
+        boxes.append(data[4:8])
+        data = data[int.from_bytes(data[:4], "big") :]
+    assert boxes == [b"ftyp", b"free", b"mdat", b"moov"]

@@ -138,6 +138,8 @@ def _sinks(
         for output in outputs:
             sinks.append(_sink(output, turn, rate, given, source))
             opened.callback(sinks[-1].abort)
+            for note in getattr(sinks[-1], "notes", ()):
+                click.echo(f"omnimirror: {note}", err=True)
         if "preview" in given:
             sinks.append(Preview(turn.view.size, f"omnimirror: {turn.view}"))
         opened.pop_all()
@@ -186,7 +188,7 @@ def _run(
     )
     if outcome.stopped and outputs:
         click.echo(f"omnimirror: stopped; {name} holds what was done", err=True)
-        sys.exit(130)
+        sys.exit(outcome.exit_code)
 
 
 def _until(frames: Iterable[Any], duration_s: float | None) -> Iterable[Any]:

@@ -35,12 +35,14 @@ class Results:
     failed: dict[str, str] = field(default_factory=dict)
     """What went wrong, in one sentence, by the name of the job."""
     not_begun: list[str] = field(default_factory=list)
-    """What Ctrl-C left undone."""
+    """What was left undone when someone asked to stop."""
+    stopped_by: int = 0
+    """The exit code of who asked, as :func:`omnimirror.media.interrupts.exit_code` gives it."""
 
     @property
     def exit_code(self) -> int:
-        """0 if everything was done, 130 after Ctrl-C, 1 otherwise."""
-        return 130 if self.not_begun else 1 if self.failed else 0
+        """0 if everything was done, 130 after Ctrl-C, 143 after SIGTERM, 1 otherwise."""
+        return self.stopped_by if self.not_begun else 1 if self.failed else 0
 
 
 def expand_inputs(patterns: Iterable[str | Path], suffixes: Sequence[str] = PICTURES) -> list[Path]:
@@ -111,7 +113,7 @@ def run_parallel(
     """Do many jobs side by side in threads; one that fails leaves the others alone.
 
     Reading, straightening and writing pictures all let go of Python's lock, so that threads are enough.
-    On Ctrl-C no further job is begun, and those under way are finished.
+    On Ctrl-C or SIGTERM no further job is begun, and those under way are finished.
 
     Parameters
     ----------
@@ -137,6 +139,7 @@ def run_parallel(
             done, waiting = wait(waiting, interrupts.POLL_S, FIRST_COMPLETED)
             if progress is not None and done:
                 progress(len(jobs) - len(waiting), len(jobs))
+        results.stopped_by = interrupts.exit_code()
     for future, job in futures.items():
         _sort(future, job, results)
     return results

@@ -62,6 +62,8 @@ class Encoder:
         Title, time, place and so on.
     container_format
         The name of the format; by the name of the target where not given.
+    container_options
+        Options of the format.
     is_live
         Whether threads share each frame, instead of holding several back, which is quicker.
 
@@ -88,13 +90,16 @@ class Encoder:
         audio: Sequence[AudioStream] = (),
         metadata: Mapping[str, str] | None = None,
         container_format: str | None = None,
+        container_options: Mapping[str, str] | None = None,
         is_live: bool = False,
     ) -> None:
         self.size, self.frames_written, self._latest_pts = size, 0, -(2**62)
         self.target, self.codec = target, codec
         rate = Fraction(frame_rate).limit_denominator(1_000_000)
         encoder_options = _options(codec, crf, options or {})
-        self.container: OutputContainer = av.open(target, "w", format=container_format)
+        self.container: OutputContainer = av.open(
+            target, "w", format=container_format, container_options=dict(container_options or {})
+        )
         try:
             self._stream = self._video_stream(codec, rate, encoder_options)
             context = self._stream.codec_context

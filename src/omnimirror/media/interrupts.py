@@ -1,4 +1,4 @@
-"""Ctrl-C that waits for a safe moment.
+"""Ctrl-C, and the SIGTERM of containers and service managers, that wait for a safe moment.
 
 Python raises KeyboardInterrupt between any two steps of the main thread, also while it holds the lock of a
 queue that it shares with other threads, which then wait for ever. Work that is shared among threads asks
@@ -14,40 +14,54 @@ from contextlib import contextmanager
 from types import FrameType
 
 POLL_S = 0.1  # how long anything waits before it asks again
+STOPPING = (signal.SIGINT, signal.SIGTERM)
+BY_SIGNAL = 128
+"""What shells add to a signal's number for the exit code of what it ended: 130 after Ctrl-C, 143 after SIGTERM."""
 
 _pending = threading.Event()
+_number: int = signal.SIGINT
 
 
 @contextmanager
 def deferred() -> Iterator[None]:
-    """Within the block Ctrl-C is noted and not raised; a second one is raised at once.
+    """Within the block Ctrl-C and SIGTERM are noted and not raised; a second one is raised at once.
 
-    Outside the main thread, to which Ctrl-C never comes, nothing changes.
+    Outside the main thread, to which signals never come, nothing changes.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = signal.getsignal(signal.SIGINT)
+    before = {number: signal.getsignal(number) for number in STOPPING}
     _pending.clear()
-    signal.signal(signal.SIGINT, _note)
+    for number in STOPPING:
+        signal.signal(number, _note)
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
         _pending.clear()
 
 
 def is_pending() -> bool:
-    """Whether Ctrl-C was pressed and not answered yet."""
+    """Whether someone asked to stop and was not answered yet."""
     return _pending.is_set()
+
+
+def exit_code() -> int:
+    """The exit code for who was asked to stop; 0 where nobody asked."""
+    return BY_SIGNAL + _number if _pending.is_set() else 0
 
 
 def request() -> None:
     """Do as Ctrl-C does, from any thread."""
-    _pending.set()
+    _note(signal.SIGINT, None)
 
 
 def _note(number: int, frame: FrameType | None) -> None:
-    if _pending.is_set():
+    global _number
+    if _pending.is_set() and frame is not None:
         raise KeyboardInterrupt
+    if not _pending.is_set():
+        _number = number
     _pending.set()

@@ -48,8 +48,13 @@ class Outcome(NamedTuple):
 
     frames: int
     elapsed_s: float
-    stopped: bool
-    """Whether Ctrl-C ended it; what was done is kept."""
+    exit_code: int = 0
+    """0 where it came to its end; 130 where Ctrl-C ended it, 143 where SIGTERM did, and what was done is kept."""
+
+    @property
+    def stopped(self) -> bool:
+        """Whether it was ended before its end."""
+        return self.exit_code != 0
 
     @property
     def rate(self) -> float:
@@ -69,7 +74,7 @@ def process(
     """Put every frame through a function, in order; packets of sound pass by untouched.
 
     Reading, the function and writing overlap, each in its own thread, with the function in the caller's.
-    Ctrl-C ends the source: what was done is written and kept, and a second one gives up. A
+    Ctrl-C or SIGTERM ends the source: what was done is written and kept, and a second one gives up. A
     damaged source is treated alike, and its error raised at the end. In every case the sink has been
     closed, or given up, when this returns.
 
@@ -115,15 +120,15 @@ def process(
             finally:
                 if isinstance(source, _Reading):
                     source.stop()
-            stopped = interrupts.is_pending()
-            writing.finish(may_be_empty=stopped or problem is not None)
+            exit_code = interrupts.exit_code()
+            writing.finish(may_be_empty=bool(exit_code) or problem is not None)
         except BaseException:
             writing.give_up()
             raise
     if problem is not None:
         raise problem
     meter.report()
-    return Outcome(sink.frames_written, meter.elapsed_s, stopped)
+    return Outcome(sink.frames_written, meter.elapsed_s, exit_code)
 
 
 def in_real_time(items: Iterable[Item]) -> Iterator[Item]:
@@ -138,7 +143,7 @@ def in_real_time(items: Iterable[Item]) -> Iterator[Item]:
 
 
 def _work(source: Iterable[Prepared], function: PictureFunction, writing: _Writing, meter: _Meter) -> None:
-    """Everything from the source through the function to the writing thread, until it ends or Ctrl-C."""
+    """Everything from the source through the function to the writing thread, until it ends or is asked to."""
     for item, pixels_of_item in source:
         if isinstance(item, av.VideoFrame):
             writing.put(as_frame(function(pixels_of_item, item.time or 0.0), item))

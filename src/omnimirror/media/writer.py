@@ -24,6 +24,14 @@ FILE_FORMATS = (".mp4", ".m4v", ".mov", ".mkv", ".webm", ".ts")
 """What can be written, by suffix."""
 CODECS = {".webm": "libvpx-vp9"}
 """The default codec where it is not H.264, by suffix."""
+FRAGMENTS = {"movflags": "hybrid_fragmented+delay_moov", "frag_duration": "1000000"}
+CLUSTERS = {"cluster_time_limit": "1000"}
+MOST_RESCUED = 999
+UNFINISHED = {
+    ".mp4": FRAGMENTS, ".m4v": FRAGMENTS, ".mov": FRAGMENTS, ".mkv": CLUSTERS, ".webm": CLUSTERS, ".ts": {},
+}  # fmt: skip
+"""How a file is written so that it plays up to its last second however its writer ends. MP4 and MOV are fragments, and
+become one ordinary file at the end."""
 
 
 class Sink(Protocol):
@@ -60,7 +68,8 @@ class VideoWriter:
     """A video file, written whole or not at all.
 
     It is encoded under a temporary name that takes its place at the end. Leaving the ``with`` block on
-    Ctrl-C finishes the file with what was done; any other error leaves an earlier file as it was.
+    Ctrl-C finishes the file with what was done; any other error leaves an earlier file as it was. What a killed run
+    left under its temporary name plays; the next writer of the same file gives it the name ``NAME.rescued.mp4``.
 
     Parameters
     ----------
@@ -106,9 +115,12 @@ class VideoWriter:
             raise MediaError(f"cannot write {path}: the video has {size[0]} x {size[1]} px, and the panorama {told} px")
         self._panorama = panorama
         encoding.setdefault("codec", CODECS.get(suffix, DEFAULT_CODEC))
+        encoding["container_options"] = {"flush_packets": "1", **UNFINISHED[suffix]}
+        self.notes: list[str] = []
+        """What whoever asked for the file should know of it, in sentences."""
         self._stack: ExitStack | None = ExitStack()
         with sentences(path), self._stack:
-            self._temporary = self._stack.enter_context(replacing(self.path))
+            self._temporary = self._stack.enter_context(replacing(self.path, self._rescue))
             self._encoder = Encoder(str(self._temporary), size, frame_rate, **encoding)
             self._encoder.target = str(path)
             self._stack = self._stack.pop_all()
@@ -131,6 +143,19 @@ class VideoWriter:
             "metadata": source.metadata,
         }
         return cls(path, size or source.size, more.pop("frame_rate", source.frame_rate), **{**as_source, **more})
+
+    def _rescue(self, leftover: Path) -> Path | None:
+        """A name for what a killed run left, if anything can be seen in it."""
+        try:
+            VideoReader(leftover, with_sound=False).close()
+        except MediaError:
+            return None
+        stem, suffix = f"{self.path.stem}.rescued", self.path.suffix
+        names = (leftover.with_name(f"{stem}{n}{suffix}") for n in ("", *(f"-{i}" for i in range(2, MOST_RESCUED + 1))))
+        name = next((name for name in names if not name.exists()), None)
+        if name is not None:
+            self.notes.append(f"what a run that was killed had done of {self.path} is {name} now")
+        return name
 
     @property
     def frames_written(self) -> int:
