@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 import sys
+from collections import Counter
 from functools import cache
 from pathlib import Path
 from threading import Lock
 from typing import Any
 
 import click
+import numpy as np
 
 from ..cameras import Camera
 from ..dewarp import Dewarper
@@ -22,13 +24,13 @@ from ..frames import Mount
 from ..media import GPano, read_image, write_image
 from ..media.batch import PICTURES as PICTURE_SUFFIXES
 from ..media.batch import Job, expand_inputs, outputs_for, run_parallel
-from ..media.images import Image, can_be_panorama, check_size, format_of
+from ..media.images import Image, can_be_panorama, check_size, format_of, read_picture
 from ..sensor import Sensor
 from ..simulate.noise import told_noise
 from ..simulate.restoration import Restorer
 from ..simulate.round_blur import load_blur
 from .camera_options import MountedCamera, camera_of, camera_options, camera_words, check_camera_options, drawn_by
-from .depths import as_held, depth_for
+from .depths import as_held
 from .options import NUMBER, WHOLE, distance, flag
 from .outputs import PICTURES, output_console, say, take_standard_output
 from .sampling_options import BorderColour, sampling_options
@@ -201,6 +203,8 @@ class Straightener:
         self.straightening = cache(self._straightening)
         self.restorer = cache(self._restorer)
         self.alone = Lock()  # it needs a lot of memory
+        self.left_out: Counter[str] = Counter()
+        """What pictures carried that their files cannot hold, and of how many."""
 
     def _straightening(self, size: tuple[int, int], border: Border) -> tuple[Dewarper, GPano | None]:
         """What straightens pictures of a size, and what its panoramas say of themselves."""
@@ -234,7 +238,7 @@ class Straightener:
             raise OmnimirrorError(
                 f"{output.suffix} files hold no transparency; write .png, .tif or .webp, or say --black"
             )
-        picture = read_image(source)
+        picture, carried = read_picture(source)
         border = self.border.of_picture(picture) if self.border else 0
         dewarp, panorama = self.straightening((picture.shape[1], picture.shape[0]), border)
         check_size(output, dewarp.view.size)
@@ -243,9 +247,15 @@ class Straightener:
             with self.alone:
                 picture, restored = self._restored(picture, source, dewarp.camera)
         straight = dewarp(picture, kind.has_alpha if self.transparent is None else self.transparent)
-        write_image(output, as_held(straight, kind), panorama if can_be_panorama(output) else None)
+        held = as_held(straight, kind)
+        recoded = held.dtype != straight.dtype and np.float32 in (held.dtype, straight.dtype)
+        kept, left_out = carried.that_fits(output, held, recoded)
+        write_image(output, held, panorama if can_be_panorama(output) else None, kept)
         height, width = straight.shape[:2]
-        told = _change_of_depth(straight.dtype.name, depth_for(straight.dtype.name, kind))
+        told = _change_of_depth(straight.dtype.name, held.dtype.name)
+        if left_out:
+            told += f", {left_out}"
+            self.left_out[left_out] += 1
         size = f"{width} x {height} px"
         return f"{name_of(output)}: {dewarp.view}, {size}, {_percent(dewarp)} of it inside the field{told}{restored}"
 
@@ -339,6 +349,8 @@ def _many(
     for name, sentence in results.failed.items():
         click.echo(f"omnimirror: {name}: {sentence}", err=True)
     click.echo(f"{folder}: {len(results.done)} of {len(jobs)} pictures straightened")
+    for why, count in straightener.left_out.items():
+        click.echo(f"{folder}: {count} of them {why}")
     sys.exit(results.exit_code)
 
 

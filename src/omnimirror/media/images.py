@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from ..errors import MediaError, OmnimirrorError
 from ..files import read_bytes, replacing
 from . import exr, xmp
+from .carried import CARRIERS, Carried, embed, read_carried
 from .panorama import GPano
 
 Image = NDArray[Any]
@@ -102,6 +103,13 @@ def can_be_panorama(path: str | Path) -> bool:
     return Path(path).suffix.lower() in xmp.CARRIERS
 
 
+def read_picture(path: str | Path) -> tuple[Image, Carried]:
+    """Read a picture file as :func:`read_image` does, and the colour profile and EXIF that it carries."""
+    path = Path(path)
+    data = _data_of(path)
+    return _decoded(path, data), read_carried(data)
+
+
 def read_image(path: str | Path) -> Image:
     """Read a picture file.
 
@@ -120,6 +128,10 @@ def read_image(path: str | Path) -> Image:
         There is no such file, or it is unreadable, cut short, or no picture.
     """
     path = Path(path)
+    return _decoded(path, _data_of(path))
+
+
+def _data_of(path: Path) -> bytes:
     try:
         data = read_bytes(path, LARGEST)
     except FileNotFoundError:
@@ -128,6 +140,10 @@ def read_image(path: str | Path) -> Image:
         raise MediaError(f"cannot read the picture {path}: {e.strerror or e}") from None
     if not data:
         raise MediaError(f"the picture {path} is empty")
+    return data
+
+
+def _decoded(path: Path, data: bytes) -> Image:
     if data.startswith(exr.MAGIC):
         return exr.read_exr(path, data)
     if _is_cut_short(data):
@@ -144,7 +160,7 @@ def read_image(path: str | Path) -> Image:
     return _red_and_blue_exchanged(decoded)
 
 
-def write_image(path: str | Path, image: Image, panorama: GPano | None = None) -> None:
+def write_image(path: str | Path, image: Image, panorama: GPano | None = None, carried: Carried | None = None) -> None:
     """Write a picture file whole, or leave an earlier one as it was.
 
     Parameters
@@ -156,6 +172,9 @@ def write_image(path: str | Path, image: Image, panorama: GPano | None = None) -
         uint8, uint16 or float32; channels in the order red, green, blue (alpha).
     panorama
         What part of the full sphere the picture shows, for viewers; JPEG, PNG, WebP and TIFF can hold it.
+    carried
+        A colour profile and EXIF, as :func:`omnimirror.media.carried.read_carried` found them; the same can hold
+        them, and ``carried.that_fits`` tells what of it a file can.
 
     Raises
     ------
@@ -175,12 +194,14 @@ def write_image(path: str | Path, image: Image, panorama: GPano | None = None) -
     check_size(path, (image.shape[1], image.shape[0]))
     if panorama is not None:
         _check_panorama(path, image, panorama)
+    if carried and Path(path).suffix.lower() not in CARRIERS:
+        raise MediaError(f"{path} cannot hold a colour profile or EXIF; valid are {', '.join(CARRIERS)}")
     try:
         with replacing(path) as temporary:
             if temporary.suffix.lower() == ".exr":
                 exr.write_exr(temporary, image)
             else:
-                temporary.write_bytes(_encoded(Path(path), image, panorama))
+                temporary.write_bytes(_encoded(Path(path), image, panorama, carried))
     except MediaError:
         raise
     except OmnimirrorError as e:
@@ -196,13 +217,15 @@ def _check_panorama(path: str | Path, image: Image, panorama: GPano) -> None:
         raise MediaError(f"cannot write {path}: the picture has {width} x {height} px, and the panorama {told} px")
 
 
-def _encoded(path: Path, image: Image, panorama: GPano | None) -> bytes:
+def _encoded(path: Path, image: Image, panorama: GPano | None, carried: Carried | None) -> bytes:
     """The bytes of the file."""
     suffix = path.suffix.lower()
     try:
         data = encoded(image, suffix)
     except cv2.error as e:
         raise MediaError(f"cannot write {path}: {_reason(e)}") from None
+    if carried:
+        data = embed(suffix, data, carried)
     return data if panorama is None else xmp.embed(suffix, data, panorama.xmp())
 
 

@@ -9,6 +9,8 @@ import struct
 import zlib
 from collections.abc import Callable
 
+from .exif import Directory, Entry
+
 JPEG_NAME = b"http://ns.adobe.com/xap/1.0/\0"
 PNG_NAME = b"XML:com.adobe.xmp"
 TIFF_TAG = 700
@@ -43,40 +45,48 @@ def in_png(data: bytes, packet: bytes) -> bytes:
 
 def in_webp(data: bytes, packet: bytes) -> bytes:
     """In an XMP chunk at the end, announced by the extended header that such a file must begin with."""
-    chunks = data[12:]
-    if chunks[:4] == b"VP8X":
-        flags, canvas, chunks = chunks[8], chunks[12:18], chunks[18:]
-    else:
-        flags, canvas = _webp_header(chunks)
+    flags, canvas, chunks = webp_header(data)
     header = b"VP8X" + struct.pack("<I", 10) + bytes([flags | WEBP_HAS_XMP, 0, 0, 0]) + canvas
     body = b"WEBP" + header + chunks + b"XMP " + struct.pack("<I", len(packet)) + packet + b"\0" * (len(packet) % 2)
     return b"RIFF" + struct.pack("<I", len(body)) + body
 
 
-def _webp_header(chunks: bytes) -> tuple[int, bytes]:
-    """Flags, and the canvas less one in 3 + 3 bytes, of a file with nothing but a picture."""
+def webp_header(data: bytes) -> tuple[int, bytes, bytes]:
+    """Flags, the canvas less one in 3 + 3 bytes, and the chunks behind the extended header, if there is one."""
+    chunks = data[12:]
+    if chunks[:4] == b"VP8X":
+        return chunks[8], chunks[12:18], chunks[18:]
     if chunks[:4] == b"VP8L":  # lossless: 14 bits each less one, then one bit for alpha
         bits = int.from_bytes(chunks[9:13], "little")
         width, height, alpha = bits & 0x3FFF, bits >> 14 & 0x3FFF, bits >> 28 & 1
     else:  # the key frame of a lossy picture: 14 bits each after a start code
         width, height, alpha = (int.from_bytes(chunks[at : at + 2], "little") & 0x3FFF for at in (14, 16, 18))
         width, height, alpha = width - 1, height - 1, 0
-    return WEBP_HAS_ALPHA * alpha, width.to_bytes(3, "little") + height.to_bytes(3, "little")
+    return WEBP_HAS_ALPHA * alpha, width.to_bytes(3, "little") + height.to_bytes(3, "little"), chunks
 
 
 def in_tiff(data: bytes, packet: bytes) -> bytes:
-    """In tag 700 of the first directory, which is written anew at the end since it grows."""
-    order = "<" if data[:2] == b"II" else ">"
-    (at,) = struct.unpack_from(order + "I", data, 4)
-    (count,) = struct.unpack_from(order + "H", data, at)
-    entries = [data[at + 2 + 12 * i : at + 14 + 12 * i] for i in range(count)]
+    """In tag 700 of the first directory."""
+    return tiff_with(data, {TIFF_TAG: Entry(TIFF_BYTE, len(packet), packet)})
+
+
+def tiff_with(data: bytes, more: Directory) -> bytes:
+    """A file in the byte order of Intel with more tags in its first directory, which is written anew at the end."""
+    (at,) = struct.unpack_from("<I", data, 4)
+    (count,) = struct.unpack_from("<H", data, at)
+    entries = {
+        struct.unpack_from("<H", data, at + 2 + 12 * i)[0]: data[at + 2 + 12 * i : at + 14 + 12 * i]
+        for i in range(count)
+    }
     following = data[at + 2 + 12 * count : at + 6 + 12 * count]
     data += b"\0" * (len(data) % 2)  # a directory begins on an even byte
-    packet_at = len(data) + 2 + 12 * (count + 1) + 4
-    entries.append(struct.pack(order + "HHII", TIFF_TAG, TIFF_BYTE, len(packet), packet_at))
-    entries.sort(key=lambda entry: struct.unpack_from(order + "H", entry))
-    directory = struct.pack(order + "H", count + 1) + b"".join(entries) + following
-    return data[:4] + struct.pack(order + "I", len(data)) + data[8:] + directory + packet
+    values_at, values = len(data) + 2 + 12 * len(entries | dict.fromkeys(more, b"")) + 4, b""
+    for tag, (kind, number, content) in more.items():
+        field = content.ljust(4, b"\0") if len(content) <= 4 else struct.pack("<I", values_at + len(values))
+        values += b"" if len(content) <= 4 else content + b"\0" * (len(content) % 2)
+        entries[tag] = struct.pack("<HHI", tag, kind, number) + field
+    directory = struct.pack("<H", len(entries)) + b"".join(entries[tag] for tag in sorted(entries)) + following
+    return data[:4] + struct.pack("<I", len(data)) + data[8:] + directory + values
 
 
 CARRIERS: dict[str, Callable[[bytes, bytes], bytes]] = {
