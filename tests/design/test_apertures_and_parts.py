@@ -131,3 +131,9 @@ def test_wrong_catalogues_are_refused_with_the_entry(tmp_path, text, sentence):
         read_catalogue(tmp_path / "parts.toml")
     with pytest.raises(OmnimirrorError, match="cannot read"):
         read_catalogue(tmp_path / "nowhere.toml")
+
+
+@pytest.mark.parametrize("mode", ["Exact", "PAPER", "", None])
+def test_an_unknown_mode_of_blur_is_refused(mode):
+    with pytest.raises(InvalidParameter, match="valid are exact, paper"):
+        best_apertures(om.load_sensor("paper-spherical"), mode=mode)

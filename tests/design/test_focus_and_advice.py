@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from dataclasses import replace
 
@@ -189,6 +190,35 @@ def test_diffraction_that_is_too_much_by_itself_is_named():
     assert any("the Airy disk alone is 0.64" in remark and "F/11" in remark for remark in found.remarks)
 
 
+def test_a_limit_at_one_angle_is_judged_there():
+    text = (
+        SURVEY.replace("[85, 95]", "[90, 90]")
+        + """
+[[limit]]
+quantity = "resolution_px_per_deg"
+at_least = 10.0
+omega_deg = [90, 90]
+"""
+    )
+    found = Search(parse_requirements(text)).best()
+    assert found.is_met
+    r = om.evaluate(found.made.sensor, [90.0])
+    blur = max(
+        np.hypot(r.blur_t_deg, r.airy_px / r.dh_domega_px_per_deg),
+        np.hypot(r.blur_s_deg, r.airy_px / r.width_px_per_deg),
+    )
+    assert row(found, "blur_deg").reached == pytest.approx(float(blur[0]), rel=1e-9)
+    resolution = min(r.dh_domega_px_per_deg[0], r.width_px_per_deg[0])
+    assert row(found, "resolution_px_per_deg").reached == pytest.approx(resolution, rel=1e-9)
+    hidden = (
+        SURVEY.replace("[85, 95]", "[2, 2]")
+        .replace('apex = "pointed"', "")
+        .replace("omega_min_deg = 40.0", "camera_radius_mm = 15.0")
+    )
+    with pytest.raises(InvalidParameter, match="nothing from 2 to 2 deg can be judged: the camera hides it"):
+        Search(parse_requirements(hidden)).best()
+
+
 # -- advice ------------------------------------------------------------------------------------------
 
 
@@ -277,3 +307,18 @@ def test_with_ranges_free_the_threshold_is_that_of_the_best_of_them():
 
     first = next(omega for omega in np.arange(130, 90, -0.25) if is_met(omega))
     assert told == pytest.approx(first, abs=0.3)
+
+
+@pytest.mark.full
+def test_a_design_with_three_ranges_and_its_conflict_take_some_hundred_mirrors(monkeypatch):
+    """Each is a lens before a mirror, focused: 792 of them; the time goes there."""
+    import omnimirror.design.making as making
+
+    made, real = [], making._before_lens
+    monkeypatch.setattr(making, "_before_lens", lambda *given: made.append(1) or real(*given))
+    text = SURVEY.replace('apex = "pointed"', "").replace("omega_min_deg = 40.0\n", "").replace("0.65", "0.1")
+    for name, span in (("rim_radius_mm", "[15, 30]"), ("focal_length_mm", "[4, 16]"), ("f_number", "[4, 11]")):
+        text = re.sub(f"{name} = .*", f"{name} = {span}", text)
+    design = design_sensor(parse_requirements(text))
+    assert design.conflict is not None
+    assert 0 < len(made) < 1500

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from omnimirror.design import load_requirements, parse_requirements
-from omnimirror.errors import SpecError
+from omnimirror.design import Limit, load_requirements, parse_requirements
+from omnimirror.design.problem import DesignProblem
+from omnimirror.errors import InvalidParameter, SpecError
 
 GOOD = """
 name = "mine"
@@ -113,6 +114,42 @@ BAD = [
     ("[20, 100]", "[20, 130]", r"line 29: limit.omega_deg = \[20.0, 130.0\] is no part of the field"),
     ("[20, 100]", "[20]", "line 29: limit.1.omega_deg"),
     ("at_least = 0.8", "atleast = 0.8", r"line 27: limit.1.atleast is not known; did you mean at_least\?"),
+    (
+        'quantity = "blur_px"\nat_most = 4',
+        'quantity = "blur_px"\nat_most = -4',
+        "line 21: limit of blur_px: at_most = -4 is below 0",
+    ),
+    (
+        'quantity = "blur_px"\nat_most = 4',
+        'quantity = "area_ratio"\nat_least = 1.5',
+        "line 21: limit of area_ratio: at_least = 1.5 is above 1",
+    ),
+    (
+        'quantity = "blur_px"\nat_most = 4',
+        'quantity = "aspect"\nat_most = 0.5',
+        "line 25: limit 2 contradicts limit 1: aspect at least 0.8 and at most 0.5",
+    ),
+    (
+        "rim_radius_mm = 40",
+        "rim_radius_mm = 0.001",
+        "line 10: mirror.rim_radius_mm = 0.001: it should be a number from 0.1",
+    ),
+    ("[500, inf]", "0.01", "line 6: field.object_distance_mm = 0.01: it should be a number from 1 to inf"),
+    (
+        "omega_min_deg = 10.0",
+        "omega_min_deg = 10.0\ncamera_radius_mm = 500",
+        "line 6: field.camera_radius_mm = 500 is more than 5 times",
+    ),
+    (
+        "rim_radius_mm = 40",
+        "rim_radius_mm = 40\nconic = -1.5",
+        "line 11: mirror.conic does not apply to the equidistant mapping; it belongs to hyperboloid",
+    ),
+    (
+        'mapping = "equidistant"',
+        'family = "sphere"\nconic = 0.5',
+        "line 10: mirror.conic does not apply to the family sphere",
+    ),
     ("[[limit]]\nquantity", "[limit]\nquantity", "is not valid TOML|limit = .* is not a list of tables"),
     ("\nname", "\nformat = 7\nname", "line 2: format = 7 is not known to this version"),
 ]
@@ -125,6 +162,35 @@ def test_a_wrong_file_says_where_and_what_would_be_valid(old, new, message):
         parse_requirements(GOOD.replace(old, new, 1), source="mine.toml")
     assert str(e.value).startswith("mine.toml")
     assert "\n" not in str(e.value)
+
+
+def test_a_limit_may_be_at_one_angle():
+    wanted = parse_requirements(GOOD.replace("[20, 100]", "[90, 90]"))
+    assert wanted.limits[1].omega_deg == (90.0, 90.0)
+
+
+def test_a_byte_order_mark_is_no_part_of_the_file(tmp_path):
+    (tmp_path / "r.toml").write_bytes(b"\xef\xbb\xbf" + GOOD.encode())
+    assert load_requirements(tmp_path / "r.toml").name == "mine"
+    assert parse_requirements("\ufeff" + GOOD).name == "mine"
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), "x", None, True, [1.0]])
+def test_a_limit_that_is_no_number_is_refused(value):
+    with pytest.raises(InvalidParameter):
+        Limit("blur_px", at_most=value)
+
+
+def test_limits_of_parts_that_do_not_meet_are_no_contradiction():
+    apart = Limit("aspect", at_most=0.5, omega_deg=(0.0, 19.0)), Limit("aspect", at_least=0.8, omega_deg=(20.0, 100.0))
+    assert apart[0].contradicts(apart[1]) is None
+    assert "at least 0.8 and at most 0.5" in Limit("aspect", at_most=0.5).contradicts(apart[1])
+
+
+@pytest.mark.parametrize("change", [{"image_radius_px": 0}, {"image_radius_px": float("nan")}, {"mode": "Exact"}])
+def test_a_problem_with_no_image_or_an_unknown_mode_is_refused(change):
+    with pytest.raises(InvalidParameter, match=next(iter(change))):
+        DesignProblem(**change)
 
 
 def test_files_that_cannot_be_read(tmp_path):

@@ -66,7 +66,7 @@ class Counted:
         left_out = [f"{first:.4g} to {low:.4g} deg is not judged: {why}"] if low > first + NO_PART else []
         if high < last - NO_PART:
             left_out.append(f"{high:.4g} to {last:.4g} deg is not judged: the mirror's field ends there")
-        if not low < high:
+        if low > high or (low == high and first < last):
             part = f"from {first:g} to {last:g} deg" if asked_deg else "of the field"
             reason = f"{why}, up to {begin:.4g} deg" if low > first else f"the field ends at {self.high_deg:.4g} deg"
             raise InvalidParameter(f"nothing {part} can be judged: {reason}")

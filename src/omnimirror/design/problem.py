@@ -6,9 +6,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..arguments import choice, number
 from ..errors import InvalidParameter
 from ..imagers import Imager
-from ..lenses import BlurMode
+from ..lenses import BLUR_MODES, BlurMode
 from .freeform import family
 from .quantities import Limit
 
@@ -84,6 +85,9 @@ class DesignProblem:
                 object.__setattr__(self, name, None)
         elif self.theta_max_deg is None and self.focal_length_mm is None:
             raise InvalidParameter("a perspective lens needs theta_max_deg or focal_length_mm, a number or a range")
+        choice("mode", self.mode, BLUR_MODES)
+        if self.image_radius_px is not None:
+            number("image_radius_px", self.image_radius_px, above=0)
         self._check_ranges()
         self._check_focus()
         self._check_field()

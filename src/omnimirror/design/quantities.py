@@ -17,6 +17,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arguments import finite, number
 from ..errors import InvalidParameter
 from ..specs import did_you_mean
 from .merits import Field
@@ -195,12 +196,41 @@ class Limit:
             )
         if self.at_most is None and self.at_least is None:
             raise InvalidParameter(f"limit of {self.quantity} says neither at_most nor at_least")
+        for side in ("at_most", "at_least"):
+            if (value := getattr(self, side)) is not None:
+                self._check_side(side, value)
         if self.at_most is not None and self.at_least is not None and self.at_least > self.at_most:
             raise InvalidParameter(f"limit of {self.quantity}: at_least is above at_most")
-        if self.omega_deg is not None and not 0 <= self.omega_deg[0] < self.omega_deg[1]:
+        if self.omega_deg is not None:
+            low, high = finite("limit.omega_deg", self.omega_deg, last=2)
+            if not 0 <= low <= high:
+                raise InvalidParameter(
+                    f"limit.omega_deg = {list(self.omega_deg)} is no part of the field; it needs FROM up to TO"
+                )
+
+    def _check_side(self, side: str, value: float) -> None:
+        number(f"{side} of {self.quantity}", value)
+        if value < 0:
             raise InvalidParameter(
-                f"limit.omega_deg = {list(self.omega_deg)} is no part of the field; it needs FROM below TO"
+                f"limit of {self.quantity}: {side} = {value:g} is below 0, which no {self.quantity} is; "
+                "it is valid from 0 up"
             )
+        if side == "at_least" and self.of.takes == "ratio" and value > 1:
+            raise InvalidParameter(
+                f"limit of {self.quantity}: at_least = {value:g} is above 1, which no ratio of smallest to largest is"
+            )
+
+    def contradicts(self, other: Limit) -> str | None:
+        """Why this limit and another cannot both be kept, if that is plain from their numbers."""
+        if self.quantity != other.quantity:
+            return None
+        (a, b), (c, d) = (limit.omega_deg or (0.0, 180.0) for limit in (self, other))
+        if max(a, c) > min(b, d) and self.of.takes in ("largest", "smallest"):
+            return None
+        for low, high in ((self, other), (other, self)):
+            if low.at_least is not None and high.at_most is not None and low.at_least > high.at_most:
+                return f"{self.quantity} at least {low.at_least:g} and at most {high.at_most:g}"
+        return None
 
     @property
     def of(self) -> Quantity:

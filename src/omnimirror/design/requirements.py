@@ -47,13 +47,13 @@ def _span(low: float, high: float) -> BeforeValidator:
     return BeforeValidator(check)
 
 
-Radius = Annotated[Span, _span(1e-3, 1e5)]
+Radius = Annotated[Span, _span(0.1, 1e5)]
 Focal = Annotated[Span, _span(1e-2, 1e5)]
 Theta = Annotated[Span, _span(0.1, 60.0)]
 FNumber = Annotated[Span, _span(0.1, 1e3)]
 Focus = Annotated[Span, _span(-1e6, 1e7)]
 Endless = Annotated[float, Field(allow_inf_nan=True)]
-Distances = Annotated[tuple[Endless, Endless], _span(1e-3, np.inf)]
+Distances = Annotated[tuple[Endless, Endless], _span(1.0, np.inf)]
 Conic = Annotated[Span, _span(-1e3, 1e3)]
 CameraRadius = Annotated[float, Field(gt=0, description="of what stands at the lens and hides the view")]
 Angle = Annotated[float, Field(ge=0, le=179)]
@@ -184,6 +184,7 @@ def parse_requirements(
     >>> wanted.lens.theta_max_deg, wanted.lens.f_number
     ((10.0, 14.0), (4.0, 4.0))
     """
+    text = text.removeprefix("\ufeff")  # a byte order mark, as some editors write
     where = Places(text, source)
     data = parse_toml(text, source)
     for section, entries in (changes or {}).items():
@@ -258,9 +259,43 @@ def _check_together(wanted: Requirements, where: Places) -> None:
         if text is not None and (name == "fit" or ":" in text):
             where.wrap(("mirror", name), partial(FitForm.parse, text))
     _check_free_form(mirror, where)
+    _check_conic(mirror, where)
     _check_lens(lens, field, where)
+    _check_camera(field, mirror, where)
+    _check_limits(wanted.limits, where)
 
 
+def _check_conic(mirror: MirrorTable, where: Places) -> None:
+    """A conic constant where nothing is left for it to choose."""
+    if mirror.conic is None or mirror.family in OF_CONIC or mirror.optimise is not None:
+        return
+    way = f"the {mirror.mapping} mapping" if mirror.mapping else f"the family {mirror.family}"
+    raise where.error(
+        ("mirror", "conic"), f"mirror.conic does not apply to {way}; it belongs to {' and '.join(OF_CONIC)}"
+    )
+
+
+def _check_camera(field: FieldTable, mirror: MirrorTable, where: Places) -> None:
+    """A camera that is no part of such a sensor."""
+    radius, most = field.camera_radius_mm, WIDEST_CAMERA * mirror.rim_radius_mm[1]
+    if radius is not None and radius > most:
+        raise where.error(
+            ("field", "camera_radius_mm"),
+            f"field.camera_radius_mm = {radius:g} is more than {WIDEST_CAMERA:g} times the rim radius of the mirror; "
+            f"it is valid up to {most:g}",
+        )
+
+
+def _check_limits(limits: tuple[Limit, ...], where: Places) -> None:
+    """Limits of which one cannot be kept if another is."""
+    for i, limit in enumerate(limits):
+        for j, other in enumerate(limits[:i]):
+            if said := limit.contradicts(other):
+                raise where.error((f"limit.{i}",), f"limit {i + 1} contradicts limit {j + 1}: {said}")
+
+
+OF_CONIC = ("hyperboloid", "ellipsoid")
+WIDEST_CAMERA = 5.0  # times the rim radius
 NOT_OF_FREE_FORM = ("fit", "conic", "plane_distance_mm", "cylinder_radius_mm", "omega_deg")
 
 
@@ -301,10 +336,10 @@ def _limit(index: int, table: dict[str, Any], field: FieldTable, where: Places) 
     entries = validated(LimitTable, section, table, where)
     place = (section, "quantity") if entries.quantity not in QUANTITIES else (section,)
     part = entries.omega_deg
-    if part is not None and not 0 <= part[0] < part[1] <= field.omega_max_deg:
+    if part is not None and not 0 <= part[0] <= part[1] <= field.omega_max_deg:
         raise where.error(
             (section, "omega_deg"),
-            f"limit.omega_deg = {part} is no part of the field; it needs FROM below TO, up to {field.omega_max_deg:g}",
+            f"limit.omega_deg = {part} is no part of the field; it needs FROM up to TO, up to {field.omega_max_deg:g}",
         )
     return where.wrap(
         place,
