@@ -110,7 +110,7 @@ def command(sensor: str, output: Path, **options: Any) -> None:
         if not file.follows:
             console.print(
                 f"[yellow]{escape(file.path.name)} does not follow the mirror[/]: its rays are up to "
-                f"{ray_words(file)} deg off; no asphere of that program does better, the grid sag (--formats gridsag) does"
+                f"{ray_words(file)} deg off; no asphere does better, the grid sag (--formats gridsag) does"
             )
 
 
