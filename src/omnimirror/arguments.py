@@ -17,6 +17,7 @@ T = TypeVar("T")
 
 LONGEST = 60  # characters of a value that a message repeats
 LONGEST_PATH = 4096
+LARGEST_RADIUS_PX = 1e9  # that a picture is scaled to
 WHOLE_LIMIT = 2**31 - 1
 
 
@@ -73,6 +74,22 @@ def finite(
     return array
 
 
+def vectors(name: str, value: ArrayLike, length: int) -> Array:
+    """Vectors (.., n, length), perhaps none; what is infinite becomes NaN, which nothing computes further with.
+
+    >>> vectors("pixels", [[1, np.inf]], 2)
+    array([[ 1., nan]])
+    """
+    try:
+        array = np.asarray(value, dtype=float)
+    except (TypeError, ValueError, OverflowError):
+        raise WrongKind(f"{name} = {shown(value)} cannot be read as numbers of shape (n, {length})") from None
+    if array.ndim < 2 or array.shape[-1] != length:
+        raise InvalidParameter(f"{name} has shape {array.shape}; it is valid as (n, {length})")
+    known = np.isfinite(array)
+    return array if known.all() else np.where(known, array, np.nan)
+
+
 def row(name: str, value: ArrayLike) -> Array:
     """Numbers in a row (n,); one alone is a row of one."""
     array = np.atleast_1d(numbers(name, value))
@@ -94,7 +111,8 @@ def number(
         if np.isinf(above):
             valid = "as one finite number" if np.isinf(low) and np.isinf(high) else _range(low, high, unit)
         else:
-            valid = f"above {above:g}{unit and ' ' + unit}, and finite"
+            most = "and finite" if np.isinf(high) else f"up to {high:g}"
+            valid = f"above {above:g}{unit and ' ' + unit}, {most}"
         raise InvalidParameter(f"{name} = {shown(value)} is not valid; it is valid {valid}")
     return float(array)
 
@@ -109,6 +127,13 @@ def whole(name: str, value: Any, low: int = 0, high: int = WHOLE_LIMIT) -> int:
     if array.ndim or not low <= array <= high or array != np.floor(array):
         raise InvalidParameter(f"{name} = {shown(value)} is not valid; it is valid as a whole number, {low} to {high}")
     return int(array)
+
+
+def optional_number(
+    name: str, value: Any, *, above: float = -np.inf, high: float = np.inf, unit: str = ""
+) -> float | None:
+    """One finite number, or None."""
+    return None if value is None else number(name, value, above=above, high=high, unit=unit)
 
 
 def distances(name: str, value: ArrayLike) -> Array:

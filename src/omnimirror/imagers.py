@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from typing import ClassVar
 
+from .arguments import numbers
 from .errors import InvalidParameter
 from .parameters import Parameter
 
@@ -46,10 +47,11 @@ class Imager:
     def __post_init__(self) -> None:
         for f in fields(self):
             value = getattr(self, f.name)
-            if value is not None:
+            if value is not None or f.name != "centre_px":
                 self.PARAMETERS[f.name].check(f.name, value)
         for name in ("width_px", "height_px"):
-            if int(getattr(self, name)) != getattr(self, name):
+            value = numbers(name, getattr(self, name), "(it takes one)")
+            if value.ndim or int(value) != value:
                 raise InvalidParameter(f"{name} = {getattr(self, name)} is not a whole number of pixels")
         if self.centre_px is not None:
             if len(self.centre_px) != 2:

@@ -16,7 +16,7 @@ from typing import Any, ClassVar, Literal, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .arguments import choice
+from .arguments import choice, number
 from .distortion import Coefficients, distorted, distorted_radius, fold, shrinkage, undistorted, undistorted_radius
 from .errors import InvalidParameter
 from .parameters import Parameter
@@ -163,7 +163,7 @@ class Lens(ABC):
 
     def airy_diameter(self, wavelength_nm: float = 550.0) -> float:
         """Diameter of the Airy disk on the imager, mm: 2.44 lambda F_w."""
-        if not 100.0 <= wavelength_nm <= 20000.0:
+        if not 100.0 <= number("wavelength_nm", wavelength_nm) <= 20000.0:
             raise InvalidParameter(f"wavelength_nm = {wavelength_nm:g} is outside 100 to 20000 nm")
         return 2.44 * wavelength_nm * 1e-6 * self.image_f_number()
 

@@ -28,9 +28,9 @@ class Parameter:
             if not isinstance(value, str) or value not in self.choices:
                 raise InvalidParameter(f"{name} = {shown(value)} is not one of {', '.join(self.choices)}")
             return
-        if np.ndim(value) and not np.size(value):
+        if isinstance(value, list | tuple) and not value:
             return  # how many there have to be is the part's own affair
-        for i, number in enumerate(np.atleast_1d(numbers(name, value))):
+        for i, number in enumerate(numbers(name, value).ravel()):
             if not self.low <= number <= self.high:
                 label = f"{name}[{i}]" if np.ndim(value) else name
                 unit = f" {self.unit}" if self.unit else ""

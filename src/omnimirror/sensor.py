@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .arguments import instance, numbers, shown, vectors
 from .cameras import AxialSymmetry, Projection, Rays, inside_image
 from .errors import InvalidParameter
 from .frames import Mount, turned
@@ -72,6 +74,10 @@ class Sensor:
     secondary: Secondary | None = None
 
     def __post_init__(self) -> None:
+        for name, kind in (("mirror", Mirror), ("lens", Lens), ("imager", Imager)):
+            instance(name, getattr(self, name), kind, f"one of omnimirror's {name}s")
+        if numbers("mirror_distance_mm", self.mirror_distance_mm, "(it takes one)").ndim:
+            raise InvalidParameter(f"mirror_distance_mm = {shown(self.mirror_distance_mm)} is not one number")
         if self.lens.TELECENTRIC:
             object.__setattr__(self, "mirror_distance_mm", np.inf)
         elif not (np.isfinite(self.mirror_distance_mm) and self.mirror_distance_mm > 0):
@@ -228,7 +234,7 @@ class Sensor:
 
         Pixels outside the image of the rim or outside the picture are not valid and NaN.
         """
-        pixels = np.asarray(pixels, dtype=float)
+        pixels = vectors("pixels", pixels, 2)
         if not self.mirror_pose.is_axial:
             return self.aperture_rays(pixels, np.zeros(2))
         image = np.stack(self.from_centre_px(pixels), axis=-1) * self.imager.pitch_mm
@@ -248,7 +254,7 @@ class Sensor:
 
     def project(self, points_mm: ArrayLike) -> Projection:
         """Pixels of points (n, 3) in mm, by the true reflection of each (no single viewpoint is assumed)."""
-        points = turned(points_mm, self._axes)
+        points = turned(vectors("points_mm", points_mm, 3), self._axes)
         if not self.mirror_pose.is_axial:
             return self._project_in_space(points, distant=False)
         x, y, z = np.moveaxis(points, -1, 0)
@@ -257,7 +263,7 @@ class Sensor:
 
     def project_directions(self, directions: ArrayLike) -> Projection:
         """Pixels of infinitely distant points in directions (n, 3) of any length but 0."""
-        towards = turned(directions, self._axes)
+        towards = turned(vectors("directions", directions, 3), self._axes)
         if not self.mirror_pose.is_axial:
             return self._project_in_space(towards, distant=True)
         x, y, z = np.moveaxis(towards, -1, 0)
@@ -385,3 +391,8 @@ def _unit(x: Array, y: Array) -> tuple[Array, Array, Array]:
     length = np.hypot(x, y)
     safe = np.where(length > 0, length, 1.0)
     return length, np.where(length > 0, x / safe, 1.0), y / safe
+
+
+def check_sensor(value: Any, name: str = "sensor") -> None:
+    """Refuse what is no sensor: a name alone, for one."""
+    instance(name, value, Sensor, "a sensor, such as om.load_sensor gives")

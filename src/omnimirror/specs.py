@@ -21,7 +21,7 @@ import numpy as np
 import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
 
-from .arguments import shown
+from .arguments import file_name, shown
 from .errors import OmnimirrorError, SpecError
 from .files import parse_toml, read_text, write_text
 from .frames import CameraLooks, Mount
@@ -30,7 +30,7 @@ from .lenses import LENSES
 from .mirrors import MIRRORS, SECONDARIES, Mirror, Secondary
 from .mirrors.pose import MirrorPose
 from .parameters import Parameter
-from .sensor import Sensor
+from .sensor import Sensor, check_sensor
 
 BUNDLED = Path(__file__).parent / "sensors"
 FORMAT = 1
@@ -61,7 +61,7 @@ def load_sensor(name_or_path: str | Path) -> Sensor:
     >>> sensor.mirror.KIND, round(sensor.field_deg[1], 3)
     ('sphere', 135.005)
     """
-    path = Path(name_or_path)
+    path = file_name("name_or_path", name_or_path)
     if not path.is_file() and str(name_or_path) in bundled_sensors():
         path = BUNDLED / f"{name_or_path}.toml"
     hint = did_you_mean(str(name_or_path), bundled_sensors())
@@ -145,7 +145,8 @@ def tables_of(sensor: Sensor) -> dict[str, Any]:
 
 def save_sensor(sensor: Sensor, path: str | Path) -> None:
     """Write the sensor's file, whole or not at all."""
-    write_text(path, format_sensor(sensor))
+    check_sensor(sensor)
+    write_text(file_name("path", path), format_sensor(sensor))
 
 
 # -- the model -------------------------------------------------------------------------------------

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..arguments import row
 from ..errors import InvalidParameter
 from ..lenses import Perspective
-from ..sensor import Sensor
+from ..sensor import Sensor, check_sensor
 from .evaluation import evaluate, field_angles
 from .pupil import Pupil
 from .spot_diagrams import spots
@@ -65,6 +65,7 @@ def check_blur(
     >>> bool(found.worst("edge_t_px")[0] < 0.002)
     True
     """
+    check_sensor(sensor)
     numbers = row("f_numbers", f_numbers)
     name = "f_number" if isinstance(sensor.lens, Perspective) else "working_f_number"
     low, high = sensor.field_deg

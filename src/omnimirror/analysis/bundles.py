@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..arguments import distances, finite, row
 from ..errors import InvalidParameter, OutsideField
 from ..frames import camera_direction
-from ..sensor import Sensor
+from ..sensor import Sensor, check_sensor
 from ..tracing.reflection import Ends, Specular
 from .pupil import Pupil
 
@@ -126,6 +126,7 @@ def trace_bundles(
     >>> bundles.points.shape, bundles.passes.all()
     ((2, 37, 3), np.True_)
     """
+    check_sensor(sensor)
     angles, azimuths = (
         finite("omega_deg", row("omega_deg", omega_deg)),
         finite("azimuth_deg", row("azimuth_deg", azimuth_deg)),

@@ -15,10 +15,11 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arguments import instance
 from ..errors import InvalidParameter
 from ..files import write_text
 from ..lenses import Perspective
-from ..sensor import Sensor
+from ..sensor import Sensor, check_sensor
 from .evaluation import Evaluation, evaluate
 from .focus import BestFocus, best_focus
 from .viewpoints import best_viewpoint
@@ -123,6 +124,9 @@ def compare(sensors: Sequence[Sensor]) -> Comparison:
     >>> result["worst_floored_area_best_focus_deg2"].texts, result["viewpoint_spread_mm"].best
     (['0.741', '1.795'], [False, True])
     """
+    sensors = list(instance("sensors", sensors, Sequence, "a list of sensors"))
+    for i, sensor in enumerate(sensors):
+        check_sensor(sensor, f"sensors[{i}]")
     if not 1 <= len(sensors) <= MOST:
         raise InvalidParameter(f"{len(sensors)} sensors do not fit side by side; 1 to {MOST} are valid")
     studies = [Study(s) for s in _told_apart(sensors)]

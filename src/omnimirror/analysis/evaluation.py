@@ -11,11 +11,11 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import choice, number, numbers
+from ..arguments import LARGEST_RADIUS_PX, choice, number, numbers
 from ..errors import InvalidParameter
 from ..files import write_text
 from ..lenses import BLUR_MODES, BlurMode, DepthOfField, Perspective
-from ..sensor import Sensor
+from ..sensor import Sensor, check_sensor
 from .focus import FocusStudy, best_focus, distance_per_angle
 from .uncertainty import standard_deviations
 from .viewpoints import viewpoint_z
@@ -230,6 +230,7 @@ def evaluate(
     >>> result.viewpoint_z_mm.round(3)
     array([ 21.941,  11.82 , -17.784])
     """
+    check_sensor(sensor)
     choices = {"omega_deg": omega_deg, "x_mm": x_mm, "h_px": h_px, "pixels": pixels}
     given = {k: v for k, v in choices.items() if v is not None}
     if len(given) > 1:
@@ -237,13 +238,13 @@ def evaluate(
     choice("mode", mode, BLUR_MODES)
     tolerance_px = number("tolerance_px", tolerance_px, above=0.0, unit="px")
     if image_radius_px is not None:
-        image_radius_px = number("image_radius_px", image_radius_px, above=0.0, unit="px")
-    if focus_mm == "auto":
+        image_radius_px = number("image_radius_px", image_radius_px, above=0.0, high=LARGEST_RADIUS_PX, unit="px")
+    if isinstance(focus_mm, str) and focus_mm == "auto":
         focus_mm = best_focus(
             sensor, merit, None, _scalar_distance(object_distance_mm), mode, image_radius_px, wavelength_nm
         ).focus_mm
     if focus_mm is not None:
-        sensor = replace(sensor, lens=sensor.lens.focused_at(float(focus_mm)))
+        sensor = replace(sensor, lens=sensor.lens.focused_at(number("focus_mm", focus_mm)))
     asked, x = _mirror_points(sensor, given, image_radius_px)
     rays = sensor.meridian.trace(x)
     p = distance_per_angle(object_distance_mm, x)

@@ -13,10 +13,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import choice, distances, number, row
+from ..arguments import LARGEST_RADIUS_PX, choice, distances, number, row
 from ..errors import InvalidParameter
 from ..lenses import BLUR_MODES, BlurMode, Lens, Perspective
-from ..sensor import Sensor
+from ..sensor import Sensor, check_sensor
 from ..tracing.meridian import ChiefRays
 from .imaging import imaging_characteristics
 from .merits import MERITS, Blur, FocusFunction, Merit, Scales, Sides
@@ -42,7 +42,7 @@ class FocusStudy:
     def __post_init__(self) -> None:
         choice("mode", self.mode, BLUR_MODES)
         if self.image_radius_px is not None:
-            number("image_radius_px", self.image_radius_px, above=0.0, unit="px")
+            number("image_radius_px", self.image_radius_px, above=0.0, high=LARGEST_RADIUS_PX, unit="px")
 
     def distances(self) -> tuple[Array, Array]:
         """L_t and L_s (n,), mm: image distances from the lens's reference point (Eqs. 34, 35)."""
@@ -136,6 +136,7 @@ def best_focus(
     >>> round(best.focus_mm, 1), round(best.value, 4)
     (212.4, 0.0751)
     """
+    check_sensor(sensor)
     choice("merit", merit, MERITS)
     omega = _focusable(sensor) if omega_deg is None else row("omega_deg", omega_deg)
     rays = sensor.meridian.trace(sensor.meridian.x_from_omega(np.radians(omega)))

@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arguments import number
 from ..errors import InvalidParameter
 from ..files import write_text
 from ..mirrors.reflectivity import Reflectivity, reflectance
-from ..sensor import Sensor
+from ..sensor import Sensor, check_sensor
 from .bundles import trace_bundles
 from .evaluation import field_angles
 from .pupil import Pupil, gaussian
@@ -84,6 +85,8 @@ def illumination(
     >>> found.relative.round(3)
     array([1.   , 0.941, 0.88 ])
     """
+    check_sensor(sensor)
+    transmission = number("transmission", transmission)
     if not 0 < transmission <= 1:
         raise InvalidParameter(f"transmission = {transmission:g} is not a share; it is valid above 0, up to 1")
     sensor.check_one_mirror("illumination")

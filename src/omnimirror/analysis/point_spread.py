@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import choice, number
 from ..errors import InvalidParameter
-from ..sensor import Sensor
+from ..sensor import Sensor, check_sensor
 from .bundles import trace_bundles
 from .pupil import fibonacci
 from .wavefront import FITTED, SOFT, Wavefront, wavefronts
@@ -129,7 +129,9 @@ def psf(
     >>> round(spot.strehl, 2), spot.encircled_energy([sensor.lens.airy_diameter() / 2 / 0.0052]).round(2)
     (1.0, array([0.84]))
     """
+    check_sensor(sensor)
     choice("kind", kind, KINDS)
+    number("wavelength_nm", wavelength_nm, above=0.0, unit="nm")
     omega_deg, azimuth_deg = number("omega_deg", omega_deg), number("azimuth_deg", azimuth_deg)
     bundles = trace_bundles(sensor, [omega_deg], FITTED, azimuth_deg, object_distance_mm)
     focus = sensor.lens.focus_distance_mm if focus_mm is None else number("focus_mm", focus_mm)

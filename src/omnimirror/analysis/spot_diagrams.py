@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import row
 from ..files import write_text
-from ..sensor import Sensor
+from ..sensor import Sensor, check_sensor
 from .bundles import Bundles, trace_bundles
 from .evaluation import field_angles
 from .pupil import Pupil, hexapolar
@@ -39,6 +39,10 @@ class Spots:
     """(k, n) share of the light in each ray, together 1; 0 for rays that miss the mirror."""
     chief_px: Array
     """(k, m) distance from the optical axis of where the chief ray lands."""
+
+    def __repr__(self) -> str:
+        k, m, n = self.t_px.shape
+        return f"Spots({k} field angles, {m} focuses, {n} rays each)"
 
     @property
     def omega_deg(self) -> Array:
@@ -141,6 +145,7 @@ def spots(
     >>> found.rms_radius_px().round(2).ravel()  # of a blur disk, .35 of its diameter
     array([0.37, 0.25, 1.51])
     """
+    check_sensor(sensor)
     bundles = trace_bundles(
         sensor,
         field_angles(sensor, 15.0) if omega_deg is None else omega_deg,

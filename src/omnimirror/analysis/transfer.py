@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..arguments import choice, finite, number, row
 from ..errors import InvalidParameter
 from ..files import write_text
-from ..sensor import Sensor
+from ..sensor import Sensor, check_sensor
 from .bundles import Bundles, trace_bundles
 from .evaluation import field_angles
 from .point_spread import KINDS, Kind
@@ -136,6 +136,7 @@ def mtf(
     array([[1.  , 0.73, 0.39],
            [1.  , 0.76, 0.45]])
     """
+    check_sensor(sensor)
     choice("kind", kind, KINDS)
     asked = np.linspace(0, 1, FREQUENCIES) if cycles_per_px is None else row("cycles_per_px", cycles_per_px)
     nu = finite("cycles_per_px", asked, 0.0, FINEST)

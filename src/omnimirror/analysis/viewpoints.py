@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import number, row
-from ..sensor import Sensor
+from ..arguments import LARGEST_RADIUS_PX, number, row
+from ..sensor import Sensor, check_sensor
 from ..tracing.meridian import ChiefRays
 
 Array = NDArray[np.float64]
@@ -107,11 +107,15 @@ def best_viewpoint(
     >>> round(best_viewpoint(sphere, 40 * 43.9, image_radius_px=500, linearised=True).worst_px, 3)
     0.91
     """
+    check_sensor(sensor)
     distance = number("object_distance_mm", object_distance_mm, above=0.0, unit="mm")
     omega = np.linspace(*sensor.field_deg, 1001) if omega_deg is None else row("omega_deg", omega_deg)
     scale = 1.0
     if image_radius_px is not None:
-        scale = number("image_radius_px", image_radius_px, above=0.0, unit="px") / sensor.rim_radius_px
+        scale = (
+            number("image_radius_px", image_radius_px, above=0.0, high=LARGEST_RADIUS_PX, unit="px")
+            / sensor.rim_radius_px
+        )
     rays = sensor.meridian.trace(sensor.meridian.x_from_omega(np.radians(omega)))
     in_picture = _linearised(sensor, rays) if linearised else _displacement(sensor, rays)
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arguments import number
 from ..errors import InvalidParameter
 from ..frames import Mount
 from .base import CentralCamera
@@ -56,8 +57,8 @@ class MirrorBall(CentralCamera):
 
     def __post_init__(self) -> None:
         self._check_picture()
-        if not (np.isfinite(self.rim_radius_px) and self.rim_radius_px > 0):
-            raise InvalidParameter(f"rim_radius_px = {self.rim_radius_px:g} is not a radius; it is valid above 0")
+        number("rim_radius_px", self.rim_radius_px, above=0.0, unit="px")
+        number("field_deg", self.field_deg)
         if not 0 < self.field_deg <= 360:
             raise InvalidParameter(
                 f"field_deg = {self.field_deg:g} is not the full angle of a field; it is valid above 0, up to 360"

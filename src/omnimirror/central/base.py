@@ -15,6 +15,7 @@ from abc import ABC, abstractmethod
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arguments import finite
 from ..cameras import AxialSymmetry, Projection, Rays, inside_image
 from ..errors import InvalidParameter
 from ..frames import Mount, turned
@@ -134,13 +135,13 @@ class CentralCamera(ABC):
     # -- checks that every model makes in its constructor ----------------------------------------
 
     def _check_picture(self) -> None:
+        if finite("image_size", self.image_size).shape != (2,) or finite("centre_px", self.centre_px).shape != (2,):
+            raise InvalidParameter("image_size and centre_px are pairs of numbers: (width, height) and (u, v)")
         for name, length in zip(("width", "height"), self.image_size, strict=True):
             if not (1 <= length <= LARGEST_PICTURE_PX and int(length) == length):
                 raise InvalidParameter(
                     f"image {name} = {length} is not a whole number of pixels from 1 to {LARGEST_PICTURE_PX}"
                 )
-        if not np.isfinite(self.centre_px).all():
-            raise InvalidParameter(f"centre_px = {self.centre_px} is not a place in the picture")
 
 
 def _length_and_unit(vectors: Array) -> tuple[Array, Array]:

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.polynomial.polynomial import polyadd, polyder, polymul, polyroots, polyval
 from numpy.typing import NDArray
 
-from ..arguments import float_of
+from ..arguments import file_name, finite, float_of, optional_number, shown
 from ..errors import InvalidParameter, OmnimirrorError, SpecError
 from ..files import read_text
 from ..frames import Mount
@@ -85,6 +85,11 @@ class OCam(CentralCamera):
 
     def __post_init__(self) -> None:
         self._check_picture()
+        if finite("polynomial", self.polynomial).ndim != 1:
+            raise InvalidParameter(f"polynomial = {shown(self.polynomial)} is no row of numbers, (n,)")
+        optional_number("rim_radius_px", self.rim_radius_px)
+        if finite("affine", self.affine).shape != (3,):
+            raise InvalidParameter(f"affine = {shown(self.affine)} is not c, d and e, near 1, 0 and 0")
         if not (len(self.polynomial) and np.isfinite(self.polynomial).all() and self.polynomial[0] < 0):
             raise InvalidParameter(
                 f"polynomial = {self.polynomial} does not begin with a negative number, as OCamCalib's direct "
@@ -97,8 +102,8 @@ class OCam(CentralCamera):
             )
         if not np.isfinite(self.affine).all() or abs(np.linalg.det(self.stretch)) < 1e-3:
             raise InvalidParameter(f"affine = {self.affine} flattens the picture; c, d, e are near 1, 0, 0")
-        if self.optics not in get_args(Optics):
-            raise InvalidParameter(f"optics = {self.optics!r} is not one of {', '.join(get_args(Optics))}")
+        if not isinstance(self.optics, str) or self.optics not in get_args(Optics):
+            raise InvalidParameter(f"optics = {shown(self.optics)} is not one of {', '.join(get_args(Optics))}")
         if self.rim_radius_px is not None and not (np.isfinite(self.rim_radius_px) and self.rim_radius_px > 0):
             raise InvalidParameter(f"rim_radius_px = {self.rim_radius_px:g} is not a radius; it is valid above 0")
 
@@ -188,7 +193,7 @@ def load_ocam(
     InvalidParameter
         For an unknown ``optics`` or a rim that is no radius.
     """
-    path = Path(path)
+    path = file_name("path", path)
     text = read_text(path, "OCamCalib file", SpecError, f"there is no OCamCalib file {path}")
     return parse_ocam(text, str(path), optics, mount, rim_radius_px)
 

@@ -113,11 +113,11 @@ def requirements_from(
     limits = [_limit_table(*x, side=side) for side, xs in (("at_most", at_most), ("at_least", at_least)) for x in xs]
     if file is not None:
         return load_requirements(file, _with_ways_aside(changes) | title, limits)
-    if not changes and not like:
+    if not changes and like is None:
         raise click.UsageError("give a requirement file, or a field and a mirror by options")
-    base: dict[str, Any] = sensor_entries(like) if like else PAPER if "optimise" in given else {}
+    base: dict[str, Any] = sensor_entries(like) if like is not None else PAPER if "optimise" in given else {}
     data = {section: base.get(section, {}) | changes.get(section, {}) for section in {**base, **changes}}
-    if data.get("lens", {}).get("kind") == "orthographic" and not like:
+    if data.get("lens", {}).get("kind") == "orthographic" and like is None:
         data["lens"] = {k: v for k, v in data["lens"].items() if k in changes["lens"] or k == "f_number"}
     if "imager" in data:
         data["imager"] = DEFAULT_IMAGER | data["imager"]

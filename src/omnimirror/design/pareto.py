@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..analysis import best_focus, evaluate
+from ..arguments import file_name
 from ..errors import InvalidParameter, OmnimirrorError
 from ..files import replacing
 from ..sensor import Sensor
@@ -276,7 +277,7 @@ def load_front(path: str | Path) -> Front:
     OmnimirrorError
         pyarrow is not installed, or the file is no such file.
     """
-    search, alive = _read(Path(path))
+    search, alive = _read(file_name("path", path))
     merits = [merit_named(m) for m in search["merits"]]
     return _Contest(DesignSpace(problem_from(search["problem"])), merits).front(alive.y)
 
@@ -315,7 +316,7 @@ def _read(path: Path) -> tuple[dict[str, Any], _Alive]:
 def _resumed(path: str | Path | None, search: dict[str, Any]) -> _Alive | None:
     if path is None or not Path(path).exists():
         return None
-    about, alive = _read(Path(path))
+    about, alive = _read(file_name("path", path))
     if about != json.loads(json.dumps(search)):
         changed = ", ".join(k for k in search if about.get(k) != json.loads(json.dumps(search[k])))
         raise OmnimirrorError(f"{path} belongs to another search ({changed} differ); name another file")

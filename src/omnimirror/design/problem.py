@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..arguments import choice, number
+from ..arguments import LARGEST_RADIUS_PX, choice, number, numbers, shown
 from ..errors import InvalidParameter
 from ..imagers import Imager
 from ..lenses import BLUR_MODES, BlurMode
@@ -87,7 +87,7 @@ class DesignProblem:
             raise InvalidParameter("a perspective lens needs theta_max_deg or focal_length_mm, a number or a range")
         choice("mode", self.mode, BLUR_MODES)
         if self.image_radius_px is not None:
-            number("image_radius_px", self.image_radius_px, above=0)
+            number("image_radius_px", self.image_radius_px, above=0.0, high=LARGEST_RADIUS_PX, unit="px")
         self._check_ranges()
         self._check_focus()
         self._check_field()
@@ -156,8 +156,10 @@ def ends(value: Range) -> tuple[float, float]:
     >>> ends(12.0), ends((8, 12))
     ((12.0, 12.0), (8.0, 12.0))
     """
-    low, high = value if isinstance(value, tuple) else (value, value)
-    return float(low), float(high)
+    pair = np.atleast_1d(numbers("a range", value))
+    if pair.shape not in ((1,), (2,)):
+        raise InvalidParameter(f"{shown(value)} is not a number, nor a range (low, high)")
+    return float(pair[0]), float(pair[-1])
 
 
 def imager_radius_px(imager: Imager) -> float:

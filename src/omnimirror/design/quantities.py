@@ -17,7 +17,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import finite, number
+from ..arguments import finite, number, shown
 from ..errors import InvalidParameter
 from ..specs import did_you_mean
 from .merits import Field
@@ -189,10 +189,10 @@ class Limit:
     omega_deg: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
-        if self.quantity not in QUANTITIES:
-            hint = did_you_mean(self.quantity, QUANTITIES)
+        if not isinstance(self.quantity, str) or self.quantity not in QUANTITIES:
+            hint = did_you_mean(str(self.quantity)[:60], QUANTITIES)
             raise InvalidParameter(
-                f"limit.quantity = {self.quantity!r} is not known{hint}; valid are {', '.join(QUANTITIES)}"
+                f"limit.quantity = {shown(self.quantity)} is not known{hint}; valid are {', '.join(QUANTITIES)}"
             )
         if self.at_most is None and self.at_least is None:
             raise InvalidParameter(f"limit of {self.quantity} says neither at_most nor at_least")

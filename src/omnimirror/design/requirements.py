@@ -15,6 +15,7 @@ import numpy as np
 from pydantic import BeforeValidator, Field
 from pydantic_core import PydanticCustomError
 
+from ..arguments import file_name
 from ..errors import SpecError
 from ..files import parse_toml, read_text
 from ..frames import Mount
@@ -159,7 +160,7 @@ def load_requirements(
         No such file; not TOML; an unknown, missing or wrong entry. The message gives the file, the line and
         what would be valid.
     """
-    path = Path(path)
+    path = file_name("path", path)
     text = read_text(path, "requirement file", SpecError, f"there is no requirement file {str(path)!r}")
     return parse_requirements(text, str(path), path.parent, changes, limits)
 

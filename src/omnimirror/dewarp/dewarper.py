@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arguments import WrongKind, instance, shown
 from ..cameras import Camera, Mask
 from ..errors import InvalidParameter, OutsideField
 from .coordinates import is_separable, screen_grid, screen_rings, source_pixels
@@ -110,8 +111,12 @@ class Dewarper:
         return {f.name: getattr(self, f.name) for f in fields(self)}
 
     def __post_init__(self) -> None:
-        if self.interpolation not in INTERPOLATIONS:
-            raise InvalidParameter(f"interpolation = {self.interpolation!r} is not one of {', '.join(INTERPOLATIONS)}")
+        instance("camera", self.camera, Camera, "a camera, such as om.load_sensor gives")
+        if not (hasattr(self.view, "targets_at") or hasattr(self.view, "parts")):
+            raise WrongKind(f"view = {shown(self.view)} is not one of om.screens or om.views")
+        if not isinstance(self.interpolation, str) or self.interpolation not in INTERPOLATIONS:
+            known = ", ".join(INTERPOLATIONS)
+            raise InvalidParameter(f"interpolation = {shown(self.interpolation)} is not one of {known}")
         check_viewpoint(self.viewpoint)
         check_border(self.border)
 

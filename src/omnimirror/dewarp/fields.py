@@ -8,6 +8,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arguments import instance
 from ..cameras import AxialSymmetry, Camera
 from ..errors import OutsideField
 from .footprints import Ring
@@ -53,6 +54,7 @@ def field_of(camera: Camera) -> Field:
     >>> round(field.tilt_min_deg, 2), round(field.tilt_max_deg, 2), round(field.pixels_per_degree, 1)
     (-90.0, 45.0, 4.7)
     """
+    instance("camera", camera, Camera, "a camera, such as om.load_sensor gives")
     pixels = _pixels_all_over(camera.image_size)
     rays = camera.backproject(pixels)
     if not rays.valid.any():

@@ -22,6 +22,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arguments import instance, shown
 from ..errors import InvalidParameter
 from ..media.images import FULL
 from .footprints import (
@@ -68,6 +69,7 @@ def check_picture(image: Image, size: tuple[int, int]) -> None:
 
 def check_kind(image: Image) -> None:
     """Refuse what no picture looks like."""
+    instance("a picture", image, np.ndarray, "an array of pixels")
     channels = image.shape[2] if image.ndim == 3 else 1
     if image.ndim not in (2, 3) or channels not in (1, 2, 3, 4) or image.size == 0:
         raise InvalidParameter(f"an array of shape {image.shape} is not a picture of 1 to 4 channels")
@@ -87,11 +89,24 @@ def check_largest(image: Image) -> None:
         raise InvalidParameter(f"a picture of {width} x {height} px is too large; valid are {MOST_VALUES} values")
 
 
+LARGEST_VALUE = 1e30  # of a colour
+
+
 def check_border(border: Border) -> None:
     """Refuse what is neither a number nor some numbers."""
-    values = np.array(border, object)
-    if values.ndim > 1 or not all(isinstance(value, int | float | np.number) for value in values.flat):
-        raise InvalidParameter(f"border = {border!r} is no colour; valid are a number, or one for every channel")
+    try:
+        values = np.array(border, object)
+    except ValueError:
+        values = np.empty((0, 0), object)
+    if values.ndim > 1 or not all(_is_value(value) for value in values.flat):
+        raise InvalidParameter(f"border = {shown(border)} is no colour; valid are a number, or one for every channel")
+
+
+def _is_value(value: Any) -> bool:
+    if not isinstance(value, int | float | np.integer | np.floating):
+        return False
+    size: Any = abs(value)
+    return not size > LARGEST_VALUE  # NaN is one, in pictures of floats
 
 
 def border_values(border: Border, image: Image) -> tuple[float, ...]:

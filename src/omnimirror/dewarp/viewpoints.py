@@ -12,6 +12,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arguments import number, shown
 from ..cameras import Camera, Projection
 from ..errors import InvalidParameter, OutsideField
 from .screens import Screen
@@ -30,9 +31,10 @@ def check_viewpoint(viewpoint: Viewpoint) -> None:
     if isinstance(viewpoint, str):
         if viewpoint in ("exact", "single"):
             return
-    elif np.isfinite(viewpoint):
+    else:
+        number("viewpoint", viewpoint, unit="mm")
         return
-    raise InvalidParameter(f"viewpoint = {viewpoint!r} is not 'exact', 'single' or a height over the vertex in mm")
+    raise InvalidParameter(f"viewpoint = {shown(viewpoint)} is not 'exact', 'single' or a height over the vertex in mm")
 
 
 def projection_of(camera: Camera, screen: Screen, viewpoint: Viewpoint) -> Callable[[Array], Projection]:

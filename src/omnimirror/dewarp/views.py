@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from ..arguments import WrongKind, number, shown
 from ..cameras import Camera
 from ..errors import InvalidParameter
 from .coordinates import rows_of_pixels
@@ -327,7 +329,9 @@ def _end(seen: Field, pole: Pole) -> float:
 
 def _completed(size: PartialSize, natural: tuple[float, float]) -> tuple[int, int]:
     """The size with what is missing taken from a natural size: all of it, or the proportion."""
-    width, height = size
+    if not isinstance(size, Sequence) or isinstance(size, str) or len(size) != 2:
+        raise WrongKind(f"size = {shown(size)} is not (width, height) in px, each perhaps None")
+    width, height = (side if side is None else int(number("size", side, above=0.0, unit="px")) for side in size)
     if width is not None and height is not None:
         return width, height
     if not np.isfinite(natural).all() or max(natural) > LARGEST_RATIO * min(natural) >= 0:

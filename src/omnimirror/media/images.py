@@ -7,15 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from pathlib import Path
-from threading import Lock
 from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arguments import file_name, instance
 from ..errors import MediaError, OmnimirrorError
 from ..files import read_bytes, replacing
 from . import exr, xmp
@@ -76,7 +75,7 @@ def format_of(path: str | Path) -> Format:
         what = f"pictures of kind {suffix!r} are" if suffix else "a picture without a suffix is"
         raise MediaError(f"cannot write {path}: {what} not known; valid are {', '.join(FORMATS)}")
     if suffix == ".exr":
-        exr.check_exr_can_be_written(Path(path))
+        exr.check_installed(Path(path))
     return FORMATS[suffix]
 
 
@@ -129,7 +128,7 @@ def read_image(path: str | Path) -> Image:
     MediaError
         There is no such file, or it is unreadable, cut short, or no picture.
     """
-    path = Path(path)
+    path = file_name("path", path)
     return _decoded(path, _data_of(path))
 
 
@@ -184,6 +183,10 @@ def write_image(path: str | Path, image: Image, panorama: GPano | None = None, c
         The suffix is not known, the format cannot hold such a picture or the panorama's metadata, or the
         file cannot be written.
     """
+    path = file_name("path", path)
+    instance("image", image, np.ndarray, "an array of pixels")
+    if panorama is not None:
+        instance("panorama", panorama, GPano, "a GPano")
     kind = format_of(path)
     channels = image.shape[2] if image.ndim == 3 else 1
     if image.ndim not in (2, 3) or 0 in image.shape:
@@ -273,28 +276,12 @@ def _reason(e: cv2.error) -> str:
     return str(e.err or e).strip().split("\n")[0]
 
 
-@dataclass
-class _Silence:
-    lock: Lock = field(default_factory=Lock)
-    users: int = 0
-    before: int = 0
-
-
-_silence = _Silence()
-
-
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Keep OpenCV's own messages off the terminal; ours say it. The first of several threads silences it for all."""
+    """Keep OpenCV's own messages off the terminal; ours say it."""
     logging = cv2.utils.logging
-    with _silence.lock:
-        if _silence.users == 0:
-            _silence.before = logging.setLogLevel(logging.LOG_LEVEL_SILENT)
-        _silence.users += 1
+    before = logging.setLogLevel(logging.LOG_LEVEL_SILENT)
     try:
         yield
     finally:
-        with _silence.lock:
-            _silence.users -= 1
-            if _silence.users == 0:
-                logging.setLogLevel(_silence.before)
+        logging.setLogLevel(before)

@@ -7,6 +7,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arguments import number, shown
 from ..errors import InvalidParameter
 
 Array = NDArray[np.float64]
@@ -53,12 +54,13 @@ def _index(reflectivity: Reflectivity) -> float | complex:
     """A share as float, or a refractive index as complex."""
     if isinstance(reflectivity, str):
         if reflectivity not in METALS:
-            raise InvalidParameter(f"reflectivity = {reflectivity!r} is not known; valid are {', '.join(METALS)}")
+            raise InvalidParameter(f"reflectivity = {shown(reflectivity)} is not known; valid are {', '.join(METALS)}")
         return METALS[reflectivity]
     if isinstance(reflectivity, complex):
         if not (np.isfinite(reflectivity) and reflectivity.real > 0 and reflectivity.imag >= 0):
             raise InvalidParameter(f"reflectivity = {reflectivity} is not an index n + k j with n > 0 and k >= 0")
         return reflectivity
-    if not 0 <= reflectivity <= 1:
-        raise InvalidParameter(f"reflectivity = {reflectivity:g} is not a share; it is valid from 0 to 1")
-    return float(reflectivity)
+    share = number("reflectivity", reflectivity)
+    if not 0 < share <= 1:
+        raise InvalidParameter(f"reflectivity = {share:g} is not a share; it is valid above 0, up to 1")
+    return share

@@ -15,9 +15,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..analysis.focus import FocusStudy
 from ..analysis.virtual_images import virtual_images
+from ..arguments import distances, instance, number, row
 from ..dewarp.sampling import remap
 from ..errors import InvalidParameter
-from ..sensor import Sensor
+from ..sensor import Sensor, check_sensor
 from .blurring import offsets_from_axis
 
 Array = NDArray[np.float64]
@@ -83,12 +84,14 @@ def plan_bracket(sensor: Sensor, limit_px: float = 1.0, object_distance_mm: floa
     >>> len(plan.focus_mm), round(float(plan.blur_px.max()), 2), plan.astigmatic.any()
     (10, 1.0, np.False_)
     """
+    check_sensor(sensor)
+    limit_px = number("limit_px", limit_px)
     if not 0.05 <= limit_px <= 1000:
         raise InvalidParameter(f"limit_px = {limit_px:g} is outside 0.05 to 1000 px")
     sensor.check_one_mirror("a focus bracket")
     omega = np.linspace(*sensor.field_deg, ANGLES)
     omega[-1] *= ROUNDED
-    study = _study(sensor, np.radians(omega), object_distance_mm)
+    study = _study(sensor, np.radians(omega), _distance(object_distance_mm))
     candidates = _candidates(sensor, study)
     blur = np.stack([_worst(study, focus) for focus in candidates])  # (focus, angle)
     least = blur.min(axis=0)
@@ -98,6 +101,13 @@ def plan_bracket(sensor: Sensor, limit_px: float = 1.0, object_distance_mm: floa
             f"limit_px = {limit_px:g} would take {len(chosen)} pictures; up to {MOST_PICTURES} are valid"
         )
     return Bracket(candidates[chosen], omega, blur[chosen].min(axis=0), least, limit_px)
+
+
+def _distance(object_distance_mm: float) -> float:
+    distance = distances("object_distance_mm", object_distance_mm)
+    if distance.ndim:
+        raise InvalidParameter(f"object_distance_mm has shape {distance.shape}; it is valid as one number")
+    return float(distance)
 
 
 def _study(sensor: Sensor, omega: Array, object_distance_mm: float) -> FocusStudy:
@@ -178,13 +188,16 @@ def merge_bracket(
     Focusing changes the image distance, and with it the scale: every picture is resampled (bicubic) to the scale
     of the sensor's own focus. A picture's weight falls off with its blur over that of the sharpest, smoothly.
     """
-    focuses = np.atleast_1d(np.asarray(focus_mm, dtype=float))
+    check_sensor(sensor)
+    for picture in instance("pictures", pictures, Sequence, "a list of pictures"):
+        instance("a picture", picture, np.ndarray, "an array of pixels")
+    focuses = row("focus_mm", focus_mm)
     _check(sensor, pictures, focuses)
     offsets = offsets_from_axis(sensor)
     height, width = offsets.shape[:2]
     pixels = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1)
     radius = np.hypot(offsets[..., 0], offsets[..., 1])
-    weights = picture_weights(sensor, focuses, radius, object_distance_mm)
+    weights = picture_weights(sensor, focuses, radius, _distance(object_distance_mm))
     merged = np.zeros(pictures[0].shape, np.float32)
     for picture, focus, weight in zip(pictures, focuses, weights, strict=True):
         scale = focused_at(sensor, focus).rim_radius_px / sensor.rim_radius_px

@@ -11,6 +11,7 @@ from typing import NamedTuple, TypeGuard, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arguments import instance, whole
 from ..cameras import Camera
 from ..dewarp.native import compiled
 from ..errors import InvalidParameter
@@ -94,6 +95,11 @@ def expose(
     Light that falls outside the mirror's image is 0, and a pixel cut by the rim is dimmed by the share that is
     cut off. Without blur all rays are chief rays.
     """
+    instance("camera", camera, Camera, "a camera, such as om.load_sensor gives")
+    instance("scene", scene, Scene, "a scene, such as om.Room()")
+    workers = None if workers is None else whole("workers", workers, 1)
+    instance("blur", blur, bool, "True or False")
+    instance("distant", distant, bool, "True or False")
     if blur and not isinstance(camera, Sensor):
         raise InvalidParameter("only a sensor has blur; a calibrated camera says nothing of its aperture")
     if hardware is not None and not _has_one_mirror(camera):

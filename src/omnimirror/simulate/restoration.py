@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arguments import instance
 from ..cameras import Camera
 from ..errors import InvalidParameter
 from .blur_problem import BlurProblem
@@ -62,6 +63,7 @@ def restore(
         If picture, camera and noise do not fit together, the picture holds values that are not finite, nothing is
         known of the blur, or a sensor's mirror is decentred or tilted.
     """
+    instance("image", image, np.ndarray, "an array of pixels")
     return Restorer(camera, object_distance_mm, blur)(image, noise)
 
 

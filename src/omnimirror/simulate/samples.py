@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arguments import numbers, shown
 from ..errors import InvalidParameter
 
 Array = NDArray[np.float64]
@@ -54,10 +55,13 @@ def spread(samples: int, blur: bool, seed: int = 0) -> Samples:
     >>> spread(4, blur=False).points[:, :2].tolist()
     [[0.25, 0.25], [0.75, 0.25], [0.25, 0.75], [0.75, 0.75]]
     """
+    for name, value in (("samples", samples), ("seed", seed)):
+        if numbers(name, value, "(it takes one)").ndim:
+            raise InvalidParameter(f"{name} = {shown(value)} is not one whole number")
     if not (1 <= samples <= MOST_SAMPLES and int(samples) == samples):
-        raise InvalidParameter(f"samples = {samples} is not a whole number from 1 to {MOST_SAMPLES}")
+        raise InvalidParameter(f"samples = {shown(samples)} is not a whole number from 1 to {MOST_SAMPLES}")
     if not (0 <= seed < 1 << 32 and int(seed) == seed):
-        raise InvalidParameter(f"seed = {seed} is not a whole number from 0 to {2**32 - 1}")
+        raise InvalidParameter(f"seed = {shown(seed)} is not a whole number from 0 to {2**32 - 1}")
     points = np.zeros((samples, 4))
     side = isqrt(samples)
     if blur:

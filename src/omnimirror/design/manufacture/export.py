@@ -10,11 +10,11 @@ from importlib.util import find_spec
 from pathlib import Path
 from shutil import copyfile
 from tempfile import TemporaryDirectory
-from typing import NamedTuple
 
+from ...arguments import WrongKind, choice, file_name, number, optional_number, shown, whole
 from ...errors import InvalidParameter, OmnimirrorError
 from ...files import replacing
-from ...sensor import Sensor
+from ...sensor import Sensor, check_sensor
 from .body import Body
 from .drawing import Drawing, draw_sheet, write_drawing
 from .gridsag import write_grid_sag
@@ -23,8 +23,6 @@ from .sheet import scale_words
 from .supports import Support
 from .table import format_table, table_points
 from .zmx import write_zmx
-
-FOLLOWS_DEG = 0.01  # a lens file whose rays stay within this of the mirror's follows it
 
 
 @dataclass(frozen=True)
@@ -36,18 +34,11 @@ class Exported:
     path
     what : what it holds, in a few words
     deviation_um : how far its surface lies from the mirror at most, 0 where it is the mirror; None for a drawing
-    ray_deg : of a lens file, the largest angle between the rays that its surface and the mirror reflect; else None
     """
 
     path: Path
     what: str
     deviation_um: float | None
-    ray_deg: float | None = None
-
-    @property
-    def follows(self) -> bool:
-        """Whether rays through it go where the mirror sends them, to a hundredth of a degree."""
-        return self.ray_deg is None or self.ray_deg < FOLLOWS_DEG
 
 
 @dataclass(frozen=True)
@@ -66,15 +57,7 @@ class Plan:
     scale: float | None = None
 
 
-class Content(NamedTuple):
-    """What a writer tells of its file, as :class:`Exported` holds it."""
-
-    what: str
-    deviation_um: float | None
-    ray_deg: float | None = None
-
-
-Writer = Callable[[Plan, Part, Path], Content]
+Writer = Callable[[Plan, Part, Path], tuple[str, float | None]]
 """Writes a file of one mirror, or of the sensor, to which all parts belong."""
 
 
@@ -153,21 +136,37 @@ def export(
     >>> [(file.path.name, file.deviation_um) for file in files]
     [('paper-spherical-sag.csv', 0.05), ('paper-spherical.zmx', 0.0)]
     """
+    check_sensor(sensor)
+    if isinstance(formats, str) or not (formats is None or isinstance(formats, Iterable)):
+        raise WrongKind(f"formats = {shown(formats)} is not a list of names, of {', '.join(FORMATS)}")
+    formats = None if formats is None else list(formats)
+    for name in formats or ():
+        choice("a format", name, FORMATS)
+    path = file_name("path", path)
+    digits, grid_points = whole("digits", digits, 0, 15), whole("grid_points", grid_points, 3, 10_001)
+    chord_tolerance_um = number("chord_tolerance_um", chord_tolerance_um, above=0.0, unit="um")
+    step_mm, step_deg = optional_number("step_mm", step_mm), optional_number("step_deg", step_deg)
+    scale = optional_number("scale", scale, above=0.0)
     plan = Plan(
         sensor, parts_of(sensor, body or Body(), secondary_body), support or Support(), chord_tolerance_um, step_mm,
         step_deg, digits, grid_points, sheet, scale,
     )  # fmt: skip
-    targets = _targets(plan, Path(path), None if formats is None else list(formats))
+    targets = _targets(plan, path, formats)
     _check_packages(list(dict.fromkeys(name for name, _ in targets.values())))
     with TemporaryDirectory() as folder, ExitStack() as stack:
-        made = {target: Path(folder) / target.name for target in targets}
+        made = {target: Path(folder) / _plain(target.name) for target in targets}
         written = [Exported(target, *_write(plan, *what, made[target], target)) for target, what in targets.items()]
         for target, file in made.items():
             copyfile(file, stack.enter_context(replacing(target)))
     return written
 
 
-def _write(plan: Plan, name: str, part: Part, path: Path, target: Path) -> Content:
+def _plain(name: str) -> str:
+    """A name that libraries take which know UTF-8 alone."""
+    return name.encode("utf-8", "replace").decode()
+
+
+def _write(plan: Plan, name: str, part: Part, path: Path, target: Path) -> tuple[str, float | None]:
     """Write one file where it can be thrown away; ``target`` is what the user knows it as."""
     try:
         return FORMATS[name].write(plan, part, path)
@@ -177,6 +176,7 @@ def _write(plan: Plan, name: str, part: Part, path: Path, target: Path) -> Conte
 
 def _targets(plan: Plan, path: Path, formats: list[str] | None) -> dict[Path, tuple[str, Part]]:
     """The files to write, each with its format and the mirror that it is of."""
+    formats = None if formats is None else list(formats)
     for name in formats or ():
         if name not in FORMATS:
             raise InvalidParameter(f"there is no format {name!r}; valid are {', '.join(FORMATS)}")
@@ -226,49 +226,49 @@ def _is_installed(package: str) -> bool:
 # -- the formats -----------------------------------------------------------------------------------------
 
 
-def _step(plan: Plan, part: Part, path: Path) -> Content:
+def _step(plan: Plan, part: Part, path: Path) -> tuple[str, float]:
     from .step import write_step
 
     curve = write_step(path, part.mirror, part.body, part.name)
-    return Content(f"solid, {curve.words}", curve.deviation_um)
+    return f"solid, {curve.words}", curve.deviation_um
 
 
-def _mesh(plan: Plan, part: Part, path: Path) -> Content:
+def _mesh(plan: Plan, part: Part, path: Path) -> tuple[str, float]:
     from .mesh import write_mesh
 
     deviation, count = write_mesh(path, part.mirror, part.body, plan.chord_tolerance_um)
-    return Content(f"{count} triangles", deviation)
+    return f"{count} triangles", deviation
 
 
-def _dxf(plan: Plan, part: Part, path: Path) -> Content:
+def _dxf(plan: Plan, part: Part, path: Path) -> tuple[str, float]:
     from .dxf import write_dxf
 
     curve = write_dxf(path, part.mirror, part.body, part.name)
-    return Content(f"half-section with dimensions, {curve.words}", curve.deviation_um)
+    return f"half-section with dimensions, {curve.words}", curve.deviation_um
 
 
-def _zmx(plan: Plan, part: Part, path: Path) -> Content:
+def _zmx(plan: Plan, part: Part, path: Path) -> tuple[str, float]:
     aspheres = write_zmx(path, plan.sensor)
     words = " and ".join(asphere.words() for asphere in aspheres)
-    return Content(f"OpticStudio, {words}", max(a.deviation_um for a in aspheres), max(a.ray_deg for a in aspheres))
+    return f"OpticStudio, {words}", max(asphere.deviation_um for asphere in aspheres)
 
 
-def _grid_sag(plan: Plan, part: Part, path: Path) -> Content:
+def _grid_sag(plan: Plan, part: Part, path: Path) -> tuple[str, float]:
     deviation = write_grid_sag(path, part.mirror, plan.grid_points)
-    return Content(f"OpticStudio grid sag, {plan.grid_points} x {plan.grid_points}", deviation)
+    return f"OpticStudio grid sag, {plan.grid_points} x {plan.grid_points}", deviation
 
 
-def _table(plan: Plan, part: Part, path: Path) -> Content:
+def _table(plan: Plan, part: Part, path: Path) -> tuple[str, float]:
     x = table_points(plan.sensor, plan.step_mm, plan.step_deg, part.is_secondary)
     path.write_text(format_table(plan.sensor, x, plan.digits, part.is_secondary), encoding="utf-8", newline="")
-    return Content(f"sag table, {len(x)} points", 1e3 * 0.5 * 10.0**-plan.digits)
+    return f"sag table, {len(x)} points", 1e3 * 0.5 * 10.0**-plan.digits
 
 
-def _drawing(plan: Plan, part: Part, path: Path) -> Content:
+def _drawing(plan: Plan, part: Part, path: Path) -> tuple[str, None]:
     bodies = [p.body for p in plan.parts]
     drawing: Drawing = draw_sheet(plan.sensor, bodies[0], plan.support, plan.sheet, plan.scale, *bodies[1:])
     write_drawing(path, drawing)
-    return Content(f"drawing, {plan.sheet}, {scale_words(drawing.sensor_scale)}", None)
+    return f"drawing, {plan.sheet}, {scale_words(drawing.sensor_scale)}", None
 
 
 MESHES = ("trimesh", "lxml", "networkx")

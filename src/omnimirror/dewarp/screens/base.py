@@ -8,6 +8,7 @@ from typing import NamedTuple, Protocol, TypeAlias, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arguments import number, numbers, shown
 from ...errors import InvalidParameter
 
 Array = NDArray[np.float64]
@@ -132,8 +133,10 @@ class CentredScreen(ABC):
 
     def _check_place(self) -> None:
         check_size(self.size)
-        if not self.distance_mm > 0:
-            raise InvalidParameter(f"distance_mm = {self.distance_mm:g} is no distance; it is valid above 0, and inf")
+        if numbers("distance_mm", self.distance_mm, "(it takes one)").ndim or not self.distance_mm > 0:
+            raise InvalidParameter(
+                f"distance_mm = {shown(self.distance_mm)} is no distance; it is valid above 0, and inf"
+            )
         check_offset(self.offset_mm)
         if self.is_distant and any(self.offset_mm):
             raise InvalidParameter(
@@ -162,39 +165,46 @@ def offset_words(offset_mm: Offset) -> str:
 
 def check_size(size: tuple[int, int]) -> None:
     """Refuse what is no width and height in whole pixels."""
-    if len(size) != 2 or not all(1 <= n <= LARGEST_PX and int(n) == n for n in size):
-        raise InvalidParameter(f"size = {size} is not a width and a height from 1 to {LARGEST_PX} px")
+    if numbers("size", size, "(width, height)").shape != (2,) or not all(
+        1 <= n <= LARGEST_PX and int(n) == n for n in size
+    ):
+        raise InvalidParameter(f"size = {shown(size)} is not a width and a height from 1 to {LARGEST_PX} px")
 
 
 def check_offset(offset_mm: Offset) -> None:
     """Refuse what is no place in the world."""
-    if len(offset_mm) != 3 or not np.isfinite(offset_mm).all():
-        raise InvalidParameter(f"offset_mm = {offset_mm} is not x, y and z in mm")
+    offset = numbers("offset_mm", offset_mm, "of shape (3,)")
+    if offset.shape != (3,) or not np.isfinite(offset).all():
+        raise InvalidParameter(f"offset_mm = {shown(offset_mm)} is not x, y and z in mm")
 
 
 def check_angle(name: str, angle_deg: float) -> None:
     """Refuse angles that are not finite."""
-    if not np.isfinite(angle_deg):
-        raise InvalidParameter(f"{name} = {angle_deg} is not an angle in degrees")
+    number(name, angle_deg, unit="deg")
+
+
+SMALLEST_DEG = 1e-9
 
 
 def check_range(name: str, value: float, low: float, high: float, upper_included: bool) -> None:
     """Refuse angles (deg) that are not above ``low`` and below ``high``."""
-    if not (low < value < high or (upper_included and value == high)):
+    value = number(name, value)
+    if not (low + SMALLEST_DEG < value < high or (upper_included and value == high)):
         bound = f"up to {high:g}" if upper_included else f"below {high:g}"
         raise InvalidParameter(f"{name} = {value:g} is valid above {low:g} and {bound} deg")
 
 
 def check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
     """Refuse a word that is not among those known."""
-    if value not in choices:
-        raise InvalidParameter(f"{name} = {value!r} is not one of {', '.join(choices)}")
+    if not isinstance(value, str) or value not in choices:
+        raise InvalidParameter(f"{name} = {shown(value)} is not one of {', '.join(choices)}")
 
 
 def check_zoom(factor: float) -> None:
     """Refuse what does not enlarge or shrink."""
-    if not (np.isfinite(factor) and factor > 0):
-        raise InvalidParameter(f"zoom = {factor:g} is no factor; it is valid above 0 and finite")
+    found = numbers("zoom", factor, "(it takes one)")
+    if found.ndim or not (np.isfinite(found) and found > 0):
+        raise InvalidParameter(f"zoom = {shown(factor)} is no factor; it is valid above 0 and finite")
 
 
 def refuse_tilt(screen: object, tilt_deg: float) -> None:

@@ -8,6 +8,7 @@ from typing import Literal, Self, get_args
 
 import numpy as np
 
+from ...arguments import numbers
 from ...errors import InvalidParameter
 from ...frames import pan_tilt_direction
 from .base import (
@@ -60,6 +61,7 @@ class Panorama(CentredScreen):
 
     def _check(self) -> None:
         self._check_place()
+        numbers("tilt_min_deg and tilt_max_deg", (self.tilt_min_deg, self.tilt_max_deg), "(one each)")
         if not -90 <= self.tilt_min_deg < self.tilt_max_deg <= 90:
             raise InvalidParameter(
                 f"elevations from {self.tilt_min_deg:g} to {self.tilt_max_deg:g} deg make no panorama; they are "

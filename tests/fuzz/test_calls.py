@@ -1,0 +1,138 @@
+"""Public Python functions given what nobody would give them: the answer, or a sentence of ours."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+import omnimirror as om
+from omnimirror.errors import OmnimirrorError
+from omnimirror.imagers import Imager
+
+SENSOR = om.load_sensor("paper-spherical")
+SMALL = replace(SENSOR, imager=Imager(32, 32, 166.4))
+PICTURE = np.zeros((32, 32, 3), np.uint8)
+OCAM = "5 -240 0 1e-3 0 0\n\n5 1 2 3 4 5\n\n240 320\n1 0 0\n480 640\n"
+
+CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
+    "spots": (om.spots, {"sensor": SENSOR, "omega_deg": [0.0, 60.0], "focus_mm": 210.0, "azimuth_deg": 0.0,
+                         "object_distance_mm": np.inf}),
+    "psf": (om.psf, {"sensor": SENSOR, "omega_deg": 30.0, "focus_mm": 210.0, "azimuth_deg": 0.0,
+                     "object_distance_mm": np.inf, "kind": "geometric", "wavelength_nm": 550.0, "width_px": 9.0}),
+    "mtf": (om.mtf, {"sensor": SENSOR, "omega_deg": [30.0], "cycles_per_px": [0.1], "focus_mm": 210.0,
+                     "kind": "geometric", "wavelength_nm": 550.0}),
+    "illumination": (om.illumination, {"sensor": SENSOR, "omega_deg": [30.0], "azimuth_deg": 0.0,
+                                       "reflectivity": 0.9, "transmission": 0.9}),
+    "check_blur": (om.check_blur, {"sensor": SENSOR, "f_numbers": [4.0], "omega_deg": [30.0],
+                                   "object_distance_mm": np.inf}),
+    "evaluate": (om.evaluate, {"sensor": SENSOR, "omega_deg": [30.0], "object_distance_mm": np.inf, "focus_mm": 210.0,
+                               "merit": "floored-area", "mode": "exact", "wavelength_nm": 550.0,
+                               "image_radius_px": 500.0, "tolerance_px": 1.0}),
+    "best_focus": (om.best_focus, {"sensor": SENSOR, "merit": "product", "omega_deg": [0.0, 90.0],
+                                   "object_distance_mm": np.inf, "mode": "exact", "image_radius_px": 500.0}),
+    "best_viewpoint": (om.best_viewpoint, {"sensor": SENSOR, "object_distance_mm": 1e3, "image_radius_px": 500.0}),
+    "compare": (om.compare, {"sensors": [SENSOR]}),
+    "load_sensor": (om.load_sensor, {"name_or_path": "paper-spherical"}),
+    "load_requirements": (om.load_requirements, {"path": "wanted.toml"}),
+    "load_ocam": (om.load_ocam, {"path": "calib.txt", "optics": "mirror", "rim_radius_px": 200.0}),
+    "read_image": (om.read_image, {"path": "a.png"}),
+    "write_image": (om.write_image, {"path": "b.png", "image": PICTURE, "panorama": None}),
+    "MirrorBall": (om.MirrorBall, {"centre_px": (16.0, 16.0), "rim_radius_px": 10.0, "image_size": (32, 32),
+                                   "field_deg": 300.0}),
+    "OCam": (om.OCam, {"polynomial": (-100.0, 0.0, 0.001), "centre_px": (16.0, 16.0), "image_size": (32, 32),
+                       "affine": (1.0, 0.0, 0.0), "optics": "mirror"}),
+    "Limit": (om.Limit, {"quantity": "blur_px", "at_most": 1.0}),
+    "Dewarper": (lambda **words: om.Dewarper(**words)(PICTURE), {
+        "camera": SMALL, "view": om.screens.Cylinder((36, 12), -40.0, 20.0), "interpolation": "linear",
+        "viewpoint": "exact", "border": 0}),
+    "picture": (om.Dewarper(SMALL, om.screens.Cylinder((36, 12), -40.0, 20.0)), {"image": PICTURE}),
+    "Cylinder": (om.screens.Cylinder, {"size": (36, 10), "tilt_min_deg": -20.0, "tilt_max_deg": 20.0, "pan_deg": 0.0,
+                                       "span_deg": 360.0, "distance_mm": np.inf}),
+    "panorama": (om.views.panorama, {"camera": SMALL, "size": (36, 12), "pan_deg": 0.0}),
+    "take_picture": (om.take_picture, {"camera": SMALL, "scene": om.Room(), "samples": 1, "blur": False, "seed": 0}),
+    "plan_bracket": (om.plan_bracket, {"sensor": SENSOR, "limit_px": 2.0, "object_distance_mm": np.inf}),
+    "backproject": (SENSOR.backproject, {"pixels": [[500.0, 500.0]]}),
+    "project": (SENSOR.project, {"points_mm": [[100.0, 0.0, 50.0]]}),
+    "project_directions": (SENSOR.project_directions, {"directions": [[1.0, 0.0, 0.0]]}),
+    "Sensor": (om.Sensor, {"mirror": SENSOR.mirror, "lens": SENSOR.lens, "imager": SENSOR.imager,
+                           "mirror_distance_mm": 185.93}),
+    "Imager": (Imager, {"width_px": 32, "height_px": 32, "pixel_pitch_um": 5.0}),
+}  # fmt: skip
+ODD = (
+    None, "", "x", "x" * 5000, "a\0b", b"x", True, 0, -1, 10**400, 1e308, -1e308, float("nan"), float("inf"), 1j, [],
+    [[]], [float("nan")], [60.0, float("inf")], [[1, 2], [3]], ["a"], {}, (1,), object(), len, np.zeros(0),
+    np.zeros((2, 2, 2)), np.zeros(3, "datetime64[s]"),
+)  # fmt: skip
+NUMBERS = st.one_of(st.floats(), st.integers(), st.floats(-200, 200))
+VALUES = st.one_of(
+    st.sampled_from(ODD), NUMBERS, st.lists(NUMBERS, max_size=4), st.text(max_size=8), st.tuples(NUMBERS, NUMBERS)
+)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _files(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("calls")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        (folder / "calib.txt").write_text(OCAM)
+        (folder / "wanted.toml").write_text(
+            'field.omega_max_deg = 90\nmirror = {mapping = "equidistant", rim_radius_mm = 40.0}\n'
+            "lens.theta_max_deg = 12.0\n"
+        )
+        om.write_image("a.png", PICTURE)
+        yield
+
+
+def call(name: str, changed: dict[str, Any]) -> None:
+    function, words = CALLS[name]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        try:
+            function(**words | changed)
+        except OmnimirrorError as e:
+            sentence = str(e)
+            assert "\n" not in sentence
+            assert len(sentence) < 700, sentence
+    assert not [path for path in Path().iterdir() if path.name.startswith(".")]
+
+
+@pytest.mark.parametrize("name", CALLS)
+def test_the_calls_are_right_as_they_stand(name):
+    function, words = CALLS[name]
+    function(**words)
+
+
+@pytest.mark.parametrize("name", CALLS)
+def test_odd_values_are_refused_with_a_sentence(name):
+    few = range(0, len(ODD), 3)  # every third value of each argument, another third for the next
+    for i, argument in enumerate(CALLS[name][1]):
+        for k in few:
+            value = ODD[(k + i) % len(ODD)]
+            try:
+                call(name, {argument: value})
+            except Exception as e:
+                raise AssertionError(f"{name}({argument}={value!r:.60})") from e
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("name", CALLS)
+@settings(max_examples=300, deadline=None, suppress_health_check=list(HealthCheck))
+@given(data=st.data())
+def test_any_values_are_refused_with_a_sentence(name, data):
+    names = data.draw(st.lists(st.sampled_from(list(CALLS[name][1])), min_size=1, max_size=2, unique=True))
+    call(name, {argument: data.draw(VALUES) for argument in names})
+
+
+def test_messages_are_short_whatever_they_are_about():
+    from omnimirror.arguments import shown
+
+    for value in (*ODD, [1.5] * 100_000, "x" * 100_000, 10**5000, np.zeros(10**6)):
+        assert len(shown(value)) <= 60

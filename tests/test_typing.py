@@ -1,0 +1,46 @@
+"""The public names as a type checker sees them."""
+
+from __future__ import annotations
+
+import ast
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+import omnimirror as om
+
+SOURCE = Path(om.__file__)
+
+
+def test_the_package_says_that_it_is_typed():
+    assert (SOURCE.parent / "py.typed").exists()
+
+
+def test_checkers_are_told_of_every_public_name_from_where_it_is():
+    told = {}
+    for node in ast.walk(ast.parse(SOURCE.read_text())):
+        if isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING":
+            told |= {name.asname: line.module for line in node.body for name in line.names}
+    assert set(told) == set(om.__all__) - {"__version__"}
+    for name, home in told.items():
+        assert getattr(import_module(f"omnimirror.{home}"), name) is getattr(om, name)
+
+
+@pytest.mark.full
+def test_a_users_script_is_checked(tmp_path):
+    api = pytest.importorskip("mypy.api")
+    script = tmp_path / "script.py"
+    script.write_text(
+        "import omnimirror as om\n"
+        'sensor = om.load_sensor("paper-spherical")\n'
+        "reveal_type(om.best_focus(sensor).focus_mm)\n"
+        "om.best_fokus(sensor)\n"
+        "om.best_focus(3)\n"
+    )
+    told, _, _ = api.run([str(script), "--cache-dir", str(tmp_path / "cache"), "--no-error-summary"])
+    lines = told.splitlines()
+    assert 'Revealed type is "float"' in told.replace("builtins.", "")
+    assert len([line for line in lines if ": error:" in line]) == 2, told
+    assert 'script.py:4: error: Module has no attribute "best_fokus"' in told
+    assert "script.py:5: error: Argument 1" in told
