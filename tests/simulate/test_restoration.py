@@ -185,7 +185,7 @@ def test_a_ball_and_a_calibrated_camera_are_restored_by_the_blur_that_is_told(sm
         assert np.sqrt(((found - expected)[inner] ** 2).mean()) < 0.05 * gain
 
 
-@pytest.mark.parametrize("times", [1.4, 2.0])
+@pytest.mark.parametrize("times", [1.4, pytest.param(2.0, marks=pytest.mark.full)])
 def test_blur_told_too_large_is_found_and_lowered(small: Restorer, scene: om.Environment, times: float):
     """Told what its picture shows, nothing is lowered; told more, about what it shows is taken out."""
     noisy = om.take_picture(small.camera, scene, 64, blur=True) + 2.55 * np.random.default_rng(1).standard_normal(3)
@@ -195,7 +195,7 @@ def test_blur_told_too_large_is_found_and_lowered(small: Restorer, scene: om.Env
     assert told.shown_share(picture, 0.01) * times == pytest.approx(1.0, abs=0.25)
 
 
-@pytest.mark.parametrize("quality", [90, 75])
+@pytest.mark.parametrize("quality", [pytest.param(90, marks=pytest.mark.full), 75])
 def test_coded_pictures_lose_nothing(small: Restorer, scene: om.Environment, quality: int):
     """With the noise estimated from the picture alone: neither blocks nor ringing are sharpened."""
     sharp = om.take_picture(small.camera, scene, 16)

@@ -25,58 +25,68 @@ BANDS = 5  # of the radius
 STRIP, LEAST_STRIP_PX, EDGE_PX = 1 / 16, 28, 9  # half its width, of the picture; what ends at its edge does not count
 
 
-def shown_share(known: RoundBlur, roots: Values, noise: Noise) -> float:
-    """The share of its known blur that a picture shows: 1 unless it is sharper than that.
+class BlurScale:
+    """Finds the share of a known blur that pictures show; what does not depend on the picture is prepared once."""
 
-    Parameters
-    ----------
-    known
-        What is known of the blur.
-    roots : (h, w, 1 or 3)
-        Roots of the light of the picture.
-    noise
-        Of the picture.
+    def __init__(self, known: RoundBlur) -> None:
+        self._known = known
+        self._half = max(LEAST_STRIP_PX, round(STRIP * max(known.offsets.shape[:2])))
+        self._strips = _strips(known, self._half)
+        self._prepared: dict[float, list[BlurProblem]] = {}
 
-    Notes
-    -----
-    Right to a tenth or two where there are edges; blur told up to a tenth too large, and any in a picture without
-    edges, is not seen.
-    """
-    limit = BEND_OF_CODED if noise.kind == "JPEG" else BEND
-    share = 1.0
-    while share > LEAST_SHARE:
-        left = np.array([_left_over(known.scaled(share * part), roots, noise) for part in SHARES])
-        seen = (left > 0).all(axis=0)
-        if not seen.any():
-            return 1.0
-        first, second = np.diff((left / np.maximum(left[:1], 1e-9))[:, seen].mean(axis=1), 2)
-        bends = np.array([first, second + min(first, 0)])  # a dip before is no bend
-        if bends.max() < limit:
-            return share
-        bend = 1 + int(np.argmax(bends))
-        share *= SHARES[bend]
-        if bend > 1:
-            return share
-    return share
+    def shown_share(self, roots: Values, noise: Noise) -> float:
+        """The share of its known blur that a picture shows: 1 unless it is sharper than that.
 
+        Parameters
+        ----------
+        roots : (h, w, 1 or 3)
+            Roots of the light of the picture.
+        noise
+            Of the picture.
 
-def _left_over(known: RoundBlur, roots: Values, noise: Noise) -> Array:
-    """Root of the mean square (bands,) of what is left over in bands of the radius; 0 where none is seen."""
-    squares, counts = np.zeros(BANDS), np.zeros(BANDS)
-    half = max(LEAST_STRIP_PX, round(STRIP * max(roots.shape[:2])))
-    for window in _strips(known, half):
-        problem = BlurProblem(known.window(*window))
-        if not len(problem.blur.pixels):
-            continue
-        here = problem.within(roots[window])
-        left = problem.left_over(here, problem.solved(here, noise.window(*window), ROUNDS, STEPS))
-        whole = np.zeros(left.shape[:2], bool)
-        whole.ravel()[problem.blur.pixels] = True
-        whole &= np.abs(problem.known.offsets).min(axis=2) < half - EDGE_PX
-        band = np.minimum(BANDS * problem.known.radius / known.whole_radius_px, BANDS - 1).astype(int)[whole]
-        squares += np.bincount(band, (left**2).mean(axis=2)[whole], BANDS)
-        counts += np.bincount(band, minlength=BANDS)
-    return np.sqrt(squares / np.maximum(counts, 1))
+        Notes
+        -----
+        Right to a tenth or two where there are edges; blur told up to a tenth too large, and any in a picture without
+        edges, is not seen.
+        """
+        limit = BEND_OF_CODED if noise.kind == "JPEG" else BEND
+        share = 1.0
+        while share > LEAST_SHARE:
+            left = np.array([self._left_over(share * part, roots, noise) for part in SHARES])
+            seen = (left > 0).all(axis=0)
+            if not seen.any():
+                return 1.0
+            first, second = np.diff((left / np.maximum(left[:1], 1e-9))[:, seen].mean(axis=1), 2)
+            bends = np.array([first, second + min(first, 0)])  # a dip before is no bend
+            if bends.max() < limit:
+                return share
+            share *= SHARES[1 + int(np.argmax(bends))]
+        return share
+
+    def _left_over(self, share: float, roots: Values, noise: Noise) -> Array:
+        """Root of the mean square (bands,) of what is left over in bands of the radius; 0 where none is seen."""
+        squares, counts = np.zeros(BANDS), np.zeros(BANDS)
+        for strip, problem in zip(self._strips, self._problems(share), strict=True):
+            if not len(problem.blur.pixels):
+                continue
+            here = problem.within(roots[strip])
+            left = problem.left_over(here, problem.solved(here, noise.window(*strip), ROUNDS, STEPS))
+            whole = np.zeros(left.shape[:2], bool)
+            whole.ravel()[problem.blur.pixels] = True
+            whole &= np.abs(problem.known.offsets).min(axis=2) < self._half - EDGE_PX
+            band = np.minimum(BANDS * problem.known.radius / self._known.whole_radius_px, BANDS - 1).astype(int)[whole]
+            squares += np.bincount(band, (left**2).mean(axis=2)[whole], BANDS)
+            counts += np.bincount(band, minlength=BANDS)
+        return np.asarray(np.sqrt(squares / np.maximum(counts, 1)))
+
+    def _problems(self, share: float) -> list[BlurProblem]:
+        """One for each strip; those that every picture asks for are kept."""
+        found = self._prepared.get(share)
+        if found is None:
+            found = [BlurProblem(self._known.window(*strip).scaled(share)) for strip in self._strips]
+            if share in SHARES:
+                self._prepared[share] = found
+        return found
 
 
 def _strips(known: RoundBlur, half: int) -> list[tuple[slice, slice]]:

@@ -25,6 +25,7 @@ Picture = NDArray[Any]
 
 FULL = {"uint8": 255.0, "uint16": 65535.0, "float32": 1.0}
 LEAST_NOISE, MOST_NOISE = 1e-3, 0.2
+LEAST_OF_CODED = 5e-3  # what comes as a JPEG file was often coded, or scaled, before
 BLACK, WHITE = 0.03, 0.97  # levels beyond lack a part of their noise
 PLAINEST, FINEST = 0.05, 0.02  # share of the blocks that is plain, and that holds nothing but noise in fine detail
 LEVELS, PLAINEST_OF_LEVEL, LEAST_BLOCKS = 8, 0.1, 20
@@ -96,7 +97,8 @@ def estimate_noise(picture: Picture, file: str | Path | None = None, where: Mask
         coding = coding_of(file) if file is not None else None
         if coding := coding or detected_coding(picture, inside):
             error = error_of(255 * colours.astype(float), coding, inside) / 255**2
-            return _even(error + SURVIVING**2 * _white(colours, inside, True), inside.shape, "JPEG")
+            variance = error + SURVIVING**2 * _white(colours, inside, True)
+            return _even(max(variance, LEAST_OF_CODED**2), inside.shape, "JPEG")
     demosaiced = _is_demosaiced(colours, inside)
     return _even(_white(colours, inside, demosaiced), inside.shape, "demosaiced" if demosaiced else "white")
 

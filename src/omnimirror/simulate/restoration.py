@@ -14,7 +14,7 @@ from ..arguments import instance
 from ..cameras import Camera
 from ..errors import InvalidParameter
 from .blur_problem import BlurProblem
-from .blur_scale import shown_share
+from .blur_scale import BlurScale
 from .colour import Light, linear_from_srgb, srgb_from_linear
 from .noise import FULL, Noise, check_picture, estimate_noise, told_noise
 from .round_blur import RoundBlur, ToldBlur, round_blur
@@ -90,7 +90,7 @@ class Restorer:
         colours = image[..., None] if image.ndim == 2 else image[..., :3]
         light = _light(colours)
         if share is None:
-            share = shown_share(self.known, np.sqrt(light), found)
+            share = self._scale.shown_share(np.sqrt(light), found)
         problem = self._problem(share)
         sharp = problem.sharp_roots(np.sqrt(light), found) ** 2
         mixing = self.share_of(problem)[..., None]
@@ -113,12 +113,16 @@ class Restorer:
         """The share of the known blur that a picture shows: 1 unless it is sharper than that."""
         found = self._noise_of(image, noise)
         colours = image[..., None] if image.ndim == 2 else image[..., :3]
-        return shown_share(self.known, np.sqrt(_light(colours)), found)
+        return self._scale.shown_share(np.sqrt(_light(colours)), found)
 
     @cached_property
     def known(self) -> RoundBlur:
         """What is known of the blur."""
         return round_blur(self.camera, self.object_distance_mm, self.told)
+
+    @cached_property
+    def _scale(self) -> BlurScale:
+        return BlurScale(self.known)
 
     @cached_property
     def problem(self) -> BlurProblem:
