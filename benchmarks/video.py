@@ -100,7 +100,7 @@ def from_file_to_file(photograph: np.ndarray, folder: Path, frames: int, runs: i
         output = folder / f"view{suffix}"
         with VideoReader(source) as reader:
             v360 = Filter(next(reader.frames()), threads)
-        ours = partial(dewarp_frame, om.Dewarper(CAMERA, SCREEN, "linear"))
+        ours = partial(dewarp_frame, om.Dewarper(CAMERA, SCREEN, "linear", keep_map=True))
         functions: dict[str, Callable[[], object]] = {
             "omnimirror": lambda: convert(source, output, codec, options, lambda frame, time_s: ours(frame)),  # noqa: B023
             "v360 in PyAV": lambda: convert(source, output, codec, options, v360),  # noqa: B023
@@ -125,7 +125,7 @@ def filter_only(photograph: np.ndarray, runs: int) -> list[str]:
     for threads in sorted({1, before}):
         native.set_threads(threads)
         v360 = Filter(frame, threads)
-        dewarp = om.Dewarper(CAMERA, SCREEN, "linear")
+        dewarp = om.Dewarper(CAMERA, SCREEN, "linear", keep_map=True)
         moving = iter(np.arange(0.0, 1e6, 0.1))
 
         def move(moving: Any = moving) -> av.VideoFrame:

@@ -8,6 +8,7 @@ import pytest
 
 import omnimirror as om
 from omnimirror.errors import MediaError
+from omnimirror.media import images
 from omnimirror.media.images import FORMATS
 
 RNG = np.random.default_rng(3)
@@ -48,6 +49,18 @@ def test_lossy_formats_come_close(tmp_path, suffix, dtype, tolerance):
     om.write_image(tmp_path / f"a{suffix}", smooth)
     back = om.read_image(tmp_path / f"a{suffix}")
     assert np.abs(back.astype(float) - smooth).mean() < tolerance
+
+
+def test_opencv_speaks_again_after_several_threads_silenced_it():
+    logging = cv2.utils.logging
+    before = logging.getLogLevel()
+    first, second = images._quiet(), images._quiet()
+    first.__enter__()
+    second.__enter__()  # of another thread, which ends after the first
+    first.__exit__(None, None, None)
+    assert logging.getLogLevel() == logging.LOG_LEVEL_SILENT
+    second.__exit__(None, None, None)
+    assert logging.getLogLevel() == before
 
 
 def test_a_last_axis_of_one_is_grey(tmp_path):

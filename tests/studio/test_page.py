@@ -127,7 +127,7 @@ def test_the_circle_is_fitted_by_the_keyboard_in_the_large_pane(browser, server,
     centre.press("ArrowRight")
     centre.press("Shift+ArrowUp")
     page.wait_for_function("window.omnimirror.store.state.rim?.join() === '250.5,189.5,192'")
-    page.get_by_role("slider", name="Radius of the circle").press("ArrowLeft")
+    page.get_by_role("slider", name="Edge of the circle").press("ArrowLeft")
     page.wait_for_function("window.omnimirror.store.state.rim?.join() === '250.5,189.5,191'")
     page.wait_for_selector("#overlay [aria-valuetext='191.0 px']")
     page.get_by_text("is a guess").wait_for(state="detached")

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+from rich.markup import escape
 from rich.table import Table
 
 from ..arguments import float_of
@@ -101,9 +102,16 @@ def command(sensor: str, output: Path, **options: Any) -> None:
     table.add_column("file", no_wrap=True)
     table.add_column("what")
     table.add_column("deviation from the mirror\num", justify="right", no_wrap=True)
+    table.add_column("of its rays\ndeg", justify="right", no_wrap=True)
     for file in written:
-        table.add_row(str(file.path), file.what, deviation_words(file))
+        table.add_row(str(file.path), file.what, deviation_words(file), ray_words(file))
     console.print(table)
+    for file in written:
+        if not file.follows:
+            console.print(
+                f"[yellow]{escape(file.path.name)} does not follow the mirror[/]: its rays are up to "
+                f"{ray_words(file)} deg off; no asphere does better, the grid sag (--formats gridsag) does"
+            )
 
 
 def deviation_words(file: Exported) -> str:
@@ -111,3 +119,10 @@ def deviation_words(file: Exported) -> str:
     if file.deviation_um is None:
         return ""
     return f"{file.deviation_um:.2g}" if file.deviation_um else "exact"
+
+
+def ray_words(file: Exported) -> str:
+    """By how much a lens file's rays leave those of the mirror, as it is printed."""
+    if file.ray_deg is None:
+        return ""
+    return f"{file.ray_deg:.2g}" if file.ray_deg else "exact"

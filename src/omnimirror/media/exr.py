@@ -122,17 +122,6 @@ def _header(data: bytes) -> tuple[dict[bytes, bytes], int]:
     return attributes, at + 1
 
 
-def check_installed(path: Path) -> None:
-    """Refuse a picture where OpenEXR is not installed.
-
-    Raises
-    ------
-    MediaError
-        It is not.
-    """
-    _library(path)
-
-
 def _library(path: Path) -> Any:
     try:
         import OpenEXR

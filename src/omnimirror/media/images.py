@@ -7,7 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
+from threading import Lock
 from typing import Any, NamedTuple
 
 import cv2
@@ -75,7 +77,7 @@ def format_of(path: str | Path) -> Format:
         what = f"pictures of kind {suffix!r} are" if suffix else "a picture without a suffix is"
         raise MediaError(f"cannot write {path}: {what} not known; valid are {', '.join(FORMATS)}")
     if suffix == ".exr":
-        exr.check_installed(Path(path))
+        exr.check_exr_can_be_written(Path(path))
     return FORMATS[suffix]
 
 
@@ -276,12 +278,28 @@ def _reason(e: cv2.error) -> str:
     return str(e.err or e).strip().split("\n")[0]
 
 
+@dataclass
+class _Silence:
+    lock: Lock = field(default_factory=Lock)
+    users: int = 0
+    before: int = 0
+
+
+_silence = _Silence()
+
+
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Keep OpenCV's own messages off the terminal; ours say it."""
+    """Keep OpenCV's own messages off the terminal; ours say it. The first of several threads silences it for all."""
     logging = cv2.utils.logging
-    before = logging.setLogLevel(logging.LOG_LEVEL_SILENT)
+    with _silence.lock:
+        if _silence.users == 0:
+            _silence.before = logging.setLogLevel(logging.LOG_LEVEL_SILENT)
+        _silence.users += 1
     try:
         yield
     finally:
-        logging.setLogLevel(before)
+        with _silence.lock:
+            _silence.users -= 1
+            if _silence.users == 0:
+                logging.setLogLevel(_silence.before)

@@ -8,12 +8,16 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import omnimirror as om
 from omnimirror.cli import main
 from omnimirror.design.manufacture import DEFAULT_FORMATS, FORMATS, Body
+from omnimirror.design.manufacture.forms import asphere_of
 from omnimirror.errors import InvalidParameter, OmnimirrorError
+from omnimirror.mirrors import SlopeSpline
+from omnimirror.specs import save_sensor
 from tests.cli.test_evaluate import omnimirror
 from tests.conftest import MIRRORS, sensor_of
 
@@ -175,3 +179,25 @@ def test_every_format_is_documented():
     for name, entry in FORMATS.items():
         assert f"`{name}`" in page
         assert all(f"`{suffix}`" in page for suffix in entry.suffixes)
+
+
+def test_a_lens_file_that_does_not_follow_the_mirror_says_so(tmp_path):
+    """A free form whose slope waves faster than sixteen terms can: the angle is that between the reflected rays."""
+    sphere = om.load_sensor("paper-spherical")
+    x = np.linspace(0, sphere.mirror.rim_radius_mm, 41)
+    slopes = sphere.mirror.slope(x) * (1 + 2e-3 * np.sin(x))
+    wavy = replace(sphere, mirror=SlopeSpline(tuple(slopes), sphere.mirror.rim_radius_mm), name="wavy")
+    (file,) = om.export(wavy, tmp_path, ["zmx"])
+    r = np.linspace(0, wavy.mirror.rim_radius_mm, 4001)
+    turned = 2 * np.degrees(np.abs(np.arctan(asphere_of(wavy.mirror).profile(r)[1]) - np.arctan(wavy.mirror.slope(r))))
+    assert file.ray_deg == pytest.approx(turned.max(), rel=1e-2)
+    assert file.ray_deg > 0.05
+    assert not file.follows
+    (exact,) = om.export(sphere, tmp_path, ["zmx"])
+    assert exact.ray_deg == 0
+    assert exact.follows
+    save_sensor(wavy, tmp_path / "wavy.toml")
+    said = omnimirror("export", tmp_path / "wavy.toml", "-o", tmp_path / "lens", "--formats", "zmx,gridsag").stdout
+    assert f"{file.ray_deg:.2g}" in said
+    assert "wavy.zmx does not follow the mirror" in said
+    assert "grid sag" in said

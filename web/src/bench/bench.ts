@@ -61,7 +61,7 @@ export class Bench {
   private readonly picture = new PictureView();
   private readonly charts = CHARTS.map((chart) => new ChartView(chart, this.cursor));
   private readonly trouble = h("p", { className: "trouble", role: "alert", hidden: true });
-  private readonly remark = h("p", { className: "trouble", role: "status", hidden: true });
+  private readonly remark = h("p", { className: "remark", role: "status", hidden: true });
   private describing = 0;
 
   constructor(private readonly host: Host, private readonly parts: BenchStart, first: Design) {

@@ -17,7 +17,7 @@ export class CirclePane {
   private readonly place = byId("circle");
   private camera: Camera | null = null;
   private held: Handle | null = null;
-  private readonly handles: Record<Handle, SVGElement> = { centre: handle("Centre of the circle"), radius: handle("Radius of the circle") };
+  private readonly handles: Record<Handle, SVGElement> = { centre: handle("Centre of the circle"), radius: handle("Edge of the circle") };
   private readonly drawn = element("g", {});
   isFitting = false;
 

@@ -158,7 +158,7 @@ def mirror_rows(mirror: Mirror) -> list[tuple[str, str]]:
             ]  # fmt: skip
         elif isinstance(value, str):
             rows.append((name, value))
-        elif not (f.name == "normalization_radius_mm" and value == 1.0):
+        elif value is not None and not (f.name == "normalization_radius_mm" and value == 1.0):
             rows.append((name, f"{value:.9g} {p.unit}".strip()))
     radius = float(mirror.radius_t(0.0))
     words = f"{radius:.9g} mm"

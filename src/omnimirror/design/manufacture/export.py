@@ -10,6 +10,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from shutil import copyfile
 from tempfile import TemporaryDirectory
+from typing import NamedTuple
 
 from ...arguments import WrongKind, choice, file_name, number, optional_number, shown, whole
 from ...errors import InvalidParameter, OmnimirrorError
@@ -24,6 +25,8 @@ from .supports import Support
 from .table import format_table, table_points
 from .zmx import write_zmx
 
+FOLLOWS_DEG = 0.01  # a lens file whose rays stay within this of the mirror's follows it
+
 
 @dataclass(frozen=True)
 class Exported:
@@ -34,11 +37,18 @@ class Exported:
     path
     what : what it holds, in a few words
     deviation_um : how far its surface lies from the mirror at most, 0 where it is the mirror; None for a drawing
+    ray_deg : of a lens file, the largest angle between the rays that its surface and the mirror reflect; else None
     """
 
     path: Path
     what: str
     deviation_um: float | None
+    ray_deg: float | None = None
+
+    @property
+    def follows(self) -> bool:
+        """Whether rays through it go where the mirror sends them, to a hundredth of a degree."""
+        return self.ray_deg is None or self.ray_deg < FOLLOWS_DEG
 
 
 @dataclass(frozen=True)
@@ -57,7 +67,15 @@ class Plan:
     scale: float | None = None
 
 
-Writer = Callable[[Plan, Part, Path], tuple[str, float | None]]
+class Content(NamedTuple):
+    """What a writer tells of its file, as :class:`Exported` holds it."""
+
+    what: str
+    deviation_um: float | None
+    ray_deg: float | None = None
+
+
+Writer = Callable[[Plan, Part, Path], Content]
 """Writes a file of one mirror, or of the sensor, to which all parts belong."""
 
 
@@ -166,7 +184,7 @@ def _plain(name: str) -> str:
     return name.encode("utf-8", "replace").decode()
 
 
-def _write(plan: Plan, name: str, part: Part, path: Path, target: Path) -> tuple[str, float | None]:
+def _write(plan: Plan, name: str, part: Part, path: Path, target: Path) -> Content:
     """Write one file where it can be thrown away; ``target`` is what the user knows it as."""
     try:
         return FORMATS[name].write(plan, part, path)
@@ -226,49 +244,49 @@ def _is_installed(package: str) -> bool:
 # -- the formats -----------------------------------------------------------------------------------------
 
 
-def _step(plan: Plan, part: Part, path: Path) -> tuple[str, float]:
+def _step(plan: Plan, part: Part, path: Path) -> Content:
     from .step import write_step
 
     curve = write_step(path, part.mirror, part.body, part.name)
-    return f"solid, {curve.words}", curve.deviation_um
+    return Content(f"solid, {curve.words}", curve.deviation_um)
 
 
-def _mesh(plan: Plan, part: Part, path: Path) -> tuple[str, float]:
+def _mesh(plan: Plan, part: Part, path: Path) -> Content:
     from .mesh import write_mesh
 
     deviation, count = write_mesh(path, part.mirror, part.body, plan.chord_tolerance_um)
-    return f"{count} triangles", deviation
+    return Content(f"{count} triangles", deviation)
 
 
-def _dxf(plan: Plan, part: Part, path: Path) -> tuple[str, float]:
+def _dxf(plan: Plan, part: Part, path: Path) -> Content:
     from .dxf import write_dxf
 
     curve = write_dxf(path, part.mirror, part.body, part.name)
-    return f"half-section with dimensions, {curve.words}", curve.deviation_um
+    return Content(f"half-section with dimensions, {curve.words}", curve.deviation_um)
 
 
-def _zmx(plan: Plan, part: Part, path: Path) -> tuple[str, float]:
+def _zmx(plan: Plan, part: Part, path: Path) -> Content:
     aspheres = write_zmx(path, plan.sensor)
     words = " and ".join(asphere.words() for asphere in aspheres)
-    return f"OpticStudio, {words}", max(asphere.deviation_um for asphere in aspheres)
+    return Content(f"OpticStudio, {words}", max(a.deviation_um for a in aspheres), max(a.ray_deg for a in aspheres))
 
 
-def _grid_sag(plan: Plan, part: Part, path: Path) -> tuple[str, float]:
+def _grid_sag(plan: Plan, part: Part, path: Path) -> Content:
     deviation = write_grid_sag(path, part.mirror, plan.grid_points)
-    return f"OpticStudio grid sag, {plan.grid_points} x {plan.grid_points}", deviation
+    return Content(f"OpticStudio grid sag, {plan.grid_points} x {plan.grid_points}", deviation)
 
 
-def _table(plan: Plan, part: Part, path: Path) -> tuple[str, float]:
+def _table(plan: Plan, part: Part, path: Path) -> Content:
     x = table_points(plan.sensor, plan.step_mm, plan.step_deg, part.is_secondary)
     path.write_text(format_table(plan.sensor, x, plan.digits, part.is_secondary), encoding="utf-8", newline="")
-    return f"sag table, {len(x)} points", 1e3 * 0.5 * 10.0**-plan.digits
+    return Content(f"sag table, {len(x)} points", 1e3 * 0.5 * 10.0**-plan.digits)
 
 
-def _drawing(plan: Plan, part: Part, path: Path) -> tuple[str, None]:
+def _drawing(plan: Plan, part: Part, path: Path) -> Content:
     bodies = [p.body for p in plan.parts]
     drawing: Drawing = draw_sheet(plan.sensor, bodies[0], plan.support, plan.sheet, plan.scale, *bodies[1:])
     write_drawing(path, drawing)
-    return f"drawing, {plan.sheet}, {scale_words(drawing.sensor_scale)}", None
+    return Content(f"drawing, {plan.sheet}, {scale_words(drawing.sensor_scale)}", None)
 
 
 MESHES = ("trimesh", "lxml", "networkx")
