@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from ..analysis import Evaluation, evaluate
 from ..lenses import Perspective
 from ..tracing.meridian import Meridian
+from .counted import Part
 from .making import Choice, Made, imager_radius_mm, wanted_mirror
 from .merits import Field, field_of_evaluation
 from .placed import Rim
@@ -146,7 +147,7 @@ def limit_rows(requirements: Requirements, made: Made, angles: int) -> list[Row]
     for limit in requirements.limits:
         own = [(field.part(where[limit.omega_deg]), r.omega_deg[where[limit.omega_deg]])
                for field, r in zip(fields, results, strict=True)]  # fmt: skip
-        rows.append(_limit_row(limit, own, (*parts[limit.omega_deg].left_out, *_diffraction(limit, own, made))))
+        rows.append(_limit_row(limit, own, _remarks(limit, own, made, parts[limit.omega_deg])))
     return rows
 
 
@@ -162,6 +163,12 @@ def _limit_row(limit: Limit, fields: list[tuple[Field, Array]], remarks: tuple[s
         asked = (limit.at_least, limit.at_most)
         rows.append(Row(limit.quantity, limit.of.unit, *asked, value, at, limit.omega_deg, True, remarks=remarks))
     return min(rows, key=lambda row: row.margin)
+
+
+def _remarks(limit: Limit, fields: list[tuple[Field, Array]], made: Made, part: Part) -> tuple[str, ...]:
+    """What is not judged, of what differs from angle to angle; and what by itself is too much."""
+    is_of_the_field = any(values.shape[-1] > 1 for values in limit.of.parts(fields[0][0]))
+    return (*(part.left_out if is_of_the_field else ()), *_diffraction(limit, fields, made))
 
 
 def _diffraction(limit: Limit, fields: list[tuple[Field, Array]], made: Made) -> list[str]:

@@ -121,7 +121,7 @@ class Search:
 def ratios(span: tuple[float, float], count: int) -> list[float]:
     """Numbers from one end of a range to the other, in equal ratios, or in equal steps past 0.
 
-    >>> ratios((4.0, 16.0), 3), ratios((-1.0, 1.0), 3)
+    >>> [round(v, 6) for v in ratios((4.0, 16.0), 3)], ratios((-1.0, 1.0), 3)
     ([4.0, 8.0, 16.0], [-1.0, 0.0, 1.0])
     """
     spaced = np.geomspace if span[0] > 0 else np.linspace
