@@ -43,7 +43,7 @@ LOCAL = "http://127.0.0.1"
 SECRET = "1.25, 2.5"
 SPHERE = tables_of(om.load_sensor("paper-spherical"))
 FIELD = {"field": {"omega_max_deg": 90.0}, "lens": {"theta_max_deg": 12.0}}
-FILES = {kind: cls.FILE.entry for kind, cls in SECONDARIES.items() if cls.FILE is not None}
+FILES = [(kind, file.entry) for kind, cls in SECONDARIES.items() for file in cls.FILES]
 
 
 @pytest.fixture
@@ -57,7 +57,7 @@ def client():
 
 def spies(path: str) -> list[dict]:
     """Tables of sensors and of requirements that name a file, wherever a table may."""
-    mirrors = [{"kind": kind, entry: path, "theta_max_deg": 12.0} for kind, entry in FILES.items()]
+    mirrors = [{"kind": kind, entry: path, "theta_max_deg": 12.0} for kind, entry in FILES]
     folded = tables_of(om.load_sensor("folded-spherical"))
     second = {k: v for k, v in folded["secondary"].items() if k != "radius_mm"}
     return [
@@ -91,7 +91,7 @@ def answers(client: TestClient, tables: dict) -> list[str]:
 
 
 def test_what_may_name_a_file_is_tried():
-    assert {"sampled", "tabulated-mapping"} <= set(FILES)
+    assert {"sampled", "tabulated-mapping"} <= {kind for kind, _ in FILES}
     assert set(MIRRORS) <= set(SECONDARIES)
 
 

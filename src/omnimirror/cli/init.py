@@ -94,7 +94,8 @@ def _catalogue(parts: Mapping[str, type[Mirror] | type[Lens]]) -> str:
         parameters = cls.PARAMETERS
         lines += [f"#     {name}: {p.description}{f', {p.unit}' if p.unit else ''}" for name, p in parameters.items()]
         if kind == "sampled":
-            lines.append("#     or profile_csv: a file of two columns x_mm, z_mm beside this one")
+            lines.append("#     or profile_csv: a file of two columns x_mm, z_mm beside this one; cloud_csv: x, y, z")
+            lines.append("#     anywhere on the mirror; grid_sag: an OpticStudio grid")
         if kind == "tabulated-mapping":
             lines.append("#     or mapping_csv: a file of two columns omega_deg, height beside this one")
     return "\n".join(lines)

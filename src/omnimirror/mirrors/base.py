@@ -35,8 +35,8 @@ class Mirror(ABC):
     PARAMETERS: ClassVar[dict[str, Parameter]]
     """Its parameters in the order of its fields."""
 
-    FILE: ClassVar[ColumnFile | None] = None
-    """The entry that may name a file with some of them, if there is one."""
+    FILES: ClassVar[tuple[ColumnFile, ...]] = ()
+    """The entries that may name a file with some of them."""
 
     rim_radius_mm: float
 
@@ -86,7 +86,9 @@ class Mirror(ABC):
     @classmethod
     def from_spec(cls, data: dict[str, Any], folder: Path | None) -> dict[str, Any]:
         """The mirror table of a sensor file, its file of columns followed; without a folder it may name none."""
-        return data if cls.FILE is None else cls.FILE.followed(data, folder)
+        for file in cls.FILES:
+            data = file.followed(data, folder)
+        return data
 
     def __getstate__(self) -> dict[str, Any]:
         """Pickle the parameters alone; what was computed from them is computed again."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,15 +11,20 @@ from typing import Any
 from ..arguments import float_of, shown
 from ..errors import OmnimirrorError, SpecError
 from ..files import read_text
+from .clouds import read_cloud, read_grid
+
+Columns = tuple[tuple[float, ...], tuple[float, ...]]
 
 
 @dataclass(frozen=True)
 class ColumnFile:
-    """An entry of a table that names a CSV file of two columns, which take its place."""
+    """An entry of a table that names a file, two columns made from which take its place."""
 
     entry: str
     columns: tuple[str, str]
     noun: str
+    read: Callable[[Path, str], Columns]
+    """What makes the columns of the file and its noun."""
 
     def followed(self, table: dict[str, Any], folder: Path | None) -> dict[str, Any]:
         """The table with the columns in the place of the file's name.
@@ -48,13 +54,9 @@ class ColumnFile:
         name = table[self.entry]
         if not isinstance(name, str):
             raise SpecError(f"{self.entry} = {shown(name)} is not the name of a file in quotes")
-        found = read_columns(folder / name, self.noun, ", ".join(self.columns))
+        found = self.read(folder / name, self.noun)
         rest = {k: v for k, v in table.items() if k != self.entry}
         return rest | dict(zip(self.columns, map(list, found), strict=True))
-
-
-PROFILE_FILE = ColumnFile("profile_csv", ("x_mm", "z_mm"), "profile")
-MAPPING_FILE = ColumnFile("mapping_csv", ("omega_deg", "height"), "mapping")
 
 
 def read_columns(
@@ -89,3 +91,14 @@ def _rows(text: str, path: Path) -> list[list[str]]:
         return list(csv.reader(text.splitlines()))
     except csv.Error as e:  # an entry of more than 128 kB
         raise OmnimirrorError(f"{path} is not a table of two columns: {e}") from None
+
+
+PROFILE_FILE = ColumnFile("profile_csv", ("x_mm", "z_mm"), "profile", read_columns)
+CLOUD_FILE = ColumnFile("cloud_csv", ("x_mm", "z_mm"), "cloud", read_cloud)
+GRID_FILE = ColumnFile("grid_sag", ("x_mm", "z_mm"), "grid", read_grid)
+MAPPING_FILE = ColumnFile(
+    "mapping_csv",
+    ("omega_deg", "height"),
+    "mapping",
+    lambda path, noun: read_columns(path, noun, "omega_deg, height"),
+)

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from ..errors import InvalidParameter
 from ..parameters import Parameter
 from .base import RIM_RADIUS, Array, Mirror, near_apex
-from .columns import PROFILE_FILE, read_columns
+from .columns import CLOUD_FILE, GRID_FILE, PROFILE_FILE, read_columns
 from .measured import DEGREE, Fit, fitted
 
 if TYPE_CHECKING:
@@ -87,7 +87,7 @@ class SampledProfile(Mirror):
     uncertainty_um: float | None = None
 
     KIND: ClassVar[str] = "sampled"
-    FILE = PROFILE_FILE
+    FILES = (PROFILE_FILE, CLOUD_FILE, GRID_FILE)
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
         "x_mm": Parameter("mm", 0.0, 1e5, "distances from the axis, growing from 0"),
         "z_mm": Parameter("mm", -1e5, 1e5, "heights, growing away from the lens"),

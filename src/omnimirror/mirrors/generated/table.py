@@ -51,7 +51,7 @@ class TabulatedMapping(Mapped):
     rim_radius_mm: float
 
     KIND: ClassVar[str] = "tabulated-mapping"
-    FILE = MAPPING_FILE
+    FILES = (MAPPING_FILE,)
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
         "omega_deg": Parameter("deg", 0.0, 179.0, "field angles, growing from the image centre to the rim"),
         "height": Parameter("", 0.0, 1e9, "their image heights in any unit, growing from 0"),
