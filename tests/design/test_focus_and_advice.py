@@ -184,6 +184,13 @@ def test_what_the_camera_hides_is_not_judged_and_that_is_said():
         design_sensor(parse_requirements(text.replace("[0, 20]", "[0, 3]")))
 
 
+def test_what_is_not_asked_for_is_not_said_to_be_left_out():
+    whole = SURVEY.replace("omega_deg = [85, 95]", "")
+    (remark,) = (r for r in row(Search(parse_requirements(whole)).best(), "blur_deg").remarks if "judged" in r)
+    assert remark.startswith("40 to 4")
+    assert "pointed" in remark
+
+
 def test_diffraction_that_is_too_much_by_itself_is_named():
     found = row(Search(parse_requirements(SURVEY.replace("0.65", "0.1"))).best(), "blur_deg")
     assert not found.is_met

@@ -63,6 +63,8 @@ class Counted:
         first, last = asked_deg or (0.0, self.wanted_deg[1])
         begin, why = max(begins, key=lambda b: b[0])
         low, high = max(first, begin), min(last, self.high_deg)
+        if asked_deg is None and begin > self.wanted_deg[0]:
+            first = self.wanted_deg[0]  # what is inside of that is not asked for
         left_out = [f"{first:.4g} to {low:.4g} deg is not judged: {why}"] if low > first + NO_PART else []
         if high < last - NO_PART:
             left_out.append(f"{high:.4g} to {last:.4g} deg is not judged: the mirror's field ends there")
