@@ -322,7 +322,7 @@ def _size_of_video(source: str) -> tuple[int, int]:
 
 
 def _needs_pyav(source: str) -> OmnimirrorError:
-    return OmnimirrorError(f"{source} is a video, which needs PyAV: install omnimirror[video]")
+    return OmnimirrorError(f"{source} is a video, which needs PyAV: pip install 'omnimirror[video]'")
 
 
 def _is_one_picture(source: str) -> bool:

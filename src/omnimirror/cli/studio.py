@@ -46,7 +46,7 @@ def run_studio(make: Callable[[], Studio], host: str, port: int, open_browser: b
     except ModuleNotFoundError as e:
         if e.name not in ("fastapi", "starlette", "uvicorn"):
             raise
-        raise OmnimirrorError("the studio needs FastAPI and uvicorn: install omnimirror[studio]") from None
+        raise OmnimirrorError("the studio needs FastAPI and uvicorn: pip install 'omnimirror[studio]'") from None
     serve(make(), host, port, open_browser, click.echo)
 
 

@@ -157,4 +157,4 @@ def encode(output: str | Path, size: tuple[int, int], frame_rate: float, picture
 def check_video_can_be_written(output: str | Path) -> None:
     """Raise MediaError unless PyAV is installed."""
     if find_spec("av") is None:
-        raise MediaError(f"{output} is a video, which needs PyAV: install omnimirror[video]")
+        raise MediaError(f"{output} is a video, which needs PyAV: pip install 'omnimirror[video]'")

@@ -233,7 +233,7 @@ def _check_packages(names: list[str]) -> None:
     others = [name for name, packages in lacking.items() if not packages]
     rest = f", or choose from {', '.join(others)}" if others else ""
     raise OmnimirrorError(
-        f"{', '.join(without)} need{'s' * (len(without) == 1)} {', '.join(missing)}: install omnimirror[cad]{rest}"
+        f"{', '.join(without)} need{'s' * (len(without) == 1)} {', '.join(missing)}: pip install 'omnimirror[cad]'{rest}"
     )
 
 
