@@ -15,15 +15,12 @@ from ..files import write_text
 from ..media import write_image
 from ..sensor import Sensor
 from ..simulate import Room, take_picture
+from ..simulate.picture import SHOWN_SAMPLES
 from .pages import figure_html, page_html
 
 VIEW = screens.Plane((960, 600))
 FIGURES_SHOWN = ("fig5", "fig7", "fig10", "fig4", "fig9", "fig6")
 COLUMNS_SHOWN = [name for name in HEADINGS if name not in ("blur_t_deg", "blur_s_deg")]
-
-
-SAMPLES = 8
-"""Rays of a pixel of the demo's picture."""
 
 
 def write_demo(sensor: Sensor, folder: str | Path, blur: bool = True) -> Path:
@@ -51,7 +48,7 @@ def write_demo(sensor: Sensor, folder: str | Path, blur: bool = True) -> Path:
     folder = Path(folder)
     result = evaluate(sensor)
     blur = blur and sensor.secondary is None
-    circle = take_picture(sensor, Room(), SAMPLES, blur)
+    circle = take_picture(sensor, Room(), SHOWN_SAMPLES, blur)
     pictures = {
         "circle": circle,
         "panorama": Dewarper(sensor, views.panorama(sensor), interpolation="cubic")(circle),

@@ -21,6 +21,7 @@ from ..files import write_text
 from ..media import write_image
 from ..media.images import encoded
 from ..simulate import Room, Scene, take_picture
+from ..simulate.picture import SHOWN_SAMPLES
 from .pages import figure_html, page_html
 
 PANORAMA_PX = 1440  # width of every panorama
@@ -66,7 +67,7 @@ def take_pictures(comparison: Comparison, scene: Scene) -> Pictures:
     elevations = min(f.tilt_min_deg for f in fields), max(f.tilt_max_deg for f in fields)
     circles, panoramas = [], []
     for sensor in comparison.sensors:
-        circle = take_picture(sensor, scene)
+        circle = take_picture(sensor, scene, SHOWN_SAMPLES)
         view = views.panorama(sensor, (PANORAMA_PX, None), elevation_deg=elevations)
         circles.append(circle)
         panoramas.append(Dewarper(sensor, view, interpolation="cubic")(circle))

@@ -17,10 +17,10 @@ from ..figures.diagrams import Picture, Prototype
 from ..sensor import Sensor
 from ..simulate import Room, take_picture
 from ..simulate.hardware import Hardware
+from ..simulate.picture import SHOWN_SAMPLES
 from ..simulate.shells import Dome, ThroughShell, Tube
 from .paper import M, paper_sensors
 
-SAMPLES = 8  # rays of a pixel
 CAMERA = 20.0  # mm: radius of the body of the prototypes' cameras
 
 
@@ -30,8 +30,8 @@ def _sphere() -> Sensor:
 
 @cache
 def _circle() -> Picture:
-    """What the spherical sensor sees of the room."""
-    return take_picture(_sphere(), Room(), samples=SAMPLES)
+    """What the spherical sensor sees of the room through its whole aperture, as its camera did."""
+    return take_picture(_sphere(), Room(), SHOWN_SAMPLES, blur=True)
 
 
 def fig1() -> Figure:
@@ -65,9 +65,9 @@ def fig16() -> Figure:
     tube = Tube(55.0, 3.0, lids_mm=(-m,))  # it stands on the camera
     dome = Dome(75.0, 3.0, centre_mm=20.0)
     taken = [
-        take_picture(sensor, room, samples=SAMPLES, hardware=body),
-        take_picture(sensor, ThroughShell(room, tube, sensor), samples=SAMPLES, hardware=body),
-        take_picture(sensor, ThroughShell(room, dome, sensor), samples=SAMPLES, hardware=body),
+        take_picture(sensor, room, samples=SHOWN_SAMPLES, hardware=body),
+        take_picture(sensor, ThroughShell(room, tube, sensor), samples=SHOWN_SAMPLES, hardware=body),
+        take_picture(sensor, ThroughShell(room, dome, sensor), samples=SHOWN_SAMPLES, hardware=body),
     ]
     return diagrams.prototypes(
         [

@@ -39,7 +39,6 @@ from .viewer import bench_text, page_text
 
 BYTES: dict[str, Any] = {"application/octet-stream": {}}
 PNG: dict[str, Any] = {"image/png": {}}
-ROOM_SAMPLES = 2
 MOST_PIXELS = 4096 * 4096
 """Of a simulated picture, which takes 60 bytes a pixel."""
 
@@ -279,6 +278,7 @@ async def _serve(socket: WebSocket, watched: Any) -> None:
 @lru_cache(maxsize=8)
 def _room(known: Known) -> bytes:
     from ..simulate import Room, take_picture
+    from ..simulate.picture import SHOWN_SAMPLES
 
     width, height = known.camera.image_size
     if width * height > MOST_PIXELS:
@@ -286,4 +286,4 @@ def _room(known: Known) -> bytes:
             f"the picture of {known.name}, {width} x {height} px, is too large to be simulated here; valid are "
             f"{MOST_PIXELS // 10**6} million pixels, and omnimirror simulate takes more"
         )
-    return encoded(take_picture(known.camera, Room(), samples=ROOM_SAMPLES), ".png")
+    return encoded(take_picture(known.camera, Room(), samples=SHOWN_SAMPLES), ".png")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -135,12 +135,17 @@ class _Painted:
         self.surroundings = Surroundings(surfaces_of(faces, pictures), Landscape())
         self._sizes = np.array([p.shape[:2] for p in pictures])
         self._starts = np.concatenate([[0], np.cumsum(self._sizes.prod(axis=1))])[:-1]
-        self._texels = np.concatenate([p.reshape(-1, 4) for p in pictures])
+        self._pictures = pictures
         # column and row of a point p are A p + b; columns count from the left, rows from the top
         scale = self._sizes[:, ::-1] / np.array([(f.width_mm, f.height_mm) for f in faces])
         axes = np.array([(f.right, -f.up) for f in faces]) * scale[..., None]
         top_left = np.array([f.point(0.0, f.height_mm) for f in faces])
         self._axes, self._shifts = axes, -np.einsum("fij,fj->fi", axes, top_left) - 0.5
+
+    @cached_property
+    def _texels(self) -> Light:
+        """All of them in a row; where things are compiled nobody asks, and they would be kept twice."""
+        return np.concatenate([p.reshape(-1, 4) for p in self._pictures])
 
     def look_up(self, face: NDArray[np.int32], points_mm: Array) -> tuple[Light, NDArray[np.float32]]:
         """Light (n, 3) of points (n, 3) on faces (n,), and the share (n,) of what is behind that comes through."""
@@ -186,7 +191,10 @@ def _painted(texel_mm: float) -> _Painted:
             decorate(canvas)
         canvases.append(canvas)
     lights = light_on(list(zip(faces, canvases, strict=True)), ROOM, SOLIDS)
-    pictures = [finished(canvas, light) for canvas, light in zip(canvases, lights, strict=True)]
+    pictures = []
+    for canvas, light in zip(canvases, lights, strict=True):
+        pictures.append(finished(canvas, light))
+        canvas.texels = canvas.texels[:0].copy()  # a fine room takes 500 MB, and its paint twice that
     return _Painted(faces, pictures, signs)
 
 

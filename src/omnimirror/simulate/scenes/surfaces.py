@@ -89,7 +89,7 @@ class Surfaces:
             np.ascontiguousarray(self.texel_places, np.float32),
             np.stack([self.texture_of, self.is_triangle], axis=-1).astype(np.int32),
             np.array(sizes, np.int32).reshape(-1, 3),
-            np.concatenate([t.texels.reshape(-1, 4) for t in self.textures]).astype(np.float32),
+            np.concatenate([t.texels.reshape(-1, 4) for t in self.textures]).astype(np.float32, copy=False),
         )
 
     # -- without anything compiled ---------------------------------------------------------------
