@@ -1,5 +1,6 @@
 """Picture files, in and out."""
 
+import subprocess
 import sys
 
 import cv2
@@ -184,3 +185,19 @@ def test_exr_without_its_package_is_one_sentence(tmp_path, monkeypatch):
     with pytest.raises(MediaError, match=r"needs one more package: pip install 'omnimirror\[exr\]'"):
         om.write_image(tmp_path / "a.exr", picture("float32"))
     assert not list(tmp_path.iterdir())
+
+
+def test_a_full_disk_under_an_exr_picture_names_the_users_file(tmp_path, monkeypatch):
+    pytest.importorskip("OpenEXR")
+    monkeypatch.chdir(tmp_path)
+    script = (
+        "import numpy as np, resource, signal, omnimirror as om\n"
+        "signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))\n"
+        "om.write_image('view.exr', np.random.default_rng(0).random((64, 64, 3), np.float32))\n"
+    )
+    run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    last = run.stderr.splitlines()[-1]
+    assert "cannot write view.exr: " in last
+    assert ".omnimirror-" not in last
+    assert list(tmp_path.iterdir()) == []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import struct
 from collections.abc import Mapping
 from pathlib import Path
@@ -86,7 +87,10 @@ def write_channels(path: Path, channels: Mapping[str, NDArray[np.float32]]) -> N
         with library.File(header, dict(channels)) as file:
             file.write(str(path))
     except RuntimeError as e:
-        raise OSError(5, str(e).strip().splitlines()[0]) from None
+        reason = str(e).strip().splitlines()[0].replace(str(path), "it")  # a temporary name, which nobody knows
+        raise OSError(errno.EIO, reason) from None
+    except UnicodeEncodeError:
+        raise OSError(errno.EINVAL, "the library of OpenEXR takes no names that are not UTF-8") from None
 
 
 def check_exr_can_be_written(path: Path) -> None:

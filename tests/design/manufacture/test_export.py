@@ -82,7 +82,7 @@ def test_a_missing_package_is_one_sentence_that_says_what_to_install(tmp_path, m
     assert str(caught.value) == (
         "step, dxf need OCP, ezdxf: pip install 'omnimirror[cad]', or choose from stl, 3mf, zmx, gridsag, csv, pdf"
     )
-    with pytest.raises(OmnimirrorError, match=r"^step needs OCP: install omnimirror\[cad\]$"):
+    with pytest.raises(OmnimirrorError, match=r"^step needs OCP: pip install 'omnimirror\[cad\]'$"):
         om.export(sensor, tmp_path / "mirror.step")
     assert len(om.export(sensor, tmp_path, ["csv", "zmx"])) == 2
 

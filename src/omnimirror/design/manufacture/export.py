@@ -12,7 +12,7 @@ from shutil import copyfile
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
-from ...arguments import WrongKind, choice, file_name, number, optional_number, shown, whole
+from ...arguments import WrongKind, file_name, number, optional_number, shown, whole
 from ...errors import InvalidParameter, OmnimirrorError
 from ...files import replacing
 from ...sensor import Sensor, check_sensor
@@ -158,8 +158,6 @@ def export(
     if isinstance(formats, str) or not (formats is None or isinstance(formats, Iterable)):
         raise WrongKind(f"formats = {shown(formats)} is not a list of names, of {', '.join(FORMATS)}")
     formats = None if formats is None else list(formats)
-    for name in formats or ():
-        choice("a format", name, FORMATS)
     path = file_name("path", path)
     digits, grid_points = whole("digits", digits, 0, 15), whole("grid_points", grid_points, 3, 10_001)
     chord_tolerance_um = number("chord_tolerance_um", chord_tolerance_um, above=0.0, unit="um")
@@ -194,10 +192,9 @@ def _write(plan: Plan, name: str, part: Part, path: Path, target: Path) -> Conte
 
 def _targets(plan: Plan, path: Path, formats: list[str] | None) -> dict[Path, tuple[str, Part]]:
     """The files to write, each with its format and the mirror that it is of."""
-    formats = None if formats is None else list(formats)
     for name in formats or ():
-        if name not in FORMATS:
-            raise InvalidParameter(f"there is no format {name!r}; valid are {', '.join(FORMATS)}")
+        if not isinstance(name, str) or name not in FORMATS:
+            raise InvalidParameter(f"there is no format {shown(name)}; valid are {', '.join(FORMATS)}")
     by_suffix = {suffix: name for name, f in FORMATS.items() for suffix in f.suffixes}
     suffix = path.suffix.lower()
     if suffix in by_suffix and not path.is_dir():
@@ -233,7 +230,8 @@ def _check_packages(names: list[str]) -> None:
     others = [name for name, packages in lacking.items() if not packages]
     rest = f", or choose from {', '.join(others)}" if others else ""
     raise OmnimirrorError(
-        f"{', '.join(without)} need{'s' * (len(without) == 1)} {', '.join(missing)}: pip install 'omnimirror[cad]'{rest}"
+        f"{', '.join(without)} need{'s' * (len(without) == 1)} {', '.join(missing)}: "
+        f"pip install 'omnimirror[cad]'{rest}"
     )
 
 
