@@ -19,6 +19,7 @@ Array = NDArray[np.float64]
 
 SHARES = (0.6, 0.7, 0.8, 0.9)
 BEND, BEND_OF_CODED = 0.012, 0.02  # second difference of what is left over, of that of the least share
+BEND_AGAIN = 0.02  # it must be plain that even what was lowered once is too large
 LEAST_SHARE = 0.3
 ROUNDS, STEPS = 2, 4
 BANDS = 5  # of the radius
@@ -61,6 +62,7 @@ class BlurScale:
             if bends.max() < limit:
                 return share
             share *= SHARES[1 + int(np.argmax(bends))]
+            limit = max(limit, BEND_AGAIN)
         return share
 
     def _left_over(self, share: float, roots: Values, noise: Noise) -> Array:
