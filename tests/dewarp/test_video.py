@@ -17,6 +17,14 @@ VIEW = om.screens.Plane((160, 120), pan_deg=20.0, tilt_deg=-30.0)
 DOME = om.views.dome(BALL, (130, 130))  # whose corners are outside
 LIMITED, FULL = 1, 2
 FORMATS = ["yuv420p", "nv12", "yuvj420p", "yuvj422p", "yuv422p", "yuv444p", "yuv420p10le", "rgb24"]
+FORMATS += ["yuv422p10le", "yuva444p12le", "gbrp10le", "yuv411p"]
+KEPT = {
+    "yuvj420p": "yuv420p",
+    "yuvj422p": "yuv422p",
+    "rgb24": "yuv444p",
+    "gbrp10le": "yuv444p10le",
+    "yuv411p": "yuv422p",
+}
 
 
 def picture():
@@ -40,7 +48,7 @@ def test_a_frame_of_any_format_shows_what_its_picture_shows(pixel_format, colour
         pytest.skip(f"{pixel_format} is full range by its name")
     frame = frame_of(pixel_format, colour_range)
     made = dewarp_frame(om.Dewarper(BALL, VIEW), frame)
-    assert made.format.name == ("nv12" if pixel_format == "nv12" else "yuv420p")
+    assert made.format.name == KEPT.get(pixel_format, pixel_format)
     assert (made.width, made.height) == VIEW.size
     expected = om.Dewarper(BALL, VIEW)(picture()).astype(float)
     taken = made.to_ndarray(format="rgb24")
@@ -84,7 +92,7 @@ def test_a_view_that_moves_and_one_that_stays_show_the_same():
 
 
 def test_a_frame_of_another_size_is_refused():
-    with pytest.raises(InvalidParameter, match="are no 4:2:0 picture of 240 x 240 px"):
+    with pytest.raises(InvalidParameter, match="are no picture of 240 x 240 px"):
         dewarp_frame(om.Dewarper(BALL, VIEW), av.VideoFrame(64, 48, "yuv420p"))
 
 
@@ -96,3 +104,40 @@ def test_colours_lie_where_they_are_said_to():
         expected = om.Dewarper(BALL, VIEW).planes(planes(frame), None, *sitings, full_range=True)
         for one, other in zip(planes(made), expected, strict=True):
             np.testing.assert_array_equal(one, other)
+
+
+def edge(colours, side=SIDE):
+    """A frame of 12 bits whose luma and colours have an edge in the same place, with a transparent left half."""
+    across, down = {"422": (side // 2, side), "444": (side, side)}[colours]
+    frame = av.VideoFrame(side, side, f"yuva{colours}p12le")
+    for plane, (width, height) in zip(planes(frame), [(side, side), *[(across, down)] * 2, (side, side)], strict=True):
+        plane[:] = np.where(np.arange(width) < width // 2, 1000, 3000)[None]
+        assert plane.shape == (height, width)
+    return frame
+
+
+@pytest.mark.parametrize("colours", ["422", "444"])
+@pytest.mark.parametrize("to_siting", ["left", "center"])
+def test_colours_and_transparency_stay_where_luma_is(colours, to_siting):
+    """Planes of one content must give planes of one content, and what lies outside the field is transparent."""
+    dewarp = om.Dewarper(BALL, DOME)
+    y, u, v, opaque = planes(dewarp_frame(dewarp, edge(colours), "left", to_siting))
+    inside = dewarp.valid
+    np.testing.assert_array_equal(u, v)
+    np.testing.assert_array_equal(opaque[inside], y[inside])
+    assert (opaque[~inside] == 0).all()
+    if colours == "444":
+        np.testing.assert_array_equal(u[inside], y[inside])
+        return
+    # the mean of luma where a colour lies: on every second column, or between two
+    luma = y.astype(float)
+    expected = luma[:, ::2] if to_siting == "left" else (luma[:, ::2] + luma[:, 1::2]) / 2
+    middle = (slice(40, 90), slice(20, 45))
+    error = u[middle] - expected[middle]
+    assert np.abs(error).mean() < 40
+    assert abs(error.mean()) < 12  # of 2000: not shifted by a part of a pixel
+
+
+def test_a_border_that_is_a_colour_is_opaque():
+    made = dewarp_frame(om.Dewarper(BALL, DOME, border=(500, 600, 700)), edge("444"))
+    assert [int(plane[0, 0]) for plane in planes(made)] == [500, 600, 700, 4095]

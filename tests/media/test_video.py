@@ -14,7 +14,15 @@ import numpy as np
 import pytest
 
 from omnimirror.errors import InvalidParameter, MediaError
-from omnimirror.media.frames import Colour, empty_frame, frame_of_image, frame_of_planes, image_of_frame, planes
+from omnimirror.media.frames import (
+    Colour,
+    converted,
+    empty_frame,
+    frame_of_image,
+    frame_of_planes,
+    image_of_frame,
+    planes,
+)
 from omnimirror.media.process import process
 from omnimirror.media.video import VideoReader
 from omnimirror.media.writer import VideoWriter
@@ -168,6 +176,67 @@ def test_progress_tells_how_far_it_is(clip, tmp_path):
         process(reader.items(), VideoWriter.like(reader, tmp_path / "b.mp4"), same, progress=told.append, total=50)
     assert (told[-1].done, told[-1].total, told[-1].left_s) == (50, 50, 0)
     assert told[-1].rate > 0
+
+
+def coded(path, codec, pixel_format, colour=None):
+    """Two frames of a smooth picture, by PyAV alone."""
+    v, u = np.mgrid[0:48, 0:64]
+    picture = np.dstack([u * 4, v * 5, 200 - u, 255 - u * 3]).astype(np.uint8)
+    with av.open(str(path), "w") as container:
+        quiet = {"x265-params": "log-level=none"} if codec == "libx265" else {}
+        stream = container.add_stream(codec, rate=25, options=quiet)
+        stream.width, stream.height, stream.pix_fmt = *SIZE, pixel_format
+        (colour or Colour()).put_on(stream.codec_context)
+        for i in range(2):
+            frame = av.VideoFrame.from_ndarray(picture, format="rgba").reformat(format=pixel_format)
+            (colour or Colour()).put_on(frame)
+            frame.pts, frame.time_base = i, Fraction(1, 25)
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode(None))
+    return path
+
+
+HDR = Colour(1, 9, 9, 16)
+
+
+@pytest.mark.parametrize(
+    ("source", "codec", "pixel_format", "out", "more", "kept", "lost"),
+    [
+        ("a.mp4", "libx265", "yuv420p10le", "o.mp4", {}, "yuv420p10le", ""),
+        ("a.mkv", "ffv1", "yuv422p10le", "o.mp4", {}, "yuv422p10le", ""),
+        ("a.mkv", "ffv1", "yuv444p", "o.mkv", {"codec": "ffv1"}, "yuv444p", ""),
+        ("a.mkv", "ffv1", "yuva444p12le", "o.mkv", {"codec": "ffv1"}, "yuva444p12le", ""),
+        ("a.mkv", "ffv1", "yuva444p10le", "o.mov", {"codec": "prores_ks"}, "yuva444p12le", ""),  # decoded so
+        ("a.mkv", "ffv1", "yuva444p12le", "o.mp4", {}, "yuv444p10le", "12 bits become 10, transparency is lost;"),
+        ("a.mkv", "ffv1", "yuv444p", "o.mkv", {"codec": "mpeg4"}, "yuv420p", "colours in 4:4:4 become 4:2:0;"),
+        ("a.mkv", "ffv1", "bgr0", "o.mp4", {}, "yuv420p", "colours in RGB become 4:2:0;"),
+        ("a.mkv", "ffv1", "yuv444p", "o.mp4", {"pixel_format": "yuv420p"}, "yuv420p", ""),
+    ],
+)
+def test_depth_colours_and_transparency_are_kept_or_said(tmp_path, source, codec, pixel_format, out, more, kept, lost):
+    coded(tmp_path / source, codec, pixel_format, HDR if codec == "libx265" else None)
+    with VideoReader(tmp_path / source) as reader:
+        writer = VideoWriter.like(reader, tmp_path / out, **more)
+        process(reader.items(), writer, same, "frame")
+    a, b = pictures_of(tmp_path / source)[0], pictures_of(tmp_path / out)[0]
+    assert b.format.name == kept
+    assert Colour.of(b) == Colour.of(a) if codec == "libx265" else True
+    assert [lost in note for note in writer.notes] == ([True] if lost else [])
+    before, after = (planes(converted(frame, "yuva444p12le")) for frame in (a, b))
+    for one, other in zip(before[: 3 if "transparency" in lost else 4], after, strict=False):
+        assert np.abs(one.astype(int) - other)[4:-4, 4:-4].mean() < 80  # of 4095
+
+
+def test_what_is_lost_of_hdr_is_said(tmp_path):
+    coded(tmp_path / "a.mkv", "libx265", "yuv420p10le", HDR)
+    with VideoReader(tmp_path / "a.mkv") as reader, VideoWriter.like(reader, tmp_path / "b.mkv", codec="mpeg4") as b:
+        b.write(next(reader.frames()))
+    assert "10 bits become 8, the picture is HDR, and its tags are lost;" in b.notes[0]
+
+
+def test_a_pixel_format_that_the_codec_does_not_know_is_refused(tmp_path):
+    with pytest.raises(InvalidParameter, match="libx264 does not encode rgb565; valid are yuv420p"):
+        VideoWriter(tmp_path / "a.mp4", SIZE, 25, pixel_format="rgb565")
 
 
 # -- what goes wrong ---------------------------------------------------------------------------------

@@ -108,7 +108,10 @@ PIPE_FORMATS = ("y4m", "rawvideo")
     type=click.Path(dir_okay=False, path_type=Path),
     help="One picture or video: write an HTML file in which to look around, with everything inside it.",
 )
-@click.option("--pixel-format", help="Videos: of --format rawvideo, by FFmpeg's name.  [default: rgb24]")
+@click.option(
+    "--pixel-format",
+    help="Videos: what is encoded, by FFmpeg's name.  [default: the source's, as far as the codec can; raw: rgb24]",
+)
 def command(
     sources: tuple[str, ...],
     outputs: tuple[str, ...],

@@ -23,6 +23,7 @@ from ..dewarp.video import dewarp_frame
 from ..errors import InvalidParameter
 from ..files import is_same_file
 from ..media import process as processing
+from ..media.formats import Kind, losses
 from ..media.keyframes import Keyframes
 from ..media.live import TICKS, LiveSource, is_live
 from ..media.outputs import PipeSink, Preview, StreamSink, Tee, VirtualCamera
@@ -46,7 +47,7 @@ def straighten_video(source: str, outputs: tuple[str, ...], given: dict[str, Any
         return
     with_sound = any(_is_file(output) for output in outputs)
     with VideoReader(source, given.get("start_s", 0.0), given.get("duration_s"), with_sound) as reader:
-        turn = Turning(camera_of(given, reader.size), given, interpolation, reader.siting)
+        turn = Turning(camera_of(given, reader.size), given, interpolation, reader.siting, reader.pixel_format)
         sink = _sinks(outputs, turn, reader.frame_rate, given, reader)
         is_watched = not any(output == "-" or _is_file(output) for output in outputs)
         items = processing.in_real_time(reader.items()) if is_watched else reader.items()
@@ -59,7 +60,8 @@ def _straighten_live(source: str, outputs: tuple[str, ...], given: dict[str, Any
     live = LiveSource(source, report=lambda sentence: click.echo(f"omnimirror: {sentence}", err=True))
     try:
         first = live.first()
-        turn = Turning(camera_of(given, (first.width, first.height)), given, interpolation, live.siting)
+        camera = camera_of(given, (first.width, first.height))
+        turn = Turning(camera, given, interpolation, live.siting, first.format.name)
         sink = _sinks(outputs, turn, live.frame_rate or UNKNOWN_RATE, given, None)
         frames = _until(live.frames(), given.get("duration_s"))
         _run(frames, sink, turn, outputs, None, ahead=0)
@@ -91,15 +93,19 @@ def _check_outputs(source: str, outputs: tuple[str, ...], given: dict[str, Any])
                 raise click.UsageError(f"--{name} does not apply to a pipe, camera or window: nothing is compressed")
     if "format" in given and "-" not in outputs:
         raise click.UsageError("--format says what '-o -' writes; other outputs are named by themselves")
-    if "pixel_format" in given and given.get("format") != "rawvideo":
-        raise click.UsageError("--pixel-format belongs to --format rawvideo")
+    is_coded = any(_is_file(output) or "://" in output for output in outputs)
+    if "pixel_format" in given and given.get("format") != "rawvideo" and not is_coded:
+        raise click.UsageError("--pixel-format belongs to files, streams and --format rawvideo")
 
 
 class Turning:
     """The view over time: it stands still, or moves with keyframes."""
 
-    def __init__(self, camera: MountedCamera, given: dict[str, Any], interpolation: Any, siting: Siting) -> None:
+    def __init__(
+        self, camera: MountedCamera, given: dict[str, Any], interpolation: Any, siting: Siting, pixel_format: str
+    ) -> None:
         stands, camera = camera, drawn_by(camera, given)
+        self.pixel_format = pixel_format
         self.camera, self.interpolation, self.siting = camera, interpolation, siting
         self.viewpoint = given.get("viewpoint", "exact")
         self.colour: BorderColour | None = given.get("border")
@@ -152,7 +158,10 @@ def _sink(output: str, turn: Turning, rate: Fraction, given: dict[str, Any], sou
         return PipeSink(given.get("format", "y4m"), rate, given.get("pixel_format", "rgb24"))
     if _is_virtual_camera(output):
         return VirtualCamera(output, size, rate)
-    encoding: dict[str, Any] = {name: given[name] for name in ("codec", "crf") if name in given}
+    of_files = ("codec", "crf") if given.get("format") == "rawvideo" else ("codec", "crf", "pixel_format")
+    encoding: dict[str, Any] = {name: given[name] for name in of_files if name in given}
+    if source is None or "://" in output:
+        _say_losses(output, turn, encoding)
     if "://" in output:
         return StreamSink(output, size, rate, **encoding)
     if can_be_spherical(output) and "keyframes" not in given:
@@ -160,6 +169,12 @@ def _sink(output: str, turn: Turning, rate: Fraction, given: dict[str, Any], sou
     if source is None:
         return VideoWriter(output, size, rate, time_base=TICKS, **encoding)
     return VideoWriter.like(source, output, size, rotation_deg=0, pixel_aspect=Fraction(1), **encoding)
+
+
+def _say_losses(output: str, turn: Turning, encoding: dict[str, Any]) -> None:
+    """Streams, and files of what is live, are for any player, unless a pixel format was asked for."""
+    if "pixel_format" not in encoding and (lost := losses(turn.pixel_format, Kind())):
+        click.echo(f"omnimirror: {output}: {lost}; --pixel-format names another choice", err=True)
 
 
 def _run(

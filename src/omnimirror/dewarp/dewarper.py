@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any
@@ -26,6 +27,8 @@ from .planar import (
     empty_planes,
     sample,
     sample_planes,
+    sample_whole,
+    shared_by,
 )
 from .rings import Rings
 from .sampling import (
@@ -154,13 +157,14 @@ class Dewarper:
         full_range: bool = False,
         bits: int = 8,
     ) -> Planes:
-        """The straightened frame of a video, plane by plane as it is coded (4:2:0), without any conversion.
+        """The straightened frame of a video, plane by plane as it is coded, without any conversion.
 
         Parameters
         ----------
-        parts : (y, u, v), or (y, uv) as in NV12 and P010
-            Luma of the camera's ``image_size``; colours of half of it, rounded up, (h, w) or (h, w, 2).
-            uint8 or uint16, with any strides.
+        parts : (y, u, v), (y, uv) as in NV12 and P010, or (y, u, v, opacity)
+            Luma of the camera's ``image_size``; colours of half of it, rounded up, (h, w) or (h, w, 2), or in three
+            planes of half the width (4:2:2), or of all of it (4:4:4). Opacity as luma; outside the field it is 0,
+            unless the border is a colour. uint8 or uint16, with any strides.
         out
             Planes of the view to be filled, such as those of a frame to be encoded; arranged as ``parts``.
         siting
@@ -194,9 +198,15 @@ class Dewarper:
         check_shapes(out, self.view.size, parts)
         border = border_of_planes(self.border, full_range, bits)
         luma = self._where
+        if len(parts) == 4:
+            opacity = ((1 << bits) - 1) * isinstance(self.border, Sequence)
+            sample(parts[3], luma, self.interpolation, out[3], opacity)
+        if shared_by(parts) != (2, 2):
+            return sample_whole(parts, luma, sitings, self.interpolation, out, border)
         if sitings not in self._chroma:
             self._chroma[sitings] = chroma_of(luma, self.view, sitings, self.camera.image_size, self.interpolation)
-        return sample_planes(parts, luma, self._chroma[sitings], self.interpolation, out, border)
+        sample_planes(parts[:3], luma, self._chroma[sitings], self.interpolation, out[:3], border)
+        return out
 
     def coordinates(self, exact: bool = False) -> Array:
         """Source pixels (height, width, 2) as (u, v); NaN outside the field.

@@ -24,7 +24,8 @@ from .screens import Screen, View, parts_of
 
 Siting = Literal["left", "center", "topleft"]
 Planes = tuple[Image, ...]
-"""(y, u, v), or (y, uv): (h, w), then (h/2, w/2) or (h/2, w/2, 2), halves rounded up; uint8 or uint16."""
+"""(y, u, v), or (y, uv): (h, w), then (h/2, w/2) or (h/2, w/2, 2), halves rounded up; uint8 or uint16. In 4:2:2 and
+4:4:4 colours are (h, w/2) and (h, w), and a fourth plane (h, w) may tell how opaque each pixel is."""
 Where = FixedMap | Grid | Rings
 Floats = NDArray[Any]
 
@@ -43,7 +44,7 @@ def half(size: tuple[int, int]) -> tuple[int, int]:
 
 
 def check_planes(parts: Planes, size: tuple[int, int], sitings: tuple[str, str], bits: int) -> None:
-    """Refuse what is no 4:2:0 frame of the given (width, height).
+    """Refuse what is no frame of the given (width, height).
 
     Raises
     ------
@@ -65,17 +66,27 @@ def check_planes(parts: Planes, size: tuple[int, int], sitings: tuple[str, str],
 def check_shapes(parts: Planes, size: tuple[int, int], like: Planes = ()) -> None:
     """Refuse planes that do not make up a picture of a size, or that are arranged otherwise than others."""
     (across, down), luma = half(size), (size[1], size[0])
-    arrangements: dict[int, list[tuple[int, ...]]] = {
-        3: [luma, (down, across), (down, across)],
-        2: [luma, (down, across, 2)],
-    }
-    valid = [arrangements[len(like)]] if like else list(arrangements.values())
+    pairs: list[tuple[int, ...]] = [luma, (down, across, 2)]
+    of_colours = {(2, 2): (down, across), (2, 1): (size[1], across), (1, 1): luma}
+    three: dict[tuple[int, int], list[tuple[int, ...]]] = {by: [luma, c, c] for by, c in of_colours.items()}
+    if not like:
+        valid = [pairs, *three.values(), *([*part, luma] for part in three.values())]
+    elif len(like) == 2:
+        valid = [pairs]
+    else:
+        valid = [three[shared_by(like)] + [luma] * (len(like) - 3)]
     if [part.shape for part in parts] not in valid:
-        found, wanted = ", ".join(str(part.shape) for part in parts), ", ".join(map(str, valid[-1]))
-        also = "" if like else f", or three, of which the last two are {(down, across)}"
+        found, wanted = ", ".join(str(part.shape) for part in parts), ", ".join(map(str, valid[0]))
+        also = "" if like else f", or three, of which the last two are {', '.join(map(str, of_colours.values()))}"
         raise InvalidParameter(
-            f"planes of shapes {found} are no 4:2:0 picture of {size[0]} x {size[1]} px; valid are {wanted}{also}"
+            f"planes of shapes {found} are no picture of {size[0]} x {size[1]} px; valid are {wanted}{also}"
         )
+
+
+def shared_by(parts: Planes) -> tuple[int, int]:
+    """How many pixels share a colour, across and down, in planes (y, u, v) or (y, uv)."""
+    (height, width), (down, across) = parts[0].shape[:2], parts[1].shape[:2]
+    return (1 if across == width > 1 else 2), (1 if down == height > 1 else 2)
 
 
 def border_of_planes(border: Border, full_range: bool, bits: int) -> tuple[float, float, float]:
@@ -102,9 +113,9 @@ def border_of_planes(border: Border, full_range: bool, bits: int) -> tuple[float
 
 def empty_planes(like: Planes, size: tuple[int, int]) -> Planes:
     """Planes for a picture of a size, arranged as others are; their values are undefined."""
-    across, down = half(size)
+    across, down = (-(-side // by) for side, by in zip(size, shared_by(like), strict=True))
     return tuple(
-        np.empty((size[1], size[0]) if i == 0 else (down, across, *part.shape[2:]), part.dtype)
+        np.empty((down, across, *part.shape[2:]) if i in (1, 2) else (size[1], size[0]), part.dtype)
         for i, part in enumerate(like)
     )
 
@@ -271,6 +282,65 @@ def sample_planes(
     for i, (part, target, value) in enumerate(zip(parts, out, borders, strict=True)):
         sample(part, chroma if i else luma, interpolation, target, value)
     return out
+
+
+def sample_whole(
+    parts: Planes,
+    luma: Where,
+    sitings: tuple[Siting, Siting],
+    interpolation: Interpolation,
+    out: Planes,
+    border: tuple[float, float, float],
+) -> Planes:
+    """Fill the planes ``out`` with those of ``parts`` in 4:2:2 or 4:4:4, where luma's map serves them all.
+
+    Colours in 4:2:2 are interpolated between their columns first, and averaged to every second column of the view.
+    """
+    sample(parts[0], luma, interpolation, out[0], border[0])
+    is_shared = shared_by(parts) == (2, 1)
+    for part, target, value in zip(parts[1:3], out[1:3], border[1:], strict=True):
+        if is_shared:
+            whole = sample(widened(part, parts[0].shape[1], sitings[0]), luma, interpolation, None, value)
+            target[:] = narrowed(whole, sitings[1])
+        else:
+            sample(part, luma, interpolation, target, value)
+    return out
+
+
+def widened(colours: Image, width: int, siting: Siting) -> Image:
+    """Colours (h, width) of every pixel, from those (h, width/2) of pairs; between the columns linear.
+
+    >>> widened(np.array([[10, 20]], np.uint8), 4, "left"), widened(np.array([[10, 20]], np.uint8), 4, "center")
+    (array([[10, 15, 20, 20]], dtype=uint8), array([[10, 13, 18, 20]], dtype=uint8))
+    """
+    values = colours.astype(np.int32)
+    before = np.concatenate([values[:, :1], values[:, :-1]], axis=1)
+    after = np.concatenate([values[:, 1:], values[:, -1:]], axis=1)
+    out = np.empty((len(values), 2 * values.shape[1]), colours.dtype)
+    if siting == "center":
+        out[:, ::2] = (3 * values + before + 2) >> 2
+        out[:, 1::2] = (3 * values + after + 2) >> 2
+    else:
+        out[:, ::2] = values
+        out[:, 1::2] = (values + after + 1) >> 1
+    return out[:, :width]
+
+
+def narrowed(colours: Image, siting: Siting) -> Image:
+    """Colours (h, w/2) of pairs of pixels, the mean about where they lie, from those (h, w) of every pixel.
+
+    >>> narrowed(np.array([[10, 15, 20, 20]], np.uint8), "left"), narrowed(np.array([[10, 20, 30]], np.uint8), "center")
+    (array([[11, 19]], dtype=uint8), array([[15, 30]], dtype=uint8))
+    """
+    values = colours.astype(np.int32)
+    if values.shape[1] % 2:
+        values = np.concatenate([values, values[:, -1:]], axis=1)
+    first, second = values[:, ::2], values[:, 1::2]
+    if siting == "center":
+        mean = (first + second + 1) >> 1
+    else:
+        mean = (np.concatenate([first[:, :1], second[:, :-1]], axis=1) + 2 * first + second + 2) >> 2
+    return mean.astype(colours.dtype)
 
 
 def sample(image: Image, where: Where, interpolation: Interpolation, out: Image | None, border: Border) -> Image:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import av
 
-from ..media.frames import FULL_RANGE, empty_frame, is_full_range, planar, planes
+from ..media.formats import Kind
+from ..media.frames import FULL_RANGE, empty_frame, is_full_range, planes, workable
 from .dewarper import Dewarper
 from .planar import Siting
 
@@ -19,14 +20,15 @@ def dewarp_frame(
     dewarp
         The camera and the view.
     frame
-        Of any pixel format; one that is not 4:2:0 with 8 bits is converted first.
+        Of any pixel format; one that is not planar YUV or NV12 is converted first, to planes that hold as much.
     siting, to_siting
         Where colours lie in it, and in the result; see :meth:`Dewarper.planes`. Readers and sinks of
         :mod:`omnimirror.media` tell theirs.
 
     Returns
     -------
-    A frame of pixel format nv12 where the given one is, and yuv420p otherwise.
+    A frame of pixel format nv12 where the given one is, and otherwise planar YUV of the same depth, with colours of the
+    same resolution, and with transparency if there was any: outside the field all of it, unless the border is a colour.
 
     Raises
     ------
@@ -44,10 +46,11 @@ def dewarp_frame(
     >>> planes(dewarp_frame(dewarp, frame))[0][240, 320]
     np.uint8(100)
     """
-    frame = planar(frame)
-    made, target = empty_frame(dewarp.view.size, "nv12" if frame.format.name == "nv12" else "yuv420p", like=frame)
+    frame = workable(frame)
+    kind = Kind.of(frame.format.name)
+    made, target = empty_frame(dewarp.view.size, "nv12" if frame.format.name == "nv12" else kind.name, like=frame)
     is_full = is_full_range(frame)
     if is_full:
         made.color_range = FULL_RANGE
-    dewarp.planes(planes(frame), target, siting, to_siting, is_full)
+    dewarp.planes(planes(frame), target, siting, to_siting, is_full, kind.bits)
     return made

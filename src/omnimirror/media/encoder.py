@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ from av.packet import Packet
 from av.video.stream import VideoStream
 
 from ..errors import InvalidParameter, MediaError, OmnimirrorError
+from .formats import FULL_COLOUR, NO_ALPHA, Kind, losses, nearest
 from .frames import FULL_RANGE, Colour, converted, is_full_range
 
 DEFAULT_CODEC = "libx264"
@@ -50,6 +52,11 @@ class Encoder:
         Constant quality, smaller is better; the encoder's own default where not given.
     options
         Further options of the encoder, such as ``{"preset": "fast"}``.
+    like
+        The pixel format of what will come: depth, resolution of colours and transparency are kept where the codec can,
+        and ``lost`` says what is not. Pictures in red, green and blue become 4:2:0 where players expect it.
+    pixel_format
+        The one to encode, whatever comes.
     colour
         How colours are coded; frames of pictures are converted to it.
     rotation_deg : deg
@@ -84,6 +91,8 @@ class Encoder:
         codec: str = DEFAULT_CODEC,
         crf: int | None = None,
         options: Mapping[str, str] | None = None,
+        like: str = "yuv420p",
+        pixel_format: str | None = None,
         colour: Colour | None = None,
         rotation_deg: int = 0,
         pixel_aspect: Fraction = Fraction(1),
@@ -105,12 +114,17 @@ class Encoder:
             context = self._stream.codec_context
             self._time_base = time_base or 1 / rate
             context.time_base = self._stream.time_base = self._time_base
-            self.pixel_format = context.pix_fmt = _pixel_format(context.codec, size)
+            self.pixel_format = context.pix_fmt = _pixel_format(context.codec, size, like, pixel_format)
+            self.lost = "" if pixel_format else losses(like, Kind.of(self.pixel_format))
+            """What pictures in the pixel format ``like`` lose, in words."""
             context.width, context.height = size
             context.thread_type = "SLICE" if is_live else "AUTO"
             context.sample_aspect_ratio = pixel_aspect
             self.colour = Colour() if colour is None or codec in WITHOUT_COLOUR else colour
             self.colour.put_on(context)
+            if colour is not None and colour.is_hdr and (self.colour != colour or Kind.of(self.pixel_format).bits < 10):
+                lost = "its tags are lost" if self.colour != colour else "8 bits of it show steps"
+                self.lost = ", ".join(filter(None, [self.lost, f"the picture is HDR, and {lost}"]))
             if rotation_deg:
                 self._stream.set_display_rotation(rotation_deg)
             self._audio = {stream.index: self._audio_stream(stream) for stream in audio}
@@ -240,17 +254,31 @@ def _options(codec: str, crf: int | None, options: Mapping[str, str]) -> dict[st
     return wanted
 
 
-def _pixel_format(codec: Any, size: tuple[int, int]) -> str:
-    """yuv420p where the codec knows it; it halves both sides, so that they must be even."""
+def _pixel_format(codec: Any, size: tuple[int, int], like: str, asked: str | None) -> str:
+    """What is asked for, or what holds most of pictures in a format; the sides must go with it."""
     known = [pixel_format.name for pixel_format in codec.video_formats or []]
-    chosen = next((name for name in ("yuv420p", "yuvj420p") if name in known), known[0] if known else "yuv420p")
-    width, height = size
-    if "420" in chosen and (width % 2 or height % 2):
+    if asked is not None and known and asked not in known:
+        raise InvalidParameter(f"{codec.name} does not encode {asked}; valid are {', '.join(known)}")
+    chosen = asked or nearest(_wanted(codec.name, like), known)
+    try:
+        kind = Kind.of(chosen)
+    except ValueError:
+        raise InvalidParameter(f"pixel format {chosen} is not known; yuv420p is one, and yuv422p10le") from None
+    sides = [side + (side % 2 if is_even else 0) for side, is_even in zip(size, kind.even, strict=True)]
+    if sides != [*size] and codec.name not in FULL_COLOUR:
         raise InvalidParameter(
-            f"a video of {width} x {height} px cannot be encoded by {codec.name}, which halves the colours' "
-            f"resolution; valid are even sides, such as {width + width % 2} x {height + height % 2} px"
+            f"a video of {size[0]} x {size[1]} px cannot be encoded by {codec.name}, which halves the colours' "
+            f"resolution; valid are even sides, such as {sides[0]} x {sides[1]} px"
         )
     return chosen
+
+
+def _wanted(codec: str, like: str) -> Kind:
+    """What an encoder should hold of pictures in a format."""
+    kind, is_yuv = Kind.of(like), like.startswith(("yuv", "nv", "p0", "p2", "p4"))
+    if not is_yuv and codec not in FULL_COLOUR:
+        kind = replace(kind, colours="420", bits=min(kind.bits, 10))
+    return replace(kind, alpha=kind.alpha and codec not in NO_ALPHA)
 
 
 @contextmanager

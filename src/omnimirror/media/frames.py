@@ -16,10 +16,12 @@ from av.video.reformatter import VideoReformatter
 from numpy.typing import NDArray
 
 from ..errors import MediaError
+from .formats import Kind
 
 Image = NDArray[Any]
-Planes = tuple[NDArray[np.uint8], ...]
-"""(y, u, v), or (y, uv) of NV12: (h, w) uint8, then (h/2, w/2), or (h/2, w/2, 2), halves rounded up."""
+Planes = tuple[NDArray[Any], ...]
+"""(y, u, v), or (y, uv) of NV12: (h, w), then (h/2, w/2), or (h/2, w/2, 2), halves rounded up; uint8. Frames of other
+kinds have colours of (h, w/2) in 4:2:2 and (h, w) in 4:4:4, a fourth plane (h, w) of transparency, and uint16."""
 
 PLANAR = ("yuv420p", "yuvj420p", "nv12")
 """The pixel formats whose planes are handed out as they are; the second is the first in full range."""
@@ -51,6 +53,11 @@ class Colour:
     def is_full_range(self) -> bool:
         return self.range == FULL_RANGE
 
+    @property
+    def is_hdr(self) -> bool:
+        """Whether light is coded by PQ or HLG."""
+        return self.transfer in (16, 18)
+
     @classmethod
     def of(cls, coded: Any) -> Colour:
         """The colour coding of a frame, or of a codec's context."""
@@ -65,7 +72,7 @@ class Colour:
 
 
 def planes(frame: av.VideoFrame) -> Planes:
-    """The planes of a 4:2:0 frame of 8 bits, without copying or converting.
+    """The planes of a frame in planar YUV or NV12, without copying or converting.
 
     Rows may lie farther apart than they are wide, which the strides of the views tell. The views keep the
     frame's memory alive.
@@ -73,7 +80,7 @@ def planes(frame: av.VideoFrame) -> Planes:
     Raises
     ------
     MediaError
-        For a frame of another pixel format; :func:`planar` converts it first.
+        For a frame of another pixel format; :func:`planar` and :func:`workable` convert it first.
 
     Examples
     --------
@@ -82,12 +89,13 @@ def planes(frame: av.VideoFrame) -> Planes:
     >>> [plane.shape for plane in planes(frame)], planes(frame)[0][0, 62]
     ([(47, 63), (24, 32), (24, 32)], np.uint8(128))
     """
-    if frame.format.name not in PLANAR:
-        raise MediaError(f"frames of pixel format {frame.format.name} have no planes; valid are {', '.join(PLANAR)}")
-    views: list[NDArray[np.uint8]] = []
+    if not has_planes(frame):
+        raise MediaError(f"frames of pixel format {frame.format.name} have no planes; valid are nv12 and planar YUV")
+    kind = np.dtype(np.uint8 if Kind.of(frame.format.name).bits == 8 else "<u2")
+    views: list[NDArray[Any]] = []
     for plane in frame.planes:
-        step = abs(plane.line_size)
-        rows = np.frombuffer(plane, np.uint8)[: step * plane.height].reshape(plane.height, step)  # type: ignore[call-overload]
+        step = abs(plane.line_size) // kind.itemsize
+        rows = np.frombuffer(plane, kind)[: step * plane.height].reshape(plane.height, step)  # type: ignore[call-overload]
         if plane.line_size < 0:  # stored from the bottom up
             rows = rows[::-1]
         is_pairs = len(frame.planes) == 2 and bool(views)
@@ -127,6 +135,17 @@ def planar(frame: av.VideoFrame) -> av.VideoFrame:
     return frame if frame.format.name in PLANAR else converted(frame, "yuv420p")
 
 
+def has_planes(frame: av.VideoFrame) -> bool:
+    """Whether :func:`planes` can hand out its planes."""
+    name = frame.format.name
+    return name in PLANAR or Kind.of(name).name == name.replace("yuvj", "yuv")
+
+
+def workable(frame: av.VideoFrame) -> av.VideoFrame:
+    """The frame itself where its planes can be had, or else converted to planes that hold all that it does."""
+    return frame if has_planes(frame) else converted(frame, Kind.of(frame.format.name).name)
+
+
 def empty_frame(
     size: tuple[int, int], pixel_format: str = "yuv420p", like: av.VideoFrame | None = None
 ) -> tuple[av.VideoFrame, Planes]:
@@ -136,7 +155,7 @@ def empty_frame(
     ----------
     size : (width, height) px
     pixel_format
-        ``"yuv420p"`` or ``"nv12"``; values are undefined.
+        ``"nv12"``, or planar YUV; values are undefined.
     like
         Time and colour coding are taken from this one.
     """
@@ -200,13 +219,16 @@ def frame_of_image(image: Image, like: av.VideoFrame | None = None) -> av.VideoF
 def coded_colour(colour: tuple[float, ...], like: av.VideoFrame) -> tuple[int, int, int]:
     """y, u and v of a colour (red, green, blue) of 8 bits, in a frame whose colours are coded like another's.
 
+    Of a frame of more bits they count in these.
+
     >>> coded_colour((0, 0, 0), empty_frame((64, 48))[0])
     (16, 128, 128)
     """
+    scale = 1 << (Kind.of(like.format.name).bits - 8)
     like = planar(like)
     frame = frame_of_image(np.full((2, 2, 3), colour, np.uint8), like)
     frame.color_range = FULL_RANGE if is_full_range(like) else 1
-    y, u, v = (int(plane[0, 0]) for plane in planes(converted(frame, "yuv420p")))
+    y, u, v = (scale * int(plane[0, 0]) for plane in planes(converted(frame, "yuv420p")))
     return y, u, v
 
 

@@ -6,6 +6,7 @@ import os
 import sys
 import threading
 from contextlib import ExitStack, suppress
+from dataclasses import replace
 from fractions import Fraction
 from importlib.util import find_spec
 from pathlib import Path
@@ -20,6 +21,7 @@ from av.packet import Packet
 from ..errors import InvalidParameter, MediaError
 from . import interrupts
 from .encoder import DEFAULT_CODEC, Encoder, sentences
+from .formats import Kind
 from .frames import Image, Siting, converted, image_of_frame, is_full_range, planes, siting_of
 
 STREAM_FORMATS = {"udp": "mpegts", "tcp": "mpegts", "http": "mpegts", "rtsp": "rtsp", "rtmp": "flv", "srt": "mpegts"}
@@ -120,7 +122,7 @@ class PipeSink(SinkBase):
     Parameters
     ----------
     kind
-        ``"y4m"``: YUV4MPEG2, which tells size and rate; ``"rawvideo"``: nothing but pixels.
+        ``"y4m"``: YUV4MPEG2, which tells size, rate, depth and resolution of colours; ``"rawvideo"``: only pixels.
     frame_rate : frames a second
         Told by y4m.
     pixel_format
@@ -174,11 +176,15 @@ class PipeSink(SinkBase):
 
     def _write_y4m(self, frame: av.VideoFrame) -> None:
         is_full = is_full_range(frame)
-        frame = frame if frame.format.name in ("yuv420p", "yuvj420p") else converted(frame, "yuv420p")
+        is_yuv = frame.format.name.startswith(("yuv", "nv"))  # pictures in red, green and blue go out for any reader
+        kind = replace(Kind.of(frame.format.name), alpha=False) if is_yuv else Kind()
+        frame = frame if frame.format.name.replace("yuvj", "yuv") == kind.name else converted(frame, kind.name)
         if not self.frames_written:
             rate = f"{self._rate.numerator}:{self._rate.denominator}"
             colours = "FULL" if is_full else "LIMITED"
-            head = f"YUV4MPEG2 W{frame.width} H{frame.height} F{rate} Ip A1:1 C420jpeg XCOLORRANGE={colours}\n"
+            plain = "420jpeg" if kind.colours == "420" else kind.colours
+            sampled = plain if kind.bits == 8 else f"{kind.colours}p{kind.bits}"
+            head = f"YUV4MPEG2 W{frame.width} H{frame.height} F{rate} Ip A1:1 C{sampled} XCOLORRANGE={colours}\n"
             self._stream.write(head.encode())
         self._stream.write(b"FRAME\n")
         for plane in planes(frame):

@@ -14,7 +14,7 @@ import av
 
 from ..errors import MediaError
 from . import interrupts
-from .frames import Image, Planes, as_frame, image_of_frame, planar, planes
+from .frames import Image, Planes, as_frame, image_of_frame, planar, planes, workable
 from .video import Item
 from .writer import Sink
 
@@ -90,8 +90,8 @@ def process(
     pixels
         ``"picture"``: it takes (h, w, 3) uint8, red, green, blue. ``"planes"``: it takes (y, u, v), or
         (y, uv) of NV12, as :func:`omnimirror.media.frames.planes` gives them, without any conversion
-        unless the source is of another kind than 4:2:0 with 8 bits. ``"frame"``: it takes the frame that
-        holds these planes, which also tells how they are coded, such as
+        unless the source is of another kind than 4:2:0 with 8 bits. ``"frame"``: it takes the frame with
+        planes of whatever depth and colour resolution the source has, which also tells how they are coded, such as
         :func:`omnimirror.dewarp.video.dewarp_frame`.
     progress
         Told a few times a second, and at the end.
@@ -167,8 +167,11 @@ def _prepared(item: Item, pixels: Pixels) -> Prepared:
         return item, None
     if pixels == "picture":
         return item, image_of_frame(item)
+    if pixels == "frame":
+        item = workable(item)
+        return item, item
     item = planar(item)
-    return item, item if pixels == "frame" else planes(item)
+    return item, planes(item)
 
 
 class _Reading:

@@ -27,6 +27,7 @@ CODECS = {".webm": "libvpx-vp9"}
 FRAGMENTS = {"movflags": "hybrid_fragmented+delay_moov", "frag_duration": "1000000"}
 CLUSTERS = {"cluster_time_limit": "1000"}
 MOST_RESCUED = 999
+KEEPING = "--codec ffv1 in .mkv and prores_ks in .mov keep most, --pixel-format names another choice"
 UNFINISHED = {
     ".mp4": FRAGMENTS, ".m4v": FRAGMENTS, ".mov": FRAGMENTS, ".mkv": CLUSTERS, ".webm": CLUSTERS, ".ts": {},
 }  # fmt: skip
@@ -123,19 +124,22 @@ class VideoWriter:
             self._temporary = self._stack.enter_context(replacing(self.path, self._rescue))
             self._encoder = Encoder(str(self._temporary), size, frame_rate, **encoding)
             self._encoder.target = str(path)
+            if self._encoder.lost:
+                self.notes.append(f"{path}: {self._encoder.lost}; {KEEPING}")
             self._stack = self._stack.pop_all()
 
     @classmethod
     def like(
         cls, source: VideoReader, path: str | Path, size: tuple[int, int] | None = None, **more: Any
     ) -> VideoWriter:
-        """A writer with the source's rate, times, colour coding, rotation, metadata and sound.
+        """A writer with the source's rate, times, depth, colour coding, rotation, metadata and sound.
 
         ``more`` goes to :class:`VideoWriter`, and overrides what the source says: a view drawn upright,
         for one, wants ``rotation_deg=0``.
         """
         as_source = {
             "time_base": source.time_base,
+            "like": source.pixel_format,
             "colour": source.colour,
             "rotation_deg": source.rotation_deg,
             "pixel_aspect": source.pixel_aspect,
