@@ -56,6 +56,7 @@ def shot(
         viewport=dict(zip(("width", "height"), size, strict=True)), color_scheme=scheme, bypass_csp=True
     )
     page = context.new_page()
+    page.set_default_timeout(300_000)  # a busy machine takes its time
     page.goto(address)
     page.wait_for_function("window.omnimirror?.look.sensor.camera")
     if "source=room" in address:
