@@ -261,3 +261,17 @@ def test_real_rays_through_the_full_aperture_make_the_blur(merit):
         tangential, sagittal = np.abs(spot[0] - spot[1])[0], np.abs(spot[2] - spot[3])[1]
         assert tangential == pytest.approx(abs(result.blur_t_px[i]), abs=0.05)
         assert sagittal == pytest.approx(abs(result.blur_s_px[i]), abs=0.05)
+
+
+@pytest.mark.full
+def test_splines_of_more_knots_converge():
+    """What is left falls as 1/N^2, to .2830 deg2 and to the bound of the single blur, which has a proof of its own."""
+    counts = np.array([24, 36, 48, 60])
+    problem = DesignProblem(family="slope-spline", mode="paper", image_radius_px=500.0)
+    area = [optimise(replace(problem, terms=int(n)), "blur_area", starts=1).value for n in counts]
+    limit, slope = np.polynomial.polynomial.polyfit(1 / counts**2.0, area, 1)
+    assert slope > 0
+    assert limit == pytest.approx(0.2830, abs=2e-4)
+    np.testing.assert_allclose(area, limit + slope / counts**2.0, atol=1e-4)
+    single = optimise(replace(problem, terms=48), "blur", starts=1)
+    assert single.value == pytest.approx(single.bound.blur_deg, rel=1e-5)

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from ..errors import InvalidParameter, OmnimirrorError
 from ..files import LARGEST_TEXT, read_bytes, write_text
 from ..imagers import Imager
-from ..mirrors import Equidistant, Mirror, Sphere
+from ..mirrors import Equidistant, Mirror, SlopeSpline, Sphere
 from ..sensor import Sensor
 from .counted import hidden_deg
 from .lower_bound import BlurBound, blur_bound
@@ -36,6 +36,7 @@ Array = NDArray[np.float64]
 COARSE, FINE = 241, 1201  # field angles of the search and of the last polish
 POLISH_TRUST = 1e-3
 CLOSE, CLOSER = 1e-6, 1e-7  # relative gains that end the search, and the polish
+FEW, STEP = 16, 12  # knots of a spline that are found at once, and how many more are at a time
 WAVES, HEIGHT = 4, 0.05  # of the starts that are not known mirrors: how many, and their relative height
 KEPT = 1e-6  # largest violation of a constraint that counts as kept
 REFOCUSED = 3  # times that a mirror whose merit is not about sharpness is shaped for its best focus
@@ -188,8 +189,8 @@ def optimised(
     runs = _finished(resume, header)[:starts]
     try:
         for i in range(len(runs), starts):
-            name, y = start(space, i, seed)
             said = (lambda v, i=i: on_progress(Progress(i, starts, coarse.shown(v)))) if on_progress else None
+            name, y = _start_of_many(space, merit, i, seed, said)
             runs.append(_run(name, _kept_first(coarse, y, said), coarse))
             if resume is not None:
                 write_text(resume, json.dumps({**header, "runs": [asdict(r) for r in runs]}, indent=1) + "\n")
@@ -199,6 +200,25 @@ def optimised(
     if not any(run.kept for run in runs):
         return [np.array(run.y) for run in runs]
     return replace(_polished(space, merit, runs), is_complete=len(runs) == starts)
+
+
+def _start_of_many(
+    space: DesignSpace, merit: str, index: int, seed: int, on_step: Callable[[float], None] | None
+) -> tuple[str, Array]:
+    """A start; of a spline of many knots the optimum of one of fewer, from which the search does not get stuck."""
+    problem = space.problem
+    if problem.family != SlopeSpline.KIND or problem.terms <= FEW:
+        return start(space, index, seed)
+    fewer = DesignSpace(replace(problem, terms=max(FEW, problem.terms - STEP)))
+    objective = Objective(fewer, merit_named(merit), coarse_nodes(fewer.problem))
+    name, y = _start_of_many(fewer, merit, index, seed, on_step)
+    found = _kept_first(objective, y, on_step).y
+    try:
+        mirror = fewer.sensor(found).mirror
+    except OmnimirrorError:  # no mirror after all: begin anew with all knots
+        return start(space, index, seed)
+    rest = found[fewer.family.terms - 1 :]
+    return name, _shaped(space, mirror, np.concatenate([np.zeros(space.dim - rest.size), rest]))
 
 
 def _kept_first(objective: Objective, y: Array, on_step: Callable[[float], None] | None) -> Minimum:
