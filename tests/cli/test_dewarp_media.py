@@ -151,6 +151,22 @@ def test_a_folder_of_pictures_and_one_that_is_damaged(tmp_path):
     np.testing.assert_array_equal(om.read_image(tmp_path / "out" / "1.png"), expected)
 
 
+def test_a_folder_that_was_stopped_goes_on(tmp_path):
+    for i in range(3):
+        om.write_image(tmp_path / f"{i}.png", picture(60 + i))
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "1.png").write_bytes(b"done before")
+    (tmp_path / "out" / ".2.omnimirror-abcd1234.png").write_bytes(b"half of it")  # a killed run's
+    run = omnimirror("dewarp", tmp_path, *BALL, "--size", "64x", "--skip-existing", "-o", tmp_path / "out")
+    assert run.returncode == 0, run.stderr
+    assert "2 of 2 pictures straightened, 1 were there" in run.stdout
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["0.png", "1.png", "2.png"]
+    assert (tmp_path / "out" / "1.png").read_bytes() == b"done before"
+    again = omnimirror("dewarp", tmp_path, *BALL, "--size", "64x", "--skip-existing", "-o", tmp_path / "out")
+    assert again.returncode == 0
+    assert "0 of 0 pictures straightened, 3 were there" in again.stdout
+
+
 def test_a_panorama_tells_viewers_what_it_shows(tmp_path):
     om.write_image(tmp_path / "a.png", picture(90))
     assert omnimirror("dewarp", tmp_path / "a.png", *BALL, "--size", "128x", "-o", tmp_path / "p.jpg").returncode == 0

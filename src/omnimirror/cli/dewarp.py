@@ -57,6 +57,12 @@ PIPE_FORMATS = ("y4m", "rawvideo")
 @view_options
 @sampling_options
 @click.option(
+    "--skip-existing",
+    is_flag=True,
+    default=None,
+    help="Leave out what has been written already: a folder that was stopped goes on.",
+)
+@click.option(
     "--transparent/--black",
     default=None,
     help="Pictures, outside the field.  [default: transparent where the file can: PNG, TIFF, WebP]",
@@ -140,6 +146,9 @@ def command(
             return
     if not outputs and "preview" not in given:
         raise click.UsageError("say what to write with -o or --viewer, or of a video ask for a --preview")
+    if "skip_existing" in given and outputs and all(Path(output).is_file() for output in outputs):
+        click.echo(f"{', '.join(outputs)}: there already", err=True)
+        return
     if len(sources) == 1 and is_video(sources[0]):
         if transparent is not None:
             raise click.UsageError("--transparent and --black belong to pictures; videos have a --border")
@@ -342,7 +351,9 @@ def _many(
         raise click.UsageError(f"{folder} is the name of one file, and several pictures need a folder")
     paths = expand_inputs(sources)
     straightener = Straightener(given, interpolation, transparent)
-    pairs = zip(paths, outputs_for(paths, folder), strict=True)
+    found = list(zip(paths, outputs_for(paths, folder), strict=True))
+    pairs = [(s, o) for s, o in found if not ("skip_existing" in given and o.exists())]
+    was_there = f", {len(found) - len(pairs)} were there" if "skip_existing" in given else ""
     jobs = [Job(str(s), lambda s=s, o=o: straightener.straighten(s, o)) for s, o in pairs]  # type: ignore[misc]
     console = output_console()
     with console.status("Straightening") as status:
@@ -351,7 +362,7 @@ def _many(
         )
     for name, sentence in results.failed.items():
         click.echo(f"omnimirror: {name}: {sentence}", err=True)
-    click.echo(f"{folder}: {len(results.done)} of {len(jobs)} pictures straightened")
+    click.echo(f"{folder}: {len(results.done)} of {len(jobs)} pictures straightened{was_there}")
     for why, count in straightener.left_out.items():
         click.echo(f"{folder}: {count} of them {why}")
     sys.exit(results.exit_code)

@@ -47,6 +47,8 @@ def straighten_video(source: str, outputs: tuple[str, ...], given: dict[str, Any
         return
     with_sound = any(_is_file(output) for output in outputs)
     with VideoReader(source, given.get("start_s", 0.0), given.get("duration_s"), with_sound) as reader:
+        for note in reader.notes:
+            click.echo(f"omnimirror: {note}", err=True)
         turn = Turning(camera_of(given, reader.size), given, interpolation, reader.siting, reader.pixel_format)
         sink = _sinks(outputs, turn, reader.frame_rate, given, reader)
         is_watched = not any(output == "-" or _is_file(output) for output in outputs)

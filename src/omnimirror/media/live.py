@@ -16,6 +16,7 @@ from av.container import InputContainer
 
 from ..errors import MediaError
 from . import interrupts
+from .fields import Fields
 from .frames import Siting, siting_of
 
 TICKS = Fraction(1, 90_000)  # s, the unit of the frames' times
@@ -233,7 +234,7 @@ class LiveSource:
         return container
 
     def _receive(self, container: InputContainer) -> None:
-        is_found_again = self.received > 0
+        is_found_again, fields = self.received > 0, Fields()
         for packet in container.demux(container.streams.video[0]):
             if self._stopping.is_set() or self._left_s() < 0:  # what comes may be no pictures
                 return
@@ -241,7 +242,7 @@ class LiveSource:
                 frames = packet.decode()
             except (av.error.InvalidDataError, av.error.EOFError):
                 continue  # as before the first key frame
-            for frame in frames:
+            for frame in (whole for coded in frames for whole in fields(coded)):
                 if is_found_again:
                     self.reconnects += 1
                     self._report(f"{self.name} is back after {time.monotonic() - self._heard:.1f} s")

@@ -14,9 +14,11 @@ import av
 from av.audio.stream import AudioStream
 from av.container import InputContainer
 from av.packet import Packet
+from av.sidedata.sidedata import Type as SideData
 from av.video.stream import VideoStream
 
 from ..errors import InvalidParameter, MediaError
+from .fields import Fields
 from .frames import Colour, siting_of
 
 AnyPacket: TypeAlias = "Packet[Any]"
@@ -27,6 +29,7 @@ SEEK_BACK_S = (0, 2, 10)
 """How much earlier to look where a file's index leads past the frame that was asked for."""
 LATE_SOUND_S = 5
 """How far the sound may lie behind the pictures in a file."""
+OF_THE_DISPLAY = (SideData.MASTERING_DISPLAY_METADATA, SideData.CONTENT_LIGHT_LEVEL)
 CUT_SHORT_S = 0.5
 """By how much a file may end before it says that it does."""
 
@@ -35,8 +38,9 @@ class VideoReader:
     """A video file: what it is, and its frames and sound from one time to another.
 
     Frames come as they are stored: a rotation noted beside them is told and not applied, since a
-    calibration belongs to the stored pixels. Only the first video stream is read, with all audio streams;
-    subtitles and data are left out. Each pass reads the file anew.
+    calibration belongs to the stored pixels. Interlaced pictures are made whole (:class:`.fields.Fields`).
+    Only the first video stream is read, with all audio streams; subtitles and data are left out. Each pass
+    reads the file anew.
 
     Parameters
     ----------
@@ -93,6 +97,13 @@ class VideoReader:
         self.pixel_format: str = first.format.name
         self.colour = Colour.of(first)
         self.siting = siting_of(stream.codec_context.name)
+        self.notes: list[str] = []
+        """What whoever reads the file should know of it, in sentences."""
+        if first.interlaced_frame:
+            self.notes.append(f"{self.path} is interlaced; each picture is made whole from its first field")
+        beside: Any = first.side_data
+        if any(beside.get(kind) is not None for kind in OF_THE_DISPLAY):
+            self.notes.append(f"{self.path} tells of the display that it was graded on, which is not kept")
         self.rotation_deg: int = first.rotation
         self.pixel_aspect = stream.sample_aspect_ratio or Fraction(1)
         self.frame_rate: Fraction = stream.average_rate or stream.guessed_rate or Fraction(25)
@@ -177,6 +188,7 @@ class _Pass:
         self.start = origin + Fraction(reader.start_s).limit_denominator(1_000_000)
         length = reader.duration_s
         self.end = None if length is None else self.start + Fraction(length).limit_denominator(1_000_000)
+        self.fields = Fields()
         self.packets = 0
         self.damaged = 0
         self.given = 0
@@ -255,13 +267,15 @@ class _Pass:
                 return
 
     def _decode(self, packet: AnyPacket) -> list[av.VideoFrame]:
+        frames: list[av.VideoFrame] = []
         try:
-            return packet.decode()
+            frames = packet.decode()
         except av.error.InvalidDataError:
             self.damaged += 1
-            return []
         except av.error.EOFError:  # flushed before
-            return []
+            pass
+        whole = [ready for frame in frames for ready in self.fields(frame)]
+        return whole if packet.size else whole + self.fields.rest()
 
     def _note(self, packet: AnyPacket) -> None:
         if packet.size:
