@@ -17,10 +17,10 @@ demo: $(VENV)/.core  ## Evaluate, simulate and straighten a picture, and write a
 	$(BIN)/omnimirror demo --out $(DEMO_OUT)
 
 test: lint chromium node  ## Everything that must hold, in a few minutes
-	$(BIN)/python -m pytest -n auto -m "not full"
+	$(BIN)/python -m pytest -n auto --dist worksteal -m "not full"
 
 test-full: lint chromium node $(VENV)/.full  ## Also long checks and other programs (1.3 GB more)
-	$(BIN)/python -m pytest -n auto
+	$(BIN)/python -m pytest -n auto --dist worksteal
 	native/sanitize.sh $(BIN)/python -q
 
 lint: $(VENV)/.test
