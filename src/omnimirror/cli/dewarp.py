@@ -25,6 +25,7 @@ from ..media import GPano, read_image, write_image
 from ..media.batch import PICTURES as PICTURE_SUFFIXES
 from ..media.batch import Job, expand_inputs, outputs_for, run_parallel
 from ..media.images import Image, can_be_panorama, check_size, format_of, read_picture
+from ..media.sequences import is_sequence
 from ..sensor import Sensor
 from ..simulate.noise import told_noise
 from ..simulate.restoration import Restorer
@@ -39,7 +40,7 @@ from .view_options import check_view_options, view_of, view_options
 VIDEOS = (".mp4", ".m4v", ".mov", ".mkv", ".webm", ".avi", ".ts", ".mpg", ".mpeg")
 RESTORE_OPTIONS = ("noise", "object_distance_mm", "blur_px")
 PICTURE_OPTIONS = ("restore", *RESTORE_OPTIONS)
-VIDEO_OPTIONS = ("start_s", "duration_s", "codec", "crf", "keyframes", "pixel_format", "preview")
+VIDEO_OPTIONS = ("frame_rate", "start_s", "duration_s", "codec", "crf", "keyframes", "pixel_format", "preview")
 PIPE_FORMATS = ("y4m", "rawvideo")
 
 
@@ -94,6 +95,7 @@ PIPE_FORMATS = ("y4m", "rawvideo")
     type=NUMBER,
     help="Videos: how much to take, in seconds.  [default: the rest]",
 )
+@click.option("--frame-rate", type=NUMBER, help="Numbered pictures: frames a second.  [default: 25]")
 @click.option("--codec", help="Videos: the encoder, by FFmpeg's name.  [default: by the file's suffix]")
 @click.option("--crf", type=WHOLE, help="Videos: constant quality, smaller is better.  [default: the encoder's]")
 @click.option(
@@ -129,7 +131,8 @@ def command(
     """Straighten each SOURCE, taken with a mirror sensor, a mirror ball or a fisheye.
 
     A SOURCE is a picture, a folder or pattern of pictures, a video file, or a camera or stream
-    (/dev/video0, rtsp://..). Say which camera it was with one of --sensor, --ocam and --ball. The
+    (/dev/video0, rtsp://..), numbered pictures as one video (f%04d.png), or a video on standard
+    input (-). Say which camera it was with one of --sensor, --ocam and --ball. The
     result is drawn as seen from the camera's place: never reversed, forward in the middle of a
     panorama and at the top of a dome.
     """
@@ -191,7 +194,7 @@ def is_video(source: str) -> bool:
     [True, True, True, True, False, False]
     """
     is_live = source.isdigit() or source.startswith("/dev/video") or "://" in source
-    return is_live or Path(source).suffix.lower() in VIDEOS
+    return is_live or source == "-" or is_sequence(source) or Path(source).suffix.lower() in VIDEOS
 
 
 def panorama_of(view: View, kept: Mount | None = None) -> GPano | None:

@@ -27,6 +27,7 @@ from ..media.formats import Kind, losses
 from ..media.keyframes import Keyframes
 from ..media.live import TICKS, LiveSource, is_live
 from ..media.outputs import PipeSink, Preview, StreamSink, Tee, VirtualCamera
+from ..media.sequences import is_sequence, standard_input
 from ..media.spherical import can_be_spherical
 from ..media.video import Item, VideoReader
 from ..media.writer import Sink, VideoWriter
@@ -45,8 +46,19 @@ def straighten_video(source: str, outputs: tuple[str, ...], given: dict[str, Any
     if is_live(source):
         _straighten_live(source, outputs, given, interpolation)
         return
+    if source == "-":
+        with standard_input() as path:
+            _straighten_file(str(path), outputs, given, interpolation)
+    else:
+        _straighten_file(source, outputs, given, interpolation)
+
+
+def _straighten_file(source: str, outputs: tuple[str, ...], given: dict[str, Any], interpolation: Any) -> None:
+    if "frame_rate" in given and not is_sequence(source):
+        raise click.UsageError("--frame-rate belongs to numbered pictures; videos tell theirs")
+    start_s, duration_s = given.get("start_s", 0.0), given.get("duration_s")
     with_sound = any(_is_file(output) for output in outputs)
-    with VideoReader(source, given.get("start_s", 0.0), given.get("duration_s"), with_sound) as reader:
+    with VideoReader(source, start_s, duration_s, with_sound, given.get("frame_rate", 25.0)) as reader:
         for note in reader.notes:
             click.echo(f"omnimirror: {note}", err=True)
         turn = Turning(camera_of(given, reader.size), given, interpolation, reader.siting, reader.pixel_format)

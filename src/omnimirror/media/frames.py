@@ -71,6 +71,10 @@ class Colour:
         coded.color_trc = self.transfer
 
 
+OF_RGB = Colour(range=1, space=1, primaries=1, transfer=13)
+"""How pictures in red, green and blue become luma and colours: BT.709, of sRGB."""
+
+
 def planes(frame: av.VideoFrame) -> Planes:
     """The planes of a frame in planar YUV or NV12, without copying or converting.
 
@@ -143,7 +147,11 @@ def has_planes(frame: av.VideoFrame) -> bool:
 
 def workable(frame: av.VideoFrame) -> av.VideoFrame:
     """The frame itself where its planes can be had, or else converted to planes that hold all that it does."""
-    return frame if has_planes(frame) else converted(frame, Kind.of(frame.format.name).name)
+    if has_planes(frame):
+        return frame
+    if frame.format.is_rgb or frame.format.has_palette:
+        OF_RGB.put_on(frame)
+    return converted(frame, Kind.of(frame.format.name).name)
 
 
 def empty_frame(

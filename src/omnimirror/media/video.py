@@ -19,7 +19,9 @@ from av.video.stream import VideoStream
 
 from ..errors import InvalidParameter, MediaError
 from .fields import Fields
-from .frames import Colour, siting_of
+from .frames import OF_RGB, Colour, siting_of
+from .sequences import first_number, is_sequence
+from .timecode import later, timecode_of
 
 AnyPacket: TypeAlias = "Packet[Any]"
 Item: TypeAlias = "av.VideoFrame | AnyPacket"
@@ -45,6 +47,7 @@ class VideoReader:
     Parameters
     ----------
     path
+        A file, or numbered pictures such as ``f%04d.png``.
     start_s : s
         Where to begin, from the beginning of the file.
     duration_s : s, optional
@@ -52,6 +55,8 @@ class VideoReader:
         are read, with the times in the file less ``start_s``.
     with_sound
         Whether audio packets are read too.
+    frame_rate : frames a second
+        Of numbered pictures; files tell their own.
 
     Raises
     ------
@@ -69,9 +74,20 @@ class VideoReader:
     """
 
     def __init__(
-        self, path: str | Path, start_s: float = 0.0, duration_s: float | None = None, with_sound: bool = True
+        self,
+        path: str | Path,
+        start_s: float = 0.0,
+        duration_s: float | None = None,
+        with_sound: bool = True,
+        frame_rate: float = 25.0,
     ) -> None:
         self.path = Path(path)
+        self._options: dict[str, str] = {}
+        if is_sequence(path):
+            if not 0 < frame_rate < math.inf:
+                raise InvalidParameter(f"a frame rate of {frame_rate:g} is not valid; it is a number above 0")
+            rate = Fraction(frame_rate).limit_denominator(1001)
+            self._options = {"start_number": str(first_number(self.path)), "framerate": str(rate)}
         if not (math.isfinite(start_s) and start_s >= 0):
             raise InvalidParameter(f"a start at {start_s:g} s is not in a video; it is valid from 0")
         if duration_s is not None and not duration_s > 0:
@@ -95,7 +111,7 @@ class VideoReader:
         self.size: tuple[int, int] = (first.width, first.height)
         self.codec: str = stream.codec_context.codec.canonical_name
         self.pixel_format: str = first.format.name
-        self.colour = Colour.of(first)
+        self.colour = OF_RGB if first.format.is_rgb or first.format.has_palette else Colour.of(first)
         self.siting = siting_of(stream.codec_context.name)
         self.notes: list[str] = []
         """What whoever reads the file should know of it, in sentences."""
@@ -109,6 +125,9 @@ class VideoReader:
         self.frame_rate: Fraction = stream.average_rate or stream.guessed_rate or Fraction(25)
         self.time_base: Fraction = stream.time_base or 1 / self.frame_rate
         self.metadata: dict[str, str] = dict(self._container.metadata)
+        if timecode := timecode_of([self.metadata, *(stream.metadata for stream in self._container.streams)]):
+            frames = round(Fraction(self.start_s) * self.frame_rate)
+            self.metadata["timecode"] = later(timecode, frames, self.frame_rate)
         self.audio_streams: tuple[AudioStream, ...] = tuple(self._container.streams.audio) if self.with_sound else ()
         self._first_s = max(0.0, (first.time or 0.0) - float(_origin(self._container)))
         self.whole_s = _duration(self._container, stream)
@@ -158,7 +177,8 @@ class VideoReader:
 
     def _open(self) -> InputContainer:
         try:
-            container = av.open(str(self.path), "r", metadata_errors="replace")
+            kind = "image2" if self._options else None
+            container = av.open(str(self.path), "r", format=kind, options=self._options, metadata_errors="replace")
         except FileNotFoundError:
             raise MediaError(f"there is no video {self.path}") from None
         except (av.FFmpegError, OSError) as e:

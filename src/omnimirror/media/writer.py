@@ -126,6 +126,8 @@ class VideoWriter:
             self._encoder.target = str(path)
             if self._encoder.lost:
                 self.notes.append(f"{path}: {self._encoder.lost}; {KEEPING}")
+            if suffix == ".ts" and "timecode" in (encoding.get("metadata") or {}):
+                self.notes.append(f"{path}: the timecode is lost; .mov, .mp4 and .mkv keep it")
             self._stack = self._stack.pop_all()
 
     @classmethod
