@@ -264,6 +264,51 @@ def test_advice_can_be_taken(text):
             assert limit.omega_deg is None or limit.omega_deg[1] <= changed.field.omega_max_deg
 
 
+WALL = """
+[field]
+omega_max_deg = 118.0
+omega_min_deg = 25.0
+object_distance_mm = [300, 5000]
+[mirror]
+family = "sphere"
+rim_radius_mm = 30.0
+[lens]
+focal_length_mm = 8.0
+f_number = 4.0
+[imager]
+width_px = 1600
+height_px = 1200
+pixel_pitch_um = 4.5
+[[limit]]
+quantity = "blur_s_px"
+at_most = 3.0
+omega_deg = [40, 110]
+[[limit]]
+quantity = "blur_t_px"
+at_most = 4.0
+[[limit]]
+quantity = "viewpoint_spread_mm"
+at_most = 14.0
+"""
+
+
+def test_numbers_that_would_not_do_alone_help_where_all_give():
+    """Brute force: limits and F-number eased by 30 % and the viewpoints by 23 % are enough, so no more is asked of all.
+
+    Alone no number does, because blur and viewpoints pull the size of the mirror both ways.
+    """
+    wanted = parse_requirements(WALL)
+    eased = WALL.replace("at_most = 3.0", "at_most = 3.9").replace("at_most = 4.0", "at_most = 5.2")
+    eased = eased.replace("at_most = 14.0", "at_most = 17.2").replace("f_number = 4.0", "f_number = 5.2")
+    assert Search(parse_requirements(eased)).best().is_met
+    conflict = design_sensor(wanted).conflict
+    assert not [r for r in conflict.alone if r.needed is not None]
+    assert conflict.joint
+    assert conflict.joint_share < 0.3
+    assert max(r.share for r in conflict.joint) < conflict.joint_share + 0.01
+    assert Search(relaxed(wanted, conflict.joint)).best().is_met
+
+
 def test_a_field_that_leaves_a_limit_behind_is_no_advice():
     with pytest.raises(SpecError, match="no part of the field"):
         relaxed(parse_requirements(SURVEY), [Relaxation("omega_max_deg", "deg", 110.0, 90.0)])

@@ -199,3 +199,13 @@ def test_files_that_cannot_be_read(tmp_path):
     (tmp_path / "b.toml").write_bytes(b"\xff\xfe\x00\x01")
     with pytest.raises(SpecError, match="it is not a text file"):
         load_requirements(tmp_path / "b.toml")
+
+
+@pytest.mark.parametrize(
+    ("lens", "valid"),
+    [("focal_length_mm = 8.0\nfocus_mm = [3, 5]", "above 8"), ("focus_mm = -4\ntheta_max_deg = 12.0", "above 0")],
+)
+def test_a_focus_nearer_than_the_focal_length_is_refused(lens, valid):
+    text = f'field.omega_max_deg = 100\n[mirror]\nmapping = "equiangular"\nrim_radius_mm = 20\n[lens]\n{lens}\n'
+    with pytest.raises(SpecError, match=rf"line [67]: lens.focus_mm = .* it is valid {valid}"):
+        parse_requirements(text)

@@ -59,7 +59,7 @@ def find_concessions(
             alone.append(tried(_number(shaped, name)))
     alone.sort(key=lambda r: (r.needed is None, r.share or 0.0))
     say("everything")
-    given, share, place = _jointly(shaped, [r for r in alone if r.needed is not None])
+    given, share, place = _jointly(shaped, alone)
     joint, share = held_together(given, share, partial(_is_met, requirements, shaped.problem, place))
     return Conflict(missed, tuple(alone), joint, share)
 
@@ -110,7 +110,7 @@ def _number(shaped: Shaped, name: str) -> tuple[Relaxation, Place]:
     asked = ends(getattr(shaped.problem, name))[0]
     found: list[tuple[float, Place]] = []
     for sign in (-1, 1):
-        freed = _freed(shaped.problem, {name: sign})
+        freed = _freed(shaped.problem, {name: (sign,)})
         if freed is None:
             continue
         goal = Concession((), ((name, asked, sign),))
@@ -123,16 +123,22 @@ def _number(shaped: Shaped, name: str) -> tuple[Relaxation, Place]:
     return Relaxation(name, unit_of(name), asked, asked * (1 + share)), place
 
 
-def _freed(problem: DesignProblem, signs: dict[str, int]) -> DesignProblem | None:
-    """The problem with numbers free on one side of what was asked; None where there is no room."""
+def _freed(problem: DesignProblem, ways: dict[str, tuple[int, ...]]) -> DesignProblem | None:
+    """The problem with numbers free on one side of what was asked, or on both; None where there is no room."""
     spans = {}
-    for name, sign in signs.items():
+    for name, signs in ways.items():
         asked = ends(getattr(problem, name))[0]
         low, high = RANGES.get(name, (1e-3, 1e6))
-        span = (max(asked / FARTHEST, low), asked) if sign < 0 else (asked, min(asked * FARTHEST, high))
+        span = (
+            max(asked / FARTHEST, low) if -1 in signs else asked,
+            min(asked * FARTHEST, high) if 1 in signs else asked,
+        )
         if name in ("omega_max_deg", "theta_max_deg"):
             room = _room(problem)
             span = max(span[0], asked - room), min(span[1], asked + room)
+        if name == "omega_max_deg" and span[0] < asked:  # no limit's part of the field may be left behind
+            parts = [limit.omega_deg[1] for limit in problem.limits if limit.omega_deg]
+            span = max([span[0], *parts]), span[1]
         if not span[0] < span[1]:
             return None
         spans[name] = span
@@ -157,15 +163,23 @@ def _point(problem: DesignProblem, place: Place) -> Array:
     return np.array([place.get(name, 0.0) for name in DesignSpace(problem).names])
 
 
-def _jointly(shaped: Shaped, helpful: list[Relaxation]) -> tuple[tuple[Relaxation, ...], float | None, Place]:
-    """The least share by which all limits give, and with them the given numbers that help, each its own way."""
-    signs = {r.name: int(np.sign((r.needed or 0.0) - r.asked)) for r in helpful if r.name in NUMBERS}
-    signs = {name: sign for name, sign in signs.items() if sign}
-    problem = _freed(shaped.problem, signs)
+def _jointly(shaped: Shaped, alone: list[Relaxation]) -> tuple[tuple[Relaxation, ...], float | None, Place]:
+    """The least share by which all limits give, and with them the given numbers.
+
+    A number that would do alone gives its own way; one that would not may still help others, either way.
+    """
+    told_alone = {r.name: r.needed for r in alone if r.limit is None and r.name in NUMBERS}
+    asked = {name: ends(getattr(shaped.problem, name))[0] for name in told_alone}
+    ways: dict[str, tuple[int, ...]] = {
+        name: (-1, 1) if needed is None else (int(np.sign(needed - asked[name])),)
+        for name, needed in told_alone.items()
+        if needed != asked[name]
+    }
+    problem = _freed(shaped.problem, ways)
     if problem is None:
         return (), None, {}
     limits = tuple(range(len(problem.limits)))
-    numbers = tuple((name, ends(getattr(shaped.problem, name))[0], sign) for name, sign in signs.items())
+    numbers = tuple((name, asked[name], sign) for name, signs in ways.items() for sign in signs)
     if not limits and not numbers:
         return (), None, {}
     found = _followed(problem, _point(problem, _known(shaped)), Concession(limits, numbers))
@@ -173,7 +187,7 @@ def _jointly(shaped: Shaped, helpful: list[Relaxation]) -> tuple[tuple[Relaxatio
         return (), None, {}
     y, share = found
     names = DesignSpace(problem).names
-    moved = [(n, asked, float(np.exp(y[names.index(n)]))) for n, asked, _ in numbers]
+    moved = {name: float(np.exp(y[names.index(name)])) for name in ways}
     missed = Objective(DesignSpace(problem), Concession(limits), coarse_nodes(problem)).missed(y)
     rows = [row for row in shaped.rows if row.is_limit]
     given = (
@@ -181,6 +195,6 @@ def _jointly(shaped: Shaped, helpful: list[Relaxation]) -> tuple[tuple[Relaxatio
         for i, row in enumerate(rows)
         if missed[i] > STILL
     )
-    changed = (Relaxation(n, unit_of(n), asked, v) for n, asked, v in moved if abs(v / asked - 1) > STILL)
+    changed = (Relaxation(n, unit_of(n), asked[n], v) for n, v in moved.items() if abs(v / asked[n] - 1) > STILL)
     told = (*given, *changed)
     return (told, share, _place(problem, y)) if len(told) > 1 else ((), None, {})

@@ -190,10 +190,12 @@ def held_together(
     """As :func:`held`, of several that give at once."""
     if share is None or not given:
         return (), None
+    rounded = tuple(r.widened(0.0) for r in given)  # a number may stand where it can go no farther
     for more in MORE:
-        wider = tuple(r.widened(more) for r in given)
-        if holds(wider):
-            return wider, share
+        limits_wider = tuple(r if r.limit is None else r.widened(more) for r in rounded)
+        for wider in dict.fromkeys((limits_wider, tuple(r.widened(more) for r in given))):
+            if holds(wider):
+                return wider, share
     return (), None
 
 
@@ -320,20 +322,30 @@ def with_given(search: Search, name: str, value: float) -> Search:
 
 
 def _jointly(search: Search, best: Candidate, alone: list[Relaxation]) -> tuple[tuple[Relaxation, ...], float | None]:
-    """The least share by which all limits give, and with them the given numbers that help, each its own way."""
-    signs = {r.name: int(np.sign(r.needed - r.asked)) for r in alone if r.needed is not None and r.limit is None}
-    signs = {name: sign for name, sign in signs.items() if sign and name in _numbers(search)}
+    """The least share by which all limits give, and with them the given numbers.
+
+    A number that would do alone gives its own way; one that would not may still help others, either way.
+    """
+    helpful = {r.name: int(np.sign(r.needed - r.asked)) for r in alone if r.needed is not None and r.limit is None}
+    ways: dict[str, tuple[int, ...]] = {}
+    spans: dict[str, tuple[float, float]] = {}
+    for name in (r.name for r in alone if r.name in _numbers(search)):
+        signs = (helpful[name],) if name in helpful else (-1, 1)
+        room = {sign: span for sign in signs if sign and (span := _span(search, best, name, sign))[0] < span[1]}
+        if room:
+            ways[name] = tuple(room)
+            spans[name] = min(low for low, _ in room.values()), max(high for _, high in room.values())
     keys = tuple(range(len(search.requirements.limits)))
-    if not keys and not signs:
+    if not keys and not ways:
         return (), None
-    spans = {name: _span(search, best, name, sign) for name, sign in signs.items()}
-    asked = {name: float(getattr(best.choice, name)) for name in signs}
-    numbers = tuple((name, asked[name], sign) for name, sign in signs.items())
+    asked = {name: float(getattr(best.choice, name)) for name in ways}
+    numbers = tuple((name, asked[name], sign) for name, signs in ways.items() for sign in signs)
     leeway = _near(search, best, spans)
     found = leeway.reach(_point(search, best, asked), Goal(keys, numbers))
     if found is None:
         return (), None
-    missed = leeway.missed(found.y, fitted=True)
+    y, moved = _without_idle(leeway, found, keys, asked)
+    missed = leeway.missed(y, fitted=True)
     shares = [float(missed[key].max()) for key in keys]
     rows = [row for row in best.rows if row.is_limit]
     limits = (
@@ -341,7 +353,23 @@ def _jointly(search: Search, best: Candidate, alone: list[Relaxation]) -> tuple[
         for i, (row, share) in enumerate(zip(rows, shares, strict=True))
         if share > STILL
     )
-    moved = ((name, getattr(found.choice, name)) for name in signs)
-    changed = (Relaxation(n, unit_of(n), asked[n], v) for n, v in moved if abs(v / asked[n] - 1) > STILL)
+    changed = (Relaxation(n, unit_of(n), asked[n], v) for n, v in moved.items())
     given = (*limits, *changed)
     return (given, found.share) if len(given) > 1 else ((), None)
+
+
+def _without_idle(
+    leeway: Leeway, found: Found, keys: Sequence[Key], asked: dict[str, float]
+) -> tuple[np.ndarray, dict[str, float]]:
+    """What was found with every number put back that need not have moved, and the others."""
+    y, moved = found.y, {name: getattr(found.choice, name) for name in asked}
+    for name in sorted(asked, key=lambda n: abs(moved[n] / asked[n] - 1)):
+        back = leeway.point(replace(leeway.choice(y)[0], **{name: asked[name]}), found.focus_mm)
+        try:
+            missed = leeway.missed(back, fitted=True)
+        except OmnimirrorError:
+            continue
+        if all(rows.max() <= (found.share if key in keys else 0.0) + STILL for key, rows in missed.items()):
+            y = back
+            del moved[name]
+    return y, moved

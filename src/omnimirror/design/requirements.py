@@ -330,6 +330,14 @@ def _check_lens(lens: LensTable, field: FieldTable, where: Places) -> None:
         raise where.error(
             ("lens",), "lens has neither focal_length_mm nor theta_max_deg; give one of them, a number or a range"
         )
+    if lens.kind == "perspective" and lens.focus_mm is not None:
+        least, (low, high) = lens.focal_length_mm[0] if lens.focal_length_mm else 0.0, lens.focus_mm
+        if low <= 0 or high <= least:
+            shown = f"{low:g}" if low == high else f"[{low:g}, {high:g}]"
+            raise where.error(
+                ("lens", "focus_mm"),
+                f"lens.focus_mm = {shown} is nearer than the focal length; it is valid above {least:g}",
+            )
 
 
 def _limit(index: int, table: dict[str, Any], field: FieldTable, where: Places) -> Limit:
