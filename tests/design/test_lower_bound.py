@@ -133,3 +133,9 @@ def test_what_has_no_bound_is_refused():
         om.blur_bound(replace(paper(), lens=lens))
     with pytest.raises(InvalidParameter, match="sensors of one mirror"):
         om.blur_bound(om.load_sensor("folded-spherical"))
+
+
+@pytest.mark.parametrize("wrong", [{"mode": "Paper"}, {"image_radius_px": -5.0}, {"image_radius_px": np.nan}])
+def test_words_and_radii_that_mean_nothing_are_refused(wrong):
+    with pytest.raises(InvalidParameter, match=r"is not (known|valid)|finite"):
+        om.blur_bound(paper(), **wrong)

@@ -21,8 +21,9 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arguments import LARGEST_RADIUS_PX, choice, number
 from ..errors import InvalidParameter
-from ..lenses import BlurMode, Orthographic, Perspective
+from ..lenses import BLUR_MODES, BlurMode, Orthographic, Perspective
 from ..sensor import Sensor
 from .optics import Camera, TelecentricCamera
 
@@ -114,6 +115,9 @@ def blur_bound(
     >>> round(bound.blur_deg, 3), round(bound.focus_mm, 1), bound.is_reached
     (0.608, 221.3, True)
     """
+    choice("mode", mode, BLUR_MODES)
+    if image_radius_px is not None:
+        number("image_radius_px", image_radius_px, above=0.0, high=LARGEST_RADIUS_PX, unit="px")
     sensor.check_one_mirror("the bound of blur")
     if not object_distance_mm > 0:
         raise InvalidParameter(f"object_distance_mm = {object_distance_mm:g} is not valid; it is above 0, or inf")
