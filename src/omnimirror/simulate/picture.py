@@ -6,11 +6,15 @@ wants BGR, which is ``picture[..., ::-1]``.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..cameras import Camera
 from ..errors import InvalidParameter
+from ..imagers import Imager
+from ..sensor import Sensor
 from .colour import Light, Picture, srgb_bytes
 from .exposure import Progress, expose
 from .hardware import Hardware
@@ -20,7 +24,7 @@ Array = NDArray[np.float64]
 
 MOST_SAMPLES = 16
 SHOWN_SAMPLES = 16
-"""Rays of a pixel of pictures to look at: with fewer, edges of letters come out as combs where one zooms in."""
+"""Rays of a pixel of pictures to look at."""
 
 
 def take_picture(
@@ -33,6 +37,8 @@ def take_picture(
     seed: int = 0,
     progress: Progress | None = None,
     workers: int | None = None,
+    *,
+    low_pass: bool = False,
 ) -> Picture:
     """The picture (rows, columns, 3), uint8 sRGB in RGB order, that a camera takes of a scene.
 
@@ -41,10 +47,14 @@ def take_picture(
     cut by the rim is dimmed by the share that is cut off. The parameters are those of
     :func:`~omnimirror.simulate.expose`, which gives the linear light.
 
+    With ``low_pass`` there is an optical low-pass filter before the imager, as in most cameras: each pixel gathers
+    light from a tent of twice its width. Pixels that stand side by side without one turn edges and thin lines into
+    combs, which a view that enlarges them shows.
+
     Raises
     ------
     InvalidParameter
-        As :func:`~omnimirror.simulate.expose`.
+        As :func:`~omnimirror.simulate.expose`; or a low-pass filter before a camera that is no sensor.
 
     Examples
     --------
@@ -53,7 +63,36 @@ def take_picture(
     >>> picture.shape, picture.dtype, picture[0, 0]
     ((1024, 1024, 3), dtype('uint8'), array([0, 0, 0], dtype=uint8))
     """
+    if low_pass:
+        fine = _finer(camera)
+        light = expose(fine, scene, -(-samples // 4), blur, distant, hardware, seed, progress, workers)
+        return srgb_bytes(_low_passed(light))
     return srgb_bytes(expose(camera, scene, samples, blur, distant, hardware, seed, progress, workers))
+
+
+TENT = np.array([1.0, 3.0, 3.0, 1.0]) / 8
+"""Shares of light of pixels half as wide: a tent that reaches a whole pixel to either side."""
+
+
+def _finer(camera: Camera) -> Sensor:
+    """The sensor with pixels half as wide."""
+    if not isinstance(camera, Sensor):
+        raise InvalidParameter(
+            "only a sensor has a low-pass filter; a calibrated camera has taken its pictures already"
+        )
+    imager = camera.imager
+    u, v = imager.centre
+    finer = Imager(2 * imager.width_px, 2 * imager.height_px, imager.pixel_pitch_um / 2, (2 * u + 0.5, 2 * v + 0.5))
+    return replace(camera, imager=finer)
+
+
+def _low_passed(light: Light) -> Light:
+    """Light (2 n, 2 m, 3) on half pixels, gathered by whole ones (n, m, 3)."""
+    for axis in (0, 1):
+        padded = np.moveaxis(np.pad(light, [(1, 1) if a == axis else (0, 0) for a in range(3)], mode="edge"), axis, 0)
+        count = light.shape[axis] // 2
+        light = np.moveaxis(sum(w * padded[i : i + 2 * count : 2] for i, w in enumerate(TENT)), 0, axis)
+    return np.ascontiguousarray(light, np.float32)
 
 
 def pinhole_picture(scene: Scene, directions: ArrayLike, samples: int = 1) -> Picture:
