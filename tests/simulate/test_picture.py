@@ -199,7 +199,7 @@ def test_a_low_pass_filter_spreads_light_over_a_tent_and_moves_none():
     even = om.take_picture(sensor, Even(), samples=16, low_pass=True)
     np.testing.assert_array_equal(even[40:80, 40:80], om.take_picture(sensor, Even(), samples=16)[40:80, 40:80])
     with pytest.raises(InvalidParameter, match="only a sensor has a low-pass filter"):
-        om.take_picture(om.MirrorBall((64, 64), (31.5, 31.5), 30.0, 280.0), Even(), low_pass=True)
+        om.take_picture(om.MirrorBall((31.5, 31.5), 30.0, 280.0, (64, 64)), Even(), low_pass=True)
 
 
 def moments(light: np.ndarray, at: np.ndarray) -> tuple[float, float]:
