@@ -60,7 +60,7 @@ def test_illumination_on_the_axis_is_that_of_a_cone(F):
 
 @pytest.mark.parametrize("reflectivity", [0.0, -0.0])
 def test_a_mirror_that_reflects_nothing_has_no_illumination(reflectivity):
-    with pytest.raises(InvalidParameter, match="leaves no light"):
+    with pytest.raises(InvalidParameter, match="is not a share; it is valid above 0"):
         om.illumination(SPH, [0.0], reflectivity=reflectivity)
 
 

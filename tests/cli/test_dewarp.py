@@ -306,7 +306,7 @@ def test_the_border_is_a_colour(folder, picture, source, border, expected):
         ("sphere.png SPHERE --past-resolution", "--past-resolution says how far --zoom may go"),
         ("sphere.png SPHERE --view perspective --tilt-deg 80 --hfov-deg 10", "sees nothing of the camera's field"),
         ("sphere.png SPHERE --size big", "'big' is not a size in pixels"),
-        ("sphere.png SPHERE --size 0x5", "size = (0, 5)"),
+        ("sphere.png SPHERE --size 0x5", "size = 0 is not valid; it is valid above 0 px"),
         ("sphere.png SPHERE --size 999999x5", "size = (999999, 5)"),
         ("sphere.png SPHERE --camera-looks left", "'left'"),
         ("sphere.png SPHERE --interpolation magic", "'magic'"),

@@ -114,9 +114,17 @@ def test_distant_screens_have_no_viewpoint():
         np.testing.assert_array_equal(source_pixels(SPHERE, view, viewpoint, exact=True), expected)
 
 
-@pytest.mark.parametrize("viewpoint", ["best", "", np.nan, np.inf])
-def test_a_viewpoint_that_is_none_is_refused(viewpoint):
-    with pytest.raises(InvalidParameter, match="is not 'exact', 'single' or a height over the vertex in mm"):
+@pytest.mark.parametrize(
+    ("viewpoint", "said"),
+    [
+        ("best", "is not 'exact', 'single' or a height over the vertex in mm"),
+        ("", "is not 'exact', 'single' or a height over the vertex in mm"),
+        (np.nan, "viewpoint = nan is not valid"),
+        (np.inf, "viewpoint = inf is not valid"),
+    ],
+)
+def test_a_viewpoint_that_is_none_is_refused(viewpoint, said):
+    with pytest.raises(InvalidParameter, match=said):
         om.Dewarper(SPHERE, om.screens.Plane((3, 2)), viewpoint=viewpoint)
 
 

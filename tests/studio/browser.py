@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+import asyncio
 import base64
 import os
 import shutil
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Coroutine, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 import pytest
 
 from omnimirror.studio.app import Studio
 from omnimirror.studio.serve import Server, configured, listen
+
+Result = TypeVar("Result")
 
 FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 FAKE_CAMERA = ["--use-fake-device-for-media-stream=device-count=2"]
@@ -27,6 +32,12 @@ BASE64 = """(values) => {
   return btoa(text);
 }"""
 """Thousands of numbers as one string: Playwright takes half a second for as many by themselves."""
+
+
+def in_a_loop(coroutine: Coroutine[Any, Any, Result]) -> Result:
+    """What a coroutine gives, in a thread of its own: a browser that runs has a loop in this one."""
+    with ThreadPoolExecutor(1) as pool:
+        return pool.submit(asyncio.run, coroutine).result()
 
 
 @contextmanager

@@ -37,7 +37,7 @@ from omnimirror.studio.limits import LARGEST_MESSAGE
 from omnimirror.studio.serve import names_of
 from omnimirror.studio.sources import Sources
 
-from .browser import open_page, serving
+from .browser import in_a_loop, open_page, serving
 
 LOCAL = "http://127.0.0.1"
 SECRET = "1.25, 2.5"
@@ -150,7 +150,7 @@ def test_pieces_without_end_are_stopped():
     async def endless():
         return {"type": "http.request", "body": bytes(1 << 16), "more_body": True}
 
-    assert asyncio.run(status_of(limits.Bounded(reads_all, {}), endless)) == 413
+    assert in_a_loop(status_of(limits.Bounded(reads_all, {}), endless)) == 413
 
 
 def test_requests_together_hold_no_more_than_the_server_has_room_for(monkeypatch):
@@ -177,7 +177,7 @@ def test_requests_together_hold_no_more_than_the_server_has_room_for(monkeypatch
         go_on.set()
         return refused, await first, await status_of(bounded, receive)
 
-    assert asyncio.run(both()) == (503, 200, 200)
+    assert in_a_loop(both()) == (503, 200, 200)
 
 
 def test_what_comes_too_slowly_is_given_up(monkeypatch):
@@ -187,7 +187,7 @@ def test_what_comes_too_slowly_is_given_up(monkeypatch):
         await asyncio.sleep(0.01)
         return {"type": "http.request", "body": b"x", "more_body": True}
 
-    assert asyncio.run(status_of(limits.Bounded(reads_all, {}), dribble)) == 408
+    assert in_a_loop(status_of(limits.Bounded(reads_all, {}), dribble)) == 408
 
 
 @pytest.mark.parametrize(
@@ -267,7 +267,7 @@ def test_equal_work_is_done_once_and_few_may_wait(monkeypatch):
         go_on.set()
         return await asyncio.gather(*many[1:], other)
 
-    assert asyncio.run(all_of_it()) == ["room"] * 19 + ["other"]
+    assert in_a_loop(all_of_it()) == ["room"] * 19 + ["other"]
     assert runs == ["room", "other"]
 
 

@@ -91,8 +91,6 @@ def illumination(
         raise InvalidParameter(f"transmission = {transmission:g} is not a share; it is valid above 0, up to 1")
     sensor.check_one_mirror("illumination")
     normal = float(reflectance([0.0], reflectivity)[0])
-    if normal == 0.0:
-        raise InvalidParameter(f"reflectivity = {reflectivity} leaves no light; it is valid above 0, up to 1")
     angles = field_angles(sensor) if omega_deg is None else omega_deg
     chief = trace_bundles(sensor, angles, CHIEF, azimuth_deg)
     height = chief.chief_mm(sensor)
