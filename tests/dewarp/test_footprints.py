@@ -208,17 +208,16 @@ def test_compiled_and_opencv_agree_on_a_real_view(monkeypatch):
 def test_the_first_picture_is_the_others_to_the_bit(dtype, interpolation, keep_map, sampler):
     noise = np.random.default_rng(5).integers(0, 256, (1020, 1024, 3)).astype(dtype)
     for view in (
-        om.screens.Plane((160, 100), 10.0, -40.0, 0.0, 140.0),
-        om.screens.Cylinder((200, 60), -60.0, 20.0),
-        om.screens.Cylinder((200, 60), -60.0, 20.0, distance_mm=500.0, offset_mm=(30.0, 0.0, 0.0)),
-        om.screens.CubeMap((120, 80), "3x2"),
+        om.screens.Plane((70, 44), 10.0, -40.0, 0.0, 140.0),
+        om.screens.Cylinder((90, 28), -60.0, 20.0),
+        om.screens.Cylinder((90, 28), -60.0, 20.0, distance_mm=500.0, offset_mm=(30.0, 0.0, 0.0)),
+        om.screens.CubeMap((60, 40), "3x2"),
     ):
         dewarp = om.Dewarper(BALL, view, interpolation, keep_map=keep_map)
         first = dewarp(noise)
         dewarp.coordinates()
         _ = dewarp.valid
-        for _ in range(3):
-            np.testing.assert_array_equal(dewarp(noise), first)
+        np.testing.assert_array_equal(dewarp(noise), first)
 
 
 def test_the_first_frame_is_the_others_to_the_bit():

@@ -222,6 +222,10 @@ def test_depth_colours_and_transparency_are_kept_or_said(tmp_path, source, codec
     assert b.format.name == kept
     assert Colour.of(b) == Colour.of(a) if codec == "libx265" else True
     assert [lost in note for note in writer.notes] == ([True] if lost else [])
+    if "RGB" in lost:  # its planes as YUV depend on a matrix that it does not name
+        before, after = (image_of_frame(frame).astype(int) for frame in (a, b))
+        assert np.abs(before - after)[4:-4, 4:-4].mean() < 80 * 255 / 4095
+        return
     before, after = (planes(converted(frame, "yuva444p12le")) for frame in (a, b))
     for one, other in zip(before[: 3 if "transparency" in lost else 4], after, strict=False):
         assert np.abs(one.astype(int) - other)[4:-4, 4:-4].mean() < 80  # of 4095
