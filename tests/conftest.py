@@ -130,3 +130,8 @@ def shared_data() -> Path:
     if not SHARED.is_dir():
         pytest.skip(f"real photographs are not here: {SHARED}")
     return SHARED
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """What takes longest begins first, so that no process waits for another at the end."""
+    items.sort(key=lambda item: 0 if item.path.name == "test_docs.py" else 1 if "studio" in item.path.parts else 2)
