@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import choice, number
+from ..arguments import choice, distances, number, shown
 from ..errors import InvalidParameter
 from ..sensor import Sensor, check_sensor
 from .bundles import trace_bundles
@@ -133,6 +133,8 @@ def psf(
     choice("kind", kind, KINDS)
     number("wavelength_nm", wavelength_nm, above=0.0, unit="nm")
     omega_deg, azimuth_deg = number("omega_deg", omega_deg), number("azimuth_deg", azimuth_deg)
+    if distances("object_distance_mm", object_distance_mm).ndim:
+        raise InvalidParameter(f"object_distance_mm = {shown(object_distance_mm)} is not valid; it is one number")
     bundles = trace_bundles(sensor, [omega_deg], FITTED, azimuth_deg, object_distance_mm)
     focus = sensor.lens.focus_distance_mm if focus_mm is None else number("focus_mm", focus_mm)
     (wave,) = wavefronts(bundles, focus)

@@ -61,7 +61,8 @@ class Panorama(CentredScreen):
 
     def _check(self) -> None:
         self._check_place()
-        numbers("tilt_min_deg and tilt_max_deg", (self.tilt_min_deg, self.tilt_max_deg), "(one each)")
+        if numbers("tilt_min_deg and tilt_max_deg", (self.tilt_min_deg, self.tilt_max_deg), "(one each)").ndim != 1:
+            raise InvalidParameter("tilt_min_deg and tilt_max_deg are one number each")
         if not -90 <= self.tilt_min_deg < self.tilt_max_deg <= 90:
             raise InvalidParameter(
                 f"elevations from {self.tilt_min_deg:g} to {self.tilt_max_deg:g} deg make no panorama; they are "
