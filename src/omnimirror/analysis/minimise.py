@@ -69,7 +69,7 @@ def lowest_with_slopes(worst: Slopes, low: float, high: float, scan: int = 65, c
     f, g, _ = worst(x)
     a, b, fa, fb, ga, gb = x[:-1], x[1:], f[:-1], f[1:], g[:-1], g[1:]
     valleys = (ga < 0) & (gb > 0)
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         meet = (fa * gb - fb * ga - ga * gb * (a - b)) / (gb - ga)  # height at which the tangents at both ends meet
     valleys &= meet < f.min()
     found = np.append(bottoms(a[valleys], b[valleys], close * (high - low), worst), x[f.argmin()])
