@@ -21,9 +21,9 @@ from evaluation import optiland_system
 from interleaving import interleaved
 
 import omnimirror as om
-from omnimirror.design.batch import Designs, evaluate_designs
-from omnimirror.design.freeform import family
-from omnimirror.dewarp import native
+from omnimirror import native
+from omnimirror.batch.bases import family
+from omnimirror.batch.evaluate import Designs, evaluate_designs
 from omnimirror.files import write_text
 
 ANGLES, DESIGNS, RUNS = 100, 20_000, 15

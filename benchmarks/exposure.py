@@ -39,7 +39,7 @@ MOST_RAYS = 4096  # of the picture that errors count from
 
 
 def sensor_of(name: str, pixels: int = PIXELS) -> om.Sensor:
-    from tests.simulate.test_mitsuba_pictures import small
+    from tests.simulate.rendering.test_mitsuba_pictures import small
 
     return small(name, pixels, MirrorPose())
 
@@ -112,7 +112,7 @@ def main() -> None:
     if arguments.mitsuba:
         render_here(*arguments.mitsuba)
         return
-    from tests.simulate.test_mitsuba_pictures import maps
+    from tests.simulate.rendering.test_mitsuba_pictures import maps
 
     world = Environment(maps()[0])
     lines = [

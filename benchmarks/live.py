@@ -29,12 +29,12 @@ import cv2
 import numpy as np
 
 import omnimirror as om
-from omnimirror.dewarp import native
-from omnimirror.dewarp.video import dewarp_frame
+from omnimirror import native
+from omnimirror.dewarp.yuv.frames import dewarp_frame
 from omnimirror.files import write_text
-from omnimirror.media.frames import frame_of_image, planes
-from omnimirror.media.live import LOW_DELAY, LiveSource
-from omnimirror.media.writer import VideoWriter
+from omnimirror.media.live.sources import LOW_DELAY, LiveSource
+from omnimirror.media.video.frames import frame_of_image, planes
+from omnimirror.media.video.writer import VideoWriter
 
 SIDE, SIZE = 1000, (1280, 720)
 CAMERA = om.MirrorBall(((SIDE - 1) / 2, (SIDE - 1) / 2), 0.48 * SIDE, 270.0, (SIDE, SIDE))

@@ -21,7 +21,7 @@ from interleaving import interleaved
 from setting import arguments_of, circumstances, photograph_of, set_threads
 
 import omnimirror as om
-from omnimirror.dewarp.coordinates import screen_grid, screen_rings
+from omnimirror.dewarp.maps.coordinates import screen_grid, screen_rings
 from omnimirror.files import write_text
 from omnimirror.frames import view_axes
 from omnimirror.imagers import Imager

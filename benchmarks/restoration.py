@@ -30,10 +30,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 import omnimirror as om
-from omnimirror.dewarp import native
+from omnimirror import native
 from omnimirror.files import write_text
 from omnimirror.simulate.colour import linear_from_srgb, srgb_from_linear
-from omnimirror.simulate.restoration import Restorer
+from omnimirror.simulate.restoration.sharpening import Restorer
 from omnimirror.simulate.scenes import Hall, Scene, Street
 
 NOISE = 0.01

@@ -16,7 +16,7 @@ from interleaving import interleaved
 from setting import arguments_of, circumstances, photograph_of, set_threads
 
 import omnimirror as om
-from omnimirror.dewarp.sampling import FixedMap, remap_polar
+from omnimirror.dewarp.sampling.remap import FixedMap, remap_polar
 from omnimirror.dewarp.screens import Cylinder, Plane
 from omnimirror.files import write_text
 

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 import omnimirror as om
-from omnimirror.dewarp import native
+from omnimirror import native
 
 
 def arguments_of(description: str, runs: int) -> argparse.Namespace:

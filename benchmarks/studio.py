@@ -24,7 +24,7 @@ from playwright.sync_api import Browser, Page, sync_playwright
 from setting import other_load, processor
 
 from omnimirror.files import write_text
-from omnimirror.studio.viewer import PAGE
+from omnimirror.studio.look.viewer import PAGE
 
 FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 SIZE = {"width": 1280, "height": 800}

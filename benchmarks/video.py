@@ -28,13 +28,13 @@ from av.filter import Graph
 from interleaving import interleaved
 
 import omnimirror as om
-from omnimirror.dewarp import native
-from omnimirror.dewarp.video import dewarp_frame
+from omnimirror import native
+from omnimirror.dewarp.yuv.frames import dewarp_frame
 from omnimirror.files import write_text
-from omnimirror.media.frames import frame_of_image
 from omnimirror.media.process import process
-from omnimirror.media.video import VideoReader
-from omnimirror.media.writer import VideoWriter
+from omnimirror.media.video.frames import frame_of_image
+from omnimirror.media.video.reader import VideoReader
+from omnimirror.media.video.writer import VideoWriter
 
 SIDE, SIZE = 1000, (1440, 360)
 CAMERA = om.MirrorBall(((SIDE - 1) / 2, (SIDE - 1) / 2), 0.48 * SIDE, 270.0, (SIDE, SIDE))

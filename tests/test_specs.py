@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import omnimirror as om
-from omnimirror.cli.init import template
+from omnimirror.cli.commands.design.init import template
 from omnimirror.errors import OmnimirrorError, SpecError
 from omnimirror.frames import Mount
 from omnimirror.imagers import Imager

@@ -1,4 +1,4 @@
-// omnimirror._native: the samplers, as omnimirror.dewarp.native calls them.
+// omnimirror._native: the samplers, as omnimirror.native calls them.
 //
 // Arrays are checked here once more, whatever the Python side has checked: no argument may make a kernel read
 // or write outside a buffer.

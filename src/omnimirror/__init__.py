@@ -27,12 +27,12 @@ if TYPE_CHECKING:
     from .design import design_sensor as design_sensor
     from .design import load_front as load_front
     from .design import load_requirements as load_requirements
-    from .design import optimise as optimise
     from .design import pareto as pareto
-    from .design.manufacture import export as export
+    from .design.optimise.optimiser import optimise as optimise
     from .dewarp import Dewarper as Dewarper
     from .dewarp import screens as screens
     from .dewarp import views as views
+    from .manufacture import export as export
     from .media import read_image as read_image
     from .media import write_image as write_image
     from .sensor import Sensor as Sensor
@@ -59,7 +59,7 @@ _HOMES = {
     "design_sensor": "design",
     "load_front": "design",
     "load_requirements": "design",
-    "optimise": "design",
+    "optimise": "design.optimise.optimiser",
     "pareto": "design",
     "MirrorBall": "central",
     "OCam": "central",
@@ -72,7 +72,7 @@ _HOMES = {
     "best_viewpoint": "analysis",
     "compare": "analysis",
     "evaluate": "analysis",
-    "export": "design.manufacture",
+    "export": "manufacture",
     "check_blur": "analysis",
     "illumination": "analysis",
     "mtf": "analysis",

@@ -1,4 +1,4 @@
-"""The compiled samplers; absent where they could not be built. Call them through omnimirror.dewarp.sampling."""
+"""The compiled samplers; absent where they could not be built. Call them through omnimirror.dewarp.sampling.remap."""
 
 from collections.abc import Sequence
 from typing import Any

@@ -7,7 +7,7 @@ import pytest
 
 import omnimirror as om
 from omnimirror.cameras import Camera
-from omnimirror.dewarp import radial
+from omnimirror.dewarp.maps import radial_table as radial
 from omnimirror.frames import Mount
 from omnimirror.mirrors.pose import MirrorPose
 from omnimirror.specs import bundled_sensors

@@ -15,7 +15,7 @@ import pytest
 from numpy import inf
 
 import omnimirror as om
-from omnimirror.dewarp.coordinates import exact_pixels, source_pixels
+from omnimirror.dewarp.maps.coordinates import exact_pixels, source_pixels
 from omnimirror.dewarp.screens import (
     LAYOUTS,
     Composite,

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.dewarp import sampling
-from omnimirror.dewarp.coordinates import exact_pixels, is_separable, screen_rings
+from omnimirror.dewarp.maps.coordinates import exact_pixels, is_separable, screen_rings
+from omnimirror.dewarp.sampling import remap as sampling
 from omnimirror.errors import InvalidParameter, OutsideField
 from omnimirror.frames import Mount
 from omnimirror.specs import bundled_sensors
@@ -88,7 +88,7 @@ def test_a_camera_cut_by_its_picture_is_separable_too():
 
 @pytest.mark.parametrize("view", [om.screens.Plane((90, 70), 30.0, -20.0), om.screens.Dome((80, 80), 135.0)])
 def test_coordinates_are_the_cameras_own(view, monkeypatch):
-    monkeypatch.setattr("omnimirror.dewarp.coordinates.STRIP_PX", 1000)  # several strips, the last one short
+    monkeypatch.setattr("omnimirror.dewarp.maps.coordinates.STRIP_PX", 1000)  # several strips, the last one short
     targets = view.targets(0, view.size[1])
     coordinates = om.Dewarper(BALL, view).coordinates(exact=True)
     expected = BALL.project_directions(targets.reshape(-1, 3)).pixels.reshape(coordinates.shape)

@@ -7,7 +7,7 @@ import pytest
 
 import omnimirror as om
 from omnimirror.cli import main
-from omnimirror.dewarp.coordinates import is_separable
+from omnimirror.dewarp.maps.coordinates import is_separable
 from omnimirror.dewarp.screens import parts_of
 from omnimirror.errors import InvalidParameter, OmnimirrorError
 from omnimirror.frames import Mount
@@ -15,7 +15,7 @@ from omnimirror.imagers import Imager
 from omnimirror.simulate.scenes.placed import Placed, Pose
 from omnimirror.specs import format_sensor, parse_sensor
 from tests.dewarp.test_handedness import IMAGE_RIGHT_IS_FORWARD, shortest_path_pixel
-from tests.media.test_panoramas import xmp_of
+from tests.media.pictures.test_panoramas import xmp_of
 
 PITCH, ROLL = 24.0, -7.0
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.dewarp.coordinates import source_pixels
+from omnimirror.dewarp.maps.coordinates import source_pixels
 from omnimirror.dewarp.viewpoints import middle_distance, place_on_axis, single_viewpoint
 from omnimirror.errors import InvalidParameter, OutsideField
 from omnimirror.frames import Mount

@@ -14,7 +14,7 @@ from matplotlib.patches import Ellipse, Rectangle
 from matplotlib.text import Text
 
 import omnimirror as om
-from omnimirror.cli.evaluate import command
+from omnimirror.cli.commands.evaluation.evaluate import command
 from omnimirror.errors import InvalidParameter
 from omnimirror.figures import FIGURES, PAPER, Basis, draw, render, save_all
 from omnimirror.figures.labels import spread

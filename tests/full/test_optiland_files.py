@@ -8,10 +8,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from omnimirror.design.manufacture import asphere_of
-from omnimirror.design.manufacture.forms import EXACT_UM
-from omnimirror.design.manufacture.zmx import field_angles, write_zmx
-from tests.analysis.test_two_mirrors import SENSORS as FOLDED
+from omnimirror.manufacture import asphere_of
+from omnimirror.manufacture.formats.zmx import field_angles, write_zmx
+from omnimirror.manufacture.forms import EXACT_UM
+from tests.analysis.meridional.test_two_mirrors import SENSORS as FOLDED
 from tests.conftest import MIRRORS, SURFACES_OF_LENS_FILES, sensor_of
 
 pytestmark = [pytest.mark.full, pytest.mark.filterwarnings("ignore")]

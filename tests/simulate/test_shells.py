@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.design.manufacture.supports import Support, hardware_of, obscuration, shell_of, tube_shift_mm
 from omnimirror.errors import InvalidParameter
+from omnimirror.manufacture.supports import Support, hardware_of, obscuration, shell_of, tube_shift_mm
 from omnimirror.mirrors.pose import MirrorPose
 from omnimirror.simulate import Environment, expose
 from omnimirror.simulate.shells import Dome, ThroughShell, Tube
 from omnimirror.tracing.walls import through_dome, through_tube, wall_transmission
-from tests.simulate.test_mitsuba_pictures import ball, compared, maps, rendered, small
+from tests.simulate.rendering.test_mitsuba_pictures import ball, compared, maps, rendered, small
 from tests.tracing.test_mitsuba import mi  # noqa: F401 - a fixture
 
 UP = np.array([0.0, 0.0, 1.0])

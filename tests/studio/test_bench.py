@@ -12,7 +12,7 @@ import pytest
 from starlette.testclient import TestClient
 
 import omnimirror as om
-from omnimirror.design.requirements import parse_requirements
+from omnimirror.design.criteria.requirements import parse_requirements
 from omnimirror.imagers import Imager
 from omnimirror.mirrors import MIRRORS
 from omnimirror.mirrors.pose import MirrorPose

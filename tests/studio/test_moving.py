@@ -11,13 +11,14 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.studio import video_viewer_of, viewer
+from omnimirror.studio import video_viewer_of
 from omnimirror.studio.app import Studio
-from omnimirror.studio.sources import Sources
-from tests.cli.test_evaluate import fails, omnimirror
+from omnimirror.studio.look import viewer
+from omnimirror.studio.look.sources import Sources
+from tests.cli.evaluation.test_evaluate import fails, omnimirror
+from tests.media.live.test_live import HEAD, paced
+from tests.media.live.test_live import server as streaming
 from tests.media.synthetic import make_video
-from tests.media.test_live import HEAD, paced
-from tests.media.test_live import server as streaming
 
 from .browser import command, drawn, look, open_page, serving
 from .test_server import video_of

@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.cli.dewarp import command as dewarp
+from omnimirror.cli.commands.pictures.dewarp import command as dewarp
 from omnimirror.frames import Mount
 from omnimirror.media import read_image, write_image
 from omnimirror.mirrors.pose import MirrorPose
 from omnimirror.specs import bundled_sensors, save_sensor
-from tests.cli.test_evaluate import omnimirror
+from tests.cli.evaluation.test_evaluate import omnimirror
 
 from .browser import command, coordinates, drawn, drop, look, open_page
 
@@ -52,8 +52,8 @@ def decentred() -> om.Sensor:
 
 def python_view(line: str, folder: Path) -> om.Dewarper:
     """The dewarper that a command line asks for."""
-    from omnimirror.cli.camera_options import camera_of
-    from omnimirror.cli.view_options import view_of
+    from omnimirror.cli.options.camera import camera_of
+    from omnimirror.cli.options.view import view_of
 
     words = [str(folder / w) if (folder / w).is_file() else w for w in shlex.split(line)[2:]]
     given = dewarp.make_context("dewarp", words, parent=click.Context(click.Command("omnimirror"))).params

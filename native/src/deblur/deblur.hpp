@@ -1,4 +1,4 @@
-// Taking a known blur out of a picture, as omnimirror.simulate.operators has it: the same formulas and steps.
+// Taking a known blur out of a picture, as omnimirror.simulate.restoration.operators has it: the same formulas and steps.
 //
 // The sharp picture lies on a grid `fineness` times as fine as the pixels. Values adjoin as (row, column, channel);
 // there are 1 or 4 channels.

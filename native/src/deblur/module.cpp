@@ -1,4 +1,4 @@
-// The part of omnimirror._native that omnimirror.simulate.operators calls. Arrays are checked here once more.
+// The part of omnimirror._native that omnimirror.simulate.restoration.operators calls. Arrays are checked here once more.
 #include "module.hpp"
 
 #include <nanobind/ndarray.h>

@@ -1,4 +1,4 @@
-// Designs by the thousand, as omnimirror.design.batch has them; the formulas are those of design/optics.py and
+// Designs by the thousand, as omnimirror.batch.evaluate has them; the formulas are those of design/optics.py and
 // design/foci.py, and so are the steps.
 #pragma once
 

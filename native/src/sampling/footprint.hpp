@@ -1,6 +1,6 @@
 // Averages over footprints: what an output pixel covers in the picture, half way to each of its neighbours, and the
 // mean of cubic samples spread evenly over that. Done block by block, so that all but the picture stays in the
-// first-level cache. src/omnimirror/dewarp/opencv.py does the same without anything compiled.
+// first-level cache. src/omnimirror/dewarp/sampling/opencv.py does the same without anything compiled.
 #pragma once
 
 #include "sums.hpp"

@@ -1,15 +1,15 @@
 """What a sensor does: imaging characteristics, viewpoints, virtual images, blur, and all of it together."""
 
-from .blur_check import BlurCheck, check_blur
+from .aperture.blur_check import BlurCheck, check_blur
+from .aperture.point_spread import Psf, psf
+from .aperture.relative_illumination import Illumination, illumination
+from .aperture.spot_diagrams import Spots, spots
+from .aperture.transfer import Mtf, mtf
 from .comparison import Comparison, compare
 from .evaluation import COLUMNS, Evaluation, evaluate, field_angles
-from .focus import BestFocus, best_focus
-from .illumination import Illumination, illumination
-from .merits import MERITS
-from .point_spread import Psf, psf
-from .spot_diagrams import Spots, spots
-from .transfer import Mtf, mtf
-from .viewpoints import SingleViewpoint, best_viewpoint
+from .meridional.focus import BestFocus, best_focus
+from .meridional.focus_merits import MERITS
+from .meridional.viewpoints import SingleViewpoint, best_viewpoint
 
 __all__ = [
     "COLUMNS",

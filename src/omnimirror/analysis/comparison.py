@@ -21,8 +21,8 @@ from ..files import write_text
 from ..lenses import Perspective
 from ..sensor import Sensor, check_sensor
 from .evaluation import Evaluation, evaluate
-from .focus import BestFocus, best_focus
-from .viewpoints import best_viewpoint
+from .meridional.focus import BestFocus, best_focus
+from .meridional.viewpoints import best_viewpoint
 
 Array = NDArray[np.float64]
 Better = Literal["high", "low", ""]

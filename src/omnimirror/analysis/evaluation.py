@@ -16,10 +16,10 @@ from ..errors import InvalidParameter
 from ..files import write_text
 from ..lenses import BLUR_MODES, BlurMode, DepthOfField, Perspective
 from ..sensor import Sensor, check_sensor
-from .focus import FocusStudy, best_focus, distance_per_angle
+from .meridional.focus import FocusStudy, best_focus, distance_per_angle
+from .meridional.viewpoints import viewpoint_z
+from .meridional.virtual_images import virtual_images
 from .uncertainty import standard_deviations
-from .viewpoints import viewpoint_z
-from .virtual_images import virtual_images
 
 Array = NDArray[np.float64]
 

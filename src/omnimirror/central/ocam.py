@@ -25,7 +25,7 @@ from ..arguments import file_name, finite, float_of, optional_number, shown
 from ..errors import InvalidParameter, OmnimirrorError, SpecError
 from ..files import read_text
 from ..frames import Mount
-from ..tracing.roots import increasing_root
+from ..numerics.roots import increasing_root
 from .base import CentralCamera
 
 Array = NDArray[np.float64]

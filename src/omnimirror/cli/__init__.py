@@ -38,7 +38,13 @@ COMMANDS = {
     "reproduce": "Redraw the paper's figures and check its numbers.",
     "demo": "Evaluate, simulate and straighten, and write a report.",
 }
-"""Every command with its one line of help; the module of the same name holds ``command``."""
+"""Every command with its one line of help."""
+ROOMS = {
+    "evaluation": {"compare", "evaluate", "illumination", "mtf", "psf", "reproduce", "sensors", "spots"},
+    "design": {"apertures", "design", "export", "init", "mappings", "parts"},
+    "pictures": {"bracket", "demo", "dewarp", "simulate", "studio", "view"},
+}
+"""In which room of :mod:`omnimirror.cli.commands` the module of a command's name stands; it holds ``command``."""
 SERVERS = {"studio", "view"}
 """What these and their processes say belongs on standard error as it is."""
 
@@ -52,7 +58,8 @@ class LazyGroup(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in COMMANDS:
             return None
-        command: click.Command = import_module(f".{cmd_name}", __name__).command
+        room = next(room for room, commands in ROOMS.items() if cmd_name in commands)
+        command: click.Command = import_module(f".commands.{room}.{cmd_name}", __name__).command
         return command
 
     def resolve_command(

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..media.images import FULL, Format
+from ..media.pictures.images import FULL, Format
 from ..simulate.colour import linear_from_srgb, srgb_from_linear
 
 Image = NDArray[Any]
@@ -16,7 +16,7 @@ Image = NDArray[Any]
 def depth_for(depth: str, kind: Format) -> str:
     """The depth that a file of a kind holds nearest to another; of whole numbers for light the finest.
 
-    >>> from omnimirror.media.images import format_of
+    >>> from omnimirror.media.pictures.images import format_of
     >>> depth_for("uint16", format_of("a.jpg")), depth_for("float32", format_of("a.png"))
     ('uint8', 'uint16')
     """
@@ -29,7 +29,7 @@ def as_held(image: Image, kind: Format) -> Image:
     16 bits become 8 by rounding; light of floats becomes sRGB, where what is brighter than white is white, and the
     other way round. A grey picture becomes one in colour where the file holds no other. An alpha stays linear.
 
-    >>> from omnimirror.media.images import format_of
+    >>> from omnimirror.media.pictures.images import format_of
     >>> as_held(np.array([[0, 257, 65535]], np.uint16), format_of("a.jpg"))
     array([[  0,   1, 255]], dtype=uint8)
     >>> as_held(np.array([[0.0, 0.214, 7.0]], np.float32), format_of("a.jpg"))

@@ -1,16 +1,16 @@
 """From requirements to a mirror: mappings, families, fits, and what they cost."""
 
-from .designing import Design, SearchOptions, design_sensor
-from .families import FAMILIES
-from .fits import Fit, FitForm, fit_mirror
-from .lower_bound import BlurBound, blur_bound
-from .mappings import MAPPINGS, generated_mirror
-from .optimise import Optimum, optimise
-from .pareto import Front, load_front, pareto
-from .placed import PlacedMirror, Rim
-from .problem import DesignProblem
-from .quantities import Limit
-from .requirements import Requirements, load_requirements, parse_requirements
+from .construct.families import FAMILIES
+from .construct.fits import Fit, FitForm, fit_mirror
+from .construct.mappings import MAPPINGS, generated_mirror
+from .construct.rim import PlacedMirror, Rim
+from .criteria.quantities import Limit
+from .criteria.requirements import Requirements, load_requirements, parse_requirements
+from .optimise.front import Front, load_front, pareto
+from .optimise.lower_bound import BlurBound, blur_bound
+from .optimise.optimiser import Optimum
+from .optimise.problem import DesignProblem
+from .solve.designer import Design, SearchOptions, design_sensor
 
 __all__ = [
     "FAMILIES",
@@ -33,7 +33,6 @@ __all__ = [
     "generated_mirror",
     "load_front",
     "load_requirements",
-    "optimise",
     "pareto",
     "parse_requirements",
 ]

@@ -13,25 +13,11 @@ from numpy.typing import NDArray
 from ..arguments import WrongKind, instance, shown
 from ..cameras import Camera, Mask
 from ..errors import InvalidParameter, OutsideField
-from .coordinates import is_separable, screen_grid, screen_rings, source_pixels
-from .fields import field_of, ring_of
-from .native import compiled
-from .planar import (
-    Planes,
-    Siting,
-    Where,
-    border_of_planes,
-    check_planes,
-    check_shapes,
-    chroma_of,
-    empty_planes,
-    sample,
-    sample_planes,
-    sample_whole,
-    shared_by,
-)
-from .rings import Rings
-from .sampling import (
+from ..native import compiled
+from .camera_field import field_of, ring_of
+from .maps.coordinates import is_separable, screen_grid, screen_rings, source_pixels
+from .maps.polar import Rings
+from .sampling.remap import (
     INTERPOLATIONS,
     Border,
     FixedMap,
@@ -45,6 +31,20 @@ from .sampling import (
 )
 from .screens import Screen, View
 from .viewpoints import Viewpoint, check_viewpoint
+from .yuv.chroma import (
+    Planes,
+    Siting,
+    Where,
+    border_of_planes,
+    check_planes,
+    check_shapes,
+    chroma_of,
+    empty_planes,
+    sample,
+    sample_planes,
+    sample_whole,
+    shared_by,
+)
 
 Array = NDArray[np.float64]
 

@@ -10,8 +10,8 @@ import numpy as np
 from ..arguments import WrongKind, number, shown
 from ..cameras import Camera
 from ..errors import InvalidParameter
-from .coordinates import rows_of_pixels
-from .fields import Field, field_of, pole_of
+from .camera_field import Field, field_of, pole_of
+from .maps.coordinates import rows_of_pixels
 from .screens import (
     CubeMap,
     Cylinder,

@@ -5,7 +5,7 @@ files and ``writer`` writes them, ``live`` reads cameras and streams, ``outputs`
 windows, and ``process`` leads from the one to the other.
 """
 
-from .images import read_image, write_image
-from .panorama import GPano
+from .pictures.images import read_image, write_image
+from .pictures.panorama import GPano
 
 __all__ = ["GPano", "read_image", "write_image"]

@@ -14,9 +14,9 @@ import av
 
 from ..errors import MediaError
 from . import interrupts
-from .frames import Image, Planes, as_frame, image_of_frame, planar, planes, workable
-from .video import Item
-from .writer import Sink
+from .video.frames import Image, Planes, as_frame, image_of_frame, planar, planes, workable
+from .video.reader import Item
+from .video.writer import Sink
 
 Pixels = Literal["picture", "planes", "frame"]
 Made = av.VideoFrame | Image | Planes
@@ -86,13 +86,13 @@ def process(
         Such as a :class:`VideoWriter`.
     function
         Called as ``function(picture, time_s)``. What it returns must be memory of its own, since it is
-        written while the next frame is made; :func:`omnimirror.media.frames.empty_frame` spares a copy.
+        written while the next frame is made; :func:`omnimirror.media.video.frames.empty_frame` spares a copy.
     pixels
         ``"picture"``: it takes (h, w, 3) uint8, red, green, blue. ``"planes"``: it takes (y, u, v), or
-        (y, uv) of NV12, as :func:`omnimirror.media.frames.planes` gives them, without any conversion
+        (y, uv) of NV12, as :func:`omnimirror.media.video.frames.planes` gives them, without any conversion
         unless the source is of another kind than 4:2:0 with 8 bits. ``"frame"``: it takes the frame with
         planes of whatever depth and colour resolution the source has, which also tells how they are coded, such as
-        :func:`omnimirror.dewarp.video.dewarp_frame`.
+        :func:`omnimirror.dewarp.yuv.frames.dewarp_frame`.
     progress
         Told a few times a second, and at the end.
     total

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import OutsideMirror
 from ..parameters import Parameter
-from .columns import ColumnFile
+from .measured.columns import ColumnFile
 
 Array = NDArray[np.float64]
 

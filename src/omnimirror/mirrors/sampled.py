@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike
 from ..errors import InvalidParameter
 from ..parameters import Parameter
 from .base import RIM_RADIUS, Array, Mirror, near_apex
-from .columns import CLOUD_FILE, GRID_FILE, PROFILE_FILE, read_columns
-from .measured import DEGREE, Fit, fitted
+from .measured.columns import CLOUD_FILE, GRID_FILE, PROFILE_FILE, read_columns
+from .measured.smoothing import DEGREE, Fit, fitted
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
@@ -54,7 +54,8 @@ class SampledProfile(Mirror):
 
     Curvature doubles the angles of the picture, and a spline through every point of a measured profile would make
     large ones of a few nanometres. So points that scatter are smoothed to their uncertainty, single points that are
-    wrong are left out (:attr:`outliers`), and exact ones are met exactly; see :mod:`omnimirror.mirrors.measured`.
+    wrong are left out (:attr:`outliers`), and exact ones are met exactly; see
+    :mod:`omnimirror.mirrors.measured.smoothing`.
 
     Parameters
     ----------

@@ -15,7 +15,7 @@ from ..files import write_text
 from ..media import write_image
 from ..sensor import Sensor
 from ..simulate import Room, take_picture
-from ..simulate.picture import SHOWN_SAMPLES
+from ..simulate.rendering.picture import SHOWN_SAMPLES
 from .pages import figure_html, page_html
 
 VIEW = screens.Plane((960, 600))

@@ -14,14 +14,14 @@ from numpy.typing import NDArray
 
 from ..analysis import Comparison
 from ..dewarp import Dewarper, views
-from ..dewarp.fields import field_of
+from ..dewarp.camera_field import field_of
 from ..errors import InvalidParameter
 from ..figures import picture_sheet, render, side_by_side, table_sheet
 from ..files import write_text
 from ..media import write_image
-from ..media.images import encoded
+from ..media.pictures.images import encoded
 from ..simulate import Room, Scene, take_picture
-from ..simulate.picture import SHOWN_SAMPLES
+from ..simulate.rendering.picture import SHOWN_SAMPLES
 from .pages import figure_html, page_html
 
 PANORAMA_PX = 1440  # width of every panorama

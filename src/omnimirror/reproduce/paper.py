@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..analysis import Evaluation, SingleViewpoint, best_focus, best_viewpoint, evaluate
-from ..analysis.focus import BestFocus
+from ..analysis.meridional.focus import BestFocus
 from ..figures.curves import sphere_for
 from ..figures.subjects import EXACT, PAPER, Basis
 from ..lenses import Orthographic, Perspective

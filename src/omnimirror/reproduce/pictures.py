@@ -17,7 +17,7 @@ from ..figures.diagrams import Picture, Prototype
 from ..sensor import Sensor
 from ..simulate import Room, take_picture
 from ..simulate.hardware import Hardware
-from ..simulate.picture import SHOWN_SAMPLES
+from ..simulate.rendering.picture import SHOWN_SAMPLES
 from ..simulate.shells import Dome, ThroughShell, Tube
 from .paper import M, paper_sensors
 

@@ -1,14 +1,14 @@
 """What a sensor would see: scenes, and the pictures that a camera takes of them."""
 
-from .bracketing import merge_bracket, plan_bracket
+from .datasets.truth import Truth, ground_truth
 from .detector import Detector
-from .exposure import expose
 from .hardware import Hardware
-from .noise import Noise, estimate_noise
-from .picture import pinhole_picture, take_picture
-from .restoration import restore
+from .rendering.exposure import expose
+from .rendering.picture import pinhole_picture, take_picture
+from .restoration.bracketing import merge_bracket, plan_bracket
+from .restoration.noise import Noise, estimate_noise
+from .restoration.sharpening import restore
 from .scenes import Distant, Environment, Hall, Placed, Pose, Room, Scene, Street
-from .truth import Truth, ground_truth
 
 __all__ = [
     "Detector",

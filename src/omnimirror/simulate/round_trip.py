@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..analysis import best_viewpoint
-from ..analysis.viewpoints import viewpoint_angle_error
+from ..analysis.meridional.viewpoints import viewpoint_angle_error
 from ..dewarp import Dewarper
 from ..dewarp.screens import Plane
 from ..errors import OutsideField
 from ..sensor import Sensor
 from .colour import srgb_from_linear
-from .exposure import expose
-from .picture import pinhole_picture
+from .rendering.exposure import expose
+from .rendering.picture import pinhole_picture
 from .scenes import Placed, Pose, Room, Scene
 
 Array = NDArray[np.float64]

@@ -3,6 +3,6 @@
 Needs the extra ``omnimirror[studio]``; :func:`viewer_of` does not, and :func:`video_viewer_of` only ``[video]``.
 """
 
-from .viewer import video_viewer_of, viewer_of
+from .look.viewer import video_viewer_of, viewer_of
 
 __all__ = ["video_viewer_of", "viewer_of"]

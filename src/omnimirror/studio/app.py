@@ -21,13 +21,14 @@ from ..frames import CameraLooks, Mount
 from ..media import read_image
 from .access import Guard, policy_of
 from .bench.routes import add_bench
-from .cameras import Cameras, Known
 from .limits import LARGEST_PICTURE, Bounded, Busy, Turns
+from .look.cameras import Cameras, Known
+from .look.sources import Sources
+from .look.streams import Streams
+from .look.tables import camera_tables
+from .look.viewer import bench_text, page_text
 from .messages import CameraModel, Health, Problem, SensorEntry, SensorFile, Start, StreamState
 from .pages import PageFile
-from .sources import Sources
-from .streams import Streams
-from .tables import camera_tables
 from .uploads import (
     browser_picture,
     collected,
@@ -35,7 +36,6 @@ from .uploads import (
     encoded,
     safe_name,
 )
-from .viewer import bench_text, page_text
 
 BYTES: dict[str, Any] = {"application/octet-stream": {}}
 PNG: dict[str, Any] = {"image/png": {}}
@@ -278,7 +278,7 @@ async def _serve(socket: WebSocket, watched: Any) -> None:
 @lru_cache(maxsize=8)
 def _room(known: Known) -> bytes:
     from ..simulate import Room, take_picture
-    from ..simulate.picture import SHOWN_SAMPLES
+    from ..simulate.rendering.picture import SHOWN_SAMPLES
 
     width, height = known.camera.image_size
     if width * height > MOST_PIXELS:

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import MediaError
-from ..media import images, read_image
+from ..media import read_image
+from ..media.pictures import images
 
 if TYPE_CHECKING:
     from PIL.ImageFile import ImageFile

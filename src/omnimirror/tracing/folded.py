@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..mirrors import Mirror, Secondary
+from ..numerics.roots import NEWTON_CLOSE
 from . import space
 from .reflection import LONGEST_STEP, MAX_STEPS, REFLECTS, RIM_SLACK, Ends, Specular, Surface
-from .roots import NEWTON_CLOSE
 from .space import Reflections
 from .two_mirrors import PROFILE, TwoMirrorMeridian
 

@@ -16,8 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import InvalidParameter, NotOneToOne, OutsideField, OutsideMirror, SelfObstruction
 from ..mirrors import Mirror
 from ..mirrors.base import sagittal_radius, tangential_radius
+from ..numerics.roots import increasing_root
 from .proofs import stops_growing
-from .roots import increasing_root
 
 Array = NDArray[np.float64]
 

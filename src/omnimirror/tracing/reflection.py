@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..mirrors import Mirror
+from ..numerics.roots import NEWTON_CLOSE
 from .meridian import trace_chief_rays
-from .roots import NEWTON_CLOSE
 from .space import LIFT, hollowness, intersect
 
 Array = NDArray[np.float64]

@@ -20,8 +20,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..mirrors import Mirror
 from ..mirrors.conics import Conic
+from ..numerics.roots import NEWTON_CLOSE
 from .meridian import ROUNDING
-from .roots import NEWTON_CLOSE
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -18,8 +18,8 @@ from scipy.optimize import brentq
 
 from ..errors import NotOneToOne, SelfObstruction
 from ..mirrors import Secondary
+from ..numerics.roots import increasing_root
 from .meridian import NODES, Array, ChiefRays, Meridian, checked, trace_chief_rays
-from .roots import increasing_root
 
 BETWEEN = 8  # points on each polynomial of a mirror at which the mapping is checked
 PROFILE = 129  # points of the secondary's profile past which rays must pass

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from ...errors import InvalidParameter
 from ...parameters import Parameter
 from ..base import RIM_RADIUS, Array, near_apex
-from ..columns import MAPPING_FILE
+from ..measured.columns import MAPPING_FILE
 from .base import THETA_MAX, Mapped
 
 if TYPE_CHECKING:

@@ -1,12 +1,12 @@
 """Scenes to take pictures of: the contract, environments far away, and the scenes that come with the project."""
 
-from .bundled import BUNDLED, bundled_scene
 from .contract import Distant, Measured, Scene
 from .environment import Environment
-from .hall import Hall
 from .placed import Placed, Pose
-from .room import Room
-from .street import Street
+from .worlds.bundled import BUNDLED, bundled_scene
+from .worlds.hall import Hall
+from .worlds.room import Room
+from .worlds.street import Street
 
 __all__ = [
     "BUNDLED",

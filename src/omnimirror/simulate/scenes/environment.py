@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...dewarp.native import compiled
-from ...dewarp.sampling import remap
+from ...dewarp.sampling.remap import remap
 from ...errors import InvalidParameter
 from ...frames import turned
 from ...media import read_image
+from ...native import compiled
 from ..colour import Light, linear_from_srgb
 from .contract import Array
 

@@ -14,8 +14,8 @@ from ..colour import Light, linear_from_srgb
 from .contract import Array, Scene
 from .facets import combined, facets
 from .mesh_checks import check_corners, check_file
-from .painted import Surroundings
 from .surfaces import Surfaces, Texture
+from .worlds.painted import Surroundings
 
 TO_WORLD = {
     "y": np.array([[0.0, 0.0, -1.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]),

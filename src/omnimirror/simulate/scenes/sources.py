@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import InvalidParameter, MediaError, OmnimirrorError
-from .bundled import BUNDLED
 from .contract import Scene
 from .environment import Environment
+from .worlds.bundled import BUNDLED
 
 ENVIRONMENTS = (".hdr", ".exr", ".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp")
 MESHES = (".glb", ".gltf", ".obj", ".ply", ".stl")

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...dewarp.native import compiled
+from ...native import compiled
 from ..colour import Light
 from .contract import Array
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...analysis import Evaluation
-from ...design.merits import length_mm
+from ...design.criteria.merits import length_mm
 from ...errors import OmnimirrorError
 from ...figures.raytraces import focus_band, image_curves, is_as_seen, lens_height, ways_to_lens
 from ...figures.subjects import Basis, Subject

@@ -62,7 +62,7 @@ def opened(name: str, data: bytes) -> Opened:
 
 def _checked(tables: dict[str, Any], where: Places) -> dict[str, Any]:
     """The tables of a requirement file, once they are known to be right."""
-    from ...design.requirements import requirements_of
+    from ...design.criteria.requirements import requirements_of
 
     requirements_of(tables, where)
     plain: dict[str, Any] = _replaced(tables, float("inf"), VERY_FAR)
@@ -159,7 +159,7 @@ OF_ONE_MERIDIAN = {"table": "the evaluation", "report": "the report"}
 
 
 def _exported(sensor: Sensor, name: str, kind: str) -> File:
-    from ...design.manufacture import export
+    from ...manufacture.exporter import export
 
     return _written(name, kind, lambda path: export(sensor, path))
 

@@ -8,8 +8,8 @@ import typing
 from functools import cache
 from typing import Any
 
-from ...design.merits import MERITS
-from ...design.quantities import QUANTITIES
+from ...design.criteria.merits import MERITS
+from ...design.criteria.quantities import QUANTITIES
 from ...imagers import Imager
 from ...lenses import LENSES
 from ...mirrors import MIRRORS, SECONDARIES, Secondary

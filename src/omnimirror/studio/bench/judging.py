@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from ...design.assessment import SEARCHED, Row, assess
-from ...design.making import Choice, judged
-from ...design.placed import PlacedMirror
-from ...design.requirements import Requirements, requirements_of
+from ...design.construct.rim import PlacedMirror
+from ...design.criteria.requirements import Requirements, requirements_of
+from ...design.solve.candidates import Choice, judged
+from ...design.solve.verdict import SEARCHED, Row, assess
 from ...errors import OmnimirrorError
 from ...lenses import Perspective
 from ...sensor import Sensor

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from ...analysis import best_focus
-from ...design.families import FAMILIES
-from ...design.fits import fit_mirror
-from ...design.mappings import MAPPINGS
-from ...design.placed import PlacedMirror, Rim
+from ...design.construct.families import FAMILIES
+from ...design.construct.fits import fit_mirror
+from ...design.construct.mappings import MAPPINGS
+from ...design.construct.rim import PlacedMirror, Rim
 from ...errors import InvalidParameter, OmnimirrorError, SpecError
 from ...lenses import Orthographic, Perspective
 from ...mirrors import MIRRORS, EvenPolynomial, Mirror, SampledProfile, SlopeSpline, TabulatedMapping

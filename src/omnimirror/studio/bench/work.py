@@ -15,8 +15,8 @@ from typing import IO
 
 import numpy as np
 
-from ...design.optimise import Progress, optimise
-from ...design.problem import DesignProblem
+from ...design.optimise.optimiser import Progress, optimise
+from ...design.optimise.problem import DesignProblem
 from ...errors import InvalidParameter, OmnimirrorError
 from ...imagers import Imager
 from ...lenses import Perspective

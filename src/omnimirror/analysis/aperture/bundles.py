@@ -1,0 +1,182 @@
+"""Bundles of rays from objects by way of the mirror through every part of the aperture to the imager.
+
+For each point of the aperture the mirror point in which it sees the object is solved for (an object and
+an eye: Fermat's principle), so that the rays sample the aperture as wanted however the mirror sits. The
+lens is thin and ideal, with the stop at the lens: a ray lands where all rays from the same point of the
+plane in focus land, so that one bundle serves every focus.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...arguments import distances, finite, row
+from ...errors import InvalidParameter, OutsideField
+from ...frames import camera_direction
+from ...sensor import Sensor, check_sensor
+from ...tracing.reflection import Ends, Specular
+from .pupil import Pupil
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+STEP = 1e-4  # radians; central differences of the mapping then err by 1e-8
+
+
+@dataclass(frozen=True)
+class Bundles:
+    """Rays of k objects through n points of the aperture, in the camera frame.
+
+    Lengths in mm; the azimuth counts from image right towards image bottom.
+    """
+
+    sensor: Sensor
+    omega_deg: Array
+    """(k,) field angles of the objects from the direction back past the lens, as the chief rays see them."""
+    azimuth_deg: Array
+    """(k,)"""
+    object_distance_mm: Array
+    """(k,) from the chief ray's mirror point to the object."""
+    pupil: Pupil
+    """n points of the unit disk."""
+    points: Array
+    """(k, n, 3) mirror points; beyond the rim on the mirror's smooth continuation."""
+    to_eyes: Array
+    """(k, n, 3) unit vectors from the mirror to the lens."""
+    path: Array
+    """(k, n) length of the path of light from the object to the aperture (see :class:`Specular`)."""
+    density: Array
+    """(k, n) light through equal parts of the aperture from a point object, its mean 1."""
+    passes: Mask
+    """(k, n) False for rays that would need a mirror beyond the rim."""
+    chief: Specular
+    """The chief rays (k,)."""
+    seen_at: Array
+    """(k, n, 3) points that the lens looks at: the mirror points, or those of a second mirror."""
+
+    def focused_at(self, focus_mm: float) -> Sensor:
+        """The sensor with its lens focused elsewhere."""
+        return replace(self.sensor, lens=self.sensor.lens.focused_at(focus_mm))
+
+    def image_mm(self, sensor: Sensor) -> Array:
+        """Where (k, n, 2) rays land, mm from the optical axis, with the sensor as focused."""
+        return sensor.lens.image_of(self.seen_at - sensor.lens_offset, self.to_eyes)
+
+    def chief_mm(self, sensor: Sensor) -> Array:
+        """Where (k, 2) the chief rays land, mm from the optical axis."""
+        return sensor.lens.image_of(self.chief.seen_at - sensor.lens_offset, self.chief.to_eyes)
+
+    def chief_path(self) -> Array:
+        """Length (k,) of the chief ray's path of light, counted as :attr:`path` is."""
+        along = np.einsum("ki,ki->k", self.chief.to_targets, self.chief.points)
+        to_eye = self.chief.path + along  # the chief rays' own object is distant
+        path: Array = to_eye + np.where(np.isfinite(self.object_distance_mm), self.object_distance_mm, -along)
+        return path
+
+    def axes(self) -> Array:
+        """Unit vectors (k, 2, 2) in the unflipped picture: tangential (away from the optical axis), then sagittal."""
+        chief = self.chief_mm(self.sensor)
+        away = np.hypot(*chief.T)
+        azimuth = np.radians(self.azimuth_deg)
+        on_axis = away < 1e-9 * self.sensor.imager.pitch_mm
+        safe = np.where(on_axis, 1.0, away)
+        t = np.where(on_axis[:, None], np.stack([np.cos(azimuth), np.sin(azimuth)], -1), chief / safe[:, None])
+        return np.stack([t, np.stack([-t[:, 1], t[:, 0]], axis=-1)], axis=1)
+
+    def px_per_deg(self) -> tuple[Array, Array]:
+        """Image (k,), (k,) of one degree of object, tangential and sagittal, px: Dh and Dw of an aligned sensor."""
+        omega, azimuth = np.radians(self.omega_deg), np.radians(self.azimuth_deg)
+        towards = camera_direction(omega, azimuth)
+        outwards = camera_direction(omega + np.pi / 2, azimuth)
+        steps = (outwards, np.cross(towards, outwards))
+        scales = []
+        for step in steps:
+            ends = [_specular(self.sensor, np.zeros((1, 2)), Ends.of(towards + s * STEP * step, True)) for s in (1, -1)]
+            lens, offset = self.sensor.lens, self.sensor.lens_offset
+            a, b = (lens.image_of(e.seen_at - offset, e.to_eyes) for e in ends)
+            angle = np.degrees(2 * np.arctan(STEP))
+            scales.append(np.hypot(*(a - b).T) / self.sensor.imager.pitch_mm / angle)
+        return scales[0], scales[1]
+
+
+def trace_bundles(
+    sensor: Sensor,
+    omega_deg: ArrayLike,
+    pupil: Pupil,
+    azimuth_deg: ArrayLike = 0.0,
+    object_distance_mm: ArrayLike = np.inf,
+) -> Bundles:
+    """Bundles of objects at field angles (k,) and azimuths, through the points of a pupil.
+
+    Raises
+    ------
+    OutsideField
+        An object that the sensor does not see, or not through all of its aperture whatever the rim.
+    InvalidParameter
+        A distance that is not above 0.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> from omnimirror.analysis.aperture.pupil import hexapolar
+    >>> bundles = trace_bundles(om.load_sensor("paper-spherical"), [0.0, 90.0], hexapolar(3))
+    >>> bundles.points.shape, bundles.passes.all()
+    ((2, 37, 3), np.True_)
+    """
+    check_sensor(sensor)
+    angles, azimuths = (
+        finite("omega_deg", row("omega_deg", omega_deg)),
+        finite("azimuth_deg", row("azimuth_deg", azimuth_deg)),
+    )
+    p = row("object_distance_mm", distances("object_distance_mm", object_distance_mm))
+    if len({len(a) for a in (angles, azimuths, p)} - {1}) > 1:
+        raise InvalidParameter(
+            f"there are {len(angles)} omega_deg, {len(azimuths)} azimuth_deg and {len(p)} object_distance_mm; give one "
+            "of each, or as many"
+        )
+    omega, azimuth, p = np.broadcast_arrays(angles, azimuths, p)
+    towards = camera_direction(np.radians(omega), np.radians(azimuth))
+    chief = _specular(sensor, np.zeros((1, 2)), Ends(towards, True))
+    if not chief.valid.all():
+        raise OutsideField(f"{_named(omega, azimuth, chief.valid)} is not seen by {sensor.name!r}")
+    k, n = len(omega), len(pupil.points)
+    found, density = _aperture(sensor, pupil, chief, towards, p)
+    whole: Mask = np.logical_and.reduce(found.reflects.reshape(k, n), axis=1)
+    if not whole.all():
+        raise OutsideField(
+            f"{_named(omega, azimuth, whole)} is not seen through all of the aperture, which is too wide for the mirror"
+        )
+    mean = density @ pupil.weights
+    return Bundles(
+        sensor, omega, azimuth, p, pupil,
+        found.points.reshape(k, n, 3), found.to_eyes.reshape(k, n, 3), found.path.reshape(k, n),
+        density / mean[:, None], found.valid.reshape(k, n), chief, found.seen_at.reshape(k, n, 3),
+    )  # fmt: skip
+
+
+def _aperture(sensor: Sensor, pupil: Pupil, chief: Specular, towards: Array, p: Array) -> tuple[Specular, Array]:
+    """Mirror points (k n,) and light (k, n) through the aperture, near and distant objects apart."""
+    k, n = len(p), len(pupil.points)
+    parts: list[Specular] = []
+    density = np.empty((k, n))
+    objects = chief.points + np.where(np.isfinite(p), p, 0.0)[:, None] * chief.to_targets
+    for i in range(k):
+        target = Ends(towards[i : i + 1], True) if np.isinf(p[i]) else Ends(objects[i : i + 1])
+        found = _specular(sensor, pupil.points, target, chief.points[i])
+        motion = sensor.lens.eyes_motion(pupil.points)
+        density[i] = sensor.posed_mirror.beam(sensor.eyes(pupil.points), target, found, motion)
+        parts.append(found)
+    return Specular(*(np.concatenate(columns) for columns in zip(*parts, strict=True))), density
+
+
+def _named(omega: Array, azimuth: Array, fine: Mask) -> str:
+    """The first field that is not fine."""
+    i = int(np.argmin(fine))
+    return f"omega = {omega[i]:.10g} deg at azimuth {azimuth[i]:.10g} deg"
+
+
+def _specular(sensor: Sensor, pupil: Array, targets: Ends, start: Array | None = None) -> Specular:
+    return sensor.posed_mirror.specular(sensor.eyes(pupil), targets, start)

@@ -1,0 +1,235 @@
+"""Modulation transfer: how much contrast of a fine pattern is left, tangentially and sagittally.
+
+Diffraction MTF is the autocorrelation of the aperture with its true phase; geometric MTF the Fourier
+transform of the spot. Both can be multiplied by the MTF of the square pixel.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...arguments import choice, finite, number, row
+from ...errors import InvalidParameter
+from ...files import write_text
+from ...sensor import Sensor, check_sensor
+from ..evaluation import field_angles
+from .bundles import Bundles, trace_bundles
+from .point_spread import KINDS, Kind
+from .pupil import gaussian
+from .wavefront import FITTED, SOFT, Wavefront, wavefronts
+
+Array = NDArray[np.float64]
+
+FINEST = 1e6  # cycles per pixel
+FREQUENCIES = 51  # from 0 to 1 cycle per pixel, unless asked for otherwise
+
+
+@dataclass(frozen=True)
+class Mtf:
+    """Modulation transfer at k field angles and f spatial frequencies.
+
+    Tangential: of a pattern that varies away from the optical axis in the picture; sagittal: across.
+    """
+
+    omega_deg: Array
+    """(k,)"""
+    azimuth_deg: Array
+    """(k,)"""
+    focus_mm: float
+    cycles_per_px: Array
+    """(f,) spatial frequencies."""
+    tangential: Array
+    """(k, f)"""
+    sagittal: Array
+    """(k, f)"""
+    pixel_pitch_um: float
+    px_per_deg_t: Array
+    """(k,) image of a degree of the object, away from the optical axis."""
+    px_per_deg_s: Array
+    """(k,) image of a degree of the object, across."""
+    kind: Kind
+    with_pixel: bool
+
+    @property
+    def line_pairs_per_mm(self) -> Array:
+        """The frequencies (f,) at the imager."""
+        return self.cycles_per_px / (self.pixel_pitch_um * 1e-3)
+
+    @property
+    def cycles_per_deg_t(self) -> Array:
+        """The frequencies (k, f) in the object, of tangential patterns."""
+        return self.px_per_deg_t[:, None] * self.cycles_per_px
+
+    @property
+    def cycles_per_deg_s(self) -> Array:
+        """The frequencies (k, f) in the object, of sagittal patterns."""
+        return self.px_per_deg_s[:, None] * self.cycles_per_px
+
+    def first(self, count: int) -> Mtf:
+        """The same at the first ``count`` frequencies only."""
+        return replace(
+            self,
+            cycles_per_px=self.cycles_per_px[:count],
+            tangential=self.tangential[:, :count],
+            sagittal=self.sagittal[:, :count],
+        )
+
+    def to_csv(self, path: str | Path) -> None:
+        """Write one line per field angle and frequency, in all three units of frequency."""
+        lines = ["omega_deg,azimuth_deg,cycles_per_px,lp_per_mm,cycles_per_deg_t,mtf_t,cycles_per_deg_s,mtf_s"]
+        for i, omega in enumerate(self.omega_deg):
+            columns = (
+                self.cycles_per_px, self.line_pairs_per_mm, self.cycles_per_deg_t[i], self.tangential[i],
+                self.cycles_per_deg_s[i], self.sagittal[i],
+            )  # fmt: skip
+            rows = ((omega, self.azimuth_deg[i], *row) for row in zip(*columns, strict=True))
+            lines += [",".join(f"{v:.10g}" for v in row) for row in rows]
+        write_text(path, "\n".join(lines) + "\n")
+
+
+def mtf(
+    sensor: Sensor,
+    omega_deg: ArrayLike | None = None,
+    cycles_per_px: ArrayLike | None = None,
+    focus_mm: float | None = None,
+    *,
+    azimuth_deg: ArrayLike = 0.0,
+    object_distance_mm: ArrayLike = np.inf,
+    kind: Kind = "diffraction",
+    wavelength_nm: ArrayLike = 550.0,
+    weights: ArrayLike | None = None,
+    pixel: bool = True,
+) -> Mtf:
+    """Tangential and sagittal MTF over the field.
+
+    Parameters
+    ----------
+    omega_deg : (k,)
+        Field angles; every 15 deg of an aligned sensor's field when nothing is given.
+    cycles_per_px : (f,)
+        Spatial frequencies at the imager; 0 to 1 by default. Half a cycle per pixel is Nyquist's.
+    focus_mm
+        Object distance L0 in focus, the sensor's own by default.
+    azimuth_deg, object_distance_mm : scalar or (k,)
+        The objects.
+    kind
+        ``"diffraction"``, defocus and aberrations included, or ``"geometric"``.
+    wavelength_nm, weights : scalar or (w,)
+        Wavelengths and their shares of the light, equal ones by default.
+    pixel
+        Whether to multiply by the MTF of the square pixel.
+
+    Raises
+    ------
+    OutsideField, InvalidParameter
+        A field angle that is not seen; numbers that are not valid.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> found = om.mtf(om.load_sensor("paper-spherical"), [60.0, 120.0], cycles_per_px=[0.0, 0.25, 0.5])
+    >>> found.tangential.round(2)
+    array([[1.  , 0.73, 0.39],
+           [1.  , 0.76, 0.45]])
+    """
+    check_sensor(sensor)
+    choice("kind", kind, KINDS)
+    asked = np.linspace(0, 1, FREQUENCIES) if cycles_per_px is None else row("cycles_per_px", cycles_per_px)
+    nu = finite("cycles_per_px", asked, 0.0, FINEST)
+    waves, shares = _spectrum(wavelength_nm, weights)
+    angles = field_angles(sensor, 15.0) if omega_deg is None else omega_deg
+    bundles = trace_bundles(sensor, angles, FITTED, azimuth_deg, object_distance_mm)
+    focus = sensor.lens.focus_distance_mm if focus_mm is None else number("focus_mm", focus_mm)
+    per_mm = nu / sensor.imager.pitch_mm
+    found = np.empty((2, len(bundles.omega_deg), len(nu)))
+    for i, wave in enumerate(wavefronts(bundles, focus)):
+        for axis in (0, 1):
+            if kind == "geometric":
+                found[axis, i] = np.abs(geometric_otf(wave, per_mm, axis))
+            else:
+                found[axis, i] = np.abs(shares @ [diffraction_otf(wave, per_mm, axis, nm * 1e-6) for nm in waves])
+    if pixel:
+        found *= _pixel_mtf(bundles, nu)
+    px_t, px_s = bundles.px_per_deg()
+    return Mtf(
+        bundles.omega_deg, bundles.azimuth_deg, focus, nu, found[0], found[1], sensor.imager.pixel_pitch_um,
+        px_t, px_s, kind, pixel,
+    )  # fmt: skip
+
+
+def diffraction_otf(wave: Wavefront, per_mm: Array, axis: int, wavelength_mm: float) -> NDArray[np.complex128]:
+    """Optical transfer (f,) at frequencies (f,), cycles per mm: the autocorrelation of the aperture.
+
+    ``axis`` 0 is tangential, 1 sagittal. The aperture and its copy overlap in a lens-shaped region, whose
+    rows are integrated by Gauss's rule.
+    """
+    shift = 2 * wavelength_mm * wave.f_numbers[axis] * per_mm  # in radii of the aperture
+    nodes = wave.nodes(wavelength_mm)
+    x, weight = np.polynomial.legendre.leggauss(nodes)
+    otf = np.zeros(len(per_mm), dtype=complex)
+    for i in np.flatnonzero(shift < 2):
+        psi = x * np.arccos(shift[i] / 2)
+        half = np.cos(psi) - shift[i] / 2
+        along = half[:, None] * x
+        across = np.broadcast_to(np.sin(psi)[:, None], along.shape)
+        area = (np.arccos(shift[i] / 2) * weight * np.cos(psi) * half)[:, None] * weight
+        ends = []
+        for side in (0.5, -0.5):
+            place = (along + side * shift[i], across)
+            ends.append(wave.phase_and_amplitude(_points(place, axis), SOFT / nodes))
+        (W1, A1), (W2, A2) = ends
+        otf[i] = (area.ravel() * A1 * A2) @ np.exp(2j * np.pi / wavelength_mm * (W1 - W2))
+    otf /= _all_light(wave, nodes, axis)
+    return otf
+
+
+def geometric_otf(wave: Wavefront, per_mm: Array, axis: int) -> NDArray[np.complex128]:
+    """Optical transfer (f,) of the spot alone at frequencies (f,), cycles per mm."""
+    _, landing, _ = wave.at(FITTED.points)
+    cycles = float(np.ptp(landing[:, axis])) * float(per_mm.max(initial=0.0))
+    pupil = gaussian(int(np.clip(12 + 2 * cycles, 16, 200)))
+    _, landing, light = wave.at(pupil.points)
+    weights = light * pupil.weights
+    otf: NDArray[np.complex128] = np.exp(-2j * np.pi * np.outer(per_mm, landing[:, axis])) @ weights / weights.sum()
+    return otf
+
+
+def _all_light(wave: Wavefront, nodes: int, axis: int) -> float:
+    """The light through the whole aperture, by the same rule as at a shift of 0."""
+    x, weight = np.polynomial.legendre.leggauss(nodes)
+    psi = x * np.pi / 2
+    along = np.cos(psi)[:, None] * x
+    place = (along, np.broadcast_to(np.sin(psi)[:, None], along.shape))
+    area = (np.pi / 2 * weight * np.cos(psi) ** 2)[:, None] * weight
+    _, amplitude = wave.phase_and_amplitude(_points(place, axis), SOFT / nodes)
+    return float(area.ravel() @ amplitude**2)
+
+
+def _points(place: tuple[Array, Array], axis: int) -> Array:
+    """Points (n, 2) of the aperture at coordinates along and across an axis."""
+    return np.stack(place if axis == 0 else place[::-1], axis=-1).reshape(-1, 2)
+
+
+def _pixel_mtf(bundles: Bundles, nu: Array) -> Array:
+    """MTF (2, k, f) of the square pixel along the tangential and the sagittal direction of each field."""
+    along = bundles.axes().transpose(1, 0, 2)[:, :, None, :] * nu[:, None]
+    transfer: Array = np.abs(np.sinc(along)).prod(axis=-1)
+    return transfer
+
+
+def _spectrum(wavelength_nm: ArrayLike, weights: ArrayLike | None) -> tuple[Array, Array]:
+    """Wavelengths and their shares, together 1."""
+    waves = row("wavelength_nm", wavelength_nm)
+    shares = np.ones(len(waves)) if weights is None else row("weights", weights)
+    if len(shares) != len(waves):
+        raise InvalidParameter(f"there are {len(shares)} weights for {len(waves)} wavelengths; give as many")
+    seen = (waves >= 100) & (waves <= 20000)
+    if not seen.all():
+        raise InvalidParameter(f"wavelength_nm = {waves[~seen][0]:g} is outside 100 to 20000 nm")
+    if not ((shares >= 0).all() and shares.sum() > 0):
+        raise InvalidParameter("the weights of wavelengths must not be below 0, nor all 0")
+    return waves, shares / shares.sum()

@@ -1,0 +1,191 @@
+"""What the aperture does to the light of one object: phase, landing places, brightness, and what the rim cuts off.
+
+Rays through a few hundred points of the aperture are fitted with polynomials, smooth as these functions
+are, and from then on everything can be integrated exactly. The phase is the length of the path of light
+less that of a wave that would meet in the chief ray's image point (an ideal thin lens adds the same to
+both); its slopes are the ray's landing place: ``dW/d(rho) = -eps / (2 F)`` with the working F-number of
+that direction.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache, cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import InvalidParameter
+from ...lenses import Perspective
+from ...sensor import Sensor
+from .bundles import Bundles
+from .pupil import gaussian
+
+Array = NDArray[np.float64]
+
+RINGS = 12  # of the pupil that is fitted
+DEGREE = 10
+SOFT = 3.0  # distances of neighbouring nodes over which sums soften the shadow of the rim
+ROUGHEST = 0.02  # of a wavelength of 550 nm: an rms misfit of the phase beyond this is refused
+PHASE, LANDING, RIM, DENSITY = 0, (1, 2), 3, 4  # columns of what is fitted
+
+FITTED = gaussian(RINGS)
+"""The pupil whose rays are fitted."""
+
+
+def _basis(points: Array) -> Array:
+    """Products of Chebyshev polynomials (n, terms) up to :data:`DEGREE` at points (n, 2) of the disk."""
+    x, y = (np.polynomial.chebyshev.chebvander(c, DEGREE) for c in points.T)
+    i, j = _orders()
+    return x[:, i] * y[:, j]
+
+
+def _orders() -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    i, j = np.indices((DEGREE + 1, DEGREE + 1)).reshape(2, -1)
+    low = i + j <= DEGREE
+    return i[low], j[low]
+
+
+@cache
+def _fit() -> Array:
+    """What maps values at the fitted pupil to coefficients of least squares, (terms, n)."""
+    root = np.sqrt(FITTED.weights)
+    inverse = np.linalg.pinv(root[:, None] * _basis(FITTED.points)) * root
+    return inverse.astype(np.float64)
+
+
+@dataclass(frozen=True)
+class Wavefront:
+    """The aperture's effect on one object, as functions of the aperture's tangential and sagittal coordinates.
+
+    Attributes
+    ----------
+    coefficients : (terms, 5)
+        Of phase W (mm), landing place t and s (mm from the chief ray), distance beyond the rim (mm), and
+        density of light.
+    axes : (2, 2)
+        Unit vectors of the tangential and the sagittal direction in the aperture.
+    f_numbers
+        Working F-numbers of the cone of light at the imager, tangential and sagittal.
+    """
+
+    coefficients: Array
+    axes: Array
+    f_numbers: tuple[float, float]
+
+    def at(self, points: Array, soft: float = 0.0) -> tuple[Array, Array, Array]:
+        """Phase (n,) mm, landing places (n, 2) mm and light (n,) at points (n, 2) of the disk; none past the rim.
+
+        The rim's shadow may be softened over a part of the aperture's radius, so that sums over points as
+        far apart as that do not jump.
+        """
+        x, y = self._polynomials(points)
+        t, s = (self._value(column, x, y) for column in LANDING)
+        return self._value(PHASE, x, y), np.stack([t, s], axis=-1), self._light(x, y, soft)
+
+    def phase_and_amplitude(self, points: Array, soft: float = 0.0) -> tuple[Array, Array]:
+        """Phase (n,) mm and amplitude (n,)."""
+        x, y = self._polynomials(points)
+        return self._value(PHASE, x, y), np.sqrt(self._light(x, y, soft))
+
+    def _polynomials(self, points: Array) -> tuple[Array, Array]:
+        """Chebyshev polynomials (n, orders) of the aperture's x and of its y, at tangential and sagittal points."""
+        x, y = (np.polynomial.chebyshev.chebvander(c, DEGREE) for c in np.einsum("na,ac->cn", points, self.axes))
+        return x, y
+
+    def _light(self, x: Array, y: Array, soft: float) -> Array:
+        light = np.maximum(self._value(DENSITY, x, y), 0.0)
+        if not (self.is_cut and soft):
+            return np.where(self._value(RIM, x, y) <= 0, light, 0.0) if self.is_cut else light
+        inside = -self._value(RIM, x, y) / (soft * self._rim_slope)
+        return np.asarray(np.clip(0.5 + inside, 0.0, 1.0) * light)
+
+    def _value(self, column: int, x: Array, y: Array) -> Array:
+        """A fitted function (n,) from the Chebyshev polynomials (n, orders) of both coordinates."""
+        square = np.zeros((DEGREE + 1, DEGREE + 1))
+        square[_orders()] = self.coefficients[:, column]
+        # einsum, and no product of matrices: waking BLAS's threads for so little takes longer
+        value: Array = np.einsum("nj,nj->n", np.einsum("ni,ij->nj", x, square), y)
+        return value
+
+    @property
+    def _rim_slope(self) -> float:
+        """How fast (mm) the distance from the rim changes over a radius of the aperture."""
+        i, j = _orders()
+        return float(np.hypot(*self.coefficients[(i + j) == 1, RIM]))
+
+    @cached_property
+    def is_cut(self) -> bool:
+        """Whether the rim cuts off some of the aperture."""
+        edge = np.linspace(0, 2 * np.pi, 73)
+        beyond = _basis(np.stack([np.cos(edge), np.sin(edge)], axis=-1)) @ self.coefficients[:, RIM]
+        return bool(beyond.max() > 0)
+
+    def nodes(self, wavelength_mm: float) -> int:
+        """Nodes per side that integrals over the disk need, for all the waves that cross it."""
+        phase = (_basis(FITTED.points) @ self.coefficients)[:, 0]
+        return int(np.clip(24 + 2 * np.ptp(phase) / wavelength_mm, 96 if self.is_cut else 32, 400))
+
+
+def wavefronts(bundles: Bundles, focus_mm: float) -> list[Wavefront]:
+    """The wavefront of each of k objects, whose bundles fill the pupil :data:`FITTED`.
+
+    Raises
+    ------
+    InvalidParameter
+        If the mirror bends the wave too wildly for polynomials.
+    """
+    sensor = bundles.focused_at(focus_mm)
+    turn = bundles.axes()
+    chief = bundles.chief_mm(sensor)
+    landing = np.einsum("knc,kac->kna", bundles.image_mm(sensor) - chief[:, None], turn)
+    phase = _phase(bundles, sensor, chief)
+    beyond = sensor.posed_mirror.beyond_edge_mm(bundles.points, bundles.seen_at)
+    found = []
+    for i in range(len(chief)):
+        columns = np.column_stack([phase[i], landing[i], beyond[i], bundles.density[i]])
+        coefficients = np.einsum("tn,nc->tc", _fit(), columns)
+        misfit = phase[i] - _basis(FITTED.points) @ coefficients[:, PHASE]
+        rough = float(np.sqrt(FITTED.weights @ misfit**2)) / 550e-6
+        if not rough <= ROUGHEST:
+            raise InvalidParameter(
+                f"the wave from omega = {bundles.omega_deg[i]:.10g} deg is too rough for PSF and MTF: a polynomial of "
+                f"degree {DEGREE} misses it by {rough:.2g} waves; a smaller aperture or a smoother mirror is valid"
+            )
+        found.append(Wavefront(coefficients, turn[i], working_f_numbers(sensor, float(np.hypot(*chief[i])))))
+    return found
+
+
+def working_f_numbers(sensor: Sensor, height_mm: float) -> tuple[float, float]:
+    """Tangential and sagittal F-number (F_w / cos^3, F_w / cos) of the cone of light at an image height.
+
+    Where distortion widens the picture it narrows the cone as much.
+    """
+    F = sensor.lens.image_f_number()
+    if not isinstance(sensor.lens, Perspective):
+        return F, F
+    ideal = sensor.lens.undistorted_height(np.array(height_mm))
+    wider_t, wider_s = map(float, sensor.lens.stretch(ideal))
+    cos = float(np.cos(np.arctan(ideal / sensor.lens.image_distance)))
+    return wider_t * F / cos**3, wider_s * F / cos
+
+
+def _phase(bundles: Bundles, sensor: Sensor, chief_mm: Array) -> Array:
+    """W (k, n), mm: path to each point of the aperture less that from the point in focus that the chief ray aims at."""
+    in_focus = _conjugate(sensor, chief_mm) + sensor.lens_offset
+    eyes = sensor.eyes(bundles.pupil.points)
+    centre = sensor.eyes(np.zeros((1, 2)))
+    if eyes.distant:
+        ideal, middle = (-(in_focus @ e.xyz.T) for e in (eyes, centre))
+    else:
+        ideal, middle = (np.linalg.norm(e.xyz - in_focus[:, None], axis=2) for e in (eyes, centre))
+    return (bundles.path - bundles.chief_path()[:, None]) - (ideal - middle)
+
+
+def _conjugate(sensor: Sensor, image_mm: Array) -> Array:
+    """Points (k, 3) of the plane in focus, from the lens's reference point, that image points (k, 2) belong to."""
+    lens = sensor.lens
+    origins, directions = lens.rays(image_mm, np.zeros_like(image_mm))
+    steps = (lens.focus_distance_mm - origins[:, 2]) / directions[:, 2]
+    points: Array = origins + steps[:, None] * directions
+    return points

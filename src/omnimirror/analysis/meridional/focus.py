@@ -1,0 +1,220 @@
+"""Blur against focus: what the lens and the imager make of the virtual images, and the best focus.
+
+Signed blur diameters are positive where the image lies beyond the focus. In angle they are
+``Delta_t / Dh`` and ``Delta_s / Dw`` (Eqs. 36, 37; Eq. 37 prints L_t where L_s is meant, erratum 7).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...arguments import LARGEST_RADIUS_PX, choice, distances, number, row
+from ...errors import InvalidParameter
+from ...lenses import BLUR_MODES, BlurMode, Lens, Perspective
+from ...numerics.minimisation import lowest_with_slopes
+from ...sensor import Sensor, check_sensor
+from ...tracing.meridian import ChiefRays
+from .focus_merits import MERITS, Blur, FocusFunction, Merit, Scales, Sides
+from .imaging import imaging_characteristics
+from .virtual_images import VirtualImages, distances_from_lens, virtual_images
+
+Array = NDArray[np.float64]
+
+POINTED_CENTRE = 0.1  # of the image radius
+
+
+@dataclass(frozen=True)
+class FocusStudy:
+    """Everything about n field angles that does not depend on where the lens is focused."""
+
+    sensor: Sensor
+    rays: ChiefRays
+    images: VirtualImages
+    mode: BlurMode
+    image_radius_px: float | None
+    wavelength_nm: float
+
+    def __post_init__(self) -> None:
+        choice("mode", self.mode, BLUR_MODES)
+        if self.image_radius_px is not None:
+            number("image_radius_px", self.image_radius_px, above=0.0, high=LARGEST_RADIUS_PX, unit="px")
+
+    def distances(self) -> tuple[Array, Array]:
+        """L_t and L_s (n,), mm: image distances from the lens's reference point (Eqs. 34, 35)."""
+        L_t, L_s = distances_from_lens(self.rays, self.images)
+        displaced = self.sensor.mirror_pose.displacement_mm if self.sensor.lens.TELECENTRIC else 0.0
+        return L_t + displaced, L_s + displaced  # m itself holds it under a perspective lens
+
+    def heights(self, sensor: Sensor) -> tuple[Array, Array]:
+        """h (px) and dh/dOmega (px per radian), (n,), of the sensor as focused."""
+        scale = 1.0 if self.image_radius_px is None else self.image_radius_px / sensor.rim_radius_px
+        return sensor.image_height_px(self.rays) * scale, sensor.image_height_rate_px(self.rays) * scale
+
+    def stretch(self, sensor: Sensor) -> tuple[Array, Array]:
+        """By how much (n,), (n,) the distortion of the lens as focused widens a blur; the same at any focus."""
+        first = self.rays.first
+        return sensor.lens.stretch(sensor.lens.ideal_height(first.x, first.w))
+
+    def scales(self, middle: float, unit: float) -> Callable[[Any], Scales]:
+        """What changes with the focus, of places u in focus that count from a middle in a unit."""
+        lens, pitch = self.sensor.lens, self.sensor.imager.pitch_mm
+        own = lens.through_focus(lens.focus_coordinate(lens.focus_distance_mm))
+        airy2 = (lens.airy_diameter(self.wavelength_nm) / pitch / own.f_number) ** 2
+
+        def at(u: Any) -> Scales:
+            there = lens.through_focus(middle + unit * u, self.mode)
+            scale = there.image_scale / own.image_scale if self.image_radius_px is None else 1.0
+            return Scales(u, there.blur_rate * (unit / pitch), scale, 1 + airy2 * there.f_number**2)
+
+        return at
+
+    def at(self, focus_mm: float) -> Blur:
+        """Blur with the lens focused at an object distance in mm."""
+        sensor = replace(self.sensor, lens=self.sensor.lens.focused_at(focus_mm))
+        h, rate = self.heights(sensor)
+        pitch = sensor.imager.pitch_mm
+        L_t, L_s = self.distances()
+        wider_t, wider_s = self.stretch(sensor)
+        return Blur(
+            wider_t * sensor.lens.blur(L_t, mode=self.mode) / pitch,
+            wider_s * sensor.lens.blur(L_s, mode=self.mode) / pitch,
+            imaging_characteristics(self.rays.omega, h, rate),
+            self.rays.omega,
+            sensor.lens.airy_diameter(self.wavelength_nm) / pitch,
+        )
+
+
+class BestFocus(NamedTuple):
+    """The focus that minimises a merit, and the merit there."""
+
+    focus_mm: float
+    value: float
+    merit: str
+
+
+def best_focus(
+    sensor: Sensor,
+    merit: str = "floored-area",
+    omega_deg: ArrayLike | None = None,
+    object_distance_mm: ArrayLike = np.inf,
+    mode: BlurMode = "exact",
+    image_radius_px: float | None = None,
+    wavelength_nm: float = 550.0,
+) -> BestFocus:
+    """The object distance L0 to focus at, over the whole field or the angles given.
+
+    Parameters
+    ----------
+    merit
+        One of :data:`MERITS`.
+    omega_deg : (n,), optional
+        Field angles, in any order and spacing; 1001 over the whole field by default, without the middle tenth
+        of the image of a pointed mirror, where a degree of azimuth shrinks to nothing and no focus helps.
+    object_distance_mm : scalar or (n,)
+        Distance from the reflection point to the object.
+    mode, image_radius_px
+        ``"paper"`` and 500 to compute as the paper does.
+
+    Raises
+    ------
+    InvalidParameter
+        An unknown merit or mode, numbers that are not valid, or a mirror without virtual images.
+    OutsideField
+        A field angle that is not seen.
+
+    Examples
+    --------
+    The paper's choice for its spherical mirror, L0 = 212 mm:
+
+    >>> from omnimirror.specs import load_sensor
+    >>> best = best_focus(load_sensor("paper-spherical"), "product", mode="paper", image_radius_px=500)
+    >>> round(best.focus_mm, 1), round(best.value, 4)
+    (212.4, 0.0751)
+    """
+    check_sensor(sensor)
+    choice("merit", merit, MERITS)
+    omega = _focusable(sensor) if omega_deg is None else row("omega_deg", omega_deg)
+    rays = sensor.meridian.trace(sensor.meridian.x_from_omega(np.radians(omega)))
+    p = distance_per_angle(object_distance_mm, rays.x)
+    study = FocusStudy(sensor, rays, virtual_images(rays, p), mode, image_radius_px, wavelength_nm)
+    focus = _lowest(study, MERITS[merit])
+    return BestFocus(focus, MERITS[merit].value(study.at(focus)), merit)
+
+
+def distance_per_angle(object_distance_mm: ArrayLike, angles: Array) -> Array:
+    """Object distances as an array, one for all field angles (n,) or one for each."""
+    p = distances("object_distance_mm", object_distance_mm)
+    if p.shape not in ((), (1,), angles.shape):
+        raise InvalidParameter(
+            f"object_distance_mm has {p.size} values for {angles.size} field angles; give one, or as many"
+        )
+    return p
+
+
+def _lowest(study: FocusStudy, merit: Merit) -> float:
+    """The focus (mm) that makes a merit least."""
+    lens = study.sensor.lens
+    low, high = _searched(lens, lens.focus_coordinate(np.stack(study.distances())))
+    middle, half = (low + high) / 2, (high - low) / 2 or 1.0
+    function = focus_function(study, merit, middle, half)
+    if not np.isfinite(function.coefficients).all():
+        bad = int(np.argmin(np.isfinite(function.coefficients).all(axis=0))) % len(study.rays.omega)
+        raise InvalidParameter(
+            f"omega_deg = {np.degrees(study.rays.omega[bad]):.6g} has no finite blur at any focus (a degree of object "
+            "has no size in the picture there, or no image); leave it out"
+        )
+    place = middle + half * lowest_with_slopes(function, (low - middle) / half, (high - middle) / half)
+    limits = lens.PARAMETERS["focus_distance_mm"]
+    return float(np.clip(lens.focus_coordinate(place), max(limits.low, _closest(lens)), limits.high))
+
+
+def focus_function(study: FocusStudy, merit: Merit, middle: float, unit: float) -> FocusFunction:
+    """A merit as a function of places in focus (:meth:`Lens.focus_coordinate`) that count from a middle in a unit."""
+    sensor = study.sensor
+    places = sensor.lens.focus_coordinate(np.stack(study.distances()))
+    imaging = study.at(sensor.lens.focus_distance_mm).imaging
+    t, s = (places - middle) / unit
+    sides = Sides(t, s, *study.stretch(sensor), imaging.height, imaging.width)
+    return FocusFunction(merit, sides, study.rays.omega, study.scales(middle, unit))
+
+
+def _searched(lens: Lens, places: Array) -> tuple[float, float]:
+    """The range of places in focus that is searched: those of all images, and a little more."""
+    limits = lens.PARAMETERS["focus_distance_mm"]
+    if lens.TELECENTRIC:
+        return _around(places, limits.low, limits.high)
+    # by nearness, so that far images do not stretch the search; what lies behind the lens converges: beyond infinity
+    return _around(np.maximum(places, 0.0), 1 / limits.high, 1 / max(limits.low, _closest(lens)))
+
+
+def _around(places: Array, least: float, most: float) -> tuple[float, float]:
+    """An interval that holds the places of all images that a lens can be focused at, and a little more.
+
+    Places past the last one are left out, unless there are no others; those before the first count as the first.
+    """
+    places = places[~np.isnan(places)]
+    if not places.size:
+        raise InvalidParameter("there are no virtual images, so there is no best focus")
+    within = places[places < most] if (places < most).any() else places
+    within = np.clip(within, least, most)
+    margin = 0.05 * (float(np.ptp(within)) or abs(float(within[0])))
+    return max(float(within.min()) - margin, least), min(float(within.max()) + margin, most)
+
+
+def _closest(lens: Lens) -> float:
+    """Nearest object distance (mm) that a lens could be focused at: a little beyond its focal length."""
+    return 1.0001 * lens.focal_length_mm if isinstance(lens, Perspective) else 0.0
+
+
+def _focusable(sensor: Sensor) -> Array:
+    """The field angles (n,), deg, that the focus is chosen for."""
+    low, high = sensor.field_deg
+    if sensor.mirror.is_pointed:
+        edge = sensor.meridian.trace(sensor.x_from_height_px([POINTED_CENTRE * sensor.rim_radius_px]))
+        low = float(np.degrees(edge.omega[0]))
+    return np.linspace(low, high, 1001)

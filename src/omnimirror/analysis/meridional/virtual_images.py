@@ -1,0 +1,90 @@
+"""Tangential and sagittal virtual images behind the mirror (Eqs. 14-21)."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...errors import InvalidParameter
+from ...tracing.meridian import ChiefRays
+
+Array = NDArray[np.float64]
+
+
+class VirtualImages(NamedTuple):
+    """Where a mirror shows the image of an object point; each array (n,), mm.
+
+    ``q`` counts from the mirror point along the chief ray, positive behind the mirror, and (x, z) is
+    the image in the meridian plane, z from the vertex.
+    """
+
+    q_t: Array
+    q_s: Array
+    x_t: Array
+    z_t: Array
+    x_s: Array
+    z_s: Array
+
+
+def virtual_images(rays: ChiefRays, object_distance: ArrayLike = np.inf) -> VirtualImages:
+    """Tangential and sagittal images of objects at a distance p (mm) from their mirror points.
+
+    ``-1/p + 1/q_t = 2/(R_t cos gamma)`` and ``-1/p + 1/q_s = 2 cos gamma / R_s`` (Eqs. 15, 19).
+
+    Raises
+    ------
+    InvalidParameter
+        A distance that is not above 0; infinity is allowed and common.
+
+    Examples
+    --------
+    A sphere of 50 mm halves its radius on the axis, for distant objects:
+
+    >>> from omnimirror.mirrors import Sphere
+    >>> from omnimirror.tracing.meridian import trace_chief_rays
+    >>> rays = trace_chief_rays(Sphere(50.0, 44.0), 180.0, [0.0])
+    >>> virtual_images(rays).q_t
+    array([25.])
+    """
+    p = np.asarray(object_distance, dtype=float)
+    if not np.all(p > 0):
+        bad = np.atleast_1d(p)[np.atleast_1d(~(p > 0))][0]
+        raise InvalidParameter(f"object_distance_mm = {bad:g} is not a distance; it is valid above 0, and inf")
+    return _images(rays, p, p)
+
+
+def distances_from_lens(rays: ChiefRays, images: VirtualImages) -> tuple[Array, Array]:
+    """L_t and L_s (n,), mm: what the lens focuses on, along its axis from its reference point (Eqs. 34, 35).
+
+    Where the lens sees the mirror in a second one, the images in the first are the objects of the second,
+    at ``q + |P1 P2|`` from its chief rays, and the same equations hold once more.
+    """
+    if rays.seen_in is not None:
+        images = _images(rays.seen_in, images.q_t + rays.path, images.q_s + rays.path)
+    lens = 0.0 if np.isinf(rays.first.m) else rays.first.m
+    return lens + images.z_t, lens + images.z_s
+
+
+def _images(rays: ChiefRays, p_t: Array, p_s: Array) -> VirtualImages:
+    """Images of tangential and sagittal objects at distances that may be negative: light that converges."""
+    cos_gamma = np.cos(rays.gamma)
+    with np.errstate(divide="ignore"):
+        q_t = 1 / (2 / (rays.radius_t() * cos_gamma) + 1 / p_t)
+        q_s = 1 / (2 * cos_gamma / rays.radius_s() + 1 / p_s)
+    sin, cos = np.sin(rays.theta), np.cos(rays.theta)
+    return VirtualImages(
+        q_t,
+        q_s,
+        rays.x + _times(q_t, sin),
+        rays.z + q_t * cos,
+        rays.x + _times(q_s, sin),
+        rays.z + q_s * cos,
+    )
+
+
+def _times(q: Array, s: Array) -> Array:
+    """q s, with 0 for an infinite image seen exactly along the axis."""
+    with np.errstate(invalid="ignore"):
+        return np.where(s == 0.0, 0.0, q * s)

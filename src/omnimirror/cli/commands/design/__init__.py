@@ -1,0 +1,1 @@
+"""Commands that make a sensor, choose its parts, and hand it to a workshop."""

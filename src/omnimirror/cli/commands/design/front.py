@@ -1,0 +1,81 @@
+"""``omnimirror design --pareto``: the front of some merits, its table and figure, and one of its designs."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from ....design.criteria.merits import merit_named
+from ....design.optimise.front import Front, merit_values, pareto
+from ....design.optimise.problem import DesignProblem
+from ....design.optimise.references import EXACTLY, known_sensors
+from ....errors import InvalidParameter
+from ...outputs import progress_bar
+
+
+def find_front(
+    console: Console,
+    problem: DesignProblem,
+    merits: list[str],
+    figure: Path | None,
+    pick: int | None,
+    **options: Any,
+) -> Front:
+    """Find the front, draw and print it; ``options`` are those of :func:`~omnimirror.design.optimise.front.pareto`."""
+    if figure and len(merits) != 2:
+        raise InvalidParameter(f"a figure shows two merits; {len(merits)} were given")
+    generations, resume = options["generations"], options["resume"]
+    with progress_bar(console) as bar:
+        task = bar.add_task("generations", total=generations)
+        front = pareto(problem, merits, on_progress=lambda done, _: bar.update(task, completed=done), **options)
+    if pick is not None:
+        front.sensor(pick)  # says so, before anything is written, where there is none
+    known = {name: merit_values(s, front.merits, problem) for name, s in known_sensors(problem).items()}
+    if figure:
+        _draw(front, known, figure)
+    _print_front(console, front, known)
+    if not front.is_complete:
+        kept = f"; the same command goes on from {resume}" if resume else ""
+        console.print(f"Stopped before generation {generations}{kept}", highlight=False, soft_wrap=True)
+    return front
+
+
+def _print_front(console: Console, front: Front, known: dict[str, Any], rows: int = 12) -> None:
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for heading in ("number", *(f"{m} {merit_named(m).unit}".rstrip() for m in front.merits), "focus mm"):
+        table.add_column(heading, justify="right")
+    for i in np.unique(np.linspace(0, len(front) - 1, min(rows, len(front))).round().astype(int)):
+        table.add_row(str(i), *(f"{v:.4f}" for v in front.values[i]), f"{front.focus_mm[i]:.2f}")
+    for name, values in known.items():
+        table.add_row(name, *(f"{v:.4f}" for v in values), "", style="dim")
+    console.print(table)
+
+
+def _draw(front: Front, known: dict[str, Any], path: Path) -> None:
+    from ....figures.fronts import front as drawing
+    from ....figures.style import save_figure, styled
+
+    places = {name: (float(v[0]), float(v[1])) for name, v in known.items()}
+    groups = [{n: v for n, v in places.items() if n.startswith(EXACTLY) == exact} for exact in (False, True)]
+    a, b = (_axis_label(m) for m in front.merits)
+    with styled():
+        save_figure(drawing(front.values, (a, b), *groups), path)
+
+
+def _axis_label(merit: str) -> str:
+    m = merit_named(merit)
+    words = re.split(r"; | \(", m.meaning)[0].capitalize()
+    return f"{words} ({m.unit.replace('2', '²')})" if m.unit else words
+
+
+def check_pick(pick: int | None, wanted: dict[str, Path | None]) -> None:
+    """Refuse what is to be written of one design of a front where none is named."""
+    named = [f"--{name}" for name, path in wanted.items() if path]
+    if pick is None and named:
+        raise click.UsageError(f"{named[0]} is about one design of the front; name it with --pick NUMBER")

@@ -1,0 +1,58 @@
+"""``omnimirror mappings``: every mapping that a mirror can be generated for, beside each other."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+from rich.table import Table
+from rich.text import Text
+
+from ....design.construct.mappings import MAPPINGS, generated_mirror
+from ....design.construct.rim import PlacedMirror, Rim
+from ....errors import OmnimirrorError
+from ....tracing.meridian import Meridian
+from ...options.common import NUMBER
+from ...outputs import FIGURES, format_option, output_console, output_option, say_written
+
+MOST_DRAWN = 6
+
+
+@click.command()
+@click.option("--omega-max-deg", type=NUMBER, default=75.0, show_default=True, help="Field angle at the rim.")
+@click.option("--theta-max-deg", type=NUMBER, default=12.0, show_default=True,
+              help="Viewing angle of the lens there; 0 for an orthographic one.")  # fmt: skip
+@output_option("--figure", formats=FIGURES, help="Draw their sections and image heights: svg, png, pdf.")
+@format_option(FIGURES)
+def command(omega_max_deg: float, theta_max_deg: float, figure: Path | None) -> None:
+    """List the mappings of omnimirror design, with the mirror that each needs for a field and a lens.
+
+    Lengths are in rim radii M. Example: omnimirror mappings --omega-max-deg 135 --figure mappings.png
+    """
+    console, rim = output_console(), Rim(omega_max_deg, theta_max_deg, 1.0)
+    table = Table(box=None, pad_edge=False, header_style="bold", collapse_padding=True)
+    table.add_column("mapping", no_wrap=True)
+    for heading in ("m/M", "sag/M", "vertex radius/M"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    table.add_column()
+    placed: dict[str, PlacedMirror] = {}
+    for name in MAPPINGS:
+        try:
+            placed[name] = generated_mirror(name, rim)
+        except OmnimirrorError as e:
+            table.add_row(name, "", "", "", Text(str(e), style="dim"))
+            continue
+        mirror = placed[name].mirror
+        numbers = (placed[name].distance_mm, mirror.sag(1.0), 1 / mirror.curvature(0.0))
+        table.add_row(name, *(f"{v:.8g}" for v in numbers), "" if name == mirror.KIND else f"the {mirror.KIND}")
+    console.print(table)
+    if figure:
+        _draw({name: Meridian(p.mirror, p.distance_mm) for name, p in list(placed.items())[:MOST_DRAWN]}, figure)
+        say_written(figure, console=console)
+
+
+def _draw(mirrors: dict[str, Meridian], path: Path) -> None:
+    from ....figures import save_figure
+    from ....figures.meridians import meridians
+
+    save_figure(meridians(mirrors), path)

@@ -1,0 +1,120 @@
+"""What ``omnimirror design`` prints: the table of requirements, what conflicts, merits and convergence."""
+
+from __future__ import annotations
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from ....design.criteria.merits import MERITS, merit_named
+from ....design.optimise.front import merit_values
+from ....design.optimise.optimiser import Optimum
+from ....design.optimise.references import known_sensors
+from ....design.solve.designer import Design
+from ....design.solve.relaxation import Conflict, Relaxation
+from ....design.solve.verdict import ROUNDING
+from ...outputs import say
+
+FOCUS_BY = {
+    "blur_area": "floored-area",
+    "mean_blur_area": "mean-floored-area",
+    "blur": "worst-deg",
+    "blur_rss": "rss-deg",
+}
+"""What a sphere is focused by to be compared with a mirror that has the least of a merit."""
+
+
+def print_design(console: Console, design: Design) -> None:
+    """The table, the notes, and what conflicts."""
+    sensor = design.sensor
+    place = "" if sensor.lens.TELECENTRIC else f", lens {_number(sensor.mirror_distance_mm)} mm from its vertex"
+    say((sensor.name, "bold"), f": {sensor.mirror.KIND}{place}", console=console)
+    for note in design.notes:
+        console.print(f"  {note}", highlight=False, soft_wrap=True)
+    console.print()
+    table = Table(box=None, pad_edge=False, header_style="bold", collapse_padding=True)
+    for heading in ("requirement", "asked", "reached", "margin", "at Ω", ""):
+        table.add_column(heading, justify="left" if heading in ("requirement", "") else "right", no_wrap=True)
+    for row in design.rows:
+        at = "" if row.omega_deg is None else f"{row.omega_deg:.4g} deg"
+        met = Text("met") if row.is_met else Text("missed", style="bold red")
+        margin = 0.0 if abs(row.margin) <= ROUNDING * row.scale else row.margin
+        asked = _asked(row.at_least, row.at_most, row.unit)
+        table.add_row(row.label, asked, _number(row.reached), _number(margin), at, met)
+    console.print(table)
+    for remark in dict.fromkeys(remark for row in design.rows for remark in row.remarks):
+        names = ", ".join(row.label for row in design.rows if remark in row.remarks)
+        console.print(f"  {names}: {remark}", highlight=False, soft_wrap=True)
+    if design.conflict is not None:
+        _print_conflict(console, design.conflict)
+
+
+def _asked(low: float | None, high: float | None, unit: str) -> str:
+    if low is not None and high is not None:
+        text = _number(low) if low == high else f"{_number(low)} to {_number(high)}"
+    else:
+        text = f"at least {_number(low)}" if low is not None else f"at most {_number(high)}"
+    return f"{text} {unit}".rstrip()
+
+
+def _number(value: float | None) -> str:
+    return "" if value is None else f"{value:.5g}"
+
+
+def _print_conflict(console: Console, conflict: Conflict) -> None:
+    console.print(f"\nNot everything can be met: {'; '.join(conflict.missed)}.", highlight=False, soft_wrap=True)
+    helpful = [r for r in conflict.alone if r.needed is not None and r.needed != r.asked]
+    if helpful:
+        console.print("All is met if one of these alone gives:", highlight=False)
+        for r in helpful:
+            console.print(f"  {_change(r)}", highlight=False, soft_wrap=True)
+    else:
+        console.print("No single requirement that gives, within reason, would do.", highlight=False)
+    if conflict.joint_share is not None:
+        console.print(f"Or if all give at once by {conflict.joint_share:.2%}:", highlight=False)
+        for r in conflict.joint:
+            console.print(f"  {_change(r)}", highlight=False, soft_wrap=True)
+
+
+def _change(r: Relaxation) -> str:
+    unit = f" {r.unit}" if r.unit else ""
+    share = f" ({r.share:.2%})" if r.share is not None else ""
+    return f"{r.name}: {_number(r.needed)}{unit} instead of {_number(r.asked)}{unit}{share}"
+
+
+def print_convergence(console: Console, designs: dict[int, Design]) -> None:
+    """How each number of terms ended."""
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    merit = merit_named(next(iter(designs.values())).requirements.mirror.optimise or "")
+    for heading in ("terms", "best start", "steps", f"{merit.name} {merit.unit}".rstrip(), "focus mm"):
+        table.add_column(heading, justify="right")
+    for count, design in designs.items():
+        if (found := design.optimum) is None:
+            table.add_row(str(count), "", "", "limits not kept", "")
+            continue
+        run = min((r for r in found.runs if r.kept), key=lambda r: r.value)
+        focus = f"{design.sensor.lens.focus_distance_mm:.2f}"
+        table.add_row(str(count), run.start, str(len(run.history) - 1), f"{found.value:.5f}", focus)
+    console.print(table)
+    console.print()
+
+
+def print_merits(console: Console, best: Optimum) -> None:
+    """All merits of the mirror found, beside those of the sphere for the same field."""
+    sphere = next(iter(known_sensors(best.problem).values()))
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for heading in ("merit", "sphere", "optimised", "unit", "meaning"):
+        table.add_column(heading, justify="right" if heading in ("sphere", "optimised") else "left")
+    focus_by = FOCUS_BY.get(best.merit, "floored-area")
+    before_all = merit_values(sphere, list(MERITS), best.problem, focus_by)
+    after_all = merit_values(best.sensor, list(MERITS), best.problem, None)
+    for m, before, after in zip(MERITS.values(), before_all, after_all, strict=True):
+        table.add_row(m.name, f"{before:.4f}", f"{after:.4f}", m.unit, m.meaning)
+    console.print()
+    console.print(table)
+    say((f"the sphere for the same field, at its best focus by {focus_by}", "dim"), console=console)
+    least, blur = best.bound.blur_deg, after_all[list(MERITS).index("blur")]
+    console.print(
+        f"No mirror of this field, rim and lens has a worst single blur below {least:.4f} deg; "
+        f"this one's lies {blur / least - 1:.2%} above."
+    )

@@ -1,0 +1,59 @@
+"""``omnimirror compare``: up to six sensors side by side."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from ....analysis import Comparison, compare
+from ....specs import load_sensor
+from ...outputs import format_option, output_console, output_option, say_written
+
+FORMATS = ("png", "html")
+
+
+@click.command()
+@click.argument("sensors", nargs=-1, required=True)
+@output_option("-o", "--output", formats=FORMATS,
+               help="Write table, curves and pictures of one scene as one .html page or one .png.")  # fmt: skip
+@format_option(FORMATS)
+@output_option("--csv", "csv_file", help="Write the table, 17 significant digits.")
+@output_option("--json", "json_file", help="Write the table, an object per sensor.")
+def command(sensors: tuple[str, ...], output: Path | None, csv_file: Path | None, json_file: Path | None) -> None:
+    """Put up to six SENSORS side by side, files or names of bundled ones; the best of each row is marked.
+
+    Example: omnimirror compare paper-spherical paper-hyperboloidal -o comparison.html
+    """
+    console = output_console()
+    comparison = compare([load_sensor(s) for s in sensors])
+    print_comparison(console, comparison)
+    if csv_file:
+        comparison.to_csv(csv_file)
+    if json_file:
+        comparison.to_json(json_file)
+    if output:
+        from ....report.comparison import write_comparison
+
+        with console.status("Drawing, simulating, straightening"):
+            write_comparison(comparison, output)
+    say_written(csv_file, json_file, output, console=console)
+
+
+def print_comparison(console: Console, comparison: Comparison) -> None:
+    """One row per quantity; the best are bold and starred."""
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    table.add_column("")
+    table.add_column("")
+    for name in comparison.names:
+        table.add_column(name, justify="right", overflow="fold")
+    for row in comparison.rows:
+        cells = [
+            Text(f"{text} *", style="bold") if best else Text(f"{text}  ")
+            for text, best in zip(row.texts, row.best, strict=True)
+        ]
+        table.add_row(row.title, row.unit, *cells)
+    console.print(table)

@@ -1,0 +1,171 @@
+"""``omnimirror evaluate``: the paper's whole evaluation of one sensor."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+from rich.console import Console
+
+from ....analysis import MERITS, Evaluation, best_focus, best_viewpoint, evaluate
+from ....analysis.headings import HEADINGS, formatted
+from ....mirrors import Cone, SampledProfile
+from ....specs import load_sensor
+from ...options.common import NUMBER, distance, focus, pixel, values
+from ...outputs import output_console, output_option, print_rows, say, say_written
+
+MOST_NAMED = 5  # points that are wrong
+TERMINAL_COLUMNS = [name for name in HEADINGS if name not in ("x_mm", "floored_area_deg2")]
+"""What fits a terminal; files hold every column."""
+
+
+@click.command()
+@click.argument("sensor")
+@click.option(
+    "--omega-deg", type=values, metavar="A:B:STEP", help="Field angles, measured from the direction back past the lens."
+)
+@click.option(
+    "--x-mm", type=values, metavar="A:B:STEP", help="Instead: mirror points, by their distance from the axis."
+)
+@click.option("--h-px", type=values, metavar="A:B:STEP", help="Instead: image heights, in pixels from the centre.")
+@click.option("--pixel", "pixels", type=pixel, metavar="U,V", multiple=True, help="Instead: pixels, one per option.")
+@click.option("--object-distance-mm", type=distance, metavar="MM", default="inf", show_default=True,
+              help="From the reflection point to the object.")  # fmt: skip
+@click.option(
+    "--focus-mm",
+    type=focus,
+    metavar="MM|auto",
+    help="Object distance in focus, or 'auto'; the sensor's own by default.",
+)
+@click.option("--merit", type=click.Choice(list(MERITS)), default="floored-area", show_default=True,
+              help="What 'auto' focus makes least.")  # fmt: skip
+@click.option("--paper-mode", is_flag=True, help="Blur by the paper's Eq. 29 instead of the exact form.")
+@click.option("--image-radius-px", type=NUMBER, help="Scale the image to this rim radius, as the paper does with 500.")
+@click.option("--wavelength-nm", type=NUMBER, default=550.0, show_default=True, help="Of the Airy disk.")
+@click.option("--tolerance-px", type=NUMBER, default=1.0, show_default=True, help="Permissible blur: depth of field.")
+@output_option(
+    "--csv", "csv_file", help="Write all columns, 17 significant digits; of a measured mirror their deviations too."
+)
+@output_option("--json", "json_file", help="Write summary and all columns.")
+@click.option("--figures", type=click.Path(path_type=Path), help="Draw the paper's figures into this folder.")
+def command(
+    sensor: str,
+    omega_deg: Any,
+    x_mm: Any,
+    h_px: Any,
+    pixels: tuple[tuple[float, float], ...],
+    object_distance_mm: float,
+    focus_mm: Any,
+    merit: str,
+    paper_mode: bool,
+    image_radius_px: float | None,
+    wavelength_nm: float,
+    tolerance_px: float,
+    csv_file: Path | None,
+    json_file: Path | None,
+    figures: Path | None,
+) -> None:
+    """Evaluate SENSOR, a sensor file or the name of a bundled sensor.
+
+    Prints a table; files hold more columns. Example: omnimirror evaluate paper-spherical --omega-deg 0:135:5
+    """
+    result = evaluate(
+        load_sensor(sensor),
+        omega_deg,
+        x_mm=x_mm,
+        h_px=h_px,
+        pixels=pixels or None,
+        object_distance_mm=object_distance_mm,
+        focus_mm=focus_mm,
+        merit=merit,
+        mode="paper" if paper_mode else "exact",
+        wavelength_nm=wavelength_nm,
+        image_radius_px=image_radius_px,
+        tolerance_px=tolerance_px,
+    )
+    console = output_console()
+    if csv_file:
+        result.to_csv(csv_file, deviations=True)
+    if json_file:
+        result.to_json(json_file)
+    print_summary(console, result, merit)
+    print_table(console, result)
+    say_written(csv_file, json_file, console=console)
+    if figures:
+        _draw(console, result, figures)
+
+
+def print_table(console: Console, result: Evaluation) -> None:
+    """The columns that fit; a terminal too narrow for them gets fewer, never broken numbers."""
+    cells, width = formatted(result, TERMINAL_COLUMNS), 0
+    shown: list[str] = []
+    for name in TERMINAL_COLUMNS:
+        heading, unit, _ = HEADINGS[name]
+        width += max(len(heading), len(unit), *map(len, cells[name])) + 2
+        if console.is_terminal and width > console.width:
+            break
+        shown.append(name)
+    print_rows(console, [HEADINGS[name][:2] for name in shown], [cells[name] for name in shown])
+    hidden = len(TERMINAL_COLUMNS) - len(shown)
+    if hidden:
+        say((f"{hidden} more columns need a wider terminal; --csv holds all of them", "dim"), console=console)
+
+
+def print_summary(console: Console, result: Evaluation, merit: str) -> None:
+    """Field, focus and blur of the sensor in a few lines."""
+    sensor, s = result.sensor, result.summary()
+    near, far = result.depth_of_field_mm
+    best = best_focus(
+        sensor, merit, None, float(np.max(result.object_distance_mm)), result.mode, result.image_radius_px,
+        result.wavelength_nm,
+    )  # fmt: skip
+    second = "" if sensor.secondary is None else f" seen in a second mirror ({sensor.secondary.mirror.KIND})"
+    lines = [
+        f": {sensor.mirror.KIND}{second}, {sensor.lens.KIND} lens, field "
+        f"{s['field_deg'][0]:.4g} to {s['field_deg'][1]:.6g} deg, rim at {s['rim_radius_px']:.1f} px",
+        f"focus L0 = {result.focus_mm:.2f} mm; depth of field {near:.2f} to {far:.2f} mm "
+        f"(blur within {result.tolerance_px:g} px); Airy disk {result.airy_px:.2f} px at {result.wavelength_nm:g} nm",
+        f"best focus by {merit}: {best.focus_mm:.2f} mm, where it is {best.value:.4g} {MERITS[merit].unit}",
+    ]
+    if isinstance(sensor.mirror, Cone) and sensor.secondary is None:
+        radius, z = sensor.mirror.pinhole_ring(sensor.meridian.m)
+        lines.append(
+            f"a cone has no single viewpoint: virtual pinholes on a ring of radius {radius:.2f} mm at z = {z:.2f} mm"
+        )
+    if np.isfinite(result.object_distance_mm).all():
+        v = best_viewpoint(sensor, float(np.min(result.object_distance_mm)), image_radius_px=result.image_radius_px)
+        lines.append(
+            f"best single viewpoint: {v.z_mm:.3f} mm over the vertex; assuming it errs by up to "
+            f"{v.worst_px:.2f} px ({v.worst_deg:.3f} deg)"
+        )
+    if isinstance(sensor.mirror, SampledProfile):
+        lines += profile_lines(result, sensor.mirror)
+    say((sensor.name, "bold"), "\n".join(lines), console=console)
+    console.print()
+
+
+def profile_lines(result: Evaluation, mirror: SampledProfile) -> list[str]:
+    """What is known of a sampled mirror's points: how much they scatter, which are wrong, and what that does."""
+    fit, lines = mirror.fit, []
+    if wrong := mirror.outliers:
+        named = ", ".join(f"{i + 1} (x = {mirror.x_mm[i]:g} mm)" for i in wrong[:MOST_NAMED])
+        more = f" and {len(wrong) - MOST_NAMED} more" if len(wrong) > MOST_NAMED else ""
+        lines.append(f"points of the profile left out as wrong: {named}{more}")
+    deviations = result.standard_deviations()
+    if deviations:
+        how = "estimated from the points" if mirror.uncertainty_um is None else "as stated, or as they scatter"
+        lines.append(f"profile smoothed to {fit.uncertainty_mm * 1e3:.3g} um, {how}; standard deviations at most:")
+        worst = ((HEADINGS[k], v[np.isfinite(v)]) for k, v in deviations.items() if k in HEADINGS)
+        shown = [f"{h.symbol} {v.max():.2g} {h.unit}".strip() for h, v in worst if v.size and v.max() > 0]
+        lines.append("  " + ", ".join(shown))
+    return lines
+
+
+def _draw(console: Console, result: Evaluation, folder: Path) -> None:
+    from ....figures import Basis, save_all
+
+    with console.status("Drawing figures"):
+        paths = save_all([result.sensor], folder, basis=Basis.of(result))
+    say(f"Wrote {len(paths)} figures to ", (str(folder), "bold"), console=console)

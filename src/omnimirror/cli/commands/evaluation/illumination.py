@@ -1,0 +1,89 @@
+"""``omnimirror illumination``: how bright an evenly lit world appears over the field."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+from rich.table import Table
+
+from ....analysis.aperture.relative_illumination import illumination
+from ....arguments import float_of
+from ....mirrors.reflectivity import METALS, Reflectivity
+from ....specs import load_sensor
+from ...options.aperture import angles_of
+from ...options.common import NUMBER, angle, values
+from ...outputs import FIGURES, format_option, output_console, output_option, say_written
+
+CURVE, RIM_DEG = 121, 1.5  # points of the curve, and of half as many more where the rim cuts the light off
+
+
+def reflectivity(text: str) -> Reflectivity:
+    """A share, a metal's index ``n,k``, or the name of a metal.
+
+    >>> reflectivity("0.9"), reflectivity("0.96,6.69"), reflectivity("silver")
+    (0.9, (0.96+6.69j), 'silver')
+    """
+    if text in METALS:
+        return text
+    try:
+        numbers = [float_of(part) for part in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) == 1:
+        return numbers[0]
+    if len(numbers) == 2:
+        return complex(*numbers)
+    raise click.BadParameter(f"{text!r} is not a share from 0 to 1, an index n,k, or one of {', '.join(METALS)}")
+
+
+@click.command()
+@click.argument("sensor")
+@click.option("--omega-deg", type=values, metavar="A:B:STEP", help="Field angles.  [default: every 15 deg seen]")
+@click.option("--azimuth-deg", type=angle, default="0", metavar="DEG", show_default=True,
+              help="Direction in the picture, from right towards bottom.")  # fmt: skip
+@click.option("--reflectivity", type=reflectivity, default="1", show_default=True, metavar="R|N,K|METAL",
+              help=f"Of the mirror: a share, an index, or {', '.join(METALS)}.")  # fmt: skip
+@click.option("--transmission", type=NUMBER, default=1.0, show_default=True, help="Of the lens.")
+@output_option("-o", "--output", formats=FIGURES, help="Figure (PNG, SVG, PDF).")
+@format_option(FIGURES)
+@output_option("--csv", "csv_file", help="Write the table.")
+def command(
+    sensor: str,
+    omega_deg: Any,
+    azimuth_deg: float,
+    reflectivity: Reflectivity,
+    transmission: float,
+    output: Path | None,
+    csv_file: Path | None,
+) -> None:
+    """Compute the relative illumination of SENSOR over its field.
+
+    Example: omnimirror illumination paper-spherical --reflectivity aluminium -o illumination.png
+    """
+    seen = load_sensor(sensor)
+    found = illumination(
+        seen, angles_of(seen, omega_deg), azimuth_deg=azimuth_deg, reflectivity=reflectivity, transmission=transmission
+    )
+    console = output_console()
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for heading in ("Omega\ndeg", "E / L\nsr", "relative\n", "R\n", "aperture filled\n%"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for row in zip(found.omega_deg, found.irradiance_sr, found.relative, found.reflectance, found.filled, strict=True):
+        omega, irradiance, relative, R, filled = row
+        table.add_row(f"{omega:g}", f"{irradiance:.5f}", f"{relative:.4f}", f"{R:.4f}", f"{100 * filled:.4g}")
+    console.print(table)
+    if csv_file:
+        found.to_csv(csv_file)
+        say_written(csv_file, console=console)
+    if output:
+        from ....figures import save_figure
+        from ....figures.aperture import illumination_curves
+
+        dense = np.linspace(found.omega_deg[0], found.omega_deg[-1], CURVE)
+        dense = np.union1d(dense, np.linspace(max(dense[0], dense[-1] - RIM_DEG), dense[-1], CURVE // 2))
+        curve = illumination(seen, dense, azimuth_deg=azimuth_deg, reflectivity=reflectivity, transmission=transmission)
+        figure = illumination_curves([(seen.name, curve)])
+        say_written(save_figure(figure, output), console=console)

@@ -1,0 +1,81 @@
+"""``omnimirror psf``: point-spread functions and the energy that they encircle."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+from rich.table import Table
+
+from ....analysis import Psf, psf
+from ....analysis.aperture.point_spread import KINDS
+from ....errors import OmnimirrorError
+from ....specs import load_sensor
+from ...options.aperture import angles_of, focus_of, object_options
+from ...options.common import NUMBER, focus
+from ...outputs import FIGURES, format_option, output_console, output_option, say_written
+
+MOST = 15
+
+
+@click.command()
+@click.argument("sensor")
+@object_options
+@click.option("--focus-mm", type=focus, metavar="MM|auto", help="Object distance in focus; the sensor's by default.")
+@click.option("--kind", type=click.Choice(KINDS), default="diffraction", show_default=True,
+              help="By waves with all aberrations, or by rays alone.")  # fmt: skip
+@click.option("--wavelength-nm", type=NUMBER, default=550.0, show_default=True)
+@output_option("-o", "--output", formats=FIGURES, help="Figure of the PSFs (PNG, SVG, PDF).")
+@format_option(FIGURES)
+@output_option("--encircled", formats=FIGURES, help="Figure of the encircled energy.")
+def command(
+    sensor: str,
+    omega_deg: Any,
+    azimuth_deg: float,
+    object_distance_mm: float,
+    focus_mm: Any,
+    kind: Any,
+    wavelength_nm: float,
+    output: Path | None,
+    encircled: Path | None,
+) -> None:
+    """Compute the images of point objects through the whole aperture of SENSOR.
+
+    Example: omnimirror psf paper-spherical --omega-deg 0:120:30 -o psf.png --encircled energy.png
+    """
+    seen = load_sensor(sensor)
+    angles = np.asarray(angles_of(seen, omega_deg))
+    if len(angles) > MOST:
+        raise OmnimirrorError(f"{len(angles)} field angles do not fit into a figure; up to {MOST} are valid")
+    L0 = focus_of(seen, focus_mm, object_distance_mm)
+    console = output_console()
+
+    def compute(omega: float, width_px: float | None = None) -> Psf:
+        return psf(
+            seen, omega, L0, azimuth_deg=azimuth_deg, object_distance_mm=object_distance_mm, kind=kind,
+            wavelength_nm=wavelength_nm, width_px=width_px,
+        )  # fmt: skip
+
+    with console.status("Computing"):
+        found = [compute(float(omega)) for omega in angles]
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for heading in ("Omega\ndeg", "Strehl\n", "r 50 %\npx", "r 80 %\npx", "in its pixel\n%"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for p in found:
+        radius = np.linspace(0, float(p.offset_px[-1]), 2000)
+        half, most = np.interp([0.5, 0.8], p.encircled_energy(radius), radius)
+        best = 100 * float(p.on_pixels().max())
+        strehl = f"{p.strehl:.3g}" if p.kind == "diffraction" else "-"
+        table.add_row(f"{p.omega_deg:g}", strehl, f"{half:.2f}", f"{most:.2f}", f"{best:.1f}")
+    console.print(table)
+    if output or encircled:
+        from ....figures import save_figure
+        from ....figures.aperture import encircled_energy, psf_pictures
+
+        widest = max(2 * float(p.offset_px[-1]) for p in found)  # squares of one size beside each other
+        found = [p if 2 * p.offset_px[-1] == widest else compute(p.omega_deg, widest) for p in found]
+        for path, draw in ((output, psf_pictures), (encircled, encircled_energy)):
+            if path:
+                say_written(save_figure(draw(found), path), console=console)

@@ -1,0 +1,33 @@
+"""``omnimirror reproduce``: the paper's figures and numbers again."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from ...outputs import output_console, say
+
+
+@click.command()
+@click.option("--out", type=click.Path(path_type=Path), default="reproduced", show_default=True,
+              help="Folder for numbers.csv, numbers.md and the figures.")  # fmt: skip
+@click.option("--figures/--no-figures", default=True, show_default=True, help="Draw the figures, or numbers only.")
+@click.option("--only", multiple=True, metavar="FIG", help="Draw this figure only, e.g. fig4; may be repeated.")
+def command(out: Path, figures: bool, only: tuple[str, ...]) -> None:
+    """Redraw the figures of Ohte and Tsuzuki (2012) and check every number they state.
+
+    Ends with exit code 1 if a verdict is not the one that is known to be right.
+    """
+    from ....errors import NotReproduced
+    from ....reproduce import reproduce, tables
+
+    console = output_console()
+    with console.status("Computing") as status:
+        result = reproduce(out, figures, only or None, lambda what: status.update(f"Working on {what}"))
+    console.print(tables.terminal_table(result.rows))
+    console.print(tables.summary(result.rows), highlight=False, soft_wrap=True)
+    say(f"Wrote {len(result.files)} files to ", (str(out), "bold"), console=console)
+    if result.unexpected:
+        rows = "; ".join(r.title for r in result.unexpected)
+        raise NotReproduced(f"verdicts differ from what is known to be right in row {rows}")

@@ -1,0 +1,1 @@
+"""Commands that take, straighten, sharpen and show pictures."""

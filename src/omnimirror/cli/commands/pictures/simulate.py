@@ -1,0 +1,313 @@
+"""``omnimirror simulate``: pictures, videos and ground truth that a sensor would take."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+from rich.text import Text
+
+from ....errors import OmnimirrorError, OutsideField
+from ....files import name_of
+from ....media import write_image
+from ....media.pictures.images import format_of
+from ....sensor import Sensor
+from ....simulate import Distant, Placed, Pose, Scene, expose
+from ....simulate.shells import seen_through
+from ....specs import bundled_sensors, load_sensor
+from ...options.common import NUMBER, WHOLE, flag
+from ...options.scene import (
+    DETECTOR,
+    detector_of,
+    hardware_of,
+    picture_options,
+    pose,
+    rows_bar,
+    scene_of,
+    scene_options,
+    shell_in,
+    source_of,
+)
+from ...outputs import PICTURES, format_option, output_console, output_option, say
+
+VIDEOS = (".mp4", ".m4v", ".mov", ".mkv", ".webm", ".ts")
+
+
+class Simulate(click.Group):
+    """What follows is a sensor, unless it is the name of a command."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        if args and args[0] not in self.commands and args[0] not in ctx.help_option_names:
+            args = ["picture", *args]
+        return super().parse_args(ctx, args)
+
+
+@click.group(cls=Simulate)
+def command() -> None:
+    """Show what a sensor would see.
+
+    'omnimirror simulate SENSOR ..' is short for 'omnimirror simulate picture SENSOR ..'.
+    """
+
+
+@command.command("picture")
+@click.argument("sensor")
+@scene_options
+@click.option("--pose", "placed", type=pose, metavar="X,Y,Z,..",
+              help="Where the mirror stands in the scene, mm, and pan, tilt, roll, deg.  [default: 0,0,0]")  # fmt: skip
+@click.option("--path", type=click.Path(path_type=Path), help="Videos: poses over time, a CSV or TOML file.")
+@click.option("--fps", type=NUMBER, help="Videos: frames a second.  [default: 25]")
+@click.option("--duration-s", type=NUMBER, help="Videos: how long.  [default: to the last pose]")
+@click.option("--distant", is_flag=True, help="Take the scene for infinitely far away: no parallax.")
+@picture_options
+@output_option("--panorama", formats=PICTURES, help="Write its panorama, too.")
+@output_option("-o", "--output", formats=PICTURES, required=True,
+               help="PNG, JPEG, ..; HDR for light; EXR for light and ground truth; MP4 for --path.")  # fmt: skip
+@format_option(PICTURES)
+def picture(sensor: str, scene: str, output: Path, **options: Any) -> None:
+    """Take the picture, or the video, that SENSOR would take of a scene.
+
+    An EXR file holds linear light (R, G, B) and for the chief ray of each pixel's centre: whether it sees the scene
+    (A), or camera, rod, rim or a lid hide it (H); the point where it leaves the mirror, or the outer side of its tube
+    or dome (OX, OY, OZ, mm), its direction there (DX, DY, DZ) and the distance to what it sees (Z, mm), in the
+    sensor's world frame.
+    """
+    given = {name: value for name, value in options.items() if value is not None}
+    seen, camera = scene_of(scene, given), load_sensor(sensor)
+    if "path" in given:
+        _film(camera, seen, output, given)
+        return
+    for name in ("fps", "duration_s"):
+        if name in given:
+            raise click.UsageError(f"{flag(name)} belongs to videos; give a --path")
+    if output.suffix.lower() in VIDEOS:
+        raise click.UsageError(f"{output} is a video, which needs a --path of poses")
+    _photograph(camera, seen, output, given)
+
+
+def _photograph(camera: Sensor, scene: Scene, output: Path, given: dict[str, Any]) -> None:
+    kind = format_of(output)
+    is_light = "float32" in kind.depths and "uint8" not in kind.depths
+    if is_light and (asked := [name for name in DETECTOR if name in given and name != "exposure"]):
+        raise click.UsageError(
+            f"{flag(asked[0])} belongs to pictures of whole numbers, and {output.suffix} holds light"
+        )
+    detector = detector_of(given)
+    if detector.bits > 8 and not is_light and "uint16" not in kind.depths:
+        raise OmnimirrorError(f"{output.suffix} holds 8 bits; write .png or .tif for {detector.bits}")
+    if output.suffix.lower() == ".exr":
+        from ....media.pictures.exr import check_exr_can_be_written
+
+        check_exr_can_be_written(output)
+    placed = Placed(scene, given.get("placed", Pose()))
+    seen = seen_through(camera, Distant(placed) if given["distant"] else placed, shell_in(camera, given))
+    with rows_bar("Exposing") as progress:
+        hardware, seed = hardware_of(camera, given), given["seed"]
+        light = expose(camera, seen, given["samples"], given["blur"], hardware=hardware, seed=seed, progress=progress)
+    if output.suffix.lower() == ".exr":
+        from ....simulate.datasets.calibration_set import write_truth
+
+        write_truth(output, camera, seen, detector.exposure * light, hardware)
+    elif is_light:
+        write_image(output, detector.exposure * light)
+    else:
+        write_image(output, detector.read(light, given["seed"]))
+    width, height = camera.image_size
+    say(f"{name_of(output)}: {width} x {height} px, {given['samples']} rays a pixel")
+    if "panorama" in given:
+        _write_panorama(camera, detector_of({}).read(detector.exposure * light), given["panorama"])
+
+
+def _write_panorama(camera: Sensor, picture: Any, output: Path) -> None:
+    from ....dewarp import Dewarper, views
+
+    dewarp = Dewarper(camera, views.panorama(camera), "cubic")
+    straight = dewarp(picture)
+    write_image(output, straight)
+    say(f"{name_of(output)}: {dewarp.view}, {straight.shape[1]} x {straight.shape[0]} px")
+
+
+def _film(camera: Sensor, scene: Scene, output: Path, given: dict[str, Any]) -> None:
+    for name in ("placed", "panorama", "bits", "bayer"):
+        if name in given:
+            shown = "pose" if name == "placed" else name
+            raise click.UsageError(f"{flag(shown)} belongs to pictures, not to a video along a --path")
+    if given["distant"]:
+        raise click.UsageError("--distant belongs to pictures, not to a video along a --path")
+    from ....simulate.datasets.video import load_path, write_video
+
+    done = 0
+    with rows_bar("Filming") as progress:
+
+        def written(frame: Any, total: int) -> None:
+            nonlocal done
+            done = frame.number + 1
+            progress(done, total)
+
+        try:
+            write_video(
+                camera, scene, load_path(given["path"]), output, given.get("fps", 25.0), given.get("duration_s"),
+                given["samples"], given["blur"], hardware_of(camera, given), detector_of(given), given["seed"], written,
+                shell_in(camera, given),
+            )  # fmt: skip
+        except KeyboardInterrupt:
+            _stopped(output, done, "frames")
+            raise
+    width, height = camera.image_size
+    click.echo(f"{output}: {width} x {height} px, {done} frames")
+
+
+def _stopped(output: Path, done: int, what: str) -> None:
+    """Say what is left of work that Ctrl-C has ended; the last word is the application's."""
+    held = f"holds the {done} {what} that were done" if done else "was not written"
+    click.echo(f"omnimirror: {output} {held}", err=True)
+
+
+@command.command("dataset")
+@click.argument("sensor", required=False)
+@click.option("-o", "--output", type=click.Path(path_type=Path, file_okay=False), required=True, help="A folder.")
+@click.option("--again", type=click.Path(path_type=Path), metavar="dataset.json",
+              help="Make that set again: its sensor, its options, no others.")  # fmt: skip
+@click.option("--views", type=WHOLE, help="Pictures of the hall: how many.  [default: 12]")
+@click.option("--path", type=click.Path(path_type=Path), help="Instead a video along poses, a CSV or TOML file.")
+@click.option("--fps", type=NUMBER, help="Videos: frames a second.  [default: 25]")
+@click.option("--duration-s", type=NUMBER, help="Videos: how long.  [default: to the last pose]")
+@click.option("--truth", is_flag=True, help="Also an EXR with light, depth and direction beside each picture or frame.")
+@scene_options
+@picture_options
+def dataset(sensor: str | None, output: Path, again: Path | None, scene: str, truth: bool, **options: Any) -> None:
+    """Write a calibration set, or with --path a video set, of what SENSOR would take.
+
+    A calibration set holds pictures of the hall's checkerboards from many poses. dataset.json has for each picture its
+    pose and the true pixels of the corners of all boards in view (7 rows of 11; null where a corner is hidden or out of
+    the field), and the corners' places in the hall (mm).
+
+    A video set holds video.mp4 and poses.csv, the sensor's pose at each frame, in the scene that is named.
+
+    A set that was stopped or killed goes on where it was when the same is asked for again. dataset.json also holds all
+    that --again needs to make the same files once more.
+
+    Example: omnimirror simulate dataset paper-spherical --views 20 --full-well-e 10000 -o boards
+    """
+    if again is not None:
+        kind, arguments = _made_before(again)
+    elif sensor is None:
+        raise click.UsageError("a set is taken with a SENSOR, or made --again from a dataset.json")
+    else:
+        given = {name: value for name, value in options.items() if value is not None}
+        kind, arguments = _asked_for(load_sensor(sensor), scene, truth, given)
+    writer = _write_video_set if kind == "video" else _write_calibration_set
+    writer(output, arguments)
+
+
+def _made_before(again: Path) -> tuple[str, dict[str, Any]]:
+    """Kind and arguments of a set that was made before."""
+    from importlib.metadata import version
+
+    from ....simulate.datasets.recipe import load_arguments, load_recipe
+
+    context = click.get_current_context()
+    for name in context.params:
+        source = context.get_parameter_source(name)
+        if name not in ("again", "output") and source == click.core.ParameterSource.COMMANDLINE:
+            what = "a SENSOR" if name == "sensor" else flag(name)
+            raise click.UsageError(f"{what} is not valid beside --again, which takes all from {again}")
+    made_by, this = load_recipe(again).get("omnimirror"), version("omnimirror")
+    if made_by != this:
+        click.echo(f"omnimirror: {again} is of omnimirror {made_by}, and {this} may make other files", err=True)
+    return load_arguments(again)
+
+
+def _asked_for(camera: Sensor, scene: str, truth: bool, given: dict[str, Any]) -> tuple[str, dict[str, Any]]:
+    """Kind and arguments of the set that the options ask for."""
+    arguments = {name: given[name] for name in ("samples", "blur", "seed")}
+    arguments |= {"sensor": camera, "truth": truth, "hardware": hardware_of(camera, given)}
+    arguments |= {"detector": detector_of(given), "shell": shell_in(camera, given)}
+    if "path" not in given:
+        source = click.get_current_context().get_parameter_source("scene")
+        named = {*given} | ({"scene"} if source == click.core.ParameterSource.COMMANDLINE else set())
+        for name in ("scene", "fps", "duration_s", "heading_deg", "unit_mm", "up", "background"):
+            if name in named:
+                raise click.UsageError(f"{flag(name)} belongs to a video set; give a --path, or take the hall as it is")
+        return "calibration", arguments | {"views": given.get("views", 12)}
+    from ....simulate.datasets.video import load_path
+
+    for name in ("views", "bits", "bayer"):
+        if name in given:
+            raise click.UsageError(f"{flag(name)} belongs to a calibration set, not to a video along a --path")
+    arguments |= {"scene": source_of(scene, given), "path": load_path(given["path"])}
+    return "video", arguments | {"frame_rate": given.get("fps", 25.0), "duration_s": given.get("duration_s")}
+
+
+def _write_calibration_set(output: Path, arguments: dict[str, Any]) -> None:
+    from ....simulate.datasets.calibration_set import write_calibration_set
+
+    views, done = arguments["views"], 0
+    with rows_bar("Taking pictures") as progress:
+        try:
+            for number, _ in enumerate(write_calibration_set(folder=output, **arguments), start=1):
+                done = min(number, views)
+                progress(done, views)
+        except KeyboardInterrupt:
+            _stopped(output, done, "pictures")
+            raise
+    click.echo(f"{output}: {views} pictures, sensor.toml and dataset.json")
+
+
+def _write_video_set(output: Path, arguments: dict[str, Any]) -> None:
+    from ....simulate.datasets.calibration_set import write_video_set
+
+    done = 0
+    with rows_bar("Filming") as progress:
+
+        def report(number: int, total: int) -> None:
+            nonlocal done
+            done = number
+            progress(number, total)
+
+        try:
+            frames = write_video_set(folder=output, progress=report, **arguments)
+        except KeyboardInterrupt:
+            _stopped(output, done, "frames")
+            raise
+    click.echo(f"{output}: {frames} frames, sensor.toml, video.mp4, poses.csv and dataset.json")
+
+
+@command.command("roundtrip")
+@click.argument("sensors", nargs=-1, metavar="[SENSOR...]")
+@click.option("--samples", "--spp", type=WHOLE, default=16, show_default=True, help="Rays per pixel.")
+def roundtrip(sensors: tuple[str, ...], samples: int) -> None:
+    """Simulate the room's wall at 800 mm, straighten it, and compare with what a pinhole sees: a table.
+
+    Decibels (sRGB) of the sharp picture straightened exactly, with pixels of half the size, blurred by the aperture,
+    and straightened from the best single viewpoint; what share of the blurred picture's error is blur; then the largest
+    shifts found, and the one that Eq. 23 predicts. All sensors that come with the package unless some are named.
+    """
+    from rich.table import Table
+
+    from ....simulate.round_trip import round_trip
+
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    table.add_column("sensor", no_wrap=True)
+    for heading in ("exact", "half pixels", "blurred", "single"):
+        table.add_column(f"{heading}\ndB", justify="right")
+    table.add_column("of it blur\n%", justify="right")
+    for heading in ("exact", "single", "Eq. 23"):
+        table.add_column(f"shift, {heading}\npx", justify="right")
+    console = output_console()
+    for name in sensors or bundled_sensors():
+        try:
+            with console.status(Text(f"Simulating {name}")):
+                found = round_trip(load_sensor(name), samples)
+        except OutsideField as e:
+            if name in sensors:
+                raise
+            click.echo(f"omnimirror: {e}", err=True)
+            continue
+        decibels = (found.exact_db, found.finer_db, found.blurred_db, found.single_db)
+        numbers = [*(f"{d:.1f}" for d in decibels), f"{100 * found.blur_share:.0f}"]
+        numbers += [f"{np.abs(s).max():.2f}" for s in (found.exact_px, found.single_px, found.predicted_px)]
+        table.add_row(name, *("-" if number == "nan" else number for number in numbers))
+    console.print(table)

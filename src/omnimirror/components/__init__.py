@@ -1,0 +1,1 @@
+"""Lenses and imagers that can be bought, and choosing among them."""

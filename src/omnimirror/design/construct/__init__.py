@@ -1,0 +1,1 @@
+"""Mirrors made from what is wanted of them: families, mappings, fits."""

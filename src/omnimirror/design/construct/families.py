@@ -1,0 +1,121 @@
+"""Families of mirrors solved for field, viewing angle and rim radius: closed forms for the paper's trial and error.
+
+A conic of vertex radius R and conic constant k has slope ``tan(beta)`` at x = M when
+
+    R = M sqrt(cot(beta)^2 + 1 + k),   beta = (Omega_max - Theta)/2
+
+(Eqs. 2-5 at the rim), and the lens stands where it sees the rim at Theta, ``m = M/tan(Theta) - z(M)``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ...errors import InvalidParameter
+from ...mirrors import Cone, Ellipsoid, Hyperboloid, Paraboloid, Sphere
+from ...mirrors.generated.distant import conformal_conic
+from .rim import PlacedMirror, Rim
+
+
+def vertex_radius(rim: Rim, conic: float) -> float:
+    """R (mm) of the conic that has the slope asked for at the rim.
+
+    Raises
+    ------
+    InvalidParameter
+        So strong a hyperboloid is straight before it is that steep.
+
+    Examples
+    --------
+    Table 1's sphere, A = 1.138 M:
+
+    >>> round(vertex_radius(Rim(135.0, 12.0, 1.0), conic=0.0), 3)
+    1.138
+    """
+    square = 1 / rim.slope**2 + 1 + conic
+    if square <= 0:
+        raise InvalidParameter(
+            f"conic = {conic:g} is never as steep as the rim, {rim.slope_angle_deg:.4g} deg; it is valid above "
+            f"{-1 - 1 / rim.slope**2:.6g}"
+        )
+    return rim.rim_radius_mm * float(np.sqrt(square))
+
+
+def sphere(rim: Rim, conic: float | None = None) -> PlacedMirror:
+    """``A = M / sin(beta)``; nothing is left free.
+
+    >>> placed = sphere(Rim(135.0, 12.0, 1.0))
+    >>> round(placed.mirror.radius_mm, 3), round(placed.distance_mm, 3)  # Table 1
+    (1.138, 4.11)
+    """
+    _refuse_conic("sphere", conic)
+    return rim.place(Sphere(vertex_radius(rim, 0.0), rim.rim_radius_mm))
+
+
+def paraboloid(rim: Rim, conic: float | None = None) -> PlacedMirror:
+    """``s = M / tan(beta)``; nothing is left free. Under an orthographic lens it has a single viewpoint."""
+    _refuse_conic("paraboloid", conic)
+    return rim.place(Paraboloid(vertex_radius(rim, -1.0), rim.rim_radius_mm))
+
+
+def hyperboloid(rim: Rim, conic: float | None = None) -> PlacedMirror:
+    """With the conic constant left free, the one with a single viewpoint; otherwise the one asked for (k < -1).
+
+    >>> placed = hyperboloid(Rim(135.0, 12.0, 1.0))
+    >>> round(placed.mirror.a_mm, 4), round(placed.mirror.b_mm, 3), round(placed.distance_mm, 3)  # Table 1
+    (0.7407, 1.698, 3.55)
+    """
+    M = rim.rim_radius_mm
+    if conic is None:
+        if rim.theta_max_deg == 0:
+            raise InvalidParameter(
+                "a hyperboloid has no single viewpoint under an orthographic lens; the paraboloid has, or give a "
+                "conic below -1"
+            )
+        mirror = conformal_conic(np.radians(rim.omega_max_deg), np.radians(rim.theta_max_deg), M)
+        return rim.place(mirror, (f"conic = {mirror.conic:.6g}, chosen for a single viewpoint",))
+    if conic >= -1:
+        raise InvalidParameter(f"conic = {conic:g} is no hyperboloid; it is valid below -1")
+    R, ratio = vertex_radius(rim, conic), np.sqrt(-1 - conic)  # A/B
+    return rim.place(Hyperboloid(float(R / ratio), float(R / ratio**2), M))
+
+
+def ellipsoid(rim: Rim, conic: float | None = None) -> PlacedMirror:
+    """The one with the conic constant asked for (k > -1; below 0 it is long along the axis, above 0 flat)."""
+    if conic is None:
+        raise InvalidParameter("an ellipsoid leaves its conic constant free; give conic, above -1 (0 is the sphere)")
+    if conic <= -1:
+        raise InvalidParameter(f"conic = {conic:g} is no ellipsoid; it is valid above -1")
+    R, ratio = vertex_radius(rim, conic), np.sqrt(1 + conic)  # A/B
+    return rim.place(Ellipsoid(float(R / ratio), float(R / ratio**2), rim.rim_radius_mm))
+
+
+def cone(rim: Rim, conic: float | None = None) -> PlacedMirror:
+    """Slope beta all the way: its field is as wide as the viewing angle, from Omega_max - Theta to Omega_max."""
+    _refuse_conic("cone", conic)
+    if rim.theta_max_deg == 0:
+        raise InvalidParameter(
+            "a cone under an orthographic lens shows one field angle alone; give theta_max_deg above 0"
+        )
+    low = rim.omega_max_deg - rim.theta_max_deg
+    return rim.place(
+        Cone(rim.slope_angle_deg, rim.rim_radius_mm),
+        (f"a cone shows {low:g} to {rim.omega_max_deg:g} deg and no more",),
+    )
+
+
+def _refuse_conic(family: str, conic: float | None) -> None:
+    if conic is not None:
+        raise InvalidParameter(f"conic = {conic:g} does not apply to a {family}, which is solved without it")
+
+
+FAMILIES: dict[str, Callable[[Rim, float | None], PlacedMirror]] = {
+    "sphere": sphere,
+    "hyperboloid": hyperboloid,
+    "paraboloid": paraboloid,
+    "ellipsoid": ellipsoid,
+    "cone": cone,
+}
+"""Every family by its name: a function of the rim, and of the conic constant where that is free."""

@@ -1,0 +1,117 @@
+"""Mirrors for a wanted mapping, by its name, by a function or by a table."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...errors import InvalidParameter
+from ...mirrors import (
+    Conformal,
+    CylinderMapping,
+    Equiangular,
+    Equiareal,
+    Equidistant,
+    GroundPlane,
+    Mirror,
+    Rectifying,
+    TabulatedMapping,
+    UnitAspect,
+)
+from .rim import PlacedMirror, Rim
+
+if TYPE_CHECKING:
+    from ...mirrors.generated.base import Mapped
+
+MAPPINGS: dict[str, type[Mapped]] = {
+    cls.KIND: cls
+    for cls in (
+        Equidistant,
+        Equiangular,
+        Conformal,
+        UnitAspect,
+        Equiareal,
+        Rectifying,
+        GroundPlane,
+        CylinderMapping,
+        TabulatedMapping,
+    )
+}
+"""Every mapping by its name, which is also the kind of its mirror."""
+
+OF_FIELD = ("omega_max_deg", "theta_max_deg", "rim_radius_mm")
+
+
+def generated_mirror(
+    mapping: str | Callable[[NDArray[np.float64]], ArrayLike], rim: Rim, omega_min_deg: float = 0.0, **entries: object
+) -> PlacedMirror:
+    """The mirror that has a mapping exactly, and where its lens stands.
+
+    Parameters
+    ----------
+    mapping
+        A key of :data:`MAPPINGS`; or a function of field angles (n,) in radians that gives image heights
+        in any unit, 0 at ``omega_min_deg``.
+    omega_min_deg
+        Field angle at the image centre; above 0 the mirror is pointed.
+    entries
+        What the mapping needs besides: ``plane_distance_mm`` of a ground plane, ``cylinder_radius_mm`` of
+        a cylinder, ``omega_deg`` and ``height`` of a table.
+
+    Raises
+    ------
+    InvalidParameter
+        An unknown mapping, an entry that is missing or does not belong to it, or a field that it cannot reach.
+
+    Examples
+    --------
+    The mapping of the conformal mirror is the hyperboloid's, which is a conic:
+
+    >>> placed = generated_mirror("conformal", Rim(135.0, 12.0, 1.0))
+    >>> placed.mirror.KIND, round(placed.distance_mm, 11)
+    ('hyperboloid', 3.55007544592)
+    >>> import numpy as np
+    >>> placed = generated_mirror(lambda omega: np.sin(omega / 2), Rim(135.0, 12.0, 1.0))  # equiareal
+    >>> round(placed.distance_mm, 9)
+    4.072351768
+    """
+    if callable(mapping):
+        made = TabulatedMapping.from_function(
+            mapping, rim.omega_max_deg, rim.theta_max_deg, rim.rim_radius_mm, omega_min_deg
+        )
+        return PlacedMirror(made, made.design_distance)
+    if mapping not in MAPPINGS:
+        raise InvalidParameter(f"mapping = {mapping!r} is not known; valid are {', '.join(MAPPINGS)}")
+    cls = MAPPINGS[mapping]
+    given = {name: getattr(rim, name) for name in OF_FIELD if name in cls.PARAMETERS} | entries
+    if omega_min_deg > 0 and cls is not TabulatedMapping:
+        given["omega_min_deg"] = omega_min_deg
+    if wrong := [name for name in given if name not in cls.PARAMETERS]:
+        raise InvalidParameter(f"{wrong[0]} does not apply to the {mapping} mapping{_instead(wrong[0])}")
+    if missing := [name for name in _needed(cls) if name not in given]:
+        raise InvalidParameter(f"the {mapping} mapping needs {' and '.join(missing)}")
+    mirror = cls(**given)
+    if isinstance(mirror, TabulatedMapping) and abs(mirror.omega_deg[-1] - rim.omega_max_deg) > 1e-9:
+        raise InvalidParameter(
+            f"the table ends at {mirror.omega_deg[-1]:g} deg and the field at omega_max_deg = {rim.omega_max_deg:g}; "
+            "they must agree"
+        )
+    if isinstance(mirror, Conformal):
+        return PlacedMirror(mirror.surface, mirror.design_distance)
+    return PlacedMirror(mirror, mirror.design_distance)
+
+
+def _needed(cls: type[Mirror]) -> list[str]:
+    """Parameters without a default."""
+    return [name for name in cls.PARAMETERS if name != "omega_min_deg" or cls is CylinderMapping]
+
+
+def _instead(name: str) -> str:
+    """What to do about an entry that a mapping does not take."""
+    if name != "omega_min_deg":
+        return f"; it belongs to {' and '.join(kind for kind, cls in MAPPINGS.items() if name in cls.PARAMETERS)}"
+    pointed = [kind for kind, cls in MAPPINGS.items() if name in cls.PARAMETERS]
+    return f", which begins on the axis; a pointed mirror can be had for {', '.join(pointed)}"

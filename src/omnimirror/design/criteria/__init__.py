@@ -1,0 +1,1 @@
+"""What is asked of a sensor: requirements, the quantities they limit, and merits."""

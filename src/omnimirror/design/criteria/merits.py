@@ -1,0 +1,238 @@
+"""What a design can be good at: one number of a whole field, from what happens at each field angle.
+
+A merit is the largest of many smooth rows, such as the blur at each angle, so that a sequence of linear
+programmes can press the largest one down; or their mean. All are the better the smaller they are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...analysis import Evaluation
+from ...batch.optics import DEGREE, CameraModel, NodeOptics
+from ...errors import InvalidParameter
+from ...lenses import Perspective
+
+Array = NDArray[Any]
+
+PROJECTIONS = 8
+
+
+class Field(NamedTuple):
+    """What merits and limits look at; arrays (.., k) over k field angles, or (.., 1) where one number holds for all."""
+
+    t_px: Array
+    """Signed tangential blur (Eq. 28)."""
+    s_px: Array
+    """Signed sagittal blur."""
+    dh: Array
+    """Dh, px/deg: resolution along the radius (Eq. 9)."""
+    dw: Array
+    """Dw, px/deg: resolution around the circle (Eq. 10)."""
+    log_area: Array
+    """Logarithm of the floored blur area in square degrees."""
+    viewpoint_z: Array
+    """Height of the viewpoint over the vertex, mm (Eq. 6)."""
+    solid_angle: Array
+    """Share of the solid angle that belongs to each field angle, up to a factor."""
+    image_distance: Array
+    """From the lens to the imager, mm; 0 of a telecentric lens."""
+    reach: Array
+    """From the lens (telecentric: the vertex) to the farther of rim and vertex along the axis, mm."""
+    sag: Array
+    """Height of the mirror along the axis, mm."""
+    airy_px: Array
+    """Diameter of the Airy disk, px."""
+
+    @property
+    def t_deg(self) -> Array:
+        """Signed tangential blur in degrees of the object (Eq. 36)."""
+        return self.t_px / self.dh
+
+    @property
+    def s_deg(self) -> Array:
+        """Signed sagittal blur (Eq. 37)."""
+        return self.s_px / self.dw
+
+    @property
+    def log_density(self) -> Array:
+        """Logarithm of Ds: pixels on a square degree of the object (Eq. 11)."""
+        density: Array = np.log(self.dh * self.dw)
+        return density
+
+    @property
+    def log_aspect(self) -> Array:
+        """Logarithm of Dw/Dh (Eq. 12)."""
+        aspect: Array = np.log(self.dw / self.dh)
+        return aspect
+
+    @property
+    def length(self) -> Array:
+        """From imager to rim along the axis, mm."""
+        return self.image_distance + self.reach
+
+    def part(self, which: slice) -> Field:
+        """The same at some field angles that stand together."""
+        return Field(*(a if a.shape[-1] == 1 else a[..., which] for a in self))
+
+    def at(self, which: NDArray[np.intp]) -> Field:
+        """The same at some of the field angles (.., k); those that are named again have no share of the solid angle."""
+        index = np.arange(which.shape[-1])
+        taken = [a if a.shape[-1] == 1 else np.take_along_axis(a, _like(which, a), axis=-1) for a in self]
+        return Field(*taken)._replace(solid_angle=np.where(which == index, self.solid_angle, 0.0))
+
+
+def _like(which: NDArray[np.intp], values: Array) -> NDArray[np.intp]:
+    return np.broadcast_to(which, values.shape[:-1] + which.shape[-1:])
+
+
+def field_at(o: NodeOptics, camera: CameraModel, v: Array, reach: Array, sag: Array) -> Field:
+    """What merits look at, of mirror points (.., k) seen by a camera that is focused at places v (.., 1)."""
+    ray_px, blur_px, airy = camera.px_per_ray(v), camera.px_per_place(v), camera.airy_px(v)
+    dh, dw = o.radial * ray_px * DEGREE, o.around * ray_px * DEGREE
+    t, s = blur_px * (v - o.place_t), blur_px * (v - o.place_s)
+    floor = 1 + airy**2
+    log_area = np.log((t * t + floor) * (s * s + floor)) / 2 - np.log(dh * dw)
+    b0 = camera.image_distance(v)
+    return Field(t, s, dh, dw, log_area, o.viewpoint_z, solid_angle(o.omega), b0, reach, sag, airy)
+
+
+def field_of(result: Any, image_distance: ArrayLike, reach: ArrayLike, sag: ArrayLike, airy_px: ArrayLike) -> Field:
+    """What merits look at, from the columns of an :class:`~omnimirror.analysis.Evaluation` or of a batch of designs.
+
+    Field angles have to grow along the last axis; the numbers (..) are those of :class:`Field`.
+    """
+    omega = np.radians(result.omega_deg)
+    numbers = (np.asarray(v, dtype=float)[..., None] for v in (image_distance, reach, sag, airy_px))
+    with np.errstate(all="ignore"):
+        return Field(
+            result.blur_t_px, result.blur_s_px, result.dh_domega_px_per_deg, result.width_px_per_deg,
+            np.log(result.floored_area_deg2), result.viewpoint_z_mm, solid_angle(omega), *numbers,
+        )  # fmt: skip
+
+
+def field_of_evaluation(result: Evaluation) -> Field:
+    """What merits look at, of one evaluated sensor."""
+    lens = result.sensor.lens
+    (_, _), (bottom, top) = result.sensor.mirror.bounds
+    b0 = lens.image_distance if isinstance(lens, Perspective) else 0.0
+    return field_of(result, b0, length_mm(result), top - bottom, result.airy_px)
+
+
+def length_mm(result: Evaluation) -> float:
+    """From the lens's principal point (telecentric: from the vertex) to the highest point of the mirror, mm."""
+    (_, _), (_, top) = result.sensor.mirror.bounds
+    m = result.sensor.mirror_distance_mm
+    return top + (m if np.isfinite(m) else 0.0)
+
+
+def solid_angle(omega: Array) -> Array:
+    """Share (.., k) of the solid angle that belongs to each of some field angles in radians, up to a factor.
+
+    Where angles begin anew, as those of a second object distance do, so do the shares.
+    """
+    steps = np.diff(omega, axis=-1) / 2
+    steps = np.where(steps.real > 0, steps, 0.0)
+    none = np.zeros_like(omega[..., :1])
+    shares: Array = np.sin(omega) * (np.concatenate([steps, none], -1) + np.concatenate([none, steps], -1))
+    return shares
+
+
+@dataclass(frozen=True)
+class Merit:
+    """One merit: its rows, and what the largest of them means.
+
+    Attributes
+    ----------
+    rows
+        Parts whose largest element is to be small; each of the shape of a field's arrays.
+    shown, hidden
+        The number shown, from the largest element; and the way back.
+    is_spread
+        Whether the rows count from a level that is free: the merit is then half of largest minus least.
+    is_sharpness
+        Whether it depends on where the lens is focused, other than through the scale of the image.
+    is_mean
+        Whether the mean over the solid angle counts, and not the largest.
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    rows: Callable[[Field], tuple[Array, ...]]
+    shown: Callable[[Array], Array]
+    hidden: Callable[[Array], Array]
+    is_spread: bool = False
+    is_mean: bool = False
+    is_sharpness: bool = True
+
+    def value(self, field: Field) -> Array:
+        """The merit (..) of fields (.., k)."""
+        with np.errstate(all="ignore"):
+            rows = np.stack(np.broadcast_arrays(*self.rows(field)))
+            if self.is_mean:
+                weights = np.broadcast_to(field.solid_angle, rows.shape[1:])
+                return self.shown((np.where(weights > 0, np.exp(rows[0]), 0.0) * weights).sum(-1) / weights.sum(-1))
+            largest = rows.max(axis=(0, -1))
+            if self.is_spread:
+                largest = (largest - rows.min(axis=(0, -1))) / 2
+            return self.shown(largest)
+
+
+def _either_sign(*parts: Callable[[Field], Array]) -> Callable[[Field], tuple[Array, ...]]:
+    return lambda f: tuple(sign * part(f) for part in parts for sign in (1, -1))
+
+
+def _same(value: Array) -> Array:
+    return value
+
+
+def _length_of(t: Array, s: Array) -> tuple[Array, ...]:
+    """The length of (t, s), and its projections, which never exceed it: straight rows that tell a linear programme
+    how the length bends."""
+    directions = 2 * np.pi * np.arange(PROJECTIONS) / PROJECTIONS
+    return (np.sqrt(t * t + s * s), *(t * np.cos(a) + s * np.sin(a) for a in directions))
+
+
+MERITS: dict[str, Merit] = {
+    m.name: m
+    for m in (
+        Merit("blur_area", "deg2", "worst floored blur area", lambda f: (f.log_area,), np.exp, np.log),
+        Merit("mean_blur_area", "deg2", "mean floored blur area over the solid angle", lambda f: (f.log_area,),
+              _same, _same, is_mean=True),
+        Merit("blur", "deg", "worst single blur, tangential or sagittal",
+              _either_sign(lambda f: f.t_deg, lambda f: f.s_deg), _same, _same),
+        Merit("blur_rss", "deg", "worst root of the squares of both blurs",
+              lambda f: _length_of(f.t_deg, f.s_deg), _same, _same),
+        Merit("blur_t", "deg", "worst tangential blur", _either_sign(lambda f: f.t_deg), _same, _same),
+        Merit("blur_s", "deg", "worst sagittal blur", _either_sign(lambda f: f.s_deg), _same, _same),
+        Merit("uniformity", "", "most over fewest pixels per square degree; 1 is equiareal",
+              lambda f: (f.log_density,), lambda t: np.exp(2 * t), lambda t: np.log(t) / 2, is_spread=True,
+              is_sharpness=False),
+        Merit("aspect", "", "worst ratio of width to height, or of height to width; 1 is conformal",
+              _either_sign(lambda f: f.log_aspect), np.exp, np.log, is_sharpness=False),
+        Merit("viewpoint_spread", "mm", "highest minus lowest viewpoint", lambda f: (f.viewpoint_z,),
+              lambda t: 2 * t, lambda t: t / 2, is_spread=True, is_sharpness=False),
+        Merit("length", "mm", "imager to rim (telecentric: vertex to rim)", lambda f: (f.length,), _same, _same,
+              is_sharpness=False),
+    )
+}  # fmt: skip
+"""Every merit by its name."""
+
+
+def merit_named(name: str) -> Merit:
+    """The merit of that name.
+
+    Raises
+    ------
+    InvalidParameter
+        There is none.
+    """
+    if name not in MERITS:
+        raise InvalidParameter(f"merit {name!r} is not known; valid are {', '.join(MERITS)}")
+    return MERITS[name]

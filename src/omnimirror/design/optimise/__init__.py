@@ -1,0 +1,1 @@
+"""Mirrors of free form, best by one merit or by several."""

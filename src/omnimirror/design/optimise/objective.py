@@ -1,0 +1,167 @@
+"""What an optimiser makes small and what it keeps, as rows with exact derivatives at a point of a design space.
+
+What is made small is a merit; or what is asked too much: limits, and numbers that were given, each by its share.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...batch.bases import Basis
+from ...numerics.minimax import Rows, Values
+from ..criteria.merits import Field, Merit
+from .problem import ends
+from .variables import DesignSpace, State
+
+Array = NDArray[Any]
+
+STEP = 1e-30  # the imaginary step; nothing is subtracted, so it may be as small as one likes
+LEAST_TURNING = 0.05  # dOmega/du, radians: a mapping that turns less counts as folded
+LEAST_FACING = 0.01  # cosine of the incidence: a surface that faces the lens less counts as seen edge-on
+TIGHT = 1e-4  # share by which limits are kept better at the nodes than asked, so that they are kept between them
+IMAGE, CLEAR = "image_radius_px", "omega_min_deg"  # what has to be kept besides the limits
+Key = int | str
+
+
+@dataclass(frozen=True)
+class Concession:
+    """What is to give as little as can be: requirements by their keys, and given numbers.
+
+    Attributes
+    ----------
+    keys
+        Limits by their index, :data:`IMAGE`, :data:`CLEAR`; the largest share by which one is missed is made least.
+        All that are not named are kept.
+    numbers
+        Free numbers of the problem, with what was asked of them and the sign of the way in which they may give.
+    """
+
+    keys: tuple[Key, ...]
+    numbers: tuple[tuple[str, float, int], ...] = ()
+
+
+@dataclass(frozen=True)
+class Objective:
+    """A merit, or a concession, over some fractions u of the rim radius, the last of them 1."""
+
+    space: DesignSpace
+    goal: Merit | Concession
+    u: Array
+
+    def values(self, y: Array) -> Values:
+        """Rows and constraints at a point (dim,)."""
+        rows, constraints = self._parts(y[None], self.space.state(y[None], self.u, self._basis))
+        return Values(rows[0], constraints[0])
+
+    def rows(self, y: Array) -> Rows:
+        """Rows and constraints at a point (dim,), with their derivatives: complex steps, exact to rounding."""
+        stepped = y + 1j * STEP * np.eye(self.space.dim)
+        g, c = self._parts(stepped, self.space.state(stepped, self.u, self._basis))
+        return Rows(g[0].real, c[0].real, g.imag.T / STEP, c.imag.T / STEP)
+
+    def shown(self, value: float) -> float:
+        """The merit in its unit, or the share conceded, from the largest row."""
+        if isinstance(self.goal, Concession):
+            return value
+        return float(self.goal.shown(np.asarray(value * self._scale)))
+
+    @property
+    def is_spread(self) -> bool:
+        return isinstance(self.goal, Merit) and self.goal.is_spread
+
+    @property
+    def is_mean(self) -> bool:
+        return isinstance(self.goal, Merit) and self.goal.is_mean
+
+    @property
+    def is_about_sharpness(self) -> bool:
+        """Whether the focus matters, to the goal or to a limit."""
+        own = isinstance(self.goal, Merit) and self.goal.is_sharpness
+        return own or any(limit.of.is_sharpness for limit in self.space.problem.limits)
+
+    @property
+    def asked(self) -> tuple[Key, ...]:
+        """Everything that a design can miss: the limits, the imager, the view past the camera."""
+        problem = self.space.problem
+        keys: list[Key] = [*range(len(problem.limits))]
+        keys += [IMAGE] if problem.has_image_to_fit else []
+        keys += [CLEAR] if problem.has_view_to_clear else []
+        return tuple(keys)
+
+    def missed(self, y: Array) -> dict[Key, float]:
+        """By what share each requirement is missed at a point (dim,); below 0 by what share it is kept."""
+        state = self.space.state(y[None], self.u, self._basis)
+        return {key: float(rows.max()) for key, rows in self._requirements(state)}
+
+    @cached_property
+    def _basis(self) -> Basis:
+        return self.space.basis(self.u)
+
+    @cached_property
+    def _scale(self) -> float:
+        """Rows of lengths come in units of the rim radius, so that a violated constraint costs more than it gains."""
+        is_length = isinstance(self.goal, Merit) and self.goal.unit == "mm"
+        return ends(self.space.problem.rim_radius_mm)[1] if is_length else 1.0
+
+    def _parts(self, y: Array, state: State) -> tuple[Array, Array]:
+        with np.errstate(all="ignore"):
+            wanted = dict(self._requirements(state))
+            constraints = [LEAST_TURNING - state.turning, LEAST_FACING - state.facing]
+            given: tuple[Key, ...] = ()
+            if isinstance(self.goal, Concession):
+                given = self.goal.keys
+                rows = [wanted[key] for key in given] + [self._moved(y, *n) for n in self.goal.numbers]
+                objective = _beside(rows, len(y))
+            else:
+                objective = self._merit(self.goal, state)
+            constraints += [TIGHT + part for key, part in wanted.items() if key not in given]
+            return objective, _beside(constraints, len(y))
+
+    def _moved(self, y: Array, name: str, asked: float, sign: int) -> Array:
+        """By what share a free number has moved."""
+        value = np.exp(y[:, self.space.names.index(name), None])
+        moved: Array = sign * (value / asked - 1)
+        return moved
+
+    def _merit(self, merit: Merit, state: State) -> Array:
+        field = state.field.at(self._counting(state)())
+        if merit.is_mean:
+            area, weights = np.exp(field.log_area), field.solid_angle
+            mean: Array = (area * weights).sum(axis=1, keepdims=True) / weights.sum(axis=1, keepdims=True)
+            return mean
+        return _beside([*merit.rows(field)], len(state.omega)) / self._scale
+
+    def _requirements(self, state: State) -> Iterator[tuple[Key, Array]]:
+        return requirements_of(self.space, state.field, self._counting(state), state.omega, state.hidden, state.image)
+
+    def _counting(self, state: State) -> Counting:
+        """Which columns count, as the first design has it: derivatives are those of one set of rows."""
+        return partial(self.space.counting, state.omega[:1].real, state.hidden[:1].real)
+
+
+Counting = Callable[..., NDArray[np.intp]]
+"""Columns that count, from one field angle to another in degrees."""
+
+
+def requirements_of(
+    space: DesignSpace, field: Field, counting: Counting, omega: Array, hidden: Array, image: Array
+) -> Iterator[tuple[Key, Array]]:
+    """By what share designs miss each requirement, as rows (b, r)."""
+    problem = space.problem
+    if problem.has_image_to_fit:
+        yield IMAGE, image - 1
+    if problem.has_view_to_clear:
+        yield CLEAR, space.hidden_from(omega, hidden)
+    for i, limit in enumerate(problem.limits):
+        yield i, limit.excess(field.at(counting(*(limit.omega_deg or ()))))
+
+
+def _beside(rows: list[Array], count: int) -> Array:
+    """Rows of several shapes (count or 1, r) beside each other."""
+    return np.concatenate([np.broadcast_to(r, (count, r.shape[1])) for r in rows], axis=1)

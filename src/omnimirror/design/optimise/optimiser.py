@@ -1,0 +1,377 @@
+"""Mirrors of free form that are best by one merit: several starts, each followed to its optimum.
+
+The starts are mirrors that do the job already: the sphere, the exact equidistant mirror, then the sphere
+with seeded waves. Each is pressed down by :mod:`.minimax` on a coarse set of field angles, the best one
+once more on a fine set. Derivatives are complex steps through closed forms, exact to rounding.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import InvalidParameter, OmnimirrorError
+from ...files import LARGEST_TEXT, read_bytes, write_text
+from ...imagers import Imager
+from ...mirrors import Equidistant, Mirror, SlopeSpline, Sphere
+from ...numerics.minimax import Minimum, least_mean, least_worst
+from ...sensor import Sensor
+from ..criteria.field_angles import hidden_deg
+from ..criteria.merits import merit_named
+from ..criteria.quantities import Limit
+from .lower_bound import BlurBound, blur_bound
+from .objective import Concession, Objective
+from .problem import DesignProblem, ends
+from .variables import DesignSpace
+
+Array = NDArray[np.float64]
+
+COARSE, FINE = 241, 1201  # field angles of the search and of the last polish
+POLISH_TRUST = 1e-3
+CLOSE, CLOSER = 1e-6, 1e-7  # relative gains that end the search, and the polish
+FEW, STEP = 16, 12  # knots of a spline that are found at once, and how many more are at a time
+WAVES, HEIGHT = 4, 0.05  # of the starts that are not known mirrors: how many, and their relative height
+KEPT = 1e-6  # largest violation of a constraint that counts as kept
+REFOCUSED = 3  # times that a mirror whose merit is not about sharpness is shaped for its best focus
+
+
+@dataclass(frozen=True)
+class Run:
+    """One start followed to its end.
+
+    Attributes
+    ----------
+    start
+        Which mirror it started from.
+    y
+        Where it ended in the design space.
+    value
+        The merit there, over the coarse field angles.
+    kept
+        Whether all constraints are.
+    history
+        The merit after each step.
+    """
+
+    start: str
+    y: tuple[float, ...]
+    value: float
+    kept: bool
+    history: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Told after each step: which start out of how many, and how good it is by now."""
+
+    run: int
+    runs: int
+    value: float
+
+
+@dataclass(frozen=True)
+class Optimum:
+    """The best design found, and how it was found.
+
+    Attributes
+    ----------
+    sensor
+        An ordinary sensor, focused where the merit is least.
+    value
+        The merit over 1201 field angles, in its unit.
+    y
+        The design as a point of the problem's :class:`~omnimirror.design.optimise.variables.DesignSpace`.
+    runs
+        Every start, the first being the sphere.
+    is_complete
+        False where the search was stopped before its last start.
+    """
+
+    problem: DesignProblem
+    merit: str
+    sensor: Sensor
+    value: float
+    y: Array
+    runs: tuple[Run, ...]
+    is_complete: bool = True
+
+    @cached_property
+    def bound(self) -> BlurBound:
+        """What no mirror of the same field, rim and lens does better than in worst single blur, at the object distance
+        that asks most."""
+        problem = self.problem
+        low = max(problem.omega_min_deg, self.sensor.field_deg[0])
+        if problem.camera_radius_mm is not None and not problem.is_telecentric:
+            low = max(low, hidden_deg(self.sensor, problem.camera_radius_mm))
+        bounds = (
+            blur_bound(
+                self.sensor, distance, omega_min_deg=low, mode=problem.mode, image_radius_px=problem.image_radius_px
+            )
+            for distance in problem.distances_mm
+        )
+        return max(bounds, key=lambda b: b.blur_deg)
+
+
+def optimise(
+    problem: DesignProblem,
+    merit: str = "blur_area",
+    *,
+    starts: int = 4,
+    seed: int = 0,
+    resume: str | Path | None = None,
+    on_progress: Callable[[Progress], None] | None = None,
+) -> Optimum:
+    """The mirror, focus and what the problem leaves free, with the least merit.
+
+    Parameters
+    ----------
+    merit
+        One of :data:`omnimirror.design.criteria.merits.MERITS`.
+    starts, seed
+        From how many mirrors to start; the third and later ones are drawn with the seed.
+    resume
+        A file that keeps finished starts; a search that was stopped goes on where it was.
+
+    Raises
+    ------
+    InvalidParameter
+        An unknown merit, no start; or no design found that keeps all limits.
+    KeyboardInterrupt
+        Stopped (Ctrl-C) before the first start was finished; later, the best of those finished is returned.
+
+    Examples
+    --------
+    >>> best = optimise(DesignProblem(family="even-polynomial", terms=3), "blur", starts=1)
+    >>> best.sensor.mirror.KIND, round(best.value, 3)
+    ('even-polynomial', 0.635)
+
+    Under a limit, and from the sphere as a telecentric lens sees it, which is equiareal already:
+
+    >>> import omnimirror as om
+    >>> from omnimirror.design import Limit
+    >>> even = Limit("area_ratio", at_least=0.9)
+    >>> problem = DesignProblem(lens="orthographic", omega_max_deg=120, family="conic-asphere", terms=3, limits=(even,))
+    >>> best = optimise(problem, "blur_area", starts=1)
+    >>> result = om.evaluate(best.sensor)
+    >>> float(result.area_px2.min() / result.area_px2.max()) > 0.8999
+    True
+    """
+    found = optimised(problem, merit, starts, seed, resume, on_progress)
+    if not isinstance(found, Optimum):
+        raise InvalidParameter(
+            f"no mirror found with {problem.terms} terms of {problem.family} that keeps all limits; "
+            "allow more terms, more starts, or looser limits"
+        )
+    return found
+
+
+def optimised(
+    problem: DesignProblem,
+    merit: str,
+    starts: int,
+    seed: int,
+    resume: str | Path | None = None,
+    on_progress: Callable[[Progress], None] | None = None,
+) -> Optimum | list[Array]:
+    """As :func:`optimise`; but where no design keeps all limits, the points where the starts ended."""
+    if starts < 1:
+        raise InvalidParameter(f"starts = {starts} is not valid; at least one is needed")
+    space = DesignSpace(problem)
+    coarse = Objective(space, merit_named(merit), coarse_nodes(problem))
+    header = _header(problem, merit, seed)
+    runs = _finished(resume, header)[:starts]
+    try:
+        for i in range(len(runs), starts):
+            said = (lambda v, i=i: on_progress(Progress(i, starts, coarse.shown(v)))) if on_progress else None
+            name, y = _start_of_many(space, merit, i, seed, said)
+            runs.append(_run(name, _kept_first(coarse, y, said), coarse))
+            if resume is not None:
+                write_text(resume, json.dumps({**header, "runs": [asdict(r) for r in runs]}, indent=1) + "\n")
+    except KeyboardInterrupt:
+        if not runs:
+            raise
+    if not any(run.kept for run in runs):
+        return [np.array(run.y) for run in runs]
+    return replace(_polished(space, merit, runs), is_complete=len(runs) == starts)
+
+
+def _start_of_many(
+    space: DesignSpace, merit: str, index: int, seed: int, on_step: Callable[[float], None] | None
+) -> tuple[str, Array]:
+    """A start; of a spline of many knots the optimum of one of fewer, from which the search does not get stuck."""
+    problem = space.problem
+    if problem.family != SlopeSpline.KIND or problem.terms <= FEW:
+        return start(space, index, seed)
+    fewer = DesignSpace(replace(problem, terms=max(FEW, problem.terms - STEP)))
+    objective = Objective(fewer, merit_named(merit), coarse_nodes(fewer.problem))
+    name, y = _start_of_many(fewer, merit, index, seed, on_step)
+    found = _kept_first(objective, y, on_step).y
+    try:
+        mirror = fewer.sensor(found).mirror
+    except OmnimirrorError:  # no mirror after all: begin anew with all knots
+        return start(space, index, seed)
+    rest = found[fewer.family.terms - 1 :]
+    return name, _shaped(space, mirror, np.concatenate([np.zeros(space.dim - rest.size), rest]))
+
+
+def _kept_first(objective: Objective, y: Array, on_step: Callable[[float], None] | None) -> Minimum:
+    """A start followed to its optimum; where that breaks a limit, once more from where the limits are missed least."""
+    found = follow(objective, y, tolerance=CLOSE, on_step=on_step)
+    if found.violation < KEPT:
+        return found
+    keys = objective.asked
+    if not keys:
+        return found
+    least = follow(replace(objective, goal=Concession(keys)), found.y, tolerance=CLOSE)
+    return follow(objective, least.y, tolerance=CLOSE, on_step=on_step) if least.value < 0 else found
+
+
+def _polished(space: DesignSpace, merit: str, runs: list[Run]) -> Optimum:
+    """The best run, polished over the fine field angles."""
+    best = min((r for r in runs if r.kept), key=lambda r: r.value)
+    fine = Objective(space, merit_named(merit), np.linspace(0.0, 1.0, FINE))
+    found = follow(fine, np.array(best.y), tolerance=CLOSER, first_trust=POLISH_TRUST)
+    if not fine.is_about_sharpness:
+        for _ in range(REFOCUSED):
+            found = follow(fine, _focused(space, found.y), tolerance=CLOSER, first_trust=POLISH_TRUST)
+    value = fine.shown(found.value)
+    sensor = space.sensor(found.y, f"optimised-{merit.replace('_', '-')}", _notes(space.problem, merit, value))
+    return Optimum(space.problem, merit, sensor, value, found.y, tuple(runs))
+
+
+def coarse_nodes(problem: DesignProblem) -> Array:
+    """Fractions (k,) of the rim radius that a search looks at."""
+    return np.linspace(0.0, 1.0, max(COARSE, 12 * problem.terms + 1))
+
+
+def follow(objective: Objective, y: Array, **options: Any) -> Minimum:
+    """A point followed to the nearest optimum of an objective."""
+    low, high = (np.array(b) for b in objective.space.bounds)
+    if not objective.is_about_sharpness:  # any focus and F-number would do: keep the start's
+        held = [i for i, name in enumerate(objective.space.names) if name in ("focus", "f_number")]
+        low[held] = high[held] = y[held]
+    bounds = low, high
+    if objective.is_mean:
+        options.pop("first_trust", None)
+        return least_mean(objective.values, objective.rows, y, bounds, **options)
+    return least_worst(objective.values, objective.rows, y, bounds, objective.is_spread, **options)
+
+
+def _focused(space: DesignSpace, y: Array) -> Array:
+    """The same mirror (dim,) at its own best focus."""
+    at_best: Array = space.at_best_focus(y[None], FINE)[0]
+    return at_best
+
+
+def _run(name: str, found: Minimum, objective: Objective) -> Run:
+    history = tuple(objective.shown(v) for v in found.history)
+    return Run(name, tuple(found.y.tolist()), objective.shown(found.value), found.violation < KEPT, history)
+
+
+# -- starts ----------------------------------------------------------------------------------------
+
+
+def start(space: DesignSpace, index: int, seed: int) -> tuple[str, Array]:
+    """The start of that number, its name and its point (dim,), at its own best focus."""
+    middle = {name: np.sqrt(np.prod(ends(getattr(space.problem, name)))) for name in space.problem.free}
+    y = np.array([np.log(middle[n]) if n in middle else FIRST.get(n, 0.0) for n in space.names])
+    given = space.given(y[None])
+    omega, theta, M = (float(v[0, 0]) for v in (given.omega_max, given.theta, given.M))
+    sphere = Sphere(M / float(np.sin((omega - theta) / 2)), M)
+    if index == 1:
+        mirror: Mirror = Equidistant(float(np.degrees(omega)), float(np.degrees(theta)), M)
+        return "equidistant", _shaped(space, mirror, y)
+    y = _shaped(space, sphere, y)
+    if index == 0:
+        return "sphere", y
+    rng = np.random.default_rng([seed, index])
+    u = space.family.slope_places()[:-1]
+    waves = np.cos(np.pi * np.outer(u, np.arange(WAVES))) @ rng.standard_normal(WAVES)
+    y[: u.size] *= 1 + HEIGHT * waves * (1 - u**2)
+    return f"sphere with waves {index - 1}", y
+
+
+FIRST = {"focus": 1.0}
+"""Where coordinates stand before a mirror is known."""
+
+
+def _shaped(space: DesignSpace, mirror: Mirror, y: Array) -> Array:
+    """A point (dim,) with the slopes of a mirror instead of its own, at its own best focus."""
+    M, y = mirror.rim_radius_mm, np.array(y)
+    u = space.family.slope_places()[:-1]
+    y[: u.size] = mirror.slope(u * M)
+    if "curvature" in space.names:
+        y[space.names.index("curvature")] = M * float(mirror.curvature(0.0))
+    return _focused(space, y)
+
+
+# -- files -----------------------------------------------------------------------------------------
+
+
+def _header(problem: DesignProblem, merit: str, seed: int) -> dict[str, Any]:
+    return {"problem": json.loads(json.dumps(described(problem))), "merit": merit, "seed": seed}
+
+
+def described(problem: DesignProblem) -> dict[str, Any]:
+    """A problem as JSON can hold it; :func:`problem_from` reads it back."""
+    plain: dict[str, Any] = _plain(asdict(problem))
+    return plain
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {k: _plain(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(v) for v in value]
+    return "inf" if isinstance(value, float) and np.isinf(value) else value
+
+
+def problem_from(data: dict[str, Any]) -> DesignProblem:
+    """The problem that :func:`described` wrote.
+
+    >>> problem = DesignProblem(theta_max_deg=(10.0, 14.0), limits=(Limit("blur_px", 4.0),))
+    >>> problem_from(json.loads(json.dumps(described(problem)))) == problem
+    True
+    """
+    values: dict[str, Any] = _read(data)
+    limits = tuple(Limit(**limit) for limit in values.pop("limits"))
+    return DesignProblem(**{**values, "imager": Imager(**values["imager"]), "limits": limits})
+
+
+def _read(value: Any) -> Any:
+    """What :func:`_plain` made, with lists as tuples."""
+    if isinstance(value, dict):
+        return {k: _read(v) for k, v in value.items()}
+    if isinstance(value, list):
+        return tuple(_read(v) for v in value)
+    return np.inf if value == "inf" else value
+
+
+def _finished(resume: str | Path | None, header: dict[str, Any]) -> list[Run]:
+    """The runs of a kept search; none where there is no file yet."""
+    if resume is None or not Path(resume).exists():
+        return []
+    try:
+        data = json.loads(read_bytes(resume, LARGEST_TEXT))
+        runs = [Run(r["start"], tuple(r["y"]), r["value"], r["kept"], tuple(r["history"])) for r in data.pop("runs")]
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        raise OmnimirrorError(f"{resume} is not a search that omnimirror kept; name another file") from None
+    if data != header:
+        changed = ", ".join(k for k in header if data.get(k) != header[k])
+        raise OmnimirrorError(f"{resume} belongs to another search ({changed} differ); name another file")
+    return runs
+
+
+def _notes(problem: DesignProblem, merit: str, value: float) -> str:
+    m = merit_named(merit)
+    found = f"Optimised: {m.meaning}, {value:.5g} {m.unit}".rstrip()
+    distances = " and ".join(f"{d:g}" for d in problem.distances_mm)
+    shape = f"{problem.family} of {problem.terms} terms, object at {distances} mm"
+    return f"{found}; {shape}, blur by the {problem.mode} form."

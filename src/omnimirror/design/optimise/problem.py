@@ -1,0 +1,168 @@
+"""What is given, what is free and what has to be kept when a mirror is optimised."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ...arguments import LARGEST_RADIUS_PX, choice, number, numbers, shown
+from ...batch.bases import family
+from ...errors import InvalidParameter
+from ...imagers import Imager
+from ...lenses import BLUR_MODES, BlurMode
+from ..criteria.quantities import Limit
+
+Range = float | tuple[float, float]
+"""A number, or (low, high) to choose from."""
+
+LENS_KINDS = ("perspective", "orthographic")
+OF_LENS = ("theta_max_deg", "focal_length_mm")
+
+
+@dataclass(frozen=True)
+class DesignProblem:
+    """Field, size, lens and pixels of the sensors to choose from; ranges are left to the optimiser.
+
+    Parameters
+    ----------
+    omega_max_deg, rim_radius_mm
+        Field angle at the rim, and its radius M.
+    theta_max_deg, focal_length_mm
+        Viewing angle of the lens at the rim, which sets the distance m, and focal length. One of them may be None: it
+        is then what makes the rim fill the imager. A telecentric lens has neither; its magnification makes the rim
+        fill the imager.
+    f_number
+        Of a telecentric lens that on the imager's side.
+    lens
+        ``"perspective"`` or ``"orthographic"`` (telecentric, as wide as the mirror).
+    omega_min_deg
+        Where the field begins that counts; what lies inside is taken up by the camera itself.
+    camera_radius_mm
+        Of what stands at the lens. The field that counts begins where it no longer hides the view, if that is
+        beyond ``omega_min_deg``; with an ``omega_min_deg`` above 0 the view has to be clear from there.
+    object_distance_mm
+        From the mirror to the object, or to the nearest and the farthest one: both count.
+    focus_mm
+        Where the lens is focused, or between which distances; None leaves it to the optimiser.
+    mode, image_radius_px, wavelength_nm
+        As :func:`omnimirror.evaluate` takes them.
+    limits
+        What has to be kept besides. Where theta or the focal length is a range, the rim's image has to stay on the
+        imager too.
+    family, terms
+        Kind of mirror, and how many numbers shape it.
+
+    Raises
+    ------
+    InvalidParameter
+        Numbers that no mirror can have, and empty ranges.
+    """
+
+    omega_max_deg: Range = 135.0
+    theta_max_deg: Range | None = 12.0
+    rim_radius_mm: Range = 43.9
+    focal_length_mm: Range | None = 11.6
+    f_number: Range = 4.0
+    imager: Imager = field(default_factory=lambda: Imager(1024, 1024, 5.2))
+    lens: str = "perspective"
+    omega_min_deg: float = 0.0
+    camera_radius_mm: float | None = None
+    object_distance_mm: Range = np.inf
+    focus_mm: Range | None = None
+    mode: BlurMode = "exact"
+    image_radius_px: float | None = None
+    wavelength_nm: float = 550.0
+    family: str = "slope-spline"
+    terms: int = 12
+    limits: tuple[Limit, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.lens not in LENS_KINDS:
+            raise InvalidParameter(f"lens = {self.lens!r} is not known; valid are {', '.join(LENS_KINDS)}")
+        if self.is_telecentric:
+            for name in OF_LENS:
+                object.__setattr__(self, name, None)
+        elif self.theta_max_deg is None and self.focal_length_mm is None:
+            raise InvalidParameter("a perspective lens needs theta_max_deg or focal_length_mm, a number or a range")
+        choice("mode", self.mode, BLUR_MODES)
+        if self.image_radius_px is not None:
+            number("image_radius_px", self.image_radius_px, above=0.0, high=LARGEST_RADIUS_PX, unit="px")
+        self._check_ranges()
+        self._check_focus()
+        self._check_field()
+        family(self.family, self.terms)
+
+    @property
+    def is_telecentric(self) -> bool:
+        return self.lens == "orthographic"
+
+    @property
+    def distances_mm(self) -> tuple[float, ...]:
+        """The object distances that count, each once."""
+        return tuple(sorted(set(ends(self.object_distance_mm))))
+
+    @property
+    def free(self) -> list[str]:
+        """What is a range, and so left to the optimiser besides shape and focus."""
+        names = ("omega_max_deg", "theta_max_deg", "rim_radius_mm", "focal_length_mm", "f_number")
+        return [n for n in names if (v := getattr(self, n)) is not None and ends(v)[0] < ends(v)[1]]
+
+    @property
+    def has_image_to_fit(self) -> bool:
+        """Whether the rim's image can be kept on the imager by what is free."""
+        return None not in (self.theta_max_deg, self.focal_length_mm) and any(n in self.free for n in OF_LENS)
+
+    @property
+    def has_view_to_clear(self) -> bool:
+        """Whether the view past what stands at the lens has to be clear from a field angle on."""
+        return self.camera_radius_mm is not None and self.omega_min_deg > 0 and not self.is_telecentric
+
+    def _check_ranges(self) -> None:
+        for name in ("omega_max_deg", "theta_max_deg", "rim_radius_mm", "focal_length_mm", "f_number",
+                     "object_distance_mm"):  # fmt: skip
+            if (value := getattr(self, name)) is None:
+                continue
+            low, high = ends(value)
+            if not 0 < low <= high:
+                said = f"{low:g}" if low == high else f"{low:g} to {high:g}"
+                raise InvalidParameter(f"{name} = {said} is no range or number above 0; it needs 0 < low <= high")
+
+    def _check_focus(self) -> None:
+        if self.focus_mm is None:
+            return
+        low, high = ends(self.focus_mm)
+        object.__setattr__(self, "focus_mm", low if low == high else (low, high))
+        if not (np.isfinite([low, high]).all() and low <= high and (low > 0 or self.is_telecentric)):
+            raise InvalidParameter(
+                f"focus_mm = {low:g} to {high:g} is no distance or range of distances; it needs 0 < low <= high"
+            )
+
+    def _check_field(self) -> None:
+        least, omega = ends(self.omega_max_deg)
+        most = 0.0 if self.theta_max_deg is None else ends(self.theta_max_deg)[1]
+        if not (most < least and omega < 180 - most):
+            raise InvalidParameter(
+                f"omega_max_deg = {omega:g} cannot be reached with theta_max_deg = {most:g}; it is "
+                f"valid between {most:g} and {180 - most:g}, where the rim would be seen edge-on"
+            )
+        if not 0 <= self.omega_min_deg < least:
+            raise InvalidParameter(f"omega_min_deg = {self.omega_min_deg:g} is not valid from 0 to below {least:g}")
+
+
+def ends(value: Range) -> tuple[float, float]:
+    """Low and high end of a range; a number is both.
+
+    >>> ends(12.0), ends((8, 12))
+    ((12.0, 12.0), (8.0, 12.0))
+    """
+    pair = np.atleast_1d(numbers("a range", value))
+    if pair.shape not in ((1,), (2,)):
+        raise InvalidParameter(f"{shown(value)} is not a number, nor a range (low, high)")
+    return float(pair[0]), float(pair[-1])
+
+
+def imager_radius_px(imager: Imager) -> float:
+    """Radius of the largest circle about the optical axis that an imager holds."""
+    u, v = imager.centre
+    return min(u, v, imager.width_px - 1 - u, imager.height_px - 1 - v) + 0.5

@@ -1,0 +1,63 @@
+"""Mirrors that everyone knows, for a problem's field and lens: what optimised ones are compared with."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+
+from ...errors import OmnimirrorError
+from ...sensor import Sensor
+from ...specs import load_sensor
+from ..construct.families import FAMILIES
+from ..construct.mappings import generated_mirror
+from ..construct.rim import PlacedMirror, Rim
+from .optimiser import start
+from .problem import DesignProblem
+from .variables import DesignSpace
+
+PAPER = {"SPH": "paper-spherical", "E-DI": "paper-equidistant", "SVP": "paper-hyperboloidal"}
+PAPER_FIELD, PAPER_THETA, NEAR = 135.0, 12.0, 0.02  # deg; and how far from these its rounded mirrors are
+EXACTLY = "exactly "  # begins the names of exact mappings
+EXACT = ("equidistant", "equiangular", "unit-aspect", "equiareal", "rectifying")
+TELECENTRIC = ("equidistant", "rectifying")  # the others are the paraboloid, the sphere and the equidistant mirror
+
+
+def known_sensors(problem: DesignProblem) -> dict[str, Sensor]:
+    """Known mirrors by name: the paper's three, then those of exact mappings.
+
+    Of the paper's, sphere and single-viewpoint mirror are solved for any field; its polynomial is shown for its own
+    field alone. All are seen by the problem's lens; of what is a range, the middle.
+    """
+    space = DesignSpace(problem)
+    first = space.sensor(start(space, 0, 0)[1])
+    theta = 0.0 if problem.is_telecentric else float(np.degrees(first.meridian.theta_max))
+    rim = Rim(first.field_deg[1], theta, first.mirror.rim_radius_mm)
+    found = {}
+    for name, make in _makers(rim):
+        with suppress(OmnimirrorError):  # a mapping that such a field cannot have
+            placed = make()
+            found[name] = replace(first, mirror=placed.mirror, mirror_distance_mm=placed.distance_mm, name=name)
+    return found
+
+
+def _makers(rim: Rim) -> Iterator[tuple[str, Callable[[], PlacedMirror]]]:
+    if abs(rim.omega_max_deg - PAPER_FIELD) < NEAR and abs(rim.theta_max_deg - PAPER_THETA) < NEAR:
+        for name, file in PAPER.items():
+            yield name, lambda file=file: _scaled(load_sensor(file), rim.rim_radius_mm)  # type: ignore[misc]
+    else:
+        single = "paraboloid" if rim.theta_max_deg == 0 else "hyperboloid"
+        yield "sphere", lambda: FAMILIES["sphere"](rim, None)
+        yield f"{single}, single viewpoint", lambda: FAMILIES[single](rim, None)
+    for mapping in EXACT if rim.theta_max_deg else TELECENTRIC:
+        yield EXACTLY + mapping.replace("-", " "), lambda mapping=mapping: generated_mirror(mapping, rim)  # type: ignore[misc]
+
+
+def _scaled(sensor: Sensor, rim_radius_mm: float) -> PlacedMirror:
+    """One of the paper's mirrors at another size."""
+    ratio = rim_radius_mm / sensor.mirror.rim_radius_mm
+    mirror = sensor.mirror
+    lengths = {n: getattr(mirror, n) * ratio for n, p in mirror.PARAMETERS.items() if p.unit == "mm"}
+    return PlacedMirror(replace(mirror, **lengths), sensor.mirror_distance_mm * ratio)  # type: ignore[type-var]

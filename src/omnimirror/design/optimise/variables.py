@@ -1,0 +1,335 @@
+"""The space of designs that a problem leaves: points for an optimiser, and sensors.
+
+The field, the rim radius and the viewing angle at the rim are kept exactly by every design of the space:
+the slope at the rim is ``tan((Omega_max - Theta)/2)`` and the lens stands at ``M/tan(Theta) - z(M)``.
+What is left to choose are the slopes at some places between axis and rim, the focus, and what was given
+as a range. Under a telecentric lens Theta is 0 and there is no distance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...batch.bases import Basis, Family, family
+from ...batch.evaluate import BatchEvaluation, Designs, evaluate_designs
+from ...batch.optics import DEGREE, Camera, TelecentricCamera, node_optics, telecentric_optics
+from ...mirrors.conics import conic_profile
+from ...sensor import Sensor
+from ..criteria.merits import Field, field_at, field_of
+from .problem import DesignProblem, ends, imager_radius_px
+
+Array = NDArray[Any]
+ROUNDS = 6
+"""Of lens and focus where they follow from each other; each brings a digit or two."""
+
+
+class Given(NamedTuple):
+    """Field, rim and lens of designs, (b, 1) each, complex while derivatives are taken."""
+
+    omega_max: Array
+    M: Array
+    theta: Array
+    """0 of a telecentric lens."""
+    tangent: Array
+    """tan(Theta); NaN of a telecentric lens."""
+    focal: Array
+    """Of a telecentric lens the magnification."""
+    f_number: Array
+    focus: Array
+    """The place that is in focus: 1/L0, or -L0 of a telecentric lens."""
+
+
+class State(NamedTuple):
+    """Designs (b, 1) and what their mirror points do (b, k); complex while derivatives are taken."""
+
+    field: Field
+    omega: Array
+    turning: Array
+    """dOmega/du, radians; above 0 where the mapping is one to one."""
+    facing: Array
+    """Cosine of the angle of incidence; above 0 where the lens sees the front."""
+    hidden: Array
+    """By how much what stands at the lens hides the view, over its radius; 0 and below where the view is clear."""
+    image: Array
+    """Image of the rim over the largest that the imager holds (b, 1)."""
+
+
+@dataclass(frozen=True)
+class DesignSpace:
+    """The designs of a problem as points y (dim,), whose steps of .1 are all of one size.
+
+    The coordinates: slopes at all of the family's places but the rim; curvature (times M) and conic constant of a
+    conic with asphere terms, the conic constant of a pure one; the place in focus, unless it is given, over that of
+    the rim (telecentric: over M), or of a range over that of its nearest end; and the logarithms of what is free.
+    """
+
+    problem: DesignProblem
+
+    @cached_property
+    def family(self) -> Family:
+        return family(self.problem.family, self.problem.terms)
+
+    @cached_property
+    def _from_slopes(self) -> Array:
+        return self.family.from_slopes()
+
+    @cached_property
+    def names(self) -> list[str]:
+        """What each coordinate is."""
+        conic = (["curvature", "conic"] if self.family.terms else ["conic"]) if self.family.has_conic else []
+        focus = [] if isinstance(self.problem.focus_mm, float) else ["focus"]
+        return [*(f"slope {u:.4f}" for u in self.family.slope_places()[:-1]), *conic, *focus, *self.problem.free]
+
+    @property
+    def dim(self) -> int:
+        return len(self.names)
+
+    @cached_property
+    def bounds(self) -> tuple[Array, Array]:
+        """Lowest and highest value of each coordinate, (dim,)."""
+        low, high = np.full(self.dim, -np.inf), np.full(self.dim, np.inf)
+        low[: max(self.family.terms - 1, 0)] = 0.0
+        focus = (-30.0, 30.0) if self.problem.is_telecentric else (0.05, 3.0)
+        if isinstance(asked := self.problem.focus_mm, tuple):
+            places = sorted(self._place(mm) / self._focus_unit for mm in asked)
+            focus = places[0], places[1]
+        for name, ends_of in (("curvature", (1e-3, 10.0)), ("conic", (-20.0, 20.0)), ("focus", focus)):
+            if name in self.names:
+                low[self.names.index(name)], high[self.names.index(name)] = ends_of
+        for name in self.problem.free:
+            low[self.names.index(name)], high[self.names.index(name)] = np.log(ends(getattr(self.problem, name)))
+        return low, high
+
+    # -- field, rim and lens -----------------------------------------------------------------------
+
+    def _number(self, y: Array, name: str) -> Array:
+        """A number of the problem, free or not, of designs (b, dim), (b, 1)."""
+        if name in self.problem.free:
+            return np.exp(y[:, self.names.index(name), None])
+        return np.full((len(y), 1), ends(getattr(self.problem, name))[0], dtype=y.dtype)
+
+    def given(self, y: Array) -> Given:
+        """Field, rim and lens of designs (b, dim)."""
+        omega_max, M, F = (self._number(y, n) for n in ("omega_max_deg", "rim_radius_mm", "f_number"))
+        omega_max = omega_max * DEGREE
+        if self.problem.is_telecentric:
+            return self._given_telecentric(y, omega_max, M, F)
+        p, radius = self.problem, self.imager_radius_mm
+        fixed = self._fixed(y, M)
+        relative = 0 * M if fixed is not None else y[:, self.names.index("focus"), None]
+        if p.theta_max_deg is not None:
+            theta = self._number(y, "theta_max_deg") * DEGREE
+            tangent = np.tan(theta)
+        else:  # the rim fills the imager: tangent = radius/b0, and 1/b0 = 1/f - 1/L0
+            near = self._number(y, "focal_length_mm")
+            tangent = radius / near / (1 + radius * relative / M) if fixed is None else radius * (1 / near - fixed)
+            theta = np.arctan(tangent)
+        v = relative * tangent / M if fixed is None else fixed
+        focal = self._number(y, "focal_length_mm") if p.focal_length_mm is not None else 1 / (tangent / radius + v)
+        return Given(omega_max, M, theta, tangent, focal, F, v)
+
+    def _given_telecentric(self, y: Array, omega_max: Array, M: Array, F: Array) -> Given:
+        fixed = self._fixed(y, M)
+        v = y[:, self.names.index("focus"), None] * M if fixed is None else fixed
+        return Given(omega_max, M, 0 * M, np.nan * M, self.imager_radius_mm / M, F, v)
+
+    def _place(self, focus_mm: float) -> float:
+        return -focus_mm if self.problem.is_telecentric else 1 / focus_mm
+
+    @property
+    def _focus_unit(self) -> float:
+        """Of the coordinate of a focus that is given as a range: the size of the largest place in it."""
+        assert isinstance(self.problem.focus_mm, tuple)
+        return max(abs(self._place(mm)) for mm in self.problem.focus_mm)
+
+    def _fixed(self, y: Array, M: Array) -> Array | None:
+        """The place in focus (b, 1) as the problem gives it, or as it is chosen from its range; None if it is free."""
+        asked = self.problem.focus_mm
+        if asked is None:
+            return None
+        if isinstance(asked, tuple):
+            chosen: Array = y[:, self.names.index("focus"), None] * self._focus_unit
+            return chosen
+        return np.full_like(M, self._place(asked))
+
+    @property
+    def imager_radius_mm(self) -> float:
+        return imager_radius_px(self.problem.imager) * self.problem.imager.pitch_mm
+
+    def camera(self, g: Given) -> Camera | TelecentricCamera:
+        """The lens and the pixels of some designs."""
+        p = self.problem
+        if p.is_telecentric:
+            return TelecentricCamera(g.focal, g.f_number, g.M, p.imager.pitch_mm, p.image_radius_px, p.wavelength_nm)
+        return Camera(
+            g.focal, g.f_number, g.tangent, p.imager.pitch_mm, p.mode, p.image_radius_px, p.wavelength_nm
+        )  # fmt: skip
+
+    # -- shape and optics --------------------------------------------------------------------------
+
+    def _shapes(self, y: Array, g: Given) -> tuple[Array, Array, Array]:
+        """Coefficients (b, terms), vertex radius over M and conic constant (b, 1)."""
+        rim = np.tan((g.omega_max - g.theta) / 2)
+        R, k = np.full_like(rim, np.inf), np.zeros_like(rim)
+        count = max(self.family.terms - 1, 0)
+        slopes = np.concatenate([y[:, :count], rim], axis=1)[:, : self.family.terms]
+        if self.family.has_conic:
+            k = y[:, self.names.index("conic"), None]
+            if not self.family.terms:  # a pure conic, whose vertex radius makes the slope of the rim
+                return slopes[:, :0], np.sqrt(1 / rim**2 + 1 + k), k
+            R = 1 / y[:, self.names.index("curvature"), None]
+            slopes = slopes - conic_profile(self.family.slope_places(), R, k)[1]
+        return slopes @ self._from_slopes.T, R, k
+
+    def _profile(self, y: Array, g: Given, u: Array, basis: Basis) -> tuple[Array, ...]:
+        """Sag/M, slope and curvature times M (b, k)."""
+        coefficients, R, k = self._shapes(y, g)
+        parts = tuple(coefficients @ part for part in basis)
+        if self.family.has_conic:
+            parts = tuple(a + b for a, b in zip(parts, conic_profile(u, R, k), strict=True))
+        return parts
+
+    def basis(self, u: Array) -> Basis:
+        """The family's terms at fractions of the rim radius; the last has to be 1, the rim."""
+        return self.family.basis(u)
+
+    def state(self, y: Array, u: Array, basis: Basis) -> State:
+        """What the designs y (b, dim) do at fractions u (k,) of their rim radius, for one object distance after the
+        other: arrays of (b, k) times the number of distances."""
+        with np.errstate(all="ignore"):  # what no mirror can do comes out as NaN
+            return self._state(y, u, basis)
+
+    def _state(self, y: Array, u: Array, basis: Basis) -> State:
+        distances = self.problem.distances_mm
+        g = self.given(y)
+        profile = self._profile(y, g, u, basis)
+        z, slope, curvature = (np.tile(part, len(distances)) for part in profile)
+        u, near = np.tile(u, len(distances)), np.repeat(1 / np.array(distances), len(u))
+        slope_over_x = np.where(u > 0, slope / np.where(u > 0, u, 1.0), curvature) / g.M
+        rest = (u * g.M, z * g.M, slope, curvature / g.M, slope_over_x)
+        rim = g.M * z[:, -1:]
+        if self.problem.is_telecentric:
+            o, reach = telecentric_optics(*rest, near), rim
+        else:
+            reach = g.M / g.tangent
+            o = node_optics(*rest, reach - rim, near)
+        field = field_at(o, self.camera(g), g.focus, reach, rim)
+        return State(field, o.omega, o.turning * g.M, o.facing, self.hidden(field, o.omega), self.image(g))
+
+    def hidden(self, field: Field, omega: Array) -> Array:
+        """By how much what stands at the lens hides the view at field angles (b, k) in radians, over its radius.
+
+        The chief ray goes through the plane of the lens at ``(m + z_v) tan(Omega)`` from the axis.
+        """
+        radius = self.problem.camera_radius_mm
+        if radius is None or self.problem.is_telecentric:
+            return np.full(omega.shape, -1.0)
+        along = np.cos(omega)
+        rows = along - (field.reach - field.sag + field.viewpoint_z) * np.sin(omega) / radius
+        return np.where(along.real > 0, rows, -1.0)
+
+    def hidden_from(self, omega: Array, hidden: Array) -> Array:
+        """By how much the view is hidden (b, 1) at the angle from which it has to be clear, between the nodes there."""
+        low = self.problem.omega_min_deg * DEGREE
+        before = np.clip((omega.real[:, : self._count(omega)] <= low).sum(axis=-1, keepdims=True) - 1, 0, None)
+        nodes = np.concatenate([before, before + 1], axis=-1)
+        (a, b), (h, k) = (np.take_along_axis(v, nodes, axis=-1).T for v in (omega, hidden))
+        at: Array = h + (low - a) / (b - a) * (k - h)
+        return at[:, None]
+
+    def _count(self, omega: Array) -> int:
+        """Field angles of one object distance."""
+        return int(omega.shape[-1]) // len(self.problem.distances_mm)
+
+    def counting(
+        self, omega: Array, hidden: Array, low_deg: float | None = None, high_deg: float = 180.0
+    ) -> NDArray[np.intp]:
+        """Which columns (b, n) count of field angles (b, n) in radians, that stand for one object distance after the
+        other: those in view from one angle to another (by default from where the field begins that matters), and
+        the next one beyond either end.
+
+        Always as many: where some do not count, the ends are named again.
+        """
+        n = self._count(omega)
+        omega, hidden = omega[:, :n], hidden[:, :n]
+        low = (self.problem.omega_min_deg if low_deg is None else low_deg) * DEGREE
+        first = (omega <= low).sum(axis=-1, keepdims=True) - 1
+        begin = self.problem.omega_min_deg * DEGREE
+        if begin == 0 or low < begin:  # else the view has to be clear from there
+            first = np.maximum(first, np.argmax(hidden <= 0, axis=-1)[:, None])
+        first = np.clip(first, 0, n - 1)
+        last = np.clip((omega < high_deg * DEGREE).sum(axis=-1, keepdims=True), first, n - 1)
+        which = np.clip(np.arange(n), first, last)
+        return np.concatenate([which + i * n for i in range(len(self.problem.distances_mm))], axis=-1)
+
+    # -- designs and sensors -----------------------------------------------------------------------
+
+    def designs(self, y: Array) -> Designs:
+        """Designs (b, dim) for the batch evaluator, which finds their focus itself, looking at the farthest object."""
+        p, y = self.problem, np.atleast_2d(y)
+        g = self.given(y)
+        coefficients, R, k = self._shapes(y, g)
+        sag = self._profile(y, g, np.ones(1), self.basis(np.ones(1)))[0]
+        M, m, focal, mu = g.M[:, 0], (g.M * (1 / g.tangent - sag))[:, 0], g.focal[:, 0], np.zeros(len(y))
+        if p.is_telecentric:
+            m, focal, mu = np.full_like(mu, np.inf), np.full_like(mu, np.inf), focal
+        return Designs(
+            self.family, coefficients, m, M, focal, g.f_number[:, 0], p.imager.pixel_pitch_um, R[:, 0] * M, k[:, 0],
+            mu, p.mode, p.image_radius_px, p.wavelength_nm, p.distances_mm[-1], p.omega_min_deg,
+        )  # fmt: skip
+
+    def evaluate(self, y: Array, angles: int) -> BatchEvaluation:
+        """Designs (b, dim) at so many field angles, for one object distance after the other, at one focus for all."""
+        distances = np.array(self.problem.distances_mm)
+        u = np.tile(np.linspace(0.0, 1.0, angles), distances.size)
+        return evaluate_designs(replace(self.designs(y), object_distance_mm=np.repeat(distances, angles)), u)
+
+    def field(self, y: Array, result: BatchEvaluation) -> Field:
+        """What merits and limits look at, of designs (b, dim) evaluated at their own focus."""
+        g = self.given(y)
+        sag = g.M * self._profile(y, g, np.ones(1), self.basis(np.ones(1)))[0]
+        reach = sag if self.problem.is_telecentric else g.M / g.tangent
+        camera = self.camera(g)
+        numbers = (camera.image_distance(g.focus), reach, sag, camera.airy_px(g.focus))
+        return field_of(result, *(v[:, 0] for v in numbers))
+
+    def image(self, g: Given) -> Array:
+        """Image of the rim over the largest that the imager holds (b, 1)."""
+        rim_ray = g.M if self.problem.is_telecentric else g.tangent
+        image: Array = self.camera(g).px_per_ray(g.focus) * rim_ray / imager_radius_px(self.problem.imager)
+        return image
+
+    def at_best_focus(self, y: Array, angles: int) -> Array:
+        """The same points (b, dim), focused where the worst floored blur area is least."""
+        if "focus" not in self.names:
+            return y
+        for _ in range(ROUNDS if None in (self.problem.theta_max_deg, self.problem.focal_length_mm) else 1):
+            y = self.with_focus(y, self.evaluate(y, angles).focus_mm)
+        return y
+
+    def focus_mm(self, y: Array) -> Array:
+        """The object distances L0 (b,) that points (b, dim) are focused at."""
+        v = self.given(y).focus[:, 0]
+        return -v if self.problem.is_telecentric else 1 / v
+
+    def with_focus(self, y: Array, focus_mm: Array) -> Array:
+        """The same points (b, dim) focused at L0 (b,)."""
+        i, y = self.names.index("focus"), np.array(y)
+        if isinstance(self.problem.focus_mm, tuple):
+            y[:, i] = (-focus_mm if self.problem.is_telecentric else 1 / focus_mm) / self._focus_unit
+            y[:, i] = np.clip(y[:, i], *(ends_of[i] for ends_of in self.bounds))
+            return y
+        for _ in range(ROUNDS if self.problem.theta_max_deg is None else 1):  # theta may follow from the focus
+            g = self.given(y)
+            y[:, i] = -focus_mm / g.M[:, 0] if self.problem.is_telecentric else (g.M / g.tangent)[:, 0] / focus_mm
+        return y
+
+    def sensor(self, y: Array, name: str = "design", notes: str = "") -> Sensor:
+        """A point (dim,) as an ordinary sensor, focused as it says."""
+        sensor = self.designs(y).sensor(0, self.problem.imager, float(self.focus_mm(y[None])[0]), name)
+        return replace(sensor, notes=notes)

@@ -1,0 +1,192 @@
+"""Where to focus: at the place where what is asked of the blur is kept best.
+
+Over the place v in focus (1/L0; under a telecentric lens -L0) blur, Airy disk and the scale of the image follow from
+closed forms, so that many places are tried at once: a scan of the places of all images, then of the neighbourhood
+of the best one, again and again. What is made least is
+
+    the largest share by which a limit of blur is missed (below 0: by which it is kept),
+
+and without a limit of blur the worst floored blur area; among the places at which what else hangs on the focus is
+kept, the size of the image and the resolution, if there are any.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...batch.optics import Camera, NodeOptics, TelecentricCamera, node_optics, telecentric_optics
+from ...lenses import Lens, Perspective
+from ...sensor import Sensor
+from ..criteria.field_angles import Counted
+from ..criteria.merits import Field, field_at
+from ..criteria.quantities import Limit
+from ..criteria.requirements import Span
+
+Array = NDArray[np.float64]
+
+POINTS = 181  # of the mirror, in each part of the field that is judged
+SCAN, AGAIN = 33, 9  # places at which a valley is looked for, and in each narrower look
+CLOSE = 1e-7  # of the range of places: how narrow the last look is
+MARGIN = 0.05  # of the range of places, on either side
+KEPT = 1e-6  # a share this little missed is none
+NOT_TO_BE_HAD = 1e6  # added where something is missed that can be kept
+
+
+class Focus(NamedTuple):
+    """The best focus, and what it makes least."""
+
+    focus_mm: float
+    badness: float
+
+
+@dataclass(frozen=True)
+class Focusing:
+    """A sensor whose lens is still to be focused, and what depends on that.
+
+    Attributes
+    ----------
+    distances_mm
+        Of the objects that count.
+    image_radius_px
+        Largest radius of the rim's image; infinite where lens and mirror follow from the focus.
+    span_mm
+        Between which focus distances to choose; None for any.
+    points
+        Of the mirror that are looked at in each part of the field that is judged.
+    """
+
+    sensor: Sensor
+    counted: Counted
+    limits: tuple[Limit, ...]
+    distances_mm: tuple[float, ...]
+    image_radius_px: float = np.inf
+    span_mm: Span | None = None
+    points: int = POINTS
+
+    def best(self) -> Focus:
+        """The best focus by the limits that depend on it."""
+        low, high = self.range
+        whole, v = high - low, np.linspace(*self.range, SCAN)
+        with np.errstate(all="ignore"):
+            can_be_kept = bool((self._missed(v[:, None]) <= KEPT).any())
+            while True:
+                badness = self._badness(v[:, None], can_be_kept)
+                i = int(np.nanargmin(badness)) if np.isfinite(badness).any() else 0
+                low, high = v[max(i - 1, 0)], v[min(i + 1, v.size - 1)]
+                if not high - low > CLOSE * whole:
+                    break
+                v = np.linspace(low, high, AGAIN)
+        place = float(v[i])
+        return Focus(-place if self._is_telecentric else 1 / place, float(badness[i]))
+
+    def _badness(self, v: Array, keeping: bool) -> Array:
+        """What is to be least (b,) at places v (b, 1); ``keeping`` what else can be kept."""
+        of_blur = [limit.missed(self.field(v, limit)) for limit in self.limits if limit.of.is_sharpness]
+        if of_blur:
+            worst: Array = np.maximum.reduce(of_blur)
+        else:
+            worst = np.exp(self.field(v).log_area).max(axis=-1)
+        if not keeping:
+            return worst
+        missed = self._missed(v)
+        return worst + np.where(missed > KEPT, NOT_TO_BE_HAD * (1 + missed), 0.0)
+
+    def _missed(self, v: Array) -> Array:
+        """By what share (b,) what else hangs on the focus is missed at places v (b, 1)."""
+        if np.isinf(self.image_radius_px):  # the rim fills the imager, and the image has one size
+            return np.full(len(v), -1.0)
+        others = [limit.missed(self.field(v, limit)) for limit in self.limits if limit.of.is_scale]
+        image = (self._camera.px_per_ray(v) * self._rim_ray)[:, 0] / self.image_radius_px - 1
+        missed: Array = np.maximum.reduce([*others, image])
+        return missed
+
+    # -- what does not depend on the focus ---------------------------------------------------------
+
+    @property
+    def _is_telecentric(self) -> bool:
+        return self.sensor.lens.TELECENTRIC
+
+    @cached_property
+    def _camera(self) -> Camera | TelecentricCamera:
+        lens, pitch = self.sensor.lens, self.sensor.imager.pitch_mm
+        if isinstance(lens, Perspective):
+            return Camera(lens.focal_length_mm, lens.f_number, self._rim_ray, pitch)
+        return TelecentricCamera(lens.magnification, lens.working_f_number, self._rim_ray, pitch)  # type: ignore[attr-defined]
+
+    @cached_property
+    def _rim(self) -> tuple[float, float]:
+        """Radius and sag of the rim."""
+        radius = self.sensor.mirror.rim_radius_mm
+        return radius, float(self.sensor.mirror.sag(radius))
+
+    @cached_property
+    def _rim_ray(self) -> float:
+        radius, sag = self._rim
+        return radius if self._is_telecentric else radius / (self.sensor.mirror_distance_mm + sag)
+
+    @cached_property
+    def _parts(self) -> dict[tuple[float, float] | None, slice]:
+        """Where the points of each part of the field stand among all."""
+        asked = {limit.omega_deg: None for limit in self.limits}
+        if not any(limit.of.is_sharpness for limit in self.limits):
+            asked |= {None: None}
+        return {part: slice(i * self.points, (i + 1) * self.points) for i, part in enumerate(asked)}
+
+    @cached_property
+    def _nodes(self) -> NodeOptics:
+        """The optics (d, k) of all points for each object distance."""
+        sensor, mirror = self.sensor, self.sensor.mirror
+        ends = np.radians([self.counted.part(part)[:2] for part in self._parts])
+        first, last = sensor.meridian.x_from_omega(ends.ravel()).reshape(-1, 2).T
+        x = (first[:, None] + (last - first)[:, None] * np.linspace(0.0, 1.0, self.points)).ravel()
+        z, slope, curvature = mirror.profile(x)
+        over_x = np.where(x > 0, slope / np.where(x > 0, x, 1.0), curvature)
+        near = 1 / np.array(self.distances_mm)[:, None]
+        with np.errstate(divide="ignore"):  # a cone has its tangential images at infinity
+            if self._is_telecentric:
+                return telecentric_optics(x, z, slope, curvature, over_x, near)
+            return node_optics(x, z, slope, curvature, over_x, sensor.mirror_distance_mm, near)  # type: ignore[arg-type]
+
+    @cached_property
+    def _fields(self) -> dict[tuple[float, float] | None, NodeOptics]:
+        """The optics (k,) of each part, for one object distance after the other."""
+        shape = (len(self.distances_mm), self.points * len(self._parts))
+        nodes = [np.broadcast_to(column, shape) for column in self._nodes]
+        return {part: NodeOptics(*(n[:, where].ravel() for n in nodes)) for part, where in self._parts.items()}
+
+    def field(self, v: Array, limit: Limit | None = None) -> Field:
+        """What a limit looks at, at places v (b, 1); without one, all of the field that counts."""
+        (_, sag), m = self._rim, self.sensor.mirror_distance_mm
+        reach = np.array([sag if self._is_telecentric else m + sag])
+        part = self._fields[None if limit is None else limit.omega_deg]
+        return field_at(part, self._camera, v, reach, np.array([sag]))
+
+    @property
+    def range(self) -> tuple[float, float]:
+        """Places worth a look: those of the images that a lens can be focused at, and a little more."""
+        least, most = places_of(self.sensor.lens)
+        places = np.concatenate([self._nodes.place_t.ravel(), self._nodes.place_s.ravel()])
+        places = places[np.isfinite(places)]
+        within = places[places < most] if (places < most).any() else places
+        within = np.clip(within, least, most)
+        margin = MARGIN * (float(np.ptp(within)) or abs(float(within[0])))
+        low, high = max(float(within.min()) - margin, least), min(float(within.max()) + margin, most)
+        if self.span_mm is None:
+            return low, high
+        near, far = self.span_mm
+        ends = (-far, -near) if self._is_telecentric else (1 / far, 1 / near)
+        return float(np.clip(low, *ends)), float(np.clip(high, *ends))
+
+
+def places_of(lens: Lens) -> tuple[float, float]:
+    """Lowest and highest place that a lens can be focused at: 1/L0, or -L0 of a telecentric one."""
+    limits = lens.PARAMETERS["focus_distance_mm"]
+    if lens.TELECENTRIC:
+        return -limits.high, -limits.low
+    assert isinstance(lens, Perspective)
+    return 1 / limits.high, 1 / max(limits.low, 1.0001 * lens.focal_length_mm)

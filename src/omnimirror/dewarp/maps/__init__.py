@@ -1,0 +1,1 @@
+"""Where each pixel of a view lies in the picture."""

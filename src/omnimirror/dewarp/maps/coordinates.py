@@ -1,0 +1,118 @@
+"""From a view to the pixels of the picture that it shows."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...cameras import AxialSymmetry, Camera
+from ...frames import pan_tilt_direction
+from ..camera_field import is_vertical
+from ..sampling.remap import Grid
+from ..screens import Panorama, Screen, View, parts_of
+from ..screens.base import pixels_of_rows
+from ..viewpoints import Viewpoint, eye_of, projection_of
+from .polar import Rings
+from .radial_table import RadialTable, radial_table
+from .refine import view_grid
+
+Array = NDArray[np.float64]
+
+STRIP_PX = 1 << 17  # output pixels worked on at a time: their rays stay in the cache
+
+
+def source_pixels(camera: Camera, view: View, viewpoint: Viewpoint = "exact", exact: bool = False) -> Array:
+    """Source pixels (height, width, 2) of a view as (u, v); NaN outside the field and between a mosaic's views.
+
+    With ``exact`` every pixel is projected by itself; otherwise most are interpolated, to some thousandths
+    of a pixel.
+    """
+    of_screen = exact_pixels if exact else screen_pixels
+    if isinstance(view, Screen):
+        return of_screen(camera, view, viewpoint)
+    pixels = np.full((view.size[1], view.size[0], 2), np.nan)
+    for left, top, screen in parts_of(view):
+        width, height = screen.size
+        pixels[top : top + height, left : left + width] = of_screen(camera, screen, viewpoint)
+    return pixels
+
+
+def screen_pixels(camera: Camera, screen: Screen, viewpoint: Viewpoint = "exact") -> Array:
+    """Source pixels (height, width, 2) of a screen, the quickest way."""
+    if is_separable(camera, screen):
+        return screen_rings(camera, screen, viewpoint).coordinates(camera.image_size)
+    return screen_grid(camera, screen, viewpoint).coordinates().astype(np.float64)
+
+
+def screen_grid(camera: Camera, screen: Screen, viewpoint: Viewpoint = "exact") -> Grid:
+    """The lattice of a screen, which the sampler takes as it is."""
+    if camera.symmetry is None:
+        project = projection_of(camera, screen, viewpoint)
+        return view_grid(lambda u, v: project(screen.targets_at(u, v)).pixels, screen.size)
+    table: RadialTable = radial_table(camera)  # type: ignore[arg-type]  # the cache asks for Hashable
+    eye = eye_of(camera, screen, viewpoint)
+
+    def targets(u: Array, v: Array) -> Array:
+        there = screen.targets_at(u, v)
+        return there - eye if eye is not None and eye.any() else there
+
+    return view_grid(
+        lambda u, v: table.pixels(targets(u, v), eye is None),
+        screen.size,
+        with_excess=lambda u, v: table.pixels_and_excess(targets(u, v), eye is None),
+    )
+
+
+def exact_pixels(camera: Camera, screen: Screen, viewpoint: Viewpoint = "exact") -> Array:
+    """Source pixels (height, width, 2) of any camera and screen, each projected by itself, in strips of rows."""
+    width, height = screen.size
+    pixels = np.empty((height, width, 2))
+    step = max(1, STRIP_PX // width)
+    for first in range(0, height, step):
+        last = min(first + step, height)
+        pixels[first:last] = rows_of_pixels(camera, screen, first, last, viewpoint)
+    return pixels
+
+
+def rows_of_pixels(
+    camera: Camera, screen: Screen, first_row: int, last_row: int, viewpoint: Viewpoint = "exact"
+) -> Array:
+    """Source pixels (rows, width, 2) of some rows of a screen, each projected by itself."""
+    targets = screen.targets_at(*pixels_of_rows(screen.size, first_row, last_row))
+    return projection_of(camera, screen, viewpoint)(targets.reshape(-1, 3)).pixels.reshape(*targets.shape[:2], 2)
+
+
+# -- panoramas about the camera's own axis ---------------------------------------------------------
+
+
+def is_separable(camera: Camera, screen: Screen) -> bool:
+    """Whether rows are circles in the picture: a panorama about the camera's vertical axis."""
+    if not isinstance(screen, Panorama) or camera.symmetry is None or not is_vertical(camera.symmetry):
+        return False
+    return screen.is_distant or not any(screen.offset_mm[:2])
+
+
+def screen_rings(camera: Camera, screen: Screen, viewpoint: Viewpoint = "exact") -> Rings:
+    """The circles that the rows of a separable screen are."""
+    symmetry = camera.symmetry
+    assert isinstance(screen, Panorama)
+    assert symmetry is not None
+    across = pan_tilt_direction(screen.pans(), 0.0)
+    angles = np.unwrap(np.arctan2(across @ symmetry.down, across @ symmetry.right))
+    if screen.is_distant:
+        return Rings(symmetry.centre_px, _radii_of_tilts(symmetry, screen.tilts()), angles)
+    eye = eye_of(camera, screen, viewpoint)
+    points = screen.targets_at(np.zeros(1), np.arange(screen.size[1], dtype=float))  # of one column: all are alike
+    points -= 0.0 if eye is None else eye
+    table: RadialTable = radial_table(camera)  # type: ignore[arg-type]  # the cache asks for Hashable
+    radii = table.radii_px(np.hypot(points[:, 0], points[:, 1]), points @ symmetry.axis, eye is None)
+    return Rings(symmetry.centre_px, radii, angles)
+
+
+def _radii_of_tilts(symmetry: AxialSymmetry, tilts: Array) -> Array:
+    """Image radii (n,) in px of tilts (n,) in radians; NaN outside the field."""
+    omega: Array = np.pi / 2 - symmetry.axis[2] * tilts
+    radii = np.full_like(omega, np.nan)
+    seen = (omega >= symmetry.omega_min) & (omega <= symmetry.omega_max)
+    radii[seen] = symmetry.radius_px(omega[seen])
+    return radii

@@ -1,0 +1,1 @@
+"""Values of a picture at fractional places: compiled, or with OpenCV."""

@@ -1,0 +1,1 @@
+"""Frames of videos straightened plane by plane, as they are coded."""

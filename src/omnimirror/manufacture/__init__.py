@@ -1,0 +1,39 @@
+"""What a workshop and other programs need of a sensor: tables, CAD and lens files, and a drawing."""
+
+from .body import Body
+from .drawings.drawing import Drawing, draw_sheet
+from .exporter import DEFAULT_FORMATS, FORMATS, Exported, export
+from .formats.gridsag import format_grid_sag
+from .formats.sag_table import format_table, sag_table, table_points
+from .formats.zmx import format_zmx
+from .forms import Asphere, Curve, asphere_of, curve_of
+from .reference_sphere import BestSphere, best_sphere
+from .sensitivity import Sensitivity, sensitivities
+from .supports import Hidden, Support, hidden_percent, obscuration
+
+__all__ = [
+    "DEFAULT_FORMATS",
+    "FORMATS",
+    "Asphere",
+    "BestSphere",
+    "Body",
+    "Curve",
+    "Drawing",
+    "Exported",
+    "Hidden",
+    "Sensitivity",
+    "Support",
+    "asphere_of",
+    "best_sphere",
+    "curve_of",
+    "draw_sheet",
+    "export",
+    "format_grid_sag",
+    "format_table",
+    "format_zmx",
+    "hidden_percent",
+    "obscuration",
+    "sag_table",
+    "sensitivities",
+    "table_points",
+]

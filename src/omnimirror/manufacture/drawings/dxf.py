@@ -1,0 +1,205 @@
+"""DXF: the half-section of the mirror with dimensions, for CAD and for a lathe.
+
+The axis is drawn horizontally: X is our z (the lens lies to the left), Y the distance from the axis. The
+upper half is cut and hatched, the lower one seen from outside. All at full size, in mm.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...mirrors import Mirror
+from ..body import Body
+from ..forms import Curve, chords, conic_of, curve_of
+
+Array = NDArray[np.float64]
+
+
+class Layer(NamedTuple):
+    """Name, colour (AutoCAD's number), line width (1/100 mm) and kind of line."""
+
+    name: str
+    colour: int
+    width: int
+    linetype: str = "Continuous"
+
+
+MIRROR = Layer("MIRROR", 5, 70)
+OUTLINE = Layer("OUTLINE", 7, 50)
+CENTRE = Layer("CENTRE", 1, 25, "CENTER")
+HATCH = Layer("HATCH", 8, 18)
+DIMENSIONS = Layer("DIMENSIONS", 3, 25)
+NOTES = Layer("NOTES", 7, 25)
+LAYERS = (MIRROR, OUTLINE, CENTRE, HATCH, DIMENSIONS, NOTES)
+
+TEXT_MM = 3.5
+STYLE = "OMNIMIRROR"
+BY_LAYER = 256
+
+
+def write_dxf(path: Path, mirror: Mirror, body: Body, name: str) -> Curve:
+    """Write the half-section; the mirror surface is an exact arc, conic or line, or the spline of the STEP file."""
+    import ezdxf.filemanagement
+    from ezdxf.units import MM
+
+    curve = curve_of(mirror, body.start_mm())
+    doc = ezdxf.filemanagement.new("R2010", setup=["linetypes", "styles"], units=MM)
+    for layer in LAYERS:
+        doc.layers.add(layer.name, color=layer.colour, linetype=layer.linetype, lineweight=layer.width)
+    size = _text_size(mirror)
+    doc.header["$LTSCALE"] = size / TEXT_MM / 2
+    doc.header["$LWDISPLAY"] = 1
+    _dimension_style(doc, size)
+    page = doc.modelspace()
+    section = body.outline(mirror)
+    _draw_outline(page, curve, section)
+    _draw_hatch(page, mirror, body, section, size)
+    _draw_axis(page, mirror, body, size)
+    _draw_dimensions(page, mirror, body, size)
+    _draw_notes(page, mirror, body, curve, name, size)
+    doc.saveas(path)
+    return curve
+
+
+def _text_size(mirror: Mirror) -> float:
+    """Height of the text, mm: 3.5 on mirrors of some centimetres, in steps of 1, 2 and 5."""
+    steps = np.array([a * 10.0**n for n in range(-4, 4) for a in (1, 2, 5)])
+    return TEXT_MM * float(steps[np.argmin(np.abs(np.log(steps * 45.0 / mirror.rim_radius_mm)))])
+
+
+def _dimension_style(doc: Any, size: float) -> None:
+    """ISO 129: closed arrows, text above the line, lengths to the micrometre without idle zeros."""
+    style = doc.dimstyles.add(STYLE)
+    style.dxf.dimtxt = size
+    style.dxf.dimasz = size
+    style.dxf.dimexo = size / 3  # extension lines begin a little off the part
+    style.dxf.dimexe = size / 2
+    style.dxf.dimgap = size / 3
+    style.dxf.dimtad = 1  # text above the line
+    style.dxf.dimtih = 0  # and along it
+    style.dxf.dimtoh = 0
+    style.dxf.dimdec = 3
+    style.dxf.dimzin = 8
+    style.dxf.dimdsep = ord(".")
+    style.dxf.dimlunit = 2
+    style.dxf.dimtxsty = "OpenSans"
+    style.dxf.dimclrd = style.dxf.dimclre = style.dxf.dimclrt = BY_LAYER
+
+
+# -- the part --------------------------------------------------------------------------------------
+
+
+def _draw_outline(page: Any, curve: Curve, section: Array) -> None:
+    for side in (1.0, -1.0):
+        _draw_curve(page, curve, side)
+        corners = [(float(z), side * float(x)) for x, z in section]
+        if side < 0:  # from outside no bore is seen: only what stands beyond the rim, and the back
+            back = max(z for z, _ in corners)
+            outside = [c for c in corners if c[1] <= -curve.ends[1][0] * (1 - 1e-12)]
+            corners = [*outside, (back, 0.0)]
+            start, rim = curve.ends
+            for x, z in [rim, start] if start[0] else [rim]:
+                page.add_line((z, -x), (z, 0.0), dxfattribs=_on(OUTLINE))
+        elif not curve.ends[0][0]:
+            corners = corners[:-1]  # the axis is no edge
+        page.add_lwpolyline(corners, dxfattribs=_on(OUTLINE))
+
+
+def _draw_curve(page: Any, curve: Curve, side: float) -> None:
+    """The meridian, as exact as the format allows; ``side`` -1 mirrors it at the axis."""
+    (x0, z0), (x1, z1) = curve.ends
+    if curve.kind == "line":
+        page.add_line((z0, side * x0), (z1, side * x1), dxfattribs=_on(MIRROR))
+    elif curve.kind == "arc":
+        # angles of the arc about (R, 0), counterclockwise from +X; the vertex lies at 180 degrees
+        R = curve.radius_mm
+        angles = sorted(180.0 - side * np.degrees(np.arctan2(x, R - z)) for x, z in curve.ends)
+        page.add_arc((R, 0.0), R, *map(float, angles), dxfattribs=_on(MIRROR))
+    else:
+        poles = [(z, side * x) for x, z in curve.poles]
+        spline = page.add_open_spline(poles, degree=curve.degree, knots=curve.knots, dxfattribs=_on(MIRROR))
+        if curve.weights:
+            spline.weights = list(curve.weights)
+
+
+def _draw_hatch(page: Any, mirror: Mirror, body: Body, section: Array, size: float) -> None:
+    x = chords(mirror, 1.0, body.start_mm())
+    boundary = np.concatenate([np.stack([x, mirror.sag(x)], axis=-1), section[1:]])
+    hatch = page.add_hatch(color=BY_LAYER, dxfattribs=_on(HATCH))
+    hatch.set_pattern_fill("ANSI31", scale=size / TEXT_MM)
+    hatch.paths.add_polyline_path([(float(pz), float(px)) for px, pz in boundary], is_closed=True)
+
+
+def _draw_axis(page: Any, mirror: Mirror, body: Body, size: float) -> None:
+    page.add_line((-3 * size, 0.0), (body.back_mm(mirror) + 3 * size, 0.0), dxfattribs=_on(CENTRE))
+
+
+# -- dimensions and notes --------------------------------------------------------------------------
+
+
+def _draw_dimensions(page: Any, mirror: Mirror, body: Body, size: float) -> None:
+    rim, back = mirror.rim_radius_mm, body.back_mm(mirror)
+    edge, outer = float(mirror.sag(rim)), body.outer_radius_mm(mirror)
+    row = 2.6 * size
+
+    def along(z0: float, z1: float, x0: float, x1: float, at: float, **override: Any) -> None:
+        """A length along the axis, from (z0, x0) to (z1, x1), its line at the distance ``at`` from the axis."""
+        _linear(page, (z0, at), (z0, x0), (z1, x1), 0.0, override)
+
+    def diameter(x: float, z: float, at: float) -> None:
+        _linear(page, (at, 0.0), (z, -x), (z, x), 90.0, {"dimpost": "Ø<>"})
+
+    along(edge, back, -rim, -outer, -outer - 1.5 * row)
+    if edge:  # a flat mirror is as thick everywhere
+        along(0.0, edge, 0.0, -rim, -outer - 1.5 * row)
+        along(0.0, back, 0.0, -outer, -outer - 2.5 * row)
+    at = back
+    if body.bore_mm:
+        at += 2 * row
+        diameter(body.bore_mm / 2, back, at)
+        if not body.bore_goes_through:
+            along(back - body.bore_depth_mm, back, body.bore_mm / 2, body.bore_mm / 2, outer + row)
+    if body.flange_width_mm:
+        at += row if body.bore_mm else 2 * row
+        diameter(outer, back, at)
+        along(back - body.flange_thickness_mm, back, outer, outer, outer + 2 * row)
+    diameter(rim, edge, -2 * row)
+
+
+def _linear(page: Any, base: Any, p1: Any, p2: Any, angle: float, override: dict[str, Any]) -> None:
+    page.add_linear_dim(
+        base=base, p1=p1, p2=p2, angle=angle, dimstyle=STYLE, override=override, dxfattribs=_on(DIMENSIONS)
+    ).render()
+
+
+def _draw_notes(page: Any, mirror: Mirror, body: Body, curve: Curve, name: str, size: float) -> None:
+    deviation = f"within {curve.deviation_um:.2g} um of the mirror" if curve.deviation_um else "exact"
+    lines = [name, *surface_words(mirror), f"Mirror surface: {curve.words}, {deviation}", f"Body: {body.words()}"]
+    top = -body.outer_radius_mm(mirror) - 10 * size
+    text = page.add_mtext("\n".join(lines), dxfattribs={"char_height": size, "style": "OpenSans", **_on(NOTES)})
+    text.set_location((0.0, top))
+
+
+def surface_words(mirror: Mirror) -> list[str]:
+    """What the surface is, line by line: its kind, vertex radius and conic constant.
+
+    >>> from omnimirror.mirrors import Cone
+    >>> surface_words(Cone(45.0, 20.0))
+    ['Surface: cone, 45 deg from the plane across the axis']
+    """
+    if mirror.is_pointed:
+        beta = float(np.degrees(np.arctan(mirror.slope(0.0))))
+        return [f"Surface: {mirror.KIND}, {beta:.6g} deg from the plane across the axis"]
+    conic, R = conic_of(mirror), float(mirror.radius_t(0.0))
+    if np.isinf(R):
+        return [f"Surface: {mirror.KIND}"]
+    k = f", conic constant k = {conic[1]:.9g}" if conic else ""
+    return [f"Surface: {mirror.KIND}, vertex radius R = {R:.9g} mm{k}"]
+
+
+def _on(layer: Layer) -> dict[str, str]:
+    return {"layer": layer.name}

@@ -1,0 +1,305 @@
+"""One call writes what a workshop and other programs need of a sensor, all files or none."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from importlib.util import find_spec
+from pathlib import Path
+from shutil import copyfile
+from tempfile import TemporaryDirectory
+from typing import NamedTuple
+
+from ..arguments import WrongKind, file_name, number, optional_number, shown, whole
+from ..errors import InvalidParameter, OmnimirrorError
+from ..files import replacing
+from ..sensor import Sensor, check_sensor
+from .body import Body
+from .drawings.drawing import Drawing, draw_sheet, write_drawing
+from .drawings.sheet import scale_words
+from .formats.gridsag import write_grid_sag
+from .formats.sag_table import format_table, table_points
+from .formats.zmx import write_zmx
+from .parts import Part, parts_of
+from .supports import Support
+
+FOLLOWS_DEG = 0.01  # a lens file whose rays stay within this of the mirror's follows it
+
+
+@dataclass(frozen=True)
+class Exported:
+    """A file that was written.
+
+    Attributes
+    ----------
+    path
+    what : what it holds, in a few words
+    deviation_um : how far its surface lies from the mirror at most, 0 where it is the mirror; None for a drawing
+    ray_deg : of a lens file, the largest angle between the rays that its surface and the mirror reflect; else None
+    """
+
+    path: Path
+    what: str
+    deviation_um: float | None
+    ray_deg: float | None = None
+
+    @property
+    def follows(self) -> bool:
+        """Whether rays through it go where the mirror sends them, to a hundredth of a degree."""
+        return self.ray_deg is None or self.ray_deg < FOLLOWS_DEG
+
+
+@dataclass(frozen=True)
+class Plan:
+    """All that the formats ask for: the sensor and its mirrors, and how fine each file is."""
+
+    sensor: Sensor
+    parts: list[Part]
+    support: Support = field(default_factory=Support)
+    chord_tolerance_um: float = 10.0
+    step_mm: float | None = None
+    step_deg: float | None = None
+    digits: int = 6
+    grid_points: int = 257
+    sheet: str = "A3"
+    scale: float | None = None
+
+
+class Content(NamedTuple):
+    """What a writer tells of its file, as :class:`Exported` holds it."""
+
+    what: str
+    deviation_um: float | None
+    ray_deg: float | None = None
+
+
+Writer = Callable[[Plan, Part, Path], Content]
+"""Writes a file of one mirror, or of the sensor, to which all parts belong."""
+
+
+@dataclass(frozen=True)
+class Format:
+    """How a format is written and named: ``suffixes`` it goes by, what is put after the sensor's name, its packages.
+
+    Of two mirrors there is a file each, unless a file shows the whole sensor.
+    """
+
+    write: Writer
+    suffixes: tuple[str, ...]
+    ending: str = ""
+    packages: tuple[str, ...] = ()
+    shows_sensor: bool = False
+
+
+def export(
+    sensor: Sensor,
+    path: str | Path,
+    formats: Iterable[str] | None = None,
+    *,
+    body: Body | None = None,
+    secondary_body: Body | None = None,
+    support: Support | None = None,
+    chord_tolerance_um: float = 10.0,
+    step_mm: float | None = None,
+    step_deg: float | None = None,
+    digits: int = 6,
+    grid_points: int = 257,
+    sheet: str = "A3",
+    scale: float | None = None,
+) -> list[Exported]:
+    """Write CAD files, lens files, tables and the drawing of a sensor: all of them, or none.
+
+    Parameters
+    ----------
+    sensor
+    path
+        A folder, or one file whose suffix says the format: .step, .stl, .3mf, .dxf, .zmx, .dat (grid sag),
+        .csv (sag table), and .pdf, .svg or .png (drawing). The file of a second mirror stands beside it.
+    formats : optional
+        Of :data:`FORMATS`, for a folder; the first eight by default.
+    body : optional
+        The solid behind the surface, ``Body()`` by default; a camera behind it gets the bore it looks through.
+    secondary_body : optional
+        The same of a second mirror.
+    support : optional
+        What holds the mirror in the drawing, a transparent tube by default.
+    chord_tolerance_um
+        Of the triangles of STL and 3MF.
+    step_mm, step_deg, digits
+        Step of the sag table along x or in field angle, and its decimals of a millimetre.
+    grid_points
+        Of the grid sag file, along each side.
+    sheet, scale
+        "A3" or "A4", and the scale of the drawing's first view; by default the largest standard one that fits.
+
+    Returns
+    -------
+    list of Exported
+        A file each, with how far its surface lies from the mirror.
+
+    Raises
+    ------
+    InvalidParameter
+        A format or suffix that is not known, or a parameter outside its range.
+    OmnimirrorError
+        A package of ``omnimirror[cad]`` is missing, or a file cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile, omnimirror as om
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     files = om.export(om.load_sensor("paper-spherical"), folder, ["csv", "zmx"], digits=4)
+    >>> [(file.path.name, file.deviation_um) for file in files]
+    [('paper-spherical-sag.csv', 0.05), ('paper-spherical.zmx', 0.0)]
+    """
+    check_sensor(sensor)
+    if isinstance(formats, str) or not (formats is None or isinstance(formats, Iterable)):
+        raise WrongKind(f"formats = {shown(formats)} is not a list of names, of {', '.join(FORMATS)}")
+    formats = None if formats is None else list(formats)
+    path = file_name("path", path)
+    digits, grid_points = whole("digits", digits, 0, 15), whole("grid_points", grid_points, 3, 10_001)
+    chord_tolerance_um = number("chord_tolerance_um", chord_tolerance_um, above=0.0, unit="um")
+    step_mm, step_deg = optional_number("step_mm", step_mm), optional_number("step_deg", step_deg)
+    scale = optional_number("scale", scale, above=0.0)
+    plan = Plan(
+        sensor, parts_of(sensor, body or Body(), secondary_body), support or Support(), chord_tolerance_um, step_mm,
+        step_deg, digits, grid_points, sheet, scale,
+    )  # fmt: skip
+    targets = _targets(plan, path, formats)
+    _check_packages(list(dict.fromkeys(name for name, _ in targets.values())))
+    with TemporaryDirectory() as folder, ExitStack() as stack:
+        made = {target: Path(folder) / _plain(target.name) for target in targets}
+        written = [Exported(target, *_write(plan, *what, made[target], target)) for target, what in targets.items()]
+        for target, file in made.items():
+            copyfile(file, stack.enter_context(replacing(target)))
+    return written
+
+
+def _plain(name: str) -> str:
+    """A name that libraries take which know UTF-8 alone."""
+    return name.encode("utf-8", "replace").decode()
+
+
+def _write(plan: Plan, name: str, part: Part, path: Path, target: Path) -> Content:
+    """Write one file where it can be thrown away; ``target`` is what the user knows it as."""
+    try:
+        return FORMATS[name].write(plan, part, path)
+    except OSError as e:
+        raise OmnimirrorError(f"cannot write {target}: {e.strerror or e}") from None
+
+
+def _targets(plan: Plan, path: Path, formats: list[str] | None) -> dict[Path, tuple[str, Part]]:
+    """The files to write, each with its format and the mirror that it is of."""
+    for name in formats or ():
+        if not isinstance(name, str) or name not in FORMATS:
+            raise InvalidParameter(f"there is no format {shown(name)}; valid are {', '.join(FORMATS)}")
+    by_suffix = {suffix: name for name, f in FORMATS.items() for suffix in f.suffixes}
+    suffix = path.suffix.lower()
+    if suffix in by_suffix and not path.is_dir():
+        name = by_suffix[suffix]
+        if formats and formats != [name]:
+            raise InvalidParameter(f"{path.name} is a {name} file; give a folder for {', '.join(formats)}")
+        return {path.with_stem(path.stem + mark): (name, part) for mark, part in _marked(plan, name)}
+    if suffix and formats is None and not path.is_dir():
+        raise InvalidParameter(
+            f"{path.name} has no suffix that is known; valid are {', '.join(by_suffix)}, or a folder"
+        )
+    stem = re.sub(r"[^\w.+-]+", "-", plan.sensor.name).strip("-.") or "sensor"
+    chosen = DEFAULT_FORMATS if formats is None else tuple(dict.fromkeys(formats))
+    return {
+        path / f"{stem}{mark}{FORMATS[name].ending}{FORMATS[name].suffixes[0]}": (name, part)
+        for name in chosen
+        for mark, part in _marked(plan, name)
+    }
+
+
+def _marked(plan: Plan, name: str) -> list[tuple[str, Part]]:
+    """The mirrors that a format has a file of, each with what its name ends in."""
+    parts = plan.parts[:1] if FORMATS[name].shows_sensor else plan.parts
+    return [("-secondary" if part.is_secondary else "", part) for part in parts]
+
+
+def _check_packages(names: list[str]) -> None:
+    lacking = {name: [p for p in FORMATS[name].packages if not _is_installed(p)] for name in names}
+    missing = sorted({package for packages in lacking.values() for package in packages})
+    if not missing:
+        return
+    without = [name for name, packages in lacking.items() if packages]
+    others = [name for name, packages in lacking.items() if not packages]
+    rest = f", or choose from {', '.join(others)}" if others else ""
+    raise OmnimirrorError(
+        f"{', '.join(without)} need{'s' * (len(without) == 1)} {', '.join(missing)}: "
+        f"pip install 'omnimirror[cad]'{rest}"
+    )
+
+
+def _is_installed(package: str) -> bool:
+    return find_spec(package) is not None
+
+
+# -- the formats -----------------------------------------------------------------------------------------
+
+
+def _step(plan: Plan, part: Part, path: Path) -> Content:
+    from .formats.step import write_step
+
+    curve = write_step(path, part.mirror, part.body, part.name)
+    return Content(f"solid, {curve.words}", curve.deviation_um)
+
+
+def _mesh(plan: Plan, part: Part, path: Path) -> Content:
+    from .formats.mesh import write_mesh
+
+    deviation, count = write_mesh(path, part.mirror, part.body, plan.chord_tolerance_um)
+    return Content(f"{count} triangles", deviation)
+
+
+def _dxf(plan: Plan, part: Part, path: Path) -> Content:
+    from .drawings.dxf import write_dxf
+
+    curve = write_dxf(path, part.mirror, part.body, part.name)
+    return Content(f"half-section with dimensions, {curve.words}", curve.deviation_um)
+
+
+def _zmx(plan: Plan, part: Part, path: Path) -> Content:
+    aspheres = write_zmx(path, plan.sensor)
+    words = " and ".join(asphere.words() for asphere in aspheres)
+    return Content(f"OpticStudio, {words}", max(a.deviation_um for a in aspheres), max(a.ray_deg for a in aspheres))
+
+
+def _grid_sag(plan: Plan, part: Part, path: Path) -> Content:
+    deviation = write_grid_sag(path, part.mirror, plan.grid_points)
+    return Content(f"OpticStudio grid sag, {plan.grid_points} x {plan.grid_points}", deviation)
+
+
+def _table(plan: Plan, part: Part, path: Path) -> Content:
+    x = table_points(plan.sensor, plan.step_mm, plan.step_deg, part.is_secondary)
+    path.write_text(format_table(plan.sensor, x, plan.digits, part.is_secondary), encoding="utf-8", newline="")
+    return Content(f"sag table, {len(x)} points", 1e3 * 0.5 * 10.0**-plan.digits)
+
+
+def _drawing(plan: Plan, part: Part, path: Path) -> Content:
+    bodies = [p.body for p in plan.parts]
+    drawing: Drawing = draw_sheet(plan.sensor, bodies[0], plan.support, plan.sheet, plan.scale, *bodies[1:])
+    write_drawing(path, drawing)
+    return Content(f"drawing, {plan.sheet}, {scale_words(drawing.sensor_scale)}", None)
+
+
+MESHES = ("trimesh", "lxml", "networkx")
+FORMATS: dict[str, Format] = {
+    "step": Format(_step, (".step", ".stp"), packages=("OCP",)),
+    "stl": Format(_mesh, (".stl",), packages=MESHES[:1]),
+    "3mf": Format(_mesh, (".3mf",), packages=MESHES),
+    "dxf": Format(_dxf, (".dxf",), packages=("ezdxf",)),
+    "zmx": Format(_zmx, (".zmx",), shows_sensor=True),
+    "gridsag": Format(_grid_sag, (".dat",)),
+    "csv": Format(_table, (".csv",), "-sag"),
+    "pdf": Format(_drawing, (".pdf",), "-drawing", shows_sensor=True),
+    "svg": Format(_drawing, (".svg",), "-drawing", shows_sensor=True),
+    "png": Format(_drawing, (".png",), "-drawing", shows_sensor=True),
+}
+"""Every format by the word that names it."""
+DEFAULT_FORMATS = tuple(FORMATS)[:8]
+"""What is written where nothing else is asked for."""

@@ -1,0 +1,1 @@
+"""Files for workshops and other programs."""

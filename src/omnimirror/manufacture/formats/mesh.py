@@ -1,0 +1,135 @@
+"""STL and 3MF: the solid in triangles that stay within a chord tolerance of the mirror."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import InvalidParameter
+from ...mirrors import Mirror
+from ..body import Body
+from ..forms import chords, deviation_um
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+MOST_TRIANGLES = 8_000_000
+
+
+def mesh_of(mirror: Mirror, body: Body, tolerance_um: float = 10.0) -> tuple[Array, Indices]:
+    """Vertices (n, 3) in mm and triangles (k, 3), their normals outwards, closed.
+
+    All vertices of the mirror surface lie on it; half of the tolerance is spent along the meridian and half
+    around the axis, where a chord of the rim lies ``r (1 - cos(pi/n)) sin(beta)`` from the surface.
+
+    Raises
+    ------
+    InvalidParameter
+        A tolerance that is not above 0, or one that takes more than eight million triangles.
+
+    Examples
+    --------
+    >>> from omnimirror.mirrors import Sphere
+    >>> vertices, triangles = mesh_of(Sphere(50.0, 40.0), Body(), tolerance_um=100)
+    >>> len(triangles) == 2 * len(vertices) - 4  # Euler: closed, and without holes
+    True
+    """
+    if not tolerance_um > 0:
+        raise InvalidParameter(f"chord_tolerance_um = {tolerance_um:g} is not valid; give more than 0 um")
+    x = chords(mirror, tolerance_um / 2, body.start_mm())
+    # the outline ends where the meridian begins
+    profile = np.concatenate([np.stack([x, mirror.sag(x)], axis=-1), body.outline(mirror)[1:-1]])
+    segments = _segments(mirror, tolerance_um / 2)
+    if 2 * segments * len(profile) > MOST_TRIANGLES:
+        raise InvalidParameter(
+            f"chord_tolerance_um = {tolerance_um:g} takes {2 * segments * len(profile)} triangles, and at most "
+            f"{MOST_TRIANGLES} are made; choose a larger one"
+        )
+    return turned(profile, segments, closed=body.bore_goes_through)
+
+
+def _segments(mirror: Mirror, tolerance_um: float) -> int:
+    """Steps around the axis; a multiple of four, so that the mesh is as wide as the mirror along x and y."""
+    x = np.linspace(0.0, mirror.rim_radius_mm, 1025)
+    slope = np.abs(mirror.slope(x))
+    reach = float((x * slope / np.sqrt(1 + slope**2)).max())  # r sin(beta)
+    # the solid's plain cylinders are not held to the tolerance: a flange may be coarser than the mirror
+    least = 64
+    if reach <= 1e-3 * tolerance_um:
+        return least
+    return max(least, 4 * int(np.ceil(np.pi / np.arccos(max(1 - 1e-3 * tolerance_um / reach, 0.0)) / 4)))
+
+
+def turned(profile: Array, segments: int, closed: bool = False) -> tuple[Array, Indices]:
+    """A profile (n, 2) of (x, z) turned about the axis, its inside to the left of its direction.
+
+    An open profile begins and ends on the axis; a closed one goes round a ring.
+
+    >>> vertices, triangles = turned(np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]), 4)
+    >>> vertices.shape, triangles.shape  # a square prism
+    ((10, 3), (16, 3))
+    """
+    rings = profile if closed else profile[1:-1]
+    angle = 2 * np.pi * np.arange(segments) / segments
+    cos, sin = np.cos(angle), np.sin(angle)
+    x, z = rings[:, :1], np.broadcast_to(rings[:, 1:], (len(rings), segments))
+    vertices = np.stack([x * cos, x * sin, z], axis=-1).reshape(-1, 3)
+    here = np.arange(segments)
+    there = (here + 1) % segments
+    below = segments * np.arange(len(rings))[:, None]
+    above = np.roll(below, -1, axis=0) if closed else below[1:]
+    below = below if closed else below[:-1]
+    sides = [(below + here, below + there, above + there), (below + here, above + there, above + here)]
+    triangles = [np.stack(np.broadcast_arrays(*corners), axis=-1).reshape(-1, 3) for corners in sides]
+    if not closed:
+        first, last = len(vertices), len(vertices) + 1
+        vertices = np.concatenate([vertices, [[0.0, 0.0, profile[0, 1]], [0.0, 0.0, profile[-1, 1]]]])
+        end = segments * (len(rings) - 1)
+        triangles += [
+            np.stack([np.full(segments, first), there, here], axis=-1),
+            np.stack([np.full(segments, last), end + here, end + there], axis=-1),
+        ]
+    return vertices, np.concatenate(triangles).astype(np.int64)
+
+
+def mesh_deviation_um(mirror: Mirror, vertices: Array, triangles: Indices, body: Body) -> float:
+    """Largest distance of the triangles of the mirror surface from the mirror, um, by 91 points on each.
+
+    The surface's triangles are those whose corners all lie on it. One step around the axis is looked at: the
+    others are the same turned.
+    """
+    r, rim = np.hypot(vertices[:, 0], vertices[:, 1]), mirror.rim_radius_mm
+    azimuth = np.arctan2(vertices[:, 1], vertices[:, 0])
+    step = azimuth[azimuth > 1e-6].min()
+    inside = (r <= rim * (1 + 1e-6)) & (r >= body.start_mm() * (1 - 1e-6))
+    on_surface = inside & (np.abs(deviation_um(mirror, r, vertices[:, 2])) < 0.1)
+    slot = (azimuth > -1e-6) & (azimuth < 1.001 * step)
+    corners = vertices[triangles[(on_surface & (slot | (r == 0)))[triangles].all(axis=1)]]
+    parts = 12
+    weights = np.array([(i, j, parts - i - j) for i in range(parts + 1) for j in range(parts + 1 - i)]) / parts
+    points = np.einsum("wc,kcd->kwd", weights, corners)
+    return float(np.abs(deviation_um(mirror, np.hypot(points[..., 0], points[..., 1]), points[..., 2])).max())
+
+
+def write_mesh(path: Path, mirror: Mirror, body: Body, tolerance_um: float) -> tuple[float, int]:
+    """Write .stl or .3mf as the path's suffix says, in mm; the deviation from the mirror (um) and the triangles.
+
+    The deviation is that of the file: an STL file holds single-precision numbers.
+    """
+    import trimesh
+    from trimesh.exchange.stl import export_stl
+    from trimesh.exchange.threemf import export_3MF
+
+    vertices, triangles = mesh_of(mirror, body, tolerance_um)
+    mesh = trimesh.Trimesh(vertices, triangles, process=False)
+    if path.suffix == ".stl":
+        path.write_bytes(export_stl(mesh))
+        stored = vertices.astype(np.float32).astype(np.float64)
+    else:
+        write: Any = export_3MF  # it says that its unit is the millimetre
+        path.write_bytes(write(mesh))
+        stored = vertices
+    return mesh_deviation_um(mirror, stored, triangles, body), len(triangles)

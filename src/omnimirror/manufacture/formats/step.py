@@ -1,0 +1,126 @@
+"""STEP: the mirror as an exact solid, its meridian a circle, a conic, a line or a spline turned about the axis."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ... import __version__
+from ...mirrors import Mirror
+from ..body import Body
+from ..forms import Curve, curve_of
+
+
+def solid_of(mirror: Mirror, body: Body) -> tuple[Any, Curve]:
+    """The solid, a ``TopoDS_Shape`` in the mirror's own frame in mm, and the curve that its surface is made of.
+
+    The half-section is drawn in the plane y = 0 and turned once about z.
+    """
+    from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeEdge, BRepBuilderAPI_MakeFace, BRepBuilderAPI_MakeWire
+    from OCP.BRepPrimAPI import BRepPrimAPI_MakeRevol
+    from OCP.gp import gp
+
+    curve = curve_of(mirror, body.start_mm())
+    corners = [_point(x, z) for x, z in body.outline(mirror)]
+    wire = BRepBuilderAPI_MakeWire(_edge(curve))
+    for start, end in pairwise(corners):
+        wire.Add(BRepBuilderAPI_MakeEdge(start, end).Edge())
+    face = BRepBuilderAPI_MakeFace(wire.Wire(), True).Face()
+    return BRepPrimAPI_MakeRevol(face, gp.OZ_s()).Shape(), curve
+
+
+def write_step(path: Path, mirror: Mirror, body: Body, name: str) -> Curve:
+    """Write the solid, with the deviation of its surface in the file's description.
+
+    Raises
+    ------
+    OSError
+        The file cannot be written.
+    """
+    from OCP.APIHeaderSection import APIHeaderSection_MakeHeader
+    from OCP.IFSelect import IFSelect_ReturnStatus
+    from OCP.Interface import Interface_Static
+    from OCP.STEPControl import STEPControl_StepModelType, STEPControl_Writer
+    from OCP.TCollection import TCollection_HAsciiString
+
+    shape, curve = solid_of(mirror, body)
+    with _quiet():
+        writer = STEPControl_Writer()
+        Interface_Static.SetCVal_s("write.step.product.name", name)
+        Interface_Static.SetCVal_s("write.step.unit", "MM")
+        writer.Transfer(shape, STEPControl_StepModelType.STEPControl_AsIs)
+        header = APIHeaderSection_MakeHeader(writer.Model())
+        header.SetDescriptionValue(1, TCollection_HAsciiString(_description(mirror, body, curve)))
+        header.SetName(TCollection_HAsciiString(name))
+        header.SetAuthorValue(1, TCollection_HAsciiString(""))
+        header.SetOrganizationValue(1, TCollection_HAsciiString(""))
+        header.SetOriginatingSystem(TCollection_HAsciiString(f"omnimirror {__version__}"))
+        status = writer.Write(str(path))
+    if status != IFSelect_ReturnStatus.IFSelect_RetDone:
+        raise OSError(28, "the STEP writer failed; the disk may be full")
+    return curve
+
+
+def _description(mirror: Mirror, body: Body, curve: Curve) -> str:
+    deviation = f"within {curve.deviation_um:.2g} um of the mirror" if curve.deviation_um else "exact"
+    return f"{mirror.KIND} mirror, meridian: {curve.words}, {deviation}; {body.words()}; z from lens to mirror, mm"
+
+
+def _point(x: float, z: float) -> Any:
+    from OCP.gp import gp_Pnt
+
+    return gp_Pnt(float(x), 0.0, float(z))
+
+
+def _edge(curve: Curve) -> Any:
+    """The meridian as an edge from the axis to the rim."""
+    from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeEdge
+    from OCP.gp import gp_Ax2, gp_Circ, gp_Dir
+
+    ends = [_point(*end) for end in curve.ends]
+    if curve.kind == "line":
+        return BRepBuilderAPI_MakeEdge(*ends).Edge()
+    if curve.kind == "arc":
+        # angles count from -z towards x
+        circle = gp_Circ(gp_Ax2(_point(0.0, curve.radius_mm), gp_Dir(0, -1, 0), gp_Dir(0, 0, -1)), curve.radius_mm)
+        angles = [float(np.arctan2(x, curve.radius_mm - z)) for x, z in curve.ends]
+        return BRepBuilderAPI_MakeEdge(circle, *angles).Edge()
+    return BRepBuilderAPI_MakeEdge(_spline(curve)).Edge()
+
+
+def _spline(curve: Curve) -> Any:
+    from OCP.collections import Array1_double, Array1_gp_Pnt, Array1_int
+    from OCP.Geom import Geom_BSplineCurve
+
+    def filled(array: Any, values: Any) -> Any:
+        for i, value in enumerate(values, start=1):
+            array.SetValue(i, value)
+        return array
+
+    knots, counts = np.unique(curve.knots, return_counts=True)
+    poles = filled(Array1_gp_Pnt(1, len(curve.poles)), (_point(x, z) for x, z in curve.poles))
+    weights = filled(Array1_double(1, len(curve.poles)), curve.weights or (1.0,) * len(curve.poles))
+    knot_array = filled(Array1_double(1, len(knots)), knots.tolist())
+    count_array = filled(Array1_int(1, len(counts)), counts.tolist())
+    return Geom_BSplineCurve(poles, weights, knot_array, count_array, curve.degree)
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """OpenCASCADE reports its transfers on the terminal; for the while of a block only its failures."""
+    from OCP.Message import Message, Message_Gravity
+
+    printers = list(Message.DefaultMessenger_s().Printers())
+    levels = [printer.GetTraceLevel() for printer in printers]
+    for printer in printers:
+        printer.SetTraceLevel(Message_Gravity.Message_Fail)
+    try:
+        yield
+    finally:
+        for printer, level in zip(printers, levels, strict=True):
+            printer.SetTraceLevel(level)

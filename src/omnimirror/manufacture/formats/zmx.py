@@ -1,0 +1,185 @@
+"""OpticStudio: the sensor as a sequential .zmx file, traced from the imager through the lens onto the mirror.
+
+Field angles beyond 90 degrees cannot be given to a sequential program from the outside, so the light runs
+backwards. Surface 0 is the imager (object heights are image heights), 1 the stop and lens (a paraxial
+surface), 2 the mirror, 3 the same shape again without an effect: there the direction of a ray, not its
+place, is that in which the sensor looks. A second mirror comes between 1 and 2, and the first one is then met
+the other way round. Our z runs from the lens towards the mirror as theirs does, so a
+convex mirror has a positive radius. Mirrors that eight terms do not follow are extended aspheres, whose
+terms stand in extra data: their number, the normalization radius, and the coefficients in mm.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ... import __version__
+from ...lenses import Orthographic, Perspective
+from ...sensor import Sensor
+from ..forms import Asphere, asphere_of
+
+Array = NDArray[np.float64]
+
+FIELDS = 7
+"""Field angles in equal steps from the axis to the rim."""
+WAVELENGTH_UM = 0.55
+
+
+def format_zmx(sensor: Sensor, aspheres: Sequence[Asphere] | None = None) -> str:
+    """The text of the .zmx file; ``aspheres`` stand for the mirrors, the first one first.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> text = format_zmx(om.load_sensor("paper-spherical"))
+    >>> [line.split()[1] for line in text.splitlines() if line.startswith("  TYPE")]
+    ['STANDARD', 'PARAXIAL', 'EVENASPH', 'EVENASPH']
+    """
+    aspheres = aspheres_of(sensor) if aspheres is None else aspheres
+    lines = [
+        "VERS 181107 0 0 0 0",
+        "MODE SEQ",
+        f"NAME {' '.join(sensor.name.split())}",
+        *(f"NOTE 0 {note}" for note in _notes(sensor, aspheres)),
+        "UNIT MM X W X CM MR CPMM",
+        *_system(sensor),
+        *_surfaces(sensor, aspheres),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def write_zmx(path: Path, sensor: Sensor) -> list[Asphere]:
+    """Write the file in UTF-16, as OpticStudio does; the aspheres that stand for the mirrors, the first one first."""
+    aspheres = aspheres_of(sensor)
+    path.write_bytes(format_zmx(sensor, aspheres).replace("\n", "\r\n").encode("utf-16"))
+    return aspheres
+
+
+def aspheres_of(sensor: Sensor) -> list[Asphere]:
+    """What stands for the first mirror, and for the second one."""
+    second = [] if sensor.secondary is None else [sensor.secondary.mirror]
+    return [asphere_of(mirror) for mirror in (sensor.mirror, *second)]
+
+
+def field_angles(sensor: Sensor) -> Array:
+    """Field angles (n,) of the file's field points, degrees; the tip of a pointed mirror has no direction."""
+    start = int(sensor.mirror.is_pointed)
+    return np.linspace(*sensor.field_deg, FIELDS + start)[start:]
+
+
+def _notes(sensor: Sensor, aspheres: Sequence[Asphere]) -> list[str]:
+    two = sensor.secondary is not None
+    mirrors = (sensor.mirror, sensor.secondary.mirror) if sensor.secondary else (sensor.mirror,)
+    roles = ("mirror", "secondary")
+    shapes = [
+        f"{mirror.KIND} {role} as {asphere.words()}, {_deviation(asphere)}"
+        for mirror, role, asphere in zip(mirrors, roles, aspheres, strict=False)
+    ]
+    way = "secondary, mirror" if two else "mirror"
+    direction = (
+        "angle of the ray to +z, after surface 3" if two else "180 deg - angle of the ray to +z, after surface 2"
+    )
+    angles = ", ".join(f"{a:.4g}" for a in field_angles(sensor))
+    rim = np.array([[sensor.rim_radius_px * sensor.imager.pitch_mm, 0.0]])
+    distorts = not np.array_equal(sensor.lens.distorted(rim), rim)
+    return [
+        f"omnimirror {__version__}: {'; '.join(shapes)}.",
+        f"Light runs backwards: object = imager, stop = lens, {way}, then directions into the world.",
+        f"Omega = {'' if two else '180 deg - '}{direction}. Omega of the fields, deg: {angles}.",
+        *(["The distortion of the lens is left out."] if distorts else []),
+    ]
+
+
+def _deviation(asphere: Asphere) -> str:
+    if not asphere.deviation_um:
+        return "exact"
+    return f"within {asphere.deviation_um:.2g} um of the mirror, its rays within {asphere.ray_deg:.2g} deg"
+
+
+def _system(sensor: Sensor) -> list[str]:
+    """Aperture, field points and wavelength."""
+    rays = sensor.meridian.trace(sensor.meridian.x_from_omega(np.radians(field_angles(sensor))))
+    if sensor.lens.TELECENTRIC:
+        wide = cast(Orthographic, sensor.lens)  # the cone of light on its mirror side
+        aperture = f"OBNA {_number(np.sin(np.arctan(wide.aperture_slope)))} 0"
+        heights = rays.first.x
+    else:
+        aperture = f"ENPD {_number(2 * cast(Perspective, sensor.lens).aperture_radius)}"
+        heights = -sensor.lens.ideal_height(
+            rays.first.x, rays.first.w
+        )  # the lens turns the image over, and does not distort
+    return [
+        aperture,
+        "ENVD 20 1 0",
+        "GFAC 0 0",
+        f"FTYP 1 {int(sensor.lens.TELECENTRIC)} {FIELDS} 1 0 0 0 1",
+        "ROPD 2",
+        "PICB 1",
+        f"XFLN {' '.join(['0'] * 12)}",
+        f"YFLN {' '.join([*map(_number, heights), *['0'] * (12 - FIELDS)])}",
+        f"FWGN {' '.join(['1'] * 12)}",
+        f"WAVM 1 {WAVELENGTH_UM} 1",
+        "PWAV 1",
+    ]
+
+
+def _surfaces(sensor: Sensor, aspheres: Sequence[Asphere]) -> list[str]:
+    second, m = sensor.secondary, sensor.meridian.m
+    seen = sensor.mirror if second is None else second.mirror
+    if sensor.lens.TELECENTRIC:
+        # the object is the plane in focus, behind the vertex; the stop of a telecentric lens is at infinity
+        to_mirror = 2 * seen.rim_radius_mm
+        first = ["  COMM plane in focus", *_flat(-(sensor.lens.focus_distance_mm + to_mirror), 0.0)]
+        stop = ["  COMM telecentric lens", "  STOP", *_flat(to_mirror, seen.rim_radius_mm)]
+    else:
+        lens = cast(Perspective, sensor.lens)
+        to_mirror = m if second is None else m - second.distance_mm
+        first = ["  COMM imager", *_flat(lens.image_distance, 0.0)]
+        stop = ["  COMM lens", "  STOP", *_flat(to_mirror, lens.aperture_radius, "PARAXIAL")]
+        stop.append(f"  PARM 1 {_number(lens.focal_length_mm)}")
+    mirror, folds = aspheres[0], []
+    if second is not None:
+        folds = [_mirror("secondary", aspheres[1], -second.distance_mm, second.mirror.rim_radius_mm)]
+        mirror = aspheres[0].reversed()
+    last = _mirror("mirror", mirror, 0.0, sensor.mirror.rim_radius_mm)
+    end = ["  COMM directions", *_shape(mirror), "  DISZ 0", _diameter(sensor.mirror.rim_radius_mm)]
+    surfaces = (first, stop, *folds, last, end)
+    return [line for i, surface in enumerate(surfaces) for line in (f"SURF {i}", *surface)]
+
+
+def _mirror(name: str, asphere: Asphere, to_next: float, rim: float) -> list[str]:
+    return [
+        f"  COMM {name}", *_shape(asphere), "  GLAS MIRROR 0 0 1.5 40", f"  DISZ {_number(to_next)}", _diameter(rim)
+    ]  # fmt: skip
+
+
+def _diameter(radius: float) -> str:
+    return f"  DIAM {_number(radius)} 1 0 0 1"
+
+
+def _shape(asphere: Asphere) -> list[str]:
+    """The mirror's own lines, the same for both surfaces that have its shape."""
+    lines = [f"  CURV {_number(asphere.curvature)} 0 0 0 0", f"  CONI {_number(asphere.conic)}"]
+    if asphere.is_extended:
+        data = (float(len(asphere.coefficients)), asphere.normalization_mm, *asphere.coefficients)
+        kind = "XASPHERE" if asphere.kind == "even" else "XOSPHERE"
+        rest = [f'  XDAT {i} {_number(a)} 0 0 1 0 0 ""' for i, a in enumerate(data, start=1)]
+    else:
+        kind = "EVENASPH" if asphere.kind == "even" else "ODDASPHE"
+        rest = [f"  PARM {i} {_number(a)}" for i, a in enumerate(asphere.coefficients, start=1)]
+    return [f"  TYPE {kind}", *lines, *rest]
+
+
+def _flat(thickness: float, radius: float, kind: str = "STANDARD") -> list[str]:
+    """A flat surface: the distance to the next one and its own radius, mm."""
+    return [f"  TYPE {kind}", "  CURV 0 0 0 0 0", f"  DISZ {_number(thickness)}", _diameter(radius)]
+
+
+def _number(value: float) -> str:
+    """As many digits as bring the same double back, and 0 as 0."""
+    return repr(float(value)) if value else "0"

@@ -1,0 +1,110 @@
+"""The mirrors of a sensor as parts that are made: one, or two where the lens sees the first in a second."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import cast
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import InvalidParameter
+from ..lenses import Perspective
+from ..mirrors import Mirror
+from ..sensor import Sensor
+from ..tracing.meridian import ROUNDING
+from .body import Body
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Part:
+    """A mirror of a sensor and the solid behind it.
+
+    A secondary has a frame of its own: its vertex is the origin, and z leads away from the lens, as does that of
+    a mirror without one; so every file of it reads like that of any mirror.
+    """
+
+    sensor: Sensor
+    body: Body
+    is_secondary: bool = False
+
+    @property
+    def mirror(self) -> Mirror:
+        return mirror_of(self.sensor, self.is_secondary)
+
+    @property
+    def name(self) -> str:
+        return f"{self.sensor.name} secondary" if self.is_secondary else self.sensor.name
+
+
+def parts_of(sensor: Sensor, body: Body, secondary_body: Body | None = None) -> list[Part]:
+    """The first mirror, with the bore through which a camera behind it looks, and the second one if there is one.
+
+    Raises
+    ------
+    InvalidParameter
+        A bore that is narrower than the camera needs, or a body for a second mirror that is not there.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> [(part.name, part.body.bore_mm) for part in parts_of(om.load_sensor("folded-spherical"), Body())]
+    [('folded-spherical', 10.0), ('folded-spherical secondary', 0.0)]
+    """
+    if sensor.secondary is None:
+        if secondary_body is not None:
+            raise InvalidParameter(f"{sensor.name!r} has no secondary; leave out the thickness of one")
+        return [Part(sensor, body)]
+    return [Part(sensor, bored(sensor, body)), Part(sensor, secondary_body or Body(), is_secondary=True)]
+
+
+def bored(sensor: Sensor, body: Body) -> Body:
+    """The body of the first mirror, pierced where the camera looks through it.
+
+    Raises
+    ------
+    InvalidParameter
+        The body has another bore, which does not go through or is narrower.
+    """
+    if sensor.secondary is None:
+        return body
+    lens = sensor.secondary.lens_height(sensor.mirror_distance_mm)
+    to_imager = 0.0 if sensor.lens.TELECENTRIC else cast(Perspective, sensor.lens).image_distance
+    if not lens + to_imager > 0:  # the camera stands before the mirror
+        return body
+    needed = 2 * sensor.secondary.bore_radius_mm
+    if not body.bore_mm:
+        return replace(body, bore_diameter_mm=needed, bore_depth_mm=np.inf)
+    if not body.bore_goes_through or body.bore_mm < needed:
+        raise InvalidParameter(
+            f"the camera of {sensor.name!r} looks through a bore of {needed:g} mm in its mirror; a bore is valid from "
+            "that diameter and all the way through, or leave it out"
+        )
+    return body
+
+
+def mirror_of(sensor: Sensor, secondary: bool = False) -> Mirror:
+    """The first mirror, or the second one."""
+    if not secondary:
+        return sensor.mirror
+    if sensor.secondary is None:
+        raise InvalidParameter(f"{sensor.name!r} has no secondary")
+    return sensor.secondary.mirror
+
+
+def omega_of(sensor: Sensor, x_mm: ArrayLike, secondary: bool = False) -> Array:
+    """Field angles (n,) in radians that are seen by way of points of a mirror; NaN where nothing is.
+
+    The middle of a folded sensor is hidden, and the secondary may be wider than it need be.
+    """
+    x, meridian = np.asarray(x_mm, dtype=float), sensor.meridian
+    ends = meridian.trace(np.array([meridian.x_min, sensor.mirror.rim_radius_mm]))
+    low, high = ends.first.x if secondary else ends.x
+    seen = (x >= low * (1 - ROUNDING)) & (x <= high * (1 + ROUNDING))
+    omega = np.full(x.shape, np.nan)
+    inside = np.clip(x[seen], low, high)
+    on_mirror = meridian.x_from_first(inside) if secondary else inside
+    omega[seen] = meridian.trace(np.clip(on_mirror, *ends.x)).omega
+    return omega

@@ -1,0 +1,145 @@
+"""How far the picture moves when the sensor is not built as drawn, by finite differences of the mapping.
+
+For each field angle the image height is compared between the sensor as drawn and the same one with one error,
+in the meridian in which the error is largest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..sensor import Sensor
+
+Array = NDArray[np.float64]
+
+POINTS = 2001
+EDGE = 0.01
+"""Share of the meridian left out at both ends, where a moved mirror has no points."""
+
+
+ROUNDING_PX = 1e-9
+"""Motion over one step that is no motion: a cone's picture does not feel its distance."""
+
+
+class Moved(NamedTuple):
+    """A meridian with an error, at distances x (n,) mm from the lens's axis: height (mm) and slope."""
+
+    x: Array
+    z: Array
+    slope: Array
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """How an error of one kind moves the picture.
+
+    Attributes
+    ----------
+    name, unit : of the error
+    px_per_unit : largest motion over the field
+    omega_deg : where that is
+    """
+
+    name: str
+    unit: str
+    px_per_unit: float
+    omega_deg: float
+
+    def tolerance(self, px: float = 0.5) -> float:
+        """The error that moves the picture by so many pixels where it moves most, in :attr:`unit`."""
+        return px / self.px_per_unit if self.px_per_unit else np.inf
+
+
+def sensitivities(sensor: Sensor) -> list[Sensitivity]:
+    """What an error of distance, centring, tilt, slope and form does to the picture.
+
+    ``form`` is a bump of one period between axis and rim, ``a (1 - cos(2 pi x/M))/2``; a is its peak to valley.
+    What a telecentric lens does not feel is left out. Of two mirrors only what keeps them on one axis is computed:
+    where the lens and each mirror stand.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> found = {s.name: s for s in sensitivities(om.load_sensor("paper-spherical"))}
+    >>> round(found["mirror distance"].px_per_unit, 3), round(found["surface slope"].tolerance(0.5), 2)
+    (2.339, 0.87)
+    """
+    if sensor.secondary is not None:
+        return _along_the_axis(sensor)
+    M = sensor.mirror.rim_radius_mm
+    period = 2 * np.pi / M
+
+    def form(x: Array, z: Array, slope: Array, a: float) -> Moved:
+        a *= 1e-3  # um
+        return Moved(x, z + a * (1 - np.cos(period * x)) / 2, slope + a * period * np.sin(period * x) / 2)
+
+    def tilted(x: Array, z: Array, slope: Array, degrees: float) -> Moved:
+        angle = np.radians(degrees)
+        turned = np.tan(np.arctan(slope) + angle)
+        return Moved(x * np.cos(angle) - z * np.sin(angle), x * np.sin(angle) + z * np.cos(angle), turned)
+
+    errors: dict[tuple[str, str], tuple[float, Callable[[Array, Array, Array, float], Moved]]] = {
+        ("mirror distance", "mm"): (1e-4 * M, lambda x, z, slope, e: Moved(x, z + e, slope)),
+        ("mirror decentre", "mm"): (1e-4 * M, lambda x, z, slope, e: Moved(x + e, z, slope)),
+        ("mirror tilt", "deg"): (1e-3, tilted),
+        ("surface slope", "mrad"): (1e-2, lambda x, z, slope, e: Moved(x, z, np.tan(np.arctan(slope) + 1e-3 * e))),
+        ("surface form", "um"): (1e-3 * M, form),
+    }
+    if sensor.lens.TELECENTRIC:
+        del errors["mirror distance", "mm"]
+    return [_sensitivity(sensor, *key, *error) for key, error in errors.items()]
+
+
+def _along_the_axis(sensor: Sensor) -> list[Sensitivity]:
+    """What moving a part of a folded sensor along the axis does, the others left where they are."""
+    second = sensor.secondary
+    assert second is not None
+    m, s, step = sensor.mirror_distance_mm, second.distance_mm, 1e-4 * sensor.mirror.rim_radius_mm
+    # the way m goes from the lens to the secondary and on to the mirror
+    moves = {"mirror distance": (1.0, 1.0), "secondary distance": (2.0, 1.0), "lens distance": (1.0, 0.0)}
+    if sensor.lens.TELECENTRIC:
+        moves = {"distance between mirrors": (0.0, 1.0)}
+    low, high = np.radians(sensor.field_deg)
+    omega = np.linspace(low + 2 * EDGE * (high - low), high - EDGE * (high - low), 201)
+
+    def height(dm: float, ds: float) -> Array:
+        moved = replace(sensor, mirror_distance_mm=m + dm, secondary=replace(second, distance_mm=s + ds))
+        return moved.image_height_px(moved.meridian.trace(moved.meridian.x_from_omega(omega)))
+
+    found = []
+    for name, (dm, ds) in moves.items():
+        motion = np.abs(height(dm * step, ds * step) - height(-dm * step, -ds * step)) / (2 * step)
+        worst = int(np.argmax(motion))
+        found.append(Sensitivity(name, "mm", float(motion[worst]), float(np.degrees(omega[worst]))))
+    return found
+
+
+def _sensitivity(
+    sensor: Sensor, name: str, unit: str, step: float, moved: Callable[[Array, Array, Array, float], Moved]
+) -> Sensitivity:
+    """Central difference of the image height over the error, at fixed field angles."""
+    mirror, M = sensor.mirror, sensor.mirror.rim_radius_mm
+    x = np.linspace(0.0 if not mirror.is_pointed else EDGE * M, M, POINTS)
+    z, slope, _ = mirror.profile(x)
+    omega = sensor.meridian.trace(np.linspace(2 * EDGE * M, (1 - EDGE) * M, 501)).omega
+    ahead, behind = (_image_height_px(sensor, moved(x, z, slope, e), omega) for e in (step, -step))
+    motion = np.abs(ahead - behind) / (2 * step)
+    worst = int(np.argmax(motion))
+    rate = float(motion[worst]) if motion[worst] * step > ROUNDING_PX else 0.0
+    return Sensitivity(name, unit, rate, float(np.degrees(omega[worst])))
+
+
+def _image_height_px(sensor: Sensor, meridian: Moved, omega: Array) -> Array:
+    """Image height of field angles on a meridian that need not be the sensor's own."""
+    from scipy.interpolate import CubicSpline
+
+    w = sensor.meridian.m + meridian.z
+    found = 2 * np.arctan(meridian.slope) + np.arctan2(meridian.x, w)
+    height = sensor.lens.image_height(meridian.x, w) / sensor.imager.pitch_mm
+    heights: Array = CubicSpline(found, height)(omega)
+    return heights

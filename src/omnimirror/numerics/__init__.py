@@ -1,0 +1,1 @@
+"""Roots, minima, and the largest of many functions made small: what several rooms need."""

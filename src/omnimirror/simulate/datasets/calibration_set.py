@@ -1,0 +1,291 @@
+"""Sets of pictures that are ready to use: of known boards with true corners, and videos with poses and depth."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import InvalidParameter
+from ...files import replacing, write_text
+from ...media import read_image, write_image
+from ...media.keyframes import Keyframes
+from ...media.pictures.exr import check_exr_can_be_written
+from ...sensor import Sensor
+from ...specs import save_sensor
+from ..colour import Light
+from ..detector import Detector
+from ..hardware import Hardware
+from ..rendering.exposure import expose
+from ..rendering.sight import seen_at, sights
+from ..scenes.contract import Scene, distances_mm
+from ..scenes.placed import Placed, Pose
+from ..scenes.sources import SceneSource
+from ..scenes.worlds.boards import SQUARE_MM
+from ..scenes.worlds.hall import Hall
+from ..shells import Shell, seen_through
+from .ledger import DESCRIPTION, FRAMES, Ledger
+from .recipe import recipe_of
+from .truth import ground_truth
+from .video import POSE_NAMES, check_video_can_be_written, encode, frame_at, frame_times
+
+Array = NDArray[np.float64]
+
+FRAME = f"{FRAMES}/frame-%05d.png"
+MOST_VIEWS = 10_000
+REACH_MM = np.array([700.0, 700.0, 350.0])
+"""How far from the hall's middle views are taken: boards stay at least twice as far."""
+LEAN_DEG = 12.0
+SAME_MM = 2.0  # a corner that is met, and not something before it
+
+
+def view_poses(count: int, seed: int = 0) -> list[Pose]:
+    """Poses in the hall: the first in its middle and upright, the others spread about it.
+
+    Raises
+    ------
+    InvalidParameter
+        For a number that makes no set.
+
+    Examples
+    --------
+    >>> view_poses(2)[0]
+    Pose(x_mm=0.0, y_mm=0.0, z_mm=0.0, pan_deg=0.0, tilt_deg=0.0, roll_deg=0.0)
+    """
+    if not 1 <= count <= MOST_VIEWS:
+        raise InvalidParameter(f"views = {count} is outside 1 to {MOST_VIEWS}")
+    chance = np.random.default_rng(seed)
+    places = REACH_MM * chance.uniform(-1, 1, (count - 1, 3))
+    turns = np.array([180.0, LEAN_DEG, LEAN_DEG]) * chance.uniform(-1, 1, (count - 1, 3))
+    return [Pose(), *(Pose(*map(float, np.round(row, 3))) for row in np.concatenate([places, turns], axis=1))]
+
+
+def seen_corners_px(
+    sensor: Sensor, hall: Hall, pose: Pose, hardware: Hardware | None = None, shell: Shell | None = None
+) -> dict[str, Array]:
+    """True pixels (7, 11, 2) of each board's corners, by the true reflection; NaN where a corner is not in view.
+
+    In view is what its pixel's chief ray meets: past camera, rod and rim, through the wall of a tube or a dome.
+    """
+    scene, found = Placed(hall, pose), {}
+    for name in hall.boards:
+        corners = pose.to_sensor(hall.board_corners_mm(name).reshape(-1, 3))
+        pixels, valid = seen_at(sensor, corners, hardware, shell)
+        origins = sights(sensor, pixels[valid], hardware, shell).origins
+        ways = corners[valid] - origins
+        met = distances_mm(scene, origins, ways)
+        pixels[np.flatnonzero(valid)[met < np.linalg.norm(ways, axis=1) - SAME_MM]] = np.nan
+        found[name] = pixels.reshape(7, 11, 2)
+    return found
+
+
+def write_calibration_set(
+    sensor: Sensor,
+    folder: str | Path,
+    views: int = 12,
+    samples: int = 16,
+    blur: bool = True,
+    hardware: Hardware | None = None,
+    detector: Detector | None = None,
+    seed: int = 0,
+    hall: Hall | None = None,
+    truth: bool = False,
+    shell: Shell | None = None,
+) -> Iterator[Path]:
+    """Write pictures of the calibration hall one after the other, and ``dataset.json``, which describes them.
+
+    A set that was ended, however that happened, goes on where it stopped when it is written again: what is there and
+    has not changed is kept.
+
+    Parameters
+    ----------
+    sensor
+    folder
+        Takes ``sensor.toml``, ``view-000.png``, .. and ``dataset.json``, which says how the set is made, and what of it
+        is there.
+    views
+        How many.
+    samples, blur, hardware, detector, seed, hall, shell
+        Of the pictures; the seed is of the poses, too.
+    truth
+        Also write ``view-000.exr``, ..: light, depth, direction and origin of every pixel.
+
+    Yields
+    ------
+    Path of each picture, and of ``dataset.json``.
+
+    Raises
+    ------
+    InvalidParameter
+        As :func:`view_poses` and :func:`~omnimirror.simulate.expose`; or the folder holds another set.
+    MediaError
+        OpenEXR is not installed, which truth needs.
+    """
+    folder, hall, detector = Path(folder), hall or Hall(), detector or Detector()
+    poses = view_poses(views, seed)
+    recipe = recipe_of("calibration", {
+        "sensor": sensor, "views": views, "samples": samples, "blur": blur, "hardware": hardware, "detector": detector,
+        "seed": seed, "hall": hall, "truth": truth, "shell": shell,
+    })  # fmt: skip
+    ledger = _begin(folder, sensor, recipe, {
+        "square_mm": SQUARE_MM,
+        "boards_mm": {name: hall.board_corners_mm(name).round(6).tolist() for name in hall.boards},
+    })  # fmt: skip
+    records = {view["image"]: view for view in ledger.entries.get("views", []) if ledger.has(view["image"])}
+    with _to_its_end(ledger):
+        for number, pose in enumerate(poses):
+            name = f"view-{number:03d}"
+            files = [f"{name}.png"] + [f"{name}.exr"] * truth
+            if not (files[0] in records and ledger.has(*files)):
+                scene = seen_through(sensor, Placed(hall, pose), shell)
+                light = expose(sensor, scene, samples, blur, hardware=hardware, seed=seed + number)
+                if truth:
+                    write_truth(folder / files[1], sensor, scene, light, hardware)
+                write_image(folder / files[0], detector.read(light, seed + number))
+                corners = _lists(seen_corners_px(sensor, hall, pose, hardware, shell))
+                record = {"image": files[0], "pose": asdict(pose), "corners_px": corners}
+                records[files[0]] = record | ({"truth": files[1]} if truth else {})
+                ledger.entries["views"] = [records[name] for name in sorted(records, key=lambda n: (len(n), n))]
+                ledger.add(*files)
+            yield folder / files[0]
+    ledger.finish(complete=True)
+    yield folder / DESCRIPTION
+
+
+def write_video_set(
+    sensor: Sensor,
+    scene: Scene | SceneSource,
+    path: Keyframes,
+    folder: str | Path,
+    frame_rate: float = 25.0,
+    duration_s: float | None = None,
+    samples: int = 16,
+    blur: bool = True,
+    hardware: Hardware | None = None,
+    detector: Detector | None = None,
+    seed: int = 0,
+    truth: bool = False,
+    progress: Callable[[int, int], None] | None = None,
+    shell: Shell | None = None,
+) -> int:
+    """Write the video of a sensor that moves through a scene, its poses, and what each pixel sees; count its frames.
+
+    Until all are done each frame is kept as a picture in ``frames``, and a set that was ended, however that happened,
+    goes on from there when it is written again.
+
+    Parameters
+    ----------
+    scene
+        Of a :class:`SceneSource`, or one of the project, ``dataset.json`` says how it is had again.
+    folder
+        Takes ``sensor.toml``, ``video.mp4``, ``poses.csv`` (one row a frame, as :func:`load_path` reads them) and
+        ``dataset.json``. Stopped by Ctrl-C, they hold the frames that are there.
+    truth
+        Also write ``frame-00000.exr``, ..: light, depth, direction and origin of every pixel.
+    progress
+        Called with the number of frames done, and of all.
+
+    Raises
+    ------
+    InvalidParameter, MediaError
+        As :func:`~omnimirror.simulate.datasets.video.write_video`; or the folder holds another set.
+    """
+    folder, detector, times = Path(folder), detector or Detector(), frame_times(path, frame_rate, duration_s)
+    check_video_can_be_written(folder / "video.mp4")
+    recipe = recipe_of("video", {
+        "sensor": sensor, "scene": scene, "path": path, "frame_rate": frame_rate, "duration_s": duration_s,
+        "samples": samples, "blur": blur, "hardware": hardware, "detector": detector, "seed": seed, "truth": truth,
+        "shell": shell,
+    })  # fmt: skip
+    world = scene.load() if isinstance(scene, SceneSource) else scene
+    described: dict[str, Any] = {"video": "video.mp4", "poses": "poses.csv", "frame_rate": frame_rate}
+    ledger = _begin(folder, sensor, recipe, described | ({"truth": "frame-%05d.exr"} if truth else {}))
+    if ledger.is_complete:
+        return len(times)
+    done = 0
+
+    def expose_frame(number: int, picture: str, exr: str) -> None:
+        pose = Pose(**path.at(times[number]))
+        light = frame_at(sensor, world, path, times[number], samples, blur, hardware, seed + number, shell=shell)
+        if truth:
+            seen = seen_through(sensor, Placed(world, pose), shell)
+            write_truth(folder / exr, sensor, seen, light, hardware)
+        write_image(folder / picture, detector.read(light, seed + number))
+        ledger.add(picture, *([exr] if truth else []))
+
+    try:
+        with _to_its_end(ledger):
+            for number in range(len(times)):
+                picture, exr = FRAME % number, f"frame-{number:05d}.exr"
+                if not ledger.has(picture, *([exr] if truth else [])):
+                    expose_frame(number, picture, exr)
+                done = number + 1
+                if progress is not None:
+                    progress(done, len(times))
+    except KeyboardInterrupt:
+        if done:
+            _join(ledger, sensor, path, times[:done], frame_rate)
+            ledger.write()
+        raise
+    _join(ledger, sensor, path, times, frame_rate)
+    ledger.is_complete = True
+    ledger.drop([FRAME % number for number in range(len(times))])
+    (folder / FRAMES).rmdir()
+    return len(times)
+
+
+def _join(ledger: Ledger, sensor: Sensor, path: Keyframes, times: list[float], frame_rate: float) -> None:
+    """Write the video of the frames that are there, and their poses."""
+    rows = [",".join(["time_s", *POSE_NAMES])]
+    rows += [",".join(f"{v:.9g}" for v in (time, *asdict(Pose(**path.at(time))).values())) for time in times]
+    write_text(ledger.folder / "poses.csv", "\n".join(rows) + "\n")
+    pictures = (read_image(ledger.folder / (FRAME % number)) for number in range(len(times)))
+    encode(ledger.folder / "video.mp4", sensor.image_size, frame_rate, pictures)
+    ledger.entries["frames"] = len(times)
+    ledger.add("poses.csv", "video.mp4")
+
+
+def write_truth(path: Path, sensor: Sensor, scene: Scene, light: Light, hardware: Hardware | None = None) -> None:
+    """Write light and :func:`~omnimirror.simulate.ground_truth` as an EXR file."""
+    from ...media.pictures.exr import write_channels
+
+    truth = ground_truth(sensor, scene, hardware)
+    with replacing(path) as temporary:
+        write_channels(temporary, truth.channels(light))
+
+
+def _begin(folder: Path, sensor: Sensor, recipe: dict[str, Any], described: dict[str, Any]) -> Ledger:
+    """What is there of a set, after its sensor and its dataset.json were written."""
+    if recipe["truth"]:
+        check_exr_can_be_written(folder)
+    head = {"format": f"omnimirror {recipe['kind']} set 2", "sensor": "sensor.toml", "recipe": recipe}
+    ledger = Ledger(folder, head | described)
+    if not ledger.has("sensor.toml"):
+        save_sensor(sensor, folder / "sensor.toml")
+        ledger.add("sensor.toml")
+    return ledger
+
+
+@contextmanager
+def _to_its_end(ledger: Ledger) -> Iterator[None]:
+    """However it ends, dataset.json says what is done, and nothing is left of a set that had only begun."""
+    ledger.is_complete = False
+    try:
+        yield
+    except BaseException:
+        ledger.end(["sensor.toml"])
+        raise
+
+
+def _lists(corners: dict[str, Array]) -> dict[str, Any]:
+    """Corners as JSON holds them, null where there is none; boards of which nothing is seen are left out."""
+    return {
+        name: [[None if np.isnan(u) else [round(float(u), 4), round(float(v), 4)] for u, v in row] for row in pixels]
+        for name, pixels in corners.items()
+        if np.isfinite(pixels).any()
+    }

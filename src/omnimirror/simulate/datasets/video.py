@@ -1,0 +1,160 @@
+"""Videos of a sensor that moves through a scene."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import fields
+from fractions import Fraction
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...cameras import Camera
+from ...errors import InvalidParameter, MediaError
+from ...media.keyframes import Keyframes
+from ..colour import Light
+from ..detector import Detector
+from ..hardware import Hardware
+from ..rendering.exposure import expose
+from ..scenes.contract import Scene
+from ..scenes.placed import Placed, Pose
+from ..shells import Shell, seen_through
+
+POSE_NAMES = tuple(f.name for f in fields(Pose))
+MOST_FRAMES = 100_000
+
+
+def load_path(path: str | Path) -> Keyframes:
+    """Poses over time, a CSV or TOML file with ``time_s`` and any of ``x_mm``, ``y_mm``, ``z_mm``, ``pan_deg``, ..
+
+    Raises
+    ------
+    MediaError
+        No such file, or an entry that is missing, unknown or wrong.
+    """
+    return Keyframes.load(path, POSE_NAMES)
+
+
+def frame_times(path: Keyframes, frame_rate: float, duration_s: float | None = None) -> list[float]:
+    """Times (s) of a video's frames, from 0 to the last keyframe if nothing else is asked.
+
+    Raises
+    ------
+    InvalidParameter
+        For a rate or a duration that makes no video.
+
+    Examples
+    --------
+    >>> frame_times(Keyframes({"x_mm": ((0.0, 0.0), (1.0, 500.0))}), 4.0)
+    [0.0, 0.25, 0.5, 0.75, 1.0]
+    """
+    if duration_s is None:
+        duration_s = max(time for track in path.tracks.values() for time, _ in track)
+    count = int(np.floor(duration_s * frame_rate + 1e-9)) + 1 if duration_s >= 0 and frame_rate > 0 else 0
+    if not 1 <= count <= MOST_FRAMES:
+        raise InvalidParameter(
+            f"{duration_s:g} s at {frame_rate:g} frames a second make no video; valid are 1 to {MOST_FRAMES} frames"
+        )
+    return [i / frame_rate for i in range(count)]
+
+
+def frame_at(
+    camera: Camera,
+    scene: Scene,
+    path: Keyframes,
+    time_s: float,
+    samples: int = 4,
+    blur: bool = False,
+    hardware: Hardware | None = None,
+    seed: int = 0,
+    progress: Callable[[int, int], None] | None = None,
+    shell: Shell | None = None,
+) -> Light:
+    """Linear light (h, w, 3) of the moment ``time_s``; the sensor stands still while it is exposed.
+
+    Raises
+    ------
+    InvalidParameter
+        As :func:`~omnimirror.simulate.expose`, or if the path leads where a sensor cannot be.
+    """
+    seen = seen_through(camera, Placed(scene, Pose(**path.at(time_s))), shell)
+    return expose(camera, seen, samples, blur, hardware=hardware, seed=seed, progress=progress)
+
+
+class Frame(NamedTuple):
+    """A frame of a video that was written."""
+
+    number: int
+    time_s: float
+    pose: Pose
+    light: Light
+    """(h, w, 3), linear."""
+
+
+def write_video(
+    camera: Camera,
+    scene: Scene,
+    path: Keyframes,
+    output: str | Path,
+    frame_rate: float = 25.0,
+    duration_s: float | None = None,
+    samples: int = 4,
+    blur: bool = False,
+    hardware: Hardware | None = None,
+    detector: Detector | None = None,
+    seed: int = 0,
+    written: Callable[[Frame, int], None] | None = None,
+    shell: Shell | None = None,
+) -> int:
+    """Write the video that a camera takes along a path, and say how many frames it has.
+
+    Parameters
+    ----------
+    written
+        Called with each frame after it was written, and the number of all.
+    shell
+        A tube or a dome about the sensor; none by default.
+
+    Raises
+    ------
+    InvalidParameter
+        As :func:`frame_times` and :func:`frame_at`.
+    MediaError
+        PyAV is not installed, or the file cannot be written.
+    KeyboardInterrupt
+        On Ctrl-C; the video then holds the frames that were done.
+    """
+    check_video_can_be_written(output)
+    times, detector = frame_times(path, frame_rate, duration_s), detector or Detector()
+
+    def pictures() -> Iterator[NDArray[Any]]:
+        for number, time in enumerate(times):
+            light = frame_at(camera, scene, path, time, samples, blur, hardware, seed + number, shell=shell)
+            yield detector.read(light, seed + number)
+            if written is not None:
+                written(Frame(number, time, Pose(**path.at(time)), light), len(times))
+
+    encode(output, camera.image_size, frame_rate, pictures())
+    return len(times)
+
+
+def encode(output: str | Path, size: tuple[int, int], frame_rate: float, pictures: Iterable[NDArray[Any]]) -> None:
+    """Write pictures (h, w, 3), RGB, as a video."""
+    from ...media.video.frames import frame_of_image
+    from ...media.video.writer import VideoWriter
+
+    rate = Fraction(frame_rate).limit_denominator(1001)
+    with VideoWriter(output, size, rate) as video:
+        for number, picture in enumerate(pictures):
+            frame = frame_of_image(picture)
+            frame.pts, frame.time_base = number, 1 / rate
+            video.write(frame)
+
+
+def check_video_can_be_written(output: str | Path) -> None:
+    """Raise MediaError unless PyAV is installed."""
+    if find_spec("av") is None:
+        raise MediaError(f"{output} is a video, which needs PyAV: pip install 'omnimirror[video]'")

@@ -1,0 +1,1 @@
+"""Light from a scene by way of the mirror to the imager."""

@@ -1,0 +1,257 @@
+"""Light on the imager: each pixel the mean of rays through the lens's aperture, off the mirror, into a scene."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from typing import NamedTuple, TypeGuard, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...arguments import instance, whole
+from ...cameras import Camera
+from ...errors import InvalidParameter
+from ...frames import turned
+from ...native import compiled
+from ...sensor import Sensor
+from ..colour import Light
+from ..hardware import Hardware
+from ..scenes.contract import Distant, Scene
+from ..scenes.environment import Environment
+from ..scenes.placed import Placed
+from ..shells import ThroughShell
+from .kernel_sensor import native_optics
+from .samples import Samples, places, spread
+from .sight import DIRECT, HIDDEN, LOST, REFLECTED, check_clear, follow
+
+Array = NDArray[np.float64]
+Progress = Callable[[int, int], None]
+"""Called with the number of rows done and of all rows."""
+
+T = TypeVar("T")
+R = TypeVar("R")
+
+RAYS_PER_TILE = 1 << 16  # larger tiles fall out of the cache, smaller ones keep threads waiting for each other
+ROWS_AT_ONCE = 64  # of an environment, between two reports of progress
+
+
+class Bundle(NamedTuple):
+    """The rays of some pixels, (rows, columns, n, ..)."""
+
+    origins: NDArray[np.floating]
+    """(.., 3) mm in the world frame."""
+    directions: NDArray[np.floating]
+    """(.., 3) in the world frame."""
+    weight: NDArray[np.floating]
+    """Share of their light that arrives; of hidden ones, of the hardware's."""
+    fate: NDArray[np.uint8]
+    """``LOST``, ``REFLECTED``, ``DIRECT`` past the mirror, or ``HIDDEN`` by camera, rod or edge."""
+
+
+def expose(
+    camera: Camera,
+    scene: Scene,
+    samples: int = 4,
+    blur: bool = False,
+    distant: bool = False,
+    hardware: Hardware | None = None,
+    seed: int = 0,
+    progress: Progress | None = None,
+    workers: int | None = None,
+) -> Light:
+    """Light (rows, columns, 3), linear RGB, that falls on the pixels of a camera.
+
+    Parameters
+    ----------
+    camera
+        Any camera; a mirror sensor looks from its true reflection points.
+    scene
+    samples
+        Rays per pixel, spread over its area, and over the lens's aperture if there is ``blur``.
+    blur
+        Whether the lens's aperture blurs what is out of focus. Only sensors have one.
+    distant
+        Take the scene for infinitely far away (:class:`~omnimirror.simulate.scenes.Distant`).
+    hardware
+        What stands in the light of a sensor and what dims it; nothing by default.
+    seed
+        Of the places of samples in a blurred picture.
+    progress
+        Called in the calling thread, as rows get done.
+    workers
+        Number of threads; as many as there are processors by default.
+
+    Raises
+    ------
+    InvalidParameter
+        For a number of samples out of range, for blur or hardware of a camera that is no sensor, or if the
+        scene cannot be seen from where the camera is, or cuts through its mirror.
+
+    Notes
+    -----
+    Light that falls outside the mirror's image is 0, and a pixel cut by the rim is dimmed by the share that is
+    cut off. Without blur all rays are chief rays.
+    """
+    instance("camera", camera, Camera, "a camera, such as om.load_sensor gives")
+    instance("scene", scene, Scene, "a scene, such as om.Room()")
+    workers = None if workers is None else whole("workers", workers, 1)
+    instance("blur", blur, bool, "True or False")
+    instance("distant", distant, bool, "True or False")
+    if blur and not isinstance(camera, Sensor):
+        raise InvalidParameter("only a sensor has blur; a calibrated camera says nothing of its aperture")
+    if hardware is not None and not _has_one_mirror(camera):
+        raise InvalidParameter(
+            "only a sensor of one mirror has hardware; a calibrated camera says nothing of it, and beside a secondary "
+            "what hides is bore and mirrors, which are seen anyway"
+        )
+    if isinstance(camera, Sensor):
+        camera.aligned().rim_radius_px  # noqa: B018 - proves that lens and mirror can be used
+        if not distant:
+            check_clear(camera, scene)
+    plan = spread(samples, blur, seed)
+    hardware = hardware or Hardware()
+    if (coloured := hardware.of_colours()) is not None:
+        shares = [expose(camera, scene, samples, blur, distant, h, seed, progress, workers) for h in coloured]
+        return np.stack([share[..., i] for i, share in enumerate(shares)], axis=-1)
+    seen = _distant(scene) if distant else scene
+    far = _environment_of(seen)
+    if _has_one_mirror(camera) and far is not None and compiled() is not None:
+        return _of_environment(camera, *far, plan, hardware, progress)
+    return _of_scene(camera, seen, plan, hardware, progress, workers)
+
+
+def _distant(scene: Scene) -> Scene:
+    """The scene infinitely far away; a tube or a dome stays where it is."""
+    return replace(scene, scene=_distant(scene.scene)) if isinstance(scene, ThroughShell) else Distant(scene)
+
+
+def _has_one_mirror(camera: Camera) -> TypeGuard[Sensor]:
+    return isinstance(camera, Sensor) and camera.secondary is None
+
+
+def _environment_of(scene: Scene) -> tuple[Environment, Array] | None:
+    """The environment that is all of a scene, and the rotation (3, 3) of the world's directions into its picture's."""
+    if isinstance(scene, Environment):
+        return scene, scene.heading()
+    if isinstance(scene, Distant | Placed):
+        inner = _environment_of(scene.scene)
+        if inner is not None:
+            turn = scene.pose.rotation() if isinstance(scene, Placed) else np.eye(3)
+            return inner[0], turned(inner[1], turn)
+    return None
+
+
+def _of_environment(
+    sensor: Sensor, scene: Environment, heading: Array, plan: Samples, hardware: Hardware, progress: Progress | None
+) -> Light:
+    """All in the compiled kernels: no ray is ever stored."""
+    module = compiled()
+    assert module is not None
+    optics = native_optics(sensor, hardware, plan.blur, tuple(heading.ravel()))
+    width, height = sensor.image_size
+    light = np.empty((height, width, 3), np.float32)
+    for top in range(0, height, ROWS_AT_ONCE):
+        rows = light[top : top + ROWS_AT_ONCE]
+        module.expose_environment(optics, scene.native, plan.points, plan.blur, plan.seed, 0, top, rows)
+        if progress is not None:
+            progress(top + len(rows), height)
+    return light
+
+
+def _of_scene(
+    camera: Camera, scene: Scene, plan: Samples, hardware: Hardware, progress: Progress | None, workers: int | None
+) -> Light:
+    width, height = camera.image_size
+    light = np.empty((height, width, 3), np.float32)
+    tiles = list(_tiles(width, height, len(plan.points)))
+
+    def fill(tile: tuple[slice, slice]) -> int:
+        bundle = trace(camera, plan, hardware, *tile)
+        light[tile] = gather(bundle, scene, hardware).mean(axis=2)
+        return int(tile[0].stop)
+
+    fill((slice(height // 2, height // 2 + 1), slice(0, 1)))  # all prepare themselves once, not once per thread
+    for done in on_threads(fill, tiles, workers):
+        if progress is not None:
+            progress(done, height)
+    return light
+
+
+def _tiles(width: int, height: int, samples: int) -> Iterator[tuple[slice, slice]]:
+    """Rows and columns of parts of a picture that fill a cache with their rays."""
+    across = min(width, max(1, RAYS_PER_TILE // samples))
+    down = max(1, RAYS_PER_TILE // (across * samples))
+    for top in range(0, height, down):
+        for left in range(0, width, across):
+            yield slice(top, min(top + down, height)), slice(left, min(left + across, width))
+
+
+def gather(bundle: Bundle, scene: Scene, hardware: Hardware) -> Light:
+    """Light (rows, columns, n, 3) that comes back along the rays."""
+    light = np.zeros(bundle.origins.shape, np.float32)
+    seeing = (bundle.fate == REFLECTED) | (bundle.fate == DIRECT)
+    light[seeing] = scene.radiance(bundle.origins[seeing], bundle.directions[seeing])
+    light *= bundle.weight[..., None]
+    hidden = bundle.fate == HIDDEN
+    light[hidden] = hardware.grey * bundle.weight[hidden, None]
+    return light
+
+
+def trace(camera: Camera, plan: Samples, hardware: Hardware, rows: slice, columns: slice) -> Bundle:
+    """The rays of a part of the picture."""
+    if not _has_one_mirror(camera):
+        pixels, pupil = places(plan, *np.meshgrid(np.r_[columns], np.r_[rows]))
+        shape, flat = pixels.shape[:-1], pixels.reshape(-1, 2)
+        if isinstance(camera, Sensor) and plan.blur:
+            origins, directions, valid = camera.aperture_rays(flat, pupil.reshape(-1, 2) * plan.blur)
+        else:
+            origins, directions, valid = camera.backproject(flat)
+        fate = np.where(valid, REFLECTED, LOST).astype(np.uint8).reshape(shape)
+        return Bundle(origins.reshape(*shape, 3), directions.reshape(*shape, 3), np.ones(shape), fate)
+    if compiled() is None:
+        return _trace_sensor(camera, plan, hardware, rows, columns)
+    return _trace_natively(camera, plan, hardware, rows, columns)
+
+
+def _trace_natively(sensor: Sensor, plan: Samples, hardware: Hardware, rows: slice, columns: slice) -> Bundle:
+    module = compiled()
+    assert module is not None
+    shape = (rows.stop - rows.start, columns.stop - columns.start, len(plan.points))
+    origins, directions = np.empty((2, *shape, 3), np.float32)
+    weight, fate = np.empty(shape, np.float32), np.empty(shape, np.uint8)
+    optics = native_optics(sensor, hardware, plan.blur, tuple(np.eye(3).ravel()))
+    module.expose_rays(
+        optics, plan.points, plan.blur, plan.seed, columns.start, rows.start, origins, directions, weight, fate
+    )
+    return Bundle(origins, directions, weight, fate)
+
+
+def _trace_sensor(sensor: Sensor, plan: Samples, hardware: Hardware, rows: slice, columns: slice) -> Bundle:
+    """The same rays without anything compiled."""
+    pixels, pupil = places(plan, *np.meshgrid(np.r_[columns], np.r_[rows]))
+    shape = pixels.shape[:-1]
+    pixels, pupil = pixels.reshape(-1, 2), pupil.reshape(-1, 2) * plan.blur
+    points, directions, towards, hit, fate = follow(sensor, pixels, pupil, hardware)
+    chief, from_lens = sensor.lens_rays(pixels, 0 * pupil)[1], points - sensor.lens_offset
+    along = np.einsum("ni,ni->n", towards, directions) / np.linalg.norm(towards, axis=1)
+    gamma = np.pi / 2 - np.arccos(np.clip(along / np.linalg.norm(directions, axis=1), -1, 1)) / 2
+    image = np.stack(sensor.from_centre_px(pixels), axis=-1) * sensor.imager.pitch_mm
+    weight = (1 - hardware.vignetting * (1 - sensor.lens.falloff(image))) * np.where(hit, hardware.returned(gamma), 1.0)
+    weight[hit] *= hardware.shade(from_lens[hit], directions[hit], -chief[hit])
+    weight[fate == LOST] = 0.0
+    rotation = sensor.mount.rotation().T
+    return Bundle(
+        turned(points, rotation).reshape(*shape, 3),
+        turned(directions, rotation).reshape(*shape, 3),
+        weight.reshape(shape),
+        fate.reshape(shape),
+    )
+
+
+def on_threads(function: Callable[[T], R], items: list[T], workers: int | None) -> Iterator[R]:
+    """Results in order; NumPy and the compiled kernels let go of the interpreter lock, so threads run side by side."""
+    with ThreadPoolExecutor(workers or os.cpu_count()) as pool:
+        yield from pool.map(function, items)

@@ -1,0 +1,122 @@
+"""A sensor as the compiled kernels take it: numbers of its lens, its mirror and what stands in the light."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...lenses import Lens, Orthographic, Perspective
+from ...lenses.distortion import fold
+from ...mirrors import Mirror
+from ...native import compiled
+from ...sensor import Sensor
+from ..hardware import Hardware
+
+Array = NDArray[np.float64]
+
+NODES = 2049  # along the meridian; between them sag is a cubic, good to a millionth of a millimetre
+NO_DISTORTION = (0.0, 0.0, 0.0, 0.0, 0.0)
+FARTHEST = 1e3  # tangent; nothing is seen there
+SAME_MM = 1e-9  # a conic that is the mirror, not one that is like it
+
+
+@lru_cache(maxsize=8)
+def native_optics(sensor: Sensor, hardware: Hardware, blur: bool, heading: tuple[float, ...]) -> Any:
+    """The compiled optics of a sensor; ``heading`` is a rotation (9,) of the world's directions, row by row."""
+    module = compiled()
+    assert module is not None
+    mirror, pose, m = sensor.mirror, sensor.mirror_pose, -sensor.lens_offset[2]
+    curvature, conic, nodes = _surface(mirror)
+    rotation = sensor.mount.rotation()
+    brown = sensor.lens.brown if isinstance(sensor.lens, Perspective) else NO_DISTORTION
+    scale = sensor.imager.pitch_mm * _object_scale(sensor.lens)
+    u, v = sensor.imager.centre
+    if sensor.mount.image_flipped:
+        u = sensor.imager.width_px - 1 - u
+    return module.Optics(
+        telecentric=sensor.lens.TELECENTRIC,
+        centre=(u, v),
+        scale=(-scale if sensor.mount.image_flipped else scale, scale),
+        distortion=brown,
+        fold=min(fold(brown[:3]), FARTHEST),
+        focus=sensor.lens.focus_distance_mm,
+        stop=_stop(sensor.lens) if blur else 0.0,
+        vertex=tuple(pose.shift - sensor.lens_offset),
+        axes=tuple(pose.rotation().T.ravel()),
+        aligned=pose.is_axial,
+        curvature=curvature,
+        conic=conic,
+        rim=mirror.rim_radius_mm,
+        nodes=nodes,
+        reflectance=tuple(reflectance_series(hardware, steepest_incidence(sensor))),
+        natural_vignetting=hardware.vignetting,
+        body_z=hardware.camera_height_mm,
+        body_radius=hardware.camera_radius_mm,
+        lens_radius=hardware.lens_radius_mm,
+        edge_z=float(mirror.sag(np.array(mirror.rim_radius_mm))),
+        edge_radius=mirror.rim_radius_mm + hardware.rim_width_mm if hardware.rim_width_mm else 0.0,
+        rod_z=(hardware.rod_from_mm, hardware.rod_to_mm),
+        rod_radius=(hardware.rod_radius_mm, hardware.rod_end_radius_mm),
+        hardware_light=(hardware.grey,) * 3,
+        sees_past=hardware.sees_past,
+        rotation=tuple((np.reshape(heading, (3, 3)) @ rotation).ravel()),
+        shift=tuple(-m * rotation[:, 2]),
+    )
+
+
+TERMS = 8
+MARGIN = np.radians(2.0)  # of the angle of incidence, for rays through the edge of the aperture
+
+
+def steepest_incidence(sensor: Sensor) -> float:
+    """The largest angle of incidence on the mirror, radians, and a little more."""
+    aligned, pose = sensor.aligned(), sensor.mirror_pose
+    gamma = aligned.meridian.trace(np.linspace(0.0, sensor.mirror.rim_radius_mm, 257)).gamma
+    tilt = np.radians(np.hypot(pose.tilt_x_deg, pose.tilt_y_deg))
+    return float(min(np.max(gamma) + tilt + MARGIN, np.pi / 2))
+
+
+def reflectance_series(hardware: Hardware, gamma_max: float) -> Array:
+    """Coefficients (8,) of a series in 1 - cos(gamma) for what the mirror returns, up to an angle.
+
+    Least squares at Chebyshev's points: of aluminium, silver and gold good to 2e-5 up to 75.5 deg, which no
+    bundled sensor exceeds, and to 1e-3 up to 89 deg.
+    """
+    top = 1 - np.cos(gamma_max)
+    points = top * (0.5 - 0.5 * np.cos(np.pi * (np.arange(64) + 0.5) / 64))
+    values = hardware.returned(np.arccos(1 - points))
+    fitted = np.polynomial.Polynomial.fit(points, values, TERMS - 1, domain=[0, top]).convert().coef
+    series: Array = np.zeros(TERMS)
+    series[: len(fitted)] = fitted
+    return series
+
+
+def _object_scale(lens: Lens) -> float:
+    """Tangent of the viewing angle (mm under a telecentric lens) for each mm of the imager, without distortion."""
+    return float(1 / lens.ideal_height(np.ones(1), np.ones(1))[0])
+
+
+def _stop(lens: Lens) -> float:
+    """Radius of the aperture, mm; tangent of the half angle of its cone if telecentric, which it turns over."""
+    if isinstance(lens, Orthographic):
+        return -lens.aperture_slope
+    assert isinstance(lens, Perspective)
+    return lens.aperture_radius
+
+
+def _surface(mirror: Mirror) -> tuple[float, float, NDArray[np.float32]]:
+    """Curvature and conic constant of the conic most like the mirror, and nodes where that is not the mirror."""
+    x = np.linspace(0.0, mirror.rim_radius_mm, NODES)
+    profile = mirror.profile(x)
+    z = profile[0]
+    # on a conic c (x^2 + (1 + k) z^2) = 2 z
+    (c, ck), *_ = np.linalg.lstsq(np.stack([x**2, z**2], axis=-1), 2 * z, rcond=None)
+    conic = float(ck / c - 1) if c > 0 else -1.0
+    with np.errstate(invalid="ignore"):
+        same = c * x**2 / (1 + np.sqrt(1 - (1 + conic) * c**2 * x**2))
+    is_conic = bool(np.abs(same - z).max() < SAME_MM)
+    nodes = np.zeros((0, 3)) if is_conic else np.stack(profile, axis=-1)
+    return float(c), conic, nodes.astype(np.float32)

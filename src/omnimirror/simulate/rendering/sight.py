@@ -1,0 +1,194 @@
+"""Where pixels look and what stands in their way: rays off the mirror, past rod, camera and rim, through a wall."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...cameras import Camera, Projection
+from ...errors import InvalidParameter
+from ...frames import turned
+from ...sensor import Sensor
+from ..hardware import Hardware
+from ..scenes.contract import Measured, Scene
+from ..shells import Shell, ThroughShell, meets_lid
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Fates = NDArray[np.uint8]
+
+LOST, REFLECTED, DIRECT, HIDDEN = range(4)  # what becomes of a ray; numbers of the compiled kernels
+LINES = 64  # from the vertex to the rim
+STEPS = 12  # each takes a wall's displacement to a hundredth or less
+MISS_MM = 1e-7
+INWARDS = 0.02  # of the distance: what a wall brings into the field lies this near to it
+
+
+class Followed(NamedTuple):
+    """Rays (n,) from the lens on, in the camera frame; where the mirror is missed, as they left the lens."""
+
+    points: Array
+    """(n, 3) mm: where they leave the mirror."""
+    directions: Array
+    """(n, 3): whereto."""
+    from_lens: Array
+    """(n, 3): directions in which they left the lens."""
+    hit: Mask
+    """(n,): whether they meet the mirror."""
+    fate: Fates
+    """(n,): ``LOST``, ``REFLECTED``, ``DIRECT`` past the mirror, or ``HIDDEN`` by camera, rod or edge."""
+
+
+def follow(sensor: Sensor, pixels: Array, pupil: Array, hardware: Hardware) -> Followed:
+    """Rays of pixels (n, 2) through points (n, 2) of the aperture's unit disk, in double precision."""
+    start, towards = sensor.lens_rays(pixels, pupil)
+    found = sensor.posed_mirror.trace(start, towards)
+    hit = found.valid
+    points, directions = np.where(hit[:, None], found.points, start), np.where(hit[:, None], found.directions, towards)
+    fate = np.where(hit, REFLECTED, DIRECT if hardware.sees_past else LOST).astype(np.uint8)
+    fate[~np.isfinite(towards[:, 2])] = LOST  # where distortion folds the picture over
+    chief = sensor.lens_rays(pixels, 0 * pupil)[1]
+    fate[hit & hardware.hides(points - sensor.lens_offset, directions, -chief)] = HIDDEN
+    fate[meets_edge(sensor, hardware, points, directions)] = HIDDEN
+    return Followed(points, directions, towards, hit, fate)
+
+
+def meets_edge(sensor: Sensor, hardware: Hardware, points: Array, directions: Array) -> Mask:
+    """Which rays (n,) meet the dark edge about the rim: on their way past the mirror, or rising from it."""
+    if not hardware.rim_width_mm:
+        return np.zeros(len(points), dtype=bool)
+    pose, rim = sensor.mirror_pose, sensor.mirror.rim_radius_mm
+    origins, towards = pose.to_mirror(points), pose.turned_to_mirror(directions)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        steps = (sensor.mirror.sag(np.array(rim)) - origins[:, 2]) / towards[:, 2]
+        across = np.hypot(*(origins[:, :2] + steps[:, None] * towards[:, :2]).T)
+        meets: Mask = (steps > 0) & (across > rim) & (across < rim + hardware.rim_width_mm)
+    return meets
+
+
+def check_clear(sensor: Sensor, scene: Scene) -> None:
+    """Raise InvalidParameter if something of a scene cuts the mirror: lines from its vertex to its rim, and around.
+
+    Scenes that tell no distances are taken at their word.
+    """
+    scene = scene.scene if isinstance(scene, ThroughShell) else scene
+    if not isinstance(scene, Measured):
+        return
+    x = np.linspace(0.0, sensor.mirror.rim_radius_mm, LINES // 2 + 1)
+    turn = np.linspace(0, 2 * np.pi, LINES + 1)
+    across = np.stack([x[:, None] * np.cos(turn), x[:, None] * np.sin(turn)], axis=-1)
+    sag = np.broadcast_to(sensor.mirror.sag(x)[:, None, None], (*across.shape[:2], 1))
+    rotation = sensor.mount.rotation()
+    points = sensor.mirror_pose.to_camera(np.concatenate([across, sag], axis=-1).reshape(-1, 3))
+    points[:, 2] *= np.sign(-sensor.axis @ rotation[:, 2])  # a lens that sees it in a second mirror looks the other way
+    net = turned(points, rotation.T).reshape(*across.shape[:2], 3)
+    start = np.concatenate([net[:-1].reshape(-1, 3), net[1:, :-1].reshape(-1, 3)])
+    end = np.concatenate([net[1:].reshape(-1, 3), net[1:, 1:].reshape(-1, 3)])
+    if (scene.distance_mm(start, end - start) < np.linalg.norm(end - start, axis=1)).any():
+        raise InvalidParameter(
+            "the mirror stands in something of the scene; give it another pose, or look at the unit of a mesh"
+        )
+
+
+class Sights(NamedTuple):
+    """What pixels (n,) look along, in the sensor's world frame; NaN where not valid."""
+
+    origins: Array
+    """(n, 3) mm: where they leave the sensor: its mirror, the outer side of its tube or dome, or, past the mirror,
+    its lens."""
+    directions: Array
+    """(n, 3) unit vectors, from there on."""
+    valid: Mask
+    """(n,) whether they leave it at all."""
+    hidden: Mask
+    """(n,) whether they end at camera, rod, rim or a lid."""
+
+
+def sights(camera: Camera, pixels: ArrayLike, hardware: Hardware | None = None, shell: Shell | None = None) -> Sights:
+    """Where the chief rays of pixels (n, 2) look, past what stands in the light and through a tube or a dome.
+
+    Parameters
+    ----------
+    camera
+    pixels
+    hardware, shell
+        Of a sensor of one mirror; nothing by default.
+
+    Raises
+    ------
+    InvalidParameter
+        For hardware or a shell of another camera, or a shell that does not take in the mirror.
+
+    Examples
+    --------
+    In the middle the sensor sees its own camera:
+
+    >>> import omnimirror as om
+    >>> seen = sights(om.load_sensor("paper-spherical"), [[511.5, 511.5], [900.0, 511.5]], Hardware(30.0))
+    >>> seen.valid, seen.hidden
+    (array([False,  True]), array([ True, False]))
+    """
+    pixels = np.asarray(pixels, dtype=float)
+    if not isinstance(camera, Sensor) or camera.secondary is not None:
+        if hardware is not None or shell is not None:
+            raise InvalidParameter("only a sensor of one mirror has hardware, a tube or a dome about it")
+        rays = camera.backproject(pixels)
+        return Sights(rays.origins, _unit(rays.directions), rays.valid, np.zeros(len(pixels), dtype=bool))
+    followed = follow(camera, pixels, np.zeros_like(pixels), hardware or Hardware())
+    points, directions, hidden = followed.points, _unit(followed.directions), followed.fate == HIDDEN
+    valid = (followed.fate == REFLECTED) | (followed.fate == DIRECT)
+    if shell is not None:
+        ends = np.zeros(len(pixels), dtype=bool)
+        passage = shell.passage(points[valid], directions[valid])
+        ends[valid] = meets_lid(shell, points[valid], directions[valid])
+        points[valid], directions[valid] = passage.points, passage.directions
+        valid, hidden = valid & ~ends, hidden | ends
+    points[~valid] = directions[~valid] = np.nan
+    rotation = camera.mount.rotation().T
+    return Sights(turned(points, rotation), turned(directions, rotation), valid, hidden)
+
+
+def seen_at(
+    sensor: Sensor, points_mm: ArrayLike, hardware: Hardware | None = None, shell: Shell | None = None
+) -> Projection:
+    """Pixels (n, 2) in whose chief rays points (n, 3) mm of the sensor's world lie, by way of the mirror.
+
+    Not valid are points that hardware hides. Through a wall a pixel is found that looks at the point: its mirror sees
+    another one without the wall, which is moved by what the pixel's ray misses the point by.
+
+    Raises
+    ------
+    InvalidParameter
+        As :func:`sights`.
+    """
+    points = np.asarray(points_mm, dtype=float)
+    pixels, valid = sensor.project(points)
+    if shell is not None:
+        pixels, valid = _seen_through(sensor, points, shell)
+    if hardware is not None or shell is not None:
+        valid[valid] = ~sights(sensor, pixels[valid], hardware, shell).hidden
+    pixels[~valid] = np.nan
+    return Projection(pixels, valid)
+
+
+def _seen_through(sensor: Sensor, points: Array, shell: Shell) -> Projection:
+    pole = np.linalg.norm(points, axis=1, keepdims=True) * INWARDS * sensor.axis
+    shown = np.where(sensor.project(points).valid[:, None], points, points + pole)
+    miss = np.full(len(points), np.inf)
+    for _ in range(STEPS):
+        pixels, valid = sensor.project(shown)
+        seen = sights(sensor, pixels[valid], shell=shell)
+        way = points[valid] - seen.origins
+        off = way - np.einsum("ni,ni->n", way, seen.directions)[:, None] * seen.directions
+        miss[valid] = np.linalg.norm(off, axis=1)
+        if not (miss[valid] > MISS_MM).any():
+            break
+        shown[valid] += off
+    return Projection(pixels, valid & (miss < 1e3 * MISS_MM))
+
+
+def _unit(directions: Array) -> Array:
+    unit: Array = directions / np.linalg.norm(directions, axis=-1, keepdims=True)
+    return unit

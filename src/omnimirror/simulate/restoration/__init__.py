@@ -1,0 +1,1 @@
+"""Pictures sharpened by what is known of their blur and noise."""

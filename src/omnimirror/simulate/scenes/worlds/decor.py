@@ -1,0 +1,224 @@
+"""The room's furniture and the painting of its walls: all that is a matter of taste.
+
+Solids stand in the world frame (mm, sensor at the origin); walls are painted in millimetres from
+their lower left corner, as one faces them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+from ..boxes import Box
+from ..canvas import Canvas, Extent, Paint
+
+ROOM = Box((-2600.0, -2700.0, -1200.0), (3400.0, 2300.0, 1800.0))
+"""6 x 5 x 3 m; the sensor stands 1.2 m high and off the middle."""
+
+INK, CREAM, WHITE = Paint("#26323c"), Paint("#ece6d8"), Paint("#f4f2ec")
+OAK, WALNUT, STEEL = Paint("#b08a5e"), Paint("#6a4a35"), Paint("#4a5056")
+LAMP, GLASS = Paint("#fff1dc", glow=1.4), Paint(clear=1.0)
+
+
+class Sign(NamedTuple):
+    """A word on a wall."""
+
+    face: int
+    word: str
+    x: float
+    y: float
+    """Its middle, mm on the wall."""
+    cap_height: float
+    paint: Paint
+
+
+SIGNS = (
+    Sign(1, "OMNIMIRROR", 2500.0, 1930.0, 350.0, Paint("#1f3a52")),
+    Sign(3, "GARDEN", 3000.0, 2570.0, 290.0, Paint("#5b4a2a")),
+    Sign(0, "LIBRARY", 3830.0, 1880.0, 290.0, Paint("#2c4734")),
+    Sign(2, "EXIT", 4800.0, 2440.0, 250.0, WHITE),
+)
+
+
+def paint_room(face: int, texel_mm: float, width_mm: float, height_mm: float) -> tuple[Canvas, dict[str, Extent]]:
+    """One of the room's six faces, and where the words on it are."""
+    painters: tuple[tuple[str, Callable[[Canvas], None]], ...] = (
+        ("#b3bfa8", _back_wall),
+        ("#b9c7cf", _front_wall),
+        ("#cdab97", _right_wall),
+        ("#d9cba9", _left_wall),
+        ("#c9c0b0", _floor),
+        ("#f0eee8", _ceiling),
+    )
+    ground, paint = painters[face]
+    canvas = Canvas(width_mm, height_mm, texel_mm, Paint(ground))
+    paint(canvas)
+    return canvas, {s.word: canvas.text(s.word, *s[2:]) for s in SIGNS if s.face == face}
+
+
+# -- the six faces of the room -------------------------------------------------------------------------
+
+
+def _wall(canvas: Canvas, dado: str) -> None:
+    """The lower part of a wall: a darker field, a rail over it, a skirting board under it."""
+    canvas.rectangle(0, 0, canvas.width_mm, 820, Paint(dado))
+    canvas.rectangle(0, 820, canvas.width_mm, 860, CREAM)
+    canvas.rectangle(0, 0, canvas.width_mm, 110, CREAM)
+
+
+def _front_wall(canvas: Canvas) -> None:
+    _wall(canvas, "#7f97a6")
+    canvas.rectangle(730, 1590, 4270, 1615, Paint("#1f3a52"))
+
+
+def _left_wall(canvas: Canvas) -> None:
+    _wall(canvas, "#b7a06f")
+    for left in (700.0, 3700.0):
+        _window(canvas, left, 900.0, left + 1600.0, 2260.0)
+
+
+def _back_wall(canvas: Canvas) -> None:
+    _wall(canvas, "#7f9277")
+    _clock(canvas, 3830.0, 2440.0, 210.0)
+
+
+def _right_wall(canvas: Canvas) -> None:
+    _wall(canvas, "#a67a62")
+    _door(canvas, 4300.0, 5300.0, 2120.0)
+    canvas.rectangle(4230, 2250, 5370, 2630, Paint("#1e6b45"))
+    canvas.frame(4230, 2250, 5370, 2630, 18, WHITE)
+    _painting(canvas, 900.0, 1180.0)
+
+
+def _floor(canvas: Canvas) -> None:
+    canvas.checkerboard(canvas.width_mm / 2, canvas.height_mm / 2, 500.0, Paint("#6f6a66"))
+    canvas.rectangle(1250, 1150, 3350, 4050, Paint("#8a4a41"))
+    for inset, paint in ((60.0, CREAM), (130.0, Paint("#2f4858")), (300.0, CREAM)):
+        canvas.frame(1250 + inset, 1150 + inset, 3350 - inset, 4050 - inset, 25, paint)
+    _compass(canvas, 2300.0, 2600.0)
+
+
+def _compass(canvas: Canvas, x: float, y: float) -> None:
+    """Four letters right under the sensor; north is forward."""
+    for radius, paint in ((620.0, CREAM), (595.0, Paint("#2f4858")), (240.0, CREAM), (220.0, Paint("#8a4a41"))):
+        canvas.disc(x, y, radius, paint)
+    for letter, right, up in (("N", 0, 1), ("E", 1, 0), ("S", 0, -1), ("W", -1, 0)):
+        canvas.text(letter, x + 415 * right, y + 415 * up, 190.0, CREAM)
+
+
+def _ceiling(canvas: Canvas) -> None:
+    for middle in (750.0, 2250.0, 3750.0, 5250.0):  # from the front, as seen by who looks up at them
+        canvas.rectangle(1550, middle - 150, 3450, middle + 150, STEEL)
+        canvas.rectangle(1580, middle - 120, 3420, middle + 120, LAMP)
+
+
+def _window(canvas: Canvas, left: float, bottom: float, right: float, top: float) -> None:
+    canvas.rectangle(left - 60, bottom - 60, right + 60, top + 60, WHITE)
+    canvas.rectangle(left, bottom, right, top, GLASS)
+    canvas.frame(left, bottom, right, top, 50, WHITE)
+    middle, bar = (left + right) / 2, bottom + 0.66 * (top - bottom)
+    canvas.rectangle(middle - 30, bottom, middle + 30, top, WHITE)
+    canvas.rectangle(left, bar - 25, right, bar + 25, WHITE)
+    canvas.frame(left - 60, bottom - 60, right + 60, top + 60, 8, Paint("#8f8467"))
+    canvas.rectangle(left - 110, bottom - 85, right + 110, bottom - 50, OAK)
+
+
+def _door(canvas: Canvas, left: float, right: float, top: float) -> None:
+    canvas.rectangle(left - 90, 0, right + 90, top + 90, CREAM)
+    canvas.rectangle(left, 0, right, top, WALNUT)
+    for bottom, height in ((180.0, 760.0), (1060.0, 880.0)):
+        for x in (left + 110, left + 540):
+            canvas.rectangle(x, bottom, x + 350, bottom + height, Paint("#7d5a42"))
+            canvas.frame(x, bottom, x + 350, bottom + height, 15, Paint("#4c3324"))
+    canvas.disc(right - 60, 1000, 32, Paint("#d9b45a"))
+
+
+def _painting(canvas: Canvas, left: float, bottom: float) -> None:
+    canvas.rectangle(left, bottom, left + 1900, bottom + 1150, WALNUT)
+    canvas.rectangle(left + 60, bottom + 60, left + 1840, bottom + 1090, WHITE)
+    fields = ((170, 170, 780, 560, "#26456b"), (170, 590, 780, 980, "#d8b04c"), (810, 170, 1180, 980, "#efe7d4"))
+    for x0, y0, x1, y1, colour in (*fields, (1210, 480, 1730, 980, "#a8402f"), (1210, 170, 1730, 450, "#3d4247")):
+        canvas.rectangle(left + x0, bottom + y0, left + x1, bottom + y1, Paint(colour))
+    canvas.disc(left + 995, bottom + 690, 150, INK)
+    canvas.disc(left + 1470, bottom + 730, 170, CREAM)
+
+
+def _clock(canvas: Canvas, x: float, y: float, radius: float) -> None:
+    canvas.disc(x, y, radius, INK)
+    canvas.disc(x, y, radius - 22, WHITE)
+    for dx, dy in ((0, 1), (1, 0), (0, -1), (-1, 0)):
+        canvas.disc(x + 155 * dx, y + 155 * dy, 13, INK)
+    canvas.rectangle(x - 9, y - 10, x + 9, y + 140, INK)  # three o'clock
+    canvas.rectangle(x - 10, y - 9, x + 105, y + 9, INK)
+
+
+# -- solids --------------------------------------------------------------------------------------------
+
+
+class Piece(NamedTuple):
+    """A solid, its paint, and what its faces carry."""
+
+    box: Box
+    paint: Paint
+    decorate: dict[int, Callable[[Canvas], None]] = {}  # noqa: RUF012 - never changed
+
+
+def _books(canvas: Canvas) -> None:
+    """Four shelves of books whose sizes and colours repeat so late that one sees no pattern."""
+    colours = ("#7a2e2a", "#2f4858", "#d2c4a0", "#3f5e46", "#8a6a3d", "#54415f", "#b9b3a5", "#1f3a52", "#a35a3a")
+    for shelf in range(4):
+        bottom, x = 60.0 + 490 * shelf, 60.0
+        canvas.rectangle(50, bottom, canvas.width_mm - 50, bottom + 440, Paint("#2b2019"))
+        for i in range(100):
+            n = 37 * shelf + i
+            width, height = 34.0 + 13 * (n * 7 % 5), 270.0 + 24 * (n * 5 % 7)
+            if x + width > canvas.width_mm - 60:
+                break
+            if n % 17 != 11:  # a gap here and there
+                canvas.rectangle(x, bottom, x + width, bottom + height, Paint(colours[n * 4 % 9]))
+                canvas.rectangle(x + 5, bottom + 0.7 * height, x + width - 5, bottom + 0.76 * height, CREAM)
+            x += width + 4
+
+
+def _cabinet_doors(canvas: Canvas) -> None:
+    canvas.rectangle(0, 0, canvas.width_mm, 80, STEEL)
+    for i in range(4):
+        left = 20 + i * (canvas.width_mm - 40) / 4
+        right = left + (canvas.width_mm - 40) / 4
+        canvas.frame(left + 10, 100, right - 10, canvas.height_mm - 30, 10, WALNUT)
+        canvas.disc(right - 50 if i % 2 == 0 else left + 50, 480, 18, INK)
+
+
+def _ribs(canvas: Canvas) -> None:
+    for i in range(int(canvas.width_mm // 70)):
+        canvas.rectangle(25 + 70 * i, 30, 45 + 70 * i, canvas.height_mm - 30, Paint("#b9b6ad"))
+
+
+def _legs(left: float, right: float, back: float, front: float, top: float, paint: Paint) -> list[Piece]:
+    """Four legs within the corners of a table top that lies ``top`` over the sensor's height."""
+    t, floor = 70.0, ROOM.low[2]
+    corners = [(x, y) for x in (left, right - t) for y in (back, front - t)]
+    return [Piece(Box((x, y, floor), (x + t, y + t, top)), paint) for x, y in corners]
+
+
+FLOOR, CLOTH = ROOM.low[2], Paint("#4f6a6e")
+
+PIECES: tuple[Piece, ...] = (
+    *(Piece(Box((x - 60, -2700, 1630), (x + 60, 2300, 1800)), WALNUT) for x in (-1100.0, 400.0, 1900.0)),
+    Piece(Box((2950, -1300, FLOOR), (3400, 1300, -450)), OAK, {0: _cabinet_doors}),
+    Piece(Box((-2600, -2400, FLOOR), (-2280, 0, 820)), WALNUT, {1: _books}),
+    Piece(Box((-1800, 2150, -1060), (-400, 2280, -470)), WHITE, {2: _ribs}),
+    # a bench under the window
+    Piece(Box((950, 1800, -790), (2850, 2260, -730)), OAK),
+    *_legs(1000, 2800, 1830, 2240, -790, STEEL),
+    # a table with two books on it
+    Piece(Box((1100, -2000, -490), (2600, -1000, -440)), OAK),
+    *_legs(1150, 2550, -1950, -1050, -490, OAK),
+    Piece(Box((1500, -1620, -440), (1800, -1380, -385)), Paint("#7a2e2a")),
+    Piece(Box((1530, -1610, -385), (1780, -1420, -340)), Paint("#d2c4a0")),
+    # an armchair
+    Piece(Box((-2350, 700, -1160), (-1600, 1500, -790)), CLOTH),
+    Piece(Box((-2500, 590, -1160), (-2350, 1610, -330)), CLOTH),
+    *(Piece(Box((-2350, y, -1160), (-1600, y + 110, -580)), CLOTH) for y in (590.0, 1500.0)),
+)
+"""Everything solid in the room, in world millimetres."""

@@ -1,0 +1,76 @@
+"""Painted faces as surfaces, and the scenes that are made of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ...colour import Light
+from ..boxes import Box, Face, face_of
+from ..canvas import ALBEDO, CLEAR, EMISSION, Canvas
+from ..contract import Array, Scene
+from ..surfaces import Surfaces, Texture
+
+
+def finished(canvas: Canvas, light: Light) -> Light:
+    """Light that a face sends towards whoever looks, and what it lets through: (rows, columns, 4)."""
+    sent = canvas.texels[..., ALBEDO] * light + canvas.texels[..., EMISSION]
+    return np.concatenate([sent, canvas.texels[..., CLEAR, None]], axis=-1)
+
+
+def surfaces_of(faces: Sequence[Face], pictures: Sequence[Light]) -> Surfaces:
+    """Faces with their pictures (rows, columns, 4), whose first row is the top."""
+    places = np.array([(f.point(0.0, f.height_mm), f.width_mm * f.right, -f.height_mm * f.up) for f in faces])
+    texels = np.array([((-0.5, -0.5), (p.shape[1], 0), (0, p.shape[0])) for p in pictures], dtype=float)
+    count = len(faces)
+    textures = tuple(Texture(np.ascontiguousarray(p, np.float32)) for p in pictures)
+    return Surfaces(places.reshape(-1, 3, 3), texels, np.arange(count), np.zeros(count, dtype=bool), textures)
+
+
+def outsides(boxes: Sequence[Box]) -> list[Face]:
+    """The six faces of each box, seen from outside."""
+    return [face_of(box, i, inside=False) for box in boxes for i in range(6)]
+
+
+class Surroundings:
+    """Surfaces, and what is infinitely far behind them.
+
+    Parameters
+    ----------
+    surfaces
+    background
+        What rays see that meet no surface, or one that lets light through; nothing, which is black, if None.
+    """
+
+    def __init__(self, surfaces: Surfaces, background: Scene | None = None) -> None:
+        self.surfaces, self.background = surfaces, background
+
+    def radiance(self, origins_mm: ArrayLike, directions: ArrayLike) -> Light:
+        """Linear RGB (n, 3) of rays from origins (n, 3) mm in directions (n, 3) of any length but 0."""
+        origins, towards = np.asarray(origins_mm, dtype=float), np.asarray(directions, dtype=float)
+        light, clear, distance = self.surfaces.seen(origins, towards)
+        if self.background is not None:
+            share = np.where(np.isinf(distance), np.float32(1), clear)
+            behind = np.flatnonzero(share)
+            light[behind] += share[behind, None] * self.background.radiance(origins[behind], towards[behind])
+        return light
+
+    def distance_mm(self, origins_mm: ArrayLike, directions: ArrayLike) -> Array:
+        """How far (n,) rays go to the first surface; infinite where they meet none."""
+        origins, towards = np.asarray(origins_mm, dtype=float), np.asarray(directions, dtype=float)
+        length = np.linalg.norm(towards, axis=1)
+        # of unit directions, so that single precision has all its digits
+        distance: Array = self.surfaces.seen(origins, towards / length[:, None]).distance.astype(float)
+        return distance
+
+
+class Landscape:
+    """Sky and hills, infinitely far away."""
+
+    def radiance(self, origins_mm: Array, directions: Array) -> Light:
+        """Linear RGB (n, 3) in directions (n, 3)."""
+        from .landscape import landscape
+
+        return landscape(directions)

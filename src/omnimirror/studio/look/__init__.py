@@ -1,0 +1,1 @@
+"""The tab that looks around in pictures, videos and streams."""

@@ -1,0 +1,93 @@
+"""What the server may show: the source it was started with, and the files of the folders it was given."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from ...media.batch import PICTURES
+from ..messages import Source
+
+VIDEOS = (".mp4", ".m4v", ".mov", ".mkv", ".webm", ".avi", ".ts", ".mpg", ".mpeg")
+MOST_LISTED = 2000
+
+
+@dataclass(frozen=True)
+class Shown:
+    """One source and where it is; the page knows its ``id`` alone."""
+
+    id: str
+    name: str
+    kind: Literal["picture", "video", "live"]
+    place: str
+
+    @property
+    def message(self) -> Source:
+        return Source(id=self.id, name=self.name, kind=self.kind, command=self.command)
+
+    @property
+    def command(self) -> str:
+        """Its place, as short as it can be said from here."""
+        here = Path.cwd()
+        is_near = self.kind != "live" and Path(self.place).is_relative_to(here)
+        return str(Path(self.place).relative_to(here)) if is_near else self.place
+
+
+class Sources:
+    """What can be shown. A page chooses from the list and never names a path.
+
+    Raises
+    ------
+    MediaError
+        What is given is live, and there can be no such camera or stream.
+    """
+
+    def __init__(self, given: str | None = None, folders: Iterable[Path] = (), is_live: bool = False) -> None:
+        self.given = _shown("source", given, is_live) if given is not None else None
+        self._folders = [folder.resolve() for folder in folders]
+
+    def list(self) -> list[Shown]:
+        """All sources there are just now."""
+        found = [] if self.given is None else [self.given]
+        for number, folder in enumerate(self._folders):
+            for path in sorted(folder.iterdir()):
+                inside = path.resolve().is_relative_to(folder)  # a link may lead out
+                if inside and path.is_file() and kind_of_file(path) and len(found) < MOST_LISTED:
+                    shown = _shown(f"{number}/{path.name}", str(path), False)
+                    found.append(shown)
+        return found
+
+    def find(self, id: str) -> Shown:
+        """A source of the list.
+
+        Raises
+        ------
+        KeyError
+            There is none of that name.
+        """
+        for shown in self.list():
+            if shown.id == id:
+                return shown
+        raise KeyError(id)
+
+
+def kind_of_file(path: Path) -> Literal["picture", "video"] | None:
+    """What a file is, going by its name.
+
+    >>> kind_of_file(Path("room.PNG")), kind_of_file(Path("ride.mp4")), kind_of_file(Path("notes.txt"))
+    ('picture', 'video', None)
+    """
+    suffix = path.suffix.lower()
+    return "picture" if suffix in PICTURES else "video" if suffix in VIDEOS else None
+
+
+def _shown(id: str, place: str, is_live: bool) -> Shown:
+    if is_live:
+        from ...media.live.sources import checked, named
+
+        checked(place)
+        return Shown(id, named(place), "live", place)
+    path = Path(place)
+    return Shown(id, path.name, kind_of_file(path) or "picture", place)

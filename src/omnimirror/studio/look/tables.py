@@ -1,0 +1,226 @@
+"""A camera as tables that a graphics card reads: pixels of directions and points, to some thousandths of a pixel.
+
+A camera with an axis of symmetry is its tables over sin(Omega/2), as in :mod:`omnimirror.dewarp.maps.radial_table`,
+but shorter.
+One without is a lattice of pixels over the disk ``sin(Omega/2) (cos phi, sin phi)`` about its axis, which
+looks much like the picture itself, a table of where the field ends and, of a mirror, a lattice of where the rays start.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...central import MirrorBall, OCam
+from ...dewarp.camera_field import field_of, pole_of
+from ...dewarp.maps.radial_table import tables_of
+from ...frames import Mount, turned
+from ...sensor import Sensor
+from ..messages import CameraModel, Kind, MountOf, TableLayout
+
+Array = NDArray[np.float64]
+MountedCamera = Sensor | OCam | MirrorBall
+
+ENTRIES = 2048  # what every WebGL2 texture can be wide
+LATTICE = 513
+LIMITS = 1024
+HALVINGS = 24
+BEYOND = 4  # nodes past the field, so that cubic interpolation reaches its end
+MARGIN = 1.02
+
+
+class CameraTables(NamedTuple):
+    """What the values are, and the values."""
+
+    layout: TableLayout
+    values: NDArray[np.float32]
+
+
+class Frame(NamedTuple):
+    """World directions (3,) of the axis of a camera, and of the right and the lower side of its picture."""
+
+    axis: Array
+    right: Array
+    down: Array
+
+
+def frame_of(camera: MountedCamera) -> Frame:
+    """The frame in which the tables of a camera are."""
+    symmetry = camera.symmetry
+    if symmetry is not None:
+        return Frame(symmetry.axis, symmetry.right, symmetry.down)
+    x, y, _ = camera.mount.rotation().T
+    return Frame(camera.axis, -x if camera.mount.image_flipped else x, y)
+
+
+@lru_cache(maxsize=32)
+def camera_tables(camera: MountedCamera) -> CameraTables:
+    """The tables of a camera.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> layout, values = camera_tables(om.load_sensor("paper-spherical"))
+    >>> layout.radii, layout.origins, values.shape
+    (2048, 2048, (6144,))
+    """
+    symmetry = camera.symmetry
+    if symmetry is None:
+        return _lattice_tables(camera)
+    t = tables_of(symmetry, ENTRIES, ENTRIES)
+    layout = TableLayout(
+        first=t.first, last=t.last, eye_mm=t.eye, radii=len(t.radii), origins=len(t.origins),
+        lattice=0, limits=0, starts=0,
+    )  # fmt: skip
+    return CameraTables(layout, np.concatenate([t.radii, *t.origins.T]).astype(np.float32))
+
+
+@lru_cache(maxsize=64)
+def camera_model(id: str, name: str, title: str, options: tuple[str, ...], camera: MountedCamera) -> CameraModel:
+    """What the page must know of a camera, besides its tables."""
+    seen, frame, layout = field_of(camera), frame_of(camera), camera_tables(camera).layout
+    centre, radius = _circle(camera)
+    return CameraModel(
+        id=id,
+        name=name,
+        title=title,
+        kind=kind_of(camera),
+        options=options,
+        mount=mount_message(camera.mount),
+        mount_in_file=mount_message(camera.mount),
+        image_size=camera.image_size,
+        centre_px=centre,
+        rim_radius_px=radius,
+        axis=_vector(frame.axis),
+        right=_vector(frame.right),
+        down=_vector(frame.down),
+        tilt_min_deg=seen.tilt_min_deg,
+        tilt_max_deg=seen.tilt_max_deg,
+        pixels_per_degree=seen.pixels_per_degree,
+        pole=pole_of(camera),
+        is_picture_reversed=camera.is_picture_reversed,
+        is_adjustable=camera.symmetry is not None and not isinstance(camera, OCam),
+        tables=layout,
+    )
+
+
+def kind_of(camera: MountedCamera) -> Kind:
+    """Which option of the command line names such a camera."""
+    return "sensor" if isinstance(camera, Sensor) else "ocam" if isinstance(camera, OCam) else "ball"
+
+
+def title_of(camera: MountedCamera) -> str:
+    """What a camera is, in a line."""
+    if isinstance(camera, Sensor):
+        return (camera.notes.strip().splitlines() or [f"{camera.mirror.KIND} mirror"])[0]
+    if isinstance(camera, OCam):
+        return f"OCamCalib, {camera.optics}"
+    return f"a ball seen from afar, field {camera.field_deg:g}°"
+
+
+def mount_message(mount: Mount) -> MountOf:
+    """A mount, to be told."""
+    return MountOf(
+        camera_looks=mount.camera_looks,
+        forward_azimuth_deg=mount.forward_azimuth_deg,
+        image_flipped=mount.image_flipped,
+        pitch_deg=mount.pitch_deg,
+        roll_deg=mount.roll_deg,
+    )
+
+
+# -- cameras without an axis of symmetry -----------------------------------------------------------
+
+
+def _lattice_tables(camera: MountedCamera) -> CameraTables:
+    project = _projection(camera)
+    limits = _limits(project)
+    end = min(1.0, MARGIN * float(limits.max()))
+    side = np.linspace(-end, end, LATTICE)
+    nodes = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
+    pixels = project(nodes).reshape(LATTICE, LATTICE, 2)
+    starts = _starts(camera, pixels) if isinstance(camera, Sensor) else np.empty((0, 0, 3))
+    layout = TableLayout(
+        first=0.0, last=end, eye_mm=0.0, radii=0, origins=0, lattice=LATTICE, limits=LIMITS, starts=len(starts)
+    )
+    values = [np.nan_to_num(_continued(pixels), nan=-1e6), limits, starts]
+    return CameraTables(layout, np.concatenate([np.ravel(v) for v in values]).astype(np.float32))
+
+
+def _starts(camera: Sensor, pixels: Array) -> Array:
+    """Where the rays of a lattice of pixels start (n, n, 3), mm along axis, right and down; 0 far outside the field."""
+    seen = np.isfinite(pixels[..., 0])
+    origins = np.full((*seen.shape, 3), np.nan)
+    origins[seen] = turned(camera.backproject(pixels[seen]).origins, np.stack(frame_of(camera), axis=-1))
+    return np.nan_to_num(_continued(origins))
+
+
+def _projection(camera: MountedCamera) -> Callable[[Array], Array]:
+    """Pixels (n, 2) of places (n, 2) in the disk; NaN outside the field."""
+    axis, right, down = frame_of(camera)
+
+    def project(places: Array) -> Array:
+        x, y = places.T
+        sine2 = x * x + y * y  # of half the angle
+        inside = sine2 <= 1
+        pixels = np.full((len(places), 2), np.nan)
+        x, y, sine2 = x[inside], y[inside], sine2[inside]
+        cosine = np.sqrt(1 - sine2)
+        directions = np.outer(1 - 2 * sine2, axis) + np.outer(2 * cosine * x, right) + np.outer(2 * cosine * y, down)
+        pixels[inside] = camera.project_directions(directions).pixels
+        return pixels
+
+    return project
+
+
+def _limits(project: Callable[[Array], Array]) -> Array:
+    """Where the field ends, sin(Omega/2), in even steps of the azimuth."""
+    phi = np.arange(LIMITS) * (2 * np.pi / LIMITS)
+    towards = np.stack([np.cos(phi), np.sin(phi)], axis=-1)
+    low, high = np.zeros(LIMITS), np.ones(LIMITS)
+    for _ in range(HALVINGS):
+        middle = (low + high) / 2
+        seen = np.isfinite(project(middle[:, None] * towards)[:, 0])
+        low, high = np.where(seen, middle, low), np.where(seen, high, middle)
+    return low
+
+
+def _continued(values: Array) -> Array:
+    """A lattice with some more nodes around the field."""
+    for _ in range(BEYOND):
+        values = _extended(values)
+    return values
+
+
+def _extended(values: Array) -> Array:
+    """One more node all around, as the third differences go on."""
+    side = len(values)
+    padded = np.pad(values, ((4, 4), (4, 4), (0, 0)), constant_values=np.nan)
+
+    def shifted(k: int, dx: int, dy: int) -> Array:
+        return padded[4 + k * dy : 4 + k * dy + side, 4 + k * dx : 4 + k * dx + side]
+
+    around = [(dx, dy) for dx in (-1, 0, 1) for dy in (-1, 0, 1) if dx or dy]
+    guesses = np.stack([4 * shifted(1, *d) - 6 * shifted(2, *d) + 4 * shifted(3, *d) - shifted(4, *d) for d in around])
+    known = np.isfinite(guesses)
+    mean = np.where(known, guesses, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
+    guess = np.where(known.any(axis=0), mean, np.nan)
+    return np.where(np.isfinite(values), values, guess)
+
+
+def _circle(camera: MountedCamera) -> tuple[tuple[float, float], float]:
+    """Image of the axis, and radius of the end of the field; their best circle where it is none."""
+    symmetry = camera.symmetry
+    if symmetry is not None:
+        return symmetry.centre_px, float(symmetry.radius_px(np.array([symmetry.omega_max]))[0])
+    if isinstance(camera, OCam):
+        return camera.centre_px, camera.field_radius_px
+    return camera.imager.centre, camera.aligned().rim_radius_px  # type: ignore[union-attr]  # a ball is symmetric
+
+
+def _vector(v: Array) -> tuple[float, float, float]:
+    return float(v[0]), float(v[1]), float(v[2])

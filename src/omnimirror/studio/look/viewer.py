@@ -1,0 +1,145 @@
+"""The page with a picture or video and its camera inside: it works from disk, no server, nothing installed."""
+
+from __future__ import annotations
+
+import base64
+import os
+from functools import cache
+from pathlib import Path
+from urllib.parse import quote
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import InvalidParameter, MediaError
+from ..messages import Embedded
+from ..uploads import eight_bits, encoded
+from .tables import MountedCamera, camera_model, camera_tables, title_of
+
+PAGE = Path(__file__).parent / "page" / "index.html"
+BENCH = PAGE.with_name("bench.js")
+PLACE = "<!--embedded-->"
+KINDS = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg"}
+"""Pictures that go into the page as they are."""
+VIDEO_KINDS = {".mp4": "video/mp4", ".m4v": "video/mp4", ".mov": "video/mp4", ".webm": "video/webm"}
+CODECS = ("h264", "hevc", "vp8", "vp9", "av1")
+"""What browsers play."""
+LARGEST_INSIDE = 64 << 20
+"""Bytes of a video that goes into the page; a larger one stays beside it."""
+
+
+@cache
+def page_text() -> str:
+    """The studio's page, one file with everything in it."""
+    return PAGE.read_text(encoding="utf-8")
+
+
+@cache
+def bench_text() -> str:
+    """The script of the design bench, which the page fetches when it is wanted."""
+    return BENCH.read_text(encoding="utf-8")
+
+
+def viewer_of(
+    camera: MountedCamera, name: str, options: tuple[str, ...], path: Path, image: NDArray[np.generic]
+) -> str:
+    """The text of a page that shows one picture, with the picture and its camera inside.
+
+    Parameters
+    ----------
+    camera
+    name
+        Of the camera, for people.
+    options
+        What names the camera on the command line, which the page shows.
+    path
+        Where the picture came from. A PNG or JPEG goes in as it is, anything else as PNG of 8 bits.
+    image : (h, w) or (h, w, 3) or (h, w, 4) array
+        The picture, read.
+
+    Raises
+    ------
+    InvalidParameter
+        The picture is not of the camera's size.
+    """
+    _check_size(camera, (image.shape[1], image.shape[0]), "picture")
+    kind = KINDS.get(path.suffix.lower())
+    as_it_is = kind is not None and image.dtype == np.uint8
+    data = path.read_bytes() if as_it_is else encoded(eight_bits(image), ".png")
+    media = _inside(data, kind if as_it_is and kind else "image/png")
+    return _page_with(camera, name, options, media, path.name, is_video=False)
+
+
+def video_viewer_of(camera: MountedCamera, name: str, options: tuple[str, ...], path: Path, page: Path) -> str:
+    """The text of a page that shows a video, again and again.
+
+    A video of up to 64 MB goes into the page. A larger one stays beside it: from a web server the page finds it
+    by itself, from disk it asks for the file, which browsers let no page read unasked.
+
+    Parameters
+    ----------
+    camera, name, options
+        As for :func:`viewer_of`.
+    path
+        The video.
+    page
+        Where the page will be written.
+
+    Raises
+    ------
+    MediaError
+        It is no video that browsers play.
+    InvalidParameter
+        Its frames are not of the camera's size.
+    """
+    from ...media.video.reader import VideoReader
+
+    kind = VIDEO_KINDS.get(path.suffix.lower())
+    if kind is None:
+        raise MediaError(f"{path} is not a video that browsers play; valid are {', '.join(VIDEO_KINDS)}")
+    video = VideoReader(path, with_sound=False)
+    if video.codec not in CODECS:
+        raise MediaError(f"{path} holds {video.codec}, which browsers do not play; valid are {', '.join(CODECS)}")
+    if video.rotation_deg:
+        raise MediaError(f"{path} is noted to be turned by {video.rotation_deg} degrees, and browsers do turn it")
+    _check_size(camera, video.size, "video")
+    is_small = path.stat().st_size <= LARGEST_INSIDE
+    media = _inside(path.read_bytes(), kind) if is_small else _beside(path, page)
+    return _page_with(camera, name, options, media, path.name, is_video=True)
+
+
+def _check_size(camera: MountedCamera, size: tuple[int, int], what: str) -> None:
+    if size != camera.image_size:
+        width, height = camera.image_size
+        raise InvalidParameter(f"the {what} has {size[0]} x {size[1]} px, and the camera's have {width} x {height}")
+
+
+def _beside(path: Path, page: Path) -> str:
+    """The address of a file as seen from a page."""
+    try:
+        relative = os.path.relpath(path.resolve(), page.resolve().parent)
+    except ValueError:  # another drive
+        raise InvalidParameter(f"{path} and {page} are on different drives; put them beside each other") from None
+    return quote(Path(relative).as_posix())
+
+
+def _inside(data: bytes, kind: str) -> str:
+    return f"data:{kind};base64,{_base64(data)}"
+
+
+def _page_with(
+    camera: MountedCamera, name: str, options: tuple[str, ...], media: str, file: str, is_video: bool
+) -> str:
+    inside = Embedded(
+        camera=camera_model(name, name, title_of(camera), options, camera),
+        tables=_base64(camera_tables(camera).values.astype("<f4").tobytes()),
+        media=media,
+        is_video=is_video,
+        name=file,
+    )
+    json = inside.model_dump_json().replace("<", "\\u003c")  # no text in it can end the script
+    return page_text().replace(PLACE, f'<script type="application/json" id="embedded">{json}</script>')
+
+
+def _base64(data: bytes) -> str:
+    return base64.b64encode(data).decode()

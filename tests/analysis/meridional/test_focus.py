@@ -1,0 +1,281 @@
+"""Blur, depth of field and best focus against ray cones, definitions and the corrected paper."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.analysis import MERITS
+from omnimirror.analysis.meridional.focus import FocusStudy, focus_function
+from omnimirror.analysis.meridional.virtual_images import virtual_images
+from omnimirror.components.apertures import best_apertures
+from omnimirror.design import Rim, generated_mirror
+from omnimirror.errors import InvalidParameter
+from omnimirror.lenses import Orthographic, Perspective
+from omnimirror.mirrors import EvenPolynomial
+from omnimirror.numerics.minimisation import lowest
+from tests.conftest import sensor_of
+
+SPH, EDI, SVP = (om.load_sensor(f"paper-{n}") for n in ("spherical", "equidistant", "hyperboloidal"))
+LENS = Perspective(11.6, 4.0, 212.0)
+
+
+@pytest.mark.parametrize("L", [150.0, 205.0, 212.0, 230.0, 4000.0])
+def test_blur_is_the_width_of_the_cone_at_the_imager(L):
+    """Image the point with the lens equation, and cut its cone of light at b0 (Eqs. 25-27)."""
+    f, D = 11.6, 11.6 / 4
+    b0, b = 1 / (1 / f - 1 / 212.0), 1 / (1 / f - 1 / L)
+    assert float(LENS.blur(L)) == pytest.approx(D * (b0 - b) / b, rel=1e-12, abs=1e-15)
+
+
+def test_the_papers_blur_drops_f_against_the_focus_distance():
+    assert float(LENS.blur(220.0, mode="paper")) == pytest.approx(11.6**2 / 4 * (220 - 212) / (212 * 220), rel=1e-12)
+    ratio = LENS.blur(220.0, mode="paper") / LENS.blur(220.0)
+    assert 1 - float(ratio) == pytest.approx(11.6 / 212, rel=1e-12)  # 5.5 % too small
+
+
+@pytest.mark.parametrize("mode", ["exact", "paper"])
+@pytest.mark.parametrize("lens", [LENS, Orthographic(0.06, 4.0, 20.0)], ids=["perspective", "orthographic"])
+def test_depth_of_field_ends_where_the_blur_is_the_tolerance(lens, mode):
+    near, far = lens.depth_of_field(0.0052, mode)
+    assert near < lens.focus_distance_mm < far
+    np.testing.assert_allclose(lens.blur([near, far], mode=mode), [-0.0052, 0.0052], rtol=1e-10)
+
+
+def test_depth_of_field_beyond_the_hyperfocal_distance_has_no_far_end():
+    assert Perspective(11.6, 4.0, 7000.0).depth_of_field(0.0052).far == np.inf
+    assert LENS.hyperfocal_distance(0.0052) == pytest.approx(6469.2, abs=0.1)
+
+
+def test_airy_disk():
+    assert om.evaluate(SPH, [0.0]).airy_px == pytest.approx(1.09, abs=0.005)
+
+
+def test_exact_blur_on_axis_of_the_sphere():
+    """Erratum 11: -1.036 px at L0 = 212, so not every tangential point is within the depth of field."""
+    assert om.evaluate(SPH, [0.0]).blur_t_px[0] == pytest.approx(-1.036, abs=5e-4)
+
+
+@pytest.mark.parametrize(
+    ("sensor", "merit", "focus", "value"),
+    [
+        (SPH, "product", 212.4, 0.0751),
+        (EDI, "product", 206.0, 0.566),
+        (SVP, "product", 172.5, 1.52),
+        (SPH, "floored-area", 215.5, 0.704),
+        (SPH, "worst-deg", 219.5, 0.596),
+    ],
+)
+def test_best_focus_of_the_papers_mirrors(sensor, merit, focus, value):
+    best = om.best_focus(sensor, merit, np.linspace(0, 135, 1001), mode="paper", image_radius_px=500)
+    assert best.focus_mm == pytest.approx(focus, abs=0.05)
+    assert best.value == pytest.approx(value, rel=2e-3)
+
+
+def test_the_papers_focus_of_svp_follows_from_its_outer_field():
+    best = om.best_focus(SVP, "product", np.linspace(82, 135, 1001), mode="paper", image_radius_px=500)
+    assert best.focus_mm == pytest.approx(189.7, abs=0.05)
+
+
+def cap_shares(omega):
+    """Weights of field angles (n,): the solid angle nearer to each than to the others."""
+    borders = np.concatenate([omega[:1], (omega[1:] + omega[:-1]) / 2, omega[-1:]])
+    return -np.diff(np.cos(borders)) / (np.cos(omega[0]) - np.cos(omega[-1]))
+
+
+MEANS = [(SPH, 212.3896, 0.2436625), (EDI, 201.0575, 0.3048491), (SVP, 169.6890, 0.8185778)]
+"""The best focus by the mean, and that mean: integrals of 200 nodes of Gauss over the field."""
+
+
+def spacings(low, high):
+    rng = np.random.default_rng(5)
+    yield "even", np.linspace(low, high, 1001), 1e-5
+    yield "dense centre", np.concatenate([np.linspace(low, 20, 300), np.linspace(20, high, 101)[1:]]), 1e-3
+    yield "dense rim", np.concatenate([np.linspace(low, high - 10, 51)[:-1], np.linspace(high - 10, high, 350)]), 1e-3
+    yield "any", np.concatenate([[low, high], rng.uniform(low, high, 400)]), 1e-3
+    yield "backwards", np.linspace(high, low, 1001), 1e-5
+    yield "twice", np.repeat(np.linspace(low, high, 501), 2), 1e-4
+
+
+@pytest.mark.parametrize(("sensor", "focus", "value"), MEANS, ids=["SPH", "E-DI", "SVP"])
+def test_the_mean_is_that_over_solid_angle_however_the_angles_lie(sensor, focus, value):
+    for name, omega, within in spacings(*sensor.field_deg):
+        best = om.best_focus(sensor, "mean-floored-area", omega)
+        assert best.value == pytest.approx(value, rel=within), name
+        assert best.focus_mm == pytest.approx(focus, abs=1e-4 if within < 1e-4 else 5e-3), name
+    assert om.best_focus(sensor, "mean-floored-area").value == pytest.approx(value, rel=1e-5)
+
+
+@pytest.mark.parametrize("mode", ["exact", "paper"])
+@pytest.mark.parametrize("radius", [None, 500.0])
+@pytest.mark.parametrize("merit", MERITS)
+def test_what_is_searched_is_the_blur_of_the_evaluation(merit, mode, radius):
+    """The merit as a sum of functions of the focus, and its derivative, against plain evaluations."""
+    lens = replace(SPH.lens, k1=-0.4, k2=1.0)
+    for sensor in (replace(SPH, lens=lens), om.load_sensor("paraboloid-telecentric")):
+        omega = np.linspace(0.0, 0.99 * sensor.field_deg[1], 60)
+        rays = sensor.meridian.trace(sensor.meridian.x_from_omega(np.radians(omega)))
+        study = FocusStudy(sensor, rays, virtual_images(rays, 400.0), mode, radius, 550.0)
+        middle, unit = (24.0, 3.0) if sensor.lens.TELECENTRIC else (1 / 215.0, 1e-4)
+        function = focus_function(study, MERITS[merit], middle, unit)
+        u = np.array([-1.0, -0.3, 0.4, 1.0])
+        found, slope, _ = function(u)
+        focus = sensor.lens.focus_coordinate(middle + unit * u)
+        wanted = np.array([MERITS[merit].value(study.at(f)) for f in focus])
+        np.testing.assert_allclose(found, wanted if merit.startswith("mean") else wanted**2, rtol=1e-10)
+        h = 1e-6
+        np.testing.assert_allclose(slope, (function(u + h)[0] - function(u - h)[0]) / (2 * h), rtol=1e-5)
+
+
+@pytest.mark.parametrize("mode", ["Exact", "rubbish", "", None])
+def test_a_mode_that_is_not_known_is_refused_everywhere(mode):
+    for ask in (
+        lambda: om.best_focus(SPH, "worst-px", mode=mode),
+        lambda: om.evaluate(SPH, [0.0], mode=mode),
+        lambda: LENS.blur(220.0, mode=mode),
+        lambda: LENS.depth_of_field(0.0052, mode=mode),
+        lambda: Orthographic(0.06, 4.0, 20.0).blur(22.0, mode=mode),
+        lambda: Orthographic(0.06, 4.0, 20.0).depth_of_field(0.0052, mode=mode),
+        lambda: best_apertures(SPH, mode=mode),
+    ):
+        with pytest.raises(InvalidParameter, match=r"mode = .* is not known; valid are exact, paper"):
+            ask()
+
+
+@pytest.mark.parametrize(
+    ("kwargs", "message"),
+    [
+        ({"image_radius_px": -5.0}, "image_radius_px = -5.0 is not valid; it is valid above 0 px"),
+        ({"image_radius_px": 0}, "image_radius_px = 0 is not valid"),
+        ({"image_radius_px": float("nan")}, "image_radius_px = nan is not valid"),
+        ({"image_radius_px": "500"}, "image_radius_px = '500' cannot be read as numbers"),
+        ({"omega_deg": []}, "omega_deg is empty"),
+        ({"omega_deg": [[0.0, 1.0]]}, r"omega_deg has shape \(1, 2\)"),
+        ({"omega_deg": [10**400]}, "omega_deg = .* cannot be read as numbers"),
+        ({"object_distance_mm": [100.0, 200.0]}, "object_distance_mm has 2 values for 1001 field angles"),
+        ({"object_distance_mm": -1.0}, "object_distance_mm = -1 is not a distance"),
+        ({"merit": "sharpest"}, "merit = 'sharpest' is not known; valid are floored-area"),
+    ],
+)
+def test_what_cannot_be_focused_by_is_refused(kwargs, message):
+    with pytest.raises(InvalidParameter, match=message):
+        om.best_focus(SPH, **kwargs)
+
+
+def test_one_angle_is_focused_between_its_images():
+    best, row = om.best_focus(SPH, "worst-px", 90), om.evaluate(SPH, [90.0]).columns()
+    near, far = sorted((row["distance_t_mm"][0], row["distance_s_mm"][0]))
+    assert near < best.focus_mm < far
+    assert 1 / best.focus_mm == pytest.approx((1 / near + 1 / far) / 2, rel=1e-9)  # blur is linear in 1/L
+
+
+def test_the_tip_of_a_cone_has_no_best_focus():
+    cone = sensor_of("cone")
+    with pytest.raises(InvalidParameter, match="has no finite blur at any focus"):
+        om.best_focus(cone, "worst-deg", [cone.field_deg[0], cone.field_deg[1]])
+
+
+@pytest.mark.parametrize("merit", MERITS)
+def test_no_focus_on_a_fine_grid_on_a_fine_grid_is_better_than_the_best(merit, bundled):
+    """The search against plain enumeration of evaluations."""
+    best = om.best_focus(bundled, merit)
+    angles = np.linspace(*bundled.field_deg, 1001)
+    shares = cap_shares(np.radians(angles))
+
+    def value(focus):
+        r = om.evaluate(bundled, angles, focus_mm=focus)
+        return {
+            "floored-area": r.floored_area_deg2.max(),
+            "mean-floored-area": r.floored_area_deg2 @ shares,
+            "product": np.abs(r.blur_t_deg * r.blur_s_deg).max(),
+            "worst-px": max(np.abs(r.blur_t_px).max(), np.abs(r.blur_s_px).max()),
+            "worst-deg": max(np.abs(r.blur_t_deg).max(), np.abs(r.blur_s_deg).max()),
+            "rss-deg": np.hypot(r.blur_t_deg, r.blur_s_deg).max(),
+        }[merit]
+
+    # the mean over caps counts each angle for all of its surroundings, and so is right to second order only
+    assert value(best.focus_mm) == pytest.approx(best.value, rel=1e-4 if merit.startswith("mean") else 1e-12)
+    r = om.evaluate(bundled, angles)
+    L = np.concatenate([r.distance_t_mm, r.distance_s_mm])
+    lowest_value = min(value(f) for f in np.linspace(L.min(), L.max(), 150))
+    assert value(best.focus_mm) <= lowest_value * (1 + 1e-9)
+
+
+def test_floored_area_is_never_below_a_pixel_and_the_airy_disk():
+    r = om.evaluate(SPH, np.linspace(0, 135, 50))
+    floor = (1 + r.airy_px**2) / r.area_px2
+    assert np.all(r.floored_area_deg2 >= floor)
+    sides = [np.sqrt(r.blur_t_px**2 + 1 + r.airy_px**2), np.sqrt(r.blur_s_px**2 + 1 + r.airy_px**2)]
+    np.testing.assert_allclose(r.floored_area_deg2, sides[0] * sides[1] / r.area_px2, rtol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["paper-spherical", "paraboloid-telecentric"])
+@pytest.mark.parametrize("curvature", [1e-5, 1e-7, 1e-9, 1e-12])
+def test_a_mirror_as_good_as_flat_is_focused_at_its_images_or_as_far_as_can_be(name, curvature):
+    """z = c x^2 has images of distant objects 1/(4 c) away, at last farther than any lens can be focused."""
+    sensor = replace(om.load_sensor(name), mirror=EvenPolynomial((curvature,), 20.0))
+    best = om.best_focus(sensor)
+    assert om.evaluate(sensor, focus_mm=best.focus_mm).focus_mm == best.focus_mm
+    farthest = sensor.lens.PARAMETERS["focus_distance_mm"].high
+    assert best.focus_mm == pytest.approx(min(1 / (4 * curvature), farthest), rel=0.05)
+
+
+def test_images_on_both_sides_of_infinity_leave_far_foci_to_choose_from():
+    """The mirror of a far plane to 80 deg has tangential ones behind the lens; no focus on a fine scan is better."""
+    placed = generated_mirror("rectifying", Rim(80.0, 12.0, 43.9))
+    sensor = replace(SPH, mirror=placed.mirror, mirror_distance_mm=placed.distance_mm)
+    angles = np.linspace(0, sensor.field_deg[1], 301)
+    best = om.best_focus(sensor, omega_deg=angles)
+    found = om.evaluate(sensor, angles)
+    assert found.distance_t_mm.min() < 0 < 5e3 < found.distance_t_mm.max()
+    for focus in 1 / np.linspace(1e-7, 1 / 60, 200):
+        assert om.evaluate(sensor, angles, focus_mm=focus).floored_area_deg2.max() >= best.value * (1 - 1e-9)
+
+
+def test_auto_focus_is_the_best_focus():
+    assert om.evaluate(SPH, [0.0], focus_mm="auto").focus_mm == om.best_focus(SPH).focus_mm
+
+
+def test_lowest_finds_the_deepest_of_several_valleys():
+    assert lowest(lambda x: abs(np.sin(3 * x)) + 0.01 * (x - 2) ** 2, 0.5, 9.0) == pytest.approx(
+        2 * np.pi / 3, abs=1e-6
+    )
+    assert lowest(lambda x: x, 1.0, 1.0) == 1.0
+
+
+def test_blur_in_degrees_is_blur_over_resolution():
+    r = om.evaluate(SPH, [20.0, 100.0])
+    np.testing.assert_allclose(r.blur_t_deg * r.dh_domega_px_per_deg, r.blur_t_px, rtol=1e-12)
+    np.testing.assert_allclose(r.blur_s_deg * r.width_px_per_deg, r.blur_s_px, rtol=1e-12)
+    np.testing.assert_allclose(r.blur_area_deg2, r.blur_t_deg * r.blur_s_deg, rtol=1e-12)
+
+
+@pytest.mark.parametrize("sensor", [SPH, EDI, SVP], ids=["SPH", "E-DI", "SVP"])
+def test_blur_agrees_with_a_cone_of_real_rays_through_the_aperture(sensor):
+    """Section 6: edge rays of the aperture, traced from a distant object over the real mirror, land on the
+    imager within a few hundredths of a pixel of the predicted blur."""
+    lens, m, mirror = sensor.lens, sensor.mirror_distance_mm, sensor.mirror
+    angles = np.array([15.0, 60.0, 105.0, 130.0])
+    result = om.evaluate(sensor, angles)
+    radius = lens.focal_length_mm / lens.f_number / 2
+    for i, omega in enumerate(np.radians(angles)):
+        landed = []
+        for side in (-radius, radius):  # the ray through (side, -m) that came from direction omega
+            low, high = result.x_mm[i] - 5.0, min(result.x_mm[i] + 5.0, mirror.rim_radius_mm * 1.02)
+
+            def misses(x, side=side, omega=omega):
+                theta = np.arctan2(x - side, m + float(mirror.sag(x)))
+                return 2 * np.arctan(float(mirror.slope(x))) + theta - omega
+
+            for _ in range(60):
+                middle = (low + high) / 2
+                low, high = (low, middle) if misses(middle) > 0 else (middle, high)
+            tangent = (low - side) / (m + float(mirror.sag(low)))
+            # a thin lens bends a ray at s by -s/f, and turns the picture upside down
+            b0 = lens.image_distance
+            landed.append(b0 * tangent - side * (1 - b0 / lens.focal_length_mm))
+        real_px = abs(landed[1] - landed[0]) / sensor.imager.pitch_mm
+        assert real_px == pytest.approx(abs(result.blur_t_px[i]), abs=0.05)

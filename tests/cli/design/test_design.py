@@ -1,0 +1,73 @@
+"""omnimirror design and omnimirror mappings, run as a user runs them."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+import omnimirror as om
+from tests.cli.evaluation.test_evaluate import fails, omnimirror
+
+COMMON = ["--mapping", "equidistant", "--omega-max-deg", 135, "--theta-max-deg", 12, "--rim-radius-mm", 43.9]
+
+
+def test_the_common_case_by_flags_alone(tmp_path):
+    run = omnimirror("design", *COMMON, "--focal-length-mm", 11.6, "-o", "s.toml", "--json", "t.json", cwd=tmp_path)
+    assert run.returncode == 0, run.stderr
+    assert om.load_sensor(tmp_path / "s.toml").field_deg[1] == pytest.approx(135, abs=1e-9)
+    table = json.loads((tmp_path / "t.json").read_text())
+    assert table["is_met"] is True
+    assert [r["name"] for r in table["requirements"]][:2] == ["omega_max_deg", "rim_radius_mm"]
+    for word in ("requirement", "asked", "reached", "margin", "172.28"):
+        assert word in run.stdout
+
+
+def test_what_cannot_be_met_is_explained_and_the_exit_code_says_so(tmp_path):
+    (tmp_path / "r.toml").write_text(
+        'field.omega_max_deg = 135\nmirror = {family = "sphere", rim_radius_mm = 43.9}\n'
+        'lens.theta_max_deg = 12\n[[limit]]\nquantity = "blur_px"\nat_most = 4.5\n'
+    )
+    run = omnimirror("design", "r.toml", "-o", "s.toml", "--json", "t.json", cwd=tmp_path)
+    assert run.returncode == 3
+    assert "Not everything can be met: blur_px." in run.stdout
+    assert "All is met if one of these alone gives:" in run.stdout
+    conflict = json.loads((tmp_path / "t.json").read_text())["conflict"]
+    assert {"blur_px", "f_number"} <= {r["name"] for r in conflict["alone"] if r["needed"] is not None}
+    assert om.load_sensor(tmp_path / "s.toml").mirror.KIND == "sphere"  # the best there is
+    eased = omnimirror("design", "r.toml", "--f-number", 6, cwd=tmp_path)
+    assert eased.returncode == 0, eased.stdout
+
+
+@pytest.mark.parametrize(
+    ("args", "message"),
+    [
+        ([], "give a requirement file, or a field and a mirror by options"),
+        (["no.toml"], "there is no requirement file 'no.toml'"),
+        ([*COMMON, "--mirror", "spher"], "mirror has both mapping and family"),
+        (["--mirror", "spher", *COMMON[2:]], r"'spher' is not known; did you mean sphere?"),
+        ([*COMMON, "--fit", "poly:3"], "'poly:3' is not a form to fit"),
+        ([*COMMON, "--f-number", "8:4"], "lens.f_number = [8.0, 4.0]: it should be a number"),
+        ([*COMMON[:6], "--theta-max-deg", 60], "there is no|rim_radius_mm is missing"),
+        (["--omega-max-deg", 120], "there is no [mirror] table"),
+    ],
+)
+def test_what_is_wrong_is_one_sentence(args, message, tmp_path):
+    said = fails("design", *args, cwd=tmp_path)
+    assert any(part in said for part in message.split("|")), said
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_mappings_are_listed_and_drawn(tmp_path):
+    run = omnimirror("mappings", "--omega-max-deg", 75, "--figure", "m.png", cwd=tmp_path)
+    assert run.returncode == 0, run.stderr
+    assert "4.2365121" in run.stdout  # far plane to 75 deg at 12 deg, computed in 40 digits elsewhere
+    assert (tmp_path / "m.png").read_bytes()[:4] == b"\x89PNG"
+    wide = omnimirror("mappings", "--omega-max-deg", 135)
+    for number in ("3.9242676", "3.9162533", "3.5500754", "3.556120", "4.0723518"):
+        assert number in wide.stdout
+    assert "below 90" in wide.stdout
+
+
+def test_mappings_of_a_field_that_cannot_be_had():
+    assert "cannot be reached" in fails("mappings", "--omega-max-deg", 175)

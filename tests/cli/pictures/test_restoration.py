@@ -1,0 +1,112 @@
+"""The command line of restoration and bracketing."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.imagers import Imager
+from omnimirror.simulate.restoration.bracketing import focused_at
+from tests.cli.evaluation.test_evaluate import omnimirror
+
+
+@pytest.fixture
+def small(tmp_path) -> om.Sensor:
+    """A sensor of few pixels, its file and a picture that it might have taken."""
+    sensor = om.load_sensor("paper-hyperboloidal")
+    sensor = replace(sensor, imager=Imager(128, 128, 41.6), lens=replace(sensor.lens, f_number=1.0))
+    om.save_sensor(sensor, tmp_path / "small.toml")
+    light = np.random.default_rng(1).random((32, 64, 3), np.float32)
+    picture = om.take_picture(sensor, om.Environment(light), 16, blur=True)
+    om.write_image(tmp_path / "raw.png", picture)
+    om.write_image(tmp_path / "world.hdr", light)
+    return sensor
+
+
+def test_restoring_comes_before_straightening(small, tmp_path):
+    options = ("--sensor", "small.toml", "--view", "panorama", "--size", "256x")
+    assert omnimirror("dewarp", "raw.png", *options, "-o", "given.png", cwd=tmp_path).returncode == 0
+    run = omnimirror("dewarp", "raw.png", *options, "--restore", "--noise", "0.01", "-o", "sharp.png", cwd=tmp_path)
+    assert run.returncode == 0, run.stderr
+    restored = om.restore(small, om.read_image(tmp_path / "raw.png"), 0.01)
+    om.write_image(tmp_path / "restored.png", restored)
+    assert omnimirror("dewarp", "restored.png", *options, "-o", "both.png", cwd=tmp_path).returncode == 0
+    given, sharp, both = (om.read_image(tmp_path / f"{name}.png") for name in ("given", "sharp", "both"))
+    np.testing.assert_array_equal(sharp, both)
+    assert (sharp != given).any()
+
+
+def test_near_things_are_restored_by_the_blur_of_near_things(small, tmp_path):
+    options = ("--sensor", "small.toml", "--view", "panorama", "--size", "256x", "--restore", "--noise", "0.01")
+    run = omnimirror("dewarp", "raw.png", *options, "--object-distance-mm", "300", "-o", "near.png", cwd=tmp_path)
+    assert run.returncode == 0, run.stderr
+    raw = om.read_image(tmp_path / "raw.png")
+    near, far = (om.restore(small, raw, 0.01, distance) for distance in (300.0, np.inf))
+    assert (near != far).any()
+    om.write_image(tmp_path / "restored.png", near)
+    assert omnimirror("dewarp", "restored.png", *options[:6], "-o", "both.png", cwd=tmp_path).returncode == 0
+    np.testing.assert_array_equal(om.read_image(tmp_path / "near.png"), om.read_image(tmp_path / "both.png"))
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (("--sensor", "small.toml", "--noise", "0.01"), "--noise belongs to --restore"),
+        (("--sensor", "small.toml", "--object-distance-mm", "300"), "--object-distance-mm belongs to --restore"),
+        (("--sensor", "small.toml", "--restore", "--viewer", "v.html"), "--viewer holds the picture as it is"),
+        (("--ball", "64,64,50,180", "--blur-px", "2"), "--blur-px belongs to --restore"),
+        (("--ball", "64,64,50,180", "--restore", "--blur-px", "1,2,3"), "--blur-px 1,2,3 has 3 numbers"),
+        (("--ball", "64,64,50,180", "--restore", "--blur-px", "no.csv"), "cannot read the blur no.csv"),
+        (("--ball", "64,64,50,180", "--restore"), "--restore needs to know the lens and the mirror"),
+    ],
+)
+def test_what_cannot_be_restored_is_said(small, tmp_path, options, sentence):
+    run = omnimirror("dewarp", "raw.png", *options, "-o", "out.png", cwd=tmp_path)
+    assert run.returncode != 0
+    assert sentence in run.stderr
+    assert not (tmp_path / "out.png").exists()
+
+
+def test_a_ball_is_restored_by_blur_that_is_told(small, tmp_path):
+    """In numbers, and in files by the radius and by the field angle: all the same."""
+    angles = np.array([0.0, 60.0, 120.0, 180.0])
+    radii = 60 * np.sin(np.radians(angles) / 2)
+    for name, column, places in (("a.csv", "omega_deg", angles), ("b.csv", "radius_px", radii)):
+        lines = [f"{column},t_px,s_px", *(f"{place!r},3,2" for place in places.tolist())]
+        (tmp_path / name).write_text("\n".join(lines))
+    options = ("--ball", "63.5,63.5,60,360", "--view", "panorama", "--size", "128x", "--restore", "--noise", "0.02")
+    found = []
+    for blur in ("3,2", "a.csv", "b.csv"):
+        run = omnimirror("dewarp", "raw.png", *options, "--blur-px", blur, "-o", "out.png", cwd=tmp_path)
+        assert run.returncode == 0, run.stderr
+        assert "restored at a noise of 2 % (told)" in run.stdout
+        found.append(om.read_image(tmp_path / "out.png"))
+    np.testing.assert_array_equal(found[0], found[1])
+    np.testing.assert_array_equal(found[0], found[2])
+
+
+def test_a_bracket_is_planned_taken_and_merged(small, tmp_path):
+    run = omnimirror("bracket", "plan", "small.toml", "--limit-px", "3", cwd=tmp_path)
+    assert run.returncode == 0, run.stderr
+    assert ", ".join(f"{f:.1f}" for f in om.plan_bracket(small, 3.0).focus_mm) in run.stdout
+    scene = ("--scene", "world.hdr", "--heading-deg", "20", "--pose", "0,0,0,20")
+    take = ("bracket", "take", "small.toml", "--focus-mm", "175,207", "--samples", "16", "-o", "b", *scene)
+    run = omnimirror(*take, cwd=tmp_path)
+    assert run.returncode == 0, run.stderr
+    world = om.Environment.load(tmp_path / "world.hdr")
+    straight = om.take_picture(focused_at(small, 175.0), world, 16, blur=True)  # heading and pose cancel
+    assert np.abs(om.read_image(tmp_path / "b/175.0mm.png").astype(int) - straight).max() <= 2
+    merge = ("bracket", "merge", "small.toml", "b/175.0mm.png", "b/207.0mm.png", "-o", "merged.png", "--focus-mm")
+    assert omnimirror(*merge, "175,207", cwd=tmp_path).returncode == 0
+    assert om.read_image(tmp_path / "merged.png").shape == (128, 128, 3)
+    run = omnimirror(*merge, "175", cwd=tmp_path)
+    assert run.returncode == 1
+    assert "2 pictures and 1 focus distances" in run.stderr
+
+
+def test_a_video_is_not_restored(small, tmp_path):
+    (tmp_path / "film.mp4").write_bytes(b"")
+    run = omnimirror("dewarp", "film.mp4", "--sensor", "small.toml", "--restore", "-o", "out.mp4", cwd=tmp_path)
+    assert run.returncode == 2
+    assert "film.mp4 is a video; a folder of its frames can be restored" in " ".join(run.stderr.split())

@@ -1,0 +1,120 @@
+"""The command that takes pictures, run as a user runs it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.simulate import Placed, Pose, expose, ground_truth
+from tests.cli.evaluation.test_evaluate import fails, omnimirror
+
+
+@pytest.fixture(scope="module")
+def sensor_file(tmp_path_factory):
+    """A sensor of few and large pixels."""
+    from dataclasses import replace
+
+    sensor = om.load_sensor("paper-spherical")
+    imager = replace(sensor.imager, width_px=128, height_px=128, pixel_pitch_um=8 * 5.2)
+    path = tmp_path_factory.mktemp("sensor") / "small.toml"
+    om.save_sensor(replace(sensor, imager=imager), path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def sky_file(tmp_path_factory):
+    rows = np.linspace(1, 0, 32, dtype=np.float32)[:, None, None]
+    path = tmp_path_factory.mktemp("sky") / "sky.hdr"
+    om.write_image(path, np.ascontiguousarray(np.broadcast_to(rows, (32, 64, 3))))
+    return path
+
+
+def done(*args):
+    run = omnimirror("simulate", *args)
+    assert run.returncode == 0, run.stderr
+    return run.stdout
+
+
+def test_an_exr_holds_light_and_ground_truth(sensor_file, tmp_path):
+    OpenEXR = pytest.importorskip("OpenEXR")
+    out = tmp_path / "truth.exr"
+    done(sensor_file, "--no-blur", "--samples", 1, "--pose", "300,100,0,30", "-o", out)
+    with OpenEXR.File(str(out), separate_channels=True) as file:
+        channels = {name: np.array(c.pixels) for name, c in file.channels().items()}
+    assert set(channels) == {"R", "G", "B", "A", "H", "Z", "DX", "DY", "DZ", "OX", "OY", "OZ"}
+    sensor, scene = om.load_sensor(sensor_file), Placed(om.Room(), Pose(300.0, 100.0, 0.0, 30.0))
+    truth = ground_truth(sensor, scene)
+    np.testing.assert_allclose(channels["Z"], truth.depth_mm, rtol=1e-6)
+    np.testing.assert_allclose(channels["DY"], truth.directions[..., 1], atol=1e-6)
+    np.testing.assert_array_equal(channels["A"] == 1, np.isfinite(truth.depth_mm))
+    np.testing.assert_allclose(channels["G"], expose(sensor, scene, 1)[..., 1], atol=1e-6)
+    assert om.read_image(out).shape == (128, 128, 4)
+
+
+def test_an_exr_labels_what_hardware_hides_and_what_a_tube_bends(sensor_file, sky_file, tmp_path):
+    OpenEXR = pytest.importorskip("OpenEXR")
+    found = {}
+    for name, options in {"rod": ("--support", "rod", "--support-mm", 12), "tube": ("--support", "tube")}.items():
+        out = tmp_path / f"{name}.exr"
+        done(sensor_file, "--scene", sky_file, "--no-blur", "--samples", 1, *options, "-o", out)
+        with OpenEXR.File(str(out), separate_channels=True) as file:
+            found[name] = {name: np.array(c.pixels) for name, c in file.channels().items()}
+        hidden = found[name]["H"] == 1
+        assert hidden.sum() > 100
+        assert not found[name]["A"][hidden].any()
+        assert np.isnan(found[name]["Z"][hidden]).all()
+    seen = found["tube"]["A"] == 1
+    np.testing.assert_allclose(np.hypot(found["tube"]["OX"], found["tube"]["OY"])[seen], 50.0, atol=1e-4)
+
+
+def test_an_environment_blurred_noisy_in_12_bits(sensor_file, sky_file, tmp_path):
+    out = tmp_path / "noisy.png"
+    options = ("--full-well-e", 4000, "--read-noise-e", 5, "--bits", 12, "--curve", "linear", "--seed", 5)
+    said = done(sensor_file, "--scene", sky_file, "--spp", 4, *options, "-o", out)
+    assert "128 x 128 px, 4 rays" in said
+    picture = om.read_image(out)
+    assert picture.dtype == np.uint16
+    assert 2000 < picture.max() <= 4095
+    again = tmp_path / "again.png"
+    done(sensor_file, "--scene", sky_file, "--spp", 4, *options, "-o", again)
+    np.testing.assert_array_equal(picture, om.read_image(again))
+
+
+def test_a_video_along_a_path(sensor_file, sky_file, tmp_path):
+    pytest.importorskip("av")
+    from omnimirror.media.video.reader import VideoReader
+
+    (tmp_path / "path.csv").write_text("time_s,x_mm,pan_deg\n0,0,0\n0.2,100,90\n")
+    out = tmp_path / "drive.mp4"
+    said = done(sensor_file, "--scene", sky_file, "--spp", 1, "--path", tmp_path / "path.csv", "--fps", 20, "-o", out)
+    assert "5 frames" in said
+    assert VideoReader(out).expected_frames == 5
+
+
+def test_the_panorama_beside_the_picture(sensor_file, sky_file, tmp_path):
+    done(sensor_file, "--scene", sky_file, "--spp", 1, "-o", tmp_path / "a.jpg", "--panorama", tmp_path / "p.png")
+    panorama = om.read_image(tmp_path / "p.png")
+    height, width = panorama.shape[:2]
+    assert width > 2 * height
+    assert panorama[5, width // 2, 0] > panorama[-40, width // 2, 0]
+
+
+@pytest.mark.parametrize(
+    ("args", "words"),
+    [
+        (("--scene", "moon", "-o", "a.png"), "there is no scene 'moon'"),
+        (("--scene", "none.hdr", "-o", "a.png"), "there is no picture"),
+        (("--pose", "1,2", "-o", "a.png"), "not a pose X,Y,Z"),
+        (("--pose", "9e6,0,0", "-o", "a.png"), "outside the room"),
+        (("--bits", "12", "-o", "a.jpg"), "write .png or .tif"),
+        (("--bayer", "RGGB", "-o", "a.exr"), "--bayer belongs to"),
+        (("--fps", "10", "-o", "a.png"), "--fps belongs to videos"),
+        (("-o", "a.mp4"), "needs a --path"),
+        (("--heading-deg", "10", "-o", "a.png"), "--heading-deg turns an environment"),
+        (("-o", "a.xyz"), "not known"),
+    ],
+)
+def test_errors_are_sentences_and_leave_no_file(sensor_file, tmp_path, args, words):
+    assert words in fails("simulate", sensor_file, *args, cwd=tmp_path)
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,100 @@
+"""Fronts against designs optimised one by one, and files that a stopped search goes on from."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.design.criteria.quantities import Limit
+from omnimirror.design.optimise.front import EPOCH, load_front, merit_values, pareto
+from omnimirror.design.optimise.optimiser import optimise
+from omnimirror.design.optimise.problem import DesignProblem
+from omnimirror.errors import InvalidParameter, OmnimirrorError
+from tests.design.optimise.test_optimiser import looked_at_again
+
+PROBLEM = DesignProblem(family="even-polynomial", terms=5)
+SMALL = {"population": 24, "generations": 2 * EPOCH, "seed": 3}
+
+
+@pytest.fixture(scope="module")
+def front():
+    return pareto(PROBLEM, ("blur_area", "uniformity"), population=60, generations=80)
+
+
+def test_no_design_of_a_front_is_beaten_by_another(front):
+    assert len(front) > 20
+    assert (np.diff(front.values[:, 0]) > 0).all()
+    assert (np.diff(front.values[:, 1]) < 0).all()
+
+
+def test_a_front_is_as_good_as_designs_optimised_one_by_one(front):
+    """The least blur area under a limit of uniformity, by linear programmes instead of evolution."""
+    for i in np.linspace(2, len(front) - 3, 3).astype(int):
+        area, uniformity = front.values[i]
+        problem = replace(PROBLEM, limits=(Limit("area_ratio", at_least=1 / uniformity),))
+        alone = optimise(problem, "blur_area", starts=1)
+        assert area <= alone.value * 1.03
+
+
+def test_designs_of_a_front_are_what_they_say(front):
+    for i in (0, len(front) // 2, len(front) - 1):
+        sensor = front.sensor(i)
+        again = looked_at_again(sensor)
+        np.testing.assert_allclose([again["blur_area"], again["uniformity"]], front.values[i], rtol=2e-3)
+        assert sensor.field_deg[1] == pytest.approx(135.0, abs=1e-9)
+        np.testing.assert_allclose(merit_values(sensor, front.merits, PROBLEM), front.values[i], rtol=2e-3)
+    with pytest.raises(InvalidParameter, match="no design"):
+        front.sensor(len(front))
+
+
+@pytest.mark.parametrize("name", ["paper-spherical", "paper-equidistant", "paper-hyperboloidal"])
+def test_the_papers_mirrors_are_beaten_by_the_front(front, name):
+    marks = merit_values(om.load_sensor(name), front.merits, PROBLEM)
+    assert (front.values < marks).all(axis=1).any()
+    r = om.evaluate(om.load_sensor(name), np.linspace(0, 135, 2001), focus_mm="auto")
+    assert marks[0] == pytest.approx(r.floored_area_deg2.max(), rel=1e-3)
+    assert marks[1] == pytest.approx(r.area_px2.max() / r.area_px2.min(), rel=1e-3)
+
+
+def test_a_stopped_evolution_goes_on_as_if_it_had_not_been(tmp_path):
+    merits, file = ("blur", "aspect"), tmp_path / "front.parquet"
+    straight = pareto(PROBLEM, merits, **SMALL)
+    pareto(PROBLEM, merits, **{**SMALL, "generations": EPOCH}, resume=file)
+    told = []
+    resumed = pareto(PROBLEM, merits, **SMALL, resume=file, on_progress=lambda *done: told.append(done))
+    np.testing.assert_array_equal(resumed.y, straight.y)
+    np.testing.assert_array_equal(resumed.values, straight.values)
+    assert told == [(2 * EPOCH, 2 * EPOCH)]
+    loaded = load_front(file)
+    np.testing.assert_array_equal(loaded.values, straight.values)
+    assert loaded.problem == PROBLEM
+    assert loaded.sensor(0) == straight.sensor(0)
+    with pytest.raises(OmnimirrorError, match="seed differ"):
+        pareto(PROBLEM, merits, **{**SMALL, "seed": 4}, resume=file)
+
+
+def test_three_merits_and_a_limit():
+    problem = replace(PROBLEM, limits=(Limit("viewpoint_spread_mm", at_most=45.0),))
+    front = pareto(problem, ("blur_area", "uniformity", "aspect"), population=40, generations=20)
+    assert front.values.shape[1] == 3
+    for i in range(0, len(front), 5):
+        assert looked_at_again(front.sensor(i))["viewpoint_spread"] <= 45.0 * 1.001
+
+
+def test_what_cannot_be_a_front_is_refused(tmp_path, monkeypatch):
+    with pytest.raises(InvalidParameter, match="two different merits"):
+        pareto(PROBLEM, ("blur", "blur"))
+    with pytest.raises(InvalidParameter, match="valid are blur_area"):
+        pareto(PROBLEM, ("blur", "beauty"))
+    with pytest.raises(InvalidParameter, match="population = 0"):
+        pareto(PROBLEM, population=0)
+    (tmp_path / "no.parquet").write_text("no front")
+    with pytest.raises(OmnimirrorError, match="not a front"):
+        load_front(tmp_path / "no.parquet")
+    monkeypatch.setitem(sys.modules, "pymoo", None)
+    with pytest.raises(OmnimirrorError, match=r"omnimirror\[design\]"):
+        pareto(PROBLEM)

@@ -1,0 +1,233 @@
+"""Optimised mirrors for requirements: limits are kept as evaluation says, and what has to give really does it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.design import Limit, SearchOptions, parse_requirements
+from omnimirror.design.criteria.field_angles import hidden_deg
+from omnimirror.design.criteria.merits import field_of_evaluation
+from omnimirror.design.criteria.quantities import QUANTITIES
+from omnimirror.design.optimise.front import merit_values
+from omnimirror.design.optimise.problem import DesignProblem
+from omnimirror.design.optimise.references import known_sensors
+from omnimirror.design.solve.designer import design_sensor
+from omnimirror.design.solve.freeform import problem_of, shape
+
+ONE = SearchOptions(starts=1)
+TEXT = """
+[field]
+omega_max_deg = 130
+omega_min_deg = 20
+camera_radius_mm = 25
+object_distance_mm = [600, inf]
+[mirror]
+optimise = "blur_area"
+shape = "polynomial:5"
+rim_radius_mm = [30, 42]
+[lens]
+focal_length_mm = 11.6
+theta_max_deg = [9, 12]
+f_number = 8
+[[limit]]
+quantity = "blur_px"
+at_most = 4.0
+omega_deg = [40, 130]
+[[limit]]
+quantity = "resolution_px_per_deg"
+at_least = 2.5
+omega_deg = [30, 120]
+[[limit]]
+quantity = "length_mm"
+at_most = 190
+[[limit]]
+quantity = "sag_mm"
+at_most = 26
+"""
+
+
+@pytest.fixture(scope="module")
+def kept():
+    return design_sensor(parse_requirements(TEXT), search=ONE)
+
+
+def test_what_is_asked_is_kept_as_the_evaluation_sees_it(kept):
+    sensor = kept.sensor
+    assert kept.is_met
+    assert kept.conflict is None
+    for distance in (600.0, np.inf):
+        part = om.evaluate(sensor, np.linspace(40, 130, 3001), object_distance_mm=distance)
+        assert max(np.abs(part.blur_t_px).max(), np.abs(part.blur_s_px).max()) <= 4.0
+        part = om.evaluate(sensor, np.linspace(30, 120, 3001), object_distance_mm=distance)
+        assert min(part.dh_domega_px_per_deg.min(), part.width_px_per_deg.min()) >= 2.5
+    sag = float(sensor.mirror.sag(sensor.mirror.rim_radius_mm))
+    assert sag <= 26
+    assert sag + sensor.mirror_distance_mm <= 190
+    assert sensor.rim_radius_px <= 512
+    assert hidden_deg(sensor, 25.0) <= 20
+    assert 30 <= sensor.mirror.rim_radius_mm <= 42
+    assert 9 <= np.degrees(sensor.meridian.theta_max) <= 12
+    assert sensor.field_deg == pytest.approx((0.0, 130.0), abs=1e-9)
+
+
+def test_the_merit_is_that_of_the_field_past_the_camera_at_both_distances(kept):
+    areas = [
+        om.evaluate(kept.sensor, np.linspace(20, 130, 2001), object_distance_mm=d).floored_area_deg2.max()
+        for d in (600.0, np.inf)
+    ]
+    assert kept.optimum.value == pytest.approx(max(areas), rel=2e-3)
+    looser = design_sensor(parse_requirements(TEXT.replace("at_most = 4.0", "at_most = 40.0")), search=ONE)
+    assert looser.optimum.value <= kept.optimum.value * (1 + 1e-6)
+
+
+CONFLICTING = """
+[field]
+omega_max_deg = 130
+[mirror]
+optimise = "blur_area"
+shape = "polynomial:3"
+rim_radius_mm = 40
+[lens]
+theta_max_deg = 12
+[[limit]]
+quantity = "blur_px"
+at_most = 4.0
+[[limit]]
+quantity = "area_ratio"
+at_least = 0.8
+"""
+
+
+@pytest.fixture(scope="module")
+def missed():
+    return design_sensor(parse_requirements(CONFLICTING), search=ONE)
+
+
+def with_change(requirements, name, value):
+    """The requirements with a limit or a given number changed."""
+    for i, limit in enumerate(requirements.limits):
+        if limit.label == name:
+            side = "at_most" if limit.at_most is not None else "at_least"
+            limits = list(requirements.limits)
+            limits[i] = replace(limit, **{side: value})
+            return replace(requirements, limits=tuple(limits))
+    section = {"omega_max_deg": "field", "rim_radius_mm": "mirror"}.get(name, "lens")
+    new = value if section == "field" else (value, value)
+    return replace(requirements, **{section: getattr(requirements, section).model_copy(update={name: new})})
+
+
+def keeps_all(requirements):
+    """Whether an optimised mirror keeps everything, without asking what would have to give."""
+    return all(row.is_met for row in shape(requirements, problem_of(requirements), starts=1).rows)
+
+
+def test_what_gives_alone_is_enough_and_no_more_than_needed(missed):
+    """Each answer put into the requirements: kept with it, missed with a little less of it."""
+    assert not missed.is_met
+    tried = 0
+    for r in missed.conflict.alone:
+        if r.needed is None or r.needed == r.asked:
+            continue
+        tried += 1
+        for share, keeps in ((1.01, True), (0.97, False)):
+            changed = with_change(missed.requirements, r.name, r.asked + share * (r.needed - r.asked))
+            assert keeps_all(changed) == keeps, (r, share)
+    assert tried >= 3
+
+
+def test_what_gives_jointly_is_enough(missed):
+    conflict = missed.conflict
+    assert 0 < conflict.joint_share < min(r.share for r in conflict.alone if r.needed is not None)
+    changed = missed.requirements
+    for r in conflict.joint:
+        changed = with_change(changed, r.name, r.asked + 1.01 * (r.needed - r.asked))
+    assert keeps_all(changed)
+
+
+def test_the_design_that_misses_least_leaves_no_smaller_share(missed):
+    """Limits eased by a little more than what it misses can be kept, by a little less they cannot."""
+    worst = max(row.shortfall for row in missed.rows if row.is_limit)
+    for share, keeps in ((1.01 * worst, True), (0.97 * worst, False)):
+        changed = missed.requirements
+        for limit in changed.limits:
+            asked = limit.at_most or limit.at_least
+            changed = with_change(changed, limit.label, asked + share * asked * (1 if limit.at_most else -1))
+        assert keeps_all(changed) == keeps
+
+
+def test_under_a_telecentric_lens_the_known_mirrors_come_out():
+    """The sphere is equiareal, the paraboloid has one viewpoint and aspect 1, both exactly."""
+    problem = DesignProblem(lens="orthographic", omega_max_deg=120, rim_radius_mm=20.0, family="conic-asphere", terms=1)
+    R = 20.0 / np.tan(np.radians(60.0))
+    for merit, value, conic in (("uniformity", 1.0, 0.0), ("aspect", 1.0, -1.0), ("viewpoint_spread", 0.0, -1.0)):
+        best = om.optimise(problem, merit, starts=1)
+        assert best.value == pytest.approx(value, abs=1e-6)
+        mirror = best.sensor.mirror
+        x = np.linspace(0, 20.0, 50)
+        radius = 20.0 / np.sin(np.radians(60.0)) if conic == 0 else R
+        known = x**2 / (radius * (1 + np.sqrt(1 - (1 + conic) * (x / radius) ** 2)))
+        np.testing.assert_allclose(mirror.sag(x), known, atol=2e-4)
+
+
+def test_a_telecentric_design_says_how_wide_its_lens_has_to_be():
+    design = design_sensor(
+        parse_requirements(
+            "field.omega_max_deg = 110\n"
+            'mirror = {optimise = "blur", shape = "polynomial:4", rim_radius_mm = [15, 20]}\n'
+            'lens.kind = "orthographic"\n[[limit]]\nquantity = "sag_mm"\nat_most = 8'
+        ),
+        search=ONE,
+    )
+    assert design.is_met
+    width = 2 * design.sensor.mirror.rim_radius_mm
+    assert any(f"as wide as the mirror, {width:g} mm" in note for note in design.notes)
+    assert design.sensor.rim_radius_px == pytest.approx(512.0)
+    result = om.evaluate(design.sensor, np.linspace(0, 110, 2001))
+    worst = max(np.abs(result.blur_t_deg).max(), np.abs(result.blur_s_deg).max())
+    assert design.optimum.value == pytest.approx(worst, rel=1e-4)
+    again = om.best_focus(design.sensor, "worst-deg")
+    assert again.value >= worst * (1 - 1e-5)
+    by_rays = om.check_blur(design.sensor, [4.0, 8.0], np.linspace(5, 105, 11))  # through the full aperture
+    for edge in ("edge_t_px", "edge_s_px"):
+        wide, narrow = by_rays.worst(edge)
+        assert narrow < wide / 6 < 0.2 / 6  # what the two curvatures leave out is of the third order
+
+
+def test_a_focus_that_is_given_is_kept():
+    text = CONFLICTING.replace("[lens]", "[lens]\nfocus_mm = 250.0").split("[[limit]]")[0]
+    design = design_sensor(parse_requirements(text), search=ONE)
+    assert design.sensor.lens.focus_distance_mm == 250.0
+    assert design.sensor.rim_radius_px == pytest.approx(512.0)
+
+
+@pytest.mark.parametrize("quantity", QUANTITIES)
+def test_every_quantity_can_be_a_limit_from_either_side(quantity):
+    """Rows above 0 exactly where the value of the table passes the limit."""
+    sensor = om.load_sensor("paper-equidistant")
+    field = field_of_evaluation(om.evaluate(sensor, np.linspace(0, 135, 201), focus_mm="auto"))
+    for largest in (True, False):
+        value, _ = QUANTITIES[quantity].extreme(field, largest)
+        side = "at_most" if largest else "at_least"
+        for share, is_missed in ((1.001, not largest), (0.999, largest)):
+            if value == 0 or (value < 1e-3 and not largest):
+                continue
+            excess = Limit(quantity, **{side: value * share}).excess(field)
+            assert (excess.max() > 0) == is_missed
+            assert excess.max() == pytest.approx(0.001 if is_missed else -0.001, rel=0.01)
+
+
+def test_known_mirrors_are_the_papers_for_its_field_and_solved_for_others():
+    paper = known_sensors(DesignProblem())
+    assert {"SPH", "E-DI", "SVP", "exactly equiareal"} <= set(paper)
+    area, uniformity = merit_values(paper["SPH"], ("blur_area", "uniformity"), DesignProblem())
+    r = om.evaluate(om.load_sensor("paper-spherical"), np.linspace(0, 135, 2001), focus_mm="auto")
+    assert area == pytest.approx(r.floored_area_deg2.max(), rel=1e-3)
+    assert uniformity == pytest.approx(r.area_px2.max() / r.area_px2.min(), rel=1e-3)
+    other = DesignProblem(omega_max_deg=100, rim_radius_mm=20.0)
+    for sensor in known_sensors(other).values():
+        assert sensor.field_deg[1] == pytest.approx(100.0, abs=1e-6)
+    assert merit_values(known_sensors(other)["exactly equiareal"], ("uniformity",), other) == pytest.approx(1.0)

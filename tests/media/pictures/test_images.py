@@ -1,0 +1,203 @@
+"""Picture files, in and out."""
+
+import subprocess
+import sys
+
+import cv2
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.errors import MediaError
+from omnimirror.media.pictures import images
+from omnimirror.media.pictures.images import FORMATS
+
+RNG = np.random.default_rng(3)
+FULL = {"uint8": 255, "uint16": 65535, "float32": 1}
+LOSSLESS = [
+    (suffix, dtype, channels)
+    for suffix, kind in FORMATS.items()
+    for dtype in kind.depths
+    for channels in kind.channels
+    if suffix not in (".jpg", ".jpeg", ".hdr")
+]
+
+
+def picture(dtype="uint8", channels=3, size=(17, 23)):
+    shape = size if channels == 1 else (*size, channels)
+    values = RNG.random(shape) * FULL[dtype]
+    return values.astype(dtype)
+
+
+@pytest.mark.parametrize(("suffix", "dtype", "channels"), LOSSLESS)
+def test_what_is_written_is_read_back(tmp_path, suffix, dtype, channels):
+    path = tmp_path / f"ünïcode name{suffix}"
+    image = picture(dtype, channels)
+    if channels == 4:  # WebP forgets the colour of what is fully transparent
+        image[..., 3][image[..., 3] == 0] = FULL[dtype]
+    om.write_image(path, image)
+    back = om.read_image(path)
+    assert back.dtype == image.dtype
+    np.testing.assert_array_equal(back, image)
+    assert [p.name for p in tmp_path.iterdir()] == [path.name]
+
+
+@pytest.mark.parametrize(
+    ("suffix", "dtype", "tolerance"), [(".jpg", "uint8", 8), (".JPEG", "uint8", 8), (".hdr", "float32", 0.01)]
+)
+def test_lossy_formats_come_close(tmp_path, suffix, dtype, tolerance):
+    smooth = cv2.GaussianBlur(picture(dtype, 3, (60, 80)), (15, 15), 5)
+    om.write_image(tmp_path / f"a{suffix}", smooth)
+    back = om.read_image(tmp_path / f"a{suffix}")
+    assert np.abs(back.astype(float) - smooth).mean() < tolerance
+
+
+def test_opencv_speaks_again_after_several_threads_silenced_it():
+    logging = cv2.utils.logging
+    before = logging.getLogLevel()
+    first, second = images._quiet(), images._quiet()
+    first.__enter__()
+    second.__enter__()  # of another thread, which ends after the first
+    first.__exit__(None, None, None)
+    assert logging.getLogLevel() == logging.LOG_LEVEL_SILENT
+    second.__exit__(None, None, None)
+    assert logging.getLogLevel() == before
+
+
+def test_a_last_axis_of_one_is_grey(tmp_path):
+    om.write_image(tmp_path / "a.png", picture("uint8", 1)[..., None])
+    assert om.read_image(tmp_path / "a.png").shape == (17, 23)
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jpg", ".tif", ".webp", ".bmp", ".hdr", ".exr"])
+@pytest.mark.parametrize("share", [0.02, 0.5, 0.9, 0.999])
+def test_a_picture_cut_short_is_refused(tmp_path, suffix, share, capfd):
+    image = cv2.GaussianBlur(picture("float32" if suffix in (".hdr", ".exr") else "uint8", 3, (200, 300)), (5, 5), 2)
+    om.write_image(tmp_path / f"whole{suffix}", image)
+    data = (tmp_path / f"whole{suffix}").read_bytes()
+    path = tmp_path / f"part{suffix}"
+    path.write_bytes(data[: int(len(data) * share)])
+    with pytest.raises(MediaError, match=r"part.*cut short") as e:
+        om.read_image(path)
+    assert "\n" not in str(e.value)
+    assert capfd.readouterr().err == ""
+
+
+def test_a_jpeg_that_only_ends_its_thumbnail_is_cut_short(tmp_path):
+    """An end mark inside the header must not count as the picture's."""
+    _, data = cv2.imencode(".jpg", picture(size=(100, 100)))
+    data = data.tobytes()
+    thumbnail = b"\xff\xe1" + (2 + 4).to_bytes(2, "big") + b"\xff\xd8\xff\xd9"
+    path = tmp_path / "a.jpg"
+    path.write_bytes(data[:2] + thumbnail + data[2:])
+    assert om.read_image(path).shape == (100, 100, 3)
+    path.write_bytes((data[:2] + thumbnail + data[2:])[:-500])
+    with pytest.raises(MediaError, match="cut short: its end is missing"):
+        om.read_image(path)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (None, "there is no picture"),
+        (b"", "is empty"),
+        (b"hello, world" * 50, "not a picture"),
+        (b"\xff\xd8\xff", "cut short"),
+    ],
+)
+def test_what_is_no_picture_is_refused(tmp_path, content, message):
+    path = tmp_path / "a.png"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(MediaError, match=message):
+        om.read_image(path)
+
+
+def test_a_folder_is_no_picture(tmp_path):
+    with pytest.raises(MediaError, match="cannot read the picture"):
+        om.read_image(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("name", "image", "message"),
+    [
+        ("a.gif", picture(), r"kind '.gif' are not known; valid are .png, .jpg"),
+        ("a", picture(), "a picture without a suffix"),
+        ("a.jpg", picture("uint16"), "jpg holds uint8 pictures of 1 or 3 channels, and this one is uint16 of 3"),
+        ("a.jpg", picture(channels=4), "this one is uint8 of 4"),
+        ("a.png", picture("float32"), "this one is float32"),
+        ("a.png", np.zeros((0, 5), np.uint8), "is not a picture"),
+        ("a.png", np.zeros((5, 5, 2), np.uint8), "this one is uint8 of 2"),
+    ],
+)
+def test_what_a_file_cannot_hold_is_refused(tmp_path, name, image, message):
+    with pytest.raises(MediaError, match=message):
+        om.write_image(tmp_path / name, image)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_full_disk_leaves_the_earlier_picture(tmp_path, monkeypatch):
+    path = tmp_path / "a.png"
+    before = picture()
+    om.write_image(path, before)
+
+    def full(self, data):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("pathlib.Path.write_bytes", full)
+    with pytest.raises(MediaError, match=r"cannot write .*a.png: No space left on device"):
+        om.write_image(path, picture())
+    np.testing.assert_array_equal(om.read_image(path), before)
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+@pytest.mark.parametrize("compression", ["NO", "RLE", "ZIPS", "ZIP", "PIZ", "DWAA"])
+def test_exr_of_other_programs(tmp_path, compression, capfd):
+    """Half precision, more channels than colours, and any compression."""
+    library = pytest.importorskip("OpenEXR")
+    red, green, blue = (RNG.random((70, 50)).astype(np.float16) for _ in range(3))
+    header = {"compression": getattr(library, f"{compression}_COMPRESSION"), "type": library.scanlineimage}
+    path = tmp_path / "a.exr"
+    with library.File(header, {"R": red, "G": green, "B": blue, "Z": RNG.random((70, 50), np.float32)}) as file:
+        file.write(str(path))
+    image = om.read_image(path)
+    assert image.dtype == np.float32
+    tolerance = 0.1 if compression == "DWAA" else 0
+    np.testing.assert_allclose(image, np.stack([red, green, blue], axis=-1), atol=tolerance)
+    for share in (0.01, 0.3, 0.99):
+        (tmp_path / "b.exr").write_bytes(path.read_bytes()[: int(share * path.stat().st_size)])
+        with pytest.raises(MediaError, match="cut short"):
+            om.read_image(tmp_path / "b.exr")
+    assert capfd.readouterr() == ("", "")
+
+
+def test_exr_without_colours_is_refused(tmp_path):
+    library = pytest.importorskip("OpenEXR")
+    header = {"compression": library.ZIP_COMPRESSION, "type": library.scanlineimage}
+    with library.File(header, {"Z": np.zeros((7, 5), np.float32)}) as file:
+        file.write(str(tmp_path / "a.exr"))
+    with pytest.raises(MediaError, match="has the channels Z; valid are R, G, B"):
+        om.read_image(tmp_path / "a.exr")
+
+
+def test_exr_without_its_package_is_one_sentence(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "OpenEXR", None)
+    with pytest.raises(MediaError, match=r"needs one more package: pip install 'omnimirror\[exr\]'"):
+        om.write_image(tmp_path / "a.exr", picture("float32"))
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_full_disk_under_an_exr_picture_names_the_users_file(tmp_path, monkeypatch):
+    pytest.importorskip("OpenEXR")
+    monkeypatch.chdir(tmp_path)
+    script = (
+        "import numpy as np, resource, signal, omnimirror as om\n"
+        "signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))\n"
+        "om.write_image('view.exr', np.random.default_rng(0).random((64, 64, 3), np.float32))\n"
+    )
+    run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    last = run.stderr.splitlines()[-1]
+    assert "cannot write view.exr: " in last
+    assert ".omnimirror-" not in last
+    assert list(tmp_path.iterdir()) == []

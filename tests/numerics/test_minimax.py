@@ -1,0 +1,91 @@
+"""The sequence of linear programmes against minimax problems whose answers are known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from omnimirror.numerics.minimax import Rows, Values, least_mean, least_worst
+
+
+def bounds(dim):
+    return np.full(dim, -1e3), np.full(dim, 1e3)
+
+
+@pytest.mark.parametrize("degree", [3, 5, 7])
+def test_the_polynomial_nearest_to_zero_is_chebyshevs(degree):
+    """x^n minus lower powers deviates least from 0 over [-1, 1] by 2^(1-n)."""
+    x = np.cos(np.linspace(0, np.pi, 421))
+    powers = x[:, None] ** np.arange(degree)
+
+    def values(y):
+        e = x**degree + powers @ y
+        return Values(np.concatenate([e, -e]), np.full(1, -1.0))
+
+    def rows(y):
+        return Rows(*values(y), np.vstack([powers, -powers]), np.zeros((1, degree)))
+
+    found = least_worst(values, rows, np.zeros(degree), bounds(degree))
+    assert found.value == pytest.approx(2.0 ** (1 - degree), rel=1e-4)
+
+
+def test_a_curved_minimax_problem_of_the_textbooks():
+    """Charalambous and Bandler's first: the least of the largest is 1.9522245."""
+
+    def values(y):
+        a, b = y
+        return Values(np.array([a**2 + b**4, (2 - a) ** 2 + (2 - b) ** 2, 2 * np.exp(b - a)]), np.full(1, -1.0))
+
+    def rows(y):
+        a, b = y
+        e = 2 * np.exp(b - a)
+        J = np.array([[2 * a, 4 * b**3], [-2 * (2 - a), -2 * (2 - b)], [-e, e]])
+        return Rows(*values(y), J, np.zeros((1, 2)))
+
+    found = least_worst(values, rows, np.array([1.0, -0.1]), bounds(2))
+    assert found.value == pytest.approx(1.9522245, abs=1e-6)
+    assert list(found.history) == sorted(found.history, reverse=True)
+
+
+def test_a_spread_counts_from_a_free_level():
+    """The points sin, cos + level: the spread of a - y x is least where the line has the secant's slope."""
+    x = np.linspace(0, 1, 201)
+    found = least_worst(
+        lambda y: Values(np.exp(x) - y[0] * x, np.full(1, -1.0)),
+        lambda y: Rows(np.exp(x) - y[0] * x, np.full(1, -1.0), -x[:, None], np.zeros((1, 1))),
+        np.zeros(1),
+        bounds(1),
+        is_spread=True,
+    )
+    slope = np.e - 1
+    level = np.log(slope)
+    assert found.y[0] == pytest.approx(slope, abs=1e-4)
+    assert found.value == pytest.approx((1 - (slope - slope * level)) / 2, abs=1e-5)
+
+
+@pytest.mark.parametrize("method", [least_worst, least_mean])
+def test_constraints_are_kept_also_from_a_start_that_breaks_them(method):
+    """The nearest point of the disk of radius 1 to (3, 0)."""
+
+    def values(y):
+        return Values(np.array([(y[0] - 3) ** 2 + y[1] ** 2]), np.array([y @ y - 1]))
+
+    def rows(y):
+        return Rows(*values(y), np.array([[2 * (y[0] - 3), 2 * y[1]]]), 2 * y[None])
+
+    found = method(values, rows, np.array([2.0, 2.0]), bounds(2))
+    np.testing.assert_allclose(found.y, [1.0, 0.0], atol=2e-3)
+    assert found.value == pytest.approx(4.0, abs=1e-4)
+    assert found.violation < 1e-6
+
+
+def test_a_mean_is_the_least_where_its_derivative_vanishes():
+    def values(y):
+        return Values(np.array([np.cosh(y[0] - 0.7) + (y[1] - y[0] ** 2) ** 2]), np.full(1, -1.0))
+
+    def rows(y):
+        r = y[1] - y[0] ** 2
+        return Rows(*values(y), np.array([[np.sinh(y[0] - 0.7) - 4 * y[0] * r, 2 * r]]), np.zeros((1, 2)))
+
+    found = least_mean(values, rows, np.array([2.0, -1.0]), bounds(2))
+    np.testing.assert_allclose(found.y, [0.7, 0.49], atol=1e-4)

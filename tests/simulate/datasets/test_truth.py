@@ -1,0 +1,264 @@
+"""Ground truth against a tracer of its own: rays by bisection and Snell's law by angles, in double precision.
+
+Nothing here is shared with the package but the sensor's numbers: lens, sphere, mount.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.errors import InvalidParameter
+from omnimirror.mirrors.pose import MirrorPose
+from omnimirror.simulate import Environment, Hall, Hardware, Pose, expose, ground_truth
+from omnimirror.simulate.datasets.calibration_set import seen_corners_px
+from omnimirror.simulate.rendering.sight import seen_at
+from omnimirror.simulate.shells import Dome, ThroughShell, Tube
+
+SIZE = 96
+FULL = Hardware(
+    camera_radius_mm=30.0, camera_height_mm=4.0, rim_width_mm=1.5,
+    rod_from_mm=45.0, rod_to_mm=180.4, rod_radius_mm=6.0, rod_end_radius_mm=2.0,
+)  # fmt: skip
+
+
+def sensor_of(pixels=SIZE, shift=(0.0, 0.0, 0.0)):
+    sensor = om.load_sensor("paper-spherical")
+    imager = replace(sensor.imager, width_px=pixels, height_px=pixels, pixel_pitch_um=1.02 * 5.2 * 1024 / pixels)
+    return replace(sensor, imager=imager, mirror_pose=MirrorPose(*shift))
+
+
+# -- the tracer --------------------------------------------------------------------------------------
+
+
+class Tracer:
+    """The sensor as plain numbers; its frame has its origin at the vertex, z from the lens to the mirror."""
+
+    def __init__(self, sensor, hardware=None, shell=None):
+        self.m, lens = sensor.mirror_distance_mm, sensor.lens
+        self.b = 1 / (1 / lens.focal_length_mm - 1 / lens.focus_distance_mm)
+        self.pitch, self.size = 1e-3 * sensor.imager.pixel_pitch_um, sensor.imager.width_px
+        self.radius, self.rim = sensor.mirror.vertex_radius, sensor.mirror.rim_radius_mm
+        pose = sensor.mirror_pose
+        self.shift = np.array([pose.decentre_x_mm, pose.decentre_y_mm, pose.displacement_mm])
+        self.hardware, self.shell = hardware, shell
+
+    def look(self, pixels):
+        """Origins, directions (n, 3) where pixels (n, 2) leave the sensor, and whether they see or are hidden."""
+        across = (pixels - (self.size - 1) / 2) * self.pitch
+        d = np.concatenate([across, np.full((len(pixels), 1), self.b)], axis=1)
+        d /= np.sqrt((d**2).sum(axis=1))[:, None]
+        lens = np.broadcast_to([0.0, 0.0, -self.m], d.shape)
+        centre = self.shift + np.array([0, 0, self.radius])
+        # the near crossing of the sphere lies half a chord before the point nearest to its centre
+        along = ((centre - lens) * d).sum(axis=1)
+        apart = ((lens + along[:, None] * d - centre) ** 2).sum(axis=1)
+        with np.errstate(invalid="ignore"):
+            p = lens + (along - np.sqrt(self.radius**2 - apart))[:, None] * d
+            hit = np.hypot(*(p - self.shift)[:, :2].T) <= self.rim
+        normal = (centre - p) / self.radius
+        out = d - 2 * (d * normal).sum(axis=1)[:, None] * normal
+        hidden = np.zeros(len(pixels), dtype=bool)
+        if self.hardware is not None:
+            hidden = hit & (self.on_disc(p, out) | self.on_rod(p, out) | self.on_rod(lens, p - lens))
+            hidden |= self.on_edge(np.where(hit[:, None], p, lens), np.where(hit[:, None], out, d))
+        sees = hit & ~hidden
+        p, out = p[sees], out[sees]
+        if self.shell is not None:
+            p, out = through(self.shell, p, out)
+        return p, out, sees, hidden
+
+    def on_disc(self, p, d):
+        t = (self.hardware.camera_height_mm - self.m - p[:, 2]) / d[:, 2]
+        return (t > 0) & (np.hypot(*(p + t[:, None] * d)[:, :2].T) < self.hardware.camera_radius_mm)
+
+    def on_edge(self, p, d):
+        sag = self.radius - np.sqrt(self.radius**2 - self.rim**2)
+        t = (sag + self.shift[2] - p[:, 2]) / d[:, 2]
+        r = np.hypot(*(p + t[:, None] * d - self.shift)[:, :2].T)
+        return (t > 0) & (r > self.rim) & (r < self.rim + self.hardware.rim_width_mm)
+
+    def on_rod(self, p, d):
+        """The least of distance from the axis less the rod's radius, which is convex along a ray, between its ends."""
+        h = self.hardware
+        ends = np.array([h.rod_from_mm, h.rod_to_mm]) - self.m
+        with np.errstate(divide="ignore", invalid="ignore"):
+            t = np.sort((ends - p[:, 2:]) / d[:, 2:], axis=1)
+        low, high = np.maximum(t[:, 0], 0.0), t[:, 1]
+        passes = high >= low
+
+        def gap(t):
+            at = p + t[:, None] * d
+            share = (at[:, 2] - ends[0]) / (ends[1] - ends[0])
+            return np.hypot(at[:, 0], at[:, 1]) - h.rod_radius_mm - share * (h.rod_end_radius_mm - h.rod_radius_mm)
+
+        for _ in range(160):
+            a, b = low + (high - low) / 3, high - (high - low) / 3
+            left = gap(a) < gap(b)
+            low, high = np.where(left, low, a), np.where(left, b, high)
+        return passes & (gap((low + high) / 2) < 0)
+
+
+def through(shell, p, d):
+    """Rays out through a shell: by bisection to each surface, and by Snell's law for the angles there."""
+    n = shell.refractive_index
+    if isinstance(shell, Tube):
+        flat, inner, outer = np.array([1.0, 1.0, 0.0]), np.zeros(3), np.zeros(3)
+    else:
+        flat = np.ones(3)
+        outer = np.array([0.0, 0.0, shell.centre_mm])
+        inner = outer + np.array([0, 0, shell.inner_shift_mm])
+    for centre, radius, before, behind in (
+        (inner, shell.outer_radius_mm - shell.wall_mm, 1.0, n),
+        (outer, shell.outer_radius_mm, n, 1.0),
+    ):
+        low, high = np.zeros(len(p)), np.full(len(p), 1e4)
+        for _ in range(80):
+            t = (low + high) / 2
+            beyond = np.linalg.norm((p + t[:, None] * d - centre) * flat, axis=1) > radius
+            low, high = np.where(beyond, low, t), np.where(beyond, t, high)
+        p = p + low[:, None] * d
+        normal = (p - centre) * flat
+        normal /= np.linalg.norm(normal, axis=1)[:, None]
+        cosine = (d * normal).sum(axis=1)
+        beside = d - cosine[:, None] * normal
+        angle = np.arcsin(before / behind * np.linalg.norm(beside, axis=1))
+        beside /= np.maximum(np.linalg.norm(beside, axis=1), 1e-300)[:, None]
+        d = np.cos(angle)[:, None] * normal + np.sin(angle)[:, None] * beside
+    return p, d
+
+
+def to_world(sensor, vectors):
+    return vectors @ sensor.mount.rotation().T
+
+
+@dataclass(frozen=True)
+class Ball:
+    """A ball about the sensor, seen from inside: its distance is one root."""
+
+    radius_mm: float = 500.0
+
+    def radiance(self, origins_mm, directions):
+        return np.ones(origins_mm.shape, np.float32)
+
+    def distance_mm(self, origins_mm, directions):
+        length = np.linalg.norm(directions, axis=1)
+        along = (origins_mm * directions).sum(axis=1) / length
+        left = (origins_mm**2).sum(axis=1) - self.radius_mm**2
+        return (np.sqrt(along**2 - left) - along) / length
+
+
+def grid(size=SIZE):
+    return np.stack(np.meshgrid(np.arange(size), np.arange(size)), axis=-1).reshape(-1, 2).astype(float)
+
+
+# -- labels ------------------------------------------------------------------------------------------
+
+SHELLS = [None, Tube(90.0, 5.0), Dome(119.0, 5.0, centre_mm=-74.0, inner_shift_mm=1.0)]
+
+
+@pytest.mark.parametrize("shift", [(0.0, 0.0, 0.0), (1.5, -1.0, 0.7)], ids=["aligned", "decentred"])
+@pytest.mark.parametrize("shell", SHELLS, ids=["open", "tube", "dome"])
+def test_no_pixel_is_labelled_other_than_the_tracer_says(shell, shift):
+    """Hidden, seeing or neither for all pixels; and the points that they see to a hundredth of a micrometre."""
+    sensor = sensor_of(shift=shift)
+    truth = ground_truth(sensor, Ball() if shell is None else ThroughShell(Ball(), shell, sensor), FULL)
+    p, d, sees, hidden = Tracer(sensor, FULL, shell).look(grid())
+    np.testing.assert_array_equal(truth.hidden.ravel(), hidden)
+    np.testing.assert_array_equal(np.isfinite(truth.depth_mm).ravel(), sees)
+    assert hidden.sum() > 300
+    assert not (truth.hidden & np.isfinite(truth.directions[..., 0])).any()
+    p, d = to_world(sensor, p), to_world(sensor, d)
+    points = p + Ball().distance_mm(p, d)[:, None] * d
+    np.testing.assert_allclose(truth.points_mm[np.isfinite(truth.depth_mm)], points, atol=1e-5)
+    np.testing.assert_allclose(truth.directions[np.isfinite(truth.depth_mm)], d, atol=1e-9)
+
+
+def test_the_picture_is_dark_where_the_truth_says_hidden():
+    sensor, dark = sensor_of(256), replace(FULL, grey=0.0)
+    light = expose(sensor, Environment(np.ones((4, 8, 3), np.float32)), 1, hardware=dark)
+    truth = ground_truth(sensor, Ball(), dark)
+    assert ((light[..., 0] > 0.5) != np.isfinite(truth.depth_mm)).sum() <= 2, "single precision, at edges"
+
+
+@pytest.mark.parametrize("width", [1.5, 10.0])
+def test_the_edge_hides_what_rises_past_it_with_and_without_the_compiled_part(width, monkeypatch):
+    """Rays that leave the mirror near its rim more steeply than the rim is far."""
+    sensor, edge = sensor_of(64), Hardware(rim_width_mm=width, grey=0.0)
+    sky = Environment(np.ones((4, 8, 3), np.float32))
+    fast = expose(sensor, sky, 9, hardware=edge)
+    monkeypatch.setattr("omnimirror.simulate.rendering.exposure.compiled", lambda: None)
+    np.testing.assert_allclose(fast, expose(sensor, sky, 9, hardware=edge), atol=1e-4)
+    assert fast.sum() < expose(sensor, sky, 9).sum() - 10
+
+
+def test_truth_past_the_mirror_starts_at_the_lens():
+    sensor = sensor_of()
+    truth = ground_truth(sensor, Ball(), Hardware(sees_past=True))
+    np.testing.assert_allclose(truth.origins_mm[0, 0], to_world(sensor, np.array([0, 0, -sensor.mirror_distance_mm])))
+    np.testing.assert_allclose(np.linalg.norm(truth.points_mm[0, 0]), 500.0)
+
+
+def test_a_lid_that_stands_in_the_way_hides_and_is_dark():
+    """A wide tube's cap, level with the rim, ends what rises more steeply than to the wall."""
+    sensor = sensor_of()
+    back = float(sensor.mirror.sag(np.array(sensor.mirror.rim_radius_mm))) + 1.0
+    tube = Tube(200.0, lids_mm=(back,))
+    scene = ThroughShell(Ball(), tube, sensor)
+    truth = ground_truth(sensor, scene)
+    p, d, sees, _ = Tracer(sensor).look(grid())
+    t = (back - p[:, 2]) / d[:, 2]
+    under = (t > 0) & (np.hypot(*(p + t[:, None] * d)[:, :2].T) < 197.0)
+    assert 100 < under.sum() < sees.sum()
+    np.testing.assert_array_equal(truth.hidden.ravel()[sees], under)
+    light = expose(sensor, scene, 1)
+    assert not light[truth.hidden].any()
+
+
+def test_only_a_sensor_of_one_mirror_has_something_about_it():
+    with pytest.raises(InvalidParameter, match="one mirror"):
+        ground_truth(om.load_sensor("folded-spherical"), Ball(), FULL)
+
+
+# -- corners -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("shell", SHELLS, ids=["open", "tube", "dome"])
+def test_corners_are_seen_where_the_tracer_looks_and_not_behind_hardware(shell):
+    sensor, hall = sensor_of(1024), Hall(texel_mm=50.0)
+    tracer, count, hidden = Tracer(sensor, FULL, shell), 0, 0
+    for pose in (Pose(), Pose(400.0, -300.0, -500.0, 40.0, 5.0)):
+        found = seen_corners_px(sensor, hall, pose, FULL, shell)
+        plain = seen_corners_px(sensor, hall, pose)
+        for name, pixels in found.items():
+            corners = pose.to_sensor(hall.board_corners_mm(name).reshape(-1, 3))
+            seen = np.isfinite(pixels[..., 0]).ravel()
+            p, d, sees, _ = tracer.look(pixels.reshape(-1, 2)[seen])
+            assert sees.all()
+            way = corners[seen] - to_world(sensor, p)
+            miss = np.linalg.norm(np.cross(way, to_world(sensor, d)), axis=1)
+            assert (miss < 1e-4).all()
+            count += seen.sum()
+            lost = np.isfinite(plain[name][..., 0]).ravel() & ~seen
+            if shell is None and lost.any():
+                assert tracer.look(plain[name].reshape(-1, 2)[lost])[3].all()
+            hidden += lost.sum()
+    assert count > 1200
+    assert hidden > 20
+
+
+def test_points_that_only_the_wall_brings_into_the_field_are_found():
+    """Just outside the rim's field without the dome, and inside it with one that bends rays outwards."""
+    sensor, dome = sensor_of(1024), Dome(140.0, 8.0, centre_mm=-40.0)
+    turns = np.linspace(0, 6, 9)
+    edge = 511.5 + 0.9999 * sensor.rim_radius_px * np.stack([np.cos(turns), np.sin(turns)], axis=-1)
+    p, d, sees, _ = Tracer(sensor, None, dome).look(edge)
+    assert sees.all()
+    points = to_world(sensor, p + 2000.0 * d)
+    assert not sensor.project(points).valid.any()
+    pixels, valid = seen_at(sensor, points, shell=dome)
+    assert valid.all()
+    np.testing.assert_allclose(pixels, edge, atol=1e-6)

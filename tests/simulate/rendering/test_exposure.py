@@ -1,0 +1,178 @@
+"""Rays through the aperture: compiled kernels against tracing in double precision, and light that can be counted."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.errors import InvalidParameter
+from omnimirror.mirrors.pose import MirrorPose
+from omnimirror.mirrors.reflectivity import METALS
+from omnimirror.native import compiled
+from omnimirror.simulate import Environment, Hardware, expose
+from omnimirror.simulate.rendering import exposure as rays
+from omnimirror.simulate.rendering.samples import places, spread
+from omnimirror.specs import bundled_sensors
+
+needs_native = pytest.mark.skipif(compiled() is None, reason="nothing was compiled here")
+ROD = Hardware(
+    camera_radius_mm=30.0,
+    camera_height_mm=10.0,
+    rim_width_mm=3.0,
+    rod_from_mm=120.0,
+    rod_to_mm=170.0,
+    rod_radius_mm=4.0,
+    rod_end_radius_mm=2.0,
+    reflectivity=0.8,
+    vignetting=1.0,
+    sees_past=True,
+)
+MISPLACED = MirrorPose(1.0, -0.7, 0.5, 1.5, -2.0)
+
+
+def small(name: str, pixels: int = 100, **changes) -> om.Sensor:
+    """The sensor with fewer and larger pixels."""
+    sensor = om.load_sensor(name)
+    factor = sensor.imager.width_px / pixels
+    pitch = sensor.imager.pixel_pitch_um * factor
+    imager = replace(sensor.imager, width_px=pixels, height_px=pixels, pixel_pitch_um=pitch)
+    return replace(sensor, imager=imager, **changes)
+
+
+def steps(height: int, width: int) -> Environment:
+    light = np.random.default_rng(4).uniform(0, 1, (height, width, 3)).astype(np.float32)
+    return Environment(light, heading_deg=33.0)
+
+
+@needs_native
+@pytest.mark.parametrize("flipped", [False, True])
+@pytest.mark.parametrize("pose", [MirrorPose(), MISPLACED], ids=["aligned", "misplaced"])
+@pytest.mark.parametrize("name", [n for n in bundled_sensors() if om.load_sensor(n).secondary is None])
+def test_compiled_rays_are_those_of_double_precision(name, pose, flipped):
+    sensor = small(name, mirror_pose=pose)
+    sensor = replace(sensor, mount=replace(sensor.mount, image_flipped=flipped))
+    plan, part = spread(16, blur=True, seed=3), (slice(0, 100), slice(10, 70))
+    fast, slow = rays._trace_natively(sensor, plan, ROD, *part), rays._trace_sensor(sensor, plan, ROD, *part)
+    assert {rays.REFLECTED, rays.DIRECT} <= set(np.unique(slow.fate))
+    assert np.mean(fast.fate != slow.fate) < 1e-4  # rays that graze an edge
+    seen = (fast.fate == slow.fate) & (slow.fate != rays.HIDDEN)
+    np.testing.assert_allclose(fast.weight[seen], slow.weight[seen], atol=1e-6)
+    hidden = (fast.fate == slow.fate) & (slow.fate == rays.HIDDEN)
+    assert np.mean(np.abs(fast.weight[hidden] - slow.weight[hidden]) > 1e-5) < 2e-3  # rays that graze a ring
+    a, b = (d[seen] / np.linalg.norm(d[seen], axis=-1, keepdims=True) for d in (fast.directions, slow.directions))
+    assert np.degrees(np.linalg.norm(np.cross(a, b), axis=-1)).max() < 5e-4
+    off = np.linalg.norm(np.cross(fast.origins[seen] - slow.origins[seen], b), axis=-1)
+    assert off.max() < 2e-4  # mm, across the ray
+
+
+@needs_native
+@pytest.mark.parametrize("hardware", [Hardware(), ROD])
+def test_an_environment_is_the_same_in_the_kernels_and_ray_by_ray(hardware):
+    sensor, world = small("paper-equidistant"), steps(64, 128)
+    plan = spread(9, blur=True, seed=5)
+    fast = expose(sensor, world, 9, blur=True, hardware=hardware, seed=5)
+    bundle = rays.trace(sensor, plan, hardware, slice(0, 100), slice(0, 100))
+    slow = rays.gather(bundle, world, hardware).mean(axis=2)
+    assert np.abs(fast - slow).max() < 2e-3
+    assert np.abs(fast - slow).mean() < 1e-5
+
+
+def test_rays_of_a_pixel_fill_it_and_the_aperture_evenly():
+    plan = spread(256, blur=True, seed=1)
+    pixels, aperture = places(plan, np.array([7, 8]), np.array([5, 5]))
+    assert np.abs(pixels - [[[7, 5]], [[8, 5]]]).max() <= 0.5
+    np.testing.assert_allclose(pixels.mean(axis=1), [[7, 5], [8, 5]], atol=1.5e-2)
+    radius = np.hypot(*np.moveaxis(aperture, -1, 0))
+    assert radius.max() <= 1
+    np.testing.assert_allclose((radius**2).mean(axis=1), 0.5, atol=1.5e-2)  # the mean over a disk
+    np.testing.assert_allclose(aperture.mean(axis=1), 0.0, atol=1e-2)
+    assert np.abs(pixels[0] - pixels[1] + [1, 0]).max() > 0.1  # each pixel has a shift of its own
+
+
+@needs_native  # 270 million rays
+def test_blur_spreads_a_point_over_the_disk_that_the_evaluation_says():
+    """A small far lamp becomes a spot: its extent across is the evaluation's sagittal blur and a pixel's width."""
+    sensor = om.load_sensor("paper-spherical")
+    sensor = replace(sensor, lens=replace(sensor.lens, f_number=1.4))
+    omega = 100.0
+    (u, v) = sensor.project_directions([[np.sin(np.radians(omega)), 0.0, -np.cos(np.radians(omega))]]).pixels[0]
+    world = np.zeros((1800, 3600, 3), np.float32)
+    world[1800 - 1000 - 1 : 1800 - 1000 + 1, 1799:1801] = 1.0  # .2 deg about pan 0 and 10 deg up
+    light = expose(sensor, Environment(world), 256, blur=True)[..., 0]
+    _, columns = np.nonzero(light > 1e-3 * light.max())
+    assert abs(light.sum(axis=1) @ np.arange(1024) / light.sum() - v) < 0.3
+    blur = om.evaluate(sensor, omega_deg=[omega])
+    wide = np.ptp(columns) + 1
+    across = abs(float(blur.blur_s_px[0])) + 0.2 * float(blur.width_px_per_deg[0])
+    assert across - 1 <= wide <= across + 3
+    assert abs(columns.mean() - u) < 1
+
+
+def test_an_even_world_comes_back_as_bright_as_it_is():
+    white = Environment(np.ones((4, 8, 3), np.float32))
+    light = expose(small("paper-spherical"), white, 16, blur=True, hardware=Hardware(reflectivity=0.9, sees_past=False))
+    np.testing.assert_allclose(light[50, 50], 0.9, rtol=1e-5)
+    assert light[0, 0].max() == 0
+    beside = expose(small("paper-spherical"), white, 16, blur=True, hardware=Hardware(sees_past=True))
+    np.testing.assert_allclose(beside, 1.0, rtol=1e-5)
+
+
+@needs_native
+@pytest.mark.parametrize("pose", [MirrorPose(), MISPLACED], ids=["aligned", "misplaced"])
+@pytest.mark.parametrize("metal", ["aluminium", "gold", 0.5 + 2.0j])
+def test_metals_reflect_as_fresnel_says_in_kernels_and_without(metal, pose):
+    sensor, plan = small("paper-spherical", mirror_pose=pose), spread(4, blur=True)
+    part, hardware = (slice(0, 100), slice(0, 100)), Hardware(reflectivity=metal)
+    fast, slow = rays._trace_natively(sensor, plan, hardware, *part), rays._trace_sensor(sensor, plan, hardware, *part)
+    seen = (fast.fate == rays.REFLECTED) & (slow.fate == rays.REFLECTED)
+    np.testing.assert_allclose(fast.weight[seen], slow.weight[seen], atol=5e-5)
+    assert np.ptp(slow.weight[seen]) > 5e-3
+
+
+def test_a_metal_dims_a_pixel_by_its_own_angle_of_incidence():
+    sensor, white = om.load_sensor("paper-spherical"), Environment(np.ones((4, 8, 3), np.float32))
+    light = expose(sensor, white, 1, hardware=Hardware(reflectivity=("gold", "silver", 0.7)))
+    u, v = 911, 512
+    radius = np.hypot(*(np.array([u, v]) - sensor.imager.centre))
+    gamma = sensor.meridian.trace(sensor.x_from_height_px([radius])).gamma
+    cos, inside = np.cos(gamma), {m: np.sqrt(1 - (np.sin(gamma) / METALS[m]) ** 2) for m in ("gold", "silver")}
+    for channel, metal in enumerate(inside):
+        n, t = METALS[metal], inside[metal]
+        s, p = (cos - n * t) / (cos + n * t), (n * cos - t) / (n * cos + t)
+        assert light[v, u, channel] == pytest.approx(float((abs(s) ** 2 + abs(p) ** 2)[0] / 2), abs=2e-5)
+    assert light[v, u, 2] == pytest.approx(0.7)
+
+
+def test_natural_vignetting_falls_with_the_fourth_power_of_the_cosine():
+    white = Environment(np.ones((4, 8, 3), np.float32))
+    sensor = om.load_sensor("paper-spherical")
+    light = expose(sensor, white, 1, hardware=Hardware(vignetting=1.0))
+    u, v = sensor.imager.centre
+    tangent = 400 * sensor.imager.pitch_mm / sensor.lens.image_distance
+    expected = np.cos(np.arctan(tangent)) ** 4
+    at = light[round(v), round(u - 400), 0]
+    assert at == pytest.approx(expected, abs=2e-3)
+
+
+def test_the_camera_is_seen_in_the_middle():
+    """Its edge appears at the mirror point that reflects the edge of the disk into the lens."""
+    sensor = om.load_sensor("paper-spherical")
+    white = Environment(np.ones((4, 8, 3), np.float32))
+    light = expose(sensor, white, 1, hardware=Hardware(camera_radius_mm=40.0, grey=0.0))[..., 0]
+    edge = sensor.project([[40.0, 0.0, sensor.lens_offset[2]]]).pixels[0]
+    radius = sensor.radius_from_centre_px(edge[None])[0]
+    dark = int((light == 0)[512, 256:768].sum())
+    assert dark == pytest.approx(2 * radius, abs=2)
+
+
+def test_what_only_a_sensor_has_is_refused_for_other_cameras():
+    ball = om.MirrorBall((100.0, 100.0), 90.0, 360.0, (200, 200))
+    with pytest.raises(InvalidParameter, match="only a sensor has blur"):
+        expose(ball, steps(8, 16), blur=True)
+
+
+@pytest.mark.parametrize(("samples", "seed"), [(0, 0), (2.5, 0), (1 << 17, 0), (4, -1)])
+def test_samples_out_of_range_are_refused(samples, seed):
+    with pytest.raises(InvalidParameter, match="not a whole number"):
+        spread(samples, blur=True, seed=seed)

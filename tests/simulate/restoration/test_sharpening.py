@@ -1,0 +1,246 @@
+"""Restoration: its blur against real rays, and its pictures against the scene without blur."""
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+import pytest
+from benchmarks.restoration import clouds, dead_leaves, faster, gains
+
+import omnimirror as om
+from omnimirror.errors import InvalidParameter
+from omnimirror.mirrors.pose import MirrorPose
+from omnimirror.simulate.restoration.sharpening import Restorer
+
+TARGETS = {"paper-spherical": (2.5, 3.0), "paper-equidistant": (2.5, 3.5), "paper-hyperboloidal": (3.0, 4.0)}
+"""Gains in dB over the inner two thirds of the radius, and over the outer third."""
+
+
+@dataclass(frozen=True)
+class Around:
+    """An environment painted on a sphere about the mirror's vertex."""
+
+    environment: om.Environment
+    radius_mm: float
+
+    def radiance(self, origins_mm, directions):
+        return self.environment.radiance(
+            origins_mm, self.distance_mm(origins_mm, directions)[:, None] * _units(directions) + origins_mm
+        )
+
+    def distance_mm(self, origins_mm, directions):
+        d = _units(directions)
+        along = (d * origins_mm).sum(axis=1)
+        return -along + np.sqrt(along**2 + self.radius_mm**2 - (np.asarray(origins_mm) ** 2).sum(axis=1))
+
+
+def _units(directions):
+    return directions / np.linalg.norm(directions, axis=1, keepdims=True)
+
+
+@pytest.fixture(scope="module")
+def scene() -> om.Environment:
+    return dead_leaves(1024, 900, smallest_deg=2.1)
+
+
+@pytest.fixture(scope="module")
+def small() -> Restorer:
+    """A quarter of the pixels along a side and four times the aperture: the same blur in pixels."""
+    return Restorer(faster(om.load_sensor("paper-spherical"), 256, 1.0))
+
+
+def test_the_matrix_blurs_as_real_rays_do(small: Restorer, scene: om.Environment):
+    sensor, blur = small.camera, small.problem.blur
+    fine = om.expose(faster(sensor, 256 * blur.fineness, sensor.lens.f_number), scene, 16)
+    traced = om.expose(sensor, scene, 1024, blur=True).reshape(-1, 3)[blur.pixels]
+    sharp = om.expose(sensor, scene, 64).reshape(-1, 3)[blur.pixels]
+    outer = small.radius.ravel()[blur.pixels] > 90
+    error = (blur.matrix() @ fine.reshape(-1, 3) - traced)[outer]
+    assert np.sqrt((error**2).mean()) < 0.25 * np.sqrt(((sharp - traced)[outer] ** 2).mean())
+
+
+def test_a_scene_never_tuned_on_gains(small: Restorer, scene: om.Environment):
+    found = gains(small, scene)
+    rest, outer = TARGETS["paper-spherical"]
+    assert found.gain_db[0] > rest
+    assert found.gain_db[1] > outer
+    assert found.tenths_db.min() > -0.2
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("name", TARGETS)
+@pytest.mark.parametrize("kind", ["dead leaves", "hall"])
+def test_sensors_of_the_paper_gain_what_was_promised(name: str, kind: str):
+    """On two kinds of scene that nothing was tuned on."""
+    found = gains(Restorer(om.load_sensor(name)), dead_leaves() if kind == "dead leaves" else om.simulate.Hall())
+    assert found.gain_db[0] > TARGETS[name][0]
+    assert found.gain_db[1] > TARGETS[name][1]
+    assert found.tenths_db.min() > -0.2
+
+
+def test_a_scene_full_of_texture_loses_nothing(small: Restorer):
+    """Clouds, whose finest detail drowns in the noise, leave little to gain."""
+    found = gains(small, clouds(1024))
+    assert found.gain_db[0] > -0.1
+    assert found.gain_db[1] > 0.5
+
+
+def test_near_things_are_blurred_otherwise(scene: om.Environment):
+    """A wall all around at 300 mm: its own blur restores more than that of distant things."""
+    sensor = faster(om.load_sensor("paper-hyperboloidal"), 256, 1.0)
+    near = Around(scene, 300.0)
+    right, wrong = (gains(Restorer(sensor, distance), near).gain_db for distance in (300.0, np.inf))
+    assert right[0] > wrong[0] + 0.1
+    assert right[1] > wrong[1] + 2
+    assert right.min() > 2.5
+
+
+@pytest.mark.parametrize("level", [0.15, 0.5, 0.85])
+def test_noise_is_not_amplified(small: Restorer, level: float):
+    rng = np.random.default_rng(5)
+    noisy = np.rint(255 * np.clip(level + 0.01 * rng.standard_normal((256, 256)), 0, 1)).astype(np.uint8)
+    restored = small(noisy, 0.01)
+    where = small.share > 0.9
+    assert restored[where].std() < 0.5 * noisy[where].std()
+    assert restored[where].mean() == pytest.approx(noisy[where].mean(), abs=0.5)
+
+
+def test_edges_do_not_ring(small: Restorer):
+    """Black and white quarters of the sky: what is restored leaves their range by little."""
+    columns = (np.arange(720) // 45) % 2
+    light = np.broadcast_to(np.where(columns, 0.6, 0.1)[None, :, None], (360, 720, 3)).astype(np.float32)
+    blurred = om.take_picture(small.camera, om.Environment(np.ascontiguousarray(light)), 256, blur=True)
+    sharp = om.take_picture(small.camera, om.Environment(np.ascontiguousarray(light)), 16)
+    restored = small(blurred, 0.01).astype(float)
+    where = (small.share > 0.9) & (small.radius > 40)
+    low, high = np.percentile(sharp[where], [1, 99])
+    assert restored[where].max() < high + 0.03 * 255
+    assert restored[where].min() > low - 0.03 * 255
+
+
+@pytest.mark.parametrize("kind", ["uint8", "uint16", "float32"])
+def test_kinds_of_pictures_agree(small: Restorer, scene: om.Environment, kind: str):
+    light = om.expose(small.camera, scene, 32, blur=True)
+    of_kind = {
+        "uint8": lambda: om.take_picture(small.camera, scene, 32, blur=True),
+        "uint16": lambda: om.take_picture(small.camera, scene, 32, blur=True) * np.uint16(257),
+        "float32": lambda: light,
+    }[kind]()
+    restored = small(of_kind, 0.01)
+    assert restored.dtype == of_kind.dtype
+    assert restored.shape == of_kind.shape
+    from omnimirror.simulate.colour import srgb_from_linear
+
+    full = {"uint8": 255, "uint16": 65535}.get(kind)
+    values = srgb_from_linear(restored) if full is None else restored / full
+    reference = small(om.take_picture(small.camera, scene, 32, blur=True), 0.01) / 255
+    assert np.sqrt(((values - reference) ** 2).mean()) < 0.006
+
+
+def test_alpha_and_what_is_outside_stay(small: Restorer):
+    picture = np.random.default_rng(0).integers(0, 255, (256, 256, 4), dtype=np.uint8)
+    restored = small(picture, 0.05)
+    np.testing.assert_array_equal(restored[..., 3], picture[..., 3])
+    outside = small.share == 0
+    np.testing.assert_array_equal(restored[outside], picture[outside])
+    assert (restored[~outside] != picture[~outside]).any()
+
+
+def test_a_flipped_picture_is_restored_flipped(small: Restorer, scene: om.Environment):
+    """Off the middle, too, where flipping moves the optical axis; neighbours count to one side, so not to the byte."""
+    sensor = replace(small.camera, imager=replace(small.camera.imager, centre_px=(110.0, 128.0)))
+    picture = om.take_picture(sensor, scene, 32, blur=True)
+    flipped = replace(sensor, mount=replace(sensor.mount, image_flipped=True))
+    restored = om.restore(sensor, picture, 0.01).astype(float)
+    other = om.restore(flipped, np.ascontiguousarray(picture[:, ::-1]), 0.01)[:, ::-1]
+    assert np.sqrt(((other - restored) ** 2).mean()) < 0.3 * np.sqrt(((picture - restored) ** 2).mean())
+
+
+def test_what_lies_beyond_the_rim_changes_nothing_within(small: Restorer, scene: om.Environment):
+    """A wall, a window or a lamp behind the mirror: up to the last pixel that is restored."""
+    picture = om.take_picture(small.camera, scene, 32, blur=True)
+    beyond = small.radius > small.known.whole_radius_px
+    others = [picture.copy(), picture.copy()]
+    others[0][beyond] = 255
+    others[1][beyond] = np.random.default_rng(1).integers(0, 255, (int(beyond.sum()), 3))
+    restored = small(picture, 0.01)
+    for other in others:
+        np.testing.assert_array_equal(small(other, 0.01)[~beyond], restored[~beyond])
+    assert (restored[~beyond] != picture[~beyond]).any()
+
+
+def test_a_ball_and_a_calibrated_camera_are_restored_by_the_blur_that_is_told(small: Restorer, scene: om.Environment):
+    """A sensor's picture taken for theirs, the blur told by each way: as the sensor's own, up to the rim."""
+    picture = om.take_picture(small.camera, scene, 32, blur=True)
+    centre, rim = small.camera.symmetry.centre_px, small.camera.rim_radius_px
+    ball = om.MirrorBall(centre, rim, 360.0, (256, 256))
+    ocam = om.OCam((-60.0, 0.0, 0.004), centre, (256, 256), rim_radius_px=rim)
+    radii = np.linspace(0, 130, 66)
+    table = np.stack([radii, *small.known.sizes(radii)], axis=-1)
+    inner = small.radius < 0.9 * rim
+    expected = small(picture, 0.01).astype(float)
+    gain = np.sqrt(((expected - picture)[inner] ** 2).mean())
+    for camera, told in ((ball, table), (ocam, table), (ball, small.known.sizes), (small.camera, table)):
+        found = om.restore(camera, picture, 0.01, blur=told)
+        assert np.sqrt(((found - expected)[inner] ** 2).mean()) < 0.05 * gain
+
+
+@pytest.mark.parametrize("times", [1.4, pytest.param(2.0, marks=pytest.mark.full)])
+def test_blur_told_too_large_is_found_and_lowered(small: Restorer, scene: om.Environment, times: float):
+    """Told what its picture shows, nothing is lowered; told more, about what it shows is taken out."""
+    noisy = om.take_picture(small.camera, scene, 64, blur=True) + 2.55 * np.random.default_rng(1).standard_normal(3)
+    picture = np.clip(noisy, 0, 255).astype(np.uint8)
+    assert small.shown_share(picture, 0.01) == 1
+    told = Restorer(small.camera, told=small.known.scaled(times).sizes)
+    assert told.shown_share(picture, 0.01) * times == pytest.approx(1.0, abs=0.25)
+
+
+@pytest.mark.parametrize("quality", [pytest.param(90, marks=pytest.mark.full), 75])
+def test_coded_pictures_lose_nothing(small: Restorer, scene: om.Environment, quality: int):
+    """With the noise estimated from the picture alone: neither blocks nor ringing are sharpened."""
+    sharp = om.take_picture(small.camera, scene, 16)
+    blurred = om.take_picture(small.camera, scene, 64, blur=True)
+    noisy = blurred + 2.55 * np.random.default_rng(1).standard_normal(blurred.shape)
+    byte = np.clip(noisy, 0, 255).astype(np.uint8)
+    coded = cv2.imencode(".jpg", byte[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
+    given = np.ascontiguousarray(cv2.imdecode(coded, cv2.IMREAD_COLOR)[..., ::-1])
+    restored = small(given)
+    for tenth in range(10):
+        ring = (small.radius * 10 / small.camera.rim_radius_px).astype(int) == tenth
+        before, after = (((picture[ring].astype(float) - sharp[ring]) ** 2).mean() for picture in (given, restored))
+        assert 10 * np.log10(before / after) > -0.3
+
+
+@pytest.mark.parametrize(
+    ("told", "sentence"),
+    [
+        (None, "nothing is known of the blur of MirrorBall"),
+        (-1.0, "blur = -1 px is outside 0 to 30 px"),
+        ((1.0, np.nan), "blur = nan px is outside"),
+        ([[0, 1, 1], [0, 2, 2]], "do not increase"),
+        ([[0, 1]], r"shape \(1, 2\) is not valid"),
+        (lambda radius: (radius, radius, radius), "returns 3 values"),
+    ],
+)
+def test_blur_that_cannot_be_is_refused(told, sentence: str):
+    ball = om.MirrorBall((31.5, 31.5), 30.0, 360.0, (64, 64))
+    with pytest.raises(InvalidParameter, match=sentence):
+        om.restore(ball, np.zeros((64, 64), np.uint8), 0.01, blur=told)
+
+
+def test_what_cannot_be_restored_is_refused(small: Restorer):
+    with pytest.raises(InvalidParameter, match="20 x 10 px"):
+        small(np.zeros((10, 20), np.uint8))
+    with pytest.raises(InvalidParameter, match="int32"):
+        small(np.zeros((256, 256), np.int32))
+    with pytest.raises(InvalidParameter, match="noise = 3 is outside"):
+        small(np.zeros((256, 256), np.uint8), 3)
+    with pytest.raises(InvalidParameter, match="noise = nan is outside"):
+        small(np.zeros((256, 256), np.uint8), float("nan"))
+    light = np.full((256, 256), 0.5, np.float32)
+    light[7, 7:9] = np.nan, np.inf
+    with pytest.raises(InvalidParameter, match="2 values that are NaN or infinite"):
+        small(light, 0.01)
+    tilted = replace(small.camera, mirror_pose=MirrorPose(tilt_x_deg=0.5))
+    with pytest.raises(InvalidParameter, match="decentred or tilted"):
+        om.restore(tilted, np.zeros((256, 256), np.uint8))

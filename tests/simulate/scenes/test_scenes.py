@@ -1,0 +1,74 @@
+"""Environments and textured surfaces: against closed forms, and the compiled search against all pairs."""
+
+import numpy as np
+import pytest
+
+from omnimirror.errors import InvalidParameter
+from omnimirror.frames import pan_tilt_direction
+from omnimirror.native import compiled
+from omnimirror.simulate import Environment
+from omnimirror.simulate.scenes.surfaces import Surfaces, Texture
+
+needs_native = pytest.mark.skipif(compiled() is None, reason="nothing was compiled here")
+
+
+def test_an_environment_shows_pan_and_tilt_where_they_are():
+    height, width = 90, 180
+    pan = np.radians((np.arange(width) + 0.5) / width * 360 - 180)
+    tilt = np.radians(90 - (np.arange(height) + 0.5) / height * 180)
+    light = np.stack(np.broadcast_arrays(np.cos(pan) + 1, (tilt + 2)[:, None], np.sin(pan) + 1), axis=-1)
+    world = Environment(light.astype(np.float32), heading_deg=20.0)
+    pans, tilts = np.radians([0.0, 77.0, -179.9, 179.9]), np.radians([0.0, 40.0, -60.0, 10.0])
+    seen = world.radiance(np.zeros((4, 3)), pan_tilt_direction(pans, tilts))
+    turned = pans - np.radians(20.0)
+    np.testing.assert_allclose(seen, np.stack([np.cos(turned) + 1, tilts + 2, np.sin(turned) + 1], -1), atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("light", "words"),
+    [(np.ones((4, 8), np.float32), "height, width, 3"), (-np.ones((4, 8, 3), np.float32), "no light")],
+)
+def test_what_is_no_environment_is_refused(light, words):
+    with pytest.raises(InvalidParameter, match=words):
+        Environment(light)
+
+
+def clutter(count: int, rng: np.random.Generator) -> Surfaces:
+    places = np.concatenate([rng.uniform(-5, 5, (count, 1, 3)), rng.normal(0, 1.5, (count, 2, 3))], axis=1)
+    textures = (
+        Texture(rng.uniform(0, 1, (5, 7, 4)).astype(np.float32)),
+        Texture(rng.uniform(0, 1, (3, 2, 4)).astype(np.float32), repeats=True),
+    )
+    texels = rng.uniform(-3, 9, (count, 3, 2))
+    return Surfaces(places, texels, rng.integers(0, 2, count), rng.random(count) < 0.5, textures)
+
+
+@needs_native
+@pytest.mark.parametrize("count", [0, 1, 2, 3, 50, 400])
+def test_the_first_surface_met_is_the_nearest_of_all(count):
+    rng = np.random.default_rng(count)
+    scene = clutter(count, rng)
+    origins, directions = rng.uniform(-6, 6, (3000, 3)), rng.normal(size=(3000, 3))
+    directions[:300, 0] = 0.0  # along planes of the boxes, too
+    fast = scene.seen(origins, directions)
+    if not count:
+        assert np.isinf(fast.distance).all()
+        return
+    slow = scene._seen_by_all(origins, directions)
+    same = np.isclose(fast.distance, slow.distance, rtol=1e-4) | (np.isinf(fast.distance) & np.isinf(slow.distance))
+    assert same.mean() > 0.998  # rays that graze an edge
+    met = same & np.isfinite(slow.distance)
+    assert count < 50 or met.mean() > 0.15
+    assert np.quantile(np.abs(fast.light - slow.light)[met], 0.99) < 2e-3
+
+
+def test_a_texture_lies_on_its_surface_as_one_reads_it():
+    texels = np.zeros((2, 3, 4), np.float32)
+    texels[..., 0] = [[0, 1, 2], [3, 4, 5]]
+    wall = np.array([[[5.0, 3.0, 2.0], [0, -6, 0], [0, 0, -4]]])  # corner top left, as seen from the origin
+    scene = Surfaces(
+        wall, np.array([[[-0.5, -0.5], [3, 0], [0, 2]]]), np.zeros(1, int), np.zeros(1, bool), (Texture(texels),)
+    )
+    towards = np.array([[5.0, 2.0, 1.0], [5.0, -2.0, 1.0], [5.0, 0.0, -1.0], [5.0, 0.0, 0.0], [-5.0, 0.0, 0.0]])
+    seen = scene.seen(np.zeros((5, 3)), towards)
+    np.testing.assert_allclose(seen.light[:, 0], [0, 2, 4, 2.5, 0], atol=1e-4)
