@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -17,6 +16,7 @@ from .imagers import Imager
 from .lenses import Lens, Perspective
 from .mirrors import Mirror, Secondary
 from .mirrors.pose import MirrorPose
+from .numerics.lazy import cached_property
 from .tracing.folded import FoldedMirror
 from .tracing.meridian import ROUNDING, ChiefRays, Meridian
 from .tracing.posed import PosedMirror

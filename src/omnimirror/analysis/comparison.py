@@ -8,7 +8,6 @@ import json
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
@@ -19,6 +18,7 @@ from ..arguments import instance
 from ..errors import InvalidParameter
 from ..files import write_text
 from ..lenses import Perspective
+from ..numerics.lazy import cached_property
 from ..sensor import Sensor, check_sensor
 from .evaluation import Evaluation, evaluate
 from .meridional.focus import BestFocus, best_focus

@@ -13,7 +13,6 @@ left aside, and projection solves the direct polynomial itself.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -25,6 +24,7 @@ from ..arguments import file_name, finite, float_of, optional_number, shown
 from ..errors import InvalidParameter, OmnimirrorError, SpecError
 from ..files import read_text
 from ..frames import Mount
+from ..numerics.lazy import cached_property
 from ..numerics.roots import increasing_root
 from .base import CentralCamera
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -14,6 +13,7 @@ from ..arguments import WrongKind, instance, shown
 from ..cameras import Camera, Mask
 from ..errors import InvalidParameter, OutsideField
 from ..native import compiled
+from ..numerics.lazy import cached_property
 from .camera_field import field_of, ring_of
 from .maps.coordinates import is_separable, screen_grid, screen_rings, source_pixels
 from .maps.polar import Rings

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..analysis import Evaluation, evaluate, field_angles
 from ..errors import InvalidParameter
 from ..lenses import BlurMode
+from ..numerics.lazy import cached_property
 from ..sensor import Sensor
 from .style import PALETTE
 

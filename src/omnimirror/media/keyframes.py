@@ -7,7 +7,6 @@ import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -16,6 +15,7 @@ import numpy as np
 from .. import files
 from ..arguments import float_of, shown
 from ..errors import MediaError, SpecError
+from ..numerics.lazy import cached_property
 
 Interpolation = Literal["smooth", "linear"]
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
@@ -11,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import InvalidParameter
+from ..numerics.lazy import cached_property
 from ..parameters import Parameter
 from .base import RIM_RADIUS, Array, Mirror, near_apex
 from .measured.columns import CLOUD_FILE, GRID_FILE, PROFILE_FILE, read_columns

@@ -8,13 +8,13 @@ than that of the optics.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import InvalidParameter
+from ..numerics.lazy import cached_property
 from ..parameters import Parameter
 from .base import RIM_RADIUS, Array, Mirror, near_apex
 

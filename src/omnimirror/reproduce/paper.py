@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,6 +13,7 @@ from ..figures.curves import sphere_for
 from ..figures.subjects import EXACT, PAPER, Basis
 from ..lenses import Orthographic, Perspective
 from ..mirrors import EvenPolynomial, Hyperboloid, Mirror, Sphere
+from ..numerics.lazy import cached_property
 from ..sensor import Sensor
 from ..specs import load_sensor
 from ..tracing.meridian import ChiefRays, trace_chief_rays

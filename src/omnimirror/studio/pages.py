@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import gzip
 import hashlib
-from functools import cached_property
 
 from starlette.requests import Request
 from starlette.responses import Response
+
+from ..numerics.lazy import cached_property
 
 
 class PageFile:

@@ -9,13 +9,13 @@ secondary the two ways are one, and all that is computed here is what one mirror
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..mirrors import Mirror, Secondary
+from ..numerics.lazy import cached_property
 from ..numerics.roots import NEWTON_CLOSE
 from . import space
 from .reflection import LONGEST_STEP, MAX_STEPS, REFLECTS, RIM_SLACK, Ends, Specular, Surface

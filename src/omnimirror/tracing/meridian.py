@@ -8,7 +8,6 @@ mirror vertex, infinite under an orthographic lens.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import InvalidParameter, NotOneToOne, OutsideField, OutsideMirror, SelfObstruction
 from ..mirrors import Mirror
 from ..mirrors.base import sagittal_radius, tangential_radius
+from ..numerics.lazy import cached_property
 from ..numerics.roots import increasing_root
 from .proofs import stops_growing
 

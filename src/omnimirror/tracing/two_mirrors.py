@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -18,6 +17,7 @@ from scipy.optimize import brentq
 
 from ..errors import NotOneToOne, SelfObstruction
 from ..mirrors import Secondary
+from ..numerics.lazy import cached_property
 from ..numerics.roots import increasing_root
 from .meridian import NODES, Array, ChiefRays, Meridian, checked, trace_chief_rays
 

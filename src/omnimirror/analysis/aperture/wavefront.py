@@ -10,13 +10,14 @@ that direction.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InvalidParameter
 from ...lenses import Perspective
+from ...numerics.lazy import cached_property
 from ...sensor import Sensor
 from .bundles import Bundles
 from .pupil import gaussian

@@ -10,12 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ...numerics.lazy import cached_property
 from .imaging import ImagingCharacteristics
 
 Array = NDArray[np.float64]

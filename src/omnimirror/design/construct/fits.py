@@ -10,7 +10,6 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
@@ -20,6 +19,7 @@ from ...errors import InvalidParameter, OmnimirrorError
 from ...mirrors import ConicAsphere, EvenPolynomial, Mirror
 from ...mirrors.aspheres import even_polynomial
 from ...mirrors.conics import conic_profile
+from ...numerics.lazy import cached_property
 from ...tracing.meridian import Meridian
 from .rim import PlacedMirror, Rim
 

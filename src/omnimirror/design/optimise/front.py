@@ -11,7 +11,7 @@ import json
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import partial
 from importlib import import_module
 from math import comb
 from pathlib import Path
@@ -25,6 +25,7 @@ from ...arguments import file_name
 from ...batch.optics import DEGREE
 from ...errors import InvalidParameter, OmnimirrorError
 from ...files import replacing
+from ...numerics.lazy import cached_property
 from ...sensor import Sensor
 from ..criteria.merits import Merit, field_of_evaluation, merit_named
 from .objective import requirements_of

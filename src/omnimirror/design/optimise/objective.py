@@ -7,13 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...batch.bases import Basis
+from ...numerics.lazy import cached_property
 from ...numerics.minimax import Rows, Values
 from ..criteria.merits import Field, Merit
 from .problem import ends

@@ -10,7 +10,6 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +20,7 @@ from ...errors import InvalidParameter, OmnimirrorError
 from ...files import LARGEST_TEXT, read_bytes, write_text
 from ...imagers import Imager
 from ...mirrors import Equidistant, Mirror, SlopeSpline, Sphere
+from ...numerics.lazy import cached_property
 from ...numerics.minimax import Minimum, least_mean, least_worst
 from ...sensor import Sensor
 from ..criteria.field_angles import hidden_deg

@@ -9,7 +9,6 @@ as a range. Under a telecentric lens Theta is 0 and there is no distance.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,6 +18,7 @@ from ...batch.bases import Basis, Family, family
 from ...batch.evaluate import BatchEvaluation, Designs, evaluate_designs
 from ...batch.optics import DEGREE, Camera, TelecentricCamera, node_optics, telecentric_optics
 from ...mirrors.conics import conic_profile
+from ...numerics.lazy import cached_property
 from ...sensor import Sensor
 from ..criteria.merits import Field, field_at, field_of
 from .problem import DesignProblem, ends, imager_radius_px

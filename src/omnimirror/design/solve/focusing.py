@@ -13,7 +13,6 @@ kept, the size of the image and the resolution, if there are any.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -21,6 +20,7 @@ from numpy.typing import NDArray
 
 from ...batch.optics import Camera, NodeOptics, TelecentricCamera, node_optics, telecentric_optics
 from ...lenses import Lens, Perspective
+from ...numerics.lazy import cached_property
 from ...sensor import Sensor
 from ..criteria.field_angles import Counted
 from ..criteria.merits import Field, field_at

@@ -9,12 +9,12 @@ they are fitted; what a fit adds at some point is taken for the same at all othe
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import OmnimirrorError
+from ...numerics.lazy import cached_property
 from ...numerics.minimax import Minimum, Rows, Values, least_worst
 from ..criteria.requirements import Requirements
 from ..optimise.objective import IMAGE

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property
 from itertools import product
 from typing import NamedTuple
 
 import numpy as np
 
 from ...errors import OmnimirrorError
+from ...numerics.lazy import cached_property
 from ..criteria.requirements import Requirements
 from .candidates import Choice, Made, given, make
 from .leeway import AREA, Goal, Key, Leeway

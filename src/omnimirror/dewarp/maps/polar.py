@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...cameras import inside_image
+from ...numerics.lazy import cached_property
 from ..sampling.footprints import CELL_PX, RULES, Averages, Ring, averages_of, squares_of_rings
 from ..sampling.remap import Border, FixedMap, Image, Interpolation, remap_polar
 

@@ -8,7 +8,7 @@ by one product; the other where the rays start, with which the ray that meets a 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from ...cameras import AxialSymmetry, Camera, Mask, inside_image
 from ...frames import turned
 from ...native import compiled
+from ...numerics.lazy import cached_property
 
 Array = NDArray[np.float64]
 

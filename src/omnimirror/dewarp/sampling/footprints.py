@@ -10,13 +10,13 @@ far apart they stand, from the footprint of each pixel, so that cells join witho
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...native import compiled
+from ...numerics.lazy import cached_property
 
 Squares = NDArray[np.float32]
 """Squared length of the longest sides of footprints in each cell, (cell rows, cell columns, 2): across and down,

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache
 from typing import Any, Literal, Self
 
 import cv2
@@ -26,6 +26,7 @@ from ...arguments import instance, shown
 from ...errors import InvalidParameter
 from ...media.pictures.images import FULL
 from ...native import compiled
+from ...numerics.lazy import cached_property
 from .footprints import (
     CELL_PX,
     RULES,

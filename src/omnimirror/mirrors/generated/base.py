@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from dataclasses import dataclass
-from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ...errors import InvalidParameter
+from ...numerics.lazy import cached_property
 from ...parameters import Parameter
 from ..base import RIM_RADIUS, Array, Mirror
 from .meridian import GeneratedMeridian, OrthographicMeridian, PerspectiveMeridian

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ...numerics.lazy import cached_property
 from ...parameters import Parameter
 from ..base import Array
 from ..conics import Hyperboloid, Paraboloid, conic_profile

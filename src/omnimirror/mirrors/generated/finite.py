@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -19,6 +19,7 @@ from numpy.polynomial import Chebyshev, chebyshev
 from numpy.typing import ArrayLike, NDArray
 
 from ...errors import InvalidParameter
+from ...numerics.lazy import cached_property
 from ...parameters import Parameter
 from ..base import Array
 from .base import OMEGA_MIN, Generated

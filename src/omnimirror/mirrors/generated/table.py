@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ...errors import InvalidParameter
+from ...numerics.lazy import cached_property
 from ...parameters import Parameter
 from ..base import RIM_RADIUS, Array, near_apex
 from ..measured.columns import MAPPING_FILE

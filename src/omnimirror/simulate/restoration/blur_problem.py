@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from functools import cached_property
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ...numerics.lazy import cached_property
 from .blurring import Blur, BlurSize, blur_kernels
 from .deconvolution import BLUR_PX, DARK, ROUNDS, SATURATED, STEPS, solve
 from .noise import Noise

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 from ...arguments import instance
 from ...cameras import Camera
 from ...errors import InvalidParameter
+from ...numerics.lazy import cached_property
 from ..colour import Light, linear_from_srgb, srgb_from_linear
 from .blur_problem import BlurProblem
 from .blur_scale import BlurScale

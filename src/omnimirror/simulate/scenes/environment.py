@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +14,7 @@ from ...errors import InvalidParameter
 from ...frames import turned
 from ...media import read_image
 from ...native import compiled
+from ...numerics.lazy import cached_property
 from ..colour import Light, linear_from_srgb
 from .contract import Array
 

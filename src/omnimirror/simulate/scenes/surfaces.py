@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...native import compiled
+from ...numerics.lazy import cached_property
 from ..colour import Light
 from .contract import Array
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ....errors import InvalidParameter
 from ....native import compiled
+from ....numerics.lazy import cached_property
 from ...colour import Light
 from ..boxes import FACES, Face, face_of, meet
 from ..canvas import Canvas, Extent
