@@ -12,9 +12,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
+from ..analysis.section import lens_height
 from ..sensor import Sensor
 from .curves import value_limits
-from .raytraces import lens_height
 from .style import PAGE, angle_axis, bare, new_figure, panel_title, styled, zero_line
 from .subjects import EXACT, Subject, subjects_of, widest
 
@@ -92,7 +92,7 @@ def _cross_sections(ax: Axes, subjects: Sequence[Subject]) -> None:
             x = np.linspace(-half, half, 101)
             ax.plot(x, second.height(np.abs(x)), **look)
             way.append((at, float(second.height(first.x))))
-        lens = (at if s.sensor.lens.TELECENTRIC else 0.0, lens_height(s))
+        lens = (at if s.sensor.lens.TELECENTRIC else 0.0, lens_height(s.sensor))
         ax.plot(*np.transpose([*way, lens]), color=s.colour, linewidth=0.5)
         if not s.sensor.lens.TELECENTRIC:
             ax.plot(*lens, "o", color=s.colour, markersize=3.2, clip_on=False)

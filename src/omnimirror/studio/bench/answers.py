@@ -8,11 +8,21 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...analysis import Evaluation
+from ...analysis import Evaluation, evaluate, field_angles
+from ...analysis.section import (
+    NEAR_OBJECTS,
+    Curve,
+    focus_band,
+    image_curves,
+    is_as_seen,
+    lens_half_width,
+    lens_height,
+    mirror_curve,
+    secondary_curve,
+    ways_to_lens,
+)
 from ...design.criteria.merits import length_mm
 from ...errors import OmnimirrorError
-from ...figures.raytraces import focus_band, image_curves, is_as_seen, lens_height, ways_to_lens
-from ...figures.subjects import Basis, Subject
 from ...sensor import Sensor
 from .framing import framed
 from .judging import imager_radius_px, judge
@@ -30,7 +40,8 @@ SQUARES = (
     "omega_deg", "h_px", "dh_domega_px_per_deg", "width_px_per_deg", "blur_t_px", "blur_s_px", "blur_t_deg",
     "blur_s_deg",
 )  # fmt: skip
-PROFILE = 121
+NODES = 361  # of a curve
+PROFILE = 121  # points of a mirror, from axis to rim
 IMAGE_NODES = 3  # every third field angle is enough for the curves of virtual images
 
 
@@ -45,9 +56,11 @@ class Values(NamedTuple):
 class Design:
     """A sensor as asked about."""
 
-    subject: Subject
     curve: Evaluation
     marks: Evaluation
+    """Every 15 degrees of the field."""
+    far: Evaluation
+    """The field with distant objects, whatever was asked."""
 
 
 def answer(ask: Ask) -> bytes:
@@ -80,8 +93,10 @@ def _answer(ask: Ask, **told: object) -> Answer:
 
 
 def _evaluated(sensor: Sensor, object_distance_mm: float) -> Design:
-    asked = Subject(sensor, "", Basis(object_distance_mm=object_distance_mm))
-    return Design(Subject(sensor, ""), asked.curve, asked.marks)
+    field = np.linspace(*sensor.field_deg, NODES)
+    curve = evaluate(sensor, field, object_distance_mm=object_distance_mm)
+    marks = evaluate(sensor, field_angles(sensor, 15.0), object_distance_mm=object_distance_mm)
+    return Design(curve, marks, curve if np.isinf(object_distance_mm) else evaluate(sensor, field))
 
 
 def _block(name: str, columns: tuple[str, ...], result: Evaluation) -> Values:
@@ -90,7 +105,7 @@ def _block(name: str, columns: tuple[str, ...], result: Evaluation) -> Values:
 
 
 def _facts(design: Design, not_optimised: str | None) -> Facts:
-    sensor, e = design.subject.sensor, design.curve
+    sensor, e = design.curve.sensor, design.curve
     near, far = e.depth_of_field_mm
     blurs = np.maximum(np.abs(e.blur_t_px), np.abs(e.blur_s_px))
     resolution = np.minimum(e.dh_domega_px_per_deg, e.width_px_per_deg)
@@ -120,34 +135,34 @@ def finite(value: float) -> float | None:
 
 def _section(design: Design) -> list[Values]:
     """The cross-section: mirrors, lens, chief rays on the sensor's side, virtual images, depth of field."""
-    subject, second = design.subject, design.subject.sensor.secondary
-    M, lens = subject.rim_mm, lens_height(subject)
-    x = np.linspace(-M, M, 2 * PROFILE - 1)
-    z = subject.sensor.mirror.sag(np.abs(x))
-    if second is not None and lens > 0:
-        z = np.where(np.abs(x) < second.bore_radius_mm, np.nan, z)
-    found = [_lines("mirror", x, z)]
-    if second is not None:
-        rim = second.mirror.rim_radius_mm
-        x = np.linspace(-rim, rim, PROFILE)
-        found.append(_lines("secondary", x, second.height(np.abs(x))))
-    half = float(subject.sensor.meridian.trace(M).first.x[()]) if subject.sensor.lens.TELECENTRIC else 0.18 * M
-    found.append(_lines("lens", np.array([-half, half]), np.array([lens, lens])))
-    found += _rays(design, lens)
-    if is_as_seen(subject):
-        for name, image_x, image_z, _ in image_curves(subject):
-            found.append(_lines(name, image_x[::IMAGE_NODES], image_z[::IMAGE_NODES]))
-        found.append(_lines("focus", np.zeros(3), np.array(focus_band(subject))))
+    sensor = design.curve.sensor
+    found = [_lines("mirror", mirror_curve(sensor, 2 * PROFILE - 1))]
+    if (second := secondary_curve(sensor, PROFILE)) is not None:
+        found.append(_lines("secondary", second))
+    half, lens = lens_half_width(sensor), lens_height(sensor)
+    found.append(_lines("lens", Curve(np.array([-half, half]), np.array([lens, lens]))))
+    found += _rays(design.marks)
+    if is_as_seen(sensor):
+        for name, curve in _virtual_images(design.far):
+            found.append(_lines(name, Curve(curve.x[::IMAGE_NODES], curve.z[::IMAGE_NODES])))
+        found.append(_lines("focus", Curve(np.zeros(3), np.array(focus_band(design.far)))))
     return found
 
 
-def _rays(design: Design, lens: float) -> list[Values]:
+def _virtual_images(far: Evaluation) -> list[tuple[str, Curve]]:
+    """Of distant objects, and of near ones."""
+    near_mm = NEAR_OBJECTS * far.sensor.mirror.rim_radius_mm
+    near = evaluate(far.sensor, x_mm=far.x_mm, object_distance_mm=near_mm)
+    (t_far, s_far), (t_near, s_near) = image_curves(far), image_curves(near)
+    return [("T∞", t_far), (f"T{NEAR_OBJECTS:g}M", t_near), ("S∞", s_far), (f"S{NEAR_OBJECTS:g}M", s_near)]
+
+
+def _rays(marks: Evaluation) -> list[Values]:
     """Chief rays from their mirror points to the lens, every 15 degrees."""
-    marks = design.marks
-    ways = ways_to_lens(design.subject, marks.x_mm, lens)
+    ways = ways_to_lens(marks.sensor, marks.x_mm)
     rays = zip(marks.x_mm, marks.z_mm, marks.omega_deg, ways, strict=True)
-    return [_lines(f"ray {omega:g}", *np.array([(x, z), *way]).T) for x, z, omega, way in rays]
+    return [_lines(f"ray {omega:g}", Curve(*np.array([(x, z), *way]).T)) for x, z, omega, way in rays]
 
 
-def _lines(name: str, x: Array, z: Array) -> Values:
-    return Values(Block(name=name, columns=("x_mm", "z_mm"), rows=len(x)), np.stack([x, z]))
+def _lines(name: str, curve: Curve) -> Values:
+    return Values(Block(name=name, columns=("x_mm", "z_mm"), rows=len(curve.x)), np.stack(curve))

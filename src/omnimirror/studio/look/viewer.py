@@ -16,7 +16,7 @@ from ..messages import Embedded
 from ..uploads import eight_bits, encoded
 from .tables import MountedCamera, camera_model, camera_tables, title_of
 
-PAGE = Path(__file__).parent / "page" / "index.html"
+PAGE = Path(__file__).parents[1] / "page" / "index.html"
 BENCH = PAGE.with_name("bench.js")
 PLACE = "<!--embedded-->"
 KINDS = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg"}

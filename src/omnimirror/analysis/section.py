@@ -1,0 +1,124 @@
+"""The sensor in cross-section (Fig. 4): mirrors, lens, chief rays, virtual images and the depth of field, as numbers.
+
+All places are (x, z) in millimetres in the frame of the mirror: x from the axis, z from its vertex away from the lens.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..lenses import Perspective
+from ..mirrors import Flat
+from ..sensor import Sensor
+from .evaluation import Evaluation
+
+Array = NDArray[np.float64]
+
+NEAR_OBJECTS = 5.0  # distance of the near objects that a section shows, in rim radii
+TELECENTRIC_LENS = 2.5  # drawn so far from the vertex, in rim radii: a telecentric lens stands anywhere
+LENS_HALF_WIDTH = 0.18  # of a perspective lens that is drawn, in rim radii
+
+
+class Curve(NamedTuple):
+    """Places x and z (n,), mm; NaN where there is nothing."""
+
+    x: Array
+    z: Array
+
+
+class FocusBand(NamedTuple):
+    """Heights z (mm) of the focus and of the near and far ends of the depth of field (Eqs. 30, 31)."""
+
+    focus: float
+    near: float
+    far: float
+
+
+def top_height(sensor: Sensor) -> float:
+    """Highest z (mm) of the mirror."""
+    return sensor.mirror.bounds[1][1]
+
+
+def lens_height(sensor: Sensor) -> float:
+    """Height z (mm) at which the lens is drawn; a telecentric one stands anywhere."""
+    m, second, rim = sensor.meridian.m, sensor.secondary, sensor.mirror.rim_radius_mm
+    if second is not None:
+        return second.lens_height(m) if np.isfinite(m) else top_height(sensor) + 0.5 * rim
+    return -m if np.isfinite(m) else -TELECENTRIC_LENS * rim
+
+
+def lens_half_width(sensor: Sensor) -> float:
+    """Half the width (mm) at which the lens is drawn: as wide as what it sees when telecentric."""
+    rim = sensor.mirror.rim_radius_mm
+    return float(sensor.meridian.trace(rim).first.x[()]) if sensor.lens.TELECENTRIC else LENS_HALF_WIDTH * rim
+
+
+def reference_height(sensor: Sensor) -> float:
+    """Height z (mm) from which the lens's object distances count; a fold in between taken out."""
+    m, second = sensor.meridian.m, sensor.secondary
+    if np.isfinite(m):
+        return -m
+    return -sensor.mirror_pose.displacement_mm if second is None else -second.distance_mm
+
+
+def focus_band(result: Evaluation) -> FocusBand:
+    """The depth of field of an evaluation, in the frame of the mirror."""
+    zero = reference_height(result.sensor)
+    near, far = result.depth_of_field_mm
+    return FocusBand(result.focus_mm + zero, near + zero, far + zero)
+
+
+def is_as_seen(sensor: Sensor) -> bool:
+    """Whether the lens sees the mirror undistorted: directly, or in a flat one."""
+    return sensor.secondary is None or isinstance(sensor.secondary.mirror, Flat)
+
+
+def mirror_curve(sensor: Sensor, nodes: int = 401) -> Curve:
+    """The mirror from rim to rim, with its bore where the camera looks through one."""
+    rim, second = sensor.mirror.rim_radius_mm, sensor.secondary
+    x = np.linspace(-rim, rim, nodes)
+    z = sensor.mirror.sag(np.abs(x))
+    is_bored = second is not None and lens_height(sensor) > 0
+    bore = second.bore_radius_mm if second is not None and is_bored else 0.0
+    return Curve(x, np.where(np.abs(x) < bore, np.nan, z))
+
+
+def secondary_curve(sensor: Sensor, nodes: int = 201) -> Curve | None:
+    """The second mirror from rim to rim, where there is one."""
+    second = sensor.secondary
+    if second is None:
+        return None
+    rim = second.mirror.rim_radius_mm
+    x = np.linspace(-rim, rim, nodes)
+    return Curve(x, second.height(np.abs(x)))
+
+
+def ways_to_lens(sensor: Sensor, x_mm: Array) -> list[list[tuple[float, float]]]:
+    """Places (x, z), mm, that the chief rays of mirror points (n,) go by to the lens, the lens last."""
+    second, lens = sensor.secondary, lens_height(sensor)
+    at = sensor.meridian.trace(x_mm).first.x
+    ends = np.zeros_like(at) if isinstance(sensor.lens, Perspective) else at
+    ways = [[(float(end), lens)] for end in ends]
+    if second is None:
+        return ways
+    return [[(float(x), float(z)), *way] for x, z, way in zip(at, second.height(at), ways, strict=True)]
+
+
+def image_curves(result: Evaluation) -> tuple[Curve, Curve]:
+    """Tangential and sagittal virtual images as the lens sees them (Eqs. 14-21); NaN where at infinity."""
+    return _seen(result, result.distance_t_mm), _seen(result, result.distance_s_mm)
+
+
+def _seen(result: Evaluation, distance: Array) -> Curve:
+    """Places of images at distances (n,), mm, from the lens along its axis, on the lines on which it sees them."""
+    if result.sensor.lens.TELECENTRIC:
+        x = result.sensor.meridian.trace(result.x_mm).first.x
+    else:
+        with np.errstate(invalid="ignore"):  # an infinite image seen exactly along the axis
+            x = distance * np.tan(np.radians(result.theta_deg))
+    z = distance + reference_height(result.sensor)
+    is_finite = np.isfinite(z)
+    return Curve(np.where(is_finite, x, np.nan), np.where(is_finite, z, np.nan))
