@@ -1,0 +1,113 @@
+"""Draws the house from the code: docs/images/floors.svg and docs/images/imports.svg.
+
+    python docs/images/architecture.py [FOLDER]
+
+Floors are those of the import rules in pyproject.toml, what is written in a room is the first line of its docstring,
+and a dot stands where a module of the room on the left imports one of the room above.
+"""
+
+from __future__ import annotations
+
+import ast
+import sys
+import textwrap
+import tomllib
+from html import escape
+from pathlib import Path
+
+import grimp
+
+ROOT = Path(__file__).parents[2]
+PACKAGE = "omnimirror"
+WIDTH, MARGIN, GAP = 1180, 16, 10
+LINE, TITLE, LETTER = 14, 20, 6.0  # heights of lines, and how wide a small letter is (px)
+CELL = 24  # of the matrix
+INK, SMALL, PAPER, DOT = "#22303c", "#4a5b68", "#eef3f6", "#2b6cb0"
+
+
+def floors() -> list[list[str]]:
+    """The rooms of each floor, from the top."""
+    rules = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
+    layers = next(rule["layers"] for rule in rules if rule["type"] == "layers")
+    rows = [[name.strip().removeprefix(f"{PACKAGE}.") for name in layer.split("|")] for layer in layers]
+    return [row for row in rows if row != ["__main__"]]
+
+
+def purpose(room: str) -> str:
+    """The first line of a room's docstring."""
+    path = ROOT / "src" / PACKAGE / room
+    file = path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
+    doc = ast.get_docstring(ast.parse(file.read_text())) or ""
+    return doc.split("\n\n")[0].replace("\n", " ").replace("`", "")
+
+
+def imports() -> set[tuple[str, str]]:
+    """Pairs of rooms of which the first reaches to the second."""
+    graph = grimp.build_graph(PACKAGE)
+    pairs = set()
+    for module in graph.modules:
+        for other in graph.find_modules_directly_imported_by(module):
+            if "." in module and "." in other:
+                pairs.add((module.split(".")[1], other.split(".")[1]))
+    return {(a, b) for a, b in pairs if a not in (b, "__main__")}
+
+
+def svg(width: float, height: float, label: str, parts: list[str]) -> str:
+    head = (
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:g} {height:g}" font-family="sans-serif" '
+        f'role="img" aria-label="{label}"><rect width="{width:g}" height="{height:g}" fill="white"/>'
+    )
+    return "\n".join([head, *parts, "</svg>", ""])
+
+
+def text(x: float, y: float, words: str, size: int, colour: str, more: str = "") -> str:
+    return f'<text x="{x:.1f}" y="{y:.1f}" font-size="{size}" fill="{colour}"{more}>{escape(words)}</text>'
+
+
+def floor_plan() -> str:
+    """Every floor a row; each room with what it is for."""
+    parts, top = [], float(MARGIN)
+    for row in floors():
+        width = (WIDTH - 2 * MARGIN - GAP * (len(row) - 1)) / len(row)
+        lines = [textwrap.wrap(purpose(room), int((width - 20) / LETTER)) for room in row]
+        height = TITLE + LINE * max(map(len, lines)) + 12
+        for i, room in enumerate(row):
+            left = MARGIN + i * (width + GAP)
+            parts.append(
+                f'<rect x="{left:.1f}" y="{top:.1f}" width="{width:.1f}" height="{height:.1f}" rx="5" fill="{PAPER}" '
+                f'stroke="{INK}"/>'
+            )
+            parts.append(text(left + 10, top + TITLE - 2, room, 14, INK, ' font-weight="bold"'))
+            for j, line in enumerate(lines[i]):
+                parts.append(text(left + 10, top + TITLE + LINE * (j + 1) - 1, line, 11, SMALL))
+        top += height + GAP
+    return svg(WIDTH, top - GAP + MARGIN, "The rooms of omnimirror, floor by floor", parts)
+
+
+def matrix() -> str:
+    """Who imports whom: rooms from the top floor down, both ways; all dots lie right of the diagonal."""
+    rooms = [room for row in floors() for room in row]
+    reached, left, top = imports(), 110, 100
+    parts = []
+    for i, room in enumerate(rooms):
+        x, y = left + i * CELL, top + i * CELL
+        if i % 2 == 0:
+            parts.append(f'<rect x="0" y="{y}" width="{left + CELL * len(rooms)}" height="{CELL}" fill="{PAPER}"/>')
+        parts.append(text(left - 8, y + CELL / 2 + 4, room, 12, INK, ' text-anchor="end"'))
+        turned = f' transform="rotate(-60 {x + CELL / 2:g} {top - 6})"'
+        parts.append(text(x + CELL / 2, top - 6, room, 12, INK, turned))
+        parts.append(f'<rect x="{x + 8}" y="{y + 8}" width="{CELL - 16}" height="{CELL - 16}" fill="#c5d0d8"/>')
+    for a, b in sorted(reached):
+        x, y = left + (rooms.index(b) + 0.5) * CELL, top + (rooms.index(a) + 0.5) * CELL
+        parts.append(f'<circle cx="{x:g}" cy="{y:g}" r="5" fill="{DOT}"/>')
+    side = CELL * len(rooms)
+    return svg(left + side + 60, top + side + MARGIN, "Which room imports which", parts)
+
+
+DRAWINGS = {"floors.svg": floor_plan, "imports.svg": matrix}
+
+
+if __name__ == "__main__":
+    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT / "docs" / "images"
+    for name, draw in DRAWINGS.items():
+        (folder / name).write_text(draw())
