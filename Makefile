@@ -52,20 +52,20 @@ format: $(VENV)/.test  ## Format the code
 	$(BIN)/ruff format .
 
 bench: $(VENV)/.full  ## Measure against other programs; tables go to out/benchmarks
-	$(BIN)/python benchmarks/evaluation.py --out out/benchmarks
-	$(BIN)/python benchmarks/exposure.py --out out/benchmarks
-	$(BIN)/python benchmarks/quality.py --out out/benchmarks
-	$(BIN)/python benchmarks/video.py --out out/benchmarks $(if $(PICTURE),--picture $(PICTURE))
-	$(BIN)/python benchmarks/live.py --out out/benchmarks $(if $(PICTURE),--picture $(PICTURE))
-	$(BIN)/python benchmarks/design.py --out out/benchmarks
-	$(BIN)/python benchmarks/design_bench.py --out out/benchmarks
-	$(BIN)/python benchmarks/restoration.py --out out/benchmarks
-	$(BIN)/python benchmarks/sampling.py --out out/benchmarks $(if $(PICTURE),--picture $(PICTURE))
-	$(BIN)/python benchmarks/moving.py --out out/benchmarks $(if $(PICTURE),--picture $(PICTURE))
-	$(BIN)/python benchmarks/studio.py --out out/benchmarks
+	$(BIN)/python benchmarks/evaluation_time.py --out out/benchmarks
+	$(BIN)/python benchmarks/exposure_time.py --out out/benchmarks
+	$(BIN)/python benchmarks/interpolation_quality.py --out out/benchmarks
+	$(BIN)/python benchmarks/video_rate.py --out out/benchmarks $(if $(PICTURE),--picture $(PICTURE))
+	$(BIN)/python benchmarks/live_delay.py --out out/benchmarks $(if $(PICTURE),--picture $(PICTURE))
+	$(BIN)/python benchmarks/design_rate.py --out out/benchmarks
+	$(BIN)/python benchmarks/slider_to_plots.py --out out/benchmarks
+	$(BIN)/python benchmarks/restoration_gain.py --out out/benchmarks
+	$(BIN)/python benchmarks/straightening_rate.py --out out/benchmarks $(if $(PICTURE),--picture $(PICTURE))
+	$(BIN)/python benchmarks/moving_views.py --out out/benchmarks $(if $(PICTURE),--picture $(PICTURE))
+	$(BIN)/python benchmarks/page_load.py --out out/benchmarks
 
 bench-page: bench  ## The same, and put the tables into docs/benchmarks.md
-	$(BIN)/python benchmarks/page.py --tables out/benchmarks
+	$(BIN)/python benchmarks/tables_to_docs.py --tables out/benchmarks
 
 clean:  ## Remove what was made, the virtual environment too
 	rm -rf $(VENV) out build web/node_modules dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache

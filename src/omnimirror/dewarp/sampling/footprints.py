@@ -57,7 +57,7 @@ class Rule:
         return np.where(squares > self.single_px**2, needed, 1).astype(np.uint8)
 
 
-# Measured on the simulated room (benchmarks/quality.py), PSNR against the supersampled scene:
+# Measured on the simulated room (benchmarks/interpolation_quality.py), PSNR against the supersampled scene:
 # - A source pixel is itself the mean over its own footprint. Averaging again over that of an output pixel that is
 #   hardly larger blurs twice: at 1:1 the plain average loses .1 dB to plain cubic, and pays four samples for it.
 #   Shortened, the average is as good as cubic up to sides of 1.2 px and as good as the full one from 2 px on.

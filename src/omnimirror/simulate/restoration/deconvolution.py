@@ -23,7 +23,7 @@ from .operators import Operator, differences, smoothness
 
 Values = NDArray[np.float32]
 
-# Tuned on the scenes of `benchmarks/restoration.py --tuning` (the room, the street, clouds of noise), and on no others.
+# Tuned on the scenes of `benchmarks/restoration_gain.py --tuning` (room, street, clouds of noise), and on no others.
 REGULARITY = 1.5  # the weight over the noise, where there is neither blur nor texture
 BLUR_PX = 0.7  # widening of pixels that halves it
 TEXTURE = 2.0  # differences that halve it, over the noise

@@ -10,8 +10,8 @@ its ten tenths. *Blur alone* is the PSNR without noise; noise alone has 40 dB. W
 told wrongly, from half of the true one to twice, could have gained at most: other weights, chosen by who knows the
 truth.
 
-    python benchmarks/restoration.py --environment museum.hdr lawn.jpg --out out/benchmarks
-    python benchmarks/restoration.py --tuning                # the scenes that weights were tuned on
+    python benchmarks/restoration_gain.py --environment museum.hdr lawn.jpg --out out/benchmarks
+    python benchmarks/restoration_gain.py --tuning                # the scenes that weights were tuned on
 """
 
 from __future__ import annotations
@@ -188,9 +188,9 @@ def main() -> None:
     parser.add_argument("--crops", type=Path, help="write parts of the pictures, side by side")
     arguments = parser.parse_args()
     if arguments.tuning:
-        name, scenes = "restoration_tuning", {"room": om.Room(), "street": Street(), "clouds": clouds()}
+        name, scenes = "restoration_gain_tuning", {"room": om.Room(), "street": Street(), "clouds": clouds()}
     else:
-        name, scenes = "restoration", {"hall": Hall(), "dead leaves": dead_leaves()}
+        name, scenes = "restoration_gain", {"hall": Hall(), "dead leaves": dead_leaves()}
         scenes |= {p.stem: exposed(p) for p in arguments.environment}
     lines = [circumstances()]
     for line in table(arguments.sensor, scenes, arguments.out, TOLD if arguments.best else ()):

@@ -4,7 +4,7 @@ A design is evaluated at 100 field angles: mapping, tangential and sagittal imag
 focus. All run interleaved in one process; medians. Optiland's analysis gives mapping aside tangential and sagittal
 focus only, for fields below 90 deg, and no best focus.
 
-    python benchmarks/design.py --out out/benchmarks
+    python benchmarks/design_rate.py --out out/benchmarks
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from evaluation import optiland_system
-from interleaving import interleaved
+from evaluation_time import optiland_system
+from timing import interleaved
 
 import omnimirror as om
 from omnimirror import native
@@ -85,7 +85,7 @@ def main() -> None:
         ]
     )
     print(table)
-    write_text(arguments.out / "design.md", table + "\n")
+    write_text(arguments.out / "design_rate.md", table + "\n")
 
 
 if __name__ == "__main__":

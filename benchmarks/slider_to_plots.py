@@ -4,7 +4,7 @@ A headless Chromium without a graphics card drives the page; the server runs bes
 are shown but the simulated picture, which waits until nothing moves. ``server`` is the part that the answer takes in
 the server alone, without the connection.
 
-    python benchmarks/design_bench.py --out out/benchmarks
+    python benchmarks/slider_to_plots.py --out out/benchmarks
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from typing import Any
 
 import numpy as np
 import uvicorn
+from circumstances import circumstances
 from playwright.sync_api import sync_playwright
-from setting import circumstances
 
 import omnimirror as om
 from omnimirror.files import write_text
@@ -117,7 +117,7 @@ def main() -> None:
     head = "| mirror | server, ms | slider to plots, ms | 95th percentile, ms |\n| --- | --- | --- | --- |"
     text = "\n".join(["# Slider to plots", "", said, "", head, *lines, ""])
     print(text)
-    write_text(arguments.out / "design_bench.md", text)
+    write_text(arguments.out / "slider_to_plots.md", text)
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ wall clock, and of processor time, which a busy machine disturbs less. Mitsuba r
 one. Each variant runs in a process of its own, since llvm_ad_rgb aborts without LLVM 16 or newer; DRJIT_LIBLLVM_PATH
 names its library where it is not found by itself.
 
-    python benchmarks/exposure.py --out out/benchmarks
+    python benchmarks/exposure_time.py --out out/benchmarks
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from setting import circumstances
+from circumstances import circumstances
 
 import omnimirror as om
 from omnimirror.files import write_text
@@ -149,7 +149,7 @@ def main() -> None:
         lines.append(f"| {label} | omnimirror, chief rays | {wall:.3f} | {cpu:.3f} | | | |")
         print("\n".join(lines[-4:]), flush=True)
     arguments.out.mkdir(parents=True, exist_ok=True)
-    write_text(arguments.out / "exposure.md", "\n".join(lines) + "\n")
+    write_text(arguments.out / "exposure_time.md", "\n".join(lines) + "\n")
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ buffers kept, and ``cv2.remap``. ``NumPy map`` is what one would write first. Bo
 interleaved in one process with the same number of threads, a few frames of each in turn as in a video, into pictures
 that are kept; medians.
 
-    python benchmarks/moving.py --out out/benchmarks --picture photograph.jpg
+    python benchmarks/moving_views.py --out out/benchmarks --picture photograph.jpg
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
-from interleaving import interleaved
-from setting import arguments_of, circumstances, photograph_of, set_threads
+from circumstances import arguments_of, circumstances, photograph_of, set_threads
+from timing import interleaved
 
 import omnimirror as om
 from omnimirror.dewarp.maps.coordinates import screen_grid, screen_rings
@@ -170,7 +170,7 @@ def main() -> None:
     near = ", ".join(f"{of['near view'] / of['distant view']:.2f}" for of in ms.values())
     lines += ["", f"A near view costs {near} times a distant one."]
     print("\n".join(lines))
-    write_text(arguments.out / "moving.md", "\n".join(lines) + "\n")
+    write_text(arguments.out / "moving_views.md", "\n".join(lines) + "\n")
 
 
 if __name__ == "__main__":

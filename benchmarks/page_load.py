@@ -3,7 +3,7 @@
 In a headless Chromium. Where there is no graphics card its shaders run on the processor, and the view takes as long as
 that needs.
 
-    python benchmarks/studio.py --out out/benchmarks
+    python benchmarks/page_load.py --out out/benchmarks
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
+from circumstances import other_load, processor
 from playwright.sync_api import Browser, Page, sync_playwright
-from setting import other_load, processor
 
 from omnimirror.files import write_text
 from omnimirror.studio.look.viewer import PAGE
@@ -129,7 +129,7 @@ def main() -> None:
         ]
         browser.close()
     arguments.out.mkdir(parents=True, exist_ok=True)
-    write_text(arguments.out / "studio.md", "\n".join(lines) + "\n")
+    write_text(arguments.out / "page_load.md", "\n".join(lines) + "\n")
 
 
 if __name__ == "__main__":

@@ -4,7 +4,7 @@ v360 runs in PyAV's filter graph, in place of our function between the same read
 ``ffmpeg`` program where there is one. It takes the picture for a mirror ball's, as ours does; what it shows is
 not the same (it knows one mirror, and reverses the picture), what it has to do is. All in turn; medians.
 
-    python benchmarks/video.py --out out/benchmarks --picture photograph.jpg
+    python benchmarks/video_rate.py --out out/benchmarks --picture photograph.jpg
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ import av
 import cv2
 import numpy as np
 from av.filter import Graph
-from interleaving import interleaved
+from timing import interleaved
 
 import omnimirror as om
 from omnimirror import native
@@ -190,7 +190,7 @@ def main() -> None:
         *filter_only(photograph, 60),
     ]
     arguments.out.mkdir(parents=True, exist_ok=True)
-    write_text(arguments.out / "video.md", "\n".join(lines) + "\n")
+    write_text(arguments.out / "video_rate.md", "\n".join(lines) + "\n")
 
 
 if __name__ == "__main__":

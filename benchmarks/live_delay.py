@@ -6,7 +6,7 @@ view of 1280 x 720 px is finished. Beside it stands the delay where FFmpeg decod
 is done: it gives a frame when the next one has begun, in MPEG-TS the one after. ``unparsed`` is a stream that is
 opened with ``options={"fflags": "+noparse+nofillin"}``, which saves one of these frames.
 
-    python benchmarks/live.py --out out/benchmarks --picture photograph.jpg
+    python benchmarks/live_delay.py --out out/benchmarks --picture photograph.jpg
 """
 
 from __future__ import annotations
@@ -213,7 +213,7 @@ def main() -> None:
         *rows,
     ]
     arguments.out.mkdir(parents=True, exist_ok=True)
-    write_text(arguments.out / "live.md", "\n".join(lines) + "\n")
+    write_text(arguments.out / "live_delay.md", "\n".join(lines) + "\n")
     return None
 
 

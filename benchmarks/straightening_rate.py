@@ -3,7 +3,7 @@
 All run interleaved in one process with the same number of threads; medians. Bilinear and bicubic, uint8 RGB.
 Maps are made once. The last two columns take panoramas straight from r(row) and (cos, sin)(column).
 
-    python benchmarks/sampling.py --out out/benchmarks --picture photograph.jpg
+    python benchmarks/straightening_rate.py --out out/benchmarks --picture photograph.jpg
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from collections.abc import Callable
 
 import cv2
 import numpy as np
-from interleaving import interleaved
-from setting import arguments_of, circumstances, photograph_of, set_threads
+from circumstances import arguments_of, circumstances, photograph_of, set_threads
+from timing import interleaved
 
 import omnimirror as om
 from omnimirror.dewarp.sampling.remap import FixedMap, remap_polar
@@ -88,7 +88,7 @@ def main() -> None:
     for threads in arguments.threads:
         set_threads(threads)
         lines += fixed_rows(photograph, threads, arguments.runs)
-    write_text(arguments.out / "sampling.md", "\n".join(lines) + "\n")
+    write_text(arguments.out / "straightening_rate.md", "\n".join(lines) + "\n")
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@ and sagittal focus) for fields below 90 deg; omnimirror's gives 27, over the who
 rays at a stop that lies behind the mirror's aberrations, and past some 15 deg they miss the lens: the table
 says by how much, for a cost comparison is not an accuracy comparison.
 
-    python benchmarks/evaluation.py --out out/benchmarks
+    python benchmarks/evaluation_time.py --out out/benchmarks
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from interleaving import interleaved
+from timing import interleaved
 
 import omnimirror as om
 from omnimirror.files import write_text
@@ -91,7 +91,7 @@ def main() -> None:
         ]
     )
     print(table)
-    write_text(arguments.out / "evaluation.md", table + "\n")
+    write_text(arguments.out / "evaluation_time.md", table + "\n")
 
 
 if __name__ == "__main__":

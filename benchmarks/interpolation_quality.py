@@ -5,7 +5,7 @@ camera with the same screen would record: the mean of the scene's light over eac
 straight from the scene and not from the sensor's picture. The room is taken for infinitely far away, so that the
 mirror's viewpoints make no difference. Only pixels inside the field count.
 
-    python benchmarks/quality.py --out out/benchmarks
+    python benchmarks/interpolation_quality.py --out out/benchmarks
 """
 
 from __future__ import annotations
@@ -106,7 +106,7 @@ def main() -> None:
         lines.append(row_of(name, screen, sensor, picture, scene))
         print(lines[-1], flush=True)
     arguments.out.mkdir(parents=True, exist_ok=True)
-    write_text(arguments.out / "quality.md", "\n".join(lines) + "\n")
+    write_text(arguments.out / "interpolation_quality.md", "\n".join(lines) + "\n")
 
 
 if __name__ == "__main__":

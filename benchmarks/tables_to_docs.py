@@ -2,7 +2,7 @@
 
 A table that was not measured stays as it is.
 
-    python benchmarks/page.py --tables out/benchmarks
+    python benchmarks/tables_to_docs.py --tables out/benchmarks
 """
 
 from __future__ import annotations
