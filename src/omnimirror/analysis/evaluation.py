@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -15,6 +16,7 @@ from ..arguments import LARGEST_RADIUS_PX, choice, number, numbers
 from ..errors import InvalidParameter
 from ..files import write_text
 from ..lenses import BLUR_MODES, BlurMode, DepthOfField, Perspective
+from ..mirrors import Mirror
 from ..sensor import Sensor, check_sensor
 from .meridional.focus import FocusStudy, best_focus, distance_per_angle
 from .meridional.viewpoints import viewpoint_z
@@ -148,7 +150,7 @@ class Evaluation:
 
         One standard deviation, to first order; :attr:`SampledProfile.fit` says how much the points scatter.
         """
-        return standard_deviations(self, (*COLUMNS, "floored_area_deg2"))
+        return standard_deviations(self.sensor.mirror, partial(_columns_of_mirror, self))
 
     def to_csv(self, path: str | Path, deviations: bool = False) -> None:
         """Write the table with 17 significant digits, which hold every double exactly.
@@ -173,6 +175,8 @@ class Evaluation:
 _FIELDS = tuple(Evaluation.__annotations__)
 COLUMNS = _FIELDS[: _FIELDS.index("blur_area_deg2") + 1]
 """The columns of tables and files, in order: ``omega_deg`` to ``blur_area_deg2``."""
+UNCERTAIN = (*COLUMNS, "floored_area_deg2")
+"""The columns that are told with a standard deviation."""
 
 
 def evaluate(
@@ -240,48 +244,18 @@ def evaluate(
     if image_radius_px is not None:
         image_radius_px = number("image_radius_px", image_radius_px, above=0.0, high=LARGEST_RADIUS_PX, unit="px")
     if isinstance(focus_mm, str) and focus_mm == "auto":
-        focus_mm = best_focus(
-            sensor, merit, None, _scalar_distance(object_distance_mm), mode, image_radius_px, wavelength_nm
-        ).focus_mm
+        distance = _scalar_distance(object_distance_mm)
+        focus_mm = best_focus(sensor, merit, None, distance, mode, image_radius_px, wavelength_nm).focus_mm
     if focus_mm is not None:
         sensor = replace(sensor, lens=sensor.lens.focused_at(number("focus_mm", focus_mm)))
     asked, x = _mirror_points(sensor, given, image_radius_px)
-    rays = sensor.meridian.trace(x)
-    p = distance_per_angle(object_distance_mm, x)
-    images = virtual_images(rays, p)
-    study = FocusStudy(sensor, rays, images, mode, image_radius_px, wavelength_nm)
-    blur = study.at(sensor.lens.focus_distance_mm)
-    h, _ = study.heights(sensor)
-    L_t, L_s = study.distances()
+    rays, p = sensor.meridian.trace(x), distance_per_angle(object_distance_mm, x)
+    study = FocusStudy(sensor, rays, virtual_images(rays, p), mode, image_radius_px, wavelength_nm)
+    found = _columns(study)
+    if asked is not None:  # as it was asked for, to the last digit
+        found["omega_deg"] = asked
     return Evaluation(
-        omega_deg=np.degrees(rays.omega) if asked is None else asked,
-        x_mm=rays.x,
-        z_mm=rays.z,
-        beta_deg=np.degrees(rays.beta),
-        theta_deg=np.degrees(rays.first.theta),
-        gamma_deg=np.degrees(rays.gamma),
-        h_px=h,
-        dh_domega_px_per_deg=blur.imaging.height,
-        width_px_per_deg=blur.imaging.width,
-        area_px2=blur.imaging.area,
-        aspect=blur.imaging.aspect,
-        viewpoint_z_mm=viewpoint_z(rays),
-        radius_t_mm=rays.radius_t(),
-        radius_s_mm=rays.radius_s(),
-        q_t_mm=images.q_t,
-        q_s_mm=images.q_s,
-        image_t_x_mm=images.x_t,
-        image_t_z_mm=images.z_t,
-        image_s_x_mm=images.x_s,
-        image_s_z_mm=images.z_s,
-        distance_t_mm=L_t,
-        distance_s_mm=L_s,
-        blur_t_px=blur.t_px,
-        blur_s_px=blur.s_px,
-        blur_t_deg=blur.t_deg,
-        blur_s_deg=blur.s_deg,
-        blur_area_deg2=blur.product(),
-        floored_area_deg2=blur.floored_area(),
+        **found,
         sensor=sensor,
         object_distance_mm=float(p) if p.ndim == 0 else p,
         mode=mode,
@@ -289,6 +263,61 @@ def evaluate(
         image_radius_px=image_radius_px,
         tolerance_px=tolerance_px,
     )
+
+
+def _columns(study: FocusStudy) -> dict[str, Array]:
+    """Every column of an evaluation, (n,)."""
+    rays, images, blur = study.rays, study.images, study.at(study.sensor.lens.focus_distance_mm)
+    L_t, L_s = study.distances()
+    return {
+        "omega_deg": np.degrees(rays.omega),
+        "x_mm": rays.x,
+        "z_mm": rays.z,
+        "beta_deg": np.degrees(rays.beta),
+        "theta_deg": np.degrees(rays.first.theta),
+        "gamma_deg": np.degrees(rays.gamma),
+        "h_px": study.heights(study.sensor)[0],
+        "dh_domega_px_per_deg": blur.imaging.height,
+        "width_px_per_deg": blur.imaging.width,
+        "area_px2": blur.imaging.area,
+        "aspect": blur.imaging.aspect,
+        "viewpoint_z_mm": viewpoint_z(rays),
+        "radius_t_mm": rays.radius_t(),
+        "radius_s_mm": rays.radius_s(),
+        "q_t_mm": images.q_t,
+        "q_s_mm": images.q_s,
+        "image_t_x_mm": images.x_t,
+        "image_t_z_mm": images.z_t,
+        "image_s_x_mm": images.x_s,
+        "image_s_z_mm": images.z_s,
+        "distance_t_mm": L_t,
+        "distance_s_mm": L_s,
+        "blur_t_px": blur.t_px,
+        "blur_s_px": blur.s_px,
+        "blur_t_deg": blur.t_deg,
+        "blur_s_deg": blur.s_deg,
+        "blur_area_deg2": blur.product(),
+        "floored_area_deg2": blur.floored_area(),
+    }
+
+
+def _columns_of_mirror(result: Evaluation, mirror: Mirror) -> dict[str, Array]:
+    """The columns of an evaluation, (n,), with another mirror; NaN where that does not see the field angle."""
+    sensor = replace(result.sensor, mirror=mirror)
+    seen = sensor.meridian.sees(np.radians(result.omega_deg))
+    p, radius = np.asarray(result.object_distance_mm), result.image_radius_px
+    there = evaluate(
+        sensor,
+        result.omega_deg[seen],
+        object_distance_mm=p[seen] if p.size > 1 else p,
+        mode=result.mode,
+        wavelength_nm=result.wavelength_nm,
+        image_radius_px=None if radius is None else radius * sensor.rim_radius_px / result.sensor.rim_radius_px,
+    )
+    found = {name: np.full(len(result), np.nan) for name in UNCERTAIN}
+    for name, column in found.items():
+        column[seen] = getattr(there, name)
+    return found
 
 
 def field_angles(sensor: Sensor, step_deg: float = 5.0) -> Array:
