@@ -10,7 +10,7 @@ import pytest
 
 from omnimirror.design import parse_requirements
 from omnimirror.specs import parse_sensor
-from tests.cli.evaluation.test_evaluate import omnimirror
+from tests.commands import omnimirror
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]

@@ -18,7 +18,7 @@ from omnimirror.manufacture import DEFAULT_FORMATS, FORMATS, Body
 from omnimirror.manufacture.forms import asphere_of
 from omnimirror.mirrors import SlopeSpline
 from omnimirror.specs import save_sensor
-from tests.cli.evaluation.test_evaluate import omnimirror
+from tests.commands import omnimirror
 from tests.conftest import MIRRORS, sensor_of
 
 NAMES = ["-drawing.pdf", "-sag.csv", ".3mf", ".dat", ".dxf", ".step", ".stl", ".zmx"]

@@ -12,7 +12,7 @@ import omnimirror as om
 from omnimirror.errors import InvalidParameter
 from omnimirror.figures import side_by_side
 from omnimirror.report.comparison import take_pictures, write_comparison
-from tests.cli.evaluation.test_evaluate import omnimirror
+from tests.commands import omnimirror
 
 ROOM = om.Room(texel_mm=40.0)
 

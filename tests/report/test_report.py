@@ -12,7 +12,7 @@ import pytest
 
 import omnimirror as om
 from omnimirror.report import write_demo
-from tests.cli.evaluation.test_evaluate import fails, omnimirror
+from tests.commands import fails, omnimirror
 
 
 class Page(HTMLParser):

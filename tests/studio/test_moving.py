@@ -15,7 +15,7 @@ from omnimirror.studio import video_viewer_of
 from omnimirror.studio.app import Studio
 from omnimirror.studio.look import viewer
 from omnimirror.studio.look.sources import Sources
-from tests.cli.evaluation.test_evaluate import fails, omnimirror
+from tests.commands import fails, omnimirror
 from tests.media.live.test_live import HEAD, paced
 from tests.media.live.test_live import server as streaming
 from tests.media.synthetic import make_video

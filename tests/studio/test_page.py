@@ -16,7 +16,7 @@ import omnimirror as om
 from omnimirror.media import read_image, write_image
 from omnimirror.studio.app import Studio
 from omnimirror.studio.look.sources import Sources
-from tests.cli.evaluation.test_evaluate import fails, omnimirror
+from tests.commands import fails, omnimirror
 
 from .browser import command, drawn, drop, look, open_page, serving
 from .test_view import pattern, psnr, python_view

@@ -17,7 +17,7 @@ from omnimirror.frames import Mount
 from omnimirror.media import read_image, write_image
 from omnimirror.mirrors.pose import MirrorPose
 from omnimirror.specs import bundled_sensors, save_sensor
-from tests.cli.evaluation.test_evaluate import omnimirror
+from tests.commands import omnimirror
 
 from .browser import command, coordinates, drawn, drop, look, open_page
 

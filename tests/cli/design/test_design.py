@@ -7,7 +7,7 @@ import json
 import pytest
 
 import omnimirror as om
-from tests.cli.evaluation.test_evaluate import fails, omnimirror
+from tests.commands import fails, omnimirror
 
 COMMON = ["--mapping", "equidistant", "--omega-max-deg", 135, "--theta-max-deg", 12, "--rim-radius-mm", 43.9]
 

@@ -15,7 +15,7 @@ import pytest
 import omnimirror as om
 from omnimirror.design import DesignProblem
 from omnimirror.design.optimise.optimiser import optimise
-from tests.cli.evaluation.test_evaluate import fails, omnimirror
+from tests.commands import fails, omnimirror
 
 REQUIREMENTS = """
 name = "ring"

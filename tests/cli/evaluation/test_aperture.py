@@ -7,7 +7,7 @@ import pytest
 
 import omnimirror as om
 from omnimirror.mirrors.pose import MirrorPose
-from tests.cli.evaluation.test_evaluate import fails, omnimirror
+from tests.commands import fails, omnimirror
 
 
 def test_spots_are_tabled_drawn_and_written(tmp_path):

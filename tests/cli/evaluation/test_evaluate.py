@@ -3,36 +3,19 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 import omnimirror as om
 from omnimirror.cli import COMMANDS
+from tests.commands import fails, omnimirror
 
 HEADER = """
 omega_deg x_mm z_mm beta_deg theta_deg gamma_deg h_px dh_domega_px_per_deg width_px_per_deg area_px2
 aspect viewpoint_z_mm radius_t_mm radius_s_mm q_t_mm q_s_mm image_t_x_mm image_t_z_mm image_s_x_mm
 image_s_z_mm distance_t_mm distance_s_mm blur_t_px blur_s_px blur_t_deg blur_s_deg blur_area_deg2
 """.split()  # noqa: SIM905 - as the requirement spells it
-
-
-def omnimirror(*args, cwd=None, text=True) -> subprocess.CompletedProcess:
-    program = Path(sys.executable).with_name("omnimirror")
-    return subprocess.run([program, *map(str, args)], capture_output=True, text=text, cwd=cwd)
-
-
-def fails(*args, cwd=None) -> str:
-    """Run, expect failure, and return the one sentence."""
-    run = omnimirror(*args, cwd=cwd)
-    assert run.returncode != 0
-    assert "Traceback" not in run.stderr
-    lines = run.stderr.strip().splitlines()
-    assert len(lines) == 1, run.stderr
-    return lines[0]
 
 
 def test_help_names_every_command():

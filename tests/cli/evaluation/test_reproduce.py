@@ -8,7 +8,7 @@ import pytest
 
 import omnimirror.reproduce as package
 from omnimirror.cli import main
-from tests.cli.evaluation.test_evaluate import fails, omnimirror
+from tests.commands import fails, omnimirror
 
 
 def test_writes_table_and_figures(tmp_path):

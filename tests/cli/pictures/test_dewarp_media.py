@@ -17,7 +17,7 @@ import omnimirror as om
 from omnimirror.media.live.sources import LiveSource
 from omnimirror.media.video.frames import frame_of_image
 from omnimirror.media.video.writer import VideoWriter
-from tests.cli.evaluation.test_evaluate import fails, omnimirror
+from tests.commands import fails, omnimirror
 
 SIZE = 160
 BALL = ["--ball", "79.5,79.5,76,260"]

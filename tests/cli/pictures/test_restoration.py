@@ -8,7 +8,7 @@ import pytest
 import omnimirror as om
 from omnimirror.imagers import Imager
 from omnimirror.simulate.restoration.bracketing import focused_at
-from tests.cli.evaluation.test_evaluate import omnimirror
+from tests.commands import omnimirror
 
 
 @pytest.fixture

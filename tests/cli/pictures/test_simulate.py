@@ -7,7 +7,7 @@ import pytest
 
 import omnimirror as om
 from omnimirror.simulate import Placed, Pose, expose, ground_truth
-from tests.cli.evaluation.test_evaluate import fails, omnimirror
+from tests.commands import fails, omnimirror
 
 
 @pytest.fixture(scope="module")

@@ -16,7 +16,7 @@ from omnimirror.media.video.frames import frame_of_image
 from omnimirror.media.video.reader import VideoReader
 from omnimirror.media.video.timecode import later
 from omnimirror.media.video.writer import VideoWriter
-from tests.cli.evaluation.test_evaluate import fails, omnimirror
+from tests.commands import fails, omnimirror
 from tests.media.synthetic import SIZE, make_video, pictures_of
 
 BALL = ["--ball", "31.5,31.5,30,260", "--view", "perspective", "--tilt-deg", "-30", "--size", "32x24"]

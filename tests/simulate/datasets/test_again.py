@@ -23,7 +23,7 @@ from omnimirror.simulate.datasets.calibration_set import write_calibration_set, 
 from omnimirror.simulate.datasets.recipe import load_arguments
 from omnimirror.simulate.scenes.sources import SceneSource
 from omnimirror.simulate.shells import Dome, Tube
-from tests.cli.evaluation.test_evaluate import fails, omnimirror
+from tests.commands import fails, omnimirror
 from tests.simulate.datasets.test_calibration_set import PATH, small
 
 HALL = Hall(texel_mm=50.0)

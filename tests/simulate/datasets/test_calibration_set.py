@@ -121,7 +121,7 @@ def test_what_ctrl_c_ends_describes_what_is_there(tmp_path):
 
 
 def test_the_command_writes_a_set(tmp_path):
-    from tests.cli.evaluation.test_evaluate import omnimirror
+    from tests.commands import omnimirror
 
     om.save_sensor(small(), tmp_path / "small.toml")
     run = omnimirror("simulate", "dataset", "small.toml", "-o", "set", "--views", 1, "--spp", 1, cwd=tmp_path)

@@ -1,0 +1,181 @@
+"""The command line as its users run it: a process of its own for every command, with its streams and its exit code.
+
+Where the system can fork, these processes are split off one that has imported everything already: starting Python and
+importing NumPy, SciPy and Matplotlib takes ten times as long as most commands do. That process computes nothing and has
+no threads, so a command finds what it would find in a fresh one. Tests of what a start from nothing does (what is
+imported when, odd streams and signals) start the program by themselves.
+"""
+
+from __future__ import annotations
+
+import atexit
+import gc
+import json
+import os
+import selectors
+import signal
+import socket
+import subprocess
+import sys
+import threading
+from contextlib import suppress
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+PROGRAM = Path(sys.executable).with_name("omnimirror")
+LATER = """
+matplotlib.figure matplotlib.backends.backend_agg matplotlib.backends.backend_svg PIL.JpegImagePlugin cv2 av
+scipy.integrate scipy.interpolate scipy.ndimage scipy.optimize scipy.spatial scipy.special
+omnimirror._native omnimirror.cli.commands.pictures.dewarp_video omnimirror.figures.aperture
+""".split()  # noqa: SIM905
+"""What commands import when they come to need it."""
+
+
+def omnimirror(*args: object, cwd: Path | None = None, text: bool = True) -> subprocess.CompletedProcess[Any]:
+    """Run a command to its end; what it wrote to its streams, and its exit code."""
+    words = [str(arg) for arg in args]
+    if sys.platform != "linux":  # elsewhere graphics libraries do not live through a fork
+        return subprocess.run([PROGRAM, *words], capture_output=True, text=text, cwd=cwd)
+    code, *streams = _forks().run(words, cwd or Path.cwd())
+    if text:
+        streams = [stream.decode().replace("\r\n", "\n") for stream in streams]
+    return subprocess.CompletedProcess(words, code, *streams)
+
+
+def fails(*args: object, cwd: Path | None = None) -> str:
+    """Run, expect failure, and return the one sentence."""
+    run = omnimirror(*args, cwd=cwd)
+    assert run.returncode != 0
+    assert "Traceback" not in run.stderr
+    lines = run.stderr.strip().splitlines()
+    assert len(lines) == 1, run.stderr
+    return lines[0]
+
+
+class Forks:
+    """A process that has imported everything, and a line to it on which commands are asked for."""
+
+    def __init__(self) -> None:
+        self._line, its = socket.socketpair()
+        code = "import sys; from tests.commands import serve; serve(int(sys.argv[1]))"
+        self._process = subprocess.Popen(
+            [sys.executable, "-c", code, str(its.fileno())], pass_fds=[its.fileno()], cwd=Path(__file__).parents[1],
+            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+            start_new_session=True,
+        )  # fmt: skip
+        its.close()
+        atexit.register(self.kill)
+
+    def run(self, words: list[str], cwd: Path) -> tuple[int, bytes, bytes]:
+        """The exit code of a command, and what it wrote to its two streams."""
+        asked = json.dumps({"words": words, "cwd": str(cwd), "environment": dict(os.environ)}).encode()
+        (out, its_out), (err, its_err) = os.pipe(), os.pipe()
+        try:
+            socket.send_fds(self._line, [len(asked).to_bytes(8, "big")], [its_out, its_err])
+            self._line.sendall(asked)
+            os.close(its_out)
+            os.close(its_err)
+            said = _all_of(out, err)
+            code = _exactly(self._line, 8)
+        except BaseException:  # a test that was ended before its command leaves no answer to the next
+            self.kill()
+            raise
+        return int.from_bytes(code, "big", signed=True), *said  # type: ignore[return-value]
+
+    def kill(self) -> None:
+        """End it with all that it has split off."""
+        _forks.cache_clear()
+        with suppress(ProcessLookupError):
+            os.killpg(self._process.pid, signal.SIGKILL)
+        self._process.wait()
+
+
+@cache
+def _forks() -> Forks:
+    return Forks()
+
+
+def _all_of(*ends: int) -> list[bytes]:
+    """What comes through several pipes at the same time, until all of them are closed."""
+    said = dict.fromkeys(ends, b"")
+    with selectors.DefaultSelector() as waiting:
+        for end in ends:
+            waiting.register(end, selectors.EVENT_READ)
+        while waiting.get_map():
+            for key, _ in waiting.select():
+                if more := os.read(key.fd, 65536):
+                    said[key.fd] += more
+                else:
+                    waiting.unregister(key.fd)
+                    os.close(key.fd)
+    return list(said.values())
+
+
+def _exactly(line: socket.socket, size: int) -> bytes:
+    read = b""
+    while len(read) < size:
+        if not (more := line.recv(size - len(read))):
+            raise EOFError("the other end of the line has died")
+        read += more
+    return read
+
+
+# -- in the process that has imported everything -------------------------------------------------------------
+
+
+def serve(line_number: int) -> None:
+    """Split off one process for each command, until nobody asks any more."""
+    from omnimirror import cli
+
+    for name in cli.COMMANDS:
+        cli.app.get_command(None, name)  # type: ignore[arg-type]
+    for name in LATER:
+        with suppress(ImportError):  # of an extra that is not here
+            import_module(name)
+    gc.collect()
+    gc.freeze()
+    line = socket.socket(fileno=line_number)
+    while True:
+        size, streams, _, _ = socket.recv_fds(line, 8, 2)
+        if not size:
+            return
+        asked = json.loads(_exactly(line, int.from_bytes(size, "big")))
+        if pid := os.fork():
+            for stream in streams:
+                os.close(stream)
+            code = os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
+            line.sendall(code.to_bytes(8, "big", signed=True))
+        else:
+            line.close()
+            _run(asked, streams)
+
+
+def _run(asked: dict[str, Any], streams: list[int]) -> None:
+    """The command, with the streams, folder and environment of who asked; its process ends here."""
+    from omnimirror.cli import main
+
+    for number, stream in enumerate(streams, 1):
+        os.dup2(stream, number)
+        os.close(stream)
+    sys.stdout = open(1, "w", encoding="utf-8", closefd=False)  # noqa: SIM115
+    sys.stderr = open(2, "w", 1, encoding="utf-8", errors="backslashreplace", closefd=False)  # noqa: SIM115
+    os.chdir(asked["cwd"])
+    os.environ.clear()
+    os.environ.update(asked["environment"])
+    sys.argv = [str(PROGRAM), *asked["words"]]
+    code: object = 0
+    try:
+        main()
+    except SystemExit as e:
+        code = e.code
+    except BaseException:
+        sys.excepthook(*sys.exc_info())  # type: ignore[arg-type]
+        code = 1
+    threading._shutdown()  # what the end of an interpreter does, but for taking its modules to pieces
+    atexit._run_exitfuncs()
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError, ValueError):
+            stream.flush()
+    os._exit(code if isinstance(code, int) else int(code is not None))
