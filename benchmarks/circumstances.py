@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 import omnimirror as om
-from omnimirror import native
+from omnimirror.native import backend
 
 
 def arguments_of(description: str, runs: int) -> argparse.Namespace:
@@ -32,7 +32,7 @@ def photograph_of(path: Path | None) -> np.ndarray:
 
 def set_threads(count: int) -> None:
     """Of everything that is compared."""
-    native.set_threads(count)
+    backend.set_threads(count)
     cv2.setNumThreads(count)
 
 
@@ -40,7 +40,7 @@ def circumstances(runs: int, in_a_row: int = 1) -> str:
     """How and on what was measured, in one paragraph."""
     row = f" of {in_a_row} in a row" if in_a_row > 1 else ""
     return (
-        f"`{Path(sys.argv[0]).name}` on {processor()}, {os.cpu_count()} cores, {native.sampler()} samplers, OpenCV "
+        f"`{Path(sys.argv[0]).name}` on {processor()}, {os.cpu_count()} cores, {backend.name} samplers, OpenCV "
         f"{cv2.__version__}, NumPy {np.__version__}; medians of {runs} interleaved runs{row}.{other_load()}"
     )
 

@@ -21,10 +21,10 @@ from evaluation_time import optiland_system
 from timing import interleaved
 
 import omnimirror as om
-from omnimirror import native
 from omnimirror.batch.bases import family
 from omnimirror.batch.evaluate import Designs, evaluate_designs
 from omnimirror.files import write_text
+from omnimirror.native import backend
 
 ANGLES, DESIGNS, RUNS = 100, 20_000, 15
 
@@ -47,14 +47,14 @@ def main() -> None:
 
     def on_threads(count: int) -> Callable[[], object]:
         def run() -> object:
-            native.set_threads(count)
+            backend.set_threads(count)
             return evaluate_designs(many, ANGLES, native=True)
 
         return run
 
     functions: dict[str, Callable[[], object]] = {"NumPy": lambda: evaluate_designs(few, ANGLES, native=False)}
     counts = {"NumPy": len(few)}
-    if native.compiled() is not None:
+    if backend.is_compiled:
         for count in dict.fromkeys((1, min(4, cores))):
             functions[f"compiled, {count} thread{'s' * (count > 1)}"] = on_threads(count)
             counts[f"compiled, {count} thread{'s' * (count > 1)}"] = len(many)

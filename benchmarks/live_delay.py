@@ -29,12 +29,12 @@ import cv2
 import numpy as np
 
 import omnimirror as om
-from omnimirror import native
 from omnimirror.dewarp.yuv.frames import dewarp_frame
 from omnimirror.files import write_text
 from omnimirror.media.live.sources import LOW_DELAY, LiveSource
 from omnimirror.media.video.frames import frame_of_image, planes
 from omnimirror.media.video.writer import VideoWriter
+from omnimirror.native import backend
 
 SIDE, SIZE = 1000, (1280, 720)
 CAMERA = om.MirrorBall(((SIDE - 1) / 2, (SIDE - 1) / 2), 0.48 * SIDE, 270.0, (SIDE, SIDE))
@@ -205,8 +205,8 @@ def main() -> None:
     lines = [
         f"# Live, {SIDE} x {SIDE} to a view of {SIZE[0]} x {SIZE[1]} that moves with every frame",
         "",
-        f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores, {native.sampler()} samplers, "
-        f"{native.threads()} threads, PyAV {av.__version__}; {arguments.seconds} s each, without the first.",
+        f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores, {backend.name} samplers, "
+        f"{backend.threads} threads, PyAV {av.__version__}; {arguments.seconds} s each, without the first.",
         "",
         "| transport | sent/s | views/s | dropped | FFmpeg alone, ms | to the view, ms | 95 % | added, ms | frames |",
         "|---|---|---|---|---|---|---|---|---|",

@@ -30,8 +30,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import omnimirror as om
-from omnimirror import native
 from omnimirror.files import write_text
+from omnimirror.native import backend
 from omnimirror.simulate.colour import linear_from_srgb, srgb_from_linear
 from omnimirror.simulate.restoration.sharpening import Restorer
 from omnimirror.simulate.scenes import Hall, Scene, Street
@@ -167,9 +167,9 @@ def crops(out: Path) -> NDArray[np.uint8]:
 def circumstances() -> str:
     """What seconds were measured on."""
     load = os.getloadavg()[0] if hasattr(os, "getloadavg") else 0.0
-    kernels = native.sampler() if native.compiled() else "no compiled"
+    kernels = backend.name if backend.is_compiled else "no compiled"
     return (
-        f"`restoration.py`: one picture of 1024 x 1024 px in colour, {native.threads()} threads on {os.cpu_count()} "
+        f"`restoration.py`: one picture of 1024 x 1024 px in colour, {backend.threads} threads on {os.cpu_count()} "
         f"cores, {kernels} kernels, OpenCV {cv2.__version__}, NumPy {np.__version__}; the load was {load:.0f} before. "
         "*Core s* are the seconds of all cores together. Pairs are the inner two thirds of the radius / the outer "
         "third.\n"

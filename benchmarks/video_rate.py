@@ -28,13 +28,13 @@ from av.filter import Graph
 from timing import interleaved
 
 import omnimirror as om
-from omnimirror import native
 from omnimirror.dewarp.yuv.frames import dewarp_frame
 from omnimirror.files import write_text
 from omnimirror.media.process import process
 from omnimirror.media.video.frames import frame_of_image
 from omnimirror.media.video.reader import VideoReader
 from omnimirror.media.video.writer import VideoWriter
+from omnimirror.native import backend
 
 SIDE, SIZE = 1000, (1440, 360)
 CAMERA = om.MirrorBall(((SIDE - 1) / 2, (SIDE - 1) / 2), 0.48 * SIDE, 270.0, (SIDE, SIDE))
@@ -94,7 +94,7 @@ def with_program(source: Path, output: Path, codec: str, options: dict[str, str]
 
 def from_file_to_file(photograph: np.ndarray, folder: Path, frames: int, runs: int, program: str | None) -> list[str]:
     rows = []
-    threads = native.threads()
+    threads = backend.threads
     for name, (codec, options, suffix) in CODECS.items():
         source = make_source(folder / f"source{suffix}", photograph, frames, codec, options)
         output = folder / f"view{suffix}"
@@ -121,9 +121,9 @@ def filter_only(photograph: np.ndarray, runs: int) -> list[str]:
     rows = []
     frame = frame_of_image(photograph).reformat(format="yuv420p")
     frame.pts, frame.time_base = 0, Fraction(1, 60)
-    before = native.threads()
+    before = backend.threads
     for threads in sorted({1, before}):
-        native.set_threads(threads)
+        backend.set_threads(threads)
         v360 = Filter(frame, threads)
         dewarp = om.Dewarper(CAMERA, SCREEN, "linear", keep_map=True)
         moving = iter(np.arange(0.0, 1e6, 0.1))
@@ -149,7 +149,7 @@ def filter_only(photograph: np.ndarray, runs: int) -> list[str]:
             f"{ms['through RGB']:.2f} | {ms['moving']:.2f} |"
         )
         print(rows[-1], flush=True)
-    native.set_threads(before)
+    backend.set_threads(before)
     return rows
 
 
@@ -167,13 +167,13 @@ def main() -> None:
     else:
         photograph = cv2.GaussianBlur(np.random.default_rng(0).integers(0, 255, (SIDE, SIDE, 3), np.uint8), (0, 0), 4)
     photograph = cv2.resize(photograph, (SIDE, SIDE), interpolation=cv2.INTER_AREA)
-    native.set_threads(arguments.threads)
+    backend.set_threads(arguments.threads)
     with tempfile.TemporaryDirectory() as folder:
         files = from_file_to_file(photograph, Path(folder), arguments.frames, arguments.runs, arguments.ffmpeg)
     lines = [
         f"# Video, {SIDE} x {SIDE} to {SIZE[0]} x {SIZE[1]}, yuv420p",
         "",
-        f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores, {native.sampler()} samplers, "
+        f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores, {backend.name} samplers, "
         f"{arguments.threads} threads, PyAV {av.__version__}; medians of {arguments.runs} runs of "
         f"{arguments.frames} frames, in turn.",
         "",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -33,6 +34,7 @@ from omnimirror.mirrors import (
     UnitAspect,
 )
 from omnimirror.mirrors.generated import Mapped
+from omnimirror.native import backend
 from omnimirror.specs import bundled_sensors
 
 # A shared machine stalls now and then, and a run must not fail for a case that the next run will not see.
@@ -122,6 +124,12 @@ def any_sensor(request: pytest.FixtureRequest) -> om.Sensor:
 @pytest.fixture(params=bundled_sensors())
 def bundled(request: pytest.FixtureRequest) -> om.Sensor:
     return om.load_sensor(request.param)
+
+
+@pytest.fixture
+def uncompiled(monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
+    """Call this to go on without what is compiled."""
+    return lambda: monkeypatch.setattr(backend, "module", None)
 
 
 @pytest.fixture

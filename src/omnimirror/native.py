@@ -1,75 +1,213 @@
-"""The compiled samplers, if they are there: whether, which instructions, how many threads.
+"""The only door to the compiled part: whether it is there, its instructions, its threads, its kernels.
 
-The environment variable ``OMNIMIRROR_NATIVE`` set to ``0`` leaves them alone; set to ``plain``, ``avx2`` or
-``neon`` it chooses their instructions instead of the machine's best.
+The environment variable ``OMNIMIRROR_NATIVE`` set to ``0`` leaves it alone; set to ``plain``, ``avx2`` or
+``neon`` it chooses the samplers' instructions instead of the machine's best. What is compiled, from which formulas
+and how it is tested, is told in native/README.md.
 """
 
 from __future__ import annotations
 
 import logging
 import os
-from functools import cache
+from collections.abc import Sequence
 from importlib import import_module
-from types import ModuleType
+from typing import Any, Protocol, cast
 
-import cv2
+from numpy.typing import NDArray
 
 from .errors import InvalidParameter
+from .numerics.lazy import cached_property
 
 MOST_THREADS = 1024
+Array = NDArray[Any]
+Colour = float | Sequence[float]
 
 
-@cache
-def compiled() -> ModuleType | None:
-    """The compiled module, or None where it was not built or is not wanted. Asked once.
+class Backend:
+    """What computes: compiled kernels, or NumPy and OpenCV where there are none.
 
-    Where it was not built, the log says so once: pictures come out the same, several times slower.
+    A room that has both ways asks :attr:`is_compiled` where it chooses between them, and then calls
+    :attr:`kernels` without asking again. There is one such object, :data:`backend`.
+
+    Examples
+    --------
+    >>> backend.name in ("avx2", "neon", "plain", "opencv")
+    True
     """
-    wanted = os.environ.get("OMNIMIRROR_NATIVE", "")
-    if wanted == "0":
-        return None
-    try:
-        _native = import_module("omnimirror._native")  # by name: the package as a whole is above this room
-    except ImportError as e:
-        log = logging.getLogger("omnimirror")
-        log.warning(
-            "the compiled samplers are missing: pictures are straightened by OpenCV, several times slower; "
-            "to have them, install omnimirror where a C++20 compiler works"
-        )
-        log.info("%s", e)
-        return None
-    if wanted:
+
+    @cached_property
+    def module(self) -> Kernels | None:
+        """The compiled module; None where it was not built or is not wanted. Looked for once, at first use.
+
+        Where it was not built, the log says so: pictures come out the same, several times slower.
+        """
+        wanted = os.environ.get("OMNIMIRROR_NATIVE", "")
+        if wanted == "0":
+            return None
         try:
-            _native.use_instructions(wanted)
-        except ValueError:
-            raise InvalidParameter(f"OMNIMIRROR_NATIVE = {wanted!r} names no instructions of this machine") from None
-    return _native
+            module = import_module("omnimirror._native")  # by name: the package as a whole is above this room
+        except ImportError as e:
+            log = logging.getLogger("omnimirror")
+            log.warning(
+                "the compiled samplers are missing: pictures are straightened by OpenCV, several times slower; "
+                "to have them, install omnimirror where a C++20 compiler works"
+            )
+            log.info("%s", e)
+            return None
+        if wanted:
+            try:
+                module.use_instructions(wanted)
+            except ValueError:
+                sentence = f"OMNIMIRROR_NATIVE = {wanted!r} names no instructions of this machine"
+                raise InvalidParameter(sentence) from None
+        return cast(Kernels, module)
+
+    @property
+    def is_compiled(self) -> bool:
+        """Whether there are kernels to be called."""
+        return self.module is not None
+
+    @property
+    def kernels(self) -> Kernels:
+        """The compiled kernels; only to be asked for where :attr:`is_compiled`."""
+        if self.module is None:
+            raise RuntimeError("nothing is compiled here; ask backend.is_compiled first")
+        return self.module
+
+    @property
+    def name(self) -> str:
+        """Who samples pictures: ``"avx2"``, ``"neon"`` or ``"plain"`` kernels, or ``"opencv"``."""
+        return self.module.instructions() if self.module is not None else "opencv"
+
+    @property
+    def threads(self) -> int:
+        """On how many threads kernels run: at first, on as many as the process may use cores."""
+        if self.module is not None:
+            return self.module.get_threads()
+        import cv2
+
+        return int(cv2.getNumThreads())
+
+    def set_threads(self, count: int) -> None:
+        """Run kernels on so many threads, the caller's among them; they sleep between pictures.
+
+        Raises
+        ------
+        InvalidParameter
+            Unless from 1 to 1024.
+        """
+        if not 1 <= count <= MOST_THREADS:
+            raise InvalidParameter(f"{count} threads are not valid; valid are 1 to {MOST_THREADS}")
+        if self.module is not None:
+            self.module.set_threads(count)
+        else:
+            import cv2
+
+            cv2.setNumThreads(count)
 
 
-def sampler() -> str:
-    """Who samples: ``"avx2"``, ``"neon"`` or ``"plain"`` of the compiled samplers, or ``"opencv"``."""
-    module = compiled()
-    return "opencv" if module is None else str(module.instructions())
+backend = Backend()
+"""What this process computes with."""
 
 
-def set_threads(count: int) -> None:
-    """Sample on so many threads, the caller's among them; they sleep between pictures.
+class Kernels(Protocol):
+    """The functions and classes of ``omnimirror._native``.
 
-    Raises
-    ------
-    InvalidParameter
-        Unless from 1 to 1024.
+    Arrays must be contiguous unless said otherwise, and of exactly the type that is meant: nothing is converted.
+    They are checked there once more, whatever has been checked before, so that no argument makes a kernel read or
+    write outside a buffer. Names ending in ``_out``, ``dst``, ``pixels`` and the like are filled.
     """
-    if not 1 <= count <= MOST_THREADS:
-        raise InvalidParameter(f"{count} threads are not valid; valid are 1 to {MOST_THREADS}")
-    module = compiled()
-    if module is None:
-        cv2.setNumThreads(count)
-    else:
-        module.set_threads(count)
+
+    # -- the samplers: dewarp ------------------------------------------------------------------------
+
+    def Averages(
+        self, taps: Array, step: int, sharp: float, ring: tuple[float, float, float, float] | None
+    ) -> object: ...
+    def PackedMap(
+        self, coordinates: Array, width: int, height: int, channels: int, deep: bool, interpolation: int
+    ) -> PackedMap: ...
+    def AxialCamera(
+        self, frame: Array, x: float, y: float, width: int, height: int,
+        first: float, last: float, radii: Array, origins: Array, eye: float,
+    ) -> AxialCamera: ...  # fmt: skip
+    def remap(
+        self, src: Array, coordinates: Array, dst: Array, interpolation: int, border: Colour, averages: object = None
+    ) -> None: ...
+    def remap_polar(
+        self, src: Array, radii: Array, cosines: Array, sines: Array, x: float, y: float,
+        dst: Array, interpolation: int, border: Colour, averages: object = None,
+    ) -> None: ...  # fmt: skip
+    def remap_grid(
+        self, src: Array, x: Array, y: Array, weights: Array, row_weights: Array, cells: Array, patches: Array,
+        dst: Array, interpolation: int, border: Colour, averages: object = None,
+    ) -> None: ...  # fmt: skip
+    def squares_of_nodes(self, x: Array, y: Array, step: int, cells: Array, patches: Array, out: Array) -> None: ...
+
+    # -- designs by the thousand: batch --------------------------------------------------------------
+
+    def evaluate_designs(
+        self, coefficients: Array, numbers: Array, basis: Array, fractions: Array, has_conic: bool, paper: bool,
+        pitch: float, image_radius: float, wavelength: float, inverse_distance: Array, least_omega: float,
+        columns: Array, results: Array,
+    ) -> None: ...  # fmt: skip
+
+    # -- exposing and sharpening pictures: simulate --------------------------------------------------
+
+    def Optics(self, **numbers: Any) -> object: ...
+    def Environment(self, light: Array) -> object: ...
+    def Surfaces(self, places: Array, texel_places: Array, kinds: Array, sizes: Array, texels: Array) -> Surfaces: ...
+    def BlurKernels(
+        self, width: int, height: int, fineness: int, firsts: Array, offsets: Array, weights: Array,
+        pixels: Array, kernels: Array,
+    ) -> BlurKernels: ...  # fmt: skip
+    def expose_environment(
+        self, optics: object, environment: object, points: Array, shifted: bool, seed: int, left: int, top: int,
+        light: Array,
+    ) -> None: ...  # fmt: skip
+    def expose_rays(
+        self, optics: object, points: Array, shifted: bool, seed: int, left: int, top: int,
+        origins: Array, directions: Array, weights: Array, fates: Array,
+    ) -> None: ...  # fmt: skip
+    def advance_solution(
+        self, step: float, d: Array, product: Array, scale: Array, x: Array, residual: Array
+    ) -> float: ...
+    def turn_direction(self, share: float, scale: Array, residual: Array, d: Array) -> None: ...
+
+    # -- all of them ---------------------------------------------------------------------------------
+
+    def set_threads(self, count: int) -> None: ...
+    def get_threads(self) -> int: ...
+    def instructions(self) -> str: ...
+    def use_instructions(self, name: str) -> None: ...
 
 
-def threads() -> int:
-    """How many threads sample: at first, as many as the process may use cores."""
-    module = compiled()
-    return int(cv2.getNumThreads() if module is None else module.get_threads())
+class PackedMap(Protocol):
+    """Coordinates packed to 6 bytes a pixel (8 for deep pictures), for pictures of one size and kind."""
+
+    @property
+    def nbytes(self) -> int: ...
+    def sample(
+        self, src: Array, dst: Array, border: Colour, coordinates: Array | None = None, averages: object = None
+    ) -> None: ...
+
+
+class AxialCamera(Protocol):
+    """The projection of a camera that is symmetric about an axis, from tables."""
+
+    def project(self, targets: Array, is_near: bool, pixels: Array, excess: Array | None) -> None: ...
+
+
+class Surfaces(Protocol):
+    """Flat textured surfaces, and the first of them that a ray meets."""
+
+    def radiance(self, origins: Array, directions: Array, light: Array, distances: Array) -> None: ...
+
+
+class BlurKernels(Protocol):
+    """The products of a known blur, for conjugate gradients."""
+
+    def blur(self, fine: Array, blurred: Array) -> None: ...
+    def spread(self, blurred: Array, fine: Array) -> None: ...
+    def curvature_times(
+        self, fine: Array, slope2: Array, stiffness: Array, d: Array, product: Array, scratch: Array
+    ) -> float: ...

@@ -12,7 +12,7 @@ from omnimirror.batch.bases import family
 from omnimirror.batch.evaluate import COLUMNS, Designs, evaluate_designs
 from omnimirror.errors import InvalidParameter, NotOneToOne, OmnimirrorError
 from omnimirror.imagers import Imager
-from omnimirror.native import compiled
+from omnimirror.native import backend
 
 M = 43.9
 IMAGER = Imager(1024, 1024, 5.2)
@@ -110,7 +110,7 @@ def test_the_focus_is_the_best_focus(mode, radius, seed, name):
         assert batch.focus_mm[0] == pytest.approx(best.focus_mm, rel=1e-5)
 
 
-@pytest.mark.skipif(compiled() is None, reason="the compiled part is not built here")
+@pytest.mark.skipif(not backend.is_compiled, reason="the compiled part is not built here")
 @pytest.mark.parametrize(("mode", "radius"), BASES)
 @pytest.mark.parametrize("name", ["even-polynomial", "conic-asphere", "slope-spline"])
 @pytest.mark.parametrize("magnification", [0.0, 0.06])
@@ -134,7 +134,7 @@ def test_designs_that_cannot_be_used_are_marked():
     shape = family("even-polynomial", 3)
     c = np.array([[0.64, 0.155, -0.01], [0.9, -0.25, 0.0], [-0.3, 0.0, 0.0], [0.5, 0.5, 5.0]])
     designs = Designs(shape, c, 3.9 * M, M, 11.6, 4.0, 5.2)
-    for native in {False, compiled() is not None}:
+    for native in {False, backend.is_compiled}:
         assert evaluate_designs(designs, native=native).valid.tolist() == [True, False, False, False]
     with pytest.raises(NotOneToOne):
         om.evaluate(designs.sensor(1, IMAGER, 200.0))

@@ -10,6 +10,7 @@ from omnimirror.cameras import Camera
 from omnimirror.dewarp.maps import radial_table as radial
 from omnimirror.frames import Mount
 from omnimirror.mirrors.pose import MirrorPose
+from omnimirror.native import backend
 from omnimirror.specs import bundled_sensors
 
 CATADIOPTRIC = (-131.4797, 0.0, 1.848991e-03, 2.251206e-07, -7.343233e-10)
@@ -188,11 +189,11 @@ def test_rays_start_where_the_symmetry_says(camera):
 
 
 @pytest.fixture(params=["compiled", "not compiled"])
-def table_of(request, monkeypatch):
+def table_of(request, uncompiled):
     """What makes the radial table of a camera."""
     if request.param == "not compiled":
-        monkeypatch.setattr(radial, "compiled", lambda: None)
-    elif radial.compiled() is None:
+        uncompiled()
+    elif not backend.is_compiled:
         pytest.skip("the compiled module is not built")
     return lambda camera: radial.RadialTable(camera.symmetry, camera.image_size)
 

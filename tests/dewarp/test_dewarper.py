@@ -191,15 +191,15 @@ def test_the_edge_of_the_picture_is_not_smeared(interpolation):
     np.testing.assert_array_equal(straight, np.where(inside, 200, 0))
 
 
-def test_large_outputs_are_tiled(monkeypatch):
+def test_large_outputs_are_tiled(monkeypatch, uncompiled):
     view = om.screens.Cylinder((90, 70), -90.0, 90.0)
     picture = np.random.default_rng(0).integers(0, 255, (1020, 1024, 3), np.uint8)
     whole = om.Dewarper(BALL, view)(picture)
-    monkeypatch.setattr(sampling, "compiled", lambda: None)
+    uncompiled()
     monkeypatch.setattr(sampling, "LONGEST_SIDE_PX", 1025)
     long = om.Dewarper(BALL, om.screens.Cylinder((4000, 3), -50.0, 0.0))(picture)
     monkeypatch.undo()
-    monkeypatch.setattr(sampling, "compiled", lambda: None)
+    uncompiled()
     np.testing.assert_array_equal(long, om.Dewarper(BALL, om.screens.Cylinder((4000, 3), -50.0, 0.0))(picture))
     assert whole.any()
     longest = om.Dewarper(BALL, om.screens.Cylinder((40_000, 2), -50.0, 0.0))(picture)
@@ -222,8 +222,8 @@ def test_another_picture_is_refused(picture, message):
         om.Dewarper(BALL, om.screens.Plane((20, 10), tilt_deg=-30.0))(picture)
 
 
-def test_a_picture_too_large_for_opencv_is_refused(monkeypatch):
-    monkeypatch.setattr(sampling, "compiled", lambda: None)
+def test_a_picture_too_large_for_opencv_is_refused(uncompiled):
+    uncompiled()
     camera = om.MirrorBall((20_000.0, 1.0), 15_000.0, 200.0, (40_000, 3))
     with pytest.raises(InvalidParameter, match="40000 x 3 px is too large"):
         om.Dewarper(camera, om.screens.Plane((20, 10), tilt_deg=-90.0))(np.zeros((3, 40_000), np.uint8))

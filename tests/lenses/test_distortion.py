@@ -15,7 +15,7 @@ from omnimirror.dewarp import Dewarper, screens
 from omnimirror.errors import InvalidParameter
 from omnimirror.lenses.distortion import distorted, fold, undistorted
 from omnimirror.mirrors.pose import MirrorPose
-from omnimirror.native import compiled
+from omnimirror.native import backend
 from omnimirror.simulate import Environment, Hardware, expose
 from omnimirror.simulate.colour import srgb_from_linear
 from omnimirror.simulate.rendering import exposure as rays
@@ -103,7 +103,7 @@ def _direction(omega_deg):
     return np.stack([np.sin(angle), np.zeros_like(angle), -np.cos(angle)], axis=-1)
 
 
-@pytest.mark.skipif(compiled() is None, reason="nothing was compiled here")
+@pytest.mark.skipif(not backend.is_compiled, reason="nothing was compiled here")
 @LENSES
 @pytest.mark.parametrize("pose", [MirrorPose(), MISPLACED], ids=["aligned", "misplaced"])
 def test_compiled_rays_are_those_of_double_precision(terms, pose):

@@ -17,7 +17,7 @@ from ..errors import InvalidParameter
 from ..imagers import Imager
 from ..lenses import BlurMode, Lens, Orthographic, Perspective
 from ..mirrors.conics import conic_profile
-from ..native import compiled
+from ..native import backend
 from ..sensor import Sensor
 from .bases import Family
 from .best_focus import AreaModel, best_places
@@ -195,11 +195,10 @@ def evaluate_designs(designs: Designs, angles: int | ArrayLike = 100, native: bo
         raise InvalidParameter("angles need at least one, at fractions from 0 to 1 of the rim radius")
     if np.shape(designs.object_distance_mm) not in ((), u.shape):
         raise InvalidParameter(f"object_distance_mm needs one number, or one for each of the {u.size} field angles")
-    module = compiled() if native is not False else None
-    if native and module is None:
+    if native and not backend.is_compiled:
         raise InvalidParameter("the compiled evaluator is not here; install omnimirror where a C++20 compiler works")
-    if module is not None:
-        return _compiled(module, designs, u)
+    if backend.is_compiled if native is None else native:
+        return _compiled(designs, u)
     blocks = [_block(designs.part(slice(i, i + BLOCK)), u) for i in range(0, len(designs), BLOCK)]
     return BatchEvaluation(
         np.concatenate([b.columns for b in blocks], axis=1),
@@ -255,13 +254,13 @@ def _block(d: Designs, u: Array) -> BatchEvaluation:
         return BatchEvaluation(np.stack(columns), distance(v[:, 0]), worst, valid)
 
 
-def _compiled(module: Any, d: Designs, u: Array) -> BatchEvaluation:
+def _compiled(d: Designs, u: Array) -> BatchEvaluation:
     """As :func:`_block`, for all designs at once on the threads of the native part."""
     columns, results = np.empty((len(COLUMNS), len(d), u.size)), np.empty((3, len(d)))
     numbers = np.stack([getattr(d, name) for name in _NUMBERS], axis=1)
     basis = np.ascontiguousarray(np.stack(d.family.basis(u)))
     near = np.ascontiguousarray(np.broadcast_to(1 / np.asarray(d.object_distance_mm, dtype=float), u.size))
-    module.evaluate_designs(
+    backend.kernels.evaluate_designs(
         d.coefficients, numbers, basis, np.ascontiguousarray(u), d.family.has_conic, d.mode == "paper",
         d.pixel_pitch_um * 1e-3, d.image_radius_px or 0.0, d.wavelength_nm, near,
         d.least_omega_deg * DEGREE, columns, results,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..arguments import WrongKind, instance, shown
 from ..cameras import Camera, Mask
 from ..errors import InvalidParameter, OutsideField
-from ..native import compiled
+from ..native import backend
 from ..numerics.lazy import cached_property
 from .camera_field import field_of, ring_of
 from .maps.coordinates import is_separable, screen_grid, screen_rings, source_pixels
@@ -235,7 +235,7 @@ class Dewarper:
     @cached_property
     def _where(self) -> Where:
         """Where to sample, the same for all pictures: a map if it was asked for, or there is nothing else."""
-        has_lattice = not self.keep_map and compiled() is not None
+        has_lattice = not self.keep_map and backend.is_compiled
         return (self._lattice if has_lattice else None) or self._map
 
     @cached_property

@@ -10,12 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import omnimirror as om
-from omnimirror import native
 from omnimirror.dewarp.sampling import remap as sampling
 from omnimirror.dewarp.sampling.footprints import Ring, squares_of_coordinates
 from omnimirror.dewarp.sampling.remap import FixedMap, Grid, remap, remap_grid, remap_polar
+from omnimirror.native import backend
 
-MODULE = native.compiled()
+MODULE = backend.module
 INSTRUCTIONS = ["opencv"]
 if MODULE is not None:
     for _name in ("plain", "avx2", "neon"):
@@ -32,11 +32,10 @@ BALL = om.MirrorBall((511.5, 509.5), 480.0, 270.0, (1024, 1020))
 
 
 @pytest.fixture(params=INSTRUCTIONS)
-def sampler(request, monkeypatch):
+def sampler(request, uncompiled):
     """Every set of instructions that this machine has, and OpenCV."""
     if request.param == "opencv":
-        for module in ("sampling", "footprints"):
-            monkeypatch.setattr(f"omnimirror.dewarp.{module}.compiled", lambda: None)
+        uncompiled()
         yield request.param
         return
     before = MODULE.instructions()
@@ -197,8 +196,7 @@ def test_compiled_and_opencv_agree_on_a_real_view(monkeypatch):
         for interpolation in ("auto", "area"):
             taken = [om.Dewarper(BALL, view, interpolation)(picture)]
             with monkeypatch.context() as patch:
-                for module in ("sampling", "footprints"):
-                    patch.setattr(f"omnimirror.dewarp.{module}.compiled", lambda: None)
+                patch.setattr(backend, "module", None)
                 taken.append(om.Dewarper(BALL, view, interpolation)(picture))
             assert np.abs(taken[0].astype(int) - taken[1]).max() <= 1
 
@@ -450,16 +448,16 @@ def test_the_module_itself_refuses_what_would_leave_memory():
 
 @pytest.mark.skipif(MODULE is None, reason="the compiled samplers are not built")
 def test_threads_change_no_bit():
-    picture, before = texture("uint8", 3), native.threads()
+    picture, before = texture("uint8", 3), backend.threads
     grid, _ = grid_of(SHRINKING, (60, 61), 16)
     fixed = FixedMap.of_grid(grid, (150, 130), "auto")
-    native.set_threads(1)
+    backend.set_threads(1)
     expected = fixed(picture), remap_grid(picture, grid, "area")
     for count_of_threads in (2, 3, 7):
-        native.set_threads(count_of_threads)
+        backend.set_threads(count_of_threads)
         np.testing.assert_array_equal(fixed(picture), expected[0])
         np.testing.assert_array_equal(remap_grid(picture, grid, "area"), expected[1])
-    native.set_threads(before)
+    backend.set_threads(before)
 
 
 def test_sampling_reads_the_rules_it_offers():

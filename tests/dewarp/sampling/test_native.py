@@ -13,12 +13,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from omnimirror import native
-from omnimirror.dewarp.sampling import remap as sampling
 from omnimirror.dewarp.sampling.remap import FixedMap, Grid, node_weights, remap, remap_grid, remap_polar
 from omnimirror.errors import InvalidParameter
+from omnimirror.native import Backend, backend
 
-MODULE = native.compiled()
+MODULE = backend.module
 INSTRUCTIONS = []
 if MODULE is not None:
     for _name in ("plain", "avx2", "neon"):
@@ -42,12 +41,6 @@ def instructions(request):
     MODULE.use_instructions(request.param)
     yield request.param
     MODULE.use_instructions(before)
-
-
-@pytest.fixture
-def opencv(monkeypatch):
-    """Call this to go on without what is compiled."""
-    return lambda: monkeypatch.setattr(sampling, "compiled", lambda: None)
 
 
 # -- the truth -------------------------------------------------------------------------------------
@@ -124,7 +117,7 @@ def error_db(taken, true):
 
 @pytest.mark.parametrize("interpolation", INTERPOLATIONS)
 @pytest.mark.parametrize(("depth", "channels"), KINDS)
-def test_values_are_the_formulas(depth, channels, interpolation, instructions, opencv):
+def test_values_are_the_formulas(depth, channels, interpolation, instructions, uncompiled):
     """Of every way to give coordinates, and of OpenCV."""
     picture = photograph(depth, channels)
     coordinates = spiral((230, 170))
@@ -138,7 +131,7 @@ def test_values_are_the_formulas(depth, channels, interpolation, instructions, o
         fixed(picture, border=border),
         fixed(picture, border=border),
     ]
-    opencv()
+    uncompiled()
     taken += [remap(picture, coordinates, interpolation, border=border), fixed(picture, border=border)]
     for values in taken:
         assert values.dtype == picture.dtype
@@ -150,17 +143,17 @@ def test_values_are_the_formulas(depth, channels, interpolation, instructions, o
 
 @pytest.mark.parametrize("interpolation", ["linear", "cubic"])
 @pytest.mark.parametrize("channels", [1, 2, 3, 4])
-def test_a_photograph_is_as_exact_as_rounding_and_as_opencv(channels, interpolation, instructions, opencv):
+def test_a_photograph_is_as_exact_as_rounding_and_as_opencv(channels, interpolation, instructions, uncompiled):
     picture = photograph(channels=channels, size=(640, 480))
     coordinates = spiral((640, 480), (300, 401), reach=0.9)
     fixed = FixedMap(coordinates, (640, 480), interpolation)
     taken = fixed(picture)
     assert error_db(taken, truth(picture, coordinates, interpolation)) >= 58
-    opencv()
+    uncompiled()
     assert np.abs(taken.astype(int) - fixed(picture)).max() <= 1
 
 
-def test_the_real_photograph_too(shared_data, instructions, opencv):
+def test_the_real_photograph_too(shared_data, instructions):
     picture = cv2.imread(str(shared_data / "mirrorball" / "store.jpg"))
     size = picture.shape[1::-1]
     coordinates = spiral(size, (400, 801), reach=0.95)
@@ -169,7 +162,7 @@ def test_the_real_photograph_too(shared_data, instructions, opencv):
         taken = fixed(picture)
         assert error_db(taken, truth(picture, coordinates, interpolation)) >= 58
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(sampling, "compiled", lambda: None)
+            patch.setattr(backend, "module", None)
             assert np.abs(taken.astype(int) - fixed(picture)).max() <= 1
 
 
@@ -217,7 +210,7 @@ def test_instructions_agree_to_the_last_bit():
 
 
 @pytest.mark.parametrize("interpolation", INTERPOLATIONS)
-def test_polar_maps_are_their_coordinates(interpolation, instructions, opencv):
+def test_polar_maps_are_their_coordinates(interpolation, instructions, uncompiled):
     picture = photograph(size=(300, 280))
     radii = np.linspace(20.3, 190, 77)
     radii[5] = np.nan
@@ -229,7 +222,7 @@ def test_polar_maps_are_their_coordinates(interpolation, instructions, opencv):
         off = np.abs(taken - expected).max(axis=-1) > 1.5
         assert off.mean() < 2e-4  # float32 may put a pixel at the edge, or at a half, on the other side
         assert (taken[5] == 9).all()
-        opencv()
+        uncompiled()
 
 
 def a_grid(size, step, bend=2e-3, shift=(0.0, 0.0)):
@@ -251,7 +244,7 @@ def a_grid(size, step, bend=2e-3, shift=(0.0, 0.0)):
 
 @pytest.mark.parametrize("interpolation", INTERPOLATIONS)
 @pytest.mark.parametrize("step", [4, 8, 16, 32, 64])
-def test_grids_are_their_coordinates(step, interpolation, instructions, opencv):
+def test_grids_are_their_coordinates(step, interpolation, instructions, uncompiled):
     picture = photograph(size=(300, 280))
     for size, shift in (((203, 101), (0, 0)), ((64, 64), (0.25, 0.25)), ((1, 1), (0, 0.25)), ((7, 130), (0.5, 0.25))):
         grid, pixels = a_grid(size, step, shift=shift)
@@ -259,11 +252,11 @@ def test_grids_are_their_coordinates(step, interpolation, instructions, opencv):
         taken = remap_grid(picture, grid, interpolation, border=9)
         off = np.abs(taken - truth(picture, pixels, interpolation, 9)).max(axis=-1) > 1.5
         assert off.mean() < 1e-3
-    opencv()
+    uncompiled()
     assert np.abs(remap_grid(picture, grid, interpolation, border=9).astype(int) - taken).max() <= 1
 
 
-def test_grids_keep_their_patches(instructions, opencv):
+def test_grids_keep_their_patches(instructions, uncompiled):
     picture = photograph(size=(300, 280))
     grid, pixels = a_grid((150, 90), 16)
     cells = grid.cells.copy()
@@ -282,7 +275,7 @@ def test_grids_keep_their_patches(instructions, opencv):
     for _ in range(2):
         taken = remap_grid(picture, grid, "linear", border=9)
         assert (np.abs(taken - expected).max(axis=-1) > 1.5).mean() < 5e-4
-        opencv()
+        uncompiled()
 
 
 def test_node_weights_are_exact_for_cubics():
@@ -531,9 +524,9 @@ def test_tables_that_do_not_fit_are_refused():
 
 @pytest.fixture
 def some_threads():
-    before = native.threads()
-    yield native.set_threads
-    native.set_threads(before)
+    before = backend.threads
+    yield backend.set_threads
+    backend.set_threads(before)
 
 
 @pytest.mark.parametrize("interpolation", INTERPOLATIONS)
@@ -544,7 +537,7 @@ def test_threads_change_no_bit(interpolation, instructions, some_threads):
     expected = fixed(picture)
     for count in (2, 4, 7):
         some_threads(count)
-        assert native.threads() == count
+        assert backend.threads == count
         for _ in range(20):
             np.testing.assert_array_equal(fixed(picture), expected)
 
@@ -571,7 +564,7 @@ def test_callers_on_several_threads_do_not_wait_for_ever(some_threads):
 def test_the_number_of_threads_is_checked():
     for count in (0, -1, 1025):
         with pytest.raises(InvalidParameter, match=f"{count} threads"):
-            native.set_threads(count)
+            backend.set_threads(count)
 
 
 def _sum_in_a_child(queue):
@@ -599,7 +592,7 @@ def test_children_that_are_forked_have_threads_of_their_own(some_threads):
 
 
 def test_the_environment_chooses():
-    code = "from omnimirror.dewarp import native; print(native.sampler())"
+    code = "from omnimirror.native import backend; print(backend.name)"
     for value, expected in (("0", "opencv"), ("plain", "plain"), ("", MODULE.instructions())):
         environment = {**os.environ, "OMNIMIRROR_NATIVE": value}
         run = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
@@ -610,14 +603,12 @@ def test_what_is_missing_is_said_once(monkeypatch, caplog):
     monkeypatch.setitem(sys.modules, "omnimirror._native", None)
     monkeypatch.delattr("omnimirror._native", raising=False)
     monkeypatch.delenv("OMNIMIRROR_NATIVE", raising=False)
-    native.compiled.cache_clear()
-    try:
-        with caplog.at_level(logging.WARNING, "omnimirror"):
-            assert native.sampler() == native.sampler() == "opencv"
-            assert remap(np.zeros((3, 3), np.uint8), np.zeros((2, 2, 2))).shape == (2, 2)
-            native.set_threads(native.threads())
-        assert [r.levelname for r in caplog.records] == ["WARNING"]
-        assert "OpenCV, several times slower" in caplog.text
-    finally:
-        monkeypatch.undo()
-        native.compiled.cache_clear()
+    other = Backend()
+    with caplog.at_level(logging.WARNING, "omnimirror"):
+        assert other.name == other.name == "opencv"
+        assert not other.is_compiled
+        other.set_threads(other.threads)
+    assert [r.levelname for r in caplog.records] == ["WARNING"]
+    assert "OpenCV, several times slower" in caplog.text
+    with pytest.raises(RuntimeError, match=r"ask backend\.is_compiled first"):
+        _ = other.kernels

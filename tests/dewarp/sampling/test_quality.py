@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 import omnimirror as om
+from omnimirror.dewarp.sampling.remap import INTERPOLATIONS
 from omnimirror.simulate import pinhole_picture
 
 S = om.screens
@@ -40,7 +41,7 @@ def decibels(room, picture):
         pixels = om.Dewarper(CAMERA, screen).coordinates()
         inside = np.isfinite(pixels[..., 0])
         maps = np.moveaxis(np.nan_to_num(pixels, nan=-10.0).astype(np.float32), -1, 0)
-        pictures = {kind: om.Dewarper(CAMERA, screen, kind)(picture) for kind in om.dewarp.sampling.INTERPOLATIONS}
+        pictures = {kind: om.Dewarper(CAMERA, screen, kind)(picture) for kind in INTERPOLATIONS}
         pictures["cv2 lanczos"] = cv2.remap(picture, *maps, cv2.INTER_LANCZOS4)
         table[name] = {
             kind: 10 * np.log10(255**2 / np.mean((taken[inside].astype(float) - truth[inside]) ** 2))

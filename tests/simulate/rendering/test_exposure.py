@@ -9,13 +9,13 @@ import omnimirror as om
 from omnimirror.errors import InvalidParameter
 from omnimirror.mirrors.pose import MirrorPose
 from omnimirror.mirrors.reflectivity import METALS
-from omnimirror.native import compiled
+from omnimirror.native import backend
 from omnimirror.simulate import Environment, Hardware, expose
 from omnimirror.simulate.rendering import exposure as rays
 from omnimirror.simulate.rendering.samples import places, spread
 from omnimirror.specs import bundled_sensors
 
-needs_native = pytest.mark.skipif(compiled() is None, reason="nothing was compiled here")
+needs_native = pytest.mark.skipif(not backend.is_compiled, reason="nothing was compiled here")
 ROD = Hardware(
     camera_radius_mm=30.0,
     camera_height_mm=10.0,

@@ -8,14 +8,14 @@ from benchmarks.restoration import faster
 
 import omnimirror as om
 from omnimirror.imagers import Imager
-from omnimirror.native import compiled
+from omnimirror.native import backend
 from omnimirror.simulate.restoration.blur_problem import BlurProblem
 from omnimirror.simulate.restoration.blurring import Blur
 from omnimirror.simulate.restoration.deconvolution import solve
 from omnimirror.simulate.restoration.operators import CompiledOperator, Operator, SparseOperator
 from omnimirror.simulate.restoration.round_blur import round_blur
 
-needs_compiled = pytest.mark.skipif(compiled() is None, reason="nothing is compiled here")
+needs_compiled = pytest.mark.skipif(not backend.is_compiled, reason="nothing is compiled here")
 KINDS = [SparseOperator, pytest.param(CompiledOperator, marks=needs_compiled)]
 
 

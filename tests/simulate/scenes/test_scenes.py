@@ -5,11 +5,11 @@ import pytest
 
 from omnimirror.errors import InvalidParameter
 from omnimirror.frames import pan_tilt_direction
-from omnimirror.native import compiled
+from omnimirror.native import backend
 from omnimirror.simulate import Environment
 from omnimirror.simulate.scenes.surfaces import Surfaces, Texture
 
-needs_native = pytest.mark.skipif(compiled() is None, reason="nothing was compiled here")
+needs_native = pytest.mark.skipif(not backend.is_compiled, reason="nothing was compiled here")
 
 
 def test_an_environment_shows_pan_and_tilt_where_they_are():

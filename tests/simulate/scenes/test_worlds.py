@@ -7,13 +7,11 @@ import pytest
 
 import omnimirror as om
 from omnimirror.errors import InvalidParameter, MediaError
-from omnimirror.native import compiled
+from omnimirror.native import backend
 from omnimirror.simulate import Environment, Hall, Scene, Street, pinhole_picture
-from omnimirror.simulate.scenes import surfaces
 from omnimirror.simulate.scenes.facets import facets
-from omnimirror.simulate.scenes.worlds import room as rooms
 
-needs_native = pytest.mark.skipif(compiled() is None, reason="nothing was compiled here")
+needs_native = pytest.mark.skipif(not backend.is_compiled, reason="nothing was compiled here")
 
 
 @pytest.fixture(scope="module")
@@ -30,11 +28,11 @@ def seen_flat(scene, face_corners, columns, rows):
 
 
 @needs_native
-def test_the_room_is_the_same_as_surfaces_and_as_boxes(monkeypatch):
+def test_the_room_is_the_same_as_surfaces_and_as_boxes(uncompiled):
     room, chance = om.Room(texel_mm=20.0), np.random.default_rng(5)
     origins, directions = chance.uniform(-300, 300, (60_000, 3)), chance.normal(size=(60_000, 3))
     fast = room.radiance(origins, directions)
-    monkeypatch.setattr(rooms, "compiled", lambda: None)
+    uncompiled()
     different = np.abs(fast - room.radiance(origins, directions)).max(axis=1)
     assert np.median(different) < 1e-6
     assert (different > 5e-3).mean() < 2e-4  # rays that graze an edge
@@ -42,11 +40,11 @@ def test_the_room_is_the_same_as_surfaces_and_as_boxes(monkeypatch):
 
 @needs_native
 @pytest.mark.parametrize("scene", [Hall(texel_mm=50.0), Street(texel_mm=200.0)], ids=["hall", "street"])
-def test_scenes_are_the_same_without_compiling(scene, monkeypatch):
+def test_scenes_are_the_same_without_compiling(scene, uncompiled):
     chance = np.random.default_rng(6)
     origins, directions = chance.uniform(-300, 300, (4000, 3)), chance.normal(size=(4000, 3))
     fast, distance = scene.radiance(origins, directions), scene.distance_mm(origins, directions)
-    monkeypatch.setattr(surfaces, "compiled", lambda: None)
+    uncompiled()
     assert (np.abs(fast - scene.radiance(origins, directions)).max(axis=1) > 5e-3).mean() < 1e-3
     np.testing.assert_allclose(distance, scene.distance_mm(origins, directions), rtol=1e-3)
 

@@ -9,14 +9,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...cameras import AxialSymmetry, Camera, Mask, inside_image
 from ...frames import turned
-from ...native import compiled
+from ...native import AxialCamera, backend
 from ...numerics.lazy import cached_property
 
 Array = NDArray[np.float64]
@@ -80,12 +80,12 @@ class RadialTable:
         return np.stack([self.symmetry.axis, self.symmetry.right, self.symmetry.down])
 
     @cached_property
-    def _compiled(self) -> Any:
-        module = compiled()
-        return module and module.AxialCamera(self._frame, *self.symmetry.centre_px, *self.image_size, *self._tables)
+    def _compiled(self) -> AxialCamera:
+        (x, y), (width, height) = self.symmetry.centre_px, self.image_size
+        return backend.kernels.AxialCamera(self._frame, x, y, width, height, *self._tables)
 
     def _project(self, targets: Array, are_points: bool, excess: Array | None) -> Array:
-        if self._compiled is None:
+        if not backend.is_compiled:
             return self._project_here(targets, are_points, excess)
         pixels = np.empty((*targets.shape[:-1], 2))
         rows = np.ascontiguousarray(targets, np.float64).reshape(-1, 3)

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...native import compiled
+from ...native import backend
 from ...numerics.lazy import cached_property
 
 Squares = NDArray[np.float32]
@@ -81,10 +81,9 @@ class Averages:
     it: half a pixel farther there may be nothing."""
 
     @cached_property
-    def for_compiled(self) -> Any:
+    def for_compiled(self) -> object:
         """The same as the compiled samplers take it."""
-        module = compiled()
-        return None if module is None else module.Averages(self.taps, self.step, self.sharp_px, self.ring)
+        return backend.kernels.Averages(self.taps, self.step, self.sharp_px, self.ring)
 
 
 def averages_of(squares: Squares, step: int, interpolation: str, ring: Ring | None = None) -> Averages | None:
@@ -163,10 +162,10 @@ def squares_of_nodes(
     nodes: NDArray[np.float32], step: int, cells: NDArray[np.int32], patches: NDArray[np.float32]
 ) -> Squares:
     """Of a lattice, from its nodes; see :class:`~omnimirror.dewarp.sampling.remap.Grid`."""
-    module = compiled()
-    if module is not None:
+    if backend.is_compiled:
         squares = np.empty((*cells.shape, 2), np.float32)
-        module.squares_of_nodes(*nodes, step, cells, patches, squares)
+        u, v = nodes
+        backend.kernels.squares_of_nodes(u, v, step, cells, patches, squares)
         return squares
     scale = np.float32(0.5 / step)
     across = _squared(np.moveaxis(nodes[:, 1:-1, 2:] - nodes[:, 1:-1, :-2], 0, -1) * scale)

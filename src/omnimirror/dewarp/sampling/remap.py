@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...arguments import instance, shown
 from ...errors import InvalidParameter
 from ...media.pictures.images import FULL
-from ...native import compiled
+from ...native import backend
 from ...numerics.lazy import cached_property
 from .footprints import (
     CELL_PX,
@@ -81,7 +81,7 @@ def check_kind(image: Image) -> None:
 def check_largest(image: Image) -> None:
     """Refuse a picture with more pixels than can be counted."""
     height, width = image.shape[:2]
-    if compiled() is None and max(width, height) > LONGEST_SIDE_PX:
+    if not backend.is_compiled and max(width, height) > LONGEST_SIDE_PX:
         raise InvalidParameter(
             f"a picture of {width} x {height} px is too large; valid are {LONGEST_SIDE_PX} px a side, "
             "and more with the compiled samplers"
@@ -184,10 +184,9 @@ def remap(
     coordinates = _checked(coordinates)
     call = _Call(image, coordinates.shape[:2], interpolation, out, border)
     averages = _averages_of_map(coordinates, interpolation)
-    module = compiled()
-    if module is None:
+    if not backend.is_compiled:
         return call.done(remap_opencv(call.source, coordinates, call.kind, call.border, averages))
-    module.remap(call.source, _adjoining(coordinates), call.target, *call.how(averages))
+    backend.kernels.remap(call.source, _adjoining(coordinates), call.target, *call.how(averages))
     return call.done()
 
 
@@ -241,16 +240,15 @@ class FixedMap:
         if image.shape[1::-1] != tuple(self.size):
             raise InvalidParameter(f"the picture has another size than the map: {image.shape[1::-1]}, not {self.size}")
         call = _Call(image, self.coordinates.shape[:2], self.interpolation, out, border)
-        module = compiled()
-        if module is None:
+        if not backend.is_compiled:
             return call.done(remap_opencv(call.source, self.coordinates, call.kind, call.border, self._averages))
         if not (self._is_used and self._can_pack):
             self._is_used = True
-            module.remap(call.source, self.coordinates, call.target, *call.how(self._averages))
+            backend.kernels.remap(call.source, self.coordinates, call.target, *call.how(self._averages))
             return call.done()
         kind = (call.source.shape[2], call.source.dtype != np.uint8)
         if kind not in self._packed:
-            self._packed[kind] = module.PackedMap(self.coordinates, *self.size, *kind, NUMBERS[call.kind])
+            self._packed[kind] = backend.kernels.PackedMap(self.coordinates, *self.size, *kind, NUMBERS[call.kind])
         averages = (self.coordinates, self._averages.for_compiled) if self._averages else ()
         self._packed[kind].sample(call.source, call.target, call.border, *averages)
         return call.done()
@@ -285,12 +283,13 @@ def remap_polar(
     call = _Call(image, (len(rows), len(columns)), interpolation, out, border)
     if averages is None and interpolation in RULES:
         averages = averages_of(squares_of_rings(rows, columns), CELL_PX, interpolation)
-    module = compiled()
-    if module is None:
+    if not backend.is_compiled:
         pixels = np.stack([c + rows[:, None] * d for c, d in zip(centre, directions, strict=True)], axis=-1)
         return call.done(remap_opencv(call.source, pixels, call.kind, call.border, averages))
     cosines, sines = (d.astype(np.float32) for d in directions)
-    module.remap_polar(call.source, rows.astype(np.float32), cosines, sines, *centre, call.target, *call.how(averages))
+    backend.kernels.remap_polar(
+        call.source, rows.astype(np.float32), cosines, sines, *centre, call.target, *call.how(averages)
+    )
     return call.done()
 
 
@@ -358,18 +357,12 @@ def remap_grid(
     """The picture's values at a grid's coordinates; the others are as in :func:`remap`."""
     call = _Call(image, grid.size[::-1], interpolation, out, border)
     averages = grid.averages(interpolation)
-    module = compiled()
-    if module is None:
+    if not backend.is_compiled:
         return call.done(remap_opencv(call.source, grid.coordinates(), call.kind, call.border, averages))
-    module.remap_grid(
-        call.source,
-        *grid.nodes,
-        *(node_weights(grid.step, shift) for shift in grid.shift),
-        grid.cells,
-        grid.patches,
-        call.target,
-        *call.how(averages),
-    )
+    u, v = grid.nodes
+    across, down = (node_weights(grid.step, shift) for shift in grid.shift)
+    where = u, v, across, down, grid.cells, grid.patches
+    backend.kernels.remap_grid(call.source, *where, call.target, *call.how(averages))
     return call.done()
 
 

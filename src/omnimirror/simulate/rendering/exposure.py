@@ -15,7 +15,7 @@ from ...arguments import instance, whole
 from ...cameras import Camera
 from ...errors import InvalidParameter
 from ...frames import turned
-from ...native import compiled
+from ...native import backend
 from ...sensor import Sensor
 from ..colour import Light
 from ..hardware import Hardware
@@ -118,7 +118,7 @@ def expose(
         return np.stack([share[..., i] for i, share in enumerate(shares)], axis=-1)
     seen = _distant(scene) if distant else scene
     far = _environment_of(seen)
-    if _has_one_mirror(camera) and far is not None and compiled() is not None:
+    if _has_one_mirror(camera) and far is not None and backend.is_compiled:
         return _of_environment(camera, *far, plan, hardware, progress)
     return _of_scene(camera, seen, plan, hardware, progress, workers)
 
@@ -148,14 +148,12 @@ def _of_environment(
     sensor: Sensor, scene: Environment, heading: Array, plan: Samples, hardware: Hardware, progress: Progress | None
 ) -> Light:
     """All in the compiled kernels: no ray is ever stored."""
-    module = compiled()
-    assert module is not None
     optics = native_optics(sensor, hardware, plan.blur, tuple(heading.ravel()))
     width, height = sensor.image_size
     light = np.empty((height, width, 3), np.float32)
     for top in range(0, height, ROWS_AT_ONCE):
         rows = light[top : top + ROWS_AT_ONCE]
-        module.expose_environment(optics, scene.native, plan.points, plan.blur, plan.seed, 0, top, rows)
+        backend.kernels.expose_environment(optics, scene.native, plan.points, plan.blur, plan.seed, 0, top, rows)
         if progress is not None:
             progress(top + len(rows), height)
     return light
@@ -211,19 +209,16 @@ def trace(camera: Camera, plan: Samples, hardware: Hardware, rows: slice, column
             origins, directions, valid = camera.backproject(flat)
         fate = np.where(valid, REFLECTED, LOST).astype(np.uint8).reshape(shape)
         return Bundle(origins.reshape(*shape, 3), directions.reshape(*shape, 3), np.ones(shape), fate)
-    if compiled() is None:
-        return _trace_sensor(camera, plan, hardware, rows, columns)
-    return _trace_natively(camera, plan, hardware, rows, columns)
+    trace_sensor = _trace_natively if backend.is_compiled else _trace_sensor
+    return trace_sensor(camera, plan, hardware, rows, columns)
 
 
 def _trace_natively(sensor: Sensor, plan: Samples, hardware: Hardware, rows: slice, columns: slice) -> Bundle:
-    module = compiled()
-    assert module is not None
     shape = (rows.stop - rows.start, columns.stop - columns.start, len(plan.points))
     origins, directions = np.empty((2, *shape, 3), np.float32)
     weight, fate = np.empty(shape, np.float32), np.empty(shape, np.uint8)
     optics = native_optics(sensor, hardware, plan.blur, tuple(np.eye(3).ravel()))
-    module.expose_rays(
+    backend.kernels.expose_rays(
         optics, plan.points, plan.blur, plan.seed, columns.start, rows.start, origins, directions, weight, fate
     )
     return Bundle(origins, directions, weight, fate)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +10,7 @@ from numpy.typing import NDArray
 from ...lenses import Lens, Orthographic, Perspective
 from ...lenses.distortion import fold
 from ...mirrors import Mirror
-from ...native import compiled
+from ...native import backend
 from ...sensor import Sensor
 from ..hardware import Hardware
 
@@ -24,10 +23,8 @@ SAME_MM = 1e-9  # a conic that is the mirror, not one that is like it
 
 
 @lru_cache(maxsize=8)
-def native_optics(sensor: Sensor, hardware: Hardware, blur: bool, heading: tuple[float, ...]) -> Any:
+def native_optics(sensor: Sensor, hardware: Hardware, blur: bool, heading: tuple[float, ...]) -> object:
     """The compiled optics of a sensor; ``heading`` is a rotation (9,) of the world's directions, row by row."""
-    module = compiled()
-    assert module is not None
     mirror, pose, m = sensor.mirror, sensor.mirror_pose, -sensor.lens_offset[2]
     curvature, conic, nodes = _surface(mirror)
     rotation = sensor.mount.rotation()
@@ -36,7 +33,7 @@ def native_optics(sensor: Sensor, hardware: Hardware, blur: bool, heading: tuple
     u, v = sensor.imager.centre
     if sensor.mount.image_flipped:
         u = sensor.imager.width_px - 1 - u
-    return module.Optics(
+    return backend.kernels.Optics(
         telecentric=sensor.lens.TELECENTRIC,
         centre=(u, v),
         scale=(-scale if sensor.mount.image_flipped else scale, scale),

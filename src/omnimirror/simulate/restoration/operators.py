@@ -6,12 +6,12 @@ Compiled where they can be, else as sparse matrices, more slowly; both do the sa
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...native import compiled
+from ...native import backend
 from .blurring import Blur
 
 Values = NDArray[np.float32]
@@ -44,16 +44,14 @@ class Operator(Protocol):
 
 def operator_of(blur: Blur) -> Operator:
     """The products of a blur, compiled if they can be."""
-    return SparseOperator(blur) if compiled() is None else CompiledOperator(blur)
+    return CompiledOperator(blur) if backend.is_compiled else SparseOperator(blur)
 
 
 class CompiledOperator:
     """In C++, on several threads."""
 
     def __init__(self, blur: Blur) -> None:
-        module: Any = compiled()
-        self._module = module
-        self._kernels = module.BlurKernels(
+        self._kernels = backend.kernels.BlurKernels(
             *blur.size, blur.fineness, blur.firsts, blur.offsets, blur.weights, blur.pixels, blur.kernels
         )
         self._pixels = len(blur.pixels)
@@ -70,13 +68,13 @@ class CompiledOperator:
         return fine
 
     def curvature_times(self, fine: Values, slope2: Values, stiffness: Values, d: Values, product: Values) -> float:
-        return float(self._kernels.curvature_times(fine, slope2, stiffness, d, product, np.empty_like(slope2)))
+        return self._kernels.curvature_times(fine, slope2, stiffness, d, product, np.empty_like(slope2))
 
     def advance(self, step: float, d: Values, product: Values, scale: Values, x: Values, residual: Values) -> float:
-        return float(self._module.advance_solution(step, d, product, scale, x, residual))
+        return backend.kernels.advance_solution(step, d, product, scale, x, residual)
 
     def turn(self, share: float, scale: Values, residual: Values, d: Values) -> None:
-        self._module.turn_direction(share, scale, residual, d)
+        backend.kernels.turn_direction(share, scale, residual, d)
 
 
 class SparseOperator:

@@ -13,7 +13,7 @@ from ...dewarp.sampling.remap import remap
 from ...errors import InvalidParameter
 from ...frames import turned
 from ...media import read_image
-from ...native import compiled
+from ...native import backend
 from ...numerics.lazy import cached_property
 from ..colour import Light, linear_from_srgb
 from .contract import Array
@@ -109,11 +109,9 @@ class Environment:
         return np.concatenate([self.light[:, -1:], self.light, self.light[:, :1]], axis=1)
 
     @cached_property
-    def native(self) -> Any:
+    def native(self) -> object:
         """The compiled environment, without its heading."""
-        module = compiled()
-        assert module is not None
-        return module.Environment(np.ascontiguousarray(self.light))
+        return backend.kernels.Environment(np.ascontiguousarray(self.light))
 
 
 def _linear(image: NDArray[Any]) -> Array | Light:

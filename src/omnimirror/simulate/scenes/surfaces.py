@@ -8,7 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...native import compiled
+from ...native import Surfaces as CompiledSurfaces
+from ...native import backend
 from ...numerics.lazy import cached_property
 from ..colour import Light
 from .contract import Array
@@ -71,20 +72,18 @@ class Surfaces:
 
     def seen(self, origins_mm: Array, directions: Array) -> Seen:
         """What rays from origins (n, 3) mm in directions (n, 3) meet first."""
-        if compiled() is None:
+        if not backend.is_compiled:
             return self._seen_by_all(origins_mm, directions)
         count = len(origins_mm)
         light, distance = np.empty((count, 4), np.float32), np.empty(count, np.float32)
-        rays = (np.ascontiguousarray(a, np.float32) for a in (origins_mm, directions))
-        self._native.radiance(*rays, light, distance)
+        origins, towards = (np.ascontiguousarray(a, np.float32) for a in (origins_mm, directions))
+        self._native.radiance(origins, towards, light, distance)
         return Seen(light[:, :3], light[:, 3], distance)
 
     @cached_property
-    def _native(self) -> Any:
-        module = compiled()
-        assert module is not None
+    def _native(self) -> CompiledSurfaces:
         sizes = [(t.texels.shape[1], t.texels.shape[0], t.repeats) for t in self.textures]
-        return module.Surfaces(
+        return backend.kernels.Surfaces(
             np.ascontiguousarray(self.places, np.float32),
             np.ascontiguousarray(self.texel_places, np.float32),
             np.stack([self.texture_of, self.is_triangle], axis=-1).astype(np.int32),

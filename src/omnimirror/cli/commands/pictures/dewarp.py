@@ -25,7 +25,7 @@ from ....media.batch import PICTURES as PICTURE_SUFFIXES
 from ....media.batch import Job, expand_inputs, outputs_for, run_parallel
 from ....media.pictures.images import Image, can_be_panorama, check_size, format_of, read_picture
 from ....media.video.sequences import is_sequence
-from ....native import set_threads
+from ....native import backend
 from ....sensor import Sensor
 from ....simulate.restoration.noise import told_noise
 from ....simulate.restoration.round_blur import load_blur
@@ -142,7 +142,7 @@ def command(
     if "restore" not in given and (asked := [name for name in RESTORE_OPTIONS if name in given]):
         raise click.UsageError(f"{flag(asked[0])} belongs to --restore")
     if "threads" in given:
-        set_threads(given["threads"])
+        backend.set_threads(given["threads"])
     if viewer is not None:
         write_viewer(sources, viewer, given)
         if not outputs:

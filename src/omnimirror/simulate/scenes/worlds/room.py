@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ....errors import InvalidParameter
-from ....native import compiled
+from ....native import backend
 from ....numerics.lazy import cached_property
 from ...colour import Light
 from ..boxes import FACES, Face, face_of, meet
@@ -73,7 +73,7 @@ class Room:
         origins, towards = np.asarray(origins_mm, dtype=float), np.asarray(directions, dtype=float)
         _check_rays(origins, towards)
         painted = _painted(self.texel_mm)
-        if compiled() is not None:
+        if backend.is_compiled:
             return painted.surroundings.radiance(origins, towards)
         hits = meet(ROOM, SOLIDS, origins, towards)  # boxes are met quicker than any surfaces are in NumPy
         light, clear = painted.look_up(hits.face, origins + hits.distance[:, None] * towards)
