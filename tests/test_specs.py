@@ -14,6 +14,7 @@ import omnimirror as om
 from omnimirror.cli.commands.design.init import template
 from omnimirror.errors import OmnimirrorError, SpecError
 from omnimirror.frames import Mount
+from omnimirror.housing import CameraBody, Dome, Housing, Rim, Rod, Tube
 from omnimirror.imagers import Imager
 from omnimirror.lenses import Perspective
 from omnimirror.mirrors import EvenPolynomial
@@ -118,6 +119,64 @@ def test_the_template_of_init_is_a_working_sensor():
     sensor = parse_sensor(template("mine"))
     assert sensor.name == "mine"
     assert sensor.field_deg[1] == pytest.approx(135, abs=0.01)
+
+
+HOUSED = (
+    GOOD
+    + """
+[housing.camera]
+diameter_mm = 30.0
+
+[housing.rod]
+end_diameter_mm = 2.0
+
+[housing.tube]
+
+[housing.rim]
+width_mm = 1.5
+"""
+)
+
+
+def test_a_housing_comes_back_with_what_was_left_out():
+    sensor = parse_sensor(HOUSED)
+    assert sensor.housing == Housing(CameraBody(30.0), Rod(end_diameter_mm=2.0), Tube(), Rim(1.5))
+    assert parse_sensor(format_sensor(sensor)) == sensor
+    dome = replace(sensor, housing=Housing(shell=Dome(centre_mm=-80.0)))
+    assert parse_sensor(format_sensor(dome)) == dome
+    assert "housing" not in format_sensor(parse_sensor(GOOD))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("[housing.camera]", "[housing.kamera]", r"line 21: housing.kamera is not known; did you mean camera\?"),
+        ("[housing.tube]", "[housing.tube]\ndiameter_mm = 90", r"line 27: a tube of 90 mm .* valid from 97 mm"),
+        ("[housing.tube]", "[housing.tube]\nwall_mm = 0", "line 28: housing.tube.wall_mm = 0"),
+        (
+            "[housing.tube]",
+            "[housing.tube]\nwall = 3",
+            r"line 28: housing.tube.wall is not known; did you mean wall_mm",
+        ),
+        ("diameter_mm = 30.0\n", "", "line 21: housing.camera.diameter_mm is missing"),
+        ("[housing.tube]", "[housing.dome]\n[housing.tube]", "housing has both a tube and a dome"),
+        ("[housing.rod]\nend_diameter_mm", "[housing]\nrod", "line 25: housing.rod = 2.0 is not a table"),
+        ("end_diameter_mm = 2.0", "gap_mm = 200", "line 24: gap_mm = 200 leaves no rod; it is valid below 186 mm"),
+    ],
+)
+def test_a_housing_that_cannot_be_is_named_with_its_line(old, new, message):
+    text = HOUSED.replace(old, new)
+    assert text != HOUSED
+    with pytest.raises(SpecError, match=message):
+        parse_sensor(text)
+
+
+def test_the_housing_of_the_template_works():
+    head, tail = template("mine").split("# [housing.camera]")
+    sensor = parse_sensor(
+        head + "\n".join(line.removeprefix("# ") for line in ("# [housing.camera]" + tail).splitlines())
+    )
+    assert {ring.part for ring in sensor.obscurations} >= {"camera", "rod", "tube's base"}
 
 
 BAD = [

@@ -1,4 +1,4 @@
-"""The mirror sensor: mirror + lens + imager + mount, a Camera."""
+"""The mirror sensor: mirror + lens + imager + mount + housing, a Camera."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from .arguments import instance, numbers, shown, vectors
 from .cameras import AxialSymmetry, Projection, Rays, inside_image
 from .errors import InvalidParameter
 from .frames import Mount, turned
+from .housing import Housing
 from .imagers import Imager
 from .lenses import Lens, Perspective
 from .mirrors import Mirror, Secondary
@@ -19,6 +20,7 @@ from .mirrors.pose import MirrorPose
 from .numerics.lazy import cached_property
 from .tracing.folded import FoldedMirror
 from .tracing.meridian import ROUNDING, ChiefRays, Meridian
+from .tracing.obscuration import Obscuration, Obstructions, clear_field_deg, obscured_rings
 from .tracing.posed import PosedMirror
 from .tracing.reflection import Ends
 from .tracing.two_mirrors import TwoMirrorMeridian
@@ -45,6 +47,8 @@ class Sensor:
         mounted by default. The world's origin stays where the vertex was meant to be.
     secondary
         A second mirror, in which the lens sees the first: flat, to fold the sensor, or curved.
+    housing
+        What stands around the mirror; nothing by default.
 
     Raises
     ------
@@ -72,10 +76,12 @@ class Sensor:
     notes: str = ""
     mirror_pose: MirrorPose = field(default_factory=MirrorPose)
     secondary: Secondary | None = None
+    housing: Housing = field(default_factory=Housing)
 
     def __post_init__(self) -> None:
         for name, kind in (("mirror", Mirror), ("lens", Lens), ("imager", Imager)):
             instance(name, getattr(self, name), kind, f"one of omnimirror's {name}s")
+        instance("housing", self.housing, Housing, "a Housing of omnimirror.housing")
         if numbers("mirror_distance_mm", self.mirror_distance_mm, "(it takes one)").ndim:
             raise InvalidParameter(f"mirror_distance_mm = {shown(self.mirror_distance_mm)} is not one number")
         if self.lens.TELECENTRIC:
@@ -176,6 +182,76 @@ class Sensor:
         inner, outer = self.lens.ideal_height(first.x, first.w)
         self.lens.distorted_height(np.array([outer]))  # proves that distortion does not fold the picture over
         return float(inner), float(outer)
+
+    # -- what is hidden ------------------------------------------------------------------------
+
+    @cached_property
+    def obstructions(self) -> Obstructions:
+        """The housing with its sizes, fitted to the sensor as designed.
+
+        Raises
+        ------
+        InvalidParameter
+            The housing does not fit: the error says what would.
+        """
+        return Obstructions.of(self.housing, self.mirror, self.secondary, self.mirror_distance_mm)
+
+    @cached_property
+    def obscurations(self) -> tuple[Obscuration, ...]:
+        """Rings of field angle that the parts of the housing, and two mirrors, hide at every azimuth; they may overlap.
+
+        Raises
+        ------
+        InvalidParameter
+            If the mirror is decentred or tilted: :meth:`hidden_by` says what is hidden of single pixels.
+        """
+        return self._rings(merged=False)
+
+    @cached_property
+    def obscured(self) -> tuple[Obscuration, ...]:
+        """The same rings, those that overlap as one; their shares of the picture add up."""
+        return self._rings(merged=True)
+
+    @property
+    def clear_field_deg(self) -> tuple[float, float]:
+        """The field less what is hidden at its ends, degrees; both are the same angle where all is hidden."""
+        return clear_field_deg(self.field_deg, self.obscured)
+
+    def hidden_by(self, pixels: ArrayLike) -> dict[str, NDArray[np.bool_]]:
+        """For each part of the housing, which pixels (n, 2) it hides: their chief rays, traced in space, end at it.
+
+        What no part hides, and pixels that look past the mirror, are False everywhere.
+
+        Raises
+        ------
+        InvalidParameter
+            For a sensor of two mirrors, whose :attr:`obscurations` are known.
+
+        Examples
+        --------
+        >>> import omnimirror as om
+        >>> from omnimirror.housing import CameraBody, Housing
+        >>> sensor = replace(om.load_sensor("paper-spherical"), housing=Housing(CameraBody(60.0)))
+        >>> sensor.hidden_by([[511.5, 511.5], [900.0, 511.5]])
+        {'camera': array([ True, False])}
+        """
+        self.check_one_mirror("what hides a pixel")
+        pixels = vectors("pixels", pixels, 2)
+        start, towards = self.lens_rays(pixels.reshape(-1, 2), np.zeros(2))
+        found = self.posed_mirror.trace(start, towards)
+        hidden = self.obstructions.met_by(found.points, found.directions, -towards, self.mirror_pose)
+        return {part: (mask & found.valid).reshape(pixels.shape[:-1]) for part, mask in hidden.items()}
+
+    def _rings(self, merged: bool) -> tuple[Obscuration, ...]:
+        if self.housing.is_empty and self.secondary is None:
+            return ()
+        shift = self.mirror_pose.displacement_mm
+        return obscured_rings(self.meridian, self.obstructions, self._image_share, shift, merged=merged)
+
+    def _image_share(self, rays: ChiefRays) -> Array:
+        """Share (n,) of the image circle's area within chief rays."""
+        share: Array = (self.image_height_px(rays) / self.rim_radius_px) ** 2
+        return share
 
     # -- as a camera ---------------------------------------------------------------------------
 

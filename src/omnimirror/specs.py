@@ -25,6 +25,7 @@ from .arguments import file_name, shown
 from .errors import OmnimirrorError, SpecError
 from .files import parse_toml, read_text, write_text
 from .frames import CameraLooks, Mount
+from .housing import SHELLS, CameraBody, Housing, Rim, Rod
 from .imagers import Imager
 from .lenses import LENSES
 from .mirrors import MIRRORS, SECONDARIES, Mirror, Secondary
@@ -104,8 +105,11 @@ def sensor_of(data: dict[str, Any], where: Places, folder: Path | None = None) -
         mirror_distance_mm=np.inf if distance is None else distance,
         name=data.get("name", "sensor"),
         notes=data.get("notes", ""),
+        housing=housing_of(data.get("housing", {}), where),
     )
-    return where.wrap(("mount", "mirror_distance_mm"), make)
+    sensor = where.wrap(("mount", "mirror_distance_mm"), make)
+    _check_fit(sensor, data.get("housing", {}), where)
+    return sensor
 
 
 def format_sensor(sensor: Sensor) -> str:
@@ -140,6 +144,8 @@ def tables_of(sensor: Sensor) -> dict[str, Any]:
     }
     if sensor.mirror_pose != MirrorPose():
         data["mirror_pose"] = _table(sensor.mirror_pose)
+    if not sensor.housing.is_empty:
+        data["housing"] = housing_tables(sensor.housing)
     return data
 
 
@@ -223,7 +229,7 @@ class Places:
 
         The tables of a list, ``[[limit]]``, are ``limit.0``, ``limit.1`` and so on.
         """
-        table, found = "", None
+        table, found, whole = "", None, ".".join(path)
         counts: Counter[str] = Counter()
         for number, line in enumerate(self.lines, start=1):
             if header := re.match(r"\s*(\[\[?)\s*([\w.-]+)\s*\]", line):
@@ -231,11 +237,11 @@ class Places:
                 if header[1] == "[[":
                     counts[header[2]] += 1
                     table = f"{table}.{counts[header[2]] - 1}"
-                if table in (".".join(path[:1]), ".".join(path[:2])):
+                if whole == table or whole.startswith(f"{table}."):
                     found = number
                 continue
             key = re.match(r"\s*[\"']?([\w-]+)[\"']?\s*=", line)
-            if key and (table, key[1]) == (".".join(path[:-1]), *path[-1:]):
+            if key and whole == (f"{table}.{key[1]}" if table else key[1]):
                 return number
         return found
 
@@ -253,7 +259,7 @@ class Places:
 
 def _check_table_names(data: dict[str, Any], where: Places) -> None:
     known: dict[str, type] = {"format": int, "name": str, "notes": str}
-    known |= dict.fromkeys(("mirror", "secondary", "lens", "imager", "mount", "mirror_pose"), dict)
+    known |= dict.fromkeys(("mirror", "secondary", "lens", "imager", "mount", "mirror_pose", "housing"), dict)
     check_entries(data, known, FORMAT, where)
     for key in ("mirror", "lens", "imager"):
         if key not in data:
@@ -317,6 +323,44 @@ def _build(section: str, cls: type[Any], table: dict[str, Any], where: Places) -
     """A part from its checked table."""
     values = _values(table_model(cls), section, table, where)  # type: ignore[arg-type]  # the cache asks for Hashable
     return where.wrap((section,), lambda: cls(**values))
+
+
+HOUSING_PARTS: dict[str, type[Any]] = {"camera": CameraBody, "rod": Rod, **SHELLS, "rim": Rim, "secondary_rim": Rim}
+"""The parts of a housing by their tables, ``[housing.camera]`` and so on."""
+
+
+def housing_of(table: dict[str, Any], where: Places) -> Housing:
+    """A housing from the tables of ``[housing]``; what they leave out is fitted to the sensor later."""
+    for name, part in table.items():
+        if name not in HOUSING_PARTS:
+            valid = ", ".join(f"housing.{known}" for known in HOUSING_PARTS)
+            raise where.error(
+                ("housing", name), f"housing.{name} is not known{did_you_mean(name, HOUSING_PARTS)}; valid are {valid}"
+            )
+        if not isinstance(part, dict):
+            raise where.error(("housing", name), f"housing.{name} = {shown(part)} is not a table [housing.{name}]")
+    if len(shells := [name for name in SHELLS if name in table]) > 1:
+        raise where.error(("housing", shells[1]), "housing has both a tube and a dome; give one of them")
+    parts = {name: _build(f"housing.{name}", HOUSING_PARTS[name], part, where) for name, part in table.items()}
+    shell = next((parts.pop(name) for name in SHELLS if name in parts), None)
+    return Housing(shell=shell, **parts)
+
+
+def _check_fit(sensor: Sensor, tables: dict[str, Any], where: Places) -> None:
+    """Each part of a housing fits the sensor, its mirror with its rim."""
+    body = Housing(rim=sensor.housing.rim, secondary_rim=sensor.housing.secondary_rim)
+    for name in tables:
+        field = "shell" if name in SHELLS else name
+        alone = dataclasses.replace(body, **{field: getattr(sensor.housing, field)})
+        where.wrap((f"housing.{name}",), partial(getattr, dataclasses.replace(sensor, housing=alone), "obstructions"))
+
+
+def housing_tables(housing: Housing) -> dict[str, Any]:
+    """The tables of ``[housing]``, as plain data."""
+    parts = {name: getattr(housing, name) for name in ("camera", "rod", "rim", "secondary_rim")}
+    if housing.shell is not None:
+        parts[housing.shell.KIND] = housing.shell
+    return {name: _table(part) for name, part in parts.items() if part is not None}
 
 
 def _values(model: type[Table], section: str, table: dict[str, Any], where: Places) -> dict[str, Any]:

@@ -14,6 +14,7 @@ from ....lenses import LENSES, Lens
 from ....mirrors import MIRRORS, Mirror, Secondary
 from ....mirrors.pose import MirrorPose
 from ....parameters import Parameter
+from ....specs import HOUSING_PARTS
 from ...outputs import Output, say
 
 
@@ -73,6 +74,9 @@ image_flipped = false  # true when the driver delivers the picture reversed left
 
 # [mirror_pose]  # where the mirror really sits, if it is out of place; camera frame, tilts about the vertex
 {_entries(MirrorPose.PARAMETERS)}
+
+# What stands around the mirror; sizes that are left out are fitted to the sensor.
+{_housing()}
 '''
 
 
@@ -84,6 +88,26 @@ def _entries(parameters: Mapping[str, Parameter], values: Mapping[str, float] | 
     """Entries of a table that may be left out, commented; 0 where no value is given."""
     values = values or {}
     return "\n".join(f"# {name} = {values.get(name, 0.0)}  # {p.description}" for name, p in parameters.items())
+
+
+HOUSING = {
+    "camera": {"diameter_mm": 30.0},
+    "rod": {"gap_mm": 45.0},
+    "tube": {"diameter_mm": 102.0},
+    "rim": {"width_mm": 1.5},
+}
+"""A housing of the template's sensor that works as it stands; numbers that go without saying are those of its parts."""
+
+
+def _housing() -> str:
+    """The commented tables of a housing."""
+    tables = []
+    for name, values in HOUSING.items():
+        part = HOUSING_PARTS[name](**values)
+        given = {n: v for n in part.PARAMETERS if (v := getattr(part, n)) is not None}
+        entries = "\n".join(f"# {n} = {v}  # {part.PARAMETERS[n].description}" for n, v in given.items())
+        tables.append(f"# [housing.{name}]\n{entries}")
+    return "\n".join(tables)
 
 
 def _catalogue(parts: Mapping[str, type[Mirror] | type[Lens]]) -> str:

@@ -1,0 +1,386 @@
+"""What stands around the mirror: camera, rod, tube or dome, and the rim of the mirror's own body. Geometry, once.
+
+All of it is round about the lens's axis. Heights are in mm over where the mirror's vertex is meant to be, away from the
+lens, so those of what stands between mirror and lens are below 0. What it hides of the field,
+:mod:`omnimirror.tracing.obscuration` says.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from .arguments import instance
+from .errors import InvalidParameter
+from .parameters import Parameter
+
+CLEARANCE_MM = 3.0
+"""Between the rim and a tube or a dome, where its diameter is not given."""
+LENS_AT_RIMS = 2.5
+"""How many rim radii before the vertex a telecentric lens is taken to stand; it may stand anywhere."""
+GAP_SHARE = 0.25
+"""Of the mirror distance that a rod leaves to the lens, where its gap is not given."""
+
+
+class HousingPart:
+    """A part of a housing: it checks its own numbers; what is None is fitted to the sensor."""
+
+    PARAMETERS: ClassVar[dict[str, Parameter]]
+
+    def __post_init__(self) -> None:
+        for f in fields(self):  # type: ignore[arg-type]  # every part is a dataclass
+            value = getattr(self, f.name)
+            if value is not None:
+                self.PARAMETERS[f.name].check(f.name, value)
+
+
+@dataclass(frozen=True)
+class CameraBody(HousingPart):
+    """The camera's front, a disc that the mirror shows in the middle of the picture.
+
+    Parameters
+    ----------
+    diameter_mm
+    height_mm
+        Of its front over the lens's principal point, towards the mirror.
+    lens_diameter_mm
+        Of the front ring of its lens, which simulated pictures make out on it.
+
+    Raises
+    ------
+    InvalidParameter
+        A number outside its range.
+    """
+
+    diameter_mm: float
+    height_mm: float = 0.0
+    lens_diameter_mm: float = 24.0
+
+    PARAMETERS: ClassVar[dict[str, Parameter]] = {
+        "diameter_mm": Parameter("mm", 1e-3, 1e5, "diameter of the camera as the mirror shows it"),
+        "height_mm": Parameter("mm", -1e5, 1e5, "height of the camera's front over the lens, towards the mirror"),
+        "lens_diameter_mm": Parameter("mm", 1e-3, 1e5, "diameter of the front ring of the camera's lens"),
+    }
+
+
+@dataclass(frozen=True)
+class Rod(HousingPart):
+    """An opaque rod on the axis, from the mirror's vertex towards the lens.
+
+    Parameters
+    ----------
+    diameter_mm
+        At its foot, and all along unless it tapers.
+    end_diameter_mm : optional
+        At the mirror.
+    gap_mm : optional
+        From its foot to the lens; a quarter of the mirror distance by default. (The foot stands on a glass plate: a
+        rod that reached the lens would hide everything.)
+
+    Raises
+    ------
+    InvalidParameter
+        A number outside its range.
+    """
+
+    diameter_mm: float = 4.0
+    end_diameter_mm: float | None = None
+    gap_mm: float | None = None
+
+    PARAMETERS: ClassVar[dict[str, Parameter]] = {
+        "diameter_mm": Parameter("mm", 1e-3, 1e5, "diameter of the rod at its foot"),
+        "end_diameter_mm": Parameter("mm", 0.0, 1e5, "diameter of the rod at the mirror"),
+        "gap_mm": Parameter("mm", 0.0, 1e5, "from the foot of the rod to the lens"),
+    }
+
+    def fitted(self, envelope: Envelope) -> Rod:
+        """The rod with the sizes that it takes from the sensor."""
+        gap = -envelope.lens_mm * GAP_SHARE if self.gap_mm is None else self.gap_mm
+        if not gap < -envelope.lens_mm:
+            raise InvalidParameter(f"gap_mm = {gap:g} leaves no rod; it is valid below {-envelope.lens_mm:g} mm")
+        end = self.diameter_mm if self.end_diameter_mm is None else self.end_diameter_mm
+        return replace(self, end_diameter_mm=end, gap_mm=gap)
+
+
+WALL = {
+    "diameter_mm": Parameter("mm", 1e-3, 1e5, "outer diameter"),
+    "wall_mm": Parameter("mm", 1e-3, 1e3, "thickness of the wall"),
+    "refractive_index": Parameter("", 1.0, 4.0, "of the wall"),
+}
+
+
+@dataclass(frozen=True)
+class Tube(HousingPart):
+    """A clear tube about the axis, with opaque discs in it: in the plane of the lens, and at the mirror's back.
+
+    Around two mirrors it begins at the back of the second.
+
+    Parameters
+    ----------
+    diameter_mm : optional
+        Outer; by default the next full millimetre that leaves 3 mm around the mirror's rim.
+    wall_mm, refractive_index
+        Of its wall; acrylic by default.
+
+    Raises
+    ------
+    InvalidParameter
+        A number outside its range, or a wall that fills the tube.
+    """
+
+    diameter_mm: float | None = None
+    wall_mm: float = 3.0
+    refractive_index: float = 1.49
+
+    KIND: ClassVar[str] = "tube"
+    PARAMETERS: ClassVar[dict[str, Parameter]] = WALL
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _check_wall(self)
+
+    @property
+    def radii_mm(self) -> tuple[float, float]:
+        """Inner and outer radius, of a tube whose size is known."""
+        return _radii(self)
+
+    def inner_radius_mm(self, height_mm: float) -> float:
+        """How wide it is inside at a height, mm: the same at all."""
+        return self.radii_mm[0]
+
+    def fitted(self, envelope: Envelope) -> Tube:
+        """The tube with the sizes that it takes from the sensor."""
+        least = 2 * (envelope.outer_mm + self.wall_mm)
+        diameter = self.diameter_mm or float(np.ceil(least + 2 * CLEARANCE_MM))
+        if diameter < least:
+            raise InvalidParameter(
+                f"a tube of {diameter:g} mm with a wall of {self.wall_mm:g} mm does not take in the mirror; its "
+                f"diameter is valid from {least:g} mm"
+            )
+        return replace(self, diameter_mm=diameter)
+
+
+@dataclass(frozen=True)
+class Dome(HousingPart):
+    """A clear dome: the space between two spheres about the axis, cut off at an opaque disc in the plane of the lens.
+
+    Parameters
+    ----------
+    diameter_mm : optional
+        Of the outer sphere; by default it leaves 3 mm around the mirror's rim, to the next full millimetre.
+    wall_mm
+        Measured where the axis meets it, if the spheres had one centre.
+    refractive_index
+        Acrylic by default.
+    centre_mm : optional
+        Height of the outer sphere's centre; by default midway between the lens and the mirror's back. A dome about the
+        viewpoints bends rays least.
+    inner_shift_mm
+        By how much the inner sphere's centre is higher; 0, one centre, by default.
+
+    Raises
+    ------
+    InvalidParameter
+        A number outside its range, a wall that fills the dome, or an inner sphere that breaks through it.
+    """
+
+    diameter_mm: float | None = None
+    wall_mm: float = 3.0
+    refractive_index: float = 1.49
+    centre_mm: float | None = None
+    inner_shift_mm: float = 0.0
+
+    KIND: ClassVar[str] = "dome"
+    PARAMETERS: ClassVar[dict[str, Parameter]] = WALL | {
+        "centre_mm": Parameter("mm", -1e5, 1e5, "height of the centre over the mirror's vertex"),
+        "inner_shift_mm": Parameter("mm", -1e3, 1e3, "by how much the inner sphere's centre is higher"),
+    }
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _check_wall(self)
+        if not abs(self.inner_shift_mm) < self.wall_mm:
+            raise InvalidParameter(
+                f"inner_shift_mm = {self.inner_shift_mm:g} breaks through a wall of {self.wall_mm:g} mm"
+            )
+
+    @property
+    def radii_mm(self) -> tuple[float, float]:
+        """Radius of the inner and of the outer sphere, of a dome whose size is known."""
+        return _radii(self)
+
+    @property
+    def centres_mm(self) -> tuple[float, float]:
+        """Height of the inner and of the outer sphere's centre."""
+        assert self.centre_mm is not None, "a dome that is not fitted yet"
+        return self.centre_mm + self.inner_shift_mm, self.centre_mm
+
+    def inner_radius_mm(self, height_mm: float) -> float:
+        """How wide it is inside at a height, mm; 0 where it does not reach."""
+        square = self.radii_mm[0] ** 2 - (height_mm - self.centres_mm[0]) ** 2
+        return float(np.sqrt(max(square, 0.0)))
+
+    def fitted(self, envelope: Envelope) -> Dome:
+        """The dome with the sizes that it takes from the sensor."""
+        back, lens, rim = envelope.back_mm, envelope.lens_mm, envelope.outer_mm
+        centre = (back + lens) / 2 if self.centre_mm is None else self.centre_mm
+        farther = max(abs(back - centre), abs(lens - centre))
+        least = 2 * (float(np.hypot(rim, back - centre)) + self.wall_mm)
+        diameter = self.diameter_mm or float(np.ceil(2 * (np.hypot(rim + CLEARANCE_MM, farther) + self.wall_mm)))
+        if diameter < least:
+            raise InvalidParameter(
+                f"a dome of {diameter:g} mm about a centre at {centre:.4g} mm, its wall {self.wall_mm:g} mm thick, "
+                f"does not take in the mirror; its diameter is valid from {least:.5g} mm"
+            )
+        if diameter / 2 - self.wall_mm <= abs(lens - centre):
+            raise InvalidParameter(
+                f"a dome of {diameter:g} mm about a centre at {centre:.4g} mm does not reach the plane of the lens, at "
+                f"{lens:.4g} mm; its diameter is valid above {2 * (abs(lens - centre) + self.wall_mm):.5g} mm"
+            )
+        return replace(self, diameter_mm=diameter, centre_mm=centre)
+
+
+Shell = Tube | Dome
+SHELLS: dict[str, type[Tube] | type[Dome]] = {kind.KIND: kind for kind in (Tube, Dome)}
+"""Clear walls around a sensor, by the word that names them."""
+
+
+def _check_wall(shell: Shell) -> None:
+    if shell.diameter_mm is not None and not shell.wall_mm < shell.diameter_mm / 2:
+        raise InvalidParameter(
+            f"wall_mm = {shell.wall_mm:g} fills a {shell.KIND} of {shell.diameter_mm:g} mm; it is valid below "
+            f"{shell.diameter_mm / 2:g} mm"
+        )
+
+
+def _radii(shell: Shell) -> tuple[float, float]:
+    assert shell.diameter_mm is not None, "a wall that is not fitted yet"
+    outer = shell.diameter_mm / 2
+    return outer - shell.wall_mm, outer
+
+
+@dataclass(frozen=True)
+class Rim(HousingPart):
+    """What the mirror's own body shows around and behind the mirror's rim, a flange or a dark edge; it moves with it.
+
+    Parameters
+    ----------
+    width_mm
+        How far it stands out over the rim.
+    setback_mm
+        How far its front lies behind the rim.
+    thickness_mm
+        From the highest point of the surface to the body's back, where a tube ends.
+
+    Raises
+    ------
+    InvalidParameter
+        A number outside its range.
+    """
+
+    width_mm: float = 0.0
+    setback_mm: float = 0.0
+    thickness_mm: float = 5.0
+
+    PARAMETERS: ClassVar[dict[str, Parameter]] = {
+        "width_mm": Parameter("mm", 0.0, 1e4, "how far the rim's edge or flange stands out over the mirror"),
+        "setback_mm": Parameter("mm", 0.0, 1e4, "how far the front of the edge or flange lies behind the rim"),
+        "thickness_mm": Parameter("mm", 1e-3, 1e4, "from the mirror's surface to the back of its body"),
+    }
+
+
+class Envelope(NamedTuple):
+    """The sensor as a housing sees it: what it is fitted to. Heights over the vertex, mm."""
+
+    lens_mm: float
+    """Of the lens's plane, below 0."""
+    base_mm: float
+    """Where a tube begins: the plane of the lens, or the back of a second mirror."""
+    back_mm: float
+    """Of the back of the mirror's body."""
+    outer_mm: float
+    """Radius of the mirror with its rim."""
+    has_secondary: bool = False
+
+
+@dataclass(frozen=True)
+class Housing:
+    """What stands around the mirror; by default nothing.
+
+    Parameters
+    ----------
+    camera : CameraBody, optional
+    rod : Rod, optional
+    shell : Tube or Dome, optional
+    rim, secondary_rim : Rim, optional
+        Of the mirror and of a second one; without them the bodies have 5 mm and no edge.
+
+    Raises
+    ------
+    InvalidParameter
+        A part that is no such part.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> from dataclasses import replace
+    >>> sensor = replace(om.load_sensor("paper-spherical"), housing=Housing(CameraBody(60.0), Rod(4.0)))
+    >>> for ring in sensor.obscurations:
+    ...     print(ring.part, [round(v, 2) for v in ring.omega_deg], round(ring.picture_percent, 2))
+    rod [0.0, 21.04] 4.35
+    camera [0.0, 8.43] 0.71
+    """
+
+    camera: CameraBody | None = None
+    rod: Rod | None = None
+    shell: Shell | None = None
+    rim: Rim | None = None
+    secondary_rim: Rim | None = None
+
+    def __post_init__(self) -> None:
+        kinds: dict[str, Any] = dict.fromkeys(("rim", "secondary_rim"), Rim)
+        kinds |= {"camera": CameraBody, "rod": Rod, "shell": (Tube, Dome)}
+        for name, kind in kinds.items():
+            if (part := getattr(self, name)) is not None:
+                instance(name, part, kind, f"a part such as omnimirror.housing.{_name_of(kind)} makes")
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether there is nothing."""
+        return self == Housing()
+
+    @property
+    def holds_mirror(self) -> bool:
+        """Whether it says what holds the mirror."""
+        return self.rod is not None or self.shell is not None
+
+    def fitted(self, envelope: Envelope) -> Housing:
+        """The same with the sizes that it takes from the sensor.
+
+        Raises
+        ------
+        InvalidParameter
+            A tube or a dome that the mirror does not fit in, a dome that does not reach the lens, a rod's foot beyond
+            the mirror, or what a second mirror rules out.
+        """
+        if envelope.has_secondary:
+            self._check_beside_secondary()
+        rod, shell = self.rod and self.rod.fitted(envelope), self.shell and self.shell.fitted(envelope)
+        return replace(self, rod=rod, shell=shell)
+
+    def _check_beside_secondary(self) -> None:
+        if self.rod is not None:
+            raise InvalidParameter("a rod would stand in the view of the secondary; valid supports are tube and none")
+        if isinstance(self.shell, Dome):
+            raise InvalidParameter("a dome is for sensors of one mirror; beside a secondary valid are tube and none")
+        if self.camera is not None:
+            raise InvalidParameter(
+                f"a camera of diameter_mm = {self.camera.diameter_mm:g} is for sensors of one mirror; beside a "
+                "secondary the camera's front is its bore_radius_mm"
+            )
+
+
+def _name_of(kind: Any) -> str:
+    return " or ".join(k.__name__ for k in (kind if isinstance(kind, tuple) else (kind,)))

@@ -1,0 +1,338 @@
+"""What of the field is hidden, and by what: the one answer that drawing, picture, evaluation and requirements share.
+
+What counts is the chief ray: near the edge of what is hidden the picture fades over the width of the lens's aperture.
+What stands about the axis of an aligned sensor hides rings of field angle at every azimuth (:func:`obscured_rings`); of
+any sensor it stops rays in space (:meth:`Obstructions.met_by`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..housing import LENS_AT_RIMS, Envelope, Housing, Rim
+from ..mirrors import Mirror, Secondary
+from ..mirrors.pose import MirrorPose
+from .meridian import ChiefRays, Meridian
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+PLACES = 2049  # along the mirror, between which a ring's edge is looked for
+TOUCHES_DEG = 1e-6  # a ring this near to an end of the field begins or ends there
+
+
+def disc_clearance(distance: Any, cosine: Any, radius: Any) -> Any:
+    """By how much (n,), mm, rays pass a disc square to the axis; below 0 where it stops them.
+
+    A disc of radius a seen at an angle Omega is a cos(Omega) wide in the meridian: a ray meets it whose distance from
+    the disc's centre is less. NumPy arrays of any kind, complex ones too, whose imaginary parts are derivatives.
+
+    Parameters
+    ----------
+    distance : (n,) mm
+        Of the ray from the centre of the disc, in the meridian.
+    cosine : (n,)
+        Of the angle between ray and axis.
+    radius : mm
+
+    Examples
+    --------
+    >>> disc_clearance(np.array([10.0, 30.0]), np.cos(np.radians([0.0, 60.0])), 20.0)
+    array([-10.,  20.])
+    """
+    return distance - radius * cosine
+
+
+class Disc(NamedTuple):
+    """An opaque disc square to the axis, and which rays it stops: those that descend to the lens's side, or rise."""
+
+    part: str
+    height_mm: float
+    radius_mm: float
+    stops_rising: bool = False
+
+    def clearance(self, rays: ChiefRays, shift_mm: float) -> Array:
+        """By how much (n,), mm, chief rays pass it on their way into the world; ``shift_mm`` is the mirror's."""
+        way = -1.0 if self.stops_rising else 1.0
+        cosine = way * np.cos(rays.omega)
+        distance = rays.x * cosine + way * (rays.z + shift_mm - self.height_mm) * np.sin(rays.omega)
+        return np.where(cosine > 0, disc_clearance(distance, cosine, self.radius_mm), np.inf)
+
+    def met_by(self, points: Array, directions: Array) -> tuple[Mask, Array]:
+        """Which rays (n, 3), (n, 3) it stops, and where (n, 2), mm from the axis, they cross its plane."""
+        along = directions[:, 2]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            steps = (self.height_mm - points[:, 2]) / along
+            across: Array = points[:, :2] + steps[:, None] * directions[:, :2]
+            towards = along > 0 if self.stops_rising else along < 0
+            meets: Mask = towards & (steps > 0) & ((across**2).sum(axis=1) < self.radius_mm**2)
+        return meets, across
+
+
+class Cone(NamedTuple):
+    """A rod, which may taper: a piece of a cone about the axis."""
+
+    foot_mm: float
+    top_mm: float
+    foot_radius_mm: float
+    top_radius_mm: float
+
+    @property
+    def ends(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Height and radius of either end."""
+        return (self.foot_mm, self.foot_radius_mm), (self.top_mm, self.top_radius_mm)
+
+    def clearance(self, rays: ChiefRays, shift_mm: float, lens_mm: float, is_telecentric: bool) -> Array:
+        """By how much (n,), mm, chief rays pass it between lens and mirror.
+
+        Ray and rod are straight there, so they are nearest at the foot, or at the mirror. On their way out rays are
+        farther from the axis at any height.
+        """
+        z, narrowing = rays.z + shift_mm, 0.0 if is_telecentric else 1.0
+        passes = [rays.x - narrowing * rays.x * (z - height) / (z - lens_mm) - radius for height, radius in self.ends]
+        clearance: Array = np.min(passes, axis=0)
+        return clearance
+
+    def met_by(self, points: Array, directions: Array) -> Mask:
+        """Which rays (n, 3), (n, 3) meet it, on its side or its ends."""
+        taper = (self.top_radius_mm - self.foot_radius_mm) / (self.top_mm - self.foot_mm)
+        (x, y, z), (dx, dy, dz) = points.T, directions.T
+        radius, widening = self.foot_radius_mm + taper * (z - self.foot_mm), taper * dz
+        a = dx**2 + dy**2 - widening**2
+        b = x * dx + y * dy - radius * widening
+        disc = b**2 - a * (x**2 + y**2 - radius**2)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            t = (-b - np.sqrt(np.maximum(disc, 0))) / a
+            at = z + t * dz
+            meets: Mask = (disc > 0) & (t > 0) & (at >= self.foot_mm) & (at <= self.top_mm)
+            for height, end in self.ends:
+                t = (height - z) / dz
+                meets |= (t >= 0) & ((x + t * dx) ** 2 + (y + t * dy) ** 2 < end**2)
+        return meets
+
+
+@dataclass(frozen=True)
+class Obstructions:
+    """A housing fitted to its sensor: the opaque things in the light. Heights over where the vertex is meant to be, mm.
+
+    The wall of a tube or a dome is clear; it closes with ``discs``. What belongs to the mirror's own body moves with
+    the mirror: ``rim``, in the frame of the mirror.
+    """
+
+    housing: Housing
+    envelope: Envelope
+    is_telecentric: bool
+    discs: tuple[Disc, ...]
+    rod: Cone | None
+    rim: Disc | None
+
+    @classmethod
+    def of(
+        cls, housing: Housing, mirror: Mirror, secondary: Secondary | None, mirror_distance_mm: float
+    ) -> Obstructions:
+        """What a housing puts into the light of a mirror, perhaps seen in a second one, at a distance from the lens.
+
+        Raises
+        ------
+        InvalidParameter
+            As :meth:`omnimirror.housing.Housing.fitted`.
+        """
+        envelope = envelope_of(housing, mirror, secondary, mirror_distance_mm)
+        fitted = housing.fitted(envelope)
+        rod, edge = fitted.rod, housing.rim or Rim()
+        cone = None
+        if rod is not None:
+            assert rod.gap_mm is not None
+            assert rod.end_diameter_mm is not None
+            cone = Cone(envelope.lens_mm + rod.gap_mm, 0.0, rod.diameter_mm / 2, rod.end_diameter_mm / 2)
+        front = float(mirror.sag(np.array(mirror.rim_radius_mm))) + edge.setback_mm
+        rim = Disc("rim", front, envelope.outer_mm, stops_rising=True) if edge.width_mm else None
+        discs = (*_lids(fitted, envelope), *_before_mirror(fitted, envelope, secondary))
+        return cls(fitted, envelope, bool(np.isinf(mirror_distance_mm)), discs, cone, rim)
+
+    @property
+    def lids(self) -> tuple[Disc, ...]:
+        """The discs that close a tube or a dome."""
+        shell = self.housing.shell
+        return () if shell is None else tuple(disc for disc in self.discs if disc.part.startswith(shell.KIND))
+
+    @property
+    def camera(self) -> Disc | None:
+        """The disc that rays to the camera end at: its front, or the base that it stands on if that is wider."""
+        lens = self.envelope.lens_mm
+        fronts = [disc for disc in self.discs if disc.part == "camera"]
+        level = fronts[0].height_mm if fronts else lens
+        fronts += [disc for disc in self.lids if disc.height_mm == level == lens]
+        return max(fronts, key=lambda disc: disc.radius_mm, default=None)
+
+    def clearances(self, rays: ChiefRays, shift_mm: float = 0.0) -> dict[str, Array]:
+        """By how much (n,), mm, chief rays of the meridian pass each part; below 0 where it hides what they see.
+
+        ``shift_mm`` is how far the mirror sits from where it is meant to be along the axis.
+        """
+        lens = self.envelope.lens_mm
+        found = {} if self.rod is None else {"rod": self.rod.clearance(rays, shift_mm, lens, self.is_telecentric)}
+        found |= {disc.part: disc.clearance(rays, shift_mm) for disc in self.discs}
+        return found if self.rim is None else found | {"rim": self.rim.clearance(rays, 0.0)}
+
+    def met_by(self, points: Array, directions: Array, towards_lens: Array, pose: MirrorPose) -> dict[str, Mask]:
+        """Which rays (n,) off the mirror each part stops, on their way out or between lens and mirror.
+
+        Parameters
+        ----------
+        points, directions : (n, 3) arrays
+            Where rays leave the mirror (or the lens, past it), mm, and whereto, in the camera frame.
+        towards_lens : (n, 3) array
+            Directions from there back to the lens.
+        pose
+            Where the mirror really sits.
+        """
+        found = {disc.part: disc.met_by(points, directions)[0] for disc in self.discs}
+        if self.rod is not None:
+            found["rod"] = self.rod.met_by(points, directions) | self.rod.met_by(points, towards_lens)
+        if self.rim is not None:
+            found["rim"] = self._meets_rim(self.rim, points, directions, pose)
+        return found
+
+    def _meets_rim(self, rim: Disc, points: Array, directions: Array, pose: MirrorPose) -> Mask:
+        """Of the rim's disc the middle is the mirror."""
+        meets, across = rim.met_by(pose.to_mirror(points), pose.turned_to_mirror(directions))
+        edge = self.housing.rim or Rim()
+        with np.errstate(invalid="ignore"):
+            outside: Mask = meets & (np.hypot(*across.T) > rim.radius_mm - edge.width_mm)
+        return outside
+
+
+def envelope_of(housing: Housing, mirror: Mirror, secondary: Secondary | None, mirror_distance_mm: float) -> Envelope:
+    """What a housing is fitted to."""
+    rim = housing.rim or Rim()
+    lens = -mirror_distance_mm if np.isfinite(mirror_distance_mm) else -LENS_AT_RIMS * mirror.rim_radius_mm
+    back, outer = highest_mm(mirror) + rim.thickness_mm, mirror.rim_radius_mm + rim.width_mm
+    if secondary is None:
+        return Envelope(lens, lens, back, outer)
+    second = housing.secondary_rim or Rim()
+    base = -secondary.distance_mm - highest_mm(secondary.mirror) - second.thickness_mm
+    return Envelope(lens, base, back, outer, has_secondary=True)
+
+
+def highest_mm(mirror: Mirror) -> float:
+    """Height of the highest point of a mirror's surface over its vertex, mm."""
+    return float(mirror.sag(np.linspace(0.0, mirror.rim_radius_mm, 513)).max())
+
+
+def _lids(housing: Housing, envelope: Envelope) -> tuple[Disc, ...]:
+    """What closes a tube or a dome."""
+    shell = housing.shell
+    if shell is None:
+        return ()
+    base = Disc(f"{shell.KIND}'s base", envelope.base_mm, shell.inner_radius_mm(envelope.base_mm))
+    if shell.KIND == "dome":
+        return (base,)
+    return base, Disc("tube's cap", envelope.back_mm, shell.inner_radius_mm(envelope.back_mm), stops_rising=True)
+
+
+def _before_mirror(housing: Housing, envelope: Envelope, secondary: Secondary | None) -> tuple[Disc, ...]:
+    """The camera, and the rim of a second mirror."""
+    discs: list[Disc] = []
+    if (camera := housing.camera) is not None:
+        discs.append(Disc("camera", envelope.lens_mm + camera.height_mm, camera.diameter_mm / 2))
+    if secondary is not None and (rim := housing.secondary_rim) is not None and rim.width_mm:
+        edge = float(secondary.mirror.sag(np.array(secondary.mirror.rim_radius_mm))) + rim.setback_mm
+        radius = secondary.mirror.rim_radius_mm + rim.width_mm
+        discs.append(Disc("secondary's rim", -secondary.distance_mm - edge, radius))
+    return tuple(discs)
+
+
+# -- rings of field angle ------------------------------------------------------------------------------
+
+
+class Obscuration(NamedTuple):
+    """A ring of the field that a part hides, at every azimuth."""
+
+    part: str
+    """What hides it."""
+    omega_deg: tuple[float, float]
+    """From where to where."""
+    picture_percent: float
+    """Its share of the image circle's area."""
+
+
+def obscured_rings(
+    meridian: Meridian,
+    obstructions: Obstructions,
+    share: Callable[[ChiefRays], Array],
+    shift_mm: float = 0.0,
+    *,
+    merged: bool = False,
+) -> tuple[Obscuration, ...]:
+    """Rings of the field that each part hides; they may overlap unless they are merged into those of anything.
+
+    Parameters
+    ----------
+    meridian
+        Of the mirror at its real distance.
+    obstructions
+    share
+        Share (n,) of the image circle's area within chief rays.
+    shift_mm
+        How far the mirror sits from where it is meant to be along the axis.
+    """
+
+    def clearances(x: Array) -> dict[str, Array]:
+        found = obstructions.clearances(meridian.trace(x), shift_mm)
+        return {"anything": np.min([*found.values()], axis=0)} if merged and found else found
+
+    def clearance(part: str, x: Array) -> Array:
+        return clearances(x)[part]
+
+    x = np.linspace(meridian.x_min, meridian.mirror.rim_radius_mm, PLACES)
+    rings = [_middle(meridian, share)] if meridian.x_min > 0 else []
+    for part, clear in clearances(x).items():
+        for ends in _hidden_between(x, clear, partial(clearance, part)):
+            rays = meridian.trace(np.array(ends))
+            (low, high), (inner, outer) = np.degrees(rays.omega), share(rays)
+            rings.append(Obscuration(part, (float(low), float(high)), float(100 * (outer - inner))))
+    return tuple(rings)
+
+
+def _middle(meridian: Meridian, share: Callable[[ChiefRays], Array]) -> Obscuration:
+    """What two mirrors hide of their own field."""
+    start = meridian.trace(np.array([meridian.x_min]))
+    return Obscuration("secondary, bore", (0.0, float(np.degrees(start.omega[0]))), float(100 * share(start)[0]))
+
+
+def _hidden_between(x: Array, clear: Array, clearance: Callable[[Array], Array]) -> list[tuple[float, float]]:
+    """From where to where on the mirror a clearance is below 0, the ends to rounding."""
+    from scipy.optimize import brentq
+
+    hidden = clear < 0
+    edges = [
+        float(brentq(lambda v: np.clip(clearance(np.array(v)), -1e9, 1e9), x[i], x[i + 1]))
+        for i in np.flatnonzero(np.diff(hidden.astype(int)))
+    ]
+    edges = [*([float(x[0])] if hidden[0] else []), *edges, *([float(x[-1])] if hidden[-1] else [])]
+    return list(zip(edges[::2], edges[1::2], strict=True))
+
+
+def clear_field_deg(field_deg: tuple[float, float], rings: tuple[Obscuration, ...]) -> tuple[float, float]:
+    """The part (low, high) of a field, degrees, between the merged rings that are hidden at either end of it.
+
+    Both are the same angle where all is hidden.
+
+    >>> clear_field_deg((0.0, 135.0), (Obscuration("anything", (0.0, 12.0), 1.0),))
+    (12.0, 135.0)
+    """
+    low, high = field_deg
+    for ring in rings:
+        if ring.omega_deg[0] <= low + TOUCHES_DEG:
+            low = max(low, ring.omega_deg[1])
+    for ring in reversed(rings):
+        if ring.omega_deg[1] >= high - TOUCHES_DEG and ring.omega_deg[0] > low:
+            high = ring.omega_deg[0]
+    return low, high
