@@ -34,7 +34,9 @@ def test_the_page_holds_table_curves_and_pictures(comparison, tmp_path):
     assert page.count("data:image/svg+xml") == 1
     assert not re.search(r'(src|href)="(?!data:)', page)
     for row in comparison.rows:
-        cells = re.search(rf"<tr><th>{re.escape(row.title)} <small>{row.unit}</small></th>(.*?)</tr>", page)[1]
+        cells = re.search(rf"{re.escape(row.quantity.title)} <small>{row.quantity.unit}</small></th>(.*?)</tr>", page)[
+            1
+        ]
         assert re.findall(r">([^<]+)</td>", cells) == row.texts
     assert page.count('class="best"') == sum(sum(row.best) for row in comparison.rows)
 

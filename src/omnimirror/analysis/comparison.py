@@ -19,6 +19,7 @@ from ..errors import InvalidParameter
 from ..files import write_text
 from ..lenses import Perspective
 from ..numerics.lazy import cached_property
+from ..quantities import QUANTITIES, Quantity
 from ..sensor import Sensor, check_sensor
 from .evaluation import Evaluation, evaluate
 from .meridional.focus import BestFocus, best_focus
@@ -33,23 +34,24 @@ NEAR_MM = 1000.0  # distance of the objects for which one viewpoint is assumed
 
 
 @dataclass(frozen=True)
-class Row:
-    """One line of the comparison."""
+class Compared:
+    """One line of the comparison: a quantity of every sensor."""
 
-    key: str
-    """Name of the quantity, with its unit."""
-    title: str
-    unit: str
+    quantity: Quantity
     values: tuple[float | str, ...]
     """One per sensor; NaN where the sensor has no such thing."""
     better: Better
     """Whether high or low is better; neither for what only describes."""
-    format: str
+
+    @property
+    def name(self) -> str:
+        return self.quantity.name
 
     @property
     def texts(self) -> list[str]:
         """The values as people read them."""
-        return [v if isinstance(v, str) else "–" if math.isnan(v) else f"{v:{self.format}}" for v in self.values]
+        text = self.quantity.text
+        return [v if isinstance(v, str) else "–" if math.isnan(v) else text(v) for v in self.values]
 
     @property
     def best(self) -> list[bool]:
@@ -57,7 +59,7 @@ class Row:
         numbers = [v for v in self.values if isinstance(v, float) and not math.isnan(v)]
         if not self.better or len({*self.texts} - {"–"}) < 2:
             return [False] * len(self.values)
-        best = f"{(max if self.better == 'high' else min)(numbers):{self.format}}"
+        best = self.quantity.text((max if self.better == "high" else min)(numbers))
         return [text == best for text in self.texts]
 
 
@@ -66,14 +68,14 @@ class Comparison:
     """One to six sensors side by side; see :func:`compare`."""
 
     sensors: tuple[Sensor, ...]
-    rows: tuple[Row, ...]
+    rows: tuple[Compared, ...]
 
     @property
     def names(self) -> list[str]:
         """Names of the sensors, told apart by a number where two are the same."""
         return [s.name for s in self.sensors]
 
-    def __getitem__(self, key: str) -> Row:
+    def __getitem__(self, name: str) -> Compared:
         """The row of a quantity.
 
         Raises
@@ -82,22 +84,22 @@ class Comparison:
             A quantity that is not in the table.
         """
         for row in self.rows:
-            if row.key == key:
+            if row.name == name:
                 return row
-        raise InvalidParameter(f"{key!r} is not compared; valid are {', '.join(r.key for r in self.rows)}")
+        raise InvalidParameter(f"{name!r} is not compared; valid are {', '.join(r.name for r in self.rows)}")
 
     def to_csv(self, path: str | Path) -> None:
         """Write the table, a line per quantity and a column per sensor, numbers with 17 significant digits."""
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(["quantity", *self.names])
-        writer.writerows([r.key, *(v if isinstance(v, str) else f"{v:.17g}" for v in r.values)] for r in self.rows)
+        writer.writerows([r.name, *(v if isinstance(v, str) else f"{v:.17g}" for v in r.values)] for r in self.rows)
         write_text(path, text.getvalue())
 
     def to_json(self, path: str | Path) -> None:
         """Write a list of sensors, each an object of its quantities; numbers that are not finite become words."""
         sensors = [
-            {"name": name, **{row.key: _word(row.values[i]) for row in self.rows}} for i, name in enumerate(self.names)
+            {"name": name, **{row.name: _word(row.values[i]) for row in self.rows}} for i, name in enumerate(self.names)
         ]
         write_text(path, json.dumps(sensors, indent=1) + "\n")
 
@@ -121,7 +123,7 @@ def compare(sensors: Sequence[Sensor]) -> Comparison:
     --------
     >>> import omnimirror as om
     >>> result = om.compare([om.load_sensor("paper-spherical"), om.load_sensor("paper-hyperboloidal")])
-    >>> result["worst_floored_area_best_focus_deg2"].texts, result["viewpoint_spread_mm"].best
+    >>> result["best_focus_worst_floored_area_deg2"].texts, result["viewpoint_spread_mm"].best
     (['0.741', '1.795'], [False, True])
     """
     sensors = list(instance("sensors", sensors, Sequence, "a list of sensors"))
@@ -130,7 +132,7 @@ def compare(sensors: Sequence[Sensor]) -> Comparison:
     if not 1 <= len(sensors) <= MOST:
         raise InvalidParameter(f"{len(sensors)} sensors do not fit side by side; 1 to {MOST} are valid")
     studies = [Study(s) for s in _told_apart(sensors)]
-    return Comparison(tuple(s.sensor for s in studies), tuple(_row(studies, *q) for q in QUANTITIES))
+    return Comparison(tuple(s.sensor for s in studies), tuple(_compared(name, studies) for name in COMPARED))
 
 
 def _told_apart(sensors: Sequence[Sensor]) -> list[Sensor]:
@@ -206,7 +208,7 @@ def _worst(column: str) -> Callable[[Study], float]:
     return _of(column, lambda values: np.abs(values).max())
 
 
-def _uniformity(column: str) -> Callable[[Study], float]:
+def _ratio(column: str) -> Callable[[Study], float]:
     return _of(column, lambda values: values.min() / values.max())
 
 
@@ -225,47 +227,47 @@ def _sag(study: Study) -> float:
     return high - low
 
 
-RADIAL = "dh_domega_px_per_deg"
-Quantity = tuple[str, str, str, Better, str, Callable[[Study], float | str]]
-QUANTITIES: tuple[Quantity, ...] = (
-    ("mirror", "Mirror", "", "", "", lambda s: s.sensor.mirror.KIND),
-    ("secondary", "Second mirror", "", "", "", _secondary),
-    ("f_number", "F-number", "", "", ".3g", _f_number),
-    ("field_from_deg", "Field from", "deg", "low", ".1f", lambda s: s.sensor.field_deg[0]),
-    ("field_to_deg", "Field to", "deg", "high", ".1f", lambda s: s.sensor.field_deg[1]),
-    ("share_of_sphere_percent", "Share of the sphere", "%", "high", ".1f", Study.share_of_sphere),
-    ("rim_radius_px", "Image circle, radius", "px", "", ".1f", lambda s: s.sensor.rim_radius_px),
-    ("nonlinearity_percent", "Departure from equidistant", "%", "low", ".2f", Study.nonlinearity),
-    ("resolution_min_px_per_deg", "Resolution, least", "px/deg", "high", ".2f", _of(RADIAL, np.min)),
-    ("resolution_max_px_per_deg", "Resolution, largest", "px/deg", "", ".2f", _of(RADIAL, np.max)),
-    ("resolution_uniformity", "Resolution, least / largest", "", "high", ".3f", _uniformity(RADIAL)),
-    ("area_uniformity", "Image area, least / largest", "", "high", ".3f", _uniformity("area_px2")),
-    ("aspect_min", "Aspect, least", "", "", ".3f", _of("aspect", np.min)),
-    ("aspect_max", "Aspect, largest", "", "", ".3f", _of("aspect", np.max)),
-    ("worst_aspect", "Aspect, worst either way", "", "low", ".3f", Study.worst_aspect),
-    ("viewpoint_spread_mm", "Viewpoints, spread", "mm", "low", ".3f", _of("viewpoint_z_mm", np.ptp)),
-    ("one_viewpoint_error_px", "One viewpoint, error at 1 m", "px", "low", ".2f", Study.one_viewpoint_error),
-    ("focus_mm", "Focus", "mm", "", ".1f", lambda s: s.own.focus_mm),
-    ("depth_of_field_mm", "Depth of field", "mm", "high", ".1f", lambda s: s.own.depth_of_field_mm.depth),
-    ("worst_blur_t_px", "Worst blur T", "px", "low", ".2f", _worst("blur_t_px")),
-    ("worst_blur_s_px", "Worst blur S", "px", "low", ".2f", _worst("blur_s_px")),
-    ("worst_blur_t_deg", "Worst blur T", "deg", "low", ".3f", _worst("blur_t_deg")),
-    ("worst_blur_s_deg", "Worst blur S", "deg", "low", ".3f", _worst("blur_s_deg")),
-    ("worst_floored_area_deg2", "Worst floored blur area", "deg²", "low", ".3f", _worst("floored_area_deg2")),
-    ("best_focus_mm", "Best focus", "mm", "", ".1f", lambda s: s.best.focus_mm),
-    ("worst_floored_area_best_focus_deg2", "Worst floored area there", "deg²", "low", ".3f", lambda s: s.best.value),
-    ("airy_px", "Airy disk", "px", "low", ".2f", lambda s: s.own.airy_px),
-    ("length_mm", "Length, lens to far end", "mm", "low", ".1f", Study.length),
-    ("mirror_diameter_mm", "Mirror diameter", "mm", "low", ".1f", lambda s: 2 * s.sensor.mirror.rim_radius_mm),
-    ("mirror_sag_mm", "Mirror sag", "mm", "low", ".1f", _sag),
-    ("rim_slope_deg", "Slope at the rim", "deg", "low", ".1f", lambda s: float(s.own.beta_deg[-1])),
-)
-"""Key, title, unit, what is better, format, and value; pixels, blur and depth of field are each sensor's own."""
+Value = Callable[[Study], float | str]
+TANGENTIAL = "dh_domega_px_per_deg"
+COMPARED: dict[str, tuple[Better, Value]] = {
+    "mirror": ("", lambda s: s.sensor.mirror.KIND),
+    "secondary": ("", _secondary),
+    "f_number": ("", _f_number),
+    "field_from_deg": ("low", lambda s: s.sensor.field_deg[0]),
+    "field_to_deg": ("high", lambda s: s.sensor.field_deg[1]),
+    "share_of_sphere_percent": ("high", Study.share_of_sphere),
+    "rim_radius_px": ("", lambda s: s.sensor.rim_radius_px),
+    "nonlinearity_percent": ("low", Study.nonlinearity),
+    "least_dh_domega_px_per_deg": ("high", _of(TANGENTIAL, np.min)),
+    "largest_dh_domega_px_per_deg": ("", _of(TANGENTIAL, np.max)),
+    "dh_domega_ratio": ("high", _ratio(TANGENTIAL)),
+    "area_ratio": ("high", _ratio("area_px2")),
+    "least_aspect": ("", _of("aspect", np.min)),
+    "largest_aspect": ("", _of("aspect", np.max)),
+    "worst_aspect": ("low", Study.worst_aspect),
+    "viewpoint_spread_mm": ("low", _of("viewpoint_z_mm", np.ptp)),
+    "one_viewpoint_error_px": ("low", Study.one_viewpoint_error),
+    "focus_mm": ("", lambda s: s.own.focus_mm),
+    "depth_of_field_mm": ("high", lambda s: s.own.depth_of_field_mm.depth),
+    "worst_blur_t_px": ("low", _worst("blur_t_px")),
+    "worst_blur_s_px": ("low", _worst("blur_s_px")),
+    "worst_blur_t_deg": ("low", _worst("blur_t_deg")),
+    "worst_blur_s_deg": ("low", _worst("blur_s_deg")),
+    "worst_floored_area_deg2": ("low", _worst("floored_area_deg2")),
+    "best_focus_mm": ("", lambda s: s.best.focus_mm),
+    "best_focus_worst_floored_area_deg2": ("low", lambda s: s.best.value),
+    "airy_px": ("low", lambda s: s.own.airy_px),
+    "length_mm": ("low", Study.length),
+    "mirror_diameter_mm": ("low", lambda s: 2 * s.sensor.mirror.rim_radius_mm),
+    "sag_mm": ("low", _sag),
+    "rim_slope_deg": ("low", lambda s: float(s.own.beta_deg[-1])),
+}
+"""What is better and the value of each quantity compared; pixels, blur and depth of field are each sensor's own."""
 
 
-def _row(studies: Sequence[Study], *quantity: Any) -> Row:
-    key, title, unit, better, fmt, value = quantity
-    return Row(key, title, unit, tuple(value(s) for s in studies), better, fmt)
+def _compared(name: str, studies: Sequence[Study]) -> Compared:
+    better, value = COMPARED[name]
+    return Compared(QUANTITIES[name], tuple(value(s) for s in studies), better)
 
 
 def _word(value: float | str) -> float | str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -12,11 +13,13 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .. import quantities
 from ..arguments import LARGEST_RADIUS_PX, choice, number, numbers
 from ..errors import InvalidParameter
 from ..files import write_text
 from ..lenses import BLUR_MODES, BlurMode, DepthOfField, Perspective
 from ..mirrors import Mirror
+from ..quantities import QUANTITIES, described
 from ..sensor import Sensor, check_sensor
 from .meridional.focus import FocusStudy, best_focus, distance_per_angle
 from .meridional.viewpoints import viewpoint_z
@@ -26,6 +29,19 @@ from .uncertainty import standard_deviations
 Array = NDArray[np.float64]
 
 
+COLUMNS = tuple(q.name for q in quantities.COLUMNS if q.name != "floored_area_deg2")
+"""The columns of files, in order: ``omega_deg`` to ``blur_area_deg2``."""
+UNCERTAIN = (*COLUMNS, "floored_area_deg2")
+"""The columns that are told with a standard deviation."""
+
+READ_COLUMNS = (
+    "omega_deg", "x_mm", "theta_deg", "h_px", "dh_domega_px_per_deg", "width_px_per_deg", "aspect", "viewpoint_z_mm",
+    "distance_t_mm", "distance_s_mm", "blur_t_px", "blur_s_px", "blur_t_deg", "blur_s_deg", "floored_area_deg2",
+)  # fmt: skip
+"""The columns that people read, in their order; files hold the others too."""
+
+
+@described(quantities.COLUMNS)
 @dataclass(frozen=True)
 class Evaluation:
     """A sensor evaluated at n field angles; every column is an array (n,) named with its unit.
@@ -37,61 +53,33 @@ class Evaluation:
     """
 
     omega_deg: Array
-    """Field angle from the direction back past the lens."""
     x_mm: Array
-    """Mirror point: distance from the axis."""
     z_mm: Array
-    """Mirror point: height over the vertex."""
     beta_deg: Array
-    """Slope angle of the mirror (Eq. 2)."""
     theta_deg: Array
-    """Viewing angle of the lens (Eq. 5)."""
     gamma_deg: Array
-    """Angle of incidence and reflection (Eq. 3)."""
     h_px: Array
-    """Image height (Eq. 7), with the image distance of the focused lens."""
     dh_domega_px_per_deg: Array
-    """Radial image of one degree, Dh (Eqs. 8, 9)."""
     width_px_per_deg: Array
-    """Image of one degree along the circle, Dw (Eq. 10)."""
     area_px2: Array
-    """Image area of one square degree, Ds (Eq. 11)."""
     aspect: Array
-    """Dw / Dh (Eq. 12)."""
     viewpoint_z_mm: Array
-    """Where the chief ray meets the axis (Eq. 6)."""
     radius_t_mm: Array
-    """Tangential radius of curvature (Eq. 14)."""
     radius_s_mm: Array
-    """Sagittal radius of curvature (Eq. 18)."""
     q_t_mm: Array
-    """Mirror point to tangential image, positive behind the mirror (Eq. 15)."""
     q_s_mm: Array
-    """Mirror point to sagittal image (Eq. 19)."""
     image_t_x_mm: Array
-    """Tangential image, distance from the axis (Eq. 16)."""
     image_t_z_mm: Array
-    """Tangential image, height over the vertex (Eq. 17)."""
     image_s_x_mm: Array
-    """Sagittal image, distance from the axis (Eq. 20)."""
     image_s_z_mm: Array
-    """Sagittal image, height over the vertex (Eq. 21)."""
     distance_t_mm: Array
-    """L_t (Eq. 34)."""
     distance_s_mm: Array
-    """L_s (Eq. 35)."""
     blur_t_px: Array
-    """Tangential blur diameter, positive beyond the focus (Eq. 28, or 29 in the paper's mode)."""
     blur_s_px: Array
-    """Sagittal blur diameter."""
     blur_t_deg: Array
-    """Tangential blur in the angle of the object (Eq. 36)."""
     blur_s_deg: Array
-    """Sagittal blur in the angle of the object (Eq. 37)."""
     blur_area_deg2: Array
-    """The paper's blur area: the product of both, signed by its factors (Fig. 9c)."""
     floored_area_deg2: Array
-    """Blur area with a pixel and the Airy disk added in quadrature to each side."""
     sensor: Sensor
     """The sensor as evaluated, focus included."""
     object_distance_mm: float | Array
@@ -121,6 +109,10 @@ class Evaluation:
     def columns(self) -> dict[str, Array]:
         """The columns of the table in their fixed order."""
         return {name: getattr(self, name) for name in COLUMNS}
+
+    def texts(self, names: Iterable[str] = READ_COLUMNS) -> dict[str, list[str]]:
+        """The named columns as people read them, one list of cells each."""
+        return {name: [QUANTITIES[name].text(v) for v in getattr(self, name)] for name in names}
 
     def summary(self) -> dict[str, Any]:
         """What holds for the whole table: focus, depth of field, diffraction, and how it was computed."""
@@ -170,13 +162,6 @@ class Evaluation:
         if found := self.standard_deviations():
             data["standard_deviations"] = {k: v.tolist() for k, v in found.items()}
         write_text(path, json.dumps(_finite(data), indent=1) + "\n")
-
-
-_FIELDS = tuple(Evaluation.__annotations__)
-COLUMNS = _FIELDS[: _FIELDS.index("blur_area_deg2") + 1]
-"""The columns of tables and files, in order: ``omega_deg`` to ``blur_area_deg2``."""
-UNCERTAIN = (*COLUMNS, "floored_area_deg2")
-"""The columns that are told with a standard deviation."""
 
 
 def evaluate(

@@ -13,19 +13,14 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from ..analysis.section import lens_height
+from ..quantities import QUANTITIES
 from ..sensor import Sensor
 from .curves import value_limits
+from .labels import axis_label
 from .style import PAGE, angle_axis, bare, new_figure, panel_title, styled, zero_line
 from .subjects import EXACT, Subject, subjects_of, widest
 
-PANELS = (
-    ("h_px", "Mapping", "Image height h (px)"),
-    ("dh_domega_px_per_deg", "Resolution", "dh/dΩ (px per deg)"),
-    ("blur_t_deg", "Tangential blur", "Δ$_t$/Δh (deg)"),
-    ("blur_s_deg", "Sagittal blur", "Δ$_s$/Δw (deg)"),
-    ("aspect", "Width-to-height ratio", "Δw / Δh"),
-    ("viewpoint_z_mm", "Viewpoint above the vertex", "z$_v$ (mm)"),
-)
+PANELS = ("h_px", "dh_domega_px_per_deg", "blur_t_deg", "blur_s_deg", "aspect", "viewpoint_z_mm")
 DASHES: tuple[Any, ...] = (
     "-",
     (0, (5, 2)),
@@ -49,11 +44,11 @@ def side_by_side(sensors: Sequence[Sensor]) -> Figure:
         subjects = subjects_of(sensors, EXACT)
         figure = new_figure(PAGE, 6.4)
         grid = figure.add_gridspec(3, 3, width_ratios=(1, 1, 0.72))
-        for i, (column, title, unit) in enumerate(PANELS):
+        for i, column in enumerate(PANELS):
             ax = figure.add_subplot(grid[i // 2, i % 2])
-            panel_title(ax, i, title)
+            panel_title(ax, i, QUANTITIES[column].title)
             _panel(ax, subjects, column)
-            ax.set_ylabel(unit)
+            ax.set_ylabel(axis_label(column))
         section = figure.add_subplot(grid[:, 2])
         panel_title(section, len(PANELS), "Cross-sections")
         _cross_sections(section, subjects)

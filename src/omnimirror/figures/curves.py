@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from ..analysis import best_viewpoint
 from ..lenses import Lens, Orthographic, Perspective
 from ..mirrors import Sphere
+from ..quantities import QUANTITIES
 from ..sensor import Sensor
-from .labels import EndLabels
+from .labels import EndLabels, axis_label
 from .style import COLUMN, GREY, INK, PAGE, angle_axis, grid_of_axes, new_figure, panel_title, zero_line
 from .subjects import Subject, widest
 
@@ -28,36 +29,27 @@ SAME_PX = 1e-6  # errors of viewpoint below this are rounding: the sensor has a 
 
 def mapping(subjects: Sequence[Subject]) -> Figure:
     """Fig. 5: image height and its rate of change."""
-    panels = [
-        ("h_px", "Image height", "Image height h (px)"),
-        ("dh_domega_px_per_deg", "Rate of change", "dh/dΩ (px per deg)"),
-    ]
-    return _column_panels(subjects, panels)
+    return _column_panels(subjects, "h_px", "dh_domega_px_per_deg")
 
 
 def viewpoints(subjects: Sequence[Subject]) -> Figure:
     """Fig. 6: where the chief rays meet the axis."""
-    return _column_panels(subjects, [("viewpoint_z_mm", "", "Viewpoint above the vertex z$_v$ (mm)")])
+    return _column_panels(subjects, "viewpoint_z_mm")
 
 
 def area_and_aspect(subjects: Sequence[Subject]) -> Figure:
     """Fig. 7: image area and aspect of one square degree."""
-    panels = [
-        ("area_px2", "Image area", "Δs = Δw Δh (px² per deg²)"),
-        ("aspect", "Width-to-height ratio", "Δw / Δh"),
-    ]
-    return _column_panels(subjects, panels)
+    return _column_panels(subjects, "area_px2", "aspect")
 
 
-def _column_panels(subjects: Sequence[Subject], panels: Sequence[tuple[str, str, str]]) -> Figure:
+def _column_panels(subjects: Sequence[Subject], *columns: str) -> Figure:
     """One panel per column of the evaluation table, one line per sensor."""
-    figure = new_figure(COLUMN if len(panels) == 1 else PAGE, 2.5)
+    count = len(columns)
+    figure = new_figure(COLUMN if count == 1 else PAGE, 2.5)
     labels = EndLabels(figure)
-    for i, (ax, (column, title, unit)) in enumerate(
-        zip(grid_of_axes(figure, 1, len(panels), len(panels)), panels, strict=True)
-    ):
-        panel_title(ax, i, title, len(panels))
-        ax.set_ylabel(unit)
+    for i, (ax, column) in enumerate(zip(grid_of_axes(figure, 1, count, count), columns, strict=True)):
+        panel_title(ax, i, QUANTITIES[column].title if count > 1 else "", count)
+        ax.set_ylabel(axis_label(column, titled=count == 1))
         angle_axis(ax, widest(subjects))
         lines = [_line(ax, s, column) for s in subjects]
         _limits(ax, lines)
@@ -199,7 +191,7 @@ def viewing_angle(subjects: Sequence[Subject]) -> Figure:
         lines.append((line, f"{name} ({kept:.0%})"))
     angle_axis(ax, field)
     _limits(ax, [line for line, _ in lines])
-    ax.set_ylabel("Δs = Δw Δh (px² per deg²)")
+    ax.set_ylabel(axis_label("area_px2"))
     ax.set_title(f"Spheres that see {field:g}°; in brackets: rim / centre", fontweight="normal")
     for line, text in lines:
         labels.of_line(ax, line, text)

@@ -1,7 +1,8 @@
-"""Labels at the ends of lines, moved apart until none covers another."""
+"""Labels of axes, and labels at the ends of lines, moved apart until none covers another."""
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -12,7 +13,21 @@ from matplotlib.text import Annotation
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import isotonic_regression
 
+from ..quantities import QUANTITIES
+
 Array = NDArray[np.float64]
+
+
+def axis_label(name: str, titled: bool = False) -> str:
+    """Symbol and unit of a quantity, as an axis bears them; its title before them where no panel has it.
+
+    >>> axis_label("distance_t_mm"), axis_label("h_px", titled=True)
+    ('L$_t$ (mm)', 'Image height h (px)')
+    """
+    q = QUANTITIES[name]
+    symbol = re.sub(r"_(\w)", r"$_\1$", q.symbol)
+    words = [q.title] * titled + [symbol] + [f"({q.unit})"] * bool(q.unit)
+    return " ".join(words)
 
 
 def spread(wanted: ArrayLike, gap: float, low: float, high: float) -> Array:

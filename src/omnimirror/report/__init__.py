@@ -8,11 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from ..analysis import Evaluation, best_focus, evaluate
-from ..analysis.headings import HEADINGS, formatted
+from ..analysis.evaluation import READ_COLUMNS
 from ..dewarp import Dewarper, screens, views
 from ..figures import FIGURES, draw, render
 from ..files import write_text
 from ..media import write_image
+from ..quantities import QUANTITIES, explained
 from ..sensor import Sensor
 from ..simulate import Room, take_picture
 from ..simulate.rendering.picture import SHOWN_SAMPLES
@@ -20,7 +21,7 @@ from .pages import figure_html, page_html
 
 VIEW = screens.Plane((960, 600))
 FIGURES_SHOWN = ("fig5", "fig7", "fig10", "fig4", "fig9", "fig6")
-COLUMNS_SHOWN = [name for name in HEADINGS if name not in ("blur_t_deg", "blur_s_deg")]
+COLUMNS_SHOWN = [name for name in READ_COLUMNS if name not in ("blur_t_deg", "blur_s_deg")]
 
 
 def write_demo(sensor: Sensor, folder: str | Path, blur: bool = True) -> Path:
@@ -83,14 +84,16 @@ def _numbers(result: Evaluation) -> str:
     near, far = result.depth_of_field_mm
     low, high = sensor.field_deg
     seen = (np.cos(np.radians(low)) - np.cos(np.radians(high))) / 2
+    resolution, rate = QUANTITIES["dh_domega_px_per_deg"], result.dh_domega_px_per_deg
+    area = QUANTITIES["worst_floored_area_deg2"]
     entries = {
         "Mirror": f"{sensor.mirror.KIND}, rim {2 * sensor.mirror.rim_radius_mm:g} mm across",
         "Field": f"{low:.3g} to {high:.4g}°, {100 * seen:.0f} % of the sphere",
         "Image circle": f"{2 * sensor.rim_radius_px:.0f} px across",
-        "Resolution": f"{result.dh_domega_px_per_deg.min():.2f} to {result.dh_domega_px_per_deg.max():.2f} px/deg",
-        "Focus": f"{result.focus_mm:.1f} mm (best for blur area: {best.focus_mm:.1f})",
+        resolution.title: f"{rate.min():.2f} to {rate.max():.2f} {resolution.unit}",
+        "Focus": f"{result.focus_mm:.1f} mm (best for the floored blur area: {best.focus_mm:.1f})",
         "Depth of field": f"{near:.1f} to {far:.1f} mm",
-        "Worst blur area": f"{result.floored_area_deg2.max():.3f} deg²",
+        area.title: f"{area.text(result.floored_area_deg2.max())} {area.unit}",
         "Viewpoints": f"{np.ptp(result.viewpoint_z_mm):.3g} mm apart",
     }
     return "".join(f"<div><dt>{k}</dt><dd>{escape(v)}</dd></div>" for k, v in entries.items())
@@ -123,8 +126,11 @@ def _figures(sensor: Sensor) -> str:
 
 
 def _table(result: Evaluation) -> str:
-    head = "".join(f"<th>{HEADINGS[n].symbol}<small>{HEADINGS[n].unit or '&nbsp;'}</small></th>" for n in COLUMNS_SHOWN)
-    cells = formatted(result, COLUMNS_SHOWN).values()
+    head = "".join(
+        f'<th title="{escape(explained(q))}">{q.heading}<small>{q.unit or "&nbsp;"}</small></th>'
+        for q in map(QUANTITIES.__getitem__, COLUMNS_SHOWN)
+    )
+    cells = result.texts(COLUMNS_SHOWN).values()
     rows = "".join("<tr>" + "".join(f"<td>{c}</td>" for c in row) + "</tr>" for row in zip(*cells, strict=True))
     return f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"
 

@@ -98,7 +98,7 @@ def comparison_html(comparison: Comparison, pictures: Pictures) -> str:
 
 def comparison_sheet(comparison: Comparison, pictures: Pictures) -> NDArray[np.uint8]:
     """The same as one tall picture (rows, columns, 3) in RGB order."""
-    lines = [[r.title, r.unit, *r.texts] for r in comparison.rows]
+    lines = [[r.quantity.title, r.quantity.unit, *r.texts] for r in comparison.rows]
     figures = (
         table_sheet(comparison.names, lines, [r.best for r in comparison.rows]),
         side_by_side(comparison.sensors),
@@ -109,15 +109,17 @@ def comparison_sheet(comparison: Comparison, pictures: Pictures) -> NDArray[np.u
 
 
 def _table(comparison: Comparison) -> str:
-    head = "".join(f"<th>{escape(n)}</th>" for n in comparison.names)
+    names = "".join(f"<th>{escape(n)}</th>" for n in comparison.names)
     rows = []
     for row in comparison.rows:
         cells = "".join(
             f'<td class="best">{escape(text)}</td>' if best else f"<td>{escape(text)}</td>"
             for text, best in zip(row.texts, row.best, strict=True)
         )
-        rows.append(f"<tr><th>{escape(row.title)} <small>{escape(row.unit)}</small></th>{cells}</tr>")
-    return f"<table><thead><tr><th></th>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
+        q = row.quantity
+        head = f'<th title="{escape(q.meaning)}">{escape(q.title)} <small>{escape(q.unit)}</small></th>'
+        rows.append(f"<tr>{head}{cells}</tr>")
+    return f"<table><thead><tr><th></th>{names}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
 
 
 def _picture(picture: NDArray[Any], name: str) -> str:

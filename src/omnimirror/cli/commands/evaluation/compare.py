@@ -55,5 +55,5 @@ def print_comparison(console: Console, comparison: Comparison) -> None:
             Text(f"{text} *", style="bold") if best else Text(f"{text}  ")
             for text, best in zip(row.texts, row.best, strict=True)
         ]
-        table.add_row(row.title, row.unit, *cells)
+        table.add_row(row.quantity.title, row.quantity.unit, *cells)
     console.print(table)

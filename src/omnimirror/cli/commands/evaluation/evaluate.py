@@ -10,14 +10,15 @@ import numpy as np
 from rich.console import Console
 
 from ....analysis import MERITS, Evaluation, best_focus, best_viewpoint, evaluate
-from ....analysis.headings import HEADINGS, formatted
+from ....analysis.evaluation import READ_COLUMNS
 from ....mirrors import Cone, SampledProfile
+from ....quantities import QUANTITIES
 from ....specs import load_sensor
 from ...options.common import NUMBER, distance, focus, pixel, values
 from ...outputs import output_console, output_option, print_rows, say, say_written
 
 MOST_NAMED = 5  # points that are wrong
-TERMINAL_COLUMNS = [name for name in HEADINGS if name not in ("x_mm", "floored_area_deg2")]
+TERMINAL_COLUMNS = [name for name in READ_COLUMNS if name not in ("x_mm", "floored_area_deg2")]
 """What fits a terminal; files hold every column."""
 
 
@@ -99,15 +100,16 @@ def command(
 
 def print_table(console: Console, result: Evaluation) -> None:
     """The columns that fit; a terminal too narrow for them gets fewer, never broken numbers."""
-    cells, width = formatted(result, TERMINAL_COLUMNS), 0
+    cells, width = result.texts(TERMINAL_COLUMNS), 0
     shown: list[str] = []
     for name in TERMINAL_COLUMNS:
-        heading, unit, _ = HEADINGS[name]
-        width += max(len(heading), len(unit), *map(len, cells[name])) + 2
+        q = QUANTITIES[name]
+        width += max(len(q.heading), len(q.unit), *map(len, cells[name])) + 2
         if console.is_terminal and width > console.width:
             break
         shown.append(name)
-    print_rows(console, [HEADINGS[name][:2] for name in shown], [cells[name] for name in shown])
+    heads = [(QUANTITIES[name].heading, QUANTITIES[name].unit) for name in shown]
+    print_rows(console, heads, [cells[name] for name in shown])
     hidden = len(TERMINAL_COLUMNS) - len(shown)
     if hidden:
         say((f"{hidden} more columns need a wider terminal; --csv holds all of them", "dim"), console=console)
@@ -157,8 +159,8 @@ def profile_lines(result: Evaluation, mirror: SampledProfile) -> list[str]:
     if deviations:
         how = "estimated from the points" if mirror.uncertainty_um is None else "as stated, or as they scatter"
         lines.append(f"profile smoothed to {fit.uncertainty_mm * 1e3:.3g} um, {how}; standard deviations at most:")
-        worst = ((HEADINGS[k], v[np.isfinite(v)]) for k, v in deviations.items() if k in HEADINGS)
-        shown = [f"{h.symbol} {v.max():.2g} {h.unit}".strip() for h, v in worst if v.size and v.max() > 0]
+        worst = ((QUANTITIES[k], v[np.isfinite(v)]) for k, v in deviations.items() if k in READ_COLUMNS)
+        shown = [f"{q.heading} {v.max():.2g} {q.unit}".strip() for q, v in worst if v.size and v.max() > 0]
         lines.append("  " + ", ".join(shown))
     return lines
 
