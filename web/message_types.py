@@ -1,4 +1,4 @@
-"""Write the page's types (messages.ts) from the server's messages: one schema for both sides."""
+"""Write the page's types (src/shared/messages.ts) from the server's messages: one schema for both sides."""
 
 from __future__ import annotations
 
@@ -12,20 +12,21 @@ from pydantic.json_schema import models_json_schema
 from omnimirror.studio import messages
 from omnimirror.studio.bench import messages as bench
 
-PLACES = {messages: "messages.ts", bench: "bench/messages.ts"}
-SOURCES = Path(__file__).parent / "src"
-HEAD = "// Made by web/message_types.py from {}; not to be edited.\n"
+MODULES = (messages, bench)
+WRITTEN = Path(__file__).parent / "src" / "shared" / "messages.ts"
+HEAD = "// Made by web/message_types.py from the server's messages; not to be edited.\n"
 SIMPLE = {"string": "string", "number": "number", "integer": "number", "boolean": "boolean", "null": "null"}
 
 
-def typescript(module: ModuleType = messages) -> str:
-    """The text of the file of a module's messages."""
+def typescript() -> str:
+    """The text of the page's file."""
+    _, schema = models_json_schema([(m, "serialization") for module in MODULES for m in _messages_of(module)])
+    return HEAD + "".join(_interface(name, model) for name, model in sorted(schema["$defs"].items()))
+
+
+def _messages_of(module: ModuleType) -> list[type[messages.Message]]:
     models = [m for m in vars(module).values() if isinstance(m, type) and issubclass(m, messages.Message)]
-    chosen = [(m, "serialization") for m in models if m is not messages.Message]
-    _, schema = models_json_schema(chosen)
-    return HEAD.format(module.__name__) + "".join(
-        _interface(name, model) for name, model in sorted(schema["$defs"].items())
-    )
+    return [m for m in models if m is not messages.Message]
 
 
 def _interface(name: str, model: dict[str, Any]) -> str:
@@ -57,5 +58,4 @@ def _type(kind: dict[str, Any]) -> str:
 
 if __name__ == "__main__":
     argparse.ArgumentParser(description=__doc__).parse_args()
-    for module, name in PLACES.items():
-        (SOURCES / name).write_text(typescript(module), encoding="utf-8")
+    WRITTEN.write_text(typescript(), encoding="utf-8")

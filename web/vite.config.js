@@ -29,7 +29,7 @@ const bench = {
     ...build,
     emptyOutDir: false,
     rollupOptions: {
-      input: "src/bench/bench.ts",
+      input: "src/bench/begin.ts",
       preserveEntrySignatures: "strict",
       output: { entryFileNames: "bench.js" },
     },

@@ -323,7 +323,7 @@ def test_axe_finds_nothing_serious(is_empty, scheme, browser, server, room):
 def test_the_types_of_the_page_are_those_of_the_server():
     names: dict[str, object] = {"__name__": "message_types", "__file__": str(WEB / "message_types.py")}
     exec(compile((WEB / "message_types.py").read_text(), "message_types.py", "exec"), names)
-    assert names["typescript"]() == (WEB / "src" / "messages.ts").read_text()
+    assert names["typescript"]() == (WEB / "src" / "shared" / "messages.ts").read_text()
 
 
 def test_the_built_page_is_that_of_its_sources(tmp_path):

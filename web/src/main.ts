@@ -1,10 +1,11 @@
-import * as api from "./api";
-import { NoWebGL } from "./gl/renderer";
-import { AWAY } from "./ask";
-import { Look } from "./look";
-import { Store } from "./state";
+import { NoWebGL } from "./look/drawing/renderer";
+import { embedded } from "./look/embedded";
+import { Look } from "./look/look";
+import * as api from "./shared/api";
+import { banner, say } from "./shared/notices";
+import { Store } from "./shared/store";
+import { AWAY } from "./shared/texts";
 import { Tabs } from "./tabs";
-import { banner, say } from "./ui/dom";
 
 const HEARTBEAT_MS = 3000;
 
@@ -47,7 +48,7 @@ async function main(): Promise<void> {
   window.omnimirror = { look, store, tabs };
   store.entered = () => banner(store.trouble, "address");
   store.entered();
-  if (api.embedded()) return look.beginEmbedded();
+  if (embedded()) return look.beginEmbedded();
   watchServer(look, tabs);
   await look.begin().catch((e: unknown) => look.fail(e));
 }

@@ -1,10 +1,14 @@
-import type { Bench, begin, Host } from "./bench/bench";
-import type { Look } from "./look";
-import type { State, Store } from "./state";
-import { banner, byId, say } from "./ui/dom";
+import type { begin } from "./bench/begin";
+import type { Bench } from "./bench/bench";
+import type { Host } from "./bench/host";
+import type { Look } from "./look/look";
+import { byId } from "./shared/dom";
+import { banner, say } from "./shared/notices";
+import type { State } from "./shared/state";
+import type { Store } from "./shared/store";
+import { UNFETCHED, WENT_WRONG } from "./shared/texts";
 
-const BENCH = import.meta.env.DEV ? "/src/bench/bench.ts" : "./bench.js";
-const UNFETCHED = "The design bench could not be fetched from the studio's server; loading the page anew may help.";
+const BENCH = import.meta.env.DEV ? "/src/bench/begin.ts" : "./bench.js";
 
 /** The two halves of the page; the bench is fetched when it is wanted first. */
 export class Tabs {
@@ -50,7 +54,7 @@ export class Tabs {
     } catch (e) {
       this.clear();
       const isSaid = e instanceof Error && (e.name === "Refused" || e.name === "Away");
-      banner(isSaid ? e.message : "Something went wrong in the design bench; loading the page anew may help.", "bench");
+      banner(isSaid ? e.message : WENT_WRONG, "bench");
       if (!isSaid) throw e;
     } finally {
       this.isFetching = false;

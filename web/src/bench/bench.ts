@@ -1,39 +1,24 @@
-import sheet from "./bench.css?inline";
-import uplotSheet from "uplot/dist/uPlot.min.css?inline";
-import { AWAY } from "../ask";
-import * as api from "./api";
-import { CHARTS, ChartView, type Drawn } from "./charts";
-import { CompareTable } from "./compare";
-import { Cursor } from "./cursor";
-import { History, nameOf, placed, type Design, type Pin } from "./design";
-import { colour, h } from "./dom";
-import { Form } from "./form";
+import * as api from "../shared/api";
+import { colour, h } from "../shared/dom";
+import type { BenchSensor, BenchStart } from "../shared/messages";
+import { AWAY } from "../shared/texts";
+import { type Found, Link, wishOf } from "./answers";
+import { fromAddress, inAddress } from "./designs/address";
+import { type Design, History, nameOf, type Pin, placed } from "./designs/design";
+import { keep } from "./designs/kept";
 import { glossary } from "./glossary";
-import { Link, wishOf, type Found } from "./link";
-import type { BenchSensor, BenchStart } from "./messages";
-import { PictureView } from "./picture";
-import { SectionView } from "./section";
-import { SquaresView } from "./squares";
-import { fromAddress, inAddress, keep, kept } from "./store";
+import type { Host } from "./host";
+import { Form } from "./panels/form";
+import { WantedPanel } from "./panels/wanted";
+import { WorkPanel } from "./panels/work";
+import { CHARTS, ChartView, type Drawn } from "./plots/charts";
+import { CompareTable } from "./plots/compare";
+import { Cursor } from "./plots/cursor";
+import { PictureView } from "./plots/picture";
+import { SectionView } from "./plots/section";
+import { SquaresView } from "./plots/squares";
 import { Toolbar } from "./toolbar";
-import { WantedPanel } from "./wanted";
-import { WorkPanel } from "./work";
 
-/** What the bench needs of the page around it. */
-export interface Host {
-  place: HTMLElement;
-  header: HTMLElement;
-  isShown: () => boolean;
-  address: () => string;
-  setAddress: (design: string) => void;
-  beforeLeaving: (act: () => void) => void;
-  banner: (sentence: string | null, about: "server" | "address" | "bench") => void;
-  say: (sentence: string) => void;
-  /** Look through a sensor: its file, and its name. */
-  lookThrough: (file: Blob, name: string) => Promise<void>;
-}
-
-const FIRST = "paper-spherical";
 const OWN = "design";
 const MOST_PINS = 4;
 const INKS = ["accent", "pin1", "pin2", "pin3", "pin4"];
@@ -332,28 +317,4 @@ export class Bench {
       }
     });
   }
-}
-
-/** Make the bench in its place: with the design of the address, the one that was kept, or the paper's. */
-export async function begin(host: Host): Promise<Bench> {
-  for (const text of [uplotSheet, sheet]) {
-    const made = new CSSStyleSheet();
-    made.replaceSync(text);
-    document.adoptedStyleSheets = [...document.adoptedStyleSheets, made];
-  }
-  const parts = await api.start();
-  const before = kept(parts);
-  const asked = host.address() ? fromAddress(host.address(), parts) : null;
-  const given = typeof asked === "string" ? null : asked;
-  const design = given ?? before?.design ?? { ...(await api.bundled(FIRST)), distance: null, wanted: null };
-  const bench = new Bench(host, parts, design);
-  if (before) {
-    bench.pins = before.pins;
-    bench.hidden = before.hidden;
-    if (JSON.stringify(before.design) === JSON.stringify(design)) bench.history.restore(before);
-  }
-  bench.showGroups();
-  bench.begin();
-  if (typeof asked === "string") bench.misled(asked);
-  return bench;
 }

@@ -1,4 +1,4 @@
-import { h } from "./dom";
+import { h } from "../shared/dom";
 
 const TERMS: [term: string, meaning: string][] = [
   ["Ω, field angle", "angle of what is seen from the direction back past the lens: 90° is the horizon of a mirror that looks along it"],

@@ -1,7 +1,8 @@
-import * as api from "./api";
-import type { Bench, Host } from "./bench";
-import { h, save } from "./dom";
-import type { Download } from "./messages";
+import * as api from "../shared/api";
+import { h, save } from "../shared/dom";
+import type { BenchSensor, Download } from "../shared/messages";
+import type { Design } from "./designs/design";
+import type { Host } from "./host";
 
 const FILES: [Download["kind"], string][] = [
   ["sensor", "Sensor file (TOML)"],
@@ -10,6 +11,18 @@ const FILES: [Download["kind"], string][] = [
   ["table", "Evaluation (CSV)"],
   ["sag", "Sag table (CSV)"],
 ];
+
+/** What the toolbar needs of the bench. */
+interface Hands {
+  sensors: readonly string[];
+  history: { now: Design; canUndo: boolean; canRedo: boolean };
+  undo: () => void;
+  redo: () => void;
+  pin: () => void;
+  take: (sensor: BenchSensor, words: string) => void;
+  takeDesign: (design: Design) => void;
+  fail: (e: unknown) => void;
+}
 
 /** What stands in the page's header while the bench is shown. */
 export class Toolbar {
@@ -20,7 +33,7 @@ export class Toolbar {
   private readonly summary = h("summary", { role: "button" }, "Download");
   private readonly requirements = h("button", { type: "button", onclick: () => void this.downloadRequirements() }, "Requirements (TOML)");
 
-  constructor(private readonly host: Host, private readonly bench: Bench) {
+  constructor(private readonly host: Host, private readonly bench: Hands) {
     this.file.addEventListener("change", () => {
       const [file] = this.file.files ?? [];
       if (file) void this.open(file, file.name);
@@ -47,7 +60,7 @@ export class Toolbar {
   /** Open a sensor file, or a requirement file. */
   async open(file: Blob, name: string): Promise<void> {
     await this.try(async () => {
-      const { sensor, wanted } = await api.open(file, name);
+      const { sensor, wanted } = await api.openFile(file, name);
       if (sensor) this.bench.take(sensor, `${name} is on the bench`);
       if (!wanted) return;
       this.bench.takeDesign({ ...this.bench.history.now, wanted });

@@ -1,0 +1,136 @@
+import { socketAddress } from "../shared/api";
+import { unpack } from "../shared/framing";
+import type { Answer, Ask } from "../shared/messages";
+import type { Design } from "./designs/design";
+
+/** What the server answered about a design: words, and blocks of numbers by their names. */
+export interface Found extends Answer {
+  block: (name: string) => Table | null;
+  /** When the question was asked, for whoever measures. */
+  asked: number;
+}
+
+/** Named columns of numbers; not a number where there is nothing. */
+export interface Table {
+  name: string;
+  rows: number;
+  column: (name: string) => Float32Array;
+}
+
+type Wish = Omit<Ask, "number" | "slot">;
+
+/** A question, when it was asked first, and how often a connection ended over it. */
+interface Question {
+  wish: Wish;
+  asked: number;
+  failures: number;
+}
+
+const RETRY_MS = 1000;
+const LATEST_RETRY_MS = 8000;
+const MOST_FAILURES = 2;
+const UNANSWERABLE = "The studio's server cannot answer about this design";
+const REFUSALS = [1003, 1007, 1009]; // closing codes for what is no question, or too long for one
+
+/** One connection for all questions about designs: one is on its way, and of those that wait the newest is asked. */
+export class Link {
+  private socket: WebSocket | null = null;
+  private waiting = new Map<number, Question>();
+  private onItsWay: (Question & { slot: number }) | null = null;
+  private retry = RETRY_MS;
+  private number = 0;
+  private isAway = false;
+
+  constructor(private readonly answered: (found: Found) => void, private readonly away: (isAway: boolean) => void) {
+    this.connect();
+  }
+
+  /** Ask about a design; an older question of the same slot that still waits is forgotten. */
+  ask(slot: number, wish: Wish): void {
+    this.waiting.set(slot, { wish, asked: performance.now(), failures: 0 });
+    this.next();
+  }
+
+  private connect(): void {
+    const socket = new WebSocket(socketAddress("api/bench/ask"));
+    socket.binaryType = "arraybuffer";
+    socket.onopen = () => {
+      this.tell(false);
+      this.next();
+    };
+    socket.onmessage = (e: MessageEvent<ArrayBuffer>) => {
+      this.retry = RETRY_MS;
+      const found = read(e.data, this.onItsWay?.asked ?? 0);
+      this.onItsWay = null;
+      this.next();
+      this.answered(found);
+    };
+    socket.onclose = (e) => {
+      const isRefused = this.unanswered(e);
+      this.tell(!isRefused);
+      setTimeout(() => this.connect(), isRefused ? 0 : this.retry);
+      this.retry = Math.min(2 * this.retry, LATEST_RETRY_MS);
+    };
+    this.socket = socket;
+  }
+
+  /** What becomes of a question whose connection ended: asked again, but not for ever. Tells whether the end was about it. */
+  private unanswered({ code }: CloseEvent): boolean {
+    const { onItsWay } = this;
+    this.onItsWay = null;
+    if (!onItsWay) return false;
+    const failures = onItsWay.failures + 1;
+    const isRefused = REFUSALS.includes(code) || failures >= MOST_FAILURES;
+    if (isRefused) this.answered({ ...NOTHING, slot: onItsWay.slot, asked: onItsWay.asked });
+    else if (!this.waiting.has(onItsWay.slot)) this.waiting.set(onItsWay.slot, { ...onItsWay, failures });
+    return isRefused;
+  }
+
+  private tell(isAway: boolean): void {
+    if (isAway !== this.isAway) this.away(isAway);
+    this.isAway = isAway;
+  }
+
+  private next(): void {
+    if (this.onItsWay || this.socket?.readyState !== WebSocket.OPEN) return;
+    const slot = Math.min(...this.waiting.keys());
+    const question = this.waiting.get(slot);
+    if (!question) return;
+    this.waiting.delete(slot);
+    this.onItsWay = { slot, ...question };
+    const ask: Ask = { slot, number: ++this.number, ...question.wish };
+    this.socket.send(JSON.stringify(ask));
+  }
+}
+
+/** The answer where there is none. */
+const NOTHING: Omit<Found, "slot" | "asked"> = { number: 0, trouble: { path: [], sentence: UNANSWERABLE }, remark: null, facts: null, rows: [], wanted_trouble: null, blocks: [], block: () => null };
+
+/** The question about a design. */
+export const wishOf = (design: Design, section: boolean, squares: boolean): Wish => ({
+  tables: design.tables,
+  follows: design.follows,
+  object_distance_mm: design.distance,
+  section,
+  squares,
+  wanted: design.wanted,
+});
+
+function read(data: ArrayBuffer, asked: number): Found {
+  const { header, start } = unpack<Answer>(data);
+  const tables = new Map<string, Table>();
+  let at = start;
+  for (const { name, columns, rows } of header.blocks) {
+    const values = new Map<string, Float32Array>();
+    for (const column of columns) {
+      values.set(column, new Float32Array(data, at, rows));
+      at += 4 * rows;
+    }
+    tables.set(name, { name, rows, column: (c) => values.get(c)! });
+  }
+  return { ...header, asked, block: (name) => tables.get(name) ?? null };
+}
+
+/** Blocks whose names begin so. */
+export const blocksLike = (found: Found, start: string): Table[] =>
+  found.blocks.filter((b) => b.name.startsWith(start)).map((b) => found.block(b.name)!);

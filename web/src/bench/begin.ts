@@ -1,0 +1,33 @@
+import uplotSheet from "uplot/dist/uPlot.min.css?inline";
+import * as api from "../shared/api";
+import { Bench } from "./bench";
+import sheet from "./bench.css?inline";
+import { fromAddress } from "./designs/address";
+import { kept } from "./designs/kept";
+import type { Host } from "./host";
+
+const FIRST = "paper-spherical";
+
+/** Make the bench in its place: with the design of the address, the one that was kept, or the paper's. */
+export async function begin(host: Host): Promise<Bench> {
+  for (const text of [uplotSheet, sheet]) {
+    const made = new CSSStyleSheet();
+    made.replaceSync(text);
+    document.adoptedStyleSheets = [...document.adoptedStyleSheets, made];
+  }
+  const parts = await api.benchStart();
+  const before = kept(parts);
+  const asked = host.address() ? fromAddress(host.address(), parts) : null;
+  const given = typeof asked === "string" ? null : asked;
+  const design = given ?? before?.design ?? { ...(await api.bundled(FIRST)), distance: null, wanted: null };
+  const bench = new Bench(host, parts, design);
+  if (before) {
+    bench.pins = before.pins;
+    bench.hidden = before.hidden;
+    if (JSON.stringify(before.design) === JSON.stringify(design)) bench.history.restore(before);
+  }
+  bench.showGroups();
+  bench.begin();
+  if (typeof asked === "string") bench.misled(asked);
+  return bench;
+}

@@ -1,0 +1,44 @@
+import type { BenchStart } from "../../shared/messages";
+import { locals, parsed, put, sessions, taken } from "../../shared/storage";
+import type { Design, History, Pin, Tables } from "./design";
+import { designOf, lacking } from "./whole";
+
+/** What the browser keeps of the bench; the design itself lies in the address too. */
+interface Kept {
+  design: Design | null;
+  past: Design[];
+  future: Design[];
+  pins: Pin[];
+  hidden: string[];
+}
+
+const KEY = "omnimirror-bench";
+
+/** What this tab kept, or else the last tab that kept anything; what of it is no design is left out. */
+export function kept(parts: BenchStart): Kept | null {
+  for (const shelf of [sessions, locals]) {
+    const found = parsed(taken(shelf, KEY) ?? "null") as Partial<Kept> | null | undefined;
+    if (found) return whole(found, parts);
+  }
+  return null;
+}
+
+function whole(found: Partial<Kept>, parts: BenchStart): Kept {
+  const isWhole = (design: unknown): boolean => lacking(design, parts) === null;
+  const list = <T>(value: T[] | undefined): T[] => (Array.isArray(value) ? value : []);
+  const [past, future] = [list(found.past), list(found.future)];
+  const isGood = [...past, ...future].every(isWhole);
+  return {
+    design: isWhole(found.design) ? designOf(found.design as Tables) : null,
+    past: isGood ? past : [],
+    future: isGood ? future : [],
+    pins: list(found.pins).filter((p) => typeof p?.name === "string" && isWhole(p.design)),
+    hidden: list(found.hidden).filter((group) => typeof group === "string"),
+  };
+}
+
+/** Keep all of it for this tab, and for the next one that is opened. */
+export function keep(history: History, pins: Pin[], hidden: string[]): void {
+  const all: Kept = { design: history.now, ...history.kept(), pins, hidden };
+  put([sessions, locals], KEY, JSON.stringify(all));
+}

@@ -1,0 +1,241 @@
+import { h, unique } from "../../shared/dom";
+import type { BenchStart, ParameterOf, PartOf, Trouble } from "../../shared/messages";
+import { type Design, nameOf, type Tables, withEntry } from "../designs/design";
+import { label } from "../labels";
+import { Field } from "./field";
+
+/** What the form needs of the bench. */
+export interface Hands {
+  now: () => Design;
+  edit: (design: Design) => void;
+  settle: () => void;
+  change: (what: "mirror" | "lens" | "focus", to: string) => void;
+}
+
+const MOST_FIELDS = 16; // of a list; longer ones are a text
+const FAR: ParameterOf = { name: "distance", unit: "mm", low: 1, high: 1e7, description: "from the mirror to the objects", choices: [], is_list: false, is_whole: false, is_optional: false, default: null };
+
+/** Sliders and number fields, made from what the parts say of themselves. */
+export class Form {
+  private fields = new Map<string, Field>();
+  private defaults = new Map<string, number>();
+  private readonly unfolded = new Set<string>();
+  private shape = "";
+  private last = "";
+  private named: HTMLInputElement | null = null;
+  private readonly mirror: HTMLSelectElement;
+  private readonly lens: HTMLSelectElement;
+  private readonly follows = h("input", { type: "checkbox" });
+  private readonly infinite = h("input", { type: "checkbox" });
+  private readonly body = h("div", { className: "sections" });
+  private readonly problem = h("p", { className: "problem", hidden: true });
+
+  constructor(place: HTMLElement, private readonly parts: BenchStart, private readonly hands: Hands) {
+    this.mirror = choice(parts.mirrors.map((p) => p.kind), (kind) => hands.change("mirror", kind));
+    this.lens = choice(parts.lenses.map((p) => p.kind), (kind) => hands.change("lens", kind));
+    this.mirror.setAttribute("aria-label", "Kind of mirror");
+    this.lens.setAttribute("aria-label", "Kind of lens");
+    this.follows.addEventListener("change", () => this.settled({ ...hands.now(), follows: this.follows.checked }));
+    this.infinite.addEventListener("change", () => this.settled({ ...hands.now(), distance: this.infinite.checked ? null : 10 * this.rim() }));
+    place.append(this.problem, this.body);
+  }
+
+  /** Show a design; fields are made anew only where there are others than before. */
+  show(design: Design): void {
+    const shape = this.shapeOf(design);
+    if (shape !== this.shape) {
+      this.shape = shape;
+      this.build(design);
+    }
+    for (const [key, field] of this.fields) {
+      const value = valueAt(design, key) ?? this.defaults.get(key);
+      if (value !== undefined) field.set(value);
+    }
+    if (this.named && document.activeElement !== this.named) this.named.value = nameOf(design);
+    this.mirror.value = design.tables.mirror.kind as string;
+    this.lens.value = design.tables.lens.kind as string;
+    this.follows.checked = design.follows;
+    this.infinite.checked = design.distance === null;
+  }
+
+  /** Say why the design cannot be, beside the field it is about, or the one that was changed last. */
+  complain(trouble: Trouble | null): void {
+    const key = trouble && ([...this.fields.keys()].find((k) => k.startsWith(trouble.path.join(".")) && trouble.path.length > 1) ?? this.last);
+    for (const [k, field] of this.fields) field.complain(k === key ? trouble!.sentence : null);
+    this.problem.hidden = !trouble || this.fields.has(key ?? "");
+    this.problem.textContent = this.problem.hidden ? "" : trouble!.sentence;
+  }
+
+  private build(design: Design): void {
+    const open = document.activeElement?.closest(".field")?.querySelector("label")?.textContent;
+    this.fields.clear();
+    this.defaults.clear();
+    const { tables } = design;
+    this.body.replaceChildren(
+      this.section("Mirror", [this.name(design), labelled("Kind", this.mirror), ...this.of("mirror", kindOf(this.parts.mirrors, tables.mirror), tables.mirror), ...this.distance(design)]),
+      ...(tables.mirror_pose ? [this.section("Out of its place", this.pose(tables.mirror_pose as Tables))] : []),
+      ...(tables.secondary ? [this.section("Second mirror", this.second(tables.secondary as Tables))] : []),
+      this.section("Lens", [labelled("Kind", this.lens), ...this.of("lens", kindOf(this.parts.lenses, tables.lens), tables.lens), this.focus()]),
+      this.section("Imager", this.of("imager", this.parts.imager, tables.imager)),
+      this.section("Objects", this.objects(design)),
+    );
+    const again = [...this.body.querySelectorAll("label")].find((l) => l.textContent === open);
+    if (open) again?.closest(".field")?.querySelector<HTMLInputElement>("input[type=range]")?.focus();
+  }
+
+  private section(title: string, children: HTMLElement[]): HTMLElement {
+    const id = unique();
+    return h("section", { "aria-labelledby": id }, h("h3", { id }, title), ...children);
+  }
+
+  private of(section: string, part: PartOf, table: Tables): HTMLElement[] {
+    const isUsual = (p: ParameterOf): boolean => p.is_optional && p.default !== null && (table[p.name] ?? p.default) === p.default;
+    const made = (all: ParameterOf[]): HTMLElement[] => all.flatMap((p) => this.entry(section, p, table[p.name] ?? p.default));
+    const more = made(part.parameters.filter(isUsual));
+    return [...made(part.parameters.filter((p) => !isUsual(p))), ...(more.length ? [this.more(section, more)] : [])];
+  }
+
+  private entry(section: string, p: ParameterOf, value: unknown): HTMLElement[] {
+    if (p.choices.length) return [this.words(section, p, String(value ?? p.choices[0]))];
+    if (value === undefined || value === null) return [];
+    return p.is_list ? this.list(section, p, value as number[]) : [this.number(`${section}.${p.name}`, p, label(p.name), value as number)];
+  }
+
+  /** What is seldom changed, folded away. */
+  private more(section: string, fields: HTMLElement[]): HTMLElement {
+    const details = h("details", { className: "more", open: this.unfolded.has(section) }, h("summary", {}, "More"), h("div", {}, ...fields));
+    details.addEventListener("toggle", () => (details.open ? this.unfolded.add(section) : this.unfolded.delete(section)));
+    return details;
+  }
+
+  private number(key: string, p: ParameterOf, title: string, value: number): HTMLElement {
+    const changed = (v: number): void => {
+      this.last = key;
+      this.hands.edit(changedAt(this.hands.now(), key, v));
+    };
+    const field = new Field(p, title, value, changed, () => this.hands.settle());
+    this.fields.set(key, field);
+    if (p.default !== null) this.defaults.set(key, p.default);
+    return field.element;
+  }
+
+  private list(section: string, p: ParameterOf, values: number[]): HTMLElement[] {
+    if (values.length > MOST_FIELDS) return [this.text(section, p, values)];
+    const fields = values.map((v, i) => this.number(`${section}.${p.name}.${i}`, p, `${label(p.name).replace(/s$/, "")} ${i + 1}`, v));
+    if (p.name !== "coefficients") return fields;
+    const set = (to: number[]): void => this.settled(withEntry(this.hands.now(), section, p.name, to));
+    const now = (): number[] => this.hands.now().tables[section][p.name] as number[];
+    const more = h("button", { type: "button", onclick: () => set([...now(), 0]) }, "Add a coefficient");
+    const less = h("button", { type: "button", disabled: values.length < 2, onclick: () => set(now().slice(0, -1)) }, "Remove the last");
+    return [...fields, h("div", { className: "row" }, more, less)];
+  }
+
+  private text(section: string, p: ParameterOf, values: number[]): HTMLElement {
+    const id = unique();
+    const area = h("textarea", { id, rows: 4, spellcheck: false, value: values.join(", ") });
+    area.addEventListener("change", () => {
+      const numbers = area.value.split(/[\s,;]+/).filter(Boolean).map(Number);
+      if (numbers.some(Number.isNaN)) return this.complain({ path: [], sentence: `${label(p.name)}: numbers with commas between them` });
+      this.last = `${section}.${p.name}`;
+      this.settled(withEntry(this.hands.now(), section, p.name, numbers));
+    });
+    return h("div", { className: "field", title: p.description }, h("label", { htmlFor: id }, label(p.name)), h("span", { className: "unit" }, p.unit), area);
+  }
+
+  private words(section: string, p: ParameterOf, value: string): HTMLElement {
+    const select = choice(p.choices, (to) => this.settled(withEntry(this.hands.now(), section, p.name, to)));
+    select.value = value;
+    return labelled(label(p.name), select);
+  }
+
+  private distance(design: Design): HTMLElement[] {
+    if (design.tables.lens.kind === "orthographic") return [];
+    const [p] = this.parts.mount.parameters;
+    const value = design.tables.mount.mirror_distance_mm as number;
+    const field = this.number("mount.mirror_distance_mm", p, "Distance", value);
+    const isMapped = "theta_max_deg" in design.tables.mirror && !design.tables.secondary;
+    field.classList.toggle("led", design.follows);
+    return [field, ...(isMapped ? [check(this.follows, "Lens stands where the mapping needs it")] : [])];
+  }
+
+  private second(table: Tables): HTMLElement[] {
+    const kind = kindOf(this.parts.secondaries, table);
+    return [h("p", { className: "words" }, `${kind.kind}`), ...this.of("secondary", kind, table), ...this.of("secondary", this.parts.place, table)];
+  }
+
+  /** How the mirror stands out of its place, and back into it. */
+  private pose(table: Tables): HTMLElement[] {
+    const fields = this.parts.pose.parameters.flatMap((p) => this.entry("mirror_pose", p, table[p.name] ?? 0));
+    const back = (): void => {
+      const { mirror_pose: _, ...tables } = this.hands.now().tables;
+      this.settled({ ...this.hands.now(), tables });
+    };
+    return [...fields, h("div", { className: "row" }, h("button", { type: "button", onclick: back }, "Put the mirror in its place"))];
+  }
+
+  private name(design: Design): HTMLElement {
+    const input = h("input", { type: "text", id: unique(), maxLength: 60, value: nameOf(design), spellcheck: false });
+    input.addEventListener("change", () => {
+      const now = this.hands.now();
+      this.settled({ ...now, tables: { ...now.tables, name: input.value.trim() || "design" } });
+    });
+    this.named = input;
+    return h("div", { className: "field" }, h("label", { htmlFor: input.id }, "Name"), input);
+  }
+
+  private focus(): HTMLElement {
+    return h("div", { className: "row" }, h("button", { type: "button", onclick: () => this.hands.change("focus", "floored-area"), title: "Where the worst blur area is least" }, "Best focus"));
+  }
+
+  private objects(design: Design): HTMLElement[] {
+    const far = check(this.infinite, "Infinitely far away");
+    return design.distance === null ? [far] : [this.number("distance", FAR, "Object distance", design.distance), far];
+  }
+
+  /** What decides which fields there are. */
+  private shapeOf({ tables, follows, distance }: Design): string {
+    const of = (part: PartOf, table: Tables): unknown => part.parameters.map((p) => (Array.isArray(table[p.name]) ? (table[p.name] as number[]).length : (table[p.name] ?? p.default) === null));
+    const second = tables.secondary as Tables | undefined;
+    const parts = [of(kindOf(this.parts.mirrors, tables.mirror), tables.mirror), second && of(kindOf(this.parts.secondaries, second), second), of(kindOf(this.parts.lenses, tables.lens), tables.lens)];
+    return JSON.stringify([tables.mirror.kind, second?.kind, tables.mirror_pose !== undefined, tables.lens.kind, parts, follows, distance === null]);
+  }
+
+  private settled(design: Design): void {
+    this.hands.edit(design);
+    this.hands.settle();
+  }
+
+  private rim(): number {
+    const { mirror } = this.hands.now().tables;
+    return Math.round((mirror.rim_radius_mm as number | undefined) ?? 50);
+  }
+}
+
+const kindOf = (all: PartOf[], table: Tables): PartOf => all.find((p) => p.kind === table.kind)!;
+
+function valueAt(design: Design, key: string): number | undefined {
+  if (key === "distance") return design.distance ?? undefined;
+  const [section, name, index] = key.split(".");
+  const value = (design.tables[section] as Tables | undefined)?.[name] as unknown;
+  return (index === undefined ? value : (value as number[] | undefined)?.[Number(index)]) as number | undefined;
+}
+
+function changedAt(design: Design, key: string, value: number): Design {
+  if (key === "distance") return { ...design, distance: value };
+  const [section, name, index] = key.split(".");
+  const changed = withEntry(design, section, name, value, index === undefined ? undefined : Number(index));
+  return key === "mount.mirror_distance_mm" ? { ...changed, follows: false } : changed;
+}
+
+function choice(values: readonly string[], chosen: (value: string) => void): HTMLSelectElement {
+  const select = h("select", {}, ...values.map((value) => h("option", { value }, value.replaceAll("-", " "))));
+  select.addEventListener("change", () => chosen(select.value));
+  return select;
+}
+
+function labelled(title: string, select: HTMLSelectElement): HTMLElement {
+  select.id ||= unique();
+  return h("div", { className: "field" }, h("label", { htmlFor: select.id }, title), select);
+}
+
+const check = (box: HTMLInputElement, title: string): HTMLElement => h("label", { className: "check" }, box, title);

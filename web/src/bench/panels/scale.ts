@@ -1,0 +1,37 @@
+import type { ParameterOf } from "../../shared/messages";
+import { clamp } from "../../shared/numbers";
+
+/** Between a slider's place, 0 to 1, and a value. */
+export interface Scale {
+  low: number;
+  high: number;
+  to: (place: number) => number;
+  from: (value: number) => number;
+}
+
+const REACH = 2.5;
+const WIDEST = 400; // a range that a slider shows whole
+
+/** A slider around a value: the whole range where that is short, factors of what is positive, or some to either side. */
+export function scaleOf(p: ParameterOf, value: number): Scale {
+  if (p.high - p.low <= WIDEST) return even(p.low, p.high, p);
+  if (p.low > 0 && value > 0) {
+    const low = Math.max(p.low, value / REACH);
+    const ratio = Math.log(Math.min(p.high, value * REACH) / low);
+    return { low, high: low * Math.exp(ratio), to: (x) => rounded(low * Math.exp(x * ratio), p), from: (v) => clamp(Math.log(v / low) / ratio, 0, 1) };
+  }
+  const span = value === 0 ? 0.1 * Math.min(1, p.high) : Math.abs(value);
+  return even(Math.max(p.low, value - span), Math.min(p.high, value + span), p);
+}
+
+function even(low: number, high: number, p: ParameterOf): Scale {
+  return { low, high, to: (x) => clamp(rounded(low + x * (high - low), p, high - low), p.low, p.high), from: (v) => clamp((v - low) / (high - low), 0, 1) };
+}
+
+/** No finer than a slider can be set. */
+function rounded(value: number, p: ParameterOf, span = Math.abs(value)): number {
+  if (p.is_whole) return Math.round(value);
+  if (span === 0) return value;
+  const digits = 3 - Math.floor(Math.log10(span));
+  return digits > 15 ? value : Number(value.toFixed(Math.max(0, digits)));
+}

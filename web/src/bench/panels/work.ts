@@ -1,0 +1,93 @@
+import { socketAddress } from "../../shared/api";
+import { h, unique } from "../../shared/dom";
+import type { BenchSensor, BenchStart, News, Task } from "../../shared/messages";
+import { words } from "../../shared/numbers";
+import type { Design } from "../designs/design";
+import { quantityWords, unitWords } from "../labels";
+
+interface Hands {
+  now: () => Design;
+  take: (found: BenchSensor) => void;
+}
+
+/** Searches that take time: the best mirror by a merit, a sensor from requirements. */
+export class WorkPanel {
+  private socket: WebSocket | null = null;
+  private readonly merit: HTMLSelectElement;
+  private readonly family: HTMLSelectElement;
+  private readonly terms = h("input", { type: "number", min: "3", max: "32", step: "1", value: "8" });
+  private readonly starts = h("input", { type: "number", min: "1", max: "8", step: "1", value: "2" });
+  private readonly begin = h("button", { type: "button", onclick: () => this.start("optimise") }, "Optimise");
+  private readonly design = h("button", { type: "button", onclick: () => this.start("design") }, "Design from requirements");
+  private readonly cancel = h("button", { type: "button", hidden: true, onclick: () => this.stop("Cancelled; the design is as it was.") }, "Cancel");
+  private readonly reason = h("p", { className: "words", id: unique(), hidden: true });
+  private readonly bar = h("progress", { max: 1, hidden: true, "aria-label": "Search" });
+  private readonly said = h("p", { className: "words", role: "status" });
+
+  constructor(place: HTMLElement, private readonly parts: BenchStart, private readonly hands: Hands) {
+    this.merit = h("select", {}, ...parts.merits.map((m) => h("option", { value: m.name, title: m.meaning }, quantityWords(m.name, m.unit))));
+    this.family = h("select", {}, ...parts.families.map((f) => h("option", { value: f }, f.replaceAll("-", " "))));
+    this.begin.setAttribute("aria-describedby", this.reason.id);
+    place.append(
+      labelled("Make least", this.merit),
+      labelled("Free form", this.family),
+      h("div", { className: "two" }, labelled("Terms", this.terms), labelled("Starts", this.starts)),
+      h("div", { className: "row" }, this.begin, this.design, this.cancel),
+      this.reason,
+      this.bar,
+      this.said,
+    );
+  }
+
+  /** Offer what can be done with a design; `reason` says why its mirror cannot be optimised. */
+  show(design: Design, reason: string | null): void {
+    this.design.hidden = !design.wanted?.mirror;
+    this.reason.hidden = reason === null;
+    this.reason.textContent = reason ?? "";
+    this.begin.disabled = this.socket !== null || reason !== null;
+  }
+
+  private start(what: Task["what"]): void {
+    const { tables, wanted, distance } = this.hands.now();
+    const task: Task = { what, tables, wanted, object_distance_mm: distance, merit: this.merit.value, family: this.family.value, terms: Number(this.terms.value), starts: Number(this.starts.value) };
+    const socket = (this.socket = new WebSocket(socketAddress("api/bench/work")));
+    socket.onopen = () => socket.send(JSON.stringify(task));
+    socket.onmessage = (e: MessageEvent<string>) => this.told(JSON.parse(e.data) as News);
+    socket.onclose = () => this.socket === socket && this.stop("The search was cut off; the design is as it was.");
+    this.running(true);
+    this.said.textContent = "Starting…";
+  }
+
+  private told(news: News): void {
+    if (news.state === "running") {
+      if (news.share === null) this.bar.removeAttribute("value");
+      else this.bar.value = news.share;
+      const merit = this.parts.merits.find((m) => m.name === this.merit.value)!;
+      const value = news.value === null ? "" : `: ${words(news.value, 5)} ${unitWords(merit.unit)}`.trimEnd();
+      this.said.textContent = `${news.sentence}${value}`;
+      return;
+    }
+    this.stop(news.sentence);
+    if (news.sensor) this.hands.take(news.sensor);
+  }
+
+  private stop(sentence: string): void {
+    const socket = this.socket;
+    this.socket = null;
+    socket?.close();
+    this.running(false);
+    this.said.textContent = sentence;
+  }
+
+  private running(isRunning: boolean): void {
+    this.begin.disabled = isRunning || !this.reason.hidden;
+    this.design.disabled = isRunning;
+    this.cancel.hidden = this.bar.hidden = !isRunning;
+    this.bar.removeAttribute("value");
+  }
+}
+
+function labelled(title: string, input: HTMLElement): HTMLElement {
+  input.id = unique();
+  return h("div", { className: "field" }, h("label", { htmlFor: input.id }, title), input);
+}

@@ -1,0 +1,118 @@
+import { h, svg } from "../../shared/dom";
+import { words } from "../../shared/numbers";
+import type { Table } from "../answers";
+import type { Drawn } from "./charts";
+
+const OBJECT_DEG = 15;
+const ENLARGED = 10;
+const SMALLEST = 1.5;
+const [LOW, TALL] = [170, 240]; // px, between which the image strip is a fifth of its width high at most
+
+/** Objects of 15° x 15° along the image radius, and in object space, with their blur spots ten times enlarged. */
+export class SquaresView {
+  readonly element: HTMLElement;
+  private readonly image = svg("svg", { class: "strip", role: "img", "aria-label": "Images of squares" });
+  private readonly object = svg("svg", { class: "strip", role: "img", "aria-label": "Blur of squares" });
+  private first: Drawn | null = null;
+
+  constructor() {
+    const caption = h("figcaption", {}, h("span", {}, "Squares of 15° with their blur"), h("span", { className: "quiet" }, "spots ten times enlarged; left in the image along its radius, right in object space, tangential × sagittal"));
+    this.element = h("figure", { className: "plot wide" }, caption, h("div", { className: "pair squares" }, this.image as never, this.object as never));
+    new ResizeObserver(() => this.draw()).observe(this.element);
+  }
+
+  show(drawn: Drawn[]): void {
+    this.first = drawn[0]?.found.block("squares") ? drawn[0] : null;
+    this.draw();
+  }
+
+  describe(): void {
+    const table = this.first?.found.block("squares");
+    if (!table) return;
+    const at = (name: string, i: number): string => words(Math.abs(table.column(name)[i]), 3);
+    const rows = Array.from(table.column("omega_deg"), (omega, i) => `${omega}°: ${at("blur_t_deg", i)} by ${at("blur_s_deg", i)} degrees`);
+    this.image.setAttribute("aria-label", `Images of squares of 15° along the image radius of ${words(this.first!.found.facts!.rim_radius_px)} pixels, with their blur.`);
+    this.object.setAttribute("aria-label", `Blur against squares of 15° in object space, tangential by sagittal: ${rows.join("; ")}.`);
+  }
+
+  private draw(): void {
+    const table = this.first?.found.block("squares");
+    if (!table) return;
+    this.drawImage(table);
+    this.drawObject(table);
+  }
+
+  private drawImage(table: Table): void {
+    const width = Math.max(200, this.image.getBoundingClientRect().width);
+    const radius = this.first!.found.facts!.rim_radius_px;
+    const [h_px, dh, dw] = ["h_px", "dh_domega_px_per_deg", "width_px_per_deg"].map((n) => table.column(n));
+    const half = (i: number): number => (OBJECT_DEG * dh[i]) / 2;
+    const left = Math.min(0, ...Array.from(h_px, (h, i) => h - half(i)));
+    const right = Math.max(radius, ...Array.from(h_px, (h, i) => Math.min(h + half(i), 1.4 * radius)));
+    const widest = Math.min(Math.max(...Array.from(dw, (w) => (Number.isFinite(w) ? OBJECT_DEG * w : 0))), 0.6 * radius);
+    const scale = Math.min((width - 8) / (right - left), Math.min(TALL, Math.max(LOW, 0.2 * width)) / widest);
+    const tallest = widest * scale;
+    const [height, middle] = [tallest + 22, tallest / 2 + 18];
+    const at = (px: number): number => 4 + (px - left) * scale;
+    this.reset(this.image, width, height);
+    const rim = radius * scale;
+    const dip = rim - Math.sqrt(Math.max(0, rim * rim - (height / 2) ** 2));
+    this.image.append(
+      svg("line", { class: "axis", x1: 0, x2: width, y1: middle, y2: middle }),
+      svg("path", { class: "rimline", d: `M${at(radius) - dip} ${middle - height / 2}Q${at(radius) + dip} ${middle} ${at(radius) - dip} ${middle + height / 2}` }),
+    );
+    for (let i = 0; i < table.rows; i++) {
+      if (!Number.isFinite(dw[i])) continue;
+      const [w, t] = [OBJECT_DEG * dh[i] * scale, OBJECT_DEG * dw[i] * scale];
+      this.square(this.image, at(h_px[i]), middle, w, t, table, i);
+      this.spot(this.image, at(h_px[i]), middle, ENLARGED * table.column("blur_t_px")[i] * scale, ENLARGED * table.column("blur_s_px")[i] * scale);
+      this.text(this.image, at(h_px[i]), Math.max(11, middle - t / 2 - 4), `${words(table.column("omega_deg")[i], 2)}°`);
+    }
+  }
+
+  private drawObject(table: Table): void {
+    const width = Math.max(200, this.object.getBoundingClientRect().width);
+    const columns = Math.min(table.rows, Math.max(4, Math.floor(width / 66)));
+    const pitch = Math.min(width / columns, 104);
+    const side = 0.74 * pitch;
+    const row = side + 38;
+    this.reset(this.object, width, row * Math.ceil(table.rows / columns));
+    for (let i = 0; i < table.rows; i++) {
+      const [x, top] = [pitch * ((i % columns) + 0.5), row * Math.floor(i / columns)];
+      const y = top + 16 + side / 2;
+      const [t, s] = [table.column("blur_t_deg")[i], table.column("blur_s_deg")[i]];
+      this.square(this.object, x, y, side, side, table, i);
+      this.text(this.object, x, top + 11, `${words(table.column("omega_deg")[i], 2)}°`);
+      if (!Number.isFinite(t) || !Number.isFinite(s)) continue;
+      const enlarged = (ENLARGED * side) / OBJECT_DEG;
+      this.spot(this.object, x, y, Math.min(side, Math.abs(s) * enlarged), Math.min(side, Math.abs(t) * enlarged));
+      this.text(this.object, x, y + side / 2 + 14, `${Math.abs(t).toFixed(2)} × ${Math.abs(s).toFixed(2)}`);
+    }
+  }
+
+  private reset(place: SVGElement, width: number, height: number): void {
+    place.setAttribute("viewBox", `0 0 ${width} ${height}`);
+    place.setAttribute("height", String(Math.round(height)));
+    place.replaceChildren();
+  }
+
+  private square(place: SVGElement, x: number, y: number, w: number, t: number, table: Table, i: number): void {
+    const title = svg("title", {}, reading(table, i));
+    place.append(svg("rect", { class: "object", x: x - w / 2, y: y - t / 2, width: w, height: t, stroke: this.first!.ink, fill: this.first!.ink }, title));
+  }
+
+  private spot(place: SVGElement, x: number, y: number, w: number, t: number): void {
+    place.append(svg("ellipse", { class: "spot", cx: x, cy: y, rx: Math.max(SMALLEST, Math.abs(w) / 2), ry: Math.max(SMALLEST, Math.abs(t) / 2) }));
+  }
+
+  private text(place: SVGElement, x: number, y: number, text: string): void {
+    place.append(svg("text", { x, y, "text-anchor": "middle" }, text));
+  }
+}
+
+/** What a square is, in words with units. */
+function reading(table: Table, i: number): string {
+  const at = (name: string): string => words(Math.abs(table.column(name)[i]), 3);
+  const size = ["dh_domega_px_per_deg", "width_px_per_deg"].map((name) => words(OBJECT_DEG * table.column(name)[i], 3));
+  return `Ω ${words(table.column("omega_deg")[i], 3)}°: image ${size.join(" × ")} px, blur ${at("blur_t_px")} × ${at("blur_s_px")} px, ${at("blur_t_deg")}° × ${at("blur_s_deg")}°`;
+}

@@ -1,0 +1,266 @@
+import { STEPS_IN_SPACE } from "../geometry/camera";
+
+/** The shader: what a pixel of the view looks at, where that is in the picture, and its colour there. */
+
+export const VERTEX = `#version 300 es
+void main() {
+  vec2 corner = vec2(gl_VertexID == 1 ? 3.0 : -1.0, gl_VertexID == 2 ? 3.0 : -1.0);
+  gl_Position = vec4(corner, 0.0, 1.0);
+}`;
+
+const CIRCULAR = `
+// Cosine and sine to float precision: those of graphics cards may be off by 5e-4, a quarter of a pixel at the rim.
+vec2 circular(float x) {
+  float k = floor(x * 0.6366197723675814 + 0.5);
+  float r = (x - k * 1.5707963705062866) + k * 4.371139e-8;
+  float q = r * r;
+  float s = r + r * q * (-0.16666666 + q * (0.008333331 + q * (-0.00019840874 + q * 2.7525562e-6)));
+  float c = 1.0 + q * (-0.5 + q * (0.04166666 + q * (-0.0013888397 + q * 2.4760495e-5)));
+  int turn = int(k) & 3;
+  vec2 swapped = (turn & 1) == 1 ? vec2(-s, c) : vec2(c, s);
+  return turn < 2 ? swapped : -swapped;
+}`;
+
+const TARGET = `
+// As omnimirror.dewarp.screens: a vector in the world frame, in mm where the screen is near.
+vec3 target(vec2 p, out bool inside) {
+  inside = true;
+  vec2 q = p - (size - 1.0) / 2.0;
+  float far = distance_mm > 0.0 ? distance_mm : 1.0;
+  if (shape == 0) {
+    float pan = numbers.x + ((p.x + 0.5) / size.x - 0.5) * numbers.y;
+    float tilt = numbers.w - (p.y + 0.5) / size.y * (numbers.w - numbers.z);
+    vec2 around = circular(pan), up = circular(tilt);
+    vec3 d = vec3(up.x * around.x, -up.x * around.y, up.y);
+    return distance_mm > 0.0 ? d * (far / max(up.x, 1e-6)) : d;
+  }
+  if (shape == 1) return far * (axes * vec3(1.0, q / numbers.x));
+  if (shape == 4) return vec3(0.0, 0.0, -numbers.y) + axes * vec3(0.0, numbers.x * q);
+  float radius = length(q);
+  if (shape == 2) {
+    inside = radius <= numbers.y;
+    vec2 omega = circular(radius * numbers.x);
+    float sideways = radius > 0.0 ? omega.y / radius : numbers.x;
+    return far * (axes * vec3(omega.x, sideways * q));
+  }
+  float t = radius * numbers.x;
+  float k = 1.0 / (1.0 + t * t);
+  return far * (axes * vec3((1.0 - t * t) * k, 2.0 * numbers.x * k * q));
+}`;
+
+const KERNEL = `
+// The kernel of Keys.
+vec4 weights(float t, float a) {
+  float x = 1.0 + t, y = 1.0 - t, z = 2.0 - t;
+  return vec4(
+    ((a * x - 5.0 * a) * x + 8.0 * a) * x - 4.0 * a,
+    ((a + 2.0) * t - (a + 3.0)) * t * t + 1.0,
+    ((a + 2.0) * y - (a + 3.0)) * y * y + 1.0,
+    ((a * z - 5.0 * a) * z + 8.0 * a) * z - 4.0 * a
+  );
+}`;
+
+const PROJECTION = `
+// As omnimirror.dewarp.maps.radial_table, over s = sin(Omega/2).
+vec2 halfAngle(float across, float along) {
+  float len = max(length(vec2(across, along)), 1e-20);
+  float more = sqrt((len + abs(along)) / (2.0 * len));
+  float less = abs(across) / (2.0 * len * more);
+  bool ahead = along > 0.0;
+  float sine = ahead ? less : more;
+  if (across < 0.0) sine = ahead ? -less : 2.0 - more;
+  return vec2(sine, ahead ? more : less);
+}
+
+// Of the cell of s in the table: the values at s, and their change per s. Beyond the ends both go on.
+void cell(float s, out vec3 value, out vec3 rate) {
+  int last = textureSize(radii, 0).x - 1;
+  float per = float(last) / (ends.y - ends.x);
+  float place = (s - ends.x) * per;
+  int i = int(clamp(floor(place), 0.0, float(last - 1)));
+  vec3 a = texelFetch(radii, ivec2(i, 0), 0).xyz, b = texelFetch(radii, ivec2(i + 1, 0), 0).xyz;
+  value = mix(a, b, place - float(i));
+  rate = (b - a) * per;
+}
+
+float solve(float across, float along) {
+  vec3 value, rate;
+  float s = clamp(halfAngle(across, along - eye).x, ends.x, ends.y);
+  for (int i = 0; i < 6; i++) {
+    cell(s, value, rate);
+    vec2 d = vec2(across, along) - value.yz;
+    vec2 half_ = halfAngle(d.x, d.y);
+    float slope = 1.0 - 0.5 * half_.y * (d.x * rate.z - d.y * rate.y) / dot(d, d);
+    s = clamp(s - (s - half_.x) / slope, 2.0 * ends.x - ends.y, 2.0 * ends.y - ends.x);
+  }
+  return s;
+}
+
+float limitAt(vec2 towards) {
+  int n = textureSize(limits, 0).x;
+  float place = fract(atan(towards.y, towards.x) / 6.283185307179586 + 1.0) * float(n);
+  int i = int(place) % n;
+  return mix(texelFetch(limits, ivec2(i, 0), 0).x, texelFetch(limits, ivec2((i + 1) % n, 0), 0).x, fract(place));
+}
+
+// Where a place of the disk lies among nodes: those before it, and how far past them.
+vec2 among(sampler2D nodes, vec2 p, out ivec2 before) {
+  int n = textureSize(nodes, 0).x;
+  vec2 place = (p / ends.y + 1.0) / 2.0 * float(n - 1);
+  before = ivec2(clamp(floor(place), 0.0, float(n - 2)));
+  return place - vec2(before);
+}
+
+// What nodes hold at a place, along straight lines from one to the next.
+vec3 roughly(sampler2D nodes, vec2 p) {
+  ivec2 i;
+  vec2 f = among(nodes, p, i);
+  vec3 low = mix(texelFetch(nodes, i, 0).xyz, texelFetch(nodes, i + ivec2(1, 0), 0).xyz, f.x);
+  vec3 high = mix(texelFetch(nodes, i + ivec2(0, 1), 0).xyz, texelFetch(nodes, i + ivec2(1, 1), 0).xyz, f.x);
+  return mix(low, high, f.y);
+}
+
+// The same on cubic curves: straight lines err by a tenth of a pixel near the rim.
+vec3 finely(sampler2D nodes, vec2 p) {
+  ivec2 i, last = textureSize(nodes, 0) - 1;
+  vec2 f = among(nodes, p, i);
+  vec4 wx = weights(f.x, -0.5), wy = weights(f.y, -0.5);
+  vec3 total = vec3(0.0);
+  for (int j = 0; j < 4; j++)
+    for (int k = 0; k < 4; k++)
+      total += wy[j] * wx[k] * texelFetch(nodes, clamp(i + ivec2(k - 1, j - 1), ivec2(0), last), 0).xyz;
+  return total;
+}
+
+// Of a vector along axis, right and down: the azimuth, and s.
+float polar(vec3 t, out vec2 towards) {
+  float across = length(t.yz);
+  towards = across > 0.0 ? t.yz / across : vec2(1.0, 0.0);
+  return halfAngle(across, t.x).x;
+}
+
+const int FINE_STEPS = 4;
+
+// The same of a point that is seen from where its own ray starts, without an axis of symmetry.
+float solveInSpace(vec3 t, out vec2 towards) {
+  towards = vec2(1.0, 0.0);
+  float s = 0.0;
+  for (int i = 0; i < ${STEPS_IN_SPACE}; i++) s = polar(t - roughly(starts, min(s, ends.y) * towards), towards);
+  for (int i = 0; i < FINE_STEPS; i++) s = polar(t - finely(starts, min(s, ends.y) * towards), towards);
+  return s;
+}
+
+vec2 project(vec3 world, out bool seen) {
+  vec3 t = frame * world;
+  vec2 towards;
+  float s = is_point && has_starts ? solveInSpace(t, towards) : polar(t, towards);
+  if (is_point && has_origins) s = solve(length(t.yz), t.x);
+  vec2 offset;
+  if (has_lattice) {
+    float end = limitAt(towards);
+    seen = s <= end;
+    offset = finely(lattice, min(s, end + 2.0 * ends.y / float(textureSize(lattice, 0).x)) * towards).xy - own_centre;
+  } else {
+    seen = s >= ends.x - 1e-6 && s <= ends.y + 1e-6;
+    vec3 value, rate;
+    cell(s, value, rate);
+    offset = max(value.x, 0.0) * towards;
+  }
+  vec2 pixel = centre + scale * offset;
+  seen = seen && all(greaterThanEqual(pixel, vec2(-0.5))) && all(lessThanEqual(pixel, picture_size - 0.5));
+  return pixel;
+}`;
+
+const SAMPLING = `
+vec3 texel(ivec2 p) {
+  return texelFetch(picture, clamp(p, ivec2(0), ivec2(picture_size) - 1), 0).rgb;
+}
+
+const float PICTURE = -0.75; // as OpenCV and omnimirror's own samplers have it
+
+vec3 cubic(vec2 p) {
+  ivec2 i = ivec2(floor(p));
+  vec4 wx = weights(p.x - float(i.x), PICTURE), wy = weights(p.y - float(i.y), PICTURE);
+  vec3 total = vec3(0.0);
+  for (int j = 0; j < 4; j++) {
+    vec3 row = vec3(0.0);
+    for (int k = 0; k < 4; k++) row += wx[k] * texel(i + ivec2(k - 1, j - 1));
+    total += wy[j] * row;
+  }
+  return clamp(total, 0.0, 1.0);
+}
+
+// As omnimirror.dewarp.sampling.footprints: a side is shortened to nothing up to SHARP, and soon no longer.
+const float SHARP = 1.2, SPACING = 1.5;
+const int MOST_TAPS = 16;
+
+float shortened(float side) {
+  return 1.0 - pow(SHARP / max(side, SHARP), 8.0);
+}
+
+int taps(float side) {
+  return side > SHARP ? int(clamp(ceil(side * shortened(side) / SPACING), 2.0, float(MOST_TAPS))) : 1;
+}
+
+// Where the picture shows the field: of a camera with an axis between two radii.
+bool holds(vec2 p) {
+  if (any(lessThan(p, vec2(-0.5))) || any(greaterThan(p, picture_size - 0.5))) return false;
+  if (has_lattice) return true;
+  float r = length(p - centre) / scale;
+  return r >= texelFetch(radii, ivec2(0), 0).x - 1e-3 && r <= texelFetch(radii, ivec2(textureSize(radii, 0).x - 1, 0), 0).x + 1e-3;
+}
+
+// The mean over what the pixel covers in the picture, a parallelogram; rough, of samples between pixels in straight lines.
+vec3 mean(vec2 p, vec2 right, vec2 down, bool rough) {
+  float across = length(right), along = length(down);
+  int n = taps(across), m = taps(along);
+  if (n * m == 1) return cubic(p);
+  right *= shortened(across);
+  down *= shortened(along);
+  vec3 total = vec3(0.0);
+  float count = 0.0;
+  for (int j = 0; j < m; j++)
+    for (int k = 0; k < n; k++) {
+      vec2 at = p + ((float(k) + 0.5) / float(n) - 0.5) * right + ((float(j) + 0.5) / float(m) - 0.5) * down;
+      if (!holds(at)) continue;
+      total += rough ? texture(picture, (at + 0.5) / picture_size).rgb : cubic(at);
+      count += 1.0;
+    }
+  return count > 0.0 ? total / count : cubic(p);
+}`;
+
+export const FRAGMENT = `#version 300 es
+precision highp float;
+precision highp int;
+precision highp sampler2D;
+uniform sampler2D picture, radii, lattice, limits, starts;
+uniform vec2 picture_size, size, corner, ends, centre, own_centre;
+uniform float scale, eye, distance_mm;
+uniform mat3 frame, axes;
+uniform vec4 numbers;
+uniform int shape;
+uniform bool is_point, has_origins, has_starts, has_lattice, wants_coordinates, is_rough;
+out vec4 colour;
+${CIRCULAR}
+${TARGET}
+${KERNEL}
+${PROJECTION}
+${SAMPLING}
+
+void main() {
+  vec2 p = gl_FragCoord.xy - corner;
+  p = vec2(p.x - 0.5, size.y - p.y - 0.5);
+  bool inside, seen;
+  vec2 at = project(target(p, inside), seen);
+  vec2 right = dFdx(at), down = -dFdy(at);
+  seen = seen && inside;
+  if (wants_coordinates) {
+    colour = vec4(at, seen ? 1.0 : 0.0, 1.0);
+    return;
+  }
+  if (!seen) {
+    colour = vec4(0.0);
+    return;
+  }
+  colour = vec4(mean(at, right, down, is_rough), 1.0);
+}`;

@@ -1,0 +1,133 @@
+import * as api from "../../shared/api";
+import type { StreamState } from "../../shared/messages";
+import type { Picture } from "../drawing/renderer";
+import { asStored } from "./jpeg";
+
+/** A picture or something that moves: what is looked at. */
+export interface Feed {
+  name: string;
+  /** How the command line calls it. */
+  source: string;
+  picture: Picture;
+  width: number;
+  height: number;
+  /** Whether there may be a new picture at any time. */
+  moves: boolean;
+  /** A video that can be stopped. */
+  video?: HTMLVideoElement;
+  /** Its file, of a picture that was made here and lies nowhere yet. */
+  made?: Blob;
+  /** A camera, as the browser calls it. */
+  device?: string;
+  close(): void;
+}
+
+const DECODING: ImageBitmapOptions = { colorSpaceConversion: "none", premultiplyAlpha: "none" };
+
+/** A picture file; what the browser does not read, the server does. */
+export async function pictureFeed(blob: Blob, name: string, hasServer: boolean): Promise<Feed> {
+  const bitmap = await createImageBitmap(await asStored(blob), DECODING).catch(async () => {
+    if (!hasServer) throw new api.Refused(`${name} is not a picture that this browser reads.`);
+    return createImageBitmap(await api.convert(blob, name), DECODING);
+  });
+  return { name, source: name, picture: bitmap, width: bitmap.width, height: bitmap.height, moves: false, close: () => bitmap.close() };
+}
+
+/** A video file, again and again. */
+export async function videoFeed(blob: Blob, name: string): Promise<Feed> {
+  const address = URL.createObjectURL(blob);
+  const after = (): void => URL.revokeObjectURL(address);
+  return addressFeed(address, name, after).catch((e: unknown) => {
+    after();
+    throw e;
+  });
+}
+
+/** A video at an address, again and again. */
+export async function addressFeed(address: string, name: string, after = (): void => {}): Promise<Feed> {
+  const video = Object.assign(document.createElement("video"), { src: address, muted: true, loop: true, playsInline: true });
+  try {
+    await started(video);
+  } catch {
+    throw new api.Refused(`${name} is not a video that this browser plays. The studio's server plays it: omnimirror view ${name}`);
+  }
+  return { ...ofVideo(video, name, after), video };
+}
+
+/** A camera of this machine. */
+export async function webcamFeed(id: string, lost: (sentence: string) => void): Promise<Feed> {
+  if (!navigator.mediaDevices) throw new api.Refused("Browsers give cameras to pages of this machine, or over https, only.");
+  let stream: MediaStream;
+  try {
+    const exact = id ? { deviceId: { exact: id } } : {};
+    stream = await navigator.mediaDevices.getUserMedia({ video: { ...exact, width: { ideal: 1920 }, height: { ideal: 1080 } } });
+  } catch (e) {
+    const name = (e as DOMException).name;
+    if (name === "OverconstrainedError" && id) return webcamFeed("", lost); // one of another day
+    if (name === "NotAllowedError") throw new api.Refused("The camera was refused. Allow it for this page in the browser's address bar, and try again.");
+    if (name === "NotFoundError") throw new api.Refused("There is no camera at this machine.");
+    throw new api.Refused("The camera cannot be opened; another program may be using it.");
+  }
+  const video = Object.assign(document.createElement("video"), { srcObject: stream, muted: true, playsInline: true });
+  await started(video);
+  const track = stream.getVideoTracks()[0];
+  const name = track.label || "webcam";
+  track.onended = () => lost(`${name} is gone. Plug it in again, and choose Webcam.`);
+  return { ...ofVideo(video, name, () => track.stop()), device: track.getSettings().deviceId ?? "" };
+}
+
+/** A video, camera or stream of the server's: the newest frame whenever the last one is drawn. */
+export function streamFeed(id: string, name: string, told: (state: StreamState | null) => void): Promise<Feed> {
+  return new Promise((resolve, reject) => {
+    let feed: Feed | null = null;
+    let closed = false;
+    let last = ""; // what the server said of its end
+    let socket: WebSocket;
+    const connect = (): void => {
+      socket = new WebSocket(api.socketAddress(`api/stream?id=${encodeURIComponent(id)}`));
+      socket.onopen = () => socket.send("next");
+      socket.onclose = () => {
+        if (closed) return;
+        if (last) return reject(new api.Refused(last));
+        told(null);
+        setTimeout(connect, 1500);
+      };
+      socket.onmessage = async ({ data }: MessageEvent<string | Blob>) => {
+        if (typeof data === "string") {
+          const state = JSON.parse(data) as StreamState;
+          if (state.state === "ended") last = state.sentence;
+          return told(state);
+        }
+        const bitmap = await createImageBitmap(data, DECODING);
+        if (closed) return bitmap.close();
+        if (feed) (feed.picture as ImageBitmap).close();
+        const shown = { picture: bitmap, width: bitmap.width, height: bitmap.height };
+        if (feed) Object.assign(feed, shown);
+        else resolve((feed = { ...shown, name, source: name, moves: true, close }));
+        requestAnimationFrame(() => socket.readyState === WebSocket.OPEN && socket.send("next"));
+      };
+    };
+    const close = (): void => {
+      closed = true;
+      socket.close();
+      if (feed) (feed.picture as ImageBitmap).close();
+    };
+    connect();
+  });
+}
+
+function started(video: HTMLVideoElement): Promise<void> {
+  return new Promise((resolve, reject) => {
+    video.onloadeddata = () => resolve();
+    video.onerror = reject;
+    video.play().catch(reject);
+  });
+}
+
+function ofVideo(video: HTMLVideoElement, name: string, after: () => void): Feed {
+  const close = (): void => {
+    video.pause();
+    after();
+  };
+  return { name, source: name, picture: video, width: video.videoWidth, height: video.videoHeight, moves: true, close };
+}

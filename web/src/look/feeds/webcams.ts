@@ -1,0 +1,23 @@
+import { byId } from "../../shared/dom";
+import { type Feed, webcamFeed } from "./feed";
+
+/** The cameras of this machine; which there are browsers tell once one of them was allowed. */
+export class Webcams {
+  private readonly select = byId<HTMLSelectElement>("webcams");
+
+  constructor(opened: (id: string) => void) {
+    byId("webcam").addEventListener("click", () => opened(""));
+    this.select.addEventListener("change", () => opened(this.select.value));
+  }
+
+  /** Open one, or the one that the browser prefers, and offer all. */
+  async open(id: string, lost: (sentence: string) => void): Promise<Feed> {
+    const feed = await webcamFeed(id, lost);
+    const cameras = (await navigator.mediaDevices.enumerateDevices()).filter((d) => d.kind === "videoinput");
+    const option = (d: MediaDeviceInfo, i: number): HTMLOptionElement => new Option(d.label || `Camera ${i + 1}`, d.deviceId);
+    this.select.replaceChildren(...cameras.map(option));
+    this.select.value = feed.device!;
+    byId("webcams-label").hidden = cameras.length < 2;
+    return { ...feed, source: String(Math.max(0, this.select.selectedIndex)) };
+  }
+}

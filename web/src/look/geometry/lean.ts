@@ -1,0 +1,36 @@
+import { clamp } from "../../shared/numbers";
+import { cross, dot, RAD, sum, times, type Vec3, viewAxes } from "./vectors";
+
+/** How far a sensor leans from plumb, degrees: forward so far above the horizon, and turned clockwise about that. */
+export interface Lean {
+  pitch: number;
+  roll: number;
+}
+
+/** Forward, left and up of a frame that leans, in the world's. */
+type Axes = readonly [Vec3, Vec3, Vec3];
+
+function axesOf({ pitch, roll }: Lean): Axes {
+  const [forward, right, down] = viewAxes(0, pitch);
+  const [c, s] = [Math.cos(roll * RAD), Math.sin(roll * RAD)];
+  return [forward, sum(times(-c, right), times(-s, down)), sum(times(s, right), times(-c, down))];
+}
+
+/** A vector that leans with a sensor, after the sensor leans otherwise. */
+export function releaned(v: Vec3, from: Lean, to: Lean): Vec3 {
+  const [a, b] = [axesOf(from), axesOf(to)];
+  return sum(...b.map((axis, i) => times(dot(v, a[i]), axis)));
+}
+
+/** The lean after what is seen in a direction of the horizon went up by an angle, degrees. */
+export function raised(lean: Lean, panDeg: number, upDeg: number): Lean {
+  const [, right] = viewAxes(panDeg, 0);
+  const [forward, left, up] = axesOf(lean).map((axis) => turned(axis, right, upDeg * RAD));
+  return { pitch: Math.asin(clamp(forward[2], -1, 1)) / RAD, roll: Math.atan2(left[2], up[2]) / RAD };
+}
+
+/** A vector turned about a unit vector. */
+function turned(v: Vec3, about: Vec3, angle: number): Vec3 {
+  const [c, s] = [Math.cos(angle), Math.sin(angle)];
+  return sum(times(c, v), times(s, cross(about, v)), times((1 - c) * dot(about, v), about));
+}

@@ -1,0 +1,33 @@
+/** Vectors in the world frame: x forward, y left, z up. */
+export type Vec3 = readonly [number, number, number];
+export type Pixel = readonly [number, number];
+
+export const RAD = Math.PI / 180;
+
+export const dot = (a: Vec3, b: Vec3): number => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+export const times = (k: number, a: Vec3): Vec3 => [k * a[0], k * a[1], k * a[2]];
+export const sum = (...vs: Vec3[]): Vec3 => vs.reduce((a, b) => [a[0] + b[0], a[1] + b[1], a[2] + b[2]]);
+export const cross = (a: Vec3, b: Vec3): Vec3 => [
+  a[1] * b[2] - a[2] * b[1],
+  a[2] * b[0] - a[0] * b[2],
+  a[0] * b[1] - a[1] * b[0],
+];
+
+/** Direction of pan (right positive) and tilt (up positive), radians. */
+export function panTiltDirection(pan: number, tilt: number): Vec3 {
+  const c = Math.cos(tilt);
+  return [c * Math.cos(pan), -c * Math.sin(pan), Math.sin(tilt)];
+}
+
+/** Pan and tilt, degrees, of a direction. */
+export function panTiltOf(d: Vec3): { pan: number; tilt: number } {
+  return { pan: Math.atan2(-d[1], d[0]) / RAD, tilt: Math.atan2(d[2], Math.hypot(d[0], d[1])) / RAD };
+}
+
+/** Forward, right and down of a view that pans and tilts, degrees. */
+export function viewAxes(panDeg: number, tiltDeg: number): [Vec3, Vec3, Vec3] {
+  const [a, t] = [panDeg * RAD, tiltDeg * RAD];
+  const forward = panTiltDirection(a, t);
+  const right: Vec3 = [-Math.sin(a), -Math.cos(a), 0];
+  return [forward, right, cross(forward, right)];
+}

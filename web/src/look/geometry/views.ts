@@ -1,0 +1,179 @@
+import { clamp } from "../../shared/numbers";
+import type { State } from "../../shared/state";
+import type { Camera } from "./camera";
+import { panTiltDirection, RAD, sum, times, type Vec3, viewAxes } from "./vectors";
+
+/** The shapes of screens, numbered as in the shader. */
+export const SHAPES = { panorama: 0, plane: 1, polar: 2, planet: 3, ground: 4 } as const;
+
+/** One screen and where it lies in the picture; `numbers` are those of the shader's uniform. */
+export interface Part {
+  left: number;
+  top: number;
+  width: number;
+  height: number;
+  shape: (typeof SHAPES)[keyof typeof SHAPES];
+  axes: [Vec3, Vec3, Vec3];
+  numbers: [number, number, number, number];
+  /** mm; 0 for infinitely far. */
+  distance: number;
+  isPoint: boolean;
+}
+
+export interface View {
+  width: number;
+  height: number;
+  parts: Part[];
+}
+
+const WIDEST_PLANET_DEG = 270;
+const PLAN_HEIGHTS = 4;
+const MOSAIC_VIEWS = 4;
+
+/** Elevations of a panorama, degrees: the camera's, or the part that its zoom leaves, moved to where it looks. */
+export function elevations(s: State, camera: Camera): [number, number] {
+  const { tilt_min_deg: low, tilt_max_deg: high } = camera.model;
+  const half = (high - low) / 2 / s.zoom;
+  const middle = s.zoom === 1 ? (low + high) / 2 : clamp(s.tilt, low + half, high - half);
+  const round = (x: number): number => Math.round(x * 1e4) / 1e4;
+  return [Math.max(-90, round(middle - half)), Math.min(90, round(middle + half))];
+}
+
+export const spanOf = (s: State): number => Math.round((360 / s.zoom) * 1e4) / 1e4;
+
+/** Angle from the pole to the edge of a dome, degrees. */
+export function domeEnd(s: State, camera: Camera): number {
+  return Math.min(180, Math.round((poleEnd(camera) / s.zoom) * 1e4) / 1e4);
+}
+
+/** Angle from the left edge of a little planet to the right, degrees. */
+export function planetWidth(s: State, camera: Camera): number {
+  const widest = Math.min(2 * poleEnd(camera), WIDEST_PLANET_DEG);
+  return Math.round(((4 * Math.atan(Math.tan((widest * RAD) / 4) / s.zoom)) / RAD) * 1e4) / 1e4;
+}
+
+/** Scale of the plan of the ground, mm per pixel. */
+export function groundScale(s: State, width: number, height: number): number {
+  const scale = (PLAN_HEIGHTS * s.height) / s.zoom / Math.min(width, height);
+  return Number(scale.toPrecision(8));
+}
+
+function poleEnd(camera: Camera): number {
+  const { pole, tilt_min_deg, tilt_max_deg } = camera.model;
+  return pole === "zenith" ? 90 - tilt_min_deg : 90 + tilt_max_deg;
+}
+
+/** Width over height that the mode asks for; null where any will do. */
+export function aspectOf(s: State, camera: Camera): number | null {
+  if (s.mode === "panorama" || s.mode === "mosaic") {
+    const { tilt_min_deg: low, tilt_max_deg: high } = camera.model;
+    const wide = 360 / (high - low);
+    return s.mode === "panorama" ? wide : 1 / (1 / wide + 3 / 4 / MOSAIC_VIEWS);
+  }
+  return s.mode === "perspective" ? null : 1;
+}
+
+/** The view of a state, so many pixels large. A mosaic's height follows from its width. */
+export function viewOf(s: State, camera: Camera, width: number, height: number): View {
+  const distance = Number.isFinite(s.distance) ? s.distance : 0;
+  const box = { left: 0, top: 0, width, height };
+  switch (s.mode) {
+    case "panorama":
+      return whole(width, height, { ...box, ...panorama(s.pan, spanOf(s), elevations(s, camera), distance) });
+    case "perspective":
+      return whole(width, height, { ...box, ...plane(s.pan, s.tilt, s.hfov, width, distance) });
+    case "dome": {
+      const perPixel = (domeEnd(s, camera) * RAD) / (Math.min(width, height) / 2);
+      const numbers: Part["numbers"] = [perPixel, Math.min(width, height) / 2, 0, 0];
+      return whole(width, height, { ...box, ...polar(SHAPES.polar, s.pan, camera, numbers, distance) });
+    }
+    case "planet": {
+      const perPixel = Math.tan((planetWidth(s, camera) * RAD) / 4) / (width / 2);
+      return whole(width, height, { ...box, ...polar(SHAPES.planet, s.pan, camera, [perPixel, 0, 0, 0], distance) });
+    }
+    case "ground": {
+      const axes = viewAxes(s.pan, -90);
+      const numbers: Part["numbers"] = [groundScale(s, width, height), s.height, 0, 0];
+      return whole(width, height, { ...box, shape: SHAPES.ground, axes, numbers, distance: 0, isPoint: true });
+    }
+    case "mosaic":
+      return mosaic(s, camera, width, distance);
+  }
+}
+
+function whole(width: number, height: number, part: Part): View {
+  return { width, height, parts: [part] };
+}
+
+type Shape = Omit<Part, "left" | "top" | "width" | "height">;
+
+function panorama(pan: number, span: number, [low, high]: [number, number], distance: number): Shape {
+  const numbers: Part["numbers"] = [pan * RAD, span * RAD, low * RAD, high * RAD];
+  return { shape: SHAPES.panorama, axes: viewAxes(0, 0), numbers, distance, isPoint: distance > 0 };
+}
+
+function plane(pan: number, tilt: number, hfov: number, width: number, distance: number): Shape {
+  const focal = width / 2 / Math.tan((hfov * RAD) / 2);
+  return { shape: SHAPES.plane, axes: viewAxes(pan, tilt), numbers: [focal, 0, 0, 0], distance, isPoint: distance > 0 };
+}
+
+/** Looking down at the nadir, or up at the zenith from the opposite side: forward is at the top in both. */
+function polar(shape: Part["shape"], pan: number, camera: Camera, numbers: Part["numbers"], distance: number): Shape {
+  const axes = camera.model.pole === "nadir" ? viewAxes(pan, -90) : viewAxes(pan + 180, 90);
+  return { shape, axes, numbers, distance, isPoint: distance > 0 };
+}
+
+/** To a whole number as Python rounds, halves to the even one. */
+function rounded(x: number): number {
+  const near = Math.round(x);
+  return Math.abs(x % 1) === 0.5 && near % 2 ? near - 1 : near;
+}
+
+/** A panorama, turned by 45 degrees, over four perspective views, each under its own quarter. */
+function mosaic(s: State, camera: Camera, width: number, distance: number): View {
+  const side = Math.max(1, rounded(width / MOSAIC_VIEWS));
+  const under = Math.max(1, rounded((side * 3) / 4));
+  const { tilt_min_deg: low, tilt_max_deg: high } = camera.model;
+  const over = Math.max(1, rounded((MOSAIC_VIEWS * side * (high - low)) / 360));
+  const parts: Part[] = [
+    { left: 0, top: 0, width: MOSAIC_VIEWS * side, height: over, ...panorama(s.pan + 45, 360, [low, high], 0) },
+  ];
+  [-90, 0, 90, 180].forEach((pan, i) => {
+    const box = { left: i * side, top: over, width: side, height: under };
+    parts.push({ ...box, ...plane(s.pan + pan, s.tilt, s.hfov, side, distance) });
+  });
+  return { width: MOSAIC_VIEWS * side, height: over + under, parts };
+}
+
+/** What a pixel of a part looks at: a point in mm, or a direction; null where it looks at nothing. */
+export function targetAt(part: Part, u: number, v: number): Vec3 | null {
+  const [a, b, c, d] = part.numbers;
+  const [forward, right, down] = part.axes;
+  const [x, y] = [u - (part.width - 1) / 2, v - (part.height - 1) / 2];
+  const far = part.distance || 1;
+  const along = (f: number, r: number, g: number): Vec3 =>
+    sum(times(f * far, forward), times(r * far, right), times(g * far, down));
+  switch (part.shape) {
+    case SHAPES.panorama: {
+      const pan = a + ((u + 0.5) / part.width - 0.5) * b;
+      const tilt = d - ((v + 0.5) / part.height) * (d - c);
+      return times(part.distance ? far / Math.cos(tilt) : 1, panTiltDirection(pan, tilt));
+    }
+    case SHAPES.plane:
+      return along(1, x / a, y / a);
+    case SHAPES.polar: {
+      const radius = Math.hypot(x, y);
+      if (radius > b + 0.5) return null;
+      const omega = radius * a;
+      const k = radius > 0 ? Math.sin(omega) / radius : a;
+      return along(Math.cos(omega), k * x, k * y);
+    }
+    case SHAPES.planet: {
+      const t = Math.hypot(x, y) * a;
+      const k = (2 * a) / (1 + t * t);
+      return along(Math.cos(2 * Math.atan(t)), k * x, k * y);
+    }
+    default:
+      return sum([0, 0, -b], times(a * x, right), times(a * y, down));
+  }
+}

@@ -1,0 +1,189 @@
+import * as api from "../../shared/api";
+import { byId, choices } from "../../shared/dom";
+import type { SensorEntry } from "../../shared/messages";
+import { banner, busy, say } from "../../shared/notices";
+import { INITIAL, type Looks, type State } from "../../shared/state";
+import type { Store } from "../../shared/store";
+import { keep, type Kept, kept } from "../feeds/kept";
+import { Camera } from "../geometry/camera";
+import type { Lean } from "../geometry/lean";
+
+/** What of the state says which camera it is, and how it stands. */
+type Chosen = Pick<State, (typeof CHOSEN)[number]>;
+
+/** What the panel needs of the page. */
+interface Hands {
+  /** The camera is another one now. */
+  changed: () => void;
+  failed: (e: unknown) => void;
+  /** What else has to be there before the view can be of another sensor: what then shows it, or null. */
+  prepare: (wanted: State) => Promise<(() => void) | null>;
+}
+
+/** Choosing a sensor, saying how it stood, and fitting its circle to the picture. */
+export class SensorPanel {
+  private readonly select = byId<HTMLSelectElement>("sensor");
+  private readonly showLooks: (looks: Looks) => void;
+  private readonly showOptics: (optics: Optics) => void;
+  private asked = 0;
+  private chosen: Chosen | null = null;
+  camera: Camera | null = null;
+  /** The camera as the server has it; the other one may lean otherwise while the horizon is dragged. */
+  private fetched: Camera | null = null;
+  /** The file of a sensor that was made here, which no folder holds yet. */
+  made: Kept | null = null;
+
+  constructor(private readonly store: Store, private readonly hands: Hands) {
+    const looks = [["up", "up"], ["down", "down"], ["forward", "ahead"]] as const;
+    this.showLooks = choices<Looks>(byId("looks"), "looks", looks, (value) => void this.want({ looks: value }));
+    const optics = [["mirror", "a mirror"], ["fisheye", "a fisheye"]] as const;
+    this.showOptics = choices<Optics>(byId("optics"), "optics", optics, (value) => void this.loadAgain(value));
+    this.select.addEventListener("change", () => void this.want({ sensor: this.select.value, ...AS_IN_FILE }));
+    byId("load").addEventListener("click", () => byId<HTMLInputElement>("calibration").click());
+    byId<HTMLInputElement>("calibration").addEventListener("change", (e) => {
+      const input = e.target as HTMLInputElement;
+      if (input.files?.[0]) void this.load(input.files[0], input.files[0].name);
+      input.value = "";
+    });
+    const ball = byId<HTMLInputElement>("ball-field");
+    ball.addEventListener("change", () => ball.checkValidity() && void this.want({ sensor: `ball:${+ball.value}` }));
+    const forward = byId<HTMLInputElement>("forward");
+    forward.addEventListener("change", () => forward.checkValidity() && void this.want({ forward: +forward.value }));
+    for (const key of ["pitch", "roll"] as const) {
+      const input = byId<HTMLInputElement>(key);
+      input.addEventListener("change", () => input.checkValidity() && void this.want({ [key]: +input.value }));
+    }
+    const flipped = byId<HTMLInputElement>("flipped");
+    flipped.addEventListener("change", () => void this.want({ flipped: flipped.checked }));
+    store.listen((_, changed) => this.chosen && CHOSEN.some((key) => changed.has(key)) && void this.want());
+  }
+
+  /** Offer what the server knows. */
+  offer(entries: SensorEntry[]): void {
+    this.select.replaceChildren(...entries.map((e) => this.option(e)));
+  }
+
+  /** Read a calibration file, and choose it; `isMade` is for one of a design on the bench. */
+  async load(file: Blob, name: string, optics: Optics = "mirror", isMade = false): Promise<void> {
+    try {
+      const entry = await api.loadSensor(file, name, optics);
+      await keep(entry.id, { blob: file, name, optics, isMade });
+      if (await this.want({ sensor: entry.id, ...AS_IN_FILE }, !isMade)) say(`${entry.name} loaded`);
+    } catch (e) {
+      this.hands.failed(e);
+    }
+  }
+
+  /** OCamCalib's files do not say what they are of. */
+  private async loadAgain(optics: Optics): Promise<void> {
+    const file = await kept(this.store.state.sensor);
+    if (file) await this.load(file.blob, file.name, optics);
+  }
+
+  /** Take another sensor, or one that stands otherwise: its name, its view and the address change together, once all is there. */
+  async want(change: Partial<State> = {}, turns = true): Promise<boolean> {
+    const wanted = { ...this.store.state, ...change };
+    const number = ++this.asked;
+    if (this.fetched && this.chosen && isSame(wanted, this.chosen)) {
+      if (this.camera !== this.fetched) this.take(this.fetched);
+      busy(null);
+      this.store.set(change, turns);
+      return true;
+    }
+    if (this.camera) this.show(this.camera); // until then, all names what is shown
+    busy("Fetching the sensor…");
+    try {
+      const [camera, show] = await Promise.all([this.fetch(wanted), this.hands.prepare(wanted)]);
+      if (number !== this.asked) return false;
+      this.chosen = Object.fromEntries(CHOSEN.map((key) => [key, wanted[key]])) as Chosen;
+      const file = await kept(wanted.sensor);
+      this.made = file?.isMade ? file : null;
+      show?.();
+      this.take(camera);
+      busy(null);
+      banner(null, "sensor");
+      this.store.set(change, turns);
+      return true;
+    } catch (e) {
+      if (number === this.asked) await this.stay(e, wanted.sensor);
+      return false;
+    }
+  }
+
+  /** Keep the sensor that is shown, since another one could not be had; where there is none, the first of all. */
+  private async stay(e: unknown, sensor: string): Promise<void> {
+    this.hands.failed(e);
+    if (this.chosen && this.fetched) {
+      this.take(this.fetched);
+      this.store.set(this.chosen, false);
+    } else if (e instanceof api.Refused && sensor !== INITIAL.sensor && (await this.want({ sensor: INITIAL.sensor, ...AS_IN_FILE }, false))) this.hands.failed(e);
+  }
+
+  private async fetch({ sensor, looks, forward, flipped, pitch, roll }: Chosen): Promise<Camera> {
+    const mount = { camera_looks: looks, forward_azimuth_deg: forward, image_flipped: flipped, pitch_deg: pitch, roll_deg: roll };
+    const { model, tables } = await api.camera(sensor, mount).catch(async (e: unknown) => {
+      const file = await kept(sensor);
+      if (!(e instanceof api.Refused)) throw e;
+      if (!file) throw sensor.startsWith("file:") ? new api.Refused(ELSEWHERE) : e;
+      await api.loadSensor(file.blob, file.name, file.optics); // the server was started anew
+      return api.camera(sensor, mount);
+    });
+    return new Camera(model, tables);
+  }
+
+  take(camera: Camera): void {
+    this.camera = this.fetched = camera;
+    this.show(camera);
+    this.hands.changed();
+  }
+
+  /** Lean it otherwise, as while the horizon is dragged. */
+  lean(to: Lean): void {
+    if (!this.camera) return;
+    this.camera = this.camera.leaning(to);
+    this.show(this.camera);
+    this.hands.changed();
+  }
+
+  /** Have the server's camera that leans as this one. */
+  settleLean(): void {
+    const mount = this.camera?.model.mount;
+    if (mount) void this.want({ pitch: +mount.pitch_deg.toFixed(2), roll: +mount.roll_deg.toFixed(2) });
+  }
+
+  private show({ model }: Camera): void {
+    byId("sensor-words").textContent = `${model.title.replace(/\.$/, "")}. Field ${model.tilt_min_deg.toFixed(0)}° to ${model.tilt_max_deg.toFixed(0)}° of elevation.`;
+    this.select.value = model.id;
+    if (this.select.value !== model.id) this.choose(model);
+    this.showLooks(model.mount.camera_looks);
+    byId<HTMLInputElement>("forward").value = String(model.mount.forward_azimuth_deg);
+    byId<HTMLInputElement>("flipped").checked = model.mount.image_flipped;
+    for (const key of ["pitch", "roll"] as const) {
+      const input = byId<HTMLInputElement>(key);
+      if (document.activeElement !== input) input.value = String(+model.mount[`${key}_deg`].toFixed(2));
+    }
+    const [kind, field] = model.id.split(":");
+    byId("optics-row").hidden = model.kind !== "ocam" || !model.id.startsWith("file:");
+    if (model.kind === "ocam") this.showOptics(model.options.includes("fisheye") ? "fisheye" : "mirror");
+    byId("ball-row").hidden = kind !== "ball";
+    if (kind === "ball") byId<HTMLInputElement>("ball-field").value = field;
+  }
+
+  private choose(entry: { id: string; name: string; title: string; kind: SensorEntry["kind"] }): void {
+    const group = entry.kind === "ball" ? [...this.select.options].find((o) => o.value.startsWith("ball:")) : null;
+    if (group) group.replaceWith(this.option(entry));
+    else if (![...this.select.options].some((o) => o.value === entry.id)) this.select.append(this.option(entry));
+    this.select.value = entry.id;
+  }
+
+  private option(entry: { id: string; name: string; title: string }): HTMLOptionElement {
+    return Object.assign(document.createElement("option"), { value: entry.id, textContent: entry.name, title: entry.title });
+  }
+}
+
+type Optics = NonNullable<Kept["optics"]>;
+
+const ELSEWHERE = "This link looks through a sensor file that this browser does not hold: links hold the view, not the file. Load it with Load…";
+const isSame = (a: Chosen, b: Chosen): boolean => CHOSEN.every((key) => a[key] === b[key]);
+const CHOSEN = ["sensor", "looks", "forward", "flipped", "pitch", "roll"] as const;
+const AS_IN_FILE = { rim: null, looks: null, forward: null, flipped: null, pitch: null, roll: null } as const;

@@ -1,0 +1,102 @@
+import { unpack } from "./framing";
+import type { BenchSensor, BenchStart, CameraModel, Change, Download, MountOf, Opened, PictureAsk, SensorEntry, SensorFile, Start, Taken, WantedFile } from "./messages";
+import { AWAY } from "./texts";
+
+/** Something the server refused, in its own sentence. */
+export class Refused extends Error {
+  override readonly name = "Refused";
+}
+
+/** The server does not answer. */
+export class Away extends Error {
+  override readonly name = "Away";
+}
+
+// -- what both tabs ask ---------------------------------------------------------------------------
+
+export const isThere = async (): Promise<boolean> => ask("health").then(() => true, () => false);
+
+/** The address of one of the server's sockets. */
+export const socketAddress = (path: string): string => new URL(path, document.baseURI).href.replace(/^http/, "ws");
+
+// -- looking --------------------------------------------------------------------------------------
+
+export const start = (): Promise<Start> => got("api/start");
+
+export async function camera(id: string, mount: Partial<Record<keyof MountOf, unknown>>): Promise<{ model: CameraModel; tables: Float32Array }> {
+  const [model, tables] = await Promise.all([
+    got<CameraModel>("api/camera", { id, ...mount }),
+    ask(to("api/camera/tables", { id, image_flipped: mount.image_flipped })).then((answer) => answer.arrayBuffer()),
+  ]);
+  return { model, tables: new Float32Array(tables) };
+}
+
+export const room = async (id: string): Promise<Blob> => (await ask(to("api/room", { id }))).blob();
+export const picture = async (id: string): Promise<Blob> => (await ask(to("api/picture", { id }))).blob();
+export const convert = async (file: Blob, name: string): Promise<Blob> => (await handedUp("api/pictures", file, { name })).blob();
+export const loadSensor = async (file: Blob, name: string, optics = "mirror"): Promise<SensorEntry> => (await handedUp("api/sensors", file, { name, optics })).json();
+export const sensorFile = async (wanted: SensorFile): Promise<string> => (await posted("api/sensor-file", wanted)).text();
+
+// -- designing ------------------------------------------------------------------------------------
+
+export const benchStart = (): Promise<BenchStart> => got("api/bench");
+export const bundled = (name: string): Promise<BenchSensor> => got("api/bench/sensor", { name });
+export const change = async (wanted: Change): Promise<BenchSensor> => (await posted("api/bench/change", wanted)).json();
+export const openFile = async (file: Blob, name: string): Promise<Opened> => (await handedUp("api/bench/open", file, { name })).json();
+export const requirements = async (wanted: WantedFile): Promise<Blob> => (await posted("api/bench/requirements", wanted)).blob();
+
+export async function download(wanted: Download): Promise<{ blob: Blob; name: string }> {
+  const answer = await posted("api/bench/file", wanted);
+  const name = /filename="(.*)"/.exec(answer.headers.get("content-disposition") ?? "")?.[1] ?? "design";
+  return { blob: await answer.blob(), name };
+}
+
+/** The picture that a design takes of a room, and its panorama. */
+export async function taken(wanted: PictureAsk): Promise<{ picture: Blob; panorama: Blob }> {
+  const data = await (await posted("api/bench/picture", wanted)).arrayBuffer();
+  const { header, start } = unpack<Taken>(data);
+  const middle = start + header.picture_bytes;
+  const jpeg = (from: number, to: number): Blob => new Blob([data.slice(from, to)], { type: "image/jpeg" });
+  return { picture: jpeg(start, middle), panorama: jpeg(middle, middle + header.panorama_bytes) };
+}
+
+// -- how it is asked ------------------------------------------------------------------------------
+
+type Query = Record<string, unknown>;
+
+const got = async <T>(path: string, query: Query = {}): Promise<T> => (await ask(to(path, query))).json() as Promise<T>;
+const handedUp = (path: string, file: Blob, query: Query): Promise<Response> => ask(to(path, query), { method: "POST", body: file });
+const posted = (path: string, body: unknown): Promise<Response> =>
+  ask(path, { method: "POST", headers: { "content-type": "application/json" }, body: JSON.stringify(body) });
+
+/** An address with what is asked; what is null or undefined is not. */
+function to(path: string, query: Query): string {
+  const given = Object.entries(query).filter(([, value]) => value !== null && value !== undefined);
+  return given.length ? `${path}?${new URLSearchParams(given.map(([key, value]) => [key, String(value)]))}` : path;
+}
+
+/** Ask the server; what it refuses is thrown as its sentence. */
+export async function ask(url: string, init?: RequestInit): Promise<Response> {
+  const answer = await fetch(url, init).catch(() => {
+    throw new Away(AWAY);
+  });
+  if (answer.ok) return answer;
+  const body = (await answer.json().catch(() => null)) as { detail?: unknown } | null;
+  throw new Refused(sentenceOf(body?.detail) ?? `The studio's server cannot do that (it answers ${answer.status}).`);
+}
+
+/** What is wrong with an entry of a question, as the server's framework says it. */
+interface Wrong {
+  loc?: (string | number)[];
+  msg?: string;
+  input?: unknown;
+}
+
+function sentenceOf(detail: unknown): string | null {
+  if (typeof detail === "string") return detail;
+  const [first] = Array.isArray(detail) ? (detail as Wrong[]) : [];
+  if (!first?.msg) return null;
+  const entry = first.loc?.at(-1) ?? "the question";
+  const value = ["string", "number", "boolean"].includes(typeof first.input) ? ` = ${String(first.input).slice(0, 60)}` : "";
+  return `${entry}${value} is not valid: ${first.msg.replace(/^Input should be/, "it should be")}.`;
+}

@@ -1,0 +1,56 @@
+/** An element of the page; the page is known to have it. */
+export const byId = <T extends Element = HTMLElement>(id: string): T => document.getElementById(id) as unknown as T;
+
+type Child = Node | string | null;
+
+/** An element with properties and children. */
+export function h<K extends keyof HTMLElementTagNameMap>(tag: K, properties: Record<string, unknown> = {}, ...children: Child[]): HTMLElementTagNameMap[K] {
+  const element = document.createElement(tag);
+  for (const [name, value] of Object.entries(properties)) {
+    if (name.startsWith("on")) element.addEventListener(name.slice(2), value as EventListener);
+    else if (name in element) (element as unknown as Record<string, unknown>)[name] = value;
+    else element.setAttribute(name, String(value));
+  }
+  element.append(...children.filter((c) => c !== null));
+  return element;
+}
+
+/** An element of an SVG. */
+export function svg(tag: string, attributes: Record<string, string | number>, ...children: Child[]): SVGElement {
+  const element = document.createElementNS("http://www.w3.org/2000/svg", tag);
+  for (const [name, value] of Object.entries(attributes)) element.setAttribute(name, String(value));
+  element.append(...children.filter((c) => c !== null));
+  return element;
+}
+
+let count = 0;
+
+/** A name for an element that no other has. */
+export const unique = (): string => `b${++count}`;
+
+/** The value of a colour of the page. */
+export const colour = (name: string): string => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
+
+/** Save bytes under a name. */
+export function save(blob: Blob, name: string): void {
+  const link = h("a", { href: URL.createObjectURL(blob), download: name });
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
+}
+
+/** A group of choices of which one holds. */
+export function choices<T extends string>(place: HTMLElement, name: string, all: readonly (readonly [T, string])[], chosen: (value: T) => void): (value: T) => void {
+  const inputs = new Map<T, HTMLInputElement>();
+  for (const [value, text] of all) {
+    const label = document.createElement("label");
+    const input = Object.assign(document.createElement("input"), { type: "radio", name, value });
+    input.addEventListener("change", () => chosen(value));
+    label.append(input, Object.assign(document.createElement("span"), { textContent: text }));
+    place.append(label);
+    inputs.set(value, input);
+  }
+  return (value) => {
+    const input = inputs.get(value);
+    if (input) input.checked = true;
+  };
+}

@@ -1,0 +1,320 @@
+// Made by web/message_types.py from the server's messages; not to be edited.
+
+/** What a design does; float32 values follow, block by block, not finite where there is nothing. */
+export interface Answer {
+  slot: number;
+  number: number;
+  trouble: Trouble | null;
+  /** what of the sensor the plots do not show */
+  remark: string | null;
+  facts: Facts | null;
+  rows: Judged[];
+  wanted_trouble: string | null;
+  blocks: Block[];
+}
+
+/** What a page wants to know of a design. */
+export interface Ask {
+  /** which of the designs shown */
+  slot: number;
+  number: number;
+  tables: Record<string, any>;
+  follows: boolean;
+  /** null: infinite */
+  object_distance_mm: number | null;
+  section: boolean;
+  squares: boolean;
+  wanted: Record<string, any> | null;
+}
+
+/** A sensor on the bench. */
+export interface BenchSensor {
+  tables: Record<string, any>;
+  /** whether the lens stands where the mirror's mapping needs it */
+  follows: boolean;
+}
+
+/** What the bench is made from. */
+export interface BenchStart {
+  mirrors: PartOf[];
+  secondaries: PartOf[];
+  lenses: PartOf[];
+  imager: PartOf;
+  /** of a second mirror */
+  place: PartOf;
+  /** how far the mirror stands */
+  mount: PartOf;
+  /** how far the mirror is out of its place */
+  pose: PartOf;
+  quantities: QuantityOf[];
+  merits: QuantityOf[];
+  families: string[];
+  sensors: string[];
+}
+
+/** Part of the float32 values: so many rows of named columns, column by column. */
+export interface Block {
+  name: string;
+  columns: string[];
+  rows: number;
+}
+
+/** A camera, as far as looking through it needs to know. */
+export interface CameraModel {
+  id: string;
+  name: string;
+  title: string;
+  kind: "sensor" | "ocam" | "ball";
+  /** what names it on the command line */
+  options: string[];
+  mount: MountOf;
+  mount_in_file: MountOf;
+  image_size: [number, number];
+  /** image of the axis */
+  centre_px: [number, number];
+  /** image radius of the end of the field; its mean where it is no circle */
+  rim_radius_px: number;
+  axis: [number, number, number];
+  right: [number, number, number];
+  down: [number, number, number];
+  tilt_min_deg: number;
+  tilt_max_deg: number;
+  pixels_per_degree: number;
+  pole: "nadir" | "zenith";
+  is_picture_reversed: boolean;
+  /** whether its circle may be moved to fit a picture */
+  is_adjustable: boolean;
+  tables: TableLayout;
+}
+
+/** A change that takes more than a number: another kind of mirror or lens, or the best focus by a merit. */
+export interface Change {
+  tables: Record<string, any>;
+  what: "mirror" | "lens" | "focus";
+  to: string;
+  /** null: infinite */
+  object_distance_mm: number | null;
+}
+
+/** A file of a design. */
+export interface Download {
+  tables: Record<string, any>;
+  kind: "sensor" | "table" | "sag" | "drawing" | "report";
+  object_distance_mm: number | null;
+}
+
+/** What a page that does without a server holds. */
+export interface Embedded {
+  camera: CameraModel;
+  /** float32 values, little-endian, in base64 */
+  tables: string;
+  /** address of the picture or video: with it inside, or of a file beside the page */
+  media: string;
+  is_video: boolean;
+  name: string;
+}
+
+/** What holds for the whole design. */
+export interface Facts {
+  name: string;
+  field_deg: [number, number];
+  rim_radius_mm: number;
+  rim_radius_px: number;
+  /** largest circle that the imager holds */
+  imager_radius_px: number;
+  mirror_distance_mm: number | null;
+  focus_mm: number;
+  depth_of_field_mm: [number, number | null];
+  airy_px: number;
+  length_mm: number;
+  viewpoint_spread_mm: number;
+  worst_blur_px: number | null;
+  worst_area_deg2: number | null;
+  resolution_px_per_deg: [number, number | null];
+  /** why its mirror cannot be optimised, if it cannot */
+  not_optimised: string | null;
+}
+
+/** That the server is there. */
+export interface Health {
+  status: "ok";
+  version: string;
+}
+
+/** A requirement, and what is reached of it. */
+export interface Judged {
+  name: string;
+  unit: string;
+  at_least: number | null;
+  at_most: number | null;
+  reached: number | null;
+  margin: number | null;
+  is_met: boolean;
+  /** where the worst value is */
+  omega_deg: number | null;
+  part_deg: [number, number] | null;
+  /** which of the limits it is */
+  limit: number | null;
+}
+
+/** How a camera stands. */
+export interface MountOf {
+  camera_looks: "up" | "down" | "forward";
+  forward_azimuth_deg: number;
+  image_flipped: boolean;
+  pitch_deg: number;
+  roll_deg: number;
+}
+
+/** How a task is getting on. */
+export interface News {
+  state: "running" | "done" | "failed";
+  sentence: string;
+  /** how much is done */
+  share: number | null;
+  /** the merit by now */
+  value: number | null;
+  sensor: BenchSensor | null;
+}
+
+/** A file that was opened: a sensor, or requirements. */
+export interface Opened {
+  sensor: BenchSensor | null;
+  wanted: Record<string, any> | null;
+}
+
+/** A parameter as a part describes it: what a slider, a number field and a tooltip need. */
+export interface ParameterOf {
+  name: string;
+  unit: string;
+  low: number;
+  high: number;
+  description: string;
+  choices: string[];
+  is_list: boolean;
+  is_whole: boolean;
+  is_optional: boolean;
+  /** of an optional number, where it is a number */
+  default: number | null;
+}
+
+/** A part that can be chosen, and its parameters in their order. */
+export interface PartOf {
+  kind: string;
+  parameters: ParameterOf[];
+}
+
+/** The picture that a design takes of the room, and its panorama. */
+export interface PictureAsk {
+  tables: Record<string, any>;
+  width_px: number;
+  samples: number;
+}
+
+/** Why something was refused, in a sentence. */
+export interface Problem {
+  detail: string;
+}
+
+/** A quantity that a requirement or the optimiser can name. */
+export interface QuantityOf {
+  name: string;
+  unit: string;
+  meaning: string;
+}
+
+/** A camera that can be chosen. */
+export interface SensorEntry {
+  id: string;
+  name: string;
+  /** what it is, in a line */
+  title: string;
+  kind: "sensor" | "ocam" | "ball";
+  mount: MountOf;
+}
+
+/** A sensor file to be made: a known sensor whose circle was moved to fit a picture. */
+export interface SensorFile {
+  id: string;
+  mount: MountOf;
+  image_size: [number, number];
+  centre_px: [number, number];
+  rim_radius_px: number;
+}
+
+/** A picture, video, camera or stream at the server's side. */
+export interface Source {
+  id: string;
+  name: string;
+  kind: "picture" | "video" | "live";
+  /** how the command line names it, from where the server was started */
+  command: string;
+}
+
+/** What the page opens with. */
+export interface Start {
+  version: string;
+  sources: Source[];
+  sensors: SensorEntry[];
+  /** the source to open first */
+  source: string | null;
+  /** the camera to begin with */
+  sensor: string | null;
+}
+
+/** How a stream is doing; pictures come beside it, as binary messages. */
+export interface StreamState {
+  state: "waiting" | "playing" | "lost" | "ended";
+  sentence: string;
+}
+
+/** What the float32 values of a camera's tables are, in this order; those that are absent count 0. */
+export interface TableLayout {
+  /** sin(Omega/2) of the first radius */
+  first: number;
+  /** sin(Omega/2) of the last radius, or where the lattice ends */
+  last: number;
+  /** about where along the axis near things are seen from */
+  eye_mm: number;
+  /** image radii, px, at even steps of sin(Omega/2) */
+  radii: number;
+  /** origins of rays, mm: so many from the axis, then so many along it */
+  origins: number;
+  /** side of a lattice of pixels (u, v) over sin(Omega/2) (cos, sin) of the azimuth */
+  lattice: number;
+  /** sin(Omega/2) where the field ends, at even steps of the azimuth */
+  limits: number;
+  /** side of a lattice, over the same disk, of where rays start: mm along axis, right, down */
+  starts: number;
+}
+
+/** Two JPEG files that follow: the picture, and its panorama. */
+export interface Taken {
+  picture_bytes: number;
+  panorama_bytes: number;
+}
+
+/** Something that takes time: to optimise a mirror, or to design a sensor from requirements. */
+export interface Task {
+  what: "optimise" | "design";
+  tables: Record<string, any>;
+  wanted: Record<string, any> | null;
+  /** null: infinite */
+  object_distance_mm: number | null;
+  merit: string;
+  family: string;
+  terms: number;
+  starts: number;
+}
+
+/** Why something cannot be: the entry it is about, if it is about one, and a sentence. */
+export interface Trouble {
+  path: string[];
+  sentence: string;
+}
+
+/** A requirement file to be written, and the sensor that it is for. */
+export interface WantedFile {
+  wanted: Record<string, any>;
+  tables: Record<string, any>;
+}
