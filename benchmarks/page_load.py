@@ -24,7 +24,7 @@ from circumstances import other_load, processor
 from playwright.sync_api import Browser, Page, sync_playwright
 
 from omnimirror.files import write_text
-from omnimirror.studio.look.viewer import PAGE
+from omnimirror.studio.pages import PAGE
 
 FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 SIZE = {"width": 1280, "height": 800}

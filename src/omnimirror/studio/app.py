@@ -26,9 +26,8 @@ from .look.cameras import Cameras, Known
 from .look.sources import Sources
 from .look.streams import Streams
 from .look.tables import camera_tables
-from .look.viewer import bench_text, page_text
 from .messages import CameraModel, Health, Problem, SensorEntry, SensorFile, Start, StreamState
-from .pages import PageFile
+from .pages import PageFile, bench_text, page_text
 from .uploads import (
     browser_picture,
     collected,

@@ -4,11 +4,30 @@ from __future__ import annotations
 
 import gzip
 import hashlib
-
-from starlette.requests import Request
-from starlette.responses import Response
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ..numerics.lazy import cached_property
+
+if TYPE_CHECKING:
+    from starlette.requests import Request
+    from starlette.responses import Response
+
+PAGE = Path(__file__).parent / "page" / "index.html"
+BENCH = PAGE.with_name("bench.js")
+
+
+@cache
+def page_text() -> str:
+    """The studio's page, one file with everything in it."""
+    return PAGE.read_text(encoding="utf-8")
+
+
+@cache
+def bench_text() -> str:
+    """The script of the design bench, which the page fetches when it is wanted."""
+    return BENCH.read_text(encoding="utf-8")
 
 
 class PageFile:
@@ -32,6 +51,8 @@ class PageFile:
 
     def answer(self, request: Request) -> Response:
         """The file, or that the browser's is still right."""
+        from starlette.responses import Response  # the page from disk does without a server
+
         headers = {"etag": self.tag, "cache-control": "no-cache", "vary": "accept-encoding"}
         kept = request.headers.get("if-none-match", "")
         if self.tag in [tag.strip() for tag in kept.split(",")]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import os
-from functools import cache
 from pathlib import Path
 from urllib.parse import quote
 
@@ -13,11 +12,10 @@ from numpy.typing import NDArray
 
 from ...errors import InvalidParameter, MediaError
 from ..messages import Embedded
+from ..pages import page_text
 from ..uploads import eight_bits, encoded
 from .tables import MountedCamera, camera_model, camera_tables, title_of
 
-PAGE = Path(__file__).parents[1] / "page" / "index.html"
-BENCH = PAGE.with_name("bench.js")
 PLACE = "<!--embedded-->"
 KINDS = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg"}
 """Pictures that go into the page as they are."""
@@ -26,18 +24,6 @@ CODECS = ("h264", "hevc", "vp8", "vp9", "av1")
 """What browsers play."""
 LARGEST_INSIDE = 64 << 20
 """Bytes of a video that goes into the page; a larger one stays beside it."""
-
-
-@cache
-def page_text() -> str:
-    """The studio's page, one file with everything in it."""
-    return PAGE.read_text(encoding="utf-8")
-
-
-@cache
-def bench_text() -> str:
-    """The script of the design bench, which the page fetches when it is wanted."""
-    return BENCH.read_text(encoding="utf-8")
 
 
 def viewer_of(
