@@ -254,7 +254,8 @@ def test_a_sensor_and_its_view_have_one_name_also_while_the_server_is_away(brows
         held = []
         page.route("**/api/camera?*", lambda route: held.append(route))
         page.locator("#sensor").select_option("paper-hyperboloidal")
-        page.wait_for_function("document.querySelector('#busy').textContent.includes('sensor')")
+        while not held:
+            page.wait_for_timeout(20)
         names = "[document.querySelector('#sensor').value, window.omnimirror.look.sensor.camera.model.id]"
         assert page.evaluate(names) == ["paper-spherical"] * 2  # its tables have not come
         assert "paper-spherical" in page.locator("#sensor-words").inner_text() or "sphere" in page.content()
