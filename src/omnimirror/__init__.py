@@ -46,6 +46,10 @@ if TYPE_CHECKING:
     from .simulate import take_picture as take_picture
     from .specs import load_sensor as load_sensor
     from .specs import save_sensor as save_sensor
+    from .straighten import Recording as Recording
+    from .straighten import Restoration as Restoration
+    from .straighten import dewarp_pictures as dewarp_pictures
+    from .straighten.video import dewarp_video as dewarp_video
 
 __version__ = "0.1.0"
 
@@ -89,6 +93,10 @@ _HOMES = {
     "take_picture": "simulate",
     "load_sensor": "specs",
     "save_sensor": "specs",
+    "Recording": "straighten",
+    "Restoration": "straighten",
+    "dewarp_pictures": "straighten",
+    "dewarp_video": "straighten.video",
 }
 __all__ = ["__version__", *_HOMES]
 

@@ -159,7 +159,7 @@ def floor_corners():
 def test_the_floor_is_a_plan_to_scale():
     """Corners found in the straightened picture stand where the room has them, and from one viewpoint they do not."""
     picture = om.take_picture(SPHERE, om.Room(), samples=9)
-    view = om.screens.Ground((1000, 1000), HEIGHT_MM, mm_per_pixel=4.0)
+    view = om.screens.Ground((1000, 1000), HEIGHT_MM, mm_per_px=4.0)
     corners = floor_corners()
     expected = np.stack([499.5 - corners[:, 1] / 4, 499.5 - corners[:, 0] / 4], axis=-1)
     paper = om.best_viewpoint(SPHERE, 40 * M).z_mm

@@ -91,9 +91,9 @@ def test_every_view_has_a_sensible_size():
     assert views.planet(replace(BALL, mount=Mount("forward"))).hfov_deg == views.WIDEST_PLANET_DEG
     assert views.planet(BALL, pole="zenith").pole == "zenith"
     plan = views.ground(BALL, 1500.0)
-    assert plan.mm_per_pixel == pytest.approx(1500 * np.radians(1) / scale)
-    assert plan.size[0] * plan.mm_per_pixel == pytest.approx(6000, abs=2 * plan.mm_per_pixel)
-    assert views.ground(BALL, 1500.0, mm_per_pixel=10.0).size == (600, 600)
+    assert plan.mm_per_px == pytest.approx(1500 * np.radians(1) / scale)
+    assert plan.size[0] * plan.mm_per_px == pytest.approx(6000, abs=2 * plan.mm_per_px)
+    assert views.ground(BALL, 1500.0, mm_per_px=10.0).size == (600, 600)
     for layout, (columns, rows) in {"cross": (4, 3), "strip": (6, 1), "3x2": (3, 2)}.items():
         cube = views.cube(BALL, layout=layout)
         assert cube.face_px == pytest.approx(90 * scale, abs=2)

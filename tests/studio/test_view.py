@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 
 import click
@@ -52,15 +52,15 @@ def decentred() -> om.Sensor:
 
 def python_view(line: str, folder: Path) -> om.Dewarper:
     """The dewarper that a command line asks for."""
-    from omnimirror.cli.options.camera import camera_of
-    from omnimirror.cli.options.view import view_of
+    from omnimirror.cli.options.camera import CameraOptions
+    from omnimirror.cli.options.view import ViewOptions
 
     words = [str(folder / w) if (folder / w).is_file() else w for w in shlex.split(line)[2:]]
     given = dewarp.make_context("dewarp", words, parent=click.Context(click.Command("omnimirror"))).params
     height, width = read_image(given["sources"][0]).shape[:2]
-    given = {k: v for k, v in given.items() if v is not None}
-    camera = camera_of(given, (width, height))
-    return om.Dewarper(camera, view_of(camera, given), given["interpolation"])
+    options = [kind(**{f.name: given[f.name] for f in fields(kind)}) for kind in (CameraOptions, ViewOptions)]
+    camera = options[0].camera((width, height))
+    return om.Dewarper(camera, options[1].of(camera), given["interpolation"])
 
 
 def psnr(a: np.ndarray, b: np.ndarray, where: np.ndarray) -> float:

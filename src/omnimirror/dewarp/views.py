@@ -155,12 +155,12 @@ def ground(
     camera: Camera,
     height_mm: float,
     size: PartialSize = UNKNOWN_SIZE,
-    mm_per_pixel: float | None = None,
+    mm_per_px: float | None = None,
     pan_deg: float = 0.0,
     offset_mm: Offset = NOT_MOVED,
 ) -> Ground:
     """A plan of the ground, four times as wide as the mirror is high; as fine as the picture on average shows it."""
-    scale = mm_per_pixel or abs(height_mm) * np.radians(1) / field_of(camera).pixels_per_degree
+    scale = mm_per_px or abs(height_mm) * np.radians(1) / field_of(camera).pixels_per_degree
     side = PLAN_HEIGHTS * abs(height_mm) / scale if scale > 0 else 0.0
     return Ground(_completed(size, (side, side)), height_mm, float(scale), pan_deg, offset_mm)
 

@@ -195,10 +195,10 @@ def test_a_panorama_tells_viewers_what_it_shows(tmp_path):
         (["in.mp4", "-o", "o.mp4", "-o", "/dev/video98"], "/dev/video98 is no virtual camera"),
         (["in.mp4", "-o", "gopher://x"], "cannot stream to 'gopher://x'"),
         (["in.mp4", "-o", "o.mp4", "-o", "o.mp4"], "o.mp4 is to be written twice"),
-        (["in.mp4", "-o", "o.mp4", "--format", "rawvideo"], "--format says what '-o -' writes"),
+        (["in.mp4", "-o", "o.mp4", "--format", "rawvideo"], "a format of the pipe says what '-' writes"),
         (
             ["in.mp4", "-o", "-", "--pixel-format", "gray"],
-            "--pixel-format belongs to files, streams and --format rawvideo",
+            "a pixel format belongs to files, streams and a pipe of raw video",
         ),
         (["in.mp4", "-o", "-", "--format", "rawvideo", "--pixel-format", "no"], "pixel format no"),
         (["in.mp4"], "say what to write with -o or --viewer, or of a video ask for a --preview"),

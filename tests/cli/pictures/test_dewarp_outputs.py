@@ -64,7 +64,7 @@ def test_pictures_too_large_for_their_file_are_refused_before_the_work(folder, c
 
 def test_exr_without_its_package_is_refused_before_the_work(folder, capsys, monkeypatch):
     monkeypatch.setitem(sys.modules, "OpenEXR", None)
-    monkeypatch.setattr("omnimirror.cli.commands.pictures.dewarp.Dewarper", None)
+    monkeypatch.setattr("omnimirror.straighten.request.Dewarper", None)
     assert "o.exr is an OpenEXR picture, which needs one more package" in fails(
         capsys, "deep.png", *BALL, "-o", "o.exr"
     )

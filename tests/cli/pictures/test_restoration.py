@@ -58,7 +58,7 @@ def test_near_things_are_restored_by_the_blur_of_near_things(small, tmp_path):
         (("--ball", "64,64,50,180", "--blur-px", "2"), "--blur-px belongs to --restore"),
         (("--ball", "64,64,50,180", "--restore", "--blur-px", "1,2,3"), "--blur-px 1,2,3 has 3 numbers"),
         (("--ball", "64,64,50,180", "--restore", "--blur-px", "no.csv"), "cannot read the blur no.csv"),
-        (("--ball", "64,64,50,180", "--restore"), "--restore needs to know the lens and the mirror"),
+        (("--ball", "64,64,50,180", "--restore"), "to restore, the lens and the mirror must be known"),
     ],
 )
 def test_what_cannot_be_restored_is_said(small, tmp_path, options, sentence):

@@ -1,9 +1,8 @@
-"""Option values and output that several commands share; each parser serves as a click ``type``."""
+"""Values of options that several commands share; each parser serves as a click ``type``."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
 from typing import Any
 
 import click
@@ -230,18 +229,3 @@ def focus(text: str) -> float | str:
         return float_of(text)
     except ValueError:
         raise click.BadParameter(f"{shown(text)} is not a distance in mm, nor 'auto'") from None
-
-
-def refuse_other(given: Iterable[str], options_of: dict[str, tuple[str, ...]], chosen: str) -> None:
-    """Refuse options that belong to other owners than the chosen one, each owner named by its flag."""
-    for name in given:
-        owners = [owner for owner, names in options_of.items() if name in names]
-        if owners and chosen not in owners:
-            *others, last = owners
-            belongs = f"{', '.join(others)} and {last}" if others else last
-            raise click.UsageError(f"{flag(name)} does not apply to {chosen}; it belongs to {belongs}")
-
-
-def flag(name: str) -> str:
-    """The option of a parameter."""
-    return "--" + name.replace("_", "-")

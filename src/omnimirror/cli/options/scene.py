@@ -19,7 +19,8 @@ from ...simulate.detector import BAYER, CURVES
 from ...simulate.scenes import BUNDLED
 from ...simulate.scenes.sources import SceneSource
 from ...simulate.shells import Dome, Tube
-from .common import NUMBER, WHOLE, _numbers, angle, distance, factor, flag
+from .common import NUMBER, WHOLE, _numbers, angle, distance, factor
+from .declared import flag
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 

@@ -116,7 +116,7 @@ class Ground:
     size : (width, height)
     height_mm : mm
         How high the mirror vertex stands over the plane; negative for a plane over the mirror.
-    mm_per_pixel : mm
+    mm_per_px : mm
         The scale.
     pan_deg : deg
         What is at the top, right of forward.
@@ -130,7 +130,7 @@ class Ground:
 
     Examples
     --------
-    >>> Ground((3, 3), height_mm=1200.0, mm_per_pixel=100.0).targets(0, 1)[0] + 0.0  # forward, from left to right
+    >>> Ground((3, 3), height_mm=1200.0, mm_per_px=100.0).targets(0, 1)[0] + 0.0  # forward, from left to right
     array([[  100.,   100., -1200.],
            [  100.,     0., -1200.],
            [  100.,  -100., -1200.]])
@@ -138,7 +138,7 @@ class Ground:
 
     size: tuple[int, int]
     height_mm: float
-    mm_per_pixel: float
+    mm_per_px: float
     pan_deg: float = 0.0
     offset_mm: Offset = NOT_MOVED
     is_distant = False
@@ -149,8 +149,8 @@ class Ground:
         check_angle("pan_deg", self.pan_deg)
         if not np.isfinite(self.height_mm):
             raise InvalidParameter(f"height_mm = {self.height_mm:g} is not a height in mm")
-        if not (np.isfinite(self.mm_per_pixel) and self.mm_per_pixel > 0):
-            raise InvalidParameter(f"mm_per_pixel = {self.mm_per_pixel:g} is no scale; it is valid above 0")
+        if not (np.isfinite(self.mm_per_px) and self.mm_per_px > 0):
+            raise InvalidParameter(f"mm_per_px = {self.mm_per_px:g} is no scale; it is valid above 0")
 
     def targets(self, first_row: int, last_row: int) -> Array:
         """Points (rows, width, 3) in mm."""
@@ -160,15 +160,15 @@ class Ground:
         """Points (..., 3) in mm at columns u and rows v, which need not be whole numbers."""
         width, height = self.size
         _, right, down = view_axes(self.pan_deg, -90.0)
-        x = (u - (width - 1) / 2) * self.mm_per_pixel
-        y = (v - (height - 1) / 2) * self.mm_per_pixel
+        x = (u - (width - 1) / 2) * self.mm_per_px
+        y = (v - (height - 1) / 2) * self.mm_per_px
         centre = np.add(self.offset_mm, (0.0, 0.0, -self.height_mm))
         return on_plane(centre, x, right, y, down)
 
     def zoomed(self, factor: float) -> Self:
         """So many times fewer millimetres in a pixel."""
         check_zoom(factor)
-        return replace(self, mm_per_pixel=self.mm_per_pixel / factor)
+        return replace(self, mm_per_px=self.mm_per_px / factor)
 
     def panned(self, pan_deg: float, tilt_deg: float = 0.0) -> Self:
         """Turned so that what is farther to the right is at the top."""
@@ -179,6 +179,6 @@ class Ground:
         turned = f", pan {self.pan_deg:g} deg" if self.pan_deg else ""
         side = "below" if self.height_mm >= 0 else "above"
         return (
-            f"plan of the ground ({abs(self.height_mm):g} mm {side} the mirror, {self.mm_per_pixel:.4g} mm per pixel"
+            f"plan of the ground ({abs(self.height_mm):g} mm {side} the mirror, {self.mm_per_px:.4g} mm per pixel"
             f"{turned}{offset_words(self.offset_mm)})"
         )

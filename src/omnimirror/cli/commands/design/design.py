@@ -21,7 +21,8 @@ from ....design.solve.freeform import SHAPE, problem_of
 from ....errors import InvalidParameter
 from ....files import write_text
 from ....specs import save_sensor
-from ...options.common import NUMBER, WHOLE, number_or_range, refuse_other
+from ...options.common import NUMBER, WHOLE, number_or_range
+from ...options.declared import refuse_other
 from ...options.design import distances, limit, merit_list, requirements_from, whole_numbers
 from ...outputs import FIGURES, format_option, output_console, output_option, progress_bar, say, say_written
 from .front import check_pick, find_front

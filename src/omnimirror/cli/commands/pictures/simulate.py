@@ -17,7 +17,8 @@ from ....sensor import Sensor
 from ....simulate import Distant, Placed, Pose, Scene, expose
 from ....simulate.shells import seen_through
 from ....specs import bundled_sensors, load_sensor
-from ...options.common import NUMBER, WHOLE, flag
+from ...options.common import NUMBER, WHOLE
+from ...options.declared import flag
 from ...options.scene import (
     DETECTOR,
     detector_of,

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
 from ....errors import MediaError
 from ....media import read_image
-from ...options.camera import camera_of, camera_options, camera_words, check_camera_options
-from .dewarp import is_video
-from .studio import run_studio, server_options
+from ....straighten import is_video
+from ...options.camera import CameraOptions
+from ...options.declared import takes
+from .studio import ServerOptions, run_studio
 
 if TYPE_CHECKING:
     from ....studio.app import Studio
@@ -20,25 +21,25 @@ if TYPE_CHECKING:
 
 @click.command()
 @click.argument("source")
-@camera_options
-@server_options
-def command(source: str, host: str, port: int, open_browser: bool, folders: tuple[Path, ...], **options: Any) -> None:
+@takes(CameraOptions, "camera")
+@takes(ServerOptions, "server")
+def command(source: str, camera: CameraOptions, server: ServerOptions) -> None:
     """Look around in SOURCE, in the browser.
 
     SOURCE is a picture, a video file, or a camera or stream (/dev/video0, rtsp://..). Say which camera it
     was with one of --sensor, --ocam and --ball, or choose it in the page.
     """
-    given = {name: value for name, value in options.items() if value is not None}
-    if given:
-        check_camera_options(given)
+    if camera.given:
+        camera.check()
 
     def make() -> Studio:
         from ....studio.app import Studio
         from ....studio.look.sources import Sources
 
-        return Studio(Sources(source, folders, _is_live(source)), _known(source, given) if given else None)
+        known = _known(source, camera) if camera.given else None
+        return Studio(Sources(source, server.folders, _is_live(source)), known)
 
-    run_studio(make, host, port, open_browser)
+    run_studio(make, server)
 
 
 def _is_live(source: str) -> bool:
@@ -51,15 +52,15 @@ def _is_live(source: str) -> bool:
     return live
 
 
-def _known(source: str, given: dict[str, Any]) -> Known:
+def _known(source: str, options: CameraOptions) -> Known:
     """The camera that the options describe; the page adds to its command line how it stands."""
     from ....studio.look.cameras import Known
     from ....studio.look.tables import title_of
 
     size = (1024, 1024)
-    if "ball" in given and not is_video(source):
+    if options.ball is not None and not is_video(source):
         height, width = read_image(source).shape[:2]
         size = (width, height)
-    name, words = camera_words(given)
-    camera = camera_of(given, size)
+    name, words = options.words()
+    camera = options.camera(size)
     return Known("given", name, title_of(camera), words, camera)

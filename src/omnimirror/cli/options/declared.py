@@ -1,0 +1,69 @@
+"""Options declared once: as fields of a frozen dataclass, which travels as that from the door on."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field, fields
+from functools import wraps
+from typing import Any, TypeVar
+
+import click
+
+Command = TypeVar("Command", bound=Callable[..., Any])
+
+
+@dataclass(frozen=True)
+class Options:
+    """A group of options; what was left out holds its default, mostly None."""
+
+    @property
+    def given(self) -> dict[str, Any]:
+        """The options that say something, by their fields' names."""
+        return {f.name: value for f in fields(self) if (value := getattr(self, f.name)) is not None}
+
+    def picked(self, *names: str) -> dict[str, Any]:
+        """Those of some options that say something."""
+        return {name: value for name in names if (value := getattr(self, name)) is not None}
+
+
+def option(*flags: str, default: Any = None, **attributes: Any) -> Any:
+    """A field of :class:`Options`, and how it is asked for: as :func:`click.option`, by its own name unless said."""
+    return field(default=default, metadata={"flags": flags, "attributes": attributes})
+
+
+def takes(kind: type[Options], name: str) -> Callable[[Command], Command]:
+    """Give a click command the options of a dataclass, which reach it as one argument of that name."""
+
+    def decorate(function: Command) -> Command:
+        @wraps(function)
+        def gathered(*args: Any, **values: Any) -> Any:
+            own = {f.name: values.pop(f.name) for f in fields(kind)}
+            return function(*args, **{name: kind(**own)}, **values)
+
+        command: Any = gathered
+        for f in reversed(fields(kind)):
+            attributes: dict[str, Any] = {"show_default": f.default is not None, **f.metadata["attributes"]}
+            is_parsed = inspect.isfunction(attributes.get("type")) and isinstance(f.default, float)
+            default = f"{f.default:g}" if is_parsed else f.default
+            command = click.option(*(f.metadata["flags"] or [flag(f.name)]), f.name, default=default, **attributes)(
+                command
+            )
+        return command  # type: ignore[no-any-return]
+
+    return decorate
+
+
+def refuse_other(given: Iterable[str], options_of: dict[str, tuple[str, ...]], chosen: str) -> None:
+    """Refuse options that belong to other owners than the chosen one, each owner named by its flag."""
+    for name in given:
+        owners = [owner for owner, names in options_of.items() if name in names]
+        if owners and chosen not in owners:
+            *others, last = owners
+            belongs = f"{', '.join(others)} and {last}" if others else last
+            raise click.UsageError(f"{flag(name)} does not apply to {chosen}; it belongs to {belongs}")
+
+
+def flag(name: str) -> str:
+    """The option of a parameter."""
+    return "--" + name.replace("_", "-")
