@@ -20,11 +20,16 @@ if TYPE_CHECKING:
     from .central import OCam as OCam
     from .central import load_ocam as load_ocam
     from .design import DesignProblem as DesignProblem
+    from .design import FieldRequirements as FieldRequirements
     from .design import Front as Front
+    from .design import LensRequirements as LensRequirements
     from .design import Limit as Limit
+    from .design import MirrorRequirements as MirrorRequirements
     from .design import Optimum as Optimum
+    from .design import Requirements as Requirements
     from .design import blur_bound as blur_bound
     from .design import design_sensor as design_sensor
+    from .design import format_requirements as format_requirements
     from .design import load_front as load_front
     from .design import load_requirements as load_requirements
     from .design import pareto as pareto
@@ -56,11 +61,16 @@ __version__ = "0.1.0"
 _HOMES = {
     "Dewarper": "dewarp",
     "DesignProblem": "design",
+    "FieldRequirements": "design",
     "Front": "design",
+    "LensRequirements": "design",
     "Limit": "design",
+    "MirrorRequirements": "design",
     "Optimum": "design",
+    "Requirements": "design",
     "blur_bound": "design",
     "design_sensor": "design",
+    "format_requirements": "design",
     "load_front": "design",
     "load_requirements": "design",
     "optimise": "design.optimise.optimiser",

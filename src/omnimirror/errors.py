@@ -26,7 +26,7 @@ class SelfObstruction(OmnimirrorError):
 
 
 class SpecError(OmnimirrorError):
-    """A sensor file is wrong; the message says where and what would be valid."""
+    """A sensor file or requirements are wrong; the message says where and what would be valid."""
 
 
 class MediaError(OmnimirrorError):

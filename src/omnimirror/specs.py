@@ -217,6 +217,14 @@ def _table(part: Any) -> dict[str, Any]:
 # -- checks, each error with its place in the file ---------------------------------------------------
 
 
+class EntryError(SpecError):
+    """An entry is wrong, or does not fit another; ``path`` is where it stands among the tables."""
+
+    def __init__(self, path: tuple[str, ...], sentence: str) -> None:
+        super().__init__(sentence)
+        self.path = path
+
+
 class Places:
     """Finds the line of an entry, and says errors as ``file line n: ..``."""
 
@@ -250,11 +258,21 @@ class Places:
         return SpecError(f"{self.source}{f' line {line}' if line else ''}: {message}")
 
     def wrap(self, path: tuple[str, ...], make: Callable[[], T]) -> T:
-        """Run ``make``, giving its errors their place in the file."""
+        """Run ``make``, giving its errors their place in the file: their own, or else ``path``."""
         try:
             return make()
         except OmnimirrorError as e:
-            raise self.error(path, str(e)) from None
+            raise self.error(getattr(e, "path", path), str(e)) from None
+
+
+class NoFile(Places):
+    """What has no lines: its errors keep the path of their entry."""
+
+    def __init__(self) -> None:
+        super().__init__("", "")
+
+    def error(self, path: tuple[str, ...], message: str) -> SpecError:
+        return EntryError(path, message)
 
 
 def _check_table_names(data: dict[str, Any], where: Places) -> None:

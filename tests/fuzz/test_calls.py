@@ -20,6 +20,11 @@ from omnimirror.imagers import Imager
 SENSOR = om.load_sensor("paper-spherical")
 SMALL = replace(SENSOR, imager=Imager(32, 32, 166.4))
 PICTURE = np.zeros((32, 32, 3), np.uint8)
+WANTED = om.Requirements(
+    field=om.FieldRequirements(omega_max_deg=120.0),
+    mirror=om.MirrorRequirements(mapping="equidistant", rim_radius_mm=40.0),
+    lens=om.LensRequirements(theta_max_deg=12.0),
+)
 OCAM = "5 -240 0 1e-3 0 0\n\n5 1 2 3 4 5\n\n240 320\n1 0 0\n480 640\n"
 
 CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
@@ -50,6 +55,15 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "OCam": (om.OCam, {"polynomial": (-100.0, 0.0, 0.001), "centre_px": (16.0, 16.0), "image_size": (32, 32),
                        "affine": (1.0, 0.0, 0.0), "optics": "mirror"}),
     "Limit": (om.Limit, {"quantity": "blur_px", "at_most": 1.0}),
+    "FieldRequirements": (om.FieldRequirements, {"omega_max_deg": 120.0, "omega_min_deg": 0.0, "camera_radius_mm": 3.0,
+                                                 "object_distance_mm": (500.0, np.inf)}),
+    "MirrorRequirements": (om.MirrorRequirements, {"mapping": "equidistant", "rim_radius_mm": 40.0, "fit": None,
+                                                   "omega_deg": None, "conic": None, "plane_distance_mm": None}),
+    "LensRequirements": (om.LensRequirements, {"kind": "perspective", "theta_max_deg": 12.0, "f_number": 4.0,
+                                               "focus_mm": None}),
+    "Requirements": (om.Requirements, {"field": WANTED.field, "mirror": WANTED.mirror, "lens": WANTED.lens,
+                                       "imager": WANTED.imager, "limits": (), "name": "a"}),
+    "format_requirements": (om.format_requirements, {"requirements": WANTED}),
     "Dewarper": (lambda **words: om.Dewarper(**words)(PICTURE), {
         "camera": SMALL, "view": om.screens.Cylinder((36, 12), -40.0, 20.0), "interpolation": "linear",
         "viewpoint": "exact", "border": 0}),

@@ -5,7 +5,8 @@ from .construct.fits import Fit, FitForm, fit_mirror
 from .construct.mappings import MAPPINGS, generated_mirror
 from .construct.rim import PlacedMirror, Rim
 from .criteria.quantities import Limit
-from .criteria.requirements import Requirements, load_requirements, parse_requirements
+from .criteria.requirement_file import format_requirements, load_requirements, parse_requirements
+from .criteria.requirements import FieldRequirements, LensRequirements, MirrorRequirements, Requirements
 from .optimise.front import Front, load_front, pareto
 from .optimise.lower_bound import BlurBound, blur_bound
 from .optimise.optimiser import Optimum
@@ -18,10 +19,13 @@ __all__ = [
     "BlurBound",
     "Design",
     "DesignProblem",
+    "FieldRequirements",
     "Fit",
     "FitForm",
     "Front",
+    "LensRequirements",
     "Limit",
+    "MirrorRequirements",
     "Optimum",
     "PlacedMirror",
     "Requirements",
@@ -30,6 +34,7 @@ __all__ = [
     "blur_bound",
     "design_sensor",
     "fit_mirror",
+    "format_requirements",
     "generated_mirror",
     "load_front",
     "load_requirements",

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import tomllib
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from omnimirror.design import Limit, load_requirements, parse_requirements
+import omnimirror as om
+from omnimirror.design import Limit, format_requirements, load_requirements, parse_requirements
 from omnimirror.design.optimise.problem import DesignProblem
-from omnimirror.errors import InvalidParameter, SpecError
+from omnimirror.errors import InvalidParameter, OmnimirrorError, SpecError
+from omnimirror.imagers import Imager
 
 GOOD = """
 name = "mine"
@@ -46,7 +51,7 @@ def test_a_file_is_read_as_it_says():
     assert wanted.name == "mine"
     assert wanted.field.object_distance_mm == (500.0, np.inf)
     assert wanted.lens.theta_max_deg == (10.0, 14.0)
-    assert wanted.lens.f_number == (5.6, 5.6)
+    assert wanted.lens.f_number == 5.6
     assert wanted.lens.focal_length_mm is None
     assert wanted.imager.size == (1280, 1024)
     assert [limit.quantity for limit in wanted.limits] == ["blur_px", "aspect"]
@@ -150,6 +155,42 @@ BAD = [
         'family = "sphere"\nconic = 0.5',
         "line 10: mirror.conic does not apply to the family sphere",
     ),
+    (
+        "rim_radius_mm = 40",
+        "rim_radius_mm = 40\nplane_distance_mm = 700",
+        "line 11: plane_distance_mm does not apply to the equidistant mapping; it belongs to ground-plane",
+    ),
+    (
+        'mapping = "equidistant"',
+        'mapping = "ground-plane"\nplane_distance_mm = -700',
+        "line 10: plane_distance_mm = -700 mm is outside",
+    ),
+    ('mapping = "equidistant"', 'mapping = "ground-plane"', "line 9: the ground-plane mapping needs plane_distance_mm"),
+    (
+        'mapping = "equidistant"',
+        'mapping = "cylinder"\ncylinder_radius_mm = 30',
+        "line 10: cylinder_radius_mm = 30 does not clear the mirror; it is valid above rim_radius_mm = 40",
+    ),
+    (
+        'mapping = "equidistant"',
+        'mapping = "cylinder"\ncylinder_radius_mm = "far"',
+        "line 10: mirror.cylinder_radius_mm = 'far': it should be a valid number",
+    ),
+    (
+        'mapping = "equidistant"',
+        'family = "sphere"\ncylinder_radius_mm = 300',
+        "line 10: mirror.cylinder_radius_mm does not apply to the family sphere",
+    ),
+    (
+        'quantity = "blur_px"\nat_most = 4',
+        'quantity = "blur_deg"\nat_most = 0',
+        "line 21: limit of blur_deg: at_most = 0 is kept by no sensor, whose blur_deg is above 0; it is valid above 0",
+    ),
+    (
+        "at_most = 4\n",
+        'at_most = 2\n[[limit]]\nquantity = "blur_t_px"\nat_least = 3\n',
+        "line 24: limit 2 contradicts limit 1: blur_t_px at least 3 and blur_px at most 2, which is never the smaller",
+    ),
     ("[[limit]]\nquantity", "[limit]\nquantity", "is not valid TOML|limit = .* is not a list of tables"),
     ("\nname", "\nformat = 7\nname", "line 2: format = 7 is not known to this version"),
 ]
@@ -185,6 +226,112 @@ def test_limits_of_parts_that_do_not_meet_are_no_contradiction():
     apart = Limit("aspect", at_most=0.5, omega_deg=(0.0, 19.0)), Limit("aspect", at_least=0.8, omega_deg=(20.0, 100.0))
     assert apart[0].contradicts(apart[1]) is None
     assert "at least 0.8 and at most 0.5" in Limit("aspect", at_most=0.5).contradicts(apart[1])
+
+
+WITHIN, AROUND = (20.0, 60.0), (10.0, 90.0)
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "is_contradiction"),
+    [
+        (Limit("blur_s_deg", at_least=0.3), Limit("blur_deg", at_most=0.2), True),
+        (Limit("blur_deg", at_least=0.3), Limit("blur_s_deg", at_most=0.2), False),  # the other part may be larger
+        (Limit("resolution_px_per_deg", at_least=4.0), Limit("resolution_s_px_per_deg", at_most=3.0), True),
+        (Limit("resolution_t_px_per_deg", at_least=4.0), Limit("resolution_s_px_per_deg", at_most=3.0), False),
+        (Limit("sag_mm", at_least=40.0), Limit("length_mm", at_most=30.0), True),
+        (Limit("blur_t_px", at_least=3.0, omega_deg=(0, 20)), Limit("blur_px", at_most=2.0, omega_deg=(21, 90)), False),
+        (Limit("viewpoint_spread_mm", None, 9.0, WITHIN), Limit("viewpoint_spread_mm", 5.0, None, AROUND), True),
+        (Limit("viewpoint_spread_mm", None, 9.0, AROUND), Limit("viewpoint_spread_mm", 5.0, None, WITHIN), False),
+        (Limit("area_ratio", None, 0.9, AROUND), Limit("area_ratio", 0.5, None, WITHIN), True),
+        (Limit("area_ratio", None, 0.9, WITHIN), Limit("area_ratio", 0.5, None, AROUND), False),
+    ],
+)
+def test_limits_of_which_no_sensor_keeps_both_are_found(low, high, is_contradiction):
+    assert (low.contradicts(high) is not None) == is_contradiction
+    assert (high.contradicts(low) is not None) == is_contradiction
+
+
+def test_a_single_viewpoint_may_be_asked_for():
+    assert Limit("viewpoint_spread_mm", at_most=0.0).at_most == 0.0
+
+
+# -- made in Python ----------------------------------------------------------------------------------
+
+
+def made_in_python():
+    return om.Requirements(
+        name="mine",
+        field=om.FieldRequirements(omega_max_deg=120, omega_min_deg=10.0, object_distance_mm=(500, np.inf)),
+        mirror=om.MirrorRequirements(mapping="equidistant", rim_radius_mm=40),
+        lens=om.LensRequirements(theta_max_deg=(10, 14.0), f_number=5.6),
+        imager=Imager(1280, 1024, 4.8),
+        limits=[om.Limit("blur_px", 4), om.Limit("aspect", at_least=0.8, at_most=1.25, omega_deg=[20, 100])],
+    )
+
+
+def test_a_file_and_dataclasses_say_the_same():
+    assert made_in_python() == parse_requirements(GOOD)
+    assert hash(made_in_python()) == hash(parse_requirements(GOOD))
+
+
+OTHERS = [
+    """
+mirror = {optimise = "blur", shape = "spline:9", rim_radius_mm = [30, 40]}
+lens.kind = "orthographic"
+""",
+    """
+mirror = {family = "ellipsoid", conic = [-0.5, 2], rim_radius_mm = 30}
+lens = {focal_length_mm = [4, 16], focus_mm = 300}
+""",
+    """
+lens.theta_max_deg = 10
+mount.camera_looks = "down"
+imager = {width_px = 64, height_px = 48, pixel_pitch_um = 3, centre_px = [31.0, 24.5]}
+[mirror]
+mapping = "tabulated-mapping"
+omega_deg = [0, 30, 60, 90, 120, 150]
+height = [0, 1, 2, 3, 4, 5.5]
+rim_radius_mm = 3
+""",
+]
+ALL = [GOOD, *(f"name = 'x'\nnotes = 'a\u00b5b'\nfield.omega_max_deg = 150\n{text}" for text in OTHERS)]
+
+
+@pytest.mark.parametrize("text", ALL)
+def test_requirements_go_into_a_file_and_come_back(text):
+    wanted = parse_requirements(text)
+    assert parse_requirements(format_requirements(wanted)) == wanted
+    tables = tomllib.loads(format_requirements(wanted))
+    for section, entries in tomllib.loads(text).items():  # and the file says what was said
+        if isinstance(entries, dict):
+            assert {k: tables[section][k] for k in entries} == entries
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda: om.FieldRequirements(omega_max_deg=200), "field.omega_max_deg = 200: it should be less than or equal"),
+        (lambda: om.FieldRequirements(omega_max_deg="wide"), "field.omega_max_deg = 'wide': it should be a valid num"),
+        (lambda: om.LensRequirements(f_number=(8, 4)), r"lens.f_number = \(8, 4\): it should be a number from 0.1"),
+        (lambda: replace(made_in_python().mirror, apex="sharp"), "mirror.apex = 'sharp' is not one of"),
+        (lambda: replace(made_in_python(), lens=om.LensRequirements()), "lens has neither focal_length_mm nor theta"),
+        (lambda: replace(made_in_python(), field=3), "field = 3 is not of kind FieldRequirements"),
+        (lambda: replace(made_in_python(), limits=[3]), "limits = 3 is not a list of limits"),
+        (
+            lambda: replace(made_in_python(), field=om.FieldRequirements(omega_max_deg=90)),
+            "limit.omega_deg = .* is no part of the field",
+        ),
+    ],
+)
+def test_what_is_wrong_in_python_is_said_as_in_a_file(change, message):
+    with pytest.raises(OmnimirrorError, match=f"^{message}") as e:
+        change()
+    assert "\n" not in str(e.value)
+
+
+def test_numbers_of_numpy_are_numbers():
+    field = om.FieldRequirements(omega_max_deg=np.int64(120), object_distance_mm=np.array([500, np.inf]))
+    assert field == made_in_python().field.__class__(omega_max_deg=120.0, object_distance_mm=(500.0, np.inf))
 
 
 @pytest.mark.parametrize("change", [{"image_radius_px": 0}, {"image_radius_px": float("nan")}, {"mode": "Exact"}])

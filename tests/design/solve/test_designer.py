@@ -13,7 +13,7 @@ from omnimirror.design.criteria.field_angles import hidden_deg
 from omnimirror.design.solve.designer import design_sensor
 from omnimirror.design.solve.range_search import Search
 from omnimirror.design.solve.relaxation import with_given
-from omnimirror.errors import InvalidParameter
+from omnimirror.errors import InvalidParameter, SpecError
 from omnimirror.specs import format_sensor, parse_sensor
 
 COMMON = """
@@ -219,5 +219,5 @@ def test_the_fit_is_reported_in_pixels():
 def test_what_cannot_be_made_at_all_is_said():
     with pytest.raises(InvalidParameter, match="omega_max_deg = 135 cannot be reached"):
         design_sensor(parse_requirements(COMMON.replace("theta_max_deg = 12", "theta_max_deg = 50")))
-    with pytest.raises(InvalidParameter, match="needs plane_distance_mm"):
+    with pytest.raises(SpecError, match="line 4: the ground-plane mapping needs plane_distance_mm"):
         design_sensor(parse_requirements(COMMON.replace("equidistant", "ground-plane").replace("135", "70")))

@@ -11,12 +11,11 @@ import pytest
 
 import omnimirror as om
 from omnimirror.design import parse_requirements
-from omnimirror.design.criteria.requirements import requirements_of
+from omnimirror.design.criteria.requirement_file import requirements_of
 from omnimirror.design.solve.designer import design_sensor
 from omnimirror.design.solve.range_search import Search
 from omnimirror.design.solve.relaxation import Relaxation, outwards, relaxed, with_given
 from omnimirror.errors import InvalidParameter, SpecError
-from omnimirror.specs import Places
 
 PANORAMA = """
 [field]
@@ -82,7 +81,7 @@ def test_the_focus_is_the_one_at_which_the_blur_that_is_limited_is_least():
     omega = np.linspace(15, 130, 300)
     tried = {}
     for focus in np.linspace(215.0, 240.0, 13):
-        at = Search(replace(wanted, lens=wanted.lens.model_copy(update={"focus_mm": (focus, focus)}))).best()
+        at = Search(replace(wanted, lens=replace(wanted.lens, focus_mm=focus))).best()
         tried[focus] = worst_blur_px(at.made.sensor, focus, omega)
     assert reached == pytest.approx(worst_blur_px(found.made.sensor, None, omega), rel=1e-4)
     assert reached <= min(tried.values())
@@ -232,7 +231,7 @@ omega_deg = [90, 90]
 def test_requirements_are_read_again_from_their_tables():
     for text in (PANORAMA, SURVEY):
         wanted = parse_requirements(text)
-        assert requirements_of(wanted.tables(), Places("", "requirements")) == wanted
+        assert requirements_of(wanted.tables()) == wanted
 
 
 def test_advice_is_rounded_to_the_side_of_caution():
@@ -353,7 +352,7 @@ def test_with_ranges_free_the_threshold_is_that_of_the_best_of_them():
             tables = tomllib.loads(text)
             tables["field"]["omega_max_deg"] = float(omega)
             tables["lens"] |= {"focal_length_mm": float(focal), "f_number": float(F)}
-            if Search(requirements_of(tables, Places("", "requirements"))).best().is_met:
+            if Search(requirements_of(tables)).best().is_met:
                 return True
         return False
 

@@ -116,8 +116,7 @@ def with_change(requirements, name, value):
             limits[i] = replace(limit, **{side: value})
             return replace(requirements, limits=tuple(limits))
     section = {"omega_max_deg": "field", "rim_radius_mm": "mirror"}.get(name, "lens")
-    new = value if section == "field" else (value, value)
-    return replace(requirements, **{section: getattr(requirements, section).model_copy(update={name: new})})
+    return replace(requirements, **{section: replace(getattr(requirements, section), **{name: value})})
 
 
 def keeps_all(requirements):

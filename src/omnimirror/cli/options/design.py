@@ -10,7 +10,9 @@ import click
 import numpy as np
 
 from ...arguments import float_of
-from ...design.criteria.requirements import DEFAULT_IMAGER, Requirements, load_requirements, requirements_of
+from ...design.criteria.consistency import WAYS
+from ...design.criteria.requirement_file import load_requirements, requirements_of
+from ...design.criteria.requirements import PAPER_IMAGER, Requirements
 from ...lenses import Perspective
 from ...specs import Places, load_sensor
 
@@ -25,7 +27,6 @@ SECTIONS: dict[str, tuple[str, ...]] = {
 }  # fmt: skip
 """The options that stand for entries of the requirement file, by their table."""
 
-WAYS = ("mapping", "family", "optimise")
 OF_WAYS = {
     "mapping": ("apex", "plane_distance_mm", "cylinder_radius_mm", "omega_deg", "height", "mapping_csv", "fit"),
     "family": ("conic", "fit"),
@@ -33,11 +34,13 @@ OF_WAYS = {
 }
 """Ways to say what mirror is wanted, and what belongs to each: an option for one puts a file's other ways aside."""
 
+PAPER_PIXELS = {n: getattr(PAPER_IMAGER, n) for n in SECTIONS["imager"]}
+
 PAPER: dict[str, dict[str, Any]] = {
     "field": {"omega_max_deg": 135.0},
     "mirror": {"rim_radius_mm": 43.9},
     "lens": {"focal_length_mm": 11.6, "theta_max_deg": 12.0, "f_number": 4.0},
-    "imager": DEFAULT_IMAGER,
+    "imager": PAPER_PIXELS,
 }
 """The paper's sensors: what is optimised where nothing else is said."""
 
@@ -120,7 +123,7 @@ def requirements_from(
     if data.get("lens", {}).get("kind") == "orthographic" and like is None:
         data["lens"] = {k: v for k, v in data["lens"].items() if k in changes["lens"] or k == "f_number"}
     if "imager" in data:
-        data["imager"] = DEFAULT_IMAGER | data["imager"]
+        data["imager"] = PAPER_PIXELS | data["imager"]
     return requirements_of(title | data | ({"limit": limits} if limits else {}), Places("", "the options"), Path())
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -89,10 +89,7 @@ def generated_mirror(
     given = {name: getattr(rim, name) for name in OF_FIELD if name in cls.PARAMETERS} | entries
     if omega_min_deg > 0 and cls is not TabulatedMapping:
         given["omega_min_deg"] = omega_min_deg
-    if wrong := [name for name in given if name not in cls.PARAMETERS]:
-        raise InvalidParameter(f"{wrong[0]} does not apply to the {mapping} mapping{_instead(wrong[0])}")
-    if missing := [name for name in _needed(cls) if name not in given]:
-        raise InvalidParameter(f"the {mapping} mapping needs {' and '.join(missing)}")
+    check_entries(mapping, given)
     mirror = cls(**given)
     if isinstance(mirror, TabulatedMapping) and abs(mirror.omega_deg[-1] - rim.omega_max_deg) > 1e-9:
         raise InvalidParameter(
@@ -102,6 +99,22 @@ def generated_mirror(
     if isinstance(mirror, Conformal):
         return PlacedMirror(mirror.surface, mirror.design_distance)
     return PlacedMirror(mirror, mirror.design_distance)
+
+
+def check_entries(mapping: str, given: Collection[str]) -> None:
+    """Refuse what a mapping is not made from, and what is missing of that; field and rim are always there.
+
+    Raises
+    ------
+    InvalidParameter
+        With the name of what is too much, or of what is missing.
+    """
+    cls = MAPPINGS[mapping]
+    taken = (*cls.PARAMETERS, "omega_min_deg") if cls is TabulatedMapping else cls.PARAMETERS  # its table begins there
+    if wrong := [name for name in given if name not in taken]:
+        raise InvalidParameter(f"{wrong[0]} does not apply to the {mapping} mapping{_instead(wrong[0])}")
+    if missing := [name for name in _needed(cls) if name not in (*given, *OF_FIELD)]:
+        raise InvalidParameter(f"the {mapping} mapping needs {' and '.join(missing)}")
 
 
 def _needed(cls: type[Mirror]) -> list[str]:

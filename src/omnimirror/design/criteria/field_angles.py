@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ...errors import InvalidParameter
 from ...sensor import Sensor
-from .requirements import FieldTable
+from .requirements import FieldRequirements
 
 Array = NDArray[np.float64]
 
@@ -75,7 +75,7 @@ class Counted:
         return Part(low, high, tuple(left_out))
 
 
-def counted_field(field: FieldTable, sensor: Sensor) -> Counted:
+def counted_field(field: FieldRequirements, sensor: Sensor) -> Counted:
     """What counts of a sensor's field."""
     low, high = sensor.field_deg
     radius, point = field.camera_radius_mm, 0.0

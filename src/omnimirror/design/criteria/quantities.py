@@ -167,6 +167,16 @@ QUANTITIES: dict[str, Quantity] = {
 }
 """What a ``[[limit]]`` can be set to, by its name."""
 
+NEVER_ABOVE = {
+    "blur_t_px": ("blur_px",),
+    "blur_s_px": ("blur_px",),
+    "blur_t_deg": ("blur_deg",),
+    "blur_s_deg": ("blur_deg",),
+    "resolution_px_per_deg": ("resolution_t_px_per_deg", "resolution_s_px_per_deg"),
+    "sag_mm": ("length_mm",),
+}
+"""By a quantity those that it is never above, whatever the sensor: of whose parts it is one, or whose smaller it is."""
+
 
 @dataclass(frozen=True)
 class Limit:
@@ -203,6 +213,7 @@ class Limit:
             raise InvalidParameter(f"limit of {self.quantity}: at_least is above at_most")
         if self.omega_deg is not None:
             low, high = finite("limit.omega_deg", self.omega_deg, last=2)
+            object.__setattr__(self, "omega_deg", (float(low), float(high)))
             if not 0 <= low <= high:
                 raise InvalidParameter(
                     f"limit.omega_deg = {list(self.omega_deg)} is no part of the field; it needs FROM up to TO"
@@ -215,6 +226,11 @@ class Limit:
                 f"limit of {self.quantity}: {side} = {value:g} is below 0, which no {self.quantity} is; "
                 "it is valid from 0 up"
             )
+        if side == "at_most" and value == 0 and self.of.takes != "spread":
+            raise InvalidParameter(
+                f"limit of {self.quantity}: at_most = 0 is kept by no sensor, whose {self.quantity} is above 0; "
+                "it is valid above 0"
+            )
         if side == "at_least" and self.of.takes == "ratio" and value > 1:
             raise InvalidParameter(
                 f"limit of {self.quantity}: at_least = {value:g} is above 1, which no ratio of smallest to largest is"
@@ -222,14 +238,17 @@ class Limit:
 
     def contradicts(self, other: Limit) -> str | None:
         """Why this limit and another cannot both be kept, if that is plain from their numbers."""
-        if self.quantity != other.quantity:
-            return None
-        (a, b), (c, d) = (limit.omega_deg or (0.0, 180.0) for limit in (self, other))
-        if max(a, c) > min(b, d) and self.of.takes in ("largest", "smallest"):
-            return None
         for low, high in ((self, other), (other, self)):
-            if low.at_least is not None and high.at_most is not None and low.at_least > high.at_most:
-                return f"{self.quantity} at least {low.at_least:g} and at most {high.at_most:g}"
+            if low.at_least is None or high.at_most is None or low.at_least <= high.at_most:
+                continue
+            if not (high.quantity in (low.quantity, *NEVER_ABOVE.get(low.quantity, ())) and _are_comparable(low, high)):
+                continue
+            if low.quantity == high.quantity:
+                return f"{low.quantity} at least {low.at_least:g} and at most {high.at_most:g}"
+            return (
+                f"{low.quantity} at least {low.at_least:g} and {high.quantity} at most {high.at_most:g}, "
+                "which is never the smaller"
+            )
         return None
 
     @property
@@ -263,3 +282,16 @@ class Limit:
         if self.at_least is not None:
             rows.append(self.of.below(field, self.at_least))
         return np.concatenate(rows, axis=-1) / self.scale
+
+
+def _are_comparable(low: Limit, high: Limit) -> bool:
+    """Whether what is at least so much, and what is at most so much, are of one field angle; a spread grows with its
+    part of the field, a ratio falls."""
+    (a, b), (c, d) = (limit.omega_deg or (0.0, 180.0) for limit in (low, high))
+    match low.of.takes:
+        case "spread":
+            return c <= a and b <= d
+        case "ratio":
+            return a <= c and d <= b
+        case _:
+            return max(a, c) <= min(b, d)

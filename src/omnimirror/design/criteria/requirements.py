@@ -1,78 +1,140 @@
-"""The requirement file: what a sensor must do, as TOML, checked entry by entry like a sensor file.
+"""What a sensor must do, as frozen dataclasses with the tables and entries of a requirement file.
 
-An entry that may be a range takes a number, or ``[LOW, HIGH]``, within which the design is free.
+An entry that may be a range takes a number, or a pair (low, high) within which the design is free. Wrong entries are
+refused by the same sentences as in a file, which give its line there.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import dataclasses
 from dataclasses import asdict, dataclass
-from functools import partial
-from pathlib import Path
-from typing import Annotated, Any, Literal
+from functools import cache
+from typing import Annotated, Any, ClassVar, Literal, Self, get_type_hints
 
 import numpy as np
-from pydantic import BeforeValidator, Field
-from pydantic_core import PydanticCustomError
+from pydantic import BeforeValidator, Field, create_model
 
-from ...arguments import file_name
-from ...batch.bases import FreeForm
-from ...errors import SpecError
-from ...files import parse_toml, read_text
+from ...arguments import instance
 from ...frames import Mount
 from ...imagers import Imager
-from ...mirrors.measured.columns import MAPPING_FILE
-from ...specs import Places, StandTable, Table, check_entries, did_you_mean, table_model, validated
-from ..construct.families import FAMILIES
-from ..construct.fits import FitForm
-from ..construct.mappings import MAPPINGS
-from .merits import MERITS
-from .quantities import QUANTITIES, Limit
+from ...specs import NoFile, Places, Table, validated
+from .consistency import check_consistency
+from .quantities import Limit
+from .ranges import Range, between
 
-FORMAT = 1
-
-Span = tuple[float, float]
-"""Lowest and highest value allowed; both the same for a value that is given."""
-
-
-def _span(low: float, high: float) -> BeforeValidator:
-    """Takes a number or a pair that grows, between low and high."""
-
-    def check(value: Any) -> Span:
-        numbers = value if isinstance(value, (list, tuple)) else [value, value]
-        good = len(numbers) == 2 and all(isinstance(n, (int, float)) and not isinstance(n, bool) for n in numbers)
-        if not (good and low <= numbers[0] <= numbers[1] <= high):
-            raise PydanticCustomError("span", f"it should be a number from {low:g} to {high:g}, or such a [LOW, HIGH]")
-        return float(numbers[0]), float(numbers[1])
-
-    return BeforeValidator(check)
+Radius = Annotated[Range, between(0.1, 1e5)]
+FocalLength = Annotated[Range, between(1e-2, 1e5)]
+Theta = Annotated[Range, between(0.1, 60.0)]
+FNumber = Annotated[Range, between(0.1, 1e3)]
+Focus = Annotated[Range, between(-1e6, 1e7)]
+Distances = Annotated[Range, between(1.0, np.inf)]
+Conic = Annotated[Range, between(-1e3, 1e3)]
 
 
-Radius = Annotated[Span, _span(0.1, 1e5)]
-Focal = Annotated[Span, _span(1e-2, 1e5)]
-Theta = Annotated[Span, _span(0.1, 60.0)]
-FNumber = Annotated[Span, _span(0.1, 1e3)]
-Focus = Annotated[Span, _span(-1e6, 1e7)]
-Endless = Annotated[float, Field(allow_inf_nan=True)]
-Distances = Annotated[tuple[Endless, Endless], _span(1.0, np.inf)]
-Conic = Annotated[Span, _span(-1e3, 1e3)]
-CameraRadius = Annotated[float, Field(gt=0, description="of what stands at the lens and hides the view")]
-Angle = Annotated[float, Field(ge=0, le=179)]
+def _row(value: Any) -> Any:
+    """Lists and arrays as tuples."""
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
+    return tuple(value) if isinstance(value, list) else value
 
 
-class FieldTable(Table):
-    """What is looked at."""
+Column = Annotated[tuple[float, ...], BeforeValidator(_row)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Entries:
+    """A table of requirements: its entries are checked when it is made."""
+
+    TABLE: ClassVar[str]
+
+    def __post_init__(self) -> None:
+        given = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
+        for name, value in _checked(type(self), given, NoFile()).items():
+            object.__setattr__(self, name, value)
+
+    @classmethod
+    def read(cls, table: dict[str, Any], where: Places) -> Self:
+        """From the table of a file; ``where`` gives errors their place."""
+        return cls(**_checked(cls, table, where))
+
+
+@cache
+def _model(cls: type[Entries]) -> type[Table]:
+    """The pydantic model that checks a table's entries."""
+    hints = get_type_hints(cls, include_extras=True)
+    entries: dict[str, Any] = {
+        f.name: (hints[f.name], ... if f.default is dataclasses.MISSING else f.default) for f in dataclasses.fields(cls)
+    }
+    model: type[Table] = create_model(cls.__name__, __base__=Table, **entries)
+    return model
+
+
+def _checked(cls: type[Entries], table: dict[str, Any], where: Places) -> dict[str, Any]:
+    plain = {name: v.item() if isinstance(v, np.generic) else v for name, v in table.items()}
+    return dict(validated(_model(cls), cls.TABLE, plain, where))  # type: ignore[arg-type]  # the cache asks for Hashable
+
+
+@dataclass(frozen=True, kw_only=True)
+class FieldRequirements(Entries):
+    """What is looked at: ``[field]``.
+
+    Parameters
+    ----------
+    omega_max_deg
+        Field angle at the rim, 1 to 179.
+    omega_min_deg
+        Where the field begins that matters, 0 to 170; what lies inside is not judged.
+    camera_radius_mm
+        Of what stands at the lens and hides the view.
+    object_distance_mm
+        From the mirror to the objects, or to the nearest and the farthest of them: both count.
+
+    Raises
+    ------
+    SpecError
+        An entry is wrong; the message says what would be valid.
+    """
+
+    TABLE: ClassVar[str] = "field"
 
     omega_max_deg: Annotated[float, Field(ge=1, le=179, description="field angle at the rim")]
     omega_min_deg: Annotated[float, Field(ge=0, le=170, description="where the field begins that matters")] = 0.0
     camera_radius_mm: (
         Annotated[float, Field(gt=0, description="of what stands at the lens and hides the view")] | None
     ) = None
-    object_distance_mm: Distances = (np.inf, np.inf)
+    object_distance_mm: Distances = np.inf
 
 
-class MirrorTable(Table):
-    """What mirror: by its mapping, by its family, or the best of free form by a merit."""
+@dataclass(frozen=True, kw_only=True)
+class MirrorRequirements(Entries):
+    """What mirror: by its mapping, by its family, or the best of free form by a merit: ``[mirror]``.
+
+    Parameters
+    ----------
+    mapping, family, optimise
+        One of them: a key of ``MAPPINGS``; a key of ``FAMILIES`` or ``"polynomial:N"``; a key of ``MERITS``.
+    shape
+        What is optimised, ``"spline:12"``.
+    fit
+        What a mapping or family is fitted by, ``"polynomial:4"`` or ``"asphere:3"``.
+    apex
+        ``"pointed"``: the image centre shows ``omega_min_deg``.
+    rim_radius_mm
+        A number or a range.
+    conic
+        Conic constant of a hyperboloid or an ellipsoid, a number or a range.
+    plane_distance_mm, cylinder_radius_mm
+        Of the ground-plane and the cylinder mapping.
+    omega_deg, height : (n,)
+        Of a tabulated mapping.
+
+    Raises
+    ------
+    SpecError
+        An entry is wrong; the message says what would be valid.
+    """
+
+    TABLE: ClassVar[str] = "mirror"
 
     mapping: str | None = None
     family: str | None = None
@@ -84,273 +146,125 @@ class MirrorTable(Table):
     conic: Conic | None = None
     plane_distance_mm: float | None = None
     cylinder_radius_mm: float | None = None
-    omega_deg: list[float] | None = None
-    height: list[float] | None = None
+    omega_deg: Column | None = None
+    height: Column | None = None
+
+    @property
+    def is_pointed(self) -> bool:
+        """Whether the image centre shows ``omega_min_deg`` and not what is behind the camera."""
+        return self.apex == "pointed" or self.mapping == "cylinder"
 
 
-class LensTable(Table):
-    """What lens."""
+@dataclass(frozen=True, kw_only=True)
+class LensRequirements(Entries):
+    """What lens: ``[lens]``.
+
+    Parameters
+    ----------
+    kind
+        ``"perspective"`` or ``"orthographic"`` (telecentric, as wide as the mirror).
+    focal_length_mm, theta_max_deg
+        Focal length, and viewing angle at the rim, numbers or ranges. Of a perspective lens one of them is enough: the
+        other is what makes the rim fill the imager.
+    f_number
+        A number or a range; of a telecentric lens that on the imager's side.
+    focus_mm
+        Where the lens is focused, a number or a range; the design chooses where there is none.
+
+    Raises
+    ------
+    SpecError
+        An entry is wrong; the message says what would be valid.
+    """
+
+    TABLE: ClassVar[str] = "lens"
 
     kind: Literal["perspective", "orthographic"] = "perspective"
-    focal_length_mm: Focal | None = None
+    focal_length_mm: FocalLength | None = None
     theta_max_deg: Theta | None = None
-    f_number: FNumber = (4.0, 4.0)
+    f_number: FNumber = 4.0
     focus_mm: Focus | None = None
 
-
-class LimitTable(Table):
-    """A quantity of the evaluation and what it may be, over the whole field or a part of it."""
-
-    quantity: str
-    at_most: float | None = None
-    at_least: float | None = None
-    omega_deg: Annotated[list[Angle], Field(min_length=2, max_length=2, description="[FROM, TO], deg")] | None = None
+    @property
+    def is_telecentric(self) -> bool:
+        return self.kind == "orthographic"
 
 
-@dataclass(frozen=True)
+PAPER_IMAGER = Imager(1024, 1024, 5.2)
+"""The paper's prototype's; taken where no imager is stated."""
+UPRIGHT = Mount()
+
+
+@dataclass(frozen=True, kw_only=True)
 class Requirements:
-    """What a sensor must do; from a file by :func:`load_requirements`."""
+    """What a sensor must do, with the tables of a requirement file.
 
-    name: str
-    notes: str
-    field: FieldTable
-    mirror: MirrorTable
-    lens: LensTable
-    imager: Imager
-    mount: Mount
-    limits: tuple[Limit, ...]
+    :func:`load_requirements` reads them from a file, :func:`format_requirements` writes one,
+    :func:`~omnimirror.design_sensor` designs a sensor from them, :func:`~omnimirror.judge` compares one with them.
+
+    Parameters
+    ----------
+    field, mirror, lens
+    imager
+        1024 x 1024 pixels of 5.2 um by default.
+    mount
+        How the sensor stands.
+    limits
+        What has to be kept besides: the file's ``[[limit]]``.
+
+    Raises
+    ------
+    SpecError
+        Tables that do not fit each other; the message says why and what would be valid.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> wanted = om.Requirements(
+    ...     field=om.FieldRequirements(omega_max_deg=135),
+    ...     mirror=om.MirrorRequirements(mapping="equidistant", rim_radius_mm=43.9),
+    ...     lens=om.LensRequirements(theta_max_deg=(10, 14)),
+    ...     limits=[om.Limit("blur_px", at_most=4.0)],
+    ... )
+    >>> wanted.lens.theta_max_deg, wanted.lens.f_number
+    ((10.0, 14.0), 4.0)
+    """
+
+    field: FieldRequirements
+    mirror: MirrorRequirements
+    lens: LensRequirements = LensRequirements()
+    imager: Imager = PAPER_IMAGER
+    mount: Mount = UPRIGHT
+    limits: tuple[Limit, ...] = ()
+    name: str = "design"
+    notes: str = ""
+
+    def __post_init__(self) -> None:
+        for name, kind in KINDS.items():
+            instance(name, getattr(self, name), kind, f"of kind {kind.__name__}")
+        object.__setattr__(self, "limits", tuple(instance("limits", self.limits, (list, tuple), "a list of limits")))
+        for limit in self.limits:
+            instance("limits", limit, Limit, "a list of limits")
+        check_consistency(self)
 
     def tables(self) -> dict[str, Any]:
-        """The tables of a requirement file that says the same; :func:`requirements_of` reads them."""
-        parts = {name: getattr(self, name).model_dump() for name in ("field", "mirror", "lens")}
-        parts |= {name: asdict(getattr(self, name)) for name in ("imager", "mount")}
+        """The tables of a requirement file that says the same, as plain data."""
+        parts = {name: asdict(getattr(self, name)) for name in ("field", "mirror", "lens", "imager", "mount")}
         data = {"name": self.name, "notes": self.notes, **parts, "limit": [asdict(limit) for limit in self.limits]}
         plain: dict[str, Any] = _plain(data)
         return plain
+
+
+KINDS: dict[str, type[Any]] = {
+    "field": FieldRequirements, "mirror": MirrorRequirements, "lens": LensRequirements, "imager": Imager,
+    "mount": Mount, "name": str, "notes": str,
+}  # fmt: skip
 
 
 def _plain(value: Any) -> Any:
     """The same data as TOML has it: lists for tuples, and nothing where there is nothing."""
     if isinstance(value, dict):
         return {k: _plain(v) for k, v in value.items() if v is not None}
-    if isinstance(value, (list, tuple)):
+    if isinstance(value, list | tuple):
         return [_plain(v) for v in value]
     return value
-
-
-DEFAULT_IMAGER = {"width_px": 1024, "height_px": 1024, "pixel_pitch_um": 5.2}
-"""The paper's prototype's; taken where no imager is stated."""
-
-
-def load_requirements(
-    path: str | Path, changes: dict[str, Any] | None = None, limits: Sequence[dict[str, Any]] = ()
-) -> Requirements:
-    """Read a requirement file.
-
-    Parameters
-    ----------
-    changes
-        Entries that take the place of the file's: ``{"lens": {"f_number": 5.6}}``; None takes one away.
-    limits
-        Tables of more limits: ``{"quantity": "blur_px", "at_most": 4.0}``.
-
-    Raises
-    ------
-    SpecError
-        No such file; not TOML; an unknown, missing or wrong entry. The message gives the file, the line and
-        what would be valid.
-    """
-    path = file_name("path", path)
-    text = read_text(path, "requirement file", SpecError, f"there is no requirement file {str(path)!r}")
-    return parse_requirements(text, str(path), path.parent, changes, limits)
-
-
-def parse_requirements(
-    text: str,
-    source: str = "requirements",
-    folder: Path | None = None,
-    changes: dict[str, Any] | None = None,
-    limits: Sequence[dict[str, Any]] = (),
-) -> Requirements:
-    """Requirements from the text of a file; ``folder`` is where files named in it are looked for, if it may name any.
-
-    >>> wanted = parse_requirements('''
-    ... field.omega_max_deg = 135
-    ... [mirror]
-    ... mapping = "equidistant"
-    ... rim_radius_mm = 43.9
-    ... [lens]
-    ... theta_max_deg = [10, 14]
-    ... ''')
-    >>> wanted.lens.theta_max_deg, wanted.lens.f_number
-    ((10.0, 14.0), (4.0, 4.0))
-    """
-    text = text.removeprefix("\ufeff")  # a byte order mark, as some editors write
-    where = Places(text, source)
-    data = parse_toml(text, source)
-    for section, entries in (changes or {}).items():
-        if isinstance(entries, dict) and isinstance(data.get(section, {}), dict):
-            merged = {**data.get(section, {}), **entries}
-            entries = {name: value for name, value in merged.items() if value is not None}
-        data[section] = entries
-    if limits and isinstance(data.get("limit", []), list):
-        data["limit"] = [*data.get("limit", []), *limits]
-    return requirements_of(data, where, folder)
-
-
-def requirements_of(data: dict[str, Any], where: Places, folder: Path | None = None) -> Requirements:
-    """Requirements from the tables of a file; ``where`` gives errors their place."""
-    _check_tables(data, where)
-    mirror = where.wrap(("mirror", MAPPING_FILE.entry), lambda: MAPPING_FILE.followed(data["mirror"], folder))
-    imager = validated(table_model(Imager), "imager", data.get("imager", DEFAULT_IMAGER), where).model_dump()
-    if imager["centre_px"] is not None:
-        imager["centre_px"] = tuple(imager["centre_px"])
-    field = validated(FieldTable, "field", data["field"], where)
-    wanted = Requirements(
-        name=data.get("name", "design"),
-        notes=data.get("notes", ""),
-        field=field,
-        mirror=validated(MirrorTable, "mirror", mirror, where),
-        lens=validated(LensTable, "lens", data.get("lens", {}), where),
-        imager=where.wrap(("imager",), lambda: Imager(**imager)),
-        mount=Mount(**validated(StandTable, "mount", data.get("mount", {}), where).model_dump()),
-        limits=tuple(_limit(i, table, field, where) for i, table in enumerate(data.get("limit", []))),
-    )
-    _check_together(wanted, where)
-    return wanted
-
-
-# -- checks ----------------------------------------------------------------------------------------
-
-
-def _check_tables(data: dict[str, Any], where: Places) -> None:
-    known: dict[str, type] = {
-        "format": int, "name": str, "notes": str, "field": dict, "mirror": dict, "lens": dict, "imager": dict,
-        "mount": dict, "limit": list,
-    }  # fmt: skip
-    check_entries(data, known, FORMAT, where)
-    for key in ("field", "mirror"):
-        if key not in data:
-            raise where.error((), f"there is no [{key}] table; a requirement file needs [field] and [mirror]")
-
-
-def _check_together(wanted: Requirements, where: Places) -> None:
-    """What the tables alone cannot see."""
-    field, mirror, lens = wanted.field, wanted.mirror, wanted.lens
-    if field.omega_min_deg >= field.omega_max_deg:
-        raise where.error(
-            ("field", "omega_min_deg"),
-            f"field.omega_min_deg = {field.omega_min_deg:g} is not below omega_max_deg = {field.omega_max_deg:g}",
-        )
-    ways = [name for name in ("mapping", "family", "optimise") if getattr(mirror, name) is not None]
-    if len(ways) != 1:
-        said = f"both {' and '.join(ways)}" if ways else "neither mapping nor family nor optimise"
-        raise where.error(("mirror",), f"mirror has {said}; give one of them")
-    for name, known in (
-        ("mapping", list(MAPPINGS)), ("family", [*FAMILIES, "polynomial:N"]), ("optimise", list(MERITS))
-    ):  # fmt: skip
-        value = getattr(mirror, name)
-        if value is not None and value not in known and not (name == "family" and value.startswith("polynomial:")):
-            raise where.error(
-                ("mirror", name),
-                f"mirror.{name} = {value!r} is not known{did_you_mean(value, known)}; valid are {', '.join(known)}",
-            )
-    for name in ("fit", "family"):
-        text = getattr(mirror, name)
-        if text is not None and (name == "fit" or ":" in text):
-            where.wrap(("mirror", name), partial(FitForm.parse, text))
-    _check_free_form(mirror, where)
-    _check_conic(mirror, where)
-    _check_lens(lens, field, where)
-    _check_camera(field, mirror, where)
-    _check_limits(wanted.limits, where)
-
-
-def _check_conic(mirror: MirrorTable, where: Places) -> None:
-    """A conic constant where nothing is left for it to choose."""
-    if mirror.conic is None or mirror.family in OF_CONIC or mirror.optimise is not None:
-        return
-    way = f"the {mirror.mapping} mapping" if mirror.mapping else f"the family {mirror.family}"
-    raise where.error(
-        ("mirror", "conic"), f"mirror.conic does not apply to {way}; it belongs to {' and '.join(OF_CONIC)}"
-    )
-
-
-def _check_camera(field: FieldTable, mirror: MirrorTable, where: Places) -> None:
-    """A camera that is no part of such a sensor."""
-    radius, most = field.camera_radius_mm, WIDEST_CAMERA * mirror.rim_radius_mm[1]
-    if radius is not None and radius > most:
-        raise where.error(
-            ("field", "camera_radius_mm"),
-            f"field.camera_radius_mm = {radius:g} is more than {WIDEST_CAMERA:g} times the rim radius of the mirror; "
-            f"it is valid up to {most:g}",
-        )
-
-
-def _check_limits(limits: tuple[Limit, ...], where: Places) -> None:
-    """Limits of which one cannot be kept if another is."""
-    for i, limit in enumerate(limits):
-        for j, other in enumerate(limits[:i]):
-            if said := limit.contradicts(other):
-                raise where.error((f"limit.{i}",), f"limit {i + 1} contradicts limit {j + 1}: {said}")
-
-
-OF_CONIC = ("hyperboloid", "ellipsoid")
-WIDEST_CAMERA = 5.0  # times the rim radius
-NOT_OF_FREE_FORM = ("fit", "conic", "plane_distance_mm", "cylinder_radius_mm", "omega_deg")
-
-
-def _check_free_form(mirror: MirrorTable, where: Places) -> None:
-    """What belongs to an optimised mirror alone, and what does not."""
-    if mirror.optimise is None:
-        if mirror.shape is not None:
-            raise where.error(("mirror", "shape"), "mirror.shape belongs to an optimised mirror; give optimise too")
-        return
-    for name in NOT_OF_FREE_FORM:
-        if getattr(mirror, name) is not None:
-            raise where.error(("mirror", name), f"mirror.{name} does not apply to an optimised mirror")
-    if mirror.apex == "pointed":
-        raise where.error(("mirror", "apex"), "an optimised mirror has a smooth apex")
-    if mirror.shape is not None:
-        where.wrap(("mirror", "shape"), partial(FreeForm.parse, mirror.shape))
-
-
-def _check_lens(lens: LensTable, field: FieldTable, where: Places) -> None:
-    if lens.kind == "orthographic":
-        for name in ("focal_length_mm", "theta_max_deg"):
-            if getattr(lens, name) is not None:
-                raise where.error(("lens", name), f"lens.{name} does not apply to an orthographic lens")
-        if field.camera_radius_mm is not None:
-            raise where.error(
-                ("field", "camera_radius_mm"),
-                "field.camera_radius_mm does not apply to an orthographic lens, which may stand anywhere; "
-                "give omega_min_deg",
-            )
-    elif lens.focal_length_mm is None and lens.theta_max_deg is None:
-        raise where.error(
-            ("lens",), "lens has neither focal_length_mm nor theta_max_deg; give one of them, a number or a range"
-        )
-    if lens.kind == "perspective" and lens.focus_mm is not None:
-        least, (low, high) = lens.focal_length_mm[0] if lens.focal_length_mm else 0.0, lens.focus_mm
-        if low <= 0 or high <= least:
-            shown = f"{low:g}" if low == high else f"[{low:g}, {high:g}]"
-            raise where.error(
-                ("lens", "focus_mm"),
-                f"lens.focus_mm = {shown} is nearer than the focal length; it is valid above {least:g}",
-            )
-
-
-def _limit(index: int, table: dict[str, Any], field: FieldTable, where: Places) -> Limit:
-    section = f"limit.{index}"
-    entries = validated(LimitTable, section, table, where)
-    place = (section, "quantity") if entries.quantity not in QUANTITIES else (section,)
-    part = entries.omega_deg
-    if part is not None and not 0 <= part[0] <= part[1] <= field.omega_max_deg:
-        raise where.error(
-            (section, "omega_deg"),
-            f"limit.omega_deg = {part} is no part of the field; it needs FROM up to TO, up to {field.omega_max_deg:g}",
-        )
-    return where.wrap(
-        place,
-        lambda: Limit(entries.quantity, entries.at_most, entries.at_least, (part[0], part[1]) if part else None),
-    )

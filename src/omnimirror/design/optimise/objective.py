@@ -17,7 +17,7 @@ from ...batch.bases import Basis
 from ...numerics.lazy import cached_property
 from ...numerics.minimax import Rows, Values
 from ..criteria.merits import Field, Merit
-from .problem import ends
+from ..criteria.ranges import ends
 from .variables import DesignSpace, State
 
 Array = NDArray[Any]

@@ -26,9 +26,10 @@ from ...sensor import Sensor
 from ..criteria.field_angles import hidden_deg
 from ..criteria.merits import merit_named
 from ..criteria.quantities import Limit
+from ..criteria.ranges import ends
 from .lower_bound import BlurBound, blur_bound
 from .objective import Concession, Objective
-from .problem import DesignProblem, ends
+from .problem import DesignProblem
 from .variables import DesignSpace
 
 Array = NDArray[np.float64]

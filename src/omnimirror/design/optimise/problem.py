@@ -6,15 +6,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ...arguments import LARGEST_RADIUS_PX, choice, number, numbers, shown
+from ...arguments import LARGEST_RADIUS_PX, choice, number
 from ...batch.bases import family
 from ...errors import InvalidParameter
 from ...imagers import Imager
 from ...lenses import BLUR_MODES, BlurMode
 from ..criteria.quantities import Limit
-
-Range = float | tuple[float, float]
-"""A number, or (low, high) to choose from."""
+from ..criteria.ranges import Range, ends
 
 LENS_KINDS = ("perspective", "orthographic")
 OF_LENS = ("theta_max_deg", "focal_length_mm")
@@ -148,18 +146,6 @@ class DesignProblem:
             )
         if not 0 <= self.omega_min_deg < least:
             raise InvalidParameter(f"omega_min_deg = {self.omega_min_deg:g} is not valid from 0 to below {least:g}")
-
-
-def ends(value: Range) -> tuple[float, float]:
-    """Low and high end of a range; a number is both.
-
-    >>> ends(12.0), ends((8, 12))
-    ((12.0, 12.0), (8.0, 12.0))
-    """
-    pair = np.atleast_1d(numbers("a range", value))
-    if pair.shape not in ((1,), (2,)):
-        raise InvalidParameter(f"{shown(value)} is not a number, nor a range (low, high)")
-    return float(pair[0]), float(pair[-1])
 
 
 def imager_radius_px(imager: Imager) -> float:

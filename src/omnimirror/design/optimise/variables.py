@@ -21,7 +21,8 @@ from ...mirrors.conics import conic_profile
 from ...numerics.lazy import cached_property
 from ...sensor import Sensor
 from ..criteria.merits import Field, field_at, field_of
-from .problem import DesignProblem, ends, imager_radius_px
+from ..criteria.ranges import ends
+from .problem import DesignProblem, imager_radius_px
 
 Array = NDArray[Any]
 ROUNDS = 6

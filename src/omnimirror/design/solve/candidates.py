@@ -19,8 +19,10 @@ from ..construct.families import FAMILIES
 from ..construct.fits import fit_mirror
 from ..construct.mappings import generated_mirror
 from ..construct.rim import PlacedMirror, Rim
+from ..criteria.consistency import OF_MAPPINGS
 from ..criteria.field_angles import Counted, counted_field
-from ..criteria.requirements import MirrorTable, Requirements
+from ..criteria.ranges import ends, ends_or_none
+from ..criteria.requirements import MirrorRequirements, Requirements
 from ..optimise.problem import imager_radius_px
 from .focusing import POINTS, Focusing
 
@@ -55,11 +57,11 @@ class Made:
 def given(requirements: Requirements) -> dict[str, tuple[float, float] | None]:
     """The entries of a choice as the requirements allow them: (low, high), or None where they follow."""
     field, mirror, lens = requirements.field, requirements.mirror, requirements.lens
-    conic = mirror.conic
+    conic = ends_or_none(mirror.conic)
     if mirror.family == "ellipsoid" and conic is None:
         conic = FREE_CONIC
-    theta = (0.0, 0.0) if lens.kind == "orthographic" else lens.theta_max_deg
-    focal = lens.focal_length_mm
+    theta = (0.0, 0.0) if lens.is_telecentric else ends_or_none(lens.theta_max_deg)
+    focal = ends_or_none(lens.focal_length_mm)
     if theta and focal and theta[0] < theta[1] and focal[0] == focal[1]:
         theta = None  # follows from the focal length; that it stays in its range is a requirement
     elif theta and focal and focal[0] < focal[1]:
@@ -67,10 +69,10 @@ def given(requirements: Requirements) -> dict[str, tuple[float, float] | None]:
     return {
         "omega_max_deg": (field.omega_max_deg, field.omega_max_deg),
         "omega_min_deg": (field.omega_min_deg, field.omega_min_deg),
-        "rim_radius_mm": mirror.rim_radius_mm,
+        "rim_radius_mm": ends(mirror.rim_radius_mm),
         "theta_max_deg": theta,
         "focal_length_mm": focal,
-        "f_number": lens.f_number,
+        "f_number": ends(lens.f_number),
         "conic": conic,
     }
 
@@ -83,7 +85,7 @@ def make(requirements: Requirements, choice: Choice) -> Made:
     OmnimirrorError
         There is no such mirror, or it cannot be used.
     """
-    if requirements.lens.kind == "orthographic":
+    if requirements.lens.is_telecentric:
         return _orthographic(requirements, choice)
     return _perspective(requirements, choice)
 
@@ -91,16 +93,13 @@ def make(requirements: Requirements, choice: Choice) -> Made:
 # -- mirrors ---------------------------------------------------------------------------------------
 
 
-def _by_mapping(table: MirrorTable, rim: Rim, omega_min_deg: float, conic: float | None) -> PlacedMirror:
-    lists = {name: tuple(v) for name in ("omega_deg", "height") if (v := getattr(table, name)) is not None}
-    distances = {name: getattr(table, name) for name in ("plane_distance_mm", "cylinder_radius_mm")}
-    entries = lists | {name: v for name, v in distances.items() if v is not None}
-    is_pointed = table.apex == "pointed" or table.mapping == "cylinder"
+def _by_mapping(table: MirrorRequirements, rim: Rim, omega_min_deg: float, conic: float | None) -> PlacedMirror:
+    entries = {name: v for name in OF_MAPPINGS if (v := getattr(table, name)) is not None}
     assert table.mapping is not None
-    return generated_mirror(table.mapping, rim, omega_min_deg if is_pointed else 0.0, **entries)
+    return generated_mirror(table.mapping, rim, omega_min_deg if table.is_pointed else 0.0, **entries)
 
 
-def _by_family(table: MirrorTable, rim: Rim, omega_min_deg: float, conic: float | None) -> PlacedMirror:
+def _by_family(table: MirrorRequirements, rim: Rim, omega_min_deg: float, conic: float | None) -> PlacedMirror:
     assert table.family is not None
     if table.family in FAMILIES:
         return FAMILIES[table.family](rim, conic)
@@ -108,31 +107,30 @@ def _by_family(table: MirrorTable, rim: Rim, omega_min_deg: float, conic: float 
     return fit_mirror(equidistant, table.family).placed
 
 
-WAYS: dict[str, Callable[[MirrorTable, Rim, float, float | None], PlacedMirror]] = {
+WAYS: dict[str, Callable[[MirrorRequirements, Rim, float, float | None], PlacedMirror]] = {
     "mapping": _by_mapping,
     "family": _by_family,
 }
 """How a mirror is made, by the entry of ``[mirror]`` that asks for it."""
 
 
-def wanted_mirror(table: MirrorTable, rim: Rim, choice: Choice) -> PlacedMirror:
+def wanted_mirror(table: MirrorRequirements, rim: Rim, choice: Choice) -> PlacedMirror:
     """The mirror before it is fitted."""
-    return _kept(table.model_dump_json(exclude={"fit"}), rim, choice.omega_min_deg, choice.conic, None)
+    return _kept(replace(table, fit=None), rim, choice.omega_min_deg, choice.conic)
 
 
-def _fitted(table: MirrorTable, rim: Rim, choice: Choice) -> PlacedMirror:
+def _fitted(table: MirrorRequirements, rim: Rim, choice: Choice) -> PlacedMirror:
     """The mirror, fitted if it is to be."""
-    return _kept(table.model_dump_json(exclude={"fit"}), rim, choice.omega_min_deg, choice.conic, table.fit)
+    return _kept(table, rim, choice.omega_min_deg, choice.conic)
 
 
 @lru_cache(maxsize=128)
-def _kept(table: str, rim: Rim, omega_min_deg: float, conic: float | None, fit: str | None) -> PlacedMirror:
+def _kept(table: MirrorRequirements, rim: Rim, omega_min_deg: float, conic: float | None) -> PlacedMirror:
     """A mirror, kept: a search asks for the same one before many lenses."""
-    if fit is not None:
-        return fit_mirror(_kept(table, rim, omega_min_deg, conic, None), fit).placed
-    wanted = MirrorTable.model_validate_json(table)
-    way = next(name for name in WAYS if getattr(wanted, name) is not None)
-    return WAYS[way](wanted, rim, omega_min_deg, conic)
+    if table.fit is not None:
+        return fit_mirror(_kept(replace(table, fit=None), rim, omega_min_deg, conic), table.fit).placed
+    way = next(name for name in WAYS if getattr(table, name) is not None)
+    return WAYS[way](table, rim, omega_min_deg, conic)
 
 
 # -- lens and focus --------------------------------------------------------------------------------
@@ -147,7 +145,7 @@ def _orthographic(requirements: Requirements, choice: Choice) -> Made:
     rim = Rim(choice.omega_max_deg, 0.0, choice.rim_radius_mm)
     placed = _fitted(requirements.mirror, rim, choice)
     magnification = imager_radius_mm(requirements) / choice.rim_radius_mm
-    span = requirements.lens.focus_mm
+    span = ends_or_none(requirements.lens.focus_mm)
     sensor = Sensor(
         placed.mirror,
         Orthographic(magnification, choice.f_number, 0.0 if span is None else span[0]),
@@ -161,7 +159,7 @@ def _orthographic(requirements: Requirements, choice: Choice) -> Made:
 
 def _perspective(requirements: Requirements, choice: Choice) -> Made:
     """Lens and focus follow from each other: settled first; a fit, which moves little, comes last."""
-    span = requirements.lens.focus_mm
+    span = ends_or_none(requirements.lens.focus_mm)
     nearness, steps = 0.0 if span is None else 1 / span[1], list[tuple[float, float]]()
     for _ in range(MOST_ROUNDS):
         made = _before_lens(requirements, choice, nearness, wanted_mirror)
@@ -201,12 +199,12 @@ def _before_lens(
     requirements: Requirements,
     choice: Choice,
     nearness: float,
-    mirror: Callable[[MirrorTable, Rim, Choice], PlacedMirror],
+    mirror: Callable[[MirrorRequirements, Rim, Choice], PlacedMirror],
 ) -> Made:
     """The mirror before the lens that it has if it is focused at 1/L0; focused as asked, or at its best."""
     theta, focal = _viewing(requirements, choice, nearness)
     placed = mirror(requirements.mirror, Rim(choice.omega_max_deg, theta, choice.rim_radius_mm), choice)
-    span = requirements.lens.focus_mm
+    span = ends_or_none(requirements.lens.focus_mm)
     sensor = Sensor(
         placed.mirror,
         Perspective(focal, choice.f_number, max(placed.distance_mm, 1.001 * focal) if span is None else span[1]),
@@ -223,14 +221,14 @@ def focusing(requirements: Requirements, choice: Choice, made: Made, points: int
     """What a made sensor does, wherever it is focused."""
     fits = None in (choice.theta_max_deg, choice.focal_length_mm)  # the rim fills the imager, whatever the focus
     radius = np.inf if fits else imager_radius_px(requirements.imager)
-    distances = tuple(sorted(set(requirements.field.object_distance_mm)))
-    span = requirements.lens.focus_mm
+    distances = tuple(sorted(set(ends(requirements.field.object_distance_mm))))
+    span = ends_or_none(requirements.lens.focus_mm)
     return Focusing(made.sensor, made.counted, requirements.limits, distances, radius, span, points)
 
 
 def _focused(requirements: Requirements, choice: Choice, made: Made) -> Made:
     """The sensor at its best focus, where the requirements leave one."""
-    span = requirements.lens.focus_mm
+    span = ends_or_none(requirements.lens.focus_mm)
     if span is not None and span[0] == span[1]:
         return made
     focus = focusing(requirements, choice, made).best().focus_mm

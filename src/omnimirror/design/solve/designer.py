@@ -13,9 +13,10 @@ import numpy as np
 from ...lenses import BlurMode, Perspective
 from ...sensor import Sensor
 from ..criteria.merits import merit_named
+from ..criteria.ranges import ends, is_free
 from ..criteria.requirements import Requirements
 from ..optimise.optimiser import Optimum, Progress
-from ..optimise.problem import DesignProblem, ends
+from ..optimise.problem import DesignProblem
 from .candidates import Choice
 from .freeform import judged_sensor, problem_of, shape
 from .freeform_relaxation import find_concessions
@@ -96,15 +97,12 @@ def design_sensor(
     Examples
     --------
     >>> import omnimirror as om
-    >>> from omnimirror.design.criteria.requirements import parse_requirements
-    >>> design = om.design_sensor(parse_requirements('''
-    ... field.omega_max_deg = 135
-    ... [mirror]
-    ... mapping = "equidistant"
-    ... rim_radius_mm = 43.9
-    ... [lens]
-    ... theta_max_deg = 12
-    ... '''))
+    >>> wanted = om.Requirements(
+    ...     field=om.FieldRequirements(omega_max_deg=135),
+    ...     mirror=om.MirrorRequirements(mapping="equidistant", rim_radius_mm=43.9),
+    ...     lens=om.LensRequirements(theta_max_deg=12),
+    ... )
+    >>> design = om.design_sensor(wanted)
     >>> design.is_met, round(design.sensor.mirror_distance_mm, 3), round(design.sensor.rim_radius_px, 3)
     (True, 172.275, 512.0)
     """
@@ -214,8 +212,8 @@ def _notes(search: Search, choice: Choice, sensor: Sensor, made: tuple[str, ...]
         notes.append(f"theta_max_deg = {theta:.6g}, where the rim fills the imager")
     elif search.spans["focal_length_mm"] is None and isinstance(sensor.lens, Perspective):
         notes.append(f"focal_length_mm = {sensor.lens.focal_length_mm:.6g}, where the rim fills the imager")
-    span = search.requirements.lens.focus_mm
-    if span is None or span[0] < span[1]:
+    asked = search.requirements.lens.focus_mm
+    if asked is None or is_free(asked):
         notes.append(f"focused at {sensor.lens.focus_distance_mm:.5g} mm, {_focus_by(search.requirements)}")
     return tuple(notes)
 

@@ -25,7 +25,6 @@ from ...sensor import Sensor
 from ..criteria.field_angles import Counted
 from ..criteria.merits import Field, field_at
 from ..criteria.quantities import Limit
-from ..criteria.requirements import Span
 
 Array = NDArray[np.float64]
 
@@ -65,7 +64,7 @@ class Focusing:
     limits: tuple[Limit, ...]
     distances_mm: tuple[float, ...]
     image_radius_px: float = np.inf
-    span_mm: Span | None = None
+    span_mm: tuple[float, float] | None = None
     points: int = POINTS
 
     def best(self) -> Focus:

@@ -13,7 +13,7 @@ from ...batch.bases import FreeForm
 from ...numerics.minimax import Minimum
 from ...sensor import Sensor
 from ..construct.rim import PlacedMirror
-from ..criteria.requirements import Requirements, Span
+from ..criteria.requirements import Requirements
 from ..optimise.objective import Concession, Objective
 from ..optimise.optimiser import (
     CLOSE,
@@ -27,7 +27,7 @@ from ..optimise.optimiser import (
     optimised,
     start,
 )
-from ..optimise.problem import DesignProblem, Range
+from ..optimise.problem import DesignProblem
 from ..optimise.variables import DesignSpace
 from .candidates import Choice, Made, judged
 from .verdict import Row, assess
@@ -61,27 +61,22 @@ def problem_of(requirements: Requirements) -> DesignProblem:
     """What an optimiser has to know of requirements; what they give as ranges is free."""
     field, mirror, lens = requirements.field, requirements.mirror, requirements.lens
     shape = FreeForm.parse(mirror.shape or SHAPE)
-    theta, focal = (None if v is None else _range(v) for v in (lens.theta_max_deg, lens.focal_length_mm))
     return DesignProblem(
         omega_max_deg=field.omega_max_deg,
-        theta_max_deg=theta,
-        rim_radius_mm=_range(mirror.rim_radius_mm),
-        focal_length_mm=focal,
-        f_number=_range(lens.f_number),
+        theta_max_deg=lens.theta_max_deg,
+        rim_radius_mm=mirror.rim_radius_mm,
+        focal_length_mm=lens.focal_length_mm,
+        f_number=lens.f_number,
         imager=requirements.imager,
         lens=lens.kind,
         omega_min_deg=field.omega_min_deg,
         camera_radius_mm=field.camera_radius_mm,
-        object_distance_mm=_range(field.object_distance_mm),
-        focus_mm=None if lens.focus_mm is None else _range(lens.focus_mm),
+        object_distance_mm=field.object_distance_mm,
+        focus_mm=lens.focus_mm,
         family=shape.name,
         terms=shape.terms,
         limits=requirements.limits,
     )
-
-
-def _range(span: Span) -> Range:
-    return span[0] if span[0] == span[1] else span
 
 
 def shape(

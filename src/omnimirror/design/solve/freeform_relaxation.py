@@ -15,10 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import OmnimirrorError
+from ..criteria.ranges import ends
 from ..criteria.requirements import Requirements
 from ..optimise.objective import IMAGE, Concession, Key, Objective
 from ..optimise.optimiser import CLOSE, KEPT, coarse_nodes, follow
-from ..optimise.problem import DesignProblem, ends
+from ..optimise.problem import DesignProblem
 from ..optimise.variables import DesignSpace
 from .freeform import Shaped, judged_sensor, problem_of
 from .relaxation import RANGES, Conflict, Relaxation, asked_of, given_way, held, held_together, relaxed

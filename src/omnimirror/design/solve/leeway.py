@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from ...errors import OmnimirrorError
 from ...numerics.lazy import cached_property
 from ...numerics.minimax import Minimum, Rows, Values, least_worst
+from ..criteria.ranges import ends_or_none, is_free
 from ..criteria.requirements import Requirements
 from ..optimise.objective import IMAGE
 from ..optimise.problem import OF_LENS
@@ -88,8 +89,8 @@ class Leeway:
 
     @property
     def _has_focus(self) -> bool:
-        span = self.requirements.lens.focus_mm
-        return span is None or span[0] < span[1]
+        asked = self.requirements.lens.focus_mm
+        return asked is None or is_free(asked)
 
     def _place(self, focus_mm: float) -> float:
         return -focus_mm if self.near.sensor.lens.TELECENTRIC else 1 / focus_mm
@@ -111,7 +112,7 @@ class Leeway:
         low, high = ([_inner(name, span[i]) for name, span in self.spans.items()] for i in (0, 1))
         if self._has_focus:
             ends = places_of(self.near.sensor.lens)
-            span = self.requirements.lens.focus_mm
+            span = ends_or_none(self.requirements.lens.focus_mm)
             if span is not None:
                 asked = sorted(self._place(v) for v in span)
                 ends = float(np.clip(asked[0], *ends)), float(np.clip(asked[1], *ends))
@@ -217,15 +218,11 @@ def _outer(name: str, value: float) -> float:
 def unfitted(requirements: Requirements) -> Requirements:
     if requirements.mirror.fit is None:
         return requirements
-    return replace(requirements, mirror=requirements.mirror.model_copy(update={"fit": None}))
+    return replace(requirements, mirror=replace(requirements.mirror, fit=None))
 
 
 def _as_chosen(requirements: Requirements, choice: Choice, focus_mm: float | None) -> Requirements:
     """The requirements with the field and the focus of a choice, where they give them."""
     field = {"omega_min_deg": choice.omega_min_deg, "omega_max_deg": choice.omega_max_deg}
-    focus = {} if focus_mm is None else {"focus_mm": (focus_mm, focus_mm)}
-    return replace(
-        requirements,
-        field=requirements.field.model_copy(update=field),
-        lens=requirements.lens.model_copy(update=focus),
-    )
+    lens = requirements.lens if focus_mm is None else replace(requirements.lens, focus_mm=focus_mm)
+    return replace(requirements, field=replace(requirements.field, **field), lens=lens)

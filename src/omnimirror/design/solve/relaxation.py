@@ -16,8 +16,8 @@ from math import ceil
 import numpy as np
 
 from ...errors import OmnimirrorError
-from ...specs import Places
-from ..criteria.requirements import Requirements, requirements_of
+from ..criteria.requirement_file import requirements_of
+from ..criteria.requirements import Requirements
 from ..optimise.objective import IMAGE
 from ..optimise.problem import imager_radius_px
 from .leeway import Found, Goal, Key, Leeway, unfitted
@@ -156,7 +156,7 @@ def relaxed(requirements: Requirements, given: Iterable[Relaxation]) -> Requirem
                 tables["imager"]["centre_px"] = [c + more for c in tables["imager"]["centre_px"]]
         else:
             _change(tables, r)
-    return requirements_of(tables, Places("", "requirements"))
+    return requirements_of(tables)
 
 
 def _change(tables: dict[str, dict[str, object]], r: Relaxation) -> None:
@@ -314,8 +314,7 @@ def with_given(search: Search, name: str, value: float) -> Search:
     section = {"omega_max_deg": "field", "omega_min_deg": "field", "rim_radius_mm": "mirror", "conic": "mirror"}.get(
         name, "lens"
     )
-    new = value if section == "field" else (value, value)
-    return Search(replace(r, **{section: getattr(r, section).model_copy(update={name: new})}))
+    return Search(replace(r, **{section: replace(getattr(r, section), **{name: value})}))
 
 
 # -- all give --------------------------------------------------------------------------------------

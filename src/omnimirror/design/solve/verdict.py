@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,8 @@ from ..construct.rim import Rim
 from ..criteria.field_angles import Part
 from ..criteria.merits import Field, field_of_evaluation
 from ..criteria.quantities import Limit
-from ..criteria.requirements import Requirements, Span
+from ..criteria.ranges import ends, ends_or_none
+from ..criteria.requirements import Requirements
 from .candidates import Choice, Made, imager_radius_mm, wanted_mirror
 
 Array = NDArray[np.float64]
@@ -120,7 +121,7 @@ def _part_rows(requirements: Requirements, made: Made) -> list[Row]:
     sensor, lens = made.sensor, requirements.lens
     rim = imager_radius_mm(requirements) / requirements.imager.pitch_mm
     rows = [
-        Row("rim_radius_mm", "mm", *requirements.mirror.rim_radius_mm, sensor.mirror.rim_radius_mm),
+        Row("rim_radius_mm", "mm", *ends(requirements.mirror.rim_radius_mm), sensor.mirror.rim_radius_mm),
         Row("image_radius_px", "px", None, rim, sensor.rim_radius_px, slack=EDGE_PX),
     ]
     optics = sensor.lens
@@ -130,7 +131,7 @@ def _part_rows(requirements: Requirements, made: Made) -> list[Row]:
     else:
         reached = {"f_number": optics.image_f_number()}
     for name, value in reached.items():
-        span: Span | None = getattr(lens, name)
+        span = ends_or_none(getattr(lens, name))
         if span is not None:
             rows.append(Row(name, unit_of(name), span[0], span[1], value))
     return rows
@@ -187,7 +188,7 @@ def evaluated(requirements: Requirements, made: Made, omega_deg: Array) -> list[
     """The evaluation for the nearest and the farthest object."""
     return [
         evaluate(made.sensor, omega_deg, object_distance_mm=distance)
-        for distance in sorted(set(requirements.field.object_distance_mm))
+        for distance in sorted(set(ends(requirements.field.object_distance_mm)))
     ]
 
 
@@ -201,7 +202,7 @@ def mapping_deviation_px(requirements: Requirements, choice: Choice, made: Made)
         return None
     rim = Rim(choice.omega_max_deg, float(np.degrees(sensor.meridian.theta_max)), choice.rim_radius_mm)
     if table.family is not None and ":" in table.family:
-        table = table.model_copy(update={"mapping": "equidistant", "family": None})
+        table = replace(table, mapping="equidistant", family=None)
     wanted = wanted_mirror(table, rim, choice)
     target = Meridian(wanted.mirror, wanted.distance_mm)
     omega = np.radians(np.linspace(0.0, choice.omega_max_deg, REPORTED)[1:])

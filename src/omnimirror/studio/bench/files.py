@@ -62,7 +62,7 @@ def opened(name: str, data: bytes) -> Opened:
 
 def _checked(tables: dict[str, Any], where: Places) -> dict[str, Any]:
     """The tables of a requirement file, once they are known to be right."""
-    from ...design.criteria.requirements import requirements_of
+    from ...design.criteria.requirement_file import requirements_of
 
     requirements_of(tables, where)
     plain: dict[str, Any] = _replaced(tables, float("inf"), VERY_FAR)

@@ -7,13 +7,14 @@ from typing import Any
 import numpy as np
 
 from ...design.construct.rim import PlacedMirror
-from ...design.criteria.requirements import Requirements, requirements_of
+from ...design.criteria.requirement_file import requirements_of
+from ...design.criteria.requirements import Requirements
 from ...design.solve.candidates import Choice, judged
 from ...design.solve.verdict import SEARCHED, Row, assess
 from ...errors import OmnimirrorError
 from ...lenses import Perspective
 from ...sensor import Sensor
-from ...specs import Places, tables_of
+from ...specs import tables_of
 from .messages import Judged
 
 OWN = ("rim_radius_mm", "focal_length_mm", "theta_max_deg", "f_number")
@@ -32,7 +33,7 @@ def requirements_for(wanted: dict[str, Any], sensor: Sensor) -> Requirements:
     data.setdefault("mirror", {"family": "sphere", "rim_radius_mm": sensor.mirror.rim_radius_mm})
     data.setdefault("lens", lens_table(sensor))
     data.setdefault("imager", tables_of(sensor)["imager"])
-    return requirements_of(data, Places("", "requirements"))
+    return requirements_of(data)
 
 
 def lens_table(sensor: Sensor) -> dict[str, Any]:
@@ -61,7 +62,7 @@ def judge(wanted: dict[str, Any], sensor: Sensor) -> tuple[tuple[Judged, ...], s
         made = judged(requirements, sensor, PlacedMirror(sensor.mirror, sensor.mirror_distance_mm))
         rows = assess(requirements, _choice(requirements, sensor), made, SEARCHED)
     except OmnimirrorError as e:
-        return (), str(e).removeprefix("requirements: ")
+        return (), str(e)
     asked = {*wanted.get("mirror", {}), *wanted.get("lens", {})}
     shown = [row for row in rows if row.name not in OWN or row.name in asked]
     first = len(shown) - len(requirements.limits)

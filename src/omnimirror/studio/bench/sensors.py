@@ -19,7 +19,7 @@ from ...lenses import Orthographic, Perspective
 from ...mirrors import MIRRORS, EvenPolynomial, Mirror, SampledProfile, SlopeSpline, TabulatedMapping
 from ...mirrors.generated.base import Mapped
 from ...sensor import Sensor
-from ...specs import Places, sensor_of, tables_of
+from ...specs import EntryError, NoFile, sensor_of, tables_of
 from .messages import BenchSensor, Change, Trouble, distance_of
 
 NODES = 25  # of a profile, a spline or a table taken from another mirror
@@ -33,19 +33,8 @@ NAMED = re.compile(r"(\w+)(?:\[\d+\])? (?:=|has) ")
 """The entry that an error names first."""
 
 
-class EntryError(SpecError):
-    """An error about one entry of the bench's form."""
-
-    def __init__(self, path: tuple[str, ...], sentence: str) -> None:
-        super().__init__(sentence)
-        self.path = path
-
-
-class Form(Places):
-    """Finds no lines, for there is no file, but says which entry an error is about."""
-
-    def __init__(self) -> None:
-        super().__init__("", "design")
+class Form(NoFile):
+    """Says which entry of the bench's form an error is about, also where only its sentence names it."""
 
     def error(self, path: tuple[str, ...], message: str) -> SpecError:
         named = NAMED.search(message)

@@ -166,7 +166,7 @@ def _optimised(console: Console, wanted: Requirements, options: dict[str, Any]) 
                 bar.update(task, completed=i * starts + p.run, description=f"{wanted.mirror.optimise} {p.value:.5g}")
 
             search = SearchOptions(starts, options["seed"], options["resume"], told, **_as_paper(options))
-            table = wanted.mirror.model_copy(update={"shape": f"{shape}:{count}"})
+            table = replace(wanted.mirror, shape=f"{shape}:{count}")
             designs[count] = design_sensor(
                 replace(wanted, mirror=table), lambda words: bar.update(task, description=words), search
             )

@@ -1,0 +1,171 @@
+"""What the tables of requirements cannot see by themselves: entries that do not fit each other.
+
+Each check raises :class:`~omnimirror.specs.EntryError`, which holds the path of the entry: a file adds its line.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING
+
+from ...batch.bases import FreeForm
+from ...specs import EntryError, NoFile, did_you_mean
+from ..construct.families import FAMILIES
+from ..construct.fits import FitForm
+from ..construct.mappings import MAPPINGS, check_entries
+from .merits import MERITS
+from .ranges import ends
+
+if TYPE_CHECKING:
+    from .quantities import Limit
+    from .requirements import FieldRequirements, LensRequirements, MirrorRequirements, Requirements
+
+WAYS = ("mapping", "family", "optimise")
+"""Entries of ``[mirror]`` that say how it is made; it has one of them."""
+OF_MAPPINGS = ("plane_distance_mm", "cylinder_radius_mm", "omega_deg", "height")
+"""Entries of ``[mirror]`` that some mappings need."""
+OF_CONIC = ("hyperboloid", "ellipsoid")
+NOT_OF_FREE_FORM = ("fit", "conic", *OF_MAPPINGS)
+WIDEST_CAMERA = 5.0  # times the rim radius
+
+
+def check_consistency(wanted: Requirements) -> None:
+    """Refuse requirements whose entries do not fit each other.
+
+    Raises
+    ------
+    EntryError
+        With the path of the entry, and a sentence that says what would be valid.
+    """
+    field, mirror, lens = wanted.field, wanted.mirror, wanted.lens
+    if field.omega_min_deg >= field.omega_max_deg:
+        raise EntryError(
+            ("field", "omega_min_deg"),
+            f"field.omega_min_deg = {field.omega_min_deg:g} is not below omega_max_deg = {field.omega_max_deg:g}",
+        )
+    _check_way(mirror)
+    _check_forms(mirror)
+    if mirror.mapping is not None:
+        _check_mapping(mirror.mapping, mirror, field)
+    _check_conic(mirror)
+    _check_lens(lens, field)
+    _check_camera(field, mirror)
+    _check_limits(wanted.limits, field)
+
+
+def _check_way(mirror: MirrorRequirements) -> None:
+    """One way to make the mirror, and one that is known."""
+    ways = [name for name in WAYS if getattr(mirror, name) is not None]
+    if len(ways) != 1:
+        said = f"both {' and '.join(ways)}" if ways else "neither mapping nor family nor optimise"
+        raise EntryError(("mirror",), f"mirror has {said}; give one of them")
+    (way,) = ways
+    value = getattr(mirror, way)
+    known = {"mapping": list(MAPPINGS), "family": [*FAMILIES, "polynomial:N"], "optimise": list(MERITS)}[way]
+    if value not in known and not (way == "family" and value.startswith("polynomial:")):
+        raise EntryError(
+            ("mirror", way),
+            f"mirror.{way} = {value!r} is not known{did_you_mean(value, known)}; valid are {', '.join(known)}",
+        )
+
+
+def _check_forms(mirror: MirrorRequirements) -> None:
+    """What is fitted or optimised, and what belongs to an optimised mirror alone."""
+    for name in ("fit", "family"):
+        text = getattr(mirror, name)
+        if text is not None and (name == "fit" or ":" in text):
+            NoFile().wrap(("mirror", name), partial(FitForm.parse, text))
+    if mirror.optimise is None:
+        if mirror.shape is not None:
+            raise EntryError(("mirror", "shape"), "mirror.shape belongs to an optimised mirror; give optimise too")
+        return
+    for name in NOT_OF_FREE_FORM:
+        if getattr(mirror, name) is not None:
+            raise EntryError(("mirror", name), f"mirror.{name} does not apply to an optimised mirror")
+    if mirror.apex == "pointed":
+        raise EntryError(("mirror", "apex"), "an optimised mirror has a smooth apex")
+    if mirror.shape is not None:
+        NoFile().wrap(("mirror", "shape"), partial(FreeForm.parse, mirror.shape))
+
+
+def _check_mapping(mapping: str, mirror: MirrorRequirements, field: FieldRequirements) -> None:
+    """What a mapping needs besides field and rim: all of it, nothing else, and each number within its range."""
+    parameters = MAPPINGS[mapping].PARAMETERS
+    given = {name: value for name in OF_MAPPINGS if (value := getattr(mirror, name)) is not None}
+    names = [*given, "omega_min_deg"] if mirror.is_pointed and field.omega_min_deg > 0 else [*given]
+    wrong = next((name for name in given if name not in parameters), "mapping")
+    NoFile().wrap(("mirror", wrong), lambda: check_entries(mapping, names))
+    for name, value in given.items():
+        NoFile().wrap(("mirror", name), partial(parameters[name].check, name, value))
+    radius, rim = mirror.cylinder_radius_mm, ends(mirror.rim_radius_mm)[0]
+    if radius is not None and radius <= rim:
+        raise EntryError(
+            ("mirror", "cylinder_radius_mm"),
+            f"cylinder_radius_mm = {radius:g} does not clear the mirror; it is valid above rim_radius_mm = {rim:g}",
+        )
+
+
+def _check_conic(mirror: MirrorRequirements) -> None:
+    """A conic constant where nothing is left for it to choose, and entries of mappings beside a family."""
+    if mirror.optimise is not None:
+        return
+    way = f"the {mirror.mapping} mapping" if mirror.mapping else f"the family {mirror.family}"
+    if mirror.conic is not None and mirror.family not in OF_CONIC:
+        belongs = " and ".join(OF_CONIC)
+        raise EntryError(("mirror", "conic"), f"mirror.conic does not apply to {way}; it belongs to {belongs}")
+    if mirror.family is not None:
+        for name in OF_MAPPINGS:
+            if getattr(mirror, name) is not None:
+                raise EntryError(("mirror", name), f"mirror.{name} does not apply to {way}; it belongs to a mapping")
+
+
+def _check_camera(field: FieldRequirements, mirror: MirrorRequirements) -> None:
+    """A camera that is no part of such a sensor."""
+    radius, most = field.camera_radius_mm, WIDEST_CAMERA * ends(mirror.rim_radius_mm)[1]
+    if radius is not None and radius > most:
+        raise EntryError(
+            ("field", "camera_radius_mm"),
+            f"field.camera_radius_mm = {radius:g} is more than {WIDEST_CAMERA:g} times the rim radius of the mirror; "
+            f"it is valid up to {most:g}",
+        )
+
+
+def _check_lens(lens: LensRequirements, field: FieldRequirements) -> None:
+    if lens.is_telecentric:
+        for name in ("focal_length_mm", "theta_max_deg"):
+            if getattr(lens, name) is not None:
+                raise EntryError(("lens", name), f"lens.{name} does not apply to an orthographic lens")
+        if field.camera_radius_mm is not None:
+            raise EntryError(
+                ("field", "camera_radius_mm"),
+                "field.camera_radius_mm does not apply to an orthographic lens, which may stand anywhere; "
+                "give omega_min_deg",
+            )
+        return
+    if lens.focal_length_mm is None and lens.theta_max_deg is None:
+        raise EntryError(
+            ("lens",), "lens has neither focal_length_mm nor theta_max_deg; give one of them, a number or a range"
+        )
+    if lens.focus_mm is not None:
+        least = 0.0 if lens.focal_length_mm is None else ends(lens.focal_length_mm)[0]
+        low, high = ends(lens.focus_mm)
+        if low <= 0 or high <= least:
+            shown = f"{low:g}" if low == high else f"[{low:g}, {high:g}]"
+            raise EntryError(
+                ("lens", "focus_mm"),
+                f"lens.focus_mm = {shown} is nearer than the focal length; it is valid above {least:g}",
+            )
+
+
+def _check_limits(limits: tuple[Limit, ...], field: FieldRequirements) -> None:
+    """Limits of parts that are none of the field's, and of which one cannot be kept if another is."""
+    for i, limit in enumerate(limits):
+        if limit.omega_deg is not None and limit.omega_deg[1] > field.omega_max_deg:
+            raise EntryError(
+                (f"limit.{i}", "omega_deg"),
+                f"limit.omega_deg = {list(limit.omega_deg)} is no part of the field; it needs FROM up to TO, up to "
+                f"{field.omega_max_deg:g}",
+            )
+        for j, other in enumerate(limits[:i]):
+            if said := limit.contradicts(other):
+                raise EntryError((f"limit.{i}",), f"limit {i + 1} contradicts limit {j + 1}: {said}")

@@ -1,0 +1,56 @@
+"""Numbers that may be ranges: between the two ends of one the design is free."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from pydantic import PlainValidator
+from pydantic_core import PydanticCustomError
+
+from ...arguments import numbers, shown
+from ...errors import InvalidParameter
+
+Range = float | tuple[float, float]
+"""A number, or (low, high) to choose from."""
+
+
+def ends(value: Range) -> tuple[float, float]:
+    """Low and high end of a range; a number is both.
+
+    >>> ends(12.0), ends((8, 12))
+    ((12.0, 12.0), (8.0, 12.0))
+    """
+    pair = np.atleast_1d(numbers("a range", value))
+    if pair.shape not in ((1,), (2,)):
+        raise InvalidParameter(f"{shown(value)} is not a number, nor a range (low, high)")
+    return float(pair[0]), float(pair[-1])
+
+
+def ends_or_none(value: Range | None) -> tuple[float, float] | None:
+    """The ends of what may be absent."""
+    return None if value is None else ends(value)
+
+
+def is_free(value: Range | None) -> bool:
+    """Whether it leaves a choice: a range with two ends.
+
+    >>> is_free(12.0), is_free((8.0, 12.0)), is_free(None)
+    (False, True, False)
+    """
+    return isinstance(value, tuple) and value[0] < value[1]
+
+
+def between(low: float, high: float) -> PlainValidator:
+    """An entry that takes a number or a pair that grows, between low and high; a pair of equals is a number."""
+
+    def check(value: Any) -> Range:
+        try:
+            first, last = np.broadcast_to(numbers("a range", value), 2).tolist()
+        except ValueError:  # no numbers, or more than two
+            first, last = np.nan, np.nan
+        if not low <= first <= last <= high:
+            raise PydanticCustomError("range", f"it should be a number from {low:g} to {high:g}, or such a [LOW, HIGH]")
+        return first if first == last else (first, last)
+
+    return PlainValidator(check)

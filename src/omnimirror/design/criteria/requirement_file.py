@@ -1,0 +1,151 @@
+"""The requirement file: requirements as TOML, checked entry by entry like a sensor file."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, Any
+
+import tomli_w
+from pydantic import Field
+
+from ...arguments import file_name, instance
+from ...errors import SpecError
+from ...files import parse_toml, read_text
+from ...frames import Mount
+from ...imagers import Imager
+from ...mirrors.measured.columns import MAPPING_FILE
+from ...specs import NoFile, Places, StandTable, Table, check_entries, table_model, validated
+from .quantities import QUANTITIES, Limit
+from .requirements import PAPER_IMAGER, FieldRequirements, LensRequirements, MirrorRequirements, Requirements
+
+FORMAT = 1
+
+Angle = Annotated[float, Field(ge=0, le=179)]
+
+
+class LimitTable(Table):
+    """A quantity of the evaluation and what it may be, over the whole field or a part of it."""
+
+    quantity: str
+    at_most: float | None = None
+    at_least: float | None = None
+    omega_deg: Annotated[list[Angle], Field(min_length=2, max_length=2, description="[FROM, TO], deg")] | None = None
+
+
+def load_requirements(
+    path: str | Path, changes: dict[str, Any] | None = None, limits: Sequence[dict[str, Any]] = ()
+) -> Requirements:
+    """Read a requirement file.
+
+    Parameters
+    ----------
+    changes
+        Entries that take the place of the file's: ``{"lens": {"f_number": 5.6}}``; None takes one away.
+    limits
+        Tables of more limits: ``{"quantity": "blur_px", "at_most": 4.0}``.
+
+    Raises
+    ------
+    SpecError
+        No such file; not TOML; an unknown, missing or wrong entry. The message gives the file, the line and
+        what would be valid.
+    """
+    path = file_name("path", path)
+    text = read_text(path, "requirement file", SpecError, f"there is no requirement file {str(path)!r}")
+    return parse_requirements(text, str(path), path.parent, changes, limits)
+
+
+def parse_requirements(
+    text: str,
+    source: str = "requirements",
+    folder: Path | None = None,
+    changes: dict[str, Any] | None = None,
+    limits: Sequence[dict[str, Any]] = (),
+) -> Requirements:
+    """Requirements from the text of a file; ``folder`` is where files named in it are looked for, if it may name any.
+
+    >>> wanted = parse_requirements('''
+    ... field.omega_max_deg = 135
+    ... [mirror]
+    ... mapping = "equidistant"
+    ... rim_radius_mm = 43.9
+    ... [lens]
+    ... theta_max_deg = [10, 14]
+    ... ''')
+    >>> wanted.lens.theta_max_deg, wanted.lens.f_number
+    ((10.0, 14.0), 4.0)
+    """
+    text = text.removeprefix("\ufeff")  # a byte order mark, as some editors write
+    where = Places(text, source)
+    data = parse_toml(text, source)
+    for section, entries in (changes or {}).items():
+        if isinstance(entries, dict) and isinstance(data.get(section, {}), dict):
+            merged = {**data.get(section, {}), **entries}
+            entries = {name: value for name, value in merged.items() if value is not None}
+        data[section] = entries
+    if limits and isinstance(data.get("limit", []), list):
+        data["limit"] = [*data.get("limit", []), *limits]
+    return requirements_of(data, where, folder)
+
+
+def format_requirements(requirements: Requirements) -> str:
+    """The text of the requirements' file; reading it back gives equal requirements.
+
+    >>> import omnimirror as om
+    >>> wanted = om.Requirements(
+    ...     field=om.FieldRequirements(omega_max_deg=120, object_distance_mm=(500, float("inf"))),
+    ...     mirror=om.MirrorRequirements(family="sphere", rim_radius_mm=40),
+    ...     lens=om.LensRequirements(focal_length_mm=12),
+    ... )
+    >>> parse_requirements(format_requirements(wanted)) == wanted
+    True
+    """
+    instance("requirements", requirements, Requirements, "requirements")
+    return tomli_w.dumps({"format": FORMAT, **requirements.tables()})
+
+
+def requirements_of(data: dict[str, Any], where: Places | None = None, folder: Path | None = None) -> Requirements:
+    """Requirements from the tables of a file; ``where`` gives errors their place."""
+    where = where or NoFile()
+    _check_tables(data, where)
+    mirror = where.wrap(("mirror", MAPPING_FILE.entry), lambda: MAPPING_FILE.followed(data["mirror"], folder))
+    parts: dict[str, Any] = {
+        "field": FieldRequirements.read(data["field"], where),
+        "mirror": MirrorRequirements.read(mirror, where),
+        "lens": LensRequirements.read(data.get("lens", {}), where),
+        "imager": _imager(data.get("imager", asdict(PAPER_IMAGER)), where),
+        "mount": Mount(**validated(StandTable, "mount", data.get("mount", {}), where).model_dump()),
+        "limits": tuple(_limit(i, table, where) for i, table in enumerate(data.get("limit", []))),
+    }
+    names = {name: data[name] for name in ("name", "notes") if name in data}
+    return where.wrap((), lambda: Requirements(**parts, **names))
+
+
+def _check_tables(data: dict[str, Any], where: Places) -> None:
+    known: dict[str, type] = {
+        "format": int, "name": str, "notes": str, "field": dict, "mirror": dict, "lens": dict, "imager": dict,
+        "mount": dict, "limit": list,
+    }  # fmt: skip
+    check_entries(data, known, FORMAT, where)
+    for key in ("field", "mirror"):
+        if key not in data:
+            raise where.error((), f"there is no [{key}] table; a requirement file needs [field] and [mirror]")
+
+
+def _imager(table: dict[str, Any], where: Places) -> Imager:
+    entries = validated(table_model(Imager), "imager", table, where).model_dump()
+    if entries["centre_px"] is not None:
+        entries["centre_px"] = tuple(entries["centre_px"])
+    return where.wrap(("imager",), lambda: Imager(**entries))
+
+
+def _limit(index: int, table: dict[str, Any], where: Places) -> Limit:
+    section = f"limit.{index}"
+    entries = validated(LimitTable, section, table, where)
+    place = (section, "quantity") if entries.quantity not in QUANTITIES else (section,)
+    part = None if entries.omega_deg is None else (entries.omega_deg[0], entries.omega_deg[1])
+    if part is not None and part[0] > part[1]:
+        place = (section, "omega_deg")
+    return where.wrap(place, lambda: Limit(entries.quantity, entries.at_most, entries.at_least, part))
