@@ -8,6 +8,9 @@ import pytest
 from omnimirror import quantities
 from omnimirror.analysis.comparison import COMPARED
 from omnimirror.analysis.evaluation import Evaluation
+from omnimirror.analysis.meridional.focus_merits import FOCUS_MERITS
+from omnimirror.design.criteria.limits import LIMITABLE
+from omnimirror.design.criteria.merits import DESIGN_MERITS, values_of_evaluation
 from omnimirror.quantities import QUANTITIES
 from tests.conftest import sensor_of
 
@@ -43,3 +46,27 @@ def test_the_columns_are_those_of_an_evaluation():
 
 def test_every_table_takes_its_words_from_here():
     assert set(COMPARED) <= set(QUANTITIES)
+    assert set(LIMITABLE) | set(FOCUS_MERITS) | set(DESIGN_MERITS) <= set(QUANTITIES)
+    assert all(limitable.quantity is QUANTITIES[name] for name, limitable in LIMITABLE.items())
+
+
+def test_one_thing_has_one_value_wherever_it_is_asked_for():
+    """A focus merit, a design merit, a row of the comparison and a limit of the same name are the same number."""
+    import omnimirror as om
+
+    sensor = om.load_sensor("paper-equidistant")
+    angles = np.linspace(*sensor.field_deg, 721)
+    result = om.evaluate(sensor, angles)
+    table, field = om.compare([sensor]), values_of_evaluation(result)
+    shared = set(DESIGN_MERITS) & set(COMPARED)
+    assert len(shared) >= 5
+    for name in shared:
+        assert DESIGN_MERITS[name].value(field) == pytest.approx(table[name].values[0], rel=1e-9), name
+    for name in set(LIMITABLE) & set(COMPARED):
+        low, high = (LIMITABLE[name].extreme(field, largest)[0] for largest in (False, True))
+        assert low == pytest.approx(high), name  # one number of a whole field
+        assert low == pytest.approx(table[name].values[0], rel=1e-9), name
+    for name in set(FOCUS_MERITS) & set(DESIGN_MERITS) - {"mean_floored_area_deg2"}:
+        best = om.best_focus(sensor, name, angles)
+        there = om.evaluate(sensor, angles, focus_mm=best.focus_mm)
+        assert DESIGN_MERITS[name].value(values_of_evaluation(there)) == pytest.approx(best.value, rel=1e-9), name

@@ -53,7 +53,7 @@ def test_every_column_is_that_of_the_evaluation(name, mode, radius, distance):
             np.testing.assert_allclose(
                 getattr(batch, column)[i], expected, rtol=1e-10, atol=1e-12 * np.abs(expected).max(), err_msg=column
             )
-        assert batch.worst_area_deg2[i] == pytest.approx(alone.floored_area_deg2.max(), rel=1e-10)
+        assert batch.worst_floored_area_deg2[i] == pytest.approx(alone.floored_area_deg2.max(), rel=1e-10)
 
 
 @pytest.mark.parametrize("radius", [None, 500.0])
@@ -72,7 +72,7 @@ def test_every_column_is_that_of_the_evaluation_under_a_telecentric_lens(name, r
                 getattr(batch, column)[i], expected, rtol=1e-10, atol=1e-12 * np.abs(expected).max(), err_msg=column
             )
         best = om.best_focus(sensor, omega_deg=batch.omega_deg[i], object_distance_mm=400.0, image_radius_px=radius)
-        assert batch.worst_area_deg2[i] <= best.value * (1 + 1e-9)
+        assert batch.worst_floored_area_deg2[i] <= best.value * (1 + 1e-9)
 
 
 def test_each_field_angle_can_have_its_own_object_distance():
@@ -87,7 +87,7 @@ def test_each_field_angle_can_have_its_own_object_distance():
         blur = np.concatenate([near.blur_t_px, far.blur_t_px])
         np.testing.assert_allclose(batch.blur_t_px[i], blur, rtol=1e-9, atol=1e-10)
         worst = max(near.floored_area_deg2.max(), far.floored_area_deg2.max())
-        assert batch.worst_area_deg2[i] == pytest.approx(worst, rel=1e-10)
+        assert batch.worst_floored_area_deg2[i] == pytest.approx(worst, rel=1e-10)
     with pytest.raises(InvalidParameter, match="60 field angles"):
         evaluate_designs(designs, u)
 
@@ -104,9 +104,9 @@ def test_the_focus_is_the_best_focus(mode, radius, seed, name):
         return  # no mirror that anyone would use
     sensor = designs.sensor(0, IMAGER, batch.focus_mm[0])
     angles = np.minimum(batch.omega_deg[0], sensor.field_deg[1])
-    best = om.best_focus(sensor, "floored-area", angles, mode=mode, image_radius_px=radius)
-    assert batch.worst_area_deg2[0] <= best.value * (1 + 1e-9)
-    if batch.worst_area_deg2[0] >= best.value * (1 - 1e-9):  # else the golden sections had the wrong valley
+    best = om.best_focus(sensor, "worst_floored_area_deg2", angles, mode=mode, image_radius_px=radius)
+    assert batch.worst_floored_area_deg2[0] <= best.value * (1 + 1e-9)
+    if batch.worst_floored_area_deg2[0] >= best.value * (1 - 1e-9):  # else the golden sections had the wrong valley
         assert batch.focus_mm[0] == pytest.approx(best.focus_mm, rel=1e-5)
 
 
@@ -121,7 +121,7 @@ def test_the_compiled_evaluator_gives_the_numbers_of_numpy(name, mode, radius, m
     np.testing.assert_array_equal(plain.valid, fast.valid)
     ok = plain.valid
     np.testing.assert_allclose(fast.focus_mm[ok], plain.focus_mm[ok], rtol=1e-11)
-    np.testing.assert_allclose(fast.worst_area_deg2[ok], plain.worst_area_deg2[ok], rtol=1e-10)
+    np.testing.assert_allclose(fast.worst_floored_area_deg2[ok], plain.worst_floored_area_deg2[ok], rtol=1e-10)
     for column, a, b in zip(COLUMNS, fast.columns, plain.columns, strict=True):
         if column.startswith("distance"):  # may pass through infinity
             a, b = 1 / a, 1 / b
@@ -146,8 +146,8 @@ def test_designs_that_cannot_be_used_are_marked():
 def test_angles_below_the_least_do_not_count_for_the_focus():
     near, far = (evaluate_designs(sphere_like("slope-spline", 20, 3, least_omega_deg=least)) for least in (0.0, 60.0))
     both = near.valid & far.valid
-    assert (far.worst_area_deg2[both] <= near.worst_area_deg2[both] * (1 + 1e-12)).all()
-    assert (far.worst_area_deg2[both] < 0.999 * near.worst_area_deg2[both]).any()
+    assert (far.worst_floored_area_deg2[both] <= near.worst_floored_area_deg2[both] * (1 + 1e-12)).all()
+    assert (far.worst_floored_area_deg2[both] < 0.999 * near.worst_floored_area_deg2[both]).any()
 
 
 def test_what_cannot_be_evaluated_is_refused_with_what_would_be_valid():

@@ -22,7 +22,7 @@ from omnimirror.studio.app import create_app
 LOCAL = "http://127.0.0.1"
 WANTED = {
     "field": {"omega_max_deg": 130.0, "object_distance_mm": [600.0, 1e12]},
-    "limit": [{"quantity": "blur_px", "at_most": 9.0}, {"quantity": "resolution_px_per_deg", "at_least": 3.0}],
+    "limit": [{"quantity": "total_blur_px", "at_most": 9.0}, {"quantity": "resolution_px_per_deg", "at_least": 3.0}],
 }
 
 
@@ -146,7 +146,7 @@ def test_requirements_are_judged_by_their_worst_angle_and_distance(client):
     worst = max(np.hypot([e.blur_t_px, e.blur_s_px], e.airy_px).max() for e in (
         om.evaluate(sensor, omega, object_distance_mm=d) for d in (600.0, np.inf)
     ))  # fmt: skip
-    blur = rows["blur_px"]
+    blur = rows["total_blur_px"]
     assert blur["reached"] == pytest.approx(worst, rel=1e-4)
     assert blur["is_met"] == (worst <= 9.0)
     assert blur["margin"] == pytest.approx(9.0 - worst, abs=1e-3)
@@ -185,9 +185,9 @@ def test_another_lens_keeps_the_size_of_the_image(name, client):
 
 def test_the_best_focus_is_that_of_the_evaluation(client):
     sensor = om.load_sensor("paper-spherical")
-    asked = {"what": "focus", "to": "worst-px", "object_distance_mm": 300.0}
+    asked = {"what": "focus", "to": "worst_blur_px", "object_distance_mm": 300.0}
     made = post(client, "change", tables=tables_of(sensor), **asked).json()
-    best = om.best_focus(sensor, "worst-px", object_distance_mm=300.0).focus_mm
+    best = om.best_focus(sensor, "worst_blur_px", object_distance_mm=300.0).focus_mm
     assert made["tables"]["lens"]["focus_distance_mm"] == pytest.approx(best, abs=1e-3)
     refused = post(client, "change", tables=tables_of(sensor), what="mirror", to="spoon", object_distance_mm=None)
     assert refused.status_code == 400
@@ -298,8 +298,8 @@ def test_the_preview_is_the_simulated_picture_made_small(client):
 
 def task(**changes) -> dict:
     sensor = om.load_sensor("paper-spherical")
-    plain = {"what": "optimise", "tables": tables_of(sensor), "wanted": None, "merit": "blur", "terms": 3, "starts": 1}
-    return {**plain, "family": "even-polynomial", "object_distance_mm": None, **changes}
+    plain = {"what": "optimise", "tables": tables_of(sensor), "wanted": None, "merit": "worst_blur_deg"}
+    return {**plain, "terms": 3, "starts": 1, "family": "even-polynomial", "object_distance_mm": None, **changes}
 
 
 def test_an_optimised_mirror_comes_with_news_on_the_way(client):
@@ -379,7 +379,8 @@ def test_a_misaligned_sensor_is_drawn_in_its_place_and_said_to_be_out_of_it(clie
     assert there["remark"] is None
     np.testing.assert_array_equal(blocks["curves"]["h_px"], same["curves"]["h_px"])
     assert "place" in header["facts"]["not_optimised"]
-    focused = post(client, "change", tables=tables_of(sensor), what="focus", to="floored-area", object_distance_mm=None)
+    change = {"what": "focus", "to": "worst_floored_area_deg2", "object_distance_mm": None}
+    focused = post(client, "change", tables=tables_of(sensor), **change)
     assert parse_sensor(toml(focused.json()["tables"])).mirror_pose == sensor.mirror_pose
     for kind in ("table", "report"):
         refused = post(client, "file", tables=tables_of(sensor), kind=kind, object_distance_mm=None)

@@ -86,7 +86,7 @@ def answers(client: TestClient, tables: dict) -> list[str]:
         plain = {"slot": 0, "number": 1, "follows": False, "section": False, "squares": False}
         socket.send_json({**plain, **on, **distance, "wanted": wanted or None})
         said.append(str(socket.receive()))
-    search = {"what": "design", "merit": "blur", "family": "slope-spline", "terms": 1, "starts": 1}
+    search = {"what": "design", "merit": "worst_blur_deg", "family": "slope-spline", "terms": 1, "starts": 1}
     perform(Task(**search, **on, **distance, wanted=wanted or None), lambda news: said.append(news.sentence))
     return said
 

@@ -8,12 +8,12 @@ from .aperture.transfer import Mtf, mtf
 from .comparison import Comparison, compare
 from .evaluation import COLUMNS, Evaluation, evaluate, field_angles
 from .meridional.focus import BestFocus, best_focus
-from .meridional.focus_merits import MERITS
+from .meridional.focus_merits import FOCUS_MERITS
 from .meridional.viewpoints import SingleViewpoint, best_viewpoint
 
 __all__ = [
     "COLUMNS",
-    "MERITS",
+    "FOCUS_MERITS",
     "BestFocus",
     "BlurCheck",
     "Comparison",

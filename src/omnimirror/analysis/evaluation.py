@@ -173,7 +173,7 @@ def evaluate(
     pixels: ArrayLike | None = None,
     object_distance_mm: ArrayLike = np.inf,
     focus_mm: float | Literal["auto"] | None = None,
-    merit: str = "floored-area",
+    merit: str = "worst_floored_area_deg2",
     mode: BlurMode = "exact",
     wavelength_nm: float = 550.0,
     image_radius_px: float | None = None,

@@ -145,7 +145,7 @@ class BatchEvaluation:
     ----------
     columns : (10, n, k)
         In the order of :data:`COLUMNS`; also to be had by their names.
-    focus_mm, worst_area_deg2 : (n,)
+    focus_mm, worst_floored_area_deg2 : (n,)
         Focus with the least worst floored blur area, and that area.
     valid : (n,)
         Whether a design has a surface that the lens sees from in front, and a mapping that is one to one.
@@ -154,7 +154,7 @@ class BatchEvaluation:
 
     columns: Array
     focus_mm: Array
-    worst_area_deg2: Array
+    worst_floored_area_deg2: Array
     valid: NDArray[np.bool_]
 
     def __getattr__(self, name: str) -> Any:
@@ -202,7 +202,7 @@ def evaluate_designs(designs: Designs, angles: int | ArrayLike = 100, native: bo
     blocks = [_block(designs.part(slice(i, i + BLOCK)), u) for i in range(0, len(designs), BLOCK)]
     return BatchEvaluation(
         np.concatenate([b.columns for b in blocks], axis=1),
-        *(np.concatenate([getattr(b, n) for b in blocks]) for n in ("focus_mm", "worst_area_deg2", "valid")),
+        *(np.concatenate([getattr(b, n) for b in blocks]) for n in ("focus_mm", "worst_floored_area_deg2", "valid")),
     )
 
 

@@ -42,7 +42,7 @@ class Combination:
         Thickness of the extension rings that the focus needs; 0 for none.
     sensor
         The sensor with the best F-number and focus; None where the kind of lens is wrong.
-    worst_area_deg2
+    worst_floored_area_deg2
         Its worst floored blur area, by which usable combinations are ranked.
     """
 
@@ -53,7 +53,7 @@ class Combination:
     rim_radius_px: float
     ring_mm: float
     sensor: Sensor | None
-    worst_area_deg2: float
+    worst_floored_area_deg2: float
 
     @property
     def fits(self) -> bool:
@@ -85,7 +85,7 @@ def choose_parts(
         for lens in catalogue.lenses
         for imager in catalogue.imagers
     ]
-    return sorted(found, key=lambda c: (not c.fits, len(c.reasons), c.worst_area_deg2))
+    return sorted(found, key=lambda c: (not c.fits, len(c.reasons), c.worst_floored_area_deg2))
 
 
 def _combine(

@@ -4,7 +4,7 @@ from .construct.families import FAMILIES
 from .construct.fits import Fit, FitForm, fit_mirror
 from .construct.mappings import MAPPINGS, generated_mirror
 from .construct.rim import PlacedMirror, Rim
-from .criteria.quantities import Limit
+from .criteria.limits import Limit
 from .criteria.requirement_file import format_requirements, load_requirements, parse_requirements
 from .criteria.requirements import FieldRequirements, LensRequirements, MirrorRequirements, Requirements
 from .optimise.front import Front, load_front, pareto

@@ -14,7 +14,7 @@ from .forms import nodes
 
 Array = NDArray[np.float64]
 Merit = Literal["least-squares", "least-departure"]
-MERITS = ("least-squares", "least-departure")
+FITS = ("least-squares", "least-departure")
 
 
 @dataclass(frozen=True)
@@ -65,8 +65,8 @@ def best_sphere(mirror: Mirror, merit: Merit = "least-squares") -> BestSphere:
     >>> round(sphere.radius_mm, 2), round(sphere.peak_to_valley_um, 1)
     (101.0, 5.0)
     """
-    if merit not in MERITS:
-        raise InvalidParameter(f"merit = {merit!r} is not one of {', '.join(MERITS)}")
+    if merit not in FITS:
+        raise InvalidParameter(f"merit = {merit!r} is not one of {', '.join(FITS)}")
     x = nodes(mirror, 2001)
     z, slope, _ = mirror.profile(x)
     if not np.any(z):

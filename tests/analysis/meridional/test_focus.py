@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.analysis import MERITS
+from omnimirror.analysis import FOCUS_MERITS
 from omnimirror.analysis.meridional.focus import FocusStudy, focus_function
 from omnimirror.analysis.meridional.virtual_images import virtual_images
 from omnimirror.components.apertures import best_apertures
@@ -62,11 +62,11 @@ def test_exact_blur_on_axis_of_the_sphere():
 @pytest.mark.parametrize(
     ("sensor", "merit", "focus", "value"),
     [
-        (SPH, "product", 212.4, 0.0751),
-        (EDI, "product", 206.0, 0.566),
-        (SVP, "product", 172.5, 1.52),
-        (SPH, "floored-area", 215.5, 0.704),
-        (SPH, "worst-deg", 219.5, 0.596),
+        (SPH, "worst_blur_area_deg2", 212.4, 0.0751),
+        (EDI, "worst_blur_area_deg2", 206.0, 0.566),
+        (SVP, "worst_blur_area_deg2", 172.5, 1.52),
+        (SPH, "worst_floored_area_deg2", 215.5, 0.704),
+        (SPH, "worst_blur_deg", 219.5, 0.596),
     ],
 )
 def test_best_focus_of_the_papers_mirrors(sensor, merit, focus, value):
@@ -76,7 +76,7 @@ def test_best_focus_of_the_papers_mirrors(sensor, merit, focus, value):
 
 
 def test_the_papers_focus_of_svp_follows_from_its_outer_field():
-    best = om.best_focus(SVP, "product", np.linspace(82, 135, 1001), mode="paper", image_radius_px=500)
+    best = om.best_focus(SVP, "worst_blur_area_deg2", np.linspace(82, 135, 1001), mode="paper", image_radius_px=500)
     assert best.focus_mm == pytest.approx(189.7, abs=0.05)
 
 
@@ -103,15 +103,15 @@ def spacings(low, high):
 @pytest.mark.parametrize(("sensor", "focus", "value"), MEANS, ids=["SPH", "E-DI", "SVP"])
 def test_the_mean_is_that_over_solid_angle_however_the_angles_lie(sensor, focus, value):
     for name, omega, within in spacings(*sensor.field_deg):
-        best = om.best_focus(sensor, "mean-floored-area", omega)
+        best = om.best_focus(sensor, "mean_floored_area_deg2", omega)
         assert best.value == pytest.approx(value, rel=within), name
         assert best.focus_mm == pytest.approx(focus, abs=1e-4 if within < 1e-4 else 5e-3), name
-    assert om.best_focus(sensor, "mean-floored-area").value == pytest.approx(value, rel=1e-5)
+    assert om.best_focus(sensor, "mean_floored_area_deg2").value == pytest.approx(value, rel=1e-5)
 
 
 @pytest.mark.parametrize("mode", ["exact", "paper"])
 @pytest.mark.parametrize("radius", [None, 500.0])
-@pytest.mark.parametrize("merit", MERITS)
+@pytest.mark.parametrize("merit", FOCUS_MERITS)
 def test_what_is_searched_is_the_blur_of_the_evaluation(merit, mode, radius):
     """The merit as a sum of functions of the focus, and its derivative, against plain evaluations."""
     lens = replace(SPH.lens, k1=-0.4, k2=1.0)
@@ -120,11 +120,11 @@ def test_what_is_searched_is_the_blur_of_the_evaluation(merit, mode, radius):
         rays = sensor.meridian.trace(sensor.meridian.x_from_omega(np.radians(omega)))
         study = FocusStudy(sensor, rays, virtual_images(rays, 400.0), mode, radius, 550.0)
         middle, unit = (24.0, 3.0) if sensor.lens.TELECENTRIC else (1 / 215.0, 1e-4)
-        function = focus_function(study, MERITS[merit], middle, unit)
+        function = focus_function(study, FOCUS_MERITS[merit], middle, unit)
         u = np.array([-1.0, -0.3, 0.4, 1.0])
         found, slope, _ = function(u)
         focus = sensor.lens.focus_coordinate(middle + unit * u)
-        wanted = np.array([MERITS[merit].value(study.at(f)) for f in focus])
+        wanted = np.array([FOCUS_MERITS[merit].value(study.at(f)) for f in focus])
         np.testing.assert_allclose(found, wanted if merit.startswith("mean") else wanted**2, rtol=1e-10)
         h = 1e-6
         np.testing.assert_allclose(slope, (function(u + h)[0] - function(u - h)[0]) / (2 * h), rtol=1e-5)
@@ -133,7 +133,7 @@ def test_what_is_searched_is_the_blur_of_the_evaluation(merit, mode, radius):
 @pytest.mark.parametrize("mode", ["Exact", "rubbish", "", None])
 def test_a_mode_that_is_not_known_is_refused_everywhere(mode):
     for ask in (
-        lambda: om.best_focus(SPH, "worst-px", mode=mode),
+        lambda: om.best_focus(SPH, "worst_blur_px", mode=mode),
         lambda: om.evaluate(SPH, [0.0], mode=mode),
         lambda: LENS.blur(220.0, mode=mode),
         lambda: LENS.depth_of_field(0.0052, mode=mode),
@@ -157,7 +157,7 @@ def test_a_mode_that_is_not_known_is_refused_everywhere(mode):
         ({"omega_deg": [10**400]}, "omega_deg = .* cannot be read as numbers"),
         ({"object_distance_mm": [100.0, 200.0]}, "object_distance_mm has 2 values for 1001 field angles"),
         ({"object_distance_mm": -1.0}, "object_distance_mm = -1 is not a distance"),
-        ({"merit": "sharpest"}, "merit = 'sharpest' is not known; valid are floored-area"),
+        ({"merit": "sharpest"}, "merit = 'sharpest' is not known; valid are worst_floored_area_deg2"),
     ],
 )
 def test_what_cannot_be_focused_by_is_refused(kwargs, message):
@@ -166,7 +166,7 @@ def test_what_cannot_be_focused_by_is_refused(kwargs, message):
 
 
 def test_one_angle_is_focused_between_its_images():
-    best, row = om.best_focus(SPH, "worst-px", 90), om.evaluate(SPH, [90.0]).columns()
+    best, row = om.best_focus(SPH, "worst_blur_px", 90), om.evaluate(SPH, [90.0]).columns()
     near, far = sorted((row["distance_t_mm"][0], row["distance_s_mm"][0]))
     assert near < best.focus_mm < far
     assert 1 / best.focus_mm == pytest.approx((1 / near + 1 / far) / 2, rel=1e-9)  # blur is linear in 1/L
@@ -175,10 +175,10 @@ def test_one_angle_is_focused_between_its_images():
 def test_the_tip_of_a_cone_has_no_best_focus():
     cone = sensor_of("cone")
     with pytest.raises(InvalidParameter, match="has no finite blur at any focus"):
-        om.best_focus(cone, "worst-deg", [cone.field_deg[0], cone.field_deg[1]])
+        om.best_focus(cone, "worst_blur_deg", [cone.field_deg[0], cone.field_deg[1]])
 
 
-@pytest.mark.parametrize("merit", MERITS)
+@pytest.mark.parametrize("merit", FOCUS_MERITS)
 def test_no_focus_on_a_fine_grid_on_a_fine_grid_is_better_than_the_best(merit, bundled):
     """The search against plain enumeration of evaluations."""
     best = om.best_focus(bundled, merit)
@@ -188,12 +188,12 @@ def test_no_focus_on_a_fine_grid_on_a_fine_grid_is_better_than_the_best(merit, b
     def value(focus):
         r = om.evaluate(bundled, angles, focus_mm=focus)
         return {
-            "floored-area": r.floored_area_deg2.max(),
-            "mean-floored-area": r.floored_area_deg2 @ shares,
-            "product": np.abs(r.blur_t_deg * r.blur_s_deg).max(),
-            "worst-px": max(np.abs(r.blur_t_px).max(), np.abs(r.blur_s_px).max()),
-            "worst-deg": max(np.abs(r.blur_t_deg).max(), np.abs(r.blur_s_deg).max()),
-            "rss-deg": np.hypot(r.blur_t_deg, r.blur_s_deg).max(),
+            "worst_floored_area_deg2": r.floored_area_deg2.max(),
+            "mean_floored_area_deg2": r.floored_area_deg2 @ shares,
+            "worst_blur_area_deg2": np.abs(r.blur_t_deg * r.blur_s_deg).max(),
+            "worst_blur_px": max(np.abs(r.blur_t_px).max(), np.abs(r.blur_s_px).max()),
+            "worst_blur_deg": max(np.abs(r.blur_t_deg).max(), np.abs(r.blur_s_deg).max()),
+            "worst_blur_rss_deg": np.hypot(r.blur_t_deg, r.blur_s_deg).max(),
         }[merit]
 
     # the mean over caps counts each angle for all of its surroundings, and so is right to second order only

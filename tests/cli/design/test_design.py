@@ -26,14 +26,14 @@ def test_the_common_case_by_flags_alone(tmp_path):
 def test_what_cannot_be_met_is_explained_and_the_exit_code_says_so(tmp_path):
     (tmp_path / "r.toml").write_text(
         'field.omega_max_deg = 135\nmirror = {family = "sphere", rim_radius_mm = 43.9}\n'
-        'lens.theta_max_deg = 12\n[[limit]]\nquantity = "blur_px"\nat_most = 4.5\n'
+        'lens.theta_max_deg = 12\n[[limit]]\nquantity = "total_blur_px"\nat_most = 4.5\n'
     )
     run = omnimirror("design", "r.toml", "-o", "s.toml", "--json", "t.json", cwd=tmp_path)
     assert run.returncode == 3
-    assert "Not everything can be met: blur_px." in run.stdout
+    assert "Not everything can be met: total_blur_px." in run.stdout
     assert "All is met if one of these alone gives:" in run.stdout
     conflict = json.loads((tmp_path / "t.json").read_text())["conflict"]
-    assert {"blur_px", "f_number"} <= {r["name"] for r in conflict["alone"] if r["needed"] is not None}
+    assert {"total_blur_px", "f_number"} <= {r["name"] for r in conflict["alone"] if r["needed"] is not None}
     assert om.load_sensor(tmp_path / "s.toml").mirror.KIND == "sphere"  # the best there is
     eased = omnimirror("design", "r.toml", "--f-number", 6, cwd=tmp_path)
     assert eased.returncode == 0, eased.stdout

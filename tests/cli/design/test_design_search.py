@@ -29,7 +29,7 @@ rim_radius_mm = 40
 [lens]
 theta_max_deg = 12
 [[limit]]
-quantity = "blur_px"
+quantity = "total_blur_px"
 at_most = 4.0
 """
 EXAMPLE = Path(__file__).parents[3] / "docs" / "parts.toml"
@@ -37,8 +37,8 @@ EXAMPLE = Path(__file__).parents[3] / "docs" / "parts.toml"
 
 def test_optimise_writes_a_sensor_and_shows_convergence(tmp_path):
     run = omnimirror(
-        "design", "--like", "paper-spherical", "--optimise", "blur", "--shape", "polynomial", "--terms", "3,4,5",
-        "--starts", 1, "--paper-mode", "--image-radius-px", 500, "-o", "best.toml", cwd=tmp_path,
+        "design", "--like", "paper-spherical", "--optimise", "worst_blur_deg", "--shape", "polynomial",
+        "--terms", "3,4,5", "--starts", 1, "--paper-mode", "--image-radius-px", 500, "-o", "best.toml", cwd=tmp_path,
     )  # fmt: skip
     assert run.returncode == 0, run.stderr
     values = [float(line.split()[-2]) for line in run.stdout.splitlines()[1:4]]
@@ -52,10 +52,11 @@ def test_optimise_writes_a_sensor_and_shows_convergence(tmp_path):
 
 def test_optimise_from_options_alone(tmp_path):
     run = omnimirror(
-        "design", "--optimise", "blur_area", "--omega-max-deg", 120, "--theta-max-deg", "8:12", "--rim-radius-mm", 30,
+        "design", "--optimise", "worst_floored_area_deg2", "--omega-max-deg", 120, "--theta-max-deg", "8:12",
+        "--rim-radius-mm", 30,
         "--focal-length-mm", 16, "--f-number", "2:16", "--width-px", 2048, "--height-px", 2048,
         "--pixel-pitch-um", 3.45,
-        "--terms", 5, "--at-least", "area_ratio=0.667", "--at-most", "blur_t_px=3@20:110", "--starts", 1,
+        "--terms", 5, "--at-least", "area_ratio=0.667", "--at-most", "total_blur_t_px=3@20:110", "--starts", 1,
         "--resume", "search.json", "-o", "best.toml", "--json", "best.json", cwd=tmp_path,
     )  # fmt: skip
     assert run.returncode == 0, run.stderr
@@ -68,29 +69,29 @@ def test_optimise_from_options_alone(tmp_path):
     blur = om.evaluate(sensor, np.linspace(20, 110, 901)).blur_t_px
     assert np.abs(blur).max() <= 3.0
     rows = json.loads((tmp_path / "best.json").read_text())["requirements"]
-    assert [r["name"] for r in rows][-2:] == ["blur_t_px", "area_ratio"]
+    assert [r["name"] for r in rows][-2:] == ["total_blur_t_px", "area_ratio"]
     assert all(r["is_met"] for r in rows)
 
 
 def test_a_requirement_file_is_optimised_instead_of_its_mapping_and_says_what_conflicts(tmp_path):
     (tmp_path / "r.toml").write_text(REQUIREMENTS)
-    met = omnimirror("design", "r.toml", "--optimise", "blur_area", "--shape", "polynomial:5", "--starts", 1,
-                     "--f-number", 8, "-o", "s.toml", cwd=tmp_path)  # fmt: skip
+    search = ("design", "r.toml", "--optimise", "worst_floored_area_deg2", "--shape", "polynomial:5", "--starts", 1)
+    met = omnimirror(*search, "--f-number", 8, "-o", "s.toml", cwd=tmp_path)
     assert met.returncode == 0, met.stdout + met.stderr
     assert om.load_sensor(tmp_path / "s.toml").mirror.KIND == "even-polynomial"
-    missed = omnimirror("design", "r.toml", "--optimise", "blur_area", "--shape", "polynomial:5", "--starts", 1,
-                        "--json", "t.json", cwd=tmp_path)  # fmt: skip
+    missed = omnimirror(*search, "--json", "t.json", cwd=tmp_path)
     assert missed.returncode == 3, missed.stdout + missed.stderr
-    assert "Not everything can be met: blur_px." in missed.stdout
+    assert "Not everything can be met: total_blur_px." in missed.stdout
     conflict = json.loads((tmp_path / "t.json").read_text())["conflict"]
-    assert {"blur_px", "f_number", "omega_max_deg"} <= {r["name"] for r in conflict["alone"] if r["needed"] is not None}
+    helpful = {r["name"] for r in conflict["alone"] if r["needed"] is not None}
+    assert {"total_blur_px", "f_number", "omega_max_deg"} <= helpful
     assert 0 < conflict["joint_share"] < 0.5
 
 
 def test_a_front_is_kept_drawn_and_picked_from(tmp_path):
     arguments = (
-        "design", "--pareto", "blur_area,uniformity", "--shape", "polynomial:4", "--population", 20,
-        "--generations", 20, "--resume", "front.parquet",
+        "design", "--pareto", "worst_floored_area_deg2,inverse_area_ratio", "--shape", "polynomial:4",
+        "--population", 20, "--generations", 20, "--resume", "front.parquet",
     )  # fmt: skip
     run = omnimirror(*arguments, "--figure", "front.png", cwd=tmp_path)
     assert run.returncode == 0, run.stderr
@@ -100,14 +101,14 @@ def test_a_front_is_kept_drawn_and_picked_from(tmp_path):
     run = omnimirror(*arguments, "--pick", 1, "-o", "one.toml", cwd=tmp_path)
     assert run.returncode == 0, run.stderr
     assert "requirement" in run.stdout
-    assert om.load_sensor(tmp_path / "one.toml").name == "front-blur-area-uniformity-1"
+    assert om.load_sensor(tmp_path / "one.toml").name == "front-worst-floored-area-deg2-inverse-area-ratio-1"
     assert "--pick NUMBER" in fails(*arguments, "-o", "other.toml", cwd=tmp_path)
     assert not (tmp_path / "other.toml").exists()
 
 
 def test_a_search_that_is_stopped_keeps_what_it_has_and_goes_on(tmp_path):
     """Ctrl-C after the first start: the best so far is written, and the same command finishes the search."""
-    search = ("design", "--optimise", "blur", "--terms", "16", "--starts", "12", "--resume", "search.json")
+    search = ("design", "--optimise", "worst_blur_deg", "--terms", "16", "--starts", "12", "--resume", "search.json")
     listens = "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "  # in the background too
     main = "from omnimirror.cli import main; main(sys.argv[1:])"
     program = [sys.executable, "-c", listens + main, *search, "-o", "best.toml"]
@@ -124,7 +125,7 @@ def test_a_search_that_is_stopped_keeps_what_it_has_and_goes_on(tmp_path):
     assert 0 < kept < 12
     problem = DesignProblem(terms=16)
     told = []
-    optimise(problem, "blur", starts=kept + 1, resume=tmp_path / "search.json", on_progress=told.append)
+    optimise(problem, "worst_blur_deg", starts=kept + 1, resume=tmp_path / "search.json", on_progress=told.append)
     assert {p.run for p in told} == {kept}
 
 
@@ -142,7 +143,7 @@ def test_apertures_and_parts_print_their_tables(tmp_path):
     )
 
 
-OPTIMISE = ["design", "--optimise", "blur_area", "--starts", "1"]
+OPTIMISE = ["design", "--optimise", "worst_floored_area_deg2", "--starts", "1"]
 
 
 @pytest.mark.parametrize(
@@ -150,7 +151,7 @@ OPTIMISE = ["design", "--optimise", "blur_area", "--starts", "1"]
     [
         ([*OPTIMISE, "--at-most", "area_ratio"], "QUANTITY=NUMBER"),
         ([*OPTIMISE, "--at-most", "sharpness=3"], "limit.quantity = 'sharpness' is not known"),
-        ([*OPTIMISE, "--at-most", "blur_px=3@20:160"], "no part of the field"),
+        ([*OPTIMISE, "--at-most", "total_blur_px=3@20:160"], "no part of the field"),
         ([*OPTIMISE, "--terms", "few"], "whole numbers"),
         ([*OPTIMISE, "--terms", "200"], "takes 3 to 60"),
         ([*OPTIMISE, "--shape", "cone:3"], "valid are spline:N with 3 to 60"),
@@ -165,9 +166,9 @@ OPTIMISE = ["design", "--optimise", "blur_area", "--starts", "1"]
             ["design", "--shape", "spline:5", "--like", "paper-spherical", "--mapping", "equidistant"],
             "optimised mirror",
         ),
-        (["design", "--like", "nowhere", "--optimise", "blur"], "no sensor file or bundled sensor"),
-        (["design", "--pareto", "blur"], "two different merits"),
-        (["design", "--pareto", "blur,beauty"], "valid are blur_area"),
+        (["design", "--like", "nowhere", "--optimise", "worst_blur_deg"], "no sensor file or bundled sensor"),
+        (["design", "--pareto", "worst_blur_deg"], "two different merits"),
+        (["design", "--pareto", "worst_blur_deg,beauty"], "valid are worst_floored_area_deg2"),
         (["design", "--pareto", "blur,aspect", "--starts", "3"], "belongs to --optimise"),
         (["design", "--pareto", "blur,aspect", "--focus-mm", "200"], "leave out focus_mm"),
         (["design", "--mapping", "equidistant", "--like", "paper-spherical", "--seed", "3"], "--seed does not apply"),

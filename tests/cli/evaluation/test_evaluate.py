@@ -126,7 +126,7 @@ def test_the_secondary_of_the_template_folds_its_sensor(tmp_path):
         (["evaluate", "paper-spherical", "--focus-mm", "near"], "'near' is not a distance in mm, nor 'auto'"),
         (["evaluate", "paper-spherical", "--focus-mm", "3"], "focus_distance_mm = 3 is not beyond the focal length"),
         (["evaluate", "paper-spherical", "--pixel", "7"], "'7' is not a pixel U,V"),
-        (["evaluate", "paper-spherical", "--merit", "nice"], "'nice' is not one of 'floored-area'"),
+        (["evaluate", "paper-spherical", "--merit", "nice"], "'nice' is not one of 'worst_floored_area_deg2'"),
         (["evaluate", "paper-spherical", "--omga-deg", "3"], "No such option"),
         (["evaluate", "paper-spherical", "--csv", "/proc/no/e.csv"], "cannot write /proc/no/e.csv"),
         (["evaluat", "paper-spherical"], "there is no command 'evaluat'; did you mean evaluate?"),

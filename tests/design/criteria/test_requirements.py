@@ -35,7 +35,7 @@ height_px = 1024
 pixel_pitch_um = 4.8
 
 [[limit]]
-quantity = "blur_px"
+quantity = "total_blur_px"
 at_most = 4
 
 [[limit]]
@@ -54,7 +54,7 @@ def test_a_file_is_read_as_it_says():
     assert wanted.lens.f_number == 5.6
     assert wanted.lens.focal_length_mm is None
     assert wanted.imager.size == (1280, 1024)
-    assert [limit.quantity for limit in wanted.limits] == ["blur_px", "aspect"]
+    assert [limit.quantity for limit in wanted.limits] == ["total_blur_px", "aspect"]
     assert wanted.limits[1].omega_deg == (20.0, 100.0)
 
 
@@ -110,27 +110,27 @@ BAD = [
     ("f_number = 5.6", 'kind = "orthographic"', "line 13: lens.theta_max_deg does not apply to an orthographic lens"),
     ("width_px = 1280", "width_px = 0", "line 17: imager.width_px = 0: it should be greater than or equal to 1"),
     (
-        'quantity = "blur_px"',
+        'quantity = "total_blur_px"',
         'quantity = "blur"',
-        r"line 22: limit.quantity = 'blur' is not known; did you mean blur",
+        r"line 22: limit.quantity = 'blur' is not known; valid are total_blur_px",
     ),
-    ("at_most = 4\n", "", "line 21: limit of blur_px says neither at_most nor at_least"),
+    ("at_most = 4\n", "", "line 21: limit of total_blur_px says neither at_most nor at_least"),
     ("at_least = 0.8", "at_least = 2", "line 25: limit of aspect: at_least is above at_most"),
     ("[20, 100]", "[20, 130]", r"line 29: limit.omega_deg = \[20.0, 130.0\] is no part of the field"),
     ("[20, 100]", "[20]", "line 29: limit.1.omega_deg"),
     ("at_least = 0.8", "atleast = 0.8", r"line 27: limit.1.atleast is not known; did you mean at_least\?"),
     (
-        'quantity = "blur_px"\nat_most = 4',
-        'quantity = "blur_px"\nat_most = -4',
-        "line 21: limit of blur_px: at_most = -4 is below 0",
+        'quantity = "total_blur_px"\nat_most = 4',
+        'quantity = "total_blur_px"\nat_most = -4',
+        "line 21: limit of total_blur_px: at_most = -4 is below 0",
     ),
     (
-        'quantity = "blur_px"\nat_most = 4',
+        'quantity = "total_blur_px"\nat_most = 4',
         'quantity = "area_ratio"\nat_least = 1.5',
         "line 21: limit of area_ratio: at_least = 1.5 is above 1",
     ),
     (
-        'quantity = "blur_px"\nat_most = 4',
+        'quantity = "total_blur_px"\nat_most = 4',
         'quantity = "aspect"\nat_most = 0.5',
         "line 25: limit 2 contradicts limit 1: aspect at least 0.8 and at most 0.5",
     ),
@@ -182,14 +182,14 @@ BAD = [
         "line 10: mirror.cylinder_radius_mm does not apply to the family sphere",
     ),
     (
-        'quantity = "blur_px"\nat_most = 4',
-        'quantity = "blur_deg"\nat_most = 0',
-        "line 21: limit of blur_deg: at_most = 0 is kept by no sensor, whose blur_deg is above 0; it is valid above 0",
+        'quantity = "total_blur_px"\nat_most = 4',
+        'quantity = "total_blur_deg"\nat_most = 0',
+        "line 21: limit of total_blur_deg: at_most = 0 is kept by no sensor, whose total_blur_deg is above 0",
     ),
     (
         "at_most = 4\n",
-        'at_most = 2\n[[limit]]\nquantity = "blur_t_px"\nat_least = 3\n',
-        "line 24: limit 2 contradicts limit 1: blur_t_px at least 3 and blur_px at most 2, which is never the smaller",
+        'at_most = 2\n[[limit]]\nquantity = "total_blur_t_px"\nat_least = 3\n',
+        "line 24: limit 2 contradicts limit 1: total_blur_t_px at least 3 and total_blur_px at most 2, which",
     ),
     ("[[limit]]\nquantity", "[limit]\nquantity", "is not valid TOML|limit = .* is not a list of tables"),
     ("\nname", "\nformat = 7\nname", "line 2: format = 7 is not known to this version"),
@@ -219,7 +219,7 @@ def test_a_byte_order_mark_is_no_part_of_the_file(tmp_path):
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), "x", None, True, [1.0]])
 def test_a_limit_that_is_no_number_is_refused(value):
     with pytest.raises(InvalidParameter):
-        Limit("blur_px", at_most=value)
+        Limit("total_blur_px", at_most=value)
 
 
 def test_limits_of_parts_that_do_not_meet_are_no_contradiction():
@@ -234,12 +234,20 @@ WITHIN, AROUND = (20.0, 60.0), (10.0, 90.0)
 @pytest.mark.parametrize(
     ("low", "high", "is_contradiction"),
     [
-        (Limit("blur_s_deg", at_least=0.3), Limit("blur_deg", at_most=0.2), True),
-        (Limit("blur_deg", at_least=0.3), Limit("blur_s_deg", at_most=0.2), False),  # the other part may be larger
-        (Limit("resolution_px_per_deg", at_least=4.0), Limit("resolution_s_px_per_deg", at_most=3.0), True),
-        (Limit("resolution_t_px_per_deg", at_least=4.0), Limit("resolution_s_px_per_deg", at_most=3.0), False),
+        (Limit("total_blur_s_deg", at_least=0.3), Limit("total_blur_deg", at_most=0.2), True),
+        (
+            Limit("total_blur_deg", at_least=0.3),
+            Limit("total_blur_s_deg", at_most=0.2),
+            False,
+        ),  # the other part may be larger
+        (Limit("resolution_px_per_deg", at_least=4.0), Limit("width_px_per_deg", at_most=3.0), True),
+        (Limit("dh_domega_px_per_deg", at_least=4.0), Limit("width_px_per_deg", at_most=3.0), False),
         (Limit("sag_mm", at_least=40.0), Limit("length_mm", at_most=30.0), True),
-        (Limit("blur_t_px", at_least=3.0, omega_deg=(0, 20)), Limit("blur_px", at_most=2.0, omega_deg=(21, 90)), False),
+        (
+            Limit("total_blur_t_px", at_least=3.0, omega_deg=(0, 20)),
+            Limit("total_blur_px", at_most=2.0, omega_deg=(21, 90)),
+            False,
+        ),
         (Limit("viewpoint_spread_mm", None, 9.0, WITHIN), Limit("viewpoint_spread_mm", 5.0, None, AROUND), True),
         (Limit("viewpoint_spread_mm", None, 9.0, AROUND), Limit("viewpoint_spread_mm", 5.0, None, WITHIN), False),
         (Limit("area_ratio", None, 0.9, AROUND), Limit("area_ratio", 0.5, None, WITHIN), True),
@@ -265,7 +273,7 @@ def made_in_python():
         mirror=om.MirrorRequirements(mapping="equidistant", rim_radius_mm=40),
         lens=om.LensRequirements(theta_max_deg=(10, 14.0), f_number=5.6),
         imager=Imager(1280, 1024, 4.8),
-        limits=[om.Limit("blur_px", 4), om.Limit("aspect", at_least=0.8, at_most=1.25, omega_deg=[20, 100])],
+        limits=[om.Limit("total_blur_px", 4), om.Limit("aspect", at_least=0.8, at_most=1.25, omega_deg=[20, 100])],
     )
 
 
@@ -276,7 +284,7 @@ def test_a_file_and_dataclasses_say_the_same():
 
 OTHERS = [
     """
-mirror = {optimise = "blur", shape = "spline:9", rim_radius_mm = [30, 40]}
+mirror = {optimise = "worst_blur_deg", shape = "spline:9", rim_radius_mm = [30, 40]}
 lens.kind = "orthographic"
 """,
     """

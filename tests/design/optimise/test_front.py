@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.design.criteria.quantities import Limit
+from omnimirror.design.criteria.limits import Limit
 from omnimirror.design.optimise.front import EPOCH, load_front, merit_values, pareto
 from omnimirror.design.optimise.optimiser import optimise
 from omnimirror.design.optimise.problem import DesignProblem
@@ -17,12 +17,13 @@ from omnimirror.errors import InvalidParameter, OmnimirrorError
 from tests.design.optimise.test_optimiser import looked_at_again
 
 PROBLEM = DesignProblem(family="even-polynomial", terms=5)
+MERITS = ("worst_floored_area_deg2", "inverse_area_ratio")
 SMALL = {"population": 24, "generations": 2 * EPOCH, "seed": 3}
 
 
 @pytest.fixture(scope="module")
 def front():
-    return pareto(PROBLEM, ("blur_area", "uniformity"), population=60, generations=80)
+    return pareto(PROBLEM, MERITS, population=60, generations=80)
 
 
 def test_no_design_of_a_front_is_beaten_by_another(front):
@@ -36,7 +37,7 @@ def test_a_front_is_as_good_as_designs_optimised_one_by_one(front):
     for i in np.linspace(2, len(front) - 3, 3).astype(int):
         area, uniformity = front.values[i]
         problem = replace(PROBLEM, limits=(Limit("area_ratio", at_least=1 / uniformity),))
-        alone = optimise(problem, "blur_area", starts=1)
+        alone = optimise(problem, "worst_floored_area_deg2", starts=1)
         assert area <= alone.value * 1.03
 
 
@@ -44,7 +45,7 @@ def test_designs_of_a_front_are_what_they_say(front):
     for i in (0, len(front) // 2, len(front) - 1):
         sensor = front.sensor(i)
         again = looked_at_again(sensor)
-        np.testing.assert_allclose([again["blur_area"], again["uniformity"]], front.values[i], rtol=2e-3)
+        np.testing.assert_allclose([again[merit] for merit in MERITS], front.values[i], rtol=2e-3)
         assert sensor.field_deg[1] == pytest.approx(135.0, abs=1e-9)
         np.testing.assert_allclose(merit_values(sensor, front.merits, PROBLEM), front.values[i], rtol=2e-3)
     with pytest.raises(InvalidParameter, match="no design"):
@@ -61,7 +62,7 @@ def test_the_papers_mirrors_are_beaten_by_the_front(front, name):
 
 
 def test_a_stopped_evolution_goes_on_as_if_it_had_not_been(tmp_path):
-    merits, file = ("blur", "aspect"), tmp_path / "front.parquet"
+    merits, file = ("worst_blur_deg", "worst_aspect"), tmp_path / "front.parquet"
     straight = pareto(PROBLEM, merits, **SMALL)
     pareto(PROBLEM, merits, **{**SMALL, "generations": EPOCH}, resume=file)
     told = []
@@ -79,17 +80,17 @@ def test_a_stopped_evolution_goes_on_as_if_it_had_not_been(tmp_path):
 
 def test_three_merits_and_a_limit():
     problem = replace(PROBLEM, limits=(Limit("viewpoint_spread_mm", at_most=45.0),))
-    front = pareto(problem, ("blur_area", "uniformity", "aspect"), population=40, generations=20)
+    front = pareto(problem, (*MERITS, "worst_aspect"), population=40, generations=20)
     assert front.values.shape[1] == 3
     for i in range(0, len(front), 5):
-        assert looked_at_again(front.sensor(i))["viewpoint_spread"] <= 45.0 * 1.001
+        assert looked_at_again(front.sensor(i))["viewpoint_spread_mm"] <= 45.0 * 1.001
 
 
 def test_what_cannot_be_a_front_is_refused(tmp_path, monkeypatch):
     with pytest.raises(InvalidParameter, match="two different merits"):
-        pareto(PROBLEM, ("blur", "blur"))
-    with pytest.raises(InvalidParameter, match="valid are blur_area"):
-        pareto(PROBLEM, ("blur", "beauty"))
+        pareto(PROBLEM, ("worst_blur_deg", "worst_blur_deg"))
+    with pytest.raises(InvalidParameter, match="valid are worst_floored_area_deg2"):
+        pareto(PROBLEM, ("worst_blur_deg", "beauty"))
     with pytest.raises(InvalidParameter, match="population = 0"):
         pareto(PROBLEM, population=0)
     (tmp_path / "no.parquet").write_text("no front")

@@ -80,7 +80,7 @@ rim_radius_mm = 40
 [lens]
 theta_max_deg = 12
 [[limit]]
-quantity = "blur_px"
+quantity = "total_blur_px"
 at_most = 4.0
 [[limit]]
 quantity = "resolution_px_per_deg"
@@ -101,7 +101,7 @@ def test_the_table_is_what_evaluation_says(limited):
     omega = np.linspace(0, 130, 2000)
     near, far = (om.evaluate(limited.sensor, omega, object_distance_mm=d) for d in (600.0, np.inf))
     worst = max(np.abs([e.blur_t_px, e.blur_s_px]).max() for e in (near, far))
-    assert row(limited, "blur_px").reached == pytest.approx(np.hypot(worst, near.airy_px), rel=1e-4)
+    assert row(limited, "total_blur_px").reached == pytest.approx(np.hypot(worst, near.airy_px), rel=1e-4)
     part = om.evaluate(limited.sensor, np.linspace(20, 120, 2000))
     finest = np.minimum(part.dh_domega_px_per_deg, part.width_px_per_deg)
     resolution = row(limited, "resolution_px_per_deg")
@@ -114,7 +114,7 @@ def test_the_table_is_what_evaluation_says(limited):
 def test_what_gives_alone_is_enough_and_no_more_than_needed(limited):
     """Each answer put into the requirements: kept with it, missed with a little less of it."""
     search = Search(limited.requirements)
-    assert limited.conflict.missed == ("blur_px",)
+    assert limited.conflict.missed == ("total_blur_px",)
     tried = 0
     for relaxation in limited.conflict.alone:
         if relaxation.needed is None or relaxation.needed == relaxation.asked or relaxation.name not in search.spans:
@@ -124,8 +124,8 @@ def test_what_gives_alone_is_enough_and_no_more_than_needed(limited):
         less = relaxation.asked + 0.97 * (relaxation.needed - relaxation.asked)
         assert not with_given(search, relaxation.name, less).best().is_met, relaxation
     assert tried >= 2
-    blur = next(r for r in limited.conflict.alone if r.name == "blur_px")
-    reached = row(limited, "blur_px").reached
+    blur = next(r for r in limited.conflict.alone if r.name == "total_blur_px")
+    reached = row(limited, "total_blur_px").reached
     assert reached <= blur.needed == pytest.approx(reached, rel=1e-4)
 
 
@@ -136,7 +136,7 @@ def test_what_gives_jointly_is_enough(limited):
     for relaxation in limited.conflict.joint:
         if relaxation.name in search.spans:
             search = with_given(search, relaxation.name, relaxation.needed)
-        elif relaxation.name == "blur_px":
+        elif relaxation.name == "total_blur_px":
             limits[0] = replace(limits[0], at_most=relaxation.needed)
     assert Search(replace(search.requirements, limits=tuple(limits))).best().is_met
 

@@ -34,7 +34,7 @@ width_px = 1280
 height_px = 1024
 pixel_pitch_um = 4.8
 [[limit]]
-quantity = "blur_px"
+quantity = "total_blur_px"
 at_most = 6.0
 [[limit]]
 quantity = "viewpoint_spread_mm"
@@ -56,7 +56,7 @@ width_px = 3840
 height_px = 2160
 pixel_pitch_um = 2.0
 [[limit]]
-quantity = "blur_deg"
+quantity = "total_blur_deg"
 at_most = 0.65
 omega_deg = [85, 95]
 """
@@ -77,7 +77,7 @@ def test_the_focus_is_the_one_at_which_the_blur_that_is_limited_is_least():
     """Every focus, with the mirror that goes with it, tried by hand: none leaves less than the design."""
     wanted = parse_requirements(PANORAMA)
     found = Search(wanted).best()
-    reached = next(r.reached for r in found.rows if r.name == "blur_px")
+    reached = next(r.reached for r in found.rows if r.name == "total_blur_px")
     omega = np.linspace(15, 130, 300)
     tried = {}
     for focus in np.linspace(215.0, 240.0, 13):
@@ -111,7 +111,7 @@ def test_a_limit_in_the_middle_of_the_field_is_focused_for_there():
 
 
 def test_two_limits_of_blur_are_weighed_by_their_shares():
-    other = 'quantity = "blur_deg"\nat_most = 1.4\nomega_deg = [90, 130]'
+    other = 'quantity = "total_blur_deg"\nat_most = 1.4\nomega_deg = [90, 130]'
     text = PANORAMA.replace("at_most = 6.0", "at_most = 6.0\nomega_deg = [15, 60]").replace(
         'quantity = "viewpoint_spread_mm"\nat_most = 25.0', other
     ).replace("focal_length_mm = 12.0", "focal_length_mm = 12.0\ntheta_max_deg = 10.9")  # fmt: skip
@@ -148,7 +148,7 @@ def test_the_focus_stays_where_it_is_asked_for(asked, reached):
 
 
 def test_an_optimised_mirror_is_focused_within_its_range():
-    text = PANORAMA.replace('mapping = "equidistant"', 'optimise = "blur"\nshape = "polynomial:3"').replace(
+    text = PANORAMA.replace('mapping = "equidistant"', 'optimise = "worst_blur_deg"\nshape = "polynomial:3"').replace(
         "focal_length_mm = 12.0", "focal_length_mm = 12.0\nfocus_mm = [180, 205]"
     )
     text = text[: text.index("[[limit]]")]
@@ -165,7 +165,7 @@ def test_an_optimised_mirror_is_focused_within_its_range():
 def test_a_limit_is_judged_over_all_of_its_angles_even_where_the_field_does_not_matter():
     text = PANORAMA.replace("omega_min_deg = 15.0", "omega_min_deg = 40.0").replace("camera_radius_mm = 15.0\n", "")
     design = design_sensor(parse_requirements(text.replace("at_most = 6.0", "at_most = 40.0\nomega_deg = [0, 20]")))
-    found, omega = row(design, "blur_px"), np.linspace(0, 20, 401)
+    found, omega = row(design, "total_blur_px"), np.linspace(0, 20, 401)
     assert found.reached == pytest.approx(worst_blur_px(design.sensor, None, omega), rel=1e-6)
     assert found.remarks == ()
     assert row(design, "viewpoint_spread_mm").remarks == ("0 to 40 deg is not judged: it is inside omega_min_deg",)
@@ -175,7 +175,7 @@ def test_what_the_camera_hides_is_not_judged_and_that_is_said():
     text = PANORAMA.replace("omega_min_deg = 15.0\n", "").replace(
         "at_most = 6.0", "at_most = 40.0\nomega_deg = [0, 20]"
     )
-    found = row(design_sensor(parse_requirements(text)), "blur_px")
+    found = row(design_sensor(parse_requirements(text)), "total_blur_px")
     (remark,) = found.remarks
     assert remark.endswith("is not judged: the camera hides it")
     assert remark.startswith("0 to 4.4")
@@ -185,13 +185,13 @@ def test_what_the_camera_hides_is_not_judged_and_that_is_said():
 
 def test_what_is_not_asked_for_is_not_said_to_be_left_out():
     whole = SURVEY.replace("omega_deg = [85, 95]", "")
-    (remark,) = (r for r in row(Search(parse_requirements(whole)).best(), "blur_deg").remarks if "judged" in r)
+    (remark,) = (r for r in row(Search(parse_requirements(whole)).best(), "total_blur_deg").remarks if "judged" in r)
     assert remark.startswith("40 to 4")
     assert "pointed" in remark
 
 
 def test_diffraction_that_is_too_much_by_itself_is_named():
-    found = row(Search(parse_requirements(SURVEY.replace("0.65", "0.1"))).best(), "blur_deg")
+    found = row(Search(parse_requirements(SURVEY.replace("0.65", "0.1"))).best(), "total_blur_deg")
     assert not found.is_met
     assert any("the Airy disk alone is 0.64" in remark and "F/11" in remark for remark in found.remarks)
 
@@ -213,7 +213,7 @@ omega_deg = [90, 90]
         np.hypot(r.blur_t_deg, r.airy_px / r.dh_domega_px_per_deg),
         np.hypot(r.blur_s_deg, r.airy_px / r.width_px_per_deg),
     )
-    assert row(found, "blur_deg").reached == pytest.approx(float(blur[0]), rel=1e-9)
+    assert row(found, "total_blur_deg").reached == pytest.approx(float(blur[0]), rel=1e-9)
     resolution = min(r.dh_domega_px_per_deg[0], r.width_px_per_deg[0])
     assert row(found, "resolution_px_per_deg").reached == pytest.approx(resolution, rel=1e-9)
     hidden = (
@@ -279,11 +279,11 @@ width_px = 1600
 height_px = 1200
 pixel_pitch_um = 4.5
 [[limit]]
-quantity = "blur_s_px"
+quantity = "total_blur_s_px"
 at_most = 3.0
 omega_deg = [40, 110]
 [[limit]]
-quantity = "blur_t_px"
+quantity = "total_blur_t_px"
 at_most = 4.0
 [[limit]]
 quantity = "viewpoint_spread_mm"

@@ -10,8 +10,8 @@ import pytest
 import omnimirror as om
 from omnimirror.design import Limit, SearchOptions, parse_requirements
 from omnimirror.design.criteria.field_angles import hidden_deg
-from omnimirror.design.criteria.merits import field_of_evaluation
-from omnimirror.design.criteria.quantities import QUANTITIES
+from omnimirror.design.criteria.limits import LIMITABLE
+from omnimirror.design.criteria.merits import values_of_evaluation
 from omnimirror.design.optimise.front import merit_values
 from omnimirror.design.optimise.problem import DesignProblem
 from omnimirror.design.optimise.references import known_sensors
@@ -26,7 +26,7 @@ omega_min_deg = 20
 camera_radius_mm = 25
 object_distance_mm = [600, inf]
 [mirror]
-optimise = "blur_area"
+optimise = "worst_floored_area_deg2"
 shape = "polynomial:5"
 rim_radius_mm = [30, 42]
 [lens]
@@ -34,7 +34,7 @@ focal_length_mm = 11.6
 theta_max_deg = [9, 12]
 f_number = 8
 [[limit]]
-quantity = "blur_px"
+quantity = "total_blur_px"
 at_most = 4.0
 omega_deg = [40, 130]
 [[limit]]
@@ -88,13 +88,13 @@ CONFLICTING = """
 [field]
 omega_max_deg = 130
 [mirror]
-optimise = "blur_area"
+optimise = "worst_floored_area_deg2"
 shape = "polynomial:3"
 rim_radius_mm = 40
 [lens]
 theta_max_deg = 12
 [[limit]]
-quantity = "blur_px"
+quantity = "total_blur_px"
 at_most = 4.0
 [[limit]]
 quantity = "area_ratio"
@@ -162,7 +162,8 @@ def test_under_a_telecentric_lens_the_known_mirrors_come_out():
     """The sphere is equiareal, the paraboloid has one viewpoint and aspect 1, both exactly."""
     problem = DesignProblem(lens="orthographic", omega_max_deg=120, rim_radius_mm=20.0, family="conic-asphere", terms=1)
     R = 20.0 / np.tan(np.radians(60.0))
-    for merit, value, conic in (("uniformity", 1.0, 0.0), ("aspect", 1.0, -1.0), ("viewpoint_spread", 0.0, -1.0)):
+    known = (("inverse_area_ratio", 1.0, 0.0), ("worst_aspect", 1.0, -1.0), ("viewpoint_spread_mm", 0.0, -1.0))
+    for merit, value, conic in known:
         best = om.optimise(problem, merit, starts=1)
         assert best.value == pytest.approx(value, abs=1e-6)
         mirror = best.sensor.mirror
@@ -176,7 +177,7 @@ def test_a_telecentric_design_says_how_wide_its_lens_has_to_be():
     design = design_sensor(
         parse_requirements(
             "field.omega_max_deg = 110\n"
-            'mirror = {optimise = "blur", shape = "polynomial:4", rim_radius_mm = [15, 20]}\n'
+            'mirror = {optimise = "worst_blur_deg", shape = "polynomial:4", rim_radius_mm = [15, 20]}\n'
             'lens.kind = "orthographic"\n[[limit]]\nquantity = "sag_mm"\nat_most = 8'
         ),
         search=ONE,
@@ -188,7 +189,7 @@ def test_a_telecentric_design_says_how_wide_its_lens_has_to_be():
     result = om.evaluate(design.sensor, np.linspace(0, 110, 2001))
     worst = max(np.abs(result.blur_t_deg).max(), np.abs(result.blur_s_deg).max())
     assert design.optimum.value == pytest.approx(worst, rel=1e-4)
-    again = om.best_focus(design.sensor, "worst-deg")
+    again = om.best_focus(design.sensor, "worst_blur_deg")
     assert again.value >= worst * (1 - 1e-5)
     by_rays = om.check_blur(design.sensor, [4.0, 8.0], np.linspace(5, 105, 11))  # through the full aperture
     for edge in ("edge_t_px", "edge_s_px"):
@@ -203,13 +204,13 @@ def test_a_focus_that_is_given_is_kept():
     assert design.sensor.rim_radius_px == pytest.approx(512.0)
 
 
-@pytest.mark.parametrize("quantity", QUANTITIES)
+@pytest.mark.parametrize("quantity", LIMITABLE)
 def test_every_quantity_can_be_a_limit_from_either_side(quantity):
     """Rows above 0 exactly where the value of the table passes the limit."""
     sensor = om.load_sensor("paper-equidistant")
-    field = field_of_evaluation(om.evaluate(sensor, np.linspace(0, 135, 201), focus_mm="auto"))
+    field = values_of_evaluation(om.evaluate(sensor, np.linspace(0, 135, 201), focus_mm="auto"))
     for largest in (True, False):
-        value, _ = QUANTITIES[quantity].extreme(field, largest)
+        value, _ = LIMITABLE[quantity].extreme(field, largest)
         side = "at_most" if largest else "at_least"
         for share, is_missed in ((1.001, not largest), (0.999, largest)):
             if value == 0 or (value < 1e-3 and not largest):
@@ -222,11 +223,11 @@ def test_every_quantity_can_be_a_limit_from_either_side(quantity):
 def test_known_mirrors_are_the_papers_for_its_field_and_solved_for_others():
     paper = known_sensors(DesignProblem())
     assert {"SPH", "E-DI", "SVP", "exactly equiareal"} <= set(paper)
-    area, uniformity = merit_values(paper["SPH"], ("blur_area", "uniformity"), DesignProblem())
+    area, uniformity = merit_values(paper["SPH"], ("worst_floored_area_deg2", "inverse_area_ratio"), DesignProblem())
     r = om.evaluate(om.load_sensor("paper-spherical"), np.linspace(0, 135, 2001), focus_mm="auto")
     assert area == pytest.approx(r.floored_area_deg2.max(), rel=1e-3)
     assert uniformity == pytest.approx(r.area_px2.max() / r.area_px2.min(), rel=1e-3)
     other = DesignProblem(omega_max_deg=100, rim_radius_mm=20.0)
     for sensor in known_sensors(other).values():
         assert sensor.field_deg[1] == pytest.approx(100.0, abs=1e-6)
-    assert merit_values(known_sensors(other)["exactly equiareal"], ("uniformity",), other) == pytest.approx(1.0)
+    assert merit_values(known_sensors(other)["exactly equiareal"], ("inverse_area_ratio",), other) == pytest.approx(1.0)

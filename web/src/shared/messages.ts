@@ -129,7 +129,7 @@ export interface Facts {
   length_mm: number;
   viewpoint_spread_mm: number;
   worst_blur_px: number | null;
-  worst_area_deg2: number | null;
+  worst_floored_area_deg2: number | null;
   resolution_px_per_deg: [number, number | null];
   /** why its mirror cannot be optimised, if it cannot */
   not_optimised: string | null;

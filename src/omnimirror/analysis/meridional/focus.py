@@ -19,7 +19,7 @@ from ...lenses import BLUR_MODES, BlurMode, Lens, Perspective
 from ...numerics.minimisation import lowest_with_slopes
 from ...sensor import Sensor, check_sensor
 from ...tracing.meridian import ChiefRays
-from .focus_merits import MERITS, Blur, FocusFunction, Merit, Scales, Sides
+from .focus_merits import FOCUS_MERITS, FocusedBlur, FocusFunction, FocusMerit, Scales, Sides
 from .imaging import imaging_characteristics
 from .virtual_images import VirtualImages, distances_from_lens, virtual_images
 
@@ -73,14 +73,14 @@ class FocusStudy:
 
         return at
 
-    def at(self, focus_mm: float) -> Blur:
+    def at(self, focus_mm: float) -> FocusedBlur:
         """Blur with the lens focused at an object distance in mm."""
         sensor = replace(self.sensor, lens=self.sensor.lens.focused_at(focus_mm))
         h, rate = self.heights(sensor)
         pitch = sensor.imager.pitch_mm
         L_t, L_s = self.distances()
         wider_t, wider_s = self.stretch(sensor)
-        return Blur(
+        return FocusedBlur(
             wider_t * sensor.lens.blur(L_t, mode=self.mode) / pitch,
             wider_s * sensor.lens.blur(L_s, mode=self.mode) / pitch,
             imaging_characteristics(self.rays.omega, h, rate),
@@ -99,7 +99,7 @@ class BestFocus(NamedTuple):
 
 def best_focus(
     sensor: Sensor,
-    merit: str = "floored-area",
+    merit: str = "worst_floored_area_deg2",
     omega_deg: ArrayLike | None = None,
     object_distance_mm: ArrayLike = np.inf,
     mode: BlurMode = "exact",
@@ -111,7 +111,7 @@ def best_focus(
     Parameters
     ----------
     merit
-        One of :data:`MERITS`.
+        One of :data:`FOCUS_MERITS`.
     omega_deg : (n,), optional
         Field angles, in any order and spacing; 1001 over the whole field by default, without the middle tenth
         of the image of a pointed mirror, where a degree of azimuth shrinks to nothing and no focus helps.
@@ -132,18 +132,18 @@ def best_focus(
     The paper's choice for its spherical mirror, L0 = 212 mm:
 
     >>> from omnimirror.specs import load_sensor
-    >>> best = best_focus(load_sensor("paper-spherical"), "product", mode="paper", image_radius_px=500)
+    >>> best = best_focus(load_sensor("paper-spherical"), "worst_blur_area_deg2", mode="paper", image_radius_px=500)
     >>> round(best.focus_mm, 1), round(best.value, 4)
     (212.4, 0.0751)
     """
     check_sensor(sensor)
-    choice("merit", merit, MERITS)
+    choice("merit", merit, FOCUS_MERITS)
     omega = _focusable(sensor) if omega_deg is None else row("omega_deg", omega_deg)
     rays = sensor.meridian.trace(sensor.meridian.x_from_omega(np.radians(omega)))
     p = distance_per_angle(object_distance_mm, rays.x)
     study = FocusStudy(sensor, rays, virtual_images(rays, p), mode, image_radius_px, wavelength_nm)
-    focus = _lowest(study, MERITS[merit])
-    return BestFocus(focus, MERITS[merit].value(study.at(focus)), merit)
+    focus = _lowest(study, FOCUS_MERITS[merit])
+    return BestFocus(focus, FOCUS_MERITS[merit].value(study.at(focus)), merit)
 
 
 def distance_per_angle(object_distance_mm: ArrayLike, angles: Array) -> Array:
@@ -156,7 +156,7 @@ def distance_per_angle(object_distance_mm: ArrayLike, angles: Array) -> Array:
     return p
 
 
-def _lowest(study: FocusStudy, merit: Merit) -> float:
+def _lowest(study: FocusStudy, merit: FocusMerit) -> float:
     """The focus (mm) that makes a merit least."""
     lens = study.sensor.lens
     low, high = _searched(lens, lens.focus_coordinate(np.stack(study.distances())))
@@ -173,7 +173,7 @@ def _lowest(study: FocusStudy, merit: Merit) -> float:
     return float(np.clip(lens.focus_coordinate(place), max(limits.low, _closest(lens)), limits.high))
 
 
-def focus_function(study: FocusStudy, merit: Merit, middle: float, unit: float) -> FocusFunction:
+def focus_function(study: FocusStudy, merit: FocusMerit, middle: float, unit: float) -> FocusFunction:
     """A merit as a function of places in focus (:meth:`Lens.focus_coordinate`) that count from a middle in a unit."""
     sensor = study.sensor
     places = sensor.lens.focus_coordinate(np.stack(study.distances()))

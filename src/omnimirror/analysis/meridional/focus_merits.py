@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Blur:
+class FocusedBlur:
     """Blur of n field angles at one focus.
 
     Attributes
@@ -92,7 +92,7 @@ class Scales(NamedTuple):
     u: Any
     """The focus itself."""
     s: Any
-    """Blur, px, per unit between image and focus."""
+    """FocusedBlur, px, per unit between image and focus."""
     g: Any
     """Scale of the picture."""
     floor: Any
@@ -100,12 +100,10 @@ class Scales(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Merit:
-    """One thing that a best focus can make least over the field."""
+class FocusMerit:
+    """A quantity of the vocabulary that a best focus can make least over the field."""
 
-    unit: str
-    meaning: str
-    size: Callable[[Blur], Array]
+    size: Callable[[FocusedBlur], Array]
     """What counts at each field angle (n,)."""
     coefficients: Callable[[Sides], Array]
     """(terms, k) of its square; k is n, or 2 n where both sides count alone."""
@@ -114,7 +112,7 @@ class Merit:
     is_mean: bool = False
     """The mean over solid angle in the place of the worst."""
 
-    def value(self, blur: Blur) -> float:
+    def value(self, blur: FocusedBlur) -> float:
         """The merit of n field angles."""
         size = self.size(blur)
         return float(size @ solid_angle_shares(blur.omega)) if self.is_mean else float(size.max())
@@ -165,41 +163,31 @@ def _degrees(f: Scales) -> list[Any]:
     return _powers(s * s, f.u, 2)
 
 
-MERITS: dict[str, Merit] = {
-    "floored-area": Merit("deg2", "worst floored blur area", Blur.floored_area, _floored_area, _floored_functions),
-    "mean-floored-area": Merit(
-        "deg2", "mean floored blur area over solid angle", Blur.floored_area, _floored_area, _floored_functions, True
-    ),
-    "product": Merit(
-        "deg2",
-        "worst product of both blurs, the paper's choice",
+FOCUS_MERITS: dict[str, FocusMerit] = {
+    "worst_floored_area_deg2": FocusMerit(FocusedBlur.floored_area, _floored_area, _floored_functions),
+    "mean_floored_area_deg2": FocusMerit(FocusedBlur.floored_area, _floored_area, _floored_functions, is_mean=True),
+    "worst_blur_area_deg2": FocusMerit(  # the paper's choice
         lambda b: np.abs(b.product()),
         _product_area,
         lambda f: _powers((f.s * f.s / (f.g * f.g)) ** 2, f.u, 4),
     ),
-    "worst-px": Merit(
-        "px",
-        "worst single blur in pixels",
+    "worst_blur_px": FocusMerit(
         lambda b: np.maximum(np.abs(b.t_px), np.abs(b.s_px)),
         lambda c: np.concatenate([_square(c.t, c.w_t), _square(c.s, c.w_s)], axis=1),
         lambda f: _powers(f.s * f.s, f.u, 2),
     ),
-    "worst-deg": Merit(
-        "deg",
-        "worst single blur in degrees",
+    "worst_blur_deg": FocusMerit(
         lambda b: np.maximum(np.abs(b.t_deg), np.abs(b.s_deg)),
         lambda c: np.concatenate([_square(c.t, c.w_t / c.Dh), _square(c.s, c.w_s / c.Dw)], axis=1),
         _degrees,
     ),
-    "rss-deg": Merit(
-        "deg",
-        "worst root of the squares of both blurs in degrees",
+    "worst_blur_rss_deg": FocusMerit(
         lambda b: np.hypot(b.t_deg, b.s_deg),
         lambda c: _square(c.t, c.w_t / c.Dh) + _square(c.s, c.w_s / c.Dw),
         _degrees,
     ),
 }
-"""What a best focus can minimise over the field."""
+"""What a best focus can minimise over the field, by the names of the vocabulary."""
 
 STEP = 1e-100  # along the imaginary axis, whose derivatives lose no digit
 
@@ -208,7 +196,7 @@ STEP = 1e-100  # along the imaginary axis, whose derivatives lose no digit
 class FocusFunction:
     """A merit of n field angles as a function of the focus."""
 
-    merit: Merit
+    merit: FocusMerit
     sides: Sides
     omega: Array
     scales: Callable[[Any], Scales]

@@ -80,8 +80,8 @@ def distances(text: str) -> float | tuple[float, float]:
 def limit(text: str) -> tuple[str, float, list[float] | None]:
     """A quantity, a number, and the part of the field if it is not all: ``QUANTITY=NUMBER[@FROM:TO]``.
 
-    >>> limit("blur_px=4"), limit("resolution_px_per_deg=3.5@30:120")
-    (('blur_px', 4.0, None), ('resolution_px_per_deg', 3.5, [30.0, 120.0]))
+    >>> limit("total_blur_px=4"), limit("resolution_px_per_deg=3.5@30:120")
+    (('total_blur_px', 4.0, None), ('resolution_px_per_deg', 3.5, [30.0, 120.0]))
     """
     match = re.fullmatch(r"\s*(\w+)\s*=\s*([^@]+)(?:@([^:]+):(.+))?", text)
     try:
@@ -91,7 +91,7 @@ def limit(text: str) -> tuple[str, float, list[float] | None]:
         return match[1], float_of(match[2]), part
     except ValueError:
         raise click.BadParameter(
-            f"{text!r} is not a limit QUANTITY=NUMBER or QUANTITY=NUMBER@FROM:TO, such as blur_px=4@20:120"
+            f"{text!r} is not a limit QUANTITY=NUMBER or QUANTITY=NUMBER@FROM:TO, such as total_blur_px=4@20:120"
         ) from None
 
 

@@ -13,11 +13,11 @@ from ...specs import EntryError, NoFile, did_you_mean
 from ..construct.families import FAMILIES
 from ..construct.fits import FitForm
 from ..construct.mappings import MAPPINGS, check_entries
-from .merits import MERITS
+from .merits import DESIGN_MERITS
 from .ranges import ends
 
 if TYPE_CHECKING:
-    from .quantities import Limit
+    from .limits import Limit
     from .requirements import FieldRequirements, LensRequirements, MirrorRequirements, Requirements
 
 WAYS = ("mapping", "family", "optimise")
@@ -61,7 +61,7 @@ def _check_way(mirror: MirrorRequirements) -> None:
         raise EntryError(("mirror",), f"mirror has {said}; give one of them")
     (way,) = ways
     value = getattr(mirror, way)
-    known = {"mapping": list(MAPPINGS), "family": [*FAMILIES, "polynomial:N"], "optimise": list(MERITS)}[way]
+    known = {"mapping": list(MAPPINGS), "family": [*FAMILIES, "polynomial:N"], "optimise": list(DESIGN_MERITS)}[way]
     if value not in known and not (way == "family" and value.startswith("polynomial:")):
         raise EntryError(
             ("mirror", way),

@@ -17,13 +17,14 @@ from ...analysis import Evaluation
 from ...batch.optics import DEGREE, CameraModel, NodeOptics
 from ...errors import InvalidParameter
 from ...lenses import Perspective
+from ...quantities import QUANTITIES, Quantity
 
 Array = NDArray[Any]
 
 PROJECTIONS = 8
 
 
-class Field(NamedTuple):
+class FieldValues(NamedTuple):
     """What merits and limits look at; arrays (.., k) over k field angles, or (.., 1) where one number holds for all."""
 
     t_px: Array
@@ -42,7 +43,7 @@ class Field(NamedTuple):
     """Share of the solid angle that belongs to each field angle, up to a factor."""
     image_distance: Array
     """From the lens to the imager, mm; 0 of a telecentric lens."""
-    reach: Array
+    length: Array
     """From the lens (telecentric: the vertex) to the farther of rim and vertex along the axis, mm."""
     sag: Array
     """Height of the mirror along the axis, mm."""
@@ -72,26 +73,26 @@ class Field(NamedTuple):
         return aspect
 
     @property
-    def length(self) -> Array:
+    def total_track(self) -> Array:
         """From imager to rim along the axis, mm."""
-        return self.image_distance + self.reach
+        return self.image_distance + self.length
 
-    def part(self, which: slice) -> Field:
+    def part(self, which: slice) -> FieldValues:
         """The same at some field angles that stand together."""
-        return Field(*(a if a.shape[-1] == 1 else a[..., which] for a in self))
+        return FieldValues(*(a if a.shape[-1] == 1 else a[..., which] for a in self))
 
-    def at(self, which: NDArray[np.intp]) -> Field:
+    def at(self, which: NDArray[np.intp]) -> FieldValues:
         """The same at some of the field angles (.., k); those that are named again have no share of the solid angle."""
         index = np.arange(which.shape[-1])
         taken = [a if a.shape[-1] == 1 else np.take_along_axis(a, _like(which, a), axis=-1) for a in self]
-        return Field(*taken)._replace(solid_angle=np.where(which == index, self.solid_angle, 0.0))
+        return FieldValues(*taken)._replace(solid_angle=np.where(which == index, self.solid_angle, 0.0))
 
 
 def _like(which: NDArray[np.intp], values: Array) -> NDArray[np.intp]:
     return np.broadcast_to(which, values.shape[:-1] + which.shape[-1:])
 
 
-def field_at(o: NodeOptics, camera: CameraModel, v: Array, reach: Array, sag: Array) -> Field:
+def values_at(o: NodeOptics, camera: CameraModel, v: Array, length: Array, sag: Array) -> FieldValues:
     """What merits look at, of mirror points (.., k) seen by a camera that is focused at places v (.., 1)."""
     ray_px, blur_px, airy = camera.px_per_ray(v), camera.px_per_place(v), camera.airy_px(v)
     dh, dw = o.radial * ray_px * DEGREE, o.around * ray_px * DEGREE
@@ -99,29 +100,31 @@ def field_at(o: NodeOptics, camera: CameraModel, v: Array, reach: Array, sag: Ar
     floor = 1 + airy**2
     log_area = np.log((t * t + floor) * (s * s + floor)) / 2 - np.log(dh * dw)
     b0 = camera.image_distance(v)
-    return Field(t, s, dh, dw, log_area, o.viewpoint_z, solid_angle(o.omega), b0, reach, sag, airy)
+    return FieldValues(t, s, dh, dw, log_area, o.viewpoint_z, solid_angle(o.omega), b0, length, sag, airy)
 
 
-def field_of(result: Any, image_distance: ArrayLike, reach: ArrayLike, sag: ArrayLike, airy_px: ArrayLike) -> Field:
+def values_of(
+    result: Any, image_distance: ArrayLike, length: ArrayLike, sag: ArrayLike, airy_px: ArrayLike
+) -> FieldValues:
     """What merits look at, from the columns of an :class:`~omnimirror.analysis.Evaluation` or of a batch of designs.
 
     Field angles have to grow along the last axis; the numbers (..) are those of :class:`Field`.
     """
     omega = np.radians(result.omega_deg)
-    numbers = (np.asarray(v, dtype=float)[..., None] for v in (image_distance, reach, sag, airy_px))
+    numbers = (np.asarray(v, dtype=float)[..., None] for v in (image_distance, length, sag, airy_px))
     with np.errstate(all="ignore"):
-        return Field(
+        return FieldValues(
             result.blur_t_px, result.blur_s_px, result.dh_domega_px_per_deg, result.width_px_per_deg,
             np.log(result.floored_area_deg2), result.viewpoint_z_mm, solid_angle(omega), *numbers,
         )  # fmt: skip
 
 
-def field_of_evaluation(result: Evaluation) -> Field:
+def values_of_evaluation(result: Evaluation) -> FieldValues:
     """What merits look at, of one evaluated sensor."""
     lens = result.sensor.lens
     (_, _), (bottom, top) = result.sensor.mirror.bounds
     b0 = lens.image_distance if isinstance(lens, Perspective) else 0.0
-    return field_of(result, b0, length_mm(result), top - bottom, result.airy_px)
+    return values_of(result, b0, length_mm(result), top - bottom, result.airy_px)
 
 
 def length_mm(result: Evaluation) -> float:
@@ -145,7 +148,7 @@ def solid_angle(omega: Array) -> Array:
 
 @dataclass(frozen=True)
 class Merit:
-    """One merit: its rows, and what the largest of them means.
+    """A quantity of the vocabulary that is to be small: its rows, and what the largest of them means.
 
     Attributes
     ----------
@@ -161,17 +164,19 @@ class Merit:
         Whether the mean over the solid angle counts, and not the largest.
     """
 
-    name: str
-    unit: str
-    meaning: str
-    rows: Callable[[Field], tuple[Array, ...]]
+    quantity: Quantity
+    rows: Callable[[FieldValues], tuple[Array, ...]]
     shown: Callable[[Array], Array]
     hidden: Callable[[Array], Array]
     is_spread: bool = False
     is_mean: bool = False
     is_sharpness: bool = True
 
-    def value(self, field: Field) -> Array:
+    @property
+    def name(self) -> str:
+        return self.quantity.name
+
+    def value(self, field: FieldValues) -> Array:
         """The merit (..) of fields (.., k)."""
         with np.errstate(all="ignore"):
             rows = np.stack(np.broadcast_arrays(*self.rows(field)))
@@ -184,7 +189,7 @@ class Merit:
             return self.shown(largest)
 
 
-def _either_sign(*parts: Callable[[Field], Array]) -> Callable[[Field], tuple[Array, ...]]:
+def _either_sign(*parts: Callable[[FieldValues], Array]) -> Callable[[FieldValues], tuple[Array, ...]]:
     return lambda f: tuple(sign * part(f) for part in parts for sign in (1, -1))
 
 
@@ -199,30 +204,34 @@ def _length_of(t: Array, s: Array) -> tuple[Array, ...]:
     return (np.sqrt(t * t + s * s), *(t * np.cos(a) + s * np.sin(a) for a in directions))
 
 
-MERITS: dict[str, Merit] = {
-    m.name: m
-    for m in (
-        Merit("blur_area", "deg2", "worst floored blur area", lambda f: (f.log_area,), np.exp, np.log),
-        Merit("mean_blur_area", "deg2", "mean floored blur area over the solid angle", lambda f: (f.log_area,),
-              _same, _same, is_mean=True),
-        Merit("blur", "deg", "worst single blur, tangential or sagittal",
-              _either_sign(lambda f: f.t_deg, lambda f: f.s_deg), _same, _same),
-        Merit("blur_rss", "deg", "worst root of the squares of both blurs",
-              lambda f: _length_of(f.t_deg, f.s_deg), _same, _same),
-        Merit("blur_t", "deg", "worst tangential blur", _either_sign(lambda f: f.t_deg), _same, _same),
-        Merit("blur_s", "deg", "worst sagittal blur", _either_sign(lambda f: f.s_deg), _same, _same),
-        Merit("uniformity", "", "most over fewest pixels per square degree; 1 is equiareal",
-              lambda f: (f.log_density,), lambda t: np.exp(2 * t), lambda t: np.log(t) / 2, is_spread=True,
-              is_sharpness=False),
-        Merit("aspect", "", "worst ratio of width to height, or of height to width; 1 is conformal",
-              _either_sign(lambda f: f.log_aspect), np.exp, np.log, is_sharpness=False),
-        Merit("viewpoint_spread", "mm", "highest minus lowest viewpoint", lambda f: (f.viewpoint_z,),
-              lambda t: 2 * t, lambda t: t / 2, is_spread=True, is_sharpness=False),
-        Merit("length", "mm", "imager to rim (telecentric: vertex to rim)", lambda f: (f.length,), _same, _same,
-              is_sharpness=False),
+def _merit(
+    name: str,
+    rows: Callable[[FieldValues], tuple[Array, ...]],
+    shown: Callable[[Array], Array] = _same,
+    hidden: Callable[[Array], Array] = _same,
+    **more: bool,
+) -> Merit:
+    return Merit(QUANTITIES[name], rows, shown, hidden, **more)
+
+
+DESIGN_MERITS: dict[str, Merit] = {
+    merit.name: merit
+    for merit in (
+        _merit("worst_floored_area_deg2", lambda f: (f.log_area,), np.exp, np.log),
+        _merit("mean_floored_area_deg2", lambda f: (f.log_area,), is_mean=True),
+        _merit("worst_blur_deg", _either_sign(lambda f: f.t_deg, lambda f: f.s_deg)),
+        _merit("worst_blur_rss_deg", lambda f: _length_of(f.t_deg, f.s_deg)),
+        _merit("worst_blur_t_deg", _either_sign(lambda f: f.t_deg)),
+        _merit("worst_blur_s_deg", _either_sign(lambda f: f.s_deg)),
+        _merit("inverse_area_ratio", lambda f: (f.log_density,), lambda t: np.exp(2 * t), lambda t: np.log(t) / 2,
+               is_spread=True, is_sharpness=False),
+        _merit("worst_aspect", _either_sign(lambda f: f.log_aspect), np.exp, np.log, is_sharpness=False),
+        _merit("viewpoint_spread_mm", lambda f: (f.viewpoint_z,), lambda t: 2 * t, lambda t: t / 2, is_spread=True,
+               is_sharpness=False),
+        _merit("total_track_mm", lambda f: (f.total_track,), is_sharpness=False),
     )
 }  # fmt: skip
-"""Every merit by its name."""
+"""What a design can be made best by: quantities of the vocabulary, by their names."""
 
 
 def merit_named(name: str) -> Merit:
@@ -233,6 +242,6 @@ def merit_named(name: str) -> Merit:
     InvalidParameter
         There is none.
     """
-    if name not in MERITS:
-        raise InvalidParameter(f"merit {name!r} is not known; valid are {', '.join(MERITS)}")
-    return MERITS[name]
+    if name not in DESIGN_MERITS:
+        raise InvalidParameter(f"merit {name!r} is not known; valid are {', '.join(DESIGN_MERITS)}")
+    return DESIGN_MERITS[name]

@@ -17,7 +17,7 @@ from ...frames import Mount
 from ...imagers import Imager
 from ...mirrors.measured.columns import MAPPING_FILE
 from ...specs import NoFile, Places, StandTable, Table, check_entries, table_model, validated
-from .quantities import QUANTITIES, Limit
+from .limits import LIMITABLE, Limit
 from .requirements import PAPER_IMAGER, FieldRequirements, LensRequirements, MirrorRequirements, Requirements
 
 FORMAT = 1
@@ -44,7 +44,7 @@ def load_requirements(
     changes
         Entries that take the place of the file's: ``{"lens": {"f_number": 5.6}}``; None takes one away.
     limits
-        Tables of more limits: ``{"quantity": "blur_px", "at_most": 4.0}``.
+        Tables of more limits: ``{"quantity": "total_blur_px", "at_most": 4.0}``.
 
     Raises
     ------
@@ -144,7 +144,7 @@ def _imager(table: dict[str, Any], where: Places) -> Imager:
 def _limit(index: int, table: dict[str, Any], where: Places) -> Limit:
     section = f"limit.{index}"
     entries = validated(LimitTable, section, table, where)
-    place = (section, "quantity") if entries.quantity not in QUANTITIES else (section,)
+    place = (section, "quantity") if entries.quantity not in LIMITABLE else (section,)
     part = None if entries.omega_deg is None else (entries.omega_deg[0], entries.omega_deg[1])
     if part is not None and part[0] > part[1]:
         place = (section, "omega_deg")

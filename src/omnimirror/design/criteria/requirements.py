@@ -19,7 +19,7 @@ from ...frames import Mount
 from ...imagers import Imager
 from ...specs import NoFile, Places, Table, validated
 from .consistency import check_consistency
-from .quantities import Limit
+from .limits import Limit
 from .ranges import Range, between
 
 Radius = Annotated[Range, between(0.1, 1e5)]
@@ -112,7 +112,7 @@ class MirrorRequirements(Entries):
     Parameters
     ----------
     mapping, family, optimise
-        One of them: a key of ``MAPPINGS``; a key of ``FAMILIES`` or ``"polynomial:N"``; a key of ``MERITS``.
+        One of them: a key of ``MAPPINGS``; a key of ``FAMILIES`` or ``"polynomial:N"``; a key of ``DESIGN_MERITS``.
     shape
         What is optimised, ``"spline:12"``.
     fit
@@ -224,7 +224,7 @@ class Requirements:
     ...     field=om.FieldRequirements(omega_max_deg=135),
     ...     mirror=om.MirrorRequirements(mapping="equidistant", rim_radius_mm=43.9),
     ...     lens=om.LensRequirements(theta_max_deg=(10, 14)),
-    ...     limits=[om.Limit("blur_px", at_most=4.0)],
+    ...     limits=[om.Limit("total_blur_px", at_most=4.0)],
     ... )
     >>> wanted.lens.theta_max_deg, wanted.lens.f_number
     ((10.0, 14.0), 4.0)

@@ -27,7 +27,7 @@ from ...errors import InvalidParameter, OmnimirrorError
 from ...files import replacing
 from ...numerics.lazy import cached_property
 from ...sensor import Sensor
-from ..criteria.merits import Merit, field_of_evaluation, merit_named
+from ..criteria.merits import Merit, merit_named, values_of_evaluation
 from .objective import requirements_of
 from .optimiser import described, optimise, problem_from, start
 from .problem import DesignProblem
@@ -85,7 +85,7 @@ class Front:
 
 
 def merit_values(
-    sensor: Sensor, merits: Sequence[str], problem: DesignProblem, focus_by: str | None = "floored-area"
+    sensor: Sensor, merits: Sequence[str], problem: DesignProblem, focus_by: str | None = "worst_floored_area_deg2"
 ) -> Array:
     """The merits (n,) of any sensor, computed as the problem says.
 
@@ -104,7 +104,7 @@ def merit_values(
         best = best_focus(sensor, focus_by, angles, far, **common)
         sensor = replace(sensor, lens=sensor.lens.focused_at(best.focus_mm))
     results = [evaluate(sensor, x_mm=x, object_distance_mm=d, **common) for d in distances]
-    values = np.array([[merit_named(m).value(field_of_evaluation(r)) for m in merits] for r in results])
+    values = np.array([[merit_named(m).value(values_of_evaluation(r)) for m in merits] for r in results])
     means = np.array([merit_named(m).is_mean for m in merits])
     joined: Array = np.where(means, values.mean(axis=0), values.max(axis=0))
     return joined
@@ -112,7 +112,7 @@ def merit_values(
 
 def pareto(
     problem: DesignProblem,
-    merits: Sequence[str] = ("blur_area", "uniformity"),
+    merits: Sequence[str] = ("worst_floored_area_deg2", "inverse_area_ratio"),
     *,
     population: int = 120,
     generations: int = 200,
@@ -144,7 +144,7 @@ def pareto(
     Examples
     --------
     >>> problem = DesignProblem(family="even-polynomial", terms=3)
-    >>> front = pareto(problem, ("blur_area", "uniformity"), population=10, generations=2)
+    >>> front = pareto(problem, ("worst_floored_area_deg2", "inverse_area_ratio"), population=10, generations=2)
     >>> bool((np.diff(front.values[:, 0]) > 0).all() and (np.diff(front.values[:, 1]) < 0).all())
     True
     """

@@ -109,7 +109,7 @@ def blur_bound(
 
     >>> import omnimirror as om
     >>> sensor = om.load_sensor("paper-spherical")
-    >>> round(om.best_focus(sensor, "worst-deg").value, 3)
+    >>> round(om.best_focus(sensor, "worst_blur_deg").value, 3)
     0.629
     >>> bound = blur_bound(sensor)
     >>> round(bound.blur_deg, 3), round(bound.focus_mm, 1), bound.is_reached

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ...batch.bases import Basis
 from ...numerics.lazy import cached_property
 from ...numerics.minimax import Rows, Values
-from ..criteria.merits import Field, Merit
+from ..criteria.merits import FieldValues, Merit
 from ..criteria.ranges import ends
 from .variables import DesignSpace, State
 
@@ -107,7 +107,7 @@ class Objective:
     @cached_property
     def _scale(self) -> float:
         """Rows of lengths come in units of the rim radius, so that a violated constraint costs more than it gains."""
-        is_length = isinstance(self.goal, Merit) and self.goal.unit == "mm"
+        is_length = isinstance(self.goal, Merit) and self.goal.quantity.unit == "mm"
         return ends(self.space.problem.rim_radius_mm)[1] if is_length else 1.0
 
     def _parts(self, y: Array, state: State) -> tuple[Array, Array]:
@@ -151,7 +151,7 @@ Counting = Callable[..., NDArray[np.intp]]
 
 
 def requirements_of(
-    space: DesignSpace, field: Field, counting: Counting, omega: Array, hidden: Array, image: Array
+    space: DesignSpace, field: FieldValues, counting: Counting, omega: Array, hidden: Array, image: Array
 ) -> Iterator[tuple[Key, Array]]:
     """By what share designs miss each requirement, as rows (b, r)."""
     problem = space.problem

@@ -24,8 +24,8 @@ from ...numerics.lazy import cached_property
 from ...numerics.minimax import Minimum, least_mean, least_worst
 from ...sensor import Sensor
 from ..criteria.field_angles import hidden_deg
+from ..criteria.limits import Limit
 from ..criteria.merits import merit_named
-from ..criteria.quantities import Limit
 from ..criteria.ranges import ends
 from .lower_bound import BlurBound, blur_bound
 from .objective import Concession, Objective
@@ -122,7 +122,7 @@ class Optimum:
 
 def optimise(
     problem: DesignProblem,
-    merit: str = "blur_area",
+    merit: str = "worst_floored_area_deg2",
     *,
     starts: int = 4,
     seed: int = 0,
@@ -134,7 +134,7 @@ def optimise(
     Parameters
     ----------
     merit
-        One of :data:`omnimirror.design.criteria.merits.MERITS`.
+        One of :data:`omnimirror.design.criteria.merits.DESIGN_MERITS`.
     starts, seed
         From how many mirrors to start; the third and later ones are drawn with the seed.
     resume
@@ -149,7 +149,7 @@ def optimise(
 
     Examples
     --------
-    >>> best = optimise(DesignProblem(family="even-polynomial", terms=3), "blur", starts=1)
+    >>> best = optimise(DesignProblem(family="even-polynomial", terms=3), "worst_blur_deg", starts=1)
     >>> best.sensor.mirror.KIND, round(best.value, 3)
     ('even-polynomial', 0.635)
 
@@ -159,7 +159,7 @@ def optimise(
     >>> from omnimirror.design import Limit
     >>> even = Limit("area_ratio", at_least=0.9)
     >>> problem = DesignProblem(lens="orthographic", omega_max_deg=120, family="conic-asphere", terms=3, limits=(even,))
-    >>> best = optimise(problem, "blur_area", starts=1)
+    >>> best = optimise(problem, "worst_floored_area_deg2", starts=1)
     >>> result = om.evaluate(best.sensor)
     >>> float(result.area_px2.min() / result.area_px2.max()) > 0.8999
     True
@@ -337,7 +337,7 @@ def _plain(value: Any) -> Any:
 def problem_from(data: dict[str, Any]) -> DesignProblem:
     """The problem that :func:`described` wrote.
 
-    >>> problem = DesignProblem(theta_max_deg=(10.0, 14.0), limits=(Limit("blur_px", 4.0),))
+    >>> problem = DesignProblem(theta_max_deg=(10.0, 14.0), limits=(Limit("total_blur_px", 4.0),))
     >>> problem_from(json.loads(json.dumps(described(problem)))) == problem
     True
     """
@@ -371,8 +371,8 @@ def _finished(resume: str | Path | None, header: dict[str, Any]) -> list[Run]:
 
 
 def _notes(problem: DesignProblem, merit: str, value: float) -> str:
-    m = merit_named(merit)
-    found = f"Optimised: {m.meaning}, {value:.5g} {m.unit}".rstrip()
+    q = merit_named(merit).quantity
+    found = f"Optimised: {q.title}, {value:.5g} {q.unit}".rstrip()
     distances = " and ".join(f"{d:g}" for d in problem.distances_mm)
     shape = f"{problem.family} of {problem.terms} terms, object at {distances} mm"
     return f"{found}; {shape}, blur by the {problem.mode} form."

@@ -11,7 +11,7 @@ from ...batch.bases import family
 from ...errors import InvalidParameter
 from ...imagers import Imager
 from ...lenses import BLUR_MODES, BlurMode
-from ..criteria.quantities import Limit
+from ..criteria.limits import Limit
 from ..criteria.ranges import Range, ends
 
 LENS_KINDS = ("perspective", "orthographic")

@@ -20,7 +20,7 @@ from ...batch.optics import DEGREE, Camera, TelecentricCamera, node_optics, tele
 from ...mirrors.conics import conic_profile
 from ...numerics.lazy import cached_property
 from ...sensor import Sensor
-from ..criteria.merits import Field, field_at, field_of
+from ..criteria.merits import FieldValues, values_at, values_of
 from ..criteria.ranges import ends
 from .problem import DesignProblem, imager_radius_px
 
@@ -48,7 +48,7 @@ class Given(NamedTuple):
 class State(NamedTuple):
     """Designs (b, 1) and what their mirror points do (b, k); complex while derivatives are taken."""
 
-    field: Field
+    field: FieldValues
     omega: Array
     turning: Array
     """dOmega/du, radians; above 0 where the mapping is one to one."""
@@ -219,10 +219,10 @@ class DesignSpace:
         else:
             reach = g.M / g.tangent
             o = node_optics(*rest, reach - rim, near)
-        field = field_at(o, self.camera(g), g.focus, reach, rim)
+        field = values_at(o, self.camera(g), g.focus, reach, rim)
         return State(field, o.omega, o.turning * g.M, o.facing, self.hidden(field, o.omega), self.image(g))
 
-    def hidden(self, field: Field, omega: Array) -> Array:
+    def hidden(self, field: FieldValues, omega: Array) -> Array:
         """By how much what stands at the lens hides the view at field angles (b, k) in radians, over its radius.
 
         The chief ray goes through the plane of the lens at ``(m + z_v) tan(Omega)`` from the axis.
@@ -231,7 +231,7 @@ class DesignSpace:
         if radius is None or self.problem.is_telecentric:
             return np.full(omega.shape, -1.0)
         along = np.cos(omega)
-        rows = along - (field.reach - field.sag + field.viewpoint_z) * np.sin(omega) / radius
+        rows = along - (field.length - field.sag + field.viewpoint_z) * np.sin(omega) / radius
         return np.where(along.real > 0, rows, -1.0)
 
     def hidden_from(self, omega: Array, hidden: Array) -> Array:
@@ -290,14 +290,14 @@ class DesignSpace:
         u = np.tile(np.linspace(0.0, 1.0, angles), distances.size)
         return evaluate_designs(replace(self.designs(y), object_distance_mm=np.repeat(distances, angles)), u)
 
-    def field(self, y: Array, result: BatchEvaluation) -> Field:
+    def field(self, y: Array, result: BatchEvaluation) -> FieldValues:
         """What merits and limits look at, of designs (b, dim) evaluated at their own focus."""
         g = self.given(y)
         sag = g.M * self._profile(y, g, np.ones(1), self.basis(np.ones(1)))[0]
         reach = sag if self.problem.is_telecentric else g.M / g.tangent
         camera = self.camera(g)
         numbers = (camera.image_distance(g.focus), reach, sag, camera.airy_px(g.focus))
-        return field_of(result, *(v[:, 0] for v in numbers))
+        return values_of(result, *(v[:, 0] for v in numbers))
 
     def image(self, g: Given) -> Array:
         """Image of the rim over the largest that the imager holds (b, 1)."""

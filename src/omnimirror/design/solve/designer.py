@@ -139,7 +139,7 @@ def _optimised(requirements: Requirements, say: Callable[[str], None], search: S
         notes = (f"no mirror of {problem.terms} numbers was found that keeps everything: this one misses least", *notes)
     else:
         merit = merit_named(shaped.optimum.merit)
-        notes = (f"{merit.meaning}: {shaped.optimum.value:.5g} {merit.unit}".rstrip(), *notes)
+        notes = (f"{merit.quantity.title}: {shaped.optimum.value:.5g} {merit.quantity.unit}".rstrip(), *notes)
     sensor = replace(_noted(requirements, shaped.made.sensor, notes), name=requirements.name)
     return Design(requirements, sensor, tuple(shaped.rows), conflict, notes, shaped.optimum)
 

@@ -23,8 +23,8 @@ from ...lenses import Lens, Perspective
 from ...numerics.lazy import cached_property
 from ...sensor import Sensor
 from ..criteria.field_angles import Counted
-from ..criteria.merits import Field, field_at
-from ..criteria.quantities import Limit
+from ..criteria.limits import Limit
+from ..criteria.merits import FieldValues, values_at
 
 Array = NDArray[np.float64]
 
@@ -158,12 +158,12 @@ class Focusing:
         nodes = [np.broadcast_to(column, shape) for column in self._nodes]
         return {part: NodeOptics(*(n[:, where].ravel() for n in nodes)) for part, where in self._parts.items()}
 
-    def field(self, v: Array, limit: Limit | None = None) -> Field:
+    def field(self, v: Array, limit: Limit | None = None) -> FieldValues:
         """What a limit looks at, at places v (b, 1); without one, all of the field that counts."""
         (_, sag), m = self._rim, self.sensor.mirror_distance_mm
         reach = np.array([sag if self._is_telecentric else m + sag])
         part = self._fields[None if limit is None else limit.omega_deg]
-        return field_at(part, self._camera, v, reach, np.array([sag]))
+        return values_at(part, self._camera, v, reach, np.array([sag]))
 
     @property
     def range(self) -> tuple[float, float]:

@@ -12,8 +12,8 @@ from ...lenses import Perspective
 from ...tracing.meridian import Meridian
 from ..construct.rim import Rim
 from ..criteria.field_angles import Part
-from ..criteria.merits import Field, field_of_evaluation
-from ..criteria.quantities import Limit
+from ..criteria.limits import Limit
+from ..criteria.merits import FieldValues, values_of_evaluation
 from ..criteria.ranges import ends, ends_or_none
 from ..criteria.requirements import Requirements
 from .candidates import Choice, Made, imager_radius_mm, wanted_mirror
@@ -143,7 +143,7 @@ def limit_rows(requirements: Requirements, made: Made, angles: int) -> list[Row]
     omega = [np.linspace(part.low_deg, part.high_deg, angles) for part in parts.values()]
     results = evaluated(requirements, made, np.concatenate(omega)) if omega else []
     where = {part: slice(i * angles, (i + 1) * angles) for i, part in enumerate(parts)}
-    fields = [field_of_evaluation(result) for result in results]
+    fields = [values_of_evaluation(result) for result in results]
     rows = []
     for limit in requirements.limits:
         own = [(field.part(where[limit.omega_deg]), r.omega_deg[where[limit.omega_deg]])
@@ -152,7 +152,7 @@ def limit_rows(requirements: Requirements, made: Made, angles: int) -> list[Row]
     return rows
 
 
-def _limit_row(limit: Limit, fields: list[tuple[Field, Array]], remarks: tuple[str, ...]) -> Row:
+def _limit_row(limit: Limit, fields: list[tuple[FieldValues, Array]], remarks: tuple[str, ...]) -> Row:
     """One limit, from what each object distance gives at some field angles."""
     sides = [(True, limit.at_most)] if limit.at_most is not None else []
     sides += [(False, limit.at_least)] if limit.at_least is not None else []
@@ -166,13 +166,13 @@ def _limit_row(limit: Limit, fields: list[tuple[Field, Array]], remarks: tuple[s
     return min(rows, key=lambda row: row.margin)
 
 
-def _remarks(limit: Limit, fields: list[tuple[Field, Array]], made: Made, part: Part) -> tuple[str, ...]:
+def _remarks(limit: Limit, fields: list[tuple[FieldValues, Array]], made: Made, part: Part) -> tuple[str, ...]:
     """What is not judged, of what differs from angle to angle; and what by itself is too much."""
     is_of_the_field = any(values.shape[-1] > 1 for values in limit.of.parts(fields[0][0]))
     return (*(part.left_out if is_of_the_field else ()), *_diffraction(limit, fields, made))
 
 
-def _diffraction(limit: Limit, fields: list[tuple[Field, Array]], made: Made) -> list[str]:
+def _diffraction(limit: Limit, fields: list[tuple[FieldValues, Array]], made: Made) -> list[str]:
     """That no focus helps, where the Airy disk by itself is more than a limit of blur allows."""
     if limit.at_most is None or not limit.of.is_blur:
         return []

@@ -122,7 +122,7 @@ def _facts(design: Design, not_optimised: str | None) -> Facts:
         length_mm=length_mm(e),
         viewpoint_spread_mm=float(np.ptp(e.viewpoint_z_mm)),
         worst_blur_px=finite(float(blurs.max())),
-        worst_area_deg2=finite(float(e.floored_area_deg2.max())),
+        worst_floored_area_deg2=finite(float(e.floored_area_deg2.max())),
         resolution_px_per_deg=(float(resolution.min()), finite(float(resolution.max()))),
         not_optimised=not_optimised,
     )

@@ -8,13 +8,14 @@ import typing
 from functools import cache
 from typing import Any
 
-from ...design.criteria.merits import MERITS
-from ...design.criteria.quantities import QUANTITIES
+from ...design.criteria.limits import LIMITABLE
+from ...design.criteria.merits import DESIGN_MERITS
 from ...imagers import Imager
 from ...lenses import LENSES
 from ...mirrors import MIRRORS, SECONDARIES, Secondary
 from ...mirrors.pose import MirrorPose
 from ...parameters import Parameter
+from ...quantities import QUANTITIES
 from ...specs import bundled_sensors
 from .messages import BenchStart, ParameterOf, PartOf, QuantityOf
 
@@ -41,11 +42,16 @@ def bench_start() -> BenchStart:
         place=part_of("place", Secondary),
         mount=PartOf(kind="mount", parameters=(distance,)),
         pose=part_of("mirror_pose", MirrorPose),
-        quantities=tuple(QuantityOf(name=n, unit=q.unit, meaning=q.meaning) for n, q in QUANTITIES.items()),
-        merits=tuple(QuantityOf(name=n, unit=m.unit, meaning=m.meaning) for n, m in MERITS.items()),
+        quantities=tuple(map(_quantity, LIMITABLE)),
+        merits=tuple(map(_quantity, DESIGN_MERITS)),
         families=FAMILIES,
         sensors=tuple(bundled_sensors()),
     )
+
+
+def _quantity(name: str) -> QuantityOf:
+    q = QUANTITIES[name]
+    return QuantityOf(name=name, unit=q.unit, meaning=q.meaning)
 
 
 def part_of(kind: str, cls: type[Any]) -> PartOf:

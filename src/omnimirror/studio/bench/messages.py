@@ -121,7 +121,7 @@ class Facts(Message):
     length_mm: float
     viewpoint_spread_mm: float
     worst_blur_px: float | None
-    worst_area_deg2: float | None
+    worst_floored_area_deg2: float | None
     resolution_px_per_deg: tuple[float, float | None]
     not_optimised: str | None = Field(description="why its mirror cannot be optimised, if it cannot")
 

@@ -18,7 +18,7 @@ interface Hands {
   settle: () => void;
 }
 
-const USUAL: Limit = { quantity: "blur_px", at_most: 5 };
+const USUAL: Limit = { quantity: "total_blur_px", at_most: 5 };
 const INFINITE = 1e11; // mm; beyond it a distance is shown as infinite
 
 /** What the design must do, and whether it does. */

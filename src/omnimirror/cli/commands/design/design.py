@@ -14,7 +14,7 @@ from rich.console import Console
 from ....batch.bases import FREE_FORMS
 from ....design.construct.families import FAMILIES
 from ....design.construct.mappings import MAPPINGS
-from ....design.criteria.merits import MERITS
+from ....design.criteria.merits import DESIGN_MERITS
 from ....design.criteria.requirements import Requirements
 from ....design.solve.designer import Design, SearchOptions, assessed, design_sensor, free_form_notes
 from ....design.solve.freeform import SHAPE, problem_of
@@ -45,7 +45,8 @@ ONLY = {
 @click.argument("requirements", required=False, type=click.Path(path_type=Path))
 @click.option("--mapping", type=click.Choice([*MAPPINGS]), help="How the image is to be laid out.")
 @click.option("--mirror", "family", metavar="FAMILY", help=f"Instead: {', '.join(FAMILIES)} or polynomial:N.")
-@click.option("--optimise", type=click.Choice([*MERITS]), help="Instead: the mirror of free form with the least of it.")
+@click.option("--optimise", type=click.Choice([*DESIGN_MERITS]),
+              help="Instead: the mirror of free form with the least of it.")  # fmt: skip
 @click.option("--pareto", "merits", type=merit_list, metavar="MERIT,MERIT",
               help="Instead: what these cost each other, as designs of which none is better by all.")  # fmt: skip
 @click.option("--shape", metavar="FORM[:N]", help=f"What is optimised: {', '.join(FREE_FORMS)}; {SHAPE} by default.")
@@ -109,7 +110,8 @@ def command(
 
     Prints what was asked, what is reached and the margins, and where not all can be met what would have to give.
     The exit code is then 3. Examples: omnimirror design --mapping equidistant --omega-max-deg 135 --theta-max-deg 12
-    --rim-radius-mm 43.9 -o sensor.toml; omnimirror design --like paper-spherical --optimise blur_area -o sharper.toml
+    --rim-radius-mm 43.9 -o sensor.toml; omnimirror design --like paper-spherical --optimise worst_floored_area_deg2
+    -o sharper.toml
     """
     given = [n for n in entries if ctx.get_parameter_source(n) is click.core.ParameterSource.COMMANDLINE]
     entries["optimise"] = merits[0] if merits else entries["optimise"]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from typing import Any
 
@@ -11,11 +10,11 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from ....design.criteria.merits import merit_named
 from ....design.optimise.front import Front, merit_values, pareto
 from ....design.optimise.problem import DesignProblem
 from ....design.optimise.references import EXACTLY, known_sensors
 from ....errors import InvalidParameter
+from ....quantities import QUANTITIES
 from ...outputs import progress_bar
 
 
@@ -48,7 +47,7 @@ def find_front(
 
 def _print_front(console: Console, front: Front, known: dict[str, Any], rows: int = 12) -> None:
     table = Table(box=None, pad_edge=False, header_style="bold")
-    for heading in ("number", *(f"{m} {merit_named(m).unit}".rstrip() for m in front.merits), "focus mm"):
+    for heading in ("number", *(f"{m} {QUANTITIES[m].unit}".rstrip() for m in front.merits), "focus mm"):
         table.add_column(heading, justify="right")
     for i in np.unique(np.linspace(0, len(front) - 1, min(rows, len(front))).round().astype(int)):
         table.add_row(str(i), *(f"{v:.4f}" for v in front.values[i]), f"{front.focus_mm[i]:.2f}")
@@ -69,9 +68,8 @@ def _draw(front: Front, known: dict[str, Any], path: Path) -> None:
 
 
 def _axis_label(merit: str) -> str:
-    m = merit_named(merit)
-    words = re.split(r"; | \(", m.meaning)[0].capitalize()
-    return f"{words} ({m.unit.replace('2', '²')})" if m.unit else words
+    q = QUANTITIES[merit]
+    return f"{q.title} ({q.unit})" if q.unit else q.title
 
 
 def check_pick(pick: int | None, wanted: dict[str, Path | None]) -> None:

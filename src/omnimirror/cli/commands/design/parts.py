@@ -59,7 +59,7 @@ def _table(combinations: list[Combination]) -> Table:
             F = lens.f_number if isinstance(lens, Perspective) else lens.image_f_number()
             cells = [
                 f"{100 * c.fill:.0f} %", f"{c.rim_radius_px:.0f}", f"{F:.1f}", f"{lens.focus_distance_mm:.1f}",
-                f"{c.ring_mm:g}", f"{c.worst_area_deg2:.3f}",
+                f"{c.ring_mm:g}", f"{c.worst_floored_area_deg2:.3f}",
             ]  # fmt: skip
         table.add_row(str(i) if c.fits else "-", c.lens, c.imager, *cells, "; ".join(c.reasons))
     return table

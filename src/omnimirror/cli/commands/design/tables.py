@@ -6,22 +6,16 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from ....design.criteria.merits import MERITS, merit_named
+from ....analysis.meridional.focus_merits import FOCUS_MERITS
+from ....design.criteria.merits import DESIGN_MERITS
 from ....design.optimise.front import merit_values
 from ....design.optimise.optimiser import Optimum
 from ....design.optimise.references import known_sensors
 from ....design.solve.designer import Design
 from ....design.solve.relaxation import Conflict, Relaxation
 from ....design.solve.verdict import ROUNDING
+from ....quantities import QUANTITIES
 from ...outputs import say
-
-FOCUS_BY = {
-    "blur_area": "floored-area",
-    "mean_blur_area": "mean-floored-area",
-    "blur": "worst-deg",
-    "blur_rss": "rss-deg",
-}
-"""What a sphere is focused by to be compared with a mirror that has the least of a merit."""
 
 
 def print_design(console: Console, design: Design) -> None:
@@ -85,7 +79,7 @@ def _change(r: Relaxation) -> str:
 def print_convergence(console: Console, designs: dict[int, Design]) -> None:
     """How each number of terms ended."""
     table = Table(box=None, pad_edge=False, header_style="bold")
-    merit = merit_named(next(iter(designs.values())).requirements.mirror.optimise or "")
+    merit = QUANTITIES[next(iter(designs.values())).requirements.mirror.optimise or ""]
     for heading in ("terms", "best start", "steps", f"{merit.name} {merit.unit}".rstrip(), "focus mm"):
         table.add_column(heading, justify="right")
     for count, design in designs.items():
@@ -105,15 +99,15 @@ def print_merits(console: Console, best: Optimum) -> None:
     table = Table(box=None, pad_edge=False, header_style="bold")
     for heading in ("merit", "sphere", "optimised", "unit", "meaning"):
         table.add_column(heading, justify="right" if heading in ("sphere", "optimised") else "left")
-    focus_by = FOCUS_BY.get(best.merit, "floored-area")
-    before_all = merit_values(sphere, list(MERITS), best.problem, focus_by)
-    after_all = merit_values(best.sensor, list(MERITS), best.problem, None)
-    for m, before, after in zip(MERITS.values(), before_all, after_all, strict=True):
-        table.add_row(m.name, f"{before:.4f}", f"{after:.4f}", m.unit, m.meaning)
+    focus_by = best.merit if best.merit in FOCUS_MERITS else "worst_floored_area_deg2"
+    before_all = merit_values(sphere, list(DESIGN_MERITS), best.problem, focus_by)
+    after_all = merit_values(best.sensor, list(DESIGN_MERITS), best.problem, None)
+    for name, before, after in zip(DESIGN_MERITS, before_all, after_all, strict=True):
+        table.add_row(name, f"{before:.4f}", f"{after:.4f}", QUANTITIES[name].unit, QUANTITIES[name].meaning)
     console.print()
     console.print(table)
     say((f"the sphere for the same field, at its best focus by {focus_by}", "dim"), console=console)
-    least, blur = best.bound.blur_deg, after_all[list(MERITS).index("blur")]
+    least, blur = best.bound.blur_deg, after_all[list(DESIGN_MERITS).index("worst_blur_deg")]
     console.print(
         f"No mirror of this field, rim and lens has a worst single blur below {least:.4f} deg; "
         f"this one's lies {blur / least - 1:.2%} above."

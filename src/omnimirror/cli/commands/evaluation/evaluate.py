@@ -9,7 +9,7 @@ import click
 import numpy as np
 from rich.console import Console
 
-from ....analysis import MERITS, Evaluation, best_focus, best_viewpoint, evaluate
+from ....analysis import FOCUS_MERITS, Evaluation, best_focus, best_viewpoint, evaluate
 from ....analysis.evaluation import READ_COLUMNS
 from ....mirrors import Cone, SampledProfile
 from ....quantities import QUANTITIES
@@ -40,7 +40,7 @@ TERMINAL_COLUMNS = [name for name in READ_COLUMNS if name not in ("x_mm", "floor
     metavar="MM|auto",
     help="Object distance in focus, or 'auto'; the sensor's own by default.",
 )
-@click.option("--merit", type=click.Choice(list(MERITS)), default="floored-area", show_default=True,
+@click.option("--merit", type=click.Choice(list(FOCUS_MERITS)), default="worst_floored_area_deg2", show_default=True,
               help="What 'auto' focus makes least.")  # fmt: skip
 @click.option("--paper-mode", is_flag=True, help="Blur by the paper's Eq. 29 instead of the exact form.")
 @click.option("--image-radius-px", type=NUMBER, help="Scale the image to this rim radius, as the paper does with 500.")
@@ -129,7 +129,7 @@ def print_summary(console: Console, result: Evaluation, merit: str) -> None:
         f"{s['field_deg'][0]:.4g} to {s['field_deg'][1]:.6g} deg, rim at {s['rim_radius_px']:.1f} px",
         f"focus L0 = {result.focus_mm:.2f} mm; depth of field {near:.2f} to {far:.2f} mm "
         f"(blur within {result.tolerance_px:g} px); Airy disk {result.airy_px:.2f} px at {result.wavelength_nm:g} nm",
-        f"best focus by {merit}: {best.focus_mm:.2f} mm, where it is {best.value:.4g} {MERITS[merit].unit}",
+        f"best focus by {merit}: {best.focus_mm:.2f} mm, where it is {best.value:.4g} {QUANTITIES[merit].unit}",
     ]
     if isinstance(sensor.mirror, Cone) and sensor.secondary is None:
         radius, z = sensor.mirror.pinhole_ring(sensor.meridian.m)

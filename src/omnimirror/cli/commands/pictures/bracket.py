@@ -49,7 +49,7 @@ def plan(sensors: tuple[str, ...], limit_px: float, object_distance_mm: float) -
     for name in sensors:
         sensor = load_sensor(name)
         found = plan_bracket(sensor, limit_px, object_distance_mm)
-        alone = best_focus(sensor, "worst-px", object_distance_mm=object_distance_mm).value
+        alone = best_focus(sensor, "worst_blur_px", object_distance_mm=object_distance_mm).value
         focuses = ", ".join(f"{focus:.1f}" for focus in found.focus_mm)
         table.add_row(
             sensor.name, f"{len(found.focus_mm)}", f"{alone:.2f}", f"{found.blur_px.max():.2f}", *_astigmatic(found),

@@ -1,4 +1,4 @@
-"""The quantities that a requirement can set a limit to, and limits themselves.
+"""Limits, and the quantities of the vocabulary that a requirement can set one to.
 
 A quantity is judged by its worst field angle in a part of the field. The same definition serves the table
 of a finished design and the rows that an optimiser keeps within limits, real or complex.
@@ -19,17 +19,20 @@ from numpy.typing import NDArray
 
 from ...arguments import finite, number, shown
 from ...errors import InvalidParameter
+from ...quantities import QUANTITIES, Quantity
 from ...specs import did_you_mean
-from .merits import Field
+from .merits import FieldValues
 
 Array = NDArray[Any]
+
+Takes = Literal["largest", "smallest", "spread", "ratio"]
 
 REFERENCES = 16
 
 
 @dataclass(frozen=True)
-class Quantity:
-    """A quantity by its name, with its unit and how it is had.
+class Limitable:
+    """A quantity of the vocabulary, and how it is had of what happens at the field angles.
 
     Attributes
     ----------
@@ -48,16 +51,19 @@ class Quantity:
         Whether it grows with the image, whose scale follows from the focus too.
     """
 
-    unit: str
-    meaning: str
-    parts: Callable[[Field], tuple[Array, ...]]
-    takes: Literal["largest", "smallest", "spread", "ratio"]
+    quantity: Quantity
+    parts: Callable[[FieldValues], tuple[Array, ...]]
+    takes: Takes
     is_sharpness: bool = False
     is_blur: bool = False
     is_scale: bool = False
-    straight: Callable[[Field], tuple[Array, ...]] = lambda field: ()
+    straight: Callable[[FieldValues], tuple[Array, ...]] = lambda field: ()
 
-    def values(self, field: Field) -> Array:
+    @property
+    def unit(self) -> str:
+        return self.quantity.unit
+
+    def values(self, field: FieldValues) -> Array:
         """What counts at each field angle (.., k); of a spread or a ratio for all of them (.., 1)."""
         parts = self.parts(field)
         if self.takes in ("largest", "smallest"):
@@ -69,7 +75,7 @@ class Quantity:
         low, high = (_at(parts[0], where) for where in (parts[0].real.argmin(-1), parts[0].real.argmax(-1)))
         return high - low if self.takes == "spread" else low / high
 
-    def extreme(self, field: Field, largest: bool) -> tuple[float, int | None]:
+    def extreme(self, field: FieldValues, largest: bool) -> tuple[float, int | None]:
         """The largest or smallest value of one field (k,), and at which field angle."""
         values = self.values(field)
         if values.size == 1:
@@ -77,7 +83,7 @@ class Quantity:
         i = int(np.nanargmax(values) if largest else np.nanargmin(values))
         return float(values[i]), i
 
-    def above(self, field: Field, limit: float) -> Array:
+    def above(self, field: FieldValues, limit: float) -> Array:
         """How far it is above a limit, as rows (.., r) of which each is smooth."""
         if self.takes == "largest":
             return _beside([part - limit for part in (*self.parts(field), *self.straight(field))])
@@ -86,7 +92,7 @@ class Quantity:
             return _beside([part - one - limit for one in _references(part, part.real.argmin(-1))])
         return self.values(field) - limit
 
-    def below(self, field: Field, limit: float) -> Array:
+    def below(self, field: FieldValues, limit: float) -> Array:
         """How far it is below a limit, as rows (.., r) of which each is smooth."""
         if self.takes == "smallest":
             return _beside([limit - part for part in self.parts(field)])
@@ -114,7 +120,7 @@ def _beside(rows: list[Array]) -> Array:
     return np.concatenate(np.broadcast_arrays(*rows), axis=-1)
 
 
-Disk = Callable[[Field], tuple[Array, Array]]
+Disk = Callable[[FieldValues], tuple[Array, Array]]
 """A signed blur, and the Airy disk in the same unit."""
 
 
@@ -123,11 +129,10 @@ def _in_quadrature(blur: Array, airy: Array) -> Array:
     return length
 
 
-def _blur(unit: str, meaning: str, *disks: Disk) -> Quantity:
+def _total_blur(name: str, *disks: Disk) -> Limitable:
     """The larger of some blurs with their Airy disks; straight are the blurs by themselves, by both signs."""
-    return Quantity(
-        unit,
-        meaning,
+    return Limitable(
+        QUANTITIES[name],
         lambda f: tuple(_in_quadrature(*disk(f)) for disk in disks),
         "largest",
         is_sharpness=True,
@@ -136,43 +141,46 @@ def _blur(unit: str, meaning: str, *disks: Disk) -> Quantity:
     )
 
 
+def _one(
+    name: str, takes: Takes, part: Callable[[FieldValues], Array], is_sharpness: bool = False, is_scale: bool = False
+) -> Limitable:
+    return Limitable(QUANTITIES[name], lambda f: (part(f),), takes, is_sharpness, is_scale=is_scale)
+
+
 T_PX: Disk = lambda f: (f.t_px, f.airy_px)  # noqa: E731 - a table of four
 S_PX: Disk = lambda f: (f.s_px, f.airy_px)  # noqa: E731
 T_DEG: Disk = lambda f: (f.t_deg, f.airy_px / f.dh)  # noqa: E731
 S_DEG: Disk = lambda f: (f.s_deg, f.airy_px / f.dw)  # noqa: E731
 
 
-QUANTITIES: dict[str, Quantity] = {
-    "blur_px": _blur("px", "larger of tangential and sagittal blur, with the Airy disk", T_PX, S_PX),
-    "blur_t_px": _blur("px", "tangential blur, with the Airy disk", T_PX),
-    "blur_s_px": _blur("px", "sagittal blur, with the Airy disk", S_PX),
-    "blur_deg": _blur("deg", "larger of both blurs in angle, with the Airy disk", T_DEG, S_DEG),
-    "blur_t_deg": _blur("deg", "tangential blur in angle, with the Airy disk", T_DEG),
-    "blur_s_deg": _blur("deg", "sagittal blur in angle, with the Airy disk", S_DEG),
-    "floored_area_deg2": Quantity(
-        "deg²", "blur area with a pixel and the Airy disk", lambda f: (np.exp(f.log_area),), "largest", True
-    ),
-    "resolution_px_per_deg": Quantity(
-        "px/deg", "smaller of radial and tangential resolution", lambda f: (f.dh, f.dw), "smallest", is_scale=True
-    ),
-    "resolution_t_px_per_deg": Quantity("px/deg", "radial resolution Dh", lambda f: (f.dh,), "smallest", is_scale=True),
-    "resolution_s_px_per_deg": Quantity(
-        "px/deg", "resolution around the circle Dw", lambda f: (f.dw,), "smallest", is_scale=True
-    ),
-    "aspect": Quantity("", "width to height of a small square", lambda f: (f.dw / f.dh,), "smallest"),
-    "viewpoint_spread_mm": Quantity("mm", "highest less lowest viewpoint", lambda f: (f.viewpoint_z,), "spread"),
-    "area_ratio": Quantity("", "smallest to largest image of a square degree", lambda f: (f.dh * f.dw,), "ratio"),
-    "length_mm": Quantity("mm", "from the lens to the farther of rim and vertex", lambda f: (f.reach,), "largest"),
-    "sag_mm": Quantity("mm", "height of the mirror along its axis", lambda f: (f.sag,), "largest"),
+LIMITABLE: dict[str, Limitable] = {
+    limitable.quantity.name: limitable
+    for limitable in (
+        _total_blur("total_blur_px", T_PX, S_PX),
+        _total_blur("total_blur_t_px", T_PX),
+        _total_blur("total_blur_s_px", S_PX),
+        _total_blur("total_blur_deg", T_DEG, S_DEG),
+        _total_blur("total_blur_t_deg", T_DEG),
+        _total_blur("total_blur_s_deg", S_DEG),
+        _one("floored_area_deg2", "largest", lambda f: np.exp(f.log_area), is_sharpness=True),
+        Limitable(QUANTITIES["resolution_px_per_deg"], lambda f: (f.dh, f.dw), "smallest", is_scale=True),
+        _one("dh_domega_px_per_deg", "smallest", lambda f: f.dh, is_scale=True),
+        _one("width_px_per_deg", "smallest", lambda f: f.dw, is_scale=True),
+        _one("aspect", "smallest", lambda f: f.dw / f.dh),
+        _one("viewpoint_spread_mm", "spread", lambda f: f.viewpoint_z),
+        _one("area_ratio", "ratio", lambda f: f.dh * f.dw),
+        _one("length_mm", "largest", lambda f: f.length),
+        _one("sag_mm", "largest", lambda f: f.sag),
+    )
 }
 """What a ``[[limit]]`` can be set to, by its name."""
 
 NEVER_ABOVE = {
-    "blur_t_px": ("blur_px",),
-    "blur_s_px": ("blur_px",),
-    "blur_t_deg": ("blur_deg",),
-    "blur_s_deg": ("blur_deg",),
-    "resolution_px_per_deg": ("resolution_t_px_per_deg", "resolution_s_px_per_deg"),
+    "total_blur_t_px": ("total_blur_px",),
+    "total_blur_s_px": ("total_blur_px",),
+    "total_blur_t_deg": ("total_blur_deg",),
+    "total_blur_s_deg": ("total_blur_deg",),
+    "resolution_px_per_deg": ("dh_domega_px_per_deg", "width_px_per_deg"),
     "sag_mm": ("length_mm",),
 }
 """By a quantity those that it is never above, whatever the sensor: of whose parts it is one, or whose smaller it is."""
@@ -187,8 +195,8 @@ class Limit:
     InvalidParameter
         An unknown quantity, no limit, or one that is empty.
 
-    >>> Limit("blur_px", at_most=4.0).label
-    'blur_px'
+    >>> Limit("total_blur_px", at_most=4.0).label
+    'total_blur_px'
     >>> Limit("aspect", at_least=0.8, omega_deg=(20.0, 100.0)).label
     'aspect, 20 to 100 deg'
     """
@@ -199,10 +207,10 @@ class Limit:
     omega_deg: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
-        if not isinstance(self.quantity, str) or self.quantity not in QUANTITIES:
-            hint = did_you_mean(str(self.quantity)[:60], QUANTITIES)
+        if not isinstance(self.quantity, str) or self.quantity not in LIMITABLE:
+            hint = did_you_mean(str(self.quantity)[:60], LIMITABLE)
             raise InvalidParameter(
-                f"limit.quantity = {shown(self.quantity)} is not known{hint}; valid are {', '.join(QUANTITIES)}"
+                f"limit.quantity = {shown(self.quantity)} is not known{hint}; valid are {', '.join(LIMITABLE)}"
             )
         if self.at_most is None and self.at_least is None:
             raise InvalidParameter(f"limit of {self.quantity} says neither at_most nor at_least")
@@ -252,8 +260,8 @@ class Limit:
         return None
 
     @property
-    def of(self) -> Quantity:
-        return QUANTITIES[self.quantity]
+    def of(self) -> Limitable:
+        return LIMITABLE[self.quantity]
 
     @property
     def scale(self) -> float:
@@ -265,7 +273,7 @@ class Limit:
         """The quantity, with the part of the field."""
         return self.quantity + (f", {self.omega_deg[0]:g} to {self.omega_deg[1]:g} deg" if self.omega_deg else "")
 
-    def missed(self, field: Field) -> Array:
+    def missed(self, field: FieldValues) -> Array:
         """By what share (..) of what is asked fields (.., k) miss it at worst; below 0 by what share they keep it."""
         values = self.of.values(field)
         with np.errstate(invalid="ignore"):
@@ -274,7 +282,7 @@ class Limit:
         share: Array = np.maximum(high, low) / self.scale
         return share
 
-    def excess(self, field: Field) -> Array:
+    def excess(self, field: FieldValues) -> Array:
         """By what share of what is asked it is missed, as rows (.., r) of which each is smooth; below 0 where kept."""
         rows = []
         if self.at_most is not None:
