@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from benchmarks.restoration import dead_leaves, faster
+from benchmarks.restoration_gain import dead_leaves, faster
 
 import omnimirror as om
 from omnimirror.errors import InvalidParameter

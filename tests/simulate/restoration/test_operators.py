@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from benchmarks.restoration import faster
+from benchmarks.restoration_gain import faster
 
 import omnimirror as om
 from omnimirror.imagers import Imager

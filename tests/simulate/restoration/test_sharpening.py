@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 import pytest
-from benchmarks.restoration import clouds, dead_leaves, faster, gains
+from benchmarks.restoration_gain import clouds, dead_leaves, faster, gains
 
 import omnimirror as om
 from omnimirror.errors import InvalidParameter
