@@ -37,9 +37,12 @@ if TYPE_CHECKING:
     from .dewarp import Dewarper as Dewarper
     from .dewarp import screens as screens
     from .dewarp import views as views
+    from .dewarp.views import register_view as register_view
     from .manufacture import export as export
+    from .manufacture import register_format as register_format
     from .media import read_image as read_image
     from .media import write_image as write_image
+    from .mirrors import register_mirror as register_mirror
     from .sensor import Sensor as Sensor
     from .simulate import Environment as Environment
     from .simulate import Room as Room
@@ -87,11 +90,14 @@ _HOMES = {
     "compare": "analysis",
     "evaluate": "analysis",
     "export": "manufacture",
+    "register_format": "manufacture",
+    "register_view": "dewarp.views",
     "check_blur": "analysis",
     "illumination": "analysis",
     "mtf": "analysis",
     "psf": "analysis",
     "spots": "analysis",
+    "register_mirror": "mirrors",
     "Sensor": "sensor",
     "Environment": "simulate",
     "Room": "simulate",

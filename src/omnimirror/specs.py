@@ -12,7 +12,7 @@ import re
 import types
 import typing
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from functools import cache, partial
 from pathlib import Path
 from typing import Annotated, Any
@@ -299,7 +299,7 @@ def check_entries(data: dict[str, Any], known: dict[str, type], file_format: int
         raise where.error(("format",), f"format = {found} is not known to this version, which reads {file_format}")
 
 
-def _class_of(section: str, data: dict[str, Any], registry: dict[str, type[Any]], where: Places) -> type[Any]:
+def _class_of(section: str, data: dict[str, Any], registry: Mapping[str, type[Any]], where: Places) -> type[Any]:
     kind = data[section].get("kind")
     if kind is None:
         raise where.error((section,), f"{section}.kind is missing; valid are {', '.join(registry)}")
@@ -311,14 +311,14 @@ def _class_of(section: str, data: dict[str, Any], registry: dict[str, type[Any]]
     return registry[kind]
 
 
-def _part(section: str, data: dict[str, Any], registry: dict[str, type[T]], folder: Path | None, where: Places) -> T:
+def _part(section: str, data: dict[str, Any], registry: Mapping[str, type[T]], folder: Path | None, where: Places) -> T:
     """The part that a table describes."""
     part: T = _build(section, *_class_and_table(section, data, registry, folder, where), where)
     return part
 
 
 def _class_and_table(
-    section: str, data: dict[str, Any], registry: dict[str, type[T]], folder: Path | None, where: Places
+    section: str, data: dict[str, Any], registry: Mapping[str, type[T]], folder: Path | None, where: Places
 ) -> tuple[type[T], dict[str, Any]]:
     """The class that a table's kind names, and its other entries; files that a mirror's table names are followed."""
     cls = _class_of(section, data, registry, where)

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
 from ..arguments import WrongKind, number, shown
 from ..cameras import Camera
 from ..errors import InvalidParameter
+from ..numerics.registry import Registry
 from .camera_field import Field, field_of, pole_of
 from .maps.coordinates import rows_of_pixels
 from .screens import (
@@ -208,6 +209,67 @@ def mosaic(
     pans = (pan_deg - 90, pan_deg, pan_deg + 90, pan_deg + 180)
     under = [Plane(part_size, pan, tilt_deg, 0.0, hfov_deg, distance_mm, offset_mm) for pan in pans]
     return Mosaic.panorama_over_views(over, under)
+
+
+# -- by name ---------------------------------------------------------------------------------------
+
+
+def _check_maker(name: str, make: Any) -> None:
+    if not callable(make):
+        raise WrongKind(f"{shown(make)} is no function of a camera that gives a view")
+
+
+ViewMaker: TypeAlias = Callable[..., View]
+VIEWS: Registry[ViewMaker] = Registry(
+    "omnimirror.views",
+    "a view",
+    {
+        "panorama": panorama,
+        "perspective": lambda _, **options: perspective(**options),
+        "dome": dome,
+        "sphere": sphere,
+        "ground": ground,
+        "planet": planet,
+        "cube": cube,
+        "mosaic": mosaic,
+    },
+    _check_maker,
+)
+"""Every view by its name on the command line, called as ``make(camera, **options)``."""
+
+
+def register_view(name: str, make: ViewMaker) -> None:
+    """Make a view of one's own known by a name, such as ``omnimirror dewarp --view NAME`` takes.
+
+    An installed package does the same without a call, by an entry point in its ``pyproject.toml``:
+    ``[project.entry-points."omnimirror.views"]`` with ``fan = "my_package:fan"``. In Python no name is needed: a
+    :class:`omnimirror.Dewarper` takes any screen.
+
+    Parameters
+    ----------
+    name
+        Such as ``"fan"``.
+    make
+        Called as ``make(camera, **options)``. Its keywords say which options belong to the view, among those of
+        ``omnimirror dewarp``: ``size`` (width, height) in px, each perhaps None, ``pan_deg``, ``hfov_deg`` ... It
+        returns a screen (:class:`omnimirror.dewarp.screens.Screen`), or several in one picture.
+
+    Raises
+    ------
+    InvalidParameter
+        Another view has this name, or ``make`` is no function.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> def strip(camera, size=(720, 90), pan_deg=0.0):
+    ...     return om.screens.Cylinder(size, -10.0, 10.0, pan_deg)
+    >>> om.register_view("docs-strip", strip)
+    >>> om.views.VIEWS["docs-strip"](om.load_sensor("paper-spherical")).size
+    (720, 90)
+    >>> om.views.VIEWS.withdraw("docs-strip")
+    """
+    VIEWS.register(name, make)
 
 
 # -- the paper's effects ---------------------------------------------------------------------------

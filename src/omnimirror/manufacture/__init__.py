@@ -2,7 +2,7 @@
 
 from .body import Body
 from .drawings.drawing import Drawing, draw_sheet
-from .exporter import DEFAULT_FORMATS, FORMATS, Exported, export
+from .exporter import DEFAULT_FORMATS, FORMATS, Content, Exported, Format, export, register_format
 from .formats.gridsag import format_grid_sag
 from .formats.sag_table import format_table, sag_table, table_points
 from .formats.zmx import format_zmx
@@ -17,9 +17,11 @@ __all__ = [
     "Asphere",
     "BestSphere",
     "Body",
+    "Content",
     "Curve",
     "Drawing",
     "Exported",
+    "Format",
     "Hidden",
     "Sensitivity",
     "Support",
@@ -33,6 +35,7 @@ __all__ = [
     "format_zmx",
     "hidden_percent",
     "obscuration",
+    "register_format",
     "sag_table",
     "sensitivities",
     "table_points",

@@ -10,11 +10,12 @@ from importlib.util import find_spec
 from pathlib import Path
 from shutil import copyfile
 from tempfile import TemporaryDirectory
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from ..arguments import WrongKind, file_name, number, optional_number, shown, whole
 from ..errors import InvalidParameter, OmnimirrorError
 from ..files import replacing
+from ..numerics.registry import Registry
 from ..sensor import Sensor, check_sensor
 from .body import Body
 from .drawings.drawing import Drawing, draw_sheet, write_drawing
@@ -288,7 +289,7 @@ def _drawing(plan: Plan, part: Part, path: Path) -> Content:
 
 
 MESHES = ("trimesh", "lxml", "networkx")
-FORMATS: dict[str, Format] = {
+OURS = {
     "step": Format(_step, (".step", ".stp"), packages=("OCP",)),
     "stl": Format(_mesh, (".stl",), packages=MESHES[:1]),
     "3mf": Format(_mesh, (".3mf",), packages=MESHES),
@@ -300,6 +301,53 @@ FORMATS: dict[str, Format] = {
     "svg": Format(_drawing, (".svg",), "-drawing", shows_sensor=True),
     "png": Format(_drawing, (".png",), "-drawing", shows_sensor=True),
 }
+
+
+def _check_format(name: str, kind: Any) -> None:
+    if not isinstance(kind, Format):
+        raise WrongKind(f"{shown(kind)} is no omnimirror.manufacture.Format")
+    if taken := [s for s in kind.suffixes for f in OURS.values() if s in f.suffixes]:
+        raise InvalidParameter(f"{taken[0]} files are written as another format; choose another suffix")
+
+
+FORMATS: Registry[Format] = Registry("omnimirror.formats", "a format", OURS, _check_format)
 """Every format by the word that names it."""
-DEFAULT_FORMATS = tuple(FORMATS)[:8]
+DEFAULT_FORMATS = tuple(OURS)[:8]
 """What is written where nothing else is asked for."""
+
+
+def register_format(name: str, kind: Format) -> None:
+    """Make a format of one's own known to :func:`export` and ``omnimirror export``.
+
+    An installed package does the same without a call, by an entry point in its ``pyproject.toml``:
+    ``[project.entry-points."omnimirror.formats"]`` with ``points = "my_package:points"``.
+
+    Parameters
+    ----------
+    name
+        Such as ``"points"``.
+    kind
+        Its suffixes, and a function ``write(plan, part, path)`` that writes the file of a mirror and returns a
+        :class:`~omnimirror.manufacture.exporter.Content`: in words what it holds, and how far its surface lies from
+        the mirror, um. ``part.mirror`` is the mirror, ``plan.sensor`` the sensor.
+
+    Raises
+    ------
+    InvalidParameter
+        Another format has this name or suffix.
+
+    Examples
+    --------
+    >>> import tempfile, omnimirror as om
+    >>> from omnimirror.manufacture import Content, Format
+    >>> def write(plan, part, path):
+    ...     path.write_text(f"{float(part.mirror.sag(part.mirror.rim_radius_mm)):.3f}")
+    ...     return Content("the rim's height", 0.5)
+    >>> om.register_format("docs-rim", Format(write, (".rim",)))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = om.export(om.load_sensor("paper-spherical"), f"{folder}/a.rim")[0]
+    ...     file.path.read_text(), file.what
+    ('26.122', "the rim's height")
+    >>> om.manufacture.FORMATS.withdraw("docs-rim")
+    """
+    FORMATS.register(name, kind)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from inspect import signature
 from typing import Any
 
 import click
@@ -47,7 +47,7 @@ OPTIONS_OF_PRESET = ("pan_deg", "tilt_deg", "zoom", *PLACE)
 class ViewOptions(Options):
     """What is to be seen, and how large."""
 
-    view: str | None = option(type=click.Choice(list(OPTIONS_OF_VIEW)), help="What to show.  [default: panorama]")
+    view: str | None = option(type=click.Choice(list(views.VIEWS)), help="What to show.  [default: panorama]")
     preset: str | None = option(
         type=click.Choice(list(views.PRESETS)),
         help="Instead of --view: the paper's screen 28, 90 or 180 deg wide, the last one bent.",
@@ -115,8 +115,9 @@ class ViewOptions(Options):
         """Refuse options that do not apply to the view asked for, or that contradict each other."""
         if self.view and self.preset:
             raise click.UsageError("--preset is a view of its own; leave out --view")
-        owners = {f"--view {name}": names for name, names in OPTIONS_OF_VIEW.items()}
-        chosen = f"--view {self.view or 'panorama'}"
+        name = self.view or "panorama"
+        chosen = f"--view {name}"
+        owners = {f"--view {known}": names for known, names in OPTIONS_OF_VIEW.items()} | {chosen: options_of(name)}
         if self.preset:
             chosen = "--preset"
             owners[chosen] = OPTIONS_OF_PRESET
@@ -145,38 +146,30 @@ class ViewOptions(Options):
             view = views.preset(self.preset, **self.picked("size", "pan_deg", "tilt_deg", *PLACE))
         else:
             name = self.view or "panorama"
-            options = self.picked("size", *OPTIONS_OF_VIEW[name])
-            options.pop("zoom", None)
-            view = _MAKERS[name](camera, options)
+            options = self.picked("size", *(option for option in options_of(name) if option != "zoom"))
+            view = _made(name, camera, options)
         return view if self.zoom is None else _zoomed(camera, view, self.zoom, bool(self.past_resolution))
 
 
-def _panorama(camera: Camera, options: dict[str, Any]) -> Shape:
-    _elevations_of_omega(camera, options)
+def options_of(view: str) -> tuple[str, ...]:
+    """The options that belong to a view; of one that another package brings, its function's keywords say which."""
+    if view in OPTIONS_OF_VIEW:
+        return OPTIONS_OF_VIEW[view]
+    known = {f.name for f in fields(ViewOptions)} - {"view", "preset", "zoom"}
+    return (*(name for name in signature(views.VIEWS[view]).parameters if name in known), "zoom")
+
+
+def _made(name: str, camera: Camera, options: dict[str, Any]) -> Any:
+    """The view of a name; what only the command line says is translated."""
+    if name in ("panorama", "sphere"):
+        _elevations_of_omega(camera, options)
     if "wall_mm" in options:
         low, high = options.pop("wall_mm")
         if not low < high:
             raise InvalidParameter(f"heights from {low:g} to {high:g} mm make no wall; the smaller one comes first")
         elevations = np.degrees(np.arctan2([low, high], options["distance_mm"]))
         options |= {"rows": "height", "elevation_deg": tuple(map(float, elevations))}
-    return views.panorama(camera, **options)
-
-
-def _sphere(camera: Camera, options: dict[str, Any]) -> Shape:
-    _elevations_of_omega(camera, options)
-    return views.sphere(camera, **options)
-
-
-_MAKERS: dict[str, Callable[[Camera, dict[str, Any]], Shape]] = {
-    "panorama": _panorama,
-    "perspective": lambda _, options: views.perspective(**options),
-    "dome": lambda camera, options: views.dome(camera, **options),
-    "sphere": _sphere,
-    "ground": lambda camera, options: views.ground(camera, **options),
-    "planet": lambda camera, options: views.planet(camera, **options),
-    "cube": lambda camera, options: views.cube(camera, **options),
-    "mosaic": lambda camera, options: views.mosaic(camera, **options),
-}
+    return views.VIEWS[name](camera, **options)
 
 
 def _elevations_of_omega(camera: Camera, options: dict[str, Any]) -> None:

@@ -47,8 +47,7 @@ def screen_pixels(camera: Camera, screen: Screen, viewpoint: Viewpoint = "exact"
 def screen_grid(camera: Camera, screen: Screen, viewpoint: Viewpoint = "exact") -> Grid:
     """The lattice of a screen, which the sampler takes as it is."""
     if camera.symmetry is None:
-        project = projection_of(camera, screen, viewpoint)
-        return view_grid(lambda u, v: project(screen.targets_at(u, v)).pixels, screen.size)
+        return view_grid(lambda u, v: _projected(camera, screen, viewpoint, screen.targets_at(u, v)), screen.size)
     table: RadialTable = radial_table(camera)  # type: ignore[arg-type]  # the cache asks for Hashable
     eye = eye_of(camera, screen, viewpoint)
 
@@ -78,8 +77,13 @@ def rows_of_pixels(
     camera: Camera, screen: Screen, first_row: int, last_row: int, viewpoint: Viewpoint = "exact"
 ) -> Array:
     """Source pixels (rows, width, 2) of some rows of a screen, each projected by itself."""
-    targets = screen.targets_at(*pixels_of_rows(screen.size, first_row, last_row))
-    return projection_of(camera, screen, viewpoint)(targets.reshape(-1, 3)).pixels.reshape(*targets.shape[:2], 2)
+    return _projected(camera, screen, viewpoint, screen.targets_at(*pixels_of_rows(screen.size, first_row, last_row)))
+
+
+def _projected(camera: Camera, screen: Screen, viewpoint: Viewpoint, targets: Array) -> Array:
+    """Source pixels (.., 2) of a screen's targets (.., 3); a camera is asked for rows of them, as its contract says."""
+    pixels = projection_of(camera, screen, viewpoint)(targets.reshape(-1, 3)).pixels
+    return pixels.reshape(*targets.shape[:-1], 2)
 
 
 # -- panoramas about the camera's own axis ---------------------------------------------------------

@@ -1,0 +1,223 @@
+"""What others add from outside the package: by a call, and by the entry points of an installed package."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+import pytest
+import tomli_w
+
+import omnimirror as om
+from omnimirror.cameras import Projection, Rays
+from omnimirror.errors import InvalidParameter
+from omnimirror.mirrors import MIRRORS, RIM_RADIUS, Mirror
+from omnimirror.parameters import Parameter
+from omnimirror.specs import load_sensor, save_sensor, tables_of
+from omnimirror.testing import check_mirror
+
+PACKAGE = '''
+"""A package that knows omnimirror, and that omnimirror does not know."""
+from dataclasses import dataclass
+from typing import ClassVar
+import numpy as np
+from omnimirror.manufacture import Content, Format
+from omnimirror.mirrors import RIM_RADIUS, Mirror
+from omnimirror.parameters import Parameter
+from omnimirror.screens import Cylinder
+
+@dataclass(frozen=True)
+class Bowl(Mirror):
+    depth_mm: float
+    rim_radius_mm: float
+    KIND: ClassVar[str] = "bowl"
+    PARAMETERS: ClassVar[dict[str, Parameter]] = {
+        "depth_mm": Parameter("mm", 0.1, 1e3, "height of the rim over the vertex"),
+        "rim_radius_mm": RIM_RADIUS,
+    }
+
+    def __post_init__(self):
+        self._check()
+
+    def profile(self, x_mm):
+        x, a = np.asarray(x_mm, dtype=float), self.depth_mm / self.rim_radius_mm**2
+        return a * x**2, 2 * a * x, np.full_like(x, 2 * a)
+
+def fan(camera, size=(300, 60), pan_deg=0.0):
+    return Cylinder(tuple(side or 60 for side in size), -20.0, 20.0, pan_deg, 150.0)
+
+def write(plan, part, path):
+    x = np.linspace(0, part.mirror.rim_radius_mm, 3)
+    np.savetxt(path, np.stack([x, part.mirror.sag(x)], axis=1), fmt="%.6f")
+    return Content("three points", 5e-4)
+
+points = Format(write, (".points",))
+'''.replace("omnimirror.screens", "omnimirror.dewarp.screens")
+ENTRY_POINTS = """[omnimirror.mirrors]
+bowl = bowls:Bowl
+broken = bowls:NotThere
+[omnimirror.views]
+fan = bowls:fan
+[omnimirror.formats]
+points = bowls:points
+"""
+
+
+@dataclass(frozen=True)
+class Quartic(Mirror):
+    """z = depth (x / rim)^4, flat at its vertex, so that its curvature there is 0."""
+
+    depth_mm: float
+    rim_radius_mm: float
+    KIND: ClassVar[str] = "quartic"
+    PARAMETERS: ClassVar[dict[str, Parameter]] = {
+        "depth_mm": Parameter("mm", 0.1, 1e3, "height of the rim over the vertex"),
+        "rim_radius_mm": RIM_RADIUS,
+    }
+    wrong: ClassVar[float] = 1.0
+
+    def __post_init__(self):
+        self._check()
+
+    def profile(self, x_mm):
+        u, a = np.asarray(x_mm, dtype=float) / self.rim_radius_mm, self.depth_mm / self.rim_radius_mm
+        return self.depth_mm * u**4, 4 * a * u**3 * self.wrong, 12 * a / self.rim_radius_mm * u**2
+
+
+@pytest.fixture
+def quartic():
+    om.register_mirror(Quartic)
+    yield Quartic(20.0, 40.0)
+    MIRRORS.withdraw("quartic")
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory) -> dict[str, str]:
+    """The environment of a Python that has the package installed."""
+    site = tmp_path_factory.mktemp("site")
+    (site / "bowls.py").write_text(PACKAGE)
+    (site / "bowls-1.0.dist-info").mkdir()
+    (site / "bowls-1.0.dist-info" / "METADATA").write_text("Metadata-Version: 2.1\nName: bowls\nVersion: 1.0\n")
+    (site / "bowls-1.0.dist-info" / "entry_points.txt").write_text(ENTRY_POINTS)
+    src = str(Path(om.__file__).parents[1])
+    return {**os.environ, "PYTHONPATH": os.pathsep.join([str(site), src])}
+
+
+def omnimirror(installed, folder: Path, *args) -> subprocess.CompletedProcess[str]:
+    words = [sys.executable, "-m", "omnimirror", *map(str, args)]
+    return subprocess.run(words, cwd=folder, env=installed, capture_output=True, text=True)
+
+
+def sensor_with(mirror: Mirror) -> om.Sensor:
+    paper = load_sensor("paper-spherical")
+    return om.Sensor(mirror, paper.lens, paper.imager, mirror_distance_mm=180.0, name="mine")
+
+
+def test_a_mirror_of_ones_own_keeps_the_contract(quartic):
+    check_mirror(quartic)
+
+
+def test_the_contract_finds_a_wrong_slope(quartic, monkeypatch):
+    monkeypatch.setattr(Quartic, "wrong", 1.001)
+    with pytest.raises(AssertionError, match="slope at x"):
+        check_mirror(quartic)
+
+
+def test_a_registered_mirror_is_read_traced_evaluated_and_bounded(quartic, tmp_path):
+    sensor = sensor_with(quartic)
+    save_sensor(sensor, tmp_path / "mine.toml")
+    assert load_sensor(tmp_path / "mine.toml") == sensor
+    result = om.evaluate(sensor, x_mm=[10.0, 40.0])
+    # from the law of reflection alone: Omega = 2 beta + theta
+    slope, z = 4 * 20 / 40 * np.array([1 / 64, 1]), 20 * np.array([1 / 256, 1])
+    expected = 2 * np.degrees(np.arctan(slope)) + np.degrees(np.arctan2([10, 40], 180 + z))
+    np.testing.assert_allclose(result.omega_deg, expected, rtol=1e-12)
+    worst = np.maximum(np.abs(result.blur_t_deg), np.abs(result.blur_s_deg)).max()
+    assert 0 < om.blur_bound(sensor).blur_deg <= worst
+    with pytest.raises(om.errors.OmnimirrorError, match="depth_mm = 0"):
+        om.specs.parse_sensor((tmp_path / "mine.toml").read_text().replace("depth_mm = 20.0", "depth_mm = 0.0"))
+
+
+def test_what_is_no_mirror_is_refused(quartic):
+    class Plain(Mirror):
+        KIND = "plain"
+
+        def profile(self, x_mm):
+            raise NotImplementedError
+
+    with pytest.raises(InvalidParameter, match="no frozen dataclass"):
+        om.register_mirror(Plain)
+    with pytest.raises(TypeError, match="not a class of mirrors"):
+        om.register_mirror(3)
+    with pytest.raises(InvalidParameter, match="a mirror 'sphere' already"):
+        om.register_mirror(dataclass(frozen=True)(type("Other", (Quartic,), {"KIND": "sphere"})))
+    with pytest.raises(InvalidParameter, match="a view 'panorama' already"):
+        om.register_view("panorama", lambda camera: None)
+    with pytest.raises(InvalidParameter, match=r"\.step files are written as another format"):
+        om.register_format("other", om.manufacture.Format(print, (".step",)))
+
+
+def test_an_installed_package_brings_a_mirror(installed, tmp_path):
+    bowl = {"kind": "bowl", "depth_mm": 20.0, "rim_radius_mm": 44.0}
+    text = tomli_w.dumps(tables_of(load_sensor("paper-spherical")) | {"mirror": bowl})
+    (tmp_path / "bowl.toml").write_text(text)
+    run = omnimirror(installed, tmp_path, "evaluate", "bowl.toml", "--x-mm", "20", "--csv", "bowl.csv")
+    assert run.returncode == 0, run.stderr
+    rows = np.genfromtxt(tmp_path / "bowl.csv", delimiter=",", names=True)
+    assert rows["z_mm"] == pytest.approx(20 * (20 / 44) ** 2, rel=1e-12)
+    (tmp_path / "none.toml").write_text(text.replace('"bowl"', '"broken"'))
+    run = omnimirror(installed, tmp_path, "evaluate", "none.toml")
+    assert run.returncode == 1
+    assert "a mirror 'broken' of bowls (bowls:NotThere) cannot be used" in run.stderr
+    assert "Traceback" not in run.stderr
+
+
+def test_an_installed_package_brings_a_view_and_a_format(installed, tmp_path):
+    om.write_image(tmp_path / "a.png", np.full((1024, 1024, 3), 90, np.uint8))
+    look = ("dewarp", "a.png", "--sensor", "paper-spherical", "--view", "fan", "--size", "320x80")
+    run = omnimirror(installed, tmp_path, *look, "--pan-deg", "30", "--black", "-o", "fan.png")
+    assert run.returncode == 0, run.stderr
+    assert om.read_image(tmp_path / "fan.png").shape == (80, 320, 3)
+    run = omnimirror(installed, tmp_path, *look, "--roll-deg", "30", "-o", "no.png")
+    assert "--roll-deg does not apply to --view fan" in run.stderr
+    run = omnimirror(installed, tmp_path, "export", "paper-spherical", "-o", "a.points")
+    assert run.returncode == 0, run.stderr
+    x, z = np.loadtxt(tmp_path / "a.points").T
+    np.testing.assert_allclose(z, load_sensor("paper-spherical").mirror.sag(x), atol=1e-6)
+
+
+class Pinhole:
+    """A camera that looks up, f px to a tangent of 1: it derives from nothing of ours."""
+
+    image_size, symmetry, focal_px = (101, 101), None, 50.0
+
+    def backproject(self, pixels):
+        u, v = np.asarray(pixels, dtype=float).T
+        towards = np.stack([-(v - 50) / self.focal_px, -(u - 50) / self.focal_px, np.ones_like(u)], axis=1)
+        towards /= np.linalg.norm(towards, axis=1, keepdims=True)
+        return Rays(np.zeros_like(towards), towards, np.isfinite(u))
+
+    def project(self, points_mm):
+        return self.project_directions(points_mm)
+
+    def project_directions(self, directions):
+        x, y, z = np.asarray(directions, dtype=float).T
+        with np.errstate(divide="ignore", invalid="ignore"):
+            pixels = np.stack([50 - self.focal_px * y / z, 50 - self.focal_px * x / z], axis=1)
+        valid = (z > 0) & (np.abs(pixels - 50) <= 50.5).all(axis=1)
+        return Projection(np.where(valid[:, None], pixels, np.nan), valid)
+
+
+def test_a_camera_of_ones_own_is_straightened_without_registration():
+    camera = Pinhole()
+    v, u = np.mgrid[:101, :101]
+    picture = np.stack([2 * u, 2 * v, np.full_like(u, 77)], axis=-1).astype(np.uint8)
+    straight = om.Dewarper(camera, om.screens.Dome((41, 41), 30.0, "zenith"), "linear")(picture)
+    assert tuple(straight[20, 20]) == (100, 100, 77)  # the zenith is the picture's centre
+    away = 50 * np.tan(np.radians(30.0 * 10 / 20.5))  # r = f tan(omega), ten pixels from the middle
+    assert 2 * away == pytest.approx(abs(int(straight[10, 20, 1]) - 100), abs=1.5)
