@@ -16,7 +16,7 @@ from circumstances import arguments_of, circumstances, photograph_of, set_thread
 from timing import interleaved
 
 import omnimirror as om
-from omnimirror.dewarp.sampling.remap import FixedMap, remap_polar
+from omnimirror.dewarp.sampling.remapping import FixedMap, remap_polar
 from omnimirror.dewarp.screens import Cylinder, Plane
 from omnimirror.files import write_text
 

@@ -30,7 +30,7 @@ from timing import interleaved
 import omnimirror as om
 from omnimirror.dewarp.yuv.frames import dewarp_frame
 from omnimirror.files import write_text
-from omnimirror.media.process import process
+from omnimirror.media.processing import process
 from omnimirror.media.video.frames import frame_of_image
 from omnimirror.media.video.reader import VideoReader
 from omnimirror.media.video.writer import VideoWriter

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import importlib
+import inspect
+import pkgutil
 import subprocess
 import sys
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
@@ -35,3 +39,30 @@ def test_public_names_resolve():
     assert set(om.__all__) <= set(dir(om))
     with pytest.raises(AttributeError, match="no attribute 'lode_sensor'"):
         om.lode_sensor  # noqa: B018
+
+
+def modules() -> list[ModuleType]:
+    """Every module of the package."""
+    import omnimirror
+
+    names = [m.name for m in pkgutil.walk_packages(omnimirror.__path__, "omnimirror.")]
+    return [importlib.import_module(name) for name in names if not name.endswith(("__main__", "_native"))]
+
+
+def test_no_module_bears_the_name_of_a_function_that_it_exports():
+    named = []
+    for module in modules():
+        same = getattr(module, module.__name__.rpartition(".")[2], None)
+        if inspect.isfunction(same) and same.__module__ == module.__name__:
+            named.append(module.__name__)
+    assert not named
+
+
+def test_no_function_stands_before_a_module_of_its_package():
+    """``omnimirror.analysis.evaluation`` is the module, whatever the package takes from it."""
+    hidden = []
+    for module in modules():
+        package, _, name = module.__name__.rpartition(".")
+        if getattr(sys.modules[package], name) is not module:
+            hidden.append(module.__name__)
+    assert not hidden

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from omnimirror.errors import InvalidParameter
-from omnimirror.reproduce import ALL_FIGURES, all_claims, check, draw_figures, reproduce
+from omnimirror.reproduce import ALL_FIGURES, all_claims, check, draw_figures, reproduce_paper
 from omnimirror.reproduce.claims import AGREES, AS_READ, ASSUMED
 from omnimirror.reproduce.tables import HEADINGS, number
 
@@ -59,7 +59,7 @@ def test_numbers_that_are_not_numbers_agree_with_nothing():
 
 
 def test_files_hold_every_row(rows, tmp_path):
-    result = reproduce(tmp_path, figures=False)
+    result = reproduce_paper(tmp_path, figures=False)
     assert [f.name for f in result.files] == ["numbers.csv", "numbers.md"]
     with (tmp_path / "numbers.csv").open(encoding="utf-8") as file:
         table = list(csv.DictReader(file))
@@ -101,7 +101,7 @@ def test_figure_17_is_taken_and_straightened(tmp_path):
 
 def test_an_unknown_figure_is_refused_before_anything_is_written(tmp_path):
     with pytest.raises(InvalidParameter, match=r"fig99.*fig17"):
-        reproduce(tmp_path / "out", only=["fig99"])
+        reproduce_paper(tmp_path / "out", only=["fig99"])
     assert not (tmp_path / "out").exists()
     assert tuple(f"fig{n}" for n in range(1, 19)) == ALL_FIGURES
 

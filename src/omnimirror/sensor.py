@@ -378,11 +378,11 @@ class Sensor:
         vertex = 0.0 if self.secondary is None else -self.secondary.distance_mm
         return np.array([0.0, 0.0, vertex if self.lens.TELECENTRIC else -self.mirror_distance_mm])
 
-    def eyes(self, pupil: Array) -> Ends:
+    def entrance_pupil_points(self, pupil: Array) -> Ends:
         """Where points (n, 2) of the unit disk of the aperture see from, in the camera frame."""
         if self.lens.TELECENTRIC:
-            return Ends(self.lens.eyes(pupil), distant=True)
-        return Ends(self.lens.eyes(pupil) + self.lens_offset)
+            return Ends(self.lens.entrance_pupil_points(pupil), distant=True)
+        return Ends(self.lens.entrance_pupil_points(pupil) + self.lens_offset)
 
     def lens_rays(self, pixels: Array, pupil: Array) -> tuple[Array, Array]:
         """Origins and directions (n, 3) of rays from pixels (n, 2) through aperture points (n, 2) to the mirror.
@@ -435,7 +435,9 @@ class Sensor:
 
     def _project_in_space(self, targets: Array, distant: bool) -> Projection:
         """Pixels of points or directions (n, 3) of the camera frame."""
-        found = self.posed_mirror.specular(self.eyes(np.zeros((1, 2))), Ends.of(targets.reshape(-1, 3), distant))
+        found = self.posed_mirror.specular(
+            self.entrance_pupil_points(np.zeros((1, 2))), Ends.of(targets.reshape(-1, 3), distant)
+        )
         offsets = self.lens.image_of(found.seen_at - self.lens_offset, found.to_eyes) / self.imager.pitch_mm
         offsets[~found.valid] = np.nan
         return self._in_picture(offsets.reshape(*targets.shape[:-1], 2))

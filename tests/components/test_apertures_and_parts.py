@@ -10,7 +10,13 @@ import pytest
 
 import omnimirror as om
 from omnimirror.components.apertures import best_apertures
-from omnimirror.components.catalogue import Catalogue, ImagerPart, LensPart, TelecentricPart, read_catalogue
+from omnimirror.components.catalogue import (
+    Catalogue,
+    ImagerComponent,
+    LensComponent,
+    TelecentricComponent,
+    read_catalogue,
+)
 from omnimirror.components.selection import choose_parts, rings_for
 from omnimirror.errors import InvalidParameter, OmnimirrorError
 from omnimirror.lenses import Perspective
@@ -75,16 +81,17 @@ def test_the_example_catalogue_has_a_lens_for_the_sphere_and_reasons_against_the
 def test_a_telecentric_lens_has_to_be_as_wide_as_the_mirror():
     sensor = om.load_sensor("paraboloid-telecentric")
     width = 2 * sensor.mirror.rim_radius_mm
-    imager = ImagerPart("imager", 2448, 2048, 3.45)
-    lenses = [TelecentricPart(f"front {d:g}", 0.1, 8.0, 16.0, d) for d in (width * 0.99, width)]
-    wide, narrow = choose_parts(sensor, Catalogue((*lenses, LensPart("12 mm", 12.0, 2.0, 8.0, 100.0)), (imager,)))[:2]
+    imager = ImagerComponent("imager", 2448, 2048, 3.45)
+    lenses = [TelecentricComponent(f"front {d:g}", 0.1, 8.0, 16.0, d) for d in (width * 0.99, width)]
+    ordinary = LensComponent("12 mm", 12.0, 2.0, 8.0, 100.0)
+    wide, narrow = choose_parts(sensor, Catalogue((*lenses, ordinary), (imager,)))[:2]
     assert wide.fits
     assert f"narrower than the mirror, {width:g} mm" in narrow.reasons[0]
 
 
 def test_rings_reach_what_the_lens_equation_says():
     """The lens in its nearest position plus the ring: 1/f = 1/L + 1/b."""
-    lens = LensPart("lens", 16.0, 1.4, 16.0, 300.0, extension_rings_mm=(0.5, 1.0, 5.0))
+    lens = LensComponent("lens", 16.0, 1.4, 16.0, 300.0, extension_rings_mm=(0.5, 1.0, 5.0))
     nearest = 1 / (1 / 16.0 - 1 / 300.0)
     for focus in (1e5, 310.0, 299.0, 240.0, 205.0, 180.0, 60.0):
         ring, reasons = rings_for(lens, focus)
@@ -106,10 +113,10 @@ def test_catalogues_as_csv(tmp_path):
     (tmp_path / "imagers.csv").write_text("name,width_px,height_px,pixel_pitch_um\nC,1280,1024,5.2\n")
     read = read_catalogue(tmp_path / "lenses.csv", tmp_path / "imagers.csv")
     assert read.lenses == (
-        LensPart("A", 12.0, 1.4, 16.0, 250.0, None, (0.5, 1.0)),
-        LensPart("B", 16.0, 1.4, 16.0, 300.0, 11.0, ()),
+        LensComponent("A", 12.0, 1.4, 16.0, 250.0, None, (0.5, 1.0)),
+        LensComponent("B", 16.0, 1.4, 16.0, 300.0, 11.0, ()),
     )
-    assert read.imagers == (ImagerPart("C", 1280, 1024, 5.2),)
+    assert read.imagers == (ImagerComponent("C", 1280, 1024, 5.2),)
 
 
 @pytest.mark.parametrize(

@@ -25,9 +25,9 @@ from omnimirror.dewarp.screens import (
     Ground,
     LittlePlanet,
     Mosaic,
-    Part,
     Plane,
     Screen,
+    ScreenPart,
     Sphere,
     parts_of,
 )
@@ -387,7 +387,7 @@ def test_a_mosaic_is_its_views():
     near, far = Plane((8, 6), 20.0, -20.0, distance_mm=200.0), Plane((8, 6), 20.0, -20.0)
     cube = CubeMap((12, 2), "strip", distance_mm=500.0)
     mosaic = Mosaic((20, 16), ((0, 0, near), (10, 0, far), (3, 7, cube), (1, 1, Sphere((4, 2)))))
-    assert mosaic.parts[0] == Part(0, 0, near)
+    assert mosaic.parts[0] == ScreenPart(0, 0, near)
     assert len(parts_of(mosaic)) == 9
     assert eval(repr(mosaic)) == mosaic
     expected = np.full((16, 20, 2), np.nan)

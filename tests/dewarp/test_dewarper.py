@@ -11,7 +11,7 @@ import pytest
 
 import omnimirror as om
 from omnimirror.dewarp.maps.coordinates import exact_pixels, is_separable, screen_rings
-from omnimirror.dewarp.sampling import remap as sampling
+from omnimirror.dewarp.sampling import remapping as sampling
 from omnimirror.errors import InvalidParameter, OutsideField
 from omnimirror.frames import Mount
 from omnimirror.specs import bundled_sensors

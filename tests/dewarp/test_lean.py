@@ -12,7 +12,7 @@ from omnimirror.dewarp.screens import parts_of
 from omnimirror.errors import InvalidParameter, OmnimirrorError
 from omnimirror.frames import Mount
 from omnimirror.imagers import Imager
-from omnimirror.simulate.scenes.placed import Placed, Pose
+from omnimirror.simulate.scenes.posed import Pose, PosedScene
 from omnimirror.specs import format_sensor, parse_sensor
 from tests.dewarp.test_handedness import IMAGE_RIGHT_IS_FORWARD, shortest_path_pixel
 from tests.media.pictures.test_panoramas import xmp_of
@@ -146,7 +146,7 @@ def leaning_of(sensor: om.Sensor) -> om.Sensor:
 
 def test_a_sensor_that_leans_is_a_plumb_one_that_is_placed_so(small, world):
     taken = om.take_picture(leaning_of(small), world, samples=1)
-    placed = om.take_picture(small, Placed(world, Pose(tilt_deg=PITCH, roll_deg=ROLL)), samples=1)
+    placed = om.take_picture(small, PosedScene(world, Pose(tilt_deg=PITCH, roll_deg=ROLL)), samples=1)
     assert np.abs(taken.astype(int) - placed).max() <= 1
     assert (np.abs(taken.astype(int) - om.take_picture(small, world, samples=1)) > 20).mean() > 0.2
 

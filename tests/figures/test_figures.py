@@ -16,7 +16,7 @@ from matplotlib.text import Text
 import omnimirror as om
 from omnimirror.cli.commands.evaluation.evaluate import command
 from omnimirror.errors import InvalidParameter
-from omnimirror.figures import FIGURES, PAPER, Basis, draw, render, save_all
+from omnimirror.figures import FIGURES, PAPER, Conditions, draw, render, save_all
 from omnimirror.figures.labels import spread
 from omnimirror.figures.style import PALETTE, save_figure
 from omnimirror.reproduce import paper_sensors
@@ -202,21 +202,23 @@ def test_figures_draw_what_was_evaluated():
     asked = {"object_distance_mm": 50.0, "mode": "paper", "image_radius_px": 500, "wavelength_nm": 850.0}
     sensor = om.load_sensor("paper-spherical")
     result = om.evaluate(sensor, [0.0, 90.0], tolerance_px=2.0, **asked)
-    figure = draw("fig9", [sensor], Basis.of(result))
+    figure = draw("fig9", [sensor], Conditions.of(result))
     for column in ("blur_t_px", "blur_s_px", "blur_t_deg", "floored_area_deg2"):
         omega, drawn = line(figure, f"{sensor.name}:{column}")
         np.testing.assert_allclose(drawn, getattr(om.evaluate(sensor, omega, **asked), column), rtol=1e-12)
     assert "±2 px" in texts(figure)
     assert "objects at 50 mm" in figure.axes[0].get_title(loc="left")
-    close_up = draw("fig4", [sensor], Basis.of(result))
+    close_up = draw("fig4", [sensor], Conditions.of(result))
     near = om.evaluate(sensor, np.linspace(*sensor.field_deg, 361), **asked)
     np.testing.assert_allclose(line(close_up, f"{sensor.name}:T50mm")[1], near.distance_t_mm - 180.429, rtol=1e-9)
 
 
 def test_the_command_draws_on_the_basis_of_its_table(tmp_path, monkeypatch):
     drawn = []
-    monkeypatch.setattr("omnimirror.figures.save_all", lambda sensors, folder, basis: drawn.append(basis) or [])
+    monkeypatch.setattr(
+        "omnimirror.figures.save_all", lambda sensors, folder, conditions: drawn.append(conditions) or []
+    )
     options = "--paper-mode --image-radius-px 500 --object-distance-mm 50 --wavelength-nm 850 --tolerance-px 2"
     run = CliRunner().invoke(command, ["paper-spherical", *options.split(), "--figures", str(tmp_path)])
     assert run.exit_code == 0, run.output
-    assert drawn == [Basis("paper", 500.0, 50.0, 850.0, 2.0)]
+    assert drawn == [Conditions("paper", 500.0, 50.0, 850.0, 2.0)]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from omnimirror.numerics.minimax import Rows, Values, least_mean, least_worst
+from omnimirror.numerics.minimax import Rows, Values, minimise_mean, solve_minimax
 
 
 def bounds(dim):
@@ -25,7 +25,7 @@ def test_the_polynomial_nearest_to_zero_is_chebyshevs(degree):
     def rows(y):
         return Rows(*values(y), np.vstack([powers, -powers]), np.zeros((1, degree)))
 
-    found = least_worst(values, rows, np.zeros(degree), bounds(degree))
+    found = solve_minimax(values, rows, np.zeros(degree), bounds(degree))
     assert found.value == pytest.approx(2.0 ** (1 - degree), rel=1e-4)
 
 
@@ -42,7 +42,7 @@ def test_a_curved_minimax_problem_of_the_textbooks():
         J = np.array([[2 * a, 4 * b**3], [-2 * (2 - a), -2 * (2 - b)], [-e, e]])
         return Rows(*values(y), J, np.zeros((1, 2)))
 
-    found = least_worst(values, rows, np.array([1.0, -0.1]), bounds(2))
+    found = solve_minimax(values, rows, np.array([1.0, -0.1]), bounds(2))
     assert found.value == pytest.approx(1.9522245, abs=1e-6)
     assert list(found.history) == sorted(found.history, reverse=True)
 
@@ -50,7 +50,7 @@ def test_a_curved_minimax_problem_of_the_textbooks():
 def test_a_spread_counts_from_a_free_level():
     """The points sin, cos + level: the spread of a - y x is least where the line has the secant's slope."""
     x = np.linspace(0, 1, 201)
-    found = least_worst(
+    found = solve_minimax(
         lambda y: Values(np.exp(x) - y[0] * x, np.full(1, -1.0)),
         lambda y: Rows(np.exp(x) - y[0] * x, np.full(1, -1.0), -x[:, None], np.zeros((1, 1))),
         np.zeros(1),
@@ -63,7 +63,7 @@ def test_a_spread_counts_from_a_free_level():
     assert found.value == pytest.approx((1 - (slope - slope * level)) / 2, abs=1e-5)
 
 
-@pytest.mark.parametrize("method", [least_worst, least_mean])
+@pytest.mark.parametrize("method", [solve_minimax, minimise_mean])
 def test_constraints_are_kept_also_from_a_start_that_breaks_them(method):
     """The nearest point of the disk of radius 1 to (3, 0)."""
 
@@ -87,5 +87,5 @@ def test_a_mean_is_the_least_where_its_derivative_vanishes():
         r = y[1] - y[0] ** 2
         return Rows(*values(y), np.array([[np.sinh(y[0] - 0.7) - 4 * y[0] * r, 2 * r]]), np.zeros((1, 2)))
 
-    found = least_mean(values, rows, np.array([2.0, -1.0]), bounds(2))
+    found = minimise_mean(values, rows, np.array([2.0, -1.0]), bounds(2))
     np.testing.assert_allclose(found.y, [0.7, 0.49], atol=1e-4)

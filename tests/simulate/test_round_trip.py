@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 import omnimirror as om
-from omnimirror.simulate.round_trip import round_trip
+from omnimirror.simulate.round_trip import measure_round_trip
 
 
 def test_straightening_by_the_true_reflection_beats_a_single_viewpoint_by_what_eq_23_predicts():
-    found = round_trip(om.load_sensor("paper-spherical"), samples=1, texel_mm=10.0)
+    found = measure_round_trip(om.load_sensor("paper-spherical"), samples=1, texel_mm=10.0)
     assert np.abs(found.predicted_px).max() > 1.4
     np.testing.assert_allclose(found.single_px, found.predicted_px, atol=0.2)
     assert np.abs(found.exact_px).max() < 0.15

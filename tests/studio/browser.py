@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 from omnimirror.studio.app import Studio
-from omnimirror.studio.serve import Server, configured, listen
+from omnimirror.studio.server import Server, configured, listen
 
 Result = TypeVar("Result")
 

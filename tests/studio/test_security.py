@@ -36,7 +36,7 @@ from omnimirror.studio.bench.work import perform
 from omnimirror.studio.limits import LARGEST_MESSAGE
 from omnimirror.studio.look import streams
 from omnimirror.studio.look.sources import Sources
-from omnimirror.studio.serve import names_of
+from omnimirror.studio.server import names_of
 
 from .browser import in_a_loop, open_page, serving
 

@@ -21,9 +21,9 @@ from ..lenses import BLUR_MODES, BlurMode, DepthOfField, Perspective
 from ..mirrors import Mirror
 from ..quantities import QUANTITIES, described
 from ..sensor import Sensor, check_sensor
+from .meridional.coddington import virtual_images
 from .meridional.focus import FocusStudy, best_focus, distance_per_angle
 from .meridional.viewpoints import viewpoint_z
-from .meridional.virtual_images import virtual_images
 from .uncertainty import standard_deviations
 
 Array = NDArray[np.float64]

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..errors import InvalidParameter
 from ..mirrors import ConicAsphere, EvenPolynomial, Mirror, SlopeSpline
-from ..mirrors.slope_spline import slope_spline
+from ..mirrors.slope_spline import spline_of_slopes
 
 Array = NDArray[np.float64]
 
@@ -101,7 +101,7 @@ def _even_powers(first: int) -> Callable[[int, Array], Basis]:
 
 
 def _spline_basis(terms: int, u: Array) -> Basis:
-    slope = slope_spline(np.vstack([np.zeros(terms), np.eye(terms)]))
+    slope = spline_of_slopes(np.vstack([np.zeros(terms), np.eye(terms)]))
     sag = slope.antiderivative()
     return Basis((sag(u) - sag(0.0)).T, np.where(u == 0.0, 0.0, slope(u).T), slope.derivative()(u).T)
 

@@ -1,13 +1,13 @@
-"""The best focus of many designs at once: the place that makes the worst floored blur area least.
+"""The best focus of many designs at once: the vergence that makes the worst floored blur area least.
 
-Over the place v in focus (1/L0; under a telecentric lens -L0) the square of the floored area of a mirror point is
+Over the vergence v in focus (1/L0; under a telecentric lens -L0) the square of the floored area of a mirror point is
 
-    A^2 = D(v) ((v - v_t)^2 + r(v)) ((v - v_s)^2 + r(v)) / (radial around)^2
+    A^2 = D(v) ((v - v_t)^2 + r(v)) ((v - v_s)^2 + r(v)) / (M_t M_s)^2
 
-with the places v_t and v_s of its images, and two functions r and D of the camera alone (a pixel and the Airy
-disk over the blur of the aperture; the scale of the image), constants of a telecentric one. Its maximum over
-the field is scanned; in the best valley the tangents of the worst points on either side are made to meet until
-they meet at the bottom. The compiled evaluator goes through the same steps.
+with the vergences v_t and v_s of its images, its angular magnifications M_t and M_s, and two functions r and D of
+the camera alone (a pixel and the Airy disk over the blur of the aperture; the scale of the image), constants of a
+telecentric one. Its maximum over the field is scanned; in the best valley the tangents of the worst points on either
+side are made to meet until they meet at the bottom. The compiled evaluator goes through the same steps.
 """
 
 from __future__ import annotations
@@ -18,19 +18,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..numerics.minimisation import bottoms
-from .optics import DEGREE, Camera, TelecentricCamera
+from .optics import DEGREE, PerspectiveCamera, TelecentricCamera
 
 Array = NDArray[np.float64]
 
-SCAN = 17  # places at which valleys are looked for
-MARGIN = 0.05  # of the range of places, on either side
+SCAN = 17  # vergences at which valleys are looked for
+MARGIN = 0.05  # of the range of vergences, on either side
 CLOSE = 1e-12  # of the scanned range: a bracket so narrow holds the focus
 
 
 @dataclass(frozen=True)
 class AreaModel:
     """r and D of n designs, from b = 1/b0 = 1/f - v: ``r = scale (b^2 + a^2)``, over b^2 in the paper's mode,
-    and ``D = delta b^(4 power)``. Arrays (n, 1); ``bounds`` are the places that a lens can be focused at. Of a
+    and ``D = delta b^(4 power)``. Arrays (n, 1); ``bounds`` are the vergences that a lens can be focused at. Of a
     telecentric lens r and D are constants: the paper's mode without the Airy disk's part."""
 
     inverse_f: Array
@@ -42,7 +42,7 @@ class AreaModel:
     bounds: tuple[Array, Array]
 
     @classmethod
-    def of(cls, camera: Camera | TelecentricCamera, count: int) -> AreaModel:
+    def of(cls, camera: PerspectiveCamera | TelecentricCamera, count: int) -> AreaModel:
         """The model of ``count`` designs, whose camera holds numbers or arrays (count,)."""
         if isinstance(camera, TelecentricCamera):
             return cls._telecentric(camera, count)
@@ -57,13 +57,13 @@ class AreaModel:
     @classmethod
     def _telecentric(cls, camera: TelecentricCamera, count: int) -> AreaModel:
         nowhere = np.zeros(1)
-        blur, image = camera.px_per_place(nowhere), camera.px_per_ray(nowhere)
+        blur, image = camera.px_per_vergence(nowhere), camera.px_per_ray(nowhere)
         r = (1 + camera.airy_px(nowhere) ** 2) / blur**2
         none, c, d = _columns((np.inf, r, (blur / (image * DEGREE)) ** 4), count)
         return cls(none, np.zeros_like(c), c, d, True, 0, (-none, none))
 
     def at(self, v: Array) -> tuple[Array, Array, Array, Array]:
-        """r, dr/dv, D and d ln D/dv at places (n, 1)."""
+        """r, dr/dv, D and d ln D/dv at vergences (n, 1)."""
         b = self.inverse_f - v
         b2 = b * b
         if self.paper:
@@ -73,13 +73,13 @@ class AreaModel:
         D = self.delta * (b2 * b2) ** self.power if self.power else self.delta
         return r, dr, D, -4 * self.power / b
 
-    def squares(self, v: Array, place_t: Array, place_s: Array, density: Array) -> Array:
-        """A^2 over D (n, k) at places (n, 1)."""
+    def squares(self, v: Array, vergence_t: Array, vergence_s: Array, density: Array) -> Array:
+        """A^2 over D (n, k) at vergences (n, 1)."""
         r, _, _, _ = self.at(v)
-        t = v - place_t
+        t = v - vergence_t
         t *= t
         t += r
-        s = v - place_s
+        s = v - vergence_s
         s *= s
         s += r
         t *= s
@@ -91,43 +91,45 @@ def _columns(values: tuple[Array | float, ...], count: int) -> list[Array]:
     return [np.broadcast_to(np.asarray(v, dtype=float), count)[:, None] for v in values]
 
 
-def best_places(place_t: Array, place_s: Array, density: Array, model: AreaModel) -> tuple[Array, Array]:
-    """Place (n,) in focus of the least worst floored area, and that area (n,), square degrees.
+def best_vergences(vergence_t: Array, vergence_s: Array, density: Array, model: AreaModel) -> tuple[Array, Array]:
+    """Vergence (n,) in focus with the least worst floored area, and that area (n,), square degrees.
 
     Parameters
     ----------
-    place_t, place_s : (n, k)
+    vergence_t, vergence_s : (n, k)
         Of the images of k field angles of n designs.
     density : (n, k)
-        (radial around)^-2 of the same, 0 for angles that do not count.
+        (M_t M_s)^-2 of the same, 0 for angles that do not count.
     """
-    low, high = _range(place_t, place_s, model)
+    low, high = _range(vergence_t, vergence_s, model)
     step = (high - low) / (SCAN - 1)
-    worst = np.empty((len(place_t), SCAN))
+    worst = np.empty((len(vergence_t), SCAN))
     for i in range(SCAN):
         v = low + i * step
-        worst[:, i] = model.squares(v, place_t, place_s, density).max(axis=1)
+        worst[:, i] = model.squares(v, vergence_t, vergence_s, density).max(axis=1)
         worst[:, i] *= model.at(v)[2][:, 0]
     k = np.clip(worst.argmin(axis=1), 1, SCAN - 2)[:, None]
     a, b = low + (k - 1) * step, low + (k + 1) * step
-    v = bottoms(a, b, CLOSE * (high - low), lambda v: _worst(v, place_t, place_s, density, model))
-    return v[:, 0], np.sqrt(_worst(v, place_t, place_s, density, model)[0][:, 0])
+    v = bottoms(a, b, CLOSE * (high - low), lambda v: _worst(v, vergence_t, vergence_s, density, model))
+    return v[:, 0], np.sqrt(_worst(v, vergence_t, vergence_s, density, model)[0][:, 0])
 
 
-def _range(place_t: Array, place_s: Array, model: AreaModel) -> tuple[Array, Array]:
-    """Ends (n, 1) of the places worth a look: those of the images, with a margin, in front of the lens."""
-    low = np.minimum(place_t.min(axis=1), place_s.min(axis=1))[:, None]
-    high = np.maximum(place_t.max(axis=1), place_s.max(axis=1))[:, None]
+def _range(vergence_t: Array, vergence_s: Array, model: AreaModel) -> tuple[Array, Array]:
+    """Ends (n, 1) of the vergences worth a look: those of the images, with a margin, in front of the lens."""
+    low = np.minimum(vergence_t.min(axis=1), vergence_s.min(axis=1))[:, None]
+    high = np.maximum(vergence_t.max(axis=1), vergence_s.max(axis=1))[:, None]
     margin = MARGIN * (high - low)
     return np.clip(low - margin, *model.bounds), np.clip(high + margin, *model.bounds)
 
 
-def _worst(v: Array, place_t: Array, place_s: Array, density: Array, model: AreaModel) -> tuple[Array, Array, Array]:
+def _worst(
+    v: Array, vergence_t: Array, vergence_s: Array, density: Array, model: AreaModel
+) -> tuple[Array, Array, Array]:
     """Largest A^2, its derivative by v, and which angle has it; (n, 1) each."""
-    squares = model.squares(v, place_t, place_s, density)
+    squares = model.squares(v, vergence_t, vergence_s, density)
     j = squares.argmax(axis=1)
     at = j + np.arange(len(j)) * squares.shape[1]
     r, dr, D, d_log_D = model.at(v)
-    t, s = v - place_t.take(at)[:, None], v - place_s.take(at)[:, None]
+    t, s = v - vergence_t.take(at)[:, None], v - vergence_s.take(at)[:, None]
     value = D * squares.take(at)[:, None]
     return value, value * (d_log_D + (2 * t + dr) / (t * t + r) + (2 * s + dr) / (s * s + r)), j[:, None]

@@ -20,8 +20,8 @@ from ..mirrors.conics import conic_profile
 from ..native import backend
 from ..sensor import Sensor
 from .bases import Family
-from .best_focus import AreaModel, best_places
-from .optics import DEGREE, Camera, NodeOptics, TelecentricCamera, node_optics, telecentric_optics
+from .best_focus import AreaModel, best_vergences
+from .optics import DEGREE, NodeOptics, PerspectiveCamera, TelecentricCamera, node_optics, telecentric_optics
 
 Array = NDArray[np.float64]
 Numbers = Any
@@ -107,14 +107,14 @@ class Designs:
     def is_telecentric(self) -> bool:
         return bool((self.magnification > 0).all())
 
-    def camera(self, rim_ray: Array) -> Camera | TelecentricCamera:
+    def camera(self, rim_ray: Array) -> PerspectiveCamera | TelecentricCamera:
         """The lenses and pixels, of designs whose rims stand at a ray coordinate ``rim_ray`` (n,)."""
         pitch = self.pixel_pitch_um * 1e-3
         if self.is_telecentric:
             return TelecentricCamera(
                 self.magnification, self.f_number, rim_ray, pitch, self.image_radius_px, self.wavelength_nm
             )
-        return Camera(
+        return PerspectiveCamera(
             self.focal_length_mm, self.f_number, rim_ray, pitch, self.mode, self.image_radius_px, self.wavelength_nm
         )
 
@@ -233,22 +233,22 @@ def _block(d: Designs, u: Array) -> BatchEvaluation:
     with np.errstate(all="ignore"):
         o = _optics(d, u)
         camera = d.camera(o.ray[:, -1])
-        density = 1 / (o.radial * o.around) ** 2
+        density = 1 / (o.magnification_t * o.magnification_s) ** 2
         density[o.omega < d.least_omega_deg * DEGREE] = 0.0
-        valid: Any = ((o.turning > 0) & (o.facing > 0) & (o.around > 0)).all(axis=1)
-        v, worst = best_places(o.place_t, o.place_s, density, AreaModel.of(camera, len(d)))
-        ray_px, place_px, airy = (
+        valid: Any = ((o.domega_dx > 0) & (o.cos_incidence > 0) & (o.magnification_s > 0)).all(axis=1)
+        v, worst = best_vergences(o.vergence_t, o.vergence_s, density, AreaModel.of(camera, len(d)))
+        ray_px, vergence_px, airy = (
             np.broadcast_to(part, len(d))[:, None]
-            for part in (camera.px_per_ray(v), camera.px_per_place(v), camera.airy_px(v))
+            for part in (camera.px_per_ray(v), camera.px_per_vergence(v), camera.airy_px(v))
         )
         v = v[:, None]
-        dh, dw = o.radial * ray_px * DEGREE, o.around * ray_px * DEGREE
-        t, s = place_px * (v - o.place_t), place_px * (v - o.place_s)
+        dh, dw = o.magnification_t * ray_px * DEGREE, o.magnification_s * ray_px * DEGREE
+        t, s = vergence_px * (v - o.vergence_t), vergence_px * (v - o.vergence_s)
         floor = 1 + airy**2
         area = np.sqrt((t * t + floor) * (s * s + floor)) / (dh * dw)
         distance: Any = np.negative if d.is_telecentric else np.reciprocal
         columns = (
-            o.omega / DEGREE, o.ray * ray_px, dh, dw, o.viewpoint_z, distance(o.place_t), distance(o.place_s),
+            o.omega / DEGREE, o.ray * ray_px, dh, dw, o.viewpoint_z, distance(o.vergence_t), distance(o.vergence_s),
             t, s, area,
         )  # fmt: skip
         return BatchEvaluation(np.stack(columns), distance(v[:, 0]), worst, valid)

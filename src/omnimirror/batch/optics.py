@@ -5,9 +5,9 @@ but sums, products, roots and one kind of arctangent occurs. Two things need tha
 exact derivatives by adding an imaginary step to an input, and blocks of thousands of designs are quick.
 On the axis no limit has to be taken: z'/x stands for itself.
 
-Both kinds of lens are written alike. A *place* says where an image lies, so that blur is linear in it:
-under a perspective lens the vergence 1/L, under a telecentric one -L. A *ray coordinate* is what the image
-height is proportional to: tan(theta), and x.
+Both kinds of lens are written alike. The *vergence* of an image is the coordinate in which blur is linear: 1/L under
+a perspective lens (Eq. 28 is ``(f b0/F)(1/L0 - 1/L)``), and -L in its stead under a telecentric one, whose blur is
+``mu^2 (L - L0)/F_w``. The *ray coordinate* is what the image height is proportional to: tan(theta) (Eq. 7), and x.
 """
 
 from __future__ import annotations
@@ -33,20 +33,20 @@ class NodeOptics(NamedTuple):
     """Field angle (Eq. 4)."""
     ray: Array
     """tan(theta) of the lens's viewing angle (Eq. 5); x under a telecentric lens."""
-    radial: Array
-    """d ray / d Omega: Dh per radian and unit of the ray coordinate (Eqs. 8, 9)."""
-    around: Array
-    """ray / sin(Omega): Dw in the same units (Eq. 10)."""
-    place_t: Array
+    magnification_t: Array
+    """Tangential angular magnification d ray / d Omega: Dh per radian and unit of the ray coordinate (Eqs. 8, 9)."""
+    magnification_s: Array
+    """Sagittal angular magnification ray / sin(Omega): Dw in the same units (Eq. 10)."""
+    vergence_t: Array
     """1/L_t (Eq. 34); -L_t under a telecentric lens."""
-    place_s: Array
+    vergence_s: Array
     """1/L_s (Eq. 35); -L_s under a telecentric lens."""
     viewpoint_z: Array
     """Where the chief ray meets the axis (Eq. 6)."""
-    turning: Array
-    """dOmega/dx, 1/mm; above 0 where the mapping is one to one."""
-    facing: Array
-    """Cosine of the angle of incidence; above 0 where the lens sees the mirror's front."""
+    domega_dx: Array
+    """dOmega/dx, 1/mm (Eq. 8); above 0 where the mapping is one to one."""
+    cos_incidence: Array
+    """Cosine of the angle of incidence gamma (Eq. 3); above 0 where the lens sees the mirror's front."""
 
 
 def node_optics(
@@ -71,17 +71,17 @@ def node_optics(
     sine = 2 * w * slope_over_x + 1 - slope * slope  # sin(Omega) steep rho / x
     q_t = 1 / (2 * curvature / (steep * root * cos_gamma) + inverse_distance)
     q_s = 1 / (2 * cos_gamma * slope_over_x / root + inverse_distance)
-    turning = 2 * curvature / steep + front / to_lens
+    domega_dx = 2 * curvature / steep + front / to_lens
     return NodeOptics(
         omega=2 * np.arctan(slope) + np.arctan(x / w),
         ray=x / w,
-        radial=front / (w * w * turning),
-        around=rho * steep / (w * sine),
-        place_t=1 / (w * (1 + q_t / rho)),
-        place_s=1 / (w * (1 + q_s / rho)),
+        magnification_t=front / (w * w * domega_dx),
+        magnification_s=rho * steep / (w * sine),
+        vergence_t=1 / (w * (1 + q_t / rho)),
+        vergence_s=1 / (w * (1 + q_s / rho)),
         viewpoint_z=z + (w * (1 - slope * slope) - 2 * slope * x) / sine,
-        turning=turning,
-        facing=cos_gamma,
+        domega_dx=domega_dx,
+        cos_incidence=cos_gamma,
     )
 
 
@@ -90,22 +90,22 @@ def telecentric_optics(
 ) -> NodeOptics:
     """As :func:`node_optics` under a telecentric lens: the limit of a lens infinitely far away."""
     steep = 1 + slope * slope
-    turning = 2 * curvature / steep
+    domega_dx = 2 * curvature / steep
     return NodeOptics(
         omega=2 * np.arctan(slope),
         ray=x + 0 * slope,
-        radial=1 / turning,
-        around=steep / (2 * slope_over_x),
-        place_t=-(z + 1 / (turning + inverse_distance)),
-        place_s=-(z + 1 / (2 * slope_over_x / steep + inverse_distance)),
+        magnification_t=1 / domega_dx,
+        magnification_s=steep / (2 * slope_over_x),
+        vergence_t=-(z + 1 / (domega_dx + inverse_distance)),
+        vergence_s=-(z + 1 / (2 * slope_over_x / steep + inverse_distance)),
         viewpoint_z=z + (1 - slope * slope) / (2 * slope_over_x),
-        turning=turning,
-        facing=1 / np.sqrt(steep),
+        domega_dx=domega_dx,
+        cos_incidence=1 / np.sqrt(steep),
     )
 
 
 class CameraModel(Protocol):
-    """Lens and pixels as functions of the place v that is in focus."""
+    """Lens and pixels as functions of the vergence v that is in focus."""
 
     def image_distance(self, v: Array) -> Array:
         """From the lens to the imager, mm; 0 of a telecentric lens, whose length is its maker's affair."""
@@ -115,8 +115,8 @@ class CameraModel(Protocol):
         """Image height over the ray coordinate, px (Eq. 7)."""
         ...
 
-    def px_per_place(self, v: Array) -> Array:
-        """Blur over the difference of two places, px (Eqs. 28, 29)."""
+    def px_per_vergence(self, v: Array) -> Array:
+        """Blur over the difference of two vergences, px (Eqs. 28, 29)."""
         ...
 
     def airy_px(self, v: Array) -> Array:
@@ -125,8 +125,8 @@ class CameraModel(Protocol):
 
 
 @dataclass(frozen=True)
-class Camera:
-    """A perspective lens and its pixels; places are vergences v = 1/L0 (1/mm).
+class PerspectiveCamera:
+    """A perspective lens and its pixels; vergences are v = 1/L0 (1/mm).
 
     Attributes
     ----------
@@ -154,7 +154,7 @@ class Camera:
         scaled: Array = self.image_radius_px / self.rim_ray + 0 * v
         return scaled
 
-    def px_per_place(self, v: Array) -> Array:
+    def px_per_vergence(self, v: Array) -> Array:
         b = self.image_distance(v) if self.mode == "exact" else self.focal_length_mm + 0 * v
         blur: Array = self.focal_length_mm * b / (self.f_number * self.pitch_mm)
         return blur
@@ -167,7 +167,7 @@ class Camera:
 
 @dataclass(frozen=True)
 class TelecentricCamera:
-    """A telecentric lens and its pixels; places are -L0 (mm), L0 from the mirror vertex.
+    """A telecentric lens and its pixels; in the stead of vergences stand -L0 (mm), L0 from the mirror vertex.
 
     Attributes
     ----------
@@ -192,7 +192,7 @@ class TelecentricCamera:
         scaled: Array = self.image_radius_px / self.rim_ray + 0 * v
         return scaled
 
-    def px_per_place(self, v: Array) -> Array:
+    def px_per_vergence(self, v: Array) -> Array:
         blur: Array = self.magnification**2 / (self.f_number * self.pitch_mm) + 0 * v
         return blur
 

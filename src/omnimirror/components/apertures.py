@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..analysis.meridional.coddington import virtual_images
 from ..analysis.meridional.focus import FocusStudy
-from ..analysis.meridional.virtual_images import virtual_images
 from ..errors import InvalidParameter
 from ..lenses import BlurMode, Lens, Perspective
 from ..numerics.minimisation import lowest

@@ -18,7 +18,7 @@ RINGS = Parameter("mm", 1e-3, 1e3, "thicknesses of the extension rings that fit 
 F_NUMBER = Parameter("", 0.1, 1e3, "F-number")
 
 
-class Part:
+class Component:
     """A line of a catalogue."""
 
     PARAMETERS: ClassVar[dict[str, Parameter]]
@@ -32,7 +32,7 @@ class Part:
 
 
 @dataclass(frozen=True)
-class LensPart(Part):
+class LensComponent(Component):
     """An ordinary (entocentric) lens.
 
     Parameters
@@ -73,7 +73,7 @@ class LensPart(Part):
 
 
 @dataclass(frozen=True)
-class TelecentricPart(Part):
+class TelecentricComponent(Component):
     """A telecentric lens; the mirror has to fit into its front."""
 
     name: str
@@ -97,7 +97,7 @@ class TelecentricPart(Part):
 
 
 @dataclass(frozen=True)
-class ImagerPart(Part):
+class ImagerComponent(Component):
     """An imager or a camera."""
 
     name: str
@@ -124,8 +124,8 @@ def _check_f_numbers(name: str, low: float, high: float) -> None:
 class Catalogue:
     """What can be bought."""
 
-    lenses: tuple[LensPart | TelecentricPart, ...]
-    imagers: tuple[ImagerPart, ...]
+    lenses: tuple[LensComponent | TelecentricComponent, ...]
+    imagers: tuple[ImagerComponent, ...]
 
 
 def read_catalogue(*paths: str | Path) -> Catalogue:
@@ -140,15 +140,15 @@ def read_catalogue(*paths: str | Path) -> Catalogue:
         A file that cannot be read, an entry that is missing, unknown or out of range, or no lens or no imager at all.
     """
     parts = [part for path in paths for part in _read(Path(path))]
-    lenses = tuple(p for p in parts if isinstance(p, LensPart | TelecentricPart))
-    imagers = tuple(p for p in parts if isinstance(p, ImagerPart))
+    lenses = tuple(p for p in parts if isinstance(p, LensComponent | TelecentricComponent))
+    imagers = tuple(p for p in parts if isinstance(p, ImagerComponent))
     if not lenses or not imagers:
         missing = "lens" if not lenses else "imager"
         raise OmnimirrorError(f"there is no {missing} in {', '.join(map(str, paths))}; at least one is needed")
     return Catalogue(lenses, imagers)
 
 
-def _read(path: Path) -> Iterable[Part]:
+def _read(path: Path) -> Iterable[Component]:
     text = read_text(path, "catalogue")
     if path.suffix.lower() == ".csv":
         for number, row in enumerate(csv.DictReader(text.splitlines()), start=2):
@@ -181,13 +181,13 @@ def _number(key: str, text: str) -> Any:
     return numbers[0] if len(numbers) == 1 else text
 
 
-def _part(where: str, entry: dict[str, Any]) -> Part:
+def _part(where: str, entry: dict[str, Any]) -> Component:
     """One part, of the kind that its entries tell."""
-    cls: type[Any] = LensPart
+    cls: type[Any] = LensComponent
     if "magnification" in entry:
-        cls = TelecentricPart
+        cls = TelecentricComponent
     elif "pixel_pitch_um" in entry:
-        cls = ImagerPart
+        cls = ImagerComponent
     known = {f.name: f for f in fields(cls)}
     if unknown := [k for k in entry if k not in known]:
         raise OmnimirrorError(f"{where}: {unknown[0]} is not known; valid are {', '.join(known)}")
@@ -204,13 +204,13 @@ def _part(where: str, entry: dict[str, Any]) -> Part:
             ok = _is_number(value)
         if not ok:
             raise OmnimirrorError(f"{where}: {key} = {shown(value)} is not {'a name' if key == 'name' else 'a number'}")
-    if cls is ImagerPart:
+    if cls is ImagerComponent:
         for key in ("width_px", "height_px"):
             if values[key] != int(values[key]):
                 raise OmnimirrorError(f"{where}: {key} = {values[key]:g} is not a whole number of pixels")
             values[key] = int(values[key])
     try:
-        part: Part = cls(**values)
+        part: Component = cls(**values)
     except InvalidParameter as e:
         raise OmnimirrorError(f"{where}: {e}") from None
     return part

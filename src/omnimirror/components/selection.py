@@ -13,13 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..analysis import best_focus
-from ..batch.best_focus import AreaModel, best_places
-from ..batch.optics import Camera, node_optics
+from ..batch.best_focus import AreaModel, best_vergences
+from ..batch.optics import PerspectiveCamera, node_optics
 from ..errors import InvalidParameter
 from ..imagers import Imager
 from ..lenses import Lens, Orthographic, Perspective
 from ..sensor import Sensor
-from .catalogue import Catalogue, ImagerPart, LensPart, TelecentricPart
+from .catalogue import Catalogue, ImagerComponent, LensComponent, TelecentricComponent
 
 Array = NDArray[np.float64]
 
@@ -89,9 +89,13 @@ def choose_parts(
 
 
 def _combine(
-    sensor: Sensor, lens: LensPart | TelecentricPart, imager: ImagerPart, least_fill: float, distance: float
+    sensor: Sensor,
+    lens: LensComponent | TelecentricComponent,
+    imager: ImagerComponent,
+    least_fill: float,
+    distance: float,
 ) -> Combination:
-    if isinstance(lens, TelecentricPart) != sensor.lens.TELECENTRIC:
+    if isinstance(lens, TelecentricComponent) != sensor.lens.TELECENTRIC:
         wanted = "a telecentric lens" if sensor.lens.TELECENTRIC else "a lens at a distance, not a telecentric one"
         return Combination(lens.name, imager.name, (f"the mirror is made for {wanted}",), 0.0, 0.0, 0.0, None, np.inf)
     part = Imager(imager.width_px, imager.height_px, imager.pixel_pitch_um)
@@ -105,7 +109,7 @@ def _combine(
     if lens.image_circle_mm is not None and 2 * rim * part.pitch_mm > lens.image_circle_mm:
         reasons.append(f"the lens covers {lens.image_circle_mm:g} mm, the image needs {2 * rim * part.pitch_mm:.1f} mm")
     ring = 0.0
-    if isinstance(lens, LensPart):
+    if isinstance(lens, LensComponent):
         ring, more = rings_for(lens, best.lens.focus_distance_mm)
         reasons += more
     elif lens.front_diameter_mm < (width := 2 * sensor.mirror.rim_radius_mm):
@@ -113,12 +117,12 @@ def _combine(
     return Combination(lens.name, imager.name, tuple(reasons), rim / half, rim, ring, best, area)
 
 
-def rings_for(part: LensPart, focus_mm: float) -> tuple[float, list[str]]:
+def rings_for(part: LensComponent, focus_mm: float) -> tuple[float, list[str]]:
     """The thinnest rings with which a lens focuses at a distance, mm; or why none do.
 
     The lens's own travel is what leads from infinity to its nearest focus, ``f^2/(L_min - f)``; rings add to it.
 
-    >>> lens = LensPart("12 mm", 12.0, 1.4, 16.0, 300.0, extension_rings_mm=(0.5, 1.0))
+    >>> lens = LensComponent("12 mm", 12.0, 1.4, 16.0, 300.0, extension_rings_mm=(0.5, 1.0))
     >>> rings_for(lens, 400.0), rings_for(lens, 160.0)
     ((0.0, []), (0.5, []))
     """
@@ -134,11 +138,13 @@ def rings_for(part: LensPart, focus_mm: float) -> tuple[float, list[str]]:
     return 0.0, [sentence]
 
 
-def _at_best_aperture(sensor: Sensor, part: LensPart | TelecentricPart, distance: float) -> tuple[Sensor, float]:
+def _at_best_aperture(
+    sensor: Sensor, part: LensComponent | TelecentricComponent, distance: float
+) -> tuple[Sensor, float]:
     """The sensor with this lens at the F-number and focus of its least worst floored blur area, and that area."""
     low, high = part.f_number_min, part.f_number_max
     stops = np.concatenate([[low], STOPS[(low < STOPS) & (high > STOPS)], [high]])
-    if isinstance(part, TelecentricPart):
+    if isinstance(part, TelecentricComponent):
         lenses: list[Lens] = [Orthographic(part.magnification, float(F), 0.0) for F in stops]
         foci = [best_focus(replace(sensor, lens=lens), object_distance_mm=distance) for lens in lenses]
         i = int(np.argmin([f.value for f in foci]))
@@ -154,8 +160,10 @@ def _foci(sensor: Sensor, focal_length_mm: float, stops: Array, distance: float)
     with np.errstate(divide="ignore", invalid="ignore"):
         slope_over_x = np.where(rays.x > 0, rays.slope / rays.x, rays.curvature)
         o = node_optics(rays.x, rays.z, rays.slope, rays.curvature, slope_over_x, np.asarray(rays.m), 1 / distance)
-        density = 1 / (o.radial * o.around) ** 2
-    camera = Camera(focal_length_mm, stops, o.ray[-1], sensor.imager.pitch_mm)
-    place_t, place_s, density = (np.repeat(a[None], len(stops), axis=0) for a in (o.place_t, o.place_s, density))
-    v, area = best_places(place_t, place_s, density, AreaModel.of(camera, len(stops)))
+        density = 1 / (o.magnification_t * o.magnification_s) ** 2
+    camera = PerspectiveCamera(focal_length_mm, stops, o.ray[-1], sensor.imager.pitch_mm)
+    vergence_t, vergence_s, density = (
+        np.repeat(a[None], len(stops), axis=0) for a in (o.vergence_t, o.vergence_s, density)
+    )
+    v, area = best_vergences(vergence_t, vergence_s, density, AreaModel.of(camera, len(stops)))
     return 1 / v, area

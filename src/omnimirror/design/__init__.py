@@ -3,7 +3,7 @@
 from .construct.families import FAMILIES
 from .construct.fits import Fit, FitForm, fit_mirror
 from .construct.mappings import MAPPINGS, generated_mirror
-from .construct.rim import PlacedMirror, Rim
+from .construct.rim import MountedMirror, Rim
 from .criteria.limits import Limit
 from .criteria.requirement_file import format_requirements, load_requirements, parse_requirements
 from .criteria.requirements import FieldRequirements, LensRequirements, MirrorRequirements, Requirements
@@ -26,8 +26,8 @@ __all__ = [
     "LensRequirements",
     "Limit",
     "MirrorRequirements",
+    "MountedMirror",
     "Optimum",
-    "PlacedMirror",
     "Requirements",
     "Rim",
     "SearchOptions",

@@ -22,7 +22,7 @@ EDGE_SAMPLES = 1440  # points along the rim and along each side of the picture
 
 
 @dataclass(frozen=True)
-class Field:
+class FieldOfView:
     """What a camera sees, as far as views need to know."""
 
     tilt_min_deg: float
@@ -33,7 +33,7 @@ class Field:
     """Square root of the mean number of source pixels per square degree seen."""
 
 
-def field_of(camera: Camera) -> Field:
+def field_of(camera: Camera) -> FieldOfView:
     """The camera's elevations and mean resolution.
 
     Elevations are exact for a camera that is symmetric about a vertical axis and reaches its full field
@@ -64,7 +64,7 @@ def field_of(camera: Camera) -> Field:
     width, height = camera.image_size
     pixels_seen = rays.valid.mean() * width * height
     square_degrees = max(camera.project_directions(sphere).valid.mean(), 1 / SAMPLES) * 4 * np.pi * np.degrees(1) ** 2
-    return Field(low, high, float(np.sqrt(pixels_seen / square_degrees)))
+    return FieldOfView(low, high, float(np.sqrt(pixels_seen / square_degrees)))
 
 
 def pole_of(camera: Camera) -> Pole:

@@ -17,7 +17,7 @@ from ..numerics.lazy import cached_property
 from .camera_field import field_of, ring_of
 from .maps.coordinates import is_separable, screen_grid, screen_rings, source_pixels
 from .maps.polar import Rings
-from .sampling.remap import (
+from .sampling.remapping import (
     INTERPOLATIONS,
     Border,
     FixedMap,

@@ -11,7 +11,7 @@ from ..arguments import WrongKind, number, shown
 from ..cameras import Camera
 from ..errors import InvalidParameter
 from ..numerics.registry import Registry
-from .camera_field import Field, field_of, pole_of
+from .camera_field import FieldOfView, field_of, pole_of
 from .maps.coordinates import rows_of_pixels
 from .screens import (
     CubeMap,
@@ -384,7 +384,7 @@ def _resolution(camera: Camera, screen: Screen) -> float:
 # -- sizes -----------------------------------------------------------------------------------------
 
 
-def _end(seen: Field, pole: Pole) -> float:
+def _end(seen: FieldOfView, pole: Pole) -> float:
     """Angle (deg) from a pole to the far end of the field."""
     return 90 - seen.tilt_min_deg if pole == "zenith" else 90 + seen.tilt_max_deg
 

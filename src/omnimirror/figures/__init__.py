@@ -14,13 +14,13 @@ from . import curves, images, raytraces
 from .comparison import picture_sheet, side_by_side, table_sheet
 from .pictures import three_pictures
 from .style import FORMATS, render, save_figure, styled
-from .subjects import EXACT, PAPER, Basis, Subject, subjects_of
+from .subjects import EXACT, PAPER, Conditions, Subject, subjects_of
 
 __all__ = [
     "EXACT",
     "FIGURES",
     "PAPER",
-    "Basis",
+    "Conditions",
     "FigureSpec",
     "draw",
     "picture_sheet",
@@ -125,7 +125,7 @@ FIGURES: dict[str, FigureSpec] = {
 """Every figure by its name, in the order of the paper."""
 
 
-def draw(name: str, sensors: Sequence[Sensor], basis: Basis = EXACT) -> Figure:
+def draw(name: str, sensors: Sequence[Sensor], conditions: Conditions = EXACT) -> Figure:
     """Draw one figure.
 
     Parameters
@@ -152,7 +152,7 @@ def draw(name: str, sensors: Sequence[Sensor], basis: Basis = EXACT) -> Figure:
     if name not in FIGURES:
         raise InvalidParameter(f"figure {name!r} is not known; valid are {', '.join(FIGURES)}")
     with styled():
-        return FIGURES[name].function(subjects_of(sensors, basis))
+        return FIGURES[name].function(subjects_of(sensors, conditions))
 
 
 def save_all(
@@ -160,7 +160,7 @@ def save_all(
     out_dir: str | Path,
     formats: Sequence[str] = ("svg", "png"),
     which: Iterable[str] | None = None,
-    basis: Basis = EXACT,
+    conditions: Conditions = EXACT,
     progress: Callable[[str], None] | None = None,
 ) -> list[Path]:
     """Draw figures and write each in every format, as ``out_dir/fig5.svg`` and so on.
@@ -191,6 +191,6 @@ def save_all(
     for name in names:
         if progress is not None:
             progress(name)
-        figure = draw(name, sensors, basis)
+        figure = draw(name, sensors, conditions)
         files += [save_figure(figure, Path(out_dir) / f"{name}.{kind}") for kind in formats]
     return files

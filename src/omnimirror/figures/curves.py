@@ -114,7 +114,7 @@ def _blur_panel(ax: Axes, subjects: Sequence[Subject], unit: str, labels: EndLab
     ax.set_xlim(0, widest(subjects))
     ax.set_ylabel("Blur Δ (px)" if unit == "px" else "Blur Δ$_t$/Δh, Δ$_s$/Δw (deg)")
     if unit == "px":
-        permitted = subjects[0].basis.tolerance_px
+        permitted = subjects[0].conditions.tolerance_px
         ax.axhspan(-permitted, permitted, color="#F2F2F2", zorder=0)
         ax.text(
             0.02,
@@ -182,7 +182,7 @@ def viewing_angle(subjects: Sequence[Subject]) -> Figure:
         member = Subject(
             sphere_for(subject.sensor, field, theta, subject.radius_px),
             subject.colour,
-            replace(subject.basis, image_radius_px=subject.radius_px),
+            replace(subject.conditions, image_radius_px=subject.radius_px),
         )
         look = {"alpha": shade, "linewidth": 1.2} if theta else {"color": INK, "linestyle": (0, (4, 2))}
         line = _line(ax, member, "area_px2", **look)
@@ -252,7 +252,7 @@ def _viewpoint_panel(ax: Axes, subject: Subject) -> float:
     M, worst, places = subject.rim_mm, 0.0, []
     omega = subject.curve.omega_deg
     for shade, n in zip(np.linspace(1.0, 0.4, len(DISTANCES)), DISTANCES, strict=True):
-        best = best_viewpoint(subject.sensor, n * M, omega, subject.basis.image_radius_px)
+        best = best_viewpoint(subject.sensor, n * M, omega, subject.conditions.image_radius_px)
         look = {"color": subject.colour, "alpha": shade, "gid": f"{subject.name}:error_px:{n}M"}
         if best.worst_px < SAME_PX:
             ax.plot(omega, np.zeros_like(omega), **look)

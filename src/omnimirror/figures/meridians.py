@@ -14,7 +14,7 @@ from .style import PAGE, PALETTE, angle_axis, grid_of_axes, new_figure, panel_ti
 POINTS = 400
 
 
-def meridians(mirrors: Mapping[str, Meridian]) -> Figure:
+def meridian_curves(mirrors: Mapping[str, Meridian]) -> Figure:
     """Draw up to six mirrors by their names, lengths in rim radii and image heights in that of the rim."""
     with styled():
         figure = new_figure(PAGE, 2.9)

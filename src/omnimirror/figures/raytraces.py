@@ -198,7 +198,7 @@ def _draw_close_up(ax: Axes, subject: Subject, labels: EndLabels) -> None:
 
 def _virtual_images(subject: Subject) -> list[tuple[str, Curve, dict[str, object]]]:
     """Name, places and look of four curves: of the objects asked for (strong), and of near ones."""
-    p = subject.basis.object_distance_mm
+    p = subject.conditions.object_distance_mm
     asked = "∞" if np.isinf(p) else f"{p:g}mm"
     strong: dict[str, object] = {"linewidth": 1.3}
     fine: dict[str, object] = {"linewidth": 0.7}

@@ -1,4 +1,4 @@
-"""What a figure draws: sensors with a colour each, evaluated on one basis."""
+"""What a figure draws: sensors with a colour each, evaluated under the same conditions."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ NODES = 361  # points of a curve
 
 
 @dataclass(frozen=True)
-class Basis:
-    """How quantities are computed: exactly and in the sensor's own pixels, or as the paper does.
+class Conditions:
+    """Under which conditions quantities are computed: exactly and in the sensor's own pixels, or as the paper does.
 
     Parameters
     ----------
@@ -43,14 +43,14 @@ class Basis:
     tolerance_px: float = 1.0
 
     @classmethod
-    def of(cls, result: Evaluation) -> Basis:
+    def of(cls, result: Evaluation) -> Conditions:
         """How an evaluation was computed; of several object distances the nearest."""
         p = float(np.min(result.object_distance_mm))
         return cls(result.mode, result.image_radius_px, p, result.wavelength_nm, result.tolerance_px)
 
 
-EXACT = Basis()
-PAPER = Basis("paper", 500.0)
+EXACT = Conditions()
+PAPER = Conditions("paper", 500.0)
 """Eq. 29 for the blur, and an image circle of 2N = 1000 pixels."""
 
 
@@ -60,7 +60,7 @@ class Subject:
 
     sensor: Sensor
     colour: str
-    basis: Basis = EXACT
+    conditions: Conditions = EXACT
 
     @property
     def name(self) -> str:
@@ -69,7 +69,7 @@ class Subject:
     @property
     def objects(self) -> str:
         """What is said where objects are not distant."""
-        p = self.basis.object_distance_mm
+        p = self.conditions.object_distance_mm
         return "" if np.isinf(p) else f", objects at {p:g} mm"
 
     @property
@@ -80,7 +80,7 @@ class Subject:
     @property
     def radius_px(self) -> float:
         """Radius of the image circle."""
-        return self.basis.image_radius_px or self.sensor.rim_radius_px
+        return self.conditions.image_radius_px or self.sensor.rim_radius_px
 
     @cached_property
     def curve(self) -> Evaluation:
@@ -98,7 +98,7 @@ class Subject:
 
     def at(self, omega_deg: ArrayLike) -> Evaluation:
         """Evaluate field angles (n,), deg."""
-        return self._evaluated(omega_deg, None, self.basis.object_distance_mm)
+        return self._evaluated(omega_deg, None, self.conditions.object_distance_mm)
 
     def _evaluated(self, omega_deg: ArrayLike | None, x_mm: ArrayLike | None, object_distance_mm: float) -> Evaluation:
         return evaluate(
@@ -106,10 +106,10 @@ class Subject:
             omega_deg,
             x_mm=x_mm,
             object_distance_mm=object_distance_mm,
-            mode=self.basis.mode,
-            image_radius_px=self.basis.image_radius_px,
-            wavelength_nm=self.basis.wavelength_nm,
-            tolerance_px=self.basis.tolerance_px,
+            mode=self.conditions.mode,
+            image_radius_px=self.conditions.image_radius_px,
+            wavelength_nm=self.conditions.wavelength_nm,
+            tolerance_px=self.conditions.tolerance_px,
         )
 
     def mean_pixel_deg(self) -> float:
@@ -120,7 +120,7 @@ class Subject:
         return float(np.sqrt(seen / (np.pi * (self.radius_px**2 - inner**2))))
 
 
-def subjects_of(sensors: Sequence[Sensor], basis: Basis) -> list[Subject]:
+def subjects_of(sensors: Sequence[Sensor], conditions: Conditions) -> list[Subject]:
     """One subject per sensor, in its colour.
 
     Raises
@@ -130,7 +130,7 @@ def subjects_of(sensors: Sequence[Sensor], basis: Basis) -> list[Subject]:
     """
     if not 1 <= len(sensors) <= len(PALETTE):
         raise InvalidParameter(f"{len(sensors)} sensors do not fit into a figure; it takes 1 to {len(PALETTE)}")
-    return [Subject(s, colour, basis) for s, colour in zip(sensors, PALETTE, strict=False)]
+    return [Subject(s, colour, conditions) for s, colour in zip(sensors, PALETTE, strict=False)]
 
 
 def widest(subjects: Sequence[Subject]) -> float:

@@ -103,16 +103,16 @@ class Lens(ABC):
         return np.ones_like(ideal), np.ones_like(ideal)
 
     @abstractmethod
-    def eyes(self, pupil: Array) -> Array:
-        """Where (n, 3) mm points (n, 2) of the unit disk of the aperture stand.
+    def entrance_pupil_points(self, pupil: Array) -> Array:
+        """Points (n, 3) mm of the entrance pupil that belong to points (n, 2) of the unit disk of the aperture.
 
         In the frame of the lens's reference point, X and Y as in the unflipped picture, Z towards the
         mirror. Under a telecentric lens, which sees from infinitely far away: unit vectors towards it.
         """
 
     @abstractmethod
-    def eyes_motion(self, pupil: Array) -> Array:
-        """Derivatives (n, 2, 3) of :meth:`eyes` by the two coordinates of the aperture."""
+    def entrance_pupil_motion(self, pupil: Array) -> Array:
+        """Derivatives (n, 2, 3) of :meth:`entrance_pupil_points` by the two coordinates of the aperture."""
 
     @abstractmethod
     def rays(self, image: Array, pupil: Array) -> tuple[Array, Array]:

@@ -50,21 +50,21 @@ class Orthographic(Lens):
         """Slope of the outermost rays on the side of the mirror, against the axis."""
         return self.magnification / self.working_f_number / 2
 
-    def eyes(self, pupil: Array) -> Array:
+    def entrance_pupil_points(self, pupil: Array) -> Array:
         slopes = self.aperture_slope * pupil
         towards = np.concatenate([slopes, -np.ones((len(pupil), 1))], axis=1)
         towards /= np.linalg.norm(towards, axis=1, keepdims=True)
         return towards
 
-    def eyes_motion(self, pupil: Array) -> Array:
-        towards = self.eyes(pupil)
+    def entrance_pupil_motion(self, pupil: Array) -> Array:
+        towards = self.entrance_pupil_points(pupil)
         turn = np.eye(2, 3) - towards[:, None, :] * towards[:, :2, None]
         motion: Array = -self.aperture_slope * towards[:, 2:, None] * turn
         return motion
 
     def rays(self, image: Array, pupil: Array) -> tuple[Array, Array]:
         in_focus = np.concatenate([image / self.magnification, np.full((len(image), 1), self.focus_distance_mm)], 1)
-        return in_focus, -self.eyes(pupil)
+        return in_focus, -self.entrance_pupil_points(pupil)
 
     def image_of(self, points: Array, directions: Array) -> Array:
         return self.magnification * crossing(points, directions, self.focus_distance_mm)

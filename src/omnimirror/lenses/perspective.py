@@ -114,14 +114,14 @@ class Perspective(Lens):
         """Radius of the entrance pupil, mm."""
         return self.focal_length_mm / self.f_number / 2
 
-    def eyes(self, pupil: Array) -> Array:
+    def entrance_pupil_points(self, pupil: Array) -> Array:
         return np.concatenate([self.aperture_radius * pupil, np.zeros((len(pupil), 1))], axis=1)
 
-    def eyes_motion(self, pupil: Array) -> Array:
+    def entrance_pupil_motion(self, pupil: Array) -> Array:
         return np.broadcast_to(self.aperture_radius * np.eye(2, 3), (len(pupil), 2, 3))
 
     def rays(self, image: Array, pupil: Array) -> tuple[Array, Array]:
-        origins, ideal = self.eyes(pupil), self.undistorted(image)
+        origins, ideal = self.entrance_pupil_points(pupil), self.undistorted(image)
         in_focus = np.concatenate([ideal / self.image_distance, np.ones((len(ideal), 1))], axis=1)
         return origins, in_focus - origins / self.focus_distance_mm
 

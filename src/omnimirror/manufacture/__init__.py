@@ -4,7 +4,7 @@ from .body import Body
 from .drawings.drawing import Drawing, draw_sheet
 from .exporter import DEFAULT_FORMATS, FORMATS, Content, Exported, Format, export, register_format
 from .formats.gridsag import format_grid_sag
-from .formats.sag_table import format_table, sag_table, table_points
+from .formats.sag_tables import format_table, sag_table, table_points
 from .formats.zmx import format_zmx
 from .forms import Asphere, Curve, asphere_of, curve_of
 from .reference_sphere import BestSphere, best_sphere

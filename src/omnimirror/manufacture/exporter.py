@@ -21,7 +21,7 @@ from .body import Body
 from .drawings.drawing import Drawing, draw_sheet, write_drawing
 from .drawings.sheet import scale_words
 from .formats.gridsag import write_grid_sag
-from .formats.sag_table import format_table, table_points
+from .formats.sag_tables import format_table, table_points
 from .formats.zmx import write_zmx
 from .parts import Part, parts_of
 from .supports import Support

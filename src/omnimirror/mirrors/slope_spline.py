@@ -25,12 +25,12 @@ DEGREE = 5  # quintic: the curvature that focus depends on has three continuous 
 FEWEST = 4
 
 
-def slope_spline(slopes: Array) -> BSpline:
+def spline_of_slopes(slopes: Array) -> BSpline:
     """Spline over [-1, 1] through slopes (n, ..) at 0, 1/(n-1), .., 1, taken oddly to the other side of the axis.
 
     A first slope other than 0 is a pointed mirror, and its spline begins on the axis.
 
-    >>> slope_spline(np.array([0.0, 0.5, 1.0]))([0.25, -0.25])
+    >>> spline_of_slopes(np.array([0.0, 0.5, 1.0]))([0.25, -0.25])
     array([ 0.25, -0.25])
     """
     from scipy.interpolate import make_interp_spline
@@ -76,7 +76,7 @@ class SlopeSpline(Mirror):
 
     @cached_property
     def _splines(self) -> tuple[BSpline, BSpline, BSpline]:
-        slope = slope_spline(np.array(self.slopes))
+        slope = spline_of_slopes(np.array(self.slopes))
         return slope.antiderivative(), slope, slope.derivative()
 
     def profile(self, x_mm: ArrayLike) -> tuple[Array, Array, Array]:

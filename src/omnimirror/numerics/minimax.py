@@ -61,7 +61,7 @@ class Minimum:
     history: tuple[float, ...]
 
 
-def least_worst(
+def solve_minimax(
     values: Callable[[Array], Values],
     rows: Callable[[Array], Rows],
     start: Array,
@@ -97,7 +97,7 @@ def least_worst(
     ...     return Values(np.array([y[0] ** 2, (y[0] - 3) ** 2]), np.array([-1.0]))
     >>> def rows(y):
     ...     return Rows(*values(y), np.array([2 * y, 2 * (y - 3)]), np.zeros((1, 1)))
-    >>> round(float(least_worst(values, rows, np.zeros(1), (np.full(1, -9.0), np.full(1, 9.0))).y[0]), 6)
+    >>> round(float(solve_minimax(values, rows, np.zeros(1), (np.full(1, -9.0), np.full(1, 9.0))).y[0]), 6)
     1.5
     """
     y = np.clip(start, *bounds)
@@ -129,7 +129,7 @@ def least_worst(
     return Minimum(y, here.value, here.violation, tuple(history))
 
 
-def least_mean(
+def minimise_mean(
     values: Callable[[Array], Values],
     rows: Callable[[Array], Rows],
     start: Array,
@@ -140,7 +140,7 @@ def least_mean(
 ) -> Minimum:
     """Minimise a single smooth function under constraints: sequential quadratic programming (SciPy's SLSQP).
 
-    As :func:`least_worst`, for an objective of one row; the least price met on the way is returned.
+    As :func:`solve_minimax`, for an objective of one row; the least price met on the way is returned.
     """
     from scipy.optimize import minimize
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from ..errors import InvalidParameter
 from ..figures import FIGURES, PAPER, save_all, save_figure
 from . import blur, shapes, tables
-from .claims import Claim, Row, judge
+from .claims import CheckedClaim, Claim, check_claims
 from .paper import Paper, paper_sensors
 
 __all__ = [
@@ -21,7 +21,7 @@ __all__ = [
     "check",
     "draw_figures",
     "paper_sensors",
-    "reproduce",
+    "reproduce_paper",
 ]
 
 ALL_FIGURES = tuple(f"fig{number}" for number in range(1, 19))
@@ -32,11 +32,11 @@ ALL_FIGURES = tuple(f"fig{number}" for number in range(1, 19))
 class Reproduction:
     """What came out: the rows of the table, and the files written."""
 
-    rows: list[Row]
+    rows: list[CheckedClaim]
     files: list[Path]
 
     @property
-    def unexpected(self) -> list[Row]:
+    def unexpected(self) -> list[CheckedClaim]:
         """Rows whose verdict is not the one known to be right."""
         return [r for r in self.rows if not r.as_expected]
 
@@ -46,14 +46,14 @@ def all_claims() -> list[Claim]:
     return [*shapes.claims(), *blur.claims()]
 
 
-def check(claims: Sequence[Claim] | None = None) -> list[Row]:
+def check(claims: Sequence[Claim] | None = None) -> list[CheckedClaim]:
     """Compute every claim and judge it.
 
     >>> rows = check(all_claims()[:1])
     >>> rows[0].verdict, round(rows[0].computed, 2)
     ('agrees', 134.98)
     """
-    return judge(list(all_claims() if claims is None else claims), Paper())
+    return check_claims(list(all_claims() if claims is None else claims), Paper())
 
 
 def draw_figures(
@@ -91,7 +91,7 @@ def _figure_names(which: Iterable[str] | None) -> list[str]:
     return names
 
 
-def reproduce(
+def reproduce_paper(
     out_dir: str | Path,
     figures: bool = True,
     only: Iterable[str] | None = None,

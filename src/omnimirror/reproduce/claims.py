@@ -109,7 +109,7 @@ def _close(a: float, b: float, tolerance: float) -> bool:
 
 
 @dataclass(frozen=True)
-class Row:
+class CheckedClaim:
     """A claim, computed."""
 
     number: int
@@ -128,11 +128,11 @@ class Row:
         return f"{self.number} ({self.claim.place}: {self.claim.quantity})"
 
 
-def judge(claims: list[Claim], paper: Paper) -> list[Row]:
+def check_claims(claims: list[Claim], paper: Paper) -> list[CheckedClaim]:
     """Compute every claim, in order, numbered from 1."""
     rows = []
     for number, claim in enumerate(claims, start=1):
         computed = float(claim.compute(paper))
         exact = None if claim.exact is None else float(claim.exact(paper))
-        rows.append(Row(number, claim, computed, exact, claim.verdict(computed)))
+        rows.append(CheckedClaim(number, claim, computed, exact, claim.verdict(computed)))
     return rows

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..analysis import Evaluation, SingleViewpoint, best_focus, best_viewpoint, evaluate
 from ..analysis.meridional.focus import BestFocus
 from ..figures.curves import sphere_for
-from ..figures.subjects import EXACT, PAPER, Basis
+from ..figures.subjects import EXACT, PAPER, Conditions
 from ..lenses import Orthographic, Perspective
 from ..mirrors import EvenPolynomial, Hyperboloid, Mirror, Sphere
 from ..numerics.lazy import cached_property
@@ -50,26 +50,26 @@ class Paper:
         return {s.name: s for s in paper_sensors()}
 
     @cached_property
-    def _evaluations(self) -> dict[tuple[str, Basis, float], Evaluation]:
+    def _evaluations(self) -> dict[tuple[str, Conditions, float], Evaluation]:
         return {}
 
-    def field(self, name: str, basis: Basis = PAPER, object_distance_mm: float = np.inf) -> Evaluation:
+    def field(self, name: str, conditions: Conditions = PAPER, object_distance_mm: float = np.inf) -> Evaluation:
         """The whole field of a sensor, every half degree from 0 to 135."""
-        key = (name, basis, object_distance_mm)
+        key = (name, conditions, object_distance_mm)
         if key not in self._evaluations:
-            self._evaluations[key] = self.at(name, np.arange(0, 135.25, 0.5), basis, object_distance_mm)
+            self._evaluations[key] = self.at(name, np.arange(0, 135.25, 0.5), conditions, object_distance_mm)
         return self._evaluations[key]
 
     def at(
-        self, name: str, omega_deg: ArrayLike, basis: Basis = PAPER, object_distance_mm: float = np.inf
+        self, name: str, omega_deg: ArrayLike, conditions: Conditions = PAPER, object_distance_mm: float = np.inf
     ) -> Evaluation:
         """A sensor at field angles (n,), deg."""
         return evaluate(
             self.sensors[name],
             omega_deg,
             object_distance_mm=object_distance_mm,
-            mode=basis.mode,
-            image_radius_px=basis.image_radius_px,
+            mode=conditions.mode,
+            image_radius_px=conditions.image_radius_px,
         )
 
     def rim(self, name: str) -> ChiefRays:
@@ -81,14 +81,16 @@ class Paper:
         """Distance of the lowest from the highest viewpoint, in M."""
         return float(np.ptp(self.field(name).viewpoint_z_mm)) / M
 
-    def worst_blur_px(self, name: str, way: str, basis: Basis = PAPER, object_distance_mm: float = np.inf) -> float:
+    def worst_blur_px(
+        self, name: str, way: str, conditions: Conditions = PAPER, object_distance_mm: float = np.inf
+    ) -> float:
         """Largest tangential (``"t"``) or sagittal (``"s"``) blur of the field."""
-        blur: Array = getattr(self.field(name, basis, object_distance_mm), f"blur_{way}_px")
+        blur: Array = getattr(self.field(name, conditions, object_distance_mm), f"blur_{way}_px")
         return float(np.abs(blur).max())
 
-    def depth_of_field(self, name: str, basis: Basis = PAPER) -> float:
+    def depth_of_field(self, name: str, conditions: Conditions = PAPER) -> float:
         """Depth of field about L0 in mm."""
-        return self.field(name, basis).depth_of_field_mm.depth
+        return self.field(name, conditions).depth_of_field_mm.depth
 
     def best_focus(self, name: str) -> BestFocus:
         """L0 with the least worst blur area (the paper's product)."""

@@ -11,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from ..files import write_text
-from .claims import AGREES, AS_READ, ASSUMED, NOT_REPRODUCED, Row
+from .claims import AGREES, AS_READ, ASSUMED, NOT_REPRODUCED, CheckedClaim
 
 HEADINGS = ("no", "place", "quantity", "printed", "computed", "exact", "unit", "tolerance", "corrected", "verdict",
             "expected", "formula", "reading", "note")  # fmt: skip
@@ -30,12 +30,12 @@ def number(value: float | None, digits: int = 6) -> str:
     return "0" if abs(value) < 1e-12 else f"{value:.{digits}g}"
 
 
-def printed(row: Row) -> str:
+def printed(row: CheckedClaim) -> str:
     """The printed number with its relation: "≤ 1"."""
     return RELATIONS[row.claim.relation] + number(row.claim.printed)
 
 
-def summary(rows: Sequence[Row]) -> str:
+def summary(rows: Sequence[CheckedClaim]) -> str:
     """One sentence: how many agree, how many are known errata, how many are not reproduced.
 
     >>> summary([])
@@ -52,7 +52,7 @@ def summary(rows: Sequence[Row]) -> str:
     )
 
 
-def write_csv(rows: Sequence[Row], path: str | Path) -> None:
+def write_csv(rows: Sequence[CheckedClaim], path: str | Path) -> None:
     """Every column, numbers with 12 significant digits."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
@@ -68,7 +68,7 @@ def write_csv(rows: Sequence[Row], path: str | Path) -> None:
     write_text(path, text.getvalue())
 
 
-def write_markdown(rows: Sequence[Row], path: str | Path) -> None:
+def write_markdown(rows: Sequence[CheckedClaim], path: str | Path) -> None:
     """The table for people, with formulas and notes."""
     head = ("", "Place", "Quantity", "Printed", "Computed", "Exactly", "Unit", "Verdict", "Computed from", "Note")
     lines = [
@@ -92,7 +92,7 @@ def write_markdown(rows: Sequence[Row], path: str | Path) -> None:
     write_text(path, "\n".join(lines) + "\n")
 
 
-def terminal_table(rows: Sequence[Row]) -> Table:
+def terminal_table(rows: Sequence[CheckedClaim]) -> Table:
     """The table for the terminal; formulas and notes are left to the files."""
     table = Table(box=None, header_style="bold", padding=(0, 1), pad_edge=False)
     table.add_column("", justify="right", style="dim")

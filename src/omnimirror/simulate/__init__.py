@@ -8,7 +8,7 @@ from .rendering.picture import pinhole_picture, take_picture
 from .restoration.bracketing import merge_bracket, plan_bracket
 from .restoration.noise import Noise, estimate_noise
 from .restoration.sharpening import restore
-from .scenes import Distant, Environment, Hall, Placed, Pose, Room, Scene, Street
+from .scenes import Distant, Environment, Hall, Pose, PosedScene, Room, Scene, Street
 
 __all__ = [
     "Detector",
@@ -17,8 +17,8 @@ __all__ = [
     "Hall",
     "Hardware",
     "Noise",
-    "Placed",
     "Pose",
+    "PosedScene",
     "Room",
     "Scene",
     "Street",

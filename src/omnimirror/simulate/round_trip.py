@@ -17,7 +17,7 @@ from ..sensor import Sensor
 from .colour import srgb_from_linear
 from .rendering.exposure import expose
 from .rendering.picture import pinhole_picture
-from .scenes import Placed, Pose, Room, Scene
+from .scenes import Pose, PosedScene, Room, Scene
 
 Array = NDArray[np.float64]
 
@@ -65,7 +65,7 @@ class RoundTrip:
         return float(1 - 10 ** ((self.blurred_db - self.exact_db) / 10))
 
 
-def round_trip(sensor: Sensor, samples: int = 16, texel_mm: float = 2.0) -> RoundTrip:
+def measure_round_trip(sensor: Sensor, samples: int = 16, texel_mm: float = 2.0) -> RoundTrip:
     """Simulate the room's wall 800 mm ahead, straighten it in four ways, and compare each with a pinhole's picture.
 
     Raises
@@ -75,7 +75,7 @@ def round_trip(sensor: Sensor, samples: int = 16, texel_mm: float = 2.0) -> Roun
     OutsideField
         If the sensor does not see all of the wall's letters.
     """
-    room = Placed(Room(texel_mm), POSE)
+    room = PosedScene(Room(texel_mm), POSE)
     truth = _truth(room)
     near = best_viewpoint(sensor, WALL_MM)
     exact, single = Dewarper(sensor, VIEW, "cubic"), Dewarper(sensor, VIEW, "cubic", viewpoint=near.z_mm)

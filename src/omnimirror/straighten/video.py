@@ -14,14 +14,14 @@ import av
 
 from ..cameras import Camera
 from ..dewarp import Dewarper, views
-from ..dewarp.sampling.remap import Border, Interpolation
+from ..dewarp.sampling.remapping import Border, Interpolation
 from ..dewarp.screens import View
 from ..dewarp.viewpoints import Viewpoint
 from ..dewarp.yuv.chroma import Siting
 from ..dewarp.yuv.frames import dewarp_frame
 from ..errors import InvalidParameter
 from ..files import is_same_file
-from ..media import process as processing
+from ..media import processing
 from ..media.keyframes import Keyframes
 from ..media.live.outputs import PipeSink, Preview, StreamSink, Tee, VirtualCamera
 from ..media.live.sources import TICKS, LiveSource, is_live

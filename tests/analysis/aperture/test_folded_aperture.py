@@ -119,15 +119,15 @@ def test_light_is_spread_over_the_aperture_as_its_footprint_moves(kind, distant)
     mirror = sensor.posed_mirror
 
     def met(pupil):
-        return mirror.specular(sensor.eyes(pupil), target).points[0, :2]
+        return mirror.specular(sensor.entrance_pupil_points(pupil), target).points[0, :2]
 
     columns = [(met(at + step * e) - met(at - step * e)) / (2 * step) for e in np.eye(2)]
-    found = mirror.specular(sensor.eyes(at), target)
+    found = mirror.specular(sensor.entrance_pupil_points(at), target)
     area = abs(np.linalg.det(np.stack(columns)))
     section = area * float(found.normals[0] @ found.to_targets[0]) / abs(found.normals[0, 2])
     if not distant:
         section /= float(np.sum((target.xyz - found.points) ** 2))
-    beam = mirror.beam(sensor.eyes(at), target, found, sensor.lens.eyes_motion(at))
+    beam = mirror.beam(sensor.entrance_pupil_points(at), target, found, sensor.lens.entrance_pupil_motion(at))
     assert float(beam[0]) == pytest.approx(section, rel=1e-6)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.simulate import Placed, Pose, expose, ground_truth
+from omnimirror.simulate import Pose, PosedScene, expose, ground_truth
 from tests.commands import fails, omnimirror
 
 
@@ -43,7 +43,7 @@ def test_an_exr_holds_light_and_ground_truth(sensor_file, tmp_path):
     with OpenEXR.File(str(out), separate_channels=True) as file:
         channels = {name: np.array(c.pixels) for name, c in file.channels().items()}
     assert set(channels) == {"R", "G", "B", "A", "H", "Z", "DX", "DY", "DZ", "OX", "OY", "OZ"}
-    sensor, scene = om.load_sensor(sensor_file), Placed(om.Room(), Pose(300.0, 100.0, 0.0, 30.0))
+    sensor, scene = om.load_sensor(sensor_file), PosedScene(om.Room(), Pose(300.0, 100.0, 0.0, 30.0))
     truth = ground_truth(sensor, scene)
     np.testing.assert_allclose(channels["Z"], truth.depth_mm, rtol=1e-6)
     np.testing.assert_allclose(channels["DY"], truth.directions[..., 1], atol=1e-6)

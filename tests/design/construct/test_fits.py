@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.design import PlacedMirror, Rim, fit_mirror, generated_mirror
+from omnimirror.design import MountedMirror, Rim, fit_mirror, generated_mirror
 from omnimirror.errors import InvalidParameter
 from omnimirror.imagers import Imager
 from omnimirror.lenses import Orthographic, Perspective
@@ -18,7 +18,7 @@ M = 43.9
 EQUIDISTANT = generated_mirror("equidistant", Rim(135.0, 12.0, M))
 
 
-def linearity(placed: PlacedMirror) -> np.ndarray:
+def linearity(placed: MountedMirror) -> np.ndarray:
     """How far the heights that evaluation gives lie off the line from the centre to 135 deg at the rim."""
     sensor = om.Sensor(placed.mirror, Perspective(11.6, 4.0, 206.0), Imager(1024, 1024, 5.2),
                        mirror_distance_mm=placed.distance_mm)  # fmt: skip
@@ -81,11 +81,11 @@ def test_more_terms_never_do_worse(mapping):
 
 def test_a_form_that_holds_the_target_finds_it():
     paraboloid = EvenPolynomial((0.011, 2e-6), M)
-    target = PlacedMirror(paraboloid, 170.0)
+    target = MountedMirror(paraboloid, 170.0)
     fit = fit_mirror(target, "polynomial:2")
     assert fit.mapping < 1e-12
     assert fit.placed.mirror.coefficients == pytest.approx(np.multiply(paraboloid.coefficients, [M, M**3]), rel=1e-9)
-    sphere = PlacedMirror(Sphere(50.0, M), 180.0)
+    sphere = MountedMirror(Sphere(50.0, M), 180.0)
     found = fit_mirror(sphere, "asphere:0").placed
     assert found.mirror.vertex_radius_mm == pytest.approx(50.0, rel=1e-9)
     assert found.mirror.conic == pytest.approx(0.0, abs=1e-8)

@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import omnimirror as om
-from omnimirror.dewarp.sampling import remap as sampling
+from omnimirror.dewarp.sampling import remapping as sampling
 from omnimirror.dewarp.sampling.footprints import Ring, squares_of_coordinates
-from omnimirror.dewarp.sampling.remap import FixedMap, Grid, remap, remap_grid, remap_polar
+from omnimirror.dewarp.sampling.remapping import FixedMap, Grid, remap, remap_grid, remap_polar
 from omnimirror.native import backend
 
 MODULE = backend.module

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from omnimirror.dewarp.sampling.remap import FixedMap, Grid, node_weights, remap, remap_grid, remap_polar
+from omnimirror.dewarp.sampling.remapping import FixedMap, Grid, node_weights, remap, remap_grid, remap_polar
 from omnimirror.errors import InvalidParameter
 from omnimirror.native import Backend, backend
 

@@ -14,7 +14,7 @@ import pytest
 from omnimirror.errors import MediaError
 from omnimirror.media.live.outputs import StreamSink
 from omnimirror.media.live.sources import TICKS, LiveSource, checked
-from omnimirror.media.process import process
+from omnimirror.media.processing import process
 from omnimirror.media.video.writer import VideoWriter
 from tests.media.synthetic import SIZE, make_video, pictures_of
 

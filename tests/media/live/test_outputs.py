@@ -17,7 +17,7 @@ from omnimirror.errors import InvalidParameter, MediaError
 from omnimirror.media import interrupts
 from omnimirror.media.live import outputs
 from omnimirror.media.live.outputs import PipeSink, Preview, Tee, VirtualCamera
-from omnimirror.media.process import in_real_time, process
+from omnimirror.media.processing import in_real_time, process
 from omnimirror.media.video.frames import frame_of_image, planes
 from omnimirror.media.video.reader import VideoReader
 from omnimirror.media.video.writer import VideoWriter
@@ -97,7 +97,7 @@ def test_a_reader_that_has_seen_enough_is_no_error(clip):
     code = f"""
 import sys
 from omnimirror.media.outputs import PipeSink
-from omnimirror.media.process import in_real_time, process
+from omnimirror.media.processing import in_real_time, process
 from omnimirror.media.video import VideoReader
 reader = VideoReader({str(clip)!r})
 try:

@@ -16,7 +16,7 @@ import omnimirror as om
 from omnimirror.cli import main
 from omnimirror.imagers import Imager
 from omnimirror.media.pictures.images import encoded
-from omnimirror.media.process import process
+from omnimirror.media.processing import process
 from omnimirror.media.video.frames import frame_of_image, image_of_frame
 from omnimirror.media.video.reader import VideoReader
 from omnimirror.media.video.writer import VideoWriter

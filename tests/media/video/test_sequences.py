@@ -11,7 +11,7 @@ import pytest
 
 import omnimirror as om
 from omnimirror.errors import InvalidParameter, MediaError
-from omnimirror.media.process import process
+from omnimirror.media.processing import process
 from omnimirror.media.video.frames import frame_of_image
 from omnimirror.media.video.reader import VideoReader
 from omnimirror.media.video.timecode import later

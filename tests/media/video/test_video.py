@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from omnimirror.errors import InvalidParameter, MediaError
-from omnimirror.media.process import process
+from omnimirror.media.processing import process
 from omnimirror.media.video.frames import (
     Colour,
     converted,
@@ -396,7 +396,7 @@ SCRIPT = """
 import sys, time
 from omnimirror.errors import OmnimirrorError
 from omnimirror.media import interrupts
-from omnimirror.media.process import process
+from omnimirror.media.processing import process
 from omnimirror.media.video import VideoReader
 from omnimirror.media.writer import VideoWriter
 

@@ -13,7 +13,7 @@ from omnimirror.simulate.restoration.blur_problem import BlurProblem
 from omnimirror.simulate.restoration.blurring import Blur
 from omnimirror.simulate.restoration.deconvolution import solve
 from omnimirror.simulate.restoration.operators import CompiledOperator, Operator, SparseOperator
-from omnimirror.simulate.restoration.round_blur import round_blur
+from omnimirror.simulate.restoration.round_blur import round_blur_of
 
 needs_compiled = pytest.mark.skipif(not backend.is_compiled, reason="nothing is compiled here")
 KINDS = [SparseOperator, pytest.param(CompiledOperator, marks=needs_compiled)]
@@ -24,7 +24,7 @@ def blur() -> Blur:
     """Of a sensor whose picture is cut off, so that kernels reach beyond its edge."""
     sensor = faster(om.load_sensor("paper-hyperboloidal"), 96, 0.5)
     sensor = replace(sensor, imager=Imager(90, 70, sensor.imager.pixel_pitch_um, centre_px=(40.0, 30.0)))
-    return BlurProblem(round_blur(sensor)).blur
+    return BlurProblem(round_blur_of(sensor)).blur
 
 
 def random(places: int, channels: int, seed: int):

@@ -9,7 +9,7 @@ import pytest
 
 import omnimirror as om
 from omnimirror.errors import InvalidParameter, MediaError
-from omnimirror.simulate import Environment, Placed, Pose, Street, expose
+from omnimirror.simulate import Environment, Pose, PosedScene, Street, expose
 from omnimirror.simulate.scenes.mesh import load_mesh
 
 trimesh = pytest.importorskip("trimesh")
@@ -89,7 +89,7 @@ def test_a_mirror_that_stands_in_something_is_refused(tmp_path):
         cube = load_mesh(tmp_path / "cube.ply")
         if size > 0.1:
             assert expose(small, cube, 1).max() > 0
-            assert expose(om.load_sensor("folded-spherical"), Placed(cube, Pose()), 1).max() > 0
+            assert expose(om.load_sensor("folded-spherical"), PosedScene(cube, Pose()), 1).max() > 0
             continue
         for mirror in (small, replace(small, mount=replace(small.mount, camera_looks="down"))):
             with pytest.raises(InvalidParameter, match="the mirror stands in something of the scene"):
@@ -107,7 +107,7 @@ def test_a_mirror_that_stands_in_something_is_refused(tmp_path):
 def test_a_sensor_stands_on_the_street_and_not_in_what_is_there(pose, words):
     sensor = om.load_sensor("paper-spherical")
     with pytest.raises(InvalidParameter, match=words):
-        expose(sensor, Placed(Street(texel_mm=200.0), pose), 1)
+        expose(sensor, PosedScene(Street(texel_mm=200.0), pose), 1)
 
 
 def test_an_environment_of_two_pixels_is_none(tmp_path):

@@ -9,7 +9,7 @@ import omnimirror as om
 from omnimirror.errors import InvalidParameter, MediaError
 from omnimirror.native import backend
 from omnimirror.simulate import Environment, Hall, Scene, Street, pinhole_picture
-from omnimirror.simulate.scenes.facets import facets
+from omnimirror.simulate.scenes.triangles import facets
 
 needs_native = pytest.mark.skipif(not backend.is_compiled, reason="nothing was compiled here")
 

@@ -166,8 +166,8 @@ def _aperture(sensor: Sensor, pupil: Pupil, chief: Specular, towards: Array, p: 
     for i in range(k):
         target = Ends(towards[i : i + 1], True) if np.isinf(p[i]) else Ends(objects[i : i + 1])
         found = _specular(sensor, pupil.points, target, chief.points[i])
-        motion = sensor.lens.eyes_motion(pupil.points)
-        density[i] = sensor.posed_mirror.beam(sensor.eyes(pupil.points), target, found, motion)
+        motion = sensor.lens.entrance_pupil_motion(pupil.points)
+        density[i] = sensor.posed_mirror.beam(sensor.entrance_pupil_points(pupil.points), target, found, motion)
         parts.append(found)
     return Specular(*(np.concatenate(columns) for columns in zip(*parts, strict=True))), density
 
@@ -179,4 +179,4 @@ def _named(omega: Array, azimuth: Array, fine: Mask) -> str:
 
 
 def _specular(sensor: Sensor, pupil: Array, targets: Ends, start: Array | None = None) -> Specular:
-    return sensor.posed_mirror.specular(sensor.eyes(pupil), targets, start)
+    return sensor.posed_mirror.specular(sensor.entrance_pupil_points(pupil), targets, start)

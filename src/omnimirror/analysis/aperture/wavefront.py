@@ -174,8 +174,8 @@ def working_f_numbers(sensor: Sensor, height_mm: float) -> tuple[float, float]:
 def _phase(bundles: Bundles, sensor: Sensor, chief_mm: Array) -> Array:
     """W (k, n), mm: path to each point of the aperture less that from the point in focus that the chief ray aims at."""
     in_focus = _conjugate(sensor, chief_mm) + sensor.lens_offset
-    eyes = sensor.eyes(bundles.pupil.points)
-    centre = sensor.eyes(np.zeros((1, 2)))
+    eyes = sensor.entrance_pupil_points(bundles.pupil.points)
+    centre = sensor.entrance_pupil_points(np.zeros((1, 2)))
     if eyes.distant:
         ideal, middle = (-(in_focus @ e.xyz.T) for e in (eyes, centre))
     else:

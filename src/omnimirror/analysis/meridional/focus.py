@@ -19,9 +19,9 @@ from ...lenses import BLUR_MODES, BlurMode, Lens, Perspective
 from ...numerics.minimisation import lowest_with_slopes
 from ...sensor import Sensor, check_sensor
 from ...tracing.meridian import ChiefRays
+from .coddington import VirtualImages, distances_from_lens, virtual_images
 from .focus_merits import FOCUS_MERITS, FocusedBlur, FocusFunction, FocusMerit, Scales, Sides
 from .imaging import imaging_characteristics
-from .virtual_images import VirtualImages, distances_from_lens, virtual_images
 
 Array = NDArray[np.float64]
 
@@ -61,7 +61,7 @@ class FocusStudy:
         return sensor.lens.stretch(sensor.lens.ideal_height(first.x, first.w))
 
     def scales(self, middle: float, unit: float) -> Callable[[Any], Scales]:
-        """What changes with the focus, of places u in focus that count from a middle in a unit."""
+        """What changes with the focus, of focus coordinates u that count from a middle in a unit."""
         lens, pitch = self.sensor.lens, self.sensor.imager.pitch_mm
         own = lens.through_focus(lens.focus_coordinate(lens.focus_distance_mm))
         airy2 = (lens.airy_diameter(self.wavelength_nm) / pitch / own.f_number) ** 2
@@ -168,39 +168,39 @@ def _lowest(study: FocusStudy, merit: FocusMerit) -> float:
             f"omega_deg = {np.degrees(study.rays.omega[bad]):.6g} has no finite blur at any focus (a degree of object "
             "has no size in the picture there, or no image); leave it out"
         )
-    place = middle + half * lowest_with_slopes(function, (low - middle) / half, (high - middle) / half)
+    coordinate = middle + half * lowest_with_slopes(function, (low - middle) / half, (high - middle) / half)
     limits = lens.PARAMETERS["focus_distance_mm"]
-    return float(np.clip(lens.focus_coordinate(place), max(limits.low, _closest(lens)), limits.high))
+    return float(np.clip(lens.focus_coordinate(coordinate), max(limits.low, _closest(lens)), limits.high))
 
 
 def focus_function(study: FocusStudy, merit: FocusMerit, middle: float, unit: float) -> FocusFunction:
-    """A merit as a function of places in focus (:meth:`Lens.focus_coordinate`) that count from a middle in a unit."""
+    """A merit as a function of :meth:`Lens.focus_coordinate`, counted from a middle in a unit."""
     sensor = study.sensor
-    places = sensor.lens.focus_coordinate(np.stack(study.distances()))
+    coordinates = sensor.lens.focus_coordinate(np.stack(study.distances()))
     imaging = study.at(sensor.lens.focus_distance_mm).imaging
-    t, s = (places - middle) / unit
+    t, s = (coordinates - middle) / unit
     sides = Sides(t, s, *study.stretch(sensor), imaging.height, imaging.width)
     return FocusFunction(merit, sides, study.rays.omega, study.scales(middle, unit))
 
 
-def _searched(lens: Lens, places: Array) -> tuple[float, float]:
-    """The range of places in focus that is searched: those of all images, and a little more."""
+def _searched(lens: Lens, coordinates: Array) -> tuple[float, float]:
+    """The range of focus coordinates that is searched: those of all images, and a little more."""
     limits = lens.PARAMETERS["focus_distance_mm"]
     if lens.TELECENTRIC:
-        return _around(places, limits.low, limits.high)
+        return _around(coordinates, limits.low, limits.high)
     # by nearness, so that far images do not stretch the search; what lies behind the lens converges: beyond infinity
-    return _around(np.maximum(places, 0.0), 1 / limits.high, 1 / max(limits.low, _closest(lens)))
+    return _around(np.maximum(coordinates, 0.0), 1 / limits.high, 1 / max(limits.low, _closest(lens)))
 
 
-def _around(places: Array, least: float, most: float) -> tuple[float, float]:
-    """An interval that holds the places of all images that a lens can be focused at, and a little more.
+def _around(coordinates: Array, least: float, most: float) -> tuple[float, float]:
+    """An interval that holds the focus coordinates of all images that a lens can be focused at, and a little more.
 
-    Places past the last one are left out, unless there are no others; those before the first count as the first.
+    Those past the last one are left out, unless there are no others; those before the first count as the first.
     """
-    places = places[~np.isnan(places)]
-    if not places.size:
+    coordinates = coordinates[~np.isnan(coordinates)]
+    if not coordinates.size:
         raise InvalidParameter("there are no virtual images, so there is no best focus")
-    within = places[places < most] if (places < most).any() else places
+    within = coordinates[coordinates < most] if (coordinates < most).any() else coordinates
     within = np.clip(within, least, most)
     margin = 0.05 * (float(np.ptp(within)) or abs(float(within[0])))
     return max(float(within.min()) - margin, least), min(float(within.max()) + margin, most)

@@ -76,7 +76,7 @@ class Sides(NamedTuple):
     """What of n field angles does not change with the focus, lengths along v in units of a range about its middle."""
 
     t: Array
-    """(n,) place of the tangential image."""
+    """(n,) focus coordinate of the tangential image."""
     s: Array
     w_t: Array
     """(n,) how far distortion widens the blur."""
@@ -118,9 +118,9 @@ class FocusMerit:
         return float(size @ solid_angle_shares(blur.omega)) if self.is_mean else float(size.max())
 
 
-def _square(place: Array, weight: Array) -> Array:
-    """Coefficients (3, n) of ``weight^2 (u - place)^2`` in u^2, u, 1."""
-    return weight**2 * np.stack([np.ones_like(place), -2 * place, place**2])
+def _square(coordinate: Array, weight: Array) -> Array:
+    """Coefficients (3, n) of ``weight^2 (u - coordinate)^2`` in u^2, u, 1."""
+    return weight**2 * np.stack([np.ones_like(coordinate), -2 * coordinate, coordinate**2])
 
 
 def _product(x: Array, y: Array) -> Array:
@@ -200,7 +200,7 @@ class FocusFunction:
     sides: Sides
     omega: Array
     scales: Callable[[Any], Scales]
-    """What changes with the focus, at places u."""
+    """What changes with the focus, at focus coordinates u."""
 
     @cached_property
     def coefficients(self) -> Array:

@@ -16,7 +16,7 @@ import numpy as np
 from ...errors import InvalidParameter
 from ...mirrors import Cone, Ellipsoid, Hyperboloid, Paraboloid, Sphere
 from ...mirrors.generated.distant import conformal_conic
-from .rim import PlacedMirror, Rim
+from .rim import MountedMirror, Rim
 
 
 def vertex_radius(rim: Rim, conic: float) -> float:
@@ -43,7 +43,7 @@ def vertex_radius(rim: Rim, conic: float) -> float:
     return rim.rim_radius_mm * float(np.sqrt(square))
 
 
-def sphere(rim: Rim, conic: float | None = None) -> PlacedMirror:
+def sphere(rim: Rim, conic: float | None = None) -> MountedMirror:
     """``A = M / sin(beta)``; nothing is left free.
 
     >>> placed = sphere(Rim(135.0, 12.0, 1.0))
@@ -54,13 +54,13 @@ def sphere(rim: Rim, conic: float | None = None) -> PlacedMirror:
     return rim.place(Sphere(vertex_radius(rim, 0.0), rim.rim_radius_mm))
 
 
-def paraboloid(rim: Rim, conic: float | None = None) -> PlacedMirror:
+def paraboloid(rim: Rim, conic: float | None = None) -> MountedMirror:
     """``s = M / tan(beta)``; nothing is left free. Under an orthographic lens it has a single viewpoint."""
     _refuse_conic("paraboloid", conic)
     return rim.place(Paraboloid(vertex_radius(rim, -1.0), rim.rim_radius_mm))
 
 
-def hyperboloid(rim: Rim, conic: float | None = None) -> PlacedMirror:
+def hyperboloid(rim: Rim, conic: float | None = None) -> MountedMirror:
     """With the conic constant left free, the one with a single viewpoint; otherwise the one asked for (k < -1).
 
     >>> placed = hyperboloid(Rim(135.0, 12.0, 1.0))
@@ -82,7 +82,7 @@ def hyperboloid(rim: Rim, conic: float | None = None) -> PlacedMirror:
     return rim.place(Hyperboloid(float(R / ratio), float(R / ratio**2), M))
 
 
-def ellipsoid(rim: Rim, conic: float | None = None) -> PlacedMirror:
+def ellipsoid(rim: Rim, conic: float | None = None) -> MountedMirror:
     """The one with the conic constant asked for (k > -1; below 0 it is long along the axis, above 0 flat)."""
     if conic is None:
         raise InvalidParameter("an ellipsoid leaves its conic constant free; give conic, above -1 (0 is the sphere)")
@@ -92,7 +92,7 @@ def ellipsoid(rim: Rim, conic: float | None = None) -> PlacedMirror:
     return rim.place(Ellipsoid(float(R / ratio), float(R / ratio**2), rim.rim_radius_mm))
 
 
-def cone(rim: Rim, conic: float | None = None) -> PlacedMirror:
+def cone(rim: Rim, conic: float | None = None) -> MountedMirror:
     """Slope beta all the way: its field is as wide as the viewing angle, from Omega_max - Theta to Omega_max."""
     _refuse_conic("cone", conic)
     if rim.theta_max_deg == 0:
@@ -111,7 +111,7 @@ def _refuse_conic(family: str, conic: float | None) -> None:
         raise InvalidParameter(f"conic = {conic:g} does not apply to a {family}, which is solved without it")
 
 
-FAMILIES: dict[str, Callable[[Rim, float | None], PlacedMirror]] = {
+FAMILIES: dict[str, Callable[[Rim, float | None], MountedMirror]] = {
     "sphere": sphere,
     "hyperboloid": hyperboloid,
     "paraboloid": paraboloid,

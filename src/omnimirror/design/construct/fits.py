@@ -21,7 +21,7 @@ from ...mirrors.aspheres import even_polynomial
 from ...mirrors.conics import conic_profile
 from ...numerics.lazy import cached_property
 from ...tracing.meridian import Meridian
-from .rim import PlacedMirror, Rim
+from .rim import MountedMirror, Rim
 
 Array = NDArray[np.float64]
 Curve = Callable[[Array], Array]
@@ -75,7 +75,7 @@ class Fit:
         Largest difference of the slope angles at the same x.
     """
 
-    placed: PlacedMirror
+    placed: MountedMirror
     mapping: float
     sag_um: float
     slope_mrad: float
@@ -85,7 +85,7 @@ class Fit:
         return self.mapping * rim_radius_px
 
 
-def fit_mirror(target: PlacedMirror, form: FitForm | str, aim: Aim = "worst-mapping") -> Fit:
+def fit_mirror(target: MountedMirror, form: FitForm | str, aim: Aim = "worst-mapping") -> Fit:
     """Fit a mirror of even powers, with or without a conic, to another one.
 
     Parameters

@@ -21,7 +21,7 @@ from ...mirrors import (
     TabulatedMapping,
     UnitAspect,
 )
-from .rim import PlacedMirror, Rim
+from .rim import MountedMirror, Rim
 
 if TYPE_CHECKING:
     from ...mirrors.generated.base import Mapped
@@ -47,7 +47,7 @@ OF_FIELD = ("omega_max_deg", "theta_max_deg", "rim_radius_mm")
 
 def generated_mirror(
     mapping: str | Callable[[NDArray[np.float64]], ArrayLike], rim: Rim, omega_min_deg: float = 0.0, **entries: object
-) -> PlacedMirror:
+) -> MountedMirror:
     """The mirror that has a mapping exactly, and where its lens stands.
 
     Parameters
@@ -82,7 +82,7 @@ def generated_mirror(
         made = TabulatedMapping.from_function(
             mapping, rim.omega_max_deg, rim.theta_max_deg, rim.rim_radius_mm, omega_min_deg
         )
-        return PlacedMirror(made, made.design_distance)
+        return MountedMirror(made, made.design_distance)
     if mapping not in MAPPINGS:
         raise InvalidParameter(f"mapping = {mapping!r} is not known; valid are {', '.join(MAPPINGS)}")
     cls = MAPPINGS[mapping]
@@ -97,8 +97,8 @@ def generated_mirror(
             "they must agree"
         )
     if isinstance(mirror, Conformal):
-        return PlacedMirror(mirror.surface, mirror.design_distance)
-    return PlacedMirror(mirror, mirror.design_distance)
+        return MountedMirror(mirror.surface, mirror.design_distance)
+    return MountedMirror(mirror, mirror.design_distance)
 
 
 def check_entries(mapping: str, given: Collection[str]) -> None:

@@ -52,13 +52,13 @@ class Rim:
             return float("inf")
         return self.rim_radius_mm / float(np.tan(np.radians(self.theta_max_deg))) - rim_sag_mm
 
-    def place(self, mirror: Mirror, notes: tuple[str, ...] = ()) -> PlacedMirror:
+    def place(self, mirror: Mirror, notes: tuple[str, ...] = ()) -> MountedMirror:
         """The mirror with its lens where it sees the rim at Theta."""
-        return PlacedMirror(mirror, self.distance_mm(float(mirror.sag(mirror.rim_radius_mm))), notes)
+        return MountedMirror(mirror, self.distance_mm(float(mirror.sag(mirror.rim_radius_mm))), notes)
 
 
 @dataclass(frozen=True)
-class PlacedMirror:
+class MountedMirror:
     """A mirror, the distance of the lens from its vertex (mm; infinite if orthographic), and what to know of it."""
 
     mirror: Mirror

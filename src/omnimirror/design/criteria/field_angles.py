@@ -18,7 +18,7 @@ POINTED_CENTRE = 0.1  # of the image radius; around a point a degree of azimuth 
 NO_PART = 1e-6  # degrees; less than this is not worth saying
 
 
-class Part(NamedTuple):
+class JudgedRange(NamedTuple):
     """Field angles that are judged, in degrees, and in words what of those asked for is not."""
 
     low_deg: float
@@ -48,7 +48,7 @@ class Counted:
     hidden_deg: float
     point_deg: float
 
-    def part(self, asked_deg: tuple[float, float] | None = None) -> Part:
+    def part(self, asked_deg: tuple[float, float] | None = None) -> JudgedRange:
         """What is judged of a part of the field that is asked for, or of all of it that matters.
 
         Raises
@@ -72,7 +72,7 @@ class Counted:
             part = f"from {first:g} to {last:g} deg" if asked_deg else "of the field"
             reason = f"{why}, up to {begin:.4g} deg" if low > first else f"the field ends at {self.high_deg:.4g} deg"
             raise InvalidParameter(f"nothing {part} can be judged: {reason}")
-        return Part(low, high, tuple(left_out))
+        return JudgedRange(low, high, tuple(left_out))
 
 
 def counted_field(field: FieldRequirements, sensor: Sensor) -> Counted:

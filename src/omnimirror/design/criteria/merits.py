@@ -93,10 +93,10 @@ def _like(which: NDArray[np.intp], values: Array) -> NDArray[np.intp]:
 
 
 def values_at(o: NodeOptics, camera: CameraModel, v: Array, length: Array, sag: Array) -> FieldValues:
-    """What merits look at, of mirror points (.., k) seen by a camera that is focused at places v (.., 1)."""
-    ray_px, blur_px, airy = camera.px_per_ray(v), camera.px_per_place(v), camera.airy_px(v)
-    dh, dw = o.radial * ray_px * DEGREE, o.around * ray_px * DEGREE
-    t, s = blur_px * (v - o.place_t), blur_px * (v - o.place_s)
+    """What merits look at, of mirror points (.., k) seen by a camera that is focused at vergences v (.., 1)."""
+    ray_px, blur_px, airy = camera.px_per_ray(v), camera.px_per_vergence(v), camera.airy_px(v)
+    dh, dw = o.magnification_t * ray_px * DEGREE, o.magnification_s * ray_px * DEGREE
+    t, s = blur_px * (v - o.vergence_t), blur_px * (v - o.vergence_s)
     floor = 1 + airy**2
     log_area = np.log((t * t + floor) * (s * s + floor)) / 2 - np.log(dh * dw)
     b0 = camera.image_distance(v)

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arguments import LARGEST_RADIUS_PX, choice, number
-from ...batch.optics import Camera, TelecentricCamera
+from ...batch.optics import PerspectiveCamera, TelecentricCamera
 from ...errors import InvalidParameter
 from ...lenses import BLUR_MODES, BlurMode, Orthographic, Perspective
 from ...sensor import Sensor
@@ -136,11 +136,11 @@ def _steepest(sensor: Sensor, field: Array, near: float, mode: BlurMode, image_r
         if any(lens.brown):
             raise InvalidParameter(f"{sensor.name} has a lens that distorts; the bound of blur is of one that does not")
         theta = float(sensor.meridian.theta_max)
-        camera = Camera(lens.focal_length_mm, lens.f_number, np.tan(theta), pitch, mode, image_radius_px)
-        return _UnderPerspective(*ends, theta, near, lambda D: camera.px_per_place(D) / camera.px_per_ray(D))
+        camera = PerspectiveCamera(lens.focal_length_mm, lens.f_number, np.tan(theta), pitch, mode, image_radius_px)
+        return _UnderPerspective(*ends, theta, near, lambda D: camera.px_per_vergence(D) / camera.px_per_ray(D))
     assert isinstance(lens, Orthographic)
     flat = TelecentricCamera(lens.magnification, lens.working_f_number, M, pitch, image_radius_px)
-    k = float(flat.px_per_place(np.zeros(())) / flat.px_per_ray(np.zeros(())))
+    k = float(flat.px_per_vergence(np.zeros(())) / flat.px_per_ray(np.zeros(())))
     return _UnderTelecentric(*ends, near, k)
 
 

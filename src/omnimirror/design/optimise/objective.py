@@ -23,8 +23,8 @@ from .variables import DesignSpace, State
 Array = NDArray[Any]
 
 STEP = 1e-30  # the imaginary step; nothing is subtracted, so it may be as small as one likes
-LEAST_TURNING = 0.05  # dOmega/du, radians: a mapping that turns less counts as folded
-LEAST_FACING = 0.01  # cosine of the incidence: a surface that faces the lens less counts as seen edge-on
+LEAST_DOMEGA_DU = 0.05  # dOmega/du, radians: a mapping that turns less counts as folded
+LEAST_COS_INCIDENCE = 0.01  # cosine of the incidence: a surface that faces the lens less counts as seen edge-on
 TIGHT = 1e-4  # share by which limits are kept better at the nodes than asked, so that they are kept between them
 IMAGE, CLEAR = "image_radius_px", "omega_min_deg"  # what has to be kept besides the limits
 Key = int | str
@@ -113,7 +113,7 @@ class Objective:
     def _parts(self, y: Array, state: State) -> tuple[Array, Array]:
         with np.errstate(all="ignore"):
             wanted = dict(self._requirements(state))
-            constraints = [LEAST_TURNING - state.turning, LEAST_FACING - state.facing]
+            constraints = [LEAST_DOMEGA_DU - state.domega_du, LEAST_COS_INCIDENCE - state.cos_incidence]
             given: tuple[Key, ...] = ()
             if isinstance(self.goal, Concession):
                 given = self.goal.keys

@@ -21,7 +21,7 @@ from ...files import LARGEST_TEXT, read_bytes, write_text
 from ...imagers import Imager
 from ...mirrors import Equidistant, Mirror, SlopeSpline, Sphere
 from ...numerics.lazy import cached_property
-from ...numerics.minimax import Minimum, least_mean, least_worst
+from ...numerics.minimax import Minimum, minimise_mean, solve_minimax
 from ...sensor import Sensor
 from ..criteria.field_angles import hidden_deg
 from ..criteria.limits import Limit
@@ -261,8 +261,8 @@ def follow(objective: Objective, y: Array, **options: Any) -> Minimum:
     bounds = low, high
     if objective.is_mean:
         options.pop("first_trust", None)
-        return least_mean(objective.values, objective.rows, y, bounds, **options)
-    return least_worst(objective.values, objective.rows, y, bounds, objective.is_spread, **options)
+        return minimise_mean(objective.values, objective.rows, y, bounds, **options)
+    return solve_minimax(objective.values, objective.rows, y, bounds, objective.is_spread, **options)
 
 
 def _focused(space: DesignSpace, y: Array) -> Array:

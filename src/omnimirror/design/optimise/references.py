@@ -13,7 +13,7 @@ from ...sensor import Sensor
 from ...specs import load_sensor
 from ..construct.families import FAMILIES
 from ..construct.mappings import generated_mirror
-from ..construct.rim import PlacedMirror, Rim
+from ..construct.rim import MountedMirror, Rim
 from .optimiser import start
 from .problem import DesignProblem
 from .variables import DesignSpace
@@ -43,7 +43,7 @@ def known_sensors(problem: DesignProblem) -> dict[str, Sensor]:
     return found
 
 
-def _makers(rim: Rim) -> Iterator[tuple[str, Callable[[], PlacedMirror]]]:
+def _makers(rim: Rim) -> Iterator[tuple[str, Callable[[], MountedMirror]]]:
     if abs(rim.omega_max_deg - PAPER_FIELD) < NEAR and abs(rim.theta_max_deg - PAPER_THETA) < NEAR:
         for name, file in PAPER.items():
             yield name, lambda file=file: _scaled(load_sensor(file), rim.rim_radius_mm)  # type: ignore[misc]
@@ -55,9 +55,9 @@ def _makers(rim: Rim) -> Iterator[tuple[str, Callable[[], PlacedMirror]]]:
         yield EXACTLY + mapping.replace("-", " "), lambda mapping=mapping: generated_mirror(mapping, rim)  # type: ignore[misc]
 
 
-def _scaled(sensor: Sensor, rim_radius_mm: float) -> PlacedMirror:
+def _scaled(sensor: Sensor, rim_radius_mm: float) -> MountedMirror:
     """One of the paper's mirrors at another size."""
     ratio = rim_radius_mm / sensor.mirror.rim_radius_mm
     mirror = sensor.mirror
     lengths = {n: getattr(mirror, n) * ratio for n, p in mirror.PARAMETERS.items() if p.unit == "mm"}
-    return PlacedMirror(replace(mirror, **lengths), sensor.mirror_distance_mm * ratio)  # type: ignore[type-var]
+    return MountedMirror(replace(mirror, **lengths), sensor.mirror_distance_mm * ratio)  # type: ignore[type-var]

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ...batch.bases import Basis, Family, family
 from ...batch.evaluate import BatchEvaluation, Designs, evaluate_designs
-from ...batch.optics import DEGREE, Camera, TelecentricCamera, node_optics, telecentric_optics
+from ...batch.optics import DEGREE, PerspectiveCamera, TelecentricCamera, node_optics, telecentric_optics
 from ...mirrors.conics import conic_profile
 from ...numerics.lazy import cached_property
 from ...sensor import Sensor
@@ -50,9 +50,9 @@ class State(NamedTuple):
 
     field: FieldValues
     omega: Array
-    turning: Array
+    domega_du: Array
     """dOmega/du, radians; above 0 where the mapping is one to one."""
-    facing: Array
+    cos_incidence: Array
     """Cosine of the angle of incidence; above 0 where the lens sees the front."""
     hidden: Array
     """By how much what stands at the lens hides the view, over its radius; 0 and below where the view is clear."""
@@ -162,12 +162,12 @@ class DesignSpace:
     def imager_radius_mm(self) -> float:
         return imager_radius_px(self.problem.imager) * self.problem.imager.pitch_mm
 
-    def camera(self, g: Given) -> Camera | TelecentricCamera:
+    def camera(self, g: Given) -> PerspectiveCamera | TelecentricCamera:
         """The lens and the pixels of some designs."""
         p = self.problem
         if p.is_telecentric:
             return TelecentricCamera(g.focal, g.f_number, g.M, p.imager.pitch_mm, p.image_radius_px, p.wavelength_nm)
-        return Camera(
+        return PerspectiveCamera(
             g.focal, g.f_number, g.tangent, p.imager.pitch_mm, p.mode, p.image_radius_px, p.wavelength_nm
         )  # fmt: skip
 
@@ -220,7 +220,7 @@ class DesignSpace:
             reach = g.M / g.tangent
             o = node_optics(*rest, reach - rim, near)
         field = values_at(o, self.camera(g), g.focus, reach, rim)
-        return State(field, o.omega, o.turning * g.M, o.facing, self.hidden(field, o.omega), self.image(g))
+        return State(field, o.omega, o.domega_dx * g.M, o.cos_incidence, self.hidden(field, o.omega), self.image(g))
 
     def hidden(self, field: FieldValues, omega: Array) -> Array:
         """By how much what stands at the lens hides the view at field angles (b, k) in radians, over its radius.

@@ -18,7 +18,7 @@ from ...sensor import Sensor
 from ..construct.families import FAMILIES
 from ..construct.fits import fit_mirror
 from ..construct.mappings import generated_mirror
-from ..construct.rim import PlacedMirror, Rim
+from ..construct.rim import MountedMirror, Rim
 from ..criteria.consistency import OF_MAPPINGS
 from ..criteria.field_angles import Counted, counted_field
 from ..criteria.ranges import ends, ends_or_none
@@ -93,13 +93,13 @@ def make(requirements: Requirements, choice: Choice) -> Made:
 # -- mirrors ---------------------------------------------------------------------------------------
 
 
-def _by_mapping(table: MirrorRequirements, rim: Rim, omega_min_deg: float, conic: float | None) -> PlacedMirror:
+def _by_mapping(table: MirrorRequirements, rim: Rim, omega_min_deg: float, conic: float | None) -> MountedMirror:
     entries = {name: v for name in OF_MAPPINGS if (v := getattr(table, name)) is not None}
     assert table.mapping is not None
     return generated_mirror(table.mapping, rim, omega_min_deg if table.is_pointed else 0.0, **entries)
 
 
-def _by_family(table: MirrorRequirements, rim: Rim, omega_min_deg: float, conic: float | None) -> PlacedMirror:
+def _by_family(table: MirrorRequirements, rim: Rim, omega_min_deg: float, conic: float | None) -> MountedMirror:
     assert table.family is not None
     if table.family in FAMILIES:
         return FAMILIES[table.family](rim, conic)
@@ -107,25 +107,25 @@ def _by_family(table: MirrorRequirements, rim: Rim, omega_min_deg: float, conic:
     return fit_mirror(equidistant, table.family).placed
 
 
-WAYS: dict[str, Callable[[MirrorRequirements, Rim, float, float | None], PlacedMirror]] = {
+WAYS: dict[str, Callable[[MirrorRequirements, Rim, float, float | None], MountedMirror]] = {
     "mapping": _by_mapping,
     "family": _by_family,
 }
 """How a mirror is made, by the entry of ``[mirror]`` that asks for it."""
 
 
-def wanted_mirror(table: MirrorRequirements, rim: Rim, choice: Choice) -> PlacedMirror:
+def wanted_mirror(table: MirrorRequirements, rim: Rim, choice: Choice) -> MountedMirror:
     """The mirror before it is fitted."""
     return _kept(replace(table, fit=None), rim, choice.omega_min_deg, choice.conic)
 
 
-def _fitted(table: MirrorRequirements, rim: Rim, choice: Choice) -> PlacedMirror:
+def _fitted(table: MirrorRequirements, rim: Rim, choice: Choice) -> MountedMirror:
     """The mirror, fitted if it is to be."""
     return _kept(table, rim, choice.omega_min_deg, choice.conic)
 
 
 @lru_cache(maxsize=128)
-def _kept(table: MirrorRequirements, rim: Rim, omega_min_deg: float, conic: float | None) -> PlacedMirror:
+def _kept(table: MirrorRequirements, rim: Rim, omega_min_deg: float, conic: float | None) -> MountedMirror:
     """A mirror, kept: a search asks for the same one before many lenses."""
     if table.fit is not None:
         return fit_mirror(_kept(replace(table, fit=None), rim, omega_min_deg, conic), table.fit).placed
@@ -199,7 +199,7 @@ def _before_lens(
     requirements: Requirements,
     choice: Choice,
     nearness: float,
-    mirror: Callable[[MirrorRequirements, Rim, Choice], PlacedMirror],
+    mirror: Callable[[MirrorRequirements, Rim, Choice], MountedMirror],
 ) -> Made:
     """The mirror before the lens that it has if it is focused at 1/L0; focused as asked, or at its best."""
     theta, focal = _viewing(requirements, choice, nearness)
@@ -235,6 +235,6 @@ def _focused(requirements: Requirements, choice: Choice, made: Made) -> Made:
     return replace(made, sensor=made.sensor.with_lens(made.sensor.lens.focused_at(focus)))
 
 
-def judged(requirements: Requirements, sensor: Sensor, placed: PlacedMirror) -> Made:
+def judged(requirements: Requirements, sensor: Sensor, placed: MountedMirror) -> Made:
     """A sensor with what counts of its field."""
     return Made(sensor, placed.notes, counted_field(requirements.field, sensor))

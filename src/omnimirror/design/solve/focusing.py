@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...batch.optics import Camera, NodeOptics, TelecentricCamera, node_optics, telecentric_optics
+from ...batch.optics import NodeOptics, PerspectiveCamera, TelecentricCamera, node_optics, telecentric_optics
 from ...lenses import Lens, Perspective
 from ...numerics.lazy import cached_property
 from ...sensor import Sensor
@@ -111,10 +111,10 @@ class Focusing:
         return self.sensor.lens.TELECENTRIC
 
     @cached_property
-    def _camera(self) -> Camera | TelecentricCamera:
+    def _camera(self) -> PerspectiveCamera | TelecentricCamera:
         lens, pitch = self.sensor.lens, self.sensor.imager.pitch_mm
         if isinstance(lens, Perspective):
-            return Camera(lens.focal_length_mm, lens.f_number, self._rim_ray, pitch)
+            return PerspectiveCamera(lens.focal_length_mm, lens.f_number, self._rim_ray, pitch)
         return TelecentricCamera(lens.magnification, lens.working_f_number, self._rim_ray, pitch)  # type: ignore[attr-defined]
 
     @cached_property
@@ -169,7 +169,7 @@ class Focusing:
     def range(self) -> tuple[float, float]:
         """Places worth a look: those of the images that a lens can be focused at, and a little more."""
         least, most = places_of(self.sensor.lens)
-        places = np.concatenate([self._nodes.place_t.ravel(), self._nodes.place_s.ravel()])
+        places = np.concatenate([self._nodes.vergence_t.ravel(), self._nodes.vergence_s.ravel()])
         places = places[np.isfinite(places)]
         within = places[places < most] if (places < most).any() else places
         within = np.clip(within, least, most)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ...batch.bases import FreeForm
 from ...numerics.minimax import Minimum
 from ...sensor import Sensor
-from ..construct.rim import PlacedMirror
+from ..construct.rim import MountedMirror
 from ..criteria.requirements import Requirements
 from ..optimise.objective import Concession, Objective
 from ..optimise.optimiser import (
@@ -115,7 +115,7 @@ def judged_sensor(requirements: Requirements, sensor: Sensor) -> tuple[Choice, M
         requirements.field.omega_max_deg, requirements.field.omega_min_deg, sensor.mirror.rim_radius_mm, theta,
         getattr(lens, "focal_length_mm", None), getattr(lens, "f_number", None) or lens.image_f_number(), None,
     )  # fmt: skip
-    made = judged(requirements, sensor, PlacedMirror(sensor.mirror, sensor.mirror_distance_mm))
+    made = judged(requirements, sensor, MountedMirror(sensor.mirror, sensor.mirror_distance_mm))
     return choice, made, assess(requirements, choice, made)
 
 

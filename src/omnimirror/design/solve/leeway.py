@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ...errors import OmnimirrorError
 from ...numerics.lazy import cached_property
-from ...numerics.minimax import Minimum, Rows, Values, least_worst
+from ...numerics.minimax import Minimum, Rows, Values, solve_minimax
 from ..criteria.ranges import ends_or_none, is_free
 from ..criteria.requirements import Requirements
 from ..optimise.objective import IMAGE
@@ -200,7 +200,7 @@ class Leeway:
                 constraints.append((there.constraints - here.constraints) / step[i])
             return Rows(*here, np.nan_to_num(np.stack(objective, axis=1)), np.nan_to_num(np.stack(constraints, axis=1)))
 
-        return least_worst(values, rows, y, self.bounds, tolerance=CLOSE, most_steps=STEPS)
+        return solve_minimax(values, rows, y, self.bounds, tolerance=CLOSE, most_steps=STEPS)
 
     def _moved(self, y: Array, name: str, asked: float, sign: int) -> float:
         """By what share a number has moved."""

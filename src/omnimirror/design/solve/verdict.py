@@ -11,7 +11,7 @@ from ...analysis import Evaluation, evaluate
 from ...lenses import Perspective
 from ...tracing.meridian import Meridian
 from ..construct.rim import Rim
-from ..criteria.field_angles import Part
+from ..criteria.field_angles import JudgedRange
 from ..criteria.limits import Limit
 from ..criteria.merits import FieldValues, values_of_evaluation
 from ..criteria.ranges import ends, ends_or_none
@@ -166,7 +166,7 @@ def _limit_row(limit: Limit, fields: list[tuple[FieldValues, Array]], remarks: t
     return min(rows, key=lambda row: row.margin)
 
 
-def _remarks(limit: Limit, fields: list[tuple[FieldValues, Array]], made: Made, part: Part) -> tuple[str, ...]:
+def _remarks(limit: Limit, fields: list[tuple[FieldValues, Array]], made: Made, part: JudgedRange) -> tuple[str, ...]:
     """What is not judged, of what differs from angle to angle; and what by itself is too much."""
     is_of_the_field = any(values.shape[-1] > 1 for values in limit.of.parts(fields[0][0]))
     return (*(part.left_out if is_of_the_field else ()), *_diffraction(limit, fields, made))

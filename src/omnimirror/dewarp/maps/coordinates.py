@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from ...cameras import AxialSymmetry, Camera
 from ...frames import pan_tilt_direction
 from ..camera_field import is_vertical
-from ..sampling.remap import Grid
+from ..sampling.remapping import Grid
 from ..screens import Panorama, Screen, View, parts_of
 from ..screens.base import pixels_of_rows
 from ..viewpoints import Viewpoint, eye_of, projection_of

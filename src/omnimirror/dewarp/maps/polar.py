@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ...cameras import inside_image
 from ...numerics.lazy import cached_property
 from ..sampling.footprints import CELL_PX, RULES, Averages, Ring, averages_of, squares_of_rings
-from ..sampling.remap import Border, FixedMap, Image, Interpolation, remap_polar
+from ..sampling.remapping import Border, FixedMap, Image, Interpolation, remap_polar
 
 Array = NDArray[np.float64]
 
@@ -52,7 +52,7 @@ class Rings:
     def sample(
         self, image: Image, interpolation: Interpolation = "linear", out: Image | None = None, border: Border = 0
     ) -> Image:
-        """The picture's values there; see :func:`omnimirror.dewarp.sampling.remap.remap`."""
+        """The picture's values there; see :func:`omnimirror.dewarp.sampling.remapping.remap`."""
         averages = self.averages(interpolation)
         if averages is None and interpolation in RULES:
             interpolation = "cubic"

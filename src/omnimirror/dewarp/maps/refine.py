@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...cameras import Mask
-from ..sampling.remap import Grid
+from ..sampling.remapping import Grid
 
 Array = NDArray[np.float64]
 Exact = Callable[[Array, Array], Array]

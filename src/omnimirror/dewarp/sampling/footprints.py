@@ -161,7 +161,7 @@ def _longest(lengths: NDArray[np.float64]) -> NDArray[np.float64]:
 def squares_of_nodes(
     nodes: NDArray[np.float32], step: int, cells: NDArray[np.int32], patches: NDArray[np.float32]
 ) -> Squares:
-    """Of a lattice, from its nodes; see :class:`~omnimirror.dewarp.sampling.remap.Grid`."""
+    """Of a lattice, from its nodes; see :class:`~omnimirror.dewarp.sampling.remapping.Grid`."""
     if backend.is_compiled:
         squares = np.empty((*cells.shape, 2), np.float32)
         u, v = nodes

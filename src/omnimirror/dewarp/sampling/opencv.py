@@ -1,4 +1,4 @@
-"""The samplers without anything compiled: OpenCV's, held to the rule of :mod:`omnimirror.dewarp.sampling.remap`."""
+"""The samplers without anything compiled: OpenCV's, held to the rule of :mod:`omnimirror.dewarp.sampling.remapping`."""
 
 from __future__ import annotations
 

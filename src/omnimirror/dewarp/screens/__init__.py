@@ -7,7 +7,7 @@ centre, infinitely far unless said otherwise, and at a finite distance ``offset_
 
 from typing import TypeAlias
 
-from .base import Composite, Part, Screen, View, parts_of
+from .base import Composite, Screen, ScreenPart, View, parts_of
 from .domes import Dome, LittlePlanet, Pole
 from .mosaics import FACES, LAYOUTS, CubeMap, Layout, Mosaic
 from .panoramas import Cylinder, Panorama, Rows, Sphere
@@ -28,11 +28,11 @@ __all__ = [
     "LittlePlanet",
     "Mosaic",
     "Panorama",
-    "Part",
     "Plane",
     "Pole",
     "Rows",
     "Screen",
+    "ScreenPart",
     "Shape",
     "Sphere",
     "View",

@@ -54,7 +54,7 @@ class Composite(Protocol):
         ...
 
     @property
-    def parts(self) -> tuple[Part, ...]:
+    def parts(self) -> tuple[ScreenPart, ...]:
         """Its views and their places; where they overlap, the later one is seen."""
         ...
 
@@ -62,7 +62,7 @@ class Composite(Protocol):
 View: TypeAlias = Screen | Composite
 
 
-class Part(NamedTuple):
+class ScreenPart(NamedTuple):
     """A view and its place in a larger picture."""
 
     left: int

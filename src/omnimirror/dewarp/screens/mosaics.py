@@ -9,7 +9,7 @@ from typing import Literal, Self, get_args
 import numpy as np
 
 from ...errors import InvalidParameter
-from .base import NOT_MOVED, Offset, Part, View, check_angle, check_choice, check_size, offset_words
+from .base import NOT_MOVED, Offset, ScreenPart, View, check_angle, check_choice, check_size, offset_words
 from .planes import Plane
 
 Layout = Literal["cross", "strip", "3x2"]
@@ -59,7 +59,7 @@ class CubeMap:
     --------
     >>> cube = CubeMap((40, 30))
     >>> cube.parts[0]
-    Part(left=10, top=0, view=Plane(size=(10, 10), pan_deg=0.0, tilt_deg=90.0, ...))
+    ScreenPart(left=10, top=0, view=Plane(size=(10, 10), pan_deg=0.0, tilt_deg=90.0, ...))
     """
 
     size: tuple[int, int]
@@ -102,11 +102,11 @@ class CubeMap:
         return Plane(side, self.pan_deg + pan, tilt, 0.0, 90.0, self.distance_mm, self.offset_mm)
 
     @property
-    def parts(self) -> tuple[Part, ...]:
+    def parts(self) -> tuple[ScreenPart, ...]:
         """The faces at their places."""
         n = self.face_px
         rows = enumerate(LAYOUTS[self.layout])
-        return tuple(Part(i * n, j * n, self.face(name)) for j, row in rows for i, name in enumerate(row) if name)
+        return tuple(ScreenPart(i * n, j * n, self.face(name)) for j, row in rows for i, name in enumerate(row) if name)
 
     def zoomed(self, factor: float) -> Self:
         """A cube shows everything around and cannot be zoomed."""
@@ -151,11 +151,11 @@ class Mosaic:
     """
 
     size: tuple[int, int]
-    parts: tuple[Part, ...]
+    parts: tuple[ScreenPart, ...]
 
     def __post_init__(self) -> None:
         check_size(self.size)
-        object.__setattr__(self, "parts", tuple(Part(*part) for part in self.parts))
+        object.__setattr__(self, "parts", tuple(ScreenPart(*part) for part in self.parts))
         if not self.parts:
             raise InvalidParameter("a mosaic needs at least one view")
         for left, top, view in self.parts:
@@ -178,7 +178,7 @@ class Mosaic:
         for row, width in zip(rows, widths, strict=True):
             left = (max(widths) - width) // 2
             for view in row:
-                parts.append(Part(left, top, view))
+                parts.append(ScreenPart(left, top, view))
                 left += view.size[0] + gap_px
             top += max(v.size[1] for v in row) + gap_px
         return cls((max(widths, default=0), max(top - gap_px, 0)), tuple(parts))

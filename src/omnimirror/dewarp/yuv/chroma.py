@@ -19,7 +19,7 @@ from ...cameras import Mask
 from ...errors import InvalidParameter
 from ..maps.polar import Rings
 from ..sampling.footprints import Ring
-from ..sampling.remap import Border, FixedMap, Grid, Image, Interpolation, node_weights, remap_grid
+from ..sampling.remapping import Border, FixedMap, Grid, Image, Interpolation, node_weights, remap_grid
 from ..screens import Screen, View, parts_of
 
 Siting = Literal["left", "center", "topleft"]

@@ -24,7 +24,7 @@ from ..hardware import Hardware
 from ..rendering.exposure import expose
 from ..rendering.sight import seen_at, sights
 from ..scenes.contract import Scene, distances_mm
-from ..scenes.placed import Placed, Pose
+from ..scenes.posed import Pose, PosedScene
 from ..scenes.sources import SceneSource
 from ..scenes.worlds.boards import SQUARE_MM
 from ..scenes.worlds.hall import Hall
@@ -72,7 +72,7 @@ def seen_corners_px(
 
     In view is what its pixel's chief ray meets: past camera, rod and rim, through the wall of a tube or a dome.
     """
-    scene, found = Placed(hall, pose), {}
+    scene, found = PosedScene(hall, pose), {}
     for name in hall.boards:
         corners = pose.to_sensor(hall.board_corners_mm(name).reshape(-1, 3))
         pixels, valid = seen_at(sensor, corners, hardware, shell)
@@ -142,7 +142,7 @@ def write_calibration_set(
             name = f"view-{number:03d}"
             files = [f"{name}.png"] + [f"{name}.exr"] * truth
             if not (files[0] in records and ledger.has(*files)):
-                scene = seen_through(sensor, Placed(hall, pose), shell)
+                scene = seen_through(sensor, PosedScene(hall, pose), shell)
                 light = expose(sensor, scene, samples, blur, hardware=hardware, seed=seed + number)
                 if truth:
                     write_truth(folder / files[1], sensor, scene, light, hardware)
@@ -213,7 +213,7 @@ def write_video_set(
         pose = Pose(**path.at(times[number]))
         light = frame_at(sensor, world, path, times[number], samples, blur, hardware, seed + number, shell=shell)
         if truth:
-            seen = seen_through(sensor, Placed(world, pose), shell)
+            seen = seen_through(sensor, PosedScene(world, pose), shell)
             write_truth(folder / exr, sensor, seen, light, hardware)
         write_image(folder / picture, detector.read(light, seed + number))
         ledger.add(picture, *([exr] if truth else []))

@@ -20,7 +20,7 @@ from ..detector import Detector
 from ..hardware import Hardware
 from ..rendering.exposure import expose
 from ..scenes.contract import Scene
-from ..scenes.placed import Placed, Pose
+from ..scenes.posed import Pose, PosedScene
 from ..shells import Shell, seen_through
 
 POSE_NAMES = tuple(f.name for f in fields(Pose))
@@ -80,7 +80,7 @@ def frame_at(
     InvalidParameter
         As :func:`~omnimirror.simulate.expose`, or if the path leads where a sensor cannot be.
     """
-    seen = seen_through(camera, Placed(scene, Pose(**path.at(time_s))), shell)
+    seen = seen_through(camera, PosedScene(scene, Pose(**path.at(time_s))), shell)
     return expose(camera, seen, samples, blur, hardware=hardware, seed=seed, progress=progress)
 
 

@@ -21,7 +21,7 @@ from ..colour import Light
 from ..hardware import Hardware
 from ..scenes.contract import Distant, Scene
 from ..scenes.environment import Environment
-from ..scenes.placed import Placed
+from ..scenes.posed import PosedScene
 from ..shells import ThroughShell
 from .kernel_sensor import native_optics
 from .samples import Samples, places, spread
@@ -136,10 +136,10 @@ def _environment_of(scene: Scene) -> tuple[Environment, Array] | None:
     """The environment that is all of a scene, and the rotation (3, 3) of the world's directions into its picture's."""
     if isinstance(scene, Environment):
         return scene, scene.heading()
-    if isinstance(scene, Distant | Placed):
+    if isinstance(scene, Distant | PosedScene):
         inner = _environment_of(scene.scene)
         if inner is not None:
-            turn = scene.pose.rotation() if isinstance(scene, Placed) else np.eye(3)
+            turn = scene.pose.rotation() if isinstance(scene, PosedScene) else np.eye(3)
             return inner[0], turned(inner[1], turn)
     return None
 

@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...analysis.meridional.coddington import virtual_images
 from ...analysis.meridional.focus import FocusStudy
-from ...analysis.meridional.virtual_images import virtual_images
 from ...arguments import distances, instance, number, row
-from ...dewarp.sampling.remap import remap
+from ...dewarp.sampling.remapping import remap
 from ...errors import InvalidParameter
 from ...sensor import Sensor, check_sensor
 from .blurring import offsets_from_axis

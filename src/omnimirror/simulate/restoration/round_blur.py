@@ -58,7 +58,7 @@ class RoundBlur:
         return replace(self, sizes=lambda radius: BlurSize(*(share * size for size in self.sizes(radius))))
 
 
-def round_blur(camera: Camera, object_distance_mm: float = np.inf, told: ToldBlur | None = None) -> RoundBlur:
+def round_blur_of(camera: Camera, object_distance_mm: float = np.inf, told: ToldBlur | None = None) -> RoundBlur:
     """The blur of a camera's pictures.
 
     Parameters

@@ -17,7 +17,7 @@ from ..colour import Light, linear_from_srgb, srgb_from_linear
 from .blur_problem import BlurProblem
 from .blur_scale import BlurScale
 from .noise import FULL, Noise, check_picture, estimate_noise, told_noise
-from .round_blur import RoundBlur, ToldBlur, round_blur
+from .round_blur import RoundBlur, ToldBlur, round_blur_of
 
 Values = NDArray[np.float32]
 Picture = NDArray[Any]
@@ -118,7 +118,7 @@ class Restorer:
     @cached_property
     def known(self) -> RoundBlur:
         """What is known of the blur."""
-        return round_blur(self.camera, self.object_distance_mm, self.told)
+        return round_blur_of(self.camera, self.object_distance_mm, self.told)
 
     @cached_property
     def _scale(self) -> BlurScale:

@@ -2,7 +2,7 @@
 
 from .contract import Distant, Measured, Scene
 from .environment import Environment
-from .placed import Placed, Pose
+from .posed import Pose, PosedScene
 from .worlds.bundled import BUNDLED, bundled_scene
 from .worlds.hall import Hall
 from .worlds.room import Room
@@ -14,8 +14,8 @@ __all__ = [
     "Environment",
     "Hall",
     "Measured",
-    "Placed",
     "Pose",
+    "PosedScene",
     "Room",
     "Scene",
     "Street",

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...dewarp.sampling.remap import remap
+from ...dewarp.sampling.remapping import remap
 from ...errors import InvalidParameter
 from ...frames import turned
 from ...media import read_image

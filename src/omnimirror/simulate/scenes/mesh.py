@@ -12,9 +12,9 @@ from ...errors import InvalidParameter, MediaError
 from ...frames import turned
 from ..colour import Light, linear_from_srgb
 from .contract import Array, Scene
-from .facets import combined, facets
 from .mesh_checks import check_corners, check_file
 from .surfaces import Surfaces, Texture
+from .triangles import combined, facets
 from .worlds.painted import Surroundings
 
 TO_WORLD = {

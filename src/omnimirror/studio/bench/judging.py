@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ...design.construct.rim import PlacedMirror
+from ...design.construct.rim import MountedMirror
 from ...design.criteria.requirement_file import requirements_of
 from ...design.criteria.requirements import Requirements
 from ...design.solve.candidates import Choice, judged
@@ -59,7 +59,7 @@ def judge(wanted: dict[str, Any], sensor: Sensor) -> tuple[tuple[Judged, ...], s
     """Every requirement with what the sensor reaches, and why they cannot be judged, if they cannot."""
     try:
         requirements = requirements_for(wanted, sensor)
-        made = judged(requirements, sensor, PlacedMirror(sensor.mirror, sensor.mirror_distance_mm))
+        made = judged(requirements, sensor, MountedMirror(sensor.mirror, sensor.mirror_distance_mm))
         rows = assess(requirements, _choice(requirements, sensor), made, SEARCHED)
     except OmnimirrorError as e:
         return (), str(e)

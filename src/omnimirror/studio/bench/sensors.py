@@ -13,7 +13,7 @@ from ...analysis import best_focus
 from ...design.construct.families import FAMILIES
 from ...design.construct.fits import fit_mirror
 from ...design.construct.mappings import MAPPINGS
-from ...design.construct.rim import PlacedMirror, Rim
+from ...design.construct.rim import MountedMirror, Rim
 from ...errors import InvalidParameter, OmnimirrorError, SpecError
 from ...lenses import Orthographic, Perspective
 from ...mirrors import MIRRORS, EvenPolynomial, Mirror, SampledProfile, SlopeSpline, TabulatedMapping
@@ -132,7 +132,7 @@ def _with_mirror(sensor: Sensor, kind: str) -> Sensor:
     return replace(sensor, mirror=placed.mirror, mirror_distance_mm=distance, secondary=None, name=kind, notes="")
 
 
-def recast(sensor: Sensor, kind: str) -> PlacedMirror:
+def recast(sensor: Sensor, kind: str) -> MountedMirror:
     """A mirror of another kind for the same rim.
 
     >>> import omnimirror as om
@@ -150,7 +150,7 @@ def recast(sensor: Sensor, kind: str) -> PlacedMirror:
         before = rim.place(sensor.mirror)
         return fit_mirror(before, "polynomial:5" if cls is EvenPolynomial else "asphere:3").placed
     mirror = _mapped(cls, rim)
-    return PlacedMirror(mirror, mirror.design_distance)
+    return MountedMirror(mirror, mirror.design_distance)
 
 
 def rim_of(sensor: Sensor) -> Rim:

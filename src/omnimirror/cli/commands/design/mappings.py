@@ -9,7 +9,7 @@ from rich.table import Table
 from rich.text import Text
 
 from ....design.construct.mappings import MAPPINGS, generated_mirror
-from ....design.construct.rim import PlacedMirror, Rim
+from ....design.construct.rim import MountedMirror, Rim
 from ....errors import OmnimirrorError
 from ....tracing.meridian import Meridian
 from ...options.common import NUMBER
@@ -35,7 +35,7 @@ def command(omega_max_deg: float, theta_max_deg: float, figure: Path | None) -> 
     for heading in ("m/M", "sag/M", "vertex radius/M"):
         table.add_column(heading, justify="right", no_wrap=True)
     table.add_column()
-    placed: dict[str, PlacedMirror] = {}
+    placed: dict[str, MountedMirror] = {}
     for name in MAPPINGS:
         try:
             placed[name] = generated_mirror(name, rim)
@@ -53,6 +53,6 @@ def command(omega_max_deg: float, theta_max_deg: float, figure: Path | None) -> 
 
 def _draw(mirrors: dict[str, Meridian], path: Path) -> None:
     from ....figures import save_figure
-    from ....figures.meridians import meridians
+    from ....figures.meridians import meridian_curves
 
-    save_figure(meridians(mirrors), path)
+    save_figure(meridian_curves(mirrors), path)

@@ -166,8 +166,8 @@ def profile_lines(result: Evaluation, mirror: SampledProfile) -> list[str]:
 
 
 def _draw(console: Console, result: Evaluation, folder: Path) -> None:
-    from ....figures import Basis, save_all
+    from ....figures import Conditions, save_all
 
     with console.status("Drawing figures"):
-        paths = save_all([result.sensor], folder, basis=Basis.of(result))
+        paths = save_all([result.sensor], folder, conditions=Conditions.of(result))
     say(f"Wrote {len(paths)} figures to ", (str(folder), "bold"), console=console)

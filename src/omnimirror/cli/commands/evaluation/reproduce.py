@@ -20,11 +20,11 @@ def command(out: Path, figures: bool, only: tuple[str, ...]) -> None:
     Ends with exit code 1 if a verdict is not the one that is known to be right.
     """
     from ....errors import NotReproduced
-    from ....reproduce import reproduce, tables
+    from ....reproduce import reproduce_paper, tables
 
     console = output_console()
     with console.status("Computing") as status:
-        result = reproduce(out, figures, only or None, lambda what: status.update(f"Working on {what}"))
+        result = reproduce_paper(out, figures, only or None, lambda what: status.update(f"Working on {what}"))
     console.print(tables.terminal_table(result.rows))
     console.print(tables.summary(result.rows), highlight=False, soft_wrap=True)
     say(f"Wrote {len(result.files)} files to ", (str(out), "bold"), console=console)

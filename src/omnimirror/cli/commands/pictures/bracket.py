@@ -14,7 +14,7 @@ from ....analysis import best_focus
 from ....files import name_of
 from ....media import read_image, write_image
 from ....media.pictures.images import format_of
-from ....simulate import Detector, Placed, Pose, expose
+from ....simulate import Detector, Pose, PosedScene, expose
 from ....simulate.restoration.bracketing import Bracket, focused_at, merge_bracket, plan_bracket
 from ....specs import load_sensor
 from ...options.common import NUMBER, WHOLE, distance, values
@@ -102,7 +102,7 @@ def take(
     Example: omnimirror bracket take paper-spherical --scene street --focus-mm 212,228 -o bracket
     """
     given = {name: value for name, value in options.items() if value is not None}
-    seen, camera = Placed(scene_of(scene, given), given.get("placed", Pose())), load_sensor(sensor)
+    seen, camera = PosedScene(scene_of(scene, given), given.get("placed", Pose())), load_sensor(sensor)
     for focus in plan_bracket(camera).focus_mm if focus_mm is None else focus_mm:
         path = output / f"{focus:.1f}mm.png"
         with rows_bar("Exposing") as progress:

@@ -14,7 +14,7 @@ from ....files import name_of
 from ....media import write_image
 from ....media.pictures.images import format_of
 from ....sensor import Sensor
-from ....simulate import Distant, Placed, Pose, Scene, expose
+from ....simulate import Distant, Pose, PosedScene, Scene, expose
 from ....simulate.shells import seen_through
 from ....specs import bundled_sensors, load_sensor
 from ...options.common import NUMBER, WHOLE
@@ -102,7 +102,7 @@ def _photograph(camera: Sensor, scene: Scene, output: Path, given: dict[str, Any
         from ....media.pictures.exr import check_exr_can_be_written
 
         check_exr_can_be_written(output)
-    placed = Placed(scene, given.get("placed", Pose()))
+    placed = PosedScene(scene, given.get("placed", Pose()))
     seen = seen_through(camera, Distant(placed) if given["distant"] else placed, shell_in(camera, given))
     with rows_bar("Exposing") as progress:
         hardware, seed = hardware_of(camera, given), given["seed"]
@@ -288,7 +288,7 @@ def roundtrip(sensors: tuple[str, ...], samples: int) -> None:
     """
     from rich.table import Table
 
-    from ....simulate.round_trip import round_trip
+    from ....simulate.round_trip import measure_round_trip
 
     table = Table(box=None, pad_edge=False, header_style="bold")
     table.add_column("sensor", no_wrap=True)
@@ -301,7 +301,7 @@ def roundtrip(sensors: tuple[str, ...], samples: int) -> None:
     for name in sensors or bundled_sensors():
         try:
             with console.status(Text(f"Simulating {name}")):
-                found = round_trip(load_sensor(name), samples)
+                found = measure_round_trip(load_sensor(name), samples)
         except OutsideField as e:
             if name in sensors:
                 raise

@@ -37,7 +37,7 @@ class ServerOptions(Options):
 def run_studio(make: Callable[[], Studio], server: ServerOptions) -> None:
     """Serve until Ctrl-C, or say what is missing."""
     try:
-        from ....studio.serve import serve
+        from ....studio.server import serve
     except ModuleNotFoundError as e:
         if e.name not in ("fastapi", "starlette", "uvicorn"):
             raise

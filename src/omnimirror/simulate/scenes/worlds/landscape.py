@@ -20,10 +20,10 @@ RIDGES = (
 """From far to near: colour, height (deg), and the waves of its line (deg, per turn, phase)."""
 
 
-def landscape(directions: Array) -> Light:
+def landscape_light(directions: Array) -> Light:
     """Linear RGB (n, 3) of the world outside in directions (n, 3) of any length but 0.
 
-    >>> blue_sky, meadow = landscape(np.array([[0.0, 1.0, 2.0], [0.0, 1.0, -0.2]]))
+    >>> blue_sky, meadow = landscape_light(np.array([[0.0, 1.0, 2.0], [0.0, 1.0, -0.2]]))
     >>> bool(blue_sky[2] > blue_sky[0]), bool(meadow[1] > meadow[2])
     (True, True)
     """

@@ -71,6 +71,6 @@ class Landscape:
 
     def radiance(self, origins_mm: Array, directions: Array) -> Light:
         """Linear RGB (n, 3) in directions (n, 3)."""
-        from .landscape import landscape
+        from .landscape import landscape_light
 
-        return landscape(directions)
+        return landscape_light(directions)

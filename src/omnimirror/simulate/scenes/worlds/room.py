@@ -17,7 +17,7 @@ from ..canvas import Canvas, Extent
 from ..contract import Array
 from ..lighting import light_on
 from .decor import PIECES, ROOM, paint_room
-from .landscape import landscape
+from .landscape import landscape_light
 from .painted import Landscape, Surroundings, finished, outsides, surfaces_of
 
 FINEST_MM, COARSEST_MM = 1.0, 100.0
@@ -78,7 +78,7 @@ class Room:
         hits = meet(ROOM, SOLIDS, origins, towards)  # boxes are met quicker than any surfaces are in NumPy
         light, clear = painted.look_up(hits.face, origins + hits.distance[:, None] * towards)
         outside = np.flatnonzero(clear)
-        light[outside] += clear[outside, None] * landscape(towards[outside])
+        light[outside] += clear[outside, None] * landscape_light(towards[outside])
         return light
 
     def distance_mm(self, origins_mm: ArrayLike, directions: ArrayLike) -> Array:

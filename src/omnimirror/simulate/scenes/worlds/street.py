@@ -14,8 +14,8 @@ from ...colour import Light
 from ..boxes import Box, Face, face_of
 from ..canvas import Canvas, Paint
 from ..contract import Array
-from ..facets import combined, crown
 from ..lighting import under_sky
+from ..triangles import combined, crown
 from .painted import Landscape, Surroundings, finished, outsides, surfaces_of
 from .streetside import CARS, GROUND_MM, HOUSES, LANTERNS, TREES, House, paint_car, paint_front, paint_road, paint_side
 

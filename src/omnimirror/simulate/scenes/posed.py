@@ -76,7 +76,7 @@ class Pose:
 
 
 @dataclass(frozen=True)
-class Placed:
+class PosedScene:
     """A scene as a sensor sees it that stands somewhere in it.
 
     Examples
@@ -85,7 +85,7 @@ class Placed:
     >>> room, pose = Room(texel_mm=40.0), Pose(500.0, 0.0, 0.0, pan_deg=30.0)
     >>> wall = np.array([[3400.0, 0.0, 0.0]])
     >>> towards = pose.to_sensor(wall)
-    >>> Placed(room, pose).distance_mm(np.zeros((1, 3)), towards)
+    >>> PosedScene(room, pose).distance_mm(np.zeros((1, 3)), towards)
     array([2900.])
     """
 
