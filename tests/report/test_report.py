@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import cv2
@@ -71,9 +72,14 @@ def test_the_commands_of_the_page_make_its_pictures_again(demo, tmp_path):
         np.testing.assert_array_equal(ours, again)
 
 
-def test_another_sensor(tmp_path):
-    report = write_demo(om.load_sensor("paraboloid-telecentric"), tmp_path)
-    assert "paraboloid, rim 50 mm across" in report.read_text()
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [("paraboloid-telecentric", "paraboloid, rim 50 mm across"), ("folded-spherical", "sphere, rim 87.81 mm across")],
+)
+def test_other_sensors_in_few_pixels(name, told, tmp_path):
+    sensor = om.load_sensor(name)
+    pixels = replace(sensor.imager, width_px=128, height_px=128, pixel_pitch_um=8 * sensor.imager.pixel_pitch_um)
+    assert told in write_demo(replace(sensor, imager=pixels), tmp_path).read_text()
 
 
 def test_a_folder_that_cannot_be_written_is_one_sentence(tmp_path):

@@ -99,7 +99,7 @@ class EndLabels:
     def settle(self) -> Figure:
         """Give every label its place. Call it last: limits and sizes must be final."""
         self._indent()
-        self.figure.draw_without_rendering()
+        self._lay_out()
         for ax, labels in self._labels.items():
             box = ax.get_window_extent()
             wanted = [float(ax.transData.transform(label.xy)[1]) for label in labels]
@@ -112,9 +112,15 @@ class EndLabels:
 
     def _indent(self) -> None:
         """Start labels a fixed distance right of the axes, whose width the layout still decides."""
-        if layout := self.figure.get_layout_engine():
-            layout.execute(self.figure)
+        self._lay_out()
         for ax, labels in self._labels.items():
             width = ax.get_window_extent().width
             for label in labels:
                 label.set_position((1.0 + 7.0 * self.figure.dpi / 72 / width, label.get_position()[1]))
+
+    def _lay_out(self) -> None:
+        """Give the axes the places in which they will be drawn, without drawing."""
+        if layout := self.figure.get_layout_engine():
+            layout.execute(self.figure)
+        for ax in self._labels:
+            ax.apply_aspect()

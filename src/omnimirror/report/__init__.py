@@ -48,6 +48,7 @@ def write_demo(sensor: Sensor, folder: str | Path, blur: bool = True) -> Path:
     """
     folder = Path(folder)
     result = evaluate(sensor)
+    result.to_csv(folder / "evaluation.csv")  # first, so that a folder that takes nothing is refused at once
     blur = blur and sensor.secondary is None
     circle = take_picture(sensor, Room(), SHOWN_SAMPLES, blur)
     pictures = {
@@ -57,7 +58,6 @@ def write_demo(sensor: Sensor, folder: str | Path, blur: bool = True) -> Path:
     }
     for name, picture in pictures.items():
         write_image(folder / f"{name}.png", picture)
-    result.to_csv(folder / "evaluation.csv")
     write_text(folder / "report.html", report_html(result, folder))
     return folder / "report.html"
 
