@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from omnimirror import quantities
 from omnimirror.analysis.comparison import COMPARED
-from omnimirror.analysis.evaluation import Evaluation
+from omnimirror.analysis.evaluation import COLUMNS, Evaluation
 from omnimirror.analysis.meridional.focus_merits import FOCUS_MERITS
 from omnimirror.design.criteria.limits import LIMITABLE
 from omnimirror.design.criteria.merits import DESIGN_MERITS, values_of_evaluation
 from omnimirror.quantities import QUANTITIES
 from tests.conftest import sensor_of
 
+DOCS = Path(__file__).parents[1] / "docs"
 UNITS = {
     "px_per_deg": "px/deg", "deg2": "deg²", "px2": "px²", "deg": "deg", "px": "px", "mm": "mm", "percent": "%",
 }  # fmt: skip
@@ -70,3 +73,13 @@ def test_one_thing_has_one_value_wherever_it_is_asked_for():
         best = om.best_focus(sensor, name, angles)
         there = om.evaluate(sensor, angles, focus_mm=best.focus_mm)
         assert DESIGN_MERITS[name].value(values_of_evaluation(there)) == pytest.approx(best.value, rel=1e-9), name
+
+
+@pytest.mark.parametrize(
+    ("page", "names"),
+    [("design", LIMITABLE), ("optimisation", DESIGN_MERITS), ("evaluation", FOCUS_MERITS), ("evaluation", COLUMNS)],
+)
+def test_the_pages_name_every_quantity(page, names):
+    text = (DOCS / f"{page}.md").read_text(encoding="utf-8")
+    shortened = "`image_t_x_mm` .. `image_s_z_mm`"
+    assert [n for n in names if f"`{n}`" not in text and not (n.startswith("image_") and shortened in text)] == []

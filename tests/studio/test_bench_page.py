@@ -115,7 +115,7 @@ def test_a_slider_moves_the_curves_to_those_of_the_evaluation(mirror, bench):
         "Image height": ["h_px"],
         "Viewpoint": ["viewpoint_z_mm"],
         "Blur in the image": ["blur_t_px", "blur_s_px"],
-        "Blur area": ["floored_area_deg2"],
+        "Floored blur area": ["floored_area_deg2"],
     }
     for title, columns in charts.items():
         omega, *series = plotted(bench, title)

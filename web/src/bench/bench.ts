@@ -11,7 +11,7 @@ import type { Host } from "./host";
 import { Form } from "./panels/form";
 import { WantedPanel } from "./panels/wanted";
 import { WorkPanel } from "./panels/work";
-import { CHARTS, ChartView, type Drawn } from "./plots/charts";
+import { ChartView, chartsOf, type Drawn, PLOTS } from "./plots/charts";
 import { CompareTable } from "./plots/compare";
 import { Cursor } from "./plots/cursor";
 import { PictureView } from "./plots/picture";
@@ -23,7 +23,7 @@ const OWN = "design";
 const MOST_PINS = 4;
 const INKS = ["accent", "pin1", "pin2", "pin3", "pin4"];
 const DESCRIBED_MS = 400;
-const GROUPS = ["Section", ...new Set(CHARTS.map((c) => c.group)), "Squares", "Picture"];
+const GROUPS = ["Section", ...new Set(PLOTS.map((p) => p.group)), "Squares", "Picture"];
 
 /** The design bench: a design, what was found of it, and all that shows and changes it. */
 export class Bench {
@@ -44,7 +44,7 @@ export class Bench {
   private readonly section = new SectionView(this.cursor);
   private readonly squares = new SquaresView();
   private readonly picture = new PictureView();
-  private readonly charts = CHARTS.map((chart) => new ChartView(chart, this.cursor));
+  private readonly charts: ChartView[];
   private readonly trouble = h("p", { className: "trouble", role: "alert", hidden: true });
   private readonly remark = h("p", { className: "remark", role: "status", hidden: true });
   private describing = 0;
@@ -70,9 +70,10 @@ export class Bench {
     this.form = new Form(panel("Sensor"), parts, hands);
     this.wanted = new WantedPanel(panel("Requirements"), parts, hands);
     this.work = new WorkPanel(panel("Optimise"), parts, { ...hands, take: (found) => this.takeFound(found) });
+    this.charts = chartsOf(parts.columns).map((chart) => new ChartView(chart, this.cursor));
     this.compare = new CompareTable({ take: (i) => this.takePin(i), drop: (i) => this.dropPin(i) });
     const plots = h("div", { className: "plots" }, this.section.element, ...this.charts.map((c) => c.element), this.squares.element, this.picture.element);
-    host.place.append(aside, h("section", { className: "desk", tabIndex: -1, "aria-label": "What the design does" }, this.trouble, this.remark, this.compare.element, this.shownGroups(), plots, glossary()));
+    host.place.append(aside, h("section", { className: "desk", tabIndex: -1, "aria-label": "What the design does" }, this.trouble, this.remark, this.compare.element, this.shownGroups(), plots, glossary(parts.columns, ["omega_deg", ...PLOTS.flatMap((p) => p.columns)])));
     this.cursor.listen((omega) => host.place.classList.toggle("reading", omega !== null));
     plots.addEventListener("pointerleave", () => this.cursor.set(null, this));
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.restyle());

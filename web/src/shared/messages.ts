@@ -46,6 +46,9 @@ export interface BenchStart {
   mount: PartOf;
   /** how far the mirror is out of its place */
   pose: PartOf;
+  /** what plots can show against the field angle */
+  columns: QuantityOf[];
+  /** what a requirement can limit */
   quantities: QuantityOf[];
   merits: QuantityOf[];
   families: string[];
@@ -216,11 +219,14 @@ export interface Problem {
   detail: string;
 }
 
-/** A quantity that a requirement or the optimiser can name. */
+/** A quantity of the vocabulary: what plots, requirements and the optimiser call it. */
 export interface QuantityOf {
   name: string;
+  symbol: string;
   unit: string;
+  title: string;
   meaning: string;
+  equation: string;
 }
 
 /** A camera that can be chosen. */

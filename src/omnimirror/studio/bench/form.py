@@ -8,6 +8,7 @@ import typing
 from functools import cache
 from typing import Any
 
+from ... import quantities
 from ...design.criteria.limits import LIMITABLE
 from ...design.criteria.merits import DESIGN_MERITS
 from ...imagers import Imager
@@ -15,7 +16,7 @@ from ...lenses import LENSES
 from ...mirrors import MIRRORS, SECONDARIES, Secondary
 from ...mirrors.pose import MirrorPose
 from ...parameters import Parameter
-from ...quantities import QUANTITIES
+from ...quantities import Quantity
 from ...specs import bundled_sensors
 from .messages import BenchStart, ParameterOf, PartOf, QuantityOf
 
@@ -42,16 +43,16 @@ def bench_start() -> BenchStart:
         place=part_of("place", Secondary),
         mount=PartOf(kind="mount", parameters=(distance,)),
         pose=part_of("mirror_pose", MirrorPose),
-        quantities=tuple(map(_quantity, LIMITABLE)),
-        merits=tuple(map(_quantity, DESIGN_MERITS)),
+        columns=tuple(map(_quantity, quantities.COLUMNS)),
+        quantities=tuple(_quantity(limitable.quantity) for limitable in LIMITABLE.values()),
+        merits=tuple(_quantity(merit.quantity) for merit in DESIGN_MERITS.values()),
         families=FAMILIES,
         sensors=tuple(bundled_sensors()),
     )
 
 
-def _quantity(name: str) -> QuantityOf:
-    q = QUANTITIES[name]
-    return QuantityOf(name=name, unit=q.unit, meaning=q.meaning)
+def _quantity(q: Quantity) -> QuantityOf:
+    return QuantityOf(name=q.name, symbol=q.symbol, unit=q.unit, title=q.title, meaning=q.meaning, equation=q.equation)
 
 
 def part_of(kind: str, cls: type[Any]) -> PartOf:

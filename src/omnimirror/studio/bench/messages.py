@@ -40,11 +40,14 @@ class PartOf(Message):
 
 
 class QuantityOf(Message):
-    """A quantity that a requirement or the optimiser can name."""
+    """A quantity of the vocabulary: what plots, requirements and the optimiser call it."""
 
     name: str
+    symbol: str
     unit: str
+    title: str
     meaning: str
+    equation: str
 
 
 class BenchStart(Message):
@@ -57,7 +60,8 @@ class BenchStart(Message):
     place: PartOf = Field(description="of a second mirror")
     mount: PartOf = Field(description="how far the mirror stands")
     pose: PartOf = Field(description="how far the mirror is out of its place")
-    quantities: tuple[QuantityOf, ...]
+    columns: tuple[QuantityOf, ...] = Field(description="what plots can show against the field angle")
+    quantities: tuple[QuantityOf, ...] = Field(description="what a requirement can limit")
     merits: tuple[QuantityOf, ...]
     families: tuple[str, ...]
     sensors: tuple[str, ...]

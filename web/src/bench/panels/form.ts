@@ -184,7 +184,7 @@ export class Form {
   }
 
   private focus(): HTMLElement {
-    return h("div", { className: "row" }, h("button", { type: "button", onclick: () => this.hands.change("focus", "worst_floored_area_deg2"), title: "Where the worst blur area is least" }, "Best focus"));
+    return h("div", { className: "row" }, h("button", { type: "button", onclick: () => this.hands.change("focus", "worst_floored_area_deg2"), title: "Where the worst floored blur area is least" }, "Best focus"));
   }
 
   private objects(design: Design): HTMLElement[] {

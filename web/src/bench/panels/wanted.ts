@@ -105,10 +105,10 @@ export class WantedPanel {
     const now = (): Limit => limitsOf(this.hands.now().wanted)[index];
     const set = (change: Partial<Limit>): void => this.setLimits(limitsOf(this.hands.now().wanted).map((l, i) => (i === index ? clean({ ...l, ...change }) : l)));
     const quantity = this.parts.quantities.find((q) => q.name === limit.quantity)!;
-    const select = h("select", { "aria-label": "Quantity", title: quantity.meaning }, ...this.parts.quantities.map((q) => h("option", { value: q.name, title: q.meaning }, quantityWords(q.name, q.unit))));
+    const select = h("select", { "aria-label": "Quantity", title: quantity.meaning }, ...this.parts.quantities.map((q) => h("option", { value: q.name, title: q.meaning }, quantityWords(q))));
     select.value = limit.quantity;
     select.addEventListener("change", () => set({ quantity: select.value }));
-    const remove = h("button", { type: "button", className: "small", "aria-label": `Remove the requirement on ${quantityWords(limit.quantity, "")}`, onclick: () => this.setLimits(limitsOf(this.hands.now().wanted).filter((_, i) => i !== index)) }, "×");
+    const remove = h("button", { type: "button", className: "small", "aria-label": `Remove the requirement on ${quantity.title}`, onclick: () => this.setLimits(limitsOf(this.hands.now().wanted).filter((_, i) => i !== index)) }, "×");
     const part = h("button", { type: "button", className: "small", onclick: () => set({ omega_deg: now().omega_deg ? null : [0, this.hands.now().wanted!.field.omega_max_deg as number] }), title: "For a part of the field only, or for all of it" }, limit.omega_deg ? "whole field" : "part of field");
     return h(
       "div",

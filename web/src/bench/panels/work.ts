@@ -25,7 +25,7 @@ export class WorkPanel {
   private readonly said = h("p", { className: "words", role: "status" });
 
   constructor(place: HTMLElement, private readonly parts: BenchStart, private readonly hands: Hands) {
-    this.merit = h("select", {}, ...parts.merits.map((m) => h("option", { value: m.name, title: m.meaning }, quantityWords(m.name, m.unit))));
+    this.merit = h("select", {}, ...parts.merits.map((m) => h("option", { value: m.name, title: m.meaning }, quantityWords(m))));
     this.family = h("select", {}, ...parts.families.map((f) => h("option", { value: f }, f.replaceAll("-", " "))));
     this.begin.setAttribute("aria-describedby", this.reason.id);
     place.append(

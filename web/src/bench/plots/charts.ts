@@ -1,29 +1,48 @@
 import uPlot from "uplot";
 import { colour, h } from "../../shared/dom";
+import type { QuantityOf } from "../../shared/messages";
 import { fixed, words } from "../../shared/numbers";
 import type { Found, Table } from "../answers";
+import { explained, symbolOf, unitWords } from "../labels";
 import { type Cursor, interpolated } from "./cursor";
 
-/** One plot over the field angle: which columns, how they are called, in which unit. */
+/** One plot over the field angle: in which group, of which columns, with how many decimals. */
+interface Plot {
+  group: string;
+  columns: string[];
+  places: number;
+  /** Where there is more than one column; the others are drawn dashed. */
+  title?: string;
+}
+
+export const PLOTS: Plot[] = [
+  { group: "Mapping", columns: ["h_px"], places: 1 },
+  { group: "Mapping", columns: ["dh_domega_px_per_deg"], places: 3 },
+  { group: "Viewpoints", columns: ["viewpoint_z_mm"], places: 2 },
+  { group: "Area and aspect", columns: ["area_px2"], places: 2 },
+  { group: "Area and aspect", columns: ["aspect"], places: 3 },
+  { group: "Blur", columns: ["blur_t_px", "blur_s_px"], places: 2, title: "Blur in the image" },
+  { group: "Blur", columns: ["blur_t_deg", "blur_s_deg"], places: 3, title: "Blur in angle" },
+  { group: "Blur", columns: ["floored_area_deg2"], places: 3 },
+];
+
+/** A plot with the words of the vocabulary. */
 interface Chart {
   title: string;
   group: string;
   unit: string;
-  columns: { name: string; symbol: string; dashed?: boolean }[];
+  columns: { name: string; symbol: string; dashed: boolean }[];
   places: number;
   hint: string;
 }
 
-export const CHARTS: Chart[] = [
-  { title: "Image height", group: "Mapping", unit: "px", columns: [{ name: "h_px", symbol: "h" }], places: 1, hint: "Eq. 7" },
-  { title: "Rate of image height", group: "Mapping", unit: "px/°", columns: [{ name: "dh_domega_px_per_deg", symbol: "dh/dΩ" }], places: 3, hint: "Eq. 8" },
-  { title: "Viewpoint", group: "Viewpoints", unit: "mm", columns: [{ name: "viewpoint_z_mm", symbol: "z" }], places: 2, hint: "over the mirror's vertex, Eq. 6" },
-  { title: "Image area", group: "Area and aspect", unit: "px²", columns: [{ name: "area_px2", symbol: "Δs" }], places: 2, hint: "of a square degree, Eq. 11" },
-  { title: "Aspect", group: "Area and aspect", unit: "", columns: [{ name: "aspect", symbol: "Δw/Δh" }], places: 3, hint: "width to height of a small square, Eq. 12" },
-  { title: "Blur in the image", group: "Blur", unit: "px", columns: [{ name: "blur_t_px", symbol: "T" }, { name: "blur_s_px", symbol: "S", dashed: true }], places: 2, hint: "tangential and sagittal (dashed), positive beyond the focus, Eq. 28" },
-  { title: "Blur in angle", group: "Blur", unit: "°", columns: [{ name: "blur_t_deg", symbol: "T" }, { name: "blur_s_deg", symbol: "S", dashed: true }], places: 3, hint: "tangential and sagittal (dashed), Eqs. 36 and 37" },
-  { title: "Blur area", group: "Blur", unit: "deg²", columns: [{ name: "floored_area_deg2", symbol: "A" }], places: 3, hint: "with a pixel and the Airy disk added to both sides" },
-];
+/** The plots, called as the vocabulary calls their columns. */
+export const chartsOf = (vocabulary: QuantityOf[]): Chart[] =>
+  PLOTS.map(({ group, columns, places, title }) => {
+    const quantities = columns.map((name) => vocabulary.find((q) => q.name === name)!);
+    const named = quantities.map((q, i) => ({ name: q.name, symbol: symbolOf(q), dashed: i > 0 }));
+    return { title: title ?? quantities[0].title, group, unit: unitWords(quantities[0].unit), columns: named, places, hint: quantities.map(explained).join("; ") };
+  });
 
 /** A design that is drawn: its colour, its name, what was found. */
 export interface Drawn {

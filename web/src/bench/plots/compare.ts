@@ -8,7 +8,7 @@ const COLUMNS: [title: string, unit: string, value: (f: Facts) => string][] = [
   ["Rim image", "px", (f) => `${words(f.rim_radius_px)}${f.rim_radius_px > f.imager_radius_px + 0.02 ? ` > ${words(f.imager_radius_px)}` : ""}`],
   ["Resolution", "px/°", (f) => `${words(f.resolution_px_per_deg[0], 3)} – ${words(f.resolution_px_per_deg[1], 3)}`],
   ["Worst blur", "px", (f) => words(f.worst_blur_px, 3)],
-  ["Blur area", "deg²", (f) => words(f.worst_floored_area_deg2, 3)],
+  ["Floored area", "deg²", (f) => words(f.worst_floored_area_deg2, 3)],
   ["Focus", "mm", (f) => words(f.focus_mm)],
   ["Depth of field", "mm", (f) => `${words(f.depth_of_field_mm[0])} – ${words(f.depth_of_field_mm[1] ?? Infinity)}`],
   ["Viewpoints", "mm", (f) => words(f.viewpoint_spread_mm, 3)],
