@@ -19,20 +19,21 @@ constexpr double MARGIN = 0.05, CLOSE = 1e-12, EDGE = 1e-3;
 // The arrays of one design, (angles) each.
 struct Scratch {
     explicit Scratch(int angles) : store(size_t(ARRAYS) * angles) {
-        double** all[ARRAYS] = {&z, &slope, &curvature, &ray, &radial, &around, &place_t, &place_s, &density, &squares};
+        double** all[ARRAYS] = {&z,          &slope,      &curvature, &ray,    &magnification_t, &magnification_s,
+                                &vergence_t, &vergence_s, &density,   &squares};
         for (int i = 0; i < ARRAYS; ++i) *all[i] = store.data() + size_t(i) * angles;
     }
     static constexpr int ARRAYS = 10;
     std::vector<double> store;
-    double *z, *slope, *curvature, *ray, *radial, *around, *place_t, *place_s, *density, *squares;
+    double *z, *slope, *curvature, *ray, *magnification_t, *magnification_s, *vergence_t, *vergence_s, *density, *squares;
 };
 
-// The camera as a function of the place v that it is focused at: design/foci.py, AreaModel.
+// The camera as a function of the vergence v that it is focused at: batch/best_focus.py, AreaModel.
 struct AreaModel {
     double inverse_f, airy2, scale, delta;
     bool paper;
     int power;
-    double least, most;  // places that the lens can be focused at
+    double least, most;  // vergences that the lens can be focused at
 
     struct At {
         double r, dr, D, d_log_D;
@@ -53,10 +54,10 @@ struct Worst {
 };
 
 double fill_squares(double v, double r, int n, const Scratch& s) {
-    const double *place_t = s.place_t, *place_s = s.place_s, *density = s.density;
+    const double *vergence_t = s.vergence_t, *vergence_s = s.vergence_s, *density = s.density;
     double* squares = s.squares;
     for (int j = 0; j < n; ++j) {
-        const double t = v - place_t[j], u = v - place_s[j];
+        const double t = v - vergence_t[j], u = v - vergence_s[j];
         squares[j] = (t * t + r) * (u * u + r) * density[j];
     }
     double most[4] = {squares[0], squares[0], squares[0], squares[0]};  // four chains, which run beside each other
@@ -71,7 +72,7 @@ Worst worst_at(double v, int n, const AreaModel& model, const Scratch& s) {
     const AreaModel::At m = model.at(v);
     const double most = fill_squares(v, m.r, n, s);
     const int j = static_cast<int>(std::find(s.squares, s.squares + n, most) - s.squares) % n;
-    const double t = v - s.place_t[j], u = v - s.place_s[j], value = m.D * most;
+    const double t = v - s.vergence_t[j], u = v - s.vergence_s[j], value = m.D * most;
     return {value, value * (m.d_log_D + (2 * t + m.dr) / (t * t + m.r) + (2 * u + m.dr) / (u * u + m.r)), j};
 }
 
@@ -97,8 +98,8 @@ double bottom(double a, double b, double close, int n, const AreaModel& model, c
 double best_place(int n, const AreaModel& model, const Scratch& s) {
     double low = std::numeric_limits<double>::infinity(), high = -low;
     for (int j = 0; j < n; ++j) {
-        low = std::min(low, std::min(s.place_t[j], s.place_s[j]));
-        high = std::max(high, std::max(s.place_t[j], s.place_s[j]));
+        low = std::min(low, std::min(s.vergence_t[j], s.vergence_s[j]));
+        high = std::max(high, std::max(s.vergence_t[j], s.vergence_s[j]));
     }
     const double margin = MARGIN * (high - low);
     low = std::min(std::max(low - margin, model.least), model.most);
@@ -139,7 +140,7 @@ void fill_profile(const DesignJob& job, int i, double M, const Scratch& s) {
     }
 }
 
-// A mirror point under a perspective lens and under a telecentric one: design/optics.py. True where it can be used.
+// A mirror point under a perspective lens and under a telecentric one: batch/optics.py. True where it can be used.
 struct Point {
     double x, z, slope, curvature, slope_over_x, inverse_distance;
 };
@@ -150,25 +151,25 @@ bool fill_perspective(const Point& p, double m, int j, const Scratch& s, double&
     const double cos_gamma = front / (root * rho), sine = 2 * w * p.slope_over_x + 1 - p.slope * p.slope;
     const double q_t = 1 / (2 * p.curvature / (steep * root * cos_gamma) + p.inverse_distance);
     const double q_s = 1 / (2 * cos_gamma * p.slope_over_x / root + p.inverse_distance);
-    const double turning = 2 * p.curvature / steep + front / to_lens;
+    const double domega_dx = 2 * p.curvature / steep + front / to_lens;
     s.ray[j] = p.x / w;
-    s.radial[j] = front / (w * w * turning);
-    s.around[j] = rho * steep / (w * sine);
-    s.place_t[j] = 1 / (w * (1 + q_t / rho));
-    s.place_s[j] = 1 / (w * (1 + q_s / rho));
+    s.magnification_t[j] = front / (w * w * domega_dx);
+    s.magnification_s[j] = rho * steep / (w * sine);
+    s.vergence_t[j] = 1 / (w * (1 + q_t / rho));
+    s.vergence_s[j] = 1 / (w * (1 + q_s / rho));
     viewpoint = p.z + (w * (1 - p.slope * p.slope) - 2 * p.slope * p.x) / sine;
-    return turning > 0 && front > 0 && s.around[j] > 0;
+    return domega_dx > 0 && front > 0 && s.magnification_s[j] > 0;
 }
 
 bool fill_telecentric(const Point& p, int j, const Scratch& s, double& viewpoint) {
-    const double steep = 1 + p.slope * p.slope, turning = 2 * p.curvature / steep;
+    const double steep = 1 + p.slope * p.slope, domega_dx = 2 * p.curvature / steep;
     s.ray[j] = p.x;
-    s.radial[j] = 1 / turning;
-    s.around[j] = steep / (2 * p.slope_over_x);
-    s.place_t[j] = -(p.z + 1 / (turning + p.inverse_distance));
-    s.place_s[j] = -(p.z + 1 / (2 * p.slope_over_x / steep + p.inverse_distance));
+    s.magnification_t[j] = 1 / domega_dx;
+    s.magnification_s[j] = steep / (2 * p.slope_over_x);
+    s.vergence_t[j] = -(p.z + 1 / (domega_dx + p.inverse_distance));
+    s.vergence_s[j] = -(p.z + 1 / (2 * p.slope_over_x / steep + p.inverse_distance));
     viewpoint = p.z + (1 - p.slope * p.slope) / (2 * p.slope_over_x);
-    return turning > 0 && s.around[j] > 0;
+    return domega_dx > 0 && s.magnification_s[j] > 0;
 }
 
 // Everything that does not depend on the focus; whether the design can be used.
@@ -184,13 +185,13 @@ bool fill_points(const DesignJob& job, const double* number, const Scratch& s, d
     for (int j = 0; j < job.angles; ++j)
         omega[j] = 2 * std::atan(s.slope[j]) + (telecentric ? 0.0 : std::atan(s.ray[j]));
     for (int j = 0; j < job.angles; ++j) {
-        const double product = s.radial[j] * s.around[j];
+        const double product = s.magnification_t[j] * s.magnification_s[j];
         s.density[j] = omega[j] < job.least_omega ? 0.0 : 1 / (product * product);
     }
     return valid;
 }
 
-// What a lens and its pixels make of places and ray coordinates.
+// What a lens and its pixels make of vergences and ray coordinates.
 struct Camera {
     double f, mu, blur, image, airy;  // airy: per mm of image distance; of a telecentric lens the disk itself
     bool telecentric, scaled, paper;
@@ -223,19 +224,19 @@ void evaluate_one(const DesignJob& job, int i, const Scratch& s) {
     const AreaModel model = camera.model();
     const double v = best_place(n, model, s), b = camera.telecentric ? 1.0 : 1 / (1 / camera.f - v);
     const double ray_px = camera.image * (camera.scaled ? 1.0 : b);
-    const double place_px = camera.blur * (camera.paper ? 1.0 : b);
+    const double vergence_px = camera.blur * (camera.paper ? 1.0 : b);
     const double airy = camera.airy * b, floor = 1 + airy * airy;
     double *h = row + plane, *dh = row + 2 * plane, *dw = row + 3 * plane, *L_t = row + 5 * plane,
            *L_s = row + 6 * plane, *t = row + 7 * plane, *u = row + 8 * plane, *area = row + 9 * plane;
     for (int j = 0; j < n; ++j) {
         omega[j] /= DEGREE;
         h[j] = s.ray[j] * ray_px;
-        dh[j] = s.radial[j] * ray_px * DEGREE;
-        dw[j] = s.around[j] * ray_px * DEGREE;
-        L_t[j] = camera.telecentric ? -s.place_t[j] : 1 / s.place_t[j];
-        L_s[j] = camera.telecentric ? -s.place_s[j] : 1 / s.place_s[j];
-        t[j] = place_px * (v - s.place_t[j]);
-        u[j] = place_px * (v - s.place_s[j]);
+        dh[j] = s.magnification_t[j] * ray_px * DEGREE;
+        dw[j] = s.magnification_s[j] * ray_px * DEGREE;
+        L_t[j] = camera.telecentric ? -s.vergence_t[j] : 1 / s.vergence_t[j];
+        L_s[j] = camera.telecentric ? -s.vergence_s[j] : 1 / s.vergence_s[j];
+        t[j] = vergence_px * (v - s.vergence_t[j]);
+        u[j] = vergence_px * (v - s.vergence_s[j]);
         area[j] = std::sqrt((t[j] * t[j] + floor) * (u[j] * u[j] + floor)) / (dh[j] * dw[j]);
     }
     const AreaModel::At at = model.at(v);

@@ -1,5 +1,5 @@
-// Designs by the thousand, as omnimirror.batch.evaluate has them; the formulas are those of design/optics.py and
-// design/foci.py, and so are the steps.
+// Designs by the thousand, as omnimirror.batch.evaluate has them; the formulas are those of batch/optics.py and
+// batch/best_focus.py, and so are the steps.
 #pragma once
 
 #include <cstddef>

@@ -30,7 +30,7 @@ def linearity(placed: MountedMirror) -> np.ndarray:
 @pytest.mark.parametrize(("terms", "most"), [(3, 0.066e-2), (4, 0.0058e-2), (5, 0.0006e-2)])
 def test_the_equidistant_polynomial_is_far_straighter_than_the_papers(terms, most):
     fit = fit_mirror(EQUIDISTANT, f"polynomial:{terms}")
-    off = linearity(fit.placed)
+    off = linearity(fit.mounted)
     assert np.abs(off).max() <= most
     assert np.abs(off).max() == pytest.approx(fit.mapping, rel=2e-2)
 
@@ -45,7 +45,7 @@ def test_the_papers_polynomial_is_judged_as_it_was():
 
 def test_the_largest_deviation_alternates_as_a_best_fit_must():
     """Chebyshev: three terms, none of them held, leave four extremes of equal size and turning sign."""
-    off = linearity(fit_mirror(EQUIDISTANT, "polynomial:3").placed)
+    off = linearity(fit_mirror(EQUIDISTANT, "polynomial:3").mounted)
     peak = np.abs(off).max()
     signs = np.sign(off[np.abs(off) > 0.97 * peak])
     assert np.count_nonzero(np.diff(signs)) >= 2
@@ -63,10 +63,10 @@ def test_each_aim_is_best_at_what_it_aims_for(form, theta):
     assert sag.sag_um < min(worst.sag_um, mean.sag_um)
     for fit in (worst, mean, sag):
         x = np.linspace(0, M, 3000)
-        assert np.abs(fit.placed.mirror.sag(x) - target.mirror.sag(x)).max() * 1e3 == pytest.approx(
+        assert np.abs(fit.mounted.mirror.sag(x) - target.mirror.sag(x)).max() * 1e3 == pytest.approx(
             fit.sag_um, rel=1e-2
         )
-        turn = np.arctan(fit.placed.mirror.slope(x)) - np.arctan(target.mirror.slope(x))
+        turn = np.arctan(fit.mounted.mirror.slope(x)) - np.arctan(target.mirror.slope(x))
         assert np.abs(turn).max() * 1e3 == pytest.approx(fit.slope_mrad, rel=1e-2)
 
 
@@ -84,9 +84,9 @@ def test_a_form_that_holds_the_target_finds_it():
     target = MountedMirror(paraboloid, 170.0)
     fit = fit_mirror(target, "polynomial:2")
     assert fit.mapping < 1e-12
-    assert fit.placed.mirror.coefficients == pytest.approx(np.multiply(paraboloid.coefficients, [M, M**3]), rel=1e-9)
+    assert fit.mounted.mirror.coefficients == pytest.approx(np.multiply(paraboloid.coefficients, [M, M**3]), rel=1e-9)
     sphere = MountedMirror(Sphere(50.0, M), 180.0)
-    found = fit_mirror(sphere, "asphere:0").placed
+    found = fit_mirror(sphere, "asphere:0").mounted
     assert found.mirror.vertex_radius_mm == pytest.approx(50.0, rel=1e-9)
     assert found.mirror.conic == pytest.approx(0.0, abs=1e-8)
     assert found.distance_mm == pytest.approx(180.0, rel=1e-9)
@@ -95,7 +95,7 @@ def test_a_form_that_holds_the_target_finds_it():
 def test_under_an_orthographic_lens_the_field_is_kept():
     target = generated_mirror("equidistant", Rim(100.0, 0.0, M))
     fit = fit_mirror(target, "polynomial:4")
-    sensor = om.Sensor(fit.placed.mirror, Orthographic(0.0592, 4.0, 22.0), Imager(1024, 1024, 5.2))
+    sensor = om.Sensor(fit.mounted.mirror, Orthographic(0.0592, 4.0, 22.0), Imager(1024, 1024, 5.2))
     omega = np.linspace(1, 100, 300)
     h = om.evaluate(sensor, omega).h_px / sensor.rim_radius_px
     assert np.abs(h - omega / 100).max() == pytest.approx(fit.mapping, rel=2e-2)

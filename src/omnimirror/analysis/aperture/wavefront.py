@@ -174,12 +174,12 @@ def working_f_numbers(sensor: Sensor, height_mm: float) -> tuple[float, float]:
 def _phase(bundles: Bundles, sensor: Sensor, chief_mm: Array) -> Array:
     """W (k, n), mm: path to each point of the aperture less that from the point in focus that the chief ray aims at."""
     in_focus = _conjugate(sensor, chief_mm) + sensor.lens_offset
-    eyes = sensor.entrance_pupil_points(bundles.pupil.points)
+    pupil = sensor.entrance_pupil_points(bundles.pupil.points)
     centre = sensor.entrance_pupil_points(np.zeros((1, 2)))
-    if eyes.distant:
-        ideal, middle = (-(in_focus @ e.xyz.T) for e in (eyes, centre))
+    if pupil.distant:
+        ideal, middle = (-(in_focus @ e.xyz.T) for e in (pupil, centre))
     else:
-        ideal, middle = (np.linalg.norm(e.xyz - in_focus[:, None], axis=2) for e in (eyes, centre))
+        ideal, middle = (np.linalg.norm(e.xyz - in_focus[:, None], axis=2) for e in (pupil, centre))
     return (bundles.path - bundles.chief_path()[:, None]) - (ideal - middle)
 
 

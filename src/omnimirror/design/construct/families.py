@@ -46,8 +46,8 @@ def vertex_radius(rim: Rim, conic: float) -> float:
 def sphere(rim: Rim, conic: float | None = None) -> MountedMirror:
     """``A = M / sin(beta)``; nothing is left free.
 
-    >>> placed = sphere(Rim(135.0, 12.0, 1.0))
-    >>> round(placed.mirror.radius_mm, 3), round(placed.distance_mm, 3)  # Table 1
+    >>> mounted = sphere(Rim(135.0, 12.0, 1.0))
+    >>> round(mounted.mirror.radius_mm, 3), round(mounted.distance_mm, 3)  # Table 1
     (1.138, 4.11)
     """
     _refuse_conic("sphere", conic)
@@ -63,8 +63,8 @@ def paraboloid(rim: Rim, conic: float | None = None) -> MountedMirror:
 def hyperboloid(rim: Rim, conic: float | None = None) -> MountedMirror:
     """With the conic constant left free, the one with a single viewpoint; otherwise the one asked for (k < -1).
 
-    >>> placed = hyperboloid(Rim(135.0, 12.0, 1.0))
-    >>> round(placed.mirror.a_mm, 4), round(placed.mirror.b_mm, 3), round(placed.distance_mm, 3)  # Table 1
+    >>> mounted = hyperboloid(Rim(135.0, 12.0, 1.0))
+    >>> round(mounted.mirror.a_mm, 4), round(mounted.mirror.b_mm, 3), round(mounted.distance_mm, 3)  # Table 1
     (0.7407, 1.698, 3.55)
     """
     M = rim.rim_radius_mm

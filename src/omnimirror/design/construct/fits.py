@@ -64,7 +64,7 @@ class Fit:
 
     Attributes
     ----------
-    placed
+    mounted
         The mirror, and the distance at which its lens sees the rim as the target's does.
     mapping
         Largest deviation of the image height at the same field angle, as a share of the rim's height
@@ -75,7 +75,7 @@ class Fit:
         Largest difference of the slope angles at the same x.
     """
 
-    placed: MountedMirror
+    mounted: MountedMirror
     mapping: float
     sag_um: float
     slope_mrad: float
@@ -322,9 +322,9 @@ class _Problem:
         """The mirror with its deviations, from its own chief rays."""
         mirror, target = self.mirror(p), self.target
         theta = float(np.degrees(target.theta_max))
-        placed = Rim(float(np.degrees(target.omega_max)), theta, self.rim).place(mirror)
+        mounted = Rim(float(np.degrees(target.omega_max)), theta, self.rim).place(mirror)
         x = np.linspace(0, 1, 4 * NODES)[1:] * self.rim
-        rays = Meridian(mirror, placed.distance_mm).trace(x)
+        rays = Meridian(mirror, mounted.distance_mm).trace(x)
         inside = np.minimum(rays.omega, target.omega_max)
         wanted = target.trace(target.x_from_omega(inside))
         height, aim = (r.x / (self.rim if np.isinf(r.m) else r.w * np.tan(target.theta_max)) for r in (rays, wanted))
@@ -332,7 +332,7 @@ class _Problem:
         aim = aim + (rays.omega - inside) / rate
         z, slope, _ = target.mirror.profile(x)
         return Fit(
-            placed,
+            mounted,
             float(np.abs(height - aim).max()),
             float(np.abs(rays.z - z).max()) * 1e3,
             float(np.abs(rays.beta - np.arctan(slope)).max()) * 1e3,

@@ -70,12 +70,12 @@ def generated_mirror(
     --------
     The mapping of the conformal mirror is the hyperboloid's, which is a conic:
 
-    >>> placed = generated_mirror("conformal", Rim(135.0, 12.0, 1.0))
-    >>> placed.mirror.KIND, round(placed.distance_mm, 11)
+    >>> mounted = generated_mirror("conformal", Rim(135.0, 12.0, 1.0))
+    >>> mounted.mirror.KIND, round(mounted.distance_mm, 11)
     ('hyperboloid', 3.55007544592)
     >>> import numpy as np
-    >>> placed = generated_mirror(lambda omega: np.sin(omega / 2), Rim(135.0, 12.0, 1.0))  # equiareal
-    >>> round(placed.distance_mm, 9)
+    >>> mounted = generated_mirror(lambda omega: np.sin(omega / 2), Rim(135.0, 12.0, 1.0))  # equiareal
+    >>> round(mounted.distance_mm, 9)
     4.072351768
     """
     if callable(mapping):

@@ -38,8 +38,8 @@ def known_sensors(problem: DesignProblem) -> dict[str, Sensor]:
     found = {}
     for name, make in _makers(rim):
         with suppress(OmnimirrorError):  # a mapping that such a field cannot have
-            placed = make()
-            found[name] = replace(first, mirror=placed.mirror, mirror_distance_mm=placed.distance_mm, name=name)
+            mounted = make()
+            found[name] = replace(first, mirror=mounted.mirror, mirror_distance_mm=mounted.distance_mm, name=name)
     return found
 
 

@@ -104,7 +104,7 @@ def _by_family(table: MirrorRequirements, rim: Rim, omega_min_deg: float, conic:
     if table.family in FAMILIES:
         return FAMILIES[table.family](rim, conic)
     equidistant = generated_mirror("equidistant", rim)
-    return fit_mirror(equidistant, table.family).placed
+    return fit_mirror(equidistant, table.family).mounted
 
 
 WAYS: dict[str, Callable[[MirrorRequirements, Rim, float, float | None], MountedMirror]] = {
@@ -128,7 +128,7 @@ def _fitted(table: MirrorRequirements, rim: Rim, choice: Choice) -> MountedMirro
 def _kept(table: MirrorRequirements, rim: Rim, omega_min_deg: float, conic: float | None) -> MountedMirror:
     """A mirror, kept: a search asks for the same one before many lenses."""
     if table.fit is not None:
-        return fit_mirror(_kept(replace(table, fit=None), rim, omega_min_deg, conic), table.fit).placed
+        return fit_mirror(_kept(replace(table, fit=None), rim, omega_min_deg, conic), table.fit).mounted
     way = next(name for name in WAYS if getattr(table, name) is not None)
     return WAYS[way](table, rim, omega_min_deg, conic)
 

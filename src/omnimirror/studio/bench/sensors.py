@@ -127,17 +127,17 @@ def changed(change: Change) -> Sensor:
 def _with_mirror(sensor: Sensor, kind: str) -> Sensor:
     if kind not in MIRRORS:
         raise InvalidParameter(f"there is no mirror {kind!r}; valid are {', '.join(MIRRORS)}")
-    placed = recast(sensor, kind)
-    distance = np.inf if sensor.lens.TELECENTRIC else placed.distance_mm
-    return replace(sensor, mirror=placed.mirror, mirror_distance_mm=distance, secondary=None, name=kind, notes="")
+    mounted = recast(sensor, kind)
+    distance = np.inf if sensor.lens.TELECENTRIC else mounted.distance_mm
+    return replace(sensor, mirror=mounted.mirror, mirror_distance_mm=distance, secondary=None, name=kind, notes="")
 
 
 def recast(sensor: Sensor, kind: str) -> MountedMirror:
     """A mirror of another kind for the same rim.
 
     >>> import omnimirror as om
-    >>> placed = recast(om.load_sensor("paper-spherical"), "hyperboloid")
-    >>> round(placed.mirror.a_mm / 43.9, 3), round(placed.distance_mm / 43.9, 3)  # Table 1: .7407, 3.550
+    >>> mounted = recast(om.load_sensor("paper-spherical"), "hyperboloid")
+    >>> round(mounted.mirror.a_mm / 43.9, 3), round(mounted.distance_mm / 43.9, 3)  # Table 1: .7407, 3.550
     (0.741, 3.55)
     """
     rim = rim_of(sensor)
@@ -148,7 +148,7 @@ def recast(sensor: Sensor, kind: str) -> MountedMirror:
         return rim.place(AS_BEFORE[cls](sensor, rim))
     if kind not in MAPPINGS:
         before = rim.place(sensor.mirror)
-        return fit_mirror(before, "polynomial:5" if cls is EvenPolynomial else "asphere:3").placed
+        return fit_mirror(before, "polynomial:5" if cls is EvenPolynomial else "asphere:3").mounted
     mirror = _mapped(cls, rim)
     return MountedMirror(mirror, mirror.design_distance)
 

@@ -35,19 +35,19 @@ def command(omega_max_deg: float, theta_max_deg: float, figure: Path | None) -> 
     for heading in ("m/M", "sag/M", "vertex radius/M"):
         table.add_column(heading, justify="right", no_wrap=True)
     table.add_column()
-    placed: dict[str, MountedMirror] = {}
+    mounted: dict[str, MountedMirror] = {}
     for name in MAPPINGS:
         try:
-            placed[name] = generated_mirror(name, rim)
+            mounted[name] = generated_mirror(name, rim)
         except OmnimirrorError as e:
             table.add_row(name, "", "", "", Text(str(e), style="dim"))
             continue
-        mirror = placed[name].mirror
-        numbers = (placed[name].distance_mm, mirror.sag(1.0), 1 / mirror.curvature(0.0))
+        mirror = mounted[name].mirror
+        numbers = (mounted[name].distance_mm, mirror.sag(1.0), 1 / mirror.curvature(0.0))
         table.add_row(name, *(f"{v:.8g}" for v in numbers), "" if name == mirror.KIND else f"the {mirror.KIND}")
     console.print(table)
     if figure:
-        _draw({name: Meridian(p.mirror, p.distance_mm) for name, p in list(placed.items())[:MOST_DRAWN]}, figure)
+        _draw({name: Meridian(p.mirror, p.distance_mm) for name, p in list(mounted.items())[:MOST_DRAWN]}, figure)
         say_written(figure, console=console)
 
 

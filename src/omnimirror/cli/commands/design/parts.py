@@ -11,6 +11,7 @@ from ....components.catalogue import read_catalogue
 from ....components.selection import Combination, choose_parts
 from ....errors import OmnimirrorError
 from ....lenses import Perspective
+from ....quantities import QUANTITIES
 from ....specs import load_sensor, save_sensor
 from ...options.common import NUMBER, distance
 from ...outputs import output_console, output_option, say_written
@@ -50,7 +51,9 @@ def command(
 
 def _table(combinations: list[Combination]) -> Table:
     table = Table(box=None, pad_edge=False, header_style="bold")
-    for heading in ("", "lens", "imager", "fills", "rim px", "F", "focus mm", "ring mm", "blur area deg2", "why not"):
+    area = QUANTITIES["worst_floored_area_deg2"]
+    numbers = ("fills", "rim px", "F", "focus mm", "ring mm", f"{area.title} {area.unit}")
+    for heading in ("", "lens", "imager", *numbers, "why not"):
         table.add_column(heading, justify="left" if heading in ("lens", "imager", "why not") else "right")
     for i, c in enumerate(combinations, start=1):
         cells = ["", "", "", "", "", ""]
@@ -59,7 +62,7 @@ def _table(combinations: list[Combination]) -> Table:
             F = lens.f_number if isinstance(lens, Perspective) else lens.image_f_number()
             cells = [
                 f"{100 * c.fill:.0f} %", f"{c.rim_radius_px:.0f}", f"{F:.1f}", f"{lens.focus_distance_mm:.1f}",
-                f"{c.ring_mm:g}", f"{c.worst_floored_area_deg2:.3f}",
+                f"{c.ring_mm:g}", area.text(c.worst_floored_area_deg2),
             ]  # fmt: skip
         table.add_row(str(i) if c.fits else "-", c.lens, c.imager, *cells, "; ".join(c.reasons))
     return table
