@@ -95,8 +95,8 @@ def medians(times: list[tuple[float, float]]) -> tuple[float, float]:
 
 def error_db(sensor: om.Sensor, world: Environment, rays: int) -> float:
     """Sampling error in sRGB within the mirror's image, against many more rays of another seed."""
-    a = srgb_from_linear(expose(sensor, world, rays, blur=True, seed=1))
-    b = srgb_from_linear(expose(sensor, world, MOST_RAYS, blur=True, seed=2))
+    a = srgb_from_linear(expose(sensor, world, samples=rays, blur=True, seed=1))
+    b = srgb_from_linear(expose(sensor, world, samples=MOST_RAYS, blur=True, seed=2))
     rows, columns = np.mgrid[: len(a), : len(a)]
     pixels = np.stack([columns, rows], axis=-1).reshape(-1, 2).astype(float)
     inside = sensor.backproject(pixels).valid.reshape(a.shape[:2])
@@ -125,13 +125,13 @@ def main() -> None:
     ]
     for label, name in SENSORS.items():
         sensor = sensor_of(name)
-        expose(sensor, world, 1, blur=True)
+        expose(sensor, world, samples=1, blur=True)
         ours: list[tuple[float, float]] = []
         chief: list[tuple[float, float]] = []
         rendered: dict[str, list[tuple[float, float] | str]] = {"llvm_ad_rgb": [], "scalar_rgb": []}
         for run in range(arguments.runs):
-            ours.append(timed(lambda s=sensor: expose(s, world, RAYS, blur=True)))
-            chief.append(timed(lambda s=sensor: expose(s, world, 1)))
+            ours.append(timed(lambda s=sensor: expose(s, world, samples=RAYS, blur=True)))
+            chief.append(timed(lambda s=sensor: expose(s, world, samples=1)))
             for variant, found in rendered.items():
                 if run < THEIR_RUNS and not any(isinstance(f, str) for f in found):
                     found.append(theirs(variant, name))

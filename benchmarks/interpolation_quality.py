@@ -91,7 +91,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
     arguments = parser.parse_args()
     sensor, scene = om.load_sensor("paper-spherical"), om.Room()
-    picture = om.take_picture(sensor, scene, SAMPLES**2, distant=True)
+    picture = om.take_picture(sensor, scene, samples=SAMPLES**2, distant=True)
     lines = [
         "# PSNR of straightened pictures, dB",
         "",

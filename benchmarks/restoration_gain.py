@@ -106,8 +106,8 @@ class Gains(NamedTuple):
 def gains(restorer: Restorer, scene: Scene, noise: float = NOISE, seed: int = 1, told: Sequence[float] = ()) -> Gains:
     """Take the picture with and without blur, add noise, restore, and compare; also where shares of it are told."""
     sensor = restorer.camera
-    sharp = srgb_from_linear(om.expose(sensor, scene, 16))
-    blurred = srgb_from_linear(om.expose(sensor, scene, 64, blur=True))
+    sharp = srgb_from_linear(om.expose(sensor, scene, samples=16))
+    blurred = srgb_from_linear(om.expose(sensor, scene, samples=64, blur=True))
     noisy = blurred + noise * np.random.default_rng(seed).standard_normal(blurred.shape)
     given = np.rint(255 * np.clip(noisy, 0, 1)).astype(np.uint8)
     start = time.process_time()

@@ -70,7 +70,7 @@ def test_one_thing_has_one_value_wherever_it_is_asked_for():
         assert low == pytest.approx(high), name  # one number of a whole field
         assert low == pytest.approx(table[name].values[0], rel=1e-9), name
     for name in set(FOCUS_MERITS) & set(DESIGN_MERITS) - {"mean_floored_area_deg2"}:
-        best = om.best_focus(sensor, name, angles)
+        best = om.best_focus(sensor, name, omega_deg=angles)
         there = om.evaluate(sensor, angles, focus_mm=best.focus_mm)
         assert DESIGN_MERITS[name].value(values_of_evaluation(there)) == pytest.approx(best.value, rel=1e-9), name
 

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import omnimirror as om
-from omnimirror.cli.commands.design.init import template
+from omnimirror.components.template import sensor_template
 from omnimirror.errors import OmnimirrorError, SpecError
 from omnimirror.frames import Mount
 from omnimirror.housing import CameraBody, Dome, Housing, Rim, Rod, Tube
@@ -116,7 +116,7 @@ def test_a_profile_beside_the_sensor_file_is_followed(tmp_path):
 
 
 def test_the_template_of_init_is_a_working_sensor():
-    sensor = parse_sensor(template("mine"))
+    sensor = parse_sensor(sensor_template("mine"))
     assert sensor.name == "mine"
     assert sensor.field_deg[1] == pytest.approx(135, abs=0.01)
 
@@ -172,7 +172,7 @@ def test_a_housing_that_cannot_be_is_named_with_its_line(old, new, message):
 
 
 def test_the_housing_of_the_template_works():
-    head, tail = template("mine").split("# [housing.camera]")
+    head, tail = sensor_template("mine").split("# [housing.camera]")
     sensor = parse_sensor(
         head + "\n".join(line.removeprefix("# ") for line in ("# [housing.camera]" + tail).splitlines())
     )

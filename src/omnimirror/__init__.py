@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from .analysis import check_blur as check_blur
     from .analysis import compare as compare
     from .analysis import evaluate as evaluate
+    from .analysis import field_angles as field_angles
     from .analysis import illumination as illumination
     from .analysis import mtf as mtf
     from .analysis import psf as psf
@@ -19,6 +20,10 @@ if TYPE_CHECKING:
     from .central import MirrorBall as MirrorBall
     from .central import OCam as OCam
     from .central import load_ocam as load_ocam
+    from .components.apertures import best_apertures as best_apertures
+    from .components.catalogue import read_catalogue as read_catalogue
+    from .components.selection import choose_parts as choose_parts
+    from .components.template import sensor_template as sensor_template
     from .design import DesignProblem as DesignProblem
     from .design import FieldRequirements as FieldRequirements
     from .design import Front as Front
@@ -33,18 +38,26 @@ if TYPE_CHECKING:
     from .design import load_front as load_front
     from .design import load_requirements as load_requirements
     from .design import pareto as pareto
+    from .design.construct.survey import mappings as mappings
     from .design.optimise.optimiser import optimise as optimise
     from .dewarp import Dewarper as Dewarper
     from .dewarp import screens as screens
     from .dewarp import views as views
     from .dewarp.views import register_view as register_view
+    from .manufacture import Body as Body
     from .manufacture import export as export
     from .manufacture import register_format as register_format
     from .media import read_image as read_image
     from .media import write_image as write_image
     from .mirrors import register_mirror as register_mirror
+    from .report import write_demo as write_demo
+    from .report.comparison import write_comparison as write_comparison
+    from .reproduce import reproduce_paper as reproduce_paper
     from .sensor import Sensor as Sensor
+    from .simulate import Detector as Detector
     from .simulate import Environment as Environment
+    from .simulate import Pose as Pose
+    from .simulate import PosedScene as PosedScene
     from .simulate import Room as Room
     from .simulate import estimate_noise as estimate_noise
     from .simulate import expose as expose
@@ -52,7 +65,15 @@ if TYPE_CHECKING:
     from .simulate import plan_bracket as plan_bracket
     from .simulate import restore as restore
     from .simulate import take_picture as take_picture
+    from .simulate.datasets.calibration_set import write_calibration_set as write_calibration_set
+    from .simulate.datasets.calibration_set import write_video_set as write_video_set
+    from .simulate.datasets.video import load_path as load_path
+    from .simulate.datasets.video import write_video as write_video
+    from .simulate.round_trip import measure_round_trip as measure_round_trip
+    from .simulate.scenes.sources import load_scene as load_scene
+    from .specs import bundled_sensors as bundled_sensors
     from .specs import load_sensor as load_sensor
+    from .specs import parse_sensor as parse_sensor
     from .specs import save_sensor as save_sensor
     from .straighten import Recording as Recording
     from .straighten import Restoration as Restoration
@@ -62,56 +83,77 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 _HOMES = {
-    "Dewarper": "dewarp",
-    "DesignProblem": "design",
-    "FieldRequirements": "design",
-    "Front": "design",
-    "LensRequirements": "design",
-    "Limit": "design",
-    "MirrorRequirements": "design",
-    "Optimum": "design",
-    "Requirements": "design",
-    "blur_bound": "design",
-    "design_sensor": "design",
-    "format_requirements": "design",
-    "load_front": "design",
-    "load_requirements": "design",
-    "optimise": "design.optimise.optimiser",
-    "pareto": "design",
-    "MirrorBall": "central",
-    "OCam": "central",
-    "load_ocam": "central",
-    "read_image": "media",
-    "screens": "dewarp",
-    "views": "dewarp",
-    "write_image": "media",
     "best_focus": "analysis",
     "best_viewpoint": "analysis",
+    "check_blur": "analysis",
     "compare": "analysis",
     "evaluate": "analysis",
-    "export": "manufacture",
-    "register_format": "manufacture",
-    "register_view": "dewarp.views",
-    "check_blur": "analysis",
+    "field_angles": "analysis",
     "illumination": "analysis",
     "mtf": "analysis",
     "psf": "analysis",
     "spots": "analysis",
+    "load_ocam": "central",
+    "MirrorBall": "central",
+    "OCam": "central",
+    "best_apertures": "components.apertures",
+    "read_catalogue": "components.catalogue",
+    "choose_parts": "components.selection",
+    "sensor_template": "components.template",
+    "blur_bound": "design",
+    "design_sensor": "design",
+    "DesignProblem": "design",
+    "FieldRequirements": "design",
+    "format_requirements": "design",
+    "Front": "design",
+    "LensRequirements": "design",
+    "Limit": "design",
+    "load_front": "design",
+    "load_requirements": "design",
+    "MirrorRequirements": "design",
+    "Optimum": "design",
+    "pareto": "design",
+    "Requirements": "design",
+    "mappings": "design.construct.survey",
+    "optimise": "design.optimise.optimiser",
+    "Dewarper": "dewarp",
+    "screens": "dewarp",
+    "views": "dewarp",
+    "register_view": "dewarp.views",
+    "Body": "manufacture",
+    "export": "manufacture",
+    "register_format": "manufacture",
+    "read_image": "media",
+    "write_image": "media",
     "register_mirror": "mirrors",
+    "write_demo": "report",
+    "write_comparison": "report.comparison",
+    "reproduce_paper": "reproduce",
     "Sensor": "sensor",
+    "Detector": "simulate",
     "Environment": "simulate",
-    "Room": "simulate",
     "estimate_noise": "simulate",
     "expose": "simulate",
     "merge_bracket": "simulate",
+    "PosedScene": "simulate",
     "plan_bracket": "simulate",
+    "Pose": "simulate",
     "restore": "simulate",
+    "Room": "simulate",
     "take_picture": "simulate",
+    "write_calibration_set": "simulate.datasets.calibration_set",
+    "write_video_set": "simulate.datasets.calibration_set",
+    "load_path": "simulate.datasets.video",
+    "write_video": "simulate.datasets.video",
+    "measure_round_trip": "simulate.round_trip",
+    "load_scene": "simulate.scenes.sources",
+    "bundled_sensors": "specs",
     "load_sensor": "specs",
+    "parse_sensor": "specs",
     "save_sensor": "specs",
+    "dewarp_pictures": "straighten",
     "Recording": "straighten",
     "Restoration": "straighten",
-    "dewarp_pictures": "straighten",
     "dewarp_video": "straighten.video",
 }
 __all__ = ["__version__", *_HOMES]

@@ -104,7 +104,7 @@ def test_the_focus_is_the_best_focus(mode, radius, seed, name):
         return  # no mirror that anyone would use
     sensor = designs.sensor(0, IMAGER, batch.focus_mm[0])
     angles = np.minimum(batch.omega_deg[0], sensor.field_deg[1])
-    best = om.best_focus(sensor, "worst_floored_area_deg2", angles, mode=mode, image_radius_px=radius)
+    best = om.best_focus(sensor, "worst_floored_area_deg2", omega_deg=angles, mode=mode, image_radius_px=radius)
     assert batch.worst_floored_area_deg2[0] <= best.value * (1 + 1e-9)
     if batch.worst_floored_area_deg2[0] >= best.value * (1 - 1e-9):  # else the golden sections had the wrong valley
         assert batch.focus_mm[0] == pytest.approx(best.focus_mm, rel=1e-5)

@@ -98,7 +98,7 @@ def test_every_view_has_a_sensible_size():
         cube = views.cube(BALL, layout=layout)
         assert cube.face_px == pytest.approx(90 * scale, abs=2)
         assert cube.size == (columns * cube.face_px, rows * cube.face_px)
-        assert views.cube(BALL, (columns * 50, None), layout).face_px == 50
+        assert views.cube(BALL, (columns * 50, None), layout=layout).face_px == 50
     wall = views.panorama(BALL, rows="height", elevation_deg=(-45.0, 45.0), size=(None, 200), span_deg=180.0)
     assert wall.size[0] == pytest.approx(200 * np.pi / 2, abs=1)  # square at the horizon
 
@@ -120,10 +120,12 @@ def test_a_mosaic_is_a_panorama_over_the_views_of_its_quarters():
 def test_presets_are_one_screen_in_three_places():
     """Edges of the screen as seen from the projector, from widths of the screen."""
     for name, away in (("distant", 2.0), ("wide", 0.5)):
-        plane = views.preset(name, (640, 360), 30.0, -10.0, 700.0, (1.0, 2.0, 3.0))
+        plane = views.preset(
+            name, (640, 360), pan_deg=30.0, tilt_deg=-10.0, distance_mm=700.0, offset_mm=(1.0, 2.0, 3.0)
+        )
         assert np.tan(np.radians(plane.hfov_deg / 2)) == pytest.approx(0.5 / away)
         assert (plane.pan_deg, plane.tilt_deg, plane.distance_mm) == (30.0, -10.0, 700.0)
-    bent = views.preset("super-wide", (640, 360), 30.0)
+    bent = views.preset("super-wide", (640, 360), pan_deg=30.0)
     assert bent.span_deg == pytest.approx(180)
     assert np.ptp(np.tan(np.radians([bent.tilt_min_deg, bent.tilt_max_deg]))) == pytest.approx(np.pi * 360 / 640)
     raised = views.preset("super-wide", (640, 360), tilt_deg=20.0)

@@ -19,7 +19,7 @@ def line(figure, gid):
 
 @pytest.mark.parametrize("focuses", [[212.0], [205.0, 212.0, 219.0]])
 def test_spots_are_where_rays_land(focuses):
-    found = om.spots(SPH, [0.0, 90.0, 135.0], focuses)
+    found = om.spots(SPH, [0.0, 90.0, 135.0], focus_mm=focuses)
     figure = spot_matrix(found, 1.1)
     assert len(figure.axes) == 3 * len(focuses)
     t, s = line(figure, "spot:1:0")

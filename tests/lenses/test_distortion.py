@@ -127,7 +127,7 @@ def test_what_distortion_moves_the_dewarper_puts_back(terms):
     view = screens.Plane((200, 120), hfov_deg=70.0)
     direct = srgb_from_linear(world.radiance(np.zeros((120 * 200, 3)), view.targets(0, 120).reshape(-1, 3)))
     for camera in (sensor_with(), sensor_with(**terms)):
-        straight = Dewarper(camera, view, "cubic")(srgb_from_linear(expose(camera, world, 16)))
+        straight = Dewarper(camera, view, "cubic")(srgb_from_linear(expose(camera, world, samples=16)))
         apart = straight.reshape(-1, 3) - direct
         assert -10 * np.log10(np.mean(apart**2)) > 60
 
@@ -136,7 +136,7 @@ def test_crowded_light_is_conserved():
     """All light of an even world is that of its solid angle, whatever the lens does to the picture."""
     white = Environment(np.ones((4, 8, 3), np.float32))
     sums = [
-        float(expose(sensor_with(pixels=256, **t), white, 16, hardware=Hardware(vignetting=1.0)).sum())
+        float(expose(sensor_with(pixels=256, **t), white, samples=16, hardware=Hardware(vignetting=1.0)).sum())
         for t in ({}, BARREL, TANGENTIAL)
     ]
     np.testing.assert_allclose(sums[1:], sums[0], rtol=2e-3)
@@ -147,7 +147,7 @@ def test_a_lens_that_folds_the_picture_is_refused():
     with pytest.raises(InvalidParameter, match=r"fold the picture over at 10\.3. deg .* the mirror reaches 12"):
         sensor.backproject([[511.5, 511.5]])
     with pytest.raises(InvalidParameter, match="fold the picture over"):
-        expose(replace(sensor, mirror_pose=MISPLACED), Environment(np.ones((4, 8, 3), np.float32)), 1)
+        expose(replace(sensor, mirror_pose=MISPLACED), Environment(np.ones((4, 8, 3), np.float32)), samples=1)
 
 
 def test_the_file_holds_it_and_nothing_where_there_is_none():

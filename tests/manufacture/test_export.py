@@ -46,7 +46,7 @@ def test_one_file_is_named_by_its_suffix(tmp_path):
 
 def test_a_name_that_is_no_file_name_is_made_one(tmp_path):
     sensor = replace(om.load_sensor("paper-spherical"), name="../my sensor: no 1/2")
-    (file,) = om.export(sensor, tmp_path, ["csv"])
+    (file,) = om.export(sensor, tmp_path, formats=["csv"])
     assert file.path == tmp_path / "my-sensor-no-1-2-sag.csv"
 
 
@@ -60,7 +60,7 @@ def test_a_name_that_is_no_file_name_is_made_one(tmp_path):
 )
 def test_what_cannot_be_written_is_refused(path, formats, sentence, tmp_path):
     with pytest.raises(InvalidParameter, match=sentence):
-        om.export(om.load_sensor("paper-spherical"), tmp_path / path, formats)
+        om.export(om.load_sensor("paper-spherical"), tmp_path / path, formats=formats)
     assert not list(tmp_path.iterdir())
 
 
@@ -68,7 +68,7 @@ def test_an_error_half_way_leaves_everything_as_it_was(tmp_path):
     sensor = om.load_sensor("paper-spherical")
     (tmp_path / "paper-spherical-sag.csv").write_text("precious")
     with pytest.raises(InvalidParameter, match="breaks through the mirror surface"):
-        om.export(sensor, tmp_path, ["csv", "zmx", "step"], body=Body(bore_diameter_mm=5.0, bore_depth_mm=40.0))
+        om.export(sensor, tmp_path, formats=["csv", "zmx", "step"], body=Body(bore_diameter_mm=5.0, bore_depth_mm=40.0))
     assert [p.name for p in tmp_path.iterdir()] == ["paper-spherical-sag.csv"]
     assert (tmp_path / "paper-spherical-sag.csv").read_text() == "precious"
 
@@ -84,7 +84,7 @@ def test_a_missing_package_is_one_sentence_that_says_what_to_install(tmp_path, m
     )
     with pytest.raises(OmnimirrorError, match=r"^step needs OCP: pip install 'omnimirror\[cad\]'$"):
         om.export(sensor, tmp_path / "mirror.step")
-    assert len(om.export(sensor, tmp_path, ["csv", "zmx"])) == 2
+    assert len(om.export(sensor, tmp_path, formats=["csv", "zmx"])) == 2
 
 
 def test_formats_that_need_no_package_import_none():
@@ -187,13 +187,13 @@ def test_a_lens_file_that_does_not_follow_the_mirror_says_so(tmp_path):
     x = np.linspace(0, sphere.mirror.rim_radius_mm, 41)
     slopes = sphere.mirror.slope(x) * (1 + 2e-3 * np.sin(x))
     wavy = replace(sphere, mirror=SlopeSpline(tuple(slopes), sphere.mirror.rim_radius_mm), name="wavy")
-    (file,) = om.export(wavy, tmp_path, ["zmx"])
+    (file,) = om.export(wavy, tmp_path, formats=["zmx"])
     r = np.linspace(0, wavy.mirror.rim_radius_mm, 4001)
     turned = 2 * np.degrees(np.abs(np.arctan(asphere_of(wavy.mirror).profile(r)[1]) - np.arctan(wavy.mirror.slope(r))))
     assert file.ray_deg == pytest.approx(turned.max(), rel=1e-2)
     assert file.ray_deg > 0.05
     assert not file.follows
-    (exact,) = om.export(sphere, tmp_path, ["zmx"])
+    (exact,) = om.export(sphere, tmp_path, formats=["zmx"])
     assert exact.ray_deg == 0
     assert exact.follows
     save_sensor(wavy, tmp_path / "wavy.toml")

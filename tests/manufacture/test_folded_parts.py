@@ -22,7 +22,7 @@ QUICK = ["stl", "dxf", "zmx", "gridsag", "csv", "svg"]
 
 @pytest.mark.parametrize("kind", ["flat", "aspheric", "telecentric"])
 def test_both_mirrors_are_written_and_the_files_of_a_sensor_once(kind, tmp_path):
-    files = om.export(SENSORS[kind], tmp_path, QUICK, grid_points=33, chord_tolerance_um=50.0)
+    files = om.export(SENSORS[kind], tmp_path, formats=QUICK, grid_points=33, chord_tolerance_um=50.0)
     names = [file.path.name.replace(SENSORS[kind].name, "s") for file in files]
     assert sorted(names) == [
         "s-drawing.svg", "s-sag.csv", "s-secondary-sag.csv", "s-secondary.dat", "s-secondary.dxf", "s-secondary.stl",
@@ -126,7 +126,7 @@ def test_what_two_mirrors_hide_of_themselves_is_the_middle_that_pixels_do_not_se
 )
 def test_what_does_not_fit_two_mirrors_is_refused(options, sentence, tmp_path):
     with pytest.raises(InvalidParameter, match=sentence):
-        om.export(FOLDED, tmp_path, ["svg"], **options)
+        om.export(FOLDED, tmp_path, formats=["svg"], **options)
     assert not list(tmp_path.iterdir())
 
 

@@ -92,7 +92,9 @@ def test_rays_along_the_axis_pass_as_they_are_and_no_ray_may_start_outside():
 )
 def test_supports_hide_in_pictures_what_their_drawing_says(support):
     sensor = om.load_sensor("paper-spherical")
-    light = expose(sensor, Environment(np.ones((4, 8, 3), np.float32)), 1, hardware=hardware_of(sensor, support))
+    light = expose(
+        sensor, Environment(np.ones((4, 8, 3), np.float32)), samples=1, hardware=hardware_of(sensor, support)
+    )
     hidden = [r for r in obscuration(sensor, support) if r.part in ("rod", "tube's base", "dome's base")]
     dark = int((light[512, :, 0] < 0.5)[512 - 450 : 512 + 450].sum())
     (ring,) = hidden
@@ -176,8 +178,8 @@ def test_a_picture_through_a_dome_is_mitsubas_with_its_ghosts(mi):  # noqa: F811
     """Mitsuba's paths go through two spheres, back from them and off the mirror again as chance has it."""
     sensor, (ours, theirs) = small("paper-spherical", 64, MirrorPose()), maps()
     dome = Dome(118.0, centre_mm=-75.0)
-    picture = expose(sensor, ThroughShell(Environment(ours), dome, sensor), 64, blur=True)
-    plain = expose(sensor, Environment(ours), 64, blur=True)
+    picture = expose(sensor, ThroughShell(Environment(ours), dome, sensor), samples=64, blur=True)
+    plain = expose(sensor, Environment(ours), samples=64, blur=True)
     shells = {
         name: {"type": "sphere", "radius": r, "center": [0, 0, -75.0], "bsdf": glass(*indices)}
         for name, r, indices in (("inner", 115.0, (1.0, 1.49)), ("outer", 118.0, (1.49, 1.0)))

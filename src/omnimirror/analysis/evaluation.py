@@ -230,7 +230,15 @@ def evaluate(
         image_radius_px = number("image_radius_px", image_radius_px, above=0.0, high=LARGEST_RADIUS_PX, unit="px")
     if isinstance(focus_mm, str) and focus_mm == "auto":
         distance = _scalar_distance(object_distance_mm)
-        focus_mm = best_focus(sensor, merit, None, distance, mode, image_radius_px, wavelength_nm).focus_mm
+        focus_mm = best_focus(
+            sensor,
+            merit,
+            omega_deg=None,
+            object_distance_mm=distance,
+            mode=mode,
+            image_radius_px=image_radius_px,
+            wavelength_nm=wavelength_nm,
+        ).focus_mm
     if focus_mm is not None:
         sensor = replace(sensor, lens=sensor.lens.focused_at(number("focus_mm", focus_mm)))
     asked, x = _mirror_points(sensor, given, image_radius_px)

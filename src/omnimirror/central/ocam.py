@@ -172,7 +172,7 @@ def _end_of_use(a: Array) -> float:
 
 
 def load_ocam(
-    path: str | Path, optics: Optics = "mirror", mount: Mount | None = None, rim_radius_px: float | None = None
+    path: str | Path, optics: Optics = "mirror", *, mount: Mount | None = None, rim_radius_px: float | None = None
 ) -> OCam:
     """Read OCamCalib's ``calib_results.txt``.
 

@@ -51,7 +51,8 @@ class BestAperture:
 
 def best_apertures(
     sensor: Sensor,
-    f_number_range: tuple[float, float] = (0.5, 64.0),
+    f_number: float | tuple[float, float] = (0.5, 64.0),
+    *,
     object_distance_mm: float = np.inf,
     mode: BlurMode = "exact",
     wavelength_nm: float = 550.0,
@@ -59,12 +60,29 @@ def best_apertures(
 ) -> list[BestAperture]:
     """The best aperture and focus of a sensor tangentially, sagittally and for both together.
 
+    A wide aperture blurs, a narrow one diffracts. What is least is the root of the squares of both at the worst field
+    angle, in pixels: for a focus with the worst blur B/F and the Airy disk a F, that is sqrt(2 a B), at F = sqrt(B/a).
+
     Parameters
     ----------
-    f_number_range
-        What the lens can be set to (under a telecentric lens: the working F-number on the imager's side).
+    sensor
+        Its own F-number and focus do not count.
+    f_number
+        What the lens can be set to, one or (low, high); under a telecentric lens the working F-number on the imager's
+        side.
+    object_distance_mm
+        From the mirror to the object, mm.
+    mode
+        ``"exact"`` blur (Eq. 28), or ``"paper"`` (Eq. 29).
+    wavelength_nm
+        Of the Airy disk, nm.
     omega_min_deg
-        Field angles below this do not count.
+        Field angles below this do not count, deg.
+
+    Returns
+    -------
+    list of BestAperture
+        For the tangential blur, the sagittal one, and both together.
 
     Raises
     ------
@@ -80,7 +98,7 @@ def best_apertures(
     sagittal: F/8.5 at 241 mm leaves 3.27 px
     together: F/8.5 at 241 mm leaves 3.27 px
     """
-    low, high = f_number_range
+    low, high = f_number if isinstance(f_number, tuple) else (f_number, f_number)
     if not 0 < low <= high:
         raise InvalidParameter(f"F-numbers {low:g} to {high:g} are no range; it needs 0 < low <= high")
     first, last = sensor.field_deg

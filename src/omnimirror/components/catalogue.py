@@ -134,10 +134,33 @@ def read_catalogue(*paths: str | Path) -> Catalogue:
     A CSV file has one kind of part, which its columns tell: ``pixel_pitch_um`` is an imager's, ``magnification`` a
     telecentric lens's. Empty cells are left out; ``extension_rings_mm`` holds thicknesses parted by spaces.
 
+    Parameters
+    ----------
+    *paths
+        Names of the files.
+
+    Returns
+    -------
+    Catalogue
+        Its lenses and its imagers.
+
     Raises
     ------
     OmnimirrorError
         A file that cannot be read, an entry that is missing, unknown or out of range, or no lens or no imager at all.
+
+    Examples
+    --------
+    >>> import tempfile, omnimirror as om
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     with open(f"{folder}/shelf.toml", "w") as file:
+    ...         _ = file.write(
+    ...             "[[lens]]\\nname = '12 mm'\\nfocal_length_mm = 12.0\\nf_number_min = 1.4\\nf_number_max = 16.0\\n"
+    ...             "minimum_focus_mm = 100.0\\n[[imager]]\\nname = '1 MP'\\nwidth_px = 1280\\nheight_px = 1024\\n"
+    ...             "pixel_pitch_um = 5.2\\n")
+    ...     shelf = om.read_catalogue(f"{folder}/shelf.toml")
+    >>> shelf.lenses[0].focal_length_mm, shelf.imagers[0].name
+    (12.0, '1 MP')
     """
     parts = [part for path in paths for part in _read(Path(path))]
     lenses = tuple(p for p in parts if isinstance(p, LensComponent | TelecentricComponent))

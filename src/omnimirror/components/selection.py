@@ -61,7 +61,7 @@ class Combination:
 
 
 def choose_parts(
-    sensor: Sensor, catalogue: Catalogue, least_fill: float = 0.6, object_distance_mm: float = np.inf
+    sensor: Sensor, catalogue: Catalogue, *, least_fill: float = 0.6, object_distance_mm: float = np.inf
 ) -> list[Combination]:
     """Every lens with every imager before the mirror of a sensor, best first; those that do not fit come last.
 
@@ -69,13 +69,31 @@ def choose_parts(
     ----------
     sensor
         Its mirror, distance, and kind of lens count; its own focal length and imager do not.
+    catalogue
+        From :func:`omnimirror.read_catalogue`.
     least_fill
-        How much of half the imager's shorter side the rim's image has to reach at least.
+        How much of half the imager's shorter side the rim's image has to reach at least, 0 to 1.
+    object_distance_mm
+        From the mirror to the object, mm.
+
+    Returns
+    -------
+    list of Combination
+        Each with its reasons where it does not fit, and its sensor at the best F-number and focus where it does.
 
     Raises
     ------
     InvalidParameter
-        A fill outside 0 to 1.
+        A fill outside 0 to 1, or a sensor with a second mirror.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> from omnimirror.components.catalogue import Catalogue, ImagerPart, LensPart
+    >>> shelf = Catalogue((LensPart("8 mm", 8.0, 1.4, 16.0, 100.0),), (ImagerPart("1 MP", 1280, 1024, 5.2),))
+    >>> best = om.choose_parts(om.load_sensor("paper-spherical"), shelf)[0]
+    >>> best.fits, best.lens, round(best.sensor.lens.focus_distance_mm)
+    (True, '8 mm', 246)
     """
     sensor.check_one_mirror("the choice of parts")
     if not 0 <= least_fill <= 1:

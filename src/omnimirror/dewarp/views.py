@@ -48,6 +48,7 @@ LARGEST_RATIO = 1e6  # of the sides of a picture
 def panorama(
     camera: Camera,
     size: PartialSize = UNKNOWN_SIZE,
+    *,
     pan_deg: float = 0.0,
     span_deg: float = 360.0,
     elevation_deg: tuple[float, float] | None = None,
@@ -75,6 +76,7 @@ def panorama(
 def sphere(
     camera: Camera,
     size: PartialSize = UNKNOWN_SIZE,
+    *,
     pan_deg: float = 0.0,
     span_deg: float = 360.0,
     elevation_deg: tuple[float, float] = (-90.0, 90.0),
@@ -107,6 +109,7 @@ def sphere(
 
 def perspective(
     size: PartialSize = UNKNOWN_SIZE,
+    *,
     pan_deg: float = 0.0,
     tilt_deg: float = 0.0,
     roll_deg: float = 0.0,
@@ -121,6 +124,7 @@ def perspective(
 def dome(
     camera: Camera,
     size: PartialSize = UNKNOWN_SIZE,
+    *,
     pan_deg: float = 0.0,
     omega_deg: tuple[float, float] | None = None,
     pole: Pole | None = None,
@@ -138,6 +142,7 @@ def dome(
 def planet(
     camera: Camera,
     size: PartialSize = UNKNOWN_SIZE,
+    *,
     pan_deg: float = 0.0,
     hfov_deg: float | None = None,
     pole: Pole | None = None,
@@ -155,6 +160,7 @@ def planet(
 def ground(
     camera: Camera,
     height_mm: float,
+    *,
     size: PartialSize = UNKNOWN_SIZE,
     mm_per_px: float | None = None,
     pan_deg: float = 0.0,
@@ -169,6 +175,7 @@ def ground(
 def cube(
     camera: Camera,
     size: PartialSize = UNKNOWN_SIZE,
+    *,
     layout: Layout = "cross",
     pan_deg: float = 0.0,
     distance_mm: float = np.inf,
@@ -183,6 +190,7 @@ def cube(
 def mosaic(
     camera: Camera,
     size: PartialSize = UNKNOWN_SIZE,
+    *,
     pan_deg: float = 0.0,
     tilt_deg: float = 0.0,
     hfov_deg: float = 90.0,
@@ -205,7 +213,7 @@ def mosaic(
         raise InvalidParameter(f"the height of a mosaic, {height} px, follows from its width; give the width only")
     part = round((width or panorama(camera, size, elevation_deg=elevation_deg).size[0]) / VIEWS_IN_MOSAIC)
     part_size = max(1, part), max(1, round(part * 3 / 4))
-    over = panorama(camera, (VIEWS_IN_MOSAIC * part_size[0], None), pan_deg + 45, elevation_deg=elevation_deg)
+    over = panorama(camera, (VIEWS_IN_MOSAIC * part_size[0], None), pan_deg=pan_deg + 45, elevation_deg=elevation_deg)
     pans = (pan_deg - 90, pan_deg, pan_deg + 90, pan_deg + 180)
     under = [Plane(part_size, pan, tilt_deg, 0.0, hfov_deg, distance_mm, offset_mm) for pan in pans]
     return Mosaic.panorama_over_views(over, under)
@@ -300,6 +308,7 @@ since a flat screen never reaches 180 deg. Bent, its columns are linear in pan a
 def preset(
     name: str,
     size: PartialSize = UNKNOWN_SIZE,
+    *,
     pan_deg: float = 0.0,
     tilt_deg: float = 0.0,
     distance_mm: float = np.inf,

@@ -252,7 +252,8 @@ def _viewpoint_panel(ax: Axes, subject: Subject) -> float:
     M, worst, places = subject.rim_mm, 0.0, []
     omega = subject.curve.omega_deg
     for shade, n in zip(np.linspace(1.0, 0.4, len(DISTANCES)), DISTANCES, strict=True):
-        best = best_viewpoint(subject.sensor, n * M, omega, subject.conditions.image_radius_px)
+        radius = subject.conditions.image_radius_px
+        best = best_viewpoint(subject.sensor, n * M, omega_deg=omega, image_radius_px=radius)
         look = {"color": subject.colour, "alpha": shade, "gid": f"{subject.name}:error_px:{n}M"}
         if best.worst_px < SAME_PX:
             ax.plot(omega, np.zeros_like(omega), **look)

@@ -97,8 +97,8 @@ class Format:
 def export(
     sensor: Sensor,
     path: str | Path,
-    formats: Iterable[str] | None = None,
     *,
+    formats: Iterable[str] | None = None,
     body: Body | None = None,
     secondary_body: Body | None = None,
     support: Support | None = None,
@@ -151,7 +151,7 @@ def export(
     --------
     >>> import tempfile, omnimirror as om
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     files = om.export(om.load_sensor("paper-spherical"), folder, ["csv", "zmx"], digits=4)
+    ...     files = om.export(om.load_sensor("paper-spherical"), folder, formats=["csv", "zmx"], digits=4)
     >>> [(file.path.name, file.deviation_um) for file in files]
     [('paper-spherical-sag.csv', 0.05), ('paper-spherical.zmx', 0.0)]
     """

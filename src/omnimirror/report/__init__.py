@@ -24,33 +24,48 @@ FIGURES_SHOWN = ("fig5", "fig7", "fig10", "fig4", "fig9", "fig6")
 COLUMNS_SHOWN = [name for name in READ_COLUMNS if name not in ("blur_t_deg", "blur_s_deg")]
 
 
-def write_demo(sensor: Sensor, folder: str | Path, blur: bool = True) -> Path:
+def write_demo(sensor: Sensor, out: str | Path = "omnimirror-demo", *, blur: bool = True) -> Path:
     """Evaluate a sensor, take its picture of the bundled room, straighten that twice, and report.
+
+    What ``omnimirror demo`` does.
 
     Parameters
     ----------
     sensor
-    folder
-        Takes all files.
+        Such as :func:`omnimirror.load_sensor` gives.
+    out
+        A folder, which takes all files.
     blur
         Whether the picture is taken through the lens's whole aperture, as far as one mirror is all there is: by way of
         a second one it is sharp.
 
     Returns
     -------
-    Path of the report, ``report.html``; beside it ``circle.png``, ``panorama.png``, ``view.png`` and
-    ``evaluation.csv``.
+    Path
+        Of the report, ``report.html``; beside it ``circle.png``, ``panorama.png``, ``view.png`` and
+        ``evaluation.csv``.
 
     Raises
     ------
     OmnimirrorError
         The sensor cannot be used, or the folder cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile, omnimirror as om
+    >>> from dataclasses import replace
+    >>> sensor = om.load_sensor("paper-spherical")
+    >>> small = replace(sensor, imager=replace(sensor.imager, width_px=128, height_px=128, pixel_pitch_um=41.6))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     report = om.write_demo(small, folder, blur=False)
+    ...     sorted(path.name for path in report.parent.iterdir())
+    ['circle.png', 'evaluation.csv', 'panorama.png', 'report.html', 'view.png']
     """
-    folder = Path(folder)
+    folder = Path(out)
     result = evaluate(sensor)
     result.to_csv(folder / "evaluation.csv")  # first, so that a folder that takes nothing is refused at once
     blur = blur and sensor.secondary is None
-    circle = take_picture(sensor, Room(), SHOWN_SAMPLES, blur)
+    circle = take_picture(sensor, Room(), samples=SHOWN_SAMPLES, blur=blur)
     pictures = {
         "circle": circle,
         "panorama": Dewarper(sensor, views.panorama(sensor), interpolation="cubic")(circle),

@@ -67,7 +67,7 @@ def take_pictures(comparison: Comparison, scene: Scene) -> Pictures:
     elevations = min(f.tilt_min_deg for f in fields), max(f.tilt_max_deg for f in fields)
     circles, panoramas = [], []
     for sensor in comparison.sensors:
-        circle = take_picture(sensor, scene, SHOWN_SAMPLES)
+        circle = take_picture(sensor, scene, samples=SHOWN_SAMPLES)
         view = views.panorama(sensor, (PANORAMA_PX, None), elevation_deg=elevations)
         circles.append(circle)
         panoramas.append(Dewarper(sensor, view, interpolation="cubic")(circle))

@@ -14,9 +14,9 @@ from .paper import Paper, paper_sensors
 
 __all__ = [
     "ALL_FIGURES",
+    "CheckedClaim",
     "Claim",
     "Reproduction",
-    "Row",
     "all_claims",
     "check",
     "draw_figures",
@@ -92,15 +92,20 @@ def _figure_names(which: Iterable[str] | None) -> list[str]:
 
 
 def reproduce_paper(
-    out_dir: str | Path,
+    out: str | Path = "reproduced",
+    *,
     figures: bool = True,
     only: Iterable[str] | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Reproduction:
-    """Write ``numbers.csv``, ``numbers.md`` and the figures to a folder.
+    """Redraw the figures of Ohte and Tsuzuki (2012) and check every number they state.
+
+    What ``omnimirror reproduce`` does.
 
     Parameters
     ----------
+    out
+        A folder, for ``numbers.csv``, ``numbers.md`` and the figures.
     figures
         Whether to draw at all.
     only
@@ -108,17 +113,30 @@ def reproduce_paper(
     progress
         Called with what is worked on, before it is.
 
+    Returns
+    -------
+    Reproduction
+        A row for each number, with its verdict, and the files written.
+
     Raises
     ------
     InvalidParameter
         An unknown figure; before anything is written.
     OmnimirrorError
         A file cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile, omnimirror as om
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     result = om.reproduce_paper(folder, figures=False)
+    >>> [path.name for path in result.files], result.unexpected
+    (['numbers.csv', 'numbers.md'], [])
     """
     which = _figure_names(only)
     if progress is not None:
         progress("numbers")
-    rows, folder = check(), Path(out_dir)
+    rows, folder = check(), Path(out)
     files = [folder / "numbers.csv", folder / "numbers.md"]
     tables.write_csv(rows, files[0])
     tables.write_markdown(rows, files[1])

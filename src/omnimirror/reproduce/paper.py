@@ -95,17 +95,21 @@ class Paper:
     def best_focus(self, name: str) -> BestFocus:
         """L0 with the least worst blur area (the paper's product)."""
         omega = np.linspace(0.0, 135.0, 1001)
-        return best_focus(self.sensors[name], "worst_blur_area_deg2", omega, mode="paper", image_radius_px=RADIUS_PX)
+        return best_focus(
+            self.sensors[name], "worst_blur_area_deg2", omega_deg=omega, mode="paper", image_radius_px=RADIUS_PX
+        )
 
     def one_viewpoint(self, distance_in_m: float, name: str = "SPH") -> SingleViewpoint:
         """The best single viewpoint for objects at a distance in units of M."""
         omega = np.linspace(0, 135, 1001)
-        return best_viewpoint(self.sensors[name], distance_in_m * M, omega, RADIUS_PX)
+        return best_viewpoint(self.sensors[name], distance_in_m * M, omega_deg=omega, image_radius_px=RADIUS_PX)
 
     def worst_at_best(self, name: str) -> float:
         """The least worst single blur in pixels that a focus can leave."""
         omega = np.linspace(0, 135.0, 1001)
-        return best_focus(self.sensors[name], "worst_blur_px", omega, mode="paper", image_radius_px=RADIUS_PX).value
+        return best_focus(
+            self.sensors[name], "worst_blur_px", omega_deg=omega, mode="paper", image_radius_px=RADIUS_PX
+        ).value
 
     @cached_property
     def lens(self) -> Perspective:

@@ -31,7 +31,7 @@ def _sphere() -> Sensor:
 @cache
 def _circle() -> Picture:
     """What the spherical sensor sees of the room through its whole aperture, as its camera did."""
-    return take_picture(_sphere(), Room(), SHOWN_SAMPLES, blur=True, low_pass=True)
+    return take_picture(_sphere(), Room(), samples=SHOWN_SAMPLES, blur=True, low_pass=True)
 
 
 def fig1() -> Figure:

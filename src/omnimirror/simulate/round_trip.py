@@ -81,11 +81,11 @@ def measure_round_trip(sensor: Sensor, samples: int = 16, texel_mm: float = 2.0)
     exact, single = Dewarper(sensor, VIEW, "cubic"), Dewarper(sensor, VIEW, "cubic", viewpoint=near.z_mm)
     if not np.isfinite(exact.coordinates()[LETTERS]).all():
         raise OutsideField(f"{sensor.name!r} does not see all of the letters on the wall {WALL_MM:g} mm ahead")
-    sharp = srgb_from_linear(expose(sensor, room, samples, blur=False))
+    sharp = srgb_from_linear(expose(sensor, room, samples=samples, blur=False))
     straight, guessed = exact(sharp), single(sharp)
     blurred_db = np.nan
     if sensor.secondary is None:  # no rays of the aperture are traced by way of a second mirror
-        blurred_db = _decibels(exact(srgb_from_linear(expose(sensor, room, samples, blur=True))), truth)
+        blurred_db = _decibels(exact(srgb_from_linear(expose(sensor, room, samples=samples, blur=True))), truth)
     u, v = sensor.imager.centre
     halved = replace(
         sensor.imager,
@@ -95,7 +95,9 @@ def measure_round_trip(sensor: Sensor, samples: int = 16, texel_mm: float = 2.0)
         centre_px=(2 * u + 0.5, 2 * v + 0.5),
     )
     finer = replace(sensor, imager=halved)
-    fine = Dewarper(finer, VIEW, "cubic")(srgb_from_linear(expose(finer, room, max(1, samples // 4), blur=False)))
+    fine = Dewarper(finer, VIEW, "cubic")(
+        srgb_from_linear(expose(finer, room, samples=max(1, samples // 4), blur=False))
+    )
     return RoundTrip(
         _decibels(straight, truth),
         _decibels(fine, truth),

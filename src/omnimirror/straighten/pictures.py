@@ -135,7 +135,7 @@ class PictureStraightener:
         held = as_held(straight, kind)
         recoded = held.dtype != straight.dtype and np.float32 in (held.dtype, straight.dtype)
         kept, left_out = carried.that_fits(output, held, recoded)
-        write_image(output, held, panorama if can_be_panorama(output) else None, kept)
+        write_image(output, held, panorama=panorama if can_be_panorama(output) else None, carried=kept)
         height, width = straight.shape[:2]
         told = _change_of_depth(straight.dtype.name, held.dtype.name)
         if left_out:

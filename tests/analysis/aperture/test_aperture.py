@@ -88,7 +88,7 @@ def test_bundles_are_light_that_starts_at_the_object(kind, object_distance):
 @pytest.mark.parametrize("object_distance", [np.inf, 5 * M])
 def test_real_rays_confirm_the_papers_blur(sensor, object_distance):
     """Edge rays within .002 px; the whole fan differs by .008 px where the blur vanishes, and for SVP by .04."""
-    found = om.check_blur(sensor, [4.0], np.arange(0, 131, 2.5), object_distance)
+    found = om.check_blur(sensor, [4.0], omega_deg=np.arange(0, 131, 2.5), object_distance_mm=object_distance)
     assert found.worst("edge_t_px")[0] < 0.002
     assert found.worst("edge_s_px")[0] < 0.0025
     assert found.worst("extent_t_px")[0] < (0.042 if sensor is SVP else 0.0085)
@@ -105,7 +105,7 @@ def test_the_papers_blur_gets_worse_as_the_lens_gets_faster():
 
 def test_spots_of_defocus_are_disks():
     """On the axis: rms radius is the blur's over 2 sqrt(2), and energy grows with the square of the radius."""
-    spot = om.spots(SPH, [0.0], [190.0, 230.0], pupil=pupil.fibonacci(4000))
+    spot = om.spots(SPH, [0.0], focus_mm=[190.0, 230.0], pupil=pupil.fibonacci(4000))
     for j, focus in enumerate(spot.focus_mm):
         blur = abs(om.evaluate(SPH, [0.0], focus_mm=focus).blur_t_px[0])
         assert spot.rms_radius_px()[0, j] == pytest.approx(blur / 8**0.5, rel=2e-3)
@@ -114,7 +114,7 @@ def test_spots_of_defocus_are_disks():
 
 
 def test_spots_through_focus_are_spots_of_sensors_focused_there():
-    through = om.spots(TILTED, [30, 80], [200.0, 220.0], azimuth_deg=70.0)
+    through = om.spots(TILTED, [30, 80], focus_mm=[200.0, 220.0], azimuth_deg=70.0)
     for j, focus in enumerate((200.0, 220.0)):
         alone = om.spots(replace(TILTED, lens=TILTED.lens.focused_at(focus)), [30, 80], azimuth_deg=70.0)
         np.testing.assert_allclose(through.t_px[:, j], alone.t_px[:, 0], atol=1e-9)
@@ -173,7 +173,7 @@ def test_the_slope_of_the_wave_is_where_its_rays_land(sensor, object_distance):
 def test_mtf_in_focus_is_diffraction_times_the_pixel(sensor, omega):
     nu = np.linspace(0, 2.4, 49)
     focus = in_focus(sensor, omega)
-    found = om.mtf(sensor, [omega], nu, focus)
+    found = om.mtf(sensor, [omega], cycles_per_px=nu, focus_mm=focus)
     focused = sensor.lens.focused_at(focus)
     F, cos = focused.image_f_number(), np.cos(np.radians(om.evaluate(sensor, [omega]).theta_deg[0]))
     for mtf, f_number in ((found.tangential[0], F / cos**3), (found.sagittal[0], F / cos)):
@@ -188,7 +188,7 @@ def test_geometric_mtf_of_defocus_is_that_of_a_disk(sensor, omega, off):
     nu = np.linspace(1e-6, 1, 51)
     focus = off * in_focus(sensor, omega)
     blur = om.evaluate(sensor, [omega], focus_mm=focus)
-    found = om.mtf(sensor, [omega], nu, focus, kind="geometric", pixel=False)
+    found = om.mtf(sensor, [omega], cycles_per_px=nu, focus_mm=focus, kind="geometric", pixel=False)
     for mtf, diameter in ((found.tangential[0], blur.blur_t_px[0]), (found.sagittal[0], blur.blur_s_px[0])):
         z = np.pi * nu * abs(diameter)
         np.testing.assert_allclose(mtf, abs(2 * j1(z) / z), atol=5e-3)
@@ -206,7 +206,7 @@ def test_mtf_is_the_fourier_transform_of_the_psf(sensor, omega, azimuth):
     """Two ways through the wave: an autocorrelation of the aperture, and a picture; one bundle is cut by the rim."""
     spot = om.psf(sensor, omega, azimuth_deg=azimuth, width_px=60.0, step_px=0.24)
     nu = np.array([0.0, 0.05, 0.1, 0.2, 0.4])
-    found = om.mtf(sensor, [omega], nu, azimuth_deg=azimuth, pixel=False)
+    found = om.mtf(sensor, [omega], cycles_per_px=nu, azimuth_deg=azimuth, pixel=False)
     step = 0.24**2
     for axis, mtf in ((0, found.tangential[0]), (1, found.sagittal[0])):
         line = spot.density.sum(axis=axis) * step
@@ -218,7 +218,7 @@ def test_mtf_is_the_fourier_transform_of_the_psf(sensor, omega, azimuth):
 def test_the_psf_in_focus_is_the_airy_disk():
     sensor = replace(SVP, imager=Imager(1024, 1024, 5.2))
     focus = in_focus(sensor, 0.0)
-    spot = om.psf(sensor, 0.0, focus, wavelength_nm=633.0)
+    spot = om.psf(sensor, 0.0, focus_mm=focus, wavelength_nm=633.0)
     f_number = sensor.lens.focused_at(focus).image_f_number()
     r = np.hypot(spot.offset_px, spot.offset_px[:, None]) * 5.2e-3
     z = np.pi * np.maximum(r, 1e-9) / (633e-6 * f_number)
@@ -249,7 +249,7 @@ def test_pixels_average_the_psf():
 
 def test_units_of_frequency_and_wavelengths():
     nu = np.array([0.0, 0.25, 0.5])
-    one, other, both = (om.mtf(SPH, [90.0], nu, wavelength_nm=w) for w in (450.0, 650.0, [450.0, 650.0]))
+    one, other, both = (om.mtf(SPH, [90.0], cycles_per_px=nu, wavelength_nm=w) for w in (450.0, 650.0, [450.0, 650.0]))
     np.testing.assert_allclose(both.line_pairs_per_mm, nu / 0.0052)
     result = om.evaluate(SPH, [90.0])
     np.testing.assert_allclose(both.cycles_per_deg_t[0], nu * result.dh_domega_px_per_deg[0], rtol=1e-7)
@@ -262,8 +262,10 @@ def test_every_mirror_has_an_mtf_aligned_or_not(kind):
     sensor = sensor_of(kind)
     low, high = sensor.field_deg
     omega = [0.4 * low + 0.6 * high]
-    straight = om.mtf(sensor, omega, [0.0, 0.1, 0.3])
-    bent = om.mtf(replace(sensor, mirror_pose=MirrorPose(0.5, 0.2, 0.1, 0.3, -0.4)), omega, [0.0, 0.1, 0.3])
+    straight = om.mtf(sensor, omega, cycles_per_px=[0.0, 0.1, 0.3])
+    bent = om.mtf(
+        replace(sensor, mirror_pose=MirrorPose(0.5, 0.2, 0.1, 0.3, -0.4)), omega, cycles_per_px=[0.0, 0.1, 0.3]
+    )
     for found in (straight, bent):
         np.testing.assert_allclose(found.tangential[0, 0], 1, atol=1e-9)
         assert (np.diff(found.sagittal) < 0.02).all()
@@ -312,10 +314,10 @@ def test_reflectance_of_metals_is_fresnels():
     [
         (lambda: om.spots(SPH, [140.0]), OutsideField, "omega = 140 deg at azimuth 0 deg is not seen by 'paper-spher"),
         (lambda: om.spots(SPH, [10.0], object_distance_mm=-1.0), InvalidParameter, "object_distance_mm = -1"),
-        (lambda: om.spots(SPH, [10.0], [5.0]), InvalidParameter, "focus_distance_mm = 5 is not beyond"),
+        (lambda: om.spots(SPH, [10.0], focus_mm=[5.0]), InvalidParameter, "focus_distance_mm = 5 is not beyond"),
         (lambda: om.spots(TILTED), InvalidParameter, "decentred or tilted"),
         (lambda: om.mtf(SPH, [10.0], kind="both"), InvalidParameter, "kind = 'both' is not known"),
-        (lambda: om.mtf(SPH, [10.0], [-0.1]), InvalidParameter, "cycles_per_px.* = -0.1 is not valid"),
+        (lambda: om.mtf(SPH, [10.0], cycles_per_px=[-0.1]), InvalidParameter, "cycles_per_px.* = -0.1 is not valid"),
         (lambda: om.mtf(SPH, [10.0], wavelength_nm=5.0), InvalidParameter, "wavelength_nm = 5 is outside"),
         (lambda: om.mtf(SPH, [10.0], wavelength_nm=[500, 600], weights=[1]), InvalidParameter, "1 weights for 2"),
         (lambda: om.psf(SPH, 10.0, width_px=-3.0), InvalidParameter, "width_px = -3.0 is not valid"),

@@ -22,7 +22,8 @@ INSIDE = [35.0, 60.0, 90.0, 120.0]
 @pytest.mark.parametrize("distance", [np.inf, 300.0])
 def test_spots_of_a_flat_fold_are_those_of_one_mirror(distance):
     one, two = (
-        om.spots(s, INSIDE, [205.0, 212.0], object_distance_mm=distance, azimuth_deg=40.0) for s in (UNFOLDED, FOLDED)
+        om.spots(s, INSIDE, focus_mm=[205.0, 212.0], object_distance_mm=distance, azimuth_deg=40.0)
+        for s in (UNFOLDED, FOLDED)
     )
     assert two.bundles.passes.all()
     for name in ("t_px", "s_px", "weights", "chief_px"):
@@ -152,7 +153,7 @@ def test_the_wave_is_cut_where_rays_are():
 def test_a_blurred_picture_is_as_bright_as_a_sharp_one():
     room = om.Room(texel_mm=40.0)
     small_picture = replace(FOLDED, imager=replace(FOLDED.imager, width_px=96, height_px=96, pixel_pitch_um=55.0))
-    sharp, blurred = (om.expose(small_picture, room, 16, blur) for blur in (False, True))
+    sharp, blurred = (om.expose(small_picture, room, samples=16, blur=blur) for blur in (False, True))
     u, v = np.meshgrid(np.arange(96.0), np.arange(96.0))
     inner, outer = (small_picture.image_height_px(small_picture.meridian.trace(x)) for x in ends_of(small_picture))
     radius = np.hypot(u - 47.5, v - 47.5)

@@ -70,13 +70,15 @@ def test_exact_blur_on_axis_of_the_sphere():
     ],
 )
 def test_best_focus_of_the_papers_mirrors(sensor, merit, focus, value):
-    best = om.best_focus(sensor, merit, np.linspace(0, 135, 1001), mode="paper", image_radius_px=500)
+    best = om.best_focus(sensor, merit, omega_deg=np.linspace(0, 135, 1001), mode="paper", image_radius_px=500)
     assert best.focus_mm == pytest.approx(focus, abs=0.05)
     assert best.value == pytest.approx(value, rel=2e-3)
 
 
 def test_the_papers_focus_of_svp_follows_from_its_outer_field():
-    best = om.best_focus(SVP, "worst_blur_area_deg2", np.linspace(82, 135, 1001), mode="paper", image_radius_px=500)
+    best = om.best_focus(
+        SVP, "worst_blur_area_deg2", omega_deg=np.linspace(82, 135, 1001), mode="paper", image_radius_px=500
+    )
     assert best.focus_mm == pytest.approx(189.7, abs=0.05)
 
 
@@ -103,7 +105,7 @@ def spacings(low, high):
 @pytest.mark.parametrize(("sensor", "focus", "value"), MEANS, ids=["SPH", "E-DI", "SVP"])
 def test_the_mean_is_that_over_solid_angle_however_the_angles_lie(sensor, focus, value):
     for name, omega, within in spacings(*sensor.field_deg):
-        best = om.best_focus(sensor, "mean_floored_area_deg2", omega)
+        best = om.best_focus(sensor, "mean_floored_area_deg2", omega_deg=omega)
         assert best.value == pytest.approx(value, rel=within), name
         assert best.focus_mm == pytest.approx(focus, abs=1e-4 if within < 1e-4 else 5e-3), name
     assert om.best_focus(sensor, "mean_floored_area_deg2").value == pytest.approx(value, rel=1e-5)
@@ -166,7 +168,7 @@ def test_what_cannot_be_focused_by_is_refused(kwargs, message):
 
 
 def test_one_angle_is_focused_between_its_images():
-    best, row = om.best_focus(SPH, "worst_blur_px", 90), om.evaluate(SPH, [90.0]).columns()
+    best, row = om.best_focus(SPH, "worst_blur_px", omega_deg=90), om.evaluate(SPH, [90.0]).columns()
     near, far = sorted((row["distance_t_mm"][0], row["distance_s_mm"][0]))
     assert near < best.focus_mm < far
     assert 1 / best.focus_mm == pytest.approx((1 / near + 1 / far) / 2, rel=1e-9)  # blur is linear in 1/L
@@ -175,7 +177,7 @@ def test_one_angle_is_focused_between_its_images():
 def test_the_tip_of_a_cone_has_no_best_focus():
     cone = sensor_of("cone")
     with pytest.raises(InvalidParameter, match="has no finite blur at any focus"):
-        om.best_focus(cone, "worst_blur_deg", [cone.field_deg[0], cone.field_deg[1]])
+        om.best_focus(cone, "worst_blur_deg", omega_deg=[cone.field_deg[0], cone.field_deg[1]])
 
 
 @pytest.mark.parametrize("merit", FOCUS_MERITS)

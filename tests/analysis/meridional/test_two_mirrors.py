@@ -279,6 +279,6 @@ def test_a_picture_of_two_mirrors_reads_the_right_way_round():
 
 def test_what_knows_of_one_mirror_only_is_refused():
     with pytest.raises(InvalidParameter, match="only a sensor of one mirror has hardware"):
-        om.expose(FOLDED, om.Room(texel_mm=40.0), 1, hardware=Hardware())
+        om.expose(FOLDED, om.Room(texel_mm=40.0), samples=1, hardware=Hardware())
     with pytest.raises(InvalidParameter, match="mirror_pose is not valid beside a secondary"):
         replace(FOLDED, mirror_pose=MirrorPose(decentre_x_mm=0.1))

@@ -15,7 +15,7 @@ def test_spots_are_tabled_drawn_and_written(tmp_path):
     run = omnimirror("spots", "paper-spherical", *args)
     assert run.returncode == 0, run.stderr
     table = np.genfromtxt(tmp_path / "s.csv", delimiter=",", names=True)
-    found = om.spots(om.load_sensor("paper-spherical"), [0, 60, 120], [205, 215])
+    found = om.spots(om.load_sensor("paper-spherical"), [0, 60, 120], focus_mm=[205, 215])
     np.testing.assert_allclose(table["rms_radius_px"], found.rms_radius_px().ravel(), rtol=1e-8)
     np.testing.assert_allclose(table["extent_s_px"], found.extent_px()[1].ravel(), rtol=1e-8)
     assert (tmp_path / "s.png").read_bytes()[:4] == b"\x89PNG"
@@ -35,7 +35,7 @@ def test_mtf_is_written_in_three_units(tmp_path):
     run = omnimirror("mtf", "paper-spherical", *args)
     assert run.returncode == 0, run.stderr
     table = np.genfromtxt(tmp_path / "m.csv", delimiter=",", names=True)
-    found = om.mtf(om.load_sensor("paper-spherical"), [60.0], np.arange(6) / 10)
+    found = om.mtf(om.load_sensor("paper-spherical"), [60.0], cycles_per_px=np.arange(6) / 10)
     np.testing.assert_allclose(table["mtf_t"], found.tangential[0], atol=1e-9)
     np.testing.assert_allclose(table["lp_per_mm"], np.arange(6) / 10 / 0.0052, rtol=1e-9)
     np.testing.assert_allclose(table["cycles_per_deg_s"], found.cycles_per_deg_s[0], rtol=1e-9)

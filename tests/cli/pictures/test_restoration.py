@@ -18,7 +18,7 @@ def small(tmp_path) -> om.Sensor:
     sensor = replace(sensor, imager=Imager(128, 128, 41.6), lens=replace(sensor.lens, f_number=1.0))
     om.save_sensor(sensor, tmp_path / "small.toml")
     light = np.random.default_rng(1).random((32, 64, 3), np.float32)
-    picture = om.take_picture(sensor, om.Environment(light), 16, blur=True)
+    picture = om.take_picture(sensor, om.Environment(light), samples=16, blur=True)
     om.write_image(tmp_path / "raw.png", picture)
     om.write_image(tmp_path / "world.hdr", light)
     return sensor
@@ -29,7 +29,7 @@ def test_restoring_comes_before_straightening(small, tmp_path):
     assert omnimirror("dewarp", "raw.png", *options, "-o", "given.png", cwd=tmp_path).returncode == 0
     run = omnimirror("dewarp", "raw.png", *options, "--restore", "--noise", "0.01", "-o", "sharp.png", cwd=tmp_path)
     assert run.returncode == 0, run.stderr
-    restored = om.restore(small, om.read_image(tmp_path / "raw.png"), 0.01)
+    restored = om.restore(small, om.read_image(tmp_path / "raw.png"), noise=0.01)
     om.write_image(tmp_path / "restored.png", restored)
     assert omnimirror("dewarp", "restored.png", *options, "-o", "both.png", cwd=tmp_path).returncode == 0
     given, sharp, both = (om.read_image(tmp_path / f"{name}.png") for name in ("given", "sharp", "both"))
@@ -42,7 +42,7 @@ def test_near_things_are_restored_by_the_blur_of_near_things(small, tmp_path):
     run = omnimirror("dewarp", "raw.png", *options, "--object-distance-mm", "300", "-o", "near.png", cwd=tmp_path)
     assert run.returncode == 0, run.stderr
     raw = om.read_image(tmp_path / "raw.png")
-    near, far = (om.restore(small, raw, 0.01, distance) for distance in (300.0, np.inf))
+    near, far = (om.restore(small, raw, noise=0.01, object_distance_mm=distance) for distance in (300.0, np.inf))
     assert (near != far).any()
     om.write_image(tmp_path / "restored.png", near)
     assert omnimirror("dewarp", "restored.png", *options[:6], "-o", "both.png", cwd=tmp_path).returncode == 0
@@ -95,7 +95,7 @@ def test_a_bracket_is_planned_taken_and_merged(small, tmp_path):
     run = omnimirror(*take, cwd=tmp_path)
     assert run.returncode == 0, run.stderr
     world = om.Environment.load(tmp_path / "world.hdr")
-    straight = om.take_picture(focused_at(small, 175.0), world, 16, blur=True)  # heading and pose cancel
+    straight = om.take_picture(focused_at(small, 175.0), world, samples=16, blur=True)  # heading and pose cancel
     assert np.abs(om.read_image(tmp_path / "b/175.0mm.png").astype(int) - straight).max() <= 2
     merge = ("bracket", "merge", "small.toml", "b/175.0mm.png", "b/207.0mm.png", "-o", "merged.png", "--focus-mm")
     assert omnimirror(*merge, "175,207", cwd=tmp_path).returncode == 0

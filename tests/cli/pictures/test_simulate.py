@@ -48,7 +48,7 @@ def test_an_exr_holds_light_and_ground_truth(sensor_file, tmp_path):
     np.testing.assert_allclose(channels["Z"], truth.depth_mm, rtol=1e-6)
     np.testing.assert_allclose(channels["DY"], truth.directions[..., 1], atol=1e-6)
     np.testing.assert_array_equal(channels["A"] == 1, np.isfinite(truth.depth_mm))
-    np.testing.assert_allclose(channels["G"], expose(sensor, scene, 1)[..., 1], atol=1e-6)
+    np.testing.assert_allclose(channels["G"], expose(sensor, scene, samples=1)[..., 1], atol=1e-6)
     assert om.read_image(out).shape == (128, 128, 4)
 
 

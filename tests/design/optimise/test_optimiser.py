@@ -59,7 +59,7 @@ def test_the_sphere_is_beaten_by_what_was_promised(merit, target, sphere):
     again = looked_at_again(best.sensor, **as_paper)[merit]
     assert again <= target
     assert again == pytest.approx(best.value, rel=2e-5)
-    focus = om.best_focus(SPHERE, merit, np.linspace(0, 135, 1001), **as_paper)
+    focus = om.best_focus(SPHERE, merit, omega_deg=np.linspace(0, 135, 1001), **as_paper)
     assert focus.value == pytest.approx(sphere, abs=1e-3)
     assert om.best_focus(best.sensor, merit, **as_paper).value >= again * (1 - 1e-5)  # no other focus is better
 

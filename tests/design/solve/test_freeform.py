@@ -191,7 +191,7 @@ def test_a_telecentric_design_says_how_wide_its_lens_has_to_be():
     assert design.optimum.value == pytest.approx(worst, rel=1e-4)
     again = om.best_focus(design.sensor, "worst_blur_deg")
     assert again.value >= worst * (1 - 1e-5)
-    by_rays = om.check_blur(design.sensor, [4.0, 8.0], np.linspace(5, 105, 11))  # through the full aperture
+    by_rays = om.check_blur(design.sensor, [4.0, 8.0], omega_deg=np.linspace(5, 105, 11))  # through the full aperture
     for edge in ("edge_t_px", "edge_s_px"):
         wide, narrow = by_rays.worst(edge)
         assert narrow < wide / 6 < 0.2 / 6  # what the two curvatures leave out is of the third order

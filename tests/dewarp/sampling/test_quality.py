@@ -28,7 +28,7 @@ def room():
 
 @pytest.fixture(scope="module")
 def picture(room):
-    return om.take_picture(CAMERA, room, SAMPLES**2, distant=True)
+    return om.take_picture(CAMERA, room, samples=SAMPLES**2, distant=True)
 
 
 def decibels(room, picture):

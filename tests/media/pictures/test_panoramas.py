@@ -126,7 +126,7 @@ def test_a_lossy_webp_can_carry_it_too(tmp_path):
 
 
 def test_no_heading_is_no_claim(tmp_path):
-    write_image(tmp_path / "a.png", np.zeros((40, 60), np.uint8), GPano.of_view((60, 40), (-70, 50)))
+    write_image(tmp_path / "a.png", np.zeros((40, 60), np.uint8), panorama=GPano.of_view((60, 40), (-70, 50)))
     assert "PoseHeadingDegrees" not in xmp_of(tmp_path / "a.png")
 
 
@@ -135,9 +135,9 @@ def test_what_cannot_say_it_is_refused(tmp_path, suffix):
     assert not can_be_panorama(f"a{suffix}")
     image = np.zeros((40, 60, 3), "uint8" if suffix == ".bmp" else "float32")
     with pytest.raises(MediaError, match=r"cannot say that it is a panorama; valid are \.jpg"):
-        write_image(tmp_path / f"a{suffix}", image, PART)
+        write_image(tmp_path / f"a{suffix}", image, panorama=PART)
     with pytest.raises(MediaError, match="the picture has 60 x 41 px, and the panorama 60 x 40 px"):
-        write_image(tmp_path / "a.png", np.zeros((41, 60), np.uint8), PART)
+        write_image(tmp_path / "a.png", np.zeros((41, 60), np.uint8), panorama=PART)
     assert not list(tmp_path.iterdir())
 
 

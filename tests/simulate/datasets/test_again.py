@@ -44,11 +44,21 @@ def write(kind, folder, after=lambda done: None):
     """A set of five pictures."""
     sensor = small(64)
     if kind == "calibration":
-        pictures = write_calibration_set(sensor, folder, 5, 4, detector=Detector(full_well_e=1e4), hall=HALL)
+        pictures = write_calibration_set(
+            sensor, folder, views=5, samples=4, detector=Detector(full_well_e=1e4), hall=HALL
+        )
         for number, _ in enumerate(pictures, start=1):
             after(number)
     else:
-        write_video_set(sensor, Room(texel_mm=40.0), PATH, folder, 4.0, samples=4, progress=lambda n, _: after(n))
+        write_video_set(
+            sensor,
+            Room(texel_mm=40.0),
+            path=PATH,
+            folder=folder,
+            frame_rate=4.0,
+            samples=4,
+            progress=lambda n, _: after(n),
+        )
 
 
 def until(true, what):
@@ -113,7 +123,7 @@ def test_a_killed_set_goes_on_where_it_stopped(kind, tmp_path):
 
 def test_a_picture_that_was_changed_is_made_again(tmp_path):
     def write():
-        return list(write_calibration_set(small(), tmp_path, 2, 1, blur=False, hall=HALL))
+        return list(write_calibration_set(small(), tmp_path, views=2, samples=1, blur=False, hall=HALL))
 
     write()
     first = contents(tmp_path)
@@ -125,17 +135,19 @@ def test_a_picture_that_was_changed_is_made_again(tmp_path):
 
 
 def test_another_set_in_the_folder_is_left_as_it_is(tmp_path):
-    list(write_calibration_set(small(), tmp_path, 1, 1, blur=False, hall=HALL))
+    list(write_calibration_set(small(), tmp_path, views=1, samples=1, blur=False, hall=HALL))
     before = contents(tmp_path)
     with pytest.raises(InvalidParameter, match="holds another set, which differs in samples, seed"):
-        list(write_calibration_set(small(), tmp_path, 1, 4, blur=False, hall=HALL, seed=2))
+        list(write_calibration_set(small(), tmp_path, views=1, samples=4, blur=False, hall=HALL, seed=2))
     assert contents(tmp_path) == before
 
 
 def test_a_set_that_cannot_begin_leaves_nothing(tmp_path):
     far = Keyframes({"x_mm": ((0.0, 1e6), (1.0, 1e6))})
     with pytest.raises(InvalidParameter, match="outside the room"):
-        write_video_set(small(), Room(texel_mm=40.0), far, tmp_path / "set", 2.0, samples=1, blur=False)
+        write_video_set(
+            small(), Room(texel_mm=40.0), path=far, folder=tmp_path / "set", frame_rate=2.0, samples=1, blur=False
+        )
     assert not (tmp_path / "set").exists()
 
 
@@ -191,7 +203,20 @@ def test_a_video_set_made_again_is_the_same_byte_for_byte(place):
 def test_a_calibration_set_made_again_is_the_same_byte_for_byte(tmp_path):
     hardware = Hardware(25.0, rim_width_mm=1.0, reflectivity=("gold", 0.96 + 6.69j, 0.5))
     camera = Detector(full_well_e=4000.0, read_noise_e=4.0, bits=12, curve="linear", bayer="RGGB")
-    list(write_calibration_set(small(), tmp_path / "a", 2, 1, True, hardware, camera, 5, HALL, shell=Dome(130.0)))
+    list(
+        write_calibration_set(
+            small(),
+            tmp_path / "a",
+            views=2,
+            samples=1,
+            blur=True,
+            hardware=hardware,
+            detector=camera,
+            seed=5,
+            hall=HALL,
+            shell=Dome(130.0),
+        )
+    )
     _, arguments = load_arguments(tmp_path / "a" / "dataset.json")
     list(write_calibration_set(folder=tmp_path / "b", **arguments))
     assert contents(tmp_path / "a") == contents(tmp_path / "b")
@@ -201,7 +226,7 @@ def test_a_scene_that_changed_or_a_second_option_is_refused(place, tmp_path):
     pytest.importorskip("av")
     (tmp_path / "sky.hdr").write_bytes((place / "sky.hdr").read_bytes())
     source = SceneSource(str(tmp_path / "sky.hdr"))
-    write_video_set(small(64), source, PATH, tmp_path / "set", 1.0, 0.0, samples=1)
+    write_video_set(small(64), source, path=PATH, folder=tmp_path / "set", frame_rate=1.0, duration_s=0.0, samples=1)
     description = tmp_path / "set" / "dataset.json"
     assert "is not valid beside --again" in fails(
         "simulate", "dataset", "--again", description, "--seed", 4, "-o", tmp_path / "other"
@@ -227,7 +252,9 @@ def test_corners_of_a_set_in_a_tube_are_where_its_pictures_show_them(tmp_path):
     sensor = om.load_sensor("paper-equidistant")
     tube = Support("tube", diameter_mm=120.0, wall_mm=5.0)
     base, wall = hardware_of(sensor, tube), shell_of(sensor, tube)
-    (*_, description) = write_calibration_set(sensor, tmp_path, 1, 4, False, base, hall=Hall(texel_mm=12.5), shell=wall)
+    (*_, description) = write_calibration_set(
+        sensor, tmp_path, views=1, samples=4, blur=False, hardware=base, hall=Hall(texel_mm=12.5), shell=wall
+    )
     view = json.loads(description.read_text())["views"][0]
     grey = om.read_image(tmp_path / view["image"])[..., 1].copy()
     true = np.array([c for board in view["corners_px"].values() for row in board for c in row if c is not None])

@@ -89,7 +89,10 @@ def test_a_video_set_holds_the_poses_of_its_frames_and_what_their_pixels_see(tmp
     from omnimirror.simulate.datasets.video import load_path
 
     room, sensor = Room(texel_mm=40.0), small()
-    assert write_video_set(sensor, room, PATH, tmp_path, 4.0, samples=1, blur=False, truth=True) == 5
+    assert (
+        write_video_set(sensor, room, path=PATH, folder=tmp_path, frame_rate=4.0, samples=1, blur=False, truth=True)
+        == 5
+    )
     data = json.loads((tmp_path / "dataset.json").read_text())
     assert data["frames"] == VideoReader(tmp_path / data["video"]).expected_frames == 5
     poses = load_path(tmp_path / data["poses"])
@@ -110,10 +113,19 @@ def test_what_ctrl_c_ends_describes_what_is_there(tmp_path):
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        write_video_set(small(), Room(texel_mm=40.0), PATH, tmp_path / "v", 9.0, samples=1, blur=False, progress=stop)
+        write_video_set(
+            small(),
+            Room(texel_mm=40.0),
+            path=PATH,
+            folder=tmp_path / "v",
+            frame_rate=9.0,
+            samples=1,
+            blur=False,
+            progress=stop,
+        )
     assert json.loads((tmp_path / "v/dataset.json").read_text())["frames"] == 2
     assert len((tmp_path / "v/poses.csv").read_text().splitlines()) == 3
-    pictures = write_calibration_set(small(), tmp_path / "c", 5, samples=1, blur=False, hall=Hall(texel_mm=50.0))
+    pictures = write_calibration_set(small(), tmp_path / "c", views=5, samples=1, blur=False, hall=Hall(texel_mm=50.0))
     with pytest.raises(KeyboardInterrupt):
         next(pictures), pictures.throw(KeyboardInterrupt())
     described = json.loads((tmp_path / "c/dataset.json").read_text())

@@ -179,7 +179,7 @@ def test_no_pixel_is_labelled_other_than_the_tracer_says(shell, shift):
 
 def test_the_picture_is_dark_where_the_truth_says_hidden():
     sensor, dark = sensor_of(256), replace(FULL, grey=0.0)
-    light = expose(sensor, Environment(np.ones((4, 8, 3), np.float32)), 1, hardware=dark)
+    light = expose(sensor, Environment(np.ones((4, 8, 3), np.float32)), samples=1, hardware=dark)
     truth = ground_truth(sensor, Ball(), dark)
     assert ((light[..., 0] > 0.5) != np.isfinite(truth.depth_mm)).sum() <= 2, "single precision, at edges"
 
@@ -189,10 +189,10 @@ def test_the_edge_hides_what_rises_past_it_with_and_without_the_compiled_part(wi
     """Rays that leave the mirror near its rim more steeply than the rim is far."""
     sensor, edge = sensor_of(64), Hardware(rim_width_mm=width, grey=0.0)
     sky = Environment(np.ones((4, 8, 3), np.float32))
-    fast = expose(sensor, sky, 9, hardware=edge)
+    fast = expose(sensor, sky, samples=9, hardware=edge)
     uncompiled()
-    np.testing.assert_allclose(fast, expose(sensor, sky, 9, hardware=edge), atol=1e-4)
-    assert fast.sum() < expose(sensor, sky, 9).sum() - 10
+    np.testing.assert_allclose(fast, expose(sensor, sky, samples=9, hardware=edge), atol=1e-4)
+    assert fast.sum() < expose(sensor, sky, samples=9).sum() - 10
 
 
 def test_truth_past_the_mirror_starts_at_the_lens():
@@ -214,7 +214,7 @@ def test_a_lid_that_stands_in_the_way_hides_and_is_dark():
     under = (t > 0) & (np.hypot(*(p + t[:, None] * d)[:, :2].T) < 197.0)
     assert 100 < under.sum() < sees.sum()
     np.testing.assert_array_equal(truth.hidden.ravel()[sees], under)
-    light = expose(sensor, scene, 1)
+    light = expose(sensor, scene, samples=1)
     assert not light[truth.hidden].any()
 
 

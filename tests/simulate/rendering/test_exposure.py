@@ -71,7 +71,7 @@ def test_compiled_rays_are_those_of_double_precision(name, pose, flipped):
 def test_an_environment_is_the_same_in_the_kernels_and_ray_by_ray(hardware):
     sensor, world = small("paper-equidistant"), steps(64, 128)
     plan = spread(9, blur=True, seed=5)
-    fast = expose(sensor, world, 9, blur=True, hardware=hardware, seed=5)
+    fast = expose(sensor, world, samples=9, blur=True, hardware=hardware, seed=5)
     bundle = rays.trace(sensor, plan, hardware, slice(0, 100), slice(0, 100))
     slow = rays.gather(bundle, world, hardware).mean(axis=2)
     assert np.abs(fast - slow).max() < 2e-3
@@ -99,7 +99,7 @@ def test_blur_spreads_a_point_over_the_disk_that_the_evaluation_says():
     (u, v) = sensor.project_directions([[np.sin(np.radians(omega)), 0.0, -np.cos(np.radians(omega))]]).pixels[0]
     world = np.zeros((1800, 3600, 3), np.float32)
     world[1800 - 1000 - 1 : 1800 - 1000 + 1, 1799:1801] = 1.0  # .2 deg about pan 0 and 10 deg up
-    light = expose(sensor, Environment(world), 256, blur=True)[..., 0]
+    light = expose(sensor, Environment(world), samples=256, blur=True)[..., 0]
     _, columns = np.nonzero(light > 1e-3 * light.max())
     assert abs(light.sum(axis=1) @ np.arange(1024) / light.sum() - v) < 0.3
     blur = om.evaluate(sensor, omega_deg=[omega])
@@ -111,10 +111,12 @@ def test_blur_spreads_a_point_over_the_disk_that_the_evaluation_says():
 
 def test_an_even_world_comes_back_as_bright_as_it_is():
     white = Environment(np.ones((4, 8, 3), np.float32))
-    light = expose(small("paper-spherical"), white, 16, blur=True, hardware=Hardware(reflectivity=0.9, sees_past=False))
+    light = expose(
+        small("paper-spherical"), white, samples=16, blur=True, hardware=Hardware(reflectivity=0.9, sees_past=False)
+    )
     np.testing.assert_allclose(light[50, 50], 0.9, rtol=1e-5)
     assert light[0, 0].max() == 0
-    beside = expose(small("paper-spherical"), white, 16, blur=True, hardware=Hardware(sees_past=True))
+    beside = expose(small("paper-spherical"), white, samples=16, blur=True, hardware=Hardware(sees_past=True))
     np.testing.assert_allclose(beside, 1.0, rtol=1e-5)
 
 
@@ -132,7 +134,7 @@ def test_metals_reflect_as_fresnel_says_in_kernels_and_without(metal, pose):
 
 def test_a_metal_dims_a_pixel_by_its_own_angle_of_incidence():
     sensor, white = om.load_sensor("paper-spherical"), Environment(np.ones((4, 8, 3), np.float32))
-    light = expose(sensor, white, 1, hardware=Hardware(reflectivity=("gold", "silver", 0.7)))
+    light = expose(sensor, white, samples=1, hardware=Hardware(reflectivity=("gold", "silver", 0.7)))
     u, v = 911, 512
     radius = np.hypot(*(np.array([u, v]) - sensor.imager.centre))
     gamma = sensor.meridian.trace(sensor.x_from_height_px([radius])).gamma
@@ -147,7 +149,7 @@ def test_a_metal_dims_a_pixel_by_its_own_angle_of_incidence():
 def test_natural_vignetting_falls_with_the_fourth_power_of_the_cosine():
     white = Environment(np.ones((4, 8, 3), np.float32))
     sensor = om.load_sensor("paper-spherical")
-    light = expose(sensor, white, 1, hardware=Hardware(vignetting=1.0))
+    light = expose(sensor, white, samples=1, hardware=Hardware(vignetting=1.0))
     u, v = sensor.imager.centre
     tangent = 400 * sensor.imager.pitch_mm / sensor.lens.image_distance
     expected = np.cos(np.arctan(tangent)) ** 4
@@ -159,7 +161,7 @@ def test_the_camera_is_seen_in_the_middle():
     """Its edge appears at the mirror point that reflects the edge of the disk into the lens."""
     sensor = om.load_sensor("paper-spherical")
     white = Environment(np.ones((4, 8, 3), np.float32))
-    light = expose(sensor, white, 1, hardware=Hardware(camera_radius_mm=40.0, grey=0.0))[..., 0]
+    light = expose(sensor, white, samples=1, hardware=Hardware(camera_radius_mm=40.0, grey=0.0))[..., 0]
     edge = sensor.project([[40.0, 0.0, sensor.lens_offset[2]]]).pixels[0]
     radius = sensor.radius_from_centre_px(edge[None])[0]
     dark = int((light == 0)[512, 256:768].sum())

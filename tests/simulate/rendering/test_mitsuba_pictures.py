@@ -107,7 +107,7 @@ def on_a_mesh(mi, sensor, path, rings, rays):  # noqa: F811
     """How a blurred picture compares with Mitsuba's of the mirror as a mesh."""
     meshed(mi, sensor, rings, 2 * rings).shapes()[0].write_ply(str(path))
     ours, theirs = maps()
-    picture = expose(sensor, Environment(ours), rays, blur=True)
+    picture = expose(sensor, Environment(ours), samples=rays, blur=True)
     return compared(sensor, picture, rendered(mi, sensor, {"type": "ply", "filename": str(path)}, theirs, rays))
 
 
@@ -116,7 +116,7 @@ def test_a_blurred_picture_is_mitsubas(mi, pose):  # noqa: F811
     sensor = small("paper-spherical", 128, pose)
     sensor = replace(sensor, lens=replace(sensor.lens, f_number=2.0))
     ours, theirs = maps()
-    picture = expose(sensor, Environment(ours), 256, blur=True)
+    picture = expose(sensor, Environment(ours), samples=256, blur=True)
     decibels, shift = compared(sensor, picture, rendered(mi, sensor, ball(sensor), theirs, 144))
     assert decibels > 45
     assert shift < 0.02

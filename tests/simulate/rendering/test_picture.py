@@ -185,8 +185,8 @@ def test_a_picture_takes_little_memory():
 def test_a_low_pass_filter_spreads_light_over_a_tent_and_moves_none():
     """A small ball: as much light, at the same place, its variance wider by 3/16 + 1/48 - 1/12 = 1/8 px^2."""
     sensor, scene = small(looking("up"), 8), Ball((900.0, 400.0, 90.0), 60.0)
-    box = expose(sensor, scene, 64)[..., 1].astype(float)
-    tent = _low_passed(expose(_finer(sensor), scene, 16))[..., 1].astype(float)
+    box = expose(sensor, scene, samples=64)[..., 1].astype(float)
+    tent = _low_passed(expose(_finer(sensor), scene, samples=16))[..., 1].astype(float)
     assert tent.sum() == pytest.approx(box.sum(), rel=1e-6)
     np.testing.assert_array_equal(
         om.take_picture(sensor, scene, samples=64, low_pass=True)[..., 1], srgb_bytes(tent.astype(np.float32))

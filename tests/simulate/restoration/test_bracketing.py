@@ -16,7 +16,7 @@ def test_real_rays_are_as_sharp_as_planned():
     plan = plan_bracket(sensor, limit_px=2.0)
     assert not plan.astigmatic.any()
     omega = np.linspace(5, 130, 8)
-    widths = np.max([np.abs(e) for e in om.spots(sensor, omega, plan.focus_mm).extent_px()], axis=0)
+    widths = np.max([np.abs(e) for e in om.spots(sensor, omega, focus_mm=plan.focus_mm).extent_px()], axis=0)
     assert widths.min(axis=1).max() < 2.0 + 0.1, "coma adds some hundredths of a pixel"
 
 
@@ -65,7 +65,7 @@ def test_points_come_together_to_a_tenth_of_a_pixel(flipped: bool):
         moved, _ = focused_at(sensor, focus).project(points)
         meant, _ = sensor.project(points)
         assert np.hypot(*(moved - meant).T).max() > 0.7
-        merged = merge_bracket(sensor, [dots(moved, 1024)], [focus])
+        merged = merge_bracket(sensor, [dots(moved, 1024)], focus_mm=[focus])
         found = np.array([centroid(merged, u, v) for u, v in meant])
         assert np.hypot(*(found - meant).T).max() < 0.1
 
@@ -87,8 +87,8 @@ def test_a_rendered_grid_of_lights_lands_where_the_sensor_sees_it():
     shift = np.hypot(*(focused_at(sensor, 190.0).project_directions(directions)[0] - meant).T)
     assert shift.max() > 2
     for focus in (190.0, 240.0):
-        taken = om.expose(focused_at(sensor, focus), lights, 36)[..., 1]
-        merged = merge_bracket(sensor, [np.ascontiguousarray(taken)], [focus])
+        taken = om.expose(focused_at(sensor, focus), lights, samples=36)[..., 1]
+        merged = merge_bracket(sensor, [np.ascontiguousarray(taken)], focus_mm=[focus])
         found = np.array([centroid(merged, u, v) for u, v in meant])
         assert np.hypot(*(found - meant).T).max() < 0.1
 
@@ -105,15 +105,15 @@ def test_the_merged_picture_is_as_sharp_as_the_sharpest_everywhere():
     sensor = faster(om.load_sensor("paper-hyperboloidal"), 256, 1.0)
     scene = dead_leaves(1024, 900, smallest_deg=2.1)
     focuses = plan_bracket(sensor, limit_px=2.0).focus_mm
-    taken = [om.take_picture(focused_at(sensor, f), scene, 64, blur=True) for f in focuses]
-    sharp = om.take_picture(sensor, scene, 16).astype(float)
+    taken = [om.take_picture(focused_at(sensor, f), scene, samples=64, blur=True) for f in focuses]
+    sharp = om.take_picture(sensor, scene, samples=16).astype(float)
     tenth = np.minimum(np.hypot(*(np.indices((256, 256)) - 127.5)) / sensor.rim_radius_px * 10, 10).astype(int)
 
     def errors(picture):
         return np.array([np.sqrt(((picture - sharp)[tenth == k] ** 2).mean()) for k in range(10)])
 
-    merged = errors(merge_bracket(sensor, taken, focuses))
-    alone = np.array([errors(merge_bracket(sensor, [p], [f])) for p, f in zip(taken, focuses, strict=True)])
+    merged = errors(merge_bracket(sensor, taken, focus_mm=focuses))
+    alone = np.array([errors(merge_bracket(sensor, [p], focus_mm=[f])) for p, f in zip(taken, focuses, strict=True)])
     assert (merged < 1.1 * alone.min(axis=0)).all()
     assert (merged.mean() < 0.9 * alone.mean(axis=1)).all()
 
@@ -121,8 +121,8 @@ def test_the_merged_picture_is_as_sharp_as_the_sharpest_everywhere():
 def test_pictures_that_do_not_fit_are_refused():
     sensor = om.load_sensor("paper-spherical")
     with pytest.raises(InvalidParameter, match="1 pictures and 2 focus distances"):
-        merge_bracket(sensor, [np.zeros((1024, 1024), np.uint8)], [200, 210])
+        merge_bracket(sensor, [np.zeros((1024, 1024), np.uint8)], focus_mm=[200, 210])
     with pytest.raises(InvalidParameter, match="10 x 20 px"):
-        merge_bracket(sensor, [np.zeros((20, 10), np.uint8)], [200])
+        merge_bracket(sensor, [np.zeros((20, 10), np.uint8)], focus_mm=[200])
     with pytest.raises(InvalidParameter, match="limit_px = 0 is outside"):
         plan_bracket(sensor, limit_px=0)

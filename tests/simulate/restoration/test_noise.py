@@ -17,7 +17,7 @@ from omnimirror.simulate.restoration.jpeg_noise import detected_coding, standard
 def light() -> np.ndarray:
     """A picture of the hall, blurred as a sphere blurs it, in linear light."""
     sensor = faster(om.load_sensor("paper-spherical"), 256, 1.0)
-    return om.expose(sensor, Hall(), 16, blur=True)
+    return om.expose(sensor, Hall(), samples=16, blur=True)
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +56,7 @@ def test_what_coding_did_is_found_with_the_file_and_without(light, inside, tmp_p
     truth = rms(picture, light, inside)
     assert truth > 0.012
     for file in (tmp_path / "a.jpg", None):
-        found = om.estimate_noise(picture, file, inside)
+        found = om.estimate_noise(picture, file, where=inside)
         assert found.kind == "JPEG"
         assert found.share == pytest.approx(truth, rel=0.25)
 
@@ -149,7 +149,7 @@ def test_what_is_no_picture_is_refused(tmp_path):
 def test_coded_leaves(name: str):
     """Full of texture and of colours that coding makes coarser."""
     sensor = faster(om.load_sensor(name), 512, om.load_sensor(name).lens.f_number / 2)
-    light = om.expose(sensor, dead_leaves(), 16, blur=True)
+    light = om.expose(sensor, dead_leaves(), samples=16, blur=True)
     rows, columns = np.indices(light.shape[:2]) - 255.5
     inside = np.hypot(rows, columns) < 0.95 * sensor.rim_radius_px
     for quality in (85, 75, 60, 50):

@@ -51,9 +51,9 @@ def small() -> Restorer:
 
 def test_the_matrix_blurs_as_real_rays_do(small: Restorer, scene: om.Environment):
     sensor, blur = small.camera, small.problem.blur
-    fine = om.expose(faster(sensor, 256 * blur.fineness, sensor.lens.f_number), scene, 16)
-    traced = om.expose(sensor, scene, 1024, blur=True).reshape(-1, 3)[blur.pixels]
-    sharp = om.expose(sensor, scene, 64).reshape(-1, 3)[blur.pixels]
+    fine = om.expose(faster(sensor, 256 * blur.fineness, sensor.lens.f_number), scene, samples=16)
+    traced = om.expose(sensor, scene, samples=1024, blur=True).reshape(-1, 3)[blur.pixels]
+    sharp = om.expose(sensor, scene, samples=64).reshape(-1, 3)[blur.pixels]
     outer = small.radius.ravel()[blur.pixels] > 90
     error = (blur.matrix() @ fine.reshape(-1, 3) - traced)[outer]
     assert np.sqrt((error**2).mean()) < 0.25 * np.sqrt(((sharp - traced)[outer] ** 2).mean())
@@ -109,8 +109,8 @@ def test_edges_do_not_ring(small: Restorer):
     """Black and white quarters of the sky: what is restored leaves their range by little."""
     columns = (np.arange(720) // 45) % 2
     light = np.broadcast_to(np.where(columns, 0.6, 0.1)[None, :, None], (360, 720, 3)).astype(np.float32)
-    blurred = om.take_picture(small.camera, om.Environment(np.ascontiguousarray(light)), 256, blur=True)
-    sharp = om.take_picture(small.camera, om.Environment(np.ascontiguousarray(light)), 16)
+    blurred = om.take_picture(small.camera, om.Environment(np.ascontiguousarray(light)), samples=256, blur=True)
+    sharp = om.take_picture(small.camera, om.Environment(np.ascontiguousarray(light)), samples=16)
     restored = small(blurred, 0.01).astype(float)
     where = (small.share > 0.9) & (small.radius > 40)
     low, high = np.percentile(sharp[where], [1, 99])
@@ -120,10 +120,10 @@ def test_edges_do_not_ring(small: Restorer):
 
 @pytest.mark.parametrize("kind", ["uint8", "uint16", "float32"])
 def test_kinds_of_pictures_agree(small: Restorer, scene: om.Environment, kind: str):
-    light = om.expose(small.camera, scene, 32, blur=True)
+    light = om.expose(small.camera, scene, samples=32, blur=True)
     of_kind = {
-        "uint8": lambda: om.take_picture(small.camera, scene, 32, blur=True),
-        "uint16": lambda: om.take_picture(small.camera, scene, 32, blur=True) * np.uint16(257),
+        "uint8": lambda: om.take_picture(small.camera, scene, samples=32, blur=True),
+        "uint16": lambda: om.take_picture(small.camera, scene, samples=32, blur=True) * np.uint16(257),
         "float32": lambda: light,
     }[kind]()
     restored = small(of_kind, 0.01)
@@ -133,7 +133,7 @@ def test_kinds_of_pictures_agree(small: Restorer, scene: om.Environment, kind: s
 
     full = {"uint8": 255, "uint16": 65535}.get(kind)
     values = srgb_from_linear(restored) if full is None else restored / full
-    reference = small(om.take_picture(small.camera, scene, 32, blur=True), 0.01) / 255
+    reference = small(om.take_picture(small.camera, scene, samples=32, blur=True), 0.01) / 255
     assert np.sqrt(((values - reference) ** 2).mean()) < 0.006
 
 
@@ -149,16 +149,16 @@ def test_alpha_and_what_is_outside_stay(small: Restorer):
 def test_a_flipped_picture_is_restored_flipped(small: Restorer, scene: om.Environment):
     """Off the middle, too, where flipping moves the optical axis; neighbours count to one side, so not to the byte."""
     sensor = replace(small.camera, imager=replace(small.camera.imager, centre_px=(110.0, 128.0)))
-    picture = om.take_picture(sensor, scene, 32, blur=True)
+    picture = om.take_picture(sensor, scene, samples=32, blur=True)
     flipped = replace(sensor, mount=replace(sensor.mount, image_flipped=True))
-    restored = om.restore(sensor, picture, 0.01).astype(float)
-    other = om.restore(flipped, np.ascontiguousarray(picture[:, ::-1]), 0.01)[:, ::-1]
+    restored = om.restore(sensor, picture, noise=0.01).astype(float)
+    other = om.restore(flipped, np.ascontiguousarray(picture[:, ::-1]), noise=0.01)[:, ::-1]
     assert np.sqrt(((other - restored) ** 2).mean()) < 0.3 * np.sqrt(((picture - restored) ** 2).mean())
 
 
 def test_what_lies_beyond_the_rim_changes_nothing_within(small: Restorer, scene: om.Environment):
     """A wall, a window or a lamp behind the mirror: up to the last pixel that is restored."""
-    picture = om.take_picture(small.camera, scene, 32, blur=True)
+    picture = om.take_picture(small.camera, scene, samples=32, blur=True)
     beyond = small.radius > small.known.whole_radius_px
     others = [picture.copy(), picture.copy()]
     others[0][beyond] = 255
@@ -171,7 +171,7 @@ def test_what_lies_beyond_the_rim_changes_nothing_within(small: Restorer, scene:
 
 def test_a_ball_and_a_calibrated_camera_are_restored_by_the_blur_that_is_told(small: Restorer, scene: om.Environment):
     """A sensor's picture taken for theirs, the blur told by each way: as the sensor's own, up to the rim."""
-    picture = om.take_picture(small.camera, scene, 32, blur=True)
+    picture = om.take_picture(small.camera, scene, samples=32, blur=True)
     centre, rim = small.camera.symmetry.centre_px, small.camera.rim_radius_px
     ball = om.MirrorBall(centre, rim, 360.0, (256, 256))
     ocam = om.OCam((-60.0, 0.0, 0.004), centre, (256, 256), rim_radius_px=rim)
@@ -181,14 +181,16 @@ def test_a_ball_and_a_calibrated_camera_are_restored_by_the_blur_that_is_told(sm
     expected = small(picture, 0.01).astype(float)
     gain = np.sqrt(((expected - picture)[inner] ** 2).mean())
     for camera, told in ((ball, table), (ocam, table), (ball, small.known.sizes), (small.camera, table)):
-        found = om.restore(camera, picture, 0.01, blur=told)
+        found = om.restore(camera, picture, noise=0.01, blur=told)
         assert np.sqrt(((found - expected)[inner] ** 2).mean()) < 0.05 * gain
 
 
 @pytest.mark.parametrize("times", [1.4, pytest.param(2.0, marks=pytest.mark.full)])
 def test_blur_told_too_large_is_found_and_lowered(small: Restorer, scene: om.Environment, times: float):
     """Told what its picture shows, nothing is lowered; told more, about what it shows is taken out."""
-    noisy = om.take_picture(small.camera, scene, 64, blur=True) + 2.55 * np.random.default_rng(1).standard_normal(3)
+    noisy = om.take_picture(small.camera, scene, samples=64, blur=True) + 2.55 * np.random.default_rng(
+        1
+    ).standard_normal(3)
     picture = np.clip(noisy, 0, 255).astype(np.uint8)
     assert small.shown_share(picture, 0.01) == 1
     told = Restorer(small.camera, told=small.known.scaled(times).sizes)
@@ -198,8 +200,8 @@ def test_blur_told_too_large_is_found_and_lowered(small: Restorer, scene: om.Env
 @pytest.mark.parametrize("quality", [pytest.param(90, marks=pytest.mark.full), 75])
 def test_coded_pictures_lose_nothing(small: Restorer, scene: om.Environment, quality: int):
     """With the noise estimated from the picture alone: neither blocks nor ringing are sharpened."""
-    sharp = om.take_picture(small.camera, scene, 16)
-    blurred = om.take_picture(small.camera, scene, 64, blur=True)
+    sharp = om.take_picture(small.camera, scene, samples=16)
+    blurred = om.take_picture(small.camera, scene, samples=64, blur=True)
     noisy = blurred + 2.55 * np.random.default_rng(1).standard_normal(blurred.shape)
     byte = np.clip(noisy, 0, 255).astype(np.uint8)
     coded = cv2.imencode(".jpg", byte[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
@@ -225,7 +227,7 @@ def test_coded_pictures_lose_nothing(small: Restorer, scene: om.Environment, qua
 def test_blur_that_cannot_be_is_refused(told, sentence: str):
     ball = om.MirrorBall((31.5, 31.5), 30.0, 360.0, (64, 64))
     with pytest.raises(InvalidParameter, match=sentence):
-        om.restore(ball, np.zeros((64, 64), np.uint8), 0.01, blur=told)
+        om.restore(ball, np.zeros((64, 64), np.uint8), noise=0.01, blur=told)
 
 
 def test_what_cannot_be_restored_is_refused(small: Restorer):

@@ -88,12 +88,12 @@ def test_a_mirror_that_stands_in_something_is_refused(tmp_path):
         trimesh.creation.box((size, size, size)).export(tmp_path / "cube.ply")
         cube = load_mesh(tmp_path / "cube.ply")
         if size > 0.1:
-            assert expose(small, cube, 1).max() > 0
-            assert expose(om.load_sensor("folded-spherical"), PosedScene(cube, Pose()), 1).max() > 0
+            assert expose(small, cube, samples=1).max() > 0
+            assert expose(om.load_sensor("folded-spherical"), PosedScene(cube, Pose()), samples=1).max() > 0
             continue
         for mirror in (small, replace(small, mount=replace(small.mount, camera_looks="down"))):
             with pytest.raises(InvalidParameter, match="the mirror stands in something of the scene"):
-                expose(mirror, cube, 1)
+                expose(mirror, cube, samples=1)
 
 
 @pytest.mark.parametrize(
@@ -107,7 +107,7 @@ def test_a_mirror_that_stands_in_something_is_refused(tmp_path):
 def test_a_sensor_stands_on_the_street_and_not_in_what_is_there(pose, words):
     sensor = om.load_sensor("paper-spherical")
     with pytest.raises(InvalidParameter, match=words):
-        expose(sensor, PosedScene(Street(texel_mm=200.0), pose), 1)
+        expose(sensor, PosedScene(Street(texel_mm=200.0), pose), samples=1)
 
 
 def test_an_environment_of_two_pixels_is_none(tmp_path):

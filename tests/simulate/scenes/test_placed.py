@@ -36,7 +36,7 @@ def test_a_pose_pans_right_tilts_up_and_rolls_clockwise():
 def test_a_turned_environment_is_the_same_in_the_kernels_and_ray_by_ray():
     world = Environment(np.random.default_rng(2).uniform(0, 1, (16, 32, 3)).astype(np.float32), heading_deg=20.0)
     sensor, pose = small("paper-equidistant"), Pose(5.0, 6.0, 7.0, 40.0, -25.0, 12.0)
-    light = expose(sensor, PosedScene(world, pose), 1)
+    light = expose(sensor, PosedScene(world, pose), samples=1)
     rays = sensor.backproject(np.stack(np.meshgrid(np.arange(64.0), np.arange(64.0)), axis=-1).reshape(-1, 2))
     seen = world.radiance(np.zeros((int(rays.valid.sum()), 3)), rays.directions[rays.valid] @ pose.rotation().T)
     assert np.abs(light.reshape(-1, 3)[rays.valid] - seen).max() < 1e-3
@@ -46,9 +46,9 @@ def test_to_pan_the_sensor_is_to_turn_the_mount():
     """A camera that is turned in its mount against the pan takes the picture of the sensor that was not panned."""
     sensor, room = small("paper-spherical"), om.Room(texel_mm=20.0)
     turned = replace(sensor, mount=replace(sensor.mount, forward_azimuth_deg=-90.0 - 40.0))
-    panned = expose(turned, PosedScene(room, Pose(pan_deg=40.0)), 4)
-    np.testing.assert_allclose(panned, expose(sensor, room, 4), atol=0.02)
-    assert np.abs(expose(sensor, PosedScene(room, Pose(pan_deg=40.0)), 4) - panned).mean() > 0.02
+    panned = expose(turned, PosedScene(room, Pose(pan_deg=40.0)), samples=4)
+    np.testing.assert_allclose(panned, expose(sensor, room, samples=4), atol=0.02)
+    assert np.abs(expose(sensor, PosedScene(room, Pose(pan_deg=40.0)), samples=4) - panned).mean() > 0.02
 
 
 @pytest.mark.parametrize("pose", [Pose(), Pose(600.0, -300.0, 200.0, 50.0, 8.0, 5.0)])
@@ -88,6 +88,6 @@ def test_frames_of_a_path_are_pictures_from_its_poses():
     sensor, room = small("paper-spherical"), om.Room(texel_mm=40.0)
     path = Keyframes({"x_mm": ((0.0, 0.0), (2.0, 800.0)), "pan_deg": ((0.0, 0.0), (2.0, 90.0))}, "linear")
     light = frame_at(sensor, room, path, 1.0, samples=1)
-    np.testing.assert_array_equal(light, expose(sensor, PosedScene(room, Pose(400.0, pan_deg=45.0)), 1))
+    np.testing.assert_array_equal(light, expose(sensor, PosedScene(room, Pose(400.0, pan_deg=45.0)), samples=1))
     with pytest.raises(InvalidParameter, match="make no video"):
         frame_times(path, 0.0)

@@ -46,7 +46,7 @@ class BlurCheck:
 
 
 def check_blur(
-    sensor: Sensor, f_numbers: ArrayLike, omega_deg: ArrayLike | None = None, object_distance_mm: float = np.inf
+    sensor: Sensor, f_numbers: ArrayLike, *, omega_deg: ArrayLike | None = None, object_distance_mm: float = np.inf
 ) -> BlurCheck:
     """Compare the blur of Eq. 28 with real rays, for an aligned sensor and several F-numbers.
 

@@ -88,8 +88,8 @@ class Psf:
 def psf(
     sensor: Sensor,
     omega_deg: float,
-    focus_mm: float | None = None,
     *,
+    focus_mm: float | None = None,
     azimuth_deg: float = 0.0,
     object_distance_mm: float = np.inf,
     kind: Kind = "diffraction",

@@ -108,8 +108,8 @@ class Spots:
 def spots(
     sensor: Sensor,
     omega_deg: ArrayLike | None = None,
-    focus_mm: ArrayLike | None = None,
     *,
+    focus_mm: ArrayLike | None = None,
     azimuth_deg: ArrayLike = 0.0,
     object_distance_mm: ArrayLike = np.inf,
     pupil: Pupil | None = None,

@@ -94,9 +94,9 @@ class Mtf:
 def mtf(
     sensor: Sensor,
     omega_deg: ArrayLike | None = None,
+    *,
     cycles_per_px: ArrayLike | None = None,
     focus_mm: float | None = None,
-    *,
     azimuth_deg: ArrayLike = 0.0,
     object_distance_mm: ArrayLike = np.inf,
     kind: Kind = "diffraction",

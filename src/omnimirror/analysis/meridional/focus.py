@@ -100,6 +100,7 @@ class BestFocus(NamedTuple):
 def best_focus(
     sensor: Sensor,
     merit: str = "worst_floored_area_deg2",
+    *,
     omega_deg: ArrayLike | None = None,
     object_distance_mm: ArrayLike = np.inf,
     mode: BlurMode = "exact",

@@ -63,9 +63,9 @@ class SingleViewpoint(NamedTuple):
 def best_viewpoint(
     sensor: Sensor,
     object_distance_mm: float,
+    *,
     omega_deg: ArrayLike | None = None,
     image_radius_px: float | None = None,
-    *,
     linearised: bool = False,
 ) -> SingleViewpoint:
     """The viewpoint whose largest error in pixels is least, over the field or the angles given.

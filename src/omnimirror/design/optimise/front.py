@@ -101,7 +101,7 @@ def merit_values(
     if focus_by is not None:
         omega = np.degrees(sensor.meridian.trace(x).omega)
         angles, far = np.tile(omega, distances.size), np.repeat(distances, omega.size)
-        best = best_focus(sensor, focus_by, angles, far, **common)
+        best = best_focus(sensor, focus_by, omega_deg=angles, object_distance_mm=far, **common)
         sensor = replace(sensor, lens=sensor.lens.focused_at(best.focus_mm))
     results = [evaluate(sensor, x_mm=x, object_distance_mm=d, **common) for d in distances]
     values = np.array([[merit_named(m).value(values_of_evaluation(r)) for m in merits] for r in results])

@@ -71,7 +71,7 @@ class Design:
 
 
 def design_sensor(
-    requirements: Requirements, on_step: Callable[[str], None] | None = None, search: SearchOptions | None = None
+    requirements: Requirements, on_step: Callable[[str], None] | None = None, *, search: SearchOptions | None = None
 ) -> Design:
     """Design a sensor: mirror, distance, lens and focus.
 

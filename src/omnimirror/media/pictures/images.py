@@ -163,7 +163,9 @@ def _decoded(path: Path, data: bytes) -> Image:
     return _red_and_blue_exchanged(decoded)
 
 
-def write_image(path: str | Path, image: Image, panorama: GPano | None = None, carried: Carried | None = None) -> None:
+def write_image(
+    path: str | Path, image: Image, *, panorama: GPano | None = None, carried: Carried | None = None
+) -> None:
     """Write a picture file whole, or leave an earlier one as it was.
 
     Parameters

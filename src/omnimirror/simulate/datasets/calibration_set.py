@@ -87,6 +87,7 @@ def seen_corners_px(
 def write_calibration_set(
     sensor: Sensor,
     folder: str | Path,
+    *,
     views: int = 12,
     samples: int = 16,
     blur: bool = True,
@@ -143,7 +144,7 @@ def write_calibration_set(
             files = [f"{name}.png"] + [f"{name}.exr"] * truth
             if not (files[0] in records and ledger.has(*files)):
                 scene = seen_through(sensor, PosedScene(hall, pose), shell)
-                light = expose(sensor, scene, samples, blur, hardware=hardware, seed=seed + number)
+                light = expose(sensor, scene, samples=samples, blur=blur, hardware=hardware, seed=seed + number)
                 if truth:
                     write_truth(folder / files[1], sensor, scene, light, hardware)
                 write_image(folder / files[0], detector.read(light, seed + number))
@@ -160,6 +161,7 @@ def write_calibration_set(
 def write_video_set(
     sensor: Sensor,
     scene: Scene | SceneSource,
+    *,
     path: Keyframes,
     folder: str | Path,
     frame_rate: float = 25.0,

@@ -81,7 +81,7 @@ def frame_at(
         As :func:`~omnimirror.simulate.expose`, or if the path leads where a sensor cannot be.
     """
     seen = seen_through(camera, PosedScene(scene, Pose(**path.at(time_s))), shell)
-    return expose(camera, seen, samples, blur, hardware=hardware, seed=seed, progress=progress)
+    return expose(camera, seen, samples=samples, blur=blur, hardware=hardware, seed=seed, progress=progress)
 
 
 class Frame(NamedTuple):
@@ -97,6 +97,7 @@ class Frame(NamedTuple):
 def write_video(
     camera: Camera,
     scene: Scene,
+    *,
     path: Keyframes,
     output: str | Path,
     frame_rate: float = 25.0,

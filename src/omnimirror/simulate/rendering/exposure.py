@@ -54,6 +54,7 @@ class Bundle(NamedTuple):
 def expose(
     camera: Camera,
     scene: Scene,
+    *,
     samples: int = 4,
     blur: bool = False,
     distant: bool = False,
@@ -114,7 +115,20 @@ def expose(
     plan = spread(samples, blur, seed)
     hardware = hardware or Hardware()
     if (coloured := hardware.of_colours()) is not None:
-        shares = [expose(camera, scene, samples, blur, distant, h, seed, progress, workers) for h in coloured]
+        shares = [
+            expose(
+                camera,
+                scene,
+                samples=samples,
+                blur=blur,
+                distant=distant,
+                hardware=h,
+                seed=seed,
+                progress=progress,
+                workers=workers,
+            )
+            for h in coloured
+        ]
         return np.stack([share[..., i] for i, share in enumerate(shares)], axis=-1)
     seen = _distant(scene) if distant else scene
     far = _environment_of(seen)

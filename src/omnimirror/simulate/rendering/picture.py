@@ -30,6 +30,7 @@ SHOWN_SAMPLES = 16
 def take_picture(
     camera: Camera,
     scene: Scene,
+    *,
     samples: int = 4,
     blur: bool = False,
     distant: bool = False,
@@ -37,7 +38,6 @@ def take_picture(
     seed: int = 0,
     progress: Progress | None = None,
     workers: int | None = None,
-    *,
     low_pass: bool = False,
 ) -> Picture:
     """The picture (rows, columns, 3), uint8 sRGB in RGB order, that a camera takes of a scene.
@@ -65,9 +65,31 @@ def take_picture(
     """
     if low_pass:
         fine = _finer(camera)
-        light = expose(fine, scene, -(-samples // 4), blur, distant, hardware, seed, progress, workers)
+        light = expose(
+            fine,
+            scene,
+            samples=-(-samples // 4),
+            blur=blur,
+            distant=distant,
+            hardware=hardware,
+            seed=seed,
+            progress=progress,
+            workers=workers,
+        )
         return srgb_bytes(_low_passed(light))
-    return srgb_bytes(expose(camera, scene, samples, blur, distant, hardware, seed, progress, workers))
+    return srgb_bytes(
+        expose(
+            camera,
+            scene,
+            samples=samples,
+            blur=blur,
+            distant=distant,
+            hardware=hardware,
+            seed=seed,
+            progress=progress,
+            workers=workers,
+        )
+    )
 
 
 TENT = np.array([1.0, 3.0, 3.0, 1.0]) / 8

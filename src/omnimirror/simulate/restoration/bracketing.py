@@ -58,7 +58,7 @@ class Bracket:
         return SLACK * self.least_px > self.limit_px
 
 
-def plan_bracket(sensor: Sensor, limit_px: float = 1.0, object_distance_mm: float = np.inf) -> Bracket:
+def plan_bracket(sensor: Sensor, limit_px: float = 1.0, *, object_distance_mm: float = np.inf) -> Bracket:
     """The fewest focus distances that keep the worst blur under a limit.
 
     Where astigmatism does not allow that, with a quarter to spare, blur is kept within a quarter of the least possible.
@@ -158,6 +158,7 @@ def focused_at(sensor: Sensor, focus_mm: float) -> Sensor:
 def merge_bracket(
     sensor: Sensor,
     pictures: Sequence[NDArray[Any]],
+    *,
     focus_mm: ArrayLike,
     object_distance_mm: float = np.inf,
 ) -> NDArray[Any]:

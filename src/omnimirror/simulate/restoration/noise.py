@@ -51,7 +51,7 @@ class Noise(NamedTuple):
         return self._replace(by_pixel=self.by_pixel[rows, columns])
 
 
-def estimate_noise(picture: Picture, file: str | Path | None = None, where: Mask | None = None) -> Noise:
+def estimate_noise(picture: Picture, file: str | Path | None = None, *, where: Mask | None = None) -> Noise:
     """The noise of a picture, or the error that its coding made where that is larger.
 
     Parameters

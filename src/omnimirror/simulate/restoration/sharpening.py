@@ -28,6 +28,7 @@ SHARP_PX = 0.25  # pixels with less blur stay as they are, and those with twice 
 def restore(
     camera: Camera,
     image: Picture,
+    *,
     noise: float | Noise | None = None,
     object_distance_mm: float = np.inf,
     blur: ToldBlur | None = None,
@@ -107,7 +108,7 @@ class Restorer:
     def estimate_noise(self, image: Picture, file: str | Path | None = None) -> Noise:
         """The noise of a picture within the rim, as :func:`~omnimirror.simulate.estimate_noise` finds it."""
         self._check(image)
-        return estimate_noise(image, file, self.radius < self.known.whole_radius_px)
+        return estimate_noise(image, file, where=self.radius < self.known.whole_radius_px)
 
     def shown_share(self, image: Picture, noise: float | Noise | None = None) -> float:
         """The share of the known blur that a picture shows: 1 unless it is sharper than that."""

@@ -78,6 +78,53 @@ class SceneSource:
         )
 
 
+def load_scene(
+    name: str | Path,
+    *,
+    texel_mm: float | None = None,
+    heading_deg: float = 0.0,
+    unit_mm: float | None = None,
+    up: str | None = None,
+    background: str | Path | None = None,
+) -> Scene:
+    """A scene by its name, or from the file of an environment or a mesh; as ``omnimirror simulate --scene`` takes it.
+
+    Parameters
+    ----------
+    name
+        ``"room"``, ``"street"``, ``"hall"``, ..; or an equirectangular picture (HDR, EXR, JPEG, ..); or a mesh (GLB,
+        glTF, OBJ, PLY, STL).
+    texel_mm
+        Fineness of a scene of the project, mm; its own by default.
+    heading_deg
+        Where the middle of an environment is seen, deg right of forward; also of the one behind a mesh.
+    unit_mm
+        Unit of a mesh, mm; 1000 by default, of an STL 1.
+    up
+        Axis of a mesh that points up, ``"y"`` or ``"z"``; y by default, of an STL z.
+    background
+        File of the environment behind a mesh; nothing by default.
+
+    Returns
+    -------
+    Scene
+        For :func:`omnimirror.take_picture` and :func:`omnimirror.expose`.
+
+    Raises
+    ------
+    OmnimirrorError
+        There is no such scene, or its file cannot be read.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> om.load_scene("room", texel_mm=40.0)
+    Room(texel_mm=40.0)
+    """
+    behind = None if background is None else str(background)
+    return SceneSource(str(name), texel_mm, heading_deg, unit_mm, up, behind).load()
+
+
 def record_of(scene: Scene | SceneSource) -> dict[str, Any] | None:
     """A scene as JSON holds it, files with their place and SHA-256; None for one that was made in Python."""
     if not isinstance(scene, SceneSource):

@@ -36,14 +36,17 @@ def command(
     A wide aperture blurs, a narrow one diffracts; what is least is the root of the squares of both, in pixels, at the
     worst field angle.
     """
-    span = f_number if isinstance(f_number, tuple) else (f_number, f_number)
     table = Table(box=None, pad_edge=False, header_style="bold")
     for heading in ("sensor", "least", "F-number", "focus mm", "worst px", "blur px", "Airy px"):
         table.add_column(heading, justify="left" if heading in ("sensor", "least") else "right")
     for name in sensors:
         sensor = load_sensor(name)
         mode: BlurMode = "paper" if paper_mode else "exact"
-        for b in best_apertures(sensor, span, object_distance_mm, mode, wavelength_nm, omega_min_deg):
+        found = best_apertures(
+            sensor, f_number, object_distance_mm=object_distance_mm, mode=mode, wavelength_nm=wavelength_nm,
+            omega_min_deg=omega_min_deg,
+        )  # fmt: skip
+        for b in found:
             table.add_row(
                 sensor.name, b.side, f"{b.f_number:.2f}", f"{b.focus_mm:.2f}", f"{b.worst_px:.3f}", f"{b.blur_px:.3f}",
                 f"{b.airy_px:.3f}",

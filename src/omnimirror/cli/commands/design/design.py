@@ -170,7 +170,7 @@ def _optimised(console: Console, wanted: Requirements, options: dict[str, Any]) 
             search = SearchOptions(starts, options["seed"], options["resume"], told, **_as_paper(options))
             table = replace(wanted.mirror, shape=f"{shape}:{count}")
             designs[count] = design_sensor(
-                replace(wanted, mirror=table), lambda words: bar.update(task, description=words), search
+                replace(wanted, mirror=table), lambda words: bar.update(task, description=words), search=search
             )
     if len(counts) > 1:
         print_convergence(console, designs)

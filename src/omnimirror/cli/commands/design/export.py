@@ -96,8 +96,8 @@ def command(sensor: str, output: Path, **options: Any) -> None:
     console = output_console()
     with console.status("Writing"):
         written = export(
-            load_sensor(sensor), output, options.pop("formats"), body=body, secondary_body=second, support=support,
-            **options,
+            load_sensor(sensor), output, formats=options.pop("formats"), body=body, secondary_body=second,
+            support=support, **options,
         )  # fmt: skip
     table = Table(box=None, pad_edge=False, header_style="bold")
     table.add_column("file", no_wrap=True)

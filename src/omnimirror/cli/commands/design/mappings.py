@@ -8,8 +8,8 @@ import click
 from rich.table import Table
 from rich.text import Text
 
-from ....design.construct.mappings import MAPPINGS, generated_mirror
-from ....design.construct.rim import MountedMirror, Rim
+from ....design.construct.rim import MountedMirror
+from ....design.construct.survey import mappings
 from ....errors import OmnimirrorError
 from ....tracing.meridian import Meridian
 from ...options.common import NUMBER
@@ -29,21 +29,20 @@ def command(omega_max_deg: float, theta_max_deg: float, figure: Path | None) -> 
 
     Lengths are in rim radii M. Example: omnimirror mappings --omega-max-deg 135 --figure mappings.png
     """
-    console, rim = output_console(), Rim(omega_max_deg, theta_max_deg, 1.0)
+    console = output_console()
     table = Table(box=None, pad_edge=False, header_style="bold", collapse_padding=True)
     table.add_column("mapping", no_wrap=True)
     for heading in ("m/M", "sag/M", "vertex radius/M"):
         table.add_column(heading, justify="right", no_wrap=True)
     table.add_column()
     mounted: dict[str, MountedMirror] = {}
-    for name in MAPPINGS:
-        try:
-            mounted[name] = generated_mirror(name, rim)
-        except OmnimirrorError as e:
-            table.add_row(name, "", "", "", Text(str(e), style="dim"))
+    for name, found in mappings(omega_max_deg, theta_max_deg).items():
+        if isinstance(found, OmnimirrorError):
+            table.add_row(name, "", "", "", Text(str(found), style="dim"))
             continue
-        mirror = mounted[name].mirror
-        numbers = (mounted[name].distance_mm, mirror.sag(1.0), 1 / mirror.curvature(0.0))
+        mounted[name] = found
+        mirror = found.mirror
+        numbers = (found.distance_mm, mirror.sag(1.0), 1 / mirror.curvature(0.0))
         table.add_row(name, *(f"{v:.8g}" for v in numbers), "" if name == mirror.KIND else f"the {mirror.KIND}")
     console.print(table)
     if figure:

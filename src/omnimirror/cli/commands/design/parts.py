@@ -38,7 +38,9 @@ def command(
 
     The mirror stays where it is; a catalogue is TOML or CSV.
     """
-    found = choose_parts(load_sensor(sensor), read_catalogue(*catalogue), least_fill, object_distance_mm)
+    found = choose_parts(
+        load_sensor(sensor), read_catalogue(*catalogue), least_fill=least_fill, object_distance_mm=object_distance_mm
+    )
     fitting = [c for c in found if c.fits]
     console = output_console()
     console.print(_table(fitting if best else found))

@@ -120,8 +120,8 @@ def print_summary(console: Console, result: Evaluation, merit: str) -> None:
     sensor, s = result.sensor, result.summary()
     near, far = result.depth_of_field_mm
     best = best_focus(
-        sensor, merit, None, float(np.max(result.object_distance_mm)), result.mode, result.image_radius_px,
-        result.wavelength_nm,
+        sensor, merit, object_distance_mm=float(np.max(result.object_distance_mm)), mode=result.mode,
+        image_radius_px=result.image_radius_px, wavelength_nm=result.wavelength_nm,
     )  # fmt: skip
     second = "" if sensor.secondary is None else f" seen in a second mirror ({sensor.secondary.mirror.KIND})"
     lines = [

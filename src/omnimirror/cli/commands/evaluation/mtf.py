@@ -52,9 +52,9 @@ def command(
     nu = np.linspace(0, 1, 51) if cycles_per_px is None else cycles_per_px
     shown = np.array(SHOWN)
     found = mtf(
-        seen, angles_of(seen, omega_deg), np.concatenate([nu, shown]), focus_of(seen, focus_mm, object_distance_mm),
-        azimuth_deg=azimuth_deg, object_distance_mm=object_distance_mm, kind=kind, wavelength_nm=wavelength_nm,
-        pixel=pixel,
+        seen, angles_of(seen, omega_deg), cycles_per_px=np.concatenate([nu, shown]),
+        focus_mm=focus_of(seen, focus_mm, object_distance_mm), azimuth_deg=azimuth_deg,
+        object_distance_mm=object_distance_mm, kind=kind, wavelength_nm=wavelength_nm, pixel=pixel,
     )  # fmt: skip
     console = output_console()
     table = Table(box=None, pad_edge=False, header_style="bold")

@@ -54,7 +54,7 @@ def command(
 
     def compute(omega: float, width_px: float | None = None) -> Psf:
         return psf(
-            seen, omega, L0, azimuth_deg=azimuth_deg, object_distance_mm=object_distance_mm, kind=kind,
+            seen, omega, focus_mm=L0, azimuth_deg=azimuth_deg, object_distance_mm=object_distance_mm, kind=kind,
             wavelength_nm=wavelength_nm, width_px=width_px,
         )  # fmt: skip
 

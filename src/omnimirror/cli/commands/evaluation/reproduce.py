@@ -24,7 +24,9 @@ def command(out: Path, figures: bool, only: tuple[str, ...]) -> None:
 
     console = output_console()
     with console.status("Computing") as status:
-        result = reproduce_paper(out, figures, only or None, lambda what: status.update(f"Working on {what}"))
+        result = reproduce_paper(
+            out, figures=figures, only=only or None, progress=lambda what: status.update(f"Working on {what}")
+        )
     console.print(tables.terminal_table(result.rows))
     console.print(tables.summary(result.rows), highlight=False, soft_wrap=True)
     say(f"Wrote {len(result.files)} files to ", (str(out), "bold"), console=console)

@@ -59,7 +59,7 @@ def command(
     found = spots(
         seen,
         angles_of(seen, omega_deg),
-        focus_mm,
+        focus_mm=focus_mm,
         azimuth_deg=azimuth_deg,
         object_distance_mm=object_distance_mm,
         pupil=hexapolar(rings),
@@ -88,7 +88,7 @@ def command(
 
 def _print_check(console: Console, sensor: Sensor, f_numbers: Any, omega_deg: Any, object_distance_mm: float) -> None:
     """The blur of Eq. 28 against real rays, one line per F-number."""
-    found = check_blur(sensor, f_numbers, omega_deg, object_distance_mm)
+    found = check_blur(sensor, f_numbers, omega_deg=omega_deg, object_distance_mm=object_distance_mm)
     low, high = found.omega_deg[[0, -1]]
     console.print(
         f"Largest difference of real rays from the blur, {low:g} to {high:g} deg, in px: two edge rays, and the full "

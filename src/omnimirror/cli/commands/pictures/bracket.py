@@ -48,7 +48,7 @@ def plan(sensors: tuple[str, ...], limit_px: float, object_distance_mm: float) -
     table.add_column("focus mm")
     for name in sensors:
         sensor = load_sensor(name)
-        found = plan_bracket(sensor, limit_px, object_distance_mm)
+        found = plan_bracket(sensor, limit_px, object_distance_mm=object_distance_mm)
         alone = best_focus(sensor, "worst_blur_px", object_distance_mm=object_distance_mm).value
         focuses = ", ".join(f"{focus:.1f}" for focus in found.focus_mm)
         table.add_row(
@@ -81,7 +81,9 @@ def merge(
     Example: omnimirror bracket merge paper-spherical a.png b.png --focus-mm 212,228 -o merged.png
     """
     format_of(output)
-    merged = merge_bracket(load_sensor(sensor), [read_image(p) for p in pictures], focus_mm, object_distance_mm)
+    merged = merge_bracket(
+        load_sensor(sensor), [read_image(p) for p in pictures], focus_mm=focus_mm, object_distance_mm=object_distance_mm
+    )
     write_image(output, merged)
     say(f"{name_of(output)}: {len(pictures)} pictures merged")
 
@@ -106,6 +108,6 @@ def take(
     for focus in plan_bracket(camera).focus_mm if focus_mm is None else focus_mm:
         path = output / f"{focus:.1f}mm.png"
         with rows_bar("Exposing") as progress:
-            light = expose(focused_at(camera, float(focus)), seen, samples, blur=True, progress=progress)
+            light = expose(focused_at(camera, float(focus)), seen, samples=samples, blur=True, progress=progress)
         write_image(path, Detector().read(light))
         click.echo(f"{path}: focused at {focus:.1f} mm")

@@ -21,5 +21,5 @@ def command(sensor: str, out: Path, blur: bool) -> None:
 
     console = output_console()
     with console.status("Evaluating, simulating, straightening"):
-        report = write_demo(load_sensor(sensor), out, blur)
+        report = write_demo(load_sensor(sensor), out, blur=blur)
     say(f"Wrote {report.resolve()}", console=console)

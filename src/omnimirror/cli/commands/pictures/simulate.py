@@ -106,7 +106,9 @@ def _photograph(camera: Sensor, scene: Scene, output: Path, given: dict[str, Any
     seen = seen_through(camera, Distant(placed) if given["distant"] else placed, shell_in(camera, given))
     with rows_bar("Exposing") as progress:
         hardware, seed = hardware_of(camera, given), given["seed"]
-        light = expose(camera, seen, given["samples"], given["blur"], hardware=hardware, seed=seed, progress=progress)
+        light = expose(
+            camera, seen, samples=given["samples"], blur=given["blur"], hardware=hardware, seed=seed, progress=progress
+        )
     if output.suffix.lower() == ".exr":
         from ....simulate.datasets.calibration_set import write_truth
 
@@ -149,9 +151,10 @@ def _film(camera: Sensor, scene: Scene, output: Path, given: dict[str, Any]) -> 
 
         try:
             write_video(
-                camera, scene, load_path(given["path"]), output, given.get("fps", 25.0), given.get("duration_s"),
-                given["samples"], given["blur"], hardware_of(camera, given), detector_of(given), given["seed"], written,
-                shell_in(camera, given),
+                camera, scene, path=load_path(given["path"]), output=output, frame_rate=given.get("fps", 25.0),
+                duration_s=given.get("duration_s"), samples=given["samples"], blur=given["blur"],
+                hardware=hardware_of(camera, given), detector=detector_of(given), seed=given["seed"], written=written,
+                shell=shell_in(camera, given),
             )  # fmt: skip
         except KeyboardInterrupt:
             _stopped(output, done, "frames")

@@ -1,0 +1,49 @@
+"""Every mapping beside the others: the mirror that each needs for a field and a lens."""
+
+from __future__ import annotations
+
+from ...errors import OmnimirrorError
+from .mappings import MAPPINGS, generated_mirror
+from .rim import MountedMirror, Rim
+
+
+def mappings(omega_max_deg: float = 75.0, theta_max_deg: float = 12.0) -> dict[str, MountedMirror | OmnimirrorError]:
+    """The mirror that each mapping needs for a field and a lens, lengths in radii of the rim.
+
+    What ``omnimirror mappings`` lists. The mirrors follow from the law of reflection, dz/dx = tan((Omega - theta)/2),
+    with Omega(theta) as the mapping has it.
+
+    Parameters
+    ----------
+    omega_max_deg
+        Field angle at the rim, deg.
+    theta_max_deg
+        Viewing angle of the lens there, deg; 0 for an orthographic one.
+
+    Returns
+    -------
+    dict
+        By the mapping's name the mirror and where its lens stands; or the error that says why there is none.
+
+    Raises
+    ------
+    InvalidParameter
+        Angles that no sensor has.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> found = om.mappings(120.0)
+    >>> print(f"{found['equidistant'].distance_mm:.3f} rim radii")
+    4.090 rim radii
+    >>> print(found["rectifying"])
+    omega_max_deg = 120 cannot be reached by the rectifying mapping; it is valid below 90
+    """
+    rim = Rim(omega_max_deg, theta_max_deg, 1.0)
+    found: dict[str, MountedMirror | OmnimirrorError] = {}
+    for name in MAPPINGS:
+        try:
+            found[name] = generated_mirror(name, rim)
+        except OmnimirrorError as e:
+            found[name] = e
+    return found
