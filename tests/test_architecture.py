@@ -66,3 +66,19 @@ def test_no_function_stands_before_a_module_of_its_package():
         if getattr(sys.modules[package], name) is not module:
             hidden.append(module.__name__)
     assert not hidden
+
+
+HOMONYMS = {
+    "Sphere", "Cone", "Dome", "Tube", "Rim",  # shapes of mirrors, screens and what stands around the mirror
+    "Surfaces", "Design", "Format", "Progress", "Values", "Curve",  # each of one room alone
+}  # fmt: skip
+
+
+def test_no_class_name_means_two_things():
+    rooms: dict[str, set[str]] = {}
+    for module in modules():
+        for name, value in vars(module).items():
+            if inspect.isclass(value) and value.__module__ == module.__name__ and not name.startswith("_"):
+                rooms.setdefault(name, set()).add(module.__name__)
+    shared = {name: homes for name, homes in rooms.items() if len(homes) > 1 and name not in HOMONYMS}
+    assert not shared

@@ -11,6 +11,7 @@ from omnimirror import quantities
 from omnimirror.analysis.comparison import COMPARED
 from omnimirror.analysis.evaluation import COLUMNS, Evaluation
 from omnimirror.analysis.meridional.focus_merits import FOCUS_MERITS
+from omnimirror.batch.evaluate import BATCH_COLUMNS
 from omnimirror.design.criteria.limits import LIMITABLE
 from omnimirror.design.criteria.merits import DESIGN_MERITS, values_of_evaluation
 from omnimirror.quantities import QUANTITIES
@@ -34,7 +35,7 @@ def test_a_name_ends_with_its_unit(name):
 def test_no_two_quantities_are_explained_alike():
     told = [(q.title, q.unit, q.meaning) for q in QUANTITIES.values()]
     assert len(set(told)) == len(told)
-    groups = (quantities.COLUMNS, quantities.OF_BOTH_SIDES, quantities.OF_THE_SENSOR, quantities.OVER_THE_FIELD)
+    groups = (quantities.PER_ANGLE, quantities.OF_BOTH_SIDES, quantities.OF_THE_SENSOR, quantities.OVER_THE_FIELD)
     assert sum(map(len, groups)) == len(QUANTITIES)
 
 
@@ -43,12 +44,12 @@ def test_the_columns_are_those_of_an_evaluation():
 
     result = om.evaluate(sensor_of("hyperboloid"), [20.0, 60.0])
     arrays = [name for name in Evaluation.__annotations__ if isinstance(getattr(result, name), np.ndarray)]
-    assert arrays == [q.name for q in quantities.COLUMNS]
+    assert arrays == [q.name for q in quantities.PER_ANGLE]
     assert all(f"{name} : (n,)" in Evaluation.__doc__ for name in arrays)
 
 
 def test_every_table_takes_its_words_from_here():
-    assert set(COMPARED) <= set(QUANTITIES)
+    assert set(COMPARED) | set(BATCH_COLUMNS) <= set(QUANTITIES)
     assert set(LIMITABLE) | set(FOCUS_MERITS) | set(DESIGN_MERITS) <= set(QUANTITIES)
     assert all(limitable.quantity is QUANTITIES[name] for name, limitable in LIMITABLE.items())
 

@@ -69,7 +69,7 @@ class Quantity:
 
 # -- at each field angle ---------------------------------------------------------------------------
 
-COLUMNS = (
+PER_ANGLE = (
     Quantity("omega_deg", "Ω", "deg", "Field angle", "angle of what is seen from the direction back past the lens",
              "Ω = 2β + θ, Eq. 4", ".6g"),
     Quantity("x_mm", "x", "mm", "Mirror point, radius", "distance of the mirror point from the axis"),
@@ -127,7 +127,7 @@ COLUMNS = (
              "blur area with a pixel and the Airy disk added in quadrature to each side",
              "√((Δ_t² + 1 + Airy²) (Δ_s² + 1 + Airy²)) / (Δh Δw)", ".3f", "blur area"),
 )  # fmt: skip
-"""Columns of an evaluation, in their order."""
+"""Columns of an evaluation, in their order: what happens at each field angle."""
 
 OF_BOTH_SIDES = (
     Quantity("blur_px", "max(Δ_t, Δ_s)", "px", "Blur", "larger of tangential and sagittal blur"),
@@ -184,7 +184,7 @@ OF_THE_SENSOR = (
 )  # fmt: skip
 """What holds for the sensor as a whole."""
 
-_ALONE = {q.name: q for q in (*COLUMNS, *OF_BOTH_SIDES, *OF_THE_SENSOR)}
+_ALONE = {q.name: q for q in (*PER_ANGLE, *OF_BOTH_SIDES, *OF_THE_SENSOR)}
 
 
 def _over_the_field(prefix: str, which: str, how: str) -> Callable[..., Quantity]:

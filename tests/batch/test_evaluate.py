@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 import omnimirror as om
 from omnimirror.batch.bases import family
-from omnimirror.batch.evaluate import COLUMNS, Designs, evaluate_designs
+from omnimirror.batch.evaluate import BATCH_COLUMNS, Designs, evaluate_designs
 from omnimirror.errors import InvalidParameter, NotOneToOne, OmnimirrorError
 from omnimirror.imagers import Imager
 from omnimirror.native import backend
@@ -48,7 +48,7 @@ def test_every_column_is_that_of_the_evaluation(name, mode, radius, distance):
         alone = om.evaluate(
             sensor, x_mm=np.linspace(0, 1, 100) * M, mode=mode, image_radius_px=radius, object_distance_mm=distance
         )
-        for column in COLUMNS:
+        for column in BATCH_COLUMNS:
             expected = getattr(alone, column)
             np.testing.assert_allclose(
                 getattr(batch, column)[i], expected, rtol=1e-10, atol=1e-12 * np.abs(expected).max(), err_msg=column
@@ -66,7 +66,7 @@ def test_every_column_is_that_of_the_evaluation_under_a_telecentric_lens(name, r
         sensor = designs.sensor(i, IMAGER, batch.focus_mm[i])
         assert sensor.lens.KIND == "orthographic"
         alone = om.evaluate(sensor, x_mm=np.linspace(0, 1, 100) * M, image_radius_px=radius, object_distance_mm=400.0)
-        for column in COLUMNS:
+        for column in BATCH_COLUMNS:
             expected = getattr(alone, column)
             np.testing.assert_allclose(
                 getattr(batch, column)[i], expected, rtol=1e-10, atol=1e-12 * np.abs(expected).max(), err_msg=column
@@ -122,7 +122,7 @@ def test_the_compiled_evaluator_gives_the_numbers_of_numpy(name, mode, radius, m
     ok = plain.valid
     np.testing.assert_allclose(fast.focus_mm[ok], plain.focus_mm[ok], rtol=1e-11)
     np.testing.assert_allclose(fast.worst_floored_area_deg2[ok], plain.worst_floored_area_deg2[ok], rtol=1e-10)
-    for column, a, b in zip(COLUMNS, fast.columns, plain.columns, strict=True):
+    for column, a, b in zip(BATCH_COLUMNS, fast.columns, plain.columns, strict=True):
         if column.startswith("distance"):  # may pass through infinity
             a, b = 1 / a, 1 / b
         scale = np.abs(b[ok]).max(axis=1, keepdims=True)

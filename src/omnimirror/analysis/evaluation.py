@@ -29,7 +29,7 @@ from .uncertainty import standard_deviations
 Array = NDArray[np.float64]
 
 
-COLUMNS = tuple(q.name for q in quantities.COLUMNS if q.name != "floored_area_deg2")
+COLUMNS = tuple(q.name for q in quantities.PER_ANGLE if q.name != "floored_area_deg2")
 """The columns of files, in order: ``omega_deg`` to ``blur_area_deg2``."""
 UNCERTAIN = (*COLUMNS, "floored_area_deg2")
 """The columns that are told with a standard deviation."""
@@ -41,7 +41,7 @@ READ_COLUMNS = (
 """The columns that people read, in their order; files hold the others too."""
 
 
-@described(quantities.COLUMNS)
+@described(quantities.PER_ANGLE)
 @dataclass(frozen=True)
 class Evaluation:
     """A sensor evaluated at n field angles; every column is an array (n,) named with its unit.

@@ -28,7 +28,7 @@ Numbers = Any
 """One number, or an array with one per design; an array once it is in :class:`Designs`."""
 
 BLOCK = 256  # designs per block: their intermediate arrays of 100 angles stay in the cache
-COLUMNS = (
+BATCH_COLUMNS = (
     "omega_deg", "h_px", "dh_domega_px_per_deg", "width_px_per_deg", "viewpoint_z_mm", "distance_t_mm",
     "distance_s_mm", "blur_t_px", "blur_s_px", "floored_area_deg2",
 )  # fmt: skip
@@ -144,7 +144,7 @@ class BatchEvaluation:
     Attributes
     ----------
     columns : (10, n, k)
-        In the order of :data:`COLUMNS`; also to be had by their names.
+        In the order of :data:`BATCH_COLUMNS`; also to be had by their names.
     focus_mm, worst_floored_area_deg2 : (n,)
         Focus with the least worst floored blur area, and that area.
     valid : (n,)
@@ -158,8 +158,8 @@ class BatchEvaluation:
     valid: NDArray[np.bool_]
 
     def __getattr__(self, name: str) -> Any:
-        if name in COLUMNS:
-            return self.columns[COLUMNS.index(name)]
+        if name in BATCH_COLUMNS:
+            return self.columns[BATCH_COLUMNS.index(name)]
         raise AttributeError(f"{type(self).__name__!r} has no attribute {name!r}")
 
 
@@ -256,7 +256,7 @@ def _block(d: Designs, u: Array) -> BatchEvaluation:
 
 def _compiled(d: Designs, u: Array) -> BatchEvaluation:
     """As :func:`_block`, for all designs at once on the threads of the native part."""
-    columns, results = np.empty((len(COLUMNS), len(d), u.size)), np.empty((3, len(d)))
+    columns, results = np.empty((len(BATCH_COLUMNS), len(d), u.size)), np.empty((3, len(d)))
     numbers = np.stack([getattr(d, name) for name in _NUMBERS], axis=1)
     basis = np.ascontiguousarray(np.stack(d.family.basis(u)))
     near = np.ascontiguousarray(np.broadcast_to(1 / np.asarray(d.object_distance_mm, dtype=float), u.size))

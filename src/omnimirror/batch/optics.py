@@ -104,7 +104,7 @@ def telecentric_optics(
     )
 
 
-class CameraModel(Protocol):
+class FocusedCamera(Protocol):
     """Lens and pixels as functions of the vergence v that is in focus."""
 
     def image_distance(self, v: Array) -> Array:

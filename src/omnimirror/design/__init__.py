@@ -1,7 +1,7 @@
 """From requirements to a mirror: mappings, families, fits, and what they cost."""
 
 from .construct.families import FAMILIES
-from .construct.fits import Fit, FitForm, fit_mirror
+from .construct.fits import FitForm, FittedMirror, fit_mirror
 from .construct.mappings import MAPPINGS, generated_mirror
 from .construct.rim import MountedMirror, Rim
 from .criteria.limits import Limit
@@ -20,8 +20,8 @@ __all__ = [
     "Design",
     "DesignProblem",
     "FieldRequirements",
-    "Fit",
     "FitForm",
+    "FittedMirror",
     "Front",
     "LensRequirements",
     "Limit",

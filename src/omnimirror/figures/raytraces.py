@@ -30,7 +30,7 @@ FAR_AWAY = 2.5  # virtual images farther than this from the vertex, in rim radii
 BAND, BAND_INK = "#F3E3B3", "#8A6A00"  # depth of field
 
 
-class Window(NamedTuple):
+class PanelLimits(NamedTuple):
     """Limits of a panel in rim radii, common to all sensors so that their scales agree."""
 
     left: float
@@ -78,10 +78,10 @@ def ray_traces(subjects: Sequence[Subject]) -> Figure:
     return labels.settle()
 
 
-def _overview_window(subjects: Sequence[Subject]) -> Window:
+def _overview_window(subjects: Sequence[Subject]) -> PanelLimits:
     bottom = min(_lowest(s) / s.rim_mm for s in subjects) - 0.3
     tops = [_highest(s) / s.rim_mm for s in subjects]
-    return Window(-1.2, 1.75, bottom, max(tops) + 0.35)
+    return PanelLimits(-1.2, 1.75, bottom, max(tops) + 0.35)
 
 
 def _lowest(subject: Subject) -> float:
@@ -99,7 +99,7 @@ def _highest(subject: Subject) -> float:
     return max(shown)
 
 
-def _close_up_window(subjects: Sequence[Subject]) -> Window:
+def _close_up_window(subjects: Sequence[Subject]) -> PanelLimits:
     """Everything up to :data:`FAR_AWAY`: mirror, depth of field and virtual images."""
     points = []
     for s in subjects:
@@ -107,7 +107,7 @@ def _close_up_window(subjects: Sequence[Subject]) -> Window:
         points += [z / s.rim_mm for z in (*heights, np.array([0.0, top_height(s.sensor), *focus_band(s.curve)]))]
     z = np.concatenate(points)
     z = z[np.isfinite(z) & (np.abs(z) < FAR_AWAY)]
-    return Window(-1.35, 1.35, float(z.min()) - 0.06, float(z.max()) + 0.06)
+    return PanelLimits(-1.35, 1.35, float(z.min()) - 0.06, float(z.max()) + 0.06)
 
 
 def _draw_mirrors(ax: Axes, subject: Subject, with_second: bool = True) -> None:

@@ -59,7 +59,7 @@ class FitForm(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Fit:
+class FittedMirror:
     """A fitted mirror and what it lacks of its target.
 
     Attributes
@@ -85,7 +85,7 @@ class Fit:
         return self.mapping * rim_radius_px
 
 
-def fit_mirror(target: MountedMirror, form: FitForm | str, aim: Aim = "worst-mapping") -> Fit:
+def fit_mirror(target: MountedMirror, form: FitForm | str, aim: Aim = "worst-mapping") -> FittedMirror:
     """Fit a mirror of even powers, with or without a conic, to another one.
 
     Parameters
@@ -318,7 +318,7 @@ class _Problem:
             return EvenPolynomial(tuple(p), self.rim, self.rim)
         return ConicAsphere(float(p[0]) * self.rim, float(p[1]), self.rim, tuple(p[2:]), self.rim)
 
-    def judged(self, p: Array) -> Fit:
+    def judged(self, p: Array) -> FittedMirror:
         """The mirror with its deviations, from its own chief rays."""
         mirror, target = self.mirror(p), self.target
         theta = float(np.degrees(target.theta_max))
@@ -331,7 +331,7 @@ class _Problem:
         _, rate = self._target_at(np.ones(1))
         aim = aim + (rays.omega - inside) / rate
         z, slope, _ = target.mirror.profile(x)
-        return Fit(
+        return FittedMirror(
             mounted,
             float(np.abs(height - aim).max()),
             float(np.abs(rays.z - z).max()) * 1e3,

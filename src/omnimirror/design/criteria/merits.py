@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...analysis import Evaluation
-from ...batch.optics import DEGREE, CameraModel, NodeOptics
+from ...batch.optics import DEGREE, FocusedCamera, NodeOptics
 from ...errors import InvalidParameter
 from ...lenses import Perspective
 from ...quantities import QUANTITIES, Quantity
@@ -92,7 +92,7 @@ def _like(which: NDArray[np.intp], values: Array) -> NDArray[np.intp]:
     return np.broadcast_to(which, values.shape[:-1] + which.shape[-1:])
 
 
-def values_at(o: NodeOptics, camera: CameraModel, v: Array, length: Array, sag: Array) -> FieldValues:
+def values_at(o: NodeOptics, camera: FocusedCamera, v: Array, length: Array, sag: Array) -> FieldValues:
     """What merits look at, of mirror points (.., k) seen by a camera that is focused at vergences v (.., 1)."""
     ray_px, blur_px, airy = camera.px_per_ray(v), camera.px_per_vergence(v), camera.airy_px(v)
     dh, dw = o.magnification_t * ray_px * DEGREE, o.magnification_s * ray_px * DEGREE

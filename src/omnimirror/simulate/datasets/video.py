@@ -84,7 +84,7 @@ def frame_at(
     return expose(camera, seen, samples=samples, blur=blur, hardware=hardware, seed=seed, progress=progress)
 
 
-class Frame(NamedTuple):
+class VideoFrame(NamedTuple):
     """A frame of a video that was written."""
 
     number: int
@@ -107,7 +107,7 @@ def write_video(
     hardware: Hardware | None = None,
     detector: Detector | None = None,
     seed: int = 0,
-    written: Callable[[Frame, int], None] | None = None,
+    written: Callable[[VideoFrame, int], None] | None = None,
     shell: Shell | None = None,
 ) -> int:
     """Write the video that a camera takes along a path, and say how many frames it has.
@@ -136,7 +136,7 @@ def write_video(
             light = frame_at(camera, scene, path, time, samples, blur, hardware, seed + number, shell=shell)
             yield detector.read(light, seed + number)
             if written is not None:
-                written(Frame(number, time, Pose(**path.at(time)), light), len(times))
+                written(VideoFrame(number, time, Pose(**path.at(time)), light), len(times))
 
     encode(output, camera.image_size, frame_rate, pictures())
     return len(times)

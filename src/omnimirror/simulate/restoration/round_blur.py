@@ -23,7 +23,7 @@ ToldBlur: TypeAlias = ArrayLike | Callable[[Array], Any]
 
 MOST_BLUR_PX = 30.0
 MOST_BYTES = 10 << 20
-COLUMNS = ("radius_px", "omega_deg")
+TOLD_COLUMNS = ("radius_px", "omega_deg")
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,7 +155,7 @@ def load_blur(path: str | Path, camera: Camera) -> Array:
         raise SpecError(f"cannot read the blur {path}: it is not a text file") from None
     lines = [line for line in csv.reader(text.splitlines()) if line and not line[0].lstrip().startswith("#")]
     names = [name.strip() for name in lines[0]] if lines else []
-    where = next((name for name in COLUMNS if name in names), None)
+    where = next((name for name in TOLD_COLUMNS if name in names), None)
     if where is None or not {"t_px", "s_px"} <= set(names):
         raise SpecError(f"{path} has the columns {names}; the blur needs radius_px or omega_deg, t_px and s_px")
     try:

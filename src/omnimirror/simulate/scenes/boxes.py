@@ -46,7 +46,7 @@ class Face:
         return self.corner + np.multiply.outer(x, self.right) + np.multiply.outer(y, self.up)
 
 
-class Hits(NamedTuple):
+class BoxHits(NamedTuple):
     """Where rays (n,) end."""
 
     distance: Array
@@ -77,7 +77,7 @@ def face_of(box: Box, number: int, inside: bool) -> Face:
     return Face(corner + 0.0, right + 0.0, up + 0.0, normal, float(extent @ np.abs(right)), float(extent @ np.abs(up)))
 
 
-def meet(room: Box, solids: Sequence[Box], origins_mm: Array, directions: Array) -> Hits:
+def meet(room: Box, solids: Sequence[Box], origins_mm: Array, directions: Array) -> BoxHits:
     """First faces that rays (n, 3) from inside the room meet: of a solid, or of the room itself.
 
     A ray is inside a box between the last of the three entries and the first of the three exits
@@ -101,7 +101,7 @@ def meet(room: Box, solids: Sequence[Box], origins_mm: Array, directions: Array)
     near_corner = np.where(towards[hit] > 0, lows[box[hit]], highs[box[hit]])
     axis[hit] = np.argmax(_crossings(near_corner, origins_mm[hit], inverse[hit]), axis=0)
     side[hit] = towards[hit, axis[hit]] < 0
-    return Hits(distance, (6 * box + 2 * axis + side).astype(np.int32))
+    return BoxHits(distance, (6 * box + 2 * axis + side).astype(np.int32))
 
 
 def blocked(solids: Sequence[Box], origins_mm: Array, segments: Array) -> NDArray[np.bool_]:

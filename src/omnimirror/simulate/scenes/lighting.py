@@ -31,7 +31,7 @@ REACH_MM = 1500.0  # things nearer than this keep the glow away
 WAYS = 40  # in which the glow is looked for
 
 
-class Sources(NamedTuple):
+class LightSources(NamedTuple):
     """Lamps and windows, cut into patches."""
 
     points: Array
@@ -42,7 +42,7 @@ class Sources(NamedTuple):
     """(n, 3) radiance times area, mm^2."""
 
 
-def find_sources(painted: Iterable[tuple[Face, Canvas]]) -> Sources:
+def find_sources(painted: Iterable[tuple[Face, Canvas]]) -> LightSources:
     """The patches of all faces that send light: those that glow, and those that let daylight in."""
     points, normals, strength = [], [], []
     for face, canvas in painted:
@@ -57,7 +57,7 @@ def find_sources(painted: Iterable[tuple[Face, Canvas]]) -> Sources:
                     points.append(face.point(*_centroid(weight, x[across], y[down])))
                     normals.append(face.normal)
                     strength.append(patch.sum(axis=(0, 1)) * np.prod(canvas.texel))
-    return Sources(*(np.array(part, dtype=float).reshape(-1, 3) for part in (points, normals, strength)))
+    return LightSources(*(np.array(part, dtype=float).reshape(-1, 3) for part in (points, normals, strength)))
 
 
 def _centroid(weight: Light, x: Array, y: Array) -> tuple[float, float]:
@@ -140,12 +140,12 @@ def _spread(light: Array, free: NDArray[np.bool_], face: Face, canvas: Canvas, g
     return (smooth[..., :3] / smooth[..., 3:]).astype(np.float32)
 
 
-def direct(points: Array, normals: Array, solids: Sequence[Box], sources: Sources) -> Array:
+def direct(points: Array, normals: Array, solids: Sequence[Box], sources: LightSources) -> Array:
     """Light (n, 3) from lamps and windows that white faces throw back at points (n, 3) mm with normals (n, 3).
 
     Each patch adds radiance x area x cos x cos / (pi distance^2) unless a solid stands in its way.
 
-    >>> lamp = Sources(np.array([[0.0, 0.0, 1000.0]]), np.array([[0.0, 0.0, -1.0]]), np.full((1, 3), 1e6 * np.pi))
+    >>> lamp = LightSources(np.array([[0.0, 0.0, 1000.0]]), np.array([[0.0, 0.0, -1.0]]), np.full((1, 3), 1e6 * np.pi))
     >>> points, up = np.array([[0.0, 0.0, 0.0], [0.0, 1000.0, 0.0]]), np.array([[0.0, 0.0, 1.0]] * 2)
     >>> direct(points, up, [], lamp)[:, 0].round(6)  # 45 deg aside: cos^4
     array([1.  , 0.25])

@@ -43,7 +43,7 @@ def bench_start() -> BenchStart:
         place=part_of("place", Secondary),
         mount=PartOf(kind="mount", parameters=(distance,)),
         pose=part_of("mirror_pose", MirrorPose),
-        columns=tuple(map(_quantity, quantities.COLUMNS)),
+        columns=tuple(map(_quantity, quantities.PER_ANGLE)),
         quantities=tuple(_quantity(limitable.quantity) for limitable in LIMITABLE.values()),
         merits=tuple(_quantity(merit.quantity) for merit in DESIGN_MERITS.values()),
         families=FAMILIES,
