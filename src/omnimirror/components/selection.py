@@ -89,8 +89,8 @@ def choose_parts(
     Examples
     --------
     >>> import omnimirror as om
-    >>> from omnimirror.components.catalogue import Catalogue, ImagerPart, LensPart
-    >>> shelf = Catalogue((LensPart("8 mm", 8.0, 1.4, 16.0, 100.0),), (ImagerPart("1 MP", 1280, 1024, 5.2),))
+    >>> from omnimirror.components.catalogue import Catalogue, ImagerComponent, LensComponent
+    >>> shelf = Catalogue((LensComponent("8 mm", 8.0, 1.4, 16.0, 100.0),), (ImagerComponent("1 MP", 1280, 1024, 5.2),))
     >>> best = om.choose_parts(om.load_sensor("paper-spherical"), shelf)[0]
     >>> best.fits, best.lens, round(best.sensor.lens.focus_distance_mm)
     (True, '8 mm', 246)
