@@ -38,7 +38,7 @@ def compare_two(page: Any) -> None:
     page.get_by_label("resolution_px_per_deg at most").fill("")
     page.keyboard.press("Enter")
     page.wait_for_timeout(SETTLING_MS)
-    page.evaluate("window.omnimirror.tabs.bench.cursor.set(75, null)")
+    page.evaluate("window.omnimirror.tabs.bench.desk.cursor.set(75, null)")
     page.wait_for_function("!document.querySelector('#said').classList.contains('shown')")
 
 

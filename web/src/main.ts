@@ -2,7 +2,7 @@ import { NoWebGL } from "./look/drawing/renderer";
 import { embedded } from "./look/embedded";
 import { Look } from "./look/look";
 import * as api from "./shared/api";
-import { banner, say } from "./shared/notices";
+import { banner, fail, say } from "./shared/notices";
 import { Store } from "./shared/store";
 import { AWAY } from "./shared/texts";
 import { Tabs } from "./tabs";
@@ -25,7 +25,7 @@ function watchServer(look: Look, tabs: Tabs): void {
       banner(there ? null : AWAY, "server");
       if (there && wasAway) {
         say("The server is back.");
-        if (!look.sensor.camera) await look.begin().catch((e: unknown) => look.fail(e));
+        if (!look.sensor.camera) await look.begin().catch(fail);
         tabs.show();
       }
       wasAway = !there;
@@ -50,7 +50,7 @@ async function main(): Promise<void> {
   store.entered();
   if (embedded()) return look.beginEmbedded();
   watchServer(look, tabs);
-  await look.begin().catch((e: unknown) => look.fail(e));
+  await look.begin().catch(fail);
 }
 
 void main();

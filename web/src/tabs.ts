@@ -87,6 +87,6 @@ export class Tabs {
     if (!this.look) return say("Looking needs WebGL2, which this browser does not offer.");
     this.store.set({ tab: "look", source: "" });
     await this.look.sensor.load(file, name, "mirror", true);
-    await this.look.openRoom(false);
+    await this.look.sources.openRoom(false);
   }
 }

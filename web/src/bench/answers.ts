@@ -33,7 +33,7 @@ const UNANSWERABLE = "The studio's server cannot answer about this design";
 const REFUSALS = [1003, 1007, 1009]; // closing codes for what is no question, or too long for one
 
 /** One connection for all questions about designs: one is on its way, and of those that wait the newest is asked. */
-export class Link {
+export class Answers {
   private socket: WebSocket | null = null;
   private waiting = new Map<number, Question>();
   private onItsWay: (Question & { slot: number }) | null = null;

@@ -23,10 +23,10 @@ export async function begin(host: Host): Promise<Bench> {
   const bench = new Bench(host, parts, design);
   if (before) {
     bench.pins = before.pins;
-    bench.hidden = before.hidden;
+    bench.desk.hidden = before.hidden;
     if (JSON.stringify(before.design) === JSON.stringify(design)) bench.history.restore(before);
   }
-  bench.showGroups();
+  bench.desk.showGroups();
   bench.begin();
   if (typeof asked === "string") bench.misled(asked);
   return bench;

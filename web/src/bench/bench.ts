@@ -1,53 +1,35 @@
 import * as api from "../shared/api";
-import { colour, h } from "../shared/dom";
+import { h } from "../shared/dom";
 import type { BenchSensor, BenchStart } from "../shared/messages";
 import { AWAY } from "../shared/texts";
-import { type Found, Link, wishOf } from "./answers";
+import { Answers, type Found, wishOf } from "./answers";
 import { fromAddress, inAddress } from "./designs/address";
 import { type Design, History, nameOf, type Pin, placed } from "./designs/design";
 import { keep } from "./designs/kept";
-import { glossary } from "./glossary";
 import type { Host } from "./host";
 import { Form } from "./panels/form";
 import { WantedPanel } from "./panels/wanted";
 import { WorkPanel } from "./panels/work";
-import { ChartView, chartsOf, type Drawn, PLOTS } from "./plots/charts";
-import { CompareTable } from "./plots/compare";
-import { Cursor } from "./plots/cursor";
-import { PictureView } from "./plots/picture";
-import { SectionView } from "./plots/section";
-import { SquaresView } from "./plots/squares";
+import { Desk } from "./plots/desk";
 import { Toolbar } from "./toolbar";
 
 const OWN = "design";
 const MOST_PINS = 4;
-const INKS = ["accent", "pin1", "pin2", "pin3", "pin4"];
-const DESCRIBED_MS = 400;
-const GROUPS = ["Section", ...new Set(PLOTS.map((p) => p.group)), "Squares", "Picture"];
 
-/** The design bench: a design, what was found of it, and all that shows and changes it. */
+/** The design bench: a design, what was found of it, and what asks, shows and changes it. */
 export class Bench {
   history: History;
   pins: Pin[] = [];
-  hidden: string[] = [];
+  readonly desk: Desk;
   readonly sensors: readonly string[];
   /** How long after its change each of the last designs was drawn, ms: for whoever measures. */
   latencies: number[] = [];
   private found: (Found | null)[] = [];
-  private readonly cursor = new Cursor();
-  private readonly link: Link;
+  private readonly answers: Answers;
   private readonly form: Form;
   private readonly wanted: WantedPanel;
   private readonly work: WorkPanel;
   private readonly toolbar: Toolbar;
-  private readonly compare: CompareTable;
-  private readonly section = new SectionView(this.cursor);
-  private readonly squares = new SquaresView();
-  private readonly picture = new PictureView();
-  private readonly charts: ChartView[];
-  private readonly trouble = h("p", { className: "trouble", role: "alert", hidden: true });
-  private readonly remark = h("p", { className: "remark", role: "status", hidden: true });
-  private describing = 0;
 
   constructor(private readonly host: Host, private readonly parts: BenchStart, first: Design) {
     this.history = new History(first);
@@ -70,14 +52,10 @@ export class Bench {
     this.form = new Form(panel("Sensor"), parts, hands);
     this.wanted = new WantedPanel(panel("Requirements"), parts, hands);
     this.work = new WorkPanel(panel("Optimise"), parts, { ...hands, take: (found) => this.takeFound(found) });
-    this.charts = chartsOf(parts.columns).map((chart) => new ChartView(chart, this.cursor));
-    this.compare = new CompareTable({ take: (i) => this.takePin(i), drop: (i) => this.dropPin(i) });
-    const plots = h("div", { className: "plots" }, this.section.element, ...this.charts.map((c) => c.element), this.squares.element, this.picture.element);
-    host.place.append(aside, h("section", { className: "desk", tabIndex: -1, "aria-label": "What the design does" }, this.trouble, this.remark, this.compare.element, this.shownGroups(), plots, glossary(parts.columns, ["omega_deg", ...PLOTS.flatMap((p) => p.columns)])));
-    this.cursor.listen((omega) => host.place.classList.toggle("reading", omega !== null));
-    plots.addEventListener("pointerleave", () => this.cursor.set(null, this));
-    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.restyle());
-    this.link = new Link((found) => this.answered(found), (isAway) => host.banner(isAway && host.isShown() ? AWAY : null, "server"));
+    this.desk = new Desk(host.place, parts.columns, { take: (i) => this.takePin(i), drop: (i) => this.dropPin(i) }, () => this.plotsChosen());
+    host.place.append(aside, this.desk.element);
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.draw());
+    this.answers = new Answers((found) => this.answered(found), (isAway) => host.banner(isAway && host.isShown() ? AWAY : null, "server"));
     host.beforeLeaving(() => this.settle()); // as a number that was typed and not yet entered
     this.bindKeys();
   }
@@ -190,7 +168,7 @@ export class Bench {
   }
 
   private pinsChanged(): void {
-    this.pins.forEach((pin, i) => this.link.ask(i + 1, wishOf({ ...pin.design, wanted: null }, true, false)));
+    this.pins.forEach((pin, i) => this.answers.ask(i + 1, wishOf({ ...pin.design, wanted: null }, true, false)));
     this.kept();
     this.draw();
     this.toolbar.show();
@@ -199,7 +177,7 @@ export class Bench {
   // -- questions and answers ------------------------------------------------------------------------
 
   ask(): void {
-    this.link.ask(0, wishOf(this.history.now, !this.hidden.includes("Section"), !this.hidden.includes("Squares")));
+    this.answers.ask(0, wishOf(this.history.now, this.desk.shows("Section"), this.desk.shows("Squares")));
   }
 
   /** Begin, or begin anew with what the address holds. */
@@ -226,17 +204,11 @@ export class Bench {
 
   private troubled(found: Found): void {
     this.form.complain(found.trouble);
-    const sentence = found.trouble!.sentence.replace(/^./, (c) => c.toUpperCase());
-    this.trouble.textContent = `${sentence}. ${this.found[0] ? "The plots are those of the last design that can be." : ""}`;
-    this.trouble.hidden = false;
-    this.host.place.classList.add("stale");
+    this.desk.troubled(found.trouble!.sentence);
   }
 
   private settleFound(found: Found): void {
-    this.host.place.classList.remove("stale");
-    this.trouble.hidden = true;
-    this.remark.hidden = found.remark === null;
-    if (found.remark !== this.remark.textContent) this.remark.textContent = found.remark ?? "";
+    this.desk.remarked(found.remark);
     this.form.complain(null);
     const complete = placed(this.history.now, found.facts!);
     if (complete !== this.history.now) {
@@ -244,63 +216,26 @@ export class Bench {
       this.form.show(complete);
     }
     this.wanted.judge(found.rows, found.wanted_trouble);
-    if (!this.hidden.includes("Picture")) this.picture.show(this.history.now);
-  }
-
-  // -- drawing --------------------------------------------------------------------------------------
-
-  private drawn(): Drawn[] {
-    const names = [nameOf(this.history.now), ...this.pins.map((p) => p.name)];
-    return names.flatMap((name, i) => {
-      const found = this.found[i];
-      return found ? [{ name, ink: colour(INKS[i]), dots: i, found }] : [];
-    });
+    this.desk.showPicture(this.history.now);
   }
 
   private draw(): void {
-    if (!this.found[0]) return;
-    const drawn = this.drawn();
-    this.compare.show(drawn);
-    this.host.place.classList.toggle("many", drawn.length > 1);
-    for (const chart of this.charts) if (!this.hidden.includes(chart.chart.group)) chart.show(drawn);
-    if (!this.hidden.includes("Section")) this.section.show(drawn);
-    if (!this.hidden.includes("Squares")) this.squares.show(drawn);
-    this.work.show(this.history.now, this.found[0].facts!.not_optimised);
-    clearTimeout(this.describing);
-    this.describing = window.setTimeout(() => [...this.charts, this.section, this.squares].forEach((v) => v.describe()), DESCRIBED_MS);
+    const [first] = this.found;
+    if (!first) return;
+    this.desk.show(this.history.now, this.pins, this.found);
+    this.work.show(this.history.now, first.facts!.not_optimised);
   }
 
-  private restyle(): void {
+  private plotsChosen(): void {
     this.draw();
-    for (const chart of this.charts) chart.restyle();
-  }
-
-  private shownGroups(): HTMLElement {
-    const boxes = GROUPS.map((group) => {
-      const box = h("input", { type: "checkbox", checked: true, name: group });
-      box.addEventListener("change", () => {
-        this.hidden = box.checked ? this.hidden.filter((g) => g !== group) : [...this.hidden, group];
-        this.showGroups();
-        this.kept();
-        this.ask();
-      });
-      return h("label", {}, box, h("span", {}, group));
-    });
-    return h("fieldset", { className: "groups" }, h("legend", { className: "hidden" }, "Plots shown"), ...boxes);
-  }
-
-  /** Show the plots that are wanted, and no others. */
-  showGroups(): void {
-    const views: [string, HTMLElement][] = [["Section", this.section.element], ["Squares", this.squares.element], ["Picture", this.picture.element]];
-    for (const [group, element] of [...views, ...this.charts.map((c): [string, HTMLElement] => [c.chart.group, c.element])]) element.hidden = this.hidden.includes(group);
-    for (const box of this.host.place.querySelectorAll<HTMLInputElement>(".groups input")) box.checked = !this.hidden.includes(box.name);
-    this.draw();
+    this.kept();
+    this.ask();
   }
 
   // -- keeping ----------------------------------------------------------------------------------------
 
   kept(): void {
-    keep(this.history, this.pins, this.hidden);
+    keep(this.history, this.pins, this.desk.hidden);
     this.host.setAddress(inAddress(this.history.now));
   }
 

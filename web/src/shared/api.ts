@@ -76,7 +76,7 @@ function to(path: string, query: Query): string {
 }
 
 /** Ask the server; what it refuses is thrown as its sentence. */
-export async function ask(url: string, init?: RequestInit): Promise<Response> {
+async function ask(url: string, init?: RequestInit): Promise<Response> {
   const answer = await fetch(url, init).catch(() => {
     throw new Away(AWAY);
   });

@@ -1,4 +1,6 @@
+import { Away, Refused } from "./api";
 import { byId } from "./dom";
+import { WENT_WRONG } from "./texts";
 
 let fading = 0;
 
@@ -46,5 +48,16 @@ export async function copy(text: string, what: string, more = ""): Promise<void>
     say(`${what} copied${more}`);
   } catch {
     say(`The browser does not let pages copy; here it is: ${text}`);
+  }
+}
+
+/** Say what failed; what nobody has foreseen is also thrown, to be found in the console. */
+export function fail(e: unknown, about: "picture" | "sensor" = "picture"): void {
+  busy(null);
+  if (e instanceof Away) banner(e.message, "server");
+  else if (e instanceof Refused) banner(e.message, about);
+  else {
+    banner(WENT_WRONG);
+    throw e;
   }
 }

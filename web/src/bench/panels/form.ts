@@ -5,7 +5,7 @@ import { label } from "../labels";
 import { Field } from "./field";
 
 /** What the form needs of the bench. */
-export interface Hands {
+interface Hands {
   now: () => Design;
   edit: (design: Design) => void;
   settle: () => void;

@@ -95,12 +95,6 @@ export class ChartView {
     else this.point(this.cursor.omega, null);
   }
 
-  /** Draw anew, as when colours have changed. */
-  restyle(): void {
-    this.shape = "";
-    if (this.drawn.length) this.show(this.drawn);
-  }
-
   /** Say what is drawn to who does not see it. */
   describe(): void {
     const [first] = this.drawn;

@@ -196,7 +196,7 @@ class Frame {
   read(point: Point, omega: number): void {
     const [u, v] = this.at(point);
     const line = svg("path", { class: "read", d: this.path([this.edge(point, omega), point]) });
-    const group = svg("g", { class: "read" }, line as never, svg("circle", { cx: u, cy: v, r: 3.5 }) as never);
+    const group = svg("g", { class: "read" }, line, svg("circle", { cx: u, cy: v, r: 3.5 }));
     this.place.append(group);
   }
 

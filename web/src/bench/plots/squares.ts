@@ -17,7 +17,7 @@ export class SquaresView {
 
   constructor() {
     const caption = h("figcaption", {}, h("span", {}, "Squares of 15° with their blur"), h("span", { className: "quiet" }, "spots ten times enlarged; left in the image along its radius, right in object space, tangential × sagittal"));
-    this.element = h("figure", { className: "plot wide" }, caption, h("div", { className: "pair squares" }, this.image as never, this.object as never));
+    this.element = h("figure", { className: "plot wide" }, caption, h("div", { className: "pair squares" }, this.image, this.object));
     new ResizeObserver(() => this.draw()).observe(this.element);
   }
 

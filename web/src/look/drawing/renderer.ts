@@ -1,3 +1,4 @@
+import { Refused } from "../../shared/api";
 import type { Camera } from "../geometry/camera";
 import type { Part, View } from "../geometry/views";
 import { FRAGMENT, VERTEX } from "./shader";
@@ -7,7 +8,7 @@ export type Picture = ImageBitmap | HTMLVideoElement | HTMLCanvasElement;
 const UNITS = { picture: 0, radii: 1, lattice: 2, limits: 3, starts: 4 } as const;
 
 /** WebGL2 is missing, or too weak. */
-export class NoWebGL extends Error {}
+export class NoWebGL extends Refused {}
 
 /** Draws views of a picture taken by a camera. */
 export class Renderer {

@@ -9,7 +9,7 @@ export interface Kept {
 }
 
 /** A picture or video by what is in it, and what its file was called. */
-export interface Identity {
+interface Identity {
   id: string;
   name: string;
 }

@@ -145,6 +145,12 @@ function mosaic(s: State, camera: Camera, width: number, distance: number): View
   return { width: MOSAIC_VIEWS * side, height: over + under, parts };
 }
 
+/** What a pixel of a view looks at: a point in mm, or a direction; null where it looks at nothing. */
+export function targetIn(view: View, u: number, v: number): Vec3 | null {
+  const part = view.parts.find((p) => u >= p.left && v >= p.top && u < p.left + p.width && v < p.top + p.height);
+  return part ? targetAt(part, u - part.left, v - part.top) : null;
+}
+
 /** What a pixel of a part looks at: a point in mm, or a direction; null where it looks at nothing. */
 export function targetAt(part: Part, u: number, v: number): Vec3 | null {
   const [a, b, c, d] = part.numbers;

@@ -1,10 +1,9 @@
-import { byId } from "../../shared/dom";
+import { byId, svg } from "../../shared/dom";
 import type { Feed } from "../feeds/feed";
 import type { Camera, Circle } from "../geometry/camera";
 import type { Pixel } from "../geometry/vectors";
-import { type Part, targetAt, type View } from "../geometry/views";
+import { type Part, SHAPES, targetAt, type View } from "../geometry/views";
 
-const SVG = "http://www.w3.org/2000/svg";
 const PER_SIDE = 48;
 const HANDLE = 7; // px on the screen
 const STEPS: Record<string, readonly [number, number]> = { ArrowRight: [1, 0], ArrowLeft: [-1, 0], ArrowDown: [0, 1], ArrowUp: [0, -1] };
@@ -18,7 +17,7 @@ export class CirclePane {
   private camera: Camera | null = null;
   private held: Handle | null = null;
   private readonly handles: Record<Handle, SVGElement> = { centre: handle("Centre of the circle"), radius: handle("Edge of the circle") };
-  private readonly drawn = element("g", {});
+  private readonly drawn = svg("g", {});
   isFitting = false;
 
   constructor(private readonly lookAt: (pixel: Pixel) => void, private readonly fitted: (circle: Circle) => void) {
@@ -52,15 +51,15 @@ export class CirclePane {
   drawView(camera: Camera, view: View): void {
     this.camera = camera;
     const outlines = view.parts.map((part) => outline(camera, part)).join("");
-    const parts: SVGElement[] = [element("path", { d: outlines, class: "footprint under" }), element("path", { d: outlines, class: "footprint" })];
+    const parts: SVGElement[] = [svg("path", { d: outlines, class: "footprint under" }), svg("path", { d: outlines, class: "footprint" })];
     const unit = this.unit;
     for (const part of view.parts) {
       const centre = seenAt(camera, part, (part.width - 1) / 2, (part.height - 1) / 2);
-      if (centre) parts.push(element("circle", { cx: centre[0], cy: centre[1], r: 4 * unit, class: "looking" }));
+      if (centre) parts.push(svg("circle", { cx: centre[0], cy: centre[1], r: 4 * unit, class: "looking" }));
     }
     if (this.isFitting) {
       const { u, v, radius } = camera.circle;
-      parts.push(element("circle", { cx: u, cy: v, r: radius, class: "rim" }));
+      parts.push(svg("circle", { cx: u, cy: v, r: radius, class: "rim" }));
       this.put("centre", u, v, unit, `${u.toFixed(1)}, ${v.toFixed(1)} px`, u);
       this.put("radius", u + radius * Math.SQRT1_2, v + radius * Math.SQRT1_2, unit, `${radius.toFixed(1)} px`, radius);
     }
@@ -122,13 +121,7 @@ export class CirclePane {
 type Handle = "centre" | "radius";
 
 function handle(name: string): SVGElement {
-  return element("circle", { class: "handle", tabindex: 0, role: "slider", "aria-label": `${name}; arrow keys move it` });
-}
-
-function element(kind: string, attributes: Record<string, string | number>): SVGElement {
-  const made = document.createElementNS(SVG, kind);
-  for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, String(value));
-  return made;
+  return svg("circle", { class: "handle", tabindex: 0, role: "slider", "aria-label": `${name}; arrow keys move it` });
 }
 
 function seenAt(camera: Camera, part: Part, u: number, v: number): Pixel | null {
@@ -145,7 +138,7 @@ function outline(camera: Camera, part: Part): string {
     const target = targetAt(part, u, v);
     if (target) points.push(camera.project(target, part.isPoint).pixel);
   };
-  const round = part.shape === 2;
+  const round = part.shape === SHAPES.polar;
   for (let side = 0; side < 4 && !round; side++)
     for (let i = 0; i < PER_SIDE; i++) {
       const t = i / PER_SIDE;

@@ -1,4 +1,5 @@
 import { byId } from "../../shared/dom";
+import type { CameraModel } from "../../shared/messages";
 import type { Store } from "../../shared/store";
 import type { Feed } from "../feeds/feed";
 import { type Camera, type Circle, circleOf } from "../geometry/camera";
@@ -36,7 +37,7 @@ export class RimPanel {
     const size = feed ? ([feed.width, feed.height] as const) : camera.model.image_size;
     if (!camera.model.is_adjustable) return camera;
     if (rim) return camera.fitted({ u: rim[0], v: rim[1], radius: rim[2] }, size);
-    if (hasSize(camera, size)) return camera.fitted(circleOf(camera.model), camera.model.image_size);
+    if (hasSize(camera.model, size)) return camera.fitted(circleOf(camera.model), camera.model.image_size);
     const guess = { u: (size[0] - 1) / 2, v: (size[1] - 1) / 2, radius: Math.round(GUESS * Math.min(...size)) };
     return camera.fitted(guess, size);
   }
@@ -51,6 +52,4 @@ export class RimPanel {
 }
 
 /** Whether a camera's pictures have a size. */
-export function hasSize(camera: Camera, [w, h]: readonly [number, number]): boolean {
-  return camera.model.image_size[0] === w && camera.model.image_size[1] === h;
-}
+export const hasSize = ({ image_size }: CameraModel, [w, h]: readonly [number, number]): boolean => image_size[0] === w && image_size[1] === h;

@@ -1,7 +1,7 @@
 import * as api from "../../shared/api";
 import { byId, choices } from "../../shared/dom";
 import type { SensorEntry } from "../../shared/messages";
-import { banner, busy, say } from "../../shared/notices";
+import { banner, busy, fail, say } from "../../shared/notices";
 import { INITIAL, type Looks, type State } from "../../shared/state";
 import type { Store } from "../../shared/store";
 import { keep, type Kept, kept } from "../feeds/kept";
@@ -15,7 +15,6 @@ type Chosen = Pick<State, (typeof CHOSEN)[number]>;
 interface Hands {
   /** The camera is another one now. */
   changed: () => void;
-  failed: (e: unknown) => void;
   /** What else has to be there before the view can be of another sensor: what then shows it, or null. */
   prepare: (wanted: State) => Promise<(() => void) | null>;
 }
@@ -70,7 +69,7 @@ export class SensorPanel {
       await keep(entry.id, { blob: file, name, optics, isMade });
       if (await this.want({ sensor: entry.id, ...AS_IN_FILE }, !isMade)) say(`${entry.name} loaded`);
     } catch (e) {
-      this.hands.failed(e);
+      fail(e, "sensor");
     }
   }
 
@@ -112,11 +111,11 @@ export class SensorPanel {
 
   /** Keep the sensor that is shown, since another one could not be had; where there is none, the first of all. */
   private async stay(e: unknown, sensor: string): Promise<void> {
-    this.hands.failed(e);
+    fail(e, "sensor");
     if (this.chosen && this.fetched) {
       this.take(this.fetched);
       this.store.set(this.chosen, false);
-    } else if (e instanceof api.Refused && sensor !== INITIAL.sensor && (await this.want({ sensor: INITIAL.sensor, ...AS_IN_FILE }, false))) this.hands.failed(e);
+    } else if (e instanceof api.Refused && sensor !== INITIAL.sensor && (await this.want({ sensor: INITIAL.sensor, ...AS_IN_FILE }, false))) fail(e, "sensor");
   }
 
   private async fetch({ sensor, looks, forward, flipped, pitch, roll }: Chosen): Promise<Camera> {

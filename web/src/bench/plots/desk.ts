@@ -1,0 +1,106 @@
+import { colour, h } from "../../shared/dom";
+import type { QuantityOf } from "../../shared/messages";
+import type { Found } from "../answers";
+import { type Design, nameOf, type Pin } from "../designs/design";
+import { glossary } from "../glossary";
+import { chartsOf, ChartView, type Drawn, PLOTS } from "./charts";
+import { CompareTable, type PinHands } from "./compare";
+import { Cursor } from "./cursor";
+import { PictureView } from "./picture";
+import { SectionView } from "./section";
+import { SquaresView } from "./squares";
+
+const INKS = ["accent", "pin1", "pin2", "pin3", "pin4"];
+const DESCRIBED_MS = 400; // after which charts that rest are put into words
+
+/** Kinds of plots, each shown or not. */
+const GROUPS = ["Section", ...new Set(PLOTS.map((p) => p.group)), "Squares", "Picture"];
+
+/** What lies on the bench's desk: the table of designs, and the plots of what they do. */
+export class Desk {
+  readonly element: HTMLElement;
+  hidden: string[] = [];
+  private readonly cursor = new Cursor();
+  private readonly compare: CompareTable;
+  private readonly section = new SectionView(this.cursor);
+  private readonly squares = new SquaresView();
+  private readonly picture = new PictureView();
+  private readonly charts: ChartView[];
+  private readonly trouble = h("p", { className: "trouble", role: "alert", hidden: true });
+  private readonly remark = h("p", { className: "remark", role: "status", hidden: true });
+  private drawn: Drawn[] = [];
+  private describing = 0;
+
+  /** The vocabulary says what columns are called; `chosen` is told when other plots are wanted. */
+  constructor(private readonly place: HTMLElement, vocabulary: QuantityOf[], pins: PinHands, private readonly chosen: () => void) {
+    this.charts = chartsOf(vocabulary).map((chart) => new ChartView(chart, this.cursor));
+    this.compare = new CompareTable(pins);
+    const plots = h("div", { className: "plots" }, ...this.grouped().map(([, element]) => element));
+    const all = [this.trouble, this.remark, this.compare.element, this.choice(), plots, glossary(vocabulary, ["omega_deg", ...PLOTS.flatMap((p) => p.columns)])];
+    this.element = h("section", { className: "desk", tabIndex: -1, "aria-label": "What the design does" }, ...all);
+    this.cursor.listen((omega) => place.classList.toggle("reading", omega !== null));
+    plots.addEventListener("pointerleave", () => this.cursor.set(null, this));
+  }
+
+  shows(group: string): boolean {
+    return !this.hidden.includes(group);
+  }
+
+  /** Draw the design in hand and the pinned ones, as far as they have been answered. */
+  show(design: Design, pins: readonly Pin[], found: readonly (Found | null)[]): void {
+    const names = [nameOf(design), ...pins.map((pin) => pin.name)];
+    this.drawn = names.flatMap((name, i) => (found[i] ? [{ name, ink: colour(INKS[i]), dots: i, found: found[i] }] : []));
+    this.compare.show(this.drawn);
+    this.place.classList.toggle("many", this.drawn.length > 1);
+    for (const chart of this.charts) if (this.shows(chart.chart.group)) chart.show(this.drawn);
+    if (this.shows("Section")) this.section.show(this.drawn);
+    if (this.shows("Squares")) this.squares.show(this.drawn);
+    clearTimeout(this.describing);
+    this.describing = window.setTimeout(() => [...this.charts, this.section, this.squares].forEach((view) => view.describe()), DESCRIBED_MS);
+  }
+
+  /** Show the picture that the design takes. */
+  showPicture(design: Design): void {
+    if (this.shows("Picture")) this.picture.show(design);
+  }
+
+  /** Say why the design cannot be, over the plots of the one before. */
+  troubled(sentence: string): void {
+    const before = this.drawn.length ? "The plots are those of the last design that can be." : "";
+    this.trouble.textContent = `${sentence.replace(/^./, (c) => c.toUpperCase())}. ${before}`;
+    this.trouble.hidden = false;
+    this.place.classList.add("stale");
+  }
+
+  /** Say what of the sensor the plots do not show; null where they show all. */
+  remarked(sentence: string | null): void {
+    this.place.classList.remove("stale");
+    this.trouble.hidden = true;
+    this.remark.hidden = sentence === null;
+    if (sentence !== this.remark.textContent) this.remark.textContent = sentence ?? "";
+  }
+
+  /** Show the plots that are wanted, and no others. */
+  showGroups(): void {
+    for (const [group, element] of this.grouped()) element.hidden = !this.shows(group);
+    for (const box of this.element.querySelectorAll<HTMLInputElement>(".groups input")) box.checked = this.shows(box.name);
+  }
+
+  private grouped(): [string, HTMLElement][] {
+    const charts = this.charts.map((c): [string, HTMLElement] => [c.chart.group, c.element]);
+    return [["Section", this.section.element], ...charts, ["Squares", this.squares.element], ["Picture", this.picture.element]];
+  }
+
+  private choice(): HTMLElement {
+    const boxes = GROUPS.map((group) => {
+      const box = h("input", { type: "checkbox", checked: true, name: group });
+      box.addEventListener("change", () => {
+        this.hidden = box.checked ? this.hidden.filter((g) => g !== group) : [...this.hidden, group];
+        this.showGroups();
+        this.chosen();
+      });
+      return h("label", {}, box, h("span", {}, group));
+    });
+    return h("fieldset", { className: "groups" }, h("legend", { className: "hidden" }, "Plots shown"), ...boxes);
+  }
+}

@@ -1,0 +1,205 @@
+import * as api from "../shared/api";
+import { byId } from "../shared/dom";
+import type { Source, StreamState } from "../shared/messages";
+import { banner, busy, fail } from "../shared/notices";
+import type { State } from "../shared/state";
+import type { Store } from "../shared/store";
+import { NO_ANSWER } from "../shared/texts";
+import { blob } from "./embedded";
+import { addressFeed, type Feed, pictureFeed, streamFeed, videoFeed } from "./feeds/feed";
+import { identityIn, identityOf, keepPicture, keptPicture, sourceOf } from "./feeds/kept";
+import { Playback } from "./feeds/playback";
+import { Webcams } from "./feeds/webcams";
+
+const INVITATION = "Drop a picture or video here";
+const INVITATION_MORE = "One taken with a curved mirror, a mirror ball or a fisheye. It stays on this machine.";
+
+/** What the sources need of the tab around them. */
+interface Hands {
+  /** How large a picture the graphics card takes, px on a side. */
+  largest: number;
+  /** There is another picture now, or none. */
+  changed: () => void;
+  /** A calibration was handed over in a picture's place. */
+  calibrated: (file: Blob, name: string) => Promise<void>;
+}
+
+/** What is looked at: opening it, naming it in the state, and asking for what a link names and nobody holds. */
+export class Sources {
+  feed: Feed | null = null;
+  /** The source that is shown, as the state names it; of a room also the sensor that took it. */
+  shown = "";
+  hasServer = true;
+  readonly playback = new Playback();
+  private readonly webcams = new Webcams((id) => void this.openWebcam(id));
+  private hasBegun = false;
+  private opened = 0;
+
+  constructor(private readonly store: Store, private readonly hands: Hands) {
+    this.showWhether(false);
+    store.listen((_, changed) => changed.has("source") && this.hasBegun && void this.openAsked());
+  }
+
+  /** Begin with what the address asks for. */
+  async begin(): Promise<void> {
+    this.hasBegun = true;
+    await this.openAsked();
+  }
+
+  /** Begin with what a page from disk holds itself, or lies beside it. */
+  async beginEmbedded(media: string, name: string): Promise<void> {
+    this.hasServer = false;
+    if (media.startsWith("data:")) return this.openFile(blob(media), name, false);
+    if (location.protocol !== "file:") return this.open(`Reading ${name}`, () => addressFeed(media, name), "", true);
+    const before = identityIn(this.store.state.source);
+    const file = before?.name === name ? await keptPicture(before) : undefined;
+    if (file) return this.openFile(file.blob, file.name, false);
+    this.invite(`Drop ${name} here`, "It belongs to this page and lies beside it. From disk, browsers let a page read only what it is handed.");
+  }
+
+  /** Offer what the server shows. */
+  offer(sources: readonly Source[]): void {
+    byId("sources-label").hidden = !sources.length;
+    for (const { id, name, kind, command } of sources) {
+      const option = Object.assign(document.createElement("option"), { value: id, textContent: name });
+      option.dataset.kind = kind;
+      option.dataset.command = command;
+      byId("sources").append(option);
+    }
+  }
+
+  /** Open a file that was handed to the page, or one that it kept. */
+  async openFile(file: Blob, name: string, isNew = true): Promise<void> {
+    if (/\.(toml|txt)$/i.test(name)) return this.hands.calibrated(file, name);
+    const make = (): Promise<Feed> => this.feedOf(file, name);
+    if (!isNew) return this.open(`Reading ${name}`, make, "", true);
+    const identity = await identityOf(file, name);
+    const isWanted = identityIn(this.store.state.source)?.id === identity.id; // as of a link that came without it
+    await this.open(`Reading ${name}`, make, sourceOf(identity), isWanted);
+    if (this.shown === sourceOf(identity)) await keepPicture(identity, { blob: file, name });
+  }
+
+  async openRoom(turns = true): Promise<void> {
+    await this.open("Simulating the picture of a room", () => roomOf(this.store.state.sensor), "room", false, turns);
+  }
+
+  async openServer(id: string, isAsked = false): Promise<void> {
+    const option = [...byId<HTMLSelectElement>("sources").options].find((o) => o.value === id);
+    if (!option) return fail(new api.Refused(`The address asks for ${id}, which this server does not offer. Open a picture, or choose what it offers.`));
+    const name = option.textContent ?? id;
+    const told = (state: StreamState | null): void => {
+      const fine = state?.state === "playing";
+      banner(fine ? null : (state?.sentence ?? `${NO_ANSWER} ${name} goes on when it is back.`), "picture");
+    };
+    const make = async (): Promise<Feed> => {
+      const feed = option.dataset.kind === "picture" ? await pictureFeed(await api.picture(id), name, true) : await streamFeed(id, name, told);
+      return Object.assign(feed, { source: option.dataset.command });
+    };
+    await this.open(`Opening ${name}`, make, `server:${id}`, isAsked);
+  }
+
+  /** What another sensor needs beside itself: the demo room has another picture of it. What then shows it, or null. */
+  async prepare({ source, sensor }: State): Promise<(() => void) | null> {
+    if (source !== "room" || !this.shown || this.shown === nameOf(source, sensor)) return null;
+    const number = ++this.opened;
+    const feed = await roomOf(sensor);
+    return () => {
+      if (number !== this.opened) return feed.close();
+      this.shown = nameOf(source, sensor);
+      this.show(feed);
+    };
+  }
+
+  private async openWebcam(id: string, isAsked = false): Promise<void> {
+    const lost = (sentence: string): void => banner(sentence, "picture");
+    await this.open("Waiting for the camera", () => this.webcams.open(id, lost), (feed) => `webcam:${feed.device}`, isAsked);
+  }
+
+  /** Open what the address asks for, and nothing in its place. */
+  private async openAsked(): Promise<void> {
+    const { source, sensor } = this.store.state;
+    this.opened++; // what is still on its way was asked for before
+    busy(null);
+    if (this.shown === nameOf(source, sensor)) return;
+    if (this.feed) this.close();
+    const [kind, rest] = [source.split(":", 1)[0], source.slice(source.indexOf(":") + 1)];
+    if (kind === "room") return this.open("Simulating the picture of a room", () => roomOf(sensor), "room", true);
+    if (kind === "server") return this.openServer(rest, true);
+    if (kind === "webcam") return this.openWebcam(rest, true);
+    const identity = identityIn(source);
+    if (!identity) return source ? fail(new api.Refused(`source = ${source} of the address is not understood; open a picture instead.`)) : undefined;
+    const file = identity.id ? await keptPicture(identity) : undefined;
+    if (file && source === this.store.state.source) return this.open(`Reading ${file.name}`, () => this.feedOf(file.blob, file.name), source, true);
+    const name = identity.name || "its picture";
+    this.invite(`Drop ${name} here`, `This link is a view of ${identity.name || "a picture that it does not name"}, which this browser does not hold: links hold the view, not the picture.`);
+  }
+
+  /** Open a source, and make the state name it; `isAsked` is for one that the state names already, with all that is seen of it. */
+  private async open(words: string, make: () => Promise<Feed>, source: string | ((feed: Feed) => string) = "", isAsked = false, turns = !isAsked): Promise<void> {
+    const number = ++this.opened;
+    busy(`${words}…`);
+    try {
+      const feed = await make();
+      if (number !== this.opened) return feed.close();
+      const isAlike = isAsked || (source !== "room" && this.feed?.width === feed.width && this.feed.height === feed.height);
+      const named = typeof source === "string" ? source : source(feed);
+      this.show(feed);
+      banner(null, "picture");
+      this.shown = nameOf(named, this.store.state.sensor);
+      this.store.set({ ...(source && { source: named }), ...(!isAlike && { rim: null }) }, turns);
+    } catch (e) {
+      if (number === this.opened) fail(e);
+    } finally {
+      if (number === this.opened) busy(null);
+    }
+  }
+
+  private feedOf(file: Blob, name: string): Promise<Feed> {
+    const isVideo = file.type.startsWith("video/") || /\.(mp4|webm|mov|mkv|m4v|avi)$/i.test(name);
+    return isVideo ? videoFeed(file, name) : pictureFeed(file, name, this.hasServer);
+  }
+
+  private show(feed: Feed): void {
+    const { largest } = this.hands;
+    if (Math.max(feed.width, feed.height) > largest)
+      throw new api.Refused(`${feed.name} is ${feed.width} × ${feed.height} px; this graphics card takes ${largest} on a side.`);
+    if (this.feed !== feed) this.feed?.close();
+    this.feed = feed;
+    this.playback.follow(feed.video ?? null);
+    this.showWhether(true);
+    this.hands.changed();
+  }
+
+  /** Show nothing, as at first. */
+  private close(): void {
+    this.feed?.close();
+    this.feed = null;
+    this.shown = "";
+    this.playback.follow(null);
+    this.hands.changed();
+    banner(null, "picture");
+    this.showWhether(false);
+    byId("picture-words").textContent = "None yet.";
+    this.invite(INVITATION, INVITATION_MORE);
+  }
+
+  private invite(title: string, more: string): void {
+    byId("invitation").textContent = title;
+    byId("invitation-more").textContent = more;
+  }
+
+  /** Show what belongs to a picture, or to there being none. */
+  private showWhether(hasPicture: boolean): void {
+    document.body.classList.toggle("empty", !hasPicture);
+    byId("empty").hidden = hasPicture;
+    if (!hasPicture) byId("view").hidden = byId("command").hidden = true;
+    for (const element of document.querySelectorAll<HTMLButtonElement>("[data-needs]")) element.disabled = !hasPicture;
+  }
+}
+
+async function roomOf(sensor: string): Promise<Feed> {
+  const made = await api.room(sensor);
+  return { ...(await pictureFeed(made, "circle.png", true)), made };
+}
+
+const nameOf = (source: string, sensor: string): string => (source === "room" ? `room of ${sensor}` : source);

@@ -1,0 +1,94 @@
+import * as api from "../shared/api";
+import { byId, save } from "../shared/dom";
+import { copy, fail, say } from "../shared/notices";
+import type { Store } from "../shared/store";
+import { fittedName, needsFile } from "./command";
+import { identityIn } from "./feeds/kept";
+import { withTexts } from "./feeds/png";
+import type { Camera } from "./geometry/camera";
+import type { SensorPanel } from "./panels/sensor";
+import type { Sources } from "./sources";
+
+/** What the toolbar needs of the tab. */
+interface Hands {
+  sources: Sources;
+  sensor: SensorPanel;
+  /** The camera that is looked through, its circle as it was moved. */
+  camera: () => Camera | null;
+  /** The canvas with the view as it is now; null where nothing is shown. */
+  drawn: () => HTMLCanvasElement | null;
+}
+
+/** What opens pictures and keeps what is seen: in the page's header, beside the command, and by dropping files. */
+export class Toolbar {
+  constructor(private readonly store: Store, private readonly hands: Hands) {
+    const { sources } = hands;
+    const file = byId<HTMLInputElement>("file");
+    for (const id of ["open", "choose"]) byId(id).addEventListener("click", () => file.click());
+    file.addEventListener("change", () => {
+      if (file.files?.[0]) void sources.openFile(file.files[0], file.files[0].name);
+      file.value = "";
+    });
+    for (const id of ["room", "try"]) byId(id).addEventListener("click", () => void sources.openRoom());
+    byId("sources").addEventListener("change", (e) => void sources.openServer((e.target as HTMLSelectElement).value));
+    byId("snapshot").addEventListener("click", () => void this.snapshot());
+    byId("link").addEventListener("click", () => setTimeout(() => void this.copyLink(), 200)); // once the address is written
+    byId("whole-screen").addEventListener("click", () => void (document.fullscreenElement ? document.exitFullscreen() : byId("stage").requestFullscreen().catch(() => say("This browser does not show it on the full screen."))));
+    byId("copy-command").addEventListener("click", () => void copy(byId("command-line").textContent ?? "", "Command"));
+    byId("save-sensor").addEventListener("click", () => void this.saveSensor());
+    byId("save-picture").addEventListener("click", () => sources.feed?.made && save(sources.feed.made, sources.feed.name));
+    this.bindDropping();
+  }
+
+  private bindDropping(): void {
+    const frame = byId("frame");
+    document.addEventListener("dragover", (e) => {
+      e.preventDefault();
+      frame.classList.add("dropping");
+    });
+    document.addEventListener("dragleave", (e) => e.relatedTarget || frame.classList.remove("dropping"));
+    document.addEventListener("drop", (e) => {
+      e.preventDefault();
+      frame.classList.remove("dropping");
+      const file = e.dataTransfer?.files[0];
+      if (file) void this.hands.sources.openFile(file, file.name);
+    });
+  }
+
+  /** Copy the link, and say what it does not hold. */
+  private async copyLink(): Promise<void> {
+    const { source, sensor } = this.store.state;
+    const missing = [identityIn(source)?.name, sensor.startsWith("file:") ? this.hands.camera()?.model.name : null].filter(Boolean).join(" and ");
+    const rest = missing ? `. It holds the view, not ${missing}: elsewhere it asks for the file` : source.startsWith("webcam:") ? ". It opens the webcam of whoever opens it" : "";
+    await copy(location.href, "Link", rest);
+  }
+
+  private async snapshot(): Promise<void> {
+    const canvas = this.hands.drawn(); // what is drawn is gone once the browser has shown it
+    if (!canvas) return;
+    const png = await new Promise<Blob | null>((resolve) => canvas.toBlob(resolve, "image/png"));
+    if (!png) return say("The browser made no picture.");
+    const texts = { Software: "omnimirror studio", Comment: byId("command-line").textContent ?? "", Source: this.hands.sources.feed?.name ?? "" };
+    save(await withTexts(png, texts), `${this.store.state.mode}.png`);
+  }
+
+  /** Save the file of a sensor whose circle was moved, or of one that was made here. */
+  private async saveSensor(): Promise<void> {
+    const camera = this.hands.camera()!;
+    const { made } = this.hands.sensor;
+    if (made && !needsFile(camera)) return save(made.blob, made.name);
+    const { u, v, radius } = camera.circle;
+    const wanted = {
+      id: camera.model.id,
+      mount: camera.model.mount,
+      image_size: [...camera.size] as [number, number],
+      centre_px: [u, v] as [number, number],
+      rim_radius_px: radius,
+    };
+    try {
+      save(new Blob([await api.sensorFile(wanted)], { type: "application/toml" }), fittedName(camera));
+    } catch (e) {
+      fail(e);
+    }
+  }
+}
