@@ -34,10 +34,10 @@ chromium:
 	  apt-get -qq update && apt-get -qq install -y chromium >/dev/null; } || \
 	  echo "there is no chromium here: the tests of the studio's page are skipped"
 
-# What builds the studio's page, and examines it: for tests of the page's sources.
+# What builds the studio's page, and examines it: for the tests of its sources, and its own unit tests.
 node:
 	@if command -v npm >/dev/null; then $(MAKE) -s web/node_modules/.made; else \
-	  echo "there is no npm here: that the studio's page is built from its sources is not checked, nor is it by axe"; fi
+	  echo "there is no npm here: the page's unit tests, that it is built from its sources, and axe are skipped"; fi
 
 web/node_modules/.made: web/package-lock.json
 	cd web && npm ci --no-audit --no-fund --loglevel=error

@@ -36,6 +36,8 @@ const bench = {
   },
 };
 
+const test = { include: ["tests/**/*.test.ts"] };
+
 export default defineConfig(({ mode }) =>
-  mode === "bench" ? bench : { base: "./", plugins: [inline], build: { ...build, emptyOutDir: true }, server },
+  mode === "bench" ? bench : { base: "./", plugins: [inline], build: { ...build, emptyOutDir: true }, server, test },
 );

@@ -278,7 +278,7 @@ def test_a_mirror_is_optimised_cancelled_and_undone(bench):
     bench.get_by_label("Terms", exact=True).fill("3")
     bench.get_by_label("Starts").fill("1")
     bench.get_by_role("button", name="Optimise").click()
-    bench.wait_for_function(f"{NOW}.tables.name === 'optimised-blur'")
+    bench.wait_for_function(f"{NOW}.tables.name === 'optimised-worst-blur-deg'")
     settled(bench)
     e, before = (om.evaluate(s, np.linspace(0, s.field_deg[1], 999)) for s in (sensor_on(bench), first))
     blur, blur_before = (np.maximum(np.abs(x.blur_t_deg), np.abs(x.blur_s_deg)).max() for x in (e, before))

@@ -1,0 +1,92 @@
+/** What is asked of the server, and how its refusals and its silence are told. */
+import { afterEach, expect, test, vi } from "vitest";
+import * as api from "../src/shared/api";
+import { unpack } from "../src/shared/framing";
+
+const asked: [string, RequestInit | undefined][] = [];
+
+function answering(...answers: (Response | Error)[]): void {
+  asked.length = 0;
+  vi.stubGlobal("fetch", (url: string, init?: RequestInit) => {
+    asked.push([url, init]);
+    const answer = answers.shift()!;
+    return answer instanceof Error ? Promise.reject(answer) : Promise.resolve(answer);
+  });
+}
+
+const refusal = (detail: unknown, status = 422): Response => new Response(JSON.stringify({ detail }), { status });
+
+afterEach(() => vi.unstubAllGlobals());
+
+test("what is null is not asked, and names may be anything", async () => {
+  answering(new Response("{}"), new Response(new Float32Array([1, 2])));
+  const { tables } = await api.camera("file:a&b", { camera_looks: "down", pitch_deg: null, image_flipped: true });
+  expect(asked.map(([url]) => url)).toEqual(["api/camera?id=file%3Aa%26b&camera_looks=down&image_flipped=true", "api/camera/tables?id=file%3Aa%26b&image_flipped=true"]);
+  expect([...tables]).toEqual([1, 2]);
+});
+
+test("files are handed up, objects as JSON", async () => {
+  answering(new Response("{}"), new Response("text"));
+  const file = new Blob(["x"]);
+  await api.loadSensor(file, "my sensor.toml");
+  expect(asked[0]).toEqual(["api/sensors?name=my+sensor.toml&optics=mirror", { method: "POST", body: file }]);
+  await api.requirements({ wanted: {}, tables: { name: "ü" } });
+  expect(asked.at(-1)![1]).toMatchObject({ method: "POST", body: '{"wanted":{},"tables":{"name":"ü"}}' });
+});
+
+test.each<[Response, string]>([
+  [refusal("there is no camera 'x'", 404), "there is no camera 'x'"],
+  [refusal([{ loc: ["query", "forward_azimuth_deg"], msg: "Input should be less than or equal to 360", input: "1e9" }]), "forward_azimuth_deg = 1e9 is not valid: it should be less than or equal to 360."],
+  [refusal([{ loc: ["body"], msg: "Field required", input: { a: 1 } }]), "body is not valid: Field required."],
+  [new Response("<html>", { status: 502 }), "The studio's server cannot do that (it answers 502)."],
+  [refusal(undefined, 500), "The studio's server cannot do that (it answers 500)."],
+])("a refusal is told in its own sentence", async (answer, sentence) => {
+  answering(answer);
+  const error = await api.start().catch((e: unknown) => e);
+  expect(error).toBeInstanceOf(api.Refused);
+  expect((error as Error).message).toBe(sentence);
+});
+
+test("a server that is silent is away", async () => {
+  answering(new TypeError("failed to fetch"), new TypeError("failed to fetch"), new Response("{}"));
+  await expect(api.start()).rejects.toBeInstanceOf(api.Away);
+  expect(await api.isThere()).toBe(false);
+  expect(await api.isThere()).toBe(true);
+});
+
+test("a file has the name that the server gives it", async () => {
+  const wanted = { tables: {}, kind: "sag", object_distance_mm: null } as const;
+  answering(new Response("r,z", { headers: { "content-disposition": 'attachment; filename="mine-sag.csv"' } }), new Response("r,z"));
+  expect((await api.download(wanted)).name).toBe("mine-sag.csv");
+  expect((await api.download(wanted)).name).toBe("design");
+});
+
+/** As omnimirror.studio.bench.framing writes them: length, JSON padded with blanks, bytes. */
+function framed(header: unknown, ...parts: Uint8Array<ArrayBuffer>[]): ArrayBuffer {
+  const text = new TextEncoder().encode(JSON.stringify(header));
+  const padded = Math.ceil(text.length / 4) * 4;
+  const data = new Uint8Array(4 + padded + parts.reduce((sum, p) => sum + p.length, 0)).fill(32, 4, 4 + padded);
+  new DataView(data.buffer).setUint32(0, padded, true);
+  data.set(text, 4);
+  let at = 4 + padded;
+  for (const p of parts) {
+    data.set(p, at);
+    at += p.length;
+  }
+  return data.buffer;
+}
+
+test("a binary message is its header and where its bytes begin", () => {
+  const { header, start } = unpack<{ name: string }>(framed({ name: "Ω" }, new Uint8Array([1, 2, 3])));
+  expect(header).toEqual({ name: "Ω" });
+  expect(start % 4).toBe(0);
+});
+
+test("a picture and its panorama come in one message", async () => {
+  const [one, two] = [new Uint8Array([1, 2, 3]), new Uint8Array([4, 5])];
+  answering(new Response(framed({ picture_bytes: 3, panorama_bytes: 2 }, one, two)));
+  const { picture, panorama } = await api.taken({ tables: {}, width_px: 10, samples: 1 });
+  expect(new Uint8Array(await picture.arrayBuffer())).toEqual(one);
+  expect(new Uint8Array(await panorama.arrayBuffer())).toEqual(two);
+  expect(picture.type).toBe("image/jpeg");
+});

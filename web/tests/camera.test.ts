@@ -1,0 +1,97 @@
+/** The camera of the page against numbers of Python (fixtures/make.py) and against what can be said in a line. */
+import { describe, expect, test } from "vitest";
+import { Camera } from "../src/look/geometry/camera";
+import { between, given, vector } from "./tables";
+
+/** How near the page's tables come: those of the fixtures have a quarter, and a tenth, of the entries of the server's. */
+const NEAR_PX = { sphere: 0.01, ball: 0.002, decentred: 0.6 } as const;
+const NEAR_RAD = { sphere: 3e-5, ball: 1e-5, decentred: 2e-3 } as const;
+const NAMES = ["sphere", "ball", "decentred"] as const;
+
+describe.each(NAMES)("%s", (name) => {
+  const { camera, far, near, back } = given(name);
+
+  test.each([["directions", far, false], ["points", near, true]] as const)("pixels of %s", (_, pairs, isPoint) => {
+    let seen = 0;
+    for (const [target, pixel] of pairs) {
+      const found = camera.project(vector(target), isPoint);
+      expect(found.seen, `${target}`).toBe(pixel !== null);
+      if (!pixel) continue;
+      seen++;
+      expect(Math.hypot(found.pixel[0] - pixel[0], found.pixel[1] - pixel[1]), `${target}`).toBeLessThan(NEAR_PX[name]);
+    }
+    expect(seen).toBeGreaterThan(15);
+  });
+
+  test("directions of pixels", () => {
+    let seen = 0;
+    for (const [pixel, direction] of back) {
+      const found = camera.backproject([pixel[0], pixel[1]]);
+      expect(found !== null, `${pixel}`).toBe(direction !== null);
+      if (!found || !direction) continue;
+      seen++;
+      expect(between(found, direction), `${pixel}`).toBeLessThan(NEAR_RAD[name]);
+    }
+    expect(seen).toBeGreaterThan(10);
+  });
+
+  test("a pixel is seen at its own direction", () => {
+    for (const [pixel, direction] of back) {
+      const found = camera.backproject([pixel[0], pixel[1]]);
+      if (!found || !direction) continue;
+      const again = camera.project(found).pixel;
+      expect(Math.hypot(again[0] - pixel[0], again[1] - pixel[1])).toBeLessThan(1e-4);
+    }
+  });
+});
+
+test("a ball seen from afar, by its formula: r = R sin(Omega/2) / sin(field/4)", () => {
+  const { camera } = given("ball");
+  const [field, radius] = [(300 * Math.PI) / 180, 500];
+  const { axis, right } = camera.model;
+  for (const omega of [0.1, 0.7, 1.5, 2.2, 2.6]) {
+    const target = axis.map((a, i) => Math.cos(omega) * a + Math.sin(omega) * right[i]);
+    const { pixel, seen } = camera.project(vector(target));
+    expect(seen).toBe(true);
+    expect(pixel[0] - 511.5).toBeCloseTo((radius * Math.sin(omega / 2)) / Math.sin(field / 4), 3);
+    expect(pixel[1]).toBeCloseTo(511.5, 6);
+  }
+});
+
+test("a circle that was moved takes every pixel with it", () => {
+  const { camera, far } = given("sphere");
+  const { u, v, radius } = camera.circle;
+  const moved = camera.fitted({ u: 200, v: 150, radius: radius / 3 }, [420, 310]);
+  expect(camera.isMoved).toBe(false);
+  expect(moved.isMoved).toBe(true);
+  for (const [target, pixel] of far) {
+    if (!pixel) continue;
+    const found = moved.project(vector(target)).pixel;
+    expect(found[0]).toBeCloseTo(200 + (camera.project(vector(target)).pixel[0] - u) / 3, 9);
+    expect(found[1]).toBeCloseTo(150 + (camera.project(vector(target)).pixel[1] - v) / 3, 9);
+  }
+});
+
+test("what lies beyond the field, or beside the picture, is not seen", () => {
+  const { camera } = given("sphere");
+  const { axis } = camera.model;
+  expect(camera.project(vector(axis)).seen).toBe(true);
+  expect(camera.project(vector(axis.map((a) => -a))).seen).toBe(false);
+  expect(camera.fitted(camera.circle, [300, 1024]).project(vector(axis)).seen).toBe(false);
+  expect(camera.backproject([0, 0])).toBeNull();
+});
+
+test("a camera that is leaned here stands as one that Python leans", () => {
+  const { tables } = given("sphere").camera;
+  const { camera: leaning, far } = given("leaning");
+  const { pitch_deg: pitch, roll_deg: roll } = leaning.model.mount;
+  expect([pitch, roll]).toEqual([6, -4]);
+  const leaned = new Camera(given("plumb").camera.model, tables).leaning({ pitch, roll });
+  expect(leaned.model.mount).toEqual(leaning.model.mount);
+  for (const key of ["axis", "right", "down"] as const) leaned.model[key].forEach((x, i) => expect(x).toBeCloseTo(leaning.model[key][i], 9));
+  for (const [target, pixel] of far) {
+    const found = leaned.project(vector(target));
+    expect(found.seen).toBe(pixel !== null);
+    if (pixel) expect(Math.hypot(found.pixel[0] - pixel[0], found.pixel[1] - pixel[1])).toBeLessThan(0.01);
+  }
+});

@@ -1,0 +1,67 @@
+/** Numbers, units and names as people read them, and the sliders that set them. */
+import { expect, test } from "vitest";
+import { explained, label, quantityWords, symbolOf, unitWords } from "../src/bench/labels";
+import { scaleOf } from "../src/bench/panels/scale";
+import { clamp, fixed, words, wrapped } from "../src/shared/numbers";
+import type { ParameterOf, QuantityOf } from "../src/shared/messages";
+
+test.each<[number | null | undefined, number, string]>([
+  [Math.PI, 4, "3.142"],
+  [1234.567, 4, "1235"],
+  [-0.0012345, 3, "−0.00123"],
+  [0, 4, "0"],
+  [1e-12, 4, "0"],
+  [2.5e-5, 3, "2.50e−5"],
+  [1.5e6, 3, "1.50e+6"],
+  [Infinity, 4, "∞"],
+  [-Infinity, 4, "−∞"],
+  [NaN, 4, "–"],
+  [null, 4, "–"],
+  [undefined, 4, "–"],
+])("%s in %i digits is %s", (value, digits, text) => expect(words(value, digits)).toBe(text));
+
+test("so many decimals", () => expect([fixed(-1.005, 2), fixed(2, 3), fixed(NaN, 1)]).toEqual(["−1.00", "2.000", "–"]));
+
+test("angles go round", () => expect([0, 180, -180, 190, 540, -730].map(wrapped)).toEqual([0, -180, -180, -170, -180, -10]));
+
+test("a clamp holds both ends", () => expect([-1, 5, 12].map((x) => clamp(x, 0, 10))).toEqual([0, 5, 10]));
+
+test.each([
+  ["rim_radius_mm", "Rim radius"],
+  ["pixel_pitch_um", "Pixel pitch"],
+  ["omega_max_deg", "Ω max"],
+  ["theta_max_deg", "Θ max"],
+  ["f_number", "F-number"],
+  ["working_f_number", "Working F-number"],
+  ["k1", "K1"],
+])("%s is called %s", (name, text) => expect(label(name)).toBe(text));
+
+test("quantities are called as the vocabulary calls them, with units, symbols and equations as people write them", () => {
+  const blur: QuantityOf = { name: "blur_t_px", unit: "px", symbol: "b_t", title: "Tangential blur", meaning: "in the image", equation: "b_t = 2 s_x, Eq. 28" };
+  expect(quantityWords(blur)).toBe("Tangential blur, px");
+  expect(quantityWords({ ...blur, unit: "px/deg" })).toBe("Tangential blur, px/°");
+  expect(quantityWords({ ...blur, unit: "" })).toBe("Tangential blur");
+  expect(symbolOf(blur)).toBe("bₜ");
+  expect(explained(blur)).toBe("in the image (bₜ = 2 s_x, Eq. 28)");
+  expect(explained({ ...blur, equation: "" })).toBe("in the image");
+  expect(["deg", "um", "deg2", "mm"].map(unitWords)).toEqual(["°", "µm", "deg²", "mm"]);
+});
+
+const parameter = (low: number, high: number, more: Partial<ParameterOf> = {}): ParameterOf => ({ name: "x", unit: "", low, high, description: "", choices: [], is_list: false, is_whole: false, is_optional: false, default: null, ...more });
+
+test.each([
+  ["a short range is shown whole", parameter(0, 180), 40, 0, 180],
+  ["of what is positive, factors around the value", parameter(1e-3, 1e7), 100, 40, 250],
+  ["no more than there is", parameter(50, 1e7), 100, 50, 250],
+  ["of what may be negative, as much to either side", parameter(-1e6, 1e6), -300, -600, 0],
+  ["of nothing, a little", parameter(-1e6, 1e6), 0, -0.1, 0.1],
+])("%s", (_, p, value, low, high) => {
+  const scale = scaleOf(p, value);
+  expect(scale.low).toBeCloseTo(low, 9);
+  expect(scale.high).toBeCloseTo(high, 9);
+  for (const place of [0, 0.1, 0.5, 0.99, 1]) expect(scale.from(scale.to(place))).toBeCloseTo(place, 2);
+  expect(scale.to(scale.from(value))).toBeCloseTo(value, 2);
+  expect([scale.from(-1e9), scale.from(1e9)]).toEqual([expect.closeTo(0, 6), 1]);
+});
+
+test("whole numbers stay whole", () => expect(scaleOf(parameter(1, 1e5, { is_whole: true }), 1000).to(0.37)).toSatisfy(Number.isInteger));

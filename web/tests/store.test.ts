@@ -1,0 +1,107 @@
+/** The state and the address follow each other. */
+import { afterEach, beforeEach, expect, test, vi } from "vitest";
+import { Store } from "../src/shared/store";
+
+let pages: string[];
+let leave: () => void;
+let follow: () => void;
+let kept: Map<string, string>;
+
+/** A browser, as far as the store knows one. */
+function browse(hash: string, way = "navigate"): void {
+  pages = [hash];
+  const location = { pathname: "/", search: "", get hash() { return pages.at(-1)!; } };
+  const only = (url: string): string => (url.startsWith("#") ? url : "");
+  vi.stubGlobal("location", location);
+  vi.stubGlobal("history", {
+    pushState: (_: unknown, __: string, url: string) => pages.push(only(url)),
+    replaceState: (_: unknown, __: string, url: string) => (pages[pages.length - 1] = only(url)),
+  });
+  vi.stubGlobal("window", globalThis);
+  vi.stubGlobal("addEventListener", (event: string, act: () => void) => {
+    if (event === "pagehide") leave = act;
+    else follow = act;
+  });
+  vi.stubGlobal("sessionStorage", { getItem: (key: string) => kept.get(key) ?? null, setItem: (key: string, text: string) => kept.set(key, text) });
+  vi.stubGlobal("performance", { getEntriesByType: () => [{ type: way }] });
+}
+
+beforeEach(() => {
+  kept = new Map();
+  vi.useFakeTimers();
+});
+afterEach(() => {
+  vi.useRealTimers();
+  vi.unstubAllGlobals();
+});
+
+test("a change is told at once, and in the address soon", () => {
+  browse("#pan=5");
+  const store = new Store();
+  const told: string[][] = [];
+  store.listen((_, changed) => told.push([...changed]));
+  store.set({ pan: 20 });
+  store.set({ pan: 30, tilt: 4 });
+  store.set({ pan: 30 });
+  expect(told).toEqual([["pan"], ["pan", "tilt"]]);
+  expect(pages).toEqual(["#pan=5"]);
+  vi.runAllTimers();
+  expect(pages).toEqual(["#pan=30&tilt=4"]);
+});
+
+test("another kind of view is another page of the history, and Back leads to where the first one was left", () => {
+  browse("");
+  const store = new Store();
+  store.set({ pan: 20 });
+  store.set({ mode: "dome" });
+  expect(pages).toEqual(["#pan=20", "#mode=dome&pan=20"]);
+  store.set({ source: "room" }, false); // nobody goes back from that
+  vi.runAllTimers();
+  expect(pages).toEqual(["#pan=20", "#source=room&mode=dome&pan=20"]);
+  pages.pop();
+  const changes: Set<string>[] = [];
+  store.listen((_, changed) => changes.push(changed));
+  follow();
+  expect(store.state).toMatchObject({ mode: "panorama", pan: 20, source: "" });
+  expect(changes).toEqual([new Set(["source", "mode"])]);
+});
+
+test("a link that was entered changes what is seen, keeps the design, and says what it holds that cannot be", () => {
+  browse("");
+  const store = new Store();
+  store.set({ tab: "design", design: "{}" });
+  let entered = 0;
+  store.entered = () => entered++;
+  pages.push("#mode=cube&pan=7");
+  follow();
+  expect(store.state).toMatchObject({ pan: 7, design: "{}", tab: "look" });
+  expect(store.trouble).toContain("mode = cube");
+  follow(); // the other event of the same change
+  expect(entered).toBe(1);
+});
+
+test("a reload brings back what was changed a moment before; a link that is opened does not", () => {
+  browse("#pan=5");
+  const store = new Store();
+  store.leaving = () => store.set({ tilt: 9 }); // a number that was typed and not yet entered
+  store.set({ pan: 20 });
+  leave();
+  expect(pages).toEqual(["#pan=20&tilt=9"]);
+  browse("#pan=5", "reload");
+  expect(new Store().state).toMatchObject({ pan: 20, tilt: 9 });
+  browse("#pan=5", "navigate");
+  expect(new Store().state).toMatchObject({ pan: 5, tilt: 0 });
+});
+
+test("browsers that keep nothing, or take no more addresses, lose only that", () => {
+  browse("#pan=5");
+  const refuse = (): never => {
+    throw new DOMException("no", "SecurityError");
+  };
+  vi.stubGlobal("sessionStorage", { getItem: refuse, setItem: refuse });
+  vi.stubGlobal("history", { pushState: refuse, replaceState: refuse });
+  const store = new Store();
+  store.set({ pan: 20 });
+  leave();
+  expect(store.state.pan).toBe(20);
+});
