@@ -28,7 +28,7 @@ PROGRAM = Path(sys.executable).with_name("omnimirror")
 LATER = """
 matplotlib.figure matplotlib.backends.backend_agg matplotlib.backends.backend_svg PIL.JpegImagePlugin cv2 av
 scipy.integrate scipy.interpolate scipy.ndimage scipy.optimize scipy.spatial scipy.special
-omnimirror._native omnimirror.cli.commands.pictures.dewarp_video omnimirror.figures.aperture
+omnimirror._native omnimirror.straighten.video omnimirror.figures.aperture
 """.split()  # noqa: SIM905
 """What commands import when they come to need it."""
 

@@ -1,8 +1,9 @@
 """From requirements to a mirror: mappings, families, fits, and what they cost."""
 
+from ..mirrors.generated import MAPPINGS
 from .construct.families import FAMILIES
 from .construct.fits import FitForm, FittedMirror, fit_mirror
-from .construct.mappings import MAPPINGS, generated_mirror
+from .construct.mappings import generated_mirror
 from .construct.rim import MountedMirror, Rim
 from .criteria.limits import Limit
 from .criteria.requirement_file import format_requirements, load_requirements, parse_requirements

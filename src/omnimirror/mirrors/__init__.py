@@ -14,6 +14,7 @@ from .cone import Cone
 from .conics import Ellipsoid, Hyperboloid, Paraboloid, Sphere
 from .flat import Flat
 from .generated import (
+    MAPPINGS,
     Conformal,
     CylinderMapping,
     Equiangular,
@@ -48,32 +49,22 @@ def _check(name: str, cls: Any) -> None:
         )
 
 
+SHAPES: tuple[type[Mirror], ...] = (
+    Sphere,
+    Hyperboloid,
+    Paraboloid,
+    Ellipsoid,
+    Cone,
+    EvenPolynomial,
+    ConicAsphere,
+    SampledProfile,
+    SlopeSpline,
+)
+
 MIRRORS: Registry[type[Mirror]] = Registry(
     "omnimirror.mirrors",
     "a mirror",
-    {
-        cls.KIND: cls
-        for cls in (
-            Sphere,
-            Hyperboloid,
-            Paraboloid,
-            Ellipsoid,
-            Cone,
-            EvenPolynomial,
-            ConicAsphere,
-            SampledProfile,
-            Equidistant,
-            SlopeSpline,
-            Equiangular,
-            Conformal,
-            UnitAspect,
-            Equiareal,
-            Rectifying,
-            GroundPlane,
-            CylinderMapping,
-            TabulatedMapping,
-        )
-    },
+    {cls.KIND: cls for cls in SHAPES} | MAPPINGS,
     _check,
 )
 """Every mirror by the word that names it in a sensor file. Adding one here is a class and a line in this list; from

@@ -66,11 +66,26 @@ class Conic(Mirror):
         return conic_reach(self.vertex_radius, self.conic)
 
 
-SEMI_AXES = {
-    "a_mm": Parameter("mm", 1e-3, 1e6, "semi-axis across the mirror axis (A)"),
-    "b_mm": Parameter("mm", 1e-3, 1e6, "semi-axis along the mirror axis (B)"),
-    "rim_radius_mm": RIM_RADIUS,
-}
+@dataclass(frozen=True)
+class _OfSemiAxes(Conic):
+    """A conic by its semi-axes: its vertex radius is A^2/B."""
+
+    a_mm: float
+    b_mm: float
+    rim_radius_mm: float
+
+    PARAMETERS: ClassVar[dict[str, Parameter]] = {
+        "a_mm": Parameter("mm", 1e-3, 1e6, "semi-axis across the mirror axis (A)"),
+        "b_mm": Parameter("mm", 1e-3, 1e6, "semi-axis along the mirror axis (B)"),
+        "rim_radius_mm": RIM_RADIUS,
+    }
+
+    def __post_init__(self) -> None:
+        self._check()
+
+    @property
+    def vertex_radius(self) -> float:
+        return self.a_mm**2 / self.b_mm
 
 
 @dataclass(frozen=True)
@@ -103,7 +118,7 @@ class Sphere(Conic):
 
 
 @dataclass(frozen=True)
-class Hyperboloid(Conic):
+class Hyperboloid(_OfSemiAxes):
     """The paper's SVP: ``z = -B + (B/A) sqrt(A^2 + x^2)`` (Table 1 prints a division, erratum 1).
 
     It has a single viewpoint, at its own focus, exactly when the lens stands at the other one:
@@ -114,19 +129,7 @@ class Hyperboloid(Conic):
     (2.666..., 9.0)
     """
 
-    a_mm: float
-    b_mm: float
-    rim_radius_mm: float
-
     KIND: ClassVar[str] = "hyperboloid"
-    PARAMETERS: ClassVar[dict[str, Parameter]] = SEMI_AXES
-
-    def __post_init__(self) -> None:
-        self._check()
-
-    @property
-    def vertex_radius(self) -> float:
-        return self.a_mm**2 / self.b_mm
 
     @property
     def conic(self) -> float:
@@ -168,26 +171,14 @@ class Paraboloid(Conic):
 
 
 @dataclass(frozen=True)
-class Ellipsoid(Conic):
+class Ellipsoid(_OfSemiAxes):
     """The convex ellipsoid ``z = B - B sqrt(1 - x^2/A^2)``.
 
     >>> float(Ellipsoid(a_mm=50.0, b_mm=100.0, rim_radius_mm=44.0).sag(30.0))
     20.0
     """
 
-    a_mm: float
-    b_mm: float
-    rim_radius_mm: float
-
     KIND: ClassVar[str] = "ellipsoid"
-    PARAMETERS: ClassVar[dict[str, Parameter]] = SEMI_AXES
-
-    def __post_init__(self) -> None:
-        self._check()
-
-    @property
-    def vertex_radius(self) -> float:
-        return self.a_mm**2 / self.b_mm
 
     @property
     def conic(self) -> float:

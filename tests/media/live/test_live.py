@@ -242,8 +242,8 @@ PUSH = """
 import sys, time
 from fractions import Fraction
 import numpy as np
-from omnimirror.media.frames import frame_of_image
-from omnimirror.media.outputs import StreamSink
+from omnimirror.media.video.frames import frame_of_image
+from omnimirror.media.live.outputs import StreamSink
 for attempt in range(3000):
     try:
         sink = StreamSink(sys.argv[1], (64, 48), 25)

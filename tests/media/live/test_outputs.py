@@ -96,9 +96,9 @@ def test_a_reader_that_has_seen_enough_is_no_error(clip):
     """As with any program on a pipe, what is left is a broken pipe for the command line to be quiet about."""
     code = f"""
 import sys
-from omnimirror.media.outputs import PipeSink
+from omnimirror.media.live.outputs import PipeSink
 from omnimirror.media.processing import in_real_time, process
-from omnimirror.media.video import VideoReader
+from omnimirror.media.video.reader import VideoReader
 reader = VideoReader({str(clip)!r})
 try:
     process(list(reader.items()) * 50, PipeSink("y4m", 25), lambda p, t: p, "planes")

@@ -397,8 +397,8 @@ import sys, time
 from omnimirror.errors import OmnimirrorError
 from omnimirror.media import interrupts
 from omnimirror.media.processing import process
-from omnimirror.media.video import VideoReader
-from omnimirror.media.writer import VideoWriter
+from omnimirror.media.video.reader import VideoReader
+from omnimirror.media.video.writer import VideoWriter
 
 source, out, most = sys.argv[1], sys.argv[2], int(sys.argv[3])  # frames before Ctrl-C
 seen = 0
@@ -461,8 +461,8 @@ def test_a_full_disk_is_one_sentence_and_loses_nothing(tmp_path):
 KILLED = """
 import os, signal, sys
 import numpy as np
-from omnimirror.media.frames import frame_of_image
-from omnimirror.media.writer import VideoWriter
+from omnimirror.media.video.frames import frame_of_image
+from omnimirror.media.video.writer import VideoWriter
 
 writer = VideoWriter(sys.argv[1], (64, 48), 25, options={"tune": "zerolatency"})
 for i in range(100):

@@ -3,44 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...errors import InvalidParameter
-from ...mirrors import (
-    Conformal,
-    CylinderMapping,
-    Equiangular,
-    Equiareal,
-    Equidistant,
-    GroundPlane,
-    Mirror,
-    Rectifying,
-    TabulatedMapping,
-    UnitAspect,
-)
+from ...mirrors import Conformal, CylinderMapping, Mirror, TabulatedMapping
+from ...mirrors.generated import MAPPINGS
 from .rim import MountedMirror, Rim
-
-if TYPE_CHECKING:
-    from ...mirrors.generated.base import Mapped
-
-MAPPINGS: dict[str, type[Mapped]] = {
-    cls.KIND: cls
-    for cls in (
-        Equidistant,
-        Equiangular,
-        Conformal,
-        UnitAspect,
-        Equiareal,
-        Rectifying,
-        GroundPlane,
-        CylinderMapping,
-        TabulatedMapping,
-    )
-}
-"""Every mapping by its name, which is also the kind of its mirror."""
 
 OF_FIELD = ("omega_max_deg", "theta_max_deg", "rim_radius_mm")
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from ...errors import OmnimirrorError
-from .mappings import MAPPINGS, generated_mirror
+from ...mirrors.generated import MAPPINGS
+from .mappings import generated_mirror
 from .rim import MountedMirror, Rim
 
 

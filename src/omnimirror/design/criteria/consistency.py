@@ -9,10 +9,11 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from ...batch.bases import FreeForm
+from ...mirrors.generated import MAPPINGS
 from ...specs import EntryError, NoFile, did_you_mean
 from ..construct.families import FAMILIES
 from ..construct.fits import FitForm
-from ..construct.mappings import MAPPINGS, check_entries
+from ..construct.mappings import check_entries
 from .merits import DESIGN_MERITS
 from .ranges import ends
 

@@ -123,6 +123,18 @@ class GPano:
         """The heading as the formats want it, from 0 to 360."""
         return None if self.heading_deg is None else self.heading_deg % 360.0
 
+    def area(self) -> dict[str, object]:
+        """What part of the full sphere is there, in the words of pictures and of videos."""
+        return {
+            "ProjectionType": "equirectangular",
+            "FullPanoWidthPixels": self.full_size[0],
+            "FullPanoHeightPixels": self.full_size[1],
+            "CroppedAreaImageWidthPixels": self.cropped_size[0],
+            "CroppedAreaImageHeightPixels": self.cropped_size[1],
+            "CroppedAreaLeftPixels": self.cropped_at[0],
+            "CroppedAreaTopPixels": self.cropped_at[1],
+        }
+
     def xmp(self) -> bytes:
         """The XMP packet that pictures carry, UTF-8.
 
@@ -131,13 +143,7 @@ class GPano:
         """
         fields: dict[str, object] = {
             "UsePanoramaViewer": "True",
-            "ProjectionType": "equirectangular",
-            "FullPanoWidthPixels": self.full_size[0],
-            "FullPanoHeightPixels": self.full_size[1],
-            "CroppedAreaImageWidthPixels": self.cropped_size[0],
-            "CroppedAreaImageHeightPixels": self.cropped_size[1],
-            "CroppedAreaLeftPixels": self.cropped_at[0],
-            "CroppedAreaTopPixels": self.cropped_at[1],
+            **self.area(),
         }
         if self.pose_heading_deg is not None:
             fields["PoseHeadingDegrees"] = f"{self.pose_heading_deg:g}"

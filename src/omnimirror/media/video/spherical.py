@@ -117,13 +117,7 @@ def v1_text(panorama: GPano) -> bytes:
         "Spherical": "true",
         "Stitched": "true",
         "StitchingSoftware": SOURCE.decode(),
-        "ProjectionType": "equirectangular",
-        "FullPanoWidthPixels": panorama.full_size[0],
-        "FullPanoHeightPixels": panorama.full_size[1],
-        "CroppedAreaImageWidthPixels": panorama.cropped_size[0],
-        "CroppedAreaImageHeightPixels": panorama.cropped_size[1],
-        "CroppedAreaLeftPixels": panorama.cropped_at[0],
-        "CroppedAreaTopPixels": panorama.cropped_at[1],
+        **panorama.area(),
     }
     elements = "".join(f"<GSpherical:{name}>{value}</GSpherical:{name}>" for name, value in fields.items())
     return (

@@ -12,11 +12,11 @@ import numpy as np
 from ...analysis import best_focus
 from ...design.construct.families import FAMILIES
 from ...design.construct.fits import fit_mirror
-from ...design.construct.mappings import MAPPINGS
 from ...design.construct.rim import MountedMirror, Rim
 from ...errors import InvalidParameter, OmnimirrorError, SpecError
 from ...lenses import Orthographic, Perspective
 from ...mirrors import MIRRORS, EvenPolynomial, Mirror, SampledProfile, SlopeSpline, TabulatedMapping
+from ...mirrors.generated import MAPPINGS
 from ...mirrors.generated.base import Mapped
 from ...sensor import Sensor
 from ...specs import EntryError, NoFile, sensor_of, tables_of

@@ -13,13 +13,13 @@ from rich.console import Console
 
 from ....batch.bases import FREE_FORMS
 from ....design.construct.families import FAMILIES
-from ....design.construct.mappings import MAPPINGS
 from ....design.criteria.merits import DESIGN_MERITS
 from ....design.criteria.requirements import Requirements
 from ....design.solve.designer import Design, SearchOptions, assessed, design_sensor, free_form_notes
 from ....design.solve.freeform import SHAPE, problem_of
 from ....errors import InvalidParameter
 from ....files import write_text
+from ....mirrors.generated import MAPPINGS
 from ....specs import save_sensor
 from ...options.common import NUMBER, WHOLE, number_or_range
 from ...options.declared import refuse_other

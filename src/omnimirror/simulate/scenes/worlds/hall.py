@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ....errors import InvalidParameter
+from ....parameters import Parameter
 from ...colour import Light
 from ..boxes import Box, Face, face_of
 from ..canvas import Canvas, Paint
@@ -17,7 +18,7 @@ from ..lighting import light_on
 from .boards import Board
 from .painted import Surroundings, finished, outsides, surfaces_of
 
-FINEST_MM, COARSEST_MM = 1.0, 100.0
+TEXEL = Parameter("mm", 1.0, 100.0, "fineness of what is painted")
 PLAIN = 4.0  # times coarser, where there are no corners to be found
 HALL = Box((-5200.0, -4200.0, -1700.0), (5200.0, 4200.0, 3300.0))
 CRATES = (
@@ -74,8 +75,7 @@ class Hall:
     texel_mm: float = 4.0
 
     def __post_init__(self) -> None:
-        if not FINEST_MM <= self.texel_mm <= COARSEST_MM:
-            raise InvalidParameter(f"texel_mm = {self.texel_mm:g} is outside {FINEST_MM:g} to {COARSEST_MM:g}")
+        TEXEL.check("texel_mm", self.texel_mm)
 
     @property
     def boards(self) -> tuple[str, ...]:

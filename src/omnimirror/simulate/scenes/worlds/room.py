@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from ....errors import InvalidParameter
 from ....native import backend
 from ....numerics.lazy import cached_property
+from ....parameters import Parameter
 from ...colour import Light
 from ..boxes import FACES, Face, face_of, meet
 from ..canvas import Canvas, Extent
@@ -20,7 +21,7 @@ from .decor import PIECES, ROOM, paint_room
 from .landscape import landscape_light
 from .painted import Landscape, Surroundings, finished, outsides, surfaces_of
 
-FINEST_MM, COARSEST_MM = 1.0, 100.0
+TEXEL = Parameter("mm", 1.0, 100.0, "fineness of what is painted")
 PLAIN_MM = 25.0  # fine enough where there is nothing but light and shade
 SOLIDS = tuple(piece.box for piece in PIECES)
 
@@ -59,8 +60,7 @@ class Room:
     texel_mm: float = 5.0
 
     def __post_init__(self) -> None:
-        if not FINEST_MM <= self.texel_mm <= COARSEST_MM:
-            raise InvalidParameter(f"texel_mm = {self.texel_mm:g} is outside {FINEST_MM:g} to {COARSEST_MM:g}")
+        TEXEL.check("texel_mm", self.texel_mm)
 
     def radiance(self, origins_mm: ArrayLike, directions: ArrayLike) -> Light:
         """Linear RGB (n, 3) of rays from origins (n, 3) mm in directions (n, 3) of any length but 0.

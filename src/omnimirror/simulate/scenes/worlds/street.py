@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ....errors import InvalidParameter
+from ....parameters import Parameter
 from ...colour import Light
 from ..boxes import Box, Face, face_of
 from ..canvas import Canvas, Paint
@@ -19,7 +20,7 @@ from ..triangles import combined, crown
 from .painted import Landscape, Surroundings, finished, outsides, surfaces_of
 from .streetside import CARS, GROUND_MM, HOUSES, LANTERNS, TREES, House, paint_car, paint_front, paint_road, paint_side
 
-FINEST_MM, COARSEST_MM = 4.0, 200.0
+TEXEL = Parameter("mm", 4.0, 200.0, "fineness of what is painted")
 NEAR_MM = 15_000.0  # what is twice as far is painted half as finely
 GRID_MM = 250.0  # of light and shade
 SUN = np.array([0.35, -0.55, 0.75]) / np.linalg.norm([0.35, -0.55, 0.75])
@@ -54,8 +55,7 @@ class Street:
     texel_mm: float = 20.0
 
     def __post_init__(self) -> None:
-        if not FINEST_MM <= self.texel_mm <= COARSEST_MM:
-            raise InvalidParameter(f"texel_mm = {self.texel_mm:g} is outside {FINEST_MM:g} to {COARSEST_MM:g}")
+        TEXEL.check("texel_mm", self.texel_mm)
 
     def radiance(self, origins_mm: ArrayLike, directions: ArrayLike) -> Light:
         """Linear RGB (n, 3) of rays from origins (n, 3) mm in directions (n, 3) of any length but 0.
