@@ -29,7 +29,7 @@ import cv2
 import numpy as np
 
 import omnimirror as om
-from omnimirror.dewarp.yuv.frames import dewarp_frame
+from omnimirror.dewarp.frames import dewarp_frame
 from omnimirror.files import write_text
 from omnimirror.media.live.sources import LOW_DELAY, LiveSource
 from omnimirror.media.video.frames import frame_of_image, planes

@@ -21,7 +21,7 @@ from circumstances import arguments_of, circumstances, photograph_of, set_thread
 from timing import interleaved
 
 import omnimirror as om
-from omnimirror.dewarp.maps.coordinates import screen_grid, screen_rings
+from omnimirror.dewarp.maps.coordinates import lattice_map_of, polar_map_of
 from omnimirror.files import write_text
 from omnimirror.frames import view_axes
 from omnimirror.imagers import Imager
@@ -127,11 +127,11 @@ def functions_of(picture: np.ndarray) -> dict[str, Callable[[], object]]:
         "table map + cv2.remap": lambda: remap(table_map(pan())),
         "distant view": lambda: straightened(view(np.inf)),
         "near view": lambda: straightened(view(400.0)),
-        "coordinates of the distant view": lambda: screen_grid(camera, view(np.inf)),
-        "coordinates of the near view": lambda: screen_grid(camera, view(400.0)),
+        "coordinates of the distant view": lambda: lattice_map_of(camera, view(np.inf)),
+        "coordinates of the near view": lambda: lattice_map_of(camera, view(400.0)),
         "distant panorama": lambda: straightened(panorama(np.inf)),
         "near panorama": lambda: straightened(panorama(400.0)),
-        "coordinates of the near panorama": lambda: screen_rings(camera, panorama(400.0)),
+        "coordinates of the near panorama": lambda: polar_map_of(camera, panorama(400.0)),
     }
 
 

@@ -16,7 +16,9 @@ from circumstances import arguments_of, circumstances, photograph_of, set_thread
 from timing import interleaved
 
 import omnimirror as om
-from omnimirror.dewarp.sampling.remapping import FixedMap, remap_polar
+from omnimirror.dewarp.maps.pixels import PixelMap
+from omnimirror.dewarp.maps.polar import PolarMap
+from omnimirror.dewarp.sampling.samplers import remap
 from omnimirror.dewarp.screens import Cylinder, Plane
 from omnimirror.files import write_text
 
@@ -50,25 +52,24 @@ def fixed_rows(photograph: np.ndarray, threads: int, runs: int) -> list[str]:
         fixed_point = cv2.convertMaps(*np.moveaxis(coordinates.astype(np.float32), -1, 0).copy(), cv2.CV_16SC2)
         out, other = np.empty((*size[::-1], 3), np.uint8), np.empty((*size[::-1], 3), np.uint8)
         for interpolation, flag in CV.items():
-            packed = FixedMap(coordinates, (side, side), interpolation)
+            packed = PixelMap(coordinates.astype(np.float32), (side, side))
             functions: dict[str, Callable[[], object]] = {
                 "OpenCV": lambda p=picture, m=fixed_point, f=flag, o=other: cv2.remap(p, *m, f, o),
-                "packed": lambda p=picture, m=packed, o=out: m(p, o),
+                "packed": lambda p=picture, m=packed, i=interpolation, o=out: remap(p, m, i, o),
             }
-            packed(picture, out)  # the second picture is the first to use the packed map
+            remap(picture, packed, interpolation, out)  # the second picture is the first to use the packed map
             if kind == "panorama":
                 centre = np.array(camera.centre_px)
                 radii = np.nanmean(np.linalg.norm(coordinates - centre, axis=-1), axis=1)
                 angles = np.arctan2(*(coordinates - centre)[size[1] // 2].T[::-1])
-                functions["polar"] = lambda p=picture, r=radii, a=angles, c=centre, i=interpolation, o=out: remap_polar(
-                    p, r, a, tuple(c), i, o
-                )
+                polar = PolarMap(tuple(centre), radii, angles, (side, side))
+                functions["polar"] = lambda p=picture, m=polar, i=interpolation, o=out: remap(p, m, i, o)
             ms = interleaved(functions, runs, FRAMES)
             ours = ms["packed"]
-            polar = f"{ms['polar']:.2f} | {ms['OpenCV'] / ms['polar']:.1f}" if "polar" in ms else "|"
+            no_map = f"{ms['polar']:.2f} | {ms['OpenCV'] / ms['polar']:.1f}" if "polar" in ms else "|"
             rows.append(
                 f"| {side} -> {size[0]} x {size[1]} {kind} | {interpolation} | {threads} | {ms['OpenCV']:.2f} | "
-                f"{ours:.2f} | {ms['OpenCV'] / ours:.1f} | {polar} |"
+                f"{ours:.2f} | {ms['OpenCV'] / ours:.1f} | {no_map} |"
             )
             print(rows[-1], flush=True)
     return rows

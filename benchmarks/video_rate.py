@@ -28,7 +28,7 @@ from av.filter import Graph
 from timing import interleaved
 
 import omnimirror as om
-from omnimirror.dewarp.yuv.frames import dewarp_frame
+from omnimirror.dewarp.frames import dewarp_frame
 from omnimirror.files import write_text
 from omnimirror.media.processing import process
 from omnimirror.media.video.frames import frame_of_image

@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.dewarp.maps.coordinates import exact_pixels, is_separable, screen_rings
-from omnimirror.dewarp.sampling import remapping as sampling
+from omnimirror.dewarp.maps.coordinates import exact_pixels, is_separable, polar_map_of
+from omnimirror.dewarp.sampling import opencv
 from omnimirror.errors import InvalidParameter, OutsideField
 from omnimirror.frames import Mount
 from omnimirror.specs import bundled_sensors
+from tests.samplers import remap_at
 
 BALL = om.MirrorBall((511.0, 509.5), 480.0, 270.0, (1024, 1020))
 FISHEYE = om.OCam((-250.0, 0.0, 4e-4), (320.0, 240.0), (640, 480), optics="fisheye")
@@ -28,7 +29,7 @@ def test_separable_panoramas_are_the_general_ones(camera, mount):
     camera = replace(camera, mount=mount)
     view = om.screens.Cylinder((200, 120), -90.0, 90.0, 13.0, 350.0)
     assert is_separable(camera, view)
-    separable, general = screen_rings(camera, view).coordinates(camera.image_size), exact_pixels(camera, view)
+    separable, general = polar_map_of(camera, view).pixels(), exact_pixels(camera, view)
     assert np.isfinite(general).any()
     np.testing.assert_array_equal(np.isnan(separable), np.isnan(general))
     np.testing.assert_allclose(separable, general, atol=1e-9, rtol=0)
@@ -44,7 +45,7 @@ def test_near_panoramas_about_the_axis_are_separable_too(camera, mount, viewpoin
         om.screens.Sphere((60, 120), pan_deg=70.0, distance_mm=250.0, offset_mm=(0.0, 0.0, -60.0)),
     ):
         assert is_separable(camera, view)
-        separable = screen_rings(camera, view, viewpoint).coordinates(camera.image_size)
+        separable = polar_map_of(camera, view, viewpoint).pixels()
         general = exact_pixels(camera, view, viewpoint)
         assert np.isfinite(general).any()
         np.testing.assert_array_equal(np.isnan(separable), np.isnan(general))
@@ -60,13 +61,13 @@ def test_panoramas_are_sampled_without_a_map(camera):
     picture = cv2.resize(np.random.default_rng(3).integers(0, 255, (40, 40, 3), np.uint8), (width, height))
     dewarp = om.Dewarper(camera, om.screens.Cylinder((500, 300), -90.0, 60.0), "linear")
     straight = dewarp(picture)
-    assert "_map" not in dewarp.__dict__
-    mapped = sampling.remap(picture, dewarp.coordinates())
+    assert "_pixel_map" not in dewarp.__dict__
+    mapped = remap_at(picture, dewarp.coordinates())
     kept = replace(dewarp, keep_map=True)
     for later in (straight, kept(picture), kept(picture)):
         off = np.abs(later.astype(int) - mapped).max(axis=-1) > 1
         assert off.mean() < 1e-3  # at the edge of the picture float32 may decide otherwise
-    assert "_map" in kept.__dict__
+    assert "_pixel_map" in kept.__dict__
 
 
 def test_only_panoramas_about_a_vertical_axis_are_separable():
@@ -81,7 +82,7 @@ def test_a_camera_cut_by_its_picture_is_separable_too():
     """The centre near a corner: only some pixels around it can tell which way round the picture is."""
     camera = om.MirrorBall((3.0, 470.0), 900.0, 200.0, (640, 480))
     view = om.screens.Cylinder((300, 100), -90.0, 0.0)
-    separable, general = screen_rings(camera, view).coordinates(camera.image_size), exact_pixels(camera, view)
+    separable, general = polar_map_of(camera, view).pixels(), exact_pixels(camera, view)
     np.testing.assert_array_equal(np.isnan(separable), np.isnan(general))
     np.testing.assert_allclose(separable, general, atol=1e-9, rtol=0)
 
@@ -196,7 +197,7 @@ def test_large_outputs_are_tiled(monkeypatch, uncompiled):
     picture = np.random.default_rng(0).integers(0, 255, (1020, 1024, 3), np.uint8)
     whole = om.Dewarper(BALL, view)(picture)
     uncompiled()
-    monkeypatch.setattr(sampling, "LONGEST_SIDE_PX", 1025)
+    monkeypatch.setattr(opencv, "LONGEST_SIDE_PX", 1025)
     long = om.Dewarper(BALL, om.screens.Cylinder((4000, 3), -50.0, 0.0))(picture)
     monkeypatch.undo()
     uncompiled()
@@ -226,7 +227,7 @@ def test_a_picture_too_large_for_opencv_is_refused(uncompiled):
     uncompiled()
     camera = om.MirrorBall((20_000.0, 1.0), 15_000.0, 200.0, (40_000, 3))
     with pytest.raises(InvalidParameter, match="40000 x 3 px is too large"):
-        om.Dewarper(camera, om.screens.Plane((20, 10), tilt_deg=-90.0))(np.zeros((3, 40_000), np.uint8))
+        om.Dewarper(camera, om.screens.Plane((21, 11), tilt_deg=-90.0))(np.zeros((3, 40_000), np.uint8))
 
 
 @pytest.mark.parametrize(

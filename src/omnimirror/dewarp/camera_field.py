@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 from ..arguments import instance
 from ..cameras import AxialSymmetry, Camera
 from ..errors import OutsideField
-from .sampling.footprints import Ring
+from .contracts import Annulus
 from .screens import Pole
 
 Array = NDArray[np.float64]
 
 SAMPLES = 20_000  # directions all over the sphere, and pixels all over the picture
-RING_SLACK_PX = 1e-3  # the rim itself is seen
+ANNULUS_SLACK_PX = 1e-3  # the rim itself is seen
 EDGE_SAMPLES = 1440  # points along the rim and along each side of the picture
 
 
@@ -81,18 +81,18 @@ def is_vertical(symmetry: AxialSymmetry) -> bool:
     return bool(np.hypot(*symmetry.axis[:2]) < 1e-12)
 
 
-def ring_of(camera: Camera) -> Ring | None:
+def annulus_of(camera: Camera) -> Annulus | None:
     """The part of the picture that the field of a symmetric camera fills; None for other cameras."""
-    return None if camera.symmetry is None else _ring_seen(camera)  # type: ignore[arg-type]  # asks for Hashable
+    return None if camera.symmetry is None else _annulus_seen(camera)  # type: ignore[arg-type]  # asks for Hashable
 
 
 @lru_cache(maxsize=32)
-def _ring_seen(camera: Camera) -> Ring:
+def _annulus_seen(camera: Camera) -> Annulus:
     symmetry = camera.symmetry
     assert symmetry is not None
     ends = symmetry.radius_px(np.array([symmetry.omega_min, symmetry.omega_max]))
-    least, most = float(ends.min()) - RING_SLACK_PX, float(ends.max()) + RING_SLACK_PX
-    return Ring(*symmetry.centre_px, max(least, 0.0), most)
+    inner, outer = float(ends.min()) - ANNULUS_SLACK_PX, float(ends.max()) + ANNULUS_SLACK_PX
+    return Annulus(*symmetry.centre_px, max(inner, 0.0), outer)
 
 
 def _tilts_seen(camera: Camera, directions: Array) -> tuple[float, float]:
@@ -100,7 +100,7 @@ def _tilts_seen(camera: Camera, directions: Array) -> tuple[float, float]:
     symmetry = camera.symmetry
     edge = [camera.backproject(_pixels_along_the_edge(camera.image_size)).directions]
     if symmetry is not None:
-        rim = _ring(symmetry.axis, symmetry.omega_max)
+        rim = _circle(symmetry.axis, symmetry.omega_max)
         seen = camera.project_directions(rim).valid
         if is_vertical(symmetry) and seen.any():
             return _sorted_degrees(symmetry.axis[2] * (np.pi / 2 - np.array([symmetry.omega_min, symmetry.omega_max])))
@@ -116,14 +116,14 @@ def _sorted_degrees(angles: Array) -> tuple[float, float]:
     return low, high
 
 
-def _ring(axis: Array, omega: float) -> Array:
+def _circle(axis: Array, omega: float) -> Array:
     """Unit vectors (EDGE_SAMPLES, 3) at the angle omega from an axis."""
     helper = np.eye(3)[np.argmin(abs(axis))]
     e1 = np.cross(axis, helper) / np.linalg.norm(np.cross(axis, helper))
     e2 = np.cross(axis, e1)
     phi = np.linspace(0, 2 * np.pi, EDGE_SAMPLES, endpoint=False)[:, None]
-    ring: Array = np.cos(omega) * axis + np.sin(omega) * (np.cos(phi) * e1 + np.sin(phi) * e2)
-    return ring
+    circle: Array = np.cos(omega) * axis + np.sin(omega) * (np.cos(phi) * e1 + np.sin(phi) * e2)
+    return circle
 
 
 def _directions_all_over() -> Array:

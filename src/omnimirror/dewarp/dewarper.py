@@ -12,38 +12,26 @@ from numpy.typing import NDArray
 from ..arguments import WrongKind, instance, shown
 from ..cameras import Camera, Mask
 from ..errors import InvalidParameter, OutsideField
-from ..native import backend
 from ..numerics.lazy import cached_property
-from .camera_field import field_of, ring_of
-from .maps.coordinates import is_separable, screen_grid, screen_rings, source_pixels
-from .maps.polar import Rings
-from .sampling.remapping import (
-    INTERPOLATIONS,
-    Border,
-    FixedMap,
-    Grid,
-    Image,
-    Interpolation,
-    check_border,
-    check_picture,
-    clear_border,
-    with_alpha,
-)
-from .screens import Screen, View
+from .camera_field import annulus_of, field_of
+from .contracts import INTERPOLATIONS, Border, Image, Interpolation, Map
+from .maps.coordinates import is_separable, lattice_map_of, polar_map_of, source_pixels
+from .maps.pixels import PixelMap, Rectangle
+from .sampling.borders import check_border, clear_border, with_alpha
+from .sampling.checks import check_picture
+from .sampling.samplers import remap
+from .screens import Screen, View, parts_of
 from .viewpoints import Viewpoint, check_viewpoint
-from .yuv.chroma import (
+from .yuv.chroma import remap_planes, remap_whole_planes
+from .yuv.planes import (
+    SITINGS,
     Planes,
     Siting,
-    Where,
     border_of_planes,
     check_planes,
     check_shapes,
-    chroma_of,
     empty_planes,
-    sample,
-    sample_planes,
-    sample_whole,
-    shared_by,
+    subsampling,
 )
 
 Array = NDArray[np.float64]
@@ -146,7 +134,7 @@ class Dewarper:
         if transparent:
             border = clear_border(border, image)
             image = with_alpha(image)
-        return sample(image, self._where, self.interpolation, out, border)
+        return remap(image, self._map, self.interpolation, out, border)
 
     def planes(
         self,
@@ -197,15 +185,12 @@ class Dewarper:
             out = empty_planes(parts, self.view.size)
         check_shapes(out, self.view.size, parts)
         border = border_of_planes(self.border, full_range, bits)
-        luma = self._where
         if len(parts) == 4:
             opacity = ((1 << bits) - 1) * isinstance(self.border, Sequence)
-            sample(parts[3], luma, self.interpolation, out[3], opacity)
-        if shared_by(parts) != (2, 2):
-            return sample_whole(parts, luma, sitings, self.interpolation, out, border)
-        if sitings not in self._chroma:
-            self._chroma[sitings] = chroma_of(luma, self.view, sitings, self.camera.image_size, self.interpolation)
-        sample_planes(parts[:3], luma, self._chroma[sitings], self.interpolation, out[:3], border)
+            remap(parts[3], self._map, self.interpolation, out[3], opacity)
+        if subsampling(parts) != (2, 2):
+            return remap_whole_planes(parts, self._map, sitings, self.interpolation, out, border)
+        remap_planes(parts[:3], self._map, self._chroma_map(sitings), self.interpolation, out[:3], border)
         return out
 
     def coordinates(self, exact: bool = False) -> Array:
@@ -229,38 +214,44 @@ class Dewarper:
     @property
     def valid(self) -> Mask:
         """(height, width), False outside the field."""
-        valid: Mask = ~np.isnan(self._map.coordinates[..., 0])
+        valid: Mask = ~np.isnan(self._pixel_map.pixels()[..., 0])
         return valid
 
     @cached_property
-    def _where(self) -> Where:
-        """Where to sample, the same for all pictures: a map if it was asked for, or there is nothing else."""
-        has_lattice = not self.keep_map and backend.is_compiled
-        return (self._lattice if has_lattice else None) or self._map
+    def _map(self) -> Map:
+        """Where to sample, the same for all pictures: all pixels' places if asked for, or if there is nothing else."""
+        return self._pixel_map if self.keep_map or self._quick_map is None else self._quick_map
 
     @cached_property
-    def _lattice(self) -> Rings | Grid | None:
-        """What is made much sooner than a map, and sampled nearly as fast; None where there is no such thing."""
+    def _quick_map(self) -> Map | None:
+        """What is made much sooner than a map of all pixels, and sampled nearly as fast; None where there is none."""
         if not isinstance(self.view, Screen):
             return None
         if is_separable(self.camera, self.view):
-            rings = screen_rings(self.camera, self.view, self.viewpoint)
-            # Where they do not seem to, only a map tells whether anything is seen.
-            return replace(rings, ring=ring_of(self.camera)) if rings.show_something(self.camera.image_size) else None
-        grid = screen_grid(self.camera, self.view, self.viewpoint)
-        if (grid.cells >= 0).all() and np.isnan(grid.patches).all():
+            polar = polar_map_of(self.camera, self.view, self.viewpoint)
+            # Where it does not seem to, only a map of all pixels tells whether anything is seen.
+            return replace(polar, annulus=annulus_of(self.camera)) if polar.shows_something() else None
+        lattice = lattice_map_of(self.camera, self.view, self.viewpoint)
+        if not lattice.shows_something():
             raise self._sees_nothing()
-        return replace(grid, ring=ring_of(self.camera))
+        return replace(lattice, annulus=annulus_of(self.camera))
 
     @cached_property
-    def _chroma(self) -> dict[tuple[Siting, Siting], Where]:
+    def _pixel_map(self) -> PixelMap:
+        annulus = annulus_of(self.camera)
+        if self._quick_map is not None:
+            return PixelMap.of(self._quick_map, annulus)
+        views = [] if isinstance(self.view, Screen) else parts_of(self.view)
+        rectangles = [Rectangle(left, top, *screen.size) for left, top, screen in views]
+        return PixelMap(self.coordinates().astype(np.float32), self.camera.image_size, annulus, rectangles)
+
+    def _chroma_map(self, sitings: tuple[Siting, Siting]) -> Map:
+        """Of colours in 4:2:0, sited so in the source and in the view."""
+        if sitings not in self._chroma_maps:
+            in_picture, in_view = (SITINGS[siting] for siting in sitings)
+            self._chroma_maps[sitings] = self._map.halved(in_picture, in_view)
+        return self._chroma_maps[sitings]
+
+    @cached_property
+    def _chroma_maps(self) -> dict[tuple[Siting, Siting], Map]:
         return {}
-
-    @cached_property
-    def _map(self) -> FixedMap:
-        size = self.camera.image_size
-        if isinstance(self._lattice, Rings):
-            return self._lattice.map(size, self.interpolation)
-        if isinstance(self._lattice, Grid):
-            return FixedMap.of_grid(self._lattice, size, self.interpolation)
-        return FixedMap(self.coordinates(), size, self.interpolation, ring_of(self.camera))

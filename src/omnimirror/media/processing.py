@@ -92,7 +92,7 @@ def process(
         (y, uv) of NV12, as :func:`omnimirror.media.video.frames.planes` gives them, without any conversion
         unless the source is of another kind than 4:2:0 with 8 bits. ``"frame"``: it takes the frame with
         planes of whatever depth and colour resolution the source has, which also tells how they are coded, such as
-        :func:`omnimirror.dewarp.yuv.frames.dewarp_frame`.
+        :func:`omnimirror.dewarp.frames.dewarp_frame`.
     progress
         Told a few times a second, and at the end.
     total

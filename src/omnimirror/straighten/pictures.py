@@ -14,7 +14,7 @@ import numpy as np
 from ..arguments import file_name
 from ..cameras import Camera
 from ..dewarp import Dewarper, views
-from ..dewarp.sampling.remapping import Border, Interpolation
+from ..dewarp.contracts import Border, Interpolation
 from ..dewarp.screens import View
 from ..dewarp.viewpoints import Viewpoint
 from ..errors import InvalidParameter, OmnimirrorError

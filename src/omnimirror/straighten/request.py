@@ -9,7 +9,7 @@ from typing import Any, Literal, TypeAlias, TypeVar
 
 from ..cameras import Camera
 from ..dewarp import Dewarper, views
-from ..dewarp.sampling.remapping import Border, Interpolation
+from ..dewarp.contracts import Border, Interpolation
 from ..dewarp.screens import Cylinder, Sphere, View
 from ..dewarp.viewpoints import Viewpoint
 from ..errors import InvalidParameter

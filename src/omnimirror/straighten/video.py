@@ -14,11 +14,11 @@ import av
 
 from ..cameras import Camera
 from ..dewarp import Dewarper, views
-from ..dewarp.sampling.remapping import Border, Interpolation
+from ..dewarp.contracts import Border, Interpolation
+from ..dewarp.frames import dewarp_frame
 from ..dewarp.screens import View
 from ..dewarp.viewpoints import Viewpoint
-from ..dewarp.yuv.chroma import Siting
-from ..dewarp.yuv.frames import dewarp_frame
+from ..dewarp.yuv.planes import Siting
 from ..errors import InvalidParameter
 from ..files import is_same_file
 from ..media import processing

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.dewarp.maps.coordinates import exact_pixels, screen_grid, screen_pixels
-from omnimirror.dewarp.maps.refine import view_grid
+from omnimirror.dewarp.maps.coordinates import exact_pixels, lattice_map_of, screen_pixels
+from omnimirror.dewarp.maps.refine import lattice_map
 from omnimirror.dewarp.screens import CubeMap, Cylinder, Dome, Ground, LittlePlanet, Plane, Sphere, parts_of
 from omnimirror.frames import Mount
 from omnimirror.imagers import Imager
@@ -108,7 +108,7 @@ def test_few_pixels_are_projected():
         asked += np.broadcast(u, v).size
         return sensor.project_directions(Plane((640, 400), tilt_deg=-10, hfov_deg=70).targets_at(u, v)).pixels
 
-    view_grid(counted, (640, 400))
+    lattice_map(counted, (640, 400), sensor.image_size)
     assert asked < 0.015 * 640 * 400
 
 
@@ -138,6 +138,6 @@ def test_what_lies_wholly_outside_the_field_is_not_projected():
     """Half of the view is sky that the sensor does not see; its edge is where it is."""
     sensor = om.load_sensor("paper-spherical")
     view = Plane((1280, 720), tilt_deg=45, hfov_deg=90)
-    grid = screen_grid(sensor, view)
+    grid = lattice_map_of(sensor, view)
     assert len(grid.patches) < 0.2 * grid.cells.size < 0.5 * (grid.cells >= 0).sum()
-    np.testing.assert_array_equal(np.isnan(grid.coordinates()), np.isnan(exact_pixels(sensor, view)))
+    np.testing.assert_array_equal(np.isnan(grid.pixels()), np.isnan(exact_pixels(sensor, view)))

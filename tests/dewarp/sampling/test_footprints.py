@@ -10,21 +10,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import omnimirror as om
-from omnimirror.dewarp.sampling import remapping as sampling
-from omnimirror.dewarp.sampling.footprints import Ring, squares_of_coordinates
-from omnimirror.dewarp.sampling.remapping import FixedMap, Grid, remap, remap_grid, remap_polar
+from omnimirror.dewarp.contracts import INTERPOLATIONS, KERNELS, Annulus
+from omnimirror.dewarp.maps.lattice import LatticeMap
+from omnimirror.dewarp.maps.pixels import PixelMap
+from omnimirror.dewarp.sampling.footprints import RULES, squared_sides_of_pixels
+from omnimirror.dewarp.sampling.samplers import remap
 from omnimirror.native import backend
+from tests.samplers import instructions, remap_at
 
 MODULE = backend.module
-INSTRUCTIONS = ["opencv"]
-if MODULE is not None:
-    for _name in ("plain", "avx2", "neon"):
-        try:
-            MODULE.use_instructions(_name)
-            INSTRUCTIONS.append(_name)
-        except ValueError:
-            continue
-
+INSTRUCTIONS = ["opencv", *instructions()]
 FULL = {"uint8": 255, "uint16": 65535, "float32": 1.0}
 TOLERANCE = {"uint8": 1.5, "uint16": 4.0, "float32": 6e-5}
 KINDS = [(depth, channels) for depth in FULL for channels in (1, 2, 3, 4)]
@@ -138,8 +133,8 @@ def test_values_are_the_definition(depth, channels, interpolation, sampler):
     for matrix, shape in ((FINE, (9, 11)), (SHRINKING, (60, 43)), (SLANTED, (33, 20)), (STRONG, (12, 17))):
         places = affine(matrix, (74.37, 63.23), shape)
         expected = truth(picture, places, matrix, interpolation, border)
-        fixed = FixedMap(places, (150, 130), interpolation, Ring(75.0, 65.0, 0.0, 1e3))
-        for taken in (fixed(picture, border=border), fixed(picture, border=border)):
+        fixed = PixelMap(places, (150, 130), Annulus(75.0, 65.0, 0.0, 1e3))
+        for taken in (remap(picture, fixed, interpolation, border=border) for _ in range(2)):
             assert taken.dtype == picture.dtype
             np.testing.assert_allclose(taken, expected, rtol=0, atol=TOLERANCE[depth])
 
@@ -158,7 +153,8 @@ def grid_of(matrix, size, step, bend=0.0):
     down, across = -(-height // step), -(-width // step)
     x, y = np.meshgrid((np.arange(across + 3) - 1.0) * step, (np.arange(down + 3) - 1.0) * step)
     nodes = np.ascontiguousarray(np.moveaxis(places(x, y), -1, 0), np.float32)
-    grid = Grid(nodes, size, step, np.full((down, across), -1, np.int32), np.empty((0, step, step, 2), np.float32))
+    cells, patches = np.full((down, across), -1, np.int32), np.empty((0, step, step, 2), np.float32)
+    grid = LatticeMap(nodes, size, (150, 130), step, cells, patches)
     return grid, places(*np.meshgrid(np.arange(float(width)), np.arange(float(height))))
 
 
@@ -168,37 +164,13 @@ def test_lattices_average_as_maps_do(step, interpolation, sampler):
     picture = texture("uint8", 3)
     for size, matrix in (((47, 61), SHRINKING), ((130, 70), [[0.9, 0.1], [0.0, 1.6]]), ((1, 1), STRONG)):
         grid, places = grid_of(matrix, size, step, 1e-3)
-        taken = remap_grid(picture, grid, interpolation, border=9)
-        fixed = FixedMap.of_grid(grid, (150, 130), interpolation) if step > 4 else None
-        for again in (fixed and fixed(picture, border=9), fixed and fixed(picture, border=9)):
-            if again is not None:
-                assert (np.abs(again.astype(int) - taken) > 1).mean() < 1e-3  # at the picture's edge
+        taken = remap(picture, grid, interpolation, border=9)
+        fixed = PixelMap.of(grid)
+        for again in (remap(picture, fixed, interpolation, border=9) for _ in range(2 * (step > 4))):
+            assert (np.abs(again.astype(int) - taken) > 1).mean() < 1e-3  # at the picture's edge
         # cells may count one sample more or less than those of a map, which begin elsewhere
-        other = remap(picture, places, interpolation, border=9)
+        other = remap_at(picture, places, interpolation, border=9)
         assert np.sqrt(np.mean((other.astype(float) - taken) ** 2)) < 2
-
-
-def test_polar_maps_average_as_maps_do(sampler):
-    picture = texture("uint8", 3)
-    radii, angles = np.linspace(60, 1, 20), np.linspace(0, 6.2, 90)
-    places = np.stack([75 + radii[:, None] * np.cos(angles), 65 + radii[:, None] * np.sin(angles)], axis=-1)
-    for interpolation in ("auto", "area"):
-        taken = remap_polar(picture, radii, angles, (75.0, 65.0), interpolation)
-        assert np.abs(taken.astype(int) - remap(picture, places, interpolation)).max() <= 1
-
-
-def test_compiled_and_opencv_agree_on_a_real_view(monkeypatch):
-    if MODULE is None:
-        pytest.skip("the compiled samplers are not built")
-    picture = texture("uint8", 3, (1024, 1020))
-    views = [om.screens.Cylinder((300, 120), -90.0, 45.0), om.screens.Plane((320, 200), 10.0, -40.0, 0.0, 130.0)]
-    for view in views:
-        for interpolation in ("auto", "area"):
-            taken = [om.Dewarper(BALL, view, interpolation)(picture)]
-            with monkeypatch.context() as patch:
-                patch.setattr(backend, "module", None)
-                taken.append(om.Dewarper(BALL, view, interpolation)(picture))
-            assert np.abs(taken[0].astype(int) - taken[1]).max() <= 1
 
 
 @pytest.mark.parametrize("keep_map", [False, True])
@@ -239,10 +211,10 @@ def test_stripes_finer_than_a_pixel_become_grey(sampler):
     stripes[:, ::4] = stripes[:, 1::4] = 200
     places = affine([[4.3, 0.3], [-0.3, 4.3]], (199.5, 199.5), (80, 80))
     for interpolation in ("auto", "area"):
-        averaged = remap(stripes, places, interpolation)
+        averaged = remap_at(stripes, places, interpolation)
         assert abs(averaged.mean() - 100) < 1
         assert averaged.astype(float).std() < 10  # a mean over 4.3 px of stripes of 4 px leaves 6
-    assert remap(stripes, places, "cubic").astype(float).std() > 60
+    assert remap_at(stripes, places, "cubic").astype(float).std() > 60
 
 
 @settings(max_examples=25, deadline=None)
@@ -256,8 +228,8 @@ def test_the_mean_over_a_footprint_is_that_of_very_many_samples(seed):
     matrix = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]) @ [[across, shear], [0.0, down]]
     places = affine(matrix, (129.5, 129.5), (7, 9))
     many = affine(matrix / 31, (129.5, 129.5), (7 * 31, 9 * 31))
-    mean = remap(picture, many, "linear").reshape(7, 31, 9, 31).mean(axis=(1, 3))
-    np.testing.assert_allclose(remap(picture, places, "area"), mean, atol=0.015)
+    mean = remap_at(picture, many, "linear").reshape(7, 31, 9, 31).mean(axis=(1, 3))
+    np.testing.assert_allclose(remap_at(picture, places, "area"), mean, atol=0.015)
 
 
 def test_where_nothing_shrinks_auto_is_cubic_to_the_bit(sampler):
@@ -269,7 +241,7 @@ def test_where_nothing_shrinks_auto_is_cubic_to_the_bit(sampler):
         auto, cubic = om.Dewarper(BALL, view), om.Dewarper(BALL, view, "cubic")
         for _ in range(2):
             np.testing.assert_array_equal(auto(picture), cubic(picture))
-        assert auto._map._averages is None  # so it costs what cubic costs
+        assert auto._map.averages("auto") is None  # so it costs what cubic costs
 
 
 def test_regions_join_without_a_seam():
@@ -278,9 +250,9 @@ def test_regions_join_without_a_seam():
     picture = (100 + 60 * np.sin(u / 3.1) * np.sin(v / 3.7)).astype(np.float32)
     view = om.screens.Plane((640, 400), 20.0, -40.0, 0.0, 150.0)
     dewarp = om.Dewarper(BALL, view)
-    taken, taps = dewarp(picture), dewarp._lattice.averages("auto").taps
+    taken, taps = dewarp(picture), dewarp._map.averages("auto").taps
     assert len(np.unique(taps.reshape(-1, 2), axis=0)) >= 4
-    step = dewarp._lattice.step
+    step = dewarp._map.step
     differs = (np.diff(taps.astype(int), axis=1) != 0).any(axis=-1).repeat(step, axis=0)[: view.size[1]]
     bend = np.abs(np.diff(taken, 3, axis=1))  # of four pixels in a row
     rows, cells = np.nonzero(differs)
@@ -329,7 +301,7 @@ def test_the_end_of_a_picture_is_averaged_over_what_is_inside(sampler):
     picture = np.full((50, 60, 3), 255, np.uint8)
     places = affine([[7.0, 0.0], [0.0, 5.0]], (29.5, 24.5), (15, 13))
     for interpolation in ("auto", "area"):
-        taken = remap(picture, places, interpolation, border=10)
+        taken = remap_at(picture, places, interpolation, border=10)
         np.testing.assert_array_equal(taken[on(picture, places)], 255)
         np.testing.assert_array_equal(taken[~on(picture, places)], 10)
 
@@ -355,7 +327,7 @@ def test_views_of_a_mosaic_do_not_run_into_each_other(sampler):
 
 def test_cells_of_neighbours_far_apart_do_not_count_as_large():
     places = np.concatenate([affine(FINE, (40, 40), (32, 24)), affine(FINE, (900, 700), (32, 24))], axis=1)
-    assert squares_of_coordinates(places).max() < 0.3
+    assert squared_sides_of_pixels(places).max() < 0.3
 
 
 def test_views_of_a_single_pixel_or_row():
@@ -371,9 +343,9 @@ def test_a_view_of_many_pixels_on_few_is_bounded():
     """4000 source pixels on 8: 128 samples a side, and no more."""
     picture = np.full((4000, 4000), 99, np.uint8)
     places = affine([[500.0, 0], [0, 500.0]], (1999.5, 1999.5), (8, 8))
-    fixed = FixedMap(places, (4000, 4000), "area")
-    assert fixed._averages.taps.max() == 128
-    assert (fixed(picture) == 99).all()
+    fixed = PixelMap(places, (4000, 4000))
+    assert fixed.averages("area").taps.max() == 128
+    assert (remap(picture, fixed, "area") == 99).all()
 
 
 # -- memory ----------------------------------------------------------------------------------------
@@ -408,8 +380,8 @@ def test_any_size_stays_within_its_memory(data):
     if MODULE is not None:
         MODULE.use_instructions(name)
     try:
-        fixed = FixedMap(places, (width, height), interpolation)
-        for taken in (remap(picture, places, interpolation, out), fixed(picture, out), fixed(picture, out)):
+        fixed = PixelMap(places, (width, height))
+        for taken in (remap(picture, fixed, interpolation, out) for _ in range(2)):
             inside = on(picture, places)
             np.testing.assert_allclose(taken[inside], 0.5 if depth == "float32" else 77, rtol=1e-5)
             assert (taken[~inside] == 0).all()
@@ -451,16 +423,16 @@ def test_the_module_itself_refuses_what_would_leave_memory():
 def test_threads_change_no_bit():
     picture, before = texture("uint8", 3), backend.threads
     grid, _ = grid_of(SHRINKING, (60, 61), 16)
-    fixed = FixedMap.of_grid(grid, (150, 130), "auto")
+    fixed = PixelMap.of(grid)
     backend.set_threads(1)
-    expected = fixed(picture), remap_grid(picture, grid, "area")
+    expected = remap(picture, fixed, "auto"), remap(picture, grid, "area")
     for count_of_threads in (2, 3, 7):
         backend.set_threads(count_of_threads)
-        np.testing.assert_array_equal(fixed(picture), expected[0])
-        np.testing.assert_array_equal(remap_grid(picture, grid, "area"), expected[1])
+        np.testing.assert_array_equal(remap(picture, fixed, "auto"), expected[0])
+        np.testing.assert_array_equal(remap(picture, grid, "area"), expected[1])
     backend.set_threads(before)
 
 
 def test_sampling_reads_the_rules_it_offers():
-    assert set(sampling.RULES) == {"auto", "area"}
-    assert set(sampling.KINDS) == set(sampling.INTERPOLATIONS)
+    assert set(RULES) == {"auto", "area"}
+    assert set(KERNELS) == set(INTERPOLATIONS)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.dewarp.sampling.remapping import INTERPOLATIONS
+from omnimirror.dewarp.contracts import INTERPOLATIONS
 from omnimirror.simulate import pinhole_picture
 
 S = om.screens

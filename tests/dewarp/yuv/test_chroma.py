@@ -9,7 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import omnimirror as om
-from omnimirror.dewarp.yuv.chroma import SITINGS, chroma_coordinates
+from omnimirror.dewarp.maps.halving import halved_pixels
+from omnimirror.dewarp.yuv.planes import SITINGS
 from omnimirror.errors import InvalidParameter
 
 SIZE = (401, 400)  # odd and even
@@ -201,7 +202,8 @@ def test_flat_maps_are_met_exactly(data):
         return middle + np.stack(np.meshgrid(u, v), axis=-1) @ matrix.T
 
     site, to_site = (np.array(SITINGS[siting]) for siting in sitings)
-    found = chroma_coordinates(luma(np.arange(width), np.arange(height)), sitings, size)
+    offsets = (SITINGS[siting] for siting in sitings)
+    found = halved_pixels(luma(np.arange(width), np.arange(height)), *offsets, size)
     columns, rows = (2 * np.arange((n + 1) // 2) + s for n, s in zip((width, height), to_site, strict=True))
     np.testing.assert_allclose(found, (luma(columns, rows) - site) / 2, atol=1e-9)
 

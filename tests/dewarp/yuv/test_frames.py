@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.dewarp.yuv.frames import dewarp_frame
+from omnimirror.dewarp.frames import dewarp_frame
 from omnimirror.errors import InvalidParameter
 from omnimirror.media.video.frames import converted, frame_of_image, planes
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import click
 
-from ...dewarp.sampling.remapping import INTERPOLATIONS, Interpolation
+from ...dewarp.contracts import INTERPOLATIONS, Interpolation
 from ...errors import InvalidParameter
 from ...native import MOST_THREADS
 from ...straighten import BorderColour

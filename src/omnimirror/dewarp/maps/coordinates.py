@@ -8,13 +8,13 @@ from numpy.typing import NDArray
 from ...cameras import AxialSymmetry, Camera
 from ...frames import pan_tilt_direction
 from ..camera_field import is_vertical
-from ..sampling.remapping import Grid
 from ..screens import Panorama, Screen, View, parts_of
 from ..screens.base import pixels_of_rows
 from ..viewpoints import Viewpoint, eye_of, projection_of
-from .polar import Rings
+from .lattice import LatticeMap
+from .polar import PolarMap
 from .radial_table import RadialTable, radial_table
-from .refine import view_grid
+from .refine import lattice_map
 
 Array = NDArray[np.float64]
 
@@ -40,14 +40,16 @@ def source_pixels(camera: Camera, view: View, viewpoint: Viewpoint = "exact", ex
 def screen_pixels(camera: Camera, screen: Screen, viewpoint: Viewpoint = "exact") -> Array:
     """Source pixels (height, width, 2) of a screen, the quickest way."""
     if is_separable(camera, screen):
-        return screen_rings(camera, screen, viewpoint).coordinates(camera.image_size)
-    return screen_grid(camera, screen, viewpoint).coordinates().astype(np.float64)
+        return polar_map_of(camera, screen, viewpoint).pixels()
+    return lattice_map_of(camera, screen, viewpoint).pixels().astype(np.float64)
 
 
-def screen_grid(camera: Camera, screen: Screen, viewpoint: Viewpoint = "exact") -> Grid:
-    """The lattice of a screen, which the sampler takes as it is."""
+def lattice_map_of(camera: Camera, screen: Screen, viewpoint: Viewpoint = "exact") -> LatticeMap:
+    """The lattice map of a screen."""
     if camera.symmetry is None:
-        return view_grid(lambda u, v: _projected(camera, screen, viewpoint, screen.targets_at(u, v)), screen.size)
+        return lattice_map(
+            lambda u, v: _projected(camera, screen, viewpoint, screen.targets_at(u, v)), screen.size, camera.image_size
+        )
     table: RadialTable = radial_table(camera)  # type: ignore[arg-type]  # the cache asks for Hashable
     eye = eye_of(camera, screen, viewpoint)
 
@@ -55,9 +57,10 @@ def screen_grid(camera: Camera, screen: Screen, viewpoint: Viewpoint = "exact") 
         there = screen.targets_at(u, v)
         return there - eye if eye is not None and eye.any() else there
 
-    return view_grid(
+    return lattice_map(
         lambda u, v: table.pixels(targets(u, v), eye is None),
         screen.size,
+        camera.image_size,
         with_excess=lambda u, v: table.pixels_and_excess(targets(u, v), eye is None),
     )
 
@@ -96,21 +99,21 @@ def is_separable(camera: Camera, screen: Screen) -> bool:
     return screen.is_distant or not any(screen.offset_mm[:2])
 
 
-def screen_rings(camera: Camera, screen: Screen, viewpoint: Viewpoint = "exact") -> Rings:
-    """The circles that the rows of a separable screen are."""
+def polar_map_of(camera: Camera, screen: Screen, viewpoint: Viewpoint = "exact") -> PolarMap:
+    """The polar map of a separable screen."""
     symmetry = camera.symmetry
     assert isinstance(screen, Panorama)
     assert symmetry is not None
     across = pan_tilt_direction(screen.pans(), 0.0)
     angles = np.unwrap(np.arctan2(across @ symmetry.down, across @ symmetry.right))
     if screen.is_distant:
-        return Rings(symmetry.centre_px, _radii_of_tilts(symmetry, screen.tilts()), angles)
+        return PolarMap(symmetry.centre_px, _radii_of_tilts(symmetry, screen.tilts()), angles, camera.image_size)
     eye = eye_of(camera, screen, viewpoint)
     points = screen.targets_at(np.zeros(1), np.arange(screen.size[1], dtype=float))  # of one column: all are alike
     points -= 0.0 if eye is None else eye
     table: RadialTable = radial_table(camera)  # type: ignore[arg-type]  # the cache asks for Hashable
     radii = table.radii_px(np.hypot(points[:, 0], points[:, 1]), points @ symmetry.axis, eye is None)
-    return Rings(symmetry.centre_px, radii, angles)
+    return PolarMap(symmetry.centre_px, radii, angles, camera.image_size)
 
 
 def _radii_of_tilts(symmetry: AxialSymmetry, tilts: Array) -> Array:

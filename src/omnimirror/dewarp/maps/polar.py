@@ -1,27 +1,29 @@
-"""Panoramas about the camera's own axis, whose rows are circles in the picture: no map is needed."""
+"""A polar map: panoramas about the camera's own axis, whose rows are circles in the picture."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...cameras import inside_image
+from ...native import backend
 from ...numerics.lazy import cached_property
-from ..sampling.footprints import CELL_PX, RULES, Averages, Ring, averages_of, squares_of_rings
-from ..sampling.remapping import Border, FixedMap, Image, Interpolation, remap_polar
+from ..contracts import Annulus, Averages, Interpolation, Map, RemapJob
+from ..sampling.footprints import CELL_PX, RULES, Footprints, squared_sides_of_circles
+from .halving import Offset, half, pairs
+from .pixels import PixelMap
 
 Array = NDArray[np.float64]
+Floats = NDArray[np.float32]
 
 EVERY_COLUMN = 16  # of so many one tells whether anything is seen
 
 
-@dataclass(frozen=True)
-class Rings:
-    """Coordinates ``centre + radii[row] (cos, sin)(angles[column])``."""
+@dataclass(frozen=True, eq=False)
+class PolarMap:
+    """Places ``centre + radii[row] (cos, sin)(angles[column])``; see :class:`~omnimirror.dewarp.contracts.Map`."""
 
     centre: tuple[float, float]
     """(u, v) px."""
@@ -29,44 +31,68 @@ class Rings:
     """(rows,) px; NaN outside the field."""
     angles: Array
     """(columns,) radians from right towards down in the picture; without jumps from one column to the next."""
-    ring: Ring | None = None
+    source_size: tuple[int, int]
+    """(width, height) of the pictures."""
+    annulus: Annulus | None = None
     """Where in the pictures something is seen, for averages at the end of the field."""
 
-    def coordinates(self, size: tuple[int, int], every: int = 1) -> Array:
-        """Pixels (rows, columns, 2) of a picture of a (width, height); NaN outside it. Of every n-th column only."""
-        angles = self.angles[::every]
-        pixels: Array = self.centre + self.radii[:, None, None] * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
-        if not self.lie_within(size):
-            pixels[~inside_image(pixels, size)] = np.nan
+    @property
+    def size(self) -> tuple[int, int]:
+        """(width, height) of the view."""
+        return len(self.angles), len(self.radii)
+
+    def pixels(self) -> Array:
+        """All places (rows, columns, 2); NaN outside the picture."""
+        return self._pixels
+
+    @cached_property
+    def _pixels(self) -> Array:
+        return self._of_columns(self.angles)
+
+    def _of_columns(self, angles: Array) -> Array:
+        directions = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+        pixels: Array = self.centre + self.radii[:, None, None] * directions
+        if not self._lies_within:
+            pixels[~inside_image(pixels, self.source_size)] = np.nan
         return pixels
 
-    def lie_within(self, size: tuple[int, int]) -> bool:
-        """Whether no ring comes nearer to the edge of a picture of a size than the centres of its outermost pixels."""
+    @property
+    def _lies_within(self) -> bool:
+        """Whether no circle comes nearer to the picture's edge than the centres of its outermost pixels."""
         reach = np.nanmax(self.radii, initial=0.0)
-        return all(reach <= c <= length - 1 - reach for c, length in zip(self.centre, size, strict=True))
+        return all(reach <= c <= length - 1 - reach for c, length in zip(self.centre, self.source_size, strict=True))
 
-    def show_something(self, size: tuple[int, int]) -> bool:
-        """Whether something of a picture of a size is seen; False also where only a closer look would tell."""
-        return bool(np.isfinite(self.coordinates(size, EVERY_COLUMN)).any())
-
-    def sample(
-        self, image: Image, interpolation: Interpolation = "linear", out: Image | None = None, border: Border = 0
-    ) -> Image:
-        """The picture's values there; see :func:`omnimirror.dewarp.sampling.remapping.remap`."""
-        averages = self.averages(interpolation)
-        if averages is None and interpolation in RULES:
-            interpolation = "cubic"
-        return remap_polar(image, self.radii, self.angles, self.centre, interpolation, out, border, averages)
-
-    def map(self, size: tuple[int, int], interpolation: Interpolation = "linear") -> FixedMap:
-        """For the same pictures, and quicker from the third one on."""
-        return FixedMap(self.coordinates(size), size, interpolation, self.ring, self.averages(interpolation))
+    def shows_something(self) -> bool:
+        """Whether something of the picture is seen; False also where only a closer look would tell."""
+        return bool(np.isfinite(self._of_columns(self.angles[::EVERY_COLUMN])).any())
 
     def averages(self, interpolation: Interpolation) -> Averages | None:
         """What an interpolation averages; None where that is nothing."""
-        return self._averages(interpolation) if interpolation in RULES else None
+        return self._footprints.averages(interpolation) if interpolation in RULES else None
 
     @cached_property
-    def _averages(self) -> Callable[[Interpolation], Averages | None]:
-        squares = squares_of_rings(self.radii, self.angles)
-        return cache(lambda interpolation: averages_of(squares, CELL_PX, interpolation, self.ring))
+    def _footprints(self) -> Footprints:
+        return Footprints(squared_sides_of_circles(self.radii, self.angles), CELL_PX, self.annulus)
+
+    def sample_compiled(self, job: RemapJob) -> None:
+        """From radii and directions."""
+        x, y = self.centre
+        backend.kernels.remap_polar(job.source, *self._floats, x, y, job.target, *job.how)
+
+    @cached_property
+    def _floats(self) -> tuple[Floats, Floats, Floats]:
+        """Radii, cosines and sines."""
+        radii, cosines, sines = (a.astype(np.float32) for a in (self.radii, np.cos(self.angles), np.sin(self.angles)))
+        return radii, cosines, sines
+
+    def halved(self, in_picture: Offset, in_view: Offset) -> Map:
+        """Circles between those of the whole picture, where that shows all of them; at its end one of two is enough."""
+        annulus = self.annulus and self.annulus.halved(in_picture)
+        if not self._lies_within:
+            return PixelMap(self._pixels, self.source_size, self.annulus).halved(in_picture, in_view)
+        (x, y), radii, angles = in_view, pairs(self.radii), pairs(self.angles)
+        at = (1 - y) * radii[:, 0] + y * radii[:, 1]
+        at = np.where(np.isnan(at), np.where(np.isnan(radii[:, 0]), radii[:, 1], radii[:, 0]), at)
+        centre = (self.centre[0] - in_picture[0]) / 2, (self.centre[1] - in_picture[1]) / 2
+        between = (1 - x) * angles[:, 0] + x * angles[:, 1]
+        return PolarMap(centre, at / 2, between, half(self.source_size), annulus)

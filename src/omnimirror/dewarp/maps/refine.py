@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...cameras import Mask
-from ..sampling.remapping import Grid
+from .lattice import LatticeMap
 
 Array = NDArray[np.float64]
 Exact = Callable[[Array, Array], Array]
@@ -30,15 +30,21 @@ CELLS = 6  # across and down at least: of fewer, neighbouring nodes of a wide vi
 FEW = 0.1  # of the cells: so many may be computed pixel by pixel before a finer lattice is cheaper
 
 
-def view_grid(
-    exact: Exact, size: tuple[int, int], tolerance: float = TOLERANCE_PX, with_excess: WithExcess | None = None
-) -> Grid:
-    """The lattice of a view of ``size`` (width, height), ready to be sampled.
+def lattice_map(
+    exact: Exact,
+    size: tuple[int, int],
+    source_size: tuple[int, int],
+    tolerance: float = TOLERANCE_PX,
+    with_excess: WithExcess | None = None,
+) -> LatticeMap:
+    """The lattice map of a view, ready to be sampled.
 
     Parameters
     ----------
     exact
         The projection of single pixels of the view; also asked a little beyond its edges.
+    size, source_size : (width, height), px
+        Of the view, and of the pictures.
     tolerance : px
         Largest error allowed at the middle of a cell.
     with_excess
@@ -49,7 +55,7 @@ def view_grid(
     >>> def bent(u, v):
     ...     u, v = np.broadcast_arrays(u, v)
     ...     return np.stack([np.where(u < 50, u + 1e-4 * v**2, np.nan), np.where(u < 50, v, np.nan)], axis=-1)
-    >>> view_grid(bent, (60, 40)).coordinates()[30, [20, 49, 50]].round(3)
+    >>> lattice_map(bent, (60, 40), (100, 100)).pixels()[30, [20, 49, 50]].round(3)
     array([[20.09, 30.  ],
            [49.09, 30.  ],
            [  nan,   nan]], dtype=float32)
@@ -61,13 +67,17 @@ def view_grid(
         rough = lattice.rough(tolerance)
         if rough.sum() <= FEW * rough.size:
             break
-    return lattice.grid(exact, rough) if lattice else _pixel_by_pixel(exact, size, STEPS[-1])
+    if lattice is None:
+        return _pixel_by_pixel(exact, size, source_size, STEPS[-1])
+    cells, patches = lattice.patched(exact, rough)
+    return LatticeMap(lattice.nodes_of_kernels(), size, source_size, lattice.step, cells, patches)
 
 
-def _pixel_by_pixel(exact: Exact, size: tuple[int, int], step: int) -> Grid:
+def _pixel_by_pixel(exact: Exact, size: tuple[int, int], source_size: tuple[int, int], step: int) -> LatticeMap:
     across, down = (-(-n // step) for n in size)
     cells = np.arange(across * down, dtype=np.int32).reshape(down, across)
-    return Grid(np.zeros((2, down + 3, across + 3), np.float32), size, step, cells, _patches(exact, cells >= 0, step))
+    nodes, patches = np.zeros((2, down + 3, across + 3), np.float32), _patches(exact, cells >= 0, step)
+    return LatticeMap(nodes, size, source_size, step, cells, patches)
 
 
 def _patches(exact: Exact, where: Mask, step: int) -> NDArray[np.float32]:
@@ -91,7 +101,7 @@ class _Lattice:
     """
 
     def __init__(self, ask: WithExcess, size: tuple[int, int], step: int) -> None:
-        self.size, self.step = size, step
+        self.step = step
         across, down = (-(-n // step) for n in size)
         columns, rows = (step * np.arange(-1.0, cells + 2) for cells in (across, down))
         self.nodes, excess = ask(columns, rows[:, None])
@@ -115,8 +125,8 @@ class _Lattice:
         rough |= ~self.unsure & ~((down <= tolerance) & (across <= tolerance))
         return rough
 
-    def grid(self, exact: Exact, rough: Mask) -> Grid:
-        """What the sampler takes, with the cells that must not be interpolated computed pixel by pixel."""
+    def patched(self, exact: Exact, rough: Mask) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
+        """Which cells must not be interpolated, and their places, worked out pixel by pixel; as a map takes them."""
         patched = (rough | self.unsure) & ~self.empty
         cells = np.full(rough.shape, -1, np.int32)
         patches = np.empty((0, self.step, self.step, 2), np.float32)
@@ -126,8 +136,11 @@ class _Lattice:
         if self.empty.any():  # one patch for all of them
             cells[self.empty] = len(patches)
             patches = np.concatenate([patches, np.full_like(patches, np.nan, shape=(1, *patches.shape[1:]))])
-        nodes = np.ascontiguousarray(np.moveaxis(self.nodes, -1, 0), np.float32)
-        return Grid(nodes, self.size, self.step, cells, patches)
+        return cells, patches
+
+    def nodes_of_kernels(self) -> NDArray[np.float32]:
+        """(2, rows, columns): u and v."""
+        return np.ascontiguousarray(np.moveaxis(self.nodes, -1, 0), np.float32)
 
 
 def _half_way(nodes: Array) -> Array:

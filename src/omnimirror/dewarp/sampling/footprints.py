@@ -9,16 +9,19 @@ far apart they stand, from the footprint of each pixel, so that cells join witho
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from functools import cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...native import backend
 from ...numerics.lazy import cached_property
+from ..contracts import Annulus, Averages, Interpolation
 
-Squares = NDArray[np.float32]
+SquaredSides = NDArray[np.float32]
 """Squared length of the longest sides of footprints in each cell, (cell rows, cell columns, 2): across and down,
 in square source pixels."""
 
@@ -27,15 +30,6 @@ EVERY_PX = 4  # footprints change so little that these pixels stand for all
 MOST_TAPS = 128  # a side
 JUMP2, JUMP2_PX = 16.0, 4.0
 """A squared side that exceeds the opposite one by this factor and so much leads to another view of a mosaic."""
-
-
-class Ring(NamedTuple):
-    """What is seen of a picture lies between two distances from a point of it, px."""
-
-    u: float
-    v: float
-    least: float
-    most: float
 
 
 @dataclass(frozen=True)
@@ -49,7 +43,7 @@ class Rule:
     sharp_px: float
     """A side of s is shortened by 1 - (sharp / s)^8: to nothing up to here, and soon no longer."""
 
-    def taps(self, squares: Squares) -> NDArray[np.uint8]:
+    def taps(self, squares: SquaredSides) -> NDArray[np.uint8]:
         """Samples across and down in each cell."""
         with np.errstate(divide="ignore", invalid="ignore"):
             shortened = np.sqrt(squares) * (1 - (self.sharp_px**2 / squares) ** 4)
@@ -63,38 +57,35 @@ class Rule:
 #   Shortened, the average is as good as cubic up to sides of 1.2 px and as good as the full one from 2 px on.
 # - Samples 1.75 px apart lose .05 dB to denser ones, 2 px .2 dB, and stripes of single pixels then alias.
 # - Bilinear samples in the place of cubic ones lose .4 to 1.5 dB.
-RULES: dict[str, Rule] = {"auto": Rule(1.2, 1.5, 1.2), "area": Rule(0.5, 1.0, 0.0)}
+RULES: dict[Interpolation, Rule] = {"auto": Rule(1.2, 1.5, 1.2), "area": Rule(0.5, 1.0, 0.0)}
 
 
 @dataclass(frozen=True, eq=False)
-class Averages:
-    """How many samples the pixels of each cell are made of."""
+class Footprints:
+    """How large the footprints of a view's pixels are, cell by cell."""
 
-    taps: NDArray[np.uint8]
-    """(cell rows, cell columns, 2): across and down, 1 to 128."""
+    squares: SquaredSides
     step: int
     """Side of a cell, output px."""
-    sharp_px: float
-    """As in the rule."""
-    ring: Ring | None = None
-    """Samples outside it do not count. Where it is None, a pixel at the end of the field is not averaged towards
-    it: half a pixel farther there may be nothing."""
+    annulus: Annulus | None = None
+    """Where in the pictures something is seen."""
+
+    def averages(self, interpolation: Interpolation) -> Averages | None:
+        """What an interpolation averages; None where that is nothing, and single samples do."""
+        return self._averages(interpolation)
 
     @cached_property
-    def for_compiled(self) -> object:
-        """The same as the compiled samplers take it."""
-        return backend.kernels.Averages(self.taps, self.step, self.sharp_px, self.ring)
+    def _averages(self) -> Callable[[Interpolation], Averages | None]:
+        return cache(self._worked_out)
+
+    def _worked_out(self, interpolation: Interpolation) -> Averages | None:
+        rule = RULES.get(interpolation)
+        if rule is None or not self.squares.size or self.squares.max() <= rule.single_px**2:
+            return None
+        return Averages(rule.taps(_filled(self.squares)), self.step, rule.sharp_px, self.annulus)
 
 
-def averages_of(squares: Squares, step: int, interpolation: str, ring: Ring | None = None) -> Averages | None:
-    """What an interpolation averages; None where that is nothing, and cubic does."""
-    rule = RULES.get(interpolation)
-    if rule is None or not squares.size or squares.max() <= rule.single_px**2:
-        return None
-    return Averages(rule.taps(_filled(squares)), step, rule.sharp_px, ring)
-
-
-def _filled(squares: Squares) -> Squares:
+def _filled(squares: SquaredSides) -> SquaredSides:
     """With the largest of their neighbours in cells of which hardly a pixel is seen, and none that was looked at."""
     unknown = squares == 0
     if not unknown.any():
@@ -103,21 +94,21 @@ def _filled(squares: Squares) -> Squares:
     return np.where(unknown, around.max(axis=(-2, -1)), squares)
 
 
-def squares_of_coordinates(coordinates: NDArray[Any]) -> Squares:
+def squared_sides_of_pixels(pixels: NDArray[Any]) -> SquaredSides:
     """Of a map (rows, columns, 2), in cells of 16 x 16 pixels; pixels outside count as nothing.
 
     >>> half = 2.0 * np.moveaxis(np.mgrid[:40, :20], 0, -1)[..., ::-1]
-    >>> squares_of_coordinates(half).shape, squares_of_coordinates(half)[0, 0]
+    >>> squared_sides_of_pixels(half).shape, squared_sides_of_pixels(half)[0, 0]
     ((3, 2, 2), array([4., 4.], dtype=float32))
     """
-    rows, columns = coordinates.shape[:2]
+    rows, columns = pixels.shape[:2]
     cells = -(-rows // CELL_PX), -(-columns // CELL_PX)
     squares = np.zeros((*cells, 2), np.float32)
     every = EVERY_PX
-    some = coordinates[::every, ::every]
+    some = pixels[::every, ::every]
     neighbours = (
-        (coordinates[::every, 1::every], coordinates[::every, every - 1 :: every]),
-        (coordinates[1::every, ::every].swapaxes(0, 1), coordinates[every - 1 :: every, ::every].swapaxes(0, 1)),
+        (pixels[::every, 1::every], pixels[::every, every - 1 :: every]),
+        (pixels[1::every, ::every].swapaxes(0, 1), pixels[every - 1 :: every, ::every].swapaxes(0, 1)),
     )
     for axis, (behind, before) in enumerate(neighbours):
         sides = _sides(some.swapaxes(0, 1) if axis else some, behind, before)
@@ -134,10 +125,10 @@ def _sides(some: NDArray[Any], behind: NDArray[Any], before: NDArray[Any]) -> ND
     return np.nan_to_num(sides, copy=False)
 
 
-def squares_of_rings(radii: NDArray[np.float64], angles: NDArray[np.float64]) -> Squares:
+def squared_sides_of_circles(radii: NDArray[np.float64], angles: NDArray[np.float64]) -> SquaredSides:
     """Of rows (n,) that are circles of so many px, columns (m,) at angles in radians; in cells of 16 x 16 pixels.
 
-    >>> squares_of_rings(np.array([100.0, 102.0]), np.array([0.0, 0.1])).round(2)
+    >>> squared_sides_of_circles(np.array([100.0, 102.0]), np.array([0.0, 0.1])).round(2)
     array([[[103.95,   4.  ]]], dtype=float32)
     """
     chords, steps = 2 * np.sin(_to_next(angles) / 2), _to_next(radii)
@@ -158,10 +149,10 @@ def _longest(lengths: NDArray[np.float64]) -> NDArray[np.float64]:
     return longest
 
 
-def squares_of_nodes(
+def squared_sides_of_nodes(
     nodes: NDArray[np.float32], step: int, cells: NDArray[np.int32], patches: NDArray[np.float32]
-) -> Squares:
-    """Of a lattice, from its nodes; see :class:`~omnimirror.dewarp.sampling.remapping.Grid`."""
+) -> SquaredSides:
+    """Of a lattice, from its nodes; see :class:`~omnimirror.dewarp.maps.lattice.LatticeMap`."""
     if backend.is_compiled:
         squares = np.empty((*cells.shape, 2), np.float32)
         u, v = nodes
@@ -178,7 +169,7 @@ def squares_of_nodes(
     return squares
 
 
-def _squares_of_patches(patches: NDArray[np.float32]) -> Squares:
+def _squares_of_patches(patches: NDArray[np.float32]) -> SquaredSides:
     some = patches[:, ::EVERY_PX, ::EVERY_PX]
     sides = (patches[:, ::EVERY_PX, 1::EVERY_PX] - some, patches[:, 1::EVERY_PX, ::EVERY_PX] - some)
     return np.stack([np.fmax.reduce(_squared(to_next), axis=(1, 2), initial=0) for to_next in sides], axis=-1)

@@ -1,4 +1,4 @@
-"""The samplers without anything compiled: OpenCV's, held to the rule of :mod:`omnimirror.dewarp.sampling.remapping`."""
+"""The sampler where nothing is compiled: OpenCV's, held to the rule of :mod:`omnimirror.dewarp.sampling`."""
 
 from __future__ import annotations
 
@@ -10,11 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...cameras import Mask, inside_image
-from .footprints import JUMP2, JUMP2_PX, Averages, Ring
+from ..contracts import Annulus, Averages, Image, Pixels, RemapJob
+from .footprints import JUMP2, JUMP2_PX
 
-Image = NDArray[Any]
-Coordinates = NDArray[np.float32] | NDArray[np.float64]
-Pixels = NDArray[Any]
+Values = NDArray[Any]
 
 FLAGS = {"nearest": cv2.INTER_NEAREST, "linear": cv2.INTER_LINEAR, "cubic": cv2.INTER_CUBIC}
 LONGEST_SIDE_PX = 32_766  # cv2.remap counts pixels in 16 bits
@@ -22,66 +21,61 @@ BAND_PX = 1 << 17  # output pixels averaged at a time
 LIST_WIDTH_PX = 1024  # in which samples in no order are laid out for OpenCV
 
 
-def remap_opencv(
-    image: Image, coordinates: Coordinates, kind: str, border: tuple[float, ...], averages: Averages | None = None
-) -> Image:
-    """Values (rows, columns, channels) of a picture (h, w, channels) at coordinates, all checked before."""
-    if averages is not None:
-        return _averaged(image, coordinates, averages, border)
-    rows, columns = coordinates.shape[:2]
-    out = np.empty((rows, columns, image.shape[2]), image.dtype)
+def remap_opencv(job: RemapJob, where: Pixels) -> None:
+    """Fill a job's target with the values at places (rows, columns, 2)."""
+    if job.averages is not None:
+        _average(job, where, job.averages)
+        return
+    rows, columns = where.shape[:2]
     for top in range(0, rows, LONGEST_SIDE_PX):
         for left in range(0, columns, LONGEST_SIDE_PX):
             tile = slice(top, top + LONGEST_SIDE_PX), slice(left, left + LONGEST_SIDE_PX)
-            pixels: Pixels = coordinates[tile].astype(np.float32)
-            inside: Mask = inside_image(pixels, (image.shape[1], image.shape[0]))
+            pixels: Values = where[tile].astype(np.float32)
+            inside: Mask = inside_image(pixels, (job.source.shape[1], job.source.shape[0]))
             pixels[~inside] = 0
-            taken = _values(image, pixels, kind)
-            taken[~inside] = border
-            out[tile] = taken
-    return out
+            taken = _values(job.source, pixels, job.kernel)
+            taken[~inside] = job.border
+            job.target[tile] = taken
 
 
-def _values(image: Image, pixels: Pixels, kind: str) -> Image:
+def _values(image: Image, pixels: Values, kernel: str) -> Image:
     """At pixels (rows, columns, 2) on the picture."""
     height, width, channels = image.shape
     if channels == 2:  # of these OpenCV takes fractions to 1/32 only
-        return np.concatenate([_values(part, pixels, kind) for part in np.split(image, 2, axis=2)], axis=2)
+        return np.concatenate([_values(part, pixels, kernel) for part in np.split(image, 2, axis=2)], axis=2)
     x, y = pixels[..., 0].clip(0, width - 1), pixels[..., 1].clip(0, height - 1)
-    if kind == "nearest":  # OpenCV's versions differ in what they make of halves
+    if kernel == "nearest":  # OpenCV's versions differ in what they make of halves
         x, y = np.floor(x + 0.5), np.floor(y + 0.5)
-    taken = cv2.remap(image, x, y, FLAGS[kind], borderMode=cv2.BORDER_REPLICATE)
+    taken = cv2.remap(image, x, y, FLAGS[kernel], borderMode=cv2.BORDER_REPLICATE)
     return np.asarray(taken).reshape(*x.shape, channels)
 
 
 # -- averages --------------------------------------------------------------------------------------
 
 
-def _averaged(image: Image, coordinates: Coordinates, averages: Averages, border: tuple[float, ...]) -> Image:
-    """Means over footprints, some rows at a time; see native/src/footprint.hpp, which this follows."""
-    picture = image.astype(np.float32)
-    rows, columns = coordinates.shape[:2]
-    out = np.empty((rows, columns, image.shape[2]), image.dtype)
+def _average(job: RemapJob, where: Pixels, averages: Averages) -> None:
+    """Means over footprints, some rows at a time; see native/src/sampling/footprint.hpp, which this follows."""
+    picture = job.source.astype(np.float32)
+    rows, columns = where.shape[:2]
     step = averages.step
     band = max(step, BAND_PX // columns // step * step)
     for top in range(0, rows, band):
         bottom = min(top + band, rows)
-        around = _neighbourhood(coordinates, (image.shape[1], image.shape[0]), top, bottom)
+        around = _neighbourhood(where, (picture.shape[1], picture.shape[0]), top, bottom)
         cells = averages.taps[top // step : -(-bottom // step)]
         taps = cells.repeat(step, axis=0).repeat(step, axis=1)[: bottom - top, :columns]
-        out[top:bottom] = _band(picture, around, taps, averages, border, image.dtype)
-    return out
+        job.target[top:bottom] = _band(picture, around, taps, averages, job.border, job.target.dtype)
 
 
-def _neighbourhood(coordinates: Coordinates, size: tuple[int, int], top: int, bottom: int) -> Pixels:
+def _neighbourhood(where: Pixels, size: tuple[int, int], top: int, bottom: int) -> Values:
     """Coordinates of some rows, and of one pixel more on all sides; NaN outside the picture."""
-    first, last = max(top - 1, 0), min(bottom + 1, len(coordinates))
-    pixels: Pixels = coordinates[first:last].astype(np.float32)
+    first, last = max(top - 1, 0), min(bottom + 1, len(where))
+    pixels: Values = where[first:last].astype(np.float32)
     pixels[~inside_image(pixels, size)] = np.nan
     return _continued(_continued(pixels, 1, True, True), 0, first == top, last == bottom)
 
 
-def _continued(pixels: Pixels, axis: int, before: bool, behind: bool) -> Pixels:
+def _continued(pixels: Values, axis: int, before: bool, behind: bool) -> Values:
     """With one more at the ends of an axis, in a straight line."""
     ends = []
     for end, next_one, wanted in ((0, 1, before), (-1, -2, behind)):
@@ -92,7 +86,7 @@ def _continued(pixels: Pixels, axis: int, before: bool, behind: bool) -> Pixels:
 
 def _band(
     picture: Image,
-    around: Pixels,
+    around: Values,
     taps: NDArray[np.uint8],
     averages: Averages,
     border: tuple[float, ...],
@@ -111,20 +105,20 @@ def _band(
             for i in range(across)
             for j in range(down)
         )
-        out[chosen] = _means(picture, middle[chosen], places, averages.ring)
+        out[chosen] = _means(picture, middle[chosen], places, averages.annulus)
     if dtype == np.float32:
         return out
     return np.floor(out + np.float32(0.5)).clip(0, np.iinfo(dtype).max).astype(dtype)
 
 
-def _sides(middle: Pixels, before: Pixels, behind: Pixels, averages: Averages) -> list[Pixels]:
+def _sides(middle: Values, before: Values, behind: Values, averages: Averages) -> list[Values]:
     """Ways (.., 2) to the neighbours on one axis, shortened as :class:`~.footprints.Rule` says."""
     ways = before - middle, behind - middle
     squares = [(way**2).sum(axis=-1) for way in ways]
     with np.errstate(invalid="ignore"):
         missing = [np.isnan(s) | (s > JUMP2 * o + JUMP2_PX) for s, o in (squares, squares[::-1])]
     none = missing[0] & missing[1]
-    if averages.ring is None:
+    if averages.annulus is None:
         none |= np.isnan(squares[0]) | np.isnan(squares[1])
     sides = []
     for is_missing, way, opposite in zip(missing, ways, ways[::-1], strict=True):
@@ -134,24 +128,24 @@ def _sides(middle: Pixels, before: Pixels, behind: Pixels, averages: Averages) -
     return sides
 
 
-def _share(square: Pixels, sharp_px: float) -> Pixels:
+def _share(square: Values, sharp_px: float) -> Values:
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(square > sharp_px**2, 1 - (sharp_px**2 / square) ** 4, 0).astype(np.float32)
 
 
-def _part(i: int, count: int, sides: list[Pixels]) -> Pixels:
+def _part(i: int, count: int, sides: list[Values]) -> Values:
     """Of the way to the neighbour before or behind."""
     t = np.float32((i + 0.5) / count - 0.5)
     return abs(t) * sides[0 if t < 0 else 1]
 
 
-def _means(picture: Image, middle: Pixels, places: Iterable[Pixels], ring: Ring | None) -> Image:
+def _means(picture: Image, middle: Values, places: Iterable[Values], annulus: Annulus | None) -> Image:
     """Means (n, channels) of the taps that are inside; where there are none, the value in the middle (n, 2)."""
     sums, counts = np.zeros((len(middle), picture.shape[2]), np.float32), np.zeros(len(middle), np.float32)
     for pixels in places:
-        if ring is not None:
-            square = ((pixels - np.array(ring[:2], np.float32)) ** 2).sum(axis=-1)
-            pixels[~((square >= ring.least**2) & (square <= ring.most**2))] = np.nan
+        if annulus is not None:
+            square = ((pixels - np.array(annulus[:2], np.float32)) ** 2).sum(axis=-1)
+            pixels[~((square >= annulus.inner**2) & (square <= annulus.outer**2))] = np.nan
         values, seen = _listed(picture, pixels)
         sums += values
         counts += seen
@@ -161,7 +155,7 @@ def _means(picture: Image, middle: Pixels, places: Iterable[Pixels], ring: Ring 
     return means
 
 
-def _listed(picture: Image, pixels: Pixels) -> tuple[Image, Mask]:
+def _listed(picture: Image, pixels: Values) -> tuple[Image, Mask]:
     """Cubic samples (n, channels) at pixels (n, 2) in no order, 0 outside; and which are inside."""
     inside: Mask = inside_image(pixels, (picture.shape[1], picture.shape[0]))
     rows = -(-len(pixels) // LIST_WIDTH_PX)

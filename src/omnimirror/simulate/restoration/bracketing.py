@@ -16,7 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 from ...analysis.meridional.coddington import virtual_images
 from ...analysis.meridional.focus import FocusStudy
 from ...arguments import distances, instance, number, row
-from ...dewarp.sampling.remapping import remap
+from ...dewarp.maps.pixels import PixelMap
+from ...dewarp.sampling.samplers import remap
 from ...errors import InvalidParameter
 from ...sensor import Sensor, check_sensor
 from .blurring import offsets_from_axis
@@ -202,7 +203,7 @@ def merge_bracket(
     merged = np.zeros(pictures[0].shape, np.float32)
     for picture, focus, weight in zip(pictures, focuses, weights, strict=True):
         scale = focused_at(sensor, focus).rim_radius_px / sensor.rim_radius_px
-        moved = remap(picture, pixels + (scale - 1) * offsets, "cubic")
+        moved = remap(picture, PixelMap(pixels + (scale - 1) * offsets, (width, height)), "cubic")
         merged += moved * (weight if picture.ndim == 2 else weight[..., None]).astype(np.float32)
     if np.issubdtype(pictures[0].dtype, np.integer):
         merged = np.clip(np.rint(merged), 0, np.iinfo(pictures[0].dtype).max)

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...dewarp.sampling.remapping import remap
+from ...dewarp.maps.pixels import PixelMap
+from ...dewarp.sampling.samplers import remap
 from ...errors import InvalidParameter
 from ...frames import turned
 from ...media import read_image
@@ -91,7 +92,7 @@ class Environment:
         column = (0.5 - np.arctan2(y, x) / (2 * np.pi)) * width - 0.5
         row = np.arctan2(np.hypot(x, y), z) / np.pi * height - 0.5
         places = np.stack([column + 1, row], axis=-1)[None]
-        light: Light = remap(self._closed, places)[0]
+        light: Light = remap(self._closed, PixelMap(places, (width + 2, height)))[0]
         return light
 
     def distance_mm(self, origins_mm: ArrayLike, directions: ArrayLike) -> Array:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import av
 
-from ...media.video.formats import Kind
-from ...media.video.frames import FULL_RANGE, empty_frame, is_full_range, planes, workable
-from ..dewarper import Dewarper
-from .chroma import Siting
+from ..media.video.formats import Kind
+from ..media.video.frames import FULL_RANGE, empty_frame, is_full_range, planes, workable
+from .dewarper import Dewarper
+from .yuv.planes import Siting
 
 
 def dewarp_frame(

@@ -1,0 +1,67 @@
+"""What a view shows outside the field: a colour of the picture's own values, or nothing, by an alpha."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+
+from ...arguments import shown
+from ...errors import InvalidParameter
+from ...media.pictures.images import FULL
+from ..contracts import Border, Image
+
+LARGEST_VALUE = 1e30  # of a colour
+
+
+def check_border(border: Border) -> None:
+    """Refuse what is neither a number nor some numbers."""
+    try:
+        values = np.array(border, object)
+    except ValueError:
+        values = np.empty((0, 0), object)
+    if values.ndim > 1 or not all(_is_value(value) for value in values.flat):
+        raise InvalidParameter(f"border = {shown(border)} is no colour; valid are a number, or one for every channel")
+
+
+def _is_value(value: Any) -> bool:
+    if not isinstance(value, int | float | np.integer | np.floating):
+        return False
+    size: Any = abs(value)
+    return not size > LARGEST_VALUE  # NaN is one, in pictures of floats
+
+
+def border_values(border: Border, image: Image) -> tuple[float, ...]:
+    """The border's value in each of a picture's channels; refuses what is none."""
+    check_border(border)
+    channels = image.shape[2] if image.ndim == 3 else 1
+    values = np.array(border, float)
+    if values.ndim and len(values) != channels:
+        raise InvalidParameter(
+            f"border = {border} has {len(values)} values, and the picture {channels} channels; "
+            "a single number stands for all of them"
+        )
+    full = FULL[image.dtype.name]
+    if image.dtype.kind == "u" and not ((values >= 0) & (values <= full) & (values % 1 == 0)).all():
+        raise InvalidParameter(
+            f"border = {border} is no value of a picture of {image.dtype.name}; "
+            f"valid are whole numbers from 0 to {full}"
+        )
+    return tuple(np.broadcast_to(values, channels).tolist())
+
+
+def clear_border(border: Border, image: Image) -> tuple[float, ...]:
+    """The border of a picture that gets an alpha: a colour for those who look at it without, and 0."""
+    values = border_values(border, image)
+    colours = values[:3] if len(values) > 1 else values * 3
+    return (*colours, 0.0)
+
+
+def with_alpha(image: Image) -> Image:
+    """The picture in four channels, opaque unless it has an alpha."""
+    channels = image.shape[2:]
+    if channels == (4,):
+        return image
+    rgb = image if channels == (3,) else cv2.cvtColor(image, cv2.COLOR_GRAY2RGB)
+    return np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2RGBA))

@@ -1,0 +1,29 @@
+"""What tests of samplers share: every set of instructions that there is, and pictures sampled at places once."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from omnimirror.dewarp.maps.pixels import PixelMap
+from omnimirror.dewarp.sampling.samplers import remap
+from omnimirror.native import backend
+
+
+def instructions() -> list[str]:
+    """Every set of instructions that this machine has; none where nothing is compiled."""
+    if not backend.is_compiled:
+        return []
+    known, before = [], backend.name
+    for name in ("plain", "avx2", "neon"):
+        try:
+            backend.kernels.use_instructions(name)
+        except ValueError:
+            continue
+        known.append(name)
+    backend.kernels.use_instructions(before)
+    return known
+
+
+def remap_at(picture, places, interpolation="linear", out=None, border=0) -> np.ndarray:
+    """The picture's values at places (rows, columns, 2), by a map that is used once."""
+    return remap(picture, PixelMap(places, picture.shape[1::-1]), interpolation, out, border)

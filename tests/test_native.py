@@ -1,0 +1,56 @@
+"""The door to what is compiled: what the environment chooses, what is said of what is missing, threads."""
+
+from __future__ import annotations
+
+import logging
+import os
+import subprocess
+import sys
+
+import pytest
+
+from omnimirror.errors import InvalidParameter
+from omnimirror.native import Backend, backend
+
+NAME = "from omnimirror.native import backend; print(backend.name)"
+
+
+def name_told(choice: str) -> tuple[str, str]:
+    environment = {**os.environ, "OMNIMIRROR_NATIVE": choice}
+    run = subprocess.run([sys.executable, "-c", NAME], env=environment, capture_output=True, text=True, check=True)
+    return run.stdout.strip(), run.stderr
+
+
+@pytest.mark.skipif(not backend.is_compiled, reason="nothing is compiled here")
+def test_the_environment_chooses():
+    assert name_told("0") == ("opencv", "")
+    assert name_told("plain") == ("plain", "")
+    assert name_told("") == (backend.name, "")
+
+
+@pytest.mark.skipif(not backend.is_compiled, reason="nothing is compiled here")
+def test_instructions_that_there_are_not_are_refused(monkeypatch):
+    monkeypatch.setenv("OMNIMIRROR_NATIVE", "mmx")
+    with pytest.raises(InvalidParameter, match="'mmx' names no instructions of this machine"):
+        _ = Backend().name
+
+
+def test_what_is_missing_is_said_once(monkeypatch, caplog):
+    monkeypatch.setitem(sys.modules, "omnimirror._native", None)
+    monkeypatch.delattr("omnimirror._native", raising=False)
+    monkeypatch.delenv("OMNIMIRROR_NATIVE", raising=False)
+    missing = Backend()
+    with caplog.at_level(logging.WARNING, "omnimirror"):
+        assert missing.name == missing.name == "opencv"
+        assert not missing.is_compiled
+        missing.set_threads(missing.threads)
+    assert [r.levelname for r in caplog.records] == ["WARNING"]
+    assert "OpenCV, several times slower" in caplog.text
+    with pytest.raises(RuntimeError, match=r"ask backend\.is_compiled first"):
+        _ = missing.kernels
+
+
+def test_the_number_of_threads_is_checked():
+    for count in (0, -1, 1025):
+        with pytest.raises(InvalidParameter, match=f"{count} threads are not valid; valid are 1 to 1024"):
+            backend.set_threads(count)
