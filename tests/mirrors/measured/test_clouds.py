@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -36,10 +38,10 @@ mirror_distance_mm = 160.0
 """
 
 
-def cloud(mirror, scatter_mm, count=3000, above=False, seed=2):
+def cloud(mirror, scatter_mm, count=3000, above=False, seed=2, rim_mm=40.0):
     """Points in a machine's axes: 3 and -2 mm off, tilted by .8 and -.5 deg."""
     rng = np.random.default_rng(seed)
-    phi, r = rng.uniform(0, 2 * np.pi, count), 40.0 * np.sqrt(rng.uniform(0, 1, count))
+    phi, r = rng.uniform(0, 2 * np.pi, count), rim_mm * np.sqrt(rng.uniform(0, 1, count))
     z = mirror.sag(r) + scatter_mm * rng.standard_normal(count)
     a, b = np.radians([0.8, -0.5])
     about_x = np.array([[1, 0, 0], [0, np.cos(a), -np.sin(a)], [0, np.sin(a), np.cos(a)]])
@@ -122,3 +124,28 @@ def test_what_is_no_cloud_or_grid_is_refused(tmp_path, entry, text, message):
     (tmp_path / "s.toml").write_text(SENSOR.format(entry=f'{entry} = "f"'))
     with pytest.raises(OmnimirrorError, match=message):
         load_sensor(tmp_path / "s.toml")
+
+
+@pytest.mark.parametrize(
+    ("name", "count", "scatter_mm"),
+    [
+        ("paper-hyperboloidal", 4000, 2e-4),
+        ("paper-hyperboloidal", 1000, 2e-4),
+        ("paper-hyperboloidal", 500, 1e-3),
+        ("paper-equidistant", 1000, 2e-4),
+        ("paper-spherical", 500, 1e-3),
+        ("paraboloid-telecentric", 1000, 5e-3),
+    ],
+)
+def test_few_points_make_a_mirror_that_errs_as_is_stated(name, count, scatter_mm):
+    """Close to where the field ends, too: clouds have few points about the apex, and end at the rim."""
+    sensor = load_sensor(name)
+    low, high = sensor.field_deg
+    omega = np.linspace(low + 0.02 * (high - low), high - 0.03 * (high - low), 12)
+    points = cloud(sensor.mirror, scatter_mm, count, rim_mm=sensor.mirror.rim_radius_mm)
+    measured = om.evaluate(replace(sensor, mirror=SampledProfile(*profile_of(points))), omega)
+    true, stated = om.evaluate(sensor, omega), measured.standard_deviations()
+    for column in ("h_px", "dh_domega_px_per_deg", "blur_t_px", "blur_s_px"):
+        off = np.abs(getattr(measured, column) - getattr(true, column)) / stated[column]
+        assert 0.1 < np.sqrt((off**2).mean()) < 3, column
+        assert off.max() < 7, column

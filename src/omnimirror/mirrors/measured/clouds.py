@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ...arguments import float_of, shown
 from ...errors import OmnimirrorError
 from ...files import read_text
-from .smoothing import NORMAL, _least_squares
+from .smoothing import NORMAL, _least_squares, extended
 
 Array = NDArray[np.float64]
 Columns = tuple[tuple[float, ...], tuple[float, ...]]
@@ -116,9 +116,11 @@ def profile_of(points: Array, source: str = "the cloud") -> Columns:
     rings = np.array_split(np.arange(len(r)), min(MOST_RINGS, len(r) // IN_A_RING))
     x = np.array([r[ring].mean() for ring in rings])
     heights = curve.spline(x) + np.array([curve.residuals[ring].mean() for ring in rings])
-    x, heights = np.append(x, r[-1]), np.append(heights, curve.spline(r[-1]))
     growing = np.concatenate([[True], np.diff(x) > 1e-9 * r[-1]]) & (x > 1e-6 * r[-1])
-    x, heights = np.append(0.0, x[growing]), np.append(curve.spline(0.0), heights[growing]) - float(curve.spline(0.0))
+    x, heights = x[growing], heights[growing]
+    rim = [r[-1]] if r[-1] > x[-1] * (1 + 1e-9) else []
+    ends = extended(x, heights, curve is smooth, np.array([0.0, *rim]))
+    x, heights = np.concatenate([[0.0], x, rim]), np.concatenate([ends[:1], heights, ends[1:]]) - ends[0]
     return tuple(map(float, x)), tuple(map(float, heights))
 
 

@@ -36,6 +36,7 @@ MOST_WRONG = 0.05  # of the points
 MOST_ROUNDS = 20
 FAR = 5.0  # standard deviations from the smooth curve
 PIECES = (1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 20, 24, 32, 40, 48, 64, 80, 96, 128, 192, 256)
+IN_A_PIECE = 2  # points, at least
 PATIENCE = 4  # steps of these that bring nothing end the search
 FINER = 3  # steps past the fewest pieces that will do: what they miss is then small beside what scatter does
 TOO_ROUGH = 2.0  # times the uncertainty that is stated
@@ -125,6 +126,18 @@ def _interpolated(x: Array, z: Array, smooth_apex: bool, used: Mask) -> Fit:
         x, z = np.concatenate([-x[:0:-1], x]), np.concatenate([z[:0:-1], z])
     spline = make_interp_spline(x, z, k=DEGREE)
     return Fit(spline, 0.0, used, np.zeros((0, len(spline.c))))
+
+
+def extended(x: Array, z: Array, smooth_apex: bool, at: Array) -> Array:
+    """Heights (m,) a little beyond the points (n,) of a meridian, by the smooth curve through them.
+
+    By no more pieces than they ask for: a curve that follows their scatter is far off where it ends.
+    """
+    used = np.ones(len(x), dtype=bool)
+    noise = max(_scatter(x, z).sigma, ROUNDING * float(np.ptp(z)))
+    fit, residuals, _ = _smoothed(x, z, smooth_apex, used, noise)
+    level = z[-1] - residuals[-1] - fit.spline(x[-1])  # of the apex
+    return np.asarray(fit.spline(at) + level)
 
 
 # -- scatter and wrong points ----------------------------------------------------------------------
@@ -230,9 +243,7 @@ class _Curve(NamedTuple):
 def _least_squares(x: Array, z: Array, smooth_apex: bool, used: Mask, pieces: int) -> _Curve:
     from scipy.interpolate import BSpline
 
-    inner = np.quantile(x[used], np.linspace(0, 1, pieces + 1)[1:-1])
-    end = x[-1]
-    breaks = np.concatenate([[0.0], inner, [end]])
+    breaks = _breaks(x[used], x[-1], pieces)
     if smooth_apex:
         breaks = np.concatenate([-breaks[:0:-1], breaks])
     knots = np.concatenate([[breaks[0]] * DEGREE, breaks, [breaks[-1]] * DEGREE])
@@ -251,3 +262,18 @@ def _least_squares(x: Array, z: Array, smooth_apex: bool, used: Mask, pieces: in
     return _Curve(
         spline, basis, residuals, float((residuals[used] ** 2).sum()), np.linalg.inv(R).T, expand
     )  # fmt: skip
+
+
+def _breaks(x: Array, end: float, pieces: int) -> Array:
+    """Ends of pieces that are equally long, but for those which too few of the points (n,) would hold.
+
+    Not of equally many points: a cloud has few about the apex, where mirrors bend most.
+    """
+    breaks = [0.0]
+    held = 0
+    for ahead in np.linspace(0.0, end, pieces + 1)[1:-1]:
+        before = int(np.searchsorted(x, ahead))
+        if before - held >= IN_A_PIECE and len(x) - before >= IN_A_PIECE:
+            breaks.append(float(ahead))
+            held = before
+    return np.array([*breaks, end])
