@@ -1,6 +1,6 @@
-"""Draws the house from the code: docs/images/floors.svg and docs/images/imports.svg.
+"""What the docs show of the code, made from the code: two drawings of the house, and the glossary's quantities.
 
-    python docs/images/architecture.py [FOLDER]
+    python docs/from_code.py
 
 Floors are those of the import rules in pyproject.toml, what is written in a room is the first line of its docstring,
 and a dot stands where a module of the room on the left imports one of the room above.
@@ -9,7 +9,7 @@ and a dot stands where a module of the room on the left imports one of the room 
 from __future__ import annotations
 
 import ast
-import sys
+import re
 import textwrap
 import tomllib
 from html import escape
@@ -17,7 +17,9 @@ from pathlib import Path
 
 import grimp
 
-ROOT = Path(__file__).parents[2]
+from omnimirror.quantities import QUANTITIES
+
+ROOT = Path(__file__).parents[1]
 PACKAGE = "omnimirror"
 WIDTH, MARGIN, GAP = 1180, 16, 10
 LINE, TITLE, LETTER = 14, 20, 6.0  # heights of lines, and how wide a small letter is (px)
@@ -104,10 +106,21 @@ def matrix() -> str:
     return svg(left + side + 60, top + side + MARGIN, "Which room imports which", parts)
 
 
-DRAWINGS = {"floors.svg": floor_plan, "imports.svg": matrix}
+def quantities() -> str:
+    """The glossary with its table of quantities."""
+    page = (ROOT / "docs" / "glossary.md").read_text()
+    rows = [
+        re.sub(r"\|\s+(?=\|)", "| ", f"| `{q.name}` | {q.symbol} | {q.unit} | {q.meaning} | {q.equation} |")
+        for q in QUANTITIES.values()
+    ]
+    table = "\n".join(["| name | symbol | unit | meaning | equation |", "|---|---|---|---|---|", *rows])
+    return re.sub(r"(<!-- quantities -->\n).*?(<!-- end -->)", rf"\1\n{table}\n\n\2", page, flags=re.S)
+
+
+MADE = {"images/floors.svg": floor_plan, "images/imports.svg": matrix, "glossary.md": quantities}
+"""Files of this folder, and what makes each."""
 
 
 if __name__ == "__main__":
-    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT / "docs" / "images"
-    for name, draw in DRAWINGS.items():
-        (folder / name).write_text(draw())
+    for name, make in MADE.items():
+        (ROOT / "docs" / name).write_text(make())

@@ -1,0 +1,138 @@
+"""The walks of docs/architecture.md lead where it says: through these files in this order, and through few rooms."""
+
+from __future__ import annotations
+
+import re
+import sys
+import threading
+from collections.abc import Callable
+from importlib import import_module
+from pathlib import Path
+from types import FrameType
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import omnimirror as om
+
+PAGE = Path(__file__).parents[1] / "docs" / "architecture.md"
+MOST_ROOMS, MOST_RETURNS = 7, 2
+
+REQUIREMENTS = """
+[field]
+omega_max_deg = 130
+
+[mirror]
+rim_radius_mm = 30
+family = "hyperboloid"
+
+[lens]
+kind = "perspective"
+focal_length_mm = 8.0
+f_number = 4.0
+
+[imager]
+width_px = 1024
+height_px = 1024
+pixel_pitch_um = 5.2
+"""
+
+
+def walks() -> dict[str, list[str]]:
+    """Modules by walk, as the page lists their files."""
+    part = PAGE.read_text().split("<!-- walks -->")[1].split("<!-- end -->")[0]
+    rows = re.findall(r"^\| ([a-z ]+) \| (`.*`) \|$", part, flags=re.M)
+    return {
+        name: [f.removesuffix(".py").replace("/", ".") for f in re.findall(r"`([^`]+)`", files)] for name, files in rows
+    }
+
+
+def sensor_file_to_table() -> None:
+    from omnimirror.cli import app
+
+    run = CliRunner().invoke(app, ["evaluate", "paper-spherical", "--omega-deg", "0:135:45"])
+    assert run.exit_code == 0, run.output
+
+
+def picture_to_view() -> None:
+    screen = om.screens.Plane(size=(64, 48), pan_deg=30, hfov_deg=60)
+    om.Dewarper(om.load_sensor("paper-spherical"), screen)(np.zeros((1024, 1024, 3), np.uint8))
+
+
+def requirements_to_sensor() -> None:
+    from omnimirror.design import parse_requirements
+
+    om.design_sensor(parse_requirements(REQUIREMENTS))
+
+
+def scene_to_picture() -> None:
+    om.take_picture(om.load_sensor("paper-spherical"), om.Room(), samples=1)
+
+
+def slider_to_plot() -> None:
+    from omnimirror.studio.bench.answers import answer
+    from omnimirror.studio.bench.messages import Ask
+    from omnimirror.studio.bench.sensors import on_bench
+
+    sensor = on_bench(om.load_sensor("paper-spherical"))
+    answer(
+        Ask(slot=0, number=0, tables=sensor.tables, follows=sensor.follows, object_distance_mm=None, section=True,
+            squares=True, wanted=None)
+    )  # fmt: skip
+
+
+WAYS: dict[str, Callable[[], None]] = {
+    "sensor file to table": sensor_file_to_table,
+    "picture to view": picture_to_view,
+    "requirements to sensor": requirements_to_sensor,
+    "scene to picture": scene_to_picture,
+    "slider to plot": slider_to_plot,
+}
+
+
+def entered(way: Callable[[], None]) -> list[str]:
+    """Modules of the package in the order in which their functions are called, none twice running."""
+    order: list[str] = []
+
+    def note(frame: FrameType, event: str, _: object) -> None:
+        name = frame.f_globals.get("__name__", "")
+        if event == "call" and name.startswith("omnimirror."):
+            short = name.removeprefix("omnimirror.")
+            if not order or order[-1] != short:
+                order.append(short)
+
+    threading.setprofile(note)
+    sys.setprofile(note)
+    try:
+        way()
+    finally:
+        sys.setprofile(None)
+        threading.setprofile(None)
+    return order
+
+
+def led(order: list[str], files: list[str]) -> list[str]:
+    """As many of the files as are met one after the other."""
+    calls = iter(order)
+    return [module for module in files if module in calls]
+
+
+def test_every_walk_is_gone():
+    assert walks().keys() == WAYS.keys()
+
+
+@pytest.mark.parametrize("name", WAYS)
+def test_a_walk_leads_through_its_files(name):
+    files = walks()[name]
+    for module in files:
+        import_module(f"omnimirror.{module}")
+    assert led(entered(WAYS[name]), files) == files
+
+
+@pytest.mark.parametrize("name", WAYS)
+def test_a_walk_is_short(name):
+    rooms = [module.rpartition(".")[0] for module in walks()[name]]
+    stays = [room for before, room in zip([None, *rooms], rooms, strict=False) if room != before]
+    assert len(set(stays)) <= MOST_ROOMS
+    assert len(stays) - len(set(stays)) <= MOST_RETURNS
