@@ -16,7 +16,7 @@ from omnimirror.errors import InvalidParameter
 from omnimirror.lenses.distortion import distorted, fold, undistorted
 from omnimirror.mirrors.pose import MirrorPose
 from omnimirror.native import backend
-from omnimirror.simulate import Environment, Hardware, expose
+from omnimirror.simulate import Environment, Radiometry, expose
 from omnimirror.simulate.colour import srgb_from_linear
 from omnimirror.simulate.rendering import exposure as rays
 from omnimirror.simulate.rendering.samples import spread
@@ -110,7 +110,9 @@ def test_compiled_rays_are_those_of_double_precision(terms, pose):
     sensor = sensor_with(pixels=100, pose=pose, **terms)
     sensor = replace(sensor, mount=replace(sensor.mount, image_flipped=True))
     plan, part = spread(16, blur=True), (slice(0, 100), slice(0, 100))
-    fast, slow = (f(sensor, plan, Hardware(vignetting=1.0), *part) for f in (rays._trace_natively, rays._trace_sensor))
+    fast, slow = (
+        f(sensor, plan, Radiometry(vignetting=1.0), *part) for f in (rays._trace_natively, rays._trace_sensor)
+    )
     assert np.mean(fast.fate != slow.fate) < 1e-4
     seen = (fast.fate == slow.fate) & (slow.fate == rays.REFLECTED)
     np.testing.assert_allclose(fast.weight[seen], slow.weight[seen], atol=1e-5)
@@ -136,7 +138,7 @@ def test_crowded_light_is_conserved():
     """All light of an even world is that of its solid angle, whatever the lens does to the picture."""
     white = Environment(np.ones((4, 8, 3), np.float32))
     sums = [
-        float(expose(sensor_with(pixels=256, **t), white, samples=16, hardware=Hardware(vignetting=1.0)).sum())
+        float(expose(sensor_with(pixels=256, **t), white, samples=16, radiometry=Radiometry(vignetting=1.0)).sum())
         for t in ({}, BARREL, TANGENTIAL)
     ]
     np.testing.assert_allclose(sums[1:], sums[0], rtol=2e-3)

@@ -12,7 +12,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 import omnimirror as om
 from omnimirror.errors import InvalidParameter
-from omnimirror.manufacture import Body, Support, draw_sheet
+from omnimirror.housing import CameraBody, Dome, Housing, Rod, Tube
+from omnimirror.manufacture import Body, draw_sheet
 from omnimirror.manufacture.drawings.sheet import SHEETS, Sheet, fitting_scale, scale_words
 from omnimirror.specs import bundled_sensors
 from tests.analysis.meridional.test_two_mirrors import SENSORS as FOLDED
@@ -85,22 +86,24 @@ def texts(drawing):
 
 
 FULL = Body(8.0, bore_diameter_mm=6.0, bore_depth_mm=np.inf, flange_width_mm=5.0)
+TUBE = Housing(shell=Tube())
 CASES = [
-    *((s, TAPPED, Support("tube"), "A3") for s in map(om.load_sensor, bundled_sensors()) if s.secondary is None),
-    *((FOLDED[kind], Body(), Support("tube"), "A3") for kind in ("concave", "two-hyperboloids")),
-    *((FOLDED[kind], Body(), Support("none"), "A4") for kind in ("flat", "telecentric")),
-    *((om.load_sensor(f"paper-{name}"), TAPPED, Support("rod"), "A4") for name in ("hyperboloidal", "equidistant")),
-    *((sensor_of(kind), FULL, Support("none", camera_diameter_mm=40.0), "A3") for kind in sorted(MIRRORS)),
-    (sensor_of("sphere", "orthographic"), Body(), Support("tube"), "A3"),
-    (replace(sensor_of("sphere"), name=60 * "ab", notes=70 * "$x_ yz "), Body(), Support("tube"), "A4"),
-    (replace(sensor_of("cone"), notes=200 * "x"), Body(), Support("rod"), "A3"),
+    *((s, TAPPED, TUBE, "A3") for s in map(om.load_sensor, bundled_sensors()) if s.secondary is None),
+    *((FOLDED[kind], Body(), TUBE, "A3") for kind in ("concave", "two-hyperboloids")),
+    *((FOLDED[kind], Body(), Housing(), "A4") for kind in ("flat", "telecentric")),
+    *((om.load_sensor(f"paper-{name}"), TAPPED, Housing(rod=Rod()), "A4") for name in ("hyperboloidal", "equidistant")),
+    *((sensor_of(kind), FULL, Housing(CameraBody(40.0)), "A3") for kind in sorted(MIRRORS)),
+    (sensor_of("sphere", "orthographic"), Body(), TUBE, "A3"),
+    (replace(sensor_of("sphere"), name=60 * "ab", notes=70 * "$x_ yz "), Body(), TUBE, "A4"),
+    (replace(sensor_of("cone"), notes=200 * "x"), Body(), Housing(rod=Rod()), "A3"),
+    (replace(sensor_of("sphere"), housing=Housing(CameraBody(30.0), shell=Dome())), Body(), None, "A3"),
 ]
 
 
-@pytest.mark.parametrize("case", CASES, ids=[f"{c[0].name[:30]}-{c[2].kind}-{c[3]}" for c in CASES])
+@pytest.mark.parametrize("case", CASES, ids=[f"{c[0].name[:30]}-{c[3]}-{i}" for i, c in enumerate(CASES)])
 def test_no_words_touch_and_all_lie_inside_the_frame(case):
-    sensor, body, support, size = case
-    boxes = texts(draw_sheet(sensor, body, support, size))
+    sensor, body, housing, size = case
+    boxes = texts(draw_sheet(sensor, body, housing, size))
     k = SHEETS[size][0] / 420
     width, height = SHEETS[size]
     for words, (x0, y0, x1, y1) in boxes:
@@ -116,7 +119,7 @@ def test_no_words_touch_and_all_lie_inside_the_frame(case):
 
 def test_the_sheet_says_what_the_sensor_is():
     sensor = om.load_sensor("paper-spherical")
-    svg = draw_sheet(sensor, TAPPED, Support("rod", diameter_mm=4.0)).render("svg").decode()
+    svg = draw_sheet(sensor, TAPPED, Housing(rod=Rod(4.0))).render("svg").decode()
     shown = set(re.findall(r">([^<>]+)</text>", svg))
     for words in (
         "paper-spherical",

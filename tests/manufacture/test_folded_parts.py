@@ -10,9 +10,9 @@ from scipy.integrate import quad
 import omnimirror as om
 from omnimirror.cli import main
 from omnimirror.errors import InvalidParameter
-from omnimirror.manufacture import Body, Support, obscuration, sag_table, sensitivities
+from omnimirror.housing import CameraBody, Housing, Rod, Tube
+from omnimirror.manufacture import Body, sag_table, sensitivities
 from omnimirror.manufacture.formats.zmx import field_angles, write_zmx
-from omnimirror.manufacture.supports import hidden_percent
 from tests.analysis.meridional.test_two_mirrors import FOLDED, SENSORS, UNFOLDED
 from tests.manufacture.test_lens_files import parse_zmx, sag_of
 from tests.manufacture.test_step import read, volume
@@ -107,12 +107,12 @@ def test_moving_a_flat_mirror_counts_twice():
 
 
 def test_what_two_mirrors_hide_of_themselves_is_the_middle_that_pixels_do_not_see():
-    ring, *_ = obscuration(FOLDED, Support("none"))
+    (ring,) = FOLDED.obscured
     assert ring.omega_deg == (0.0, pytest.approx(FOLDED.field_deg[0]))
     u, v = np.meshgrid(np.arange(0.5, 1024, 4), np.arange(0.5, 1024, 4))
     inside = np.hypot(u - 511.5, v - 511.5) < FOLDED.rim_radius_px
     _, _, valid = FOLDED.backproject(np.stack([u[inside], v[inside]], axis=-1))
-    assert hidden_percent(FOLDED, Support("none")) == pytest.approx(100 * (1 - valid.mean()), abs=0.2)
+    assert ring.picture_percent == pytest.approx(100 * (1 - valid.mean()), abs=0.2)
 
 
 @pytest.mark.parametrize(
@@ -120,8 +120,8 @@ def test_what_two_mirrors_hide_of_themselves_is_the_middle_that_pixels_do_not_se
     [
         ({"body": Body(bore_diameter_mm=6.0, bore_depth_mm=np.inf)}, "looks through a bore of 10 mm"),
         ({"body": Body(thread="M6")}, "all the way through"),
-        ({"support": Support("rod")}, "valid supports are tube and none"),
-        ({"support": Support("tube", camera_diameter_mm=20.0)}, "the camera's front is its bore_radius_mm"),
+        ({"housing": Housing(rod=Rod())}, "valid supports are tube and none"),
+        ({"housing": Housing(CameraBody(20.0), shell=Tube())}, "the camera's front is its bore_radius_mm"),
     ],
 )
 def test_what_does_not_fit_two_mirrors_is_refused(options, sentence, tmp_path):

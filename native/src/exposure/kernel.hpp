@@ -367,13 +367,15 @@ void meet_edge(const Optics& o, Bundle& r) {
     }
 }
 
-// The camera and its rod, where mirrored rays meet them. The rod also hides the mirror: the ray is followed back.
+// The camera and its rod, where mirrored rays meet them. The rod also hides the mirror: the chief ray is followed back,
+// along the axis under a telecentric lens.
 void stand_in_the_way(const Optics& o, Bundle& r) {
     if (o.rod_z[1] > o.rod_z[0]) {
+        const float aside = o.telecentric ? 0 : -o.focus, down = o.telecentric ? -1 : -o.focus;
         OMNIMIRROR_EACH_LANE(i) {
             const float x = r.px[i], y = r.py[i], z = r.pz[i];
             const bool out = meets_rod(o, x, y, z, r.dx[i], r.dy[i], r.dz[i]);
-            const bool back = meets_rod(o, x, y, z, -o.focus * r.tx[i], -o.focus * r.ty[i], -o.focus);
+            const bool back = meets_rod(o, x, y, z, aside * r.tx[i], aside * r.ty[i], down);
             r.fate[i] = (r.fate[i] != LOST) & (out | back) ? HARDWARE : r.fate[i];
         }
     }

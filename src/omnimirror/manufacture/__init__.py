@@ -9,7 +9,6 @@ from .formats.zmx import format_zmx
 from .forms import Asphere, Curve, asphere_of, curve_of
 from .reference_sphere import BestSphere, best_sphere
 from .sensitivity import Sensitivity, sensitivities
-from .supports import Hidden, Support, hidden_percent, obscuration
 
 __all__ = [
     "DEFAULT_FORMATS",
@@ -22,9 +21,7 @@ __all__ = [
     "Drawing",
     "Exported",
     "Format",
-    "Hidden",
     "Sensitivity",
-    "Support",
     "asphere_of",
     "best_sphere",
     "curve_of",
@@ -33,8 +30,6 @@ __all__ = [
     "format_grid_sag",
     "format_table",
     "format_zmx",
-    "hidden_percent",
-    "obscuration",
     "register_format",
     "sag_table",
     "sensitivities",

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InvalidParameter
+from ..housing import Rim
 from ..mirrors import Mirror
 from ..parameters import Parameter
 
@@ -109,6 +110,28 @@ class Body:
         """Height z of the back over the vertex, mm."""
         z = mirror.sag(np.linspace(0.0, mirror.rim_radius_mm, 513))
         return float(z.max()) + self.thickness_mm
+
+    @classmethod
+    def of(cls, rim: Rim | None, mirror: Mirror) -> Body:
+        """The body that shows a housing's rim: its edge as a flange; ``Body()`` where nothing is said of it.
+
+        >>> from omnimirror.mirrors import Sphere
+        >>> Body.of(Rim(4.0, setback_mm=3.0), Sphere(50.0, 30.0)).flange_thickness_mm
+        2.0
+        """
+        if rim is None:
+            return cls()
+        body = cls(rim.thickness_mm)
+        if not rim.width_mm:
+            return body
+        flange = body.back_mm(mirror) - float(mirror.sag(mirror.rim_radius_mm)) - rim.setback_mm
+        return replace(body, flange_width_mm=rim.width_mm, flange_thickness_mm=flange)
+
+    def rim(self, mirror: Mirror) -> Rim:
+        """What the body shows around the mirror's rim, as a part of the sensor's housing."""
+        front = self.back_mm(mirror) - (self.flange_thickness_mm if self.flange_width_mm else self.thickness_mm)
+        setback = max(front - float(mirror.sag(mirror.rim_radius_mm)), 0.0)
+        return Rim(self.flange_width_mm, setback, self.thickness_mm)
 
     def outer_radius_mm(self, mirror: Mirror) -> float:
         return mirror.rim_radius_mm + self.flange_width_mm

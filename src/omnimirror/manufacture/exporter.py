@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from shutil import copyfile
@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 from ..arguments import WrongKind, file_name, number, optional_number, shown, whole
 from ..errors import InvalidParameter, OmnimirrorError
 from ..files import replacing
+from ..housing import Housing
 from ..numerics.registry import Registry
 from ..sensor import Sensor, check_sensor
 from .body import Body
@@ -24,7 +25,6 @@ from .formats.gridsag import write_grid_sag
 from .formats.sag_tables import format_table, table_points
 from .formats.zmx import write_zmx
 from .parts import Part, parts_of
-from .supports import Support
 
 FOLLOWS_DEG = 0.01  # a lens file whose rays stay within this of the mirror's follows it
 
@@ -58,7 +58,7 @@ class Plan:
 
     sensor: Sensor
     parts: list[Part]
-    support: Support = field(default_factory=Support)
+    housing: Housing | None = None
     chord_tolerance_um: float = 10.0
     step_mm: float | None = None
     step_deg: float | None = None
@@ -101,7 +101,7 @@ def export(
     formats: Iterable[str] | None = None,
     body: Body | None = None,
     secondary_body: Body | None = None,
-    support: Support | None = None,
+    housing: Housing | None = None,
     chord_tolerance_um: float = 10.0,
     step_mm: float | None = None,
     step_deg: float | None = None,
@@ -121,11 +121,13 @@ def export(
     formats : optional
         Of :data:`FORMATS`, for a folder; the first eight by default.
     body : optional
-        The solid behind the surface, ``Body()`` by default; a camera behind it gets the bore it looks through.
+        The solid behind the surface, by default as the rim of the sensor's housing says, or ``Body()``; a camera
+        behind it gets the bore it looks through.
     secondary_body : optional
         The same of a second mirror.
-    support : optional
-        What holds the mirror in the drawing, a transparent tube by default.
+    housing : optional
+        What stands around the mirror in the drawing, by default the sensor's own, and where that says nothing a
+        transparent tube to fit. Its rims are those of the bodies.
     chord_tolerance_um
         Of the triangles of STL and 3MF.
     step_mm, step_deg, digits
@@ -165,7 +167,7 @@ def export(
     step_mm, step_deg = optional_number("step_mm", step_mm), optional_number("step_deg", step_deg)
     scale = optional_number("scale", scale, above=0.0)
     plan = Plan(
-        sensor, parts_of(sensor, body or Body(), secondary_body), support or Support(), chord_tolerance_um, step_mm,
+        sensor, parts_of(sensor, body, secondary_body), housing, chord_tolerance_um, step_mm,
         step_deg, digits, grid_points, sheet, scale,
     )  # fmt: skip
     targets = _targets(plan, path, formats)
@@ -283,7 +285,7 @@ def _table(plan: Plan, part: Part, path: Path) -> Content:
 
 def _drawing(plan: Plan, part: Part, path: Path) -> Content:
     bodies = [p.body for p in plan.parts]
-    drawing: Drawing = draw_sheet(plan.sensor, bodies[0], plan.support, plan.sheet, plan.scale, *bodies[1:])
+    drawing: Drawing = draw_sheet(plan.sensor, bodies[0], plan.housing, plan.sheet, plan.scale, *bodies[1:])
     write_drawing(path, drawing)
     return Content(f"drawing, {plan.sheet}, {scale_words(drawing.sensor_scale)}", None)
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InvalidParameter
+from ..housing import Housing, Tube
 from ..lenses import Perspective
 from ..mirrors import Mirror
 from ..sensor import Sensor
@@ -39,8 +40,10 @@ class Part:
         return f"{self.sensor.name} secondary" if self.is_secondary else self.sensor.name
 
 
-def parts_of(sensor: Sensor, body: Body, secondary_body: Body | None = None) -> list[Part]:
+def parts_of(sensor: Sensor, body: Body | None = None, secondary_body: Body | None = None) -> list[Part]:
     """The first mirror, with the bore through which a camera behind it looks, and the second one if there is one.
+
+    Bodies that are not given are those that the rims of the sensor's housing say.
 
     Raises
     ------
@@ -53,11 +56,30 @@ def parts_of(sensor: Sensor, body: Body, secondary_body: Body | None = None) -> 
     >>> [(part.name, part.body.bore_mm) for part in parts_of(om.load_sensor("folded-spherical"), Body())]
     [('folded-spherical', 10.0), ('folded-spherical secondary', 0.0)]
     """
+    body = body or Body.of(sensor.housing.rim, sensor.mirror)
     if sensor.secondary is None:
         if secondary_body is not None:
             raise InvalidParameter(f"{sensor.name!r} has no secondary; leave out the thickness of one")
         return [Part(sensor, body)]
-    return [Part(sensor, bored(sensor, body)), Part(sensor, secondary_body or Body(), is_secondary=True)]
+    second = secondary_body or Body.of(sensor.housing.secondary_rim, sensor.secondary.mirror)
+    return [Part(sensor, bored(sensor, body)), Part(sensor, second, is_secondary=True)]
+
+
+def housed(parts: list[Part], housing: Housing | None = None) -> Sensor:
+    """The sensor of some parts with what stands around it in the drawing; the rims are those of the parts' bodies.
+
+    Without a housing it is the sensor's own, and a tube to fit where that says nothing.
+    """
+    first, *second = parts
+    housing = replace(housing or drawn_housing(first.sensor), rim=first.body.rim(first.mirror))
+    if second:
+        housing = replace(housing, secondary_rim=second[0].body.rim(second[0].mirror))
+    return replace(first.sensor, housing=housing)
+
+
+def drawn_housing(sensor: Sensor) -> Housing:
+    """What is drawn around a sensor: its own housing, and a tube to fit where that says nothing."""
+    return Housing(shell=Tube()) if sensor.housing.is_empty else sensor.housing
 
 
 def bored(sensor: Sensor, body: Body) -> Body:

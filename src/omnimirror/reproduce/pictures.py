@@ -6,6 +6,7 @@ Where the paper has photographs, of a garden and of its prototypes, there are si
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 
 from matplotlib.figure import Figure
@@ -14,11 +15,11 @@ from ..analysis import best_viewpoint
 from ..dewarp import Dewarper, views
 from ..figures import diagrams, three_pictures
 from ..figures.diagrams import Picture, Prototype
+from ..housing import CameraBody, Dome, Housing, Tube
 from ..sensor import Sensor
 from ..simulate import Room, take_picture
-from ..simulate.hardware import Hardware
 from ..simulate.rendering.picture import SHOWN_SAMPLES
-from ..simulate.shells import Dome, ThroughShell, Tube
+from ..simulate.shells import ThroughShell
 from .paper import M, paper_sensors
 
 CAMERA = 20.0  # mm: radius of the body of the prototypes' cameras
@@ -59,16 +60,10 @@ def fig16() -> Figure:
     The rod is clear and tapers towards the lens, so that its sides lie along chief rays: the picture is that of the
     bare mirror with the camera in its middle.
     """
-    sensor, room = _sphere(), Room()
-    m = sensor.meridian.m
-    body = Hardware(camera_radius_mm=CAMERA)
-    tube = Tube(55.0, 3.0, lids_mm=(-m,))  # it stands on the camera
-    dome = Dome(75.0, 3.0, centre_mm=20.0)
-    taken = [
-        take_picture(sensor, room, samples=SHOWN_SAMPLES, hardware=body),
-        take_picture(sensor, ThroughShell(room, tube, sensor), samples=SHOWN_SAMPLES, hardware=body),
-        take_picture(sensor, ThroughShell(room, dome, sensor), samples=SHOWN_SAMPLES, hardware=body),
-    ]
+    room, sensor = Room(), replace(_sphere(), housing=Housing(CameraBody(2 * CAMERA)))
+    tube = ThroughShell(room, Tube(110.0, 3.0), sensor, lids_mm=(-sensor.meridian.m,))  # it stands on the camera
+    dome = ThroughShell(room, Dome(150.0, 3.0, centre_mm=20.0), sensor)
+    taken = [take_picture(sensor, scene, samples=SHOWN_SAMPLES) for scene in (room, tube, dome)]
     return diagrams.prototypes(
         [
             Prototype(sensor, "Bare, on a clear rod", taken[0], rod_mm=7.0),

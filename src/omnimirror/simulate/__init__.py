@@ -2,7 +2,7 @@
 
 from .datasets.truth import Truth, ground_truth
 from .detector import Detector
-from .hardware import Hardware
+from .radiometry import Radiometry
 from .rendering.exposure import expose
 from .rendering.picture import pinhole_picture, take_picture
 from .restoration.bracketing import merge_bracket, plan_bracket
@@ -15,10 +15,10 @@ __all__ = [
     "Distant",
     "Environment",
     "Hall",
-    "Hardware",
     "Noise",
     "Pose",
     "PosedScene",
+    "Radiometry",
     "Room",
     "Scene",
     "Street",

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..housing import LENS_AT_RIMS, Envelope, Housing, Rim
+from ..housing import LENS_AT_RIMS, CameraBody, Envelope, Housing, Rim
 from ..mirrors import Mirror, Secondary
 from ..mirrors.pose import MirrorPose
 from .meridian import ChiefRays, Meridian
@@ -171,6 +171,11 @@ class Obstructions:
         fronts += [disc for disc in self.lids if disc.height_mm == level == lens]
         return max(fronts, key=lambda disc: disc.radius_mm, default=None)
 
+    @property
+    def front_ring_mm(self) -> float:
+        """Diameter of the ring about the lens that is made out on the camera's front."""
+        return (self.housing.camera or CameraBody(1.0)).lens_diameter_mm
+
     def clearances(self, rays: ChiefRays, shift_mm: float = 0.0) -> dict[str, Array]:
         """By how much (n,), mm, chief rays of the meridian pass each part; below 0 where it hides what they see.
 
@@ -197,16 +202,27 @@ class Obstructions:
         if self.rod is not None:
             found["rod"] = self.rod.met_by(points, directions) | self.rod.met_by(points, towards_lens)
         if self.rim is not None:
-            found["rim"] = self._meets_rim(self.rim, points, directions, pose)
+            found["rim"] = self.meets_rim(points, directions, pose)
         return found
 
-    def _meets_rim(self, rim: Disc, points: Array, directions: Array, pose: MirrorPose) -> Mask:
-        """Of the rim's disc the middle is the mirror."""
-        meets, across = rim.met_by(pose.to_mirror(points), pose.turned_to_mirror(directions))
+    def meets_rim(self, points: Array, directions: Array, pose: MirrorPose) -> Mask:
+        """Which rays (n, 3), (n, 3) meet the rim's edge: rising from the mirror, or on their way past it."""
+        if self.rim is None:
+            return np.zeros(len(points), dtype=bool)
+        meets, across = self.rim.met_by(pose.to_mirror(points), pose.turned_to_mirror(directions))
         edge = self.housing.rim or Rim()
         with np.errstate(invalid="ignore"):
-            outside: Mask = meets & (np.hypot(*across.T) > rim.radius_mm - edge.width_mm)
+            outside: Mask = meets & (np.hypot(*across.T) > self.rim.radius_mm - edge.width_mm)
         return outside
+
+    def meets_front(self, points: Array, directions: Array, towards_lens: Array) -> Mask:
+        """Which rays (n,) off the mirror end at what stands before it, the camera or the rod."""
+        meets = np.zeros(len(points), dtype=bool)
+        if self.camera is not None:
+            meets |= self.camera.met_by(points, directions)[0]
+        if self.rod is not None:
+            meets |= self.rod.met_by(points, directions) | self.rod.met_by(points, towards_lens)
+        return meets
 
 
 def envelope_of(housing: Housing, mirror: Mirror, secondary: Secondary | None, mirror_distance_mm: float) -> Envelope:

@@ -7,7 +7,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..errors import InvalidParameter
+from ..housing import Shell, Tube
+
 Array = NDArray[np.float64]
+
+AXIS = np.array([0.0, 0.0, 1.0])
 
 
 def wall_transmission(incidence: ArrayLike, refractive_index: float, behind: ArrayLike | None = None) -> Array:
@@ -32,6 +37,30 @@ def _fresnel(angle: Array, refractive_index: float) -> tuple[Array, Array]:
     return ((cos_i - n * cos_t) / (cos_i + n * cos_t)) ** 2, ((n * cos_i - cos_t) / (n * cos_i + cos_t)) ** 2
 
 
+def tube_transmission(omega_deg: ArrayLike, refractive_index: float) -> Array:
+    """Share of unpolarised light (n,) that passes the tube's wall in the meridian, all reflections added.
+
+    Fresnel's formulas at an incidence of 90 deg - Omega on the wall; (1 - R)/(1 + R) for each polarisation
+    sums the reflections between both sides.
+
+    >>> tube_transmission([90.0, 135.0], 1.5).round(4)  # 12/13 straight through
+    array([0.9231, 0.9073])
+    """
+    return wall_transmission(np.abs(np.radians(90.0 - np.asarray(omega_deg, dtype=float))), refractive_index)
+
+
+def tube_shift_mm(omega_deg: ArrayLike, wall_mm: float, refractive_index: float) -> Array:
+    """How far the tube's wall moves rays (n,) sideways in the meridian, mm; their direction stays.
+
+    >>> tube_shift_mm([90.0, 135.0], 3.0, 1.5).round(3)
+    array([0.   , 0.987])
+    """
+    incidence = np.abs(np.radians(90.0 - np.asarray(omega_deg, dtype=float)))
+    sin = np.sin(incidence)
+    shift: Array = wall_mm * sin * (1 - np.cos(incidence) / np.sqrt(refractive_index**2 - sin**2))
+    return shift
+
+
 class Passage(NamedTuple):
     """Rays (n,) that leave a tube or a dome from inside."""
 
@@ -45,6 +74,32 @@ class Passage(NamedTuple):
     """(n, 3), unit vectors: the part that the wall throws back, inside."""
     passed: Array
     """(n,): share of the light that passes; 1 and unchanged along the axis, where the wall is never met."""
+
+
+def passage(shell: Shell, points: Array, directions: Array) -> Passage:
+    """Rays (n, 3), (n, 3) from inside a tube or a dome about the axis, traced out through its wall.
+
+    In the camera frame, whose origin is the mirror's vertex as it was meant to be; its sizes are known.
+
+    Raises
+    ------
+    InvalidParameter
+        A ray starts outside.
+    """
+    inner, outer = shell.radii_mm
+    if isinstance(shell, Tube):
+        _check_inside("tube's axis", np.hypot(points[:, 0], points[:, 1]), inner)
+        return through_tube(points, directions, AXIS, outer, shell.wall_mm, shell.refractive_index)
+    near, far = (AXIS * height for height in shell.centres_mm)
+    _check_inside("dome's centre", np.linalg.norm(points - near, axis=1), inner)
+    return through_dome(points, directions, (near, inner), (far, outer), shell.refractive_index)
+
+
+def _check_inside(what: str, distances: Array, radius: float) -> None:
+    if (distances > radius).any():
+        raise InvalidParameter(
+            f"a ray starts {distances.max():.4g} mm from the {what}, and its inner radius is {radius:g} mm"
+        )
 
 
 def through_tube(

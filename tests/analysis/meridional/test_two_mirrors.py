@@ -15,7 +15,7 @@ from omnimirror.errors import InvalidParameter, NotOneToOne, OutsideField, Outsi
 from omnimirror.lenses import Orthographic
 from omnimirror.mirrors import EvenPolynomial, Flat, Paraboloid, Secondary, Sphere
 from omnimirror.mirrors.pose import MirrorPose
-from omnimirror.simulate import Hardware
+from omnimirror.simulate import Radiometry
 from tests.conftest import M
 
 WEIGHTS = np.array([4 / 5, -1 / 5, 4 / 105, -1 / 280])  # eighth-order central difference
@@ -278,7 +278,7 @@ def test_a_picture_of_two_mirrors_reads_the_right_way_round():
 
 
 def test_what_knows_of_one_mirror_only_is_refused():
-    with pytest.raises(InvalidParameter, match="only a sensor of one mirror has hardware"):
-        om.expose(FOLDED, om.Room(texel_mm=40.0), samples=1, hardware=Hardware())
+    with pytest.raises(InvalidParameter, match="only a sensor of one mirror has radiometry"):
+        om.expose(FOLDED, om.Room(texel_mm=40.0), samples=1, radiometry=Radiometry())
     with pytest.raises(InvalidParameter, match="mirror_pose is not valid beside a secondary"):
         replace(FOLDED, mirror_pose=MirrorPose(decentre_x_mm=0.1))

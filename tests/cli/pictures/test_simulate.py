@@ -52,10 +52,11 @@ def test_an_exr_holds_light_and_ground_truth(sensor_file, tmp_path):
     assert om.read_image(out).shape == (128, 128, 4)
 
 
-def test_an_exr_labels_what_hardware_hides_and_what_a_tube_bends(sensor_file, sky_file, tmp_path):
+def test_an_exr_labels_what_the_housing_hides_and_what_a_tube_bends(sensor_file, sky_file, tmp_path):
     OpenEXR = pytest.importorskip("OpenEXR")
     found = {}
-    for name, options in {"rod": ("--support", "rod", "--support-mm", 12), "tube": ("--support", "tube")}.items():
+    supports = {"rod": ("--support", "rod", "--support-diameter-mm", 12), "tube": ("--support", "tube")}
+    for name, options in supports.items():
         out = tmp_path / f"{name}.exr"
         done(sensor_file, "--scene", sky_file, "--no-blur", "--samples", 1, *options, "-o", out)
         with OpenEXR.File(str(out), separate_channels=True) as file:

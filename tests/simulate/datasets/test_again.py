@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 
@@ -16,13 +17,12 @@ import pytest
 
 import omnimirror as om
 from omnimirror.errors import InvalidParameter
-from omnimirror.manufacture.supports import Support, hardware_of, shell_of
+from omnimirror.housing import CameraBody, Dome, Housing, Rim, Rod, Tube
 from omnimirror.media.keyframes import Keyframes
-from omnimirror.simulate import Detector, Hall, Hardware, Room
+from omnimirror.simulate import Detector, Hall, Radiometry, Room
 from omnimirror.simulate.datasets.calibration_set import write_calibration_set, write_video_set
 from omnimirror.simulate.datasets.recipe import load_arguments
 from omnimirror.simulate.scenes.sources import SceneSource
-from omnimirror.simulate.shells import Dome, Tube
 from tests.commands import fails, omnimirror
 from tests.simulate.datasets.test_calibration_set import PATH, small
 
@@ -154,17 +154,16 @@ def test_a_set_that_cannot_begin_leaves_nothing(tmp_path):
 # -- again -------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("shell", [None, Tube(70.0, lids_mm=(-180.0,)), Dome(120.0, inner_shift_mm=0.5)])
+@pytest.mark.parametrize("shell", [None, Tube(140.0), Dome(inner_shift_mm=0.5)])
 @pytest.mark.parametrize("reflectivity", [0.9, "gold", 0.96 + 6.69j, ("silver", 0.5, 1j + 2)])
 def test_a_recipe_holds_all_that_was_asked(tmp_path, shell, reflectivity):
     """For every argument of the writers, what is read is what was given."""
     from omnimirror.simulate.datasets.recipe import recipe_of
 
     asked = {
-        "sensor": small(),
-        "hardware": Hardware(10.0, rod_to_mm=3.0, rod_radius_mm=1 / 3, reflectivity=reflectivity),
+        "sensor": replace(small(), housing=Housing(CameraBody(20.0), Rod(2 / 3), shell, Rim(1.0))),
+        "radiometry": Radiometry(reflectivity=reflectivity),
         "detector": Detector(0.7, 1e4, 2.5, 12, "linear", "RGGB", 64.0),
-        "shell": shell,
         "hall": Hall(12.5),
         "path": Keyframes({"x_mm": ((0.0, 0.1), (1.0, 600.0))}, "linear"),
         "scene": SceneSource("street", 50.0),
@@ -196,25 +195,17 @@ def test_a_video_set_made_again_is_the_same_byte_for_byte(place):
     data = json.loads(files["dataset.json"])
     assert data["recipe"]["seed"] == 3
     assert data["recipe"]["omnimirror"] == version("omnimirror")
-    assert data["recipe"]["shell"]["kind"] == "tube"
+    assert om.specs.parse_sensor(data["recipe"]["sensor"]).housing.shell == Tube()
     assert "refused" not in data
 
 
 def test_a_calibration_set_made_again_is_the_same_byte_for_byte(tmp_path):
-    hardware = Hardware(25.0, rim_width_mm=1.0, reflectivity=("gold", 0.96 + 6.69j, 0.5))
+    sensor = replace(small(), housing=Housing(CameraBody(50.0), shell=Dome(260.0), rim=Rim(1.0)))
+    dim = Radiometry(reflectivity=("gold", 0.96 + 6.69j, 0.5))
     camera = Detector(full_well_e=4000.0, read_noise_e=4.0, bits=12, curve="linear", bayer="RGGB")
     list(
         write_calibration_set(
-            small(),
-            tmp_path / "a",
-            views=2,
-            samples=1,
-            blur=True,
-            hardware=hardware,
-            detector=camera,
-            seed=5,
-            hall=HALL,
-            shell=Dome(130.0),
+            sensor, tmp_path / "a", views=2, samples=1, blur=True, radiometry=dim, detector=camera, seed=5, hall=HALL
         )
     )
     _, arguments = load_arguments(tmp_path / "a" / "dataset.json")
@@ -249,11 +240,9 @@ def test_corners_of_a_set_in_a_tube_are_where_its_pictures_show_them(tmp_path):
     """The picture is traced through the wall, and its corners by the wall's solution: OpenCV finds one in the other."""
     import cv2
 
-    sensor = om.load_sensor("paper-equidistant")
-    tube = Support("tube", diameter_mm=120.0, wall_mm=5.0)
-    base, wall = hardware_of(sensor, tube), shell_of(sensor, tube)
+    sensor = replace(om.load_sensor("paper-equidistant"), housing=Housing(shell=Tube(120.0, 5.0)))
     (*_, description) = write_calibration_set(
-        sensor, tmp_path, views=1, samples=4, blur=False, hardware=base, hall=Hall(texel_mm=12.5), shell=wall
+        sensor, tmp_path, views=1, samples=4, blur=False, hall=Hall(texel_mm=12.5)
     )
     view = json.loads(description.read_text())["views"][0]
     grey = om.read_image(tmp_path / view["image"])[..., 1].copy()

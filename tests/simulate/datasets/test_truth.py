@@ -12,23 +12,20 @@ import pytest
 
 import omnimirror as om
 from omnimirror.errors import InvalidParameter
+from omnimirror.housing import CameraBody, Dome, Housing, Rim, Rod, Tube
 from omnimirror.mirrors.pose import MirrorPose
-from omnimirror.simulate import Environment, Hall, Hardware, Pose, expose, ground_truth
+from omnimirror.simulate import Environment, Hall, Pose, Radiometry, expose, ground_truth
 from omnimirror.simulate.datasets.calibration_set import seen_corners_px
 from omnimirror.simulate.rendering.sight import seen_at
-from omnimirror.simulate.shells import Dome, ThroughShell, Tube
 
 SIZE = 96
-FULL = Hardware(
-    camera_radius_mm=30.0, camera_height_mm=4.0, rim_width_mm=1.5,
-    rod_from_mm=45.0, rod_to_mm=180.4, rod_radius_mm=6.0, rod_end_radius_mm=2.0,
-)  # fmt: skip
+FULL = Housing(CameraBody(60.0, height_mm=4.0), Rod(12.0, 4.0, gap_mm=45.0), rim=Rim(1.5))
 
 
-def sensor_of(pixels=SIZE, shift=(0.0, 0.0, 0.0)):
+def sensor_of(pixels=SIZE, shift=(0.0, 0.0, 0.0), housing=FULL):
     sensor = om.load_sensor("paper-spherical")
     imager = replace(sensor.imager, width_px=pixels, height_px=pixels, pixel_pitch_um=1.02 * 5.2 * 1024 / pixels)
-    return replace(sensor, imager=imager, mirror_pose=MirrorPose(*shift))
+    return replace(sensor, imager=imager, mirror_pose=MirrorPose(*shift), housing=housing)
 
 
 # -- the tracer --------------------------------------------------------------------------------------
@@ -37,14 +34,14 @@ def sensor_of(pixels=SIZE, shift=(0.0, 0.0, 0.0)):
 class Tracer:
     """The sensor as plain numbers; its frame has its origin at the vertex, z from the lens to the mirror."""
 
-    def __init__(self, sensor, hardware=None, shell=None):
+    def __init__(self, sensor):
         self.m, lens = sensor.mirror_distance_mm, sensor.lens
         self.b = 1 / (1 / lens.focal_length_mm - 1 / lens.focus_distance_mm)
         self.pitch, self.size = 1e-3 * sensor.imager.pixel_pitch_um, sensor.imager.width_px
         self.radius, self.rim = sensor.mirror.vertex_radius, sensor.mirror.rim_radius_mm
         pose = sensor.mirror_pose
         self.shift = np.array([pose.decentre_x_mm, pose.decentre_y_mm, pose.displacement_mm])
-        self.hardware, self.shell = hardware, shell
+        self.housing, self.top = sensor.housing, self.radius - np.sqrt(self.radius**2 - self.rim**2)
 
     def look(self, pixels):
         """Origins, directions (n, 3) where pixels (n, 2) leave the sensor, and whether they see or are hidden."""
@@ -61,30 +58,49 @@ class Tracer:
             hit = np.hypot(*(p - self.shift)[:, :2].T) <= self.rim
         normal = (centre - p) / self.radius
         out = d - 2 * (d * normal).sum(axis=1)[:, None] * normal
-        hidden = np.zeros(len(pixels), dtype=bool)
-        if self.hardware is not None:
-            hidden = hit & (self.on_disc(p, out) | self.on_rod(p, out) | self.on_rod(lens, p - lens))
-            hidden |= self.on_edge(np.where(hit[:, None], p, lens), np.where(hit[:, None], out, d))
+        hidden = hit & (
+            self.on_camera(p, out) | self.on_rod(p, out) | self.on_rod(lens, p - lens) | self.on_lids(p, out)
+        )
+        hidden |= self.on_edge(np.where(hit[:, None], p, lens), np.where(hit[:, None], out, d))
         sees = hit & ~hidden
         p, out = p[sees], out[sees]
-        if self.shell is not None:
-            p, out = through(self.shell, p, out)
+        if self.housing.shell is not None:
+            p, out = through(self.housing.shell, p, out)
         return p, out, sees, hidden
 
-    def on_disc(self, p, d):
-        t = (self.hardware.camera_height_mm - self.m - p[:, 2]) / d[:, 2]
-        return (t > 0) & (np.hypot(*(p + t[:, None] * d)[:, :2].T) < self.hardware.camera_radius_mm)
+    def on_disc(self, p, d, height, radius):
+        t = (height - p[:, 2]) / d[:, 2]
+        return (t > 0) & (np.hypot(*(p + t[:, None] * d)[:, :2].T) < radius)
+
+    def on_camera(self, p, d):
+        camera = self.housing.camera
+        return camera is not None and self.on_disc(p, d, camera.height_mm - self.m, camera.diameter_mm / 2)
+
+    def on_lids(self, p, d):
+        """The discs in a tube, in the plane of the lens and at the mirror's back, and the one in a dome."""
+        shell, rim = self.housing.shell, self.housing.rim
+        if shell is None:
+            return np.zeros(len(p), dtype=bool)
+        inner = shell.diameter_mm / 2 - shell.wall_mm
+        if isinstance(shell, Dome):
+            off = -self.m - shell.centre_mm - shell.inner_shift_mm
+            return self.on_disc(p, d, -self.m, np.sqrt(inner**2 - off**2))
+        back = self.top + (rim.thickness_mm if rim else 5.0)
+        return self.on_disc(p, d, -self.m, inner) | self.on_disc(p, d, back, inner)
 
     def on_edge(self, p, d):
-        sag = self.radius - np.sqrt(self.radius**2 - self.rim**2)
-        t = (sag + self.shift[2] - p[:, 2]) / d[:, 2]
+        if self.housing.rim is None:
+            return np.zeros(len(p), dtype=bool)
+        t = (self.top + self.shift[2] - p[:, 2]) / d[:, 2]
         r = np.hypot(*(p + t[:, None] * d - self.shift)[:, :2].T)
-        return (t > 0) & (r > self.rim) & (r < self.rim + self.hardware.rim_width_mm)
+        return (t > 0) & (r > self.rim) & (r < self.rim + self.housing.rim.width_mm)
 
     def on_rod(self, p, d):
         """The least of distance from the axis less the rod's radius, which is convex along a ray, between its ends."""
-        h = self.hardware
-        ends = np.array([h.rod_from_mm, h.rod_to_mm]) - self.m
+        rod = self.housing.rod
+        if rod is None:
+            return np.zeros(len(p), dtype=bool)
+        ends, foot, top = np.array([rod.gap_mm - self.m, 0.0]), rod.diameter_mm / 2, rod.end_diameter_mm / 2
         with np.errstate(divide="ignore", invalid="ignore"):
             t = np.sort((ends - p[:, 2:]) / d[:, 2:], axis=1)
         low, high = np.maximum(t[:, 0], 0.0), t[:, 1]
@@ -93,7 +109,7 @@ class Tracer:
         def gap(t):
             at = p + t[:, None] * d
             share = (at[:, 2] - ends[0]) / (ends[1] - ends[0])
-            return np.hypot(at[:, 0], at[:, 1]) - h.rod_radius_mm - share * (h.rod_end_radius_mm - h.rod_radius_mm)
+            return np.hypot(at[:, 0], at[:, 1]) - foot - share * (top - foot)
 
         for _ in range(160):
             a, b = low + (high - low) / 3, high - (high - low) / 3
@@ -112,8 +128,8 @@ def through(shell, p, d):
         outer = np.array([0.0, 0.0, shell.centre_mm])
         inner = outer + np.array([0, 0, shell.inner_shift_mm])
     for centre, radius, before, behind in (
-        (inner, shell.outer_radius_mm - shell.wall_mm, 1.0, n),
-        (outer, shell.outer_radius_mm, n, 1.0),
+        (inner, shell.diameter_mm / 2 - shell.wall_mm, 1.0, n),
+        (outer, shell.diameter_mm / 2, n, 1.0),
     ):
         low, high = np.zeros(len(p)), np.full(len(p), 1e4)
         for _ in range(80):
@@ -157,16 +173,16 @@ def grid(size=SIZE):
 
 # -- labels ------------------------------------------------------------------------------------------
 
-SHELLS = [None, Tube(90.0, 5.0), Dome(119.0, 5.0, centre_mm=-74.0, inner_shift_mm=1.0)]
+SHELLS = [None, Tube(110.0, 5.0), Dome(260.0, 5.0, centre_mm=-74.0, inner_shift_mm=1.0)]
 
 
 @pytest.mark.parametrize("shift", [(0.0, 0.0, 0.0), (1.5, -1.0, 0.7)], ids=["aligned", "decentred"])
 @pytest.mark.parametrize("shell", SHELLS, ids=["open", "tube", "dome"])
 def test_no_pixel_is_labelled_other_than_the_tracer_says(shell, shift):
     """Hidden, seeing or neither for all pixels; and the points that they see to a hundredth of a micrometre."""
-    sensor = sensor_of(shift=shift)
-    truth = ground_truth(sensor, Ball() if shell is None else ThroughShell(Ball(), shell, sensor), FULL)
-    p, d, sees, hidden = Tracer(sensor, FULL, shell).look(grid())
+    sensor = sensor_of(shift=shift, housing=replace(FULL, shell=shell))
+    truth = ground_truth(sensor, Ball())
+    p, d, sees, hidden = Tracer(sensor).look(grid())
     np.testing.assert_array_equal(truth.hidden.ravel(), hidden)
     np.testing.assert_array_equal(np.isfinite(truth.depth_mm).ravel(), sees)
     assert hidden.sum() > 300
@@ -178,61 +194,59 @@ def test_no_pixel_is_labelled_other_than_the_tracer_says(shell, shift):
 
 
 def test_the_picture_is_dark_where_the_truth_says_hidden():
-    sensor, dark = sensor_of(256), replace(FULL, grey=0.0)
-    light = expose(sensor, Environment(np.ones((4, 8, 3), np.float32)), samples=1, hardware=dark)
-    truth = ground_truth(sensor, Ball(), dark)
+    sensor = sensor_of(256)
+    light = expose(sensor, Environment(np.ones((4, 8, 3), np.float32)), samples=1, radiometry=Radiometry(grey=0.0))
+    truth = ground_truth(sensor, Ball())
     assert ((light[..., 0] > 0.5) != np.isfinite(truth.depth_mm)).sum() <= 2, "single precision, at edges"
 
 
 @pytest.mark.parametrize("width", [1.5, 10.0])
 def test_the_edge_hides_what_rises_past_it_with_and_without_the_compiled_part(width, uncompiled):
     """Rays that leave the mirror near its rim more steeply than the rim is far."""
-    sensor, edge = sensor_of(64), Hardware(rim_width_mm=width, grey=0.0)
+    sensor, dark = sensor_of(64, housing=Housing(rim=Rim(width))), Radiometry(grey=0.0)
     sky = Environment(np.ones((4, 8, 3), np.float32))
-    fast = expose(sensor, sky, samples=9, hardware=edge)
+    fast = expose(sensor, sky, samples=9, radiometry=dark)
     uncompiled()
-    np.testing.assert_allclose(fast, expose(sensor, sky, samples=9, hardware=edge), atol=1e-4)
-    assert fast.sum() < expose(sensor, sky, samples=9).sum() - 10
+    np.testing.assert_allclose(fast, expose(sensor, sky, samples=9, radiometry=dark), atol=1e-4)
+    assert fast.sum() < expose(sensor_of(64, housing=Housing()), sky, samples=9).sum() - 10
 
 
 def test_truth_past_the_mirror_starts_at_the_lens():
-    sensor = sensor_of()
-    truth = ground_truth(sensor, Ball(), Hardware(sees_past=True))
+    sensor = sensor_of(housing=Housing())
+    truth = ground_truth(sensor, Ball(), Radiometry(sees_past=True))
     np.testing.assert_allclose(truth.origins_mm[0, 0], to_world(sensor, np.array([0, 0, -sensor.mirror_distance_mm])))
     np.testing.assert_allclose(np.linalg.norm(truth.points_mm[0, 0]), 500.0)
 
 
 def test_a_lid_that_stands_in_the_way_hides_and_is_dark():
     """A wide tube's cap, level with the rim, ends what rises more steeply than to the wall."""
-    sensor = sensor_of()
+    sensor = sensor_of(housing=Housing(shell=Tube(400.0), rim=Rim(thickness_mm=1.0)))
+    truth = ground_truth(sensor, Ball())
+    p, d, sees, _ = Tracer(replace(sensor, housing=Housing())).look(grid())
     back = float(sensor.mirror.sag(np.array(sensor.mirror.rim_radius_mm))) + 1.0
-    tube = Tube(200.0, lids_mm=(back,))
-    scene = ThroughShell(Ball(), tube, sensor)
-    truth = ground_truth(sensor, scene)
-    p, d, sees, _ = Tracer(sensor).look(grid())
     t = (back - p[:, 2]) / d[:, 2]
     under = (t > 0) & (np.hypot(*(p + t[:, None] * d)[:, :2].T) < 197.0)
     assert 100 < under.sum() < sees.sum()
-    np.testing.assert_array_equal(truth.hidden.ravel()[sees], under)
-    light = expose(sensor, scene, samples=1)
+    np.testing.assert_array_equal((truth.hidden.ravel()[sees])[d[:, 2] > 0], under[d[:, 2] > 0])
+    light = expose(sensor, Ball(), samples=1, radiometry=Radiometry(grey=0.0))
     assert not light[truth.hidden].any()
 
 
 def test_only_a_sensor_of_one_mirror_has_something_about_it():
     with pytest.raises(InvalidParameter, match="one mirror"):
-        ground_truth(om.load_sensor("folded-spherical"), Ball(), FULL)
+        ground_truth(replace(om.load_sensor("folded-spherical"), housing=Housing(shell=Tube())), Ball())
 
 
 # -- corners -----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("shell", SHELLS, ids=["open", "tube", "dome"])
-def test_corners_are_seen_where_the_tracer_looks_and_not_behind_hardware(shell):
-    sensor, hall = sensor_of(1024), Hall(texel_mm=50.0)
-    tracer, count, hidden = Tracer(sensor, FULL, shell), 0, 0
+def test_corners_are_seen_where_the_tracer_looks_and_not_behind_the_housing(shell):
+    sensor, hall = sensor_of(1024, housing=replace(FULL, shell=shell)), Hall(texel_mm=50.0)
+    tracer, bare, count, hidden = Tracer(sensor), replace(sensor, housing=Housing()), 0, 0
     for pose in (Pose(), Pose(400.0, -300.0, -500.0, 40.0, 5.0)):
-        found = seen_corners_px(sensor, hall, pose, FULL, shell)
-        plain = seen_corners_px(sensor, hall, pose)
+        found = seen_corners_px(sensor, hall, pose)
+        plain = seen_corners_px(bare, hall, pose)
         for name, pixels in found.items():
             corners = pose.to_sensor(hall.board_corners_mm(name).reshape(-1, 3))
             seen = np.isfinite(pixels[..., 0]).ravel()
@@ -252,13 +266,13 @@ def test_corners_are_seen_where_the_tracer_looks_and_not_behind_hardware(shell):
 
 def test_points_that_only_the_wall_brings_into_the_field_are_found():
     """Just outside the rim's field without the dome, and inside it with one that bends rays outwards."""
-    sensor, dome = sensor_of(1024), Dome(140.0, 8.0, centre_mm=-40.0)
+    sensor = sensor_of(1024, housing=Housing(shell=Dome(330.0, 8.0, centre_mm=-40.0)))
     turns = np.linspace(0, 6, 9)
     edge = 511.5 + 0.9999 * sensor.rim_radius_px * np.stack([np.cos(turns), np.sin(turns)], axis=-1)
-    p, d, sees, _ = Tracer(sensor, None, dome).look(edge)
+    p, d, sees, _ = Tracer(sensor).look(edge)
     assert sees.all()
     points = to_world(sensor, p + 2000.0 * d)
     assert not sensor.project(points).valid.any()
-    pixels, valid = seen_at(sensor, points, shell=dome)
+    pixels, valid = seen_at(sensor, points)
     assert valid.all()
     np.testing.assert_allclose(pixels, edge, atol=1e-6)

@@ -7,27 +7,18 @@ import pytest
 
 import omnimirror as om
 from omnimirror.errors import InvalidParameter
+from omnimirror.housing import CameraBody, Housing, Rim, Rod
 from omnimirror.mirrors.pose import MirrorPose
 from omnimirror.mirrors.reflectivity import METALS
 from omnimirror.native import backend
-from omnimirror.simulate import Environment, Hardware, expose
+from omnimirror.simulate import Environment, Radiometry, expose
 from omnimirror.simulate.rendering import exposure as rays
 from omnimirror.simulate.rendering.samples import places, spread
 from omnimirror.specs import bundled_sensors
 
 needs_native = pytest.mark.skipif(not backend.is_compiled, reason="nothing was compiled here")
-ROD = Hardware(
-    camera_radius_mm=30.0,
-    camera_height_mm=10.0,
-    rim_width_mm=3.0,
-    rod_from_mm=120.0,
-    rod_to_mm=170.0,
-    rod_radius_mm=4.0,
-    rod_end_radius_mm=2.0,
-    reflectivity=0.8,
-    vignetting=1.0,
-    sees_past=True,
-)
+HOUSED = Housing(CameraBody(60.0, height_mm=10.0), Rod(8.0, 4.0), rim=Rim(3.0))
+DIM = Radiometry(reflectivity=0.8, vignetting=1.0, sees_past=True)
 MISPLACED = MirrorPose(1.0, -0.7, 0.5, 1.5, -2.0)
 
 
@@ -50,10 +41,10 @@ def steps(height: int, width: int) -> Environment:
 @pytest.mark.parametrize("pose", [MirrorPose(), MISPLACED], ids=["aligned", "misplaced"])
 @pytest.mark.parametrize("name", [n for n in bundled_sensors() if om.load_sensor(n).secondary is None])
 def test_compiled_rays_are_those_of_double_precision(name, pose, flipped):
-    sensor = small(name, mirror_pose=pose)
+    sensor = small(name, mirror_pose=pose, housing=HOUSED)
     sensor = replace(sensor, mount=replace(sensor.mount, image_flipped=flipped))
     plan, part = spread(16, blur=True, seed=3), (slice(0, 100), slice(10, 70))
-    fast, slow = rays._trace_natively(sensor, plan, ROD, *part), rays._trace_sensor(sensor, plan, ROD, *part)
+    fast, slow = rays._trace_natively(sensor, plan, DIM, *part), rays._trace_sensor(sensor, plan, DIM, *part)
     assert {rays.REFLECTED, rays.DIRECT} <= set(np.unique(slow.fate))
     assert np.mean(fast.fate != slow.fate) < 1e-4  # rays that graze an edge
     seen = (fast.fate == slow.fate) & (slow.fate != rays.HIDDEN)
@@ -67,13 +58,13 @@ def test_compiled_rays_are_those_of_double_precision(name, pose, flipped):
 
 
 @needs_native
-@pytest.mark.parametrize("hardware", [Hardware(), ROD])
-def test_an_environment_is_the_same_in_the_kernels_and_ray_by_ray(hardware):
-    sensor, world = small("paper-equidistant"), steps(64, 128)
+@pytest.mark.parametrize(("housing", "dim"), [(Housing(), Radiometry()), (HOUSED, DIM)], ids=["bare", "housed"])
+def test_an_environment_is_the_same_in_the_kernels_and_ray_by_ray(housing, dim):
+    sensor, world = small("paper-equidistant", housing=housing), steps(64, 128)
     plan = spread(9, blur=True, seed=5)
-    fast = expose(sensor, world, samples=9, blur=True, hardware=hardware, seed=5)
-    bundle = rays.trace(sensor, plan, hardware, slice(0, 100), slice(0, 100))
-    slow = rays.gather(bundle, world, hardware).mean(axis=2)
+    fast = expose(sensor, world, samples=9, blur=True, radiometry=dim, seed=5)
+    bundle = rays.trace(sensor, plan, dim, slice(0, 100), slice(0, 100))
+    slow = rays.gather(bundle, world, dim).mean(axis=2)
     assert np.abs(fast - slow).max() < 2e-3
     assert np.abs(fast - slow).mean() < 1e-5
 
@@ -112,11 +103,11 @@ def test_blur_spreads_a_point_over_the_disk_that_the_evaluation_says():
 def test_an_even_world_comes_back_as_bright_as_it_is():
     white = Environment(np.ones((4, 8, 3), np.float32))
     light = expose(
-        small("paper-spherical"), white, samples=16, blur=True, hardware=Hardware(reflectivity=0.9, sees_past=False)
+        small("paper-spherical"), white, samples=16, blur=True, radiometry=Radiometry(reflectivity=0.9, sees_past=False)
     )
     np.testing.assert_allclose(light[50, 50], 0.9, rtol=1e-5)
     assert light[0, 0].max() == 0
-    beside = expose(small("paper-spherical"), white, samples=16, blur=True, hardware=Hardware(sees_past=True))
+    beside = expose(small("paper-spherical"), white, samples=16, blur=True, radiometry=Radiometry(sees_past=True))
     np.testing.assert_allclose(beside, 1.0, rtol=1e-5)
 
 
@@ -125,8 +116,8 @@ def test_an_even_world_comes_back_as_bright_as_it_is():
 @pytest.mark.parametrize("metal", ["aluminium", "gold", 0.5 + 2.0j])
 def test_metals_reflect_as_fresnel_says_in_kernels_and_without(metal, pose):
     sensor, plan = small("paper-spherical", mirror_pose=pose), spread(4, blur=True)
-    part, hardware = (slice(0, 100), slice(0, 100)), Hardware(reflectivity=metal)
-    fast, slow = rays._trace_natively(sensor, plan, hardware, *part), rays._trace_sensor(sensor, plan, hardware, *part)
+    part, dim = (slice(0, 100), slice(0, 100)), Radiometry(reflectivity=metal)
+    fast, slow = rays._trace_natively(sensor, plan, dim, *part), rays._trace_sensor(sensor, plan, dim, *part)
     seen = (fast.fate == rays.REFLECTED) & (slow.fate == rays.REFLECTED)
     np.testing.assert_allclose(fast.weight[seen], slow.weight[seen], atol=5e-5)
     assert np.ptp(slow.weight[seen]) > 5e-3
@@ -134,7 +125,7 @@ def test_metals_reflect_as_fresnel_says_in_kernels_and_without(metal, pose):
 
 def test_a_metal_dims_a_pixel_by_its_own_angle_of_incidence():
     sensor, white = om.load_sensor("paper-spherical"), Environment(np.ones((4, 8, 3), np.float32))
-    light = expose(sensor, white, samples=1, hardware=Hardware(reflectivity=("gold", "silver", 0.7)))
+    light = expose(sensor, white, samples=1, radiometry=Radiometry(reflectivity=("gold", "silver", 0.7)))
     u, v = 911, 512
     radius = np.hypot(*(np.array([u, v]) - sensor.imager.centre))
     gamma = sensor.meridian.trace(sensor.x_from_height_px([radius])).gamma
@@ -149,7 +140,7 @@ def test_a_metal_dims_a_pixel_by_its_own_angle_of_incidence():
 def test_natural_vignetting_falls_with_the_fourth_power_of_the_cosine():
     white = Environment(np.ones((4, 8, 3), np.float32))
     sensor = om.load_sensor("paper-spherical")
-    light = expose(sensor, white, samples=1, hardware=Hardware(vignetting=1.0))
+    light = expose(sensor, white, samples=1, radiometry=Radiometry(vignetting=1.0))
     u, v = sensor.imager.centre
     tangent = 400 * sensor.imager.pitch_mm / sensor.lens.image_distance
     expected = np.cos(np.arctan(tangent)) ** 4
@@ -159,9 +150,9 @@ def test_natural_vignetting_falls_with_the_fourth_power_of_the_cosine():
 
 def test_the_camera_is_seen_in_the_middle():
     """Its edge appears at the mirror point that reflects the edge of the disk into the lens."""
-    sensor = om.load_sensor("paper-spherical")
+    sensor = replace(om.load_sensor("paper-spherical"), housing=Housing(CameraBody(80.0)))
     white = Environment(np.ones((4, 8, 3), np.float32))
-    light = expose(sensor, white, samples=1, hardware=Hardware(camera_radius_mm=40.0, grey=0.0))[..., 0]
+    light = expose(sensor, white, samples=1, radiometry=Radiometry(grey=0.0))[..., 0]
     edge = sensor.project([[40.0, 0.0, sensor.lens_offset[2]]]).pixels[0]
     radius = sensor.radius_from_centre_px(edge[None])[0]
     dark = int((light == 0)[512, 256:768].sum())

@@ -4,27 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from typing import Any, TypeVar
 
 import click
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from ...manufacture.supports import Support, shell_of
-from ...manufacture.supports import hardware_of as hardware_of_support
-from ...sensor import Sensor
-from ...simulate import Detector, Hardware, Pose, Scene
+from ...simulate import Detector, Pose, Radiometry, Scene
 from ...simulate.detector import BAYER, CURVES
 from ...simulate.scenes import BUNDLED
 from ...simulate.scenes.sources import SceneSource
-from ...simulate.shells import Dome, Tube
 from .common import NUMBER, WHOLE, _numbers, angle, distance, factor
-from .declared import flag
+from .declared import flag, takes
+from .housing import HousingOptions
 
 Command = TypeVar("Command", bound=Callable[..., Any])
-
-SHELLS = ("tube", "dome")
 
 
 def pose(text: str) -> Pose:
@@ -103,13 +97,7 @@ _PICTURE = (
     click.option("--samples", "--spp", type=WHOLE, default=16, show_default=True, help="Rays per pixel."),
     click.option("--seed", type=WHOLE, default=0, show_default=True, help="Of the rays' places and of the noise."),
 )
-_HARDWARE = (
-    click.option(
-        "--camera-radius-mm", type=NUMBER, metavar="MM", help="The camera, seen in the middle.  [default: none]"
-    ),
-    click.option(
-        "--rim-width-mm", type=NUMBER, metavar="MM", help="A dark edge about the mirror's rim.  [default: none]"
-    ),
+_RADIOMETRY = (
     click.option(
         "--reflectivity",
         type=reflectivity,
@@ -117,13 +105,6 @@ _HARDWARE = (
         help="Of the mirror: a share, a metal by Fresnel's formulas, or three of them for red, green and blue.  "
         "[default: 1]",
     ),
-    click.option(
-        "--support",
-        type=click.Choice(["rod", *SHELLS]),
-        help="What holds the mirror; tubes and domes show ghosts.  [default: none]",
-    ),
-    click.option("--support-mm", type=distance, metavar="MM", help="Outer diameter of the support.  [default: to fit]"),
-    click.option("--support-end-mm", type=distance, metavar="MM", help="Of a rod that tapers: at the mirror."),
     click.option("--vignetting/--no-vignetting", default=None, help="The lens's natural one, cos^4.  [default: none]"),
     click.option("--sees-past/--black-past", default=None, help="What lies beside the mirror.  [default: black]"),
 )
@@ -143,7 +124,7 @@ _DETECTOR = (
     click.option("--curve", type=click.Choice(CURVES), help="Of the values.  [default: srgb]"),
     click.option("--bayer", type=click.Choice(BAYER), help="One colour per pixel, not interpolated.  [default: none]"),
 )
-HARDWARE = ("camera_radius_mm", "rim_width_mm", "reflectivity", "vignetting", "sees_past")
+RADIOMETRY = ("reflectivity", "vignetting", "sees_past")
 DETECTOR = ("exposure", "full_well_e", "read_noise_e", "black_level_dn", "bits", "curve", "bayer")
 
 
@@ -153,8 +134,8 @@ def scene_options(command: Command) -> Command:
 
 
 def picture_options(command: Command) -> Command:
-    """Options of how pictures are taken."""
-    return _all(command, (*_PICTURE, *_HARDWARE, *_DETECTOR))
+    """Options of how pictures are taken, and of what stands around the mirror."""
+    return _all(takes(HousingOptions, "housing")(command), (*_PICTURE, *_RADIOMETRY, *_DETECTOR))
 
 
 def _all(command: Command, options: tuple[Callable[[Command], Command], ...]) -> Command:
@@ -180,30 +161,14 @@ def source_of(name: str, given: dict[str, Any]) -> SceneSource:
     return source
 
 
-def hardware_of(sensor: Sensor, given: dict[str, Any]) -> Hardware | None:
-    """What stands in the light of a sensor, as the options say; None if they say nothing."""
-    asked: dict[str, Any] = {n: given[n] for n in HARDWARE if n in given}
-    if not asked and "support" not in given:
+def radiometry_of(given: dict[str, Any]) -> Radiometry | None:
+    """How much light comes, as the options say; None if they say nothing."""
+    asked: dict[str, Any] = {n: given[n] for n in RADIOMETRY if n in given}
+    if not asked:
         return None
     if isinstance(asked.get("reflectivity"), tuple) and len(asked["reflectivity"]) != 3:
         raise click.UsageError("--reflectivity takes one value, or three for red, green and blue")
-    hardware = hardware_of_support(sensor, _support(given)) if "support" in given else Hardware()
-    return replace(hardware, **asked | {"vignetting": float(asked.get("vignetting", 0.0))})
-
-
-def shell_in(sensor: Sensor, given: dict[str, Any]) -> Tube | Dome | None:
-    """The tube or the dome that a sensor stands in, as the options say; None if they say none."""
-    if "support_mm" in given and "support" not in given:
-        raise click.UsageError("--support-mm is the size of a --support")
-    if "support_end_mm" in given and given.get("support") != "rod":
-        raise click.UsageError("--support-end-mm belongs to --support rod")
-    if given.get("support") not in SHELLS:
-        return None
-    return shell_of(sensor, _support(given))
-
-
-def _support(given: dict[str, Any]) -> Support:
-    return Support(given["support"], given.get("support_mm"), end_diameter_mm=given.get("support_end_mm"))
+    return Radiometry(**asked | {"vignetting": float(asked.get("vignetting", 0.0))})
 
 
 def detector_of(given: dict[str, Any]) -> Detector:

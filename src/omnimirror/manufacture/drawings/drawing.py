@@ -13,14 +13,15 @@ from matplotlib.figure import Figure
 from ... import __version__
 from ...errors import InvalidParameter
 from ...figures.style import render, styled
+from ...housing import Housing, Tube
 from ...lenses import Orthographic, Perspective
 from ...mirrors import Mirror
 from ...sensor import Sensor
+from ...tracing.walls import tube_shift_mm, tube_transmission
 from ..body import Body
-from ..parts import Part, omega_of, parts_of
+from ..parts import Part, housed, omega_of, parts_of
 from ..reference_sphere import best_sphere
 from ..sensitivity import sensitivities
-from ..supports import Hidden, Support, hidden_percent, obscuration, tube_shift_mm, tube_transmission
 from .sheet import FINE, FRAME, SCALES, THIN, Sheet, scale_words
 from .views import MIRROR_REGION, SECONDARY_REGION, Assembly, draw_mirror, draw_sensor, length_words
 
@@ -64,7 +65,7 @@ class Drawing:
 def draw_sheet(
     sensor: Sensor,
     body: Body | None = None,
-    support: Support | None = None,
+    housing: Housing | None = None,
     sheet: str = "A3",
     scale: float | None = None,
     secondary_body: Body | None = None,
@@ -75,15 +76,16 @@ def draw_sheet(
     ----------
     sensor
     body : optional
-        The solid of the mirror, ``Body()`` by default.
-    support : optional
-        What holds it, a transparent tube by default.
+        The solid of the mirror, by default as the rim of the sensor's housing says, or ``Body()``.
+    housing : optional
+        What stands around it, by default the sensor's own, and where that says nothing a transparent tube to fit. Its
+        rims are those of the bodies.
     sheet : "A3" or "A4"
         In landscape.
     scale : optional
         Of the sensor's view, paper over nature; by default the largest standard one that fits.
     secondary_body : optional
-        The solid of a second mirror, ``Body()`` by default.
+        The same of a second mirror.
 
     Raises
     ------
@@ -99,16 +101,14 @@ def draw_sheet(
     """
     if scale is not None and not LEAST_SCALE <= scale <= LARGEST_SCALE:
         raise InvalidParameter(f"scale = {scale:g} is outside {LEAST_SCALE:g} to {LARGEST_SCALE:g}")
-    parts = parts_of(sensor, Body() if body is None else body, secondary_body)
-    body = parts[0].body
-    support = (support or Support()).fitted(sensor, body)
-    rings = obscuration(sensor, support, body, secondary_body)
+    parts = parts_of(sensor, body, secondary_body)
+    sensor = housed(parts, housing)
     with styled():
         paper = Sheet(sheet)
-        sensor_scale = draw_sensor(paper, Assembly.of(sensor, body, support, rings, secondary_body), scale)
+        sensor_scale = draw_sensor(paper, Assembly.of(sensor, *(part.body for part in parts)), scale)
         mirror_scale = _draw_mirrors(paper, parts)
         _draw_frame(paper)
-        _draw_tables(paper, parts, support, rings)
+        _draw_tables(paper, sensor)
         _draw_title(paper, sensor, sensor_scale, mirror_scale)
     return Drawing(paper.figure, sensor_scale, mirror_scale)
 
@@ -128,8 +128,8 @@ def write_drawing(path: Path, drawing: Drawing) -> None:
 # -- tables --------------------------------------------------------------------------------------------
 
 
-def _draw_tables(sheet: Sheet, parts: list[Part], support: Support, rings: list[Hidden]) -> None:
-    k, sensor = sheet.k, parts[0].sensor
+def _draw_tables(sheet: Sheet, sensor: Sensor) -> None:
+    k = sheet.k
     y = sheet.table(152 * k, TABLE_TOP * k, (38, 36), mirror_rows(sensor.mirror), "MIRROR")
     if sensor.secondary is not None:
         y = sheet.table(152 * k, y - 4 * k, (38, 36), mirror_rows(sensor.secondary.mirror), "SECONDARY")
@@ -137,7 +137,7 @@ def _draw_tables(sheet: Sheet, parts: list[Part], support: Support, rings: list[
     if rows > 4:
         sheet.table(152 * k, y - 4 * k, (20, 20, 16, 18), sag_rows(sensor, min(rows, 14)), "SURFACE")
     y = sheet.table(232 * k, TABLE_TOP * k, (40, 44), sensor_rows(sensor), "SENSOR")
-    sheet.table(232 * k, y - 4 * k, (38, 28, 18), support_rows(parts, support, rings), "HIDDEN FROM THE PICTURE")
+    sheet.table(232 * k, y - 4 * k, (38, 28, 18), hidden_rows(sensor), "HIDDEN FROM THE PICTURE")
     y = sheet.table(
         324 * k, TABLE_TOP * k, (38, 28, 18), tolerance_rows(sensor), "ERROR THAT MOVES THE PICTURE BY 0.5 px"
     )
@@ -213,18 +213,17 @@ def sensor_rows(sensor: Sensor) -> list[tuple[str, str]]:
     ]
 
 
-def support_rows(parts: list[Part], support: Support, rings: list[Hidden]) -> list[tuple[str, str, str]]:
+def hidden_rows(sensor: Sensor) -> list[tuple[str, str, str]]:
     """What is hidden, and what a tube does to the rest."""
-    sensor, (body, *second) = parts[0].sensor, (part.body for part in parts)
     rows = [
         (ring.part, f"Ω {ring.omega_deg[0]:.1f}° to {ring.omega_deg[1]:.1f}°", f"{ring.picture_percent:.2f} %")
-        for ring in rings
+        for ring in sensor.obscurations
     ]
-    rows.append(("in all, at every azimuth", "", f"{hidden_percent(sensor, support, body, *second):.2f} %"))
-    if support.kind == "tube":
+    rows.append(("in all, at every azimuth", "", f"{sum(ring.picture_percent for ring in sensor.obscured):.2f} %"))
+    if isinstance(tube := sensor.housing.shell, Tube):
         for omega in sorted({min(90.0, sensor.field_deg[1]), sensor.field_deg[1]}):
-            passed = 100 * float(tube_transmission(omega, support.refractive_index))
-            shift = float(tube_shift_mm(omega, support.wall_mm, support.refractive_index))
+            passed = 100 * float(tube_transmission(omega, tube.refractive_index))
+            shift = float(tube_shift_mm(omega, tube.wall_mm, tube.refractive_index))
             rows.append((f"tube at Ω = {omega:.4g}°", f"shift {shift:.2f} mm", f"{passed:.1f} %"))
     return rows
 

@@ -1,19 +1,20 @@
-"""The two views of the drawing: the sensor with its rays and support, and the mirror in half-section."""
+"""The two views of the drawing: the sensor with its rays and housing, and the mirror in half-section."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...figures.style import PALETTE
+from ...housing import Dome, Housing, Rod, Tube
 from ...lenses import Perspective
 from ...mirrors import Mirror
 from ...sensor import Sensor
 from ..body import Body
 from ..forms import chords, conic_of, is_straight
-from ..supports import Hidden, Support, base_height, lens_height, tube_end_mm
 from .sheet import CHAIN, DASHED, FINE, PHANTOM, THICK, THIN, Sheet, View, fitting_scale, scale_words
 
 Array = NDArray[np.float64]
@@ -58,8 +59,8 @@ class Assembly(NamedTuple):
 
     sensor: Sensor
     body: Body
-    support: Support
-    rings: list[Hidden]
+    housing: Housing
+    """Fitted to the sensor; its heights are as in the drawing, over the vertex where it is."""
     lens: float
     imager: float
     back: float
@@ -72,27 +73,36 @@ class Assembly(NamedTuple):
     secondary_body: Body
 
     @classmethod
-    def of(
-        cls, sensor: Sensor, body: Body, support: Support, rings: list[Hidden], secondary_body: Body | None = None
-    ) -> Assembly:
-        lens = lens_height(sensor)
+    def of(cls, sensor: Sensor, body: Body, secondary_body: Body | None = None) -> Assembly:
+        standing, shift = sensor.obstructions, sensor.mirror_pose.displacement_mm
+        housing, lens, base = standing.housing, standing.envelope.lens_mm - shift, standing.envelope.base_mm - shift
         away = 0.0 if sensor.lens.TELECENTRIC else cast(Perspective, sensor.lens).image_distance
         if sensor.secondary is not None:  # the camera looks the other way
             away = -away
             lens = -lens if sensor.lens.TELECENTRIC else sensor.secondary.lens_height(sensor.mirror_distance_mm)
-        shell = (support.diameter_mm or 0.0) / 2 if support.kind in ("tube", "dome") else 0.0
-        outer = max(shell, body.outer_radius_mm(sensor.mirror), support.camera_diameter_mm / 2)
-        back, base = body.back_mm(sensor.mirror), base_height(sensor, secondary_body)
-        end = tube_end_mm(sensor, support, body) if support.kind == "tube" else back
-        end = shell + (support.centre_mm or 0.0) if support.kind == "dome" else end
-        second = secondary_body or Body()
-        return cls(sensor, body, support, rings, lens, lens - away, back, base, end, outer, second)
+        if isinstance(housing.shell, Dome):
+            housing = replace(housing, shell=replace(housing.shell, centre_mm=housing.shell.centres_mm[1] - shift))
+        back = body.back_mm(sensor.mirror)
+        radii = [body.outer_radius_mm(sensor.mirror), housing.camera.diameter_mm / 2 if housing.camera else 0.0]
+        radii += [housing.shell.radii_mm[1]] if housing.shell else []
+        end = back if housing.shell is None else shell_end_mm(sensor, housing.shell, back)
+        return cls(sensor, body, housing, lens, lens - away, back, base, end, max(radii), secondary_body or Body())
 
     @property
     def ends(self) -> tuple[float, float]:
         """Heights between which everything stands."""
         places = (self.imager, self.lens, self.base, self.back, self.end)
         return min(places), max(places)
+
+
+def shell_end_mm(sensor: Sensor, shell: Tube | Dome, back: float) -> float:
+    """Height z (mm) where a dome ends, or a tube: at the mirror's back, or where the rim's ray has left the wall."""
+    radius = shell.radii_mm[1]
+    if isinstance(shell, Dome):
+        return radius + shell.centres_mm[1]
+    rim = sensor.meridian.trace(np.array(sensor.mirror.rim_radius_mm))
+    left = float(rim.z - (radius - rim.x) / np.tan(rim.omega)) if rim.omega > 0 else -np.inf
+    return max(back, left)
 
 
 def draw_sensor(sheet: Sheet, assembly: Assembly, scale: float | None = None) -> float:
@@ -109,7 +119,7 @@ def draw_sensor(sheet: Sheet, assembly: Assembly, scale: float | None = None) ->
     sheet.text(region.left, region.top - 4 * k, f"SENSOR  {scale_words(scale)}", height=3.5)
     sheet.line(view.at([low - 8 * k / scale, max(assembly.back, assembly.imager) + 8 * k / scale], 0.0), THIN, CHAIN)
     _draw_rays(sheet, view, assembly, region)
-    _draw_support(sheet, view, assembly)
+    _draw_housing(sheet, view, assembly)
     for outline, body in _sections(assembly):
         for side in (1, -1):
             corners = view.at(outline[:, 0], side * outline[:, 1])
@@ -131,10 +141,10 @@ def _sections(assembly: Assembly) -> list[tuple[Array, Body]]:
     return sections
 
 
-def shown_angles(sensor: Sensor, rings: list[Hidden]) -> list[float]:
+def shown_angles(sensor: Sensor) -> list[float]:
     """Field angles (deg) whose rays are drawn: full steps that nothing hides, and the rim."""
     low, high = sensor.field_deg
-    hidden = [ring.omega_deg for ring in rings]
+    hidden = [ring.omega_deg for ring in sensor.obscured]
     full: list[float] = []
     for step in STEPS_DEG if high > 90 else STEPS_DEG[1:]:
         angles = (float(a) for a in np.arange(step, high - 0.4 * step, step) if a > low)
@@ -147,7 +157,7 @@ def shown_angles(sensor: Sensor, rings: list[Hidden]) -> list[float]:
 def _draw_rays(sheet: Sheet, view: View, assembly: Assembly, region: Region) -> None:
     """Chief rays from the world over the mirror through the lens; above all of them, below the rim's."""
     sensor, k = assembly.sensor, sheet.k
-    angles = shown_angles(sensor, assembly.rings)
+    angles = shown_angles(sensor)
     x = sensor.meridian.x_from_omega(np.radians(np.minimum(angles, sensor.field_deg[1])))
     rays = sensor.meridian.trace(x)
     heights = sensor.lens.image_height(rays.first.x, rays.first.w)
@@ -183,67 +193,69 @@ def _draw_rays(sheet: Sheet, view: View, assembly: Assembly, region: Region) -> 
             free = x_text - half
 
 
-def _draw_support(sheet: Sheet, view: View, assembly: Assembly) -> None:
-    support, k = assembly.support, sheet.k
-    if support.kind == "tube":
-        assert support.diameter_mm is not None
-        outer = support.diameter_mm / 2
-        inner, rim = outer - support.wall_mm, assembly.body.outer_radius_mm(assembly.sensor.mirror)
+def _draw_housing(sheet: Sheet, view: View, assembly: Assembly) -> None:
+    """Tube or dome, rod, and the camera's front."""
+    housing = assembly.housing
+    if isinstance(housing.shell, Tube):
+        _draw_tube(sheet, view, assembly, housing.shell)
+    if isinstance(housing.shell, Dome):
+        _draw_dome(sheet, view, assembly, housing.shell)
+    if housing.rod is not None:
+        _draw_rod(sheet, view, assembly, housing.rod)
+    if housing.camera is not None:
+        half, front = housing.camera.diameter_mm / 2, assembly.lens + housing.camera.height_mm
+        sheet.line(view.at([front] * 2, [-half, half]), THIN, PHANTOM)
+
+
+def _draw_tube(sheet: Sheet, view: View, assembly: Assembly, tube: Tube) -> None:
+    k, (inner, outer) = sheet.k, tube.radii_mm
+    rim, second = assembly.body.outer_radius_mm(assembly.sensor.mirror), assembly.sensor.secondary
+    for side in (1, -1):
+        wall = view.at(
+            np.array([assembly.base, assembly.end, assembly.end, assembly.base, assembly.base]),
+            side * np.array([inner, inner, outer, outer, inner]),
+        )
+        sheet.hatch(wall, spacing=1.6, rising=side < 0)
+        sheet.line(wall, THIN)
+        sheet.line(view.at([assembly.back] * 2, [side * rim, side * inner]), THIN)
+    if second is None:
+        sheet.line(view.at([assembly.base] * 2, [-inner, inner]), THIN, DASHED)
+    else:  # the disc that carries the second mirror
+        brim = assembly.secondary_body.outer_radius_mm(second.mirror)
         for side in (1, -1):
-            wall = view.at(
-                np.array([assembly.base, assembly.end, assembly.end, assembly.base, assembly.base]),
-                side * np.array([inner, inner, outer, outer, inner]),
-            )
-            sheet.hatch(wall, spacing=1.6, rising=side < 0)
-            sheet.line(wall, THIN)
-            sheet.line(view.at([assembly.back] * 2, [side * rim, side * inner]), THIN)
-        if assembly.sensor.secondary is None:
-            sheet.line(view.at([assembly.base] * 2, [-inner, inner]), THIN, DASHED)
-        else:  # the disc that carries the second mirror
-            brim = assembly.secondary_body.outer_radius_mm(assembly.sensor.secondary.mirror)
-            for side in (1, -1):
-                sheet.line(view.at([assembly.base] * 2, [side * brim, side * inner]), THIN)
-        tip, bend = view.at(0.98 * assembly.base, outer), np.array([-4, 5]) * k
-        if assembly.sensor.secondary is not None:  # above it are rays
-            tip, bend = view.at(assembly.base, outer - support.wall_mm / 2), np.array([-12, -8]) * k
-        words = [
-            f"transparent tube Ø{support.diameter_mm:g} × {support.wall_mm:g}",
-            f"n = {support.refractive_index:g}",
-        ]
-        sheet.leader(tip, tip + bend, words, rightwards=False)
-    elif support.kind == "dome":
-        _draw_dome(sheet, view, assembly)
-    elif support.kind == "rod":
-        assert support.diameter_mm is not None
-        assert support.gap_mm is not None
-        assert support.end_diameter_mm is not None
-        radius, end, foot = support.diameter_mm / 2, support.end_diameter_mm / 2, assembly.lens + support.gap_mm
-        tip_z = float(assembly.sensor.mirror.sag(min(end, assembly.sensor.mirror.rim_radius_mm)))
-        rod = view.at(np.array([tip_z, foot, foot, tip_z]), np.array([end, radius, -radius, -end]))
-        sheet.hatch(rod, spacing=1.6)
-        sheet.line(rod, THICK)
-        width = f"{support.diameter_mm:g}" + (f" to {support.end_diameter_mm:g}" if end != radius else "")
-        tip, words = view.at(0.6 * assembly.lens, -radius), [f"rod Ø{width} × {-foot:.4g}"]
-        # below the rim's ray, where the words end
-        end = tip[0] + 8 * k + sheet.text_width(words[0])
-        theta = assembly.sensor.meridian.theta_max
-        ray = (end - view.at(assembly.lens, 0.0)[0]) * np.tan(theta) if theta else view.scale * assembly.outer
-        sheet.leader(tip, [tip[0] + 6 * k, view.y - ray - 6 * k], words)
-    if support.camera_diameter_mm:
-        half = support.camera_diameter_mm / 2
-        sheet.line(view.at([assembly.lens] * 2, [-half, half]), THIN, PHANTOM)
+            sheet.line(view.at([assembly.base] * 2, [side * brim, side * inner]), THIN)
+    tip, bend = view.at(0.98 * assembly.base, outer), np.array([-4, 5]) * k
+    if second is not None:  # above it are rays
+        tip, bend = view.at(assembly.base, outer - tube.wall_mm / 2), np.array([-12, -8]) * k
+    words = [f"transparent tube Ø{2 * outer:g} × {tube.wall_mm:g}", f"n = {tube.refractive_index:g}"]
+    sheet.leader(tip, tip + bend, words, rightwards=False)
 
 
-def _draw_dome(sheet: Sheet, view: View, assembly: Assembly) -> None:
-    support, k = assembly.support, sheet.k
-    assert support.diameter_mm is not None
-    assert support.centre_mm is not None
-    radii, centre = np.array([support.diameter_mm / 2 - support.wall_mm, support.diameter_mm / 2]), support.centre_mm
-    foot = np.arccos((assembly.lens - centre) / radii)  # from the axis, seen from the centre
+def _draw_rod(sheet: Sheet, view: View, assembly: Assembly, rod: Rod) -> None:
+    assert rod.gap_mm is not None
+    assert rod.end_diameter_mm is not None
+    k, sensor = sheet.k, assembly.sensor
+    radius, end, foot = rod.diameter_mm / 2, rod.end_diameter_mm / 2, assembly.lens + rod.gap_mm
+    tip_z = float(sensor.mirror.sag(min(end, sensor.mirror.rim_radius_mm)))
+    outline = view.at(np.array([tip_z, foot, foot, tip_z]), np.array([end, radius, -radius, -end]))
+    sheet.hatch(outline, spacing=1.6)
+    sheet.line(outline, THICK)
+    width = f"{rod.diameter_mm:g}" + (f" to {rod.end_diameter_mm:g}" if end != radius else "")
+    tip, words = view.at(0.6 * assembly.lens, -radius), [f"rod Ø{width} × {-foot:.4g}"]
+    # below the rim's ray, where the words end
+    right = tip[0] + 8 * k + sheet.text_width(words[0])
+    theta = sensor.meridian.theta_max
+    ray = (right - view.at(assembly.lens, 0.0)[0]) * np.tan(theta) if theta else view.scale * assembly.outer
+    sheet.leader(tip, [tip[0] + 6 * k, view.y - ray - 6 * k], words)
+
+
+def _draw_dome(sheet: Sheet, view: View, assembly: Assembly, dome: Dome) -> None:
+    k, radii, centres = sheet.k, np.array(dome.radii_mm), np.array(dome.centres_mm)
+    foot = np.arccos((assembly.lens - centres) / radii)  # from the axis, seen from the centre
     arcs = [np.linspace(0, end, 181) for end in foot]
     for side in (1, -1):
         inner, outer = (
-            view.at(centre + r * np.cos(arc), side * r * np.sin(arc)) for r, arc in zip(radii, arcs, strict=True)
+            view.at(c + r * np.cos(arc), side * r * np.sin(arc)) for c, r, arc in zip(centres, radii, arcs, strict=True)
         )
         wall = np.concatenate([inner, outer[::-1]])
         sheet.hatch(wall, spacing=1.6, rising=side < 0)
@@ -251,8 +263,8 @@ def _draw_dome(sheet: Sheet, view: View, assembly: Assembly) -> None:
         sheet.line(outer, THIN)
     base = float(radii[0] * np.sin(foot[0]))
     sheet.line(view.at([assembly.lens] * 2, [-base, base]), THIN, DASHED)
-    tip = view.at(centre + radii[1] * np.cos(0.9 * foot[1]), -radii[1] * np.sin(0.9 * foot[1]))
-    words = [f"transparent dome SØ{support.diameter_mm:g} × {support.wall_mm:g}", f"n = {support.refractive_index:g}"]
+    tip = view.at(centres[1] + radii[1] * np.cos(0.9 * foot[1]), -radii[1] * np.sin(0.9 * foot[1]))
+    words = [f"transparent dome SØ{2 * radii[1]:g} × {dome.wall_mm:g}", f"n = {dome.refractive_index:g}"]
     sheet.leader(tip, tip + np.array([-14, 2]) * k, words, rightwards=False)
 
 
@@ -299,7 +311,7 @@ def _dimension_sensor(sheet: Sheet, view: View, assembly: Assembly) -> None:
     vertex, back = view.at(0.0, 0.0), view.at(assembly.back, -assembly.outer)
     if not sensor.lens.TELECENTRIC:
         lens, imager = view.at(assembly.lens, 0.0), view.at(assembly.imager, 0.0)
-        edge = view.at(assembly.lens, -assembly.outer if assembly.support.kind == "tube" else 0.0)
+        edge = view.at(assembly.lens, -assembly.outer if isinstance(assembly.housing.shell, Tube) else 0.0)
         sheet.dimension(edge, vertex, lower - 10 * k, length_words(-assembly.lens))
         sheet.dimension(imager, lens, lower - 10 * k, length_words(assembly.lens - assembly.imager), before=True)
         sheet.dimension(imager, back, lower - 18 * k, length_words(assembly.back - assembly.imager))
@@ -325,11 +337,12 @@ def _dimension_two(sheet: Sheet, view: View, assembly: Assembly) -> None:
 def _dimension_width(sheet: Sheet, view: View, assembly: Assembly, side: float) -> None:
     """The largest diameter, its line at x = ``side``: of the tube, or of the mirror."""
     sensor = assembly.sensor
-    if assembly.support.kind == "tube":
+    shell = assembly.housing.shell
+    if isinstance(shell, Tube):
         at = assembly.end if assembly.sensor.secondary is None else assembly.base
         half, words = assembly.outer, f"Ø{2 * assembly.outer:g}"
-    elif assembly.support.kind == "dome":
-        at, half, words = assembly.support.centre_mm or 0.0, assembly.outer, f"SØ{2 * assembly.outer:g}"
+    elif isinstance(shell, Dome):
+        at, half, words = shell.centres_mm[1], assembly.outer, f"SØ{2 * assembly.outer:g}"
     else:
         half = sensor.mirror.rim_radius_mm
         at, words = float(sensor.mirror.sag(half)), f"Ø{length_words(2 * half)}"

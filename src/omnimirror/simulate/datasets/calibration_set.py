@@ -20,7 +20,7 @@ from ...sensor import Sensor
 from ...specs import save_sensor
 from ..colour import Light
 from ..detector import Detector
-from ..hardware import Hardware
+from ..radiometry import Radiometry
 from ..rendering.exposure import expose
 from ..rendering.sight import seen_at, sights
 from ..scenes.contract import Scene, distances_mm
@@ -28,7 +28,6 @@ from ..scenes.posed import Pose, PosedScene
 from ..scenes.sources import SceneSource
 from ..scenes.worlds.boards import SQUARE_MM
 from ..scenes.worlds.hall import Hall
-from ..shells import Shell, seen_through
 from .ledger import DESCRIPTION, FRAMES, Ledger
 from .recipe import recipe_of
 from .truth import ground_truth
@@ -65,9 +64,7 @@ def view_poses(count: int, seed: int = 0) -> list[Pose]:
     return [Pose(), *(Pose(*map(float, np.round(row, 3))) for row in np.concatenate([places, turns], axis=1))]
 
 
-def seen_corners_px(
-    sensor: Sensor, hall: Hall, pose: Pose, hardware: Hardware | None = None, shell: Shell | None = None
-) -> dict[str, Array]:
+def seen_corners_px(sensor: Sensor, hall: Hall, pose: Pose) -> dict[str, Array]:
     """True pixels (7, 11, 2) of each board's corners, by the true reflection; NaN where a corner is not in view.
 
     In view is what its pixel's chief ray meets: past camera, rod and rim, through the wall of a tube or a dome.
@@ -75,8 +72,8 @@ def seen_corners_px(
     scene, found = PosedScene(hall, pose), {}
     for name in hall.boards:
         corners = pose.to_sensor(hall.board_corners_mm(name).reshape(-1, 3))
-        pixels, valid = seen_at(sensor, corners, hardware, shell)
-        origins = sights(sensor, pixels[valid], hardware, shell).origins
+        pixels, valid = seen_at(sensor, corners)
+        origins = sights(sensor, pixels[valid]).origins
         ways = corners[valid] - origins
         met = distances_mm(scene, origins, ways)
         pixels[np.flatnonzero(valid)[met < np.linalg.norm(ways, axis=1) - SAME_MM]] = np.nan
@@ -91,12 +88,11 @@ def write_calibration_set(
     views: int = 12,
     samples: int = 16,
     blur: bool = True,
-    hardware: Hardware | None = None,
+    radiometry: Radiometry | None = None,
     detector: Detector | None = None,
     seed: int = 0,
     hall: Hall | None = None,
     truth: bool = False,
-    shell: Shell | None = None,
 ) -> Iterator[Path]:
     """Write pictures of the calibration hall one after the other, and ``dataset.json``, which describes them.
 
@@ -111,7 +107,7 @@ def write_calibration_set(
         is there.
     views
         How many.
-    samples, blur, hardware, detector, seed, hall, shell
+    samples, blur, radiometry, detector, seed, hall
         Of the pictures; the seed is of the poses, too.
     truth
         Also write ``view-000.exr``, ..: light, depth, direction and origin of every pixel.
@@ -130,8 +126,8 @@ def write_calibration_set(
     folder, hall, detector = Path(folder), hall or Hall(), detector or Detector()
     poses = view_poses(views, seed)
     recipe = recipe_of("calibration", {
-        "sensor": sensor, "views": views, "samples": samples, "blur": blur, "hardware": hardware, "detector": detector,
-        "seed": seed, "hall": hall, "truth": truth, "shell": shell,
+        "sensor": sensor, "views": views, "samples": samples, "blur": blur, "radiometry": radiometry,
+        "detector": detector, "seed": seed, "hall": hall, "truth": truth,
     })  # fmt: skip
     ledger = _begin(folder, sensor, recipe, {
         "square_mm": SQUARE_MM,
@@ -143,12 +139,12 @@ def write_calibration_set(
             name = f"view-{number:03d}"
             files = [f"{name}.png"] + [f"{name}.exr"] * truth
             if not (files[0] in records and ledger.has(*files)):
-                scene = seen_through(sensor, PosedScene(hall, pose), shell)
-                light = expose(sensor, scene, samples=samples, blur=blur, hardware=hardware, seed=seed + number)
+                scene = PosedScene(hall, pose)
+                light = expose(sensor, scene, samples=samples, blur=blur, radiometry=radiometry, seed=seed + number)
                 if truth:
-                    write_truth(folder / files[1], sensor, scene, light, hardware)
+                    write_truth(folder / files[1], sensor, scene, light, radiometry)
                 write_image(folder / files[0], detector.read(light, seed + number))
-                corners = _lists(seen_corners_px(sensor, hall, pose, hardware, shell))
+                corners = _lists(seen_corners_px(sensor, hall, pose))
                 record = {"image": files[0], "pose": asdict(pose), "corners_px": corners}
                 records[files[0]] = record | ({"truth": files[1]} if truth else {})
                 ledger.entries["views"] = [records[name] for name in sorted(records, key=lambda n: (len(n), n))]
@@ -168,12 +164,11 @@ def write_video_set(
     duration_s: float | None = None,
     samples: int = 16,
     blur: bool = True,
-    hardware: Hardware | None = None,
+    radiometry: Radiometry | None = None,
     detector: Detector | None = None,
     seed: int = 0,
     truth: bool = False,
     progress: Callable[[int, int], None] | None = None,
-    shell: Shell | None = None,
 ) -> int:
     """Write the video of a sensor that moves through a scene, its poses, and what each pixel sees; count its frames.
 
@@ -201,8 +196,7 @@ def write_video_set(
     check_video_can_be_written(folder / "video.mp4")
     recipe = recipe_of("video", {
         "sensor": sensor, "scene": scene, "path": path, "frame_rate": frame_rate, "duration_s": duration_s,
-        "samples": samples, "blur": blur, "hardware": hardware, "detector": detector, "seed": seed, "truth": truth,
-        "shell": shell,
+        "samples": samples, "blur": blur, "radiometry": radiometry, "detector": detector, "seed": seed, "truth": truth,
     })  # fmt: skip
     world = scene.load() if isinstance(scene, SceneSource) else scene
     described: dict[str, Any] = {"video": "video.mp4", "poses": "poses.csv", "frame_rate": frame_rate}
@@ -213,10 +207,9 @@ def write_video_set(
 
     def expose_frame(number: int, picture: str, exr: str) -> None:
         pose = Pose(**path.at(times[number]))
-        light = frame_at(sensor, world, path, times[number], samples, blur, hardware, seed + number, shell=shell)
+        light = frame_at(sensor, world, path, times[number], samples, blur, radiometry, seed + number)
         if truth:
-            seen = seen_through(sensor, PosedScene(world, pose), shell)
-            write_truth(folder / exr, sensor, seen, light, hardware)
+            write_truth(folder / exr, sensor, PosedScene(world, pose), light, radiometry)
         write_image(folder / picture, detector.read(light, seed + number))
         ledger.add(picture, *([exr] if truth else []))
 
@@ -252,11 +245,11 @@ def _join(ledger: Ledger, sensor: Sensor, path: Keyframes, times: list[float], f
     ledger.add("poses.csv", "video.mp4")
 
 
-def write_truth(path: Path, sensor: Sensor, scene: Scene, light: Light, hardware: Hardware | None = None) -> None:
+def write_truth(path: Path, sensor: Sensor, scene: Scene, light: Light, radiometry: Radiometry | None = None) -> None:
     """Write light and :func:`~omnimirror.simulate.ground_truth` as an EXR file."""
     from ...media.pictures.exr import write_channels
 
-    truth = ground_truth(sensor, scene, hardware)
+    truth = ground_truth(sensor, scene, radiometry)
     with replacing(path) as temporary:
         write_channels(temporary, truth.channels(light))
 

@@ -15,13 +15,11 @@ from ...files import LARGEST_TEXT, read_bytes
 from ...media.keyframes import Keyframes
 from ...specs import format_sensor, parse_sensor
 from ..detector import Detector
-from ..hardware import Hardware
+from ..radiometry import Radiometry
 from ..scenes.sources import record_of, source_of
 from ..scenes.worlds.hall import Hall
-from ..shells import Dome, Shell, Tube
 
 KINDS = ("calibration", "video")
-SHELLS: dict[str, type[Tube] | type[Dome]] = {"tube": Tube, "dome": Dome}
 
 
 def recipe_of(kind: str, arguments: dict[str, Any]) -> dict[str, Any]:
@@ -29,9 +27,8 @@ def recipe_of(kind: str, arguments: dict[str, Any]) -> dict[str, Any]:
     encoders: dict[str, Any] = {
         "sensor": format_sensor,
         "hall": asdict,
-        "hardware": lambda h: h and asdict(h) | {"reflectivity": _reflectivity_text(h.reflectivity)},
+        "radiometry": lambda r: r and asdict(r) | {"reflectivity": _reflectivity_text(r.reflectivity)},
         "detector": _detector_record,
-        "shell": _shell_record,
         "scene": record_of,
         "path": lambda p: {
             "tracks": {n: [list(k) for k in t] for n, t in p.tracks.items()},
@@ -51,9 +48,8 @@ def arguments_of(recipe: dict[str, Any], folder: Path) -> tuple[str, dict[str, A
     decoders: dict[str, Any] = {
         "sensor": parse_sensor,
         "hall": lambda r: Hall(**r),
-        "hardware": lambda r: r and Hardware(**r | {"reflectivity": _reflectivity_of(r["reflectivity"])}),
+        "radiometry": lambda r: r and Radiometry(**r | {"reflectivity": _reflectivity_of(r["reflectivity"])}),
         "detector": lambda r: Detector(**r | {"full_well_e": r["full_well_e"] or np.inf}),
-        "shell": _shell_of,
         "scene": lambda r: source_of(r, folder),
         "path": lambda r: Keyframes({n: tuple((t, v) for t, v in k) for n, k in r["tracks"].items()}, r["between"]),
     }
@@ -104,22 +100,6 @@ def load_arguments(path: str | Path) -> tuple[str, dict[str, Any]]:
 def _detector_record(detector: Detector) -> dict[str, Any]:
     record = asdict(detector) | {"black_level_dn": detector.offset_dn if detector.curve == "linear" else None}
     return record | {"full_well_e": detector.full_well_e if np.isfinite(detector.full_well_e) else None}
-
-
-def _shell_record(shell: Shell | None) -> dict[str, Any] | None:
-    if shell is None:
-        return None
-    names = [name for name, kind in SHELLS.items() if isinstance(shell, kind)]
-    if not names:
-        raise InvalidParameter(f"a set is taken through a tube or a dome, and a {type(shell).__name__} is neither")
-    return {"kind": names[0]} | asdict(shell)  # type: ignore[call-overload, no-any-return]
-
-
-def _shell_of(record: dict[str, Any] | None) -> Shell | None:
-    if record is None:
-        return None
-    sizes = {name: value for name, value in record.items() if name != "kind"} | {"lids_mm": tuple(record["lids_mm"])}
-    return SHELLS[record["kind"]](**sizes)
 
 
 def _reflectivity_text(value: Any) -> Any:

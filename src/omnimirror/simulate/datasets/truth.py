@@ -9,10 +9,9 @@ from numpy.typing import NDArray
 
 from ...cameras import Camera
 from ..colour import Light
-from ..hardware import Hardware
+from ..radiometry import Radiometry
 from ..rendering.sight import sights
 from ..scenes.contract import Scene, distances_mm
-from ..shells import ThroughShell
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -23,7 +22,7 @@ ROWS_AT_ONCE = 64
 class Truth(NamedTuple):
     """What the chief rays of pixel centres (rows, columns) meet; NaN where a pixel sees nothing of the scene.
 
-    A chief ray goes through the middle of the lens's aperture. Where hardware stands in its way, a pixel is hidden,
+    A chief ray goes through the middle of the lens's aperture. Where the housing stands in its way, a pixel is hidden,
     even if rays beside it pass: at edges blur makes the picture fade, and the truth does not. Ghosts are left out.
     """
 
@@ -45,8 +44,8 @@ class Truth(NamedTuple):
     def channels(self, light: Light) -> dict[str, NDArray[np.float32]]:
         """Channels (h, w) of a picture file: R G B of the light (h, w, 3), A, H, Z, DX DY DZ and OX OY OZ.
 
-        A is 1 where a pixel's centre sees the scene and else 0, H is 1 where hardware hides it; Z is the depth, D the
-        direction and O the origin.
+        A is 1 where a pixel's centre sees the scene and else 0, H is 1 where the housing hides it; Z is the depth, D
+        the direction and O the origin.
         """
         planes: dict[str, NDArray[Any]] = {name: light[..., i] for i, name in enumerate("RGB")}
         planes |= {"A": np.isfinite(self.directions[..., 0]), "H": self.hidden, "Z": self.depth_mm}
@@ -55,21 +54,20 @@ class Truth(NamedTuple):
         return {name: np.ascontiguousarray(plane, np.float32) for name, plane in planes.items()}
 
 
-def ground_truth(camera: Camera, scene: Scene, hardware: Hardware | None = None) -> Truth:
+def ground_truth(camera: Camera, scene: Scene, radiometry: Radiometry | None = None) -> Truth:
     """What the centre of each pixel sees, by its chief ray.
 
     Parameters
     ----------
     camera
     scene
-        Through a tube or a dome: :class:`~omnimirror.simulate.shells.ThroughShell`.
-    hardware
-        What stands in the light of a sensor, as for :func:`~omnimirror.simulate.expose`; nothing by default.
+    radiometry
+        As for :func:`~omnimirror.simulate.expose`: whether a sensor sees past its mirror.
 
     Raises
     ------
     InvalidParameter
-        If the scene cannot tell distances, or the camera cannot have such hardware.
+        If the scene cannot tell distances, or the camera cannot have such radiometry or housing.
 
     Examples
     --------
@@ -78,16 +76,13 @@ def ground_truth(camera: Camera, scene: Scene, hardware: Hardware | None = None)
     >>> truth.points_mm[11, 512].round()  # ahead and 44 deg up: a beam under the ceiling
     array([1840.,    2., 1773.])
     """
-    shell = None
-    if isinstance(scene, ThroughShell):
-        shell, scene = scene.shell, scene.scene
     width, height = camera.image_size
     origins, directions = np.full((2, height, width, 3), np.nan)
     depth, hidden = np.full((height, width), np.nan), np.zeros((height, width), dtype=bool)
     for top in range(0, height, ROWS_AT_ONCE):
         rows = np.arange(top, min(top + ROWS_AT_ONCE, height))
         pixels = np.stack(np.meshgrid(np.arange(width), rows), axis=-1).reshape(-1, 2)
-        seen = sights(camera, pixels, hardware, shell)
+        seen = sights(camera, pixels, radiometry)
         band, shape = slice(rows[0], rows[-1] + 1), (len(rows), width)
         origins[band], directions[band] = seen.origins.reshape(*shape, 3), seen.directions.reshape(*shape, 3)
         hidden[band] = seen.hidden.reshape(shape)

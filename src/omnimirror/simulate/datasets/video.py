@@ -17,11 +17,10 @@ from ...errors import InvalidParameter, MediaError
 from ...media.keyframes import Keyframes
 from ..colour import Light
 from ..detector import Detector
-from ..hardware import Hardware
+from ..radiometry import Radiometry
 from ..rendering.exposure import expose
 from ..scenes.contract import Scene
 from ..scenes.posed import Pose, PosedScene
-from ..shells import Shell, seen_through
 
 POSE_NAMES = tuple(f.name for f in fields(Pose))
 MOST_FRAMES = 100_000
@@ -68,10 +67,9 @@ def frame_at(
     time_s: float,
     samples: int = 4,
     blur: bool = False,
-    hardware: Hardware | None = None,
+    radiometry: Radiometry | None = None,
     seed: int = 0,
     progress: Callable[[int, int], None] | None = None,
-    shell: Shell | None = None,
 ) -> Light:
     """Linear light (h, w, 3) of the moment ``time_s``; the sensor stands still while it is exposed.
 
@@ -80,8 +78,8 @@ def frame_at(
     InvalidParameter
         As :func:`~omnimirror.simulate.expose`, or if the path leads where a sensor cannot be.
     """
-    seen = seen_through(camera, PosedScene(scene, Pose(**path.at(time_s))), shell)
-    return expose(camera, seen, samples=samples, blur=blur, hardware=hardware, seed=seed, progress=progress)
+    seen = PosedScene(scene, Pose(**path.at(time_s)))
+    return expose(camera, seen, samples=samples, blur=blur, radiometry=radiometry, seed=seed, progress=progress)
 
 
 class VideoFrame(NamedTuple):
@@ -104,11 +102,10 @@ def write_video(
     duration_s: float | None = None,
     samples: int = 4,
     blur: bool = False,
-    hardware: Hardware | None = None,
+    radiometry: Radiometry | None = None,
     detector: Detector | None = None,
     seed: int = 0,
     written: Callable[[VideoFrame, int], None] | None = None,
-    shell: Shell | None = None,
 ) -> int:
     """Write the video that a camera takes along a path, and say how many frames it has.
 
@@ -116,8 +113,6 @@ def write_video(
     ----------
     written
         Called with each frame after it was written, and the number of all.
-    shell
-        A tube or a dome about the sensor; none by default.
 
     Raises
     ------
@@ -133,7 +128,7 @@ def write_video(
 
     def pictures() -> Iterator[NDArray[Any]]:
         for number, time in enumerate(times):
-            light = frame_at(camera, scene, path, time, samples, blur, hardware, seed + number, shell=shell)
+            light = frame_at(camera, scene, path, time, samples, blur, radiometry, seed + number)
             yield detector.read(light, seed + number)
             if written is not None:
                 written(VideoFrame(number, time, Pose(**path.at(time)), light), len(times))

@@ -6,6 +6,7 @@ import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple, TypeGuard, TypeVar
 
 import numpy as np
@@ -18,14 +19,14 @@ from ...frames import turned
 from ...native import backend
 from ...sensor import Sensor
 from ..colour import Light
-from ..hardware import Hardware
+from ..radiometry import Radiometry
 from ..scenes.contract import Distant, Scene
 from ..scenes.environment import Environment
 from ..scenes.posed import PosedScene
-from ..shells import ThroughShell
+from ..shells import ThroughShell, seen_through
 from .kernel_sensor import native_optics
 from .samples import Samples, places, spread
-from .sight import DIRECT, HIDDEN, LOST, REFLECTED, check_clear, follow
+from .sight import DIRECT, HIDDEN, LOST, REFLECTED, check_clear, check_housing_is_shown, follow, front_shade
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]
@@ -46,7 +47,7 @@ class Bundle(NamedTuple):
     directions: NDArray[np.floating]
     """(.., 3) in the world frame."""
     weight: NDArray[np.floating]
-    """Share of their light that arrives; of hidden ones, of the hardware's."""
+    """Share of their light that arrives; of hidden ones, of the housing's."""
     fate: NDArray[np.uint8]
     """``LOST``, ``REFLECTED``, ``DIRECT`` past the mirror, or ``HIDDEN`` by camera, rod or edge."""
 
@@ -58,7 +59,7 @@ def expose(
     samples: int = 4,
     blur: bool = False,
     distant: bool = False,
-    hardware: Hardware | None = None,
+    radiometry: Radiometry | None = None,
     seed: int = 0,
     progress: Progress | None = None,
     workers: int | None = None,
@@ -76,8 +77,8 @@ def expose(
         Whether the lens's aperture blurs what is out of focus. Only sensors have one.
     distant
         Take the scene for infinitely far away (:class:`~omnimirror.simulate.scenes.Distant`).
-    hardware
-        What stands in the light of a sensor and what dims it; nothing by default.
+    radiometry
+        What dims the light of a sensor, and how its housing looks; nothing is dimmed by default.
     seed
         Of the places of samples in a blurred picture.
     progress
@@ -88,13 +89,14 @@ def expose(
     Raises
     ------
     InvalidParameter
-        For a number of samples out of range, for blur or hardware of a camera that is no sensor, or if the
+        For a number of samples out of range, for blur or radiometry of a camera that is no sensor, or if the
         scene cannot be seen from where the camera is, or cuts through its mirror.
 
     Notes
     -----
     Light that falls outside the mirror's image is 0, and a pixel cut by the rim is dimmed by the share that is
-    cut off. Without blur all rays are chief rays.
+    cut off. Without blur all rays are chief rays. A sensor's housing is in its pictures, as is what a tube or a dome
+    does to what is seen through it.
     """
     instance("camera", camera, Camera, "a camera, such as om.load_sensor gives")
     instance("scene", scene, Scene, "a scene, such as om.Room()")
@@ -103,38 +105,37 @@ def expose(
     instance("distant", distant, bool, "True or False")
     if blur and not isinstance(camera, Sensor):
         raise InvalidParameter("only a sensor has blur; a calibrated camera says nothing of its aperture")
-    if hardware is not None and not _has_one_mirror(camera):
+    if radiometry is not None and not _has_one_mirror(camera):
         raise InvalidParameter(
-            "only a sensor of one mirror has hardware; a calibrated camera says nothing of it, and beside a secondary "
-            "what hides is bore and mirrors, which are seen anyway"
+            "only a sensor of one mirror has radiometry; a calibrated camera says nothing of it, and two mirrors dim "
+            "nothing yet"
         )
     if isinstance(camera, Sensor):
+        check_housing_is_shown(camera)
         camera.aligned().rim_radius_px  # noqa: B018 - proves that lens and mirror can be used
         if not distant:
             check_clear(camera, scene)
     plan = spread(samples, blur, seed)
-    hardware = hardware or Hardware()
-    if (coloured := hardware.of_colours()) is not None:
-        shares = [
-            expose(
-                camera,
-                scene,
-                samples=samples,
-                blur=blur,
-                distant=distant,
-                hardware=h,
-                seed=seed,
-                progress=progress,
-                workers=workers,
-            )
-            for h in coloured
-        ]
+    radiometry = radiometry or Radiometry()
+    if (coloured := radiometry.of_colours()) is not None:
+        plain = partial(
+            expose,
+            camera,
+            scene,
+            samples=samples,
+            blur=blur,
+            distant=distant,
+            seed=seed,
+            progress=progress,
+            workers=workers,
+        )
+        shares = [plain(radiometry=each) for each in coloured]
         return np.stack([share[..., i] for i, share in enumerate(shares)], axis=-1)
-    seen = _distant(scene) if distant else scene
+    seen = seen_through(camera, _distant(scene) if distant else scene)
     far = _environment_of(seen)
     if _has_one_mirror(camera) and far is not None and backend.is_compiled:
-        return _of_environment(camera, *far, plan, hardware, progress)
-    return _of_scene(camera, seen, plan, hardware, progress, workers)
+        return _of_environment(camera, *far, plan, radiometry, progress)
+    return _of_scene(camera, seen, plan, radiometry, progress, workers)
 
 
 def _distant(scene: Scene) -> Scene:
@@ -159,10 +160,10 @@ def _environment_of(scene: Scene) -> tuple[Environment, Array] | None:
 
 
 def _of_environment(
-    sensor: Sensor, scene: Environment, heading: Array, plan: Samples, hardware: Hardware, progress: Progress | None
+    sensor: Sensor, scene: Environment, heading: Array, plan: Samples, radiometry: Radiometry, progress: Progress | None
 ) -> Light:
     """All in the compiled kernels: no ray is ever stored."""
-    optics = native_optics(sensor, hardware, plan.blur, tuple(heading.ravel()))
+    optics = native_optics(sensor, radiometry, plan.blur, tuple(heading.ravel()))
     width, height = sensor.image_size
     light = np.empty((height, width, 3), np.float32)
     for top in range(0, height, ROWS_AT_ONCE):
@@ -174,15 +175,15 @@ def _of_environment(
 
 
 def _of_scene(
-    camera: Camera, scene: Scene, plan: Samples, hardware: Hardware, progress: Progress | None, workers: int | None
+    camera: Camera, scene: Scene, plan: Samples, radiometry: Radiometry, progress: Progress | None, workers: int | None
 ) -> Light:
     width, height = camera.image_size
     light = np.empty((height, width, 3), np.float32)
     tiles = list(_tiles(width, height, len(plan.points)))
 
     def fill(tile: tuple[slice, slice]) -> int:
-        bundle = trace(camera, plan, hardware, *tile)
-        light[tile] = gather(bundle, scene, hardware).mean(axis=2)
+        bundle = trace(camera, plan, radiometry, *tile)
+        light[tile] = gather(bundle, scene, radiometry).mean(axis=2)
         return int(tile[0].stop)
 
     fill((slice(height // 2, height // 2 + 1), slice(0, 1)))  # all prepare themselves once, not once per thread
@@ -201,18 +202,18 @@ def _tiles(width: int, height: int, samples: int) -> Iterator[tuple[slice, slice
             yield slice(top, min(top + down, height)), slice(left, min(left + across, width))
 
 
-def gather(bundle: Bundle, scene: Scene, hardware: Hardware) -> Light:
+def gather(bundle: Bundle, scene: Scene, radiometry: Radiometry) -> Light:
     """Light (rows, columns, n, 3) that comes back along the rays."""
     light = np.zeros(bundle.origins.shape, np.float32)
     seeing = (bundle.fate == REFLECTED) | (bundle.fate == DIRECT)
     light[seeing] = scene.radiance(bundle.origins[seeing], bundle.directions[seeing])
     light *= bundle.weight[..., None]
     hidden = bundle.fate == HIDDEN
-    light[hidden] = hardware.grey * bundle.weight[hidden, None]
+    light[hidden] = radiometry.grey * bundle.weight[hidden, None]
     return light
 
 
-def trace(camera: Camera, plan: Samples, hardware: Hardware, rows: slice, columns: slice) -> Bundle:
+def trace(camera: Camera, plan: Samples, radiometry: Radiometry, rows: slice, columns: slice) -> Bundle:
     """The rays of a part of the picture."""
     if not _has_one_mirror(camera):
         pixels, pupil = places(plan, *np.meshgrid(np.r_[columns], np.r_[rows]))
@@ -224,32 +225,32 @@ def trace(camera: Camera, plan: Samples, hardware: Hardware, rows: slice, column
         fate = np.where(valid, REFLECTED, LOST).astype(np.uint8).reshape(shape)
         return Bundle(origins.reshape(*shape, 3), directions.reshape(*shape, 3), np.ones(shape), fate)
     trace_sensor = _trace_natively if backend.is_compiled else _trace_sensor
-    return trace_sensor(camera, plan, hardware, rows, columns)
+    return trace_sensor(camera, plan, radiometry, rows, columns)
 
 
-def _trace_natively(sensor: Sensor, plan: Samples, hardware: Hardware, rows: slice, columns: slice) -> Bundle:
+def _trace_natively(sensor: Sensor, plan: Samples, radiometry: Radiometry, rows: slice, columns: slice) -> Bundle:
     shape = (rows.stop - rows.start, columns.stop - columns.start, len(plan.points))
     origins, directions = np.empty((2, *shape, 3), np.float32)
     weight, fate = np.empty(shape, np.float32), np.empty(shape, np.uint8)
-    optics = native_optics(sensor, hardware, plan.blur, tuple(np.eye(3).ravel()))
+    optics = native_optics(sensor, radiometry, plan.blur, tuple(np.eye(3).ravel()))
     backend.kernels.expose_rays(
         optics, plan.points, plan.blur, plan.seed, columns.start, rows.start, origins, directions, weight, fate
     )
     return Bundle(origins, directions, weight, fate)
 
 
-def _trace_sensor(sensor: Sensor, plan: Samples, hardware: Hardware, rows: slice, columns: slice) -> Bundle:
+def _trace_sensor(sensor: Sensor, plan: Samples, radiometry: Radiometry, rows: slice, columns: slice) -> Bundle:
     """The same rays without anything compiled."""
     pixels, pupil = places(plan, *np.meshgrid(np.r_[columns], np.r_[rows]))
     shape = pixels.shape[:-1]
     pixels, pupil = pixels.reshape(-1, 2), pupil.reshape(-1, 2) * plan.blur
-    points, directions, towards, hit, fate = follow(sensor, pixels, pupil, hardware)
-    chief, from_lens = sensor.lens_rays(pixels, 0 * pupil)[1], points - sensor.lens_offset
+    points, directions, towards, hit, fate = follow(sensor, pixels, pupil, radiometry)
     along = np.einsum("ni,ni->n", towards, directions) / np.linalg.norm(towards, axis=1)
     gamma = np.pi / 2 - np.arccos(np.clip(along / np.linalg.norm(directions, axis=1), -1, 1)) / 2
     image = np.stack(sensor.from_centre_px(pixels), axis=-1) * sensor.imager.pitch_mm
-    weight = (1 - hardware.vignetting * (1 - sensor.lens.falloff(image))) * np.where(hit, hardware.returned(gamma), 1.0)
-    weight[hit] *= hardware.shade(from_lens[hit], directions[hit], -chief[hit])
+    weight = 1 - radiometry.vignetting * (1 - sensor.lens.falloff(image))
+    weight *= np.where(hit, radiometry.returned(gamma), 1.0)
+    weight[hit] *= front_shade(sensor, points[hit], directions[hit], -sensor.lens_rays(pixels[hit], 0 * pupil[hit])[1])
     weight[fate == LOST] = 0.0
     rotation = sensor.mount.rotation().T
     return Bundle(

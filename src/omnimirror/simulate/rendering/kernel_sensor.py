@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,8 @@ from ...lenses.distortion import fold
 from ...mirrors import Mirror
 from ...native import backend
 from ...sensor import Sensor
-from ..hardware import Hardware
+from ...tracing.obscuration import Obstructions
+from ..radiometry import Radiometry
 
 Array = NDArray[np.float64]
 
@@ -23,7 +25,7 @@ SAME_MM = 1e-9  # a conic that is the mirror, not one that is like it
 
 
 @lru_cache(maxsize=8)
-def native_optics(sensor: Sensor, hardware: Hardware, blur: bool, heading: tuple[float, ...]) -> object:
+def native_optics(sensor: Sensor, radiometry: Radiometry, blur: bool, heading: tuple[float, ...]) -> object:
     """The compiled optics of a sensor; ``heading`` is a rotation (9,) of the world's directions, row by row."""
     mirror, pose, m = sensor.mirror, sensor.mirror_pose, -sensor.lens_offset[2]
     curvature, conic, nodes = _surface(mirror)
@@ -48,20 +50,28 @@ def native_optics(sensor: Sensor, hardware: Hardware, blur: bool, heading: tuple
         conic=conic,
         rim=mirror.rim_radius_mm,
         nodes=nodes,
-        reflectance=tuple(reflectance_series(hardware, steepest_incidence(sensor))),
-        natural_vignetting=hardware.vignetting,
-        body_z=hardware.camera_height_mm,
-        body_radius=hardware.camera_radius_mm,
-        lens_radius=hardware.lens_radius_mm,
-        edge_z=float(mirror.sag(np.array(mirror.rim_radius_mm))),
-        edge_radius=mirror.rim_radius_mm + hardware.rim_width_mm if hardware.rim_width_mm else 0.0,
-        rod_z=(hardware.rod_from_mm, hardware.rod_to_mm),
-        rod_radius=(hardware.rod_radius_mm, hardware.rod_end_radius_mm),
-        hardware_light=(hardware.grey,) * 3,
-        sees_past=hardware.sees_past,
+        reflectance=tuple(reflectance_series(radiometry, steepest_incidence(sensor))),
+        natural_vignetting=radiometry.vignetting,
+        **_standing(sensor.obstructions, m),
+        hardware_light=(radiometry.grey,) * 3,
+        sees_past=radiometry.sees_past,
         rotation=tuple((np.reshape(heading, (3, 3)) @ rotation).ravel()),
         shift=tuple(-m * rotation[:, 2]),
     )
+
+
+def _standing(standing: Obstructions, m: float) -> dict[str, Any]:
+    """What stands in the light, its heights from the lens's principal point; the walls of tubes and domes left out."""
+    camera, rod, rim = standing.camera, standing.rod, standing.rim
+    return {
+        "body_z": m + camera.height_mm if camera else 0.0,
+        "body_radius": camera.radius_mm if camera else 0.0,
+        "lens_radius": standing.front_ring_mm / 2,
+        "edge_z": rim.height_mm if rim else 0.0,
+        "edge_radius": rim.radius_mm if rim else 0.0,
+        "rod_z": (m + rod.foot_mm, m + rod.top_mm) if rod else (0.0, 0.0),
+        "rod_radius": (rod.foot_radius_mm, rod.top_radius_mm) if rod else (0.0, 0.0),
+    }
 
 
 TERMS = 8
@@ -76,7 +86,7 @@ def steepest_incidence(sensor: Sensor) -> float:
     return float(min(np.max(gamma) + tilt + MARGIN, np.pi / 2))
 
 
-def reflectance_series(hardware: Hardware, gamma_max: float) -> Array:
+def reflectance_series(radiometry: Radiometry, gamma_max: float) -> Array:
     """Coefficients (8,) of a series in 1 - cos(gamma) for what the mirror returns, up to an angle.
 
     Least squares at Chebyshev's points: of aluminium, silver and gold good to 2e-5 up to 75.5 deg, which no
@@ -84,7 +94,7 @@ def reflectance_series(hardware: Hardware, gamma_max: float) -> Array:
     """
     top = 1 - np.cos(gamma_max)
     points = top * (0.5 - 0.5 * np.cos(np.pi * (np.arange(64) + 0.5) / 64))
-    values = hardware.returned(np.arccos(1 - points))
+    values = radiometry.returned(np.arccos(1 - points))
     fitted = np.polynomial.Polynomial.fit(points, values, TERMS - 1, domain=[0, top]).convert().coef
     series: Array = np.zeros(TERMS)
     series[: len(fitted)] = fitted

@@ -16,7 +16,7 @@ from ...errors import InvalidParameter
 from ...imagers import Imager
 from ...sensor import Sensor
 from ..colour import Light, Picture, srgb_bytes
-from ..hardware import Hardware
+from ..radiometry import Radiometry
 from ..scenes.contract import Scene
 from .exposure import Progress, expose
 
@@ -34,7 +34,7 @@ def take_picture(
     samples: int = 4,
     blur: bool = False,
     distant: bool = False,
-    hardware: Hardware | None = None,
+    radiometry: Radiometry | None = None,
     seed: int = 0,
     progress: Progress | None = None,
     workers: int | None = None,
@@ -71,7 +71,7 @@ def take_picture(
             samples=-(-samples // 4),
             blur=blur,
             distant=distant,
-            hardware=hardware,
+            radiometry=radiometry,
             seed=seed,
             progress=progress,
             workers=workers,
@@ -84,7 +84,7 @@ def take_picture(
             samples=samples,
             blur=blur,
             distant=distant,
-            hardware=hardware,
+            radiometry=radiometry,
             seed=seed,
             progress=progress,
             workers=workers,

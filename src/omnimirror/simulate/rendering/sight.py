@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -10,10 +11,12 @@ from numpy.typing import ArrayLike, NDArray
 from ...cameras import Camera, Projection
 from ...errors import InvalidParameter
 from ...frames import turned
+from ...housing import Housing
 from ...sensor import Sensor
-from ..hardware import Hardware
+from ...tracing.walls import passage
+from ..radiometry import Radiometry, camera_front
 from ..scenes.contract import Measured, Scene
-from ..shells import Shell, ThroughShell, meets_lid
+from ..shells import ThroughShell
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -38,34 +41,42 @@ class Followed(NamedTuple):
     hit: Mask
     """(n,): whether they meet the mirror."""
     fate: Fates
-    """(n,): ``LOST``, ``REFLECTED``, ``DIRECT`` past the mirror, or ``HIDDEN`` by camera, rod or edge."""
+    """(n,): ``LOST``, ``REFLECTED``, ``DIRECT`` past the mirror, or ``HIDDEN`` by camera, rod or rim."""
 
 
-def follow(sensor: Sensor, pixels: Array, pupil: Array, hardware: Hardware) -> Followed:
+def follow(sensor: Sensor, pixels: Array, pupil: Array, radiometry: Radiometry) -> Followed:
     """Rays of pixels (n, 2) through points (n, 2) of the aperture's unit disk, in double precision."""
     start, towards = sensor.lens_rays(pixels, pupil)
     found = sensor.posed_mirror.trace(start, towards)
     hit = found.valid
     points, directions = np.where(hit[:, None], found.points, start), np.where(hit[:, None], found.directions, towards)
-    fate = np.where(hit, REFLECTED, DIRECT if hardware.sees_past else LOST).astype(np.uint8)
+    fate = np.where(hit, REFLECTED, DIRECT if radiometry.sees_past else LOST).astype(np.uint8)
     fate[~np.isfinite(towards[:, 2])] = LOST  # where distortion folds the picture over
     chief = sensor.lens_rays(pixels, 0 * pupil)[1]
-    fate[hit & hardware.hides(points - sensor.lens_offset, directions, -chief)] = HIDDEN
-    fate[meets_edge(sensor, hardware, points, directions)] = HIDDEN
+    standing = sensor.obstructions
+    fate[hit & standing.meets_front(points, directions, -chief)] = HIDDEN
+    fate[standing.meets_rim(points, directions, sensor.mirror_pose)] = HIDDEN
     return Followed(points, directions, towards, hit, fate)
 
 
-def meets_edge(sensor: Sensor, hardware: Hardware, points: Array, directions: Array) -> Mask:
-    """Which rays (n,) meet the dark edge about the rim: on their way past the mirror, or rising from it."""
-    if not hardware.rim_width_mm:
-        return np.zeros(len(points), dtype=bool)
-    pose, rim = sensor.mirror_pose, sensor.mirror.rim_radius_mm
-    origins, towards = pose.to_mirror(points), pose.turned_to_mirror(directions)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        steps = (sensor.mirror.sag(np.array(rim)) - origins[:, 2]) / towards[:, 2]
-        across = np.hypot(*(origins[:, :2] + steps[:, None] * towards[:, :2]).T)
-        meets: Mask = (steps > 0) & (across > rim) & (across < rim + hardware.rim_width_mm)
-    return meets
+def front_shade(sensor: Sensor, points: Array, directions: Array, towards_lens: Array) -> Array:
+    """How light (n,) what mirrored rays (n, 3) meet is, against grey: the camera's front has parts, all else is 1."""
+    standing = sensor.obstructions
+    if standing.camera is None:
+        return np.ones(len(points))
+    meets, across = standing.camera.met_by(points, directions)
+    if standing.rod is not None:
+        meets &= ~(standing.rod.met_by(points, directions) | standing.rod.met_by(points, towards_lens))
+    return np.where(meets, camera_front(2 * across / standing.front_ring_mm), 1.0)
+
+
+def check_housing_is_shown(sensor: Sensor) -> None:
+    """Raise InvalidParameter for a housing that pictures do not show: one around two mirrors."""
+    if sensor.secondary is not None and not sensor.housing.is_empty:
+        raise InvalidParameter(
+            f"pictures and their truth show the housing of one mirror, and {sensor.name!r} has two; take it without: "
+            "replace(sensor, housing=Housing())"
+        )
 
 
 def check_clear(sensor: Sensor, scene: Scene) -> None:
@@ -106,57 +117,60 @@ class Sights(NamedTuple):
     """(n,) whether they end at camera, rod, rim or a lid."""
 
 
-def sights(camera: Camera, pixels: ArrayLike, hardware: Hardware | None = None, shell: Shell | None = None) -> Sights:
+def sights(camera: Camera, pixels: ArrayLike, radiometry: Radiometry | None = None) -> Sights:
     """Where the chief rays of pixels (n, 2) look, past what stands in the light and through a tube or a dome.
 
     Parameters
     ----------
     camera
     pixels
-    hardware, shell
-        Of a sensor of one mirror; nothing by default.
+    radiometry
+        Of a sensor of one mirror: whether it sees past its mirror.
 
     Raises
     ------
     InvalidParameter
-        For hardware or a shell of another camera, or a shell that does not take in the mirror.
+        For radiometry of another camera, or the housing of two mirrors.
 
     Examples
     --------
     In the middle the sensor sees its own camera:
 
     >>> import omnimirror as om
-    >>> seen = sights(om.load_sensor("paper-spherical"), [[511.5, 511.5], [900.0, 511.5]], Hardware(30.0))
+    >>> from dataclasses import replace
+    >>> from omnimirror.housing import CameraBody, Housing
+    >>> sensor = replace(om.load_sensor("paper-spherical"), housing=Housing(CameraBody(60.0)))
+    >>> seen = sights(sensor, [[511.5, 511.5], [900.0, 511.5]])
     >>> seen.valid, seen.hidden
     (array([False,  True]), array([ True, False]))
     """
     pixels = np.asarray(pixels, dtype=float)
     if not isinstance(camera, Sensor) or camera.secondary is not None:
-        if hardware is not None or shell is not None:
-            raise InvalidParameter("only a sensor of one mirror has hardware, a tube or a dome about it")
+        if radiometry is not None:
+            raise InvalidParameter("only a sensor of one mirror has radiometry")
+        if isinstance(camera, Sensor):
+            check_housing_is_shown(camera)
         rays = camera.backproject(pixels)
         return Sights(rays.origins, _unit(rays.directions), rays.valid, np.zeros(len(pixels), dtype=bool))
-    followed = follow(camera, pixels, np.zeros_like(pixels), hardware or Hardware())
+    followed, standing = follow(camera, pixels, np.zeros_like(pixels), radiometry or Radiometry()), camera.obstructions
     points, directions, hidden = followed.points, _unit(followed.directions), followed.fate == HIDDEN
     valid = (followed.fate == REFLECTED) | (followed.fate == DIRECT)
-    if shell is not None:
-        ends = np.zeros(len(pixels), dtype=bool)
-        passage = shell.passage(points[valid], directions[valid])
-        ends[valid] = meets_lid(shell, points[valid], directions[valid])
-        points[valid], directions[valid] = passage.points, passage.directions
-        valid, hidden = valid & ~ends, hidden | ends
+    if (shell := standing.housing.shell) is not None:
+        for lid in standing.lids:
+            hidden |= valid & lid.met_by(points, directions)[0]
+        left_by = passage(shell, points[valid], directions[valid])
+        points[valid], directions[valid] = left_by.points, left_by.directions
+        valid &= ~hidden
     points[~valid] = directions[~valid] = np.nan
     rotation = camera.mount.rotation().T
     return Sights(turned(points, rotation), turned(directions, rotation), valid, hidden)
 
 
-def seen_at(
-    sensor: Sensor, points_mm: ArrayLike, hardware: Hardware | None = None, shell: Shell | None = None
-) -> Projection:
+def seen_at(sensor: Sensor, points_mm: ArrayLike) -> Projection:
     """Pixels (n, 2) in whose chief rays points (n, 3) mm of the sensor's world lie, by way of the mirror.
 
-    Not valid are points that hardware hides. Through a wall a pixel is found that looks at the point: its mirror sees
-    another one without the wall, which is moved by what the pixel's ray misses the point by.
+    Not valid are points that the housing hides. Through a wall a pixel is found that looks at the point: its mirror
+    sees another one without the wall, which is moved by what the pixel's ray misses the point by.
 
     Raises
     ------
@@ -165,21 +179,22 @@ def seen_at(
     """
     points = np.asarray(points_mm, dtype=float)
     pixels, valid = sensor.project(points)
-    if shell is not None:
-        pixels, valid = _seen_through(sensor, points, shell)
-    if hardware is not None or shell is not None:
-        valid[valid] = ~sights(sensor, pixels[valid], hardware, shell).hidden
+    if sensor.housing.shell is not None:
+        pixels, valid = _seen_through(sensor, points)
+    if not sensor.housing.is_empty:
+        valid[valid] = ~sights(sensor, pixels[valid]).hidden
     pixels[~valid] = np.nan
     return Projection(pixels, valid)
 
 
-def _seen_through(sensor: Sensor, points: Array, shell: Shell) -> Projection:
+def _seen_through(sensor: Sensor, points: Array) -> Projection:
+    clear = replace(sensor, housing=Housing(shell=sensor.obstructions.housing.shell))
     pole = np.linalg.norm(points, axis=1, keepdims=True) * INWARDS * sensor.axis
     shown = np.where(sensor.project(points).valid[:, None], points, points + pole)
     miss = np.full(len(points), np.inf)
     for _ in range(STEPS):
         pixels, valid = sensor.project(shown)
-        seen = sights(sensor, pixels[valid], shell=shell)
+        seen = sights(clear, pixels[valid])
         way = points[valid] - seen.origins
         off = way - np.einsum("ni,ni->n", way, seen.directions)[:, None] * seen.directions
         miss[valid] = np.linalg.norm(off, axis=1)

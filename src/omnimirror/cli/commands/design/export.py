@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,14 +11,21 @@ from rich.markup import escape
 from rich.table import Table
 
 from ....arguments import float_of
-from ....manufacture import DEFAULT_FORMATS, FORMATS, Body, Exported, Support
+from ....manufacture import DEFAULT_FORMATS, FORMATS, Body, Exported
 from ....manufacture.body import TAP_DRILLS_MM
 from ....manufacture.drawings.sheet import SHEETS
 from ....manufacture.exporter import export
-from ....manufacture.supports import KINDS
+from ....manufacture.parts import drawn_housing
 from ....specs import load_sensor
 from ...options.common import NUMBER, WHOLE
+from ...options.declared import takes
+from ...options.housing import HousingOptions
 from ...outputs import output_console, output_option
+
+SOLID = (
+    "thickness_mm", "bore_diameter_mm", "bore_depth_mm", "thread", "flange_width_mm", "flange_thickness_mm",
+)  # fmt: skip
+"""The options of the mirror's body; what they do not say is as the rim of the sensor's housing shows it."""
 
 
 def formats(text: str) -> list[str]:
@@ -54,25 +62,19 @@ def scale(text: str) -> float:
                help="A folder, or one file whose suffix says what to write; - prints the sag table.")  # fmt: skip
 @click.option("--formats", type=formats, metavar="NAME,..",
               help=f"For a folder: of {', '.join(FORMATS)}.  [default: {','.join(DEFAULT_FORMATS)}]")  # fmt: skip
-@click.option("--thickness-mm", type=NUMBER, default=5.0, show_default=True, help="Solid: from the rim to the back.")
-@click.option("--bore-diameter-mm", type=NUMBER, default=0.0, help="Solid: bore on the axis, from the back.")
+@click.option("--thickness-mm", type=NUMBER, help="Solid: from the rim to the back.  [default: 5]")
+@click.option("--bore-diameter-mm", type=NUMBER, help="Solid: bore on the axis, from the back.")
 @click.option("--thread", type=click.Choice(list(TAP_DRILLS_MM)), help="Instead: a bore to tap this thread in.")
-@click.option("--bore-depth-mm", type=NUMBER, default=10.0, show_default=True, help="Of the bore; 'inf' goes through.")
-@click.option("--flange-width-mm", type=NUMBER, default=0.0, help="Solid: a flange at the back, beyond the rim.")
-@click.option("--flange-thickness-mm", type=NUMBER, default=2.0, show_default=True, help="Of the flange.")
+@click.option("--bore-depth-mm", type=NUMBER, help="Of the bore; 'inf' goes through.  [default: 10]")
+@click.option("--flange-width-mm", type=NUMBER, help="Solid: a flange at the back, beyond the rim.")
+@click.option("--flange-thickness-mm", type=NUMBER, help="Of the flange.  [default: 2]")
 @click.option("--secondary-thickness-mm", type=NUMBER, help="Solid of a second mirror: the same of it.  [default: 5]")
 @click.option("--chord-tolerance-um", type=NUMBER, default=10.0, show_default=True, help="STL, 3MF: of the triangles.")
 @click.option("--step-mm", type=NUMBER, help="Table: step along x.  [default: a hundredth of the rim radius]")
 @click.option("--step-deg", type=NUMBER, help="Table: instead, step of the field angle.")
 @click.option("--digits", type=WHOLE, default=6, show_default=True, help="Table: decimals of a millimetre.")
 @click.option("--grid-points", type=WHOLE, default=257, show_default=True, help="Grid sag: points along each side.")
-@click.option("--support", type=click.Choice(KINDS), default="tube", show_default=True,
-              help="Drawing: what holds the mirror.")  # fmt: skip
-@click.option("--support-diameter-mm", type=NUMBER, help="Outer.  [default: of a rod 4, else 3 mm around the rim]")
-@click.option("--wall-mm", type=NUMBER, default=3.0, show_default=True, help="Of tube or dome.")
-@click.option("--refractive-index", type=NUMBER, default=1.49, show_default=True, help="Of tube or dome.")
-@click.option("--gap-mm", type=NUMBER, help="From the rod's foot to the lens.  [default: a quarter of the distance]")
-@click.option("--camera-diameter-mm", type=NUMBER, default=0.0, help="What of the camera is seen in the mirror.")
+@takes(HousingOptions, "housing")
 @click.option("--sheet", type=click.Choice(list(SHEETS)), default="A3", show_default=True, help="Drawing: paper.")
 @click.option("--scale", type=scale, metavar="1:N", help="Drawing: of the sensor.  [default: the largest that fits]")
 def command(sensor: str, output: Path, **options: Any) -> None:
@@ -83,21 +85,17 @@ def command(sensor: str, output: Path, **options: Any) -> None:
     \b
     omnimirror export paper-spherical -o workshop --thread M6 --bore-depth-mm 12
     """
-    body = Body(
-        options.pop("thickness_mm"), options.pop("bore_diameter_mm"), options.pop("bore_depth_mm"),
-        options.pop("thread") or "", options.pop("flange_width_mm"), options.pop("flange_thickness_mm"),
-    )  # fmt: skip
-    thickness = options.pop("secondary_thickness_mm")
+    camera = load_sensor(sensor)
+    solid, thickness = {n: v for n in SOLID if (v := options.pop(n)) is not None}, options.pop("secondary_thickness_mm")
+    body = replace(Body.of(camera.housing.rim, camera.mirror), **solid) if solid else None
     second = None if thickness is None else Body(thickness)
-    support = Support(
-        options.pop("support"), options.pop("support_diameter_mm"), options.pop("wall_mm"), options.pop("gap_mm"),
-        options.pop("refractive_index"), options.pop("camera_diameter_mm"),
-    )  # fmt: skip
+    asked: HousingOptions = options.pop("housing")
+    housing = asked.of(drawn_housing(camera))
     console = output_console()
     with console.status("Writing"):
         written = export(
-            load_sensor(sensor), output, formats=options.pop("formats"), body=body, secondary_body=second,
-            support=support, **options,
+            camera, output, formats=options.pop("formats"), body=body, secondary_body=second,
+            housing=housing, **options,
         )  # fmt: skip
     table = Table(box=None, pad_edge=False, header_style="bold")
     table.add_column("file", no_wrap=True)

@@ -15,20 +15,18 @@ from ....media import write_image
 from ....media.pictures.images import format_of
 from ....sensor import Sensor
 from ....simulate import Distant, Pose, PosedScene, Scene, expose
-from ....simulate.shells import seen_through
 from ....specs import bundled_sensors, load_sensor
 from ...options.common import NUMBER, WHOLE
 from ...options.declared import flag
 from ...options.scene import (
     DETECTOR,
     detector_of,
-    hardware_of,
     picture_options,
     pose,
+    radiometry_of,
     rows_bar,
     scene_of,
     scene_options,
-    shell_in,
     source_of,
 )
 from ...outputs import PICTURES, format_option, output_console, output_option, say
@@ -76,7 +74,7 @@ def picture(sensor: str, scene: str, output: Path, **options: Any) -> None:
     sensor's world frame.
     """
     given = {name: value for name, value in options.items() if value is not None}
-    seen, camera = scene_of(scene, given), load_sensor(sensor)
+    seen, camera = scene_of(scene, given), options["housing"].on(load_sensor(sensor))
     if "path" in given:
         _film(camera, seen, output, given)
         return
@@ -103,16 +101,22 @@ def _photograph(camera: Sensor, scene: Scene, output: Path, given: dict[str, Any
 
         check_exr_can_be_written(output)
     placed = PosedScene(scene, given.get("placed", Pose()))
-    seen = seen_through(camera, Distant(placed) if given["distant"] else placed, shell_in(camera, given))
+    seen = Distant(placed) if given["distant"] else placed
     with rows_bar("Exposing") as progress:
-        hardware, seed = hardware_of(camera, given), given["seed"]
+        radiometry, seed = radiometry_of(given), given["seed"]
         light = expose(
-            camera, seen, samples=given["samples"], blur=given["blur"], hardware=hardware, seed=seed, progress=progress
+            camera,
+            seen,
+            samples=given["samples"],
+            blur=given["blur"],
+            radiometry=radiometry,
+            seed=seed,
+            progress=progress,
         )
     if output.suffix.lower() == ".exr":
         from ....simulate.datasets.calibration_set import write_truth
 
-        write_truth(output, camera, seen, detector.exposure * light, hardware)
+        write_truth(output, camera, seen, detector.exposure * light, radiometry)
     elif is_light:
         write_image(output, detector.exposure * light)
     else:
@@ -153,8 +157,7 @@ def _film(camera: Sensor, scene: Scene, output: Path, given: dict[str, Any]) -> 
             write_video(
                 camera, scene, path=load_path(given["path"]), output=output, frame_rate=given.get("fps", 25.0),
                 duration_s=given.get("duration_s"), samples=given["samples"], blur=given["blur"],
-                hardware=hardware_of(camera, given), detector=detector_of(given), seed=given["seed"], written=written,
-                shell=shell_in(camera, given),
+                radiometry=radiometry_of(given), detector=detector_of(given), seed=given["seed"], written=written,
             )  # fmt: skip
         except KeyboardInterrupt:
             _stopped(output, done, "frames")
@@ -201,7 +204,7 @@ def dataset(sensor: str | None, output: Path, again: Path | None, scene: str, tr
         raise click.UsageError("a set is taken with a SENSOR, or made --again from a dataset.json")
     else:
         given = {name: value for name, value in options.items() if value is not None}
-        kind, arguments = _asked_for(load_sensor(sensor), scene, truth, given)
+        kind, arguments = _asked_for(options["housing"].on(load_sensor(sensor)), scene, truth, given)
     writer = _write_video_set if kind == "video" else _write_calibration_set
     writer(output, arguments)
 
@@ -227,8 +230,8 @@ def _made_before(again: Path) -> tuple[str, dict[str, Any]]:
 def _asked_for(camera: Sensor, scene: str, truth: bool, given: dict[str, Any]) -> tuple[str, dict[str, Any]]:
     """Kind and arguments of the set that the options ask for."""
     arguments = {name: given[name] for name in ("samples", "blur", "seed")}
-    arguments |= {"sensor": camera, "truth": truth, "hardware": hardware_of(camera, given)}
-    arguments |= {"detector": detector_of(given), "shell": shell_in(camera, given)}
+    arguments |= {"sensor": camera, "truth": truth, "radiometry": radiometry_of(given)}
+    arguments |= {"detector": detector_of(given)}
     if "path" not in given:
         source = click.get_current_context().get_parameter_source("scene")
         named = {*given} | ({"scene"} if source == click.core.ParameterSource.COMMANDLINE else set())

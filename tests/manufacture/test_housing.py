@@ -1,20 +1,37 @@
-"""What supports hide, against rays marched through the scene point by point; what errors do, against other formulas."""
+"""What the drawing says is hidden, against rays marched point by point; what errors do, against other formulas."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import astuple, replace
 
 import numpy as np
 import pytest
 
 import omnimirror as om
 from omnimirror.errors import InvalidParameter
-from omnimirror.manufacture import Body, Support, hidden_percent, obscuration, sensitivities
-from omnimirror.manufacture.supports import lens_height, tube_end_mm, tube_shift_mm, tube_transmission
+from omnimirror.housing import CameraBody, Dome, Housing, Rod, Tube
+from omnimirror.manufacture import Body, sensitivities
+from omnimirror.manufacture.drawings.views import Assembly, shell_end_mm
+from omnimirror.manufacture.parts import housed, parts_of
 from omnimirror.mirrors.pose import MirrorPose
+from omnimirror.tracing.walls import tube_shift_mm, tube_transmission
 from tests.conftest import MIRRORS, sensor_of
 
 SPH = om.load_sensor("paper-spherical")
+
+
+def drawn(sensor, housing, body=None):
+    """The sensor as its drawing shows it."""
+    return housed(parts_of(sensor, body), housing)
+
+
+def lens_height(sensor):
+    m = sensor.mirror_distance_mm
+    return -m if np.isfinite(m) else -2.5 * sensor.mirror.rim_radius_mm
+
+
+def percent(sensor):
+    return sum(ring.picture_percent for ring in sensor.obscured)
 
 
 def marched(sensor, solid, count=1500):
@@ -41,8 +58,7 @@ def marched(sensor, solid, count=1500):
     ids=lambda s: s.name,
 )
 def test_a_rod_hides_the_middle(sensor):
-    rod = Support("rod", diameter_mm=4.0, gap_mm=30.0)
-    (ring,) = obscuration(sensor, rod)
+    (ring,) = drawn(sensor, Housing(rod=Rod(4.0, gap_mm=30.0))).obscurations
     foot = lens_height(sensor) + 30.0
     omega, share = marched(sensor, lambda x, z: (np.abs(x) < 2.0) & (z > foot) & (z < 0))
     assert ring.part == "rod"
@@ -54,9 +70,9 @@ def test_a_rod_hides_the_middle(sensor):
 @pytest.mark.parametrize("diameter", [100.0, 130.0])
 def test_a_tube_hides_at_its_ends(diameter):
     body = Body(thickness_mm=5.0)
-    tube = Support("tube", diameter_mm=diameter)
+    sensor = drawn(SPH, Housing(shell=Tube(diameter)), body)
     inner, back, lens = diameter / 2 - 3.0, body.back_mm(SPH.mirror), lens_height(SPH)
-    rings = obscuration(SPH, tube, body)
+    rings = sensor.obscurations
 
     def solid(x, z):  # thin discs inside the tube, the mirror's own back and the lens's place left out
         base = (np.abs(z - lens) < 0.06) & (x < inner) & (x > 0.2)
@@ -64,7 +80,7 @@ def test_a_tube_hides_at_its_ends(diameter):
         return base | cap
 
     omega, share = marched(SPH, solid)
-    assert hidden_percent(SPH, tube, body) == pytest.approx(share, abs=0.3)
+    assert percent(sensor) == pytest.approx(share, abs=0.3)
     assert {r.part for r in rings} == ({"tube's base"} if diameter == 100 else {"tube's base", "tube's cap"})
     low = omega[omega < 90].max()
     assert next(r for r in rings if r.part == "tube's base").omega_deg[1] == pytest.approx(low, abs=0.3)
@@ -74,55 +90,66 @@ def test_a_tube_hides_at_its_ends(diameter):
 
 
 def test_the_default_tube_hides_nothing_but_the_middle_and_reaches_past_the_rims_ray():
-    body, tube = Body(), Support().fitted(SPH, Body())
+    sensor = drawn(SPH, None)
+    tube = sensor.obstructions.housing.shell
     assert tube.diameter_mm == 100.0  # 87.81 and 2 x (3 + 3), to the next millimetre
-    assert [r.part for r in obscuration(SPH, tube, body)] == ["tube's base"]
+    assert [r.part for r in sensor.obscurations] == ["tube's base"]
     omega = np.radians(SPH.field_deg[1])
     exit_height = float(SPH.mirror.sag(43.905)) - (50.0 - 43.905) / np.tan(omega)
-    assert tube_end_mm(SPH, tube, body) == pytest.approx(exit_height)
+    assert shell_end_mm(SPH, tube, Body().back_mm(SPH.mirror)) == pytest.approx(exit_height)
 
 
 def test_a_flange_in_the_way_is_reported():
     flat = Body(thickness_mm=5.0, flange_width_mm=10.0, flange_thickness_mm=5.0)
-    (ring,) = obscuration(SPH, Support("none"), flat)
-    assert ring.part == "flange"
+    (ring,) = drawn(SPH, Housing(), flat).obscurations
+    assert ring.part == "rim"
     assert ring.omega_deg[1] == pytest.approx(SPH.field_deg[1])
     set_back = replace(flat, thickness_mm=20.0)
-    assert obscuration(SPH, Support("none"), set_back) == []
+    assert drawn(SPH, Housing(), set_back).obscurations == ()
+
+
+def test_the_rim_of_a_housing_is_the_flange_of_the_body_and_back():
+    for body in (Body(), Body(8.0, flange_width_mm=4.0, flange_thickness_mm=3.0)):
+        rim = body.rim(SPH.mirror)
+        assert astuple(Body.of(rim, SPH.mirror).rim(SPH.mirror)) == pytest.approx(astuple(rim))
+        sensor = replace(SPH, housing=Housing(rim=rim))
+        assert parts_of(sensor)[0].body.outer_radius_mm(SPH.mirror) == body.outer_radius_mm(SPH.mirror)
+        assert drawn(sensor, None).obscured == sensor.obscured
 
 
 def test_rings_that_overlap_count_once():
-    both = Support("rod", diameter_mm=4.0, camera_diameter_mm=30.0)
-    parts = {r.part: r.picture_percent for r in obscuration(SPH, both)}
+    both = drawn(SPH, Housing(CameraBody(30.0), Rod(4.0)))
+    parts = {r.part: r.picture_percent for r in both.obscurations}
     assert set(parts) == {"rod", "camera"}
-    assert hidden_percent(SPH, both) == pytest.approx(max(parts.values()))
-    assert hidden_percent(SPH, Support("none")) == 0.0
+    assert percent(both) == pytest.approx(max(parts.values()))
+    assert percent(drawn(SPH, Housing())) == 0.0
 
 
 @pytest.mark.parametrize("kind", sorted(MIRRORS))
 def test_every_mirror_can_be_supported(kind):
     sensor = sensor_of(kind)
-    for support in (Support("tube"), Support("rod"), Support("none")):
-        for ring in obscuration(sensor, support):
+    for housing in (Housing(shell=Tube()), Housing(rod=Rod()), Housing()):
+        for ring in drawn(sensor, housing).obscurations:
             low, high = ring.omega_deg
             assert sensor.field_deg[0] <= low < high <= sensor.field_deg[1] + 1e-9
             assert 0 < ring.picture_percent < 100
 
 
 @pytest.mark.parametrize(
-    ("support", "sentence"),
+    ("part", "entries", "sentence"),
     [
-        ({"kind": "tube", "diameter_mm": 80.0}, "its diameter is valid from 93.81 mm"),
-        ({"kind": "dome", "diameter_mm": 200.0}, "does not take in the mirror; its diameter is valid from 235.05 mm"),
-        ({"kind": "dome", "diameter_mm": 200.0, "centre_mm": 30.0}, "does not reach the plane of the lens"),
-        ({"kind": "rod", "gap_mm": 200.0}, "valid below 180.429 mm"),
-        ({"kind": "pole"}, "not one of tube, dome, rod, none"),
-        ({"refractive_index": 0.9}, "outside 1 to 4"),
+        (Tube, {"diameter_mm": 80.0}, "its diameter is valid from 93.81 mm"),
+        (Dome, {"diameter_mm": 200.0}, "does not take in the mirror; its diameter is valid from 235.05 mm"),
+        (Dome, {"diameter_mm": 200.0, "centre_mm": 30.0}, "does not reach the plane of the lens"),
+        (Dome, {"inner_shift_mm": 3.0}, "breaks through a wall of 3 mm"),
+        (Rod, {"gap_mm": 200.0}, "valid below 180.429 mm"),
+        (Tube, {"diameter_mm": 5.0}, "fills a tube of 5 mm; it is valid below 2.5 mm"),
+        (Tube, {"refractive_index": 0.9}, "outside 1 to 4"),
     ],
 )
-def test_a_support_that_cannot_be_is_refused(support, sentence):
+def test_a_support_that_cannot_be_is_refused(part, entries, sentence):
     with pytest.raises(InvalidParameter, match=sentence):
-        obscuration(SPH, Support(**support))
+        drawn(SPH, Housing(**{"rod" if part is Rod else "shell": part(**entries)})).obscurations  # noqa: B018
 
 
 def test_a_wall_at_brewsters_angle_lets_one_polarisation_through():
@@ -208,6 +235,8 @@ def test_decentre_and_tilt_move_the_picture_as_rays_in_space_do(name, error, fie
 
 def test_a_displaced_mirror_is_drawn_where_it_is_and_a_tilted_one_refused():
     displaced = replace(SPH, mirror_pose=MirrorPose(displacement_mm=2.0))
-    assert lens_height(displaced) == pytest.approx(-182.429)
+    assembly = Assembly.of(drawn(displaced, Housing(shell=Dome(centre_mm=-80.0))), Body())
+    assert (assembly.lens, assembly.base) == pytest.approx((-182.429, -182.429))
+    assert assembly.housing.shell.centre_mm == pytest.approx(-82.0)
     with pytest.raises(InvalidParameter, match=r"take sensor.aligned\(\)"):
-        obscuration(replace(SPH, mirror_pose=MirrorPose(tilt_x_deg=1.0)), Support())
+        drawn(replace(SPH, mirror_pose=MirrorPose(tilt_x_deg=1.0)), None).obscurations  # noqa: B018
