@@ -27,10 +27,11 @@ from playwright.sync_api import sync_playwright
 import omnimirror as om
 from omnimirror.files import write_text
 from omnimirror.specs import tables_of
-from omnimirror.studio.app import Studio, create_app
+from omnimirror.studio.app import create_app
 from omnimirror.studio.bench.answers import answer
 from omnimirror.studio.bench.messages import Ask, BenchSensor, Change
 from omnimirror.studio.bench.sensors import changed, on_bench
+from omnimirror.studio.studio import Studio
 
 KINDS = ("sphere", "hyperboloid", "even-polynomial", "slope-spline", "equidistant", "equiareal", "tabulated-mapping")
 FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]

@@ -16,7 +16,8 @@ from typing import Any
 import uvicorn
 from playwright.sync_api import sync_playwright
 
-from omnimirror.studio.app import Studio, create_app
+from omnimirror.studio.app import create_app
+from omnimirror.studio.studio import Studio
 
 FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 SCHEMES = ("light", "dark")

@@ -17,8 +17,8 @@ from typing import Any, TypeVar
 import numpy as np
 import pytest
 
-from omnimirror.studio.app import Studio
 from omnimirror.studio.server import Server, configured, listen
+from omnimirror.studio.studio import Studio
 
 Result = TypeVar("Result")
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from omnimirror.studio.app import Studio
+from omnimirror.studio.studio import Studio
 
 from .browser import FAKE_CAMERA, FLAGS, chromium, serving
 

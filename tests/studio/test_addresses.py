@@ -11,7 +11,7 @@ import pytest
 
 import omnimirror as om
 from omnimirror.media import write_image
-from omnimirror.studio.app import Studio
+from omnimirror.studio.studio import Studio
 
 from .browser import drop, look, open_page, serving
 from .test_bench_page import NOW, WITHOUT_PICTURES, enter, settled

@@ -13,7 +13,7 @@ import tomli_w
 import omnimirror as om
 from omnimirror.mirrors.pose import MirrorPose
 from omnimirror.specs import parse_sensor, save_sensor
-from omnimirror.studio.app import Studio
+from omnimirror.studio.studio import Studio
 
 from .browser import PATIENCE_MS, serving
 from .test_page import AXE

@@ -12,9 +12,9 @@ import pytest
 
 import omnimirror as om
 from omnimirror.studio import video_viewer_of
-from omnimirror.studio.app import Studio
 from omnimirror.studio.look import viewer
 from omnimirror.studio.look.sources import Sources
+from omnimirror.studio.studio import Studio
 from tests.commands import fails, omnimirror
 from tests.media.live.test_live import HEAD, paced
 from tests.media.live.test_live import server as streaming

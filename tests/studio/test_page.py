@@ -12,8 +12,8 @@ import pytest
 
 import omnimirror as om
 from omnimirror.media import read_image, write_image
-from omnimirror.studio.app import Studio
 from omnimirror.studio.look.sources import Sources
+from omnimirror.studio.studio import Studio
 from tests.commands import fails, omnimirror
 
 from .browser import command, drawn, drop, look, open_page, serving

@@ -24,10 +24,11 @@ from starlette.websockets import WebSocketDisconnect
 
 import omnimirror as om
 from omnimirror.studio.access import is_loopback
-from omnimirror.studio.app import Studio, create_app
+from omnimirror.studio.app import create_app
 from omnimirror.studio.limits import LARGEST_MESSAGE
 from omnimirror.studio.look.sources import Sources
 from omnimirror.studio.look.streams import Streams
+from omnimirror.studio.studio import Studio
 from omnimirror.studio.uploads import browser_picture
 
 from .browser import serving

@@ -20,7 +20,7 @@ afterEach(() => vi.unstubAllGlobals());
 
 test("what is null is not asked, and names may be anything", async () => {
   answering(new Response("{}"), new Response(new Float32Array([1, 2])));
-  const { tables } = await api.camera("file:a&b", { camera_looks: "down", pitch_deg: null, image_flipped: true });
+  const { tables } = await api.camera({ id: "file:a&b", camera_looks: "down", forward_azimuth_deg: null, image_flipped: true, pitch_deg: null, roll_deg: null });
   expect(asked.map(([url]) => url)).toEqual(["api/camera?id=file%3Aa%26b&camera_looks=down&image_flipped=true", "api/camera/tables?id=file%3Aa%26b&image_flipped=true"]);
   expect([...tables]).toEqual([1, 2]);
 });

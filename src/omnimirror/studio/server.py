@@ -16,9 +16,10 @@ import uvicorn
 
 from ..errors import OmnimirrorError
 from .access import is_loopback
-from .app import Studio, create_app
+from .app import create_app
 from .connections import Connection
 from .limits import LARGEST_MESSAGE
+from .studio import Studio
 
 EVERYWHERE = ("0.0.0.0", "::", "")
 """Where a server listens that does not say where."""

@@ -62,6 +62,16 @@ export interface Block {
   rows: number;
 }
 
+/** Which camera, and how it stands; what is not said is as its file has it. */
+export interface CameraAsk {
+  id: string;
+  camera_looks: "up" | "down" | "forward" | null;
+  forward_azimuth_deg: number | null;
+  image_flipped: boolean | null;
+  pitch_deg: number | null;
+  roll_deg: number | null;
+}
+
 /** A camera, as far as looking through it needs to know. */
 export interface CameraModel {
   id: string;

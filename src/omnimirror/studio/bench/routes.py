@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import asyncio
-from typing import Annotated, Any
+from typing import Any
 
-from fastapi import FastAPI, Query, Request, WebSocket, WebSocketDisconnect
+from fastapi import FastAPI, Request, WebSocket, WebSocketDisconnect
 from fastapi.responses import PlainTextResponse, Response
 from pydantic import ValidationError
 
 from ...errors import OmnimirrorError
 from ...specs import load_sensor
-from ..limits import Turns
+from ..schema import BYTES, FILE_BODY, FileName
+from ..studio import Studio
 from ..uploads import collected, safe_name
 from .files import SLOW_KINDS, downloaded, opened, requirement_file, taken
 from .form import bench_start
@@ -19,20 +20,15 @@ from .messages import Ask, BenchSensor, BenchStart, Change, Download, News, Open
 from .sensors import changed, on_bench, sensor_on_bench
 from .work import Workers
 
-BYTES: dict[str, Any] = {"application/octet-stream": {}}
 
-
-def add_bench(app: FastAPI, file_body: dict[str, Any], simulated: Turns, reported: Turns) -> None:
-    """Put the bench's routes into a server; ``file_body`` says in its schema that a file is handed up.
-
-    Simulated pictures and reports take their turns.
-    """
-    _add_questions(app, file_body)
-    _add_files(app, simulated, reported)
+def add_bench(app: FastAPI, studio: Studio) -> None:
+    """Put the bench's routes into a server."""
+    _add_questions(app)
+    _add_files(app, studio)
     _add_sockets(app, Workers())
 
 
-def _add_questions(app: FastAPI, file_body: dict[str, Any]) -> None:
+def _add_questions(app: FastAPI) -> None:
     @app.get("/api/bench")
     def start() -> BenchStart:
         """What the bench is made from: every part with its parameters."""
@@ -50,19 +46,19 @@ def _add_questions(app: FastAPI, file_body: dict[str, Any]) -> None:
         """The sensor with another kind of mirror or lens, or at its best focus."""
         return on_bench(changed(wanted))
 
-    @app.post("/api/bench/open", openapi_extra=file_body)
-    async def open_file(request: Request, name: Annotated[str, Query(max_length=200)] = "sensor.toml") -> Opened:
+    @app.post("/api/bench/open", openapi_extra=FILE_BODY)
+    async def open_file(request: Request, name: FileName = "sensor.toml") -> Opened:
         """Read a sensor file or a requirement file."""
         data = await collected(request)
         return await asyncio.to_thread(opened, safe_name(name), data)
 
 
-def _add_files(app: FastAPI, simulated: Turns, reported: Turns) -> None:
-    @app.post("/api/bench/file", response_class=Response, responses={200: {"content": BYTES}})
+def _add_files(app: FastAPI, studio: Studio) -> None:
+    @app.post("/api/bench/file", response_class=Response, responses={200: BYTES})
     async def file(wanted: Download) -> Response:
         """A file of a design: its sensor file, tables, drawing or report."""
         if wanted.kind in SLOW_KINDS:
-            made = await reported.do(wanted.model_dump_json(), lambda: downloaded(wanted))
+            made = await studio.reported.do(wanted.model_dump_json(), lambda: downloaded(wanted))
         else:
             made = await asyncio.to_thread(downloaded, wanted)
         headers = {"content-disposition": f'attachment; filename="{made.name}"'}
@@ -73,10 +69,10 @@ def _add_files(app: FastAPI, simulated: Turns, reported: Turns) -> None:
         """The text of a requirement file."""
         return requirement_file(wanted.wanted, sensor_on_bench(wanted.tables))
 
-    @app.post("/api/bench/picture", response_class=Response, responses={200: {"content": BYTES}})
+    @app.post("/api/bench/picture", response_class=Response, responses={200: BYTES})
     async def picture(ask: PictureAsk) -> Response:
         """The simulated picture of a room and its panorama, two JPEG files after a header that has their lengths."""
-        pictures = await simulated.do(ask.model_dump_json(), lambda: taken(ask))
+        pictures = await studio.simulated.do(ask.model_dump_json(), lambda: taken(ask))
         return Response(pictures, media_type="application/octet-stream")
 
 

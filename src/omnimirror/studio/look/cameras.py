@@ -17,7 +17,7 @@ from ...frames import Mount
 from ...imagers import Imager
 from ...sensor import Sensor
 from ...specs import bundled_sensors, format_sensor, load_sensor, parse_sensor
-from ..messages import CameraModel, SensorEntry, SensorFile
+from .messages import CameraModel, SensorEntry, SensorFile
 from .tables import MountedCamera, camera_model, kind_of, mount_message, title_of
 
 BALL = re.compile(r"ball:(\d{1,3}(?:\.\d{1,3})?)")

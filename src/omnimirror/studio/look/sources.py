@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Literal
 
 from ...media.batch import PICTURES
-from ..messages import Source
+from .messages import Source
 
 VIDEOS = (".mp4", ".m4v", ".mov", ".mkv", ".webm", ".avi", ".ts", ".mpg", ".mpeg")
 MOST_LISTED = 2000

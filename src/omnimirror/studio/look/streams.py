@@ -14,8 +14,8 @@ from contextlib import asynccontextmanager
 from typing import Literal
 
 from ...errors import OmnimirrorError
-from ..messages import StreamState
 from ..uploads import encoded
+from .messages import StreamState
 from .sources import Shown
 
 State = Literal["waiting", "playing", "lost", "ended"]

@@ -20,7 +20,7 @@ from ...dewarp.camera_field import field_of, pole_of
 from ...dewarp.maps.radial_table import tables_of
 from ...frames import Mount, turned
 from ...sensor import Sensor
-from ..messages import CameraModel, Kind, MountOf, TableLayout
+from .messages import CameraModel, Kind, MountOf, TableLayout
 
 Array = NDArray[np.float64]
 MountedCamera = Sensor | OCam | MirrorBall

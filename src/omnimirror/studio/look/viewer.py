@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InvalidParameter, MediaError
-from ..messages import Embedded
 from ..pages import page_text
 from ..uploads import eight_bits, encoded
+from .messages import Embedded
 from .tables import MountedCamera, camera_model, camera_tables, title_of
 
 PLACE = "<!--embedded-->"

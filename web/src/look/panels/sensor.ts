@@ -119,13 +119,13 @@ export class SensorPanel {
   }
 
   private async fetch({ sensor, looks, forward, flipped, pitch, roll }: Chosen): Promise<Camera> {
-    const mount = { camera_looks: looks, forward_azimuth_deg: forward, image_flipped: flipped, pitch_deg: pitch, roll_deg: roll };
-    const { model, tables } = await api.camera(sensor, mount).catch(async (e: unknown) => {
+    const asked = { id: sensor, camera_looks: looks, forward_azimuth_deg: forward, image_flipped: flipped, pitch_deg: pitch, roll_deg: roll };
+    const { model, tables } = await api.camera(asked).catch(async (e: unknown) => {
       const file = await kept(sensor);
       if (!(e instanceof api.Refused)) throw e;
       if (!file) throw sensor.startsWith("file:") ? new api.Refused(ELSEWHERE) : e;
       await api.loadSensor(file.blob, file.name, file.optics); // the server was started anew
-      return api.camera(sensor, mount);
+      return api.camera(asked);
     });
     return new Camera(model, tables);
   }

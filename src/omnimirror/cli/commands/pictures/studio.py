@@ -14,7 +14,7 @@ from ...options.common import WholeRange
 from ...options.declared import Options, option, takes
 
 if TYPE_CHECKING:
-    from ....studio.app import Studio
+    from ....studio.studio import Studio
 
 
 @dataclass(frozen=True)
@@ -54,8 +54,8 @@ def command(server: ServerOptions) -> None:
     """
 
     def make() -> Studio:
-        from ....studio.app import Studio
         from ....studio.look.sources import Sources
+        from ....studio.studio import Studio
 
         return Studio(Sources(folders=server.folders))
 

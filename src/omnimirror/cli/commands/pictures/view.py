@@ -15,8 +15,8 @@ from ...options.declared import takes
 from .studio import ServerOptions, run_studio
 
 if TYPE_CHECKING:
-    from ....studio.app import Studio
     from ....studio.look.cameras import Known
+    from ....studio.studio import Studio
 
 
 @click.command()
@@ -33,8 +33,8 @@ def command(source: str, camera: CameraOptions, server: ServerOptions) -> None:
         camera.check()
 
     def make() -> Studio:
-        from ....studio.app import Studio
         from ....studio.look.sources import Sources
+        from ....studio.studio import Studio
 
         known = _known(source, camera) if camera.given else None
         return Studio(Sources(source, server.folders, _is_live(source)), known)

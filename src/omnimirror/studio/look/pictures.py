@@ -1,0 +1,40 @@
+"""Pictures that the server hands down as PNG of 8 bits: those it shows, and rooms as cameras would see them."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path
+
+from ...errors import OmnimirrorError
+from ...media import read_image
+from ..uploads import eight_bits, encoded
+from .cameras import Known
+
+MOST_PIXELS = 4096 * 4096
+"""Of a simulated picture, which takes 60 bytes a pixel."""
+
+
+def shown_picture(path: Path) -> bytes:
+    """A picture of the server's."""
+    return encoded(eight_bits(read_image(path)), ".png")
+
+
+@lru_cache(maxsize=8)
+def room_picture(known: Known) -> bytes:
+    """The picture that a camera takes of a room, simulated.
+
+    Raises
+    ------
+    OmnimirrorError
+        It would be too large.
+    """
+    from ...simulate import Room, take_picture
+    from ...simulate.rendering.picture import SHOWN_SAMPLES
+
+    width, height = known.camera.image_size
+    if width * height > MOST_PIXELS:
+        raise OmnimirrorError(
+            f"the picture of {known.name}, {width} x {height} px, is too large to be simulated here; valid are "
+            f"{MOST_PIXELS // 10**6} million pixels, and omnimirror simulate takes more"
+        )
+    return encoded(take_picture(known.camera, Room(), samples=SHOWN_SAMPLES), ".png")
