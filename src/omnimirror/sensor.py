@@ -116,14 +116,36 @@ class Sensor:
         return Meridian(self.mirror, m) if self.secondary is None else TwoMirrorMeridian(self.mirror, m, self.secondary)
 
     def with_lens(self, lens: Lens) -> Sensor:
-        """The same sensor with another lens at the same place; what its mirrors do is not worked out anew."""
+        """The same sensor with another lens at the same place; what its mirrors do is not worked out anew.
+
+        Parameters
+        ----------
+        lens
+            In place of its own.
+
+        Returns
+        -------
+        Sensor
+            The same but for the lens.
+        """
         other = replace(self, lens=lens)
         if "meridian" in self.__dict__:
             other.__dict__["meridian"] = self.meridian
         return other
 
     def check_one_mirror(self, what: str) -> None:
-        """Raise InvalidParameter if there is a second mirror, for what knows of one only."""
+        """Raise InvalidParameter if there is a second mirror, for what knows of one only.
+
+        Parameters
+        ----------
+        what
+            What cannot be done otherwise, for the message.
+
+        Raises
+        ------
+        InvalidParameter
+            There is a second mirror.
+        """
         if self.secondary is not None:
             raise InvalidParameter(
                 f"{what} is for sensors of one mirror, and the lens of {self.name!r} sees its mirror in a second one; "
@@ -131,7 +153,13 @@ class Sensor:
             )
 
     def aligned(self) -> Sensor:
-        """The same sensor with its mirror perfectly mounted."""
+        """The same sensor with its mirror perfectly mounted.
+
+        Returns
+        -------
+        Sensor
+            With its mirror in place.
+        """
         return replace(self, mirror_pose=MirrorPose())
 
     @property
@@ -140,18 +168,51 @@ class Sensor:
         return float(np.degrees(self.meridian.omega_min)), float(np.degrees(self.meridian.omega_max))
 
     def image_height_px(self, rays: ChiefRays) -> Array:
-        """Image height h of chief rays, px (Eq. 7)."""
+        """Image height h of chief rays, px (Eq. 7).
+
+        Parameters
+        ----------
+        rays
+            Chief rays (n,) of the meridian.
+
+        Returns
+        -------
+        (n,) array
+            px
+        """
         return self.lens.image_height(rays.first.x, rays.first.w) / self.imager.pitch_mm
 
     def image_height_rate_px(self, rays: ChiefRays) -> Array:
-        """dh/dOmega of chief rays, px per radian (Eq. 8); infinite at a point where a mapping starts square."""
+        """dh/dOmega of chief rays, px per radian (Eq. 8); infinite at a point where a mapping starts square.
+
+        Parameters
+        ----------
+        rays
+            Chief rays (n,) of the meridian.
+
+        Returns
+        -------
+        (n,) array
+            px per radian of the field angle.
+        """
         first = rays.first
         rate = self.lens.image_height_rate(first.x, first.w, first.slope) * rays.dfirst_dx()
         with np.errstate(divide="ignore"):
             return rate / rays.domega_dx() / self.imager.pitch_mm
 
     def x_from_height_px(self, h_px: ArrayLike) -> Array:
-        """Mirror point (mm) of image heights (n,) in px; OutsideField beyond the rim's image."""
+        """Mirror point (mm) of image heights (n,) in px; OutsideField beyond the rim's image.
+
+        Parameters
+        ----------
+        h_px : (n,)
+            Image heights, px.
+
+        Returns
+        -------
+        (n,) array
+            Distances of the mirror points from the axis, mm.
+        """
         h_mm = self.lens.undistorted_height(np.asarray(h_px, dtype=float) * self.imager.pitch_mm)
         return self._x_from_ideal_mm(h_mm)
 
@@ -163,7 +224,18 @@ class Sensor:
         return self.meridian.x_from_first(h_mm / unit)
 
     def radius_from_centre_px(self, pixels: Array) -> Array:
-        """Image heights (n,) of pixels (n, 2), px; what a lens's tangential distortion adds is taken away."""
+        """Image heights (n,) of pixels (n, 2), px; what a lens's tangential distortion adds is taken away.
+
+        Parameters
+        ----------
+        pixels : (n, 2)
+            Pixels (u, v), integers at their centres.
+
+        Returns
+        -------
+        (n,) array
+            px
+        """
         image = np.stack(self.from_centre_px(pixels), axis=-1)
         if self.lens.is_symmetric:
             return np.hypot(image[..., 0], image[..., 1])
@@ -221,6 +293,16 @@ class Sensor:
         """For each part of the housing, which pixels (n, 2) it hides: their chief rays, traced in space, end at it.
 
         What no part hides, and pixels that look past the mirror, are False everywhere.
+
+        Parameters
+        ----------
+        pixels : (n, 2)
+            Pixels (u, v).
+
+        Returns
+        -------
+        dict of (n,) arrays
+            By the name of each part, True where it hides.
 
         Raises
         ------
@@ -309,6 +391,21 @@ class Sensor:
         """Rays of pixels (n, 2) px into the world: from their mirror points (mm) to the object.
 
         Pixels outside the image of the rim or outside the picture are not valid and NaN.
+
+        Parameters
+        ----------
+        pixels : (n, 2)
+            Pixels (u, v), integers at their centres.
+
+        Returns
+        -------
+        Rays
+            Origins (n, 3) in mm, unit directions (n, 3) and where they are valid (n,).
+
+        Raises
+        ------
+        InvalidParameter
+            Pixels of another shape.
         """
         pixels = vectors("pixels", pixels, 2)
         if not self.mirror_pose.is_axial:
@@ -329,7 +426,23 @@ class Sensor:
         return Rays(origins, directions, valid)
 
     def project(self, points_mm: ArrayLike) -> Projection:
-        """Pixels of points (n, 3) in mm, by the true reflection of each (no single viewpoint is assumed)."""
+        """Pixels of points (n, 3) in mm, by the true reflection of each (no single viewpoint is assumed).
+
+        Parameters
+        ----------
+        points_mm : (n, 3)
+            Points of the world, mm.
+
+        Returns
+        -------
+        Projection
+            Pixels (n, 2) and where they are valid (n,).
+
+        Raises
+        ------
+        InvalidParameter
+            Points of another shape.
+        """
         points = turned(vectors("points_mm", points_mm, 3), self._axes)
         if not self.mirror_pose.is_axial:
             return self._project_in_space(points, distant=False)
@@ -338,7 +451,23 @@ class Sensor:
         return self._image(self.meridian.x_from_point(distance, z - self.mirror_pose.displacement_mm), cos, sin)
 
     def project_directions(self, directions: ArrayLike) -> Projection:
-        """Pixels of infinitely distant points in directions (n, 3) of any length but 0."""
+        """Pixels of infinitely distant points in directions (n, 3) of any length but 0.
+
+        Parameters
+        ----------
+        directions : (n, 3)
+            World directions, of any length.
+
+        Returns
+        -------
+        Projection
+            Pixels (n, 2) and where they are valid (n,).
+
+        Raises
+        ------
+        InvalidParameter
+            Directions of another shape.
+        """
         towards = turned(vectors("directions", directions, 3), self._axes)
         if not self.mirror_pose.is_axial:
             return self._project_in_space(towards, distant=True)
@@ -379,7 +508,18 @@ class Sensor:
         return np.array([0.0, 0.0, vertex if self.lens.TELECENTRIC else -self.mirror_distance_mm])
 
     def entrance_pupil_points(self, pupil: Array) -> Ends:
-        """Where points (n, 2) of the unit disk of the aperture see from, in the camera frame."""
+        """Where points (n, 2) of the unit disk of the aperture see from, in the camera frame.
+
+        Parameters
+        ----------
+        pupil : (n, 2)
+            Points of the entrance pupil, in its radii.
+
+        Returns
+        -------
+        Ends
+            Where rays of the pupil begin, mm.
+        """
         if self.lens.TELECENTRIC:
             return Ends(self.lens.entrance_pupil_points(pupil), distant=True)
         return Ends(self.lens.entrance_pupil_points(pupil) + self.lens_offset)
@@ -388,11 +528,36 @@ class Sensor:
         """Origins and directions (n, 3) of rays from pixels (n, 2) through aperture points (n, 2) to the mirror.
 
         In the camera frame; the lens is thin and ideal but for its distortion, and its aperture the unit disk.
+
+        Parameters
+        ----------
+        pixels : (n, 2)
+            Pixels (u, v).
+        pupil : (n, 2)
+            Points of the entrance pupil, in its radii.
+
+        Returns
+        -------
+        tuple of (n, 3) arrays
+            Origins in mm and unit directions, in the camera's frame.
         """
         return self.lens_rays_of_image(np.stack(self.from_centre_px(pixels), axis=-1) * self.imager.pitch_mm, pupil)
 
     def lens_rays_of_image(self, image_mm: Array, pupil: Array) -> tuple[Array, Array]:
-        """The same for image points (n, 2) mm from the optical axis, right and down in the unflipped picture."""
+        """The same for image points (n, 2) mm from the optical axis, right and down in the unflipped picture.
+
+        Parameters
+        ----------
+        image_mm : (n, 2)
+            Points of the image, mm.
+        pupil : (n, 2)
+            Points of the entrance pupil, in its radii.
+
+        Returns
+        -------
+        tuple of (n, 3) arrays
+            Origins in mm and unit directions, in the camera's frame.
+        """
         origins, directions = self.lens.rays(image_mm, np.broadcast_to(pupil, image_mm.shape))
         origins = origins + self.lens_offset
         if self.lens.TELECENTRIC:  # from the plane in focus back to where nothing of the mirror is
@@ -407,6 +572,18 @@ class Sensor:
         Traced in space from the imager outwards: an ideal thin lens sends a pixel through every point of
         its aperture to one point of the plane in focus; on the way the mirror reflects them. The aperture
         point (0, 0) is the chief ray of :meth:`backproject`.
+
+        Parameters
+        ----------
+        pixels : (n, 2)
+            Pixels (u, v).
+        pupil : (n, 2)
+            Points of the entrance pupil, in its radii.
+
+        Returns
+        -------
+        Rays
+            Origins (n, 3) in mm, unit directions (n, 3) and where they are valid (n,).
 
         Examples
         --------
@@ -456,7 +633,18 @@ class Sensor:
         return Projection(pixels, valid)
 
     def from_centre_px(self, pixels: Array) -> tuple[Array, Array]:
-        """Offsets (n,), (n,) px of pixels (n, 2) from the optical axis, right and down in the unflipped picture."""
+        """Offsets (n,), (n,) px of pixels (n, 2) from the optical axis, right and down in the unflipped picture.
+
+        Parameters
+        ----------
+        pixels : (n, 2)
+            Pixels (u, v), integers at their centres.
+
+        Returns
+        -------
+        tuple of (n,) arrays
+            px from the picture's centre.
+        """
         u, v = self.imager.centre
         columns = pixels[..., 0]
         if self.mount.image_flipped:

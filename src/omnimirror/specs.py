@@ -41,6 +41,13 @@ T = typing.TypeVar("T")
 def bundled_sensors() -> list[str]:
     """Names of the sensors that come with the package.
 
+    Returns
+    -------
+    list of str
+        For :func:`load_sensor`.
+
+    Examples
+    --------
     >>> "paper-spherical" in bundled_sensors()
     True
     """
@@ -49,6 +56,16 @@ def bundled_sensors() -> list[str]:
 
 def load_sensor(name_or_path: str | Path) -> Sensor:
     """Read a sensor file, or a bundled sensor by its name.
+
+    Parameters
+    ----------
+    name_or_path
+        A file, or one of :func:`bundled_sensors`.
+
+    Returns
+    -------
+    Sensor
+        The sensor.
 
     Raises
     ------
@@ -79,6 +96,31 @@ def parse_sensor(text: str, source: str = "sensor file", folder: Path | None = N
 
     ``folder`` is where files named in it are looked for; without one it may name none, so that text from anywhere
     can be read.
+
+    Parameters
+    ----------
+    text
+        TOML.
+    source
+        How errors name the text.
+    folder
+        Where files named in it are looked for; without one it may name none.
+
+    Returns
+    -------
+    Sensor
+        The sensor.
+
+    Raises
+    ------
+    SpecError
+        Not TOML; an unknown, missing or wrong entry. The message gives the line and what would be valid.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> om.parse_sensor(om.sensor_template("mine")).name
+    'mine'
     """
     where = Places(text, source)
     data = parse_toml(text, source)
@@ -150,7 +192,29 @@ def tables_of(sensor: Sensor) -> dict[str, Any]:
 
 
 def save_sensor(sensor: Sensor, path: str | Path) -> None:
-    """Write the sensor's file, whole or not at all."""
+    """Write the sensor's file, whole or not at all.
+
+    Parameters
+    ----------
+    sensor
+        Such as :func:`omnimirror.load_sensor` gives.
+    path
+        Name of the file.
+
+    Raises
+    ------
+    OmnimirrorError
+        The file cannot be written.
+
+    Examples
+    --------
+    >>> import omnimirror as om, tempfile
+    >>> sensor = om.load_sensor("paper-hyperboloidal")
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     om.save_sensor(sensor, f"{folder}/mine.toml")
+    ...     om.load_sensor(f"{folder}/mine.toml") == sensor
+    True
+    """
     check_sensor(sensor)
     write_text(file_name("path", path), format_sensor(sensor))
 

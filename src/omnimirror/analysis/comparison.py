@@ -112,6 +112,11 @@ def compare(sensors: Sequence[Sensor]) -> Comparison:
     sensors
         One to six; sensors of the same name get a number behind it.
 
+    Returns
+    -------
+    Comparison
+        A row per quantity, with the best of each marked.
+
     Raises
     ------
     InvalidParameter

@@ -193,6 +193,8 @@ def evaluate(
         Distance p from the reflection point to the object.
     focus_mm
         Object distance L0 in focus; the sensor's own by default, the best by ``merit`` for ``"auto"``.
+    merit
+        What ``"auto"`` focus makes least, of the focus merits of :mod:`omnimirror.quantities`.
     mode
         ``"exact"`` blur (Eq. 28), or ``"paper"`` (Eq. 29).
     wavelength_nm
@@ -202,6 +204,11 @@ def evaluate(
         default the real one follows from lens and pitch.
     tolerance_px
         Permissible blur of the depth of field.
+
+    Returns
+    -------
+    Evaluation
+        A column (n,) per quantity of the paper, and what holds for all of them.
 
     Raises
     ------
@@ -314,7 +321,26 @@ def _columns_of_mirror(result: Evaluation, mirror: Mirror) -> dict[str, Array]:
 
 
 def field_angles(sensor: Sensor, step_deg: float = 5.0) -> Array:
-    """Every multiple of ``step_deg`` that the sensor sees, (n,) deg; and where it sees none, its two ends."""
+    """Every multiple of ``step_deg`` that the sensor sees, (n,) deg; and where it sees none, its two ends.
+
+    Parameters
+    ----------
+    sensor
+        Such as :func:`omnimirror.load_sensor` gives.
+    step_deg
+        Between two of them, deg.
+
+    Returns
+    -------
+    (n,) array
+        deg
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> om.field_angles(om.load_sensor("paper-spherical"), 45.0)
+    array([  0.,  45.,  90., 135.])
+    """
     low, high = sensor.field_deg
     angles = step_deg * np.arange(np.ceil(low / step_deg - 1e-9), np.floor(high / step_deg + 1e-9) + 1) + 0.0  # no -0
     return angles if angles.size else np.array([low, high])

@@ -78,11 +78,33 @@ class MirrorBall(CentralCamera):
         return float(np.radians(self.field_deg / 2))
 
     def omega_from_radius(self, radius_px: Array) -> Array:
-        """Field angles (n,) in radians of radii (n,) in px."""
+        """Field angles (n,) in radians of radii (n,) in px.
+
+        Parameters
+        ----------
+        radius_px : (n,)
+            Distances from the centre of the picture, px.
+
+        Returns
+        -------
+        (n,) array
+            Field angles, radians.
+        """
         return 2 * np.arcsin(np.minimum(radius_px / self._ball_radius_px, 1.0))
 
     def radius_from_omega(self, omega: Array) -> Array:
-        """Radii (n,) in px of field angles (n,) in radians."""
+        """Radii (n,) in px of field angles (n,) in radians.
+
+        Parameters
+        ----------
+        omega : (n,)
+            Field angles, radians.
+
+        Returns
+        -------
+        (n,) array
+            Distances from the centre of the picture, px.
+        """
         return self._ball_radius_px * np.sin(omega / 2)
 
     @property

@@ -88,6 +88,16 @@ class CentralCamera(ABC):
         """Rays of pixels (n, 2) px; every origin is the viewpoint, (0, 0, 0).
 
         Pixels outside the picture or the model's field are not valid and NaN.
+
+        Parameters
+        ----------
+        pixels : (n, 2)
+            Pixels (u, v), integers at their centres.
+
+        Returns
+        -------
+        Rays
+            Origins (n, 3) in mm, unit directions (n, 3) and where they are valid (n,).
         """
         pixels = np.asarray(pixels, dtype=float)
         plane = turned(pixels - self.centre_px, np.linalg.inv(self.stretch).T)
@@ -104,11 +114,33 @@ class CentralCamera(ABC):
         return Rays(origins, directions, valid)
 
     def project(self, points_mm: ArrayLike) -> Projection:
-        """Pixels of points (n, 3) in mm: those of their directions from the one viewpoint."""
+        """Pixels of points (n, 3) in mm: those of their directions from the one viewpoint.
+
+        Parameters
+        ----------
+        points_mm : (n, 3)
+            Points of the world, mm.
+
+        Returns
+        -------
+        Projection
+            Pixels (n, 2) and where they are valid (n,).
+        """
         return self.project_directions(points_mm)
 
     def project_directions(self, directions: ArrayLike) -> Projection:
-        """Pixels of directions (n, 3) of any length but 0."""
+        """Pixels of directions (n, 3) of any length but 0.
+
+        Parameters
+        ----------
+        directions : (n, 3)
+            World directions, of any length.
+
+        Returns
+        -------
+        Projection
+            Pixels (n, 2) and where they are valid (n,).
+        """
         in_camera = turned(directions, self.mount.rotation())
         distance, sideways = _length_and_unit(in_camera[..., :2])
         ahead = self._forward * in_camera[..., 2]

@@ -129,7 +129,18 @@ class OCam(CentralCamera):
         return float(min(ends))
 
     def omega_from_radius(self, radius_px: Array) -> Array:
-        """Field angles (n,) in radians of radii (n,) in px: ``tan(Omega) = rho / -f(rho)``."""
+        """Field angles (n,) in radians of radii (n,) in px: ``tan(Omega) = rho / -f(rho)``.
+
+        Parameters
+        ----------
+        radius_px : (n,)
+            Distances from the centre of the picture, px.
+
+        Returns
+        -------
+        (n,) array
+            Field angles, radians.
+        """
         return np.arctan2(radius_px, -polyval(radius_px, self.polynomial))
 
     def radius_from_omega(self, omega: Array) -> Array:
@@ -137,6 +148,16 @@ class OCam(CentralCamera):
 
         Solves ``rho cos(Omega) + f(rho) sin(Omega) = 0``, which has one root inside the field and
         increases there.
+
+        Parameters
+        ----------
+        omega : (n,)
+            Field angles, radians.
+
+        Returns
+        -------
+        (n,) array
+            Distances from the centre of the picture, px.
         """
         nodes, omegas = self._table
         cell = np.clip(np.searchsorted(omegas, omega) - 1, 0, NODES - 2)
@@ -186,12 +207,27 @@ def load_ocam(
     rim_radius_px : px, optional
         Where the field ends, measured in the picture.
 
+    Returns
+    -------
+    OCam
+        The camera.
+
     Raises
     ------
     SpecError
         The file is missing or not OCamCalib's; the message gives the line and what is expected there.
     InvalidParameter
         For an unknown ``optics`` or a rim that is no radius.
+
+    Examples
+    --------
+    >>> import tempfile, omnimirror as om
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     with open(f"{folder}/calib_results.txt", "w") as file:
+    ...         _ = file.write("3 -260.0 0.0 0.0011\\n2 100.0 50.0\\n299.2 402.7\\n1.0 0.0 0.0\\n600 800\\n")
+    ...     camera = om.load_ocam(f"{folder}/calib_results.txt")
+    >>> camera.image_size
+    (800, 600)
     """
     path = file_name("path", path)
     text = read_text(path, "OCamCalib file", SpecError, f"there is no OCamCalib file {path}")

@@ -40,6 +40,16 @@ def field_of(camera: Camera) -> FieldOfView:
     inside the picture; otherwise they come from the pixels along the rim, along the edge of the
     picture and all over it, and are good to about the distance of these.
 
+    Parameters
+    ----------
+    camera
+        A sensor, or a calibrated camera.
+
+    Returns
+    -------
+    FieldOfView
+        Elevations in deg, and the mean resolution.
+
     Raises
     ------
     OutsideField
@@ -68,7 +78,18 @@ def field_of(camera: Camera) -> FieldOfView:
 
 
 def pole_of(camera: Camera) -> Pole:
-    """The pole that the camera's axis of symmetry, or else the mean of its directions, is nearer to."""
+    """The pole that the camera's axis of symmetry, or else the mean of its directions, is nearer to.
+
+    Parameters
+    ----------
+    camera
+        A sensor, or a calibrated camera.
+
+    Returns
+    -------
+    str
+        ``"nadir"`` or ``"zenith"``.
+    """
     if camera.symmetry is not None:
         up = camera.symmetry.axis[2]
     else:

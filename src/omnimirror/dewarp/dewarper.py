@@ -153,8 +153,8 @@ class Dewarper:
             Luma of the camera's ``image_size``; colours of half of it, rounded up, (h, w) or (h, w, 2), or in three
             planes of half the width (4:2:2), or of all of it (4:4:4). Opacity as luma; outside the field it is 0,
             unless the border is a colour. uint8 or uint16, with any strides.
-        out
-            Planes of the view to be filled, such as those of a frame to be encoded; arranged as ``parts``.
+        out : planes as of the view, optional
+            Planes (h, w) of the view to be filled, such as those of a frame to be encoded; arranged as ``parts``.
         siting
             Where colour samples lie: ``"left"`` as in H.264 and MPEG-2, ``"center"`` as in JPEG and MPEG-1,
             or ``"topleft"``.
@@ -165,6 +165,11 @@ class Dewarper:
             counts from 0 either way.
         bits
             Of values in uint16: 10 for yuv420p10, 16 for P010, whose values stand in the upper bits.
+
+        Returns
+        -------
+        planes
+            Arrays (h, w) of the view, arranged as ``parts``.
 
         Raises
         ------
@@ -198,6 +203,21 @@ class Dewarper:
 
         Most are interpolated between exact ones, to within .005 px in pictures of 1000 px (.01 px at 4096);
         ``exact`` projects every pixel by itself, many times slower.
+
+        Parameters
+        ----------
+        exact
+            Project every pixel by itself.
+
+        Returns
+        -------
+        (height, width, 2) array
+            Source pixels (u, v).
+
+        Raises
+        ------
+        OutsideField
+            The view sees nothing of the camera's field.
         """
         pixels = source_pixels(self.camera, self.view, self.viewpoint, exact)
         if np.isnan(pixels[..., 0]).all():

@@ -31,6 +31,25 @@ from .screens import (
 )
 from .screens.base import NOT_MOVED, Offset
 
+__all__ = [
+    "LARGEST_MAGNIFICATION",
+    "PRESETS",
+    "VIEWS",
+    "Preset",
+    "cube",
+    "dome",
+    "ground",
+    "largest_zoom",
+    "mosaic",
+    "panorama",
+    "perspective",
+    "planet",
+    "preset",
+    "register_view",
+    "resolution",
+    "sphere",
+]
+
 PartialSize = tuple[int | None, int | None]
 
 PERSPECTIVE_SIZE = (1280, 720)
@@ -60,6 +79,32 @@ def panorama(
 
     With rows linear in height, the elevations must be given unless the field leaves out both poles.
 
+    Parameters
+    ----------
+    camera
+        A sensor, or a calibrated camera.
+    size : (width, height)
+        In px, each perhaps None: taken from the picture's resolution, or from the other side.
+    pan_deg
+        Where the middle looks, deg right of forward.
+    span_deg
+        Width, deg.
+    elevation_deg : (low, high)
+        Height, deg; the camera's field by default.
+    rows
+        ``"tilt"``: linear in elevation; ``"height"``: in height on an upright wall.
+    distance_mm
+        From the screen's centre to the screen, mm; infinite for a distant one.
+    offset_mm : (3,)
+        Where a near screen's centre stands: forward, left and up from the mirror, mm.
+
+    Returns
+    -------
+    Cylinder
+        The screen.
+
+    Examples
+    --------
     >>> import omnimirror as om
     >>> panorama(om.load_sensor("paper-spherical")).size  # .21 deg per pixel
     (1706, 640)
@@ -88,10 +133,39 @@ def sphere(
     The whole sphere, and any part that is twice as wide as high, has exactly two columns to each row, as viewers
     expect, unless both sides are given.
 
+    Parameters
+    ----------
+    camera
+        A sensor, or a calibrated camera.
+    size : (width, height)
+        In px, each perhaps None: taken from the picture's resolution, or from the other side.
+    pan_deg
+        Where the middle looks, deg right of forward.
+    span_deg
+        Width, deg.
+    elevation_deg : (low, high)
+        Height, deg; the camera's field by default.
+    distance_mm
+        From the screen's centre to the screen, mm; infinite for a distant one.
+    offset_mm : (3,)
+        Where a near screen's centre stands: forward, left and up from the mirror, mm.
+
+    Returns
+    -------
+    Sphere
+        The screen.
+
     Raises
     ------
     InvalidParameter
         For an odd width alone, which has no half.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> camera = om.load_sensor("paper-spherical")
+    >>> om.views.sphere(camera).size
+    (1708, 854)
     """
     low, high = elevation_deg
     scale = field_of(camera).pixels_per_degree
@@ -117,7 +191,36 @@ def perspective(
     distance_mm: float = np.inf,
     offset_mm: Offset = NOT_MOVED,
 ) -> Plane:
-    """A perspective view, 1280 x 720 unless said otherwise."""
+    """A perspective view, 1280 x 720 unless said otherwise.
+
+    Parameters
+    ----------
+    size : (width, height)
+        In px, each perhaps None: taken from the picture's resolution, or from the other side.
+    pan_deg
+        Where the middle looks, deg right of forward.
+    tilt_deg
+        Where the middle looks, deg above the horizon.
+    roll_deg
+        Turn clockwise, deg.
+    hfov_deg
+        Width of the field, deg.
+    distance_mm
+        From the screen's centre to the screen, mm; infinite for a distant one.
+    offset_mm : (3,)
+        Where a near screen's centre stands: forward, left and up from the mirror, mm.
+
+    Returns
+    -------
+    Plane
+        The screen.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> om.views.perspective(hfov_deg=40.0).size
+    (1280, 720)
+    """
     return Plane(_completed(size, PERSPECTIVE_SIZE), pan_deg, tilt_deg, roll_deg, hfov_deg, distance_mm, offset_mm)
 
 
@@ -131,7 +234,37 @@ def dome(
     distance_mm: float = np.inf,
     offset_mm: Offset = NOT_MOVED,
 ) -> Dome:
-    """A dome about the pole nearer to the centre of the camera's field, reaching to the end of it."""
+    """A dome about the pole nearer to the centre of the camera's field, reaching to the end of it.
+
+    Parameters
+    ----------
+    camera
+        A sensor, or a calibrated camera.
+    size : (width, height)
+        In px, each perhaps None: taken from the picture's resolution, or from the other side.
+    pan_deg
+        Where the middle looks, deg right of forward.
+    omega_deg : (first, last), optional
+        Angles from the pole in the middle and at the edge, deg; to the end of the field by default.
+    pole
+        ``"nadir"`` or ``"zenith"``; the nearer one by default.
+    distance_mm
+        From the screen's centre to the screen, mm; infinite for a distant one.
+    offset_mm : (3,)
+        Where a near screen's centre stands: forward, left and up from the mirror, mm.
+
+    Returns
+    -------
+    Dome
+        The screen.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> camera = om.load_sensor("paper-spherical")
+    >>> om.views.dome(camera).pole
+    'nadir'
+    """
     seen = field_of(camera)
     pole = pole or pole_of(camera)
     first, last = omega_deg or (0.0, _end(seen, pole))
@@ -149,7 +282,37 @@ def planet(
     distance_mm: float = np.inf,
     offset_mm: Offset = NOT_MOVED,
 ) -> LittlePlanet:
-    """A little planet about the pole nearer to the centre of the camera's field, reaching to the end of it."""
+    """A little planet about the pole nearer to the centre of the camera's field, reaching to the end of it.
+
+    Parameters
+    ----------
+    camera
+        A sensor, or a calibrated camera.
+    size : (width, height)
+        In px, each perhaps None: taken from the picture's resolution, or from the other side.
+    pan_deg
+        Where the middle looks, deg right of forward.
+    hfov_deg
+        Across the picture, deg; all of the field by default.
+    pole
+        ``"nadir"`` or ``"zenith"``; the nearer one by default.
+    distance_mm
+        From the screen's centre to the screen, mm; infinite for a distant one.
+    offset_mm : (3,)
+        Where a near screen's centre stands: forward, left and up from the mirror, mm.
+
+    Returns
+    -------
+    LittlePlanet
+        The screen.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> camera = om.load_sensor("paper-spherical")
+    >>> om.views.planet(camera).hfov_deg
+    270.0
+    """
     seen = field_of(camera)
     pole = pole or pole_of(camera)
     hfov = hfov_deg or min(2 * _end(seen, pole), WIDEST_PLANET_DEG)
@@ -166,7 +329,35 @@ def ground(
     pan_deg: float = 0.0,
     offset_mm: Offset = NOT_MOVED,
 ) -> Ground:
-    """A plan of the ground, four times as wide as the mirror is high; as fine as the picture on average shows it."""
+    """A plan of the ground, four times as wide as the mirror is high; as fine as the picture on average shows it.
+
+    Parameters
+    ----------
+    camera
+        A sensor, or a calibrated camera.
+    height_mm
+        How high the mirror stands over the ground, mm; below 0 for a ceiling.
+    size : (width, height)
+        In px, each perhaps None: taken from the picture's resolution, or from the other side.
+    mm_per_px
+        Scale of the plan; the picture's resolution by default.
+    pan_deg
+        Where the middle looks, deg right of forward.
+    offset_mm : (3,)
+        Where a near screen's centre stands: forward, left and up from the mirror, mm.
+
+    Returns
+    -------
+    Ground
+        The screen.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> camera = om.load_sensor("paper-spherical")
+    >>> om.views.ground(camera, 1200.0, mm_per_px=10.0).size
+    (480, 480)
+    """
     scale = mm_per_px or abs(height_mm) * np.radians(1) / field_of(camera).pixels_per_degree
     side = PLAN_HEIGHTS * abs(height_mm) / scale if scale > 0 else 0.0
     return Ground(_completed(size, (side, side)), height_mm, float(scale), pan_deg, offset_mm)
@@ -181,7 +372,35 @@ def cube(
     distance_mm: float = np.inf,
     offset_mm: Offset = NOT_MOVED,
 ) -> CubeMap:
-    """A cube map whose faces have the camera's mean resolution."""
+    """A cube map whose faces have the camera's mean resolution.
+
+    Parameters
+    ----------
+    camera
+        A sensor, or a calibrated camera.
+    size : (width, height)
+        In px, each perhaps None: taken from the picture's resolution, or from the other side.
+    layout
+        ``"cross"``, ``"strip"`` or ``"3x2"``.
+    pan_deg
+        Where the middle looks, deg right of forward.
+    distance_mm
+        From the screen's centre to the screen, mm; infinite for a distant one.
+    offset_mm : (3,)
+        Where a near screen's centre stands: forward, left and up from the mirror, mm.
+
+    Returns
+    -------
+    CubeMap
+        The screen.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> camera = om.load_sensor("paper-spherical")
+    >>> om.views.cube(camera).layout
+    'cross'
+    """
     face = _even(90 * field_of(camera).pixels_per_degree)
     columns, rows = CubeMap.grid(layout)
     return CubeMap(_completed(size, (columns * face, rows * face)), layout, pan_deg, distance_mm, offset_mm)
@@ -203,10 +422,41 @@ def mosaic(
     The panorama is turned by 45 deg, so that each view stands under its own quarter of it. The views
     stand at ``distance_mm``, all from the same ``offset_mm``; the panorama is a distant one.
 
+    Parameters
+    ----------
+    camera
+        A sensor, or a calibrated camera.
+    size : (width, height)
+        In px, each perhaps None: taken from the picture's resolution, or from the other side.
+    pan_deg
+        Where the middle looks, deg right of forward.
+    tilt_deg
+        Where the middle looks, deg above the horizon.
+    hfov_deg
+        Width of each of the four views, deg.
+    elevation_deg : (low, high), optional
+        Of the panorama, deg; the camera's field by default.
+    distance_mm
+        From the screen's centre to the screen, mm; infinite for a distant one.
+    offset_mm : (3,)
+        Where a near screen's centre stands: forward, left and up from the mirror, mm.
+
+    Returns
+    -------
+    Mosaic
+        The views in one picture.
+
     Raises
     ------
     InvalidParameter
         If a height is given: it follows from the width.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> camera = om.load_sensor("paper-spherical")
+    >>> om.views.mosaic(camera, (800, None)).size[0]
+    800
     """
     width, height = size
     if height is not None:
@@ -316,6 +566,26 @@ def preset(
 ) -> Plane | Cylinder:
     """One of the paper's effects, of :data:`PRESETS`; a bent screen is not tilted but moved up.
 
+    Parameters
+    ----------
+    name
+        One of :data:`PRESETS`.
+    size : (width, height)
+        In px, each perhaps None: taken from the picture's resolution, or from the other side.
+    pan_deg
+        Where the middle looks, deg right of forward.
+    tilt_deg
+        Where the middle looks, deg above the horizon.
+    distance_mm
+        From the screen's centre to the screen, mm; infinite for a distant one.
+    offset_mm : (3,)
+        Where a near screen's centre stands: forward, left and up from the mirror, mm.
+
+    Returns
+    -------
+    Plane or Cylinder
+        The screen.
+
     Raises
     ------
     InvalidParameter
@@ -351,6 +621,20 @@ def resolution(camera: Camera, view: View) -> float:
     Of several views in one picture the coarsest counts. NaN where none is seen, or has fewer than
     2 x 2 pixels.
 
+    Parameters
+    ----------
+    camera
+        A sensor, or a calibrated camera.
+    view
+        A screen of :mod:`omnimirror.screens`, or several in one picture.
+
+    Returns
+    -------
+    float
+        Source pixels per output pixel.
+
+    Examples
+    --------
     >>> import omnimirror as om
     >>> view = om.views.perspective(hfov_deg=40.0)
     >>> print(f"{om.views.resolution(om.load_sensor('paper-spherical'), view):.3f}")
@@ -365,6 +649,25 @@ def largest_zoom(camera: Camera, view: View) -> float:
 
     It ends where :data:`LARGEST_MAGNIFICATION` output pixels show one source pixel; infinite where the
     resolution is not known.
+
+    Parameters
+    ----------
+    camera
+        A sensor, or a calibrated camera.
+    view
+        A screen of :mod:`omnimirror.screens`, or several in one picture.
+
+    Returns
+    -------
+    float
+        1 or more.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> camera = om.load_sensor("paper-spherical")
+    >>> print(f"{om.views.largest_zoom(camera, om.views.perspective(hfov_deg=120.0)):.2f}")
+    2.94
     """
     within = LARGEST_MAGNIFICATION * resolution(camera, view)
     return max(1.0, within) if np.isfinite(within) else np.inf

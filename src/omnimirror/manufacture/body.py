@@ -103,11 +103,28 @@ class Body:
         return self.bore_mm > 0 and np.isinf(self.bore_depth_mm)
 
     def start_mm(self) -> float:
-        """Distance from the axis where the mirror surface begins: 0, or the edge of a bore that goes through."""
+        """Distance from the axis where the mirror surface begins: 0, or the edge of a bore that goes through.
+
+        Returns
+        -------
+        float
+            mm
+        """
         return self.bore_mm / 2 if self.bore_goes_through else 0.0
 
     def back_mm(self, mirror: Mirror) -> float:
-        """Height z of the back over the vertex, mm."""
+        """Height z of the back over the vertex, mm.
+
+        Parameters
+        ----------
+        mirror
+            Whose surface the solid carries.
+
+        Returns
+        -------
+        float
+            mm over the vertex.
+        """
         z = mirror.sag(np.linspace(0.0, mirror.rim_radius_mm, 513))
         return float(z.max()) + self.thickness_mm
 
@@ -115,6 +132,20 @@ class Body:
     def of(cls, rim: Rim | None, mirror: Mirror) -> Body:
         """The body that shows a housing's rim: its edge as a flange; ``Body()`` where nothing is said of it.
 
+        Parameters
+        ----------
+        rim
+            Of a sensor's housing.
+        mirror
+            Whose surface the solid carries.
+
+        Returns
+        -------
+        Body
+            The solid.
+
+        Examples
+        --------
         >>> from omnimirror.mirrors import Sphere
         >>> Body.of(Rim(4.0, setback_mm=3.0), Sphere(50.0, 30.0)).flange_thickness_mm
         2.0
@@ -128,18 +159,51 @@ class Body:
         return replace(body, flange_width_mm=rim.width_mm, flange_thickness_mm=flange)
 
     def rim(self, mirror: Mirror) -> Rim:
-        """What the body shows around the mirror's rim, as a part of the sensor's housing."""
+        """What the body shows around the mirror's rim, as a part of the sensor's housing.
+
+        Parameters
+        ----------
+        mirror
+            Whose surface the solid carries.
+
+        Returns
+        -------
+        Rim
+            For a sensor's housing.
+        """
         front = self.back_mm(mirror) - (self.flange_thickness_mm if self.flange_width_mm else self.thickness_mm)
         setback = max(front - float(mirror.sag(mirror.rim_radius_mm)), 0.0)
         return Rim(self.flange_width_mm, setback, self.thickness_mm)
 
     def outer_radius_mm(self, mirror: Mirror) -> float:
+        """Radius of the solid with its flange, mm.
+
+        Parameters
+        ----------
+        mirror
+            Whose surface the solid carries.
+
+        Returns
+        -------
+        float
+            mm
+        """
         return mirror.rim_radius_mm + self.flange_width_mm
 
     def outline(self, mirror: Mirror) -> Array:
         """Corners (n, 2) of the section in mm, (x, z) from the rim of the surface on to where it begins.
 
         With the meridian they close the half-section, the axis being one of its sides where nothing goes through.
+
+        Parameters
+        ----------
+        mirror
+            Whose surface the solid carries.
+
+        Returns
+        -------
+        (n, 2) array
+            (x, z) in mm.
 
         Raises
         ------
@@ -192,6 +256,13 @@ class Body:
     def words(self) -> str:
         """What the solid is, in a few words.
 
+        Returns
+        -------
+        str
+            For a drawing.
+
+        Examples
+        --------
         >>> Body(thread="M6", bore_depth_mm=12).words()
         '5 mm thick at the rim, M6 12 mm deep (drill 5 mm)'
         """

@@ -39,8 +39,17 @@ def write_comparison(comparison: Comparison, path: str | Path, scene: Scene | No
 
     Parameters
     ----------
+    comparison
+        From :func:`omnimirror.compare`.
+    path
+        Ends in .html or .png.
     scene
         What every sensor takes its picture of; the bundled room by default.
+
+    Returns
+    -------
+    Path
+        Of the file.
 
     Raises
     ------
@@ -48,6 +57,17 @@ def write_comparison(comparison: Comparison, path: str | Path, scene: Scene | No
         A file name that ends in neither, before anything is computed.
     OmnimirrorError
         A sensor cannot be used, or the file cannot be written.
+
+    Examples
+    --------
+    >>> import omnimirror as om, tempfile
+    >>> from dataclasses import replace
+    >>> names = ("paper-spherical", "paper-hyperboloidal")
+    >>> sensors = [om.load_sensor(name) for name in names]
+    >>> small = [replace(s, imager=replace(s.imager, width_px=64, height_px=64, pixel_pitch_um=83.2)) for s in sensors]
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     om.write_comparison(om.compare(small), f"{folder}/both.html").name
+    'both.html'
     """
     path = Path(path)
     kind = path.suffix.lower()

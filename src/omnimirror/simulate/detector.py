@@ -129,9 +129,15 @@ class Detector:
 
         Parameters
         ----------
-        light
+        light : (h, w, 3)
+            Linear RGB, 1 at saturation of an exposure of 1.
         seed
             Of the noise.
+
+        Returns
+        -------
+        (h, w, 3) or (h, w) array, uint8 or uint16
+            RGB, or the Bayer mosaic.
 
         Raises
         ------

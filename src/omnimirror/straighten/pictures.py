@@ -43,6 +43,13 @@ class Restoration:
         From the mirror to what is seen; infinite by default.
     blur_px
         Blur diameter or (tangential, sagittal) ones, or a CSV file of them over the field; the sensor's by default.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> restorer = om.Restoration(noise=0.01).restorer(om.load_sensor("paper-spherical"))
+    >>> restorer.camera.name
+    'paper-spherical'
     """
 
     noise: float | None = None
@@ -51,6 +58,16 @@ class Restoration:
 
     def restorer(self, camera: Camera) -> Restorer:
         """What sharpens the pictures of a camera.
+
+        Parameters
+        ----------
+        camera
+            A sensor, or a calibrated camera.
+
+        Returns
+        -------
+        Restorer
+            Called with a picture and its noise.
 
         Raises
         ------

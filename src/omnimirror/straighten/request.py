@@ -92,6 +92,12 @@ class Recording:
         A CSV or TOML file of pan, tilt, roll, field and distance over time.
     preview
         Show the view in a window, too.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> om.Recording(start_s=2.0, crf=20).encoding()
+    {'crf': 20}
     """
 
     start_s: float | None = None
@@ -105,7 +111,13 @@ class Recording:
     preview: bool = False
 
     def encoding(self) -> dict[str, Any]:
-        """How files and streams are encoded, where it was said."""
+        """How files and streams are encoded, where it was said.
+
+        Returns
+        -------
+        dict
+            Keywords of the writer.
+        """
         names = ("codec", "crf") if self.pipe_format == "rawvideo" else ("codec", "crf", "pixel_format")
         return {name: value for name in names if (value := getattr(self, name)) is not None}
 

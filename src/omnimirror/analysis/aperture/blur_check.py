@@ -53,6 +53,22 @@ def check_blur(
     The formula takes the mirror for its two curvatures in the chief ray's point. A wider aperture sees
     that they change across it: coma, then spherical aberration.
 
+    Parameters
+    ----------
+    sensor
+        Such as :func:`omnimirror.load_sensor` gives.
+    f_numbers : (k,)
+        F-numbers of the lens to try.
+    omega_deg : (n,), optional
+        Field angles, deg; over the whole field by default.
+    object_distance_mm
+        From the mirror to the object, mm.
+
+    Returns
+    -------
+    BlurCheck
+        Blur by Eq. 28 beside that of real rays, (k, n) px.
+
     Raises
     ------
     InvalidParameter, OutsideField

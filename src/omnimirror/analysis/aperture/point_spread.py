@@ -101,6 +101,8 @@ def psf(
 
     Parameters
     ----------
+    sensor
+        Such as :func:`omnimirror.load_sensor` gives.
     omega_deg, azimuth_deg, object_distance_mm
         The object.
     focus_mm
@@ -113,6 +115,11 @@ def psf(
     width_px, step_px
         Side of the square and distance of the samples; by default as large as the spot needs, and a
         sixth of the Airy disk.
+
+    Returns
+    -------
+    Psf
+        The intensity on a grid (k, k) around the chief ray, and what follows from it.
 
     Raises
     ------

@@ -66,12 +66,21 @@ def illumination(
 
     Parameters
     ----------
-    omega_deg : (k,)
-        Field angles; every 5 deg of an aligned sensor's field when nothing is given.
+    sensor
+        Such as :func:`omnimirror.load_sensor` gives.
+    omega_deg : (n,), optional
+        Field angles, deg; every 5 deg seen by default.
+    azimuth_deg : scalar or (n,)
+        Direction in the picture, deg from right towards bottom.
     reflectivity
         A number, a metal's ``n + 1j k``, or one of :data:`omnimirror.mirrors.reflectivity.METALS`.
     transmission
         T of the lens.
+
+    Returns
+    -------
+    Illumination
+        Irradiance per radiance (sr) and its share of the largest, (n,).
 
     Raises
     ------

@@ -120,8 +120,8 @@ def spots(
     ----------
     sensor
         Its mirror may be decentred and tilted.
-    omega_deg : (k,)
-        Field angles; every 15 deg of an aligned sensor's field when nothing is given.
+    omega_deg : (n,), optional
+        Field angles, deg; every 15 deg seen by default.
     focus_mm : (m,)
         Object distances L0 in focus, for spots through focus; the sensor's own by default.
     azimuth_deg : scalar or (k,)
@@ -130,6 +130,11 @@ def spots(
         From the chief ray's mirror point to the object.
     pupil
         From :mod:`omnimirror.analysis.aperture.pupil`; a hexapolar one of 12 rings by default.
+
+    Returns
+    -------
+    Spots
+        Where every ray meets the imager, (n, k, rays, 2) px, for k focus distances.
 
     Raises
     ------

@@ -108,10 +108,12 @@ def mtf(
 
     Parameters
     ----------
-    omega_deg : (k,)
-        Field angles; every 15 deg of an aligned sensor's field when nothing is given.
-    cycles_per_px : (f,)
-        Spatial frequencies at the imager; 0 to 1 by default. Half a cycle per pixel is Nyquist's.
+    sensor
+        Such as :func:`omnimirror.load_sensor` gives.
+    omega_deg : (n,), optional
+        Field angles, deg; every 15 deg seen by default.
+    cycles_per_px : (k,), optional
+        Spatial frequencies; 0 to 1 by default.
     focus_mm
         Object distance L0 in focus, the sensor's own by default.
     azimuth_deg, object_distance_mm : scalar or (k,)
@@ -122,6 +124,11 @@ def mtf(
         Wavelengths and their shares of the light, equal ones by default.
     pixel
         Whether to multiply by the MTF of the square pixel.
+
+    Returns
+    -------
+    Mtf
+        Tangential and sagittal, (n, k), with their scales.
 
     Raises
     ------

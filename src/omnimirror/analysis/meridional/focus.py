@@ -111,6 +111,8 @@ def best_focus(
 
     Parameters
     ----------
+    sensor
+        Such as :func:`omnimirror.load_sensor` gives.
     merit
         One of :data:`FOCUS_MERITS`.
     omega_deg : (n,), optional
@@ -120,6 +122,13 @@ def best_focus(
         Distance from the reflection point to the object.
     mode, image_radius_px
         ``"paper"`` and 500 to compute as the paper does.
+    wavelength_nm
+        Of the Airy disk, nm.
+
+    Returns
+    -------
+    BestFocus
+        The focus L0 in mm, and the merit there.
 
     Raises
     ------

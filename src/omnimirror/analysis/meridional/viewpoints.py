@@ -72,6 +72,8 @@ def best_viewpoint(
 
     Parameters
     ----------
+    sensor
+        Such as :func:`omnimirror.load_sensor` gives.
     object_distance_mm
         Distance from the reflection point to the object (the paper's n M), finite.
     omega_deg : (n,), optional
@@ -82,6 +84,11 @@ def best_viewpoint(
         Whether to take the error for its angle (Eq. 23) times dh/dOmega, as the paper does. Without it the error
         is the distance in the image of where the object is and where a distant one would be that lies in the same
         direction from the viewpoint; beyond the ends of the field the image goes on as steeply as it ends.
+
+    Returns
+    -------
+    SingleViewpoint
+        Its height over the mirror vertex in mm, and the worst error that assuming it makes, in px and deg.
 
     Raises
     ------

@@ -190,6 +190,17 @@ NEVER_ABOVE = {
 class Limit:
     """What a quantity may be, over the whole field or from one field angle to another.
 
+    Parameters
+    ----------
+    quantity
+        By its name in the vocabulary.
+    at_most
+        Valid up to this, in the quantity's unit.
+    at_least
+        Valid from this, in the quantity's unit.
+    omega_deg : (low, high), optional
+        The part of the field that counts, deg; all of it by default.
+
     Raises
     ------
     InvalidParameter
@@ -245,7 +256,18 @@ class Limit:
             )
 
     def contradicts(self, other: Limit) -> str | None:
-        """Why this limit and another cannot both be kept, if that is plain from their numbers."""
+        """Why this limit and another cannot both be kept, if that is plain from their numbers.
+
+        Parameters
+        ----------
+        other
+            Of the same quantity or another.
+
+        Returns
+        -------
+        str or None
+            In a sentence why both cannot be met; None if they can.
+        """
         for low, high in ((self, other), (other, self)):
             if low.at_least is None or high.at_most is None or low.at_least <= high.at_most:
                 continue
@@ -274,7 +296,18 @@ class Limit:
         return self.quantity + (f", {self.omega_deg[0]:g} to {self.omega_deg[1]:g} deg" if self.omega_deg else "")
 
     def missed(self, field: FieldValues) -> Array:
-        """By what share (..) of what is asked fields (.., k) miss it at worst; below 0 by what share they keep it."""
+        """By what share (..) of what is asked fields (.., k) miss it at worst; below 0 by what share they keep it.
+
+        Parameters
+        ----------
+        field
+            What happens at the field angles.
+
+        Returns
+        -------
+        (.., k) array
+            Shares; above 0 where it is missed.
+        """
         values = self.of.values(field)
         with np.errstate(invalid="ignore"):
             high = -np.inf if self.at_most is None else np.fmax.reduce(values, axis=-1) - self.at_most
@@ -283,7 +316,18 @@ class Limit:
         return share
 
     def excess(self, field: FieldValues) -> Array:
-        """By what share of what is asked it is missed, as rows (.., r) of which each is smooth; below 0 where kept."""
+        """By what share of what is asked it is missed, as rows (.., r) of which each is smooth; below 0 where kept.
+
+        Parameters
+        ----------
+        field
+            What happens at the field angles.
+
+        Returns
+        -------
+        (.., r) array
+            Shares; above 0 where it is missed.
+        """
         rows = []
         if self.at_most is not None:
             rows.append(self.of.above(field, self.at_most))

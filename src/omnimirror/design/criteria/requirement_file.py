@@ -41,16 +41,36 @@ def load_requirements(
 
     Parameters
     ----------
+    path
+        Name of the file.
     changes
         Entries that take the place of the file's: ``{"lens": {"f_number": 5.6}}``; None takes one away.
     limits
         Tables of more limits: ``{"quantity": "total_blur_px", "at_most": 4.0}``.
+
+    Returns
+    -------
+    Requirements
+        What the file asks for.
 
     Raises
     ------
     SpecError
         No such file; not TOML; an unknown, missing or wrong entry. The message gives the file, the line and
         what would be valid.
+
+    Examples
+    --------
+    >>> import tempfile, omnimirror as om
+    >>> wanted = om.Requirements(
+    ...     field=om.FieldRequirements(omega_max_deg=120.0),
+    ...     mirror=om.MirrorRequirements(family="sphere", rim_radius_mm=40.0),
+    ...     lens=om.LensRequirements(focal_length_mm=11.6, theta_max_deg=12.0))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     with open(f"{folder}/wanted.toml", "w") as file:
+    ...         _ = file.write(om.format_requirements(wanted))
+    ...     om.load_requirements(f"{folder}/wanted.toml").field.omega_max_deg
+    120.0
     """
     path = file_name("path", path)
     text = read_text(path, "requirement file", SpecError, f"there is no requirement file {str(path)!r}")
@@ -93,6 +113,23 @@ def parse_requirements(
 def format_requirements(requirements: Requirements) -> str:
     """The text of the requirements' file; reading it back gives equal requirements.
 
+    Parameters
+    ----------
+    requirements
+        From :func:`omnimirror.load_requirements`, or made in Python.
+
+    Returns
+    -------
+    str
+        The text of the file, TOML.
+
+    Raises
+    ------
+    InvalidParameter
+        What is given is no :class:`omnimirror.Requirements`.
+
+    Examples
+    --------
     >>> import omnimirror as om
     >>> wanted = om.Requirements(
     ...     field=om.FieldRequirements(omega_max_deg=120, object_distance_mm=(500, float("inf"))),

@@ -54,7 +54,15 @@ class Entries:
 
     @classmethod
     def read(cls, table: dict[str, Any], where: Places) -> Self:
-        """From the table of a file; ``where`` gives errors their place."""
+        """From the table of a file; ``where`` gives errors their place.
+
+        Parameters
+        ----------
+        table
+            The entries, by name.
+        where
+            Gives errors their place in the file.
+        """
         return cls(**_checked(cls, table, where))
 
 
@@ -93,6 +101,12 @@ class FieldRequirements(Entries):
     ------
     SpecError
         An entry is wrong; the message says what would be valid.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> om.FieldRequirements(omega_max_deg=120.0).omega_max_deg
+    120.0
     """
 
     TABLE: ClassVar[str] = "field"
@@ -132,6 +146,12 @@ class MirrorRequirements(Entries):
     ------
     SpecError
         An entry is wrong; the message says what would be valid.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> om.MirrorRequirements(mapping="equidistant", rim_radius_mm=40.0).mapping
+    'equidistant'
     """
 
     TABLE: ClassVar[str] = "mirror"
@@ -175,6 +195,12 @@ class LensRequirements(Entries):
     ------
     SpecError
         An entry is wrong; the message says what would be valid.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> om.LensRequirements(focal_length_mm=(8.0, 16.0), theta_max_deg=12.0).focal_length_mm
+    (8.0, 16.0)
     """
 
     TABLE: ClassVar[str] = "lens"
@@ -211,6 +237,10 @@ class Requirements:
         How the sensor stands.
     limits
         What has to be kept besides: the file's ``[[limit]]``.
+    name
+        Of the sensor.
+    notes
+        What it is for.
 
     Raises
     ------
@@ -248,7 +278,13 @@ class Requirements:
         check_consistency(self)
 
     def tables(self) -> dict[str, Any]:
-        """The tables of a requirement file that says the same, as plain data."""
+        """The tables of a requirement file that says the same, as plain data.
+
+        Returns
+        -------
+        dict
+            Tables and entries, as a file holds them.
+        """
         parts = {name: asdict(getattr(self, name)) for name in ("field", "mirror", "lens", "imager", "mount")}
         data = {"name": self.name, "notes": self.notes, **parts, "limit": [asdict(limit) for limit in self.limits]}
         plain: dict[str, Any] = _plain(data)

@@ -46,6 +46,11 @@ FORMAT = 2
 class Front:
     """Designs of which none is better than another by every merit.
 
+    Parameters
+    ----------
+    problem
+        What is designed, and what is free.
+
     Attributes
     ----------
     merits
@@ -56,6 +61,13 @@ class Front:
         Their merits.
     is_complete
         False where the evolution was stopped before its last generation.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> front = om.pareto(om.DesignProblem(terms=3), population=8, generations=2)
+    >>> front.values.shape == (len(front), 2)
+    True
     """
 
     problem: DesignProblem
@@ -77,7 +89,23 @@ class Front:
         return self._space.focus_mm(self.y)
 
     def sensor(self, i: int) -> Sensor:
-        """Design i as an ordinary sensor, at its best focus."""
+        """Design i as an ordinary sensor, at its best focus.
+
+        Parameters
+        ----------
+        i
+            Number of the design, from 0.
+
+        Returns
+        -------
+        Sensor
+            The sensor, in focus.
+
+        Raises
+        ------
+        InvalidParameter
+            There is no such design.
+        """
         if not -len(self) <= i < len(self):
             raise InvalidParameter(f"the front has no design {i}; it has {len(self)}, from 0")
         name = "-".join(m.replace("_", "-") for m in self.merits)
@@ -124,13 +152,24 @@ def pareto(
 
     Parameters
     ----------
+    problem
+        What is designed, and what is free.
+    merits
+        Names of two or more merits.
     population, generations
         Designs that live together, and how often they have offspring.
+    seed
+        Of everything drawn at random.
     resume
         A Parquet file that holds the generation and what it was made for; an interrupted run goes on from it, and
         :func:`load_front` reads it.
     on_progress
         Called with generations done and generations in all.
+
+    Returns
+    -------
+    Front
+        Designs of which none is better by all merits.
 
     Raises
     ------
@@ -273,10 +312,28 @@ def _epoch(contest: _Contest, alive: _Alive, generations: int, seed: int) -> _Al
 def load_front(path: str | Path) -> Front:
     """The front of a file that :func:`pareto` wrote.
 
+    Parameters
+    ----------
+    path
+        Name of the file.
+
+    Returns
+    -------
+    Front
+        The front as it was written.
+
     Raises
     ------
     OmnimirrorError
         pyarrow is not installed, or the file is no such file.
+
+    Examples
+    --------
+    >>> import tempfile, omnimirror as om
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     front = om.pareto(om.DesignProblem(terms=3), population=8, generations=1, resume=f"{folder}/front.parquet")
+    ...     len(om.load_front(f"{folder}/front.parquet")) == len(front)
+    True
     """
     search, alive = _read(file_name("path", path))
     merits = [merit_named(m) for m in search["merits"]]

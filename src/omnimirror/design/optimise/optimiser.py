@@ -83,16 +83,27 @@ class Optimum:
 
     Attributes
     ----------
+    problem
+        What is designed, and what is free.
+    merit
+        What was made least.
     sensor
         An ordinary sensor, focused where the merit is least.
     value
         The merit over 1201 field angles, in its unit.
-    y
+    y : (k,)
         The design as a point of the problem's :class:`~omnimirror.design.optimise.variables.DesignSpace`.
     runs
         Every start, the first being the sphere.
     is_complete
         False where the search was stopped before its last start.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> found = om.optimise(om.DesignProblem(terms=3), starts=1)
+    >>> found.merit, found.sensor.mirror.KIND
+    ('worst_floored_area_deg2', 'slope-spline')
     """
 
     problem: DesignProblem
@@ -133,12 +144,21 @@ def optimise(
 
     Parameters
     ----------
+    problem
+        What is designed, and what is free.
     merit
         One of :data:`omnimirror.design.criteria.merits.DESIGN_MERITS`.
     starts, seed
         From how many mirrors to start; the third and later ones are drawn with the seed.
     resume
         A file that keeps finished starts; a search that was stopped goes on where it was.
+    on_progress
+        Told of every step.
+
+    Returns
+    -------
+    Optimum
+        The best sensor, and how each start went.
 
     Raises
     ------

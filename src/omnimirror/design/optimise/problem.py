@@ -32,6 +32,8 @@ class DesignProblem:
         fill the imager.
     f_number
         Of a telecentric lens that on the imager's side.
+    imager
+        Pixels and their pitch.
     lens
         ``"perspective"`` or ``"orthographic"`` (telecentric, as wide as the mirror).
     omega_min_deg
@@ -45,16 +47,22 @@ class DesignProblem:
         Where the lens is focused, or between which distances; None leaves it to the optimiser.
     mode, image_radius_px, wavelength_nm
         As :func:`omnimirror.evaluate` takes them.
+    family, terms
+        Kind of mirror, and how many numbers shape it.
     limits
         What has to be kept besides. Where theta or the focal length is a range, the rim's image has to stay on the
         imager too.
-    family, terms
-        Kind of mirror, and how many numbers shape it.
 
     Raises
     ------
     InvalidParameter
         Numbers that no mirror can have, and empty ranges.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> om.DesignProblem(omega_max_deg=120.0, terms=8).free
+    []
     """
 
     omega_max_deg: Range = 135.0

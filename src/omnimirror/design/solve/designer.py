@@ -84,10 +84,17 @@ def design_sensor(
 
     Parameters
     ----------
+    requirements
+        From :func:`omnimirror.load_requirements`, or made in Python.
     on_step
         Called with a few words before each longer step.
     search
         How an optimised mirror is searched for.
+
+    Returns
+    -------
+    Design
+        The sensor, a row for each requirement, and what conflicts.
 
     Raises
     ------

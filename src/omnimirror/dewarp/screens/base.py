@@ -83,6 +83,20 @@ class PlacedScreen(NamedTuple):
 def parts_of(view: View, left: int = 0, top: int = 0) -> tuple[PlacedScreen, ...]:
     """The screens that a view is made of, at their places in it; a screen is its own only part.
 
+    Parameters
+    ----------
+    view
+        A screen of :mod:`omnimirror.screens`, or several in one picture.
+    left, top
+        Where the view itself stands, px.
+
+    Returns
+    -------
+    tuple of PlacedScreen
+        Each screen, with the pixel of the picture in which its left upper corner stands.
+
+    Examples
+    --------
     >>> from omnimirror.dewarp.screens import CubeMap
     >>> [(part.left, part.top) for part in parts_of(CubeMap((12, 8), layout="3x2"))]
     [(0, 0), (4, 0), (8, 0), (0, 4), (4, 4), (8, 4)]

@@ -120,6 +120,11 @@ def read_image(path: str | Path) -> Image:
     applied, since a calibration belongs to the stored pixels, and a mirror above a lens knows no
     upright. Nor is it written: a straightened view is drawn upright.
 
+    Parameters
+    ----------
+    path
+        Name of the file.
+
     Returns
     -------
     (h, w) or (h, w, 3) or (h, w, 4) array
@@ -129,6 +134,14 @@ def read_image(path: str | Path) -> Image:
     ------
     MediaError
         There is no such file, or it is unreadable, cut short, or no picture.
+
+    Examples
+    --------
+    >>> import numpy as np, omnimirror as om, tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     om.write_image(f"{folder}/red.png", np.full((2, 3, 3), (255, 0, 0), np.uint8))
+    ...     om.read_image(f"{folder}/red.png")[0, 0]
+    array([255,   0,   0], dtype=uint8)
     """
     path = file_name("path", path)
     return _decoded(path, _data_of(path))
@@ -186,6 +199,14 @@ def write_image(
     MediaError
         The suffix is not known, the format cannot hold such a picture or the panorama's metadata, or the
         file cannot be written.
+
+    Examples
+    --------
+    >>> import numpy as np, omnimirror as om, tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     om.write_image(f"{folder}/red.png", np.full((2, 3, 3), (255, 0, 0), np.uint8))
+    ...     om.read_image(f"{folder}/red.png")[0, 0]
+    array([255,   0,   0], dtype=uint8)
     """
     path = file_name("path", path)
     instance("image", image, np.ndarray, "an array of pixels")

@@ -122,6 +122,17 @@ def write_calibration_set(
         As :func:`view_poses` and :func:`~omnimirror.simulate.expose`; or the folder holds another set.
     MediaError
         OpenEXR is not installed, which truth needs.
+
+    Examples
+    --------
+    >>> import omnimirror as om, tempfile
+    >>> from dataclasses import replace
+    >>> sensor = om.load_sensor("paper-spherical")
+    >>> small = replace(sensor, imager=replace(sensor.imager, width_px=64, height_px=64, pixel_pitch_um=83.2))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     written = om.write_calibration_set(small, folder, views=1, samples=1, blur=False)
+    ...     [path.name for path in written]
+    ['view-000.png', 'dataset.json']
     """
     folder, hall, detector = Path(folder), hall or Hall(), detector or Detector()
     poses = view_poses(views, seed)
@@ -177,20 +188,57 @@ def write_video_set(
 
     Parameters
     ----------
+    sensor
+        Such as :func:`omnimirror.load_sensor` gives.
     scene
         Of a :class:`SceneSource`, or one of the project, ``dataset.json`` says how it is had again.
+    path
+        From :func:`omnimirror.load_path`.
     folder
         Takes ``sensor.toml``, ``video.mp4``, ``poses.csv`` (one row a frame, as :func:`load_path` reads them) and
         ``dataset.json``. Stopped by Ctrl-C, they hold the frames that are there.
+    frame_rate
+        Frames a second.
+    duration_s
+        How long, s; to the last pose by default.
+    samples
+        Rays per pixel.
+    blur
+        Whether the lens's whole aperture blurs what is out of focus.
+    radiometry
+        What the mirror reflects and the lens lets pass, and how the housing looks.
+    detector
+        The imager's electronics; without noise by default.
+    seed
+        Of everything drawn at random.
     truth
         Also write ``frame-00000.exr``, ..: light, depth, direction and origin of every pixel.
     progress
         Called with the number of frames done, and of all.
 
+    Returns
+    -------
+    int
+        Number of frames.
+
     Raises
     ------
     InvalidParameter, MediaError
         As :func:`~omnimirror.simulate.datasets.video.write_video`; or the folder holds another set.
+
+    Examples
+    --------
+    >>> import omnimirror as om, tempfile
+    >>> from dataclasses import replace
+    >>> sensor = om.load_sensor("paper-spherical")
+    >>> small = replace(sensor, imager=replace(sensor.imager, width_px=64, height_px=64, pixel_pitch_um=83.2))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     with open(f"{folder}/path.csv", "w") as file:
+    ...         _ = file.write("time_s,x_mm\\n0,0\\n0.04,100\\n")
+    ...     om.write_video_set(
+    ...         small, om.Room(texel_mm=40.0), path=om.load_path(f"{folder}/path.csv"), folder=f"{folder}/set",
+    ...         samples=1, blur=False)
+    2
     """
     folder, detector, times = Path(folder), detector or Detector(), frame_times(path, frame_rate, duration_s)
     check_video_can_be_written(folder / "video.mp4")

@@ -29,10 +29,29 @@ MOST_FRAMES = 100_000
 def load_path(path: str | Path) -> Keyframes:
     """Poses over time, a CSV or TOML file with ``time_s`` and any of ``x_mm``, ``y_mm``, ``z_mm``, ``pan_deg``, ..
 
+    Parameters
+    ----------
+    path
+        Name of the file.
+
+    Returns
+    -------
+    Keyframes
+        Poses over time.
+
     Raises
     ------
     MediaError
         No such file, or an entry that is missing, unknown or wrong.
+
+    Examples
+    --------
+    >>> import omnimirror as om, tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     with open(f"{folder}/path.csv", "w") as file:
+    ...         _ = file.write("time_s,x_mm\\n0,0\\n0.04,100\\n")
+    ...     om.load_path(f"{folder}/path.csv").at(0.02)
+    {'x_mm': 50.0}
     """
     return Keyframes.load(path, POSE_NAMES)
 
@@ -111,8 +130,35 @@ def write_video(
 
     Parameters
     ----------
+    camera
+        A sensor, or a calibrated camera.
+    scene
+        Such as :class:`omnimirror.Room`, or what :func:`omnimirror.load_scene` gives.
+    path
+        From :func:`omnimirror.load_path`.
+    output
+        The file to write.
+    frame_rate
+        Frames a second.
+    duration_s
+        How long, s; to the last pose by default.
+    samples
+        Rays per pixel.
+    blur
+        Whether the lens's whole aperture blurs what is out of focus.
+    radiometry
+        What the mirror reflects and the lens lets pass, and how the housing looks.
+    detector
+        The imager's electronics; without noise by default.
+    seed
+        Of everything drawn at random.
     written
         Called with each frame after it was written, and the number of all.
+
+    Returns
+    -------
+    int
+        Number of frames.
 
     Raises
     ------
@@ -122,6 +168,20 @@ def write_video(
         PyAV is not installed, or the file cannot be written.
     KeyboardInterrupt
         On Ctrl-C; the video then holds the frames that were done.
+
+    Examples
+    --------
+    >>> import omnimirror as om, tempfile
+    >>> from dataclasses import replace
+    >>> sensor = om.load_sensor("paper-spherical")
+    >>> small = replace(sensor, imager=replace(sensor.imager, width_px=64, height_px=64, pixel_pitch_um=83.2))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     with open(f"{folder}/path.csv", "w") as file:
+    ...         _ = file.write("time_s,x_mm\\n0,0\\n0.04,100\\n")
+    ...     om.write_video(
+    ...         small, om.Room(texel_mm=40.0), path=om.load_path(f"{folder}/path.csv"), output=f"{folder}/film.mp4",
+    ...         samples=1)
+    2
     """
     check_video_can_be_written(output)
     times, detector = frame_times(path, frame_rate, duration_s), detector or Detector()

@@ -86,6 +86,11 @@ def expose(
     workers
         Number of threads; as many as there are processors by default.
 
+    Returns
+    -------
+    (rows, columns, 3) array, float32
+        Linear RGB.
+
     Raises
     ------
     InvalidParameter
@@ -97,6 +102,16 @@ def expose(
     Light that falls outside the mirror's image is 0, and a pixel cut by the rim is dimmed by the share that is
     cut off. Without blur all rays are chief rays. A sensor's housing is in its pictures, as is what a tube or a dome
     does to what is seen through it.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> from dataclasses import replace
+    >>> sensor = om.load_sensor("paper-spherical")
+    >>> small = replace(sensor, imager=replace(sensor.imager, width_px=64, height_px=64, pixel_pitch_um=83.2))
+    >>> light = om.expose(small, om.Room(texel_mm=40.0), samples=1)
+    >>> light.shape, light.dtype
+    ((64, 64, 3), dtype('float32'))
     """
     instance("camera", camera, Camera, "a camera, such as om.load_sensor gives")
     instance("scene", scene, Scene, "a scene, such as om.Room()")

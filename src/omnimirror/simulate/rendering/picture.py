@@ -51,6 +51,34 @@ def take_picture(
     light from a tent of twice its width. Pixels that stand side by side without one turn edges and thin lines into
     combs, which a view that enlarges them shows.
 
+    Parameters
+    ----------
+    camera
+        A sensor, or a calibrated camera.
+    scene
+        Such as :class:`omnimirror.Room`, or what :func:`omnimirror.load_scene` gives.
+    samples
+        Rays per pixel.
+    blur
+        Whether the lens's whole aperture blurs what is out of focus.
+    distant
+        Take the scene for infinitely far away: no parallax.
+    radiometry
+        What the mirror reflects and the lens lets pass, and how the housing looks.
+    seed
+        Of the places of samples in a blurred picture.
+    progress
+        Called with the number of rows done, and of all.
+    workers
+        Number of threads; as many as there are processors by default.
+    low_pass
+        Whether there is an optical low-pass filter before the imager.
+
+    Returns
+    -------
+    (rows, columns, 3) array, uint8
+        sRGB in RGB order.
+
     Raises
     ------
     InvalidParameter

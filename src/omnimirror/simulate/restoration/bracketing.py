@@ -73,6 +73,11 @@ def plan_bracket(sensor: Sensor, limit_px: float = 1.0, *, object_distance_mm: f
     object_distance_mm
         From the mirror to the object.
 
+    Returns
+    -------
+    Bracket
+        Focus distances (k,) in mm, and the blur that they leave.
+
     Raises
     ------
     InvalidParameter
@@ -169,16 +174,17 @@ def merge_bracket(
     ----------
     sensor
         As whose picture the result comes out: at its focus, which sets the scale.
-    pictures
+    pictures : k arrays (h, w) or (h, w, 3)
         All of the sensor's size, and of one kind.
     focus_mm : (k,)
-        Where the pictures are focused.
+        Where the pictures are focused, mm.
     object_distance_mm
         From the mirror to what is seen.
 
     Returns
     -------
-    Picture of the same kind.
+    (h, w) or (h, w, 3) array
+        Of the same kind.
 
     Raises
     ------
@@ -189,6 +195,14 @@ def merge_bracket(
     -----
     Focusing changes the image distance, and with it the scale: every picture is resampled (bicubic) to the scale
     of the sensor's own focus. A picture's weight falls off with its blur over that of the sharpest, smoothly.
+
+    Examples
+    --------
+    >>> import numpy as np, omnimirror as om
+    >>> pictures = [np.full((1024, 1024), grey, np.uint8) for grey in (100, 100)]
+    >>> merged = om.merge_bracket(om.load_sensor("paper-spherical"), pictures, focus_mm=[212.0, 228.0])
+    >>> merged.shape, merged[512, 300]
+    ((1024, 1024), np.uint8(100))
     """
     check_sensor(sensor)
     for picture in instance("pictures", pictures, Sequence, "a list of pictures"):

@@ -64,6 +64,11 @@ def estimate_noise(picture: Picture, file: str | Path | None = None, *, where: M
     where : (h, w)
         Pixels that count: those that see the mirror.
 
+    Returns
+    -------
+    Noise
+        Its share of full scale, and what kind it is.
+
     Raises
     ------
     InvalidParameter

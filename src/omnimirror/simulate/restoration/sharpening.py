@@ -55,14 +55,24 @@ def restore(
 
     Returns
     -------
-    Picture of the same kind. Where the blur is under a quarter of a pixel, and within some pixels of the rim, it
-    is the picture given. Where the picture shows less blur than is known or told, so much is taken out of it.
+    (h, w), (h, w, 3) or (h, w, 4) array
+        Of the same kind. Where the blur is under a quarter of a pixel, and within some pixels of the rim, it is the
+        picture given. Where the picture shows less blur than is known or told, so much is taken out of it.
 
     Raises
     ------
     InvalidParameter
         If picture, camera and noise do not fit together, the picture holds values that are not finite, nothing is
         known of the blur, or a sensor's mirror is decentred or tilted.
+
+    Examples
+    --------
+    >>> import numpy as np, omnimirror as om
+    >>> from dataclasses import replace
+    >>> sensor = om.load_sensor("paper-spherical")
+    >>> small = replace(sensor, imager=replace(sensor.imager, width_px=128, height_px=128, pixel_pitch_um=41.6))
+    >>> om.restore(small, np.full((128, 128), 90, np.uint8), noise=0.01).shape
+    (128, 128)
     """
     instance("image", image, np.ndarray, "an array of pixels")
     return Restorer(camera, object_distance_mm, blur)(image, noise)

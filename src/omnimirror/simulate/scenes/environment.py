@@ -66,6 +66,20 @@ class Environment:
     def load(cls, path: str | Path, heading_deg: float = 0.0, gain: float = 1.0) -> Environment:
         """Read an equirectangular picture; whole numbers are sRGB, floats linear light, ``gain`` multiplies it.
 
+        Parameters
+        ----------
+        path
+            Name of the file.
+        heading_deg
+            Pan in which the middle of the picture is seen, deg.
+        gain
+            Factor on its light.
+
+        Returns
+        -------
+        Environment
+            What it shows.
+
         Raises
         ------
         MediaError
@@ -86,7 +100,20 @@ class Environment:
         return cls(np.ascontiguousarray(gain * _linear(image), np.float32), heading_deg)
 
     def radiance(self, origins_mm: ArrayLike, directions: ArrayLike) -> Light:
-        """Linear RGB (n, 3) in directions (n, 3) of any length but 0; the origins do not matter."""
+        """Linear RGB (n, 3) in directions (n, 3) of any length but 0; the origins do not matter.
+
+        Parameters
+        ----------
+        origins_mm : (n, 3)
+            Where rays of light begin that are followed backwards, mm.
+        directions : (n, 3)
+            Where they lead, of any length.
+
+        Returns
+        -------
+        (n, 3) array, float32
+            Linear RGB.
+        """
         x, y, z = np.moveaxis(turned(directions, self.heading().T), -1, 0)
         height, width = self.light.shape[:2]
         column = (0.5 - np.arctan2(y, x) / (2 * np.pi)) * width - 0.5
@@ -96,11 +123,30 @@ class Environment:
         return light
 
     def distance_mm(self, origins_mm: ArrayLike, directions: ArrayLike) -> Array:
-        """Infinite (n,)."""
+        """Infinite (n,).
+
+        Parameters
+        ----------
+        origins_mm : (n, 3)
+            Where rays of light begin that are followed backwards, mm.
+        directions : (n, 3)
+            Where they lead, of any length.
+
+        Returns
+        -------
+        (n,) array
+            mm; infinite where nothing is met.
+        """
         return np.full(len(np.asarray(directions)), np.inf)
 
     def heading(self) -> Array:
-        """Rotation (3, 3) of world directions into the picture's own, whose middle lies along x."""
+        """Rotation (3, 3) of world directions into the picture's own, whose middle lies along x.
+
+        Returns
+        -------
+        (3, 3) array
+            The rotation.
+        """
         c, s = np.cos(np.radians(self.heading_deg)), np.sin(np.radians(self.heading_deg))
         return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 

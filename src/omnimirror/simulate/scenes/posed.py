@@ -62,15 +62,43 @@ class Pose:
         return np.array([self.x_mm, self.y_mm, self.z_mm])
 
     def rotation(self) -> Array:
-        """Rotation (3, 3) from the sensor's world to the scene's frame."""
+        """Rotation (3, 3) from the sensor's world to the scene's frame.
+
+        Returns
+        -------
+        (3, 3) array
+            From directions of the sensor's world to those of the scene.
+        """
         return turn_of(self.pan_deg, self.tilt_deg, self.roll_deg)
 
     def to_scene(self, points_mm: Array) -> Array:
-        """Points (n, 3) of the sensor's world in the scene's frame."""
+        """Points (n, 3) of the sensor's world in the scene's frame.
+
+        Parameters
+        ----------
+        points_mm : (n, 3)
+            Points in the sensor's world, mm.
+
+        Returns
+        -------
+        (n, 3) array
+            The same in the scene, mm.
+        """
         return turned(points_mm, self.rotation().T) + self.shift_mm
 
     def to_sensor(self, points_mm: Array) -> Array:
-        """Points (n, 3) of the scene's frame in the sensor's world."""
+        """Points (n, 3) of the scene's frame in the sensor's world.
+
+        Parameters
+        ----------
+        points_mm : (n, 3)
+            Points in the scene, mm.
+
+        Returns
+        -------
+        (n, 3) array
+            The same in the sensor's world, mm.
+        """
         moved: Array = turned(np.asarray(points_mm, dtype=float) - self.shift_mm, self.rotation())
         return moved
 
@@ -78,6 +106,13 @@ class Pose:
 @dataclass(frozen=True)
 class PosedScene:
     """A scene as a sensor sees it that stands somewhere in it.
+
+    Parameters
+    ----------
+    scene
+        What is seen.
+    pose
+        Where the sensor stands in it.
 
     Examples
     --------
@@ -93,11 +128,37 @@ class PosedScene:
     pose: Pose
 
     def radiance(self, origins_mm: Array, directions: Array) -> Light:
-        """Linear RGB (n, 3) of rays of the sensor's world."""
+        """Linear RGB (n, 3) of rays of the sensor's world.
+
+        Parameters
+        ----------
+        origins_mm : (n, 3)
+            Where rays of light begin that are followed backwards, mm.
+        directions : (n, 3)
+            Where they lead, of any length.
+
+        Returns
+        -------
+        (n, 3) array, float32
+            Linear RGB.
+        """
         return self.scene.radiance(*self._in_scene(origins_mm, directions))
 
     def distance_mm(self, origins_mm: Array, directions: Array) -> Array:
-        """How far (n,) rays of the sensor's world go."""
+        """How far (n,) rays of the sensor's world go.
+
+        Parameters
+        ----------
+        origins_mm : (n, 3)
+            Where rays of light begin that are followed backwards, mm.
+        directions : (n, 3)
+            Where they lead, of any length.
+
+        Returns
+        -------
+        (n,) array
+            mm; infinite where nothing is met.
+        """
         return distances_mm(self.scene, *self._in_scene(origins_mm, directions))
 
     def _in_scene(self, origins: Array, directions: Array) -> tuple[Array, Array]:

@@ -65,6 +65,18 @@ class Room:
     def radiance(self, origins_mm: ArrayLike, directions: ArrayLike) -> Light:
         """Linear RGB (n, 3) of rays from origins (n, 3) mm in directions (n, 3) of any length but 0.
 
+        Parameters
+        ----------
+        origins_mm : (n, 3)
+            Where rays of light begin that are followed backwards, mm.
+        directions : (n, 3)
+            Where they lead, of any length.
+
+        Returns
+        -------
+        (n, 3) array, float32
+            Linear RGB.
+
         Raises
         ------
         InvalidParameter
@@ -84,6 +96,18 @@ class Room:
     def distance_mm(self, origins_mm: ArrayLike, directions: ArrayLike) -> Array:
         """How far (n,) rays go to a wall or a piece of furniture; window panes count as wall.
 
+        Parameters
+        ----------
+        origins_mm : (n, 3)
+            Where rays of light begin that are followed backwards, mm.
+        directions : (n, 3)
+            Where they lead, of any length.
+
+        Returns
+        -------
+        (n,) array
+            mm; infinite where nothing is met.
+
         Raises
         ------
         InvalidParameter
@@ -101,6 +125,16 @@ class Room:
 
     def sign_corners_mm(self, word: str) -> Array:
         """Corners (4, 3) mm of a word's ink: top left, top right, bottom right, bottom left as one reads it.
+
+        Parameters
+        ----------
+        word
+            One of :attr:`words`.
+
+        Returns
+        -------
+        (4, 3) array
+            mm.
 
         Raises
         ------

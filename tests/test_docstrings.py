@@ -1,0 +1,139 @@
+"""Every name of the front door is explained: parameters with shapes, what comes back, what is raised, an example."""
+
+from __future__ import annotations
+
+import ast
+import dataclasses
+import inspect
+import re
+import textwrap
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+import omnimirror as om
+from omnimirror import arguments
+
+SECTIONS = ("Parameters", "Attributes", "Returns", "Yields", "Raises", "Notes", "Examples", "References", "See Also")
+CHECKS = {name for name, f in vars(arguments).items() if inspect.isfunction(f) and not name.startswith("_")} - {"shown"}
+"""Functions that raise what is wrong with an argument."""
+ARRAYS = re.compile(r"\b(Array|ArrayLike|NDArray|Image|Picture|Light|Mask|Planes)\b")
+SHAPE = re.compile(r"\(([^)]*\b(n|m|k|h|w|height|width|rows|2|3)\b[^)]*|\.\., \w)\)|\bscalar\b|\bshape\b")
+
+
+def sections(doc: str) -> dict[str, str]:
+    """The text of each NumPy section, the summary under an empty name."""
+    parts = re.split(rf"(?m)^({'|'.join(SECTIONS)})\n-+\n", doc)
+    return {"": parts[0], **dict(zip(parts[1::2], parts[2::2], strict=True))}
+
+
+def entries(text: str) -> dict[str, str]:
+    """What a section says of each name: ``a, b : (n,)`` and the lines below it."""
+    found: dict[str, str] = {}
+    for block in re.split(r"(?m)^(?=\S)", text):
+        head, _, body = block.partition("\n")
+        names = head.partition(" : ")[0]
+        for name in names.split(","):
+            found[name.strip().lstrip("*")] = f"{head.partition(' : ')[2]} {body}"
+    return found
+
+
+def fields_explained(cls: type) -> dict[str, str]:
+    """Fields of a class with the string that stands below each."""
+    tree = ast.parse(textwrap.dedent(inspect.getsource(cls))).body[0]
+    assert isinstance(tree, ast.ClassDef)
+    found = {}
+    for field, below in zip(tree.body, tree.body[1:], strict=False):
+        is_text = isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant)
+        if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name) and is_text:
+            found[field.target.id] = str(below.value.value)
+    return found
+
+
+def raises(function: Any) -> bool:
+    """Whether a function raises by itself, or has an argument checked."""
+    tree = ast.parse(textwrap.dedent(inspect.getsource(function)))
+    calls = {n.func.id for n in ast.walk(tree) if isinstance(n, ast.Call) and isinstance(n.func, ast.Name)}
+    return any(isinstance(n, ast.Raise) and n.exc for n in ast.walk(tree)) or bool(calls & CHECKS)
+
+
+def lacking(thing: Any, of: type | None = None) -> Iterator[str]:
+    """What the docstring of a function, a class or a method lacks."""
+    doc = inspect.getdoc(thing)
+    if not doc:
+        yield "a docstring"
+        return
+    parts = sections(doc)
+    is_class = inspect.isclass(thing)
+    explained = entries(parts.get("Parameters", ""))
+    if is_class:
+        explained |= entries(parts.get("Attributes", "")) | fields_explained(thing)
+    for name, parameter in inspect.signature(thing).parameters.items():
+        if name in ("self", "cls") or name.startswith("_"):
+            continue
+        if name not in explained:
+            yield f"parameter {name}"
+        elif ARRAYS.search(str(parameter.annotation)) and not SHAPE.search(explained[name]):
+            yield f"shape of {name}"
+    if not is_class:
+        yield from (
+            f"no parameter {name}" for name in explained if name and name not in inspect.signature(thing).parameters
+        )
+        annotation = str(inspect.signature(thing).return_annotation)
+        if annotation not in ("None", "Self") and not {"Returns", "Yields"} & parts.keys():
+            yield "Returns"
+        if ARRAYS.search(annotation) and not SHAPE.search(parts.get("Returns", "") + parts[""]):
+            yield "shape of what is returned"
+        if raises(thing) and "Raises" not in parts:
+            yield "Raises"
+    if of is None and ">>>" not in doc:
+        yield "an example"
+
+
+def explained_names() -> dict[str, tuple[Any, type | None]]:
+    """Everything that has to be explained, methods with their class."""
+    found: dict[str, tuple[Any, type | None]] = {}
+    for name in om.__all__:
+        thing = getattr(om, name)
+        if inspect.isfunction(thing) or inspect.isclass(thing):
+            found[name] = thing, None
+        if inspect.ismodule(thing):
+            parts = {f"{name}.{own}": getattr(thing, own) for own in thing.__all__}
+            found |= {n: (p, None) for n, p in parts.items() if inspect.isfunction(p) or dataclasses.is_dataclass(p)}
+        if inspect.isclass(thing):
+            for own, method in inspect.getmembers(thing, lambda m: inspect.isfunction(m) or inspect.ismethod(m)):
+                if not own.startswith("_") and method.__module__.startswith("omnimirror"):
+                    found[f"{name}.{own}"] = getattr(method, "__func__", method), thing
+    return found
+
+
+NAMES = explained_names()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_public_name_is_explained(name):
+    assert list(lacking(*NAMES[name])) == []
+
+
+def test_what_is_not_explained_is_found():
+    def half(sensor: om.Sensor, pixels: om.dewarp.dewarper.Array) -> int:
+        """Half of it.
+
+        Parameters
+        ----------
+        pixels
+            In the picture.
+        angle
+            Long gone.
+        """
+        raise ValueError
+
+    assert list(lacking(half)) == [
+        "parameter sensor",
+        "shape of pixels",
+        "no parameter angle",
+        "Returns",
+        "Raises",
+        "an example",
+    ]
