@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -140,6 +141,23 @@ def shared_data() -> Path:
     return SHARED
 
 
+def is_long(item: pytest.Item) -> bool:
+    """Whether a test takes some seconds, as all do that drive the browser."""
+    return item.get_closest_marker("long") is not None or "browser" in getattr(item, "fixturenames", ())
+
+
+@pytest.hookimpl(trylast=True)  # after those that are not wanted have been taken out
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """What takes longest begins first, so that no process waits for another at the end."""
-    items.sort(key=lambda item: 0 if item.path.name == "test_docs.py" else 1 if "studio" in item.path.parts else 2)
+    """Each process begins with its share of the long tests, so that none is left with one at the end.
+
+    At first ``--dist worksteal`` gives each process an equal piece of the list; later, those that are done take from
+    the ends of others' pieces.
+    """
+    processes = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", 1))
+    long, short = [i for i in items if is_long(i)], [i for i in items if not is_long(i)]
+    total, items[:] = len(items), []
+    for k in range(processes):
+        piece = (total - len(items)) // (processes - k)
+        few = max(0, piece - len(long[k::processes]))
+        items += long[k::processes] + short[:few]
+        del short[:few]

@@ -106,7 +106,7 @@ def exact_finite_points(mirror: Mapped):
 @pytest.mark.parametrize("kind", sorted(EXAMPLES))
 def test_sag_and_derivatives_are_those_of_the_textbook_equation(kind):
     mirror, _ = EXAMPLES[kind]
-    mp.mp.dps = 18 if kind in ("ground-plane", "cylinder") else 30
+    mp.mp.dps = 15 if kind in ("ground-plane", "cylinder") else 30  # integrated, which takes seconds with 30
     if kind in ("ground-plane", "cylinder"):
         points = exact_finite_points(mirror)
     elif isinstance(mirror, Mapped):

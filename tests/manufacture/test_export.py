@@ -155,6 +155,7 @@ def test_wrong_options_are_one_sentence_and_leave_no_file(options, sentence, tmp
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.long
 def test_a_full_disk_is_one_sentence_and_loses_nothing(tmp_path):
     for suffix in (".step", ".dxf"):
         path = tmp_path / f"out{suffix}"

@@ -72,6 +72,7 @@ def test_the_commands_of_the_page_make_its_pictures_again(demo, tmp_path):
         np.testing.assert_array_equal(ours, again)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "told"),
     [("paraboloid-telecentric", "paraboloid, rim 50 mm across"), ("folded-spherical", "sphere, rim 87.81 mm across")],

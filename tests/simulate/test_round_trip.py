@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 import omnimirror as om
 from omnimirror.simulate.round_trip import measure_round_trip
 
 
+@pytest.mark.long
 def test_straightening_by_the_true_reflection_beats_a_single_viewpoint_by_what_eq_23_predicts():
     found = measure_round_trip(om.load_sensor("paper-spherical"), samples=1, texel_mm=10.0)
     assert np.abs(found.predicted_px).max() > 1.4

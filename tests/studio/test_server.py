@@ -325,6 +325,7 @@ def test_a_broken_video_ends_with_a_sentence(tmp_path):
 # -- the whole interface -----------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_no_request_that_schemathesis_makes_of_the_schema_breaks_the_server(tmp_path):
     program = Path(sys.executable).with_name("schemathesis")
     if not program.exists():
@@ -410,6 +411,7 @@ def number_in(jpeg: bytes) -> int:
     return round((float(np.median(corner)) - 10) / 20)
 
 
+@pytest.mark.long
 def test_twenty_real_clients_share_a_stream_and_one_that_never_reads_holds_up_none(tmp_path):
     from websockets.asyncio.client import connect
 

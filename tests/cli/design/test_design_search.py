@@ -73,6 +73,7 @@ def test_optimise_from_options_alone(tmp_path):
     assert all(r["is_met"] for r in rows)
 
 
+@pytest.mark.long
 def test_a_requirement_file_is_optimised_instead_of_its_mapping_and_says_what_conflicts(tmp_path):
     (tmp_path / "r.toml").write_text(REQUIREMENTS)
     search = ("design", "r.toml", "--optimise", "worst_floored_area_deg2", "--shape", "polynomial:5", "--starts", 1)
@@ -88,6 +89,7 @@ def test_a_requirement_file_is_optimised_instead_of_its_mapping_and_says_what_co
     assert 0 < conflict["joint_share"] < 0.5
 
 
+@pytest.mark.long
 def test_a_front_is_kept_drawn_and_picked_from(tmp_path):
     arguments = (
         "design", "--pareto", "worst_floored_area_deg2,inverse_area_ratio", "--shape", "polynomial:4",
@@ -106,6 +108,7 @@ def test_a_front_is_kept_drawn_and_picked_from(tmp_path):
     assert not (tmp_path / "other.toml").exists()
 
 
+@pytest.mark.long
 def test_a_search_that_is_stopped_keeps_what_it_has_and_goes_on(tmp_path):
     """Ctrl-C after the first start: the best so far is written, and the same command finishes the search."""
     search = ("design", "--optimise", "worst_blur_deg", "--terms", "16", "--starts", "12", "--resume", "search.json")

@@ -24,6 +24,7 @@ def small(tmp_path) -> om.Sensor:
     return sensor
 
 
+@pytest.mark.long
 def test_restoring_comes_before_straightening(small, tmp_path):
     options = ("--sensor", "small.toml", "--view", "panorama", "--size", "256x")
     assert omnimirror("dewarp", "raw.png", *options, "-o", "given.png", cwd=tmp_path).returncode == 0
@@ -37,6 +38,7 @@ def test_restoring_comes_before_straightening(small, tmp_path):
     assert (sharp != given).any()
 
 
+@pytest.mark.long
 def test_near_things_are_restored_by_the_blur_of_near_things(small, tmp_path):
     options = ("--sensor", "small.toml", "--view", "panorama", "--size", "256x", "--restore", "--noise", "0.01")
     run = omnimirror("dewarp", "raw.png", *options, "--object-distance-mm", "300", "-o", "near.png", cwd=tmp_path)
@@ -68,6 +70,7 @@ def test_what_cannot_be_restored_is_said(small, tmp_path, options, sentence):
     assert not (tmp_path / "out.png").exists()
 
 
+@pytest.mark.long
 def test_a_ball_is_restored_by_blur_that_is_told(small, tmp_path):
     """In numbers, and in files by the radius and by the field angle: all the same."""
     angles = np.array([0.0, 60.0, 120.0, 180.0])
@@ -86,6 +89,7 @@ def test_a_ball_is_restored_by_blur_that_is_told(small, tmp_path):
     np.testing.assert_array_equal(found[0], found[2])
 
 
+@pytest.mark.long
 def test_a_bracket_is_planned_taken_and_merged(small, tmp_path):
     run = omnimirror("bracket", "plan", "small.toml", "--limit-px", "3", cwd=tmp_path)
     assert run.returncode == 0, run.stderr

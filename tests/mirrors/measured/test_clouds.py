@@ -61,6 +61,7 @@ def test_the_axis_of_a_cloud_is_found(above):
     np.testing.assert_allclose(mirror.slope(AT), HYPERBOLOID.slope(AT), atol=1e-3)
 
 
+@pytest.mark.long
 def test_a_cloud_without_scatter_gives_the_mirror():
     mirror = SampledProfile(*profile_of(cloud(HYPERBOLOID, 0.0)))
     np.testing.assert_allclose(mirror.sag(AT), HYPERBOLOID.sag(AT), atol=2e-5)

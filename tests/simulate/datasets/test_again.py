@@ -82,6 +82,7 @@ def place(tmp_path_factory):
     return folder
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["calibration", "video"])
 def test_a_killed_set_goes_on_where_it_stopped(kind, tmp_path):
     """What was done before SIGKILL is not made again, and all files are those of a run that was not disturbed."""
@@ -236,6 +237,7 @@ def test_a_scene_that_changed_or_a_second_option_is_refused(place, tmp_path):
 # -- shells ------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_corners_of_a_set_in_a_tube_are_where_its_pictures_show_them(tmp_path):
     """The picture is traced through the wall, and its corners by the wall's solution: OpenCV finds one in the other."""
     import cv2

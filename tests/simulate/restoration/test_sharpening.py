@@ -85,6 +85,7 @@ def test_a_scene_full_of_texture_loses_nothing(small: Restorer):
     assert found.gain_db[1] > 0.5
 
 
+@pytest.mark.long
 def test_near_things_are_blurred_otherwise(scene: om.Environment):
     """A wall all around at 300 mm: its own blur restores more than that of distant things."""
     sensor = faster(om.load_sensor("paper-hyperboloidal"), 256, 1.0)
@@ -169,6 +170,7 @@ def test_what_lies_beyond_the_rim_changes_nothing_within(small: Restorer, scene:
     assert (restored[~beyond] != picture[~beyond]).any()
 
 
+@pytest.mark.long
 def test_a_ball_and_a_calibrated_camera_are_restored_by_the_blur_that_is_told(small: Restorer, scene: om.Environment):
     """A sensor's picture taken for theirs, the blur told by each way: as the sensor's own, up to the rim."""
     picture = om.take_picture(small.camera, scene, samples=32, blur=True)
