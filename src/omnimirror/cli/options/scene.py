@@ -4,21 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any, TypeVar
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import click
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from ...simulate import Detector, Pose, Radiometry, Scene
+from ...simulate import Detector, Pose, Radiometry
 from ...simulate.detector import BAYER, CURVES
 from ...simulate.scenes import BUNDLED
 from ...simulate.scenes.sources import SceneSource
 from .common import NUMBER, WHOLE, _numbers, angle, distance, factor
-from .declared import flag, takes
-from .housing import HousingOptions
-
-Command = TypeVar("Command", bound=Callable[..., Any])
+from .declared import Options, flag, option
 
 
 def pose(text: str) -> Pose:
@@ -47,133 +46,106 @@ def reflectivity(text: str) -> Any:
     return text.strip()
 
 
-def _note_sharp(ctx: click.Context, _: click.Parameter, is_sharp: bool) -> None:
-    ctx.meta["is_sharp"] = is_sharp
+@dataclass(frozen=True)
+class SceneOptions(Options):
+    """What is looked at."""
 
-
-def _is_blurred(ctx: click.Context, _: click.Parameter, word: str) -> bool:
-    return word == "on" and not ctx.meta["is_sharp"]
-
-
-_SCENE = (
-    click.option(
-        "--scene",
-        default="room",
-        show_default=True,
-        metavar="NAME|FILE",
+    scene: str = option(
+        default="room", metavar="NAME|FILE",
         help=f"What to look at: {', '.join(BUNDLED)}, an equirectangular picture (HDR, EXR, JPEG, ..), or a mesh "
         "(GLB, glTF, OBJ, PLY, STL).",
-    ),
-    click.option(
-        "--heading-deg", type=angle, metavar="DEG", help="Where the middle of an environment is seen.  [default: 0]"
-    ),
-    click.option("--unit-mm", type=factor, metavar="MM", help="Unit of a mesh.  [default: 1000; of an STL 1]"),
-    click.option(
-        "--up",
-        type=click.Choice(["y", "z"]),
-        help="Axis of a mesh that points up.  [default: y; of an STL z]",
-    ),
-    click.option("--background", metavar="FILE", help="Environment behind a mesh.  [default: nothing]"),
-)
-_PICTURE = (
-    click.option(
-        "--blur",
-        type=click.Choice(["on", "off"]),
-        is_flag=False,
-        flag_value="on",
-        default="on",
-        show_default=True,
-        callback=_is_blurred,
-        help="Look through the whole aperture, or sharp.",
-    ),
-    click.option(
-        "--no-blur",
-        is_flag=True,
-        is_eager=True,
-        expose_value=False,
-        callback=_note_sharp,
-        help="The same as --blur off.",
-    ),
-    click.option("--samples", "--spp", type=WHOLE, default=16, show_default=True, help="Rays per pixel."),
-    click.option("--seed", type=WHOLE, default=0, show_default=True, help="Of the rays' places and of the noise."),
-)
-_RADIOMETRY = (
-    click.option(
-        "--reflectivity",
-        type=reflectivity,
-        metavar="SHARE|METAL|N+Kj",
-        help="Of the mirror: a share, a metal by Fresnel's formulas, or three of them for red, green and blue.  "
-        "[default: 1]",
-    ),
-    click.option("--vignetting/--no-vignetting", default=None, help="The lens's natural one, cos^4.  [default: none]"),
-    click.option("--sees-past/--black-past", default=None, help="What lies beside the mirror.  [default: black]"),
-)
-_DETECTOR = (
-    click.option("--exposure", type=factor, metavar="FACTOR", help="Of the light; above 1 saturates.  [default: 1]"),
-    click.option("--full-well-e", type=distance, metavar="N", help="Electrons at saturation.  [default: no noise]"),
-    click.option("--read-noise-e", type=NUMBER, metavar="N", help="Noise of reading out, electrons.  [default: 0]"),
-    click.option(
-        "--black-level-dn",
-        type=NUMBER,
-        metavar="DN",
-        help="Added to linear values, so that dark noise is not cut off.  [default: 5 deviations of reading]",
-    ),
-    click.option(
-        "--bits", type=WHOLE, metavar="8..16", help="Depth of values; PNG and TIFF hold more than 8.  [default: 8]"
-    ),
-    click.option("--curve", type=click.Choice(CURVES), help="Of the values.  [default: srgb]"),
-    click.option("--bayer", type=click.Choice(BAYER), help="One colour per pixel, not interpolated.  [default: none]"),
-)
+    )  # fmt: skip
+    heading_deg: float | None = option(
+        type=angle, metavar="DEG", help="Where the middle of an environment is seen.  [default: 0]"
+    )
+    unit_mm: float | None = option(type=factor, metavar="MM", help="Unit of a mesh.  [default: 1000; of an STL 1]")
+    up: str | None = option(
+        type=click.Choice(["y", "z"]), help="Axis of a mesh that points up.  [default: y; of an STL z]"
+    )
+    background: str | None = option(metavar="FILE", help="Environment behind a mesh.  [default: nothing]")
+
+    def source(self) -> SceneSource:
+        """Where the scene comes from."""
+        source = SceneSource(self.scene, **self.picked("heading_deg", "unit_mm", "up", "background"))
+        if not source.is_mesh and (asked := self.picked("unit_mm", "up", "background")):
+            raise click.UsageError(f"{flag(next(iter(asked)))} belongs to a mesh, and {self.scene} is none")
+        if self.heading_deg is not None and not (source.is_environment or self.background):
+            raise click.UsageError("--heading-deg turns an environment; turn other scenes with --pose")
+        return source
+
+
 RADIOMETRY = ("reflectivity", "vignetting", "sees_past")
 DETECTOR = ("exposure", "full_well_e", "read_noise_e", "black_level_dn", "bits", "curve", "bayer")
 
 
-def scene_options(command: Command) -> Command:
-    """Options that name a scene."""
-    return _all(command, _SCENE)
+@dataclass(frozen=True)
+class TakingOptions(Options):
+    """How pictures are taken."""
+
+    blur: str = option(
+        type=click.Choice(["on", "off"]), is_flag=False, flag_value="on", default="on",
+        help="Look through the whole aperture, or sharp.",
+    )  # fmt: skip
+    no_blur: bool | None = option(is_flag=True, help="The same as --blur off.")
+    samples: int = option("--samples", "--spp", type=WHOLE, default=16, help="Rays per pixel.")
+    seed: int = option(type=WHOLE, default=0, help="Of the rays' places and of the noise.")
+    reflectivity: Any = option(
+        type=reflectivity, metavar="SHARE|METAL|N+Kj",
+        help="Of the mirror: a share, a metal by Fresnel's formulas, or three of them for red, green and blue.  "
+        "[default: 1]",
+    )  # fmt: skip
+    vignetting: bool | None = option(
+        "--vignetting/--no-vignetting", help="The lens's natural one, cos^4.  [default: none]"
+    )
+    sees_past: bool | None = option("--sees-past/--black-past", help="What lies beside the mirror.  [default: black]")
+    exposure: float | None = option(
+        type=factor, metavar="FACTOR", help="Of the light; above 1 saturates.  [default: 1]"
+    )
+    full_well_e: float | None = option(type=distance, metavar="N", help="Electrons at saturation.  [default: no noise]")
+    read_noise_e: float | None = option(type=NUMBER, metavar="N", help="Noise of reading out, electrons.  [default: 0]")
+    black_level_dn: float | None = option(
+        type=NUMBER, metavar="DN",
+        help="Added to linear values, so that dark noise is not cut off.  [default: 5 deviations of reading]",
+    )  # fmt: skip
+    bits: int | None = option(
+        type=WHOLE, metavar="8..16", help="Depth of values; PNG and TIFF hold more than 8.  [default: 8]"
+    )
+    curve: str | None = option(type=click.Choice(CURVES), help="Of the values.  [default: srgb]")
+    bayer: str | None = option(
+        type=click.Choice(BAYER), help="One colour per pixel, not interpolated.  [default: none]"
+    )
+
+    @property
+    def is_blurred(self) -> bool:
+        """Whether they are taken through the whole aperture."""
+        return self.blur == "on" and not self.no_blur
+
+    def radiometry(self) -> Radiometry | None:
+        """How much light comes; None if the options say nothing."""
+        asked = self.picked(*RADIOMETRY)
+        if not asked:
+            return None
+        if isinstance(self.reflectivity, tuple) and len(self.reflectivity) != 3:
+            raise click.UsageError("--reflectivity takes one value, or three for red, green and blue")
+        return Radiometry(**asked | {"vignetting": float(self.vignetting or 0.0)})
+
+    def detector(self) -> Detector:
+        """The imager's electronics."""
+        return Detector(**self.picked(*DETECTOR))
 
 
-def picture_options(command: Command) -> Command:
-    """Options of how pictures are taken, and of what stands around the mirror."""
-    return _all(takes(HousingOptions, "housing")(command), (*_PICTURE, *_RADIOMETRY, *_DETECTOR))
+@dataclass(frozen=True)
+class FilmOptions(Options):
+    """A video along poses."""
 
+    path: Path | None = option(type=click.Path(path_type=Path), help="Videos: poses over time, a CSV or TOML file.")
+    fps: float | None = option(type=NUMBER, help="Videos: frames a second.  [default: 25]")
+    duration_s: float | None = option(type=NUMBER, help="Videos: how long.  [default: to the last pose]")
 
-def _all(command: Command, options: tuple[Callable[[Command], Command], ...]) -> Command:
-    for option in reversed(options):
-        command = option(command)
-    return command
-
-
-def scene_of(name: str, given: dict[str, Any]) -> Scene:
-    """The scene of a name or a file."""
-    return source_of(name, given).load()
-
-
-def source_of(name: str, given: dict[str, Any]) -> SceneSource:
-    """Where the scene of a name or a file comes from, as the options say."""
-    options = ("heading_deg", "unit_mm", "up", "background")
-    source = SceneSource(name, **{option: given[option] for option in options if option in given})
-    for option in ("unit_mm", "up", "background"):
-        if option in given and not source.is_mesh:
-            raise click.UsageError(f"{flag(option)} belongs to a mesh, and {name} is none")
-    if "heading_deg" in given and not (source.is_environment or "background" in given):
-        raise click.UsageError("--heading-deg turns an environment; turn other scenes with --pose")
-    return source
-
-
-def radiometry_of(given: dict[str, Any]) -> Radiometry | None:
-    """How much light comes, as the options say; None if they say nothing."""
-    asked: dict[str, Any] = {n: given[n] for n in RADIOMETRY if n in given}
-    if not asked:
-        return None
-    if isinstance(asked.get("reflectivity"), tuple) and len(asked["reflectivity"]) != 3:
-        raise click.UsageError("--reflectivity takes one value, or three for red, green and blue")
-    return Radiometry(**asked | {"vignetting": float(asked.get("vignetting", 0.0))})
-
-
-def detector_of(given: dict[str, Any]) -> Detector:
-    """The imager's electronics, as the options say."""
-    return Detector(**{n: given[n] for n in DETECTOR if n in given})
+    @property
+    def frame_rate(self) -> float:
+        """Frames a second."""
+        return 25.0 if self.fps is None else self.fps
 
 
 @contextmanager

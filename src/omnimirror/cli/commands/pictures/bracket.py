@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import click
 import numpy as np
@@ -18,7 +17,8 @@ from ....simulate import Detector, Pose, PosedScene, expose
 from ....simulate.restoration.bracketing import Bracket, focused_at, merge_bracket, plan_bracket
 from ....specs import load_sensor
 from ...options.common import NUMBER, WHOLE, distance, values
-from ...options.scene import pose, rows_bar, scene_of, scene_options
+from ...options.declared import takes
+from ...options.scene import SceneOptions, pose, rows_bar
 from ...outputs import PICTURES, format_option, output_console, output_option, say
 
 OBJECT_DISTANCE = click.option(
@@ -91,20 +91,24 @@ def merge(
 @command.command()
 @click.argument("sensor")
 @click.option("--focus-mm", type=values, metavar="A,B,..", help="Where to focus.  [default: as planned for 1 px]")
-@scene_options
-@click.option("--pose", "placed", type=pose, metavar="X,Y,Z,..",
+@takes(SceneOptions, "scene")
+@click.option("--pose", "stands", type=pose, metavar="X,Y,Z,..",
               help="Where the mirror stands in the scene, mm, and pan, tilt, roll, deg.  [default: 0,0,0]")  # fmt: skip
 @click.option("--samples", "--spp", type=WHOLE, default=32, show_default=True, help="Rays per pixel.")
 @click.option("-o", "--output", type=click.Path(path_type=Path, file_okay=False), required=True, help="A folder.")
 def take(
-    sensor: str, focus_mm: NDArray[np.float64] | None, scene: str, samples: int, output: Path, **options: Any
+    sensor: str,
+    focus_mm: NDArray[np.float64] | None,
+    scene: SceneOptions,
+    stands: Pose | None,
+    samples: int,
+    output: Path,
 ) -> None:
     """Simulate the pictures that SENSOR takes of a scene at each focus.
 
     Example: omnimirror bracket take paper-spherical --scene street --focus-mm 212,228 -o bracket
     """
-    given = {name: value for name, value in options.items() if value is not None}
-    seen, camera = PosedScene(scene_of(scene, given), given.get("placed", Pose())), load_sensor(sensor)
+    seen, camera = PosedScene(scene.source().load(), stands or Pose()), load_sensor(sensor)
     for focus in plan_bracket(camera).focus_mm if focus_mm is None else focus_mm:
         path = output / f"{focus:.1f}mm.png"
         with rows_bar("Exposing") as progress:

@@ -14,21 +14,13 @@ from ....files import name_of
 from ....media import write_image
 from ....media.pictures.images import format_of
 from ....sensor import Sensor
-from ....simulate import Distant, Pose, PosedScene, Scene, expose
+from ....simulate import Detector, Distant, Pose, PosedScene, Scene, expose
+from ....simulate.colour import Light
 from ....specs import bundled_sensors, load_sensor
-from ...options.common import NUMBER, WHOLE
-from ...options.declared import flag
-from ...options.scene import (
-    DETECTOR,
-    detector_of,
-    picture_options,
-    pose,
-    radiometry_of,
-    rows_bar,
-    scene_of,
-    scene_options,
-    source_of,
-)
+from ...options.common import WHOLE
+from ...options.declared import flag, takes
+from ...options.housing import HousingOptions
+from ...options.scene import DETECTOR, FilmOptions, SceneOptions, TakingOptions, pose, rows_bar
 from ...outputs import PICTURES, format_option, output_console, output_option, say
 
 VIDEOS = (".mp4", ".m4v", ".mov", ".mkv", ".webm", ".ts")
@@ -53,19 +45,28 @@ def command() -> None:
 
 @command.command("picture")
 @click.argument("sensor")
-@scene_options
-@click.option("--pose", "placed", type=pose, metavar="X,Y,Z,..",
+@takes(SceneOptions, "scene")
+@click.option("--pose", "stands", type=pose, metavar="X,Y,Z,..",
               help="Where the mirror stands in the scene, mm, and pan, tilt, roll, deg.  [default: 0,0,0]")  # fmt: skip
-@click.option("--path", type=click.Path(path_type=Path), help="Videos: poses over time, a CSV or TOML file.")
-@click.option("--fps", type=NUMBER, help="Videos: frames a second.  [default: 25]")
-@click.option("--duration-s", type=NUMBER, help="Videos: how long.  [default: to the last pose]")
+@takes(FilmOptions, "film")
 @click.option("--distant", is_flag=True, help="Take the scene for infinitely far away: no parallax.")
-@picture_options
+@takes(TakingOptions, "taking")
+@takes(HousingOptions, "housing")
 @output_option("--panorama", formats=PICTURES, help="Write its panorama, too.")
 @output_option("-o", "--output", formats=PICTURES, required=True,
                help="PNG, JPEG, ..; HDR for light; EXR for light and ground truth; MP4 for --path.")  # fmt: skip
 @format_option(PICTURES)
-def picture(sensor: str, scene: str, output: Path, **options: Any) -> None:
+def picture(
+    sensor: str,
+    scene: SceneOptions,
+    stands: Pose | None,
+    film: FilmOptions,
+    distant: bool,
+    taking: TakingOptions,
+    housing: HousingOptions,
+    panorama: Path | None,
+    output: Path,
+) -> None:
     """Take the picture, or the video, that SENSOR would take of a scene.
 
     An EXR file holds linear light (R, G, B) and for the chief ray of each pixel's centre: whether it sees the scene
@@ -73,58 +74,53 @@ def picture(sensor: str, scene: str, output: Path, **options: Any) -> None:
     or dome (OX, OY, OZ, mm), its direction there (DX, DY, DZ) and the distance to what it sees (Z, mm), in the
     sensor's world frame.
     """
-    given = {name: value for name, value in options.items() if value is not None}
-    seen, camera = scene_of(scene, given), options["housing"].on(load_sensor(sensor))
-    if "path" in given:
-        _film(camera, seen, output, given)
+    seen, camera = scene.source().load(), housing.on(load_sensor(sensor))
+    if film.path is not None:
+        named = {"pose": stands, "panorama": panorama, **taking.picked("bits", "bayer"), "distant": distant or None}
+        if asked := [name for name, value in named.items() if value is not None]:
+            raise click.UsageError(f"{flag(asked[0])} belongs to pictures, not to a video along a --path")
+        _film(camera, seen, output, film, taking)
         return
-    for name in ("fps", "duration_s"):
-        if name in given:
-            raise click.UsageError(f"{flag(name)} belongs to videos; give a --path")
+    if film.given:
+        raise click.UsageError(f"{flag(next(iter(film.given)))} belongs to videos; give a --path")
     if output.suffix.lower() in VIDEOS:
         raise click.UsageError(f"{output} is a video, which needs a --path of poses")
-    _photograph(camera, seen, output, given)
+    posed = PosedScene(seen, stands or Pose())
+    light = _photograph(camera, Distant(posed) if distant else posed, output, taking)
+    if panorama is not None:
+        _write_panorama(camera, Detector().read(light), panorama)
 
 
-def _photograph(camera: Sensor, scene: Scene, output: Path, given: dict[str, Any]) -> None:
+def _photograph(camera: Sensor, scene: Scene, output: Path, taking: TakingOptions) -> Light:
+    """Take the picture, write it as its file's kind holds it, and give its light."""
     kind = format_of(output)
     is_light = "float32" in kind.depths and "uint8" not in kind.depths
-    if is_light and (asked := [name for name in DETECTOR if name in given and name != "exposure"]):
+    if is_light and (asked := [name for name in taking.picked(*DETECTOR) if name != "exposure"]):
         raise click.UsageError(
             f"{flag(asked[0])} belongs to pictures of whole numbers, and {output.suffix} holds light"
         )
-    detector = detector_of(given)
+    detector, radiometry = taking.detector(), taking.radiometry()
     if detector.bits > 8 and not is_light and "uint16" not in kind.depths:
         raise OmnimirrorError(f"{output.suffix} holds 8 bits; write .png or .tif for {detector.bits}")
     if output.suffix.lower() == ".exr":
         from ....media.pictures.exr import check_exr_can_be_written
 
         check_exr_can_be_written(output)
-    placed = PosedScene(scene, given.get("placed", Pose()))
-    seen = Distant(placed) if given["distant"] else placed
     with rows_bar("Exposing") as progress:
-        radiometry, seed = radiometry_of(given), given["seed"]
         light = expose(
-            camera,
-            seen,
-            samples=given["samples"],
-            blur=given["blur"],
-            radiometry=radiometry,
-            seed=seed,
+            camera, scene, samples=taking.samples, blur=taking.is_blurred, radiometry=radiometry, seed=taking.seed,
             progress=progress,
-        )
+        )  # fmt: skip
+    exposed = detector.exposure * light
     if output.suffix.lower() == ".exr":
         from ....simulate.datasets.calibration_set import write_truth
 
-        write_truth(output, camera, seen, detector.exposure * light, radiometry)
-    elif is_light:
-        write_image(output, detector.exposure * light)
+        write_truth(output, camera, scene, exposed, radiometry)
     else:
-        write_image(output, detector.read(light, given["seed"]))
+        write_image(output, exposed if is_light else detector.read(light, taking.seed))
     width, height = camera.image_size
-    say(f"{name_of(output)}: {width} x {height} px, {given['samples']} rays a pixel")
-    if "panorama" in given:
-        _write_panorama(camera, detector_of({}).read(detector.exposure * light), given["panorama"])
+    say(f"{name_of(output)}: {width} x {height} px, {taking.samples} rays a pixel")
+    return exposed
 
 
 def _write_panorama(camera: Sensor, picture: Any, output: Path) -> None:
@@ -136,15 +132,10 @@ def _write_panorama(camera: Sensor, picture: Any, output: Path) -> None:
     say(f"{name_of(output)}: {dewarp.view}, {straight.shape[1]} x {straight.shape[0]} px")
 
 
-def _film(camera: Sensor, scene: Scene, output: Path, given: dict[str, Any]) -> None:
-    for name in ("placed", "panorama", "bits", "bayer"):
-        if name in given:
-            shown = "pose" if name == "placed" else name
-            raise click.UsageError(f"{flag(shown)} belongs to pictures, not to a video along a --path")
-    if given["distant"]:
-        raise click.UsageError("--distant belongs to pictures, not to a video along a --path")
+def _film(camera: Sensor, scene: Scene, output: Path, film: FilmOptions, taking: TakingOptions) -> None:
     from ....simulate.datasets.video import load_path, write_video
 
+    assert film.path is not None
     done = 0
     with rows_bar("Filming") as progress:
 
@@ -155,9 +146,9 @@ def _film(camera: Sensor, scene: Scene, output: Path, given: dict[str, Any]) -> 
 
         try:
             write_video(
-                camera, scene, path=load_path(given["path"]), output=output, frame_rate=given.get("fps", 25.0),
-                duration_s=given.get("duration_s"), samples=given["samples"], blur=given["blur"],
-                radiometry=radiometry_of(given), detector=detector_of(given), seed=given["seed"], written=written,
+                camera, scene, path=load_path(film.path), output=output, frame_rate=film.frame_rate,
+                duration_s=film.duration_s, samples=taking.samples, blur=taking.is_blurred,
+                radiometry=taking.radiometry(), detector=taking.detector(), seed=taking.seed, written=written,
             )  # fmt: skip
         except KeyboardInterrupt:
             _stopped(output, done, "frames")
@@ -178,13 +169,22 @@ def _stopped(output: Path, done: int, what: str) -> None:
 @click.option("--again", type=click.Path(path_type=Path), metavar="dataset.json",
               help="Make that set again: its sensor, its options, no others.")  # fmt: skip
 @click.option("--views", type=WHOLE, help="Pictures of the hall: how many.  [default: 12]")
-@click.option("--path", type=click.Path(path_type=Path), help="Instead a video along poses, a CSV or TOML file.")
-@click.option("--fps", type=NUMBER, help="Videos: frames a second.  [default: 25]")
-@click.option("--duration-s", type=NUMBER, help="Videos: how long.  [default: to the last pose]")
+@takes(FilmOptions, "film")
 @click.option("--truth", is_flag=True, help="Also an EXR with light, depth and direction beside each picture or frame.")
-@scene_options
-@picture_options
-def dataset(sensor: str | None, output: Path, again: Path | None, scene: str, truth: bool, **options: Any) -> None:
+@takes(SceneOptions, "scene")
+@takes(TakingOptions, "taking")
+@takes(HousingOptions, "housing")
+def dataset(
+    sensor: str | None,
+    output: Path,
+    again: Path | None,
+    views: int | None,
+    film: FilmOptions,
+    truth: bool,
+    scene: SceneOptions,
+    taking: TakingOptions,
+    housing: HousingOptions,
+) -> None:
     """Write a calibration set, or with --path a video set, of what SENSOR would take.
 
     A calibration set holds pictures of the hall's checkerboards from many poses. dataset.json has for each picture its
@@ -203,8 +203,8 @@ def dataset(sensor: str | None, output: Path, again: Path | None, scene: str, tr
     elif sensor is None:
         raise click.UsageError("a set is taken with a SENSOR, or made --again from a dataset.json")
     else:
-        given = {name: value for name, value in options.items() if value is not None}
-        kind, arguments = _asked_for(options["housing"].on(load_sensor(sensor)), scene, truth, given)
+        kind, arguments = _asked_for(views, film, scene, taking)
+        arguments |= {"sensor": housing.on(load_sensor(sensor)), "truth": truth}
     writer = _write_video_set if kind == "video" else _write_calibration_set
     writer(output, arguments)
 
@@ -227,25 +227,26 @@ def _made_before(again: Path) -> tuple[str, dict[str, Any]]:
     return load_arguments(again)
 
 
-def _asked_for(camera: Sensor, scene: str, truth: bool, given: dict[str, Any]) -> tuple[str, dict[str, Any]]:
+def _asked_for(
+    views: int | None, film: FilmOptions, scene: SceneOptions, taking: TakingOptions
+) -> tuple[str, dict[str, Any]]:
     """Kind and arguments of the set that the options ask for."""
-    arguments = {name: given[name] for name in ("samples", "blur", "seed")}
-    arguments |= {"sensor": camera, "truth": truth, "radiometry": radiometry_of(given)}
-    arguments |= {"detector": detector_of(given)}
-    if "path" not in given:
+    arguments: dict[str, Any] = {
+        "samples": taking.samples, "blur": taking.is_blurred, "seed": taking.seed, "radiometry": taking.radiometry(),
+        "detector": taking.detector(),
+    }  # fmt: skip
+    if film.path is None:
         source = click.get_current_context().get_parameter_source("scene")
-        named = {*given} | ({"scene"} if source == click.core.ParameterSource.COMMANDLINE else set())
-        for name in ("scene", "fps", "duration_s", "heading_deg", "unit_mm", "up", "background"):
-            if name in named:
-                raise click.UsageError(f"{flag(name)} belongs to a video set; give a --path, or take the hall as it is")
-        return "calibration", arguments | {"views": given.get("views", 12)}
+        is_named = source == click.core.ParameterSource.COMMANDLINE
+        if asked := [name for name in (*scene.given, *film.given) if name != "scene" or is_named]:
+            raise click.UsageError(f"{flag(asked[0])} belongs to a video set; give a --path, or take the hall as it is")
+        return "calibration", arguments | {"views": 12 if views is None else views}
     from ....simulate.datasets.video import load_path
 
-    for name in ("views", "bits", "bayer"):
-        if name in given:
-            raise click.UsageError(f"{flag(name)} belongs to a calibration set, not to a video along a --path")
-    arguments |= {"scene": source_of(scene, given), "path": load_path(given["path"])}
-    return "video", arguments | {"frame_rate": given.get("fps", 25.0), "duration_s": given.get("duration_s")}
+    if asked := [*["views"] * (views is not None), *taking.picked("bits", "bayer")]:
+        raise click.UsageError(f"{flag(asked[0])} belongs to a calibration set, not to a video along a --path")
+    arguments |= {"scene": scene.source(), "path": load_path(film.path)}
+    return "video", arguments | {"frame_rate": film.frame_rate, "duration_s": film.duration_s}
 
 
 def _write_calibration_set(output: Path, arguments: dict[str, Any]) -> None:
