@@ -14,9 +14,9 @@ from omnimirror.media import write_image
 from omnimirror.studio.studio import Studio
 
 from .browser import drop, look, open_page, serving
+from .pictures import pattern
 from .test_bench_page import NOW, WITHOUT_PICTURES, enter, settled
 from .test_bench_page import drawn as plots_drawn
-from .test_view import pattern
 
 SPHERE = om.load_sensor("paper-spherical")
 

@@ -16,7 +16,7 @@ import pytest
 import omnimirror as om
 from omnimirror.specs import tables_of
 
-from .test_server import video_of
+from .pictures import video_of
 
 
 def until_it_listens(port: int) -> None:

@@ -13,7 +13,7 @@ from omnimirror.frames import Mount
 from omnimirror.media import write_image
 
 from .browser import command, coordinates, drop, look, open_page
-from .test_view import pattern, python_view
+from .pictures import pattern, python_view
 
 SIZE = (120, 90)
 LEAN = {"pitch": 6.0, "roll": -4.0}

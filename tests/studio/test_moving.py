@@ -21,7 +21,7 @@ from tests.media.live.test_live import server as streaming
 from tests.media.synthetic import make_video
 
 from .browser import command, drawn, look, open_page, serving
-from .test_server import video_of
+from .pictures import video_of
 
 BALL = "31.5,23.5,23,280"  # in the videos of 64 x 48 px
 SHADES = (20, 235)

@@ -17,7 +17,7 @@ from omnimirror.studio.studio import Studio
 from tests.commands import fails, omnimirror
 
 from .browser import command, drawn, drop, look, open_page, serving
-from .test_view import pattern, psnr, python_view
+from .pictures import pattern, psnr, python_view
 
 WEB = Path(__file__).parents[2] / "web"
 AXE = WEB / "node_modules" / "axe-core" / "axe.min.js"

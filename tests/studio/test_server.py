@@ -32,6 +32,7 @@ from omnimirror.studio.studio import Studio
 from omnimirror.studio.uploads import browser_picture
 
 from .browser import serving
+from .pictures import video_of
 
 LOCAL = "http://127.0.0.1"
 
@@ -244,18 +245,6 @@ def test_only_files_of_the_folders_given_are_shown(tmp_path):
         assert client.get("/api/picture", params={"id": "0/a.png"}).status_code == 200
         for id in ("0/link.png", "0/../secret.png", str(outside), "0/notes.txt", "..", "\0"):
             assert client.get("/api/picture", params={"id": id}).status_code == 404
-
-
-def video_of(path: Path, frames: int = 40) -> Path:
-    """A video whose frames grow lighter."""
-    with av.open(str(path), "w") as out:
-        stream = out.add_stream("mpeg4", rate=20)
-        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
-        for i in range(frames):
-            picture = np.full((48, 64, 3), 2 * i % 256, np.uint8)
-            out.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
-        out.mux(stream.encode())
-    return path
 
 
 def test_twenty_pages_share_one_stream_and_the_slow_ones_slow_nobody(tmp_path):

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import shlex
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 
-import click
 import cv2
 import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.cli.commands.pictures.dewarp import command as dewarp
 from omnimirror.frames import Mount
 from omnimirror.media import read_image, write_image
 from omnimirror.mirrors.pose import MirrorPose
@@ -20,6 +18,7 @@ from omnimirror.specs import bundled_sensors, save_sensor
 from tests.commands import omnimirror
 
 from .browser import command, coordinates, drawn, drop, look, open_page
+from .pictures import pattern, psnr, python_view
 
 SIZE = (120, 90)
 NEAR = 0.02  # px
@@ -38,34 +37,8 @@ STATES = {
 OCAM = "5 -2.6e2 0 1.1e-3 -4.0e-7 3.1e-9\n2 100 50\n299.2 402.7\n0.9991 0.0007 -0.0004\n600 800\n"
 
 
-def pattern(size: tuple[int, int]) -> np.ndarray:
-    """A smooth picture without two places alike, (h, w, 3)."""
-    width, height = size
-    v, u = np.mgrid[:height, :width]
-    waves = [128 + 90 * np.sin(u / 53) * np.cos(v / 61), 128 + 90 * np.cos(u / 83 + v / 47), 40 + 170 * u / width]
-    return np.stack(waves, axis=-1).round().astype(np.uint8)
-
-
 def decentred() -> om.Sensor:
     return replace(om.load_sensor("paper-spherical"), mirror_pose=MirrorPose(decentre_x_mm=0.8, tilt_y_deg=0.6))
-
-
-def python_view(line: str, folder: Path) -> om.Dewarper:
-    """The dewarper that a command line asks for."""
-    from omnimirror.cli.options.camera import CameraOptions
-    from omnimirror.cli.options.view import ViewOptions
-
-    words = [str(folder / w) if (folder / w).is_file() else w for w in shlex.split(line)[2:]]
-    given = dewarp.make_context("dewarp", words, parent=click.Context(click.Command("omnimirror"))).params
-    height, width = read_image(given["sources"][0]).shape[:2]
-    options = [kind(**{f.name: given[f.name] for f in fields(kind)}) for kind in (CameraOptions, ViewOptions)]
-    camera = options[0].camera((width, height))
-    return om.Dewarper(camera, options[1].of(camera), given["interpolation"])
-
-
-def psnr(a: np.ndarray, b: np.ndarray, where: np.ndarray) -> float:
-    error = np.mean((a[where].astype(float) - b[where].astype(float)) ** 2)
-    return float(10 * np.log10(255**2 / max(error, 1e-9)))
 
 
 @pytest.fixture(scope="module")

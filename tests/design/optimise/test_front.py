@@ -14,7 +14,7 @@ from omnimirror.design.optimise.front import EPOCH, load_front, merit_values, pa
 from omnimirror.design.optimise.optimiser import optimise
 from omnimirror.design.optimise.problem import DesignProblem
 from omnimirror.errors import InvalidParameter, OmnimirrorError
-from tests.design.optimise.test_optimiser import looked_at_again
+from tests.design.answers import looked_at_again
 
 PROBLEM = DesignProblem(family="even-polynomial", terms=5)
 MERITS = ("worst_floored_area_deg2", "inverse_area_ratio")

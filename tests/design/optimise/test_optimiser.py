@@ -17,32 +17,11 @@ from omnimirror.design.optimise.variables import DesignSpace
 from omnimirror.errors import InvalidParameter, OmnimirrorError
 from omnimirror.imagers import Imager
 from omnimirror.specs import format_sensor, parse_sensor
+from tests.design.answers import looked_at_again
 
 PAPER = DesignProblem(mode="paper", image_radius_px=500.0)
 SPHERE = om.load_sensor("paper-spherical")
 AREAS = ("worst_floored_area_deg2", "mean_floored_area_deg2")
-
-
-def looked_at_again(sensor: om.Sensor, angles: int = 4001, **options) -> dict[str, float]:
-    """The merits of a sensor by om.evaluate on equal steps of the field angle, which the optimiser never saw."""
-    r = om.evaluate(sensor, np.linspace(*sensor.field_deg, angles), **options)
-    sine = np.sin(np.radians(r.omega_deg))
-
-    def mean(values: np.ndarray) -> float:
-        return np.trapezoid(values, r.omega_deg)
-
-    return {
-        "worst_floored_area_deg2": r.floored_area_deg2.max(),
-        "mean_floored_area_deg2": mean(r.floored_area_deg2 * sine) / mean(sine),
-        "worst_blur_deg": max(np.abs(r.blur_t_deg).max(), np.abs(r.blur_s_deg).max()),
-        "worst_blur_rss_deg": np.hypot(r.blur_t_deg, r.blur_s_deg).max(),
-        "worst_blur_t_deg": np.abs(r.blur_t_deg).max(),
-        "worst_blur_s_deg": np.abs(r.blur_s_deg).max(),
-        "inverse_area_ratio": r.area_px2.max() / r.area_px2.min(),
-        "worst_aspect": np.exp(np.abs(np.log(r.aspect)).max()),
-        "viewpoint_spread_mm": np.ptp(r.viewpoint_z_mm),
-        "total_track_mm": sensor.lens.image_distance + sensor.mirror_distance_mm + float(sensor.mirror.sag(43.9)),
-    }
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ from omnimirror.design.solve.range_search import Search
 from omnimirror.design.solve.relaxation import with_given
 from omnimirror.errors import InvalidParameter, SpecError
 from omnimirror.specs import format_sensor, parse_sensor
+from tests.design.answers import row
 
 COMMON = """
 field.omega_max_deg = 135
@@ -24,10 +25,6 @@ rim_radius_mm = 43.9
 [lens]
 theta_max_deg = 12
 """
-
-
-def row(design, name):
-    return next(r for r in design.rows if r.name == name)
 
 
 def test_the_common_case_is_the_bundled_exact_sensor():

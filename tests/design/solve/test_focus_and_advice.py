@@ -16,6 +16,7 @@ from omnimirror.design.solve.designer import design_sensor
 from omnimirror.design.solve.range_search import Search
 from omnimirror.design.solve.relaxation import Relaxation, outwards, relaxed, with_given
 from omnimirror.errors import InvalidParameter, SpecError
+from tests.design.answers import row
 
 PANORAMA = """
 [field]
@@ -67,10 +68,6 @@ def worst_blur_px(sensor, focus_mm, omega, distances=(600.0, np.inf)):
     results = [om.evaluate(sensor, omega, object_distance_mm=d, focus_mm=focus_mm) for d in distances]
     worst = max(np.abs([r.blur_t_px, r.blur_s_px]).max() for r in results)
     return np.hypot(worst, results[0].airy_px)
-
-
-def row(design, name):
-    return next(r for r in design.rows if r.name == name)
 
 
 def test_the_focus_is_the_one_at_which_the_blur_that_is_limited_is_least():

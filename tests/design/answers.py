@@ -1,0 +1,35 @@
+"""What designs say of themselves, and what evaluation says of them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+import omnimirror as om
+from omnimirror.design.solve.designer import Design, Row
+
+
+def row(design: Design, name: str) -> Row:
+    """The line of a design's table that bears a name."""
+    return next(r for r in design.rows if r.name == name)
+
+
+def looked_at_again(sensor: om.Sensor, angles: int = 4001, **options) -> dict[str, float]:
+    """The merits of a sensor by om.evaluate on equal steps of the field angle, which the optimiser never saw."""
+    r = om.evaluate(sensor, np.linspace(*sensor.field_deg, angles), **options)
+    sine = np.sin(np.radians(r.omega_deg))
+
+    def mean(values: np.ndarray) -> float:
+        return np.trapezoid(values, r.omega_deg)
+
+    return {
+        "worst_floored_area_deg2": r.floored_area_deg2.max(),
+        "mean_floored_area_deg2": mean(r.floored_area_deg2 * sine) / mean(sine),
+        "worst_blur_deg": max(np.abs(r.blur_t_deg).max(), np.abs(r.blur_s_deg).max()),
+        "worst_blur_rss_deg": np.hypot(r.blur_t_deg, r.blur_s_deg).max(),
+        "worst_blur_t_deg": np.abs(r.blur_t_deg).max(),
+        "worst_blur_s_deg": np.abs(r.blur_s_deg).max(),
+        "inverse_area_ratio": r.area_px2.max() / r.area_px2.min(),
+        "worst_aspect": np.exp(np.abs(np.log(r.aspect)).max()),
+        "viewpoint_spread_mm": np.ptp(r.viewpoint_z_mm),
+        "total_track_mm": sensor.lens.image_distance + sensor.mirror_distance_mm + float(sensor.mirror.sag(43.9)),
+    }
