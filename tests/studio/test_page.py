@@ -92,6 +92,18 @@ def test_dragging_wheel_keys_and_the_circle_move_the_view_and_a_reload_keeps_it(
     page.context.close()
 
 
+def in_the_loupe(page, x: int, y: int) -> np.ndarray:
+    """The colour (3,) so many pixels of the screen right of and below the middle of the loupe, four times enlarged."""
+    script = """([x, y]) => {
+      const loupe = document.querySelector(".loupe");
+      if (loupe.hidden) throw new Error("there is no loupe");
+      const scale = 4 * document.querySelector("#overlay").getScreenCTM().a;
+      const at = [x, y].map((d) => Math.round(66 + d * scale / 4));
+      return [...loupe.getContext("2d").getImageData(...at, 1, 1).data.slice(0, 3)];
+    }"""
+    return np.array(page.evaluate(script, [x, y]), float)
+
+
 def test_the_circle_is_fitted_by_dragging_its_handles(browser, server, tmp_path):
     write_image(tmp_path / "other.png", pattern((500, 400)))
     page = open_page(browser, server, 1000, 900)
@@ -102,7 +114,9 @@ def test_the_circle_is_fitted_by_dragging_its_handles(browser, server, tmp_path)
     page.mouse.move(*page.evaluate(place, [249.5, 199.5]))
     page.mouse.down()
     page.mouse.move(*page.evaluate(place, [279.5, 189.5]))
+    assert np.abs(in_the_loupe(page, 12, 20) - pattern((500, 400))[193, 282]).max() < 8
     page.mouse.up()
+    assert page.locator(".loupe").is_hidden()
     u, v, radius = state(page)["rim"]
     assert (u, v) == (pytest.approx(279.5, abs=1), pytest.approx(189.5, abs=1))
     assert radius == 192
@@ -288,14 +302,22 @@ def test_the_page_keeps_its_own_policy(browser, server):
 
 def test_nothing_sticks_out_of_a_narrow_page(browser, server, room):
     page = open_page(browser, server, 360, 740)
+    header = page.locator("header")
     for mode in ("panorama", "perspective", "ground", "mosaic"):
         look(page, mode=mode)
         assert page.evaluate("document.scrollingElement.scrollWidth") == 360, mode
+        assert header.bounding_box()["height"] < 100  # two rows
         if mode == "panorama":
             drop(page, room)
             page.get_by_role("button", name="Fit the circle").click()
     look(page, sensor="ball:300")
     page.wait_for_selector("#ball-row:visible")
+    look(page, tab="design")
+    page.wait_for_selector("#bench .compare tbody td")
+    assert header.bounding_box()["height"] < 100
+    page.get_by_role("button", name="Download").click()
+    assert page.get_by_role("button", name="Drawing (PDF)").is_visible()
+    look(page, tab="look")
     ever = ":is(main, header) [hidden]:not([type=file])"
     page.evaluate("(ever) => document.querySelectorAll(ever).forEach((e) => (e.hidden = false))", ever)
     assert page.evaluate("document.scrollingElement.scrollWidth") == 360  # with all that ever shows

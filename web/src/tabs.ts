@@ -71,7 +71,7 @@ export class Tabs {
   private host(): Host {
     return {
       place: byId("bench"),
-      header: document.querySelector("header")!,
+      header: document.querySelector("header .tools")!,
       isShown: () => this.store.state.tab === "design",
       address: () => this.store.state.design,
       setAddress: (design) => this.store.set({ design }),

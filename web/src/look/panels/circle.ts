@@ -3,6 +3,7 @@ import type { Feed } from "../feeds/feed";
 import type { Camera, Circle } from "../geometry/camera";
 import type { Pixel } from "../geometry/vectors";
 import { type Part, SHAPES, targetAt, type View } from "../geometry/views";
+import { Loupe } from "./loupe";
 
 const PER_SIDE = 48;
 const HANDLE = 7; // px on the screen
@@ -14,7 +15,9 @@ export class CirclePane {
   private readonly raw = byId<HTMLCanvasElement>("raw");
   private readonly overlay = byId<SVGSVGElement>("overlay");
   private readonly place = byId("circle");
+  private readonly loupe = new Loupe(this.place);
   private camera: Camera | null = null;
+  private feed: Feed | null = null;
   private held: Handle | null = null;
   private readonly handles: Record<Handle, SVGElement> = { centre: handle("Centre of the circle"), radius: handle("Edge of the circle") };
   private readonly drawn = svg("g", {});
@@ -24,12 +27,13 @@ export class CirclePane {
     this.overlay.addEventListener("dblclick", (e) => this.lookAt(this.pixelOf(e)));
     this.overlay.addEventListener("pointerdown", (e) => this.grab(e));
     this.overlay.addEventListener("pointermove", (e) => this.move(e));
-    for (const end of ["pointerup", "pointercancel"] as const) this.overlay.addEventListener(end, () => (this.held = null));
+    for (const end of ["pointerup", "pointercancel"] as const) this.overlay.addEventListener(end, () => this.letGo());
     for (const which of ["centre", "radius"] as const) this.handles[which].addEventListener("keydown", (e) => this.key(e as KeyboardEvent, which));
     this.overlay.append(this.drawn);
   }
 
   drawPicture(feed: Feed): void {
+    this.feed = feed;
     const box = this.place.getBoundingClientRect();
     const scale = Math.min(devicePixelRatio, 2) * Math.min(box.width / feed.width, box.height / feed.height);
     const [w, h] = [feed.width, feed.height].map((side) => Math.max(1, Math.round(side * Math.min(scale, 1))));
@@ -43,6 +47,8 @@ export class CirclePane {
   }
 
   clear(): void {
+    this.feed = null;
+    this.letGo();
     this.raw.width = 0;
     this.drawn.replaceChildren();
     for (const each of Object.values(this.handles)) each.remove();
@@ -106,15 +112,27 @@ export class CirclePane {
     const away = Math.hypot(u - cu, v - cv);
     if (Math.abs(away - radius) < near) this.held = "radius";
     else if (away < near) this.held = "centre";
-    if (this.held) this.overlay.setPointerCapture(e.pointerId);
+    if (!this.held) return;
+    this.overlay.setPointerCapture(e.pointerId);
+    this.enlarge([u, v], this.camera.circle);
   }
 
   private move(e: PointerEvent): void {
     if (!this.held || !this.camera) return;
     const [u, v] = this.pixelOf(e);
     const { u: cu, v: cv, radius } = this.camera.circle;
-    if (this.held === "centre") this.fitted({ u, v, radius });
-    else this.fitted({ u: cu, v: cv, radius: Math.max(4, Math.hypot(u - cu, v - cv)) });
+    const circle = this.held === "centre" ? { u, v, radius } : { u: cu, v: cv, radius: Math.max(4, Math.hypot(u - cu, v - cv)) };
+    this.fitted(circle);
+    this.enlarge([u, v], circle);
+  }
+
+  private enlarge(at: Pixel, circle: Circle): void {
+    if (this.feed) this.loupe.show(this.feed, at, circle, this.unit);
+  }
+
+  private letGo(): void {
+    this.held = null;
+    this.loupe.hide();
   }
 }
 

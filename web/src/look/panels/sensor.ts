@@ -4,7 +4,7 @@ import type { SensorEntry } from "../../shared/messages";
 import { banner, busy, fail, say } from "../../shared/notices";
 import { INITIAL, type Looks, type State } from "../../shared/state";
 import type { Store } from "../../shared/store";
-import { keep, type Kept, kept } from "../feeds/kept";
+import { keep, kept, type Kept } from "../feeds/kept";
 import { Camera } from "../geometry/camera";
 import type { Lean } from "../geometry/lean";
 
