@@ -20,7 +20,7 @@ case $(uname -m) in
   aarch64 | arm64) flags="$flags -DOMNIMIRROR_NEON" kernels="$kernels native/src/sampling/kernels_neon.cpp" ;;
 esac
 # shellcheck disable=SC2086
-"$compiler" $flags native/test/agreement.cpp -I native/src native/src/{pool,sampling/{axial,sample,packed,squares}}.cpp $kernels -o "$build/agreement" -pthread
+"$compiler" $flags native/test/agreement.cpp -I native/src native/src/{pool,sampling/{axial,sample,packed,sides}}.cpp $kernels -o "$build/agreement" -pthread
 "$build/agreement" 2000
 
 cmake=$("$python" -c 'import shutil, sys, os; print(shutil.which("cmake", path=os.path.dirname(sys.executable)) or "cmake")')

@@ -6,11 +6,12 @@ import logging
 import os
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import pytest
 
 from omnimirror.errors import InvalidParameter
-from omnimirror.native import Backend, backend
+from omnimirror.native import INTERFACE, Backend, backend
 
 NAME = "from omnimirror.native import backend; print(backend.name)"
 
@@ -48,6 +49,14 @@ def test_what_is_missing_is_said_once(monkeypatch, caplog):
     assert "OpenCV, several times slower" in caplog.text
     with pytest.raises(RuntimeError, match=r"ask backend\.is_compiled first"):
         _ = missing.kernels
+
+
+def test_kernels_of_another_version_are_left_alone(monkeypatch, caplog):
+    monkeypatch.setitem(sys.modules, "omnimirror._native", SimpleNamespace(INTERFACE=INTERFACE - 1))
+    monkeypatch.delenv("OMNIMIRROR_NATIVE", raising=False)
+    with caplog.at_level(logging.WARNING, "omnimirror"):
+        assert not Backend().is_compiled
+    assert "another version" in caplog.text
 
 
 def test_the_number_of_threads_is_checked():

@@ -19,6 +19,7 @@ from .errors import InvalidParameter
 from .numerics.lazy import cached_property
 
 MOST_THREADS = 1024
+INTERFACE = 2  # of the kernels below; counted on with native/src/module.cpp whenever a name or an argument changes
 Array = NDArray[Any]
 Colour = float | Sequence[float]
 
@@ -39,7 +40,7 @@ class Backend:
     def module(self) -> Kernels | None:
         """The compiled module; None where it was not built or is not wanted. Looked for once, at first use.
 
-        Where it was not built, the log says so: pictures come out the same, several times slower.
+        Where it was not built, or of another version, the log says so: results are the same, several times slower.
         """
         wanted = os.environ.get("OMNIMIRROR_NATIVE", "")
         if wanted == "0":
@@ -53,6 +54,12 @@ class Backend:
                 "to have them, install omnimirror where a C++20 compiler works"
             )
             log.info("%s", e)
+            return None
+        if getattr(module, "INTERFACE", None) != INTERFACE:
+            logging.getLogger("omnimirror").warning(
+                "the compiled kernels are those of another version and are left alone: everything is several times "
+                "slower; install omnimirror again to have them"
+            )
             return None
         if wanted:
             try:
@@ -137,18 +144,20 @@ class Kernels(Protocol):
         self, src: Array, radii: Array, cosines: Array, sines: Array, x: float, y: float,
         dst: Array, interpolation: int, border: Colour, averages: object = None,
     ) -> None: ...  # fmt: skip
-    def remap_grid(
+    def remap_lattice(
         self, src: Array, x: Array, y: Array, weights: Array, row_weights: Array, cells: Array, patches: Array,
         dst: Array, interpolation: int, border: Colour, averages: object = None,
     ) -> None: ...  # fmt: skip
-    def squares_of_nodes(self, x: Array, y: Array, step: int, cells: Array, patches: Array, out: Array) -> None: ...
+    def squared_sides_of_nodes(
+        self, x: Array, y: Array, step: int, cells: Array, patches: Array, out: Array
+    ) -> None: ...
 
     # -- designs by the thousand: batch --------------------------------------------------------------
 
     def evaluate_designs(
         self, coefficients: Array, numbers: Array, basis: Array, fractions: Array, has_conic: bool, paper: bool,
         pitch: float, image_radius: float, wavelength: float, inverse_distance: Array, least_omega: float,
-        columns: Array, results: Array,
+        search: tuple[int, float, float, int, float, int], columns: Array, results: Array,
     ) -> None: ...  # fmt: skip
 
     # -- exposing and sharpening pictures: simulate --------------------------------------------------

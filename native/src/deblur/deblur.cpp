@@ -49,6 +49,7 @@ void for_runs(const BlurKernels& k, int64_t i, F f) {
     }
 }
 
+// b_i = sum_j A_ij f_j of one pixel i: f the fine values, A its kernel.
 template <int C>
 void blur_pixel(const BlurKernels& k, int64_t i, const float* fine, float* blurred) {
     float sums[4 * C] = {};  // of every fourth value, so that none waits for the last
@@ -64,6 +65,7 @@ void blur_pixel(const BlurKernels& k, int64_t i, const float* fine, float* blurr
     for (int c = 0; c < C; ++c) blurred[C * i + c] = (sums[c] + sums[C + c]) + (sums[2 * C + c] + sums[3 * C + c]);
 }
 
+// f_j += A_ij b_i of one pixel i, the transpose.
 template <int C>
 void spread_pixel(const BlurKernels& k, int64_t i, const float* blurred, float* fine) {
     float value[C];

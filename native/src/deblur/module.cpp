@@ -1,26 +1,13 @@
-// The part of omnimirror._native that omnimirror.simulate.restoration.operators calls. Arrays are checked here once more.
-#include "module.hpp"
-
-#include <nanobind/ndarray.h>
+// The part of omnimirror._native that omnimirror.simulate.restoration.operators calls.
 
 #include <algorithm>
 #include <memory>
 
+#include "bindings.hpp"
 #include "deblur.hpp"
-
-namespace nb = nanobind;
-using namespace nb::literals;
 
 namespace omnimirror {
 namespace {
-
-using Floats = nb::ndarray<const float, nb::c_contig, nb::device::cpu>;
-using FloatsOut = nb::ndarray<float, nb::c_contig, nb::device::cpu>;
-using Ints = nb::ndarray<const int32_t, nb::c_contig, nb::device::cpu>;
-
-void require(bool condition, const char* message) {
-    if (!condition) throw nb::value_error(message);
-}
 
 // Kernels of (values) offsets and weights each, sorted by rows and columns, as runs of adjoining values.
 void add_runs(BlurKernels& k, const Ints& firsts, const Ints& offsets, const Floats& weights) {

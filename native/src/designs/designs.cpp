@@ -13,9 +13,6 @@ namespace {
 constexpr double DEGREE = 3.14159265358979323846 / 180;
 constexpr int BLOCK = 16;  // designs per piece of work
 
-constexpr int SCAN = 17, MOST_STEPS = 60, HALVING = 4;
-constexpr double MARGIN = 0.05, CLOSE = 1e-12, EDGE = 1e-3;
-
 // The arrays of one design, (angles) each.
 struct Scratch {
     explicit Scratch(int angles) : store(size_t(ARRAYS) * angles) {
@@ -28,6 +25,10 @@ struct Scratch {
     double *z, *slope, *curvature, *ray, *magnification_t, *magnification_s, *vergence_t, *vergence_s, *density, *squares;
 };
 
+// Over the vergence v in focus, the square of the floored area of a mirror point is
+//   A^2 = D(v) ((v - v_t)^2 + r(v)) ((v - v_s)^2 + r(v)) / (M_t M_s)^2,
+// v_t, v_s the vergences of its images, M_t, M_s its angular magnifications; with b = 1/f - v
+//   r = scale (b^2 + airy^2), over b^2 in the paper's mode, and D = delta b^(4 power).
 // The camera as a function of the vergence v that it is focused at: batch/best_focus.py, AreaModel.
 struct AreaModel {
     double inverse_f, airy2, scale, delta;
@@ -53,6 +54,7 @@ struct Worst {
     int angle;
 };
 
+// A^2 over D at all angles, to squares; the largest is returned.
 double fill_squares(double v, double r, int n, const Scratch& s) {
     const double *vergence_t = s.vergence_t, *vergence_s = s.vergence_s, *density = s.density;
     double* squares = s.squares;
@@ -68,6 +70,7 @@ double fill_squares(double v, double r, int n, const Scratch& s) {
     return std::max(std::max(most[0], most[1]), std::max(most[2], most[3]));
 }
 
+// The largest A^2, its derivative by v, and at which angle it is.
 Worst worst_at(double v, int n, const AreaModel& model, const Scratch& s) {
     const AreaModel::At m = model.at(v);
     const double most = fill_squares(v, m.r, n, s);
@@ -76,15 +79,17 @@ Worst worst_at(double v, int n, const AreaModel& model, const Scratch& s) {
     return {value, value * (m.d_log_D + (2 * t + m.dr) / (t * t + m.r) + (2 * u + m.dr) / (u * u + m.r)), j};
 }
 
-// Where the worst area, which falls at a and rises at b, is least, to within `close`.
-double bottom(double a, double b, double close, int n, const AreaModel& model, const Scratch& s) {
+// Where the worst area, which falls at a and rises at b, is least, to within `close`: the bracket is cut where the
+// tangents at both ends meet or, where one angle is the worst at both, at the zero of the chord of its derivatives.
+double bottom(double a, double b, double close, const FocusSearch& search, int n, const AreaModel& model,
+              const Scratch& s) {
     Worst at_a = worst_at(a, n, model, s), at_b = worst_at(b, n, model, s);
-    for (int step = 1; step <= MOST_STEPS && b - a > close; ++step) {
-        const double width = b - a, edge = EDGE * width;
+    for (int step = 1; step <= search.most_steps && b - a > close; ++step) {
+        const double width = b - a, edge = search.edge * width;
         double c = at_a.angle == at_b.angle
                        ? a - at_a.rate * width / (at_b.rate - at_a.rate)
                        : a + (at_b.value - at_a.value - at_b.rate * width) / (at_a.rate - at_b.rate);
-        const bool good = std::isfinite(c) && at_a.rate < 0 && at_b.rate > 0 && step % HALVING;
+        const bool good = std::isfinite(c) && at_a.rate < 0 && at_b.rate > 0 && step % search.halving;
         c = good ? std::min(std::max(c, a + edge), b - edge) : (a + b) / 2;
         const Worst at_c = worst_at(c, n, model, s);
         if (at_c.rate > 0)
@@ -95,29 +100,31 @@ double bottom(double a, double b, double close, int n, const AreaModel& model, c
     return (a + b) / 2;
 }
 
-double best_place(int n, const AreaModel& model, const Scratch& s) {
+double best_vergence(const FocusSearch& search, int n, const AreaModel& model, const Scratch& s) {
     double low = std::numeric_limits<double>::infinity(), high = -low;
     for (int j = 0; j < n; ++j) {
         low = std::min(low, std::min(s.vergence_t[j], s.vergence_s[j]));
         high = std::max(high, std::max(s.vergence_t[j], s.vergence_s[j]));
     }
-    const double margin = MARGIN * (high - low);
+    const double margin = search.margin * (high - low);
     low = std::min(std::max(low - margin, model.least), model.most);
     high = std::min(std::max(high + margin, model.least), model.most);
-    const double step = (high - low) / (SCAN - 1);
+    const double step = (high - low) / (search.scan - 1);
     int best = 0;
     double lowest = std::numeric_limits<double>::infinity();
-    for (int i = 0; i < SCAN; ++i) {
+    for (int i = 0; i < search.scan; ++i) {
         const double v = low + i * step;
         const AreaModel::At m = model.at(v);
         const double value = m.D * fill_squares(v, m.r, n, s);
         if (value < lowest) lowest = value, best = i;
     }
-    best = std::min(std::max(best, 1), SCAN - 2);
-    return bottom(low + (best - 1) * step, low + (best + 1) * step, CLOSE * (high - low), n, model, s);
+    best = std::min(std::max(best, 1), search.scan - 2);
+    return bottom(low + (best - 1) * step, low + (best + 1) * step, search.close * (high - low), search, n, model,
+                  s);
 }
 
-// Sag, slope and curvature in units of M, added up term by term.
+// z/M, z' and M z'' of z/M = sum c_k B_k(x/M), added up term by term, and of a conic with vertex radius R and
+// constant k: z = x^2 / (R (1 + w)), z' = x / (R w), z'' = 1 / (R w^3), w^2 = 1 - (1 + k) (x/R)^2.
 void fill_profile(const DesignJob& job, int i, double M, const Scratch& s) {
     const int n = job.angles;
     std::fill_n(s.z, 3 * size_t(n), 0.0);  // z, slope and curvature adjoin
@@ -145,6 +152,9 @@ struct Point {
     double x, z, slope, curvature, slope_over_x, inverse_distance;
 };
 
+// With w = m + z, rho^2 = w^2 + x^2, g = w - x z', e = 1 + z'^2, s = 2 w z'/x + 1 - z'^2:
+//   dOmega/dx = 2 z''/e + g/rho^2 (Eq. 8), M_t = g / (w^2 dOmega/dx), M_s = rho e / (w s) (Eqs. 9, 10),
+//   v = 1 / (w (1 + q/rho)) (Eqs. 34, 35), q_t = 1 / (2 z'' / (e^1.5 cos gamma) + 1/p), q_s = 1 / (2 cos gamma z'/(x e^.5) + 1/p).
 bool fill_perspective(const Point& p, double m, int j, const Scratch& s, double& viewpoint) {
     const double w = m + p.z, steep = 1 + p.slope * p.slope, root = std::sqrt(steep);
     const double to_lens = w * w + p.x * p.x, rho = std::sqrt(to_lens), front = w - p.x * p.slope;
@@ -161,6 +171,7 @@ bool fill_perspective(const Point& p, double m, int j, const Scratch& s, double&
     return domega_dx > 0 && front > 0 && s.magnification_s[j] > 0;
 }
 
+// The limit of m without end: dOmega/dx = 2 z''/e, M_t = dx/dOmega, M_s = e x / (2 z'), v = -(z + q).
 bool fill_telecentric(const Point& p, int j, const Scratch& s, double& viewpoint) {
     const double steep = 1 + p.slope * p.slope, domega_dx = 2 * p.curvature / steep;
     s.ray[j] = p.x;
@@ -222,7 +233,7 @@ void evaluate_one(const DesignJob& job, int i, const Scratch& s) {
     const bool valid = fill_points(job, number, s, omega, row + 4 * plane);
     const Camera camera(job, number, s.ray[n - 1]);
     const AreaModel model = camera.model();
-    const double v = best_place(n, model, s), b = camera.telecentric ? 1.0 : 1 / (1 / camera.f - v);
+    const double v = best_vergence(job.search, n, model, s), b = camera.telecentric ? 1.0 : 1 / (1 / camera.f - v);
     const double ray_px = camera.image * (camera.scaled ? 1.0 : b);
     const double vergence_px = camera.blur * (camera.paper ? 1.0 : b);
     const double airy = camera.airy * b, floor = 1 + airy * airy;

@@ -9,6 +9,15 @@ namespace omnimirror {
 constexpr int DESIGN_COLUMNS = 10;
 constexpr int DESIGN_NUMBERS = 7;
 
+// How the best focus is looked for: numbers of batch/best_focus.py and numerics/minimisation.py, who say what they are.
+struct FocusSearch {
+    int scan;
+    double margin, close;
+    int most_steps;
+    double edge;
+    int halving;
+};
+
 struct DesignJob {
     // (designs, terms): what shapes each mirror; (designs, 7): distance, rim radius, focal length, F-number,
     // vertex radius, conic constant, magnification (0 under a perspective lens)
@@ -24,6 +33,7 @@ struct DesignJob {
     int designs, terms, angles;
     bool has_conic, paper;
     double pitch, image_radius, wavelength, least_omega;  // image_radius 0: the real one
+    FocusSearch search;
     // (10, designs, angles), (designs), (designs), (designs)
     double* columns;
     double* focus;

@@ -1,31 +1,21 @@
-// The part of omnimirror._native that omnimirror.batch.evaluate calls. Arrays are checked here once more.
-#include "module.hpp"
+// The part of omnimirror._native that omnimirror.batch.evaluate calls.
 
-#include <nanobind/ndarray.h>
+#include <nanobind/stl/tuple.h>
 
+#include <tuple>
+
+#include "bindings.hpp"
 #include "designs.hpp"
-
-namespace nb = nanobind;
-using namespace nb::literals;
 
 namespace omnimirror {
 namespace {
 
-using Doubles = nb::ndarray<const double, nb::c_contig, nb::device::cpu>;
-using OutDoubles = nb::ndarray<double, nb::c_contig, nb::device::cpu>;
-
-void require(bool condition, const char* message) {
-    if (!condition) throw nb::value_error(message);
-}
-
-int count_of(size_t length) {
-    require(length < (size_t{1} << 30), "an array is too long");
-    return static_cast<int>(length);
-}
+using Search = std::tuple<int, double, double, int, double, int>;  // as in FocusSearch
 
 void design_batch(const Doubles& coefficients, const Doubles& numbers, const Doubles& basis, const Doubles& fractions,
                   bool has_conic, bool paper, double pitch, double image_radius, double wavelength,
-                  const Doubles& inverse_distance, double least_omega, const OutDoubles& columns, const OutDoubles& results) {
+                  const Doubles& inverse_distance, double least_omega, const Search& search, const DoublesOut& columns,
+                  const DoublesOut& results) {
     require(coefficients.ndim() == 2 && fractions.ndim() == 1, "coefficients are (designs, terms), fractions (angles)");
     const size_t designs = coefficients.shape(0), terms = coefficients.shape(1), angles = fractions.shape(0);
     require(angles > 0, "there must be an angle");
@@ -38,6 +28,8 @@ void design_batch(const Doubles& coefficients, const Doubles& numbers, const Dou
                 columns.shape(2) == angles,
             "columns are (10, designs, angles)");
     require(results.ndim() == 2 && results.shape(0) == 3 && results.shape(1) == designs, "results are (3, designs)");
+    const auto [scan, margin, close, most_steps, edge, halving] = search;
+    require(scan >= 3 && most_steps >= 0 && halving >= 1, "the search scans 3 places at least, and halves at times");
     const size_t part = terms * angles;
     const DesignJob job{coefficients.data(),
                         numbers.data(),
@@ -55,6 +47,7 @@ void design_batch(const Doubles& coefficients, const Doubles& numbers, const Dou
                         image_radius,
                         wavelength,
                         least_omega,
+                        {scan, margin, close, most_steps, edge, halving},
                         columns.data(),
                         results.data(),
                         results.data() + designs,
@@ -67,7 +60,7 @@ void design_batch(const Doubles& coefficients, const Doubles& numbers, const Dou
 
 void add_designs(nb::module_& m) {
     m.def("evaluate_designs", &design_batch, "coefficients"_a, "numbers"_a, "basis"_a, "fractions"_a, "has_conic"_a,
-          "paper"_a, "pitch"_a, "image_radius"_a, "wavelength"_a, "inverse_distance"_a, "least_omega"_a, "columns"_a,
+          "paper"_a, "pitch"_a, "image_radius"_a, "wavelength"_a, "inverse_distance"_a, "least_omega"_a, "search"_a, "columns"_a,
           "results"_a);
 }
 

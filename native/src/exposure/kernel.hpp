@@ -130,7 +130,8 @@ void undistort(const Optics& o, Bundle& r) {
     }
 }
 
-// From the pixel through the aperture towards the point in focus.
+// From the pixel through the aperture towards the point in focus: with the tangents T of the chief ray and a place s on
+// the stop, origin s and direction (T focus - s, focus). Light falls with cos^4 of the chief ray's angle where wanted.
 void through_lens(const Optics& o, Bundle& r) {
     const float perspective = o.telecentric ? 0.f : 1.f;
     OMNIMIRROR_EACH_LANE(i) {
@@ -173,7 +174,9 @@ void to_mirror(const Optics& o, Bundle& r) {
     }
 }
 
-// Where the ray meets the conic's sheet at the vertex, coming from the lens; t counts from the vertex plane.
+// Where the ray meets the conic's sheet at the vertex, coming from the lens: the root of
+//   c (x^2 + y^2 + (1 + k) z^2) = 2 z, c the curvature, k the conic constant,
+// that is 0 at the vertex; t counts from the vertex plane.
 void meet_conic(const Optics& o, Bundle& r) {
     const float c = o.curvature, k1 = 1 + o.conic;
     OMNIMIRROR_EACH_LANE(i) {

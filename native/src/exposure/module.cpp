@@ -1,6 +1,4 @@
-#include "module.hpp"
-
-#include <nanobind/ndarray.h>
+// Exposing pictures as omnimirror.simulate.rendering.exposure calls it.
 #include <nanobind/stl/array.h>
 
 #include <algorithm>
@@ -8,23 +6,14 @@
 #include <memory>
 #include <vector>
 
+#include "bindings.hpp"
 #include "exposure.hpp"
-
-namespace nb = nanobind;
-using namespace nb::literals;
 
 namespace omnimirror {
 namespace {
 
-using Floats = nb::ndarray<const float, nb::c_contig, nb::device::cpu>;
-using FloatsOut = nb::ndarray<float, nb::c_contig, nb::device::cpu>;
-using BytesOut = nb::ndarray<uint8_t, nb::c_contig, nb::device::cpu>;
 template <size_t N>
 using Numbers = std::array<float, N>;
-
-void require(bool condition, const char* message) {
-    if (!condition) throw nb::value_error(message);
-}
 
 // Optics with the meridian that they point to.
 struct OwnedOptics {

@@ -48,7 +48,8 @@ void cross(const float* a, const float* b, float* out) {
 }
 float dot(const float* a, const float* b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 
-// Moeller and Trumbore, 1997.
+// Where o + t d = corner + a side0 + b side1, by Cramer's rule (Moeller and Trumbore, 1997); met where a and b are in
+// [0, 1], of a triangle a + b <= 1 too, and t is above 0 and below what was met before.
 void meet(const Surface& s, int32_t index, const Ray& ray, Hit& hit) {
     float p[3], q[3], from[3];
     cross(ray.direction, s.side[1], p);

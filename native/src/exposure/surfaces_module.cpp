@@ -1,26 +1,13 @@
-#include "module.hpp"
-
-#include <nanobind/ndarray.h>
-
+// Textured surfaces as omnimirror.simulate.scenes.surfaces calls them.
 #include <algorithm>
 #include <memory>
 #include <vector>
 
+#include "bindings.hpp"
 #include "surfaces.hpp"
-
-namespace nb = nanobind;
-using namespace nb::literals;
 
 namespace omnimirror {
 namespace {
-
-using Floats = nb::ndarray<const float, nb::c_contig, nb::device::cpu>;
-using FloatsOut = nb::ndarray<float, nb::c_contig, nb::device::cpu>;
-using Ints = nb::ndarray<const int32_t, nb::c_contig, nb::device::cpu>;
-
-void require(bool condition, const char* message) {
-    if (!condition) throw nb::value_error(message);
-}
 
 std::vector<Texture> textures_of(const Ints& sizes, size_t texels) {
     require(sizes.ndim() == 2 && sizes.shape(1) == 3, "sizes are (textures, 3): width, height, repeats");

@@ -1,4 +1,8 @@
-// The projection of 8 targets at a time, written so that compilers make vectors of it: no branches within a
+// The projection of targets: with the distances a across and z along the axis, q = sin(Omega/2) is sqrt((1 - z/|t|)/2) of
+// a direction t = (a, z), and of a point the root in solve_points; its pixel is centre + r(q) (right, down)/a, r from a
+// table that is linear in q.
+//
+// 8 targets at a time, written so that compilers make vectors of it: no branches within a
 // loop over lanes, and comparisons that are false for NaN. Internal linkage and no library, as in common.hpp.
 #pragma once
 

@@ -1,4 +1,6 @@
-// The picture's value at one place, in plain C++: see common.hpp.
+// The picture's value at one place, in plain C++: see common.hpp. At (x0 + t, y0 + s), t and s in [0, 1],
+//   linear:  sum of (1 - t, t)_i (1 - s, s)_j f(x0 + i, y0 + j), i and j from 0 to 1
+//   cubic:   sum of w_i(t) w_j(s) f(x0 + i, y0 + j), i and j from -1 to 2, w the weights below
 #pragma once
 
 #include "common.hpp"

@@ -1,4 +1,4 @@
-// Sums of many cubic samples of a pixel, and their mean.
+// Sums of many cubic samples of a pixel, and their mean: (1/n) sum_k f(p_k) over the n taps p_k inside the picture.
 #pragma once
 
 #include "tiles.hpp"

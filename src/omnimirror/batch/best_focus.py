@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..numerics.minimisation import bottoms
+from ..numerics.minimisation import EDGE, HALVING, MOST_STEPS, bottoms
 from .optics import DEGREE, PerspectiveCamera, TelecentricCamera
 
 Array = NDArray[np.float64]
@@ -25,6 +25,8 @@ Array = NDArray[np.float64]
 SCAN = 17  # vergences at which valleys are looked for
 MARGIN = 0.05  # of the range of vergences, on either side
 CLOSE = 1e-12  # of the scanned range: a bracket so narrow holds the focus
+FOCUS_SEARCH = (SCAN, MARGIN, CLOSE, MOST_STEPS, EDGE, HALVING)
+"""The same numbers as the compiled evaluator takes them."""
 
 
 @dataclass(frozen=True)

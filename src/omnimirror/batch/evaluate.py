@@ -20,7 +20,7 @@ from ..mirrors.conics import conic_profile
 from ..native import backend
 from ..sensor import Sensor
 from .bases import Family
-from .best_focus import AreaModel, best_vergences
+from .best_focus import FOCUS_SEARCH, AreaModel, best_vergences
 from .optics import DEGREE, NodeOptics, PerspectiveCamera, TelecentricCamera, node_optics, telecentric_optics
 
 Array = NDArray[np.float64]
@@ -263,7 +263,7 @@ def _compiled(d: Designs, u: Array) -> BatchEvaluation:
     backend.kernels.evaluate_designs(
         d.coefficients, numbers, basis, np.ascontiguousarray(u), d.family.has_conic, d.mode == "paper",
         d.pixel_pitch_um * 1e-3, d.image_radius_px or 0.0, d.wavelength_nm, near,
-        d.least_omega_deg * DEGREE, columns, results,
+        d.least_omega_deg * DEGREE, FOCUS_SEARCH, columns, results,
     )  # fmt: skip
     focus, worst, valid = results
     return BatchEvaluation(columns, focus, worst, valid > 0)

@@ -39,13 +39,13 @@ def check_viewpoint(viewpoint: Viewpoint) -> None:
 
 def projection_of(camera: Camera, screen: Screen, viewpoint: Viewpoint) -> Callable[[Array], Projection]:
     """The camera's projection of a screen's targets (n, 3)."""
-    eye = eye_of(camera, screen, viewpoint)
-    if eye is None:
+    centre = centre_of_projection(camera, screen, viewpoint)
+    if centre is None:
         return camera.project
-    return lambda targets: camera.project_directions(targets - eye)
+    return lambda targets: camera.project_directions(targets - centre)
 
 
-def eye_of(camera: Camera, screen: Screen, viewpoint: Viewpoint) -> Array | None:
+def centre_of_projection(camera: Camera, screen: Screen, viewpoint: Viewpoint) -> Array | None:
     """The place (3,) mm from which all of a screen is seen; None where each point is seen from a place of its own."""
     if screen.is_distant:
         return np.zeros(3)  # from infinitely far away all viewpoints are one

@@ -412,8 +412,12 @@ def test_the_module_itself_refuses_what_would_leave_memory():
         lambda: MODULE.PackedMap(places, 150, 130, 3, False, 2).sample(picture, out, 0, places[1:], good),
         lambda: MODULE.remap(picture, places, out, 2, (1, 2)),
         lambda: MODULE.remap(picture, places, out, 2, (1, 2, 256)),
-        lambda: MODULE.squares_of_nodes(*grid.nodes, 8, grid.cells, grid.patches, np.empty((1, 1, 2), np.float32)),
-        lambda: MODULE.squares_of_nodes(*grid.nodes, 8, grid.cells + 1, grid.patches, np.empty((5, 4, 2), np.float32)),
+        lambda: MODULE.squared_sides_of_nodes(
+            *grid.nodes, 8, grid.cells, grid.patches, np.empty((1, 1, 2), np.float32)
+        ),
+        lambda: MODULE.squared_sides_of_nodes(
+            *grid.nodes, 8, grid.cells + 1, grid.patches, np.empty((5, 4, 2), np.float32)
+        ),
     ):
         with pytest.raises((ValueError, TypeError)):
             call()

@@ -294,7 +294,7 @@ def test_the_module_itself_refuses_what_would_leave_memory():
     cells, patches = np.full((4, 4), -1, np.int32), np.empty((0, 16, 16, 2), np.float32)
     far = np.zeros((4, 4), np.int32)
     weights, whole = [node_weights(16)] * 2, np.empty((50, 60, 3), np.uint8)
-    MODULE.remap_grid(picture, x, y, *weights, cells, patches, whole, 1, 0)  # what fits is taken
+    MODULE.remap_lattice(picture, x, y, *weights, cells, patches, whole, 1, 0)  # what fits is taken
     for call in (
         lambda: MODULE.remap(picture, coordinates[1:], out, 1, 0),
         lambda: MODULE.remap(picture[:, ::2], coordinates, out, 1, 0),
@@ -306,10 +306,10 @@ def test_the_module_itself_refuses_what_would_leave_memory():
         lambda: MODULE.PackedMap(coordinates, 60, 50, 3, True, 1).sample(picture, out, 0),
         lambda: MODULE.PackedMap(coordinates, 60, 50, 5, False, 1),
         lambda: MODULE.PackedMap(coordinates, 1 << 29, 50, 3, False, 1),
-        lambda: MODULE.remap_grid(picture, x, y, *weights, far, patches, whole, 1, 0),
-        lambda: MODULE.remap_grid(picture, x[1:], y, *weights, cells, patches, whole, 1, 0),
-        lambda: MODULE.remap_grid(picture, x, y, weights[0], weights[1][:, :8], cells, patches, whole, 1, 0),
-        lambda: MODULE.remap_grid(picture, x, y, *weights, cells, patches, whole[:32], 1, 0),
+        lambda: MODULE.remap_lattice(picture, x, y, *weights, far, patches, whole, 1, 0),
+        lambda: MODULE.remap_lattice(picture, x[1:], y, *weights, cells, patches, whole, 1, 0),
+        lambda: MODULE.remap_lattice(picture, x, y, weights[0], weights[1][:, :8], cells, patches, whole, 1, 0),
+        lambda: MODULE.remap_lattice(picture, x, y, *weights, cells, patches, whole[:32], 1, 0),
     ):
         with pytest.raises((ValueError, TypeError)):
             call()

@@ -10,7 +10,7 @@ from ...frames import pan_tilt_direction
 from ..camera_field import is_vertical
 from ..screens import Panorama, Screen, View, parts_of
 from ..screens.base import pixels_of_rows
-from ..viewpoints import Viewpoint, eye_of, projection_of
+from ..viewpoints import Viewpoint, centre_of_projection, projection_of
 from .lattice import LatticeMap
 from .polar import PolarMap
 from .radial_table import RadialTable, radial_table
@@ -51,17 +51,17 @@ def lattice_map_of(camera: Camera, screen: Screen, viewpoint: Viewpoint = "exact
             lambda u, v: _projected(camera, screen, viewpoint, screen.targets_at(u, v)), screen.size, camera.image_size
         )
     table: RadialTable = radial_table(camera)  # type: ignore[arg-type]  # the cache asks for Hashable
-    eye = eye_of(camera, screen, viewpoint)
+    centre = centre_of_projection(camera, screen, viewpoint)
 
     def targets(u: Array, v: Array) -> Array:
         there = screen.targets_at(u, v)
-        return there - eye if eye is not None and eye.any() else there
+        return there - centre if centre is not None and centre.any() else there
 
     return lattice_map(
-        lambda u, v: table.pixels(targets(u, v), eye is None),
+        lambda u, v: table.pixels(targets(u, v), centre is None),
         screen.size,
         camera.image_size,
-        with_excess=lambda u, v: table.pixels_and_excess(targets(u, v), eye is None),
+        with_excess=lambda u, v: table.pixels_and_excess(targets(u, v), centre is None),
     )
 
 
@@ -108,11 +108,11 @@ def polar_map_of(camera: Camera, screen: Screen, viewpoint: Viewpoint = "exact")
     angles = np.unwrap(np.arctan2(across @ symmetry.down, across @ symmetry.right))
     if screen.is_distant:
         return PolarMap(symmetry.centre_px, _radii_of_tilts(symmetry, screen.tilts()), angles, camera.image_size)
-    eye = eye_of(camera, screen, viewpoint)
+    centre = centre_of_projection(camera, screen, viewpoint)
     points = screen.targets_at(np.zeros(1), np.arange(screen.size[1], dtype=float))  # of one column: all are alike
-    points -= 0.0 if eye is None else eye
+    points -= 0.0 if centre is None else centre
     table: RadialTable = radial_table(camera)  # type: ignore[arg-type]  # the cache asks for Hashable
-    radii = table.radii_px(np.hypot(points[:, 0], points[:, 1]), points @ symmetry.axis, eye is None)
+    radii = table.radii_px(np.hypot(points[:, 0], points[:, 1]), points @ symmetry.axis, centre is None)
     return PolarMap(symmetry.centre_px, radii, angles, camera.image_size)
 
 

@@ -81,7 +81,7 @@ class LatticeMap:
         """From the nodes."""
         u, v = self.nodes
         lattice = u, v, *self._weights, self.cells, self.patches
-        backend.kernels.remap_grid(job.source, *lattice, job.target, *job.how)
+        backend.kernels.remap_lattice(job.source, *lattice, job.target, *job.how)
 
     @cached_property
     def _weights(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:

@@ -39,7 +39,7 @@ class Tables(NamedTuple):
     """(n,) px, of the image."""
     origins: Array
     """(m, 2) mm, from the axis and along it, of the rays; (0, 2) where all start at the world's origin."""
-    eye: float
+    viewpoint: float
     """About where along the axis near things are seen from, mm: where the ray in the middle passes it."""
 
 
@@ -140,8 +140,8 @@ def tables_of(symmetry: AxialSymmetry, entries: int = ENTRIES, origins: int = OR
     omega = angles(origins)
     x, z = symmetry.origin_mm(omega)
     middle = origins // 2
-    eye = float(z[middle] - x[middle] / np.tan(omega[middle]))
-    return Tables(first, last, radii, np.stack([x, z], axis=-1), eye)
+    viewpoint = float(z[middle] - x[middle] / np.tan(omega[middle]))
+    return Tables(first, last, radii, np.stack([x, z], axis=-1), viewpoint)
 
 
 @lru_cache(maxsize=32)
@@ -151,7 +151,7 @@ def radial_table(camera: Camera) -> RadialTable:
     return RadialTable(camera.symmetry, camera.image_size)
 
 
-# -- the formulas, as in native/src/axial_kernel.hpp -----------------------------------------------
+# -- the formulas, as in native/src/sampling/axial_kernel.hpp -----------------------------------------------
 
 
 def _cells(table: Array, half_sines: Array, tables: Tables) -> tuple[Array, Array, Array]:
@@ -182,9 +182,9 @@ def _solve_points(tables: Tables, across: Array, along: Array) -> Array:
     Solves ``q = sin(phi(q)/2)``, phi the direction to the point from where the ray of q starts, by Newton's rule
     within a bracket that only shrinks. The difference grows at any root, so that the root is unique.
     """
-    first, last, _, origins, eye = tables
+    first, last, _, origins, viewpoint = tables
     per = (len(origins) - 1) / (last - first)
-    q = np.clip(np.nan_to_num(_half_angles(across, along - eye)[0], nan=first), first, last)
+    q = np.clip(np.nan_to_num(_half_angles(across, along - viewpoint)[0], nan=first), first, last)
     low, high = np.full_like(q, 2 * first - last), np.full_like(q, 2 * last - first)
     sought = np.full_like(q, np.nan)
     for _ in range(MOST_STEPS):

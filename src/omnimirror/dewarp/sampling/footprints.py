@@ -156,7 +156,7 @@ def squared_sides_of_nodes(
     if backend.is_compiled:
         squares = np.empty((*cells.shape, 2), np.float32)
         u, v = nodes
-        backend.kernels.squares_of_nodes(u, v, step, cells, patches, squares)
+        backend.kernels.squared_sides_of_nodes(u, v, step, cells, patches, squares)
         return squares
     scale = np.float32(0.5 / step)
     across = _squared(np.moveaxis(nodes[:, 1:-1, 2:] - nodes[:, 1:-1, :-2], 0, -1) * scale)

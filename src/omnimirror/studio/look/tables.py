@@ -73,7 +73,7 @@ def camera_tables(camera: MountedCamera) -> CameraTables:
         return _lattice_tables(camera)
     t = tables_of(symmetry, ENTRIES, ENTRIES)
     layout = TableLayout(
-        first=t.first, last=t.last, eye_mm=t.eye, radii=len(t.radii), origins=len(t.origins),
+        first=t.first, last=t.last, eye_mm=t.viewpoint, radii=len(t.radii), origins=len(t.origins),
         lattice=0, limits=0, starts=0,
     )  # fmt: skip
     return CameraTables(layout, np.concatenate([t.radii, *t.origins.T]).astype(np.float32))

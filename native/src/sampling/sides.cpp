@@ -1,4 +1,4 @@
-#include "squares.hpp"
+#include "sides.hpp"
 
 #include <algorithm>
 #include <cstddef>
@@ -27,7 +27,7 @@ void squares_of_patch(const float* patch, int step, float* out) {
 
 }  // namespace
 
-void squares_of_nodes(const float* x, const float* y, int step, const int32_t* cells, int cell_rows, int cell_columns,
+void squared_sides_of_nodes(const float* x, const float* y, int step, const int32_t* cells, int cell_rows, int cell_columns,
                       const float* patches, float* out) {
     const float scale = 0.5f / static_cast<float>(step);
     const ptrdiff_t columns = cell_columns + 3;
