@@ -2,96 +2,95 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import click
 import numpy as np
+from numpy.typing import NDArray
 from rich.console import Console
 
 from ....analysis import FOCUS_MERITS, Evaluation, best_focus, best_viewpoint, evaluate
 from ....analysis.evaluation import READ_COLUMNS
+from ....lenses import BlurMode
 from ....mirrors import Cone, SampledProfile
 from ....quantities import QUANTITIES
+from ....sensor import Sensor
 from ....specs import load_sensor
 from ...options.common import NUMBER, distance, focus, pixel, values
+from ...options.declared import Options, option, takes
 from ...outputs import output_console, output_option, print_rows, say, say_written
+
+Array = NDArray[np.float64]
 
 MOST_NAMED = 5  # points that are wrong
 TERMINAL_COLUMNS = [name for name in READ_COLUMNS if name not in ("x_mm", "floored_area_deg2")]
 """What fits a terminal; files hold every column."""
 
 
+@dataclass(frozen=True)
+class EvaluationOptions(Options):
+    """Where a sensor is evaluated, and how; as :func:`omnimirror.evaluate` takes it."""
+
+    omega_deg: Array | None = option(
+        type=values, metavar="A:B:STEP", help="Field angles, measured from the direction back past the lens."
+    )
+    x_mm: Array | None = option(
+        type=values, metavar="A:B:STEP", help="Instead: mirror points, by their distance from the axis."
+    )
+    h_px: Array | None = option(
+        type=values, metavar="A:B:STEP", help="Instead: image heights, in pixels from the centre."
+    )
+    pixels: tuple[tuple[float, float], ...] = option(
+        "--pixel", type=pixel, metavar="U,V", multiple=True, help="Instead: pixels, one per option."
+    )
+    object_distance_mm: float = option(
+        type=distance, metavar="MM", default=np.inf, help="From the reflection point to the object."
+    )
+    focus_mm: Any = option(
+        type=focus, metavar="MM|auto", help="Object distance in focus, or 'auto'; the sensor's own by default."
+    )
+    merit: str = option(
+        type=click.Choice(list(FOCUS_MERITS)), default="worst_floored_area_deg2",
+        help="What 'auto' focus makes least.",
+    )  # fmt: skip
+    paper_mode: bool | None = option(is_flag=True, help="Blur by the paper's Eq. 29 instead of the exact form.")
+    image_radius_px: float | None = option(
+        type=NUMBER, help="Scale the image to this rim radius, as the paper does with 500."
+    )
+    wavelength_nm: float = option(type=NUMBER, default=550.0, help="Of the Airy disk.")
+    tolerance_px: float = option(type=NUMBER, default=1.0, help="Permissible blur: depth of field.")
+
+    def evaluation(self, sensor: Sensor) -> Evaluation:
+        """The evaluation that is asked for."""
+        asked = self.given | {"pixels": self.pixels or None}
+        mode: BlurMode = "paper" if asked.pop("paper_mode", False) else "exact"
+        return evaluate(sensor, **asked, mode=mode)
+
+
 @click.command()
 @click.argument("sensor")
-@click.option(
-    "--omega-deg", type=values, metavar="A:B:STEP", help="Field angles, measured from the direction back past the lens."
-)
-@click.option(
-    "--x-mm", type=values, metavar="A:B:STEP", help="Instead: mirror points, by their distance from the axis."
-)
-@click.option("--h-px", type=values, metavar="A:B:STEP", help="Instead: image heights, in pixels from the centre.")
-@click.option("--pixel", "pixels", type=pixel, metavar="U,V", multiple=True, help="Instead: pixels, one per option.")
-@click.option("--object-distance-mm", type=distance, metavar="MM", default="inf", show_default=True,
-              help="From the reflection point to the object.")  # fmt: skip
-@click.option(
-    "--focus-mm",
-    type=focus,
-    metavar="MM|auto",
-    help="Object distance in focus, or 'auto'; the sensor's own by default.",
-)
-@click.option("--merit", type=click.Choice(list(FOCUS_MERITS)), default="worst_floored_area_deg2", show_default=True,
-              help="What 'auto' focus makes least.")  # fmt: skip
-@click.option("--paper-mode", is_flag=True, help="Blur by the paper's Eq. 29 instead of the exact form.")
-@click.option("--image-radius-px", type=NUMBER, help="Scale the image to this rim radius, as the paper does with 500.")
-@click.option("--wavelength-nm", type=NUMBER, default=550.0, show_default=True, help="Of the Airy disk.")
-@click.option("--tolerance-px", type=NUMBER, default=1.0, show_default=True, help="Permissible blur: depth of field.")
+@takes(EvaluationOptions, "asked")
 @output_option(
     "--csv", "csv_file", help="Write all columns, 17 significant digits; of a measured mirror their deviations too."
 )
 @output_option("--json", "json_file", help="Write summary and all columns.")
 @click.option("--figures", type=click.Path(path_type=Path), help="Draw the paper's figures into this folder.")
 def command(
-    sensor: str,
-    omega_deg: Any,
-    x_mm: Any,
-    h_px: Any,
-    pixels: tuple[tuple[float, float], ...],
-    object_distance_mm: float,
-    focus_mm: Any,
-    merit: str,
-    paper_mode: bool,
-    image_radius_px: float | None,
-    wavelength_nm: float,
-    tolerance_px: float,
-    csv_file: Path | None,
-    json_file: Path | None,
-    figures: Path | None,
+    sensor: str, asked: EvaluationOptions, csv_file: Path | None, json_file: Path | None, figures: Path | None
 ) -> None:
     """Evaluate SENSOR, a sensor file or the name of a bundled sensor.
 
     Prints a table; files hold more columns. Example: omnimirror evaluate paper-spherical --omega-deg 0:135:5
     """
-    result = evaluate(
-        load_sensor(sensor),
-        omega_deg,
-        x_mm=x_mm,
-        h_px=h_px,
-        pixels=pixels or None,
-        object_distance_mm=object_distance_mm,
-        focus_mm=focus_mm,
-        merit=merit,
-        mode="paper" if paper_mode else "exact",
-        wavelength_nm=wavelength_nm,
-        image_radius_px=image_radius_px,
-        tolerance_px=tolerance_px,
-    )
+    result = asked.evaluation(load_sensor(sensor))
     console = output_console()
     if csv_file:
         result.to_csv(csv_file, deviations=True)
     if json_file:
         result.to_json(json_file)
-    print_summary(console, result, merit)
+    print_summary(console, result, asked.merit)
     print_table(console, result)
     say_written(csv_file, json_file, console=console)
     if figures:

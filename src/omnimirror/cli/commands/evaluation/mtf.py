@@ -12,8 +12,9 @@ from rich.table import Table
 from ....analysis import mtf
 from ....analysis.aperture.point_spread import KINDS
 from ....specs import load_sensor
-from ...options.aperture import angles_of, focus_of, object_options
+from ...options.aperture import ObjectOptions
 from ...options.common import focus, values
+from ...options.declared import takes
 from ...outputs import FIGURES, format_option, output_console, output_option, say_written
 
 SHOWN = (0.125, 0.25, 0.5)  # cycles per pixel, on the terminal
@@ -21,7 +22,7 @@ SHOWN = (0.125, 0.25, 0.5)  # cycles per pixel, on the terminal
 
 @click.command()
 @click.argument("sensor")
-@object_options
+@takes(ObjectOptions, "objects")
 @click.option("--focus-mm", type=focus, metavar="MM|auto", help="Object distance in focus; the sensor's by default.")
 @click.option("--cycles-per-px", type=values, metavar="A:B:STEP", help="Spatial frequencies.  [default: 0:1:0.02]")
 @click.option("--kind", type=click.Choice(KINDS), default="diffraction", show_default=True,
@@ -33,9 +34,7 @@ SHOWN = (0.125, 0.25, 0.5)  # cycles per pixel, on the terminal
 @output_option("--csv", "csv_file", help="Write it, in cycles/px, lp/mm and cycles/deg.")
 def command(
     sensor: str,
-    omega_deg: Any,
-    azimuth_deg: float,
-    object_distance_mm: float,
+    objects: ObjectOptions,
     focus_mm: Any,
     cycles_per_px: Any,
     kind: Any,
@@ -52,9 +51,9 @@ def command(
     nu = np.linspace(0, 1, 51) if cycles_per_px is None else cycles_per_px
     shown = np.array(SHOWN)
     found = mtf(
-        seen, angles_of(seen, omega_deg), cycles_per_px=np.concatenate([nu, shown]),
-        focus_mm=focus_of(seen, focus_mm, object_distance_mm), azimuth_deg=azimuth_deg,
-        object_distance_mm=object_distance_mm, kind=kind, wavelength_nm=wavelength_nm, pixel=pixel,
+        seen, objects.angles(seen), cycles_per_px=np.concatenate([nu, shown]),
+        focus_mm=objects.focus(seen, focus_mm), azimuth_deg=objects.azimuth_deg,
+        object_distance_mm=objects.object_distance_mm, kind=kind, wavelength_nm=wavelength_nm, pixel=pixel,
     )  # fmt: skip
     console = output_console()
     table = Table(box=None, pad_edge=False, header_style="bold")

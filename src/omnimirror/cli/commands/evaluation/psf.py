@@ -13,8 +13,9 @@ from ....analysis import Psf, psf
 from ....analysis.aperture.point_spread import KINDS
 from ....errors import OmnimirrorError
 from ....specs import load_sensor
-from ...options.aperture import angles_of, focus_of, object_options
+from ...options.aperture import ObjectOptions
 from ...options.common import NUMBER, focus
+from ...options.declared import takes
 from ...outputs import FIGURES, format_option, output_console, output_option, say_written
 
 MOST = 15
@@ -22,7 +23,7 @@ MOST = 15
 
 @click.command()
 @click.argument("sensor")
-@object_options
+@takes(ObjectOptions, "objects")
 @click.option("--focus-mm", type=focus, metavar="MM|auto", help="Object distance in focus; the sensor's by default.")
 @click.option("--kind", type=click.Choice(KINDS), default="diffraction", show_default=True,
               help="By waves with all aberrations, or by rays alone.")  # fmt: skip
@@ -32,9 +33,7 @@ MOST = 15
 @output_option("--encircled", formats=FIGURES, help="Figure of the encircled energy.")
 def command(
     sensor: str,
-    omega_deg: Any,
-    azimuth_deg: float,
-    object_distance_mm: float,
+    objects: ObjectOptions,
     focus_mm: Any,
     kind: Any,
     wavelength_nm: float,
@@ -46,16 +45,16 @@ def command(
     Example: omnimirror psf paper-spherical --omega-deg 0:120:30 -o psf.png --encircled energy.png
     """
     seen = load_sensor(sensor)
-    angles = np.asarray(angles_of(seen, omega_deg))
+    angles = np.asarray(objects.angles(seen))
     if len(angles) > MOST:
         raise OmnimirrorError(f"{len(angles)} field angles do not fit into a figure; up to {MOST} are valid")
-    L0 = focus_of(seen, focus_mm, object_distance_mm)
+    L0 = objects.focus(seen, focus_mm)
     console = output_console()
 
     def compute(omega: float, width_px: float | None = None) -> Psf:
         return psf(
-            seen, omega, focus_mm=L0, azimuth_deg=azimuth_deg, object_distance_mm=object_distance_mm, kind=kind,
-            wavelength_nm=wavelength_nm, width_px=width_px,
+            seen, omega, focus_mm=L0, azimuth_deg=objects.azimuth_deg, object_distance_mm=objects.object_distance_mm,
+            kind=kind, wavelength_nm=wavelength_nm, width_px=width_px,
         )  # fmt: skip
 
     with console.status("Computing"):

@@ -10,13 +10,14 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from ....analysis import check_blur, spots
+from ....analysis import Spots, check_blur, spots
 from ....analysis.aperture.pupil import hexapolar
 from ....errors import OmnimirrorError
 from ....sensor import Sensor
 from ....specs import load_sensor
-from ...options.aperture import angles_of, object_options
+from ...options.aperture import ObjectOptions
 from ...options.common import WHOLE, values
+from ...options.declared import takes
 from ...outputs import FIGURES, format_option, output_console, output_option, say_written
 
 MOST_FOCUSES = 15
@@ -24,7 +25,7 @@ MOST_FOCUSES = 15
 
 @click.command()
 @click.argument("sensor")
-@object_options
+@takes(ObjectOptions, "objects")
 @click.option("--focus-mm", type=values, metavar="A:B:STEP", help="Focus distances, for spots through focus.")
 @click.option("--rings", type=WHOLE, default=12, show_default=True, help="Rings of rays across the aperture.")
 @click.option("--f-numbers", type=values, metavar="LIST",
@@ -34,9 +35,7 @@ MOST_FOCUSES = 15
 @output_option("--csv", "csv_file", help="Write widths, radii and centroids.")
 def command(
     sensor: str,
-    omega_deg: Any,
-    azimuth_deg: float,
-    object_distance_mm: float,
+    objects: ObjectOptions,
     focus_mm: Any,
     rings: int,
     f_numbers: Any,
@@ -52,29 +51,19 @@ def command(
     if f_numbers is not None:
         if output or csv_file or focus_mm is not None:
             raise click.UsageError("--f-numbers prints a table of its own; leave out --output, --csv and --focus-mm")
-        _print_check(console, seen, f_numbers, omega_deg, object_distance_mm)
+        _print_check(console, seen, f_numbers, objects)
         return
     if focus_mm is not None and len(focus_mm) > MOST_FOCUSES:
         raise OmnimirrorError(f"{len(focus_mm)} focuses do not fit into a figure; up to {MOST_FOCUSES} are valid")
     found = spots(
         seen,
-        angles_of(seen, omega_deg),
+        objects.angles(seen),
         focus_mm=focus_mm,
-        azimuth_deg=azimuth_deg,
-        object_distance_mm=object_distance_mm,
+        azimuth_deg=objects.azimuth_deg,
+        object_distance_mm=objects.object_distance_mm,
         pupil=hexapolar(rings),
     )
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    widths = ("h", "rms", "rms T", "rms S", "width T", "width S")
-    for heading in ("Omega\ndeg", "L0\nmm", *(f"{name}\npx" for name in widths), "passed\n%"):
-        table.add_column(heading, justify="right", no_wrap=True)
-    rms_t, rms_s = found.rms_px()
-    columns = (found.chief_px, found.rms_radius_px(), rms_t, rms_s, *found.extent_px())
-    for i, omega in enumerate(found.omega_deg):
-        for j, focus in enumerate(found.focus_mm):
-            numbers = [f"{c[i, j]:.3f}" for c in columns]
-            table.add_row(f"{omega:g}", f"{focus:.6g}", *numbers, f"{100 * found.passed[i]:.4g}")
-    console.print(table)
+    _print_spots(console, found)
     if csv_file:
         found.to_csv(csv_file)
         say_written(csv_file, console=console)
@@ -86,9 +75,24 @@ def command(
         say_written(save_figure(spot_matrix(found, airy), output), console=console)
 
 
-def _print_check(console: Console, sensor: Sensor, f_numbers: Any, omega_deg: Any, object_distance_mm: float) -> None:
+def _print_spots(console: Console, found: Spots) -> None:
+    """A line for each angle and focus."""
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    widths = ("h", "rms", "rms T", "rms S", "width T", "width S")
+    for heading in ("Omega\ndeg", "L0\nmm", *(f"{name}\npx" for name in widths), "passed\n%"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    rms_t, rms_s = found.rms_px()
+    columns = (found.chief_px, found.rms_radius_px(), rms_t, rms_s, *found.extent_px())
+    for i, omega in enumerate(found.omega_deg):
+        for j, focus in enumerate(found.focus_mm):
+            numbers = [f"{c[i, j]:.3f}" for c in columns]
+            table.add_row(f"{omega:g}", f"{focus:.6g}", *numbers, f"{100 * found.passed[i]:.4g}")
+    console.print(table)
+
+
+def _print_check(console: Console, sensor: Sensor, f_numbers: Any, objects: ObjectOptions) -> None:
     """The blur of Eq. 28 against real rays, one line per F-number."""
-    found = check_blur(sensor, f_numbers, omega_deg=omega_deg, object_distance_mm=object_distance_mm)
+    found = check_blur(sensor, f_numbers, omega_deg=objects.omega_deg, object_distance_mm=objects.object_distance_mm)
     low, high = found.omega_deg[[0, -1]]
     console.print(
         f"Largest difference of real rays from the blur, {low:g} to {high:g} deg, in px: two edge rays, and the full "
