@@ -259,10 +259,11 @@ def _video(source: str, outputs: tuple[str, ...], how: Straightening, recording:
         if e.name != "av":
             raise
         raise needs_pyav(source) from None
+    console = Console(stderr=True)
     bar = Progress(
         TextColumn("Straightening"), BarColumn(), MofNCompleteColumn(),
-        TextColumn("{task.fields[rate]:.0f} frames/s"), TimeRemainingColumn(), console=Console(stderr=True),
-        transient=True,
+        TextColumn("{task.fields[rate]:.0f} frames/s"), TimeRemainingColumn(), console=console,
+        transient=True, disable=not console.is_terminal,
     )  # fmt: skip
     with bar:
         task = bar.add_task("", total=None, rate=0.0)
