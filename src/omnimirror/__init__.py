@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from .design import blur_bound as blur_bound
     from .design import design_sensor as design_sensor
     from .design import format_requirements as format_requirements
+    from .design import judge as judge
     from .design import load_front as load_front
     from .design import load_requirements as load_requirements
     from .design import pareto as pareto
@@ -105,6 +106,7 @@ _HOMES = {
     "DesignProblem": "design",
     "FieldRequirements": "design",
     "format_requirements": "design",
+    "judge": "design",
     "Front": "design",
     "LensRequirements": "design",
     "Limit": "design",

@@ -71,3 +71,13 @@ class Imager:
     def centre(self) -> tuple[float, float]:
         """Where the optical axis meets the array, (u, v) in pixels."""
         return self.centre_px or ((self.width_px - 1) / 2, (self.height_px - 1) / 2)
+
+    @property
+    def inscribed_radius_px(self) -> float:
+        """Radius of the largest circle about the optical axis that the array holds, pixels.
+
+        >>> Imager(1280, 1024, 4.8).inscribed_radius_px
+        512.0
+        """
+        u, v = self.centre
+        return min(u, v, self.width_px - 1 - u, self.height_px - 1 - v) + 0.5

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 import omnimirror as om
-from omnimirror.design.solve.designer import Design, Row
+from omnimirror.design import Design, Judgement, Requirements, Verdict
+from omnimirror.design.solve.range_search import RangeSearch
 
 
-def row(design: Design, name: str) -> Row:
+def row(design: Design | Verdict, name: str) -> Judgement:
     """The line of a design's table that bears a name."""
     return next(r for r in design.rows if r.name == name)
 
@@ -33,3 +34,8 @@ def looked_at_again(sensor: om.Sensor, angles: int = 4001, **options) -> dict[st
         "viewpoint_spread_mm": np.ptp(r.viewpoint_z_mm),
         "total_track_mm": sensor.lens.image_distance + sensor.mirror_distance_mm + float(sensor.mirror.sag(43.9)),
     }
+
+
+def best(wanted: Requirements) -> Verdict:
+    """The verdict of the best sensor with a mirror of a mapping or family, without asking what would have to give."""
+    return RangeSearch(wanted).best().verdict

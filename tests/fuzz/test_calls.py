@@ -64,6 +64,7 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "Requirements": (om.Requirements, {"field": WANTED.field, "mirror": WANTED.mirror, "lens": WANTED.lens,
                                        "imager": WANTED.imager, "limits": (), "name": "a"}),
     "format_requirements": (om.format_requirements, {"requirements": WANTED}),
+    "judge": (om.judge, {"requirements": WANTED, "sensor": SENSOR, "angles": 11}),
     "Dewarper": (lambda **words: om.Dewarper(**words)(PICTURE), {
         "camera": SMALL, "view": om.screens.Cylinder((36, 12), -40.0, 20.0), "interpolation": "linear",
         "viewpoint": "exact", "border": 0}),

@@ -13,6 +13,7 @@ from .optimise.lower_bound import BlurBound, blur_bound
 from .optimise.optimiser import Optimum
 from .optimise.problem import DesignProblem
 from .solve.designer import Design, SearchOptions, design_sensor
+from .solve.verdict import Judgement, Verdict, judge
 
 __all__ = [
     "FAMILIES",
@@ -24,6 +25,7 @@ __all__ = [
     "FitForm",
     "FittedMirror",
     "Front",
+    "Judgement",
     "LensRequirements",
     "Limit",
     "MirrorRequirements",
@@ -32,11 +34,13 @@ __all__ = [
     "Requirements",
     "Rim",
     "SearchOptions",
+    "Verdict",
     "blur_bound",
     "design_sensor",
     "fit_mirror",
     "format_requirements",
     "generated_mirror",
+    "judge",
     "load_front",
     "load_requirements",
     "pareto",

@@ -152,6 +152,11 @@ class Lens(ABC):
     def depth_of_field(self, tolerance: float, mode: BlurMode = "exact") -> DepthOfField:
         """Object distances (mm) whose blur is at most ``tolerance`` (mm) (Eqs. 30, 31)."""
 
+    @property
+    @abstractmethod
+    def stop_number(self) -> float:
+        """F-number that the lens is set to: f/D focused at infinity; of a telecentric lens that towards the imager."""
+
     def image_f_number(self) -> float:
         """Working F-number F_w of the cone of light that reaches the imager; sets the Airy disk."""
         return float(self.through_focus(self.focus_coordinate(self.focus_distance_mm)).f_number)

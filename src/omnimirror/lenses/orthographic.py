@@ -46,6 +46,10 @@ class Orthographic(Lens):
         return np.full_like(x, self.magnification)
 
     @property
+    def stop_number(self) -> float:
+        return self.working_f_number
+
+    @property
     def aperture_slope(self) -> float:
         """Slope of the outermost rays on the side of the mirror, against the axis."""
         return self.magnification / self.working_f_number / 2

@@ -110,6 +110,10 @@ class Perspective(Lens):
             return rate, np.where(tangent == 0.0, 1.0, radius / tangent)
 
     @property
+    def stop_number(self) -> float:
+        return self.f_number
+
+    @property
     def aperture_radius(self) -> float:
         """Radius of the entrance pupil, mm."""
         return self.focal_length_mm / self.f_number / 2

@@ -11,11 +11,11 @@ import omnimirror as om
 from omnimirror.design import parse_requirements
 from omnimirror.design.criteria.field_angles import hidden_deg
 from omnimirror.design.solve.designer import design_sensor
-from omnimirror.design.solve.range_search import Search
-from omnimirror.design.solve.relaxation import with_given
+from omnimirror.design.solve.generated import ranges_of
+from omnimirror.design.solve.range_search import RangeSearch
 from omnimirror.errors import InvalidParameter, SpecError
 from omnimirror.specs import format_sensor, parse_sensor
-from tests.design.answers import row
+from tests.design.answers import best, row
 
 COMMON = """
 field.omega_max_deg = 135
@@ -110,16 +110,16 @@ def test_the_table_is_what_evaluation_says(limited):
 
 def test_what_gives_alone_is_enough_and_no_more_than_needed(limited):
     """Each answer put into the requirements: kept with it, missed with a little less of it."""
-    search = Search(limited.requirements)
+    wanted, numbers = limited.requirements, ranges_of(limited.requirements)
     assert limited.conflict.missed == ("total_blur_px",)
     tried = 0
     for relaxation in limited.conflict.alone:
-        if relaxation.needed is None or relaxation.needed == relaxation.asked or relaxation.name not in search.spans:
+        if relaxation.needed is None or relaxation.needed == relaxation.asked or relaxation.name not in numbers:
             continue
         tried += 1
-        assert with_given(search, relaxation.name, relaxation.needed).best().is_met, relaxation
+        assert best(wanted.changed(**{relaxation.name: relaxation.needed})).is_met, relaxation
         less = relaxation.asked + 0.97 * (relaxation.needed - relaxation.asked)
-        assert not with_given(search, relaxation.name, less).best().is_met, relaxation
+        assert not best(wanted.changed(**{relaxation.name: less})).is_met, relaxation
     assert tried >= 2
     blur = next(r for r in limited.conflict.alone if r.name == "total_blur_px")
     reached = row(limited, "total_blur_px").reached
@@ -129,13 +129,13 @@ def test_what_gives_alone_is_enough_and_no_more_than_needed(limited):
 def test_what_gives_jointly_is_enough(limited):
     wanted = limited.requirements
     assert 0 < limited.conflict.joint_share < max(r.share for r in limited.conflict.alone if r.share)
-    search, limits = Search(wanted), list(wanted.limits)
+    numbers, limits = ranges_of(wanted), list(wanted.limits)
     for relaxation in limited.conflict.joint:
-        if relaxation.name in search.spans:
-            search = with_given(search, relaxation.name, relaxation.needed)
+        if relaxation.name in numbers:
+            wanted = wanted.changed(**{relaxation.name: relaxation.needed})
         elif relaxation.name == "total_blur_px":
             limits[0] = replace(limits[0], at_most=relaxation.needed)
-    assert Search(replace(search.requirements, limits=tuple(limits))).best().is_met
+    assert best(replace(wanted, limits=tuple(limits))).is_met
 
 
 def test_a_range_is_used_where_it_helps():
@@ -143,21 +143,18 @@ def test_a_range_is_used_where_it_helps():
         parse_requirements(LIMITED.replace("theta_max_deg = 12", "theta_max_deg = 12\nf_number = [2, 16]"))
     )
     assert design.is_met
-    fixed = Search(design.requirements).middle()
-    blurs = []
-    for f_number in np.linspace(2, 16, 5):
-        candidate = Search(design.requirements).judge(replace(fixed, f_number=float(f_number)))
-        blurs.append(candidate.badness)
+    search = RangeSearch(design.requirements)
+    blurs = [search.judged(search.middle().changed(f_number=float(F))).cost for F in np.linspace(2, 16, 5)]
     assert max(r.shortfall for r in design.rows if r.is_limit) <= min(blurs) + 1e-3
 
 
 def test_the_ellipsoid_left_free_is_the_sharpest_of_its_family():
     design = design_sensor(parse_requirements(COMMON.replace('mapping = "equidistant"', 'family = "ellipsoid"')))
-    search = Search(design.requirements)
+    search = RangeSearch(design.requirements)
     conic = design.sensor.mirror.conic
-    here = search.judge(replace(search.middle(), conic=conic)).badness
+    here = search.judged(search.middle().changed(conic=conic)).cost
     for step in (-0.05, 0.05):
-        assert search.judge(replace(search.middle(), conic=conic + step)).badness > here
+        assert search.judged(search.middle().changed(conic=conic + step)).cost > here
     assert any("conic" in note for note in design.notes)
 
 
@@ -184,7 +181,7 @@ def test_a_field_that_begins_past_the_camera():
     assert pointed.sensor.field_deg[0] == pytest.approx(30)
     rates = [om.evaluate(d.sensor, [80.0]).dh_domega_px_per_deg[0] for d in (smooth, pointed)]
     assert rates[1] / rates[0] == pytest.approx(135 / 105, rel=1e-6)
-    hidden = Search(parse_requirements(text.replace("omega_min_deg = 30", "omega_min_deg = 5"))).best()
+    hidden = best(parse_requirements(text.replace("omega_min_deg = 30", "omega_min_deg = 5")))
     assert not row(hidden, "omega_min_deg").is_met
 
 

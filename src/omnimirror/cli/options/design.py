@@ -147,9 +147,9 @@ def sensor_entries(name_or_path: str) -> dict[str, Any]:
     sensor = load_sensor(name_or_path)
     sensor.check_one_mirror("designing one like it")
     low, high = sensor.field_deg
-    lens: dict[str, Any] = {"kind": sensor.lens.KIND, "f_number": sensor.lens.image_f_number()}
+    lens: dict[str, Any] = {"kind": sensor.lens.KIND, "f_number": sensor.lens.stop_number}
     if isinstance(sensor.lens, Perspective):
-        lens |= {"f_number": sensor.lens.f_number, "focal_length_mm": sensor.lens.focal_length_mm}
+        lens["focal_length_mm"] = sensor.lens.focal_length_mm
         lens["theta_max_deg"] = float(np.degrees(sensor.meridian.theta_max))
     imager = sensor.imager
     return {

@@ -215,6 +215,11 @@ class LensRequirements(Entries):
     def is_telecentric(self) -> bool:
         return self.kind == "orthographic"
 
+    @property
+    def fills_imager(self) -> bool:
+        """Whether what is not given of the lens makes the rim fill the imager, wherever it is focused."""
+        return self.theta_max_deg is None or self.focal_length_mm is None
+
 
 PAPER_IMAGER = Imager(1024, 1024, 5.2)
 """The paper's prototype's; taken where no imager is stated."""
@@ -277,6 +282,40 @@ class Requirements:
             instance("limits", limit, Limit, "a list of limits")
         check_consistency(self)
 
+    def changed(self, **entries: Any) -> Requirements:
+        """The same with other entries of field, mirror and lens.
+
+        Parameters
+        ----------
+        entries
+            What they become, by their names.
+
+        Returns
+        -------
+        Requirements
+
+        Raises
+        ------
+        SpecError
+            An entry is wrong, or does not fit the others.
+
+        Examples
+        --------
+        >>> import omnimirror as om
+        >>> mirror = om.MirrorRequirements(family="sphere", rim_radius_mm=40)
+        >>> wanted = om.Requirements(
+        ...     field=om.FieldRequirements(omega_max_deg=120), mirror=mirror, lens=om.LensRequirements(theta_max_deg=12)
+        ... )
+        >>> wanted.changed(f_number=5.6, rim_radius_mm=(30, 40)).mirror.rim_radius_mm
+        (30.0, 40.0)
+        """
+        changed = {
+            table: dataclasses.replace(getattr(self, table), **{name: entries[name] for name in names & entries.keys()})
+            for table, names in NAMES.items()
+            if names & entries.keys()
+        }
+        return dataclasses.replace(self, **changed)
+
     def tables(self) -> dict[str, Any]:
         """The tables of a requirement file that says the same, as plain data.
 
@@ -290,6 +329,12 @@ class Requirements:
         plain: dict[str, Any] = _plain(data)
         return plain
 
+
+NAMES = {
+    cls.TABLE: {f.name for f in dataclasses.fields(cls)}
+    for cls in (FieldRequirements, MirrorRequirements, LensRequirements)
+}
+"""The entries of each table; no name is of two tables."""
 
 KINDS: dict[str, type[Any]] = {
     "field": FieldRequirements, "mirror": MirrorRequirements, "lens": LensRequirements, "imager": Imager,

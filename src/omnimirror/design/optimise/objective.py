@@ -31,16 +31,15 @@ Key = int | str
 
 
 @dataclass(frozen=True)
-class Concession:
-    """What is to give as little as can be: requirements by their keys, and given numbers.
+class Slack:
+    """Which requirements may give (elastic constraints): the largest share by which one of them does is made least.
 
     Attributes
     ----------
     keys
-        Limits by their index, :data:`IMAGE`, :data:`CLEAR`; the largest share by which one is missed is made least.
-        All that are not named are kept.
+        Limits by their index, :data:`IMAGE`, :data:`CLEAR`. All that are not named are kept.
     numbers
-        Free numbers of the problem, with what was asked of them and the sign of the way in which they may give.
+        Free numbers, with what was asked of them and the sign of the way in which they may give.
     """
 
     keys: tuple[Key, ...]
@@ -49,10 +48,10 @@ class Concession:
 
 @dataclass(frozen=True)
 class Objective:
-    """A merit, or a concession, over some fractions u of the rim radius, the last of them 1."""
+    """A merit, or the slack of some requirements, over some fractions u of the rim radius, the last of them 1."""
 
     space: DesignSpace
-    goal: Merit | Concession
+    goal: Merit | Slack
     u: Array
 
     def values(self, y: Array) -> Values:
@@ -67,8 +66,8 @@ class Objective:
         return Rows(g[0].real, c[0].real, g.imag.T / STEP, c.imag.T / STEP)
 
     def shown(self, value: float) -> float:
-        """The merit in its unit, or the share conceded, from the largest row."""
-        if isinstance(self.goal, Concession):
+        """The merit in its unit, or the share that gives, from the largest row."""
+        if isinstance(self.goal, Slack):
             return value
         return float(self.goal.shown(np.asarray(value * self._scale)))
 
@@ -115,7 +114,7 @@ class Objective:
             wanted = dict(self._requirements(state))
             constraints = [LEAST_DOMEGA_DU - state.domega_du, LEAST_COS_INCIDENCE - state.cos_incidence]
             given: tuple[Key, ...] = ()
-            if isinstance(self.goal, Concession):
+            if isinstance(self.goal, Slack):
                 given = self.goal.keys
                 rows = [wanted[key] for key in given] + [self._moved(y, *n) for n in self.goal.numbers]
                 objective = _beside(rows, len(y))

@@ -28,7 +28,7 @@ from ..criteria.limits import Limit
 from ..criteria.merits import merit_named
 from ..criteria.ranges import ends
 from .lower_bound import BlurBound, blur_bound
-from .objective import Concession, Objective
+from .objective import Objective, Slack
 from .problem import DesignProblem
 from .variables import DesignSpace
 
@@ -196,8 +196,8 @@ def optimise(
 def optimised(
     problem: DesignProblem,
     merit: str,
-    starts: int,
-    seed: int,
+    starts: int = 4,
+    seed: int = 0,
     resume: str | Path | None = None,
     on_progress: Callable[[Progress], None] | None = None,
 ) -> Optimum | list[Array]:
@@ -250,7 +250,7 @@ def _kept_first(objective: Objective, y: Array, on_step: Callable[[float], None]
     keys = objective.asked
     if not keys:
         return found
-    least = follow(replace(objective, goal=Concession(keys)), found.y, tolerance=CLOSE)
+    least = follow(replace(objective, goal=Slack(keys)), found.y, tolerance=CLOSE)
     return follow(objective, least.y, tolerance=CLOSE, on_step=on_step) if least.value < 0 else found
 
 

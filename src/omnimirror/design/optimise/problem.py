@@ -154,9 +154,3 @@ class DesignProblem:
             )
         if not 0 <= self.omega_min_deg < least:
             raise InvalidParameter(f"omega_min_deg = {self.omega_min_deg:g} is not valid from 0 to below {least:g}")
-
-
-def imager_radius_px(imager: Imager) -> float:
-    """Radius of the largest circle about the optical axis that an imager holds."""
-    u, v = imager.centre
-    return min(u, v, imager.width_px - 1 - u, imager.height_px - 1 - v) + 0.5

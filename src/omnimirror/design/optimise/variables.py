@@ -22,7 +22,7 @@ from ...numerics.lazy import cached_property
 from ...sensor import Sensor
 from ..criteria.merits import FieldValues, values_at, values_of
 from ..criteria.ranges import ends
-from .problem import DesignProblem, imager_radius_px
+from .problem import DesignProblem
 
 Array = NDArray[Any]
 ROUNDS = 6
@@ -160,7 +160,7 @@ class DesignSpace:
 
     @property
     def imager_radius_mm(self) -> float:
-        return imager_radius_px(self.problem.imager) * self.problem.imager.pitch_mm
+        return self.problem.imager.inscribed_radius_px * self.problem.imager.pitch_mm
 
     def camera(self, g: Given) -> PerspectiveCamera | TelecentricCamera:
         """The lens and the pixels of some designs."""
@@ -302,7 +302,7 @@ class DesignSpace:
     def image(self, g: Given) -> Array:
         """Image of the rim over the largest that the imager holds (b, 1)."""
         rim_ray = g.M if self.problem.is_telecentric else g.tangent
-        image: Array = self.camera(g).px_per_ray(g.focus) * rim_ray / imager_radius_px(self.problem.imager)
+        image: Array = self.camera(g).px_per_ray(g.focus) * rim_ray / self.problem.imager.inscribed_radius_px
         return image
 
     def at_best_focus(self, y: Array, angles: int) -> Array:

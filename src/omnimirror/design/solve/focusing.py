@@ -22,9 +22,11 @@ from ...batch.optics import NodeOptics, PerspectiveCamera, TelecentricCamera, no
 from ...lenses import Lens, Perspective
 from ...numerics.lazy import cached_property
 from ...sensor import Sensor
-from ..criteria.field_angles import Counted
+from ..criteria.field_angles import counted_field
 from ..criteria.limits import Limit
 from ..criteria.merits import FieldValues, values_at
+from ..criteria.ranges import ends
+from ..criteria.requirements import FieldRequirements
 
 Array = NDArray[np.float64]
 
@@ -33,14 +35,14 @@ SCAN, AGAIN = 33, 9  # places at which a valley is looked for, and in each narro
 CLOSE = 1e-7  # of the range of places: how narrow the last look is
 MARGIN = 0.05  # of the range of places, on either side
 KEPT = 1e-6  # a share this little missed is none
-NOT_TO_BE_HAD = 1e6  # added where something is missed that can be kept
+INFEASIBLE = 1e6  # more than any share or blur area: where something is missed that can be kept, comes last
 
 
 class Focus(NamedTuple):
     """The best focus, and what it makes least."""
 
     focus_mm: float
-    badness: float
+    cost: float
 
 
 @dataclass(frozen=True)
@@ -49,8 +51,8 @@ class Focusing:
 
     Attributes
     ----------
-    distances_mm
-        Of the objects that count.
+    field
+        What is looked at, and from how far.
     image_radius_px
         Largest radius of the rim's image; infinite where lens and mirror follow from the focus.
     span_mm
@@ -60,9 +62,8 @@ class Focusing:
     """
 
     sensor: Sensor
-    counted: Counted
+    field: FieldRequirements
     limits: tuple[Limit, ...]
-    distances_mm: tuple[float, ...]
     image_radius_px: float = np.inf
     span_mm: tuple[float, float] | None = None
     points: int = POINTS
@@ -74,32 +75,32 @@ class Focusing:
         with np.errstate(all="ignore"):
             can_be_kept = bool((self._missed(v[:, None]) <= KEPT).any())
             while True:
-                badness = self._badness(v[:, None], can_be_kept)
-                i = int(np.nanargmin(badness)) if np.isfinite(badness).any() else 0
+                cost = self._cost(v[:, None], can_be_kept)
+                i = int(np.nanargmin(cost)) if np.isfinite(cost).any() else 0
                 low, high = v[max(i - 1, 0)], v[min(i + 1, v.size - 1)]
                 if not high - low > CLOSE * whole:
                     break
                 v = np.linspace(low, high, AGAIN)
         place = float(v[i])
-        return Focus(-place if self._is_telecentric else 1 / place, float(badness[i]))
+        return Focus(-place if self._is_telecentric else 1 / place, float(cost[i]))
 
-    def _badness(self, v: Array, keeping: bool) -> Array:
+    def _cost(self, v: Array, keeping: bool) -> Array:
         """What is to be least (b,) at places v (b, 1); ``keeping`` what else can be kept."""
-        of_blur = [limit.missed(self.field(v, limit)) for limit in self.limits if limit.of.is_sharpness]
+        of_blur = [limit.missed(self.at(v, limit)) for limit in self.limits if limit.of.is_sharpness]
         if of_blur:
             worst: Array = np.maximum.reduce(of_blur)
         else:
-            worst = np.exp(self.field(v).log_area).max(axis=-1)
+            worst = np.exp(self.at(v).log_area).max(axis=-1)
         if not keeping:
             return worst
         missed = self._missed(v)
-        return worst + np.where(missed > KEPT, NOT_TO_BE_HAD * (1 + missed), 0.0)
+        return worst + np.where(missed > KEPT, INFEASIBLE * (1 + missed), 0.0)
 
     def _missed(self, v: Array) -> Array:
         """By what share (b,) what else hangs on the focus is missed at places v (b, 1)."""
         if np.isinf(self.image_radius_px):  # the rim fills the imager, and the image has one size
             return np.full(len(v), -1.0)
-        others = [limit.missed(self.field(v, limit)) for limit in self.limits if limit.of.is_scale]
+        others = [limit.missed(self.at(v, limit)) for limit in self.limits if limit.of.is_scale]
         image = (self._camera.px_per_ray(v) * self._rim_ray)[:, 0] / self.image_radius_px - 1
         missed: Array = np.maximum.reduce([*others, image])
         return missed
@@ -137,15 +138,21 @@ class Focusing:
         return {part: slice(i * self.points, (i + 1) * self.points) for i, part in enumerate(asked)}
 
     @cached_property
+    def _distances_mm(self) -> tuple[float, ...]:
+        """Of the objects that count, each once."""
+        return tuple(sorted(set(ends(self.field.object_distance_mm))))
+
+    @cached_property
     def _nodes(self) -> NodeOptics:
         """The optics (d, k) of all points for each object distance."""
         sensor, mirror = self.sensor, self.sensor.mirror
-        ends = np.radians([self.counted.part(part)[:2] for part in self._parts])
-        first, last = sensor.meridian.x_from_omega(ends.ravel()).reshape(-1, 2).T
+        counted = counted_field(self.field, sensor)
+        omega = np.radians([counted.part(part)[:2] for part in self._parts])
+        first, last = sensor.meridian.x_from_omega(omega.ravel()).reshape(-1, 2).T
         x = (first[:, None] + (last - first)[:, None] * np.linspace(0.0, 1.0, self.points)).ravel()
         z, slope, curvature = mirror.profile(x)
         over_x = np.where(x > 0, slope / np.where(x > 0, x, 1.0), curvature)
-        near = 1 / np.array(self.distances_mm)[:, None]
+        near = 1 / np.array(self._distances_mm)[:, None]
         with np.errstate(divide="ignore"):  # a cone has its tangential images at infinity
             if self._is_telecentric:
                 return telecentric_optics(x, z, slope, curvature, over_x, near)
@@ -154,11 +161,11 @@ class Focusing:
     @cached_property
     def _fields(self) -> dict[tuple[float, float] | None, NodeOptics]:
         """The optics (k,) of each part, for one object distance after the other."""
-        shape = (len(self.distances_mm), self.points * len(self._parts))
+        shape = (len(self._distances_mm), self.points * len(self._parts))
         nodes = [np.broadcast_to(column, shape) for column in self._nodes]
         return {part: NodeOptics(*(n[:, where].ravel() for n in nodes)) for part, where in self._parts.items()}
 
-    def field(self, v: Array, limit: Limit | None = None) -> FieldValues:
+    def at(self, v: Array, limit: Limit | None = None) -> FieldValues:
         """What a limit looks at, at places v (b, 1); without one, all of the field that counts."""
         (_, sag), m = self._rim, self.sensor.mirror_distance_mm
         reach = np.array([sag if self._is_telecentric else m + sag])
@@ -178,8 +185,8 @@ class Focusing:
         if self.span_mm is None:
             return low, high
         near, far = self.span_mm
-        ends = (-far, -near) if self._is_telecentric else (1 / far, 1 / near)
-        return float(np.clip(low, *ends)), float(np.clip(high, *ends))
+        span = (-far, -near) if self._is_telecentric else (1 / far, 1 / near)
+        return float(np.clip(low, *span)), float(np.clip(high, *span))
 
 
 def places_of(lens: Lens) -> tuple[float, float]:

@@ -1,27 +1,28 @@
-"""An optimised mirror for requirements: the best that keeps them all, or the one that misses them least."""
+"""Mirrors of free form for requirements: the best that keeps them all, or the one that misses them least."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...batch.bases import FreeForm
+from ...lenses import BlurMode, Perspective
+from ...numerics.lazy import cached_property
 from ...numerics.minimax import Minimum
 from ...sensor import Sensor
-from ..construct.rim import MountedMirror
+from ..criteria.merits import merit_named
+from ..criteria.ranges import ends
 from ..criteria.requirements import Requirements
-from ..optimise.objective import Concession, Objective
+from ..optimise.objective import Key, Objective, Slack
 from ..optimise.optimiser import (
     CLOSE,
     FINE,
     KEPT,
     POLISH_TRUST,
     Optimum,
-    Progress,
     coarse_nodes,
     follow,
     optimised,
@@ -29,35 +30,18 @@ from ..optimise.optimiser import (
 )
 from ..optimise.problem import DesignProblem
 from ..optimise.variables import DesignSpace
-from .candidates import Choice, Made, judged
-from .verdict import Row, assess
+from .space import BestDesign, Point, Reached
+from .verdict import judge
 
 Array = NDArray[np.float64]
 
 SHAPE = "spline"  # where none is asked for
+NUMBERS = ("omega_max_deg", "theta_max_deg", "rim_radius_mm", "focal_length_mm", "f_number")
 
 
-@dataclass(frozen=True)
-class Shaped:
-    """An optimised sensor, judged.
-
-    Attributes
-    ----------
-    y
-        Its point of the problem's design space.
-    optimum
-        How it was found; None where no design keeps everything, and this one misses least.
-    """
-
-    problem: DesignProblem
-    y: Array
-    optimum: Optimum | None
-    choice: Choice
-    made: Made
-    rows: list[Row]
-
-
-def problem_of(requirements: Requirements) -> DesignProblem:
+def problem_of(
+    requirements: Requirements, mode: BlurMode = "exact", image_radius_px: float | None = None
+) -> DesignProblem:
     """What an optimiser has to know of requirements; what they give as ranges is free."""
     field, mirror, lens = requirements.field, requirements.mirror, requirements.lens
     shape = FreeForm.parse(mirror.shape or SHAPE)
@@ -76,55 +60,105 @@ def problem_of(requirements: Requirements) -> DesignProblem:
         family=shape.name,
         terms=shape.terms,
         limits=requirements.limits,
+        mode=mode,
+        image_radius_px=image_radius_px,
     )
 
 
-def shape(
-    requirements: Requirements,
-    problem: DesignProblem,
-    starts: int = 4,
-    seed: int = 0,
-    resume: str | Path | None = None,
-    on_progress: Callable[[Progress], None] | None = None,
-) -> Shaped:
-    """Optimise for requirements; ``problem`` is theirs, or that with another mode of blur.
+@dataclass(frozen=True)
+class FreeFormSpace:
+    """The mirrors of free form that a problem leaves."""
 
-    Where none of the starts leads to a mirror that keeps everything, what is missed most is made least; should all
-    be kept then, the merit is pressed down from there.
+    requirements: Requirements
+    problem: DesignProblem
+
+    @cached_property
+    def designs(self) -> DesignSpace:
+        return DesignSpace(self.problem)
+
+    @cached_property
+    def numbers(self) -> dict[str, float]:
+        """The numbers of the problem that are no ranges."""
+        given = {name: getattr(self.problem, name) for name in NUMBERS if name not in self.problem.free}
+        return {name: ends(value)[0] for name, value in given.items() if value is not None}
+
+    @cached_property
+    def keys(self) -> tuple[Key, ...]:
+        """The limits, and what of imager and camera the design can miss."""
+        return self._objective(()).asked
+
+    def freed(self, ranges: dict[str, tuple[float, float]]) -> FreeFormSpace:
+        """The space in which some of its numbers are free."""
+        return replace(self, problem=replace(self.problem, **ranges))  # type: ignore[arg-type]
+
+    def point(self, y: Array) -> Point:
+        """A design as a point, the given numbers included."""
+        asked = {name: float(np.log(value)) for name, value in self.numbers.items()}
+        return asked | dict(zip(self.designs.names, y.tolist(), strict=True))
+
+    def value(self, point: Point, name: str) -> float:
+        """A number at a point."""
+        return float(np.exp(point[name]))
+
+    def towards(self, point: Point, name: str, way: int, span: tuple[float, float]) -> Point:
+        """The point itself: from there all numbers lead to where all can be met."""
+        return point
+
+    def reach(self, point: Point, slack: Slack) -> Reached | None:
+        """The point near one where the least has to give; None where something else is missed there."""
+        found = follow(replace(self._objective(()), goal=slack), self._y(point), tolerance=CLOSE)
+        return Reached(point | self.point(found.y), found.value) if found.violation < KEPT else None
+
+    def missed(self, point: Point) -> dict[Key, float]:
+        """By what share each requirement is missed at a point."""
+        return self._objective(()).missed(self._y(point))
+
+    def can_meet(self, requirements: Requirements, point: Point) -> bool:
+        """Whether the mirror near a point that misses least meets other requirements."""
+        problem = problem_of(requirements, self.problem.mode, self.problem.image_radius_px)
+        space = FreeFormSpace(requirements, problem)
+        y = follow(space._objective(space.keys), space._y(point), tolerance=CLOSE).y
+        return judge(requirements, space.designs.sensor(y)).is_met
+
+    def _y(self, point: Point) -> Array:
+        return np.array([point.get(name, 0.0) for name in self.designs.names])
+
+    def _objective(self, keys: tuple[Key, ...]) -> Objective:
+        return Objective(self.designs, Slack(keys), coarse_nodes(self.problem))
+
+
+def solve(requirements: Requirements, problem: DesignProblem, **search: Any) -> tuple[FreeFormSpace, BestDesign]:
+    """The best mirror of free form, and the designs around it.
+
+    Where none of the starts leads to a mirror that keeps everything, what is missed most is made least.
+
+    Parameters
+    ----------
+    problem
+        That of the requirements, perhaps with another mode of blur.
+    search
+        ``starts``, ``seed``, ``resume`` and ``on_progress`` of the optimiser.
     """
     merit = requirements.mirror.optimise
     assert merit is not None
-    found = optimised(problem, merit, starts, seed, resume, on_progress)
+    space = FreeFormSpace(requirements, problem)
+    found = optimised(problem, merit, **search)
     if isinstance(found, Optimum):
-        return _shaped(requirements, problem, found.y, found)
-    return _shaped(requirements, problem, _least_bad(problem, found), None)
+        m, y, sensor, optimum = merit_named(merit), found.y, found.sensor, found
+        first = f"{m.quantity.title}: {found.value:.5g} {m.quantity.unit}".rstrip()
+    else:
+        y, optimum = _least_missed(space, found), None
+        sensor = space.designs.sensor(y)
+        first = f"no mirror of {problem.terms} numbers was found that keeps everything: this one misses least"
+    sensor = replace(sensor, name=requirements.name)
+    notes = (first, *free_form_notes(problem, sensor))
+    return space, BestDesign(space.point(y), sensor, judge(requirements, sensor), notes, optimum)
 
 
-def _shaped(requirements: Requirements, problem: DesignProblem, y: Array, optimum: Optimum | None) -> Shaped:
-    """A point of the design space as a sensor, requirement by requirement."""
-    sensor = optimum.sensor if optimum else DesignSpace(problem).sensor(y)
-    choice, made, rows = judged_sensor(requirements, sensor)
-    return Shaped(problem, y, optimum, choice, made, rows)
-
-
-def judged_sensor(requirements: Requirements, sensor: Sensor) -> tuple[Choice, Made, list[Row]]:
-    """Any sensor, requirement by requirement."""
-    lens = sensor.lens
-    theta = None if lens.TELECENTRIC else float(np.degrees(sensor.meridian.theta_max))
-    choice = Choice(
-        requirements.field.omega_max_deg, requirements.field.omega_min_deg, sensor.mirror.rim_radius_mm, theta,
-        getattr(lens, "focal_length_mm", None), getattr(lens, "f_number", None) or lens.image_f_number(), None,
-    )  # fmt: skip
-    made = judged(requirements, sensor, MountedMirror(sensor.mirror, sensor.mirror_distance_mm))
-    return choice, made, assess(requirements, choice, made)
-
-
-def _least_bad(problem: DesignProblem, ends: list[Array]) -> Array:
-    """The point where what is missed most is missed least, from the ends of some searches; polished."""
-    space = DesignSpace(problem)
-    coarse = Objective(space, Concession(()), coarse_nodes(problem))
-    coarse = replace(coarse, goal=Concession(coarse.asked))
-    found = [follow(coarse, y, tolerance=CLOSE) for y in [start(space, 0, 0)[1], *ends]]
+def _least_missed(space: FreeFormSpace, tried: list[Array]) -> Array:
+    """The point where what is missed most is missed least, from where some searches ended; polished."""
+    coarse = space._objective(space.keys)
+    found = [follow(coarse, y, tolerance=CLOSE) for y in [start(space.designs, 0, 0)[1], *tried]]
     best = min(found, key=_cost)
     fine = replace(coarse, u=np.linspace(0.0, 1.0, FINE))
     return follow(fine, best.y, tolerance=CLOSE, first_trust=POLISH_TRUST).y
@@ -132,3 +166,25 @@ def _least_bad(problem: DesignProblem, ends: list[Array]) -> Array:
 
 def _cost(found: Minimum) -> float:
     return found.value if found.violation < KEPT else np.inf
+
+
+def free_form_notes(problem: DesignProblem, sensor: Sensor) -> tuple[str, ...]:
+    """What an optimiser chose besides the shape, in words."""
+    lens, notes = sensor.lens, []
+    reached = {"rim_radius_mm": sensor.mirror.rim_radius_mm, "f_number": lens.stop_number}
+    if isinstance(lens, Perspective):
+        reached |= {
+            "focal_length_mm": lens.focal_length_mm,
+            "theta_max_deg": float(np.degrees(sensor.meridian.theta_max)),
+        }
+    for name, value in reached.items():
+        asked = getattr(problem, name)
+        if asked is None:
+            notes.append(f"{name} = {value:.6g}, where the rim fills the imager")
+        elif name in problem.free:
+            notes.append("{} = {:.6g}, chosen between {:g} and {:g}".format(name, value, *ends(asked)))
+    if problem.is_telecentric:
+        notes.append(f"the telecentric lens has to be as wide as the mirror, {2 * reached['rim_radius_mm']:g} mm")
+    if not isinstance(problem.focus_mm, float):
+        notes.append(f"focused at {lens.focus_distance_mm:.5g} mm")
+    return tuple(notes)

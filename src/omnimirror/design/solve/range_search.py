@@ -1,4 +1,4 @@
-"""What the requirements leave free, chosen so that the requirement kept worst is kept best.
+"""The best mirror of a mapping or a family: what the requirements leave free, chosen so that the worst is kept best.
 
 Every candidate is judged by the largest share by which a requirement is missed (below 0: kept); without
 limits, by its worst floored blur area. A coarse grid of the ranges finds the valley, linear programmes its bottom.
@@ -7,76 +7,73 @@ limits, by its worst floored blur area. A coarse grid of the ranges finds the va
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import product
 from typing import NamedTuple
 
 import numpy as np
 
 from ...errors import OmnimirrorError
+from ...lenses import Perspective
 from ...numerics.lazy import cached_property
+from ..criteria.field_angles import counted_field
+from ..criteria.ranges import is_free
 from ..criteria.requirements import Requirements
-from .candidates import Choice, Made, given, make
-from .leeway import AREA, Goal, Key, Leeway
-from .verdict import SEARCHED, Row, assess, evaluated
+from ..optimise.objective import Key, Slack
+from .candidates import Candidate, make, mapping_deviation_px
+from .generated import AREA, SEARCHED, GeneratedSpace, free_of, ranges_of
+from .space import BestDesign, Say
+from .verdict import Verdict, evaluations, judge
 
 GRID = {1: 9, 2: 4, 3: 3, 4: 2, 5: 2}  # points per free number, by how many are free
-NOT_TO_BE_HAD = 1e6  # added where nothing but blur is to be made least, and what is given does not fit
+INFEASIBLE = 1e6  # deg2, more than any floored blur area: what misses something given comes after all that keep it
 
 
-class Candidate(NamedTuple):
-    """A choice, made and judged; ``badness`` is what the search makes least."""
+class Ranked(NamedTuple):
+    """A candidate by its requirements; ``cost`` is what the search makes least."""
 
-    choice: Choice
-    made: Made
-    rows: list[Row]
-    badness: float
-
-    @property
-    def is_met(self) -> bool:
-        """Whether every requirement is met."""
-        return all(row.is_met for row in self.rows)
-
-    @property
-    def worst(self) -> float:
-        """The largest share by which a requirement is missed; 0 or below where all are met."""
-        return max((row.shortfall for row in self.rows if not row.is_met), default=0.0)
+    made: Candidate
+    verdict: Verdict
+    cost: float
 
 
 @dataclass(frozen=True)
-class Search:
+class RangeSearch:
     """The candidates that requirements leave to choose from."""
 
     requirements: Requirements
 
     @cached_property
-    def spans(self) -> dict[str, tuple[float, float] | None]:
-        return given(self.requirements)
+    def ranges(self) -> dict[str, tuple[float, float] | None]:
+        """The numbers of a candidate, (low, high); None where they follow."""
+        return ranges_of(self.requirements)
 
     @cached_property
-    def free(self) -> list[str]:
-        """Entries of a choice that have a range."""
-        return [name for name, span in self.spans.items() if span is not None and span[0] < span[1]]
+    def free(self) -> dict[str, tuple[float, float]]:
+        """Those that leave a choice."""
+        return free_of(self.ranges)
 
-    def middle(self) -> Choice:
-        """The choice in the middle of all ranges."""
-        return Choice(**{name: None if s is None else (s[0] + s[1]) / 2 for name, s in self.spans.items()})  # type: ignore[arg-type]
+    def middle(self) -> Requirements:
+        """The requirements settled in the middle of all ranges."""
+        middles = {name: None if s is None else (s[0] + s[1]) / 2 for name, s in self.ranges.items()}
+        return self.requirements.changed(**middles)
 
-    def judge(self, choice: Choice, angles: int = SEARCHED) -> Candidate:
-        """Make a choice and judge it; raises OmnimirrorError where there is no such sensor."""
-        made = make(self.requirements, choice)
-        rows = assess(self.requirements, choice, made, angles)
-        return Candidate(choice, made, rows, self._badness(made, rows))
+    def judged(self, settled: Requirements) -> Ranked:
+        """A candidate made and judged; raises OmnimirrorError where there is no such sensor."""
+        made = make(settled)
+        verdict = judge(self.requirements, made.sensor, angles=SEARCHED)
+        return Ranked(made, verdict, self._cost(verdict))
 
-    def _badness(self, made: Made, rows: list[Row]) -> float:
-        missed = [row.shortfall for row in rows if not row.is_limit and not row.is_met]
-        limits = [row.shortfall for row in rows if row.is_limit]
+    def _cost(self, verdict: Verdict) -> float:
+        missed = [row.shortfall for row in verdict.rows if not row.is_limit and not row.is_met]
+        limits = [row.shortfall for row in verdict.limits]
         if missed or limits:
-            return max(missed + limits) + (0.0 if limits else NOT_TO_BE_HAD)
-        angles = np.linspace(*made.counted.part()[:2], SEARCHED)
-        return max(float(r.floored_area_deg2.max()) for r in evaluated(self.requirements, made, angles))
+            return max(missed + limits) + (0.0 if limits else INFEASIBLE)
+        low, high, _ = counted_field(self.requirements.field, verdict.sensor).part()
+        results = evaluations(self.requirements, verdict.sensor, np.linspace(low, high, SEARCHED))
+        return max(float(result.floored_area_deg2.max()) for result in results)
 
-    def best(self) -> Candidate:
+    def best(self) -> Ranked:
         """The best candidate.
 
         Raises
@@ -86,36 +83,79 @@ class Search:
         """
         middle = self.middle()
         if not self.free:
-            return self.judge(middle)
-        tried = [found for choice in [middle, *self._grid(middle)] if (found := self.judged(choice)) is not None]
+            return self.judged(middle)
+        tried = [found for settled in [middle, *self._grid(middle)] if (found := self._tried(settled)) is not None]
         if not tried:
-            return self.judge(middle)  # says why
-        return self.polished(min(tried, key=lambda c: c.badness))
+            return self.judged(middle)  # says why
+        return self._polished(min(tried, key=lambda c: c.cost))
 
-    def polished(self, start: Candidate) -> Candidate:
+    def space(self, found: Ranked) -> GeneratedSpace:
+        """The designs around a candidate."""
+        return GeneratedSpace(self.requirements, found.made.settled, self.free, found.made.sensor)
+
+    def _polished(self, start: Ranked) -> Ranked:
         """The best candidate near one, by what the requirements leave free."""
-        spans = {name: self.spans[name] or (0.0, 0.0) for name in self.free}
-        leeway = Leeway(self.requirements, start.choice, spans, start.made)
-        y = leeway.point(start.choice, start.made.sensor.lens.focus_distance_mm)
-        keys: tuple[Key, ...] = tuple(range(len(self.requirements.limits))) or (AREA,)
-        found = leeway.reach(y, Goal(keys))
+        space = self.space(start)
+        point = space.point(start.made.settled, start.made.sensor)
+        limits: tuple[Key, ...] = tuple(range(len(self.requirements.limits))) or (AREA,)
+        found = space.reach(point, Slack(limits))
         if found is None:  # something given is missed, and gives as little as a limit
-            found = leeway.reach(y, Goal(tuple(leeway.missed(y))))
-        better = None if found is None else self.judged(found.choice)
-        return better if better is not None and better.badness < start.badness else start
+            found = space.reach(point, Slack(tuple(space.missed(point))))
+        better = None if found is None else self._tried(space.made_at(found.point))
+        return better if better is not None and better.cost < start.cost else start
 
-    def _grid(self, base: Choice) -> Iterator[Choice]:
-        """Choices all over the ranges, in equal ratios where that can be."""
-        values = [ratios(self.spans[name] or (0.0, 0.0), GRID[len(self.free)]) for name in self.free]
+    def _grid(self, base: Requirements) -> Iterator[Requirements]:
+        """Settled requirements all over the ranges, in equal ratios where that can be."""
+        values = [ratios(span, GRID[len(self.free)]) for span in self.free.values()]
         for numbers in product(*values):
-            yield replace(base, **dict(zip(self.free, numbers, strict=True)))
+            yield base.changed(**dict(zip(self.free, numbers, strict=True)))
 
-    def judged(self, choice: Choice) -> Candidate | None:
-        """A choice judged, or None where there is no such sensor."""
+    def _tried(self, settled: Requirements) -> Ranked | None:
+        """A candidate judged, or None where there is no such sensor."""
         try:
-            return self.judge(choice)
+            return self.judged(settled)
         except OmnimirrorError:
             return None
+
+
+def solve(requirements: Requirements, say: Say = lambda words: None) -> tuple[GeneratedSpace, BestDesign]:
+    """The best candidate, and the designs around it.
+
+    Raises
+    ------
+    OmnimirrorError
+        There is no such mirror at all.
+    """
+    search = RangeSearch(requirements)
+    if search.free:
+        say(f"choosing {', '.join(search.free)}")
+    found = search.best()
+    made, space = found.made, search.space(found)
+    verdict = judge(requirements, made.sensor)
+    return space, BestDesign(space.point(made.settled, made.sensor), made.sensor, verdict, _notes(search, made))
+
+
+def _notes(search: RangeSearch, made: Candidate) -> tuple[str, ...]:
+    """What was chosen, in words."""
+    notes, sensor, wanted = [*made.notes], made.sensor, search.requirements
+    tables = made.settled.tables()
+    chosen = {**tables["field"], **tables["mirror"], **tables["lens"]}
+    for name, (low, high) in search.free.items():
+        notes.append(f"{name} = {chosen[name]:.6g}, chosen between {low:g} and {high:g}")
+    if isinstance(sensor.lens, Perspective):
+        if search.ranges["theta_max_deg"] is None:
+            theta = float(np.degrees(sensor.meridian.theta_max))
+            notes.append(f"theta_max_deg = {theta:.6g}, where the rim fills the imager")
+        elif search.ranges["focal_length_mm"] is None:
+            notes.append(f"focal_length_mm = {sensor.lens.focal_length_mm:.6g}, where the rim fills the imager")
+    if wanted.lens.focus_mm is None or is_free(wanted.lens.focus_mm):
+        is_sharpness = any(limit.of.is_sharpness for limit in wanted.limits)
+        why = "the limits of blur are kept best" if is_sharpness else "the worst floored blur area is least"
+        notes.append(f"focused at {sensor.lens.focus_distance_mm:.5g} mm, where {why}")
+    deviation = mapping_deviation_px(made.settled, sensor)
+    if deviation is not None:
+        notes.append(f"the fitted mirror departs from its mapping by up to {deviation:.3g} px")
+    return tuple(notes)
 
 
 def ratios(span: tuple[float, float], count: int) -> list[float]:

@@ -2,33 +2,35 @@
 
 Each requirement alone: what is free, the focus among it, is chosen anew so that a limit is missed least while all else
 is kept, or so that a number that is given (field, rim, lens) moves as little as will do. Jointly: the largest share by
-which any of them gives is made least. What comes out is rounded to the side of caution, put into a requirement file,
-and that is designed: only if everything in it is met is it advice.
+which any of them gives is made least, and what need not give is taken back. What comes out is rounded to the side of
+caution, put into requirements of their own, and these are designed for: only if everything in them is met is it advice.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from math import ceil
+from typing import NamedTuple
 
 import numpy as np
 
 from ...errors import OmnimirrorError
-from ..criteria.requirement_file import requirements_of
+from ..criteria.limits import Limit
 from ..criteria.requirements import Requirements
-from ..optimise.objective import IMAGE
-from ..optimise.problem import imager_radius_px
-from .leeway import Found, Goal, Key, Leeway, unfitted
-from .range_search import Candidate, Search
-from .verdict import REPORTED, Row, unit_of
+from ..optimise.objective import IMAGE, Key, Slack
+from .space import BestDesign, Point, Say, Space
+from .verdict import Judgement, unit_of
+
+Span = tuple[float, float]
 
 FARTHEST = 10.0  # times what was asked, or one over it
-LOOKED_AT = (0.05, 0.2, 0.5, 1.0, 2.0, 4.0)  # shares by which a number has moved, to see where its search should begin
+ROOM = 0.45  # of the way to where the rim is seen edge-on, for each of two angles that move at once
 MORE = (0.0, 1e-4, 1e-3, 1e-2)  # shares by which advice is widened until it holds
 DIGITS = 5  # of advice
 STILL = 1e-6  # a share below this is none
+IDLE = 0.01  # a move that saves the others less than this share of theirs is none
 RANGES = {
     "omega_max_deg": (1.0, 179.0),
     "theta_max_deg": (0.1, 60.0),
@@ -36,6 +38,8 @@ RANGES = {
     "f_number": (0.1, 1e3),
     "conic": (-1e3, 1e3),
 }
+LENGTHS = (1e-2, 1e5)  # mm
+ANGLES = ("omega_max_deg", "theta_max_deg")  # which together decide how steep the rim is
 
 
 @dataclass(frozen=True)
@@ -67,6 +71,18 @@ class Relaxation:
             return None
         return abs(self.needed - self.asked) / abs(self.asked)
 
+    @property
+    def gives(self) -> bool:
+        """Whether it says anything."""
+        return self.needed is not None and self.needed != self.asked
+
+    def giving(self, factor: float) -> Relaxation:
+        """Giving so many times as much, in few digits."""
+        if self.needed is None:
+            return self
+        needed = self.asked + factor * (self.needed - self.asked)
+        return replace(self, needed=outwards(needed, 1 if needed > self.asked else -1))
+
     def widened(self, share: float) -> Relaxation:
         """Giving by a little more than needed, in few digits."""
         if self.needed is None or self.needed == self.asked:
@@ -86,7 +102,8 @@ class Conflict:
     alone
         What each must become if it alone gives; the first gives least.
     joint
-        What each must become if all give by the same share, which is the least that will do.
+        What some must become if they give at once, by the least largest share that will do; without any of them it
+        would not.
     joint_share
         That share; None where none would do.
     """
@@ -101,102 +118,99 @@ Holds = Callable[[Sequence[Relaxation]], bool]
 """Whether everything is met once some requirements have given."""
 
 
-def find_conflict(search: Search, best: Candidate, on_step: Callable[[str], None] | None = None) -> Conflict | None:
+def find_conflict(space: Space, best: BestDesign, say: Say = lambda words: None) -> Conflict | None:
     """Why not everything is kept, or None where it is.
 
     Parameters
     ----------
+    space
+        The designs around the best one.
     best
-        The best candidate that keeps what can be kept.
-    on_step
-        Called with the name of each requirement before it is made to give.
+        The design that misses least.
+    say
+        Told the name of each requirement before it is made to give.
     """
-    missed = tuple(row.label for row in best.rows if not row.is_met)
-    if not missed:
+    if best.verdict.is_met:
         return None
-    say = on_step or (lambda name: None)
-    holds = partial(_is_met, search.requirements)
     alone = []
-    for i, row in enumerate(row for row in best.rows if row.is_limit):
-        say(row.label)
-        alone.append(held(_pressed(search, best, i, row), holds))
-    others = (r for r in best.rows if not (r.is_limit or r.is_met or r.name in _numbers(search)))
-    alone += [held(_pressed(search, best, row.name, row), holds) for row in others]
-    for name in _numbers(search):
-        say(name)
-        alone.append(held(_moved(search, best, name), holds))
+    for advice, point in _alone(space, best, say):
+        alone.append(verified(advice, partial(_holds, space, point)))
     alone.sort(key=lambda r: (r.needed is None, r.share or 0.0))
     say("everything")
-    joint, share = held_together(*_jointly(search, best, alone), holds)
-    return Conflict(missed, tuple(alone), joint, share)
+    joint, share = _jointly(space, best, alone)
+    return Conflict(best.verdict.missed, tuple(alone), joint, share)
 
 
 # -- advice is tried -------------------------------------------------------------------------------
 
 
 def relaxed(requirements: Requirements, given: Iterable[Relaxation]) -> Requirements:
-    """The requirements after some have given, read as a file that says so.
+    """The requirements after some have given.
 
     Raises
     ------
     SpecError
-        There is no such file.
+        They do not fit each other.
     """
-    tables = requirements.tables()
+    limits, entries, imager = list(requirements.limits), {}, requirements.imager
     for r in given:
         if r.needed is None:
             continue
         if r.limit is not None:
-            limit = tables["limit"][r.limit]
-            limit["at_most" if limit.get("at_most") == r.asked else "at_least"] = r.needed
+            limits[r.limit] = _with_side(limits[r.limit], r.asked, r.needed)
         elif r.name == IMAGE:
-            more = ceil(r.needed - imager_radius_px(requirements.imager))
-            tables["imager"] |= {name: tables["imager"][name] + 2 * more for name in ("width_px", "height_px")}
-            if "centre_px" in tables["imager"]:
-                tables["imager"]["centre_px"] = [c + more for c in tables["imager"]["centre_px"]]
+            more = ceil(r.needed - imager.inscribed_radius_px)
+            centre = imager.centre_px and (imager.centre_px[0] + more, imager.centre_px[1] + more)
+            imager = replace(
+                imager, width_px=imager.width_px + 2 * more, height_px=imager.height_px + 2 * more, centre_px=centre
+            )
         else:
-            _change(tables, r)
-    return requirements_of(tables)
+            entries[r.name] = r.needed
+    return replace(requirements.changed(**entries), limits=tuple(limits), imager=imager)
 
 
-def _change(tables: dict[str, dict[str, object]], r: Relaxation) -> None:
-    """A given number that moves, or a range that reaches farther."""
-    section = next(tables[name] for name in ("field", "mirror", "lens") if r.name in tables[name])
-    now = section[r.name]
-    low, high = now if isinstance(now, list) else (r.asked, r.asked)
-    section[r.name] = r.needed if low == high else [min(low, r.needed), max(high, r.needed)]  # type: ignore[type-var]
+def _with_side(limit: Limit, asked: float, needed: float) -> Limit:
+    """The limit with another number on the side that was asked."""
+    return replace(limit, at_most=needed) if limit.at_most == asked else replace(limit, at_least=needed)
 
 
-def _is_met(requirements: Requirements, given: Sequence[Relaxation]) -> bool:
-    """Whether a design made from scratch meets everything once some requirements have given."""
+def _holds(space: Space, point: Point, given: Sequence[Relaxation]) -> bool:
+    """Whether a design meets everything once some requirements have given."""
     try:
-        search = Search(relaxed(requirements, given))
-        return search.judge(search.best().choice, REPORTED).is_met
+        return space.can_meet(relaxed(space.requirements, given), point)
     except OmnimirrorError:
         return False
 
 
-def held(r: Relaxation, holds: Holds) -> Relaxation:
+def verified(r: Relaxation, holds: Holds) -> Relaxation:
     """The advice in few digits, as it was found or a little wider, once it holds; without a value if it never does."""
-    if r.needed is None or r.needed == r.asked:
+    if not r.gives:
         return r
     wider = (r.widened(share) for share in MORE)
     return next((w for w in wider if holds([w])), replace(r, needed=None))
 
 
-def held_together(
-    given: tuple[Relaxation, ...], share: float | None, holds: Holds
-) -> tuple[tuple[Relaxation, ...], float | None]:
-    """As :func:`held`, of several that give at once."""
-    if share is None or not given:
-        return (), None
+def verified_together(given: Sequence[Relaxation], holds: Holds) -> tuple[Relaxation, ...]:
+    """As :func:`verified`, of several that give at once; nothing if it never holds."""
     rounded = tuple(r.widened(0.0) for r in given)  # a number may stand where it can go no farther
     for more in MORE:
         limits_wider = tuple(r if r.limit is None else r.widened(more) for r in rounded)
         for wider in dict.fromkeys((limits_wider, tuple(r.widened(more) for r in given))):
             if holds(wider):
-                return wider, share
-    return (), None
+                return wider
+    return ()
+
+
+def without_idle(given: tuple[Relaxation, ...], holds: Holds) -> tuple[Relaxation, ...]:
+    """Those that have to give: each is tried at what was asked of it, what gives least first.
+
+    It is idle where the others do without it, giving by at most a hundredth more than they do with it.
+    """
+    for r in sorted(given, key=lambda r: r.share or 0.0):
+        rest = tuple(other.giving(1 + IDLE) for other in given if other.name != r.name)
+        if rest and holds(rest):
+            given = rest
+    return given
 
 
 def outwards(value: float, way: int) -> float:
@@ -212,163 +226,161 @@ def outwards(value: float, way: int) -> float:
     return float(f"{(np.ceil(steps) if way > 0 else np.floor(steps)) * unit:.{DIGITS}g}")
 
 
-# -- a limit gives ---------------------------------------------------------------------------------
+# -- one gives -------------------------------------------------------------------------------------
 
 
-def asked_of(row: Row) -> float:
+def _alone(space: Space, best: BestDesign, say: Say) -> Iterator[tuple[Relaxation, Point]]:
+    """Each requirement that may give alone, and a design at which it does."""
+    for i, row in enumerate(best.verdict.limits):
+        say(row.label)
+        yield _limit_gives(space, best, i, row)
+    for row in best.verdict.rows:
+        if not (row.is_limit or row.is_met or row.name in space.numbers):
+            yield _limit_gives(space, best, row.name, row)
+    for name in space.numbers:
+        say(name)
+        yield _number_gives(space, best, name)
+
+
+def _limit_gives(space: Space, best: BestDesign, key: Key, row: Judgement) -> tuple[Relaxation, Point]:
+    """What is asked, as near as it can be had while all else is kept."""
+    advice = Relaxation(row.label, row.unit, _asked(row), None, key if isinstance(key, int) else None)
+    if best.verdict.missed == (row.label,):  # the best design misses this one alone, by as little as can be
+        return replace(advice, needed=row.reached), best.point
+    found = space.reach(best.point, Slack((key,))) if key in space.keys else None
+    if found is None:
+        return advice, best.point
+    return replace(advice, needed=_after_giving(row, max(found.share, 0.0))), found.point
+
+
+def _asked(row: Judgement) -> float:
     """The side of the limit that is missed, or nearer to it."""
     sides = [v for v in (row.at_least, row.at_most) if v is not None]
     return min(sides, key=lambda v: abs(v - row.reached))
 
 
-def given_way(row: Row, share: float) -> float:
+def _after_giving(row: Judgement, share: float) -> float:
     """What a requirement comes to that gives by a share of what was asked."""
-    asked = asked_of(row)
+    asked = _asked(row)
     return asked + (1 if asked == row.at_most else -1) * share * row.scale
 
 
-def _pressed(search: Search, best: Candidate, key: Key, row: Row) -> Relaxation:
-    """What is asked, as near as it can be had while all else is kept."""
-    missed = [other for other in best.rows if not other.is_met]
-    asked, number = asked_of(row), key if isinstance(key, int) else None
-    if missed == [row]:  # the best design misses this one alone, by as little as can be
-        return Relaxation(row.label, row.unit, asked, row.reached, number)
-    found = _near(search, best, {}).reach(_point(search, best, {}), Goal((key,)))
-    needed = None if found is None else given_way(row, max(found.share, 0.0))
-    return Relaxation(row.label, row.unit, asked, needed, number)
+def _number_gives(space: Space, best: BestDesign, name: str) -> tuple[Relaxation, Point]:
+    """The nearest value of a given number, either way, at which all else is kept."""
+    asked, found = space.numbers[name], []
+    for way in (-1, 1):
+        low, high = _span(space, name, way)
+        if low < high:
+            freed = space.freed({name: (low, high)})
+            begin = space.towards(best.point, name, way, (low, high))
+            if (there := freed.reach(begin, Slack((), ((name, asked, way),)))) is not None:
+                found.append((freed.value(there.point, name), there.point))
+    if not found:
+        return Relaxation(name, unit_of(name), asked, None), best.point
+    needed, point = min(found, key=lambda f: abs(f[0] - asked))
+    return Relaxation(name, unit_of(name), asked, needed), point
 
 
-def _near(search: Search, best: Candidate, spans: dict[str, tuple[float, float]]) -> Leeway:
-    """What may move: the free numbers, and some that were given."""
-    free = {name: search.spans[name] or (0.0, 0.0) for name in search.free}
-    return Leeway(search.requirements, best.choice, free | spans, best.made)
-
-
-def _point(search: Search, best: Candidate, values: dict[str, float]) -> np.ndarray:
-    """The best candidate as a point, with given numbers moved to other values."""
-    leeway = _near(search, best, dict.fromkeys(values, (0.0, 0.0)))
-    return leeway.point(replace(best.choice, **values), best.made.sensor.lens.focus_distance_mm)
-
-
-# -- a given number gives --------------------------------------------------------------------------
-
-
-def _numbers(search: Search) -> list[str]:
-    """The numbers of the requirements that are no ranges."""
-    names = [n for n, span in search.spans.items() if span is not None and span[0] == span[1] != 0]
-    if all(limit.omega_deg for limit in search.requirements.limits):
-        return [name for name in names if name != "omega_min_deg"]
-    return names
-
-
-def _span(search: Search, best: Candidate, name: str, sign: int) -> tuple[float, float]:
-    """Where a given number may move to, one way."""
-    asked, field = getattr(best.choice, name), search.requirements.field
-    low, high = RANGES.get(name, (1e-2, 1e5))
-    if name in ("omega_max_deg", "theta_max_deg"):  # the rim must not be seen edge-on, nor parts of the field vanish
-        other = best.choice.theta_max_deg or 0.0 if name == "omega_max_deg" else best.choice.omega_max_deg
-        high = min(high, 179.0 - other)
+def _span(space: Space, name: str, way: int) -> Span:
+    """Where a given number may move to, one way: no farther than makes sense, and so that the rim is not seen edge-on,
+    nor a part of the field that is asked for left behind."""
+    asked, field = space.numbers[name], space.requirements.field
+    low, high = RANGES.get(name, LENGTHS)
+    if name in ANGLES:
+        omega, theta = field.omega_max_deg, space.numbers.get("theta_max_deg", 0.0)
+        high = min(high, 179.0 - (theta if name == "omega_max_deg" else omega))
     if name == "omega_max_deg":
-        parts = [limit.omega_deg[1] for limit in search.requirements.limits if limit.omega_deg]
-        low = max([low, field.omega_min_deg + 1, *parts])
+        parts = [limit.omega_deg[1] for limit in space.requirements.limits if limit.omega_deg]
+        low = max([low, field.omega_min_deg + 1, theta + 1, *parts])
+    if name == "theta_max_deg":
+        high = min(high, omega - 1)
     if name == "omega_min_deg":
         high = field.omega_max_deg - 1
     reach = abs(asked) * FARTHEST
     low, high = max(low, asked - reach if asked < 0 else asked / FARTHEST), min(high, asked + reach)
-    return (low, asked) if sign < 0 else (asked, high)
-
-
-def _moved(search: Search, best: Candidate, name: str) -> Relaxation:
-    """The nearest value of a given number, either way, at which all else is kept."""
-    asked = getattr(best.choice, name)
-    found = []
-    for sign in (-1, 1):
-        low, high = _span(search, best, name, sign)
-        if low < high and (there := _reached(search, best, name, sign, (low, high))) is not None:
-            found.append(getattr(there.choice, name))
-    needed = min(found, key=lambda v: abs(v - asked)) if found else None
-    return Relaxation(name, unit_of(name), asked, needed)
-
-
-def _reached(search: Search, best: Candidate, name: str, sign: int, span: tuple[float, float]) -> Found | None:
-    """Where a number that moves one way lets all be kept; from where it does already, or is nearest to it."""
-    asked = getattr(best.choice, name)
-    plain, near, least = Search(unfitted(search.requirements)), best, np.inf
-    for share in LOOKED_AT:
-        value = asked + sign * share * abs(asked)
-        if not span[0] <= value <= span[1]:
-            break
-        there = with_given(plain, name, value).judged(replace(best.choice, **{name: value}))
-        if there is not None and there.worst < least:
-            near, least = there, there.worst
-        if least <= 0:
-            break
-    leeway = _near(search, best, {name: span})
-    start = leeway.point(near.choice, near.made.sensor.lens.focus_distance_mm)
-    return leeway.reach(start, Goal((), ((name, asked, sign),)))
-
-
-def with_given(search: Search, name: str, value: float) -> Search:
-    """The same search with one given number changed."""
-    r = search.requirements
-    section = {"omega_max_deg": "field", "omega_min_deg": "field", "rim_radius_mm": "mirror", "conic": "mirror"}.get(
-        name, "lens"
-    )
-    return Search(replace(r, **{section: replace(getattr(r, section), **{name: value})}))
+    return (low, asked) if way < 0 else (asked, high)
 
 
 # -- all give --------------------------------------------------------------------------------------
 
 
-def _jointly(search: Search, best: Candidate, alone: list[Relaxation]) -> tuple[tuple[Relaxation, ...], float | None]:
-    """The least share by which all limits give, and with them the given numbers.
+class Joint(NamedTuple):
+    """What gives at once: by how much each, the largest share, and a design at which it does."""
+
+    given: tuple[Relaxation, ...]
+    share: float
+    point: Point
+
+
+def _jointly(space: Space, best: BestDesign, alone: list[Relaxation]) -> tuple[tuple[Relaxation, ...], float | None]:
+    """The least share by which some limits and given numbers give at once, and all of these have to."""
+    spans, ways = _freedom(space, alone)
+    found = _least_joint(space, best, spans, ways)
+    if found is None:
+        return (), None
+    advice = verified_together(found.given, partial(_holds, space, found.point))
+    needed = without_idle(advice, partial(_holds, space, found.point))
+    if len(needed) < len(advice):  # anew, without the others: less has to give than by what they were tried with
+        names = {r.name for r in needed}
+        again = _least_joint(
+            space,
+            best,
+            {name: span for name, span in spans.items() if name in names},
+            [(name, way) for name, way in ways if name in names],
+            names,
+        )
+        if again and (verified := verified_together(again.given, partial(_holds, space, again.point))):
+            needed, found = verified, again
+    return (needed, found.share) if len(needed) > 1 else ((), None)
+
+
+def _least_joint(
+    space: Space,
+    best: BestDesign,
+    spans: dict[str, Span],
+    ways: list[tuple[str, int]],
+    names: Container[str] | None = None,
+) -> Joint | None:
+    """The least largest share of numbers and limits, of all or of those that are named; None where nothing will do."""
+    rows = [(i, row) for i, row in enumerate(best.verdict.limits) if names is None or row.label in names]
+    if not rows and not ways:
+        return None
+    freed = space.freed(spans)
+    numbers = tuple((name, space.numbers[name], way) for name, way in ways)
+    found = freed.reach(best.point, Slack(tuple(i for i, _ in rows), numbers))
+    if found is None:
+        return None
+    missed = freed.missed(found.point)
+    given = [
+        Relaxation(row.label, row.unit, _asked(row), _after_giving(row, missed[i]), i)
+        for i, row in rows
+        if missed[i] > STILL
+    ]
+    values = {name: freed.value(found.point, name) for name in spans}
+    given += [
+        Relaxation(name, unit_of(name), space.numbers[name], value)
+        for name, value in values.items()
+        if abs(value / space.numbers[name] - 1) > STILL
+    ]
+    return Joint(tuple(given), found.share, found.point)
+
+
+def _freedom(space: Space, alone: list[Relaxation]) -> tuple[dict[str, Span], list[tuple[str, int]]]:
+    """Between which values given numbers may move at once, and which ways.
 
     A number that would do alone gives its own way; one that would not may still help others, either way.
     """
-    helpful = {r.name: int(np.sign(r.needed - r.asked)) for r in alone if r.needed is not None and r.limit is None}
-    ways: dict[str, tuple[int, ...]] = {}
-    spans: dict[str, tuple[float, float]] = {}
-    for name in (r.name for r in alone if r.name in _numbers(search)):
-        signs = (helpful[name],) if name in helpful else (-1, 1)
-        room = {sign: span for sign in signs if sign and (span := _span(search, best, name, sign))[0] < span[1]}
+    spans, ways = dict[str, Span](), list[tuple[str, int]]()
+    for r in (r for r in alone if r.limit is None and r.name in space.numbers):
+        signs = (-1, 1) if r.needed is None else (int(np.sign(r.needed - r.asked)),)
+        room = {way: span for way in signs if way and (span := _span(space, r.name, way))[0] < span[1]}
         if room:
-            ways[name] = tuple(room)
-            spans[name] = min(low for low, _ in room.values()), max(high for _, high in room.values())
-    keys = tuple(range(len(search.requirements.limits)))
-    if not keys and not ways:
-        return (), None
-    asked = {name: float(getattr(best.choice, name)) for name in ways}
-    numbers = tuple((name, asked[name], sign) for name, signs in ways.items() for sign in signs)
-    leeway = _near(search, best, spans)
-    found = leeway.reach(_point(search, best, asked), Goal(keys, numbers))
-    if found is None:
-        return (), None
-    y, moved = _without_idle(leeway, found, keys, asked)
-    missed = leeway.missed(y, fitted=True)
-    shares = [float(missed[key].max()) for key in keys]
-    rows = [row for row in best.rows if row.is_limit]
-    limits = (
-        Relaxation(row.label, row.unit, asked_of(row), given_way(row, share), i)
-        for i, (row, share) in enumerate(zip(rows, shares, strict=True))
-        if share > STILL
-    )
-    changed = (Relaxation(n, unit_of(n), asked[n], v) for n, v in moved.items())
-    given = (*limits, *changed)
-    return (given, found.share) if len(given) > 1 else ((), None)
-
-
-def _without_idle(
-    leeway: Leeway, found: Found, keys: Sequence[Key], asked: dict[str, float]
-) -> tuple[np.ndarray, dict[str, float]]:
-    """What was found with every number put back that need not have moved, and the others."""
-    y, moved = found.y, {name: getattr(found.choice, name) for name in asked}
-    for name in sorted(asked, key=lambda n: abs(moved[n] / asked[n] - 1)):
-        back = leeway.point(replace(leeway.choice(y)[0], **{name: asked[name]}), found.focus_mm)
-        try:
-            missed = leeway.missed(back, fitted=True)
-        except OmnimirrorError:
-            continue
-        if all(rows.max() <= (found.share if key in keys else 0.0) + STILL for key, rows in missed.items()):
-            y = back
-            del moved[name]
-    return y, moved
+            ways += [(r.name, way) for way in room]
+            spans[r.name] = min(low for low, _ in room.values()), max(high for _, high in room.values())
+    if all(name in spans for name in ANGLES):
+        omega, theta = (space.numbers[name] for name in ANGLES)
+        room_deg = ROOM * min(180 - omega - theta, omega - theta, omega - space.requirements.field.omega_min_deg)
+        for name in ANGLES:
+            asked, (low, high) = space.numbers[name], spans[name]
+            spans[name] = max(low, asked - room_deg), min(high, asked + room_deg)
+    return spans, ways

@@ -2,32 +2,32 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...analysis import Evaluation, evaluate
+from ...arguments import instance, whole
+from ...errors import InvalidParameter
 from ...lenses import Perspective
-from ...tracing.meridian import Meridian
-from ..construct.rim import Rim
-from ..criteria.field_angles import JudgedRange
+from ...sensor import Sensor, check_sensor
+from ..criteria.field_angles import JudgedRange, counted_field
 from ..criteria.limits import Limit
 from ..criteria.merits import FieldValues, values_of_evaluation
 from ..criteria.ranges import ends, ends_or_none
 from ..criteria.requirements import Requirements
-from .candidates import Choice, Made, imager_radius_mm, wanted_mirror
 
 Array = NDArray[np.float64]
 
 ROUNDING = 1e-6  # relative; a margin this little below 0 is none
 EDGE_PX = 0.02  # past the last pixel is still its edge: lens and focus are settled to this
-SEARCHED, REPORTED = 181, 1001  # field angles
+REPORTED, MOST_ANGLES = 1001, 100_000  # field angles
 
 
 @dataclass(frozen=True)
-class Row:
-    """One requirement.
+class Judgement:
+    """One requirement, and what a sensor reaches of it.
 
     Attributes
     ----------
@@ -43,6 +43,8 @@ class Row:
         Part of the field over which it is judged, if it is not all of it.
     is_limit
         Whether it is a ``[[limit]]``, not an entry that is simply given.
+    tolerance
+        By how much it may be missed and yet counts as met: what lens and focus are settled to.
     remarks
         What of the field asked for is not judged, and why; what by itself is too much.
     """
@@ -55,8 +57,7 @@ class Row:
     omega_deg: float | None = None
     part_deg: tuple[float, float] | None = None
     is_limit: bool = False
-    slack: float = 0.0
-    """What may be missing without anyone's noticing."""
+    tolerance: float = 0.0
     remarks: tuple[str, ...] = ()
 
     @property
@@ -74,7 +75,7 @@ class Row:
 
     @property
     def is_met(self) -> bool:
-        return self.margin >= -max(ROUNDING * self.scale, self.slack)
+        return self.margin >= -max(ROUNDING * self.scale, self.tolerance)
 
     @property
     def shortfall(self) -> float:
@@ -88,6 +89,41 @@ class Row:
         return f"{self.name}{part}"
 
 
+@dataclass(frozen=True)
+class Verdict:
+    """A sensor by its requirements.
+
+    Attributes
+    ----------
+    rows
+        Requirement by requirement; the limits last, in their order.
+    """
+
+    requirements: Requirements
+    sensor: Sensor
+    rows: tuple[Judgement, ...]
+
+    @property
+    def is_met(self) -> bool:
+        """Whether every requirement is met."""
+        return not self.missed
+
+    @property
+    def missed(self) -> tuple[str, ...]:
+        """The labels of the requirements that are not met."""
+        return tuple(row.label for row in self.rows if not row.is_met)
+
+    @property
+    def limits(self) -> tuple[Judgement, ...]:
+        """The rows of the limits."""
+        return tuple(row for row in self.rows if row.is_limit)
+
+    @property
+    def worst(self) -> float:
+        """The largest share by which a requirement is missed; 0 where all are met."""
+        return max((row.shortfall for row in self.rows if not row.is_met), default=0.0)
+
+
 def unit_of(name: str) -> str:
     """The unit in the name of an entry.
 
@@ -97,62 +133,110 @@ def unit_of(name: str) -> str:
     return next((unit for unit in ("deg", "mm", "px") if name.endswith(f"_{unit}")), "")
 
 
-def assess(requirements: Requirements, choice: Choice, made: Made, angles: int = REPORTED) -> list[Row]:
-    """Every requirement of a made sensor: the field, the imager, the parts given, then the limits."""
-    return [*given_rows(requirements, choice, made), *limit_rows(requirements, made, angles)]
+def judge(requirements: Requirements, sensor: Sensor, *, angles: int = REPORTED) -> Verdict:
+    """Any sensor, requirement by requirement, at its own focus.
+
+    What the sensor does is judged, not how its mirror came about: mapping, family and fit are no rows.
+
+    Parameters
+    ----------
+    requirements, sensor
+        What is asked, and of what.
+    angles
+        How many field angles, 2 to 100000, each limit is looked at, in each part of the field that limits name.
+
+    Returns
+    -------
+    Verdict
+        One row for the field, the imager, each number given of mirror and lens, and each limit, in this order.
+
+    Raises
+    ------
+    InvalidParameter
+        The lens is of another kind, or nothing can be seen of the part of the field that a limit names.
+
+    Examples
+    --------
+    The paper's sphere looks to 135 deg, and is not as sharp as that:
+
+    >>> import omnimirror as om
+    >>> wanted = om.Requirements(
+    ...     field=om.FieldRequirements(omega_max_deg=135),
+    ...     mirror=om.MirrorRequirements(family="sphere", rim_radius_mm=(40, 50)),
+    ...     lens=om.LensRequirements(focal_length_mm=11.6),
+    ...     limits=[om.Limit("total_blur_px", at_most=3.0)],
+    ... )
+    >>> verdict = om.judge(wanted, om.load_sensor("paper-spherical"))
+    >>> verdict.is_met, verdict.missed
+    (False, ('total_blur_px',))
+    >>> blur = verdict.limits[0]
+    >>> round(blur.reached, 2), round(blur.margin, 2), round(blur.omega_deg)
+    (8.96, -5.96, 135)
+    """
+    instance("requirements", requirements, Requirements, "requirements")
+    check_sensor(sensor)
+    angles = whole("angles", angles, 2, MOST_ANGLES)
+    if requirements.lens.is_telecentric != sensor.lens.TELECENTRIC:
+        raise InvalidParameter(
+            f"the lens of the sensor is {sensor.lens.KIND}, and the requirements are about one that is "
+            f"{requirements.lens.kind}"
+        )
+    rows = [*given_rows(requirements, sensor), *_limit_rows(requirements, sensor, angles)]
+    return Verdict(requirements, sensor, tuple(rows))
 
 
-def given_rows(requirements: Requirements, choice: Choice, made: Made) -> list[Row]:
-    """What is not a limit: the field, the imager, the parts given."""
-    return [*_field_rows(requirements, choice, made), *_part_rows(requirements, made)]
+def given_rows(requirements: Requirements, sensor: Sensor) -> list[Judgement]:
+    """What is not a limit: the field, the imager, the numbers given."""
+    return [*_field_rows(requirements, sensor), *_part_rows(requirements, sensor)]
 
 
-def _field_rows(requirements: Requirements, choice: Choice, made: Made) -> list[Row]:
-    low, high = made.sensor.field_deg
-    rows = [Row("omega_max_deg", "deg", choice.omega_max_deg, None, high)]
-    if choice.omega_min_deg > 0 or low > 0:  # otherwise what the camera hides is taken as it comes
-        begin = max(low, made.counted.hidden_deg)
-        rows.append(Row("omega_min_deg", "deg", None, choice.omega_min_deg, begin))
+def _field_rows(requirements: Requirements, sensor: Sensor) -> list[Judgement]:
+    field, (low, high) = requirements.field, sensor.field_deg
+    rows = [Judgement("omega_max_deg", "deg", field.omega_max_deg, None, high)]
+    if field.omega_min_deg > 0 or low > 0:  # otherwise what the camera hides is taken as it comes
+        begin = max(low, counted_field(field, sensor).hidden_deg)
+        rows.append(Judgement("omega_min_deg", "deg", None, field.omega_min_deg, begin))
     return rows
 
 
-def _part_rows(requirements: Requirements, made: Made) -> list[Row]:
+def _part_rows(requirements: Requirements, sensor: Sensor) -> list[Judgement]:
     """What the requirements say of mirror, lens and imager."""
-    sensor, lens = made.sensor, requirements.lens
-    rim = imager_radius_mm(requirements) / requirements.imager.pitch_mm
+    lens, largest = requirements.lens, requirements.imager.inscribed_radius_px
     rows = [
-        Row("rim_radius_mm", "mm", *ends(requirements.mirror.rim_radius_mm), sensor.mirror.rim_radius_mm),
-        Row("image_radius_px", "px", None, rim, sensor.rim_radius_px, slack=EDGE_PX),
+        Judgement("rim_radius_mm", "mm", *ends(requirements.mirror.rim_radius_mm), sensor.mirror.rim_radius_mm),
+        Judgement("image_radius_px", "px", None, largest, sensor.rim_radius_px, tolerance=EDGE_PX),
     ]
     optics = sensor.lens
     if isinstance(optics, Perspective):
-        reached = {"focal_length_mm": optics.focal_length_mm, "f_number": optics.f_number}
+        reached = {"focal_length_mm": optics.focal_length_mm, "f_number": optics.stop_number}
         reached["theta_max_deg"] = float(np.degrees(sensor.meridian.theta_max))
     else:
-        reached = {"f_number": optics.image_f_number()}
+        reached = {"f_number": optics.stop_number}
+    reached["focus_mm"] = optics.focus_distance_mm
     for name, value in reached.items():
         span = ends_or_none(getattr(lens, name))
         if span is not None:
-            rows.append(Row(name, unit_of(name), span[0], span[1], value))
+            rows.append(Judgement(name, unit_of(name), span[0], span[1], value))
     return rows
 
 
-def limit_rows(requirements: Requirements, made: Made, angles: int) -> list[Row]:
+def _limit_rows(requirements: Requirements, sensor: Sensor, angles: int) -> list[Judgement]:
     """The limits, each by its worst field angle and object distance."""
-    parts = {limit.omega_deg: made.counted.part(limit.omega_deg) for limit in requirements.limits}
+    counted = counted_field(requirements.field, sensor)
+    parts = {limit.omega_deg: counted.part(limit.omega_deg) for limit in requirements.limits}
     omega = [np.linspace(part.low_deg, part.high_deg, angles) for part in parts.values()]
-    results = evaluated(requirements, made, np.concatenate(omega)) if omega else []
+    results = evaluations(requirements, sensor, np.concatenate(omega)) if omega else []
     where = {part: slice(i * angles, (i + 1) * angles) for i, part in enumerate(parts)}
     fields = [values_of_evaluation(result) for result in results]
     rows = []
     for limit in requirements.limits:
         own = [(field.part(where[limit.omega_deg]), r.omega_deg[where[limit.omega_deg]])
                for field, r in zip(fields, results, strict=True)]  # fmt: skip
-        rows.append(_limit_row(limit, own, _remarks(limit, own, made, parts[limit.omega_deg])))
+        rows.append(_limit_row(limit, own, _remarks(limit, own, sensor, parts[limit.omega_deg])))
     return rows
 
 
-def _limit_row(limit: Limit, fields: list[tuple[FieldValues, Array]], remarks: tuple[str, ...]) -> Row:
+def _limit_row(limit: Limit, fields: list[tuple[FieldValues, Array]], remarks: tuple[str, ...]) -> Judgement:
     """One limit, from what each object distance gives at some field angles."""
     sides = [(True, limit.at_most)] if limit.at_most is not None else []
     sides += [(False, limit.at_least)] if limit.at_least is not None else []
@@ -162,50 +246,31 @@ def _limit_row(limit: Limit, fields: list[tuple[FieldValues, Array]], remarks: t
         value, i, omega = (max if largest else min)(found, key=lambda v: v[0])
         at = None if i is None else float(omega[i])
         asked = (limit.at_least, limit.at_most)
-        rows.append(Row(limit.quantity, limit.of.unit, *asked, value, at, limit.omega_deg, True, remarks=remarks))
+        rows.append(Judgement(limit.quantity, limit.of.unit, *asked, value, at, limit.omega_deg, True, remarks=remarks))
     return min(rows, key=lambda row: row.margin)
 
 
-def _remarks(limit: Limit, fields: list[tuple[FieldValues, Array]], made: Made, part: JudgedRange) -> tuple[str, ...]:
+def _remarks(
+    limit: Limit, fields: list[tuple[FieldValues, Array]], sensor: Sensor, part: JudgedRange
+) -> tuple[str, ...]:
     """What is not judged, of what differs from angle to angle; and what by itself is too much."""
     is_of_the_field = any(values.shape[-1] > 1 for values in limit.of.parts(fields[0][0]))
-    return (*(part.left_out if is_of_the_field else ()), *_diffraction(limit, fields, made))
+    return (*(part.left_out if is_of_the_field else ()), *_diffraction(limit, fields, sensor))
 
 
-def _diffraction(limit: Limit, fields: list[tuple[FieldValues, Array]], made: Made) -> list[str]:
+def _diffraction(limit: Limit, fields: list[tuple[FieldValues, Array]], sensor: Sensor) -> list[str]:
     """That no focus helps, where the Airy disk by itself is more than a limit of blur allows."""
     if limit.at_most is None or not limit.of.is_blur:
         return []
     sharp = (field._replace(t_px=0 * field.t_px, s_px=0 * field.s_px) for field, _ in fields)
     least = max(limit.of.extreme(field, True)[0] for field in sharp)
-    lens = made.sensor.lens
-    f_number = lens.f_number if isinstance(lens, Perspective) else lens.image_f_number()
-    said = f"the Airy disk alone is {least:.4g} {limit.of.unit} at F/{f_number:.4g}"
+    said = f"the Airy disk alone is {least:.4g} {limit.of.unit} at F/{sensor.lens.stop_number:.4g}"
     return [said] if least > limit.at_most else []
 
 
-def evaluated(requirements: Requirements, made: Made, omega_deg: Array) -> list[Evaluation]:
+def evaluations(requirements: Requirements, sensor: Sensor, omega_deg: Array) -> list[Evaluation]:
     """The evaluation for the nearest and the farthest object."""
     return [
-        evaluate(made.sensor, omega_deg, object_distance_mm=distance)
+        evaluate(sensor, omega_deg, object_distance_mm=distance)
         for distance in sorted(set(ends(requirements.field.object_distance_mm)))
     ]
-
-
-def mapping_deviation_px(requirements: Requirements, choice: Choice, made: Made) -> float | None:
-    """Largest difference of the image height from that of the mapping asked for, px; None where none was asked for.
-
-    The mapping is taken with the viewing angle and the focused lens of the sensor as made.
-    """
-    table, sensor = requirements.mirror, made.sensor
-    if table.fit is None and (table.family is None or ":" not in table.family):
-        return None
-    rim = Rim(choice.omega_max_deg, float(np.degrees(sensor.meridian.theta_max)), choice.rim_radius_mm)
-    if table.family is not None and ":" in table.family:
-        table = replace(table, mapping="equidistant", family=None)
-    wanted = wanted_mirror(table, rim, choice)
-    target = Meridian(wanted.mirror, wanted.distance_mm)
-    omega = np.radians(np.linspace(0.0, choice.omega_max_deg, REPORTED)[1:])
-    ours, theirs = (m.trace(m.x_from_omega(np.minimum(omega, m.omega_max))) for m in (sensor.meridian, target))
-    h = [sensor.lens.image_height(r.x, r.w) / sensor.imager.pitch_mm for r in (ours, theirs)]
-    return float(np.abs(h[0] - h[1]).max())

@@ -25,7 +25,7 @@ from ...design.criteria.merits import length_mm
 from ...errors import OmnimirrorError
 from ...sensor import Sensor
 from .framing import framed
-from .judging import imager_radius_px, judge
+from .judging import verdict_rows
 from .messages import Answer, Ask, Block, Facts, distance_of
 from .sensors import in_place, remark_on, sensor_on_bench, trouble_of, why_not_optimised
 
@@ -75,7 +75,7 @@ def answer(ask: Ask) -> bytes:
         blocks += [_block("squares", SQUARES, design.marks)] if ask.squares else []
     except OmnimirrorError as e:
         return framed(_answer(ask, trouble=trouble_of(e)))
-    rows, wanted_trouble = judge(ask.wanted, sensor) if ask.wanted is not None else ((), None)
+    rows, wanted_trouble = verdict_rows(ask.wanted, sensor) if ask.wanted is not None else ((), None)
     told = _answer(
         ask,
         remark=remark_on(stands),
@@ -114,7 +114,7 @@ def _facts(design: Design, not_optimised: str | None) -> Facts:
         field_deg=sensor.field_deg,
         rim_radius_mm=sensor.mirror.rim_radius_mm,
         rim_radius_px=sensor.rim_radius_px,
-        imager_radius_px=imager_radius_px(sensor),
+        imager_radius_px=sensor.imager.inscribed_radius_px,
         mirror_distance_mm=finite(sensor.mirror_distance_mm),
         focus_mm=e.focus_mm,
         depth_of_field_mm=(near, finite(far)),

@@ -6,17 +6,16 @@ from typing import Any
 
 import numpy as np
 
-from ...design.construct.rim import MountedMirror
 from ...design.criteria.requirement_file import requirements_of
 from ...design.criteria.requirements import Requirements
-from ...design.solve.candidates import Choice, judged
-from ...design.solve.verdict import SEARCHED, Row, assess
+from ...design.solve.verdict import Judgement, judge
 from ...errors import OmnimirrorError
 from ...lenses import Perspective
 from ...sensor import Sensor
 from ...specs import tables_of
 from .messages import Judged
 
+ANGLES = 181  # at which limits are looked at while a slider moves
 OWN = ("rim_radius_mm", "focal_length_mm", "theta_max_deg", "f_number")
 """Entries that are judged only where the requirements themselves have them."""
 
@@ -45,7 +44,7 @@ def lens_table(sensor: Sensor) -> dict[str, Any]:
     """
     lens = sensor.lens
     if not isinstance(lens, Perspective):
-        return {"kind": lens.KIND, "f_number": lens.image_f_number()}
+        return {"kind": lens.KIND, "f_number": lens.stop_number}
     theta = round(float(np.degrees(sensor.meridian.theta_max)), 6)
     return {
         "kind": lens.KIND,
@@ -55,12 +54,11 @@ def lens_table(sensor: Sensor) -> dict[str, Any]:
     }
 
 
-def judge(wanted: dict[str, Any], sensor: Sensor) -> tuple[tuple[Judged, ...], str | None]:
+def verdict_rows(wanted: dict[str, Any], sensor: Sensor) -> tuple[tuple[Judged, ...], str | None]:
     """Every requirement with what the sensor reaches, and why they cannot be judged, if they cannot."""
     try:
         requirements = requirements_for(wanted, sensor)
-        made = judged(requirements, sensor, MountedMirror(sensor.mirror, sensor.mirror_distance_mm))
-        rows = assess(requirements, _choice(requirements, sensor), made, SEARCHED)
+        rows = judge(requirements, sensor, angles=ANGLES).rows
     except OmnimirrorError as e:
         return (), str(e)
     asked = {*wanted.get("mirror", {}), *wanted.get("lens", {})}
@@ -69,27 +67,7 @@ def judge(wanted: dict[str, Any], sensor: Sensor) -> tuple[tuple[Judged, ...], s
     return tuple(_told(row, i - first) for i, row in enumerate(shown)), None
 
 
-def imager_radius_px(sensor: Sensor) -> float:
-    """Radius of the largest circle about the optical axis that the imager holds, px."""
-    (u, v), (width, height) = sensor.imager.centre, sensor.imager.size
-    return min(u, v, width - 1 - u, height - 1 - v) + 0.5
-
-
-def _choice(requirements: Requirements, sensor: Sensor) -> Choice:
-    """What is asked for, in the words of the search."""
-    lens = sensor.lens
-    return Choice(
-        requirements.field.omega_max_deg,
-        requirements.field.omega_min_deg,
-        sensor.mirror.rim_radius_mm,
-        None,
-        lens.focal_length_mm if isinstance(lens, Perspective) else None,
-        lens.image_f_number(),
-        None,
-    )
-
-
-def _told(row: Row, limit: int) -> Judged:
+def _told(row: Judgement, limit: int) -> Judged:
     reached = float(row.reached) if np.isfinite(row.reached) else None
     return Judged(
         name=row.name,

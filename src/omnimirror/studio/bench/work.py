@@ -56,7 +56,7 @@ def problem_of(sensor: Sensor, task: Task) -> DesignProblem:
         theta_max_deg=None if is_telecentric else float(np.degrees(sensor.meridian.theta_max)),
         rim_radius_mm=sensor.mirror.rim_radius_mm,
         focal_length_mm=lens.focal_length_mm if isinstance(lens, Perspective) else None,
-        f_number=lens.f_number if isinstance(lens, Perspective) else lens.image_f_number(),
+        f_number=lens.stop_number,
         imager=_filled(sensor) if is_telecentric else sensor.imager,
         lens=lens.KIND,
         object_distance_mm=distance_of(task.object_distance_mm),

@@ -15,8 +15,9 @@ from ....batch.bases import FREE_FORMS
 from ....design.construct.families import FAMILIES
 from ....design.criteria.merits import DESIGN_MERITS
 from ....design.criteria.requirements import Requirements
-from ....design.solve.designer import Design, SearchOptions, assessed, design_sensor, free_form_notes
-from ....design.solve.freeform import SHAPE, problem_of
+from ....design.solve.designer import Design, SearchOptions, design_of, design_sensor
+from ....design.solve.freeform import SHAPE, free_form_notes, problem_of
+from ....design.solve.verdict import judge
 from ....errors import InvalidParameter
 from ....files import write_text
 from ....mirrors.generated import MAPPINGS
@@ -181,7 +182,7 @@ def _front(
     console: Console, wanted: Requirements, merits: list[str], options: dict[str, Any]
 ) -> tuple[Design | None, bool]:
     """The design picked from a front, if one is, and whether the front's evolution came to its end."""
-    problem = replace(problem_of(wanted), **_as_paper(options))
+    problem = problem_of(wanted, **_as_paper(options))
     own = {n: options[n] for n in ("figure", "pick", "population", "generations", "seed", "resume")}
     front = find_front(console, problem, merits, **own)
     if own["pick"] is None:
@@ -189,7 +190,7 @@ def _front(
     sensor = front.sensor(own["pick"])
     console.print()
     sensor = sensor if wanted.name == "design" else replace(sensor, name=wanted.name)
-    return assessed(wanted, sensor, free_form_notes(problem, sensor)), front.is_complete
+    return design_of(judge(wanted, sensor), free_form_notes(problem, sensor)), front.is_complete
 
 
 def _as_paper(options: dict[str, Any]) -> dict[str, Any]:

@@ -65,7 +65,7 @@ def _print_conflict(console: Console, conflict: Conflict) -> None:
     else:
         console.print("No single requirement that gives, within reason, would do.", highlight=False)
     if conflict.joint_share is not None:
-        console.print(f"Or if all give at once by {conflict.joint_share:.2%}:", highlight=False)
+        console.print(f"Or if these give at once by {conflict.joint_share:.2%}:", highlight=False)
         for r in conflict.joint:
             console.print(f"  {_change(r)}", highlight=False, soft_wrap=True)
 

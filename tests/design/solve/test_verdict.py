@@ -1,0 +1,89 @@
+"""A verdict is what the evaluation says, of any sensor and whoever made it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.errors import InvalidParameter, OmnimirrorError
+
+SPHERE = om.load_sensor("paper-spherical")
+WANTED = om.Requirements(
+    field=om.FieldRequirements(omega_max_deg=130, omega_min_deg=20, object_distance_mm=(500, np.inf)),
+    mirror=om.MirrorRequirements(mapping="equidistant", rim_radius_mm=(40, 45)),
+    lens=om.LensRequirements(focal_length_mm=11.6, theta_max_deg=(8, 11), f_number=4),
+    imager=SPHERE.imager,
+    limits=[
+        om.Limit("total_blur_px", at_most=9.0),
+        om.Limit("resolution_px_per_deg", at_least=3.0, omega_deg=(30, 90)),
+    ],
+)
+
+
+def rows_of(verdict):
+    return {row.label: row for row in verdict.rows}
+
+
+def test_rows_are_the_numbers_of_the_sensor_and_of_its_evaluation():
+    rows = rows_of(om.judge(WANTED, SPHERE))
+    assert [*rows] == [
+        "omega_max_deg", "omega_min_deg", "rim_radius_mm", "image_radius_px", "focal_length_mm", "f_number",
+        "theta_max_deg", "total_blur_px", "resolution_px_per_deg, 30 to 90 deg",
+    ]  # fmt: skip
+    assert rows["rim_radius_mm"].reached == SPHERE.mirror.rim_radius_mm
+    assert rows["omega_max_deg"].margin == pytest.approx(SPHERE.field_deg[1] - 130)
+    rim = SPHERE.mirror.rim_radius_mm
+    theta = np.degrees(np.arctan(rim / (SPHERE.mirror_distance_mm + float(SPHERE.mirror.sag(rim)))))
+    assert rows["theta_max_deg"].reached == pytest.approx(theta)
+    assert not rows["theta_max_deg"].is_met  # 12 deg
+    near, far = (om.evaluate(SPHERE, np.linspace(20, 130, 2001), object_distance_mm=d) for d in (500.0, np.inf))
+    worst = max(np.abs([e.blur_t_px, e.blur_s_px]).max() for e in (near, far))
+    assert rows["total_blur_px"].reached == pytest.approx(np.hypot(worst, far.airy_px), rel=1e-4)
+    part = om.evaluate(SPHERE, np.linspace(30, 90, 2001))
+    finest = np.minimum(part.dh_domega_px_per_deg, part.width_px_per_deg).min()
+    assert rows["resolution_px_per_deg, 30 to 90 deg"].reached == pytest.approx(finest, rel=1e-4)
+
+
+@pytest.mark.parametrize("name", ["paper-spherical", "exact-equidistant", "folded-hyperboloidal"])
+def test_a_limit_is_met_from_what_is_reached_on(name):
+    """Limits moved to either side of what the sensor reaches."""
+    sensor = om.load_sensor(name)
+    wanted = replace(WANTED, limits=(om.Limit("total_blur_px", 1.0),)).changed(omega_min_deg=30, omega_max_deg=100)
+    (found,) = om.judge(wanted, sensor).limits
+    for share, is_met in ((1.001, True), (0.999, False)):
+        moved = replace(wanted, limits=(om.Limit("total_blur_px", found.reached * share),))
+        (row,) = om.judge(moved, sensor).limits
+        assert row.is_met == is_met
+        assert row.margin == pytest.approx(found.reached * (share - 1), rel=1e-6)
+
+
+def test_a_design_and_its_sensor_get_the_same_verdict():
+    design = om.design_sensor(WANTED.changed(theta_max_deg=None))
+    again = om.judge(design.requirements, design.sensor)
+    assert again.rows == design.rows
+    assert again.is_met == design.is_met
+
+
+def test_a_focus_that_was_asked_for_is_judged():
+    at = SPHERE.lens.focus_distance_mm
+    for asked, is_met in ((at, True), ((at - 5, at + 5), True), ((at + 1, at + 5), False)):
+        row = rows_of(om.judge(WANTED.changed(focus_mm=asked), SPHERE))["focus_mm"]
+        assert row.reached == at
+        assert row.is_met == is_met
+
+
+def test_what_cannot_be_judged_is_said():
+    with pytest.raises(InvalidParameter, match="the lens of the sensor is orthographic, and the req"):
+        om.judge(WANTED, om.load_sensor("paraboloid-telecentric"))
+    limits = [om.Limit("aspect", 9.0, omega_deg=(150, 160))]
+    beyond = replace(WANTED, limits=limits, field=om.FieldRequirements(omega_max_deg=165))
+    with pytest.raises(InvalidParameter, match=r"nothing from 150 to 160 deg can be judged: the field ends at 135"):
+        om.judge(beyond, SPHERE)
+    for odd in (None, "paper-spherical", 3):
+        with pytest.raises(OmnimirrorError, match=r"^sensor = .* is not a sensor"):
+            om.judge(WANTED, odd)
+        with pytest.raises(OmnimirrorError, match=r"^requirements = .* is not requirements"):
+            om.judge(odd, SPHERE)
