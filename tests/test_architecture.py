@@ -69,7 +69,7 @@ def test_no_function_stands_before_a_module_of_its_package():
 
 
 HOMONYMS = {
-    "Sphere", "Cone", "Dome", "Tube", "Rim",  # shapes of mirrors, screens and what stands around the mirror
+    "Sphere", "Cone", "Dome", "Tube",  # shapes of mirrors, screens and what stands around the mirror
     "Surfaces", "Design", "Format", "Progress", "Values", "Curve",  # each of one room alone
 }  # fmt: skip
 

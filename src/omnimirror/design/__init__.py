@@ -4,7 +4,7 @@ from ..mirrors.generated import MAPPINGS
 from .construct.families import FAMILIES
 from .construct.fits import FitForm, FittedMirror, fit_mirror
 from .construct.mappings import generated_mirror
-from .construct.rim import MountedMirror, Rim
+from .construct.rim import MountedMirror, RimRay
 from .criteria.limits import Limit
 from .criteria.requirement_file import format_requirements, load_requirements, parse_requirements
 from .criteria.requirements import FieldRequirements, LensRequirements, MirrorRequirements, Requirements
@@ -32,7 +32,7 @@ __all__ = [
     "MountedMirror",
     "Optimum",
     "Requirements",
-    "Rim",
+    "RimRay",
     "SearchOptions",
     "Verdict",
     "blur_bound",

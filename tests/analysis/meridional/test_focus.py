@@ -12,7 +12,7 @@ from omnimirror.analysis import FOCUS_MERITS
 from omnimirror.analysis.meridional.coddington import virtual_images
 from omnimirror.analysis.meridional.focus import FocusStudy, focus_function
 from omnimirror.components.apertures import best_apertures
-from omnimirror.design import Rim, generated_mirror
+from omnimirror.design import RimRay, generated_mirror
 from omnimirror.errors import InvalidParameter
 from omnimirror.lenses import Orthographic, Perspective
 from omnimirror.mirrors import EvenPolynomial
@@ -228,7 +228,7 @@ def test_a_mirror_as_good_as_flat_is_focused_at_its_images_or_as_far_as_can_be(n
 
 def test_images_on_both_sides_of_infinity_leave_far_foci_to_choose_from():
     """The mirror of a far plane to 80 deg has tangential ones behind the lens; no focus on a fine scan is better."""
-    placed = generated_mirror("rectifying", Rim(80.0, 12.0, 43.9))
+    placed = generated_mirror("rectifying", RimRay(80.0, 12.0, 43.9))
     sensor = replace(SPH, mirror=placed.mirror, mirror_distance_mm=placed.distance_mm)
     angles = np.linspace(0, sensor.field_deg[1], 301)
     best = om.best_focus(sensor, omega_deg=angles)

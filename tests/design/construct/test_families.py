@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from omnimirror.design import FAMILIES, MAPPINGS, Rim, generated_mirror
+from omnimirror.design import FAMILIES, MAPPINGS, RimRay, generated_mirror
 from omnimirror.errors import InvalidParameter
 from omnimirror.mirrors import Hyperboloid, Sphere
 from omnimirror.tracing.meridian import Meridian
@@ -17,7 +17,7 @@ M = 43.9
 
 def test_table_1_of_the_paper():
     """Parameters as printed, and to more digits than are printed."""
-    rim = Rim(135.0, 12.0, 1.0)
+    rim = RimRay(135.0, 12.0, 1.0)
     sphere, hyperboloid = FAMILIES["sphere"](rim, None), FAMILIES["hyperboloid"](rim, None)
     assert sphere.mirror.radius_mm == pytest.approx(1.138, abs=5e-4)
     assert sphere.distance_mm == pytest.approx(4.110, abs=5e-4)
@@ -36,7 +36,7 @@ def test_table_1_of_the_paper():
 def test_every_family_meets_what_is_asked_of_the_rim(family, omega, theta, conic):
     if not theta + 2 < omega < 178 - theta or (theta == 0 and family in ("cone", "hyperboloid")):
         return
-    placed = FAMILIES[family](Rim(omega, theta, M), conic if family == "ellipsoid" else None)
+    placed = FAMILIES[family](RimRay(omega, theta, M), conic if family == "ellipsoid" else None)
     meridian = Meridian(placed.mirror, placed.distance_mm)
     assert np.degrees(meridian.omega_max) == pytest.approx(omega, rel=1e-9)
     assert np.degrees(meridian.theta_max) == pytest.approx(theta, abs=1e-9)
@@ -46,7 +46,7 @@ def test_every_family_meets_what_is_asked_of_the_rim(family, omega, theta, conic
 @pytest.mark.parametrize("theta", [12.0, 0.0])
 def test_conics_left_free_join_at_their_borders(theta):
     """An ellipsoid of constant 0 is the sphere; with the constant towards -1 both sides become the paraboloid."""
-    rim, x = Rim(120.0, theta, M), np.linspace(0, M, 50)
+    rim, x = RimRay(120.0, theta, M), np.linspace(0, M, 50)
     sphere, paraboloid = FAMILIES["sphere"](rim, None), FAMILIES["paraboloid"](rim, None)
     np.testing.assert_allclose(FAMILIES["ellipsoid"](rim, 0.0).mirror.sag(x), sphere.mirror.sag(x), rtol=1e-12)
     for family, conic in (("ellipsoid", -1 + 1e-4), ("hyperboloid", -1 - 1e-4)):
@@ -54,7 +54,7 @@ def test_conics_left_free_join_at_their_borders(theta):
 
 
 def test_the_free_hyperboloid_has_one_viewpoint():
-    placed = FAMILIES["hyperboloid"](Rim(110.0, 18.0, M), None)
+    placed = FAMILIES["hyperboloid"](RimRay(110.0, 18.0, M), None)
     rays = Meridian(placed.mirror, placed.distance_mm).trace(np.linspace(0.01, 1, 30) * M)
     assert np.ptp(rays.z + rays.viewpoint_offset()) < 1e-10
     assert placed.distance_mm == pytest.approx(placed.mirror.single_viewpoint_distance, rel=1e-13)
@@ -63,16 +63,16 @@ def test_the_free_hyperboloid_has_one_viewpoint():
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: Rim(170.0, 12.0, M), "omega_max_deg = 170 cannot be reached .* between 12 and 168"),
-        (lambda: Rim(10.0, 12.0, M), "omega_max_deg = 10 cannot be reached"),
-        (lambda: Rim(100.0, 12.0, 0.0), "rim_radius_mm = 0"),
-        (lambda: FAMILIES["sphere"](Rim(135.0, 12.0, M), -0.5), "conic = -0.5 does not apply to a sphere"),
-        (lambda: FAMILIES["ellipsoid"](Rim(135.0, 12.0, M), None), "leaves its conic constant free"),
-        (lambda: FAMILIES["ellipsoid"](Rim(135.0, 12.0, M), -1.2), "conic = -1.2 is no ellipsoid"),
-        (lambda: FAMILIES["hyperboloid"](Rim(135.0, 12.0, M), -0.2), "conic = -0.2 is no hyperboloid"),
-        (lambda: FAMILIES["hyperboloid"](Rim(135.0, 12.0, M), -1.9), "never as steep .* valid above -1.29"),
-        (lambda: FAMILIES["hyperboloid"](Rim(135.0, 0.0, M), None), "no single viewpoint under an orthographic"),
-        (lambda: FAMILIES["cone"](Rim(135.0, 0.0, M), None), "shows one field angle alone"),
+        (lambda: RimRay(170.0, 12.0, M), "omega_max_deg = 170 cannot be reached .* between 12 and 168"),
+        (lambda: RimRay(10.0, 12.0, M), "omega_max_deg = 10 cannot be reached"),
+        (lambda: RimRay(100.0, 12.0, 0.0), "rim_radius_mm = 0"),
+        (lambda: FAMILIES["sphere"](RimRay(135.0, 12.0, M), -0.5), "conic = -0.5 does not apply to a sphere"),
+        (lambda: FAMILIES["ellipsoid"](RimRay(135.0, 12.0, M), None), "leaves its conic constant free"),
+        (lambda: FAMILIES["ellipsoid"](RimRay(135.0, 12.0, M), -1.2), "conic = -1.2 is no ellipsoid"),
+        (lambda: FAMILIES["hyperboloid"](RimRay(135.0, 12.0, M), -0.2), "conic = -0.2 is no hyperboloid"),
+        (lambda: FAMILIES["hyperboloid"](RimRay(135.0, 12.0, M), -1.9), "never as steep .* valid above -1.29"),
+        (lambda: FAMILIES["hyperboloid"](RimRay(135.0, 0.0, M), None), "no single viewpoint under an orthographic"),
+        (lambda: FAMILIES["cone"](RimRay(135.0, 0.0, M), None), "shows one field angle alone"),
     ],
 )
 def test_what_a_family_cannot_do_is_said(make, message):
@@ -81,12 +81,12 @@ def test_what_a_family_cannot_do_is_said(make, message):
 
 
 def test_the_conformal_mirror_is_answered_as_the_conic_that_it_is():
-    assert isinstance(generated_mirror("conformal", Rim(135.0, 12.0, M)).mirror, Hyperboloid)
-    assert generated_mirror("conformal", Rim(135.0, 0.0, M)).mirror.KIND == "paraboloid"
+    assert isinstance(generated_mirror("conformal", RimRay(135.0, 12.0, M)).mirror, Hyperboloid)
+    assert generated_mirror("conformal", RimRay(135.0, 0.0, M)).mirror.KIND == "paraboloid"
 
 
 def test_a_function_is_a_mapping_too():
-    rim = Rim(135.0, 0.0, M)
+    rim = RimRay(135.0, 0.0, M)
     found = generated_mirror(lambda omega: np.sin(omega / 2), rim)
     sphere = Sphere(M / np.sin(np.radians(67.5)), M)
     x = np.linspace(0, M, 40)
@@ -115,7 +115,7 @@ def test_a_function_is_a_mapping_too():
 )
 def test_a_mapping_that_is_not_stated_whole_is_refused(mapping, entries, message):
     with pytest.raises(InvalidParameter, match=message):
-        generated_mirror(mapping, Rim(75.0, 12.0, M), **entries)
+        generated_mirror(mapping, RimRay(75.0, 12.0, M), **entries)
 
 
 def test_every_generated_mirror_of_the_registry_is_a_mapping_to_ask_for():

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.design import MountedMirror, Rim, fit_mirror, generated_mirror
+from omnimirror.design import MountedMirror, RimRay, fit_mirror, generated_mirror
 from omnimirror.errors import InvalidParameter
 from omnimirror.imagers import Imager
 from omnimirror.lenses import Orthographic, Perspective
 from omnimirror.mirrors import EvenPolynomial, Sphere
 
 M = 43.9
-EQUIDISTANT = generated_mirror("equidistant", Rim(135.0, 12.0, M))
+EQUIDISTANT = generated_mirror("equidistant", RimRay(135.0, 12.0, M))
 
 
 def linearity(placed: MountedMirror) -> np.ndarray:
@@ -57,7 +57,7 @@ def test_the_largest_deviation_alternates_as_a_best_fit_must():
 @pytest.mark.parametrize("theta", [12.0, 0.0])
 @pytest.mark.parametrize("form", ["polynomial:4", "asphere:3"])
 def test_each_aim_is_best_at_what_it_aims_for(form, theta):
-    target = generated_mirror("equidistant", Rim(120.0, theta, M))
+    target = generated_mirror("equidistant", RimRay(120.0, theta, M))
     worst, mean, sag = (fit_mirror(target, form, aim) for aim in ("worst-mapping", "mean-mapping", "sag"))
     assert worst.mapping < sag.mapping
     assert sag.sag_um < min(worst.sag_um, mean.sag_um)
@@ -72,7 +72,7 @@ def test_each_aim_is_best_at_what_it_aims_for(form, theta):
 
 @pytest.mark.parametrize("mapping", ["equidistant", "equiareal"])
 def test_more_terms_never_do_worse(mapping):
-    target = generated_mirror(mapping, Rim(135.0, 12.0, M))
+    target = generated_mirror(mapping, RimRay(135.0, 12.0, M))
     for kind, counts in (("polynomial", (2, 3, 5)), ("asphere", (0, 1, 2))):
         found = [fit_mirror(target, f"{kind}:{n}").mapping for n in counts]
         assert all(b < 1.001 * a for a, b in pairwise(found)), found
@@ -93,7 +93,7 @@ def test_a_form_that_holds_the_target_finds_it():
 
 
 def test_under_an_orthographic_lens_the_field_is_kept():
-    target = generated_mirror("equidistant", Rim(100.0, 0.0, M))
+    target = generated_mirror("equidistant", RimRay(100.0, 0.0, M))
     fit = fit_mirror(target, "polynomial:4")
     sensor = om.Sensor(fit.mounted.mirror, Orthographic(0.0592, 4.0, 22.0), Imager(1024, 1024, 5.2))
     omega = np.linspace(1, 100, 300)
@@ -109,9 +109,9 @@ def test_a_form_that_is_not_known_is_refused(form):
 
 def test_what_cannot_be_fitted_is_said():
     with pytest.raises(InvalidParameter, match="ends in a point"):
-        fit_mirror(generated_mirror("equidistant", Rim(135.0, 12.0, M), 30.0), "polynomial:4")
+        fit_mirror(generated_mirror("equidistant", RimRay(135.0, 12.0, M), 30.0), "polynomial:4")
     with pytest.raises(InvalidParameter, match="aim = 'best' is not known"):
         fit_mirror(EQUIDISTANT, "polynomial:4", "best")
-    near = generated_mirror("ground-plane", Rim(70.0, 12.0, M), plane_distance_mm=600.0)
+    near = generated_mirror("ground-plane", RimRay(70.0, 12.0, M), plane_distance_mm=600.0)
     with pytest.raises(InvalidParameter, match="no polynomial of 4 terms comes near"):
         fit_mirror(near, "polynomial:4", "sag")

@@ -16,10 +16,10 @@ import numpy as np
 from ...errors import InvalidParameter
 from ...mirrors import Cone, Ellipsoid, Hyperboloid, Paraboloid, Sphere
 from ...mirrors.generated.distant import conformal_conic
-from .rim import MountedMirror, Rim
+from .rim import MountedMirror, RimRay
 
 
-def vertex_radius(rim: Rim, conic: float) -> float:
+def vertex_radius(rim: RimRay, conic: float) -> float:
     """R (mm) of the conic that has the slope asked for at the rim.
 
     Raises
@@ -31,7 +31,7 @@ def vertex_radius(rim: Rim, conic: float) -> float:
     --------
     Table 1's sphere, A = 1.138 M:
 
-    >>> round(vertex_radius(Rim(135.0, 12.0, 1.0), conic=0.0), 3)
+    >>> round(vertex_radius(RimRay(135.0, 12.0, 1.0), conic=0.0), 3)
     1.138
     """
     square = 1 / rim.slope**2 + 1 + conic
@@ -43,10 +43,10 @@ def vertex_radius(rim: Rim, conic: float) -> float:
     return rim.rim_radius_mm * float(np.sqrt(square))
 
 
-def sphere(rim: Rim, conic: float | None = None) -> MountedMirror:
+def sphere(rim: RimRay, conic: float | None = None) -> MountedMirror:
     """``A = M / sin(beta)``; nothing is left free.
 
-    >>> mounted = sphere(Rim(135.0, 12.0, 1.0))
+    >>> mounted = sphere(RimRay(135.0, 12.0, 1.0))
     >>> round(mounted.mirror.radius_mm, 3), round(mounted.distance_mm, 3)  # Table 1
     (1.138, 4.11)
     """
@@ -54,16 +54,16 @@ def sphere(rim: Rim, conic: float | None = None) -> MountedMirror:
     return rim.place(Sphere(vertex_radius(rim, 0.0), rim.rim_radius_mm))
 
 
-def paraboloid(rim: Rim, conic: float | None = None) -> MountedMirror:
+def paraboloid(rim: RimRay, conic: float | None = None) -> MountedMirror:
     """``s = M / tan(beta)``; nothing is left free. Under an orthographic lens it has a single viewpoint."""
     _refuse_conic("paraboloid", conic)
     return rim.place(Paraboloid(vertex_radius(rim, -1.0), rim.rim_radius_mm))
 
 
-def hyperboloid(rim: Rim, conic: float | None = None) -> MountedMirror:
+def hyperboloid(rim: RimRay, conic: float | None = None) -> MountedMirror:
     """With the conic constant left free, the one with a single viewpoint; otherwise the one asked for (k < -1).
 
-    >>> mounted = hyperboloid(Rim(135.0, 12.0, 1.0))
+    >>> mounted = hyperboloid(RimRay(135.0, 12.0, 1.0))
     >>> round(mounted.mirror.a_mm, 4), round(mounted.mirror.b_mm, 3), round(mounted.distance_mm, 3)  # Table 1
     (0.7407, 1.698, 3.55)
     """
@@ -82,7 +82,7 @@ def hyperboloid(rim: Rim, conic: float | None = None) -> MountedMirror:
     return rim.place(Hyperboloid(float(R / ratio), float(R / ratio**2), M))
 
 
-def ellipsoid(rim: Rim, conic: float | None = None) -> MountedMirror:
+def ellipsoid(rim: RimRay, conic: float | None = None) -> MountedMirror:
     """The one with the conic constant asked for (k > -1; below 0 it is long along the axis, above 0 flat)."""
     if conic is None:
         raise InvalidParameter("an ellipsoid leaves its conic constant free; give conic, above -1 (0 is the sphere)")
@@ -92,7 +92,7 @@ def ellipsoid(rim: Rim, conic: float | None = None) -> MountedMirror:
     return rim.place(Ellipsoid(float(R / ratio), float(R / ratio**2), rim.rim_radius_mm))
 
 
-def cone(rim: Rim, conic: float | None = None) -> MountedMirror:
+def cone(rim: RimRay, conic: float | None = None) -> MountedMirror:
     """Slope beta all the way: its field is as wide as the viewing angle, from Omega_max - Theta to Omega_max."""
     _refuse_conic("cone", conic)
     if rim.theta_max_deg == 0:
@@ -111,7 +111,7 @@ def _refuse_conic(family: str, conic: float | None) -> None:
         raise InvalidParameter(f"conic = {conic:g} does not apply to a {family}, which is solved without it")
 
 
-FAMILIES: dict[str, Callable[[Rim, float | None], MountedMirror]] = {
+FAMILIES: dict[str, Callable[[RimRay, float | None], MountedMirror]] = {
     "sphere": sphere,
     "hyperboloid": hyperboloid,
     "paraboloid": paraboloid,

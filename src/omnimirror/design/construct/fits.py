@@ -21,7 +21,7 @@ from ...mirrors.aspheres import even_polynomial
 from ...mirrors.conics import conic_profile
 from ...numerics.lazy import cached_property
 from ...tracing.meridian import Meridian
-from .rim import MountedMirror, Rim
+from .rim import MountedMirror, RimRay
 
 Array = NDArray[np.float64]
 Curve = Callable[[Array], Array]
@@ -106,8 +106,8 @@ def fit_mirror(target: MountedMirror, form: FitForm | str, aim: Aim = "worst-map
     --------
     The paper's equidistant mirror has three terms and misses the line from centre to rim by .49 %:
 
-    >>> from omnimirror.design import Rim, generated_mirror
-    >>> exact = generated_mirror("equidistant", Rim(135.0, 12.0, 43.9))
+    >>> from omnimirror.design import RimRay, generated_mirror
+    >>> exact = generated_mirror("equidistant", RimRay(135.0, 12.0, 43.9))
     >>> [f"{fit_mirror(exact, f'polynomial:{n}').mapping:.4%}" for n in (3, 4)]
     ['0.0624%', '0.0055%']
     """
@@ -322,7 +322,7 @@ class _Problem:
         """The mirror with its deviations, from its own chief rays."""
         mirror, target = self.mirror(p), self.target
         theta = float(np.degrees(target.theta_max))
-        mounted = Rim(float(np.degrees(target.omega_max)), theta, self.rim).place(mirror)
+        mounted = RimRay(float(np.degrees(target.omega_max)), theta, self.rim).place(mirror)
         x = np.linspace(0, 1, 4 * NODES)[1:] * self.rim
         rays = Meridian(mirror, mounted.distance_mm).trace(x)
         inside = np.minimum(rays.omega, target.omega_max)

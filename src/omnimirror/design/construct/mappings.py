@@ -10,13 +10,16 @@ from numpy.typing import ArrayLike, NDArray
 from ...errors import InvalidParameter
 from ...mirrors import Conformal, CylinderMapping, Mirror, TabulatedMapping
 from ...mirrors.generated import MAPPINGS
-from .rim import MountedMirror, Rim
+from .rim import MountedMirror, RimRay
 
 OF_FIELD = ("omega_max_deg", "theta_max_deg", "rim_radius_mm")
 
 
 def generated_mirror(
-    mapping: str | Callable[[NDArray[np.float64]], ArrayLike], rim: Rim, omega_min_deg: float = 0.0, **entries: object
+    mapping: str | Callable[[NDArray[np.float64]], ArrayLike],
+    rim: RimRay,
+    omega_min_deg: float = 0.0,
+    **entries: object,
 ) -> MountedMirror:
     """The mirror that has a mapping exactly, and where its lens stands.
 
@@ -40,11 +43,11 @@ def generated_mirror(
     --------
     The mapping of the conformal mirror is the hyperboloid's, which is a conic:
 
-    >>> mounted = generated_mirror("conformal", Rim(135.0, 12.0, 1.0))
+    >>> mounted = generated_mirror("conformal", RimRay(135.0, 12.0, 1.0))
     >>> mounted.mirror.KIND, round(mounted.distance_mm, 11)
     ('hyperboloid', 3.55007544592)
     >>> import numpy as np
-    >>> mounted = generated_mirror(lambda omega: np.sin(omega / 2), Rim(135.0, 12.0, 1.0))  # equiareal
+    >>> mounted = generated_mirror(lambda omega: np.sin(omega / 2), RimRay(135.0, 12.0, 1.0))  # equiareal
     >>> round(mounted.distance_mm, 9)
     4.072351768
     """

@@ -11,12 +11,12 @@ from ...mirrors import Mirror
 
 
 @dataclass(frozen=True)
-class Rim:
+class RimRay:
     """What is asked of the rim: the field angle it shows, the viewing angle of the lens there, and its radius.
 
     ``theta_max_deg`` is 0 for an orthographic lens.
 
-    >>> Rim(135.0, 12.0, 43.9).slope_angle_deg
+    >>> RimRay(135.0, 12.0, 43.9).slope_angle_deg
     61.5
     """
 

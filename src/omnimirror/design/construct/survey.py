@@ -5,7 +5,7 @@ from __future__ import annotations
 from ...errors import OmnimirrorError
 from ...mirrors.generated import MAPPINGS
 from .mappings import generated_mirror
-from .rim import MountedMirror, Rim
+from .rim import MountedMirror, RimRay
 
 
 def mappings(omega_max_deg: float = 75.0, theta_max_deg: float = 12.0) -> dict[str, MountedMirror | OmnimirrorError]:
@@ -40,7 +40,7 @@ def mappings(omega_max_deg: float = 75.0, theta_max_deg: float = 12.0) -> dict[s
     >>> print(found["rectifying"])
     omega_max_deg = 120 cannot be reached by the rectifying mapping; it is valid below 90
     """
-    rim = Rim(omega_max_deg, theta_max_deg, 1.0)
+    rim = RimRay(omega_max_deg, theta_max_deg, 1.0)
     found: dict[str, MountedMirror | OmnimirrorError] = {}
     for name in MAPPINGS:
         try:

@@ -13,7 +13,7 @@ from ...sensor import Sensor
 from ...specs import load_sensor
 from ..construct.families import FAMILIES
 from ..construct.mappings import generated_mirror
-from ..construct.rim import MountedMirror, Rim
+from ..construct.rim import MountedMirror, RimRay
 from .optimiser import start
 from .problem import DesignProblem
 from .variables import DesignSpace
@@ -34,7 +34,7 @@ def known_sensors(problem: DesignProblem) -> dict[str, Sensor]:
     space = DesignSpace(problem)
     first = space.sensor(start(space, 0, 0)[1])
     theta = 0.0 if problem.is_telecentric else float(np.degrees(first.meridian.theta_max))
-    rim = Rim(first.field_deg[1], theta, first.mirror.rim_radius_mm)
+    rim = RimRay(first.field_deg[1], theta, first.mirror.rim_radius_mm)
     found = {}
     for name, make in _makers(rim):
         with suppress(OmnimirrorError):  # a mapping that such a field cannot have
@@ -43,7 +43,7 @@ def known_sensors(problem: DesignProblem) -> dict[str, Sensor]:
     return found
 
 
-def _makers(rim: Rim) -> Iterator[tuple[str, Callable[[], MountedMirror]]]:
+def _makers(rim: RimRay) -> Iterator[tuple[str, Callable[[], MountedMirror]]]:
     if abs(rim.omega_max_deg - PAPER_FIELD) < NEAR and abs(rim.theta_max_deg - PAPER_THETA) < NEAR:
         for name, file in PAPER.items():
             yield name, lambda file=file: _scaled(load_sensor(file), rim.rim_radius_mm)  # type: ignore[misc]

@@ -20,7 +20,7 @@ from ...tracing.meridian import Meridian
 from ..construct.families import FAMILIES
 from ..construct.fits import fit_mirror
 from ..construct.mappings import generated_mirror
-from ..construct.rim import MountedMirror, Rim
+from ..construct.rim import MountedMirror, RimRay
 from ..criteria.consistency import OF_MAPPINGS
 from ..criteria.ranges import ends, ends_or_none, is_free
 from ..criteria.requirements import MirrorRequirements, Requirements
@@ -55,13 +55,13 @@ def make(settled: Requirements) -> Candidate:
 # -- mirrors ---------------------------------------------------------------------------------------
 
 
-def _by_mapping(mirror: MirrorRequirements, rim: Rim, omega_min_deg: float) -> MountedMirror:
+def _by_mapping(mirror: MirrorRequirements, rim: RimRay, omega_min_deg: float) -> MountedMirror:
     entries = {name: v for name in OF_MAPPINGS if (v := getattr(mirror, name)) is not None}
     assert mirror.mapping is not None
     return generated_mirror(mirror.mapping, rim, omega_min_deg if mirror.is_pointed else 0.0, **entries)
 
 
-def _by_family(mirror: MirrorRequirements, rim: Rim, omega_min_deg: float) -> MountedMirror:
+def _by_family(mirror: MirrorRequirements, rim: RimRay, omega_min_deg: float) -> MountedMirror:
     assert mirror.family is not None
     if mirror.family in FAMILIES:
         return FAMILIES[mirror.family](rim, None if mirror.conic is None else ends(mirror.conic)[0])
@@ -69,7 +69,7 @@ def _by_family(mirror: MirrorRequirements, rim: Rim, omega_min_deg: float) -> Mo
     return fit_mirror(equidistant, mirror.family).mounted
 
 
-WAYS: dict[str, Callable[[MirrorRequirements, Rim, float], MountedMirror]] = {
+WAYS: dict[str, Callable[[MirrorRequirements, RimRay, float], MountedMirror]] = {
     "mapping": _by_mapping,
     "family": _by_family,
 }
@@ -79,12 +79,12 @@ WAYS: dict[str, Callable[[MirrorRequirements, Rim, float], MountedMirror]] = {
 def _mirror(settled: Requirements, theta_max_deg: float, fitted: bool = True) -> MountedMirror:
     """The mirror that a lens sees at Theta, fitted if it is to be."""
     field, mirror = settled.field, settled.mirror
-    rim = Rim(field.omega_max_deg, theta_max_deg, ends(mirror.rim_radius_mm)[0])
+    rim = RimRay(field.omega_max_deg, theta_max_deg, ends(mirror.rim_radius_mm)[0])
     return _kept(mirror if fitted else replace(mirror, fit=None), rim, field.omega_min_deg)
 
 
 @lru_cache(maxsize=128)
-def _kept(mirror: MirrorRequirements, rim: Rim, omega_min_deg: float) -> MountedMirror:
+def _kept(mirror: MirrorRequirements, rim: RimRay, omega_min_deg: float) -> MountedMirror:
     """A mirror, kept: a search asks for the same one before many lenses."""
     if mirror.fit is not None:
         return fit_mirror(_kept(replace(mirror, fit=None), rim, omega_min_deg), mirror.fit).mounted

@@ -12,7 +12,7 @@ import numpy as np
 from ...analysis import best_focus
 from ...design.construct.families import FAMILIES
 from ...design.construct.fits import fit_mirror
-from ...design.construct.rim import MountedMirror, Rim
+from ...design.construct.rim import MountedMirror, RimRay
 from ...errors import InvalidParameter, OmnimirrorError, SpecError
 from ...lenses import Orthographic, Perspective
 from ...mirrors import MIRRORS, EvenPolynomial, Mirror, SampledProfile, SlopeSpline, TabulatedMapping
@@ -153,14 +153,14 @@ def recast(sensor: Sensor, kind: str) -> MountedMirror:
     return MountedMirror(mirror, mirror.design_distance)
 
 
-def rim_of(sensor: Sensor) -> Rim:
+def rim_of(sensor: Sensor) -> RimRay:
     """Field angle, viewing angle and radius of the rim of a sensor."""
     theta = 0.0 if sensor.lens.TELECENTRIC else float(np.degrees(sensor.meridian.theta_max))
     omega = sensor.field_deg[1]
-    return Rim(round(omega, 6), round(theta, 6), sensor.mirror.rim_radius_mm)
+    return RimRay(round(omega, 6), round(theta, 6), sensor.mirror.rim_radius_mm)
 
 
-def _mapped(cls: type[Any], rim: Rim) -> Mapped:
+def _mapped(cls: type[Any], rim: RimRay) -> Mapped:
     """A generated mirror, for as much of the field as its mapping reaches."""
     M, most = rim.rim_radius_mm, cls.MOST_OMEGA_DEG
     omega = rim.omega_max_deg if rim.omega_max_deg < most else most - NARROWER
@@ -172,17 +172,17 @@ def _mapped(cls: type[Any], rim: Rim) -> Mapped:
     return made
 
 
-def _sampled(sensor: Sensor, rim: Rim) -> Mirror:
+def _sampled(sensor: Sensor, rim: RimRay) -> Mirror:
     x = np.linspace(0.0, rim.rim_radius_mm, NODES)
     apex = "pointed" if sensor.mirror.is_pointed else "smooth"
     return SampledProfile(tuple(x), tuple(sensor.mirror.sag(x)), apex=apex)
 
 
-def _spline(sensor: Sensor, rim: Rim) -> Mirror:
+def _spline(sensor: Sensor, rim: RimRay) -> Mirror:
     return SlopeSpline(tuple(sensor.mirror.slope(np.linspace(0.0, rim.rim_radius_mm, SLOPES))), rim.rim_radius_mm)
 
 
-def _tabulated(sensor: Sensor, rim: Rim) -> Mirror:
+def _tabulated(sensor: Sensor, rim: RimRay) -> Mirror:
     """The mapping at even heights, so that the table is the mapping of the mirror before."""
     top = sensor.rim_radius_px
     low = float(sensor.image_height_px(sensor.meridian.trace([sensor.meridian.x_min]))[0])
@@ -191,7 +191,7 @@ def _tabulated(sensor: Sensor, rim: Rim) -> Mirror:
     return TabulatedMapping(tuple(omega), tuple(height), rim.theta_max_deg, rim.rim_radius_mm)
 
 
-AS_BEFORE: dict[type[Mirror], Callable[[Sensor, Rim], Mirror]] = {
+AS_BEFORE: dict[type[Mirror], Callable[[Sensor, RimRay], Mirror]] = {
     SampledProfile: _sampled,
     SlopeSpline: _spline,
     TabulatedMapping: _tabulated,
