@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import click
 from rich.markup import escape
@@ -16,16 +15,12 @@ from ....manufacture.body import TAP_DRILLS_MM
 from ....manufacture.drawings.sheet import SHEETS
 from ....manufacture.exporter import export
 from ....manufacture.parts import drawn_housing
+from ....sensor import Sensor
 from ....specs import load_sensor
 from ...options.common import NUMBER, WHOLE
-from ...options.declared import takes
+from ...options.declared import Options, option, takes
 from ...options.housing import HousingOptions
 from ...outputs import output_console, output_option
-
-SOLID = (
-    "thickness_mm", "bore_diameter_mm", "bore_depth_mm", "thread", "flange_width_mm", "flange_thickness_mm",
-)  # fmt: skip
-"""The options of the mirror's body; what they do not say is as the rim of the sensor's housing shows it."""
 
 
 def formats(text: str) -> list[str]:
@@ -56,28 +51,62 @@ def scale(text: str) -> float:
     return number
 
 
+@dataclass(frozen=True)
+class BodyOptions(Options):
+    """The solids behind the mirrors; what is not said is as the rim of the sensor's housing shows it."""
+
+    thickness_mm: float | None = option(type=NUMBER, help="Solid: from the rim to the back.  [default: 5]")
+    bore_diameter_mm: float | None = option(type=NUMBER, help="Solid: bore on the axis, from the back.")
+    thread: str | None = option(type=click.Choice(list(TAP_DRILLS_MM)), help="Instead: a bore to tap this thread in.")
+    bore_depth_mm: float | None = option(type=NUMBER, help="Of the bore; 'inf' goes through.  [default: 10]")
+    flange_width_mm: float | None = option(type=NUMBER, help="Solid: a flange at the back, beyond the rim.")
+    flange_thickness_mm: float | None = option(type=NUMBER, help="Of the flange.  [default: 2]")
+    secondary_thickness_mm: float | None = option(
+        type=NUMBER, help="Solid of a second mirror: the same of it.  [default: 5]"
+    )
+
+    def body(self, sensor: Sensor) -> Body | None:
+        """The solid behind the mirror; None if nothing is said of it."""
+        said = {name: value for name, value in self.given.items() if name != "secondary_thickness_mm"}
+        return replace(Body.of(sensor.housing.rim, sensor.mirror), **said) if said else None
+
+    def secondary_body(self) -> Body | None:
+        """The solid behind the second mirror; None if nothing is said of it."""
+        return None if self.secondary_thickness_mm is None else Body(self.secondary_thickness_mm)
+
+
+@dataclass(frozen=True)
+class FileOptions(Options):
+    """How fine files are, as :func:`omnimirror.export` takes it."""
+
+    chord_tolerance_um: float = option(type=NUMBER, default=10.0, help="STL, 3MF: of the triangles.")
+    step_mm: float | None = option(type=NUMBER, help="Table: step along x.  [default: a hundredth of the rim radius]")
+    step_deg: float | None = option(type=NUMBER, help="Table: instead, step of the field angle.")
+    digits: int = option(type=WHOLE, default=6, help="Table: decimals of a millimetre.")
+    grid_points: int = option(type=WHOLE, default=257, help="Grid sag: points along each side.")
+    sheet: str = option(type=click.Choice(list(SHEETS)), default="A3", help="Drawing: paper.")
+    scale: float | None = option(
+        type=scale, metavar="1:N", help="Drawing: of the sensor.  [default: the largest that fits]"
+    )
+
+
 @click.command()
 @click.argument("sensor")
 @output_option("-o", "--output", required=True, formats=("csv",),
                help="A folder, or one file whose suffix says what to write; - prints the sag table.")  # fmt: skip
 @click.option("--formats", type=formats, metavar="NAME,..",
               help=f"For a folder: of {', '.join(FORMATS)}.  [default: {','.join(DEFAULT_FORMATS)}]")  # fmt: skip
-@click.option("--thickness-mm", type=NUMBER, help="Solid: from the rim to the back.  [default: 5]")
-@click.option("--bore-diameter-mm", type=NUMBER, help="Solid: bore on the axis, from the back.")
-@click.option("--thread", type=click.Choice(list(TAP_DRILLS_MM)), help="Instead: a bore to tap this thread in.")
-@click.option("--bore-depth-mm", type=NUMBER, help="Of the bore; 'inf' goes through.  [default: 10]")
-@click.option("--flange-width-mm", type=NUMBER, help="Solid: a flange at the back, beyond the rim.")
-@click.option("--flange-thickness-mm", type=NUMBER, help="Of the flange.  [default: 2]")
-@click.option("--secondary-thickness-mm", type=NUMBER, help="Solid of a second mirror: the same of it.  [default: 5]")
-@click.option("--chord-tolerance-um", type=NUMBER, default=10.0, show_default=True, help="STL, 3MF: of the triangles.")
-@click.option("--step-mm", type=NUMBER, help="Table: step along x.  [default: a hundredth of the rim radius]")
-@click.option("--step-deg", type=NUMBER, help="Table: instead, step of the field angle.")
-@click.option("--digits", type=WHOLE, default=6, show_default=True, help="Table: decimals of a millimetre.")
-@click.option("--grid-points", type=WHOLE, default=257, show_default=True, help="Grid sag: points along each side.")
+@takes(BodyOptions, "solid")
+@takes(FileOptions, "files")
 @takes(HousingOptions, "housing")
-@click.option("--sheet", type=click.Choice(list(SHEETS)), default="A3", show_default=True, help="Drawing: paper.")
-@click.option("--scale", type=scale, metavar="1:N", help="Drawing: of the sensor.  [default: the largest that fits]")
-def command(sensor: str, output: Path, **options: Any) -> None:
+def command(
+    sensor: str,
+    output: Path,
+    formats: list[str] | None,
+    solid: BodyOptions,
+    files: FileOptions,
+    housing: HousingOptions,
+) -> None:
     """Write CAD files, lens files, tables and a drawing of SENSOR, a sensor file or a bundled sensor.
 
     Every line of the table says how far the file's surface lies from the mirror. Example:
@@ -86,16 +115,11 @@ def command(sensor: str, output: Path, **options: Any) -> None:
     omnimirror export paper-spherical -o workshop --thread M6 --bore-depth-mm 12
     """
     camera = load_sensor(sensor)
-    solid, thickness = {n: v for n in SOLID if (v := options.pop(n)) is not None}, options.pop("secondary_thickness_mm")
-    body = replace(Body.of(camera.housing.rim, camera.mirror), **solid) if solid else None
-    second = None if thickness is None else Body(thickness)
-    asked: HousingOptions = options.pop("housing")
-    housing = asked.of(drawn_housing(camera))
     console = output_console()
     with console.status("Writing"):
         written = export(
-            camera, output, formats=options.pop("formats"), body=body, secondary_body=second,
-            housing=housing, **options,
+            camera, output, formats=formats, body=solid.body(camera), secondary_body=solid.secondary_body(),
+            housing=housing.of(drawn_housing(camera)), **files.given,
         )  # fmt: skip
     table = Table(box=None, pad_edge=False, header_style="bold")
     table.add_column("file", no_wrap=True)
