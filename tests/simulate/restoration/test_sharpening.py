@@ -85,6 +85,14 @@ def test_a_scene_full_of_texture_loses_nothing(small: Restorer):
     assert found.gain_db[1] > 0.5
 
 
+def test_texture_is_not_harmed_by_blur_known_too_large(small: Restorer):
+    """15 % too large, which such a picture does not show."""
+    scene = clouds(1024)
+    assert gains(small, scene).tenths_db.min() > -0.1
+    told = Restorer(small.camera, told=small.known.scaled(1.15).sizes)
+    assert gains(told, scene).gain_db.min() > -0.1
+
+
 @pytest.mark.long
 def test_near_things_are_blurred_otherwise(scene: om.Environment):
     """A wall all around at 300 mm: its own blur restores more than that of distant things."""

@@ -3,6 +3,9 @@
 Told too little blur, restoring gains less; told too much, it harms. Too much shows: what a sharp picture leaves
 unexplained grows evenly with the blur that is taken out, up to that of the picture, and faster beyond. So a few shares
 of the blur are tried, on two strips through the axis and with few steps.
+
+Where it hardly grows at all, there is too little to be seen but noise and texture as faint: such a picture would not
+show that its blur was told too large, gains little by the right one, and is harmed by more. There less is taken out.
 """
 
 from __future__ import annotations
@@ -21,6 +24,7 @@ SHARES = (0.6, 0.7, 0.8, 0.9)
 BEND, BEND_OF_CODED = 0.012, 0.02  # second difference of what is left over, of that of the least share
 BEND_AGAIN = 0.02  # it must be plain that even what was lowered once is too large
 LEAST_SHARE = 0.3
+GROWTH, UNSEEN_SHARE = 0.08, 0.85  # of what is left over, from the least share to the most, under which none is seen
 ROUNDS, STEPS = 2, 4
 BANDS = 5  # of the radius
 STRIP, LEAST_STRIP_PX, EDGE_PX = 1 / 16, 28, 9  # half its width, of the picture; what ends at its edge does not count
@@ -36,7 +40,7 @@ class BlurScale:
         self._prepared: dict[float, list[BlurProblem]] = {}
 
     def shown_share(self, roots: Values, noise: Noise) -> float:
-        """The share of its known blur that a picture shows: 1 unless it is sharper than that.
+        """The share of its known blur that a picture shows: 1 unless it is sharper than that, or shows too little.
 
         Parameters
         ----------
@@ -47,8 +51,8 @@ class BlurScale:
 
         Notes
         -----
-        Right to a tenth or two where there are edges; blur told up to a tenth too large, and any in a picture without
-        edges, is not seen.
+        Right to a tenth or two where there are edges; blur told up to a tenth too large is not seen. For a picture
+        without edges, which shows none, 0.85.
         """
         limit = BEND_OF_CODED if noise.kind == "JPEG" else BEND
         share = 1.0
@@ -56,11 +60,12 @@ class BlurScale:
             left = np.array([self._left_over(share * part, roots, noise) for part in SHARES])
             seen = (left > 0).all(axis=0)
             if not seen.any():
-                return 1.0
-            first, second = np.diff((left / np.maximum(left[:1], 1e-9))[:, seen].mean(axis=1), 2)
+                return share
+            grown = (left / np.maximum(left[:1], 1e-9))[:, seen].mean(axis=1)
+            first, second = np.diff(grown, 2)
             bends = np.array([first, second + min(first, 0)])  # a dip before is no bend
             if bends.max() < limit:
-                return share
+                return UNSEEN_SHARE if share == 1 and grown[-1] < 1 + GROWTH else share
             share *= SHARES[1 + int(np.argmax(bends))]
             limit = max(limit, BEND_AGAIN)
         return share

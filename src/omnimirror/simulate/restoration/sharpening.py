@@ -57,7 +57,8 @@ def restore(
     -------
     (h, w), (h, w, 3) or (h, w, 4) array
         Of the same kind. Where the blur is under a quarter of a pixel, and within some pixels of the rim, it is the
-        picture given. Where the picture shows less blur than is known or told, so much is taken out of it.
+        picture given. Where the picture shows less blur than is known or told, so much is taken out of it, and 0.85
+        where it shows too little to say.
 
     Raises
     ------
@@ -121,7 +122,7 @@ class Restorer:
         return estimate_noise(image, file, where=self.radius < self.known.whole_radius_px)
 
     def shown_share(self, image: Picture, noise: float | Noise | None = None) -> float:
-        """The share of the known blur that a picture shows: 1 unless it is sharper than that."""
+        """The share of the known blur that a picture shows: 1 unless it is sharper than that, or shows too little."""
         found = self._noise_of(image, noise)
         colours = image[..., None] if image.ndim == 2 else image[..., :3]
         return self._scale.shown_share(np.sqrt(_light(colours)), found)
