@@ -135,6 +135,9 @@ class Evaluation:
             values["hyperfocal_mm"] = self.sensor.lens.hyperfocal_distance(
                 self.tolerance_px * self.sensor.imager.pitch_mm
             )
+        if not self.sensor.housing.is_empty:
+            values["obscurations"] = [ring._asdict() for ring in self.sensor.obscurations]
+            values["clear_field_deg"] = list(self.sensor.clear_field_deg)
         return values
 
     def standard_deviations(self) -> dict[str, Array]:

@@ -20,6 +20,7 @@ from ....sensor import Sensor
 from ....specs import load_sensor
 from ...options.common import NUMBER, distance, focus, pixel, values
 from ...options.declared import Options, option, takes
+from ...options.housing import HousingOptions
 from ...outputs import output_console, output_option, print_rows, say, say_written
 
 Array = NDArray[np.float64]
@@ -77,14 +78,20 @@ class EvaluationOptions(Options):
 )
 @output_option("--json", "json_file", help="Write summary and all columns.")
 @click.option("--figures", type=click.Path(path_type=Path), help="Draw the paper's figures into this folder.")
+@takes(HousingOptions, "housing")
 def command(
-    sensor: str, asked: EvaluationOptions, csv_file: Path | None, json_file: Path | None, figures: Path | None
+    sensor: str,
+    asked: EvaluationOptions,
+    housing: HousingOptions,
+    csv_file: Path | None,
+    json_file: Path | None,
+    figures: Path | None,
 ) -> None:
     """Evaluate SENSOR, a sensor file or the name of a bundled sensor.
 
     Prints a table; files hold more columns. Example: omnimirror evaluate paper-spherical --omega-deg 0:135:5
     """
-    result = asked.evaluation(load_sensor(sensor))
+    result = asked.evaluation(housing.on(load_sensor(sensor)))
     console = output_console()
     if csv_file:
         result.to_csv(csv_file, deviations=True)
@@ -130,6 +137,8 @@ def print_summary(console: Console, result: Evaluation, merit: str) -> None:
         f"(blur within {result.tolerance_px:g} px); Airy disk {result.airy_px:.2f} px at {result.wavelength_nm:g} nm",
         f"best focus by {merit}: {best.focus_mm:.2f} mm, where it is {best.value:.4g} {QUANTITIES[merit].unit}",
     ]
+    if not sensor.housing.is_empty:
+        lines.append(hidden_words(sensor))
     if isinstance(sensor.mirror, Cone) and sensor.secondary is None:
         radius, z = sensor.mirror.pinhole_ring(sensor.meridian.m)
         lines.append(
@@ -145,6 +154,15 @@ def print_summary(console: Console, result: Evaluation, merit: str) -> None:
         lines += profile_lines(result, sensor.mirror)
     say((sensor.name, "bold"), "\n".join(lines), console=console)
     console.print()
+
+
+def hidden_words(sensor: Sensor) -> str:
+    """What the housing hides of the field, and what of the picture in all."""
+    rings = [f"{ring.part} {ring.omega_deg[0]:.4g} to {ring.omega_deg[1]:.4g} deg" for ring in sensor.obscurations]
+    if not rings:
+        return "the housing hides nothing"
+    percent = sum(ring.picture_percent for ring in sensor.obscured)
+    return f"hidden at every azimuth: {', '.join(rings)}; in all {percent:.2f} % of the picture"
 
 
 def profile_lines(result: Evaluation, mirror: SampledProfile) -> list[str]:

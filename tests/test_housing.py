@@ -1,0 +1,79 @@
+"""What a housing hides is one thing: drawing, picture, truth and evaluation say the same angles."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.housing import CameraBody, Dome, Housing, Rod, Tube
+from omnimirror.imagers import Imager
+from omnimirror.manufacture.parts import housed, parts_of
+from omnimirror.mirrors.pose import MirrorPose
+from omnimirror.simulate import Environment, Radiometry, expose
+from omnimirror.simulate.rendering.sight import sights
+
+SPH = om.load_sensor("paper-spherical")
+TELECENTRIC = om.load_sensor("paraboloid-telecentric")
+CASES = {
+    "camera": replace(SPH, housing=Housing(CameraBody(60.0, height_mm=4.0))),
+    "rod": replace(SPH, housing=Housing(rod=Rod(6.0, 2.0, gap_mm=45.0))),
+    "tube": replace(SPH, housing=Housing(shell=Tube(130.0))),
+    "dome": replace(SPH, housing=Housing(shell=Dome())),
+    "all": replace(SPH, housing=Housing(CameraBody(40.0), Rod(3.0), Tube(130.0))),
+    "telecentric rod": replace(TELECENTRIC, housing=Housing(rod=Rod(5.0))),
+    "telecentric tube": replace(TELECENTRIC, housing=Housing(shell=Tube(90.0))),
+}
+EDGE_DEG = 0.01
+WIDTH = 61
+
+
+@pytest.fixture(params=CASES)
+def sensor(request):
+    return CASES[request.param]
+
+
+def test_drawing_and_evaluation_say_the_same_angles(sensor):
+    low, high = sensor.clear_field_deg
+    assert (low, high) != sensor.field_deg
+    assert housed(parts_of(sensor)).clear_field_deg == pytest.approx((low, high), abs=1e-9)
+    assert om.evaluate(sensor, [90.0]).summary()["clear_field_deg"] == [low, high]
+
+
+def magnified(sensor, omega_deg):
+    """The sensor with a row of pixels a five-hundredth of a degree wide, its middle one at a field angle."""
+    rays = sensor.meridian.trace(sensor.meridian.x_from_omega(np.radians([omega_deg])))
+    height, rate = sensor.image_height_px(rays)[0], np.radians(sensor.image_height_rate_px(rays)[0])
+    pitch = sensor.imager.pixel_pitch_um * rate * 0.002
+    centre = WIDTH // 2 - height * sensor.imager.pixel_pitch_um / pitch, 0.0
+    return replace(sensor, imager=Imager(WIDTH, 1, pitch, centre))
+
+
+def test_the_picture_goes_dark_at_these_angles(sensor):
+    """To a hundredth of a degree, in the compiled kernels and in the truth."""
+    white, edges = Environment(np.ones((4, 8, 3), np.float32)), set(sensor.clear_field_deg) - set(sensor.field_deg)
+    for edge in edges:
+        near = magnified(sensor, edge)
+        light = expose(near, white, samples=1, radiometry=Radiometry(grey=0.0))[0, :, 0] > 0.3
+        dark_first = edge == sensor.clear_field_deg[0]
+        hidden = sights(near, np.stack([np.arange(WIDTH), np.zeros(WIDTH)], axis=-1)).hidden
+        for dark in (~light, hidden):
+            assert dark[0] == dark_first
+            (at,) = np.flatnonzero(np.diff(dark.astype(int)))
+            assert abs(at + 0.5 - WIDTH // 2) * 0.002 < EDGE_DEG
+
+
+@pytest.mark.parametrize("name", ["camera", "rod", "tube", "dome", "all"])
+def test_pictures_of_a_misaligned_sensor_are_dark_where_its_pixels_are_hidden(name):
+    sensor = replace(CASES[name], mirror_pose=MirrorPose(1.5, -1.0, 0.7, 0.4, -0.6))
+    sensor = replace(sensor, imager=Imager(200, 200, 5.2 * 1024 / 200))
+    pixels = np.stack(np.meshgrid(np.arange(200), np.arange(200)), axis=-1).reshape(-1, 2).astype(float)
+    hidden = np.any([*sensor.hidden_by(pixels).values()], axis=0)
+    np.testing.assert_array_equal(sights(sensor, pixels).hidden, hidden)
+    light = expose(sensor, Environment(np.ones((4, 8, 3), np.float32)), samples=1, radiometry=Radiometry(grey=0.0))
+    sees = sensor.backproject(pixels).valid
+    dark = light[..., 0].ravel() < 0.3
+    assert hidden.sum() > 100
+    assert (dark[sees] != hidden[sees]).sum() <= 2, "single precision, at edges"
