@@ -7,6 +7,8 @@ import pytest
 
 import omnimirror as om
 from omnimirror.dewarp import views
+from omnimirror.dewarp.camera_field import field_of
+from omnimirror.dewarp.views.makers import WIDEST_PLANET_DEG
 from omnimirror.errors import InvalidParameter
 from omnimirror.frames import Mount
 
@@ -16,13 +18,13 @@ FISHEYE = om.OCam((-250.0, 0.0, 4e-4), (319.5, 239.5), (640, 480), optics="fishe
 
 @pytest.mark.parametrize(("looks", "field"), [("up", (-90, 40)), ("down", (-40, 90)), ("forward", (-90, 90))])
 def test_elevations_of_a_ball(looks, field):
-    seen = views.field_of(replace(BALL, mount=Mount(looks)))
+    seen = field_of(replace(BALL, mount=Mount(looks)))
     np.testing.assert_allclose((seen.tilt_min_deg, seen.tilt_max_deg), field, atol=1e-9)
 
 
 def test_elevations_of_a_level_fisheye_are_those_of_its_picture():
     """The highest pixels seen are in the corners or the middle of the upper edge: both computed here."""
-    seen = views.field_of(replace(FISHEYE, mount=Mount("forward")))
+    seen = field_of(replace(FISHEYE, mount=Mount("forward")))
     du = np.linspace(-320, 320, 641)
     rho = np.hypot(du, 240.0)
     forward = 250 - 4e-4 * rho**2
@@ -33,7 +35,7 @@ def test_elevations_of_a_level_fisheye_are_those_of_its_picture():
 
 def test_the_field_of_a_stretched_camera_is_sampled():
     straight, stretched = (replace(FISHEYE, affine=(c, 0.0, 0.0)) for c in (1.0, 1.0001))
-    a, b = views.field_of(straight), views.field_of(stretched)
+    a, b = field_of(straight), field_of(stretched)
     assert stretched.symmetry is None
     assert b.tilt_min_deg == pytest.approx(a.tilt_min_deg, abs=0.05)
     assert b.tilt_max_deg == pytest.approx(a.tilt_max_deg, abs=0.05)
@@ -43,7 +45,7 @@ def test_resolution_is_the_mean_one():
     """A ball is exactly equal in area: pi 480^2 pixels for 2 pi (1 - cos 130 deg)."""
     expected = np.sqrt(480**2 / (2 * (1 - np.cos(np.radians(130))))) * np.pi / 180
     for mount in (Mount("up"), Mount("forward")):
-        assert views.field_of(replace(BALL, mount=mount)).pixels_per_degree == pytest.approx(expected, rel=0.01)
+        assert field_of(replace(BALL, mount=mount)).pixels_per_degree == pytest.approx(expected, rel=0.01)
 
 
 def test_sizes_are_chosen_or_completed():
@@ -81,14 +83,14 @@ SPHERE = om.load_sensor("paper-spherical")
 
 
 def test_every_view_has_a_sensible_size():
-    scale = views.field_of(BALL).pixels_per_degree
+    scale = field_of(BALL).pixels_per_degree
     assert views.sphere(BALL).size == (2 * views.sphere(BALL).size[1], views.sphere(BALL).size[1])
     assert views.sphere(BALL).size[1] == pytest.approx(180 * scale, abs=2)
     assert views.sphere(BALL, (200, None)).size == (200, 100)
     assert views.sphere(BALL, (200, None), span_deg=90, elevation_deg=(-20.0, 10.0)).size == (200, 67)
     assert views.planet(BALL, (None, 300)).size == (300, 300)
     assert views.planet(BALL).hfov_deg == pytest.approx(260)
-    assert views.planet(replace(BALL, mount=Mount("forward"))).hfov_deg == views.WIDEST_PLANET_DEG
+    assert views.planet(replace(BALL, mount=Mount("forward"))).hfov_deg == WIDEST_PLANET_DEG
     assert views.planet(BALL, pole="zenith").pole == "zenith"
     plan = views.ground(BALL, 1500.0)
     assert plan.mm_per_px == pytest.approx(1500 * np.radians(1) / scale)

@@ -13,6 +13,7 @@ from ...cameras import Camera
 from ...dewarp import views
 from ...dewarp.screens import LAYOUTS, Layout, Pole, Rows, Shape
 from ...dewarp.viewpoints import Viewpoint
+from ...dewarp.views.sizes import PartialSize
 from ...errors import InvalidParameter
 from ...straighten.request import plumb
 from .camera import MountedCamera
@@ -101,7 +102,7 @@ class ViewOptions(Options):
     layout: Layout | None = option(type=click.Choice(list(LAYOUTS)), help="Faces of a cube.  [default: cross]")
     zoom: float | None = option(type=factor, metavar="FACTOR", help="Enlarge the view about its middle.  [default: 1]")
     past_resolution: bool | None = option(is_flag=True, help="Let --zoom go past what the camera resolves.")
-    size: views.PartialSize | None = option(
+    size: PartialSize | None = option(
         type=picture_size, metavar="WxH",
         help="Output size; 1440x, x360 or nothing to choose by the picture's resolution.",
     )  # fmt: skip

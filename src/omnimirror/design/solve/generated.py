@@ -8,6 +8,7 @@ a fit adds at some point is taken for the same at all others.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -82,12 +83,15 @@ class GeneratedSpace:
         Between which values each of the others may move.
     near
         Its sensor, whose size is the unit of the focus.
+    is_met_from_scratch
+        Whether the search finds a design that meets other requirements.
     """
 
     requirements: Requirements
     settled: Requirements
     spans: dict[str, Span]
     near: Sensor
+    is_met_from_scratch: Callable[[Requirements], bool]
 
     # -- points ------------------------------------------------------------------------------------
 
@@ -186,9 +190,7 @@ class GeneratedSpace:
 
     def can_meet(self, requirements: Requirements, point: Point) -> bool:
         """Whether a design made from scratch meets other requirements."""
-        from .range_search import solve  # which searches in such spaces
-
-        return solve(requirements)[1].verdict.is_met
+        return self.is_met_from_scratch(requirements)
 
     # -- what is missed ----------------------------------------------------------------------------
 

@@ -91,7 +91,7 @@ class RangeSearch:
 
     def space(self, found: Ranked) -> GeneratedSpace:
         """The designs around a candidate."""
-        return GeneratedSpace(self.requirements, found.made.settled, self.free, found.made.sensor)
+        return GeneratedSpace(self.requirements, found.made.settled, self.free, found.made.sensor, is_met)
 
     def _polished(self, start: Ranked) -> Ranked:
         """The best candidate near one, by what the requirements leave free."""
@@ -133,6 +133,17 @@ def solve(requirements: Requirements, say: Say = lambda words: None) -> tuple[Ge
     made, space = found.made, search.space(found)
     verdict = judge(requirements, made.sensor)
     return space, BestDesign(space.point(made.settled, made.sensor), made.sensor, verdict, _notes(search, made))
+
+
+def is_met(requirements: Requirements) -> bool:
+    """Whether the best candidate meets its requirements.
+
+    Raises
+    ------
+    OmnimirrorError
+        There is no such mirror at all.
+    """
+    return solve(requirements)[1].verdict.is_met
 
 
 def _notes(search: RangeSearch, made: Candidate) -> tuple[str, ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from fastapi import FastAPI, Request, WebSocket, WebSocketDisconnect
 from fastapi.responses import PlainTextResponse, Response
@@ -12,13 +12,15 @@ from pydantic import ValidationError
 from ...errors import OmnimirrorError
 from ...specs import load_sensor
 from ..schema import BYTES, FILE_BODY, FileName
-from ..studio import Studio
 from ..uploads import collected, safe_name
 from .files import SLOW_KINDS, downloaded, opened, requirement_file, taken
 from .form import bench_start
 from .messages import Ask, BenchSensor, BenchStart, Change, Download, News, Opened, PictureAsk, Task, WantedFile
 from .sensors import changed, on_bench, sensor_on_bench
 from .work import Workers
+
+if TYPE_CHECKING:
+    from ..studio import Studio
 
 
 def add_bench(app: FastAPI, studio: Studio) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from fastapi import FastAPI, HTTPException, Query, Request, WebSocket, WebSocketDisconnect
 from fastapi.responses import PlainTextResponse, Response
@@ -12,13 +12,15 @@ from fastapi.responses import PlainTextResponse, Response
 from ... import __version__
 from ...frames import Mount
 from ..schema import BYTES, FILE_BODY, PNG, FileName
-from ..studio import Studio
 from ..uploads import browser_picture, collected, safe_name
 from .cameras import Cameras, Known
 from .messages import CameraAsk, CameraModel, SensorEntry, SensorFile, Start, StreamState
 from .pictures import room_picture, shown_picture
 from .streams import Stream
 from .tables import camera_tables
+
+if TYPE_CHECKING:
+    from ..studio import Studio
 
 
 def add_look(app: FastAPI, studio: Studio) -> None:

@@ -1,19 +1,13 @@
-"""Sensible views for a camera: they cover what it sees, at the resolution that its picture has."""
+"""Views of every kind that suit a camera: they cover what it sees, at the resolution that its picture has."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, TypeAlias
-
 import numpy as np
 
-from ..arguments import WrongKind, number, shown
-from ..cameras import Camera
-from ..errors import InvalidParameter
-from ..numerics.registry import Registry
-from .camera_field import FieldOfView, field_of, pole_of
-from .maps.coordinates import rows_of_pixels
-from .screens import (
+from ...cameras import Camera
+from ...errors import InvalidParameter
+from ..camera_field import field_of, pole_of
+from ..screens import (
     CubeMap,
     Cylinder,
     Dome,
@@ -24,44 +18,21 @@ from .screens import (
     Plane,
     Pole,
     Rows,
-    Screen,
     Sphere,
-    View,
-    parts_of,
 )
-from .screens.base import NOT_MOVED, Offset
-
-__all__ = [
-    "LARGEST_MAGNIFICATION",
-    "PRESETS",
-    "VIEWS",
-    "Preset",
-    "cube",
-    "dome",
-    "ground",
-    "largest_zoom",
-    "mosaic",
-    "panorama",
-    "perspective",
-    "planet",
-    "preset",
-    "register_view",
-    "resolution",
-    "sphere",
-]
-
-PartialSize = tuple[int | None, int | None]
+from ..screens.base import NOT_MOVED, Offset
+from .sizes import UNKNOWN_SIZE, PartialSize, _even, completed, field_end
 
 PERSPECTIVE_SIZE = (1280, 720)
-UNKNOWN_SIZE: PartialSize = (None, None)
+
+
 WIDEST_PLANET_DEG = 270.0  # beyond, most of the picture is the opposite pole
+
+
 PLAN_HEIGHTS = 4.0  # side of a plan in heights of the mirror over the ground: down to 63 deg from the nadir
+
+
 VIEWS_IN_MOSAIC = 4
-LARGEST_MAGNIFICATION = 4.0
-"""Output pixels per source pixel to which a zoom is limited: cubic interpolation still looks smooth, and
-there has been nothing more to see since about 1."""
-ROWS_EXAMINED = 65
-LARGEST_RATIO = 1e6  # of the sides of a picture
 
 
 def panorama(
@@ -115,7 +86,7 @@ def panorama(
     if rows == "height" and -90 < low < high < 90:
         tall = float(np.degrees(np.ptp(np.tan(np.radians([low, high])))))
     natural = span_deg * seen.pixels_per_degree, tall * seen.pixels_per_degree
-    return Cylinder(_completed(size, natural), low, high, pan_deg, span_deg, rows, distance_mm, offset_mm)
+    return Cylinder(completed(size, natural), low, high, pan_deg, span_deg, rows, distance_mm, offset_mm)
 
 
 def sphere(
@@ -178,7 +149,7 @@ def sphere(
                 f"{width} px of an equirectangular picture that is twice as wide as high have no half; give an even "
                 f"width, such as {width + 1}, or the height too"
             )
-    return Sphere(_completed(size, natural), low, high, pan_deg, span_deg, distance_mm, offset_mm)
+    return Sphere(completed(size, natural), low, high, pan_deg, span_deg, distance_mm, offset_mm)
 
 
 def perspective(
@@ -221,7 +192,7 @@ def perspective(
     >>> om.views.perspective(hfov_deg=40.0).size
     (1280, 720)
     """
-    return Plane(_completed(size, PERSPECTIVE_SIZE), pan_deg, tilt_deg, roll_deg, hfov_deg, distance_mm, offset_mm)
+    return Plane(completed(size, PERSPECTIVE_SIZE), pan_deg, tilt_deg, roll_deg, hfov_deg, distance_mm, offset_mm)
 
 
 def dome(
@@ -267,9 +238,9 @@ def dome(
     """
     seen = field_of(camera)
     pole = pole or pole_of(camera)
-    first, last = omega_deg or (0.0, _end(seen, pole))
+    first, last = omega_deg or (0.0, field_end(seen, pole))
     diameter = 2 * last * seen.pixels_per_degree
-    return Dome(_completed(size, (diameter, diameter)), last, pole, pan_deg, first, distance_mm, offset_mm)
+    return Dome(completed(size, (diameter, diameter)), last, pole, pan_deg, first, distance_mm, offset_mm)
 
 
 def planet(
@@ -315,9 +286,9 @@ def planet(
     """
     seen = field_of(camera)
     pole = pole or pole_of(camera)
-    hfov = hfov_deg or min(2 * _end(seen, pole), WIDEST_PLANET_DEG)
+    hfov = hfov_deg or min(2 * field_end(seen, pole), WIDEST_PLANET_DEG)
     diameter = hfov * seen.pixels_per_degree
-    return LittlePlanet(_completed(size, (diameter, diameter)), hfov, pole, pan_deg, distance_mm, offset_mm)
+    return LittlePlanet(completed(size, (diameter, diameter)), hfov, pole, pan_deg, distance_mm, offset_mm)
 
 
 def ground(
@@ -360,7 +331,7 @@ def ground(
     """
     scale = mm_per_px or abs(height_mm) * np.radians(1) / field_of(camera).pixels_per_degree
     side = PLAN_HEIGHTS * abs(height_mm) / scale if scale > 0 else 0.0
-    return Ground(_completed(size, (side, side)), height_mm, float(scale), pan_deg, offset_mm)
+    return Ground(completed(size, (side, side)), height_mm, float(scale), pan_deg, offset_mm)
 
 
 def cube(
@@ -403,7 +374,7 @@ def cube(
     """
     face = _even(90 * field_of(camera).pixels_per_degree)
     columns, rows = CubeMap.grid(layout)
-    return CubeMap(_completed(size, (columns * face, rows * face)), layout, pan_deg, distance_mm, offset_mm)
+    return CubeMap(completed(size, (columns * face, rows * face)), layout, pan_deg, distance_mm, offset_mm)
 
 
 def mosaic(
@@ -467,260 +438,3 @@ def mosaic(
     pans = (pan_deg - 90, pan_deg, pan_deg + 90, pan_deg + 180)
     under = [Plane(part_size, pan, tilt_deg, 0.0, hfov_deg, distance_mm, offset_mm) for pan in pans]
     return Mosaic.panorama_over_views(over, under)
-
-
-# -- by name ---------------------------------------------------------------------------------------
-
-
-def _check_maker(name: str, make: Any) -> None:
-    if not callable(make):
-        raise WrongKind(f"{shown(make)} is no function of a camera that gives a view")
-
-
-ViewMaker: TypeAlias = Callable[..., View]
-VIEWS: Registry[ViewMaker] = Registry(
-    "omnimirror.views",
-    "a view",
-    {
-        "panorama": panorama,
-        "perspective": lambda _, **options: perspective(**options),
-        "dome": dome,
-        "sphere": sphere,
-        "ground": ground,
-        "planet": planet,
-        "cube": cube,
-        "mosaic": mosaic,
-    },
-    _check_maker,
-)
-"""Every view by its name on the command line, called as ``make(camera, **options)``."""
-
-
-def register_view(name: str, make: ViewMaker) -> None:
-    """Make a view of one's own known by a name, such as ``omnimirror dewarp --view NAME`` takes.
-
-    An installed package does the same without a call, by an entry point in its ``pyproject.toml``:
-    ``[project.entry-points."omnimirror.views"]`` with ``fan = "my_package:fan"``. In Python no name is needed: a
-    :class:`omnimirror.Dewarper` takes any screen.
-
-    Parameters
-    ----------
-    name
-        Such as ``"fan"``.
-    make
-        Called as ``make(camera, **options)``. Its keywords say which options belong to the view, among those of
-        ``omnimirror dewarp``: ``size`` (width, height) in px, each perhaps None, ``pan_deg``, ``hfov_deg`` ... It
-        returns a screen (:class:`omnimirror.dewarp.screens.Screen`), or several in one picture.
-
-    Raises
-    ------
-    InvalidParameter
-        Another view has this name, or ``make`` is no function.
-
-    Examples
-    --------
-    >>> import omnimirror as om
-    >>> def strip(camera, size=(720, 90), pan_deg=0.0):
-    ...     return om.screens.Cylinder(size, -10.0, 10.0, pan_deg)
-    >>> om.register_view("docs-strip", strip)
-    >>> om.views.VIEWS["docs-strip"](om.load_sensor("paper-spherical")).size
-    (720, 90)
-    >>> om.views.VIEWS.withdraw("docs-strip")
-    """
-    VIEWS.register(name, make)
-
-
-# -- the paper's effects ---------------------------------------------------------------------------
-
-
-class Preset(NamedTuple):
-    """A placing of the paper's virtual screen before the virtual projector (Fig. 13)."""
-
-    widths_away: float
-    """Distance of the screen from the projector, in widths of the screen."""
-    is_bent: bool
-    """Whether it is bent about the projector, or flat."""
-    description: str
-
-
-PRESETS: dict[str, Preset] = {
-    "distant": Preset(2.0, False, "flat, two widths away: 28 deg wide, as through a telephoto lens"),
-    "wide": Preset(0.5, False, "the same screen moved up to half a width: 90 deg wide, still in perspective"),
-    "super-wide": Preset(1 / np.pi, True, "the same screen bent half round the projector: 180 deg wide"),
-}
-"""The paper's distant, wide-angle and super-wide-angle views: one screen, three places.
-
-The screen keeps its size and proportions; it is moved towards the projector, and then bent about it,
-since a flat screen never reaches 180 deg. Bent, its columns are linear in pan and its rows in height.
-"""
-
-
-def preset(
-    name: str,
-    size: PartialSize = UNKNOWN_SIZE,
-    *,
-    pan_deg: float = 0.0,
-    tilt_deg: float = 0.0,
-    distance_mm: float = np.inf,
-    offset_mm: Offset = NOT_MOVED,
-) -> Plane | Cylinder:
-    """One of the paper's effects, of :data:`PRESETS`; a bent screen is not tilted but moved up.
-
-    Parameters
-    ----------
-    name
-        One of :data:`PRESETS`.
-    size : (width, height)
-        In px, each perhaps None: taken from the picture's resolution, or from the other side.
-    pan_deg
-        Where the middle looks, deg right of forward.
-    tilt_deg
-        Where the middle looks, deg above the horizon.
-    distance_mm
-        From the screen's centre to the screen, mm; infinite for a distant one.
-    offset_mm : (3,)
-        Where a near screen's centre stands: forward, left and up from the mirror, mm.
-
-    Returns
-    -------
-    Plane or Cylinder
-        The screen.
-
-    Raises
-    ------
-    InvalidParameter
-        For an unknown name, or a screen that would reach the zenith.
-
-    Examples
-    --------
-    >>> for name in PRESETS:
-    ...     print(preset(name))
-    perspective view (pan 0, tilt 0, hfov 28.0725 deg)
-    perspective view (pan 0, tilt 0, hfov 90 deg)
-    panorama (180 deg around pan 0, elevation -41.4629 to 41.4629 deg)
-    """
-    if name not in PRESETS:
-        raise InvalidParameter(f"there is no preset {name!r}; there are {', '.join(PRESETS)}")
-    away, is_bent, _ = PRESETS[name]
-    width, height = _completed(size, PERSPECTIVE_SIZE)
-    if not is_bent:
-        hfov = float(2 * np.degrees(np.arctan(0.5 / away)))
-        return Plane((width, height), pan_deg, tilt_deg, 0.0, hfov, distance_mm, offset_mm)
-    end = float(np.degrees(np.arctan(height / width / 2 / away)))
-    around = float(np.degrees(1 / away))
-    bent = Cylinder((width, height), -end, end, pan_deg, around, "height", distance_mm, offset_mm)
-    return bent.panned(0.0, tilt_deg)
-
-
-# -- zoom ------------------------------------------------------------------------------------------
-
-
-def resolution(camera: Camera, view: View) -> float:
-    """Source pixels per output pixel, by length, where the view is seen next to its centre.
-
-    Of several views in one picture the coarsest counts. NaN where none is seen, or has fewer than
-    2 x 2 pixels.
-
-    Parameters
-    ----------
-    camera
-        A sensor, or a calibrated camera.
-    view
-        A screen of :mod:`omnimirror.screens`, or several in one picture.
-
-    Returns
-    -------
-    float
-        Source pixels per output pixel.
-
-    Examples
-    --------
-    >>> import omnimirror as om
-    >>> view = om.views.perspective(hfov_deg=40.0)
-    >>> print(f"{om.views.resolution(om.load_sensor('paper-spherical'), view):.3f}")
-    0.154
-    """
-    found = [_resolution(camera, part.screen) for part in parts_of(view)]
-    return float(min((r for r in found if np.isfinite(r)), default=np.nan))
-
-
-def largest_zoom(camera: Camera, view: View) -> float:
-    """The factor up to which a view can be zoomed within what the camera resolves, 1 or more.
-
-    It ends where :data:`LARGEST_MAGNIFICATION` output pixels show one source pixel; infinite where the
-    resolution is not known.
-
-    Parameters
-    ----------
-    camera
-        A sensor, or a calibrated camera.
-    view
-        A screen of :mod:`omnimirror.screens`, or several in one picture.
-
-    Returns
-    -------
-    float
-        1 or more.
-
-    Examples
-    --------
-    >>> import omnimirror as om
-    >>> camera = om.load_sensor("paper-spherical")
-    >>> print(f"{om.views.largest_zoom(camera, om.views.perspective(hfov_deg=120.0)):.2f}")
-    2.94
-    """
-    within = LARGEST_MAGNIFICATION * resolution(camera, view)
-    return max(1.0, within) if np.isfinite(within) else np.inf
-
-
-def _resolution(camera: Camera, screen: Screen) -> float:
-    width, height = screen.size
-    if width < 2 or height < 2:
-        return np.nan
-    middle = (height - 2) / 2
-    rows = np.unique(np.linspace(0, height - 2, min(height - 1, ROWS_EXAMINED)).round().astype(int))
-    nearest, found = np.inf, np.nan
-    for row in map(int, rows[np.argsort(abs(rows - middle), kind="stable")]):
-        if abs(row - middle) >= nearest:
-            break
-        pixels = rows_of_pixels(camera, screen, row, row + 2)
-        across, down = np.diff(pixels[0], axis=0), (pixels[1] - pixels[0])[:-1]
-        area = abs(across[:, 0] * down[:, 1] - across[:, 1] * down[:, 0])
-        distances = np.where(np.isnan(area), np.inf, np.hypot(np.arange(width - 1) - (width - 2) / 2, row - middle))
-        best = int(np.argmin(distances))
-        if distances[best] < nearest:
-            nearest, found = float(distances[best]), float(np.sqrt(area[best]))
-    return found
-
-
-# -- sizes -----------------------------------------------------------------------------------------
-
-
-def _end(seen: FieldOfView, pole: Pole) -> float:
-    """Angle (deg) from a pole to the far end of the field."""
-    return 90 - seen.tilt_min_deg if pole == "zenith" else 90 + seen.tilt_max_deg
-
-
-def _completed(size: PartialSize, natural: tuple[float, float]) -> tuple[int, int]:
-    """The size with what is missing taken from a natural size: all of it, or the proportion."""
-    if not isinstance(size, Sequence) or isinstance(size, str) or len(size) != 2:
-        raise WrongKind(f"size = {shown(size)} is not (width, height) in px, each perhaps None")
-    width, height = (side if side is None else int(number("size", side, above=0.0, unit="px")) for side in size)
-    if width is not None and height is not None:
-        return width, height
-    if not np.isfinite(natural).all() or max(natural) > LARGEST_RATIO * min(natural) >= 0:
-        raise InvalidParameter(
-            f"a view of {natural[0]:.3g} x {natural[1]:.3g} px, at the picture's resolution, is no picture; give it "
-            "other angles, or both sides of its size"
-        )
-    if width is None and height is None:
-        return _even(natural[0]), _even(natural[1])
-    if height is None:
-        assert width is not None
-        return width, max(1, round(width * natural[1] / natural[0]))
-    return width if width is not None else max(1, round(height * natural[0] / natural[1])), height
-
-
-def _even(length: float) -> int:
-    """Rounded to an even number, as video wants it."""
-    return max(2, 2 * round(length / 2))

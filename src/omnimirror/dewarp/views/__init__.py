@@ -1,0 +1,25 @@
+"""Sensible views for a camera: they cover what it sees, at the resolution that its picture has."""
+
+from .makers import cube, dome, ground, mosaic, panorama, perspective, planet, sphere
+from .names import VIEWS, register_view
+from .presets import PRESETS, Preset, preset
+from .sizes import LARGEST_MAGNIFICATION, largest_zoom, resolution
+
+__all__ = [
+    "LARGEST_MAGNIFICATION",
+    "PRESETS",
+    "VIEWS",
+    "Preset",
+    "cube",
+    "dome",
+    "ground",
+    "largest_zoom",
+    "mosaic",
+    "panorama",
+    "perspective",
+    "planet",
+    "preset",
+    "register_view",
+    "resolution",
+    "sphere",
+]

@@ -1,0 +1,143 @@
+"""How large a view has to be to show all that the picture has, and how far a zoom makes sense."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ...arguments import WrongKind, number, shown
+from ...cameras import Camera
+from ...errors import InvalidParameter
+from ..camera_field import FieldOfView
+from ..maps.coordinates import rows_of_pixels
+from ..screens import (
+    Pole,
+    Screen,
+    View,
+    parts_of,
+)
+
+PartialSize = tuple[int | None, int | None]
+
+
+UNKNOWN_SIZE: PartialSize = (None, None)
+
+
+LARGEST_MAGNIFICATION = 4.0
+"""Output pixels per source pixel to which a zoom is limited: cubic interpolation still looks smooth, and
+there has been nothing more to see since about 1."""
+
+
+ROWS_EXAMINED = 65
+
+
+LARGEST_RATIO = 1e6  # of the sides of a picture
+
+
+def resolution(camera: Camera, view: View) -> float:
+    """Source pixels per output pixel, by length, where the view is seen next to its centre.
+
+    Of several views in one picture the coarsest counts. NaN where none is seen, or has fewer than
+    2 x 2 pixels.
+
+    Parameters
+    ----------
+    camera
+        A sensor, or a calibrated camera.
+    view
+        A screen of :mod:`omnimirror.screens`, or several in one picture.
+
+    Returns
+    -------
+    float
+        Source pixels per output pixel.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> view = om.views.perspective(hfov_deg=40.0)
+    >>> print(f"{om.views.resolution(om.load_sensor('paper-spherical'), view):.3f}")
+    0.154
+    """
+    found = [screen_resolution(camera, part.screen) for part in parts_of(view)]
+    return float(min((r for r in found if np.isfinite(r)), default=np.nan))
+
+
+def largest_zoom(camera: Camera, view: View) -> float:
+    """The factor up to which a view can be zoomed within what the camera resolves, 1 or more.
+
+    It ends where :data:`LARGEST_MAGNIFICATION` output pixels show one source pixel; infinite where the
+    resolution is not known.
+
+    Parameters
+    ----------
+    camera
+        A sensor, or a calibrated camera.
+    view
+        A screen of :mod:`omnimirror.screens`, or several in one picture.
+
+    Returns
+    -------
+    float
+        1 or more.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> camera = om.load_sensor("paper-spherical")
+    >>> print(f"{om.views.largest_zoom(camera, om.views.perspective(hfov_deg=120.0)):.2f}")
+    2.94
+    """
+    within = LARGEST_MAGNIFICATION * resolution(camera, view)
+    return max(1.0, within) if np.isfinite(within) else np.inf
+
+
+def screen_resolution(camera: Camera, screen: Screen) -> float:
+    width, height = screen.size
+    if width < 2 or height < 2:
+        return np.nan
+    middle = (height - 2) / 2
+    rows = np.unique(np.linspace(0, height - 2, min(height - 1, ROWS_EXAMINED)).round().astype(int))
+    nearest, found = np.inf, np.nan
+    for row in map(int, rows[np.argsort(abs(rows - middle), kind="stable")]):
+        if abs(row - middle) >= nearest:
+            break
+        pixels = rows_of_pixels(camera, screen, row, row + 2)
+        across, down = np.diff(pixels[0], axis=0), (pixels[1] - pixels[0])[:-1]
+        area = abs(across[:, 0] * down[:, 1] - across[:, 1] * down[:, 0])
+        distances = np.where(np.isnan(area), np.inf, np.hypot(np.arange(width - 1) - (width - 2) / 2, row - middle))
+        best = int(np.argmin(distances))
+        if distances[best] < nearest:
+            nearest, found = float(distances[best]), float(np.sqrt(area[best]))
+    return found
+
+
+def field_end(seen: FieldOfView, pole: Pole) -> float:
+    """Angle (deg) from a pole to the far end of the field."""
+    return 90 - seen.tilt_min_deg if pole == "zenith" else 90 + seen.tilt_max_deg
+
+
+def completed(size: PartialSize, natural: tuple[float, float]) -> tuple[int, int]:
+    """The size with what is missing taken from a natural size: all of it, or the proportion."""
+    if not isinstance(size, Sequence) or isinstance(size, str) or len(size) != 2:
+        raise WrongKind(f"size = {shown(size)} is not (width, height) in px, each perhaps None")
+    width, height = (side if side is None else int(number("size", side, above=0.0, unit="px")) for side in size)
+    if width is not None and height is not None:
+        return width, height
+    if not np.isfinite(natural).all() or max(natural) > LARGEST_RATIO * min(natural) >= 0:
+        raise InvalidParameter(
+            f"a view of {natural[0]:.3g} x {natural[1]:.3g} px, at the picture's resolution, is no picture; give it "
+            "other angles, or both sides of its size"
+        )
+    if width is None and height is None:
+        return _even(natural[0]), _even(natural[1])
+    if height is None:
+        assert width is not None
+        return width, max(1, round(width * natural[1] / natural[0]))
+    return width if width is not None else max(1, round(height * natural[0] / natural[1])), height
+
+
+def _even(length: float) -> int:
+    """Rounded to an even number, as video wants it."""
+    return max(2, 2 * round(length / 2))
