@@ -1,18 +1,24 @@
-"""The rules of the house: arrows run downwards, and importing stays light."""
+"""The rules of the house: arrows run downwards, nothing runs in circles, and importing stays light."""
 
 from __future__ import annotations
 
+import ast
 import importlib
 import inspect
 import pkgutil
+import runpy
 import subprocess
 import sys
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 from types import ModuleType
 
+import grimp
 import pytest
 
 ROOT = Path(__file__).parents[1]
+SOURCE = ROOT / "src" / "omnimirror"
+CROWD, LONG = 12, 400  # files of a room, lines of code of a file
 HEAVY = ("scipy", "pydantic", "matplotlib", "cv2", "av", "rich", "tomli_w")
 
 
@@ -21,6 +27,49 @@ def test_arrows_run_downwards_only():
         [Path(sys.executable).with_name("lint-imports"), "--no-cache"], cwd=ROOT, capture_output=True, text=True
     )
     assert run.returncode == 0, run.stdout
+
+
+def test_nothing_runs_in_circles():
+    """Within every room: what stands in it, rooms of its own taken whole, imports in one direction."""
+    graph = grimp.build_graph("omnimirror", exclude_type_checking_imports=True)
+    for room in sorted(m for m in graph.modules if graph.find_children(m)):
+        whole = {child: {child} | graph.find_descendants(child) for child in graph.find_children(room)}
+        home = {module: child for child, modules in whole.items() for module in modules}
+        reached = {
+            child: {home[to] for m in modules for to in graph.find_modules_directly_imported_by(m) if to in home}
+            for child, modules in whole.items()
+        }
+        try:
+            TopologicalSorter({child: to - {child} for child, to in reached.items()}).prepare()
+        except CycleError as e:
+            pytest.fail(f"in {room}: {' <- '.join(e.args[1])}")
+
+
+def test_no_room_is_crowded_and_no_file_is_long():
+    rooms = [SOURCE, *(p for p in SOURCE.rglob("*") if p.is_dir() and (p / "__init__.py").exists())]
+    files = {room: [p for p in room.glob("*.py") if not p.stem.startswith("__")] for room in rooms}
+    assert not {str(room): len(found) for room, found in files.items() if len(found) > CROWD}
+    lengths = {str(p): lines_of_code(p.read_text()) for found in files.values() for p in found}
+    assert not {name: lines for name, lines in lengths.items() if lines > LONG}
+
+
+def lines_of_code(text: str) -> int:
+    """Without docstrings, comments and empty lines: what is explained well may be long."""
+    told = {
+        line
+        for node in ast.walk(ast.parse(text))
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
+        for line in range(node.lineno, (node.end_lineno or node.lineno) + 1)
+    }
+    lines = enumerate(text.splitlines(), 1)
+    return sum(1 for i, line in lines if i not in told and line.strip() and not line.lstrip().startswith("#"))
+
+
+def test_what_the_docs_show_of_the_code_is_the_code():
+    """The drawings of the house and the glossary's quantities; `python docs/from_code.py` makes them."""
+    made = runpy.run_path(str(ROOT / "docs" / "from_code.py"))["MADE"]
+    stale = [name for name, make in made.items() if (ROOT / "docs" / name).read_text() != make()]
+    assert not stale, "python docs/from_code.py makes them anew"
 
 
 @pytest.mark.parametrize("statement", ["import omnimirror", "from omnimirror.cli import main; main(['--help'])"])
