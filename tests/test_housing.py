@@ -1,4 +1,4 @@
-"""What a housing hides is one thing: drawing, picture, truth and evaluation say the same angles."""
+"""What a housing hides is one thing: drawing, picture, truth, evaluation and verdict say the same angles."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import omnimirror as om
+from omnimirror.design.criteria.field_angles import counted_field
 from omnimirror.housing import CameraBody, Dome, Housing, Rod, Tube
 from omnimirror.imagers import Imager
 from omnimirror.manufacture.parts import housed, parts_of
@@ -35,11 +36,13 @@ def sensor(request):
     return CASES[request.param]
 
 
-def test_drawing_and_evaluation_say_the_same_angles(sensor):
+def test_drawing_evaluation_and_verdict_say_the_same_angles(sensor):
     low, high = sensor.clear_field_deg
     assert (low, high) != sensor.field_deg
     assert housed(parts_of(sensor)).clear_field_deg == pytest.approx((low, high), abs=1e-9)
     assert om.evaluate(sensor, [90.0]).summary()["clear_field_deg"] == [low, high]
+    counted = counted_field(om.FieldRequirements(omega_max_deg=100.0), sensor)
+    assert (counted.hidden_deg, counted.hidden_from_deg) == (low, high)
 
 
 def magnified(sensor, omega_deg):

@@ -55,7 +55,7 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "OCam": (om.OCam, {"polynomial": (-100.0, 0.0, 0.001), "centre_px": (16.0, 16.0), "image_size": (32, 32),
                        "affine": (1.0, 0.0, 0.0), "optics": "mirror"}),
     "Limit": (om.Limit, {"quantity": "total_blur_px", "at_most": 1.0}),
-    "FieldRequirements": (om.FieldRequirements, {"omega_max_deg": 120.0, "omega_min_deg": 0.0, "camera_radius_mm": 3.0,
+    "FieldRequirements": (om.FieldRequirements, {"omega_max_deg": 120.0, "omega_min_deg": 0.0,
                                                  "object_distance_mm": (500.0, np.inf)}),
     "MirrorRequirements": (om.MirrorRequirements, {"mapping": "equidistant", "rim_radius_mm": 40.0, "fit": None,
                                                    "omega_deg": None, "conic": None, "plane_distance_mm": None}),

@@ -141,9 +141,9 @@ BAD = [
     ),
     ("[500, inf]", "0.01", "line 6: field.object_distance_mm = 0.01: it should be a number from 1 to inf"),
     (
-        "omega_min_deg = 10.0",
-        "omega_min_deg = 10.0\ncamera_radius_mm = 500",
-        "line 6: field.camera_radius_mm = 500 is more than 5 times",
+        "[mirror]",
+        "[housing.camera]\ndiameter_mm = 1000\n[mirror]",
+        "line 9: housing.camera.diameter_mm = 1000 is more than 5 times",
     ),
     (
         "rim_radius_mm = 40",

@@ -15,6 +15,7 @@ from omnimirror.design.optimise.optimiser import optimise, start
 from omnimirror.design.optimise.problem import DesignProblem
 from omnimirror.design.optimise.variables import DesignSpace
 from omnimirror.errors import InvalidParameter, OmnimirrorError
+from omnimirror.housing import CameraBody, Housing
 from omnimirror.imagers import Imager
 from omnimirror.specs import format_sensor, parse_sensor
 from tests.design.answers import looked_at_again
@@ -78,7 +79,7 @@ PROBLEMS = {
     ),
     "lens follows": DesignProblem(
         focal_length_mm=None, rim_radius_mm=(30.0, 50.0), terms=5, object_distance_mm=(400.0, np.inf),
-        camera_radius_mm=20.0, omega_min_deg=15.0, limits=LIMITS,
+        housing=Housing(CameraBody(40.0)), omega_min_deg=15.0, limits=LIMITS,
     ),
     "theta follows": DesignProblem(
         theta_max_deg=None, omega_max_deg=(120.0, 140.0), family="conic-asphere", terms=0, limits=LIMITS

@@ -9,11 +9,12 @@ import pytest
 
 import omnimirror as om
 from omnimirror.design import parse_requirements
-from omnimirror.design.criteria.field_angles import hidden_deg
+from omnimirror.design.criteria.field_angles import counted_field
 from omnimirror.design.solve.designer import design_sensor
 from omnimirror.design.solve.generated import ranges_of
 from omnimirror.design.solve.range_search import RangeSearch
 from omnimirror.errors import InvalidParameter, SpecError
+from omnimirror.housing import CameraBody, Housing, Tube
 from omnimirror.specs import format_sensor, parse_sensor
 from tests.design.answers import best, row
 
@@ -171,7 +172,8 @@ def test_a_telecentric_lens_is_as_wide_as_the_mirror():
 def test_a_field_that_begins_past_the_camera():
     """The camera hides the middle: a smooth mirror shows it nevertheless, a pointed one shows nothing of it."""
     text = COMMON.replace(
-        "field.omega_max_deg = 135", "field = {omega_max_deg = 135, omega_min_deg = 30, camera_radius_mm = 30}"
+        "field.omega_max_deg = 135",
+        "field = {omega_max_deg = 135, omega_min_deg = 30}\nhousing.camera.diameter_mm = 60",
     )
     smooth = design_sensor(parse_requirements(text))
     pointed = design_sensor(parse_requirements(text.replace("[lens]", 'apex = "pointed"\n[lens]')))
@@ -186,12 +188,24 @@ def test_a_field_that_begins_past_the_camera():
 
 
 def test_the_camera_hides_what_real_rays_show():
-    sensor = om.load_sensor("paper-spherical")
-    angle = hidden_deg(sensor, 30.0)
+    sensor = replace(om.load_sensor("paper-spherical"), housing=Housing(CameraBody(60.0)))
+    angle = counted_field(om.FieldRequirements(omega_max_deg=130), sensor).hidden_deg
     for omega, clears in ((angle - 0.05, False), (angle + 0.05, True)):
         rays = sensor.meridian.trace(sensor.meridian.x_from_omega(np.radians([omega])))
         fall = (rays.z[0] + sensor.mirror_distance_mm) / np.cos(rays.omega[0])
         assert (rays.x[0] + fall * np.sin(rays.omega[0]) > 30.0) == clears
+
+
+def test_what_a_tube_hides_of_the_field_is_missed_or_not_judged():
+    """Its cap hides the last degrees: the field that is asked for is not reached, and limits end where it begins."""
+    limit = '[[limit]]\nquantity = "total_blur_px"\nat_most = 100.0\n'
+    design = design_sensor(parse_requirements(COMMON + limit + "[housing.tube]\ndiameter_mm = 130.0\n"))
+    sensor = design.sensor
+    assert sensor.housing == Housing(shell=Tube(130.0))
+    begins = next(ring.omega_deg[0] for ring in sensor.obscurations if ring.part == "tube's cap")
+    assert row(design, "omega_max_deg").reached == begins < 130
+    assert not row(design, "omega_max_deg").is_met
+    assert any("what stands around the mirror hides it" in words for words in row(design, "total_blur_px").remarks)
 
 
 def test_a_cone_says_from_where_its_field_begins():

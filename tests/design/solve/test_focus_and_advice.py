@@ -21,8 +21,10 @@ PANORAMA = """
 [field]
 omega_max_deg = 130.0
 omega_min_deg = 15.0
-camera_radius_mm = 15.0
 object_distance_mm = [600, inf]
+[housing.camera]
+diameter_mm = 30.0
+
 [mirror]
 mapping = "equidistant"
 rim_radius_mm = 40.0
@@ -155,7 +157,9 @@ def test_an_optimised_mirror_is_focused_within_its_range():
 
 
 def test_a_limit_is_judged_over_all_of_its_angles_even_where_the_field_does_not_matter():
-    text = PANORAMA.replace("omega_min_deg = 15.0", "omega_min_deg = 40.0").replace("camera_radius_mm = 15.0\n", "")
+    text = PANORAMA.replace("omega_min_deg = 15.0", "omega_min_deg = 40.0").replace(
+        "[housing.camera]\ndiameter_mm = 30.0\n", ""
+    )
     design = design_sensor(parse_requirements(text.replace("at_most = 6.0", "at_most = 40.0\nomega_deg = [0, 20]")))
     found, omega = row(design, "total_blur_px"), np.linspace(0, 20, 401)
     assert found.reached == pytest.approx(worst_blur_px(design.sensor, None, omega), rel=1e-6)
@@ -211,7 +215,7 @@ omega_deg = [90, 90]
     hidden = (
         SURVEY.replace("[85, 95]", "[2, 2]")
         .replace('apex = "pointed"', "")
-        .replace("omega_min_deg = 40.0", "camera_radius_mm = 15.0")
+        .replace("omega_min_deg = 40.0", "[housing.camera]\ndiameter_mm = 30.0")
     )
     with pytest.raises(InvalidParameter, match="nothing from 2 to 2 deg can be judged: the camera hides it"):
         best(parse_requirements(hidden))
@@ -258,8 +262,9 @@ def test_advice_can_be_taken(text):
 CEILING = """
 [field]
 omega_max_deg = 125.0
-camera_radius_mm = 20.0
 object_distance_mm = [1000, inf]
+[housing.camera]
+diameter_mm = 40.0
 [mirror]
 mapping = "equiareal"
 rim_radius_mm = 40.0

@@ -14,10 +14,10 @@ from ...design.criteria.consistency import WAYS
 from ...design.criteria.requirement_file import load_requirements, requirements_of
 from ...design.criteria.requirements import PAPER_IMAGER, Requirements
 from ...lenses import Perspective
-from ...specs import Places, load_sensor
+from ...specs import Places, housing_tables, load_sensor
 
 SECTIONS: dict[str, tuple[str, ...]] = {
-    "field": ("omega_max_deg", "omega_min_deg", "camera_radius_mm", "object_distance_mm"),
+    "field": ("omega_max_deg", "omega_min_deg", "object_distance_mm"),
     "mirror": (
         "mapping", "family", "optimise", "shape", "fit", "apex", "rim_radius_mm", "conic", "plane_distance_mm",
         "cylinder_radius_mm", "mapping_csv",
@@ -156,6 +156,7 @@ def sensor_entries(name_or_path: str) -> dict[str, Any]:
         "field": {"omega_max_deg": high, "omega_min_deg": low},
         "mirror": {"rim_radius_mm": sensor.mirror.rim_radius_mm},
         "lens": lens,
+        "housing": housing_tables(sensor.housing),
         "imager": {n: getattr(imager, n) for n in ("width_px", "height_px", "pixel_pitch_um")}
         | ({"centre_px": list(imager.centre_px)} if imager.centre_px else {}),
     }

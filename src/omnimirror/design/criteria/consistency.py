@@ -49,8 +49,8 @@ def check_consistency(wanted: Requirements) -> None:
     if mirror.mapping is not None:
         _check_mapping(mirror.mapping, mirror, field)
     _check_conic(mirror)
-    _check_lens(lens, field)
-    _check_camera(field, mirror)
+    _check_lens(lens)
+    _check_camera(wanted)
     _check_limits(wanted.limits, field)
 
 
@@ -120,28 +120,29 @@ def _check_conic(mirror: MirrorRequirements) -> None:
                 raise EntryError(("mirror", name), f"mirror.{name} does not apply to {way}; it belongs to a mapping")
 
 
-def _check_camera(field: FieldRequirements, mirror: MirrorRequirements) -> None:
+def _check_camera(wanted: Requirements) -> None:
     """A camera that is no part of such a sensor."""
-    radius, most = field.camera_radius_mm, WIDEST_CAMERA * ends(mirror.rim_radius_mm)[1]
-    if radius is not None and radius > most:
+    camera, most = wanted.housing.camera, WIDEST_CAMERA * 2 * ends(wanted.mirror.rim_radius_mm)[1]
+    if camera is None:
+        return
+    if wanted.lens.is_telecentric:
         raise EntryError(
-            ("field", "camera_radius_mm"),
-            f"field.camera_radius_mm = {radius:g} is more than {WIDEST_CAMERA:g} times the rim radius of the mirror; "
-            f"it is valid up to {most:g}",
+            ("housing.camera",),
+            "housing.camera does not apply to an orthographic lens, which may stand anywhere; give omega_min_deg",
+        )
+    if camera.diameter_mm > most:
+        raise EntryError(
+            ("housing.camera", "diameter_mm"),
+            f"housing.camera.diameter_mm = {camera.diameter_mm:g} is more than {WIDEST_CAMERA:g} times the diameter of "
+            f"the mirror; it is valid up to {most:g}",
         )
 
 
-def _check_lens(lens: LensRequirements, field: FieldRequirements) -> None:
+def _check_lens(lens: LensRequirements) -> None:
     if lens.is_telecentric:
         for name in ("focal_length_mm", "theta_max_deg"):
             if getattr(lens, name) is not None:
                 raise EntryError(("lens", name), f"lens.{name} does not apply to an orthographic lens")
-        if field.camera_radius_mm is not None:
-            raise EntryError(
-                ("field", "camera_radius_mm"),
-                "field.camera_radius_mm does not apply to an orthographic lens, which may stand anywhere; "
-                "give omega_min_deg",
-            )
         return
     if lens.focal_length_mm is None and lens.theta_max_deg is None:
         raise EntryError(

@@ -37,16 +37,22 @@ class Counted:
     wanted_deg
         From where to where it matters.
     hidden_deg
-        Up to where the camera hides the view; 0 where nothing is known of its size.
+        Up to where the housing hides the view; 0 where nothing does.
+    hidden_from_deg
+        From where on it does so again, up to the end; the end where nothing does.
     point_deg
         Up to where a pointed mirror shows too little to count; 0 of a smooth one.
+    hides
+        The part that hides the view up to ``hidden_deg``.
     """
 
     low_deg: float
     high_deg: float
     wanted_deg: tuple[float, float]
     hidden_deg: float
+    hidden_from_deg: float
     point_deg: float
+    hides: str
 
     def part(self, asked_deg: tuple[float, float] | None = None) -> JudgedRange:
         """What is judged of a part of the field that is asked for, or of all of it that matters.
@@ -56,55 +62,54 @@ class Counted:
         InvalidParameter
             Nothing is.
         """
-        begins = [(self.low_deg, "the mirror shows nothing there"), (self.hidden_deg, "the camera hides it")]
+        begins = [(self.low_deg, "the mirror shows nothing there"), (self.hidden_deg, f"the {self.hides} hides it")]
         begins += [(self.point_deg, "a pointed mirror shrinks it to nothing")]
         if asked_deg is None:
             begins += [(self.wanted_deg[0], "it is inside omega_min_deg")]
         first, last = asked_deg or (0.0, self.wanted_deg[1])
         begin, why = max(begins, key=lambda b: b[0])
-        low, high = max(first, begin), min(last, self.high_deg)
+        low, high = max(first, begin), min(last, self.hidden_from_deg)
         if asked_deg is None and begin > self.wanted_deg[0]:
             first = self.wanted_deg[0]  # what is inside of that is not asked for
         left_out = [f"{first:.4g} to {low:.4g} deg is not judged: {why}"] if low > first + NO_PART else []
         if high < last - NO_PART:
-            left_out.append(f"{high:.4g} to {last:.4g} deg is not judged: the mirror's field ends there")
+            left_out.append(f"{high:.4g} to {last:.4g} deg is not judged: {self._end}")
         if low > high or (low == high and first < last):
             part = f"from {first:g} to {last:g} deg" if asked_deg else "of the field"
-            reason = f"{why}, up to {begin:.4g} deg" if low > first else f"the field ends at {self.high_deg:.4g} deg"
+            reason = (
+                f"{why}, up to {begin:.4g} deg" if low > first else f"the field ends at {self.hidden_from_deg:.4g} deg"
+            )
             raise InvalidParameter(f"nothing {part} can be judged: {reason}")
         return JudgedRange(low, high, tuple(left_out))
 
+    @property
+    def _end(self) -> str:
+        """Why nothing is judged beyond the last angle that is."""
+        hidden = self.hidden_from_deg < self.high_deg
+        return "what stands around the mirror hides it" if hidden else "the mirror's field ends there"
+
 
 def counted_field(field: FieldRequirements, sensor: Sensor) -> Counted:
-    """What counts of a sensor's field."""
+    """What counts of a sensor's field, and what its housing hides of it.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from omnimirror.housing import CameraBody, Housing
+    >>> from omnimirror.specs import load_sensor
+    >>> sensor = replace(load_sensor("paper-spherical"), housing=Housing(CameraBody(60.0)))
+    >>> round(counted_field(FieldRequirements(omega_max_deg=135), sensor).hidden_deg, 2)
+    8.43
+    """
     low, high = sensor.field_deg
-    radius, point = field.camera_radius_mm, 0.0
+    clear, hidden_from = sensor.clear_field_deg
+    point = 0.0
     if sensor.mirror.is_pointed:
         edge = sensor.meridian.trace(sensor.x_from_height_px([POINTED_CENTRE * sensor.rim_radius_px]))
         point = float(np.degrees(edge.omega[0]))
-    hidden = 0.0 if radius is None else hidden_deg(sensor, radius)
-    return Counted(low, high, (field.omega_min_deg, field.omega_max_deg), hidden, point)
-
-
-def hidden_deg(sensor: Sensor, camera_radius_mm: float) -> float:
-    """Field angle up to which a round camera at the lens hides the view; that of the rim where it hides all.
-
-    The chief ray of mirror point x goes through the plane of the lens at ``x + (m + z) tan(Omega)``.
-
-    >>> from omnimirror.specs import load_sensor
-    >>> round(hidden_deg(load_sensor("paper-spherical"), 30.0), 2)
-    8.43
-    """
-    rays = sensor.meridian.trace(np.linspace(0.0, sensor.mirror.rim_radius_mm, 1025))
-    with np.errstate(invalid="ignore"):
-        radius = np.where(np.cos(rays.omega) > 0, rays.x + rays.w * np.tan(rays.omega), np.inf)
-    is_clear = radius >= camera_radius_mm
-    if not is_clear.any():
-        return sensor.field_deg[1]
-    clear = int(np.argmax(is_clear))
-    if clear == 0:
-        return 0.0
-    a, b = radius[clear - 1], radius[clear]
-    share = (camera_radius_mm - a) / (b - a) if np.isfinite(b) else 1.0
-    omega = rays.omega[clear - 1] + share * (rays.omega[clear] - rays.omega[clear - 1])
-    return float(np.degrees(omega))
+    inner = [ring for ring in sensor.obscurations if ring.omega_deg[0] <= low]
+    hides = max(inner, key=lambda ring: ring.omega_deg[1], default=None)
+    return Counted(
+        low, high, (field.omega_min_deg, field.omega_max_deg), clear if hides else 0.0, hidden_from, point,
+        hides.part if hides else "camera",
+    )  # fmt: skip

@@ -16,7 +16,7 @@ from ...files import parse_toml, read_text
 from ...frames import Mount
 from ...imagers import Imager
 from ...mirrors.measured.columns import MAPPING_FILE
-from ...specs import NoFile, Places, StandTable, Table, check_entries, table_model, validated
+from ...specs import NoFile, Places, StandTable, Table, check_entries, housing_of, table_model, validated
 from .limits import LIMITABLE, Limit
 from .requirements import PAPER_IMAGER, FieldRequirements, LensRequirements, MirrorRequirements, Requirements
 
@@ -154,6 +154,7 @@ def requirements_of(data: dict[str, Any], where: Places | None = None, folder: P
         "lens": LensRequirements.read(data.get("lens", {}), where),
         "imager": _imager(data.get("imager", asdict(PAPER_IMAGER)), where),
         "mount": Mount(**validated(StandTable, "mount", data.get("mount", {}), where).model_dump()),
+        "housing": housing_of(data.get("housing", {}), where),
         "limits": tuple(_limit(i, table, where) for i, table in enumerate(data.get("limit", []))),
     }
     names = {name: data[name] for name in ("name", "notes") if name in data}
@@ -163,7 +164,7 @@ def requirements_of(data: dict[str, Any], where: Places | None = None, folder: P
 def _check_tables(data: dict[str, Any], where: Places) -> None:
     known: dict[str, type] = {
         "format": int, "name": str, "notes": str, "field": dict, "mirror": dict, "lens": dict, "imager": dict,
-        "mount": dict, "limit": list,
+        "mount": dict, "housing": dict, "limit": list,
     }  # fmt: skip
     check_entries(data, known, FORMAT, where)
     for key in ("field", "mirror"):

@@ -16,8 +16,9 @@ from pydantic import BeforeValidator, Field, create_model
 
 from ...arguments import instance
 from ...frames import Mount
+from ...housing import Housing
 from ...imagers import Imager
-from ...specs import NoFile, Places, Table, validated
+from ...specs import NoFile, Places, Table, housing_tables, validated
 from .consistency import check_consistency
 from .limits import Limit
 from .ranges import Range, between
@@ -92,8 +93,6 @@ class FieldRequirements(Entries):
         Field angle at the rim, 1 to 179.
     omega_min_deg
         Where the field begins that matters, 0 to 170; what lies inside is not judged.
-    camera_radius_mm
-        Of what stands at the lens and hides the view.
     object_distance_mm
         From the mirror to the objects, or to the nearest and the farthest of them: both count.
 
@@ -113,9 +112,6 @@ class FieldRequirements(Entries):
 
     omega_max_deg: Annotated[float, Field(ge=1, le=179, description="field angle at the rim")]
     omega_min_deg: Annotated[float, Field(ge=0, le=170, description="where the field begins that matters")] = 0.0
-    camera_radius_mm: (
-        Annotated[float, Field(gt=0, description="of what stands at the lens and hides the view")] | None
-    ) = None
     object_distance_mm: Distances = np.inf
 
 
@@ -224,6 +220,7 @@ class LensRequirements(Entries):
 PAPER_IMAGER = Imager(1024, 1024, 5.2)
 """The paper's prototype's; taken where no imager is stated."""
 UPRIGHT = Mount()
+BARE = Housing()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -240,6 +237,8 @@ class Requirements:
         1024 x 1024 pixels of 5.2 um by default.
     mount
         How the sensor stands.
+    housing
+        What stands around its mirror and hides the view; nothing by default.
     limits
         What has to be kept besides: the file's ``[[limit]]``.
     name
@@ -270,6 +269,7 @@ class Requirements:
     lens: LensRequirements = LensRequirements()
     imager: Imager = PAPER_IMAGER
     mount: Mount = UPRIGHT
+    housing: Housing = BARE
     limits: tuple[Limit, ...] = ()
     name: str = "design"
     notes: str = ""
@@ -325,6 +325,7 @@ class Requirements:
             Tables and entries, as a file holds them.
         """
         parts = {name: asdict(getattr(self, name)) for name in ("field", "mirror", "lens", "imager", "mount")}
+        parts["housing"] = housing_tables(self.housing)
         data = {"name": self.name, "notes": self.notes, **parts, "limit": [asdict(limit) for limit in self.limits]}
         plain: dict[str, Any] = _plain(data)
         return plain
@@ -338,7 +339,7 @@ NAMES = {
 
 KINDS: dict[str, type[Any]] = {
     "field": FieldRequirements, "mirror": MirrorRequirements, "lens": LensRequirements, "imager": Imager,
-    "mount": Mount, "name": str, "notes": str,
+    "mount": Mount, "housing": Housing, "name": str, "notes": str,
 }  # fmt: skip
 
 

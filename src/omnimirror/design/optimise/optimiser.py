@@ -23,7 +23,7 @@ from ...mirrors import Equidistant, Mirror, SlopeSpline, Sphere
 from ...numerics.lazy import cached_property
 from ...numerics.minimax import Minimum, minimise_mean, solve_minimax
 from ...sensor import Sensor
-from ..criteria.field_angles import hidden_deg
+from ...specs import NoFile, housing_of, housing_tables
 from ..criteria.limits import Limit
 from ..criteria.merits import merit_named
 from ..criteria.ranges import ends
@@ -119,9 +119,7 @@ class Optimum:
         """What no mirror of the same field, rim and lens does better than in worst single blur, at the object distance
         that asks most."""
         problem = self.problem
-        low = max(problem.omega_min_deg, self.sensor.field_deg[0])
-        if problem.camera_radius_mm is not None and not problem.is_telecentric:
-            low = max(low, hidden_deg(self.sensor, problem.camera_radius_mm))
+        low = max(problem.omega_min_deg, self.sensor.clear_field_deg[0])
         bounds = (
             blur_bound(
                 self.sensor, distance, omega_min_deg=low, mode=problem.mode, image_radius_px=problem.image_radius_px
@@ -342,7 +340,7 @@ def _header(problem: DesignProblem, merit: str, seed: int) -> dict[str, Any]:
 
 def described(problem: DesignProblem) -> dict[str, Any]:
     """A problem as JSON can hold it; :func:`problem_from` reads it back."""
-    plain: dict[str, Any] = _plain(asdict(problem))
+    plain: dict[str, Any] = _plain(asdict(problem) | {"housing": housing_tables(problem.housing)})
     return plain
 
 
@@ -357,13 +355,15 @@ def _plain(value: Any) -> Any:
 def problem_from(data: dict[str, Any]) -> DesignProblem:
     """The problem that :func:`described` wrote.
 
-    >>> problem = DesignProblem(theta_max_deg=(10.0, 14.0), limits=(Limit("total_blur_px", 4.0),))
+    >>> from omnimirror.housing import CameraBody, Housing
+    >>> limits, housing = (Limit("total_blur_px", 4.0),), Housing(CameraBody(30.0))
+    >>> problem = DesignProblem(theta_max_deg=(10.0, 14.0), limits=limits, housing=housing)
     >>> problem_from(json.loads(json.dumps(described(problem)))) == problem
     True
     """
     values: dict[str, Any] = _read(data)
-    limits = tuple(Limit(**limit) for limit in values.pop("limits"))
-    return DesignProblem(**{**values, "imager": Imager(**values["imager"]), "limits": limits})
+    parts = {"imager": Imager(**values["imager"]), "housing": housing_of(values["housing"], NoFile())}
+    return DesignProblem(**values | parts | {"limits": tuple(Limit(**limit) for limit in values["limits"])})
 
 
 def _read(value: Any) -> Any:

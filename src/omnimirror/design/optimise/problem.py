@@ -9,6 +9,7 @@ import numpy as np
 from ...arguments import LARGEST_RADIUS_PX, choice, number
 from ...batch.bases import family
 from ...errors import InvalidParameter
+from ...housing import Housing
 from ...imagers import Imager
 from ...lenses import BLUR_MODES, BlurMode
 from ..criteria.limits import Limit
@@ -38,9 +39,10 @@ class DesignProblem:
         ``"perspective"`` or ``"orthographic"`` (telecentric, as wide as the mirror).
     omega_min_deg
         Where the field begins that counts; what lies inside is taken up by the camera itself.
-    camera_radius_mm
-        Of what stands at the lens. The field that counts begins where it no longer hides the view, if that is
-        beyond ``omega_min_deg``; with an ``omega_min_deg`` above 0 the view has to be clear from there.
+    housing
+        What stands around the mirror. The field that counts begins where its camera no longer hides the view, if that
+        is beyond ``omega_min_deg``; with an ``omega_min_deg`` above 0 the view past the camera has to be clear from
+        there. What else it holds is judged, and not searched around.
     object_distance_mm
         From the mirror to the object, or to the nearest and the farthest one: both count.
     focus_mm
@@ -73,7 +75,7 @@ class DesignProblem:
     imager: Imager = field(default_factory=lambda: Imager(1024, 1024, 5.2))
     lens: str = "perspective"
     omega_min_deg: float = 0.0
-    camera_radius_mm: float | None = None
+    housing: Housing = field(default_factory=Housing)
     object_distance_mm: Range = np.inf
     focus_mm: Range | None = None
     mode: BlurMode = "exact"
@@ -122,7 +124,7 @@ class DesignProblem:
     @property
     def has_view_to_clear(self) -> bool:
         """Whether the view past what stands at the lens has to be clear from a field angle on."""
-        return self.camera_radius_mm is not None and self.omega_min_deg > 0 and not self.is_telecentric
+        return self.housing.camera is not None and self.omega_min_deg > 0 and not self.is_telecentric
 
     def _check_ranges(self) -> None:
         for name in ("omega_max_deg", "theta_max_deg", "rim_radius_mm", "focal_length_mm", "f_number",

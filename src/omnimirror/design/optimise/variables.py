@@ -20,6 +20,7 @@ from ...batch.optics import DEGREE, PerspectiveCamera, TelecentricCamera, node_o
 from ...mirrors.conics import conic_profile
 from ...numerics.lazy import cached_property
 from ...sensor import Sensor
+from ...tracing.obscuration import disc_clearance
 from ..criteria.merits import FieldValues, values_at, values_of
 from ..criteria.ranges import ends
 from .problem import DesignProblem
@@ -223,16 +224,18 @@ class DesignSpace:
         return State(field, o.omega, o.domega_dx * g.M, o.cos_incidence, self.hidden(field, o.omega), self.image(g))
 
     def hidden(self, field: FieldValues, omega: Array) -> Array:
-        """By how much what stands at the lens hides the view at field angles (b, k) in radians, over its radius.
+        """By how much the camera hides the view at field angles (b, k) in radians, over its radius.
 
-        The chief ray goes through the plane of the lens at ``(m + z_v) tan(Omega)`` from the axis.
+        The chief ray meets the axis m + z_v before the lens, and passes the middle of the camera's front at
+        sin(Omega) times its distance from there.
         """
-        radius = self.problem.camera_radius_mm
-        if radius is None or self.problem.is_telecentric:
+        camera = self.problem.housing.camera
+        if camera is None or self.problem.is_telecentric:
             return np.full(omega.shape, -1.0)
-        along = np.cos(omega)
-        rows = along - (field.length - field.sag + field.viewpoint_z) * np.sin(omega) / radius
-        return np.where(along.real > 0, rows, -1.0)
+        cosine, radius = np.cos(omega), camera.diameter_mm / 2
+        distance = (field.length - field.sag + field.viewpoint_z - camera.height_mm) * np.sin(omega)
+        rows = -disc_clearance(distance, cosine, radius) / radius
+        return np.where(cosine.real > 0, rows, -1.0)
 
     def hidden_from(self, omega: Array, hidden: Array) -> Array:
         """By how much the view is hidden (b, 1) at the angle from which it has to be clear, between the nodes there."""
@@ -333,4 +336,4 @@ class DesignSpace:
     def sensor(self, y: Array, name: str = "design", notes: str = "") -> Sensor:
         """A point (dim,) as an ordinary sensor, focused as it says."""
         sensor = self.designs(y).sensor(0, self.problem.imager, float(self.focus_mm(y[None])[0]), name)
-        return replace(sensor, notes=notes)
+        return replace(sensor, notes=notes, housing=self.problem.housing)

@@ -175,7 +175,8 @@ def _before_lens(settled: Requirements, nearness: float, fitted: bool) -> Candid
 def _focused(settled: Requirements, mounted: MountedMirror, lens: Orthographic | Perspective) -> Candidate:
     """The sensor at its best focus, where the requirements leave one."""
     sensor = Sensor(
-        mounted.mirror, lens, settled.imager, settled.mount, mounted.distance_mm, settled.name, settled.notes
+        mounted.mirror, lens, settled.imager, settled.mount, mounted.distance_mm, settled.name, settled.notes,
+        housing=settled.housing,
     )  # fmt: skip
     if settled.lens.focus_mm is None or is_free(settled.lens.focus_mm):
         sensor = sensor.with_lens(lens.focused_at(focusing(settled, sensor).best().focus_mm))

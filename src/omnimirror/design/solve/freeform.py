@@ -54,7 +54,7 @@ def problem_of(
         imager=requirements.imager,
         lens=lens.kind,
         omega_min_deg=field.omega_min_deg,
-        camera_radius_mm=field.camera_radius_mm,
+        housing=requirements.housing,
         object_distance_mm=field.object_distance_mm,
         focus_mm=lens.focus_mm,
         family=shape.name,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -141,7 +141,7 @@ def judge(requirements: Requirements, sensor: Sensor, *, angles: int = REPORTED)
     Parameters
     ----------
     requirements, sensor
-        What is asked, and of what.
+        What is asked, and of what; a sensor without a housing is judged in that of the requirements.
     angles
         How many field angles, 2 to 100000, each limit is looked at, in each part of the field that limits name.
 
@@ -181,6 +181,8 @@ def judge(requirements: Requirements, sensor: Sensor, *, angles: int = REPORTED)
             f"the lens of the sensor is {sensor.lens.KIND}, and the requirements are about one that is "
             f"{requirements.lens.kind}"
         )
+    if sensor.housing.is_empty:
+        sensor = replace(sensor, housing=requirements.housing)
     rows = [*given_rows(requirements, sensor), *_limit_rows(requirements, sensor, angles)]
     return Verdict(requirements, sensor, tuple(rows))
 
@@ -191,10 +193,11 @@ def given_rows(requirements: Requirements, sensor: Sensor) -> list[Judgement]:
 
 
 def _field_rows(requirements: Requirements, sensor: Sensor) -> list[Judgement]:
-    field, (low, high) = requirements.field, sensor.field_deg
+    field, counted = requirements.field, counted_field(requirements.field, sensor)
+    low, high = sensor.field_deg[0], counted.hidden_from_deg
     rows = [Judgement("omega_max_deg", "deg", field.omega_max_deg, None, high)]
-    if field.omega_min_deg > 0 or low > 0:  # otherwise what the camera hides is taken as it comes
-        begin = max(low, counted_field(field, sensor).hidden_deg)
+    if field.omega_min_deg > 0 or low > 0:  # otherwise what the housing hides is taken as it comes
+        begin = max(low, counted.hidden_deg)
         rows.append(Judgement("omega_min_deg", "deg", None, field.omega_min_deg, begin))
     return rows
 

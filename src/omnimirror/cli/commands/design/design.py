@@ -23,8 +23,9 @@ from ....files import write_text
 from ....mirrors.generated import MAPPINGS
 from ....specs import save_sensor
 from ...options.common import NUMBER, WHOLE, number_or_range
-from ...options.declared import refuse_other
+from ...options.declared import refuse_other, takes
 from ...options.design import distances, limit, merit_list, requirements_from, whole_numbers
+from ...options.housing import HousingOptions
 from ...outputs import FIGURES, format_option, output_console, output_option, progress_bar, say, say_written
 from .front import check_pick, find_front
 from .tables import print_convergence, print_design, print_merits
@@ -58,7 +59,6 @@ ONLY = {
 @click.option("--omega-max-deg", type=NUMBER, help="Field angle at the rim.")
 @click.option("--omega-min-deg", type=NUMBER, help="Where the field begins that matters.")
 @click.option("--apex", type=click.Choice(["smooth", "pointed"]), help="pointed: the image centre shows omega-min-deg.")
-@click.option("--camera-radius-mm", type=NUMBER, help="Of what stands at the lens and hides the view.")
 @click.option("--object-distance-mm", type=distances, metavar="MM|NEAR:FAR", help="From the mirror; inf by default.")
 @click.option("--rim-radius-mm", type=number_or_range, metavar="MM|LOW:HIGH", help="Of the mirror.")
 @click.option("--conic", type=number_or_range, metavar="K|LOW:HIGH", help="Conic constant, where the family leaves it.")
@@ -92,6 +92,7 @@ ONLY = {
 @output_option("-o", "--out", help="Write the sensor file.")
 @output_option("--json", "json_file", help="Write the table, and what conflicts.")
 @click.option("--figures", type=click.Path(path_type=Path), help="Draw the paper's figures into this folder.")
+@takes(HousingOptions, "housing")
 @click.pass_context
 def command(
     ctx: click.Context,
@@ -103,6 +104,7 @@ def command(
     out: Path | None,
     json_file: Path | None,
     figures: Path | None,
+    housing: HousingOptions,
     at_most: Any,
     at_least: Any,
     **entries: Any,
@@ -117,6 +119,7 @@ def command(
     given = [n for n in entries if ctx.get_parameter_source(n) is click.core.ParameterSource.COMMANDLINE]
     entries["optimise"] = merits[0] if merits else entries["optimise"]
     wanted = requirements_from(requirements, like, name, entries, at_most, at_least)
+    wanted = replace(wanted, housing=housing.of(wanted.housing))
     way = "--pareto" if merits else "--optimise" if wanted.mirror.optimise else "a mapping or a family"
     refuse_other(given, ONLY, way)
     console = output_console()
