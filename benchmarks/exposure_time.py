@@ -69,7 +69,7 @@ def render_here(variant: str, name: str) -> None:
     import mitsuba as mi
 
     mi.set_variant(variant)
-    from tests.simulate import test_mitsuba_pictures as pictures
+    from tests.simulate.rendering import test_mitsuba_pictures as pictures
 
     sensor = sensor_of(name)
     _, light = pictures.maps()

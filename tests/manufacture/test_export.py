@@ -92,7 +92,8 @@ def test_formats_that_need_no_package_import_none():
     code = (
         "import sys, tempfile, omnimirror as om\n"
         "with tempfile.TemporaryDirectory() as folder:\n"
-        "    om.export(om.load_sensor('exact-equidistant'), folder, formats=['zmx', 'gridsag', 'csv', 'pdf'], grid_points=9)\n"
+        "    sensor = om.load_sensor('exact-equidistant')\n"
+        "    om.export(sensor, folder, formats=['zmx', 'gridsag', 'csv', 'pdf'], grid_points=9)\n"
         "print([m for m in ('OCP', 'ezdxf', 'trimesh', 'networkx') if m in sys.modules])"
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
