@@ -40,9 +40,10 @@ module = importlib.util.module_from_spec(spec)
 spec.loader.exec_module(module)
 sys.modules["omnimirror._native"] = module
 
-import pytest  # noqa: E402
+if __name__ == "__main__":  # processes that a test spawns import this file too
+    import pytest
 
-sys.exit(pytest.main(sys.argv[1:]))
+    sys.exit(pytest.main(sys.argv[1:]))
 PYTHON
 
 # Python itself leaks by design; its threads are never joined.
