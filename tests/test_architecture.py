@@ -65,6 +65,12 @@ def lines_of_code(text: str) -> int:
     return sum(1 for i, line in lines if i not in told and line.strip() and not line.lstrip().startswith("#"))
 
 
+@pytest.mark.parametrize("name", ["constraints.txt", "web/package-lock.json"])
+def test_locks_name_versions_and_no_addresses(name):
+    addresses = [line for line in (ROOT / name).read_text().splitlines() if "://" in line]
+    assert not addresses, "npm writes `resolved` and `funding`: take them out"
+
+
 def test_what_the_docs_show_of_the_code_is_the_code():
     """The drawings of the house and the glossary's quantities; `python docs/from_code.py` makes them."""
     made = runpy.run_path(str(ROOT / "docs" / "from_code.py"))["MADE"]
