@@ -1,7 +1,6 @@
 // The kernels of exposure.hpp. Compiled once per instruction set, so everything here has internal linkage.
 //
-// Rays go through in blocks: each step is a loop over the lanes of a block without branches, which compilers
-// vectorise.
+// Rays go through in blocks: each step is a loop over a block's lanes without branches, which compilers vectorise.
 #pragma once
 
 #include <cmath>
