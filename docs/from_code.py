@@ -45,7 +45,7 @@ def purpose(room: str) -> str:
 
 def imports() -> set[tuple[str, str]]:
     """Pairs of rooms of which the first reaches to the second."""
-    graph = grimp.build_graph(PACKAGE)
+    graph = grimp.build_graph(PACKAGE, cache_dir=None)
     pairs = set()
     for module in graph.modules:
         for other in graph.find_modules_directly_imported_by(module):
