@@ -17,9 +17,9 @@ if TYPE_CHECKING:
     from .analysis import mtf as mtf
     from .analysis import psf as psf
     from .analysis import spots as spots
-    from .central import MirrorBall as MirrorBall
-    from .central import OCam as OCam
-    from .central import load_ocam as load_ocam
+    from .camera_models import MirrorBall as MirrorBall
+    from .camera_models import OCam as OCam
+    from .camera_models import load_ocam as load_ocam
     from .components.apertures import best_apertures as best_apertures
     from .components.catalogue import read_catalogue as read_catalogue
     from .components.selection import choose_parts as choose_parts
@@ -94,9 +94,9 @@ _HOMES = {
     "mtf": "analysis",
     "psf": "analysis",
     "spots": "analysis",
-    "load_ocam": "central",
-    "MirrorBall": "central",
-    "OCam": "central",
+    "load_ocam": "camera_models",
+    "MirrorBall": "camera_models",
+    "OCam": "camera_models",
     "best_apertures": "components.apertures",
     "read_catalogue": "components.catalogue",
     "choose_parts": "components.selection",

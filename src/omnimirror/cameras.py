@@ -1,7 +1,7 @@
 """The Camera contract: whatever maps pixels to rays in the world and back.
 
 The mirror sensor satisfies it (:class:`omnimirror.sensor.Sensor`), and so do the models read from
-other tools' files (:mod:`omnimirror.central`). Screens, samplers and viewers know nothing else.
+other tools' files (:mod:`omnimirror.camera_models`). Screens, samplers and viewers know nothing else.
 """
 
 from __future__ import annotations

@@ -11,8 +11,8 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...camera_models import CentralCamera
 from ...cameras import Camera
-from ...central import CentralCamera
 from ...errors import InvalidParameter, SpecError
 from ...files import read_bytes
 from ...sensor import Sensor

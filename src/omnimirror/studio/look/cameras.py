@@ -10,8 +10,8 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from ...central import MirrorBall
-from ...central.ocam import Optics, parse_ocam
+from ...camera_models import MirrorBall
+from ...camera_models.ocam import Optics, parse_ocam
 from ...errors import InvalidParameter, SpecError
 from ...frames import Mount
 from ...imagers import Imager

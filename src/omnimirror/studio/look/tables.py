@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...central import MirrorBall, OCam
+from ...camera_models import MirrorBall, OCam
 from ...dewarp.camera_field import field_of, pole_of
 from ...dewarp.maps.radial_table import tables_of
 from ...frames import Mount, turned

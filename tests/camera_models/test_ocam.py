@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import omnimirror as om
-from omnimirror.central import parse_ocam
+from omnimirror.camera_models import parse_ocam
 from omnimirror.errors import InvalidParameter, SpecError
 from omnimirror.frames import Mount
 

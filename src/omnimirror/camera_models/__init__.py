@@ -1,4 +1,4 @@
-"""Cameras with a single viewpoint, as other tools calibrate them; each satisfies the Camera contract."""
+"""Camera models: calibrated mappings between pixels and rays, other tools' and our own; each is a Camera."""
 
 from .ball import MirrorBall
 from .base import CentralCamera
