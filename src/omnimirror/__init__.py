@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from .analysis import mtf as mtf
     from .analysis import psf as psf
     from .analysis import spots as spots
+    from .calibrate.targets import Board as Board
+    from .calibrate.targets import Detection as Detection
     from .camera_models import MirrorBall as MirrorBall
     from .camera_models import OCam as OCam
     from .camera_models import load_ocam as load_ocam
@@ -94,6 +96,8 @@ _HOMES = {
     "mtf": "analysis",
     "psf": "analysis",
     "spots": "analysis",
+    "Board": "calibrate.targets",
+    "Detection": "calibrate.targets",
     "load_ocam": "camera_models",
     "MirrorBall": "camera_models",
     "OCam": "camera_models",

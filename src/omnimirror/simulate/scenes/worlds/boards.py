@@ -18,7 +18,7 @@ BLACK, WHITE, LABEL = Paint("#141414"), Paint("#f2f2f0"), Paint("#9aa4ab")
 
 
 @dataclass(frozen=True)
-class Board:
+class HallBoard:
     """A checkerboard of 12 x 8 squares of 100 mm within a white margin: 11 x 7 inner corners.
 
     Its middle lies at a pan, a tilt and a distance from the scene's origin, which it faces but for a turn

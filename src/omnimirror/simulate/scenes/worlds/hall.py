@@ -15,7 +15,7 @@ from ..boxes import Box, Face, face_of
 from ..canvas import Canvas, Paint
 from ..contract import Array
 from ..lighting import light_on
-from .boards import Board
+from .boards import HallBoard
 from .painted import Surroundings, finished, outsides, surfaces_of
 
 TEXEL = Parameter("mm", 1.0, 100.0, "fineness of what is painted")
@@ -35,15 +35,18 @@ PILLARS = tuple(
 SOLIDS = (*CRATES, *PILLARS)
 
 BOARDS = (
-    *(Board(f"A{i + 1}", -180.0 + 60 * i, 3.0 + 5 * (i % 2), 2300.0 + 300 * (i % 3), 14 * (-1) ** i) for i in range(6)),
     *(
-        Board(
+        HallBoard(f"A{i + 1}", -180.0 + 60 * i, 3.0 + 5 * (i % 2), 2300.0 + 300 * (i % 3), 14 * (-1) ** i)
+        for i in range(6)
+    ),
+    *(
+        HallBoard(
             f"B{i + 1}", -150.0 + 60 * i, -42.0 - 5 * (i % 2), 1750.0 + 120 * (i % 2), 0, 10 * (-1) ** i, 8 * (-1) ** i
         )
         for i in range(6)
     ),
     *(
-        Board(f"C{i + 1}", -150.0 + 60 * i, 36.0 + 4 * (i % 2), 2300.0 + 200 * (i % 3), 0, 12 * (-1) ** i)
+        HallBoard(f"C{i + 1}", -150.0 + 60 * i, 36.0 + 4 * (i % 2), 2300.0 + 200 * (i % 3), 0, 12 * (-1) ** i)
         for i in range(6)
     ),
 )
