@@ -10,13 +10,14 @@ from numpy.typing import NDArray
 from ..arguments import number
 from ..errors import InvalidParameter
 from ..frames import Mount
-from .base import CentralCamera
+from .base import Optics
+from .radial import Law, Place, RadialModel
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class MirrorBall(CentralCamera):
+class MirrorBall(RadialModel):
     """A reflecting ball, or the part of one inside a circular rim, seen from far away and far from things.
 
     Under parallel rays a sphere of radius A turns the ray at distance x from its axis by twice the
@@ -54,9 +55,12 @@ class MirrorBall(CentralCamera):
     field_deg: float
     image_size: tuple[int, int]
     mount: Mount = field(default_factory=Mount)
+    optics: Optics = field(default="mirror", init=False, repr=False)
+
+    KIND = "ball"
 
     def __post_init__(self) -> None:
-        self._check_picture()
+        self._check_radial()
         number("rim_radius_px", self.rim_radius_px, above=0.0, unit="px")
         number("field_deg", self.field_deg)
         if not 0 < self.field_deg <= 360:
@@ -65,49 +69,24 @@ class MirrorBall(CentralCamera):
             )
 
     @property
-    def looks_back(self) -> bool:
-        return True
+    def _places(self) -> tuple[tuple[Place, ...], tuple[Place, ...]]:
+        return (Place("rim_radius_px", "rim_radius_px", None, "px", 1.0),), ()
 
     @property
-    def field_radius_px(self) -> float:
-        return self.rim_radius_px
-
-    @property
-    def omega_max(self) -> float:
-        """Field angle of the rim, radians: half the full field."""
+    def _law_end(self) -> float:
         return float(np.radians(self.field_deg / 2))
 
-    def omega_from_radius(self, radius_px: Array) -> Array:
-        """Field angles (n,) in radians of radii (n,) in px.
-
-        Parameters
-        ----------
-        radius_px : (n,)
-            Distances from the centre of the picture, px.
-
-        Returns
-        -------
-        (n,) array
-            Field angles, radians.
-        """
-        return 2 * np.arcsin(np.minimum(radius_px / self._ball_radius_px, 1.0))
-
-    def radius_from_omega(self, omega: Array) -> Array:
-        """Radii (n,) in px of field angles (n,) in radians.
-
-        Parameters
-        ----------
-        omega : (n,)
-            Field angles, radians.
-
-        Returns
-        -------
-        (n,) array
-            Distances from the centre of the picture, px.
-        """
+    def _law_radius(self, omega: Array) -> Array:
         return self._ball_radius_px * np.sin(omega / 2)
+
+    def _law(self, omega: Array) -> Law:
+        radius = self._law_radius(omega)
+        return Law(radius, self._ball_radius_px / 2 * np.cos(omega / 2), (radius / self.rim_radius_px)[:, None])
+
+    def _law_inverse(self, radius: Array) -> Array:
+        return 2 * np.arcsin(np.minimum(radius / self._ball_radius_px, 1.0))
 
     @property
     def _ball_radius_px(self) -> float:
         """Radius of the whole ball's outline, of which the rim may cut off a part."""
-        return self.rim_radius_px / float(np.sin(self.omega_max / 2))
+        return self.rim_radius_px / float(np.sin(self._law_end / 2))

@@ -14,30 +14,30 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal, get_args
 
 import numpy as np
 from numpy.polynomial.polynomial import polyadd, polyder, polymul, polyroots, polyval
 from numpy.typing import NDArray
 
-from ..arguments import file_name, finite, float_of, optional_number, shown
+from ..arguments import file_name, finite, float_of, shown
 from ..errors import InvalidParameter, OmnimirrorError, SpecError
 from ..files import read_text
 from ..frames import Mount
 from ..numerics.lazy import cached_property
 from ..numerics.roots import increasing_root
-from .base import CentralCamera
+from .base import Optics
+from .distortion import SLOWEST
+from .radial import Law, Place, RadialModel
 
 Array = NDArray[np.float64]
-Optics = Literal["mirror", "fisheye"]
 
 LARGEST_COEFFICIENT = 1e100  # its square is a number still
+PAST_THE_PICTURE = 1.5  # of the farthest corner's radius: as far as points are followed out of the picture
 NODES = 257  # of the table from which projections start
-SLOWEST = 0.01  # dOmega/drho against its value at the centre, below which the polynomial is not used
 
 
 @dataclass(frozen=True)
-class OCam(CentralCamera):
+class OCam(RadialModel):
     """A camera calibrated with OCamCalib.
 
     The polynomial is used as far as the farthest corner of the picture, and no farther than the field
@@ -83,11 +83,12 @@ class OCam(CentralCamera):
     mount: Mount = field(default_factory=Mount)
     rim_radius_px: float | None = None
 
+    KIND = "ocam"
+
     def __post_init__(self) -> None:
-        self._check_picture()
+        self._check_radial()
         if finite("polynomial", self.polynomial).ndim != 1:
             raise InvalidParameter(f"polynomial = {shown(self.polynomial)} is no row of numbers, (n,)")
-        optional_number("rim_radius_px", self.rim_radius_px)
         if finite("affine", self.affine).shape != (3,):
             raise InvalidParameter(f"affine = {shown(self.affine)} is not c, d and e, near 1, 0 and 0")
         if not (len(self.polynomial) and np.isfinite(self.polynomial).all() and self.polynomial[0] < 0):
@@ -100,65 +101,37 @@ class OCam(CentralCamera):
                 f"polynomial = {self.polynomial} holds {max(self.polynomial, key=abs):g}, which is no coefficient of a "
                 f"camera; they are valid below {LARGEST_COEFFICIENT:g}"
             )
-        if not np.isfinite(self.affine).all() or abs(np.linalg.det(self.stretch)) < 1e-3:
+        if not np.isfinite(self.affine).all() or abs(np.linalg.det(self.matrix)) < 1e-3:
             raise InvalidParameter(f"affine = {self.affine} flattens the picture; c, d, e are near 1, 0, 0")
-        if not isinstance(self.optics, str) or self.optics not in get_args(Optics):
-            raise InvalidParameter(f"optics = {shown(self.optics)} is not one of {', '.join(get_args(Optics))}")
-        if self.rim_radius_px is not None and not (np.isfinite(self.rim_radius_px) and self.rim_radius_px > 0):
-            raise InvalidParameter(f"rim_radius_px = {self.rim_radius_px:g} is not a radius; it is valid above 0")
 
     @property
-    def looks_back(self) -> bool:
-        return self.optics == "mirror"
-
-    @property
-    def stretch(self) -> Array:
+    def matrix(self) -> Array:
         """OCamCalib's affine matrix, in (right, down) instead of (row, column)."""
         c, d, e = self.affine
         return np.array([[1.0, e], [d, c]])
 
+    @property
+    def _places(self) -> tuple[tuple[Place, ...], tuple[Place, ...]]:
+        """All but a1, which is 0 in a picture that is smooth at its centre, and e, which turns the camera as well."""
+        half = min(self.image_size) / 2
+        law = tuple(Place(f"a{i}", "polynomial", i, f"px^{1 - i}", half ** (1 - i) / 100) for i in self._powers)
+        return law, (Place("c", "affine", 0, "", 0.01), Place("d", "affine", 1, "", 0.01))
+
+    @property
+    def _powers(self) -> list[int]:
+        return [i for i in range(len(self.polynomial)) if i != 1]
+
     @cached_property
-    def field_radius_px(self) -> float:
-        """Radius where the field ends: the rim, the farthest corner, or the end of the polynomial's use."""
-        width, height = self.image_size
-        corners = np.array([[u, v] for u in (-0.5, width - 0.5) for v in (-0.5, height - 0.5)])
-        in_plane = (corners - self.centre_px) @ np.linalg.inv(self.stretch).T
-        ends = [np.hypot(*in_plane.T).max(), _end_of_use(np.array(self.polynomial))]
-        if self.rim_radius_px is not None:
-            ends.append(self.rim_radius_px)
-        return float(min(ends))
+    def _law_end(self) -> float:
+        """Where the polynomial's use ends, or else somewhat beyond the picture."""
+        return float(self._table[1][-1])
 
-    def omega_from_radius(self, radius_px: Array) -> Array:
-        """Field angles (n,) in radians of radii (n,) in px: ``tan(Omega) = rho / -f(rho)``.
+    def _law_inverse(self, radius: Array) -> Array:
+        """``tan(Omega) = rho / -f(rho)``."""
+        return np.arctan2(radius, -polyval(radius, self.polynomial))
 
-        Parameters
-        ----------
-        radius_px : (n,)
-            Distances from the centre of the picture, px.
-
-        Returns
-        -------
-        (n,) array
-            Field angles, radians.
-        """
-        return np.arctan2(radius_px, -polyval(radius_px, self.polynomial))
-
-    def radius_from_omega(self, omega: Array) -> Array:
-        """Radii (n,) in px of field angles (n,) in radians, to machine precision.
-
-        Solves ``rho cos(Omega) + f(rho) sin(Omega) = 0``, which has one root inside the field and
-        increases there.
-
-        Parameters
-        ----------
-        omega : (n,)
-            Field angles, radians.
-
-        Returns
-        -------
-        (n,) array
-            Distances from the centre of the picture, px.
-        """
+    def _law_radius(self, omega: Array) -> Array:
+        """To machine precision: ``rho cos(Omega) + f(rho) sin(Omega) = 0`` has one root, and increases there."""
         nodes, omegas = self._table
         cell = np.clip(np.searchsorted(omegas, omega) - 1, 0, NODES - 2)
         cos, sin = np.cos(omega), np.sin(omega)
@@ -168,12 +141,22 @@ class OCam(CentralCamera):
             return rho * cos + polyval(rho, self.polynomial) * sin, cos + polyval(rho, slope) * sin
 
         start = np.interp(omega, omegas, nodes)
-        return increasing_root(difference, nodes[cell], nodes[cell + 1], start, self.field_radius_px)
+        return increasing_root(difference, nodes[cell], nodes[cell + 1], start, float(nodes[-1]))
+
+    def _law(self, omega: Array) -> Law:
+        """By the implicit function: the equation's derivatives to Omega, rho and the coefficients."""
+        rho = self._law_radius(omega)
+        cos, sin = np.cos(omega), np.sin(omega)
+        to_rho = cos + polyval(rho, polyder(self.polynomial)) * sin
+        to_omega = polyval(rho, self.polynomial) * cos - rho * sin
+        powers = rho[:, None] ** self._powers
+        return Law(rho, -to_omega / to_rho, -(sin / to_rho)[:, None] * powers)
 
     @cached_property
     def _table(self) -> tuple[Array, Array]:
-        nodes = np.linspace(0.0, self.field_radius_px, NODES)
-        return nodes, self.omega_from_radius(nodes)
+        beyond = PAST_THE_PICTURE * self._farthest_corner(np.linalg.inv(self.matrix))
+        nodes = np.linspace(0.0, min(_end_of_use(np.array(self.polynomial)), beyond), NODES)
+        return nodes, self._law_inverse(nodes)
 
 
 def _end_of_use(a: Array) -> float:

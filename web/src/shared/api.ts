@@ -1,5 +1,5 @@
 import { unpack } from "./framing";
-import type { BenchSensor, BenchStart, CameraAsk, CameraModel, Change, Download, Opened, PictureAsk, SensorEntry, SensorFile, Start, Taken, WantedFile } from "./messages";
+import type { BenchSensor, BenchStart, CameraAsk, CameraShown, Change, Download, Opened, PictureAsk, SensorEntry, SensorFile, Start, Taken, WantedFile } from "./messages";
 import { AWAY } from "./texts";
 
 /** Something the server refused, in its own sentence. */
@@ -23,10 +23,10 @@ export const socketAddress = (path: string): string => new URL(path, document.ba
 
 export const start = (): Promise<Start> => got("api/start");
 
-export async function camera(asked: CameraAsk): Promise<{ model: CameraModel; tables: Float32Array }> {
+export async function camera(asked: CameraAsk): Promise<{ model: CameraShown; tables: Float32Array }> {
   const { id, image_flipped } = asked;
   const [model, tables] = await Promise.all([
-    got<CameraModel>("api/camera", { ...asked }),
+    got<CameraShown>("api/camera", { ...asked }),
     ask(to("api/camera/tables", { id, image_flipped })).then((answer) => answer.arrayBuffer()),
   ]);
   return { model, tables: new Float32Array(tables) };

@@ -73,7 +73,7 @@ export interface CameraAsk {
 }
 
 /** A camera, as far as looking through it needs to know. */
-export interface CameraModel {
+export interface CameraShown {
   id: string;
   name: string;
   title: string;
@@ -118,7 +118,7 @@ export interface Download {
 
 /** What a page that does without a server holds. */
 export interface Embedded {
-  camera: CameraModel;
+  camera: CameraShown;
   /** float32 values, little-endian, in base64 */
   tables: string;
   /** address of the picture or video: with it inside, or of a file beside the page */

@@ -9,7 +9,7 @@ from typing import Literal, TypeAlias
 import click
 
 from ...camera_models import MirrorBall, OCam, load_ocam
-from ...camera_models.ocam import Optics
+from ...camera_models.base import Optics
 from ...frames import CameraLooks, Mount
 from ...sensor import Sensor
 from ...specs import load_sensor

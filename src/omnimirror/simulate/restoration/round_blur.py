@@ -11,7 +11,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...camera_models import CentralCamera
+from ...camera_models import RadialModel
 from ...cameras import Camera
 from ...errors import InvalidParameter, SpecError
 from ...files import read_bytes
@@ -87,8 +87,10 @@ def round_blur_of(camera: Camera, object_distance_mm: float = np.inf, told: Told
         raise InvalidParameter(
             f"nothing is known of the blur of {type(camera).__name__}; tell it, or give a sensor with lens and mirror"
         )
-    if not isinstance(camera, CentralCamera):
-        raise InvalidParameter(f"{type(camera).__name__} is no camera with an axis; valid are Sensor, OCam, MirrorBall")
+    if not isinstance(camera, RadialModel):
+        raise InvalidParameter(
+            f"{type(camera).__name__} is no camera with an axis; valid are a Sensor and the camera models"
+        )
     width, height = camera.image_size
     pixels = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1)
     offsets = (pixels - np.asarray(camera.centre_px)) @ np.linalg.inv(camera.stretch).T

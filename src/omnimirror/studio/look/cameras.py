@@ -11,13 +11,14 @@ from typing import Literal, get_args
 import numpy as np
 
 from ...camera_models import MirrorBall
-from ...camera_models.ocam import Optics, parse_ocam
+from ...camera_models.base import Optics
+from ...camera_models.ocam import parse_ocam
 from ...errors import InvalidParameter, SpecError
 from ...frames import Mount
 from ...imagers import Imager
 from ...sensor import Sensor
 from ...specs import bundled_sensors, format_sensor, load_sensor, parse_sensor
-from .messages import CameraModel, SensorEntry, SensorFile
+from .messages import CameraShown, SensorEntry, SensorFile
 from .tables import MountedCamera, camera_model, kind_of, mount_message, title_of
 
 BALL = re.compile(r"ball:(\d{1,3}(?:\.\d{1,3})?)")
@@ -50,7 +51,7 @@ class Known:
         """The camera, mounted otherwise."""
         return replace(self.camera, mount=mount)
 
-    def model(self, mount: Mount | None = None) -> CameraModel:
+    def model(self, mount: Mount | None = None) -> CameraShown:
         """What the page must know of it, standing as its file says or as given."""
         camera = self.camera if mount is None else self.standing(mount)
         model = camera_model(self.id, self.name, self.title, self.options, camera)

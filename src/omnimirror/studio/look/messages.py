@@ -61,7 +61,7 @@ class TableLayout(Message):
     )
 
 
-class CameraModel(Message):
+class CameraShown(Message):
     """A camera, as far as looking through it needs to know."""
 
     id: str
@@ -125,7 +125,7 @@ class StreamState(Message):
 class Embedded(Message):
     """What a page that does without a server holds."""
 
-    camera: CameraModel
+    camera: CameraShown
     tables: str = Field(description="float32 values, little-endian, in base64")
     media: str = Field(description="address of the picture or video: with it inside, or of a file beside the page")
     is_video: bool

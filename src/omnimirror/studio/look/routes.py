@@ -14,7 +14,7 @@ from ...frames import Mount
 from ..schema import BYTES, FILE_BODY, PNG, FileName
 from ..uploads import browser_picture, collected, safe_name
 from .cameras import Cameras, Known
-from .messages import CameraAsk, CameraModel, SensorEntry, SensorFile, Start, StreamState
+from .messages import CameraAsk, CameraShown, SensorEntry, SensorFile, Start, StreamState
 from .pictures import room_picture, shown_picture
 from .streams import Stream
 from .tables import camera_tables
@@ -48,7 +48,7 @@ def _add_start(app: FastAPI, studio: Studio) -> None:
 
 def _add_cameras(app: FastAPI, cameras: Cameras) -> None:
     @app.get("/api/camera")
-    def camera(ask: Annotated[CameraAsk, Query()]) -> CameraModel:
+    def camera(ask: Annotated[CameraAsk, Query()]) -> CameraShown:
         """A camera, standing as its file says or as asked."""
         known = _known(cameras, ask.id)
         stands = known.entry.mount.model_dump() | ask.model_dump(exclude={"id"}, exclude_none=True)

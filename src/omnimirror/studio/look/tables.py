@@ -20,7 +20,7 @@ from ...dewarp.camera_field import field_of, pole_of
 from ...dewarp.maps.radial_table import tables_of
 from ...frames import Mount, turned
 from ...sensor import Sensor
-from .messages import CameraModel, Kind, MountOf, TableLayout
+from .messages import CameraShown, Kind, MountOf, TableLayout
 
 Array = NDArray[np.float64]
 MountedCamera = Sensor | OCam | MirrorBall
@@ -80,11 +80,11 @@ def camera_tables(camera: MountedCamera) -> CameraTables:
 
 
 @lru_cache(maxsize=64)
-def camera_model(id: str, name: str, title: str, options: tuple[str, ...], camera: MountedCamera) -> CameraModel:
+def camera_model(id: str, name: str, title: str, options: tuple[str, ...], camera: MountedCamera) -> CameraShown:
     """What the page must know of a camera, besides its tables."""
     seen, frame, layout = field_of(camera), frame_of(camera), camera_tables(camera).layout
     centre, radius = _circle(camera)
-    return CameraModel(
+    return CameraShown(
         id=id,
         name=name,
         title=title,

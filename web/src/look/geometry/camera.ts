@@ -1,4 +1,4 @@
-import type { CameraModel } from "../../shared/messages";
+import type { CameraShown } from "../../shared/messages";
 import { clamp } from "../../shared/numbers";
 import { type Lean, releaned } from "./lean";
 import { dot, type Pixel, sum, times, type Vec3 } from "./vectors";
@@ -19,7 +19,7 @@ export class Camera {
   readonly scale: number;
 
   constructor(
-    readonly model: CameraModel,
+    readonly model: CameraShown,
     readonly tables: Float32Array,
     readonly circle: Circle = circleOf(model),
     readonly size: readonly [number, number] = model.image_size,
@@ -176,7 +176,7 @@ export class Camera {
 }
 
 /** The circle that a camera has by itself. */
-export function circleOf(model: CameraModel): Circle {
+export function circleOf(model: CameraShown): Circle {
   return { u: model.centre_px[0], v: model.centre_px[1], radius: model.rim_radius_px };
 }
 

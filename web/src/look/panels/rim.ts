@@ -1,5 +1,5 @@
 import { byId } from "../../shared/dom";
-import type { CameraModel } from "../../shared/messages";
+import type { CameraShown } from "../../shared/messages";
 import type { Store } from "../../shared/store";
 import type { Feed } from "../feeds/feed";
 import { type Camera, type Circle, circleOf } from "../geometry/camera";
@@ -52,4 +52,4 @@ export class RimPanel {
 }
 
 /** Whether a camera's pictures have a size. */
-export const hasSize = ({ image_size }: CameraModel, [w, h]: readonly [number, number]): boolean => image_size[0] === w && image_size[1] === h;
+export const hasSize = ({ image_size }: CameraShown, [w, h]: readonly [number, number]): boolean => image_size[0] === w && image_size[1] === h;
