@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from .components.catalogue import read_catalogue as read_catalogue
     from .components.selection import choose_parts as choose_parts
     from .components.template import sensor_template as sensor_template
-    from .design import DesignProblem as DesignProblem
     from .design import FieldRequirements as FieldRequirements
     from .design import Front as Front
     from .design import LensRequirements as LensRequirements
@@ -34,6 +33,7 @@ if TYPE_CHECKING:
     from .design import MirrorRequirements as MirrorRequirements
     from .design import Optimum as Optimum
     from .design import Requirements as Requirements
+    from .design import SearchOptions as SearchOptions
     from .design import blur_bound as blur_bound
     from .design import design_sensor as design_sensor
     from .design import format_requirements as format_requirements
@@ -41,8 +41,8 @@ if TYPE_CHECKING:
     from .design import load_front as load_front
     from .design import load_requirements as load_requirements
     from .design import pareto as pareto
+    from .design import requirements_like as requirements_like
     from .design.construct.survey import mappings as mappings
-    from .design.optimise.optimiser import optimise as optimise
     from .dewarp import Dewarper as Dewarper
     from .dewarp import screens as screens
     from .dewarp import views as views
@@ -107,7 +107,6 @@ _HOMES = {
     "sensor_template": "components.template",
     "blur_bound": "design",
     "design_sensor": "design",
-    "DesignProblem": "design",
     "FieldRequirements": "design",
     "format_requirements": "design",
     "judge": "design",
@@ -120,8 +119,9 @@ _HOMES = {
     "Optimum": "design",
     "pareto": "design",
     "Requirements": "design",
+    "requirements_like": "design",
+    "SearchOptions": "design",
     "mappings": "design.construct.survey",
-    "optimise": "design.optimise.optimiser",
     "Dewarper": "dewarp",
     "screens": "dewarp",
     "views": "dewarp",

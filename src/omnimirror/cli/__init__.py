@@ -20,6 +20,7 @@ COMMANDS = {
     "sensors": "List the sensors that come with omnimirror.",
     "init": "Write a commented sensor file to start from.",
     "design": "Design a sensor from requirements, optimise it, and say what conflicts.",
+    "judge": "Compare a sensor with requirements, and say the margins.",
     "mappings": "List the mappings that a mirror can be generated for.",
     "evaluate": "Evaluate a sensor: mapping, viewpoints, virtual images, blur.",
     "export": "Write CAD files, lens files, tables and a drawing of a sensor.",
@@ -41,7 +42,7 @@ COMMANDS = {
 """Every command with its one line of help."""
 ROOMS = {
     "evaluation": {"compare", "evaluate", "illumination", "mtf", "psf", "reproduce", "sensors", "spots"},
-    "design": {"apertures", "design", "export", "init", "mappings", "parts"},
+    "design": {"apertures", "design", "export", "init", "judge", "mappings", "parts"},
     "pictures": {"bracket", "demo", "dewarp", "simulate", "studio", "view"},
 }
 """In which room of :mod:`omnimirror.cli.commands` the module of a command's name stands; it holds ``command``."""

@@ -100,8 +100,7 @@ class Optimum:
 
     Examples
     --------
-    >>> import omnimirror as om
-    >>> found = om.optimise(om.DesignProblem(terms=3), starts=1)
+    >>> found = optimise(DesignProblem(terms=3), starts=1)
     >>> found.merit, found.sensor.mirror.KIND
     ('worst_floored_area_deg2', 'slope-spline')
     """
