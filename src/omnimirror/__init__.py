@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from .analysis import mtf as mtf
     from .analysis import psf as psf
     from .analysis import spots as spots
+    from .calibrate.physical import SensorModel as SensorModel
     from .calibrate.targets import Board as Board
     from .calibrate.targets import Detection as Detection
     from .camera_models import MirrorBall as MirrorBall
@@ -98,6 +99,7 @@ _HOMES = {
     "spots": "analysis",
     "Board": "calibrate.targets",
     "Detection": "calibrate.targets",
+    "SensorModel": "calibrate.physical",
     "load_ocam": "camera_models",
     "MirrorBall": "camera_models",
     "OCam": "camera_models",

@@ -1,0 +1,6 @@
+"""The mirror sensor as a model to be calibrated: its image of points with all derivatives, as it physically is."""
+
+from .sensor_model import SensorModel
+from .tolerances import Tolerance
+
+__all__ = ["SensorModel", "Tolerance"]

@@ -1,0 +1,74 @@
+"""How a mirror's meridian changes with its own parameters.
+
+The formulas of conics and polynomials are analytic, so that a step into the complex plane gives their derivatives
+without any loss (Squire and Trapp, 1998). A spline of slopes is linear in them, and what is left, mirrors that are
+generated or sampled, has differences.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import OmnimirrorError
+from ...mirrors import ConicAsphere, EvenPolynomial, Mirror
+from ...mirrors.conics import Conic
+from .names import NamedNumber
+
+Array = NDArray[np.float64]
+
+ANALYTIC = (Conic, EvenPolynomial, ConicAsphere)
+"""Mirrors whose profile is analytic in their parameters and computed so."""
+COMPLEX_STEP = 1e-30
+STEP = 1e-5
+"""Of a parameter, or of 1 if that is larger, for differences."""
+
+
+def profile_rates(mirror: Mirror, x: Array, places: tuple[NamedNumber, ...]) -> Array:
+    """Derivatives (3, n, k) of sag, slope and curvature at x (n,) by k parameters of the mirror.
+
+    Beyond the rim, those of the parabola that continues it (:func:`omnimirror.tracing.reflection.continued_profile`).
+
+    >>> from omnimirror.mirrors import Sphere
+    >>> profile_rates(Sphere(50.0, 40.0), np.array([30.0]), (NamedNumber("mirror", "radius_mm"),))[0].round(9)  # 1 - 50 / 40
+    array([[-0.25]])
+    """
+    rates = np.empty((3, len(x), len(places)))
+    inside = np.minimum(x, mirror.rim_radius_mm)
+    for column, place in enumerate(places):
+        rates[:, :, column] = _rates(mirror, inside, place)
+    beyond = (x - inside)[:, None]
+    if beyond.any():
+        curvature = mirror.curvature(inside)[:, None]
+        bend = np.where((beyond > 0) & (curvature < 0), 0.0, rates[2])
+        sag, slope = rates[0], rates[1]
+        rates = np.stack([sag + slope * beyond + bend * beyond**2 / 2, slope + bend * beyond, bend])
+    return rates
+
+
+def _rates(mirror: Mirror, x: Array, place: NamedNumber) -> Array:
+    """Derivatives (3, n) by one parameter."""
+    if isinstance(mirror, ANALYTIC):
+        moved = _unchecked(mirror, place, place.of(mirror) + 1j * COMPLEX_STEP)
+        return np.imag(np.stack([np.asarray(a) for a in moved.profile(x)])) / COMPLEX_STEP
+    value = place.of(mirror)
+    step = STEP * max(abs(value), 1.0)
+    ends = []
+    for sign in (1.0, -1.0):
+        try:
+            other: Mirror = replace(mirror, **place.change(mirror, value + sign * step))  # type: ignore[type-var]
+            ends.append((sign, np.stack(other.profile(x))))
+        except OmnimirrorError:  # at the end of its range: one side has to do
+            ends.append((0.0, np.stack(mirror.profile(x))))
+    (after, high), (before, low) = ends
+    rates: Array = (high - low) / ((after - before) * step)
+    return rates
+
+
+def _unchecked(mirror: Mirror, place: NamedNumber, value: complex) -> Mirror:
+    """The same mirror with a complex parameter, which no constructor would take."""
+    moved: Mirror = object.__new__(type(mirror))
+    moved.__dict__.update(mirror.__getstate__() | place.change(mirror, value))
+    return moved
