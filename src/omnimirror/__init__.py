@@ -20,8 +20,14 @@ if TYPE_CHECKING:
     from .calibrate.physical import SensorModel as SensorModel
     from .calibrate.targets import Board as Board
     from .calibrate.targets import Detection as Detection
+    from .camera_models import DoubleSphere as DoubleSphere
+    from .camera_models import EnhancedUnified as EnhancedUnified
+    from .camera_models import KannalaBrandt as KannalaBrandt
     from .camera_models import MirrorBall as MirrorBall
     from .camera_models import OCam as OCam
+    from .camera_models import RadialSpline as RadialSpline
+    from .camera_models import Unified as Unified
+    from .camera_models import ViewpointSpline as ViewpointSpline
     from .camera_models import load_ocam as load_ocam
     from .components.apertures import best_apertures as best_apertures
     from .components.catalogue import read_catalogue as read_catalogue
@@ -100,9 +106,15 @@ _HOMES = {
     "Board": "calibrate.targets",
     "Detection": "calibrate.targets",
     "SensorModel": "calibrate.physical",
+    "DoubleSphere": "camera_models",
+    "EnhancedUnified": "camera_models",
+    "KannalaBrandt": "camera_models",
     "load_ocam": "camera_models",
     "MirrorBall": "camera_models",
     "OCam": "camera_models",
+    "RadialSpline": "camera_models",
+    "Unified": "camera_models",
+    "ViewpointSpline": "camera_models",
     "best_apertures": "components.apertures",
     "read_catalogue": "components.catalogue",
     "choose_parts": "components.selection",

@@ -84,6 +84,7 @@ class OCam(RadialModel):
     rim_radius_px: float | None = None
 
     KIND = "ocam"
+    AFFINE = (((0.0, 0.0), (0.0, 1.0)), ((0.0, 0.0), (1.0, 0.0)))
 
     def __post_init__(self) -> None:
         self._check_radial()
