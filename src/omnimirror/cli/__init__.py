@@ -13,7 +13,7 @@ from typing import Any
 import click
 
 from .. import __version__
-from ..errors import OmnimirrorError
+from ..errors import InvalidParameter, OmnimirrorError
 from .streams import forget_output, one_line, prepare
 
 COMMANDS = {
@@ -118,7 +118,7 @@ def main(args: list[str] | None = None) -> None:
 
 
 def explained(error: Exception) -> tuple[str, int]:
-    """The sentence for an error, and the exit code."""
+    """The sentence for an error, and the exit code: 2 where the command was not used as it can be, 1 for others."""
     match error:
         case click.exceptions.Abort():
             return "stopped", 130
@@ -127,6 +127,8 @@ def explained(error: Exception) -> tuple[str, int]:
             return f"{error.format_message().rstrip('.')}{where}", 2
         case click.ClickException():
             return error.format_message(), 1
+        case InvalidParameter():
+            return str(error), 2
         case OmnimirrorError():
             return str(error), 1
         case OSError():

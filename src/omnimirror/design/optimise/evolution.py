@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...batch.optics import DEGREE
-from ...errors import InvalidParameter
+from ...errors import OmnimirrorError
 from ..criteria.merits import Merit
 from .objective import requirements_of
 from .optimiser import optimise, start
@@ -56,7 +56,7 @@ class Contest:
         _, first = np.unique(values[keep], axis=0, return_index=True)  # sorted by the first merit, each but once
         keep = keep[first]
         if not keep.size:
-            raise InvalidParameter(
+            raise OmnimirrorError(
                 "no design found that keeps all limits; allow more generations or looser limits, or optimise one merit "
                 "alone, which says what conflicts"
             )
@@ -77,7 +77,7 @@ def first_generation(contest: Contest, population: int, seed: int) -> Generation
     space = contest.space
     known = [start(space, i, seed)[1] for i in range(2)]
     for merit in contest.merits:
-        with suppress(InvalidParameter):  # limits that one start does not meet
+        with suppress(OmnimirrorError):  # limits that one start does not meet
             known.append(optimise(space.problem, merit.name, starts=1, seed=seed).y)
     corners = np.array(known)
     rng = np.random.default_rng(seed)

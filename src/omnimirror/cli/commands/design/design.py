@@ -15,7 +15,6 @@ from ....design.criteria.requirements import Requirements
 from ....design.optimise.optimiser import Progress
 from ....design.solve.designer import Design, design_sensor
 from ....design.solve.freeform import SHAPE
-from ....errors import InvalidParameter
 from ....files import write_text
 from ....specs import save_sensor
 from ...options.declared import refuse_other, takes
@@ -115,7 +114,7 @@ def _optimised(console: Console, asked: Requirements, searched: SearchedOptions)
     shape = asked.mirror.shape or SHAPE
     counts = searched.terms or [FreeForm.parse(shape).terms]
     if searched.resume and len(counts) > 1:
-        raise InvalidParameter("a file to resume holds the search with one number of terms; give one")
+        raise click.UsageError("a file to resume holds the search with one number of terms; give one")
     starts, designs = searched.starts, {}
     with progress_bar(console) as bar:
         task = bar.add_task("", total=starts * len(counts))

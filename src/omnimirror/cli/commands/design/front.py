@@ -13,7 +13,6 @@ from rich.table import Table
 from ....design.criteria.requirements import Requirements
 from ....design.optimise.references import EXACTLY, known_sensors, merit_values
 from ....design.solve.front import Front, pareto
-from ....errors import InvalidParameter
 from ....quantities import QUANTITIES
 from ...options.design import SearchedOptions
 from ...outputs import progress_bar
@@ -22,7 +21,7 @@ from ...outputs import progress_bar
 def find_front(console: Console, asked: Requirements, merits: list[str], searched: SearchedOptions) -> Front:
     """Find the front, draw and print it."""
     if searched.figure and len(merits) != 2:
-        raise InvalidParameter(f"a figure shows two merits; {len(merits)} were given")
+        raise click.UsageError(f"a figure shows two merits; {len(merits)} were given")
     with progress_bar(console) as bar:
         task = bar.add_task("generations", total=searched.generations)
         front = pareto(
