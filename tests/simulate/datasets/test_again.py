@@ -21,7 +21,7 @@ from omnimirror.housing import CameraBody, Dome, Housing, Rim, Rod, Tube
 from omnimirror.media.keyframes import Keyframes
 from omnimirror.simulate import Detector, Hall, Radiometry, Room
 from omnimirror.simulate.datasets.calibration_set import (
-    calibration_set,
+    take_pictures,
     write_calibration_set,
     write_video_set,
 )
@@ -228,7 +228,7 @@ def test_a_calibration_set_made_again_is_the_same_byte_for_byte(tmp_path):
     )
     recipe, _ = load_recipe(tmp_path / "a" / "dataset.json")
     assert isinstance(recipe, CalibrationRecipe)
-    list(calibration_set(recipe, tmp_path / "b"))
+    list(take_pictures(recipe, tmp_path / "b"))
     assert contents(tmp_path / "a") == contents(tmp_path / "b")
 
 

@@ -135,7 +135,7 @@ def write_calibration_set(
     ...     [path.name for path in written]
     ['view-000.png', 'dataset.json']
     """
-    return calibration_set(
+    return take_pictures(
         CalibrationRecipe(
             sensor=sensor, views=views, samples=samples, blur=blur, radiometry=radiometry,
             detector=detector or Detector(), seed=seed, hall=hall or Hall(), truth=truth,
@@ -144,7 +144,7 @@ def write_calibration_set(
     )  # fmt: skip
 
 
-def calibration_set(recipe: CalibrationRecipe, folder: Path) -> Iterator[Path]:
+def take_pictures(recipe: CalibrationRecipe, folder: Path) -> Iterator[Path]:
     """Write the set of a recipe, as :func:`write_calibration_set` does."""
     sensor, hall, radiometry, seed = recipe.sensor, recipe.hall, recipe.radiometry, recipe.seed
     poses = view_poses(recipe.views, seed)
@@ -254,10 +254,10 @@ def write_video_set(
         sensor=sensor, scene=scene, path=path, frame_rate=frame_rate, duration_s=duration_s, samples=samples,
         blur=blur, radiometry=radiometry, detector=detector or Detector(), seed=seed, truth=truth,
     )  # fmt: skip
-    return video_set(recipe, Path(folder), progress)
+    return take_frames(recipe, Path(folder), progress)
 
 
-def video_set(recipe: VideoRecipe, folder: Path, progress: Callable[[int, int], None] | None = None) -> int:
+def take_frames(recipe: VideoRecipe, folder: Path, progress: Callable[[int, int], None] | None = None) -> int:
     """Write the set of a recipe, as :func:`write_video_set` does; count its frames."""
     sensor, scene, path, truth = recipe.sensor, recipe.scene, recipe.path, recipe.truth
     times = frame_times(path, recipe.frame_rate, recipe.duration_s)

@@ -202,16 +202,18 @@ def dataset(
 
     Example: omnimirror simulate dataset paper-spherical --views 20 --full-well-e 10000 -o boards
     """
+    from ....simulate.datasets.recipe import VideoRecipe
+
     if again is not None:
         recipe = _made_before(again)
     elif sensor is None:
         raise click.UsageError("a set is taken with a SENSOR, or made --again from a dataset.json")
     else:
         recipe = _asked_for(lambda: housing.on(load_sensor(sensor)), views, film, truth, scene, taking)
-    if recipe.KIND == "video":
-        _write_video_set(output, recipe)  # type: ignore[arg-type]
+    if isinstance(recipe, VideoRecipe):
+        _write_video_set(output, recipe)
     else:
-        _write_calibration_set(output, recipe)  # type: ignore[arg-type]
+        _write_calibration_set(output, recipe)
 
 
 def _made_before(again: Path) -> CalibrationRecipe | VideoRecipe:
@@ -264,12 +266,12 @@ def _asked_for(
 
 
 def _write_calibration_set(output: Path, recipe: CalibrationRecipe) -> None:
-    from ....simulate.datasets.calibration_set import calibration_set
+    from ....simulate.datasets.calibration_set import take_pictures
 
     views, done = recipe.views, 0
     with rows_bar("Taking pictures") as progress:
         try:
-            for number, _ in enumerate(calibration_set(recipe, output), start=1):
+            for number, _ in enumerate(take_pictures(recipe, output), start=1):
                 done = min(number, views)
                 progress(done, views)
         except KeyboardInterrupt:
@@ -279,7 +281,7 @@ def _write_calibration_set(output: Path, recipe: CalibrationRecipe) -> None:
 
 
 def _write_video_set(output: Path, recipe: VideoRecipe) -> None:
-    from ....simulate.datasets.calibration_set import video_set
+    from ....simulate.datasets.calibration_set import take_frames
 
     done = 0
     with rows_bar("Filming") as progress:
@@ -290,7 +292,7 @@ def _write_video_set(output: Path, recipe: VideoRecipe) -> None:
             progress(number, total)
 
         try:
-            frames = video_set(recipe, output, report)
+            frames = take_frames(recipe, output, report)
         except KeyboardInterrupt:
             _stopped(output, done, "frames")
             raise
