@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from .analysis import psf as psf
     from .analysis import spots as spots
     from .calibrate.physical import SensorModel as SensorModel
+    from .calibrate.physical import mirror_ball_model as mirror_ball_model
     from .calibrate.targets import Board as Board
     from .calibrate.targets import Detection as Detection
     from .camera_models import DoubleSphere as DoubleSphere
@@ -105,6 +106,7 @@ _HOMES = {
     "spots": "analysis",
     "Board": "calibrate.targets",
     "Detection": "calibrate.targets",
+    "mirror_ball_model": "calibrate.physical",
     "SensorModel": "calibrate.physical",
     "DoubleSphere": "camera_models",
     "EnhancedUnified": "camera_models",

@@ -90,7 +90,9 @@ def test_derivatives_by_parameters_are_differences(name, distant):
 
 
 @pytest.mark.parametrize("distant", [False, True])
-def test_derivatives_by_points_are_differences(sensor, distant):
+@pytest.mark.parametrize("name", [n for n in sorted(SENSORS) if not n.startswith(("cylinder", "ground"))])
+def test_derivatives_by_points_are_differences(name, distant):
+    sensor = SENSORS[name]
     model = om.SensorModel(sensor)
     points = some_points(24) * (1e-3 if distant else 1.0)  # directions of lengths about 1
     image, h = model.image(points, distant=distant), 1e-6 if distant else 1e-3

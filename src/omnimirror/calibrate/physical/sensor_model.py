@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, Self
 
@@ -17,7 +18,8 @@ from ...numerics.lazy import cached_property
 from ...sensor import Sensor, check_sensor
 from .imaging import image_of_points
 from .names import NamedNumber, changed, place_of, value_of
-from .tolerances import USUAL, Tolerance, checked_priors, free_names, usual_priors
+from .starting import fitted, radial_law, shaped_like, unknown_sensor
+from .tolerances import USUAL, Tolerance, checked_priors, free_names, group_names, usual_priors
 
 Array = NDArray[np.float64]
 
@@ -137,6 +139,60 @@ class SensorModel(CameraModel):
             Points of another shape.
         """
         return image_of_points(self.sensor, vectors("points_mm", points_mm, 3), distant, self._places)
+
+    @classmethod
+    def start_from(
+        cls,
+        central: CameraModel,
+        sensor: Sensor | None = None,
+        *,
+        free: Iterable[str] | None = None,
+        priors: Iterable[Tolerance] | None = None,
+        omega_max_deg: float = 170.0,
+        rim_radius_mm: float = 40.0,
+    ) -> Self:
+        """A model of a sensor that shows distant things as a central model does: where an estimation can begin.
+
+        What is known stays, a shape that is free becomes the one that turns the lens's rays as the central model has
+        them, and the other free parameters follow by least squares within their tolerances. Boards that were placed
+        for the central model have to be moved by :attr:`viewpoint_mm`.
+
+        Parameters
+        ----------
+        central
+            Estimated, of one viewpoint.
+        sensor
+            As designed; without one the mirror is a conic with four terms of which nothing is known but its size.
+        free, priors
+            As for the class; without a sensor the shape is free, too.
+        omega_max_deg
+            Up to which field angle the central model has seen anything.
+        rim_radius_mm
+            Size of the unknown mirror: in what it sees of near things alone does it differ from a larger one.
+
+        Returns
+        -------
+        SensorModel
+            To begin with.
+
+        Examples
+        --------
+        >>> import omnimirror as om
+        >>> ball = om.MirrorBall((319.5, 239.5), 230.0, 250.0, (640, 480))
+        >>> model = om.SensorModel.start_from(ball)
+        >>> both = [m.image([[3.0, 2.0, 0.5]], distant=True).pixels for m in (model, ball)]
+        >>> bool(abs(both[1] - both[0]).max() < 0.1)
+        True
+        """
+        law = radial_law(central, omega_max_deg)
+        known = unknown_sensor(central, law, rim_radius_mm) if sensor is None else sensor
+        words = tuple(free) if free is not None else USUAL if sensor is not None else ("shape", *USUAL)
+        names = free_names(known, words)
+        tolerances = usual_priors(known, names) if priors is None else tuple(priors)
+        if set(group_names(known, "shape")) <= set(names):
+            known = shaped_like(law, known, rim_is_known=sensor is not None)
+        model = cls(known, names, tolerances)
+        return fitted(model, central, model.priors, omega_max_deg)
 
     @property
     def viewpoint_mm(self) -> Array:

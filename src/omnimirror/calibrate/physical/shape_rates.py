@@ -8,14 +8,20 @@ generated or sampled, has differences.
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import OmnimirrorError
-from ...mirrors import ConicAsphere, EvenPolynomial, Mirror
+from ...mirrors import ConicAsphere, EvenPolynomial, Mirror, SlopeSpline
 from ...mirrors.conics import Conic
+from ...mirrors.slope_spline import spline_of_slopes
 from .names import NamedNumber
+
+if TYPE_CHECKING:
+    from scipy.interpolate import BSpline
 
 Array = NDArray[np.float64]
 
@@ -32,13 +38,17 @@ def profile_rates(mirror: Mirror, x: Array, places: tuple[NamedNumber, ...]) -> 
     Beyond the rim, those of the parabola that continues it (:func:`omnimirror.tracing.reflection.continued_profile`).
 
     >>> from omnimirror.mirrors import Sphere
-    >>> profile_rates(Sphere(50.0, 40.0), np.array([30.0]), (NamedNumber("mirror", "radius_mm"),))[0].round(9)  # 1 - 50 / 40
+    >>> radius = NamedNumber("mirror", "radius_mm")
+    >>> profile_rates(Sphere(50.0, 40.0), np.array([30.0]), (radius,))[0].round(9)  # 1 - 50 / 40
     array([[-0.25]])
     """
     rates = np.empty((3, len(x), len(places)))
     inside = np.minimum(x, mirror.rim_radius_mm)
-    for column, place in enumerate(places):
-        rates[:, :, column] = _rates(mirror, inside, place)
+    if isinstance(mirror, SlopeSpline):
+        rates[:] = _of_slopes(mirror, inside)[:, :, [place.item or 0 for place in places]]
+    else:
+        for column, place in enumerate(places):
+            rates[:, :, column] = _rates(mirror, inside, place)
     beyond = (x - inside)[:, None]
     if beyond.any():
         curvature = mirror.curvature(inside)[:, None]
@@ -65,6 +75,25 @@ def _rates(mirror: Mirror, x: Array, place: NamedNumber) -> Array:
     (after, high), (before, low) = ends
     rates: Array = (high - low) / ((after - before) * step)
     return rates
+
+
+def _of_slopes(mirror: SlopeSpline, x: Array) -> Array:
+    """Derivatives (3, n, m) by all m slopes, in which the profile is linear."""
+    splines = _unit_splines(len(mirror.slopes), mirror.is_pointed)
+    u, rim = x / mirror.rim_radius_mm, mirror.rim_radius_mm
+    sag, slope, bend = (np.asarray(spline(u)) for spline in splines)
+    rates: Array = np.stack([(sag - splines[0](0.0)) * rim, slope, bend / rim])
+    return rates
+
+
+@lru_cache(maxsize=8)
+def _unit_splines(count: int, pointed: bool) -> tuple[BSpline, BSpline, BSpline]:
+    """Integral, value and derivative of the splines of which one slope is 1 and the others 0."""
+    unit = np.eye(count)
+    if not pointed:
+        unit[0] = 0.0
+    slope = spline_of_slopes(unit)
+    return slope.antiderivative(), slope, slope.derivative()
 
 
 def _unchecked(mirror: Mirror, place: NamedNumber, value: complex) -> Mirror:
