@@ -19,6 +19,13 @@ if TYPE_CHECKING:
     from .analysis import spots as spots
     from .calibrate.physical import SensorModel as SensorModel
     from .calibrate.physical import mirror_ball_model as mirror_ball_model
+    from .calibrate.estimation import Calibration as Calibration
+    from .calibrate.estimation import Prior as Prior
+    from .calibrate.estimation import Sighting as Sighting
+    from .calibrate.estimation import adjust as adjust
+    from .calibrate.estimation import calibrate_camera as calibrate_camera
+    from .calibrate.estimation import simulate_detections as simulate_detections
+    from .calibrate.physical import SensorModel as SensorModel
     from .calibrate.targets import Board as Board
     from .calibrate.targets import Detection as Detection
     from .camera_models import DoubleSphere as DoubleSphere
@@ -62,6 +69,8 @@ if TYPE_CHECKING:
     from .media import write_image as write_image
     from .mirrors import register_mirror as register_mirror
     from .report import write_demo as write_demo
+    from .report.calibration import write_calibration_figures as write_calibration_figures
+    from .report.calibration import write_calibration_report as write_calibration_report
     from .report.comparison import write_comparison as write_comparison
     from .reproduce import reproduce_paper as reproduce_paper
     from .sensor import Sensor as Sensor
@@ -104,6 +113,12 @@ _HOMES = {
     "mtf": "analysis",
     "psf": "analysis",
     "spots": "analysis",
+    "adjust": "calibrate.estimation",
+    "calibrate_camera": "calibrate.estimation",
+    "Calibration": "calibrate.estimation",
+    "Prior": "calibrate.estimation",
+    "Sighting": "calibrate.estimation",
+    "simulate_detections": "calibrate.estimation",
     "Board": "calibrate.targets",
     "Detection": "calibrate.targets",
     "mirror_ball_model": "calibrate.physical",
@@ -148,6 +163,8 @@ _HOMES = {
     "read_image": "media",
     "write_image": "media",
     "register_mirror": "mirrors",
+    "write_calibration_figures": "report.calibration",
+    "write_calibration_report": "report.calibration",
     "write_demo": "report",
     "write_comparison": "report.comparison",
     "reproduce_paper": "reproduce",
