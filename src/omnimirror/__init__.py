@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from .analysis import mtf as mtf
     from .analysis import psf as psf
     from .analysis import spots as spots
+    from .calibrate.conversion import convert as convert
+    from .calibrate.formats import register_camera_format as register_camera_format
     from .calibrate.physical import SensorModel as SensorModel
     from .calibrate.physical import mirror_ball_model as mirror_ball_model
     from .calibrate.estimation import Calibration as Calibration
@@ -126,6 +128,8 @@ _HOMES = {
     "DoubleSphere": "camera_models",
     "EnhancedUnified": "camera_models",
     "KannalaBrandt": "camera_models",
+    "convert": "calibrate.conversion",
+    "register_camera_format": "calibrate.formats",
     "load_ocam": "camera_models",
     "MirrorBall": "camera_models",
     "OCam": "camera_models",
