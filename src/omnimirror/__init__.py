@@ -94,8 +94,11 @@ if TYPE_CHECKING:
     from .simulate.round_trip import measure_round_trip as measure_round_trip
     from .simulate.scenes.sources import load_scene as load_scene
     from .specs import bundled_sensors as bundled_sensors
+    from .specs import load_camera as load_camera
     from .specs import load_sensor as load_sensor
+    from .specs import parse_camera as parse_camera
     from .specs import parse_sensor as parse_sensor
+    from .specs import save_camera as save_camera
     from .specs import save_sensor as save_sensor
     from .straighten import Recording as Recording
     from .straighten import Restoration as Restoration
@@ -191,8 +194,11 @@ _HOMES = {
     "measure_round_trip": "simulate.round_trip",
     "load_scene": "simulate.scenes.sources",
     "bundled_sensors": "specs",
+    "load_camera": "specs",
     "load_sensor": "specs",
+    "parse_camera": "specs",
     "parse_sensor": "specs",
+    "save_camera": "specs",
     "save_sensor": "specs",
     "dewarp_pictures": "straighten",
     "Recording": "straighten",

@@ -8,7 +8,23 @@ from .radial import RadialModel
 from .spheres import DoubleSphere, EnhancedUnified, Unified
 from .splines import RadialSpline, ViewpointSpline
 
+CAMERAS: dict[str, type[RadialModel]] = {
+    cls.KIND: cls
+    for cls in (
+        Unified,
+        EnhancedUnified,
+        DoubleSphere,
+        KannalaBrandt,
+        OCam,
+        RadialSpline,
+        ViewpointSpline,
+        MirrorBall,
+    )
+}
+"""Camera models by the kinds that files name."""
+
 __all__ = [
+    "CAMERAS",
     "CameraModel",
     "DoubleSphere",
     "EnhancedUnified",

@@ -12,6 +12,7 @@ from ..arguments import number
 from ..frames import Mount
 from ..numerics.lazy import cached_property
 from ..numerics.roots import increasing_root
+from ..parameters import Uncertainty
 from .base import Optics
 from .distortion import LARGEST_COEFFICIENT, SLOWEST, first_root
 from .focal import FocalModel
@@ -46,6 +47,8 @@ class KannalaBrandt(FocalModel):
         How the camera stands.
     rim_radius_px : px, optional
         Where the field ends, measured in the picture.
+    uncertainty : Uncertainty, optional
+        Covariance of the parameters, of a calibration.
 
     Raises
     ------
@@ -75,6 +78,7 @@ class KannalaBrandt(FocalModel):
     optics: Optics = "fisheye"
     mount: Mount = field(default_factory=Mount)
     rim_radius_px: float | None = None
+    uncertainty: Uncertainty | None = field(default=None, repr=False)
 
     KIND = "kannala-brandt"
 

@@ -137,7 +137,7 @@ class RadialModel(CameraModel):
         return tuple(ModelParameter(p.name, float(self._at(p)), p.unit, p.scale) for p in self._all_places)
 
     def with_parameters(self, values: Sequence[float] | Array) -> Self:
-        """The same model with other values of its parameters.
+        """The same model with other values of its parameters, of which no uncertainty is known.
 
         Parameters
         ----------
@@ -166,7 +166,7 @@ class RadialModel(CameraModel):
                 changes.setdefault(place.field, list(getattr(self, place.field)))[place.item] = value
         model: DataclassInstance = self  # type: ignore[assignment]  # every model is a dataclass
         changed = {k: tuple(v) if isinstance(v, list) else v for k, v in changes.items()}
-        return replace(model, **changed)  # type: ignore[return-value]
+        return replace(model, **changed, uncertainty=None)  # type: ignore[return-value]
 
     @cached_property
     def _all_places(self) -> tuple[Place, ...]:

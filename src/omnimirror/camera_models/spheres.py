@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ..arguments import number
 from ..frames import Mount
+from ..parameters import Uncertainty
 from .base import Optics
 from .distortion import LARGEST_COEFFICIENT
 from .focal import FocalModel
@@ -46,6 +47,8 @@ class Unified(FocalModel):
         How the camera stands.
     rim_radius_px : px, optional
         Where the field ends, measured in the picture.
+    uncertainty : Uncertainty, optional
+        Covariance of the parameters, of a calibration.
 
     Raises
     ------
@@ -78,6 +81,7 @@ class Unified(FocalModel):
     optics: Optics = "mirror"
     mount: Mount = field(default_factory=Mount)
     rim_radius_px: float | None = None
+    uncertainty: Uncertainty | None = field(default=None, repr=False)
 
     KIND = "unified"
     LENS = {"k1": ("", 0.1), "k2": ("", 0.1), "k3": ("", 0.1), "p1": ("", 0.01), "p2": ("", 0.01)}  # noqa: RUF012
@@ -141,6 +145,8 @@ class EnhancedUnified(FocalModel):
         How the camera stands.
     rim_radius_px : px, optional
         Where the field ends, measured in the picture.
+    uncertainty : Uncertainty, optional
+        Covariance of the parameters, of a calibration.
 
     Raises
     ------
@@ -167,6 +173,7 @@ class EnhancedUnified(FocalModel):
     optics: Optics = "mirror"
     mount: Mount = field(default_factory=Mount)
     rim_radius_px: float | None = None
+    uncertainty: Uncertainty | None = field(default=None, repr=False)
 
     KIND = "enhanced-unified"
 
@@ -227,6 +234,8 @@ class DoubleSphere(FocalModel):
         How the camera stands.
     rim_radius_px : px, optional
         Where the field ends, measured in the picture.
+    uncertainty : Uncertainty, optional
+        Covariance of the parameters, of a calibration.
 
     Raises
     ------
@@ -253,6 +262,7 @@ class DoubleSphere(FocalModel):
     optics: Optics = "mirror"
     mount: Mount = field(default_factory=Mount)
     rim_radius_px: float | None = None
+    uncertainty: Uncertainty | None = field(default=None, repr=False)
 
     KIND = "double-sphere"
 

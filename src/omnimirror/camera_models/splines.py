@@ -14,6 +14,7 @@ from ..frames import Mount
 from ..numerics.lazy import cached_property
 from ..numerics.roots import increasing_root
 from ..numerics.splines import Spline, SplineBasis, even_basis, odd_basis
+from ..parameters import Uncertainty
 from .base import Optics
 from .distortion import LARGEST_COEFFICIENT, SLOWEST
 from .radial import AngleRates, Law, Place, RadialModel
@@ -154,6 +155,8 @@ class RadialSpline(SplineModel):
         How the camera stands.
     rim_radius_px : px, optional
         Where the field ends, measured in the picture.
+    uncertainty : Uncertainty, optional
+        Covariance of the parameters, of a calibration.
 
     Raises
     ------
@@ -178,6 +181,7 @@ class RadialSpline(SplineModel):
     optics: Optics = "mirror"
     mount: Mount = field(default_factory=Mount)
     rim_radius_px: float | None = None
+    uncertainty: Uncertainty | None = field(default=None, repr=False)
 
     KIND = "radial-spline"
 
@@ -240,6 +244,8 @@ class ViewpointSpline(SplineModel):
         How the camera stands.
     rim_radius_px : px, optional
         Where the field ends, measured in the picture.
+    uncertainty : Uncertainty, optional
+        Covariance of the parameters, of a calibration.
 
     Raises
     ------
@@ -267,6 +273,7 @@ class ViewpointSpline(SplineModel):
     optics: Optics = "mirror"
     mount: Mount = field(default_factory=Mount)
     rim_radius_px: float | None = None
+    uncertainty: Uncertainty | None = field(default=None, repr=False)
 
     KIND = "viewpoint-spline"
 

@@ -161,9 +161,7 @@ def format_sensor(sensor: Sensor) -> str:
 
 def tables_of(sensor: Sensor) -> dict[str, Any]:
     """The tables of the sensor's file, as plain data."""
-    mount = dataclasses.asdict(sensor.mount)
-    if not sensor.mount.leans:
-        del mount["pitch_deg"], mount["roll_deg"]
+    mount = mount_table(sensor.mount)
     if np.isfinite(sensor.mirror_distance_mm):
         mount = {"mirror_distance_mm": sensor.mirror_distance_mm, **mount}
     data: dict[str, Any] = {
@@ -184,6 +182,14 @@ def tables_of(sensor: Sensor) -> dict[str, Any]:
     if not sensor.housing.is_empty:
         data["housing"] = housing_tables(sensor.housing)
     return data
+
+
+def mount_table(mount: Mount) -> dict[str, Any]:
+    """The table [mount], without a lean where there is none."""
+    table = dataclasses.asdict(mount)
+    if not mount.leans:
+        del table["pitch_deg"], table["roll_deg"]
+    return table
 
 
 def save_sensor(sensor: Sensor, path: str | Path) -> None:
