@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal, get_args
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +21,18 @@ MARKER_SHARE = 0.75
 """Of a ChArUco square that its marker takes, where nothing else is said."""
 FAMILIES = {"charuco": "5X5_1000", "aprilgrid": "APRILTAG_36H11"}
 """Of markers, by the kind of board: those that Kalibr prints, and OpenCV's with the fewest mistakes for their size."""
+APRIL_BITS = 6
 BORDER_BITS = {"charuco": 1, "aprilgrid": 2}
 """Width of the black frame of a marker, in its bits."""
+
+
+class CornerWindow(NamedTuple):
+    """What about a corner shows two white and two black quarters and nothing else, in :attr:`Board.square_mm`."""
+
+    half: float = 0.45
+    """Half of the side of a square about the corner."""
+    arm: float = np.inf
+    """Half of the width of the cross along the edges that is free of markers."""
 
 
 @dataclass(frozen=True)
@@ -96,9 +106,9 @@ class Board:
                 raise InvalidParameter("a chessboard of 2 x 2 corners has no order; it is valid from 3 x 2 on")
         elif self.family is not None:
             choice("family", self.family.upper(), families())
-            if self._markers > (most := capacity(self.family)):
+            if self.marker_count > (most := capacity(self.family)):
                 raise InvalidParameter(
-                    f"family {self.family} has {most} markers, and a board of {self} needs {self._markers}"
+                    f"family {self.family} has {most} markers, and a board of {self} needs {self.marker_count}"
                 )
 
     def __str__(self) -> str:
@@ -159,7 +169,25 @@ class Board:
         return self.kind == "chessboard" and (self.columns + self.rows) % 2 == 0
 
     @property
-    def _markers(self) -> int:
+    def surroundings(self) -> CornerWindow:
+        """What about a corner shows the corner alone."""
+        if self.kind == "charuco":
+            return CornerWindow(arm=(1 - self.marker_side_mm / self.square_mm) / 2)
+        if self.kind == "aprilgrid":
+            return CornerWindow(min(0.7 * self.spacing, 0.45), self.border_bits / (APRIL_BITS + 2 * self.border_bits))
+        return CornerWindow()
+
+    @property
+    def polarity(self) -> NDArray[np.int_]:
+        """Sign (n,) of each corner's contrast: -1 where the quarter towards the origin of x and y is black."""
+        first = 1 if self.kind == "charuco" and self.legacy and self.rows % 2 == 0 else -1
+        return np.asarray(first * (1 - 2 * (self.lattice.sum(axis=1) % 2)))
+
+    @property
+    def marker_count(self) -> int:
+        """Number of its markers, which bear the numbers from 0."""
+        if self.kind == "chessboard":
+            return 0
         return self.columns * self.rows // (2 if self.kind == "charuco" else 1)
 
     def _along_mm(self, places: NDArray[Any]) -> Array:

@@ -33,8 +33,8 @@ class Detection:
         Standard deviation over which edges are spread; of the board's edges where it was found.
     is_reversed
         Whether the picture is a mirror image, as markers show it; None where nothing shows it.
-    recovered
-        How many of the corners were not found at once and were grown from the others.
+    is_part
+        Whether it is a part of a chessboard, numbered as if it were the middle of it.
     time_s
         Of the frame in its video.
 
@@ -52,7 +52,7 @@ class Detection:
     sigma_px: Array | None = None
     blur_px: float = float("nan")
     is_reversed: bool | None = None
-    recovered: int = 0
+    is_part: bool = False
     time_s: float | None = None
 
     @property

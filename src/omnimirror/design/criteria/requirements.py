@@ -219,8 +219,6 @@ class LensRequirements(Entries):
 
 PAPER_IMAGER = Imager(1024, 1024, 5.2)
 """The paper's prototype's; taken where no imager is stated."""
-UNNAMED = "design"
-"""The name of a design where none is given."""
 UPRIGHT = Mount()
 BARE = Housing()
 
@@ -256,13 +254,13 @@ class Requirements:
     Examples
     --------
     >>> import omnimirror as om
-    >>> requirements = om.Requirements(
+    >>> wanted = om.Requirements(
     ...     field=om.FieldRequirements(omega_max_deg=135),
     ...     mirror=om.MirrorRequirements(mapping="equidistant", rim_radius_mm=43.9),
     ...     lens=om.LensRequirements(theta_max_deg=(10, 14)),
     ...     limits=[om.Limit("total_blur_px", at_most=4.0)],
     ... )
-    >>> requirements.lens.theta_max_deg, requirements.lens.f_number
+    >>> wanted.lens.theta_max_deg, wanted.lens.f_number
     ((10.0, 14.0), 4.0)
     """
 
@@ -273,7 +271,7 @@ class Requirements:
     mount: Mount = UPRIGHT
     housing: Housing = BARE
     limits: tuple[Limit, ...] = ()
-    name: str = UNNAMED
+    name: str = "design"
     notes: str = ""
 
     def __post_init__(self) -> None:
@@ -305,10 +303,10 @@ class Requirements:
         --------
         >>> import omnimirror as om
         >>> mirror = om.MirrorRequirements(family="sphere", rim_radius_mm=40)
-        >>> requirements = om.Requirements(
+        >>> wanted = om.Requirements(
         ...     field=om.FieldRequirements(omega_max_deg=120), mirror=mirror, lens=om.LensRequirements(theta_max_deg=12)
         ... )
-        >>> requirements.changed(f_number=5.6, rim_radius_mm=(30, 40)).mirror.rim_radius_mm
+        >>> wanted.changed(f_number=5.6, rim_radius_mm=(30, 40)).mirror.rim_radius_mm
         (30.0, 40.0)
         """
         changed = {

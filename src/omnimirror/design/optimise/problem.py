@@ -62,7 +62,8 @@ class DesignProblem:
 
     Examples
     --------
-    >>> DesignProblem(omega_max_deg=120.0, terms=8).free
+    >>> import omnimirror as om
+    >>> om.DesignProblem(omega_max_deg=120.0, terms=8).free
     []
     """
 

@@ -11,6 +11,7 @@ from rich.table import Table
 
 from ....analysis import Psf, psf
 from ....analysis.aperture.point_spread import KINDS
+from ....errors import OmnimirrorError
 from ....specs import load_sensor
 from ...options.aperture import ObjectOptions
 from ...options.common import NUMBER, focus
@@ -46,7 +47,7 @@ def command(
     seen = load_sensor(sensor)
     angles = np.asarray(objects.angles(seen))
     if len(angles) > MOST:
-        raise click.UsageError(f"{len(angles)} field angles do not fit into a figure; up to {MOST} are valid")
+        raise OmnimirrorError(f"{len(angles)} field angles do not fit into a figure; up to {MOST} are valid")
     L0 = objects.focus(seen, focus_mm)
     console = output_console()
 

@@ -1,0 +1,171 @@
+"""Chessboards found in distorted pictures: grown from any nine corners, or from what OpenCV's detectors see."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..boards import Board
+from .greys import Grey, bytes_of, scaled, scales, unscaled_px, upwards
+from .growing import CHECKER, LatticePart, from_grid, grown, trimmed
+from .local_maps import maps_about
+from .saddles import fit_saddles
+from .seeds import find_seeds
+
+Array = NDArray[np.float64]
+
+WHOLE = 0.9
+"""Share of the corners of a lattice that have to be found."""
+LEAST_PART = 9  # corners of a lattice that is looked at
+LARGEST_FOR_OPENCV = 2_500_000  # px: its detectors take long
+
+
+def find_chessboard(picture: Grey, board: Board, *, is_quick: bool = False) -> LatticePart | None:
+    """The lattice in the picture that is the board or, where none is, the one with the most corners.
+
+    Parameters
+    ----------
+    picture : (height, width)
+        Grey, 0 to 255.
+    board
+        A chessboard.
+    is_quick
+        Whether to look at one size of the picture alone, and without OpenCV's detectors.
+    """
+    best: LatticePart | None = None
+    for part in _grown_parts(picture) if is_quick else _parts(picture, board):
+        if is_whole(part, board):
+            return part
+        if best is None or len(part.places) > len(best.places):
+            best = part
+        if is_other(best, board):
+            break
+    return best
+
+
+def is_whole(part: LatticePart, board: Board) -> bool:
+    """Whether a lattice has the board's columns and rows, and nearly all of its corners.
+
+    >>> nine = np.stack(np.meshgrid([0, 1, 2], [0, 1, 2]), axis=-1).reshape(-1, 2)
+    >>> is_whole(LatticePart(nine, 10.0 * nine, -1), Board("chessboard", 3, 3))
+    True
+    """
+    return sorted(part.size) == sorted(board.lattice_size) and len(part.places) >= WHOLE * board.corner_count
+
+
+def is_other(part: LatticePart, board: Board) -> bool:
+    """Whether a lattice is larger than the board, and whole, so that it is another one."""
+    size, wanted = sorted(part.size), sorted(board.lattice_size)
+    return (size[0] > wanted[0] or size[1] > wanted[1]) and len(part.places) >= WHOLE * np.prod(size)
+
+
+def _parts(picture: Grey, board: Board) -> Iterator[LatticePart]:
+    """Lattices, each in pixels of the picture itself."""
+    for scale in scales(picture.shape):
+        smaller = scaled(picture, scale)
+        for part in _grown_parts(smaller):
+            yield _at_full_size(picture, part, scale)
+    for scale in scales(picture.shape)[:2]:
+        if picture.size * scale**2 <= LARGEST_FOR_OPENCV:
+            smaller = scaled(picture, scale)
+            for pixels in _opencv_grids(bytes_of(smaller), board):
+                part = from_grid(smaller, pixels)
+                if len(part.places) >= LEAST_PART:
+                    yield _at_full_size(picture, trimmed(grown(smaller, part)), scale)
+
+
+def _grown_parts(picture: Grey) -> Iterator[LatticePart]:
+    """What grows from every seed that is not in an earlier part."""
+    taken = np.empty((0, 2))
+    for seed in find_seeds(picture):
+        middle = seed.pixels.mean(axis=0)
+        size = np.linalg.norm(np.ptp(seed.pixels, axis=0)) / 4
+        if len(taken) and np.linalg.norm(taken - middle, axis=1).min() < size:
+            continue
+        part = trimmed(grown(picture, seed))
+        if len(part.places) >= LEAST_PART:
+            taken = np.concatenate([taken, part.pixels])
+            yield part
+
+
+def _at_full_size(picture: Grey, part: LatticePart, scale: float) -> LatticePart:
+    """The part's corners where a picture twice as large every time shows them, up to the picture's own size."""
+    places, pixels = part.places.astype(float), unscaled_px(part.pixels, scale)
+    for larger in upwards(scale):
+        here = (pixels + 0.5) * larger - 0.5
+        maps = maps_about(places, here, places)._replace(pixels=here)
+        fitted = fit_saddles(scaled(picture, larger), maps, CHECKER, is_quick=True)
+        near = np.linalg.norm(fitted.pixels - here, axis=1) < 0.3 * maps.spacing()
+        pixels = unscaled_px(np.where(near[:, None], fitted.pixels, here), larger)
+    return LatticePart(part.places, pixels, part.polarity)
+
+
+def _opencv_grids(picture: NDArray[np.uint8], board: Board) -> Iterator[Array]:
+    """Corners (rows, columns, 2) from OpenCV's detectors, the quicker first, at last those of a part."""
+    import cv2
+
+    size = board.lattice_size
+    classic = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
+    sectors = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
+    if min(size) >= 3:
+        found, corners = cv2.findChessboardCorners(picture, size, flags=classic)
+        if found:
+            yield corners.reshape(size[1], size[0], 2).astype(float)
+    found, corners = cv2.findChessboardCornersSB(picture, size, flags=sectors)
+    if found:
+        yield corners.reshape(size[1], size[0], 2).astype(float)
+    found, corners, cells = cv2.findChessboardCornersSBWithMeta(picture, (3, 3), sectors | cv2.CALIB_CB_LARGER)
+    if found and len(corners) == cells.size:
+        yield corners.reshape(*cells.shape, 2).astype(float)
+
+
+def ordered(part: LatticePart, board: Board) -> tuple[NDArray[np.int_], Array]:
+    """Ids (k,) and pixels (k, 2) of a lattice that is the whole board.
+
+    Columns and rows run clockwise in the picture. Where the board's colours tell its beginning, the square before the
+    first corner is black; else it begins at the corner nearest to the picture's upper left.
+    """
+    columns, rows = board.lattice_size
+    places = part.places - part.places.min(axis=0)
+    extent = places.max(axis=0)
+    options = []
+    for turn in range(4):
+        x, y = places[:, 0], places[:, 1]
+        turned = [(x, y), (y, extent[0] - x), (extent[0] - x, extent[1] - y), (extent[1] - y, x)][turn]
+        if turned[0].max() + 1 != columns or turned[1].max() + 1 != rows:
+            continue
+        ids = turned[1] * columns + turned[0]
+        start = int(np.argmin(turned[0] + turned[1]))
+        # a quarter turn exchanges the colours of a corner's first square and its second
+        parity = int(part.places[start].sum() + turned[0][start] + turned[1][start]) + turn
+        first = part.polarity * (1 - 2 * (parity % 2))
+        options.append((first > 0, float(part.pixels[start].sum()), ids))
+    ids = min(options, key=lambda option: option[:2])[2]
+    order = np.argsort(ids)
+    return ids[order], part.pixels[order]
+
+
+def placed(part: LatticePart, board: Board) -> tuple[NDArray[np.int_], Array] | None:
+    """Ids (k,) and pixels (k, 2) of a part of a board as if it were its middle; None where it is none of this board.
+
+    Which part it is a chessboard does not tell, and the board's place in space takes up the difference.
+    """
+    columns, rows = board.lattice_size
+    places = part.places - part.places.min(axis=0)
+    width, height = part.size
+    is_turned = width > columns or height > rows
+    if is_turned:  # a quarter turn, clockwise still
+        places = np.stack([places[:, 1], width - 1 - places[:, 0]], axis=1)
+        width, height = height, width
+    if width > columns or height > rows or min(width, height) < 3:
+        return None
+    corner = np.array([(columns - width) // 2, (rows - height) // 2])
+    places = places + corner
+    first = part.polarity * (1 - 2 * (int(part.places[0].sum() + places[0].sum() + is_turned) % 2))
+    if first > 0 and not board.is_symmetric:  # half a turn of the whole board brings the black square first
+        places = np.array([columns - 1, rows - 1]) - places
+    ids = places[:, 1] * columns + places[:, 0]
+    order = np.argsort(ids)
+    return ids[order], part.pixels[order]

@@ -1,0 +1,126 @@
+"""Boards with markers: these read in the picture and in its mirror image, and the board's corners found from them."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..boards import Board, dictionary
+from .completion import completed, predicted, without_strays
+from .greys import Grey, bytes_of, scaled, scales, unscaled_px
+
+Array = NDArray[np.float64]
+Ids = NDArray[np.int_]
+
+LEAST_MARKERS = 2
+ENOUGH = 0.6
+"""Share of a board's markers after which they are not looked for in larger pictures as well."""
+KALIBR_CORNERS = ((1, 0), (0, 0), (0, 1), (1, 1))
+"""Column and row, of a tag on an April grid, of OpenCV's four corners: Kalibr prints tags upside down."""
+
+
+class Markers(NamedTuple):
+    """Markers that were read in a picture."""
+
+    ids: Ids
+    """(k,)"""
+    corners_px: Array
+    """(k, 4, 2): clockwise from the marker's upper left, as it is drawn."""
+    is_reversed: bool
+    """Whether they were read in the mirror image of the picture."""
+
+
+def read_markers(picture: Grey, board: Board, *, is_quick: bool = False) -> Markers:
+    """Read the board's markers; those of the picture or of its mirror image, whichever are more.
+
+    Parameters
+    ----------
+    picture : (height, width)
+        Grey.
+    board
+        With markers.
+    is_quick
+        Whether to look at one size of the picture alone.
+    """
+    detector = _detector(board)
+    width = picture.shape[1]
+    both: list[dict[int, Array]] = [{}, {}]
+    for scale in [1.0] if is_quick else scales(picture.shape)[:3]:
+        values = bytes_of(scaled(picture, scale))
+        for is_reversed, found in enumerate(both):
+            corners, ids, _ = detector.detectMarkers(np.ascontiguousarray(values[:, ::-1]) if is_reversed else values)
+            for number, quad in zip([] if ids is None else ids.ravel(), corners, strict=True):
+                pixels = quad.reshape(4, 2).astype(float)
+                if is_reversed:
+                    pixels[:, 0] = values.shape[1] - 1 - pixels[:, 0]
+                if number < board.marker_count:
+                    found[int(number)] = unscaled_px(pixels, scale)
+        if max(map(len, both)) > ENOUGH * board.marker_count:
+            break
+    found = max(both, key=len)
+    ids = np.array(sorted(found), dtype=int)
+    pixels = np.array([found[i] for i in ids]).reshape(-1, 4, 2)
+    return Markers(ids, np.clip(pixels, 0, [width - 1, picture.shape[0] - 1]), found is both[1])
+
+
+def find_by_markers(picture: Grey, board: Board, markers: Markers) -> tuple[Ids, Array]:
+    """Ids (k,) and pixels (k, 2) of the board's corners that follow from its markers.
+
+    Parameters
+    ----------
+    picture : (height, width)
+        Grey.
+    board
+    markers
+        From :func:`read_markers`.
+    """
+    if len(markers.ids) < LEAST_MARKERS:
+        return np.empty(0, dtype=int), np.empty((0, 2))
+    if board.kind == "aprilgrid":
+        ids, pixels = _tag_corners(board, markers)
+    else:
+        ids, pixels = predicted(
+            picture, board, marker_corners_mm(board, markers.ids), markers.corners_px.reshape(-1, 2)
+        )
+    ids, pixels = without_strays(board, ids, pixels)
+    if len(ids) >= 4:
+        ids, pixels = completed(picture, board, ids, pixels)
+    return ids, pixels
+
+
+def marker_corners_mm(board: Board, ids: Ids) -> Array:
+    """Where the corners (4 k, 2) of a ChArUco board's markers lie on it, mm, as OpenCV draws it."""
+    drawn = opencv_board(board)
+    corners = {int(i): np.array(quad)[:, :2] for i, quad in zip(drawn.getIds(), drawn.getObjPoints(), strict=True)}
+    return np.concatenate([corners[int(i)] for i in ids]) - board.square_mm
+
+
+def opencv_board(board: Board) -> Any:
+    """A ChArUco board as OpenCV has it."""
+    import cv2
+
+    size, side, marker = (board.columns, board.rows), board.square_mm, board.marker_side_mm
+    made = cv2.aruco.CharucoBoard(size, side, marker, dictionary(board.marker_family))
+    made.setLegacyPattern(board.legacy)
+    return made
+
+
+def _tag_corners(board: Board, markers: Markers) -> tuple[Ids, Array]:
+    column, row = markers.ids % board.columns, markers.ids // board.columns
+    ids = np.stack([(2 * row + y) * 2 * board.columns + 2 * column + x for x, y in KALIBR_CORNERS], axis=1)
+    return ids.ravel(), markers.corners_px.reshape(-1, 2)
+
+
+def _detector(board: Board) -> Any:
+    """With wider limits than usual: quads have curved sides in a mirror, and are small."""
+    import cv2
+
+    parameters = cv2.aruco.DetectorParameters()
+    parameters.markerBorderBits = board.border_bits
+    parameters.polygonalApproxAccuracyRate = 0.06
+    parameters.minMarkerPerimeterRate = 0.012
+    parameters.adaptiveThreshWinSizeMax = 43
+    parameters.perspectiveRemovePixelPerCell = 6
+    return cv2.aruco.ArucoDetector(dictionary(board.marker_family), parameters)

@@ -1,0 +1,192 @@
+"""The picture of a corner where four squares meet, fitted to the pixels around it in the distorted picture.
+
+The picture about a corner is a linear background and a contrast times erf(p / (sqrt 2 s)) erf(q / (sqrt 2 s)), where p
+and q are the distances to the two edges and s is the blur, the pixel's own width included. The edges run as the
+quadratic map between board and picture bends them. Free are the corner's place, the blur, the background, the
+contrast and two small angles by which the edges may be turned. All corners of a picture are fitted at once, by the
+method of Gauss and Newton.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..boards import CornerWindow
+from .local_maps import LocalMaps, inverted
+
+Array = NDArray[np.float64]
+
+LARGEST_WINDOW_PX = 14.0
+SMALLEST_WINDOW_PX = 2.5
+NOISE = 0.02
+"""Of the contrast, against which the priors are weighed."""
+ANGLE_PRIOR = 0.03  # rad
+BLUR_PRIOR = (0.9, 0.6)  # px, and the spread of its logarithm
+STEPS = 12
+SIZES = (3, 4, 5, 7, 9, 11, 14)  # of windows, px from the middle: corners with about equal ones are fitted at once
+MARGIN_PX = 1.5  # within which blur carries over what stands beside the edges
+CLOSE_PX = 2e-3
+AT_ONCE = 400_000  # pixels
+
+
+class Saddles(NamedTuple):
+    """Corners fitted to a picture."""
+
+    pixels: Array
+    """(m, 2)"""
+    sigma_px: Array
+    """(m,): standard deviation of a coordinate, from what the fit leaves over."""
+    blur_px: Array
+    """(m,): standard deviation of the edges' blur."""
+    contrast: Array
+    """(m,): half of white minus black; negative where the first quadrant is black."""
+    misfit: Array
+    """(m,): rms of what the fit leaves over, in contrasts."""
+
+
+def fit_saddles(
+    picture: NDArray[np.float32], maps: LocalMaps, surroundings: CornerWindow, *, is_quick: bool = False
+) -> Saddles:
+    """Fit the corners at the middles of the maps.
+
+    Parameters
+    ----------
+    picture : (height, width)
+        Grey.
+    maps
+        From the board, in sides of a square, to the picture about each corner; the corners begin at their
+        :attr:`~LocalMaps.pixels`.
+    surroundings
+        Which part of the picture about a corner shows it alone.
+    is_quick
+        Whether a tenth of a pixel will do.
+    """
+    count = len(maps.pixels)
+    found = Saddles(maps.pixels.copy(), *(np.full(count, np.nan) for _ in range(4)))
+    for group, reach in _alike(maps, surroundings.half):
+        part = _fit(picture, LocalMaps(*(field[group] for field in maps)), surroundings, reach, is_quick)
+        for whole, piece in zip(found, part, strict=True):
+            whole[group] = piece
+    return found
+
+
+def _alike(maps: LocalMaps, half: float) -> Iterator[tuple[NDArray[np.int_], int]]:
+    """Corners whose windows are about equally large, and how many pixels these reach from the middle."""
+    reach = half * np.abs(maps.first).sum(axis=2).max(axis=1) + 0.5
+    reach = np.array(SIZES)[np.searchsorted(SIZES[:-1], reach)]
+    for size in np.unique(reach):
+        alike = np.flatnonzero(reach == size)
+        each = max(1, AT_ONCE // (2 * int(size) + 1) ** 2)
+        for start in range(0, len(alike), each):
+            yield alike[start : start + each], int(size)
+
+
+def _fit(
+    picture: NDArray[np.float32], maps: LocalMaps, surroundings: CornerWindow, reach: int, is_quick: bool
+) -> Saddles:
+    height, width = picture.shape
+    steps = np.arange(-reach, reach + 1)
+    right, down = (axis.ravel() for axis in np.meshgrid(steps, steps))
+    middle = np.rint(maps.pixels).astype(int)
+    u, v = middle[:, :1] + right, middle[:, 1:] + down
+    inside = (u >= 0) & (u < width) & (v >= 0) & (v < height)
+    values = picture[np.clip(v, 0, height - 1), np.clip(u, 0, width - 1)].astype(float)
+    pixels = maps.pixels.copy()
+    for _ in range(1 if is_quick else 2):  # the second time about the corner that the first has found
+        places, back = inverted(maps._replace(pixels=pixels), u.astype(float), v.astype(float))
+        offsets = np.stack([u - pixels[:, :1], v - pixels[:, 1:]])
+        used = inside & _in_window(places, offsets, surroundings, maps.spacing()[:, None])
+        fit = _Fit(places, back, offsets, values, used.astype(float))
+        terms, sigma, rms = fit.run(STEPS // 2 if is_quick else STEPS)
+        pixels = pixels + terms[:, 4:6]
+    contrast = terms[:, 3]
+    size = np.abs(contrast)
+    return Saddles(pixels, sigma, np.exp(terms[:, 6]), contrast, rms / np.where(size > 0, size, 1.0))
+
+
+def _in_window(places: Array, offsets: Array, surroundings: CornerWindow, spacing: Array) -> NDArray[np.bool_]:
+    """Pixels within the square of the board, and not too far away; where squares are tiny, a few at least."""
+    far = offsets[0] ** 2 + offsets[1] ** 2
+    x, y = np.abs(places)
+    near = (np.maximum(x, y) < surroundings.half) & (far < LARGEST_WINDOW_PX**2)
+    if np.isfinite(surroundings.arm):
+        near &= np.minimum(x, y) < np.maximum(surroundings.arm - MARGIN_PX / spacing, surroundings.arm / 3)
+    return np.asarray(near | (far < SMALLEST_WINDOW_PX**2))
+
+
+class _Fit:
+    """Least squares of many corners: terms are background (3), contrast, shift (2), logarithm of blur, angles (2)."""
+
+    def __init__(self, places: Array, back: Array, offsets: Array, values: Array, weights: Array) -> None:
+        lengths = np.hypot(back[:, 0], back[:, 1])
+        self.distances = places / lengths  # (2, m, n): from both edges, px
+        self.normals = back / lengths[:, None]  # (2, 2, m, n)
+        self.offsets, self.values, self.weights = offsets, values, weights
+        self.count = weights.sum(axis=1)
+
+    def run(self, steps: int) -> tuple[Array, Array, Array]:
+        """Terms (m, 9), standard deviations (m,) of the corners in px and rms (m,) of what is left over."""
+        terms = self._start()
+        scale = np.abs(terms[:, 3]) + 1e-6
+        prior = np.zeros((len(terms), 9))
+        prior[:, 6] = (1 / BLUR_PRIOR[1]) ** 2
+        prior[:, 7:] = (1 / ANGLE_PRIOR) ** 2
+        prior *= (NOISE * scale[:, None]) ** 2
+        prior[:, 4:6] = (NOISE * scale[:, None] / 2.0) ** 2
+        wanted = np.array([0, 0, 0, 0, 0, 0, np.log(BLUR_PRIOR[0]), 0, 0])
+        limits = np.array([np.inf, np.inf, np.inf, np.inf, 0.6, 0.6, 0.4, 0.1, 0.1])
+        for _ in range(steps):
+            model, derivatives = self._model(terms)
+            residual = (self.values - model) * self.weights
+            derivatives *= self.weights[:, None]
+            square = derivatives @ derivatives.transpose(0, 2, 1)
+            right = (derivatives @ residual[..., None])[..., 0] + prior * (wanted - terms)
+            diagonal = np.einsum("mii->mi", square) + prior
+            whole = square + np.eye(9) * (prior + 1e-4 * diagonal + 1e-12)[:, None, :]
+            step = np.linalg.solve(whole, right[..., None])[..., 0]
+            terms = terms + np.clip(step, -limits, limits)
+            if np.abs(step[:, 4:6]).max(initial=0) < CLOSE_PX:
+                break
+        variance = np.sum(residual**2, axis=1) / np.maximum(self.count - 9, 1)
+        noise = np.linalg.inv(whole)[:, 4:6, 4:6]
+        sigma = np.sqrt(np.einsum("mii->m", noise) / 2 * variance)
+        return terms, sigma, np.sqrt(variance)
+
+    def _start(self) -> Array:
+        """Background and contrast that fit an ordinary corner in the middle."""
+        terms = np.zeros((len(self.values), 9))
+        terms[:, 6] = np.log(BLUR_PRIOR[0])
+        terms[:, 3] = 1.0
+        basis = self._model(terms)[1][:, :4] * self.weights[:, None]
+        square = basis @ basis.transpose(0, 2, 1) + 1e-6 * np.eye(4)
+        right = (basis @ self.values[..., None])[..., 0]
+        terms[:, :4] = np.linalg.solve(square, right[..., None])[..., 0]
+        return terms
+
+    def _model(self, terms: Array) -> tuple[Array, Array]:
+        """Values (m, n) and derivatives (m, 9, n)."""
+        from scipy.special import erf
+
+        constant, right, down, contrast, u, v, blur, *angles = terms.T[..., None]
+        root = np.sqrt(2.0) * np.exp(blur)
+        straight = self.distances - self.normals[:, 0] * u - self.normals[:, 1] * v
+        turned = straight + np.stack(angles) * straight[::-1]
+        z = turned / root
+        soft = erf(z)
+        both = soft[0] * soft[1]
+        # of the product, by each distance
+        slopes = contrast * (2 / np.sqrt(np.pi)) / root * np.exp(-(z**2)) * soft[::-1]
+        derivatives = np.empty((len(terms), 9, both.shape[1]))
+        derivatives[:, 0] = 1.0
+        derivatives[:, 1], derivatives[:, 2] = self.offsets
+        derivatives[:, 3] = both
+        derivatives[:, 4] = -(slopes * self.normals[:, 0]).sum(axis=0)
+        derivatives[:, 5] = -(slopes * self.normals[:, 1]).sum(axis=0)
+        derivatives[:, 6] = -(slopes * turned).sum(axis=0)
+        derivatives[:, 7], derivatives[:, 8] = slopes * straight[::-1]
+        background = constant + right * self.offsets[0] + down * self.offsets[1]
+        return background + contrast * both, derivatives

@@ -1,0 +1,77 @@
+"""Boards photographed with a sensor: rays through a grid of places in each pixel, so that it is integrated over."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+import omnimirror as om
+
+SUBPIXELS = 4
+
+
+class Photograph(NamedTuple):
+    picture: np.ndarray
+    corners_px: np.ndarray
+    """(n, 2): where the board's corners truly are, by the projection of points."""
+
+
+def pose(board: om.Board, azimuth_deg: float, elevation_deg: float, distance_mm: float, *turns_deg: float):
+    """Rotation and place of a board that faces the sensor from a direction, but for turns about its own axes."""
+    azimuth, elevation = np.radians([azimuth_deg, elevation_deg])
+    away = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
+    right = -np.cross([0, 0, 1], away) / np.cos(elevation)
+    facing = np.stack([right, np.cross(away, right), away], axis=1)
+    rotation = facing @ Rotation.from_euler("xyz", turns_deg or (0, 0, 0), degrees=True).as_matrix()
+    return rotation, distance_mm * away - rotation @ board.points_mm.mean(axis=0)
+
+
+def photographed(sensor, board, place, *, blur_px=0.7, noise=3.0, quality=90, seed=0, flipped=False, sheet=None):
+    """A board in front of a sensor, blurred, noisy and compressed, with its true corners.
+
+    ``sheet`` is what is printed on a board that is no chessboard: brightness of points (n, 2) mm of it, NaN beside it.
+    """
+    rotation, translation = place
+    width, height = sensor.image_size
+    truth = sensor.project(board.points_mm @ rotation.T + translation).pixels
+    seen = truth[np.isfinite(truth[:, 0])]
+    low = np.maximum(np.floor(seen.min(axis=0)) - 50, 0).astype(int)
+    high = np.minimum(np.ceil(seen.max(axis=0)) + 50, [width - 1, height - 1]).astype(int)
+    steps = (np.arange(SUBPIXELS) + 0.5) / SUBPIXELS - 0.5
+    columns, rows = (np.arange(low[i], high[i] + 1) for i in (0, 1))
+    grid = np.meshgrid((columns[:, None] + steps).ravel(), (rows[:, None] + steps).ravel())
+    rays = sensor.backproject(np.stack(grid, axis=-1).reshape(-1, 2))
+    origins, ways = (rays.origins - translation) @ rotation, rays.directions @ rotation
+    with np.errstate(invalid="ignore", divide="ignore"):
+        length = -origins[:, 2] / ways[:, 2]
+        points = origins[:, :2] + length[:, None] * ways[:, :2]
+        light = (sheet or chessboard(board))(points)
+        light = np.where((length > 0) & np.isfinite(light), light, 100.0)
+    picture = np.full((height, width), 100.0)
+    shape = (len(rows), SUBPIXELS, len(columns), SUBPIXELS)
+    picture[low[1] : high[1] + 1, low[0] : high[0] + 1] = light.reshape(shape).mean(axis=(1, 3))
+    picture = cv2.GaussianBlur(picture, (0, 0), blur_px)
+    picture += np.random.default_rng(seed).normal(0, noise, picture.shape)
+    picture = np.clip(np.rint(picture), 0, 255).astype(np.uint8)
+    if flipped:
+        picture, truth = picture[:, ::-1], [width - 1, 0] + [-1, 1] * truth
+    if quality is not None:
+        picture = cv2.imdecode(cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, quality])[1], 0)
+    return Photograph(np.ascontiguousarray(picture), truth)
+
+
+def chessboard(board):
+    """Brightness of points of a chessboard within a white margin."""
+
+    def brightness(points):
+        x, y = points.T / board.square_mm
+        columns, rows = board.lattice_size
+        on = (x > -1) & (x < columns) & (y > -1) & (y < rows)
+        paper = (x > -2) & (x < columns + 1) & (y > -2) & (y < rows + 1)
+        is_black = on & ((np.floor(x) + np.floor(y)) % 2 == 0)
+        return np.where(paper, np.where(is_black, 30.0, 210.0), np.nan)
+
+    return brightness

@@ -1,0 +1,145 @@
+"""Boards found in rendered and real pictures of mirrors, and a reason where there is none."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+import omnimirror as om
+from tests.calibrate.targets.rendering import photographed, pose
+
+BOARD = om.Board("chessboard", 9, 6, 30.0)
+PLACES = {"paper-spherical": (130, -30, 400, -20, 15, 30), "prototype-hyperboloidal": (300, -20, 350, 0, 30, -20)}
+
+
+@pytest.fixture(scope="module", params=sorted(PLACES))
+def photograph(request):
+    sensor = om.load_sensor(request.param)
+    return photographed(sensor, BOARD, pose(BOARD, *PLACES[request.param]))
+
+
+def test_corners_are_measured_to_hundredths_of_a_pixel(photograph):
+    found = om.find_board(photograph.picture, BOARD)
+    error = found.corners_px - photograph.corners_px[in_order_of(found, photograph)]
+    from_middle = found.corners_px - 511.5
+    outwards = from_middle / np.linalg.norm(from_middle, axis=1)[:, None]
+    assert found.used
+    assert len(found.ids) == 54
+    assert np.sqrt(np.mean(np.sum(error**2, axis=1))) < 0.05
+    assert abs(np.mean(np.sum(error * outwards, axis=1))) < 0.01
+    assert np.abs(error.mean(axis=0)).max() < 0.01
+
+
+def in_order_of(found, photograph) -> np.ndarray:
+    """Which true corner each found one is, which a chessboard in a mirror does not tell."""
+    return np.argmin(np.linalg.norm(found.corners_px[:, None] - photograph.corners_px, axis=2), axis=1)
+
+
+def test_reported_deviations_are_those_from_the_truth(photograph):
+    found = om.find_board(photograph.picture, BOARD)
+    error = found.corners_px - photograph.corners_px[in_order_of(found, photograph)]
+    assert 0.6 < np.sqrt(np.mean(error**2 / found.sigma_px[:, None] ** 2)) < 2.0
+
+
+def test_corners_run_clockwise_from_a_black_square(photograph):
+    """In rows of nine, the first beside the second; the square before the first corner is black."""
+    found = om.find_board(photograph.picture, BOARD)
+    grid = found.corners_px.reshape(6, 9, 2)
+    right, down = grid[0, 1] - grid[0, 0], grid[1, 0] - grid[0, 0]
+    before = grid[0, 0] - (right + down) / 2
+    after = grid[0, 0] + (right - down) / 2
+    brightness = [photograph.picture[round(v), round(u)] for u, v in (before, after)]
+    assert right[0] * down[1] - right[1] * down[0] > 0
+    assert brightness[0] < 70 < brightness[1]
+
+
+@pytest.mark.parametrize("turns", range(4))
+def test_corners_are_the_same_however_the_picture_is_turned(turns):
+    """10 x 7 squares can be told apart: by their colours, not by where they are."""
+    picture = cv2.GaussianBlur(np.pad(picture_of(9, 6), [(352, 352), (312, 312)], mode="edge"), (0, 0), 0.8)
+    u, v = om.find_board(picture, BOARD).corners_px.T
+    turned = [(u, v), (v, 1023 - u), (1023 - u, 1023 - v), (1023 - v, u)][turns]
+    found = om.find_board(np.rot90(picture, turns), BOARD)
+    np.testing.assert_allclose(found.corners_px, np.stack(turned, axis=1), atol=0.02)
+
+
+def test_all_boards_of_a_real_mirror_are_found(shared_data):
+    """OpenCV's detectors do not find the second of them; its search near our corners ends at the same crossings."""
+    paths = [shared_data / "kaidan_omni" / f"KaidanOmni{i}.jpg" for i in (1, 8, 17)]
+    found = om.find_boards(paths, om.Board("chessboard", 11, 7, 30.0))
+    assert [(d.name, len(d.ids), d.reason) for d in found] == [(path.name, 77, None) for path in paths]
+    for detection, path in zip(found, paths, strict=True):
+        start = detection.corners_px.astype(np.float32)[:, None]
+        criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 30, 0.01)
+        other = cv2.cornerSubPix(cv2.imread(str(path), 0), start.copy(), (2, 2), (-1, -1), criteria)[:, 0]
+        assert np.median(np.linalg.norm(other - detection.corners_px, axis=1)) < 0.5
+
+
+def picture_of(columns: int, rows: int, side: int = 24, size: tuple[int, int] = (400, 320)) -> np.ndarray:
+    """A flat chessboard of so many inner corners on white."""
+    v, u = np.mgrid[: size[1], : size[0]]
+    x, y = (u - 40) // side, (v - 40) // side
+    on = (x >= 0) & (x <= columns) & (y >= 0) & (y <= rows)
+    return np.where(on & ((x + y) % 2 == 0), 40, 210).astype(np.uint8)
+
+
+@pytest.mark.parametrize(
+    ("picture", "reason"),
+    [
+        (picture_of(9, 6), None),
+        (picture_of(8, 5), "what counts are the inner corners, not the squares"),
+        (picture_of(7, 6), "a board of 7 x 6 corners was found, and one of 9 x 6 corners was looked for"),
+        (picture_of(11, 8), "a board of 11 x 8 corners was found"),
+        (np.full((320, 400), 128, np.uint8), "the picture is blank"),
+        (cv2.GaussianBlur(picture_of(9, 6), (0, 0), 14), "blurred"),
+        (np.tile(picture_of(9, 6)[:, :200], (1, 2)), "only|a board of"),
+    ],
+)
+def test_why_a_board_was_not_found_is_told(picture, reason):
+    found = om.find_board(picture, BOARD)
+    assert found.used == (reason is None)
+    if reason is not None:
+        assert found.reason is not None
+        assert any(part in found.reason for part in reason.split("|")), found.reason
+
+
+def test_pictures_that_do_not_belong_together_are_told():
+    whole, part = picture_of(9, 6), picture_of(9, 6)
+    part[:, 230:] = 128  # 8 x 6 of its corners are left
+    pictures = [whole, whole, picture_of(9, 6, size=(420, 320)), part, "missing.jpg"]
+    found = om.find_boards(pictures, BOARD)
+    assert [d.used for d in found] == [True, True, False, True, False]
+    assert found[2].reason == "its size of 420 x 320 px is not the 400 x 320 px of the others"
+    assert found[3].is_part
+    assert 30 <= len(found[3].ids) <= 48
+    assert "missing.jpg" in found[4].reason
+
+
+def test_ctrl_c_keeps_what_was_found():
+    def stop(done: int, total: int) -> None:
+        if done == 1:
+            raise KeyboardInterrupt
+
+    found = om.find_boards([picture_of(9, 6)] * 3, BOARD, progress=stop)
+    assert [d.used for d in found] == [True, False, False]
+    assert found[1].reason == "the search was stopped before this picture"
+
+
+@pytest.mark.long
+def test_views_straightened_by_a_camera_lead_back_to_the_same_corners():
+    from omnimirror.calibrate.targets.finding import _look_for_squares
+    from omnimirror.calibrate.targets.search.rectified import local_views
+
+    sensor = om.load_sensor("paper-spherical")
+    picture = photographed(sensor, BOARD, pose(BOARD, *PLACES["paper-spherical"])).picture
+    plain = om.find_board(picture, BOARD).corners_px
+    seen = []
+    for view in local_views(picture.astype(np.float32), sensor):
+        found = _look_for_squares(view.picture, BOARD, "", is_quick=True)
+        if found.used:
+            seen.append(view.back(found.corners_px))
+    assert seen
+    for pixels in seen:
+        off = np.linalg.norm(plain[:, None] - pixels, axis=2).min(axis=1)
+        assert np.median(off) < 0.7

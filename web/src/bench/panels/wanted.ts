@@ -1,0 +1,184 @@
+import { h, unique } from "../../shared/dom";
+import type { BenchStart, Facts, Judged } from "../../shared/messages";
+import { words } from "../../shared/numbers";
+import type { Design, Tables } from "../designs/design";
+import { label, quantityWords, unitWords } from "../labels";
+
+interface Limit {
+  quantity: string;
+  at_least?: number | null;
+  at_most?: number | null;
+  omega_deg?: [number, number] | null;
+}
+
+interface Hands {
+  now: () => Design;
+  facts: () => Facts | null;
+  edit: (design: Design) => void;
+  settle: () => void;
+}
+
+const USUAL: Limit = { quantity: "total_blur_px", at_most: 5 };
+const INFINITE = 1e11; // mm; beyond it a distance is shown as infinite
+
+/** What the design must do, and whether it does. */
+export class WantedPanel {
+  private readonly body = h("div", {});
+  private readonly verdict = h("p", { className: "verdict", role: "status" });
+  private readonly problem = h("p", { className: "problem", role: "alert", hidden: true });
+  private shape = "";
+  private marks = new Map<string, HTMLElement>();
+  private inputs: { input: HTMLInputElement; value: () => number | null | undefined }[] = [];
+
+  constructor(place: HTMLElement, private readonly parts: BenchStart, private readonly hands: Hands) {
+    place.append(this.verdict, this.body, this.problem, h("div", { className: "row" }, h("button", { type: "button", onclick: () => this.add() }, "Add a requirement")));
+  }
+
+  show(design: Design): void {
+    const limits = limitsOf(design.wanted);
+    const shape = JSON.stringify([design.wanted === null, limits.map((l) => [l.quantity, Boolean(l.omega_deg)])]);
+    if (shape !== this.shape) {
+      this.shape = shape;
+      this.build(design);
+    }
+    for (const { input, value } of this.inputs) {
+      const number = value();
+      if (document.activeElement !== input) input.value = number === null || number === undefined ? "" : String(number >= INFINITE ? "" : +number.toPrecision(8));
+    }
+  }
+
+  /** Say of each requirement whether it is met, by how much, and where it is worst. */
+  judge(rows: Judged[], trouble: string | null): void {
+    this.problem.hidden = trouble === null;
+    this.problem.textContent = trouble ?? "";
+    for (const mark of this.marks.values()) mark.replaceChildren();
+    const others: HTMLElement[] = [];
+    for (const row of rows) {
+      const mark = this.marks.get(row.limit === null ? row.name : String(row.limit));
+      if (mark) mark.replaceChildren(...verdictOf(row));
+      else others.push(h("li", {}, h("span", {}, label(row.name)), h("span", { className: "mark" }, ...verdictOf(row))));
+    }
+    this.body.querySelector(".others")?.replaceChildren(...others);
+    const missed = rows.filter((r) => !r.is_met).length;
+    this.verdict.hidden = !rows.length;
+    const text = missed ? `${missed} of ${rows.length} not met` : `All ${rows.length} met`;
+    if (this.verdict.textContent !== text) this.verdict.textContent = text;
+    this.verdict.classList.toggle("missed", missed > 0);
+  }
+
+  private build(design: Design): void {
+    this.marks.clear();
+    this.inputs = [];
+    this.body.replaceChildren();
+    if (design.wanted === null) {
+      this.verdict.hidden = true;
+      this.body.append(h("p", { className: "words" }, "None yet. Add one, or open a requirement file."));
+      return;
+    }
+    const limits = limitsOf(design.wanted);
+    this.body.append(this.field(), h("ul", { className: "others" }), ...limits.map((l, i) => this.limit(l, i)));
+  }
+
+  private field(): HTMLElement {
+    const field = (): Tables => this.hands.now().wanted!.field as Tables;
+    const distances = (): [number, number] => spanOf(field().object_distance_mm);
+    const setField = (change: Tables): void => this.set({ ...this.hands.now().wanted!, field: { ...field(), ...change } });
+    const mark = (name: string): HTMLElement => this.mark(name);
+    return h(
+      "div",
+      { className: "limit" },
+      h("div", { className: "line" }, h("span", { className: "what" }, "Field up to"), this.number("Field up to, degrees", () => field().omega_max_deg as number, (v) => setField({ omega_max_deg: v ?? 135 })), h("span", { className: "unit" }, "°")),
+      mark("omega_max_deg"),
+      h(
+        "div",
+        { className: "line" },
+        h("span", { className: "what" }, "Objects from"),
+        this.number("Nearest object, mm", () => distances()[0], (v) => setField({ object_distance_mm: [v ?? 1e12, Math.max(v ?? 1e12, distances()[1])] })),
+        h("span", { className: "unit" }, "to"),
+        this.number("Farthest object, mm; empty is infinite", () => distances()[1], (v) => setField({ object_distance_mm: [Math.min(distances()[0], v ?? 1e12), v ?? 1e12] })),
+        h("span", { className: "unit" }, "mm"),
+      ),
+    );
+  }
+
+  private limit(limit: Limit, index: number): HTMLElement {
+    const now = (): Limit => limitsOf(this.hands.now().wanted)[index];
+    const set = (change: Partial<Limit>): void => this.setLimits(limitsOf(this.hands.now().wanted).map((l, i) => (i === index ? clean({ ...l, ...change }) : l)));
+    const quantity = this.parts.quantities.find((q) => q.name === limit.quantity)!;
+    const select = h("select", { "aria-label": "Quantity", title: quantity.meaning }, ...this.parts.quantities.map((q) => h("option", { value: q.name, title: q.meaning }, quantityWords(q))));
+    select.value = limit.quantity;
+    select.addEventListener("change", () => set({ quantity: select.value }));
+    const remove = h("button", { type: "button", className: "small", "aria-label": `Remove the requirement on ${quantity.title}`, onclick: () => this.setLimits(limitsOf(this.hands.now().wanted).filter((_, i) => i !== index)) }, "×");
+    const part = h("button", { type: "button", className: "small", onclick: () => set({ omega_deg: now().omega_deg ? null : [0, this.hands.now().wanted!.field.omega_max_deg as number] }), title: "For a part of the field only, or for all of it" }, limit.omega_deg ? "whole field" : "part of field");
+    return h(
+      "div",
+      { className: "limit" },
+      h("div", { className: "line" }, select, remove),
+      h(
+        "div",
+        { className: "line" },
+        h("span", { className: "unit" }, "≥"),
+        this.number(`${quantity.name} at least`, () => now()?.at_least, (v) => set({ at_least: v })),
+        h("span", { className: "unit" }, "≤"),
+        this.number(`${quantity.name} at most`, () => now()?.at_most, (v) => set({ at_most: v })),
+        h("span", { className: "unit" }, unitWords(quantity.unit)),
+      ),
+      limit.omega_deg
+        ? h(
+            "div",
+            { className: "line" },
+            h("span", { className: "unit" }, "Ω from"),
+            this.number("Field angle from, degrees", () => now()?.omega_deg?.[0], (v) => set({ omega_deg: [v ?? 0, now().omega_deg![1]] })),
+            h("span", { className: "unit" }, "to"),
+            this.number("Field angle to, degrees", () => now()?.omega_deg?.[1], (v) => set({ omega_deg: [now().omega_deg![0], v ?? 135] })),
+            h("span", { className: "unit" }, "°"),
+          )
+        : null,
+      h("div", { className: "line" }, this.mark(String(index)), part),
+    );
+  }
+
+  private mark(name: string): HTMLElement {
+    const mark = h("p", { className: "mark" });
+    this.marks.set(name, mark);
+    return mark;
+  }
+
+  private number(title: string, value: () => number | null | undefined, set: (value: number | null) => void): HTMLInputElement {
+    const input = h("input", { type: "number", step: "any", id: unique(), "aria-label": title, placeholder: title.includes("infinite") || title.startsWith("Nearest") ? "∞" : "" });
+    input.addEventListener("change", () => set(input.value === "" ? null : Number(input.value)));
+    this.inputs.push({ input, value });
+    return input;
+  }
+
+  private add(): void {
+    const { wanted } = this.hands.now();
+    if (wanted) return this.setLimits([...limitsOf(wanted), { ...USUAL }]);
+    const field = this.hands.facts()?.field_deg[1] ?? 135;
+    this.set({ field: { omega_max_deg: Math.floor(field), object_distance_mm: [1e12, 1e12] }, limit: [{ ...USUAL }] });
+  }
+
+  private setLimits(limit: Limit[]): void {
+    this.set({ ...this.hands.now().wanted!, limit });
+  }
+
+  private set(wanted: Tables): void {
+    this.hands.edit({ ...this.hands.now(), wanted });
+    this.hands.settle();
+  }
+}
+
+const limitsOf = (wanted: Tables | null): Limit[] => (wanted?.limit as Limit[] | undefined) ?? [];
+
+const spanOf = (value: unknown): [number, number] => (Array.isArray(value) ? (value as [number, number]) : typeof value === "number" ? [value, value] : [1e12, 1e12]);
+
+const clean = (limit: Limit): Limit => Object.fromEntries(Object.entries(limit).filter(([, v]) => v !== null && v !== undefined)) as unknown as Limit;
+
+/** Met or not, by a sign and in words. */
+function verdictOf(row: Judged): HTMLElement[] {
+  const unit = unitWords(row.unit);
+  const size = row.margin === null ? "" : ` by ${words(Math.abs(row.margin), 3)}${unit === "°" ? "°" : unit && ` ${unit}`}`;
+  const sign = h("b", { className: row.is_met ? "met" : "missed" }, row.is_met ? `✓ met${size}` : `✗ missed${size}`);
+  const where = row.omega_deg === null ? "" : ` at ${words(row.omega_deg, 3)}°`;
+  return [sign, h("span", {}, ` reaches ${words(row.reached)}${unit === "°" ? "°" : unit && ` ${unit}`}${where}`)];
+}
