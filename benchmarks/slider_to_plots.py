@@ -71,7 +71,7 @@ def server_ms(sensor: BenchSensor, runs: int) -> float:
     """Median time of an answer in the server."""
     ask = Ask(
         slot=0, number=0, tables=sensor.tables, follows=sensor.follows, object_distance_mm=None, section=True,
-        squares=True, wanted=None,
+        squares=True, requirements=None,
     )  # fmt: skip
     times = []
     for _ in range(runs):

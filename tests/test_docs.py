@@ -82,7 +82,8 @@ def is_near(shown: str, printed: str) -> bool:
 def test_commands_run_in_order_and_print_what_is_shown(page, tmp_path):
     write_files(page, tmp_path)
     for command, shown in commands(page, "console"):
-        assert_printed(shown, run_command(command, tmp_path, (0,)), command)
+        codes = (0, 3) if command.startswith("omnimirror judge") else (0,)  # 3: something is missed
+        assert_printed(shown, run_command(command, tmp_path, codes), command)
 
 
 @pytest.mark.full

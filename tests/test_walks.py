@@ -78,7 +78,7 @@ def slider_to_plot() -> None:
     sensor = on_bench(om.load_sensor("paper-spherical"))
     answer(
         Ask(slot=0, number=0, tables=sensor.tables, follows=sensor.follows, object_distance_mm=None, section=True,
-            squares=True, wanted=None)
+            squares=True, requirements=None)
     )  # fmt: skip
 
 

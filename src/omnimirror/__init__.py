@@ -17,19 +17,35 @@ if TYPE_CHECKING:
     from .analysis import mtf as mtf
     from .analysis import psf as psf
     from .analysis import spots as spots
+    from .calibrate.conversion import convert as convert
+    from .calibrate.formats import register_camera_format as register_camera_format
+    from .calibrate.physical import SensorModel as SensorModel
+    from .calibrate.physical import mirror_ball_model as mirror_ball_model
+    from .calibrate.estimation import Calibration as Calibration
+    from .calibrate.estimation import Prior as Prior
+    from .calibrate.estimation import Sighting as Sighting
+    from .calibrate.estimation import adjust as adjust
+    from .calibrate.estimation import calibrate_camera as calibrate_camera
+    from .calibrate.estimation import simulate_detections as simulate_detections
+    from .calibrate.physical import SensorModel as SensorModel
     from .calibrate.targets import Board as Board
     from .calibrate.targets import Detection as Detection
     from .calibrate.targets import find_board as find_board
     from .calibrate.targets import find_boards as find_boards
     from .calibrate.targets import refine_corners as refine_corners
+    from .camera_models import DoubleSphere as DoubleSphere
+    from .camera_models import EnhancedUnified as EnhancedUnified
+    from .camera_models import KannalaBrandt as KannalaBrandt
     from .camera_models import MirrorBall as MirrorBall
     from .camera_models import OCam as OCam
+    from .camera_models import RadialSpline as RadialSpline
+    from .camera_models import Unified as Unified
+    from .camera_models import ViewpointSpline as ViewpointSpline
     from .camera_models import load_ocam as load_ocam
     from .components.apertures import best_apertures as best_apertures
     from .components.catalogue import read_catalogue as read_catalogue
     from .components.selection import choose_parts as choose_parts
     from .components.template import sensor_template as sensor_template
-    from .design import DesignProblem as DesignProblem
     from .design import FieldRequirements as FieldRequirements
     from .design import Front as Front
     from .design import LensRequirements as LensRequirements
@@ -37,6 +53,7 @@ if TYPE_CHECKING:
     from .design import MirrorRequirements as MirrorRequirements
     from .design import Optimum as Optimum
     from .design import Requirements as Requirements
+    from .design import SearchOptions as SearchOptions
     from .design import blur_bound as blur_bound
     from .design import design_sensor as design_sensor
     from .design import format_requirements as format_requirements
@@ -44,8 +61,8 @@ if TYPE_CHECKING:
     from .design import load_front as load_front
     from .design import load_requirements as load_requirements
     from .design import pareto as pareto
+    from .design import requirements_like as requirements_like
     from .design.construct.survey import mappings as mappings
-    from .design.optimise.optimiser import optimise as optimise
     from .dewarp import Dewarper as Dewarper
     from .dewarp import screens as screens
     from .dewarp import views as views
@@ -57,6 +74,8 @@ if TYPE_CHECKING:
     from .media import write_image as write_image
     from .mirrors import register_mirror as register_mirror
     from .report import write_demo as write_demo
+    from .report.calibration import write_calibration_figures as write_calibration_figures
+    from .report.calibration import write_calibration_report as write_calibration_report
     from .report.comparison import write_comparison as write_comparison
     from .reproduce import reproduce_paper as reproduce_paper
     from .sensor import Sensor as Sensor
@@ -78,8 +97,11 @@ if TYPE_CHECKING:
     from .simulate.round_trip import measure_round_trip as measure_round_trip
     from .simulate.scenes.sources import load_scene as load_scene
     from .specs import bundled_sensors as bundled_sensors
+    from .specs import load_camera as load_camera
     from .specs import load_sensor as load_sensor
+    from .specs import parse_camera as parse_camera
     from .specs import parse_sensor as parse_sensor
+    from .specs import save_camera as save_camera
     from .specs import save_sensor as save_sensor
     from .straighten import Recording as Recording
     from .straighten import Restoration as Restoration
@@ -99,21 +121,36 @@ _HOMES = {
     "mtf": "analysis",
     "psf": "analysis",
     "spots": "analysis",
+    "adjust": "calibrate.estimation",
+    "calibrate_camera": "calibrate.estimation",
+    "Calibration": "calibrate.estimation",
+    "Prior": "calibrate.estimation",
+    "Sighting": "calibrate.estimation",
+    "simulate_detections": "calibrate.estimation",
     "Board": "calibrate.targets",
     "Detection": "calibrate.targets",
+    "mirror_ball_model": "calibrate.physical",
+    "SensorModel": "calibrate.physical",
+    "DoubleSphere": "camera_models",
+    "EnhancedUnified": "camera_models",
+    "KannalaBrandt": "camera_models",
+    "convert": "calibrate.conversion",
+    "register_camera_format": "calibrate.formats",
     "find_board": "calibrate.targets",
     "find_boards": "calibrate.targets",
     "refine_corners": "calibrate.targets",
     "load_ocam": "camera_models",
     "MirrorBall": "camera_models",
     "OCam": "camera_models",
+    "RadialSpline": "camera_models",
+    "Unified": "camera_models",
+    "ViewpointSpline": "camera_models",
     "best_apertures": "components.apertures",
     "read_catalogue": "components.catalogue",
     "choose_parts": "components.selection",
     "sensor_template": "components.template",
     "blur_bound": "design",
     "design_sensor": "design",
-    "DesignProblem": "design",
     "FieldRequirements": "design",
     "format_requirements": "design",
     "judge": "design",
@@ -126,8 +163,9 @@ _HOMES = {
     "Optimum": "design",
     "pareto": "design",
     "Requirements": "design",
+    "requirements_like": "design",
+    "SearchOptions": "design",
     "mappings": "design.construct.survey",
-    "optimise": "design.optimise.optimiser",
     "Dewarper": "dewarp",
     "screens": "dewarp",
     "views": "dewarp",
@@ -138,6 +176,8 @@ _HOMES = {
     "read_image": "media",
     "write_image": "media",
     "register_mirror": "mirrors",
+    "write_calibration_figures": "report.calibration",
+    "write_calibration_report": "report.calibration",
     "write_demo": "report",
     "write_comparison": "report.comparison",
     "reproduce_paper": "reproduce",
@@ -160,8 +200,11 @@ _HOMES = {
     "measure_round_trip": "simulate.round_trip",
     "load_scene": "simulate.scenes.sources",
     "bundled_sensors": "specs",
+    "load_camera": "specs",
     "load_sensor": "specs",
+    "parse_camera": "specs",
     "parse_sensor": "specs",
+    "save_camera": "specs",
     "save_sensor": "specs",
     "dewarp_pictures": "straighten",
     "Recording": "straighten",

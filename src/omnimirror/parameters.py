@@ -1,13 +1,15 @@
-"""How a part of a sensor describes its parameters to whoever reads, checks or varies them."""
+"""How a part of a sensor describes its parameters to whoever reads, checks or varies them; how sure they are."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from .arguments import numbers, shown
+from .arguments import finite, numbers, shown
 from .errors import InvalidParameter
 
 
@@ -35,3 +37,74 @@ class Parameter:
                 label = f"{name}[{i}]" if np.ndim(value) else name
                 unit = f" {self.unit}" if self.unit else ""
                 raise InvalidParameter(f"{label} = {number:g}{unit} is outside {self.low:g} to {self.high:g}{unit}")
+
+
+NEGATIVE = -1e-9  # of its largest, an eigenvalue of a covariance that rounding may have made
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """Covariance of estimated parameters; those that it does not name were given.
+
+    Parameters
+    ----------
+    names
+        Of the parameters.
+    covariance : (n, n)
+        In their units.
+
+    Raises
+    ------
+    InvalidParameter
+        For what is no covariance.
+
+    Examples
+    --------
+    >>> Uncertainty(("cx", "cy"), ((0.04, 0.0), (0.0, 0.09))).sigmas
+    {'cx': 0.2, 'cy': 0.3}
+    """
+
+    names: tuple[str, ...]
+    covariance: tuple[tuple[float, ...], ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "names", tuple(self.names))
+        object.__setattr__(self, "covariance", tuple(tuple(float(x) for x in row) for row in self.covariance))
+        count = len(self.names)
+        if not count or len(set(self.names)) != count:
+            raise InvalidParameter(f"names = {shown(self.names)} are not names of parameters, each once")
+        if len(self.covariance) != count or any(len(row) != count for row in self.covariance):
+            raise InvalidParameter(f"covariance is no matrix ({count}, {count}), one row for each of {count} names")
+        matrix = finite("covariance", self.covariance)
+        scale = np.sqrt(np.abs(np.diag(matrix)))
+        scale[scale == 0] = 1.0
+        correlations = matrix / np.outer(scale, scale)
+        if not np.allclose(correlations, correlations.T, rtol=0, atol=1e-9):
+            raise InvalidParameter("covariance is not symmetric")
+        values = np.linalg.eigvalsh(correlations)
+        if values[0] < NEGATIVE * values[-1]:
+            raise InvalidParameter("covariance is no covariance: it has a negative eigenvalue")
+
+    @property
+    def sigmas(self) -> dict[str, float]:
+        """Standard error of each parameter."""
+        return {
+            name: float(row[i] ** 0.5) for i, (name, row) in enumerate(zip(self.names, self.covariance, strict=True))
+        }
+
+    def of(self, names: Sequence[str]) -> NDArray[np.float64]:
+        """Covariance (n, n) of named parameters, 0 for those that were given.
+
+        Raises
+        ------
+        InvalidParameter
+            Others are known than these.
+        """
+        if others := set(self.names) - set(names):
+            raise InvalidParameter(
+                f"the uncertainty is one of {', '.join(sorted(others))} too; the parameters are {', '.join(names)}"
+            )
+        place = [list(names).index(name) for name in self.names]
+        matrix = np.zeros((len(names), len(names)))
+        matrix[np.ix_(place, place)] = self.covariance
+        return matrix

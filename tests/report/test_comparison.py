@@ -78,5 +78,5 @@ def test_from_the_command_line(tmp_path):
     assert "112.1 *" in run.stdout
     assert (tmp_path / "c.csv").read_text().startswith("quantity,paper-spherical,folded-spherical\n")
     wrong = omnimirror("compare", *["paper-spherical"] * 7, cwd=tmp_path)
-    assert wrong.returncode == 1
+    assert wrong.returncode == 2
     assert "7 sensors do not fit" in wrong.stderr

@@ -34,7 +34,7 @@ def client():
 
 def question(sensor: om.Sensor, **changes) -> dict:
     plain = {"slot": 0, "number": 1, "tables": tables_of(sensor), "follows": False, "object_distance_mm": None}
-    return {**plain, "section": False, "squares": False, "wanted": None, **changes}
+    return {**plain, "section": False, "squares": False, "requirements": None, **changes}
 
 
 def unpacked(data: bytes) -> tuple[dict, dict[str, dict[str, np.ndarray]]]:
@@ -140,7 +140,7 @@ def test_a_lens_that_follows_stands_where_the_mapping_needs_it(client):
 
 def test_requirements_are_judged_by_their_worst_angle_and_distance(client):
     sensor = om.load_sensor("paper-spherical")
-    (header, _), *_ = ask(client, question(sensor, wanted=WANTED))
+    (header, _), *_ = ask(client, question(sensor, requirements=WANTED))
     rows = {row["name"]: row for row in header["rows"]}
     omega = np.linspace(0, 130, 4001)
     worst = max(np.hypot([e.blur_t_px, e.blur_s_px], e.airy_px).max() for e in (
@@ -153,9 +153,9 @@ def test_requirements_are_judged_by_their_worst_angle_and_distance(client):
     assert not rows["resolution_px_per_deg"]["is_met"]
     assert rows["resolution_px_per_deg"]["omega_deg"] == pytest.approx(130.0)
     assert rows["omega_max_deg"]["is_met"]
-    (header, _), *_ = ask(client, question(sensor, wanted={"field": {"omega_max_deg": 500}}))
+    (header, _), *_ = ask(client, question(sensor, requirements={"field": {"omega_max_deg": 500}}))
     assert header["rows"] == []
-    assert "omega_max_deg" in header["wanted_trouble"]
+    assert "omega_max_deg" in header["requirements_trouble"]
 
 
 # -- other kinds ---------------------------------------------------------------------------------------
@@ -218,7 +218,7 @@ def test_a_requirement_file_is_opened_and_written_without_loss(client):
     opened = client.post("/api/bench/open", params={"name": "wanted.toml"}, content=text).json()
     assert opened["sensor"] is None
     sensor = om.load_sensor("paper-spherical")
-    again = post(client, "requirements", wanted=opened["wanted"], tables=tables_of(sensor)).text
+    again = post(client, "requirements", requirements=opened["requirements"], tables=tables_of(sensor)).text
     asked, got = parse_requirements(text), parse_requirements(again)
     assert (got.field, got.mirror, got.lens, got.limits) == (asked.field, asked.mirror, asked.lens, asked.limits)
 
@@ -254,8 +254,8 @@ def test_no_question_makes_the_server_read_a_file(client):
     (header, _), *_ = ask(client, question(sensor, tables=tables))
     assert "names another file" in header["trouble"]["sentence"]
     mirror = {"mapping": "tabulated-mapping", "mapping_csv": "/etc/passwd", "rim_radius_mm": 40.0}
-    (header, _), *_ = ask(client, question(sensor, wanted={**WANTED, "mirror": mirror}))
-    assert "names another file" in header["wanted_trouble"]
+    (header, _), *_ = ask(client, question(sensor, requirements={**WANTED, "mirror": mirror}))
+    assert "names another file" in header["requirements_trouble"]
 
 
 @pytest.mark.parametrize("entry", [None, [], {}, "x", -1, [[1]], 1e300])
@@ -268,8 +268,8 @@ def test_tables_that_make_no_sense_are_refused_with_a_sentence(entry, client):
     assert all(header["trouble"] or header["facts"] for header, _ in answers)
     assert sum(header["trouble"] is not None for header, _ in answers) >= 5
     wanted = [{**WANTED, "limit": [entry]}, {**WANTED, "field": entry}, {**WANTED, "mirror": entry}]
-    answers = ask(client, *(question(om.load_sensor("paper-spherical"), wanted=w) for w in wanted))
-    assert all(header["wanted_trouble"] for header, _ in answers)
+    answers = ask(client, *(question(om.load_sensor("paper-spherical"), requirements=w) for w in wanted))
+    assert all(header["requirements_trouble"] for header, _ in answers)
 
 
 def test_what_is_no_question_ends_the_connection_with_a_sentence(client):
@@ -298,8 +298,8 @@ def test_the_preview_is_the_simulated_picture_made_small(client):
 
 def task(**changes) -> dict:
     sensor = om.load_sensor("paper-spherical")
-    plain = {"what": "optimise", "tables": tables_of(sensor), "wanted": None, "merit": "worst_blur_deg"}
-    return {**plain, "terms": 3, "starts": 1, "family": "even-polynomial", "object_distance_mm": None, **changes}
+    plain = {"what": "optimise", "tables": tables_of(sensor), "requirements": None, "merit": "worst_blur_deg"}
+    return {**plain, "terms": 3, "starts": 1, "shape": "polynomial", "object_distance_mm": None, **changes}
 
 
 def test_an_optimised_mirror_comes_with_news_on_the_way(client):
@@ -352,7 +352,7 @@ def test_the_mirror_of_a_telecentric_lens_is_optimised_and_its_image_stays_as_la
 @pytest.mark.parametrize("name", ["paraboloid-telecentric", "paper-hyperboloidal", "folded-hyperboloidal"])
 def test_a_requirement_file_carries_the_lens_of_its_sensor(name, client):
     sensor = om.load_sensor(name)
-    lens = parse_requirements(post(client, "requirements", wanted=WANTED, tables=tables_of(sensor)).text).lens
+    lens = parse_requirements(post(client, "requirements", requirements=WANTED, tables=tables_of(sensor)).text).lens
     assert lens.kind == sensor.lens.KIND
     if name == "paraboloid-telecentric":
         assert lens.f_number == pytest.approx(sensor.lens.working_f_number)
@@ -402,7 +402,7 @@ def test_a_sensor_is_designed_from_requirements(client):
     wanted = {**WANTED, "mirror": {"mapping": "equidistant", "rim_radius_mm": 40.0}, "lens": {"theta_max_deg": 12.0}}
     wanted["limit"] = [{"quantity": "resolution_px_per_deg", "at_least": 3.0}]
     with client.websocket_connect("ws://127.0.0.1/api/bench/work") as socket:
-        socket.send_json(task(what="design", wanted=wanted))
+        socket.send_json(task(what="design", requirements=wanted))
         news = socket.receive_json()
         while news["state"] == "running":
             news = socket.receive_json()

@@ -72,8 +72,8 @@ def test_sigterm_ends_the_server_and_its_searches():
     from websockets.sync.client import connect
 
     task = {
-        "what": "optimise", "tables": tables_of(om.load_sensor("paper-spherical")), "wanted": None, "terms": 12,
-        "object_distance_mm": None, "merit": "worst_blur_deg", "family": "slope-spline", "starts": 8,
+        "what": "optimise", "tables": tables_of(om.load_sensor("paper-spherical")), "requirements": None, "terms": 12,
+        "object_distance_mm": None, "merit": "worst_blur_deg", "shape": "spline", "starts": 8,
     }  # fmt: skip
     words = [sys.executable, "-m", "omnimirror", "studio", "--no-open"]
     with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as server:

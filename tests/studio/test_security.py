@@ -75,7 +75,7 @@ def answers(client: TestClient, tables: dict) -> list[str]:
     wanted = tables if "field" in tables else {}
     on, distance = {"tables": SPHERE if wanted else tables}, {"object_distance_mm": None}
     questions = {
-        "requirements": {**on, "wanted": wanted},
+        "requirements": {**on, "requirements": wanted},
         "file": {**on, **distance, "kind": "sensor"},
         "picture": {**on, "width_px": 32, "samples": 1},
         "change": {**on, **distance, "what": "mirror", "to": "cone"},
@@ -85,10 +85,10 @@ def answers(client: TestClient, tables: dict) -> list[str]:
     said += [client.post(f"/api/bench/{way}", json=questions[way]).text for way in asked]
     with client.websocket_connect("ws://127.0.0.1/api/bench/ask") as socket:
         plain = {"slot": 0, "number": 1, "follows": False, "section": False, "squares": False}
-        socket.send_json({**plain, **on, **distance, "wanted": wanted or None})
+        socket.send_json({**plain, **on, **distance, "requirements": wanted or None})
         said.append(str(socket.receive()))
-    search = {"what": "design", "merit": "worst_blur_deg", "family": "slope-spline", "terms": 1, "starts": 1}
-    perform(Task(**search, **on, **distance, wanted=wanted or None), lambda news: said.append(news.sentence))
+    search = {"what": "design", "merit": "worst_blur_deg", "shape": "spline", "terms": 1, "starts": 1}
+    perform(Task(**search, **on, **distance, requirements=wanted or None), lambda news: said.append(news.sentence))
     return said
 
 

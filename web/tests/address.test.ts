@@ -14,7 +14,7 @@ const STATES: Partial<State>[] = [
   { source: "server:0/über uns.jpg", sensor: "file:abc" },
   { looks: "forward", forward: -90.5, flipped: false, pitch: 3.25, roll: -2.5 },
   { flipped: true, sensor: "ball:320" },
-  { tab: "design", design: JSON.stringify({ tables: { mirror: { kind: "sphere" } }, wanted: null }) },
+  { tab: "design", design: JSON.stringify({ tables: { mirror: { kind: "sphere" } }, requirements: null }) },
 ];
 
 test.each(STATES)("%j comes back", (change) => {

@@ -30,8 +30,8 @@ test("files are handed up, objects as JSON", async () => {
   const file = new Blob(["x"]);
   await api.loadSensor(file, "my sensor.toml");
   expect(asked[0]).toEqual(["api/sensors?name=my+sensor.toml&optics=mirror", { method: "POST", body: file }]);
-  await api.requirements({ wanted: {}, tables: { name: "ü" } });
-  expect(asked.at(-1)![1]).toMatchObject({ method: "POST", body: '{"wanted":{},"tables":{"name":"ü"}}' });
+  await api.requirements({ requirements: {}, tables: { name: "ü" } });
+  expect(asked.at(-1)![1]).toMatchObject({ method: "POST", body: '{"requirements":{},"tables":{"name":"ü"}}' });
 });
 
 test.each<[Response, string]>([
@@ -55,10 +55,10 @@ test("a server that is silent is away", async () => {
 });
 
 test("a file has the name that the server gives it", async () => {
-  const wanted = { tables: {}, kind: "sag", object_distance_mm: null } as const;
+  const asked = { tables: {}, kind: "sag", object_distance_mm: null } as const;
   answering(new Response("r,z", { headers: { "content-disposition": 'attachment; filename="mine-sag.csv"' } }), new Response("r,z"));
-  expect((await api.download(wanted)).name).toBe("mine-sag.csv");
-  expect((await api.download(wanted)).name).toBe("design");
+  expect((await api.download(asked)).name).toBe("mine-sag.csv");
+  expect((await api.download(asked)).name).toBe("design");
 });
 
 /** As omnimirror.studio.bench.framing writes them: length, JSON padded with blanks, bytes. */

@@ -22,7 +22,7 @@ const DESIGN: Design = {
   tables: { name: "mine", mirror: { kind: "sphere", radius_mm: 25, rim_radius_mm: 40 }, lens: { kind: "perspective", focal_length_mm: 8 }, imager: { width_px: 1024 }, mount: { mirror_distance_mm: 150 } },
   follows: false,
   distance: 2000,
-  wanted: { field: { omega_max_deg: 120 }, limit: [{ quantity: "blur_px", at_most: 3 }] },
+  requirements: { field: { omega_max_deg: 120 }, limit: [{ quantity: "blur_px", at_most: 3 }] },
 };
 
 const changed = (change: (d: any) => void): Design => {
@@ -32,11 +32,11 @@ const changed = (change: (d: any) => void): Design => {
 };
 
 describe("addresses", () => {
-  test.each([DESIGN, { ...DESIGN, distance: null, wanted: null }, { ...DESIGN, follows: true }])("a design comes back", (design) => expect(fromAddress(inAddress(design), PARTS)).toEqual(design));
+  test.each([DESIGN, { ...DESIGN, distance: null, requirements: null }, { ...DESIGN, follows: true }])("a design comes back", (design) => expect(fromAddress(inAddress(design), PARTS)).toEqual(design));
 
   test("what an older page left out is as at first", () => {
     const { tables } = DESIGN;
-    expect(fromAddress(JSON.stringify({ tables, colour: "red" }), PARTS)).toEqual({ tables, follows: false, distance: null, wanted: null });
+    expect(fromAddress(JSON.stringify({ tables, colour: "red" }), PARTS)).toEqual({ tables, follows: false, distance: null, requirements: null });
   });
 
   test("one that was cut off is said to be", () => expect(fromAddress(inAddress(DESIGN).slice(0, -9), PARTS)).toBe("The design of the address cannot be read: it is cut off or changed."));
@@ -64,10 +64,10 @@ describe("what is no design says what it lacks", () => {
     [changed((d) => (d.tables.secondary = { kind: "flat", radius_mm: 5 })), "it lacks secondary.z_mm"],
     [changed((d) => (d.distance = "far")), 'the distance of its objects is "far"'],
     [changed((d) => (d.tables.name = 7)), "name = 7 is no text"],
-    [changed((d) => (d.wanted.field = [])), "its requirements lack [field]"],
-    [changed((d) => (d.wanted.field = {})), "its requirements lack field.omega_max_deg"],
-    [changed((d) => (d.wanted.limit = {})), "its requirements have limits that are no list"],
-    [changed((d) => (d.wanted.limit = [{ quantity: "beauty" }])), 'its requirements limit "beauty", which is no quantity'],
+    [changed((d) => (d.requirements.field = [])), "its requirements lack [field]"],
+    [changed((d) => (d.requirements.field = {})), "its requirements lack field.omega_max_deg"],
+    [changed((d) => (d.requirements.limit = {})), "its requirements have limits that are no list"],
+    [changed((d) => (d.requirements.limit = [{ quantity: "beauty" }])), 'its requirements limit "beauty", which is no quantity'],
   ])("%j", (found, said) => {
     expect(lacking(found, PARTS)).toBe(said);
     expect(fromAddress(JSON.stringify(found), PARTS)).toBe(`The design of the address is not whole: ${said}.`);

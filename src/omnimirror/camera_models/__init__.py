@@ -2,18 +2,41 @@
 
 from .ball import MirrorBall
 from .base import CameraModel, Image, ModelParameter
+from .kannala_brandt import KannalaBrandt
 from .ocam import OCam, load_ocam, parse_ocam
 from .radial import RadialModel
-from .spheres import Unified
+from .spheres import DoubleSphere, EnhancedUnified, Unified
+from .splines import RadialSpline, ViewpointSpline
+
+CAMERAS: dict[str, type[RadialModel]] = {
+    cls.KIND: cls
+    for cls in (
+        Unified,
+        EnhancedUnified,
+        DoubleSphere,
+        KannalaBrandt,
+        OCam,
+        RadialSpline,
+        ViewpointSpline,
+        MirrorBall,
+    )
+}
+"""Camera models by the kinds that files name."""
 
 __all__ = [
+    "CAMERAS",
     "CameraModel",
+    "DoubleSphere",
+    "EnhancedUnified",
     "Image",
+    "KannalaBrandt",
     "MirrorBall",
     "ModelParameter",
     "OCam",
     "RadialModel",
+    "RadialSpline",
     "Unified",
+    "ViewpointSpline",
     "load_ocam",
     "parse_ocam",
 ]

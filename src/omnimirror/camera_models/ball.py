@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from ..arguments import number
 from ..errors import InvalidParameter
 from ..frames import Mount
+from ..parameters import Uncertainty
 from .base import Optics
 from .radial import Law, Place, RadialModel
 
@@ -35,6 +36,8 @@ class MirrorBall(RadialModel):
     image_size : (width, height)
     mount
         How the camera that looks at the ball stands.
+    uncertainty : Uncertainty, optional
+        Covariance of the parameters, of a calibration.
 
     Raises
     ------
@@ -55,6 +58,7 @@ class MirrorBall(RadialModel):
     field_deg: float
     image_size: tuple[int, int]
     mount: Mount = field(default_factory=Mount)
+    uncertainty: Uncertainty | None = field(default=None, repr=False)
     optics: Optics = field(default="mirror", init=False, repr=False)
 
     KIND = "ball"

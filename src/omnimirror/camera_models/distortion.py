@@ -17,6 +17,8 @@ Rows = tuple[Array, Array]
 SLOWEST = 0.01  # of the rate at the centre, below which a fitted polynomial says nothing of the optics
 NODES = 257  # of the table from which inversions start
 MOST_STEPS = 30
+NOTHING = 1e-60  # a coefficient as small as this moves nothing, and would overflow where it divides
+LARGEST_COEFFICIENT = 1e12
 CLOSE = 1e-9  # a Newton step this small (relative) leaves an error of about its square
 
 
@@ -59,10 +61,7 @@ class Distortion(NamedTuple):
 
     def end(self) -> float:
         """Radius where the distorted one all but stops growing (1 % of its rate at the centre); else infinite."""
-        rest = np.trim_zeros(np.array([1 - SLOWEST, 3 * self.k1, 5 * self.k2, 7 * self.k3]), "b")
-        roots = polyroots(rest)
-        squares = roots.real[(abs(roots.imag) <= 1e-9 * abs(roots)) & (roots.real > 0)]
-        return float(np.sqrt(squares.min(initial=np.inf)))
+        return float(np.sqrt(first_root(np.array([1 - SLOWEST, 3 * self.k1, 5 * self.k2, 7 * self.k3]))))
 
     def undone(self, radius: Array, end: float) -> Array:
         """Radii (n,) up to ``end`` of distorted radii, by the radial part alone; beyond, ``end``."""
@@ -131,6 +130,13 @@ class Distortion(NamedTuple):
                 if not unsolved.any():
                     break
         return px, py, (determinant > 0) & ~unsolved
+
+
+def first_root(coefficients: Array) -> float:
+    """Smallest root above 0 of a polynomial, infinite if there is none."""
+    known = np.flatnonzero(np.abs(coefficients) > NOTHING)
+    roots = polyroots(coefficients[: known[-1] + 1])
+    return float(roots.real[(abs(roots.imag) <= 1e-9 * abs(roots)) & (roots.real > 0)].min(initial=np.inf))
 
 
 def _reach(distortion: Distortion, far: float) -> float:

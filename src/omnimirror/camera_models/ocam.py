@@ -25,6 +25,7 @@ from ..files import read_text
 from ..frames import Mount
 from ..numerics.lazy import cached_property
 from ..numerics.roots import increasing_root
+from ..parameters import Uncertainty
 from .base import Optics
 from .distortion import SLOWEST
 from .radial import Law, Place, RadialModel
@@ -60,6 +61,8 @@ class OCam(RadialModel):
         How the camera stands.
     rim_radius_px : px, optional
         Where the field ends, measured in the picture.
+    uncertainty : Uncertainty, optional
+        Covariance of the parameters, of a calibration.
 
     Raises
     ------
@@ -82,8 +85,10 @@ class OCam(RadialModel):
     optics: Optics = "mirror"
     mount: Mount = field(default_factory=Mount)
     rim_radius_px: float | None = None
+    uncertainty: Uncertainty | None = field(default=None, repr=False)
 
     KIND = "ocam"
+    AFFINE = (((0.0, 0.0), (0.0, 1.0)), ((0.0, 0.0), (1.0, 0.0)))
 
     def __post_init__(self) -> None:
         self._check_radial()

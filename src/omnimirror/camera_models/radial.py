@@ -54,17 +54,15 @@ class Law(NamedTuple):
     """(n, q) derivatives to the parameters of the law."""
 
 
-class Angle(NamedTuple):
-    """Field angles of points."""
+class AngleRates(NamedTuple):
+    """Derivatives of the field angles of points."""
 
-    omega: Array
-    """(n,) radians; NaN where there is none."""
-    d_rho: Array
-    """(n,) derivative to the distance from the axis."""
-    d_z: Array
-    """(n,) derivative to the height along the axis."""
+    rho: Array
+    """(n,) to the distance from the axis."""
+    z: Array
+    """(n,) to the height along the axis."""
     terms: Array | None = None
-    """(n, q) derivatives to the parameters of the viewpoint; None for the one viewpoint of a central model."""
+    """(n, q) to the parameters of the viewpoint; None for the one viewpoint of a central model."""
 
 
 class RadialModel(CameraModel):
@@ -112,16 +110,24 @@ class RadialModel(CameraModel):
         """Pixels per unit of the law."""
         return 1.0
 
-    def _field_angle(self, rho: Array, z: Array, distant: bool) -> Angle:
-        """Field angles of points at distances from the axis and heights along it."""
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore", under="ignore"):
-            square = rho * rho + z * z
-            omega = np.where(rho + np.abs(z) > 0, np.arctan2(rho, z), np.nan)
-            return Angle(omega, z / square, -rho / square)
+    def _field_angle(self, rho: Array, z: Array, distant: bool) -> Array:
+        """Field angles of points at distances from the axis and heights along it; NaN where there is none."""
+        with np.errstate(invalid="ignore"):
+            return np.where(rho + np.abs(z) > 0, np.arctan2(rho, z), np.nan)
 
-    def _viewpoint_mm(self, omega: Array) -> Array | None:
-        """How far along the axis rays of field angles start; None where all start at the origin."""
-        return None
+    def _angle_rates(self, omega: Array, rho: Array, z: Array, distant: bool) -> AngleRates:
+        """Their derivatives."""
+        square = rho * rho + z * z
+        return AngleRates(z / square, -rho / square)
+
+    def _ray_starts(self, omega: Array) -> tuple[Array, Array]:
+        """How far from the axis, mm, and along it rays of field angles start."""
+        return np.zeros_like(omega), np.zeros_like(omega)
+
+    @property
+    def is_central(self) -> bool:
+        """Whether all rays start at one point, the origin."""
+        return True
 
     # -- parameters --------------------------------------------------------------------------------
 
@@ -131,11 +137,11 @@ class RadialModel(CameraModel):
         return tuple(ModelParameter(p.name, float(self._at(p)), p.unit, p.scale) for p in self._all_places)
 
     def with_parameters(self, values: Sequence[float] | Array) -> Self:
-        """The same model with other values of its parameters.
+        """The same model with other values of its parameters, of which no uncertainty is known.
 
         Parameters
         ----------
-        values : (p,)
+        values : (n,) numbers
             In the order of :attr:`parameters`.
 
         Returns
@@ -160,7 +166,7 @@ class RadialModel(CameraModel):
                 changes.setdefault(place.field, list(getattr(self, place.field)))[place.item] = value
         model: DataclassInstance = self  # type: ignore[assignment]  # every model is a dataclass
         changed = {k: tuple(v) if isinstance(v, list) else v for k, v in changes.items()}
-        return replace(model, **changed)  # type: ignore[return-value]
+        return replace(model, **changed, uncertainty=None)  # type: ignore[return-value]
 
     @cached_property
     def _all_places(self) -> tuple[Place, ...]:
@@ -204,11 +210,12 @@ class RadialModel(CameraModel):
         signs = self._signs
         x, y, z = (points * signs).T
         rho, (ux, uy) = _length_and_unit(x, y)
-        angle = self._field_angle(rho, z, distant)
-        with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
-            valid = angle.omega <= self.model_end
-            law = self._law(np.minimum(angle.omega, self.model_end))
-            meridional = law.rate * angle.d_rho
+        omega = self._field_angle(rho, z, distant)
+        with np.errstate(invalid="ignore", over="ignore", divide="ignore", under="ignore"):
+            valid = (omega <= self.model_end) & np.isfinite(ux)
+            law = self._law(np.minimum(omega, self.model_end))
+            angle = self._angle_rates(omega, rho, z, distant)
+            meridional = law.rate * angle.rho
             across = np.where(rho > ROUNDING * np.abs(z), law.radius / rho, meridional)
             rx, ry = law.radius * ux, law.radius * uy
             at = self.distortion.applied(rx, ry)
@@ -218,7 +225,7 @@ class RadialModel(CameraModel):
             d_points = np.empty((len(points), 2, 3))
             step.put(d_points, 0, signs[0] * (across + extra * ux * ux), signs[0] * extra * ux * uy)
             step.put(d_points, 1, extra * ux * uy, across + extra * uy * uy)
-            along = signs[2] * law.rate * angle.d_z
+            along = signs[2] * law.rate * angle.z
             step.put(d_points, 2, along * ux, along * uy)
             d_parameters = self._parameter_derivatives(step, (rx, ry), (at.x, at.y), (ux, uy), law, angle)
         pixels = turned(np.stack([at.x, at.y], axis=-1), matrix.T) + self.centre_px
@@ -232,7 +239,7 @@ class RadialModel(CameraModel):
         distorted: tuple[Array, Array],
         side: tuple[Array, Array],
         law: Law,
-        angle: Angle,
+        angle: AngleRates,
     ) -> Array:
         terms = law.terms if angle.terms is None else np.hstack([law.terms, law.rate[:, None] * angle.terms])
         q = terms.shape[1]
@@ -340,20 +347,13 @@ class RadialModel(CameraModel):
             return None
         x, y, _ = self.mount.rotation().T
         right, down = self._signs[0] * x, self._signs[1] * y
-        origin = None
-        if self._viewpoint_mm(np.zeros(1)) is not None:
-            origin = self._origin_mm
+        starts = None if self.is_central else self._ray_starts
         return AxialSymmetry(
-            self.centre_px, self.axis, right, down, 0.0, self.omega_max, self.radius_from_omega, origin
+            self.centre_px, self.axis, right, down, 0.0, self.omega_max, self.radius_from_omega, starts
         )
 
-    def _origin_mm(self, omega: Array) -> tuple[Array, Array]:
-        along = self._viewpoint_mm(omega)
-        assert along is not None
-        return np.zeros_like(along), along
-
     def backproject(self, pixels: ArrayLike) -> Rays:
-        """Rays of pixels (n, 2) px; every origin is a viewpoint on the axis, (0, 0, 0) for a central model.
+        """Rays of pixels (n, 2) px; every origin is the viewpoint, (0, 0, 0), for a central model.
 
         Pixels outside the picture or the model's field are not valid and NaN.
 
@@ -374,12 +374,13 @@ class RadialModel(CameraModel):
         valid = inside_image(pixels, self.image_size) & found
         omega = self._law_inverse(np.minimum(radius[valid], end))
         signs = self._signs
-        in_camera = np.stack([np.sin(omega) * ux[valid], np.sin(omega) * uy[valid], np.cos(omega)], axis=-1) * signs
         origins, directions = np.full((2, *radius.shape, 3), np.nan)
-        origins[valid] = 0.0
-        if (along := self._viewpoint_mm(omega)) is not None:
-            origins[valid] = along[:, None] * self.axis
-        directions[valid] = turned(in_camera, self.mount.rotation().T)
+        for rays, (across, along) in (
+            (directions, (np.sin(omega), np.cos(omega))),
+            (origins, self._ray_starts(omega)),
+        ):
+            in_camera = np.stack([across * ux[valid], across * uy[valid], along], axis=-1) * signs
+            rays[valid] = turned(in_camera, self.mount.rotation().T)
         return Rays(origins, directions, valid)
 
     def project(self, points_mm: ArrayLike) -> Projection:
@@ -415,7 +416,7 @@ class RadialModel(CameraModel):
     def _projected(self, world: ArrayLike, distant: bool) -> Projection:
         in_camera = turned(world, self.mount.rotation()) * self._signs
         rho, (ux, uy) = _length_and_unit(in_camera[..., 0], in_camera[..., 1])
-        omega = self._field_angle(rho, in_camera[..., 2], distant).omega
+        omega = self._field_angle(rho, in_camera[..., 2], distant)
         with np.errstate(invalid="ignore"):
             seen = (omega <= self.omega_max * (1 + ROUNDING)) & np.isfinite(ux)
         radius = self._law_radius(np.minimum(omega[seen], self.omega_max))

@@ -13,13 +13,14 @@ from typing import Any
 import click
 
 from .. import __version__
-from ..errors import OmnimirrorError
+from ..errors import InvalidParameter, OmnimirrorError
 from .streams import forget_output, one_line, prepare
 
 COMMANDS = {
     "sensors": "List the sensors that come with omnimirror.",
     "init": "Write a commented sensor file to start from.",
     "design": "Design a sensor from requirements, optimise it, and say what conflicts.",
+    "judge": "Compare a sensor with requirements, and say the margins.",
     "mappings": "List the mappings that a mirror can be generated for.",
     "evaluate": "Evaluate a sensor: mapping, viewpoints, virtual images, blur.",
     "export": "Write CAD files, lens files, tables and a drawing of a sensor.",
@@ -32,6 +33,7 @@ COMMANDS = {
     "dewarp": "Straighten a picture taken with a mirror or fisheye.",
     "view": "Look around in a picture, video or stream, in the browser.",
     "studio": "Open the workbench in the browser.",
+    "convert": "Take a camera from one program's file to another's.",
     "apertures": "Find the F-number and focus with the least blur and diffraction.",
     "bracket": "Plan pictures at several focus distances, and merge them into a sharp one.",
     "parts": "Choose a lens and an imager that can be bought.",
@@ -40,8 +42,9 @@ COMMANDS = {
 }
 """Every command with its one line of help."""
 ROOMS = {
+    "calibration": {"convert"},
     "evaluation": {"compare", "evaluate", "illumination", "mtf", "psf", "reproduce", "sensors", "spots"},
-    "design": {"apertures", "design", "export", "init", "mappings", "parts"},
+    "design": {"apertures", "design", "export", "init", "judge", "mappings", "parts"},
     "pictures": {"bracket", "demo", "dewarp", "simulate", "studio", "view"},
 }
 """In which room of :mod:`omnimirror.cli.commands` the module of a command's name stands; it holds ``command``."""
@@ -117,7 +120,7 @@ def main(args: list[str] | None = None) -> None:
 
 
 def explained(error: Exception) -> tuple[str, int]:
-    """The sentence for an error, and the exit code."""
+    """The sentence for an error, and the exit code: 2 where the command was not used as it can be, 1 for others."""
     match error:
         case click.exceptions.Abort():
             return "stopped", 130
@@ -126,6 +129,8 @@ def explained(error: Exception) -> tuple[str, int]:
             return f"{error.format_message().rstrip('.')}{where}", 2
         case click.ClickException():
             return error.format_message(), 1
+        case InvalidParameter():
+            return str(error), 2
         case OmnimirrorError():
             return str(error), 1
         case OSError():

@@ -5,14 +5,14 @@ from .construct.families import FAMILIES
 from .construct.fits import FitForm, FittedMirror, fit_mirror
 from .construct.mappings import generated_mirror
 from .construct.rim import MountedMirror, RimRay
+from .criteria.like import requirements_like
 from .criteria.limits import Limit
 from .criteria.requirement_file import format_requirements, load_requirements, parse_requirements
 from .criteria.requirements import FieldRequirements, LensRequirements, MirrorRequirements, Requirements
-from .optimise.front import Front, load_front, pareto
 from .optimise.lower_bound import BlurBound, blur_bound
 from .optimise.optimiser import Optimum
-from .optimise.problem import DesignProblem
 from .solve.designer import Design, SearchOptions, design_sensor
+from .solve.front import Front, load_front, pareto
 from .solve.verdict import Judgement, Verdict, judge
 
 __all__ = [
@@ -20,7 +20,6 @@ __all__ = [
     "MAPPINGS",
     "BlurBound",
     "Design",
-    "DesignProblem",
     "FieldRequirements",
     "FitForm",
     "FittedMirror",
@@ -45,4 +44,5 @@ __all__ = [
     "load_requirements",
     "pareto",
     "parse_requirements",
+    "requirements_like",
 ]

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Coefficients = tuple[float, float, float, float, float]
 """k1, k2, k3, p1, p2."""
+TERMS = ("k1", "k2", "k3", "p1", "p2")
 
 MAX_STEPS = 100
 TINY = 1e-9  # one over the square of a tangent that nothing reaches
@@ -32,6 +33,20 @@ def distorted(ideal: Array, brown: Coefficients) -> Array:
         unfolded = (ideal**2).sum(axis=-1) <= fold(brown[:3]) ** 2
     moved = _brown(ideal[..., 0], ideal[..., 1], brown)[0]
     return np.where(unfolded[..., None], moved, np.nan)
+
+
+def distorted_rates(ideal: Array, brown: Coefficients) -> tuple[Array, Array, Array]:
+    """The same for (n, 2), with derivatives (n, 2, 2) by the ideal image points and (n, 2, 5) by the coefficients.
+
+    >>> distorted_rates(np.array([[0.3, 0.4]]), (-0.1, 0.0, 0.0, 0.0, 0.0))[2][0, :, 0]  # x r^2, y r^2
+    array([0.075, 0.1  ])
+    """
+    x, y = ideal[:, 0], ideal[:, 1]
+    (xx, xy, yy), s = _brown(x, y, brown)[1], x * x + y * y
+    by_ideal = np.stack([np.stack([xx, xy], axis=-1), np.stack([xy, yy], axis=-1)], axis=1)
+    right = np.stack([x * s, x * s**2, x * s**3, 2 * x * y, s + 2 * x * x], axis=-1)
+    down = np.stack([y * s, y * s**2, y * s**3, s + 2 * y * y, 2 * x * y], axis=-1)
+    return distorted(ideal, brown), by_ideal, np.stack([right, down], axis=1)
 
 
 def undistorted(image: Array, brown: Coefficients) -> Array:

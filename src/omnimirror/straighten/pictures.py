@@ -17,7 +17,7 @@ from ..dewarp import Dewarper, views
 from ..dewarp.contracts import Border, Interpolation
 from ..dewarp.screens import View
 from ..dewarp.viewpoints import Viewpoint
-from ..errors import InvalidParameter, OmnimirrorError
+from ..errors import InvalidParameter
 from ..files import is_same_file, name_of
 from ..media import GPano, write_image
 from ..media.batch import PICTURES, Job, Results, expand_inputs, outputs_for, run_parallel
@@ -135,10 +135,10 @@ class PictureStraightener:
     def __call__(self, source: Path, output: Path) -> str:
         """Read, straighten and write one picture; what was done, in a sentence."""
         if is_same_file(output, source):
-            raise OmnimirrorError(f"{output} is the picture to straighten; write to another name")
+            raise InvalidParameter(f"{output} is the picture to straighten; write to another name")
         kind = format_of(output)
         if self.transparent and not kind.has_alpha:
-            raise OmnimirrorError(
+            raise InvalidParameter(
                 f"{output.suffix} files hold no transparency; write .png, .tif or .webp, or black outside the field"
             )
         picture, carried = read_picture(source)

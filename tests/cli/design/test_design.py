@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 
+import numpy as np
 import pytest
 
 import omnimirror as om
@@ -37,6 +38,29 @@ def test_what_cannot_be_met_is_explained_and_the_exit_code_says_so(tmp_path):
     assert om.load_sensor(tmp_path / "s.toml").mirror.KIND == "sphere"  # the best there is
     eased = omnimirror("design", "r.toml", "--f-number", 6, cwd=tmp_path)
     assert eased.returncode == 0, eased.stdout
+
+
+def test_any_sensor_is_judged_by_a_requirement_file(tmp_path):
+    """The sphere's coarsest resolution by its own evaluation; what is missed is told by the exit code too."""
+    file = tmp_path / "r.toml"
+    mirror = 'mirror = {family = "sphere", rim_radius_mm = [43, 44]}'
+    limit = '[[limit]]\nquantity = "dh_domega_px_per_deg"'
+    worst = om.evaluate(om.load_sensor("paper-spherical"), np.linspace(0, 130, 1001)).dh_domega_px_per_deg.min()
+    for at_least, code in ((worst - 1, 0), (worst + 1, 3)):
+        lines = "field.omega_max_deg = 130", mirror, "lens.focal_length_mm = 11.6", limit, f"at_least = {at_least}"
+        file.write_text("\n".join(lines))
+        run = omnimirror("judge", "r.toml", "paper-spherical", "--json", "t.json", cwd=tmp_path)
+        assert run.returncode == code, run.stderr
+        assert all(word in run.stdout for word in ("requirement", "asked", "reached", "margin"))
+        table = json.loads((tmp_path / "t.json").read_text())
+        assert table["is_met"] is (code == 0)
+        row = table["requirements"][-1]
+        assert (row["name"], row["reached"]) == ("dh_domega_px_per_deg", pytest.approx(worst, rel=1e-6))
+        assert row["margin"] == pytest.approx(worst - at_least, rel=1e-5)
+    assert json.loads(omnimirror("judge", file, "paper-spherical", "--json", "-").stdout) == table
+    assert "and the requirements are about one" in fails("judge", file, "paraboloid-telecentric")
+    housed = omnimirror("judge", file, "paper-spherical", "--camera-diameter-mm", 30, "--json", "-")
+    assert json.loads(housed.stdout)["requirements"][-1]["remarks"] != row["remarks"]
 
 
 @pytest.mark.parametrize(

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.design import DesignProblem
 from omnimirror.design.optimise.optimiser import optimise
+from omnimirror.design.optimise.problem import DesignProblem
 from tests.commands import fails, omnimirror
 
 REQUIREMENTS = """

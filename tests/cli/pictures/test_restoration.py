@@ -105,7 +105,7 @@ def test_a_bracket_is_planned_taken_and_merged(small, tmp_path):
     assert omnimirror(*merge, "175,207", cwd=tmp_path).returncode == 0
     assert om.read_image(tmp_path / "merged.png").shape == (128, 128, 3)
     run = omnimirror(*merge, "175", cwd=tmp_path)
-    assert run.returncode == 1
+    assert run.returncode == 2
     assert "2 pictures and 1 focus distances" in run.stderr
 
 

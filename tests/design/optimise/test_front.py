@@ -10,20 +10,26 @@ import pytest
 
 import omnimirror as om
 from omnimirror.design.criteria.limits import Limit
-from omnimirror.design.optimise.front import EPOCH, load_front, merit_values, pareto
 from omnimirror.design.optimise.optimiser import optimise
-from omnimirror.design.optimise.problem import DesignProblem
+from omnimirror.design.optimise.references import merit_values
+from omnimirror.design.solve.freeform import problem_of
+from omnimirror.design.solve.front import EPOCH, load_front, pareto
 from omnimirror.errors import InvalidParameter, OmnimirrorError
 from tests.design.answers import looked_at_again
 
-PROBLEM = DesignProblem(family="even-polynomial", terms=5)
+REQUIREMENTS = om.Requirements(
+    field=om.FieldRequirements(omega_max_deg=135),
+    mirror=om.MirrorRequirements(optimise="worst_floored_area_deg2", shape="polynomial:5", rim_radius_mm=43.9),
+    lens=om.LensRequirements(focal_length_mm=11.6, theta_max_deg=12),
+)
+PROBLEM = problem_of(REQUIREMENTS)
 MERITS = ("worst_floored_area_deg2", "inverse_area_ratio")
 SMALL = {"population": 24, "generations": 2 * EPOCH, "seed": 3}
 
 
 @pytest.fixture(scope="module")
 def front():
-    return pareto(PROBLEM, MERITS, population=60, generations=80)
+    return pareto(REQUIREMENTS, MERITS, population=60, generations=80)
 
 
 def test_no_design_of_a_front_is_beaten_by_another(front):
@@ -63,39 +69,55 @@ def test_the_papers_mirrors_are_beaten_by_the_front(front, name):
 
 def test_a_stopped_evolution_goes_on_as_if_it_had_not_been(tmp_path):
     merits, file = ("worst_blur_deg", "worst_aspect"), tmp_path / "front.parquet"
-    straight = pareto(PROBLEM, merits, **SMALL)
-    pareto(PROBLEM, merits, **{**SMALL, "generations": EPOCH}, resume=file)
+    straight = pareto(REQUIREMENTS, merits, **SMALL)
+    pareto(REQUIREMENTS, merits, **{**SMALL, "generations": EPOCH}, resume=file)
     told = []
-    resumed = pareto(PROBLEM, merits, **SMALL, resume=file, on_progress=lambda *done: told.append(done))
+    resumed = pareto(REQUIREMENTS, merits, **SMALL, resume=file, on_progress=lambda *done: told.append(done))
     np.testing.assert_array_equal(resumed.y, straight.y)
     np.testing.assert_array_equal(resumed.values, straight.values)
     assert told == [(2 * EPOCH, 2 * EPOCH)]
     loaded = load_front(file)
     np.testing.assert_array_equal(loaded.values, straight.values)
-    assert loaded.problem == PROBLEM
+    assert loaded.requirements == REQUIREMENTS
+    assert loaded.space.problem == PROBLEM
     assert loaded.sensor(0) == straight.sensor(0)
     with pytest.raises(OmnimirrorError, match="seed differ"):
-        pareto(PROBLEM, merits, **{**SMALL, "seed": 4}, resume=file)
+        pareto(REQUIREMENTS, merits, **{**SMALL, "seed": 4}, resume=file)
 
 
 def test_three_merits_and_a_limit():
-    problem = replace(PROBLEM, limits=(Limit("viewpoint_spread_mm", at_most=45.0),))
-    front = pareto(problem, (*MERITS, "worst_aspect"), population=40, generations=20)
+    limited = replace(REQUIREMENTS, limits=(Limit("viewpoint_spread_mm", at_most=45.0),))
+    front = pareto(limited, (*MERITS, "worst_aspect"), population=40, generations=20)
     assert front.values.shape[1] == 3
     for i in range(0, len(front), 5):
         assert looked_at_again(front.sensor(i))["viewpoint_spread_mm"] <= 45.0 * 1.001
 
 
+def test_a_design_of_a_front_is_judged_like_any_other(front):
+    """By the rows that the same requirements give of the same sensor, and named as the requirements say."""
+    design = front.design(1)
+    assert design.rows == om.judge(REQUIREMENTS, front.sensor(1)).rows
+    assert design.is_met
+    named = replace(front, space=replace(front.space, requirements=replace(REQUIREMENTS, name="mine")))
+    assert (named.design(1).sensor.name, design.sensor.name[:6]) == ("mine", "front-")
+    with pytest.raises(InvalidParameter, match="no design"):
+        front.design(len(front))
+
+
 def test_what_cannot_be_a_front_is_refused(tmp_path, monkeypatch):
+    with pytest.raises(InvalidParameter, match=r"give mirror\.optimise"):
+        pareto(REQUIREMENTS.changed(optimise=None, shape=None, family="sphere"))
+    with pytest.raises(InvalidParameter, match="leave out focus_mm"):
+        pareto(REQUIREMENTS.changed(focus_mm=200.0))
     with pytest.raises(InvalidParameter, match="two different merits"):
-        pareto(PROBLEM, ("worst_blur_deg", "worst_blur_deg"))
+        pareto(REQUIREMENTS, ("worst_blur_deg", "worst_blur_deg"))
     with pytest.raises(InvalidParameter, match="valid are worst_floored_area_deg2"):
-        pareto(PROBLEM, ("worst_blur_deg", "beauty"))
+        pareto(REQUIREMENTS, ("worst_blur_deg", "beauty"))
     with pytest.raises(InvalidParameter, match="population = 0"):
-        pareto(PROBLEM, population=0)
+        pareto(REQUIREMENTS, population=0)
     (tmp_path / "no.parquet").write_text("no front")
     with pytest.raises(OmnimirrorError, match="not a front"):
         load_front(tmp_path / "no.parquet")
     monkeypatch.setitem(sys.modules, "pymoo", None)
     with pytest.raises(OmnimirrorError, match=r"omnimirror\[design\]"):
-        pareto(PROBLEM)
+        pareto(REQUIREMENTS)

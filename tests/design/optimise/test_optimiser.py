@@ -199,7 +199,7 @@ def test_impossible_searches_are_refused():
     ]:
         with pytest.raises(InvalidParameter, match=sentence):
             optimise(problem, **options)
-    with pytest.raises(InvalidParameter, match="keeps all limits"):
+    with pytest.raises(OmnimirrorError, match="keeps all limits"):
         optimise(replace(problem, limits=(Limit("total_blur_deg", at_most=0.1),)), starts=1)
 
 

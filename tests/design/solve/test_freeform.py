@@ -11,9 +11,9 @@ import omnimirror as om
 from omnimirror.design import Limit, SearchOptions, parse_requirements
 from omnimirror.design.criteria.limits import LIMITABLE
 from omnimirror.design.criteria.merits import values_of_evaluation
-from omnimirror.design.optimise.front import merit_values
+from omnimirror.design.optimise.optimiser import optimise
 from omnimirror.design.optimise.problem import DesignProblem
-from omnimirror.design.optimise.references import known_sensors
+from omnimirror.design.optimise.references import known_sensors, merit_values
 from omnimirror.design.solve.designer import design_sensor
 from omnimirror.design.solve.freeform import problem_of, solve
 
@@ -175,7 +175,7 @@ def test_under_a_telecentric_lens_the_known_mirrors_come_out():
     R = 20.0 / np.tan(np.radians(60.0))
     known = (("inverse_area_ratio", 1.0, 0.0), ("worst_aspect", 1.0, -1.0), ("viewpoint_spread_mm", 0.0, -1.0))
     for merit, value, conic in known:
-        best = om.optimise(problem, merit, starts=1)
+        best = optimise(problem, merit, starts=1)
         assert best.value == pytest.approx(value, abs=1e-6)
         mirror = best.sensor.mirror
         x = np.linspace(0, 20.0, 50)

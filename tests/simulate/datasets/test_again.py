@@ -16,12 +16,22 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.errors import InvalidParameter
+from omnimirror.errors import InvalidParameter, MediaError
 from omnimirror.housing import CameraBody, Dome, Housing, Rim, Rod, Tube
 from omnimirror.media.keyframes import Keyframes
 from omnimirror.simulate import Detector, Hall, Radiometry, Room
-from omnimirror.simulate.datasets.calibration_set import write_calibration_set, write_video_set
-from omnimirror.simulate.datasets.recipe import load_arguments
+from omnimirror.simulate.datasets.calibration_set import (
+    take_pictures,
+    write_calibration_set,
+    write_video_set,
+)
+from omnimirror.simulate.datasets.recipe import (
+    CalibrationRecipe,
+    VideoRecipe,
+    format_of,
+    load_recipe,
+    record_of_recipe,
+)
 from omnimirror.simulate.scenes.sources import SceneSource
 from tests.commands import fails, omnimirror
 from tests.simulate.datasets.test_calibration_set import PATH, small
@@ -159,21 +169,28 @@ def test_a_set_that_cannot_begin_leaves_nothing(tmp_path):
 @pytest.mark.parametrize("reflectivity", [0.9, "gold", 0.96 + 6.69j, ("silver", 0.5, 1j + 2)])
 def test_a_recipe_holds_all_that_was_asked(tmp_path, shell, reflectivity):
     """For every argument of the writers, what is read is what was given."""
-    from omnimirror.simulate.datasets.recipe import recipe_of
-
-    asked = {
-        "sensor": replace(small(), housing=Housing(CameraBody(20.0), Rod(2 / 3), shell, Rim(1.0))),
-        "radiometry": Radiometry(reflectivity=reflectivity),
-        "detector": Detector(0.7, 1e4, 2.5, 12, "linear", "RGGB", 64.0),
-        "hall": Hall(12.5),
-        "path": Keyframes({"x_mm": ((0.0, 0.1), (1.0, 600.0))}, "linear"),
-        "scene": SceneSource("street", 50.0),
-        "seed": 7,
-    }
-    (tmp_path / "dataset.json").write_text(json.dumps({"recipe": recipe_of("video", asked)}))
-    kind, found = load_arguments(tmp_path / "dataset.json")
-    assert kind == "video"
+    asked = VideoRecipe(
+        sensor=replace(small(), housing=Housing(CameraBody(20.0), Rod(2 / 3), shell, Rim(1.0))),
+        radiometry=Radiometry(reflectivity=reflectivity),
+        detector=Detector(0.7, 1e4, 2.5, 12, "linear", "RGGB", 64.0),
+        path=Keyframes({"x_mm": ((0.0, 0.1), (1.0, 600.0))}, "linear"),
+        scene=SceneSource("street", 50.0),
+        seed=7,
+    )
+    written = {"format": format_of("video"), "recipe": record_of_recipe(asked)}
+    (tmp_path / "dataset.json").write_text(json.dumps(written))
+    found, made_by = load_recipe(tmp_path / "dataset.json")
     assert found == asked
+    assert made_by == version("omnimirror")
+
+
+def test_a_set_of_another_format_is_refused_by_its_name(tmp_path):
+    """Sets of format 2 held the housing beside the sensor, as 'hardware' and 'shell'."""
+    recipe = record_of_recipe(CalibrationRecipe(sensor=small())) | {"hardware": {"rod_radius_mm": 4.0}, "shell": None}
+    (tmp_path / "dataset.json").write_text(json.dumps({"format": "omnimirror calibration set 2", "recipe": recipe}))
+    said = fails("simulate", "dataset", "--again", tmp_path / "dataset.json", "-o", tmp_path / "other")
+    assert "is of the format 'omnimirror calibration set 2', and valid is 'omnimirror calibration set 3'" in said
+    assert not (tmp_path / "other").exists()
 
 
 def made_again(place, name, *options):
@@ -209,8 +226,9 @@ def test_a_calibration_set_made_again_is_the_same_byte_for_byte(tmp_path):
             sensor, tmp_path / "a", views=2, samples=1, blur=True, radiometry=dim, detector=camera, seed=5, hall=HALL
         )
     )
-    _, arguments = load_arguments(tmp_path / "a" / "dataset.json")
-    list(write_calibration_set(folder=tmp_path / "b", **arguments))
+    recipe, _ = load_recipe(tmp_path / "a" / "dataset.json")
+    assert isinstance(recipe, CalibrationRecipe)
+    list(take_pictures(recipe, tmp_path / "b"))
     assert contents(tmp_path / "a") == contents(tmp_path / "b")
 
 
@@ -224,14 +242,14 @@ def test_a_scene_that_changed_or_a_second_option_is_refused(place, tmp_path):
         "simulate", "dataset", "--again", description, "--seed", 4, "-o", tmp_path / "other"
     )
     om.write_image(tmp_path / "sky.hdr", np.ones((16, 32, 3), np.float32))
-    with pytest.raises(InvalidParameter, match=r"sky.hdr is not the file it was"):
-        load_arguments(description)
+    with pytest.raises(MediaError, match=r"sky.hdr is not the file it was"):
+        load_recipe(description)
     os.remove(tmp_path / "sky.hdr")
-    with pytest.raises(InvalidParameter, match=r"sky.hdr is not there"):
-        load_arguments(description)
+    with pytest.raises(MediaError, match=r"sky.hdr is not there"):
+        load_recipe(description)
     description.write_text('{"format": "old"}')
-    with pytest.raises(InvalidParameter, match="does not say how a set is made"):
-        load_arguments(description)
+    with pytest.raises(MediaError, match="does not say how a set is made"):
+        load_recipe(description)
 
 
 # -- shells ------------------------------------------------------------------------------------------

@@ -112,5 +112,5 @@ def test_a_sensor_stands_on_the_street_and_not_in_what_is_there(pose, words):
 
 def test_an_environment_of_two_pixels_is_none(tmp_path):
     om.write_image(tmp_path / "tiny.png", np.full((1, 2, 3), 99, np.uint8))
-    with pytest.raises(InvalidParameter, match="has 2 x 1 px; an environment has at least 8 x 4"):
+    with pytest.raises(MediaError, match="has 2 x 1 px; an environment has at least 8 x 4"):
         Environment.load(tmp_path / "tiny.png")

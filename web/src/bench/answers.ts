@@ -104,7 +104,7 @@ export class Answers {
 }
 
 /** The answer where there is none. */
-const NOTHING: Omit<Found, "slot" | "asked"> = { number: 0, trouble: { path: [], sentence: UNANSWERABLE }, remark: null, facts: null, rows: [], wanted_trouble: null, blocks: [], block: () => null };
+const NOTHING: Omit<Found, "slot" | "asked"> = { number: 0, trouble: { path: [], sentence: UNANSWERABLE }, remark: null, facts: null, rows: [], requirements_trouble: null, blocks: [], block: () => null };
 
 /** The question about a design. */
 export const wishOf = (design: Design, section: boolean, squares: boolean): Wish => ({
@@ -113,7 +113,7 @@ export const wishOf = (design: Design, section: boolean, squares: boolean): Wish
   object_distance_mm: design.distance,
   section,
   squares,
-  wanted: design.wanted,
+  requirements: design.requirements,
 });
 
 function read(data: ArrayBuffer, asked: number): Found {

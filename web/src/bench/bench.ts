@@ -8,7 +8,7 @@ import { type Design, History, nameOf, type Pin, placed } from "./designs/design
 import { keep } from "./designs/kept";
 import type { Host } from "./host";
 import { Form } from "./panels/form";
-import { WantedPanel } from "./panels/wanted";
+import { RequirementsPanel } from "./panels/requirements";
 import { WorkPanel } from "./panels/work";
 import { Desk } from "./plots/desk";
 import { Toolbar } from "./toolbar";
@@ -27,7 +27,7 @@ export class Bench {
   private found: (Found | null)[] = [];
   private readonly answers: Answers;
   private readonly form: Form;
-  private readonly wanted: WantedPanel;
+  private readonly requirements: RequirementsPanel;
   private readonly work: WorkPanel;
   private readonly toolbar: Toolbar;
 
@@ -50,7 +50,7 @@ export class Bench {
     };
     this.toolbar = new Toolbar(host, this);
     this.form = new Form(panel("Sensor"), parts, hands);
-    this.wanted = new WantedPanel(panel("Requirements"), parts, hands);
+    this.requirements = new RequirementsPanel(panel("Requirements"), parts, hands);
     this.work = new WorkPanel(panel("Optimise"), parts, { ...hands, take: (found) => this.takeFound(found) });
     this.desk = new Desk(host.place, parts.columns, { take: (i) => this.takePin(i), drop: (i) => this.dropPin(i) }, () => this.plotsChosen());
     host.place.append(aside, this.desk.element);
@@ -66,7 +66,7 @@ export class Bench {
   edit(design: Design): void {
     this.history.now = design;
     this.form.show(design);
-    this.wanted.show(design);
+    this.requirements.show(design);
     this.ask();
   }
 
@@ -168,7 +168,7 @@ export class Bench {
   }
 
   private pinsChanged(): void {
-    this.pins.forEach((pin, i) => this.answers.ask(i + 1, wishOf({ ...pin.design, wanted: null }, true, false)));
+    this.pins.forEach((pin, i) => this.answers.ask(i + 1, wishOf({ ...pin.design, requirements: null }, true, false)));
     this.kept();
     this.draw();
     this.toolbar.show();
@@ -183,7 +183,7 @@ export class Bench {
   /** Begin, or begin anew with what the address holds. */
   begin(): void {
     this.form.show(this.history.now);
-    this.wanted.show(this.history.now);
+    this.requirements.show(this.history.now);
     this.toolbar.show();
     this.ask();
     this.pinsChanged();
@@ -215,7 +215,7 @@ export class Bench {
       this.history.complete(complete);
       this.form.show(complete);
     }
-    this.wanted.judge(found.rows, found.wanted_trouble);
+    this.requirements.judge(found.rows, found.requirements_trouble);
     this.desk.showPicture(this.history.now);
   }
 

@@ -54,16 +54,16 @@ export class Toolbar {
   show(): void {
     this.undo.disabled = !this.bench.history.canUndo;
     this.redo.disabled = !this.bench.history.canRedo;
-    this.requirements.hidden = this.bench.history.now.wanted === null;
+    this.requirements.hidden = this.bench.history.now.requirements === null;
   }
 
   /** Open a sensor file, or a requirement file. */
   async open(file: Blob, name: string): Promise<void> {
     await this.try(async () => {
-      const { sensor, wanted } = await api.openFile(file, name);
+      const { sensor, requirements } = await api.openFile(file, name);
       if (sensor) this.bench.take(sensor, `${name} is on the bench`);
-      if (!wanted) return;
-      this.bench.takeDesign({ ...this.bench.history.now, wanted });
+      if (!requirements) return;
+      this.bench.takeDesign({ ...this.bench.history.now, requirements });
       this.host.say(`${name}: its requirements are judged`);
     });
   }
@@ -88,8 +88,8 @@ export class Toolbar {
 
   private async downloadRequirements(): Promise<void> {
     this.menu.open = false;
-    const { tables, wanted } = this.bench.history.now;
-    await this.try(async () => save(await api.requirements({ tables, wanted: wanted! }), "requirements.toml"));
+    const { tables, requirements } = this.bench.history.now;
+    await this.try(async () => save(await api.requirements({ tables, requirements: requirements! }), "requirements.toml"));
   }
 
   private async look(): Promise<void> {

@@ -1,5 +1,5 @@
 import { unpack } from "./framing";
-import type { BenchSensor, BenchStart, CameraAsk, CameraShown, Change, Download, Opened, PictureAsk, SensorEntry, SensorFile, Start, Taken, WantedFile } from "./messages";
+import type { BenchSensor, BenchStart, CameraAsk, CameraShown, Change, Download, Opened, PictureAsk, RequirementFile, SensorEntry, SensorFile, Start, Taken } from "./messages";
 import { AWAY } from "./texts";
 
 /** Something the server refused, in its own sentence. */
@@ -36,25 +36,25 @@ export const room = async (id: string): Promise<Blob> => (await ask(to("api/room
 export const picture = async (id: string): Promise<Blob> => (await ask(to("api/picture", { id }))).blob();
 export const convert = async (file: Blob, name: string): Promise<Blob> => (await handedUp("api/pictures", file, { name })).blob();
 export const loadSensor = async (file: Blob, name: string, optics = "mirror"): Promise<SensorEntry> => (await handedUp("api/sensors", file, { name, optics })).json();
-export const sensorFile = async (wanted: SensorFile): Promise<string> => (await posted("api/sensor-file", wanted)).text();
+export const sensorFile = async (asked: SensorFile): Promise<string> => (await posted("api/sensor-file", asked)).text();
 
 // -- designing ------------------------------------------------------------------------------------
 
 export const benchStart = (): Promise<BenchStart> => got("api/bench");
 export const bundled = (name: string): Promise<BenchSensor> => got("api/bench/sensor", { name });
-export const change = async (wanted: Change): Promise<BenchSensor> => (await posted("api/bench/change", wanted)).json();
+export const change = async (asked: Change): Promise<BenchSensor> => (await posted("api/bench/change", asked)).json();
 export const openFile = async (file: Blob, name: string): Promise<Opened> => (await handedUp("api/bench/open", file, { name })).json();
-export const requirements = async (wanted: WantedFile): Promise<Blob> => (await posted("api/bench/requirements", wanted)).blob();
+export const requirements = async (file: RequirementFile): Promise<Blob> => (await posted("api/bench/requirements", file)).blob();
 
-export async function download(wanted: Download): Promise<{ blob: Blob; name: string }> {
-  const answer = await posted("api/bench/file", wanted);
+export async function download(asked: Download): Promise<{ blob: Blob; name: string }> {
+  const answer = await posted("api/bench/file", asked);
   const name = /filename="(.*)"/.exec(answer.headers.get("content-disposition") ?? "")?.[1] ?? "design";
   return { blob: await answer.blob(), name };
 }
 
 /** The picture that a design takes of a room, and its panorama. */
-export async function taken(wanted: PictureAsk): Promise<{ picture: Blob; panorama: Blob }> {
-  const data = await (await posted("api/bench/picture", wanted)).arrayBuffer();
+export async function taken(asked: PictureAsk): Promise<{ picture: Blob; panorama: Blob }> {
+  const data = await (await posted("api/bench/picture", asked)).arrayBuffer();
   const { header, start } = unpack<Taken>(data);
   const middle = start + header.picture_bytes;
   const jpeg = (from: number, to: number): Blob => new Blob([data.slice(from, to)], { type: "image/jpeg" });

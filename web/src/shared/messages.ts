@@ -8,8 +8,8 @@ export interface Answer {
   /** what of the sensor the plots do not show */
   remark: string | null;
   facts: Facts | null;
-  rows: Judged[];
-  wanted_trouble: string | null;
+  rows: JudgementOf[];
+  requirements_trouble: string | null;
   blocks: Block[];
 }
 
@@ -24,7 +24,7 @@ export interface Ask {
   object_distance_mm: number | null;
   section: boolean;
   squares: boolean;
-  wanted: Record<string, any> | null;
+  requirements: Record<string, any> | null;
 }
 
 /** A sensor on the bench. */
@@ -51,7 +51,8 @@ export interface BenchStart {
   /** what a requirement can limit */
   quantities: QuantityOf[];
   merits: QuantityOf[];
-  families: string[];
+  /** free forms in which a mirror can be sought */
+  shapes: string[];
   sensors: string[];
 }
 
@@ -155,7 +156,7 @@ export interface Health {
 }
 
 /** A requirement, and what is reached of it. */
-export interface Judged {
+export interface JudgementOf {
   name: string;
   unit: string;
   at_least: number | null;
@@ -193,7 +194,7 @@ export interface News {
 /** A file that was opened: a sensor, or requirements. */
 export interface Opened {
   sensor: BenchSensor | null;
-  wanted: Record<string, any> | null;
+  requirements: Record<string, any> | null;
 }
 
 /** A parameter as a part describes it: what a slider, a number field and a tooltip need. */
@@ -237,6 +238,12 @@ export interface QuantityOf {
   title: string;
   meaning: string;
   equation: string;
+}
+
+/** A requirement file to be written, and the sensor that it is for. */
+export interface RequirementFile {
+  requirements: Record<string, any>;
+  tables: Record<string, any>;
 }
 
 /** A camera that can be chosen. */
@@ -314,11 +321,12 @@ export interface Taken {
 export interface Task {
   what: "optimise" | "design";
   tables: Record<string, any>;
-  wanted: Record<string, any> | null;
+  requirements: Record<string, any> | null;
   /** null: infinite */
   object_distance_mm: number | null;
   merit: string;
-  family: string;
+  /** the free form in which the mirror is sought */
+  shape: string;
   terms: number;
   starts: number;
 }
@@ -327,10 +335,4 @@ export interface Task {
 export interface Trouble {
   path: string[];
   sentence: string;
-}
-
-/** A requirement file to be written, and the sensor that it is for. */
-export interface WantedFile {
-  wanted: Record<string, any>;
-  tables: Record<string, any>;
 }

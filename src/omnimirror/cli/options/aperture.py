@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import click
 import numpy as np
 from numpy.typing import NDArray
 
 from ...analysis import best_focus, field_angles
-from ...errors import OmnimirrorError
 from ...sensor import Sensor
 from .common import angle, distance, values
 from .declared import Options, option
@@ -50,5 +50,7 @@ def angles_of(sensor: Sensor, omega_deg: Array | None) -> Array:
     if omega_deg is not None:
         return omega_deg
     if not sensor.mirror_pose.is_axial:
-        raise OmnimirrorError(f"the mirror of {sensor.name!r} is decentred or tilted; say which --omega-deg to look at")
+        raise click.UsageError(
+            f"the mirror of {sensor.name!r} is decentred or tilted; say which --omega-deg to look at"
+        )
     return field_angles(sensor, 15.0)

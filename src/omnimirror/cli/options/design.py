@@ -3,18 +3,31 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import click
-import numpy as np
 
 from ...arguments import float_of
+from ...batch.bases import FREE_FORMS
+from ...design.construct.families import FAMILIES
 from ...design.criteria.consistency import WAYS
+from ...design.criteria.like import tables_like
+from ...design.criteria.merits import DESIGN_MERITS
+from ...design.criteria.ranges import Range
 from ...design.criteria.requirement_file import load_requirements, requirements_of
 from ...design.criteria.requirements import PAPER_IMAGER, Requirements
-from ...lenses import Perspective
-from ...specs import Places, housing_tables, load_sensor
+from ...design.optimise.optimiser import Progress
+from ...design.solve.designer import SearchOptions
+from ...design.solve.freeform import SHAPE
+from ...lenses import BlurMode
+from ...mirrors.generated import MAPPINGS
+from ...specs import Places, load_sensor
+from ..outputs import FIGURES, Output
+from .common import NUMBER, WHOLE, number_or_range
+from .declared import Options, option
 
 SECTIONS: dict[str, tuple[str, ...]] = {
     "field": ("omega_max_deg", "omega_min_deg", "object_distance_mm"),
@@ -77,7 +90,11 @@ def distances(text: str) -> float | tuple[float, float]:
     return numbers[0] if len(numbers) == 1 else (numbers[0], numbers[1])
 
 
-def limit(text: str) -> tuple[str, float, list[float] | None]:
+AskedLimit = tuple[str, float, list[float] | None]
+"""A quantity, a number, and the part of the field if it is not all."""
+
+
+def limit(text: str) -> AskedLimit:
     """A quantity, a number, and the part of the field if it is not all: ``QUANTITY=NUMBER[@FROM:TO]``.
 
     >>> limit("total_blur_px=4"), limit("resolution_px_per_deg=3.5@30:120")
@@ -95,36 +112,123 @@ def limit(text: str) -> tuple[str, float, list[float] | None]:
         ) from None
 
 
-def requirements_from(
-    file: Path | None,
-    like: str | None,
-    name: str | None,
-    entries: dict[str, Any],
-    at_most: tuple[tuple[str, float, list[float] | None], ...],
-    at_least: tuple[tuple[str, float, list[float] | None], ...],
-) -> Requirements:
-    """The requirements of a file with the options in place of its entries, or of the options alone."""
-    if file is not None and like is not None:
-        raise click.UsageError("give a requirement file or --like, not both")
-    given = {k: list(v) if isinstance(v, tuple) else v for k, v in entries.items() if v is not None}
-    changes: dict[str, Any] = {
-        section: found
-        for section, names in SECTIONS.items()
-        if (found := {k: v for k, v in given.items() if k in names})
-    }
-    title = {"name": name} if name else {}
-    limits = [_limit_table(*x, side=side) for side, xs in (("at_most", at_most), ("at_least", at_least)) for x in xs]
-    if file is not None:
-        return load_requirements(file, _with_ways_aside(changes) | title, limits)
-    if not changes and like is None:
-        raise click.UsageError("give a requirement file, or a field and a mirror by options")
-    base: dict[str, Any] = sensor_entries(like) if like is not None else PAPER if "optimise" in given else {}
-    data = {section: base.get(section, {}) | changes.get(section, {}) for section in {**base, **changes}}
-    if data.get("lens", {}).get("kind") == "orthographic" and like is None:
-        data["lens"] = {k: v for k, v in data["lens"].items() if k in changes["lens"] or k == "f_number"}
-    if "imager" in data:
-        data["imager"] = PAPER_PIXELS | data["imager"]
-    return requirements_of(title | data | ({"limit": limits} if limits else {}), Places("", "the options"), Path())
+@dataclass(frozen=True)
+class RequirementOptions(Options):
+    """What a sensor must do, as options that stand in the place of a requirement file's entries."""
+
+    mapping: str | None = option(type=click.Choice([*MAPPINGS]), help="How the image is to be laid out.")
+    family: str | None = option("--mirror", metavar="FAMILY", help=f"Instead: {', '.join(FAMILIES)} or polynomial:N.")
+    optimise: str | None = option(
+        type=click.Choice([*DESIGN_MERITS]), help="Instead: the mirror of free form with the least of it."
+    )
+    shape: str | None = option(
+        metavar="FORM[:N]", help=f"What is optimised: {', '.join(FREE_FORMS)}; {SHAPE} by default."
+    )
+    fit: str | None = option(
+        metavar="FORM:N", help="Make it a polynomial:N or an asphere:N that keeps the mapping best."
+    )
+    like: str | None = option(
+        metavar="SENSOR", help="Field, rim, lens and imager as of a sensor file or a bundled sensor."
+    )
+    omega_max_deg: float | None = option(type=NUMBER, help="Field angle at the rim.")
+    omega_min_deg: float | None = option(type=NUMBER, help="Where the field begins that matters.")
+    apex: str | None = option(
+        type=click.Choice(["smooth", "pointed"]), help="pointed: the image centre shows omega-min-deg."
+    )
+    object_distance_mm: Range | None = option(
+        type=distances, metavar="MM|NEAR:FAR", help="From the mirror; inf by default."
+    )
+    rim_radius_mm: Range | None = option(type=number_or_range, metavar="MM|LOW:HIGH", help="Of the mirror.")
+    conic: Range | None = option(
+        type=number_or_range, metavar="K|LOW:HIGH", help="Conic constant, where the family leaves it."
+    )
+    plane_distance_mm: float | None = option(type=NUMBER, help="Of a ground-plane mapping: mirror vertex to the plane.")
+    cylinder_radius_mm: float | None = option(type=NUMBER, help="Of a cylinder mapping.")
+    mapping_csv: str | None = option(type=click.Path(), help="Of a tabulated mapping: columns omega_deg, height.")
+    kind: str | None = option(
+        "--lens", type=click.Choice(["perspective", "orthographic"]), help="perspective by default."
+    )
+    focal_length_mm: Range | None = option(type=number_or_range, metavar="MM|LOW:HIGH", help="Of the lens.")
+    theta_max_deg: Range | None = option(type=number_or_range, metavar="DEG|LOW:HIGH", help="Viewing angle at the rim.")
+    f_number: Range | None = option(type=number_or_range, metavar="F|LOW:HIGH", help="Of the lens; 4 by default.")
+    focus_mm: Range | None = option(type=number_or_range, metavar="MM|LOW:HIGH", help="In focus; the best by default.")
+    width_px: int | None = option(type=WHOLE, help="Of the imager; 1024 by default.")
+    height_px: int | None = option(type=WHOLE, help="Of the imager; 1024 by default.")
+    pixel_pitch_um: float | None = option(type=NUMBER, help="Of the imager; 5.2 by default.")
+    at_most: tuple[AskedLimit, ...] = option(
+        type=limit, multiple=True, metavar="QUANTITY=NUMBER[@FROM:TO]", default=(), show_default=False,
+        help="A limit, over a part of the field in degrees or all of it; may be repeated.",
+    )  # fmt: skip
+    at_least: tuple[AskedLimit, ...] = option(
+        type=limit, multiple=True, metavar="QUANTITY=NUMBER[@FROM:TO]", default=(), show_default=False,
+        help="Likewise; may be repeated.",
+    )  # fmt: skip
+    name: str | None = option(help="Of the sensor.")
+
+    def requirements(self, file: Path | None) -> Requirements:
+        """The requirements of a file with the options in place of its entries, or of the options alone."""
+        if file is not None and self.like is not None:
+            raise click.UsageError("give a requirement file or --like, not both")
+        given = {k: list(v) if isinstance(v, tuple) else v for k, v in self.given.items()}
+        changes: dict[str, Any] = {
+            section: found
+            for section, names in SECTIONS.items()
+            if (found := {k: v for k, v in given.items() if k in names})
+        }
+        title = {"name": self.name} if self.name else {}
+        sides = (("at_most", self.at_most), ("at_least", self.at_least))
+        limits = [_limit_table(*asked, side=side) for side, all_asked in sides for asked in all_asked]
+        if file is not None:
+            return load_requirements(file, _with_ways_aside(changes) | title, limits)
+        if not changes and self.like is None:
+            raise click.UsageError("give a requirement file, or a field and a mirror by options")
+        data = self._tables(changes)
+        return requirements_of(title | data | ({"limit": limits} if limits else {}), Places("", "the options"), Path())
+
+    def _tables(self, changes: dict[str, Any]) -> dict[str, Any]:
+        """The tables of the sensor to be like, or of the paper's for a mirror of free form, with the changes."""
+        base = PAPER if self.optimise is not None else {}
+        if self.like is not None:
+            base = tables_like(load_sensor(self.like))
+        data = {section: base.get(section, {}) | changes.get(section, {}) for section in {**base, **changes}}
+        if data.get("lens", {}).get("kind") == "orthographic" and self.like is None:
+            data["lens"] = {k: v for k, v in data["lens"].items() if k in changes["lens"] or k == "f_number"}
+        if "imager" in data:
+            data["imager"] = PAPER_PIXELS | data["imager"]
+        return data
+
+
+@dataclass(frozen=True)
+class SearchedOptions(Options):
+    """How a mirror of free form, or a front of them, is searched for."""
+
+    terms: list[int] | None = option(
+        type=whole_numbers, metavar="N[,N..]", help="The N of --shape; several give a table of convergence."
+    )
+    starts: int = option(type=WHOLE, default=4, help="From how many mirrors to optimise.")
+    seed: int = option(type=WHOLE, default=0, help="Of everything drawn.")
+    resume: Path | None = option(
+        type=click.Path(path_type=Path),
+        help="Keep the search in this file, and go on from it: JSON; of a front, Parquet.",
+    )
+    paper_mode: bool = option(
+        is_flag=True, default=False, show_default=False,
+        help="Merits of blur by the paper's Eq. 29 instead of the exact form.",
+    )  # fmt: skip
+    image_radius_px: float | None = option(type=NUMBER, help="Merits for an image of this radius, as the paper's 500.")
+    population: int = option(type=WHOLE, default=120, help="Designs of a front.")
+    generations: int = option(type=WHOLE, default=200, help="Of the front's evolution.")
+    figure: Path | None = option(type=Output(FIGURES), help="Draw the front, known mirrors marked.")
+    pick: int | None = option(type=WHOLE, help="Which design of the front to take.")
+
+    @property
+    def mode(self) -> BlurMode:
+        """By which form blur is computed while merits and limits are searched for."""
+        return "paper" if self.paper_mode else "exact"
+
+    def search(self, on_progress: Callable[[Progress], None]) -> SearchOptions:
+        """How one optimised mirror is searched for."""
+        return SearchOptions(self.starts, self.seed, self.resume, on_progress, self.mode, self.image_radius_px)
 
 
 def _limit_table(quantity: str, number: float, part: list[float] | None, side: str) -> dict[str, Any]:
@@ -140,23 +244,3 @@ def _with_ways_aside(changes: dict[str, Any]) -> dict[str, Any]:
     kept = {n for way in chosen for n in OF_WAYS[way]}
     aside = {n for way in WAYS if way not in chosen for n in (way, *OF_WAYS[way])} - kept
     return changes | {"mirror": dict.fromkeys(sorted(aside)) | mirror}
-
-
-def sensor_entries(name_or_path: str) -> dict[str, Any]:
-    """Field, rim, lens and imager of a sensor, as entries of a requirement file."""
-    sensor = load_sensor(name_or_path)
-    sensor.check_one_mirror("designing one like it")
-    low, high = sensor.field_deg
-    lens: dict[str, Any] = {"kind": sensor.lens.KIND, "f_number": sensor.lens.stop_number}
-    if isinstance(sensor.lens, Perspective):
-        lens["focal_length_mm"] = sensor.lens.focal_length_mm
-        lens["theta_max_deg"] = float(np.degrees(sensor.meridian.theta_max))
-    imager = sensor.imager
-    return {
-        "field": {"omega_max_deg": high, "omega_min_deg": low},
-        "mirror": {"rim_radius_mm": sensor.mirror.rim_radius_mm},
-        "lens": lens,
-        "housing": housing_tables(sensor.housing),
-        "imager": {n: getattr(imager, n) for n in ("width_px", "height_px", "pixel_pitch_um")}
-        | ({"centre_px": list(imager.centre_px)} if imager.centre_px else {}),
-    }

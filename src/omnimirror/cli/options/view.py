@@ -14,7 +14,6 @@ from ...dewarp import views
 from ...dewarp.screens import LAYOUTS, Layout, Pole, Rows, Shape
 from ...dewarp.viewpoints import Viewpoint
 from ...dewarp.views.sizes import PartialSize
-from ...errors import InvalidParameter
 from ...straighten.request import plumb
 from .camera import MountedCamera
 from .common import (
@@ -167,7 +166,7 @@ def _made(name: str, camera: Camera, options: dict[str, Any]) -> Any:
     if "wall_mm" in options:
         low, high = options.pop("wall_mm")
         if not low < high:
-            raise InvalidParameter(f"heights from {low:g} to {high:g} mm make no wall; the smaller one comes first")
+            raise click.UsageError(f"heights from {low:g} to {high:g} mm make no wall; the smaller one comes first")
         elevations = np.degrees(np.arctan2([low, high], options["distance_mm"]))
         options |= {"rows": "height", "elevation_deg": tuple(map(float, elevations))}
     return views.VIEWS[name](camera, **options)
@@ -180,7 +179,7 @@ def _elevations_of_omega(camera: Camera, options: dict[str, Any]) -> None:
     assert isinstance(camera, MountedCamera)
     up = plumb(camera).axis[2]
     if abs(up) < 0.5:
-        raise InvalidParameter("--omega-deg makes no panorama for a camera that looks forward; use --elevation-deg")
+        raise click.UsageError("--omega-deg makes no panorama for a camera that looks forward; use --elevation-deg")
     low, high = sorted(up * (90 - omega) for omega in options.pop("omega_deg"))
     options["elevation_deg"] = (low, high)
 

@@ -30,7 +30,7 @@ NOT_OF_FREE_FORM = ("fit", "conic", *OF_MAPPINGS)
 WIDEST_CAMERA = 5.0  # times the rim radius
 
 
-def check_consistency(wanted: Requirements) -> None:
+def check_consistency(requirements: Requirements) -> None:
     """Refuse requirements whose entries do not fit each other.
 
     Raises
@@ -38,7 +38,7 @@ def check_consistency(wanted: Requirements) -> None:
     EntryError
         With the path of the entry, and a sentence that says what would be valid.
     """
-    field, mirror, lens = wanted.field, wanted.mirror, wanted.lens
+    field, mirror, lens = requirements.field, requirements.mirror, requirements.lens
     if field.omega_min_deg >= field.omega_max_deg:
         raise EntryError(
             ("field", "omega_min_deg"),
@@ -50,8 +50,8 @@ def check_consistency(wanted: Requirements) -> None:
         _check_mapping(mirror.mapping, mirror, field)
     _check_conic(mirror)
     _check_lens(lens)
-    _check_camera(wanted)
-    _check_limits(wanted.limits, field)
+    _check_camera(requirements)
+    _check_limits(requirements.limits, field)
 
 
 def _check_way(mirror: MirrorRequirements) -> None:
@@ -120,12 +120,12 @@ def _check_conic(mirror: MirrorRequirements) -> None:
                 raise EntryError(("mirror", name), f"mirror.{name} does not apply to {way}; it belongs to a mapping")
 
 
-def _check_camera(wanted: Requirements) -> None:
+def _check_camera(requirements: Requirements) -> None:
     """A camera that is no part of such a sensor."""
-    camera, most = wanted.housing.camera, WIDEST_CAMERA * 2 * ends(wanted.mirror.rim_radius_mm)[1]
+    camera, most = requirements.housing.camera, WIDEST_CAMERA * 2 * ends(requirements.mirror.rim_radius_mm)[1]
     if camera is None:
         return
-    if wanted.lens.is_telecentric:
+    if requirements.lens.is_telecentric:
         raise EntryError(
             ("housing.camera",),
             "housing.camera does not apply to an orthographic lens, which may stand anywhere; give omega_min_deg",

@@ -34,7 +34,7 @@ class Counted:
     ----------
     low_deg, high_deg
         What the mirror shows.
-    wanted_deg
+    required_deg
         From where to where it matters.
     hidden_deg
         Up to where the housing hides the view; 0 where nothing does.
@@ -48,7 +48,7 @@ class Counted:
 
     low_deg: float
     high_deg: float
-    wanted_deg: tuple[float, float]
+    required_deg: tuple[float, float]
     hidden_deg: float
     hidden_from_deg: float
     point_deg: float
@@ -65,12 +65,12 @@ class Counted:
         begins = [(self.low_deg, "the mirror shows nothing there"), (self.hidden_deg, f"the {self.hides} hides it")]
         begins += [(self.point_deg, "a pointed mirror shrinks it to nothing")]
         if asked_deg is None:
-            begins += [(self.wanted_deg[0], "it is inside omega_min_deg")]
-        first, last = asked_deg or (0.0, self.wanted_deg[1])
+            begins += [(self.required_deg[0], "it is inside omega_min_deg")]
+        first, last = asked_deg or (0.0, self.required_deg[1])
         begin, why = max(begins, key=lambda b: b[0])
         low, high = max(first, begin), min(last, self.hidden_from_deg)
-        if asked_deg is None and begin > self.wanted_deg[0]:
-            first = self.wanted_deg[0]  # what is inside of that is not asked for
+        if asked_deg is None and begin > self.required_deg[0]:
+            first = self.required_deg[0]  # what is inside of that is not asked for
         left_out = [f"{first:.4g} to {low:.4g} deg is not judged: {why}"] if low > first + NO_PART else []
         if high < last - NO_PART:
             left_out.append(f"{high:.4g} to {last:.4g} deg is not judged: {self._end}")

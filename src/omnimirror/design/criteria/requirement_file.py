@@ -62,14 +62,14 @@ def load_requirements(
     Examples
     --------
     >>> import tempfile, omnimirror as om
-    >>> wanted = om.Requirements(
+    >>> requirements = om.Requirements(
     ...     field=om.FieldRequirements(omega_max_deg=120.0),
     ...     mirror=om.MirrorRequirements(family="sphere", rim_radius_mm=40.0),
     ...     lens=om.LensRequirements(focal_length_mm=11.6, theta_max_deg=12.0))
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     with open(f"{folder}/wanted.toml", "w") as file:
-    ...         _ = file.write(om.format_requirements(wanted))
-    ...     om.load_requirements(f"{folder}/wanted.toml").field.omega_max_deg
+    ...     with open(f"{folder}/requirements.toml", "w") as file:
+    ...         _ = file.write(om.format_requirements(requirements))
+    ...     om.load_requirements(f"{folder}/requirements.toml").field.omega_max_deg
     120.0
     """
     path = file_name("path", path)
@@ -86,7 +86,7 @@ def parse_requirements(
 ) -> Requirements:
     """Requirements from the text of a file; ``folder`` is where files named in it are looked for, if it may name any.
 
-    >>> wanted = parse_requirements('''
+    >>> requirements = parse_requirements('''
     ... field.omega_max_deg = 135
     ... [mirror]
     ... mapping = "equidistant"
@@ -94,7 +94,7 @@ def parse_requirements(
     ... [lens]
     ... theta_max_deg = [10, 14]
     ... ''')
-    >>> wanted.lens.theta_max_deg, wanted.lens.f_number
+    >>> requirements.lens.theta_max_deg, requirements.lens.f_number
     ((10.0, 14.0), 4.0)
     """
     text = text.removeprefix("\ufeff")  # a byte order mark, as some editors write
@@ -131,12 +131,12 @@ def format_requirements(requirements: Requirements) -> str:
     Examples
     --------
     >>> import omnimirror as om
-    >>> wanted = om.Requirements(
+    >>> requirements = om.Requirements(
     ...     field=om.FieldRequirements(omega_max_deg=120, object_distance_mm=(500, float("inf"))),
     ...     mirror=om.MirrorRequirements(family="sphere", rim_radius_mm=40),
     ...     lens=om.LensRequirements(focal_length_mm=12),
     ... )
-    >>> parse_requirements(format_requirements(wanted)) == wanted
+    >>> parse_requirements(format_requirements(requirements)) == requirements
     True
     """
     instance("requirements", requirements, Requirements, "requirements")

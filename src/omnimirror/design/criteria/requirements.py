@@ -219,6 +219,8 @@ class LensRequirements(Entries):
 
 PAPER_IMAGER = Imager(1024, 1024, 5.2)
 """The paper's prototype's; taken where no imager is stated."""
+UNNAMED = "design"
+"""The name of a design where none is given."""
 UPRIGHT = Mount()
 BARE = Housing()
 
@@ -254,13 +256,13 @@ class Requirements:
     Examples
     --------
     >>> import omnimirror as om
-    >>> wanted = om.Requirements(
+    >>> requirements = om.Requirements(
     ...     field=om.FieldRequirements(omega_max_deg=135),
     ...     mirror=om.MirrorRequirements(mapping="equidistant", rim_radius_mm=43.9),
     ...     lens=om.LensRequirements(theta_max_deg=(10, 14)),
     ...     limits=[om.Limit("total_blur_px", at_most=4.0)],
     ... )
-    >>> wanted.lens.theta_max_deg, wanted.lens.f_number
+    >>> requirements.lens.theta_max_deg, requirements.lens.f_number
     ((10.0, 14.0), 4.0)
     """
 
@@ -271,7 +273,7 @@ class Requirements:
     mount: Mount = UPRIGHT
     housing: Housing = BARE
     limits: tuple[Limit, ...] = ()
-    name: str = "design"
+    name: str = UNNAMED
     notes: str = ""
 
     def __post_init__(self) -> None:
@@ -303,10 +305,10 @@ class Requirements:
         --------
         >>> import omnimirror as om
         >>> mirror = om.MirrorRequirements(family="sphere", rim_radius_mm=40)
-        >>> wanted = om.Requirements(
+        >>> requirements = om.Requirements(
         ...     field=om.FieldRequirements(omega_max_deg=120), mirror=mirror, lens=om.LensRequirements(theta_max_deg=12)
         ... )
-        >>> wanted.changed(f_number=5.6, rim_radius_mm=(30, 40)).mirror.rim_radius_mm
+        >>> requirements.changed(f_number=5.6, rim_radius_mm=(30, 40)).mirror.rim_radius_mm
         (30.0, 40.0)
         """
         changed = {

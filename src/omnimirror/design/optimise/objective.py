@@ -111,16 +111,16 @@ class Objective:
 
     def _parts(self, y: Array, state: State) -> tuple[Array, Array]:
         with np.errstate(all="ignore"):
-            wanted = dict(self._requirements(state))
+            required = dict(self._requirements(state))
             constraints = [LEAST_DOMEGA_DU - state.domega_du, LEAST_COS_INCIDENCE - state.cos_incidence]
             given: tuple[Key, ...] = ()
             if isinstance(self.goal, Slack):
                 given = self.goal.keys
-                rows = [wanted[key] for key in given] + [self._moved(y, *n) for n in self.goal.numbers]
+                rows = [required[key] for key in given] + [self._moved(y, *n) for n in self.goal.numbers]
                 objective = _beside(rows, len(y))
             else:
                 objective = self._merit(self.goal, state)
-            constraints += [TIGHT + part for key, part in wanted.items() if key not in given]
+            constraints += [TIGHT + part for key, part in required.items() if key not in given]
             return objective, _beside(constraints, len(y))
 
     def _moved(self, y: Array, name: str, asked: float, sign: int) -> Array:

@@ -100,8 +100,7 @@ class Optimum:
 
     Examples
     --------
-    >>> import omnimirror as om
-    >>> found = om.optimise(om.DesignProblem(terms=3), starts=1)
+    >>> found = optimise(DesignProblem(terms=3), starts=1)
     >>> found.merit, found.sensor.mirror.KIND
     ('worst_floored_area_deg2', 'slope-spline')
     """
@@ -161,7 +160,9 @@ def optimise(
     Raises
     ------
     InvalidParameter
-        An unknown merit, no start; or no design found that keeps all limits.
+        An unknown merit, no start.
+    OmnimirrorError
+        No design was found that keeps all limits.
     KeyboardInterrupt
         Stopped (Ctrl-C) before the first start was finished; later, the best of those finished is returned.
 
@@ -184,7 +185,7 @@ def optimise(
     """
     found = optimised(problem, merit, starts, seed, resume, on_progress)
     if not isinstance(found, Optimum):
-        raise InvalidParameter(
+        raise OmnimirrorError(
             f"no mirror found with {problem.terms} terms of {problem.family} that keeps all limits; "
             "allow more terms, more starts, or looser limits"
         )

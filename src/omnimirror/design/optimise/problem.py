@@ -62,8 +62,7 @@ class DesignProblem:
 
     Examples
     --------
-    >>> import omnimirror as om
-    >>> om.DesignProblem(omega_max_deg=120.0, terms=8).free
+    >>> DesignProblem(omega_max_deg=120.0, terms=8).free
     []
     """
 

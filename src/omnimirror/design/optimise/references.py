@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from ...analysis import best_focus, evaluate
 from ...errors import OmnimirrorError
 from ...sensor import Sensor
 from ...specs import load_sensor
 from ..construct.families import FAMILIES
 from ..construct.mappings import generated_mirror
 from ..construct.rim import MountedMirror, RimRay
+from ..criteria.merits import merit_named, values_of_evaluation
 from .optimiser import start
 from .problem import DesignProblem
 from .variables import DesignSpace
+
+Array = NDArray[np.float64]
 
 PAPER = {"SPH": "paper-spherical", "E-DI": "paper-equidistant", "SVP": "paper-hyperboloidal"}
 PAPER_FIELD, PAPER_THETA, NEAR = 135.0, 12.0, 0.02  # deg; and how far from these its rounded mirrors are
@@ -61,3 +67,29 @@ def _scaled(sensor: Sensor, rim_radius_mm: float) -> MountedMirror:
     mirror = sensor.mirror
     lengths = {n: getattr(mirror, n) * ratio for n, p in mirror.PARAMETERS.items() if p.unit == "mm"}
     return MountedMirror(replace(mirror, **lengths), sensor.mirror_distance_mm * ratio)  # type: ignore[type-var]
+
+
+def merit_values(
+    sensor: Sensor, merits: Sequence[str], problem: DesignProblem, focus_by: str | None = "worst_floored_area_deg2"
+) -> Array:
+    """The merits (n,) of any sensor, computed as the problem says.
+
+    ``focus_by`` is one of the merits that :func:`omnimirror.best_focus` knows, or None for the sensor's own focus.
+    """
+    sensor.check_one_mirror("comparing with a front")
+    rim = sensor.mirror.rim_radius_mm
+    least = float(sensor.meridian.x_from_omega(np.radians(max(problem.omega_min_deg, sensor.field_deg[0]))))
+    common: dict[str, Any] = {
+        "mode": problem.mode, "image_radius_px": problem.image_radius_px, "wavelength_nm": problem.wavelength_nm
+    }  # fmt: skip
+    x, distances = np.linspace(least, rim, 1001), np.array(problem.distances_mm)
+    if focus_by is not None:
+        omega = np.degrees(sensor.meridian.trace(x).omega)
+        angles, far = np.tile(omega, distances.size), np.repeat(distances, omega.size)
+        best = best_focus(sensor, focus_by, omega_deg=angles, object_distance_mm=far, **common)
+        sensor = replace(sensor, lens=sensor.lens.focused_at(best.focus_mm))
+    results = [evaluate(sensor, x_mm=x, object_distance_mm=d, **common) for d in distances]
+    values = np.array([[merit_named(m).value(values_of_evaluation(r)) for m in merits] for r in results])
+    means = np.array([merit_named(m).is_mean for m in merits])
+    joined: Array = np.where(means, values.mean(axis=0), values.max(axis=0))
+    return joined

@@ -103,8 +103,8 @@ def mapping_deviation_px(settled: Requirements, sensor: Sensor) -> float | None:
         return None
     if is_polynomial:
         settled = replace(settled, mirror=replace(mirror, mapping="equidistant", family=None))
-    wanted = _mirror(settled, float(np.degrees(sensor.meridian.theta_max)), fitted=False)
-    target = Meridian(wanted.mirror, wanted.distance_mm)
+    exact = _mirror(settled, float(np.degrees(sensor.meridian.theta_max)), fitted=False)
+    target = Meridian(exact.mirror, exact.distance_mm)
     omega = np.radians(np.linspace(0.0, settled.field.omega_max_deg, ANGLES)[1:])
     ours, theirs = (m.trace(m.x_from_omega(np.minimum(omega, m.omega_max))) for m in (sensor.meridian, target))
     h = [sensor.lens.image_height(r.x, r.w) / sensor.imager.pitch_mm for r in (ours, theirs)]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -16,7 +15,7 @@ from ..optimise.optimiser import Optimum, Progress
 from . import freeform, range_search
 from .relaxation import Conflict, find_conflict
 from .space import BestDesign, Say, Space
-from .verdict import Judgement, Verdict
+from .verdict import Judgement, Verdict, plain
 
 
 @dataclass(frozen=True)
@@ -59,24 +58,40 @@ class Design:
 
     def to_dict(self) -> dict[str, Any]:
         """The table and the conflict as plain data, for JSON."""
-        rows = [{**asdict(row), "margin": row.margin, "is_met": row.is_met} for row in self.rows]
         conflict = None
         if self.conflict is not None:
             conflict = asdict(self.conflict)
             for group in ("alone", "joint"):
                 for entry, relaxation in zip(conflict[group], getattr(self.conflict, group), strict=True):
                     entry["share"] = relaxation.share
-        data = {"name": self.sensor.name, "is_met": self.is_met, "requirements": rows, "conflict": conflict}
-        plain: dict[str, Any] = _plain({**data, "notes": self.notes})
-        return plain
+        data: dict[str, Any] = plain({**self.verdict.to_dict(), "conflict": conflict, "notes": self.notes})
+        return data
 
 
 @dataclass(frozen=True)
 class SearchOptions:
-    """How an optimised mirror is searched for, see :func:`~omnimirror.design.optimise.optimiser.optimise`.
+    """How an optimised mirror is searched for by :func:`omnimirror.design_sensor`.
 
-    ``mode`` and ``image_radius_px`` are taken as :func:`omnimirror.evaluate` takes them; the merit, and limits of blur
-    while they are kept, are computed so. The table is always that of the real image.
+    Parameters
+    ----------
+    starts, seed
+        From how many mirrors to start; the third and later ones are drawn with the seed.
+    resume
+        A file that keeps finished starts; a search that was stopped goes on where it was.
+    on_progress
+        Told of every step.
+    mode, image_radius_px
+        As :func:`omnimirror.evaluate` takes them: the merit, and limits of blur while they are kept, are computed so.
+        The table is always that of the real image.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> sphere = om.load_sensor("paper-spherical")
+    >>> asked = om.requirements_like(sphere, optimise="worst_blur_deg", shape="polynomial:3")
+    >>> design = om.design_sensor(asked, search=om.SearchOptions(starts=1))
+    >>> design.sensor.mirror.KIND, round(design.optimum.value, 3)
+    ('even-polynomial', 0.635)
     """
 
     starts: int = 4
@@ -121,12 +136,12 @@ def design_sensor(
     Examples
     --------
     >>> import omnimirror as om
-    >>> wanted = om.Requirements(
+    >>> requirements = om.Requirements(
     ...     field=om.FieldRequirements(omega_max_deg=135),
     ...     mirror=om.MirrorRequirements(mapping="equidistant", rim_radius_mm=43.9),
     ...     lens=om.LensRequirements(theta_max_deg=12),
     ... )
-    >>> design = om.design_sensor(wanted)
+    >>> design = om.design_sensor(requirements)
     >>> design.is_met, round(design.sensor.mirror_distance_mm, 3), round(design.sensor.rim_radius_px, 3)
     (True, 172.275, 512.0)
     """
@@ -156,12 +171,3 @@ def design_of(
     text = "\n".join(part for part in (verdict.requirements.notes.strip(), said and f"Designed: {said}.") if part)
     sensor = replace(verdict.sensor, notes=text)
     return Design(sensor, verdict, conflict, notes, optimum)
-
-
-def _plain(value: Any) -> Any:
-    """The same data with tuples as lists, and numbers that JSON cannot hold as words."""
-    if isinstance(value, dict):
-        return {k: _plain(v) for k, v in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(v) for v in value]
-    return str(value) if isinstance(value, float) and not math.isfinite(value) else value

@@ -177,9 +177,9 @@ class GeneratedSpace:
             if not span[0] <= value <= span[1]:
                 break
             try:
-                wanted = unfitted(self.requirements.changed(**{name: value}))
+                moved = unfitted(self.requirements.changed(**{name: value}))
                 made = make(unfitted(self.settled.changed(**{name: value})))
-                verdict = judge(wanted, made.sensor, angles=SEARCHED)
+                verdict = judge(moved, made.sensor, angles=SEARCHED)
             except OmnimirrorError:
                 continue
             if verdict.worst < least:

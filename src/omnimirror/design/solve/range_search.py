@@ -148,7 +148,7 @@ def is_met(requirements: Requirements) -> bool:
 
 def _notes(search: RangeSearch, made: Candidate) -> tuple[str, ...]:
     """What was chosen, in words."""
-    notes, sensor, wanted = [*made.notes], made.sensor, search.requirements
+    notes, sensor, requirements = [*made.notes], made.sensor, search.requirements
     tables = made.settled.tables()
     chosen = {**tables["field"], **tables["mirror"], **tables["lens"]}
     for name, (low, high) in search.free.items():
@@ -159,8 +159,8 @@ def _notes(search: RangeSearch, made: Candidate) -> tuple[str, ...]:
             notes.append(f"theta_max_deg = {theta:.6g}, where the rim fills the imager")
         elif search.ranges["focal_length_mm"] is None:
             notes.append(f"focal_length_mm = {sensor.lens.focal_length_mm:.6g}, where the rim fills the imager")
-    if wanted.lens.focus_mm is None or is_free(wanted.lens.focus_mm):
-        is_sharpness = any(limit.of.is_sharpness for limit in wanted.limits)
+    if requirements.lens.focus_mm is None or is_free(requirements.lens.focus_mm):
+        is_sharpness = any(limit.of.is_sharpness for limit in requirements.limits)
         why = "the limits of blur are kept best" if is_sharpness else "the worst floored blur area is least"
         notes.append(f"focused at {sensor.lens.focus_distance_mm:.5g} mm, where {why}")
     deviation = mapping_deviation_px(made.settled, sensor)

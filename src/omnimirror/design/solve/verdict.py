@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import math
+from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -123,6 +125,21 @@ class Verdict:
         """The largest share by which a requirement is missed; 0 where all are met."""
         return max((row.shortfall for row in self.rows if not row.is_met), default=0.0)
 
+    def to_dict(self) -> dict[str, Any]:
+        """The table as plain data, for JSON."""
+        rows = [{**asdict(row), "margin": row.margin, "is_met": row.is_met} for row in self.rows]
+        data: dict[str, Any] = plain({"name": self.sensor.name, "is_met": self.is_met, "requirements": rows})
+        return data
+
+
+def plain(value: Any) -> Any:
+    """The same data with tuples as lists, and numbers that JSON cannot hold as words."""
+    if isinstance(value, dict):
+        return {k: plain(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(v) for v in value]
+    return str(value) if isinstance(value, float) and not math.isfinite(value) else value
+
 
 def unit_of(name: str) -> str:
     """The unit in the name of an entry.
@@ -160,13 +177,13 @@ def judge(requirements: Requirements, sensor: Sensor, *, angles: int = REPORTED)
     The paper's sphere looks to 135 deg, and is not as sharp as that:
 
     >>> import omnimirror as om
-    >>> wanted = om.Requirements(
+    >>> requirements = om.Requirements(
     ...     field=om.FieldRequirements(omega_max_deg=135),
     ...     mirror=om.MirrorRequirements(family="sphere", rim_radius_mm=(40, 50)),
     ...     lens=om.LensRequirements(focal_length_mm=11.6),
     ...     limits=[om.Limit("total_blur_px", at_most=3.0)],
     ... )
-    >>> verdict = om.judge(wanted, om.load_sensor("paper-spherical"))
+    >>> verdict = om.judge(requirements, om.load_sensor("paper-spherical"))
     >>> verdict.is_met, verdict.missed
     (False, ('total_blur_px',))
     >>> blur = verdict.limits[0]

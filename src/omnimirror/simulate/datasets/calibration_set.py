@@ -29,7 +29,7 @@ from ..scenes.sources import SceneSource
 from ..scenes.worlds.boards import SQUARE_MM
 from ..scenes.worlds.hall import Hall
 from .ledger import DESCRIPTION, FRAMES, Ledger
-from .recipe import recipe_of
+from .recipe import CalibrationRecipe, Recipe, VideoRecipe, format_of, record_of_recipe
 from .truth import ground_truth
 from .video import POSE_NAMES, check_video_can_be_written, encode, frame_at, frame_times
 
@@ -112,9 +112,10 @@ def write_calibration_set(
     truth
         Also write ``view-000.exr``, ..: light, depth, direction and origin of every pixel.
 
-    Yields
-    ------
-    Path of each picture, and of ``dataset.json``.
+    Returns
+    -------
+    Iterator
+        Path of each picture as it is written, and of ``dataset.json``.
 
     Raises
     ------
@@ -134,13 +135,20 @@ def write_calibration_set(
     ...     [path.name for path in written]
     ['view-000.png', 'dataset.json']
     """
-    folder, hall, detector = Path(folder), hall or Hall(), detector or Detector()
-    poses = view_poses(views, seed)
-    recipe = recipe_of("calibration", {
-        "sensor": sensor, "views": views, "samples": samples, "blur": blur, "radiometry": radiometry,
-        "detector": detector, "seed": seed, "hall": hall, "truth": truth,
-    })  # fmt: skip
-    ledger = _begin(folder, sensor, recipe, {
+    return take_pictures(
+        CalibrationRecipe(
+            sensor=sensor, views=views, samples=samples, blur=blur, radiometry=radiometry,
+            detector=detector or Detector(), seed=seed, hall=hall or Hall(), truth=truth,
+        ),
+        Path(folder),
+    )  # fmt: skip
+
+
+def take_pictures(recipe: CalibrationRecipe, folder: Path) -> Iterator[Path]:
+    """Write the set of a recipe, as :func:`write_calibration_set` does."""
+    sensor, hall, radiometry, seed = recipe.sensor, recipe.hall, recipe.radiometry, recipe.seed
+    poses = view_poses(recipe.views, seed)
+    ledger = _begin(folder, recipe, {
         "square_mm": SQUARE_MM,
         "boards_mm": {name: hall.board_corners_mm(name).round(6).tolist() for name in hall.boards},
     })  # fmt: skip
@@ -148,16 +156,18 @@ def write_calibration_set(
     with _to_its_end(ledger):
         for number, pose in enumerate(poses):
             name = f"view-{number:03d}"
-            files = [f"{name}.png"] + [f"{name}.exr"] * truth
+            files = [f"{name}.png"] + [f"{name}.exr"] * recipe.truth
             if not (files[0] in records and ledger.has(*files)):
                 scene = PosedScene(hall, pose)
-                light = expose(sensor, scene, samples=samples, blur=blur, radiometry=radiometry, seed=seed + number)
-                if truth:
+                light = expose(
+                    sensor, scene, samples=recipe.samples, blur=recipe.blur, radiometry=radiometry, seed=seed + number
+                )
+                if recipe.truth:
                     write_truth(folder / files[1], sensor, scene, light, radiometry)
-                write_image(folder / files[0], detector.read(light, seed + number))
+                write_image(folder / files[0], recipe.detector.read(light, seed + number))
                 corners = _lists(seen_corners_px(sensor, hall, pose))
                 record = {"image": files[0], "pose": asdict(pose), "corners_px": corners}
-                records[files[0]] = record | ({"truth": files[1]} if truth else {})
+                records[files[0]] = record | ({"truth": files[1]} if recipe.truth else {})
                 ledger.entries["views"] = [records[name] for name in sorted(records, key=lambda n: (len(n), n))]
                 ledger.add(*files)
             yield folder / files[0]
@@ -240,25 +250,31 @@ def write_video_set(
     ...         samples=1, blur=False)
     2
     """
-    folder, detector, times = Path(folder), detector or Detector(), frame_times(path, frame_rate, duration_s)
+    recipe = VideoRecipe(
+        sensor=sensor, scene=scene, path=path, frame_rate=frame_rate, duration_s=duration_s, samples=samples,
+        blur=blur, radiometry=radiometry, detector=detector or Detector(), seed=seed, truth=truth,
+    )  # fmt: skip
+    return take_frames(recipe, Path(folder), progress)
+
+
+def take_frames(recipe: VideoRecipe, folder: Path, progress: Callable[[int, int], None] | None = None) -> int:
+    """Write the set of a recipe, as :func:`write_video_set` does; count its frames."""
+    sensor, scene, path, truth = recipe.sensor, recipe.scene, recipe.path, recipe.truth
+    times = frame_times(path, recipe.frame_rate, recipe.duration_s)
     check_video_can_be_written(folder / "video.mp4")
-    recipe = recipe_of("video", {
-        "sensor": sensor, "scene": scene, "path": path, "frame_rate": frame_rate, "duration_s": duration_s,
-        "samples": samples, "blur": blur, "radiometry": radiometry, "detector": detector, "seed": seed, "truth": truth,
-    })  # fmt: skip
     world = scene.load() if isinstance(scene, SceneSource) else scene
-    described: dict[str, Any] = {"video": "video.mp4", "poses": "poses.csv", "frame_rate": frame_rate}
-    ledger = _begin(folder, sensor, recipe, described | ({"truth": "frame-%05d.exr"} if truth else {}))
+    described: dict[str, Any] = {"video": "video.mp4", "poses": "poses.csv", "frame_rate": recipe.frame_rate}
+    ledger = _begin(folder, recipe, described | ({"truth": "frame-%05d.exr"} if truth else {}))
     if ledger.is_complete:
         return len(times)
     done = 0
 
     def expose_frame(number: int, picture: str, exr: str) -> None:
-        pose = Pose(**path.at(times[number]))
-        light = frame_at(sensor, world, path, times[number], samples, blur, radiometry, seed + number)
+        time, radiometry, seed = times[number], recipe.radiometry, recipe.seed + number
+        light = frame_at(sensor, world, path, time, recipe.samples, recipe.blur, radiometry, seed)
         if truth:
-            write_truth(folder / exr, sensor, PosedScene(world, pose), light, radiometry)
-        write_image(folder / picture, detector.read(light, seed + number))
+            write_truth(folder / exr, sensor, PosedScene(world, Pose(**path.at(time))), light, radiometry)
+        write_image(folder / picture, recipe.detector.read(light, seed))
         ledger.add(picture, *([exr] if truth else []))
 
     try:
@@ -272,10 +288,10 @@ def write_video_set(
                     progress(done, len(times))
     except KeyboardInterrupt:
         if done:
-            _join(ledger, sensor, path, times[:done], frame_rate)
+            _join(ledger, sensor, path, times[:done], recipe.frame_rate)
             ledger.write()
         raise
-    _join(ledger, sensor, path, times, frame_rate)
+    _join(ledger, sensor, path, times, recipe.frame_rate)
     ledger.is_complete = True
     ledger.drop([FRAME % number for number in range(len(times))])
     (folder / FRAMES).rmdir()
@@ -302,14 +318,15 @@ def write_truth(path: Path, sensor: Sensor, scene: Scene, light: Light, radiomet
         write_channels(temporary, truth.channels(light))
 
 
-def _begin(folder: Path, sensor: Sensor, recipe: dict[str, Any], described: dict[str, Any]) -> Ledger:
+def _begin(folder: Path, recipe: Recipe, described: dict[str, Any]) -> Ledger:
     """What is there of a set, after its sensor and its dataset.json were written."""
-    if recipe["truth"]:
+    record = record_of_recipe(recipe)
+    if recipe.truth:
         check_exr_can_be_written(folder)
-    head = {"format": f"omnimirror {recipe['kind']} set 2", "sensor": "sensor.toml", "recipe": recipe}
+    head = {"format": format_of(recipe.KIND), "sensor": "sensor.toml", "recipe": record}
     ledger = Ledger(folder, head | described)
     if not ledger.has("sensor.toml"):
-        save_sensor(sensor, folder / "sensor.toml")
+        save_sensor(recipe.sensor, folder / "sensor.toml")
         ledger.add("sensor.toml")
     return ledger
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from ...errors import InvalidParameter
+from ...errors import InvalidParameter, MediaError
 from ...files import LARGEST_TEXT, read_bytes, write_text
 from ..scenes.sources import sha256_of
 
@@ -109,7 +109,7 @@ def _description(folder: Path) -> dict[str, Any] | None:
     except FileNotFoundError:
         return None
     except (OSError, ValueError, RecursionError) as e:
-        raise InvalidParameter(f"{folder / DESCRIPTION} cannot be read, and is not written over: {e}") from None
+        raise MediaError(f"{folder / DESCRIPTION} cannot be read, and is not written over: {e}") from None
     return found if isinstance(found, dict) else {}
 
 

@@ -3,27 +3,76 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, field, fields
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from ...errors import InvalidParameter, MediaError
+from ...errors import MediaError
 from ...files import LARGEST_TEXT, read_bytes
 from ...media.keyframes import Keyframes
+from ...sensor import Sensor
 from ...specs import format_sensor, parse_sensor
 from ..detector import Detector
 from ..radiometry import Radiometry
-from ..scenes.sources import record_of, source_of
+from ..scenes.contract import Scene
+from ..scenes.sources import SceneSource, record_of, source_of
 from ..scenes.worlds.hall import Hall
 
-KINDS = ("calibration", "video")
+FORMAT = 3
 
 
-def recipe_of(kind: str, arguments: dict[str, Any]) -> dict[str, Any]:
-    """The arguments of a set's writer as JSON holds them."""
+@dataclass(frozen=True, kw_only=True)
+class Recipe:
+    """What a set of any kind is made from."""
+
+    KIND: ClassVar[str]
+
+    sensor: Sensor
+    samples: int = 16
+    blur: bool = True
+    radiometry: Radiometry | None = None
+    detector: Detector = field(default_factory=Detector)
+    seed: int = 0
+    truth: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class CalibrationRecipe(Recipe):
+    """What a set of pictures of the hall's boards is made from."""
+
+    KIND: ClassVar[str] = "calibration"
+
+    views: int = 12
+    hall: Hall = field(default_factory=Hall)
+
+
+@dataclass(frozen=True, kw_only=True)
+class VideoRecipe(Recipe):
+    """What a video along a path through a scene is made from."""
+
+    KIND: ClassVar[str] = "video"
+
+    scene: Scene | SceneSource
+    path: Keyframes
+    frame_rate: float = 25.0
+    duration_s: float | None = None
+
+
+KINDS: dict[str, type[CalibrationRecipe] | type[VideoRecipe]] = {
+    kind.KIND: kind for kind in (CalibrationRecipe, VideoRecipe)
+}
+
+
+def format_of(kind: str) -> str:
+    """What a dataset.json says of its own format."""
+    return f"omnimirror {kind} set {FORMAT}"
+
+
+def record_of_recipe(recipe: Recipe) -> dict[str, Any]:
+    """A recipe as JSON holds it."""
     encoders: dict[str, Any] = {
         "sensor": format_sensor,
         "hall": asdict,
@@ -36,15 +85,15 @@ def recipe_of(kind: str, arguments: dict[str, Any]) -> dict[str, Any]:
         },
     }
     same: Any = lambda value: value  # noqa: E731
-    recipe = {name: encoders.get(name, same)(value) for name, value in arguments.items()}
-    whole = {"omnimirror": version("omnimirror"), "kind": kind} | recipe
+    told = {f.name: encoders.get(f.name, same)(getattr(recipe, f.name)) for f in fields(recipe)}
+    whole = {"omnimirror": version("omnimirror"), "kind": recipe.KIND} | told
     as_read: dict[str, Any] = json.loads(json.dumps(whole, default=lambda number: number.item()))
     return as_read
 
 
-def arguments_of(recipe: dict[str, Any], folder: Path) -> tuple[str, dict[str, Any]]:
-    """The kind of set of a recipe, and the arguments of its writer; files of scenes may lie in a folder."""
-    given = {name: value for name, value in recipe.items() if name not in ("omnimirror", "kind")}
+def _recipe_of(record: dict[str, Any], folder: Path) -> CalibrationRecipe | VideoRecipe:
+    """The recipe of a record; files of scenes may lie in a folder."""
+    given = {name: value for name, value in record.items() if name not in ("omnimirror", "kind")}
     decoders: dict[str, Any] = {
         "sensor": parse_sensor,
         "hall": lambda r: Hall(**r),
@@ -54,47 +103,48 @@ def arguments_of(recipe: dict[str, Any], folder: Path) -> tuple[str, dict[str, A
         "path": lambda r: Keyframes({n: tuple((t, v) for t, v in k) for n, k in r["tracks"].items()}, r["between"]),
     }
     same: Any = lambda value: value  # noqa: E731
-    return recipe["kind"], {name: decoders.get(name, same)(value) for name, value in given.items()}
+    return KINDS[record["kind"]](**{name: decoders.get(name, same)(value) for name, value in given.items()})
 
 
-def load_recipe(path: str | Path) -> dict[str, Any]:
+class KeptRecipe(NamedTuple):
+    """The recipe of a set, and the version of omnimirror that made it."""
+
+    recipe: CalibrationRecipe | VideoRecipe
+    made_by: str | None
+
+
+def load_recipe(path: str | Path) -> KeptRecipe:
     """The recipe of a dataset.json.
 
     Raises
     ------
     MediaError
-        There is no such file.
-    InvalidParameter
-        It holds no recipe.
+        There is no such file; it is of another format, holds no recipe, or an entry of it is not valid.
+    OmnimirrorError
+        The scene cannot be read.
     """
+    record = _record_in(path)
+    try:
+        return KeptRecipe(_recipe_of(record, Path(path).parent), record.get("omnimirror"))
+    except (TypeError, KeyError, AttributeError):
+        raise MediaError(f"{path} holds an entry of its recipe that is not valid") from None
+
+
+def _record_in(path: str | Path) -> dict[str, Any]:
+    """The recipe in a dataset.json of this format, as JSON."""
     try:
         data = json.loads(read_bytes(path, 16 * LARGEST_TEXT))
-        recipe = data["recipe"]
-        kind = recipe["kind"]
+        record = data["recipe"]
+        kind, told = record["kind"], data.get("format")
     except OSError as e:
         raise MediaError(f"cannot read {path}: {e.strerror}") from None
-    except (ValueError, KeyError, TypeError, RecursionError):
-        raise InvalidParameter(
-            f"{path} does not say how a set is made; dataset.json of this release's sets does"
-        ) from None
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        raise MediaError(f"{path} does not say how a set is made; dataset.json of this release's sets does") from None
     if kind not in KINDS:
-        raise InvalidParameter(f"{path} is of a set of kind {kind!r}; valid are {', '.join(KINDS)}")
-    return recipe  # type: ignore[no-any-return]
-
-
-def load_arguments(path: str | Path) -> tuple[str, dict[str, Any]]:
-    """Kind and arguments of the set that a dataset.json describes.
-
-    Raises
-    ------
-    OmnimirrorError
-        The file or the scene cannot be read, or an entry is not valid.
-    """
-    recipe = load_recipe(path)
-    try:
-        return arguments_of(recipe, Path(path).parent)
-    except (TypeError, KeyError, AttributeError):
-        raise InvalidParameter(f"{path} holds an entry of its recipe that is not valid") from None
+        raise MediaError(f"{path} is of a set of kind {kind!r}; valid are {', '.join(KINDS)}")
+    if told != format_of(kind):
+        raise MediaError(f"{path} is of the format {told!r}, and valid is {format_of(kind)!r}; write its set anew")
+    return record  # type: ignore[no-any-return]
 
 
 def _detector_record(detector: Detector) -> dict[str, Any]:

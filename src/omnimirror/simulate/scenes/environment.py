@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...dewarp.maps.pixels import PixelMap
 from ...dewarp.sampling.samplers import remap
-from ...errors import InvalidParameter
+from ...errors import InvalidParameter, MediaError
 from ...frames import turned
 from ...media import read_image
 from ...native import backend
@@ -83,18 +83,15 @@ class Environment:
         Raises
         ------
         MediaError
-            If the file cannot be read.
-        InvalidParameter
-            If it is not about twice as wide as high, and so cannot be equirectangular, or has but a few pixels.
+            If the file cannot be read; or is not about twice as wide as high, and so cannot be equirectangular, or
+            has but a few pixels.
         """
         image = read_image(path)
         height, width = image.shape[:2]
         if not 1.9 <= width / height <= 2.1:
-            raise InvalidParameter(
-                f"{path} has {width} x {height} px; an equirectangular picture is twice as wide as high"
-            )
+            raise MediaError(f"{path} has {width} x {height} px; an equirectangular picture is twice as wide as high")
         if height < FEWEST_ROWS:
-            raise InvalidParameter(
+            raise MediaError(
                 f"{path} has {width} x {height} px; an environment has at least {2 * FEWEST_ROWS} x {FEWEST_ROWS}"
             )
         return cls(np.ascontiguousarray(gain * _linear(image), np.float32), heading_deg)

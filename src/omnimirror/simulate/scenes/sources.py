@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from ...errors import InvalidParameter, MediaError, OmnimirrorError
+from ...errors import MediaError, OmnimirrorError
 from .contract import Scene
 from .environment import Environment
 from .worlds.bundled import BUNDLED
@@ -143,13 +143,11 @@ def source_of(record: dict[str, Any] | None, folder: Path) -> SceneSource:
 
     Raises
     ------
-    InvalidParameter
+    MediaError
         The scene was made in Python, or a file is not there any more or is another one.
     """
     if record is None:
-        raise InvalidParameter(
-            "the set's scene was made in Python, and no file says how; take it with the same program"
-        )
+        raise MediaError("the set's scene was made in Python, and no file says how; take it with the same program")
     source = SceneSource(**{name: value for name, value in record.items() if not name.endswith("_sha256")})
     for entry in ("name", "background"):
         expected = record.get(f"{entry}_sha256")
@@ -160,7 +158,7 @@ def source_of(record: dict[str, Any] | None, folder: Path) -> SceneSource:
         same = [file for file in found if sha256_of(file) == expected]
         if not same:
             what = "is not the file it was" if found else "is not there"
-            raise InvalidParameter(f"the set's scene {there} {what}; it is looked for there and in {folder}")
+            raise MediaError(f"the set's scene {there} {what}; it is looked for there and in {folder}")
         found_at = str(same[0])
         source = replace(source, name=found_at) if entry == "name" else replace(source, background=found_at)
     return source

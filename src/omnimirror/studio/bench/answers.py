@@ -75,20 +75,20 @@ def answer(ask: Ask) -> bytes:
         blocks += [_block("squares", SQUARES, design.marks)] if ask.squares else []
     except OmnimirrorError as e:
         return framed(_answer(ask, trouble=trouble_of(e)))
-    rows, wanted_trouble = verdict_rows(ask.wanted, sensor) if ask.wanted is not None else ((), None)
+    rows, requirements_trouble = verdict_rows(ask.requirements, sensor) if ask.requirements is not None else ((), None)
     told = _answer(
         ask,
         remark=remark_on(stands),
         facts=facts,
         rows=rows,
-        wanted_trouble=wanted_trouble,
+        requirements_trouble=requirements_trouble,
         blocks=tuple(values.block for values in blocks),
     )
     return framed(told, *(b.values.astype("<f4").tobytes() for b in blocks))
 
 
 def _answer(ask: Ask, **told: object) -> Answer:
-    empty = {"trouble": None, "remark": None, "facts": None, "rows": (), "wanted_trouble": None, "blocks": ()}
+    empty = {"trouble": None, "remark": None, "facts": None, "rows": (), "requirements_trouble": None, "blocks": ()}
     return Answer(slot=ask.slot, number=ask.number, **{**empty, **told})  # type: ignore[arg-type]
 
 

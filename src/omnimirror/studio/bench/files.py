@@ -56,8 +56,8 @@ def opened(name: str, data: bytes) -> Opened:
         raise SpecError(f"{name} is not valid TOML: {e}") from None
     where = Places(text, name)
     if "field" in tables:
-        return Opened(sensor=None, wanted=_checked(tables, where))
-    return Opened(sensor=on_bench(sensor_of(tables, where)), wanted=None)
+        return Opened(sensor=None, requirements=_checked(tables, where))
+    return Opened(sensor=on_bench(sensor_of(tables, where)), requirements=None)
 
 
 def _checked(tables: dict[str, Any], where: Places) -> dict[str, Any]:
@@ -78,7 +78,7 @@ def _replaced(value: Any, old: float, new: float) -> Any:
     return new if value == old else value
 
 
-def requirement_file(wanted: dict[str, Any], sensor: Sensor) -> str:
+def requirement_file(tables: dict[str, Any], sensor: Sensor) -> str:
     """The text of a requirement file; what it leaves out is taken from the sensor.
 
     Raises
@@ -87,17 +87,17 @@ def requirement_file(wanted: dict[str, Any], sensor: Sensor) -> str:
         The requirements are wrong.
     """
     sensor = in_place(sensor)
-    requirements = requirements_for(wanted, sensor)
+    requirements = requirements_for(tables, sensor)
     imager = tables_of(sensor)["imager"]
     rim = {"family": "sphere", "rim_radius_mm": sensor.mirror.rim_radius_mm}
     own = {"name": requirements.name, "mirror": rim, "imager": imager, "lens": lens_table(sensor)}
-    return tomli_w.dumps(_replaced({**own, **wanted}, VERY_FAR, float("inf")))
+    return tomli_w.dumps(_replaced({**own, **tables}, VERY_FAR, float("inf")))
 
 
 # -- handed down -----------------------------------------------------------------------------------
 
 
-def downloaded(wanted: Download) -> File:
+def downloaded(asked: Download) -> File:
     """A file of a design: what ``omnimirror evaluate``, ``export`` and ``demo`` write of it.
 
     Raises
@@ -105,32 +105,32 @@ def downloaded(wanted: Download) -> File:
     OmnimirrorError
         The sensor cannot be, or has no such file.
     """
-    sensor = sensor_on_bench(wanted.tables)
-    if wanted.kind in OF_ONE_MERIDIAN and not sensor.mirror_pose.is_axial:
-        what = OF_ONE_MERIDIAN[wanted.kind]
+    sensor = sensor_on_bench(asked.tables)
+    if asked.kind in OF_ONE_MERIDIAN and not sensor.mirror_pose.is_axial:
+        what = OF_ONE_MERIDIAN[asked.kind]
         raise InvalidParameter(f"{what} is of a mirror in its place, and this one is decentred or tilted; put it there")
-    return KINDS[wanted.kind](sensor, wanted)
+    return KINDS[asked.kind](sensor, asked)
 
 
-def _sensor_file(sensor: Sensor, wanted: Download) -> File:
+def _sensor_file(sensor: Sensor, asked: Download) -> File:
     return File(f"{_stem(sensor)}.toml", "application/toml", format_sensor(sensor).encode())
 
 
-def _table(sensor: Sensor, wanted: Download) -> File:
-    distance = distance_of(wanted.object_distance_mm)
+def _table(sensor: Sensor, asked: Download) -> File:
+    distance = distance_of(asked.object_distance_mm)
     result = evaluate(sensor, np.linspace(*sensor.field_deg, ROWS), object_distance_mm=distance)
     return _written(f"{_stem(sensor)}-evaluation.csv", "text/csv", result.to_csv)
 
 
-def _sag(sensor: Sensor, wanted: Download) -> File:
+def _sag(sensor: Sensor, asked: Download) -> File:
     return _exported(sensor, f"{_stem(sensor)}-sag.csv", "text/csv")
 
 
-def _drawing(sensor: Sensor, wanted: Download) -> File:
+def _drawing(sensor: Sensor, asked: Download) -> File:
     return _exported(sensor, f"{_stem(sensor)}.pdf", "application/pdf")
 
 
-def _report(sensor: Sensor, wanted: Download) -> File:
+def _report(sensor: Sensor, asked: Download) -> File:
     from ...report import write_demo
 
     width, height = sensor.imager.size

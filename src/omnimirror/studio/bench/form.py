@@ -9,6 +9,7 @@ from functools import cache
 from typing import Any
 
 from ... import quantities
+from ...batch.bases import FREE_FORMS
 from ...design.criteria.limits import LIMITABLE
 from ...design.criteria.merits import DESIGN_MERITS
 from ...imagers import Imager
@@ -21,7 +22,6 @@ from ...specs import bundled_sensors
 from .messages import BenchStart, ParameterOf, PartOf, QuantityOf
 
 DISTANCE = Parameter("mm", 1e-3, 1e7, "from the lens's principal point to the mirror's vertex (m)")
-FAMILIES = ("slope-spline", "even-polynomial", "conic-asphere")
 
 
 @cache
@@ -46,7 +46,7 @@ def bench_start() -> BenchStart:
         columns=tuple(map(_quantity, quantities.PER_ANGLE)),
         quantities=tuple(_quantity(limitable.quantity) for limitable in LIMITABLE.values()),
         merits=tuple(_quantity(merit.quantity) for merit in DESIGN_MERITS.values()),
-        families=FAMILIES,
+        shapes=tuple(FREE_FORMS),
         sensors=tuple(bundled_sensors()),
     )
 

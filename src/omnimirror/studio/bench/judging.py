@@ -6,21 +6,22 @@ from typing import Any
 
 import numpy as np
 
+from ...design.criteria.like import lens_like
 from ...design.criteria.requirement_file import requirements_of
 from ...design.criteria.requirements import Requirements
 from ...design.solve.verdict import Judgement, judge
 from ...errors import OmnimirrorError
-from ...lenses import Perspective
 from ...sensor import Sensor
 from ...specs import tables_of
-from .messages import Judged
+from .messages import JudgementOf
 
+DIGITS = 6
 ANGLES = 181  # at which limits are looked at while a slider moves
 OWN = ("rim_radius_mm", "focal_length_mm", "theta_max_deg", "f_number")
 """Entries that are judged only where the requirements themselves have them."""
 
 
-def requirements_for(wanted: dict[str, Any], sensor: Sensor) -> Requirements:
+def requirements_for(tables: dict[str, Any], sensor: Sensor) -> Requirements:
     """Requirements from their tables; what they leave out (mirror, lens, imager) is the sensor's.
 
     Raises
@@ -28,7 +29,7 @@ def requirements_for(wanted: dict[str, Any], sensor: Sensor) -> Requirements:
     SpecError
         They are wrong; the message says where and what would be valid.
     """
-    data = dict(wanted)
+    data = dict(tables)
     data.setdefault("mirror", {"family": "sphere", "rim_radius_mm": sensor.mirror.rim_radius_mm})
     data.setdefault("lens", lens_table(sensor))
     data.setdefault("imager", tables_of(sensor)["imager"])
@@ -36,40 +37,26 @@ def requirements_for(wanted: dict[str, Any], sensor: Sensor) -> Requirements:
 
 
 def lens_table(sensor: Sensor) -> dict[str, Any]:
-    """The lens of a sensor as a requirement file states it; where it is focused is left to the design.
-
-    >>> import omnimirror as om
-    >>> lens_table(om.load_sensor("paraboloid-telecentric"))
-    {'kind': 'orthographic', 'f_number': 4.0}
-    """
-    lens = sensor.lens
-    if not isinstance(lens, Perspective):
-        return {"kind": lens.KIND, "f_number": lens.stop_number}
-    theta = round(float(np.degrees(sensor.meridian.theta_max)), 6)
-    return {
-        "kind": lens.KIND,
-        "f_number": lens.f_number,
-        "focal_length_mm": lens.focal_length_mm,
-        "theta_max_deg": theta,
-    }
+    """The lens of a sensor as a requirement file states it, in numbers that people read."""
+    return {name: round(v, DIGITS) if isinstance(v, float) else v for name, v in lens_like(sensor).items()}
 
 
-def verdict_rows(wanted: dict[str, Any], sensor: Sensor) -> tuple[tuple[Judged, ...], str | None]:
+def verdict_rows(tables: dict[str, Any], sensor: Sensor) -> tuple[tuple[JudgementOf, ...], str | None]:
     """Every requirement with what the sensor reaches, and why they cannot be judged, if they cannot."""
     try:
-        requirements = requirements_for(wanted, sensor)
+        requirements = requirements_for(tables, sensor)
         rows = judge(requirements, sensor, angles=ANGLES).rows
     except OmnimirrorError as e:
         return (), str(e)
-    asked = {*wanted.get("mirror", {}), *wanted.get("lens", {})}
+    asked = {*tables.get("mirror", {}), *tables.get("lens", {})}
     shown = [row for row in rows if row.name not in OWN or row.name in asked]
     first = len(shown) - len(requirements.limits)
     return tuple(_told(row, i - first) for i, row in enumerate(shown)), None
 
 
-def _told(row: Judgement, limit: int) -> Judged:
+def _told(row: Judgement, limit: int) -> JudgementOf:
     reached = float(row.reached) if np.isfinite(row.reached) else None
-    return Judged(
+    return JudgementOf(
         name=row.name,
         unit=row.unit,
         at_least=row.at_least,

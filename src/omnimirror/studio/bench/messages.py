@@ -63,7 +63,7 @@ class BenchStart(Message):
     columns: tuple[QuantityOf, ...] = Field(description="what plots can show against the field angle")
     quantities: tuple[QuantityOf, ...] = Field(description="what a requirement can limit")
     merits: tuple[QuantityOf, ...]
-    families: tuple[str, ...]
+    shapes: tuple[str, ...] = Field(description="free forms in which a mirror can be sought")
     sensors: tuple[str, ...]
 
 
@@ -85,7 +85,7 @@ class Opened(Message):
     """A file that was opened: a sensor, or requirements."""
 
     sensor: BenchSensor | None
-    wanted: Tables | None
+    requirements: Tables | None
 
 
 class Change(Message):
@@ -107,7 +107,7 @@ class Ask(Message):
     object_distance_mm: float | None = Field(gt=0, description="null: infinite")
     section: bool
     squares: bool
-    wanted: Tables | None
+    requirements: Tables | None
 
 
 class Facts(Message):
@@ -130,7 +130,7 @@ class Facts(Message):
     not_optimised: str | None = Field(description="why its mirror cannot be optimised, if it cannot")
 
 
-class Judged(Message):
+class JudgementOf(Message):
     """A requirement, and what is reached of it."""
 
     name: str
@@ -161,8 +161,8 @@ class Answer(Message):
     trouble: Trouble | None
     remark: str | None = Field(description="what of the sensor the plots do not show")
     facts: Facts | None
-    rows: tuple[Judged, ...]
-    wanted_trouble: str | None
+    rows: tuple[JudgementOf, ...]
+    requirements_trouble: str | None
     blocks: tuple[Block, ...]
 
 
@@ -189,10 +189,10 @@ class Download(Message):
     object_distance_mm: float | None = Field(gt=0)
 
 
-class WantedFile(Message):
+class RequirementFile(Message):
     """A requirement file to be written, and the sensor that it is for."""
 
-    wanted: Tables
+    requirements: Tables
     tables: Tables
 
 
@@ -201,10 +201,10 @@ class Task(Message):
 
     what: Literal["optimise", "design"]
     tables: Tables
-    wanted: Tables | None
+    requirements: Tables | None
     object_distance_mm: float | None = Field(gt=0, description="null: infinite")
     merit: str = Field(max_length=40)
-    family: str = Field(max_length=40)
+    shape: str = Field(max_length=40, description="the free form in which the mirror is sought")
     terms: int = Field(ge=1, le=32)
     starts: int = Field(ge=1, le=8)
 

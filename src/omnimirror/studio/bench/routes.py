@@ -15,7 +15,7 @@ from ..schema import BYTES, FILE_BODY, FileName
 from ..uploads import collected, safe_name
 from .files import SLOW_KINDS, downloaded, opened, requirement_file, taken
 from .form import bench_start
-from .messages import Ask, BenchSensor, BenchStart, Change, Download, News, Opened, PictureAsk, Task, WantedFile
+from .messages import Ask, BenchSensor, BenchStart, Change, Download, News, Opened, PictureAsk, RequirementFile, Task
 from .sensors import changed, on_bench, sensor_on_bench
 from .work import Workers
 
@@ -44,9 +44,9 @@ def _add_questions(app: FastAPI) -> None:
         return on_bench(load_sensor(name))
 
     @app.post("/api/bench/change")
-    def change(wanted: Change) -> BenchSensor:
+    def change(asked: Change) -> BenchSensor:
         """The sensor with another kind of mirror or lens, or at its best focus."""
-        return on_bench(changed(wanted))
+        return on_bench(changed(asked))
 
     @app.post("/api/bench/open", openapi_extra=FILE_BODY)
     async def open_file(request: Request, name: FileName = "sensor.toml") -> Opened:
@@ -57,19 +57,19 @@ def _add_questions(app: FastAPI) -> None:
 
 def _add_files(app: FastAPI, studio: Studio) -> None:
     @app.post("/api/bench/file", response_class=Response, responses={200: BYTES})
-    async def file(wanted: Download) -> Response:
+    async def file(asked: Download) -> Response:
         """A file of a design: its sensor file, tables, drawing or report."""
-        if wanted.kind in SLOW_KINDS:
-            made = await studio.reported.do(wanted.model_dump_json(), lambda: downloaded(wanted))
+        if asked.kind in SLOW_KINDS:
+            made = await studio.reported.do(asked.model_dump_json(), lambda: downloaded(asked))
         else:
-            made = await asyncio.to_thread(downloaded, wanted)
+            made = await asyncio.to_thread(downloaded, asked)
         headers = {"content-disposition": f'attachment; filename="{made.name}"'}
         return Response(made.data, media_type=made.kind, headers=headers)
 
     @app.post("/api/bench/requirements", response_class=PlainTextResponse)
-    def requirements(wanted: WantedFile) -> str:
+    def requirements(asked: RequirementFile) -> str:
         """The text of a requirement file."""
-        return requirement_file(wanted.wanted, sensor_on_bench(wanted.tables))
+        return requirement_file(asked.requirements, sensor_on_bench(asked.tables))
 
     @app.post("/api/bench/picture", response_class=Response, responses={200: BYTES})
     async def picture(ask: PictureAsk) -> Response:

@@ -15,11 +15,13 @@ from typing import IO
 
 import numpy as np
 
-from ...design.optimise.optimiser import Progress, optimise
-from ...design.optimise.problem import DesignProblem
+from ...design.criteria.like import requirements_like
+from ...design.criteria.requirements import Requirements
+from ...design.optimise.optimiser import Progress
+from ...design.solve.designer import SearchOptions, design_sensor
 from ...errors import InvalidParameter, OmnimirrorError
+from ...housing import Housing
 from ...imagers import Imager
-from ...lenses import Perspective
 from ...sensor import Sensor
 from .judging import requirements_for
 from .messages import News, Task, distance_of
@@ -39,8 +41,10 @@ def perform(task: Task, tell: Tell) -> None:
         tell(_news("failed", str(e)))
 
 
-def problem_of(sensor: Sensor, task: Task) -> DesignProblem:
-    """The problem of a sensor's field, size, lens and imager, and of the objects of a task.
+def optimisable(sensor: Sensor, task: Task) -> Requirements:
+    """Requirements as the sensor keeps them, for the objects, the merit and the shape of a task.
+
+    Its whole field counts, and its imager is as large as the image of its rim: a mirror is looked for, not an imager.
 
     Raises
     ------
@@ -49,20 +53,10 @@ def problem_of(sensor: Sensor, task: Task) -> DesignProblem:
     """
     if (reason := why_not_optimised(sensor)) is not None:
         raise InvalidParameter(reason)
-    lens = sensor.lens
-    is_telecentric = not isinstance(lens, Perspective)
-    return DesignProblem(
-        omega_max_deg=sensor.field_deg[1],
-        theta_max_deg=None if is_telecentric else float(np.degrees(sensor.meridian.theta_max)),
-        rim_radius_mm=sensor.mirror.rim_radius_mm,
-        focal_length_mm=lens.focal_length_mm if isinstance(lens, Perspective) else None,
-        f_number=lens.stop_number,
-        imager=_filled(sensor) if is_telecentric else sensor.imager,
-        lens=lens.KIND,
-        object_distance_mm=distance_of(task.object_distance_mm),
-        family=task.family,
-        terms=task.terms,
-    )
+    bare = replace(sensor, housing=Housing())
+    like = requirements_like(bare, optimise=task.merit, shape=f"{task.shape}:{task.terms}")
+    distance = distance_of(task.object_distance_mm)
+    return replace(like.changed(omega_min_deg=0.0, object_distance_mm=distance), imager=_filled(sensor))
 
 
 def _filled(sensor: Sensor) -> Imager:
@@ -81,16 +75,18 @@ def _optimise(task: Task, sensor: Sensor, tell: Tell) -> None:
         words = f"start {progress.run + 1} of {progress.runs}, step {steps}"
         tell(_news("running", words, progress.run / progress.runs, progress.value))
 
-    found = optimise(problem_of(sensor, task), task.merit, starts=task.starts, on_progress=said)
-    tell(_news("done", found.sensor.notes, 1.0, found.value, replace(found.sensor, imager=sensor.imager)))
+    made = design_sensor(optimisable(sensor, task), search=SearchOptions(starts=task.starts, on_progress=said))
+    if made.optimum is None:
+        raise InvalidParameter(made.notes[0])
+    found = replace(made.sensor, imager=sensor.imager, housing=sensor.housing)
+    tell(_news("done", found.notes, 1.0, made.optimum.value, found))
 
 
 def _design(task: Task, sensor: Sensor, tell: Tell) -> None:
-    from ...design import design_sensor
-
-    if task.wanted is None:
+    if task.requirements is None:
         raise InvalidParameter("there are no requirements to design from")
-    made = design_sensor(requirements_for(task.wanted, in_place(sensor)), lambda words: tell(_news("running", words)))
+    asked = requirements_for(task.requirements, in_place(sensor))
+    made = design_sensor(asked, lambda words: tell(_news("running", words)))
     missed = [row.label for row in made.rows if not row.is_met]
     words = f"Not everything can be met: {', '.join(missed)}." if missed else "Everything is met."
     tell(_news("done", words, 1.0, None, made.sensor))

@@ -11,7 +11,7 @@ export interface Design {
   /** Distance of the objects, mm; null: infinite. */
   distance: number | null;
   /** Requirements, as the tables of their file. */
-  wanted: Tables | null;
+  requirements: Tables | null;
 }
 
 /** A design that is kept for comparison. */

@@ -8,11 +8,11 @@ export function lacking(found: unknown, parts: Parts): string | null {
   if (!isTable(found)) return "it is no design";
   if (!isTable(found.tables)) return "it has no tables of a sensor";
   if (!isNumberOrNull(found.distance)) return `the distance of its objects is ${short(found.distance)}`;
-  return ofSensor(found.tables, found.follows === true, parts) ?? ofWanted(found.wanted ?? null, parts);
+  return ofSensor(found.tables, found.follows === true, parts) ?? ofRequirements(found.requirements ?? null, parts);
 }
 
 /** The design of an object that lacks nothing. */
-export const designOf = (found: Tables): Design => ({ tables: found.tables as Tables, follows: found.follows === true, distance: (found.distance as number | null | undefined) ?? null, wanted: (found.wanted as Tables | null | undefined) ?? null });
+export const designOf = (found: Tables): Design => ({ tables: found.tables as Tables, follows: found.follows === true, distance: (found.distance as number | null | undefined) ?? null, requirements: (found.requirements as Tables | null | undefined) ?? null });
 
 function ofSensor(tables: Tables, follows: boolean, parts: Parts): string | null {
   for (const name of ["mirror", "lens", "imager"]) if (!isTable(tables[name])) return `it lacks [${name}]`;
@@ -49,11 +49,11 @@ function isOf(p: ParameterOf, value: unknown): boolean {
   return Number.isFinite(value);
 }
 
-function ofWanted(wanted: unknown, parts: Parts): string | null {
-  if (wanted === null) return null;
-  if (!isTable(wanted) || !isTable(wanted.field)) return "its requirements lack [field]";
-  if (!Number.isFinite(wanted.field.omega_max_deg)) return "its requirements lack field.omega_max_deg";
-  const limits = (wanted.limit ?? []) as unknown;
+function ofRequirements(requirements: unknown, parts: Parts): string | null {
+  if (requirements === null) return null;
+  if (!isTable(requirements) || !isTable(requirements.field)) return "its requirements lack [field]";
+  if (!Number.isFinite(requirements.field.omega_max_deg)) return "its requirements lack field.omega_max_deg";
+  const limits = (requirements.limit ?? []) as unknown;
   if (!Array.isArray(limits)) return "its requirements have limits that are no list";
   const unknown = limits.find((l) => !isTable(l) || !parts.quantities.some((q) => q.name === l.quantity)) as unknown;
   return unknown === undefined ? null : `its requirements limit ${short(isTable(unknown) ? unknown.quantity : unknown)}, which is no quantity`;

@@ -14,7 +14,7 @@ interface Hands {
 export class WorkPanel {
   private socket: WebSocket | null = null;
   private readonly merit: HTMLSelectElement;
-  private readonly family: HTMLSelectElement;
+  private readonly shape: HTMLSelectElement;
   private readonly terms = h("input", { type: "number", min: "3", max: "32", step: "1", value: "8" });
   private readonly starts = h("input", { type: "number", min: "1", max: "8", step: "1", value: "2" });
   private readonly begin = h("button", { type: "button", onclick: () => this.start("optimise") }, "Optimise");
@@ -26,11 +26,11 @@ export class WorkPanel {
 
   constructor(place: HTMLElement, private readonly parts: BenchStart, private readonly hands: Hands) {
     this.merit = h("select", {}, ...parts.merits.map((m) => h("option", { value: m.name, title: m.meaning }, quantityWords(m))));
-    this.family = h("select", {}, ...parts.families.map((f) => h("option", { value: f }, f.replaceAll("-", " "))));
+    this.shape = h("select", {}, ...parts.shapes.map((f) => h("option", { value: f }, f.replaceAll("-", " "))));
     this.begin.setAttribute("aria-describedby", this.reason.id);
     place.append(
       labelled("Make least", this.merit),
-      labelled("Free form", this.family),
+      labelled("Free form", this.shape),
       h("div", { className: "two" }, labelled("Terms", this.terms), labelled("Starts", this.starts)),
       h("div", { className: "row" }, this.begin, this.design, this.cancel),
       this.reason,
@@ -41,15 +41,15 @@ export class WorkPanel {
 
   /** Offer what can be done with a design; `reason` says why its mirror cannot be optimised. */
   show(design: Design, reason: string | null): void {
-    this.design.hidden = !design.wanted?.mirror;
+    this.design.hidden = !design.requirements?.mirror;
     this.reason.hidden = reason === null;
     this.reason.textContent = reason ?? "";
     this.begin.disabled = this.socket !== null || reason !== null;
   }
 
   private start(what: Task["what"]): void {
-    const { tables, wanted, distance } = this.hands.now();
-    const task: Task = { what, tables, wanted, object_distance_mm: distance, merit: this.merit.value, family: this.family.value, terms: Number(this.terms.value), starts: Number(this.starts.value) };
+    const { tables, requirements, distance } = this.hands.now();
+    const task: Task = { what, tables, requirements, object_distance_mm: distance, merit: this.merit.value, shape: this.shape.value, terms: Number(this.terms.value), starts: Number(this.starts.value) };
     const socket = (this.socket = new WebSocket(socketAddress("api/bench/work")));
     socket.onopen = () => socket.send(JSON.stringify(task));
     socket.onmessage = (e: MessageEvent<string>) => this.told(JSON.parse(e.data) as News);

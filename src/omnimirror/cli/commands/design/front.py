@@ -10,38 +10,37 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from ....design.optimise.front import Front, merit_values, pareto
-from ....design.optimise.problem import DesignProblem
-from ....design.optimise.references import EXACTLY, known_sensors
-from ....errors import InvalidParameter
+from ....design.criteria.requirements import Requirements
+from ....design.optimise.references import EXACTLY, known_sensors, merit_values
+from ....design.solve.front import Front, pareto
 from ....quantities import QUANTITIES
+from ...options.design import SearchedOptions
 from ...outputs import progress_bar
 
 
-def find_front(
-    console: Console,
-    problem: DesignProblem,
-    merits: list[str],
-    figure: Path | None,
-    pick: int | None,
-    **options: Any,
-) -> Front:
-    """Find the front, draw and print it; ``options`` are those of :func:`~omnimirror.design.optimise.front.pareto`."""
-    if figure and len(merits) != 2:
-        raise InvalidParameter(f"a figure shows two merits; {len(merits)} were given")
-    generations, resume = options["generations"], options["resume"]
+def find_front(console: Console, asked: Requirements, merits: list[str], searched: SearchedOptions) -> Front:
+    """Find the front, draw and print it."""
+    if searched.figure and len(merits) != 2:
+        raise click.UsageError(f"a figure shows two merits; {len(merits)} were given")
     with progress_bar(console) as bar:
-        task = bar.add_task("generations", total=generations)
-        front = pareto(problem, merits, on_progress=lambda done, _: bar.update(task, completed=done), **options)
-    if pick is not None:
-        front.sensor(pick)  # says so, before anything is written, where there is none
+        task = bar.add_task("generations", total=searched.generations)
+        front = pareto(
+            asked, merits, population=searched.population, generations=searched.generations, seed=searched.seed,
+            resume=searched.resume, on_progress=lambda done, _: bar.update(task, completed=done),
+            mode=searched.mode, image_radius_px=searched.image_radius_px,
+        )  # fmt: skip
+    if searched.pick is not None:
+        front.sensor(searched.pick)  # says so, before anything is written, where there is none
+    problem = front.space.problem
     known = {name: merit_values(s, front.merits, problem) for name, s in known_sensors(problem).items()}
-    if figure:
-        _draw(front, known, figure)
+    if searched.figure:
+        _draw(front, known, searched.figure)
     _print_front(console, front, known)
+    if searched.pick is not None:
+        console.print()
     if not front.is_complete:
-        kept = f"; the same command goes on from {resume}" if resume else ""
-        console.print(f"Stopped before generation {generations}{kept}", highlight=False, soft_wrap=True)
+        kept = f"; the same command goes on from {searched.resume}" if searched.resume else ""
+        console.print(f"Stopped before generation {searched.generations}{kept}", highlight=False, soft_wrap=True)
     return front
 
 
@@ -72,8 +71,8 @@ def _axis_label(merit: str) -> str:
     return f"{q.title} ({q.unit})" if q.unit else q.title
 
 
-def check_pick(pick: int | None, wanted: dict[str, Path | None]) -> None:
+def check_pick(pick: int | None, outputs: dict[str, Path | None]) -> None:
     """Refuse what is to be written of one design of a front where none is named."""
-    named = [f"--{name}" for name, path in wanted.items() if path]
+    named = [f"--{name}" for name, path in outputs.items() if path]
     if pick is None and named:
         raise click.UsageError(f"{named[0]} is about one design of the front; name it with --pick NUMBER")

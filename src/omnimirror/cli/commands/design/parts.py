@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import click
+import numpy as np
 from rich.table import Table
 
 from ....components.catalogue import read_catalogue
@@ -14,33 +16,36 @@ from ....lenses import Perspective
 from ....quantities import QUANTITIES
 from ....specs import load_sensor, save_sensor
 from ...options.common import NUMBER, distance
+from ...options.declared import Options, option, takes
 from ...outputs import output_console, output_option, say_written
+
+
+@dataclass(frozen=True)
+class SelectionOptions(Options):
+    """What parts have to do."""
+
+    least_fill: float = option(
+        type=NUMBER, default=0.6, help="Share of half the imager's shorter side that the rim's image has to reach."
+    )
+    object_distance_mm: float = option(
+        type=distance, metavar="MM", default=np.inf, help="From the mirror to the object."
+    )
 
 
 @click.command()
 @click.argument("sensor")
 @click.argument("catalogue", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("--least-fill", type=NUMBER, default=0.6, show_default=True,
-              help="Share of half the imager's shorter side that the rim's image has to reach.")  # fmt: skip
-@click.option("--object-distance-mm", type=distance, metavar="MM", default="inf", show_default=True,
-              help="From the mirror to the object.")  # fmt: skip
+@takes(SelectionOptions, "selection")
 @click.option("--best", is_flag=True, help="Only those that fit.")
 @output_option("-o", "--out", help="Write the best as a sensor file.")
 def command(
-    sensor: str,
-    catalogue: tuple[Path, ...],
-    least_fill: float,
-    object_distance_mm: float,
-    best: bool,
-    out: Path | None,
+    sensor: str, catalogue: tuple[Path, ...], selection: SelectionOptions, best: bool, out: Path | None
 ) -> None:
     """Rank the lenses and imagers of CATALOGUE files before the mirror of SENSOR, and say why others do not fit.
 
     The mirror stays where it is; a catalogue is TOML or CSV.
     """
-    found = choose_parts(
-        load_sensor(sensor), read_catalogue(*catalogue), least_fill=least_fill, object_distance_mm=object_distance_mm
-    )
+    found = choose_parts(load_sensor(sensor), read_catalogue(*catalogue), **selection.given)
     fitting = [c for c in found if c.fits]
     console = output_console()
     console.print(_table(fitting if best else found))

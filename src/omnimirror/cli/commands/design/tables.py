@@ -1,4 +1,4 @@
-"""What ``omnimirror design`` prints: the table of requirements, what conflicts, merits and convergence."""
+"""What ``omnimirror design`` and ``judge`` print: the table of requirements, what conflicts, merits and convergence."""
 
 from __future__ import annotations
 
@@ -8,14 +8,16 @@ from rich.text import Text
 
 from ....analysis.meridional.focus_merits import FOCUS_MERITS
 from ....design.criteria.merits import DESIGN_MERITS
-from ....design.optimise.front import merit_values
 from ....design.optimise.optimiser import Optimum
-from ....design.optimise.references import known_sensors
+from ....design.optimise.references import known_sensors, merit_values
 from ....design.solve.designer import Design
 from ....design.solve.relaxation import Conflict, Relaxation
-from ....design.solve.verdict import ROUNDING
+from ....design.solve.verdict import ROUNDING, Verdict
 from ....quantities import QUANTITIES
 from ...outputs import say
+
+MISSED = 3
+"""Exit code where a sensor misses a requirement."""
 
 
 def print_design(console: Console, design: Design) -> None:
@@ -26,21 +28,26 @@ def print_design(console: Console, design: Design) -> None:
     for note in design.notes:
         console.print(f"  {note}", highlight=False, soft_wrap=True)
     console.print()
+    print_verdict(console, design.verdict)
+    if design.conflict is not None:
+        _print_conflict(console, design.conflict)
+
+
+def print_verdict(console: Console, verdict: Verdict) -> None:
+    """Requirement by requirement: what was asked, what is reached, and the margin."""
     table = Table(box=None, pad_edge=False, header_style="bold", collapse_padding=True)
     for heading in ("requirement", "asked", "reached", "margin", "at Ω", ""):
         table.add_column(heading, justify="left" if heading in ("requirement", "") else "right", no_wrap=True)
-    for row in design.rows:
+    for row in verdict.rows:
         at = "" if row.omega_deg is None else f"{row.omega_deg:.4g} deg"
         met = Text("met") if row.is_met else Text("missed", style="bold red")
         margin = 0.0 if abs(row.margin) <= ROUNDING * row.scale else row.margin
         asked = _asked(row.at_least, row.at_most, row.unit)
         table.add_row(row.label, asked, _number(row.reached), _number(margin), at, met)
     console.print(table)
-    for remark in dict.fromkeys(remark for row in design.rows for remark in row.remarks):
-        names = ", ".join(row.label for row in design.rows if remark in row.remarks)
+    for remark in dict.fromkeys(remark for row in verdict.rows for remark in row.remarks):
+        names = ", ".join(row.label for row in verdict.rows if remark in row.remarks)
         console.print(f"  {names}: {remark}", highlight=False, soft_wrap=True)
-    if design.conflict is not None:
-        _print_conflict(console, design.conflict)
 
 
 def _asked(low: float | None, high: float | None, unit: str) -> str:

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import click
 import numpy as np
 from rich.table import Table
 
-from ....analysis.aperture.relative_illumination import illumination
+from ....analysis.aperture.relative_illumination import Illumination, illumination
 from ....arguments import float_of
 from ....mirrors.reflectivity import METALS, Reflectivity
+from ....sensor import Sensor
 from ....specs import load_sensor
-from ...options.aperture import angles_of
+from ...options.aperture import Array, angles_of
 from ...options.common import NUMBER, angle, values
+from ...options.declared import Options, option, takes
 from ...outputs import FIGURES, format_option, output_console, output_option, say_written
 
 CURVE, RIM_DEG = 121, 1.5  # points of the curve, and of half as many more where the rim cuts the light off
@@ -39,34 +41,40 @@ def reflectivity(text: str) -> Reflectivity:
     raise click.BadParameter(f"{text!r} is not a share from 0 to 1, an index n,k, or one of {', '.join(METALS)}")
 
 
+@dataclass(frozen=True)
+class LightOptions(Options):
+    """Along which field angles the light is followed, and how much of it mirror and lens pass on."""
+
+    omega_deg: Array | None = option(
+        type=values, metavar="A:B:STEP", help="Field angles.  [default: every 15 deg seen]"
+    )
+    azimuth_deg: float = option(
+        type=angle, default=0.0, metavar="DEG", help="Direction in the picture, from right towards bottom."
+    )
+    reflectivity: Reflectivity = option(
+        type=reflectivity, default=1.0, metavar="R|N,K|METAL",
+        help=f"Of the mirror: a share, an index, or {', '.join(METALS)}.",
+    )  # fmt: skip
+    transmission: float = option(type=NUMBER, default=1.0, help="Of the lens.")
+
+    def of(self, sensor: Sensor, omega_deg: Array) -> Illumination:
+        """The illumination at field angles (n,)."""
+        return illumination(sensor, omega_deg, **self.picked("azimuth_deg", "reflectivity", "transmission"))
+
+
 @click.command()
 @click.argument("sensor")
-@click.option("--omega-deg", type=values, metavar="A:B:STEP", help="Field angles.  [default: every 15 deg seen]")
-@click.option("--azimuth-deg", type=angle, default="0", metavar="DEG", show_default=True,
-              help="Direction in the picture, from right towards bottom.")  # fmt: skip
-@click.option("--reflectivity", type=reflectivity, default="1", show_default=True, metavar="R|N,K|METAL",
-              help=f"Of the mirror: a share, an index, or {', '.join(METALS)}.")  # fmt: skip
-@click.option("--transmission", type=NUMBER, default=1.0, show_default=True, help="Of the lens.")
+@takes(LightOptions, "light")
 @output_option("-o", "--output", formats=FIGURES, help="Figure (PNG, SVG, PDF).")
 @format_option(FIGURES)
 @output_option("--csv", "csv_file", help="Write the table.")
-def command(
-    sensor: str,
-    omega_deg: Any,
-    azimuth_deg: float,
-    reflectivity: Reflectivity,
-    transmission: float,
-    output: Path | None,
-    csv_file: Path | None,
-) -> None:
+def command(sensor: str, light: LightOptions, output: Path | None, csv_file: Path | None) -> None:
     """Compute the relative illumination of SENSOR over its field.
 
     Example: omnimirror illumination paper-spherical --reflectivity aluminium -o illumination.png
     """
     seen = load_sensor(sensor)
-    found = illumination(
-        seen, angles_of(seen, omega_deg), azimuth_deg=azimuth_deg, reflectivity=reflectivity, transmission=transmission
-    )
+    found = light.of(seen, angles_of(seen, light.omega_deg))
     console = output_console()
     table = Table(box=None, pad_edge=False, header_style="bold")
     for heading in ("Omega\ndeg", "E / L\nsr", "relative\n", "R\n", "aperture filled\n%"):
@@ -84,6 +92,5 @@ def command(
 
         dense = np.linspace(found.omega_deg[0], found.omega_deg[-1], CURVE)
         dense = np.union1d(dense, np.linspace(max(dense[0], dense[-1] - RIM_DEG), dense[-1], CURVE // 2))
-        curve = illumination(seen, dense, azimuth_deg=azimuth_deg, reflectivity=reflectivity, transmission=transmission)
-        figure = illumination_curves([(seen.name, curve)])
+        figure = illumination_curves([(seen.name, light.of(seen, dense))])
         say_written(save_figure(figure, output), console=console)

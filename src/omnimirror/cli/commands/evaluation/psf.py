@@ -11,7 +11,6 @@ from rich.table import Table
 
 from ....analysis import Psf, psf
 from ....analysis.aperture.point_spread import KINDS
-from ....errors import OmnimirrorError
 from ....specs import load_sensor
 from ...options.aperture import ObjectOptions
 from ...options.common import NUMBER, focus
@@ -47,7 +46,7 @@ def command(
     seen = load_sensor(sensor)
     angles = np.asarray(objects.angles(seen))
     if len(angles) > MOST:
-        raise OmnimirrorError(f"{len(angles)} field angles do not fit into a figure; up to {MOST} are valid")
+        raise click.UsageError(f"{len(angles)} field angles do not fit into a figure; up to {MOST} are valid")
     L0 = objects.focus(seen, focus_mm)
     console = output_console()
 

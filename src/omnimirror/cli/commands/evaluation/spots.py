@@ -12,7 +12,6 @@ from rich.table import Table
 
 from ....analysis import Spots, check_blur, spots
 from ....analysis.aperture.pupil import hexapolar
-from ....errors import OmnimirrorError
 from ....sensor import Sensor
 from ....specs import load_sensor
 from ...options.aperture import ObjectOptions
@@ -54,7 +53,7 @@ def command(
         _print_check(console, seen, f_numbers, objects)
         return
     if focus_mm is not None and len(focus_mm) > MOST_FOCUSES:
-        raise OmnimirrorError(f"{len(focus_mm)} focuses do not fit into a figure; up to {MOST_FOCUSES} are valid")
+        raise click.UsageError(f"{len(focus_mm)} focuses do not fit into a figure; up to {MOST_FOCUSES} are valid")
     found = spots(
         seen,
         objects.angles(seen),

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 import numpy as np
 from rich.text import Text
 
-from ....errors import OmnimirrorError, OutsideField
+from ....errors import OutsideField
 from ....files import name_of
 from ....media import write_image
 from ....media.pictures.images import format_of
@@ -22,6 +23,9 @@ from ...options.declared import flag, takes
 from ...options.housing import HousingOptions
 from ...options.scene import DETECTOR, FilmOptions, SceneOptions, TakingOptions, pose, rows_bar
 from ...outputs import PICTURES, format_option, output_console, output_option, say
+
+if TYPE_CHECKING:
+    from ....simulate.datasets.recipe import CalibrationRecipe, VideoRecipe
 
 VIDEOS = (".mp4", ".m4v", ".mov", ".mkv", ".webm", ".ts")
 
@@ -101,7 +105,7 @@ def _photograph(camera: Sensor, scene: Scene, output: Path, taking: TakingOption
         )
     detector, radiometry = taking.detector(), taking.radiometry()
     if detector.bits > 8 and not is_light and "uint16" not in kind.depths:
-        raise OmnimirrorError(f"{output.suffix} holds 8 bits; write .png or .tif for {detector.bits}")
+        raise click.UsageError(f"{output.suffix} holds 8 bits; write .png or .tif for {detector.bits}")
     if output.suffix.lower() == ".exr":
         from ....media.pictures.exr import check_exr_can_be_written
 
@@ -198,22 +202,25 @@ def dataset(
 
     Example: omnimirror simulate dataset paper-spherical --views 20 --full-well-e 10000 -o boards
     """
+    from ....simulate.datasets.recipe import VideoRecipe
+
     if again is not None:
-        kind, arguments = _made_before(again)
+        recipe = _made_before(again)
     elif sensor is None:
         raise click.UsageError("a set is taken with a SENSOR, or made --again from a dataset.json")
     else:
-        kind, arguments = _asked_for(views, film, scene, taking)
-        arguments |= {"sensor": housing.on(load_sensor(sensor)), "truth": truth}
-    writer = _write_video_set if kind == "video" else _write_calibration_set
-    writer(output, arguments)
+        recipe = _asked_for(lambda: housing.on(load_sensor(sensor)), views, film, truth, scene, taking)
+    if isinstance(recipe, VideoRecipe):
+        _write_video_set(output, recipe)
+    else:
+        _write_calibration_set(output, recipe)
 
 
-def _made_before(again: Path) -> tuple[str, dict[str, Any]]:
-    """Kind and arguments of a set that was made before."""
+def _made_before(again: Path) -> CalibrationRecipe | VideoRecipe:
+    """The recipe of a set that was made before."""
     from importlib.metadata import version
 
-    from ....simulate.datasets.recipe import load_arguments, load_recipe
+    from ....simulate.datasets.recipe import load_recipe
 
     context = click.get_current_context()
     for name in context.params:
@@ -221,41 +228,50 @@ def _made_before(again: Path) -> tuple[str, dict[str, Any]]:
         if name not in ("again", "output") and source == click.core.ParameterSource.COMMANDLINE:
             what = "a SENSOR" if name == "sensor" else flag(name)
             raise click.UsageError(f"{what} is not valid beside --again, which takes all from {again}")
-    made_by, this = load_recipe(again).get("omnimirror"), version("omnimirror")
-    if made_by != this:
-        click.echo(f"omnimirror: {again} is of omnimirror {made_by}, and {this} may make other files", err=True)
-    return load_arguments(again)
+    kept, this = load_recipe(again), version("omnimirror")
+    if kept.made_by != this:
+        click.echo(f"omnimirror: {again} is of omnimirror {kept.made_by}, and {this} may make other files", err=True)
+    return kept.recipe
 
 
 def _asked_for(
-    views: int | None, film: FilmOptions, scene: SceneOptions, taking: TakingOptions
-) -> tuple[str, dict[str, Any]]:
-    """Kind and arguments of the set that the options ask for."""
-    arguments: dict[str, Any] = {
+    sensor: Callable[[], Sensor],
+    views: int | None,
+    film: FilmOptions,
+    truth: bool,
+    scene: SceneOptions,
+    taking: TakingOptions,
+) -> CalibrationRecipe | VideoRecipe:
+    """The recipe of the set that the options ask for."""
+    from ....simulate.datasets.recipe import CalibrationRecipe, VideoRecipe
+
+    common: dict[str, Any] = {
         "samples": taking.samples, "blur": taking.is_blurred, "seed": taking.seed, "radiometry": taking.radiometry(),
-        "detector": taking.detector(),
+        "detector": taking.detector(), "truth": truth,
     }  # fmt: skip
     if film.path is None:
         source = click.get_current_context().get_parameter_source("scene")
         is_named = source == click.core.ParameterSource.COMMANDLINE
         if asked := [name for name in (*scene.given, *film.given) if name != "scene" or is_named]:
             raise click.UsageError(f"{flag(asked[0])} belongs to a video set; give a --path, or take the hall as it is")
-        return "calibration", arguments | {"views": 12 if views is None else views}
+        return CalibrationRecipe(sensor=sensor(), views=12 if views is None else views, **common)
     from ....simulate.datasets.video import load_path
 
     if asked := [*["views"] * (views is not None), *taking.picked("bits", "bayer")]:
         raise click.UsageError(f"{flag(asked[0])} belongs to a calibration set, not to a video along a --path")
-    arguments |= {"scene": scene.source(), "path": load_path(film.path)}
-    return "video", arguments | {"frame_rate": film.frame_rate, "duration_s": film.duration_s}
+    return VideoRecipe(
+        sensor=sensor(), scene=scene.source(), path=load_path(film.path), frame_rate=film.frame_rate,
+        duration_s=film.duration_s, **common,
+    )  # fmt: skip
 
 
-def _write_calibration_set(output: Path, arguments: dict[str, Any]) -> None:
-    from ....simulate.datasets.calibration_set import write_calibration_set
+def _write_calibration_set(output: Path, recipe: CalibrationRecipe) -> None:
+    from ....simulate.datasets.calibration_set import take_pictures
 
-    views, done = arguments["views"], 0
+    views, done = recipe.views, 0
     with rows_bar("Taking pictures") as progress:
         try:
-            for number, _ in enumerate(write_calibration_set(folder=output, **arguments), start=1):
+            for number, _ in enumerate(take_pictures(recipe, output), start=1):
                 done = min(number, views)
                 progress(done, views)
         except KeyboardInterrupt:
@@ -264,8 +280,8 @@ def _write_calibration_set(output: Path, arguments: dict[str, Any]) -> None:
     click.echo(f"{output}: {views} pictures, sensor.toml and dataset.json")
 
 
-def _write_video_set(output: Path, arguments: dict[str, Any]) -> None:
-    from ....simulate.datasets.calibration_set import write_video_set
+def _write_video_set(output: Path, recipe: VideoRecipe) -> None:
+    from ....simulate.datasets.calibration_set import take_frames
 
     done = 0
     with rows_bar("Filming") as progress:
@@ -276,7 +292,7 @@ def _write_video_set(output: Path, arguments: dict[str, Any]) -> None:
             progress(number, total)
 
         try:
-            frames = write_video_set(folder=output, progress=report, **arguments)
+            frames = take_frames(recipe, output, report)
         except KeyboardInterrupt:
             _stopped(output, done, "frames")
             raise

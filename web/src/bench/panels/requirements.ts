@@ -1,5 +1,5 @@
 import { h, unique } from "../../shared/dom";
-import type { BenchStart, Facts, Judged } from "../../shared/messages";
+import type { BenchStart, Facts, JudgementOf } from "../../shared/messages";
 import { words } from "../../shared/numbers";
 import type { Design, Tables } from "../designs/design";
 import { label, quantityWords, unitWords } from "../labels";
@@ -22,7 +22,7 @@ const USUAL: Limit = { quantity: "total_blur_px", at_most: 5 };
 const INFINITE = 1e11; // mm; beyond it a distance is shown as infinite
 
 /** What the design must do, and whether it does. */
-export class WantedPanel {
+export class RequirementsPanel {
   private readonly body = h("div", {});
   private readonly verdict = h("p", { className: "verdict", role: "status" });
   private readonly problem = h("p", { className: "problem", role: "alert", hidden: true });
@@ -35,8 +35,8 @@ export class WantedPanel {
   }
 
   show(design: Design): void {
-    const limits = limitsOf(design.wanted);
-    const shape = JSON.stringify([design.wanted === null, limits.map((l) => [l.quantity, Boolean(l.omega_deg)])]);
+    const limits = limitsOf(design.requirements);
+    const shape = JSON.stringify([design.requirements === null, limits.map((l) => [l.quantity, Boolean(l.omega_deg)])]);
     if (shape !== this.shape) {
       this.shape = shape;
       this.build(design);
@@ -48,7 +48,7 @@ export class WantedPanel {
   }
 
   /** Say of each requirement whether it is met, by how much, and where it is worst. */
-  judge(rows: Judged[], trouble: string | null): void {
+  judge(rows: JudgementOf[], trouble: string | null): void {
     this.problem.hidden = trouble === null;
     this.problem.textContent = trouble ?? "";
     for (const mark of this.marks.values()) mark.replaceChildren();
@@ -70,19 +70,19 @@ export class WantedPanel {
     this.marks.clear();
     this.inputs = [];
     this.body.replaceChildren();
-    if (design.wanted === null) {
+    if (design.requirements === null) {
       this.verdict.hidden = true;
       this.body.append(h("p", { className: "words" }, "None yet. Add one, or open a requirement file."));
       return;
     }
-    const limits = limitsOf(design.wanted);
+    const limits = limitsOf(design.requirements);
     this.body.append(this.field(), h("ul", { className: "others" }), ...limits.map((l, i) => this.limit(l, i)));
   }
 
   private field(): HTMLElement {
-    const field = (): Tables => this.hands.now().wanted!.field as Tables;
+    const field = (): Tables => this.hands.now().requirements!.field as Tables;
     const distances = (): [number, number] => spanOf(field().object_distance_mm);
-    const setField = (change: Tables): void => this.set({ ...this.hands.now().wanted!, field: { ...field(), ...change } });
+    const setField = (change: Tables): void => this.set({ ...this.hands.now().requirements!, field: { ...field(), ...change } });
     const mark = (name: string): HTMLElement => this.mark(name);
     return h(
       "div",
@@ -102,14 +102,14 @@ export class WantedPanel {
   }
 
   private limit(limit: Limit, index: number): HTMLElement {
-    const now = (): Limit => limitsOf(this.hands.now().wanted)[index];
-    const set = (change: Partial<Limit>): void => this.setLimits(limitsOf(this.hands.now().wanted).map((l, i) => (i === index ? clean({ ...l, ...change }) : l)));
+    const now = (): Limit => limitsOf(this.hands.now().requirements)[index];
+    const set = (change: Partial<Limit>): void => this.setLimits(limitsOf(this.hands.now().requirements).map((l, i) => (i === index ? clean({ ...l, ...change }) : l)));
     const quantity = this.parts.quantities.find((q) => q.name === limit.quantity)!;
     const select = h("select", { "aria-label": "Quantity", title: quantity.meaning }, ...this.parts.quantities.map((q) => h("option", { value: q.name, title: q.meaning }, quantityWords(q))));
     select.value = limit.quantity;
     select.addEventListener("change", () => set({ quantity: select.value }));
-    const remove = h("button", { type: "button", className: "small", "aria-label": `Remove the requirement on ${quantity.title}`, onclick: () => this.setLimits(limitsOf(this.hands.now().wanted).filter((_, i) => i !== index)) }, "×");
-    const part = h("button", { type: "button", className: "small", onclick: () => set({ omega_deg: now().omega_deg ? null : [0, this.hands.now().wanted!.field.omega_max_deg as number] }), title: "For a part of the field only, or for all of it" }, limit.omega_deg ? "whole field" : "part of field");
+    const remove = h("button", { type: "button", className: "small", "aria-label": `Remove the requirement on ${quantity.title}`, onclick: () => this.setLimits(limitsOf(this.hands.now().requirements).filter((_, i) => i !== index)) }, "×");
+    const part = h("button", { type: "button", className: "small", onclick: () => set({ omega_deg: now().omega_deg ? null : [0, this.hands.now().requirements!.field.omega_max_deg as number] }), title: "For a part of the field only, or for all of it" }, limit.omega_deg ? "whole field" : "part of field");
     return h(
       "div",
       { className: "limit" },
@@ -152,30 +152,30 @@ export class WantedPanel {
   }
 
   private add(): void {
-    const { wanted } = this.hands.now();
-    if (wanted) return this.setLimits([...limitsOf(wanted), { ...USUAL }]);
+    const { requirements } = this.hands.now();
+    if (requirements) return this.setLimits([...limitsOf(requirements), { ...USUAL }]);
     const field = this.hands.facts()?.field_deg[1] ?? 135;
     this.set({ field: { omega_max_deg: Math.floor(field), object_distance_mm: [1e12, 1e12] }, limit: [{ ...USUAL }] });
   }
 
   private setLimits(limit: Limit[]): void {
-    this.set({ ...this.hands.now().wanted!, limit });
+    this.set({ ...this.hands.now().requirements!, limit });
   }
 
-  private set(wanted: Tables): void {
-    this.hands.edit({ ...this.hands.now(), wanted });
+  private set(requirements: Tables): void {
+    this.hands.edit({ ...this.hands.now(), requirements });
     this.hands.settle();
   }
 }
 
-const limitsOf = (wanted: Tables | null): Limit[] => (wanted?.limit as Limit[] | undefined) ?? [];
+const limitsOf = (requirements: Tables | null): Limit[] => (requirements?.limit as Limit[] | undefined) ?? [];
 
 const spanOf = (value: unknown): [number, number] => (Array.isArray(value) ? (value as [number, number]) : typeof value === "number" ? [value, value] : [1e12, 1e12]);
 
 const clean = (limit: Limit): Limit => Object.fromEntries(Object.entries(limit).filter(([, v]) => v !== null && v !== undefined)) as unknown as Limit;
 
 /** Met or not, by a sign and in words. */
-function verdictOf(row: Judged): HTMLElement[] {
+function verdictOf(row: JudgementOf): HTMLElement[] {
   const unit = unitWords(row.unit);
   const size = row.margin === null ? "" : ` by ${words(Math.abs(row.margin), 3)}${unit === "°" ? "°" : unit && ` ${unit}`}`;
   const sign = h("b", { className: row.is_met ? "met" : "missed" }, row.is_met ? `✓ met${size}` : `✗ missed${size}`);

@@ -7,35 +7,30 @@ themselves, so a new mirror needs no line here.
 from __future__ import annotations
 
 import dataclasses
-import difflib
-import re
-import types
-import typing
-from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
-from functools import cache, partial
+from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
 import tomli_w
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
+from pydantic import Field, create_model
 
-from .arguments import file_name, shown
-from .errors import OmnimirrorError, SpecError
-from .files import parse_toml, read_text, write_text
-from .frames import CameraLooks, Mount
-from .housing import SHELLS, CameraBody, Housing, Rim, Rod
-from .imagers import Imager
-from .lenses import LENSES
-from .mirrors import MIRRORS, SECONDARIES, Mirror, Secondary
-from .mirrors.pose import MirrorPose
-from .parameters import Parameter
-from .sensor import Sensor, check_sensor
+from ..arguments import file_name, shown
+from ..errors import SpecError
+from ..files import parse_toml, read_text, write_text
+from ..frames import Mount
+from ..housing import SHELLS, CameraBody, Housing, Rim, Rod
+from ..imagers import Imager
+from ..lenses import LENSES
+from ..mirrors import MIRRORS, SECONDARIES, Mirror, Secondary
+from ..mirrors.pose import MirrorPose
+from ..sensor import Sensor, check_sensor
+from .tables import Places, StandTable, Table, check_entries, class_of, did_you_mean, table_model, validated
 
-BUNDLED = Path(__file__).parent / "sensors"
+BUNDLED = Path(__file__).parents[1] / "sensors"
 FORMAT = 1
-T = typing.TypeVar("T")
+T = TypeVar("T")
 
 
 def bundled_sensors() -> list[str]:
@@ -166,9 +161,7 @@ def format_sensor(sensor: Sensor) -> str:
 
 def tables_of(sensor: Sensor) -> dict[str, Any]:
     """The tables of the sensor's file, as plain data."""
-    mount = dataclasses.asdict(sensor.mount)
-    if not sensor.mount.leans:
-        del mount["pitch_deg"], mount["roll_deg"]
+    mount = mount_table(sensor.mount)
     if np.isfinite(sensor.mirror_distance_mm):
         mount = {"mirror_distance_mm": sensor.mirror_distance_mm, **mount}
     data: dict[str, Any] = {
@@ -189,6 +182,14 @@ def tables_of(sensor: Sensor) -> dict[str, Any]:
     if not sensor.housing.is_empty:
         data["housing"] = housing_tables(sensor.housing)
     return data
+
+
+def mount_table(mount: Mount) -> dict[str, Any]:
+    """The table [mount], without a lean where there is none."""
+    table = dataclasses.asdict(mount)
+    if not mount.leans:
+        del table["pitch_deg"], table["roll_deg"]
+    return table
 
 
 def save_sensor(sensor: Sensor, path: str | Path) -> None:
@@ -219,56 +220,8 @@ def save_sensor(sensor: Sensor, path: str | Path) -> None:
     write_text(file_name("path", path), format_sensor(sensor))
 
 
-# -- the model -------------------------------------------------------------------------------------
-
-
-class Table(BaseModel):
-    """A table of the file: strict types, no unknown keys, no infinities."""
-
-    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
-
-
-M = typing.TypeVar("M", bound=Table)
-
-
-class StandTable(Table):
-    """Which way a sensor looks, and how it leans."""
-
-    camera_looks: CameraLooks = "up"
-    forward_azimuth_deg: Annotated[float, Field(ge=-360, le=360)] = -90.0
-    image_flipped: bool = False
-    pitch_deg: Annotated[float, Field(ge=-90, le=90, description="of forward over the horizon")] = 0.0
-    roll_deg: Annotated[float, Field(ge=-180, le=180, description="clockwise about forward")] = 0.0
-
-
 class MountTable(StandTable):
     mirror_distance_mm: Annotated[float, Field(gt=0, le=1e7)] | None = None
-
-
-@cache
-def table_model(cls: type[Any]) -> type[Table]:
-    """The pydantic model of a part that describes itself in PARAMETERS, for checks, forms and schemas."""
-    hints = typing.get_type_hints(cls)
-    defaults = {f.name: ... if f.default is dataclasses.MISSING else f.default for f in dataclasses.fields(cls)}
-    parameters: dict[str, Parameter] = cls.PARAMETERS
-    entries: dict[str, Any] = {
-        name: (_annotation(hints[name], p), Field(defaults[name], description=p.description))
-        for name, p in parameters.items()
-    }
-    model: type[Table] = create_model(cls.__name__, __base__=Table, **entries)
-    return model
-
-
-def _annotation(hint: Any, p: Parameter) -> Any:
-    """The model's type of one field: its numbers bounded by the parameter's range."""
-    args = typing.get_args(hint)
-    if isinstance(hint, types.UnionType):
-        return _annotation(args[0], p) | None
-    if typing.get_origin(hint) is tuple:
-        return list[_annotation(args[0], p)]  # type: ignore[misc]
-    if hint is str:
-        return typing.Literal[p.choices]
-    return Annotated[hint, Field(ge=p.low, le=p.high, json_schema_extra={"unit": p.unit})]
 
 
 def _table(part: Any) -> dict[str, Any]:
@@ -278,67 +231,6 @@ def _table(part: Any) -> dict[str, Any]:
     return {k: list(v) if isinstance(v, tuple) else v for k, v in values.items() if k not in unset}
 
 
-# -- checks, each error with its place in the file ---------------------------------------------------
-
-
-class EntryError(SpecError):
-    """An entry is wrong, or does not fit another; ``path`` is where it stands among the tables."""
-
-    def __init__(self, path: tuple[str, ...], sentence: str) -> None:
-        super().__init__(sentence)
-        self.path = path
-
-
-class Places:
-    """Finds the line of an entry, and says errors as ``file line n: ..``."""
-
-    def __init__(self, text: str, source: str) -> None:
-        self.source = source
-        self.lines = text.splitlines()
-
-    def line(self, path: tuple[str, ...]) -> int | None:
-        """Line number of an entry (or else of its table), None if there is neither.
-
-        The tables of a list, ``[[limit]]``, are ``limit.0``, ``limit.1`` and so on.
-        """
-        table, found, whole = "", None, ".".join(path)
-        counts: Counter[str] = Counter()
-        for number, line in enumerate(self.lines, start=1):
-            if header := re.match(r"\s*(\[\[?)\s*([\w.-]+)\s*\]", line):
-                table = header[2]
-                if header[1] == "[[":
-                    counts[header[2]] += 1
-                    table = f"{table}.{counts[header[2]] - 1}"
-                if whole == table or whole.startswith(f"{table}."):
-                    found = number
-                continue
-            key = re.match(r"\s*[\"']?([\w-]+)[\"']?\s*=", line)
-            if key and whole == (f"{table}.{key[1]}" if table else key[1]):
-                return number
-        return found
-
-    def error(self, path: tuple[str, ...], message: str) -> SpecError:
-        line = self.line(path)
-        return SpecError(f"{self.source}{f' line {line}' if line else ''}: {message}")
-
-    def wrap(self, path: tuple[str, ...], make: Callable[[], T]) -> T:
-        """Run ``make``, giving its errors their place in the file: their own, or else ``path``."""
-        try:
-            return make()
-        except OmnimirrorError as e:
-            raise self.error(getattr(e, "path", path), str(e)) from None
-
-
-class NoFile(Places):
-    """What has no lines: its errors keep the path of their entry."""
-
-    def __init__(self) -> None:
-        super().__init__("", "")
-
-    def error(self, path: tuple[str, ...], message: str) -> SpecError:
-        return EntryError(path, message)
-
-
 def _check_table_names(data: dict[str, Any], where: Places) -> None:
     known: dict[str, type] = {"format": int, "name": str, "notes": str}
     known |= dict.fromkeys(("mirror", "secondary", "lens", "imager", "mount", "mirror_pose", "housing"), dict)
@@ -346,33 +238,6 @@ def _check_table_names(data: dict[str, Any], where: Places) -> None:
     for key in ("mirror", "lens", "imager"):
         if key not in data:
             raise where.error((), f"there is no [{key}] table; a sensor file needs [mirror], [lens] and [imager]")
-
-
-NOUNS = {dict: "a table", str: "a text in quotes", int: "a whole number", list: "a list of tables"}
-
-
-def check_entries(data: dict[str, Any], known: dict[str, type], file_format: int, where: Places) -> None:
-    """Refuse what a file says outside its tables, unless it is known, of the right type and of our format."""
-    for key, value in data.items():
-        if key not in known:
-            name = shown(key)[1:-1]
-            raise where.error((key,), f"{name} is not known{did_you_mean(key, known)}; valid are {', '.join(known)}")
-        if not isinstance(value, known[key]) or isinstance(value, bool):
-            raise where.error((key,), f"{key} = {shown(value)} is not {NOUNS[known[key]]}")
-    if (found := data.get("format", file_format)) != file_format:
-        raise where.error(("format",), f"format = {found} is not known to this version, which reads {file_format}")
-
-
-def _class_of(section: str, data: dict[str, Any], registry: Mapping[str, type[Any]], where: Places) -> type[Any]:
-    kind = data[section].get("kind")
-    if kind is None:
-        raise where.error((section,), f"{section}.kind is missing; valid are {', '.join(registry)}")
-    if not isinstance(kind, str) or kind not in registry:
-        hint = did_you_mean(str(kind), registry)
-        raise where.error(
-            (section, "kind"), f"{section}.kind = {shown(kind)} is not known{hint}; valid are {', '.join(registry)}"
-        )
-    return registry[kind]
 
 
 def _part(section: str, data: dict[str, Any], registry: Mapping[str, type[T]], folder: Path | None, where: Places) -> T:
@@ -385,7 +250,7 @@ def _class_and_table(
     section: str, data: dict[str, Any], registry: Mapping[str, type[T]], folder: Path | None, where: Places
 ) -> tuple[type[T], dict[str, Any]]:
     """The class that a table's kind names, and its other entries; files that a mirror's table names are followed."""
-    cls = _class_of(section, data, registry, where)
+    cls = class_of(section, data, registry, where)
     table = {k: v for k, v in data[section].items() if k != "kind"}
     if issubclass(cls, Mirror):
         table = where.wrap((section,), partial(cls.from_spec, table, folder))
@@ -449,41 +314,3 @@ def _values(model: type[Table], section: str, table: dict[str, Any], where: Plac
     """The checked entries of a table, lists as tuples."""
     values = validated(model, section, table, where).model_dump()
     return {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
-
-
-def validated(model: type[M], section: str, table: dict[str, Any], where: Places) -> M:
-    """The table of a file, checked by its model; an error names its line, the entry and what would be valid."""
-    try:
-        return model.model_validate(table)
-    except ValidationError as e:
-        # a misspelt entry is the likely reason for the missing one: name it first
-        problem = min(e.errors(), key=lambda p: p["type"] != "extra_forbidden")
-        path = (section, *(str(p) for p in problem["loc"]))
-        raise where.error(path[:2], _sentence(model, path, problem)) from None
-
-
-def _sentence(model: type[Table], path: tuple[str, ...], problem: Any) -> str:
-    """One pydantic error in our words: the value, and what would be valid."""
-    name, value = ".".join(path[:2]), problem["input"]
-    index = next((f"[{p}]" for p in path[2:] if p.isdigit()), "")
-    match problem["type"]:
-        case "missing":
-            return f"{name} is missing{_describe(model, path[1])}"
-        case "extra_forbidden":
-            names = list(model.model_fields)
-            return f"{name} is not known{did_you_mean(path[1], names)}; valid are {', '.join(names)}"
-        case "literal_error":
-            return f"{name} = {shown(value)} is not one of {problem['ctx']['expected']}"
-        case _:
-            wanted = problem["msg"].replace("Input should be", "it should be")
-            return f"{name}{index} = {shown(value)}: {wanted}{_describe(model, path[1]) if path[1:] else ''}"
-
-
-def _describe(model: type[Table], name: str) -> str:
-    description = model.model_fields[name].description
-    return f" ({description})" if description else ""
-
-
-def did_you_mean(word: str, known: Iterable[str]) -> str:
-    close = difflib.get_close_matches(word, list(known), n=1, cutoff=0.5)
-    return f"; did you mean {close[0]}?" if close else ""

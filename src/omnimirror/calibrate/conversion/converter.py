@@ -1,0 +1,319 @@
+"""One call takes a camera from one program's file to another's, and says what that costs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ...arguments import WrongKind, choice, distances, file_name, optional_number, shown, whole
+from ...camera_models import CameraModel
+from ...camera_models.base import Optics
+from ...cameras import Camera
+from ...errors import InvalidParameter, OmnimirrorError
+from ...files import replacing
+from ...frames import Mount
+from ..formats.base import Reading, Stored
+from ..formats.registry import Target, read_cameras, targets_of
+from .fitting import Cost, Fitted, cost, fit
+from .flipping import flipped
+from .sampling import Sample, sample
+from .starts import round_picture, start
+
+FITTED_PIXELS, COUNTED_PIXELS = 1600, 6400  # of a lattice over the picture
+ENOUGH_PX = 0.02  # a simpler model that is this close is taken before a richer one
+DISTANCES_MM = (500.0, 1000.0, 3000.0, np.inf)
+
+
+@dataclass(frozen=True)
+class Conversion:
+    """A camera file that was written, and how true it is.
+
+    Attributes
+    ----------
+    path
+    source : the format that was read; "" where the source was a camera
+    target : what was written, a layout of a format
+    camera : the camera as the file holds it
+    exact : whether the file has the very numbers of the source
+    costs : how far its picture lies from the source's, for points at each distance; of a central camera one row
+    viewpoint_mm : where the origin of the file's frame lies in the camera frame of the source
+    notes : what the file does not hold, and which way its frame looks
+    """
+
+    path: Path
+    source: str
+    target: str
+    camera: Camera
+    exact: bool
+    costs: tuple[Cost, ...]
+    viewpoint_mm: tuple[float, float, float]
+    notes: tuple[str, ...]
+
+    @property
+    def rms_px(self) -> float:
+        """Over the field and all distances."""
+        return float(np.sqrt(np.mean([c.rms_px**2 for c in self.costs]))) if self.costs else 0.0
+
+    @property
+    def largest_px(self) -> float:
+        """Over the field and all distances."""
+        return max((c.largest_px for c in self.costs), default=0.0)
+
+
+class _Made(NamedTuple):
+    """What a target can hold of a camera."""
+
+    target: Target
+    found: Fitted
+    costs: tuple[Cost, ...]
+
+    @property
+    def largest_px(self) -> float:
+        return max((c.largest_px for c in self.costs), default=0.0)
+
+
+def convert(
+    source: str | Path | Camera,
+    target: str | Path,
+    *,
+    to: str | None = None,
+    from_: str | None = None,
+    camera: int | str = 0,
+    optics: Optics = "mirror",
+    mount: Mount | None = None,
+    rim_radius_px: float | None = None,
+    image_size: tuple[int, int] | None = None,
+    flip: bool = False,
+    tolerance_px: float | None = None,
+    distance_mm: Iterable[float] = DISTANCES_MM,
+    field_deg: float | None = None,
+) -> Conversion:
+    """Write a camera as another program's file.
+
+    Where the format holds the camera's model, its numbers are written as they are. Where not, another model is fitted
+    if ``tolerance_px`` allows what that costs, and refused otherwise.
+
+    Parameters
+    ----------
+    source
+        A camera file of any format, or a camera or sensor.
+    target
+        The file to write; its name says the format where ``to`` does not: cameras.txt is COLMAP's.
+    to : optional
+        A format, of ``omnimirror.calibrate.formats.FORMATS``, or one of the models that it holds, such as
+        ``"kalibr-ds"``; of a format alone the model that holds the camera, else the one that fits best.
+    from_ : optional
+        The format of the source where its content does not say.
+    camera
+        Which camera of a rig: its number in the file from 0, or its name.
+    optics, mount, rim_radius_px, image_size
+        What files of other programs do not say: whether the camera looks at a mirror, how it stands, where its field
+        ends (px), and, of some, how large the picture is (px).
+    flip
+        Write the camera of the picture reversed left to right. A mirror's frame in the file is right-handed then.
+    tolerance_px : px, optional
+        The largest distance between the pixels of one point, over the whole field, that a fitted model may cost.
+    distance_mm
+        Where the points of a camera without a single viewpoint are, from its origin; each counts the same.
+    field_deg : deg, optional
+        Fit no farther than this from what the centre of the picture sees.
+
+    Returns
+    -------
+    Conversion
+        The file, and what it costs.
+
+    Raises
+    ------
+    SpecError
+        The source cannot be read; the message says where, and what would be valid.
+    InvalidParameter
+        No format of that name, or the format cannot hold the camera within the tolerance; the message says why, and
+        by how much.
+    OmnimirrorError
+        The file cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile, omnimirror as om
+    >>> camera = om.OCam((-130.0, 0.0, 1.9e-3, 2e-7), (320.0, 240.0), (640, 480), rim_radius_px=200.0)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     exact = om.convert(camera, f"{folder}/calib_results.txt")
+    ...     fitted = om.convert(camera, f"{folder}/a.yaml", to="opencv-omnidir", tolerance_px=0.5)
+    >>> exact.exact, fitted.exact, fitted.largest_px < 0.5
+    (True, False, True)
+    """
+    target = file_name("target", target)
+    choice("optics", optics, ("mirror", "fisheye"))
+    reading = Reading(
+        str(source), optics, Mount() if mount is None else mount,
+        optional_number("rim_radius_px", rim_radius_px, above=0.0, unit="px"), _size(image_size),
+    )  # fmt: skip
+    allowed = optional_number("tolerance_px", tolerance_px, above=0.0, unit="px")
+    field = optional_number("field_deg", field_deg, above=0.0, high=180.0, unit="deg")
+    far = tuple(np.unique(distances("distance_mm", list(_row("distance_mm", distance_mm)))).tolist())
+    targets = targets_of(target, to)
+    read, stored = ("", Stored("", source)) if isinstance(source, Camera) else _of_file(source, reading, from_, camera)
+    made = _exactly(stored.camera, targets)
+    exact = made is not None
+    if made is None:
+        made = _fitted(stored.camera, targets, allowed, far, field)
+    written = flipped(made.found.model) if flip else made.found.model
+    content = made.target.layout.write(written, stored.name)
+    with replacing(target) as temporary:
+        temporary.write_bytes(content.encode() if isinstance(content, str) else content)
+    x, y, z = (float(v) for v in made.found.viewpoint_mm)
+    notes = tuple(_notes(stored.camera, written, made.target))
+    return Conversion(target, read, made.target.name, written, exact, made.costs, (x, y, z), notes)
+
+
+def load_camera_file(
+    path: str | Path,
+    *,
+    from_: str | None = None,
+    camera: int | str = 0,
+    optics: Optics = "mirror",
+    mount: Mount | None = None,
+    rim_radius_px: float | None = None,
+    image_size: tuple[int, int] | None = None,
+) -> Camera:
+    """The camera of a file of any format; arguments and errors as :func:`convert`."""
+    choice("optics", optics, ("mirror", "fisheye"))
+    reading = Reading(
+        str(path), optics, Mount() if mount is None else mount,
+        optional_number("rim_radius_px", rim_radius_px, above=0.0, unit="px"), _size(image_size),
+    )  # fmt: skip
+    return _of_file(path, reading, from_, camera)[1].camera
+
+
+# -- what is asked -------------------------------------------------------------------------------------
+
+
+def _size(image_size: Any) -> tuple[int, int] | None:
+    if image_size is None:
+        return None
+    width, height = _row("image_size", image_size, 2)
+    return whole("image_size", width, 1), whole("image_size", height, 1)
+
+
+def _row(name: str, value: Any, count: int | None = None) -> list[Any]:
+    found = [value] if isinstance(value, int | float) else value
+    if isinstance(found, str) or not isinstance(found, Iterable):
+        raise WrongKind(f"{name} = {shown(value)} is no row of numbers")
+    found = list(found)
+    if count is not None and len(found) != count:
+        raise InvalidParameter(f"{name} = {shown(value)} is valid as {count} numbers")
+    return found
+
+
+def _of_file(source: Any, reading: Reading, name: str | None, camera: int | str) -> tuple[str, Stored]:
+    read, cameras = read_cameras(file_name("source", source), reading, name)
+    names = [c.name for c in cameras]
+    if isinstance(camera, str) and camera in names:
+        return read, cameras[names.index(camera)]
+    if isinstance(camera, str) and not camera.isdecimal():
+        raise InvalidParameter(f"camera = {shown(camera)} is not in {source}; it has {', '.join(filter(None, names))}")
+    which = whole("camera", int(camera) if isinstance(camera, str) else camera)
+    if which >= len(cameras):
+        raise InvalidParameter(f"camera = {which} is not in {source}, which has {len(cameras)}, from 0")
+    return read, cameras[which]
+
+
+# -- what the file can hold ----------------------------------------------------------------------------
+
+
+def _exactly(camera: Camera, targets: list[Target]) -> _Made | None:
+    """The first target that holds the camera's own numbers."""
+    for target in targets:
+        if not target.layout.lacks(camera):
+            found: Any = camera
+            return _Made(target, Fitted(found, np.zeros(3)), ())
+    return None
+
+
+def _fitted(
+    camera: Camera, targets: list[Target], allowed: float | None, far: tuple[float, ...], field: float | None
+) -> _Made:
+    """The target whose model comes closest, if it is close enough."""
+    mount = getattr(camera, "mount", Mount())
+    seen = sample(camera, mount, FITTED_PIXELS, field)
+    counted = sample(camera, mount, COUNTED_PIXELS, field)
+    tried, reasons = [], []
+    for target in targets:
+        if not issubclass(target.layout.kind, CameraModel) or target.layout.kind is CameraModel:
+            reasons.append(f"{target.name} {target.layout.lacks(camera)}")
+            continue
+        try:
+            tried.append(_best_of(target, seen, counted, camera.image_size, far))
+        except OmnimirrorError as problem:
+            reasons.append(f"{target.name} ({target.layout.words}) {problem}")
+    usable = [made for made in tried if np.isfinite(made.largest_px)]
+    reasons += [
+        f"{made.target.name} ({made.target.layout.words}) reaches less far than the field, "
+        f"{np.degrees(counted.omega.max()):.4g} deg from the axis"
+        for made in tried
+        if made not in usable
+    ]
+    if not usable:
+        raise InvalidParameter(
+            f"this camera cannot be converted: {'; '.join(reasons)}; field_deg takes the middle of the field alone"
+        )
+    best = min(usable, key=lambda made: made.largest_px)
+    if allowed is None or best.largest_px > allowed:
+        verdict = "give tolerance_px to allow that" if allowed is None else f"more than tolerance_px = {allowed:g}"
+        raise InvalidParameter(
+            f"{best.target.name} {best.target.layout.lacks(camera)}; the model that fits best is "
+            f"{_words(best, counted.is_central)}, {verdict}"
+        )
+    return best
+
+
+def _best_of(target: Target, seen: Sample, counted: Sample, size: tuple[int, int], far: tuple[float, ...]) -> _Made:
+    """The model of a target that fits best, or the first that is close enough."""
+    layout = target.layout
+    best = None
+    for model in start(layout.kind, layout.places, round_picture(seen, size)):
+        free = [layout.places is None or p.name in layout.places for p in model.parameters]
+        found = fit(model, seen, free, far)
+        at = (np.inf,) if counted.is_central else far
+        made = _Made(target, found, tuple(cost(found, counted, distance) for distance in at))
+        if best is None or made.largest_px < best.largest_px:
+            best = made
+        if best.largest_px < ENOUGH_PX:
+            break
+    assert best is not None
+    return best
+
+
+def _words(made: _Made, is_central: bool) -> str:
+    worst = max(made.costs, key=lambda c: c.largest_px)
+    rms = np.sqrt(np.mean([c.rms_px**2 for c in made.costs]))
+    where = "" if is_central else f", of things at {worst.distance_mm:g} mm"
+    return f"{rms:.3g} px off (rms), at most {worst.largest_px:.3g} px ({worst.at_deg:.3g} deg from the axis{where})"
+
+
+def _notes(source: Camera, written: Any, target: Target) -> Iterable[str]:
+    """What somebody who uses the file has to know."""
+    if not isinstance(written, CameraModel) or target.layout.kind is CameraModel:
+        return
+    if written.is_picture_reversed:
+        yield (
+            "the picture is a mirror image, and so the file's frame (right, down, towards what the centre sees) is "
+            "left-handed; flip writes the camera of the flipped picture, whose frame is right-handed"
+        )
+    elif written.mount.image_flipped:
+        yield "the file is of the picture flipped left to right"
+    reach = np.degrees(getattr(written, "omega_max", 0.0))
+    if reach > target.layout.reach_deg:
+        yield (
+            f"programs that read it project less than {target.layout.reach_deg:g} deg from the axis, and the field "
+            f"reaches {reach:.4g} deg"
+        )
+    if getattr(source, "rim_radius_px", None) is not None:
+        yield "where the field ends is not in the file: rim_radius_px"
+    if getattr(source, "mount", Mount()) != Mount():
+        yield "how the camera stands is not in the file"

@@ -1,0 +1,124 @@
+"""What a camera sees in a lattice of its pixels, in the frame that files know."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...cameras import Camera
+from ...errors import InvalidParameter
+from ...frames import Mount, turned
+
+Array = NDArray[np.float64]
+
+CENTRAL_MM = 1e-9  # rays that start this close to the origin start there
+
+
+@dataclass(frozen=True)
+class Sample:
+    """Pixels of a camera and their rays in the camera frame (X right, Y down, Z ahead).
+
+    Attributes
+    ----------
+    pixels : (n, 2) px
+    origins : (n, 3) mm
+    directions : (n, 3) unit vectors
+    looks_back
+        Whether the centre of the picture looks to -Z.
+    mount
+    """
+
+    pixels: Array
+    origins: Array
+    directions: Array
+    looks_back: bool
+    mount: Mount
+
+    @property
+    def is_central(self) -> bool:
+        """Whether all rays start at the origin."""
+        return not np.abs(self.origins).max() > CENTRAL_MM
+
+    @property
+    def omega(self) -> Array:
+        """Field angles (n,), radians from what the centre of the picture sees."""
+        x, y, z = self.in_file.T
+        omega: Array = np.arctan2(np.hypot(x, y), z)
+        return omega
+
+    @property
+    def in_file(self) -> Array:
+        """Directions (n, 3) as files know them: right and down in the picture, and towards what its centre sees."""
+        in_file: Array = self.directions * signs(self.mount, self.looks_back)
+        return in_file
+
+    def points(self, distance_mm: float) -> Array:
+        """Where the rays are at a distance from the origin (n, 3), mm; the directions themselves if it is infinite."""
+        if np.isinf(distance_mm):
+            return self.directions
+        along = np.sum(self.origins * self.directions, axis=1)
+        room = distance_mm**2 - np.sum(self.origins**2, axis=1) + along**2
+        if room.min() < 0:
+            raise InvalidParameter(
+                f"distance_mm = {distance_mm:g} lies inside the camera, whose rays begin up to "
+                f"{np.linalg.norm(self.origins, axis=1).max():.4g} mm from its origin"
+            )
+        points: Array = self.origins + (np.sqrt(room) - along)[:, None] * self.directions
+        return points
+
+
+def signs(mount: Mount, looks_back: bool) -> Array:
+    """Signs (3,) of right, down and towards what the centre sees, against X, Y and Z of the camera frame."""
+    return np.array([-1.0 if mount.image_flipped else 1.0, 1.0, -1.0 if looks_back else 1.0])
+
+
+def sample(camera: Camera, mount: Mount, count: int, field_deg: float | None = None) -> Sample:
+    """About so many pixels of a camera that see something, over the whole picture.
+
+    Parameters
+    ----------
+    camera, mount
+    count
+        How many pixels a square picture's lattice has.
+    field_deg : deg, optional
+        Field angle beyond which nothing is taken.
+
+    Raises
+    ------
+    InvalidParameter
+        It sees nothing there.
+    """
+    width, height = camera.image_size
+    step = np.sqrt(width * height / count)
+    columns, rows = (np.linspace(0, n - 1, max(3, round(n / step))) for n in (width, height))
+    pixels = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
+    origins, directions, valid = camera.backproject(pixels)
+    if not valid.any():
+        raise InvalidParameter("the camera sees nothing in its picture, so there is nothing to convert")
+    to_camera = mount.rotation()
+    found = Sample(
+        pixels[valid], turned(origins[valid], to_camera), turned(directions[valid], to_camera),
+        _looks_back(camera, pixels[valid], turned(directions[valid], to_camera)), mount,
+    )  # fmt: skip
+    if field_deg is None:
+        return found
+    inside = found.omega <= np.radians(field_deg)
+    if inside.sum() < 20:
+        raise InvalidParameter(
+            f"field_deg = {field_deg:g} leaves nothing of the field, which is {np.degrees(found.omega.min()):.4g} to "
+            f"{np.degrees(found.omega.max()):.4g} deg from the axis"
+        )
+    return Sample(found.pixels[inside], found.origins[inside], found.directions[inside], found.looks_back, mount)
+
+
+def _looks_back(camera: Camera, pixels: Array, directions: Array) -> bool:
+    """Whether the centre looks to -Z: as the camera says, or as the pixels next to its centre do."""
+    said = getattr(camera, "looks_back", None)
+    if isinstance(said, bool):
+        return said
+    centre = np.array(camera.symmetry.centre_px if camera.symmetry else np.array(camera.image_size) / 2)
+    nearest = np.argsort(np.linalg.norm(pixels - centre, axis=1))[: max(8, len(pixels) // 50)]
+    outermost = np.argsort(np.linalg.norm(pixels - centre, axis=1))[-max(8, len(pixels) // 50) :]
+    return bool(directions[nearest, 2].mean() < directions[outermost, 2].mean())

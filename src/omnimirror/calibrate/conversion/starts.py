@@ -1,0 +1,146 @@
+"""Where a fit begins: a model of each kind from linear least squares over the field, without a guess from the user."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...camera_models import CameraModel, OCam, Unified
+from ...errors import InvalidParameter
+from .sampling import Sample
+
+Array = NDArray[np.float64]
+
+ODD = (1, 3, 5, 7)  # powers of the field angle that a smooth round picture is made of
+
+
+@dataclass(frozen=True)
+class RoundPicture:
+    """The picture as a matrix, a centre, and a radius for every field angle."""
+
+    centre_px: tuple[float, float]
+    matrix: Array
+    """(2, 2), from the round picture to the real one, both (right, down), near 1."""
+    omega: Array
+    """(n,) field angles, radians."""
+    radius: Array
+    """(n,) px in the round picture."""
+    common: dict[str, Any]
+    """What every model is made with: size, optics, mount."""
+
+    def least_squares(self, law: Array) -> tuple[float, float]:
+        """The focal length that fits radii ``f law(Omega)``, and what is left, px rms."""
+        f = float(law @ self.radius / (law @ law))
+        return f, float(np.sqrt(np.mean((f * law - self.radius) ** 2)))
+
+
+def round_picture(sample: Sample, image_size: tuple[int, int]) -> RoundPicture:
+    """Centre, matrix and radii of a sample: two linear least squares, first round, then with a matrix."""
+    x, y, _ = sample.in_file.T
+    omega = sample.omega
+    length = np.maximum(np.hypot(x, y), 1e-300)
+    side = np.stack([x / length, y / length], axis=-1)
+    powers = (omega[:, None] / omega.max()) ** np.array(ODD)
+    n = len(omega)
+    columns = np.zeros((n, 2, 2 + len(ODD)))
+    columns[:, 0, 0] = columns[:, 1, 1] = 1.0
+    columns[:, :, 2:] = side[:, :, None] * powers[:, None, :]
+    found = np.linalg.lstsq(columns.reshape(2 * n, -1), sample.pixels.reshape(-1), rcond=None)[0]
+    radius = powers @ found[2:]
+    flat = np.column_stack([radius[:, None] * side, np.ones(n)])
+    solution = np.linalg.lstsq(flat, sample.pixels, rcond=None)[0]
+    matrix, centre = solution[:2].T, solution[2]
+    if not np.linalg.det(matrix) > 1e-3:
+        raise InvalidParameter("the picture does not grow with the field angle around a centre, so no model fits it")
+    plane = (sample.pixels - centre) @ np.linalg.inv(matrix).T
+    u, v = (float(x) for x in centre)
+    common: dict[str, Any] = {
+        "centre_px": (u, v),
+        "image_size": image_size,
+        "optics": "mirror" if sample.looks_back else "fisheye",
+        "mount": sample.mount,
+    }
+    return RoundPicture((u, v), matrix, omega, np.sum(plane * side, axis=1), common)
+
+
+def start(kind: type[CameraModel], places: frozenset[str] | None, picture: RoundPicture) -> Iterator[CameraModel]:
+    """Models of a kind to begin with, the simplest first.
+
+    Parameters
+    ----------
+    kind
+    places
+        The parameters that may differ from 0, None for all.
+    picture
+
+    Raises
+    ------
+    InvalidParameter
+        The kind cannot reach over the field; the sentence says why.
+    """
+    yield from STARTS[kind](places, picture)
+
+
+def _focal(f: float, places: frozenset[str] | None, picture: RoundPicture) -> dict[str, Any]:
+    (a, skew), (_, d) = picture.matrix
+    made = {"focal_px": (float(a * f), float(d * f)), **picture.common}
+    if places is None or "skew" in places:
+        made["skew_px"] = float(skew * f)
+    return made
+
+
+def _unified(places: frozenset[str] | None, picture: RoundPicture) -> Iterator[CameraModel]:
+    """The best of some xi, without distortion; a pinhole where there is no place for xi."""
+    pinhole = places is not None and "xi" not in places
+    yield Unified(**_best(picture, places, lambda o, xi: np.sin(o) / (np.cos(o) + xi), lambda o, xi: np.cos(o) + xi,
+                          {"xi": np.array([0.0]) if pinhole else np.linspace(0.0, 3.0, 61)}))  # fmt: skip
+
+
+def _best(
+    picture: RoundPicture,
+    places: frozenset[str] | None,
+    law: Callable[..., Array],
+    depth: Callable[..., Array],
+    grid: dict[str, Array],
+) -> dict[str, Any]:
+    """The arguments of the model whose law fits best, of those that reach over the field with a growing radius."""
+    omega = np.linspace(0.0, picture.omega.max(), 200)
+    best, arguments = np.inf, None
+    is_pinhole = "xi" in grid and grid["xi"].size == 1
+    for values in np.stack(np.meshgrid(*grid.values(), indexing="ij"), axis=-1).reshape(-1, len(grid)):
+        with np.errstate(all="ignore"):
+            grows = (depth(omega, *values) > 1e-3).all() and (np.diff(law(omega, *values)) > 0).all()
+        if grows:
+            f, left = picture.least_squares(law(picture.omega, *values))
+            if left < best:
+                best = left
+                arguments = {**dict(zip(grid, map(float, values), strict=True)), **_focal(f, places, picture)}
+    if arguments is None:
+        raise InvalidParameter(
+            f"reaches less far than the field, {np.degrees(picture.omega.max()):.4g} deg from the axis"
+            + (": a pinhole's picture is infinitely large at 90 deg" if is_pinhole else "")
+        )
+    return arguments
+
+
+def _ocam(places: frozenset[str] | None, picture: RoundPicture) -> Iterator[CameraModel]:
+    """``f(rho) sin(Omega) = -rho cos(Omega)`` is linear in the coefficients of f."""
+    (a, e), (d, c) = picture.matrix
+    rho = a * picture.radius
+    scale = rho.max()
+    for degree in (4,) if places is not None else (4, 6, 8):
+        powers = np.array([0, *range(2, degree + 1)])
+        terms = (rho / scale)[:, None] ** powers * np.sin(picture.omega)[:, None]
+        found = np.linalg.lstsq(terms, -rho * np.cos(picture.omega), rcond=None)[0] / scale**powers
+        polynomial = (float(found[0]), 0.0, *map(float, found[1:]))
+        yield OCam(polynomial, affine=(float(c / a), float(d / a), float(e / a)), **picture.common)
+
+
+STARTS: dict[type[Any], Callable[[frozenset[str] | None, RoundPicture], Iterator[CameraModel]]] = {
+    Unified: _unified,
+    OCam: _ocam,
+}

@@ -1,0 +1,18 @@
+"""A camera model, the poses of its targets and their shape, estimated from what was seen in pictures."""
+
+from .bundle.adjustment import Adjustment, Prior, adjust
+from .bundle.observations import Motion, Sighting
+from .calibration import calibrate_camera
+from .results import Calibration
+from .simulated import simulate_detections
+
+__all__ = [
+    "Adjustment",
+    "Calibration",
+    "Motion",
+    "Prior",
+    "Sighting",
+    "adjust",
+    "calibrate_camera",
+    "simulate_detections",
+]

@@ -1,0 +1,90 @@
+"""Which picture to take next: where no corner lies, and how boards were not yet held."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...camera_models.base import CameraModel
+from .bundle.observations import Sighting
+
+Array = NDArray[np.float64]
+
+RINGS, SECTORS = 4, 8
+ENOUGH = 5  # corners in a cell
+LEAST_TILT_DEG = 25.0  # between the directions that boards face
+ENOUGH_PICTURES = 10
+SIDES = ("right", "lower right", "bottom", "lower left", "left", "upper left", "top", "upper right")
+
+
+class Coverage(NamedTuple):
+    """How corners are spread over the picture."""
+
+    centre_px: tuple[float, float]
+    radii_px: Array
+    """(rings + 1,) edges of the rings"""
+    counts: NDArray[np.int64]
+    """(rings, sectors) corners, sectors from the right over the bottom"""
+    tilts_deg: Array
+    """(m,) between each board's normal and the line of sight to its middle"""
+    facing_deg: float
+    """the largest angle between the directions that two boards face"""
+
+
+def coverage(
+    sightings: Sequence[Sighting], centre_px: tuple[float, float], outer_radius_px: float | None = None
+) -> Coverage:
+    """How corners are spread; out to the rim, or to the farthest corner where it is not known."""
+    offsets = np.concatenate([s.pixels for s in sightings]) - centre_px
+    radius, azimuth = np.hypot(*offsets.T), np.arctan2(offsets[:, 1], offsets[:, 0])
+    outer = float(radius.max()) if outer_radius_px is None else outer_radius_px
+    radii = outer * np.sqrt(np.linspace(0, 1, RINGS + 1))  # rings of equal areas
+    ring = np.clip(np.searchsorted(radii, radius, side="right") - 1, 0, RINGS - 1)
+    sector = np.round(azimuth / (2 * np.pi / SECTORS)).astype(int) % SECTORS
+    counts = np.zeros((RINGS, SECTORS), dtype=np.int64)
+    np.add.at(counts, (ring, sector), 1)
+    normals = np.array([s.motion.rotation[:, 2] for s in sightings if s.motion is not None])
+    middles = np.array([s.motion(s.points).mean(axis=0) for s in sightings if s.motion is not None])
+    toward = np.sum(normals * middles, axis=1) / np.linalg.norm(middles, axis=1)
+    cosines = np.clip(np.abs(normals @ normals.T), 0, 1)
+    facing = float(np.degrees(np.arccos(cosines.min())))
+    return Coverage(centre_px, radii, counts, np.degrees(np.arccos(np.clip(np.abs(toward), 0, 1))), facing)
+
+
+def advised(found: Coverage, model: CameraModel, sightings: Sequence[Sighting]) -> tuple[str, ...]:
+    """What to photograph next, most important first; nothing where the pictures are enough."""
+    sentences = []
+    if len(sightings) < ENOUGH_PICTURES:
+        sentences.append(
+            f"Take more pictures: {len(sightings)} are used, and {ENOUGH_PICTURES} to 20 with the board at different "
+            "places are usual."
+        )
+    outer = np.flatnonzero(found.counts[-1] < ENOUGH)
+    if len(outer):
+        low, high = found.radii_px[-2:]
+        sentences.append(
+            f"Hold the board so that it reaches the edge of the picture at the {_listed(outer)}: few corners lie "
+            f"{low:.0f} to {high:.0f} px from the centre there."
+        )
+    inner = np.flatnonzero(found.counts[:-1].sum(axis=0) < ENOUGH)
+    if len(inner):
+        sentences.append(f"Hold the board towards the {_listed(inner)} of the picture: hardly any corner lies there.")
+    if found.counts[0].sum() < ENOUGH:
+        sentences.append(
+            f"Hold the board nearer to the axis: few corners lie within {found.radii_px[1]:.0f} px of the centre."
+        )
+    if len(sightings) > 1 and found.facing_deg < LEAST_TILT_DEG:
+        sentences.append(
+            f"Tilt the board more: its directions in the pictures differ by {found.facing_deg:.0f} deg only."
+        )
+    return tuple(sentences)
+
+
+def _listed(sectors: NDArray[np.int64]) -> str:
+    names = [SIDES[i] for i in sectors]
+    if len(names) == SECTORS:
+        return "whole rim"
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

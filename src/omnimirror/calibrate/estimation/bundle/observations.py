@@ -1,0 +1,207 @@
+"""What pictures saw: pixels, and the points, directions or lines that they are known to show.
+
+One form serves all kinds. A :class:`Sighting` is what one picture shows of things that stand still together: corners
+of a board whose place is unknown, points of a room that was surveyed, stars, edges. Its points are in a frame of their
+own, and a :class:`Motion` takes them into the camera frame, known or to be found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ....arguments import finite
+from ....errors import InvalidParameter
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+class Motion(NamedTuple):
+    """From a target's frame to the camera frame: ``X = rotation @ p + shift_mm``."""
+
+    rotation: Array
+    """(3, 3)"""
+    shift_mm: Array
+    """(3,)"""
+
+    @classmethod
+    def none(cls) -> Motion:
+        """The target's frame is the camera frame."""
+        return cls(np.eye(3), np.zeros(3))
+
+    def __call__(self, points_mm: Array) -> Array:
+        """Points (n, 3) in the camera frame."""
+        moved: Array = points_mm @ self.rotation.T + self.shift_mm
+        return moved
+
+    def after(self, turn: Array, shift_mm: Array) -> Motion:
+        """With a small rotation vector (3,) applied after its rotation, and a shift (3,) added."""
+        rotation = rotation_of(turn) @ self.rotation
+        rotation = rotation @ (1.5 * np.eye(3) - 0.5 * rotation.T @ rotation)  # rounding of many steps does not add up
+        return Motion(rotation, self.shift_mm + shift_mm)
+
+
+def rotation_of(vector: Array) -> Array:
+    """Rotation matrix (3, 3) of a rotation vector (3,) in radians, by Rodrigues' formula.
+
+    >>> rotation_of(np.array([0.0, 0.0, np.pi / 2])).round(12) + 0.0
+    array([[ 0., -1.,  0.],
+           [ 1.,  0.,  0.],
+           [ 0.,  0.,  1.]])
+    """
+    angle = float(np.linalg.norm(vector))
+    if angle < 1e-12:
+        return np.eye(3) + _crossing(vector)
+    k = _crossing(vector / angle)
+    return np.asarray(np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * (k @ k))
+
+
+def _crossing(v: Array) -> Array:
+    """Matrix of the cross product with a vector."""
+    x, y, z = v
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+@dataclass(frozen=True)
+class Sighting:
+    """What one picture saw of one target.
+
+    Parameters
+    ----------
+    name
+        Of the picture.
+    pixels : (n, 2)
+        Where the points were seen, px.
+    points : (n, 3)
+        What was seen: points in the target's frame in mm, or directions in it where ``is_distant``.
+    motion
+        Where the target stands, known or as a start; None: unknown, and to be found from nothing (boards alone).
+    is_known
+        Whether ``motion`` is known, and is not estimated.
+    is_distant
+        Whether what was seen is so far away that directions are all that counts, as stars and the sun.
+    along : (n, 3), optional
+        Where lines were seen: the directions of the lines through ``points``, on which the point that was seen may lie
+        anywhere.
+    ids : (n,), optional
+        Numbers of the points, such as those of a board's corners; 0, 1, .. by default.
+
+    Examples
+    --------
+    >>> sun = Sighting("noon", [[400.0, 300.0]], [[0.0, 0.0, -1.0]], Motion.none(), is_known=True, is_distant=True)
+    >>> len(sun)
+    1
+    """
+
+    name: str
+    pixels: Array
+    points: Array
+    motion: Motion | None = None
+    is_known: bool = False
+    is_distant: bool = False
+    along: Array | None = None
+    ids: NDArray[np.int64] | None = None
+
+    def __post_init__(self) -> None:
+        pixels, points = finite("pixels", self.pixels, last=2), finite("points", self.points, last=3)
+        if pixels.ndim != 2 or len(pixels) != len(points):
+            raise InvalidParameter(
+                f"{self.name}: pixels {pixels.shape} and points {points.shape} are not as many; valid: (n, 2), (n, 3)"
+            )
+        if self.is_known and self.motion is None:
+            raise InvalidParameter(f"{self.name}: its motion is said to be known and not given")
+        object.__setattr__(self, "pixels", pixels)
+        object.__setattr__(self, "points", points)
+        ids = np.arange(len(pixels)) if self.ids is None else np.asarray(self.ids, dtype=np.int64)
+        object.__setattr__(self, "ids", ids)
+        if self.along is not None:
+            object.__setattr__(self, "along", finite("along", self.along, last=3))
+
+    def __len__(self) -> int:
+        return len(self.pixels)
+
+    def only(self, kept: Mask | NDArray[np.int64]) -> Sighting:
+        """The same with some of its points.
+
+        Parameters
+        ----------
+        kept : (n,) or (k,)
+            Which, as truth values or indices.
+
+        Returns
+        -------
+        Sighting
+            With k points.
+        """
+        assert self.ids is not None
+        along = None if self.along is None else self.along[kept]
+        return replace(self, pixels=self.pixels[kept], points=self.points[kept], along=along, ids=self.ids[kept])
+
+    def moved(self, motion: Motion | None) -> Sighting:
+        """The same with another motion.
+
+        Parameters
+        ----------
+        motion
+            From the target's frame to the camera's; None: unknown.
+
+        Returns
+        -------
+        Sighting
+            Of the same pixels.
+        """
+        return replace(self, motion=motion)
+
+
+class Stack(NamedTuple):
+    """All points of several sightings in one row, for arithmetic."""
+
+    pixels: Array
+    """(n, 2)"""
+    points: Array
+    """(n, 3)"""
+    owner: NDArray[np.int64]
+    """(n,) number of the sighting"""
+    distant: Mask
+    """(n,)"""
+    along: Array | None
+    """(n, 3); 0 where a point was seen; None where no line was"""
+    slices: tuple[slice, ...]
+    """where each sighting's points are"""
+    ids: NDArray[np.int64]
+    """(n,)"""
+
+
+def stacked(sightings: Sequence[Sighting]) -> Stack:
+    """Sightings one behind the other."""
+    if not sightings:
+        raise InvalidParameter("there is nothing to adjust: no picture saw anything")
+    counts = [len(s) for s in sightings]
+    ends = np.cumsum(counts)
+    along = None
+    if any(s.along is not None for s in sightings):
+        along = np.concatenate([np.zeros((len(s), 3)) if s.along is None else s.along for s in sightings])
+    return Stack(
+        np.concatenate([s.pixels for s in sightings]),
+        np.concatenate([s.points for s in sightings]),
+        np.repeat(np.arange(len(sightings)), counts),
+        np.repeat([s.is_distant for s in sightings], counts),
+        along,
+        tuple(slice(int(e) - c, int(e)) for e, c in zip(ends, counts, strict=True)),
+        np.concatenate([s.ids for s in sightings if s.ids is not None]),
+    )
+
+
+def rms_px(residuals: ArrayLike) -> float:
+    """``sqrt(mean |e|^2)`` of residuals (n, 2): per point in two dimensions, as OpenCV reports it.
+
+    >>> rms_px([[3.0, 4.0], [0.0, 0.0]])  # sqrt((25 + 0) / 2)
+    3.5355339059327378
+    """
+    e = np.asarray(residuals, dtype=float).reshape(-1, 2)
+    return float(np.sqrt(np.mean(np.sum(e * e, axis=1)))) if len(e) else float("nan")

@@ -1,0 +1,188 @@
+"""Levenberg and Marquardt's steps to the least sum of a bundle adjustment, bent along curved valleys.
+
+Focal length, distortion and the like lie in a valley that is long, narrow and bent. A straight step leaves it at once;
+with the second derivative along the step taken into account, one follows it (Transtrum and Sethna, "Geodesic
+acceleration", 2012): the same equations are solved once more, for how the residuals bend.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ....errors import OmnimirrorError
+from .linearisation import UNSEEN_PX, Estimate, Linearised, Loss, linearised, slid, without_slides
+from .normal_equations import Blocks, assembled, solved, with_priors
+from .observations import Stack
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+SETTLED = 1e-7  # relative; a step that gains less is the last
+MOST_DAMPING, LEAST_DAMPING = 1e12, 1e-10
+STIFFNESS = 1e-6  # what nothing determines moves less than its scale in a step, and what anything does freely
+LEAST_NOISE_PX = 1e-6
+PROBE = 0.1  # of a step, over which the bend of residuals is measured
+STRAIGHT_STEPS = 4  # before bends are measured
+MOST_BEND = 0.75  # of a step
+
+
+@dataclass(frozen=True)
+class Question:
+    """What an adjustment is asked; names are those of the model's parameters, and of the board's shape."""
+
+    stack: Stack
+    moving: Mask
+    free: Mask
+    """(g,) of the shared parameters"""
+    information: Array
+    """(g,) of their priors, 1 / sigma^2"""
+    expected: Array
+    """(g,) of their priors"""
+    loss: Loss
+    noise_px: float
+    """of a coordinate; what priors are weighed with"""
+
+
+class Step(NamedTuple):
+    """A change of everything."""
+
+    shared: Array
+    """(g,), 0 where fixed"""
+    motions: Array
+    """(m, 6)"""
+
+    def times(self, factor: float) -> Step:
+        """A part of it."""
+        return Step(factor * self.shared, factor * self.motions)
+
+
+def shared_values(estimate: Estimate) -> Array:
+    """The model's parameters and the board's shape (g,)."""
+    values = [p.value for p in estimate.model.parameters]
+    return np.array([*values, *(estimate.shape.values if estimate.shape else ())])
+
+
+def least(
+    estimate: Estimate,
+    question: Question,
+    most_steps: int,
+    settled: float = SETTLED,
+    on_step: Callable[[float], None] | None = None,
+) -> Estimate:
+    """The estimate with the least sum, from another one."""
+    raw = linearised(estimate, question.stack)
+    cost, damping = _cost(estimate, raw, question), 1e-3
+    for number in range(most_steps):
+        blocks = _blocks(estimate, without_slides(raw), question)
+        before, growth = cost, 2.0
+        while damping < MOST_DAMPING:
+            trial = _tried(estimate, raw, blocks, question, damping, number >= STRAIGHT_STEPS)
+            if trial is not None:
+                found = linearised(trial, question.stack)
+                trial_cost = _cost(trial, found, question)
+                if trial_cost <= cost:
+                    estimate, raw, cost, damping = trial, found, trial_cost, max(damping / 5, LEAST_DAMPING)
+                    break
+            damping, growth = damping * growth, growth * 2
+        else:
+            return estimate
+        if on_step is not None:
+            on_step(cost)
+        if before - cost <= settled * before or cost < LEAST_NOISE_PX**2 * len(raw.seen):
+            return estimate
+    return estimate
+
+
+def _cost(estimate: Estimate, found: Linearised, question: Question) -> float:
+    unseen = question.loss.sum(np.full((1, 2), UNSEEN_PX)) * int((~found.seen).sum())
+    off = shared_values(estimate) - question.expected
+    known = question.noise_px**2 * float(np.sum(question.information[question.free] * off[question.free] ** 2))
+    total = question.loss.sum(found.residuals) + unseen + known
+    return total if np.isfinite(total) else np.inf
+
+
+def _blocks(estimate: Estimate, found: Linearised, question: Question) -> Blocks:
+    weights = question.loss.weights(found.residuals) * found.seen
+    blocks = assembled(
+        question.stack, found.residuals, found.d_shared[:, :, question.free], found.d_motion, weights, question.moving
+    )
+    off = (shared_values(estimate) - question.expected)[question.free]
+    return with_priors(blocks, question.noise_px**2 * question.information[question.free], off)
+
+
+def _tried(
+    estimate: Estimate, raw: Linearised, blocks: Blocks, question: Question, damping: float, is_bent: bool
+) -> Estimate | None:
+    """The estimate a step farther; None where the equations or the model do not allow it."""
+    step = _solved(estimate, blocks, question, damping)
+    if step is None:
+        return None
+    if is_bent and raw.d_slide is None:
+        bend = _bend(estimate, raw, blocks, question, damping, step)
+        if bend is not None:
+            step = Step(step.shared + bend.shared / 2, step.motions + bend.motions / 2)
+    return _moved(estimate, raw, question, step)
+
+
+def _bend(
+    estimate: Estimate, raw: Linearised, blocks: Blocks, question: Question, damping: float, step: Step
+) -> Step | None:
+    """How the step bends; None where that is too much to be trusted."""
+    probe = _moved(estimate, raw, question, step.times(PROBE))
+    if probe is None:
+        return None
+    found = linearised(probe, question.stack)
+    along = raw.d_shared @ step.shared + np.einsum("nki,ni->nk", raw.d_motion, step.motions[question.stack.owner])
+    second = 2 / PROBE * ((found.residuals - raw.residuals) / PROBE - along)
+    both = found.seen & raw.seen
+    weights = question.loss.weights(raw.residuals) * both
+    bent = assembled(question.stack, second, raw.d_shared[:, :, question.free], raw.d_motion, weights, question.moving)
+    right = blocks._replace(shared_gradient=bent.shared_gradient, motion_gradients=bent.motion_gradients)
+    bend = _solved(estimate, right, question, damping)
+    if bend is None or _length(bend, blocks, question) > MOST_BEND * _length(step, blocks, question):
+        return None
+    return bend
+
+
+def _length(step: Step, blocks: Blocks, question: Question) -> float:
+    """Length of a step, each part against what moves the residuals."""
+    shared = step.shared[question.free] ** 2 @ np.diag(blocks.shared)
+    return float(np.sqrt(shared + np.sum(step.motions**2 * np.einsum("mii->mi", blocks.motions))))
+
+
+def _solved(estimate: Estimate, blocks: Blocks, question: Question, damping: float) -> Step | None:
+    scales = [*(p.scale for p in estimate.model.parameters), *(estimate.shape.sigmas if estimate.shape else ())]
+    floor = (STIFFNESS * question.noise_px / np.array(scales)[question.free]) ** 2
+    try:
+        free, motions = solved(blocks, damping, floor)
+    except np.linalg.LinAlgError:
+        return None
+    if not (np.isfinite(free).all() and np.isfinite(motions).all()):
+        return None
+    shared = np.zeros(len(question.free))
+    shared[question.free] = free
+    return Step(shared, motions)
+
+
+def _moved(estimate: Estimate, raw: Linearised, question: Question, step: Step) -> Estimate | None:
+    """The estimate after a step; None where the numbers describe no camera."""
+    values = shared_values(estimate) + step.shared
+    count = len(estimate.model.parameters)
+    try:
+        model = estimate.model.with_parameters(values[:count])
+    except OmnimirrorError:
+        return None
+    motions = tuple(
+        m.after(s[:3], s[3:]) if moving else m
+        for m, s, moving in zip(estimate.motions, step.motions, question.moving, strict=True)
+    )
+    shape = estimate.shape and estimate.shape.with_values(values[count:])
+    slides = estimate.slides
+    if raw.d_slide is not None:
+        slides = slides + slid(raw, question.stack, step.shared, step.motions)
+    return Estimate(model, motions, shape, slides)

@@ -1,0 +1,248 @@
+"""From detected boards to a camera: the whole of a calibration, from no guess at all to what is handed over."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Sequence
+
+import numpy as np
+
+from ...arguments import choice, instance, shown
+from ...camera_models.base import CameraModel
+from ...camera_models.spheres import Unified
+from ...errors import InvalidParameter
+from ...frames import Mount
+from ..targets import Board, Detection
+from .advice import advised, coverage
+from .bundle.adjustment import Adjustment, Prior
+from .bundle.board_shape import NAMES, BoardShape
+from .bundle.observations import Sighting, rms_px
+from .checks import check_detections, is_used, listed, reason_of
+from .covariance import Uncertainty, uncertainty
+from .ladder.models import KINDS
+from .pipeline import CalibrationPlan, Course, Foreknown, Stopped, Watch, run
+from .results import Calibration, ParameterResult, PictureResult
+
+FEW_PICTURES = 6
+LARGE_CORRELATION = 0.98
+OVERFIT = 1.25  # held-out error over that of the fit
+
+
+def calibrate_camera(
+    detections: Sequence[Detection],
+    board: Board,
+    *,
+    model: str | CameraModel = "auto",
+    optics: str = "mirror",
+    mount: Mount | None = None,
+    centre_px: tuple[float, float] | None = None,
+    fixed: Iterable[str] = (),
+    priors: Iterable[Prior] = (),
+    board_shape: bool = True,
+    seed: int = 0,
+    progress: Callable[[str, float], None] | None = None,
+    stop: Callable[[], bool] | None = None,
+) -> Calibration:
+    """Find out what camera took pictures of a board, from the corners found in them.
+
+    Nothing needs to be known of the camera. Boards are placed with a stereographic camera whose focal length is
+    searched, a unified model is fitted robustly, and richer models from there. Corners that the best model cannot
+    explain are left out, 1 % at most, and named; the models are then compared by their error in pictures that were left
+    out of the fit.
+
+    Parameters
+    ----------
+    detections
+        Of all pictures, those without a board among them.
+    board
+        That they show.
+    model
+        ``"auto"``, the name of a kind of model, or a model of the kind to begin with.
+    optics
+        ``"mirror"`` or ``"fisheye"``: whether the centre of the picture looks back past the lens or ahead.
+    mount
+        How the camera stands, and whether its pictures are flipped; looking up, not flipped by default.
+    centre_px : (u, v), optional
+        Where the search for the axis begins, such as a rim's centre; the middle of the picture by default.
+    fixed
+        Names of parameters that keep the value with which the model begins.
+    priors
+        What is known of parameters beforehand: name, value, standard deviation (0: fixed).
+    board_shape
+        Whether bulge, twist, aspect and shear of the board are estimated.
+    seed
+        Of the groups in which more than 20 pictures are left out.
+    progress
+        Called with a word and a share from 0 to 1.
+    stop
+        Asked now and then whether to stop; what was found so far is returned then.
+
+    Returns
+    -------
+    Calibration
+        Camera, errors, uncertainty, and what became of every picture.
+
+    Raises
+    ------
+    InvalidParameter
+        The pictures do not allow a calibration: the message says which, and why.
+
+    Examples
+    --------
+    Boards as a unified camera would see them:
+
+    >>> import omnimirror as om
+    >>> from omnimirror.camera_models import Unified
+    >>> camera = Unified(0.95, (160.0, 160.0), (319.5, 239.5), (640, 480))
+    >>> board = om.Board("chessboard", 11, 7, 30.0)
+    >>> detections = om.simulate_detections(camera, board, 8, noise_px=0.1)
+    >>> found = om.calibrate_camera(detections, board, model="unified")
+    >>> round(found.rms_px, 2), all(p.used for p in found.pictures)
+    (0.14, True)
+    """
+    started = time.perf_counter()
+    choice("optics", optics, ("mirror", "fisheye"))
+    if isinstance(model, CameraModel):
+        mount, optics = model.mount, model.optics
+    mount = Mount() if mount is None else mount
+    detections = _with_names(detections)
+    size = check_detections(detections, board, is_reversed=(optics == "mirror") != mount.image_flipped)
+    known = Foreknown(tuple(fixed), tuple(Prior(*p) for p in priors))
+    plan = CalibrationPlan(
+        sightings=tuple(_sighting(d, board) for d in detections if is_used(d)),
+        image_size=size,
+        centre_px=centre_px,
+        empty=Unified(1.0, (100.0, 100.0), (0.0, 0.0), size, optics=optics, mount=mount),  # type: ignore[arg-type]
+        wanted=_wanted(model, size),
+        known=known,
+        shape=BoardShape.flat(board.points_mm) if board_shape else None,
+        is_mirrored_alike=board.kind == "chessboard",
+        seed=seed,
+    )
+    course = Course()
+    is_complete = True
+    try:
+        run(plan, Watch(progress, stop), course)
+    except Stopped:
+        is_complete = False
+        if course.fit is None:
+            raise InvalidParameter("stopped before a camera was found") from None
+    return _told(course, detections, board, known, time.perf_counter() - started, is_complete)
+
+
+def _with_names(detections: Sequence[Detection]) -> list[Detection]:
+    """Detections whose names differ: pictures of two folders may have the same."""
+    from dataclasses import replace
+
+    names: dict[str, int] = {}
+    renamed = []
+    for detection in detections:
+        instance("detections", detection, Detection, "a row of detections")
+        count = names[detection.name] = names.get(detection.name, 0) + 1
+        renamed.append(replace(detection, name=f"{detection.name} ({count})") if count > 1 else detection)
+    return renamed
+
+
+def _sighting(detection: Detection, board: Board) -> Sighting:
+    ids = np.asarray(detection.ids, dtype=np.int64)
+    return Sighting(detection.name, detection.corners_px, board.points_mm[ids], ids=ids)
+
+
+def _wanted(model: str | CameraModel, size: tuple[int, int]) -> tuple[str | CameraModel, ...]:
+    """The kinds that are asked for, or a model to begin with."""
+    if model == "auto":
+        return tuple(KINDS)
+    if isinstance(model, str):
+        choice("model", model, ("auto", *KINDS))
+        return (model,)
+    if not isinstance(model, CameraModel):
+        raise InvalidParameter(f"model = {shown(model)} is no model and no name of one: auto, {', '.join(KINDS)}")
+    if tuple(model.image_size) != tuple(size):
+        (w, h), (width, height) = model.image_size, size
+        raise InvalidParameter(f"the pictures have {width} x {height} px, and the camera to begin with {w} x {h}")
+    return (model,)
+
+
+# -- what is handed over -------------------------------------------------------------------------------
+
+
+def _told(
+    course: Course, detections: Sequence[Detection], board: Board, known: Foreknown, seconds: float, is_complete: bool
+) -> Calibration:
+    fit = course.fit
+    assert fit is not None
+    certain = uncertainty(fit)
+    centre = _centre(fit)
+    found = coverage(fit.sightings, centre, getattr(fit.model, "rim_radius_px", None))
+    pictures = _pictures(fit, course, detections)
+    parameters = [p.value for p in fit.model.parameters] + list(fit.shape.values if fit.shape else ())
+    return Calibration(
+        model=fit.model,
+        board=board,
+        shape=fit.shape,
+        rms_px=fit.rms_px,
+        corners=sum(p.found for p in pictures if p.used),
+        outliers=course.outliers,
+        pictures=pictures,
+        parameters=tuple(
+            ParameterResult(n, float(v), float(s), u)
+            for n, v, s, u in zip(certain.names, parameters, certain.sigmas, fit.units, strict=True)
+        ),
+        uncertainty=certain,
+        candidates=course.candidates,
+        notes=_notes(fit, course, certain, is_complete),
+        advice=advised(found, fit.model, fit.sightings),
+        coverage=found,
+        adjustment=fit,
+        held_out=course.held,
+        seconds=seconds,
+        is_complete=is_complete,
+    )
+
+
+def _centre(fit: Adjustment) -> tuple[float, float]:
+    """Where the axis is seen."""
+    forward = -1.0 if fit.model.optics == "mirror" else 1.0
+    image = fit.model.image(np.array([[1e-6, 0.0, forward]]), distant=True)
+    if image.valid[0]:
+        u, v = image.pixels[0]
+        return float(u), float(v)
+    width, height = fit.model.image_size
+    return (width - 1) / 2, (height - 1) / 2
+
+
+def _pictures(fit: Adjustment, course: Course, detections: Sequence[Detection]) -> tuple[PictureResult, ...]:
+    errors = {s.name: rms_px(fit.residuals_of(i)) for i, s in enumerate(fit.sightings)}
+    results = []
+    for detection in detections:
+        name = detection.name
+        reason = course.strangers.get(name) if is_used(detection) else reason_of(detection)
+        used = name in errors and reason is None
+        results.append(PictureResult(name, len(detection.ids), used, reason, errors[name] if used else None))
+    return tuple(results)
+
+
+def _notes(fit: Adjustment, course: Course, certain: Uncertainty, is_complete: bool) -> tuple[str, ...]:
+    """What whoever uses the camera should know."""
+    notes = []
+    if not is_complete:
+        notes.append("It was stopped before the end: this is the best camera found until then.")
+    if len(fit.sightings) < FEW_PICTURES:
+        notes.append(
+            f"{len(fit.sightings)} pictures fit easily and say little of others: see the error in pictures left out, "
+            "and take more."
+        )
+    notes += [
+        f"The pictures do not determine {listed(free.names)} apart: {free} together change the picture by little."
+        for free in certain.free
+    ]
+    held = course.held.rms_px if course.held else float("nan")
+    if held > OVERFIT * fit.rms_px:
+        notes.append(
+            f"The error in pictures left out, {held:.3f} px, is well above that of the fit, {fit.rms_px:.3f} px: the "
+            "model has more freedom than these pictures determine."
+        )
+    notes += [f"{kind} could not be fitted: {why}" for kind, why in course.failures.items()]
+    if fit.shape is not None and fit.shape.is_flat_within(certain.sigmas[-len(NAMES) :]):
+        notes.append("The board is flat, as far as the pictures show.")
+    return tuple(notes)

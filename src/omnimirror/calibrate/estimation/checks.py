@@ -1,0 +1,210 @@
+"""Sets of pictures that cannot be calibrated, and why: one sentence each, with the names of the pictures."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import InvalidParameter
+from .bundle.adjustment import Adjustment, adjust
+from .bundle.observations import Sighting
+
+Array = NDArray[np.float64]
+
+FEWEST_PICTURES = 3
+FEWEST_POINTS = 12  # of a picture
+MOST_NAMED = 6
+SAME_TILT_DEG, SAME_PLACE = 4.0, 0.06
+"""Boards that face directions so close, at places that differ by so much of their distance, are at the same pose."""
+MOVED_SIGMAS, MOVED_PX, ROUNDS = 8.0, 1.5, 6
+MOVED_GAIN = 100.0  # in the sum of squares over the noise's, for each picture that moved
+WORST_MEDIAN = 0.01  # of the picture's larger side; a start that leaves more is none
+
+
+def listed(names: Sequence[str]) -> str:
+    """Names as a sentence has them, the first few of many.
+
+    >>> listed(["a", "b", "c"]), listed([str(i) for i in range(9)])
+    ('a, b and c', '0, 1, 2, 3, 4, 5 and 3 more')
+    """
+    shown = list(names[:MOST_NAMED])
+    if len(names) > MOST_NAMED:
+        shown.append(f"{len(names) - MOST_NAMED} more")
+    return shown[0] if len(shown) == 1 else f"{', '.join(shown[:-1])} and {shown[-1]}"
+
+
+def check_detections(detections: Sequence[Any], board: Any, *, is_reversed: bool) -> tuple[int, int]:
+    """The pictures' size, if there are enough of them that belong together.
+
+    Parameters
+    ----------
+    detections
+        Of all pictures.
+    board
+        That was looked for.
+    is_reversed
+        Whether a camera such as this delivers mirror images.
+    """
+    sizes = Counter(tuple(d.image_size) for d in detections)
+    if len(sizes) > 1:
+        (usual, _), *others = sizes.most_common()
+        odd = [d.name for d in detections if tuple(d.image_size) != usual]
+        names = ", ".join(f"{w} x {h}" for (w, h), _ in others)
+        raise InvalidParameter(
+            f"{listed(odd)}: {names} px, where the other pictures have {usual[0]} x {usual[1]} px; pictures of one "
+            "calibration are all as the camera delivers them"
+        )
+    used = [d for d in detections if is_used(d)]
+    if len(used) < FEWEST_PICTURES:
+        missing = [d for d in detections if not is_used(d)]
+        reasons = "; ".join(reason_of(d) for d in missing[:MOST_NAMED])
+        raise InvalidParameter(
+            f"the board ({board}) was found well enough in {len(used)} of {len(detections)} pictures, and "
+            f"{FEWEST_PICTURES} are the fewest, 10 or more are usual{': ' if reasons else ''}{reasons}"
+        )
+    wrong = [d.name for d in used if d.is_reversed is not None and d.is_reversed != is_reversed]
+    if wrong:
+        what = (
+            "not mirror images, and a mirror's are" if is_reversed else "mirror images, and those of a fisheye are not"
+        )
+        whole = len(wrong) == sum(d.is_reversed is not None for d in used)
+        remedy = (
+            "say --flipped if the camera's driver reverses them, or choose the other --optics"
+            if whole
+            else "leave them out, or flip them as the others are"
+        )
+        raise InvalidParameter(f"{listed(wrong)}: the board's markers show {what}; {remedy}")
+    return next(iter(sizes))
+
+
+def is_used(detection: Any) -> bool:
+    """Whether enough of a board was found, and nothing speaks against it."""
+    return detection.reason is None and len(detection.ids) >= FEWEST_POINTS
+
+
+def reason_of(detection: Any) -> str:
+    """Why a picture is not used, with its name."""
+    if detection.reason is None:
+        return f"{detection.name}: {len(detection.ids)} corners were found, and {FEWEST_POINTS} are the fewest"
+    return detection.reason if detection.name in detection.reason else f"{detection.name}: {detection.reason}"
+
+
+def check_start(median_px: float, image_size: tuple[int, int]) -> None:
+    """Whether any camera explains the corners."""
+    if not median_px < WORST_MEDIAN * max(image_size):
+        raise InvalidParameter(
+            f"no camera explains the corners: with the best half of them lie more than {median_px:.1f} px from where "
+            "they should; see whether the board is the one that was named, and flat"
+        )
+
+
+def check_poses(sightings: Sequence[Sighting]) -> None:
+    """Whether boards were held differently at all."""
+    motions = [s.motion for s in sightings if s.motion is not None]
+    normals = np.array([m.rotation[:, 2] for m in motions])
+    middles = np.array([m(s.points).mean(axis=0) for m, s in zip(motions, sightings, strict=True)])
+    tilt = float(np.degrees(np.arccos(np.clip((normals @ normals.T).min(), -1, 1))))
+    distance = float(np.linalg.norm(middles, axis=1).mean())
+    spread = float(np.linalg.norm(middles[:, None] - middles[None], axis=2).max())
+    if tilt < SAME_TILT_DEG and spread < SAME_PLACE * distance:
+        raise InvalidParameter(
+            f"the board is at the same place in all pictures ({listed([s.name for s in sightings])}); hold it at "
+            "different places and angles, all around"
+        )
+
+
+def check_still(adjustment: Adjustment) -> None:
+    """Whether the mirror stayed where it was: whether all pictures agree where its centre lies.
+
+    Each picture is given a centre of its own, in turn with the camera that they share; if these fall into two groups
+    that lie farther apart than they scatter, and explain the corners far better than one centre does, something moved,
+    or some pictures are flipped.
+    """
+    if not {"cx", "cy"} <= set(adjustment.names) or len(adjustment.sightings) <= FEWEST_PICTURES:
+        return
+    offsets = _own_centres(adjustment)
+    if np.abs(offsets).max() < MOVED_PX:
+        return
+    shared, total = adjustment, np.zeros_like(offsets)
+    for _ in range(ROUNDS):
+        total += offsets
+        back = [replace(s, pixels=s.pixels - o) for s, o in zip(shared.sightings, offsets, strict=True)]
+        shared = adjust(shared.model, back, shape=shared.shape, loss="cauchy", most_steps=20)
+        offsets = _own_centres(shared)
+    apart = two_groups(total)
+    if apart is None:
+        return
+    second, distance = apart
+    gain = np.sum(adjustment.residuals**2) - np.sum(shared.residuals**2)
+    if gain < MOVED_GAIN * second.sum() * shared.question.noise_px**2:
+        return
+    moved = [s.name for s, far in zip(adjustment.sightings, second, strict=True) if far]
+    others = [s.name for s, far in zip(adjustment.sightings, second, strict=True) if not far]
+    raise InvalidParameter(
+        f"the mirror's centre in {listed(moved)} lies {distance:.1f} px from that in {listed(others)}: the mirror "
+        "moved against the camera between them, or pictures are flipped or cut; calibrate them apart"
+    )
+
+
+def _own_centres(adjustment: Adjustment) -> Array:
+    """How far the centre (n, 2) of each picture lies from the middle one of all, px, if it alone were free."""
+    names = adjustment.names
+    fixed = tuple(n for n in names if n not in ("cx", "cy"))
+    at = [names.index("cx"), names.index("cy")]
+    centres = []
+    for sighting in adjustment.sightings:
+        own = adjust(
+            adjustment.model, [sighting], shape=adjustment.shape, fixed=fixed, loss="cauchy",
+            noise_px=adjustment.question.noise_px, most_steps=8,
+        )  # fmt: skip
+        centres.append([own.model.parameters[i].value for i in at])
+    return np.array(centres) - np.median(centres, axis=0)
+
+
+def two_groups(centres: Array) -> tuple[NDArray[np.bool_], float] | None:
+    """Which of centres (n, 2) lie in the smaller of two groups that are far apart, and how far; None if they do not.
+
+    >>> spread = np.random.default_rng(1).normal(0, 0.2, (8, 2))
+    >>> two_groups(spread) is None
+    True
+    >>> two_groups(spread + np.array([[0.0, 0.0]] * 5 + [[6.0, 0.0]] * 3))[0].nonzero()[0]
+    array([5, 6, 7])
+    """
+    offsets = centres - np.median(centres, axis=0)
+    _, _, axes = np.linalg.svd(offsets, full_matrices=False)
+    along = offsets @ axes[0]
+    order = np.argsort(along)
+    gap = int(np.argmax(np.diff(along[order])))
+    upper = np.zeros(len(along), dtype=bool)
+    upper[order[gap + 1 :]] = True
+    if min(upper.sum(), (~upper).sum()) < 2:  # one picture alone may just be a bad one
+        return None
+    distance = float(np.linalg.norm(centres[upper].mean(axis=0) - centres[~upper].mean(axis=0)))
+    inside = np.concatenate([part - part.mean(axis=0) for part in (centres[upper], centres[~upper])])
+    scatter = float(np.sqrt(np.sum(inside**2) / (2 * (len(along) - 2))))
+    if distance < max(MOVED_SIGMAS * scatter, MOVED_PX):
+        return None
+    return (upper if upper.sum() <= (~upper).sum() else ~upper), distance
+
+
+def without_strangers(adjustment: Adjustment) -> dict[str, str]:
+    """Pictures that no pose of the board explains, with the reason: name to sentence."""
+    medians = np.array([np.median(np.hypot(*adjustment.residuals_of(i).T)) for i in range(len(adjustment.sightings))])
+    unseen = np.array([1 - adjustment.seen[where].mean() for where in adjustment.question.stack.slices])
+    usual = max(float(np.median(medians)), 0.05)
+    limit = max(10 * usual, 1.0)
+    return {
+        s.name: (
+            f"its corners lie {median:.1f} px from where a board can have them (the median), those of the other "
+            f"pictures {usual:.2f} px"
+            if hidden < 0.5
+            else "the camera that fits the other pictures cannot see a board there"
+        )
+        for s, median, hidden in zip(adjustment.sightings, medians, unseen, strict=True)
+        if median > limit or hidden >= 0.5
+    }

@@ -1,0 +1,54 @@
+"""Models to choose from, simple ones first, and the choice by error in pictures that were held out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from .bundle.adjustment import Adjustment
+from .bundle.board_shape import NAMES
+from .leaving_out import HeldOut
+
+GAIN = 0.02  # relative; a richer model has to be better by more
+
+
+class TriedModel(NamedTuple):
+    """A model that was tried."""
+
+    kind: str
+    parameters: int
+    rms_px: float
+    held_out_rms_px: float
+    why: str
+    """why it was chosen, or was not"""
+
+
+def chosen(fits: Sequence[tuple[Adjustment, HeldOut]]) -> tuple[int, tuple[TriedModel, ...]]:
+    """The number of the model with the least held-out error, and why each was chosen or not.
+
+    The simplest one that is no more than 2 % worse than the best is taken: less does not show in other pictures.
+    """
+    errors = [held.rms_px for _, held in fits]
+    counts = [_count(fit) for fit, _ in fits]
+    least = min(errors)
+    best = min((i for i, e in enumerate(errors) if e <= (1 + GAIN) * least), key=lambda i: (counts[i], errors[i]))
+    candidates = []
+    for i, (fit, held) in enumerate(fits):
+        worse = 100 * (errors[i] / errors[best] - 1)
+        if i == best:
+            why = "least error in pictures left out"
+            if errors[i] > least:
+                why = f"within {100 * GAIN:.0f} % of the least error in pictures left out, with fewer parameters"
+        elif worse < 100 * GAIN:
+            why = f"no better by more than {100 * GAIN:.0f} % in pictures left out, with more parameters"
+        elif fit.rms_px < fits[best][0].rms_px:
+            why = f"fits better and predicts {worse:.0f} % worse: it follows the noise"
+        else:
+            why = f"{worse:.0f} % more error in pictures left out"
+        candidates.append(TriedModel(fit.model.KIND, counts[i], fit.rms_px, held.rms_px, why))
+    return best, tuple(candidates)
+
+
+def _count(fit: Adjustment) -> int:
+    """Free parameters of the camera itself."""
+    return int(fit.question.free.sum()) - (len(NAMES) if fit.shape is not None else 0)

@@ -1,0 +1,153 @@
+"""How well it is known: covariance of the parameters, combinations that nothing determines, errors of directions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...camera_models.base import CameraModel
+from .bundle.adjustment import Adjustment
+from .bundle.linearisation import without_slides
+from .bundle.normal_equations import assembled, reduced_matrix, with_priors
+
+Array = NDArray[np.float64]
+
+FREE_ABOVE = 0.03
+"""Of the picture's larger side: parameters that may move it by so much, each alone, and together do not, are free."""
+NAMED_ABOVE = 0.25  # of the largest part of a combination
+LEAST_EIGENVALUE = 1e-13  # of the largest; below it rounding is all there is
+
+
+class FreeCombination(NamedTuple):
+    """A combination of parameters that the pictures do not determine."""
+
+    names: tuple[str, ...]
+    """largest part first"""
+    parts: tuple[float, ...]
+    """for each, in its own unit, what goes with the others': one sigma, or what moves the picture by 1 px alone"""
+    sigma_px: float
+    """by how much the first might move the picture, were the others not to move it back"""
+
+    def __str__(self) -> str:
+        parts = (f"{name} {part:+.3g}" for name, part in zip(self.names, self.parts, strict=True))
+        return ", ".join(parts)
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """Covariance of the parameters.
+
+    Parameters
+    ----------
+    names
+        Of all shared parameters.
+    covariance : (g, g)
+        In their units; 0 for those that are fixed.
+    free
+        Combinations that are not determined.
+    """
+
+    names: tuple[str, ...]
+    covariance: Array
+    free: tuple[FreeCombination, ...]
+
+    @property
+    def sigmas(self) -> Array:
+        """Standard deviations (g,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def correlations(self) -> Array:
+        """(g, g), 0 for what is fixed."""
+        sigmas = self.sigmas
+        inverse = np.divide(1.0, sigmas, out=np.zeros_like(sigmas), where=sigmas > 0)
+        return np.asarray(self.covariance * inverse[:, None] * inverse)
+
+
+def uncertainty(adjustment: Adjustment) -> Uncertainty:
+    """Covariance at the least squares: the inverse of what pictures say when motions are free, times the noise."""
+    question, names = adjustment.question, adjustment.names
+    free = question.free
+    found = without_slides(adjustment.linearised)
+    scales = _scales(found.d_shared[:, :, free][found.seen])
+    weights = found.seen.astype(float) / adjustment.noise_px**2
+    blocks = assembled(
+        question.stack, found.residuals, found.d_shared[:, :, free], found.d_motion, weights, question.moving
+    )
+    matrix = reduced_matrix(with_priors(blocks, question.information[free], np.zeros(int(free.sum()))))
+    values, vectors = np.linalg.eigh(matrix * scales[:, None] * scales)
+    values = np.maximum(values, max(LEAST_EIGENVALUE * float(values.max(initial=0.0)), 1e-300))
+    covariance = np.zeros((len(names), len(names)))
+    covariance[np.ix_(free, free)] = (vectors / values) @ vectors.T * scales[:, None] * scales
+    limit = FREE_ABOVE * max(adjustment.model.image_size)
+    known = [n for n, f in zip(names, free, strict=True) if f]
+    loose = [
+        _combination(known, vectors[:, i], scales, float(values[i] ** -0.5))
+        for i in range(len(values))
+        if values[i] ** -0.5 > limit
+    ]
+    return Uncertainty(names, covariance, tuple(loose))
+
+
+def _scales(derivatives: Array) -> Array:
+    """Changes (g,) of parameters that move the picture by 1 px rms each alone, from derivatives (n, 2, g)."""
+    size = np.sqrt(np.mean(np.sum(derivatives**2, axis=1), axis=0)) if len(derivatives) else np.ones(0)
+    return np.asarray(1 / np.where(size > 0, size, 1.0))
+
+
+def _combination(names: list[str], vector: Array, scales: Array, sigma: float) -> FreeCombination:
+    order = [i for i in np.argsort(-np.abs(vector)) if abs(vector[i]) > NAMED_ABOVE * np.abs(vector).max()]
+    vector = vector * np.sign(vector[order[0]])
+    return FreeCombination(tuple(names[i] for i in order), tuple(float(vector[i] * scales[i]) for i in order), sigma)
+
+
+def direction_covariance(model: CameraModel, covariance: Array, directions: ArrayLike) -> Array:
+    """Covariance (n, 2, 2) in radians^2 of the directions that pixels see, across the directions themselves.
+
+    A pixel stays while the parameters move, ``0 = du = (du/dd) dd + (du/dp) dp``, so that
+    ``dd = -(du/dd)^-1 (du/dp) dp`` in the plane across d.
+
+    Parameters
+    ----------
+    model
+        The camera.
+    covariance : (p, p)
+        Of its parameters.
+    directions : (n, 3)
+        In the camera frame.
+
+    Returns
+    -------
+    (n, 2, 2) array
+        NaN where the model sees nothing.
+    """
+    d = np.asarray(directions, dtype=float)
+    d = d / np.linalg.norm(d, axis=1, keepdims=True)
+    image = model.image(d, distant=True)
+    across = _across(d)
+    moves = image.d_points @ across
+    out = np.full((len(d), 2, 2), np.nan)
+    ok = image.valid & (np.abs(np.linalg.det(np.where(image.valid[:, None, None], moves, 0.0))) > 0)
+    change = -np.linalg.solve(moves[ok], image.d_parameters[ok])
+    out[ok] = change @ covariance @ change.transpose(0, 2, 1)
+    return out
+
+
+def direction_sigma_deg(model: CameraModel, covariance: Array, directions: ArrayLike) -> Array:
+    """Standard deviation (n,) in deg of directions (n, 3), the larger way; arguments as above."""
+    spread = direction_covariance(model, covariance, directions)
+    ok = np.isfinite(spread).all(axis=(1, 2))
+    sigma = np.full(len(spread), np.nan)
+    sigma[ok] = np.degrees(np.sqrt(np.maximum(np.linalg.eigvalsh(spread[ok])[:, -1], 0.0)))
+    return sigma
+
+
+def _across(d: Array) -> Array:
+    """Two unit vectors (n, 3, 2) across unit vectors (n, 3)."""
+    helper = np.where(np.abs(d[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
+    first = np.cross(d, helper)
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    return np.stack([first, np.cross(d, first)], axis=2)

@@ -1,0 +1,133 @@
+"""From nothing to a model: each rung begins where the simpler one below it ended, all of them robust."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ....camera_models.base import CameraModel
+from ....camera_models.spheres import Unified
+from ....errors import InvalidParameter
+from ....frames import Mount, turned
+from ..bundle.adjustment import Adjustment, Prior, adjust
+from ..bundle.board_shape import BoardShape
+from ..bundle.linearisation import UNSEEN_PX
+from ..bundle.observations import Motion, Sighting
+from ..checks import check_start, without_strangers
+from .conversion import converted, farthest_angle_deg, is_central, shifted_to_viewpoint
+from .start import board_motion, stereographic_start
+
+FIRST_FREE = ("xi", "fx", "fy", "cx", "cy")
+ROUGHLY = 1e-4  # share of the sum below which a step is the last, where better models follow
+BEYOND = 1.03  # of the farthest corner: so far models are made to agree
+
+
+class Begun(NamedTuple):
+    """The lowest rung."""
+
+    fit: Adjustment
+    """of a unified model"""
+    strangers: dict[str, str]
+    """pictures that no board explains: name and why"""
+
+
+def begun(
+    sightings: Sequence[Sighting],
+    image_size: tuple[int, int],
+    centre_px: tuple[float, float] | None,
+    optics: str,
+    mount: Mount,
+) -> Begun:
+    """A unified model, robust, from boards that nobody has placed.
+
+    Raises
+    ------
+    InvalidParameter
+        No camera explains the corners.
+    """
+    width, height = image_size
+    centre = centre_px or ((width - 1) / 2, (height - 1) / 2)
+    model = Unified(1.0, (width / 4, width / 4), centre, image_size, optics=optics, mount=mount)  # type: ignore[arg-type]
+    start = stereographic_start(sightings, image_size, centre, model._signs)
+    check_start(start.median_px, image_size)
+    model = Unified(1.0, (start.focal_px,) * 2, centre, image_size, optics=optics, mount=mount)  # type: ignore[arg-type]
+    strangers = {
+        s.name: "its corners lie on a line, or in one point"
+        for s, motion in zip(sightings, start.motions, strict=True)
+        if motion is None
+    }
+    placed = [s.moved(m) for s, m in zip(sightings, start.motions, strict=True) if m is not None]
+    held = [p.name for p in model.parameters if p.name not in FIRST_FREE]
+    fit = adjust(model, placed, fixed=held, loss="cauchy", settled=ROUGHLY)
+    fit = adjust(fit.model, again_placed(fit), loss="cauchy", settled=ROUGHLY)
+    found = without_strangers(fit)
+    if found:
+        strangers |= found
+        kept = [s for s in fit.sightings if s.name not in found]
+        if len(kept) < 2:
+            raise InvalidParameter("; ".join(f"{name}: {why}" for name, why in found.items()))
+        fit = adjust(fit.model, kept, loss="cauchy", settled=ROUGHLY)
+    return Begun(fit, strangers)
+
+
+def again_placed(fit: Adjustment) -> tuple[Sighting, ...]:
+    """Sightings with boards placed anew through the model, where that is better than where they are."""
+    world = fit.model.mount.rotation()
+    result = []
+    for number, sighting in enumerate(fit.sightings):
+        rays = fit.model.backproject(sighting.pixels)
+        other = None
+        if rays.valid.sum() >= len(sighting) / 2 and not sighting.is_known and not sighting.is_distant:
+            other = board_motion(turned(rays.directions[rays.valid], world), sighting.points[rays.valid])
+        here = _median_px(fit.model, sighting, sighting.motion)
+        result.append(sighting.moved(other) if _median_px(fit.model, sighting, other) < here else fit.sightings[number])
+    return tuple(result)
+
+
+def _median_px(model: CameraModel, sighting: Sighting, motion: Motion | None) -> float:
+    if motion is None:
+        return np.inf
+    image = model.image(motion(sighting.points))
+    pixels = np.where(image.valid[:, None], image.pixels, sighting.pixels + UNSEEN_PX)
+    return float(np.median(np.hypot(*(pixels - sighting.pixels).T)))
+
+
+def climbed(
+    fit: Adjustment,
+    into: CameraModel,
+    *,
+    shape: BoardShape | None = None,
+    fixed: tuple[str, ...] = (),
+    priors: tuple[Prior, ...] = (),
+) -> Adjustment:
+    """The next rung: another model, which first sees what the one below it sees, then is adjusted to the corners.
+
+    Parameters
+    ----------
+    fit
+        The rung below.
+    into
+        A model of the kind that is wanted.
+    shape
+        Of the board, to be estimated from here.
+    fixed, priors
+        As for :func:`~omnimirror.calibrate.estimation.bundle.adjustment.adjust`.
+
+    Returns
+    -------
+    Adjustment
+        Robust.
+    """
+    names = {p.name for p in into.parameters}
+    angle = min(BEYOND * farthest_angle_deg(fit), 179.0)
+    model = converted(
+        fit.model, into, omega_max_deg=angle, fixed=[n for n in fixed if n in names],
+        priors=[p for p in priors if p.name in names],
+    )  # fmt: skip
+    sightings = fit.sightings
+    if not is_central(model):
+        sightings = shifted_to_viewpoint(model, sightings)
+    settled = adjust(model, sightings, fixed=[p.name for p in model.parameters], loss="cauchy", most_steps=20)
+    return adjust(model, settled.sightings, shape=shape, fixed=fixed, priors=priors, loss="cauchy", settled=ROUGHLY)

@@ -1,0 +1,131 @@
+"""Where a calibration begins when the user says nothing: centre of the picture, xi = 1, a searched focal length.
+
+With xi = 1 the unified model is the stereographic projection, ``r = f tan(Omega / 2)``, close enough to every mirror
+and fisheye to begin with. For each of a row of focal lengths the corners are lifted to the sphere, each board is
+placed by a linear homography, and the median of what is left in pixels is compared. (Angles on the sphere would not do:
+they
+are least where the focal length is so short that all corners fall on one point.)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..bundle.observations import Motion, Sighting
+
+Array = NDArray[np.float64]
+
+FOCALS = 25
+FOCAL_RANGE = (0.08, 1.6)  # of the larger side of the picture
+LEAST_POINTS = 6  # of a board, below which a homography says nothing
+
+
+class StereographicStart(NamedTuple):
+    """A stereographic camera, and where boards stand in front of it."""
+
+    focal_px: float
+    centre_px: tuple[float, float]
+    motions: tuple[Motion | None, ...]
+    """None where a board could not be placed"""
+    median_px: float
+    """of the residuals"""
+
+
+def stereographic_start(
+    sightings: Sequence[Sighting], image_size: tuple[int, int], centre_px: tuple[float, float], signs: Array
+) -> StereographicStart:
+    """The focal length and the boards' places that leave the least median residual.
+
+    ``signs`` (3,) are those of right, down and the way the picture's centre looks, along X, Y and Z of the camera.
+    """
+    larger = max(image_size)
+    focals = np.geomspace(FOCAL_RANGE[0] * larger, FOCAL_RANGE[1] * larger, FOCALS)
+    starts = [_start_at(float(f), sightings, centre_px, signs) for f in focals]
+    return min(starts, key=lambda s: s.median_px)
+
+
+def _start_at(
+    focal_px: float, sightings: Sequence[Sighting], centre_px: tuple[float, float], signs: Array
+) -> StereographicStart:
+    motions: list[Motion | None] = []
+    lengths = []
+    for sighting in sightings:
+        bearings = lifted(sighting.pixels, focal_px, centre_px, signs)
+        motion = None if len(sighting) < LEAST_POINTS else board_motion(bearings, sighting.points)
+        motions.append(motion)
+        if motion is not None:
+            pixels = seen_at(motion(sighting.points), focal_px, centre_px, signs)
+            lengths.append(np.hypot(*(pixels - sighting.pixels).T))
+    median = float(np.median(np.concatenate(lengths))) if lengths else np.inf
+    return StereographicStart(focal_px, centre_px, tuple(motions), median)
+
+
+def lifted(pixels: Array, focal_px: float, centre_px: tuple[float, float], signs: Array) -> Array:
+    """Unit directions (n, 3) in the camera frame of pixels (n, 2) of a stereographic camera.
+
+    >>> lifted(np.array([[200.0, 100.0]]), 100.0, (100.0, 100.0), np.array([1, 1, -1])).round(12) + 0.0
+    array([[1., 0., 0.]])
+    """
+    x, y = (pixels - centre_px).T / focal_px
+    s = x * x + y * y
+    return np.asarray(np.stack([2 * x / (1 + s), 2 * y / (1 + s), (1 - s) / (1 + s)], axis=1) * signs)
+
+
+def seen_at(points: Array, focal_px: float, centre_px: tuple[float, float], signs: Array) -> Array:
+    """Pixels (n, 2) at which a stereographic camera sees points (n, 3)."""
+    right, down, forward = (points * signs).T
+    denominator = np.maximum(np.linalg.norm(points, axis=1) + forward, 1e-9)
+    return np.asarray(centre_px + focal_px * np.stack([right, down], axis=1) / denominator[:, None])
+
+
+def board_motion(bearings: Array, points_mm: Array) -> Motion | None:
+    """Where a flat board stands, from directions (n, 3) to its points (n, 3) with z = 0, by a linear homography.
+
+    ``b x (H p) = 0`` for all points; columns of H are two axes of the board and its place, up to one factor. Unlike
+    with pinholes the directions may be more than a right angle off the axis: the factor's sign is the one for which
+    points lie in the directions in which they are seen.
+
+    Parameters
+    ----------
+    bearings : (n, 3)
+        Unit vectors in the camera frame.
+    points_mm : (n, 3)
+        On the board.
+
+    Returns
+    -------
+    Motion or None
+        None where the points lie on a line, or all in one direction.
+    """
+    flat = points_mm[:, :2]
+    middle, size = flat.mean(axis=0), float(np.abs(flat - flat.mean(axis=0)).max())
+    if not size > 0:
+        return None
+    p = np.column_stack([(flat - middle) / size, np.ones(len(flat))])
+    zero = np.zeros_like(p)
+    bx, by, bz = bearings.T[:, :, None]
+    rows = np.concatenate(
+        [
+            np.concatenate([zero, -bz * p, by * p], axis=1),
+            np.concatenate([bz * p, zero, -bx * p], axis=1),
+            np.concatenate([-by * p, bx * p, zero], axis=1),
+        ]
+    )
+    _, values, vectors = np.linalg.svd(rows.T @ rows)
+    if not values[-2] > 1e-12 * values[0]:
+        return None
+    h = vectors[-1].reshape(3, 3)
+    if np.median(np.sum(bearings * (p @ h.T), axis=1)) < 0:
+        h = -h
+    a, b = np.linalg.norm(h[:, 0]), np.linalg.norm(h[:, 1])
+    if not min(a, b) > 0:
+        return None
+    u, _, vt = np.linalg.svd(np.column_stack([h[:, 0] / a, h[:, 1] / b]), full_matrices=False)
+    axes = u @ vt
+    rotation = np.column_stack([axes, np.cross(axes[:, 0], axes[:, 1])])
+    place = h[:, 2] * size * 2 / (a + b)
+    return Motion(rotation, place - rotation[:, :2] @ middle)

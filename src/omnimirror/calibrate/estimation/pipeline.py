@@ -1,0 +1,196 @@
+"""The steps of a calibration in their order, each leaving the best so far for whoever stops it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ...camera_models.base import CameraModel
+from ...camera_models.spheres import Unified
+from ...errors import InvalidParameter, OmnimirrorError
+from .bundle.adjustment import Adjustment, Prior, adjust, shared_names
+from .bundle.board_shape import BoardShape
+from .bundle.observations import Motion, Sighting
+from .checks import check_poses, check_still, without_strangers
+from .choice import TriedModel, chosen
+from .ladder.models import JUDGES, KINDS, begun_as
+from .ladder.rungs import begun, climbed
+from .leaving_out import HeldOut, held_out
+from .outliers import Outlier, frozen, without_outliers
+
+FEWEST_FOR_JUDGES = 5  # pictures; with fewer the most flexible models follow anything
+
+
+class Stopped(Exception):
+    """Someone asked to stop."""
+
+
+@dataclass(frozen=True)
+class Watch:
+    """Tells how far it is, and asks whether to go on."""
+
+    progress: Callable[[str, float], None] | None
+    stop: Callable[[], bool] | None
+
+    def at(self, what: str, share: float) -> None:
+        """Now ``what`` is done, after a share of all."""
+        if self.stop is not None and self.stop():
+            raise Stopped
+        if self.progress is not None:
+            self.progress(what, share)
+
+
+@dataclass(frozen=True)
+class Foreknown:
+    """What is known of parameters beforehand, whatever the model."""
+
+    fixed: tuple[str, ...] = ()
+    priors: tuple[Prior, ...] = ()
+
+    def of(self, model: CameraModel, shape: BoardShape | None) -> tuple[tuple[str, ...], tuple[Prior, ...]]:
+        """Fixed names and priors of what a model has, its own priors among them."""
+        names = shared_names(model, shape)
+        said = {p.name for p in self.priors}
+        own = (Prior(*p) for p in getattr(model, "priors", ()))
+        priors = (*self.priors, *(p for p in own if p.name not in said))
+        return tuple(n for n in self.fixed if n in names), tuple(p for p in priors if p.name in names)
+
+
+@dataclass
+class Course:
+    """The best so far."""
+
+    fit: Adjustment | None = None
+    held: HeldOut | None = None
+    outliers: tuple[Outlier, ...] = ()
+    candidates: tuple[TriedModel, ...] = ()
+    strangers: dict[str, str] = field(default_factory=dict)
+    failures: dict[str, str] = field(default_factory=dict)
+    """models that could not be fitted: kind and why"""
+
+
+@dataclass(frozen=True)
+class CalibrationPlan:
+    """What is to be done."""
+
+    sightings: tuple[Sighting, ...]
+    image_size: tuple[int, int]
+    centre_px: tuple[float, float] | None
+    empty: Unified
+    """for optics and mount"""
+    wanted: tuple[str | CameraModel, ...]
+    """kinds, or a model of one to begin with"""
+    known: Foreknown
+    shape: BoardShape | None
+    is_mirrored_alike: bool
+    """whether the board looks the same from behind, so that a detector may count its corners backwards"""
+    seed: int
+
+
+def run(plan: CalibrationPlan, watch: Watch, course: Course) -> None:
+    """Begin, climb to every model, reject outliers by the best, compare, and choose."""
+    watch.at("placing boards", 0.0)
+    low = begun(plan.sightings, plan.image_size, plan.centre_px, plan.empty.optics, plan.empty.mount)
+    course.fit, course.strangers = low.fit, low.strangers
+    check_poses(low.fit.sightings)
+    base = replace(low.fit, sightings=from_the_front(low.fit.sightings)) if plan.is_mirrored_alike else low.fit
+    fits = _all_climbed(base, plan, watch, course)
+    judge = min(fits.values(), key=lambda fit: fit.question.noise_px)
+    judge = _without_strangers(judge, plan, course)
+    watch.at("looking for outliers", 0.4)
+    fixed, priors = plan.known.of(judge.model, plan.shape)
+    judge, course.outliers = without_outliers(judge, fixed=fixed, priors=priors)
+    check_still(judge)
+    wanted = [k for k in fits if k in {_kind(w) for w in plan.wanted}]
+    compared: list[tuple[Adjustment, HeldOut]] = []
+    for number, kind in enumerate(wanted):
+        watch.at(f"comparing {kind}", 0.5 + 0.5 * number / len(wanted))
+        fit = _frozen(fits[kind], judge, plan, course)
+        if course.held is None:
+            course.fit = fit
+        fixed, priors = plan.known.of(fit.model, plan.shape)
+        held = held_out(fit, fixed=fixed, priors=priors, seed=plan.seed)
+        compared.append((fit, held))
+        best, course.candidates = chosen(compared)
+        course.fit, course.held = compared[best]
+    watch.at("done", 1.0)
+
+
+def _kind(wanted: str | CameraModel) -> str:
+    return wanted if isinstance(wanted, str) else wanted.KIND
+
+
+def _all_climbed(base: Adjustment, plan: CalibrationPlan, watch: Watch, course: Course) -> dict[str, Adjustment]:
+    """Robust fits of the wanted models, and of those by which outliers are told."""
+    ladder: list[str | CameraModel] = list(plan.wanted)
+    if len(base.sightings) >= FEWEST_FOR_JUDGES:
+        ladder += [kind for kind in JUDGES if kind not in map(_kind, ladder)]
+    fits: dict[str, Adjustment] = {}
+    for number, wanted in enumerate(sorted(ladder, key=_order)):
+        kind = _kind(wanted)
+        watch.at(f"fitting {kind}", 0.05 + 0.35 * number / len(ladder))
+        below = next((fits[k] for k in reversed(JUDGES) if k in fits and kind in JUDGES), base)
+        try:
+            into = begun_as(wanted, base.model) if isinstance(wanted, str) else wanted  # type: ignore[arg-type]
+            fixed, priors = plan.known.of(into, plan.shape)
+            fits[kind] = climbed(below, into, shape=plan.shape, fixed=fixed, priors=priors)
+        except OmnimirrorError as e:
+            course.failures[kind] = str(e)
+            continue
+        if course.fit is None or fits[kind].question.noise_px < course.fit.question.noise_px:
+            course.fit = fits[kind]
+    failed = [f"{k}: {why}" for k, why in course.failures.items() if k in map(_kind, plan.wanted)]
+    if len(failed) == len(plan.wanted):
+        raise InvalidParameter("; ".join(failed))
+    return fits
+
+
+def _order(wanted: str | CameraModel) -> int:
+    kinds = list(KINDS)
+    return kinds.index(wanted) if isinstance(wanted, str) and wanted in kinds else len(kinds)
+
+
+def _without_strangers(fit: Adjustment, plan: CalibrationPlan, course: Course) -> Adjustment:
+    """The fit without pictures that even the best model does not explain."""
+    found = without_strangers(fit)
+    if not found:
+        return fit
+    course.strangers |= found
+    fixed, priors = plan.known.of(fit.model, plan.shape)
+    kept = [s for s in fit.sightings if s.name not in found]
+    return adjust(fit.model, kept, shape=fit.shape, fixed=fixed, priors=priors, loss="cauchy")
+
+
+def _frozen(fit: Adjustment, judge: Adjustment, plan: CalibrationPlan, course: Course) -> Adjustment:
+    """A model by least squares on the corners that are left for all."""
+    names = {s.name for s in judge.sightings}
+    kept = frozen(tuple(s for s in fit.sightings if s.name in names), course.outliers)
+    fixed, priors = plan.known.of(fit.model, plan.shape)
+    return adjust(fit.model, kept, shape=fit.shape, fixed=fixed, priors=priors)
+
+
+def from_the_front(sightings: Sequence[Sighting]) -> tuple[Sighting, ...]:
+    """Boards that look the same from behind, with their corners counted as they are read from the front.
+
+    A mirror's picture is reversed, and a detector counts the corners in it as it finds them: the board is then seen
+    as if from behind, which is harmless as long as it is flat, and turns a bulge inside out where it is not.
+    """
+    low = np.min([s.points.min(axis=0) for s in sightings], axis=0)
+    high = np.max([s.points.max(axis=0) for s in sightings], axis=0)
+    turned = []
+    for sighting in sightings:
+        if sighting.motion is None or not _is_from_behind(sighting, sighting.motion):
+            turned.append(sighting)
+            continue
+        rotation, shift = sighting.motion
+        points = sighting.points * [-1.0, 1.0, 1.0] + [low[0] + high[0], 0.0, 0.0]
+        motion = Motion(rotation * [-1.0, 1.0, -1.0], shift + rotation[:, 0] * (low[0] + high[0]))
+        turned.append(replace(sighting, points=points, motion=motion))
+    return tuple(turned)
+
+
+def _is_from_behind(sighting: Sighting, motion: Motion) -> bool:
+    """Whether the board's Z axis, which points away from who reads it, points at the camera."""
+    return float(motion.rotation[:, 2] @ motion(sighting.points).mean(axis=0)) < 0

@@ -1,0 +1,206 @@
+"""What a calibration hands over: the camera, how well it is known, and what became of every picture and corner."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...camera_models.base import CameraModel
+from ...files import write_text
+from .advice import Coverage
+from .bundle.adjustment import Adjustment
+from .bundle.board_shape import BoardShape
+from .choice import TriedModel
+from .covariance import FreeCombination, Uncertainty, direction_sigma_deg
+from .leaving_out import HeldOut
+from .outliers import Outlier
+
+Array = NDArray[np.float64]
+
+
+class PictureResult(NamedTuple):
+    """What became of a picture."""
+
+    name: str
+    found: int
+    """corners"""
+    used: bool
+    reason: str | None
+    """why it was not used"""
+    rms_px: float | None
+    """of its corners but the outliers"""
+
+
+class ParameterResult(NamedTuple):
+    """A parameter of the camera or of the board."""
+
+    name: str
+    value: float
+    sigma: float
+    """0 where it was fixed"""
+    unit: str
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """A camera measured from its pictures.
+
+    Attributes
+    ----------
+    model
+        The camera.
+    board
+        That the pictures show.
+    shape
+        How the board differs from a flat one with square fields; None where it was taken as such.
+    rms_px
+        ``sqrt(mean |e|^2)`` over all corners but the outliers.
+    corners
+        Found in the pictures that are used, outliers among them.
+    outliers
+        Corners that were left out, the worst first.
+    pictures
+        What became of each, in the order in which they came.
+    parameters
+        With their standard deviations.
+    uncertainty
+        Covariance, correlations and what is not determined.
+    candidates
+        Models that were compared, the chosen one among them.
+    notes
+        What whoever uses this should know, in sentences.
+    advice
+        Which pictures to take next, in sentences.
+    coverage
+        How corners are spread over the picture.
+    adjustment
+        Residuals and all that they follow from.
+    held_out
+        Residuals of pictures in fits that did not see them; None where nothing was left out.
+    seconds
+        It took.
+    is_complete
+        False where it was stopped before the end.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> from omnimirror.camera_models import Unified
+    >>> camera = Unified(0.95, (160.0, 160.0), (319.5, 239.5), (640, 480))
+    >>> board = om.Board("chessboard", 11, 7, 30.0)
+    >>> found = om.calibrate_camera(om.simulate_detections(camera, board, 4), board, model="unified")
+    >>> found.parameters[0]._fields, found.parameters[0].name
+    (('name', 'value', 'sigma', 'unit'), 'xi')
+    """
+
+    model: CameraModel
+    board: Any
+    shape: BoardShape | None
+    rms_px: float
+    corners: int
+    outliers: tuple[Outlier, ...]
+    pictures: tuple[PictureResult, ...]
+    parameters: tuple[ParameterResult, ...]
+    uncertainty: Uncertainty
+    candidates: tuple[TriedModel, ...]
+    notes: tuple[str, ...]
+    advice: tuple[str, ...]
+    coverage: Coverage = field(repr=False)
+    adjustment: Adjustment = field(repr=False)
+    held_out: HeldOut | None = field(default=None, repr=False)
+    seconds: float = 0.0
+    is_complete: bool = True
+
+    @property
+    def held_out_rms_px(self) -> float:
+        """``sqrt(mean |e|^2)`` over pictures that were left out of the fit, with only their boards placed."""
+        return float("nan") if self.held_out is None else self.held_out.rms_px
+
+    @property
+    def covariance(self) -> Array:
+        """Of the camera's own parameters (p, p), 0 where they were fixed."""
+        count = len(self.model.parameters)
+        return self.uncertainty.covariance[:count, :count]
+
+    @property
+    def free(self) -> tuple[FreeCombination, ...]:
+        """Combinations of parameters that the pictures do not determine."""
+        return self.uncertainty.free
+
+    def direction_sigma_deg(self, directions: ArrayLike) -> Array:
+        """Standard deviation of the directions that pixels see.
+
+        Parameters
+        ----------
+        directions : (n, 3)
+            In the camera frame (X right, Y down, Z ahead).
+
+        Returns
+        -------
+        (n,) array
+            Deg, the larger way; NaN where the camera sees nothing.
+        """
+        return direction_sigma_deg(self.model, self.covariance, directions)
+
+    def to_dict(self) -> dict[str, Any]:
+        """All numbers, as the file of ``--json`` has them.
+
+        Returns
+        -------
+        dict
+            Of texts, numbers and lists.
+        """
+        return {
+            "rms_px": self.rms_px,
+            "held_out_rms_px": self.held_out_rms_px,
+            "corners": self.corners,
+            "outliers": [o._asdict() for o in self.outliers],
+            "pictures": [p._asdict() for p in self.pictures],
+            "parameters": [p._asdict() for p in self.parameters],
+            "seconds": self.seconds,
+            "model": self.model.KIND,
+            "noise_px": self.adjustment.noise_px,
+            "covariance": self.uncertainty.covariance,
+            "free": [{"parameters": c.names, "parts": c.parts, "sigma_px": c.sigma_px} for c in self.free],
+            "candidates": [c._asdict() for c in self.candidates],
+            "notes": self.notes,
+            "advice": self.advice,
+            "is_complete": self.is_complete,
+        }
+
+    def to_json(self, path: str | Path | None = None) -> str:
+        """All numbers as JSON; what is not a number, such as the held-out error of one picture, is null.
+
+        Parameters
+        ----------
+        path
+            A file to write, too.
+
+        Returns
+        -------
+        str
+            The text.
+        """
+        text = json.dumps(_plain(self.to_dict()), indent=1) + "\n"
+        if path is not None:
+            write_text(path, text)
+        return text
+
+
+def _plain(value: Any) -> Any:
+    """As JSON can hold it."""
+    if isinstance(value, dict):
+        return {k: _plain(v) for k, v in value.items()}
+    if isinstance(value, np.ndarray):
+        return _plain(value.tolist())
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return [_plain(v) for v in value]
+    if isinstance(value, float | np.floating):
+        return float(value) if np.isfinite(value) else None
+    return int(value) if isinstance(value, np.integer) else value

@@ -1,0 +1,15 @@
+"""Camera files of other programs, a format to each file."""
+
+from .base import CameraFormat, Layout, Reading, Stored
+from .registry import FORMATS, read_cameras, register_camera_format, targets_of
+
+__all__ = [
+    "FORMATS",
+    "CameraFormat",
+    "Layout",
+    "Reading",
+    "Stored",
+    "read_cameras",
+    "register_camera_format",
+    "targets_of",
+]

@@ -1,0 +1,160 @@
+"""What every format says of itself: how a file is recognised, read and written, and which camera models it holds.
+
+The numbers of a file belong to the picture that was calibrated, and so do those of our models. What files do not say is
+told when one is read (:class:`Reading`): whether the camera looks at a mirror, and whether the picture is reversed.
+
+Files know one frame: right and down in the picture, and a third axis towards what the centre of the picture sees. In
+our camera frame (X right, Y down, Z ahead of the lens) a fisheye's is (X, Y, Z), and a mirror's (X, Y, -Z), which is
+left-handed since a mirror's picture is reversed; of a picture that was flipped it is (-X, Y, -Z), right-handed again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+from ...camera_models.base import Optics
+from ...cameras import Camera
+from ...errors import SpecError
+from ...frames import Mount
+
+Content = str | bytes
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What files of other programs do not say.
+
+    Attributes
+    ----------
+    source
+        The file's name, for errors.
+    optics : "mirror" or "fisheye"
+    mount
+        How the camera stands; its ``image_flipped`` says that the picture which was calibrated had been flipped.
+    rim_radius_px : px, optional
+        Where the field ends.
+    image_size : (width, height), optional
+        For files that do not tell it.
+    """
+
+    source: str
+    optics: Optics = "mirror"
+    mount: Mount = field(default_factory=Mount)
+    rim_radius_px: float | None = None
+    image_size: tuple[int, int] | None = None
+
+    @property
+    def told(self) -> dict[str, Any]:
+        """What every model of ours takes that no file says."""
+        return {"optics": self.optics, "mount": self.mount, "rim_radius_px": self.rim_radius_px}
+
+    def size(self) -> tuple[int, int]:
+        """The size of the picture, of a file that does not tell it.
+
+        Raises
+        ------
+        SpecError
+            It was not given.
+        """
+        if self.image_size is None:
+            raise SpecError(f"{self.source} does not say how large the picture is; give image_size, such as 1024x768")
+        return self.image_size
+
+
+class Stored(NamedTuple):
+    """A camera of a file."""
+
+    name: str
+    """What the file calls it: "cam0", "1"; "" where it has no name."""
+    camera: Camera
+
+
+@dataclass(frozen=True)
+class Layout:
+    """One camera model of a format.
+
+    Attributes
+    ----------
+    kind
+        The model of ours with the same formula.
+    write
+        The content of a file, of a camera and its name.
+    places : optional
+        Names of the parameters that there is a place for; the others have to be 0. None: for all of them.
+    reach_deg : deg
+        Field angle below which programs that read the file project points, whatever the formula says.
+    refuses
+        What else it cannot hold of a camera of this kind, in words that follow "it"; "" for nothing.
+    suffixes
+        Of file names, where the same is written in several ways; empty for any.
+    words
+        The model, as its program calls it.
+    """
+
+    kind: type[Any]
+    write: Callable[[Any, str], Content]
+    words: str
+    places: frozenset[str] | None = None
+    reach_deg: float = 180.0
+    suffixes: tuple[str, ...] = ()
+    refuses: Callable[[Any], str] = lambda camera: ""
+
+    def lacks(self, camera: Camera) -> str:
+        """Why it cannot hold a camera exactly, in words that follow "it"; "" where it can."""
+        if not isinstance(camera, self.kind):
+            name = getattr(camera, "KIND", type(camera).__name__)
+            return f"holds the model {self.kind.KIND}, and this camera is {name}"
+        for p in () if self.places is None else camera.parameters:
+            if self.places is not None and p.name not in self.places and p.value != 0:
+                return f"has no place for {p.name} = {p.value:.6g}"
+        return self.refuses(camera)
+
+
+@dataclass(frozen=True)
+class CameraFormat:
+    """A file of cameras, of one program.
+
+    Attributes
+    ----------
+    title
+        In words: "Kalibr camchain YAML".
+    recognises
+        Whether a file is one of these, by its name and content.
+    read
+        The cameras of a file's content; raises :class:`SpecError` with the line.
+    layouts
+        What can be written, the one that is preferred first, by the name that is asked for.
+    names
+        Patterns of file names that stand for this format where nothing else says which to write.
+    """
+
+    title: str
+    recognises: Callable[[str, bytes], bool]
+    read: Callable[[bytes, Reading], list[Stored]]
+    layouts: Mapping[str, Layout]
+    names: tuple[str, ...] = ()
+
+
+def text_of(data: bytes, source: str) -> str:
+    """The text of a file's content.
+
+    Raises
+    ------
+    SpecError
+        It is none.
+    """
+    try:
+        return data.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
+    except UnicodeDecodeError:
+        raise SpecError(f"cannot read {source}: it is not a text file") from None
+
+
+def row(numbers: Any, separator: str = ", ") -> str:
+    """Numbers as files hold them: the shortest words that read as the same numbers.
+
+    >>> row([0.1, 2])
+    '0.1, 2.0'
+    """
+    return separator.join(repr(float(x)) for x in numbers)

@@ -1,0 +1,7 @@
+"""The mirror sensor as a model to be calibrated: its image of points with all derivatives, as it physically is."""
+
+from .ball import mirror_ball_model
+from .sensor_model import SensorModel
+from .tolerances import Tolerance
+
+__all__ = ["SensorModel", "Tolerance", "mirror_ball_model"]

@@ -1,0 +1,144 @@
+"""``omnimirror convert``: a camera from one program's file to another's."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+from rich.table import Table
+
+from ....calibrate.conversion import DISTANCES_MM, Conversion, convert
+from ....calibrate.formats import FORMATS
+from ....camera_models.base import Optics
+from ....frames import CameraLooks, Mount
+from ...options.common import NUMBER, angle, distance, picture_size
+from ...options.declared import Options, option, takes
+from ...outputs import Output, output_console, say, say_written
+
+
+def whole_size(text: str) -> tuple[int, int]:
+    """Width and height of a picture, both given.
+
+    >>> whole_size("1024x768")
+    (1024, 768)
+    """
+    width, height = picture_size(text)
+    if width is None or height is None:
+        raise click.BadParameter(f"{text!r} leaves a side out; give both, such as 1024x768")
+    return width, height
+
+
+def distance_list(text: str) -> tuple[float, ...]:
+    """Distances in mm with commas between them, ``inf`` allowed.
+
+    >>> distance_list("500,inf")
+    (500.0, inf)
+    """
+    return tuple(distance(part.strip()) for part in text.split(","))
+
+
+@dataclass(frozen=True)
+class UnsaidOptions(Options):
+    """What files of other programs do not say, as :func:`omnimirror.convert` takes it."""
+
+    camera: str | None = option(metavar="N|NAME", help="Which camera of a rig, from 0, or its name.  [default: 0]")
+    optics: Optics | None = option(
+        type=click.Choice(["mirror", "fisheye"]), help="What the camera looks through.  [default: mirror]"
+    )
+    rim_radius_px: float | None = option(type=NUMBER, metavar="PX", help="Where the field ends.  [default: nowhere]")
+    image_size: tuple[int, int] | None = option(
+        type=whole_size, metavar="WxH", help="How large the picture is, of a file that does not say it."
+    )
+
+
+@dataclass(frozen=True)
+class MountOptions(Options):
+    """How the camera of a file stands, which files of other programs do not say either."""
+
+    camera_looks: CameraLooks | None = option(
+        type=click.Choice(["up", "down", "forward"]), help="Where the optical axis points.  [default: up]"
+    )
+    forward_azimuth_deg: float | None = option(
+        type=angle, metavar="DEG",
+        help="Image direction that is forward, from image right towards image bottom.  [default: -90]",
+    )  # fmt: skip
+    image_flipped: bool | None = option(
+        is_flag=True, help="The picture that was calibrated had been flipped left to right."
+    )
+
+
+@dataclass(frozen=True)
+class CostOptions(Options):
+    """What a fitted model may cost."""
+
+    tolerance_px: float | None = option(
+        type=NUMBER, metavar="PX", help="Fit another model where the format does not hold this one, up to so far off."
+    )
+    distance_mm: tuple[float, ...] | None = option(
+        type=distance_list, metavar="MM,..",
+        help="Where things are, for a camera without a single viewpoint; 'inf' too.  "
+        f"[default: {','.join(f'{d:g}' for d in DISTANCES_MM)}]",
+    )  # fmt: skip
+    field_deg: float | None = option(type=NUMBER, metavar="DEG", help="Fit no farther than this from the axis.")
+
+
+@click.command()
+@click.argument("source", type=click.Path(path_type=Path))
+@click.argument("target", type=Output())
+@click.option("--from", "from_", type=click.Choice(list(FORMATS)), help="The format of SOURCE.  [default: recognised]")
+@click.option("--to", metavar="FORMAT", help="The format of TARGET, or one of its models, such as kalibr-ds.")
+@click.option("--flip", is_flag=True, help="Write the camera of the picture flipped left to right.")
+@takes(UnsaidOptions, "unsaid")
+@takes(MountOptions, "stands")
+@takes(CostOptions, "cost")
+def command(
+    source: Path,
+    target: Path,
+    from_: str | None,
+    to: str | None,
+    flip: bool,
+    unsaid: UnsaidOptions,
+    stands: MountOptions,
+    cost: CostOptions,
+) -> None:
+    """Write the camera of the file SOURCE as another program's file TARGET, and say what that costs.
+
+    \b
+    omnimirror convert calib_results.txt camera.yaml --to opencv-omnidir --tolerance-px 0.5
+    """
+    options: dict[str, Any] = {**unsaid.given, **cost.given}
+    if stands.given:
+        options["mount"] = Mount(**stands.given)
+    made = convert(source, target, to=to, from_=from_, flip=flip, **options)
+    console = output_console()
+    say(f"{made.source} to {made.target}: {words_of(made)}", console=console)
+    if len(made.costs) > 1:
+        console.print(_table(made))
+    for note in made.notes:
+        say(("Note: ", "yellow"), note, console=console)
+    say_written(target, console=console)
+
+
+def words_of(made: Conversion) -> str:
+    """What a conversion cost, in a line."""
+    if made.exact:
+        return "the same numbers"
+    worst = max(made.costs, key=lambda c: c.largest_px)
+    (u, v), far = worst.at_px, "" if len(made.costs) == 1 else f", of things at {worst.distance_mm:g} mm"
+    return (
+        f"a fitted model, {made.rms_px:.3g} px off (rms), at most {made.largest_px:.3g} px at ({u:.0f}, {v:.0f}), "
+        f"{worst.at_deg:.3g} deg from the axis{far}"
+    )
+
+
+def _table(made: Conversion) -> Table:
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for heading in ("distance\nmm", "off, rms\npx", "at most\npx", "field angle there\ndeg"):
+        table.add_column(heading, justify="right")
+    for c in made.costs:
+        distance_words = "inf" if np.isinf(c.distance_mm) else f"{c.distance_mm:g}"
+        table.add_row(distance_words, f"{c.rms_px:.3g}", f"{c.largest_px:.3g}", f"{c.at_deg:.3g}")
+    return table

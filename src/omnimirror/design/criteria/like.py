@@ -1,0 +1,79 @@
+"""Requirements as a sensor keeps them already: its field, rim, lens, imager and housing."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ...lenses import Perspective
+from ...sensor import Sensor, check_sensor
+from ...specs import housing_tables
+from .requirement_file import requirements_of
+from .requirements import Requirements
+
+PIXELS = ("width_px", "height_px", "pixel_pitch_um")
+
+
+def tables_like(sensor: Sensor) -> dict[str, Any]:
+    """Field, rim, lens, imager and housing of a sensor of one mirror, as tables of a requirement file."""
+    check_sensor(sensor)
+    sensor.check_one_mirror("designing one like it")
+    low, high = sensor.field_deg
+    imager = sensor.imager
+    return {
+        "field": {"omega_max_deg": high, "omega_min_deg": low},
+        "mirror": {"rim_radius_mm": sensor.mirror.rim_radius_mm},
+        "lens": lens_like(sensor),
+        "housing": housing_tables(sensor.housing),
+        "imager": {n: getattr(imager, n) for n in PIXELS}
+        | ({"centre_px": list(imager.centre_px)} if imager.centre_px else {}),
+    }
+
+
+def lens_like(sensor: Sensor) -> dict[str, Any]:
+    """The lens of a sensor as a requirement file states it; where it is focused is left to the design.
+
+    >>> import omnimirror as om
+    >>> lens_like(om.load_sensor("paraboloid-telecentric"))
+    {'kind': 'orthographic', 'f_number': 4.0}
+    """
+    lens = sensor.lens
+    table: dict[str, Any] = {"kind": lens.KIND, "f_number": lens.stop_number}
+    if isinstance(lens, Perspective):
+        table["focal_length_mm"] = lens.focal_length_mm
+        table["theta_max_deg"] = float(np.degrees(sensor.meridian.theta_max))
+    return table
+
+
+def requirements_like(sensor: Sensor, **mirror: Any) -> Requirements:
+    """Requirements with the field, rim, lens, imager and housing of a sensor, as ``omnimirror design --like`` has them.
+
+    Parameters
+    ----------
+    sensor
+        Of one mirror; where its lens is focused is left to the design.
+    mirror
+        How the new mirror is made: entries of :class:`omnimirror.MirrorRequirements`.
+
+    Returns
+    -------
+    Requirements
+
+    Raises
+    ------
+    InvalidParameter
+        The sensor has two mirrors.
+    SpecError
+        No way to make the mirror is given, or an entry is wrong.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> sphere = om.load_sensor("paper-spherical")
+    >>> requirements = om.requirements_like(sphere, optimise="worst_blur_deg", shape="polynomial:3")
+    >>> requirements.lens.focal_length_mm, requirements.mirror.rim_radius_mm
+    (11.6, 43.905)
+    """
+    tables = tables_like(sensor)
+    return requirements_of({**tables, "mirror": tables["mirror"] | mirror})

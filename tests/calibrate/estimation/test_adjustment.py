@@ -1,0 +1,142 @@
+"""Bundle adjustment against truths: every kind of observation, gross errors, priors, and Gauss's own covariance."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.calibrate.estimation.bundle.adjustment import adjust
+from omnimirror.calibrate.estimation.bundle.board_shape import BoardShape
+from omnimirror.calibrate.estimation.bundle.observations import Motion, Sighting, rotation_of
+from omnimirror.calibrate.estimation.covariance import direction_sigma_deg, uncertainty
+from omnimirror.camera_models import Unified
+
+from .cases import BOARD, SIZE, TRUTH, detections, directions, known
+
+START = Unified(1.0, (170.0, 170.0), (319.5, 239.5), SIZE)
+VALUES = np.array([p.value for p in TRUTH.parameters])
+
+
+def room(count: int = 300, seed: int = 0) -> np.ndarray:
+    """Points about the camera, mm, of its frame."""
+    return directions(TRUTH, count, seed) * np.random.default_rng(seed).uniform(500, 3000, (count, 1))
+
+
+def test_known_points_give_the_camera_back():
+    points = room()
+    found = adjust(START, [known(TRUTH.image(points).pixels, points)])
+    assert found.rms_px < 1e-6
+    assert [p.value for p in found.model.parameters] == pytest.approx(VALUES, rel=1e-5, abs=1e-6)
+
+
+def test_stars_give_the_camera_and_how_it_stood():
+    stars = directions(TRUTH)
+    turn = Motion(rotation_of(np.array([0.3, -0.2, 0.9])), np.zeros(3))
+    seen = Sighting("night", TRUTH.image(stars, distant=True).pixels, stars @ turn.rotation, is_distant=True)
+    begin = Motion(rotation_of(np.array([0.25, -0.25, 0.95])), np.zeros(3))
+    found = adjust(START, [seen.moved(begin)])
+    assert found.rms_px < 1e-6
+    motion = found.sightings[0].motion
+    assert motion is not None
+    assert motion.rotation == pytest.approx(turn.rotation, abs=1e-6)
+    assert motion.shift_mm == pytest.approx(0.0)  # which stars say nothing of
+
+
+def test_points_somewhere_on_known_lines_give_the_camera():
+    """As plumb lines do: where along them a pixel looks is not known, and is found."""
+    random = np.random.default_rng(2)
+    on_lines = room(400)
+    along = random.normal(size=on_lines.shape)
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    elsewhere = on_lines + random.uniform(-60, 60, (len(on_lines), 1)) * along
+    seen = known(TRUTH.image(on_lines).pixels, elsewhere, along=along)
+    found = adjust(Unified(1.0, (162.0, 162.0), (325.0, 237.0), SIZE), [seen])
+    assert found.rms_px < 1e-5
+    assert [p.value for p in found.model.parameters] == pytest.approx(VALUES, rel=1e-3, abs=1e-4)
+
+
+def test_near_and_distant_things_are_adjusted_together():
+    points, stars = room(100), directions(TRUTH, 100, 3)
+    sky = known(TRUTH.image(stars, distant=True).pixels, stars, is_distant=True)
+    found = adjust(START, [known(TRUTH.image(points).pixels, points), sky])
+    assert found.rms_px < 1e-6
+
+
+def test_gross_errors_do_not_move_the_camera():
+    points = room()
+    pixels = TRUTH.image(points).pixels + np.random.default_rng(1).normal(0, 0.1, (len(points), 2))
+    pixels[::10] += 30.0
+    robust = adjust(START, [known(pixels, points)], loss="cauchy").model
+    squares = adjust(START, [known(pixels, points)]).model
+    errors = [np.abs(m.image(points).pixels - TRUTH.image(points).pixels).max() for m in (robust, squares)]
+    assert errors[0] < 0.15 < 1.0 < errors[1]
+
+
+def test_fixed_parameters_stay_and_priors_pull():
+    points = room()
+    seen = known(TRUTH.image(points).pixels + np.random.default_rng(1).normal(0, 0.1, (len(points), 2)), points)
+    fixed = adjust(START, [seen], fixed=["k1"], priors=[om.Prior("cx", 330.0, 0.0)]).model
+    assert (fixed.k1, fixed.centre_px[0]) == (0.0, 330.0)
+    free = adjust(START, [seen])
+    sigma = float(uncertainty(free).sigmas[4])
+    middle = free.model.centre_px[0]
+    pulled = adjust(START, [seen], priors=[om.Prior("cx", middle + 4 * sigma, sigma)]).model
+    assert pulled.centre_px[0] == pytest.approx(middle + 2 * sigma, abs=0.15 * sigma)  # two that know it equally well
+
+
+def test_covariance_is_what_repeated_noise_shows():
+    points = room(120)
+    ahead = directions(TRUTH, 5, 8)
+    model, exact = TRUTH, TRUTH.image(points).pixels
+    pixels, sigmas, offs = TRUTH.image(ahead).pixels, [], []
+    for seed in range(40):
+        noisy = exact + np.random.default_rng(seed).normal(0, 0.2, exact.shape)
+        found = adjust(model, [known(noisy, points)])
+        spread = uncertainty(found)
+        sigmas.append(spread.sigmas)
+        offs.append(np.array([p.value for p in found.model.parameters]) - VALUES)
+        assert found.noise_px == pytest.approx(0.2, rel=0.25)
+        rays = found.model.backproject(pixels)
+        angle = np.degrees(np.linalg.norm(rays.directions @ found.model.mount.rotation() - ahead, axis=1))
+        assert (angle < 4 * direction_sigma_deg(found.model, spread.covariance, ahead)).all()
+    assert np.std(offs, axis=0) == pytest.approx(np.mean(sigmas, axis=0), rel=0.45)
+
+
+def test_what_nothing_determines_is_named():
+    """Points on a cone about the axis show one radius: focal lengths, xi and distortion cannot be told apart."""
+    angle = np.linspace(0, 2 * np.pi, 60, endpoint=False)
+    cone = np.stack([np.cos(angle), np.sin(angle), np.full(60, -0.3)], axis=1) * 1000
+    pixels = TRUTH.image(cone).pixels + np.random.default_rng(0).normal(0, 0.1, (60, 2))
+    found = uncertainty(adjust(TRUTH, [known(pixels, cone)])).free
+    named = {name for combination in found for name in combination.names}
+    assert {"xi", "k1", "k2"} <= named
+    assert not {"cx", "cy"} & named
+
+
+def test_the_shape_of_a_board_is_found():
+    bent = BoardShape.flat(BOARD.points_mm).with_values([0.002, -0.001, 1.5, 0.8, -0.7])
+    seen = detections(count=8, noise_px=0.05, points_mm=bent.applied(BOARD.points_mm))
+    found = om.calibrate_camera(seen, BOARD, model="unified")
+    assert found.shape is not None
+    sigmas = np.array([p.sigma for p in found.parameters[-5:]])
+    assert (np.abs(np.array(found.shape.values) - bent.values) < 4 * sigmas).all()
+    assert (np.abs(bent.values) > 3.5 * sigmas).all()  # it is seen, not believed
+    flat = om.calibrate_camera(seen, BOARD, model="unified", board_shape=False)
+    assert flat.held_out_rms_px > 1.3 * found.held_out_rms_px
+
+
+@pytest.mark.parametrize(
+    ("call", "says"),
+    [
+        (lambda s: adjust(START, []), "nothing to adjust"),
+        (lambda s: adjust(START, [s], fixed=["k9"]), "no parameter 'k9'.*xi, fx"),
+        (lambda s: adjust(START, [Sighting("room", s.pixels, s.points)]), "where the target stands in room"),
+        (lambda s: adjust(START, [s], loss="tukey"), "loss = 'tukey'.*squares"),
+        (lambda s: known(s.pixels, s.points[1:]), r"room: pixels \(300, 2\) and points \(299, 3\)"),
+    ],
+)
+def test_what_cannot_be_adjusted_is_said(call, says):
+    points = room()
+    with pytest.raises(om.errors.InvalidParameter, match=says):
+        call(known(TRUTH.image(points).pixels, points))

@@ -1,0 +1,191 @@
+"""A calibration from corners to camera, against the camera that took them; sets that will not do are told why."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.calibrate.estimation.covariance import direction_covariance
+from omnimirror.errors import InvalidParameter
+from omnimirror.frames import Mount
+
+from .cases import BOARD, NOISE_PX, SIZE, TRUTH, detections, directions
+
+
+def calibrated(seen, **more):
+    return om.calibrate_camera(seen, BOARD, **({"model": "unified"} | more))
+
+
+def test_the_camera_is_found_without_a_guess():
+    found = calibrated(detections())
+    assert found.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.1)
+    assert found.rms_px < found.held_out_rms_px < 1.15 * found.rms_px
+    assert all(p.used and p.reason is None for p in found.pictures)
+    assert found.corners == sum(p.found for p in found.pictures)
+    assert found.outliers == ()
+    assert found.free == ()
+
+
+def within_3_sigma(seed: int) -> float:
+    """Share of directions whose truth lies within three standard deviations, in the plane across them."""
+    found = calibrated(detections(count=8, seed=seed), board_shape=False)
+    ahead = directions(TRUTH, 100, seed)
+    rays = found.model.backproject(TRUTH.image(ahead, distant=True).pixels)
+    off = (rays.directions @ found.model.mount.rotation() - ahead)[rays.valid]
+    spread = np.linalg.eigvalsh(direction_covariance(found.model, found.covariance, ahead[rays.valid]))[:, -1]
+    return float((np.linalg.norm(off, axis=1) < 3 * np.sqrt(spread)).mean())
+
+
+def test_true_directions_lie_within_three_sigma():
+    assert np.mean([within_3_sigma(seed) for seed in range(1)]) >= 0.95
+
+
+@pytest.mark.full
+def test_true_directions_lie_within_three_sigma_over_50_seeds():
+    assert np.mean([within_3_sigma(seed) for seed in range(50)]) >= 0.95
+
+
+@pytest.mark.parametrize("shift", [(90.0, 0.0), (-60.0, 50.0)])
+def test_an_axis_far_from_the_middle_of_the_picture_is_found(shift):
+    centre = (319.5 + shift[0], 239.5 + shift[1])
+    found = calibrated(detections(replace(TRUTH, centre_px=centre)))
+    assert found.model.centre_px == pytest.approx(centre, abs=1.0)
+
+
+def test_a_fisheye_and_a_flipped_picture_are_calibrated_as_such():
+    for camera in (replace(TRUTH, optics="fisheye"), replace(TRUTH, mount=Mount("down", 30.0, image_flipped=True))):
+        found = calibrated(detections(camera, 5), optics=camera.optics, mount=camera.mount)
+        assert found.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.1)
+        assert found.model.mount == camera.mount
+
+
+def test_wrong_corners_are_named_and_no_others():
+    seen = detections()
+    wrong = {("picture 3", 20): 4.0, ("picture 7", 5): 1.2, ("picture 7", 40): -2.0}
+    for (name, corner), shift in wrong.items():
+        detection = next(d for d in seen if d.name == name)
+        detection.corners_px[list(detection.ids).index(corner)] += [shift, 0.0]
+    found = calibrated(seen)
+    assert {(o.picture, o.corner) for o in found.outliers} == set(wrong)
+    worst = found.outliers[0]
+    assert (worst.picture, worst.corner) == ("picture 3", 20)
+    assert worst.residual_px == pytest.approx(4.0, abs=0.5)
+    assert found.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.1)
+
+
+def test_boards_counted_from_any_corner_are_one_board():
+    """A detector begins at either end of 11 x 7 corners, and in a mirror's picture counts them backwards."""
+    seen = detections(points_mm=BOARD.points_mm)
+    columns, rows = BOARD.lattice.T
+    orders = [columns + 11 * rows, 76 - columns - 11 * rows, 10 - columns + 11 * rows, columns + 11 * (6 - rows)]
+    renamed = [replace(d, ids=orders[i % 4][d.ids]) for i, d in enumerate(seen)]
+    assert calibrated(renamed).rms_px == pytest.approx(calibrated(seen).rms_px, rel=1e-3)
+
+
+def test_a_picture_that_no_board_explains_is_named_and_left_out():
+    seen = detections()
+    random = np.random.default_rng(0)
+    seen[4] = replace(seen[4], corners_px=seen[4].corners_px + random.normal(0, 15, seen[4].corners_px.shape))
+    seen.append(om.Detection("blurred.png", SIZE, reason="blurred.png: no board was found; the picture is blurred"))
+    found = calibrated(seen)
+    left_out = {p.name: p.reason for p in found.pictures if not p.used}
+    assert left_out.keys() == {"picture 5", "blurred.png"}
+    assert "from where a board can have them" in left_out["picture 5"]
+    assert "is blurred" in left_out["blurred.png"]
+    assert found.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.1)
+
+
+def test_the_file_of_results_has_what_it_promises(tmp_path):
+    found = calibrated(detections(count=4))
+    text = found.to_json(tmp_path / "calibration.json")
+    assert (tmp_path / "calibration.json").read_text() == text
+    told = json.loads(text)
+    assert told["rms_px"] == found.rms_px
+    assert told.keys() >= {"held_out_rms_px", "corners", "outliers", "pictures", "parameters", "seconds"}
+    assert told["pictures"][0].keys() == {"name", "found", "used", "reason", "rms_px"}
+    assert told["parameters"][0].keys() == {"name", "value", "sigma", "unit"}
+
+
+def test_the_same_pictures_give_the_same_camera():
+    first, second = (calibrated(detections(count=6), seed=3) for _ in range(2))
+    assert replace(first, seconds=0.0).to_json() == replace(second, seconds=0.0).to_json()
+
+
+def test_who_stops_keeps_what_was_found():
+    calls = []
+    found = calibrated(detections(), stop=lambda: len(calls) > 2, progress=lambda what, share: calls.append(share))
+    assert not found.is_complete
+    assert found.rms_px < 1.0
+    assert any("stopped before the end" in note for note in found.notes)
+    assert json.loads(found.to_json())["held_out_rms_px"] is None
+
+
+# -- pictures that will not do ---------------------------------------------------------------------------
+
+
+def moved(seen, numbers, shift):
+    return [replace(d, corners_px=d.corners_px + shift) if i in numbers else d for i, d in enumerate(seen)]
+
+
+def flipped(seen, numbers):
+    def one(d):
+        return replace(d, corners_px=[SIZE[0] - 1, 0] + d.corners_px * [-1, 1])
+
+    return [one(d) if i in numbers else d for i, d in enumerate(seen)]
+
+
+def one_pose(count: int) -> list[om.Detection]:
+    (seen,) = detections(count=1, noise_px=0.0)
+    random = np.random.default_rng(0)
+    return [
+        replace(seen, name=f"picture {i}", corners_px=seen.corners_px + random.normal(0, 0.1, seen.corners_px.shape))
+        for i in range(count)
+    ]
+
+
+@pytest.mark.parametrize(
+    ("make", "says"),
+    [
+        (lambda: detections(count=2), "in 2 of 2 pictures, and 3 are the fewest"),
+        (
+            lambda: [om.Detection(f"{i}.png", SIZE, reason="no board was found; the picture is blurred") for i in "ab"],
+            r"in 0 of 2 pictures.*a\.png: no board.*b\.png: no board.*blurred",
+        ),
+        (
+            lambda: [*detections(count=5), replace(detections()[0], name="small.png", image_size=(320, 240))],
+            r"small\.png: 320 x 240 px, where the other pictures have 640 x 480 px",
+        ),
+        (lambda: one_pose(6), "the same place in all pictures.*picture 0, picture 1.*hold it at different places"),
+        (
+            lambda: moved(detections(), {2, 5, 8, 9}, [9.0, -4.0]),
+            "centre in picture 3, picture 6, picture 9 and picture 10 lies .*the mirror moved",
+        ),
+        (
+            lambda: flipped(detections(), {1, 2, 3}),
+            "centre in picture 2, picture 3 and picture 4 lies .*pictures are flipped",
+        ),
+        (
+            lambda: [replace(d, is_reversed=False) for d in detections(count=4)],
+            "picture 1, picture 2, picture 3 and picture 4: the board's markers show not mirror images.*--flipped",
+        ),
+        (
+            lambda: [replace(d, corners_px=d.corners_px[np.random.default_rng(0).permutation(len(d.ids))])
+                     for d in detections(count=6)],
+            "no camera explains the corners.*see whether the board is the one that was named",
+        ),
+    ],
+)  # fmt: skip
+def test_a_set_that_will_not_do_is_named(make, says):
+    with pytest.raises(InvalidParameter, match=says):
+        calibrated(make())
+
+
+def test_what_is_asked_for_is_checked():
+    with pytest.raises(InvalidParameter, match=r"model = 'unfied' is not known; valid are auto, unified"):
+        calibrated(detections(count=3), model="unfied")
+    with pytest.raises(InvalidParameter, match=r"optics = 'lens' is not known; valid are mirror, fisheye"):
+        calibrated(detections(count=3), optics="lens")

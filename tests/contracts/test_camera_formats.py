@@ -1,0 +1,115 @@
+"""What every format of camera files must satisfy: what it holds comes back, and what is wrong is one sentence."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from omnimirror.calibrate.formats import FORMATS, Reading
+from omnimirror.camera_models import OCam, Unified
+from omnimirror.errors import SpecError
+from omnimirror.frames import Mount
+
+F, C, SIZE = (260.0, 261.3), (515.32, 380.29), (1024, 768)
+FISHEYE = {"optics": "fisheye"}
+CAMERAS = {
+    "ocam": OCam((-131.4797, 0.0, 1.848991e-03, 2.251206e-07, -7.343233e-10), C, SIZE, (0.9998, 4.4e-4, 8e-5)),
+    "ocam-degree-7": OCam((-131.5, 0.0, 1.8e-3, 2e-7, -7e-10, 1e-13, 2e-16, 3e-19), C, SIZE),
+    "ocam-fisheye": OCam((-551.8, 0.0, 8.4e-4, -6.5e-7, 1.2e-9), (505.5, 381.8), SIZE, **FISHEYE),
+    "unified": Unified(0.93, F, C, SIZE, 0.31, -0.01, 0.002, p1=1e-3, p2=-2e-3),
+    "unified-k3": Unified(0.93, F, C, SIZE, 0.31, -0.01, 0.002, 3e-4, 1e-3, -2e-3),
+    "unified-no-skew": Unified(0.93, F, C, SIZE, 0.0, -0.01, 0.002, p1=1e-3, p2=-2e-3),
+    "unified-fisheye": Unified(1.4, (900.0, 905.0), C, SIZE, 0.2, 0.02, 0.003, **FISHEYE),
+    "pinhole": Unified(0.0, (600.0, 602.0), C, SIZE, 0.0, -0.2, 0.05, 0.01, 1e-3, -2e-3, **FISHEYE),
+}
+LAYOUTS = {name: layout for kind in FORMATS.values() for name, layout in kind.layouts.items()}
+HOME = {name: kind for kind in FORMATS.values() for name in kind.layouts}
+HELD = [
+    pytest.param(layout, camera, id=f"{layout}-{camera}")
+    for layout in LAYOUTS
+    for camera in CAMERAS
+    if not LAYOUTS[layout].lacks(CAMERAS[camera])
+]
+
+
+def written(layout, camera):
+    content = LAYOUTS[layout].write(camera, "front")
+    return content.encode() if isinstance(content, str) else content
+
+
+def file_name(layout):
+    return "camera" + (LAYOUTS[layout].suffixes[:1] or (".toml" if layout in ("camera", "sensor") else ".txt",))[0]
+
+
+def read(layout, data, camera):
+    reading = Reading(file_name(layout), getattr(camera, "optics", "mirror"), camera.mount)
+    return HOME[layout].read(data, reading)
+
+
+def test_every_layout_holds_something():
+    assert {p.values[0] for p in HELD} == set(LAYOUTS)
+
+
+@pytest.mark.parametrize(("layout", "name"), HELD)
+def test_what_is_written_is_recognised_as_that_and_nothing_else(layout, name):
+    data = written(layout, CAMERAS[name])
+    found = [kind for kind in FORMATS.values() if kind.recognises(file_name(layout), data)]
+    assert [kind.title for kind in found] == [HOME[layout].title]
+
+
+@pytest.mark.parametrize(("layout", "name"), HELD)
+@pytest.mark.parametrize("mount", [Mount(), Mount("forward", 20.0, image_flipped=True)], ids=["plain", "flipped"])
+def test_what_is_held_comes_back_to_the_pixel(layout, name, mount):
+    camera = replace(CAMERAS[name], mount=mount)
+    (stored,) = read(layout, written(layout, camera), camera)
+    pixels = np.random.default_rng(3).uniform(0, np.array(camera.image_size) - 1, (300, 2))
+    origins, directions, valid = camera.backproject(pixels)
+    assert valid.sum() > 100
+    points = origins[valid] + 2000.0 * directions[valid]
+    back = stored.camera.project(points)
+    assert back.valid.all()
+    np.testing.assert_allclose(back.pixels, pixels[valid], rtol=0, atol=1e-9)
+
+
+def refusal(layout, data, camera):
+    """What a file is refused with; None if it is read."""
+    try:
+        read(layout, data, camera)
+    except SpecError as e:
+        return str(e)
+    return None
+
+
+@pytest.mark.parametrize(("layout", "name"), HELD)
+def test_a_file_that_is_cut_off_or_lacks_a_part_is_refused_in_one_sentence(layout, name):
+    """Or read, as where a comment is missing; anything else would end the test."""
+    camera = CAMERAS[name]
+    data = written(layout, camera)
+    for i in range(10):
+        a, b = len(data) * i // 10, len(data) * (i + 1) // 10
+        for part in (data[:a], data[:a] + data[b:]):
+            said = refusal(layout, part, camera)
+            assert said is None or (said.startswith(("camera.", "cannot read camera.")) and "\n" not in said)
+    assert refusal(layout, data[: len(data) // 2], camera) is not None
+
+
+WORDS = [b"nan", b"inf", b"-1e400", b"0", b"-1", b"x", b"[1,2]", b"{}", b"", b"1e308", b"!!int 3", b"*a", b"9" * 5000]
+
+
+@given(st.sampled_from(HELD), st.integers(0, 40), st.sampled_from(WORDS))
+def test_a_file_with_one_wrong_number_is_read_or_refused_in_one_sentence(case, which, word):
+    layout, name = case.values
+    parts = re.split(rb"(?<![\w.])(-?\d+\.?\d*(?:e[-+]?\d+)?)", written(layout, CAMERAS[name]))
+    parts[2 * (which % (len(parts) // 2)) + 1] = word
+    said = refusal(layout, b"".join(parts), CAMERAS[name])
+    assert said is None or "\n" not in said
+
+
+@given(st.sampled_from(sorted(FORMATS)), st.binary(max_size=200))
+def test_any_bytes_are_refused(name, data):
+    FORMATS[name].recognises("camera", data)
+    with pytest.raises(SpecError):
+        FORMATS[name].read(data, Reading("camera"))

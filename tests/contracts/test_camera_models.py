@@ -1,0 +1,182 @@
+"""What every calibrated model must satisfy beside being a camera: its parameters, derivatives and ends."""
+
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from omnimirror.camera_models import (
+    CameraModel,
+    DoubleSphere,
+    EnhancedUnified,
+    KannalaBrandt,
+    MirrorBall,
+    OCam,
+    RadialSpline,
+    Unified,
+    ViewpointSpline,
+)
+from omnimirror.errors import InvalidParameter
+from omnimirror.frames import Mount
+
+C, S = (322.0, 238.0), (640, 480)
+RADII = (44.0, 92.0, 143.0, 191.0, 230.0)
+MODELS = {
+    "unified": Unified(0.9, (220.0, 223.0), C, S, 0.4, -0.08, 0.02, -0.001, 0.003, -0.002),
+    "unified-paraboloid": Unified(1.0, (120.0, 120.0), C, S),
+    "unified-beyond-one": Unified(1.4, (330.0, 330.0), C, S, k1=-0.05),
+    "unified-pinhole": Unified(0.0, (120.0, 120.0), C, S, k1=-0.01, optics="fisheye"),
+    "enhanced-unified": EnhancedUnified(0.6, 1.1, (180.0, 182.0), C, S, -0.3),
+    "enhanced-unified-flat": EnhancedUnified(0.4, 0.9, (180.0, 182.0), C, S, optics="fisheye"),
+    "double-sphere": DoubleSphere(-0.2, 0.6, (180.0, 181.0), C, S, 0.2, optics="fisheye"),
+    "double-sphere-ahead": DoubleSphere(0.3, 0.4, (180.0, 181.0), C, S),
+    "kannala-brandt": KannalaBrandt((170.0, 171.0), C, S, 0.05, -0.02, 0.003, -0.0002, 0.5),
+    "ocam": OCam((-131.4797, 0.0, 1.848991e-03, 2.251206e-07, -7.343233e-10), C, S, (0.999, 4e-3, -2e-3)),
+    "ocam-fisheye": OCam((-151.7655, 0.0, 8.37e-04, -6.4e-07, 1.2e-09), C, S, optics="fisheye"),
+    "ball": MirrorBall(C, 230.0, 300.0, S),
+    "radial-spline": RadialSpline(RADII, 230.0, C, S, 0.003, -0.002, 1e-5, -2e-5),
+    "viewpoint-spline": ViewpointSpline(
+        RADII, (-2.0, -1.5, 0.3, 2.5, 5.0), 230.0, C, S, 0.003, -0.002, 1e-5, -2e-5
+    ),
+}  # fmt: skip
+MOUNTS = [Mount(), Mount("forward", 20.0, image_flipped=True)]
+CASES = [
+    pytest.param(replace(model, mount=mount), id=f"{name}{'-flipped' * mount.image_flipped}")
+    for name, model in MODELS.items()
+    for mount in MOUNTS
+]
+NEAR_AXIS = np.array([[0.0, 0.0], [1e-7, 0.0], [-3e-6, 4e-6]])
+
+
+def points_of(model, count=300, seed=3, inside=0.98):
+    """Points (n, 3) in mm in the model's field, between 30 and 3000 mm from it, next to its axis and on it too."""
+    rng = np.random.default_rng(seed)
+    omega = rng.uniform(0.0, inside * model.model_end, count)
+    phi = rng.uniform(-np.pi, np.pi, count)
+    ahead = -1.0 if model.optics == "mirror" else 1.0
+    directions = np.stack([np.sin(omega) * np.cos(phi), np.sin(omega) * np.sin(phi), ahead * np.cos(omega)], axis=-1)
+    near = np.column_stack([50 * NEAR_AXIS, np.full(len(NEAR_AXIS), ahead * 50.0)])
+    points = np.concatenate([directions * np.geomspace(30, 3000, count)[:, None], near])
+    return points[(np.abs(model.image(points).pixels - C) < 500).all(axis=1)]
+
+
+def differences(function, step):
+    """Central differences of fourth order, whose error is that of rounding."""
+    one, two = (function(k * step) - function(-k * step) for k in (1, 2))
+    return (8 * one - two) / (12 * step)
+
+
+@pytest.mark.parametrize("model", CASES)
+def test_derivatives_to_points_and_directions(model):
+    points = points_of(model)
+    assert len(points) > 150
+    for distant in (False, True):
+        found = model.image(points, distant=distant)
+        assert found.valid.all()
+        step = 1e-4
+        for axis, unit in enumerate(np.eye(3)):
+            expected = differences(lambda h, u=unit, d=distant: model.image(points + h * u, distant=d).pixels, step)
+            size = 1e-6 * (1 + np.abs(expected)) + 1e-6 * np.linalg.norm(found.d_points, axis=(1, 2))[:, None]
+            assert (np.abs(found.d_points[:, :, axis] - expected) < size)[np.isfinite(expected)].all()
+
+
+@pytest.mark.parametrize("model", CASES)
+def test_derivatives_to_parameters(model):
+    points = points_of(model, inside=0.95)
+    found = model.image(points)
+    values = np.array([p.value for p in model.parameters])
+    assert found.d_parameters.shape == (len(points), 2, len(values))
+    for i, parameter in enumerate(model.parameters):
+
+        def moved(h, i=i):
+            return model.with_parameters(values + h * (np.arange(len(values)) == i)).image(points).pixels
+
+        step = 1e-5 * parameter.scale
+        if parameter.name == "xi" and values[i] == 0:  # a pinhole: it has one side only
+            expected = (4 * moved(step) - moved(2 * step) - 3 * moved(0.0)) / (2 * step)
+            tolerance = 1e-2
+        else:
+            expected, tolerance = differences(moved, step), 1e-6
+        per_change = np.abs(found.d_parameters[:, :, i] - expected) * parameter.scale
+        size = tolerance * (1 + np.abs(expected) * parameter.scale)
+        assert (per_change < size).all(), parameter.name
+
+
+@pytest.mark.parametrize("model", CASES)
+def test_parameters_have_names_of_their_own_and_come_back(model):
+    parameters = model.parameters
+    assert isinstance(model, CameraModel)
+    assert len({p.name for p in parameters}) == len(parameters)
+    assert all(p.scale > 0 for p in parameters)
+    assert model.with_parameters([p.value for p in parameters]) == model
+    other = model.with_parameters([p.value + 1e-3 * p.scale for p in parameters])
+    assert type(other) is type(model)
+    np.testing.assert_array_equal([p.value for p in other.parameters], [p.value + 1e-3 * p.scale for p in parameters])
+    for wrong in ([1.0], np.full(len(parameters), np.nan)):
+        with pytest.raises(InvalidParameter, match="values"):
+            model.with_parameters(wrong)
+
+
+@pytest.mark.parametrize("model", CASES)
+def test_the_image_is_what_the_camera_projects(model):
+    """In the picture; the world is the camera frame, turned by the mount."""
+    points = points_of(model)
+    turn = model.mount.rotation()
+    for distant, project in ((False, model.project), (True, model.project_directions)):
+        pixels, valid = project(points @ turn.T)
+        assert valid.sum() > 30
+        np.testing.assert_allclose(model.image(points, distant=distant).pixels[valid], pixels[valid], atol=1e-9, rtol=0)
+
+
+@pytest.mark.parametrize("model", CASES)
+def test_past_the_end_of_the_model_there_is_nothing(model):
+    ahead = -1.0 if model.optics == "mirror" else 1.0
+    for factor, seen in ((1 - 1e-6, True), (1 + 1e-6, False)):
+        if not seen and model.model_end > 3.14159:
+            continue  # it sees everything
+        omega = factor * model.model_end
+        direction = [[np.sin(omega), 0.0, ahead * np.cos(omega)]]
+        found = model.image(direction, distant=True)
+        assert found.valid.tolist() == [seen]
+        assert np.isfinite(found.pixels).all() == np.isfinite(found.d_points).all() == seen
+    nothing = model.image([[0.0, 0.0, 0.0], [np.nan, 0.0, 1.0], [np.inf, 0.0, 1.0]])
+    assert not nothing.valid.any()
+    assert np.isnan(nothing.pixels).all()
+    assert np.isnan(nothing.d_parameters).all()
+
+
+@pytest.mark.parametrize("model", CASES)
+def test_the_image_grows_up_to_the_end(model):
+    """No pixel is that of two field angles."""
+    omega = np.linspace(0.0, model.model_end, 4001)
+    radius = model.radius_from_omega(omega[:-1])
+    assert (np.diff(radius) > 0).all()
+    np.testing.assert_allclose(model.omega_from_radius(radius), omega[:-1], atol=1e-6)
+
+
+@pytest.mark.parametrize("model", CASES)
+def test_far_points_are_seen_like_their_directions(model):
+    points = points_of(model)
+    far, distant = model.image(1e9 * points), model.image(points, distant=True)
+    np.testing.assert_allclose(far.pixels, distant.pixels, atol=1e-5)
+    scaled = np.abs(distant.d_points).max(axis=(1, 2), keepdims=True)
+    np.testing.assert_allclose(1e9 * far.d_points / scaled, distant.d_points / scaled, atol=1e-5)
+    along = np.einsum("nij,nj->ni", distant.d_points, points)
+    np.testing.assert_allclose(along / scaled[:, :, 0], 0.0, atol=1e-6)  # the length of a direction does not matter
+
+
+@pytest.mark.parametrize("model", CASES)
+def test_it_is_pickled_and_read_back_from_its_own_words(model):
+    assert pickle.loads(pickle.dumps(model)) == model
+    assert hash(model) == hash(pickle.loads(pickle.dumps(model)))
+    assert eval(repr(model)) == model
+    model.image(points_of(model, 5))  # and what it has worked out since changes nothing
+    assert pickle.loads(pickle.dumps(model)) == model
+
+
+@pytest.mark.parametrize("model", CASES)
+def test_the_empty_set_has_an_image(model):
+    found = model.image(np.empty((0, 3)))
+    assert found.pixels.shape == (0, 2)
+    assert found.d_parameters.shape == (0, 2, len(model.parameters))

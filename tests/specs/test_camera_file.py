@@ -1,0 +1,155 @@
+"""The camera file: what is written reads back; what is wrong is one sentence with its line."""
+
+import tomllib
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import omnimirror as om
+from omnimirror.camera_models import CAMERAS
+from omnimirror.errors import InvalidParameter, SpecError
+from omnimirror.frames import Mount
+from omnimirror.parameters import Uncertainty
+from omnimirror.specs import format_camera
+from tests.contracts.test_camera_models import MODELS
+
+GOOD = """# A comment
+format = 1
+
+[camera]
+kind = "unified"
+xi = 0.96
+focal_px = [220, 221.5]
+centre_px = [319.5, 239.5]
+image_size = [640, 480]
+k1 = -0.05
+rim_radius_px = 230.0
+
+[mount]
+camera_looks = "down"
+pitch_deg = 3.0
+
+[uncertainty]
+names = ["xi", "cx"]
+covariance = [[1e-6, 1e-5], [1e-5, 0.04]]
+"""
+
+
+def some_uncertainty(model):
+    names = tuple(p.name for p in model.parameters)
+    factor = np.random.default_rng(1).normal(size=(len(names), len(names))) * 1e-3
+    return Uncertainty(names, tuple(map(tuple, (factor @ factor.T).tolist())))
+
+
+@pytest.mark.parametrize("mount", [Mount(), Mount("forward", 33.3, True, 4.0, -5.0)])
+@pytest.mark.parametrize("model", MODELS.values(), ids=MODELS)
+def test_what_is_written_is_read_back(model, mount, tmp_path):
+    path = tmp_path / "camera.toml"
+    for camera in (replace(model, mount=mount), replace(model, mount=mount, uncertainty=some_uncertainty(model))):
+        om.save_camera(camera, path, notes="calibrated\non a board")
+        assert om.load_camera(path) == camera
+        assert path.read_text().startswith("# calibrated\n# on a board\n")
+        assert om.parse_camera(path.read_text()).uncertainty == camera.uncertainty
+
+
+def test_every_kind_is_tried():
+    assert {model.KIND for model in MODELS.values()} == set(CAMERAS)
+
+
+def test_it_says_what_people_write():
+    camera = om.parse_camera(GOOD)
+    assert camera == om.Unified(
+        0.96, (220.0, 221.5), (319.5, 239.5), (640, 480), k1=-0.05, rim_radius_px=230.0,
+        mount=Mount("down", pitch_deg=3.0), uncertainty=Uncertainty(("xi", "cx"), ((1e-6, 1e-5), (1e-5, 0.04))),
+    )  # fmt: skip
+    assert camera.uncertainty.sigmas == {"xi": pytest.approx(1e-3), "cx": pytest.approx(0.2)}
+    table = tomllib.loads(format_camera(camera))["camera"]
+    assert "k2" not in table  # what is 0 unless given
+    assert table["kind"] == "unified"
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (('"unified"', '"unfied"'), r"mine line 5: camera.kind = 'unfied' is not known; did you mean unified\?"),
+        (('kind = "unified"\n', ""), "mine line 4: camera.kind is missing; valid are unified, enhanced-unified"),
+        (("xi = 0.96", 'xi = "1"'), "line 6: camera.xi = '1'"),
+        (("xi = 0.96\n", ""), "line 4: camera.xi is missing"),
+        (("xi = 0.96", "xi = -1"), r"line 6: camera.xi = -1.* is not valid; it is valid from 0"),
+        (("k1 =", "skew ="), r"line 10: camera.skew is not known; did you mean skew_px\?"),
+        (("[220, 221.5]", "[220]"), "line 7: camera.focal_px = "),
+        (("[220, 221.5]", "[220, -1]"), "line 7: camera.focal_px = .* both above 0"),
+        (("[220, 221.5]", "[220, inf]"), "line 7: camera.focal_px"),
+        (("[640, 480]", "[640.5, 480]"), "line 9: camera.image_size"),
+        (("[640, 480]", "[640, 0]"), "image height = 0 is not a whole number of pixels"),
+        (("rim_radius_px = 230.0", "rim_radius_px = 0"), "line 11: camera.rim_radius_px = 0"),
+        (('"down"', '"sideways"'), "line 14: mount.camera_looks"),
+        (("[mount]", "[mounts]"), r"mounts is not known; did you mean mount\?"),
+        (("format = 1", "format = 2"), "line 2: format = 2 is not known to this version"),
+        (('"xi", "cx"', '"xi"'), "line 17: covariance is no matrix"),
+        (('"xi", "cx"', '"xi", "f"'), "line 17: the uncertainty is one of f too; the parameters are xi, fx"),
+        (("0.04]]", "-0.04]]"), "line 17: covariance is no covariance"),
+        (("[1e-5, 0.04]", "[2e-5, 0.04]"), "line 17: covariance is not symmetric"),
+        (("[camera]", "[camera"), r"mine is not valid TOML: .*at line 4"),
+    ],
+)
+def test_what_is_wrong_is_named_with_its_line(change, message):
+    assert change[0] in GOOD
+    with pytest.raises(SpecError, match=message) as e:
+        om.parse_camera(GOOD.replace(*change), "mine")
+    assert "\n" not in str(e.value)
+
+
+@given(st.text(max_size=100))
+def test_any_text_is_read_or_refused(text):
+    for begin in ("", "[camera]\n", GOOD):
+        with suppress(SpecError):
+            om.parse_camera(begin + text)
+
+
+def test_whatever_holds_a_camera_is_read(tmp_path):
+    """By its content: a sensor's name and file, OCamCalib's."""
+    sensor = om.load_sensor("paper-spherical")
+    assert om.load_camera("paper-spherical") == sensor
+    om.save_camera(sensor, tmp_path / "sensor.toml")
+    assert om.load_camera(tmp_path / "sensor.toml") == om.load_sensor(tmp_path / "sensor.toml") == sensor
+    (tmp_path / "calib.txt").write_text("# poly\n\n3 -100 0 2.5e-3\n2 100 50\n239.5 319.5\n1 0 0\n480 640\n")
+    assert om.load_camera(tmp_path / "calib.txt") == om.load_ocam(tmp_path / "calib.txt")
+    with pytest.raises(SpecError, match=r"no sensor file, camera file or bundled sensor 'paper-sperical'; did"):
+        om.load_camera("paper-sperical")
+    with pytest.raises(InvalidParameter, match="is not a camera that a file holds"):
+        om.save_camera("paper-spherical", tmp_path / "x.toml")
+
+
+def test_errors_of_directions_are_those_of_changed_parameters():
+    """Simulated: parameters drawn from the covariance, and how far the directions of pixels turn."""
+    camera = MODELS["viewpoint-spline"]
+    parameters = camera.parameters
+    rng = np.random.default_rng(5)
+    mixing = rng.normal(size=(len(parameters), len(parameters))) / np.sqrt(len(parameters))
+    factor = np.diag([1e-3 * p.scale for p in parameters]) @ mixing
+    known = Uncertainty(tuple(p.name for p in parameters), tuple(map(tuple, (factor @ factor.T).tolist())))
+    pixels = np.array([[322.0, 238.0], [400.0, 250.0], [480.0, 300.0], [322.0, 60.0], [3.0, 3.0]])
+    for distance in (np.inf, 80.0):
+        told = replace(camera, uncertainty=known).direction_sigma_deg(pixels, distance)
+        assert np.isnan(told[4])
+        rays = camera.backproject(pixels[:4])
+        values = np.array([p.value for p in parameters])
+        errors = []
+        for _ in range(400):
+            other = camera.with_parameters(values + factor @ rng.normal(size=len(values)))
+            moved = other.backproject(pixels[:4])
+            if np.isinf(distance):
+                errors.append(moved.directions - rays.directions)
+            else:  # where the other ray passes what the first one sees
+                to = rays.origins + distance * rays.directions - moved.origins
+                along = np.einsum("ni,ni->n", to, moved.directions)[:, None]
+                errors.append((along * moved.directions - to) / distance)
+        spread = [np.sqrt(np.linalg.eigvalsh(np.cov(e.T))[-1]) for e in np.swapaxes(errors, 0, 1)]
+        np.testing.assert_allclose(told[:4], np.degrees(spread), rtol=0.15)
+    with pytest.raises(InvalidParameter, match="nothing is known of the camera's uncertainty"):
+        camera.direction_sigma_deg(pixels)
