@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar
 
@@ -15,9 +16,12 @@ import tomli_w
 
 import omnimirror as om
 from omnimirror.cameras import Projection, Rays
+from omnimirror.design import Limitable
+from omnimirror.design.criteria.limits import LIMITABLE
 from omnimirror.errors import InvalidParameter
 from omnimirror.mirrors import MIRRORS, RIM_RADIUS, Mirror
 from omnimirror.parameters import Parameter
+from omnimirror.quantities import Quantity
 from omnimirror.specs import load_sensor, save_sensor, tables_of
 from omnimirror.testing import check_mirror
 
@@ -26,9 +30,11 @@ PACKAGE = '''
 from dataclasses import dataclass
 from typing import ClassVar
 import numpy as np
+from omnimirror.design import Limitable
 from omnimirror.manufacture import Content, Format
 from omnimirror.mirrors import RIM_RADIUS, Mirror
 from omnimirror.parameters import Parameter
+from omnimirror.quantities import Quantity
 from omnimirror.screens import Cylinder
 
 @dataclass(frozen=True)
@@ -57,6 +63,9 @@ def write(plan, part, path):
     return Content("three points", 5e-4)
 
 points = Format(write, (".points",))
+
+pixels = Quantity("density_px2", "n", "px²", "Density", "pixels on a square degree")
+density = Limitable(pixels, lambda field: (field.dh * field.dw,), "smallest", is_scale=True)
 '''.replace("omnimirror.screens", "omnimirror.dewarp.screens")
 ENTRY_POINTS = """[omnimirror.mirrors]
 bowl = bowls:Bowl
@@ -65,6 +74,8 @@ broken = bowls:NotThere
 fan = bowls:fan
 [omnimirror.formats]
 points = bowls:points
+[omnimirror.quantities]
+density_px2 = bowls:density
 """
 
 
@@ -158,6 +169,10 @@ def test_what_is_no_mirror_is_refused(quartic):
         om.register_mirror(dataclass(frozen=True)(type("Other", (Quartic,), {"KIND": "sphere"})))
     with pytest.raises(InvalidParameter, match="a view 'panorama' already"):
         om.register_view("panorama", lambda camera: None)
+    with pytest.raises(InvalidParameter, match="a quantity 'aspect' already"):
+        om.register_quantity(LIMITABLE["aspect"])
+    with pytest.raises(TypeError, match=r"no omnimirror\.design\.Limitable"):
+        om.register_quantity("aspect")
     with pytest.raises(InvalidParameter, match=r"\.step files are written as another format"):
         om.register_format("other", om.manufacture.Format(print, (".step",)))
 
@@ -189,6 +204,69 @@ def test_an_installed_package_brings_a_view_and_a_format(installed, tmp_path):
     assert run.returncode == 0, run.stderr
     x, z = np.loadtxt(tmp_path / "a.points").T
     np.testing.assert_allclose(z, load_sensor("paper-spherical").mirror.sag(x), atol=1e-6)
+
+
+LENS = Quantity("lens_mm", "m", "mm", "Distance", "lens to the vertex of the mirror")
+
+
+@pytest.fixture
+def lens_distance():
+    om.register_quantity(Limitable(LENS, lambda field: (field.length - field.sag,), "largest"))
+    yield LENS.name
+    LIMITABLE.withdraw(LENS.name)
+
+
+def test_a_quantity_of_ones_own_is_judged_and_kept_by_designs(lens_distance):
+    """How far the lens stands, by the sensor's own distance; the optimiser's sphere would need 172 mm."""
+    sphere = load_sensor("paper-spherical")
+    like = om.requirements_like(sphere, optimise="worst_blur_deg", shape="polynomial:3")
+    for limit, is_met in ((sphere.mirror_distance_mm + 1, True), (sphere.mirror_distance_mm - 1, False)):
+        (row,) = om.judge(replace(like, limits=(om.Limit(lens_distance, at_most=limit),)), sphere).limits
+        assert row.reached == pytest.approx(sphere.mirror_distance_mm, rel=1e-9)
+        assert (row.is_met, row.unit) == (is_met, "mm")
+    near = replace(like.changed(theta_max_deg=(10.0, 16.0)), limits=(om.Limit(lens_distance, at_most=150.0),))
+    design = om.design_sensor(near, search=om.SearchOptions(starts=1))
+    assert design.is_met
+    assert design.sensor.mirror_distance_mm <= 150.0 * (1 + 1e-6)
+
+
+def test_an_installed_package_brings_a_quantity(installed, tmp_path):
+    least = om.evaluate(load_sensor("paper-spherical"), np.linspace(0, 130, 1001)).area_px2.min()
+    lines = (
+        "field.omega_max_deg = 130",
+        'mirror = {family = "sphere", rim_radius_mm = [43, 44]}',
+    )
+    limit = "lens.focal_length_mm = 11.6", "[[limit]]", 'quantity = "density_px2"', "at_least = 4.0"
+    (tmp_path / "r.toml").write_text("\n".join(lines + limit))
+    run = omnimirror(installed, tmp_path, "judge", "r.toml", "paper-spherical", "--json", "t.json")
+    assert run.returncode == (0 if least >= 4 else 3), run.stderr
+    row = json.loads((tmp_path / "t.json").read_text())["requirements"][-1]
+    assert (row["name"], row["unit"], row["reached"]) == ("density_px2", "px²", pytest.approx(least, rel=1e-6))
+
+
+class Staircase:
+    """Two pixels a column: the upper looks level, the lower 45 deg down; it derives from nothing of ours."""
+
+    size, is_distant = (4, 2), True
+
+    def __str__(self):
+        return "staircase"
+
+    def targets_at(self, u, v):
+        turn, tilt = np.radians(90 * np.asarray(u)), -np.pi / 4 * np.asarray(v)
+        return np.stack([np.cos(tilt) * np.cos(turn), np.cos(tilt) * np.sin(turn), np.sin(tilt) + 0 * turn], axis=-1)
+
+
+def test_a_screen_of_ones_own_is_drawn_without_registration():
+    """Its pixels show what the camera has where it sees these directions."""
+    camera, screen = load_sensor("paper-spherical"), Staircase()
+    v, u = np.mgrid[:1024, :1024]
+    picture = np.stack([u / 4, v / 4, np.full_like(u, 77)], axis=-1).astype(np.uint8)
+    straight = om.Dewarper(camera, screen, "linear")(picture)
+    rows, columns = np.mgrid[:2, :4]
+    seen = camera.project_directions(screen.targets_at(columns, rows).reshape(-1, 3))
+    assert seen.valid.all()
+    np.testing.assert_allclose(straight.reshape(-1, 3)[:, :2], seen.pixels / 4, atol=1.0)
 
 
 class Pinhole:

@@ -61,6 +61,7 @@ if TYPE_CHECKING:
     from .design import load_front as load_front
     from .design import load_requirements as load_requirements
     from .design import pareto as pareto
+    from .design import register_quantity as register_quantity
     from .design import requirements_like as requirements_like
     from .design.construct.survey import mappings as mappings
     from .dewarp import Dewarper as Dewarper
@@ -162,6 +163,7 @@ _HOMES = {
     "MirrorRequirements": "design",
     "Optimum": "design",
     "pareto": "design",
+    "register_quantity": "design",
     "Requirements": "design",
     "requirements_like": "design",
     "SearchOptions": "design",

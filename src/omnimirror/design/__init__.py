@@ -6,7 +6,7 @@ from .construct.fits import FitForm, FittedMirror, fit_mirror
 from .construct.mappings import generated_mirror
 from .construct.rim import MountedMirror, RimRay
 from .criteria.like import requirements_like
-from .criteria.limits import Limit
+from .criteria.limits import Limit, Limitable, register_quantity
 from .criteria.requirement_file import format_requirements, load_requirements, parse_requirements
 from .criteria.requirements import FieldRequirements, LensRequirements, MirrorRequirements, Requirements
 from .optimise.lower_bound import BlurBound, blur_bound
@@ -27,6 +27,7 @@ __all__ = [
     "Judgement",
     "LensRequirements",
     "Limit",
+    "Limitable",
     "MirrorRequirements",
     "MountedMirror",
     "Optimum",
@@ -44,5 +45,6 @@ __all__ = [
     "load_requirements",
     "pareto",
     "parse_requirements",
+    "register_quantity",
     "requirements_like",
 ]

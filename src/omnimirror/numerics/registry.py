@@ -7,7 +7,7 @@ from importlib.metadata import EntryPoint, entry_points
 from typing import Any, Generic, TypeVar
 
 from ..arguments import shown
-from ..errors import InvalidParameter
+from ..errors import InvalidParameter, OmnimirrorError
 from .lazy import cached_property
 
 T = TypeVar("T")
@@ -95,7 +95,7 @@ class Registry(Mapping[str, T], Generic[T]):
             self._check(point.name, thing)
         except Exception as e:  # whatever another package raises while it is imported
             named = f"{self.what} {point.name!r} of {package} ({point.value})"
-            raise InvalidParameter(f"{named} cannot be used: {e}") from e
+            raise OmnimirrorError(f"{named} cannot be used: {e}") from e
         return thing
 
 

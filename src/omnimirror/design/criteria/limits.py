@@ -17,8 +17,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import finite, number, shown
+from ...arguments import WrongKind, finite, number, shown
 from ...errors import InvalidParameter
+from ...numerics.registry import Registry
 from ...quantities import QUANTITIES, Quantity
 from ...specs import did_you_mean
 from .merits import FieldValues
@@ -153,7 +154,7 @@ T_DEG: Disk = lambda f: (f.t_deg, f.airy_px / f.dh)  # noqa: E731
 S_DEG: Disk = lambda f: (f.s_deg, f.airy_px / f.dw)  # noqa: E731
 
 
-LIMITABLE: dict[str, Limitable] = {
+_OURS: dict[str, Limitable] = {
     limitable.quantity.name: limitable
     for limitable in (
         _total_blur("total_blur_px", T_PX, S_PX),
@@ -173,7 +174,49 @@ LIMITABLE: dict[str, Limitable] = {
         _one("sag_mm", "largest", lambda f: f.sag),
     )
 }
-"""What a ``[[limit]]`` can be set to, by its name."""
+
+
+def _check_limitable(name: str, limitable: Any) -> None:
+    if not isinstance(limitable, Limitable):
+        raise WrongKind(f"{shown(limitable)} is no omnimirror.design.Limitable")
+    if limitable.quantity.name != name:
+        raise InvalidParameter(f"the quantity {shown(limitable.quantity.name)} is to be known by its own name")
+
+
+LIMITABLE: Registry[Limitable] = Registry("omnimirror.quantities", "a quantity", _OURS, _check_limitable)
+"""What a ``[[limit]]`` can be set to, by its name: ours, and those of others."""
+
+
+def register_quantity(limitable: Limitable) -> None:
+    """Make a quantity of one's own known, which requirements limit, designs keep and ``omnimirror judge`` tells.
+
+    An installed package does the same without a call, by an entry point in its ``pyproject.toml``:
+    ``[project.entry-points."omnimirror.quantities"]`` with ``density_px2 = "my_package:density"``.
+
+    Parameters
+    ----------
+    limitable
+        The quantity, with the words for it, and how it is had of what happens at the field angles. Its functions are
+        called with complex arrays too, from whose imaginary parts an optimiser has derivatives: no ``abs``, no ``max``.
+
+    Raises
+    ------
+    InvalidParameter
+        Another quantity has this name.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> from omnimirror.design import Limitable
+    >>> from omnimirror.quantities import Quantity
+    >>> density = Quantity("docs_density_px2", "Δs", "px²", "Pixels", "image of one square degree")
+    >>> om.register_quantity(Limitable(density, lambda field: (field.dh * field.dw,), "smallest"))
+    >>> om.Limit("docs_density_px2", at_least=4.0).of.unit
+    'px²'
+    >>> om.design.criteria.limits.LIMITABLE.withdraw("docs_density_px2")
+    """
+    LIMITABLE.register(getattr(getattr(limitable, "quantity", None), "name", ""), limitable)
+
 
 NEVER_ABOVE = {
     "total_blur_t_px": ("total_blur_px",),
