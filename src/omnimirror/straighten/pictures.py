@@ -129,7 +129,7 @@ class PictureStraightener:
             share = restorer.shown_share(picture, noise)
             found = f"; restored at a noise of {100 * noise.share:.2g} % ({noise.kind})"
             if share < 1:
-                found += f", and {100 * share:.0f} % of the blur, since the picture shows no more"
+                found += f", and {100 * share:.0f} % of the blur, which is what the picture shows for certain"
             return restorer(picture, noise, share), found
 
     def __call__(self, source: Path, output: Path) -> str:

@@ -1,11 +1,12 @@
 """Restoration: its blur against real rays, and its pictures against the scene without blur."""
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
-from benchmarks.restoration_gain import clouds, dead_leaves, faster, gains
+from benchmarks.restoration_gain import clouds, dead_leaves, exposed, faster, gains
 
 import omnimirror as om
 from omnimirror.errors import InvalidParameter
@@ -41,6 +42,12 @@ def _units(directions):
 @pytest.fixture(scope="module")
 def scene() -> om.Environment:
     return dead_leaves(1024, 900, smallest_deg=2.1)
+
+
+@pytest.fixture(scope="module")
+def smaller() -> Restorer:
+    """Fewer pixels still, where what counts is whether two ways agree."""
+    return Restorer(faster(om.load_sensor("paper-spherical"), 160, 0.625))
 
 
 @pytest.fixture(scope="module")
@@ -90,18 +97,27 @@ def test_texture_is_not_harmed_by_blur_known_too_large(small: Restorer):
     scene = clouds(1024)
     assert gains(small, scene).tenths_db.min() > -0.1
     told = Restorer(small.camera, told=small.known.scaled(1.15).sizes)
-    assert gains(told, scene).gain_db.min() > -0.1
+    assert gains(told, scene).tenths_db.min() > -0.1
+
+
+@pytest.mark.parametrize("times", [1.0, 1.15])
+def test_a_photograph_with_bright_windows_is_not_harmed_at_the_rim(small: Restorer, shared_data: Path, times: float):
+    """They show every error of the blur, and what it leaves unexplained beside them stays as it is."""
+    photograph = shared_data / "environments" / "st_fagans_interior_1k.hdr"
+    told = Restorer(small.camera, told=small.known.scaled(times).sizes)
+    assert gains(told, exposed(photograph)).tenths_db.min() > -0.1
 
 
 @pytest.mark.long
 def test_near_things_are_blurred_otherwise(scene: om.Environment):
-    """A wall all around at 300 mm: its own blur restores more than that of distant things."""
-    sensor = faster(om.load_sensor("paper-hyperboloidal"), 256, 1.0)
+    """A wall all around at 300 mm: its own blur restores more than that of distant things, which harms nothing."""
+    sensor = faster(om.load_sensor("paper-hyperboloidal"), 160, 0.625)
     near = Around(scene, 300.0)
     right, wrong = (gains(Restorer(sensor, distance), near).gain_db for distance in (300.0, np.inf))
     assert right[0] > wrong[0] + 0.1
-    assert right[1] > wrong[1] + 2
+    assert right[1] > wrong[1] + 1
     assert right.min() > 2.5
+    assert wrong.min() > 0
 
 
 @pytest.mark.parametrize("level", [0.15, 0.5, 0.85])
@@ -155,9 +171,9 @@ def test_alpha_and_what_is_outside_stay(small: Restorer):
     assert (restored[~outside] != picture[~outside]).any()
 
 
-def test_a_flipped_picture_is_restored_flipped(small: Restorer, scene: om.Environment):
+def test_a_flipped_picture_is_restored_flipped(smaller: Restorer, scene: om.Environment):
     """Off the middle, too, where flipping moves the optical axis; neighbours count to one side, so not to the byte."""
-    sensor = replace(small.camera, imager=replace(small.camera.imager, centre_px=(110.0, 128.0)))
+    sensor = replace(smaller.camera, imager=replace(smaller.camera.imager, centre_px=(68.0, 80.0)))
     picture = om.take_picture(sensor, scene, samples=32, blur=True)
     flipped = replace(sensor, mount=replace(sensor.mount, image_flipped=True))
     restored = om.restore(sensor, picture, noise=0.01).astype(float)
@@ -179,20 +195,20 @@ def test_what_lies_beyond_the_rim_changes_nothing_within(small: Restorer, scene:
 
 
 @pytest.mark.long
-def test_a_ball_and_a_calibrated_camera_are_restored_by_the_blur_that_is_told(small: Restorer, scene: om.Environment):
+def test_a_ball_and_a_calibrated_camera_are_restored_by_the_blur_that_is_told(smaller: Restorer, scene: om.Environment):
     """A sensor's picture taken for theirs, the blur told by each way: as the sensor's own, up to the rim."""
-    picture = om.take_picture(small.camera, scene, samples=32, blur=True)
-    centre, rim = small.camera.symmetry.centre_px, small.camera.rim_radius_px
-    ball = om.MirrorBall(centre, rim, 360.0, (256, 256))
-    ocam = om.OCam((-60.0, 0.0, 0.004), centre, (256, 256), rim_radius_px=rim)
-    radii = np.linspace(0, 130, 66)
-    table = np.stack([radii, *small.known.sizes(radii)], axis=-1)
-    inner = small.radius < 0.9 * rim
-    expected = small(picture, 0.01).astype(float)
+    picture = om.take_picture(smaller.camera, scene, samples=32, blur=True)
+    centre, rim = smaller.camera.symmetry.centre_px, smaller.camera.rim_radius_px
+    ball = om.MirrorBall(centre, rim, 360.0, (160, 160))
+    ocam = om.OCam((-37.5, 0.0, 0.0064), centre, (160, 160), rim_radius_px=rim)
+    radii = np.linspace(0, 81, 82)
+    table = np.stack([radii, *smaller.known.sizes(radii)], axis=-1)
+    inner = smaller.radius < 0.9 * rim
+    expected = smaller(picture, 0.01, 1.0).astype(float)
     gain = np.sqrt(((expected - picture)[inner] ** 2).mean())
-    for camera, told in ((ball, table), (ocam, table), (ball, small.known.sizes), (small.camera, table)):
-        found = om.restore(camera, picture, noise=0.01, blur=told)
-        assert np.sqrt(((found - expected)[inner] ** 2).mean()) < 0.05 * gain
+    for camera, told in ((ball, table), (ocam, table), (ball, smaller.known.sizes), (smaller.camera, table)):
+        found = Restorer(camera, told=told)(picture, 0.01, 1.0)
+        assert np.sqrt(((found - expected)[inner] ** 2).mean()) < 0.05 * gain, camera
 
 
 @pytest.mark.parametrize("times", [1.4, pytest.param(2.0, marks=pytest.mark.full)])

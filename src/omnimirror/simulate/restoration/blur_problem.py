@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from ...numerics.lazy import cached_property
 from .blurring import Blur, BlurSize, blur_kernels
-from .deconvolution import BLUR_PX, DARK, ROUNDS, SATURATED, STEPS, solve
+from .deconvolution import BLUR_PX, DARK, ROUNDS, SATURATED, STEPS, solve, texture_of
 from .noise import Noise
 from .operators import Operator, operator_of
 from .round_blur import RoundBlur
@@ -20,6 +20,8 @@ TEXTURE_PX = 9  # in which what is left over is compared with the noise
 MEAN_OF_LOG = np.float32(np.exp(0.37))  # a mean of three squares over the geometric mean of such means
 BEYOND_PX = 5  # in which what is mirrored beyond the rim is made even, texture there being none of the picture's
 CODED = 0.35  # of the error of coding is there to be seen; the rest is texture that is gone already
+UNEXPLAINED = 1.5, 2.0  # what is left over, over the noise, from which doubt begins, and where nothing is believed
+LOST = 0.5  # of the power that blur takes from texture is not found again
 COARSE = 0.25  # what coding leaves is coarse, and blur damps it less than noise: by this power
 
 
@@ -48,7 +50,9 @@ class BlurProblem:
         sharp = np.sqrt(_binned(fine, FINENESS))
         left = self.left_over(roots, fine)
         share = self._texture(left, noise) / (1 + self.widening)
-        return np.asarray(np.maximum(sharp + share[..., None] * left, 0), np.float32)
+        restored = np.maximum(sharp + share[..., None] * left, 0)
+        counts = self._explained(left, noise) * (1 - self._given_share(fine, sharp - roots + left, noise))
+        return np.asarray(roots + counts[..., None] * (restored - roots), np.float32)
 
     def solved(self, roots: Values, noise: Noise, rounds: int = ROUNDS, steps: int = STEPS) -> Values:
         """Roots of the light of the sharp picture, on the fine grid."""
@@ -73,6 +77,25 @@ class BlurProblem:
         mirrored = roots[rows, columns]
         smooth = cv2.blur(mirrored, (BEYOND_PX, BEYOND_PX)).reshape(roots.shape)
         return np.where((self.known.radius > self.known.whole_radius_px)[..., None], smooth, mirrored)
+
+    def _explained(self, left: Values, noise: Noise) -> Values:
+        """How far (h, w) the sharp picture explains the one given, 0 to 1: less where more than noise is left over.
+
+        There the blur is not the known one, as beside lamps that are far brighter than white, or larger than it is.
+        """
+        begins, ends = UNEXPLAINED
+        ratio = np.sqrt(_power(left, noise))
+        return np.asarray(np.clip((ends - ratio) / (ends - begins), 0, 1), np.float32)
+
+    def _given_share(self, fine: Values, removed: Values, noise: Noise) -> Values:
+        """The share (h, w) of the picture given in the mean of both that errs least, their errors taken for unlike.
+
+        The one given errs by its noise and by the blur removed (h, w, channels); the sharp one by what it cannot know
+        of texture: in units of the noise, and of the blur.
+        """
+        blurred = _power(removed, noise)
+        lost = texture_of(fine, noise.by_pixel) * (1 + np.float32(LOST) * blurred)
+        return np.asarray(lost / (lost + 1 + blurred), np.float32)
 
     def _texture(self, left: Values, noise: Noise) -> Values:
         """The share (h, w) of what is left over that is no noise: texture that looked like it.
@@ -99,6 +122,12 @@ class BlurProblem:
         height, width = radius.shape
         found = np.clip(moved[0], 0, height - 1).astype(int), np.clip(moved[1], 0, width - 1).astype(int)
         return found
+
+
+def _power(values: Values, noise: Noise) -> Values:
+    """Mean squares (h, w) of values (h, w, channels) about each pixel, over those of the noise."""
+    squares = cv2.blur((values**2).mean(axis=2) / noise.by_pixel**2, (TEXTURE_PX, TEXTURE_PX))
+    return np.asarray(np.maximum(squares, 0), np.float32)  # running sums of zeros come out below 0
 
 
 def _binned(fine: Values, fineness: int) -> Values:

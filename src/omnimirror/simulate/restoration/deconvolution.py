@@ -80,6 +80,14 @@ def solve(
     return flat.reshape(*operator.shape, -1)[..., :channels]
 
 
+def texture_of(fine: Values, noise: Values) -> Values:
+    """How textured (h, w) a sharp picture (rows, columns, channels) on a fine grid is, 0 to 1: a half where its
+    differences are those that cost half, by the noise (h, w) of the root of the blurred one."""
+    fineness = fine.shape[0] // noise.shape[0]
+    plain = _plain(_steepness(np.minimum(fine, 1)), _repeated(TEXTURE * noise, fineness), fineness)
+    return np.asarray(1 - cv2.resize(plain, noise.shape[::-1], interpolation=cv2.INTER_AREA), np.float32)
+
+
 def _step(operator: Operator, flat: Values, seen: Values, stiffness: Values, fineness: int, steps: int) -> Values:
     """From values (places, channels) of the fine grid towards those that make the quadratic terms about them least."""
     level = np.sqrt(np.maximum(operator.blur(flat**2), DARK))
