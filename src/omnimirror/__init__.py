@@ -18,16 +18,15 @@ if TYPE_CHECKING:
     from .analysis import psf as psf
     from .analysis import spots as spots
     from .calibrate.conversion import convert as convert
-    from .calibrate.formats import register_camera_format as register_camera_format
-    from .calibrate.physical import SensorModel as SensorModel
-    from .calibrate.physical import mirror_ball_model as mirror_ball_model
     from .calibrate.estimation import Calibration as Calibration
     from .calibrate.estimation import Prior as Prior
     from .calibrate.estimation import Sighting as Sighting
     from .calibrate.estimation import adjust as adjust
     from .calibrate.estimation import calibrate_camera as calibrate_camera
     from .calibrate.estimation import simulate_detections as simulate_detections
+    from .calibrate.formats import register_camera_format as register_camera_format
     from .calibrate.physical import SensorModel as SensorModel
+    from .calibrate.physical import mirror_ball_model as mirror_ball_model
     from .calibrate.targets import Board as Board
     from .calibrate.targets import Detection as Detection
     from .calibrate.targets import find_board as find_board

@@ -58,7 +58,7 @@ def is_whole(part: LatticePart, board: Board) -> bool:
 def is_other(part: LatticePart, board: Board) -> bool:
     """Whether a lattice is larger than the board, and whole, so that it is another one."""
     size, wanted = sorted(part.size), sorted(board.lattice_size)
-    return (size[0] > wanted[0] or size[1] > wanted[1]) and len(part.places) >= WHOLE * np.prod(size)
+    return (size[0] > wanted[0] or size[1] > wanted[1]) and len(part.places) >= WHOLE * size[0] * size[1]
 
 
 def _parts(picture: Grey, board: Board) -> Iterator[LatticePart]:
