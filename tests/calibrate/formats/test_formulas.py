@@ -3,16 +3,20 @@
 import json
 import re
 
+import cv2
 import numpy as np
 import pytest
+import yaml
 
 import omnimirror as om
-from omnimirror.camera_models import OCam, Unified
+from omnimirror.camera_models import DoubleSphere, EnhancedUnified, KannalaBrandt, OCam, Unified
 from omnimirror.frames import Mount
 
 F, C, SIZE = (260.0, 261.3), (515.32, 380.29), (1024, 768)
 OCAM = OCam((-131.4797, 0.0, 1.848991e-03, 2.251206e-07, -7.343233e-10), C, SIZE, (0.9998, 4.4e-4, 8e-5))
 UNIFIED = Unified(0.93, F, C, SIZE, 0.0, -0.01, 0.002, p1=1e-3, p2=-2e-3)
+FISHEYE = KannalaBrandt(F, C, SIZE, 0.02, -0.003, 4e-4, -1e-5, optics="fisheye")
+SKEWED = KannalaBrandt(F, C, SIZE, 0.02, -0.003, 4e-4, -1e-5, skew_px=0.4, optics="fisheye")
 
 
 def seen(camera, most_deg=180.0):
@@ -83,7 +87,101 @@ def test_matlabs_fisheye_intrinsics(tmp_path, name):
     np.testing.assert_allclose(rays, points / np.linalg.norm(points, axis=1)[:, None], atol=1e-12)
 
 
-@pytest.mark.parametrize("camera", [UNIFIED, OCAM])
+@pytest.mark.parametrize("camera", [FISHEYE, SKEWED], ids=["plain", "skewed"])
+def test_opencv_reads_our_fisheye_and_projects_the_same_points(tmp_path, camera):
+    om.convert(camera, tmp_path / "a.yaml", to="opencv-fisheye")
+    storage = cv2.FileStorage(str(tmp_path / "a.yaml"), cv2.FILE_STORAGE_READ)
+    K, D = (storage.getNode(name).mat() for name in ("camera_matrix", "distortion_coefficients"))
+    assert storage.getNode("image_width").real() == 1024
+    pixels, points = seen(camera, 89.0)
+    alpha = K[0, 1] / K[0, 0]
+    projected, _ = cv2.fisheye.projectPoints(points[None], np.zeros(3), np.zeros(3), K, D, alpha=alpha)
+    np.testing.assert_allclose(projected[0], pixels, atol=1e-6, rtol=0)
+
+
+def radtan(x, y, k1, k2, p1, p2):
+    """Kalibr's RadialTangentialDistortion."""
+    r = x * x + y * y
+    radial = k1 * r + k2 * r * r
+    return x + x * radial + 2 * p1 * x * y + p2 * (r + 2 * x * x), y + y * radial + 2 * p2 * x * y + p1 * (
+        r + 2 * y * y
+    )
+
+
+def kalibr(camera, points):
+    """Kalibr's four projections, from the entries of its file."""
+    x, y, z = points.T
+    *law, fu, fv, pu, pv = camera["intrinsics"]
+    k = camera["distortion_coeffs"]
+    match camera["camera_model"], camera["distortion_model"]:
+        case "omni", "radtan":
+            depth = z + law[0] * np.sqrt(x * x + y * y + z * z)
+            a, b = radtan(x / depth, y / depth, *k)
+        case "eucm", "none":
+            alpha, beta = law
+            depth = alpha * np.sqrt(beta * (x * x + y * y) + z * z) + (1 - alpha) * z
+            a, b = x / depth, y / depth
+        case "ds", "none":
+            xi, alpha = law
+            d1 = np.sqrt(x * x + y * y + z * z)
+            d2 = np.sqrt(x * x + y * y + (xi * d1 + z) ** 2)
+            depth = alpha * d2 + (1 - alpha) * (xi * d1 + z)
+            a, b = x / depth, y / depth
+        case "pinhole", "equidistant":
+            r = np.hypot(x / z, y / z)
+            theta = np.arctan(r)
+            scale = theta * (1 + k[0] * theta**2 + k[1] * theta**4 + k[2] * theta**6 + k[3] * theta**8) / r
+            a, b = scale * x / z, scale * y / z
+    return np.stack([fu * a + pu, fv * b + pv], axis=-1)
+
+
+@pytest.mark.parametrize(
+    ("to", "camera", "most_deg"),
+    [
+        ("kalibr-omni", UNIFIED, 180.0),
+        ("kalibr-eucm", EnhancedUnified(0.6, 1.1, F, C, SIZE), 180.0),
+        ("kalibr-ds", DoubleSphere(0.3, 0.6, F, C, SIZE), 180.0),
+        ("kalibr-equi", FISHEYE, 89.0),
+    ],
+)
+@pytest.mark.parametrize("flip", [False, True])
+def test_kalibrs_formulas(tmp_path, to, camera, most_deg, flip):
+    made = om.convert(camera, tmp_path / "camchain.yaml", to=to, flip=flip)
+    assert made.exact
+    file = yaml.safe_load((tmp_path / "camchain.yaml").read_text())["cam0"]
+    assert file["resolution"] == [1024, 768]
+    pixels, points = seen(made.camera, most_deg)
+    np.testing.assert_allclose(kalibr(file, points), pixels, atol=1e-9, rtol=0)
+
+
+@pytest.mark.parametrize("model", ["equidistant", "plumb_bob"])
+def test_ros_camera_info(tmp_path, model):
+    """OpenCV's functions, which ROS's image_geometry calls with the file's matrix and coefficients."""
+    pinhole = Unified(0.0, (600.0, 602.0), C, SIZE, 0.0, -0.2, 0.05, 0.01, 1e-3, -2e-3, optics="fisheye")
+    camera = FISHEYE if model == "equidistant" else pinhole
+    om.convert(camera, tmp_path / "camera_info.yaml")
+    file = yaml.safe_load((tmp_path / "camera_info.yaml").read_text())
+    assert (file["distortion_model"], file["image_width"], file["image_height"]) == (model, 1024, 768)
+    K, D = (np.array(file[k]["data"]) for k in ("camera_matrix", "distortion_coefficients"))
+    pixels, points = seen(camera, 80.0)
+    project = cv2.fisheye.projectPoints if model == "equidistant" else cv2.projectPoints
+    projected, _ = project(points[None], np.zeros(3), np.zeros(3), K.reshape(3, 3), D)
+    np.testing.assert_allclose(projected.reshape(-1, 2), pixels, atol=1e-6, rtol=0)
+    assert np.array(file["projection_matrix"]["data"]).reshape(3, 4)[:, :3].tolist() == K.reshape(3, 3).tolist()
+
+
+def test_colmaps_cameras_have_pixel_centres_at_a_half(tmp_path):
+    om.convert(FISHEYE, tmp_path / "cameras.txt")
+    line = (tmp_path / "cameras.txt").read_text().splitlines()[-1].split()
+    assert line[:4] == ["1", "OPENCV_FISHEYE", "1024", "768"]
+    fx, fy, cx, cy, *ks = map(float, line[4:])
+    assert (cx, cy) == (C[0] + 0.5, C[1] + 0.5)
+    om.convert(FISHEYE, tmp_path / "cameras.bin")
+    data = np.frombuffer((tmp_path / "cameras.bin").read_bytes()[32:], dtype="<f8")
+    assert data.tolist() == [fx, fy, cx, cy, *ks]
+
+
+@pytest.mark.parametrize("camera", [UNIFIED, OCAM, SKEWED, EnhancedUnified(0.6, 1.1, F, C, SIZE, 0.3)])
 def test_flipping_a_camera_mirrors_its_pixels(camera):
     from omnimirror.calibrate.conversion import flipped
 

@@ -16,6 +16,7 @@ from ...cameras import Camera
 from ...errors import InvalidParameter, OmnimirrorError
 from ...files import replacing
 from ...frames import Mount
+from ...specs import bundled_sensors, load_sensor
 from ..formats.base import Reading, Stored
 from ..formats.registry import Target, read_cameras, targets_of
 from .fitting import Cost, Fitted, cost, fit
@@ -211,7 +212,10 @@ def _row(name: str, value: Any, count: int | None = None) -> list[Any]:
 
 
 def _of_file(source: Any, reading: Reading, name: str | None, camera: int | str) -> tuple[str, Stored]:
-    read, cameras = read_cameras(file_name("source", source), reading, name)
+    path = file_name("source", source)
+    if name is None and not path.exists() and str(source) in bundled_sensors():
+        return "omnimirror", Stored(str(source), load_sensor(source))
+    read, cameras = read_cameras(path, reading, name)
     names = [c.name for c in cameras]
     if isinstance(camera, str) and camera in names:
         return read, cameras[names.index(camera)]

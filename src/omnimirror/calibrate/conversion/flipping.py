@@ -5,12 +5,17 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any, TypeVar
 
+import numpy as np
+
 from ...camera_models import CameraModel
 from ...errors import InvalidParameter
+from ...parameters import Uncertainty
 
 Model = TypeVar("Model", bound=CameraModel)
 
-ODD = ("skew_px", "p2", "s1", "s2")  # what changes its sign with the columns
+TURNED = {"cx", "skew", "shear", "d", "p2", "s1", "s2"}
+"""Parameters that change their sign with the columns, the centre's but for a constant."""
+ODD = ("skew_px", "shear", "p2", "s1", "s2")  # fields that do
 
 
 def flipped(camera: Model) -> Model:
@@ -50,4 +55,9 @@ def flipped(camera: Model) -> Model:
     if hasattr(found, "affine"):
         c, d, e = found.affine
         changes["affine"] = (c, -d, -e)
+    if getattr(found, "uncertainty", None) is not None:
+        names = found.uncertainty.names
+        signs = np.array([-1.0 if name in TURNED else 1.0 for name in names])
+        matrix = np.array(found.uncertainty.covariance) * np.outer(signs, signs)
+        changes["uncertainty"] = Uncertainty(names, tuple(map(tuple, matrix.tolist())))
     return replace(found, **changes)  # type: ignore[no-any-return]

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...camera_models import CameraModel, OCam, Unified
+from ...camera_models import CameraModel, DoubleSphere, EnhancedUnified, KannalaBrandt, OCam, Unified
 from ...errors import InvalidParameter
 from .sampling import Sample
 
@@ -93,11 +93,38 @@ def _focal(f: float, places: frozenset[str] | None, picture: RoundPicture) -> di
     return made
 
 
+def _kannala_brandt(places: frozenset[str] | None, picture: RoundPicture) -> Iterator[CameraModel]:
+    """``r = f (Omega + k1 Omega^3 + ..)`` is linear in f and f k."""
+    scale = picture.omega.max()
+    powers = 2 * np.arange(5) + 1
+    found = np.linalg.lstsq((picture.omega / scale)[:, None] ** powers, picture.radius, rcond=None)[0]
+    f, *rest = found / scale**powers
+    ks: dict[str, Any] = {f"k{i}": float(value / f) for i, value in enumerate(rest, start=1)}
+    yield KannalaBrandt(**_focal(f, places, picture), **ks)
+
+
 def _unified(places: frozenset[str] | None, picture: RoundPicture) -> Iterator[CameraModel]:
     """The best of some xi, without distortion; a pinhole where there is no place for xi."""
     pinhole = places is not None and "xi" not in places
     yield Unified(**_best(picture, places, lambda o, xi: np.sin(o) / (np.cos(o) + xi), lambda o, xi: np.cos(o) + xi,
                           {"xi": np.array([0.0]) if pinhole else np.linspace(0.0, 3.0, 61)}))  # fmt: skip
+
+
+def _enhanced(places: frozenset[str] | None, picture: RoundPicture) -> Iterator[CameraModel]:
+    def depth(o: Array, alpha: float, beta: float) -> Array:
+        return np.asarray(alpha * np.sqrt(beta * np.sin(o) ** 2 + np.cos(o) ** 2) + (1 - alpha) * np.cos(o))
+
+    grid = {"alpha": np.linspace(0.02, 0.98, 25), "beta": np.geomspace(0.3, 4.0, 25)}
+    yield EnhancedUnified(**_best(picture, places, lambda o, a, b: np.sin(o) / depth(o, a, b), depth, grid))
+
+
+def _double(places: frozenset[str] | None, picture: RoundPicture) -> Iterator[CameraModel]:
+    def depth(o: Array, xi: float, alpha: float) -> Array:
+        z = xi + np.cos(o)
+        return np.asarray(alpha * np.hypot(np.sin(o), z) + (1 - alpha) * z)
+
+    grid = {"xi": np.linspace(-0.9, 1.5, 25), "alpha": np.linspace(0.02, 0.98, 25)}
+    yield DoubleSphere(**_best(picture, places, lambda o, xi, a: np.sin(o) / depth(o, xi, a), depth, grid))
 
 
 def _best(
@@ -141,6 +168,9 @@ def _ocam(places: frozenset[str] | None, picture: RoundPicture) -> Iterator[Came
 
 
 STARTS: dict[type[Any], Callable[[frozenset[str] | None, RoundPicture], Iterator[CameraModel]]] = {
+    KannalaBrandt: _kannala_brandt,
     Unified: _unified,
+    EnhancedUnified: _enhanced,
+    DoubleSphere: _double,
     OCam: _ocam,
 }

@@ -10,7 +10,8 @@ left-handed since a mirror's picture is reversed; of a picture that was flipped 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import re
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -105,7 +106,7 @@ class Layout:
         """Why it cannot hold a camera exactly, in words that follow "it"; "" where it can."""
         if not isinstance(camera, self.kind):
             name = getattr(camera, "KIND", type(camera).__name__)
-            return f"holds the model {self.kind.KIND}, and this camera is {name}"
+            return f"holds {self.words}, and this camera is {name}"
         for p in () if self.places is None else camera.parameters:
             if self.places is not None and p.name not in self.places and p.value != 0:
                 return f"has no place for {p.name} = {p.value:.6g}"
@@ -151,10 +152,17 @@ def text_of(data: bytes, source: str) -> str:
         raise SpecError(f"cannot read {source}: it is not a text file") from None
 
 
-def row(numbers: Any, separator: str = ", ") -> str:
-    """Numbers as files hold them: the shortest words that read as the same numbers.
+def named(names: Iterable[str], numbers: Iterable[float]) -> dict[str, Any]:
+    """Numbers by their names, as a model takes them; numbers that are left out are 0."""
+    return dict(zip(names, numbers, strict=False))
 
-    >>> row([0.1, 2])
-    '0.1, 2.0'
+
+def row(numbers: Any, separator: str = ", ") -> str:
+    """Numbers as files hold them: the shortest words that read as the same numbers, for YAML 1.1 too.
+
+    There ``1e-05`` is a word and no number, since it has no point.
+
+    >>> row([0.1, 2, 1e-5])
+    '0.1, 2.0, 1.0e-05'
     """
-    return separator.join(repr(float(x)) for x in numbers)
+    return separator.join(re.sub(r"^(-?\d+)e", r"\1.0e", repr(float(x))) for x in numbers)

@@ -25,6 +25,7 @@ from .entries import Node, read_json
 
 Array = NDArray[np.float64]
 
+LARGEST = 1e100
 TERMS = frozenset({"a0", "a2", "a3", "a4", "cx", "cy", "c", "d", "e"})
 NAMES = ("MappingCoefficients", "ImageSize", "DistortionCenter", "StretchMatrix")
 
@@ -57,8 +58,12 @@ def taylor_of(camera: OCam) -> Taylor:
 def ocam_of(taylor: Taylor, image_size: tuple[int, int], reading: Reading) -> OCam:
     """The camera of such numbers, the other way round."""
     (first, q), (r, last) = taylor.stretch
-    if not abs(first) > 1e-3:
+    if not 1e-3 < abs(first) < 1e3:
         raise SpecError(f"{reading.source}: the stretch matrix begins with {first:g}; it is valid near 1")
+    if not np.abs(taylor.coefficients).max(initial=0.0) < LARGEST:
+        raise SpecError(
+            f"{reading.source}: a coefficient of the polynomial is {LARGEST:g} or more, which is no camera's"
+        )
     powers = first ** (1.0 - np.arange(len(taylor.coefficients)))
     polynomial = tuple((-np.asarray(taylor.coefficients) * powers).tolist())
     affine = (float(last / first), float(r / first), float(q / first))

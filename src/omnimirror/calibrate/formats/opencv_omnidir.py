@@ -58,7 +58,7 @@ def write(camera: Unified, name: str = "") -> str:
         f"image_width: {width}\nimage_height: {height}\n"
         + opencv_matrix("camera_matrix", 3, 3, [fx, camera.skew_px, cx, 0, fy, cy, 0, 0, 1])
         + opencv_matrix("distortion_coefficients", 1, 4, [camera.k1, camera.k2, camera.p1, camera.p2])
-        + f"xi: {float(camera.xi)!r}\n"
+        + f"xi: {row([camera.xi])}\n"
     )
 
 

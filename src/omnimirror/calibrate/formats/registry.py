@@ -11,7 +11,7 @@ from ...arguments import WrongKind, choice, shown
 from ...errors import InvalidParameter, SpecError
 from ...files import LARGEST_TEXT, read_bytes
 from ...numerics.registry import Registry
-from . import matlab, ocamcalib, opencv_omnidir, py_ocamcalib
+from . import colmap, kalibr, matlab, ocamcalib, opencv_fisheye, opencv_omnidir, own, py_ocamcalib, ros
 from .base import CameraFormat, Layout, Reading, Stored
 
 OURS = {
@@ -19,6 +19,11 @@ OURS = {
     "py-ocamcalib": py_ocamcalib.FORMAT,
     "matlab": matlab.FORMAT,
     "opencv-omnidir": opencv_omnidir.FORMAT,
+    "opencv-fisheye": opencv_fisheye.FORMAT,
+    "kalibr": kalibr.FORMAT,
+    "ros": ros.FORMAT,
+    "colmap": colmap.FORMAT,
+    "omnimirror": own.FORMAT,
 }
 
 

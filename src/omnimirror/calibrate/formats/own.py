@@ -1,0 +1,38 @@
+"""Our own files: a camera file (TOML with a table ``[camera]``), and a sensor file; both say everything of a camera."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ...camera_models import RadialModel
+from ...sensor import Sensor
+from ...specs import format_camera, format_sensor, parse_camera
+from .base import CameraFormat, Layout, Reading, Stored, text_of
+
+
+def read(data: bytes, reading: Reading) -> list[Stored]:
+    """The camera or the sensor; how it stands and what it looks at is in the file itself."""
+    camera = parse_camera(text_of(data, reading.source), reading.source, Path(reading.source).parent)
+    return [Stored(getattr(camera, "name", ""), camera)]
+
+
+def write_camera(camera: RadialModel, name: str = "") -> str:
+    """The text of a camera file."""
+    return format_camera(camera)
+
+
+def write_sensor(sensor: Sensor, name: str = "") -> str:
+    """The text of a sensor file."""
+    return format_sensor(sensor)
+
+
+FORMAT = CameraFormat(
+    "omnimirror camera or sensor TOML",
+    lambda name, data: name.lower().endswith(".toml"),
+    read,
+    {
+        "camera": Layout(RadialModel, write_camera, "a calibrated model"),
+        "sensor": Layout(Sensor, write_sensor, "a sensor of mirror, lens and imager"),
+    },
+    ("*.toml",),
+)
