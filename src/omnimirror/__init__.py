@@ -29,9 +29,11 @@ if TYPE_CHECKING:
     from .calibrate.physical import mirror_ball_model as mirror_ball_model
     from .calibrate.targets import Board as Board
     from .calibrate.targets import Detection as Detection
+    from .calibrate.targets import draw_board as draw_board
     from .calibrate.targets import find_board as find_board
     from .calibrate.targets import find_boards as find_boards
     from .calibrate.targets import refine_corners as refine_corners
+    from .calibrate.targets import write_board as write_board
     from .camera_models import DoubleSphere as DoubleSphere
     from .camera_models import EnhancedUnified as EnhancedUnified
     from .camera_models import KannalaBrandt as KannalaBrandt
@@ -136,9 +138,11 @@ _HOMES = {
     "KannalaBrandt": "camera_models",
     "convert": "calibrate.conversion",
     "register_camera_format": "calibrate.formats",
+    "draw_board": "calibrate.targets",
     "find_board": "calibrate.targets",
     "find_boards": "calibrate.targets",
     "refine_corners": "calibrate.targets",
+    "write_board": "calibrate.targets",
     "load_ocam": "camera_models",
     "MirrorBall": "camera_models",
     "OCam": "camera_models",

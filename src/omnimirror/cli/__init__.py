@@ -33,6 +33,7 @@ COMMANDS = {
     "dewarp": "Straighten a picture taken with a mirror or fisheye.",
     "view": "Look around in a picture, video or stream, in the browser.",
     "studio": "Open the workbench in the browser.",
+    "board": "Write a calibration board to print.",
     "convert": "Take a camera from one program's file to another's.",
     "apertures": "Find the F-number and focus with the least blur and diffraction.",
     "bracket": "Plan pictures at several focus distances, and merge them into a sharp one.",
@@ -42,7 +43,7 @@ COMMANDS = {
 }
 """Every command with its one line of help."""
 ROOMS = {
-    "calibration": {"convert"},
+    "calibration": {"board", "convert"},
     "evaluation": {"compare", "evaluate", "illumination", "mtf", "psf", "reproduce", "sensors", "spots"},
     "design": {"apertures", "design", "export", "init", "judge", "mappings", "parts"},
     "pictures": {"bracket", "demo", "dewarp", "simulate", "studio", "view"},

@@ -29,7 +29,7 @@ def pose(board: om.Board, azimuth_deg: float, elevation_deg: float, distance_mm:
     return rotation, distance_mm * away - rotation @ board.points_mm.mean(axis=0)
 
 
-def photographed(sensor, board, place, *, blur_px=0.7, noise=3.0, quality=90, seed=0, flipped=False, sheet=None):
+def photographed(sensor, board, place, *, blur_px=0.7, noise=3.0, quality=90, seed=0, sheet=None):
     """A board in front of a sensor, blurred, noisy and compressed, with its true corners.
 
     ``sheet`` is what is printed on a board that is no chessboard: brightness of points (n, 2) mm of it, NaN beside it.
@@ -56,11 +56,9 @@ def photographed(sensor, board, place, *, blur_px=0.7, noise=3.0, quality=90, se
     picture = cv2.GaussianBlur(picture, (0, 0), blur_px)
     picture += np.random.default_rng(seed).normal(0, noise, picture.shape)
     picture = np.clip(np.rint(picture), 0, 255).astype(np.uint8)
-    if flipped:
-        picture, truth = picture[:, ::-1], [width - 1, 0] + [-1, 1] * truth
     if quality is not None:
         picture = cv2.imdecode(cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, quality])[1], 0)
-    return Photograph(np.ascontiguousarray(picture), truth)
+    return Photograph(picture, truth)
 
 
 def chessboard(board):

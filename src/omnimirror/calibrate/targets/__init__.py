@@ -3,6 +3,7 @@
 from .boards import Board
 from .detections import Detection
 from .finding import find_board, find_boards
+from .printing import draw_board, write_board
 from .refinement import refine_corners
 
-__all__ = ["Board", "Detection", "find_board", "find_boards", "refine_corners"]
+__all__ = ["Board", "Detection", "draw_board", "find_board", "find_boards", "refine_corners", "write_board"]
