@@ -27,6 +27,9 @@ if TYPE_CHECKING:
     from .calibrate.formats import register_camera_format as register_camera_format
     from .calibrate.physical import SensorModel as SensorModel
     from .calibrate.physical import mirror_ball_model as mirror_ball_model
+    from .calibrate.propagation import direction_uncertainty as direction_uncertainty
+    from .calibrate.propagation import floor_uncertainty as floor_uncertainty
+    from .calibrate.propagation import uncertainty_map as uncertainty_map
     from .calibrate.targets import Board as Board
     from .calibrate.targets import Detection as Detection
     from .calibrate.targets import draw_board as draw_board
@@ -129,6 +132,9 @@ _HOMES = {
     "Prior": "calibrate.estimation",
     "Sighting": "calibrate.estimation",
     "simulate_detections": "calibrate.estimation",
+    "direction_uncertainty": "calibrate.propagation",
+    "floor_uncertainty": "calibrate.propagation",
+    "uncertainty_map": "calibrate.propagation",
     "Board": "calibrate.targets",
     "Detection": "calibrate.targets",
     "mirror_ball_model": "calibrate.physical",

@@ -18,6 +18,7 @@ from .lenses import Lens, Perspective
 from .mirrors import Mirror, Secondary
 from .mirrors.pose import MirrorPose
 from .numerics.lazy import cached_property
+from .parameters import Uncertainty
 from .tracing.folded import FoldedMirror
 from .tracing.meridian import ROUNDING, ChiefRays, Meridian
 from .tracing.obscuration import Obscuration, Obstructions, clear_field_deg, obscured_rings
@@ -49,6 +50,8 @@ class Sensor:
         A second mirror, in which the lens sees the first: flat, to fold the sensor, or curved.
     housing
         What stands around the mirror; nothing by default.
+    uncertainty
+        How well a calibration knows it; None of a design.
 
     Raises
     ------
@@ -77,6 +80,7 @@ class Sensor:
     mirror_pose: MirrorPose = field(default_factory=MirrorPose)
     secondary: Secondary | None = None
     housing: Housing = field(default_factory=Housing)
+    uncertainty: Uncertainty | None = None
 
     def __post_init__(self) -> None:
         for name, kind in (("mirror", Mirror), ("lens", Lens), ("imager", Imager)):

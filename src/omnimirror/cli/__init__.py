@@ -28,6 +28,7 @@ COMMANDS = {
     "psf": "Point-spread functions and encircled energy.",
     "mtf": "Tangential and sagittal MTF over the field.",
     "illumination": "Relative illumination over the field.",
+    "uncertainty": "Say how far what a calibrated camera sees may be off.",
     "compare": "Put up to six sensors side by side.",
     "simulate": "Take the picture that a sensor would take of a scene.",
     "dewarp": "Straighten a picture taken with a mirror or fisheye.",
@@ -43,7 +44,7 @@ COMMANDS = {
 }
 """Every command with its one line of help."""
 ROOMS = {
-    "calibration": {"board", "convert"},
+    "calibration": {"board", "convert", "uncertainty"},
     "evaluation": {"compare", "evaluate", "illumination", "mtf", "psf", "reproduce", "sensors", "spots"},
     "design": {"apertures", "design", "export", "init", "judge", "mappings", "parts"},
     "pictures": {"bracket", "demo", "dewarp", "simulate", "studio", "view"},

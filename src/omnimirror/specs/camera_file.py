@@ -18,9 +18,16 @@ from ..camera_models import CAMERAS, CameraModel, RadialModel, parse_ocam
 from ..errors import OmnimirrorError, SpecError
 from ..files import parse_toml, read_text, write_text
 from ..frames import Mount
-from ..parameters import Uncertainty
 from ..sensor import Sensor
-from .sensor_file import BUNDLED, bundled_sensors, format_sensor, mount_table, sensor_of
+from .sensor_file import (
+    BUNDLED,
+    bundled_sensors,
+    format_sensor,
+    mount_table,
+    sensor_of,
+    uncertainty_of,
+    uncertainty_table,
+)
 from .tables import Places, StandTable, Table, check_entries, class_of, did_you_mean, validated
 
 AnyCamera: TypeAlias = Sensor | RadialModel
@@ -130,21 +137,9 @@ def camera_of(data: dict[str, Any], where: Places) -> RadialModel:
         raise where.error(entry, f"camera.{e}" if len(entry) > 1 else str(e)) from None
     if "uncertainty" not in data:
         return camera
-    entries = _tuples(validated(UncertaintyTable, "uncertainty", data["uncertainty"], where).model_dump())
-
-    def certain() -> Uncertainty:
-        uncertainty = Uncertainty(**entries)
-        uncertainty.of([p.name for p in camera.parameters])
-        return uncertainty
-
-    return dataclasses.replace(camera, uncertainty=where.wrap(("uncertainty",), certain))  # type: ignore[type-var]
-
-
-class UncertaintyTable(Table):
-    """How sure the numbers of a camera are."""
-
-    names: list[str]
-    covariance: list[list[float]]
+    known = uncertainty_of(data["uncertainty"], where)
+    where.wrap(("uncertainty",), lambda: known.of([p.name for p in camera.parameters]))
+    return dataclasses.replace(camera, uncertainty=known)  # type: ignore[type-var]
 
 
 def format_camera(camera: AnyCamera, notes: str = "") -> str:
@@ -189,7 +184,7 @@ def camera_tables(camera: RadialModel) -> dict[str, Any]:
             table[f.name] = _plain(value)
     tables = {"format": FORMAT, "camera": table, "mount": mount_table(camera.mount)}
     if (known := camera.uncertainty) is not None:
-        tables["uncertainty"] = {"names": list(known.names), "covariance": [list(row) for row in known.covariance]}
+        tables["uncertainty"] = uncertainty_table(known)
     return tables
 
 

@@ -25,6 +25,7 @@ from ..imagers import Imager
 from ..lenses import LENSES
 from ..mirrors import MIRRORS, SECONDARIES, Mirror, Secondary
 from ..mirrors.pose import MirrorPose
+from ..parameters import Uncertainty
 from ..sensor import Sensor, check_sensor
 from .tables import Places, StandTable, Table, check_entries, class_of, did_you_mean, table_model, validated
 
@@ -143,6 +144,7 @@ def sensor_of(data: dict[str, Any], where: Places, folder: Path | None = None) -
         name=data.get("name", "sensor"),
         notes=data.get("notes", ""),
         housing=housing_of(data.get("housing", {}), where),
+        uncertainty=uncertainty_of(data["uncertainty"], where) if "uncertainty" in data else None,
     )
     sensor = where.wrap(("mount", "mirror_distance_mm"), make)
     _check_fit(sensor, data.get("housing", {}), where)
@@ -181,6 +183,8 @@ def tables_of(sensor: Sensor) -> dict[str, Any]:
         data["mirror_pose"] = _table(sensor.mirror_pose)
     if not sensor.housing.is_empty:
         data["housing"] = housing_tables(sensor.housing)
+    if sensor.uncertainty is not None:
+        data["uncertainty"] = uncertainty_table(sensor.uncertainty)
     return data
 
 
@@ -233,7 +237,8 @@ def _table(part: Any) -> dict[str, Any]:
 
 def _check_table_names(data: dict[str, Any], where: Places) -> None:
     known: dict[str, type] = {"format": int, "name": str, "notes": str}
-    known |= dict.fromkeys(("mirror", "secondary", "lens", "imager", "mount", "mirror_pose", "housing"), dict)
+    tables = ("mirror", "secondary", "lens", "imager", "mount", "mirror_pose", "housing", "uncertainty")
+    known |= dict.fromkeys(tables, dict)
     check_entries(data, known, FORMAT, where)
     for key in ("mirror", "lens", "imager"):
         if key not in data:
@@ -270,6 +275,24 @@ def _build(section: str, cls: type[Any], table: dict[str, Any], where: Places) -
     """A part from its checked table."""
     values = _values(table_model(cls), section, table, where)  # type: ignore[arg-type]  # the cache asks for Hashable
     return where.wrap((section,), lambda: cls(**values))
+
+
+class UncertaintyTable(Table):
+    """How sure the numbers of a sensor or camera are: their covariance, row by row."""
+
+    names: list[str]
+    covariance: list[list[float]]
+
+
+def uncertainty_of(table: dict[str, Any], where: Places) -> Uncertainty:
+    """A covariance from the table ``[uncertainty]``."""
+    values = validated(UncertaintyTable, "uncertainty", table, where).model_dump()
+    return where.wrap(("uncertainty",), partial(Uncertainty, **values))
+
+
+def uncertainty_table(known: Uncertainty) -> dict[str, Any]:
+    """The table ``[uncertainty]``, as plain data."""
+    return {"names": list(known.names), "covariance": [list(row) for row in known.covariance]}
 
 
 HOUSING_PARTS: dict[str, type[Any]] = {"camera": CameraBody, "rod": Rod, **SHELLS, "rim": Rim, "secondary_rim": Rim}

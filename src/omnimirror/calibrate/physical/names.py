@@ -101,7 +101,7 @@ def value_of(sensor: Sensor, place: NamedNumber) -> float:
 
 
 def changed(sensor: Sensor, places: Iterable[NamedNumber], values: Iterable[float]) -> Sensor:
-    """The same sensor with other values.
+    """The same sensor with other values, of which no uncertainty is known.
 
     >>> import omnimirror as om
     >>> sensor = om.load_sensor("paper-spherical")
@@ -120,4 +120,4 @@ def changed(sensor: Sensor, places: Iterable[NamedNumber], values: Iterable[floa
         entries |= place.change(part, float(value))
     whole = parts.pop("mount", {})
     made = {section: replace(getattr(sensor, section), **entries) for section, entries in parts.items()}
-    return replace(sensor, **made, **whole)
+    return replace(sensor, **made, **whole, uncertainty=None)

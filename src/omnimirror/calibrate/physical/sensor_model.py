@@ -15,6 +15,7 @@ from ...cameras import AxialSymmetry, Projection, Rays
 from ...errors import InvalidParameter
 from ...frames import Mount
 from ...numerics.lazy import cached_property
+from ...parameters import Uncertainty
 from ...sensor import Sensor, check_sensor
 from .imaging import image_of_points
 from .names import NamedNumber, changed, place_of, value_of
@@ -246,6 +247,11 @@ class SensorModel(CameraModel):
     def mount(self) -> Mount:  # type: ignore[override]
         """How it stands."""
         return self.sensor.mount
+
+    @property
+    def uncertainty(self) -> Uncertainty | None:  # type: ignore[override]
+        """Covariance of the parameters that a calibration has estimated."""
+        return self.sensor.uncertainty
 
     @property
     def symmetry(self) -> AxialSymmetry | None:

@@ -2,9 +2,8 @@
 
 A central model knows only which direction each pixel sees. With the lens and its distance that is enough for the
 shape of the mirror: it is the one that turns each ray of the lens to the wanted field angle, by the quadrature that
-mirrors of a wanted mapping are made with (:mod:`omnimirror.mirrors.generated.meridian`). What is left is small, and least
-squares
-find it.
+mirrors of a wanted mapping are made with (:mod:`omnimirror.mirrors.generated.meridian`). What is left is small, and
+least squares find it.
 """
 
 from __future__ import annotations

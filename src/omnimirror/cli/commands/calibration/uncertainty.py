@@ -1,0 +1,52 @@
+"""``omnimirror uncertainty``: what a calibration's covariance means in the world."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import click
+
+from ....calibrate.propagation import uncertainty_map
+from ....files import write_text
+from ....specs import load_camera
+from ...options.common import NUMBER
+from ...outputs import FIGURES, format_option, output_console, output_option, say, say_written
+
+
+@click.command()
+@click.argument("camera")
+@click.option(
+    "--height-mm", type=NUMBER, help="Of the mirror over the floor: errors of points there, in mm.  [default: in deg]"
+)
+@output_option("-o", "--output", formats=FIGURES, help="Map over the picture (PNG, SVG, PDF).")
+@format_option(FIGURES)
+@output_option("--json", "json_file", help="Write median, 95th percentile and largest error.")
+def command(camera: str, height_mm: float | None, output: Path | None, json_file: Path | None) -> None:
+    """Say how far directions that the calibrated CAMERA sees may be off, or points on the floor.
+
+    One standard deviation, from the table [uncertainty] that a calibration has written into the camera's file.
+    Example: omnimirror uncertainty mine.toml --height-mm 1200 -o floor.png
+    """
+    seen_by = load_camera(camera)
+    found = uncertainty_map(seen_by, height_mm=height_mm)
+    console = output_console()
+    what = "directions" if height_mm is None else f"points of {_level(height_mm)}"
+    if not (summary := found.summary()):
+        say((Path(camera).stem, "bold"), f": the picture shows no {what}", console=console)
+    else:
+        median, high, largest = summary.values()
+        words = f": standard deviation of {what}: median {median:.3g} {found.unit}, "
+        say((Path(camera).stem, "bold"), words + f"95 % below {high:.3g}, largest {largest:.3g}", console=console)
+    if json_file:
+        write_text(json_file, json.dumps(summary, indent=1) + "\n")
+    if output:
+        from ....figures import save_figure
+        from ....figures.pictures import error_map
+
+        save_figure(error_map(found.columns, found.rows, found.sigma, found.unit, f"Error of {what}"), output)
+    say_written(json_file, output, console=console)
+
+
+def _level(height_mm: float) -> str:
+    return f"a floor {height_mm:g} mm below" if height_mm > 0 else f"a ceiling {-height_mm:g} mm above"
