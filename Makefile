@@ -19,7 +19,7 @@ demo: $(VENV)/.core  ## Evaluate, simulate and straighten a picture, and write a
 test: lint chromium node  ## Everything that must hold, in a few minutes
 	$(BIN)/python -m pytest -n auto --dist worksteal -m "not full"
 
-test-full: lint chromium node $(VENV)/.full  ## Also long checks and other programs (1.3 GB more)
+test-full: lint chromium node $(VENV)/.full  ## Also long checks and other programs (1.6 GB more)
 	$(BIN)/python -m pytest -n auto --dist worksteal
 	native/sanitize.sh $(BIN)/python -q
 
@@ -85,4 +85,6 @@ $(VENV)/.test: pyproject.toml constraints.txt $(NATIVE) | $(BIN)/python
 
 $(VENV)/.full: pyproject.toml constraints.txt $(NATIVE) | $(BIN)/python
 	$(PIP) -e '.[test,full]'
+# With omnidir, beside the OpenCV that it cannot be installed with; tests start a process of its own.
+	$(PIP) --upgrade --no-deps --target $(VENV)/opencv-contrib opencv-contrib-python-headless
 	@touch $@

@@ -43,6 +43,8 @@ if TYPE_CHECKING:
     from .camera_models import MirrorBall as MirrorBall
     from .camera_models import OCam as OCam
     from .camera_models import RadialSpline as RadialSpline
+    from .camera_models import RationalPinhole as RationalPinhole
+    from .camera_models import ThinPrismFisheye as ThinPrismFisheye
     from .camera_models import Unified as Unified
     from .camera_models import ViewpointSpline as ViewpointSpline
     from .camera_models import load_ocam as load_ocam
@@ -153,6 +155,8 @@ _HOMES = {
     "MirrorBall": "camera_models",
     "OCam": "camera_models",
     "RadialSpline": "camera_models",
+    "RationalPinhole": "camera_models",
+    "ThinPrismFisheye": "camera_models",
     "Unified": "camera_models",
     "ViewpointSpline": "camera_models",
     "best_apertures": "components.apertures",

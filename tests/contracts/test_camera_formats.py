@@ -10,7 +10,16 @@ from hypothesis import strategies as st
 
 import omnimirror as om
 from omnimirror.calibrate.formats import FORMATS, Reading
-from omnimirror.camera_models import DoubleSphere, EnhancedUnified, KannalaBrandt, OCam, RadialSpline, Unified
+from omnimirror.camera_models import (
+    DoubleSphere,
+    EnhancedUnified,
+    KannalaBrandt,
+    OCam,
+    RadialSpline,
+    RationalPinhole,
+    ThinPrismFisheye,
+    Unified,
+)
 from omnimirror.errors import SpecError
 from omnimirror.frames import Mount
 
@@ -30,6 +39,24 @@ CAMERAS = {
     "kannala-brandt": KannalaBrandt(F, C, SIZE, 0.02, -0.003, 4e-4, -1e-5, skew_px=0.4, **FISHEYE),
     "kannala-brandt-no-skew": KannalaBrandt(F, C, SIZE, 0.02, -0.003, 4e-4, -1e-5, **FISHEYE),
     "radial-spline": RadialSpline.like(Unified(0.93, F, C, SIZE), 8, 230.0),
+    "rational": RationalPinhole((600.0, 602.0), C, SIZE, 0.3, -0.05, 0.01, 0.4, 0.02, 0.004, 0.003, -0.002),
+    "thin-prism": ThinPrismFisheye(
+        F,
+        C,
+        SIZE,
+        0.05,
+        -0.02,
+        0.003,
+        -2e-4,
+        k5=1e-5,
+        k6=-1e-6,
+        p1=3e-3,
+        p2=-2e-3,
+        s1=2e-3,
+        s2=-3e-4,
+        s3=-1e-3,
+        s4=4e-4,
+    ),
     "sensor": om.load_sensor("paper-spherical"),
     "kannala-brandt-mirror": KannalaBrandt(F, C, SIZE, -0.02, 0.003),
 }

@@ -14,6 +14,8 @@ from omnimirror.camera_models import (
     MirrorBall,
     OCam,
     RadialSpline,
+    RationalPinhole,
+    ThinPrismFisheye,
     Unified,
     ViewpointSpline,
 )
@@ -32,6 +34,11 @@ MODELS = {
     "double-sphere": DoubleSphere(-0.2, 0.6, (180.0, 181.0), C, S, 0.2, optics="fisheye"),
     "double-sphere-ahead": DoubleSphere(0.3, 0.4, (180.0, 181.0), C, S),
     "kannala-brandt": KannalaBrandt((170.0, 171.0), C, S, 0.05, -0.02, 0.003, -0.0002, 0.5),
+    "thin-prism-fisheye": ThinPrismFisheye(
+        (170.0, 171.0), C, S, 0.05, -0.02, 0.003, -0.0002, 0.5, k5=1e-5, k6=-1e-6, p1=0.003, p2=-0.002,
+        s1=0.002, s2=-3e-4, s3=-0.001, s4=4e-4,
+    ),
+    "rational-pinhole": RationalPinhole((300.0, 303.0), C, S, 0.3, -0.05, 0.01, 0.4, 0.02, 0.004, 0.003, -0.002, 0.4),
     "ocam": OCam((-131.4797, 0.0, 1.848991e-03, 2.251206e-07, -7.343233e-10), C, S, (0.999, 4e-3, -2e-3)),
     "ocam-fisheye": OCam((-151.7655, 0.0, 8.37e-04, -6.4e-07, 1.2e-09), C, S, optics="fisheye"),
     "ball": MirrorBall(C, 230.0, 300.0, S),

@@ -4,6 +4,7 @@ from .ball import MirrorBall
 from .base import CameraModel, Image, ModelParameter
 from .kannala_brandt import KannalaBrandt
 from .ocam import OCam, load_ocam, parse_ocam
+from .opencv_lenses import RationalPinhole, ThinPrismFisheye
 from .radial import RadialModel
 from .spheres import DoubleSphere, EnhancedUnified, Unified
 from .splines import RadialSpline, ViewpointSpline
@@ -15,6 +16,8 @@ CAMERAS: dict[str, type[RadialModel]] = {
         EnhancedUnified,
         DoubleSphere,
         KannalaBrandt,
+        ThinPrismFisheye,
+        RationalPinhole,
         OCam,
         RadialSpline,
         ViewpointSpline,
@@ -35,6 +38,8 @@ __all__ = [
     "OCam",
     "RadialModel",
     "RadialSpline",
+    "RationalPinhole",
+    "ThinPrismFisheye",
     "Unified",
     "ViewpointSpline",
     "load_ocam",

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
-from numpy.polynomial.polynomial import polyval
+from numpy.polynomial.polynomial import polysub, polyval
 from numpy.typing import NDArray
 
 from ..arguments import number
@@ -21,7 +22,6 @@ from .radial import Law, Place
 Array = NDArray[np.float64]
 
 NODES = 257  # of the table from which inversions start
-COEFFICIENTS = ("k1", "k2", "k3", "k4")
 
 
 @dataclass(frozen=True)
@@ -81,29 +81,32 @@ class KannalaBrandt(FocalModel):
     uncertainty: Uncertainty | None = field(default=None, repr=False)
 
     KIND = "kannala-brandt"
+    COEFFICIENTS: ClassVar[tuple[str, ...]] = ("k1", "k2", "k3", "k4")
 
     def __post_init__(self) -> None:
         self._check_focal()
-        for name in COEFFICIENTS:
+        for name in (*self.COEFFICIENTS, *self.LENS):
             number(name, getattr(self, name), low=-LARGEST_COEFFICIENT, high=LARGEST_COEFFICIENT)
 
     @property
     def _places(self) -> tuple[tuple[Place, ...], tuple[Place, ...]]:
-        law = tuple(Place(name, name, None, "", 0.1**i) for i, name in enumerate(COEFFICIENTS, start=1))
+        law = tuple(Place(name, name, None, "", 0.1**i) for i, name in enumerate(self.COEFFICIENTS, start=1))
         return law, self._affine_places
 
     @property
     def _polynomial(self) -> Array:
         """Of the square of the field angle: r / Omega."""
-        return np.array([1.0, self.k1, self.k2, self.k3, self.k4])
+        return np.array([1.0, *(getattr(self, name) for name in self.COEFFICIENTS)])
 
     @property
     def _rate_polynomial(self) -> Array:
-        return self._polynomial * (1, 3, 5, 7, 9)
+        return self._polynomial * np.arange(1, 2 * len(self._polynomial), 2)
 
     @cached_property
     def _law_end(self) -> float:
-        return float(min(np.sqrt(first_root(self._rate_polynomial - (SLOWEST, 0, 0, 0, 0))), np.pi))
+        return float(
+            min(np.sqrt(first_root(np.asarray(polysub(self._rate_polynomial, [SLOWEST]), dtype=float))), np.pi)
+        )
 
     def _law_radius(self, omega: Array) -> Array:
         radius: Array = omega * polyval(omega * omega, self._polynomial)
@@ -111,9 +114,9 @@ class KannalaBrandt(FocalModel):
 
     def _law(self, omega: Array) -> Law:
         square = omega * omega
-        odd = np.empty((len(omega), 4))
+        odd = np.empty((len(omega), len(self.COEFFICIENTS)))
         odd[:, 0] = omega * square
-        for i in (1, 2, 3):
+        for i in range(1, len(self.COEFFICIENTS)):
             odd[:, i] = odd[:, i - 1] * square
         return Law(self._law_radius(omega), self._law_rate(omega), odd)
 

@@ -21,7 +21,7 @@ from ..errors import InvalidParameter
 from ..frames import turned
 from ..numerics.lazy import cached_property
 from .base import CameraModel, Image, ModelParameter
-from .distortion import Distortion
+from .distortion import AnyDistortion, Distorted, Distortion, removed, undone
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -180,7 +180,7 @@ class RadialModel(CameraModel):
         return value if place.item is None else value[place.item]  # type: ignore[no-any-return]
 
     @cached_property
-    def distortion(self) -> Distortion:
+    def distortion(self) -> AnyDistortion:
         """Its distortion; none where it has no such parameters."""
         return Distortion(**{name: getattr(self, name) for name in self.LENS})
 
@@ -220,7 +220,7 @@ class RadialModel(CameraModel):
             rx, ry = law.radius * ux, law.radius * uy
             at = self.distortion.applied(rx, ry)
             matrix = self.matrix
-            step = _Step(matrix, at.d_xx, at.d_xy, at.d_yy)
+            step = _Step(matrix, at)
             extra = meridional - across
             d_points = np.empty((len(points), 2, 3))
             step.put(d_points, 0, signs[0] * (across + extra * ux * ux), signs[0] * extra * ux * uy)
@@ -253,7 +253,7 @@ class RadialModel(CameraModel):
         first = q + len(self.AFFINE)
         result[:, 0, first] = result[:, 1, first + 1] = 1.0
         if names := self.LENS:
-            derivatives = dict(zip(Distortion._fields, self.distortion.terms(*flat), strict=True))
+            derivatives = dict(zip(self.distortion._fields, self.distortion.terms(*flat), strict=True))
             for i, name in enumerate(names, start=first + 2):
                 dx, dy = derivatives[name]
                 for row in (0, 1):
@@ -280,7 +280,7 @@ class RadialModel(CameraModel):
         x, y, found = self._round_picture(self._corners, end)
         radii = [float(np.hypot(x, y).max()) if found.all() else end]
         if self.rim_radius_px is not None:
-            radii.append(float(self.distortion.undone(np.array([self.rim_radius_px / self.scale_px]), end)[0]))
+            radii.append(float(undone(self.distortion, np.array([self.rim_radius_px / self.scale_px]), end)[0]))
         radius = min(radii)
         return self.model_end if radius >= end else float(self._law_inverse(np.array([radius]))[0])
 
@@ -331,7 +331,7 @@ class RadialModel(CameraModel):
         (n,) array
             Field angles, radians.
         """
-        return self._law_inverse(self.distortion.undone(np.asarray(radius_px) / self.scale_px, self._plane_end))
+        return self._law_inverse(undone(self.distortion, np.asarray(radius_px) / self.scale_px, self._plane_end))
 
     @property
     def stretch(self) -> Array:
@@ -431,7 +431,7 @@ class RadialModel(CameraModel):
         """Points (n,) and (n,) of the undistorted round picture, and where there are any within a radius."""
         plane = turned(pixels - self.centre_px, np.linalg.inv(self.matrix).T)
         with np.errstate(invalid="ignore"):
-            return self.distortion.removed(plane[..., 0], plane[..., 1], end)
+            return removed(self.distortion, plane[..., 0], plane[..., 1], end)
 
     # -- checks that every model makes in its constructor ----------------------------------------
 
@@ -445,10 +445,13 @@ class RadialModel(CameraModel):
 class _Step:
     """The derivatives of a pixel to its place in the undistorted round picture."""
 
-    def __init__(self, matrix: Array, d_xx: Array, d_xy: Array, d_yy: Array) -> None:
+    def __init__(self, matrix: Array, at: Distorted) -> None:
         self.matrix = matrix
         (a, b), (c, d) = matrix
-        self.rows = ((a * d_xx + b * d_xy, a * d_xy + b * d_yy), (c * d_xx + d * d_xy, c * d_xy + d * d_yy))
+        self.rows = (
+            (a * at.d_xx + b * at.d_yx, a * at.d_xy + b * at.d_yy),
+            (c * at.d_xx + d * at.d_yx, c * at.d_xy + d * at.d_yy),
+        )
 
     def of(self, dx: Array, dy: Array) -> tuple[Array, Array]:
         """What a shift there moves in the picture, (of u, of v)."""

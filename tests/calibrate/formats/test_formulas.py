@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 import omnimirror as om
-from omnimirror.camera_models import DoubleSphere, EnhancedUnified, KannalaBrandt, OCam, Unified
+from omnimirror.camera_models import DoubleSphere, EnhancedUnified, KannalaBrandt, OCam, RationalPinhole, Unified
 from omnimirror.frames import Mount
 
 F, C, SIZE = (260.0, 261.3), (515.32, 380.29), (1024, 768)
@@ -154,11 +154,14 @@ def test_kalibrs_formulas(tmp_path, to, camera, most_deg, flip):
     np.testing.assert_allclose(kalibr(file, points), pixels, atol=1e-9, rtol=0)
 
 
-@pytest.mark.parametrize("model", ["equidistant", "plumb_bob"])
+RATIONAL = RationalPinhole((600.0, 602.0), C, SIZE, 0.3, -0.05, 0.01, 0.4, 0.02, 0.004, 0.003, -0.002)
+
+
+@pytest.mark.parametrize("model", ["equidistant", "plumb_bob", "rational_polynomial"])
 def test_ros_camera_info(tmp_path, model):
     """OpenCV's functions, which ROS's image_geometry calls with the file's matrix and coefficients."""
     pinhole = Unified(0.0, (600.0, 602.0), C, SIZE, 0.0, -0.2, 0.05, 0.01, 1e-3, -2e-3, optics="fisheye")
-    camera = FISHEYE if model == "equidistant" else pinhole
+    camera = {"equidistant": FISHEYE, "plumb_bob": pinhole, "rational_polynomial": RATIONAL}[model]
     om.convert(camera, tmp_path / "camera_info.yaml")
     file = yaml.safe_load((tmp_path / "camera_info.yaml").read_text())
     assert (file["distortion_model"], file["image_width"], file["image_height"]) == (model, 1024, 768)

@@ -4,12 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...camera_models import CameraModel, DoubleSphere, EnhancedUnified, KannalaBrandt, OCam, Unified
+from ...camera_models import (
+    CameraModel,
+    DoubleSphere,
+    EnhancedUnified,
+    KannalaBrandt,
+    OCam,
+    RationalPinhole,
+    ThinPrismFisheye,
+    Unified,
+)
 from ...errors import InvalidParameter
 from .sampling import Sample
 
@@ -100,7 +110,8 @@ def _kannala_brandt(places: frozenset[str] | None, picture: RoundPicture) -> Ite
     found = np.linalg.lstsq((picture.omega / scale)[:, None] ** powers, picture.radius, rcond=None)[0]
     f, *rest = found / scale**powers
     ks: dict[str, Any] = {f"k{i}": float(value / f) for i, value in enumerate(rest, start=1)}
-    yield KannalaBrandt(**_focal(f, places, picture), **ks)
+    kind = ThinPrismFisheye if places is not None and "k6" in places else KannalaBrandt
+    yield kind(**_focal(f, places, picture), **ks)
 
 
 def _unified(places: frozenset[str] | None, picture: RoundPicture) -> Iterator[CameraModel]:
@@ -108,6 +119,11 @@ def _unified(places: frozenset[str] | None, picture: RoundPicture) -> Iterator[C
     pinhole = places is not None and "xi" not in places
     yield Unified(**_best(picture, places, lambda o, xi: np.sin(o) / (np.cos(o) + xi), lambda o, xi: np.cos(o) + xi,
                           {"xi": np.array([0.0]) if pinhole else np.linspace(0.0, 3.0, 61)}))  # fmt: skip
+
+
+def _rational(places: frozenset[str] | None, picture: RoundPicture) -> Iterator[CameraModel]:
+    """A pinhole without distortion."""
+    yield RationalPinhole(**_best(picture, places, np.tan, np.cos, {}))
 
 
 def _enhanced(places: frozenset[str] | None, picture: RoundPicture) -> Iterator[CameraModel]:
@@ -137,8 +153,8 @@ def _best(
     """The arguments of the model whose law fits best, of those that reach over the field with a growing radius."""
     omega = np.linspace(0.0, picture.omega.max(), 200)
     best, arguments = np.inf, None
-    is_pinhole = "xi" in grid and grid["xi"].size == 1
-    for values in np.stack(np.meshgrid(*grid.values(), indexing="ij"), axis=-1).reshape(-1, len(grid)):
+    is_pinhole = not grid or ("xi" in grid and grid["xi"].size == 1)
+    for values in product(*grid.values()):
         with np.errstate(all="ignore"):
             grows = (depth(omega, *values) > 1e-3).all() and (np.diff(law(omega, *values)) > 0).all()
         if grows:
@@ -169,6 +185,8 @@ def _ocam(places: frozenset[str] | None, picture: RoundPicture) -> Iterator[Came
 
 STARTS: dict[type[Any], Callable[[frozenset[str] | None, RoundPicture], Iterator[CameraModel]]] = {
     KannalaBrandt: _kannala_brandt,
+    ThinPrismFisheye: _kannala_brandt,
+    RationalPinhole: _rational,
     Unified: _unified,
     EnhancedUnified: _enhanced,
     DoubleSphere: _double,

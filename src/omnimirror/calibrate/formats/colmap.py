@@ -13,7 +13,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from ...arguments import float_of
-from ...camera_models import EnhancedUnified, KannalaBrandt, Unified
+from ...camera_models import EnhancedUnified, KannalaBrandt, RationalPinhole, ThinPrismFisheye, Unified
 from ...errors import OmnimirrorError, SpecError
 from .base import CameraFormat, Content, Layout, Reading, Stored, named, row, text_of
 
@@ -43,12 +43,12 @@ KINDS = {
     "RADIAL": Model(3, "f cx cy k1 k2", _pinhole),
     "OPENCV": Model(4, "fx fy cx cy k1 k2 p1 p2", _pinhole),
     "OPENCV_FISHEYE": Model(5, "fx fy cx cy k1 k2 k3 k4", KannalaBrandt),
-    "FULL_OPENCV": Model(6, "fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6"),
+    "FULL_OPENCV": Model(6, "fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6", RationalPinhole),
     "FOV": Model(7, "fx fy cx cy omega"),
     "SIMPLE_RADIAL_FISHEYE": Model(8, "f cx cy k1", KannalaBrandt),
     "RADIAL_FISHEYE": Model(9, "f cx cy k1 k2", KannalaBrandt),
     "THIN_PRISM_FISHEYE": Model(10, "fx fy cx cy k1 k2 p1 p2 k3 k4 sx1 sy1"),
-    "RAD_TAN_THIN_PRISM_FISHEYE": Model(11, "fx fy cx cy k1 k2 k3 k4 k5 k6 p2 p1 s1 s2 s3 s4"),
+    "RAD_TAN_THIN_PRISM_FISHEYE": Model(11, "fx fy cx cy k1 k2 k3 k4 k5 k6 p2 p1 s1 s2 s3 s4", ThinPrismFisheye),
     "SIMPLE_DIVISION": Model(12, "f cx cy k"),
     "DIVISION": Model(13, "fx fy cx cy k"),
     "SIMPLE_FISHEYE": Model(14, "f cx cy", KannalaBrandt),
@@ -196,6 +196,11 @@ def recognises(name: str, data: bytes) -> bool:
 LAYOUTS = {
     "opencv-fisheye": (KannalaBrandt, "OPENCV_FISHEYE", frozenset(KS)),
     "eucm": (EnhancedUnified, "EUCM", frozenset({"alpha", "beta"})),
+    "rad-tan-thin-prism-fisheye": (
+        ThinPrismFisheye,
+        "RAD_TAN_THIN_PRISM_FISHEYE",
+        frozenset({*KS, "k5", "k6", "p1", "p2", "s1", "s2", "s3", "s4"}),
+    ),
 }
 FORMAT = CameraFormat(
     "COLMAP cameras",

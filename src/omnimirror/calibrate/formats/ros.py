@@ -10,13 +10,14 @@ from __future__ import annotations
 import re
 from typing import Any
 
-from ...camera_models import KannalaBrandt, Unified
+from ...camera_models import KannalaBrandt, RationalPinhole, Unified
 from ...errors import OmnimirrorError, SpecError
 from .base import CameraFormat, Layout, Reading, Stored, named, row, text_of
 from .entries import read_yaml
 from .opencv_omnidir import camera_matrix
 
 MATRIX = frozenset({"fx", "fy", "skew", "cx", "cy"})
+RATIONAL = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 COUNTS = {"plumb_bob": (5, 4), "rational_polynomial": (8,), "equidistant": (4,)}
 
 
@@ -28,14 +29,14 @@ def read(data: bytes, reading: Reading) -> list[Stored]:
     model = table["distortion_model"].choice(*COUNTS, "fisheye")
     model = "equidistant" if model == "fisheye" else model  # as some drivers call it
     k = table["distortion_coefficients"].row(*COUNTS[model])
-    if model == "rational_polynomial" and any(k[5:]):
-        table["distortion_coefficients"].refuse("have k4 to k6, and no model of ours divides by a polynomial")
     common: dict[str, Any] = {
         "focal_px": focal, "centre_px": centre, "image_size": size, "skew_px": skew, **reading.told,
     }  # fmt: skip
     try:
         if model == "equidistant":
             camera: Any = KannalaBrandt(**common, **named(("k1", "k2", "k3", "k4"), k))
+        elif model == "rational_polynomial":
+            camera = RationalPinhole(**common, **named(RATIONAL, k))
         else:
             names = ("k1", "k2", "p1", "p2", "k3")
             camera = Unified(0.0, **common, **named(names, k))
@@ -72,6 +73,11 @@ def write_plumb_bob(camera: Unified, name: str = "") -> str:
     return _written(camera, name, "plumb_bob", (camera.k1, camera.k2, camera.p1, camera.p2, camera.k3))
 
 
+def write_rational(camera: RationalPinhole, name: str = "") -> str:
+    """The text of a ``rational_polynomial`` camera."""
+    return _written(camera, name, "rational_polynomial", tuple(getattr(camera, k) for k in RATIONAL))
+
+
 def recognises(name: str, data: bytes) -> bool:
     """Whether it has a camera matrix and a distortion model."""
     return b"camera_matrix" in data and re.search(rb"^distortion_model\s*:", data, re.M) is not None
@@ -86,6 +92,7 @@ FORMAT = CameraFormat(
             KannalaBrandt, write_equidistant, "equidistant", MATRIX | {"k1", "k2", "k3", "k4"}, 90.0
         ),
         "ros-plumb-bob": Layout(Unified, write_plumb_bob, "plumb_bob", MATRIX | {"k1", "k2", "p1", "p2", "k3"}, 90.0),
+        "ros-rational": Layout(RationalPinhole, write_rational, "rational_polynomial", MATRIX | {*RATIONAL}, 90.0),
     },
     ("*camera_info*.yaml", "*camera_info*.yml"),
 )

@@ -1,0 +1,149 @@
+"""Our camera files, read and projected by other programs: OpenCV's omnidir and COLMAP."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.camera_models import EnhancedUnified, KannalaBrandt, OCam, ThinPrismFisheye, Unified
+
+pytestmark = pytest.mark.full
+CONTRIB = Path(sys.prefix) / "opencv-contrib"
+SAMPLE = Path(__file__).parents[3] / "shared/data/ocamcalib_cpp_sample"
+F, C, SIZE = (260.0, 261.3), (515.32, 380.29), (1024, 768)
+OMNIDIR = """
+import sys, cv2, numpy as np
+storage = cv2.FileStorage(sys.argv[1], cv2.FILE_STORAGE_READ)
+K, D = (storage.getNode(name).mat() for name in ("camera_matrix", "distortion_coefficients"))
+points, zero = np.load(sys.argv[2]), np.zeros(3)
+pixels, _ = cv2.omnidir.projectPoints(points[None], zero, zero, K, storage.getNode("xi").real(), D)
+np.save(sys.argv[3], pixels[0])
+"""
+
+
+def seen(camera, most_deg=180.0):
+    """Pixels, and points that they see, in the frame of files: right, down, towards what the centre sees."""
+    pixels = np.random.default_rng(5).uniform(0, np.array(camera.image_size) - 1, (400, 2))
+    _, directions, valid = camera.backproject(pixels)
+    turned = directions[valid] @ camera.mount.rotation()
+    right = -1 if camera.mount.image_flipped else 1
+    points = turned * [right, 1, -1 if camera.looks_back else 1]
+    near = points[:, 2] > np.cos(np.radians(most_deg))
+    return pixels[valid][near], points[near] * np.linspace(500, 3000, near.sum())[:, None]
+
+
+def omnidir(folder, points):
+    """What OpenCV's omnidir makes of points with our file; in a process of its own, with another OpenCV."""
+    if not CONTRIB.is_dir():
+        pytest.skip(f"OpenCV with omnidir is put into {CONTRIB} by `make test-full` only")
+    np.save(folder / "points.npy", points)
+    subprocess.run(
+        [sys.executable, "-c", OMNIDIR, *(str(folder / n) for n in ("a.yaml", "points.npy", "pixels.npy"))],
+        env={**os.environ, "PYTHONPATH": str(CONTRIB)}, check=True,
+    )  # fmt: skip
+    return np.load(folder / "pixels.npy")
+
+
+@pytest.mark.parametrize("flip", [False, True])
+def test_omnidir_projects_the_same_points(tmp_path, flip):
+    camera = Unified(0.93, F, C, SIZE, 0.31, -0.01, 0.002, p1=1e-3, p2=-2e-3)
+    made = om.convert(camera, tmp_path / "a.yaml", to="opencv-omnidir", flip=flip)
+    pixels, points = seen(made.camera)
+    assert made.exact
+    np.testing.assert_allclose(omnidir(tmp_path, points), pixels, atol=1e-6, rtol=0)
+
+
+def test_omnidir_takes_ocamcalibs_camera_within_the_cost_that_is_told(tmp_path):
+    if not SAMPLE.exists():
+        pytest.skip(f"no sample files at {SAMPLE}")
+    camera = om.load_ocam(SAMPLE / "calib_results_catadioptric.txt")
+    made = om.convert(camera, tmp_path / "a.yaml", to="opencv-omnidir", tolerance_px=0.5)
+    pixels, points = seen(camera)
+    error = np.hypot(*(omnidir(tmp_path, points) - pixels).T)
+    assert error.max() <= made.largest_px * 1.01
+    assert np.sqrt(np.mean(error**2)) == pytest.approx(made.rms_px, rel=0.25)
+
+
+COLMAP = {
+    "colmap-opencv-fisheye": KannalaBrandt(F, C, SIZE, 0.02, -0.003, 4e-4, -1e-5),
+    "colmap-rad-tan-thin-prism-fisheye": ThinPrismFisheye(
+        F,
+        C,
+        SIZE,
+        0.05,
+        -0.02,
+        0.003,
+        -2e-4,
+        k5=1e-5,
+        k6=-1e-6,
+        p1=3e-3,
+        p2=-2e-3,
+        s1=2e-3,
+        s2=-3e-4,
+        s3=-1e-3,
+        s4=4e-4,
+    ),
+    "colmap-eucm": EnhancedUnified(0.6, 1.1, F, C, SIZE, optics="fisheye"),
+}
+
+
+@pytest.mark.parametrize("to", COLMAP)
+@pytest.mark.parametrize("name", ["cameras.txt", "cameras.bin"])
+def test_colmap_reads_our_cameras_and_projects_the_same_points(tmp_path, to, name):
+    pycolmap = pytest.importorskip("pycolmap", reason="pycolmap is installed by `make test-full` only")
+    to = to.replace("colmap", "colmap-bin") if name.endswith("bin") else to
+    camera = COLMAP[to.replace("-bin", "")]
+    om.convert(camera, tmp_path / name, to=to)
+    theirs = colmap_camera(pycolmap, tmp_path, name)
+    assert (theirs.width, theirs.height) == SIZE
+    pixels, points = seen(camera, 85.0)
+    projected = np.array([theirs.img_from_cam(point) for point in points])
+    np.testing.assert_allclose(projected, pixels + 0.5, atol=1e-6, rtol=0)
+
+
+def colmap_camera(pycolmap, folder, name):
+    """The camera of a file of ours, beside an empty reconstruction in the same form."""
+    end = Path(name).suffix
+    reconstruction = pycolmap.Reconstruction()
+    content = (folder / name).read_bytes()
+    (reconstruction.write_text if end == ".txt" else reconstruction.write_binary)(str(folder))
+    (folder / name).write_bytes(content)
+    read = pycolmap.Reconstruction()
+    (read.read_text if end == ".txt" else read.read_binary)(str(folder))
+    return read.cameras[1]
+
+
+def test_cameras_of_colmap_are_read_as_it_projects_them(tmp_path):
+    """Each model of COLMAP that has a formula of ours."""
+    pycolmap = pytest.importorskip("pycolmap", reason="pycolmap is installed by `make test-full` only")
+    rng = np.random.default_rng(2)
+    points = rng.uniform(-1, 1, (200, 3)) * [900, 700, 0] + [0, 0, 1500]
+    for model in ("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE",
+                  "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "SIMPLE_FISHEYE", "FISHEYE", "EUCM",
+                  "FULL_OPENCV", "RAD_TAN_THIN_PRISM_FISHEYE"):  # fmt: skip
+        theirs = pycolmap.Camera.create_from_model_name(1, model, 500.0, 1024, 768)
+        values = np.array(theirs.params)
+        values[-4:] = values[-4:] + (np.array([0.02, -0.01, 0.003, 0.002]) if len(values) > 5 else 0.0)
+        if model == "EUCM":
+            values[-2:] = (0.55, 1.2)
+        theirs.params = values
+        (tmp_path / "cameras.txt").write_text(f"1 {model} 1024 768 {' '.join(map(repr, map(float, values)))}\n")
+        ours = om.convert(tmp_path / "cameras.txt", tmp_path / "a.toml", optics="fisheye").camera
+        world = points @ ours.mount.rotation().T
+        found = replace(ours, rim_radius_px=None).project(world)
+        expected = np.array([theirs.img_from_cam(point) for point in points]) - 0.5
+        assert found.valid.mean() > 0.5
+        np.testing.assert_allclose(found.pixels[found.valid], expected[found.valid], atol=1e-6, rtol=0, err_msg=model)
+
+
+def test_a_mirror_that_reaches_90_deg_says_what_colmap_leaves_out(tmp_path):
+    camera = OCam((-131.4797, 0.0, 1.848991e-03, 2.251206e-07, -7.343233e-10), C, SIZE)
+    made = om.convert(camera, tmp_path / "cameras.txt", to="colmap-eucm", tolerance_px=20.0, field_deg=85.0)
+    assert any("less than 90 deg" in note for note in made.notes)
