@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from .calibrate.propagation import uncertainty_map as uncertainty_map
     from .calibrate.targets import Board as Board
     from .calibrate.targets import Detection as Detection
+    from .calibrate.targets import choose_frames as choose_frames
     from .calibrate.targets import draw_board as draw_board
     from .calibrate.targets import find_board as find_board
     from .calibrate.targets import find_boards as find_boards
@@ -146,6 +147,7 @@ _HOMES = {
     "KannalaBrandt": "camera_models",
     "convert": "calibrate.conversion",
     "register_camera_format": "calibrate.formats",
+    "choose_frames": "calibrate.targets",
     "draw_board": "calibrate.targets",
     "find_board": "calibrate.targets",
     "find_boards": "calibrate.targets",
