@@ -338,7 +338,7 @@ class RadialModel(CameraModel):
         """
         law = self._law(omega)
         rate = self.scale_px * self.distortion.rate(law.radius) * law.rate
-        return self.radius_from_omega(omega), rate, self._signs[2] * self._viewpoint_mm(omega)
+        return self.radius_from_omega(omega), rate, self._signs[2] * self._viewpoint_mm(omega) + 0.0  # no -0
 
     def omega_from_radius(self, radius_px: Array) -> Array:
         """Field angles (n,) in radians of radii (n,) in px, none beyond :attr:`field_radius_px`.

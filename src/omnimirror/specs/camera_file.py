@@ -14,7 +14,7 @@ import tomli_w
 from pydantic import Field, create_model
 
 from ..arguments import file_name, instance
-from ..camera_models import CAMERAS, CalibratedCamera, parse_ocam
+from ..camera_models import CAMERAS, CalibratedCamera, RadialModel, parse_ocam
 from ..errors import OmnimirrorError, SpecError
 from ..files import parse_toml, read_text, write_text
 from ..frames import Mount
@@ -142,7 +142,7 @@ def camera_of(data: dict[str, Any], where: Places) -> CalibratedCamera:
     return dataclasses.replace(camera, uncertainty=known)
 
 
-def format_camera(camera: AnyCamera, notes: str = "") -> str:
+def format_camera(camera: Sensor | RadialModel, notes: str = "") -> str:
     """The text of a camera's file; reading it back gives an equal camera.
 
     Parameters
@@ -175,7 +175,7 @@ def format_camera(camera: AnyCamera, notes: str = "") -> str:
     return comment + (format_sensor(camera) if isinstance(camera, Sensor) else tomli_w.dumps(camera_tables(camera)))
 
 
-def camera_tables(camera: CalibratedCamera) -> dict[str, Any]:
+def camera_tables(camera: RadialModel) -> dict[str, Any]:
     """The tables of a camera's file, as plain data."""
     table: dict[str, Any] = {"kind": camera.KIND}
     for f in _fields_of(type(camera)):
@@ -188,7 +188,7 @@ def camera_tables(camera: CalibratedCamera) -> dict[str, Any]:
     return tables
 
 
-def save_camera(camera: AnyCamera, path: str | Path, notes: str = "") -> None:
+def save_camera(camera: Sensor | RadialModel, path: str | Path, notes: str = "") -> None:
     """Write a camera's file, whole or not at all.
 
     Parameters
@@ -218,7 +218,7 @@ def save_camera(camera: AnyCamera, path: str | Path, notes: str = "") -> None:
 
 
 @cache
-def _table_of(cls: type[CalibratedCamera]) -> type[Table]:
+def _table_of(cls: type[RadialModel]) -> type[Table]:
     """The pydantic model of the table [camera] of a kind, from the fields of its class."""
     hints = typing.get_type_hints(cls)
     entries: dict[str, Any] = {}
