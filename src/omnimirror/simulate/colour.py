@@ -39,8 +39,11 @@ def srgb_from_linear(linear: ArrayLike) -> Light:
     >>> srgb_from_linear([0.0, 0.214, 7.0]).round(3)
     array([0. , 0.5, 1. ], dtype=float32)
     """
-    x = np.clip(np.asarray(linear, dtype=np.float32), 0, 1)
-    return np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1 / 2.4) - 0.055).astype(np.float32)
+    x = np.asarray(np.clip(np.asarray(linear, dtype=np.float32), 0, 1))
+    curved = np.asarray(x ** (1 / 2.4))  # in place from here on: pictures are large
+    curved *= 1.055
+    curved -= 0.055
+    return np.multiply(x, 12.92, out=curved, where=x <= 0.0031308)
 
 
 def hex_colour(text: str) -> Light:

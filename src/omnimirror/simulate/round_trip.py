@@ -26,6 +26,9 @@ WALL_MM = 800.0
 """From the sensor to the wall ahead, on which OMNIMIRROR is written."""
 POSE = Pose(x_mm=3400.0 - WALL_MM, y_mm=-200.0, z_mm=300.0)
 VIEW = Plane(SIZE, hfov_deg=80.0, distance_mm=WALL_MM, offset_mm=(0.0, 0.0, 430.0))
+ELSEWHERE_MM = 10.0
+"""Fineness of what the view does not show; the whole room as fine as its wall would take 1.7 GB to paint."""
+ROWS = 30
 STRIPS = 4
 SMOOTHING_PX, STEPS = 4.0, 6
 LETTERS = slice(72, 252)  # rows of the view where there is something to measure a shift by
@@ -75,7 +78,7 @@ def measure_round_trip(sensor: Sensor, samples: int = 16, texel_mm: float = 2.0)
     samples
         Rays per pixel.
     texel_mm
-        Fineness of the room, mm.
+        Fineness of the wall, mm.
 
     Returns
     -------
@@ -99,17 +102,17 @@ def measure_round_trip(sensor: Sensor, samples: int = 16, texel_mm: float = 2.0)
     >>> found.finer_db > found.exact_db
     True
     """
-    room = PosedScene(Room(texel_mm), POSE)
+    room = PosedScene(Room(texel_mm, max(texel_mm, ELSEWHERE_MM)), POSE)
     truth = _truth(room)
     near = best_viewpoint(sensor, WALL_MM)
     exact, single = Dewarper(sensor, VIEW, "cubic"), Dewarper(sensor, VIEW, "cubic", viewpoint=near.z_mm)
     if not np.isfinite(exact.coordinates()[LETTERS]).all():
         raise OutsideField(f"{sensor.name!r} does not see all of the letters on the wall {WALL_MM:g} mm ahead")
-    sharp = srgb_from_linear(expose(sensor, room, samples=samples, blur=False))
+    sharp = _picture(sensor, room, samples)
     straight, guessed = exact(sharp), single(sharp)
     blurred_db = np.nan
     if sensor.secondary is None:  # no rays of the aperture are traced by way of a second mirror
-        blurred_db = _decibels(exact(srgb_from_linear(expose(sensor, room, samples=samples, blur=True))), truth)
+        blurred_db = _decibels(exact(_picture(sensor, room, samples, blur=True)), truth)
     u, v = sensor.imager.centre
     halved = replace(
         sensor.imager,
@@ -119,9 +122,7 @@ def measure_round_trip(sensor: Sensor, samples: int = 16, texel_mm: float = 2.0)
         centre_px=(2 * u + 0.5, 2 * v + 0.5),
     )
     finer = replace(sensor, imager=halved)
-    fine = Dewarper(finer, VIEW, "cubic")(
-        srgb_from_linear(expose(finer, room, samples=max(1, samples // 4), blur=False))
-    )
+    fine = Dewarper(finer, VIEW, "cubic")(_picture(finer, room, max(1, samples // 4)))
     return RoundTrip(
         _decibels(straight, truth),
         _decibels(fine, truth),
@@ -133,10 +134,20 @@ def measure_round_trip(sensor: Sensor, samples: int = 16, texel_mm: float = 2.0)
     )
 
 
+def _picture(sensor: Sensor, scene: Scene, samples: int, *, blur: bool = False) -> NDArray[np.float32]:
+    """sRGB, converted in place, some rows at a time."""
+    picture = expose(sensor, scene, samples=samples, blur=blur)
+    for rows in np.array_split(picture, max(1, len(picture) // ROWS)):
+        rows[:] = srgb_from_linear(rows)
+    return picture
+
+
 def _truth(scene: Scene) -> NDArray[np.float32]:
     """What a pinhole in the sensor's place sees of the wall, four rays by four a pixel."""
     fine = replace(VIEW, size=(4 * SIZE[0], 4 * SIZE[1]))
-    return (pinhole_picture(scene, fine.targets(0, fine.size[1]), 4) / 255).astype(np.float32)
+    edges = range(0, fine.size[1] + 1, 4 * ROWS)  # a part at a time: three million rays take half a gigabyte
+    parts = [pinhole_picture(scene, fine.targets(*rows), 4) for rows in pairwise(edges)]
+    return (np.concatenate(parts) / 255).astype(np.float32)
 
 
 def _decibels(picture: NDArray[np.float32], truth: NDArray[np.float32]) -> float:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
@@ -112,3 +114,26 @@ def test_errors_name_the_value(room: om.Room):
         room.sign_corners_mm("NORTH")
     with pytest.raises(InvalidParameter, match="texel_mm = 0 "):
         om.Room(texel_mm=0.0)
+
+
+def test_the_wall_ahead_alone_can_be_fine():
+    """What is written on it is as in a room that is fine throughout; texels elsewhere are coarse."""
+    fine, ahead = om.Room(10.0), om.Room(10.0, elsewhere_mm=80.0)
+    y, z = np.meshgrid(np.linspace(-2000, 1600, 300), np.linspace(500, 950, 60))
+    towards = np.stack([np.full(y.size, 3399.0), y.ravel(), z.ravel()], axis=-1)
+    origins = np.zeros_like(towards)
+    seen, expected = ahead.radiance(origins, towards), fine.radiance(origins, towards)
+    assert expected.std() > 0.1  # letters
+    np.testing.assert_allclose(seen, expected, atol=0.01)  # windows light it that are painted with coarser edges
+    np.testing.assert_allclose(ahead.sign_corners_mm("OMNIMIRROR"), fine.sign_corners_mm("OMNIMIRROR"))
+    with pytest.raises(InvalidParameter, match="elsewhere_mm"):
+        om.Room(10.0, elsewhere_mm=0.1)
+
+
+def test_a_fine_wall_ahead_takes_little_memory_to_paint():
+    tracemalloc.start()
+    try:
+        om.Room(2.0, elsewhere_mm=20.0).words  # noqa: B018
+        assert tracemalloc.get_traced_memory()[1] < 400e6
+    finally:
+        tracemalloc.stop()

@@ -22,6 +22,7 @@ from .landscape import landscape_light
 from .painted import Landscape, Surroundings, finished, outsides, surfaces_of
 
 TEXEL = Parameter("mm", 1.0, 100.0, "fineness of what is painted")
+AHEAD = 1  # the face of the wall ahead
 PLAIN_MM = 25.0  # fine enough where there is nothing but light and shade
 SOLIDS = tuple(piece.box for piece in PIECES)
 
@@ -38,6 +39,9 @@ class Room:
     ----------
     texel_mm : mm
         Fineness of the walls. It is painted and lit at the first question, once for all rooms alike.
+    elsewhere_mm : mm
+        Fineness of all but the wall ahead; ``texel_mm`` if None. At 2 mm all of the room takes half a gigabyte, and
+        three times that while it is painted; the wall ahead alone an eighth.
 
     Raises
     ------
@@ -58,9 +62,16 @@ class Room:
     """
 
     texel_mm: float = 5.0
+    elsewhere_mm: float | None = None
 
     def __post_init__(self) -> None:
         TEXEL.check("texel_mm", self.texel_mm)
+        if self.elsewhere_mm is not None:
+            TEXEL.check("elsewhere_mm", self.elsewhere_mm)
+
+    @property
+    def _faces(self) -> _Painted:
+        return _painted(self.texel_mm, self.texel_mm if self.elsewhere_mm is None else self.elsewhere_mm)
 
     def radiance(self, origins_mm: ArrayLike, directions: ArrayLike) -> Light:
         """Linear RGB (n, 3) of rays from origins (n, 3) mm in directions (n, 3) of any length but 0.
@@ -84,7 +95,7 @@ class Room:
         """
         origins, towards = np.asarray(origins_mm, dtype=float), np.asarray(directions, dtype=float)
         _check_rays(origins, towards)
-        painted = _painted(self.texel_mm)
+        painted = self._faces
         if backend.is_compiled:
             return painted.surroundings.radiance(origins, towards)
         hits = meet(ROOM, SOLIDS, origins, towards)  # boxes are met quicker than any surfaces are in NumPy
@@ -121,7 +132,7 @@ class Room:
     @property
     def words(self) -> tuple[str, ...]:
         """The words on the walls."""
-        return tuple(_painted(self.texel_mm).signs)
+        return tuple(self._faces.signs)
 
     def sign_corners_mm(self, word: str) -> Array:
         """Corners (4, 3) mm of a word's ink: top left, top right, bottom right, bottom left as one reads it.
@@ -141,7 +152,7 @@ class Room:
         InvalidParameter
             If the word is on no wall.
         """
-        signs = _painted(self.texel_mm).signs
+        signs = self._faces.signs
         if word not in signs:
             raise InvalidParameter(f"there is no word {word!r} in the room; there are {', '.join(signs)}")
         return signs[word].copy()
@@ -207,20 +218,20 @@ class _Painted:
 
 
 @lru_cache(maxsize=2)
-def _painted(texel_mm: float) -> _Painted:
+def _painted(texel_mm: float, elsewhere_mm: float) -> _Painted:
     """Paint the faces, find the light that falls on them, and keep both in one picture each."""
     faces = [face_of(ROOM, i, inside=True) for i in FACES]
     faces += outsides(SOLIDS)
     canvases: list[Canvas] = []
     signs: dict[str, Array] = {}
     for i in FACES:
-        canvas, extents = paint_room(i, texel_mm, faces[i].width_mm, faces[i].height_mm)
+        canvas, extents = paint_room(i, texel_mm if i == AHEAD else elsewhere_mm, faces[i].width_mm, faces[i].height_mm)
         canvases.append(canvas)
         signs |= {word: _corners(faces[i], extent) for word, extent in extents.items()}
     for number, face in enumerate(faces[6:]):
         piece = PIECES[number // 6]
         decorate = piece.decorate.get(number % 6)
-        fineness = max(texel_mm, PLAIN_MM) if decorate is None else texel_mm
+        fineness = max(elsewhere_mm, PLAIN_MM) if decorate is None else elsewhere_mm
         canvas = Canvas(face.width_mm, face.height_mm, fineness, piece.paint)
         if decorate is not None:
             decorate(canvas)
