@@ -35,6 +35,7 @@ COMMANDS = {
     "view": "Look around in a picture, video or stream, in the browser.",
     "studio": "Open the workbench in the browser.",
     "board": "Write a calibration board to print.",
+    "calibrate": "Find out what camera took pictures of a board.",
     "convert": "Take a camera from one program's file to another's.",
     "apertures": "Find the F-number and focus with the least blur and diffraction.",
     "bracket": "Plan pictures at several focus distances, and merge them into a sharp one.",
@@ -44,7 +45,7 @@ COMMANDS = {
 }
 """Every command with its one line of help."""
 ROOMS = {
-    "calibration": {"board", "convert", "uncertainty"},
+    "calibration": {"board", "calibrate", "convert", "uncertainty"},
     "evaluation": {"compare", "evaluate", "illumination", "mtf", "psf", "reproduce", "sensors", "spots"},
     "design": {"apertures", "design", "export", "init", "judge", "mappings", "parts"},
     "pictures": {"bracket", "demo", "dewarp", "simulate", "studio", "view"},

@@ -4,24 +4,32 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...arguments import choice, instance, shown
 from ...camera_models.base import CameraModel
 from ...camera_models.spheres import Unified
 from ...errors import InvalidParameter
 from ...frames import Mount
-from ..targets import Board, Detection
+from ...sensor import Sensor
+from ..physical import SensorModel
+from ..targets import Board, Detection, find_boards
 from .advice import advised, coverage
 from .bundle.adjustment import Adjustment, Prior
 from .bundle.board_shape import NAMES, BoardShape
 from .bundle.observations import Sighting, rms_px
 from .checks import check_detections, is_used, listed, reason_of
-from .covariance import Uncertainty, uncertainty
+from .covariance import ParameterCovariance, uncertainty
 from .ladder.models import KINDS
 from .pipeline import CalibrationPlan, Course, Foreknown, Stopped, Watch, run
 from .results import Calibration, ParameterResult, PictureResult
+
+Picture = NDArray[Any]
 
 FEW_PICTURES = 6
 LARGE_CORRELATION = 0.98
@@ -29,10 +37,10 @@ OVERFIT = 1.25  # held-out error over that of the fit
 
 
 def calibrate_camera(
-    detections: Sequence[Detection],
+    pictures: Sequence[Detection] | Sequence[Picture | str | Path],
     board: Board,
     *,
-    model: str | CameraModel = "auto",
+    model: str | CameraModel | Sensor = "auto",
     optics: str = "mirror",
     mount: Mount | None = None,
     centre_px: tuple[float, float] | None = None,
@@ -52,12 +60,13 @@ def calibrate_camera(
 
     Parameters
     ----------
-    detections
-        Of all pictures, those without a board among them.
+    pictures
+        Files, pictures (height, width, 3), or what was found in them (:func:`omnimirror.find_boards`), those without a
+        board among it.
     board
         That they show.
     model
-        ``"auto"``, the name of a kind of model, or a model of the kind to begin with.
+        ``"auto"``, the name of a kind of model, a model of the kind to begin with, or a sensor as designed.
     optics
         ``"mirror"`` or ``"fisheye"``: whether the centre of the picture looks back past the lens or ahead.
     mount
@@ -102,10 +111,12 @@ def calibrate_camera(
     """
     started = time.perf_counter()
     choice("optics", optics, ("mirror", "fisheye"))
+    if isinstance(model, Sensor):
+        model = SensorModel(model)
     if isinstance(model, CameraModel):
         mount, optics = model.mount, model.optics
     mount = Mount() if mount is None else mount
-    detections = _with_names(detections)
+    detections = _with_names(_found(pictures, board))
     size = check_detections(detections, board, is_reversed=(optics == "mirror") != mount.image_flipped)
     known = Foreknown(tuple(fixed), tuple(Prior(*p) for p in priors))
     plan = CalibrationPlan(
@@ -130,14 +141,18 @@ def calibrate_camera(
     return _told(course, detections, board, known, time.perf_counter() - started, is_complete)
 
 
+def _found(pictures: Sequence[Any], board: Board) -> Sequence[Detection]:
+    """Boards in pictures, unless they were looked for already."""
+    instance("board", board, Board, "a board")
+    given = list(pictures)
+    return given if given and all(isinstance(p, Detection) for p in given) else find_boards(given, board)
+
+
 def _with_names(detections: Sequence[Detection]) -> list[Detection]:
     """Detections whose names differ: pictures of two folders may have the same."""
-    from dataclasses import replace
-
     names: dict[str, int] = {}
     renamed = []
     for detection in detections:
-        instance("detections", detection, Detection, "a row of detections")
         count = names[detection.name] = names.get(detection.name, 0) + 1
         renamed.append(replace(detection, name=f"{detection.name} ({count})") if count > 1 else detection)
     return renamed
@@ -222,7 +237,7 @@ def _pictures(fit: Adjustment, course: Course, detections: Sequence[Detection]) 
     return tuple(results)
 
 
-def _notes(fit: Adjustment, course: Course, certain: Uncertainty, is_complete: bool) -> tuple[str, ...]:
+def _notes(fit: Adjustment, course: Course, certain: ParameterCovariance, is_complete: bool) -> tuple[str, ...]:
     """What whoever uses the camera should know."""
     notes = []
     if not is_complete:
@@ -233,7 +248,7 @@ def _notes(fit: Adjustment, course: Course, certain: Uncertainty, is_complete: b
             "and take more."
         )
     notes += [
-        f"The pictures do not determine {listed(free.names)} apart: {free} together change the picture by little."
+        f"The pictures do not determine {listed(free.names)} apart: {free}, together, change the picture by little."
         for free in certain.free
     ]
     held = course.held.rms_px if course.held else float("nan")

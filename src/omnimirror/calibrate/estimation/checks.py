@@ -50,15 +50,17 @@ def check_detections(detections: Sequence[Any], board: Any, *, is_reversed: bool
     is_reversed
         Whether a camera such as this delivers mirror images.
     """
-    sizes = Counter(tuple(d.image_size) for d in detections)
+    sizes = Counter(tuple(d.image_size) for d in detections if is_used(d))
     if len(sizes) > 1:
         (usual, _), *others = sizes.most_common()
-        odd = [d.name for d in detections if tuple(d.image_size) != usual]
+        odd = [d.name for d in detections if is_used(d) and tuple(d.image_size) != usual]
         names = ", ".join(f"{w} x {h}" for (w, h), _ in others)
         raise InvalidParameter(
             f"{listed(odd)}: {names} px, where the other pictures have {usual[0]} x {usual[1]} px; pictures of one "
             "calibration are all as the camera delivers them"
         )
+    if not detections:
+        raise InvalidParameter("there are no pictures; 10 or more of a board are usual")
     used = [d for d in detections if is_used(d)]
     if len(used) < FEWEST_PICTURES:
         missing = [d for d in detections if not is_used(d)]
@@ -134,7 +136,7 @@ def check_still(adjustment: Adjustment) -> None:
     for _ in range(ROUNDS):
         total += offsets
         back = [replace(s, pixels=s.pixels - o) for s, o in zip(shared.sightings, offsets, strict=True)]
-        shared = adjust(shared.model, back, shape=shared.shape, loss="cauchy", most_steps=20)
+        shared = shared.again(back, loss="cauchy", most_steps=20)
         offsets = _own_centres(shared)
     apart = two_groups(total)
     if apart is None:

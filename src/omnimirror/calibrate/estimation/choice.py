@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import numpy as np
+
 from .bundle.adjustment import Adjustment
 from .bundle.board_shape import NAMES
 from .leaving_out import HeldOut
@@ -23,12 +25,12 @@ class TriedModel(NamedTuple):
     """why it was chosen, or was not"""
 
 
-def chosen(fits: Sequence[tuple[Adjustment, HeldOut]]) -> tuple[int, tuple[TriedModel, ...]]:
+def chosen(fits: Sequence[tuple[Adjustment, HeldOut | None]]) -> tuple[int, tuple[TriedModel, ...]]:
     """The number of the model with the least held-out error, and why each was chosen or not.
 
     The simplest one that is no more than 2 % worse than the best is taken: less does not show in other pictures.
     """
-    errors = [held.rms_px for _, held in fits]
+    errors = [np.inf if held is None else held.rms_px for _, held in fits]
     counts = [_count(fit) for fit, _ in fits]
     least = min(errors)
     best = min((i for i, e in enumerate(errors) if e <= (1 + GAIN) * least), key=lambda i: (counts[i], errors[i]))
@@ -39,13 +41,16 @@ def chosen(fits: Sequence[tuple[Adjustment, HeldOut]]) -> tuple[int, tuple[Tried
             why = "least error in pictures left out"
             if errors[i] > least:
                 why = f"within {100 * GAIN:.0f} % of the least error in pictures left out, with fewer parameters"
+        elif held is None:
+            why = "the fit alone is worse than that of another model in pictures left out"
         elif worse < 100 * GAIN:
             why = f"no better by more than {100 * GAIN:.0f} % in pictures left out, with more parameters"
         elif fit.rms_px < fits[best][0].rms_px:
             why = f"fits better and predicts {worse:.0f} % worse: it follows the noise"
         else:
             why = f"{worse:.0f} % more error in pictures left out"
-        candidates.append(TriedModel(fit.model.KIND, counts[i], fit.rms_px, held.rms_px, why))
+        left_out = float("nan") if held is None else held.rms_px
+        candidates.append(TriedModel(fit.model.KIND, counts[i], fit.rms_px, left_out, why))
     return best, tuple(candidates)
 
 

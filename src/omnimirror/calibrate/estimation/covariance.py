@@ -27,7 +27,7 @@ class FreeCombination(NamedTuple):
     names: tuple[str, ...]
     """largest part first"""
     parts: tuple[float, ...]
-    """for each, in its own unit, what goes with the others': one sigma, or what moves the picture by 1 px alone"""
+    """by how much they may be off together, each in its own unit: one sigma"""
     sigma_px: float
     """by how much the first might move the picture, were the others not to move it back"""
 
@@ -37,7 +37,7 @@ class FreeCombination(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Uncertainty:
+class ParameterCovariance:
     """Covariance of the parameters.
 
     Parameters
@@ -67,7 +67,7 @@ class Uncertainty:
         return np.asarray(self.covariance * inverse[:, None] * inverse)
 
 
-def uncertainty(adjustment: Adjustment) -> Uncertainty:
+def uncertainty(adjustment: Adjustment) -> ParameterCovariance:
     """Covariance at the least squares: the inverse of what pictures say when motions are free, times the noise."""
     question, names = adjustment.question, adjustment.names
     free = question.free
@@ -89,7 +89,7 @@ def uncertainty(adjustment: Adjustment) -> Uncertainty:
         for i in range(len(values))
         if values[i] ** -0.5 > limit
     ]
-    return Uncertainty(names, covariance, tuple(loose))
+    return ParameterCovariance(names, covariance, tuple(loose))
 
 
 def _scales(derivatives: Array) -> Array:
@@ -101,7 +101,9 @@ def _scales(derivatives: Array) -> Array:
 def _combination(names: list[str], vector: Array, scales: Array, sigma: float) -> FreeCombination:
     order = [i for i in np.argsort(-np.abs(vector)) if abs(vector[i]) > NAMED_ABOVE * np.abs(vector).max()]
     vector = vector * np.sign(vector[order[0]])
-    return FreeCombination(tuple(names[i] for i in order), tuple(float(vector[i] * scales[i]) for i in order), sigma)
+    return FreeCombination(
+        tuple(names[i] for i in order), tuple(float(sigma * vector[i] * scales[i]) for i in order), sigma
+    )
 
 
 def direction_covariance(model: CameraModel, covariance: Array, directions: ArrayLike) -> Array:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .bundle.adjustment import Adjustment, Prior, adjust
+from .bundle.adjustment import Adjustment, adjust
 from .bundle.linearisation import UNSEEN_PX
 from .bundle.observations import rms_px
 
@@ -16,6 +16,7 @@ Array = NDArray[np.float64]
 EACH_UP_TO = 20  # pictures that are left out one by one; more are left out in groups
 GROUPS = 10
 STEPS = 12
+SETTLED = 1e-5  # share of the sum below which a step is the last: each fit begins where all pictures agree
 
 
 class HeldOut(NamedTuple):
@@ -37,17 +38,13 @@ def folds(count: int, seed: int = 0) -> list[NDArray[np.int64]]:
     return list(np.array_split(np.random.default_rng(seed).permutation(count), GROUPS))
 
 
-def held_out(
-    adjustment: Adjustment, *, fixed: tuple[str, ...] = (), priors: tuple[Prior, ...] = (), seed: int = 0
-) -> HeldOut:
+def held_out(adjustment: Adjustment, *, seed: int = 0) -> HeldOut:
     """Leave pictures out, fit all others, then place the boards of those left out and nothing else.
 
     Parameters
     ----------
     adjustment
         Of all pictures; each fit begins there.
-    fixed, priors
-        With which it was made.
     seed
         Of the groups of many pictures.
 
@@ -56,16 +53,13 @@ def held_out(
     HeldOut
         NaN with fewer than two pictures.
     """
-    sightings, shape = adjustment.sightings, adjustment.shape
+    sightings = adjustment.sightings
     residuals = np.full(adjustment.residuals.shape, np.nan)
     if len(sightings) < 2:
         return HeldOut(float("nan"), residuals)
     for out in folds(len(sightings), seed):
         others = [s for i, s in enumerate(sightings) if i not in out]
-        fit = adjust(
-            adjustment.model, others, shape=shape, fixed=fixed, priors=priors, noise_px=adjustment.noise_px,
-            most_steps=STEPS,
-        )  # fmt: skip
+        fit = adjustment.again(others, noise_px=adjustment.noise_px, most_steps=STEPS, settled=SETTLED)
         placed = adjust(fit.model, [sightings[i] for i in out], shape=fit.shape, fixed=fit.names, most_steps=STEPS)
         lost = np.where(placed.seen[:, None], placed.residuals, UNSEEN_PX)
         for number, where in zip(out, placed.question.stack.slices, strict=True):

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .bundle.adjustment import MEDIAN_OF_NOISE, Adjustment, Prior, adjust
+from .bundle.adjustment import MEDIAN_OF_NOISE, Adjustment
 from .bundle.linearisation import UNSEEN_PX
 from .bundle.observations import Sighting
 
@@ -39,17 +39,13 @@ def outlier_limit_px(adjustment: Adjustment) -> float:
     return max(noise * float(np.sqrt(2 * np.log(max(len(lengths), 2) / CHANCE))), LEAST_REJECTED_PX)
 
 
-def without_outliers(
-    adjustment: Adjustment, *, fixed: tuple[str, ...] = (), priors: tuple[Prior, ...] = (), most: int | None = None
-) -> tuple[Adjustment, tuple[Outlier, ...]]:
+def without_outliers(adjustment: Adjustment, *, most: int | None = None) -> tuple[Adjustment, tuple[Outlier, ...]]:
     """Reject the worst corner, adjust again, and so on, until none is beyond chance or 1 % are gone.
 
     Parameters
     ----------
     adjustment
         Of all corners, robust or not.
-    fixed, priors
-        With which it was made.
     most
         Corners that may be rejected; 1 % by default.
 
@@ -71,11 +67,12 @@ def without_outliers(
             break
         number = int(now.question.stack.owner[at])
         found.append(Outlier(now.sightings[number].name, int(now.question.stack.ids[at]), float(lengths[at])))
-        now = adjust(
-            now.model, without_points(now.sightings, number, at - now.question.stack.slices[number].start),
-            shape=now.shape, fixed=fixed, priors=priors, loss="cauchy", noise_px=now.question.noise_px, most_steps=2,
+        start = now.question.stack.slices[number].start
+        now = now.again(
+            without_points(now.sightings, number, at - start), loss="cauchy", noise_px=now.question.noise_px,
+            most_steps=2,
         )  # fmt: skip
-    kept = adjust(now.model, now.sightings, shape=now.shape, fixed=fixed, priors=priors)
+    kept = now.again(now.sightings)
     return kept, tuple(sorted(found, key=lambda o: -o.residual_px))
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -10,16 +10,17 @@ import numpy as np
 from ...camera_models.base import CameraModel
 from ...camera_models.spheres import Unified
 from ...errors import InvalidParameter, OmnimirrorError
-from .bundle.adjustment import Adjustment, Prior, adjust, shared_names
+from .bundle.adjustment import Adjustment, Prior, shared_names
 from .bundle.board_shape import BoardShape
 from .bundle.observations import Motion, Sighting
 from .checks import check_poses, check_still, without_strangers
 from .choice import TriedModel, chosen
 from .ladder.models import JUDGES, KINDS, begun_as
-from .ladder.rungs import begun, climbed
+from .ladder.rungs import begun, climbed, field_of
 from .leaving_out import HeldOut, held_out
 from .outliers import Outlier, frozen, without_outliers
 
+HOPELESS = 1.1  # a model whose fit is worse than another in pictures that were left out, by so much, is not compared
 FEWEST_FOR_JUDGES = 5  # pictures; with fewer the most flexible models follow anything
 
 
@@ -57,6 +58,13 @@ class Foreknown:
         priors = (*self.priors, *(p for p in own if p.name not in said))
         return tuple(n for n in self.fixed if n in names), tuple(p for p in priors if p.name in names)
 
+    def check(self, fits: Iterable[Adjustment]) -> None:
+        """Whether some model has each of the names."""
+        names = dict.fromkeys(name for fit in fits for name in fit.names)
+        for name in (*self.fixed, *(p.name for p in self.priors)):
+            if name not in names:
+                raise InvalidParameter(f"there is no parameter {name!r} to fix or expect; {', '.join(names)} are")
+
 
 @dataclass
 class Course:
@@ -92,30 +100,35 @@ class CalibrationPlan:
 def run(plan: CalibrationPlan, watch: Watch, course: Course) -> None:
     """Begin, climb to every model, reject outliers by the best, compare, and choose."""
     watch.at("placing boards", 0.0)
-    low = begun(plan.sightings, plan.image_size, plan.centre_px, plan.empty.optics, plan.empty.mount)
+    fixed, priors = plan.known.of(plan.empty, None) if Unified.KIND in map(_kind, plan.wanted) else ((), ())
+    low = begun(
+        plan.sightings, plan.image_size, plan.centre_px, plan.empty.optics, plan.empty.mount, fixed=fixed, priors=priors
+    )  # fmt: skip
     course.fit, course.strangers = low.fit, low.strangers
     check_poses(low.fit.sightings)
     base = replace(low.fit, sightings=from_the_front(low.fit.sightings)) if plan.is_mirrored_alike else low.fit
     fits = _all_climbed(base, plan, watch, course)
+    plan.known.check(fits.values())
     judge = min(fits.values(), key=lambda fit: fit.question.noise_px)
-    judge = _without_strangers(judge, plan, course)
+    judge = _without_strangers(judge, course)
     watch.at("looking for outliers", 0.4)
-    fixed, priors = plan.known.of(judge.model, plan.shape)
-    judge, course.outliers = without_outliers(judge, fixed=fixed, priors=priors)
+    judge, course.outliers = without_outliers(judge)
     check_still(judge)
-    wanted = [k for k in fits if k in {_kind(w) for w in plan.wanted}]
-    compared: list[tuple[Adjustment, HeldOut]] = []
-    for number, kind in enumerate(wanted):
-        watch.at(f"comparing {kind}", 0.5 + 0.5 * number / len(wanted))
-        fit = _frozen(fits[kind], judge, plan, course)
-        if course.held is None:
-            course.fit = fit
-        fixed, priors = plan.known.of(fit.model, plan.shape)
-        held = held_out(fit, fixed=fixed, priors=priors, seed=plan.seed)
-        compared.append((fit, held))
+    names = {_kind(w) for w in plan.wanted}
+    course.fit = judge if judge.model.KIND in names else course.fit
+    _compare({k: _frozen(fit, judge, course) for k, fit in fits.items() if k in names}, plan, watch, course)
+    watch.at("done", 1.0)
+
+
+def _compare(fits: dict[str, Adjustment], plan: CalibrationPlan, watch: Watch, course: Course) -> None:
+    """Leave pictures out of each model's fit, the best fits first; not of one whose fit alone is worse than that."""
+    compared: list[tuple[Adjustment, HeldOut | None]] = []
+    for number, fit in enumerate(sorted(fits.values(), key=lambda fit: fit.rms_px)):
+        watch.at(f"comparing {fit.model.KIND}", 0.5 + 0.5 * number / len(fits))
+        is_beaten = course.held is not None and fit.rms_px > HOPELESS * course.held.rms_px
+        compared.append((fit, None if is_beaten else held_out(fit, seed=plan.seed)))
         best, course.candidates = chosen(compared)
         course.fit, course.held = compared[best]
-    watch.at("done", 1.0)
 
 
 def _kind(wanted: str | CameraModel) -> str:
@@ -128,14 +141,15 @@ def _all_climbed(base: Adjustment, plan: CalibrationPlan, watch: Watch, course: 
     if len(base.sightings) >= FEWEST_FOR_JUDGES:
         ladder += [kind for kind in JUDGES if kind not in map(_kind, ladder)]
     fits: dict[str, Adjustment] = {}
+    unified = base.model
+    assert isinstance(unified, Unified)
     for number, wanted in enumerate(sorted(ladder, key=_order)):
         kind = _kind(wanted)
         watch.at(f"fitting {kind}", 0.05 + 0.35 * number / len(ladder))
-        below = next((fits[k] for k in reversed(JUDGES) if k in fits and kind in JUDGES), base)
         try:
-            into = begun_as(wanted, base.model) if isinstance(wanted, str) else wanted  # type: ignore[arg-type]
+            into = wanted if isinstance(wanted, CameraModel) else begun_as(wanted, unified, field_of(base))
             fixed, priors = plan.known.of(into, plan.shape)
-            fits[kind] = climbed(below, into, shape=plan.shape, fixed=fixed, priors=priors)
+            fits[kind] = climbed(base, into, shape=plan.shape, fixed=fixed, priors=priors)
         except OmnimirrorError as e:
             course.failures[kind] = str(e)
             continue
@@ -152,23 +166,20 @@ def _order(wanted: str | CameraModel) -> int:
     return kinds.index(wanted) if isinstance(wanted, str) and wanted in kinds else len(kinds)
 
 
-def _without_strangers(fit: Adjustment, plan: CalibrationPlan, course: Course) -> Adjustment:
+def _without_strangers(fit: Adjustment, course: Course) -> Adjustment:
     """The fit without pictures that even the best model does not explain."""
     found = without_strangers(fit)
     if not found:
         return fit
     course.strangers |= found
-    fixed, priors = plan.known.of(fit.model, plan.shape)
-    kept = [s for s in fit.sightings if s.name not in found]
-    return adjust(fit.model, kept, shape=fit.shape, fixed=fixed, priors=priors, loss="cauchy")
+    return fit.again([s for s in fit.sightings if s.name not in found], loss="cauchy")
 
 
-def _frozen(fit: Adjustment, judge: Adjustment, plan: CalibrationPlan, course: Course) -> Adjustment:
+def _frozen(fit: Adjustment, judge: Adjustment, course: Course) -> Adjustment:
     """A model by least squares on the corners that are left for all."""
     names = {s.name for s in judge.sightings}
     kept = frozen(tuple(s for s in fit.sightings if s.name in names), course.outliers)
-    fixed, priors = plan.known.of(fit.model, plan.shape)
-    return adjust(fit.model, kept, shape=fit.shape, fixed=fixed, priors=priors)
+    return fit.again(kept)
 
 
 def from_the_front(sightings: Sequence[Sighting]) -> tuple[Sighting, ...]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,12 +12,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...camera_models.base import CameraModel
+from ...camera_models.radial import RadialModel
 from ...files import write_text
+from ...parameters import Uncertainty
+from ...sensor import Sensor
+from ...specs import save_camera
+from ..physical import SensorModel
 from .advice import Coverage
 from .bundle.adjustment import Adjustment
 from .bundle.board_shape import BoardShape
 from .choice import TriedModel
-from .covariance import FreeCombination, Uncertainty, direction_sigma_deg
+from .covariance import FreeCombination, ParameterCovariance, direction_sigma_deg
 from .leaving_out import HeldOut
 from .outliers import Outlier
 
@@ -107,7 +112,7 @@ class Calibration:
     outliers: tuple[Outlier, ...]
     pictures: tuple[PictureResult, ...]
     parameters: tuple[ParameterResult, ...]
-    uncertainty: Uncertainty
+    uncertainty: ParameterCovariance
     candidates: tuple[TriedModel, ...]
     notes: tuple[str, ...]
     advice: tuple[str, ...]
@@ -147,6 +152,42 @@ class Calibration:
             Deg, the larger way; NaN where the camera sees nothing.
         """
         return direction_sigma_deg(self.model, self.covariance, directions)
+
+    @property
+    def camera(self) -> Sensor | CameraModel:
+        """The camera as it is used and saved: the sensor itself, or the model with its uncertainty."""
+        names = tuple(p.name for p in self.model.parameters)
+        known = Uncertainty(names, tuple(tuple(float(c) for c in row) for row in self.covariance))
+        if isinstance(self.model, SensorModel):
+            return replace(self.model.sensor, uncertainty=known)
+        if isinstance(self.model, RadialModel):
+            return replace(self.model, uncertainty=known)  # type: ignore[type-var]  # every model is a dataclass
+        return self.model
+
+    def save(self, path: str | Path) -> None:
+        """Write the camera's file: a sensor file, or a camera file with its uncertainty.
+
+        Parameters
+        ----------
+        path
+            Of the file, TOML.
+
+        Raises
+        ------
+        OmnimirrorError
+            The file cannot be written.
+        """
+        save_camera(self.camera, path, self.summary)  # type: ignore[arg-type]
+
+    @property
+    def summary(self) -> str:
+        """A line about it."""
+        used = sum(p.used for p in self.pictures)
+        held = f", {self.held_out_rms_px:.3f} px in pictures left out" if self.held_out else ""
+        return (
+            f"Calibrated from {used} pictures and {self.corners - len(self.outliers)} corners: {self.rms_px:.3f} px RMS"
+            f"{held}."
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """All numbers, as the file of ``--json`` has them.

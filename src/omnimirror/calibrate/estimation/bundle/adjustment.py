@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,6 +65,8 @@ class Adjustment:
         What was asked.
     estimate
         What was found, in the form of the arithmetic.
+    fixed, priors
+        With which it was found.
     """
 
     model: CameraModel
@@ -73,6 +75,12 @@ class Adjustment:
     linearised: Linearised
     question: Question
     estimate: Estimate
+    fixed: tuple[str, ...] = ()
+    priors: tuple[Prior, ...] = ()
+
+    def again(self, sightings: Sequence[Sighting], **options: Any) -> Adjustment:
+        """The same from here on with other sightings; options as of :func:`adjust`."""
+        return adjust(self.model, sightings, shape=self.shape, fixed=self.fixed, priors=self.priors, **options)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -183,12 +191,13 @@ def adjust(
     (0.9, 0.0)
     """
     choice("loss", loss, ("squares", "cauchy", "huber"))
-    question = _question(model, sightings, shape, tuple(fixed), tuple(priors))
-    estimate = _start(model, sightings, shape, tuple(priors))
+    fixed, priors = tuple(fixed), tuple(priors)
+    question = _question(model, sightings, shape, fixed, priors)
+    estimate = _start(model, sightings, shape, priors)
     if noise_px is not None:
         question = replace(question, noise_px=noise_px, loss=Loss(loss, CAUCHY * noise_px))
         estimate = least(estimate, question, most_steps, settled, on_step)
-        return _told(estimate, sightings, question)
+        return _told(estimate, sightings, question, fixed, priors)
     for _ in range(1 if loss == "squares" and not question.information.any() else SCALES_ADJUSTED):
         noise = _noise(estimate, question, robust=loss != "squares")
         question = replace(question, noise_px=noise, loss=Loss(loss, CAUCHY * noise))
@@ -196,21 +205,20 @@ def adjust(
         now = _noise(estimate, question, robust=loss != "squares")
         if abs(now - noise) < 0.02 * noise:
             break
-    return _told(estimate, sightings, replace(question, noise_px=_noise(estimate, question, robust=loss != "squares")))
+    noise = _noise(estimate, question, robust=loss != "squares")
+    return _told(estimate, sightings, replace(question, noise_px=noise), fixed, priors)
 
 
-def placed(
-    model: CameraModel, sighting: Sighting, *, shape: BoardShape | None = None, loss: str = "cauchy"
-) -> Sighting:
-    """A sighting with its motion found for a camera that stays as it is; one without a motion is not begun here."""
-    everything = shared_names(model, shape)
-    return adjust(model, [sighting], shape=shape, fixed=everything, loss=loss).sightings[0]
-
-
-def _told(estimate: Estimate, sightings: Sequence[Sighting], question: Question) -> Adjustment:
+def _told(
+    estimate: Estimate,
+    sightings: Sequence[Sighting],
+    question: Question,
+    fixed: tuple[str, ...],
+    priors: tuple[Prior, ...],
+) -> Adjustment:
     found = linearised(estimate, question.stack)
     moved = tuple(s.moved(m) for s, m in zip(sightings, estimate.motions, strict=True))
-    return Adjustment(estimate.model, moved, estimate.shape, found, question, estimate)
+    return Adjustment(estimate.model, moved, estimate.shape, found, question, estimate, fixed, priors)
 
 
 def _question(

@@ -4,21 +4,87 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from ....arguments import shown
+from ....arguments import choice, instance
+from ....camera_models import (
+    DoubleSphere,
+    EnhancedUnified,
+    KannalaBrandt,
+    OCam,
+    RadialSpline,
+    Unified,
+    ViewpointSpline,
+)
 from ....camera_models.base import CameraModel
-from ....camera_models.spheres import Unified
-from ....errors import InvalidParameter
+from ...physical import SensorModel
 
-KINDS: dict[str, Callable[[Unified], CameraModel]] = {
-    "unified": lambda u: u,
+Maker = Callable[[Unified, float], CameraModel]
+"""Of a model that resembles a unified one as far as a field angle in deg."""
+
+RIM_RADIUS_MM = 40.0
+"""Of a mirror of which nothing is known: its size shows in how it sees near things, and hardly there."""
+
+
+def _unified(u: Unified, omega_max_deg: float) -> CameraModel:
+    return u
+
+
+def _enhanced(u: Unified, omega_max_deg: float) -> CameraModel:
+    return EnhancedUnified(u.xi / (1 + u.xi), 1.0, _focal(u), u.centre_px, u.image_size, optics=u.optics, mount=u.mount)
+
+
+def _double(u: Unified, omega_max_deg: float) -> CameraModel:
+    return DoubleSphere(0.0, u.xi / (1 + u.xi), _focal(u), u.centre_px, u.image_size, optics=u.optics, mount=u.mount)
+
+
+def _kannala_brandt(u: Unified, omega_max_deg: float) -> CameraModel:
+    return KannalaBrandt(_focal(u), u.centre_px, u.image_size, optics=u.optics, mount=u.mount)
+
+
+def _ocam(u: Unified, omega_max_deg: float) -> CameraModel:
+    """The stereographic camera of the same focal length is ``f(rho) = (rho^2 - f^2) / (2 f)``."""
+    f = 2 * u.scale_px / (1 + u.xi)
+    polynomial = (-f / 2, 0.0, 1 / (2 * f), 0.0, 0.0)
+    return OCam(polynomial, u.centre_px, u.image_size, optics=u.optics, mount=u.mount)
+
+
+def _radial_spline(u: Unified, omega_max_deg: float) -> CameraModel:
+    return RadialSpline.like(u, field_deg=2 * omega_max_deg)
+
+
+def _viewpoint_spline(u: Unified, omega_max_deg: float) -> CameraModel:
+    return ViewpointSpline.like(u, field_deg=2 * omega_max_deg)
+
+
+def _mirror(u: Unified, omega_max_deg: float) -> CameraModel:
+    return SensorModel.start_from(u, omega_max_deg=omega_max_deg, rim_radius_mm=RIM_RADIUS_MM)
+
+
+KINDS: dict[str, Maker] = {
+    "unified": _unified,
+    "enhanced-unified": _enhanced,
+    "double-sphere": _double,
+    "kannala-brandt": _kannala_brandt,
+    "ocam": _ocam,
+    "radial-spline": _radial_spline,
+    "viewpoint-spline": _viewpoint_spline,
+    "sensor": _mirror,
 }
-"""A model of each kind that resembles a unified one, from which it is fitted to it."""
-JUDGES = ("unified",)
-"""The most flexible kinds, by which outliers are told: each begins where the one before it ended."""
+"""By their names in files and on the command line, the mirror sensor as physics has it last."""
+JUDGES = ("radial-spline", "viewpoint-spline")
+"""The most flexible kinds, by which outliers are told."""
 
 
-def begun_as(kind: str, unified: Unified) -> CameraModel:
-    """A model of a kind, to begin with."""
-    if kind not in KINDS:
-        raise InvalidParameter(f"model = {shown(kind)} is not known; valid are auto, {', '.join(KINDS)}, and a sensor")
-    return KINDS[kind](unified)
+def begun_as(kind: str, central: Unified, omega_max_deg: float) -> CameraModel:
+    """A model of a kind, to begin with, that resembles a unified one."""
+    choice("model", kind, KINDS)
+    instance("central", central, Unified, "a unified model")
+    return KINDS[kind](central, min(omega_max_deg, _degrees(central.model_end)))
+
+
+def _focal(u: Unified) -> tuple[float, float]:
+    """Focal lengths of models whose radius grows with the angle itself at the centre."""
+    return u.focal_px[0] / (1 + u.xi), u.focal_px[1] / (1 + u.xi)
+
+
+def _degrees(radians: float) -> float:
+    return radians * 57.29577951308232

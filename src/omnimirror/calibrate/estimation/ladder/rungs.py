@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ....camera_models import RadialSpline, Unified, ViewpointSpline
 from ....camera_models.base import CameraModel
-from ....camera_models.spheres import Unified
 from ....errors import InvalidParameter
 from ....frames import Mount, turned
 from ..bundle.adjustment import Adjustment, Prior, adjust
@@ -21,6 +21,8 @@ from .start import board_motion, stereographic_start
 
 FIRST_FREE = ("xi", "fx", "fy", "cx", "cy")
 ROUGHLY = 1e-4  # share of the sum below which a step is the last, where better models follow
+RADIUS_SIGMA = 0.02  # of the largest radius
+VIEWPOINT_SIGMA_MM = 30.0
 BEYOND = 1.03  # of the farthest corner: so far models are made to agree
 
 
@@ -39,8 +41,13 @@ def begun(
     centre_px: tuple[float, float] | None,
     optics: str,
     mount: Mount,
+    *,
+    fixed: tuple[str, ...] = (),
+    priors: tuple[Prior, ...] = (),
 ) -> Begun:
     """A unified model, robust, from boards that nobody has placed.
+
+    What is fixed keeps the value of a stereographic camera without distortion.
 
     Raises
     ------
@@ -60,15 +67,15 @@ def begun(
     }
     placed = [s.moved(m) for s, m in zip(sightings, start.motions, strict=True) if m is not None]
     held = [p.name for p in model.parameters if p.name not in FIRST_FREE]
-    fit = adjust(model, placed, fixed=held, loss="cauchy", settled=ROUGHLY)
-    fit = adjust(fit.model, again_placed(fit), loss="cauchy", settled=ROUGHLY)
+    fit = adjust(model, placed, fixed=(*held, *fixed), priors=priors, loss="cauchy", settled=ROUGHLY)
+    fit = adjust(fit.model, again_placed(fit), fixed=fixed, priors=priors, loss="cauchy", settled=ROUGHLY)
     found = without_strangers(fit)
     if found:
         strangers |= found
         kept = [s for s in fit.sightings if s.name not in found]
         if len(kept) < 2:
             raise InvalidParameter("; ".join(f"{name}: {why}" for name, why in found.items()))
-        fit = adjust(fit.model, kept, loss="cauchy", settled=ROUGHLY)
+        fit = fit.again(kept, loss="cauchy", settled=ROUGHLY)
     return Begun(fit, strangers)
 
 
@@ -92,6 +99,11 @@ def _median_px(model: CameraModel, sighting: Sighting, motion: Motion | None) ->
     image = model.image(motion(sighting.points))
     pixels = np.where(image.valid[:, None], image.pixels, sighting.pixels + UNSEEN_PX)
     return float(np.median(np.hypot(*(pixels - sighting.pixels).T)))
+
+
+def field_of(fit: Adjustment) -> float:
+    """Field angle (deg) as far as models are made to agree: a little beyond the farthest corner."""
+    return min(BEYOND * farthest_angle_deg(fit), 179.0)
 
 
 def climbed(
@@ -121,13 +133,25 @@ def climbed(
         Robust.
     """
     names = {p.name for p in into.parameters}
-    angle = min(BEYOND * farthest_angle_deg(fit), 179.0)
     model = converted(
-        fit.model, into, omega_max_deg=angle, fixed=[n for n in fixed if n in names],
+        fit.model, into, omega_max_deg=field_of(fit), fixed=[n for n in fixed if n in names],
         priors=[p for p in priors if p.name in names],
     )  # fmt: skip
     sightings = fit.sightings
     if not is_central(model):
         sightings = shifted_to_viewpoint(model, sightings)
     settled = adjust(model, sightings, fixed=[p.name for p in model.parameters], loss="cauchy", most_steps=20)
-    return adjust(model, settled.sightings, shape=shape, fixed=fixed, priors=priors, loss="cauchy", settled=ROUGHLY)
+    supported = (*priors, *(p for p in supports(model) if p.name not in fixed))
+    return adjust(
+        model, settled.sightings, shape=shape, fixed=fixed, priors=supported, loss="cauchy", settled=ROUGHLY
+    )  # fmt: skip
+
+
+def supports(model: CameraModel) -> tuple[Prior, ...]:
+    """Weak priors that hold the ends of splines where no corner lies: there they stay as the rung below had them."""
+    if not isinstance(model, RadialSpline | ViewpointSpline):
+        return ()
+    reach = RADIUS_SIGMA * model.radii_px[-1]
+    sigmas = {"r": reach, "z": VIEWPOINT_SIGMA_MM}
+    held = (p for p in model.parameters if p.name[0] in sigmas and p.name[1:].isdigit())
+    return tuple(Prior(p.name, p.value, sigmas[p.name[0]]) for p in held)

@@ -1,0 +1,261 @@
+"""``omnimirror calibrate``: the camera that took pictures of a board."""
+
+from __future__ import annotations
+
+import re
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from ....arguments import float_of, shown
+from ....calibrate.estimation import Calibration, Prior, calibrate_camera
+from ....calibrate.estimation.ladder.models import KINDS
+from ....calibrate.physical import SensorModel
+from ....calibrate.targets import Board, Detection, choose_frames
+from ....calibrate.targets.finding import STOPPED, find_boards
+from ....camera_models.base import CameraModel, Optics
+from ....frames import CameraLooks, Mount
+from ....media import interrupts
+from ....sensor import Sensor
+from ....specs import load_camera
+from ....straighten.request import is_video
+from ...options.board import BoardOptions
+from ...options.common import WHOLE, angle, pixel
+from ...options.declared import Options, option, takes
+from ...outputs import Output, output_console, progress_bar, say, say_written
+
+FEW_SHOWN = 12
+
+
+def prior(text: str) -> Prior:
+    """What is known of a parameter, as ``NAME=VALUE+-SIGMA``, or ``NAME=VALUE`` to fix it.
+
+    >>> prior("xi=0.97+-0.02")
+    Prior(name='xi', value=0.97, sigma=0.02)
+    """
+    match = re.fullmatch(r"([\w.\[\]]+)=([^+±]+?|[^±]+?)(?:(?:\+-|±)(.+))?", text.strip())
+    try:
+        if match:
+            name, value, sigma = match.groups()
+            found = Prior(name, float_of(value.strip()), 0.0 if sigma is None else float_of(sigma.strip()))
+            if np.isfinite(found[1:]).all() and found.sigma >= 0:
+                return found
+    except ValueError:
+        pass
+    raise click.BadParameter(f"{shown(text)} is not NAME=VALUE+-SIGMA, such as lens.focal_length_mm=8+-0.1")
+
+
+@dataclass(frozen=True)
+class SoughtCameraOptions(Options):
+    """What is known of the camera, as :func:`omnimirror.calibrate_camera` takes it."""
+
+    model: str = option(
+        default="auto", metavar="NAME|FILE",
+        help=f"auto, {', '.join(KINDS)}; or the name or file of a sensor or camera to begin with.",
+    )  # fmt: skip
+    free: str | None = option(metavar="A,B,..", help="Of a sensor to begin with: what is estimated.")
+    optics: Optics = option(
+        default="mirror", type=click.Choice(["mirror", "fisheye"]), help="What the camera looks through."
+    )
+    camera_looks: CameraLooks = option(
+        default="up", type=click.Choice(["up", "down", "forward"]), help="Where the optical axis points."
+    )
+    forward_azimuth_deg: float = option(
+        default=-90.0, type=angle, metavar="DEG", help="Image direction that is forward, from right towards bottom."
+    )
+    flipped: bool = option(default=False, is_flag=True, help="The pictures were flipped left to right.")
+    centre_px: tuple[float, float] | None = option(
+        type=pixel, metavar="U,V", help="Where the search for the axis begins.  [default: the middle]"
+    )
+
+    def begun(self) -> str | CameraModel | Sensor:
+        """The kind of model, or one to begin with."""
+        if self.model == "auto" or self.model in KINDS:
+            if self.free is not None:
+                raise click.UsageError("--free belongs to a sensor to begin with; name it with --model")
+            return self.model
+        camera = load_camera(self.model)
+        if isinstance(camera, Sensor):
+            return SensorModel(camera) if self.free is None else SensorModel(camera, tuple(self.free.split(",")))
+        if self.free is not None:
+            raise click.UsageError(f"--free belongs to sensors, and {self.model} is a {camera.KIND} camera")
+        return camera
+
+    def asked(self) -> dict[str, Any]:
+        """Arguments of :func:`omnimirror.calibrate_camera`."""
+        mount = Mount(self.camera_looks, self.forward_azimuth_deg, self.flipped)
+        return {"model": self.begun(), "optics": self.optics, "mount": mount, "centre_px": self.centre_px}
+
+
+@dataclass(frozen=True)
+class EstimationOptions(Options):
+    """How it is estimated."""
+
+    fixed: tuple[str, ...] = option(
+        "--fix", default=(), multiple=True, metavar="NAME", show_default=False,
+        help="Keep a parameter as the model begins with it; may be repeated.",
+    )  # fmt: skip
+    priors: tuple[Prior, ...] = option(
+        "--prior", default=(), multiple=True, type=prior, metavar="NAME=VALUE+-SIGMA", show_default=False,
+        help="What is known of a parameter; without +-SIGMA it is fixed to the value; may be repeated.",
+    )  # fmt: skip
+    flat_board: bool = option(default=False, is_flag=True, help="Take the board as flat and square.")
+    seed: int = option(default=0, type=WHOLE, help="Of the groups in which more than 20 pictures are left out.")
+
+    def asked(self) -> dict[str, Any]:
+        """Arguments of :func:`omnimirror.calibrate_camera`."""
+        return {"fixed": self.fixed, "priors": self.priors, "board_shape": not self.flat_board, "seed": self.seed}
+
+
+@click.command()
+@click.argument("pictures", nargs=-1, required=True, type=click.Path(path_type=Path))
+@takes(BoardOptions, "target")
+@takes(SoughtCameraOptions, "camera")
+@takes(EstimationOptions, "estimation")
+@click.option("-o", "--output", type=Output(), help="The camera file to write, TOML.")
+@click.option("--json", "json_path", type=Output(), help="All numbers, as JSON.")
+@click.option("--report", type=Output(), help="A page with all of it, HTML.")
+@click.option("--figures", type=click.Path(path_type=Path, file_okay=False), help="A folder for the figures, as SVG.")
+def command(
+    pictures: tuple[Path, ...],
+    target: BoardOptions,
+    camera: SoughtCameraOptions,
+    estimation: EstimationOptions,
+    output: Path | None,
+    json_path: Path | None,
+    report: Path | None,
+    figures: Path | None,
+) -> None:
+    """Find out what camera took PICTURES of a board, or one video; nothing needs to be known of it.
+
+    Hold the board at ten to twenty places all around, near the rim too, and tilted. Corners that no camera explains are
+    left out and named, 1 % at most; models are compared by their error in pictures that were left out. Ctrl-C keeps the
+    best camera found until then.
+
+    \b
+    omnimirror calibrate *.jpg --board 11x7 --square-mm 30 -o camera.toml --report calibration.html
+    """
+    board, asked, console = target.made(), camera.asked(), output_console()
+    detections = _found(console, pictures, board)
+    is_stopped = any(d.reason == STOPPED for d in detections)
+    with _steps(console) as progress, interrupts.deferred():
+        found = calibrate_camera(
+            detections, board, **asked, **estimation.asked(), progress=progress, stop=interrupts.is_pending
+        )
+        code = interrupts.exit_code() or (interrupts.BY_SIGNAL + signal.SIGINT if is_stopped else 0)
+        _write(found, output, json_path, report, figures)
+    _print(console, found)
+    say_written(output, json_path, report, console=console)
+    if figures:
+        say("Figures in ", (str(figures), "bold"), console=console)
+    if code:
+        say("Stopped: this is what was found until then", console=console)
+        sys.exit(code)
+
+
+def _found(console: Console, pictures: tuple[Path, ...], board: Board) -> list[Detection]:
+    """Boards in pictures, or in the frames of a video."""
+    with progress_bar(console) as bar:
+        task = bar.add_task("looking for boards", total=None)
+
+        def progress(done: int, count: int | None) -> None:
+            bar.update(task, completed=done, total=count)
+
+        if len(pictures) == 1 and is_video(str(pictures[0])):
+            return choose_frames(pictures[0], board, progress=progress)
+        return find_boards(pictures, board, progress=progress)
+
+
+@contextmanager
+def _steps(console: Console) -> Iterator[Callable[[str, float], None]]:
+    """A bar that shows a word and a share."""
+    with progress_bar(console) as bar:
+        task = bar.add_task("calibrating", total=1.0)
+        yield lambda what, share: bar.update(task, description=what, completed=share)
+
+
+def _write(
+    found: Calibration, output: Path | None, json_path: Path | None, report: Path | None, figures: Path | None
+) -> None:
+    if output is not None:
+        found.save(output)
+    if json_path is not None:
+        found.to_json(json_path)
+    if report is not None:
+        from ....report.calibration import write_calibration_report
+
+        write_calibration_report(found, report, _command_line())
+    if figures is not None:
+        from ....report.calibration import write_calibration_figures
+
+        write_calibration_figures(found, figures)
+
+
+def _command_line() -> str:
+    import shlex
+
+    return shlex.join(["omnimirror", *sys.argv[1:]])
+
+
+# -- what is printed -------------------------------------------------------------------------------------
+
+
+def _print(console: Console, found: Calibration) -> None:
+    used = sum(p.used for p in found.pictures)
+    held = f", {found.held_out_rms_px:.3f} px in pictures left out" if found.held_out else ""
+    kept = found.corners - len(found.outliers)
+    say(
+        (f"{found.model.KIND}", "bold"), f": {found.rms_px:.3f} px RMS over {kept} of {found.corners} corners in "
+        f"{used} of {len(found.pictures)} pictures{held}", console=console,
+    )  # fmt: skip
+    if len(found.candidates) > 1:
+        console.print(_models(found))
+    console.print(_parameters(found))
+    for picture in found.pictures:
+        if not picture.used:
+            say(("Not used: ", "yellow"), picture.reason or picture.name, console=console)
+    if found.outliers:
+        say(f"Left out as outliers: {_outliers(found)}", console=console)
+    for note in found.notes:
+        say(("Note: ", "yellow"), note, console=console)
+    for sentence in found.advice:
+        say(("Next: ", "cyan"), sentence, console=console)
+
+
+def _outliers(found: Calibration) -> str:
+    shown = [f"{o.picture} corner {o.corner} ({o.residual_px:.2f} px)" for o in found.outliers[:FEW_SHOWN]]
+    more = len(found.outliers) - len(shown)
+    return ", ".join(shown) + (f" and {more} more" if more else "")
+
+
+def _models(found: Calibration) -> Table:
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    table.add_column("model")
+    for heading in ("parameters", "RMS\npx", "left out\npx"):
+        table.add_column(heading, justify="right")
+    table.add_column("")
+    for tried in found.candidates:
+        held = f"{tried.held_out_rms_px:.3f}" if np.isfinite(tried.held_out_rms_px) else "-"
+        style = "bold" if tried.kind == found.model.KIND else None
+        table.add_row(tried.kind, str(tried.parameters), f"{tried.rms_px:.3f}", held, tried.why, style=style)
+    return table
+
+
+def _parameters(found: Calibration) -> Table:
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    table.add_column("parameter")
+    for heading in ("value", "sigma"):
+        table.add_column(heading, justify="right")
+    table.add_column("")
+    for p in found.parameters:
+        table.add_row(p.name, f"{p.value:.6g}", f"{p.sigma:.2g}" if p.sigma > 0 else "fixed", p.unit)
+    return table
