@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+import omnimirror as om
 from omnimirror.design import parse_requirements
 from omnimirror.specs import parse_sensor
 from tests.commands import omnimirror
@@ -24,6 +25,7 @@ def blocks(page: Path, language: str) -> list[str]:
 @pytest.mark.parametrize("page", [p for p in PAGES if blocks(p, "python")], ids=lambda p: p.name)
 def test_python_examples_run_in_order_and_print_what_is_shown(page, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
+    write_files(page, tmp_path)
     names: dict[str, object] = {}
     pattern = r"^```python\n(.*?)^```\n(?:\n```text\n(.*?)^```)?"
     for block, shown in re.findall(pattern, page.read_text(encoding="utf-8"), flags=re.M | re.S):
@@ -95,10 +97,13 @@ def test_slow_commands_print_what_is_shown(page, tmp_path):
 
 
 @pytest.mark.parametrize("page", [p for p in PAGES if blocks(p, "toml")], ids=lambda p: p.name)
-def test_sensor_and_requirement_files_are_valid(page):
+def test_sensor_camera_and_requirement_files_are_valid(page):
     for block in blocks(page, "toml"):
         if "[field]" in block:
             assert parse_requirements(block).field.omega_max_deg > 0
+            continue
+        if "[camera]" in block:
+            assert om.parse_camera(block).omega_max > 0
             continue
         assert parse_sensor(block).aligned().field_deg[1] > 0
 

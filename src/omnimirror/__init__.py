@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from .analysis import check_blur as check_blur
     from .analysis import compare as compare
     from .analysis import evaluate as evaluate
+    from .analysis import evaluate_camera as evaluate_camera
     from .analysis import field_angles as field_angles
     from .analysis import illumination as illumination
     from .analysis import mtf as mtf
@@ -124,6 +125,7 @@ _HOMES = {
     "check_blur": "analysis",
     "compare": "analysis",
     "evaluate": "analysis",
+    "evaluate_camera": "analysis",
     "field_angles": "analysis",
     "illumination": "analysis",
     "mtf": "analysis",

@@ -150,6 +150,12 @@ OF_BOTH_SIDES = (
 )  # fmt: skip
 """What is made of the columns at each field angle."""
 
+OF_A_CALIBRATION = (
+    Quantity("direction_sigma_deg", "σ", "deg", "Error of directions",
+             "standard error of a direction, as the covariance of a calibration has it", format=".4f", head="error"),
+)  # fmt: skip
+"""What a calibrated camera has at each field angle, besides some columns of an evaluation."""
+
 # -- of the whole sensor ---------------------------------------------------------------------------
 
 OF_THE_SENSOR = (
@@ -184,7 +190,7 @@ OF_THE_SENSOR = (
 )  # fmt: skip
 """What holds for the sensor as a whole."""
 
-_ALONE = {q.name: q for q in (*PER_ANGLE, *OF_BOTH_SIDES, *OF_THE_SENSOR)}
+_ALONE = {q.name: q for q in (*PER_ANGLE, *OF_BOTH_SIDES, *OF_A_CALIBRATION, *OF_THE_SENSOR)}
 
 
 def _over_the_field(prefix: str, which: str, how: str) -> Callable[..., Quantity]:

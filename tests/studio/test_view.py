@@ -121,6 +121,26 @@ def test_views_of_cameras_by_ocamcalib_are_those_of_the_command_line(optics, pag
     check(page, tmp_path, (800, 600))
 
 
+CALIBRATED = {
+    "distorted": om.Unified(0.9, (330.0, 334.0), (410.0, 290.0), (800, 600), 0.4, -0.08, 0.02, -0.001, 0.003, -0.002),
+    "not-central": om.ViewpointSpline(
+        (60.0, 118.0, 180.0, 240.0, 285.0), (-4.0, -2.5, 0.0, 3.0, 6.0), 230.0, (400.0, 300.0), (800, 600)
+    ),
+    "not-central-stretched": om.ViewpointSpline(
+        (60.0, 118.0, 180.0, 240.0, 285.0), (-4.0, -2.5, 0.0, 3.0, 6.0), 230.0, (405.0, 290.0), (800, 600),
+        0.004, -0.003, 1e-5, -2e-5,
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("camera", CALIBRATED.values(), ids=CALIBRATED)
+def test_views_of_calibrated_cameras_are_those_of_the_command_line(camera, page, tmp_path):
+    path = tmp_path / f"{tmp_path.name}.toml"
+    om.save_camera(camera, path)
+    load(page, path)
+    check(page, tmp_path, camera.image_size)
+
+
 @pytest.mark.parametrize(
     "pose",
     [

@@ -5,6 +5,7 @@ from .aperture.point_spread import Psf, psf
 from .aperture.relative_illumination import Illumination, illumination
 from .aperture.spot_diagrams import Spots, spots
 from .aperture.transfer import Mtf, mtf
+from .calibration import CameraMapping, evaluate_camera
 from .comparison import Comparison, compare
 from .evaluation import COLUMNS, Evaluation, evaluate, field_angles
 from .meridional.focus import BestFocus, best_focus
@@ -16,6 +17,7 @@ __all__ = [
     "FOCUS_MERITS",
     "BestFocus",
     "BlurCheck",
+    "CameraMapping",
     "Comparison",
     "Evaluation",
     "Illumination",
@@ -28,6 +30,7 @@ __all__ = [
     "check_blur",
     "compare",
     "evaluate",
+    "evaluate_camera",
     "field_angles",
     "illumination",
     "mtf",

@@ -1,5 +1,7 @@
 """Camera models: calibrated mappings between pixels and rays, other tools' and our own; each is a Camera."""
 
+from typing import TypeAlias, get_args
+
 from .ball import MirrorBall
 from .base import CameraModel, Image, ModelParameter
 from .kannala_brandt import KannalaBrandt
@@ -9,25 +11,24 @@ from .radial import RadialModel
 from .spheres import DoubleSphere, EnhancedUnified, Unified
 from .splines import RadialSpline, ViewpointSpline
 
-CAMERAS: dict[str, type[RadialModel]] = {
-    cls.KIND: cls
-    for cls in (
-        Unified,
-        EnhancedUnified,
-        DoubleSphere,
-        KannalaBrandt,
-        ThinPrismFisheye,
-        RationalPinhole,
-        OCam,
-        RadialSpline,
-        ViewpointSpline,
-        MirrorBall,
-    )
-}
+CalibratedCamera: TypeAlias = (
+    Unified
+    | EnhancedUnified
+    | DoubleSphere
+    | KannalaBrandt
+    | ThinPrismFisheye
+    | RationalPinhole
+    | OCam
+    | RadialSpline
+    | ViewpointSpline
+    | MirrorBall
+)
+CAMERAS: dict[str, type[CalibratedCamera]] = {cls.KIND: cls for cls in get_args(CalibratedCamera)}
 """Camera models by the kinds that files name."""
 
 __all__ = [
     "CAMERAS",
+    "CalibratedCamera",
     "CameraModel",
     "DoubleSphere",
     "EnhancedUnified",

@@ -124,6 +124,10 @@ class RadialModel(CameraModel):
         """How far from the axis, mm, and along it rays of field angles start."""
         return np.zeros_like(omega), np.zeros_like(omega)
 
+    def _viewpoint_mm(self, omega: Array) -> Array:
+        """How far along the axis they meet it."""
+        return np.zeros_like(omega)
+
     @property
     def is_central(self) -> bool:
         """Whether all rays start at one point, the origin."""
@@ -317,6 +321,24 @@ class RadialModel(CameraModel):
             Distances from the centre of the picture before tangential distortion and stretch, px.
         """
         return self.scale_px * self.distortion.radius(self._law_radius(omega))
+
+    def mapping(self, omega: Array) -> tuple[Array, Array, Array]:
+        """Radius, its rate and the viewpoint at field angles.
+
+        Parameters
+        ----------
+        omega : (n,)
+            Field angles, radians, none beyond :attr:`omega_max`.
+
+        Returns
+        -------
+        tuple of (n,) arrays
+            Radii as :meth:`radius_from_omega` has them, px; their derivatives, px per radian; and where the rays
+            meet the axis, mm along the camera's Z from the origin of its frame.
+        """
+        law = self._law(omega)
+        rate = self.scale_px * self.distortion.rate(law.radius) * law.rate
+        return self.radius_from_omega(omega), rate, self._signs[2] * self._viewpoint_mm(omega) + 0.0  # no -0
 
     def omega_from_radius(self, radius_px: Array) -> Array:
         """Field angles (n,) in radians of radii (n,) in px, none beyond :attr:`field_radius_px`.

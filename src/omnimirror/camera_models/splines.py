@@ -345,6 +345,9 @@ class ViewpointSpline(SplineModel):
     def is_central(self) -> bool:
         return False
 
+    def _viewpoint_mm(self, omega: Array) -> Array:
+        return self._heights(omega)
+
     def _ray_starts(self, omega: Array) -> tuple[Array, Array]:
         """Where no two rays have met yet, so that each point is seen once: on a shell about the viewpoints."""
         return self.nearest_mm * np.sin(omega), self._heights(omega) + self.nearest_mm * np.cos(omega)

@@ -1,6 +1,6 @@
 """The files that say what a sensor or a camera is: TOML to a checked model to a Sensor or a camera model, and back."""
 
-from .camera_file import AnyCamera, format_camera, load_camera, parse_camera, save_camera
+from .camera_file import AnyCamera, format_camera, is_ocam_text, load_camera, parse_camera, save_camera
 from .sensor_file import (
     HOUSING_PARTS,
     bundled_sensors,
@@ -40,6 +40,7 @@ __all__ = [
     "format_sensor",
     "housing_of",
     "housing_tables",
+    "is_ocam_text",
     "load_camera",
     "load_sensor",
     "parse_camera",

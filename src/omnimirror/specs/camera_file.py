@@ -14,7 +14,7 @@ import tomli_w
 from pydantic import Field, create_model
 
 from ..arguments import file_name, instance
-from ..camera_models import CAMERAS, CameraModel, RadialModel, parse_ocam
+from ..camera_models import CAMERAS, CalibratedCamera, RadialModel, parse_ocam
 from ..errors import OmnimirrorError, SpecError
 from ..files import parse_toml, read_text, write_text
 from ..frames import Mount
@@ -30,7 +30,7 @@ from .sensor_file import (
 )
 from .tables import Places, StandTable, Table, check_entries, class_of, did_you_mean, validated
 
-AnyCamera: TypeAlias = Sensor | RadialModel
+AnyCamera: TypeAlias = Sensor | CalibratedCamera
 
 FORMAT = 1
 APART = ("mount", "uncertainty")  # fields of a model that are tables of their own
@@ -113,24 +113,24 @@ def parse_camera(text: str, source: str = "camera file", folder: Path | None = N
 
 
 def is_ocam_text(text: str) -> bool:
-    """Whether a text begins like OCamCalib's file, with numbers, after what comments there are.
+    """Whether the first line that says something holds numbers alone, as that of OCamCalib's file does.
 
     >>> is_ocam_text("#polynomial\\n\\n5 -131.4 0 1e-3"), is_ocam_text("format = 1")
     (True, False)
     """
-    first = next((line for line in text.splitlines() if line.split("#")[0].strip()), "")
-    return re.match(r"\s*[-+.\d][-+.\deE]*(\s|$)", first) is not None
+    first = next((words for line in text.splitlines() if (words := line.split("#")[0].split())), ["none"])
+    return all(re.fullmatch(r"[-+.\deE]+|[+-]?(nan|inf)", word, re.I) for word in first)
 
 
-def camera_of(data: dict[str, Any], where: Places) -> RadialModel:
+def camera_of(data: dict[str, Any], where: Places) -> CalibratedCamera:
     """A camera model from the tables of a camera file; ``where`` gives errors their place."""
     check_entries(data, {"format": int, "camera": dict, "mount": dict, "uncertainty": dict}, FORMAT, where)
-    cls: type[RadialModel] = class_of("camera", data, CAMERAS, where)
+    cls: type[CalibratedCamera] = class_of("camera", data, CAMERAS, where)
     table = {k: v for k, v in data["camera"].items() if k != "kind"}
     values = _tuples(validated(_table_of(cls), "camera", table, where).model_dump())
     mount = Mount(**validated(StandTable, "mount", data.get("mount", {}), where).model_dump())
     try:
-        camera = cls(**values, mount=mount)  # type: ignore[call-arg]  # each kind is a dataclass of its own
+        camera = cls(**values, mount=mount)
     except OmnimirrorError as e:
         named = re.match(r"\w+", str(e))
         entry = ("camera", named[0]) if named and named[0] in table else ("camera",)
@@ -139,10 +139,10 @@ def camera_of(data: dict[str, Any], where: Places) -> RadialModel:
         return camera
     known = uncertainty_of(data["uncertainty"], where)
     where.wrap(("uncertainty",), lambda: known.of([p.name for p in camera.parameters]))
-    return dataclasses.replace(camera, uncertainty=known)  # type: ignore[type-var]
+    return dataclasses.replace(camera, uncertainty=known)
 
 
-def format_camera(camera: AnyCamera, notes: str = "") -> str:
+def format_camera(camera: Sensor | RadialModel, notes: str = "") -> str:
     """The text of a camera's file; reading it back gives an equal camera.
 
     Parameters
@@ -188,7 +188,7 @@ def camera_tables(camera: RadialModel) -> dict[str, Any]:
     return tables
 
 
-def save_camera(camera: AnyCamera, path: str | Path, notes: str = "") -> None:
+def save_camera(camera: Sensor | RadialModel, path: str | Path, notes: str = "") -> None:
     """Write a camera's file, whole or not at all.
 
     Parameters
@@ -218,7 +218,7 @@ def save_camera(camera: AnyCamera, path: str | Path, notes: str = "") -> None:
 
 
 @cache
-def _table_of(cls: type[CameraModel]) -> type[Table]:
+def _table_of(cls: type[RadialModel]) -> type[Table]:
     """The pydantic model of the table [camera] of a kind, from the fields of its class."""
     hints = typing.get_type_hints(cls)
     entries: dict[str, Any] = {}

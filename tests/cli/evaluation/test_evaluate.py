@@ -9,6 +9,7 @@ import pytest
 
 import omnimirror as om
 from omnimirror.cli import COMMANDS
+from omnimirror.parameters import Uncertainty
 from tests.commands import fails, omnimirror
 
 HEADER = """
@@ -111,7 +112,7 @@ def test_the_secondary_of_the_template_folds_its_sensor(tmp_path):
 @pytest.mark.parametrize(
     ("args", "message"),
     [
-        (["evaluate", "nowhere.toml"], "there is no sensor file or bundled sensor 'nowhere.toml'"),
+        (["evaluate", "nowhere.toml"], "there is no sensor file, camera file or bundled sensor 'nowhere.toml'"),
         (["evaluate", "paper-sferical"], "did you mean paper-spherical"),
         (["evaluate"], "Missing argument 'SENSOR'"),
         (["evaluate", "paper-spherical", "--omega-deg", "140"], "omega = 140 deg is outside the field"),
@@ -152,3 +153,37 @@ def test_pixels_can_be_asked_for(tmp_path):
     assert run.returncode == 0, run.stderr
     table = np.genfromtxt(tmp_path / "p.csv", delimiter=",", names=True)
     np.testing.assert_allclose(table["h_px"], [500, 300], rtol=1e-12)
+
+
+def test_a_camera_file_has_a_table_of_its_own(tmp_path):
+    """With numbers from outside: a paraboloid's image radius is f tan(Omega / 2)."""
+    known = Uncertainty(("cx", "cy"), ((0.04, 0.0), (0.0, 0.04)))
+    camera = om.Unified(1.0, (200.0, 200.0), (319.5, 239.5), (640, 480), uncertainty=known)
+    om.save_camera(camera, tmp_path / "mine.toml")
+    run = omnimirror(
+        "evaluate", "mine.toml", "--omega-deg", "0:90:45", "--csv", "t.csv", "--json", "t.json", cwd=tmp_path
+    )
+    assert run.returncode == 0, run.stderr
+    assert "mine.toml: unified model of a mirror, field to" in run.stdout
+    data = json.loads((tmp_path / "t.json").read_text())
+    np.testing.assert_allclose(data["columns"]["h_px"], [0.0, 200 * np.tan(np.radians(22.5)), 200.0], atol=1e-12)
+    # a fifth of a pixel along and across; both have 200 / 2 px per radian in the middle
+    assert data["columns"]["direction_sigma_deg"][0] == pytest.approx(np.degrees(0.2 / 100))
+    assert {"name": "cx", "value": 319.5, "sigma": pytest.approx(0.2), "unit": "px"} in data["summary"]["parameters"]
+    header = (tmp_path / "t.csv").read_text().splitlines()[0].split(",")
+    assert list(data["columns"]) == header
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--pixel", "3,1"], "--pixel asks for mirror and lens, of which a camera file says nothing"),
+        (["--focus-mm", "auto"], "--focus-mm asks for"),
+        (["--support", "rod"], "--support asks for"),
+        (["--figures", "folder"], "--figures asks for"),
+        (["--omega-deg", "170"], "omega_deg = 170 is not seen; the camera sees 0 to"),
+    ],
+)
+def test_what_a_camera_file_cannot_tell_is_refused(options, message, tmp_path):
+    om.save_camera(om.Unified(0.9, (200.0, 200.0), (319.5, 239.5), (640, 480)), tmp_path / "mine.toml")
+    assert message in fails("evaluate", "mine.toml", *options, cwd=tmp_path)

@@ -29,6 +29,8 @@ def folder(tmp_path, monkeypatch):
     om.write_image("ocam.png", np.full((120, 160, 3), 50, np.uint8))
     om.write_image("deep.png", np.full((200, 200), 50_000, np.uint16))
     Path("calib.txt").write_text(OCAM)
+    om.save_camera(om.Unified(0.9, (60.0, 60.0), (79.5, 59.5), (160, 120), k1=-0.05), "symmetric.toml")
+    om.save_camera(om.Unified(0.9, (60.0, 61.0), (79.5, 59.5), (160, 120), 0.1, -0.05, p1=0.01), "distorted.toml")
     Path("broken.txt").write_text(OCAM.replace("120 160", "120"))
     Path("note.txt").write_text("no picture")
     Path("cut.png").write_bytes(Path("sphere.png").read_bytes()[:-40])
@@ -50,6 +52,9 @@ def dewarp(*args):
         ("sphere.png", SPHERE),
         ("ball.png", BALL),
         ("ocam.png", ["--ocam", "calib.txt"]),
+        ("ocam.png", ["--sensor", "calib.txt"]),
+        ("ocam.png", ["--sensor", "symmetric.toml"]),
+        ("ocam.png", ["--sensor", "distorted.toml"]),
         ("ocam.png", ["--ocam", "calib.txt", "--optics", "fisheye", "--rim-radius-px", "70"]),
     ],
 )

@@ -8,15 +8,13 @@ from typing import Literal, TypeAlias
 
 import click
 
-from ...camera_models import MirrorBall, OCam, load_ocam
+from ...camera_models import MirrorBall, load_ocam
 from ...camera_models.base import Optics
 from ...frames import CameraLooks, Mount
-from ...sensor import Sensor
-from ...specs import load_sensor
+from ...specs import AnyCamera, load_camera
 from .common import NUMBER, angle, ball, lean
 from .declared import Options, flag, option, refuse_other
 
-MountedCamera: TypeAlias = Sensor | OCam | MirrorBall
 Source: TypeAlias = Literal["sensor", "ocam", "ball"]
 
 OPTIONS_OF_SOURCE: dict[Source, tuple[str, ...]] = {"sensor": (), "ocam": ("optics", "rim_radius_px"), "ball": ()}
@@ -26,7 +24,9 @@ OPTIONS_OF_SOURCE: dict[Source, tuple[str, ...]] = {"sensor": (), "ocam": ("opti
 class CameraOptions(Options):
     """Which camera it was, and how it stands."""
 
-    sensor: str | None = option(metavar="FILE|NAME", help="The camera: a sensor file, or a bundled sensor.")
+    sensor: str | None = option(
+        metavar="FILE|NAME", help="The camera: a sensor file, a camera file, or a bundled sensor."
+    )
     ocam: str | None = option(metavar="FILE", help="The camera: OCamCalib's calib_results.txt.")
     ball: tuple[float, float, float, float] | None = option(
         type=ball, metavar="CX,CY,R,FOV",
@@ -67,11 +67,11 @@ class CameraOptions(Options):
             raise click.UsageError(f"say which camera it was with exactly one of --sensor, --ocam and --ball; {found}")
         refuse_other(self.given, {flag(name): names for name, names in OPTIONS_OF_SOURCE.items()}, flag(sources[0]))
 
-    def camera(self, picture_size: tuple[int, int]) -> MountedCamera:
+    def camera(self, picture_size: tuple[int, int]) -> AnyCamera:
         """The camera, standing as the options say; a ball is seen in a picture of that size (width, height)."""
-        camera: MountedCamera
+        camera: AnyCamera
         if self.sensor is not None:
-            camera = load_sensor(self.sensor)
+            camera = load_camera(self.sensor)
         elif self.ocam is not None:
             camera = load_ocam(self.ocam, self.optics or "mirror", rim_radius_px=self.rim_radius_px)
         elif self.ball is not None:
@@ -82,7 +82,7 @@ class CameraOptions(Options):
             stands |= dict(zip(("pitch_deg", "roll_deg"), self.level, strict=True))
         return replace(camera, mount=replace(camera.mount, **stands))
 
-    def drawing(self, camera: MountedCamera) -> MountedCamera:
+    def drawing(self, camera: AnyCamera) -> AnyCamera:
         """The camera that draws the view: plumb, however it really leans, where the options keep the lean."""
         return replace(camera, mount=camera.mount.upright) if self.keep_lean else camera
 

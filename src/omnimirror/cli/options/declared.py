@@ -22,6 +22,13 @@ class Options:
         """The options that say something, by their fields' names."""
         return {f.name: value for f in fields(self) if (value := getattr(self, f.name)) is not None}
 
+    @property
+    def changed(self) -> list[str]:
+        """The options that say something else than what holds anyway."""
+        defaults = {f.name: f.default for f in fields(self)}
+        given = {name: v for name, v in self.given.items() if not (isinstance(v, tuple) and not v)}  # given 0 times
+        return [name for name, v in given.items() if defaults[name] is None or v != defaults[name]]
+
     def picked(self, *names: str) -> dict[str, Any]:
         """Those of some options that say something."""
         return {name: value for name in names if (value := getattr(self, name)) is not None}

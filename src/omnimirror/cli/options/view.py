@@ -14,8 +14,8 @@ from ...dewarp import views
 from ...dewarp.screens import LAYOUTS, Layout, Pole, Rows, Shape
 from ...dewarp.viewpoints import Viewpoint
 from ...dewarp.views.sizes import PartialSize
+from ...specs import AnyCamera
 from ...straighten.request import plumb
-from .camera import MountedCamera
 from .common import (
     angle,
     angle_range,
@@ -176,7 +176,7 @@ def _elevations_of_omega(camera: Camera, options: dict[str, Any]) -> None:
     """Put elevations (deg) in the place of angles from the camera's axis, which must be upright but for its lean."""
     if "omega_deg" not in options:
         return
-    assert isinstance(camera, MountedCamera)
+    assert isinstance(camera, AnyCamera)
     up = plumb(camera).axis[2]
     if abs(up) < 0.5:
         raise click.UsageError("--omega-deg makes no panorama for a camera that looks forward; use --elevation-deg")

@@ -17,9 +17,9 @@ from ...errors import InvalidParameter, SpecError
 from ...frames import Mount
 from ...imagers import Imager
 from ...sensor import Sensor
-from ...specs import bundled_sensors, format_sensor, load_sensor, parse_sensor
+from ...specs import AnyCamera, bundled_sensors, format_sensor, is_ocam_text, load_sensor, parse_camera
 from .messages import CameraShown, SensorEntry, SensorFile
-from .tables import MountedCamera, camera_model, kind_of, mount_message, title_of
+from .tables import camera_model, kind_of, mount_message, title_of
 
 BALL = re.compile(r"ball:(\d{1,3}(?:\.\d{1,3})?)")
 BALL_FIELD_DEG = 340.0
@@ -35,7 +35,7 @@ class Known:
     name: str
     title: str
     options: tuple[str, ...]
-    camera: MountedCamera
+    camera: AnyCamera
 
     @property
     def entry(self) -> SensorEntry:
@@ -47,7 +47,7 @@ class Known:
             mount=mount_message(self.camera.mount),
         )
 
-    def standing(self, mount: Mount) -> MountedCamera:
+    def standing(self, mount: Mount) -> AnyCamera:
         """The camera, mounted otherwise."""
         return replace(self.camera, mount=mount)
 
@@ -90,12 +90,12 @@ class Cameras:
         raise KeyError(id)
 
     def add(self, name: str, data: bytes, optics: str = "mirror") -> Known:
-        """Read a calibration that was handed up: a sensor file, or OCamCalib's text.
+        """Read a calibration that was handed up: a sensor file, a camera file, or OCamCalib's text.
 
         Raises
         ------
         OmnimirrorError
-            It is neither, or wrong; the message says where and what would be valid.
+            It is none, or wrong; the message says where and what would be valid.
         """
         known = read_calibration(name, data, optics)
         self._uploaded[known.id] = known
@@ -139,16 +139,19 @@ def read_calibration(name: str, data: bytes, optics: str = "mirror") -> Known:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
         raise SpecError(
-            f"{name} is not a text file; valid are sensor files and OCamCalib's calib_results.txt"
+            f"{name} is not a text file; valid are sensor files, camera files and OCamCalib's calib_results.txt"
         ) from None
     id = f"file:{hashlib.sha256(data + f'{name} {optics}'.encode()).hexdigest()[:16]}"
-    if _looks_like_ocam(text):
+    if is_ocam_text(text):
         if optics not in get_args(Optics):
             raise InvalidParameter(f"optics = {optics!r} is not one of {', '.join(get_args(Optics))}")
         kind: Literal["mirror", "fisheye"] = "fisheye" if optics == "fisheye" else "mirror"
         camera = parse_ocam(text, name, kind)
         return Known(id, name, title_of(camera), ("--ocam", name, "--optics", kind), camera)
-    return _of_sensor(id, parse_sensor(text, source=name), name)
+    given = parse_camera(text, source=name)
+    if isinstance(given, Sensor):
+        return _of_sensor(id, given, name)
+    return Known(id, name, title_of(given), ("--sensor", name), given)
 
 
 def ball_of(field_deg: float) -> Known:
@@ -161,11 +164,3 @@ def ball_of(field_deg: float) -> Known:
 
 def _of_sensor(id: str, sensor: Sensor, file: str) -> Known:
     return Known(id, sensor.name, title_of(sensor), ("--sensor", file), sensor)
-
-
-def _looks_like_ocam(text: str) -> bool:
-    """Whether the first line that says something holds numbers alone."""
-    for line in text.splitlines():
-        if words := line.split("#")[0].split():
-            return all(re.fullmatch(r"[-+.\deE]+|[+-]?(nan|inf)", word, re.I) for word in words)
-    return False

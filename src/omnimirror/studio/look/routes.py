@@ -66,7 +66,7 @@ def _add_cameras(app: FastAPI, cameras: Cameras) -> None:
 def _add_files(app: FastAPI, cameras: Cameras) -> None:
     @app.post("/api/sensors", openapi_extra=FILE_BODY, status_code=201)
     async def load_sensor(request: Request, name: FileName = "sensor.toml", optics: str = "mirror") -> SensorEntry:
-        """Take a calibration file: a sensor file, or OCamCalib's text."""
+        """Take a calibration file: a sensor file, a camera file, or OCamCalib's text."""
         data = await collected(request)
         return (await asyncio.to_thread(cameras.add, safe_name(name), data, optics)).entry
 

@@ -15,15 +15,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...camera_models import MirrorBall, OCam
+from ...camera_models import MirrorBall, OCam, ViewpointSpline
 from ...dewarp.camera_field import field_of, pole_of
 from ...dewarp.maps.radial_table import tables_of
 from ...frames import Mount, turned
 from ...sensor import Sensor
+from ...specs import AnyCamera
 from .messages import CameraShown, Kind, MountOf, TableLayout
 
 Array = NDArray[np.float64]
-MountedCamera = Sensor | OCam | MirrorBall
 
 ENTRIES = 2048  # what every WebGL2 texture can be wide
 LATTICE = 513
@@ -48,7 +48,7 @@ class Frame(NamedTuple):
     down: Array
 
 
-def frame_of(camera: MountedCamera) -> Frame:
+def frame_of(camera: AnyCamera) -> Frame:
     """The frame in which the tables of a camera are."""
     symmetry = camera.symmetry
     if symmetry is not None:
@@ -58,7 +58,7 @@ def frame_of(camera: MountedCamera) -> Frame:
 
 
 @lru_cache(maxsize=32)
-def camera_tables(camera: MountedCamera) -> CameraTables:
+def camera_tables(camera: AnyCamera) -> CameraTables:
     """The tables of a camera.
 
     Examples
@@ -80,7 +80,7 @@ def camera_tables(camera: MountedCamera) -> CameraTables:
 
 
 @lru_cache(maxsize=64)
-def camera_model(id: str, name: str, title: str, options: tuple[str, ...], camera: MountedCamera) -> CameraShown:
+def camera_model(id: str, name: str, title: str, options: tuple[str, ...], camera: AnyCamera) -> CameraShown:
     """What the page must know of a camera, besides its tables."""
     seen, frame, layout = field_of(camera), frame_of(camera), camera_tables(camera).layout
     centre, radius = _circle(camera)
@@ -103,23 +103,25 @@ def camera_model(id: str, name: str, title: str, options: tuple[str, ...], camer
         pixels_per_degree=seen.pixels_per_degree,
         pole=pole_of(camera),
         is_picture_reversed=camera.is_picture_reversed,
-        is_adjustable=camera.symmetry is not None and not isinstance(camera, OCam),
+        is_adjustable=camera.symmetry is not None and isinstance(camera, Sensor | MirrorBall),
         tables=layout,
     )
 
 
-def kind_of(camera: MountedCamera) -> Kind:
+def kind_of(camera: AnyCamera) -> Kind:
     """Which option of the command line names such a camera."""
-    return "sensor" if isinstance(camera, Sensor) else "ocam" if isinstance(camera, OCam) else "ball"
+    return "ocam" if isinstance(camera, OCam) else "ball" if isinstance(camera, MirrorBall) else "sensor"
 
 
-def title_of(camera: MountedCamera) -> str:
+def title_of(camera: AnyCamera) -> str:
     """What a camera is, in a line."""
     if isinstance(camera, Sensor):
         return (camera.notes.strip().splitlines() or [f"{camera.mirror.KIND} mirror"])[0]
     if isinstance(camera, OCam):
         return f"OCamCalib, {camera.optics}"
-    return f"a ball seen from afar, field {camera.field_deg:g}°"
+    if isinstance(camera, MirrorBall):
+        return f"a ball seen from afar, field {camera.field_deg:g}°"
+    return f"calibrated {camera.optics}, {camera.KIND.replace('-', ' ')} model"
 
 
 def mount_message(mount: Mount) -> MountOf:
@@ -136,14 +138,14 @@ def mount_message(mount: Mount) -> MountOf:
 # -- cameras without an axis of symmetry -----------------------------------------------------------
 
 
-def _lattice_tables(camera: MountedCamera) -> CameraTables:
+def _lattice_tables(camera: AnyCamera) -> CameraTables:
     project = _projection(camera)
     limits = _limits(project)
     end = min(1.0, MARGIN * float(limits.max()))
     side = np.linspace(-end, end, LATTICE)
     nodes = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
     pixels = project(nodes).reshape(LATTICE, LATTICE, 2)
-    starts = _starts(camera, pixels) if isinstance(camera, Sensor) else np.empty((0, 0, 3))
+    starts = _starts(camera, pixels) if isinstance(camera, Sensor | ViewpointSpline) else np.empty((0, 0, 3))
     layout = TableLayout(
         first=0.0, last=end, eye_mm=0.0, radii=0, origins=0, lattice=LATTICE, limits=LIMITS, starts=len(starts)
     )
@@ -151,7 +153,7 @@ def _lattice_tables(camera: MountedCamera) -> CameraTables:
     return CameraTables(layout, np.concatenate([np.ravel(v) for v in values]).astype(np.float32))
 
 
-def _starts(camera: Sensor, pixels: Array) -> Array:
+def _starts(camera: Sensor | ViewpointSpline, pixels: Array) -> Array:
     """Where the rays of a lattice of pixels start (n, n, 3), mm along axis, right and down; 0 far outside the field."""
     seen = np.isfinite(pixels[..., 0])
     origins = np.full((*seen.shape, 3), np.nan)
@@ -159,7 +161,7 @@ def _starts(camera: Sensor, pixels: Array) -> Array:
     return np.nan_to_num(_continued(origins))
 
 
-def _projection(camera: MountedCamera) -> Callable[[Array], Array]:
+def _projection(camera: AnyCamera) -> Callable[[Array], Array]:
     """Pixels (n, 2) of places (n, 2) in the disk; NaN outside the field."""
     axis, right, down = frame_of(camera)
 
@@ -212,14 +214,14 @@ def _extended(values: Array) -> Array:
     return np.where(np.isfinite(values), values, guess)
 
 
-def _circle(camera: MountedCamera) -> tuple[tuple[float, float], float]:
+def _circle(camera: AnyCamera) -> tuple[tuple[float, float], float]:
     """Image of the axis, and radius of the end of the field; their best circle where it is none."""
     symmetry = camera.symmetry
     if symmetry is not None:
         return symmetry.centre_px, float(symmetry.radius_px(np.array([symmetry.omega_max]))[0])
-    if isinstance(camera, OCam):
-        return camera.centre_px, camera.field_radius_px
-    return camera.imager.centre, camera.aligned().rim_radius_px  # type: ignore[union-attr]  # a ball is symmetric
+    if isinstance(camera, Sensor):
+        return camera.imager.centre, camera.aligned().rim_radius_px
+    return camera.centre_px, camera.field_radius_px
 
 
 def _vector(v: Array) -> tuple[float, float, float]:

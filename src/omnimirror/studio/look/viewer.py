@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InvalidParameter, MediaError
+from ...specs import AnyCamera
 from ..pages import page_text
 from ..uploads import eight_bits, encoded
 from .messages import Embedded
-from .tables import MountedCamera, camera_model, camera_tables, title_of
+from .tables import camera_model, camera_tables, title_of
 
 PLACE = "<!--embedded-->"
 KINDS = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg"}
@@ -26,9 +27,7 @@ LARGEST_INSIDE = 64 << 20
 """Bytes of a video that goes into the page; a larger one stays beside it."""
 
 
-def viewer_of(
-    camera: MountedCamera, name: str, options: tuple[str, ...], path: Path, image: NDArray[np.generic]
-) -> str:
+def viewer_of(camera: AnyCamera, name: str, options: tuple[str, ...], path: Path, image: NDArray[np.generic]) -> str:
     """The text of a page that shows one picture, with the picture and its camera inside.
 
     Parameters
@@ -56,7 +55,7 @@ def viewer_of(
     return _page_with(camera, name, options, media, path.name, is_video=False)
 
 
-def video_viewer_of(camera: MountedCamera, name: str, options: tuple[str, ...], path: Path, page: Path) -> str:
+def video_viewer_of(camera: AnyCamera, name: str, options: tuple[str, ...], path: Path, page: Path) -> str:
     """The text of a page that shows a video, again and again.
 
     A video of up to 64 MB goes into the page. A larger one stays beside it: from a web server the page finds it
@@ -94,7 +93,7 @@ def video_viewer_of(camera: MountedCamera, name: str, options: tuple[str, ...], 
     return _page_with(camera, name, options, media, path.name, is_video=True)
 
 
-def _check_size(camera: MountedCamera, size: tuple[int, int], what: str) -> None:
+def _check_size(camera: AnyCamera, size: tuple[int, int], what: str) -> None:
     if size != camera.image_size:
         width, height = camera.image_size
         raise InvalidParameter(f"the {what} has {size[0]} x {size[1]} px, and the camera's have {width} x {height}")
@@ -113,9 +112,7 @@ def _inside(data: bytes, kind: str) -> str:
     return f"data:{kind};base64,{_base64(data)}"
 
 
-def _page_with(
-    camera: MountedCamera, name: str, options: tuple[str, ...], media: str, file: str, is_video: bool
-) -> str:
+def _page_with(camera: AnyCamera, name: str, options: tuple[str, ...], media: str, file: str, is_video: bool) -> str:
     inside = Embedded(
         camera=camera_model(name, name, title_of(camera), options, camera),
         tables=_base64(camera_tables(camera).values.astype("<f4").tobytes()),

@@ -11,15 +11,23 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
 
-from ....analysis import FOCUS_MERITS, Evaluation, best_focus, best_viewpoint, evaluate
+from ....analysis import (
+    FOCUS_MERITS,
+    CameraMapping,
+    Evaluation,
+    best_focus,
+    best_viewpoint,
+    evaluate,
+    evaluate_camera,
+)
 from ....analysis.evaluation import READ_COLUMNS
 from ....lenses import BlurMode
 from ....mirrors import Cone, SampledProfile
 from ....quantities import QUANTITIES
 from ....sensor import Sensor
-from ....specs import load_sensor
+from ....specs import load_camera
 from ...options.common import NUMBER, distance, focus, pixel, values
-from ...options.declared import Options, option, takes
+from ...options.declared import Options, flag, option, takes
 from ...options.housing import HousingOptions
 from ...outputs import output_console, output_option, print_rows, say, say_written
 
@@ -90,9 +98,15 @@ def command(
     """Evaluate SENSOR, a sensor file or the name of a bundled sensor.
 
     Prints a table; files hold more columns. Example: omnimirror evaluate paper-spherical --omega-deg 0:135:5
+    A calibrated camera, from its camera file or OCamCalib's, has a table of radius, resolution, viewpoint and, where
+    its uncertainty is known, the error of directions.
     """
-    result = asked.evaluation(housing.on(load_sensor(sensor)))
-    console = output_console()
+    camera, console = load_camera(sensor), output_console()
+    if not isinstance(camera, Sensor):
+        _refuse_what_asks_for_optics(asked, housing, figures)
+        _show_mapping(console, Path(sensor).name, evaluate_camera(camera, asked.omega_deg), csv_file, json_file)
+        return
+    result = asked.evaluation(housing.on(camera))
     if csv_file:
         result.to_csv(csv_file, deviations=True)
     if json_file:
@@ -102,6 +116,40 @@ def command(
     say_written(csv_file, json_file, console=console)
     if figures:
         _draw(console, result, figures)
+
+
+def _refuse_what_asks_for_optics(asked: EvaluationOptions, housing: HousingOptions, figures: Path | None) -> None:
+    """Of a calibrated camera nothing is known but where rays go."""
+    given = [_flag_of(name) for name in (*asked.changed, *housing.changed) if name != "omega_deg"]
+    if given := [*given, *(["--figures"] if figures else [])]:
+        raise click.UsageError(
+            f"{given[0]} asks for mirror and lens, of which a camera file says nothing; valid with it are "
+            "--omega-deg, --csv and --json"
+        )
+
+
+def _flag_of(name: str) -> str:
+    return "--pixel" if name == "pixels" else flag(name)
+
+
+def _show_mapping(
+    console: Console, name: str, result: CameraMapping, csv_file: Path | None, json_file: Path | None
+) -> None:
+    if csv_file:
+        result.to_csv(csv_file)
+    if json_file:
+        result.to_json(json_file)
+    s = result.summary()
+    words = (
+        f": {s['kind'].replace('-', ' ')} model of a {s['optics']}, field to {s['field_deg']:.6g} deg, there at "
+        f"{s['rim_radius_px']:.1f} px"
+    )
+    say((name, "bold"), words, console=console)
+    console.print()
+    cells = result.texts()
+    heads = [(QUANTITIES[column].heading, QUANTITIES[column].unit) for column in cells]
+    print_rows(console, heads, cells.values())
+    say_written(csv_file, json_file, console=console)
 
 
 def print_table(console: Console, result: Evaluation) -> None:
