@@ -123,10 +123,8 @@ def test_no_function_stands_before_a_module_of_its_package():
     assert not hidden
 
 
-HOMONYMS = {
-    "Sphere", "Cone", "Dome", "Tube",  # shapes of mirrors, screens and what stands around the mirror
-    "Surfaces", "Design", "Format", "Progress", "Values", "Curve",  # each of one room alone
-}  # fmt: skip
+HOMONYMS = {"Sphere", "Dome"}
+"""Shapes of mirrors and housings, and of screens, which are called with their room: ``screens.Sphere``."""
 
 
 def test_no_class_name_means_two_things():

@@ -19,13 +19,14 @@ from tests.conftest import sensor_of
 
 DOCS = Path(__file__).parents[1] / "docs"
 UNITS = {
-    "px_per_deg": "px/deg", "deg2": "deg²", "px2": "px²", "deg": "deg", "px": "px", "mm": "mm", "percent": "%",
+    "cycles_per_px": "cycles/px", "lp_per_mm": "lp/mm", "px_per_deg": "px/deg", "deg2": "deg²", "px2": "px²",
+    "deg": "deg", "px": "px", "mm": "mm", "percent": "%", "sr": "sr",
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("name", QUANTITIES)
 def test_a_name_ends_with_its_unit(name):
-    unit = next((unit for end, unit in UNITS.items() if name.endswith(f"_{end}")), "")
+    unit = next((unit for end, unit in UNITS.items() if f"_{name}".endswith(f"_{end}")), "")
     assert QUANTITIES[name].unit == unit
     assert QUANTITIES[name].name == name
     assert QUANTITIES[name].title
@@ -36,7 +37,7 @@ def test_no_two_quantities_are_explained_alike():
     told = [(q.title, q.unit, q.meaning) for q in QUANTITIES.values()]
     assert len(set(told)) == len(told)
     per_angle = (quantities.PER_ANGLE, quantities.OF_BOTH_SIDES, quantities.OF_A_CALIBRATION)
-    groups = (*per_angle, quantities.OF_THE_SENSOR, quantities.OVER_THE_FIELD)
+    groups = (*per_angle, quantities.OF_THE_SENSOR, quantities.OF_THE_APERTURE, quantities.OVER_THE_FIELD)
     assert sum(map(len, groups)) == len(QUANTITIES)
 
 

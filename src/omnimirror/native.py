@@ -164,7 +164,9 @@ class Kernels(Protocol):
 
     def Optics(self, **numbers: Any) -> object: ...
     def Environment(self, light: Array) -> object: ...
-    def Surfaces(self, places: Array, texel_places: Array, kinds: Array, sizes: Array, texels: Array) -> Surfaces: ...
+    def Surfaces(
+        self, places: Array, texel_places: Array, kinds: Array, sizes: Array, texels: Array
+    ) -> CompiledSurfaces: ...
     def BlurKernels(
         self, width: int, height: int, fineness: int, firsts: Array, offsets: Array, weights: Array,
         pixels: Array, kernels: Array,
@@ -206,7 +208,7 @@ class AxialCamera(Protocol):
     def project(self, targets: Array, is_near: bool, pixels: Array, excess: Array | None) -> None: ...
 
 
-class Surfaces(Protocol):
+class CompiledSurfaces(Protocol):
     """Flat textured surfaces, and the first of them that a ray meets."""
 
     def radiance(self, origins: Array, directions: Array, light: Array, distances: Array) -> None: ...

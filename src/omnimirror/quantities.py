@@ -190,7 +190,36 @@ OF_THE_SENSOR = (
 )  # fmt: skip
 """What holds for the sensor as a whole."""
 
-_ALONE = {q.name: q for q in (*PER_ANGLE, *OF_BOTH_SIDES, *OF_A_CALIBRATION, *OF_THE_SENSOR)}
+OF_THE_APERTURE = (
+    Quantity("chief_px", "h", "px", "Chief ray, image height", "where the chief ray lands, from the centre",
+             format=".3f"),
+    Quantity("rms_radius_px", "rms", "px", "Spot, rms radius", "of the rays of a spot about their centroid",
+             "√(mean of t² + s²)", ".3f"),
+    Quantity("rms_t_px", "rms T", "px", "Spot, rms T", "rms of a spot along the image radius", format=".3f"),
+    Quantity("rms_s_px", "rms S", "px", "Spot, rms S", "rms of a spot around the circle", format=".3f"),
+    Quantity("extent_t_px", "width T", "px", "Spot, width T", "of all rays of a spot along the image radius",
+             format=".3f"),
+    Quantity("extent_s_px", "width S", "px", "Spot, width S", "of all rays of a spot around the circle",
+             format=".3f"),
+    Quantity("strehl", "", "", "Strehl", "peak of the PSF, of that without aberrations", format=".3g"),
+    Quantity("encircled_energy", "", "", "Encircled energy", "share of the light within a radius about the centroid"),
+    Quantity("cycles_per_px", "", "cycles/px", "Spatial frequency", "of waves on the imager, in pixels", format=".3g"),
+    Quantity("lp_per_mm", "", "lp/mm", "Spatial frequency", "of waves on the imager, in mm", format=".4g"),
+    Quantity("mtf_t", "MTF T", "", "MTF T", "contrast of waves that run along the image radius", format=".3f"),
+    Quantity("mtf_s", "MTF S", "", "MTF S", "contrast of waves that run around the circle", format=".3f"),
+    Quantity("irradiance_sr", "E / L", "sr", "Irradiance", "light on the imager, of the radiance of an even world",
+             format=".5f"),
+    Quantity("relative", "", "", "Relative illumination", "irradiance, of the largest over the field", format=".4f",
+             head="relative"),
+    Quantity("reflectance", "R", "", "Reflectance", "of the mirror under the angle of incidence", format=".4f"),
+    Quantity("filled", "", "", "Aperture filled", "share of the aperture that the mirror fills", format=".4g",
+             head="aperture filled"),
+    Quantity("viewpoint_error_px", "", "px", "Error of one viewpoint",
+             "how far in the image an object lies from where one viewpoint looks for it", "Eq. 23"),
+)  # fmt: skip
+"""What the whole aperture makes of a point, and what is made of that."""
+
+_ALONE = {q.name: q for q in (*PER_ANGLE, *OF_BOTH_SIDES, *OF_A_CALIBRATION, *OF_THE_SENSOR, *OF_THE_APERTURE)}
 
 
 def _over_the_field(prefix: str, which: str, how: str) -> Callable[..., Quantity]:

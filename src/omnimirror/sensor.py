@@ -619,7 +619,7 @@ class Sensor:
         found = self.posed_mirror.specular(
             self.entrance_pupil_points(np.zeros((1, 2))), Ends.of(targets.reshape(-1, 3), distant)
         )
-        offsets = self.lens.image_of(found.seen_at - self.lens_offset, found.to_eyes) / self.imager.pitch_mm
+        offsets = self.lens.image_of(found.seen_at - self.lens_offset, found.to_pupils) / self.imager.pitch_mm
         offsets[~found.valid] = np.nan
         return self._in_picture(offsets.reshape(*targets.shape[:-1], 2))
 

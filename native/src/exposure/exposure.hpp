@@ -60,7 +60,7 @@ struct Environment {
 };
 
 // What a row of rays becomes: light, or the rays themselves.
-constexpr float LOST = 0, REFLECTED = 1, DIRECT = 2, HARDWARE = 3;
+constexpr float LOST = 0, REFLECTED = 1, DIRECT = 2, HIDDEN = 3;
 
 struct RayOut {
     float *origins, *directions, *weights;  // (n, 3), (n, 3), (n)

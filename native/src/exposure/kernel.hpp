@@ -320,7 +320,7 @@ void reflect(const Optics& o, Bundle& r) {
         r.weight[i] *= hit ? kept : 1;
         const float up = (o.edge_z - z) / (dz + 1e-30f), ex = x + up * dx, ey = y + up * dy, e2 = ex * ex + ey * ey;
         const bool edge = hit & (up > 0) & (e2 > o.rim * o.rim) & (e2 < o.edge_radius * o.edge_radius);
-        r.fate[i] = edge ? HARDWARE : r.fate[i];
+        r.fate[i] = edge ? HIDDEN : r.fate[i];
         if (!o.aligned) {
             const float x1 = m[0] * x + m[3] * y + m[6] * z, y1 = m[1] * x + m[4] * y + m[7] * z;
             z = m[2] * x + m[5] * y + m[8] * z, x = x1, y = y1;
@@ -365,7 +365,7 @@ void meet_edge(const Optics& o, Bundle& r) {
     OMNIMIRROR_EACH_LANE(i) {
         const float t = o.edge_z / r.dz[i], x = r.ox[i] + t * r.dx[i], y = r.oy[i] + t * r.dy[i];
         const bool on = (r.fate[i] == LOST) & (x * x + y * y < o.edge_radius * o.edge_radius) & (r.weight[i] > 0);
-        r.fate[i] = on ? HARDWARE : r.fate[i];
+        r.fate[i] = on ? HIDDEN : r.fate[i];
     }
 }
 
@@ -378,7 +378,7 @@ void stand_in_the_way(const Optics& o, Bundle& r) {
             const float x = r.px[i], y = r.py[i], z = r.pz[i];
             const bool out = meets_rod(o, x, y, z, r.dx[i], r.dy[i], r.dz[i]);
             const bool back = meets_rod(o, x, y, z, aside * r.tx[i], aside * r.ty[i], down);
-            r.fate[i] = (r.fate[i] != LOST) & (out | back) ? HARDWARE : r.fate[i];
+            r.fate[i] = (r.fate[i] != LOST) & (out | back) ? HIDDEN : r.fate[i];
         }
     }
     OMNIMIRROR_EACH_LANE(i) {
@@ -388,7 +388,7 @@ void stand_in_the_way(const Optics& o, Bundle& r) {
         const bool seen = (r.fate[i] == REFLECTED) & body;
         const float qx = x / o.lens_radius, qy = y / o.lens_radius;
         r.weight[i] *= seen ? front_of(qx, qy, root(qx * qx + qy * qy)) : 1;
-        r.fate[i] = seen ? HARDWARE : r.fate[i];
+        r.fate[i] = seen ? HIDDEN : r.fate[i];
     }
 }
 
@@ -468,7 +468,7 @@ void light_of_row(const Exposure& e, const Environment& world, int row, float* o
         for (int i = 0; i < lanes; ++i) {
             if (any && (r.fate[i] == REFLECTED || r.fate[i] == DIRECT))
                 add_light(world, r.u[i], r.v[i], share * r.weight[i], sum);
-            else if (any && r.fate[i] == HARDWARE)
+            else if (any && r.fate[i] == HIDDEN)
                 for (int c = 0; c < 3; ++c) sum.rgb[c] += share * r.weight[i] * e.optics.hardware_light[c];
             if (--left) continue;
             for (int c = 0; c < 3; ++c) *out++ = sum.rgb[c];

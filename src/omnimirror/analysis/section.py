@@ -22,7 +22,7 @@ TELECENTRIC_LENS = 2.5  # drawn so far from the vertex, in rim radii: a telecent
 LENS_HALF_WIDTH = 0.18  # of a perspective lens that is drawn, in rim radii
 
 
-class Curve(NamedTuple):
+class SectionCurve(NamedTuple):
     """Places x and z (n,), mm; NaN where there is nothing."""
 
     x: Array
@@ -76,24 +76,24 @@ def is_as_seen(sensor: Sensor) -> bool:
     return sensor.secondary is None or isinstance(sensor.secondary.mirror, Flat)
 
 
-def mirror_curve(sensor: Sensor, nodes: int = 401) -> Curve:
+def mirror_curve(sensor: Sensor, nodes: int = 401) -> SectionCurve:
     """The mirror from rim to rim, with its bore where the camera looks through one."""
     rim, second = sensor.mirror.rim_radius_mm, sensor.secondary
     x = np.linspace(-rim, rim, nodes)
     z = sensor.mirror.sag(np.abs(x))
     is_bored = second is not None and lens_height(sensor) > 0
     bore = second.bore_radius_mm if second is not None and is_bored else 0.0
-    return Curve(x, np.where(np.abs(x) < bore, np.nan, z))
+    return SectionCurve(x, np.where(np.abs(x) < bore, np.nan, z))
 
 
-def secondary_curve(sensor: Sensor, nodes: int = 201) -> Curve | None:
+def secondary_curve(sensor: Sensor, nodes: int = 201) -> SectionCurve | None:
     """The second mirror from rim to rim, where there is one."""
     second = sensor.secondary
     if second is None:
         return None
     rim = second.mirror.rim_radius_mm
     x = np.linspace(-rim, rim, nodes)
-    return Curve(x, second.height(np.abs(x)))
+    return SectionCurve(x, second.height(np.abs(x)))
 
 
 def ways_to_lens(sensor: Sensor, x_mm: Array) -> list[list[tuple[float, float]]]:
@@ -107,12 +107,12 @@ def ways_to_lens(sensor: Sensor, x_mm: Array) -> list[list[tuple[float, float]]]
     return [[(float(x), float(z)), *way] for x, z, way in zip(at, second.height(at), ways, strict=True)]
 
 
-def image_curves(result: Evaluation) -> tuple[Curve, Curve]:
+def image_curves(result: Evaluation) -> tuple[SectionCurve, SectionCurve]:
     """Tangential and sagittal virtual images as the lens sees them (Eqs. 14-21); NaN where at infinity."""
     return _seen(result, result.distance_t_mm), _seen(result, result.distance_s_mm)
 
 
-def _seen(result: Evaluation, distance: Array) -> Curve:
+def _seen(result: Evaluation, distance: Array) -> SectionCurve:
     """Places of images at distances (n,), mm, from the lens along its axis, on the lines on which it sees them."""
     if result.sensor.lens.TELECENTRIC:
         x = result.sensor.meridian.trace(result.x_mm).first.x
@@ -121,4 +121,4 @@ def _seen(result: Evaluation, distance: Array) -> Curve:
             x = distance * np.tan(np.radians(result.theta_deg))
     z = distance + reference_height(result.sensor)
     is_finite = np.isfinite(z)
-    return Curve(np.where(is_finite, x, np.nan), np.where(is_finite, z, np.nan))
+    return SectionCurve(np.where(is_finite, x, np.nan), np.where(is_finite, z, np.nan))

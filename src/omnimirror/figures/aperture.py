@@ -11,11 +11,13 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
 from ..analysis import Illumination, Mtf, Psf, Spots
-from .labels import EndLabels
+from ..quantities import QUANTITIES
+from .labels import EndLabels, axis_title
 from .style import COLUMN, GREY, INK, PAGE, PALETTE, angle_axis, grid_of_axes, new_figure, styled
 
 Array = NDArray[np.float64]
 
+RMS = QUANTITIES["rms_radius_px"]
 FINEST_GRID = 12  # px to each side; a finer grid of pixels would be grey
 LIGHT_FROM = 1e-4  # of the peak, the darkest shade of a PSF
 
@@ -37,7 +39,11 @@ def spot_matrix(spots: Spots, airy_px: float) -> Figure:
             name = f"{spots.omega_deg[i]:.4g}°" if focuses == 1 or j == 0 else ""
             ax.set_title(name, fontsize=6.5, pad=2)
             ax.set_title(
-                f"rms {spots.rms_radius_px()[i, j]:.2f} px", fontsize=6, fontweight="normal", loc="right", pad=2
+                f"{RMS.symbol} {spots.rms_radius_px()[i, j]:.2f} {RMS.unit}",
+                fontsize=6,
+                fontweight="normal",
+                loc="right",
+                pad=2,
             )
             if focuses > 1 and i == objects - 1:
                 ax.set_xlabel(f"L$_0$ = {spots.focus_mm[j]:.5g} mm")
@@ -83,7 +89,7 @@ def mtf_curves(mtf: Mtf) -> Figure:
         for look, name in (("-", "tangential"), ("--", "sagittal")):
             ax.plot([], [], look, color=INK, label=name)
         ax.legend(loc="upper right", frameon=False, fontsize=6.5, ncols=2 if len(mtf.omega_deg) > 6 else 1)
-        ax.set(xlim=(0, mtf.cycles_per_px[-1]), ylim=(0, 1.02), xlabel="Cycles per pixel", ylabel="MTF")
+        ax.set(xlim=(0, mtf.cycles_per_px[-1]), ylim=(0, 1.02), xlabel=axis_title("cycles_per_px"), ylabel="MTF")
         ax.axvline(0.5, color=GREY, linewidth=0.6)
         ax.text(0.5, 0.01, " Nyquist", size=6, color=GREY, va="bottom")
         per_px = mtf.pixel_pitch_um * 1e-3
@@ -95,7 +101,7 @@ def mtf_curves(mtf: Mtf) -> Figure:
             return np.asarray(line_pairs, dtype=float) * per_px
 
         above = ax.secondary_xaxis("top", functions=(line_pairs, cycles))
-        above.set_xlabel("Line pairs per mm")
+        above.set_xlabel(axis_title("lp_per_mm"))
         above.spines["top"].set_visible(True)
     return figure
 
@@ -111,7 +117,8 @@ def encircled_energy(psfs: Sequence[Psf]) -> Figure:
         for p, colour in zip(psfs, _shades(len(psfs)), strict=True):
             (line,) = ax.plot(radius, p.encircled_energy(radius), color=colour, gid=f"energy:{p.omega_deg:g}")
             lines.append((line, f"{p.omega_deg:.4g}°"))
-        ax.set(xlim=(0, radius[-1]), ylim=(0, 1.02), xlabel="Radius about the centroid (px)", ylabel="Encircled energy")
+        ax.set(xlim=(0, radius[-1]), ylim=(0, 1.02), xlabel="Radius about the centroid (px)")
+        ax.set_ylabel(axis_title("encircled_energy"))
         for line, text in lines:
             labels.of_line(ax, line, text)
         return labels.settle()
@@ -135,7 +142,7 @@ def psf_pictures(psfs: Sequence[Psf]) -> Figure:
             )  # fmt: skip
             ax.set(xlim=(-half, half), ylim=(half, -half))
             ax.grid(False)
-            strehl = f", Strehl {p.strehl:.2g}" if p.kind == "diffraction" else ""
+            strehl = f", {QUANTITIES['strehl'].title} {p.strehl:.2g}" if p.kind == "diffraction" else ""
             ax.set_title(f"{p.omega_deg:.4g}°{strehl}")
             ax.set_xlabel("tangential (px)")
             if i % columns == 0:
@@ -153,7 +160,7 @@ def illumination_curves(named: Sequence[tuple[str, Illumination]]) -> Figure:
             (line,) = ax.plot(found.omega_deg, found.relative, color=colour, gid=f"{name}:relative")
             lines.append((line, name))
         angle_axis(ax, max(float(found.omega_deg.max()) for _, found in named))
-        ax.set(ylim=(0, 1.05), ylabel="Relative illumination")
+        ax.set(ylim=(0, 1.05), ylabel=axis_title("relative"))
         for line, text in lines:
             labels.of_line(ax, line, text)
         return labels.settle()

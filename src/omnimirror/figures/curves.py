@@ -16,7 +16,7 @@ from ..lenses import Lens, Orthographic, Perspective
 from ..mirrors import Sphere
 from ..quantities import QUANTITIES
 from ..sensor import Sensor
-from .labels import EndLabels, axis_label
+from .labels import EndLabels, axis_label, axis_of_both, axis_title
 from .style import COLUMN, GREY, INK, PAGE, angle_axis, grid_of_axes, new_figure, panel_title, zero_line
 from .subjects import Subject, widest
 
@@ -112,7 +112,7 @@ def _blur_panel(ax: Axes, subjects: Sequence[Subject], unit: str, labels: EndLab
     ]
     _limits(ax, [line for line, _ in drawn])
     ax.set_xlim(0, widest(subjects))
-    ax.set_ylabel("Blur Δ (px)" if unit == "px" else "Blur Δ$_t$/Δh, Δ$_s$/Δw (deg)")
+    ax.set_ylabel(axis_of_both(f"blur_{unit}", f"blur_t_{unit}", f"blur_s_{unit}"))
     if unit == "px":
         permitted = subjects[0].conditions.tolerance_px
         ax.axhspan(-permitted, permitted, color="#F2F2F2", zorder=0)
@@ -158,7 +158,7 @@ def _blur_area_panel(ax: Axes, subjects: Sequence[Subject], labels: EndLabels) -
     highest = max(np.nanmax(np.where(np.isfinite(y), y, 0.0)) for y in (line.get_ydata() for line, _ in drawn))
     ax.set_ylim(1e-3, min(10 * float(np.ceil(highest / 5)) / 2 + 1, 1e3))
     ax.set_xlim(0, widest(subjects))
-    ax.set_ylabel("Blur area (deg²)")
+    ax.set_ylabel(axis_title("blur_area_deg2"))
     for line, text in drawn:
         labels.of_line(ax, line, text)
 
@@ -239,7 +239,7 @@ def viewpoint_error(subjects: Sequence[Subject]) -> Figure:
         panel_title(ax, i, s.name, len(subjects))
         angle_axis(ax, widest(subjects), most_ticks=10 if columns == 1 else 4)
         if i % columns == 0:
-            ax.set_ylabel("Error of one viewpoint (px)")
+            ax.set_ylabel(axis_title("viewpoint_error_px"))
         for line in ax.get_lines():
             if not str(line.get_label()).startswith("_"):
                 labels.of_line(ax, line, str(line.get_label()))

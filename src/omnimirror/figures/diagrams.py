@@ -12,6 +12,7 @@ from matplotlib.patches import Arc, Circle, Polygon, Rectangle
 from numpy.typing import NDArray
 
 from ..analysis import evaluate
+from ..housing import Dome, Housing
 from ..sensor import Sensor
 from .style import GREY, INK, PAGE, PALE, PALETTE, bare, new_figure, panel_title, styled
 
@@ -19,6 +20,7 @@ Array = NDArray[np.float64]
 Picture = NDArray[Any]
 
 RAY, OTHER, WALL = PALETTE[0], PALETTE[1], PALETTE[5]
+ABOVE_MM = 4.0  # what a tube stands out above its mirror
 
 
 class Ray(NamedTuple):
@@ -251,19 +253,12 @@ def blur_geometry(
 
 
 class Prototype(NamedTuple):
-    """What is drawn of a prototype: its sensor, title, picture (n, n, 3), and what stands around the mirror.
-
-    ``rod_mm`` is the radius at the vertex of a clear rod whose sides lie along chief rays, and so are not seen,
-    ``tube_mm`` outer radius and wall of a tube, ``dome_mm`` outer radius, wall and height of the centre of a dome.
-    """
+    """What is drawn of a prototype: its sensor, title, picture (n, n, 3), and what stands around it, sizes given."""
 
     sensor: Sensor
     title: str
     picture: Picture
-    rod_mm: float | None = None
-    tube_mm: tuple[float, float] | None = None
-    dome_mm: tuple[float, float, float] | None = None
-    camera_radius_mm: float = 20.0
+    housing: Housing
 
 
 def prototypes(shown: Sequence[Prototype]) -> Figure:
@@ -283,21 +278,25 @@ def prototypes(shown: Sequence[Prototype]) -> Figure:
 
 
 def _draw_prototype(ax: Axes, p: Prototype) -> None:
+    """The sensor and its housing, all that holds the mirror clear."""
     M, m, top = p.sensor.mirror.rim_radius_mm, p.sensor.meridian.m, _top(p.sensor)
-    if p.rod_mm is not None:
-        low, high = 0.1 * p.rod_mm, p.rod_mm
-        corners = [(-low, -0.9 * m), (low, -0.9 * m), (high, 0), (-high, 0)]
+    rod, shell, camera = p.housing.rod, p.housing.shell, p.housing.camera
+    if rod is not None and rod.gap_mm is not None and rod.end_diameter_mm is not None:
+        foot, end = rod.diameter_mm / 2, rod.end_diameter_mm / 2
+        corners = [(-foot, rod.gap_mm - m), (foot, rod.gap_mm - m), (end, 0.0), (-end, 0.0)]
         ax.add_patch(Polygon(corners, facecolor=WALL, alpha=0.35, edgecolor=INK))
-    if p.tube_mm is not None:
-        outer, wall = p.tube_mm
-        for x in (-outer, outer - wall):
-            ax.add_patch(Rectangle((x, -m), wall, m + top + 4, facecolor=WALL, alpha=0.6, edgecolor=INK, linewidth=0.5))
-    if p.dome_mm is not None:
-        outer, wall, centre = p.dome_mm
-        ax.add_patch(Circle((0, centre), outer, facecolor=WALL, alpha=0.35, edgecolor=INK, linewidth=0.5))
-        ax.add_patch(Circle((0, centre), outer - wall, facecolor="white", edgecolor=INK, linewidth=0.5))
+    if shell is not None and shell.diameter_mm is not None:
+        outer, inner = shell.diameter_mm / 2, shell.diameter_mm / 2 - shell.wall_mm
+        if isinstance(shell, Dome):
+            middle = (0.0, shell.centre_mm or 0.0)
+            ax.add_patch(Circle(middle, outer, facecolor=WALL, alpha=0.35, edgecolor=INK, linewidth=0.5))
+            ax.add_patch(Circle(middle, inner, facecolor="white", edgecolor=INK, linewidth=0.5))
+        else:
+            wall: dict[str, Any] = {"facecolor": WALL, "alpha": 0.6, "edgecolor": INK, "linewidth": 0.5}
+            for x in (-outer, inner):
+                ax.add_patch(Rectangle((x, -m), shell.wall_mm, m + top + ABOVE_MM, **wall))
     _mirror(ax, p.sensor)
-    _camera(ax, p.sensor, 0.75 * M, p.camera_radius_mm)
+    _camera(ax, p.sensor, 0.75 * M, camera.diameter_mm / 2 if camera else None)
 
 
 # -- parts of drawings -----------------------------------------------------------------------------

@@ -30,8 +30,28 @@ def axis_label(name: str, titled: bool = False) -> str:
     return " ".join(words)
 
 
-def spread(wanted: ArrayLike, gap: float, low: float, high: float) -> Array:
-    """Positions (n,) at least ``gap`` apart and between low and high, as near the wanted ones as can be.
+def axis_title(name: str) -> str:
+    """Title and unit of a quantity, as an axis bears them that stands for several symbols or for none.
+
+    >>> axis_title("blur_area_deg2"), axis_title("relative")
+    ('Blur area (deg²)', 'Relative illumination')
+    """
+    q = QUANTITIES[name]
+    return f"{q.title} ({q.unit})" if q.unit else q.title
+
+
+def axis_of_both(name: str, *parts: str) -> str:
+    """Title of a quantity, symbols of its parts, and their unit.
+
+    >>> axis_of_both("blur_px", "blur_t_px", "blur_s_px")
+    'Blur Δ$_t$, Δ$_s$ (px)'
+    """
+    symbols = (axis_label(part).split(" (")[0] for part in parts)
+    return f"{QUANTITIES[name].title} {', '.join(symbols)} ({QUANTITIES[name].unit})"
+
+
+def spread(sought: ArrayLike, gap: float, low: float, high: float) -> Array:
+    """Positions (n,) at least ``gap`` apart and between low and high, as near the sought ones as can be.
 
     The order stays. Least squares under these constraints is an isotonic regression of what remains
     after the gaps are taken out. Where the room does not suffice the gap shrinks.
@@ -39,7 +59,7 @@ def spread(wanted: ArrayLike, gap: float, low: float, high: float) -> Array:
     >>> spread([0.0, 1.0, 1.0, 9.0], gap=2.0, low=-5.0, high=9.0)
     array([-1.3..., 0.6..., 2.6..., 9. ])
     """
-    at: Array = np.asarray(wanted, dtype=float)
+    at: Array = np.asarray(sought, dtype=float)
     if at.size < 2:
         return np.clip(at, low, high)
     order = np.argsort(at, kind="stable")
@@ -102,9 +122,9 @@ class EndLabels:
         self._lay_out()
         for ax, labels in self._labels.items():
             box = ax.get_window_extent()
-            wanted = [float(ax.transData.transform(label.xy)[1]) for label in labels]
+            sought = [float(ax.transData.transform(label.xy)[1]) for label in labels]
             line_height = 1.18 * self.size * self.figure.dpi / 72
-            placed = spread(wanted, line_height, box.y0, box.y1)
+            placed = spread(sought, line_height, box.y0, box.y1)
             for label, y in zip(labels, placed, strict=True):
                 inverse = ax.transData.inverted().transform((0.0, float(y)))
                 label.set_position((label.get_position()[0], float(inverse[1])))

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from ..analysis.section import (
     NEAR_OBJECTS,
-    Curve,
+    SectionCurve,
     focus_band,
     image_curves,
     is_as_seen,
@@ -196,7 +196,7 @@ def _draw_close_up(ax: Axes, subject: Subject, labels: EndLabels) -> None:
     ax.set_title(text, fontsize=6, fontweight="normal", color=BAND_INK, pad=3)
 
 
-def _virtual_images(subject: Subject) -> list[tuple[str, Curve, dict[str, object]]]:
+def _virtual_images(subject: Subject) -> list[tuple[str, SectionCurve, dict[str, object]]]:
     """Name, places and look of four curves: of the objects asked for (strong), and of near ones."""
     p = subject.conditions.object_distance_mm
     asked = "∞" if np.isinf(p) else f"{p:g}mm"

@@ -6,7 +6,7 @@ from .exporter import DEFAULT_FORMATS, FORMATS, Content, Exported, Format, expor
 from .formats.gridsag import format_grid_sag
 from .formats.sag_tables import format_table, sag_table, table_points
 from .formats.zmx import format_zmx
-from .forms import Asphere, Curve, asphere_of, curve_of
+from .forms import Asphere, ProfileCurve, asphere_of, curve_of
 from .reference_sphere import BestSphere, best_sphere
 from .sensitivity import Sensitivity, sensitivities
 
@@ -17,10 +17,10 @@ __all__ = [
     "BestSphere",
     "Body",
     "Content",
-    "Curve",
     "Drawing",
     "Exported",
     "Format",
+    "ProfileCurve",
     "Sensitivity",
     "asphere_of",
     "best_sphere",

@@ -263,7 +263,7 @@ Ends: TypeAlias = "tuple[tuple[float, float], tuple[float, float]]"
 
 
 @dataclass(frozen=True)
-class Curve:
+class ProfileCurve:
     """The meridian as CAD programs draw one: a line, an arc about the axis, or a (rational) B-spline.
 
     Attributes
@@ -288,7 +288,7 @@ class Curve:
     """What it is, for people."""
 
 
-def curve_of(mirror: Mirror, start_mm: float = 0.0, tolerance_um: float = 0.01) -> Curve:
+def curve_of(mirror: Mirror, start_mm: float = 0.0, tolerance_um: float = 0.01) -> ProfileCurve:
     """The meridian from ``start_mm`` to the rim as a CAD curve, exact where the mirror is a conic or straight.
 
     Others become a quintic spline through as many points as it takes to stay within the tolerance.
@@ -301,16 +301,16 @@ def curve_of(mirror: Mirror, start_mm: float = 0.0, tolerance_um: float = 0.01) 
     rim = mirror.rim_radius_mm
     ends = (start_mm, float(mirror.sag(start_mm))), (rim, float(mirror.sag(rim)))
     if is_straight(mirror):
-        return Curve("line", ends, words="straight line")
+        return ProfileCurve("line", ends, words="straight line")
     conic = conic_of(mirror)
     if conic and conic[1] == 0.0:
-        return Curve("arc", ends, radius_mm=conic[0], words=f"arc of {conic[0]:.9g} mm")
+        return ProfileCurve("arc", ends, radius_mm=conic[0], words=f"arc of {conic[0]:.9g} mm")
     if conic:
         return _conic_arc(mirror, ends, conic)
     return _spline(mirror, ends, tolerance_um)
 
 
-def _conic_arc(mirror: Mirror, ends: Ends, conic: tuple[float, float]) -> Curve:
+def _conic_arc(mirror: Mirror, ends: Ends, conic: tuple[float, float]) -> ProfileCurve:
     """A piece of a conic is one rational quadratic: its ends, where their tangents meet, and one weight.
 
     The weight is that of the point where the line from the middle of the chord to the tangents' meeting
@@ -334,10 +334,10 @@ def _conic_arc(mirror: Mirror, ends: Ends, conic: tuple[float, float]) -> Curve:
     weight = t / (1 - t)
     poles = ((x0, z0), (float(corner[0]), float(corner[1])), (x2, z2))
     knots = (0.0, 0.0, 0.0, 1.0, 1.0, 1.0)
-    return Curve("spline", ends, 0.0, 2, knots, poles, (1.0, weight, 1.0), 0.0, "conic")
+    return ProfileCurve("spline", ends, 0.0, 2, knots, poles, (1.0, weight, 1.0), 0.0, "conic")
 
 
-def _spline(mirror: Mirror, ends: Ends, tolerance_um: float) -> Curve:
+def _spline(mirror: Mirror, ends: Ends, tolerance_um: float) -> ProfileCurve:
     """A quintic spline by arc length, doubled in points until it is close enough or gains nothing more."""
     from scipy.integrate import cumulative_simpson
     from scipy.interpolate import PchipInterpolator, make_interp_spline
@@ -346,7 +346,7 @@ def _spline(mirror: Mirror, ends: Ends, tolerance_um: float) -> Curve:
     fine = np.linspace(start, rim, 4097)
     length = cumulative_simpson(np.sqrt(1 + mirror.slope(fine) ** 2), x=fine, initial=0.0)
     x_of_length = PchipInterpolator(length, fine)
-    best: Curve | None = None
+    best: ProfileCurve | None = None
     for spans in 2 ** np.arange(3, 11):
         s = np.linspace(0.0, length[-1], spans + 1)
         x = np.clip(x_of_length(s), start, rim)
@@ -362,7 +362,7 @@ def _spline(mirror: Mirror, ends: Ends, tolerance_um: float) -> Curve:
         if best is None or worst < best.deviation_um:
             poles = tuple((float(px), float(pz)) for px, pz in spline.c)
             words = f"quintic spline of {len(poles)} poles"
-            best = Curve("spline", ends, 0.0, 5, tuple(map(float, spline.t)), poles, None, worst, words)
+            best = ProfileCurve("spline", ends, 0.0, 5, tuple(map(float, spline.t)), poles, None, worst, words)
         if worst <= tolerance_um:
             break
     assert best is not None

@@ -30,7 +30,7 @@ REPORT_EVERY_S = 0.2
 RATE_OVER_S = 5.0  # the rate is that of the last few seconds
 
 
-class Progress(NamedTuple):
+class FrameProgress(NamedTuple):
     """How far it is."""
 
     done: int
@@ -67,7 +67,7 @@ def process(
     sink: Sink,
     function: PictureFunction,
     pixels: Pixels = "picture",
-    progress: Callable[[Progress], None] | None = None,
+    progress: Callable[[FrameProgress], None] | None = None,
     total: int | None = None,
     ahead: int = 4,
 ) -> Outcome:
@@ -280,7 +280,7 @@ class _Writing:
 class _Meter:
     """Counts frames, and reports now and then."""
 
-    def __init__(self, progress: Callable[[Progress], None] | None, total: int | None) -> None:
+    def __init__(self, progress: Callable[[FrameProgress], None] | None, total: int | None) -> None:
         self._progress, self._total = progress, total
         self._start = self._reported = time.monotonic()
         self._done = 0
@@ -307,4 +307,4 @@ class _Meter:
         since, before = self._recent[0]
         rate = (self._done - before) / max(now - since, 1e-9)
         left = None if self._total is None or rate <= 0 else max(0, self._total - self._done) / rate
-        self._progress(Progress(self._done, self._total, rate, now - self._start, left))
+        self._progress(FrameProgress(self._done, self._total, rate, now - self._start, left))

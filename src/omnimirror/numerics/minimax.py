@@ -35,7 +35,7 @@ class Rows(NamedTuple):
     constraint_jacobian: Array
 
 
-class Values(NamedTuple):
+class ObjectiveValues(NamedTuple):
     objective: Array
     constraints: Array
 
@@ -62,7 +62,7 @@ class Minimum:
 
 
 def solve_minimax(
-    values: Callable[[Array], Values],
+    values: Callable[[Array], ObjectiveValues],
     rows: Callable[[Array], Rows],
     start: Array,
     bounds: tuple[Array, Array],
@@ -94,7 +94,7 @@ def solve_minimax(
     The point whose greatest distance from 0 and 3 is least:
 
     >>> def values(y):
-    ...     return Values(np.array([y[0] ** 2, (y[0] - 3) ** 2]), np.array([-1.0]))
+    ...     return ObjectiveValues(np.array([y[0] ** 2, (y[0] - 3) ** 2]), np.array([-1.0]))
     >>> def rows(y):
     ...     return Rows(*values(y), np.array([2 * y, 2 * (y - 3)]), np.zeros((1, 1)))
     >>> round(float(solve_minimax(values, rows, np.zeros(1), (np.full(1, -9.0), np.full(1, 9.0))).y[0]), 6)
@@ -130,7 +130,7 @@ def solve_minimax(
 
 
 def minimise_mean(
-    values: Callable[[Array], Values],
+    values: Callable[[Array], ObjectiveValues],
     rows: Callable[[Array], Rows],
     start: Array,
     bounds: tuple[Array, Array],
@@ -179,7 +179,7 @@ class _Price(NamedTuple):
     price: float
 
 
-def _price(v: Values, is_spread: bool) -> _Price:
+def _price(v: ObjectiveValues, is_spread: bool) -> _Price:
     """What a point costs: its value, and its violation of constraints at a price."""
     if not np.isfinite(v.objective).all() or not np.isfinite(v.constraints).all():
         return _Price(np.inf, np.inf, np.inf)
@@ -188,7 +188,7 @@ def _price(v: Values, is_spread: bool) -> _Price:
     return _Price(value, violation, value + PENALTY * violation)
 
 
-def _bent(linear: Rows, ahead: Values, step: Array) -> Rows:
+def _bent(linear: Rows, ahead: ObjectiveValues, step: Array) -> Rows:
     """The linear model moved so that it holds at the end of a step."""
     J, K = linear.objective_jacobian, linear.constraint_jacobian
     return Rows(ahead.objective - J @ step, ahead.constraints - K @ step, J, K)

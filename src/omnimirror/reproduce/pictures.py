@@ -15,7 +15,7 @@ from ..analysis import best_viewpoint
 from ..dewarp import Dewarper, views
 from ..figures import diagrams, three_pictures
 from ..figures.diagrams import Picture, Prototype
-from ..housing import CameraBody, Dome, Housing, Tube
+from ..housing import CameraBody, Dome, Housing, Rod, Tube
 from ..sensor import Sensor
 from ..simulate import Room, take_picture
 from ..simulate.rendering.picture import SHOWN_SAMPLES
@@ -60,17 +60,14 @@ def fig16() -> Figure:
     The rod is clear and tapers towards the lens, so that its sides lie along chief rays: the picture is that of the
     bare mirror with the camera in its middle.
     """
-    room, sensor = Room(), replace(_sphere(), housing=Housing(CameraBody(2 * CAMERA)))
-    tube = ThroughShell(room, Tube(110.0, 3.0), sensor, lids_mm=(-sensor.meridian.m,))  # it stands on the camera
-    dome = ThroughShell(room, Dome(150.0, 3.0, centre_mm=20.0), sensor)
-    taken = [take_picture(sensor, scene, samples=SHOWN_SAMPLES) for scene in (room, tube, dome)]
-    return diagrams.prototypes(
-        [
-            Prototype(sensor, "Bare, on a clear rod", taken[0], rod_mm=7.0),
-            Prototype(sensor, "In a clear tube", taken[1], tube_mm=(55.0, 3.0)),
-            Prototype(sensor, "In a clear globe", taken[2], dome_mm=(75.0, 3.0, 20.0)),
-        ]
-    )
+    room, bare = Room(), replace(_sphere(), housing=Housing(CameraBody(2 * CAMERA)))
+    lens = -bare.meridian.m
+    rod, tube, dome = Rod(1.4, 14.0, gap_mm=-0.1 * lens), Tube(110.0, 3.0), Dome(150.0, 3.0, centre_mm=20.0)
+    scenes = (room, ThroughShell(room, tube, bare, lids_mm=(lens,)), ThroughShell(room, dome, bare))  # a tube's lid
+    taken = [take_picture(bare, scene, samples=SHOWN_SAMPLES) for scene in scenes]
+    held = [replace(bare.housing, rod=rod), replace(bare.housing, shell=tube), replace(bare.housing, shell=dome)]
+    titles = ("Bare, on a clear rod", "In a clear tube", "In a clear globe")
+    return diagrams.prototypes([Prototype(bare, *each) for each in zip(titles, taken, held, strict=True)])
 
 
 def fig17() -> Figure:

@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..media.pictures.images import FULL, Format
+from ..media.pictures.images import FULL, PictureFormat
 from ..simulate.colour import linear_from_srgb, srgb_from_linear
 
 Image = NDArray[Any]
 
 
-def depth_for(depth: str, kind: Format) -> str:
+def depth_for(depth: str, kind: PictureFormat) -> str:
     """The depth that a file of a kind holds nearest to another; of whole numbers for light the finest.
 
     >>> from omnimirror.media.pictures.images import format_of
@@ -23,7 +23,7 @@ def depth_for(depth: str, kind: Format) -> str:
     return depth if depth in kind.depths else kind.depths[-1]
 
 
-def as_held(image: Image, kind: Format) -> Image:
+def as_held(image: Image, kind: PictureFormat) -> Image:
     """The picture in a depth and with channels that a file of a kind holds.
 
     16 bits become 8 by rounding; light of floats becomes sRGB, where what is brighter than white is white, and the

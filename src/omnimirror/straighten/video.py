@@ -53,7 +53,7 @@ class Listener:
 
     note: Callable[[str], None] = lambda sentence: None
     """Told in a sentence of what is lost or in doubt."""
-    progress: Callable[[processing.Progress], None] = lambda progress: None
+    progress: Callable[[processing.FrameProgress], None] = lambda progress: None
     """Told a few times a second how far it is."""
 
 

@@ -111,27 +111,27 @@ class FoldedMirror:
             passes[part] = ((along <= 0) | (radius >= x * (1 - RIM_SLACK))).all(axis=1)
         return np.asarray(passes)
 
-    # -- where an eye sees a target --------------------------------------------------------------
+    # -- where an entrance pupil sees a target --------------------------------------------------------------
 
-    def specular(self, eyes: Ends, targets: Ends, start: Array | None = None) -> Specular:
-        """The points (n, 3) of both mirrors in which eyes of the lens's side see targets of the world's.
+    def specular(self, pupils: Ends, targets: Ends, start: Array | None = None) -> Specular:
+        """The points (n, 3) of both mirrors in which pupils of the lens's side see targets of the world's.
 
         The way of light is stationary over two points, one on each mirror: Newton's rule in four dimensions,
         from where the middle of the lens sees the target. ``start`` is not needed.
         """
-        (count,) = np.broadcast_shapes((len(eyes.xyz),), (len(targets.xyz),))
+        (count,) = np.broadcast_shapes((len(pupils.xyz),), (len(targets.xyz),))
         place = np.empty((count, 4))
         with np.errstate(all="ignore"):  # what is not finite is not valid
             first = np.broadcast_to(self._guess(targets), (count, 4))
-            eyes, targets = self._seen(eyes).spread(count), targets.spread(count)
+            pupils, targets = self._seen(pupils).spread(count), targets.spread(count)
             for begin in range(0, count, CHUNK):
                 part = slice(begin, begin + CHUNK)
-                place[part] = self._stationary(eyes[part], targets[part], first[part])
-            return self._proven(eyes, targets, place)
+                place[part] = self._stationary(pupils[part], targets[part], first[part])
+            return self._proven(pupils, targets, place)
 
-    def _seen(self, eyes: Ends) -> Ends:
-        """Eyes in the secondary's frame."""
-        return eyes if eyes.distant else Ends(eyes.xyz - self._vertex)
+    def _seen(self, pupils: Ends) -> Ends:
+        """Entrance-pupil points in the secondary's frame."""
+        return pupils if pupils.distant else Ends(pupils.xyz - self._vertex)
 
     def _guess(self, targets: Ends) -> Array:
         """Points (n, 4) of the secondary and of the primary in which the middle of the lens sees targets' azimuths."""
@@ -146,11 +146,11 @@ class FoldedMirror:
         cos, sin = np.cos(azimuth), np.sin(azimuth)
         return np.stack([seen * cos, seen * sin, x * cos, x * sin], axis=-1)
 
-    def _stationary(self, eyes: Ends, targets: Ends, start: Array) -> Array:
+    def _stationary(self, pupils: Ends, targets: Ends, start: Array) -> Array:
         rims = np.repeat([self.secondary.mirror.rim_radius_mm, self.mirror.rim_radius_mm], 2)
         place, active = np.array(start), np.arange(len(start))
         for _ in range(MAX_STEPS):
-            path = self._path(eyes[active], targets[active], place[active])
+            path = self._path(pupils[active], targets[active], place[active])
             solvable = np.isfinite(path.second).all(axis=(1, 2)) & (np.linalg.det(path.second) != 0)
             place[active[~solvable]] = np.nan
             active = active[solvable]
@@ -165,10 +165,10 @@ class FoldedMirror:
     def _surfaces(self, place: Array) -> tuple[Surface, Surface]:
         return Surface(self.secondary.mirror, place[:, :2]), Surface(self.mirror, place[:, 2:])
 
-    def _path(self, eyes: Ends, targets: Ends, place: Array) -> _Path:
+    def _path(self, pupils: Ends, targets: Ends, place: Array) -> _Path:
         second, first = self._surfaces(place)
         length, gradient, hessian = np.zeros(len(place)), np.zeros((len(place), 4)), np.zeros((len(place), 4, 4))
-        for end, surface, part in ((eyes, second, slice(0, 2)), (targets, first, slice(2, 4))):
+        for end, surface, part in ((pupils, second, slice(0, 2)), (targets, first, slice(2, 4))):
             far, pull, bend = _leg(end, surface)
             length += far
             gradient[:, part] += pull
@@ -188,17 +188,17 @@ class FoldedMirror:
             hessian[:, part, part] += u[:, 2, None, None] * surface.bend
         return _Path(length, gradient, hessian)
 
-    def _proven(self, eyes: Ends, targets: Ends, place: Array) -> Specular:
+    def _proven(self, pupils: Ends, targets: Ends, place: Array) -> Specular:
         second, first = self._surfaces(place)
-        path = self._path(eyes, targets, place)
+        path = self._path(pupils, targets, place)
         seen_at, met = second.points * OVER + self._vertex, first.points
-        to_eyes = eyes.xyz if eyes.distant else _unit(eyes.xyz - second.points)
+        to_pupils = pupils.xyz if pupils.distant else _unit(pupils.xyz - second.points)
         to_targets = targets.xyz if targets.distant else _unit(targets.xyz - first.points)
         between = _unit(met - seen_at)
         facing = [
             np.einsum("ni,ni->n", a, b) > 0
             for a, b in (
-                (to_eyes, second.normals),
+                (to_pupils, second.normals),
                 (between * OVER, second.normals),
                 (-between, first.normals),
                 (to_targets, first.normals),
@@ -208,37 +208,37 @@ class FoldedMirror:
         misses = [np.hypot(*path.gradient[:, k : k + 2].T) / steepness[k // 2] for k in (0, 2)]
         reflects = np.logical_and.reduce([*facing, *(miss <= REFLECTS for miss in misses)])
         valid = reflects & (self.beyond_edge_mm(met, second.points + self._vertex) <= 0)
-        valid &= self._is_clear(-to_eyes * OVER, seen_at, met, to_targets)
+        valid &= self._is_clear(-to_pupils * OVER, seen_at, met, to_targets)
         blank = np.where(reflects, 1.0, np.nan)
         return Specular(
-            met, first.normals * blank[:, None], to_eyes * blank[:, None], to_targets * blank[:, None],
-            path.length * blank - self._count_from(eyes, to_eyes), reflects, valid, second.points + self._vertex,
+            met, first.normals * blank[:, None], to_pupils * blank[:, None], to_targets * blank[:, None],
+            path.length * blank - self._count_from(pupils, to_pupils), reflects, valid, second.points + self._vertex,
         )  # fmt: skip
 
-    def _count_from(self, eyes: Ends, to_eyes: Array) -> Array:
-        """What paths to distant eyes are counted short by when they count from the secondary's vertex."""
-        return to_eyes @ self._vertex if eyes.distant else np.zeros(len(to_eyes))
+    def _count_from(self, pupils: Ends, to_pupils: Array) -> Array:
+        """What paths to distant pupils are counted short by when they count from the secondary's vertex."""
+        return to_pupils @ self._vertex if pupils.distant else np.zeros(len(to_pupils))
 
-    def beam(self, eyes: Ends, targets: Ends, found: Specular, motion: Array) -> Array:
-        """Light (n,) that reaches moving eyes, per unit of their motion (2, 3) or (n, 2, 3).
+    def beam(self, pupils: Ends, targets: Ends, found: Specular, motion: Array) -> Array:
+        """Light (n,) that reaches moving pupils, per unit of their motion (2, 3) or (n, 2, 3).
 
         Cross-section (mm^2) of the beam from a distant target, solid angle (sr) of that from a near one. The way
-        stays stationary while the eye moves, so that both points move by the inverse of its second derivative.
+        stays stationary while the pupil moves, so that both points move by the inverse of its second derivative.
         """
         count = len(found.points)
-        eyes, targets = self._seen(eyes).spread(count), targets.spread(count)
+        pupils, targets = self._seen(pupils).spread(count), targets.spread(count)
         place = np.concatenate([found.seen_at[:, :2], found.points[:, :2]], axis=1)
         with np.errstate(all="ignore"):
             second, _ = self._surfaces(place)
             motion = np.broadcast_to(motion, (count, 2, 3))
-            if not eyes.distant:
-                step = second.points - eyes.xyz
+            if not pupils.distant:
+                step = second.points - pupils.xyz
                 distance = np.linalg.norm(step, axis=1)[:, None, None]
                 u = step[:, :, None] / distance
                 motion = (motion - (motion @ u) * u.transpose(0, 2, 1)) / distance
             mixed = np.zeros((count, 4, 2))
             mixed[:, :2] = np.einsum("nai,nbi->nab", second.tangents, motion)
-            moved = np.linalg.solve(self._path(eyes, targets, place).second, mixed)[:, 2:]
+            moved = np.linalg.solve(self._path(pupils, targets, place).second, mixed)[:, 2:]
             facing = np.einsum("ni,ni->n", found.normals, found.to_targets)
             section: Array = np.abs(np.linalg.det(moved)) * facing / np.abs(found.normals[:, 2])
             if not targets.distant:

@@ -75,7 +75,7 @@ class Disc(NamedTuple):
         return meets, across
 
 
-class Cone(NamedTuple):
+class TaperedRod(NamedTuple):
     """A rod, which may taper: a piece of a cone about the axis."""
 
     foot_mm: float
@@ -129,7 +129,7 @@ class Obstructions:
     envelope: Envelope
     is_telecentric: bool
     discs: tuple[Disc, ...]
-    rod: Cone | None
+    rod: TaperedRod | None
     rim: Disc | None
 
     @classmethod
@@ -150,7 +150,7 @@ class Obstructions:
         if rod is not None:
             assert rod.gap_mm is not None
             assert rod.end_diameter_mm is not None
-            cone = Cone(envelope.lens_mm + rod.gap_mm, 0.0, rod.diameter_mm / 2, rod.end_diameter_mm / 2)
+            cone = TaperedRod(envelope.lens_mm + rod.gap_mm, 0.0, rod.diameter_mm / 2, rod.end_diameter_mm / 2)
         front = float(mirror.sag(np.array(mirror.rim_radius_mm))) + edge.setback_mm
         rim = Disc("rim", front, envelope.outer_mm, stops_rising=True) if edge.width_mm else None
         discs = (*_lids(fitted, envelope), *_before_mirror(fitted, envelope, secondary))

@@ -36,16 +36,16 @@ class PosedMirror:
         turn = self.pose.turned_to_camera
         return Reflections(self.pose.to_camera(found.points), turn(found.directions), turn(found.normals), found.valid)
 
-    def specular(self, eyes: Ends, targets: Ends, start: Array | None = None) -> Specular:
-        """The mirror points (n, 3) in which eyes see targets; see :mod:`omnimirror.tracing.reflection`.
+    def specular(self, pupils: Ends, targets: Ends, start: Array | None = None) -> Specular:
+        """The mirror points (n, 3) in which pupils see targets; see :mod:`omnimirror.tracing.reflection`.
 
         ``start`` are points (n, 3) mm to begin from. Paths of distant ends count from the camera frame's origin.
         """
         begin = None if start is None else self.pose.to_mirror(start)[..., :2]
-        found = reflection.specular_points(self.mirror, self._ends(eyes), self._ends(targets), begin)
+        found = reflection.specular_points(self.mirror, self._ends(pupils), self._ends(targets), begin)
         turn = self.pose.turned_to_camera
         path = found.path
-        for end in (eyes, targets):
+        for end in (pupils, targets):
             if end.distant:
                 path = path - end.xyz @ self.pose.shift
         points = self.pose.to_camera(found.points)
@@ -53,19 +53,19 @@ class PosedMirror:
             points=points,
             seen_at=points,
             normals=turn(found.normals),
-            to_eyes=turn(found.to_eyes),
+            to_pupils=turn(found.to_pupils),
             to_targets=turn(found.to_targets),
             path=path,
         )
 
-    def beam(self, eyes: Ends, targets: Ends, found: Specular, motion: Array) -> Array:
-        """Light (n,) that mirror points send to moving eyes, per unit of the eyes' motion (2, 3) or (n, 2, 3).
+    def beam(self, pupils: Ends, targets: Ends, found: Specular, motion: Array) -> Array:
+        """Light (n,) that mirror points send to moving pupils, per unit of the pupils' motion (2, 3) or (n, 2, 3).
 
         Cross-section (mm^2) of the beam from a distant target, solid angle (sr) of that from a near one.
         """
         inside = found._replace(points=self.pose.to_mirror(found.points))
         area = reflection.footprint(
-            self.mirror, self._ends(eyes), self._ends(targets), inside, self.pose.turned_to_mirror(motion)
+            self.mirror, self._ends(pupils), self._ends(targets), inside, self.pose.turned_to_mirror(motion)
         )
         upright = np.abs(self.pose.turned_to_mirror(found.normals)[:, 2])
         facing = np.einsum("ni,ni->n", found.normals, found.to_targets)

@@ -1,6 +1,6 @@
-"""The mirror point in which an eye sees an object, wherever both are (Fermat's principle in two dimensions).
+"""The mirror point in which an entrance pupil sees an object, wherever both are (Fermat's principle in two dimensions).
 
-Light takes the path of stationary length from the object by way of the mirror to the eye. On a convex
+Light takes the path of stationary length from the object by way of the mirror to the pupil. On a convex
 mirror seen from its front every such path is a strict minimum: the second derivative of the length
 across the surface is the sum of what both distances add, never negative, and of the surface's own
 curvature times ``2 cos(gamma)``. So it is found as a minimum, by Newton's rule that only goes downhill,
@@ -67,7 +67,7 @@ class Specular(NamedTuple):
     """(n, 3) mm; where the mirror ends too early, on its smooth continuation beyond the rim."""
     normals: Array
     """(n, 3) unit vectors towards the side of the lens."""
-    to_eyes: Array
+    to_pupils: Array
     """(n, 3) unit vectors from the mirror points."""
     to_targets: Array
     """(n, 3) unit vectors from the mirror points."""
@@ -78,46 +78,47 @@ class Specular(NamedTuple):
     valid: Mask
     """(n,) whether, besides, the point is within the rim and nothing stands in between."""
     seen_at: Array
-    """(n, 3) mm: points that the eyes look at, on the mirror or, where that is seen in a second one, on that."""
+    """(n, 3) mm: points that the pupils look at, on the mirror or, where that is seen in a second one, on that."""
 
 
-def specular_points(mirror: Mirror, eyes: Ends, targets: Ends, start: Array | None = None) -> Specular:
-    """The mirror points in which eyes see targets.
+def specular_points(mirror: Mirror, pupils: Ends, targets: Ends, start: Array | None = None) -> Specular:
+    """The mirror points in which pupils see targets.
 
     Parameters
     ----------
-    eyes, targets : Ends of n, or of 1
+    pupils, targets : Ends of n, or of 1
+        Entrance-pupil points, and what they see.
     start : (n, 2) mm, optional
-        Where to begin, (x, y) on the mirror; by default where an eye on the axis would see the target.
+        Where to begin, (x, y) on the mirror; by default where an entrance pupil on the axis would see the target.
 
     Examples
     --------
-    Section 10 of Alhazen's problem: a ball of 50 mm, eye and object symmetric about a line at 45 deg:
+    Section 10 of Alhazen's problem: a ball of 50 mm, pupil and object symmetric about a line at 45 deg:
 
     >>> from omnimirror.mirrors import Sphere
-    >>> eyes, targets = Ends.of([0.0, 0.0, -100.0]), Ends.of([150.0, 0.0, 50.0])
-    >>> found = specular_points(Sphere(50.0, 44.0), eyes, targets)
+    >>> pupils, targets = Ends.of([0.0, 0.0, -100.0]), Ends.of([150.0, 0.0, 50.0])
+    >>> found = specular_points(Sphere(50.0, 44.0), pupils, targets)
     >>> found.points.round(6) + 0.0, found.valid  # 50 sin 45, 50 - 50 cos 45
     (array([[35.355339,  0.      , 14.644661]]), array([ True]))
     """
-    (count,) = np.broadcast_shapes((len(eyes.xyz),), (len(targets.xyz),))
-    eyes, targets = eyes.spread(count), targets.spread(count)
+    (count,) = np.broadcast_shapes((len(pupils.xyz),), (len(targets.xyz),))
+    pupils, targets = pupils.spread(count), targets.spread(count)
     xy = np.empty((count, 2))
     with np.errstate(all="ignore"):  # what is not finite is not valid
-        first = guess(mirror, eyes, targets) if start is None else np.broadcast_to(start, (count, 2))
+        first = guess(mirror, pupils, targets) if start is None else np.broadcast_to(start, (count, 2))
         for begin in range(0, count, CHUNK):
             part = slice(begin, begin + CHUNK)
-            xy[part] = _shortest(mirror, eyes[part], targets[part], first[part])
+            xy[part] = _shortest(mirror, pupils[part], targets[part], first[part])
         if mirror.is_pointed:
-            _leave_the_tip(mirror, eyes, targets, xy)
-        return _proven(mirror, eyes, targets, xy)
+            _leave_the_tip(mirror, pupils, targets, xy)
+        return _proven(mirror, pupils, targets, xy)
 
 
-def guess(mirror: Mirror, eyes: Ends, targets: Ends) -> Array:
-    """Where (n, 2) mm an eye on the axis, as far away as these are, would see the targets' directions."""
-    if not len(eyes.xyz):
+def guess(mirror: Mirror, pupils: Ends, targets: Ends) -> Array:
+    """Where (n, 2) mm an entrance pupil on the axis, as far away as these are, would see the targets' directions."""
+    if not len(pupils.xyz):
         return np.empty((0, 2))
-    m = np.inf if eyes.distant else max(-float(np.median(eyes.xyz[:, 2])), 1e-3 * mirror.rim_radius_mm)
+    m = np.inf if pupils.distant else max(-float(np.median(pupils.xyz[:, 2])), 1e-3 * mirror.rim_radius_mm)
     table = trace_chief_rays(mirror, m, np.linspace(0.0, mirror.rim_radius_mm, GUESS_NODES))
     middle = table.z[GUESS_NODES // 2] + table.viewpoint_offset()[GUESS_NODES // 2]
     towards = targets.xyz if targets.distant else targets.xyz - [0.0, 0.0, middle]
@@ -143,29 +144,29 @@ def continued_profile(mirror: Mirror, x: Array) -> tuple[Array, Array, Array]:
     return sag + slope * beyond + bend * beyond**2 / 2, slope + bend * beyond, bend
 
 
-def footprint(mirror: Mirror, eyes: Ends, targets: Ends, found: Specular, motion: Array) -> Array:
-    """How fast (n,) mirror points move with their eyes: area (mm^2) on the plane z = 0 per unit of the eyes' motion.
+def footprint(mirror: Mirror, pupils: Ends, targets: Ends, found: Specular, motion: Array) -> Array:
+    """How fast (n,) mirror points move with their pupils: area (mm^2) on the plane z = 0 per unit of their motion.
 
     Parameters
     ----------
     found
         From :func:`specular_points` for the same ends.
     motion : (2, 3) or (n, 2, 3)
-        Derivatives of an eye's ``xyz`` by the two numbers that move it.
+        Derivatives of an entrance pupil's ``xyz`` by the two numbers that move it.
 
     Notes
     -----
-    The gradient of the path stays 0 while the eye moves, so that the point moves by the inverse of the
+    The gradient of the path stays 0 while the pupil moves, so that the point moves by the inverse of the
     path's second derivative times the mixed one.
     """
     count = len(found.points)
-    eyes, targets = eyes.spread(count), targets.spread(count)
+    pupils, targets = pupils.spread(count), targets.spread(count)
     with np.errstate(all="ignore"):
         surface = Surface(mirror, found.points[:, :2])
-        _, _, (a, b, c) = _path(surface, eyes, targets)
+        _, _, (a, b, c) = _path(surface, pupils, targets)
         motion = np.broadcast_to(motion, (count, 2, 3))
-        if not eyes.distant:
-            step = found.points - eyes.xyz
+        if not pupils.distant:
+            step = found.points - pupils.xyz
             distance = np.linalg.norm(step, axis=1)[:, None, None]
             u = step[:, :, None] / distance
             motion = (motion - (motion @ u) * u.transpose(0, 2, 1)) / distance
@@ -215,13 +216,13 @@ class Surface:
         return unit
 
 
-def _path(surface: Surface, eyes: Ends, targets: Ends) -> tuple[Array, Array, tuple[Array, Array, Array]]:
+def _path(surface: Surface, pupils: Ends, targets: Ends) -> tuple[Array, Array, tuple[Array, Array, Array]]:
     """Length of the path (n,), its gradient (n, 2) and its second derivatives (xx, xy, yy) over (x, y)."""
     length = np.zeros(len(surface.points))
     pull = np.zeros_like(surface.points)
     sx, sy = surface.slopes.T
     xx, xy, yy = (np.zeros_like(length) for _ in range(3))
-    for end in (eyes, targets):
+    for end in (pupils, targets):
         if end.distant:
             length -= np.einsum("ni,ni->n", end.xyz, surface.points)
             pull -= end.xyz
@@ -240,15 +241,15 @@ def _path(surface: Surface, eyes: Ends, targets: Ends) -> tuple[Array, Array, tu
     return length, gradient, (xx + pull[:, 2] * a, xy + pull[:, 2] * b, yy + pull[:, 2] * c)
 
 
-def _shortest(mirror: Mirror, eyes: Ends, targets: Ends, start: Array) -> Array:
+def _shortest(mirror: Mirror, pupils: Ends, targets: Ends, start: Array) -> Array:
     """(x, y) (n, 2) of the shortest paths, going downhill from a start."""
     rim, pointed = mirror.rim_radius_mm, mirror.is_pointed
     best = np.array(start)
     trial, step, length = best.copy(), np.zeros_like(best), np.full(len(best), np.inf)
     active = np.arange(len(best))
     for _ in range(MAX_STEPS):
-        eye, target = eyes[active], targets[active]
-        new_length, gradient, second = _path(Surface(mirror, trial[active]), eye, target)
+        pupil, target = pupils[active], targets[active]
+        new_length, gradient, second = _path(Surface(mirror, trial[active]), pupil, target)
         down = new_length <= length[active] * (1 + UPHILL) + UPHILL * rim
         taken = active[down]
         best[taken], length[taken] = trial[taken], new_length[down]
@@ -265,14 +266,14 @@ def _shortest(mirror: Mirror, eyes: Ends, targets: Ends, start: Array) -> Array:
     return best
 
 
-def _leave_the_tip(mirror: Mirror, eyes: Ends, targets: Ends, xy: Array) -> None:
+def _leave_the_tip(mirror: Mirror, pupils: Ends, targets: Ends, xy: Array) -> None:
     """Try again, from all around, where the way down has ended at the tip, which reflects nothing."""
     for azimuth in np.arange(RESTARTS) * 2 * np.pi / RESTARTS:
-        lost = np.flatnonzero(~_proven(mirror, eyes, targets, xy).reflects)
+        lost = np.flatnonzero(~_proven(mirror, pupils, targets, xy).reflects)
         if not lost.size:
             return
         start = mirror.rim_radius_mm / 2 * np.array([np.cos(azimuth), np.sin(azimuth)])
-        xy[lost] = _shortest(mirror, eyes[lost], targets[lost], np.broadcast_to(start, (lost.size, 2)))
+        xy[lost] = _shortest(mirror, pupils[lost], targets[lost], np.broadcast_to(start, (lost.size, 2)))
 
 
 def _downhill(gradient: Array, second: tuple[Array, ...], reach: Array | float) -> Array:
@@ -289,18 +290,18 @@ def _downhill(gradient: Array, second: tuple[Array, ...], reach: Array | float) 
     return limited
 
 
-def _proven(mirror: Mirror, eyes: Ends, targets: Ends, xy: Array) -> Specular:
+def _proven(mirror: Mirror, pupils: Ends, targets: Ends, xy: Array) -> Specular:
     """What stands behind a mirror point, and whether it is one."""
     surface = Surface(mirror, xy)
-    length, gradient, _ = _path(surface, eyes, targets)
+    length, gradient, _ = _path(surface, pupils, targets)
     points, slopes, normals = surface.points, surface.slopes, surface.normals
-    to_eyes, to_targets = (end.xyz if end.distant else _unit(end.xyz - points) for end in (eyes, targets))
-    facing = (np.einsum("ni,ni->n", to_eyes, normals) > 0) & (np.einsum("ni,ni->n", to_targets, normals) > 0)
+    to_pupils, to_targets = (end.xyz if end.distant else _unit(end.xyz - points) for end in (pupils, targets))
+    facing = (np.einsum("ni,ni->n", to_pupils, normals) > 0) & (np.einsum("ni,ni->n", to_targets, normals) > 0)
     miss = np.hypot(*gradient.T) / np.sqrt(1 + np.einsum("ni,ni->n", slopes, slopes))
     reflects = facing & (miss <= REFLECTS)
     valid = reflects & (np.hypot(*xy.T) <= mirror.rim_radius_mm * (1 + RIM_SLACK))
     if hollowness(mirror) > 0 and valid.any():
-        for end, towards in ((eyes, to_eyes), (targets, to_targets)):
+        for end, towards in ((pupils, to_pupils), (targets, to_targets)):
             lifted = points[valid] + LIFT * mirror.rim_radius_mm * towards[valid]
             hit = intersect(mirror, lifted, towards[valid]).distance
             away = np.inf if end.distant else np.linalg.norm(end.xyz[valid] - lifted, axis=1)
@@ -309,7 +310,7 @@ def _proven(mirror: Mirror, eyes: Ends, targets: Ends, xy: Array) -> Specular:
     return Specular(
         points,
         normals * blank[:, None],
-        to_eyes * blank[:, None],
+        to_pupils * blank[:, None],
         to_targets * blank[:, None],
         length * blank,
         reflects,

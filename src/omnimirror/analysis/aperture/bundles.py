@@ -1,7 +1,7 @@
 """Bundles of rays from objects by way of the mirror through every part of the aperture to the imager.
 
 For each point of the aperture the mirror point in which it sees the object is solved for (an object and
-an eye: Fermat's principle), so that the rays sample the aperture as wanted however the mirror sits. The
+a point of the pupil: Fermat's principle), so that the rays sample the aperture as wanted however the mirror sits. The
 lens is thin and ideal, with the stop at the lens: a ray lands where all rays from the same point of the
 plane in focus land, so that one bundle serves every focus.
 """
@@ -44,7 +44,7 @@ class Bundles:
     """n points of the unit disk."""
     points: Array
     """(k, n, 3) mirror points; beyond the rim on the mirror's smooth continuation."""
-    to_eyes: Array
+    to_pupils: Array
     """(k, n, 3) unit vectors from the mirror to the lens."""
     path: Array
     """(k, n) length of the path of light from the object to the aperture (see :class:`Specular`)."""
@@ -63,11 +63,11 @@ class Bundles:
 
     def image_mm(self, sensor: Sensor) -> Array:
         """Where (k, n, 2) rays land, mm from the optical axis, with the sensor as focused."""
-        return sensor.lens.image_of(self.seen_at - sensor.lens_offset, self.to_eyes)
+        return sensor.lens.image_of(self.seen_at - sensor.lens_offset, self.to_pupils)
 
     def chief_mm(self, sensor: Sensor) -> Array:
         """Where (k, 2) the chief rays land, mm from the optical axis."""
-        return sensor.lens.image_of(self.chief.seen_at - sensor.lens_offset, self.chief.to_eyes)
+        return sensor.lens.image_of(self.chief.seen_at - sensor.lens_offset, self.chief.to_pupils)
 
     def chief_path(self) -> Array:
         """Length (k,) of the chief ray's path of light, counted as :attr:`path` is."""
@@ -96,7 +96,7 @@ class Bundles:
         for step in steps:
             ends = [_specular(self.sensor, np.zeros((1, 2)), Ends.of(towards + s * STEP * step, True)) for s in (1, -1)]
             lens, offset = self.sensor.lens, self.sensor.lens_offset
-            a, b = (lens.image_of(e.seen_at - offset, e.to_eyes) for e in ends)
+            a, b = (lens.image_of(e.seen_at - offset, e.to_pupils) for e in ends)
             angle = np.degrees(2 * np.arctan(STEP))
             scales.append(np.hypot(*(a - b).T) / self.sensor.imager.pitch_mm / angle)
         return scales[0], scales[1]
@@ -152,7 +152,7 @@ def trace_bundles(
     mean = density @ pupil.weights
     return Bundles(
         sensor, omega, azimuth, p, pupil,
-        found.points.reshape(k, n, 3), found.to_eyes.reshape(k, n, 3), found.path.reshape(k, n),
+        found.points.reshape(k, n, 3), found.to_pupils.reshape(k, n, 3), found.path.reshape(k, n),
         density / mean[:, None], found.valid.reshape(k, n), chief, found.seen_at.reshape(k, n, 3),
     )  # fmt: skip
 

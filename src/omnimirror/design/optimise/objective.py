@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ...batch.bases import Basis
 from ...numerics.lazy import cached_property
-from ...numerics.minimax import Rows, Values
+from ...numerics.minimax import ObjectiveValues, Rows
 from ..criteria.merits import FieldValues, Merit
 from ..criteria.ranges import ends
 from .variables import DesignSpace, State
@@ -54,10 +54,10 @@ class Objective:
     goal: Merit | Slack
     u: Array
 
-    def values(self, y: Array) -> Values:
+    def values(self, y: Array) -> ObjectiveValues:
         """Rows and constraints at a point (dim,)."""
         rows, constraints = self._parts(y[None], self.space.state(y[None], self.u, self._basis))
-        return Values(rows[0], constraints[0])
+        return ObjectiveValues(rows[0], constraints[0])
 
     def rows(self, y: Array) -> Rows:
         """Rows and constraints at a point (dim,), with their derivatives: complex steps, exact to rounding."""

@@ -1,12 +1,12 @@
-"""Where to focus: at the place where what is asked of the blur is kept best.
+"""Where to focus: at the vergence at which what is asked of the blur is kept best.
 
-Over the place v in focus (1/L0; under a telecentric lens -L0) blur, Airy disk and the scale of the image follow from
-closed forms, so that many places are tried at once: a scan of the places of all images, then of the neighbourhood
+Over the vergence v in focus (1/L0; under a telecentric lens -L0) blur, Airy disk and the scale of the image follow from
+closed forms, so that many vergences are tried at once: a scan of the vergences of all images, then of the neighbourhood
 of the best one, again and again. What is made least is
 
     the largest share by which a limit of blur is missed (below 0: by which it is kept),
 
-and without a limit of blur the worst floored blur area; among the places at which what else hangs on the focus is
+and without a limit of blur the worst floored blur area; among the vergences at which what else hangs on the focus is
 kept, the size of the image and the resolution, if there are any.
 """
 
@@ -31,9 +31,9 @@ from ..criteria.requirements import FieldRequirements
 Array = NDArray[np.float64]
 
 POINTS = 181  # of the mirror, in each part of the field that is judged
-SCAN, AGAIN = 33, 9  # places at which a valley is looked for, and in each narrower look
-CLOSE = 1e-7  # of the range of places: how narrow the last look is
-MARGIN = 0.05  # of the range of places, on either side
+SCAN, AGAIN = 33, 9  # vergences at which a valley is looked for, and in each narrower look
+CLOSE = 1e-7  # of the range of vergences: how narrow the last look is
+MARGIN = 0.05  # of the range of vergences, on either side
 KEPT = 1e-6  # a share this little missed is none
 INFEASIBLE = 1e6  # more than any share or blur area: where something is missed that can be kept, comes last
 
@@ -81,11 +81,11 @@ class Focusing:
                 if not high - low > CLOSE * whole:
                     break
                 v = np.linspace(low, high, AGAIN)
-        place = float(v[i])
-        return Focus(-place if self._is_telecentric else 1 / place, float(cost[i]))
+        vergence = float(v[i])
+        return Focus(-vergence if self._is_telecentric else 1 / vergence, float(cost[i]))
 
     def _cost(self, v: Array, keeping: bool) -> Array:
-        """What is to be least (b,) at places v (b, 1); ``keeping`` what else can be kept."""
+        """What is to be least (b,) at vergences v (b, 1); ``keeping`` what else can be kept."""
         of_blur = [limit.missed(self.at(v, limit)) for limit in self.limits if limit.of.is_sharpness]
         if of_blur:
             worst: Array = np.maximum.reduce(of_blur)
@@ -97,7 +97,7 @@ class Focusing:
         return worst + np.where(missed > KEPT, INFEASIBLE * (1 + missed), 0.0)
 
     def _missed(self, v: Array) -> Array:
-        """By what share (b,) what else hangs on the focus is missed at places v (b, 1)."""
+        """By what share (b,) what else hangs on the focus is missed at vergences v (b, 1)."""
         if np.isinf(self.image_radius_px):  # the rim fills the imager, and the image has one size
             return np.full(len(v), -1.0)
         others = [limit.missed(self.at(v, limit)) for limit in self.limits if limit.of.is_scale]
@@ -166,7 +166,7 @@ class Focusing:
         return {part: NodeOptics(*(n[:, where].ravel() for n in nodes)) for part, where in self._parts.items()}
 
     def at(self, v: Array, limit: Limit | None = None) -> FieldValues:
-        """What a limit looks at, at places v (b, 1); without one, all of the field that counts."""
+        """What a limit looks at, at vergences v (b, 1); without one, all of the field that counts."""
         (_, sag), m = self._rim, self.sensor.mirror_distance_mm
         reach = np.array([sag if self._is_telecentric else m + sag])
         part = self._fields[None if limit is None else limit.omega_deg]
@@ -174,11 +174,11 @@ class Focusing:
 
     @property
     def range(self) -> tuple[float, float]:
-        """Places worth a look: those of the images that a lens can be focused at, and a little more."""
-        least, most = places_of(self.sensor.lens)
-        places = np.concatenate([self._nodes.vergence_t.ravel(), self._nodes.vergence_s.ravel()])
-        places = places[np.isfinite(places)]
-        within = places[places < most] if (places < most).any() else places
+        """Vergences worth a look: those of the images that a lens can be focused at, and a little more."""
+        least, most = vergences_of(self.sensor.lens)
+        vergences = np.concatenate([self._nodes.vergence_t.ravel(), self._nodes.vergence_s.ravel()])
+        vergences = vergences[np.isfinite(vergences)]
+        within = vergences[vergences < most] if (vergences < most).any() else vergences
         within = np.clip(within, least, most)
         margin = MARGIN * (float(np.ptp(within)) or abs(float(within[0])))
         low, high = max(float(within.min()) - margin, least), min(float(within.max()) + margin, most)
@@ -189,8 +189,8 @@ class Focusing:
         return float(np.clip(low, *span)), float(np.clip(high, *span))
 
 
-def places_of(lens: Lens) -> tuple[float, float]:
-    """Lowest and highest place that a lens can be focused at: 1/L0, or -L0 of a telecentric one."""
+def vergences_of(lens: Lens) -> tuple[float, float]:
+    """Lowest and highest vergence that a lens can be focused at: 1/L0, or -L0 of a telecentric one."""
     limits = lens.PARAMETERS["focus_distance_mm"]
     if lens.TELECENTRIC:
         return -limits.high, -limits.low

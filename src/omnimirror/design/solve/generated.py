@@ -16,14 +16,14 @@ from numpy.typing import NDArray
 
 from ...errors import OmnimirrorError
 from ...numerics.lazy import cached_property
-from ...numerics.minimax import Minimum, Rows, Values, solve_minimax
+from ...numerics.minimax import Minimum, ObjectiveValues, Rows, solve_minimax
 from ...sensor import Sensor
 from ..criteria.ranges import ends, ends_or_none, is_free
 from ..criteria.requirements import Requirements
 from ..optimise.objective import IMAGE, Key, Slack
 from ..optimise.problem import OF_LENS
 from .candidates import focusing, make
-from .focusing import Focusing, places_of
+from .focusing import Focusing, vergences_of
 from .space import Point, Reached
 from .verdict import given_rows, judge
 
@@ -138,7 +138,7 @@ class GeneratedSpace:
         """Lowest and highest value of each coordinate."""
         low, high = ([_inner(name, span[i]) for name, span in self.spans.items()] for i in (0, 1))
         if "focus" in self.names:
-            ends_of = places_of(self.near.lens)
+            ends_of = vergences_of(self.near.lens)
             if (asked := ends_or_none(self.requirements.lens.focus_mm)) is not None:
                 places = sorted(self._place(v) for v in asked)
                 ends_of = float(np.clip(places[0], *ends_of)), float(np.clip(places[1], *ends_of))
@@ -248,15 +248,15 @@ class GeneratedSpace:
         return {key: float(fitted[key].max() - rows.max()) for key, rows in plain.items()}
 
     def _followed(self, y: Array, slack: Slack, added: dict[Key, float]) -> Minimum:
-        def values(y: Array) -> Values:
+        def values(y: Array) -> ObjectiveValues:
             try:
                 missed = {key: rows + added.get(key, 0.0) for key, rows in self._missed(y).items()}
             except OmnimirrorError:
-                return Values(np.array([np.nan]), np.array([np.nan]))
+                return ObjectiveValues(np.array([np.nan]), np.array([np.nan]))
             gives = [missed[key] for key in slack.keys]
             gives += [np.array([self._moved(y, *number)]) for number in slack.numbers]
             kept = [rows for key, rows in missed.items() if key not in slack.keys]
-            return Values(np.concatenate(gives), np.concatenate([*kept, np.array([-1.0])]))
+            return ObjectiveValues(np.concatenate(gives), np.concatenate([*kept, np.array([-1.0])]))
 
         def rows(y: Array) -> Rows:
             here = values(y)

@@ -64,7 +64,7 @@ RULES: dict[Interpolation, Rule] = {"auto": Rule(1.2, 1.5, 1.2), "area": Rule(0.
 class Footprints:
     """How large the footprints of a view's pixels are, cell by cell."""
 
-    squares: SquaredSides
+    squared_sides: SquaredSides
     step: int
     """Side of a cell, output px."""
     annulus: Annulus | None = None
@@ -80,9 +80,9 @@ class Footprints:
 
     def _worked_out(self, interpolation: Interpolation) -> Averages | None:
         rule = RULES.get(interpolation)
-        if rule is None or not self.squares.size or self.squares.max() <= rule.single_px**2:
+        if rule is None or not self.squared_sides.size or self.squared_sides.max() <= rule.single_px**2:
             return None
-        return Averages(rule.taps(_filled(self.squares)), self.step, rule.sharp_px, self.annulus)
+        return Averages(rule.taps(_filled(self.squared_sides)), self.step, rule.sharp_px, self.annulus)
 
 
 def _filled(squares: SquaredSides) -> SquaredSides:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ...mirrors import Mirror
 from ..body import Body
-from ..forms import Curve, chords, conic_of, curve_of
+from ..forms import ProfileCurve, chords, conic_of, curve_of
 
 Array = NDArray[np.float64]
 
@@ -41,7 +41,7 @@ STYLE = "OMNIMIRROR"
 BY_LAYER = 256
 
 
-def write_dxf(path: Path, mirror: Mirror, body: Body, name: str) -> Curve:
+def write_dxf(path: Path, mirror: Mirror, body: Body, name: str) -> ProfileCurve:
     """Write the half-section; the mirror surface is an exact arc, conic or line, or the spline of the STEP file."""
     import ezdxf.filemanagement
     from ezdxf.units import MM
@@ -93,7 +93,7 @@ def _dimension_style(doc: Any, size: float) -> None:
 # -- the part --------------------------------------------------------------------------------------
 
 
-def _draw_outline(page: Any, curve: Curve, section: Array) -> None:
+def _draw_outline(page: Any, curve: ProfileCurve, section: Array) -> None:
     for side in (1.0, -1.0):
         _draw_curve(page, curve, side)
         corners = [(float(z), side * float(x)) for x, z in section]
@@ -109,7 +109,7 @@ def _draw_outline(page: Any, curve: Curve, section: Array) -> None:
         page.add_lwpolyline(corners, dxfattribs=_on(OUTLINE))
 
 
-def _draw_curve(page: Any, curve: Curve, side: float) -> None:
+def _draw_curve(page: Any, curve: ProfileCurve, side: float) -> None:
     """The meridian, as exact as the format allows; ``side`` -1 mirrors it at the axis."""
     (x0, z0), (x1, z1) = curve.ends
     if curve.kind == "line":
@@ -176,7 +176,7 @@ def _linear(page: Any, base: Any, p1: Any, p2: Any, angle: float, override: dict
     ).render()
 
 
-def _draw_notes(page: Any, mirror: Mirror, body: Body, curve: Curve, name: str, size: float) -> None:
+def _draw_notes(page: Any, mirror: Mirror, body: Body, curve: ProfileCurve, name: str, size: float) -> None:
     deviation = f"within {curve.deviation_um:.2g} um of the mirror" if curve.deviation_um else "exact"
     lines = [name, *surface_words(mirror), f"Mirror surface: {curve.words}, {deviation}", f"Body: {body.words()}"]
     top = -body.outer_radius_mm(mirror) - 10 * size

@@ -13,10 +13,10 @@ import numpy as np
 from ... import __version__
 from ...mirrors import Mirror
 from ..body import Body
-from ..forms import Curve, curve_of
+from ..forms import ProfileCurve, curve_of
 
 
-def solid_of(mirror: Mirror, body: Body) -> tuple[Any, Curve]:
+def solid_of(mirror: Mirror, body: Body) -> tuple[Any, ProfileCurve]:
     """The solid, a ``TopoDS_Shape`` in the mirror's own frame in mm, and the curve that its surface is made of.
 
     The half-section is drawn in the plane y = 0 and turned once about z.
@@ -34,7 +34,7 @@ def solid_of(mirror: Mirror, body: Body) -> tuple[Any, Curve]:
     return BRepPrimAPI_MakeRevol(face, gp.OZ_s()).Shape(), curve
 
 
-def write_step(path: Path, mirror: Mirror, body: Body, name: str) -> Curve:
+def write_step(path: Path, mirror: Mirror, body: Body, name: str) -> ProfileCurve:
     """Write the solid, with the deviation of its surface in the file's description.
 
     Raises
@@ -66,7 +66,7 @@ def write_step(path: Path, mirror: Mirror, body: Body, name: str) -> Curve:
     return curve
 
 
-def _description(mirror: Mirror, body: Body, curve: Curve) -> str:
+def _description(mirror: Mirror, body: Body, curve: ProfileCurve) -> str:
     deviation = f"within {curve.deviation_um:.2g} um of the mirror" if curve.deviation_um else "exact"
     return f"{mirror.KIND} mirror, meridian: {curve.words}, {deviation}; {body.words()}; z from lens to mirror, mm"
 
@@ -77,7 +77,7 @@ def _point(x: float, z: float) -> Any:
     return gp_Pnt(float(x), 0.0, float(z))
 
 
-def _edge(curve: Curve) -> Any:
+def _edge(curve: ProfileCurve) -> Any:
     """The meridian as an edge from the axis to the rim."""
     from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeEdge
     from OCP.gp import gp_Ax2, gp_Circ, gp_Dir
@@ -93,7 +93,7 @@ def _edge(curve: Curve) -> Any:
     return BRepBuilderAPI_MakeEdge(_spline(curve)).Edge()
 
 
-def _spline(curve: Curve) -> Any:
+def _spline(curve: ProfileCurve) -> Any:
     from OCP.collections import Array1_double, Array1_gp_Pnt, Array1_int
     from OCP.Geom import Geom_BSplineCurve
 

@@ -26,7 +26,7 @@ from .panorama import GPano
 Image = NDArray[Any]
 
 
-class Format(NamedTuple):
+class PictureFormat(NamedTuple):
     """What a kind of picture file can hold."""
 
     depths: tuple[str, ...]
@@ -39,18 +39,18 @@ class Format(NamedTuple):
         return 4 in self.channels
 
 
-_JPEG = Format(("uint8",), (1, 3), 65_500)
-_TIFF = Format(("uint8", "uint16", "float32"), (1, 3, 4))
+_JPEG = PictureFormat(("uint8",), (1, 3), 65_500)
+_TIFF = PictureFormat(("uint8", "uint16", "float32"), (1, 3, 4))
 FORMATS = {
-    ".png": Format(("uint8", "uint16"), (1, 3, 4)),
+    ".png": PictureFormat(("uint8", "uint16"), (1, 3, 4)),
     ".jpg": _JPEG,
     ".jpeg": _JPEG,
     ".tif": _TIFF,
     ".tiff": _TIFF,
-    ".webp": Format(("uint8",), (3, 4), 16_383),
-    ".bmp": Format(("uint8",), (1, 3)),
-    ".hdr": Format(("float32",), (3,)),
-    ".exr": Format(("float32",), (1, 3, 4)),
+    ".webp": PictureFormat(("uint8",), (3, 4), 16_383),
+    ".bmp": PictureFormat(("uint8",), (1, 3)),
+    ".hdr": PictureFormat(("float32",), (3,)),
+    ".exr": PictureFormat(("float32",), (1, 3, 4)),
 }
 """What can be written, by suffix."""
 
@@ -61,7 +61,7 @@ LARGEST = 2 << 30
 """Bytes of a picture file."""
 
 
-def format_of(path: str | Path) -> Format:
+def format_of(path: str | Path) -> PictureFormat:
     """What the file may hold, from its suffix.
 
     >>> format_of("view.PNG").has_alpha, format_of("view.jpg").has_alpha

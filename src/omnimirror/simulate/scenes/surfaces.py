@@ -8,8 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...native import Surfaces as CompiledSurfaces
-from ...native import backend
+from ...native import CompiledSurfaces, backend
 from ...numerics.lazy import cached_property
 from ..colour import Light
 from .contract import Array

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ...analysis import Evaluation, evaluate, field_angles
 from ...analysis.section import (
     NEAR_OBJECTS,
-    Curve,
+    SectionCurve,
     focus_band,
     image_curves,
     is_as_seen,
@@ -45,7 +45,7 @@ PROFILE = 121  # points of a mirror, from axis to rim
 IMAGE_NODES = 3  # every third field angle is enough for the curves of virtual images
 
 
-class Values(NamedTuple):
+class BlockValues(NamedTuple):
     """A block and its values, (columns, rows)."""
 
     block: Block
@@ -53,7 +53,7 @@ class Values(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Design:
+class EvaluatedSensor:
     """A sensor as asked about."""
 
     curve: Evaluation
@@ -92,19 +92,19 @@ def _answer(ask: Ask, **told: object) -> Answer:
     return Answer(slot=ask.slot, number=ask.number, **{**empty, **told})  # type: ignore[arg-type]
 
 
-def _evaluated(sensor: Sensor, object_distance_mm: float) -> Design:
+def _evaluated(sensor: Sensor, object_distance_mm: float) -> EvaluatedSensor:
     field = np.linspace(*sensor.field_deg, NODES)
     curve = evaluate(sensor, field, object_distance_mm=object_distance_mm)
     marks = evaluate(sensor, field_angles(sensor, 15.0), object_distance_mm=object_distance_mm)
-    return Design(curve, marks, curve if np.isinf(object_distance_mm) else evaluate(sensor, field))
+    return EvaluatedSensor(curve, marks, curve if np.isinf(object_distance_mm) else evaluate(sensor, field))
 
 
-def _block(name: str, columns: tuple[str, ...], result: Evaluation) -> Values:
+def _block(name: str, columns: tuple[str, ...], result: Evaluation) -> BlockValues:
     values = np.stack([getattr(result, column) for column in columns])
-    return Values(Block(name=name, columns=columns, rows=values.shape[1]), values)
+    return BlockValues(Block(name=name, columns=columns, rows=values.shape[1]), values)
 
 
-def _facts(design: Design, not_optimised: str | None) -> Facts:
+def _facts(design: EvaluatedSensor, not_optimised: str | None) -> Facts:
     sensor, e = design.curve.sensor, design.curve
     near, far = e.depth_of_field_mm
     blurs = np.maximum(np.abs(e.blur_t_px), np.abs(e.blur_s_px))
@@ -133,23 +133,23 @@ def finite(value: float) -> float | None:
     return value if np.isfinite(value) else None
 
 
-def _section(design: Design) -> list[Values]:
+def _section(design: EvaluatedSensor) -> list[BlockValues]:
     """The cross-section: mirrors, lens, chief rays on the sensor's side, virtual images, depth of field."""
     sensor = design.curve.sensor
     found = [_lines("mirror", mirror_curve(sensor, 2 * PROFILE - 1))]
     if (second := secondary_curve(sensor, PROFILE)) is not None:
         found.append(_lines("secondary", second))
     half, lens = lens_half_width(sensor), lens_height(sensor)
-    found.append(_lines("lens", Curve(np.array([-half, half]), np.array([lens, lens]))))
+    found.append(_lines("lens", SectionCurve(np.array([-half, half]), np.array([lens, lens]))))
     found += _rays(design.marks)
     if is_as_seen(sensor):
         for name, curve in _virtual_images(design.far):
-            found.append(_lines(name, Curve(curve.x[::IMAGE_NODES], curve.z[::IMAGE_NODES])))
-        found.append(_lines("focus", Curve(np.zeros(3), np.array(focus_band(design.far)))))
+            found.append(_lines(name, SectionCurve(curve.x[::IMAGE_NODES], curve.z[::IMAGE_NODES])))
+        found.append(_lines("focus", SectionCurve(np.zeros(3), np.array(focus_band(design.far)))))
     return found
 
 
-def _virtual_images(far: Evaluation) -> list[tuple[str, Curve]]:
+def _virtual_images(far: Evaluation) -> list[tuple[str, SectionCurve]]:
     """Of distant objects, and of near ones."""
     near_mm = NEAR_OBJECTS * far.sensor.mirror.rim_radius_mm
     near = evaluate(far.sensor, x_mm=far.x_mm, object_distance_mm=near_mm)
@@ -157,12 +157,12 @@ def _virtual_images(far: Evaluation) -> list[tuple[str, Curve]]:
     return [("T∞", t_far), (f"T{NEAR_OBJECTS:g}M", t_near), ("S∞", s_far), (f"S{NEAR_OBJECTS:g}M", s_near)]
 
 
-def _rays(marks: Evaluation) -> list[Values]:
+def _rays(marks: Evaluation) -> list[BlockValues]:
     """Chief rays from their mirror points to the lens, every 15 degrees."""
     ways = ways_to_lens(marks.sensor, marks.x_mm)
     rays = zip(marks.x_mm, marks.z_mm, marks.omega_deg, ways, strict=True)
-    return [_lines(f"ray {omega:g}", Curve(*np.array([(x, z), *way]).T)) for x, z, omega, way in rays]
+    return [_lines(f"ray {omega:g}", SectionCurve(*np.array([(x, z), *way]).T)) for x, z, omega, way in rays]
 
 
-def _lines(name: str, curve: Curve) -> Values:
-    return Values(Block(name=name, columns=("x_mm", "z_mm"), rows=len(curve.x)), np.stack(curve))
+def _lines(name: str, curve: SectionCurve) -> BlockValues:
+    return BlockValues(Block(name=name, columns=("x_mm", "z_mm"), rows=len(curve.x)), np.stack(curve))

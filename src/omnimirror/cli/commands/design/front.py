@@ -57,18 +57,14 @@ def _print_front(console: Console, front: Front, known: dict[str, Any], rows: in
 
 def _draw(front: Front, known: dict[str, Any], path: Path) -> None:
     from ....figures.fronts import front as drawing
+    from ....figures.labels import axis_title
     from ....figures.style import save_figure, styled
 
     places = {name: (float(v[0]), float(v[1])) for name, v in known.items()}
     groups = [{n: v for n, v in places.items() if n.startswith(EXACTLY) == exact} for exact in (False, True)]
-    a, b = (_axis_label(m) for m in front.merits)
+    a, b = (axis_title(m) for m in front.merits)
     with styled():
         save_figure(drawing(front.values, (a, b), *groups), path)
-
-
-def _axis_label(merit: str) -> str:
-    q = QUANTITIES[merit]
-    return f"{q.title} ({q.unit})" if q.unit else q.title
 
 
 def check_pick(pick: int | None, outputs: dict[str, Path | None]) -> None:

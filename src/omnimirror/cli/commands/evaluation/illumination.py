@@ -12,6 +12,7 @@ from rich.table import Table
 from ....analysis.aperture.relative_illumination import Illumination, illumination
 from ....arguments import float_of
 from ....mirrors.reflectivity import METALS, Reflectivity
+from ....quantities import QUANTITIES
 from ....sensor import Sensor
 from ....specs import load_sensor
 from ...options.aperture import Array, angles_of
@@ -77,7 +78,9 @@ def command(sensor: str, light: LightOptions, output: Path | None, csv_file: Pat
     found = light.of(seen, angles_of(seen, light.omega_deg))
     console = output_console()
     table = Table(box=None, pad_edge=False, header_style="bold")
-    for heading in ("Omega\ndeg", "E / L\nsr", "relative\n", "R\n", "aperture filled\n%"):
+    names = ("irradiance_sr", "relative", "reflectance")
+    told = (f"{QUANTITIES[name].heading}\n{QUANTITIES[name].unit}" for name in names)
+    for heading in ("Omega\ndeg", *told, f"{QUANTITIES['filled'].heading}\n%"):
         table.add_column(heading, justify="right", no_wrap=True)
     for row in zip(found.omega_deg, found.irradiance_sr, found.relative, found.reflectance, found.filled, strict=True):
         omega, irradiance, relative, R, filled = row

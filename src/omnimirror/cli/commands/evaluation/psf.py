@@ -11,6 +11,7 @@ from rich.table import Table
 
 from ....analysis import Psf, psf
 from ....analysis.aperture.point_spread import KINDS
+from ....quantities import QUANTITIES
 from ....specs import load_sensor
 from ...options.aperture import ObjectOptions
 from ...options.common import NUMBER, focus
@@ -59,7 +60,7 @@ def command(
     with console.status("Computing"):
         found = [compute(float(omega)) for omega in angles]
     table = Table(box=None, pad_edge=False, header_style="bold")
-    for heading in ("Omega\ndeg", "Strehl\n", "r 50 %\npx", "r 80 %\npx", "in its pixel\n%"):
+    for heading in ("Omega\ndeg", f"{QUANTITIES['strehl'].title}\n", "r 50 %\npx", "r 80 %\npx", "in its pixel\n%"):
         table.add_column(heading, justify="right", no_wrap=True)
     for p in found:
         radius = np.linspace(0, float(p.offset_px[-1]), 2000)

@@ -12,6 +12,7 @@ from rich.table import Table
 
 from ....analysis import Spots, check_blur, spots
 from ....analysis.aperture.pupil import hexapolar
+from ....quantities import QUANTITIES
 from ....sensor import Sensor
 from ....specs import load_sensor
 from ...options.aperture import ObjectOptions
@@ -77,8 +78,9 @@ def command(
 def _print_spots(console: Console, found: Spots) -> None:
     """A line for each angle and focus."""
     table = Table(box=None, pad_edge=False, header_style="bold")
-    widths = ("h", "rms", "rms T", "rms S", "width T", "width S")
-    for heading in ("Omega\ndeg", "L0\nmm", *(f"{name}\npx" for name in widths), "passed\n%"):
+    names = ("chief_px", "rms_radius_px", "rms_t_px", "rms_s_px", "extent_t_px", "extent_s_px")
+    widths = (f"{QUANTITIES[name].heading}\n{QUANTITIES[name].unit}" for name in names)
+    for heading in ("Omega\ndeg", "L0\nmm", *widths, "passed\n%"):
         table.add_column(heading, justify="right", no_wrap=True)
     rms_t, rms_s = found.rms_px()
     columns = (found.chief_px, found.rms_radius_px(), rms_t, rms_s, *found.extent_px())
