@@ -147,3 +147,15 @@ def test_a_mirror_that_reaches_90_deg_says_what_colmap_leaves_out(tmp_path):
     camera = OCam((-131.4797, 0.0, 1.848991e-03, 2.251206e-07, -7.343233e-10), C, SIZE)
     made = om.convert(camera, tmp_path / "cameras.txt", to="colmap-eucm", tolerance_px=20.0, field_deg=85.0)
     assert any("less than 90 deg" in note for note in made.notes)
+
+
+def test_colmaps_panorama_is_our_sphere(tmp_path):
+    pycolmap = pytest.importorskip("pycolmap", reason="pycolmap is installed by `make test-full` only")
+    sensor = om.load_sensor("paper-spherical")
+    om.convert(sensor, tmp_path / "cameras.txt", to="colmap-equirectangular")
+    theirs = colmap_camera(pycolmap, tmp_path, "cameras.txt")
+    sphere = om.views.sphere(sensor)
+    u, v = np.random.default_rng(1).uniform(0, 1, (2, 200)) * (np.array(sphere.size)[:, None] - 1)
+    x, y, z = sphere.targets_at(u, v).T
+    projected = np.array([theirs.img_from_cam(point) for point in np.stack([-y, -z, x], axis=-1)])
+    np.testing.assert_allclose(projected, np.stack([u, v], axis=-1) + 0.5, atol=1e-6, rtol=0)

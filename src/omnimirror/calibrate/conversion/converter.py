@@ -13,18 +13,20 @@ from ...arguments import WrongKind, choice, distances, file_name, optional_numbe
 from ...camera_models import CameraModel
 from ...camera_models.base import Optics
 from ...cameras import Camera
+from ...dewarp.views import sphere
 from ...errors import InvalidParameter, OmnimirrorError
 from ...files import replacing
 from ...frames import Mount
 from ...specs import bundled_sensors, load_sensor
 from ..formats.base import Reading, Stored
 from ..formats.registry import Target, read_cameras, targets_of
-from .fitting import Cost, Fitted, cost, fit
+from .fitting import Cost, Fitted, cost, fit, nearest_point, turning
 from .flipping import flipped
 from .sampling import Sample, sample
 from .starts import round_picture, start
 
-FITTED_PIXELS, COUNTED_PIXELS = 1600, 6400  # of a lattice over the picture
+PIXELS = 20_000  # of a lattice over the picture, that costs are counted over
+FITTED = 8  # one of so many pixels of it enters a fit
 ENOUGH_PX = 0.02  # a simpler model that is this close is taken before a richer one
 DISTANCES_MM = (500.0, 1000.0, 3000.0, np.inf)
 
@@ -163,7 +165,10 @@ def convert(
     exact = made is not None
     if made is None:
         made = _fitted(stored.camera, targets, allowed, far, field)
-    written = flipped(made.found.model) if flip else made.found.model
+    elif made.target.layout.is_panorama:
+        made = _panorama(stored.camera, made.target, far)
+        exact = not made.costs
+    written = flipped(made.found.model) if flip and not made.target.layout.is_panorama else made.found.model
     content = made.target.layout.write(written, stored.name)
     with replacing(target) as temporary:
         temporary.write_bytes(content.encode() if isinstance(content, str) else content)
@@ -239,26 +244,37 @@ def _exactly(camera: Camera, targets: list[Target]) -> _Made | None:
     return None
 
 
+def _panorama(camera: Camera, target: Target, far: tuple[float, ...]) -> _Made:
+    """A panorama of a camera as distant things are drawn in it: what near ones cost, from the best place for it."""
+    seen = sample(camera, getattr(camera, "mount", Mount()), PIXELS)
+    found: Any = camera
+    if seen.is_central:
+        return _Made(target, Fitted(found, np.zeros(3)), ())
+    viewpoint = nearest_point(seen.origins, seen.directions)
+    scale = sphere(camera).size[0] / 360
+    return _Made(target, Fitted(found, viewpoint), tuple(turning(seen, viewpoint, d, scale) for d in far))
+
+
 def _fitted(
     camera: Camera, targets: list[Target], allowed: float | None, far: tuple[float, ...], field: float | None
 ) -> _Made:
     """The target whose model comes closest, if it is close enough."""
     mount = getattr(camera, "mount", Mount())
-    seen = sample(camera, mount, FITTED_PIXELS, field)
-    counted = sample(camera, mount, COUNTED_PIXELS, field)
+    seen = sample(camera, mount, PIXELS, field)
+    fitted = seen.thinned(FITTED)
     tried, reasons = [], []
     for target in targets:
         if not issubclass(target.layout.kind, CameraModel) or target.layout.kind is CameraModel:
             reasons.append(f"{target.name} {target.layout.lacks(camera)}")
             continue
         try:
-            tried.append(_best_of(target, seen, counted, camera.image_size, far))
+            tried.append(_best_of(target, fitted, seen, camera.image_size, far))
         except OmnimirrorError as problem:
             reasons.append(f"{target.name} ({target.layout.words}) {problem}")
     usable = [made for made in tried if np.isfinite(made.largest_px)]
     reasons += [
         f"{made.target.name} ({made.target.layout.words}) reaches less far than the field, "
-        f"{np.degrees(counted.omega.max()):.4g} deg from the axis"
+        f"{np.degrees(seen.omega.max()):.4g} deg from the axis"
         for made in tried
         if made not in usable
     ]
@@ -271,20 +287,20 @@ def _fitted(
         verdict = "give tolerance_px to allow that" if allowed is None else f"more than tolerance_px = {allowed:g}"
         raise InvalidParameter(
             f"{best.target.name} {best.target.layout.lacks(camera)}; the model that fits best is "
-            f"{_words(best, counted.is_central)}, {verdict}"
+            f"{_words(best, seen.is_central)}, {verdict}"
         )
     return best
 
 
-def _best_of(target: Target, seen: Sample, counted: Sample, size: tuple[int, int], far: tuple[float, ...]) -> _Made:
+def _best_of(target: Target, fitted: Sample, seen: Sample, size: tuple[int, int], far: tuple[float, ...]) -> _Made:
     """The model of a target that fits best, or the first that is close enough."""
     layout = target.layout
     best = None
-    for model in start(layout.kind, layout.places, round_picture(seen, size)):
+    for model in start(layout.kind, layout.places, round_picture(fitted, size)):
         free = [layout.places is None or p.name in layout.places for p in model.parameters]
-        found = fit(model, seen, free, far)
-        at = (np.inf,) if counted.is_central else far
-        made = _Made(target, found, tuple(cost(found, counted, distance) for distance in at))
+        found = fit(model, fitted, free, far)
+        at = (np.inf,) if seen.is_central else far
+        made = _Made(target, found, tuple(cost(found, seen, distance) for distance in at))
         if best is None or made.largest_px < best.largest_px:
             best = made
         if best.largest_px < ENOUGH_PX:
@@ -302,6 +318,13 @@ def _words(made: _Made, is_central: bool) -> str:
 
 def _notes(source: Camera, written: Any, target: Target) -> Iterable[str]:
     """What somebody who uses the file has to know."""
+    if target.layout.is_panorama:
+        width, height = sphere(source).size
+        yield (
+            f"it is of a panorama, which has to be made of every picture first: omnimirror dewarp --view sphere "
+            f"--size {width}x{height}; its frame looks forward, with the world's right and down"
+        )
+        return
     if not isinstance(written, CameraModel) or target.layout.kind is CameraModel:
         return
     if written.is_picture_reversed:

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...camera_models import CameraModel
+from ...camera_models import CameraModel, Image, OCam
 from ...errors import OmnimirrorError
 from .sampling import Sample
 
 Array = NDArray[np.float64]
 
-MOST_STEPS = 200
-CLOSE = 1e-13  # of the sum of squares, by which a step that is worth another makes it smaller
+MOST_STEPS = 80
+CLOSE = 1e-10  # of the sum of squares, by which a step that is worth another makes it smaller
+EXACT_PX = 1e-6  # off (rms), where nothing is left to be gained
 GIVE_UP = 1e12  # damping at which no step helps any more
 
 
@@ -72,32 +73,37 @@ def fit(start: CameraModel, sample: Sample, free: list[bool], distances_mm: tupl
             break
         gain = square - tried[0]
         x, (square, gradient, hessian), damping = x + move, tried, max(damping / 10, 1e-15)
-        if gain <= CLOSE * square:
+        if gain <= CLOSE * square or square <= EXACT_PX**2 * len(sample.pixels):
             break
     return step.at(x)
 
 
 class _Problem:
-    """The sum of squares of a fit, in steps of the parameters' typical changes."""
+    """The sum of squares of a fit, in steps of the parameters' typical changes.
 
-    def __init__(
-        self, start: CameraModel, sample: Sample, free: NDArray[np.intp], distances: tuple[float, ...]
-    ) -> None:
+    After the free parameters come the place of the viewpoint, where there is none in the camera, and a turn about the
+    axis, where the model has no parameter for that: OCamCalib's e, which calibration leaves to the camera's pose.
+    """
+
+    def __init__(self, start: CameraModel, sample: Sample, free: NDArray[np.intp], far: tuple[float, ...]) -> None:
         self.start, self.sample, self.free = start, sample, free
         self.values = np.array([p.value for p in start.parameters])
         self.scale = np.array([p.scale for p in start.parameters])
-        finite = [d for d in distances if np.isfinite(d)]
-        self.distances = (np.inf,) if sample.is_central else distances
-        self.moves = not sample.is_central and bool(finite)
+        self.distances = (np.inf,) if sample.is_central else far
+        self.moves = not sample.is_central and bool(np.isfinite(far).any())
+        self.turns = isinstance(start, OCam)
         self.first = sample.origins.mean(axis=0) if self.moves else np.zeros(3)
-        self.count = len(free) + 3 * self.moves
+        self.count = len(free) + 3 * self.moves + self.turns
 
     def at(self, x: Array) -> Fitted:
         """The model of a step."""
+        p = len(self.free)
         values = self.values.copy()
-        values[self.free] += self.scale[self.free] * x[: len(self.free)]
-        shift = x[len(self.free) :] if self.moves else np.zeros(3)
-        return Fitted(self.start.with_parameters(values), self.first + shift)
+        values[self.free] += self.scale[self.free] * x[:p]
+        model = self.start.with_parameters(values)
+        if isinstance(model, OCam):
+            model = replace(model, affine=_turned(model.affine, float(x[-1])))
+        return Fitted(model, self.first + (x[p : p + 3] if self.moves else 0.0))
 
     def evaluate(self, x: Array) -> tuple[float, Array, Array]:
         """Sum of squares, its gradient and its approximate Hessian; an infinite sum where there is no such camera."""
@@ -109,20 +115,37 @@ class _Problem:
         total, gradient, hessian = 0.0, np.zeros(self.count), np.zeros((self.count, self.count))
         for distance in self.distances:
             distant = bool(np.isinf(distance))
-            points = self.sample.points(distance)
-            image = model.image(points if distant else points - viewpoint, distant=distant)
+            points = self.sample.points(distance) - (0.0 if distant else viewpoint)
+            image = model.image(points, distant=distant)
             if not image.valid.all():
                 return bad
             residual = (image.pixels - self.sample.pixels).reshape(-1)
-            slopes = np.zeros((len(residual), self.count))
-            p = len(self.free)
-            slopes[:, :p] = image.d_parameters[:, :, self.free].reshape(len(residual), p) * self.scale[self.free]
-            if self.moves and not distant:
-                slopes[:, p:] = -image.d_points.reshape(len(residual), 3)
+            slopes = self._slopes(image, points, distant)
             total += float(residual @ residual)
             gradient += slopes.T @ residual
             hessian += slopes.T @ slopes
         return total, gradient, hessian
+
+    def _slopes(self, image: Image, points: Array, distant: bool) -> Array:
+        """Derivatives (2 n, count) of the pixels."""
+        n, p = len(points), len(self.free)
+        slopes = np.zeros((n, 2, self.count))
+        slopes[:, :, :p] = image.d_parameters[:, :, self.free] * self.scale[self.free]
+        if self.moves and not distant:
+            slopes[:, :, p : p + 3] = -image.d_points
+        if self.turns:
+            signs = self.sample.signs
+            x, y, _ = (points * signs).T
+            slopes[:, :, -1] = image.d_points[:, :, 0] * (-y * signs[0])[:, None] + image.d_points[:, :, 1] * x[:, None]
+        return slopes.reshape(2 * n, self.count)
+
+
+def _turned(affine: tuple[float, float, float], angle: float) -> tuple[float, float, float]:
+    """OCamCalib's c, d and e of a picture turned by an angle (radians) before its matrix, but for a scale."""
+    c, d, e = affine
+    cos, sin = np.cos(angle), np.sin(angle)
+    (a, upper), (lower, last) = np.array([[1.0, e], [d, c]]) @ [[cos, -sin], [sin, cos]]
+    return float(last / a), float(lower / a), float(upper / a)
 
 
 def cost(found: Fitted, sample: Sample, distance_mm: float) -> Cost:
@@ -131,6 +154,30 @@ def cost(found: Fitted, sample: Sample, distance_mm: float) -> Cost:
     points = sample.points(distance_mm)
     image = found.model.image(points if distant else points - found.viewpoint_mm, distant=distant)
     error = np.where(image.valid, np.hypot(*(image.pixels - sample.pixels).T), np.inf)
+    worst = int(np.argmax(error))
+    u, v = sample.pixels[worst]
+    return Cost(
+        distance_mm, float(np.sqrt(np.mean(error**2))), float(error[worst]), (float(u), float(v)),
+        float(np.degrees(sample.omega[worst])),
+    )  # fmt: skip
+
+
+def nearest_point(origins: Array, directions: Array) -> Array:
+    """The place (3,) with the least sum of squared distances from rays (n, 3), which is where a panorama is from.
+
+    >>> nearest_point(np.array([[1.0, 0, 0], [0, 2.0, 0]]), np.array([[1.0, 0, 0], [0, 1.0, 0]])).round(12)
+    array([0., 0., 0.])
+    """
+    across = np.eye(3) - directions[:, :, None] * directions[:, None, :]
+    return np.linalg.solve(across.sum(axis=0), np.einsum("nij,nj->i", across, origins))
+
+
+def turning(sample: Sample, viewpoint_mm: Array, distance_mm: float, pixels_per_degree: float) -> Cost:
+    """How far near points lie from where a panorama draws them, whose directions are those of distant ones."""
+    towards = sample.points(distance_mm) - (0.0 if np.isinf(distance_mm) else viewpoint_mm)
+    across = np.linalg.norm(np.cross(towards, sample.directions), axis=1)
+    angle = np.arctan2(across, np.sum(towards * sample.directions, axis=1))
+    error = np.degrees(angle) * pixels_per_degree
     worst = int(np.argmax(error))
     u, v = sample.pixels[worst]
     return Cost(

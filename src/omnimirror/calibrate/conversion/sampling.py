@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,7 @@ from ...frames import Mount, turned
 
 Array = NDArray[np.float64]
 
+OUTERMOST = 60  # pixels of a sample that are kept when it is thinned, so that a fit reaches over the field
 CENTRAL_MM = 1e-9  # rays that start this close to the origin start there
 
 
@@ -51,8 +52,13 @@ class Sample:
     @property
     def in_file(self) -> Array:
         """Directions (n, 3) as files know them: right and down in the picture, and towards what its centre sees."""
-        in_file: Array = self.directions * signs(self.mount, self.looks_back)
+        in_file: Array = self.directions * self.signs
         return in_file
+
+    @property
+    def signs(self) -> Array:
+        """Signs (3,) of right, down and towards what the centre sees, against X, Y and Z of the camera frame."""
+        return np.array([-1.0 if self.mount.image_flipped else 1.0, 1.0, -1.0 if self.looks_back else 1.0])
 
     def points(self, distance_mm: float) -> Array:
         """Where the rays are at a distance from the origin (n, 3), mm; the directions themselves if it is infinite."""
@@ -68,10 +74,11 @@ class Sample:
         points: Array = self.origins + (np.sqrt(room) - along)[:, None] * self.directions
         return points
 
-
-def signs(mount: Mount, looks_back: bool) -> Array:
-    """Signs (3,) of right, down and towards what the centre sees, against X, Y and Z of the camera frame."""
-    return np.array([-1.0 if mount.image_flipped else 1.0, 1.0, -1.0 if looks_back else 1.0])
+    def thinned(self, step: float) -> Sample:
+        """One of so many of its pixels, drawn always the same, and the outermost."""
+        kept = np.random.default_rng(0).random(len(self.pixels)) < 1 / step
+        kept[np.argsort(self.omega)[-OUTERMOST:]] = True
+        return replace(self, pixels=self.pixels[kept], origins=self.origins[kept], directions=self.directions[kept])
 
 
 def sample(camera: Camera, mount: Mount, count: int, field_deg: float | None = None) -> Sample:

@@ -25,6 +25,7 @@ from .sampling import Sample
 
 Array = NDArray[np.float64]
 
+PINHOLE_END = np.radians(89.9)
 ODD = (1, 3, 5, 7)  # powers of the field angle that a smooth round picture is made of
 
 
@@ -115,15 +116,59 @@ def _kannala_brandt(places: frozenset[str] | None, picture: RoundPicture) -> Ite
 
 
 def _unified(places: frozenset[str] | None, picture: RoundPicture) -> Iterator[CameraModel]:
-    """The best of some xi, without distortion; a pinhole where there is no place for xi."""
-    pinhole = places is not None and "xi" not in places
-    yield Unified(**_best(picture, places, lambda o, xi: np.sin(o) / (np.cos(o) + xi), lambda o, xi: np.cos(o) + xi,
-                          {"xi": np.array([0.0]) if pinhole else np.linspace(0.0, 3.0, 61)}))  # fmt: skip
+    """The best xi without distortion, up to 1 and from 1 on; a pinhole where there is no place for xi."""
+    if places is not None and "xi" not in places:
+        yield from _pinhole(Unified, {"xi": 0.0}, places, picture)
+        return
+    found: list[CameraModel] = []
+    refusal = InvalidParameter("")
+    for xi in (np.linspace(0.0, 1.0, 41), np.linspace(1.0, 3.0, 41)):
+        try:
+            found.append(Unified(**_best(picture, places, _unified_law, lambda o, xi: np.cos(o) + xi, {"xi": xi})))
+        except InvalidParameter as problem:
+            refusal = problem
+    if not found:
+        raise refusal
+    yield from found
+
+
+def _pinhole(
+    kind: Any, fixed: dict[str, float], places: frozenset[str] | None, picture: RoundPicture
+) -> Iterator[CameraModel]:
+    """``r = f (t + k1 t^3 + k2 t^5 + k3 t^7)`` of ``t = tan(Omega)``, with as many terms as do not fold the field."""
+    if not picture.omega.max() < PINHOLE_END:
+        raise InvalidParameter(
+            f"reaches less far than the field, {np.degrees(picture.omega.max()):.4g} deg from the axis: a pinhole's "
+            "picture is infinitely large at 90 deg"
+        )
+    tan = np.tan(picture.omega)
+    scale = tan.max()
+    for terms in (4, 3, 2, 1):
+        powers = 2 * np.arange(terms) + 1
+        f, *rest = np.linalg.lstsq((tan / scale)[:, None] ** powers, picture.radius, rcond=None)[0] / scale**powers
+        if f > 0:
+            ks: dict[str, Any] = {f"k{i}": float(value / f) for i, value in enumerate(rest, start=1)}
+            model: CameraModel = kind(**fixed, **_focal(float(f), places, picture), **ks)
+            if model.image(_edge(picture), distant=True).valid.all():
+                yield model
+                return
+
+
+def _edge(picture: RoundPicture) -> Array:
+    """Directions (n, 3) around the end of the field, in the camera frame."""
+    phi = np.linspace(0, 2 * np.pi, 16)
+    ahead = -1.0 if picture.common["optics"] == "mirror" else 1.0
+    omega = picture.omega.max()
+    return np.stack([np.sin(omega) * np.cos(phi), np.sin(omega) * np.sin(phi), np.full(16, ahead * np.cos(omega))], -1)
+
+
+def _unified_law(omega: Array, xi: float) -> Array:
+    return np.asarray(np.sin(omega) / (np.cos(omega) + xi))
 
 
 def _rational(places: frozenset[str] | None, picture: RoundPicture) -> Iterator[CameraModel]:
-    """A pinhole without distortion."""
-    yield RationalPinhole(**_best(picture, places, np.tan, np.cos, {}))
+    """Without a denominator."""
+    yield from _pinhole(RationalPinhole, {}, places, picture)
 
 
 def _enhanced(places: frozenset[str] | None, picture: RoundPicture) -> Iterator[CameraModel]:
@@ -139,7 +184,7 @@ def _double(places: frozenset[str] | None, picture: RoundPicture) -> Iterator[Ca
         z = xi + np.cos(o)
         return np.asarray(alpha * np.hypot(np.sin(o), z) + (1 - alpha) * z)
 
-    grid = {"xi": np.linspace(-0.9, 1.5, 25), "alpha": np.linspace(0.02, 0.98, 25)}
+    grid = {"xi": np.linspace(-0.9, 0.95, 25), "alpha": np.linspace(0.02, 0.98, 25)}
     yield DoubleSphere(**_best(picture, places, lambda o, xi, a: np.sin(o) / depth(o, xi, a), depth, grid))
 
 
@@ -153,7 +198,6 @@ def _best(
     """The arguments of the model whose law fits best, of those that reach over the field with a growing radius."""
     omega = np.linspace(0.0, picture.omega.max(), 200)
     best, arguments = np.inf, None
-    is_pinhole = not grid or ("xi" in grid and grid["xi"].size == 1)
     for values in product(*grid.values()):
         with np.errstate(all="ignore"):
             grows = (depth(omega, *values) > 1e-3).all() and (np.diff(law(omega, *values)) > 0).all()
@@ -165,7 +209,6 @@ def _best(
     if arguments is None:
         raise InvalidParameter(
             f"reaches less far than the field, {np.degrees(picture.omega.max()):.4g} deg from the axis"
-            + (": a pinhole's picture is infinitely large at 90 deg" if is_pinhole else "")
         )
     return arguments
 

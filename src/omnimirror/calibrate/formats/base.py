@@ -88,6 +88,8 @@ class Layout:
         Field angle below which programs that read the file project points, whatever the formula says.
     refuses
         What else it cannot hold of a camera of this kind, in words that follow "it"; "" for nothing.
+    is_panorama
+        Whether it is of a panorama that has to be made of the camera's pictures first; taken by its own name alone.
     suffixes
         Of file names, where the same is written in several ways; empty for any.
     words
@@ -100,10 +102,13 @@ class Layout:
     places: frozenset[str] | None = None
     reach_deg: float = 180.0
     suffixes: tuple[str, ...] = ()
+    is_panorama: bool = False
     refuses: Callable[[Any], str] = lambda camera: ""
 
     def lacks(self, camera: Camera) -> str:
         """Why it cannot hold a camera exactly, in words that follow "it"; "" where it can."""
+        if self.is_panorama:
+            return ""
         if not isinstance(camera, self.kind):
             name = getattr(camera, "KIND", type(camera).__name__)
             return f"holds {self.words}, and this camera is {name}"

@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import re
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 from ...arguments import float_of
 from ...camera_models import EnhancedUnified, KannalaBrandt, RationalPinhole, ThinPrismFisheye, Unified
+from ...dewarp.views import sphere
 from ...errors import OmnimirrorError, SpecError
 from .base import CameraFormat, Content, Layout, Reading, Stored, named, row, text_of
 
@@ -161,7 +162,7 @@ def values_of(camera: Any, name: str) -> Numbers:
     return tuple(float(places[p] if p in places else getattr(camera, p)) for p in KINDS[name].parameters.split())
 
 
-def text_file(size: tuple[int, int], name: str, numbers: Numbers) -> str:
+def text_file(size: tuple[int, int], name: str, numbers: Sequence[float]) -> str:
     """A ``cameras.txt`` of one camera."""
     return (
         "# Camera list with one line of data per camera:\n"
@@ -171,7 +172,7 @@ def text_file(size: tuple[int, int], name: str, numbers: Numbers) -> str:
     )
 
 
-def binary_file(size: tuple[int, int], name: str, numbers: Numbers) -> bytes:
+def binary_file(size: tuple[int, int], name: str, numbers: Sequence[float]) -> bytes:
     """A ``cameras.bin`` of one camera."""
     return struct.pack(f"<QIiQQ{len(numbers)}d", 1, 1, KINDS[name].number, *size, *numbers)
 
@@ -202,6 +203,19 @@ LAYOUTS = {
         frozenset({*KS, "k5", "k6", "p1", "p2", "s1", "s2", "s3", "s4"}),
     ),
 }
+
+
+def _panorama(is_binary: bool) -> Layout:
+    made = binary_file if is_binary else text_file
+
+    def write(camera: Any, name: str = "") -> Content:
+        size = sphere(camera).size
+        return made(size, "EQUIRECTANGULAR", size)
+
+    suffixes = (".bin",) if is_binary else (".txt",)
+    return Layout(object, write, "EQUIRECTANGULAR", suffixes=suffixes, is_panorama=True)
+
+
 FORMAT = CameraFormat(
     "COLMAP cameras",
     recognises,
@@ -210,6 +224,7 @@ FORMAT = CameraFormat(
         f"colmap{'-bin' * is_binary}-{short}": _layout(kind, model, model, extra, is_binary)
         for is_binary in (False, True)
         for short, (kind, model, extra) in LAYOUTS.items()
-    },
+    }
+    | {f"colmap{'-bin' * is_binary}-equirectangular": _panorama(is_binary) for is_binary in (False, True)},
     ("cameras.txt", "cameras.bin"),
 )

@@ -159,6 +159,6 @@ def _all_targets() -> Iterator[Target]:
 def _of_path(kind: CameraFormat, path: str | Path) -> list[Target]:
     """All layouts of a format; of those that differ by the file's suffix, the one that has it."""
     suffix = Path(path).suffix.lower()
-    all_of_it = [Target(name, kind, layout) for name, layout in kind.layouts.items()]
+    all_of_it = [Target(name, kind, layout) for name, layout in kind.layouts.items() if not layout.is_panorama]
     fitting = [t for t in all_of_it if suffix in t.layout.suffixes]
     return fitting or [t for t in all_of_it if not t.layout.suffixes] or all_of_it
