@@ -173,7 +173,7 @@ def convert(
     with replacing(target) as temporary:
         temporary.write_bytes(content.encode() if isinstance(content, str) else content)
     x, y, z = (float(v) for v in made.found.viewpoint_mm)
-    notes = tuple(_notes(stored.camera, written, made.target))
+    notes = tuple(_notes(stored.camera, written, made))
     return Conversion(target, read, made.target.name, written, exact, made.costs, (x, y, z), notes)
 
 
@@ -283,6 +283,10 @@ def _fitted(
             f"this camera cannot be converted: {'; '.join(reasons)}; field_deg takes the middle of the field alone"
         )
     best = min(usable, key=lambda made: made.largest_px)
+    whole_field = [made for made in usable if made.target.layout.reach_deg > np.degrees(seen.omega.max())]
+    if whole_field and allowed is not None:  # what serves the whole field goes before what comes closest
+        fullest = min(whole_field, key=lambda made: made.largest_px)
+        best = fullest if fullest.largest_px <= allowed else best
     if allowed is None or best.largest_px > allowed:
         verdict = "give tolerance_px to allow that" if allowed is None else f"more than tolerance_px = {allowed:g}"
         raise InvalidParameter(
@@ -316,8 +320,12 @@ def _words(made: _Made, is_central: bool) -> str:
     return f"{rms:.3g} px off (rms), at most {worst.largest_px:.3g} px ({worst.at_deg:.3g} deg from the axis{where})"
 
 
-def _notes(source: Camera, written: Any, target: Target) -> Iterable[str]:
+def _notes(source: Camera, written: Any, made: _Made) -> Iterable[str]:
     """What somebody who uses the file has to know."""
+    target = made.target
+    if np.any(made.found.viewpoint_mm):
+        x, y, z = (round(float(v), 3) + 0.0 for v in made.found.viewpoint_mm)
+        yield f"the file's frame begins at ({x:g}, {y:g}, {z:g}) mm of the camera frame, where one viewpoint does best"
     if target.layout.is_panorama:
         width, height = sphere(source).size
         yield (

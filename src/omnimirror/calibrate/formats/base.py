@@ -21,6 +21,7 @@ from ...errors import SpecError
 from ...frames import Mount
 
 Content = str | bytes
+NOTHING = 1e-9  # of a parameter's typical change: the rounding of a fit
 
 
 @dataclass(frozen=True)
@@ -83,7 +84,7 @@ class Layout:
     write
         The content of a file, of a camera and its name.
     places : optional
-        Names of the parameters that there is a place for; the others have to be 0. None: for all of them.
+        Names of the parameters that there is a place for; the others have to be 0, but for rounding. None: for all.
     reach_deg : deg
         Field angle below which programs that read the file project points, whatever the formula says.
     refuses
@@ -110,10 +111,10 @@ class Layout:
         if self.is_panorama:
             return ""
         if not isinstance(camera, self.kind):
-            name = getattr(camera, "KIND", type(camera).__name__)
+            name = getattr(camera, "KIND", f"a {type(camera).__name__.lower()}")
             return f"holds {self.words}, and this camera is {name}"
         for p in () if self.places is None else camera.parameters:
-            if self.places is not None and p.name not in self.places and p.value != 0:
+            if self.places is not None and p.name not in self.places and abs(p.value) > NOTHING * p.scale:
                 return f"has no place for {p.name} = {p.value:.6g}"
         return self.refuses(camera)
 

@@ -126,12 +126,17 @@ def words_of(made: Conversion) -> str:
     """What a conversion cost, in a line."""
     if made.exact:
         return "the same numbers"
+    what = "a panorama" if made.target.endswith("equirectangular") else "a fitted model"
     worst = max(made.costs, key=lambda c: c.largest_px)
-    (u, v), far = worst.at_px, "" if len(made.costs) == 1 else f", of things at {worst.distance_mm:g} mm"
+    (u, v), far = worst.at_px, "" if len(made.costs) == 1 else f", of things at {_distance(worst.distance_mm)}"
     return (
-        f"a fitted model, {made.rms_px:.3g} px off (rms), at most {made.largest_px:.3g} px at ({u:.0f}, {v:.0f}), "
+        f"{what}, {made.rms_px:.3g} px off (rms), at most {made.largest_px:.3g} px at ({u:.0f}, {v:.0f}), "
         f"{worst.at_deg:.3g} deg from the axis{far}"
     )
+
+
+def _distance(distance_mm: float) -> str:
+    return "any great distance" if np.isinf(distance_mm) else f"{distance_mm:g} mm"
 
 
 def _table(made: Conversion) -> Table:
@@ -139,6 +144,5 @@ def _table(made: Conversion) -> Table:
     for heading in ("distance\nmm", "off, rms\npx", "at most\npx", "field angle there\ndeg"):
         table.add_column(heading, justify="right")
     for c in made.costs:
-        distance_words = "inf" if np.isinf(c.distance_mm) else f"{c.distance_mm:g}"
-        table.add_row(distance_words, f"{c.rms_px:.3g}", f"{c.largest_px:.3g}", f"{c.at_deg:.3g}")
+        table.add_row(f"{c.distance_mm:g}", f"{c.rms_px:.3g}", f"{c.largest_px:.3g}", f"{c.at_deg:.3g}")
     return table
