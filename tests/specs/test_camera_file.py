@@ -123,33 +123,3 @@ def test_whatever_holds_a_camera_is_read(tmp_path):
         om.load_camera("paper-sperical")
     with pytest.raises(InvalidParameter, match="is not a camera that a file holds"):
         om.save_camera("paper-spherical", tmp_path / "x.toml")
-
-
-def test_errors_of_directions_are_those_of_changed_parameters():
-    """Simulated: parameters drawn from the covariance, and how far the directions of pixels turn."""
-    camera = MODELS["viewpoint-spline"]
-    parameters = camera.parameters
-    rng = np.random.default_rng(5)
-    mixing = rng.normal(size=(len(parameters), len(parameters))) / np.sqrt(len(parameters))
-    factor = np.diag([1e-3 * p.scale for p in parameters]) @ mixing
-    known = Uncertainty(tuple(p.name for p in parameters), tuple(map(tuple, (factor @ factor.T).tolist())))
-    pixels = np.array([[322.0, 238.0], [400.0, 250.0], [480.0, 300.0], [322.0, 60.0], [3.0, 3.0]])
-    for distance in (np.inf, 80.0):
-        told = replace(camera, uncertainty=known).direction_sigma_deg(pixels, distance)
-        assert np.isnan(told[4])
-        rays = camera.backproject(pixels[:4])
-        values = np.array([p.value for p in parameters])
-        errors = []
-        for _ in range(400):
-            other = camera.with_parameters(values + factor @ rng.normal(size=len(values)))
-            moved = other.backproject(pixels[:4])
-            if np.isinf(distance):
-                errors.append(moved.directions - rays.directions)
-            else:  # where the other ray passes what the first one sees
-                to = rays.origins + distance * rays.directions - moved.origins
-                along = np.einsum("ni,ni->n", to, moved.directions)[:, None]
-                errors.append((along * moved.directions - to) / distance)
-        spread = [np.sqrt(np.linalg.eigvalsh(np.cov(e.T))[-1]) for e in np.swapaxes(errors, 0, 1)]
-        np.testing.assert_allclose(told[:4], np.degrees(spread), rtol=0.15)
-    with pytest.raises(InvalidParameter, match="nothing is known of the camera's uncertainty"):
-        camera.direction_sigma_deg(pixels)

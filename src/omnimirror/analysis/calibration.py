@@ -12,6 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import instance, row
 from ..camera_models import RadialModel
+from ..camera_models.spread import direction_spread, larger_sigma
+from ..cameras import inside_image
 from ..errors import OutsideField
 from ..files import write_text
 from ..quantities import QUANTITIES
@@ -161,9 +163,12 @@ def mean_sigma_deg(camera: RadialModel, omega: Array) -> Array:
     sin, cos = np.sin(omega)[:, None], np.cos(omega)[:, None]
     ahead = -1.0 if camera.looks_back else 1.0
     across = (sin * np.cos(phi), sin * np.sin(phi), ahead * cos + 0 * phi)
-    pixels = camera.image(np.stack(across, axis=-1).reshape(-1, 3), distant=True).pixels
-    squares = camera.direction_sigma_deg(pixels).reshape(len(omega), AZIMUTHS) ** 2
-    seen = np.isfinite(squares)
+    directions = np.stack(across, axis=-1).reshape(-1, 3)
+    assert camera.uncertainty is not None
+    covariance = camera.uncertainty.of([p.name for p in camera.parameters])
+    squares = larger_sigma(direction_spread(camera, covariance, directions)).reshape(len(omega), AZIMUTHS) ** 2
+    pixels = camera.image(directions, distant=True).pixels.reshape(len(omega), AZIMUTHS, 2)
+    seen = np.isfinite(squares) & inside_image(pixels, camera.image_size)
     with np.errstate(invalid="ignore"):
-        sigma: Array = np.sqrt(np.where(seen, squares, 0.0).sum(axis=1) / seen.sum(axis=1))
+        sigma: Array = np.degrees(np.sqrt(np.where(seen, squares, 0.0).sum(axis=1) / seen.sum(axis=1)))
     return sigma

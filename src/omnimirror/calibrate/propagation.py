@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import finite, instance, number, vectors
 from ..camera_models.base import CameraModel
+from ..camera_models.spread import direction_spread, larger_sigma, spread_at
 from ..errors import InvalidParameter
 from ..frames import turned
 from ..parameters import Uncertainty
@@ -25,8 +26,8 @@ def direction_covariance(
 ) -> Array:
     """Covariance (n, 2, 2) in rad^2 of the directions that pixels see, along two axes across them.
 
-    A pixel stays while the parameters move, ``0 = (du/dd) dd + (du/dp) dp``, so that ``dd = -(du/dd)^-1 (du/dp) dp``
-    in the plane across d. What the mount adds, how the camera stands in the world, is not in it.
+    Formula: :func:`omnimirror.camera_models.spread.direction_spread`. What the mount adds, how the camera stands in
+    the world, is not in it.
 
     Parameters
     ----------
@@ -49,8 +50,7 @@ def direction_covariance(
     """
     model, matrix = _known(camera, covariance)
     rays = model.backproject(vectors("pixels", pixels, 2))
-    towards = turned(rays.directions, model.mount.rotation())
-    return _spread(model, matrix, towards, _across(towards), distant=True)
+    return direction_spread(model, matrix, turned(rays.directions, model.mount.rotation()))
 
 
 def direction_uncertainty(
@@ -86,7 +86,7 @@ def direction_uncertainty(
     >>> om.direction_uncertainty(model, [[811.5, 511.5], [961.5, 511.5]], covariance=[[0.0116**2]]).round(3)
     array([0.081, 0.132])
     """
-    return np.degrees(_larger(direction_covariance(camera, pixels, covariance=covariance)))
+    return np.degrees(larger_sigma(direction_covariance(camera, pixels, covariance=covariance)))
 
 
 def floor_uncertainty(
@@ -138,7 +138,7 @@ def floor_uncertainty(
     points = rays.origins + along[:, None] * rays.directions
     world = model.mount.rotation()
     level = np.broadcast_to(world[:2].T, (len(points), 3, 2))  # the world's x and y in the camera frame
-    return _larger(_spread(model, matrix, turned(points, world), level, distant=False))
+    return larger_sigma(spread_at(model, matrix, turned(points, world), level, distant=False))
 
 
 @dataclass(frozen=True)
@@ -243,31 +243,3 @@ def _known(camera: Sensor | CameraModel, covariance: ArrayLike | Uncertainty | N
             f"as {len(names), len(names)}"
         )
     return model, matrix
-
-
-def _spread(model: CameraModel, matrix: Array, targets: Array, axes: Array, *, distant: bool) -> Array:
-    """Covariance (n, 2, 2) of targets (n, 3) of the camera frame that stay at their pixels, along axes (n, 3, 2)."""
-    spread = np.full((len(targets), 2, 2), np.nan)
-    asked = np.flatnonzero(np.isfinite(targets).all(axis=1))
-    image = model.image(targets[asked], distant=distant)
-    moves = image.d_points @ axes[asked]
-    kept = image.valid & np.isfinite(moves).all(axis=(1, 2)) & np.isfinite(image.d_parameters).all(axis=(1, 2))
-    kept[kept] = np.abs(np.linalg.det(moves[kept])) > 0
-    change = -np.linalg.solve(moves[kept], image.d_parameters[kept])
-    spread[asked[kept]] = change @ matrix @ change.transpose(0, 2, 1)
-    return spread
-
-
-def _larger(spread: Array) -> Array:
-    """Larger standard deviations (n,) of covariances (n, 2, 2)."""
-    a, b, c = spread[:, 0, 0], (spread[:, 0, 1] + spread[:, 1, 0]) / 2, spread[:, 1, 1]
-    larger: Array = np.sqrt(np.maximum((a + c) / 2 + np.hypot((a - c) / 2, b), 0.0))
-    return larger
-
-
-def _across(directions: Array) -> Array:
-    """Two unit vectors (n, 3, 2) across unit vectors (n, 3)."""
-    helper = np.where(np.abs(directions[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
-    first = np.cross(directions, helper)
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
-    return np.stack([first, np.cross(directions, first)], axis=2)

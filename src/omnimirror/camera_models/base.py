@@ -17,10 +17,10 @@ from typing import ClassVar, Literal, NamedTuple, Self, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import choice, finite, number, vectors
+from ..arguments import choice, finite
 from ..cameras import AxialSymmetry, Projection, Rays
 from ..errors import InvalidParameter
-from ..frames import Mount, turned
+from ..frames import Mount
 from ..parameters import Uncertainty
 
 Array = NDArray[np.float64]
@@ -99,46 +99,6 @@ class CameraModel(ABC):
     def project_directions(self, directions: ArrayLike) -> Projection:
         """Pixels of directions (n, 3) of the world, of any length but 0."""
 
-    # -- how sure it is ---------------------------------------------------------------------------
-
-    def direction_sigma_deg(self, pixels: ArrayLike, distance_mm: float = np.inf) -> Array:
-        """Standard error of the directions of pixels, as the covariance of the parameters has it.
-
-        To first order: how far the direction turns that keeps its pixel while the parameters change. Of the two
-        axes of the error's ellipse the longer is told.
-
-        Parameters
-        ----------
-        pixels : (n, 2)
-            Pixels (u, v), integers at their centres.
-        distance_mm
-            From where the ray starts to what is seen; it matters where the camera is not central.
-
-        Returns
-        -------
-        (n,) array
-            Degrees; NaN where a pixel sees nothing.
-
-        Raises
-        ------
-        InvalidParameter
-            No uncertainty is known of this camera, or it is one of other parameters.
-        """
-        if self.uncertainty is None:
-            raise InvalidParameter("nothing is known of the camera's uncertainty; calibrate it, or load its own file")
-        covariance = self.uncertainty.of([p.name for p in self.parameters])
-        distant = bool(np.isinf(distance_mm))
-        length = 1.0 if distant else number("distance_mm", distance_mm, above=0.0, unit="mm")
-        rays = self.backproject(vectors("pixels", pixels, 2))
-        origins, directions = (turned(v[rays.valid], self.mount.rotation()) for v in (rays.origins, rays.directions))
-        found = self.image(directions if distant else origins + length * directions, distant=distant)
-        to_angles = length * np.einsum("nij,njk->nik", found.d_points, _across(directions))
-        moved = np.linalg.solve(to_angles, found.d_parameters)
-        ellipses = np.einsum("nip,pq,njq->nij", moved, covariance, moved)
-        sigma = np.full(len(rays.valid), np.nan)
-        sigma[rays.valid] = np.degrees(np.sqrt(np.linalg.eigvalsh(ellipses)[:, -1].clip(0.0)))
-        return sigma
-
     # -- which way it looks ------------------------------------------------------------------------
 
     @property
@@ -173,11 +133,3 @@ class CameraModel(ABC):
                     f"image {name} = {length} is not a whole number of pixels from 1 to {LARGEST_PICTURE_PX}"
                 )
         choice("optics", self.optics, get_args(Optics))
-
-
-def _across(directions: Array) -> Array:
-    """Two unit vectors (n, 3, 2) across each of unit vectors (n, 3)."""
-    helper = np.eye(3)[np.argmin(np.abs(directions), axis=1)]
-    first = np.cross(directions, helper)
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
-    return np.stack([first, np.cross(directions, first)], axis=-1)

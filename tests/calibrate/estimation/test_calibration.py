@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.calibrate.estimation.covariance import direction_covariance
+from omnimirror.camera_models.spread import direction_spread
 from omnimirror.errors import InvalidParameter
 from omnimirror.frames import Mount
 
@@ -36,7 +36,7 @@ def within_3_sigma(seed: int) -> float:
     ahead = directions(TRUTH, 100, seed)
     rays = found.model.backproject(TRUTH.image(ahead, distant=True).pixels)
     off = (rays.directions @ found.model.mount.rotation() - ahead)[rays.valid]
-    spread = np.linalg.eigvalsh(direction_covariance(found.model, found.covariance, ahead[rays.valid]))[:, -1]
+    spread = np.linalg.eigvalsh(direction_spread(found.model, found.covariance, ahead[rays.valid]))[:, -1]
     return float((np.linalg.norm(off, axis=1) < 3 * np.sqrt(spread)).mean())
 
 

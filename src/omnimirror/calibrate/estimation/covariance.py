@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...camera_models.base import CameraModel
+from ...camera_models.spread import direction_spread, larger_sigma
 from .bundle.adjustment import Adjustment
 from .bundle.linearisation import without_slides
 from .bundle.normal_equations import assembled, reduced_matrix, with_priors
@@ -106,11 +107,8 @@ def _combination(names: list[str], vector: Array, scales: Array, sigma: float) -
     )
 
 
-def direction_covariance(model: CameraModel, covariance: Array, directions: ArrayLike) -> Array:
-    """Covariance (n, 2, 2) in radians^2 of the directions that pixels see, across the directions themselves.
-
-    A pixel stays while the parameters move, ``0 = du = (du/dd) dd + (du/dp) dp``, so that
-    ``dd = -(du/dd)^-1 (du/dp) dp`` in the plane across d.
+def direction_sigma_deg(model: CameraModel, covariance: Array, directions: ArrayLike) -> Array:
+    """Standard deviation (n,) in deg of the directions that pixels see, the larger way.
 
     Parameters
     ----------
@@ -123,33 +121,7 @@ def direction_covariance(model: CameraModel, covariance: Array, directions: Arra
 
     Returns
     -------
-    (n, 2, 2) array
+    (n,) array
         NaN where the model sees nothing.
     """
-    d = np.asarray(directions, dtype=float)
-    d = d / np.linalg.norm(d, axis=1, keepdims=True)
-    image = model.image(d, distant=True)
-    across = _across(d)
-    moves = image.d_points @ across
-    out = np.full((len(d), 2, 2), np.nan)
-    ok = image.valid & (np.abs(np.linalg.det(np.where(image.valid[:, None, None], moves, 0.0))) > 0)
-    change = -np.linalg.solve(moves[ok], image.d_parameters[ok])
-    out[ok] = change @ covariance @ change.transpose(0, 2, 1)
-    return out
-
-
-def direction_sigma_deg(model: CameraModel, covariance: Array, directions: ArrayLike) -> Array:
-    """Standard deviation (n,) in deg of directions (n, 3), the larger way; arguments as above."""
-    spread = direction_covariance(model, covariance, directions)
-    ok = np.isfinite(spread).all(axis=(1, 2))
-    sigma = np.full(len(spread), np.nan)
-    sigma[ok] = np.degrees(np.sqrt(np.maximum(np.linalg.eigvalsh(spread[ok])[:, -1], 0.0)))
-    return sigma
-
-
-def _across(d: Array) -> Array:
-    """Two unit vectors (n, 3, 2) across unit vectors (n, 3)."""
-    helper = np.where(np.abs(d[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
-    first = np.cross(d, helper)
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
-    return np.stack([first, np.cross(d, first)], axis=2)
+    return np.degrees(larger_sigma(direction_spread(model, covariance, np.asarray(directions, dtype=float))))

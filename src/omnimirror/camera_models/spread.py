@@ -1,0 +1,52 @@
+"""How the covariance of a model's parameters spreads what its pixels see, to first order."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .base import CameraModel
+
+Array = NDArray[np.float64]
+
+
+def direction_spread(model: CameraModel, covariance: Array, directions: Array) -> Array:
+    """Covariance (n, 2, 2) in rad^2 of directions (n, 3) of the camera frame, of any length, along two axes across.
+
+    A pixel stays while the parameters, whose covariance is (p, p), move: ``0 = (du/dd) dd + (du/dp) dp``, so that
+    ``dd = -(du/dd)^-1 (du/dp) dp`` in the plane across d. NaN where nothing is seen.
+    """
+    unit = directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    return spread_at(model, covariance, unit, _across(unit), distant=True)
+
+
+def spread_at(model: CameraModel, covariance: Array, targets: Array, axes: Array, *, distant: bool) -> Array:
+    """Covariance (n, 2, 2) of targets (n, 3) of the camera frame that stay at their pixels, along axes (n, 3, 2)."""
+    spread = np.full((len(targets), 2, 2), np.nan)
+    asked = np.flatnonzero(np.isfinite(targets).all(axis=1))
+    image = model.image(targets[asked], distant=distant)
+    moves = image.d_points @ axes[asked]
+    kept = image.valid & np.isfinite(moves).all(axis=(1, 2)) & np.isfinite(image.d_parameters).all(axis=(1, 2))
+    kept[kept] = np.abs(np.linalg.det(moves[kept])) > 0
+    change = -np.linalg.solve(moves[kept], image.d_parameters[kept])
+    spread[asked[kept]] = change @ covariance @ change.transpose(0, 2, 1)
+    return spread
+
+
+def larger_sigma(spread: Array) -> Array:
+    """Larger standard deviations (n,) of covariances (n, 2, 2): of the two axes of an ellipse the longer.
+
+    >>> larger_sigma(np.array([[[4.0, 0.0], [0.0, 9.0]]]))
+    array([3.])
+    """
+    a, b, c = spread[:, 0, 0], (spread[:, 0, 1] + spread[:, 1, 0]) / 2, spread[:, 1, 1]
+    larger: Array = np.sqrt(np.maximum((a + c) / 2 + np.hypot((a - c) / 2, b), 0.0))
+    return larger
+
+
+def _across(directions: Array) -> Array:
+    """Two unit vectors (n, 3, 2) across unit vectors (n, 3)."""
+    helper = np.where(np.abs(directions[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
+    first = np.cross(directions, helper)
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    return np.stack([first, np.cross(directions, first)], axis=2)
