@@ -24,7 +24,7 @@ from ...analysis.section import (
 from ...design.criteria.merits import length_mm
 from ...errors import OmnimirrorError
 from ...sensor import Sensor
-from .framing import framed
+from ..framing import framed
 from .judging import verdict_rows
 from .messages import Answer, Ask, Block, Facts, distance_of
 from .sensors import in_place, remark_on, sensor_on_bench, trouble_of, why_not_optimised

@@ -17,8 +17,8 @@ from ...errors import InvalidParameter, SpecError
 from ...imagers import Imager
 from ...sensor import Sensor
 from ...specs import Places, format_sensor, sensor_of, tables_of
+from ..framing import framed
 from ..uploads import encoded, safe_name
-from .framing import framed
 from .judging import lens_table, requirements_for
 from .messages import Download, Opened, PictureAsk, Taken, distance_of
 from .sensors import in_place, on_bench, sensor_on_bench

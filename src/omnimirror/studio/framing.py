@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import struct
 
-from ..messages import Message
+from .messages import Message
 
 
 def framed(header: Message, *parts: bytes) -> bytes:
     """A message and the bytes it tells of.
 
-    >>> from .messages import Trouble
+    >>> from .bench.messages import Trouble
     >>> framed(Trouble(path=(), sentence="no"), b"abcd")
     b'\\x1c\\x00\\x00\\x00{"path":[],"sentence":"no"} abcd'
     """
