@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import math
 import os
 import re
 import shutil
@@ -79,6 +80,19 @@ def write_text(path: str | Path, text: str) -> None:
     """Write a text file whole, or leave an earlier one as it was."""
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8", newline="")
+
+
+def json_plain(value: Any) -> Any:
+    """The same data as JSON can hold it: tuples as lists, and numbers that are not finite as words.
+
+    >>> json_plain({"object_distance_mm": (600.0, float("inf"))})
+    {'object_distance_mm': [600.0, 'inf']}
+    """
+    if isinstance(value, dict):
+        return {k: json_plain(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [json_plain(v) for v in value]
+    return str(value) if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def is_stream(path: str | Path) -> bool:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InvalidParameter, OmnimirrorError
-from ...files import LARGEST_TEXT, read_bytes, write_text
+from ...files import LARGEST_TEXT, json_plain, read_bytes, write_text
 from ...imagers import Imager
 from ...mirrors import Equidistant, Mirror, SlopeSpline, Sphere
 from ...numerics.lazy import cached_property
@@ -341,16 +341,8 @@ def _header(problem: DesignProblem, merit: str, seed: int) -> dict[str, Any]:
 
 def described(problem: DesignProblem) -> dict[str, Any]:
     """A problem as JSON can hold it; :func:`problem_from` reads it back."""
-    plain: dict[str, Any] = _plain(asdict(problem) | {"housing": housing_tables(problem.housing)})
+    plain: dict[str, Any] = json_plain(asdict(problem) | {"housing": housing_tables(problem.housing)})
     return plain
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {k: _plain(v) for k, v in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(v) for v in value]
-    return "inf" if isinstance(value, float) and np.isinf(value) else value
 
 
 def problem_from(data: dict[str, Any]) -> DesignProblem:
@@ -368,7 +360,7 @@ def problem_from(data: dict[str, Any]) -> DesignProblem:
 
 
 def _read(value: Any) -> Any:
-    """What :func:`_plain` made, with lists as tuples."""
+    """What :func:`~omnimirror.files.json_plain` made, with lists as tuples."""
     if isinstance(value, dict):
         return {k: _read(v) for k, v in value.items()}
     if isinstance(value, list):

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ...arguments import instance
+from ...files import json_plain
 from ...lenses import BlurMode
 from ...sensor import Sensor
 from ..criteria.requirements import Requirements
@@ -15,7 +16,7 @@ from ..optimise.optimiser import Optimum, Progress
 from . import freeform, range_search
 from .relaxation import Conflict, find_conflict
 from .space import BestDesign, Say, Space
-from .verdict import Judgement, Verdict, plain
+from .verdict import Judgement, Verdict
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,7 @@ class Design:
             for group in ("alone", "joint"):
                 for entry, relaxation in zip(conflict[group], getattr(self.conflict, group), strict=True):
                     entry["share"] = relaxation.share
-        data: dict[str, Any] = plain({**self.verdict.to_dict(), "conflict": conflict, "notes": self.notes})
+        data: dict[str, Any] = json_plain({**self.verdict.to_dict(), "conflict": conflict, "notes": self.notes})
         return data
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 from ...analysis import Evaluation, evaluate
 from ...arguments import instance, whole
 from ...errors import InvalidParameter
+from ...files import json_plain
 from ...lenses import Perspective
 from ...sensor import Sensor, check_sensor
 from ..criteria.field_angles import JudgedRange, counted_field
@@ -128,17 +128,8 @@ class Verdict:
     def to_dict(self) -> dict[str, Any]:
         """The table as plain data, for JSON."""
         rows = [{**asdict(row), "margin": row.margin, "is_met": row.is_met} for row in self.rows]
-        data: dict[str, Any] = plain({"name": self.sensor.name, "is_met": self.is_met, "requirements": rows})
+        data: dict[str, Any] = json_plain({"name": self.sensor.name, "is_met": self.is_met, "requirements": rows})
         return data
-
-
-def plain(value: Any) -> Any:
-    """The same data with tuples as lists, and numbers that JSON cannot hold as words."""
-    if isinstance(value, dict):
-        return {k: plain(v) for k, v in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [plain(v) for v in value]
-    return str(value) if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def unit_of(name: str) -> str:
