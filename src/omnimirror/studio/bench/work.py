@@ -56,7 +56,8 @@ def optimisable(sensor: Sensor, task: Task) -> Requirements:
     bare = replace(sensor, housing=Housing())
     like = requirements_like(bare, optimise=task.merit, shape=f"{task.shape}:{task.terms}")
     distance = distance_of(task.object_distance_mm)
-    return replace(like.changed(omega_min_deg=0.0, object_distance_mm=distance), imager=_filled(sensor))
+    asked = like.changed(omega_min_deg=0.0, object_distance_mm=distance)
+    return replace(asked, imager=_filled(sensor), name=f"optimised-{task.merit.replace('_', '-')}")
 
 
 def _filled(sensor: Sensor) -> Imager:
