@@ -29,6 +29,7 @@ LEAST_NOISE_PX = 1e-6
 PROBE = 0.1  # of a step, over which the bend of residuals is measured
 STRAIGHT_STEPS = 4  # before bends are measured
 MOST_BEND = 0.75  # of a step
+STOPPED = 1e12  # times the diagonal is added for a parameter that is to stay
 
 
 @dataclass(frozen=True)
@@ -122,6 +123,10 @@ def _tried(
     step = _solved(estimate, blocks, question, damping)
     if step is None:
         return None
+    if _moved(estimate, raw, question, step) is None:
+        stopped = _stopped(estimate, step)
+        step = _solved(estimate, blocks, question, damping, stopped) if stopped.any() else None
+        return None if step is None else _moved(estimate, raw, question, step)
     if is_bent and raw.d_slide is None:
         bend = _bend(estimate, raw, blocks, question, damping, step)
         if bend is not None:
@@ -155,9 +160,28 @@ def _length(step: Step, blocks: Blocks, question: Question) -> float:
     return float(np.sqrt(shared + np.sum(step.motions**2 * np.einsum("mii->mi", blocks.motions))))
 
 
-def _solved(estimate: Estimate, blocks: Blocks, question: Question, damping: float) -> Step | None:
+def _stopped(estimate: Estimate, step: Step) -> Mask:
+    """Parameters (g,) of the model that cannot go on alone, since they are at the end of their range."""
+    values = np.array([p.value for p in estimate.model.parameters])
+    stopped = np.zeros(len(step.shared), dtype=bool)
+    for i in np.flatnonzero(step.shared[: len(values)]):
+        trial = values.copy()
+        trial[i] += step.shared[i]
+        try:
+            estimate.model.with_parameters(trial)
+        except OmnimirrorError:
+            stopped[i] = True
+    return stopped
+
+
+def _solved(
+    estimate: Estimate, blocks: Blocks, question: Question, damping: float, stopped: Mask | None = None
+) -> Step | None:
+    """The step; parameters that are stopped stay where they are."""
     scales = [*(p.scale for p in estimate.model.parameters), *(estimate.shape.sigmas if estimate.shape else ())]
     floor = (STIFFNESS * question.noise_px / np.array(scales)[question.free]) ** 2
+    if stopped is not None:
+        floor = np.where(stopped[question.free], STOPPED * np.diag(blocks.shared) + floor, floor)
     try:
         free, motions = solved(blocks, damping, floor)
     except np.linalg.LinAlgError:

@@ -22,6 +22,9 @@ from ..bundle.observations import Motion, Sighting, stacked
 Array = NDArray[np.float64]
 
 RINGS, SPOKES = 40, 24  # directions that models are compared by
+AGREEMENT_PX = (
+    3.0  # about how far off models of near boards are for distant things: what is known beforehand counts more
+)
 SHIFTS_MM = np.concatenate([-np.geomspace(600, 5, 20), [0.0], np.geomspace(5, 600, 20)])
 """Along the axis, tried for boards when a model with another viewpoint takes over."""
 
@@ -59,7 +62,9 @@ def converted(
     if kept.sum() < len(into.parameters):
         raise InvalidParameter(f"the model sees nothing of the {omega_max_deg:g} deg about its axis")
     sighting = Sighting("model", image.pixels[kept], directions[kept], Motion.none(), is_known=True, is_distant=True)
-    return adjust(into, [sighting], fixed=fixed, priors=priors, loss="huber", noise_px=0.3, most_steps=60).model
+    return adjust(
+        into, [sighting], fixed=fixed, priors=priors, loss="huber", noise_px=AGREEMENT_PX, most_steps=60
+    ).model
 
 
 def directions_of_field(model: CameraModel, omega_max_deg: float) -> Array:

@@ -1,0 +1,100 @@
+"""Mirror sensors calibrated as what they are: misaligned by up to 2 mm and 2 deg, against the truth of each."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.mirrors.pose import MirrorPose
+
+from .cases import BOARD, NOISE_PX
+
+USUAL = ("focal", "distance", "decentre", "tilt")
+SHAPED = ("shape", *USUAL)
+CASES = [
+    ("paper-spherical", USUAL),
+    ("paper-spherical", SHAPED),
+    ("paper-hyperboloidal", SHAPED),
+    ("paper-equidistant", USUAL),
+    ("prototype-spherical", SHAPED),
+    ("paraboloid-telecentric", ("shape", "focal", "decentre")),
+]
+
+
+def misaligned(design: om.Sensor, random: np.random.Generator) -> om.Sensor:
+    x, y, tilt_x, tilt_y = random.uniform(-2, 2, 4)
+    return replace(design, mirror_pose=MirrorPose(x, y, 0.0, tilt_x, tilt_y))
+
+
+def shares_within_3_sigma(model, covariance, truth: om.Sensor, random) -> tuple[float, float]:
+    """Of directions and of points 0.3 to 2 m away: whether the calibrated camera sees them where the true one does.
+
+    Three standard deviations of the pixel, from the covariance of the parameters.
+    """
+    ahead = random.normal(size=(400, 3))
+    ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
+    to_camera = truth.mount.rotation()
+    shares = []
+    for points, project, distant in (
+        (ahead, truth.project_directions, True),
+        (ahead * random.uniform(300, 2000, (400, 1)), truth.project, False),
+    ):
+        true = project(points)
+        image = model.image(points[true.valid] @ to_camera, distant=distant)
+        off = np.linalg.norm(image.pixels - true.pixels[true.valid], axis=1)
+        spread = image.d_parameters @ covariance @ image.d_parameters.transpose(0, 2, 1)
+        shares.append(float((off < 3 * np.sqrt(np.linalg.eigvalsh(spread)[:, -1])).mean()))
+    return shares[0], shares[1]
+
+
+def calibrated(design: om.Sensor, free, seed: int):
+    random = np.random.default_rng(seed)
+    truth = misaligned(design, random)
+    seen = om.simulate_detections(truth, BOARD, 12, noise_px=NOISE_PX, seed=seed)
+    found = om.calibrate_camera(seen, BOARD, model=om.SensorModel(design, free), board_shape=False)
+    return truth, found, random
+
+
+def test_a_misaligned_mirror_is_found_from_its_drawing():
+    truth, found, random = calibrated(om.load_sensor("paper-spherical"), USUAL, 1)
+    assert found.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.1)
+    assert min(shares_within_3_sigma(found.model, found.covariance, truth, random)) >= 0.95
+    assert isinstance(found.camera, om.Sensor)
+    true = {p.name: p.value for p in om.SensorModel(truth, USUAL).parameters}
+    assert all(abs(p.value - true[p.name]) < 4 * p.sigma for p in found.parameters)
+
+
+@pytest.mark.full
+@pytest.mark.parametrize(("name", "free"), CASES, ids=lambda case: "-".join(case) if isinstance(case, tuple) else case)
+def test_truth_lies_within_3_sigma_over_50_seeds(name, free):
+    shares, off = [], []
+    for seed in range(50):
+        truth, found, random = calibrated(om.load_sensor(name), free, seed)
+        shares.append(shares_within_3_sigma(found.model, found.covariance, truth, random))
+        true = {p.name: p.value for p in om.SensorModel(truth, free).parameters}
+        off += [abs(p.value - true[p.name]) / p.sigma for p in found.parameters]
+    assert (np.mean(shares, axis=0) >= 0.95).all()
+    assert np.mean(np.array(off) < 3) >= 0.95
+
+
+@pytest.mark.full
+def test_a_misaligned_mirror_is_more_than_tangential_distortion():
+    truth, found, _ = calibrated(om.load_sensor("paper-hyperboloidal"), SHAPED, 4)
+    seen = om.simulate_detections(truth, BOARD, 12, noise_px=NOISE_PX, seed=4)
+    for substitute in ("unified", "radial-spline", "viewpoint-spline"):
+        other = om.calibrate_camera(seen, BOARD, model=substitute, board_shape=False)
+        assert found.held_out_rms_px < 0.8 * other.held_out_rms_px, substitute
+
+
+@pytest.mark.full
+def test_the_mirror_is_chosen_where_nothing_is_known_of_it():
+    truth = misaligned(om.load_sensor("paper-hyperboloidal"), np.random.default_rng(3))
+    seen = om.simulate_detections(truth, BOARD, 14, noise_px=NOISE_PX, seed=3)
+    found = om.calibrate_camera(seen, BOARD)
+    assert found.model.KIND == "sensor"
+    assert found.held_out_rms_px < 1.1 * np.sqrt(2) * NOISE_PX
+    by_kind = {tried.kind: tried for tried in found.candidates}
+    assert by_kind["sensor"].rms_px < by_kind["radial-spline"].rms_px
