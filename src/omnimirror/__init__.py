@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from .calibrate.estimation import calibrate_camera as calibrate_camera
     from .calibrate.estimation import simulate_detections as simulate_detections
     from .calibrate.formats import register_camera_format as register_camera_format
+    from .calibrate.lines import LineCalibration as LineCalibration
+    from .calibrate.lines import calibrate_lines as calibrate_lines
     from .calibrate.physical import SensorModel as SensorModel
     from .calibrate.physical import mirror_ball_model as mirror_ball_model
     from .calibrate.propagation import direction_uncertainty as direction_uncertainty
@@ -143,6 +145,8 @@ _HOMES = {
     "Board": "calibrate.targets",
     "Detection": "calibrate.targets",
     "mirror_ball_model": "calibrate.physical",
+    "calibrate_lines": "calibrate.lines",
+    "LineCalibration": "calibrate.lines",
     "SensorModel": "calibrate.physical",
     "DoubleSphere": "camera_models",
     "EnhancedUnified": "camera_models",

@@ -28,6 +28,7 @@ COMMANDS = {
     "psf": "Point-spread functions and encircled energy.",
     "mtf": "Tangential and sagittal MTF over the field.",
     "illumination": "Relative illumination over the field.",
+    "lines": "Refine and level a camera by straight edges, without a target.",
     "uncertainty": "Say how far what a calibrated camera sees may be off.",
     "compare": "Put up to six sensors side by side.",
     "simulate": "Take the picture that a sensor would take of a scene.",
@@ -45,7 +46,7 @@ COMMANDS = {
 }
 """Every command with its one line of help."""
 ROOMS = {
-    "calibration": {"board", "calibrate", "convert", "uncertainty"},
+    "calibration": {"board", "calibrate", "convert", "lines", "uncertainty"},
     "evaluation": {"compare", "evaluate", "illumination", "mtf", "psf", "reproduce", "sensors", "spots"},
     "design": {"apertures", "design", "export", "init", "judge", "mappings", "parts"},
     "pictures": {"bracket", "demo", "dewarp", "simulate", "studio", "view"},

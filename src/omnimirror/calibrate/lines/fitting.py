@@ -1,0 +1,221 @@
+"""A camera model refined so that the images of straight edges are straight: planes through the viewpoint.
+
+Each edge lies in a plane through the viewpoint, of unit normal n; the direction d of each of its pixels has
+``n . d = 0``. What is made small is how far the pixel lies from the image of that plane, in pixels, to first order
+``n . d / |(dd/du)^T n|``: angles would be smallest for a model that squeezes the whole world into one direction.
+Normals are found for every trial anew and eliminated, so that only the camera's few numbers are left.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...camera_models.base import CameraModel
+from ...errors import OmnimirrorError
+from ...frames import turned
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+NORMAL_STEPS = 3
+MOST_STEPS = 40
+SETTLED = 1e-7
+SCALE_PX = 0.5  # of residuals, beyond which an edge counts less
+LEAST_POINTS = 6
+UNSEEN_PX = 10.0
+
+
+class Knobs(NamedTuple):
+    """What of a model may be turned: parameters, some of them only together."""
+
+    names: tuple[tuple[str, ...], ...]
+    """those that move alike stand together"""
+    turn: Array
+    """(p, q) change of each parameter of the model by each knob"""
+    prior: Array
+    """(q,) where knobs are expected"""
+    information: Array
+    """(q,) 1 / sigma^2 of that"""
+    scales: Array
+    """(q,) typical changes"""
+
+
+class Edges(NamedTuple):
+    """Chains of all pictures, one after the other."""
+
+    pixels: Array
+    """(n, 2)"""
+    slices: tuple[slice, ...]
+
+
+@dataclass(frozen=True)
+class LinesFit:
+    """How a model fits its edges."""
+
+    model: CameraModel
+    normals: Array
+    """(chains, 3) in the camera frame"""
+    residuals: Array
+    """(n,) px, NaN where the model sees nothing"""
+    rates: Array
+    """(n, q) of the residuals by the knobs, normals eliminated"""
+    cost: float
+    weights: Array
+    """(chains,) 0 to 1"""
+
+    def rms_of(self, edges: Edges) -> Array:
+        """Root mean square (chains,) px; infinite where a chain is not seen."""
+        return np.array([_rms(self.residuals[part]) for part in edges.slices])
+
+
+def edges_of(chains: Sequence[Array]) -> Edges:
+    """Chains (n, 2) in one row."""
+    ends = np.cumsum([len(chain) for chain in chains])
+    parts = tuple(slice(int(e) - len(c), int(e)) for e, c in zip(ends, chains, strict=True))
+    return Edges(np.concatenate(chains), parts)
+
+
+def fitted_lines(
+    model: CameraModel, edges: Edges, knobs: Knobs, *, distance_mm: float = np.inf, most_steps: int = MOST_STEPS
+) -> LinesFit:
+    """The model with the straightest edges, from where it begins."""
+    start = np.array([p.value for p in model.parameters])
+    values = np.zeros(len(knobs.names))
+    fit, damping = _compared(model, edges, knobs, values, distance_mm), 1e-3
+    for _ in range(most_steps):
+        matrix, gradient = normal_equations(fit, edges, knobs, values)
+        before = fit.cost
+        while damping < 1e8:
+            size = np.sqrt(np.diag(matrix))
+            size = np.where(size > 0, size, 1.0)
+            scaled = matrix / np.outer(size, size) + damping * np.eye(len(size))
+            step = -np.linalg.solve(scaled, gradient / size) / size
+            try:
+                other = model.with_parameters(start + knobs.turn @ (values + step))
+                trial = _compared(other, edges, knobs, values + step, distance_mm)
+            except OmnimirrorError:
+                damping *= 10
+                continue
+            if trial.cost <= fit.cost:
+                fit, values, damping = trial, values + step, max(damping / 5, 1e-9)
+                break
+            damping *= 10
+        else:
+            break
+        if before - fit.cost <= SETTLED * before:
+            break
+    return fit
+
+
+def normal_equations(fit: LinesFit, edges: Edges, knobs: Knobs, values: Array) -> tuple[Array, Array]:
+    """Matrix (q, q) and gradient (q,) of the weighted squares, priors among them."""
+    matrix = np.diag(knobs.information).astype(float)
+    gradient = knobs.information * (values - knobs.prior)
+    for part, weight in zip(edges.slices, fit.weights, strict=True):
+        r, a = fit.residuals[part], fit.rates[part]
+        seen = np.isfinite(r)
+        matrix += weight * a[seen].T @ a[seen]
+        gradient += weight * a[seen].T @ r[seen]
+    return matrix, gradient
+
+
+def gradients_of_chains(fit: LinesFit, edges: Edges) -> Array:
+    """Gradients (chains, q) of each chain's weighted squares."""
+    return np.array(
+        [
+            w * np.nan_to_num(fit.rates[part]).T @ np.nan_to_num(fit.residuals[part])
+            for part, w in zip(edges.slices, fit.weights, strict=True)
+        ]
+    )
+
+
+def _compared(model: CameraModel, edges: Edges, knobs: Knobs, values: Array, distance_mm: float) -> LinesFit:
+    towards, to_angles, moved, seen = _seen(model, edges.pixels, distance_mm)
+    moved = moved @ knobs.turn
+    count = len(edges.slices)
+    normals, residuals = np.full((count, 3), np.nan), np.full(len(edges.pixels), np.nan)
+    rates, weights, cost = np.zeros((len(edges.pixels), len(knobs.names))), np.zeros(count), 0.0
+    for i, part in enumerate(edges.slices):
+        kept = np.flatnonzero(seen[part]) + part.start
+        if len(kept) < LEAST_POINTS:
+            cost += (part.stop - part.start) * _loss(UNSEEN_PX**2)
+            continue
+        e, j = towards[kept], to_angles[kept]
+        normal, slant = _plane(e, j)
+        r = (e @ normal) / slant
+        turn = np.linalg.svd(normal[None])[2][1:].T  # two ways in which the normal may turn
+        by_normal = (e @ turn) / slant[:, None]
+        by_knobs = np.einsum("i,nik->nk", normal, moved[kept]) / slant[:, None]
+        by_knobs = by_knobs - by_normal @ np.linalg.lstsq(by_normal, by_knobs, rcond=None)[0]
+        normals[i], residuals[kept], rates[kept] = normal, r, by_knobs
+        square = float((r**2).mean())
+        weights[i] = 1 / (1 + square / SCALE_PX**2)
+        cost += (part.stop - part.start) * _loss(square)
+    cost += float((knobs.information * (values - knobs.prior) ** 2).sum())
+    return LinesFit(model, normals, residuals, rates, cost, weights)
+
+
+def _loss(square: float) -> float:
+    """Of a chain's mean square: what is not straight at all counts little more than what is rather bent."""
+    return float(SCALE_PX**2 * np.log1p(square / SCALE_PX**2))
+
+
+def _plane(e: Array, j: Array) -> tuple[Array, Array]:
+    """Normal (3,) of the plane nearest to directions (n, 3) in pixels, and |J^T n| (n,), radians per pixel."""
+    weight = np.ones(len(e))
+    for _ in range(NORMAL_STEPS):
+        normal = np.linalg.eigh((e * weight[:, None]).T @ e)[1][:, 0]
+        slant = np.linalg.norm(np.einsum("i,nij->nj", normal, j), axis=1)
+        weight = 1 / np.maximum(slant, 1e-12) ** 2
+    return normal, np.maximum(slant, 1e-12)
+
+
+def _seen(model: CameraModel, pixels: Array, distance_mm: float) -> tuple[Array, Array, Array, Mask]:
+    """Directions (n, 3) of pixels in the camera frame, how they turn with pixels (n, 3, 2) and parameters (n, 3, p).
+
+    Of a camera with many viewpoints, directions from where its rays cross best to what lies at a distance on them.
+    """
+    rays = model.backproject(pixels)
+    world = model.mount.rotation()
+    directions, origins = turned(rays.directions, world), turned(rays.origins, world)
+    towards, length = directions, np.ones(len(pixels))
+    if np.isfinite(distance_mm):
+        points = origins + distance_mm * directions
+        towards = points - _crossing(origins[rays.valid], directions[rays.valid])
+        length = np.linalg.norm(towards, axis=1)
+        towards = towards / length[:, None]
+        image = model.image(np.nan_to_num(points), distant=False)
+    else:
+        image = model.image(np.nan_to_num(directions, nan=1.0), distant=True)
+    across = _across(towards)
+    by_angle = image.d_points @ across * length[:, None, None]
+    seen = rays.valid & image.valid & np.isfinite(image.d_parameters).all(axis=(1, 2))
+    seen[seen] = np.abs(np.linalg.det(by_angle[seen])) > 0
+    to_angles = np.full((len(pixels), 3, 2), np.nan)
+    to_angles[seen] = across[seen] @ np.linalg.inv(by_angle[seen])
+    return towards, to_angles, -to_angles @ image.d_parameters, seen
+
+
+def _crossing(origins: Array, directions: Array) -> Array:
+    """The point (3,) nearest to rays (n, 3), (n, 3)."""
+    across = np.eye(3) - directions[:, :, None] * directions[:, None, :]
+    point: Array = np.linalg.lstsq(across.sum(axis=0), np.einsum("nij,nj->i", across, origins), rcond=None)[0]
+    return point
+
+
+def _across(directions: Array) -> Array:
+    """Two unit vectors (n, 3, 2) across unit vectors (n, 3)."""
+    helper = np.where(np.abs(directions[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
+    first = np.cross(directions, helper)
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    return np.stack([first, np.cross(directions, first)], axis=2)
+
+
+def _rms(residuals: Array) -> float:
+    kept = residuals[np.isfinite(residuals)]
+    return float(np.sqrt((kept**2).mean())) if len(kept) >= LEAST_POINTS else np.inf

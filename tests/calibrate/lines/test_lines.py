@@ -1,0 +1,141 @@
+"""Straight edges of a simulated room: chains where edges are, cameras refined and levelled, with the truth at hand."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.calibrate.lines import drawn_edges, edge_chains, level_from
+from omnimirror.camera_models import Unified
+from omnimirror.errors import InvalidParameter
+from omnimirror.frames import Mount
+from omnimirror.mirrors.pose import MirrorPose
+from tests.commands import omnimirror
+
+SIZE = (640, 640)
+
+
+@cache
+def scene():
+    """A hyperboloid that leans, and the picture that it takes of the room."""
+    sensor = om.load_sensor("paper-hyperboloidal")
+    imager = replace(sensor.imager, width_px=SIZE[0], height_px=SIZE[1], pixel_pitch_um=5.2 * 1024 / SIZE[0])
+    sensor = replace(sensor, imager=imager, mount=Mount("up", -90.0, False, 3.0, -2.0))
+    return sensor, om.take_picture(sensor, om.Room(texel_mm=20.0), samples=4)
+
+
+def field(sensor):
+    return {"centre_px": sensor.imager.centre, "radius_px": sensor.rim_radius_px, "inner_radius_px": 30.0}
+
+
+def errors_deg(truth, camera):
+    """Angles (n,) between what pixels see, in the camera's own frame, and the standard deviations said."""
+    pixels = np.random.default_rng(0).uniform(0, SIZE[0], (800, 2))
+    a, b = truth.backproject(pixels), camera.backproject(pixels)
+    both = a.valid & b.valid
+    cosine = np.sum((a.directions @ truth.mount.rotation()) * (b.directions @ camera.mount.rotation()), axis=1)[both]
+    return np.degrees(np.arccos(np.clip(cosine, -1, 1))), om.direction_uncertainty(camera, pixels[both])
+
+
+def test_chains_lie_on_edges_to_a_tenth_of_a_pixel():
+    """A dark polygon drawn with coverage: each chain is one of its sides."""
+    yy, xx = np.mgrid[0:300, 0:300].astype(float)
+    corners = np.array([[60.3, 70.2], [240.7, 90.4], [200.1, 250.6], [80.9, 220.5]])
+    coverage = np.ones((300, 300))
+    sides = list(zip(corners, np.roll(corners, -1, axis=0), strict=True))
+    for a, b in sides:
+        along = (b - a) / np.linalg.norm(b - a)
+        coverage *= np.clip(0.5 + (xx - a[0]) * -along[1] + (yy - a[1]) * along[0], 0, 1)
+    chains = edge_chains((200 - 150 * coverage).astype(np.uint8), radius_px=1e3)
+    assert len(chains) >= 4
+    for chain in chains:
+        off = [np.abs((chain - a) @ (np.array([a[1] - b[1], b[0] - a[0]]) / np.linalg.norm(b - a))) for a, b in sides]
+        inner = min(off, key=np.median)[3:-3]
+        assert np.sqrt((inner**2).mean()) < 0.1
+
+
+def test_a_mirror_of_known_kind_is_refined_and_levelled():
+    truth, picture = scene()
+    drawn = replace(truth, lens=replace(truth.lens, focal_length_mm=11.2), mount=Mount("up"))
+    model = om.SensorModel(drawn, ("focal", "decentre"))
+    found = om.calibrate_lines([picture], model=model, **field(truth))
+    error, sigma = errors_deg(truth, found.camera)
+    assert np.sqrt((error**2).mean()) < 0.2
+    assert (error < 3 * sigma).mean() > 0.95
+    assert found.rms_px < 0.3
+    (level,) = found.levels
+    assert np.hypot(level.pitch_deg - 3.0, level.roll_deg + 2.0) < max(3 * level.sigma_deg, 0.15)
+    assert found.camera.mount == level.on(drawn.mount)
+
+
+def test_an_unknown_camera_of_one_viewpoint_is_found_within_what_is_said():
+    truth, picture = scene()
+    found = om.calibrate_lines([picture], **field(truth))
+    error, sigma = errors_deg(truth, found.camera)
+    assert np.sqrt((error**2).mean()) < 2.0
+    assert (error < 3 * sigma).mean() > 0.95
+    assert found.camera.KIND == "unified"
+
+
+def test_what_lines_cannot_tell_is_named():
+    """Focal length, size and distance of a mirror make up for each other."""
+    truth, picture = scene()
+    model = om.SensorModel(replace(truth, mount=Mount("up")), ("focal", "shape", "distance"))
+    found = om.calibrate_lines([picture], model=model, **field(truth))
+    assert any("mirror.b_mm" in words and "lens.focal_length_mm" in words for words in found.free)
+    error, _ = errors_deg(truth, found.camera)
+    assert np.sqrt((error**2).mean()) < 0.5
+
+
+def test_lean_of_a_camera_from_upright_edges():
+    lean = Mount("down", 40.0, pitch_deg=-7.0, roll_deg=4.0)
+    up = lean.rotation().T @ [0.0, 0.0, 1.0]
+    rng = np.random.default_rng(3)
+    upright = np.cross(up, rng.normal(size=(12, 3))) + 0.001 * rng.normal(size=(12, 3))
+    clutter = rng.normal(size=(20, 3))
+    normals = np.concatenate([upright, clutter])
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    level = level_from(normals, np.full(32, 30.0), Mount("down", 40.0))
+    assert (level.pitch_deg, level.roll_deg) == (pytest.approx(-7.0, abs=0.15), pytest.approx(4.0, abs=0.15))
+    assert level.upright >= 12
+    assert level_from(normals[:2], np.ones(2), lean) is None
+
+
+def test_pictures_that_show_too_little_are_refused():
+    grey = np.full((200, 200, 3), 128, np.uint8)
+    with pytest.raises(InvalidParameter, match="0 edges are too few"):
+        om.calibrate_lines([grey])
+    with pytest.raises(InvalidParameter, match="2 different sizes"):
+        om.calibrate_lines([grey, grey[:100]])
+    truth, picture = scene()
+    other = Unified(1.0, (100.0, 100.0), (99.5, 99.5), (200, 200), optics="mirror")
+    with pytest.raises(InvalidParameter, match=r"640, 640\) px large and the model's \(200, 200\)"):
+        om.calibrate_lines([picture], model=other, **field(truth))
+
+
+def test_a_misaligned_mirror_keeps_its_place_when_asked(tmp_path):
+    """The command: a sensor file in, a better one out, level and with its uncertainty."""
+    truth, picture = scene()
+    drawn = replace(truth, mount=Mount("up"), mirror_pose=MirrorPose(0.2, 0.1))
+    om.save_sensor(drawn, tmp_path / "drawn.toml")
+    om.write_image(tmp_path / "room.png", picture)
+    rim = [*truth.imager.centre, truth.rim_radius_px]
+    run = omnimirror(
+        "lines", tmp_path / "room.png", "--camera", tmp_path / "drawn.toml", "--rim", *rim, "--inner-radius-px", 30,
+        "-o", tmp_path / "built.toml", "--figure", tmp_path / "edges.png",
+    )  # fmt: skip
+    assert run.returncode == 0, run.stderr
+    built = om.load_sensor(tmp_path / "built.toml")
+    assert built.uncertainty is not None
+    assert built.mount.pitch_deg == pytest.approx(3.0, abs=0.5)
+    assert om.read_image(tmp_path / "edges.png").shape == picture.shape
+
+
+def test_edges_are_drawn_over_the_picture():
+    picture = np.full((50, 60), 100, np.uint8)
+    drawn = drawn_edges(picture, [np.array([[10.0, 10.0], [40.0, 10.0]])], [True])
+    assert drawn.shape == (50, 60, 3)
+    assert drawn[10, 25, 1] > 200
+    assert (drawn[30] == 50).all()
