@@ -4,6 +4,10 @@
 
 NB_MODULE(_native, m) {
     using namespace omnimirror;
+#ifdef NDEBUG
+    // What a process keeps when an exception ends it is not lost, and its list would hide the sentence that says why.
+    nb::set_leak_warnings(false);
+#endif
     m.doc() = "The compiled kernels of omnimirror; see native/README.md.";
     m.attr("INTERFACE") = 2;  // one more when a name or an argument changes; omnimirror.native asks for the same
     add_sampling(m);

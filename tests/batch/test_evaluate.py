@@ -110,6 +110,29 @@ def test_the_focus_is_the_best_focus(mode, radius, seed, name):
         assert batch.focus_mm[0] == pytest.approx(best.focus_mm, rel=1e-5)
 
 
+@pytest.mark.parametrize(
+    "native", [False, pytest.param(True, marks=pytest.mark.skipif(not backend.is_compiled, reason="not built"))]
+)
+@pytest.mark.parametrize(
+    ("name", "mode", "seed", "design"), [("even-polynomial", "exact", 2, 93), ("slope-spline", "exact", 1, 174)]
+)
+def test_the_lowest_of_several_valleys_is_found(name, mode, seed, design, native):
+    """Designs whose lowest valley begins between two places of the scan, or ends so: against a scan of 401."""
+    designs = sphere_like(name, 300, seed, mode=mode, image_radius_px=500.0).part(slice(design, design + 1))
+    batch = evaluate_designs(designs, native=native)
+    angles = batch.omega_deg[0]
+    sensor = designs.sensor(0, IMAGER, batch.focus_mm[0])
+    angles = np.minimum(angles, sensor.field_deg[1])
+    images = 1 / np.concatenate([batch.distance_t_mm[0], batch.distance_s_mm[0]])
+    areas = [
+        om.evaluate(
+            designs.sensor(0, IMAGER, 1 / v), omega_deg=angles, mode=mode, image_radius_px=500.0
+        ).floored_area_deg2.max()
+        for v in np.linspace(images.min(), images.max(), 401)
+    ]
+    assert batch.worst_floored_area_deg2[0] <= min(areas) * (1 + 1e-9)
+
+
 @pytest.mark.skipif(not backend.is_compiled, reason="the compiled part is not built here")
 @pytest.mark.parametrize(("mode", "radius"), BASES)
 @pytest.mark.parametrize("name", ["even-polynomial", "conic-asphere", "slope-spline"])

@@ -11,6 +11,7 @@ namespace omnimirror {
 namespace {
 
 constexpr double DEGREE = 3.14159265358979323846 / 180;
+constexpr double HOPE = 0.02;  // of batch/best_focus.py
 constexpr int BLOCK = 16;  // designs per piece of work
 
 // The arrays of one design, (angles) each.
@@ -110,17 +111,31 @@ double best_vergence(const FocusSearch& search, int n, const AreaModel& model, c
     low = std::min(std::max(low - margin, model.least), model.most);
     high = std::min(std::max(high + margin, model.least), model.most);
     const double step = (high - low) / (search.scan - 1);
+    std::vector<Worst> seen(search.scan);
     int best = 0;
-    double lowest = std::numeric_limits<double>::infinity();
     for (int i = 0; i < search.scan; ++i) {
-        const double v = low + i * step;
-        const AreaModel::At m = model.at(v);
-        const double value = m.D * fill_squares(v, m.r, n, s);
-        if (value < lowest) lowest = value, best = i;
+        seen[i] = worst_at(low + i * step, n, model, s);
+        if (seen[i].value < seen[best].value) best = i;
     }
     best = std::min(std::max(best, 1), search.scan - 2);
-    return bottom(low + (best - 1) * step, low + (best + 1) * step, search.close * (high - low), search, n, model,
-                  s);
+    const double close = search.close * (high - low);
+    double v = bottom(low + (best - 1) * step, low + (best + 1) * step, close, search, n, model, s);
+    const double known = worst_at(v, n, model, s).value;
+    double least = known;
+    for (int i = 0; i + 1 < search.scan; ++i) {  // other valleys that tangents hint at: _other_valleys
+        const Worst &a = seen[i], &b = seen[i + 1];
+        const double cut = (b.value - a.value - b.rate * step) / (a.rate - b.rate);
+        if (!(cut > 0 && cut < step && a.value + a.rate * cut < known * (1 + HOPE))) continue;
+        const bool between = a.rate < 0 && b.rate > 0, hidden = a.angle != b.angle && a.rate * b.rate > 0;
+        if (!(between || hidden) || (between && (i == best - 1 || i == best))) continue;
+        const double left = low + i * step, middle = left + cut;
+        const bool rises = worst_at(middle, n, model, s).rate > 0;
+        const double other = rises ? bottom(left, middle, close, search, n, model, s)
+                                   : bottom(middle, low + (i + 1) * step, close, search, n, model, s);
+        const double lower = worst_at(other, n, model, s).value;
+        if (lower < least) v = other, least = lower;
+    }
+    return v;
 }
 
 // z/M, z' and M z'' of z/M = sum c_k B_k(x/M), added up term by term, and of a conic with vertex radius R and

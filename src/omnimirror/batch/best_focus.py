@@ -7,7 +7,8 @@ Over the vergence v in focus (1/L0; under a telecentric lens -L0) the square of 
 with the vergences v_t and v_s of its images, its angular magnifications M_t and M_s, and two functions r and D of
 the camera alone (a pixel and the Airy disk over the blur of the aperture; the scale of the image), constants of a
 telecentric one. Its maximum over the field is scanned; in the best valley the tangents of the worst points on either
-side are made to meet until they meet at the bottom. The compiled evaluator goes through the same steps.
+side are made to meet until they meet at the bottom. So they are in every other valley that the tangents at the places
+of the scan hint at, where they meet nearly as low. The compiled evaluator goes through the same steps.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ Array = NDArray[np.float64]
 
 SCAN = 17  # vergences at which valleys are looked for
 MARGIN = 0.05  # of the range of vergences, on either side
+HOPE = 0.02  # by which tangents may meet above the bottom that is known, areas not being convex; designs.cpp has it too
 CLOSE = 1e-12  # of the scanned range: a bracket so narrow holds the focus
 FOCUS_SEARCH = (SCAN, MARGIN, CLOSE, MOST_STEPS, EDGE, HALVING)
 """The same numbers as the compiled evaluator takes them."""
@@ -63,6 +65,11 @@ class AreaModel:
         r = (1 + camera.airy_px(nowhere) ** 2) / blur**2
         none, c, d = _columns((np.inf, r, (blur / (image * DEGREE)) ** 4), count)
         return cls(none, np.zeros_like(c), c, d, True, 0, (-none, none))
+
+    def part(self, rows: NDArray[np.intp]) -> AreaModel:
+        """Of some of the designs."""
+        a, b, c, d, *bounds = (x[rows] for x in (self.inverse_f, self.airy2, self.scale, self.delta, *self.bounds))
+        return AreaModel(a, b, c, d, self.paper, self.power, (bounds[0], bounds[1]))
 
     def at(self, v: Array) -> tuple[Array, Array, Array, Array]:
         """r, dr/dv, D and d ln D/dv at vergences (n, 1)."""
@@ -105,15 +112,47 @@ def best_vergences(vergence_t: Array, vergence_s: Array, density: Array, model: 
     """
     low, high = _range(vergence_t, vergence_s, model)
     step = (high - low) / (SCAN - 1)
-    worst = np.empty((len(vergence_t), SCAN))
-    for i in range(SCAN):
-        v = low + i * step
-        worst[:, i] = model.squares(v, vergence_t, vergence_s, density).max(axis=1)
-        worst[:, i] *= model.at(v)[2][:, 0]
-    k = np.clip(worst.argmin(axis=1), 1, SCAN - 2)[:, None]
+    places = low + step * np.arange(SCAN)
+    seen = [_worst(v[:, None], vergence_t, vergence_s, density, model) for v in places.T]
+    value, rate, angle = (np.hstack(found) for found in zip(*seen, strict=True))
+    k = np.clip(value.argmin(axis=1), 1, SCAN - 2)[:, None]
+    close = CLOSE * (high - low)
     a, b = low + (k - 1) * step, low + (k + 1) * step
-    v = bottoms(a, b, CLOSE * (high - low), lambda v: _worst(v, vergence_t, vergence_s, density, model))
-    return v[:, 0], np.sqrt(_worst(v, vergence_t, vergence_s, density, model)[0][:, 0])
+    v = bottoms(a, b, close, lambda v: _worst(v, vergence_t, vergence_s, density, model))
+    least = _worst(v, vergence_t, vergence_s, density, model)[0]
+    design, cell, cut = _other_valleys(value, rate, angle, step, k, least)
+    if design.size:
+        images = vergence_t[design], vergence_s[design], density[design], model.part(design)
+        a, b = places[design, cell][:, None], places[design, cell + 1][:, None]
+        c = a + cut[:, None]
+        rises = _worst(c, *images)[1] > 0
+        a, b = np.where(rises, a, c), np.where(rises, c, b)
+        other = bottoms(a, b, close[design], lambda v: _worst(v, *images))
+        lower = _worst(other, *images)[0]
+        for n in np.flatnonzero(lower < least[design]):
+            if lower[n] < least[design[n]]:  # there may be two of one design
+                v[design[n]], least[design[n]] = other[n], lower[n]
+    return v[:, 0], np.sqrt(least[:, 0])
+
+
+def _other_valleys(
+    value: Array, rate: Array, angle: NDArray[np.intp], step: Array, k: NDArray[np.intp], least: Array
+) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
+    """Designs, cells of the scan, and distances from where they begin to where the tangents at both ends meet: where
+    there may be a valley below the one about place k (n, 1), whose bottom is known.
+
+    It may be hidden between two places of which both fall, or both rise, if other angles are the worst there.
+    """
+    fa, fb, ga, gb = value[:, :-1], value[:, 1:], rate[:, :-1], rate[:, 1:]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        cut = (fb - fa - gb * step) / (ga - gb)
+    kink = (cut > 0) & (cut < step) & (fa + ga * cut < least * (1 + HOPE))
+    between = (ga < 0) & (gb > 0)
+    cell = np.arange(SCAN - 1)
+    known = between & ((cell == k - 1) | (cell == k))
+    hidden = (angle[:, :-1] != angle[:, 1:]) & (ga * gb > 0)
+    design, cell = np.nonzero(kink & (between | hidden) & ~known)
+    return design, cell, cut[design, cell]
 
 
 def _range(vergence_t: Array, vergence_s: Array, model: AreaModel) -> tuple[Array, Array]:
