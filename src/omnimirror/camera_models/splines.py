@@ -85,7 +85,7 @@ class SplineModel(RadialModel):
         return self._spline(omega)
 
     def _law(self, omega: Array) -> Law:
-        shares, _ = self._basis.at(omega)
+        shares = self._basis.at(omega)
         return Law(self._spline(omega), self._spline.rate(omega), shares)
 
     def _law_inverse(self, radius: Array) -> Array:
@@ -381,6 +381,6 @@ class ViewpointSpline(SplineModel):
             central = super()._angle_rates(omega, rho, z, distant)
             return central._replace(terms=np.zeros((len(omega), len(self._free_heights))))
         sin, cos, inside = np.sin(omega), np.cos(omega), np.minimum(omega, self.model_end)
-        shares, _ = self._height_basis.at(inside)
+        shares = self._height_basis.at(inside)
         rate = (z - self._heights(inside)) * cos + (rho - self._heights.rate(inside)) * sin
         return AngleRates(cos / rate, -sin / rate, (sin / rate)[:, None] * shares[:, self._free_heights])

@@ -18,22 +18,16 @@ class SplineBasis(NamedTuple):
     cells: Array
     """(n, 4, n) coefficients: of the cell, of the power, to the value at the knot."""
 
-    def at(self, x: Array) -> tuple[Array, Array]:
-        """Shares (m, n) of the knots' values in the spline at x (m,), and in its derivative."""
-        cell, t = self._place(x)
-        c = self.cells[cell]
-        t = t[:, None]
-        return (
-            c[:, 0] + t * (c[:, 1] + t * (c[:, 2] + t * c[:, 3])),
-            c[:, 1] + t * (2 * c[:, 2] + 3 * t * c[:, 3]),
-        )
+    def at(self, x: Array) -> Array:
+        """Shares (m, n) of the knots' values in the spline at x (m,)."""
+        cell, t = _place(x, self.step, len(self.cells))
+        c, t = self.cells[cell], t[:, None]
+        shares: Array = c[:, 0] + t * (c[:, 1] + t * (c[:, 2] + t * c[:, 3]))
+        return shares
 
     def of(self, values: Array) -> Spline:
         """The spline that has these values (n,) at the knots."""
         return Spline(self.step, self.cells @ values)
-
-    def _place(self, x: Array) -> tuple[NDArray[np.intp], Array]:
-        return _place(x, self.step, len(self.cells))
 
 
 class Spline(NamedTuple):
@@ -76,8 +70,7 @@ def _crossings(a: float, b: float, c: float) -> list[float]:
 
 
 def _place(x: Array, step: float, count: int) -> tuple[NDArray[np.intp], Array]:
-    with np.errstate(invalid="ignore"):
-        cell = np.clip(np.nan_to_num(x / step), 0, count - 1).astype(np.intp)
+    cell = np.fmin(np.fmax(x / step, 0), count - 1).astype(np.intp)  # what is no number is in the first
     return cell, x - cell * step
 
 
