@@ -143,3 +143,14 @@ def test_views_straightened_by_a_camera_lead_back_to_the_same_corners():
     for pixels in seen:
         off = np.linalg.norm(plain[:, None] - pixels, axis=2).min(axis=1)
         assert np.median(off) < 0.7
+
+
+def test_several_boards_of_a_picture_are_each_told():
+    """Two beside each other, of which one is turned by a right angle."""
+    picture = np.full((400, 820), 210, np.uint8)
+    picture[:320, :400] = picture_of(9, 6)
+    picture[:400, 480:800] = np.rot90(picture_of(9, 6))
+    found = om.find_boards([picture], BOARD, names=["a"], several=True)
+    middles = sorted(d.corners_px.mean(axis=0).round(1).tolist() for d in found)
+    assert [d.name for d in found] == ["a", "a (2)"]
+    assert middles == [[159.5, 123.5], [603.5, 239.5]]

@@ -169,3 +169,11 @@ def test_what_only_a_sensor_has_is_refused_for_other_cameras():
 def test_samples_out_of_range_are_refused(samples, seed):
     with pytest.raises(InvalidParameter, match="not a whole number"):
         spread(samples, blur=True, seed=seed)
+
+
+@pytest.mark.parametrize("samples", [1, 2, 7, 8, 16])
+def test_rays_of_a_sharp_picture_lie_evenly_about_the_middle_of_a_pixel(samples):
+    """They are the same in every pixel: the whole picture would be shifted by what their mean is beside it."""
+    points = spread(samples, blur=False).points[:, :2]
+    np.testing.assert_allclose(points.mean(axis=0), 0.5, atol=1e-6)
+    assert len(np.unique(points.round(5), axis=0)) == samples

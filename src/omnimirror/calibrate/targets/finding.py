@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from ...errors import InvalidParameter, OmnimirrorError
 from .boards import Board
 from .detections import Detection
 from .refinement import refine_corners
-from .search.chessboards import find_chessboard, is_whole, ordered, placed
+from .search.chessboards import find_chessboard, find_chessboards, is_whole, ordered, placed
 from .search.greys import Grey, edge_blur_px, grey
 from .search.growing import LatticePart
 from .search.local_maps import maps_about
@@ -105,6 +106,7 @@ def find_boards(
     *,
     names: Sequence[str] | None = None,
     camera: Camera | None = None,
+    several: bool = False,
     progress: Callable[[int, int], None] | None = None,
 ) -> list[Detection]:
     """The board in each of several pictures of one sensor, and what speaks against using one.
@@ -119,15 +121,18 @@ def find_boards(
         Of the pictures; by default the files' names, or ``picture 1``, ..
     camera
         As for :func:`find_board`.
+    several
+        Whether a picture may show several such chessboards at once, of which each is then told: the first by the
+        picture's name, the others with a number behind it.
     progress
         Called with the number of pictures done, and of all.
 
     Returns
     -------
     list[Detection]
-        One of each picture, in their order. A picture that cannot be read, has another size than the others, or is
-        reversed where they are not, says so in its :attr:`~Detection.reason`. Ctrl-C ends the search and keeps what was
-        found.
+        One of each picture, in their order, unless ``several``. A picture that cannot be read, has another size than
+        the others, or is reversed where they are not, says so in its :attr:`~Detection.reason`. Ctrl-C ends the search
+        and keeps what was found.
 
     Raises
     ------
@@ -151,17 +156,20 @@ def find_boards(
     if len(names) != len(given):
         raise InvalidParameter(f"there are {len(names)} names for {len(given)} pictures; each needs one")
     found: list[Detection] = []
+    done = 0
     try:
         for name, picture in zip(names, given, strict=True):
             try:
                 pixels = read_image(picture) if isinstance(picture, str | Path) else picture
-                found.append(find_board(pixels, board, name=name, camera=camera))
+                boards = _several(pixels, board, name) if several and not board.has_markers else []
+                found += boards or [find_board(pixels, board, name=name, camera=camera)]
             except OmnimirrorError as e:
                 found.append(Detection(name, (0, 0), reason=str(e)))
+            done += 1
             if progress is not None:
-                progress(len(found), len(given))
+                progress(done, len(given))
     except KeyboardInterrupt:
-        found += [Detection(name, (0, 0), reason=STOPPED) for name in names[len(found) :]]
+        found += [Detection(name, (0, 0), reason=STOPPED) for name in names[done:]]
     return compared(found, board)
 
 
@@ -194,6 +202,15 @@ def _names(pictures: Sequence[Any]) -> list[str]:
     if len(set(names)) < len(names):  # files of the same name in several folders
         names = [str(p) if isinstance(p, str | Path) else name for p, name in zip(pictures, names, strict=True)]
     return names
+
+
+def _several(picture: Picture, board: Board, name: str) -> list[Detection]:
+    """Every board of a picture that shows some, whole."""
+    values = grey(picture)
+    size = (values.shape[1], values.shape[0])
+    names = (name if k == 1 else f"{name} ({k})" for k in count(1))
+    parts = find_chessboards(values, board)
+    return [_measured(values, Detection(next(names), size, *ordered(part, board)), board) for part in parts]
 
 
 def _look_for_squares(values: Grey, board: Board, name: str, *, is_quick: bool = False) -> Detection:

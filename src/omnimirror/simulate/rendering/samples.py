@@ -69,8 +69,9 @@ def spread(samples: int, blur: bool, seed: int = 0) -> Samples:
     elif side * side == samples:
         u = (np.arange(side) + 0.5) / side
         points[:, :2] = np.stack(np.meshgrid(u, u), axis=-1).reshape(-1, 2)
-    else:
-        points[:, :2] = _recurrence(samples, 2)
+    else:  # the same in every pixel: half of them, and their reflections in its middle, or the picture would be shifted
+        half = _recurrence(samples // 2 + 1, 2)[1:]  # without the middle itself
+        points[:, :2] = np.concatenate([half, 1 - half, np.full((samples % 2, 2), 0.5)])
     return Samples(np.minimum(points, 1 - 2.0**-24).astype(np.float32), blur, int(seed))
 
 

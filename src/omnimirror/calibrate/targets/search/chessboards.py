@@ -12,13 +12,14 @@ from .greys import Grey, bytes_of, scaled, scales, unscaled_px, upwards
 from .growing import CHECKER, LatticePart, from_grid, grown, trimmed
 from .local_maps import maps_about
 from .saddles import fit_saddles
-from .seeds import find_seeds
+from .seeds import MOST_SEEDS, find_seeds
 
 Array = NDArray[np.float64]
 
 WHOLE = 0.9
 """Share of the corners of a lattice that have to be found."""
 LEAST_PART = 9  # corners of a lattice that is looked at
+MOST_BOARDS = 200  # seeds where several boards are looked for: each board has some
 LARGEST_FOR_OPENCV = 2_500_000  # px: its detectors take long
 
 
@@ -43,6 +44,24 @@ def find_chessboard(picture: Grey, board: Board, *, is_quick: bool = False) -> L
         if is_other(best, board):
             break
     return best
+
+
+def find_chessboards(picture: Grey, board: Board) -> list[LatticePart]:
+    """All lattices in the picture that are the board, where several of one kind stand about.
+
+    Parameters
+    ----------
+    picture : (height, width)
+        Grey, 0 to 255.
+    board
+        A chessboard.
+    """
+    for scale in scales(picture.shape):
+        smaller = scaled(picture, scale)
+        whole = [part for part in _grown_parts(smaller, MOST_BOARDS) if is_whole(part, board)]
+        if whole:
+            return [_at_full_size(picture, part, scale) for part in whole]
+    return []
 
 
 def is_whole(part: LatticePart, board: Board) -> bool:
@@ -76,10 +95,10 @@ def _parts(picture: Grey, board: Board) -> Iterator[LatticePart]:
                     yield _at_full_size(picture, trimmed(grown(smaller, part)), scale)
 
 
-def _grown_parts(picture: Grey) -> Iterator[LatticePart]:
+def _grown_parts(picture: Grey, most: int = MOST_SEEDS) -> Iterator[LatticePart]:
     """What grows from every seed that is not in an earlier part."""
     taken = np.empty((0, 2))
-    for seed in find_seeds(picture):
+    for seed in find_seeds(picture, most):
         middle = seed.pixels.mean(axis=0)
         size = np.linalg.norm(np.ptp(seed.pixels, axis=0)) / 4
         if len(taken) and np.linalg.norm(taken - middle, axis=1).min() < size:

@@ -26,6 +26,8 @@ NOISE = 0.02
 """Of the contrast, against which the priors are weighed."""
 ANGLE_PRIOR = 0.03  # rad
 BLUR_PRIOR = (0.9, 0.6)  # px, and the spread of its logarithm
+PIXEL_VARIANCE = 1 / 12
+"""Of the width that a pixel integrates over, px^2: of edges that are sharper nothing else tells where they lie."""
 STEPS = 12
 SIZES = (3, 4, 5, 7, 9, 11, 14)  # of windows, px from the middle: corners with about equal ones are fitted at once
 MARGIN_PX = 1.5  # within which blur carries over what stands beside the edges
@@ -105,7 +107,8 @@ def _fit(
         pixels = pixels + terms[:, 4:6]
     contrast = terms[:, 3]
     size = np.abs(contrast)
-    return Saddles(pixels, sigma, np.exp(terms[:, 6]), contrast, rms / np.where(size > 0, size, 1.0))
+    blur = np.sqrt(np.exp(2 * terms[:, 6]) + PIXEL_VARIANCE)
+    return Saddles(pixels, sigma, blur, contrast, rms / np.where(size > 0, size, 1.0))
 
 
 def _in_window(places: Array, offsets: Array, surroundings: CornerWindow, spacing: Array) -> NDArray[np.bool_]:
@@ -172,7 +175,9 @@ class _Fit:
         from scipy.special import erf
 
         constant, right, down, contrast, u, v, blur, *angles = terms.T[..., None]
-        root = np.sqrt(2.0) * np.exp(blur)
+        variance = np.exp(2 * blur)
+        spread = variance + PIXEL_VARIANCE
+        root = np.sqrt(2.0 * spread)
         straight = self.distances - self.normals[:, 0] * u - self.normals[:, 1] * v
         turned = straight + np.stack(angles) * straight[::-1]
         z = turned / root
@@ -186,7 +191,7 @@ class _Fit:
         derivatives[:, 3] = both
         derivatives[:, 4] = -(slopes * self.normals[:, 0]).sum(axis=0)
         derivatives[:, 5] = -(slopes * self.normals[:, 1]).sum(axis=0)
-        derivatives[:, 6] = -(slopes * turned).sum(axis=0)
+        derivatives[:, 6] = -(slopes * turned).sum(axis=0) * variance / spread
         derivatives[:, 7], derivatives[:, 8] = slopes * straight[::-1]
         background = constant + right * self.offsets[0] + down * self.offsets[1]
         return background + contrast * both, derivatives

@@ -70,8 +70,8 @@ def _ring(picture: Grey, pixels: Array) -> tuple[Array, Array]:
     return -np.angle(wave) / 2, power / np.maximum(np.mean(values**2, axis=1), 1e-9)
 
 
-def find_seeds(picture: Grey) -> list[LatticePart]:
-    """Nine crossings each that lie like three by three corners, the most regular first."""
+def find_seeds(picture: Grey, most: int = MOST_SEEDS) -> list[LatticePart]:
+    """Nine crossings each that lie like three by three corners, the most regular first, and so many at most."""
     found = crossings(picture)
     if len(found.pixels) < 9:
         return []
@@ -90,7 +90,7 @@ def find_seeds(picture: Grey) -> list[LatticePart]:
         part = coloured(picture, places, found.pixels[indices])
         if len(part.places) >= LEAST_OF_SEED:
             chosen.append(part)
-        if len(chosen) == MOST_SEEDS:
+        if len(chosen) == most:
             break
     return chosen
 
