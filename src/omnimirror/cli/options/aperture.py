@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import click
 import numpy as np
 from numpy.typing import NDArray
 
 from ...analysis import best_focus, field_angles
+from ...analysis.aperture.point_spread import KINDS, Kind
 from ...sensor import Sensor
-from .common import angle, distance, values
+from .common import angle, distance, focus, values
 from .declared import Options, option
 
 Array = NDArray[np.float64]
@@ -36,13 +36,25 @@ class ObjectOptions(Options):
         """The field angles (n,) asked for, or every 15 deg of an aligned sensor's field."""
         return angles_of(sensor, self.omega_deg)
 
-    def focus(self, sensor: Sensor, focus_mm: Any) -> float:
-        """A focus distance, that of the sensor, or the best of the aligned one for ``auto``."""
-        if focus_mm is None:
+
+@dataclass(frozen=True)
+class ImageOptions(ObjectOptions):
+    """Which objects are looked at, and how their images are computed."""
+
+    focus_mm: float | str | None = option(
+        type=focus, metavar="MM|auto", help="Object distance in focus; the sensor's by default."
+    )
+    kind: Kind = option(
+        type=click.Choice(KINDS), default="diffraction", help="By waves with all aberrations, or by rays alone."
+    )
+
+    def focused_at(self, sensor: Sensor) -> float:
+        """The focus distance asked for, that of the sensor, or the best of the aligned one for ``auto``."""
+        if self.focus_mm is None:
             return sensor.lens.focus_distance_mm
-        if focus_mm == "auto":
+        if self.focus_mm == "auto":
             return best_focus(sensor.aligned(), object_distance_mm=self.object_distance_mm).focus_mm
-        return float(focus_mm)
+        return float(self.focus_mm)
 
 
 def angles_of(sensor: Sensor, omega_deg: Array | None) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -10,50 +11,48 @@ import numpy as np
 from rich.table import Table
 
 from ....analysis import mtf
-from ....analysis.aperture.point_spread import KINDS
 from ....specs import load_sensor
-from ...options.aperture import ObjectOptions
-from ...options.common import focus, values
-from ...options.declared import takes
+from ...options.aperture import Array, ImageOptions
+from ...options.common import values
+from ...options.declared import option, takes
 from ...outputs import FIGURES, format_option, output_console, output_option, say_written
 
 SHOWN = (0.125, 0.25, 0.5)  # cycles per pixel, on the terminal
 
 
+@dataclass(frozen=True)
+class MtfOptions(ImageOptions):
+    """Of what waves the contrast is computed, and what takes part in it."""
+
+    cycles_per_px: Array | None = option(
+        type=values, metavar="A:B:STEP", help="Spatial frequencies.  [default: 0:1:0.02]"
+    )
+    wavelength_nm: Any = option(type=values, default=550.0, metavar="LIST", help="Of equal shares.")
+    pixel: bool = option("--pixel/--no-pixel", default=True, help="Multiply by the MTF of the square pixel.")
+
+    @property
+    def frequencies(self) -> Array:
+        """The spatial frequencies (k,) asked for, cycles/px."""
+        return np.linspace(0, 1, 51) if self.cycles_per_px is None else self.cycles_per_px
+
+
 @click.command()
 @click.argument("sensor")
-@takes(ObjectOptions, "objects")
-@click.option("--focus-mm", type=focus, metavar="MM|auto", help="Object distance in focus; the sensor's by default.")
-@click.option("--cycles-per-px", type=values, metavar="A:B:STEP", help="Spatial frequencies.  [default: 0:1:0.02]")
-@click.option("--kind", type=click.Choice(KINDS), default="diffraction", show_default=True,
-              help="By waves with all aberrations, or by rays alone.")  # fmt: skip
-@click.option("--wavelength-nm", type=values, default="550", metavar="LIST", show_default=True, help="Of equal shares.")
-@click.option("--pixel/--no-pixel", default=True, show_default=True, help="Multiply by the MTF of the square pixel.")
+@takes(MtfOptions, "waves")
 @output_option("-o", "--output", formats=FIGURES, help="Figure (PNG, SVG, PDF).")
 @format_option(FIGURES)
 @output_option("--csv", "csv_file", help="Write it, in cycles/px, lp/mm and cycles/deg.")
-def command(
-    sensor: str,
-    objects: ObjectOptions,
-    focus_mm: Any,
-    cycles_per_px: Any,
-    kind: Any,
-    wavelength_nm: Any,
-    pixel: bool,
-    output: Path | None,
-    csv_file: Path | None,
-) -> None:
+def command(sensor: str, waves: MtfOptions, output: Path | None, csv_file: Path | None) -> None:
     """Compute the modulation transfer of SENSOR through its whole aperture.
 
     Example: omnimirror mtf paper-spherical --omega-deg 0:120:30 -o mtf.png --csv mtf.csv
     """
     seen = load_sensor(sensor)
-    nu = np.linspace(0, 1, 51) if cycles_per_px is None else cycles_per_px
-    shown = np.array(SHOWN)
+    nu, shown = waves.frequencies, np.array(SHOWN)
     found = mtf(
-        seen, objects.angles(seen), cycles_per_px=np.concatenate([nu, shown]),
-        focus_mm=objects.focus(seen, focus_mm), azimuth_deg=objects.azimuth_deg,
-        object_distance_mm=objects.object_distance_mm, kind=kind, wavelength_nm=wavelength_nm, pixel=pixel,
+        seen, waves.angles(seen), cycles_per_px=np.concatenate([nu, shown]), focus_mm=waves.focused_at(seen),
+        azimuth_deg=waves.azimuth_deg, object_distance_mm=waves.object_distance_mm, kind=waves.kind,
+        wavelength_nm=waves.wavelength_nm, pixel=waves.pixel,
     )  # fmt: skip
     console = output_console()
     table = Table(box=None, pad_edge=False, header_style="bold")

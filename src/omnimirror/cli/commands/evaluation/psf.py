@@ -2,44 +2,38 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import click
 import numpy as np
 from rich.table import Table
 
 from ....analysis import Psf, psf
-from ....analysis.aperture.point_spread import KINDS
 from ....quantities import QUANTITIES
 from ....specs import load_sensor
-from ...options.aperture import ObjectOptions
-from ...options.common import NUMBER, focus
-from ...options.declared import takes
+from ...options.aperture import ImageOptions
+from ...options.common import NUMBER
+from ...options.declared import option, takes
 from ...outputs import FIGURES, format_option, output_console, output_option, say_written
 
 MOST = 15
 
 
+@dataclass(frozen=True)
+class PsfOptions(ImageOptions):
+    """Which point-spread functions are computed."""
+
+    wavelength_nm: float = option(type=NUMBER, default=550.0)
+
+
 @click.command()
 @click.argument("sensor")
-@takes(ObjectOptions, "objects")
-@click.option("--focus-mm", type=focus, metavar="MM|auto", help="Object distance in focus; the sensor's by default.")
-@click.option("--kind", type=click.Choice(KINDS), default="diffraction", show_default=True,
-              help="By waves with all aberrations, or by rays alone.")  # fmt: skip
-@click.option("--wavelength-nm", type=NUMBER, default=550.0, show_default=True)
+@takes(PsfOptions, "objects")
 @output_option("-o", "--output", formats=FIGURES, help="Figure of the PSFs (PNG, SVG, PDF).")
 @format_option(FIGURES)
 @output_option("--encircled", formats=FIGURES, help="Figure of the encircled energy.")
-def command(
-    sensor: str,
-    objects: ObjectOptions,
-    focus_mm: Any,
-    kind: Any,
-    wavelength_nm: float,
-    output: Path | None,
-    encircled: Path | None,
-) -> None:
+def command(sensor: str, objects: PsfOptions, output: Path | None, encircled: Path | None) -> None:
     """Compute the images of point objects through the whole aperture of SENSOR.
 
     Example: omnimirror psf paper-spherical --omega-deg 0:120:30 -o psf.png --encircled energy.png
@@ -48,13 +42,13 @@ def command(
     angles = np.asarray(objects.angles(seen))
     if len(angles) > MOST:
         raise click.UsageError(f"{len(angles)} field angles do not fit into a figure; up to {MOST} are valid")
-    L0 = objects.focus(seen, focus_mm)
+    L0 = objects.focused_at(seen)
     console = output_console()
 
     def compute(omega: float, width_px: float | None = None) -> Psf:
         return psf(
             seen, omega, focus_mm=L0, azimuth_deg=objects.azimuth_deg, object_distance_mm=objects.object_distance_mm,
-            kind=kind, wavelength_nm=wavelength_nm, width_px=width_px,
+            kind=objects.kind, wavelength_nm=objects.wavelength_nm, width_px=width_px,
         )  # fmt: skip
 
     with console.status("Computing"):
