@@ -31,6 +31,8 @@ from dataclasses import dataclass
 from typing import ClassVar
 import numpy as np
 from omnimirror.design import Limitable
+import omnimirror as om
+from omnimirror.calibrate.formats import CameraFormat, Layout, Stored
 from omnimirror.manufacture import Content, Format
 from omnimirror.mirrors import RIM_RADIUS, Mirror
 from omnimirror.parameters import Parameter
@@ -64,6 +66,17 @@ def write(plan, part, path):
 
 points = Format(write, (".points",))
 
+def centre_of(data, reading):
+    u, v, width, height = map(float, data.split())
+    return [Stored("", om.OCam((-100.0, 0.0, 0.002), (u, v), (int(width), int(height)), **reading.told))]
+
+def centre_to(camera, name):
+    return "{} {} {} {}".format(*camera.centre_px, *camera.image_size)
+
+centre = CameraFormat(
+    "the centre", lambda name, data: False, centre_of, {"centre": Layout(om.OCam, centre_to, "centre")}, ("*.centre",)
+)
+
 pixels = Quantity("density_px2", "n", "px²", "Density", "pixels on a square degree")
 density = Limitable(pixels, lambda field: (field.dh * field.dw,), "smallest", is_scale=True)
 '''.replace("omnimirror.screens", "omnimirror.dewarp.screens")
@@ -74,6 +87,8 @@ broken = bowls:NotThere
 fan = bowls:fan
 [omnimirror.formats]
 points = bowls:points
+[omnimirror.camera_formats]
+centre = bowls:centre
 [omnimirror.quantities]
 density_px2 = bowls:density
 """
@@ -299,3 +314,21 @@ def test_a_camera_of_ones_own_is_straightened_without_registration():
     assert tuple(straight[20, 20]) == (100, 100, 77)  # the zenith is the picture's centre
     away = 50 * np.tan(np.radians(30.0 * 10 / 20.5))  # r = f tan(omega), ten pixels from the middle
     assert 2 * away == pytest.approx(abs(int(straight[10, 20, 1]) - 100), abs=1.5)
+
+
+def test_a_camera_file_of_an_installed_package_is_written_and_read(installed, tmp_path):
+    camera = om.OCam((-100.0, 0.0, 0.002), (310.5, 240.25), (640, 480))
+    om.save_camera(camera, tmp_path / "a.toml")
+    out = omnimirror(installed, tmp_path, "convert", "a.toml", "a.centre")
+    assert out.returncode == 0, out.stderr
+    assert (tmp_path / "a.centre").read_text() == "310.5 240.25 640 480"
+    out = omnimirror(installed, tmp_path, "convert", "a.centre", "b.toml", "--from", "centre")
+    assert out.returncode == 0, out.stderr
+    assert om.load_camera(tmp_path / "b.toml") == camera
+
+
+def test_a_camera_format_has_a_name_of_its_own():
+    with pytest.raises(InvalidParameter, match="a camera format 'kalibr' already"):
+        om.register_camera_format("kalibr", om.calibrate.formats.CameraFormat("mine", print, print, {}))
+    with pytest.raises(TypeError, match=r"no omnimirror\.calibrate\.formats\.CameraFormat"):
+        om.register_camera_format("mine", print)

@@ -79,6 +79,10 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "project_directions": (SENSOR.project_directions, {"directions": [[1.0, 0.0, 0.0]]}),
     "Sensor": (om.Sensor, {"mirror": SENSOR.mirror, "lens": SENSOR.lens, "imager": SENSOR.imager,
                            "mirror_distance_mm": 185.93}),
+    "convert": (om.convert, {"source": om.Unified(0.9, (20.0, 20.0), (31.5, 23.5), (64, 48)), "target": "out.yaml",
+                             "to": "kalibr-ds", "camera": 0, "optics": "mirror", "mount": None, "image_size": None,
+                             "rim_radius_px": None, "flip": False, "tolerance_px": 50.0, "distance_mm": [500.0],
+                             "field_deg": 90.0}),
     "Imager": (Imager, {"width_px": 32, "height_px": 32, "pixel_pitch_um": 5.0}),
 }  # fmt: skip
 ODD = (

@@ -127,6 +127,15 @@ COMMANDS = (
     "export {} -o out.csv",
     "{}",
     "simulate {}",
+    "convert {} out.toml",
+    "convert calib_results.txt {}",
+    "convert calib_results.txt out.yaml --to {}",
+    "convert calib_results.txt out.yaml --to kalibr-omni --tolerance-px {}",
+    "convert paper-spherical out.yaml --to kalibr-ds --tolerance-px 9 --distance-mm {}",
+    "convert calib_results.txt out.yaml --to ros-plumb-bob --tolerance-px 9 --field-deg {}",
+    "convert calib_results.txt out.toml --camera {}",
+    "convert calib_results.txt out.toml --rim-radius-px {}",
+    "convert calib_results.txt out.toml --image-size {}",
 )
 
 
@@ -139,6 +148,7 @@ def _folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     write_image("a.png", np.zeros((32, 32, 3), np.uint8))
     Path("loop").symlink_to("loop")
+    Path("calib_results.txt").write_text("3 -131.5 0.0 1.8e-3\n1 200.0\n380.3 515.3\n1.0 0.0 0.0\n768 1024\n")
     Path("parts.toml").write_text(PARTS.format(a="8.0", b="1.4", c="1000", d="5.0", e=""))
 
 

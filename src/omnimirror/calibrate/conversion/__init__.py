@@ -1,7 +1,7 @@
 """From one program's camera file to another's."""
 
-from .converter import DISTANCES_MM, Conversion, convert, load_camera_file
+from .converter import DISTANCES_MM, Conversion, convert
 from .fitting import Cost
 from .flipping import flipped
 
-__all__ = ["DISTANCES_MM", "Conversion", "Cost", "convert", "flipped", "load_camera_file"]
+__all__ = ["DISTANCES_MM", "Conversion", "Cost", "convert", "flipped"]

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...arguments import WrongKind, choice, distances, file_name, optional_number, shown, whole
+from ...arguments import WrongKind, choice, distances, file_name, instance, optional_number, shown, whole
 from ...camera_models import CameraModel
 from ...camera_models.base import Optics
 from ...cameras import Camera
@@ -28,6 +28,7 @@ from .starts import round_picture, start
 PIXELS = 20_000  # of a lattice over the picture, that costs are counted over
 FITTED = 8  # one of so many pixels of it enters a fit
 ENOUGH_PX = 0.02  # a simpler model that is this close is taken before a richer one
+NEAREST_MM, FARTHEST_MM = 1.0, 1e9
 DISTANCES_MM = (500.0, 1000.0, 3000.0, np.inf)
 
 
@@ -151,14 +152,11 @@ def convert(
     (True, False, True)
     """
     target = file_name("target", target)
-    choice("optics", optics, ("mirror", "fisheye"))
-    reading = Reading(
-        str(source), optics, Mount() if mount is None else mount,
-        optional_number("rim_radius_px", rim_radius_px, above=0.0, unit="px"), _size(image_size),
-    )  # fmt: skip
+    instance("flip", flip, bool, "true or false")
+    reading = _reading(source, optics, mount, rim_radius_px, image_size)
     allowed = optional_number("tolerance_px", tolerance_px, above=0.0, unit="px")
     field = optional_number("field_deg", field_deg, above=0.0, high=180.0, unit="deg")
-    far = tuple(np.unique(distances("distance_mm", list(_row("distance_mm", distance_mm)))).tolist())
+    far = _far(distance_mm)
     targets = targets_of(target, to)
     read, stored = ("", Stored("", source)) if isinstance(source, Camera) else _of_file(source, reading, from_, camera)
     made = _exactly(stored.camera, targets)
@@ -177,26 +175,24 @@ def convert(
     return Conversion(target, read, made.target.name, written, exact, made.costs, (x, y, z), notes)
 
 
-def load_camera_file(
-    path: str | Path,
-    *,
-    from_: str | None = None,
-    camera: int | str = 0,
-    optics: Optics = "mirror",
-    mount: Mount | None = None,
-    rim_radius_px: float | None = None,
-    image_size: tuple[int, int] | None = None,
-) -> Camera:
-    """The camera of a file of any format; arguments and errors as :func:`convert`."""
-    choice("optics", optics, ("mirror", "fisheye"))
-    reading = Reading(
-        str(path), optics, Mount() if mount is None else mount,
-        optional_number("rim_radius_px", rim_radius_px, above=0.0, unit="px"), _size(image_size),
-    )  # fmt: skip
-    return _of_file(path, reading, from_, camera)[1].camera
-
-
 # -- what is asked -------------------------------------------------------------------------------------
+
+
+def _reading(source: Any, optics: Optics, mount: Any, rim_radius_px: Any, image_size: Any) -> Reading:
+    choice("optics", optics, ("mirror", "fisheye"))
+    stands = Mount() if mount is None else instance("mount", mount, Mount, "a mount")
+    rim = optional_number("rim_radius_px", rim_radius_px, above=0.0, unit="px")
+    return Reading(str(source), optics, stands, rim, _size(image_size))
+
+
+def _far(distance_mm: Any) -> tuple[float, ...]:
+    far = np.unique(distances("distance_mm", _row("distance_mm", distance_mm)))
+    if far.ndim != 1 or np.any(np.isfinite(far) & ~((far >= NEAREST_MM) & (far <= FARTHEST_MM))):
+        raise InvalidParameter(
+            f"distance_mm = {shown(distance_mm)} is not valid; it is valid from {NEAREST_MM:g} to {FARTHEST_MM:g} mm, "
+            "and inf"
+        )
+    return tuple(far.tolist())
 
 
 def _size(image_size: Any) -> tuple[int, int] | None:
@@ -224,9 +220,9 @@ def _of_file(source: Any, reading: Reading, name: str | None, camera: int | str)
     names = [c.name for c in cameras]
     if isinstance(camera, str) and camera in names:
         return read, cameras[names.index(camera)]
-    if isinstance(camera, str) and not camera.isdecimal():
+    if isinstance(camera, str) and not (camera.isascii() and camera.isdecimal()):
         raise InvalidParameter(f"camera = {shown(camera)} is not in {source}; it has {', '.join(filter(None, names))}")
-    which = whole("camera", int(camera) if isinstance(camera, str) else camera)
+    which = whole("camera", float(camera) if isinstance(camera, str) else camera)
     if which >= len(cameras):
         raise InvalidParameter(f"camera = {which} is not in {source}, which has {len(cameras)}, from 0")
     return read, cameras[which]

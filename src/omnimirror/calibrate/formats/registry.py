@@ -139,6 +139,8 @@ def targets_of(path: str | Path, to: str | None) -> list[Target]:
     named = {t.name: t for t in _all_targets()}
     known = ", ".join(dict.fromkeys([*FORMATS, *named]))
     if to is not None:
+        if not isinstance(to, str):
+            raise WrongKind(f"to = {shown(to)} is no name of a format; valid are {known}")
         if to in named and to not in FORMATS:
             return [named[to]]
         if to in FORMATS:
