@@ -33,6 +33,10 @@ if TYPE_CHECKING:
     from .calibrate.propagation import direction_uncertainty as direction_uncertainty
     from .calibrate.propagation import floor_uncertainty as floor_uncertainty
     from .calibrate.propagation import uncertainty_map as uncertainty_map
+    from .calibrate.rim import FoundRim as FoundRim
+    from .calibrate.rim import camera_from_rim as camera_from_rim
+    from .calibrate.rim import find_rim as find_rim
+    from .calibrate.rim import sensor_from_rim as sensor_from_rim
     from .calibrate.targets import Board as Board
     from .calibrate.targets import Detection as Detection
     from .calibrate.targets import choose_frames as choose_frames
@@ -159,6 +163,10 @@ _HOMES = {
     "find_boards": "calibrate.targets",
     "refine_corners": "calibrate.targets",
     "write_board": "calibrate.targets",
+    "camera_from_rim": "calibrate.rim",
+    "find_rim": "calibrate.rim",
+    "sensor_from_rim": "calibrate.rim",
+    "FoundRim": "calibrate.rim",
     "load_ocam": "camera_models",
     "MirrorBall": "camera_models",
     "OCam": "camera_models",

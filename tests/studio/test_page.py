@@ -126,6 +126,22 @@ def test_the_circle_is_fitted_by_dragging_its_handles(browser, server, tmp_path)
     page.context.close()
 
 
+def test_the_circle_is_found_with_one_click(browser, server, tmp_path):
+    """In a picture of another size than the sensor's, off its middle."""
+    v, u = np.mgrid[:480, :700]
+    turn = np.arctan2(v - 215, u - 390)
+    disc = np.where(np.hypot(u - 390, v - 215) < 180, 120 + 80 * np.sign(np.sin(11 * turn)), 12)
+    write_image(tmp_path / "off.png", disc.astype(np.uint8))
+    page = open_page(browser, server, 1000, 900)
+    drop(page, tmp_path / "off.png")
+    page.get_by_text("is a guess: fit the circle").wait_for()
+    page.get_by_role("button", name="Find circle").click()
+    page.get_by_text("Circle found, confidence").wait_for()
+    assert state(page)["rim"] == [pytest.approx(390, abs=0.5), pytest.approx(215, abs=0.5), pytest.approx(180, abs=0.5)]
+    page.get_by_text("is a guess").wait_for(state="detached")
+    page.context.close()
+
+
 def test_the_circle_is_fitted_by_the_keyboard_in_the_large_pane(browser, server, tmp_path):
     write_image(tmp_path / "other.png", pattern((500, 400)))
     page = open_page(browser, server, 1000, 900)

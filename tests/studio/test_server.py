@@ -51,6 +51,21 @@ def sentence(answer) -> str:
     return detail
 
 
+def test_the_rim_of_a_picture_that_is_handed_up(client):
+    v, u = np.mgrid[:240, :320]
+    disc = np.where(np.hypot(u - 170, v - 110) < 90, 120 + 80 * np.sign(np.sin(9 * np.arctan2(v - 110, u - 170))), 12)
+    data = cv2.imencode(".png", disc.astype(np.uint8))[1].tobytes()
+    found = client.post("/api/rim", content=data, params={"name": "disc.png"}).json()
+    assert found["centre_px"] == pytest.approx([170, 110], abs=0.5)
+    assert found["radius_px"] == pytest.approx(90, abs=0.7)
+    assert found["is_sure"]
+    empty = cv2.imencode(".png", np.full((100, 200), 90, np.uint8))[1].tobytes()
+    assert not client.post("/api/rim", content=empty).json()["is_sure"]
+    refused = client.post("/api/rim", content=b"no picture")
+    assert refused.status_code == 400
+    assert "is not a picture" in sentence(refused)
+
+
 def test_health_and_the_page(client):
     assert client.get("/health").json() == {"status": "ok", "version": om.__version__}
     page = client.get("/")

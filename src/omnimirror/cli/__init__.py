@@ -38,6 +38,7 @@ COMMANDS = {
     "board": "Write a calibration board to print.",
     "calibrate": "Find out what camera took pictures of a board.",
     "convert": "Take a camera from one program's file to another's.",
+    "rim": "Find the mirror's rim in its pictures.",
     "apertures": "Find the F-number and focus with the least blur and diffraction.",
     "bracket": "Plan pictures at several focus distances, and merge them into a sharp one.",
     "parts": "Choose a lens and an imager that can be bought.",
@@ -46,7 +47,7 @@ COMMANDS = {
 }
 """Every command with its one line of help."""
 ROOMS = {
-    "calibration": {"board", "calibrate", "convert", "lines", "uncertainty"},
+    "calibration": {"board", "calibrate", "convert", "lines", "rim", "uncertainty"},
     "evaluation": {"compare", "evaluate", "illumination", "mtf", "psf", "reproduce", "sensors", "spots"},
     "design": {"apertures", "design", "export", "init", "judge", "mappings", "parts"},
     "pictures": {"bracket", "demo", "dewarp", "simulate", "studio", "view"},

@@ -25,7 +25,7 @@ from .studio import Studio
 def create_app(studio: Studio | None = None) -> ASGIApp:
     """The server as an ASGI application, guarded; :func:`api` is what stands behind the guard."""
     studio = studio or Studio()
-    taken = Bounded(api(studio), {"/api/pictures": LARGEST_PICTURE})
+    taken = Bounded(api(studio), dict.fromkeys(("/api/pictures", "/api/rim"), LARGEST_PICTURE))
     return Guard(taken, studio.hosts, studio.token, policy_of(page_text()))
 
 

@@ -7,7 +7,7 @@ import re
 import tempfile
 import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
@@ -56,6 +56,17 @@ def safe_name(name: str) -> str:
 def browser_picture(data: bytes, name: str) -> bytes:
     """A picture that browsers do not read (TIFF, 16 bits ..) as 8-bit PNG.
 
+    Raises
+    ------
+    MediaError
+        It is no picture, is damaged, or would unfold to too much.
+    """
+    return encoded(eight_bits(picture_in(data, name)), ".png")
+
+
+def picture_in(data: bytes, name: str) -> NDArray[Any]:
+    """A picture of any kind that was handed up.
+
     Its size in memory is read from its header, and refused, before anything is unpacked.
 
     Raises
@@ -68,10 +79,9 @@ def browser_picture(data: bytes, name: str) -> bytes:
         path = Path(folder) / f"picture{suffix}"
         path.write_bytes(data)
         try:
-            image = read_image(path)
+            return read_image(path)
         except MediaError as e:
             raise MediaError(str(e).replace(str(path), name)) from None
-    return encoded(eight_bits(image), ".png")
 
 
 def encoded(image: NDArray[np.uint8], suffix: str, quality: int = 90) -> bytes:

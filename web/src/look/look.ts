@@ -130,7 +130,7 @@ export class Look {
     if (feed && this.isPictureNew) this.circle.drawPicture(feed);
     if (!this.sensor.camera) return null;
     const camera = (this.camera = this.rim.fit(this.sensor.camera, feed));
-    this.rim.show(camera);
+    this.rim.show(camera, this.feed);
     if (!feed) return null;
     const problem = problemOf(camera, feed);
     banner(problem, "page");

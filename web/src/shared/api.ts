@@ -1,5 +1,5 @@
 import { unpack } from "./framing";
-import type { BenchSensor, BenchStart, CameraAsk, CameraShown, Change, Download, Opened, PictureAsk, RequirementFile, SensorEntry, SensorFile, Start, Taken } from "./messages";
+import type { BenchSensor, BenchStart, CameraAsk, CameraShown, Change, Download, Opened, PictureAsk, RequirementFile, RimFound, SensorEntry, SensorFile, Start, Taken } from "./messages";
 import { AWAY } from "./texts";
 
 /** Something the server refused, in its own sentence. */
@@ -35,6 +35,7 @@ export async function camera(asked: CameraAsk): Promise<{ model: CameraShown; ta
 export const room = async (id: string): Promise<Blob> => (await ask(to("api/room", { id }))).blob();
 export const picture = async (id: string): Promise<Blob> => (await ask(to("api/picture", { id }))).blob();
 export const convert = async (file: Blob, name: string): Promise<Blob> => (await handedUp("api/pictures", file, { name })).blob();
+export const rim = async (picture: Blob, name: string): Promise<RimFound> => (await handedUp("api/rim", picture, { name })).json();
 export const loadSensor = async (file: Blob, name: string, optics = "mirror"): Promise<SensorEntry> => (await handedUp("api/sensors", file, { name, optics })).json();
 export const sensorFile = async (asked: SensorFile): Promise<string> => (await posted("api/sensor-file", asked)).text();
 

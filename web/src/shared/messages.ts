@@ -246,6 +246,14 @@ export interface RequirementFile {
   tables: Record<string, any>;
 }
 
+/** The circle of a mirror, as it was found in a picture. */
+export interface RimFound {
+  centre_px: [number, number];
+  radius_px: number;
+  confidence: number;
+  is_sure: boolean;
+}
+
 /** A camera that can be chosen. */
 export interface SensorEntry {
   id: string;

@@ -77,10 +77,14 @@ class CameraOptions(Options):
         elif self.ball is not None:
             u, v, radius, full_field = self.ball
             camera = MirrorBall((u, v), radius, full_field, picture_size)
+        return replace(camera, mount=self.standing(camera.mount))
+
+    def standing(self, mount: Mount) -> Mount:
+        """How a camera stands, of which a mount tells what the options do not."""
         stands = {f.name: self.given[f.name] for f in fields(Mount) if f.name in self.given}
         if self.level is not None:
             stands |= dict(zip(("pitch_deg", "roll_deg"), self.level, strict=True))
-        return replace(camera, mount=replace(camera.mount, **stands))
+        return replace(mount, **stands)
 
     def drawing(self, camera: AnyCamera) -> AnyCamera:
         """The camera that draws the view: plumb, however it really leans, where the options keep the lean."""

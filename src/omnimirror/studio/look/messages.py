@@ -96,6 +96,15 @@ class SensorFile(Message):
     rim_radius_px: float = Field(gt=0)
 
 
+class RimFound(Message):
+    """The circle of a mirror, as it was found in a picture."""
+
+    centre_px: Pixel
+    radius_px: float
+    confidence: float
+    is_sure: bool
+
+
 class Source(Message):
     """A picture, video, camera or stream at the server's side."""
 

@@ -7,8 +7,9 @@ from pathlib import Path
 
 from ...errors import OmnimirrorError
 from ...media import read_image
-from ..uploads import eight_bits, encoded
+from ..uploads import eight_bits, encoded, picture_in
 from .cameras import Known
+from .messages import RimFound
 
 MOST_PIXELS = 4096 * 4096
 """Of a simulated picture, which takes 60 bytes a pixel."""
@@ -17,6 +18,14 @@ MOST_PIXELS = 4096 * 4096
 def shown_picture(path: Path) -> bytes:
     """A picture of the server's."""
     return encoded(eight_bits(read_image(path)), ".png")
+
+
+def rim_in(data: bytes, name: str) -> RimFound:
+    """The rim of the mirror in a picture that was handed up."""
+    from ...calibrate.rim import find_rim
+
+    rim = find_rim(eight_bits(picture_in(data, name)))
+    return RimFound(centre_px=rim.centre_px, radius_px=rim.radius_px, confidence=rim.confidence, is_sure=rim.is_sure)
 
 
 @lru_cache(maxsize=8)

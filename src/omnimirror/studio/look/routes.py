@@ -14,8 +14,8 @@ from ...frames import Mount
 from ..schema import BYTES, FILE_BODY, PNG, FileName
 from ..uploads import browser_picture, collected, safe_name
 from .cameras import Cameras, Known
-from .messages import CameraAsk, CameraShown, SensorEntry, SensorFile, Start, StreamState
-from .pictures import room_picture, shown_picture
+from .messages import CameraAsk, CameraShown, RimFound, SensorEntry, SensorFile, Start, StreamState
+from .pictures import rim_in, room_picture, shown_picture
 from .streams import Stream
 from .tables import camera_tables
 
@@ -101,6 +101,12 @@ def _add_pictures(app: FastAPI, studio: Studio) -> None:
         """A picture that browsers do not read, as PNG of 8 bits."""
         data = await collected(request)
         return _png(await studio.unpacked.do(request, lambda: browser_picture(data, safe_name(name))))
+
+    @app.post("/api/rim", openapi_extra=FILE_BODY)
+    async def rim(request: Request, name: FileName = "picture") -> RimFound:
+        """The rim of the mirror in a picture, and how sure it is."""
+        data = await collected(request)
+        return await studio.unpacked.do(request, lambda: rim_in(data, safe_name(name)))
 
 
 def _add_streams(app: FastAPI, studio: Studio) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import get_args
 
@@ -16,6 +16,7 @@ from ....simulate.restoration.round_blur import ToldBlur
 from ....straighten import Recording, Restoration, Straightened, Straightening, is_video
 from ....straighten.pictures import PictureStraightener
 from ....straighten.request import PipeFormat
+from ...options.auto import AutoOptions
 from ...options.camera import CameraOptions
 from ...options.common import NUMBER, WHOLE, distance
 from ...options.declared import Options, flag, option, takes
@@ -105,6 +106,7 @@ class VideoOptions(Options):
     help="What to write: a picture, or a folder for many; of a video also an address (udp://.., rtsp://..), a virtual "
     "camera (/dev/video9) or - for a pipe, and several of them.",
 )
+@takes(AutoOptions, "auto")
 @takes(CameraOptions, "camera")
 @takes(ViewOptions, "view")
 @takes(SamplingOptions, "sampling")
@@ -126,6 +128,7 @@ class VideoOptions(Options):
 def command(
     sources: tuple[str, ...],
     outputs: tuple[str, ...],
+    auto: AutoOptions,
     camera: CameraOptions,
     view: ViewOptions,
     sampling: SamplingOptions,
@@ -138,15 +141,18 @@ def command(
 
     A SOURCE is a picture, a folder or pattern of pictures, a video file, or a camera or stream
     (/dev/video0, rtsp://..), numbered pictures as one video (f%04d.png), or a video on standard
-    input (-). Say which camera it was with one of --sensor, --ocam and --ball. The
-    result is drawn as seen from the camera's place: never reversed, forward in the middle of a
-    panorama and at the top of a dome.
+    input (-). Say which camera it was with one of --sensor, --ocam and --ball; or, where nobody
+    knows, with --auto, which looks for the mirror's rim. The result is drawn as seen from the
+    camera's place: never reversed, forward in the middle of a panorama and at the top of a dome.
     """
-    for options in (camera, view, pictures):
+    auto.check(camera)
+    for options in (view, pictures):
         options.check()
     if sampling.threads is not None:
         backend.set_threads(sampling.threads)
     if viewer is not None:
+        if auto.auto:
+            raise click.UsageError("--viewer takes a camera that is known; leave out --auto")
         if pictures.restore:
             raise click.UsageError("--viewer holds the picture as it is; leave out --restore")
         write_viewer(sources, viewer, camera)
@@ -158,6 +164,10 @@ def command(
         click.echo(f"{', '.join(outputs)}: there already", err=True)
         return
     how = straightening(camera, view, sampling)
+    if auto.auto:
+        found, told = auto.camera(sources, camera)
+        click.echo(f"omnimirror: {told}", err=True)
+        how = replace(how, camera=found)
     if len(sources) == 1 and is_video(sources[0]):
         _refuse_of_pictures(sources[0], pictures)
         _video(sources[0], outputs, how, video.recording(kind))

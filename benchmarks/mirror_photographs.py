@@ -1,0 +1,246 @@
+"""Photographs of mirrors that were never taken: what a sensor sees, put before clutter, with the rim known exactly.
+
+A sensor's picture of an environment becomes an ellipse somewhere in a larger picture, perhaps beyond its edge; round it
+plain frames or none, behind it a dark, plain or cluttered background, in it the camera's own image. Then glare, uneven
+light, blur, noise and JPEG. Everything follows from the seed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+import omnimirror as om
+from omnimirror.frames import pan_tilt_direction
+from omnimirror.media import read_image
+from omnimirror.simulate import pinhole_picture
+
+Picture = NDArray[np.uint8]
+Floats = NDArray[np.float64]
+
+SIZES = ((640, 480), (800, 600), (720, 720), (1024, 768), (1280, 720))
+ENVIRONMENTS = ("pannellum_examplepano.jpg", "st_fagans_interior_1k.hdr", "venice_sunset_1k.hdr")
+
+
+class Rim(NamedTuple):
+    """Where the rim truly is."""
+
+    centre_px: tuple[float, float]
+    semi_axes_px: tuple[float, float]
+    angle_deg: float
+
+
+@dataclass(frozen=True)
+class Photograph:
+    """A composed picture and what it holds."""
+
+    picture: Picture
+    rim: Rim | None
+    inner_px: float | None
+    words: str
+
+
+@cache
+def environments(folder: Path | None) -> tuple[Picture, ...]:
+    """Equirectangular pictures: photographed ones from a folder, or those of the project's own scenes."""
+    if folder is not None:
+        return tuple(_tamed(read_image(folder / name)) for name in ENVIRONMENTS)
+    pan, tilt = np.meshgrid(np.linspace(np.pi, -np.pi, 512), np.linspace(np.pi / 2, -np.pi / 2, 256))
+    scenes = (om.load_scene("room", texel_mm=20.0), om.load_scene("street", texel_mm=40.0))
+    return tuple(pinhole_picture(scene, pan_tilt_direction(pan, tilt)) for scene in scenes)
+
+
+def compose(seed: int, folder: Path | None, *, mirror: bool = True) -> Photograph:
+    """The photograph of a seed; without a mirror, only what would be behind it."""
+    rng = np.random.default_rng(seed)
+    width, height = SIZES[rng.integers(len(SIZES))]
+    world = environments(folder)[rng.integers(len(environments(folder)))]
+    picture, words = _background(rng, width, height, world)
+    rim, inner = None, None
+    if mirror:
+        rim = _place(rng, width, height)
+        picture, inner, told = _with_mirror(rng, picture, rim, world)
+        words += told
+    else:
+        picture = _lit(rng, picture, _place(rng, width, height))
+        return Photograph(_recorded(rng, picture), None, None, words)
+    return Photograph(_recorded(rng, _lit(rng, picture, rim)), rim, inner, words)
+
+
+def error_of(rim: om.FoundRim, true: Rim) -> float:
+    """Largest error of both semi-axes and of the centre, in radii."""
+    (a, b), (c, d) = rim.semi_axes_px, true.semi_axes_px
+    away = np.hypot(*np.subtract(rim.centre_px, true.centre_px)) / np.sqrt(c * d)
+    return float(max(abs(a / c - 1), abs(b / d - 1), away))
+
+
+# -- the parts -----------------------------------------------------------------------------
+
+
+def _place(rng: np.random.Generator, width: int, height: int) -> Rim:
+    """An ellipse of ratio .95 to 1, of which at least two thirds of the rim are in the picture."""
+    while True:
+        radius = height * rng.uniform(0.24, 0.62)
+        ratio = rng.uniform(0.95, 1.0) if rng.random() < 0.6 else 1.0
+        u, v = rng.uniform(0, width), rng.uniform(0, height)
+        if rng.random() < 0.5:
+            u, v = width / 2 + rng.normal(0, 0.03 * width), height / 2 + rng.normal(0, 0.03 * height)
+        rim = Rim((u, v), (radius, radius * ratio), float(rng.uniform(0, 180)))
+        turn = np.linspace(0, 2 * np.pi, 360)
+        x, y = u + radius * np.cos(turn), v + radius * np.sin(turn)
+        if np.mean((x > 0) & (x < width) & (y > 0) & (y < height)) > 0.68:
+            return rim
+
+
+def _background(rng: np.random.Generator, width: int, height: int, world: Picture) -> tuple[Floats, str]:
+    kind = rng.choice(["dark", "plain", "clutter"], p=[0.25, 0.1, 0.65])
+    if kind == "dark":
+        return np.full((height, width, 3), rng.uniform(0, 30)) + rng.uniform(0, 6, 3), "dark"
+    if kind == "plain":
+        return np.full((height, width, 3), 1.0) * rng.uniform(30, 230, 3), "plain"
+    picture = _view(rng, world, width, height) * rng.uniform(0.4, 1.1)
+    for _ in range(rng.integers(0, 12)):
+        colour = tuple(rng.uniform(0, 255, 3))
+        at = (int(rng.uniform(0, width)), int(rng.uniform(0, height)))
+        size = int(rng.uniform(0.03, 0.25) * height)
+        match rng.integers(3):
+            case 0:
+                cv2.circle(picture, at, size, colour, int(rng.choice([-1, 2, 5])), cv2.LINE_AA)
+            case 1:
+                corner = (at[0] + size, at[1] + int(size * rng.uniform(0.3, 3)))
+                cv2.rectangle(picture, at, corner, colour, int(rng.choice([-1, 3])), cv2.LINE_AA)
+            case _:
+                end = (int(rng.uniform(0, width)), int(rng.uniform(0, height)))
+                cv2.line(picture, at, end, colour, int(rng.uniform(1, 12)), cv2.LINE_AA)
+    if rng.random() < 0.5:
+        picture = cv2.GaussianBlur(picture, (0, 0), rng.uniform(0.5, 5))
+    return picture, "clutter"
+
+
+def _view(rng: np.random.Generator, world: Picture, width: int, height: int) -> Floats:
+    """A perspective view of the environment in some direction."""
+    rows, columns, _ = world.shape
+    half = np.tan(np.radians(rng.uniform(25, 50)))
+    u, v = np.meshgrid(np.linspace(-half, half, width), np.linspace(-half, half, height) * height / width)
+    tilt, pan = rng.uniform(-0.6, 0.6), rng.uniform(0, 2 * np.pi)
+    up, ahead = np.sin(tilt) - v * np.cos(tilt), np.cos(tilt) + v * np.sin(tilt)
+    longitude = np.arctan2(u, ahead) + pan
+    latitude = np.arctan2(up, np.hypot(u, ahead))
+    x = (longitude / (2 * np.pi) % 1.0) * (columns - 1)
+    y = (0.5 - latitude / np.pi) * (rows - 1)
+    seen = cv2.remap(world, x.astype(np.float32), y.astype(np.float32), cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
+    return seen.astype(float)
+
+
+def _with_mirror(
+    rng: np.random.Generator, picture: Floats, rim: Rim, world: Picture
+) -> tuple[Floats, float | None, str]:
+    height, width, _ = picture.shape
+    reflected = _reflected(rng, rim, world, width, height)
+    words = ""
+    frames = rng.choice([0, 1, 2], p=[0.4, 0.4, 0.2])
+    outer = 1.0 + np.cumsum(rng.uniform(0.02, 0.2, frames))
+    for share in outer[::-1]:
+        shift = rng.normal(0, 0.003, 2) * rim.semi_axes_px[0]
+        ring = Rim((rim.centre_px[0] + shift[0], rim.centre_px[1] + shift[1]), rim.semi_axes_px, rim.angle_deg)
+        cover = coverage(ring, share, width, height)[..., None]
+        picture = picture * (1 - cover) + _plain(rng, rim, width, height) * cover
+        words += f" frame {share:.2f}"
+    cover = coverage(rim, 1.0, width, height)[..., None]
+    picture = picture * (1 - cover) + reflected * cover
+    inner = None
+    if rng.random() < 0.7:
+        share = rng.uniform(0.06, 0.25)
+        cover = coverage(rim, share, width, height)[..., None]
+        picture = picture * (1 - cover) + rng.uniform(0, 60) * cover
+        inner = share * float(np.mean(rim.semi_axes_px))
+        words += f" camera {share:.2f}"
+    return picture, inner, words
+
+
+def _reflected(rng: np.random.Generator, rim: Rim, world: Picture, width: int, height: int) -> Floats:
+    """What a bundled sensor sees of the environment, stretched so that its rim is the given one."""
+    names = om.bundled_sensors()
+    sensor = om.load_sensor(names[rng.integers(len(names))])
+    side = int(min(2 * rim.semi_axes_px[0], 700))
+    pitch = sensor.imager.pixel_pitch_um * sensor.imager.width_px / side
+    imager = replace(sensor.imager, width_px=side, height_px=side, pixel_pitch_um=pitch, centre_px=None)
+    small = replace(sensor, imager=imager)
+    turned = np.roll(world, rng.integers(world.shape[1]), axis=1)
+    scene = om.Environment((turned / 255.0).astype(np.float32) ** 2.2)
+    seen = om.take_picture(small, scene, samples=2).astype(float)
+    u, v = np.meshgrid(np.arange(width), np.arange(height))
+    along, across = _on_axes(rim, u, v)
+    scale = small.rim_radius_px * 0.994  # no pixel at the very rim, which is part black
+    middle = (side - 1) / 2
+    turn = np.radians(rim.angle_deg)  # back, so that what is up stays up
+    x, y = along * np.cos(turn) - across * np.sin(turn), along * np.sin(turn) + across * np.cos(turn)
+    x, y = (middle + scale * x).astype(np.float32), (middle + scale * y).astype(np.float32)
+    return cv2.remap(seen, x, y, cv2.INTER_LINEAR) * rng.uniform(0.5, 1.2)
+
+
+def _on_axes(rim: Rim, u: Floats, v: Floats) -> tuple[Floats, Floats]:
+    """Pixels along both axes of the ellipse, in their halves: the rim lies at distance 1."""
+    turn = np.radians(rim.angle_deg)
+    x, y = u - rim.centre_px[0], v - rim.centre_px[1]
+    a, b = rim.semi_axes_px
+    return (x * np.cos(turn) + y * np.sin(turn)) / a, (y * np.cos(turn) - x * np.sin(turn)) / b
+
+
+def coverage(rim: Rim, share: float, width: int, height: int) -> Floats:
+    """How much of each pixel lies inside the ellipse, enlarged by a share."""
+    u, v = np.meshgrid(np.arange(width), np.arange(height))
+    along, across = _on_axes(rim, u, v)
+    distance = (share - np.hypot(along, across)) * np.mean(rim.semi_axes_px)
+    return np.clip(distance + 0.5, 0.0, 1.0)
+
+
+def _plain(rng: np.random.Generator, rim: Rim, width: int, height: int) -> Floats:
+    """A frame of one colour, lit from one side, with a shine on it."""
+    u, v = np.meshgrid(np.arange(width), np.arange(height))
+    turn = np.arctan2(v - rim.centre_px[1], u - rim.centre_px[0])
+    colour = rng.uniform(0, 50, 3) if rng.random() < 0.6 else rng.uniform(40, 220, 3)
+    light = 1 + rng.uniform(0, 0.5) * np.cos(turn - rng.uniform(0, 2 * np.pi))
+    shine = rng.uniform(0, 150) * np.exp(20 * (np.cos(turn - rng.uniform(0, 2 * np.pi)) - 1))
+    return colour * light[..., None] + shine[..., None]
+
+
+def _lit(rng: np.random.Generator, picture: Floats, rim: Rim) -> Floats:
+    """Glare, mostly at the rim where mirrors have it, and light that falls off to one side."""
+    height, width, _ = picture.shape
+    u, v = np.meshgrid(np.arange(width), np.arange(height))
+    radius = rim.semi_axes_px[0]
+    for _ in range(rng.integers(0, 5)):
+        turn, out = rng.uniform(0, 2 * np.pi), rng.choice([rng.uniform(0.9, 1.1), rng.uniform(0, 1.3)])
+        x, y = rim.centre_px[0] + out * radius * np.cos(turn), rim.centre_px[1] + out * radius * np.sin(turn)
+        size = radius * rng.uniform(0.02, 0.15)
+        blob = rng.uniform(100, 600) * np.exp(-((u - x) ** 2 + (v - y) ** 2) / (2 * size**2))
+        picture = picture + blob[..., None]
+    if rng.random() < 0.4:
+        turn, fall = rng.uniform(0, 2 * np.pi), rng.uniform(0.2, 0.7)
+        along = (u / width - 0.5) * np.cos(turn) + (v / height - 0.5) * np.sin(turn)
+        picture = picture * (1 - fall * (along + 0.5))[..., None]
+    return picture
+
+
+def _recorded(rng: np.random.Generator, picture: Floats) -> Picture:
+    """Blurred, noisy, clipped, and through JPEG."""
+    if (blur := rng.uniform(0, 1.4)) > 0.3:
+        picture = cv2.GaussianBlur(picture, (0, 0), blur)
+    noisy = picture + rng.normal(0, rng.uniform(0, 6), picture.shape)
+    _, data = cv2.imencode(".jpg", np.clip(noisy, 0, 255).astype(np.uint8), [1, int(rng.uniform(60, 95))])
+    return cv2.imdecode(data, cv2.IMREAD_COLOR)
+
+
+def _tamed(picture: NDArray) -> Picture:
+    """An environment at 8 bits, as photographs hold it."""
+    if picture.dtype == np.uint8:
+        return cv2.resize(picture, (2048, 1024), interpolation=cv2.INTER_AREA)
+    light = np.clip(picture / np.percentile(picture, 97), 0, 1)
+    return (255 * light ** (1 / 2.2)).astype(np.uint8)

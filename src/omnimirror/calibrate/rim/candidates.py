@@ -1,0 +1,109 @@
+"""Rings of a picture among which its rim is: voted for, laid through their edges, and those about the same centre."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .cues import FAMILY_OFFSET, SAME_RING, SECTORS, Ring, ring_of
+from .edges import FINER_PX, Edges, Working, at_working_size, edges_of
+from .ellipses import FLATTEST, NORMAL_SLACK, Ellipse, laid_through
+from .votes import LEAST_RADIUS, circles
+
+Array = NDArray[np.float64]
+
+REACHES_PX = (6.0, 3.0, 1.5, 0.8)
+AGAIN_PX = (1.0, 0.7)
+FAMILIES, FINER_FAMILIES = 10, 3  # best rings about whose centres others are looked for
+PROFILE_PX = 0.5
+BESIDE, FINER = (0.5, 1.7), (0.8, 1.25)  # shares of a ring's radius between which others are looked for
+SAME_FINER = 0.003
+LEAST_FINER = 1.2  # scale, from which on a finer picture shows more
+LEAST_SHARE = 0.3  # of the way round, that a ring beside another must have edges
+
+
+def rings_of(picture: NDArray[Any], working: Working, edges: Edges) -> list[Ring]:
+    """The rings of a picture, of which its edges at working size are known."""
+    found = rings(working, edges)
+    if working.scale > LEAST_FINER:
+        fine = at_working_size(picture, FINER_PX)
+        add_finer(found, (working, edges), (fine, edges_of(fine)))
+    return found
+
+
+def rings(working: Working, edges: Edges) -> list[Ring]:
+    """The rings of a picture, each once."""
+    found: list[Ring] = []
+    for circle in circles(edges, working.size):
+        _add(found, working, edges, laid_through(edges, circle, REACHES_PX))
+    best = sorted(found, key=lambda ring: -ring.support * ring.seen)[:FAMILIES]
+    for ring in best:
+        for ellipse in beside(edges, ring.ellipse):
+            _add(found, working, edges, laid_through(edges, ellipse, AGAIN_PX))
+    return found
+
+
+def add_finer(found: list[Ring], coarse: tuple[Working, Edges], fine: tuple[Working, Edges]) -> None:
+    """Add the rings about the clearest ones that are seen apart in a finer picture only, as thin frames are."""
+    working, edges = coarse
+    scale = working.scale / fine[0].scale
+    best: list[Ring] = []
+    for ring in sorted(found, key=lambda ring: -ring.close * ring.seen):
+        if all(other.ellipse.offset_share(ring.ellipse) > FAMILY_OFFSET for other in best):
+            best.append(ring)
+        if len(best) == FINER_FAMILIES:
+            break
+    for ring in best:
+        for ellipse in beside(fine[1], ring.ellipse.scaled(scale), FINER):
+            placed = laid_through(fine[1], ellipse, AGAIN_PX)
+            _add(found, working, edges, placed.scaled(1 / scale), SAME_FINER)
+
+
+def _add(found: list[Ring], working: Working, edges: Edges, ellipse: Ellipse, same: float = SAME_RING) -> None:
+    """Add a ring, unless it is there as clearly, or none that a mirror could have."""
+    short = min(working.size)
+    u, v = ellipse.centre
+    if not (0 <= u < working.size[0] and 0 <= v < working.size[1]) or ellipse.radius < 0.9 * LEAST_RADIUS * short:
+        return
+    if np.hypot(*ellipse.stretch) > FLATTEST:
+        return
+    twins = [i for i, other in enumerate(found) if _is_same(ellipse, other.ellipse, same)]
+    ring = ring_of(working, edges, ellipse)
+    if ring is None:
+        return
+    if not twins:
+        found.append(ring)
+    elif all(ring.close > found[i].close for i in twins):
+        found[twins[0]] = ring
+
+
+def _is_same(ellipse: Ellipse, other: Ellipse, same: float) -> bool:
+    share = min(same, 2.0 / other.radius)
+    return ellipse.is_near(other, share) and bool(np.hypot(*np.subtract(ellipse.stretch, other.stretch)) < share)
+
+
+def beside(edges: Edges, ellipse: Ellipse, within: tuple[float, float] = BESIDE) -> list[Ellipse]:
+    """Ellipses of the same shape and centre that have edges of their direction."""
+    low, high = within
+    away = ellipse.away(edges.points) / ellipse.radius + 1
+    near = (away > low) & (away < high)
+    circle, share = ellipse.on_circle(edges.points[near]), away[near]
+    angle = np.arctan2(circle[:, 1], circle[:, 0])
+    out, normals = ellipse.outward(angle), edges.normals[near]
+    aligned = np.abs(out[:, 0] * normals[:, 0] + out[:, 1] * normals[:, 1]) > np.cos(NORMAL_SLACK / 1.5)
+    share, angle = share[aligned], angle[aligned]
+    sector = np.minimum((angle % (2 * np.pi)) * (SECTORS / (2 * np.pi)), SECTORS - 1).astype(int)
+    width = PROFILE_PX / ellipse.radius
+    ring = ((share - low) / width).astype(int)
+    count = int((high - low) / width) + 3
+    there = np.zeros((count, SECTORS), dtype=bool)
+    for shift in (0, 1, 2):  # three of the narrow rings count as one
+        there[np.minimum(ring + shift, count - 1), sector] = True
+    profile = there.mean(axis=1)
+    peaks = [
+        k for k in range(2, count - 2)
+        if profile[k] >= LEAST_SHARE and profile[k] == profile[k - 2 : k + 3].max() and profile[k] > profile[k - 1]
+    ]  # fmt: skip
+    return [ellipse.grown(low + (k - 0.5) * width) for k in peaks]

@@ -1,0 +1,239 @@
+"""What speaks for a ring being a mirror's rim: it is there all the way round, and what the mirror shows ends at it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .edges import LEAST_STEP, USUAL_STEP, Edges, Working, strongest, turns
+from .ellipses import NORMAL_SLACK, Ellipse
+
+Array = NDArray[np.float64]
+
+SECTORS = 72
+CLOSE_PX, NEAR_PX = 0.7, 1.6  # from the ring, of edges that are its own
+TURNS, PARTS = 216, 36  # samples once round, and the parts in which what crosses the ring is counted
+SHARES = np.arange(0.2, 1.44, 0.0125)  # of the ring's radius, at which the picture is sampled round it
+LEAST_SUPPORT = 0.35
+SAME_RING = 0.012  # relative; rings closer than that are one
+FAMILY_OFFSET, FAMILY_STRETCH = 0.06, 0.03  # by which the centres and the shapes of a mirror's frames differ at most
+SHARES32 = SHARES.astype(np.float32)
+CALM = 0.03  # of texture, up to which little happens
+FAINT = 0.004  # of texture, which is nothing
+
+
+@dataclass(frozen=True)
+class Cues:
+    """Of one ring. Texture is what crosses the ring's direction: a share of a usual edge, along the way round."""
+
+    support: float
+    """Share of the way round, as far as it is in the picture, with an edge on the ring."""
+    close: float
+    """The same of edges within :data:`CLOSE_PX`."""
+    chance: float
+    """The same of edges beside the ring, where there should be none."""
+    step: float
+    """Logarithm of the median step across it, in usual ones."""
+    differs: float
+    """Logarithm of how both sides differ farther from it, in how each changes along the way round."""
+    continues: float
+    """Correlation of what is next to the ring inside and outside."""
+    seen: float
+    """Share of the way round that is in the picture."""
+    radius: float
+    """Logarithm of the radius in short sides."""
+    texture: float
+    """Logarithm of the texture inside."""
+    ends: float
+    """Logarithm of the texture inside over that outside."""
+    ends_near: float
+    """The same next to the ring."""
+    calm_inside: float
+    """Share of the way round with next to no texture next to the ring inside."""
+    calm_outside: float
+    """The same outside."""
+    framed: float
+    """How much a ring within leaves an empty band to this one, as a mirror in its frame."""
+    frames: float
+    """How much this ring leaves an empty band to one about it."""
+    within: float
+    """How clear a concentric ring within it is, whatever lies between."""
+    about: float
+    """The same of one about it."""
+
+
+@dataclass(frozen=True)
+class Ring:
+    """An ellipse with what is round it."""
+
+    ellipse: Ellipse
+    support: float
+    close: float
+    chance: float
+    seen: float
+    step: float
+    differs: float
+    texture: Array
+    """(PARTS, len(SHARES)) of what crosses the ring's direction; NaN where it is not in the picture."""
+    continues: float
+
+    def band(self, low: float, high: float) -> float:
+        """Mean texture between two shares of the radius; NaN where the picture does not reach."""
+        values = self.texture[:, _between(low, high)]
+        known = values[np.isfinite(values)]
+        return float(known.mean()) if known.size >= 0.15 * values.size else np.nan
+
+    def calm(self, low: float, high: float) -> float:
+        """Share of the way round, as far as it is in the picture, with next to no texture in a band."""
+        values = self.texture[:, _between(low, high)]
+        known = np.isfinite(values)
+        seen = known.any(axis=1)
+        if not seen.any():
+            return 0.0
+        sums = np.where(known, values, 0.0).sum(axis=1)[seen] / known.sum(axis=1)[seen]
+        return float(np.mean(sums < CALM))
+
+
+def ring_of(working: Working, edges: Edges, ellipse: Ellipse) -> Ring | None:
+    """What is seen on and round an ellipse; None where there are next to no edges on it."""
+    support, close, chance, seen = _support(edges, working.size, ellipse)
+    if support < LEAST_SUPPORT:
+        return None
+    polar, inside = _unrolled(working, ellipse)
+    texture = _texture(polar, inside, ellipse, working.noise)
+    step, differs, continues = _across(polar, inside)
+    return Ring(ellipse, support, close, chance, seen, step, differs, texture, continues)
+
+
+def cues_of(ring: Ring, rings: list[Ring], short_side: float) -> Cues:
+    """The cues of one of the rings of a picture."""
+    inner, near = ring.band(0.6, 0.97), ring.band(0.9, 0.97)
+    outer, beyond = ring.band(1.03, 1.4), ring.band(1.03, 1.1)
+    framed, within = _most(_frame(other, ring) for other in rings)
+    frames, about = _most(_frame(ring, other) for other in rings)
+    return Cues(
+        support=ring.support, close=ring.close, chance=ring.chance, step=float(np.log(ring.step / USUAL_STEP + 0.1)),
+        differs=ring.differs, continues=ring.continues, seen=ring.seen,
+        radius=float(np.log(ring.ellipse.radius / short_side)), texture=_log(inner),
+        ends=_log(inner) - _log(outer), ends_near=_log(near) - _log(beyond),
+        calm_inside=ring.calm(0.8, 0.97), calm_outside=ring.calm(1.03, 1.2), framed=framed, frames=frames,
+        within=within, about=about,
+    )  # fmt: skip
+
+
+def _log(texture: float) -> float:
+    return float(np.log(FAINT + (0.0 if np.isnan(texture) else texture)))
+
+
+def _between(low: float, high: float) -> slice:
+    """The shares of a band, at least one."""
+    first, last = np.searchsorted(SHARES, [low, high])
+    return slice(int(first), max(int(last), int(first) + 1))
+
+
+def _most(frames: Iterable[tuple[float, float]]) -> tuple[float, float]:
+    """The most of either number."""
+    first, second = zip(*frames, strict=True)
+    return max(first), max(second)
+
+
+def _frame(inner: Ring, outer: Ring) -> tuple[float, float]:
+    """How much two rings look like a frame's: concentric, both clear, nothing between; and without the last."""
+    share = inner.ellipse.radius / outer.ellipse.radius
+    if not 0.5 < share < 1 - SAME_RING or inner.ellipse.offset_share(outer.ellipse) > FAMILY_OFFSET:
+        return 0.0, 0.0
+    if np.hypot(*np.subtract(inner.ellipse.stretch, outer.ellipse.stretch)) > FAMILY_STRETCH:
+        return 0.0, 0.0
+    gap = min(0.02, (1 / share - 1) / 3)
+    close = min(inner.close, outer.close)
+    framed = max(0.0, (close - 0.5) / 0.5) * inner.calm(1 + gap, 1 / share - gap) ** 2
+    return framed, max(0.0, (close - 0.7) / 0.3)
+
+
+def _support(edges: Edges, size: tuple[int, int], ellipse: Ellipse) -> tuple[float, float, float, float]:
+    """Shares of the way round with edges near, nearer, and beside the ring; and how much of it is in the picture."""
+    turn = turns(SECTORS) + np.pi / SECTORS
+    points = ellipse.points(turn)
+    seen = ((points >= 3) & (points <= np.subtract(size, 4))).all(axis=1)
+    if not seen.any():
+        return 0.0, 0.0, 0.0, 0.0
+    away = ellipse.away(edges.points)
+    near = np.abs(away) < 12 * NEAR_PX
+    circle, away = ellipse.on_circle(edges.points[near]), away[near]
+    normals, weights = edges.normals[near], edges.weights[near]
+    angle = np.arctan2(circle[:, 1], circle[:, 0])
+    aligned = np.abs(np.einsum("ij,ij->i", ellipse.outward(angle), normals)) > np.cos(NORMAL_SLACK)
+    sector = np.minimum((angle % (2 * np.pi)) * (SECTORS / (2 * np.pi)), SECTORS - 1).astype(int)
+
+    def share(chosen: NDArray[np.bool_]) -> float:
+        best = np.zeros(SECTORS)
+        np.maximum.at(best, sector[chosen], np.minimum(1.0, 2 * weights[chosen]))
+        return float(best[seen].mean())
+
+    beside = [share(aligned & (np.abs(away - k * NEAR_PX) < NEAR_PX)) for k in (-9, -6, 6, 9)]
+    return (
+        share(aligned & (np.abs(away) < NEAR_PX)), share(aligned & (np.abs(away) < CLOSE_PX)),
+        float(np.mean(beside)), float(seen.mean()),
+    )  # fmt: skip
+
+
+def _unrolled(working: Working, ellipse: Ellipse) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """The picture (turns, shares, channels) round an ellipse, and where it is inside of the picture."""
+    import cv2
+
+    away = (ellipse.points(turns(TURNS)) - np.asarray(ellipse.centre)).astype(np.float32)
+    u = away[:, :1] * SHARES32 + np.float32(ellipse.centre[0])
+    v = away[:, 1:] * SHARES32 + np.float32(ellipse.centre[1])
+    width, height = working.size
+    inside = (u >= 0) & (u <= width - 1) & (v >= 0) & (v <= height - 1)
+    polar: Any = cv2.remap(working.picture, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return polar.reshape(*u.shape, -1), inside
+
+
+def _texture(polar: NDArray[np.float32], inside: NDArray[np.bool_], ellipse: Ellipse, noise: float) -> Array:
+    """How much crosses the ring's direction, part by part and share by share."""
+    apart = SHARES32 * np.float32(ellipse.radius * (2 * np.pi / TURNS) * 2)  # px from the turn before to the one after
+    steps = strongest(np.abs(np.roll(polar, -1, axis=0) - np.roll(polar, 1, axis=0))) / apart
+    least = max(LEAST_STEP / 2, 2.5 * noise)
+    counted = np.clip((steps - least) / max(USUAL_STEP - least, least), 0, 1) * inside
+    known = inside.reshape(PARTS, -1, len(SHARES)).sum(axis=1)
+    with np.errstate(invalid="ignore"):
+        texture: Array = np.where(known > 0, counted.reshape(PARTS, -1, len(SHARES)).sum(axis=1) / known, np.nan)
+    return texture
+
+
+def _across(polar: NDArray[np.float32], inside: NDArray[np.bool_]) -> tuple[float, float, float]:
+    """The median step across the ring, levels; how both sides differ; how alike they are along the way round."""
+    (within, beyond), near = _sides(polar, inside, (0.945, 0.975), (1.025, 1.055))
+    (inner, outer), wide = _sides(polar, inside, (0.86, 0.93), (1.08, 1.15))
+    if min(near.sum(), wide.sum()) < TURNS // 8:
+        return 0.0, 0.0, 0.0
+    step = float(np.median(strongest(np.abs(within - beyond))[near]))
+    apart = float(np.median(strongest(np.abs(inner - outer))[wide]))
+    spread = float((inner[wide].std(axis=0) + outer[wide].std(axis=0)).max() / 2)
+    a, b = (_detail(side)[near].ravel() for side in (within, beyond))
+    norm = float(np.sqrt((a @ a + 1.0) * (b @ b + 1.0)))
+    return step, float(np.log((apart + LEAST_STEP) / (spread + LEAST_STEP))), float(a @ b) / norm
+
+
+def _sides(
+    polar: NDArray[np.float32], inside: NDArray[np.bool_], within: tuple[float, float], beyond: tuple[float, float]
+) -> tuple[list[NDArray[np.float32]], NDArray[np.bool_]]:
+    """Means (turns, channels) of a band within the ring and of one beyond; and where both are in the picture."""
+    bands = [_between(*within), _between(*beyond)]
+    known = np.asarray(inside[:, bands[0]].all(axis=1) & inside[:, bands[1]].all(axis=1))
+    return [polar[:, band].mean(axis=1) for band in bands], known
+
+
+def _detail(side: NDArray[np.float32]) -> NDArray[np.float32]:
+    """What changes within 30 deg along the way round, (turns, channels)."""
+    width = TURNS // 12
+    padded = np.concatenate([side[-width:], side, side[:width]])
+    sums = np.cumsum(padded, axis=0)
+    smooth = (sums[width:] - sums[:-width])[width // 2 : width // 2 + TURNS] / width
+    detail: NDArray[np.float32] = side - smooth
+    return detail

@@ -1,0 +1,157 @@
+"""Ellipses that are nearly circles, and how one is laid through edges."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .edges import Edges
+
+Array = NDArray[np.float64]
+
+FLATTEST = 0.16  # of the two numbers that stretch a circle; axes of .73
+USUAL_STRETCH = 0.03  # as far as a mirror is mostly tilted; a prior, which decides where little of a rim is seen
+NORMAL_SLACK = 0.26  # radians by which an edge may lean from the ellipse's own direction
+PARAMETERS = 5
+CUT = 2.0  # reaches beyond which an edge does not count
+
+
+@dataclass(frozen=True)
+class Ellipse:
+    """A circle of radius ``radius``, stretched by ``exp(p)`` along one direction and by ``exp(-p)`` across it.
+
+    ``stretch`` holds p cos 2a and p sin 2a of the direction a: smooth numbers where the circle is none.
+    """
+
+    centre: tuple[float, float]
+    radius: float
+    stretch: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def semi_axes(self) -> tuple[float, float]:
+        """The longer and the shorter one."""
+        p = float(np.hypot(*self.stretch))
+        return self.radius * float(np.exp(p)), self.radius * float(np.exp(-p))
+
+    @property
+    def angle_deg(self) -> float:
+        """Direction of the longer axis, from image right towards image bottom, 0 to 180."""
+        return float(np.degrees(np.arctan2(self.stretch[1], self.stretch[0])) / 2 % 180)
+
+    def scaled(self, scale: float) -> Ellipse:
+        """The same in a picture of which each pixel is ``scale`` of the present ones; pixel centres are integers."""
+        u, v = ((c + 0.5) * scale - 0.5 for c in self.centre)
+        return Ellipse((u, v), self.radius * scale, self.stretch)
+
+    def grown(self, share: float) -> Ellipse:
+        """The same enlarged about its centre."""
+        return Ellipse(self.centre, self.radius * share, self.stretch)
+
+    def points(self, turn: Array, share: Array | float = 1.0) -> Array:
+        """Points (n, 2) on it, or on it enlarged, for the angles (n,) of the circle that it was."""
+        unit = _stretched(np.stack([np.cos(turn), np.sin(turn)], axis=-1), self.stretch)
+        points: Array = unit * (self.radius * np.asarray(share)[..., None]) + np.asarray(self.centre)
+        return points
+
+    def on_circle(self, points: Array) -> Array:
+        """Points (n, 2) as they lay when it was a unit circle about the origin."""
+        return _stretched(points - np.asarray(self.centre), (-self.stretch[0], -self.stretch[1])) / self.radius
+
+    def away(self, points: Array) -> Array:
+        """How far (n,) points (n, 2) lie outside of it, about."""
+        circle = _stretched(points - np.asarray(self.centre), (-self.stretch[0], -self.stretch[1]))
+        distance: Array = np.hypot(circle[:, 0], circle[:, 1]) - self.radius
+        return distance
+
+    def outward(self, turn: Array) -> Array:
+        """Unit normals (n, 2) at the angles (n,) of the circle that it was."""
+        normals = _stretched(np.stack([np.cos(turn), np.sin(turn)], axis=-1), (-self.stretch[0], -self.stretch[1]))
+        return normals / np.hypot(normals[..., 0], normals[..., 1])[..., None]
+
+    def offset_share(self, other: Ellipse) -> float:
+        """How far the centres lie apart, in radii."""
+        return float(np.hypot(*np.subtract(self.centre, other.centre))) / self.radius
+
+    def is_near(self, other: Ellipse, share: float) -> bool:
+        """Whether radius and centre are the same but for a share of the radius."""
+        return abs(other.radius / self.radius - 1) < share and self.offset_share(other) < share
+
+
+def _stretched(points: Array, stretch: tuple[float, float]) -> Array:
+    """Points (n, 2) times exp of the matrix ((p, q), (q, -p))."""
+    p, q = stretch
+    size = float(np.hypot(p, q))
+    slope = np.sinh(size) / size if size > 0 else 1.0
+    matrix = np.cosh(size) * np.eye(2) + slope * np.array([[p, q], [q, -p]])
+    turned: Array = points @ matrix
+    return turned
+
+
+def laid_through(edges: Edges, first: Ellipse, reaches: tuple[float, ...], *, may_stretch: bool = True) -> Ellipse:
+    """The ellipse through the edges near a first one: Gauss-Newton, the farther an edge the less it counts.
+
+    Parameters
+    ----------
+    edges
+    first
+    reaches : px
+        How far edges may lie, stage by stage; each is the Cauchy weight's width as well.
+    may_stretch
+        Otherwise the stretch stays the first one's.
+
+    Returns
+    -------
+    Ellipse
+        The first one where too few edges are near.
+    """
+    ellipse = first
+    near = np.abs(first.away(edges.points)) < CUT * reaches[0] + 3
+    points, normals, weights = edges.points[near], edges.normals[near], edges.weights[near]
+    for reach in reaches:
+        for _ in range(2):
+            step = _step(points, normals, weights, ellipse, reach, may_stretch)
+            if step is None:
+                return ellipse
+            u, v = ellipse.centre
+            p, q = (float(np.clip(s + d, -FLATTEST, FLATTEST)) for s, d in zip(ellipse.stretch, step[3:], strict=True))
+            radius = ellipse.radius * float(np.exp(np.clip(step[2], -0.1, 0.1)))
+            ellipse = Ellipse((u + float(step[0]), v + float(step[1])), radius, (p, q))
+    return ellipse
+
+
+def _step(
+    points: Array, normals: Array, weights: Array, ellipse: Ellipse, reach: float, may_stretch: bool
+) -> Array | None:
+    """A Gauss-Newton step (5,) of centre, log radius and stretch; None where there are too few edges."""
+    circle = ellipse.on_circle(points)
+    length = np.hypot(circle[:, 0], circle[:, 1])
+    residual = (length - 1) * ellipse.radius
+    near = np.abs(residual) < CUT * reach
+    residual, normals, weights = residual[near], normals[near], weights[near]
+    turn = np.arctan2(circle[near, 1], circle[near, 0])
+    out = ellipse.outward(turn)
+    used = np.abs(out[:, 0] * normals[:, 0] + out[:, 1] * normals[:, 1]) > np.cos(NORMAL_SLACK)
+    if used.sum() < 2 * PARAMETERS:
+        return None
+    residual, turn, out = residual[used], turn[used], out[used]
+    weight = weights[used] / (1 + (residual / reach) ** 2)
+    sector = ((turn / (2 * np.pi) + 0.5) * 72).astype(int) % 72  # each direction counts the same, however crowded
+    total = np.bincount(sector, weight, 72)
+    weight = weight / np.maximum(total, 0.5)[sector]
+    r = ellipse.radius
+    columns = np.stack([out[:, 0], out[:, 1], np.full(len(turn), r), r * np.cos(2 * turn), r * np.sin(2 * turn)], 1)
+    if not may_stretch:
+        columns = columns[:, :3]
+    normal = (columns * weight[:, None]).T @ columns
+    right = (columns * weight[:, None]).T @ residual
+    if may_stretch:
+        pull = (reach / USUAL_STRETCH) ** 2 * 0.5
+        normal[3, 3] += pull
+        normal[4, 4] += pull
+        right[3:] -= pull * np.asarray(ellipse.stretch)
+    normal[np.diag_indices(len(normal))] += 1e-9 * np.trace(normal)
+    step = np.zeros(PARAMETERS)
+    step[: len(right)] = np.linalg.solve(normal, right)
+    return step

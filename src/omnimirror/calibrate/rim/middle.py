@@ -1,0 +1,48 @@
+"""The camera's own image in the middle of what the mirror shows: a disc in which little happens."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .cues import ring_of
+from .edges import Edges, Working
+from .ellipses import Ellipse, laid_through
+from .votes import peaks
+
+LEAST, LARGEST = 0.04, 0.6  # of the rim's radius
+LEAST_PX = 5.0
+RADIUS_STEP = 1.06
+OFFSET = 0.12  # of the rim's radius, by which it may lie off its centre
+SUPPORT, CALM = 0.45, 0.4  # share of the way round with an edge; texture inside over that outside
+BUSY = 0.08  # texture of a scene
+STRETCH_COST = 4.0  # share of the way round that a stretch must gain
+REACHES_PX = (2.0, 1.2)
+
+
+def camera_image(working: Working, edges: Edges, rim: Ellipse) -> Ellipse | None:
+    """The clearest calm disc in the middle of a rim, both at working size; None where there is none."""
+    away = np.linalg.norm(edges.points - np.asarray(rim.centre), axis=1) / rim.radius
+    inner = edges.among(away < LARGEST + OFFSET)
+    if not len(inner.points):
+        return None
+    best, most = None, SUPPORT
+    radius = LARGEST * rim.radius
+    while radius > max(LEAST * rim.radius, LEAST_PX):
+        for _, u, v, r in peaks(inner, working.size, radius):
+            disc = laid_through(inner, Ellipse((u, v), r), REACHES_PX)
+            if rim.offset_share(disc) < OFFSET and (clear := _clear(working, inner, disc)) > most:
+                best, most = disc, clear
+        radius /= RADIUS_STEP
+    return best
+
+
+def _clear(working: Working, edges: Edges, disc: Ellipse) -> float:
+    """How clear the edge of a round disc is in which little happens and about which much does; else 0."""
+    ring = ring_of(working, edges, disc)
+    if ring is None:
+        return 0.0
+    inside, outside = ring.band(0.2, 0.9), ring.band(1.06, 1.4)
+    if not inside < CALM * outside:
+        return 0.0
+    edge = (ring.support + ring.close - ring.chance) / 2 - STRETCH_COST * float(np.hypot(*disc.stretch))
+    return edge * min(1.0, outside / BUSY)

@@ -1,0 +1,135 @@
+"""A ring placed in the picture as it came: through the edges of profiles across it, to a part of a pixel."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .edges import LEAST_STEP, USUAL_STEP, Edges, turns
+from .ellipses import Ellipse, laid_through
+
+Array = NDArray[np.float64]
+
+PROFILES = 720
+REACH_PX = 5.0  # working pixels to both sides
+EDGE_PX = 1.5  # working pixels, from the picture's edge, from which on profiles say something
+SAMPLES = 4  # a working pixel, at most
+SHIFT_PX, SHIFT_STEP_PX = 2.4, 0.3  # working pixels by which centre and radius may be off, the rim beside another edge
+SHIFT_COST = 0.01  # share of the way round that a working pixel of shift must gain
+REACHES_PX = (1.2, 0.8, 0.4)
+CLOSE_PX = 0.4
+SHIFT_TURNS = 180
+STRETCH_COST = 8.0  # share of the way round that a stretch must gain: rims are mostly round
+LEAN = 0.08  # of an edge's direction from the ring's, which it has but for noise
+
+
+def placed(levels: NDArray[np.number], ring: Ellipse, scale: float) -> tuple[Ellipse, float]:
+    """The ellipse in the picture's own pixels, and the share of the way round with an edge close to it.
+
+    Parameters
+    ----------
+    levels : (rows, columns, channels)
+        The picture, 0 to 255.
+    ring
+        In its pixels, right to about a working pixel.
+    scale
+        Working pixel in pixels.
+
+    Returns
+    -------
+    tuple
+        Ellipse and share.
+    """
+    edges = _edges_across(levels, ring, scale)
+    shapes = {ring.stretch, (ring.stretch[0] / 2, ring.stretch[1] / 2), (0.0, 0.0)}
+    reaches = tuple(reach * scale for reach in REACHES_PX)
+    best, share, most = ring, 0.0, -np.inf
+    for shape in sorted(shapes):
+        start = _shifted(edges, Ellipse(ring.centre, ring.radius, shape), scale)
+        ellipse = laid_through(edges, start, reaches)
+        close = _close(edges, ellipse, CLOSE_PX * scale)
+        score = close - STRETCH_COST * float(np.hypot(*ellipse.stretch))
+        if score > most:
+            best, share, most = ellipse, close, score
+    return best, share
+
+
+def _shifted(edges: Edges, ring: Ellipse, scale: float) -> Ellipse:
+    """The ring moved and grown by a little to where most of the way round has an edge."""
+    circle = ring.on_circle(edges.points)
+    away = (np.linalg.norm(circle, axis=1) - 1) * ring.radius / scale
+    turn = np.arctan2(circle[:, 1], circle[:, 0]) % (2 * np.pi)
+    cell = SHIFT_STEP_PX / 2
+    half = int(np.ceil(3 * SHIFT_PX / cell))
+    there = np.zeros((SHIFT_TURNS, 2 * half + 1))
+    at = np.clip(np.round(away / cell).astype(int) + half, 0, 2 * half)
+    sector = (turn * (SHIFT_TURNS / (2 * np.pi))).astype(int) % SHIFT_TURNS
+    np.maximum.at(there, (sector, at), edges.weights)
+    there = np.maximum(there, 0.6 * np.maximum(np.roll(there, 1, axis=1), np.roll(there, -1, axis=1)))
+    moves = np.arange(-SHIFT_PX, SHIFT_PX + 0.01, SHIFT_STEP_PX)
+    u, v, r = (a.ravel() for a in np.meshgrid(moves, moves, moves, indexing="ij"))
+    angle = turns(SHIFT_TURNS) + np.pi / SHIFT_TURNS
+    out = ring.outward(angle)
+    wanted = np.round((u[:, None] * out[:, 0] + v[:, None] * out[:, 1] + r[:, None]) / cell).astype(int) + half
+    known = max(int(np.count_nonzero(there.any(axis=1))), 1)
+    share = there[np.arange(SHIFT_TURNS), wanted].sum(axis=1) / known
+    score = share - SHIFT_COST * np.sqrt(u**2 + v**2 + r**2)
+    best = int(np.argmax(score))
+    centre = ring.centre[0] + float(u[best]) * scale, ring.centre[1] + float(v[best]) * scale
+    return Ellipse(centre, ring.radius + float(r[best]) * scale, ring.stretch)
+
+
+def _edges_across(levels: NDArray[np.number], ring: Ellipse, scale: float) -> Edges:
+    """Where profiles across the ring are steepest, each of them several times perhaps."""
+    import cv2
+
+    step = max(0.5, scale / SAMPLES)
+    reach = REACH_PX * scale
+    away = np.arange(-reach, reach + step / 2, step)
+    turn = turns(PROFILES)
+    on, out = ring.points(turn), ring.outward(turn)
+    points = (on[:, None, :] + away[None, :, None] * out[:, None, :]).astype(np.float32)
+    height, width = levels.shape[:2]
+    margin = EDGE_PX * scale
+    inside = np.asarray(((on > margin) & (on < np.array([width - 1, height - 1]) - margin)).all(axis=1))
+    top, left = (max(0, int(np.floor(points[..., k].min()))) for k in (1, 0))
+    crop = np.ascontiguousarray(levels[top : int(points[..., 1].max()) + 2, left : int(points[..., 0].max()) + 2])
+    if not inside.any() or not crop.size:
+        return Edges(np.empty((0, 2)), np.empty((0, 2)), np.empty(0), np.empty(0))
+    seen = cv2.remap(
+        crop, points[..., 0] - left, points[..., 1] - top, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+    )
+    seen = seen.reshape(PROFILES, len(away), -1).astype(np.float32)
+    smooth = cv2.GaussianBlur(
+        seen.reshape(PROFILES, -1, seen.shape[2]), (0, 0), sigmaX=0.8 * scale / step if scale > 1 else 1.6, sigmaY=0.8
+    )
+    smooth = smooth.reshape(seen.shape)
+    across = np.gradient(smooth, step / scale, axis=1)
+    which = np.abs(across).argmax(axis=2)[..., None]
+    across = np.take_along_axis(across, which, axis=2)[..., 0]
+    along = (np.roll(smooth, -1, axis=0) - np.roll(smooth, 1, axis=0)) / (4 * np.pi * ring.radius / PROFILES / scale)
+    lean = np.take_along_axis(along, which, axis=2)[..., 0] / (np.abs(across) + 1e-6)
+    slope = np.abs(across)
+    here, before, after = slope[:, 1:-1], slope[:, :-2], slope[:, 2:]
+    found = (here >= after) & (here > before) & (here > LEAST_STEP) & inside[:, None]
+    which, place = np.nonzero(found)
+    a, b, c = before[found], here[found], after[found]
+    offset = np.clip((c - a) / np.maximum(2 * (2 * b - a - c), 1e-9), -0.5, 0.5)
+    at = away[place + 1] + offset * step
+    edge = on[which] + at[:, None] * out[which]
+    most = np.zeros(PROFILES)
+    np.maximum.at(most, which, b)
+    weights = (b / most[which]) ** 2 * np.minimum(b / USUAL_STEP, 1.0) / (1 + (lean[:, 1:-1][found] / LEAN) ** 2)
+    return Edges(edge, out[which], b.astype(float), weights)
+
+
+def _close(edges: Edges, ellipse: Ellipse, close: float) -> float:
+    """Share of the profiles that have an edge close to the ellipse."""
+    circle = ellipse.on_circle(edges.points)
+    away = np.abs(np.linalg.norm(circle, axis=1) - 1) * ellipse.radius
+    sector = ((np.arctan2(circle[:, 1], circle[:, 0]) / (2 * np.pi) + 0.5) * PROFILES).astype(int) % PROFILES
+    there, near = np.zeros((2, PROFILES))
+    np.maximum.at(there, sector, edges.weights)
+    np.maximum.at(near, sector, edges.weights * np.exp(-((away / close) ** 2) / 2))
+    known = max(int(np.count_nonzero(there)), 1)
+    return float(near.sum() / known)

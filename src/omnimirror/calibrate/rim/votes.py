@@ -1,0 +1,70 @@
+"""Where circles may be: every edge votes for the centres that lie before and behind it, radius by radius."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .edges import Edges
+from .ellipses import Ellipse
+
+Array = NDArray[np.float64]
+
+LEAST_RADIUS, LARGEST_RADIUS = 0.18, 0.75  # of the short side
+RADIUS_STEP = 1.016
+CELL_PX = 2
+BLUR_PX, BLUR_SHARE = 1.5, 0.016  # of an edge's direction, by which the centre is missed
+PEAKS_A_RADIUS, PEAKS = 5, 50
+LEAST_SEEN = 0.35  # share of the way round that lies in the picture
+
+
+def circles(edges: Edges, size: tuple[int, int]) -> list[Ellipse]:
+    """The circles that most edges vote for, of those of their size, best first."""
+    found: list[tuple[float, float, float, float]] = []
+    short = min(size)
+    radius = LEAST_RADIUS * short
+    while radius < max(LARGEST_RADIUS * short, 0.52 * max(size)):
+        found += peaks(edges, size, radius)
+        radius *= RADIUS_STEP
+    found.sort(reverse=True)
+    kept: list[Ellipse] = []
+    for _, u, v, r in found:
+        circle = Ellipse((u, v), r)
+        if not any(circle.is_near(other, 0.035) for other in kept):
+            kept.append(circle)
+        if len(kept) == PEAKS:
+            break
+    return kept
+
+
+def peaks(edges: Edges, size: tuple[int, int], radius: float) -> list[tuple[float, float, float, float]]:
+    """Votes, centre and radius of the best circles of one radius."""
+    import cv2
+
+    columns, rows = size[0] // CELL_PX + 1, size[1] // CELL_PX + 1
+    votes = np.zeros(rows * columns)
+    for side in (radius, -radius):
+        u = ((edges.points[:, 0] + side * edges.normals[:, 0]) / CELL_PX + 0.5).astype(int)
+        v = ((edges.points[:, 1] + side * edges.normals[:, 1]) / CELL_PX + 0.5).astype(int)
+        inside = (u >= 0) & (u < columns) & (v >= 0) & (v < rows)
+        votes += np.bincount((v * columns + u)[inside], edges.weights[inside], rows * columns)
+    blur = (BLUR_PX + BLUR_SHARE * radius) / CELL_PX
+    spread = cv2.GaussianBlur(
+        votes.reshape(rows, columns).astype(np.float32), (0, 0), blur, borderType=cv2.BORDER_CONSTANT
+    )
+    seen = np.maximum(seen_share((columns, rows), radius / CELL_PX), LEAST_SEEN)
+    score = spread * (blur**2 / radius) / seen
+    top = (score >= cv2.dilate(score, np.ones((7, 7), np.uint8))) & (score > 0)
+    v, u = np.nonzero(top)
+    best = np.argsort(score[v, u])[::-1][:PEAKS_A_RADIUS]
+    return [(float(score[v[i], u[i]]), float(u[i]) * CELL_PX, float(v[i]) * CELL_PX, radius) for i in best]
+
+
+def seen_share(size: tuple[int, int], radius: float) -> NDArray[np.float32]:
+    """Share (rows, columns) of circles about each pixel that lies in a picture of a size."""
+    width, height = size
+    turn = np.arange(48) * (2 * np.pi / 48)
+    u, v = np.arange(width)[:, None] + radius * np.cos(turn), np.arange(height)[:, None] + radius * np.sin(turn)
+    in_u, in_v = (u >= 0) & (u <= width - 1), (v >= 0) & (v <= height - 1)
+    seen: NDArray[np.float32] = in_v.astype(np.float32) @ in_u.astype(np.float32).T / np.float32(48)
+    return seen

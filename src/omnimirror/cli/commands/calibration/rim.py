@@ -1,0 +1,80 @@
+"""``omnimirror rim``: the mirror's rim, found in its pictures."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+from numpy.typing import NDArray
+from rich.table import Table
+
+from ....calibrate.rim import SURE, FoundRim, find_rim
+from ....calibrate.rim.edges import levels_of
+from ....files import write_text
+from ....media import read_image
+from ....media.batch import expand_inputs
+from ...outputs import FIGURES, output_console, output_option, say, say_written
+
+
+@click.command()
+@click.argument("images", nargs=-1, required=True, metavar="IMAGE...")
+@click.option("--each", is_flag=True, help="The pictures are of different sensors: look at each by itself.")
+@output_option("--figure", formats=FIGURES, help="Draw what was found on the pictures (PNG, SVG, PDF).")
+@output_option("--json", "json_file", help="Write what was found.")
+def command(images: tuple[str, ...], each: bool, figure: Path | None, json_file: Path | None) -> None:
+    """Find the rim of the mirror in IMAGEs: pictures, folders or patterns of them.
+
+    Several pictures are taken for those of one sensor, and looked at together. A rim is an ellipse, in px from the
+    middle of the first pixel; its angle is that of the longer axis, from image right towards image bottom. Below a
+    confidence of .5 nothing should rely on it.
+    """
+    files = expand_inputs(images)
+    pictures = [read_image(file) for file in files]
+    found = [find_rim(picture) for picture in pictures] if each else [find_rim(pictures)]
+    singles = found if each else list(found[0].pictures) or found
+    console = output_console()
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for heading in ("picture", "centre\npx", "semi-axes\npx", "angle\ndeg", "camera's image\npx", "confidence\n"):
+        table.add_column(heading, justify="left" if heading == "picture" else "right", no_wrap=True)
+    for file, rim in zip(files, singles, strict=True):
+        table.add_row(*_row(file.name, rim))
+    if len(singles) > len(found):
+        table.add_row(*_row("together", found[0]))
+    console.print(table)
+    for name, rim in zip([file.name for file in files] if each else ["together"], found, strict=True):
+        if not rim.is_sure:
+            who = f"{name}: " if len(files) > 1 else ""
+            say(f"{who}no rim is sure: the confidence {rim.confidence:.2f} is below {SURE:g}", console=console)
+    if json_file:
+        record = [rim.to_json() for rim in found]
+        named = [{"name": file.name} | rim.to_json() for file, rim in zip(files, singles, strict=True)]
+        whole = record[0] | {"pictures": named} if len(found) == 1 else {"pictures": named}
+        write_text(json_file, json.dumps(whole, indent=2) + "\n")
+        say_written(json_file, console=console)
+    if figure:
+        say_written(_drawn(figure, files, pictures, singles), console=console)
+
+
+def _drawn(figure: Path, files: list[Path], pictures: list[NDArray[Any]], found: list[FoundRim]) -> Path:
+    """Write a figure of the pictures with what was found in them."""
+    from ....figures import save_figure
+    from ....figures.calibration.rims import DrawnRim, found_rims
+
+    drawn = [
+        DrawnRim(
+            levels_of(picture).astype(np.uint8), rim.points(), rim.centre_px,
+            None if rim.inner is None else (*rim.inner.centre_px, rim.inner.radius_px), rim.is_sure,
+            f"{file.name}: {rim.confidence:.2f}",
+        )
+        for file, picture, rim in zip(files, pictures, found, strict=True)
+    ]  # fmt: skip
+    return save_figure(found_rims(drawn), figure)
+
+
+def _row(name: str, rim: FoundRim) -> tuple[str, ...]:
+    (u, v), (a, b) = rim.centre_px, rim.semi_axes_px
+    camera = "-" if rim.inner is None else f"{rim.inner.radius_px:.1f}"
+    return name, f"{u:.2f}, {v:.2f}", f"{a:.2f}, {b:.2f}", f"{rim.angle_deg:.1f}", camera, f"{rim.confidence:.3f}"

@@ -1,0 +1,90 @@
+"""The options of a camera that nobody has measured: the rim is found in the pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import click
+
+from ...camera_models import MirrorBall
+from ...errors import InvalidParameter
+from ...sensor import Sensor
+from ...straighten import is_video
+from .camera import OPTIONS_OF_SOURCE, CameraOptions
+from .declared import Options, flag, option
+
+if TYPE_CHECKING:
+    from ...calibrate.rim import FoundRim
+
+LOOKED_AT = 9  # pictures of a folder, in which the rim is looked for
+FoundCamera = Callable[[tuple[int, int]], Sensor | MirrorBall]
+
+
+@dataclass(frozen=True)
+class AutoOptions(Options):
+    """That the camera is to be found, and which mirror it has."""
+
+    auto: bool | None = option(
+        is_flag=True, help="The camera: find the mirror's rim in the pictures, and take it for that of --mirror."
+    )
+    mirror: str | None = option(
+        metavar="PRESET|FILE|NAME",
+        help="With --auto: one-shot, ball, dome, convex, paraboloid, hyperboloid, sphere, or a sensor.  "
+        "[default: one-shot]",
+    )
+
+    def check(self, camera: CameraOptions) -> None:
+        """Refuse a mirror without --auto, and other cameras beside it."""
+        if not self.auto:
+            if self.mirror is not None:
+                raise click.UsageError("--mirror belongs to --auto")
+            camera.check()
+            return
+        owned = {name: names for name, names in OPTIONS_OF_SOURCE.items() if camera.picked(name, *names)}
+        if owned:
+            given = next(iter(camera.picked(*(n for name, names in owned.items() for n in (name, *names)))))
+            raise click.UsageError(f"--auto finds the camera, and {flag(given)} tells it; leave out one of them")
+
+    def camera(self, sources: tuple[str, ...], options: CameraOptions) -> tuple[FoundCamera, str]:
+        """The camera of pictures, standing as the options say; and a sentence that says what was found."""
+        from ...calibrate.rim import DEFAULT, PRESETS, camera_from_rim
+
+        rim, count = _rim_in(sources)
+        name = self.mirror or DEFAULT
+        found = camera_from_rim(rim, name)
+        found = replace(found, mount=options.standing(found.mount))
+
+        def camera_of(size: tuple[int, int]) -> Sensor | MirrorBall:
+            if size != rim.image_size:
+                raise InvalidParameter(
+                    f"it has {size[0]} x {size[1]} px, and the rim was found in pictures of {rim.image_size[0]} x "
+                    f"{rim.image_size[1]} px; straighten pictures of each size by themselves"
+                )
+            return found
+
+        (u, v), pictures = rim.centre_px, "" if count == 1 else f" in {count} pictures"
+        words = f" ({PRESETS[name].words})" if name in PRESETS else ""
+        default = "" if self.mirror else "; name another with --mirror"
+        told = (
+            f"rim of {rim.radius_px:.1f} px about {u:.1f}, {v:.1f}{pictures}, confidence {rim.confidence:.2f}; "
+            f"taken for {name}{words}{default}"
+        )
+        return camera_of, told
+
+
+def _rim_in(sources: tuple[str, ...]) -> tuple[FoundRim, int]:
+    """The rim that pictures share, and in how many it was looked for."""
+    from ...calibrate.rim import find_rim
+    from ...media import read_image
+    from ...media.batch import expand_inputs
+
+    if is_video(sources[0]):
+        raise click.UsageError(
+            f"--auto looks for the rim in pictures, and {sources[0]} is none; 'omnimirror rim' finds it in one of its "
+            "frames, for --ball"
+        )
+    pictures = [read_image(file) for file in expand_inputs(sources)[:LOOKED_AT]]
+    alike = [picture for picture in pictures if picture.shape[:2] == pictures[0].shape[:2]]
+    return find_rim(alike), len(alike)

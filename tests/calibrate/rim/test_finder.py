@@ -1,0 +1,127 @@
+"""Rims found in photographs and composed pictures, against rims set by hand or known exactly."""
+
+import json
+from functools import cache
+
+import numpy as np
+import pytest
+from benchmarks.mirror_photographs import Photograph, compose, error_of
+
+import omnimirror as om
+from omnimirror.errors import InvalidParameter
+from tests.conftest import SHARED
+
+ENVIRONMENTS = SHARED / "environments" if SHARED.is_dir() else None
+KAIDAN = [f"KaidanOmni{k}.jpg" for k in range(1, 18)]
+FEW = ("KaidanOmni4.jpg", "KaidanOmni16.jpg")
+
+
+@cache
+def composed(seed: int, mirror: bool = True) -> Photograph:
+    return compose(seed, ENVIRONMENTS, mirror=mirror)
+
+
+def is_rim_of_kaidan(rim: om.FoundRim) -> bool:
+    """The ring of the mirror measures 222.6 to 224.3 px, its housing's 255 and 333."""
+    return 222.0 < rim.radius_px < 225.0 and bool(np.hypot(rim.centre_px[0] - 324.8, rim.centre_px[1] - 246.2) < 2.2)
+
+
+@pytest.mark.parametrize("name", [pytest.param(n, marks=() if n in FEW else pytest.mark.full) for n in KAIDAN])
+def test_the_mirror_in_its_housing(shared_data, name):
+    rim = om.find_rim(om.read_image(shared_data / "kaidan_omni" / name))
+    assert is_rim_of_kaidan(rim)
+    assert rim.is_sure
+
+
+def test_several_pictures_of_one_sensor_agree(shared_data):
+    pictures = [om.read_image(shared_data / "kaidan_omni" / f"KaidanOmni{k}.jpg") for k in (2, 9, 13)]
+    rim = om.find_rim(pictures)
+    assert is_rim_of_kaidan(rim)
+    assert rim.confidence > 0.9
+    assert len(rim.pictures) == 3
+
+
+def test_the_camera_is_found_in_the_middle(shared_data):
+    """It is black there, 53 px in radius about 325, 246, measured by hand."""
+    rim = om.find_rim(om.read_image(shared_data / "kaidan_omni" / "KaidanOmni7.jpg"))
+    assert rim.inner is not None
+    assert rim.inner.radius_px == pytest.approx(53, abs=3)
+    assert rim.inner.centre_px == (pytest.approx(325, abs=3), pytest.approx(246, abs=3))
+    assert rim.annulus_px[0] == pytest.approx(54, abs=4)
+
+
+def test_a_mirror_ball_as_its_box_was_set_by_hand(shared_data):
+    crops = json.loads((shared_data / "mirrorball" / "crops_and_fov.json").read_text())["tisch.jpg"]
+    (width, height), crop = crops["size"], crops["crop_px"]
+    left, right, top, bottom = crop["left"], width - crop["right"], crop["top"], height - crop["bottom"]
+    rim = om.find_rim(om.read_image(shared_data / "mirrorball" / "tisch.jpg"))
+    radius = (right - left + bottom - top) / 4
+    assert rim.radius_px == pytest.approx(radius, rel=0.01)
+    assert np.hypot(rim.centre_px[0] - (left + right) / 2, rim.centre_px[1] - (top + bottom) / 2) < 0.01 * radius
+
+
+def test_a_rim_that_is_cut_by_the_picture(shared_data):
+    """Measured by hand at the left and the right end, and the centre as OCamCalib has it."""
+    rim = om.find_rim(om.read_image(shared_data / "ocamcalib_cpp_sample" / "test_catadioptric.jpg"))
+    assert rim.radius_px == pytest.approx(452, rel=0.01)
+    assert rim.centre_px == (pytest.approx(515.3, abs=4.5), pytest.approx(382.3, abs=4.5))
+    assert rim.is_sure
+
+
+def test_a_picture_without_a_rim_is_not_sure(shared_data):
+    assert not om.find_rim(om.read_image(shared_data / "ocamcalib_cpp_sample" / "test_fisheye.jpg")).is_sure
+
+
+@pytest.mark.parametrize("seed", range(2000, 2008))
+def test_composed_pictures(seed):
+    """Never confidently wrong; how many are right the benchmark counts, over two hundred."""
+    photograph = composed(seed)
+    rim = om.find_rim(photograph.picture)
+    assert photograph.rim is not None
+    assert error_of(rim, photograph.rim) < 0.01 or not rim.is_sure
+
+
+@pytest.mark.parametrize("seed", range(2000, 2004))
+def test_what_is_behind_mirrors_is_none(seed):
+    assert not om.find_rim(composed(seed, mirror=False).picture).is_sure
+
+
+@pytest.mark.full
+def test_two_hundred_composed_pictures():
+    errors, confidences = [], []
+    for seed in range(1000, 1200):
+        photograph = compose(seed, ENVIRONMENTS)
+        rim = om.find_rim(photograph.picture)
+        errors.append(error_of(rim, photograph.rim))
+        confidences.append(rim.confidence)
+    right = np.array(errors) < 0.01
+    assert right.mean() >= 0.99
+    assert not np.any(~right & (np.array(confidences) >= 0.5))
+
+
+@pytest.mark.parametrize("kind", [np.uint8, np.uint16, np.float32])
+def test_every_depth_and_grey_alike(kind):
+    """A disc with spokes, known exactly, to a tenth of a pixel."""
+    v, u = np.mgrid[:480, :640]
+    away, turn = np.hypot(u - 330.25, v - 215.5), np.arctan2(v - 215.5, u - 330.25)
+    cover = np.clip(180.0 - away + 0.5, 0, 1)
+    grey = cover * (120 + 80 * np.tanh(6 * np.sin(11 * turn))) + (1 - cover) * 12
+    picture = {np.uint8: grey, np.uint16: grey * 257, np.float32: grey / 255}[kind].astype(kind)
+    rim = om.find_rim(picture)
+    assert rim.centre_px == (pytest.approx(330.25, abs=0.1), pytest.approx(215.5, abs=0.1))
+    assert rim.semi_axes_px == (pytest.approx(180, abs=0.15), pytest.approx(180, abs=0.15))
+    assert rim.is_sure
+
+
+def test_what_cannot_be_looked_at():
+    with pytest.raises(InvalidParameter, match="no picture"):
+        om.find_rim([])
+    with pytest.raises(InvalidParameter, match="at least 48 px"):
+        om.find_rim(np.zeros((20, 200), np.uint8))
+    with pytest.raises(InvalidParameter, match="60 x 50, 60 x 60"):
+        om.find_rim([np.zeros((50, 60), np.uint8), np.zeros((60, 60), np.uint8)])
+
+
+def test_an_empty_picture_has_no_rim():
+    rim = om.find_rim(np.full((200, 300, 3), 90, np.uint8))
+    assert rim.confidence == 0

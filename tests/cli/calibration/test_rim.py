@@ -1,0 +1,82 @@
+"""``omnimirror rim`` and ``omnimirror dewarp --auto``, as their users run them."""
+
+import json
+
+import numpy as np
+import pytest
+
+import omnimirror as om
+from tests.commands import fails, omnimirror
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Two pictures of one sensor, and one of nothing."""
+    folder = tmp_path_factory.mktemp("rims")
+    for turn in (0.0, 90.0):
+        scene = om.PosedScene(om.load_scene("room", texel_mm=20.0), om.Pose(pan_deg=turn))
+        om.write_image(
+            folder / f"room{turn:.0f}.png", om.take_picture(om.load_sensor("paper-spherical"), scene, samples=1)
+        )
+    om.write_image(folder / "nothing.png", np.full((200, 300, 3), 90, np.uint8))
+    return folder
+
+
+def test_the_rim_of_a_sensor(folder, tmp_path):
+    run = omnimirror("rim", folder / "room0.png", "--json", tmp_path / "rim.json", "--figure", tmp_path / "rim.png")
+    assert run.returncode == 0, run.stderr
+    rim = json.loads((tmp_path / "rim.json").read_text())
+    assert rim["centre_px"] == pytest.approx([511.5, 511.5], abs=1.0)
+    assert rim["semi_axes_px"] == pytest.approx([501.63, 501.63], abs=1.0)
+    assert rim["confidence"] > 0.5
+    assert rim["image_size"] == [1024, 1024]
+    assert om.read_image(tmp_path / "rim.png").shape[2] >= 3
+
+
+def test_pictures_of_one_sensor_are_looked_at_together(folder, tmp_path):
+    run = omnimirror("rim", folder / "room0.png", folder / "room90.png", "--json", tmp_path / "rim.json")
+    assert run.returncode == 0, run.stderr
+    assert "together" in run.stdout
+    rim = json.loads((tmp_path / "rim.json").read_text())
+    assert [one["name"] for one in rim["pictures"]] == ["room0.png", "room90.png"]
+    assert rim["semi_axes_px"] == pytest.approx([501.63, 501.63], abs=1.0)
+
+
+def test_what_is_not_sure_is_said(folder):
+    run = omnimirror("rim", folder / "nothing.png")
+    assert run.returncode == 0
+    assert "no rim is sure: the confidence 0.00 is below 0.5" in run.stdout
+
+
+def test_a_picture_is_straightened_by_its_rim_alone(folder, tmp_path):
+    """As well as by the sensor that took it, but for what a rim misses by."""
+    views = {}
+    for name, camera in {
+        "auto": ["--auto", "--mirror", "paper-spherical"],
+        "told": ["--sensor", "paper-spherical"],
+    }.items():
+        run = omnimirror("dewarp", folder / "room0.png", *camera, "-o", tmp_path / f"{name}.png")
+        assert run.returncode == 0, run.stderr
+        views[name] = om.read_image(tmp_path / f"{name}.png")[..., :3].astype(float)
+    width = min(view.shape[1] for view in views.values())
+    height = min(view.shape[0] for view in views.values())
+    assert abs(views["auto"].shape[1] / views["told"].shape[1] - 1) < 0.01
+    assert np.median(np.abs(views["auto"][:height, :width] - views["told"][:height, :width])) < 4
+
+
+def test_the_mirror_that_is_meant_is_said(folder, tmp_path):
+    run = omnimirror("dewarp", folder / "room0.png", "--auto", "-o", tmp_path / "view.png")
+    assert run.returncode == 0, run.stderr
+    assert "taken for one-shot" in run.stderr
+    assert "name another with --mirror" in run.stderr
+
+
+def test_what_auto_refuses(folder, tmp_path):
+    view = tmp_path / "view.png"
+    assert "no rim was found for sure" in fails("dewarp", folder / "nothing.png", "--auto", "-o", view)
+    assert not view.exists()
+    assert "--ball tells it" in fails("dewarp", folder / "room0.png", "--auto", "--ball", "1,2,3,90", "-o", view)
+    assert "--mirror belongs to --auto" in fails("dewarp", folder / "room0.png", "--mirror", "ball", "-o", view)
+    assert "presets of common mirrors are one-shot" in fails(
+        "dewarp", folder / "room0.png", "--auto", "--mirror", "bal", "-o", view
+    )
