@@ -14,7 +14,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import omnimirror as om
+from omnimirror.camera_models import RadialModel
 from omnimirror.errors import OmnimirrorError
+from omnimirror.frames import Mount
 from omnimirror.imagers import Imager
 
 SENSOR = om.load_sensor("paper-spherical")
@@ -26,6 +28,25 @@ WANTED = om.Requirements(
     lens=om.LensRequirements(theta_max_deg=12.0),
 )
 OCAM = "5 -240 0 1e-3 0 0\n\n5 1 2 3 4 5\n\n240 320\n1 0 0\n480 640\n"
+
+FOCAL = {"focal_px": (20.0, 21.0), "centre_px": (16.0, 15.0), "image_size": (32, 32), "skew_px": 0.1,
+         "optics": "mirror", "rim_radius_px": None, "uncertainty": None, "mount": Mount()}  # fmt: skip
+SPLINE = {"radii_px": (5.0, 9.0, 13.0), "field_deg": 200.0, "centre_px": (16.0, 15.0), "image_size": (32, 32),
+          "stretch_x": 0.01, "shear": 0.0, "p1": 1e-5, "p2": 0.0, "optics": "mirror",
+          "rim_radius_px": 12.0}  # fmt: skip
+
+
+def used(kind: type[RadialModel]) -> Callable[..., None]:
+    """A camera that is made, and looked through."""
+
+    def use(**words: Any) -> None:
+        camera = kind(**words)
+        camera.image([[1.0, 2.0, -3.0], [0.0, 0.0, 1.0]])
+        camera.backproject([[3.0, 4.0], [16.0, 15.0]])
+        camera.project([[1.0, 2.0, -3.0]])
+
+    return use
+
 
 CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "spots": (om.spots, {"sensor": SENSOR, "omega_deg": [0.0, 60.0], "focus_mm": 210.0, "azimuth_deg": 0.0,
@@ -54,6 +75,16 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
                                    "field_deg": 300.0}),
     "OCam": (om.OCam, {"polynomial": (-100.0, 0.0, 0.001), "centre_px": (16.0, 16.0), "image_size": (32, 32),
                        "affine": (1.0, 0.0, 0.0), "optics": "mirror"}),
+    "Unified": (used(om.Unified), {"xi": 0.9, **FOCAL, "k1": -0.1, "k2": 0.0, "k3": 0.0, "p1": 0.0, "p2": 0.01}),
+    "EnhancedUnified": (used(om.EnhancedUnified), {"alpha": 0.6, "beta": 1.1, **FOCAL}),
+    "DoubleSphere": (used(om.DoubleSphere), {"xi": -0.2, "alpha": 0.6, **FOCAL}),
+    "KannalaBrandt": (used(om.KannalaBrandt), {**FOCAL, "k1": -0.1, "k2": 0.0, "k3": 0.0, "k4": 0.0}),
+    "RadialSpline": (used(om.RadialSpline), SPLINE),
+    "ViewpointSpline": (used(om.ViewpointSpline), {"viewpoints_mm": (-1.0, 0.0, 2.0), **SPLINE}),
+    "evaluate_camera": (om.evaluate_camera, {"camera": om.RadialSpline(**SPLINE), "omega_deg": [10.0, 20.0]}),
+    "image": (om.RadialSpline(**SPLINE).image, {"points_mm": [[1.0, 2.0, -3.0]]}),
+    "with_parameters": (om.MirrorBall((16.0, 16.0), 9.0, 260.0, (32, 32)).with_parameters, {"values": [9.0, 1, 2]}),
+    "load_camera": (om.load_camera, {"name_or_path": "calib.txt"}),
     "Limit": (om.Limit, {"quantity": "total_blur_px", "at_most": 1.0}),
     "FieldRequirements": (om.FieldRequirements, {"omega_max_deg": 120.0, "omega_min_deg": 0.0,
                                                  "object_distance_mm": (500.0, np.inf)}),

@@ -17,7 +17,7 @@ from typing import ClassVar, Literal, NamedTuple, Self, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import choice, finite
+from ..arguments import choice, finite, shown
 from ..cameras import AxialSymmetry, Projection, Rays
 from ..errors import InvalidParameter
 from ..frames import Mount
@@ -126,7 +126,7 @@ class CameraModel(ABC):
 
     def _check_camera(self) -> None:
         if finite("image_size", self.image_size).shape != (2,):
-            raise InvalidParameter(f"image_size = {self.image_size} is no pair of numbers, (width, height)")
+            raise InvalidParameter(f"image_size = {shown(self.image_size)} is no pair of numbers, (width, height)")
         for name, length in zip(("width", "height"), self.image_size, strict=True):
             if not (1 <= length <= LARGEST_PICTURE_PX and int(length) == length):
                 raise InvalidParameter(

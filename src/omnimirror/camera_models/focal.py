@@ -5,11 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import finite, number
+from ..arguments import finite, number, shown
 from ..errors import InvalidParameter
-from .radial import Place, RadialModel
+from .radial import LARGEST_PX, Place, RadialModel
 
 Array = NDArray[np.float64]
+
+
+SMALLEST_PX = 1e-6
 
 
 class FocalModel(RadialModel):
@@ -43,6 +46,9 @@ class FocalModel(RadialModel):
 
     def _check_focal(self) -> None:
         self._check_radial()
-        if finite("focal_px", self.focal_px).shape != (2,) or not min(self.focal_px) > 0:
-            raise InvalidParameter(f"focal_px = {self.focal_px} is not valid; it is valid as (fx, fy), both above 0 px")
-        number("skew_px", self.skew_px, unit="px")
+        focal = finite("focal_px", self.focal_px, high=LARGEST_PX, unit="px")
+        if focal.shape != (2,) or not focal.min() >= SMALLEST_PX:
+            raise InvalidParameter(
+                f"focal_px = {shown(self.focal_px)} is not valid; it is valid as (fx, fy), both above 0 px"
+            )
+        number("skew_px", self.skew_px, low=-LARGEST_PX, high=LARGEST_PX, unit="px")

@@ -15,11 +15,12 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import finite, optional_number, vectors
+from ..arguments import finite, instance, optional_number, shown, vectors
 from ..cameras import AxialSymmetry, Projection, Rays, inside_image
 from ..errors import InvalidParameter
-from ..frames import turned
+from ..frames import Mount, turned
 from ..numerics.lazy import cached_property
+from ..parameters import Uncertainty
 from .base import CameraModel, Image, ModelParameter
 from .distortion import AnyDistortion, Distorted, Distortion, removed, undone
 
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
+LARGEST_PX = 1e6  # of a radius, a focal length, a centre
 ROUNDING = 1e-12  # relative; an angle or radius this little past the rim is the rim
 
 
@@ -459,9 +461,12 @@ class RadialModel(CameraModel):
 
     def _check_radial(self) -> None:
         self._check_camera()
-        if finite("centre_px", self.centre_px).shape != (2,):
-            raise InvalidParameter(f"centre_px = {self.centre_px} is no pair of numbers, (u, v)")
-        optional_number("rim_radius_px", self.rim_radius_px, above=0.0, unit="px")
+        if finite("centre_px", self.centre_px, -LARGEST_PX, LARGEST_PX, unit="px").shape != (2,):
+            raise InvalidParameter(f"centre_px = {shown(self.centre_px)} is no pair of numbers, (u, v)")
+        optional_number("rim_radius_px", self.rim_radius_px, above=0.0, high=LARGEST_PX, unit="px")
+        instance("mount", self.mount, Mount, "a Mount")
+        if self.uncertainty is not None:
+            instance("uncertainty", self.uncertainty, Uncertainty, "an Uncertainty")
 
 
 class _Step:

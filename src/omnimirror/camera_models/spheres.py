@@ -17,6 +17,8 @@ from .radial import ROUNDING, Law, Place
 
 Array = NDArray[np.float64]
 
+MOST = 1e4  # of a number of shape: past it every sphere is the same plane
+
 
 @dataclass(frozen=True)
 class Unified(FocalModel):
@@ -88,7 +90,7 @@ class Unified(FocalModel):
 
     def __post_init__(self) -> None:
         self._check_focal()
-        number("xi", self.xi, low=0.0)
+        number("xi", self.xi, low=0.0, high=MOST)
         for name in self.LENS:
             number(name, getattr(self, name), low=-LARGEST_COEFFICIENT, high=LARGEST_COEFFICIENT)
 
@@ -180,7 +182,7 @@ class EnhancedUnified(FocalModel):
     def __post_init__(self) -> None:
         self._check_focal()
         number("alpha", self.alpha, low=0.0, high=1.0)
-        number("beta", self.beta, above=0.0)
+        number("beta", self.beta, low=1 / MOST, high=MOST)
 
     @property
     def _places(self) -> tuple[tuple[Place, ...], tuple[Place, ...]]:

@@ -8,7 +8,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import finite, number, whole
+from ..arguments import finite, number, shown, whole
 from ..errors import InvalidParameter
 from ..frames import Mount
 from ..numerics.lazy import cached_property
@@ -17,12 +17,13 @@ from ..numerics.splines import Spline, SplineBasis, even_basis, odd_basis
 from ..parameters import Uncertainty
 from .base import Optics
 from .distortion import LARGEST_COEFFICIENT, SLOWEST
-from .radial import AngleRates, Law, Place, RadialModel
+from .radial import LARGEST_PX, AngleRates, Law, Place, RadialModel
 
 Array = NDArray[np.float64]
 
 NODES_PER_CELL = 16  # of the table from which inversions start
 FEWEST_KNOTS = 3
+LARGEST_MM = 1e6
 
 
 class SplineModel(RadialModel):
@@ -41,10 +42,11 @@ class SplineModel(RadialModel):
     def _check_splines(self) -> None:
         self._check_radial()
         number("field_deg", self.field_deg, above=0.0, high=360.0, unit="deg")
-        radii = finite("radii_px", self.radii_px, unit="px")
+        radii = finite("radii_px", self.radii_px, high=LARGEST_PX, unit="px")
         if radii.ndim != 1 or len(radii) < FEWEST_KNOTS or not (np.diff(radii, prepend=0.0) > 0).all():
             raise InvalidParameter(
-                f"radii_px = {self.radii_px} is no row of {FEWEST_KNOTS} or more radii that grow from knot to knot"
+                f"radii_px = {shown(self.radii_px)} is no row of {FEWEST_KNOTS} or more radii that grow from knot to "
+                "knot"
             )
         for name in ("stretch_x", "shear"):
             number(name, getattr(self, name), low=-0.5, high=0.5)
@@ -279,10 +281,10 @@ class ViewpointSpline(SplineModel):
 
     def __post_init__(self) -> None:
         self._check_splines()
-        heights = finite("viewpoints_mm", self.viewpoints_mm, unit="mm")
+        heights = finite("viewpoints_mm", self.viewpoints_mm, -LARGEST_MM, LARGEST_MM, unit="mm")
         if heights.shape != (len(self.radii_px),):
             raise InvalidParameter(
-                f"viewpoints_mm = {self.viewpoints_mm} does not give one height for each of the "
+                f"viewpoints_mm = {shown(self.viewpoints_mm)} does not give one height for each of the "
                 f"{len(self.radii_px)} knots"
             )
 
