@@ -121,6 +121,7 @@ class EstimationOptions(Options):
 @takes(BoardOptions, "target")
 @takes(SoughtCameraOptions, "camera")
 @takes(EstimationOptions, "estimation")
+@click.option("--several", is_flag=True, help="Pictures show several such chessboards at once; each is used.")
 @click.option("-o", "--output", type=Output(), help="The camera file to write, TOML.")
 @click.option("--json", "json_path", type=Output(), help="All numbers, as JSON.")
 @click.option("--report", type=Output(), help="A page with all of it, HTML.")
@@ -130,6 +131,7 @@ def command(
     target: BoardOptions,
     camera: SoughtCameraOptions,
     estimation: EstimationOptions,
+    several: bool,
     output: Path | None,
     json_path: Path | None,
     report: Path | None,
@@ -145,7 +147,7 @@ def command(
     omnimirror calibrate *.jpg --board 11x7 --square-mm 30 -o camera.toml --report calibration.html
     """
     board, asked, console = target.made(), camera.asked(), output_console()
-    detections = _found(console, pictures, board)
+    detections = _found(console, pictures, board, several)
     is_stopped = any(d.reason == STOPPED for d in detections)
     with _steps(console) as progress, interrupts.deferred():
         found = calibrate_camera(
@@ -162,7 +164,7 @@ def command(
         sys.exit(code)
 
 
-def _found(console: Console, pictures: tuple[Path, ...], board: Board) -> list[Detection]:
+def _found(console: Console, pictures: tuple[Path, ...], board: Board, several: bool) -> list[Detection]:
     """Boards in pictures, or in the frames of a video."""
     with progress_bar(console) as bar:
         task = bar.add_task("looking for boards", total=None)
@@ -172,7 +174,7 @@ def _found(console: Console, pictures: tuple[Path, ...], board: Board) -> list[D
 
         if len(pictures) == 1 and is_video(str(pictures[0])):
             return choose_frames(pictures[0], board, progress=progress)
-        return find_boards(pictures, board, progress=progress)
+        return find_boards(pictures, board, several=several, progress=progress)
 
 
 @contextmanager
