@@ -3,18 +3,18 @@
 import numpy as np
 import pytest
 
-from omnimirror.calibrate.rim.edges import Edges
+from omnimirror.calibrate.rim.edges import EdgePoints
 from omnimirror.calibrate.rim.ellipses import Ellipse, laid_through
 
 
-def edges_on(a: float, b: float, angle_deg: float, centre: tuple[float, float], share: float = 1.0) -> Edges:
-    """Edges on an ellipse given by its axes, over a share of the way round."""
+def edges_on(a: float, b: float, angle_deg: float, centre: tuple[float, float], share: float = 1.0) -> EdgePoints:
+    """EdgePoints on an ellipse given by its axes, over a share of the way round."""
     turn, lean = np.linspace(0, 2 * np.pi * share, 600), np.radians(angle_deg)
     turned = np.array([[np.cos(lean), np.sin(lean)], [-np.sin(lean), np.cos(lean)]])
     points = np.stack([a * np.cos(turn), b * np.sin(turn)], axis=1) @ turned + centre
     normals = np.stack([np.cos(turn) / a, np.sin(turn) / b], axis=1) @ turned
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    return Edges(points, normals, np.full(600, 30.0), np.ones(600))
+    return EdgePoints(points, normals, np.full(600, 30.0), np.ones(600))
 
 
 @pytest.mark.parametrize("angle_deg", [0.0, 35.0, 90.0, 140.0])
@@ -34,7 +34,7 @@ def test_clutter_pulls_the_ellipse_by_half_a_pixel_at_most():
     lean = rng.uniform(0, 2 * np.pi, 400)
     points = np.concatenate([edges.points, beside.points, rng.uniform(50, 300, (400, 2))])
     normals = np.concatenate([edges.normals, beside.normals, np.stack([np.cos(lean), np.sin(lean)], axis=1)])
-    cluttered = Edges(points, normals, np.full(1600, 30.0), np.ones(1600))
+    cluttered = EdgePoints(points, normals, np.full(1600, 30.0), np.ones(1600))
     found = laid_through(cluttered, Ellipse((200.5, 150.0), 99.5), (1.0, 0.7))
     assert found.centre == (pytest.approx(200, abs=0.5), pytest.approx(150, abs=0.5))
     assert found.semi_axes == (pytest.approx(100, abs=0.5), pytest.approx(98, abs=0.5))

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .cues import FAMILY_OFFSET, SAME_RING, SECTORS, Ring, ring_of
-from .edges import FINER_PX, Edges, Working, at_working_size, edges_of
+from .edges import FINER_PX, EdgePoints, Working, at_working_size, edges_of
 from .ellipses import FLATTEST, NORMAL_SLACK, Ellipse, laid_through
 from .votes import LEAST_RADIUS, circles
 
@@ -24,7 +24,7 @@ LEAST_FINER = 1.2  # scale, from which on a finer picture shows more
 LEAST_SHARE = 0.3  # of the way round, that a ring beside another must have edges
 
 
-def rings_of(picture: NDArray[Any], working: Working, edges: Edges) -> list[Ring]:
+def rings_of(picture: NDArray[Any], working: Working, edges: EdgePoints) -> list[Ring]:
     """The rings of a picture, of which its edges at working size are known."""
     found = rings(working, edges)
     if working.scale > LEAST_FINER:
@@ -33,7 +33,7 @@ def rings_of(picture: NDArray[Any], working: Working, edges: Edges) -> list[Ring
     return found
 
 
-def rings(working: Working, edges: Edges) -> list[Ring]:
+def rings(working: Working, edges: EdgePoints) -> list[Ring]:
     """The rings of a picture, each once."""
     found: list[Ring] = []
     for circle in circles(edges, working.size):
@@ -45,7 +45,7 @@ def rings(working: Working, edges: Edges) -> list[Ring]:
     return found
 
 
-def add_finer(found: list[Ring], coarse: tuple[Working, Edges], fine: tuple[Working, Edges]) -> None:
+def add_finer(found: list[Ring], coarse: tuple[Working, EdgePoints], fine: tuple[Working, EdgePoints]) -> None:
     """Add the rings about the clearest ones that are seen apart in a finer picture only, as thin frames are."""
     working, edges = coarse
     scale = working.scale / fine[0].scale
@@ -61,7 +61,7 @@ def add_finer(found: list[Ring], coarse: tuple[Working, Edges], fine: tuple[Work
             _add(found, working, edges, placed.scaled(1 / scale), SAME_FINER)
 
 
-def _add(found: list[Ring], working: Working, edges: Edges, ellipse: Ellipse, same: float = SAME_RING) -> None:
+def _add(found: list[Ring], working: Working, edges: EdgePoints, ellipse: Ellipse, same: float = SAME_RING) -> None:
     """Add a ring, unless it is there as clearly, or none that a mirror could have."""
     short = min(working.size)
     u, v = ellipse.centre
@@ -84,7 +84,7 @@ def _is_same(ellipse: Ellipse, other: Ellipse, same: float) -> bool:
     return ellipse.is_near(other, share) and bool(np.hypot(*np.subtract(ellipse.stretch, other.stretch)) < share)
 
 
-def beside(edges: Edges, ellipse: Ellipse, within: tuple[float, float] = BESIDE) -> list[Ellipse]:
+def beside(edges: EdgePoints, ellipse: Ellipse, within: tuple[float, float] = BESIDE) -> list[Ellipse]:
     """Ellipses of the same shape and centre that have edges of their direction."""
     low, high = within
     away = ellipse.away(edges.points) / ellipse.radius + 1

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .edges import LEAST_STEP, USUAL_STEP, Edges, Working, strongest, turns
+from .edges import LEAST_STEP, USUAL_STEP, EdgePoints, Working, strongest, turns
 from .ellipses import NORMAL_SLACK, Ellipse
 
 Array = NDArray[np.float64]
@@ -98,7 +98,7 @@ class Ring:
         return float(np.mean(sums < CALM))
 
 
-def ring_of(working: Working, edges: Edges, ellipse: Ellipse) -> Ring | None:
+def ring_of(working: Working, edges: EdgePoints, ellipse: Ellipse) -> Ring | None:
     """What is seen on and round an ellipse; None where there are next to no edges on it."""
     support, close, chance, seen = _support(edges, working.size, ellipse)
     if support < LEAST_SUPPORT:
@@ -154,7 +154,7 @@ def _frame(inner: Ring, outer: Ring) -> tuple[float, float]:
     return framed, max(0.0, (close - 0.7) / 0.3)
 
 
-def _support(edges: Edges, size: tuple[int, int], ellipse: Ellipse) -> tuple[float, float, float, float]:
+def _support(edges: EdgePoints, size: tuple[int, int], ellipse: Ellipse) -> tuple[float, float, float, float]:
     """Shares of the way round with edges near, nearer, and beside the ring; and how much of it is in the picture."""
     turn = turns(SECTORS) + np.pi / SECTORS
     points = ellipse.points(turn)

@@ -21,7 +21,7 @@ MOST_EDGES = 16_000
 
 
 @dataclass(frozen=True)
-class Edges:
+class EdgePoints:
     """Edges of a picture at working size."""
 
     points: Array
@@ -33,9 +33,9 @@ class Edges:
     weights: Array
     """(n,) 0 to 1: how much of an edge it is."""
 
-    def among(self, chosen: NDArray[np.bool_]) -> Edges:
+    def among(self, chosen: NDArray[np.bool_]) -> EdgePoints:
         """Those of them where a mask (n,) is True."""
-        return Edges(self.points[chosen], self.normals[chosen], self.steps[chosen], self.weights[chosen])
+        return EdgePoints(self.points[chosen], self.normals[chosen], self.steps[chosen], self.weights[chosen])
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ def at_working_size(picture: NDArray[Any], short_side_px: int = SHORT_SIDE_PX) -
     return Working(smooth, scale, _noise(smooth))
 
 
-def edges_of(working: Working) -> Edges:
+def edges_of(working: Working) -> EdgePoints:
     """The edges of a picture at working size: where its steepest channel is steeper than on both sides."""
     import cv2
 
@@ -90,7 +90,7 @@ def edges_of(working: Working) -> Edges:
     offset = np.clip((after - before) / np.maximum(2 * (2 * here - before - after), 1e-6), -0.5, 0.5)
     normals = np.stack([nx[v, u], ny[v, u]], axis=1).astype(float)
     points = np.stack([u, v], axis=1) + offset[:, None] * normals
-    return Edges(points, normals, here.astype(float), np.minimum(here / USUAL_STEP, 1.0).astype(float))
+    return EdgePoints(points, normals, here.astype(float), np.minimum(here / USUAL_STEP, 1.0).astype(float))
 
 
 def steepest(image: Image) -> tuple[Image, Image, Image]:

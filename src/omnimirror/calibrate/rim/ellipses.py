@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .edges import Edges
+from .edges import EdgePoints
 
 Array = NDArray[np.float64]
 
@@ -89,7 +89,7 @@ def _stretched(points: Array, stretch: tuple[float, float]) -> Array:
     return turned
 
 
-def laid_through(edges: Edges, first: Ellipse, reaches: tuple[float, ...], *, may_stretch: bool = True) -> Ellipse:
+def laid_through(edges: EdgePoints, first: Ellipse, reaches: tuple[float, ...], *, may_stretch: bool = True) -> Ellipse:
     """The ellipse through the edges near a first one: Gauss-Newton, the farther an edge the less it counts.
 
     Parameters

@@ -13,7 +13,7 @@ from ...errors import InvalidParameter
 from .candidates import rings_of
 from .choice import confidence, odds
 from .cues import Ring
-from .edges import Edges, Working, at_working_size, edges_of, levels_of
+from .edges import EdgePoints, Working, at_working_size, edges_of, levels_of
 from .ellipses import Ellipse
 from .middle import camera_image
 from .placing import placed
@@ -125,7 +125,7 @@ class _Seen:
 
     picture: Picture
     working: Working
-    edges: Edges
+    edges: EdgePoints
     rings: list[Ring]
     odds: Array
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from .cues import ring_of
-from .edges import Edges, Working
+from .edges import EdgePoints, Working
 from .ellipses import Ellipse, laid_through
 from .votes import peaks
 
@@ -19,7 +19,7 @@ STRETCH_COST = 4.0  # share of the way round that a stretch must gain
 REACHES_PX = (2.0, 1.2)
 
 
-def camera_image(working: Working, edges: Edges, rim: Ellipse) -> Ellipse | None:
+def camera_image(working: Working, edges: EdgePoints, rim: Ellipse) -> Ellipse | None:
     """The clearest calm disc in the middle of a rim, both at working size; None where there is none."""
     away = np.linalg.norm(edges.points - np.asarray(rim.centre), axis=1) / rim.radius
     inner = edges.among(away < LARGEST + OFFSET)
@@ -36,7 +36,7 @@ def camera_image(working: Working, edges: Edges, rim: Ellipse) -> Ellipse | None
     return best
 
 
-def _clear(working: Working, edges: Edges, disc: Ellipse) -> float:
+def _clear(working: Working, edges: EdgePoints, disc: Ellipse) -> float:
     """How clear the edge of a round disc is in which little happens and about which much does; else 0."""
     ring = ring_of(working, edges, disc)
     if ring is None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from .edges import LEAST_STEP, USUAL_STEP, Edges, turns
+from .edges import LEAST_STEP, USUAL_STEP, EdgePoints, turns
 from .ellipses import Ellipse, laid_through
 
 Array = NDArray[np.float64]
@@ -54,7 +54,7 @@ def placed(levels: NDArray[np.number], ring: Ellipse, scale: float) -> tuple[Ell
     return best, share
 
 
-def _shifted(edges: Edges, ring: Ellipse, scale: float) -> Ellipse:
+def _shifted(edges: EdgePoints, ring: Ellipse, scale: float) -> Ellipse:
     """The ring moved and grown by a little to where most of the way round has an edge."""
     circle = ring.on_circle(edges.points)
     away = (np.linalg.norm(circle, axis=1) - 1) * ring.radius / scale
@@ -79,7 +79,7 @@ def _shifted(edges: Edges, ring: Ellipse, scale: float) -> Ellipse:
     return Ellipse(centre, ring.radius + float(r[best]) * scale, ring.stretch)
 
 
-def _edges_across(levels: NDArray[np.number], ring: Ellipse, scale: float) -> Edges:
+def _edges_across(levels: NDArray[np.number], ring: Ellipse, scale: float) -> EdgePoints:
     """Where profiles across the ring are steepest, each of them several times perhaps."""
     import cv2
 
@@ -95,7 +95,7 @@ def _edges_across(levels: NDArray[np.number], ring: Ellipse, scale: float) -> Ed
     top, left = (max(0, int(np.floor(points[..., k].min()))) for k in (1, 0))
     crop = np.ascontiguousarray(levels[top : int(points[..., 1].max()) + 2, left : int(points[..., 0].max()) + 2])
     if not inside.any() or not crop.size:
-        return Edges(np.empty((0, 2)), np.empty((0, 2)), np.empty(0), np.empty(0))
+        return EdgePoints(np.empty((0, 2)), np.empty((0, 2)), np.empty(0), np.empty(0))
     seen = cv2.remap(
         crop, points[..., 0] - left, points[..., 1] - top, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
     )
@@ -120,10 +120,10 @@ def _edges_across(levels: NDArray[np.number], ring: Ellipse, scale: float) -> Ed
     most = np.zeros(PROFILES)
     np.maximum.at(most, which, b)
     weights = (b / most[which]) ** 2 * np.minimum(b / USUAL_STEP, 1.0) / (1 + (lean[:, 1:-1][found] / LEAN) ** 2)
-    return Edges(edge, out[which], b.astype(float), weights)
+    return EdgePoints(edge, out[which], b.astype(float), weights)
 
 
-def _close(edges: Edges, ellipse: Ellipse, close: float) -> float:
+def _close(edges: EdgePoints, ellipse: Ellipse, close: float) -> float:
     """Share of the profiles that have an edge close to the ellipse."""
     circle = ellipse.on_circle(edges.points)
     away = np.abs(np.linalg.norm(circle, axis=1) - 1) * ellipse.radius

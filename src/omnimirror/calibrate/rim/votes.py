@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from .edges import Edges
+from .edges import EdgePoints
 from .ellipses import Ellipse
 
 Array = NDArray[np.float64]
@@ -18,7 +18,7 @@ PEAKS_A_RADIUS, PEAKS = 5, 50
 LEAST_SEEN = 0.35  # share of the way round that lies in the picture
 
 
-def circles(edges: Edges, size: tuple[int, int]) -> list[Ellipse]:
+def circles(edges: EdgePoints, size: tuple[int, int]) -> list[Ellipse]:
     """The circles that most edges vote for, of those of their size, best first."""
     found: list[tuple[float, float, float, float]] = []
     short = min(size)
@@ -37,7 +37,7 @@ def circles(edges: Edges, size: tuple[int, int]) -> list[Ellipse]:
     return kept
 
 
-def peaks(edges: Edges, size: tuple[int, int], radius: float) -> list[tuple[float, float, float, float]]:
+def peaks(edges: EdgePoints, size: tuple[int, int], radius: float) -> list[tuple[float, float, float, float]]:
     """Votes, centre and radius of the best circles of one radius."""
     import cv2
 
