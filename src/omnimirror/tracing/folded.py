@@ -195,7 +195,7 @@ class FoldedMirror:
         to_pupils = pupils.xyz if pupils.distant else _unit(pupils.xyz - second.points)
         to_targets = targets.xyz if targets.distant else _unit(targets.xyz - first.points)
         between = _unit(met - seen_at)
-        facing = [
+        faces_both = [
             np.einsum("ni,ni->n", a, b) > 0
             for a, b in (
                 (to_pupils, second.normals),
@@ -206,7 +206,7 @@ class FoldedMirror:
         ]
         steepness = [np.sqrt(1 + np.einsum("ni,ni->n", s.slopes, s.slopes)) for s in (second, first)]
         misses = [np.hypot(*path.gradient[:, k : k + 2].T) / steepness[k // 2] for k in (0, 2)]
-        reflects = np.logical_and.reduce([*facing, *(miss <= REFLECTS for miss in misses)])
+        reflects = np.logical_and.reduce([*faces_both, *(miss <= REFLECTS for miss in misses)])
         valid = reflects & (self.beyond_edge_mm(met, second.points + self._vertex) <= 0)
         valid &= self._is_clear(-to_pupils * OVER, seen_at, met, to_targets)
         blank = np.where(reflects, 1.0, np.nan)
@@ -239,8 +239,8 @@ class FoldedMirror:
             mixed = np.zeros((count, 4, 2))
             mixed[:, :2] = np.einsum("nai,nbi->nab", second.tangents, motion)
             moved = np.linalg.solve(self._path(pupils, targets, place).second, mixed)[:, 2:]
-            facing = np.einsum("ni,ni->n", found.normals, found.to_targets)
-            section: Array = np.abs(np.linalg.det(moved)) * facing / np.abs(found.normals[:, 2])
+            cos_incidence = np.einsum("ni,ni->n", found.normals, found.to_targets)
+            section: Array = np.abs(np.linalg.det(moved)) * cos_incidence / np.abs(found.normals[:, 2])
             if not targets.distant:
                 section /= np.einsum("ni,ni->n", targets.xyz - found.points, targets.xyz - found.points)
         return section

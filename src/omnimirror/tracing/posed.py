@@ -68,8 +68,8 @@ class PosedMirror:
             self.mirror, self._ends(pupils), self._ends(targets), inside, self.pose.turned_to_mirror(motion)
         )
         upright = np.abs(self.pose.turned_to_mirror(found.normals)[:, 2])
-        facing = np.einsum("ni,ni->n", found.normals, found.to_targets)
-        section: Array = area * facing / upright
+        cos_incidence = np.einsum("ni,ni->n", found.normals, found.to_targets)
+        section: Array = area * cos_incidence / upright
         if not targets.distant:
             section /= np.einsum("ni,ni->n", targets.xyz - found.points, targets.xyz - found.points)
         return section

@@ -296,9 +296,9 @@ def _proven(mirror: Mirror, pupils: Ends, targets: Ends, xy: Array) -> Specular:
     length, gradient, _ = _path(surface, pupils, targets)
     points, slopes, normals = surface.points, surface.slopes, surface.normals
     to_pupils, to_targets = (end.xyz if end.distant else _unit(end.xyz - points) for end in (pupils, targets))
-    facing = (np.einsum("ni,ni->n", to_pupils, normals) > 0) & (np.einsum("ni,ni->n", to_targets, normals) > 0)
+    faces_both = (np.einsum("ni,ni->n", to_pupils, normals) > 0) & (np.einsum("ni,ni->n", to_targets, normals) > 0)
     miss = np.hypot(*gradient.T) / np.sqrt(1 + np.einsum("ni,ni->n", slopes, slopes))
-    reflects = facing & (miss <= REFLECTS)
+    reflects = faces_both & (miss <= REFLECTS)
     valid = reflects & (np.hypot(*xy.T) <= mirror.rim_radius_mm * (1 + RIM_SLACK))
     if hollowness(mirror) > 0 and valid.any():
         for end, towards in ((pupils, to_pupils), (targets, to_targets)):
