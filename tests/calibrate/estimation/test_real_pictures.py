@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -67,3 +69,35 @@ def test_a_wrong_board_is_said(tmp_path):
     run = omnimirror("calibrate", *map(str, PICTURES[:2]), "--board", "9x6", "--square-mm", "30", cwd=tmp_path)
     assert run.returncode == 2
     assert "a board of 11 x 7 corners was found, and one of 9 x 6 corners was looked for" in run.stderr
+
+
+@pytest.mark.full
+def test_ctrl_c_keeps_what_was_found(tmp_path):
+    """The signal comes while models are compared: boards were looked for, and a camera was found."""
+    words = ["calibrate", *map(str, PICTURES[:6]), "--board", "11x7", "--square-mm", "30", "-o", "camera.toml"]
+    run = subprocess.Popen(
+        [sys.executable, "-c", INTERRUPTED, *words],
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    told, errors = run.communicate()
+    assert run.returncode == 130, errors
+    assert "stopped before the end" in told
+    assert "Stopped: this is what was found until then" in told
+    om.load_camera(tmp_path / "camera.toml")
+
+
+INTERRUPTED = """
+import os, signal
+from omnimirror.calibrate.estimation import pipeline
+climbed = pipeline._all_climbed
+def interrupted(*args):
+    found = climbed(*args)
+    os.kill(os.getpid(), signal.SIGINT)
+    return found
+pipeline._all_climbed = interrupted
+from omnimirror.cli import main
+main()
+"""

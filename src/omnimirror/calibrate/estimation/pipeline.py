@@ -13,14 +13,16 @@ from ...errors import InvalidParameter, OmnimirrorError
 from .bundle.adjustment import Adjustment, Prior, shared_names
 from .bundle.board_shape import BoardShape
 from .bundle.observations import Motion, Sighting
+from .bundle.steps import SETTLED
 from .checks import check_poses, check_still, without_strangers
 from .choice import TriedModel, chosen
 from .ladder.models import JUDGES, KINDS, begun_as
-from .ladder.rungs import begun, climbed, field_of
+from .ladder.rungs import ROUGHLY, begun, climbed, field_of
 from .leaving_out import HeldOut, held_out
 from .outliers import Outlier, frozen, without_outliers
 
 HOPELESS = 1.1  # a model whose fit is worse than another in pictures that were left out, by so much, is not compared
+FAR = 1.5  # of the noise of the best model: so much worse a model need not be settled to the last digit
 FEWEST_FOR_JUDGES = 5  # pictures; with fewer the most flexible models follow anything
 
 
@@ -179,7 +181,8 @@ def _frozen(fit: Adjustment, judge: Adjustment, course: Course) -> Adjustment:
     """A model by least squares on the corners that are left for all."""
     names = {s.name for s in judge.sightings}
     kept = frozen(tuple(s for s in fit.sightings if s.name in names), course.outliers)
-    return fit.again(kept)
+    is_far = fit.question.noise_px > FAR * judge.question.noise_px
+    return fit.again(kept, settled=ROUGHLY if is_far else SETTLED)
 
 
 def from_the_front(sightings: Sequence[Sighting]) -> tuple[Sighting, ...]:

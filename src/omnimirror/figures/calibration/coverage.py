@@ -37,7 +37,7 @@ def coverage_map(
         Standard deviation of directions on a grid over the picture; NaN where nothing is seen.
     """
     width, height = image_size
-    figure = new_figure(PAGE, PAGE * height / width + 0.3)
+    figure = new_figure(PAGE, 0.86 * PAGE * height / width + 0.3)
     axes = figure.subplots()
     if sigma_deg is not None and np.isfinite(sigma_deg).any():
         shown = axes.imshow(

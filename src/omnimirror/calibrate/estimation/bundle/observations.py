@@ -39,32 +39,38 @@ class Motion(NamedTuple):
         moved: Array = points_mm @ self.rotation.T + self.shift_mm
         return moved
 
-    def after(self, turn: Array, shift_mm: Array) -> Motion:
-        """With a small rotation vector (3,) applied after its rotation, and a shift (3,) added."""
-        rotation = rotation_of(turn) @ self.rotation
-        rotation = rotation @ (1.5 * np.eye(3) - 0.5 * rotation.T @ rotation)  # rounding of many steps does not add up
-        return Motion(rotation, self.shift_mm + shift_mm)
+
+def moved(motions: Sequence[Motion], steps: Array) -> tuple[Motion, ...]:
+    """Motions after small rotation vectors, applied after their rotations, and shifts: steps (m, 6)."""
+    before = np.array([m.rotation for m in motions])
+    rotations = rotations_of(steps[:, :3]) @ before
+    # rounding of many steps does not add up
+    rotations = rotations @ (1.5 * np.eye(3) - 0.5 * rotations.transpose(0, 2, 1) @ rotations)
+    shifts = np.array([m.shift_mm for m in motions]) + steps[:, 3:]
+    return tuple(Motion(r, t) for r, t in zip(rotations, shifts, strict=True))
 
 
 def rotation_of(vector: Array) -> Array:
-    """Rotation matrix (3, 3) of a rotation vector (3,) in radians, by Rodrigues' formula.
+    """Rotation matrix (3, 3) of a rotation vector (3,) in radians.
 
     >>> rotation_of(np.array([0.0, 0.0, np.pi / 2])).round(12) + 0.0
     array([[ 0., -1.,  0.],
            [ 1.,  0.,  0.],
            [ 0.,  0.,  1.]])
     """
-    angle = float(np.linalg.norm(vector))
-    if angle < 1e-12:
-        return np.eye(3) + _crossing(vector)
-    k = _crossing(vector / angle)
-    return np.asarray(np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * (k @ k))
+    matrix: Array = rotations_of(np.asarray(vector, dtype=float)[None])[0]
+    return matrix
 
 
-def _crossing(v: Array) -> Array:
-    """Matrix of the cross product with a vector."""
-    x, y, z = v
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+def rotations_of(vectors: Array) -> Array:
+    """Rotation matrices (n, 3, 3) of rotation vectors (n, 3) in radians, by Rodrigues' formula."""
+    angle = np.linalg.norm(vectors, axis=1)[:, None, None]
+    cross = np.zeros((len(vectors), 3, 3))
+    x, y, z = vectors.T
+    cross[:, 0, 1], cross[:, 0, 2], cross[:, 1, 2] = -z, y, -x
+    cross[:, 1, 0], cross[:, 2, 0], cross[:, 2, 1] = z, -y, x
+    first, second = np.sinc(angle / np.pi), np.sinc(angle / (2 * np.pi)) ** 2 / 2  # sin(a) / a, (1 - cos(a)) / a^2
+    return np.asarray(np.eye(3) + first * cross + second * cross @ cross)
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ....errors import OmnimirrorError
 from .linearisation import UNSEEN_PX, Estimate, Linearised, Loss, linearised, slid, without_slides
 from .normal_equations import Blocks, assembled, solved, with_priors
-from .observations import Stack
+from .observations import Stack, moved
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -201,10 +201,7 @@ def _moved(estimate: Estimate, raw: Linearised, question: Question, step: Step) 
         model = estimate.model.with_parameters(values[:count])
     except OmnimirrorError:
         return None
-    motions = tuple(
-        m.after(s[:3], s[3:]) if moving else m
-        for m, s, moving in zip(estimate.motions, step.motions, question.moving, strict=True)
-    )
+    motions = moved(estimate.motions, np.where(question.moving[:, None], step.motions, 0.0))
     shape = estimate.shape and estimate.shape.with_values(values[count:])
     slides = estimate.slides
     if raw.d_slide is not None:
