@@ -207,6 +207,19 @@ def test_an_installed_package_brings_a_mirror(installed, tmp_path):
     assert "Traceback" not in run.stderr
 
 
+def test_what_cannot_be_used_is_named_and_left_out_of_lists(installed, tmp_path):
+    run = omnimirror(installed, tmp_path, "init", "new.toml")
+    assert run.returncode == 0, run.stderr
+    assert "a mirror 'broken' of bowls (bowls:NotThere) cannot be used" in run.stderr
+    assert len(run.stderr.splitlines()) == 1
+    assert 'kind = "bowl"' in (tmp_path / "new.toml").read_text()
+    form = "from omnimirror.studio.bench.form import bench_start; print([m.kind for m in bench_start().mirrors])"
+    run = subprocess.run([sys.executable, "-c", form], env=installed, capture_output=True, text=True)
+    assert run.returncode == 0, run.stderr
+    assert "'bowl'" in run.stdout
+    assert "'broken'" not in run.stdout
+
+
 def test_an_installed_package_brings_a_view_and_a_format(installed, tmp_path):
     om.write_image(tmp_path / "a.png", np.full((1024, 1024, 3), 90, np.uint8))
     look = ("dewarp", "a.png", "--sensor", "paper-spherical", "--view", "fan", "--size", "320x80")

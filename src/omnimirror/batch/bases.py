@@ -130,7 +130,7 @@ class FreeForm(NamedTuple):
         FreeForm(name='even-polynomial', terms=8)
         """
         word, colon, count = text.strip().partition(":")
-        if word not in FREE_FORMS or (colon and not count.isdigit()):
+        if word not in FREE_FORMS or (colon and not (count.isascii() and count.isdigit())):
             few_to_many = (f"{w}:N with {_FAMILIES[n][0]} to {_FAMILIES[n][1]}" for w, (n, _) in FREE_FORMS.items())
             raise InvalidParameter(f"{text!r} is not a shape to optimise; valid are {', '.join(few_to_many)}")
         name, usual = FREE_FORMS[word]

@@ -5,9 +5,12 @@ from __future__ import annotations
 import difflib
 import os
 import re
+import signal
 import sys
+import threading
 import traceback
 from importlib import import_module
+from types import FrameType
 from typing import Any
 
 import click
@@ -84,6 +87,8 @@ class LazyGroup(click.Group):
             return super().invoke(ctx)
         except BrokenPipeError:  # without a number, by which click would end with 1
             raise BrokenPipeError("the reader has gone") from None
+        except Terminated as e:  # no ^C stands on the line that click would end
+            raise click.exceptions.Abort from e
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section("Commands"):
@@ -106,10 +111,16 @@ def main(args: list[str] | None = None) -> None:
     ours = words[: words.index("--")] if "--" in words else words
     if is_debugged := "--debug" in ours:
         words.remove("--debug")
-    prepare(is_quiet=not is_debugged and not SERVERS & set(words))
+    is_server = bool(SERVERS & set(words))  # which has an ending of its own
+    prepare(is_quiet=not is_debugged and not is_server)
     try:
+        if not is_server and threading.current_thread() is threading.main_thread():
+            signal.signal(signal.SIGTERM, _terminate)
         app.main(args=words, prog_name="omnimirror", standalone_mode=False)
         sys.stdout.flush()
+    except Terminated:  # before the command has begun, or after its end
+        click.echo("omnimirror: stopped", err=True)
+        sys.exit(128 + signal.SIGTERM)
     except BrokenPipeError:  # the reader (head, less) has seen enough
         forget_output()
         sys.exit(0)
@@ -124,11 +135,19 @@ def main(args: list[str] | None = None) -> None:
         sys.exit(code)
 
 
+class Terminated(KeyboardInterrupt):
+    """SIGTERM, of containers and service managers, which ends commands as Ctrl-C does: what is done is kept."""
+
+
+def _terminate(number: int, frame: FrameType | None) -> None:
+    raise Terminated
+
+
 def explained(error: Exception) -> tuple[str, int]:
     """The sentence for an error, and the exit code: 2 where the command was not used as it can be, 1 for others."""
     match error:
         case click.exceptions.Abort():
-            return "stopped", 130
+            return "stopped", 128 + (signal.SIGTERM if isinstance(error.__cause__, Terminated) else signal.SIGINT)
         case click.UsageError():
             where = f" (see '{error.ctx.command_path} --help')" if error.ctx else ""
             return f"{error.format_message().rstrip('.')}{where}", 2

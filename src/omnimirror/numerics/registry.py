@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+import logging
+from collections.abc import Callable, ItemsView, Iterator, Mapping, ValuesView
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any, Generic, TypeVar
 
@@ -42,6 +43,7 @@ class Registry(Mapping[str, T], Generic[T]):
         self.group, self.what, self._check = group, what, check
         self._ours = frozenset(ours)
         self._known: dict[str, T] = dict(ours)
+        self._named: set[str] = set()  # broken ones that were warned of
 
     def register(self, name: str, thing: T) -> None:
         """Add a thing under a name of its own; one that is defined anew, as in a notebook, takes its own place.
@@ -83,6 +85,25 @@ class Registry(Mapping[str, T], Generic[T]):
 
     def __contains__(self, name: object) -> bool:
         return name in self._known or name in self._offered
+
+    def items(self) -> ItemsView[str, T]:
+        """Those that can be used, with their names; what a package brings that cannot is named in a warning, once."""
+        return self._usable().items()
+
+    def values(self) -> ValuesView[T]:
+        """Those that can be used, as :meth:`items`."""
+        return self._usable().values()
+
+    def _usable(self) -> dict[str, T]:
+        found = {}
+        for name in self:
+            try:
+                found[name] = self[name]
+            except OmnimirrorError as e:
+                if name not in self._named:
+                    logging.getLogger("omnimirror").warning("%s", e)
+                    self._named.add(name)
+        return found
 
     @cached_property
     def _offered(self) -> dict[str, EntryPoint]:

@@ -125,10 +125,10 @@ class Recording:
 def is_video(source: str) -> bool:
     """Whether a source is a video file, a camera or a stream, going by its name.
 
-    >>> [is_video(s) for s in ("room.MP4", "0", "/dev/video2", "rtsp://door/1", "room.png", "*.jpg")]
-    [True, True, True, True, False, False]
+    >>> [is_video(s) for s in ("room.MP4", "0", "/dev/video2", "rtsp://door/1", "room.png", "*.jpg", "١٢٣")]
+    [True, True, True, True, False, False, False]
     """
-    is_live = source.isdigit() or source.startswith("/dev/video") or "://" in source
+    is_live = (source.isascii() and source.isdigit()) or source.startswith("/dev/video") or "://" in source
     return is_live or source == "-" or is_sequence(source) or Path(source).suffix.lower() in VIDEOS
 
 

@@ -2,6 +2,13 @@
 
 from __future__ import annotations
 
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -119,3 +126,46 @@ def test_the_panorama_beside_the_picture(sensor_file, sky_file, tmp_path):
 def test_errors_are_sentences_and_leave_no_file(sensor_file, tmp_path, args, words):
     assert words in fails("simulate", sensor_file, *args, cwd=tmp_path)
     assert not list(tmp_path.iterdir())
+
+
+def _terminated_when(state, *words):
+    """What a command said that was sent SIGTERM when a state was reached, after it began to listen to it."""
+    with subprocess.Popen(
+        [sys.executable, "-m", "omnimirror", *map(str, words)], stdin=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as run:
+        while not (_listens(run.pid) and state()):
+            assert run.poll() is None, run.stderr.read()
+            time.sleep(0.01)
+        run.send_signal(signal.SIGTERM)
+        said = run.communicate()[1]
+    assert run.returncode == 128 + signal.SIGTERM, said
+    assert "Traceback" not in said
+    assert said.endswith("stopped\n")
+    return said
+
+
+def _listens(process: int) -> bool:
+    caught = re.search(r"SigCgt:\s*(\w+)", Path(f"/proc/{process}/status").read_text())
+    return bool(int(caught[1], 16) & 1 << signal.SIGTERM - 1)
+
+
+needs_proc = pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="signals are seen in /proc")
+
+
+@needs_proc
+def test_sigterm_before_the_first_picture_leaves_nothing(sensor_file, tmp_path):
+    output = tmp_path / "out.png"
+    said = _terminated_when(lambda: True, "simulate", sensor_file, "--samples", "1024", "-o", output)
+    assert said.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+@needs_proc
+def test_sigterm_keeps_the_pictures_of_a_data_set_that_were_done(sensor_file, sky_file, tmp_path):
+    folder = tmp_path / "set"
+    words = ("simulate", "dataset", sensor_file, "--views", "400", "--seed", "3", "-o", folder)
+    said = _terminated_when(lambda: len(list(folder.glob("*.png"))) > 1, *words)
+    assert "pictures that were done" in said
+    assert not [p for p in folder.iterdir() if p.name.startswith(".")]
+    for path in folder.glob("*.png"):
+        om.read_image(path)

@@ -65,7 +65,7 @@ def whole_numbers(text: str) -> list[int]:
     [4, 8, 16]
     """
     parts = [part.strip() for part in text.split(",")]
-    if not all(part.isdigit() and int(part) > 0 for part in parts):
+    if not all(part.isascii() and part.isdigit() and int(part) > 0 for part in parts):
         raise click.BadParameter(f"{text!r} is not a list of whole numbers above 0, such as 4,8,16")
     return [int(part) for part in parts]
 

@@ -36,10 +36,14 @@ OPTIONS_OF_SCHEME = {
 def is_live(text: str) -> bool:
     """Whether an input is a camera or a stream rather than a file.
 
-    >>> [is_live(text) for text in ("rtsp://door/1", "/dev/video0", "0", "room.mp4", "C:\\\\room.mp4")]
-    [True, True, True, False, False]
+    >>> [is_live(text) for text in ("rtsp://door/1", "/dev/video0", "0", "room.mp4", "C:\\\\room.mp4", "١٢٣")]
+    [True, True, True, False, False, False]
     """
-    return text.isdigit() or text.startswith("/dev/video") or text.partition("://")[0].lower() in SCHEMES
+    return (
+        (text.isascii() and text.isdigit())
+        or text.startswith("/dev/video")
+        or text.partition("://")[0].lower() in SCHEMES
+    )
 
 
 class LiveSource:
@@ -285,7 +289,7 @@ def checked(url: str) -> tuple[str, str | None]:
     MediaError
         There can be no such source, whatever happens on the network.
     """
-    if url.isdigit():
+    if url.isascii() and url.isdigit():
         url = f"/dev/video{url}"
     if url.startswith("/dev/video"):
         if not Path(url).exists():

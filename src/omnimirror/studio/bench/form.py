@@ -35,9 +35,12 @@ def bench_start() -> BenchStart:
     [('radius_mm', 'mm'), ('rim_radius_mm', 'mm')]
     """
     distance = _parameter("mirror_distance_mm", DISTANCE, float, dataclasses.MISSING)
+    mirrors = dict(MIRRORS.items())  # without those of other packages that cannot be used
     return BenchStart(
-        mirrors=tuple(part_of(kind, cls) for kind, cls in MIRRORS.items()),
-        secondaries=tuple(part_of(kind, cls) for kind, cls in SECONDARIES.items()),
+        mirrors=tuple(part_of(kind, cls) for kind, cls in mirrors.items()),
+        secondaries=tuple(
+            part_of(kind, SECONDARIES[kind]) for kind in SECONDARIES if kind in mirrors or kind not in MIRRORS
+        ),
         lenses=tuple(part_of(kind, cls) for kind, cls in LENSES.items()),
         imager=part_of("imager", Imager),
         place=part_of("place", Secondary),
