@@ -139,3 +139,18 @@ def test_edges_are_drawn_over_the_picture():
     assert drawn.shape == (50, 60, 3)
     assert drawn[10, 25, 1] > 200
     assert (drawn[30] == 50).all()
+
+
+def test_a_photograph_of_a_room_tells_what_mirror_took_it(shared_data):
+    """OCamCalib's own sample, calibrated by its authors with many boards; none is looked for here."""
+    folder = shared_data / "ocamcalib_cpp_sample"
+    truth = om.load_ocam(folder / "calib_results_catadioptric.txt")
+    picture = om.read_image(folder / "test_catadioptric.jpg")
+    found = om.calibrate_lines([picture], centre_px=truth.centre_px, radius_px=370.0, inner_radius_px=80.0)
+    phi = np.linspace(0, 2 * np.pi, 16, endpoint=False)
+    rings = [r * np.stack([np.cos(phi), np.sin(phi)], axis=-1) for r in (100.0, 200.0, 300.0)]
+    pixels = np.array(truth.centre_px) + np.concatenate(rings)
+    a, b = (c.backproject(pixels).directions @ c.mount.rotation() for c in (truth, found.camera))
+    error = np.degrees(np.arccos(np.clip((a * b).sum(axis=1), -1, 1)))
+    assert np.sqrt((error**2).mean()) < 3.5
+    assert (error < 3 * om.direction_uncertainty(found.camera, pixels)).all()

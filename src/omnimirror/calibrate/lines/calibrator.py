@@ -28,7 +28,7 @@ XIS = (0.6, 0.8, 0.9, 1.0, 1.1, 1.25, 1.5, 1.8)
 FOCALS = np.geomspace(0.2, 2.5, 14)
 """Of an unknown camera, tried: its xi, and its focal length in radii of the field at xi = 1."""
 XI_SIGMA = 0.5
-STRETCH_SIGMA = 0.2
+STRETCH_SIGMA = 0.3
 """Standard deviation of ``tan Omega -> s tan Omega``, for a camera of unknown shape: what is straight stays so."""
 TRIED, THINNED = 60, 4  # chains, the longest, in that search, and which of their points
 SEARCH_STEPS = 8

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -135,44 +135,45 @@ def gradients_of_chains(fit: LinesFit, edges: Edges) -> Array:
 
 
 def _compared(model: CameraModel, edges: Edges, knobs: Knobs, values: Array, distance_mm: float) -> LinesFit:
-    towards, to_angles, moved, seen = _seen(model, edges.pixels, distance_mm)
-    moved = moved @ knobs.turn
-    count = len(edges.slices)
-    normals, residuals = np.full((count, 3), np.nan), np.full(len(edges.pixels), np.nan)
-    rates, weights, cost = np.zeros((len(edges.pixels), len(knobs.names))), np.zeros(count), 0.0
-    for i, part in enumerate(edges.slices):
-        kept = np.flatnonzero(seen[part]) + part.start
-        if len(kept) < LEAST_POINTS:
-            cost += (part.stop - part.start) * _loss(UNSEEN_PX**2)
-            continue
-        e, j = towards[kept], to_angles[kept]
-        normal, slant = _plane(e, j)
-        r = (e @ normal) / slant
-        turn = np.linalg.svd(normal[None])[2][1:].T  # two ways in which the normal may turn
-        by_normal = (e @ turn) / slant[:, None]
-        by_knobs = np.einsum("i,nik->nk", normal, moved[kept]) / slant[:, None]
-        by_knobs = by_knobs - by_normal @ np.linalg.lstsq(by_normal, by_knobs, rcond=None)[0]
-        normals[i], residuals[kept], rates[kept] = normal, r, by_knobs
-        square = float((r**2).mean())
-        weights[i] = 1 / (1 + square / SCALE_PX**2)
-        cost += (part.stop - part.start) * _loss(square)
+    """All chains at once; sums over the points of each are taken where the next begins."""
+    at = np.concatenate([np.arange(part.start, part.stop) for part in edges.slices])
+    sizes = np.array([part.stop - part.start for part in edges.slices])
+    owner, starts = np.repeat(np.arange(len(sizes)), sizes), np.concatenate([[0], np.cumsum(sizes)[:-1]])
+    towards, to_angles, moved, seen = _seen(model, edges.pixels[at], distance_mm)
+    enough = np.add.reduceat(seen.astype(int), starts) >= LEAST_POINTS
+    seen &= enough[owner]
+    count = np.maximum(np.add.reduceat(seen.astype(int), starts), 1)
+    e, j, change = (np.where(seen[(...,) + (None,) * (a.ndim - 1)], a, 0.0) for a in (towards, to_angles, moved))
+    normal, slant = _planes(e, j, seen, owner, starts)
+    r = np.einsum("ni,ni->n", e, normal[owner]) / slant
+    by_normal = np.einsum("ni,nik->nk", e, _across(normal)[owner]) / slant[:, None]  # by the ways in which it may turn
+    by_knobs = np.einsum("nip,ni->np", change, normal[owner]) @ knobs.turn / slant[:, None]
+    inner = np.add.reduceat(by_normal[:, :, None] * by_normal[:, None, :], starts) + 1e-30 * np.eye(2)
+    outer = np.add.reduceat(by_normal[:, :, None] * by_knobs[:, None, :], starts)
+    by_knobs = by_knobs - np.einsum("nk,nkq->nq", by_normal, (np.linalg.pinv(inner, hermitian=True) @ outer)[owner])
+    square = np.add.reduceat(r**2, starts) / count
+    cost = float((sizes * np.where(enough, _loss(square), _loss(UNSEEN_PX**2))).sum())
     cost += float((knobs.information * (values - knobs.prior) ** 2).sum())
-    return LinesFit(model, normals, residuals, rates, cost, weights)
+    residuals, rates = np.full(len(edges.pixels), np.nan), np.zeros((len(edges.pixels), len(knobs.names)))
+    residuals[at], rates[at] = np.where(seen, r, np.nan), by_knobs
+    normal[~enough] = np.nan
+    return LinesFit(model, normal, residuals, rates, cost, np.where(enough, 1 / (1 + square / SCALE_PX**2), 0.0))
 
 
-def _loss(square: float) -> float:
+def _loss(square: Any) -> Any:
     """Of a chain's mean square: what is not straight at all counts little more than what is rather bent."""
-    return float(SCALE_PX**2 * np.log1p(square / SCALE_PX**2))
+    return SCALE_PX**2 * np.log1p(square / SCALE_PX**2)
 
 
-def _plane(e: Array, j: Array) -> tuple[Array, Array]:
-    """Normal (3,) of the plane nearest to directions (n, 3) in pixels, and |J^T n| (n,), radians per pixel."""
-    weight = np.ones(len(e))
+def _planes(e: Array, j: Array, seen: Mask, owner: NDArray[np.int64], starts: NDArray[np.int64]) -> tuple[Array, Array]:
+    """Normals (chains, 3) of planes nearest to directions (n, 3) in pixels, and |J^T n| (n,), radians per pixel."""
+    weight = seen.astype(float)
     for _ in range(NORMAL_STEPS):
-        normal = np.linalg.eigh((e * weight[:, None]).T @ e)[1][:, 0]
-        slant = np.linalg.norm(np.einsum("i,nij->nj", normal, j), axis=1)
-        weight = 1 / np.maximum(slant, 1e-12) ** 2
-    return normal, np.maximum(slant, 1e-12)
+        moments = np.add.reduceat(weight[:, None, None] * e[:, :, None] * e[:, None, :], starts)
+        normal = np.linalg.eigh(moments)[1][:, :, 0]
+        slant = np.maximum(np.linalg.norm(np.einsum("nik,ni->nk", j, normal[owner]), axis=1), 1e-12)
+        weight = seen / slant**2
+    return normal, np.where(seen, slant, 1.0)
 
 
 def _seen(model: CameraModel, pixels: Array, distance_mm: float) -> tuple[Array, Array, Array, Mask]:
