@@ -82,3 +82,9 @@ def test_links_that_lead_in_a_circle_are_one_sentence(folder, capsys):
     Path("b.png").symlink_to("a.png")
     assert "a.png" in fails(capsys, "a.png", *BALL, "-o", "o.png")
     assert "a.png" in fails(capsys, "grey.png", *BALL, "-o", "a.png")
+
+
+def test_a_picture_with_alpha_is_not_flattened_in_silence(folder, capsys):
+    om.write_image("clear.png", np.full((64, 64, 4), 128, np.uint8))
+    assert "jpg holds uint8 pictures of 1 or 3 channels" in fails(capsys, "clear.png", *BALL, "-o", "out.jpg")
+    assert not (folder / "out.jpg").exists()

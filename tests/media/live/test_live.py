@@ -279,7 +279,7 @@ def test_what_we_send_is_received(scheme):
         try:
             for frame in source.frames():
                 assert (frame.width, frame.height) == SIZE
-                if source.received >= 30:
+                if source.received >= 3:  # more than one goes its way; the sender would go on for an hour
                     break
         finally:
             sender.terminate()
