@@ -154,3 +154,11 @@ def test_several_boards_of_a_picture_are_each_told():
     middles = sorted(d.corners_px.mean(axis=0).round(1).tolist() for d in found)
     assert [d.name for d in found] == ["a", "a (2)"]
     assert middles == [[159.5, 123.5], [603.5, 239.5]]
+
+
+def test_a_flipped_picture_of_a_symmetric_chessboard_is_told():
+    """10 x 6 squares have black ones at two opposite corners, and white ones there in a mirror image."""
+    board, picture = om.Board("chessboard", 9, 5), picture_of(9, 5)
+    found = om.find_boards([picture, picture[::-1, ::-1], picture[:, ::-1]], board)
+    assert [d.used for d in found[:3]] == [True, True, False]
+    assert found[2].reason == "it shows the mirror image of the board that the others show: it was flipped"

@@ -33,6 +33,9 @@ class Detection:
         Standard deviation over which edges are spread; of the board's edges where it was found.
     is_reversed
         Whether the picture is a mirror image, as markers show it; None where nothing shows it.
+    begins_white
+        Whether the square before a chessboard's first corner is white: of pictures of one board that looks the same
+        after half a turn and is longer than it is high, those that differ in it are mirror images of each other.
     is_part
         Whether it is a part of a chessboard, numbered as if it were the middle of it.
     time_s
@@ -52,6 +55,7 @@ class Detection:
     sigma_px: Array | None = None
     blur_px: float = float("nan")
     is_reversed: bool | None = None
+    begins_white: bool | None = None
     is_part: bool = False
     time_s: float | None = None
 

@@ -180,6 +180,9 @@ def compared(found: Sequence[Detection], board: Board) -> list[Detection]:
     usual = sizes.most_common(1)[0][0] if sizes else (0, 0)
     hands = Counter(d.is_reversed for d in judged if d.used and d.image_size == usual and d.is_reversed is not None)
     usual_hand = hands.most_common(1)[0][0] if hands else None
+    shows_hand = board.is_symmetric and board.columns != board.rows
+    colours = Counter(d.begins_white for d in judged if d.used and d.image_size == usual and d.begins_white is not None)
+    usual_colour = colours.most_common(1)[0][0] if colours and shows_hand else None
     is_right_board = any(d.used and not d.is_part for d in judged)
     for i, detection in enumerate(judged):
         if detection.found and detection.image_size != usual:
@@ -192,6 +195,9 @@ def compared(found: Sequence[Detection], board: Board) -> list[Detection]:
                 else "is no mirror image as the others are"
             )
             judged[i] = replace(detection, reason=f"it {what}: it was flipped")
+        elif detection.used and usual_colour is not None and detection.begins_white not in (None, usual_colour):
+            reason = "it shows the mirror image of the board that the others show: it was flipped"
+            judged[i] = replace(detection, reason=reason)
         elif detection.found and detection.is_part and is_right_board:
             judged[i] = replace(detection, reason=None)  # others show that the board is the right one
     return judged
@@ -210,14 +216,19 @@ def _several(picture: Picture, board: Board, name: str) -> list[Detection]:
     size = (values.shape[1], values.shape[0])
     names = (name if k == 1 else f"{name} ({k})" for k in count(1))
     parts = find_chessboards(values, board)
-    return [_measured(values, Detection(next(names), size, *ordered(part, board)), board) for part in parts]
+    return [_measured(values, _whole(part, board, next(names), size), board) for part in parts]
+
+
+def _whole(part: LatticePart, board: Board, name: str, size: tuple[int, int]) -> Detection:
+    ids, pixels, begins_white = ordered(part, board)
+    return Detection(name, size, ids, pixels, begins_white=begins_white)
 
 
 def _look_for_squares(values: Grey, board: Board, name: str, *, is_quick: bool = False) -> Detection:
     size = (values.shape[1], values.shape[0])
     part = find_chessboard(values, board, is_quick=is_quick)
     if part is not None and is_whole(part, board):
-        return Detection(name, size, *ordered(part, board))
+        return _whole(part, board, name, size)
     if part is None or len(part.places) < LEAST_PART:
         return Detection(name, size, reason=_why_nothing(values), blur_px=edge_blur_px(values))
     reason = _other_size(part, board)

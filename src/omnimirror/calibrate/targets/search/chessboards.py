@@ -140,8 +140,8 @@ def _opencv_grids(picture: NDArray[np.uint8], board: Board) -> Iterator[Array]:
         yield corners.reshape(*cells.shape, 2).astype(float)
 
 
-def ordered(part: LatticePart, board: Board) -> tuple[NDArray[np.int_], Array]:
-    """Ids (k,) and pixels (k, 2) of a lattice that is the whole board.
+def ordered(part: LatticePart, board: Board) -> tuple[NDArray[np.int_], Array, bool]:
+    """Ids (k,) and pixels (k, 2) of a lattice that is the whole board, and whether the square before them is white.
 
     Columns and rows run clockwise in the picture. Where the board's colours tell its beginning, the square before the
     first corner is black; else it begins at the corner nearest to the picture's upper left.
@@ -161,9 +161,9 @@ def ordered(part: LatticePart, board: Board) -> tuple[NDArray[np.int_], Array]:
         parity = int(part.places[start].sum() + turned[0][start] + turned[1][start]) + turn
         first = part.polarity * (1 - 2 * (parity % 2))
         options.append((first > 0, float(part.pixels[start].sum()), ids))
-    ids = min(options, key=lambda option: option[:2])[2]
+    begins_white, _, ids = min(options, key=lambda option: option[:2])
     order = np.argsort(ids)
-    return ids[order], part.pixels[order]
+    return ids[order], part.pixels[order], bool(begins_white)
 
 
 def placed(part: LatticePart, board: Board) -> tuple[NDArray[np.int_], Array] | None:
