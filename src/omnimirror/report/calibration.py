@@ -194,8 +194,8 @@ def _numbers(calibration: Calibration) -> str:
 
 def _candidates(calibration: Calibration) -> str:
     rows = [
-        (c.kind, str(c.parameters), f"{c.rms_px:.3f}", f"{c.held_out_rms_px:.3f}", c.why)
-        for c in sorted(calibration.candidates, key=lambda c: c.held_out_rms_px)
+        (c.kind, str(c.parameters), f"{c.rms_px:.3f}", _number(c.held_out_rms_px), c.why)
+        for c in sorted(calibration.candidates, key=lambda c: c.rms_px)
     ]
     return _table(("model", "parameters", "RMS px", "left out px", ""), rows)
 
@@ -222,9 +222,17 @@ def _outliers(calibration: Calibration) -> str:
     return f'<div class="scroll">{_table(("picture", "corner", "residual px"), rows)}</div>'
 
 
+def _number(value: float) -> str:
+    return f"{value:.3f}" if np.isfinite(value) else "-"
+
+
 def _table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    head = "".join(f"<th>{escape(h)}</th>" for h in headings)
-    body = "".join(
-        f"<tr><th>{escape(row[0])}</th>{''.join(f'<td>{escape(c)}</td>' for c in row[1:])}</tr>" for row in rows
-    )
-    return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+    """A table whose first column, and last where it has no heading, holds words."""
+    words = {0, len(headings) - 1} if not headings[-1] else {0}
+    styles = [' style="text-align: left; white-space: normal"' if i in words else "" for i in range(len(headings))]
+    head = "".join(f"<th{style}>{escape(h)}</th>" for h, style in zip(headings, styles, strict=True))
+    lines = []
+    for row in rows:
+        first, *others = (f"{style}>{escape(c)}" for c, style in zip(row, styles, strict=True))
+        lines.append(f"<tr><th{first}</th>{''.join(f'<td{cell}</td>' for cell in others)}</tr>")
+    return f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(lines)}</tbody></table>"
