@@ -13,6 +13,7 @@ from omnimirror.calibrate.formats import FORMATS
 from omnimirror.camera_models import KannalaBrandt, OCam, Unified, ViewpointSpline
 from omnimirror.errors import InvalidParameter, OmnimirrorError, SpecError
 from omnimirror.frames import Mount
+from omnimirror.mirrors.pose import MirrorPose
 
 SAMPLE = Path(__file__).parents[4] / "shared/data/ocamcalib_cpp_sample"
 needs_sample = pytest.mark.skipif(not SAMPLE.exists(), reason=f"no sample files at {SAMPLE}")
@@ -116,7 +117,7 @@ def test_a_pinhole_holds_no_field_of_90_deg(tmp_path):
 
 
 def test_a_format_alone_takes_the_model_that_fits_best(tmp_path):
-    mirror = replace(MIRROR, rim_radius_px=360.0)
+    mirror = KannalaBrandt(F, C, SIZE, -0.02, 0.003, skew_px=0.1, optics="mirror", rim_radius_px=420.0)
     best = convert(mirror, tmp_path / "camchain.yaml", tolerance_px=5.0)
     costs = {to: convert(mirror, tmp_path / "b.yaml", to=f"kalibr-{to}", tolerance_px=50.0).largest_px
              for to in ("omni", "eucm", "ds", "equi")}  # fmt: skip
@@ -289,3 +290,24 @@ def test_a_viewpoint_that_moves_is_told_by_distance(tmp_path):
     near, *_, far = made.costs
     assert (near.distance_mm, far.distance_mm) == (500.0, np.inf)
     assert near.largest_px > 0.05
+
+
+def test_a_misaligned_sensor_is_converted_as_it_is(tmp_path):
+    """Of a tilted mirror, whose picture has no axis of symmetry, flipped too; the cost is that of its real rays."""
+    pose = MirrorPose(1.5, -0.8, 0.6, 1.2, -2.0)
+    sensor = replace(SENSOR, mirror_pose=pose, mount=replace(SENSOR.mount, image_flipped=True))
+    for camera in (sensor, om.SensorModel(sensor)):
+        made = convert(camera, tmp_path / "a.yaml", to="colmap-rad-tan-thin-prism-fisheye", tolerance_px=30.0)
+        error, share = off(sensor, made.camera, 1000.0, made.viewpoint_mm, 4000)
+        (told,) = (c for c in made.costs if c.distance_mm == 1000.0)
+        assert error.max() <= told.largest_px * 1.1
+        assert np.sqrt(np.mean(error**2)) == pytest.approx(told.rms_px, rel=0.1)
+        assert share > 0.95
+    assert convert(om.SensorModel(sensor), tmp_path / "a.toml").target == "sensor"
+
+
+@pytest.mark.parametrize("name", ["folded-hyperboloidal", "paraboloid-telecentric", "paper-hyperboloidal"])
+def test_sensors_with_a_viewpoint_lose_nothing(tmp_path, name):
+    made = convert(name, tmp_path / "a.txt", to="ocamcalib", tolerance_px=0.01)
+    assert made.camera.looks_back == (name != "folded-hyperboloidal")
+    np.testing.assert_allclose(made.viewpoint_mm[:2], 0, atol=1e-4)

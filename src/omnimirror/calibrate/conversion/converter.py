@@ -10,23 +10,25 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...arguments import WrongKind, choice, distances, file_name, instance, optional_number, shown, whole
-from ...camera_models import CameraModel
+from ...camera_models import CameraModel, RadialModel
 from ...camera_models.base import Optics
 from ...cameras import Camera
 from ...dewarp.views import sphere
 from ...errors import InvalidParameter, OmnimirrorError
 from ...files import replacing
 from ...frames import Mount
+from ...sensor import Sensor
 from ...specs import bundled_sensors, load_sensor
 from ..formats.base import Reading, Stored
 from ..formats.registry import Target, read_cameras, targets_of
+from ..physical import SensorModel
 from .fitting import Cost, Fitted, cost, fit, nearest_point, turning
 from .flipping import flipped
 from .sampling import Sample, sample
-from .starts import round_picture, start
+from .starts import STARTS, round_picture, start
 
 PIXELS = 20_000  # of a lattice over the picture, that costs are counted over
-FITTED = 8  # one of so many pixels of it enters a fit
+FITTED = 8  # times fewer enter a fit
 ENOUGH_PX = 0.02  # a simpler model that is this close is taken before a richer one
 NEAREST_MM, FARTHEST_MM = 1.0, 1e9
 DISTANCES_MM = (500.0, 1000.0, 3000.0, np.inf)
@@ -158,6 +160,7 @@ def convert(
     field = optional_number("field_deg", field_deg, above=0.0, high=180.0, unit="deg")
     far = _far(distance_mm)
     targets = targets_of(target, to)
+    source = source.sensor if isinstance(source, SensorModel) else source
     read, stored = ("", Stored("", source)) if isinstance(source, Camera) else _of_file(source, reading, from_, camera)
     made = _exactly(stored.camera, targets)
     exact = made is not None
@@ -168,10 +171,10 @@ def convert(
         exact = not made.costs
     written = flipped(made.found.model) if flip and not made.target.layout.is_panorama else made.found.model
     content = made.target.layout.write(written, stored.name)
+    notes = tuple(_notes(stored.camera, written, made))
     with replacing(target) as temporary:
         temporary.write_bytes(content.encode() if isinstance(content, str) else content)
     x, y, z = (float(v) for v in made.found.viewpoint_mm)
-    notes = tuple(_notes(stored.camera, written, made))
     return Conversion(target, read, made.target.name, written, exact, made.costs, (x, y, z), notes)
 
 
@@ -257,10 +260,10 @@ def _fitted(
     """The target whose model comes closest, if it is close enough."""
     mount = getattr(camera, "mount", Mount())
     seen = sample(camera, mount, PIXELS, field)
-    fitted = seen.thinned(FITTED)
+    fitted = sample(camera, mount, PIXELS // FITTED, field).with_rim_of(seen)
     tried, reasons = [], []
     for target in targets:
-        if not issubclass(target.layout.kind, CameraModel) or target.layout.kind is CameraModel:
+        if target.layout.kind not in STARTS:
             reasons.append(f"{target.name} {target.layout.lacks(camera)}")
             continue
         try:
@@ -329,7 +332,7 @@ def _notes(source: Camera, written: Any, made: _Made) -> Iterable[str]:
             f"--size {width}x{height}; its frame looks forward, with the world's right and down"
         )
         return
-    if not isinstance(written, CameraModel) or target.layout.kind is CameraModel:
+    if not isinstance(written, CameraModel) or target.layout.kind is RadialModel:
         return
     if written.is_picture_reversed:
         yield (
@@ -344,7 +347,7 @@ def _notes(source: Camera, written: Any, made: _Made) -> Iterable[str]:
             f"programs that read it project less than {target.layout.reach_deg:g} deg from the axis, and the field "
             f"reaches {reach:.4g} deg"
         )
-    if getattr(source, "rim_radius_px", None) is not None:
+    if isinstance(source, Sensor) or getattr(source, "rim_radius_px", None) is not None:
         yield "where the field ends is not in the file: rim_radius_px"
     if getattr(source, "mount", Mount()) != Mount():
         yield "how the camera stands is not in the file"

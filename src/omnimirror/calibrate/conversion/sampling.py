@@ -13,7 +13,8 @@ from ...frames import Mount, turned
 
 Array = NDArray[np.float64]
 
-OUTERMOST = 60  # pixels of a sample that are kept when it is thinned, so that a fit reaches over the field
+OUTERMOST = 60  # pixels, and those as far out as the innermost of them
+SAME = 1e-9  # radians
 CENTRAL_MM = 1e-9  # rays that start this close to the origin start there
 
 
@@ -74,11 +75,16 @@ class Sample:
         points: Array = self.origins + (np.sqrt(room) - along)[:, None] * self.directions
         return points
 
-    def thinned(self, step: float) -> Sample:
-        """One of so many of its pixels, drawn always the same, and the outermost."""
-        kept = np.random.default_rng(0).random(len(self.pixels)) < 1 / step
-        kept[np.argsort(self.omega)[-OUTERMOST:]] = True
-        return replace(self, pixels=self.pixels[kept], origins=self.origins[kept], directions=self.directions[kept])
+    def with_rim_of(self, other: Sample) -> Sample:
+        """This sample with the outermost pixels of a denser one, so that a fit reaches over the field."""
+        outermost = np.sort(other.omega)[-OUTERMOST:][0] - SAME
+        kept = other.omega >= outermost
+        return replace(
+            self,
+            pixels=np.concatenate([self.pixels, other.pixels[kept]]),
+            origins=np.concatenate([self.origins, other.origins[kept]]),
+            directions=np.concatenate([self.directions, other.directions[kept]]),
+        )
 
 
 def sample(camera: Camera, mount: Mount, count: int, field_deg: float | None = None) -> Sample:
