@@ -170,7 +170,8 @@ def circumstances() -> str:
     kernels = backend.name if backend.is_compiled else "no compiled"
     return (
         f"`restoration_gain.py`: one picture of 1024 x 1024 px in colour, {backend.threads} threads on "
-        f"{os.cpu_count()} cores, {kernels} kernels, OpenCV {cv2.__version__}, NumPy {np.__version__}; the load was {load:.0f} before. "
+        f"{os.cpu_count()} cores, {kernels} kernels, OpenCV {cv2.__version__}, NumPy {np.__version__}; "
+        f"the load was {load:.0f} before. "
         "*Core s* are the seconds of all cores together. Pairs are the inner two thirds of the radius / the outer "
         "third.\n"
     )
