@@ -63,6 +63,13 @@ def test_a_fisheye_and_a_flipped_picture_are_calibrated_as_such():
         assert found.model.mount == camera.mount
 
 
+def test_a_fisheye_is_chosen_among_models_without_a_mirror():
+    truth = om.KannalaBrandt((150.0, 150.0), (322.0, 238.0), SIZE, k1=0.02, k2=-0.004)
+    found = calibrated(detections(truth, 7), model="auto", optics="fisheye", board_shape=False)
+    assert "sensor" not in {tried.kind for tried in found.candidates}
+    assert found.held_out_rms_px < 1.15 * np.sqrt(2) * NOISE_PX
+
+
 def test_wrong_corners_are_named_and_no_others():
     seen = detections()
     wrong = {("picture 3", 20): 4.0, ("picture 7", 5): 1.2, ("picture 7", 40): -2.0}
@@ -187,5 +194,7 @@ def test_a_set_that_will_not_do_is_named(make, says):
 def test_what_is_asked_for_is_checked():
     with pytest.raises(InvalidParameter, match=r"model = 'unfied' is not known; valid are auto, unified"):
         calibrated(detections(count=3), model="unfied")
+    with pytest.raises(InvalidParameter, match="model = 'sensor' is a mirror before a lens"):
+        calibrated(detections(count=3), model="sensor", optics="fisheye")
     with pytest.raises(InvalidParameter, match=r"optics = 'lens' is not known; valid are mirror, fisheye"):
         calibrated(detections(count=3), optics="lens")

@@ -124,7 +124,7 @@ def calibrate_camera(
         image_size=size,
         centre_px=centre_px,
         empty=Unified(1.0, (100.0, 100.0), (0.0, 0.0), size, optics=optics, mount=mount),  # type: ignore[arg-type]
-        wanted=_wanted(model, size),
+        wanted=_wanted(model, size, optics),
         known=known,
         shape=BoardShape.flat(board.points_mm) if board_shape else None,
         is_mirrored_alike=board.kind == "chessboard",
@@ -163,12 +163,14 @@ def _sighting(detection: Detection, board: Board) -> Sighting:
     return Sighting(detection.name, detection.corners_px, board.points_mm[ids], ids=ids)
 
 
-def _wanted(model: str | CameraModel, size: tuple[int, int]) -> tuple[str | CameraModel, ...]:
+def _wanted(model: str | CameraModel, size: tuple[int, int], optics: str) -> tuple[str | CameraModel, ...]:
     """The kinds that are asked for, or a model to begin with."""
     if model == "auto":
-        return tuple(KINDS)
+        return tuple(kind for kind in KINDS if kind != SensorModel.KIND or optics == "mirror")
     if isinstance(model, str):
         choice("model", model, ("auto", *KINDS))
+        if model == SensorModel.KIND and optics != "mirror":
+            raise InvalidParameter("model = 'sensor' is a mirror before a lens, and optics = 'fisheye' has none")
         return (model,)
     if not isinstance(model, CameraModel):
         raise InvalidParameter(f"model = {shown(model)} is no model and no name of one: auto, {', '.join(KINDS)}")
