@@ -19,11 +19,12 @@ from .boards import Board
 from .detections import Detection
 from .refinement import refine_corners
 from .search.chessboards import find_chessboard, find_chessboards, is_whole, ordered, placed
+from .search.completion import completed
 from .search.greys import Grey, edge_blur_px, grey
-from .search.growing import LatticePart
+from .search.growing import LatticePart, coloured, grown, trimmed
 from .search.local_maps import maps_about
 from .search.markers import find_by_markers, read_markers
-from .search.rectified import local_views
+from .search.rectified import LocalView, local_views
 
 Picture = NDArray[Any]
 
@@ -89,15 +90,24 @@ def find_board(picture: Picture, board: Board, *, name: str = "", camera: Camera
     found = look(values, board, name)
     if camera is not None and not found.used:
         for view in local_views(values, camera):
-            seen = look(view.picture, board, name, is_quick=True)
-            if seen.used:
-                pixels = view.back(seen.corners_px)
-                known = np.isfinite(pixels).all(axis=1)
-                # what is seen in the view is right for the world, whether or not the picture is reversed
-                reversed_ = None if seen.is_reversed is None else _runs_backwards(board, seen.ids, pixels)
-                found = Detection(name, size, seen.ids[known], pixels[known], is_reversed=reversed_)
+            seen = look(view.picture, board, "", is_quick=True)
+            if seen.used and (again := _back_in_picture(values, seen, view, board, name)) is not None:
+                found = again
                 break
     return _measured(values, found, board)
+
+
+def _back_in_picture(values: Grey, seen: Detection, view: LocalView, board: Board, name: str) -> Detection | None:
+    """What was seen in a straightened view, in the picture itself, which may be a mirror image of it."""
+    size = (values.shape[1], values.shape[0])
+    pixels = view.back(seen.corners_px)
+    known = np.isfinite(pixels).all(axis=1)
+    ids, pixels = seen.ids[known], pixels[known]
+    if board.has_markers:  # with what of the board lies beside the view
+        ids, pixels = completed(values, board, ids, pixels)
+        return Detection(name, size, ids, pixels, is_reversed=_runs_backwards(board, ids, pixels))
+    part = trimmed(grown(values, coloured(values, board.lattice[ids], pixels)))
+    return _whole(part, board, name, size) if is_whole(part, board) else None
 
 
 def find_boards(
