@@ -229,3 +229,18 @@ def test_what_cannot_be_made_at_all_is_said():
         design_sensor(parse_requirements(COMMON.replace("theta_max_deg = 12", "theta_max_deg = 50")))
     with pytest.raises(SpecError, match="line 4: the ground-plane mapping needs plane_distance_mm"):
         design_sensor(parse_requirements(COMMON.replace("equidistant", "ground-plane").replace("135", "70")))
+
+
+def test_what_a_mapping_cannot_reach_names_its_line():
+    common = COMMON.replace("field.omega", "[field]\nomega")
+    ground = common.replace('"equidistant"', '"ground-plane"\nplane_distance_mm = 800')
+    with pytest.raises(SpecError, match=r"line \d+: omega_max_deg = 135 cannot be reached by the ground-plane mapping"):
+        parse_requirements(ground)
+    rows = "omega_deg = [0, 20, 40, 60, 80, 100]\nheight = [{}, 1, 2, 3, 4, 5]"
+    for first, sentence in (
+        (0, "the table ends at 100 deg and the field at omega_max_deg = 135"),
+        (0.5, "height starts at 0.5"),
+    ):
+        table = common.replace('"equidistant"', '"tabulated-mapping"\n' + rows.format(first))
+        with pytest.raises(SpecError, match=rf"line \d+: {sentence}"):
+            parse_requirements(table)

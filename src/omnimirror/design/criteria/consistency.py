@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from ...batch.bases import FreeForm
 from ...mirrors.generated import MAPPINGS
+from ...mirrors.generated.table import check_rows
 from ...specs import EntryError, NoFile, did_you_mean
 from ..construct.families import FAMILIES
 from ..construct.fits import FitForm
@@ -27,6 +28,7 @@ OF_MAPPINGS = ("plane_distance_mm", "cylinder_radius_mm", "omega_deg", "height")
 """Entries of ``[mirror]`` that some mappings need."""
 OF_CONIC = ("hyperboloid", "ellipsoid")
 NOT_OF_FREE_FORM = ("fit", "conic", *OF_MAPPINGS)
+SAME_DEG = 1e-9  # by which the end of a table and that of the field may differ
 WIDEST_CAMERA = 5.0  # times the rim radius
 
 
@@ -98,6 +100,22 @@ def _check_mapping(mapping: str, mirror: MirrorRequirements, field: FieldRequire
     NoFile().wrap(("mirror", wrong), lambda: check_entries(mapping, names))
     for name, value in given.items():
         NoFile().wrap(("mirror", name), partial(parameters[name].check, name, value))
+    if mirror.omega_deg is not None and mirror.height is not None:
+        omega, height = mirror.omega_deg, mirror.height
+        NoFile().wrap(("mirror", "omega_deg"), lambda: check_rows(omega, height))
+        if abs(omega[-1] - field.omega_max_deg) > SAME_DEG:
+            raise EntryError(
+                ("field", "omega_max_deg"),
+                f"the table ends at {omega[-1]:g} deg and the field at omega_max_deg = {field.omega_max_deg:g}; "
+                "they must agree",
+            )
+    most = getattr(MAPPINGS[mapping], "MOST_OMEGA_DEG", 180.0)
+    if field.omega_max_deg >= most:
+        raise EntryError(
+            ("field", "omega_max_deg"),
+            f"omega_max_deg = {field.omega_max_deg:g} cannot be reached by the {mapping} mapping; "
+            f"it is valid below {most:g}",
+        )
     radius, rim = mirror.cylinder_radius_mm, ends(mirror.rim_radius_mm)[0]
     if radius is not None and radius <= rim:
         raise EntryError(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
@@ -21,6 +21,28 @@ if TYPE_CHECKING:
 
 DEGREE = 5  # quintic in tau: the mirror's curvature is then smooth
 MOST_ROWS = 4096
+
+
+def check_rows(omega_deg: Sequence[float], height: Sequence[float]) -> None:
+    """Refuse what is no table of a mapping.
+
+    Raises
+    ------
+    InvalidParameter
+        Columns of two lengths, too few rows, or what does not grow from the image centre.
+    """
+    if len(omega_deg) != len(height):
+        raise InvalidParameter(
+            f"omega_deg has {len(omega_deg)} rows and height {len(height)}; they need the same number"
+        )
+    if len(omega_deg) <= DEGREE:
+        raise InvalidParameter(f"omega_deg has {len(omega_deg)} rows; a table needs at least {DEGREE + 1}")
+    if height[0] != 0.0:
+        raise InvalidParameter(f"height starts at {height[0]:g}; it must start at the image centre, at 0")
+    for name, column in (("omega_deg", omega_deg), ("height", height)):
+        if not np.all(np.diff(column) > 0):
+            i = int(np.argmin(np.diff(column) > 0))
+            raise InvalidParameter(f"{name} does not grow after row {i + 1} ({column[i]:g} then {column[i + 1]:g})")
 
 
 @dataclass(frozen=True)
@@ -65,18 +87,7 @@ class TabulatedMapping(Mapped):
         object.__setattr__(self, "height", height)
         for name, parameter in self.PARAMETERS.items():
             parameter.check(name, getattr(self, name))
-        if len(omega) != len(height):
-            raise InvalidParameter(
-                f"omega_deg has {len(omega)} rows and height {len(height)}; they need the same number"
-            )
-        if len(omega) <= DEGREE:
-            raise InvalidParameter(f"omega_deg has {len(omega)} rows; a table needs at least {DEGREE + 1}")
-        if height[0] != 0.0:
-            raise InvalidParameter(f"height starts at {height[0]:g}; it must start at the image centre, at 0")
-        for name, column in (("omega_deg", omega), ("height", height)):
-            if not np.all(np.diff(column) > 0):
-                i = int(np.argmin(np.diff(column) > 0))
-                raise InvalidParameter(f"{name} does not grow after row {i + 1} ({column[i]:g} then {column[i + 1]:g})")
+        check_rows(omega, height)
         self._check_reach(omega[-1])
         self._check()
 
