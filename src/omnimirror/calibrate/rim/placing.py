@@ -14,9 +14,10 @@ PROFILES = 720
 REACH_PX = 5.0  # working pixels to both sides
 EDGE_PX = 1.5  # working pixels, from the picture's edge, from which on profiles say something
 SAMPLES = 4  # a working pixel, at most
-SHIFT_PX, SHIFT_STEP_PX = 2.4, 0.3  # working pixels by which centre and radius may be off, the rim beside another edge
-SHIFT_COST = 0.01  # share of the way round that a working pixel of shift must gain
-REACHES_PX = (1.2, 0.8, 0.4)
+SHIFT_PX, SHIFT_STEP_PX = 1.5, 0.3  # working pixels by which centre and radius may be off, the rim beside another edge
+SHIFT_COST = 0.02  # share of the way round that a working pixel of shift must gain
+REACHES_PX = (0.8, 0.4)
+CLEAR = 0.5  # share of the way round, from which on a ring is where it was seen, and not beside
 CLOSE_PX = 0.4
 SHIFT_TURNS = 180
 STRETCH_COST = 8.0  # share of the way round that a stretch must gain: rims are mostly round
@@ -43,7 +44,11 @@ def placed(levels: NDArray[np.number], ring: Ellipse, scale: float) -> tuple[Ell
     edges = _edges_across(levels, ring, scale)
     shapes = {ring.stretch, (ring.stretch[0] / 2, ring.stretch[1] / 2), (0.0, 0.0)}
     reaches = tuple(reach * scale for reach in REACHES_PX)
-    best, share, most = ring, 0.0, -np.inf
+    best = laid_through(edges, ring, reaches)
+    share = _close(edges, best, CLOSE_PX * scale)
+    if share > CLEAR:
+        return best, share
+    most = -np.inf
     for shape in sorted(shapes):
         start = _shifted(edges, Ellipse(ring.centre, ring.radius, shape), scale)
         ellipse = laid_through(edges, start, reaches)
