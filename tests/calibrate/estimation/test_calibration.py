@@ -49,6 +49,19 @@ def test_true_directions_lie_within_three_sigma_over_50_seeds():
     assert np.mean([within_3_sigma(seed) for seed in range(50)]) >= 0.95
 
 
+def test_the_field_ends_at_the_rim_that_is_said():
+    """What lies beyond is no part of the camera, whose numbers are the same."""
+    seen = detections()
+    found, all_of_it = calibrated(seen, rim_radius_px=170.0), calibrated(seen)
+    u, v = found.model.centre_px
+    edge = found.camera.backproject([[u + 169.0, v], [u + 171.0, v]])
+    assert edge.valid.tolist() == [True, False]
+    assert all_of_it.camera.backproject([[u + 171.0, v]]).valid.all()
+    assert found.model.parameters == all_of_it.model.parameters
+    with pytest.raises(InvalidParameter, match="rim_radius_px = -1"):
+        calibrated(seen, rim_radius_px=-1.0)
+
+
 @pytest.mark.parametrize("shift", [(90.0, 0.0), (-60.0, 50.0)])
 def test_an_axis_far_from_the_middle_of_the_picture_is_found(shift):
     centre = (319.5 + shift[0], 239.5 + shift[1])

@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import choice, instance, shown
+from ...arguments import choice, instance, optional_number, shown
 from ...camera_models.base import CameraModel
+from ...camera_models.radial import RadialModel
 from ...camera_models.spheres import Unified
 from ...errors import InvalidParameter
 from ...frames import Mount
@@ -34,6 +35,7 @@ Picture = NDArray[Any]
 FEW_PICTURES = 6
 LARGE_CORRELATION = 0.98
 OVERFIT = 1.25  # held-out error over that of the fit
+OWN_RIM = "A physical mirror ends at its own rim; the rim at {rim:g} px is not in the camera."
 
 
 def calibrate_camera(
@@ -47,6 +49,7 @@ def calibrate_camera(
     fixed: Iterable[str] = (),
     priors: Iterable[Prior] = (),
     board_shape: bool = True,
+    rim_radius_px: float | None = None,
     seed: int = 0,
     progress: Callable[[str, float], None] | None = None,
     stop: Callable[[], bool] | None = None,
@@ -79,6 +82,9 @@ def calibrate_camera(
         What is known of parameters beforehand: name, value, standard deviation (0: fixed).
     board_shape
         Whether bulge, twist, aspect and shear of the board are estimated.
+    rim_radius_px : px, optional
+        Where the camera's field ends, about its centre; by default where the picture or the model does. A physical
+        mirror has its own rim.
     seed
         Of the groups in which more than 20 pictures are left out.
     progress
@@ -116,6 +122,7 @@ def calibrate_camera(
     if isinstance(model, CameraModel):
         mount, optics = model.mount, model.optics
     mount = Mount() if mount is None else mount
+    rim = optional_number("rim_radius_px", rim_radius_px, above=0.0, unit="px")
     detections = _with_names(_found(pictures, board))
     size = check_detections(detections, board, is_reversed=(optics == "mirror") != mount.image_flipped)
     known = Foreknown(tuple(fixed), tuple(Prior(*p) for p in priors))
@@ -138,7 +145,13 @@ def calibrate_camera(
         is_complete = False
         if course.fit is None:
             raise InvalidParameter("stopped before a camera was found") from None
-    return _told(course, detections, board, known, time.perf_counter() - started, is_complete)
+    if rim is not None and course.fit is not None and isinstance(course.fit.model, RadialModel):
+        with_rim: CameraModel = replace(course.fit.model, rim_radius_px=rim)  # type: ignore[type-var]
+        course.fit = replace(course.fit, model=with_rim)
+    told = _told(course, detections, board, known, time.perf_counter() - started, is_complete)
+    if rim is not None and not isinstance(told.model, RadialModel):
+        told = replace(told, notes=(*told.notes, OWN_RIM.format(rim=rim)))
+    return told
 
 
 def _found(pictures: Sequence[Any], board: Board) -> Sequence[Detection]:

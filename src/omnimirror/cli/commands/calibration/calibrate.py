@@ -29,7 +29,7 @@ from ....sensor import Sensor
 from ....specs import load_camera
 from ....straighten.request import is_video
 from ...options.board import BoardOptions
-from ...options.common import WHOLE, angle, pixel
+from ...options.common import NUMBER, WHOLE, angle, pixel
 from ...options.declared import Options, option, takes
 from ...outputs import Output, output_console, progress_bar, say, say_written
 
@@ -76,6 +76,10 @@ class SoughtCameraOptions(Options):
     centre_px: tuple[float, float] | None = option(
         type=pixel, metavar="U,V", help="Where the search for the axis begins.  [default: the middle]"
     )
+    rim_radius_px: float | None = option(
+        type=NUMBER, metavar="PX",
+        help="Where the field ends, as omnimirror rim tells.  [default: where picture or model do]",
+    )  # fmt: skip
 
     def begun(self) -> str | CameraModel | Sensor:
         """The kind of model, or one to begin with."""
@@ -93,7 +97,10 @@ class SoughtCameraOptions(Options):
     def asked(self) -> dict[str, Any]:
         """Arguments of :func:`omnimirror.calibrate_camera`."""
         mount = Mount(self.camera_looks, self.forward_azimuth_deg, self.flipped)
-        return {"model": self.begun(), "optics": self.optics, "mount": mount, "centre_px": self.centre_px}
+        return {
+            "model": self.begun(), "optics": self.optics, "mount": mount, "centre_px": self.centre_px,
+            "rim_radius_px": self.rim_radius_px,
+        }  # fmt: skip
 
 
 @dataclass(frozen=True)
