@@ -114,7 +114,8 @@ class Sensor:
         if not self.mirror_pose.is_axial:
             raise InvalidParameter(
                 f"the mirror of {self.name!r} is decentred or tilted, and field angles from axis to rim belong to an "
-                "aligned one: take sensor.aligned(), or what traces in space (rays, pictures, spots, MTF)"
+                "aligned one: take sensor.aligned(), which leaves [mirror_pose] out, or what traces in space "
+                "(evaluation by om.evaluate_camera of its om.SensorModel, rays, pictures, spots, MTF)"
             )
         m = self.mirror_distance_mm + self.mirror_pose.displacement_mm
         return Meridian(self.mirror, m) if self.secondary is None else TwoMirrorMeridian(self.mirror, m, self.secondary)

@@ -108,3 +108,14 @@ def test_the_command_says_it_and_draws_it(tmp_path):
     assert result.returncode == 0, result.stderr
     assert "points of a floor 1200 mm below: median" in result.stdout + result.stderr
     assert (tmp_path / "map.png").stat().st_size > 1000
+
+
+def test_every_door_says_the_same_error_of_a_direction():
+    """Of a calibration, of its camera's pixels, and of the covariance itself."""
+    board = om.Board("chessboard", 11, 7, 30.0)
+    truth = om.Unified(0.9, (160.0, 160.0), (322.0, 238.0), (640, 480))
+    found = om.calibrate_camera(om.simulate_detections(truth, board, 6, noise_px=0.1), board, model="unified")
+    pixels = np.array([[400.0, 240.0], [322.0, 100.0]])
+    ahead = found.model.backproject(pixels).directions @ found.model.mount.rotation()
+    said = found.direction_sigma_deg(ahead)
+    np.testing.assert_allclose(om.direction_uncertainty(found.camera, pixels), said, rtol=1e-6)

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import finite, instance, number, vectors
 from ..camera_models.base import CameraModel
-from ..camera_models.spread import direction_spread, larger_sigma, spread_at
+from ..camera_models.spread import direction_sigma_deg, direction_spread, larger_sigma, spread_at
 from ..errors import InvalidParameter
 from ..frames import turned
 from ..parameters import Uncertainty
@@ -48,9 +48,7 @@ def direction_covariance(
     InvalidParameter
         There is no covariance, or one of other parameters.
     """
-    model, matrix = _known(camera, covariance)
-    rays = model.backproject(vectors("pixels", pixels, 2))
-    return direction_spread(model, matrix, turned(rays.directions, model.mount.rotation()))
+    return direction_spread(*_seen_by(camera, pixels, covariance))
 
 
 def direction_uncertainty(
@@ -86,7 +84,7 @@ def direction_uncertainty(
     >>> om.direction_uncertainty(model, [[811.5, 511.5], [961.5, 511.5]], covariance=[[0.0116**2]]).round(3)
     array([0.081, 0.132])
     """
-    return np.degrees(larger_sigma(direction_covariance(camera, pixels, covariance=covariance)))
+    return direction_sigma_deg(*_seen_by(camera, pixels, covariance))
 
 
 def floor_uncertainty(
@@ -218,6 +216,15 @@ def uncertainty_map(
     else:
         sigma, unit = floor_uncertainty(camera, pixels, height_mm=height_mm, covariance=covariance), "mm"
     return UncertaintyMap(columns, rows, sigma.reshape(len(rows), len(columns)), unit)
+
+
+def _seen_by(
+    camera: Sensor | CameraModel, pixels: ArrayLike, covariance: ArrayLike | Uncertainty | None
+) -> tuple[CameraModel, Array, Array]:
+    """The model, its covariance, and the directions (n, 3) of the camera frame that pixels see."""
+    model, matrix = _known(camera, covariance)
+    rays = model.backproject(vectors("pixels", pixels, 2))
+    return model, matrix, turned(rays.directions, model.mount.rotation())
 
 
 def _known(camera: Sensor | CameraModel, covariance: ArrayLike | Uncertainty | None) -> tuple[CameraModel, Array]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from .base import CameraModel
 
@@ -31,6 +31,26 @@ def spread_at(model: CameraModel, covariance: Array, targets: Array, axes: Array
     change = -np.linalg.solve(moves[kept], image.d_parameters[kept])
     spread[asked[kept]] = change @ covariance @ change.transpose(0, 2, 1)
     return spread
+
+
+def direction_sigma_deg(model: CameraModel, covariance: Array, directions: ArrayLike) -> Array:
+    """Standard deviation (n,) in deg of the directions that pixels see, the larger way: what all tables of errors say.
+
+    Parameters
+    ----------
+    model
+        The camera.
+    covariance : (p, p)
+        Of its parameters.
+    directions : (n, 3)
+        In the camera frame, of any length.
+
+    Returns
+    -------
+    (n,) array
+        NaN where the model sees nothing.
+    """
+    return np.degrees(larger_sigma(direction_spread(model, covariance, np.asarray(directions, dtype=float))))
 
 
 def larger_sigma(spread: Array) -> Array:

@@ -9,8 +9,9 @@ import omnimirror as om
 from omnimirror.calibrate.estimation.bundle.adjustment import adjust
 from omnimirror.calibrate.estimation.bundle.board_shape import BoardShape
 from omnimirror.calibrate.estimation.bundle.observations import Motion, Sighting, rotation_of
-from omnimirror.calibrate.estimation.covariance import direction_sigma_deg, uncertainty
+from omnimirror.calibrate.estimation.covariance import uncertainty
 from omnimirror.camera_models import Unified
+from omnimirror.camera_models.spread import direction_sigma_deg
 
 from .cases import BOARD, SIZE, TRUTH, detections, directions, known
 

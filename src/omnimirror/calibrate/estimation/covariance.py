@@ -1,4 +1,4 @@
-"""How well it is known: covariance of the parameters, combinations that nothing determines, errors of directions."""
+"""How well it is known: covariance of the parameters, combinations that nothing determines."""
 
 from __future__ import annotations
 
@@ -6,10 +6,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from ...camera_models.base import CameraModel
-from ...camera_models.spread import direction_spread, larger_sigma
 from .bundle.adjustment import Adjustment
 from .bundle.linearisation import without_slides
 from .bundle.normal_equations import assembled, reduced_matrix, with_priors
@@ -105,23 +103,3 @@ def _combination(names: list[str], vector: Array, scales: Array, sigma: float) -
     return FreeCombination(
         tuple(names[i] for i in order), tuple(float(sigma * vector[i] * scales[i]) for i in order), sigma
     )
-
-
-def direction_sigma_deg(model: CameraModel, covariance: Array, directions: ArrayLike) -> Array:
-    """Standard deviation (n,) in deg of the directions that pixels see, the larger way.
-
-    Parameters
-    ----------
-    model
-        The camera.
-    covariance : (p, p)
-        Of its parameters.
-    directions : (n, 3)
-        In the camera frame.
-
-    Returns
-    -------
-    (n,) array
-        NaN where the model sees nothing.
-    """
-    return np.degrees(larger_sigma(direction_spread(model, covariance, np.asarray(directions, dtype=float))))

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...camera_models.base import CameraModel
 from ...camera_models.radial import RadialModel
+from ...camera_models.spread import direction_sigma_deg
 from ...files import write_text
 from ...parameters import Uncertainty
 from ...sensor import Sensor
@@ -22,7 +23,7 @@ from .advice import Coverage
 from .bundle.adjustment import Adjustment
 from .bundle.board_shape import BoardShape
 from .choice import TriedModel
-from .covariance import FreeCombination, ParameterCovariance, direction_sigma_deg
+from .covariance import FreeCombination, ParameterCovariance
 from .leaving_out import HeldOut
 from .outliers import Outlier
 

@@ -21,6 +21,7 @@ from ....analysis import (
     evaluate_camera,
 )
 from ....analysis.evaluation import READ_COLUMNS
+from ....calibrate.physical import SensorModel
 from ....lenses import BlurMode
 from ....mirrors import Cone, SampledProfile
 from ....quantities import QUANTITIES
@@ -99,12 +100,15 @@ def command(
 
     Prints a table; files hold more columns. Example: omnimirror evaluate paper-spherical --omega-deg 0:135:5
     A calibrated camera, from its camera file or OCamCalib's, has a table of radius, resolution, viewpoint and, where
-    its uncertainty is known, the error of directions.
+    its uncertainty is known, the error of directions; so has a sensor whose mirror is decentred or tilted, in the mean
+    over the azimuths. How sure a calibrated camera is all over its picture says omnimirror uncertainty.
     """
     camera, console = load_camera(sensor), output_console()
-    if not isinstance(camera, Sensor):
-        _refuse_what_asks_for_optics(asked, housing, figures)
-        _show_mapping(console, Path(sensor).name, evaluate_camera(camera, asked.omega_deg), csv_file, json_file)
+    if not isinstance(camera, Sensor) or not camera.mirror_pose.is_axial:
+        _refuse_what_asks_for_optics(camera, asked, housing, figures)
+        model = _in_space(camera) if isinstance(camera, Sensor) else camera
+        result_in_space = evaluate_camera(model, asked.omega_deg)
+        _show_mapping(console, sensor, result_in_space, csv_file, json_file)
         return
     result = asked.evaluation(housing.on(camera))
     if csv_file:
@@ -118,14 +122,21 @@ def command(
         _draw(console, result, figures)
 
 
-def _refuse_what_asks_for_optics(asked: EvaluationOptions, housing: HousingOptions, figures: Path | None) -> None:
-    """Of a calibrated camera nothing is known but where rays go."""
+def _in_space(sensor: Sensor) -> SensorModel:
+    """The sensor with what was estimated of it."""
+    return SensorModel(sensor) if sensor.uncertainty is None else SensorModel(sensor, sensor.uncertainty.names)
+
+
+def _refuse_what_asks_for_optics(
+    camera: Any, asked: EvaluationOptions, housing: HousingOptions, figures: Path | None
+) -> None:
+    """Of a calibrated camera nothing is known but where rays go, and a misaligned mirror has no meridian."""
     given = [_flag_of(name) for name in (*asked.changed, *housing.changed) if name != "omega_deg"]
     if given := [*given, *(["--figures"] if figures else [])]:
-        raise click.UsageError(
-            f"{given[0]} asks for mirror and lens, of which a camera file says nothing; valid with it are "
-            "--omega-deg, --csv and --json"
-        )
+        why = "asks for mirror and lens, of which a camera file says nothing"
+        if isinstance(camera, Sensor):
+            why = "asks for the meridian of an aligned mirror, and this one is decentred or tilted"
+        raise click.UsageError(f"{given[0]} {why}; valid with it are --omega-deg, --csv and --json")
 
 
 def _flag_of(name: str) -> str:
@@ -133,7 +144,7 @@ def _flag_of(name: str) -> str:
 
 
 def _show_mapping(
-    console: Console, name: str, result: CameraMapping, csv_file: Path | None, json_file: Path | None
+    console: Console, source: str, result: CameraMapping, csv_file: Path | None, json_file: Path | None
 ) -> None:
     if csv_file:
         result.to_csv(csv_file)
@@ -144,7 +155,18 @@ def _show_mapping(
         f": {s['kind'].replace('-', ' ')} model of a {s['optics']}, field to {s['field_deg']:.6g} deg, there at "
         f"{s['rim_radius_px']:.1f} px"
     )
-    say((name, "bold"), words, console=console)
+    say((Path(source).name, "bold"), words, console=console)
+    if isinstance(result.camera, SensorModel):
+        pose = result.camera.sensor.mirror_pose
+        say(
+            f"the mirror is decentred by {np.hypot(pose.decentre_x_mm, pose.decentre_y_mm):.3g} mm and tilted by "
+            f"{np.hypot(pose.tilt_x_deg, pose.tilt_y_deg):.3g} deg: traced in space, far away, means over the "
+            f"azimuths, from which resolution differs by up to {result.varies_percent:.2g} %",
+            console=console,
+        )
+    if result.camera.uncertainty is not None:
+        say(f"error: one standard deviation of a direction; omnimirror uncertainty {source} shows it over the picture",
+            console=console)  # fmt: skip
     console.print()
     cells = result.texts()
     heads = [(QUANTITIES[column].heading, QUANTITIES[column].unit) for column in cells]
