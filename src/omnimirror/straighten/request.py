@@ -92,6 +92,8 @@ class Recording:
         A CSV or TOML file of pan, tilt, roll, field and distance over time.
     preview
         Show the view in a window, too.
+    skip_existing
+        Of numbered pictures to write: leave out those that are there already.
 
     Examples
     --------
@@ -109,6 +111,7 @@ class Recording:
     pipe_format: PipeFormat | None = None
     keyframes: str | Path | None = None
     preview: bool = False
+    skip_existing: bool = False
 
     def encoding(self) -> dict[str, Any]:
         """How files and streams are encoded, where it was said.

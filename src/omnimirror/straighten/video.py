@@ -25,9 +25,11 @@ from ..media import processing
 from ..media.keyframes import Keyframes
 from ..media.live.outputs import PipeSink, Preview, StreamSink, Tee, VirtualCamera
 from ..media.live.sources import TICKS, LiveSource, is_live
+from ..media.pictures.images import can_be_panorama
 from ..media.video.formats import Kind, losses
+from ..media.video.numbered import NumberedPictures, check_pattern, is_of_pictures
 from ..media.video.reader import Item, VideoReader
-from ..media.video.sequences import is_sequence, standard_input
+from ..media.video.sequences import is_sequence, may_share_a_name, standard_input
 from ..media.video.spherical import can_be_spherical
 from ..media.video.writer import Sink, VideoWriter
 from .border import AskedBorder, BorderColour
@@ -148,7 +150,7 @@ def _straighten_file(
 ) -> StraightenedVideo:
     if recording.frame_rate is not None and not is_sequence(source):
         raise InvalidParameter("a frame rate belongs to numbered pictures; videos tell theirs")
-    with_sound = any(_is_file(output) for output in outputs)
+    with_sound = any(_is_film(output) for output in outputs)
     rate = 25.0 if recording.frame_rate is None else recording.frame_rate
     with VideoReader(source, recording.start_s or 0.0, recording.duration_s, with_sound, rate) as reader:
         for note in reader.notes:
@@ -157,6 +159,8 @@ def _straighten_file(
         sink = _sinks(outputs, turn, reader.frame_rate, reader, listener)
         is_watched = not any(output == "-" or _is_file(output) for output in outputs)
         items = processing.in_real_time(reader.items()) if is_watched else reader.items()
+        if isinstance(sink, NumberedPictures):
+            items = sink.lacking(items)
         return StraightenedVideo(turn.view, _run(items, sink, turn, reader.expected_frames, listener))
 
 
@@ -181,6 +185,11 @@ def _is_file(output: str) -> bool:
     return output != "-" and "://" not in output and not _is_virtual_camera(output)
 
 
+def _is_film(output: str) -> bool:
+    """A file with frames and sound, not numbered pictures."""
+    return _is_file(output) and not is_of_pictures(output)
+
+
 def _is_virtual_camera(output: str) -> bool:
     return output.startswith("/dev/video")
 
@@ -192,13 +201,21 @@ def _check_outputs(source: str, outputs: Sequence[str], recording: Recording) ->
     for output in outputs:
         if _is_file(output) and is_same_file(output, source):
             raise InvalidParameter(f"{output} is the video to straighten; write to another name")
-    is_coded = any(_is_file(output) or "://" in output for output in outputs)
+    pictures = [output for output in outputs if _is_file(output) and is_of_pictures(output)]
+    for pattern in map(check_pattern, pictures):
+        if is_sequence(source) and may_share_a_name(source, pattern):
+            raise InvalidParameter(f"{pattern} may write over the pictures {source}; write to another folder")
+    if pictures and recording.skip_existing and (len(outputs) > 1 or recording.preview):
+        raise InvalidParameter(
+            f"what is there already is skipped of one output alone; leave out others than {pictures[0]}"
+        )
+    is_coded = any(_is_film(output) or "://" in output for output in outputs)
     if not is_coded and (asked := [name for name in ("codec", "crf") if getattr(recording, name) is not None]):
-        raise InvalidParameter(f"{asked[0]} does not apply to a pipe, camera or window: nothing is compressed")
+        raise InvalidParameter(f"{asked[0]} does not apply to a pipe, camera, window or pictures: no film is made")
     if recording.pipe_format is not None and "-" not in outputs:
         raise InvalidParameter("a format of the pipe says what '-' writes; other outputs are named by themselves")
     if recording.pixel_format is not None and recording.pipe_format != "rawvideo" and not is_coded:
-        raise InvalidParameter("a pixel format belongs to files, streams and a pipe of raw video")
+        raise InvalidParameter("a pixel format belongs to files of videos, streams and a pipe of raw video")
 
 
 class Turning:
@@ -257,6 +274,12 @@ def _sink(output: str, turn: Turning, rate: Fraction, source: VideoReader | None
         return PipeSink(recording.pipe_format or "y4m", rate, recording.pixel_format or "rgb24")
     if _is_virtual_camera(output):
         return VirtualCamera(output, size, rate)
+    if is_of_pictures(output) and "://" not in output:
+        panorama = turn.panorama if can_be_panorama(output) and recording.keyframes is None else None
+        colour = None if source is None else source.colour
+        return NumberedPictures(
+            output, size, turn.pixel_format, colour, panorama, skip_existing=recording.skip_existing
+        )  # fmt: skip
     encoding: dict[str, Any] = recording.encoding()
     # Streams, and files of what is live, are for any player, unless a pixel format was asked for.
     is_for_any = source is None or "://" in output

@@ -198,7 +198,7 @@ def test_a_panorama_tells_viewers_what_it_shows(tmp_path):
         (["in.mp4", "-o", "o.mp4", "--format", "rawvideo"], "a format of the pipe says what '-' writes"),
         (
             ["in.mp4", "-o", "-", "--pixel-format", "gray"],
-            "a pixel format belongs to files, streams and a pipe of raw video",
+            "a pixel format belongs to files of videos, streams and a pipe of raw video",
         ),
         (["in.mp4", "-o", "-", "--format", "rawvideo", "--pixel-format", "no"], "pixel format no"),
         (["in.mp4"], "say what to write with -o or --viewer, or of a video ask for a --preview"),

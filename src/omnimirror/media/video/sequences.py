@@ -1,4 +1,4 @@
-"""Numbered pictures that are read as a video, and videos that come on standard input."""
+"""Numbered pictures that are read and written as a video, and videos that come on standard input."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from ...errors import MediaError
+from ...files import is_same_file
 
 SEQUENCES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp")
 NUMBER = re.compile(r"%(0?)(\d*)d")
@@ -34,19 +35,48 @@ def first_number(pattern: Path) -> int:
     MediaError
         There is none, or numbers are missing between the first and the last.
     """
-    before, zero, width, after = NUMBER.split(pattern.name)
-    digits = re.compile(re.escape(before) + r"(\d+)" + re.escape(after))
-    folder = pattern.parent
-    found = [digits.fullmatch(path.name) for path in folder.iterdir()] if folder.is_dir() else []
-    least = int(width or 1) if zero else 1
-    numbers = sorted(int(name[1]) for name in found if name and name[1] == f"{int(name[1]):0{least}}")
+    numbers = sorted(numbers_of(pattern))
     if not numbers:
         raise MediaError(f"there is no picture {pattern}")
     if len(numbers) != numbers[-1] - numbers[0] + 1:
         missing = next(n for n, number in enumerate(numbers, numbers[0]) if n != number)
-        name = f"{before}{missing:0{least}}{after}"
-        raise MediaError(f"{folder / name} is missing among the pictures {pattern}; number them without gaps")
+        raise MediaError(
+            f"{numbered(pattern, missing)} is missing among the pictures {pattern}; number them without gaps"
+        )
     return numbers[0]
+
+
+def numbers_of(pattern: Path) -> Iterator[int]:
+    """The numbers of a sequence's pictures that are there, in no order."""
+    before, *_, after = NUMBER.split(pattern.name)
+    digits = re.compile(re.escape(before) + r"(\d+)" + re.escape(after))
+    folder = pattern.parent
+    for path in folder.iterdir() if folder.is_dir() else ():
+        name = digits.fullmatch(path.name)
+        if name and path == numbered(pattern, int(name[1])):
+            yield int(name[1])
+
+
+def numbered(pattern: Path, number: int) -> Path:
+    """The picture of a number.
+
+    >>> numbered(Path("shots/f%04d.png"), 7).as_posix(), numbered(Path("%d.jpg"), 12).as_posix()
+    ('shots/f0007.png', '12.jpg')
+    """
+    before, zero, width, after = NUMBER.split(pattern.name)
+    return pattern.with_name(f"{before}{number:0{int(width or 1) if zero else 1}}{after}")
+
+
+def may_share_a_name(a: str | Path, b: str | Path) -> bool:
+    """Whether a picture of one sequence may have the name of one of another.
+
+    >>> may_share_a_name("f%04d.png", "./f%03d.png"), may_share_a_name("f%d.png", "out/f%d.png")
+    (True, False)
+    """
+    first, second = Path(a), Path(b)
+    (before, *_, after), (other, *_, end) = NUMBER.split(first.name), NUMBER.split(second.name)
+    is_beside = is_same_file(first.parent, second.parent) and after == end
+    return is_beside and (before.startswith(other) or other.startswith(before))
 
 
 @contextmanager

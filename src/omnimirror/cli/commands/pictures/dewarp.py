@@ -33,7 +33,8 @@ class PictureOptions(Options):
     """What is asked of pictures alone."""
 
     skip_existing: bool | None = option(
-        is_flag=True, help="Leave out what has been written already: a folder that was stopped goes on."
+        is_flag=True,
+        help="Leave out what has been written already: a folder or numbered pictures that were stopped go on.",
     )
     transparent: bool | None = option(
         "--transparent/--black",
@@ -104,7 +105,7 @@ class VideoOptions(Options):
     "outputs",
     multiple=True,
     help="What to write: a picture, or a folder for many; of a video also an address (udp://.., rtsp://..), a virtual "
-    "camera (/dev/video9) or - for a pipe, and several of them.",
+    "camera (/dev/video9), numbered pictures (f%04d.png) or - for a pipe, and several of them.",
 )
 @takes(AutoOptions, "auto")
 @takes(CameraOptions, "camera")
@@ -170,7 +171,8 @@ def command(
         how = replace(how, camera=found)
     if len(sources) == 1 and is_video(sources[0]):
         _refuse_of_pictures(sources[0], pictures)
-        _video(sources[0], outputs, how, video.recording(kind))
+        recording = replace(video.recording(kind), skip_existing=bool(pictures.skip_existing))
+        _video(sources[0], outputs, how, recording)
     else:
         _refuse_of_videos(sources[0], outputs, sampling, pictures, video)
         _pictures(sources, outputs[0], how, pictures, kind, sampling.threads)
