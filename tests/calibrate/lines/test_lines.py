@@ -1,5 +1,6 @@
 """Straight edges of a simulated room: chains where edges are, cameras refined and levelled, with the truth at hand."""
 
+import re
 from dataclasses import replace
 from functools import cache
 
@@ -131,6 +132,25 @@ def test_a_misaligned_mirror_keeps_its_place_when_asked(tmp_path):
     assert built.uncertainty is not None
     assert built.mount.pitch_deg == pytest.approx(3.0, abs=0.5)
     assert om.read_image(tmp_path / "edges.png").shape == picture.shape
+
+
+def test_the_rim_is_found_where_it_is_not_given(tmp_path):
+    truth, picture = scene()
+    om.save_sensor(replace(truth, mount=Mount("up")), tmp_path / "drawn.toml")
+    om.write_image(tmp_path / "room.png", picture)
+    om.write_image(tmp_path / "noise.png", np.random.default_rng(0).integers(0, 255, picture.shape, np.uint8))
+    model, out = ("--camera", tmp_path / "drawn.toml"), ("-o", tmp_path / "built.toml")
+    run = omnimirror("lines", tmp_path / "room.png", *model, *out)
+    assert run.returncode == 0, run.stderr
+    u, v, radius = (
+        float(n) for n in re.search(r"about (\S+), (\S+) px, with a radius of (\S+) px", run.stdout).groups()
+    )
+    assert (u, v, radius) == pytest.approx((*truth.imager.centre, truth.rim_radius_px), abs=0.01 * truth.rim_radius_px)
+    assert om.load_sensor(tmp_path / "built.toml").mount.pitch_deg == pytest.approx(3.0, abs=0.5)
+    refused = omnimirror("lines", tmp_path / "noise.png", *model)
+    assert refused.returncode == 2
+    assert "no rim was found for sure" in " ".join(refused.stderr.split())
+    assert "--rim U V R" in " ".join(refused.stderr.split())
 
 
 def test_edges_are_drawn_over_the_picture():
