@@ -71,6 +71,18 @@ def test_a_wrong_board_is_said(tmp_path):
     assert "a board of 11 x 7 corners was found, and one of 9 x 6 corners was looked for" in run.stderr
 
 
+def test_a_pattern_or_a_folder_stands_for_its_pictures(tmp_path):
+    """As with every other command; where nothing is, that is said."""
+    run = omnimirror("calibrate", "*.jpg", "--board", "11x7", "--square-mm", "30", cwd=tmp_path)
+    assert run.returncode == 1
+    assert "there is no file *.jpg" in run.stderr
+    for picture in PICTURES[:2]:
+        (tmp_path / picture.name).symlink_to(picture)
+    for words in (["*.jpg"], ["."]):
+        run = omnimirror("calibrate", *words, "--board", "9x6", "--square-mm", "30", cwd=tmp_path)
+        assert "0 of 2 pictures" in run.stderr
+
+
 @pytest.mark.full
 def test_ctrl_c_keeps_what_was_found(tmp_path):
     """The signal comes while models are compared: boards were looked for, and a camera was found."""

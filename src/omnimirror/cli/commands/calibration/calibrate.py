@@ -25,6 +25,7 @@ from ....calibrate.targets.finding import STOPPED, find_boards
 from ....camera_models.base import CameraModel, Optics
 from ....frames import CameraLooks, Mount
 from ....media import interrupts
+from ....media.batch import expand_inputs
 from ....sensor import Sensor
 from ....specs import load_camera
 from ....straighten.request import is_video
@@ -124,7 +125,7 @@ class EstimationOptions(Options):
 
 
 @click.command()
-@click.argument("pictures", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.argument("pictures", nargs=-1, required=True)
 @takes(BoardOptions, "target")
 @takes(SoughtCameraOptions, "camera")
 @takes(EstimationOptions, "estimation")
@@ -134,7 +135,7 @@ class EstimationOptions(Options):
 @click.option("--report", type=Output(), help="A page with all of it, HTML.")
 @click.option("--figures", type=click.Path(path_type=Path, file_okay=False), help="A folder for the figures, as SVG.")
 def command(
-    pictures: tuple[Path, ...],
+    pictures: tuple[str, ...],
     target: BoardOptions,
     camera: SoughtCameraOptions,
     estimation: EstimationOptions,
@@ -145,6 +146,8 @@ def command(
     figures: Path | None,
 ) -> None:
     """Find out what camera took PICTURES of a board, or one video; nothing needs to be known of it.
+
+    PICTURES are files, folders or patterns of them.
 
     Hold the board at ten to twenty places all around, near the rim too, and tilted. Corners that no camera explains are
     left out and named, 1 % at most; models are compared by their error in pictures that were left out. Ctrl-C keeps the
@@ -171,7 +174,7 @@ def command(
         sys.exit(code)
 
 
-def _found(console: Console, pictures: tuple[Path, ...], board: Board, several: bool) -> list[Detection]:
+def _found(console: Console, pictures: tuple[str, ...], board: Board, several: bool) -> list[Detection]:
     """Boards in pictures, or in the frames of a video."""
     with progress_bar(console) as bar:
         task = bar.add_task("looking for boards", total=None)
@@ -179,9 +182,9 @@ def _found(console: Console, pictures: tuple[Path, ...], board: Board, several: 
         def progress(done: int, count: int | None) -> None:
             bar.update(task, completed=done, total=count)
 
-        if len(pictures) == 1 and is_video(str(pictures[0])):
+        if len(pictures) == 1 and is_video(pictures[0]):
             return choose_frames(pictures[0], board, progress=progress)
-        return find_boards(pictures, board, several=several, progress=progress)
+        return find_boards(expand_inputs(pictures), board, several=several, progress=progress)
 
 
 @contextmanager

@@ -1,0 +1,136 @@
+"""Make the pictures of docs/tutorial-calibration.md: its own commands, sharper, and its cameras beside the truth.
+
+python docs/images/calibration_tutorial.py [FOLDER]
+
+A folder that is named is kept, and a set of pictures or a camera that is in it already is not made again.
+"""
+
+from __future__ import annotations
+
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import cv2
+import numpy as np
+from matplotlib.figure import Figure
+from PIL import Image
+
+import omnimirror as om
+from omnimirror.media import read_image
+
+IMAGES = Path(__file__).parent
+PAGE = IMAGES.parent / "tutorial-calibration.md"
+GAP = 10
+WHITE = (255, 255, 255)
+ROWS = {
+    "tutorial-pictures.jpg": (("board.png", "boards/view-004.png", "boards/view-002.png"),),
+    "tutorial-rim.jpg": (("rim.png",),),
+    "tutorial-first.jpg": (("hall.png", "first.png"),),
+    "tutorial-report.webp": (("figures/residuals.png", "figures/coverage.png"),),
+    "tutorial-straight.jpg": (("straight.png", "uncalibrated.png"), ("panorama.png",)),
+    "tutorial-truth.webp": (("truth.png",),),
+}
+"""Each picture of the page by its rows."""
+WIDTHS = {"tutorial-report.webp": 1100, "tutorial-truth.webp": 1100}
+WIDTH = 1000
+QUALITY = 72
+SAME_VIEW = "--view perspective --pan-deg 60 --tilt-deg -30 --size 800x600 -o uncalibrated.png"
+FAR_MM = 1e9
+
+
+def make(folder: Path) -> None:
+    """Everything, from the page's own words."""
+    text = PAGE.read_text(encoding="utf-8")
+    (folder / "bought.toml").write_text(re.findall(r"^```toml\n(# bought\.toml\n.*?)^```", text, flags=re.M | re.S)[0])
+    for line in re.findall(r"^\$ omnimirror (.*)", text, flags=re.M):
+        if line.startswith("calibrate"):
+            _calibrate(folder)
+        elif not (line.startswith("simulate dataset") and (folder / "boards").exists()):
+            _run(line.replace("--spp 1 --no-blur", "--spp 9").replace("board.pdf", "board.png"), folder)
+    _run(f"dewarp hall.png --auto {SAME_VIEW}", folder)
+    _draw_truth(folder)
+    _put_together(folder)
+
+
+def _put_together(folder: Path) -> None:
+    for name, rows in ROWS.items():
+        width = WIDTHS.get(name, WIDTH)
+        page = np.concatenate([_row([_rgb(folder / part) for part in row], width) for row in rows])
+        Image.fromarray(page[:-GAP]).save(IMAGES / name, quality=QUALITY)
+
+
+def _rgb(file: Path) -> np.ndarray:
+    picture = read_image(file)
+    return np.dstack([picture] * 3) if picture.ndim == 2 else picture[..., :3]
+
+
+def _run(line: str, folder: Path) -> None:
+    subprocess.run([sys.executable, "-m", "omnimirror", *shlex.split(line)], cwd=folder, check=True)
+
+
+def _calibrate(folder: Path) -> None:
+    """The page's calibrations: the one of its choice, and the mirror itself."""
+    if (folder / "built.toml").exists():
+        return
+    board = om.Board("chessboard", 11, 7, 100.0)
+    seen = om.find_boards(sorted((folder / "boards").glob("*.png")), board, several=True)
+    found = om.calibrate_camera(seen, board, rim_radius_px=375.4)
+    found.save(folder / "camera.toml")
+    om.write_calibration_figures(found, folder / "figures", kind="png")
+    om.calibrate_camera(seen, board, model="sensor").save(folder / "built.toml")
+
+
+def _draw_truth(folder: Path) -> None:
+    """Maps of the error of directions: the two cameras, for what is near and for what is far."""
+    from scipy.optimize import least_squares
+    from scipy.spatial.transform import Rotation
+
+    truth = om.load_sensor(folder / "bought.toml")
+    u, v = np.meshgrid(np.arange(0.0, 800.0, 10.0), np.arange(0.0, 800.0, 10.0))
+    pixels = np.stack([u, v], axis=-1).reshape(-1, 2)
+    is_inside = np.hypot(*(pixels - [406.5, 391.9]).T) < 370.0
+    true = truth.backproject(pixels[is_inside])
+    figure = Figure(figsize=(11, 3.6), layout="constrained")
+    axes = figure.subplots(1, 3)
+    cases = (("camera.toml", 2500.0, "one viewpoint, 2.5 m"), ("camera.toml", FAR_MM, "one viewpoint, far away"),
+             ("built.toml", FAR_MM, "the mirror itself, far away"))  # fmt: skip
+    for ax, (name, distance_mm, title) in zip(axes, cases, strict=True):
+        seen = om.load_camera(folder / name).backproject(pixels[is_inside])
+
+        def off(place, at_mm, seen=seen):
+            ways = Rotation.from_rotvec(place[:3]).apply(true.origins + at_mm * true.directions)
+            ways += 100.0 * place[3:] - seen.origins
+            return np.nan_to_num(np.degrees(ways / np.linalg.norm(ways, axis=1)[:, None] - seen.directions))
+
+        found = least_squares(lambda place, off=off: off(place, 2500.0).ravel(), np.zeros(6)).x
+        error = np.full(len(pixels), np.nan)
+        error[is_inside] = np.linalg.norm(off(found, distance_mm), axis=1)
+        shown = ax.imshow(error.reshape(u.shape), extent=(-5, 795, 795, -5), vmin=0, vmax=0.3, cmap="viridis")
+        ax.set_title(f"{title}: {np.sqrt(np.nanmean(error**2)):.3f} deg rms", fontsize=10)
+        ax.set_axis_off()
+    figure.colorbar(shown, ax=axes, label="error of directions, deg", extend="max")
+    figure.savefig(folder / "truth.png", dpi=110)
+
+
+def _row(parts: list[np.ndarray], width: int) -> np.ndarray:
+    """Pictures of one height side by side, all together of a width, and a gap below."""
+    height = round((width - GAP * (len(parts) - 1)) / sum(part.shape[1] / part.shape[0] for part in parts))
+    pieces = []
+    for part in parts:
+        size = (round(part.shape[1] * height / part.shape[0]), height)
+        pieces += [cv2.resize(part, size, interpolation=cv2.INTER_AREA), np.full((height, GAP, 3), WHITE, np.uint8)]
+    row = np.concatenate(pieces[:-1], axis=1)
+    missing = max(width - row.shape[1], 0)
+    return cv2.copyMakeBorder(row, 0, GAP, 0, missing, cv2.BORDER_CONSTANT, value=WHITE)[:, :width]
+
+
+if __name__ == "__main__":
+    if sys.argv[1:]:
+        make(Path(sys.argv[1]))
+    else:
+        with TemporaryDirectory() as temporary:
+            make(Path(temporary))
