@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import signal
 import subprocess
@@ -169,3 +170,36 @@ def test_sigterm_keeps_the_pictures_of_a_data_set_that_were_done(sensor_file, sk
     assert not [p for p in folder.iterdir() if p.name.startswith(".")]
     for path in folder.glob("*.png"):
         om.read_image(path)
+
+
+@needs_proc
+def test_sigterm_leaves_a_video_along_a_path_that_plays(sensor_file, sky_file, tmp_path):
+    av = pytest.importorskip("av")
+    (tmp_path / "path.csv").write_text("time_s,x_mm,pan_deg\n0,0,0\n100,100,90\n")
+    folder = tmp_path / "out"
+    words = ("simulate", sensor_file, "--scene", sky_file, "--spp", "4", "--path", tmp_path / "path.csv")
+    # its hidden file grows once the first of 2501 frames have been encoded
+    _terminated_when(lambda: any(p.stat().st_size > 2000 for p in folder.glob(".*")), *words, "-o", folder / "a.mkv")
+    assert [p.name for p in folder.iterdir()] == ["a.mkv"]
+    with av.open(str(folder / "a.mkv")) as container:
+        assert 1 <= sum(1 for _ in container.decode(video=0)) < 2501
+
+
+@needs_proc
+def test_sigterm_keeps_the_frames_of_a_video_set_that_were_done(sensor_file, sky_file, tmp_path):
+    av = pytest.importorskip("av")
+    (tmp_path / "path.csv").write_text("time_s,x_mm,pan_deg\n0,0,0\n100,100,90\n")
+    folder = tmp_path / "set"
+    words = ("simulate", "dataset", sensor_file, "--scene", sky_file, "--spp", "4", "--path", tmp_path / "path.csv")
+    said = _terminated_when(lambda: len([*folder.glob("frames/frame-*.png")]) > 1, *words, "-o", folder)
+    described = json.loads((folder / "dataset.json").read_text())
+    count = described["frames"]
+    assert 1 <= count < 2501, said
+    assert not [p for p in folder.rglob("*") if p.name.startswith(".")]
+    pictures = sorted((folder / "frames").iterdir())  # one more where it was ended before it was noted
+    assert len(pictures) in (count, count + 1)
+    for picture in pictures:
+        om.read_image(picture)
+    assert len((folder / "poses.csv").read_text().splitlines()) == 1 + count
+    with av.open(str(folder / described["video"])) as container:
+        assert sum(1 for _ in container.decode(video=0)) == count
