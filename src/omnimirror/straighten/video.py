@@ -26,6 +26,7 @@ from ..media.keyframes import Keyframes
 from ..media.live.outputs import PipeSink, Preview, StreamSink, Tee, VirtualCamera
 from ..media.live.sources import TICKS, LiveSource, is_live
 from ..media.pictures.images import can_be_panorama
+from ..media.video.display import DISPLAY_LOST, Display
 from ..media.video.formats import Kind, losses
 from ..media.video.numbered import NumberedPictures, check_pattern, is_of_pictures
 from ..media.video.reader import Item, VideoReader
@@ -270,6 +271,8 @@ def _sinks(
 
 def _sink(output: str, turn: Turning, rate: Fraction, source: VideoReader | None, listener: Listener) -> Sink:
     size, recording = turn.view.size, turn.recording
+    if source is not None and source.display != Display() and not _is_film(output):
+        listener.note(f"{output}: {DISPLAY_LOST}; a file by libx264 or libx265 keeps it")
     if output == "-":
         return PipeSink(recording.pipe_format or "y4m", rate, recording.pixel_format or "rgb24")
     if _is_virtual_camera(output):

@@ -82,14 +82,3 @@ def test_pictures_that_are_whole_are_left_alone(tmp_path):
         assert reader.notes == []
         frame = list(reader.frames())[2]
     assert np.ptp(places(frame)) > STEP - 1
-
-
-def test_what_a_file_tells_of_its_display_is_not_lost_quietly(tmp_path):
-    told = "master-display=G(13250,34500)B(7500,3000)R(34000,16000)WP(15635,16450)L(10000000,1):hdr10=1:log-level=none"
-    with av.open(str(tmp_path / "a.mp4"), "w") as container:
-        stream = container.add_stream("libx265", rate=25, options={"x265-params": told})
-        stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, "yuv420p10le"
-        for packet in [*stream.encode(av.VideoFrame(WIDTH, HEIGHT, "yuv420p10le")), *stream.encode(None)]:
-            container.mux(packet)
-    with VideoReader(tmp_path / "a.mp4") as reader:
-        assert "the display that it was graded on, which is not kept" in reader.notes[0]

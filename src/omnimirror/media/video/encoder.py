@@ -17,6 +17,8 @@ from av.packet import Packet
 from av.video.stream import VideoStream
 
 from ...errors import InvalidParameter, MediaError, OmnimirrorError
+from .display import DISPLAY_LOST, Display
+from .display import OPTIONS as DISPLAY_OPTIONS
 from .formats import FULL_COLOUR, NO_ALPHA, Kind, losses, nearest
 from .frames import FULL_RANGE, Colour, converted, is_full_range
 
@@ -59,6 +61,8 @@ class Encoder:
         The one to encode, whatever comes.
     colour
         How colours are coded; frames of pictures are converted to it.
+    display
+        What is told of the display that HDR was graded on; ``lost`` says so where the codec cannot.
     rotation_deg : deg
         Noted beside the frames, counter-clockwise.
     pixel_aspect
@@ -94,6 +98,7 @@ class Encoder:
         like: str = "yuv420p",
         pixel_format: str | None = None,
         colour: Colour | None = None,
+        display: Display | None = None,
         rotation_deg: int = 0,
         pixel_aspect: Fraction = Fraction(1),
         audio: Sequence[AudioStream] = (),
@@ -106,6 +111,10 @@ class Encoder:
         self.target, self.codec = target, codec
         rate = Fraction(frame_rate).limit_denominator(1_000_000)
         encoder_options = _options(codec, crf, options or {})
+        told = (display or Display()).options(codec)
+        if told:
+            name = DISPLAY_OPTIONS[codec]
+            encoder_options[name] = ":".join(filter(None, [told, encoder_options.get(name)]))
         self.container: OutputContainer = av.open(
             target, "w", format=container_format, container_options=dict(container_options or {})
         )
@@ -125,6 +134,8 @@ class Encoder:
             if colour is not None and colour.is_hdr and (self.colour != colour or Kind.of(self.pixel_format).bits < 10):
                 lost = "its tags are lost" if self.colour != colour else "8 bits of it show steps"
                 self.lost = ", ".join(filter(None, [self.lost, f"the picture is HDR, and {lost}"]))
+            if told is None and display not in (None, Display()):
+                self.lost = ", ".join(filter(None, [self.lost, DISPLAY_LOST]))
             if rotation_deg:
                 self._stream.set_display_rotation(rotation_deg)
             self._audio = {stream.index: self._audio_stream(stream) for stream in audio}

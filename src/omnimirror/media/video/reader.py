@@ -14,10 +14,10 @@ import av
 from av.audio.stream import AudioStream
 from av.container import InputContainer
 from av.packet import Packet
-from av.sidedata.sidedata import Type as SideData
 from av.video.stream import VideoStream
 
 from ...errors import InvalidParameter, MediaError
+from .display import Display, dynamic_kinds
 from .frames import OF_RGB, Colour, siting_of
 from .interlace import Fields
 from .sequences import first_number, is_sequence
@@ -31,7 +31,6 @@ SEEK_BACK_S = (0, 2, 10)
 """How much earlier to look where a file's index leads past the frame that was asked for."""
 LATE_SOUND_S = 5
 """How far the sound may lie behind the pictures in a file."""
-OF_THE_DISPLAY = (SideData.MASTERING_DISPLAY_METADATA, SideData.CONTENT_LIGHT_LEVEL)
 CUT_SHORT_S = 0.5
 """By how much a file may end before it says that it does."""
 
@@ -118,8 +117,9 @@ class VideoReader:
         if first.interlaced_frame:
             self.notes.append(f"{self.path} is interlaced; each picture is made whole from its first field")
         beside: Any = first.side_data
-        if any(beside.get(kind) is not None for kind in OF_THE_DISPLAY):
-            self.notes.append(f"{self.path} tells of the display that it was graded on, which is not kept")
+        self.display = Display.of(beside)
+        if dynamic := dynamic_kinds(beside):
+            self.notes.append(f"{self.path} tells players by {dynamic} how to show each picture, which is not kept")
         self.rotation_deg: int = first.rotation
         self.pixel_aspect = stream.sample_aspect_ratio or Fraction(1)
         self.frame_rate: Fraction = stream.average_rate or stream.guessed_rate or Fraction(25)

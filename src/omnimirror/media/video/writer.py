@@ -143,6 +143,7 @@ class VideoWriter:
             "time_base": source.time_base,
             "like": source.pixel_format,
             "colour": source.colour,
+            "display": source.display,
             "rotation_deg": source.rotation_deg,
             "pixel_aspect": source.pixel_aspect,
             "audio": source.audio_streams,
