@@ -177,3 +177,12 @@ def test_rays_of_a_sharp_picture_lie_evenly_about_the_middle_of_a_pixel(samples)
     points = spread(samples, blur=False).points[:, :2]
     np.testing.assert_allclose(points.mean(axis=0), 0.5, atol=1e-6)
     assert len(np.unique(points.round(5), axis=0)) == samples
+
+
+def test_an_imager_that_is_too_large_is_refused_with_the_largest_that_is_not():
+    sensor = om.load_sensor("paper-spherical")
+    large = replace(sensor, imager=replace(sensor.imager, width_px=40_000, height_px=40_000, pixel_pitch_um=0.1331))
+    with pytest.raises(InvalidParameter, match=r"40000 x 40000 px is too large .* up to 32768 x 32768 px"):
+        om.take_picture(large, om.Room(texel_mm=40.0), samples=1)
+    with pytest.raises(InvalidParameter, match=r"100001.*(100000|1e\+05)"):
+        replace(sensor.imager, width_px=100_001)

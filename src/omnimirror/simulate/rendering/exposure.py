@@ -36,6 +36,7 @@ T = TypeVar("T")
 R = TypeVar("R")
 
 RAYS_PER_TILE = 1 << 16  # larger tiles fall out of the cache, smaller ones keep threads waiting for each other
+MOST_ACROSS = 1 << 15  # pixels of a side of the largest square picture, whose light takes 12 GB
 ROWS_AT_ONCE = 64  # of an environment, between two reports of progress
 
 
@@ -94,8 +95,8 @@ def expose(
     Raises
     ------
     InvalidParameter
-        For a number of samples out of range, for blur or radiometry of a camera that is no sensor, or if the
-        scene cannot be seen from where the camera is, or cuts through its mirror.
+        For a number of samples out of range or too many pixels, for blur or radiometry of a camera that is no
+        sensor, or if the scene cannot be seen from where the camera is, or cuts through its mirror.
 
     Notes
     -----
@@ -115,6 +116,7 @@ def expose(
     """
     instance("camera", camera, Camera, "a camera, such as om.load_sensor gives")
     instance("scene", scene, Scene, "a scene, such as om.Room()")
+    _check_size(camera)
     workers = None if workers is None else whole("workers", workers, 1)
     instance("blur", blur, bool, "True or False")
     instance("distant", distant, bool, "True or False")
@@ -151,6 +153,15 @@ def expose(
     if _has_one_mirror(camera) and far is not None and backend.is_compiled:
         return _of_environment(camera, *far, plan, radiometry, progress)
     return _of_scene(camera, seen, plan, radiometry, progress, workers)
+
+
+def _check_size(camera: Camera) -> None:
+    width, height = camera.image_size
+    if width * height > MOST_ACROSS**2:
+        raise InvalidParameter(
+            f"a picture of {width} x {height} px is too large to be simulated; valid are up to {MOST_ACROSS} x "
+            f"{MOST_ACROSS} px, or as many in all"
+        )
 
 
 def _distant(scene: Scene) -> Scene:
