@@ -6,9 +6,13 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.calibrate.physical.starting import ring_directions
+from omnimirror.calibrate.physical.starting import ring_directions, without_fold
 from omnimirror.camera_models import Unified
 from omnimirror.cameras import inside_image
+from omnimirror.errors import NotOneToOne
+from omnimirror.imagers import Imager
+from omnimirror.lenses import Perspective
+from omnimirror.mirrors import ConicAsphere
 from omnimirror.mirrors.pose import MirrorPose
 from tests.conftest import sensor_of
 
@@ -67,3 +71,19 @@ def test_a_ball_from_afar_is_the_ball_of_parallel_rays():
     far = om.MirrorBall((500.0, 500.0), 400.0, 360.0, (1001, 1001), mount=near.mount)
     pixels = np.array([[600.0, 500.0], [500.0, 250.0], [350.0, 700.0]])
     np.testing.assert_allclose(near.backproject(pixels).directions, far.backproject(pixels).directions, atol=2e-3)
+
+
+def test_a_mirror_that_folds_past_its_boards_ends_before():
+    """As estimated from photographs: the polynomials turn back at 129 deg, where no board was."""
+    shape = (0.9048884, -1.0279182, 0.7558168, -0.2282032)
+    mirror = ConicAsphere(13.6992394, -8.2502947, 44.1189806, shape, 40.0)
+    lens, imager = Perspective(5.2085251, 8.0, 160.0), Imager(640, 480, 5.0)
+    sensor = om.Sensor(mirror, lens, imager, mirror_distance_mm=187.7321209)
+    with pytest.raises(NotOneToOne):
+        _ = sensor.field_deg
+    ended = without_fold(sensor)
+    assert ended.field_deg[1] == pytest.approx(129.1, abs=0.1)
+    assert 0.97 < ended.mirror.rim_radius_mm / mirror.rim_radius_mm < 1
+    x = np.linspace(0, ended.mirror.rim_radius_mm, 9)
+    np.testing.assert_array_equal(ended.mirror.sag(x), mirror.sag(x))
+    assert without_fold(ended) is ended

@@ -19,6 +19,7 @@ from ...parameters import Uncertainty
 from ...sensor import Sensor
 from ...specs import save_camera
 from ..physical import SensorModel
+from ..physical.starting import without_fold
 from .advice import Coverage
 from .bundle.adjustment import Adjustment
 from .bundle.board_shape import BoardShape
@@ -160,7 +161,7 @@ class Calibration:
         names = tuple(p.name for p in self.model.parameters)
         known = Uncertainty(names, tuple(tuple(float(c) for c in row) for row in self.covariance))
         if isinstance(self.model, SensorModel):
-            return replace(self.model.sensor, uncertainty=known)
+            return replace(without_fold(self.model.sensor), uncertainty=known)
         if isinstance(self.model, RadialModel):
             return replace(self.model, uncertainty=known)  # type: ignore[type-var]  # every model is a dataclass
         return self.model

@@ -21,6 +21,7 @@ from ...imagers import Imager
 from ...lenses import Perspective
 from ...mirrors import ConicAsphere, SlopeSpline
 from ...sensor import Sensor
+from ...tracing.meridian import trace_chief_rays
 from .names import NamedNumber, changed, place_of, shape_names, value_of
 from .shape_rates import profile_rates
 from .tolerances import Tolerance
@@ -124,6 +125,22 @@ def shaped_like(law: RadialLaw, sensor: Sensor, rim_is_known: bool) -> Sensor:
     places = tuple(place_of(sensor, name) for name in shape_names(sensor))
     begun = replace(sensor, mirror=mirror)
     return replace(begun, mirror=_least_slopes(begun, places, x, slope).mirror)
+
+
+def without_fold(sensor: Sensor) -> Sensor:
+    """The sensor with a rim where its polynomials, past all that was seen, would turn the field angle back.
+
+    Any other sensor as it is.
+    """
+    mirror = sensor.mirror
+    if not isinstance(mirror, ConicAsphere):
+        return sensor
+    distance = sensor.mirror_distance_mm + sensor.mirror_pose.displacement_mm
+    x = np.linspace(0.0, mirror.rim_radius_mm, QUADRATURE)[1:]
+    falls = np.flatnonzero(trace_chief_rays(mirror, distance, x).domega_dx() <= 0)
+    if not len(falls) or falls[0] < 2:
+        return sensor
+    return replace(sensor, mirror=replace(mirror, rim_radius_mm=float(x[falls[0] - 1])))
 
 
 def _wanted_slopes(law: RadialLaw, sensor: Sensor) -> tuple[Array, Array]:
