@@ -23,6 +23,7 @@ from ..media import GPano, write_image
 from ..media.batch import PICTURES, Job, Results, expand_inputs, outputs_for, run_parallel
 from ..media.pictures.images import Image, can_be_panorama, check_size, format_of, read_picture
 from ..sensor import Sensor
+from ..simulate.restoration.blur_scale import UNSEEN_SHARE
 from ..simulate.restoration.noise import told_noise
 from ..simulate.restoration.round_blur import ToldBlur, load_blur
 from ..simulate.restoration.sharpening import Restorer
@@ -129,7 +130,8 @@ class PictureStraightener:
             share = restorer.shown_share(picture, noise)
             found = f"; restored at a noise of {100 * noise.share:.2g} % ({noise.kind})"
             if share < 1:
-                found += f", and {100 * share:.0f} % of the blur, which is what the picture shows for certain"
+                why = "does not show how much it has" if share == UNSEEN_SHARE else "shows no more"
+                found += f", and {100 * share:.0f} % of the blur is taken out, since the picture {why}"
             return restorer(picture, noise, share), found
 
     def __call__(self, source: Path, output: Path) -> str:
