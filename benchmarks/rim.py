@@ -19,6 +19,7 @@ from mirror_photographs import Photograph, compose, error_of
 from scipy.optimize import minimize
 
 import omnimirror as om
+from omnimirror.calibrate.rim import SURE
 from omnimirror.calibrate.rim.candidates import rings_of
 from omnimirror.calibrate.rim.choice import terms
 from omnimirror.calibrate.rim.cues import cues_of
@@ -53,19 +54,19 @@ def looked_at(seed: int, photograph: Photograph) -> Found:
 def table_of(mirrors: list[Found], none: list[Found]) -> str:
     """The table, and what went wrong."""
     right = [one for one in mirrors if one.error < RIGHT]
-    sure = [one for one in right if one.confidence >= 0.5]
-    wrong = [one for one in (*mirrors, *none) if one.error >= RIGHT and one.confidence >= 0.5]
+    sure = [one for one in right if one.confidence >= SURE]
+    wrong = [one for one in (*mirrors, *none) if one.error >= RIGHT and one.confidence >= SURE]
     rows = [
         ("photographs with a mirror", len(mirrors)),
         ("rim within 1 %", len(right)),
-        ("of these with a confidence of .5 and more", len(sure)),
+        ("of these with a confidence of .6 and more", len(sure)),
         ("photographs without a mirror", len(none)),
-        ("wrong, or found where none is, with a confidence of .5 and more", len(wrong)),
+        ("wrong, or found where none is, with a confidence of .6 and more", len(wrong)),
         ("median error of the right ones, % of the radius", f"{100 * np.median([one.error for one in right]):.3f}"),
         ("median seconds", f"{np.median([one.seconds for one in mirrors]):.2f}"),
     ]
     lines = ["| what | count |", "|---|---:|", *(f"| {what} | {count} |" for what, count in rows)]
-    odd = [one for one in (*mirrors, *none) if (one.error >= RIGHT) != (one.confidence < 0.5 and one.error == np.inf)]
+    odd = [one for one in (*mirrors, *none) if (one.error >= RIGHT) != (one.confidence < SURE and one.error == np.inf)]
     told = [f"{one.seed}: error {100 * one.error:.1f} %, confidence {one.confidence:.2f} ({one.words})" for one in odd]
     return "\n".join([*lines, "", *told]) + "\n"
 

@@ -28,7 +28,7 @@ def test_the_rim_of_a_sensor(folder, tmp_path):
     rim = json.loads((tmp_path / "rim.json").read_text())
     assert rim["centre_px"] == pytest.approx([511.5, 511.5], abs=1.0)
     assert rim["semi_axes_px"] == pytest.approx([501.63, 501.63], abs=1.0)
-    assert rim["confidence"] > 0.5
+    assert rim["confidence"] > 0.6
     assert rim["image_size"] == [1024, 1024]
     assert om.read_image(tmp_path / "rim.png").shape[2] >= 3
 
@@ -45,7 +45,7 @@ def test_pictures_of_one_sensor_are_looked_at_together(folder, tmp_path):
 def test_what_is_not_sure_is_said(folder):
     run = omnimirror("rim", folder / "nothing.png")
     assert run.returncode == 0
-    assert "no rim is sure: the confidence 0.00 is below 0.5" in run.stdout
+    assert "no rim is sure: the confidence 0.00 is below 0.6" in run.stdout
 
 
 def test_a_picture_is_straightened_by_its_rim_alone(folder, tmp_path):

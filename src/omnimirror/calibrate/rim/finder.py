@@ -21,7 +21,7 @@ from .placing import placed
 Array = NDArray[np.float64]
 Picture = NDArray[Any]
 
-SURE = 0.5
+SURE = 0.6
 """Confidence from which a rim is taken for found."""
 SAME_RIM = 0.012  # of the radius, by which rings differ that are one rim
 SAME_SENSOR = 0.03  # of the radius, by which a rim may move from picture to picture
