@@ -102,7 +102,7 @@ def test_texture_is_not_harmed_by_blur_known_too_large(small: Restorer):
 
 @pytest.mark.parametrize("times", [1.0, 1.15])
 def test_a_photograph_with_bright_windows_is_not_harmed_at_the_rim(small: Restorer, shared_data: Path, times: float):
-    """They show every error of the blur, and what a little less of it would change much counts less."""
+    """They show every error of the blur, and what it leaves unexplained beside them stays as it is."""
     photograph = shared_data / "environments" / "st_fagans_interior_1k.hdr"
     told = Restorer(small.camera, told=small.known.scaled(times).sizes)
     assert gains(told, exposed(photograph)).tenths_db.min() > -0.1

@@ -20,9 +20,8 @@ TEXTURE_PX = 9  # in which what is left over is compared with the noise
 MEAN_OF_LOG = np.float32(np.exp(0.37))  # a mean of three squares over the geometric mean of such means
 BEYOND_PX = 5  # in which what is mirrored beyond the rim is made even, texture there being none of the picture's
 CODED = 0.35  # of the error of coding is there to be seen; the rest is texture that is gone already
-LOST = 0.7  # of the power that blur takes from texture is not found again
-LESS, DOUBT = 0.87, 2.0  # a smaller share of the blur, and how often what it changes is believed to be wrong, in power
-ROUNDS_OF_LESS = 3  # from what all of the blur has led to
+UNEXPLAINED = 1.5, 2.0  # what is left over, over the noise, from which doubt begins, and where nothing is believed
+LOST = 0.5  # of the power that blur takes from texture is not found again
 COARSE = 0.25  # what coding leaves is coarse, and blur damps it less than noise: by this power
 
 
@@ -52,18 +51,15 @@ class BlurProblem:
         left = self.left_over(roots, fine)
         share = self._texture(left, noise) / (1 + self.widening)
         restored = np.maximum(sharp + share[..., None] * left, 0)
-        moved = sharp - np.sqrt(_binned(self._narrower.solved(roots, noise, ROUNDS_OF_LESS, start=fine), FINENESS))
-        counts = 1 - self._given_share(fine, sharp - roots + left, moved, noise)
+        counts = self._explained(left, noise) * (1 - self._given_share(fine, sharp - roots + left, noise))
         return np.asarray(roots + counts[..., None] * (restored - roots), np.float32)
 
-    def solved(
-        self, roots: Values, noise: Noise, rounds: int = ROUNDS, steps: int = STEPS, start: Values | None = None
-    ) -> Values:
-        """Roots of the light of the sharp picture, on the fine grid, from those of another blur if there are any."""
+    def solved(self, roots: Values, noise: Noise, rounds: int = ROUNDS, steps: int = STEPS) -> Values:
+        """Roots of the light of the sharp picture, on the fine grid."""
         deviation = noise.by_pixel
         if noise.kind == "JPEG":
             deviation = deviation * (1 + self.widening / np.float32(BLUR_PX)) ** np.float32(COARSE)
-        return solve(self.operator, self.blur.pixels, self.widening, roots, deviation, rounds, steps, start)
+        return solve(self.operator, self.blur.pixels, self.widening, roots, deviation, rounds, steps)
 
     def left_over(self, roots: Values, fine: Values) -> Values:
         """What the sharp picture leaves unexplained of the one given (h, w, channels); 0 where nothing is known."""
@@ -82,17 +78,24 @@ class BlurProblem:
         smooth = cv2.blur(mirrored, (BEYOND_PX, BEYOND_PX)).reshape(roots.shape)
         return np.where((self.known.radius > self.known.whole_radius_px)[..., None], smooth, mirrored)
 
-    def _given_share(self, fine: Values, removed: Values, moved: Values, noise: Noise) -> Values:
+    def _explained(self, left: Values, noise: Noise) -> Values:
+        """How far (h, w) the sharp picture explains the one given, 0 to 1: less where more than noise is left over.
+
+        There the blur is not the known one, as beside lamps that are far brighter than white, or larger than it is.
+        """
+        begins, ends = UNEXPLAINED
+        ratio = np.sqrt(_power(left, noise))
+        return np.asarray(np.clip((ends - ratio) / (ends - begins), 0, 1), np.float32)
+
+    def _given_share(self, fine: Values, removed: Values, noise: Noise) -> Values:
         """The share (h, w) of the picture given in the mean of both that errs least, their errors taken for unlike.
 
         The one given errs by its noise and by the blur removed (h, w, channels); the sharp one by what it cannot know
-        of texture, in units of the noise and of the blur, and by what a little less blur would have moved (h, w,
-        channels), since the blur is never known quite rightly.
+        of texture: in units of the noise, and of the blur.
         """
         blurred = _power(removed, noise)
         lost = texture_of(fine, noise.by_pixel) * (1 + np.float32(LOST) * blurred)
-        errs = lost + np.float32(DOUBT) * _power(moved, noise)
-        return np.asarray(errs / (errs + 1 + blurred), np.float32)
+        return np.asarray(lost / (lost + 1 + blurred), np.float32)
 
     def _texture(self, left: Values, noise: Noise) -> Values:
         """The share (h, w) of what is left over that is no noise: texture that looked like it.
@@ -106,11 +109,6 @@ class BlurProblem:
         power = MEAN_OF_LOG * np.exp(logarithm / np.maximum(cv2.blur(known, window), np.float32(1e-3)))
         expected = (CODED if noise.kind == "JPEG" else 1.0) * noise.by_pixel
         return np.asarray(np.clip(1 - expected**2 / power, 0, 1) * known, np.float32)
-
-    @cached_property
-    def _narrower(self) -> BlurProblem:
-        """The same with a little less blur."""
-        return BlurProblem(self.known.scaled(LESS))
 
     @cached_property
     def _mirrored(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

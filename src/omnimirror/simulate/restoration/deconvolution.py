@@ -44,7 +44,6 @@ def solve(
     noise: Values,
     rounds: int = ROUNDS,
     steps: int = STEPS,
-    start: Values | None = None,
 ) -> Values:
     """Roots of the light (rows, columns, channels) of the sharp picture, on its fine grid.
 
@@ -62,8 +61,6 @@ def solve(
         Standard deviation of the roots.
     rounds, steps
         Replacements by quadratic terms, and steps of conjugate gradients in each.
-    start : (rows, columns, channels)
-        Roots on the fine grid to begin from; the blurred ones, refined, by default.
     """
     channels = roots.shape[2]
     if channels == 3:  # operators take four
@@ -72,16 +69,12 @@ def solve(
     seen = roots.reshape(-1, roots.shape[2])[pixels]
     costs = _repeated((REGULARITY * noise / (1 + widening_px / BLUR_PX)).astype(np.float32), fineness)
     texture = _repeated(TEXTURE * noise, fineness)
-    if start is None:
-        first = _refined(roots, fineness)
-    else:
-        first = np.pad(start, ((0, 0), (0, 0), (0, roots.shape[2] - channels)))
-    flat = first.reshape(-1, roots.shape[2])
+    flat = _refined(roots, fineness).reshape(-1, roots.shape[2])
     for n in range(rounds):
         fine = flat.reshape(*operator.shape, -1)
         steepness = _steepness(fine)
         # what saturates is far brighter than its surroundings, which are not textured for that
-        plain = _plain(_steepness(np.minimum(fine, 1)), texture, fineness) if n or start is not None else UNJUDGED
+        plain = _plain(_steepness(np.minimum(fine, 1)), texture, fineness) if n else UNJUDGED
         stiffness = (costs * plain / steepness).ravel()
         flat = np.maximum(flat + _step(operator, flat, seen, stiffness, fineness, steps), 0)
     return flat.reshape(*operator.shape, -1)[..., :channels]
