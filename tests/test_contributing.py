@@ -20,6 +20,14 @@ CHECKOUT = Path(__file__).parents[1]
 WEB, NATIVE = CHECKOUT / "web", CHECKOUT / "native"
 
 
+# An editable installation finds the package by a hook that goes before any path.
+RUN_THE_COPY = """
+import runpy, sys
+sys.meta_path[:] = [f for f in sys.meta_path if not type(f).__name__.startswith("ScikitBuild")]
+runpy.run_module("omnimirror", run_name="__main__", alter_sys=True)
+"""
+
+
 def edit(file: Path, *changes: tuple[str, str]) -> None:
     """Put words in the place of others, each of which is there once."""
     text = file.read_text()
@@ -76,17 +84,17 @@ def command(sensor: str, size: ScaleOptions) -> None:
 
 def test_a_command_is_a_module_and_its_name(copy):
     cli = copy / "src" / "omnimirror" / "cli"
-    (cli / "commands" / "evaluation" / "rim.py").write_text(COMMAND)
+    (cli / "commands" / "evaluation" / "girth.py").write_text(COMMAND)
     edit(
         cli / "__init__.py",
-        ('    "compare": "Put', '    "rim": "Say how wide a mirror is.",\n    "compare": "Put'),
-        ('"reproduce", "sensors", "spots"}', '"reproduce", "rim", "sensors", "spots"}'),
+        ('    "compare": "Put', '    "girth": "Say how wide a mirror is.",\n    "compare": "Put'),
+        ('"reproduce", "sensors", "spots"}', '"girth", "reproduce", "sensors", "spots"}'),
     )
-    program, path = [sys.executable, "-m", "omnimirror"], {"PYTHONPATH": str(copy / "src")}
-    said = run([*program, "rim", "paper-spherical", "--scale", 2], copy, **path)
+    program, path = [sys.executable, "-c", RUN_THE_COPY], {"PYTHONPATH": str(copy / "src")}
+    said = run([*program, "girth", "paper-spherical", "--scale", 2], copy, **path)
     assert said.stdout == "175.62 mm\n", said.stderr  # twice 2 x 43.905
     assert "Say how wide a mirror is." in run([*program, "--help"], copy, **path).stdout
-    assert run([*program, "rim", "paper-spherical", "--scale", "wide"], copy, **path).returncode == 2
+    assert run([*program, "girth", "paper-spherical", "--scale", "wide"], copy, **path).returncode == 2
 
 
 # -- a tab of the page -----------------------------------------------------------------------------

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from omnimirror.numerics.minimax import Rows, Values, minimise_mean, solve_minimax
+from omnimirror.numerics.minimax import ObjectiveValues, Rows, minimise_mean, solve_minimax
 
 
 def bounds(dim):
@@ -20,7 +20,7 @@ def test_the_polynomial_nearest_to_zero_is_chebyshevs(degree):
 
     def values(y):
         e = x**degree + powers @ y
-        return Values(np.concatenate([e, -e]), np.full(1, -1.0))
+        return ObjectiveValues(np.concatenate([e, -e]), np.full(1, -1.0))
 
     def rows(y):
         return Rows(*values(y), np.vstack([powers, -powers]), np.zeros((1, degree)))
@@ -34,7 +34,9 @@ def test_a_curved_minimax_problem_of_the_textbooks():
 
     def values(y):
         a, b = y
-        return Values(np.array([a**2 + b**4, (2 - a) ** 2 + (2 - b) ** 2, 2 * np.exp(b - a)]), np.full(1, -1.0))
+        return ObjectiveValues(
+            np.array([a**2 + b**4, (2 - a) ** 2 + (2 - b) ** 2, 2 * np.exp(b - a)]), np.full(1, -1.0)
+        )
 
     def rows(y):
         a, b = y
@@ -51,7 +53,7 @@ def test_a_spread_counts_from_a_free_level():
     """The points sin, cos + level: the spread of a - y x is least where the line has the secant's slope."""
     x = np.linspace(0, 1, 201)
     found = solve_minimax(
-        lambda y: Values(np.exp(x) - y[0] * x, np.full(1, -1.0)),
+        lambda y: ObjectiveValues(np.exp(x) - y[0] * x, np.full(1, -1.0)),
         lambda y: Rows(np.exp(x) - y[0] * x, np.full(1, -1.0), -x[:, None], np.zeros((1, 1))),
         np.zeros(1),
         bounds(1),
@@ -68,7 +70,7 @@ def test_constraints_are_kept_also_from_a_start_that_breaks_them(method):
     """The nearest point of the disk of radius 1 to (3, 0)."""
 
     def values(y):
-        return Values(np.array([(y[0] - 3) ** 2 + y[1] ** 2]), np.array([y @ y - 1]))
+        return ObjectiveValues(np.array([(y[0] - 3) ** 2 + y[1] ** 2]), np.array([y @ y - 1]))
 
     def rows(y):
         return Rows(*values(y), np.array([[2 * (y[0] - 3), 2 * y[1]]]), 2 * y[None])
@@ -81,7 +83,7 @@ def test_constraints_are_kept_also_from_a_start_that_breaks_them(method):
 
 def test_a_mean_is_the_least_where_its_derivative_vanishes():
     def values(y):
-        return Values(np.array([np.cosh(y[0] - 0.7) + (y[1] - y[0] ** 2) ** 2]), np.full(1, -1.0))
+        return ObjectiveValues(np.array([np.cosh(y[0] - 0.7) + (y[1] - y[0] ** 2) ** 2]), np.full(1, -1.0))
 
     def rows(y):
         r = y[1] - y[0] ** 2

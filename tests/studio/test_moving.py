@@ -170,7 +170,7 @@ def test_what_is_recorded_is_a_video_of_the_view(browser, server, film, tmp_path
     shows(page, "ride.mp4")
     page.get_by_role("button", name="Record").click()
     page.evaluate(COUNT_CHANGES)
-    page.wait_for_function("window.changes > 2")
+    page.wait_for_function("window.changes > 8")
     with page.expect_download() as saved:
         page.get_by_role("button", name="Stop recording").click()
     path = tmp_path / saved.value.suggested_filename

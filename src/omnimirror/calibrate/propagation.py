@@ -82,7 +82,7 @@ def direction_uncertainty(
     >>> import omnimirror as om
     >>> model = om.SensorModel(om.load_sensor("paper-spherical"), ("focal",))
     >>> om.direction_uncertainty(model, [[811.5, 511.5], [961.5, 511.5]], covariance=[[0.0116**2]]).round(3)
-    array([0.081, 0.132])
+    array([0.078, 0.189])
     """
     return direction_sigma_deg(*_seen_by(camera, pixels, covariance))
 
@@ -123,7 +123,7 @@ def floor_uncertainty(
     >>> model = om.SensorModel(om.load_sensor("paper-spherical"), ("focal",))
     >>> pixels = [[711.5, 511.5], [811.5, 511.5], [961.5, 511.5]]
     >>> om.floor_uncertainty(model, pixels, height_mm=1500.0, covariance=[[0.0116**2]]).round(1)
-    array([ 2. ,  6.4,  nan])
+    array([ 2.1, 10.6,  nan])
     """
     height = number("height_mm", height_mm)
     if height == 0:

@@ -85,7 +85,7 @@ def test_a_cropped_picture_keeps_the_mirror_aligned():
 
 
 def test_a_doubtful_rim_is_refused_with_advice():
-    with pytest.raises(InvalidParameter, match=r"confidence 0\.20 is below 0\.5; give more pictures .* --ball"):
+    with pytest.raises(InvalidParameter, match=r"confidence 0\.20 is below 0\.6; give more pictures .* --ball"):
         om.camera_from_rim(replace(RIM, confidence=0.2))
 
 

@@ -69,7 +69,7 @@ def test_a_misaligned_sensor_is_analysed_too(tmp_path):
         run = omnimirror(command, "m.toml", "--omega-deg", "60", "--azimuth-deg", "90", cwd=tmp_path)
         assert run.returncode == 0, run.stderr
     assert "decentred or tilted; say which --omega-deg" in fails("spots", "m.toml", cwd=tmp_path)
-    assert "is decentred or tilted" in fails("evaluate", "m.toml", cwd=tmp_path)
+    assert "is decentred or tilted" in fails("evaluate", "m.toml", "--focus-mm", "300", cwd=tmp_path)
 
 
 @pytest.mark.parametrize(

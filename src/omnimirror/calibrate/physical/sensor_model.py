@@ -61,7 +61,7 @@ class SensorModel(CameraModel):
     ['lens.focal_length_mm', 'mirror_pose.decentre_x_mm', 'mirror_pose.decentre_y_mm']
     >>> image = model.image([[1000.0, 0.0, 0.0]])  # 1 m to the right of the mirror's vertex
     >>> image.pixels.round(2), image.d_parameters[0, 0].round(1)  # by mm of focal length and of decentring
-    (array([[897.63, 511.5 ]]), array([ 35.3,  23.4,   0. ]))
+    (array([[905.38, 511.5 ]]), array([35.9, 11.4,  0. ]))
     """
 
     sensor: Sensor
@@ -206,7 +206,7 @@ class SensorModel(CameraModel):
         --------
         >>> import omnimirror as om
         >>> om.SensorModel(om.load_sensor("paper-spherical")).viewpoint_mm.round(1)
-        array([ 0. ,  0. , 18.6])
+        array([ 0. ,  0. , 12.8])
         """
         meridian = self.sensor.aligned().meridian
         x = np.sqrt(np.linspace(0.01, 1.0, PROBES)) * self.sensor.mirror.rim_radius_mm

@@ -35,7 +35,7 @@ class SceneSource:
     Examples
     --------
     >>> SceneSource("room", texel_mm=40.0).load()
-    Room(texel_mm=40.0)
+    Room(texel_mm=40.0, elsewhere_mm=None)
     """
 
     name: str
@@ -119,7 +119,7 @@ def load_scene(
     --------
     >>> import omnimirror as om
     >>> om.load_scene("room", texel_mm=40.0)
-    Room(texel_mm=40.0)
+    Room(texel_mm=40.0, elsewhere_mm=None)
     """
     behind = None if background is None else str(background)
     return SceneSource(str(name), texel_mm, heading_deg, unit_mm, up, behind).load()
