@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from .analysis import spots as spots
     from .calibrate.conversion import convert as convert
     from .calibrate.estimation import Calibration as Calibration
+    from .calibrate.estimation import Motion as Motion
     from .calibrate.estimation import Prior as Prior
     from .calibrate.estimation import Sighting as Sighting
     from .calibrate.estimation import adjust as adjust
@@ -140,6 +141,7 @@ _HOMES = {
     "adjust": "calibrate.estimation",
     "calibrate_camera": "calibrate.estimation",
     "Calibration": "calibrate.estimation",
+    "Motion": "calibrate.estimation",
     "Prior": "calibrate.estimation",
     "Sighting": "calibrate.estimation",
     "simulate_detections": "calibrate.estimation",

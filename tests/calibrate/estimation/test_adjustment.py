@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -55,6 +57,47 @@ def test_points_somewhere_on_known_lines_give_the_camera():
     found = adjust(Unified(1.0, (162.0, 162.0), (325.0, 237.0), SIZE), [seen])
     assert found.rms_px < 1e-5
     assert [p.value for p in found.model.parameters] == pytest.approx(VALUES, rel=1e-3, abs=1e-4)
+
+
+def drive(count: int = 6) -> tuple[np.ndarray, list[Motion]]:
+    """Marks on a floor and two walls of a room, mm, and how it stands before a camera that is driven through it."""
+    random = np.random.default_rng(6)
+    marks = random.uniform(-900, 900, (60, 3))
+    marks[:30, 2] = -700.0
+    marks[30:45, 0], marks[45:, 1] = 1500.0, -1400.0
+    turns = [rotation_of(np.array([0.0, 0.0, a])) for a in random.uniform(-3, 3, count)]
+    return marks, [Motion(t, np.append(random.uniform(-300, 300, 2), 40.0 * i)) for i, t in enumerate(turns)]
+
+
+def test_marks_somewhere_on_known_planes_give_the_camera_and_where_they_are():
+    """As of a robot that knows its way: only that the marks are on the floor and the walls is known."""
+    marks, ways = drive()
+    normals = np.repeat([[0.0, 0.0, 1.0], [2.0, 0.0, 0.0], [0.0, -1.0, 0.0]], [30, 15, 15], axis=0)
+    axes = np.stack([np.roll(normals, 1, axis=1), np.roll(normals, 2, axis=1)], axis=1)
+    off = np.random.default_rng(3).uniform(-30, 30, (60, 1, 2)) @ axes / 2
+    ids = 100 + np.arange(60)
+    pictures = [
+        Sighting(
+            f"{i}", TRUTH.image(way(marks)).pixels, marks + off[:, 0], way, is_known=True, normals=normals, ids=ids
+        )
+        for i, way in enumerate(ways)
+    ]
+    found = adjust(Unified(1.0, (162.0, 162.0), (325.0, 237.0), SIZE), pictures)
+    assert found.rms_px < 1e-5
+    assert [p.value for p in found.model.parameters] == pytest.approx(VALUES, rel=1e-3, abs=1e-4)
+    assert found.sightings[2].points == pytest.approx(marks, abs=0.01)
+    assert found.names[-2:] == ("mark 159 x", "mark 159 y")
+    assert len(uncertainty(found).sigmas) == len(VALUES) + 120
+
+
+def test_a_mark_that_one_picture_sees_or_that_lies_on_two_planes_is_refused():
+    marks, ways = drive(2)
+    up = np.tile([0.0, 0.0, 1.0], (60, 1))
+    one, other = (Sighting(str(i), TRUTH.image(w(marks)).pixels, marks, w, normals=up) for i, w in enumerate(ways))
+    with pytest.raises(om.errors.InvalidParameter, match="mark 7 on a plane is seen once, which says nothing"):
+        adjust(START, [one, other.only(np.arange(60) != 7)])
+    with pytest.raises(om.errors.InvalidParameter, match="mark 0 is said to lie on two planes"):
+        adjust(START, [one, replace(other, points=marks + np.array([0.0, 0.0, 5.0]))])
 
 
 def test_near_and_distant_things_are_adjusted_together():
@@ -135,6 +178,9 @@ def test_the_shape_of_a_board_is_found():
         (lambda s: adjust(START, [Sighting("room", s.pixels, s.points)]), "where the target stands in room"),
         (lambda s: adjust(START, [s], loss="tukey"), "loss = 'tukey'.*squares"),
         (lambda s: known(s.pixels, s.points[1:]), r"room: pixels \(300, 2\) and points \(299, 3\)"),
+        (lambda s: known(s.pixels, s.points, along=s.points[1:]), r"room: along \(299, 3\) are not \(300, 3\)"),
+        (lambda s: known(s.pixels, s.points, normals=0 * s.points), "room: normals .* directions"),
+        (lambda s: known(s.pixels, s.points, normals=s.points, along=s.points), "normals belong to planes"),
     ],
 )
 def test_what_cannot_be_adjusted_is_said(call, says):

@@ -17,8 +17,8 @@ from ....arguments import choice
 from ....camera_models.base import CameraModel
 from ....errors import InvalidParameter
 from .board_shape import NAMES, UNITS, BoardShape
-from .linearisation import UNSEEN_PX, Estimate, Linearised, Loss, linearised
-from .observations import Sighting, rms_px, stacked
+from .linearisation import UNSEEN_PX, Estimate, Linearised, Loss, linearised, targets
+from .observations import Sighting, Stack, rms_px, stacked
 from .steps import LEAST_NOISE_PX, SETTLED, Question, least
 
 Array = NDArray[np.float64]
@@ -85,12 +85,13 @@ class Adjustment:
     @property
     def names(self) -> tuple[str, ...]:
         """Of all shared parameters, free or not."""
-        return shared_names(self.model, self.shape)
+        return (*shared_names(self.model, self.shape), *_mark_names(self.question.stack))
 
     @property
     def units(self) -> tuple[str, ...]:
         """Of all shared parameters."""
-        return (*(p.unit for p in self.model.parameters), *(UNITS if self.shape else ()))
+        marks = ("mm",) * len(_mark_names(self.question.stack))
+        return (*(p.unit for p in self.model.parameters), *(UNITS if self.shape else ()), *marks)
 
     @property
     def residuals(self) -> Array:
@@ -126,6 +127,11 @@ def shared_names(model: CameraModel, shape: BoardShape | None) -> tuple[str, ...
     return (*(p.name for p in model.parameters), *(NAMES if shape else ()))
 
 
+def _mark_names(stack: Stack) -> tuple[str, ...]:
+    """Names of where marks lie on their planes."""
+    return () if stack.marks is None else tuple(f"mark {i} {axis}" for i in stack.marks.ids for axis in "xy")
+
+
 def adjust(
     model: CameraModel,
     sightings: Sequence[Sighting],
@@ -146,7 +152,7 @@ def adjust(
     model
         Where the search begins.
     sightings
-        Each with a motion, known or to begin with.
+        Each with a motion, known or to begin with; of points, directions, lines or marks on planes, mixed as they come.
     shape
         Of the board that all near sightings show, to be estimated from here; None: they are as they say.
     fixed
@@ -193,7 +199,7 @@ def adjust(
     choice("loss", loss, ("squares", "cauchy", "huber"))
     fixed, priors = tuple(fixed), tuple(priors)
     question = _question(model, sightings, shape, fixed, priors)
-    estimate = _start(model, sightings, shape, priors)
+    estimate = _start(model, sightings, shape, priors, question.stack)
     if noise_px is not None:
         question = replace(question, noise_px=noise_px, loss=Loss(loss, CAUCHY * noise_px))
         estimate = least(estimate, question, most_steps, settled, on_step)
@@ -218,6 +224,9 @@ def _told(
 ) -> Adjustment:
     found = linearised(estimate, question.stack)
     moved = tuple(s.moved(m) for s, m in zip(sightings, estimate.motions, strict=True))
+    if question.stack.marks is not None:  # the sightings tell where on their planes the marks are
+        at = targets(estimate._replace(shape=None, slides=np.zeros_like(estimate.slides)), question.stack)
+        moved = tuple(replace(s, points=at[where]) for s, where in zip(moved, question.stack.slices, strict=True))
     return Adjustment(estimate.model, moved, estimate.shape, found, question, estimate, fixed, priors)
 
 
@@ -229,7 +238,8 @@ def _question(
     priors: tuple[Prior, ...],
 ) -> Question:
     stack = stacked(sightings)
-    names = shared_names(model, shape)
+    of_board = slice(len(model.parameters), len(shared_names(model, shape)))
+    names = (*shared_names(model, shape), *_mark_names(stack))
     for name in (*fixed, *(p.name for p in priors)):
         if name not in names:
             raise InvalidParameter(f"there is no parameter {name!r} to fix; {', '.join(names)} are")
@@ -239,7 +249,7 @@ def _question(
     free = np.array([n not in fixed for n in names], dtype=bool)
     information, expected = np.zeros(len(names)), np.zeros(len(names))
     if shape is not None:
-        information[-len(NAMES) :] = 1 / shape.sigmas**2
+        information[of_board] = 1 / shape.sigmas**2
     for prior in priors:
         at = names.index(prior.name)
         expected[at] = prior.value
@@ -252,7 +262,7 @@ def _question(
 
 
 def _start(
-    model: CameraModel, sightings: Sequence[Sighting], shape: BoardShape | None, priors: tuple[Prior, ...]
+    model: CameraModel, sightings: Sequence[Sighting], shape: BoardShape | None, priors: tuple[Prior, ...], stack: Stack
 ) -> Estimate:
     values = np.array([p.value for p in model.parameters])
     names = [p.name for p in model.parameters]
@@ -260,7 +270,9 @@ def _start(
         if prior.sigma == 0 and prior.name in names:
             values[names.index(prior.name)] = prior.value
     motions = tuple(s.motion for s in sightings if s.motion is not None)
-    return Estimate(model.with_parameters(values), motions, shape, np.zeros(sum(map(len, sightings))))
+    return Estimate(
+        model.with_parameters(values), motions, shape, np.zeros(len(stack.pixels)), np.zeros(len(_mark_names(stack)))
+    )
 
 
 def _noise(estimate: Estimate, question: Question, *, robust: bool) -> float:

@@ -1,4 +1,4 @@
-"""Residuals of a estimate and their derivatives: what a bundle adjustment is told of camera, motions and shape."""
+"""Residuals of an estimate and their derivatives: what a bundle adjustment is told of camera, motions and shape."""
 
 from __future__ import annotations
 
@@ -63,17 +63,19 @@ class Estimate(NamedTuple):
     shape: BoardShape | None
     slides: Array
     """(n,) mm; how far along its line each point lies"""
+    marks: Array
+    """(2k,) mm; how far each mark lies from the point of its plane, along two axes"""
 
 
 class Linearised(NamedTuple):
-    """Residuals of a estimate and their derivatives."""
+    """Residuals of an estimate and their derivatives."""
 
     residuals: Array
     """(n, 2) px, image minus pixel; 0 where the model sees nothing"""
     seen: Mask
     """(n,)"""
     d_shared: Array
-    """(n, 2, p + 5 with a shape), the model's parameters and then the board's"""
+    """(n, 2, g), the model's parameters, then the board's, then the marks'"""
     d_motion: Array
     """(n, 2, 6), a turn in radians and a shift in mm"""
     d_slide: Array | None
@@ -81,7 +83,7 @@ class Linearised(NamedTuple):
 
 
 def linearised(estimate: Estimate, stack: Stack) -> Linearised:
-    """Residuals and derivatives of a estimate."""
+    """Residuals and derivatives of an estimate."""
     rotations = np.array([m.rotation for m in estimate.motions])[stack.owner]
     shifts = np.array([m.shift_mm for m in estimate.motions])[stack.owner]
     turned = np.einsum("nij,nj->ni", rotations, targets(estimate, stack))
@@ -93,6 +95,8 @@ def linearised(estimate: Estimate, stack: Stack) -> Linearised:
         changes = estimate.shape.changes(stack.points)
         changes[stack.distant] = 0.0
         d_shared = np.concatenate([d_shared, (d_points @ rotations) @ changes], axis=2)
+    if stack.marks is not None:
+        d_shared = np.concatenate([d_shared, (d_points @ rotations) @ stack.marks.changes()], axis=2)
     # d(turn x X) = -[X]x turn, so that a row g of d_points becomes X x g
     d_turn = np.cross(turned[:, None, :], d_points)
     d_shift = np.where(stack.distant[:, None, None], 0.0, d_points)
@@ -105,12 +109,14 @@ def linearised(estimate: Estimate, stack: Stack) -> Linearised:
 
 
 def targets(estimate: Estimate, stack: Stack) -> Array:
-    """Points (n, 3) in the frames of their targets, with the shape of the board and where they lie on lines."""
+    """Points (n, 3) in the frames of their targets, with the board's shape, and where they lie on lines and planes."""
     points = stack.points
     if estimate.shape is not None:
         points = np.where(stack.distant[:, None], points, estimate.shape.applied(points))
     if stack.along is not None:
         points = points + estimate.slides[:, None] * stack.along
+    if stack.marks is not None:
+        points = points + stack.marks.changes() @ estimate.marks
     return points
 
 

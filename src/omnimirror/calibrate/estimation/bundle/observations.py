@@ -1,4 +1,4 @@
-"""What pictures saw: pixels, and the points, directions or lines that they are known to show.
+"""What pictures saw: pixels, and the points, directions, lines or planes that they are known to show.
 
 One form serves all kinds. A :class:`Sighting` is what one picture shows of things that stand still together: corners
 of a board whose place is unknown, points of a room that was surveyed, stars, edges. Its points are in a frame of their
@@ -22,7 +22,14 @@ Mask = NDArray[np.bool_]
 
 
 class Motion(NamedTuple):
-    """From a target's frame to the camera frame: ``X = rotation @ p + shift_mm``."""
+    """From a target's frame to the camera frame: ``X = rotation @ p + shift_mm``.
+
+    Examples
+    --------
+    >>> turned = Motion(rotation_of(np.array([0.0, 0.0, np.pi / 2])), np.array([0.0, 0.0, 500.0]))
+    >>> turned(np.array([[10.0, 0.0, 0.0]])).round(6) + 0.0
+    array([[  0.,  10., 500.]])
+    """
 
     rotation: Array
     """(3, 3)"""
@@ -31,7 +38,13 @@ class Motion(NamedTuple):
 
     @classmethod
     def none(cls) -> Motion:
-        """The target's frame is the camera frame."""
+        """The target's frame is the camera frame.
+
+        Returns
+        -------
+        Motion
+            That moves nothing.
+        """
         return cls(np.eye(3), np.zeros(3))
 
     def __call__(self, points_mm: Array) -> Array:
@@ -94,8 +107,17 @@ class Sighting:
     along : (n, 3), optional
         Where lines were seen: the directions of the lines through ``points``, on which the point that was seen may lie
         anywhere.
+    normals : (n, 3), optional
+        Where marks on planes were seen: normals of the planes through ``points``, on which the mark may lie anywhere.
+        Somewhere on a plane any pixel looks: a mark says something where several pictures see it, under the same number
+        in ``ids``.
     ids : (n,), optional
         Numbers of the points, such as those of a board's corners; 0, 1, .. by default.
+
+    Raises
+    ------
+    InvalidParameter
+        Not as many of one as of the other, or a motion that is said to be known and is not given.
 
     Examples
     --------
@@ -111,6 +133,7 @@ class Sighting:
     is_known: bool = False
     is_distant: bool = False
     along: Array | None = None
+    normals: Array | None = None
     ids: NDArray[np.int64] | None = None
 
     def __post_init__(self) -> None:
@@ -125,8 +148,19 @@ class Sighting:
         object.__setattr__(self, "points", points)
         ids = np.arange(len(pixels)) if self.ids is None else np.asarray(self.ids, dtype=np.int64)
         object.__setattr__(self, "ids", ids)
-        if self.along is not None:
-            object.__setattr__(self, "along", finite("along", self.along, last=3))
+        for name in ("along", "normals"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, self._directions(name, len(pixels)))
+        if self.normals is not None and (self.along is not None or self.is_distant):
+            raise InvalidParameter(f"{self.name}: normals belong to planes, not to lines or to what is far away")
+
+    def _directions(self, name: str, count: int) -> Array:
+        """Unit vectors (n, 3), one for each point."""
+        given = finite(name, getattr(self, name), last=3)
+        lengths = np.linalg.norm(given, axis=-1, keepdims=True)
+        if given.shape != (count, 3) or not (lengths > 0).all():
+            raise InvalidParameter(f"{self.name}: {name} {given.shape} are not ({count}, 3) directions, one a point")
+        return np.asarray(given / lengths)
 
     def __len__(self) -> int:
         return len(self.pixels)
@@ -145,8 +179,10 @@ class Sighting:
             With k points.
         """
         assert self.ids is not None
-        along = None if self.along is None else self.along[kept]
-        return replace(self, pixels=self.pixels[kept], points=self.points[kept], along=along, ids=self.ids[kept])
+        along, normals = (None if d is None else d[kept] for d in (self.along, self.normals))
+        return replace(
+            self, pixels=self.pixels[kept], points=self.points[kept], along=along, normals=normals, ids=self.ids[kept]
+        )
 
     def moved(self, motion: Motion | None) -> Sighting:
         """The same with another motion.
@@ -162,6 +198,25 @@ class Sighting:
             Of the same pixels.
         """
         return replace(self, motion=motion)
+
+
+class Marks(NamedTuple):
+    """Marks somewhere on planes, each seen in several pictures, that find out together where it lies."""
+
+    ids: NDArray[np.int64]
+    """(k,)"""
+    number: NDArray[np.int64]
+    """(n,) which mark each point is; -1 where it is none"""
+    axes: Array
+    """(n, 3, 2) two directions of its plane; 0 where it is none"""
+
+    def changes(self) -> Array:
+        """How points move with the marks: (n, 3, 2k)."""
+        change = np.zeros((len(self.number), 3, 2 * len(self.ids)))
+        at = np.flatnonzero(self.number >= 0)
+        for axis in (0, 1):
+            change[at, :, 2 * self.number[at] + axis] = self.axes[at, :, axis]
+        return change
 
 
 class Stack(NamedTuple):
@@ -181,6 +236,8 @@ class Stack(NamedTuple):
     """where each sighting's points are"""
     ids: NDArray[np.int64]
     """(n,)"""
+    marks: Marks | None
+    """on planes; None where there are none"""
 
 
 def stacked(sightings: Sequence[Sighting]) -> Stack:
@@ -200,7 +257,38 @@ def stacked(sightings: Sequence[Sighting]) -> Stack:
         along,
         tuple(slice(int(e) - c, int(e)) for e, c in zip(ends, counts, strict=True)),
         np.concatenate([s.ids for s in sightings if s.ids is not None]),
+        _marks(sightings) if any(s.normals is not None for s in sightings) else None,
     )
+
+
+def _marks(sightings: Sequence[Sighting]) -> Marks:
+    """Marks on planes, by their numbers.
+
+    Raises
+    ------
+    InvalidParameter
+        One that a single picture shows, or on two planes.
+    """
+    ids = np.concatenate([s.ids for s in sightings if s.ids is not None])
+    points = np.concatenate([s.points for s in sightings])
+    normals = np.concatenate([np.zeros((len(s), 3)) if s.normals is None else s.normals for s in sightings])
+    at = np.flatnonzero(np.any(normals != 0, axis=1))
+    known, first, number, count = np.unique(ids[at], return_index=True, return_inverse=True, return_counts=True)
+    if (alone := known[count < 2]).size:
+        raise InvalidParameter(
+            f"mark {alone[0]} on a plane is seen once, which says nothing: somewhere on it every pixel looks; it is "
+            "valid with the same number (ids) in several pictures"
+        )
+    one, other = at[first][number], at
+    off = np.abs(np.sum(normals[one] * (points[other] - points[one]), axis=1))
+    size = 1e-6 * (np.linalg.norm(points[other], axis=1) + np.linalg.norm(points[one], axis=1))
+    if (apart := (off > size) | (np.abs(np.sum(normals[one] * normals[other], axis=1)) < 1 - 1e-9)).any():
+        raise InvalidParameter(f"mark {ids[at][apart][0]} is said to lie on two planes; it is valid on one")
+    axes = np.zeros((len(ids), 3, 2))
+    axes[at] = np.linalg.svd(normals[one][:, None])[2][:, 1:].transpose(0, 2, 1)
+    numbers = np.full(len(ids), -1)
+    numbers[at] = number
+    return Marks(known, numbers, axes)
 
 
 def rms_px(residuals: ArrayLike) -> float:

@@ -63,9 +63,9 @@ class Step(NamedTuple):
 
 
 def shared_values(estimate: Estimate) -> Array:
-    """The model's parameters and the board's shape (g,)."""
+    """The model's parameters, the board's shape and where marks lie (g,)."""
     values = [p.value for p in estimate.model.parameters]
-    return np.array([*values, *(estimate.shape.values if estimate.shape else ())])
+    return np.array([*values, *(estimate.shape.values if estimate.shape else ()), *estimate.marks])
 
 
 def least(
@@ -179,6 +179,7 @@ def _solved(
 ) -> Step | None:
     """The step; parameters that are stopped stay where they are."""
     scales = [*(p.scale for p in estimate.model.parameters), *(estimate.shape.sigmas if estimate.shape else ())]
+    scales += [1.0] * len(estimate.marks)
     floor = (STIFFNESS * question.noise_px / np.array(scales)[question.free]) ** 2
     if stopped is not None:
         floor = np.where(stopped[question.free], STOPPED * np.diag(blocks.shared) + floor, floor)
@@ -196,14 +197,14 @@ def _solved(
 def _moved(estimate: Estimate, raw: Linearised, question: Question, step: Step) -> Estimate | None:
     """The estimate after a step; None where the numbers describe no camera."""
     values = shared_values(estimate) + step.shared
-    count = len(estimate.model.parameters)
+    count, last = len(estimate.model.parameters), len(values) - len(estimate.marks)
     try:
         model = estimate.model.with_parameters(values[:count])
     except OmnimirrorError:
         return None
     motions = moved(estimate.motions, np.where(question.moving[:, None], step.motions, 0.0))
-    shape = estimate.shape and estimate.shape.with_values(values[count:])
+    shape = estimate.shape and estimate.shape.with_values(values[count:last])
     slides = estimate.slides
     if raw.d_slide is not None:
         slides = slides + slid(raw, question.stack, step.shared, step.motions)
-    return Estimate(model, motions, shape, slides)
+    return Estimate(model, motions, shape, slides, values[last:])

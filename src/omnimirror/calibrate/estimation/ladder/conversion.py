@@ -105,7 +105,7 @@ def shifted_to_viewpoint(model: CameraModel, sightings: Sequence[Sighting]) -> t
     medians = []
     for shift in SHIFTS_MM:
         motions = tuple(_along(s, shift).motion or Motion.none() for s in sightings)
-        found = linearised(Estimate(model, motions, None, np.zeros(len(stack.pixels))), stack)
+        found = linearised(Estimate(model, motions, None, np.zeros(len(stack.pixels)), np.zeros(0)), stack)
         lengths = np.where(found.seen, np.hypot(*found.residuals.T), np.inf)
         medians.append(float(np.median(lengths)))
     best = float(SHIFTS_MM[int(np.argmin(medians))])
