@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from functools import wraps
 from pathlib import Path
 from typing import Any, TypeVar
@@ -11,9 +11,11 @@ from typing import Any, TypeVar
 import click
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
 from rich.text import Text
 
 from ..files import is_standard_output
+from ..quantities import QUANTITIES
 
 FIGURES = ("png", "svg", "pdf")
 PICTURES = ("png", "jpg", "tif", "webp", "bmp", "hdr", "exr")
@@ -122,6 +124,25 @@ def say_written(*paths: Path | None, console: Console | None = None) -> None:
     for path in paths:
         if path and not is_standard_output(path):
             say("Wrote ", (str(path), "bold"), console=console)
+
+
+def head(name: str, unit: str | None = None) -> str:
+    """Head of a column, as the vocabulary has it: what it is, over its unit.
+
+    >>> head("omega_deg"), head("filled", "%")
+    ('Ω\\ndeg', 'aperture filled\\n%')
+    """
+    q = QUANTITIES[name]
+    return f"{q.heading}\n{q.unit if unit is None else unit}"
+
+
+def plain_table(*heads: str, words: Collection[str] = (), tight: bool = False) -> Table:
+    """A table without lines: numbers to the right, words to the left; neither numbers nor the first column break."""
+    table = Table(box=None, pad_edge=False, header_style="bold", collapse_padding=tight)
+    for i, heading in enumerate(heads):
+        is_words = heading in words
+        table.add_column(heading, justify="left" if is_words else "right", no_wrap=i == 0 or not is_words)
+    return table
 
 
 def print_rows(console: Console, headings: Iterable[Iterable[str]], columns: Iterable[list[str]]) -> None:

@@ -117,7 +117,7 @@ def encircled_energy(psfs: Sequence[Psf]) -> Figure:
         for p, colour in zip(psfs, _shades(len(psfs)), strict=True):
             (line,) = ax.plot(radius, p.encircled_energy(radius), color=colour, gid=f"energy:{p.omega_deg:g}")
             lines.append((line, f"{p.omega_deg:.4g}°"))
-        ax.set(xlim=(0, radius[-1]), ylim=(0, 1.02), xlabel="Radius about the centroid (px)")
+        ax.set(xlim=(0, radius[-1]), ylim=(0, 1.02), xlabel=axis_title("encircled_radius_px"))
         ax.set_ylabel(axis_title("encircled_energy"))
         for line, text in lines:
             labels.of_line(ax, line, text)
@@ -144,9 +144,9 @@ def psf_pictures(psfs: Sequence[Psf]) -> Figure:
             ax.grid(False)
             strehl = f", {QUANTITIES['strehl'].title} {p.strehl:.2g}" if p.kind == "diffraction" else ""
             ax.set_title(f"{p.omega_deg:.4g}°{strehl}")
-            ax.set_xlabel("tangential (px)")
+            ax.set_xlabel(axis_title("offset_t_px"))
             if i % columns == 0:
-                ax.set_ylabel("sagittal (px)")
+                ax.set_ylabel(axis_title("offset_s_px"))
     return figure
 
 

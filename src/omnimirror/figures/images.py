@@ -12,6 +12,7 @@ from matplotlib.patches import Circle, Ellipse, Polygon, Rectangle
 from numpy.typing import NDArray
 
 from ..frames import camera_direction
+from .labels import axis_label
 from .style import GREY, INK, PAGE, PALE, bare, grid_of_axes, new_figure, panel_title
 from .subjects import Subject, widest
 
@@ -199,7 +200,7 @@ def _strips(subjects: Sequence[Subject], draw: Callable[[Axes, Subject], None], 
         ax.spines["left"].set_visible(False)
         ax.set_yticks([])
         draw(ax, s)
-    axes[-1].set_xlabel("Image height h (px)")
+    axes[-1].set_xlabel(axis_label("h_px", titled=True))
     return figure
 
 

@@ -18,6 +18,7 @@ from matplotlib.figure import Figure
 
 from ..errors import InvalidParameter
 from ..files import replacing
+from .labels import axis_label
 
 COLUMN, PAGE = 3.46, 7.2  # widths in inches of one and of two columns of a journal
 
@@ -91,7 +92,7 @@ def angle_axis(ax: Axes, high_deg: float, most_ticks: int = 10) -> None:
     step = next((s for s in (1, 5, 15, 30) if high_deg / s <= most_ticks), 45)
     ax.set_xlim(0, high_deg)
     ax.set_xticks(step * np.arange(np.floor(high_deg / step + 1e-3) + 1))
-    ax.set_xlabel("Incident angle Ω (deg)")
+    ax.set_xlabel(axis_label("omega_deg", titled=True))
 
 
 def zero_line(ax: Axes) -> None:

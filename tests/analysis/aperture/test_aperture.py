@@ -123,7 +123,7 @@ def test_spots_through_focus_are_spots_of_sensors_focused_there():
 
 def test_a_spot_next_to_the_rim_is_cut():
     spot = om.spots(SPH, [120.0, SPH.field_deg[1] - 1e-9])
-    assert spot.passed == pytest.approx([1.0, 0.5], abs=0.05)
+    assert spot.filled == pytest.approx([1.0, 0.5], abs=0.05)
     assert spot.weights[1].min() == 0
     np.testing.assert_allclose(spot.weights.sum(axis=1), 1)
 

@@ -135,9 +135,9 @@ def test_light_is_spread_over_the_aperture_as_its_footprint_moves(kind, distant)
 def test_the_aperture_is_cut_where_the_field_begins():
     """At the edge of the bore the chief ray just passes, and so does about half of the aperture."""
     low, _ = FOLDED.field_deg
-    passed = om.spots(FOLDED, [low + 0.01, low + 8.0]).passed
-    assert 0.35 < passed[0] < 0.65
-    assert passed[1] == pytest.approx(1.0)
+    filled = om.spots(FOLDED, [low + 0.01, low + 8.0]).filled
+    assert 0.35 < filled[0] < 0.65
+    assert filled[1] == pytest.approx(1.0)
 
 
 def test_the_wave_is_cut_where_rays_are():

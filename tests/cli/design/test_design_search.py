@@ -41,7 +41,7 @@ def test_optimise_writes_a_sensor_and_shows_convergence(tmp_path):
         "--terms", "3,4,5", "--starts", 1, "--paper-mode", "--image-radius-px", 500, "-o", "best.toml", cwd=tmp_path,
     )  # fmt: skip
     assert run.returncode == 0, run.stderr
-    values = [float(line.split()[-2]) for line in run.stdout.splitlines()[1:4]]
+    values = [float(line.split()[-2]) for line in run.stdout.splitlines()[2:5]]
     assert values == sorted(values, reverse=True)
     sensor = om.load_sensor(tmp_path / "best.toml")
     assert sensor.mirror.KIND == "even-polynomial"

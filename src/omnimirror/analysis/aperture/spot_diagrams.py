@@ -50,7 +50,7 @@ class Spots:
         return self.bundles.omega_deg
 
     @property
-    def passed(self) -> Array:
+    def filled(self) -> Array:
         """Share (k,) of the aperture that the mirror fills."""
         share: Array = self.bundles.passes @ self.bundles.pupil.weights
         return share
@@ -90,12 +90,12 @@ class Spots:
     def to_csv(self, path: str | Path) -> None:
         """Write one line per object and focus: widths, radii and centroids."""
         (ct, cs), (rt, rs), (et, es) = self.centroid_px(), self.rms_px(), self.extent_px()
-        header = "omega_deg,azimuth_deg,focus_mm,chief_px,passed,centroid_t_px,centroid_s_px,rms_t_px,rms_s_px,"
+        header = "omega_deg,azimuth_deg,focus_mm,chief_px,filled,centroid_t_px,centroid_s_px,rms_t_px,rms_s_px,"
         lines = [f"{header}rms_radius_px,extent_t_px,extent_s_px"]
         for i, omega in enumerate(self.omega_deg):
             for j, focus in enumerate(self.focus_mm):
                 columns = (self.chief_px, None, ct, cs, rt, rs, self.rms_radius_px(), et, es)
-                numbers = [self.passed[i] if c is None else c[i, j] for c in columns]
+                numbers = [self.filled[i] if c is None else c[i, j] for c in columns]
                 row = [omega, self.bundles.azimuth_deg[i], focus, *numbers]
                 lines.append(",".join(f"{v:.10g}" for v in row))
         write_text(path, "\n".join(lines) + "\n")

@@ -32,7 +32,7 @@ from ....straighten.request import is_video
 from ...options.board import BoardOptions
 from ...options.common import NUMBER, WHOLE, angle, pixel
 from ...options.declared import Options, option, takes
-from ...outputs import Output, output_console, progress_bar, say, say_written
+from ...outputs import Output, output_console, plain_table, progress_bar, say, say_written
 
 FEW_SHOWN = 12
 
@@ -250,11 +250,7 @@ def _outliers(found: Calibration) -> str:
 
 
 def _models(found: Calibration) -> Table:
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    table.add_column("model")
-    for heading in ("parameters", "RMS\npx", "left out\npx"):
-        table.add_column(heading, justify="right")
-    table.add_column("")
+    table = plain_table("model", "parameters", "RMS\npx", "left out\npx", "", words=("model", ""))
     for tried in found.candidates:
         held = f"{tried.held_out_rms_px:.3f}" if np.isfinite(tried.held_out_rms_px) else "-"
         style = "bold" if tried.kind == found.model.KIND else None
@@ -263,11 +259,7 @@ def _models(found: Calibration) -> Table:
 
 
 def _parameters(found: Calibration) -> Table:
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    table.add_column("parameter")
-    for heading in ("value", "sigma"):
-        table.add_column(heading, justify="right")
-    table.add_column("")
+    table = plain_table("parameter", "value", "sigma", "", words=("parameter", ""))
     for p in found.parameters:
         table.add_row(p.name, f"{p.value:.6g}", f"{p.sigma:.2g}" if p.sigma > 0 else "fixed", p.unit)
     return table

@@ -16,7 +16,7 @@ from ....camera_models.base import Optics
 from ....frames import CameraLooks, Mount
 from ...options.common import NUMBER, angle, distance, picture_size
 from ...options.declared import Options, option, takes
-from ...outputs import Output, output_console, say, say_written
+from ...outputs import Output, output_console, plain_table, say, say_written
 
 
 def whole_size(text: str) -> tuple[int, int]:
@@ -140,9 +140,7 @@ def _distance(distance_mm: float) -> str:
 
 
 def _table(made: Conversion) -> Table:
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    for heading in ("distance\nmm", "off, rms\npx", "at most\npx", "field angle there\ndeg"):
-        table.add_column(heading, justify="right")
+    table = plain_table("distance\nmm", "off, rms\npx", "at most\npx", "field angle there\ndeg")
     for c in made.costs:
         table.add_row(f"{c.distance_mm:g}", f"{c.rms_px:.3g}", f"{c.largest_px:.3g}", f"{c.at_deg:.3g}")
     return table

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,50 +12,65 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from ....calibrate.lines import Level, calibrate_lines, drawn_edges
+from ....calibrate.lines import Level, LineCalibration, calibrate_lines, drawn_edges
 from ....calibrate.rim import SURE, find_rim
+from ....camera_models.base import CameraModel, Optics
 from ....errors import InvalidParameter
 from ....files import write_text
-from ....frames import Mount
+from ....frames import CameraLooks, Mount
 from ....media import read_image, write_image
+from ....sensor import Sensor
 from ....specs import load_camera, save_camera
 from ...options.common import NUMBER, distance
+from ...options.declared import Options, option, takes
 from ...outputs import output_console, output_option, say, say_written
+
+
+@dataclass(frozen=True)
+class LineOptions(Options):
+    """The camera to be refined, or what is known of one that nobody has calibrated, and where edges stand."""
+
+    camera: str | None = option(metavar="FILE|NAME", help="To be refined.  [default: nothing is known of it]")
+    optics: Optics = option(
+        type=click.Choice(["mirror", "fisheye"]), default="mirror", help="Of a camera of which nothing is known."
+    )
+    camera_looks: CameraLooks = option(
+        type=click.Choice(["up", "down", "forward"]), default="up",
+        help="Where the optical axis of an unknown camera points.",
+    )  # fmt: skip
+    rim: tuple[float, float, float] | None = option(
+        nargs=3, type=NUMBER, metavar="U V R",
+        help="Circle of the field in the picture, px.  [default: a mirror's rim, as found; of a fisheye the largest]",
+    )  # fmt: skip
+    inner_radius_px: float | None = option(
+        type=NUMBER, help="Inside of which the camera sees itself.  [default: as found with the rim]"
+    )
+    distance_mm: float = option(
+        type=distance, metavar="MM", default=np.inf, help="Of the edges, for mirrors of many viewpoints."
+    )
+
+    def model(self) -> Sensor | CameraModel | None:
+        """The camera to be refined."""
+        return None if self.camera is None else load_camera(self.camera)
+
+    def refined(self, pictures: Sequence[NDArray[Any]], model: Sensor | CameraModel | None) -> LineCalibration:
+        """What the edges of some pictures say of the camera."""
+        return calibrate_lines(
+            pictures, model=model, optics=self.optics, mount=Mount(self.camera_looks),
+            centre_px=None if self.rim is None else self.rim[:2],
+            radius_px=None if self.rim is None else self.rim[2],
+            inner_radius_px=self.inner_radius_px or 0.0, distance_mm=self.distance_mm,
+        )  # fmt: skip
 
 
 @click.command()
 @click.argument("images", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("--camera", metavar="FILE|NAME", help="To be refined.  [default: nothing is known of it]")
-@click.option(
-    "--optics", type=click.Choice(["mirror", "fisheye"]), default="mirror", show_default=True,
-    help="Of a camera of which nothing is known.",
-)  # fmt: skip
-@click.option(
-    "--camera-looks", type=click.Choice(["up", "down", "forward"]), default="up", show_default=True,
-    help="Where the optical axis of an unknown camera points.",
-)  # fmt: skip
-@click.option(
-    "--rim", nargs=3, type=NUMBER, metavar="U V R",
-    help="Circle of the field in the picture, px.  [default: a mirror's rim, as found; of a fisheye the largest]",
-)  # fmt: skip
-@click.option(
-    "--inner-radius-px", type=NUMBER, help="Inside of which the camera sees itself.  [default: as found with the rim]"
-)
-@click.option("--distance-mm", type=distance, default="inf", help="Of the edges, for mirrors of many viewpoints.")
+@takes(LineOptions, "asked")
 @output_option("-o", "--output", help="Write the camera, level and with its uncertainty.")
 @output_option("--json", "json_file", help="Write parameters, residuals and lean.")
 @output_option("--figure", help="Draw the edges of the first picture: green where straight, red where not.")
 def command(
-    images: tuple[Path, ...],
-    camera: str | None,
-    optics: str,
-    camera_looks: str,
-    rim: tuple[float, float, float] | None,
-    inner_radius_px: float | None,
-    distance_mm: float,
-    output: Path | None,
-    json_file: Path | None,
-    figure: Path | None,
+    images: tuple[Path, ...], asked: LineOptions, output: Path | None, json_file: Path | None, figure: Path | None
 ) -> None:
     """Refine a camera until straight edges in IMAGES are straight, and level it by what stands upright.
 
@@ -62,23 +78,15 @@ def command(
     """
     pictures = [read_image(path) for path in images]
     console = output_console()
-    model = None if camera is None else load_camera(camera)
-    if rim is None and (optics if model is None else getattr(model, "optics", "mirror")) == "mirror":
-        *circle, inner = _found_rim(pictures)
-        rim = (circle[0], circle[1], circle[2])
-        say(f"the rim lies about {rim[0]:.1f}, {rim[1]:.1f} px, with a radius of {rim[2]:.1f} px", console=console)
-        inner_radius_px = inner if inner_radius_px is None else inner_radius_px
+    model = asked.model()
+    if asked.rim is None and (asked.optics if model is None else getattr(model, "optics", "mirror")) == "mirror":
+        (u, v, radius), inner = _found_rim(pictures)
+        say(f"the rim lies about {u:.1f}, {v:.1f} px, with a radius of {radius:.1f} px", console=console)
+        if asked.inner_radius_px is not None:
+            inner = asked.inner_radius_px
+        asked = replace(asked, rim=(u, v, radius), inner_radius_px=inner)
     with console.status("Following edges"):
-        found = calibrate_lines(
-            pictures,
-            model=model,
-            optics=optics,  # type: ignore[arg-type]  # one of the two
-            mount=Mount(camera_looks),  # type: ignore[arg-type]  # one of the three
-            centre_px=None if rim is None else (rim[0], rim[1]),
-            radius_px=None if rim is None else rim[2],
-            inner_radius_px=inner_radius_px or 0.0,
-            distance_mm=distance_mm,
-        )
+        found = asked.refined(pictures, model)
     told = found.to_dict()
     used, edges = (sum(p[key] for p in told["pictures"]) for key in ("used", "edges"))
     say(f"{used} of {edges} edges are straight within {found.rms_px:.2f} px rms", console=console)
@@ -97,8 +105,8 @@ def command(
     say_written(output, json_file, figure, console=console)
 
 
-def _found_rim(pictures: Sequence[NDArray[Any]]) -> tuple[float, float, float, float]:
-    """Middle, radius and inner radius (px) of the field, of a rim that is sure."""
+def _found_rim(pictures: Sequence[NDArray[Any]]) -> tuple[tuple[float, float, float], float]:
+    """Circle (middle, radius) and inner radius of the field, px, of a rim that is sure."""
     found = find_rim(pictures)
     if not found.is_sure:
         raise InvalidParameter(
@@ -106,7 +114,7 @@ def _found_rim(pictures: Sequence[NDArray[Any]]) -> tuple[float, float, float, f
             "of the same sensor or one with all of its rim, or say where it is with --rim U V R"
         )
     inner, radius = found.annulus_px
-    return *found.centre_px, radius, inner
+    return (*found.centre_px, radius), inner
 
 
 def _lean(level: Level | None) -> str:

@@ -9,14 +9,13 @@ from typing import Any
 import click
 import numpy as np
 from numpy.typing import NDArray
-from rich.table import Table
 
 from ....calibrate.rim import SURE, FoundRim, find_rim
 from ....calibrate.rim.edges import levels_of
 from ....files import write_text
 from ....media import read_image
 from ....media.batch import expand_inputs
-from ...outputs import FIGURES, output_console, output_option, say, say_written
+from ...outputs import FIGURES, output_console, output_option, plain_table, say, say_written
 
 
 @click.command()
@@ -36,9 +35,8 @@ def command(images: tuple[str, ...], each: bool, figure: Path | None, json_file:
     found = [find_rim(picture) for picture in pictures] if each else [find_rim(pictures)]
     singles = found if each else list(found[0].pictures) or found
     console = output_console()
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    for heading in ("picture", "centre\npx", "semi-axes\npx", "angle\ndeg", "camera's image\npx", "confidence\n"):
-        table.add_column(heading, justify="left" if heading == "picture" else "right", no_wrap=True)
+    numbers = ("centre\npx", "semi-axes\npx", "angle\ndeg", "camera's image\npx", "confidence\n")
+    table = plain_table("picture", *numbers, words=("picture",))
     for file, rim in zip(files, singles, strict=True):
         table.add_row(*_row(file.name, rim))
     if len(singles) > len(found):

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import click
 import numpy as np
-from rich.table import Table
 
 from ....components.apertures import BestAperture, best_apertures
 from ....design.criteria.ranges import Range
@@ -14,7 +13,7 @@ from ....sensor import Sensor
 from ....specs import load_sensor
 from ...options.common import NUMBER, distance, number_or_range
 from ...options.declared import Options, option, takes
-from ...outputs import output_console
+from ...outputs import head, output_console, plain_table
 
 
 @dataclass(frozen=True)
@@ -50,9 +49,8 @@ def command(sensors: tuple[str, ...], apertures: ApertureOptions) -> None:
     A wide aperture blurs, a narrow one diffracts; what is least is the root of the squares of both, in pixels, at the
     worst field angle.
     """
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    for heading in ("sensor", "least", "F-number", "focus mm", "worst px", "blur px", "Airy px"):
-        table.add_column(heading, justify="left" if heading in ("sensor", "least") else "right")
+    numbers = (head("f_number"), head("focus_mm"), "worst\npx", "blur\npx", head("airy_px"))
+    table = plain_table("sensor", "least", *numbers, words=("sensor", "least"))
     for name in sensors:
         sensor = load_sensor(name)
         for b in apertures.best(sensor):

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import click
 from rich.markup import escape
-from rich.table import Table
 
 from ....arguments import float_of
 from ....manufacture import DEFAULT_FORMATS, FORMATS, Body, Exported
@@ -20,7 +19,7 @@ from ....specs import load_sensor
 from ...options.common import NUMBER, WHOLE
 from ...options.declared import Options, option, takes
 from ...options.housing import HousingOptions
-from ...outputs import output_console, output_option
+from ...outputs import output_console, output_option, plain_table
 
 
 def formats(text: str) -> list[str]:
@@ -121,11 +120,8 @@ def command(
             camera, output, formats=formats, body=solid.body(camera), secondary_body=solid.secondary_body(),
             housing=housing.of(drawn_housing(camera)), **files.given,
         )  # fmt: skip
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    table.add_column("file", no_wrap=True)
-    table.add_column("what")
-    table.add_column("deviation from the mirror\num", justify="right", no_wrap=True)
-    table.add_column("of its rays\ndeg", justify="right", no_wrap=True)
+    numbers = ("deviation from the mirror\num", "of its rays\ndeg")
+    table = plain_table("file", "what", *numbers, words=("file", "what"))
     for file in written:
         table.add_row(str(file.path), file.what, deviation_words(file), ray_words(file))
     console.print(table)

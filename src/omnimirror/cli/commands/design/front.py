@@ -8,14 +8,13 @@ from typing import Any
 import click
 import numpy as np
 from rich.console import Console
-from rich.table import Table
 
 from ....design.criteria.requirements import Requirements
 from ....design.optimise.references import EXACTLY, known_sensors, merit_values
 from ....design.solve.front import Front, pareto
 from ....quantities import QUANTITIES
 from ...options.design import SearchedOptions
-from ...outputs import progress_bar
+from ...outputs import head, plain_table, progress_bar
 
 
 def find_front(console: Console, asked: Requirements, merits: list[str], searched: SearchedOptions) -> Front:
@@ -45,9 +44,7 @@ def find_front(console: Console, asked: Requirements, merits: list[str], searche
 
 
 def _print_front(console: Console, front: Front, known: dict[str, Any], rows: int = 12) -> None:
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    for heading in ("number", *(f"{m} {QUANTITIES[m].unit}".rstrip() for m in front.merits), "focus mm"):
-        table.add_column(heading, justify="right")
+    table = plain_table("number", *(f"{m}\n{QUANTITIES[m].unit}" for m in front.merits), head("focus_mm"))
     for i in np.unique(np.linspace(0, len(front) - 1, min(rows, len(front))).round().astype(int)):
         table.add_row(str(i), *(f"{v:.4f}" for v in front.values[i]), f"{front.focus_mm[i]:.2f}")
     for name, values in known.items():

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import click
-from rich.table import Table
 from rich.text import Text
 
 from ....design.construct.rim import MountedMirror
@@ -13,30 +13,35 @@ from ....design.construct.survey import mappings
 from ....errors import OmnimirrorError
 from ....tracing.meridian import Meridian
 from ...options.common import NUMBER
-from ...outputs import FIGURES, format_option, output_console, output_option, say_written
+from ...options.declared import Options, option, takes
+from ...outputs import FIGURES, format_option, output_console, output_option, plain_table, say_written
 
 MOST_DRAWN = 6
 
 
+@dataclass(frozen=True)
+class RimOptions(Options):
+    """The ray that leaves the mirror at its rim."""
+
+    omega_max_deg: float = option(type=NUMBER, default=75.0, help="Field angle at the rim.")
+    theta_max_deg: float = option(
+        type=NUMBER, default=12.0, help="Viewing angle of the lens there; 0 for an orthographic one."
+    )
+
+
 @click.command()
-@click.option("--omega-max-deg", type=NUMBER, default=75.0, show_default=True, help="Field angle at the rim.")
-@click.option("--theta-max-deg", type=NUMBER, default=12.0, show_default=True,
-              help="Viewing angle of the lens there; 0 for an orthographic one.")  # fmt: skip
+@takes(RimOptions, "rim")
 @output_option("--figure", formats=FIGURES, help="Draw their sections and image heights: svg, png, pdf.")
 @format_option(FIGURES)
-def command(omega_max_deg: float, theta_max_deg: float, figure: Path | None) -> None:
+def command(rim: RimOptions, figure: Path | None) -> None:
     """List the mappings of omnimirror design, with the mirror that each needs for a field and a lens.
 
     Lengths are in rim radii M. Example: omnimirror mappings --omega-max-deg 135 --figure mappings.png
     """
     console = output_console()
-    table = Table(box=None, pad_edge=False, header_style="bold", collapse_padding=True)
-    table.add_column("mapping", no_wrap=True)
-    for heading in ("m/M", "sag/M", "vertex radius/M"):
-        table.add_column(heading, justify="right", no_wrap=True)
-    table.add_column()
+    table = plain_table("mapping", "m/M", "sag/M", "vertex radius/M", "", words=("mapping", ""), tight=True)
     mounted: dict[str, MountedMirror] = {}
-    for name, found in mappings(omega_max_deg, theta_max_deg).items():
+    for name, found in mappings(**rim.given).items():
         if isinstance(found, OmnimirrorError):
             table.add_row(name, "", "", "", Text(str(found), style="dim"))
             continue

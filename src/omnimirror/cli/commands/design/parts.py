@@ -17,7 +17,7 @@ from ....quantities import QUANTITIES
 from ....specs import load_sensor, save_sensor
 from ...options.common import NUMBER, distance
 from ...options.declared import Options, option, takes
-from ...outputs import output_console, output_option, say_written
+from ...outputs import head, output_console, output_option, plain_table, say_written
 
 
 @dataclass(frozen=True)
@@ -57,18 +57,16 @@ def command(
 
 
 def _table(combinations: list[Combination]) -> Table:
-    table = Table(box=None, pad_edge=False, header_style="bold")
     area = QUANTITIES["worst_floored_area_deg2"]
-    numbers = ("fills", "rim px", "F", "focus mm", "ring mm", f"{area.title} {area.unit}")
-    for heading in ("", "lens", "imager", *numbers, "why not"):
-        table.add_column(heading, justify="left" if heading in ("lens", "imager", "why not") else "right")
+    numbers = ("fills\n%", "rim\npx", head("f_number"), head("focus_mm"), "ring\nmm", f"{area.title}\n{area.unit}")
+    table = plain_table("", "lens", "imager", *numbers, "why not", words=("lens", "imager", "why not"))
     for i, c in enumerate(combinations, start=1):
         cells = ["", "", "", "", "", ""]
         if c.sensor is not None:
             lens = c.sensor.lens
             F = lens.f_number if isinstance(lens, Perspective) else lens.image_f_number()
             cells = [
-                f"{100 * c.fill:.0f} %", f"{c.rim_radius_px:.0f}", f"{F:.1f}", f"{lens.focus_distance_mm:.1f}",
+                f"{100 * c.fill:.0f}", f"{c.rim_radius_px:.0f}", f"{F:.1f}", f"{lens.focus_distance_mm:.1f}",
                 f"{c.ring_mm:g}", area.text(c.worst_floored_area_deg2),
             ]  # fmt: skip
         table.add_row(str(i) if c.fits else "-", c.lens, c.imager, *cells, "; ".join(c.reasons))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from rich.console import Console
-from rich.table import Table
 from rich.text import Text
 
 from ....analysis.meridional.focus_merits import FOCUS_MERITS
@@ -14,7 +13,7 @@ from ....design.solve.designer import Design
 from ....design.solve.relaxation import Conflict, Relaxation
 from ....design.solve.verdict import ROUNDING, Verdict
 from ....quantities import QUANTITIES
-from ...outputs import say
+from ...outputs import head, plain_table, say
 
 MISSED = 3
 """Exit code where a sensor misses a requirement."""
@@ -35,9 +34,8 @@ def print_design(console: Console, design: Design) -> None:
 
 def print_verdict(console: Console, verdict: Verdict) -> None:
     """Requirement by requirement: what was asked, what is reached, and the margin."""
-    table = Table(box=None, pad_edge=False, header_style="bold", collapse_padding=True)
-    for heading in ("requirement", "asked", "reached", "margin", "at Ω", ""):
-        table.add_column(heading, justify="left" if heading in ("requirement", "") else "right", no_wrap=True)
+    numbers = ("asked", "reached", "margin", f"at {QUANTITIES['omega_deg'].symbol}")
+    table = plain_table("requirement", *numbers, "", words=("requirement", ""), tight=True)
     for row in verdict.rows:
         at = "" if row.omega_deg is None else f"{row.omega_deg:.4g} deg"
         met = Text("met") if row.is_met else Text("missed", style="bold red")
@@ -85,10 +83,8 @@ def _change(r: Relaxation) -> str:
 
 def print_convergence(console: Console, designs: dict[int, Design]) -> None:
     """How each number of terms ended."""
-    table = Table(box=None, pad_edge=False, header_style="bold")
     merit = QUANTITIES[next(iter(designs.values())).requirements.mirror.optimise or ""]
-    for heading in ("terms", "best start", "steps", f"{merit.name} {merit.unit}".rstrip(), "focus mm"):
-        table.add_column(heading, justify="right")
+    table = plain_table("terms", "best start", "steps", f"{merit.name}\n{merit.unit}", head("focus_mm"))
     for count, design in designs.items():
         if (found := design.optimum) is None:
             table.add_row(str(count), "", "", "limits not kept", "")
@@ -103,9 +99,7 @@ def print_convergence(console: Console, designs: dict[int, Design]) -> None:
 def print_merits(console: Console, best: Optimum) -> None:
     """All merits of the mirror found, beside those of the sphere for the same field."""
     sphere = next(iter(known_sensors(best.problem).values()))
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    for heading in ("merit", "sphere", "optimised", "unit", "meaning"):
-        table.add_column(heading, justify="right" if heading in ("sphere", "optimised") else "left")
+    table = plain_table("merit", "sphere", "optimised", "unit", "meaning", words=("merit", "unit", "meaning"))
     focus_by = best.merit if best.merit in FOCUS_MERITS else "worst_floored_area_deg2"
     before_all = merit_values(sphere, list(DESIGN_MERITS), best.problem, focus_by)
     after_all = merit_values(best.sensor, list(DESIGN_MERITS), best.problem, None)

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import click
 import numpy as np
-from rich.table import Table
 
 from ....analysis.aperture.relative_illumination import Illumination, illumination
 from ....arguments import float_of
@@ -18,7 +17,7 @@ from ....specs import load_sensor
 from ...options.aperture import Array, angles_of
 from ...options.common import NUMBER, angle, values
 from ...options.declared import Options, option, takes
-from ...outputs import FIGURES, format_option, output_console, output_option, say_written
+from ...outputs import FIGURES, format_option, head, output_console, output_option, plain_table, say_written
 
 CURVE, RIM_DEG = 121, 1.5  # points of the curve, and of half as many more where the rim cuts the light off
 
@@ -77,14 +76,12 @@ def command(sensor: str, light: LightOptions, output: Path | None, csv_file: Pat
     seen = load_sensor(sensor)
     found = light.of(seen, angles_of(seen, light.omega_deg))
     console = output_console()
-    table = Table(box=None, pad_edge=False, header_style="bold")
     names = ("irradiance_sr", "relative", "reflectance")
-    told = (f"{QUANTITIES[name].heading}\n{QUANTITIES[name].unit}" for name in names)
-    for heading in ("Omega\ndeg", *told, f"{QUANTITIES['filled'].heading}\n%"):
-        table.add_column(heading, justify="right", no_wrap=True)
+    table = plain_table(head("omega_deg"), *map(head, names), head("filled", "%"))
     for row in zip(found.omega_deg, found.irradiance_sr, found.relative, found.reflectance, found.filled, strict=True):
-        omega, irradiance, relative, R, filled = row
-        table.add_row(f"{omega:g}", f"{irradiance:.5f}", f"{relative:.4f}", f"{R:.4f}", f"{100 * filled:.4g}")
+        omega, *numbers, filled = row
+        told = (QUANTITIES[name].text(v) for name, v in zip(names, numbers, strict=True))
+        table.add_row(f"{omega:g}", *told, f"{100 * filled:.4g}")
     console.print(table)
     if csv_file:
         found.to_csv(csv_file)

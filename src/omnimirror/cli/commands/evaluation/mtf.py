@@ -8,14 +8,14 @@ from typing import Any
 
 import click
 import numpy as np
-from rich.table import Table
 
 from ....analysis import mtf
+from ....quantities import QUANTITIES
 from ....specs import load_sensor
 from ...options.aperture import Array, ImageOptions
 from ...options.common import values
 from ...options.declared import option, takes
-from ...outputs import FIGURES, format_option, output_console, output_option, say_written
+from ...outputs import FIGURES, format_option, head, output_console, output_option, plain_table, say_written
 
 SHOWN = (0.125, 0.25, 0.5)  # cycles per pixel, on the terminal
 
@@ -54,13 +54,11 @@ def command(sensor: str, waves: MtfOptions, output: Path | None, csv_file: Path 
         azimuth_deg=waves.azimuth_deg, object_distance_mm=waves.object_distance_mm, kind=waves.kind,
         wavelength_nm=waves.wavelength_nm, pixel=waves.pixel,
     )  # fmt: skip
-    console = output_console()
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    table.add_column("Omega\ndeg", justify="right")
-    for way, scale in (("T", "Dh"), ("S", "Dw")):
-        table.add_column(f"{scale}\npx/deg", justify="right", no_wrap=True)
-        for f in shown:
-            table.add_column(f"{way} at {f:g}\ncycles/px", justify="right", no_wrap=True)
+    console, per_px = output_console(), QUANTITIES["cycles_per_px"].unit
+    heads = [head("omega_deg")]
+    for contrast, scale in (("mtf_t", "dh_domega_px_per_deg"), ("mtf_s", "width_px_per_deg")):
+        heads += [head(scale), *(f"{QUANTITIES[contrast].heading} at {f:g}\n{per_px}" for f in shown)]
+    table = plain_table(*heads)
     last = slice(-len(shown), None)
     for i, omega in enumerate(found.omega_deg):
         numbers = [f"{found.px_per_deg_t[i]:.3f}", *(f"{v:.3f}" for v in found.tangential[i, last])]

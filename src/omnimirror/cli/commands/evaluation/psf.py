@@ -7,17 +7,16 @@ from pathlib import Path
 
 import click
 import numpy as np
-from rich.table import Table
 
 from ....analysis import Psf, psf
-from ....quantities import QUANTITIES
 from ....specs import load_sensor
 from ...options.aperture import ImageOptions
 from ...options.common import NUMBER
 from ...options.declared import option, takes
-from ...outputs import FIGURES, format_option, output_console, output_option, say_written
+from ...outputs import FIGURES, format_option, head, output_console, output_option, plain_table, say_written
 
 MOST = 15
+SHARES = (0.5, 0.8)  # of the light, whose radii are told
 
 
 @dataclass(frozen=True)
@@ -53,15 +52,14 @@ def command(sensor: str, objects: PsfOptions, output: Path | None, encircled: Pa
 
     with console.status("Computing"):
         found = [compute(float(omega)) for omega in angles]
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    for heading in ("Omega\ndeg", f"{QUANTITIES['strehl'].title}\n", "r 50 %\npx", "r 80 %\npx", "in its pixel\n%"):
-        table.add_column(heading, justify="right", no_wrap=True)
+    radii = head("encircled_radius_px").replace("\n", " {:.0%}\n")
+    table = plain_table(head("omega_deg"), head("strehl"), *map(radii.format, SHARES), head("ensquared_energy", "%"))
     for p in found:
         radius = np.linspace(0, float(p.offset_px[-1]), 2000)
-        half, most = np.interp([0.5, 0.8], p.encircled_energy(radius), radius)
+        within = (f"{r:.2f}" for r in np.interp(SHARES, p.encircled_energy(radius), radius))
         best = 100 * float(p.on_pixels().max())
         strehl = f"{p.strehl:.3g}" if p.kind == "diffraction" else "-"
-        table.add_row(f"{p.omega_deg:g}", strehl, f"{half:.2f}", f"{most:.2f}", f"{best:.1f}")
+        table.add_row(f"{p.omega_deg:g}", strehl, *within, f"{best:.1f}")
     console.print(table)
     if output or encircled:
         from ....figures import save_figure

@@ -3,21 +3,16 @@
 from __future__ import annotations
 
 import click
-from rich.table import Table
 
 from ....specs import bundled_sensors, load_sensor
-from ...outputs import output_console
+from ...outputs import output_console, plain_table
 
 
 @click.command()
 def command() -> None:
     """List the bundled sensors; each name can stand wherever a command takes a SENSOR."""
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    table.add_column("name", no_wrap=True)
-    table.add_column("mirror", no_wrap=True)
-    table.add_column("field\ndeg", justify="right", no_wrap=True)
-    table.add_column("rim\nmm", justify="right", no_wrap=True)
-    table.add_column("what it is")
+    words = ("name", "mirror", "what it is")
+    table = plain_table("name", "mirror", "field\ndeg", "rim\nmm", "what it is", words=words)
     for name in bundled_sensors():
         sensor = load_sensor(name)
         low, high = sensor.field_deg

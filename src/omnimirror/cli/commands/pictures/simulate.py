@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,10 +20,10 @@ from ....simulate import Detector, Distant, Pose, PosedScene, Scene, expose
 from ....simulate.colour import Light
 from ....specs import bundled_sensors, load_sensor
 from ...options.common import WHOLE
-from ...options.declared import flag, takes
+from ...options.declared import Options, flag, option, takes
 from ...options.housing import HousingOptions
 from ...options.scene import DETECTOR, FilmOptions, SceneOptions, TakingOptions, pose, rows_bar
-from ...outputs import PICTURES, format_option, output_console, output_option, say
+from ...outputs import PICTURES, format_option, output_console, output_option, plain_table, say
 
 if TYPE_CHECKING:
     from ....simulate.datasets.recipe import CalibrationRecipe, VideoRecipe
@@ -299,32 +300,33 @@ def _write_video_set(output: Path, recipe: VideoRecipe) -> None:
     click.echo(f"{output}: {frames} frames, sensor.toml, video.mp4, poses.csv and dataset.json")
 
 
+@dataclass(frozen=True)
+class RoundTripOptions(Options):
+    """How the wall's pictures are taken."""
+
+    samples: int = option("--samples", "--spp", type=WHOLE, default=16, help="Rays per pixel.")
+
+
 @command.command("roundtrip")
 @click.argument("sensors", nargs=-1, metavar="[SENSOR...]")
-@click.option("--samples", "--spp", type=WHOLE, default=16, show_default=True, help="Rays per pixel.")
-def roundtrip(sensors: tuple[str, ...], samples: int) -> None:
+@takes(RoundTripOptions, "taking")
+def roundtrip(sensors: tuple[str, ...], taking: RoundTripOptions) -> None:
     """Simulate the room's wall at 800 mm, straighten it, and compare with what a pinhole sees: a table.
 
     Decibels (sRGB) of the sharp picture straightened exactly, with pixels of half the size, blurred by the aperture,
     and straightened from the best single viewpoint; what share of the blurred picture's error is blur; then the largest
     shifts found, and the one that Eq. 23 predicts. All sensors that come with the package unless some are named.
     """
-    from rich.table import Table
-
     from ....simulate.round_trip import measure_round_trip
 
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    table.add_column("sensor", no_wrap=True)
-    for heading in ("exact", "half pixels", "blurred", "single"):
-        table.add_column(f"{heading}\ndB", justify="right")
-    table.add_column("of it blur\n%", justify="right")
-    for heading in ("exact", "single", "Eq. 23"):
-        table.add_column(f"shift, {heading}\npx", justify="right")
+    heads = [f"{heading}\ndB" for heading in ("exact", "half pixels", "blurred", "single")] + ["of it blur\n%"]
+    heads += [f"shift, {heading}\npx" for heading in ("exact", "single", "Eq. 23")]
+    table = plain_table("sensor", *heads, words=("sensor",))
     console = output_console()
     for name in sensors or bundled_sensors():
         try:
             with console.status(Text(f"Simulating {name}")):
-                found = measure_round_trip(load_sensor(name), samples)
+                found = measure_round_trip(load_sensor(name), **taking.given)
         except OutsideField as e:
             if name in sensors:
                 raise
