@@ -38,8 +38,9 @@ class Sensor:
     mirror, lens, imager, mount
         Its parts.
     mirror_distance_mm : mm
-        Distance m from the lens's principal point to the mirror vertex; infinite (and left out of
-        files) under an orthographic lens, where it does not matter. With a secondary, the length of the
+        Distance m from the lens's reference point (its principal point; the entrance pupil stands where the lens
+        says) to the mirror vertex; infinite (and left out of files) under an orthographic lens, where it does not
+        matter. With a secondary, the length of the
         way by it.
     name, notes
         For people.
@@ -118,7 +119,9 @@ class Sensor:
                 "(evaluation by om.evaluate_camera of its om.SensorModel, rays, pictures, spots, MTF)"
             )
         m = self.mirror_distance_mm + self.mirror_pose.displacement_mm
-        return Meridian(self.mirror, m) if self.secondary is None else TwoMirrorMeridian(self.mirror, m, self.secondary)
+        if self.secondary is None:
+            return Meridian(self.mirror, m, self.lens.pupil)
+        return TwoMirrorMeridian(self.mirror, m, self.lens.pupil, secondary=self.secondary)
 
     def with_lens(self, lens: Lens) -> Sensor:
         """The same sensor with another lens at the same place; what its mirrors do is not worked out anew.
@@ -134,7 +137,7 @@ class Sensor:
             The same but for the lens.
         """
         other = replace(self, lens=lens)
-        if "meridian" in self.__dict__:
+        if "meridian" in self.__dict__ and lens.pupil == self.lens.pupil:
             other.__dict__["meridian"] = self.meridian
         return other
 
@@ -201,7 +204,7 @@ class Sensor:
             px per radian of the field angle.
         """
         first = rays.first
-        rate = self.lens.image_height_rate(first.x, first.w, first.slope) * rays.dfirst_dx()
+        rate = self.lens.image_height_rate(first.x, first.w, first.slope, first.drift) * rays.dfirst_dx()
         with np.errstate(divide="ignore"):
             return rate / rays.domega_dx() / self.imager.pitch_mm
 
@@ -224,7 +227,7 @@ class Sensor:
     def _x_from_ideal_mm(self, h_mm: Array) -> Array:
         """Mirror point (mm) of image heights (n,) mm without distortion."""
         if isinstance(self.lens, Perspective):
-            return self.meridian.x_from_tan_theta(h_mm / self.lens.image_distance)
+            return self.meridian.x_from_tan_theta(h_mm / self.lens.principal_distance)
         unit = self.lens.ideal_height(np.ones(1), np.full(1, np.inf))[0]
         return self.meridian.x_from_first(h_mm / unit)
 
@@ -503,7 +506,7 @@ class Sensor:
         Where the lens sees it in a second mirror, the lens's side of that frame is the unfolded one.
         """
         if self.secondary is not None:
-            return FoldedMirror(self.mirror, self.secondary, self.mirror_distance_mm)
+            return FoldedMirror(self.mirror, self.secondary, self.mirror_distance_mm, self.lens.pupil)
         return PosedMirror(self.mirror, self.mirror_pose)
 
     @property
@@ -511,6 +514,11 @@ class Sensor:
         """The lens's reference point (3,) mm in the camera frame."""
         vertex = 0.0 if self.secondary is None else -self.secondary.distance_mm
         return np.array([0.0, 0.0, vertex if self.lens.TELECENTRIC else -self.mirror_distance_mm])
+
+    @property
+    def pupil_offset(self) -> Array:
+        """The middle of the lens's entrance pupil (3,) mm in the camera frame, as rays near the axis see it."""
+        return self.lens_offset + np.array([0.0, 0.0, self.lens.pupil.at_mm])
 
     def entrance_pupil_points(self, pupil: Array) -> Ends:
         """Where points (n, 2) of the unit disk of the aperture see from, in the camera frame.

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ..arguments import instance
 from ..errors import InvalidParameter
 from ..files import write_text
-from ..lenses import Perspective
+from ..lenses import GaussianLens
 from ..numerics.lazy import cached_property
 from ..quantities import QUANTITIES, Quantity
 from ..sensor import Sensor, check_sensor
@@ -224,7 +224,7 @@ def _secondary(study: Study) -> str:
 
 def _f_number(study: Study) -> float:
     lens = study.sensor.lens
-    return lens.f_number if isinstance(lens, Perspective) else lens.image_f_number()
+    return lens.f_number if isinstance(lens, GaussianLens) else lens.image_f_number()
 
 
 def _sag(study: Study) -> float:

@@ -17,7 +17,7 @@ from .. import quantities
 from ..arguments import LARGEST_RADIUS_PX, choice, number, numbers
 from ..errors import InvalidParameter
 from ..files import write_text
-from ..lenses import BLUR_MODES, BlurMode, DepthOfField, Perspective
+from ..lenses import BLUR_MODES, BlurMode, DepthOfField, GaussianLens
 from ..mirrors import Mirror
 from ..quantities import QUANTITIES, described
 from ..sensor import Sensor, check_sensor
@@ -131,7 +131,7 @@ class Evaluation:
             "airy_px": self.airy_px,
             "image_radius_px": self.image_radius_px,
         }
-        if isinstance(self.sensor.lens, Perspective):
+        if isinstance(self.sensor.lens, GaussianLens):
             values["hyperfocal_mm"] = self.sensor.lens.hyperfocal_distance(
                 self.tolerance_px * self.sensor.imager.pitch_mm
             )

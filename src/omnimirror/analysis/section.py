@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..lenses import Perspective
+from ..lenses import GaussianLens
 from ..mirrors import Flat
 from ..sensor import Sensor
 from .evaluation import Evaluation
@@ -99,9 +99,13 @@ def secondary_curve(sensor: Sensor, nodes: int = 201) -> SectionCurve | None:
 def ways_to_lens(sensor: Sensor, x_mm: Array) -> list[list[tuple[float, float]]]:
     """Places (x, z), mm, that the chief rays of mirror points (n,) go by to the lens, the lens last."""
     second, lens = sensor.secondary, lens_height(sensor)
-    at = sensor.meridian.trace(x_mm).first.x
-    ends = np.zeros_like(at) if isinstance(sensor.lens, Perspective) else at
-    ways = [[(float(end), lens)] for end in ends]
+    first = sensor.meridian.trace(x_mm).first
+    at = first.x
+    if isinstance(sensor.lens, GaussianLens):  # to its entrance pupil; by way of a second mirror it looks back
+        towards = 1.0 if second is None else -1.0
+        ways = [[(0.0, lens + towards * float(z))] for z in sensor.lens.pupil.place(np.tan(first.theta))]
+    else:
+        ways = [[(float(end), lens)] for end in at]
     if second is None:
         return ways
     return [[(float(x), float(z)), *way] for x, z, way in zip(at, second.height(at), ways, strict=True)]
@@ -118,7 +122,8 @@ def _seen(result: Evaluation, distance: Array) -> SectionCurve:
         x = result.sensor.meridian.trace(result.x_mm).first.x
     else:
         with np.errstate(invalid="ignore"):  # an infinite image seen exactly along the axis
-            x = distance * np.tan(np.radians(result.theta_deg))
+            tangent = np.tan(np.radians(result.theta_deg))
+            x = (distance - result.sensor.lens.pupil.place(tangent)) * tangent
     z = distance + reference_height(result.sensor)
     is_finite = np.isfinite(z)
     return SectionCurve(np.where(is_finite, x, np.nan), np.where(is_finite, z, np.nan))

@@ -1,7 +1,8 @@
 """Lenses: how a virtual image behind the mirror becomes a height and a blur on the imager.
 
-The stop lies at the lens, a thin one; then the blur needs no obliquity factor. Focusing changes the
-image distance b0 only (internal focusing, as in the paper) and leaves the principal point where it is.
+A lens is told by what it does in front of it: chief rays aim at its entrance pupil (:mod:`.pupil`), a flat disk;
+then the blur needs no obliquity factor. Focusing changes the image distance b0 only (internal focusing, as in the
+paper) and leaves principal point and pupil where they are.
 
 Object distances ``L`` count from the lens's reference point along the axis: the principal point of a
 perspective lens (Eqs. 34, 35), the mirror vertex under an orthographic one.
@@ -19,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..arguments import number
 from ..errors import InvalidParameter
 from ..parameters import Parameter
+from .pupil import IN_REFERENCE_POINT, EntrancePupil
 
 Array = NDArray[np.float64]
 BlurMode = Literal["exact", "paper"]
@@ -53,7 +55,7 @@ class ThroughFocus(NamedTuple):
 
 
 class Lens(ABC):
-    """What the evaluation asks of a lens. ``w`` is the axial distance m + z from lens to mirror point."""
+    """What the evaluation asks of a lens. ``w`` is the axial distance from its entrance pupil to a mirror point."""
 
     KIND: ClassVar[str]
     PARAMETERS: ClassVar[dict[str, Parameter]]
@@ -61,21 +63,31 @@ class Lens(ABC):
 
     focus_distance_mm: float
 
+    @property
+    def pupil(self) -> EntrancePupil:
+        """What chief rays aim at; it stays where it is while the lens is focused."""
+        return IN_REFERENCE_POINT
+
+    @property
+    def nearest_focus_mm(self) -> float:
+        """Object distance (mm) beyond which it could be focused at all."""
+        return 0.0
+
     @abstractmethod
     def ideal_height(self, x: Array, w: Array) -> Array:
         """Image height (mm) of the mirror point at distance x from the axis under a lens without distortion (Eq. 7)."""
 
     @abstractmethod
-    def ideal_height_rate(self, x: Array, w: Array, slope: Array) -> Array:
-        """Its derivative by x along the meridian, dimensionless."""
+    def ideal_height_rate(self, x: Array, w: Array, slope: Array, drift: Array | float = 0.0) -> Array:
+        """Its derivative by x along the meridian, dimensionless; ``drift`` is the pupil's, mm per radian."""
 
     def image_height(self, x: Array, w: Array) -> Array:
         """Image height h (mm) of the mirror point at distance x from the axis: Eq. 7, and radial distortion."""
         return self.distorted_height(self.ideal_height(x, w))
 
-    def image_height_rate(self, x: Array, w: Array, slope: Array) -> Array:
+    def image_height_rate(self, x: Array, w: Array, slope: Array, drift: Array | float = 0.0) -> Array:
         """dh/dx along the meridian, dimensionless."""
-        return self.stretch(self.ideal_height(x, w))[0] * self.ideal_height_rate(x, w, slope)
+        return self.stretch(self.ideal_height(x, w))[0] * self.ideal_height_rate(x, w, slope, drift)
 
     @property
     def is_symmetric(self) -> bool:
@@ -136,7 +148,11 @@ class Lens(ABC):
 
     @abstractmethod
     def focus_coordinate(self, L: ArrayLike) -> Array:
-        """The place of object distances L (mm) on the scale on which blur is linear; its own inverse."""
+        """The place of object distances L (mm) on the scale on which blur is linear."""
+
+    @abstractmethod
+    def distance_of(self, coordinate: ArrayLike) -> Array:
+        """Object distances L (mm) of places on that scale."""
 
     @abstractmethod
     def through_focus(self, coordinate: Any, mode: BlurMode = "exact") -> ThroughFocus:

@@ -42,7 +42,7 @@ class Orthographic(Lens):
     def ideal_height(self, x: Array, w: Array) -> Array:
         return self.magnification * x
 
-    def ideal_height_rate(self, x: Array, w: Array, slope: Array) -> Array:
+    def ideal_height_rate(self, x: Array, w: Array, slope: Array, drift: Array | float = 0.0) -> Array:
         return np.full_like(x, self.magnification)
 
     @property
@@ -76,6 +76,9 @@ class Orthographic(Lens):
     def focus_coordinate(self, L: ArrayLike) -> Array:
         """The distance L itself."""
         return np.asarray(L, dtype=float)
+
+    def distance_of(self, coordinate: ArrayLike) -> Array:
+        return np.asarray(coordinate, dtype=float)
 
     def through_focus(self, coordinate: Any, mode: BlurMode = "exact") -> ThroughFocus:
         choice("mode", mode, BLUR_MODES)

@@ -138,7 +138,7 @@ def _image_height_px(sensor: Sensor, meridian: Moved, omega: Array) -> Array:
     """Image height of field angles on a meridian that need not be the sensor's own."""
     from scipy.interpolate import CubicSpline
 
-    w = sensor.meridian.m + meridian.z
+    w = sensor.lens.pupil.aim(meridian.x, sensor.meridian.m + meridian.z).distance
     found = 2 * np.arctan(meridian.slope) + np.arctan2(meridian.x, w)
     height = sensor.lens.image_height(meridian.x, w) / sensor.imager.pitch_mm
     heights: Array = CubicSpline(found, height)(omega)

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..lenses.pupil import IN_REFERENCE_POINT, EntrancePupil
 from ..mirrors import Mirror, Secondary
 from ..numerics.lazy import cached_property
 from ..numerics.roots import NEWTON_CLOSE
@@ -51,10 +52,11 @@ class FoldedMirror:
     mirror: Mirror
     secondary: Secondary
     mirror_distance_mm: float
+    pupil: EntrancePupil = IN_REFERENCE_POINT
 
     @cached_property
     def meridian(self) -> TwoMirrorMeridian:
-        return TwoMirrorMeridian(self.mirror, self.mirror_distance_mm, self.secondary)
+        return TwoMirrorMeridian(self.mirror, self.mirror_distance_mm, self.pupil, secondary=self.secondary)
 
     @property
     def _vertex(self) -> Array:

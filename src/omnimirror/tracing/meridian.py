@@ -1,18 +1,20 @@
 """Chief rays in the meridian plane, and the way back from angles and points to the mirror.
 
 The mirror point x is the parameter: everything else follows from it without a pole at 90 degrees and
-without aiming. Angles are in radians; ``m`` is the distance from the lens's principal point to the
-mirror vertex, infinite under an orthographic lens.
+without aiming. Angles are in radians; ``m`` is the distance from the lens's reference point to the
+mirror vertex, infinite under an orthographic lens. Chief rays aim at the entrance pupil, which may lie elsewhere.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InvalidParameter, NotOneToOne, OutsideField, OutsideMirror, SelfObstruction
+from ..lenses.pupil import IN_REFERENCE_POINT, EntrancePupil
 from ..mirrors import Mirror
 from ..mirrors.base import sagittal_radius, tangential_radius
 from ..numerics.lazy import cached_property
@@ -21,6 +23,7 @@ from .proofs import stops_growing
 
 Array = NDArray[np.float64]
 
+BETWEEN = 8  # points on each polynomial of a mirror at which the mapping is checked
 NODES = 1025  # of the table from which inversions start and on which the mapping is proven monotonic
 ROUNDING = 1e-12  # relative; an angle this little past the rim is the rim
 
@@ -31,8 +34,9 @@ class ChiefRays:
 
     ``beta`` is the mirror slope angle, ``theta`` the angle from the axis under which the mirror is seen (by
     the lens its viewing angle), ``gamma`` the angle of incidence and reflection, ``omega`` the field angle
-    from -z (Eqs. 1-5), ``w`` = m + z, ``path`` the way to what sees the mirror: the lens, or the chief
-    rays ``seen_in`` of a second mirror in which the lens sees the first (:mod:`.two_mirrors`).
+    from -z (Eqs. 1-5), ``w`` the axial distance from entrance pupil to mirror point (m + z where that lies in the
+    reference point), ``path`` the way to what sees the mirror: the pupil, or the chief rays ``seen_in`` of a second
+    mirror in which the lens sees the first (:mod:`.two_mirrors`); ``drift`` the pupil's motion, mm per radian of theta.
     """
 
     x: Array
@@ -47,6 +51,7 @@ class ChiefRays:
     omega: Array
     path: Array
     seen_in: ChiefRays | None = None
+    drift: Array | float = 0.0
 
     @property
     def first(self) -> ChiefRays:
@@ -60,10 +65,11 @@ class ChiefRays:
     def pupil_distance(self) -> Array:
         """Distance (mm) from the mirror point to what its neighbours' rays aim at, along the chief ray.
 
-        That is the lens, or its tangential image in a second mirror.
+        That is the entrance pupil, where it stays; the caustic of the chief rays, where it moves with their angle; or
+        its tangential image in a second mirror.
         """
         if self.seen_in is None:
-            return self.path
+            return self.path - self.drift * np.sin(self.theta)
         second = self.seen_in
         return self.path + np.cos(second.gamma) / (np.cos(second.beta) * second.domega_dx())
 
@@ -93,7 +99,7 @@ class ChiefRays:
         return sagittal_radius(self.x, self.slope, self.curvature)
 
 
-def trace_chief_rays(mirror: Mirror, m: float, x_mm: ArrayLike) -> ChiefRays:
+def trace_chief_rays(mirror: Mirror, m: float, x_mm: ArrayLike, pupil: EntrancePupil = IN_REFERENCE_POINT) -> ChiefRays:
     """Chief rays through the mirror points at distances x from the axis (Eqs. 1-5).
 
     >>> from omnimirror.mirrors import Sphere
@@ -104,15 +110,15 @@ def trace_chief_rays(mirror: Mirror, m: float, x_mm: ArrayLike) -> ChiefRays:
     x = np.asarray(x_mm, dtype=float)
     z, slope, curvature = mirror.profile(x)
     beta = np.arctan(slope)
-    w = m + z
+    w, drift = pupil.aim(x, m + z)
     theta = np.arctan2(x, w)
     gamma = beta + theta
-    return ChiefRays(x, z, slope, curvature, m, w, beta, theta, gamma, beta + gamma, np.hypot(x, w))
+    return ChiefRays(x, z, slope, curvature, m, w, beta, theta, gamma, beta + gamma, np.hypot(x, w), drift=drift)
 
 
 @dataclass(frozen=True)
 class Meridian:
-    """A mirror seen by a lens at distance m: its field, and the mirror point of any ray.
+    """A mirror seen through a pupil of a lens at distance m: its field, and the mirror point of any ray.
 
     Nothing is computed until asked for; the first question proves that the mapping is one to one and
     raises :class:`NotOneToOne` or :class:`SelfObstruction` where it is not.
@@ -120,6 +126,7 @@ class Meridian:
 
     mirror: Mirror
     m: float
+    pupil: EntrancePupil = IN_REFERENCE_POINT
 
     @cached_property
     def _table(self) -> ChiefRays:
@@ -129,9 +136,18 @@ class Meridian:
 
     def _check_between_nodes(self) -> None:
         """What the table proves at its nodes, everywhere: of mirrors made of polynomials, which may bend in between."""
-        x = stops_growing(self.mirror, self.m)
+        if self.pupil.moves:
+            self._check_finer_table()
+            return
+        x = stops_growing(self.mirror, self.m - self.pupil.at_mm)
         if x is not None:
             raise _not_one_to_one(x, float(np.degrees(self._rays(np.array([x])).omega[0])), self.mirror.rim_radius_mm)
+
+    def _check_finer_table(self) -> None:
+        """By more nodes on each piece: what a second mirror shows, or a pupil that moves, is no polynomial."""
+        if (breaks := self.mirror.breaks) is not None and len(breaks) > 2:
+            x = np.concatenate([np.linspace(a, b, BETWEEN, endpoint=False) for a, b in pairwise(breaks)])
+            checked(self._rays(np.append(x[x > self.x_min], breaks[-1])))
 
     @property
     def x_min(self) -> float:
@@ -139,7 +155,7 @@ class Meridian:
         return 0.0
 
     def _rays(self, x: Array) -> ChiefRays:
-        return trace_chief_rays(self.mirror, self.m, x)
+        return trace_chief_rays(self.mirror, self.m, x, self.pupil)
 
     @property
     def omega_min(self) -> float:
@@ -212,9 +228,11 @@ class Meridian:
             )
         cell = np.clip(np.searchsorted(tangents, tangent) - 1, 0, NODES - 2)
 
+        depth = self.m - self.pupil.place(tangent)
+
         def difference(x: Array) -> tuple[Array, Array]:
             z, slope, _ = self.mirror.profile(x)
-            return x - (self.m + z) * tangent, 1 - slope * tangent
+            return x - (depth + z) * tangent, 1 - slope * tangent
 
         start = np.interp(tangent, tangents, table.x)
         return increasing_root(difference, table.x[cell], table.x[cell + 1], start, self.mirror.rim_radius_mm)
@@ -283,6 +301,11 @@ def checked(rays: ChiefRays) -> ChiefRays:
 def _check_front_side(rays: ChiefRays) -> None:
     if not rays.m > 0:
         raise InvalidParameter(f"mirror_distance_mm = {rays.m:g} is not a distance; it is valid above 0")
+    if rays.w[0] <= 0:
+        raise InvalidParameter(
+            f"the lens's entrance pupil lies {rays.m - rays.w[0] + rays.z[0]:g} mm towards the mirror from where "
+            f"mirror_distance_mm = {rays.m:g} begins: behind the mirror; the distance is valid above that"
+        )
     hidden = (rays.w <= 0) | (np.cos(rays.theta) - rays.slope * np.sin(rays.theta) <= 0)
     if hidden.any():
         raise SelfObstruction(

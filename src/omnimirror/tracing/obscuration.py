@@ -88,14 +88,14 @@ class TaperedRod(NamedTuple):
         """Height and radius of either end."""
         return (self.foot_mm, self.foot_radius_mm), (self.top_mm, self.top_radius_mm)
 
-    def clearance(self, rays: ChiefRays, shift_mm: float, lens_mm: float, is_telecentric: bool) -> Array:
+    def clearance(self, rays: ChiefRays, shift_mm: float) -> Array:
         """By how much (n,), mm, chief rays pass it between lens and mirror.
 
         Ray and rod are straight there, so they are nearest at the foot, or at the mirror. On their way out rays are
         farther from the axis at any height.
         """
-        z, narrowing = rays.z + shift_mm, 0.0 if is_telecentric else 1.0
-        passes = [rays.x - narrowing * rays.x * (z - height) / (z - lens_mm) - radius for height, radius in self.ends]
+        z, narrowing = rays.z + shift_mm, np.tan(rays.theta)
+        passes = [rays.x - narrowing * (z - height) - radius for height, radius in self.ends]
         clearance: Array = np.min(passes, axis=0)
         return clearance
 
@@ -127,7 +127,6 @@ class Obstructions:
 
     housing: Housing
     envelope: Envelope
-    is_telecentric: bool
     discs: tuple[Disc, ...]
     rod: TaperedRod | None
     rim: Disc | None
@@ -154,7 +153,7 @@ class Obstructions:
         front = float(mirror.sag(np.array(mirror.rim_radius_mm))) + edge.setback_mm
         rim = Disc("rim", front, envelope.outer_mm, stops_rising=True) if edge.width_mm else None
         discs = (*_lids(fitted, envelope), *_before_mirror(fitted, envelope, secondary))
-        return cls(fitted, envelope, bool(np.isinf(mirror_distance_mm)), discs, cone, rim)
+        return cls(fitted, envelope, discs, cone, rim)
 
     @property
     def lids(self) -> tuple[Disc, ...]:
@@ -181,8 +180,7 @@ class Obstructions:
 
         ``shift_mm`` is how far the mirror sits from where it is meant to be along the axis.
         """
-        lens = self.envelope.lens_mm
-        found = {} if self.rod is None else {"rod": self.rod.clearance(rays, shift_mm, lens, self.is_telecentric)}
+        found = {} if self.rod is None else {"rod": self.rod.clearance(rays, shift_mm)}
         found |= {disc.part: disc.clearance(rays, shift_mm) for disc in self.discs}
         return found if self.rim is None else found | {"rim": self.rim.clearance(rays, 0.0)}
 

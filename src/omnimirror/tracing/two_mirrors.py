@@ -8,8 +8,7 @@ The secondary's own frame has its vertex as origin and its z away from the lens,
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from itertools import pairwise
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,9 +18,8 @@ from ..errors import NotOneToOne, SelfObstruction
 from ..mirrors import Secondary
 from ..numerics.lazy import cached_property
 from ..numerics.roots import increasing_root
-from .meridian import NODES, Array, ChiefRays, Meridian, checked, trace_chief_rays
+from .meridian import NODES, Array, ChiefRays, Meridian, checked
 
-BETWEEN = 8  # points on each polynomial of a mirror at which the mapping is checked
 PROFILE = 129  # points of the secondary's profile past which rays must pass
 
 
@@ -34,28 +32,25 @@ class TwoMirrorMeridian(Meridian):
 
     >>> from omnimirror.mirrors import Flat, Sphere
     >>> sphere = Sphere(50.0, 44.0)
-    >>> folded = TwoMirrorMeridian(sphere, 180.0, Secondary(Flat(25.0), 90.0, 5.0))
+    >>> folded = TwoMirrorMeridian(sphere, 180.0, secondary=Secondary(Flat(25.0), 90.0, 5.0))
     >>> bool(np.isclose(folded.omega_max, Meridian(sphere, 180.0).omega_max, rtol=1e-14))
     True
     """
 
-    secondary: Secondary
+    secondary: Secondary = field(kw_only=True)
 
     @cached_property
     def seen(self) -> Meridian:
         """The secondary as the lens sees it."""
-        return Meridian(self.secondary.mirror, self.m - self.secondary.distance_mm)
+        return Meridian(self.secondary.mirror, self.m - self.secondary.distance_mm, self.pupil)
 
     def _check_between_nodes(self) -> None:
-        """A finer table: seen in a second mirror the mapping is no polynomial."""
-        if (breaks := self.mirror.breaks) is not None and len(breaks) > 2:
-            x = np.concatenate([np.linspace(a, b, BETWEEN, endpoint=False) for a, b in pairwise(breaks)])
-            checked(self._rays(np.append(x[x > self.x_min], breaks[-1])))
+        self._check_finer_table()
 
     def _rays(self, x: Array) -> ChiefRays:
         z, slope, curvature = self.mirror.profile(x)
         below = -self.secondary.distance_mm - z  # the mirror point in the secondary's frame
-        second = trace_chief_rays(self.seen.mirror, self.seen.m, self.seen.x_from_point(x, below))
+        second = self.seen._rays(self.seen.x_from_point(x, below))
         beta, theta = np.arctan(slope), second.omega
         gamma = beta + theta
         path = np.hypot(x - second.x, below - second.z)

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...arguments import row
 from ...errors import InvalidParameter
-from ...lenses import Perspective
+from ...lenses import GaussianLens
 from ...sensor import Sensor, check_sensor
 from ..evaluation import evaluate, field_angles
 from .pupil import Pupil
@@ -83,7 +83,7 @@ def check_blur(
     """
     check_sensor(sensor)
     numbers = row("f_numbers", f_numbers)
-    name = "f_number" if isinstance(sensor.lens, Perspective) else "working_f_number"
+    name = "f_number" if isinstance(sensor.lens, GaussianLens) else "working_f_number"
     low, high = sensor.field_deg
     angles = field_angles(sensor) if omega_deg is None else row("omega_deg", omega_deg)
     angles = angles[(angles >= low) & (angles <= high - CLEAR)] if omega_deg is None else angles

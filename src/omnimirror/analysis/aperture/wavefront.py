@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InvalidParameter
-from ...lenses import Perspective
+from ...lenses import GaussianLens
 from ...numerics.lazy import cached_property
 from ...sensor import Sensor
 from .bundles import Bundles
@@ -163,11 +163,11 @@ def working_f_numbers(sensor: Sensor, height_mm: float) -> tuple[float, float]:
     Where distortion widens the picture it narrows the cone as much.
     """
     F = sensor.lens.image_f_number()
-    if not isinstance(sensor.lens, Perspective):
+    if not isinstance(sensor.lens, GaussianLens):
         return F, F
     ideal = sensor.lens.undistorted_height(np.array(height_mm))
     wider_t, wider_s = map(float, sensor.lens.stretch(ideal))
-    cos = float(np.cos(np.arctan(ideal / sensor.lens.image_distance)))
+    cos = float(np.cos(np.arctan(ideal / sensor.lens.principal_distance)))
     return wider_t * F / cos**3, wider_s * F / cos
 
 

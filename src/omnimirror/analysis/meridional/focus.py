@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...arguments import LARGEST_RADIUS_PX, choice, distances, number, row
 from ...errors import InvalidParameter
-from ...lenses import BLUR_MODES, BlurMode, Lens, Perspective
+from ...lenses import BLUR_MODES, BlurMode, Lens
 from ...numerics.minimisation import lowest_with_slopes
 from ...sensor import Sensor, check_sensor
 from ...tracing.meridian import ChiefRays
@@ -180,7 +180,7 @@ def _lowest(study: FocusStudy, merit: FocusMerit) -> float:
         )
     coordinate = middle + half * lowest_with_slopes(function, (low - middle) / half, (high - middle) / half)
     limits = lens.PARAMETERS["focus_distance_mm"]
-    return float(np.clip(lens.focus_coordinate(coordinate), max(limits.low, _closest(lens)), limits.high))
+    return float(np.clip(lens.distance_of(coordinate), max(limits.low, lens.nearest_focus_mm), limits.high))
 
 
 def focus_function(study: FocusStudy, merit: FocusMerit, middle: float, unit: float) -> FocusFunction:
@@ -199,7 +199,8 @@ def _searched(lens: Lens, coordinates: Array) -> tuple[float, float]:
     if lens.TELECENTRIC:
         return _around(coordinates, limits.low, limits.high)
     # by nearness, so that far images do not stretch the search; what lies behind the lens converges: beyond infinity
-    return _around(np.maximum(coordinates, 0.0), 1 / limits.high, 1 / max(limits.low, _closest(lens)))
+    far, near = lens.focus_coordinate([limits.high, max(limits.low, lens.nearest_focus_mm)])
+    return _around(np.maximum(coordinates, 0.0), float(far), float(near))
 
 
 def _around(coordinates: Array, least: float, most: float) -> tuple[float, float]:
@@ -214,11 +215,6 @@ def _around(coordinates: Array, least: float, most: float) -> tuple[float, float
     within = np.clip(within, least, most)
     margin = 0.05 * (float(np.ptp(within)) or abs(float(within[0])))
     return max(float(within.min()) - margin, least), min(float(within.max()) + margin, most)
-
-
-def _closest(lens: Lens) -> float:
-    """Nearest object distance (mm) that a lens could be focused at: a little beyond its focal length."""
-    return 1.0001 * lens.focal_length_mm if isinstance(lens, Perspective) else 0.0
 
 
 def _focusable(sensor: Sensor) -> Array:

@@ -99,7 +99,7 @@ def _ends(sensor: Sensor, pose: MirrorPose, points: Array, distant: bool) -> tup
     if sensor.lens.TELECENTRIC:
         eyes = Ends(pose.turned_to_mirror(np.array([[0.0, 0.0, -1.0]])), distant=True)
     else:
-        eyes = Ends(pose.to_mirror(sensor.lens_offset[None]))
+        eyes = Ends(pose.to_mirror(sensor.pupil_offset[None]))
     return eyes, Ends.of(pose.turned_to_mirror(points) if distant else pose.to_mirror(points), distant)
 
 
@@ -137,7 +137,7 @@ def _displaced(
     if place.name == DISTANCE:
         return way.by_eye @ (rotation.T @ [0.0, 0.0, -1.0]), nothing
     turn, moved = _pose_rates(sensor.mirror_pose, place.key)
-    eye = np.array([0.0, 0.0, -1.0]) if sensor.lens.TELECENTRIC else sensor.lens_offset - shift
+    eye = np.array([0.0, 0.0, -1.0]) if sensor.lens.TELECENTRIC else sensor.pupil_offset - shift
     d_eye = turn.T @ eye - (0.0 if sensor.lens.TELECENTRIC else rotation.T @ moved)
     d_target = turned(points if distant else points - shift, turn) - (0.0 if distant else rotation.T @ moved)
     disturbance = way.by_eye @ d_eye + np.einsum("nij,nj->ni", way.by_target, d_target)

@@ -44,19 +44,20 @@ def lens_image(sensor: Sensor, seen_at: Array, places: tuple[NamedNumber, ...]) 
 
 def _perspective(sensor: Sensor, lens: Perspective, seen_at: Array) -> tuple[Array, Mask, Array, dict[str, Array]]:
     """Image points (n, 2) mm, derivatives (n, 2, 3) by the points seen and (n, 2) by each entry of lens and mount."""
-    b0, brown = lens.image_distance, lens.brown
-    depth = seen_at[:, 2] + sensor.mirror_distance_mm
+    c, brown = lens.principal_distance, lens.brown
+    depth = seen_at[:, 2] - sensor.pupil_offset[2]
     tangent = seen_at[:, :2] / depth[:, None]
     moved, by_tangent, by_term = distorted_rates(tangent, brown)
     lateral = np.zeros((len(tangent), 2, 3))
     lateral[:, 0, 0] = lateral[:, 1, 1] = 1 / depth
     lateral[:, :, 2] = -tangent / depth[:, None]
-    by_seen = b0 * by_tangent @ lateral
+    by_seen = c * by_tangent @ lateral
     L0, f = lens.focus_distance_mm, lens.focal_length_mm
-    by_key = {"focal_length_mm": moved * (L0 / (L0 - f)) ** 2, "mirror_distance_mm": by_seen[:, :, 2]}
-    by_key |= {name: b0 * by_term[:, :, i] for i, name in enumerate(TERMS)}
+    by_focal = moved * (lens.from_pupil * L0 / (L0 - f) ** 2)
+    by_key = {"focal_length_mm": by_focal, "mirror_distance_mm": by_seen[:, :, 2]}
+    by_key |= {name: c * by_term[:, :, i] for i, name in enumerate(TERMS)}
     valid = np.asarray(np.isfinite(moved).all(axis=1) & (depth > 0))
-    return b0 * moved, valid, by_seen, by_key
+    return c * moved, valid, by_seen, by_key
 
 
 def _parallel(sensor: Sensor, seen_at: Array) -> tuple[Array, Mask, Array, dict[str, Array]]:

@@ -135,7 +135,7 @@ def without_fold(sensor: Sensor) -> Sensor:
     mirror = sensor.mirror
     if not isinstance(mirror, ConicAsphere):
         return sensor
-    distance = sensor.mirror_distance_mm + sensor.mirror_pose.displacement_mm
+    distance = sensor.mirror_pose.displacement_mm - sensor.pupil_offset[2]
     x = np.linspace(0.0, mirror.rim_radius_mm, QUADRATURE)[1:]
     falls = np.flatnonzero(trace_chief_rays(mirror, distance, x).domega_dx() <= 0)
     if not len(falls) or falls[0] < 2:
@@ -150,12 +150,12 @@ def _wanted_slopes(law: RadialLaw, sensor: Sensor) -> tuple[Array, Array]:
     if not isinstance(sensor.lens, Perspective):
         x = height / float(sensor.lens.ideal_height(np.ones(1), np.full(1, np.inf))[0])
         return x, np.tan(wanted / 2)
-    theta = np.arctan(height / sensor.lens.image_distance)
+    theta = np.arctan(height / sensor.lens.principal_distance)
     at = np.linspace(0.0, theta[-1], QUADRATURE)
     omega = np.interp(at, theta, wanted)
     rate = np.tan((omega + at) / 2)
     log_rho = np.concatenate([[0.0], np.cumsum((rate[1:] + rate[:-1]) / 2 * np.diff(at))])
-    x = sensor.mirror_distance_mm * np.exp(log_rho) * np.sin(at)
+    x = -sensor.pupil_offset[2] * np.exp(log_rho) * np.sin(at)
     return x, np.tan((omega - at) / 2)
 
 

@@ -14,7 +14,7 @@ from ... import __version__
 from ...errors import InvalidParameter
 from ...figures.style import render, styled
 from ...housing import Housing, Tube
-from ...lenses import Orthographic, Perspective
+from ...lenses import GaussianLens, Orthographic
 from ...mirrors import Mirror
 from ...sensor import Sensor
 from ...tracing.walls import tube_shift_mm, tube_transmission
@@ -201,7 +201,7 @@ def sensor_rows(sensor: Sensor) -> list[tuple[str, str]]:
         lens = [("lens", f"telecentric, {wide.magnification:g} ×"), ("working F-number", f"{wide.working_f_number:g}")]
         lens.append(("in focus, from the vertex", f"{wide.focus_distance_mm:g} mm"))
     else:
-        near = cast(Perspective, sensor.lens)
+        near = cast(GaussianLens, sensor.lens)
         lens = [("lens", f"f = {near.focal_length_mm:g} mm, F/{near.f_number:g}")]
         lens.append(("focused at", f"{near.focus_distance_mm:g} mm from it"))
     imager = sensor.imager

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ...figures.style import PALETTE
 from ...housing import Dome, Housing, Rod, Tube
-from ...lenses import Perspective
+from ...lenses import GaussianLens
 from ...mirrors import Mirror
 from ...sensor import Sensor
 from ..body import Body
@@ -76,7 +76,7 @@ class Assembly(NamedTuple):
     def of(cls, sensor: Sensor, body: Body, secondary_body: Body | None = None) -> Assembly:
         standing, shift = sensor.obstructions, sensor.mirror_pose.displacement_mm
         housing, lens, base = standing.housing, standing.envelope.lens_mm - shift, standing.envelope.base_mm - shift
-        away = 0.0 if sensor.lens.TELECENTRIC else cast(Perspective, sensor.lens).image_distance
+        away = 0.0 if sensor.lens.TELECENTRIC else cast(GaussianLens, sensor.lens).image_distance
         if sensor.secondary is not None:  # the camera looks the other way
             away = -away
             lens = -lens if sensor.lens.TELECENTRIC else sensor.secondary.lens_height(sensor.mirror_distance_mm)
@@ -161,6 +161,8 @@ def _draw_rays(sheet: Sheet, view: View, assembly: Assembly, region: Region) -> 
     x = sensor.meridian.x_from_omega(np.radians(np.minimum(angles, sensor.field_deg[1])))
     rays = sensor.meridian.trace(x)
     heights = sensor.lens.image_height(rays.first.x, rays.first.w)
+    tangent = np.tan(rays.first.theta)
+    at_lens = -tangent * sensor.lens.pupil.place(tangent)  # where rays on their way to the pupil, or from it, pass it
     labels: list[tuple[float, float, str]] = []
     for i, omega in enumerate(angles):
         met, seen_at = [(float(rays.z[i]), x[i])], rays.first.x[i]
@@ -169,7 +171,7 @@ def _draw_rays(sheet: Sheet, view: View, assembly: Assembly, region: Region) -> 
         tail = (
             [(assembly.lens, seen_at)]
             if sensor.lens.TELECENTRIC
-            else [(assembly.lens, 0.0), (assembly.imager, -heights[i])]
+            else [(assembly.lens, at_lens[i]), (assembly.imager, -heights[i])]
         )
         inner = np.array([*met, *tail])
         for side in (1, -1) if omega == angles[-1] else (1,):
@@ -285,7 +287,7 @@ def _draw_camera(sheet: Sheet, view: View, assembly: Assembly) -> None:
             view.at(assembly.lens, 0.5 * half), view.at(assembly.lens, 0.5 * half) + np.array([-6, 8]) * k, words, False
         )
         return
-    lens = cast(Perspective, sensor.lens)
+    lens = cast(GaussianLens, sensor.lens)
     words = [f"lens f = {lens.focal_length_mm:g}, F/{lens.f_number:g}", f"focused at {lens.focus_distance_mm:g}"]
     size = imager.height_px * imager.pitch_mm / 2
     sheet.line(view.at([assembly.imager] * 2, [-size, size]), 2 * THICK, solid_capstyle="butt")

@@ -138,10 +138,14 @@ def _surfaces(sensor: Sensor, aspheres: Sequence[Asphere]) -> list[str]:
         stop = ["  COMM telecentric lens", "  STOP", *_flat(to_mirror, seen.rim_radius_mm)]
     else:
         lens = cast(Perspective, sensor.lens)
-        to_mirror = m if second is None else m - second.distance_mm
-        first = ["  COMM imager", *_flat(lens.image_distance, 0.0)]
+        to_mirror = (m if second is None else m - second.distance_mm) - lens.entrance_pupil_mm
+        # seen from its entrance pupil it is a thin lens, which has that principal distance in focus there
+        c, focal = lens.principal_distance, lens.focal_length_mm
+        if lens.entrance_pupil_mm:
+            focal = 1 / (1 / c + 1 / lens.from_pupil)
+        first = ["  COMM imager", *_flat(c, 0.0)]
         stop = ["  COMM lens", "  STOP", *_flat(to_mirror, lens.aperture_radius, "PARAXIAL")]
-        stop.append(f"  PARM 1 {_number(lens.focal_length_mm)}")
+        stop.append(f"  PARM 1 {_number(focal)}")
     mirror, folds = aspheres[0], []
     if second is not None:
         folds = [_mirror("secondary", aspheres[1], -second.distance_mm, second.mirror.rim_radius_mm)]

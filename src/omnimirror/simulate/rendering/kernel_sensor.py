@@ -26,8 +26,11 @@ SAME_MM = 1e-9  # a conic that is the mirror, not one that is like it
 
 @lru_cache(maxsize=8)
 def native_optics(sensor: Sensor, radiometry: Radiometry, blur: bool, heading: tuple[float, ...]) -> object:
-    """The compiled optics of a sensor; ``heading`` is a rotation (9,) of the world's directions, row by row."""
-    mirror, pose, m = sensor.mirror, sensor.mirror_pose, -sensor.lens_offset[2]
+    """The compiled optics of a sensor; ``heading`` is a rotation (9,) of the world's directions, row by row.
+
+    Their origin is the entrance pupil.
+    """
+    mirror, pose, m = sensor.mirror, sensor.mirror_pose, -sensor.pupil_offset[2]
     curvature, conic, nodes = _surface(mirror)
     rotation = sensor.mount.rotation()
     brown = sensor.lens.brown if isinstance(sensor.lens, Perspective) else NO_DISTORTION
@@ -41,9 +44,9 @@ def native_optics(sensor: Sensor, radiometry: Radiometry, blur: bool, heading: t
         scale=(-scale if sensor.mount.image_flipped else scale, scale),
         distortion=brown,
         fold=min(fold(brown[:3]), FARTHEST),
-        focus=sensor.lens.focus_distance_mm,
+        focus=sensor.lens.focus_distance_mm - sensor.lens.pupil.at_mm,
         stop=_stop(sensor.lens) if blur else 0.0,
-        vertex=tuple(pose.shift - sensor.lens_offset),
+        vertex=tuple(pose.shift - sensor.pupil_offset),
         axes=tuple(pose.rotation().T.ravel()),
         aligned=pose.is_axial,
         curvature=curvature,
@@ -61,7 +64,7 @@ def native_optics(sensor: Sensor, radiometry: Radiometry, blur: bool, heading: t
 
 
 def _standing(standing: Obstructions, m: float) -> dict[str, Any]:
-    """What stands in the light, its heights from the lens's principal point; the walls of tubes and domes left out."""
+    """What stands in the light, its heights from the lens's entrance pupil; the walls of tubes and domes left out."""
     camera, rod, rim = standing.camera, standing.rod, standing.rim
     return {
         "body_z": m + camera.height_mm if camera else 0.0,
