@@ -80,6 +80,28 @@ class CameraModel(ABC):
         Neither the picture's edge nor a rim clips it.
         """
 
+    def image_to_the_end(self, points_mm: ArrayLike, *, distant: bool = False) -> Image:
+        """The same, what lies past the end of the field shown at its end: so that an estimate can go on from there.
+
+        Parameters
+        ----------
+        points_mm : (n, 3)
+            Points in mm, or directions, of the camera frame.
+        distant
+            They are directions.
+
+        Returns
+        -------
+        Image
+            Pixels (n, 2), where they are valid (n,), and derivatives (n, 2, 3) and (n, 2, p).
+
+        Raises
+        ------
+        InvalidParameter
+            For what are no vectors (n, 3).
+        """
+        return self.image(points_mm, distant=distant)
+
     # -- the Camera contract, in the world frame --------------------------------------------------
 
     @property

@@ -145,7 +145,7 @@ def slid(found: Linearised, stack: Stack, shared: Array, motions: Array) -> Arra
 def _images(model: CameraModel, points: Array, distant: Mask) -> tuple[Array, Mask, Array, Array]:
     """Pixels, where they are valid and their derivatives, 0 where they are not, of points near and far."""
     if distant.all() or not distant.any():
-        image = model.image(points, distant=bool(distant.any()))
+        image = model.image_to_the_end(points, distant=bool(distant.any()))
         seen = image.valid
         pixels, d_points = (
             np.where(seen[:, None], image.pixels, 0.0),

@@ -70,7 +70,8 @@ def solved(blocks: Blocks, damping: float, floor: Array) -> tuple[Array, Array]:
     """
     motions = _damped(blocks.motions, damping)
     inverse_cross, inverse_gradient = _eliminated(motions, blocks)
-    reduced = _damped(blocks.shared, damping) + np.diag(floor) - np.einsum("mgk,mkh->gh", blocks.cross, inverse_cross)
+    enlarged = blocks.shared + np.diag(damping * np.diag(blocks.shared) + floor)
+    reduced = enlarged - np.einsum("mgk,mkh->gh", blocks.cross, inverse_cross)
     right = blocks.shared_gradient - np.einsum("mgk,mk->g", blocks.cross, inverse_gradient)
     shared = -solved_scaled(reduced, right)
     return shared, -inverse_gradient - np.einsum("mkg,g->mk", inverse_cross, shared)

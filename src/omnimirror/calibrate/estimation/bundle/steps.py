@@ -100,7 +100,7 @@ def least(
 
 
 def _cost(estimate: Estimate, found: Linearised, question: Question) -> float:
-    unseen = question.loss.sum(np.full((1, 2), UNSEEN_PX)) * int((~found.seen).sum())
+    unseen = UNSEEN_PX**2 * int((~found.seen).sum())  # whatever the loss: it was seen, so a camera has to see it
     off = shared_values(estimate) - question.expected
     known = question.noise_px**2 * float(np.sum(question.information[question.free] * off[question.free] ** 2))
     total = question.loss.sum(found.residuals) + unseen + known

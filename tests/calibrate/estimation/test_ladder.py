@@ -1,0 +1,43 @@
+"""Every kind of model, begun from nothing, ends at the camera of its own kind that took the pictures."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import omnimirror as om
+
+from .cases import BOARD, NOISE_PX
+
+SIZE = (1024, 1024)
+CENTRE = (512.0, 510.0)
+TRUTHS = [  # each nearly a ball's cap over a camera, as far as its kind allows
+    om.DoubleSphere(0.826, 0.98, (510.0, 510.0), CENTRE, SIZE),
+    om.EnhancedUnified(0.609, 1.472, (284.0, 282.0), CENTRE, SIZE, skew_px=-0.2),
+    om.OCam((-445.8, 0.0, 0.010187, -4.1234e-05, 5.3696e-08), CENTRE, SIZE, (0.9975, -0.008, 0.0)),
+    om.KannalaBrandt((279.0, 279.4), CENTRE, SIZE, k1=-0.035, k2=-0.00266, k3=0.000317, k4=-1.2e-05, optics="mirror"),
+    om.ViewpointSpline(
+        (82.5, 167.5, 246.4, 318.3, 381.3, 434.0, 475.3, 504.4),
+        (3.9, -5.0, -5.8, -3.8, 0.0, 5.8, 15.4, 31.2),
+        275.0, CENTRE, SIZE, p1=6e-7,
+    ),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("truth", TRUTHS, ids=lambda truth: truth.KIND)
+def test_a_model_ends_at_the_truth_of_its_own_kind(truth):
+    """None at the edge of what it sees, or where numbers of very different sizes hold each other."""
+    seen = om.simulate_detections(truth, BOARD, 8, noise_px=NOISE_PX, seed=2)
+    found = om.calibrate_camera(seen, BOARD, model=truth.KIND, board_shape=False)
+    assert found.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.06)
+
+
+def test_what_lies_past_the_end_of_a_field_is_shown_at_its_end_and_nothing_jumps():
+    """So an estimate that begins with too small a field finds its way out of it."""
+    camera = TRUTHS[0]
+    end = camera.model_end
+    inside, outside = ([[np.sin(end + d), 0.0, -np.cos(end + d)]] for d in (-1e-6, 0.2))
+    assert not camera.image(outside).valid.any()
+    shown = camera.image_to_the_end(outside)
+    assert shown.pixels[0] == pytest.approx(camera.image(inside).pixels[0], abs=1e-3)
+    assert shown.d_points[0, 0, 2] == 0.0  # farther out it stays there
