@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..numerics.minimisation import EDGE, HALVING, MOST_STEPS, bottoms
+from ..numerics.minimisation import EDGE, HALVING, MOST_STEPS, Found, Rows, bottoms
 from .optics import DEGREE, PerspectiveCamera, TelecentricCamera
 
 Array = NDArray[np.float64]
@@ -66,7 +66,7 @@ class AreaModel:
         none, c, d = _columns((np.inf, r, (blur / (image * DEGREE)) ** 4), count)
         return cls(none, np.zeros_like(c), c, d, True, 0, (-none, none))
 
-    def part(self, rows: NDArray[np.intp]) -> AreaModel:
+    def part(self, rows: Rows) -> AreaModel:
         """Of some of the designs."""
         a, b, c, d, *bounds = (x[rows] for x in (self.inverse_f, self.airy2, self.scale, self.delta, *self.bounds))
         return AreaModel(a, b, c, d, self.paper, self.power, (bounds[0], bounds[1]))
@@ -81,19 +81,6 @@ class AreaModel:
             r, dr = self.scale * (b2 + self.airy2), -2 * self.scale * b
         D = self.delta * (b2 * b2) ** self.power if self.power else self.delta
         return r, dr, D, -4 * self.power / b
-
-    def squares(self, v: Array, vergence_t: Array, vergence_s: Array, density: Array) -> Array:
-        """A^2 over D (n, k) at vergences (n, 1)."""
-        r, _, _, _ = self.at(v)
-        t = v - vergence_t
-        t *= t
-        t += r
-        s = v - vergence_s
-        s *= s
-        s += r
-        t *= s
-        t *= density
-        return t
 
 
 def _columns(values: tuple[Array | float, ...], count: int) -> list[Array]:
@@ -118,17 +105,21 @@ def best_vergences(vergence_t: Array, vergence_s: Array, density: Array, model: 
     k = np.clip(value.argmin(axis=1), 1, SCAN - 2)[:, None]
     close = CLOSE * (high - low)
     a, b = low + (k - 1) * step, low + (k + 1) * step
-    v = bottoms(a, b, close, lambda v: _worst(v, vergence_t, vergence_s, density, model))
+
+    def worst(v: Array, rows: Rows) -> Found:
+        part = model if isinstance(rows, slice) else model.part(rows)
+        return _worst(v, vergence_t[rows], vergence_s[rows], density[rows], part)
+
+    v = bottoms(a, b, close, worst)
     least = _worst(v, vergence_t, vergence_s, density, model)[0]
     design, cell, cut = _other_valleys(value, rate, angle, step, k, least)
     if design.size:
-        images = vergence_t[design], vergence_s[design], density[design], model.part(design)
         a, b = places[design, cell][:, None], places[design, cell + 1][:, None]
         c = a + cut[:, None]
-        rises = _worst(c, *images)[1] > 0
+        rises = worst(c, design)[1] > 0
         a, b = np.where(rises, a, c), np.where(rises, c, b)
-        other = bottoms(a, b, close[design], lambda v: _worst(v, *images))
-        lower = _worst(other, *images)[0]
+        other = bottoms(a, b, close[design], lambda v, rows: worst(v, design[rows]))
+        lower = worst(other, design)[0]
         for n in np.flatnonzero(lower < least[design]):
             if lower[n] < least[design[n]]:  # there may be two of one design
                 v[design[n]], least[design[n]] = other[n], lower[n]
@@ -167,10 +158,23 @@ def _worst(
     v: Array, vergence_t: Array, vergence_s: Array, density: Array, model: AreaModel
 ) -> tuple[Array, Array, Array]:
     """Largest A^2, its derivative by v, and which angle has it; (n, 1) each."""
-    squares = model.squares(v, vergence_t, vergence_s, density)
-    j = squares.argmax(axis=1)
-    at = j + np.arange(len(j)) * squares.shape[1]
     r, dr, D, d_log_D = model.at(v)
+    areas = _areas(v, r, vergence_t, vergence_s, density)
+    j = areas.argmax(axis=1)
+    at = j + np.arange(len(j)) * areas.shape[1]
     t, s = v - vergence_t.take(at)[:, None], v - vergence_s.take(at)[:, None]
-    value = D * squares.take(at)[:, None]
+    value = D * areas.take(at)[:, None]
     return value, value * (d_log_D + (2 * t + dr) / (t * t + r) + (2 * s + dr) / (s * s + r)), j[:, None]
+
+
+def _areas(v: Array, r: Array, vergence_t: Array, vergence_s: Array, density: Array) -> Array:
+    """A^2 over D (n, k)."""
+    t = v - vergence_t
+    t *= t
+    t += r
+    s = v - vergence_s
+    s *= s
+    s += r
+    t *= s
+    t *= density
+    return t

@@ -7,15 +7,17 @@ one valley.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-Slopes = Callable[[Array], tuple[Array, Array, NDArray[Any]]]
+Found: TypeAlias = tuple[Array, Array, NDArray[Any]]
+Slopes = Callable[[Array], Found]
 """Of places: the largest of many smooth functions, its derivative, and which of them it is; all of the shape of the
 places."""
+Rows: TypeAlias = NDArray[np.intp] | slice
 
 MOST_STEPS = 60
 EDGE = 1e-3  # of a bracket, which every step cuts off at least
@@ -72,19 +74,22 @@ def lowest_with_slopes(worst: Slopes, low: float, high: float, scan: int = 65, c
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         meet = (fa * gb - fb * ga - ga * gb * (a - b)) / (gb - ga)  # height at which the tangents at both ends meet
     valleys &= meet < f.min()
-    found = np.append(bottoms(a[valleys], b[valleys], close * (high - low), worst), x[f.argmin()])
+    found = np.append(bottoms(a[valleys], b[valleys], close * (high - low), lambda v, _: worst(v)), x[f.argmin()])
     return float(found[worst(found)[0].argmin()])
 
 
-def bottoms(a: Array, b: Array, close: float | Array, worst: Slopes) -> Array:
+def bottoms(a: Array, b: Array, close: float | Array, worst: Callable[[Array, Rows], Found]) -> Array:
     """Where functions that fall at a and rise at b are least, to within ``close``; arrays of one shape.
+
+    ``worst`` is asked for some places and told of which rows they are: once few are left, of these only.
 
     Each function is the largest of many smooth ones. Where the tangents at both ends meet is a good guess
     for the kink between two of them; where one is the largest at both ends, the zero of its derivative is.
     """
     if not a.size:
         return a
-    (fa, ga, ja), (fb, gb, jb) = worst(a), worst(b)
+    everywhere = slice(None)
+    (fa, ga, ja), (fb, gb, jb) = worst(a, everywhere), worst(b, everywhere)
     for step in range(1, MOST_STEPS + 1):
         open_ = b - a > close
         if not open_.any():
@@ -95,7 +100,12 @@ def bottoms(a: Array, b: Array, close: float | Array, worst: Slopes) -> Array:
         edge = EDGE * (b - a)
         good = np.isfinite(c) & (ga < 0) & (gb > 0) if step % HALVING else np.zeros_like(open_)
         c = np.where(good, np.clip(c, a + edge, b - edge), middle)
-        f, g, j = worst(c)
+        left = np.flatnonzero(open_)
+        if 2 * len(left) > len(a):
+            f, g, j = worst(c, everywhere)
+        else:
+            f, g, j = (np.zeros_like(old) for old in (fa, ga, ja))
+            f[left], g[left], j[left] = worst(c[left], left)
         rises, falls = open_ & (g > 0), open_ & ~(g > 0)
         a, fa, ga, ja = (np.where(falls, new, old) for new, old in ((c, a), (f, fa), (g, ga), (j, ja)))
         b, fb, gb, jb = (np.where(rises, new, old) for new, old in ((c, b), (f, fb), (g, gb), (j, jb)))
