@@ -14,9 +14,9 @@ import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-import cv2
 import numpy as np
 from matplotlib.figure import Figure
+from pages import GAP, side_by_side
 from PIL import Image
 
 import omnimirror as om
@@ -24,8 +24,6 @@ from omnimirror.media import read_image
 
 IMAGES = Path(__file__).parent
 PAGE = IMAGES.parent / "tutorial-calibration.md"
-GAP = 10
-WHITE = (255, 255, 255)
 ROWS = {
     "tutorial-pictures.jpg": (("board.png", "boards/view-004.png", "boards/view-002.png"),),
     "tutorial-rim.jpg": (("rim.png",),),
@@ -59,7 +57,7 @@ def make(folder: Path) -> None:
 def _put_together(folder: Path) -> None:
     for name, rows in ROWS.items():
         width = WIDTHS.get(name, WIDTH)
-        page = np.concatenate([_row([_rgb(folder / part) for part in row], width) for row in rows])
+        page = np.concatenate([side_by_side([_rgb(folder / part) for part in row], width) for row in rows])
         Image.fromarray(page[:-GAP]).save(IMAGES / name, quality=QUALITY)
 
 
@@ -114,18 +112,6 @@ def _draw_truth(folder: Path) -> None:
         ax.set_axis_off()
     figure.colorbar(shown, ax=axes, label="error of directions, deg", extend="max")
     figure.savefig(folder / "truth.png", dpi=110)
-
-
-def _row(parts: list[np.ndarray], width: int) -> np.ndarray:
-    """Pictures of one height side by side, all together of a width, and a gap below."""
-    height = round((width - GAP * (len(parts) - 1)) / sum(part.shape[1] / part.shape[0] for part in parts))
-    pieces = []
-    for part in parts:
-        size = (round(part.shape[1] * height / part.shape[0]), height)
-        pieces += [cv2.resize(part, size, interpolation=cv2.INTER_AREA), np.full((height, GAP, 3), WHITE, np.uint8)]
-    row = np.concatenate(pieces[:-1], axis=1)
-    missing = max(width - row.shape[1], 0)
-    return cv2.copyMakeBorder(row, 0, GAP, 0, missing, cv2.BORDER_CONSTANT, value=WHITE)[:, :width]
 
 
 if __name__ == "__main__":

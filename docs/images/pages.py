@@ -61,10 +61,10 @@ def make(name: str, folder: Path) -> None:
     for command in COMMANDS[name]:
         subprocess.run([program, *shlex.split(command)], cwd=folder, check=True)
     rows = [[read_image(folder / part)[..., :3] for part in row] for row in ROWS[name]]
-    write_image(IMAGES / name, np.concatenate([_row(row, WIDTHS[name]) for row in rows])[:-GAP])
+    write_image(IMAGES / name, np.concatenate([side_by_side(row, WIDTHS[name]) for row in rows])[:-GAP])
 
 
-def _row(parts: list[np.ndarray], width: int) -> np.ndarray:
+def side_by_side(parts: list[np.ndarray], width: int) -> np.ndarray:
     """Pictures of one height side by side, all together of a width, and a gap below."""
     height = round((width - GAP * (len(parts) - 1)) / sum(part.shape[1] / part.shape[0] for part in parts))
     pieces = []

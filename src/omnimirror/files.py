@@ -83,16 +83,21 @@ def write_text(path: str | Path, text: str) -> None:
 
 
 def json_plain(value: Any) -> Any:
-    """The same data as JSON can hold it: tuples as lists, and numbers that are not finite as words.
+    """The same data as JSON can hold it: tuples and arrays as lists, infinity as a word, and nothing where a number is
+    not known.
 
-    >>> json_plain({"object_distance_mm": (600.0, float("inf"))})
-    {'object_distance_mm': [600.0, 'inf']}
+    >>> json_plain({"object_distance_mm": (600.0, float("inf")), "focus_mm": float("nan")})
+    {'object_distance_mm': [600.0, 'inf'], 'focus_mm': None}
     """
     if isinstance(value, dict):
         return {k: json_plain(v) for k, v in value.items()}
-    if isinstance(value, (list, tuple)):
+    if hasattr(value, "tolist"):  # of NumPy, which this file does without
+        return json_plain(value.tolist())
+    if isinstance(value, list | tuple):
         return [json_plain(v) for v in value]
-    return str(value) if isinstance(value, float) and not math.isfinite(value) else value
+    if not isinstance(value, float) or math.isfinite(value):
+        return value
+    return None if math.isnan(value) else str(value)
 
 
 def is_stream(path: str | Path) -> bool:

@@ -351,11 +351,6 @@ class Housing:
         """Whether there is nothing."""
         return self == Housing()
 
-    @property
-    def holds_mirror(self) -> bool:
-        """Whether it says what holds the mirror."""
-        return self.rod is not None or self.shell is not None
-
     def fitted(self, envelope: Envelope) -> Housing:
         """The same with the sizes that it takes from the sensor.
 

@@ -518,7 +518,8 @@ class Sensor:
     @property
     def pupil_offset(self) -> Array:
         """The middle of the lens's entrance pupil (3,) mm in the camera frame, as rays near the axis see it."""
-        return self.lens_offset + np.array([0.0, 0.0, self.lens.pupil.at_mm])
+        offset: Array = self.lens_offset + np.array([0.0, 0.0, self.lens.pupil.at_mm])
+        return offset
 
     def entrance_pupil_points(self, pupil: Array) -> Ends:
         """Where points (n, 2) of the unit disk of the aperture see from, in the camera frame.

@@ -17,13 +17,12 @@ from omnimirror.camera_models import (
     OCam,
     RadialSpline,
     RationalPinhole,
-    ThinPrismFisheye,
     Unified,
 )
 from omnimirror.errors import SpecError
 from omnimirror.frames import Mount
+from tests.calibrate.formats.examples import SIZE, THIN_PRISM, C, F
 
-F, C, SIZE = (260.0, 261.3), (515.32, 380.29), (1024, 768)
 FISHEYE = {"optics": "fisheye"}
 CAMERAS = {
     "ocam": OCam((-131.4797, 0.0, 1.848991e-03, 2.251206e-07, -7.343233e-10), C, SIZE, (0.9998, 4.4e-4, 8e-5)),
@@ -40,23 +39,7 @@ CAMERAS = {
     "kannala-brandt-no-skew": KannalaBrandt(F, C, SIZE, 0.02, -0.003, 4e-4, -1e-5, **FISHEYE),
     "radial-spline": RadialSpline.like(Unified(0.93, F, C, SIZE), 8, 230.0),
     "rational": RationalPinhole((600.0, 602.0), C, SIZE, 0.3, -0.05, 0.01, 0.4, 0.02, 0.004, 0.003, -0.002),
-    "thin-prism": ThinPrismFisheye(
-        F,
-        C,
-        SIZE,
-        0.05,
-        -0.02,
-        0.003,
-        -2e-4,
-        k5=1e-5,
-        k6=-1e-6,
-        p1=3e-3,
-        p2=-2e-3,
-        s1=2e-3,
-        s2=-3e-4,
-        s3=-1e-3,
-        s4=4e-4,
-    ),
+    "thin-prism": THIN_PRISM,
     "sensor": om.load_sensor("paper-spherical"),
     "kannala-brandt-mirror": KannalaBrandt(F, C, SIZE, -0.02, 0.003),
 }

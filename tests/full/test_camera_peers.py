@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.camera_models import EnhancedUnified, KannalaBrandt, OCam, ThinPrismFisheye, Unified
+from omnimirror.camera_models import EnhancedUnified, KannalaBrandt, OCam, Unified
+from tests.calibrate.formats.examples import SIZE, THIN_PRISM, C, F, seen
 
 pytestmark = pytest.mark.full
 CONTRIB = Path(sys.prefix) / "opencv-contrib"
 SAMPLE = Path(__file__).parents[3] / "shared/data/ocamcalib_cpp_sample"
-F, C, SIZE = (260.0, 261.3), (515.32, 380.29), (1024, 768)
 OMNIDIR = """
 import sys, cv2, numpy as np
 storage = cv2.FileStorage(sys.argv[1], cv2.FILE_STORAGE_READ)
@@ -26,17 +26,6 @@ points, zero = np.load(sys.argv[2]), np.zeros(3)
 pixels, _ = cv2.omnidir.projectPoints(points[None], zero, zero, K, storage.getNode("xi").real(), D)
 np.save(sys.argv[3], pixels[0])
 """
-
-
-def seen(camera, most_deg=180.0):
-    """Pixels, and points that they see, in the frame of files: right, down, towards what the centre sees."""
-    pixels = np.random.default_rng(5).uniform(0, np.array(camera.image_size) - 1, (400, 2))
-    _, directions, valid = camera.backproject(pixels)
-    turned = directions[valid] @ camera.mount.rotation()
-    right = -1 if camera.mount.image_flipped else 1
-    points = turned * [right, 1, -1 if camera.looks_back else 1]
-    near = points[:, 2] > np.cos(np.radians(most_deg))
-    return pixels[valid][near], points[near] * np.linspace(500, 3000, near.sum())[:, None]
 
 
 def omnidir(folder, points):
@@ -73,23 +62,7 @@ def test_omnidir_takes_ocamcalibs_camera_within_the_cost_that_is_told(tmp_path):
 
 COLMAP = {
     "colmap-opencv-fisheye": KannalaBrandt(F, C, SIZE, 0.02, -0.003, 4e-4, -1e-5),
-    "colmap-rad-tan-thin-prism-fisheye": ThinPrismFisheye(
-        F,
-        C,
-        SIZE,
-        0.05,
-        -0.02,
-        0.003,
-        -2e-4,
-        k5=1e-5,
-        k6=-1e-6,
-        p1=3e-3,
-        p2=-2e-3,
-        s1=2e-3,
-        s2=-3e-4,
-        s3=-1e-3,
-        s4=4e-4,
-    ),
+    "colmap-rad-tan-thin-prism-fisheye": THIN_PRISM,
     "colmap-eucm": EnhancedUnified(0.6, 1.1, F, C, SIZE, optics="fisheye"),
 }
 

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import finite, instance, number, vectors
 from ..camera_models.base import CameraModel
-from ..camera_models.spread import direction_sigma_deg, direction_spread, larger_sigma, spread_at
+from ..camera_models.spread import direction_sigma_deg, larger_sigma, spread_at
 from ..errors import InvalidParameter
 from ..frames import turned
 from ..parameters import Uncertainty
@@ -21,40 +21,13 @@ Array = NDArray[np.float64]
 FARTHEST_FLOOR = 100.0  # times the height: beyond, a ray is level for every purpose
 
 
-def direction_covariance(
-    camera: Sensor | CameraModel, pixels: ArrayLike, *, covariance: ArrayLike | Uncertainty | None = None
-) -> Array:
-    """Covariance (n, 2, 2) in rad^2 of the directions that pixels see, along two axes across them.
-
-    Formula: :func:`omnimirror.camera_models.spread.direction_spread`. What the mount adds, how the camera stands in
-    the world, is not in it.
-
-    Parameters
-    ----------
-    camera
-        A calibrated sensor, or a camera model.
-    pixels : (n, 2)
-        Pixels (u, v).
-    covariance
-        Of the camera's parameters, (p, p); by default what a sensor's file says.
-
-    Returns
-    -------
-    (n, 2, 2) array
-        NaN where a pixel sees nothing.
-
-    Raises
-    ------
-    InvalidParameter
-        There is no covariance, or one of other parameters.
-    """
-    return direction_spread(*_seen_by(camera, pixels, covariance))
-
-
 def direction_uncertainty(
     camera: Sensor | CameraModel, pixels: ArrayLike, *, covariance: ArrayLike | Uncertainty | None = None
 ) -> Array:
     """Standard deviation (n,) in deg of the directions that pixels see, the way in which it is larger.
+
+    Formula: :func:`omnimirror.camera_models.spread.direction_spread`. What the mount adds, how the camera stands in
+    the world, is not in it.
 
     Parameters
     ----------
@@ -84,7 +57,9 @@ def direction_uncertainty(
     >>> om.direction_uncertainty(model, [[811.5, 511.5], [961.5, 511.5]], covariance=[[0.0116**2]]).round(3)
     array([0.078, 0.189])
     """
-    return direction_sigma_deg(*_seen_by(camera, pixels, covariance))
+    model, matrix = _known(camera, covariance)
+    rays = model.backproject(vectors("pixels", pixels, 2))
+    return direction_sigma_deg(model, matrix, turned(rays.directions, model.mount.rotation()))
 
 
 def floor_uncertainty(
@@ -216,15 +191,6 @@ def uncertainty_map(
     else:
         sigma, unit = floor_uncertainty(camera, pixels, height_mm=height_mm, covariance=covariance), "mm"
     return UncertaintyMap(columns, rows, sigma.reshape(len(rows), len(columns)), unit)
-
-
-def _seen_by(
-    camera: Sensor | CameraModel, pixels: ArrayLike, covariance: ArrayLike | Uncertainty | None
-) -> tuple[CameraModel, Array, Array]:
-    """The model, its covariance, and the directions (n, 3) of the camera frame that pixels see."""
-    model, matrix = _known(camera, covariance)
-    rays = model.backproject(vectors("pixels", pixels, 2))
-    return model, matrix, turned(rays.directions, model.mount.rotation())
 
 
 def _known(camera: Sensor | CameraModel, covariance: ArrayLike | Uncertainty | None) -> tuple[CameraModel, Array]:

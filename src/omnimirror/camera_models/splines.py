@@ -60,12 +60,6 @@ class SplineModel(RadialModel):
         return np.array([[1 + s, h], [h, 1 - s]])
 
     @property
-    def knots_deg(self) -> Array:
-        """Field angles (n,) of the knots: even, from that of the first to half of ``field_deg``."""
-        count = len(self.radii_px)
-        return np.asarray(np.arange(1, count + 1) * (self.field_deg / 2 / count), dtype=float)
-
-    @property
     def _places(self) -> tuple[tuple[Place, ...], tuple[Place, ...]]:
         law = tuple(Place(f"r{i}", "radii_px", i - 1, "px", 1.0) for i in range(1, len(self.radii_px) + 1))
         return law, (Place("stretch_x", "stretch_x", None, "", 0.01), Place("shear", "shear", None, "", 0.01))

@@ -11,23 +11,12 @@ import yaml
 import omnimirror as om
 from omnimirror.camera_models import DoubleSphere, EnhancedUnified, KannalaBrandt, OCam, RationalPinhole, Unified
 from omnimirror.frames import Mount
+from tests.calibrate.formats.examples import SIZE, C, F, seen
 
-F, C, SIZE = (260.0, 261.3), (515.32, 380.29), (1024, 768)
 OCAM = OCam((-131.4797, 0.0, 1.848991e-03, 2.251206e-07, -7.343233e-10), C, SIZE, (0.9998, 4.4e-4, 8e-5))
 UNIFIED = Unified(0.93, F, C, SIZE, 0.0, -0.01, 0.002, p1=1e-3, p2=-2e-3)
 FISHEYE = KannalaBrandt(F, C, SIZE, 0.02, -0.003, 4e-4, -1e-5, optics="fisheye")
 SKEWED = KannalaBrandt(F, C, SIZE, 0.02, -0.003, 4e-4, -1e-5, skew_px=0.4, optics="fisheye")
-
-
-def seen(camera, most_deg=180.0):
-    """Pixels, and points that they see, in the frame of files: right, down, towards what the centre sees."""
-    pixels = np.random.default_rng(5).uniform(0, np.array(camera.image_size) - 1, (400, 2))
-    _, directions, valid = camera.backproject(pixels)
-    turned = directions[valid] @ camera.mount.rotation()
-    reversed_x = -1 if camera.mount.image_flipped else 1
-    points = turned * [reversed_x, 1, -1 if camera.looks_back else 1]
-    near = points[:, 2] > np.cos(np.radians(most_deg))
-    return pixels[valid][near], points[near] * np.linspace(500, 3000, near.sum())[:, None]
 
 
 def test_ocamcalibs_inverse_polynomial_projects_as_its_direct_one(tmp_path):

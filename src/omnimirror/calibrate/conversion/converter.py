@@ -22,7 +22,7 @@ from ...specs import bundled_sensors, load_sensor
 from ..formats.base import Reading, Stored
 from ..formats.registry import Target, read_cameras, targets_of
 from ..physical import SensorModel
-from .fitting import Cost, Fitted, cost, fit, nearest_point, turning
+from .fitting import Cost, Fitted, cost, fit, nearest_point, parallax
 from .flipping import flipped
 from .sampling import Sample, sample
 from .starts import STARTS, round_picture, start
@@ -251,7 +251,7 @@ def _panorama(camera: Camera, target: Target, far: tuple[float, ...]) -> _Made:
         return _Made(target, Fitted(found, np.zeros(3)), ())
     viewpoint = nearest_point(seen.origins, seen.directions)
     scale = sphere(camera).size[0] / 360
-    return _Made(target, Fitted(found, viewpoint), tuple(turning(seen, viewpoint, d, scale) for d in far))
+    return _Made(target, Fitted(found, viewpoint), tuple(parallax(seen, viewpoint, d, scale) for d in far))
 
 
 def _fitted(

@@ -154,12 +154,7 @@ def cost(found: Fitted, sample: Sample, distance_mm: float) -> Cost:
     points = sample.points(distance_mm)
     image = found.model.image(points if distant else points - found.viewpoint_mm, distant=distant)
     error = np.where(image.valid, np.hypot(*(image.pixels - sample.pixels).T), np.inf)
-    worst = int(np.argmax(error))
-    u, v = sample.pixels[worst]
-    return Cost(
-        distance_mm, float(np.sqrt(np.mean(error**2))), float(error[worst]), (float(u), float(v)),
-        float(np.degrees(sample.omega[worst])),
-    )  # fmt: skip
+    return _cost_of(error, sample, distance_mm)
 
 
 def nearest_point(origins: Array, directions: Array) -> Array:
@@ -172,12 +167,17 @@ def nearest_point(origins: Array, directions: Array) -> Array:
     return np.linalg.solve(across.sum(axis=0), np.einsum("nij,nj->i", across, origins))
 
 
-def turning(sample: Sample, viewpoint_mm: Array, distance_mm: float, pixels_per_degree: float) -> Cost:
+def parallax(sample: Sample, viewpoint_mm: Array, distance_mm: float, pixels_per_degree: float) -> Cost:
     """How far near points lie from where a panorama draws them, whose directions are those of distant ones."""
     towards = sample.points(distance_mm) - (0.0 if np.isinf(distance_mm) else viewpoint_mm)
     across = np.linalg.norm(np.cross(towards, sample.directions), axis=1)
     angle = np.arctan2(across, np.sum(towards * sample.directions, axis=1))
     error = np.degrees(angle) * pixels_per_degree
+    return _cost_of(error, sample, distance_mm)
+
+
+def _cost_of(error: Array, sample: Sample, distance_mm: float) -> Cost:
+    """Errors (n,) px in a few numbers."""
     worst = int(np.argmax(error))
     u, v = sample.pixels[worst]
     return Cost(

@@ -33,7 +33,6 @@ from .results import Calibration, ParameterResult, PictureResult
 Picture = NDArray[Any]
 
 FEW_PICTURES = 6
-LARGE_CORRELATION = 0.98
 OVERFIT = 1.25  # held-out error over that of the fit
 OWN_RIM = "A physical mirror ends at its own rim; the rim at {rim:g} px is not in the camera."
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -14,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...camera_models.base import CameraModel
 from ...camera_models.radial import RadialModel
 from ...camera_models.spread import direction_sigma_deg
-from ...files import write_text
+from ...files import json_plain, write_text
 from ...parameters import Uncertainty
 from ...sensor import Sensor
 from ...specs import save_camera
@@ -230,20 +229,7 @@ class Calibration:
         str
             The text.
         """
-        text = json.dumps(_plain(self.to_dict()), indent=1) + "\n"
+        text = json.dumps(json_plain(self.to_dict()), indent=1) + "\n"
         if path is not None:
             write_text(path, text)
         return text
-
-
-def _plain(value: Any) -> Any:
-    """As JSON can hold it."""
-    if isinstance(value, dict):
-        return {k: _plain(v) for k, v in value.items()}
-    if isinstance(value, np.ndarray):
-        return _plain(value.tolist())
-    if isinstance(value, Sequence) and not isinstance(value, str):
-        return [_plain(v) for v in value]
-    if isinstance(value, float | np.floating):
-        return float(value) if np.isfinite(value) else None
-    return int(value) if isinstance(value, np.integer) else value

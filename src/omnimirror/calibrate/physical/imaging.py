@@ -41,8 +41,8 @@ class Way(NamedTuple):
     """(n, 2, 3) of the surface, by x and by y"""
     pull: Array
     """(n, 3) sum of the unit vectors from both ends, whose components along the tangents are the gradient"""
-    by_eye: Array
-    """(n, 2, 3) derivative of the gradient by the eye"""
+    by_pupil: Array
+    """(n, 2, 3) derivative of the gradient by the pupil"""
     by_target: Array
     """(n, 2, 3) derivative of the gradient by the target"""
     by_point: Array
@@ -74,9 +74,9 @@ def image_of_points(sensor: Sensor, points: Array, distant: bool, places: tuple[
     pose = sensor.mirror_pose
     rotation = pose.rotation()
     with np.errstate(all="ignore"):  # what is not finite is not valid
-        eyes, targets = _ends(sensor, pose, points, distant)
-        found = specular_points(sensor.mirror, eyes, targets)
-        way = _way(sensor, eyes, targets, found, points if distant else None)
+        pupils, targets = _ends(sensor, pose, points, distant)
+        found = specular_points(sensor.mirror, pupils, targets)
+        way = _way(sensor, pupils, targets, found, points if distant else None)
         pixels, valid, by_seen, by_place = lens_image(sensor, pose.to_camera(found.points), places)
         by_point = by_seen @ rotation
         by_gradient = by_point @ way.tangents.transpose(0, 2, 1) @ way.response()
@@ -97,22 +97,22 @@ def image_of_points(sensor: Sensor, points: Array, distant: bool, places: tuple[
 def _ends(sensor: Sensor, pose: MirrorPose, points: Array, distant: bool) -> tuple[Ends, Ends]:
     """Lens and targets in the mirror's frame."""
     if sensor.lens.TELECENTRIC:
-        eyes = Ends(pose.turned_to_mirror(np.array([[0.0, 0.0, -1.0]])), distant=True)
+        pupils = Ends(pose.turned_to_mirror(np.array([[0.0, 0.0, -1.0]])), distant=True)
     else:
-        eyes = Ends(pose.to_mirror(sensor.pupil_offset[None]))
-    return eyes, Ends.of(pose.turned_to_mirror(points) if distant else pose.to_mirror(points), distant)
+        pupils = Ends(pose.to_mirror(sensor.pupil_offset[None]))
+    return pupils, Ends.of(pose.turned_to_mirror(points) if distant else pose.to_mirror(points), distant)
 
 
-def _way(sensor: Sensor, eyes: Ends, targets: Ends, found: Specular, directions: Array | None) -> Way:
+def _way(sensor: Sensor, pupils: Ends, targets: Ends, found: Specular, directions: Array | None) -> Way:
     """The ways of light, with the derivatives of their gradients."""
     surface = Surface(sensor.mirror, found.points[:, :2])
-    from_eye, by_eye, eye_on_point = _pull(eyes, surface.points)
+    from_pupil, by_pupil, pupil_on_point = _pull(pupils, surface.points)
     from_target, by_target, target_on_point = _pull(targets, surface.points)
     if directions is not None:  # of any length, which turns them the less
         by_target = by_target / np.linalg.norm(directions, axis=1)[:, None, None]
     along = surface.tangents
-    pull = from_eye + from_target
-    return Way(surface, along, pull, along @ by_eye, along @ by_target, along @ (eye_on_point + target_on_point))
+    pull = from_pupil + from_target
+    return Way(surface, along, pull, along @ by_pupil, along @ by_target, along @ (pupil_on_point + target_on_point))
 
 
 def _pull(ends: Ends, points: Array) -> tuple[Array, Array, Array]:
@@ -135,12 +135,12 @@ def _displaced(
     rotation, shift = sensor.mirror_pose.rotation(), sensor.mirror_pose.shift
     nothing = np.zeros((len(points), 3))
     if place.name == DISTANCE:
-        return way.by_eye @ (rotation.T @ [0.0, 0.0, -1.0]), nothing
+        return way.by_pupil @ (rotation.T @ [0.0, 0.0, -1.0]), nothing
     turn, moved = _pose_rates(sensor.mirror_pose, place.key)
-    eye = np.array([0.0, 0.0, -1.0]) if sensor.lens.TELECENTRIC else sensor.pupil_offset - shift
-    d_eye = turn.T @ eye - (0.0 if sensor.lens.TELECENTRIC else rotation.T @ moved)
+    pupil = np.array([0.0, 0.0, -1.0]) if sensor.lens.TELECENTRIC else sensor.pupil_offset - shift
+    d_pupil = turn.T @ pupil - (0.0 if sensor.lens.TELECENTRIC else rotation.T @ moved)
     d_target = turned(points if distant else points - shift, turn) - (0.0 if distant else rotation.T @ moved)
-    disturbance = way.by_eye @ d_eye + np.einsum("nij,nj->ni", way.by_target, d_target)
+    disturbance = way.by_pupil @ d_pupil + np.einsum("nij,nj->ni", way.by_target, d_target)
     return disturbance, turned(found.points, turn.T) + moved
 
 

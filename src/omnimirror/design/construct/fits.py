@@ -80,10 +80,6 @@ class FittedMirror:
     sag_um: float
     slope_mrad: float
 
-    def mapping_px(self, rim_radius_px: float) -> float:
-        """The deviation of the mapping for an image of that radius."""
-        return self.mapping * rim_radius_px
-
 
 def fit_mirror(target: MountedMirror, form: FitForm | str, aim: Aim = "worst-mapping") -> FittedMirror:
     """Fit a mirror of even powers, with or without a conic, to another one.

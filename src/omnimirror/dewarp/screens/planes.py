@@ -40,9 +40,9 @@ class Plane(CentredScreen):
     hfov_deg : deg
         Angle from the left edge to the right edge, between 0 and 180.
     distance_mm : mm
-        How far from its eye the plane stands, along the direction in which it looks.
+        How far from its viewpoint the plane stands, along the direction in which it looks.
     offset_mm : (x, y, z) mm
-        Where that eye stands from the mirror vertex, in the world frame; of a finite plane only.
+        Where that viewpoint stands from the mirror vertex, in the world frame; of a finite plane only.
 
     Raises
     ------
@@ -78,7 +78,7 @@ class Plane(CentredScreen):
 
     @property
     def focal_px(self) -> float:
-        """Distance of the plane from the eye, in its pixels."""
+        """Distance of the plane from the viewpoint, in its pixels."""
         return float(self.size[0] / 2 / np.tan(np.radians(self.hfov_deg / 2)))
 
     def from_centre(self, u: Array, v: Array) -> Array:
