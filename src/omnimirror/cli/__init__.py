@@ -31,17 +31,17 @@ COMMANDS = {
     "psf": "Point-spread functions and encircled energy.",
     "mtf": "Tangential and sagittal MTF over the field.",
     "illumination": "Relative illumination over the field.",
-    "lines": "Refine and level a camera by straight edges, without a target.",
-    "uncertainty": "Say how far what a calibrated camera sees may be off.",
     "compare": "Put up to six sensors side by side.",
-    "simulate": "Take the picture that a sensor would take of a scene.",
-    "dewarp": "Straighten a picture taken with a mirror or fisheye.",
+    "simulate": "Take the pictures that a sensor would take of a scene.",
+    "dewarp": "Straighten pictures and videos taken with a mirror or fisheye.",
     "view": "Look around in a picture, video or stream, in the browser.",
-    "studio": "Open the workbench in the browser.",
+    "studio": "Look through a sensor, and design one, in the browser.",
     "board": "Write a calibration board to print.",
     "calibrate": "Find out what camera took pictures of a board.",
-    "convert": "Take a camera from one program's file to another's.",
     "rim": "Find the mirror's rim in its pictures.",
+    "lines": "Refine and level a camera by straight edges, without a target.",
+    "uncertainty": "Say how far off what a calibrated camera sees may be.",
+    "convert": "Take a camera from one program's file to another's.",
     "apertures": "Find the F-number and focus with the least blur and diffraction.",
     "bracket": "Plan pictures at several focus distances, and merge them into a sharp one.",
     "parts": "Choose a lens and an imager that can be bought.",
@@ -99,7 +99,7 @@ class LazyGroup(click.Group):
 @click.version_option(__version__, prog_name="omnimirror")
 @click.option("--debug", is_flag=True, expose_value=False, help="Show where an error comes from; with any command.")
 def app() -> None:
-    """Omnidirectional mirror sensors: evaluate them, and straighten the pictures they take."""
+    """Omnidirectional mirror sensors: design, evaluate, simulate and calibrate them, and straighten their pictures."""
 
 
 def main(args: list[str] | None = None) -> None:

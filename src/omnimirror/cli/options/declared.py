@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, fields
 from functools import wraps
@@ -51,8 +50,7 @@ def takes(kind: type[Options], name: str) -> Callable[[Command], Command]:
         command: Any = gathered
         for f in reversed(fields(kind)):
             attributes: dict[str, Any] = {"show_default": f.default is not None, **f.metadata["attributes"]}
-            is_parsed = inspect.isfunction(attributes.get("type")) and isinstance(f.default, float)
-            default = f"{f.default:g}" if is_parsed else f.default
+            default = f"{f.default:g}" if isinstance(f.default, float) else f.default
             command = click.option(*(f.metadata["flags"] or [flag(f.name)]), f.name, default=default, **attributes)(
                 command
             )

@@ -206,7 +206,7 @@ class SearchedOptions(Options):
         type=whole_numbers, metavar="N[,N..]", help="The N of --shape; several give a table of convergence."
     )
     starts: int = option(type=WHOLE, default=4, help="From how many mirrors to optimise.")
-    seed: int = option(type=WHOLE, default=0, help="Of everything drawn.")
+    seed: int = option(type=WHOLE, default=0, help="Of all that is drawn at random.")
     resume: Path | None = option(
         type=click.Path(path_type=Path),
         help="Keep the search in this file, and go on from it: JSON; of a front, Parquet.",

@@ -151,7 +151,7 @@ def command(
 
     Hold the board at ten to twenty places all around, near the rim too, and tilted. Corners that no camera explains are
     left out and named, 1 % at most; models are compared by their error in pictures that were left out. Ctrl-C keeps the
-    best camera found until then.
+    best camera found until then. Example:
 
     \b
     omnimirror calibrate *.jpg --board 11x7 --square-mm 30 -o camera.toml --report calibration.html

@@ -106,6 +106,8 @@ def command(
 ) -> None:
     """Write the camera of the file SOURCE as another program's file TARGET, and say what that costs.
 
+    Example:
+
     \b
     omnimirror convert calib_results.txt camera.yaml --to opencv-omnidir --tolerance-px 0.5
     """

@@ -28,7 +28,7 @@ def command(images: tuple[str, ...], each: bool, figure: Path | None, json_file:
 
     Several pictures are taken for those of one sensor, and looked at together. A rim is an ellipse, in px from the
     middle of the first pixel; its angle is that of the longer axis, from image right towards image bottom. Below a
-    confidence of .5 nothing should rely on it.
+    confidence of .6 nothing should rely on it.
     """
     files = expand_inputs(images)
     pictures = [read_image(file) for file in files]

@@ -17,7 +17,10 @@ from ...outputs import FIGURES, format_option, output_console, output_option, sa
 @click.command()
 @click.argument("camera")
 @click.option(
-    "--height-mm", type=NUMBER, help="Of the mirror over the floor: errors of points there, in mm.  [default: in deg]"
+    "--height-mm",
+    type=NUMBER,
+    help="Of the mirror over the floor, below 0 under a ceiling: errors of points there, in mm.  "
+    "[default: of directions, in deg]",
 )
 @output_option("-o", "--output", formats=FIGURES, help="Map over the picture (PNG, SVG, PDF).")
 @format_option(FIGURES)

@@ -98,10 +98,13 @@ def command(
 ) -> None:
     """Evaluate SENSOR, a sensor file or the name of a bundled sensor.
 
-    Prints a table; files hold more columns. Example: omnimirror evaluate paper-spherical --omega-deg 0:135:5
+    Prints a table; files hold more columns.
+
     A calibrated camera, from its camera file or OCamCalib's, has a table of radius, resolution, viewpoint and, where
     its uncertainty is known, the error of directions; so has a sensor whose mirror is decentred or tilted, in the mean
     over the azimuths. How sure a calibrated camera is all over its picture says omnimirror uncertainty.
+
+    Example: omnimirror evaluate paper-spherical --omega-deg 0:135:5
     """
     camera, console = load_camera(sensor), output_console()
     if not isinstance(camera, Sensor) or not camera.mirror_pose.is_axial:

@@ -27,7 +27,9 @@ class MtfOptions(ImageOptions):
     cycles_per_px: Array | None = option(
         type=values, metavar="A:B:STEP", help="Spatial frequencies.  [default: 0:1:0.02]"
     )
-    wavelength_nm: Any = option(type=values, default=550.0, metavar="LIST", help="Of equal shares.")
+    wavelength_nm: Any = option(
+        type=values, default=550.0, metavar="LIST", help="Of the light; several in equal shares."
+    )
     pixel: bool = option("--pixel/--no-pixel", default=True, help="Multiply by the MTF of the square pixel.")
 
     @property

@@ -23,7 +23,7 @@ SHARES = (0.5, 0.8)  # of the light, whose radii are told
 class PsfOptions(ImageOptions):
     """Which point-spread functions are computed."""
 
-    wavelength_nm: float = option(type=NUMBER, default=550.0)
+    wavelength_nm: float = option(type=NUMBER, default=550.0, help="Of the light.")
 
 
 @click.command()

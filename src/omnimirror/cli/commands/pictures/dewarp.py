@@ -140,7 +140,7 @@ def command(
 ) -> None:
     """Straighten each SOURCE, taken with a mirror sensor, a mirror ball or a fisheye.
 
-    A SOURCE is a picture, a folder or pattern of pictures, a video file, or a camera or stream
+    A SOURCE is a picture, a folder or pattern of pictures, a video file, a camera or stream
     (/dev/video0, rtsp://..), numbered pictures as one video (f%04d.png), or a video on standard
     input (-). Say which camera it was with one of --sensor, --ocam and --ball; or, where nobody
     knows, with --auto, which looks for the mirror's rim. The result is drawn as seen from the

@@ -1,4 +1,4 @@
-"""``omnimirror studio``: the workbench in the browser."""
+"""``omnimirror studio``: look through a sensor, and design one, in the browser."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def run_studio(make: Callable[[], Studio], server: ServerOptions) -> None:
 @click.command()
 @takes(ServerOptions, "server")
 def command(server: ServerOptions) -> None:
-    """Open the studio in the browser: look through a sensor at pictures, videos and cameras.
+    """Open the studio in the browser: look through a sensor at pictures, videos and cameras, or design one.
 
     It listens on this machine alone unless --host says otherwise.
     """
