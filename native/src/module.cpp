@@ -15,6 +15,7 @@ NB_MODULE(_native, m) {
     add_exposure(m);
     add_surfaces(m);
     add_deblurring(m);
+    add_tolerance(m);
     m.def(
         "set_threads",
         [](int count) {

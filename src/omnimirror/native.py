@@ -184,6 +184,14 @@ class Kernels(Protocol):
     ) -> float: ...
     def turn_direction(self, share: float, scale: Array, residual: Array, d: Array) -> None: ...
 
+    # -- sensors with errors: tolerance --------------------------------------------------------------
+
+    def judge_trials(
+        self, numbers: Array, terms: int, is_conic: bool, rim: float, table: tuple[Array, float],
+        objects: tuple[Array | bool, ...], rows: tuple[Array | int, ...], search: tuple[int, float, float, float, int],
+        refocus: int, floor: float, merits: Array, moved: Array,
+    ) -> None: ...  # fmt: skip
+
     # -- all of them ---------------------------------------------------------------------------------
 
     def set_threads(self, count: int) -> None: ...

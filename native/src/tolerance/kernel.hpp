@@ -1,0 +1,463 @@
+// The kernel of trials.hpp. Compiled once per instruction set, so everything here has internal linkage.
+//
+// Objects go through in lanes: each step is a loop over all of them without branches, which compilers vectorise.
+#pragma once
+
+#include <cstddef>
+#include <iterator>
+#include <limits>
+#include <vector>
+
+#include "surface.hpp"
+
+namespace omnimirror {
+namespace {
+
+constexpr int LANE = 8;  // objects are padded to a multiple of it, and sums have so many parts
+
+#if defined(__GNUC__) && !defined(__clang__)
+#define OMNIMIRROR_LANES(i, k) _Pragma("GCC ivdep") for (int i = (k); i < (k) + LANE; ++i)
+#else
+#define OMNIMIRROR_LANES(i, k) for (int i = (k); i < (k) + LANE; ++i)
+#endif
+#define OMNIMIRROR_RESTRICT __restrict__
+
+struct Sum {
+    double part[LANE] = {};
+    double total() const {
+        double sum = 0;
+        for (double p : part) sum += p;
+        return sum;
+    }
+    double largest() const {
+        double most = part[0];
+        for (double p : part) most = larger(most, p);
+        return most;
+    }
+};
+
+// Arrays of lanes that are worked on for one trial after the other, and what is the same for all.
+struct Workspace {
+    int lanes;
+    std::vector<double> memory;
+    double *tx, *ty, *tz;                 // targets in the mirror's frame
+    double *x, *y;                        // mirror points
+    double *px, *py;                      // tangents
+    double *v00, *v01, *v10, *v11;        // vergences over image right and down
+    double *s0, *s1, *s2, *d0, *d1, *d2;  // squares and determinants of the blur, by the vergence in focus
+    double *u, *v;                        // offsets, px
+    double *startx, *starty, *refx, *refy, *j00, *j01, *j10, *j11, *area, *weight;
+    double* left;  // residual: x of all, then y
+    double* rows;  // of compensators: affine, basis, radial
+
+    explicit Workspace(const TrialJob& job) : lanes((job.field.count + LANE - 1) / LANE * LANE) {
+        const auto& c = job.compensators;
+        const int all = c.affine_rows + c.basis_rows + c.radial_rows;
+        double** const arrays[] = {&tx, &ty, &tz, &x,  &y,  &px, &py, &v00, &v01, &v10, &v11, &s0, &s1, &s2, &d0, &d1,
+                                   &d2, &u,  &v,  &startx, &starty, &refx, &refy, &j00, &j01, &j10, &j11, &area, &weight};
+        memory.assign(static_cast<std::size_t>(lanes) * (std::size(arrays) + 2 + 2 * static_cast<std::size_t>(all)), 0.0);
+        double* at = memory.data();
+        for (double** array : arrays) *array = at, at += lanes;
+        left = at, at += 2 * lanes;
+        rows = at;
+        fill(job.field);
+        copy(c.affine, c.affine_rows, job.field.count, at);
+        copy(c.basis, c.basis_rows, job.field.count, at);
+        copy(c.radial, c.radial_rows, job.field.count, at);
+    }
+
+   private:
+    // Lanes beyond the last object repeat it, and weigh nothing.
+    void fill(const TrialField& f) {
+        for (int i = 0; i < lanes; ++i) {
+            const int k = i < f.count ? i : f.count - 1;
+            startx[i] = f.start[2 * k], starty[i] = f.start[2 * k + 1];
+            refx[i] = f.reference[2 * k], refy[i] = f.reference[2 * k + 1];
+            const double* j = f.deg_per_px + 4 * k;
+            j00[i] = j[0], j01[i] = j[1], j10[i] = j[2], j11[i] = j[3];
+            area[i] = f.area[k], weight[i] = i < f.count;
+        }
+    }
+    void copy(const double* from, int count, int n, double*& at) {
+        for (int r = 0; r < count; ++r, at += 2 * lanes)
+            for (int half = 0; half < 2; ++half)
+                for (int i = 0; i < n; ++i) at[half * lanes + i] = from[(2 * r + half) * n + i];
+    }
+};
+
+// -- tracing.py --------------------------------------------------------------------------------------
+
+// The path of light by way of a mirror point, and its derivatives over (x, y).
+struct Path {
+    double dx, dy, dz;     // from the pupil to the mirror
+    double gx, gy;         // gradient
+    double a, b, c;        // H
+    double ba, bb, bc;     // B: without what the pupil adds
+    double sx, sy;         // slopes of the surface
+    double facing;
+};
+
+template <bool DISTANT, class S>
+inline Path path_at(const S& surface, const double* pupil, double tx, double ty, double tz, double x, double y) {
+    const Heights h = surface.at(x, y);
+    const double dx = x - pupil[0], dy = y - pupil[1], dz = h.z - pupil[2];
+    const double near = 1 / root_of(dx * dx + dy * dy + dz * dz);
+    const double uz = dz * near, ux = dx * near + h.gx * uz, uy = dy * near + h.gy * uz;
+    const double pa = (1 + h.gx * h.gx - ux * ux) * near, pb = (h.gx * h.gy - ux * uy) * near,
+                 pc = (1 + h.gy * h.gy - uy * uy) * near;
+    double far = 0, ex = -tx, ey = -ty, ez = -tz;
+    if constexpr (!DISTANT) {
+        ex = x - tx, ey = y - ty, ez = h.z - tz;
+        far = 1 / root_of(ex * ex + ey * ey + ez * ez);
+        ex *= far, ey *= far, ez *= far;
+    }
+    const double qx = ex + h.gx * ez, qy = ey + h.gy * ez, pull = uz + ez;
+    double ba = pull * h.hxx, bb = pull * h.hxy, bc = pull * h.hyy;
+    if constexpr (!DISTANT) {
+        ba += (1 + h.gx * h.gx - qx * qx) * far;
+        bb += (h.gx * h.gy - qx * qy) * far;
+        bc += (1 + h.gy * h.gy - qy * qy) * far;
+    }
+    return {dx, dy, dz, ux + qx, uy + qy, ba + pa, bb + pb, bc + pc, ba, bb, bc, h.gx, h.gy, pull};
+}
+
+// Targets in the mirror's frame.
+inline void turn_targets(const TrialJob& job, const double* number, Workspace& w) {
+    const double *r = number + ROTATION, *shift = number + SHIFT;
+    for (int i = 0; i < w.lanes; ++i) {
+        const int k = i < job.field.count ? i : job.field.count - 1;
+        const double* t = job.field.targets + 3 * k;
+        const double move = job.field.distant ? 0.0 : 1.0;
+        const double x = t[0] - move * shift[0], y = t[1] - move * shift[1], z = t[2] - move * shift[2];
+        w.tx[i] = r[0] * x + r[3] * y + r[6] * z;
+        w.ty[i] = r[1] * x + r[4] * y + r[7] * z;
+        w.tz[i] = r[2] * x + r[5] * y + r[8] * z;
+    }
+}
+
+template <bool DISTANT, class S>
+void find_mirror_points(const TrialJob& job, const S& surface, const double* number, Workspace& w) {
+    const double pupil[3] = {number[PUPIL], number[PUPIL + 1], number[PUPIL + 2]};
+    double *OMNIMIRROR_RESTRICT x = w.x, *OMNIMIRROR_RESTRICT y = w.y;
+    const double *tx = w.tx, *ty = w.ty, *tz = w.tz;
+    for (int i = 0; i < w.lanes; ++i) x[i] = w.startx[i], y[i] = w.starty[i];
+    for (int step = 0; step < job.search.steps; ++step) {
+        Sum moved;
+        for (int k = 0; k < w.lanes; k += LANE) {
+            OMNIMIRROR_LANES(i, k) {
+                const Path p = path_at<DISTANT>(surface, pupil, tx[i], ty[i], tz[i], x[i], y[i]);
+                const double over = 1 / (p.a * p.c - p.b * p.b);
+                const double mx = (p.c * p.gx - p.b * p.gy) * over, my = (p.a * p.gy - p.b * p.gx) * over;
+                x[i] -= mx, y[i] -= my;
+                moved.part[i - k] = larger(larger(size_of(mx), size_of(my)), moved.part[i - k]);
+            }
+        }
+        if (!(moved.largest() > job.search.close * job.rim)) break;
+    }
+}
+
+// Tangents and vergences at the mirror points; how many are lost.
+template <bool DISTANT, class S>
+int look(const TrialJob& job, const S& surface, const double* number, Workspace& w) {
+    const double pupil[3] = {number[PUPIL], number[PUPIL + 1], number[PUPIL + 2]};
+    const double* r = number + ROTATION;
+    const double rim = job.rim * (1 + job.search.rim_slack), reflects = job.search.reflects;
+    Sum kept;
+    for (int k = 0; k < w.lanes; k += LANE) {
+        OMNIMIRROR_LANES(i, k) {
+            const double x = w.x[i], y = w.y[i];
+            const Path p = path_at<DISTANT>(surface, pupil, w.tx[i], w.ty[i], w.tz[i], x, y);
+            const double over_z = 1 / (r[6] * p.dx + r[7] * p.dy + r[8] * p.dz);
+            const double px = (r[0] * p.dx + r[1] * p.dy + r[2] * p.dz) * over_z;
+            const double py = (r[3] * p.dx + r[4] * p.dy + r[5] * p.dz) * over_z;
+            const double m0z = r[6] + r[8] * p.sx, m1z = r[7] + r[8] * p.sy;
+            const double s00 = r[0] + r[2] * p.sx - px * m0z, s01 = r[1] + r[2] * p.sy - px * m1z;
+            const double s10 = r[3] + r[5] * p.sx - py * m0z, s11 = r[4] + r[5] * p.sy - py * m1z;
+            const double over = over_z / (p.a * p.c - p.b * p.b);  // H^-1 B / z
+            const double q00 = (p.c * p.ba - p.b * p.bb) * over, q01 = (p.c * p.bb - p.b * p.bc) * over;
+            const double q10 = (p.a * p.bb - p.b * p.ba) * over, q11 = (p.a * p.bc - p.b * p.bb) * over;
+            const double a00 = s00 * q00 + s01 * q10, a01 = s00 * q01 + s01 * q11;  // S V S^-1; its 1/z is gone
+            const double a10 = s10 * q00 + s11 * q10, a11 = s10 * q01 + s11 * q11;
+            const double turn = 1 / (s00 * s11 - s01 * s10);
+            w.v00[i] = (a00 * s11 - a01 * s10) * turn, w.v01[i] = (a01 * s00 - a00 * s01) * turn;
+            w.v10[i] = (a10 * s11 - a11 * s10) * turn, w.v11[i] = (a11 * s00 - a10 * s01) * turn;
+            w.px[i] = px, w.py[i] = py;
+            const double miss = p.gx * p.gx + p.gy * p.gy, upright = 1 + p.sx * p.sx + p.sy * p.sy;
+            const bool reflected = miss <= reflects * reflects * upright;
+            const bool within = x * x + y * y <= rim * rim;
+            kept.part[i - k] += (reflected & within & (p.facing > 0) & (over_z > 0)) ? w.weight[i] : 0.0;
+        }
+    }
+    return job.field.count - static_cast<int>(kept.total());
+}
+
+// -- picture.py --------------------------------------------------------------------------------------
+
+// Offsets in px, and their derivatives by the tangents.
+struct Imaged {
+    double u, v, w00, w01, w10, w11;
+};
+
+inline Imaged imaged(const double* number, double breath, double x, double y) {
+    const double *k = number + BROWN, *h = number + IMAGER;
+    const double s = x * x + y * y, radial = 1 + s * (k[0] + s * (k[1] + s * k[2]));
+    const double rate = 2 * (k[0] + s * (2 * k[1] + 3 * s * k[2])), p1 = k[3], p2 = k[4];
+    const double mx = breath * (x * radial + 2 * p1 * x * y + p2 * (s + 2 * x * x));
+    const double my = breath * (y * radial + p1 * (s + 2 * y * y) + 2 * p2 * x * y);
+    const double xx = breath * (radial + x * x * rate + 2 * p1 * y + 6 * p2 * x);
+    const double xy = breath * (x * y * rate + 2 * p1 * x + 2 * p2 * y);
+    const double yy = breath * (radial + y * y * rate + 6 * p1 * y + 2 * p2 * x);
+    const double over = 1 / (h[6] * mx + h[7] * my + h[8]);
+    const double u = (h[0] * mx + h[1] * my + h[2]) * over, v = (h[3] * mx + h[4] * my + h[5]) * over;
+    const double a = (h[0] - u * h[6]) * over, b = (h[1] - u * h[7]) * over;
+    const double c = (h[3] - v * h[6]) * over, d = (h[4] - v * h[7]) * over;
+    return {u, v, a * xx + b * xy, a * xy + b * yy, c * xx + d * xy, c * xy + d * yy};
+}
+
+// Offsets, and squares and determinants of v W - W V as polynomials of v.
+inline void picture(const double* number, double breath, Workspace& w) {
+    for (int k = 0; k < w.lanes; k += LANE) {
+        OMNIMIRROR_LANES(i, k) {
+            const Imaged m = imaged(number, breath, w.px[i], w.py[i]);
+            const double s00 = m.w00 * w.v00[i] + m.w01 * w.v10[i], s01 = m.w00 * w.v01[i] + m.w01 * w.v11[i];
+            const double s10 = m.w10 * w.v00[i] + m.w11 * w.v10[i], s11 = m.w10 * w.v01[i] + m.w11 * w.v11[i];
+            w.u[i] = m.u, w.v[i] = m.v;
+            w.s0[i] = s00 * s00 + s01 * s01 + s10 * s10 + s11 * s11;
+            w.s1[i] = -2 * (m.w00 * s00 + m.w01 * s01 + m.w10 * s10 + m.w11 * s11);
+            w.s2[i] = m.w00 * m.w00 + m.w01 * m.w01 + m.w10 * m.w10 + m.w11 * m.w11;
+            w.d0[i] = s00 * s11 - s01 * s10;
+            w.d1[i] = -(m.w00 * s11 + s00 * m.w11 - m.w01 * s10 - s01 * m.w10);
+            w.d2[i] = m.w00 * m.w11 - m.w01 * m.w10;
+        }
+    }
+}
+
+// Twice the square of the worst blur's diameter, with the focus at a vergence.
+inline double worst_blur(double at, const Workspace& w) {
+    Sum worst;
+    for (int k = 0; k < w.lanes; k += LANE) {
+        OMNIMIRROR_LANES(i, k) {
+            const double square = w.s0[i] + at * (w.s1[i] + at * w.s2[i]);
+            const double det = w.d0[i] + at * (w.d1[i] + at * w.d2[i]);
+            const double apart = larger(square * square - 4 * det * det, 0.0);
+            worst.part[i - k] = larger(square + root_of(apart), worst.part[i - k]);
+        }
+    }
+    return worst.largest();
+}
+
+inline double rms_focus(const Workspace& w) {
+    Sum mixed, squares;
+    for (int k = 0; k < w.lanes; k += LANE) {
+        OMNIMIRROR_LANES(i, k) {
+            mixed.part[i - k] -= w.weight[i] * w.s1[i] / 2;
+            squares.part[i - k] += w.weight[i] * w.s2[i];
+        }
+    }
+    return mixed.total() / squares.total();
+}
+
+inline double minimax_focus(const Workspace& w, int halvings) {
+    const double golden = (root_of(5.0) - 1) / 2;
+    double low = std::numeric_limits<double>::infinity(), high = -low;
+    for (int i = 0; i < w.lanes; ++i) {
+        const double half = w.d1[i] / w.d2[i] / -2, product = w.d0[i] / w.d2[i];
+        const double apart = root_of(size_of(half * half - product));
+        low = smaller(half - apart, low), high = larger(half + apart, high);
+    }
+    double a = high - golden * (high - low), b = low + golden * (high - low);
+    double at_a = worst_blur(a, w), at_b = worst_blur(b, w);
+    for (int i = 0; i < halvings; ++i) {
+        if (at_a < at_b) {
+            high = b, b = a, at_b = at_a;
+            a = high - golden * (high - low), at_a = worst_blur(a, w);
+        } else {
+            low = a, a = b, at_a = at_b;
+            b = low + golden * (high - low), at_b = worst_blur(b, w);
+        }
+    }
+    return (low + high) / 2;
+}
+
+// -- compensation.py ---------------------------------------------------------------------------------
+
+inline double along(const double* OMNIMIRROR_RESTRICT row, const double* OMNIMIRROR_RESTRICT vector, int count) {
+    Sum sum;
+    for (int k = 0; k < count; k += LANE) {
+        OMNIMIRROR_LANES(i, k) sum.part[i - k] += row[i] * vector[i];
+    }
+    return sum.total();
+}
+
+inline void take_away(double much, const double* OMNIMIRROR_RESTRICT row, double* OMNIMIRROR_RESTRICT vector, int count) {
+    for (int k = 0; k < count; k += LANE) {
+        OMNIMIRROR_LANES(i, k) vector[i] -= much * row[i];
+    }
+}
+
+// Solve a symmetric positive system of up to MOST_POSE unknowns in place, by Cholesky's rule.
+inline void solve(double (&m)[MOST_POSE][MOST_POSE], double (&b)[MOST_POSE], int n) {
+    for (int j = 0; j < n; ++j) {
+        for (int i = j; i < n; ++i) {
+            double rest = m[i][j];
+            for (int k = 0; k < j; ++k) rest -= m[i][k] * m[j][k];
+            m[i][j] = i == j ? root_of(rest) : rest / m[j][j];
+        }
+    }
+    for (int i = 0; i < n; ++i) {
+        for (int k = 0; k < i; ++k) b[i] -= m[i][k] * b[k];
+        b[i] /= m[i][i];
+    }
+    for (int i = n - 1; i >= 0; --i) {
+        for (int k = i + 1; k < n; ++k) b[i] -= m[k][i] * b[k];
+        b[i] /= m[i][i];
+    }
+}
+
+// Motion by the pose that explains what is seen best, in the basis: seen becomes what it moves.
+inline void explain(const TrialCompensators& c, double (&seen)[MOST_BASIS]) {
+    double pose[MOST_POSE] = {}, moved[MOST_BASIS];
+    const int n = c.pose, pairs = n * (n + 1) / 2;
+    for (int round = 0; round <= c.rounds; ++round) {
+        double normal[MOST_POSE][MOST_POSE] = {}, right[MOST_POSE] = {};
+        for (int e = 0; e < c.basis_rows; ++e) {
+            double rate[MOST_POSE];
+            const double *line = c.straight + e * n, *curve = c.bent + e * pairs;
+            double sum = 0;
+            for (int i = 0; i < n; ++i) rate[i] = line[i], sum += line[i] * pose[i];
+            for (int i = 0; i < n; ++i) {
+                for (int j = i; j < n; ++j, ++curve) {
+                    sum += pose[i] * pose[j] * *curve;
+                    rate[i] += pose[j] * *curve, rate[j] += pose[i] * *curve;
+                }
+            }
+            moved[e] = sum;
+            for (int i = 0; i < n; ++i) {
+                right[i] += rate[i] * (seen[e] - sum);
+                for (int j = 0; j <= i; ++j) normal[i][j] += rate[i] * rate[j];
+            }
+        }
+        if (round == c.rounds) break;  // the last time only moves
+        solve(normal, right, n);
+        for (int i = 0; i < n; ++i) pose[i] += right[i];
+    }
+    for (int e = 0; e < c.basis_rows; ++e) seen[e] = moved[e];
+}
+
+// rms and worst of the residual, in px and in deg.
+inline void judge_motion(const TrialJob& job, const Workspace& w, double* merits) {
+    const double *x = w.left, *y = w.left + w.lanes;
+    Sum px, deg, worst_px, worst_deg;
+    for (int k = 0; k < w.lanes; k += LANE) {
+        OMNIMIRROR_LANES(i, k) {
+            const double a = w.j00[i] * x[i] + w.j01[i] * y[i], b = w.j10[i] * x[i] + w.j11[i] * y[i];
+            const double p = (x[i] * x[i] + y[i] * y[i]) * w.weight[i], q = (a * a + b * b) * w.weight[i];
+            px.part[i - k] += p, worst_px.part[i - k] = larger(p, worst_px.part[i - k]);
+            deg.part[i - k] += q, worst_deg.part[i - k] = larger(q, worst_deg.part[i - k]);
+        }
+    }
+    const double n = job.field.count;
+    merits[0] = root_of(px.total() / n), merits[1] = root_of(worst_px.largest());
+    merits[2] = root_of(deg.total() / n), merits[3] = root_of(worst_deg.largest());
+}
+
+inline void judge_motions(const TrialJob& job, Workspace& w, double* merits) {
+    const auto& c = job.compensators;
+    const int both = 2 * w.lanes;
+    const double *affine = w.rows, *basis = affine + c.affine_rows * both, *radial = basis + c.basis_rows * both;
+    double much[MOST_ROWS], seen[MOST_BASIS];
+    for (int r = 0; r < c.affine_rows; ++r) much[r] = along(affine + r * both, w.left, both);
+    for (int e = 0; e < c.basis_rows; ++e) seen[e] = along(basis + e * both, w.left, both);
+    judge_motion(job, w, merits);
+    for (int r = 0; r < c.affine_rows; ++r) {
+        take_away(much[r], affine + r * both, w.left, both);
+        if (r == 1) judge_motion(job, w, merits + 4);
+    }
+    judge_motion(job, w, merits + 8);
+    explain(c, seen);
+    for (int e = 0; e < c.basis_rows; ++e) take_away(seen[e], basis + e * both, w.left, both);
+    judge_motion(job, w, merits + 12);
+    for (int r = 0; r < c.radial_rows; ++r) much[r] = along(radial + r * both, w.left, both);
+    for (int r = 0; r < c.radial_rows; ++r) take_away(much[r], radial + r * both, w.left, both);
+    judge_motion(job, w, merits + 16);
+}
+
+// -- merits.py ---------------------------------------------------------------------------------------
+
+inline void judge_blur(const TrialJob& job, double aperture, double focus, const Workspace& w, double* merits) {
+    const double square_mm = aperture * aperture, floor = job.floor;
+    Sum diameter, area;
+    for (int k = 0; k < w.lanes; k += LANE) {
+        OMNIMIRROR_LANES(i, k) {
+            const double square = square_mm * (w.s0[i] + focus * (w.s1[i] + focus * w.s2[i]));
+            const double det = square_mm * (w.d0[i] + focus * (w.d1[i] + focus * w.d2[i]));
+            const double apart = root_of(larger(square * square - 4 * det * det, 0.0));
+            const double floored = root_of(det * det + floor * square + floor * floor) / w.area[i];
+            diameter.part[i - k] = larger(square + apart, diameter.part[i - k]);
+            area.part[i - k] = larger(floored, area.part[i - k]);
+        }
+    }
+    merits[0] = root_of(diameter.largest() / 2), merits[1] = area.largest(), merits[2] = 1 / focus;
+}
+
+template <bool DISTANT, class S>
+void judge_trial(const TrialJob& job, int trial, Workspace& w) {
+    const double* number = job.numbers + static_cast<int64_t>(trial) * (TRIAL_NUMBERS + job.terms + job.powers);
+    double* merits = job.merits + static_cast<int64_t>(trial) * TRIAL_MERITS;
+    const S surface(job, number);
+    turn_targets(job, number, w);
+    find_mirror_points<DISTANT>(job, surface, number, w);
+    const int lost = look<DISTANT>(job, surface, number, w);
+    merits[TRIAL_MERITS - 1] = lost;
+    if (lost) {
+        for (int i = 0; i < TRIAL_MERITS - 1; ++i) merits[i] = std::numeric_limits<double>::quiet_NaN();
+        return;
+    }
+    picture(number, 1.0, w);
+    double focus = number[VERGENCE];
+    if (job.refocus != NOT_REFOCUSED) {
+        focus = job.refocus == LEAST_RMS ? rms_focus(w) : minimax_focus(w, job.search.halvings);
+        const double f = number[BREATHING];
+        picture(number, (1 - f * number[VERGENCE]) / (1 - f * focus), w);
+    }
+    judge_blur(job, number[APERTURE], focus, w, merits + 4 * CALIBRATION_DEPTHS);
+    for (int i = 0; i < w.lanes; ++i) {
+        w.left[i] = (w.u[i] - w.refx[i]) * w.weight[i];
+        w.left[w.lanes + i] = (w.v[i] - w.refy[i]) * w.weight[i];
+    }
+    if (job.moved)
+        for (int i = 0; i < job.field.count; ++i)
+            for (int half = 0; half < 2; ++half)
+                job.moved[(2 * static_cast<int64_t>(trial) + half) * job.field.count + i] = w.left[half * w.lanes + i];
+    judge_motions(job, w, merits);
+}
+
+template <class Shape, int ORDER>
+void judge_all(const TrialJob& job, int first, int count) {
+    Workspace w(job);
+    for (int trial = first; trial < first + count; ++trial) {
+        if (job.field.distant)
+            judge_trial<true, Surface<Shape, ORDER>>(job, trial, w);
+        else
+            judge_trial<false, Surface<Shape, ORDER>>(job, trial, w);
+    }
+}
+
+template <class Shape>
+void judge_shape(const TrialJob& job, int first, int count) {
+    if (job.powers == 1) return judge_all<Shape, 0>(job, first, count);
+    if (job.powers == 15) return judge_all<Shape, 4>(job, first, count);
+    judge_all<Shape, 6>(job, first, count);
+}
+
+void judge_some(const TrialJob& job, int first, int count) {
+    if (job.table.pieces) return judge_shape<Table>(job, first, count);
+    if (job.terms == 0) return judge_shape<Formula<true, 0>>(job, first, count);
+    if (job.terms == 4 && !job.is_conic) return judge_shape<Formula<false, 4>>(job, first, count);
+    if (job.terms == 4) return judge_shape<Formula<true, 4>>(job, first, count);
+    if (job.terms == 8) return judge_shape<Formula<true, 8>>(job, first, count);
+    judge_shape<Formula<true, 16>>(job, first, count);
+}
+
+}  // namespace
+}  // namespace omnimirror

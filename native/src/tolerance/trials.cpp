@@ -1,0 +1,39 @@
+#include "trials.hpp"
+
+#include <cstring>
+
+#include "pool.hpp"
+#include "sampling/sample.hpp"
+
+namespace omnimirror {
+namespace {
+
+constexpr int TRIALS_A_PIECE = 64;
+
+// The samplers choose the instructions; those without a kernel here take the plain one.
+TrialKernel trial_kernel() {
+#if defined(OMNIMIRROR_AVX2)
+    if (!std::strcmp(kernels().name, "avx2")) return avx2_trials;
+#endif
+    return plain_trials;
+}
+
+}  // namespace
+
+bool is_valid_term_count(int terms) { return terms == 0 || terms == 4 || terms == 8 || terms == 16; }
+
+bool is_valid_power_count(int powers) { return powers == 1 || powers == 15 || powers == 28; }
+
+void judge_trials(const TrialJob& job) {
+    TrialJob copy = job;
+    parallel_for(
+        (job.trials + TRIALS_A_PIECE - 1) / TRIALS_A_PIECE,
+        [](void* context, int i) {
+            const auto& work = *static_cast<const TrialJob*>(context);
+            const int first = i * TRIALS_A_PIECE, rest = work.trials - first;
+            trial_kernel()(work, first, rest < TRIALS_A_PIECE ? rest : TRIALS_A_PIECE);
+        },
+        &copy);
+}
+
+}  // namespace omnimirror

@@ -1,0 +1,154 @@
+"""The tolerances of a sensor: which errors, within what, how distributed; and the trials that follow from a seed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+from ..arguments import choice, number
+from ..errors import InvalidParameter
+from ..sensor import Sensor
+from .distributions import DISTRIBUTIONS, Distribution, drawn
+from .errors import check_name, errors_of
+
+Array = NDArray[np.float64]
+
+BLOCK = 8192
+"""Trials that are drawn at a time: each block has random numbers of its own, whoever computes it, and when."""
+LEAST_SHARE = 2.0**-54  # no share is 0, which some distributions send to infinity
+
+
+@dataclass(frozen=True)
+class ErrorBound:
+    """Within what an error stays.
+
+    Parameters
+    ----------
+    value
+        Plus or minus, in the error's unit; 0 for none.
+    distribution
+        Within it.
+
+    Raises
+    ------
+    InvalidParameter
+        A value below 0, or a word that is no distribution.
+    """
+
+    value: float
+    distribution: Distribution = "uniform"
+
+    def __post_init__(self) -> None:
+        choice("distribution", self.distribution, DISTRIBUTIONS)
+        if not 0 <= number("tolerance", self.value) < np.inf:
+            raise InvalidParameter(f"tolerance = {self.value:g} is valid from 0")
+
+
+@dataclass(frozen=True)
+class Tolerances:
+    """What is known of a sensor before it is built.
+
+    Parameters
+    ----------
+    sensor
+        What is meant.
+    errors
+        Tolerances by the names of errors (:func:`omnimirror.tolerance.errors.errors_of`).
+    correlations
+        Between pairs of errors, from -1 to 1; they are meant of the normal numbers behind each.
+
+    Raises
+    ------
+    InvalidParameter
+        A name of no error, or correlations that no errors have.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> sensor = om.load_sensor("paper-spherical")
+    >>> tolerances = Tolerances(sensor, {"mirror.decentre_x_mm": ErrorBound(0.1)})
+    >>> values = tolerances.drawn(seed=1, block=0, count=1000)["mirror.decentre_x_mm"]
+    >>> bool(np.abs(values).max() <= 0.1), len(values)
+    (True, 1000)
+    """
+
+    sensor: Sensor
+    errors: Mapping[str, ErrorBound]
+    correlations: Mapping[tuple[str, str], float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        known = errors_of(self.sensor)
+        for name in self.errors:
+            check_name(name, known)
+        if not self.errors:
+            raise InvalidParameter("there is no error in the tolerances; name one at least")
+        self._mixing()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the errors, in their order."""
+        return tuple(self.errors)
+
+    def drawn(self, seed: int, block: int, count: int = BLOCK) -> dict[str, Array]:
+        """Errors of the trials of a block, the same whenever they are drawn.
+
+        Parameters
+        ----------
+        seed
+            Of the whole.
+        block
+            Its number, from 0.
+        count
+            How many of its trials.
+
+        Returns
+        -------
+        dict
+            (count,) by name, in their units.
+        """
+        if not 0 <= count <= BLOCK:
+            raise InvalidParameter(f"a block has {BLOCK} trials, and {count} were asked for")
+        random = np.random.Generator(np.random.Philox(np.random.SeedSequence([seed, block])))
+        return self.at(np.maximum(random.random((BLOCK, len(self.errors)))[:count], LEAST_SHARE))
+
+    def at(self, shares: Array) -> dict[str, Array]:
+        """Errors at shares (t, n) in (0, 1) of independent numbers, one for each error.
+
+        Parameters
+        ----------
+        shares : (t, n)
+            Uniform ones for trials.
+
+        Returns
+        -------
+        dict
+            (t,) by name, in their units.
+        """
+        if self.correlations:
+            from scipy.special import ndtri
+
+            shares = ndtr(ndtri(shares) @ self._mixing().T)
+        columns = zip(self.errors.items(), shares.T, strict=True)
+        return {name: t.value * drawn(t.distribution, np.ascontiguousarray(share)) for (name, t), share in columns}
+
+    def _mixing(self) -> Array:
+        """Root (n, n) of the correlations."""
+        matrix = np.eye(len(self.errors))
+        for (first, second), value in self.correlations.items():
+            for name in (first, second):
+                if name not in self.errors:
+                    raise InvalidParameter(f"the correlation of {first} and {second}: {name} has no tolerance")
+            if first == second or not -1 <= value <= 1:
+                raise InvalidParameter(f"the correlation of {first} and {second} = {value:g} is valid from -1 to 1")
+            i, j = self.names.index(first), self.names.index(second)
+            matrix[i, j] = matrix[j, i] = value
+        values, vectors = np.linalg.eigh(matrix)
+        if values[0] < -1e-9:
+            raise InvalidParameter(
+                "the correlations contradict one another: no errors have all of them; make one smaller"
+            )
+        return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))

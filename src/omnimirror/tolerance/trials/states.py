@@ -1,0 +1,176 @@
+"""What errors do to a sensor: values of errors in, the numbers that trials are traced with out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import InvalidParameter
+from ...lenses import Perspective
+from ...mirrors import ConicAsphere, EvenPolynomial
+from ...mirrors.conics import Conic
+from ...sensor import Sensor
+from .surface import MeridianTable, MirrorSurfaces
+from .tracing import States
+from .zernike import TERMS, noll, zernike_powers
+
+Array = NDArray[np.float64]
+Values = Mapping[str, Array]
+"""Values (t,) of errors by their names, all of one length."""
+
+MM_PER_UM = 1e-3
+
+
+def states_of(sensor: Sensor, values: Values, count: int | None = None) -> States:
+    """Sensors with errors.
+
+    Parameters
+    ----------
+    sensor
+        Without errors; its lens a perspective one, before one mirror.
+    values
+        Of each error by its name (:mod:`omnimirror.tolerance.errors`): (t,), in its unit, added to what is meant.
+    count
+        How many trials, if no error says so.
+
+    Returns
+    -------
+    States
+        (t,)
+
+    Raises
+    ------
+    InvalidParameter
+        A sensor that trials are not traced of, or a sum that no sensor can have.
+    """
+    _check(sensor)
+    trials = next((len(v) for v in values.values()), 1) if count is None else count
+    error = _Errors(values, trials)
+    lens, pose = cast(Perspective, sensor.lens), sensor.mirror_pose
+    shift = error.columns("mirror.decentre_x_mm", "mirror.decentre_y_mm", "mirror.displacement_mm") + pose.shift
+    tilts = error.columns("mirror.tilt_x_deg", "mirror.tilt_y_deg") + np.array([pose.tilt_x_deg, pose.tilt_y_deg])
+    focal = lens.focal_length_mm + error("lens.focal_length_mm")
+    focus = lens.focus_distance_mm + error("lens.focus_distance_mm")
+    f_number = lens.f_number + error("lens.f_number")
+    for name, value, least in (("focal_length_mm", focal, 0.0), ("f_number", f_number, 0.0)):
+        if (value <= least).any():
+            raise InvalidParameter(f"with its errors lens.{name} comes to {value.min():.4g}; it is valid above 0")
+    at = lens.entrance_pupil_mm + error("lens.entrance_pupil_mm")
+    if (focus <= np.maximum(focal, at)).any():
+        raise InvalidParameter(
+            f"with its errors lens.focus_distance_mm comes to {focus.min():.4g}, within the focal length or before the "
+            "entrance pupil; make the errors of lens.focus_distance_mm smaller"
+        )
+    brown = np.array(lens.brown) + error.columns(*(f"lens.{k}" for k in ("k1", "k2", "k3", "p1", "p2")))
+    pupil = np.zeros((trials, 3))
+    pupil[:, 2] = at - sensor.mirror_distance_mm
+    vergence = 1 / (focus - at)
+    principal_distance = focal / (1 - (focal - at) * vergence)
+    return States(
+        _surfaces(sensor, error),
+        _rotations(tilts),
+        shift,
+        pupil,
+        focal / f_number,
+        vergence,
+        brown,
+        _imagers(principal_distance, sensor.imager.pitch_mm, error),
+        focal - at,
+    )
+
+
+class _Errors:
+    """Values by name; 0 of what has no error."""
+
+    def __init__(self, values: Values, count: int) -> None:
+        self.values, self.count = values, count
+
+    def __call__(self, name: str) -> Array:
+        return np.asarray(self.values.get(name, np.zeros(self.count)), dtype=float)
+
+    def columns(self, *names: str) -> Array:
+        """(t, n)"""
+        return np.stack([self(name) for name in names], axis=-1)
+
+
+def _check(sensor: Sensor) -> None:
+    sensor.check_one_mirror("tolerances")
+    if not isinstance(sensor.lens, Perspective):
+        raise InvalidParameter(
+            f"tolerances are computed of perspective lenses, and that of {sensor.name!r} is {sensor.lens.KIND}; valid "
+            "is one of the same focal length and entrance pupil, and for a telecentric one a long one far away"
+        )
+
+
+def _surfaces(sensor: Sensor, error: _Errors) -> MirrorSurfaces:
+    mirror: Any = sensor.mirror
+    rim, zero = mirror.rim_radius_mm, np.zeros(error.count)
+    conic, radius = zero, None
+    polynomial, table = np.zeros((error.count, 0)), None
+    if isinstance(mirror, Conic):
+        radius, conic = mirror.vertex_radius + error("mirror.vertex_radius_mm"), mirror.conic + error("mirror.conic")
+    elif isinstance(mirror, ConicAsphere):
+        radius, conic = mirror.vertex_radius_mm + error("mirror.vertex_radius_mm"), mirror.conic + error("mirror.conic")
+        polynomial = _coefficients(mirror, error, first=2)
+    elif isinstance(mirror, EvenPolynomial):
+        polynomial = _coefficients(mirror, error, first=1)
+    else:
+        table = MeridianTable.of(mirror)
+    if radius is not None and (radius <= 0).any():
+        raise InvalidParameter(f"with its errors mirror.vertex_radius_mm comes to {radius.min():.4g}; valid is above 0")
+    curvature = zero if radius is None else 1 / radius
+    return MirrorSurfaces(rim, curvature, conic, polynomial, _form(error), table)
+
+
+def _coefficients(mirror: EvenPolynomial | ConicAsphere, error: _Errors, first: int) -> Array:
+    """Coefficients (t, terms) of powers 1, 2, .. of (r/rim)^2, mm."""
+    N, rim = mirror.normalization_radius_mm, mirror.rim_radius_mm
+    table = np.zeros((error.count, first - 1 + len(mirror.coefficients)))
+    for i, coefficient in enumerate(mirror.coefficients):
+        power = 2 * (first + i)
+        table[:, first - 1 + i] = (coefficient + error(f"mirror.coefficients[{i}]")) * N * (rim / N) ** power
+    return table
+
+
+def _form(error: _Errors) -> Array:
+    """Powers (t, n) mm of all Zernike terms that err; as many as whole orders need."""
+    terms = [j for j in range(1, TERMS + 1) if f"mirror.zernike_{j}_um" in error.values]
+    order = max((noll(j)[0] for j in terms), default=0)
+    powers = np.zeros((error.count, (order + 1) * (order + 2) // 2))
+    for j in terms:
+        amplitude = MM_PER_UM * error(f"mirror.zernike_{j}_um")
+        powers += amplitude[:, None] * zernike_powers()[j - 1, : powers.shape[1]]
+    return powers
+
+
+def _rotations(tilts_deg: Array) -> Array:
+    """(t, 3, 3) about X, then about Y, as :class:`omnimirror.mirrors.pose.MirrorPose` turns."""
+    (cx, cy), (sx, sy) = np.cos(np.radians(tilts_deg)).T, np.sin(np.radians(tilts_deg)).T
+    zero = np.zeros_like(cx)
+    rows = [[cy, sx * sy, cx * sy], [zero, cx, -sx], [-sy, sx * cy, cx * cy]]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=1)
+
+
+def _imagers(principal_distance: Array, pitch_mm: float, error: _Errors) -> Array:
+    """Homographies (t, 3, 3) from tangents to offsets in px.
+
+    The imager's plane is turned about its centre by ``imager.tilt_x_deg``, ``imager.tilt_y_deg`` and
+    ``imager.rotation_deg`` and then shifted: what is at offset e lies at ``shift + c z + R e``, on the ray of the
+    tangents (x, y, 1) times any length, so that ``(x, y, 1)`` is the first two columns of R and ``c z``, times
+    (e, 1).
+    """
+    tilt = _rotations(error.columns("imager.tilt_x_deg", "imager.tilt_y_deg"))
+    turn = np.radians(error("imager.rotation_deg"))
+    plane = np.zeros((error.count, 3, 3))
+    cos, sin = np.cos(turn), np.sin(turn)
+    plane[:, :, 0] = tilt[:, :, 0] * cos[:, None] + tilt[:, :, 1] * sin[:, None]
+    plane[:, :, 1] = tilt[:, :, 1] * cos[:, None] - tilt[:, :, 0] * sin[:, None]
+    plane[:, 2, 2] = principal_distance
+    offsets = np.asarray(np.linalg.inv(plane), dtype=float)
+    offsets[:, :2] /= pitch_mm * (1 + 1e-6 * error("imager.pitch_ppm"))[:, None, None]
+    shift = error.columns("imager.shift_x_px", "imager.shift_y_px")
+    offsets[:, :2] += shift[:, :, None] * offsets[:, 2:]
+    return offsets
