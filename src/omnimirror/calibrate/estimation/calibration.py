@@ -26,6 +26,8 @@ from .bundle.board_shape import NAMES, BoardShape
 from .bundle.observations import Sighting, rms_px
 from .checks import check_detections, is_used, listed, reason_of
 from .covariance import ParameterCovariance, uncertainty
+from .distances import has_several, viewpoint_costs
+from .ladder.conversion import is_central
 from .ladder.models import KINDS
 from .pipeline import CalibrationPlan, Course, Foreknown, Stopped, Watch, run
 from .results import Calibration, ParameterResult, PictureResult
@@ -34,6 +36,7 @@ Picture = NDArray[Any]
 
 FEW_PICTURES = 6
 OVERFIT = 1.25  # held-out error over that of the fit
+COSTLY = 2.0  # of the noise of corners; what one viewpoint costs below that is not told
 OWN_RIM = "A physical mirror ends at its own rim; the rim at {rim:g} px is not in the camera."
 
 
@@ -271,7 +274,24 @@ def _notes(fit: Adjustment, course: Course, certain: ParameterCovariance, is_com
             f"The error in pictures left out, {held:.3f} px, is well above that of the fit, {fit.rms_px:.3f} px: the "
             "model has more freedom than these pictures determine."
         )
+    notes += _viewpoint_notes(fit, course.wandering)
     notes += [f"{kind} could not be fitted: {why}" for kind, why in course.failures.items()]
     if fit.shape is not None and fit.shape.is_flat_within(certain.sigmas[-len(NAMES) :]):
         notes.append("The board is flat, as far as the pictures show.")
     return tuple(notes)
+
+
+def _viewpoint_notes(fit: Adjustment, wandering: Adjustment | None) -> list[str]:
+    """What is lost at other distances by a camera that has one viewpoint, where the mirror has not."""
+    if wandering is None or not is_central(fit.model) or not has_several(fit, wandering):
+        return []
+    (nearest, farthest), near, far = viewpoint_costs(fit, wandering)
+    if not max(near.rms_px, far.rms_px) > COSTLY * wandering.question.noise_px:
+        return []
+    remedy = "choose the model sensor or viewpoint-spline" if fit.model.looks_back else "choose viewpoint-spline"
+    return [
+        f"{fit.model.KIND} has one viewpoint, and what the pictures show has several: it is right where the boards "
+        f"stood, at {nearest / 1000:.2g} to {farthest / 1000:.2g} m. By {wandering.model.KIND} it is off by "
+        f"{far.rms_px:.1f} px ({far.rms_deg:.2g} deg) rms far away and by {near.rms_px:.1f} px "
+        f"({near.rms_deg:.2g} deg) at {near.distance_mm / 1000:.2g} m. To look nearer or farther, {remedy}, and hold boards there."
+    ]

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..physical import SensorModel
 from .bundle.adjustment import Adjustment
 from .bundle.board_shape import NAMES
 from .leaving_out import HeldOut
@@ -28,23 +29,28 @@ class TriedModel(NamedTuple):
 def chosen(fits: Sequence[tuple[Adjustment, HeldOut | None]]) -> tuple[int, tuple[TriedModel, ...]]:
     """The number of the model with the least held-out error, and why each was chosen or not.
 
-    The simplest one that is no more than 2 % worse than the best is taken: less does not show in other pictures.
+    Of those that are no more than 2 % worse than the best the mirror itself is taken, which is right at all distances;
+    else the simplest: less does not show in other pictures.
     """
     errors = [np.inf if held is None else held.rms_px for _, held in fits]
     counts = [_count(fit) for fit, _ in fits]
     least = min(errors)
-    best = min((i for i, e in enumerate(errors) if e <= (1 + GAIN) * least), key=lambda i: (counts[i], errors[i]))
+    is_mirror = [fit.model.KIND == SensorModel.KIND for fit, _ in fits]
+    alike = [i for i, e in enumerate(errors) if e <= (1 + GAIN) * least]
+    best = min(alike, key=lambda i: (not is_mirror[i], counts[i], errors[i]))
+    merit = "and the mirror itself, right at all distances" if is_mirror[best] else "with fewer parameters"
     candidates = []
     for i, (fit, held) in enumerate(fits):
         worse = 100 * (errors[i] / errors[best] - 1)
         if i == best:
             why = "least error in pictures left out"
             if errors[i] > least:
-                why = f"within {100 * GAIN:.0f} % of the least error in pictures left out, with fewer parameters"
+                why = f"within {100 * GAIN:.0f} % of the least error in pictures left out, {merit}"
         elif held is None:
             why = "the fit alone is worse than that of another model in pictures left out"
         elif worse < 100 * GAIN:
-            why = f"no better by more than {100 * GAIN:.0f} % in pictures left out, with more parameters"
+            less = "with one viewpoint" if counts[i] < counts[best] else "with more parameters"
+            why = f"no better by more than {100 * GAIN:.0f} % in pictures left out, {less}"
         elif fit.rms_px < fits[best][0].rms_px:
             why = f"fits better and predicts {worse:.0f} % worse: it follows the noise"
         else:

@@ -16,6 +16,7 @@ from .bundle.observations import Motion, Sighting
 from .bundle.steps import SETTLED
 from .checks import check_poses, check_still, without_strangers
 from .choice import TriedModel, chosen
+from .ladder.conversion import is_central
 from .ladder.models import JUDGES, KINDS, begun_as
 from .ladder.rungs import ROUGHLY, begun, climbed, field_of
 from .leaving_out import HeldOut, held_out
@@ -77,6 +78,8 @@ class Course:
     outliers: tuple[Outlier, ...] = ()
     candidates: tuple[TriedModel, ...] = ()
     strangers: dict[str, str] = field(default_factory=dict)
+    wandering: Adjustment | None = None
+    """the best fit of several viewpoints"""
     failures: dict[str, str] = field(default_factory=dict)
     """models that could not be fitted: kind and why"""
 
@@ -117,6 +120,9 @@ def run(plan: CalibrationPlan, watch: Watch, course: Course) -> None:
     judge, course.outliers = without_outliers(judge)
     check_still(judge)
     names = {_kind(w) for w in plan.wanted}
+    wandering = [fit for fit in fits.values() if not is_central(fit.model)]
+    if wandering:
+        course.wandering = _frozen(min(wandering, key=lambda fit: fit.question.noise_px), judge, course)
     course.fit = judge if judge.model.KIND in names else course.fit
     _compare({k: _frozen(fit, judge, course) for k, fit in fits.items() if k in names}, plan, watch, course)
     watch.at("done", 1.0)

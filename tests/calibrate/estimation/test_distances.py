@@ -1,0 +1,45 @@
+"""What one viewpoint costs at distances at which no board stood, against the mirror that took the pictures."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import omnimirror as om
+
+from .cases import BOARD
+
+MIRROR = om.load_sensor("paper-spherical")
+
+
+def error_far_away_deg(found: om.Calibration) -> float:
+    """Of directions, rms, over corners' pixels; the frames lie as boards, whose true places are known, tell."""
+    fit = found.adjustment
+    pixels = np.concatenate([s.pixels for s in fit.sightings])
+    rays, looks = MIRROR.backproject(pixels), fit.model.backproject(pixels)
+    both = rays.valid & looks.valid
+    corners = np.concatenate([s.motion(s.points) for s in fit.sightings])[both]
+    world = MIRROR.mount.rotation()
+    starts, ways, looks = (a[both] @ world for a in (rays.origins, rays.directions, looks.directions))
+    shift = np.zeros(3)
+    for _ in range(20):  # corners lie on the true rays, wherever along them
+        along = np.sum((corners - shift - starts) * ways, axis=1)
+        shift = (corners - starts - along[:, None] * ways).mean(axis=0)
+    return float(np.degrees(np.sqrt(np.mean(np.sum((looks - ways) ** 2, axis=1)))))
+
+
+def test_what_one_viewpoint_costs_far_away_is_told():
+    seen = om.simulate_detections(MIRROR, BOARD, 10, noise_px=0.1, seed=1)
+    found = om.calibrate_camera(seen, BOARD, model="kannala-brandt", board_shape=False)
+    (note,) = [n for n in found.notes if "one viewpoint" in n]
+    assert "choose the model sensor or viewpoint-spline" in note
+    told = float(note.split("px (")[1].split(" deg")[0])
+    assert told == pytest.approx(error_far_away_deg(found), rel=0.35)
+    assert told > 0.5
+
+
+def test_a_camera_with_one_viewpoint_is_not_told_to_have_several():
+    truth = om.load_sensor("paraboloid-telecentric")
+    seen = om.simulate_detections(truth, BOARD, 8, noise_px=0.1, seed=1)
+    found = om.calibrate_camera(seen, BOARD, model="unified", board_shape=False)
+    assert not [n for n in found.notes if "viewpoint" in n]
