@@ -19,9 +19,11 @@ from .mirrors import Mirror, Secondary
 from .mirrors.pose import MirrorPose
 from .numerics.lazy import cached_property
 from .parameters import Uncertainty
+from .tracing.covered import CoveredMirror
+from .tracing.covers import Cover
 from .tracing.folded import FoldedMirror
 from .tracing.meridian import ROUNDING, ChiefRays, Meridian
-from .tracing.obscuration import Obscuration, Obstructions, clear_field_deg, obscured_rings
+from .tracing.obscuration import Obscuration, Obstructions, clear_field_deg, cover_of, obscured_rings
 from .tracing.posed import PosedMirror
 from .tracing.reflection import Ends
 from .tracing.two_mirrors import TwoMirrorMeridian
@@ -112,16 +114,23 @@ class Sensor:
         InvalidParameter
             If the mirror is decentred or tilted: what holds in one meridian then holds in none.
         """
-        if not self.mirror_pose.is_axial:
+        if not self.is_axial:
+            part = "cover" if self.mirror_pose.is_axial else "mirror"
             raise InvalidParameter(
-                f"the mirror of {self.name!r} is decentred or tilted, and field angles from axis to rim belong to an "
-                "aligned one: take sensor.aligned(), which leaves [mirror_pose] out, or what traces in space "
+                f"the {part} of {self.name!r} is decentred or tilted, and field angles from axis to rim belong to an "
+                "aligned one: take sensor.aligned(), which leaves its pose out, or what traces in space "
                 "(evaluation by om.evaluate_camera of its om.SensorModel, rays, pictures, spots, MTF)"
             )
         m = self.mirror_distance_mm + self.mirror_pose.displacement_mm
         if self.secondary is None:
-            return Meridian(self.mirror, m, self.lens.pupil)
-        return TwoMirrorMeridian(self.mirror, m, self.lens.pupil, secondary=self.secondary)
+            return Meridian(self.mirror, m, self.lens.pupil, cover=self._cover)
+        return TwoMirrorMeridian(self.mirror, m, self.lens.pupil, cover=self._cover, secondary=self.secondary)
+
+    @property
+    def _cover(self) -> Cover | None:
+        """The tube or the dome that the light passes, in the frame of the mirror."""
+        cover = cover_of(self.obstructions) if self.housing.shell is not None else None
+        return None if cover is None else cover.moved(self.mirror_pose.displacement_mm)
 
     def with_lens(self, lens: Lens) -> Sensor:
         """The same sensor with another lens at the same place; what its mirrors do is not worked out anew.
@@ -160,15 +169,23 @@ class Sensor:
                 "evaluation, spots, pictures and straightening are valid for both, and the sensor without its secondary"
             )
 
+    @property
+    def is_axial(self) -> bool:
+        """Whether mirror, lens and cover share one axis."""
+        shell = self.housing.shell
+        return self.mirror_pose.is_axial and (shell is None or shell.is_axial)
+
     def aligned(self) -> Sensor:
-        """The same sensor with its mirror perfectly mounted.
+        """The same sensor with its mirror, and its tube or dome, perfectly mounted.
 
         Returns
         -------
         Sensor
             With its mirror in place.
         """
-        return replace(self, mirror_pose=MirrorPose())
+        shell = self.housing.shell
+        housing = self.housing if shell is None else replace(self.housing, shell=shell.centred())
+        return replace(self, mirror_pose=MirrorPose(), housing=housing)
 
     @property
     def field_deg(self) -> tuple[float, float]:
@@ -353,7 +370,7 @@ class Sensor:
     @property
     def symmetry(self) -> AxialSymmetry | None:
         """The mirror axis, about which the sensor is symmetric; None for a decentred or tilted mirror or lens."""
-        if not (self.mirror_pose.is_axial and self.lens.is_symmetric):
+        if not (self.is_axial and self.lens.is_symmetric):
             return None
 
         def rays(omega: Array) -> ChiefRays:
@@ -363,8 +380,8 @@ class Sensor:
             return self.image_height_px(rays(omega))
 
         def origin_mm(omega: Array) -> tuple[Array, Array]:
-            chief = rays(omega)
-            return chief.x, -chief.z - self.mirror_pose.displacement_mm
+            x, z = rays(omega).start
+            return x, -z - self.mirror_pose.displacement_mm
 
         u, v = self.imager.centre
         centre = (self.imager.width_px - 1 - u, v) if self.mount.image_flipped else (u, v)
@@ -396,7 +413,7 @@ class Sensor:
         return axes
 
     def backproject(self, pixels: ArrayLike) -> Rays:
-        """Rays of pixels (n, 2) px into the world: from their mirror points (mm) to the object.
+        """Rays of pixels (n, 2) px into the world: from their mirror points (mm) to the object, or from the cover.
 
         Pixels outside the image of the rim or outside the picture are not valid and NaN.
 
@@ -416,7 +433,7 @@ class Sensor:
             Pixels of another shape.
         """
         pixels = vectors("pixels", pixels, 2)
-        if not self.mirror_pose.is_axial:
+        if not self.is_axial:
             return self.aperture_rays(pixels, np.zeros(2))
         image = np.stack(self.from_centre_px(pixels), axis=-1) * self.imager.pitch_mm
         radius, cos, sin = _unit(*np.moveaxis(self.lens.undistorted(image), -1, 0))
@@ -427,9 +444,10 @@ class Sensor:
         origins, directions = np.full((2, *radius.shape, 3), np.nan)
         rays = self.meridian.trace(self._x_from_ideal_mm(np.clip(radius[valid], inner, outer)))
         cos, sin = cos[valid], sin[valid]
-        s, z = np.sin(rays.omega), rays.z + self.mirror_pose.displacement_mm
+        s, (x, z) = np.sin(rays.omega), rays.last
+        z = z + self.mirror_pose.displacement_mm
         rotation = self._axes.T
-        origins[valid] = turned(np.stack([rays.x * cos, rays.x * sin, z], axis=-1), rotation)
+        origins[valid] = turned(np.stack([x * cos, x * sin, z], axis=-1), rotation)
         directions[valid] = turned(np.stack([s * cos, s * sin, -np.cos(rays.omega)], axis=-1), rotation)
         return Rays(origins, directions, valid)
 
@@ -452,7 +470,7 @@ class Sensor:
             Points of another shape.
         """
         points = turned(vectors("points_mm", points_mm, 3), self._axes)
-        if not self.mirror_pose.is_axial:
+        if not self.is_axial:
             return self._project_in_space(points, distant=False)
         x, y, z = np.moveaxis(points, -1, 0)
         distance, cos, sin = _unit(x, y)
@@ -477,7 +495,7 @@ class Sensor:
             Directions of another shape.
         """
         towards = turned(vectors("directions", directions, 3), self._axes)
-        if not self.mirror_pose.is_axial:
+        if not self.is_axial:
             return self._project_in_space(towards, distant=True)
         x, y, z = np.moveaxis(towards, -1, 0)
         distance, cos, sin = _unit(x, y)
@@ -508,6 +526,29 @@ class Sensor:
         if self.secondary is not None:
             return FoldedMirror(self.mirror, self.secondary, self.mirror_distance_mm, self.lens.pupil)
         return PosedMirror(self.mirror, self.mirror_pose)
+
+    @property
+    def seen_mirror(self) -> PosedMirror | FoldedMirror | CoveredMirror:
+        """The mirror as it is seen from outside: through the tube or the dome of the housing, if there is one.
+
+        Raises
+        ------
+        InvalidParameter
+            For two mirrors in a tube.
+        """
+        if self.housing.shell is None:
+            return self.posed_mirror
+        self.check_one_mirror("tracing in space through a tube or a dome")
+        standing = self.obstructions
+        assert standing.housing.shell is not None
+        envelope = standing.envelope
+        return CoveredMirror(
+            PosedMirror(self.mirror, self.mirror_pose),
+            standing.housing.shell,
+            (envelope.base_mm, envelope.back_mm),
+            self.mirror_distance_mm,
+            self.lens.pupil,
+        )
 
     @property
     def lens_offset(self) -> Array:
@@ -616,7 +657,7 @@ class Sensor:
         pupil = np.broadcast_to(np.asarray(pupil, dtype=float), pixels.shape).reshape(-1, 2)
         valid = inside_image(flat, self.image_size)
         origins, directions = np.full((2, *flat.shape[:-1], 3), np.nan)
-        found = self.posed_mirror.trace(*self.lens_rays(flat[valid], pupil[valid]))
+        found = self.seen_mirror.trace(*self.lens_rays(flat[valid], pupil[valid]))
         rotation = self._axes.T
         origins[valid] = turned(found.points, rotation)
         directions[valid] = turned(found.directions, rotation)
@@ -626,7 +667,7 @@ class Sensor:
 
     def _project_in_space(self, targets: Array, distant: bool) -> Projection:
         """Pixels of points or directions (n, 3) of the camera frame."""
-        found = self.posed_mirror.specular(
+        found = self.seen_mirror.specular(
             self.entrance_pupil_points(np.zeros((1, 2))), Ends.of(targets.reshape(-1, 3), distant)
         )
         offsets = self.lens.image_of(found.seen_at - self.lens_offset, found.to_pupils) / self.imager.pitch_mm

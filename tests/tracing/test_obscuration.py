@@ -78,7 +78,9 @@ def marched(sensor, discs, rods, omega_deg):
     """What hides a field angle of the sensor."""
     rays = sensor.meridian.trace(sensor.meridian.x_from_omega(np.radians([omega_deg])))
     point = np.array([rays.x[0], 0.0, rays.z[0]])
-    out = np.array([np.sin(rays.omega[0]), 0.0, -np.cos(rays.omega[0])])
+    slope = np.arctan(sensor.mirror.slope(rays.x[0]))
+    inside = 2 * slope + np.arctan2(rays.x[0], rays.z[0] - LENS)  # what is hidden never comes to a dome's wall
+    out = np.array([np.sin(inside), 0.0, -np.cos(inside)])
     return met(discs, rods, point, out, np.array([0.0, 0.0, LENS]))
 
 

@@ -247,6 +247,11 @@ class FoldedMirror:
                 section /= np.einsum("ni,ni->n", targets.xyz - found.points, targets.xyz - found.points)
         return section
 
+    def objects_at(self, found: Specular, distances: Array) -> Array:
+        """Objects (n, 3) at distances (n,) mm from their points of the primary, on the rays of those found."""
+        objects: Array = found.points + distances[:, None] * found.to_targets
+        return objects
+
     def beyond_edge_mm(self, points: Array, seen_at: Array) -> Array:
         """How far (...,) points of the primary, or those of the secondary, lie beyond their rims or inside the bore."""
         pairs = ((points, self.mirror), (seen_at, self.secondary.mirror))

@@ -7,7 +7,7 @@ mirror vertex, infinite under an orthographic lens. Chief rays aim at the entran
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
@@ -19,6 +19,7 @@ from ..mirrors import Mirror
 from ..mirrors.base import sagittal_radius, tangential_radius
 from ..numerics.lazy import cached_property
 from ..numerics.roots import increasing_root
+from .covers import Cover, Outside
 from .proofs import stops_growing
 
 Array = NDArray[np.float64]
@@ -37,6 +38,7 @@ class ChiefRays:
     from -z (Eqs. 1-5), ``w`` the axial distance from entrance pupil to mirror point (m + z where that lies in the
     reference point), ``path`` the way to what sees the mirror: the pupil, or the chief rays ``seen_in`` of a second
     mirror in which the lens sees the first (:mod:`.two_mirrors`); ``drift`` the pupil's motion, mm per radian of theta.
+    Behind a cover ``omega`` is the angle ``outside`` it.
     """
 
     x: Array
@@ -52,6 +54,7 @@ class ChiefRays:
     path: Array
     seen_in: ChiefRays | None = None
     drift: Array | float = 0.0
+    outside: Outside | None = None
 
     @property
     def first(self) -> ChiefRays:
@@ -75,19 +78,46 @@ class ChiefRays:
 
     def domega_dx(self) -> Array:
         """dOmega/dx, 1/mm."""
+        return self.dreflected_dx() if self.outside is None else self.outside.rate
+
+    @property
+    def reflected(self) -> Array:
+        """The angle (n,) from -z at which they leave the mirror: omega, unless they pass a cover."""
+        return self.beta + self.gamma
+
+    def dreflected_dx(self) -> Array:
+        """How fast that angle changes with x, 1/mm."""
         return 2 * self.curvature / (1 + self.slope**2) + self._dtheta_dx()
 
     def _dtheta_dx(self) -> Array:
         return (np.cos(self.theta) - self.slope * np.sin(self.theta)) / self.pupil_distance()
+
+    @property
+    def start(self) -> tuple[Array, Array]:
+        """Where (x, z) the straight ray into the world begins: the mirror point, or near it behind a cover."""
+        return (self.x, self.z) if self.outside is None else (self.outside.x, self.outside.z)
+
+    @property
+    def last(self) -> tuple[Array, Array]:
+        """Where (x, z) they last meet something of the sensor: the mirror, or the outer side of a cover."""
+        if self.outside is None:
+            return self.x, self.z
+        reach = self.outside.reach
+        return self.outside.x + reach * np.sin(self.omega), self.outside.z - reach * np.cos(self.omega)
+
+    def spread(self) -> Array:
+        """How far apart neighbours are there, across the ray, per mm of mirror."""
+        return np.cos(self.gamma) / np.cos(self.beta) if self.outside is None else self.outside.spread
 
     def viewpoint_offset(self) -> Array:
         """Distance z_v - z (mm) from the mirror point's height to where its ray meets the axis: x / tan(Omega).
 
         On the axis of a smooth mirror the limit m R/(2 m + R) is taken, at a point 0.
         """
+        x, z = self.start
         with np.errstate(divide="ignore", invalid="ignore"):
-            offset = self.x / np.tan(self.omega)
-            on_axis = np.where(self.slope == 0.0, 1 / self.domega_dx(), 0.0)
+            offset = x / np.tan(self.omega) + (z - self.z)
+            on_axis = np.where(self.slope == 0.0, self.spread() / self.domega_dx(), 0.0)
         return np.where(self.x == 0.0, on_axis, offset)
 
     def radius_t(self) -> Array:
@@ -127,11 +157,14 @@ class Meridian:
     mirror: Mirror
     m: float
     pupil: EntrancePupil = IN_REFERENCE_POINT
+    cover: Cover | None = field(default=None, kw_only=True)
 
     @cached_property
     def _table(self) -> ChiefRays:
         table = checked(self._rays(np.linspace(self.x_min, self.mirror.rim_radius_mm, NODES)))
         self._check_between_nodes()
+        if self.cover is not None:
+            self.cover.check(table)
         return table
 
     def _check_between_nodes(self) -> None:
@@ -149,13 +182,22 @@ class Meridian:
             x = np.concatenate([np.linspace(a, b, BETWEEN, endpoint=False) for a, b in pairwise(breaks)])
             checked(self._rays(np.append(x[x > self.x_min], breaks[-1])))
 
-    @property
+    @cached_property
     def x_min(self) -> float:
         """Where on the mirror the field begins, mm from the axis."""
-        return 0.0
+        return self._first_outside(0.0)
+
+    def _first_outside(self, start: float) -> float:
+        """Where it begins if the mirror shows something from ``start`` on."""
+        if self.cover is None:
+            return start
+        return self.cover.first_seen(self._rays, start, self.mirror.rim_radius_mm)
 
     def _rays(self, x: Array) -> ChiefRays:
-        return trace_chief_rays(self.mirror, self.m, x, self.pupil)
+        return self._through_cover(trace_chief_rays(self.mirror, self.m, x, self.pupil))
+
+    def _through_cover(self, rays: ChiefRays) -> ChiefRays:
+        return rays if self.cover is None else self.cover.left_by(rays)
 
     @property
     def omega_min(self) -> float:
@@ -249,9 +291,10 @@ class Meridian:
 
         def difference(x: Array, xt: Array, zt: Array) -> tuple[Array, Array]:
             rays = self._rays(x)
-            phi, distance = _direction(xt - x, zt - rays.z)
+            x_start, z_start = rays.start
+            phi, distance = _direction(xt - x_start, zt - z_start)
             with np.errstate(divide="ignore"):
-                rate = np.cos(rays.gamma) / (np.cos(rays.beta) * distance)
+                rate = rays.spread() / distance
             return rays.omega - phi, rays.domega_dx() + rate
 
         start, edge = np.full_like(x_t, self.x_min), np.full_like(x_t, rim)
@@ -263,12 +306,14 @@ class Meridian:
         if seen.any():
             xt, zt = x_t[seen], z_t[seen]
             x[seen] = increasing_root(
-                lambda x: difference(x, xt, zt), start[seen], edge[seen], self._first_guess(xt, zt), rim
+                lambda x: difference(x, xt, zt), start[seen], edge[seen], self.first_guess(xt, zt), rim
             )
+            if self.cover is not None:
+                x[seen] = np.where(self.cover.leads_to(self._rays(x[seen]), xt, zt), x[seen], np.nan)
         return x
 
-    def _first_guess(self, x_t: Array, z_t: Array) -> Array:
-        """Where the point would be seen from one viewpoint, a middle one."""
+    def first_guess(self, x_t: Array, z_t: Array) -> Array:
+        """Mirror points (n,) mm in which points would be seen from one viewpoint, a middle one."""
         middle = self._table.z[NODES // 2] + self._table.viewpoint_offset()[NODES // 2]
         omega, _ = _direction(x_t, z_t - middle)
         return np.interp(omega, self._table.omega, self._table.x)
@@ -315,7 +360,7 @@ def _check_front_side(rays: ChiefRays) -> None:
 
 
 def _check_one_to_one(rays: ChiefRays) -> None:
-    falling = rays.domega_dx() <= 0
+    falling = rays.dreflected_dx() <= 0
     falling[0] &= rays.slope[0] == 0  # at the very point of a pointed mirror the mapping may start square
     if not falling.any():
         return

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from ..housing import LENS_AT_RIMS, CameraBody, Envelope, Housing, Rim
 from ..mirrors import Mirror, Secondary
 from ..mirrors.pose import MirrorPose
+from .covers import Cover
 from .meridian import ChiefRays, Meridian
 
 Array = NDArray[np.float64]
@@ -60,8 +61,8 @@ class Disc(NamedTuple):
     def clearance(self, rays: ChiefRays, shift_mm: float) -> Array:
         """By how much (n,), mm, chief rays pass it on their way into the world; ``shift_mm`` is the mirror's."""
         way = -1.0 if self.stops_rising else 1.0
-        cosine = way * np.cos(rays.omega)
-        distance = rays.x * cosine + way * (rays.z + shift_mm - self.height_mm) * np.sin(rays.omega)
+        cosine = way * np.cos(rays.reflected)
+        distance = rays.x * cosine + way * (rays.z + shift_mm - self.height_mm) * np.sin(rays.reflected)
         return np.where(cosine > 0, disc_clearance(distance, cosine, self.radius_mm), np.inf)
 
     def met_by(self, points: Array, directions: Array) -> tuple[Mask, Array]:
@@ -221,6 +222,12 @@ class Obstructions:
         if self.rod is not None:
             meets |= self.rod.met_by(points, directions) | self.rod.met_by(points, towards_lens)
         return meets
+
+
+def cover_of(obstructions: Obstructions) -> Cover | None:
+    """The tube or the dome of a housing that fits its sensor, in the meridian; None where there is none."""
+    shell, envelope = obstructions.housing.shell, obstructions.envelope
+    return None if shell is None else Cover(shell.centred(), envelope.base_mm, envelope.back_mm)
 
 
 def envelope_of(housing: Housing, mirror: Mirror, secondary: Secondary | None, mirror_distance_mm: float) -> Envelope:

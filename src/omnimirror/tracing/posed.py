@@ -74,6 +74,11 @@ class PosedMirror:
             section /= np.einsum("ni,ni->n", targets.xyz - found.points, targets.xyz - found.points)
         return section
 
+    def objects_at(self, found: Specular, distances: Array) -> Array:
+        """Objects (n, 3) at distances (n,) mm from their mirror points, on the rays of those found."""
+        objects: Array = found.points + distances[:, None] * found.to_targets
+        return objects
+
     def beyond_edge_mm(self, points: Array, seen_at: Array) -> Array:
         """How far (...,) points lie beyond the rim, from the mirror's own axis; below 0 within."""
         inside = self.pose.to_mirror(points)

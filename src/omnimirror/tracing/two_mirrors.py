@@ -54,9 +54,10 @@ class TwoMirrorMeridian(Meridian):
         beta, theta = np.arctan(slope), second.omega
         gamma = beta + theta
         path = np.hypot(x - second.x, below - second.z)
-        return ChiefRays(
+        rays = ChiefRays(
             x, z, slope, curvature, self.m, self.m + z, beta, theta, gamma, beta + gamma, path, seen_in=second
         )
+        return self._through_cover(rays)
 
     def x_from_first(self, x_mm: ArrayLike) -> Array:
         second = self.seen.trace(x_mm)
@@ -93,7 +94,7 @@ class TwoMirrorMeridian(Meridian):
                 f"secondary and camera hide the whole mirror, whose rim_radius_mm is {rim:g}; the secondary's rim and "
                 "bore_radius_mm must be smaller, or distance_mm larger"
             )
-        return start
+        return self._first_outside(start)
 
     def _first_clear(self, x: Array, clearance: Callable[[ChiefRays], Array]) -> float:
         """Least mirror point from which a clearance (n,), mm, is kept to the rim; the rim if nowhere."""
@@ -115,9 +116,9 @@ class TwoMirrorMeridian(Meridian):
         """How far (n,), mm, rays from the object pass the secondary; inf for those that rise towards the mirror."""
         x = np.linspace(0.0, self.secondary.mirror.rim_radius_mm, PROFILE)
         with np.errstate(over="ignore"):
-            along = rays.x[:, None] + (rays.z[:, None] - self.secondary.height(x)) * np.tan(rays.omega)[:, None]
+            along = rays.x[:, None] + (rays.z[:, None] - self.secondary.height(x)) * np.tan(rays.reflected)[:, None]
         clear: Array = (along - x).min(axis=1)
-        return np.where(rays.omega < np.pi / 2, clear, np.inf)
+        return np.where(rays.reflected < np.pi / 2, clear, np.inf)
 
     # -- what cannot be used ---------------------------------------------------------------------
 

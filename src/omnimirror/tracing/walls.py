@@ -9,31 +9,38 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InvalidParameter
 from ..housing import Shell, Tube
+from ..mirrors.pose import MirrorPose
 
 Array = NDArray[np.float64]
 
 AXIS = np.array([0.0, 0.0, 1.0])
 
 
-def wall_transmission(incidence: ArrayLike, refractive_index: float, behind: ArrayLike | None = None) -> Array:
+def wall_transmission(
+    incidence: ArrayLike, refractive_index: float, behind: ArrayLike | None = None, medium_index: float = 1.0
+) -> Array:
     """Share of unpolarised light (n,) that passes a clear wall, at angles of incidence in radians.
 
     Fresnel's formulas; the reflections between both sides are summed for each polarisation. What does not pass is
-    thrown back. A bent wall is left at an angle ``behind`` that differs from that of incidence.
+    thrown back. A bent wall, or one before another medium than air, is left at an angle ``behind`` that differs from
+    that of incidence.
 
     >>> wall_transmission(np.radians([0.0, 45.0]), 1.5).round(4)  # 12/13 straight through
     array([0.9231, 0.9073])
     """
     first = _fresnel(np.asarray(incidence, dtype=float), refractive_index)
-    second = first if behind is None else _fresnel(np.asarray(behind, dtype=float), refractive_index)
+    second = first
+    if behind is not None:
+        second = _fresnel(np.asarray(behind, dtype=float), refractive_index / medium_index)
     each = [(1 - a) * (1 - b) / np.maximum(1 - a * b, 1e-300) for a, b in zip(first, second, strict=True)]
     passed: Array = (each[0] + each[1]) / 2
     return passed
 
 
 def _fresnel(angle: Array, refractive_index: float) -> tuple[Array, Array]:
-    """Reflectances of one side for both polarisations, at angles in the air."""
-    n, cos_i, cos_t = refractive_index, np.cos(angle), np.sqrt(1 - (np.sin(angle) / refractive_index) ** 2)
+    """Reflectances of one side for both polarisations, at angles outside, by the index relative to there."""
+    n, cos_i = refractive_index, np.cos(angle)
+    cos_t = np.sqrt(np.maximum(1 - (np.sin(angle) / n) ** 2, 0.0))
     return ((cos_i - n * cos_t) / (cos_i + n * cos_t)) ** 2, ((n * cos_i - cos_t) / (n * cos_i + cos_t)) ** 2
 
 
@@ -86,24 +93,56 @@ def passage(shell: Shell, points: Array, directions: Array) -> Passage:
     InvalidParameter
         A ray starts outside.
     """
-    inner, outer = shell.radii_mm
-    if isinstance(shell, Tube):
-        _check_inside("tube's axis", np.hypot(points[:, 0], points[:, 1]), inner)
-        return through_tube(points, directions, AXIS, outer, shell.wall_mm, shell.refractive_index)
-    near, far = (AXIS * height for height in shell.centres_mm)
-    _check_inside("dome's centre", np.linalg.norm(points - near, axis=1), inner)
-    return through_dome(points, directions, (near, inner), (far, outer), shell.refractive_index)
-
-
-def _check_inside(what: str, distances: Array, radius: float) -> None:
+    distances, radius = _from_middle(shell, points), shell.radii_mm[0]
     if (distances > radius).any():
         raise InvalidParameter(
-            f"a ray starts {distances.max():.4g} mm from the {what}, and its inner radius is {radius:g} mm"
+            f"a ray starts {distances.max():.4g} mm from the {'axis' if isinstance(shell, Tube) else 'centre'} of the "
+            f"{shell.KIND}, and its inner radius is {radius:g} mm"
         )
+    return let_out(shell, points, directions)
+
+
+def let_out(shell: Shell, points: Array, directions: Array) -> Passage:
+    """The same, and nothing passes of rays that start outside."""
+    if not shell.is_axial:
+        pose = pose_of(shell)
+        found = let_out(shell.centred(), pose.to_mirror(points), pose.turned_to_mirror(directions))
+        places, ways = pose.to_camera, pose.turned_to_camera
+        return Passage(
+            places(found.points), ways(found.directions), places(found.met), ways(found.thrown_back), found.passed
+        )
+    inner, outer = shell.radii_mm
+    indices = shell.index, shell.outer_index
+    if isinstance(shell, Tube):
+        found = through_tube(points, directions, AXIS, outer, shell.wall_mm, *indices)
+    else:
+        near, far = (AXIS * height for height in shell.centres_mm)
+        found = through_dome(points, directions, (near, inner), (far, outer), *indices)
+    return found._replace(passed=np.where(_from_middle(shell, points) > inner, 0.0, found.passed))
+
+
+def pose_of(shell: Shell) -> MirrorPose:
+    """Where a tube or a dome sits, said as of a mirror."""
+    return MirrorPose(shell.decentre_x_mm, shell.decentre_y_mm, 0.0, shell.tilt_x_deg, shell.tilt_y_deg)
+
+
+def _from_middle(shell: Shell, points: Array) -> Array:
+    """Distances (n,) of points from a tube's axis or the centre of a dome's inner side."""
+    inside = points if shell.is_axial else pose_of(shell).to_mirror(points)
+    if isinstance(shell, Tube):
+        return np.hypot(inside[:, 0], inside[:, 1])
+    distances: Array = np.linalg.norm(inside - AXIS * shell.centres_mm[0], axis=1)
+    return distances
 
 
 def through_tube(
-    points: Array, directions: Array, axis: Array, outer_radius: float, wall: float, refractive_index: float
+    points: Array,
+    directions: Array,
+    axis: Array,
+    outer_radius: float,
+    wall: float,
+    refractive_index: float,
+    medium_index: float = 1.0,
 ) -> Passage:
     """Rays from inside a tube about an axis through the origin, traced out through its wall by Snell's law.
 
@@ -113,17 +152,19 @@ def through_tube(
     axis : (3,) unit vector
     outer_radius, wall
         In the unit of the points.
-    refractive_index
+    refractive_index, medium_index
+        Of the wall, and of what is outside.
     """
     d = directions / np.linalg.norm(directions, axis=1, keepdims=True)
     across = np.linalg.norm(np.cross(d, axis), axis=1) > 1e-9
     met, inwards = _meet(points, d, axis, outer_radius - wall)
     inside = _refracted(d, inwards, 1 / refractive_index)
     left, normal = _meet(met, inside, axis, outer_radius)
-    out = _refracted(inside, normal, refractive_index)
-    cosine = -np.einsum("ni,ni->n", d, inwards)
+    out = _refracted(inside, normal, refractive_index / medium_index)
+    cosine, behind = (-np.einsum("ni,ni->n", *pair) for pair in ((d, inwards), (out, normal)))
     back = d + 2 * cosine[:, None] * inwards
-    passed = wall_transmission(np.arccos(np.clip(cosine, 0, 1)), refractive_index)
+    angles = (np.arccos(np.clip(c, 0, 1)) for c in (cosine, behind))
+    passed = wall_transmission(next(angles), refractive_index, next(angles), medium_index)
     keep = across[:, None]
     return Passage(
         np.where(keep, left, points),
@@ -140,6 +181,7 @@ def through_dome(
     inner: tuple[Array, float],
     outer: tuple[Array, float],
     refractive_index: float,
+    medium_index: float = 1.0,
 ) -> Passage:
     """Rays from inside a dome, traced out through its two spheres by Snell's law.
 
@@ -148,7 +190,8 @@ def through_dome(
     points, directions : (n, 3)
     inner, outer
         Centre (3,) and radius of either sphere, in the unit of the points.
-    refractive_index
+    refractive_index, medium_index
+        Of the wall, and of what is outside.
 
     Notes
     -----
@@ -159,10 +202,10 @@ def through_dome(
     met, inwards = _meet_sphere(points, d, *inner)
     inside = _refracted(d, inwards, 1 / refractive_index)
     left, normal = _meet_sphere(met, inside, *outer)
-    out = _refracted(inside, normal, refractive_index)
+    out = _refracted(inside, normal, refractive_index / medium_index)
     cos_before, cos_behind = (-np.einsum("ni,ni->n", *pair) for pair in ((d, inwards), (out, normal)))
     before, behind = (np.arccos(np.clip(c, 0, 1)) for c in (cos_before, cos_behind))
-    passed = wall_transmission(before, refractive_index, behind)
+    passed = wall_transmission(before, refractive_index, behind, medium_index)
     return Passage(left, out, met, d + 2 * cos_before[:, None] * inwards, passed)
 
 

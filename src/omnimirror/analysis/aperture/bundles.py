@@ -23,6 +23,7 @@ from .pupil import Pupil
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
+NEAR = 1e6  # mm, in place of an infinite distance where it is not asked for
 STEP = 1e-4  # radians; central differences of the mapping then err by 1e-8
 
 
@@ -71,9 +72,12 @@ class Bundles:
 
     def chief_path(self) -> Array:
         """Length (k,) of the chief ray's path of light, counted as :attr:`path` is."""
-        along = np.einsum("ki,ki->k", self.chief.to_targets, self.chief.points)
-        to_eye = self.chief.path + along  # the chief rays' own object is distant
-        path: Array = to_eye + np.where(np.isfinite(self.object_distance_mm), self.object_distance_mm, -along)
+        path: Array = self.chief.path.copy()  # the chief rays' own object is distant
+        near = np.isfinite(self.object_distance_mm)
+        if near.any():
+            distances = np.where(near, self.object_distance_mm, NEAR)
+            objects = self.sensor.seen_mirror.objects_at(self.chief, distances)[near]
+            path[near] = _specular(self.sensor, np.zeros((1, 2)), Ends(objects), self.chief.points[near]).path
         return path
 
     def axes(self) -> Array:
@@ -162,12 +166,12 @@ def _aperture(sensor: Sensor, pupil: Pupil, chief: Specular, towards: Array, p: 
     k, n = len(p), len(pupil.points)
     parts: list[Specular] = []
     density = np.empty((k, n))
-    objects = chief.points + np.where(np.isfinite(p), p, 0.0)[:, None] * chief.to_targets
+    objects = sensor.seen_mirror.objects_at(chief, np.where(np.isfinite(p), p, NEAR))
     for i in range(k):
         target = Ends(towards[i : i + 1], True) if np.isinf(p[i]) else Ends(objects[i : i + 1])
         found = _specular(sensor, pupil.points, target, chief.points[i])
         motion = sensor.lens.entrance_pupil_motion(pupil.points)
-        density[i] = sensor.posed_mirror.beam(sensor.entrance_pupil_points(pupil.points), target, found, motion)
+        density[i] = sensor.seen_mirror.beam(sensor.entrance_pupil_points(pupil.points), target, found, motion)
         parts.append(found)
     return Specular(*(np.concatenate(columns) for columns in zip(*parts, strict=True))), density
 
@@ -179,4 +183,4 @@ def _named(omega: Array, azimuth: Array, fine: Mask) -> str:
 
 
 def _specular(sensor: Sensor, pupil: Array, targets: Ends, start: Array | None = None) -> Specular:
-    return sensor.posed_mirror.specular(sensor.entrance_pupil_points(pupil), targets, start)
+    return sensor.seen_mirror.specular(sensor.entrance_pupil_points(pupil), targets, start)

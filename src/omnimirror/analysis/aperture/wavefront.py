@@ -141,7 +141,7 @@ def wavefronts(bundles: Bundles, focus_mm: float) -> list[Wavefront]:
     chief = bundles.chief_mm(sensor)
     landing = np.einsum("knc,kac->kna", bundles.image_mm(sensor) - chief[:, None], turn)
     phase = _phase(bundles, sensor, chief)
-    beyond = sensor.posed_mirror.beyond_edge_mm(bundles.points, bundles.seen_at)
+    beyond = sensor.seen_mirror.beyond_edge_mm(bundles.points, bundles.seen_at)
     found = []
     for i in range(len(chief)):
         columns = np.column_stack([phase[i], landing[i], beyond[i], bundles.density[i]])

@@ -31,12 +31,13 @@ class VirtualImages(NamedTuple):
 def virtual_images(rays: ChiefRays, object_distance: ArrayLike = np.inf) -> VirtualImages:
     """Tangential and sagittal images of objects at a distance p (mm) from their mirror points.
 
-    ``-1/p + 1/q_t = 2/(R_t cos gamma)`` and ``-1/p + 1/q_s = 2 cos gamma / R_s`` (Eqs. 15, 19).
+    ``-1/p + 1/q_t = 2/(R_t cos gamma)`` and ``-1/p + 1/q_s = 2 cos gamma / R_s`` (Eqs. 15, 19). Through a cover p
+    counts along the chief ray, and each side of it refracts the wavefront first (Coddington).
 
     Raises
     ------
     InvalidParameter
-        A distance that is not above 0; infinity is allowed and common.
+        A distance that is not above 0, or inside a cover; infinity is allowed and common.
 
     Examples
     --------
@@ -52,7 +53,7 @@ def virtual_images(rays: ChiefRays, object_distance: ArrayLike = np.inf) -> Virt
     if not np.all(p > 0):
         bad = np.atleast_1d(p)[np.atleast_1d(~(p > 0))][0]
         raise InvalidParameter(f"object_distance_mm = {bad:g} is not a distance; it is valid above 0, and inf")
-    return _images(rays, p, p)
+    return _images(rays, *((p, p) if rays.outside is None else rays.outside.seen_at(p)))
 
 
 def distances_from_lens(rays: ChiefRays, images: VirtualImages) -> tuple[Array, Array]:

@@ -36,8 +36,11 @@ def viewpoint_angle_error(rays: ChiefRays, viewpoint: float, distance: ArrayLike
     angle Omega seems to stand at ``Omega - eps`` as seen from V0.
     """
     v = viewpoint - viewpoint_z(rays)
-    to_axis = np.hypot(rays.x, rays.viewpoint_offset())  # x / sin(Omega), without its 0/0
+    x, z = rays.start
+    to_axis = np.hypot(x, viewpoint_z(rays) - z)  # x / sin(Omega), without its 0/0
     d = np.asarray(distance, dtype=float)
+    if rays.outside is not None:
+        d = rays.outside.from_start(d)
     with np.errstate(invalid="ignore"):
         error = np.arctan2(v * np.sin(rays.omega), d + to_axis + v * np.cos(rays.omega))
     return np.where(np.isinf(d), 0.0, error)

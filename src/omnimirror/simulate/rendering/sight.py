@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -11,7 +10,6 @@ from numpy.typing import ArrayLike, NDArray
 from ...cameras import Camera, Projection
 from ...errors import InvalidParameter
 from ...frames import turned
-from ...housing import Housing
 from ...sensor import Sensor
 from ...tracing.walls import passage
 from ..radiometry import Radiometry, camera_front
@@ -24,9 +22,6 @@ Fates = NDArray[np.uint8]
 
 LOST, REFLECTED, DIRECT, HIDDEN = range(4)  # what becomes of a ray; numbers of the compiled kernels
 LINES = 64  # from the vertex to the rim
-STEPS = 12  # each takes a wall's displacement to a hundredth or less
-MISS_MM = 1e-7
-INWARDS = 0.02  # of the distance: what a wall brings into the field lies this near to it
 
 
 class Followed(NamedTuple):
@@ -169,8 +164,7 @@ def sights(camera: Camera, pixels: ArrayLike, radiometry: Radiometry | None = No
 def seen_at(sensor: Sensor, points_mm: ArrayLike) -> Projection:
     """Pixels (n, 2) in whose chief rays points (n, 3) mm of the sensor's world lie, by way of the mirror.
 
-    Not valid are points that the housing hides. Through a wall a pixel is found that looks at the point: its mirror
-    sees another one without the wall, which is moved by what the pixel's ray misses the point by.
+    Not valid are points that the housing hides.
 
     Raises
     ------
@@ -179,29 +173,10 @@ def seen_at(sensor: Sensor, points_mm: ArrayLike) -> Projection:
     """
     points = np.asarray(points_mm, dtype=float)
     pixels, valid = sensor.project(points)
-    if sensor.housing.shell is not None:
-        pixels, valid = _seen_through(sensor, points)
     if not sensor.housing.is_empty:
         valid[valid] = ~sights(sensor, pixels[valid]).hidden
     pixels[~valid] = np.nan
     return Projection(pixels, valid)
-
-
-def _seen_through(sensor: Sensor, points: Array) -> Projection:
-    clear = replace(sensor, housing=Housing(shell=sensor.obstructions.housing.shell))
-    pole = np.linalg.norm(points, axis=1, keepdims=True) * INWARDS * sensor.axis
-    shown = np.where(sensor.project(points).valid[:, None], points, points + pole)
-    miss = np.full(len(points), np.inf)
-    for _ in range(STEPS):
-        pixels, valid = sensor.project(shown)
-        seen = sights(clear, pixels[valid])
-        way = points[valid] - seen.origins
-        off = way - np.einsum("ni,ni->n", way, seen.directions)[:, None] * seen.directions
-        miss[valid] = np.linalg.norm(off, axis=1)
-        if not (miss[valid] > MISS_MM).any():
-            break
-        shown[valid] += off
-    return Projection(pixels, valid & (miss < 1e3 * MISS_MM))
 
 
 def _unit(directions: Array) -> Array:

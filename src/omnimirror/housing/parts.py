@@ -8,13 +8,14 @@ lens, so those of what stands between mirror and lens are below 0. What it hides
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
-from .arguments import instance
-from .errors import InvalidParameter
-from .parameters import Parameter
+from ..arguments import instance
+from ..errors import InvalidParameter
+from ..parameters import Parameter
+from .materials import NAMES, index_of
 
 CLEARANCE_MM = 3.0
 """Between the rim and a tube or a dome, where its diameter is not given."""
@@ -108,11 +109,93 @@ WALL = {
     "diameter_mm": Parameter("mm", 1e-3, 1e5, "outer diameter"),
     "wall_mm": Parameter("mm", 1e-3, 1e3, "thickness of the wall"),
     "refractive_index": Parameter("", 1.0, 4.0, "of the wall"),
+    "material": Parameter("", 0.0, 0.0, "of the wall, instead of its index", NAMES),
+    "medium": Parameter("", 0.0, 0.0, "what is outside, instead of air", NAMES),
+    "medium_index": Parameter("", 1.0, 4.0, "refractive index of what is outside"),
+    "decentre_x_mm": Parameter("mm", -1e4, 1e4, "shift to the right in the image"),
+    "decentre_y_mm": Parameter("mm", -1e4, 1e4, "shift down in the image"),
+    "tilt_x_deg": Parameter("deg", -45.0, 45.0, "rotation about the image's X, through the vertex; applied first"),
+    "tilt_y_deg": Parameter("deg", -45.0, 45.0, "rotation about the image's Y, through the vertex"),
 }
+WALL_INDEX = 1.49
+"""Of acrylic, where neither index nor material is given."""
+
+
+class ClearWall(HousingPart):
+    """What is common to covers of clear material: between air inside and a medium outside.
+
+    Where it does not sit as meant, it is first turned about where the mirror's vertex is meant to be, then moved, as
+    ``[mirror_pose]`` moves a mirror; lids stay.
+    """
+
+    KIND: ClassVar[str]
+    wall_mm: float
+    diameter_mm: float | None
+    refractive_index: float
+    material: str | None
+    medium: str | None
+    medium_index: float
+    decentre_x_mm: float
+    decentre_y_mm: float
+    tilt_x_deg: float
+    tilt_y_deg: float
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.material is not None and self.refractive_index != WALL_INDEX:
+            raise InvalidParameter(
+                f"refractive_index = {self.refractive_index:g} and material = {self.material!r} were both given; give "
+                "one of them"
+            )
+        if self.medium is not None and self.medium_index != 1.0:
+            raise InvalidParameter(
+                f"medium_index = {self.medium_index:g} and medium = {self.medium!r} were both given; give one of them"
+            )
+        if self.diameter_mm is not None and not self.wall_mm < self.diameter_mm / 2:
+            raise InvalidParameter(
+                f"wall_mm = {self.wall_mm:g} fills a {self.KIND} of {self.diameter_mm:g} mm; it is valid below "
+                f"{self.diameter_mm / 2:g} mm"
+            )
+
+    @property
+    def index(self) -> float:
+        """Refractive index of the wall."""
+        return self.refractive_index if self.material is None else index_of(self.material)
+
+    @property
+    def outer_index(self) -> float:
+        """Refractive index of what is outside."""
+        return self.medium_index if self.medium is None else index_of(self.medium)
+
+    @property
+    def is_axial(self) -> bool:
+        """Whether it shares the lens's axis: neither decentred nor tilted."""
+        return not (self.decentre_x_mm or self.decentre_y_mm or self.tilt_x_deg or self.tilt_y_deg)
+
+    @property
+    def radii_mm(self) -> tuple[float, float]:
+        """Inner and outer radius, of a cover whose size is known."""
+        assert self.diameter_mm is not None, "a wall that is not fitted yet"
+        outer = self.diameter_mm / 2
+        return outer - self.wall_mm, outer
+
+    def centred(self) -> Self:
+        """The same where it is meant to be."""
+        places = dict.fromkeys(("decentre_x_mm", "decentre_y_mm", "tilt_x_deg", "tilt_y_deg"), 0.0)
+        return replace(self, **places)  # type: ignore[type-var]  # every part is a dataclass
+
+    def at_wavelength(self, wavelength_nm: float) -> Self:
+        """The same with the indices that named materials have for light of a wavelength, nm."""
+        indices: dict[str, Any] = {}
+        if self.material is not None:
+            indices |= {"material": None, "refractive_index": index_of(self.material, wavelength_nm)}
+        if self.medium is not None:
+            indices |= {"medium": None, "medium_index": index_of(self.medium, wavelength_nm)}
+        return replace(self, **indices)  # type: ignore[type-var]  # every part is a dataclass
 
 
 @dataclass(frozen=True)
-class Tube(HousingPart):
+class Tube(ClearWall):
     """A clear tube about the axis, with opaque discs in it: in the plane of the lens, and at the mirror's back.
 
     Around two mirrors it begins at the back of the second.
@@ -123,28 +206,32 @@ class Tube(HousingPart):
         Outer; by default the next full millimetre that leaves 3 mm around the mirror's rim.
     wall_mm, refractive_index
         Of its wall; acrylic by default.
+    material, medium : optional
+        Names of :data:`~omnimirror.housing.MATERIALS`, of the wall instead of its index and of what is outside.
+    medium_index
+        Of what is outside; air by default.
+    decentre_x_mm, decentre_y_mm, tilt_x_deg, tilt_y_deg
+        How it sits out of place; see :class:`ClearWall`.
 
     Raises
     ------
     InvalidParameter
-        A number outside its range, or a wall that fills the tube.
+        A number outside its range, a wall that fills the tube, or an index given twice.
     """
 
     diameter_mm: float | None = None
     wall_mm: float = 3.0
-    refractive_index: float = 1.49
+    refractive_index: float = WALL_INDEX
+    material: str | None = None
+    medium: str | None = None
+    medium_index: float = 1.0
+    decentre_x_mm: float = 0.0
+    decentre_y_mm: float = 0.0
+    tilt_x_deg: float = 0.0
+    tilt_y_deg: float = 0.0
 
     KIND: ClassVar[str] = "tube"
     PARAMETERS: ClassVar[dict[str, Parameter]] = WALL
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        _check_wall(self)
-
-    @property
-    def radii_mm(self) -> tuple[float, float]:
-        """Inner and outer radius, of a tube whose size is known."""
-        return _radii(self)
 
     def inner_radius_mm(self, height_mm: float) -> float:
         """How wide it is inside at a height, mm: the same at all."""
@@ -163,7 +250,7 @@ class Tube(HousingPart):
 
 
 @dataclass(frozen=True)
-class Dome(HousingPart):
+class Dome(ClearWall):
     """A clear dome: the space between two spheres about the axis, cut off at an opaque disc in the plane of the lens.
 
     Parameters
@@ -179,18 +266,32 @@ class Dome(HousingPart):
         viewpoints bends rays least.
     inner_shift_mm
         By how much the inner sphere's centre is higher; 0, one centre, by default.
+    material, medium : optional
+        Names of :data:`~omnimirror.housing.MATERIALS`, of the wall instead of its index and of what is outside.
+    medium_index
+        Of what is outside; air by default.
+    decentre_x_mm, decentre_y_mm, tilt_x_deg, tilt_y_deg
+        How it sits out of place; see :class:`ClearWall`.
 
     Raises
     ------
     InvalidParameter
-        A number outside its range, a wall that fills the dome, or an inner sphere that breaks through it.
+        A number outside its range, a wall that fills the dome, an index given twice, or an inner sphere
+        that breaks through it.
     """
 
     diameter_mm: float | None = None
     wall_mm: float = 3.0
-    refractive_index: float = 1.49
+    refractive_index: float = WALL_INDEX
     centre_mm: float | None = None
     inner_shift_mm: float = 0.0
+    material: str | None = None
+    medium: str | None = None
+    medium_index: float = 1.0
+    decentre_x_mm: float = 0.0
+    decentre_y_mm: float = 0.0
+    tilt_x_deg: float = 0.0
+    tilt_y_deg: float = 0.0
 
     KIND: ClassVar[str] = "dome"
     PARAMETERS: ClassVar[dict[str, Parameter]] = WALL | {
@@ -200,16 +301,10 @@ class Dome(HousingPart):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        _check_wall(self)
         if not abs(self.inner_shift_mm) < self.wall_mm:
             raise InvalidParameter(
                 f"inner_shift_mm = {self.inner_shift_mm:g} breaks through a wall of {self.wall_mm:g} mm"
             )
-
-    @property
-    def radii_mm(self) -> tuple[float, float]:
-        """Radius of the inner and of the outer sphere, of a dome whose size is known."""
-        return _radii(self)
 
     @property
     def centres_mm(self) -> tuple[float, float]:
@@ -245,20 +340,6 @@ class Dome(HousingPart):
 Shell = Tube | Dome
 SHELLS: dict[str, type[Tube] | type[Dome]] = {kind.KIND: kind for kind in (Tube, Dome)}
 """Clear walls around a sensor, by the word that names them."""
-
-
-def _check_wall(shell: Shell) -> None:
-    if shell.diameter_mm is not None and not shell.wall_mm < shell.diameter_mm / 2:
-        raise InvalidParameter(
-            f"wall_mm = {shell.wall_mm:g} fills a {shell.KIND} of {shell.diameter_mm:g} mm; it is valid below "
-            f"{shell.diameter_mm / 2:g} mm"
-        )
-
-
-def _radii(shell: Shell) -> tuple[float, float]:
-    assert shell.diameter_mm is not None, "a wall that is not fitted yet"
-    outer = shell.diameter_mm / 2
-    return outer - shell.wall_mm, outer
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,37 @@
+"""What stands around the mirror: camera, rod, tube or dome, and the rim of the mirror's body; of what it is made."""
+
+from .materials import MATERIALS, Material, index_of
+from .parts import (
+    CLEARANCE_MM,
+    GAP_SHARE,
+    LENS_AT_RIMS,
+    SHELLS,
+    CameraBody,
+    Dome,
+    Envelope,
+    Housing,
+    HousingPart,
+    Rim,
+    Rod,
+    Shell,
+    Tube,
+)
+
+__all__ = [
+    "CLEARANCE_MM",
+    "GAP_SHARE",
+    "LENS_AT_RIMS",
+    "MATERIALS",
+    "SHELLS",
+    "CameraBody",
+    "Dome",
+    "Envelope",
+    "Housing",
+    "HousingPart",
+    "Material",
+    "Rim",
+    "Rod",
+    "Shell",
+    "Tube",
+    "index_of",
+]

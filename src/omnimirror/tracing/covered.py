@@ -1,0 +1,266 @@
+"""A mirror seen through a tube or a dome, traced in space, wherever mirror and cover sit.
+
+From a point of the pupil by way of a mirror point a ray is traced out through both sides of the wall; the mirror point
+in which a target is seen is the one whose ray leads to it, found by Newton's rule from where one viewpoint would see
+it. All of it is in the camera frame, whose origin is the vertex of the mirror as it was meant to sit.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..housing import Shell, Tube
+from ..lenses.pupil import IN_REFERENCE_POINT, EntrancePupil
+from ..numerics.lazy import cached_property
+from .covers import Cover
+from .meridian import Meridian
+from .posed import PosedMirror
+from .reflection import LONGEST_STEP, REFLECTS, RIM_SLACK, Ends, Specular, Surface
+from .space import Reflections, reflect
+from .walls import let_out, pose_of
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+CHUNK = 1 << 13  # rays worked on at a time: their arrays stay in the cache
+MAX_STEPS = 40
+DIFFERENCE = 1e-6  # of the rim radius, between neighbours whose rays tell derivatives
+FAR = 1e9  # rim radii: where a distant target is looked for to begin with
+ARRIVED = 1e-12  # radians: a ray that misses its target by less is on it
+
+
+class _Ways(NamedTuple):
+    """Rays (n,) from the pupil by way of the mirror to the outer side of the cover, in the camera frame."""
+
+    points: Array
+    normals: Array
+    to_pupils: Array
+    reflected: Array
+    left_at: Array
+    outwards: Array
+    path: Array
+    """From the pupil, (n,) mm of light's time; of distant pupils from the origin's plane."""
+    inside: Array
+    """Way (n,) mm from the mirror."""
+    passes: Mask
+
+
+@dataclass(frozen=True)
+class CoveredMirror:
+    """A mirror in its pose behind a cover of known size; it answers as a mirror in its pose does.
+
+    ``ends_mm`` are the heights of a tube's ends; rays that meet them do not pass the wall.
+
+    >>> from omnimirror.mirrors import Sphere
+    >>> from omnimirror.mirrors.pose import MirrorPose
+    >>> mirror = PosedMirror(Sphere(50.0, 44.0), MirrorPose())
+    >>> covered = CoveredMirror(mirror, Tube(120.0, medium="water"), (-180.0, 20.0), 180.0)
+    >>> found = covered.trace(np.array([[0.0, 0.0, -180.0]]), np.array([[30.0, 0.0, 190.0]]))
+    >>> round(float(np.hypot(*found.points[0, :2])), 9)  # from the outer side
+    60.0
+    """
+
+    mirror: PosedMirror
+    shell: Shell
+    ends_mm: tuple[float, float]
+    mirror_distance_mm: float
+    pupil: EntrancePupil = IN_REFERENCE_POINT
+
+    def trace(self, origins: Array, directions: Array) -> Reflections:
+        """Reflect rays (n, 3), (n, 3) and let them out; their points are those at which they leave the cover."""
+        found = self.mirror.trace(origins, directions)
+        valid = found.valid.copy()
+        points, outwards = found.points.copy(), found.directions.copy()
+        points[valid], outwards[valid], _, _, passes = self._let_out(points[valid], outwards[valid])
+        valid[valid] = passes
+        points[~valid] = outwards[~valid] = np.nan
+        return Reflections(points, outwards, found.normals, valid)
+
+    def specular(self, pupils: Ends, targets: Ends, start: Array | None = None) -> Specular:
+        """The mirror points (n, 3) in which pupils see targets; ``start`` are points (n, 3) mm to begin from."""
+        (count,) = np.broadcast_shapes((len(pupils.xyz),), (len(targets.xyz),))
+        pupils, targets = pupils.spread(count), targets.spread(count)
+        begin = self._guess(targets) if start is None else self.mirror.pose.to_mirror(start)[..., :2]
+        xy = np.array(np.broadcast_to(begin, (count, 2)), dtype=float)
+        with np.errstate(all="ignore"):  # what is not finite is not valid
+            for first in range(0, count, CHUNK):
+                part = slice(first, first + CHUNK)
+                xy[part] = self._aimed(pupils[part], targets[part], xy[part])
+            return self._proven(pupils, targets, xy)
+
+    def beam(self, pupils: Ends, targets: Ends, found: Specular, motion: Array) -> Array:
+        """Light (n,) that mirror points send to moving pupils; see :meth:`PosedMirror.beam`.
+
+        While the pupil moves the mirror point follows so that the ray keeps leading to its target: both derivatives
+        of where the ray misses it are taken by differences, and so is how the ray moves across itself outside.
+        """
+        count = len(found.points)
+        pupils, targets = pupils.spread(count), targets.spread(count)
+        xy = self.mirror.pose.to_mirror(found.points)[:, :2]
+        motion = np.broadcast_to(motion, (count, 2, 3))
+        step = DIFFERENCE * self.mirror.mirror.rim_radius_mm
+        with np.errstate(all="ignore"):
+            ways = self._ways(pupils, xy)
+            e1, e2 = _across(ways.outwards)
+
+            def flat(vectors: Array) -> Array:
+                return np.stack([np.einsum("ni,ni->n", vectors, e) for e in (e1, e2)], axis=-1)
+
+            def change(there: _Ways, h: float) -> tuple[Array, Array]:
+                miss = self._miss(there, targets) - self._miss(ways, targets)
+                return flat(miss) / h, flat(there.left_at - ways.left_at) / h
+
+            by_place = [change(self._ways(pupils, xy + step * e), step) for e in np.eye(2)]
+            h = step if not pupils.distant else DIFFERENCE
+            by_pupil = [change(self._ways(Ends(pupils.xyz + h * motion[:, k], pupils.distant), xy), h) for k in (0, 1)]
+            (m_x, s_x), (m_e, s_e) = (
+                (np.stack([a for a, _ in both], axis=-1), np.stack([b for _, b in both], axis=-1))
+                for both in (by_place, by_pupil)
+            )
+            moved = s_e - s_x @ np.linalg.solve(m_x, m_e)
+            section: Array = np.abs(np.linalg.det(moved))
+            if not targets.distant:
+                section /= np.einsum("ni,ni->n", targets.xyz - ways.left_at, targets.xyz - ways.left_at)
+        return section
+
+    def objects_at(self, found: Specular, distances: Array) -> Array:
+        """Objects (n, 3) at distances (n,) mm from their mirror points, by the way that light takes."""
+        left_at, outwards, _, inside, _ = self._let_out(found.points, found.to_targets)
+        objects: Array = left_at + (distances - inside)[:, None] * outwards
+        return objects
+
+    def beyond_edge_mm(self, points: Array, seen_at: Array) -> Array:
+        """How far (...,) points lie beyond the rim, from the mirror's own axis; below 0 within."""
+        return self.mirror.beyond_edge_mm(points, seen_at)
+
+    # -- out through the wall ----------------------------------------------------------------------
+
+    def _let_out(self, points: Array, directions: Array) -> tuple[Array, Array, Array, Array, Mask]:
+        """Where (n, 3) rays leave the cover, whereto, light's time (n,) and way (n,) until there, and whether they do.
+
+        What ends at an end of a tube in air goes on as it is: it never comes to the wall.
+        """
+        found = let_out(self.shell, points, directions)
+        first, second = (np.linalg.norm(b - a, axis=1) for a, b in ((points, found.met), (found.met, found.points)))
+        passes = found.passed > 0
+        if isinstance(self.shell, Tube):
+            height = pose_of(self.shell).to_mirror(found.met)[:, 2]
+            low, high = self.ends_mm
+            meets = (height > low) & (height < high) & (found.met != points).any(axis=1)
+            if self.shell.outer_index == 1.0:
+                stays = ~meets[:, None]
+                unit = directions / np.linalg.norm(directions, axis=1, keepdims=True)
+                found = found._replace(
+                    points=np.where(stays, points, found.points), directions=np.where(stays, unit, found.directions)
+                )
+                first, second = (np.where(meets, way, 0.0) for way in (first, second))
+                passes |= ~meets
+            else:
+                passes &= meets
+        return found.points, found.directions, first + self.shell.index * second, first + second, passes
+
+    def _ways(self, pupils: Ends, xy: Array) -> _Ways:
+        surface = Surface(self.mirror.mirror, xy)
+        pose = self.mirror.pose
+        points, normals = pose.to_camera(surface.points), pose.turned_to_camera(surface.normals)
+        if pupils.distant:
+            to_pupils = pupils.xyz / np.linalg.norm(pupils.xyz, axis=1, keepdims=True)
+            before = -np.einsum("ni,ni->n", to_pupils, points)
+        else:
+            way = pupils.xyz - points
+            before = np.linalg.norm(way, axis=1)
+            to_pupils = way / before[:, None]
+        reflected = reflect(-to_pupils, normals)
+        left_at, outwards, time, inside, passes = self._let_out(points, reflected)
+        return _Ways(points, normals, to_pupils, reflected, left_at, outwards, before + time, inside, passes)
+
+    def _miss(self, ways: _Ways, targets: Ends) -> Array:
+        """By how much (n, 3) unit vectors out of the cover are not those to the target."""
+        miss: Array = ways.outwards - self._wanted(ways, targets)
+        return miss
+
+    @staticmethod
+    def _wanted(ways: _Ways, targets: Ends) -> Array:
+        if targets.distant:
+            return targets.xyz
+        way = targets.xyz - ways.left_at
+        wanted: Array = way / np.linalg.norm(way, axis=1, keepdims=True)
+        return wanted
+
+    # -- where a target is seen --------------------------------------------------------------------
+
+    @cached_property
+    def _meridian(self) -> Meridian:
+        """As if mirror and cover were aligned."""
+        shift = float(self.mirror.pose.shift[2])
+        cover = Cover(self.shell.centred(), *self.ends_mm).moved(shift)
+        return Meridian(self.mirror.mirror, self.mirror_distance_mm + shift, self.pupil, cover=cover)
+
+    def _guess(self, targets: Ends) -> Array:
+        """Points (n, 2) of the mirror, mm, in which one viewpoint on its axis would see targets."""
+        pose, rim = self.mirror.pose, self.mirror.mirror.rim_radius_mm
+        inside = pose.turned_to_mirror(targets.xyz) * (FAR * rim) if targets.distant else pose.to_mirror(targets.xyz)
+        across, azimuth = np.hypot(inside[:, 0], inside[:, 1]), np.arctan2(inside[:, 1], inside[:, 0])
+        x = self._meridian.first_guess(across, inside[:, 2])
+        return np.stack([x * np.cos(azimuth), x * np.sin(azimuth)], axis=-1)
+
+    def _aimed(self, pupils: Ends, targets: Ends, start: Array) -> Array:
+        """Points (n, 2) of the mirror, mm, whose rays lead to the targets, by Newton's rule."""
+        rim = self.mirror.mirror.rim_radius_mm
+        step, reach = DIFFERENCE * rim, LONGEST_STEP * rim
+        xy, active = np.array(start), np.arange(len(start))
+        for _ in range(MAX_STEPS):
+            pupil, target, at = pupils[active], targets[active], xy[active]
+            ways = self._ways(pupil, at)
+            e1, e2 = _across(self._wanted(ways, target))
+            here = self._miss(ways, target)
+            rates = [(self._miss(self._ways(pupil, at + step * e), target) - here) / step for e in np.eye(2)]
+            (a, b), (c, d) = ([np.einsum("ni,ni->n", rate, e) for rate in rates] for e in (e1, e2))
+            u, v = (np.einsum("ni,ni->n", here, e) for e in (e1, e2))
+            det = a * d - b * c
+            move = np.stack([b * v - d * u, c * u - a * v], axis=-1) / det[:, None]
+            size = np.hypot(*move.T)
+            move *= np.minimum(1.0, reach / np.where(size > 0, size, 1.0))[:, None]
+            xy[active] += move
+            going = (np.hypot(u, v) > ARRIVED) & np.isfinite(size) & (size > 1e-14 * rim)
+            active = active[going]
+            if not active.size:
+                break
+        return xy
+
+    def _proven(self, pupils: Ends, targets: Ends, xy: Array) -> Specular:
+        ways = self._ways(pupils, xy)
+        faces = [np.einsum("ni,ni->n", way, ways.normals) > 0 for way in (ways.to_pupils, ways.reflected)]
+        leads = np.linalg.norm(self._miss(ways, targets), axis=1) <= REFLECTS
+        reflects = np.logical_and.reduce([*faces, leads, ways.passes])
+        valid = reflects & (np.hypot(*xy.T) <= self.mirror.mirror.rim_radius_mm * (1 + RIM_SLACK))
+        if targets.distant:
+            behind = -np.einsum("ni,ni->n", targets.xyz, ways.left_at)
+        else:
+            behind = np.linalg.norm(targets.xyz - ways.left_at, axis=1)
+        path = ways.path + self.shell.outer_index * behind
+        blank = np.where(reflects, 1.0, np.nan)
+        column = blank[:, None]
+        return Specular(
+            ways.points,
+            ways.normals * column,
+            ways.to_pupils * column,
+            ways.reflected * column,
+            path * blank,
+            reflects,
+            valid,
+            ways.points,
+        )
+
+
+def _across(directions: Array) -> tuple[Array, Array]:
+    """Two unit vectors (n, 3) each, across unit vectors (n, 3) and each other."""
+    least = np.abs(directions).argmin(axis=1)
+    helper = np.eye(3)[least]
+    e1 = np.cross(directions, helper)
+    e1 /= np.linalg.norm(e1, axis=1, keepdims=True)
+    return e1, np.cross(directions, e1)

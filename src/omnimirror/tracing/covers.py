@@ -1,0 +1,268 @@
+"""Chief rays through a clear cover, in the meridian: Snell's law at both sides, and what it does to wavefronts.
+
+Of a pencil of chief rays two numbers are followed beside place and direction: how far apart neighbours are across the
+ray, and how much they differ in angle, both per mm of mirror. Free flight adds to the first what the second says, and
+a surface changes the second by its own turning and by the derivative of Snell's law: Coddington's tangential equation.
+The sagittal one knows the distance to the axis along the normal instead of the curvature.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InvalidParameter, SelfObstruction
+from ..housing import Shell, Tube
+
+if TYPE_CHECKING:
+    from .meridian import ChiefRays
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+PLACES = 257  # along the mirror, between which the first ray past a tube's base is looked for
+ON_RAY = 1e-7  # relative; a point this near to a ray is on it
+
+
+class Refraction(NamedTuple):
+    """What one surface does to wavefronts: ``after vergence' = before vergence + power``, (n,) each."""
+
+    way: Array
+    """From the surface before, mm."""
+    before_t: Array
+    after_t: Array
+    power_t: Array
+    before_s: Array
+    after_s: Array
+    power_s: Array
+
+
+@dataclass(frozen=True)
+class Outside:
+    """Chief rays (n,) outside a cover; lengths in mm, angles in radians.
+
+    ``x``, ``z`` is the point of each ray's line that is nearest to its mirror point; ``spread`` how far apart
+    neighbours are there and ``rate`` how much they differ in angle, per mm of mirror. The ray leaves the cover
+    ``reach`` after that point and ``inside`` after the mirror, by the way that light takes.
+    """
+
+    x: Array
+    z: Array
+    rate: Array
+    spread: Array
+    reach: Array
+    inside: Array
+    refractions: tuple[Refraction, ...]
+
+    def from_start(self, object_distance: Array) -> Array:
+        """Distances (n,) from ``x``, ``z`` of objects as far from their mirror points, by the way that light takes."""
+        return object_distance - self.inside + self.reach
+
+    def seen_at(self, object_distance: Array) -> tuple[Array, Array]:
+        """At what distances (n,), (n,) mm from the mirror tangential and sagittal pencils of objects seem to begin.
+
+        Below 0 where they converge.
+
+        Raises
+        ------
+        InvalidParameter
+            An object inside the cover.
+        """
+        behind = object_distance - self.inside
+        if not np.all(behind > 0):
+            i = int(np.argmin(np.broadcast_to(behind, self.inside.shape)))
+            p = float(np.broadcast_to(object_distance, self.inside.shape)[i])
+            raise InvalidParameter(
+                f"object_distance_mm = {p:g} ends inside the cover; it is valid above {self.inside[i]:.5g} mm there"
+            )
+        vergence_t = vergence_s = -1 / behind
+        for r in reversed(self.refractions):
+            vergence_t = (r.after_t * vergence_t - r.power_t) / r.before_t
+            vergence_s = (r.after_s * vergence_s - r.power_s) / r.before_s
+            vergence_t, vergence_s = (v / (1 - r.way * v) for v in (vergence_t, vergence_s))
+        with np.errstate(divide="ignore"):
+            return -1 / vergence_t, -1 / vergence_s
+
+
+class _Ray(NamedTuple):
+    """A pencil of chief rays on its way."""
+
+    x: Array
+    z: Array
+    omega: Array
+    spread: Array
+    rate: Array
+
+
+class _Meeting(NamedTuple):
+    """Where rays meet a surface."""
+
+    way: Array
+    normal: Array
+    """Angle of its outward normal, counted as omega is."""
+    curvature_t: float
+    curvature_s: float
+
+
+@dataclass(frozen=True)
+class Cover:
+    """A tube or a dome of known size about the axis; heights in mm over the vertex of the mirror where it really sits.
+
+    A tube reaches from ``base_mm`` to ``cap_mm``: rays that meet an end before its wall do not pass it.
+
+    >>> from omnimirror.mirrors import Sphere
+    >>> from omnimirror.tracing.meridian import trace_chief_rays
+    >>> cover = Cover(Tube(120.0, 3.0, 1.49, medium_index=1.333), -180.0, 20.0)
+    >>> rays = cover.left_by(trace_chief_rays(Sphere(50.0, 44.0), 180.0, [20.0, 40.0]))
+    >>> (np.cos(rays.reflected) / np.cos(rays.omega)).round(12)  # Snell's law at parallel walls
+    array([1.333, 1.333])
+    """
+
+    shell: Shell
+    base_mm: float
+    cap_mm: float
+
+    def moved(self, displacement_mm: float) -> Cover:
+        """The same for a mirror that sits farther from the lens than it was meant to."""
+        centre = {} if isinstance(self.shell, Tube) else {"centre_mm": self.shell.centres_mm[1] - displacement_mm}
+        shell = replace(self.shell, **centre)  # type: ignore[arg-type]  # only a dome has one
+        return Cover(shell, self.base_mm - displacement_mm, self.cap_mm - displacement_mm)
+
+    @property
+    def in_air(self) -> bool:
+        """Whether what is outside bends rays as what is inside does."""
+        return self.shell.outer_index == 1.0
+
+    def left_by(self, rays: ChiefRays) -> ChiefRays:
+        """Chief rays as they are outside."""
+        start = _Ray(rays.x, rays.z, rays.reflected, rays.spread(), rays.dreflected_dx())
+        crosses = self.crosses(rays) if self.in_air else np.ones(rays.x.shape, dtype=bool)
+        media = (1.0, self.shell.index, self.shell.outer_index)
+        ray, refractions = start, []
+        with np.errstate(all="ignore"):  # what does not meet the wall, or is not let out, is told apart below
+            for side, radius in enumerate(self.shell.radii_mm):
+                ray, refraction = _refracted(ray, self._meets(side, radius, ray), media[side], media[side + 1])
+                refractions.append(refraction)
+            inside = np.sum([r.way for r in refractions], axis=0)
+            sin, cos = np.sin(ray.omega), np.cos(ray.omega)
+            reach = (ray.x - start.x) * sin - (ray.z - start.z) * cos
+            foot = ray.x - reach * sin, ray.z + reach * cos, ray.rate, ray.spread - reach * ray.rate, reach, inside
+        nothing = np.zeros_like(start.x)
+        blank = start.x, start.z, start.rate, start.spread, nothing, nothing
+        x, z, rate, spread, reach, inside = (np.where(crosses, new, old) for new, old in zip(foot, blank, strict=True))
+        omega = np.where(crosses, ray.omega, start.omega)
+        through = tuple(_only_where(crosses, r) for r in refractions)
+        return replace(rays, omega=omega, outside=Outside(x, z, rate, spread, reach, inside, through))
+
+    def crosses(self, rays: ChiefRays) -> Mask:
+        """Which rays (n,) reach the wall before an end of the tube; a dome's go on as if it were whole."""
+        if not isinstance(self.shell, Tube):
+            return np.ones(rays.x.shape, dtype=bool)
+        height = self._wall_height(rays)
+        return (height > self.base_mm) & (height < self.cap_mm)
+
+    def _wall_height(self, rays: ChiefRays) -> Array:
+        with np.errstate(divide="ignore"):
+            height: Array = rays.z - (self.shell.radii_mm[0] - rays.x) / np.tan(rays.reflected)
+        return height
+
+    def first_seen(self, rays_at: Callable[[Array], ChiefRays], start: float, rim: float) -> float:
+        """Distance from the axis of the first mirror point, from ``start`` on, that sees what is around a tube.
+
+        Before it rays end at the base. In air it does not matter: they are told as they are inside.
+        """
+        if self.in_air or not isinstance(self.shell, Tube):
+            return start
+
+        def clear(x: Array | float) -> Array:
+            height = self._wall_height(rays_at(np.atleast_1d(x)))
+            return np.maximum(height - self.base_mm, -1e9)  # the ray along the axis never meets the wall
+
+        x = np.linspace(start, rim, PLACES)
+        (passing,) = np.nonzero(clear(x) > 0)
+        if not passing.size:
+            raise SelfObstruction("no ray from the mirror passes the tube's wall: all of them end at its base")
+        if passing[0] == 0:
+            return start
+        from scipy.optimize import brentq
+
+        low, high = x[passing[0] - 1], x[passing[0]]
+        return float(brentq(lambda v: float(clear(v)[0]), low, high, xtol=1e-12 * rim))
+
+    def leads_to(self, rays: ChiefRays, x: Array, z: Array) -> Mask:
+        """Which points (n,), (n,) of the meridian plane are behind the cover, and on these rays."""
+        outside = rays.outside
+        assert outside is not None
+        sin, cos = np.sin(rays.omega), np.cos(rays.omega)
+        dx, dz = x - outside.x, z - outside.z
+        along, across = dx * sin - dz * cos, dx * cos + dz * sin
+        behind: Mask = (along >= outside.reach * (1 - ON_RAY)) & (np.abs(across) <= ON_RAY * np.abs(along))
+        return behind
+
+    def check(self, rays: ChiefRays) -> None:
+        """Refuse rays that are not let out, cross outside, or turn back.
+
+        Raises
+        ------
+        SelfObstruction
+            With the mirror point from which on this is so.
+        """
+        outside = rays.outside
+        assert outside is not None
+        caught = ~np.isfinite(rays.omega)
+        if caught.any():
+            raise SelfObstruction(
+                f"the {self.shell.KIND} keeps in rays from x = {rays.x[np.argmax(caught)]:.5g} mm on: they meet its "
+                "outer side so askew that they are reflected; a wider one lets them out"
+            )
+        crossing = (outside.rate <= 0) | (outside.spread + outside.reach * outside.rate <= 0)
+        crossing[0] &= rays.slope[0] == 0  # as without a cover: at the very point of a pointed mirror
+        if crossing.any():
+            raise SelfObstruction(
+                f"behind the {self.shell.KIND} neighbouring rays cross from x = {rays.x[np.argmax(crossing)]:.5g} mm "
+                "on, so that the mapping is not one to one; a wider or thinner one keeps them apart"
+            )
+
+    def _meets(self, side: int, radius: float, ray: _Ray) -> _Meeting:
+        sin, cos = np.sin(ray.omega), np.cos(ray.omega)
+        if isinstance(self.shell, Tube):
+            return _Meeting((radius - ray.x) / sin, np.full_like(ray.x, np.pi / 2), 0.0, 1 / radius)
+        dz = ray.z - self.shell.centres_mm[side]
+        b, c = ray.x * sin - dz * cos, ray.x**2 + dz**2 - radius**2
+        way = -b + np.sqrt(b * b - c)
+        normal = np.arctan2(ray.x + way * sin, way * cos - dz)
+        return _Meeting(way, normal, 1 / radius, 1 / radius)
+
+
+def _refracted(ray: _Ray, at: _Meeting, before: float, after: float) -> tuple[_Ray, Refraction]:
+    """Rays just behind a surface, and what it did."""
+    sin, cos = np.sin(ray.omega), np.cos(ray.omega)
+    i = ray.omega - at.normal
+    cos_i, sin_behind = np.cos(i), before / after * np.sin(i)
+    behind = np.arcsin(sin_behind)
+    cos_behind = np.cos(behind)
+    gain = after * cos_behind - before * cos_i
+    along = (ray.spread + at.way * ray.rate) / cos_i  # how far apart neighbours meet the surface
+    turn = at.curvature_t * along
+    rate = turn + before * cos_i * (ray.rate - turn) / (after * cos_behind)
+    left = _Ray(ray.x + at.way * sin, ray.z - at.way * cos, at.normal + behind, cos_behind * along, rate)
+    one = np.ones_like(gain)
+    return left, Refraction(
+        at.way,
+        before * cos_i**2,
+        after * cos_behind**2,
+        gain * at.curvature_t,
+        before * one,
+        after * one,
+        gain * at.curvature_s,
+    )
+
+
+def _only_where(crosses: Mask, r: Refraction) -> Refraction:
+    """The same, and nothing where a ray does not cross."""
+    nothing = (0.0, 1.0, 1.0, 0.0, 1.0, 1.0, 0.0)
+    return Refraction(*(np.where(crosses, new, old) for new, old in zip(r, nothing, strict=True)))

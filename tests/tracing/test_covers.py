@@ -1,0 +1,263 @@
+"""Tubes and domes in chief rays, images and projection: against rays traced here, with nothing of the product's.
+
+Surfaces are implicit functions here: a ray meets one where that changes sign, its normal is a difference quotient.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq, root
+
+import omnimirror as om
+from omnimirror.dewarp.maps.coordinates import source_pixels
+from omnimirror.errors import InvalidParameter, SelfObstruction
+from omnimirror.housing import MATERIALS, Dome, Housing, Tube
+from omnimirror.mirrors.pose import MirrorPose
+from omnimirror.simulate.rendering.sight import sights
+
+SPH = om.load_sensor("paper-spherical")
+HYP = om.load_sensor("paper-hyperboloidal")
+TELECENTRIC = om.load_sensor("paraboloid-telecentric")
+COVERS = {
+    "tube": (SPH, Tube(110.0, 4.0)),
+    "tube in water": (SPH, Tube(110.0, 4.0, material="polycarbonate", medium="water")),
+    "dome": (HYP, Dome(360.0, 6.0, material="acrylic")),
+    "dome in oil": (SPH, Dome(340.0, 5.0, medium="mineral_oil")),
+    "dome of two centres": (SPH, Dome(340.0, 5.0, inner_shift_mm=2.0)),
+    "high dome": (SPH, Dome(310.0, 5.0, centre_mm=-40.0)),
+    "telecentric dome": (TELECENTRIC, Dome(130.0, 3.0, centre_mm=-20.0, medium_index=1.2)),
+}
+MISALIGNED = {
+    "tilted tube": (SPH, Tube(110.0, 4.0, tilt_x_deg=1.5, decentre_y_mm=0.7), MirrorPose()),
+    "tilted tube in water": (SPH, Tube(112.0, 4.0, medium="water", tilt_y_deg=-1.0), MirrorPose()),
+    "decentred dome": (SPH, Dome(340.0, 5.0, inner_shift_mm=1.0, decentre_x_mm=3.0, tilt_y_deg=4.0), MirrorPose()),
+    "mirror out of place": (HYP, Dome(360.0, 6.0, medium="water"), MirrorPose(1.0, -0.6, 0.4, 0.5, -0.8)),
+}
+PIXELS = 511.5 + np.array([[0.0, 180.0], [240.0, -60.0], [-310.0, 130.0], [20.0, 400.0], [-330.0, -330.0]])
+
+
+def covered(name):
+    if name in COVERS:
+        sensor, shell = COVERS[name]
+        return replace(sensor, housing=Housing(shell=shell))
+    sensor, shell, pose = MISALIGNED[name]
+    return replace(sensor, housing=Housing(shell=shell), mirror_pose=pose)
+
+
+# -- the truth, in the camera frame -----------------------------------------------------------------------
+
+
+def turning(x_deg, y_deg):
+    a, b = np.radians([x_deg, y_deg])
+    about_x = np.array([[1, 0, 0], [0, np.cos(a), -np.sin(a)], [0, np.sin(a), np.cos(a)]])
+    about_y = np.array([[np.cos(b), 0, np.sin(b)], [0, 1, 0], [-np.sin(b), 0, np.cos(b)]])
+    return about_y @ about_x
+
+
+def surfaces(sensor):
+    """The mirror and both sides of the cover as functions of a place, each with the index behind it."""
+    pose, shell = sensor.mirror_pose, sensor.obstructions.housing.shell
+    turn = turning(pose.tilt_x_deg, pose.tilt_y_deg)
+    moved = np.array([pose.decentre_x_mm, pose.decentre_y_mm, pose.displacement_mm])
+
+    def mirror(p):
+        x, y, z = turn.T @ (p - moved)
+        return z - float(sensor.mirror.sag(np.hypot(x, y)))
+
+    lean = turning(shell.tilt_x_deg, shell.tilt_y_deg)
+    shift = np.array([shell.decentre_x_mm, shell.decentre_y_mm, 0.0])
+    outer = shell.diameter_mm / 2
+
+    def side(radius, centre):
+        def inside_out(p):
+            x, y, z = lean.T @ (p - shift)
+            return np.hypot(x, y) - radius if isinstance(shell, Tube) else np.linalg.norm([x, y, z - centre]) - radius
+
+        return inside_out
+
+    centre = 0.0 if isinstance(shell, Tube) else shell.centre_mm
+    raised = 0.0 if isinstance(shell, Tube) else shell.inner_shift_mm
+    wall = MATERIALS[shell.material].index_d if shell.material else shell.refractive_index
+    around = MATERIALS[shell.medium].index_d if shell.medium else shell.medium_index
+    return mirror, (side(outer - shell.wall_mm, centre + raised), wall), (side(outer, centre), around)
+
+
+def meet(surface, start, way, first, last):
+    """The first place on a ray where a function changes sign from negative."""
+    steps = np.linspace(first, last, 801)
+    signs = np.array([surface(start + s * way) > 0 for s in steps])
+    i = int(np.argmax(signs))
+    assert signs[i]
+    assert i > 0
+    place = start + brentq(lambda s: surface(start + s * way), steps[i - 1], steps[i], xtol=1e-13, rtol=1e-15) * way
+    normal = np.array([surface(place + 1e-4 * e) - surface(place - 1e-4 * e) for e in np.eye(3)])
+    return place, normal / np.linalg.norm(normal)
+
+
+def traced(sensor, start, way):
+    """Where a ray from the lens leaves the cover, and whereto."""
+    mirror, *walls = surfaces(sensor)
+    place, normal = meet(mirror, start, way, 1e-3, 3 * np.linalg.norm(start) + 50)
+    way = way - 2 * (way @ normal) * normal
+    index = 1.0
+    for surface, behind in walls:
+        place, normal = meet(surface, place, way, 1e-6, 1000.0)
+        across = (way - (way @ normal) * normal) * index / behind
+        way, index = across + np.sqrt(1 - across @ across) * normal, behind
+    return place, way
+
+
+def lens_ray(sensor, pixel):
+    image = (np.asarray(pixel) - 511.5) * sensor.imager.pixel_pitch_um * 1e-3
+    if sensor.lens.TELECENTRIC:
+        return np.array([*(image / sensor.lens.magnification), -30.0]), np.array([0.0, 0.0, 1.0])
+    way = np.array([*image, sensor.lens.image_distance])
+    return np.array([0.0, 0.0, -sensor.mirror_distance_mm]), way / np.linalg.norm(way)
+
+
+def truth(sensor, pixel):
+    return traced(sensor, *lens_ray(sensor, pixel))
+
+
+@pytest.mark.parametrize("name", [*COVERS, *MISALIGNED])
+def test_pixels_look_where_rays_through_every_surface_lead_and_points_come_back(name):
+    sensor = covered(name)
+    turn = sensor.mount.rotation()
+    origins, directions, valid = sensor.backproject(PIXELS)
+    assert valid.all()
+    for pixel, origin, direction in zip(PIXELS, origins, directions, strict=True):
+        place, way = truth(sensor, pixel)
+        there, towards = turn.T @ origin, turn.T @ direction
+        assert np.linalg.norm(towards - way) < 2e-9
+        assert np.linalg.norm(there - place) < 1e-6
+        points = np.array([turn @ (place + s * way) for s in (30.0, 5000.0)])
+        seen = sensor.project(points)
+        assert seen.valid.all()
+        assert np.abs(seen.pixels - pixel).max() < 1e-5
+        assert np.abs(sensor.project_directions([turn @ way]).pixels - pixel).max() < 1e-5
+
+
+@pytest.mark.parametrize("name", ["tube in water", "dome", "dome in oil", "high dome"])
+@pytest.mark.parametrize("distance", [np.inf, 250.0])
+def test_images_are_where_rays_of_one_object_cross_before_the_lens(name, distance):
+    """Rays aimed from either side of the pupil, by the truth, at one object; tangential, then sagittal."""
+    sensor = covered(name)
+    h = 330.0
+    table = om.evaluate(sensor, h_px=[h], object_distance_mm=distance)
+    start, way = lens_ray(sensor, [511.5 + h, 511.5])
+    place, out = traced(sensor, start, way)
+    bounce = meet(surfaces(sensor)[0], start, way, 1e-3, 400.0)[0]
+    mirror, *walls = surfaces(sensor)
+    normal = meet(mirror, start, way, 1e-3, 400.0)[1]
+    met = meet(walls[0][0], bounce, way - 2 * (way @ normal) * normal, 1e-6, 1000.0)[0]
+    inside = np.linalg.norm(met - bounce) + np.linalg.norm(place - met)
+    target = place + (distance - inside) * out if np.isfinite(distance) else None
+
+    def miss(across, eye):
+        aim = np.array([*(way[:2] / way[2] + across), 1.0])
+        left, towards = traced(sensor, eye, aim / np.linalg.norm(aim))
+        wanted = out if target is None else (target - left) / np.linalg.norm(target - left)
+        return (towards - wanted)[[0, 1] if abs(out[2]) > 0.5 else [1, 2]]
+
+    for axis, told in ((0, table.distance_t_mm), (1, table.distance_s_mm)):
+        step = 0.02 * np.eye(3)[axis]
+        aims = []
+        for side in (1, -1):
+            eye = start + side * step
+            begin = -side * 0.02 / told[0] * np.eye(2)[axis]
+            aims.append(root(miss, begin, (eye,), options={"xtol": 1e-10, "eps": 1e-9}).x[axis])
+        assert 2 * 0.02 / (aims[1] - aims[0]) == pytest.approx(told[0], rel=3e-5)
+
+
+@pytest.mark.parametrize("shell", [Tube(110.0, refractive_index=1.0), Dome(340.0, 5.0, refractive_index=1.0)])
+def test_a_wall_of_air_changes_nothing(shell):
+    bare, clear = SPH, replace(SPH, housing=Housing(shell=shell))
+    for distance in (np.inf, 400.0):
+        a, b = (om.evaluate(s, object_distance_mm=distance).columns() for s in (bare, clear))
+        for column in a:
+            np.testing.assert_allclose(b[column], a[column], rtol=1e-9, atol=1e-9, err_msg=column)
+    a, b = (om.spots(s, [20.0, 90.0], object_distance_mm=500.0) for s in (bare, clear))
+    np.testing.assert_allclose(b.t_px, a.t_px, atol=1e-8)
+    np.testing.assert_allclose(b.weights, a.weights, rtol=1e-4)
+
+
+@pytest.mark.parametrize("name", ["tube", "dome in oil", "decentred dome"])
+def test_views_and_pictures_see_by_the_same_rays(name):
+    sensor = covered(name)
+    screen = om.screens.Plane((60, 40), tilt_deg=10.0, hfov_deg=70.0)
+    quick, exact = (source_pixels(sensor, screen, exact=e) for e in (False, True))
+    both = np.isfinite(quick).all(axis=-1) & np.isfinite(exact).all(axis=-1)
+    assert both.mean() > 0.5
+    assert np.abs(quick - exact)[both].max() < 5e-3
+    looks, pictured = sensor.backproject(PIXELS), sights(sensor, PIXELS)
+    np.testing.assert_allclose(pictured.directions, looks.directions, atol=1e-12)
+    np.testing.assert_allclose(pictured.origins, looks.origins, atol=1e-9)
+
+
+def test_a_tube_in_water_begins_where_rays_pass_its_base():
+    sensor = covered("tube in water")
+    low, high = sensor.field_deg
+    x = sensor.meridian.x_min
+    rays = sensor.meridian.trace([x])
+    wall = rays.z - (51.0 - x) / np.tan(rays.reflected)
+    assert wall[0] == pytest.approx(-sensor.mirror_distance_mm, abs=1e-6)
+    assert np.cos(np.radians(low)) == pytest.approx(np.cos(rays.reflected[0]) / MATERIALS["water"].index_d, abs=1e-12)
+    assert high < SPH.field_deg[1]
+
+
+def test_what_a_cover_cannot_do_is_refused_in_a_sentence():
+    with pytest.raises(InvalidParameter, match="material = 'bk7' were both given"):
+        Tube(110.0, refractive_index=1.5, material="bk7")
+    with pytest.raises(InvalidParameter, match="medium = 'water' were both given"):
+        Dome(medium="water", medium_index=1.3)
+    with pytest.raises(InvalidParameter, match="material = 'jelly' is not one of air, acrylic"):
+        Tube(material="jelly")
+    with pytest.raises(InvalidParameter, match=r"ends inside the cover; it is valid above \d"):
+        om.evaluate(covered("dome"), [90.0], object_distance_mm=20.0)
+    with pytest.raises(InvalidParameter, match="the cover of 'paper-spherical' is decentred or tilted"):
+        om.evaluate(covered("tilted tube"))
+    kept_in = Dome(1040.0, 240.0, 2.4, centre_mm=-240.0, inner_shift_mm=235.0)  # 240/520 of its radius off, times 2.4
+    with pytest.raises(SelfObstruction, match="keeps in rays from x = "):
+        om.evaluate(replace(SPH, housing=Housing(shell=kept_in)))
+
+
+# -- materials ----------------------------------------------------------------------------------------------
+
+
+def sellmeier(*terms):
+    return lambda um: np.sqrt(1 + sum(b * um**2 / (um**2 - c) for b, c in terms))
+
+
+def quan_fry(salt, t=20.0):
+    def n(um):
+        nm = um * 1e3
+        salty = (1.779e-4 - 1.05e-6 * t + 1.6e-8 * t**2) * salt
+        return (
+            1.31405 + salty - 2.02e-6 * t**2 + (15.868 + 0.01155 * salt - 0.00423 * t) / nm - 4382 / nm**2
+            + 1.1455e6 / nm**3
+        )  # fmt: skip
+
+    return n
+
+
+PUBLISHED = {
+    "bk7": sellmeier((1.03961212, 0.00600069867), (0.231792344, 0.0200179144), (1.01046945, 103.560653)),
+    "fused_silica": sellmeier((0.6961663, 0.0684043**2), (0.4079426, 0.1162414**2), (0.8974794, 9.896161**2)),
+    "sapphire": sellmeier((1.4313493, 0.0726631**2), (0.65054713, 0.1193242**2), (5.3414021, 18.028251**2)),
+    "water": quan_fry(0.0),
+    "sea_water": quan_fry(35.0),
+}
+
+
+@pytest.mark.parametrize("name", PUBLISHED)
+def test_materials_have_the_indices_that_were_published(name):
+    material, n = MATERIALS[name], PUBLISHED[name]
+    assert material.index_d == pytest.approx(n(0.58756), abs=1e-4)
+    assert material.abbe_number == pytest.approx((n(0.58756) - 1) / (n(0.48613) - n(0.65627)), rel=2e-3)
+    for um in (0.45, 0.55, 0.7):
+        assert material.index_at(1e3 * um) == pytest.approx(n(um), abs=3e-4)
+    tube = Tube(material=name).at_wavelength(450.0)
+    assert tube.index == material.index_at(450.0)
