@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from .analysis import evaluate as evaluate
     from .analysis import evaluate_camera as evaluate_camera
     from .analysis import field_angles as field_angles
+    from .analysis import ghosts as ghosts
     from .analysis import illumination as illumination
     from .analysis import mtf as mtf
     from .analysis import psf as psf
@@ -134,6 +135,7 @@ _HOMES = {
     "evaluate": "analysis",
     "evaluate_camera": "analysis",
     "field_angles": "analysis",
+    "ghosts": "analysis",
     "illumination": "analysis",
     "mtf": "analysis",
     "psf": "analysis",

@@ -11,6 +11,7 @@ from .evaluation import COLUMNS, Evaluation, evaluate, field_angles
 from .meridional.focus import BestFocus, best_focus
 from .meridional.focus_merits import FOCUS_MERITS
 from .meridional.viewpoints import SingleViewpoint, best_viewpoint
+from .wall_reflections import Ghosts, ghosts
 
 __all__ = [
     "COLUMNS",
@@ -20,6 +21,7 @@ __all__ = [
     "CameraMapping",
     "Comparison",
     "Evaluation",
+    "Ghosts",
     "Illumination",
     "Mtf",
     "Psf",
@@ -32,6 +34,7 @@ __all__ = [
     "evaluate",
     "evaluate_camera",
     "field_angles",
+    "ghosts",
     "illumination",
     "mtf",
     "psf",

@@ -133,6 +133,12 @@ class CoveredMirror:
         objects: Array = left_at + (distances - inside)[:, None] * outwards
         return objects
 
+    def outside_of(self, points: Array, through: Array) -> tuple[Array, Array]:
+        """Where (n, 3) rays from points inside through others leave the cover, and whereto."""
+        way = through - points
+        left_at, outwards, *_ = self._let_out(points, way / np.linalg.norm(way, axis=1, keepdims=True))
+        return left_at, outwards
+
     def beyond_edge_mm(self, points: Array, seen_at: Array) -> Array:
         """How far (...,) points lie beyond the rim, from the mirror's own axis; below 0 within."""
         return self.mirror.beyond_edge_mm(points, seen_at)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
@@ -17,6 +17,7 @@ from ...frames import Mount
 from ...numerics.lazy import cached_property
 from ...parameters import Uncertainty
 from ...sensor import Sensor, check_sensor
+from .covered_image import image_through_cover
 from .imaging import image_of_points
 from .names import NamedNumber, changed, place_of, value_of
 from .starting import fitted, radial_law, shaped_like, unknown_sensor
@@ -73,6 +74,8 @@ class SensorModel(CameraModel):
     def __post_init__(self) -> None:
         check_sensor(self.sensor)
         self.sensor.check_one_mirror("a model with free parameters")
+        if self.sensor.housing.shell is not None:  # it stays as it is while the sensor's numbers change
+            object.__setattr__(self, "sensor", replace(self.sensor, housing=self.sensor.obstructions.housing))
         object.__setattr__(self, "free", free_names(self.sensor, self.free))
         given: tuple[Tolerance, ...] | None = self.priors
         priors = usual_priors(self.sensor, self.free) if given is None else checked_priors(self.free, given)
@@ -139,7 +142,8 @@ class SensorModel(CameraModel):
         InvalidParameter
             Points of another shape.
         """
-        return image_of_points(self.sensor, vectors("points_mm", points_mm, 3), distant, self._places)
+        image_of = image_of_points if self.sensor.housing.shell is None else image_through_cover
+        return image_of(self.sensor, vectors("points_mm", points_mm, 3), distant, self._places)
 
     @classmethod
     def start_from(

@@ -61,8 +61,8 @@ def angles_of(sensor: Sensor, omega_deg: Array | None) -> Array:
     """The field angles (n,) asked for, or every 15 deg of an aligned sensor's field."""
     if omega_deg is not None:
         return omega_deg
-    if not sensor.mirror_pose.is_axial:
+    if not sensor.is_axial:
         raise click.UsageError(
-            f"the mirror of {sensor.name!r} is decentred or tilted; say which --omega-deg to look at"
+            f"mirror or cover of {sensor.name!r} is decentred or tilted; say which --omega-deg to look at"
         )
     return field_angles(sensor, 15.0)

@@ -106,9 +106,11 @@ def downloaded(asked: Download) -> File:
         The sensor cannot be, or has no such file.
     """
     sensor = sensor_on_bench(asked.tables)
-    if asked.kind in OF_ONE_MERIDIAN and not sensor.mirror_pose.is_axial:
+    if asked.kind in OF_ONE_MERIDIAN and not sensor.is_axial:
         what = OF_ONE_MERIDIAN[asked.kind]
-        raise InvalidParameter(f"{what} is of a mirror in its place, and this one is decentred or tilted; put it there")
+        raise InvalidParameter(
+            f"{what} is of a mirror and a cover in their places, and of these one is decentred or tilted; put it there"
+        )
     return KINDS[asked.kind](sensor, asked)
 
 

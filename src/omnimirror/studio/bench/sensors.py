@@ -67,8 +67,8 @@ def sensor_on_bench(tables: dict[str, Any], follows: bool = False) -> Sensor:
 
 
 def in_place(sensor: Sensor) -> Sensor:
-    """The sensor with its mirror on the lens's axis, for what holds in one meridian alone."""
-    return sensor if sensor.mirror_pose.is_axial else sensor.aligned()
+    """The sensor with its mirror and cover on the lens's axis, for what holds in one meridian alone."""
+    return sensor if sensor.is_axial else sensor.aligned()
 
 
 def remark_on(sensor: Sensor) -> str | None:
@@ -121,7 +121,7 @@ def changed(change: Change) -> Sensor:
     else:
         changed_part = _with_lens(sensor, change.to) if change.what == "lens" else _with_mirror(sensor, change.to)
         made = _focused(changed_part, distance)
-    return replace(made, mirror_pose=stands.mirror_pose)
+    return replace(made, mirror_pose=stands.mirror_pose, housing=stands.housing)
 
 
 def _with_mirror(sensor: Sensor, kind: str) -> Sensor:

@@ -107,7 +107,7 @@ def command(
     Example: omnimirror evaluate paper-spherical --omega-deg 0:135:5
     """
     camera, console = load_camera(sensor), output_console()
-    if not isinstance(camera, Sensor) or not camera.mirror_pose.is_axial:
+    if not isinstance(camera, Sensor) or not camera.is_axial:
         _refuse_what_asks_for_optics(camera, asked, housing, figures)
         model = _in_space(camera) if isinstance(camera, Sensor) else camera
         result_in_space = evaluate_camera(model, asked.omega_deg)
@@ -138,7 +138,7 @@ def _refuse_what_asks_for_optics(
     if given := [*given, *(["--figures"] if figures else [])]:
         why = "asks for mirror and lens, of which a camera file says nothing"
         if isinstance(camera, Sensor):
-            why = "asks for the meridian of an aligned mirror, and this one is decentred or tilted"
+            why = "asks for the meridian of an aligned mirror and cover, and here one is decentred or tilted"
         raise click.UsageError(f"{given[0]} {why}; valid with it are --omega-deg, --csv and --json")
 
 
@@ -160,11 +160,9 @@ def _show_mapping(
     )
     say((Path(source).name, "bold"), words, console=console)
     if isinstance(result.camera, SensorModel):
-        pose = result.camera.sensor.mirror_pose
         say(
-            f"the mirror is decentred by {np.hypot(pose.decentre_x_mm, pose.decentre_y_mm):.3g} mm and tilted by "
-            f"{np.hypot(pose.tilt_x_deg, pose.tilt_y_deg):.3g} deg: traced in space, far away, means over the "
-            f"azimuths, from which resolution differs by up to {result.varies_percent:.2g} %",
+            f"{_out_of_place(result.camera.sensor)}: traced in space, far away, means over the azimuths, from which "
+            f"resolution differs by up to {result.varies_percent:.2g} %",
             console=console,
         )
     if result.camera.uncertainty is not None:
@@ -261,3 +259,15 @@ def _draw(console: Console, result: Evaluation, folder: Path) -> None:
     with console.status("Drawing figures"):
         paths = save_all([result.sensor], folder, conditions=Conditions.of(result))
     say(f"Wrote {len(paths)} figures to ", (str(folder), "bold"), console=console)
+
+
+def _out_of_place(sensor: Sensor) -> str:
+    """What of a sensor is decentred or tilted, and by how much."""
+    parts = {"mirror": sensor.mirror_pose, "cover": sensor.housing.shell}
+    said = [
+        f"the {name} is decentred by {np.hypot(part.decentre_x_mm, part.decentre_y_mm):.3g} mm and tilted by "
+        f"{np.hypot(part.tilt_x_deg, part.tilt_y_deg):.3g} deg"
+        for name, part in parts.items()
+        if part is not None and not part.is_axial
+    ]
+    return ", ".join(said)

@@ -1,0 +1,39 @@
+"""A sensor behind a tube or a dome as a model to calibrate: its derivatives against differences of its pictures."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.housing import Dome, Housing, Tube
+from omnimirror.mirrors.pose import MirrorPose
+
+POSE = MirrorPose(0.3, -0.2, 0.1, 0.2, 0.1)
+FREE = ("focal", "decentre", "tilt", "distance", "shape", "centre")
+
+
+@pytest.mark.parametrize("shell", [Tube(110.0, 4.0), Dome(medium="water", tilt_x_deg=1.0)], ids=["tube", "dome"])
+@pytest.mark.parametrize("distant", [False, True])
+def test_images_are_projections_and_derivatives_are_differences(shell, distant):
+    sensor = replace(om.load_sensor("paper-spherical"), housing=Housing(shell=shell), mirror_pose=POSE)
+    model = om.SensorModel(sensor, free=FREE)
+    points = 400 * np.random.default_rng(1).normal(size=(60, 3))
+    image = model.image(points, distant=distant)
+    assert image.valid.sum() > 50
+    world = points @ sensor.mount.rotation().T
+    shown = (sensor.project_directions if distant else sensor.project)(world)
+    np.testing.assert_allclose(image.pixels[shown.valid], shown.pixels[shown.valid], atol=1e-9)
+    values = np.array([p.value for p in model.parameters])
+    for k, parameter in enumerate(model.parameters):
+        step = 1e-3 * parameter.scale * np.eye(len(values))[k]
+        up, down = (model.with_parameters(values + s * step).image(points, distant=distant) for s in (1, -1))
+        rate = (up.pixels - down.pixels) / (2e-3 * parameter.scale)
+        error = np.abs(rate - image.d_parameters[:, :, k])[image.valid] * parameter.scale
+        assert np.nanmax(error) < 1e-7, parameter.name
+    for k, axis in enumerate(np.eye(3)):
+        up, down = (model.image(points + s * 0.01 * axis, distant=distant) for s in (1, -1))
+        error = np.abs((up.pixels - down.pixels) / 0.02 - image.d_points[:, :, k])[image.valid]
+        assert np.nanmax(error) < 1e-6
