@@ -14,7 +14,7 @@ from .errors import InvalidParameter
 from .frames import Mount, turned
 from .housing import Housing
 from .imagers import Imager
-from .lenses import Lens, Perspective
+from .lenses import GaussianLens, Lens
 from .mirrors import Mirror, Secondary
 from .mirrors.pose import MirrorPose
 from .numerics.lazy import cached_property
@@ -25,10 +25,13 @@ from .tracing.folded import FoldedMirror
 from .tracing.meridian import ROUNDING, ChiefRays, Meridian
 from .tracing.obscuration import Obscuration, Obstructions, clear_field_deg, cover_of, obscured_rings
 from .tracing.posed import PosedMirror
-from .tracing.reflection import Ends
+from .tracing.reflection import Ends, Specular
 from .tracing.two_mirrors import TwoMirrorMeridian
 
 Array = NDArray[np.float64]
+
+PUPIL_STEPS = 12  # each takes what is left to a hundredth or less
+PUPIL_CLOSE = 1e-13
 
 
 @dataclass(frozen=True)
@@ -175,6 +178,26 @@ class Sensor:
         shell = self.housing.shell
         return self.mirror_pose.is_axial and (shell is None or shell.is_axial)
 
+    def check_thin_lens(self, what: str) -> None:
+        """Raise InvalidParameter for a lens known by its table or surfaces, for what knows of ideal ones only.
+
+        Parameters
+        ----------
+        what
+            What cannot be done otherwise, for the message.
+
+        Raises
+        ------
+        InvalidParameter
+            The lens is a real one.
+        """
+        if not self.lens.IS_THIN:
+            raise InvalidParameter(
+                f"{what} is for perspective and orthographic lenses, and that of {self.name!r} is known by its "
+                f"{self.lens.KIND}; evaluation, focus, spots, illumination, pictures and straightening are valid for "
+                "it, and the sensor with a perspective lens of its focal length and entrance pupil"
+            )
+
     def aligned(self) -> Sensor:
         """The same sensor with its mirror, and its tube or dome, perfectly mounted.
 
@@ -243,7 +266,7 @@ class Sensor:
 
     def _x_from_ideal_mm(self, h_mm: Array) -> Array:
         """Mirror point (mm) of image heights (n,) mm without distortion."""
-        if isinstance(self.lens, Perspective):
+        if isinstance(self.lens, GaussianLens):
             return self.meridian.x_from_tan_theta(h_mm / self.lens.principal_distance)
         unit = self.lens.ideal_height(np.ones(1), np.full(1, np.inf))[0]
         return self.meridian.x_from_first(h_mm / unit)
@@ -562,13 +585,42 @@ class Sensor:
         offset: Array = self.lens_offset + np.array([0.0, 0.0, self.lens.pupil.at_mm])
         return offset
 
-    def entrance_pupil_points(self, pupil: Array) -> Ends:
+    def chief_rays_to(self, targets: Ends) -> Specular:
+        """Where the middle of the lens's entrance pupil sees targets (n,) of the camera frame.
+
+        Where the pupil moves with the viewing angle, it and the mirror point are found in turn.
+
+        Parameters
+        ----------
+        targets
+            Points or directions.
+
+        Returns
+        -------
+        Specular
+            The points of the mirror, and the ways there.
+        """
+        mirror, middle = self.seen_mirror, np.zeros((1, 2))
+        found = mirror.specular(self.entrance_pupil_points(middle), targets)
+        if not self.lens.pupil.moves:
+            return found
+        for _ in range(PUPIL_STEPS):
+            slopes = found.chief_slopes
+            found = mirror.specular(self.entrance_pupil_points(middle, slopes), targets, found.points)
+            with np.errstate(invalid="ignore"):
+                if not (np.abs(found.chief_slopes - slopes) > PUPIL_CLOSE).any():
+                    break
+        return found
+
+    def entrance_pupil_points(self, pupil: Array, chief: Array | None = None) -> Ends:
         """Where points (n, 2) of the unit disk of the aperture see from, in the camera frame.
 
         Parameters
         ----------
         pupil : (n, 2)
             Points of the entrance pupil, in its radii.
+        chief : (n, 2), optional
+            Slopes of the chief rays, where the pupil moves with them; those near the axis by default.
 
         Returns
         -------
@@ -577,7 +629,7 @@ class Sensor:
         """
         if self.lens.TELECENTRIC:
             return Ends(self.lens.entrance_pupil_points(pupil), distant=True)
-        return Ends(self.lens.entrance_pupil_points(pupil) + self.lens_offset)
+        return Ends(self.lens.entrance_pupil_points(pupil, chief) + self.lens_offset)
 
     def lens_rays(self, pixels: Array, pupil: Array) -> tuple[Array, Array]:
         """Origins and directions (n, 3) of rays from pixels (n, 2) through aperture points (n, 2) to the mirror.
@@ -667,9 +719,7 @@ class Sensor:
 
     def _project_in_space(self, targets: Array, distant: bool) -> Projection:
         """Pixels of points or directions (n, 3) of the camera frame."""
-        found = self.seen_mirror.specular(
-            self.entrance_pupil_points(np.zeros((1, 2))), Ends.of(targets.reshape(-1, 3), distant)
-        )
+        found = self.chief_rays_to(Ends.of(targets.reshape(-1, 3), distant))
         offsets = self.lens.image_of(found.seen_at - self.lens_offset, found.to_pupils) / self.imager.pitch_mm
         offsets[~found.valid] = np.nan
         return self._in_picture(offsets.reshape(*targets.shape[:-1], 2))

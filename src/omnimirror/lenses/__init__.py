@@ -4,8 +4,10 @@ from .base import BLUR_MODES, BlurMode, DepthOfField, Lens, ThroughFocus
 from .gaussian import GaussianLens
 from .orthographic import Orthographic
 from .perspective import Perspective
+from .surfaces import SurfaceLens
+from .tabulated import TabulatedLens
 
-LENSES: dict[str, type[Lens]] = {cls.KIND: cls for cls in (Perspective, Orthographic)}
+LENSES: dict[str, type[Lens]] = {cls.KIND: cls for cls in (Perspective, Orthographic, TabulatedLens, SurfaceLens)}
 """Every lens by the word that names it in a sensor file."""
 
 __all__ = [
@@ -17,5 +19,7 @@ __all__ = [
     "Lens",
     "Orthographic",
     "Perspective",
+    "SurfaceLens",
+    "TabulatedLens",
     "ThroughFocus",
 ]

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import fields, replace
+from pathlib import Path
 from typing import Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
@@ -60,6 +61,8 @@ class Lens(ABC):
     KIND: ClassVar[str]
     PARAMETERS: ClassVar[dict[str, Parameter]]
     TELECENTRIC: ClassVar[bool]
+    IS_THIN: ClassVar[bool] = True
+    """Whether one entrance pupil and one plane in focus say all of it."""
 
     focus_distance_mm: float
 
@@ -114,16 +117,33 @@ class Lens(ABC):
         """By how much distortion widens the picture tangentially and sagittally at ideal heights (n,) mm."""
         return np.ones_like(ideal), np.ones_like(ideal)
 
+    def blur_stretch(self, ideal: Array) -> tuple[Array, Array]:
+        """By how much (n,), (n,) a blur at ideal heights (n,) mm is wider than on the axis, out of focus by as much."""
+        return self.stretch(ideal)
+
+    def image_coordinates(self, L_t: Array, L_s: Array, ideal: Array) -> tuple[Array, Array]:
+        """Focus coordinates (n,), (n,) of tangential and sagittal images at L (mm) seen at ideal heights (n,) mm.
+
+        Those at which the lens would have to be focused: what curvature of the field and astigmatism do is in them.
+        """
+        return self.focus_coordinate(L_t), self.focus_coordinate(L_s)
+
+    def own_blur(self, ideal: Array) -> tuple[Array, Array]:
+        """Blur (n,), (n,) mm of the lens alone in its own tangential and sagittal focus."""
+        return np.zeros_like(ideal), np.zeros_like(ideal)
+
     @abstractmethod
-    def entrance_pupil_points(self, pupil: Array) -> Array:
+    def entrance_pupil_points(self, pupil: Array, chief: Array | None = None) -> Array:
         """Points (n, 3) mm of the entrance pupil that belong to points (n, 2) of the unit disk of the aperture.
+
+        ``chief`` are the slopes (n, 2) of the chief rays; without them that of rays near the axis.
 
         In the frame of the lens's reference point, X and Y as in the unflipped picture, Z towards the
         mirror. Under a telecentric lens, which sees from infinitely far away: unit vectors towards it.
         """
 
     @abstractmethod
-    def entrance_pupil_motion(self, pupil: Array) -> Array:
+    def entrance_pupil_motion(self, pupil: Array, chief: Array | None = None) -> Array:
         """Derivatives (n, 2, 3) of :meth:`entrance_pupil_points` by the two coordinates of the aperture."""
 
     @abstractmethod
@@ -186,6 +206,11 @@ class Lens(ABC):
         if not 100.0 <= number("wavelength_nm", wavelength_nm) <= 20000.0:
             raise InvalidParameter(f"wavelength_nm = {wavelength_nm:g} is outside 100 to 20000 nm")
         return 2.44 * wavelength_nm * 1e-6 * self.image_f_number()
+
+    @classmethod
+    def from_spec(cls, data: dict[str, Any], folder: Path | None) -> dict[str, Any]:
+        """The lens table of a sensor file, files that it names followed; without a folder it may name none."""
+        return data
 
     def _check(self) -> None:
         for f in fields(self):  # type: ignore[arg-type]

@@ -90,10 +90,10 @@ class GaussianLens(Lens):
         """Radius of the entrance pupil, mm."""
         return self.focal_length_mm / self.f_number / 2
 
-    def entrance_pupil_points(self, pupil: Array) -> Array:
+    def entrance_pupil_points(self, pupil: Array, chief: Array | None = None) -> Array:
         return np.concatenate([self.aperture_radius * pupil, np.full((len(pupil), 1), self.pupil.at_mm)], axis=1)
 
-    def entrance_pupil_motion(self, pupil: Array) -> Array:
+    def entrance_pupil_motion(self, pupil: Array, chief: Array | None = None) -> Array:
         return np.broadcast_to(self.aperture_radius * np.eye(2, 3), (len(pupil), 2, 3))
 
     def focus_coordinate(self, L: ArrayLike) -> Array:

@@ -54,13 +54,13 @@ class Orthographic(Lens):
         """Slope of the outermost rays on the side of the mirror, against the axis."""
         return self.magnification / self.working_f_number / 2
 
-    def entrance_pupil_points(self, pupil: Array) -> Array:
+    def entrance_pupil_points(self, pupil: Array, chief: Array | None = None) -> Array:
         slopes = self.aperture_slope * pupil
         towards = np.concatenate([slopes, -np.ones((len(pupil), 1))], axis=1)
         towards /= np.linalg.norm(towards, axis=1, keepdims=True)
         return towards
 
-    def entrance_pupil_motion(self, pupil: Array) -> Array:
+    def entrance_pupil_motion(self, pupil: Array, chief: Array | None = None) -> Array:
         towards = self.entrance_pupil_points(pupil)
         turn = np.eye(2, 3) - towards[:, None, :] * towards[:, :2, None]
         motion: Array = -self.aperture_slope * towards[:, 2:, None] * turn

@@ -22,7 +22,7 @@ from ..files import parse_toml, read_text, write_text
 from ..frames import Mount
 from ..housing import SHELLS, CameraBody, Housing, Rim, Rod
 from ..imagers import Imager
-from ..lenses import LENSES
+from ..lenses import LENSES, Lens
 from ..mirrors import MIRRORS, SECONDARIES, Mirror, Secondary
 from ..mirrors.pose import MirrorPose
 from ..parameters import Uncertainty
@@ -257,7 +257,7 @@ def _class_and_table(
     """The class that a table's kind names, and its other entries; files that a mirror's table names are followed."""
     cls = class_of(section, data, registry, where)
     table = {k: v for k, v in data[section].items() if k != "kind"}
-    if issubclass(cls, Mirror):
+    if issubclass(cls, Mirror | Lens):
         table = where.wrap((section,), partial(cls.from_spec, table, folder))
     return cls, table
 

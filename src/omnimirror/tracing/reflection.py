@@ -80,6 +80,13 @@ class Specular(NamedTuple):
     seen_at: Array
     """(n, 3) mm: points that the pupils look at, on the mirror or, where that is seen in a second one, on that."""
 
+    @property
+    def chief_slopes(self) -> Array:
+        """Slopes (n, 2) against the axis under which the pupils see them."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            slopes: Array = self.to_pupils[:, :2] / self.to_pupils[:, 2:]
+        return slopes
+
 
 def specular_points(mirror: Mirror, pupils: Ends, targets: Ends, start: Array | None = None) -> Specular:
     """The mirror points in which pupils see targets.

@@ -1,9 +1,9 @@
 """Bundles of rays from objects by way of the mirror through every part of the aperture to the imager.
 
 For each point of the aperture the mirror point in which it sees the object is solved for (an object and
-a point of the pupil: Fermat's principle), so that the rays sample the aperture as wanted however the mirror sits. The
-lens is thin and ideal, with the stop at the lens: a ray lands where all rays from the same point of the
-plane in focus land, so that one bundle serves every focus.
+a point of the pupil: Fermat's principle), so that the rays sample the aperture as wanted however the mirror sits.
+Under an ideal lens a ray lands where all rays from the same point of the plane in focus land; a lens made of surfaces
+is traced. One bundle serves every focus.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ class Bundles:
         if near.any():
             distances = np.where(near, self.object_distance_mm, NEAR)
             objects = self.sensor.seen_mirror.objects_at(self.chief, distances)[near]
-            path[near] = _specular(self.sensor, np.zeros((1, 2)), Ends(objects), self.chief.points[near]).path
+            path[near] = self.sensor.chief_rays_to(Ends(objects)).path
         return path
 
     def axes(self) -> Array:
@@ -98,7 +98,7 @@ class Bundles:
         steps = (outwards, np.cross(towards, outwards))
         scales = []
         for step in steps:
-            ends = [_specular(self.sensor, np.zeros((1, 2)), Ends.of(towards + s * STEP * step, True)) for s in (1, -1)]
+            ends = [self.sensor.chief_rays_to(Ends.of(towards + s * STEP * step, True)) for s in (1, -1)]
             lens, offset = self.sensor.lens, self.sensor.lens_offset
             a, b = (lens.image_of(e.seen_at - offset, e.to_pupils) for e in ends)
             angle = np.degrees(2 * np.arctan(STEP))
@@ -143,7 +143,7 @@ def trace_bundles(
         )
     omega, azimuth, p = np.broadcast_arrays(angles, azimuths, p)
     towards = camera_direction(np.radians(omega), np.radians(azimuth))
-    chief = _specular(sensor, np.zeros((1, 2)), Ends(towards, True))
+    chief = sensor.chief_rays_to(Ends(towards, True))
     if not chief.valid.all():
         raise OutsideField(f"{_named(omega, azimuth, chief.valid)} is not seen by {sensor.name!r}")
     k, n = len(omega), len(pupil.points)
@@ -169,9 +169,11 @@ def _aperture(sensor: Sensor, pupil: Pupil, chief: Specular, towards: Array, p: 
     objects = sensor.seen_mirror.objects_at(chief, np.where(np.isfinite(p), p, NEAR))
     for i in range(k):
         target = Ends(towards[i : i + 1], True) if np.isinf(p[i]) else Ends(objects[i : i + 1])
-        found = _specular(sensor, pupil.points, target, chief.points[i])
-        motion = sensor.lens.entrance_pupil_motion(pupil.points)
-        density[i] = sensor.seen_mirror.beam(sensor.entrance_pupil_points(pupil.points), target, found, motion)
+        slopes = chief.chief_slopes[i : i + 1]
+        ends = sensor.entrance_pupil_points(pupil.points, slopes)
+        found = sensor.seen_mirror.specular(ends, target, chief.points[i])
+        motion = sensor.lens.entrance_pupil_motion(pupil.points, slopes)
+        density[i] = sensor.seen_mirror.beam(ends, target, found, motion)
         parts.append(found)
     return Specular(*(np.concatenate(columns) for columns in zip(*parts, strict=True))), density
 
@@ -180,7 +182,3 @@ def _named(omega: Array, azimuth: Array, fine: Mask) -> str:
     """The first field that is not fine."""
     i = int(np.argmin(fine))
     return f"omega = {omega[i]:.10g} deg at azimuth {azimuth[i]:.10g} deg"
-
-
-def _specular(sensor: Sensor, pupil: Array, targets: Ends, start: Array | None = None) -> Specular:
-    return sensor.seen_mirror.specular(sensor.entrance_pupil_points(pupil), targets, start)

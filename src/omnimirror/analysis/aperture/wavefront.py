@@ -137,6 +137,7 @@ def wavefronts(bundles: Bundles, focus_mm: float) -> list[Wavefront]:
         If the mirror bends the wave too wildly for polynomials.
     """
     sensor = bundles.focused_at(focus_mm)
+    sensor.check_thin_lens("the wavefront (PSF and MTF)")
     turn = bundles.axes()
     chief = bundles.chief_mm(sensor)
     landing = np.einsum("knc,kac->kna", bundles.image_mm(sensor) - chief[:, None], turn)

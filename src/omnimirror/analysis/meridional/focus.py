@@ -55,10 +55,17 @@ class FocusStudy:
         scale = 1.0 if self.image_radius_px is None else self.image_radius_px / sensor.rim_radius_px
         return sensor.image_height_px(self.rays) * scale, sensor.image_height_rate_px(self.rays) * scale
 
-    def stretch(self, sensor: Sensor) -> tuple[Array, Array]:
-        """By how much (n,), (n,) the distortion of the lens as focused widens a blur; the same at any focus."""
-        first = self.rays.first
-        return sensor.lens.stretch(sensor.lens.ideal_height(first.x, first.w))
+    def ideal_height(self, lens: Lens) -> Array:
+        """Image heights (n,) mm under a lens without distortion."""
+        return lens.ideal_height(self.rays.first.x, self.rays.first.w)
+
+    def stretch(self, lens: Lens) -> tuple[Array, Array]:
+        """By how much (n,), (n,) a lens as focused widens a blur off its axis; all but the same at any focus."""
+        return lens.blur_stretch(self.ideal_height(lens))
+
+    def coordinates(self, lens: Lens) -> tuple[Array, Array]:
+        """Focus coordinates (n,), (n,) of the images."""
+        return lens.image_coordinates(*self.distances(), self.ideal_height(lens))
 
     def scales(self, middle: float, unit: float) -> Callable[[Any], Scales]:
         """What changes with the focus, of focus coordinates u that count from a middle in a unit."""
@@ -69,23 +76,29 @@ class FocusStudy:
         def at(u: Any) -> Scales:
             there = lens.through_focus(middle + unit * u, self.mode)
             scale = there.image_scale / own.image_scale if self.image_radius_px is None else 1.0
-            return Scales(u, there.blur_rate * (unit / pitch), scale, 1 + airy2 * there.f_number**2)
+            floor = 1 + airy2 * there.f_number**2
+            return Scales(u, there.blur_rate * (unit / pitch), scale, floor, not lens.IS_THIN)
 
         return at
 
     def at(self, focus_mm: float) -> FocusedBlur:
         """Blur with the lens focused at an object distance in mm."""
         sensor = replace(self.sensor, lens=self.sensor.lens.focused_at(focus_mm))
-        h, rate = self.heights(sensor)
+        h, dh = self.heights(sensor)
         pitch = sensor.imager.pitch_mm
-        L_t, L_s = self.distances()
-        wider_t, wider_s = self.stretch(sensor)
+        lens = sensor.lens
+        focused = lens.focus_coordinate(focus_mm)
+        rate = lens.through_focus(focused, self.mode).blur_rate / pitch
+        t, s = (w * rate * (focused - v) for w, v in zip(self.stretch(lens), self.coordinates(lens), strict=True))
+        own = lens.own_blur(self.ideal_height(lens))
         return FocusedBlur(
-            wider_t * sensor.lens.blur(L_t, mode=self.mode) / pitch,
-            wider_s * sensor.lens.blur(L_s, mode=self.mode) / pitch,
-            imaging_characteristics(self.rays.omega, h, rate),
+            t,
+            s,
+            imaging_characteristics(self.rays.omega, h, dh),
             self.rays.omega,
-            sensor.lens.airy_diameter(self.wavelength_nm) / pitch,
+            lens.airy_diameter(self.wavelength_nm) / pitch,
+            own[0] / pitch,
+            own[1] / pitch,
         )
 
 
@@ -169,7 +182,7 @@ def distance_per_angle(object_distance_mm: ArrayLike, angles: Array) -> Array:
 def _lowest(study: FocusStudy, merit: FocusMerit) -> float:
     """The focus (mm) that makes a merit least."""
     lens = study.sensor.lens
-    low, high = _searched(lens, lens.focus_coordinate(np.stack(study.distances())))
+    low, high = _searched(lens, np.stack(study.coordinates(lens)))
     middle, half = (low + high) / 2, (high - low) / 2 or 1.0
     function = focus_function(study, merit, middle, half)
     if not np.isfinite(function.coefficients).all():
@@ -186,10 +199,12 @@ def _lowest(study: FocusStudy, merit: FocusMerit) -> float:
 def focus_function(study: FocusStudy, merit: FocusMerit, middle: float, unit: float) -> FocusFunction:
     """A merit as a function of :meth:`Lens.focus_coordinate`, counted from a middle in a unit."""
     sensor = study.sensor
-    coordinates = sensor.lens.focus_coordinate(np.stack(study.distances()))
-    imaging = study.at(sensor.lens.focus_distance_mm).imaging
+    coordinates = np.stack(study.coordinates(sensor.lens))
+    own = study.at(sensor.lens.focus_distance_mm)
+    imaging = own.imaging
     t, s = (coordinates - middle) / unit
-    sides = Sides(t, s, *study.stretch(sensor), imaging.height, imaging.width)
+    own2 = None if sensor.lens.IS_THIN else (np.asarray(own.own_t_px) ** 2, np.asarray(own.own_s_px) ** 2)
+    sides = Sides(t, s, *study.stretch(sensor.lens), imaging.height, imaging.width, own2)
     return FocusFunction(merit, sides, study.rays.omega, study.scales(middle, unit))
 
 

@@ -34,6 +34,8 @@ class FocusedBlur:
     omega : (n,) radians
     airy_px
         Diameter of the Airy disk.
+    own_t_px, own_s_px : (n,) px
+        Blur of the lens alone.
     """
 
     t_px: Array
@@ -41,6 +43,8 @@ class FocusedBlur:
     imaging: ImagingCharacteristics
     omega: Array
     airy_px: float
+    own_t_px: Array | float = 0.0
+    own_s_px: Array | float = 0.0
 
     @property
     def t_deg(self) -> Array:
@@ -60,13 +64,14 @@ class FocusedBlur:
         return np.where(self.imaging.width == 0.0, np.copysign(np.inf, self.t_px * self.s_px), area)
 
     def floored_area(self) -> Array:
-        """Blur area (n,), square degrees, with a pixel and the Airy disk added in quadrature to each side.
+        """Blur area (n,), square degrees, with a pixel, the Airy disk and the lens's own blur added in quadrature.
 
         What a user really gets: the bare product vanishes wherever one of its factors does.
         """
         floor = 1 + self.airy_px**2
         with np.errstate(divide="ignore", invalid="ignore"):
-            return np.sqrt((self.t_px**2 + floor) * (self.s_px**2 + floor)) / self.imaging.area
+            t, s = self.t_px**2 + floor + self.own_t_px**2, self.s_px**2 + floor + self.own_s_px**2
+            return np.sqrt(t * s) / self.imaging.area
 
 
 # -- the same as functions of the focus ----------------------------------------------------------------
@@ -84,6 +89,8 @@ class Sides(NamedTuple):
     Dh: Array
     """(n,) px per deg, at the scale g = 1."""
     Dw: Array
+    own2: tuple[Array, Array] | None = None
+    """(n,), (n,) px^2 of the lens's own blur, which hardly changes with the focus; None of an ideal lens."""
 
 
 class Scales(NamedTuple):
@@ -97,6 +104,8 @@ class Scales(NamedTuple):
     """Scale of the picture."""
     floor: Any
     """Square of a pixel and of the Airy disk, px^2."""
+    has_own: bool = False
+    """Whether the lens has a blur of its own."""
 
 
 @dataclass(frozen=True)
@@ -141,8 +150,13 @@ def _product_area(c: Sides) -> Array:
 
 
 def _floored_area(c: Sides) -> Array:
-    either = _square(c.t, c.w_t) + _square(c.s, c.w_s)
-    return np.concatenate([_product_area(c), np.concatenate([either, np.ones((1, len(c.t)))]) / (c.Dh * c.Dw) ** 2])
+    t, s = _square(c.t, c.w_t), _square(c.s, c.w_s)
+    one = np.ones((1, len(c.t)))
+    rest = [t + s, one]
+    if c.own2 is not None:
+        own_t, own_s = c.own2
+        rest += [t * own_s + s * own_t, one * (own_t + own_s), one * own_t * own_s]
+    return np.concatenate([_product_area(c), np.concatenate(rest) / (c.Dh * c.Dw) ** 2])
 
 
 def _powers(scale: Any, u: Any, degree: int) -> list[Any]:
@@ -155,7 +169,8 @@ def _powers(scale: Any, u: Any, degree: int) -> list[Any]:
 def _floored_functions(f: Scales) -> list[Any]:
     s, g = f.s * f.s, f.g * f.g
     s, floor = s / g, f.floor / g
-    return [*_powers(s * s, f.u, 4), *_powers(s * floor, f.u, 2), floor * floor]
+    found = [*_powers(s * s, f.u, 4), *_powers(s * floor, f.u, 2), floor * floor]
+    return [*found, *_powers(s / g, f.u, 2), floor / g, 1 / (g * g)] if f.has_own else found
 
 
 def _degrees(f: Scales) -> list[Any]:

@@ -38,6 +38,7 @@ def lens_like(sensor: Sensor) -> dict[str, Any]:
     >>> lens_like(om.load_sensor("paraboloid-telecentric"))
     {'kind': 'orthographic', 'f_number': 4.0}
     """
+    sensor.check_thin_lens("a design like another sensor's")
     lens = sensor.lens
     table: dict[str, Any] = {"kind": lens.KIND, "f_number": lens.stop_number}
     if isinstance(lens, Perspective):

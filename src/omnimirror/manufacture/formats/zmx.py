@@ -137,6 +137,7 @@ def _surfaces(sensor: Sensor, aspheres: Sequence[Asphere]) -> list[str]:
         first = ["  COMM plane in focus", *_flat(-(sensor.lens.focus_distance_mm + to_mirror), 0.0)]
         stop = ["  COMM telecentric lens", "  STOP", *_flat(to_mirror, seen.rim_radius_mm)]
     else:
+        sensor.check_thin_lens("export to .zmx")
         lens = cast(Perspective, sensor.lens)
         to_mirror = (m if second is None else m - second.distance_mm) - lens.entrance_pupil_mm
         # seen from its entrance pupil it is a thin lens, which has that principal distance in focus there

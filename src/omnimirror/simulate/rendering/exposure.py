@@ -24,7 +24,7 @@ from ..scenes.contract import Distant, Scene
 from ..scenes.environment import Environment
 from ..scenes.posed import PosedScene
 from ..shells import ThroughShell, seen_through
-from .kernel_sensor import native_optics
+from .kernel_sensor import is_for_kernels, native_optics
 from .samples import Samples, places, spread
 from .sight import DIRECT, HIDDEN, LOST, REFLECTED, check_clear, check_housing_is_shown, follow, front_shade
 
@@ -150,7 +150,7 @@ def expose(
         return np.stack([share[..., i] for i, share in enumerate(shares)], axis=-1)
     seen = seen_through(camera, _distant(scene) if distant else scene)
     far = _environment_of(seen)
-    if _has_one_mirror(camera) and far is not None and backend.is_compiled:
+    if _has_one_mirror(camera) and far is not None and is_for_kernels(camera):
         return _of_environment(camera, *far, plan, radiometry, progress)
     return _of_scene(camera, seen, plan, radiometry, progress, workers)
 
@@ -250,7 +250,7 @@ def trace(camera: Camera, plan: Samples, radiometry: Radiometry, rows: slice, co
             origins, directions, valid = camera.backproject(flat)
         fate = np.where(valid, REFLECTED, LOST).astype(np.uint8).reshape(shape)
         return Bundle(origins.reshape(*shape, 3), directions.reshape(*shape, 3), np.ones(shape), fate)
-    trace_sensor = _trace_natively if backend.is_compiled else _trace_sensor
+    trace_sensor = _trace_natively if is_for_kernels(camera) else _trace_sensor
     return trace_sensor(camera, plan, radiometry, rows, columns)
 
 

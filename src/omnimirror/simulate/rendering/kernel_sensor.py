@@ -24,6 +24,11 @@ FARTHEST = 1e3  # tangent; nothing is seen there
 SAME_MM = 1e-9  # a conic that is the mirror, not one that is like it
 
 
+def is_for_kernels(sensor: Sensor) -> bool:
+    """Whether the compiled kernels are there, and know its lens: an ideal one, perhaps distorted."""
+    return backend.is_compiled and sensor.lens.IS_THIN
+
+
 @lru_cache(maxsize=8)
 def native_optics(sensor: Sensor, radiometry: Radiometry, blur: bool, heading: tuple[float, ...]) -> object:
     """The compiled optics of a sensor; ``heading`` is a rotation (9,) of the world's directions, row by row.

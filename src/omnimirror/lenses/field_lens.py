@@ -1,0 +1,146 @@
+"""Real lenses: what a lens does that is known by its field, from a table or from its surfaces."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from typing import ClassVar
+
+import numpy as np
+
+from .base import Array
+from .field import LensField, LensValues
+from .gaussian import GaussianLens
+from .pupil import EntrancePupil
+
+STEPS = 40
+CLOSE = 1e-14
+
+
+class FieldLens(GaussianLens):
+    """A lens whose entrance pupil moves, whose field is curved and which has a blur of its own.
+
+    To first order in the aperture: rays of an image point go through the points of the entrance pupil with the slopes
+    that :mod:`.field` says.
+    """
+
+    IS_THIN: ClassVar[bool] = False
+
+    @property
+    @abstractmethod
+    def field(self) -> LensField:
+        """What it does, as focused."""
+
+    @property
+    def pupil(self) -> EntrancePupil:
+        return self.field.entrance_pupil
+
+    # -- the picture --------------------------------------------------------------------------------------
+
+    def distorted_height(self, ideal: Array) -> Array:
+        tangent = ideal / self.principal_distance
+        self.field.check(tangent)
+        return self.field.height(tangent)[0]
+
+    def undistorted_height(self, h: Array) -> Array:
+        return self.principal_distance * self.field.tangent_of(h)
+
+    def distorted(self, ideal: Array) -> Array:
+        tangent = np.hypot(ideal[..., 0], ideal[..., 1]) / self.principal_distance
+        height, rate = self.field.height(tangent)
+        seen = tangent <= self.field.end * (1 + 1e-12)
+        return ideal * np.where(seen, ratio(height, tangent, rate), np.nan)[..., None] / self.principal_distance
+
+    def undistorted(self, image: Array) -> Array:
+        height = np.hypot(image[..., 0], image[..., 1])
+        tangent = self.field.tangent_of(height)
+        rate = self.field.height(np.zeros(1))[1][0]
+        return image * ratio(tangent, height, np.asarray(1 / rate))[..., None] * self.principal_distance
+
+    def stretch(self, ideal: Array) -> tuple[Array, Array]:
+        tangent, c = ideal / self.principal_distance, self.principal_distance
+        height, rate = self.field.height(tangent)
+        return rate / c, ratio(height, tangent, rate) / c
+
+    def blur_stretch(self, ideal: Array) -> tuple[Array, Array]:
+        found, c = self.field.at(ideal / self.principal_distance), self.principal_distance
+        return found.scale_t * found.width_t / c, found.scale_s * found.width_s / c
+
+    def image_coordinates(self, L_t: Array, L_s: Array, ideal: Array) -> tuple[Array, Array]:
+        found, on_axis = self.field.at(ideal / self.principal_distance), 1 / self.from_pupil
+        with np.errstate(divide="ignore"):
+            t, s = (1 / (L - found.pupil) for L in (L_t, L_s))
+        return t - (found.vergence_t - on_axis), s - (found.vergence_s - on_axis)
+
+    def own_blur(self, ideal: Array) -> tuple[Array, Array]:
+        found = self.field.at(ideal / self.principal_distance)
+        return np.maximum(found.own_t, 0.0), np.maximum(found.own_s, 0.0)
+
+    def falloff(self, image: Array, pupil: Array | None = None) -> Array:
+        """Relative illumination, vignetting included; the same for all of the aperture."""
+        return self.field.at(self.field.tangent_of(np.hypot(image[..., 0], image[..., 1]))).illumination
+
+    # -- rays ---------------------------------------------------------------------------------------------
+
+    def entrance_pupil_points(self, pupil: Array, chief: Array | None = None) -> Array:
+        slopes = np.zeros((1, 2)) if chief is None else chief
+        tangent = np.hypot(slopes[:, 0], slopes[:, 1])
+        found, shift = self.field.at(tangent), self.field.odd(tangent)["shift_t"]
+        t, s = axes(slopes)
+        along = shift + found.width_t * np.einsum("ni,ni->n", *np.broadcast_arrays(pupil, t))
+        across = found.width_s * np.einsum("ni,ni->n", *np.broadcast_arrays(pupil, s))
+        places = self.aperture_radius * (along[:, None] * t + across[:, None] * s)
+        depth = np.broadcast_to(found.pupil, len(places))
+        return np.concatenate([places, depth[:, None]], axis=1)
+
+    def entrance_pupil_motion(self, pupil: Array, chief: Array | None = None) -> Array:
+        slopes = np.zeros((1, 2)) if chief is None else chief
+        found = self.field.at(np.hypot(slopes[:, 0], slopes[:, 1]))
+        motion = np.zeros((max(len(slopes), len(pupil)), 2, 3))
+        for axis, width in zip(axes(slopes), (found.width_t, found.width_s), strict=True):
+            motion[:, :, :2] += (self.aperture_radius * width[:, None, None]) * axis[:, :, None] * axis[:, None, :]
+        return motion
+
+    def rays(self, image: Array, pupil: Array) -> tuple[Array, Array]:
+        chief = self.undistorted(image) / self.principal_distance
+        origins = self.entrance_pupil_points(pupil, chief)
+        found = self.field.at(np.hypot(chief[:, 0], chief[:, 1]))
+        slopes = chief - _focused(origins[:, :2], chief, found)
+        return origins, np.concatenate([slopes, np.ones((len(slopes), 1))], axis=1)
+
+    def image_of(self, points: Array, directions: Array) -> Array:
+        """By the chief ray that each ray belongs to: the one whose image point sends a ray this way."""
+        slopes = directions[..., :2] / directions[..., 2:]
+        at_reference = points[..., :2] - points[..., 2:] * slopes
+        shape = slopes.shape
+        slopes, at_reference = slopes.reshape(-1, 2), at_reference.reshape(-1, 2)
+        chief = slopes
+        for _ in range(STEPS):
+            found = self.field.at(np.hypot(chief[:, 0], chief[:, 1]))
+            there = at_reference + found.pupil[:, None] * slopes
+            better = slopes + _focused(there, chief, found)
+            step, chief = np.abs(better - chief), better
+            if not (step > CLOSE).any():
+                break
+        return self.distorted(self.principal_distance * chief).reshape(shape)
+
+
+def axes(slopes: Array) -> tuple[Array, Array]:
+    """Unit vectors (n, 2), (n, 2) away from the axis and across, of slopes (n, 2)."""
+    length = np.hypot(slopes[:, 0], slopes[:, 1])
+    away = length > 0
+    t = np.where(away[:, None], slopes / np.where(away, length, 1.0)[:, None], np.array([1.0, 0.0]))
+    return t, np.stack([-t[:, 1], t[:, 0]], axis=-1)
+
+
+def _focused(places: Array, chief: Array, found: LensValues) -> Array:
+    """By how much (n, 2) slopes through places (n, 2) of the pupil differ from the chief rays' towards their focus."""
+    t, s = axes(chief)
+    along, across = np.einsum("ni,ni->n", places, t), np.einsum("ni,ni->n", places, s)
+    bent: Array = (along * found.vergence_t)[:, None] * t + (across * found.vergence_s)[:, None] * s
+    return bent
+
+
+def ratio(value: Array, by: Array, limit: Array) -> Array:
+    """Quotients (n,), and their limit at 0."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(by == 0.0, limit, value / by)

@@ -1,0 +1,154 @@
+"""Rays through surfaces of revolution, one after the other: refraction, exactly.
+
+The lens's own frame: x and y across, s along the light from the first surface's vertex on.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+STEPS = 30
+CLOSE = 1e-13  # mm
+
+
+class Paraxial(NamedTuple):
+    """What a sequence does next to its axis; places along s from the first vertex, mm."""
+
+    focal_length: float
+    front_principal: float
+    entrance_pupil: float
+    pupil_magnification: float
+    """Diameter of the entrance pupil per that of the stop."""
+    back: tuple[float, float, float, float]
+    """The matrix (a, b, c, d) from height and slope at the first vertex to those at the last."""
+
+
+class Landed(NamedTuple):
+    """Where rays (n,) arrive."""
+
+    image: Array
+    """(n, 2) mm on the imager."""
+    stop: Array
+    """(n, 2) mm on the stop."""
+    clear: Mask
+    """(n,) whether they pass all clear apertures."""
+    on_glass: Mask
+    """(n,) whether they pass within all surfaces' edges."""
+
+
+@dataclass(frozen=True)
+class Sequence:
+    """Surfaces and what is between them; n surfaces of which the stop is one.
+
+    Attributes
+    ----------
+    curvature, conic : (n,)
+    aspheres : (n, k)
+        Coefficients of r^2, r^4 ..
+    thickness : (n,) mm
+        To the next surface; the last one is to the imager.
+    index : (n + 1,)
+        Before the first surface, and after each.
+    edge, clear : (n,) mm
+        Radius of the surface, and of its clear aperture; infinite where not known.
+    stop
+        Which surface is the stop, from 0.
+    """
+
+    curvature: Array
+    conic: Array
+    aspheres: Array
+    thickness: Array
+    index: Array
+    edge: Array
+    clear: Array
+    stop: int
+
+    def paraxial(self) -> Paraxial:
+        """Gaussian optics by matrices of height and slope."""
+        matrix, to_stop = np.eye(2), np.eye(2)
+        power = self.curvature + 2 * (self.aspheres[:, 0] if self.aspheres.shape[1] else 0.0)
+        for i, c in enumerate(power):
+            if i == self.stop:
+                to_stop = matrix.copy()
+            before, after = self.index[i], self.index[i + 1]
+            matrix = np.array([[1.0, 0.0], [-(after - before) * c / after, before / after]]) @ matrix
+            if i < len(power) - 1:
+                matrix = np.array([[1.0, self.thickness[i]], [0.0, 1.0]]) @ matrix
+        (a, b), (c, d) = matrix
+        focal = -1 / c
+        # from the pupil's plane at s = p, rays of height y, slope u: the stop's height does not depend on u
+        p = to_stop[0, 1] / to_stop[0, 0]
+        return Paraxial(focal, (d - 1) / c, p, 1 / to_stop[0, 0], (a, b, c, d))
+
+    def trace(self, places: Array, slopes: Array, to_imager: float) -> Landed:
+        """Rays given by places (n, 2) in the plane of the first vertex and slopes (n, 2), by s.
+
+        NaN where a ray misses a surface or is totally reflected.
+        """
+        p = np.concatenate([places, np.zeros((len(places), 1))], axis=1)
+        d = np.concatenate([slopes, np.ones((len(slopes), 1))], axis=1)
+        d /= np.sqrt(np.einsum("ni,ni->n", d, d))[:, None]
+        clear, on_glass, stop = np.ones(len(p), bool), np.ones(len(p), bool), np.empty((len(p), 2))
+        with np.errstate(invalid="ignore", divide="ignore"):
+            for i in range(len(self.curvature)):
+                p, normal = self._meet(i, p, d)
+                r2 = p[:, 0] ** 2 + p[:, 1] ** 2
+                clear &= r2 <= self.clear[i] ** 2
+                on_glass &= r2 <= self.edge[i] ** 2
+                if i == self.stop:
+                    stop = p[:, :2].copy()
+                if self.index[i] != self.index[i + 1]:
+                    d = refracted(d, normal, self.index[i] / self.index[i + 1])
+                p = p.copy()
+                p[:, 2] -= self.thickness[i] if i < len(self.curvature) - 1 else to_imager
+            image = p[:, :2] - (p[:, 2] / d[:, 2])[:, None] * d[:, :2]
+        return Landed(image, stop, clear, on_glass)
+
+    def _meet(self, i: int, p: Array, d: Array) -> tuple[Array, Array]:
+        """Where (n, 3) rays meet a surface, in the frame of its vertex, and its normals (n, 3) there."""
+        c, k, a = self.curvature[i], self.conic[i], self.aspheres[i]
+        p = p - (p[:, 2] / d[:, 2])[:, None] * d
+        square = c * (p[:, 0] ** 2 + p[:, 1] ** 2)
+        along = d[:, 2] - c * (p[:, 0] * d[:, 0] + p[:, 1] * d[:, 1])
+        t = square / (along + np.sqrt(along**2 - c * (1 + k * d[:, 2] ** 2) * square))
+        if not a.any():
+            p = p + t[:, None] * d
+            normal = np.stack([-c * p[:, 0], -c * p[:, 1], 1 - c * (1 + k) * p[:, 2]], axis=-1)
+            return p, normal / np.sqrt(np.einsum("ni,ni->n", normal, normal))[:, None]
+        for _ in range(STEPS):
+            at = p + t[:, None] * d
+            sag, slope = sag_and_slope(at[:, 0] ** 2 + at[:, 1] ** 2, c, k, a)
+            normal = np.stack([-slope * at[:, 0], -slope * at[:, 1], np.ones_like(t)], axis=-1)
+            step = (sag - at[:, 2]) / np.einsum("ni,ni->n", normal, d)
+            t = t + step
+            if not (np.abs(step) > CLOSE).any():
+                break
+        return p + t[:, None] * d, normal / np.sqrt(np.einsum("ni,ni->n", normal, normal))[:, None]
+
+
+def sag_and_slope(r2: Array, c: float, k: float, a: Array) -> tuple[Array, Array]:
+    """Sag (n,) of an even asphere, and its slope over the distance from the axis, both by its square."""
+    root = np.sqrt(1 - (1 + k) * c * c * r2)
+    sag, slope = c * r2 / (1 + root), c / root
+    power = np.ones_like(r2)
+    for j, coefficient in enumerate(a, start=1):
+        slope = slope + 2 * j * coefficient * power
+        power = power * r2
+        sag = sag + coefficient * power
+    return sag, slope
+
+
+def refracted(d: Array, normal: Array, ratio: float) -> Array:
+    """Unit directions (n, 3) after a surface, Snell's law in vectors; NaN where totally reflected."""
+    cos = np.einsum("ni,ni->n", d, normal)
+    after = np.sqrt(1 - ratio**2 * (1 - cos**2))
+    bent: Array = ratio * d + (after - ratio * cos)[:, None] * normal
+    return bent

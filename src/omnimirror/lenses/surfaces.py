@@ -1,0 +1,243 @@
+"""A lens by its surfaces, as optical programs exchange it: real rays through glass."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from ..errors import InvalidParameter
+from ..parameters import Parameter
+from .base import F_NUMBER, FOCUS, Array
+from .field import LensField
+from .field_lens import FieldLens, axes
+from .prescription.field_trace import Traced, field_end, stop_radius, traced_field
+from .prescription.sequence import Paraxial, Sequence
+from .prescription.zmx import read_lens_file
+
+AIMING_STEPS = 12
+LANDS_MM = 1e-10
+PER_SURFACE = {
+    "curvature_per_mm": Parameter("1/mm", -1e3, 1e3, "curvatures of the surfaces from the front on, 0 for planes"),
+    "thickness_mm": Parameter("mm", -1e4, 1e4, "distance of each surface to the next; of the last it is not used"),
+    "index": Parameter("", 1.0, 5.0, "refractive index after each surface; 1 after the last"),
+    "conic": Parameter("", -1e4, 1e4, "conic constants"),
+    "edge_mm": Parameter("mm", 0.0, 1e4, "radii of the surfaces, 0 where not known"),
+    "clear_mm": Parameter("mm", 0.0, 1e4, "radii of apertures that cut bundles off, 0 where there is none"),
+    "index_short": Parameter("", 1.0, 5.0, "indices in the shortest wavelength"),
+    "index_long": Parameter("", 1.0, 5.0, "indices in the longest wavelength"),
+}  # fmt: skip
+NEEDED = ("curvature_per_mm", "thickness_mm", "index")
+
+
+@dataclass(frozen=True)
+class SurfaceLens(FieldLens):
+    """A lens of surfaces of revolution; its reference point is the vertex of the first.
+
+    The imager stands where a distant or near object on the axis, ``focus_distance_mm`` from that vertex, is imaged by
+    rays next to the axis in the middle wavelength. Chief rays go through the middle of the stop; T and S focus,
+    distortion, vignetting and the lens's own blur are those of real rays.
+
+    Parameters
+    ----------
+    f_number
+        Focal length over diameter of the entrance pupil.
+    focus_distance_mm : mm
+    curvature_per_mm, thickness_mm, index : (n,)
+        From the front on: what faces the mirror comes first.
+    stop_surface
+        Which surface is the stop, from 1.
+    field_max_deg
+        Largest viewing angle; as far as light passes, and 80 deg, by default.
+    conic, edge_mm, clear_mm, index_short, index_long : (n,)
+    aspheres : (n, k)
+        Coefficients of r^2, r^4 .. in mm.
+    wavelengths_nm
+        Shortest, middle and longest; for people.
+
+    Raises
+    ------
+    InvalidParameter
+        Columns of different lengths, a stop that is no surface, no focal length above 0, or no light that passes.
+
+    Examples
+    --------
+    A plano-convex lens of 50 mm with its stop in front:
+
+    >>> lens = SurfaceLens(8.0, 1e6, (0.0, 1 / 25.84, 0.0), (10.0, 4.0, 0.0), (1.0, 1.5168, 1.0), 1)
+    >>> round(lens.focal_length_mm, 2)
+    50.0
+    """
+
+    f_number: float
+    focus_distance_mm: float
+    curvature_per_mm: tuple[float, ...]
+    thickness_mm: tuple[float, ...]
+    index: tuple[float, ...]
+    stop_surface: int
+    field_max_deg: float = 80.0
+    conic: tuple[float, ...] | None = None
+    aspheres: tuple[tuple[float, ...], ...] | None = None
+    edge_mm: tuple[float, ...] | None = None
+    clear_mm: tuple[float, ...] | None = None
+    index_short: tuple[float, ...] | None = None
+    index_long: tuple[float, ...] | None = None
+    wavelengths_nm: tuple[float, ...] | None = None
+
+    KIND: ClassVar[str] = "surfaces"
+    PARAMETERS: ClassVar[dict[str, Parameter]] = {
+        "f_number": F_NUMBER,
+        "focus_distance_mm": FOCUS,
+        **PER_SURFACE,
+        "stop_surface": Parameter("", 1, 1000, "which surface is the stop, from 1"),
+        "field_max_deg": Parameter("deg", 1.0, 80.0, "largest viewing angle"),
+        "aspheres": Parameter("", -1e9, 1e9, "coefficients of r^2, r^4 .. of each surface"),
+        "wavelengths_nm": Parameter("nm", 100.0, 2e4, "shortest, middle and longest wavelength"),
+    }
+
+    def __post_init__(self) -> None:
+        for f in fields(self):
+            value = getattr(self, f.name)
+            if value is None:
+                continue
+            if f.name == "aspheres":
+                value = tuple(tuple(float(v) for v in row) for row in value)
+            elif isinstance(value, list | tuple):
+                value = tuple(float(v) for v in value)
+            object.__setattr__(self, f.name, value)
+            if f.name != "aspheres" or len({len(row) for row in value}) == 1:
+                self.PARAMETERS[f.name].check(f.name, value)
+        count = len(self.curvature_per_mm)
+        for name in (*PER_SURFACE, "aspheres"):
+            column = getattr(self, name)
+            if column is not None and len(column) != count:
+                raise InvalidParameter(
+                    f"{name} has {len(column)} values for {count} surfaces; it is valid with one for each"
+                )
+        if self.aspheres is not None and len({len(row) for row in self.aspheres}) != 1:
+            raise InvalidParameter("aspheres is valid with as many coefficients for each surface; fill up with 0")
+        if int(self.stop_surface) != self.stop_surface or not 1 <= self.stop_surface <= count:
+            raise InvalidParameter(f"stop_surface = {self.stop_surface:g} is not one of the surfaces, 1 to {count}")
+        if self.index[-1] != 1.0:
+            raise InvalidParameter(f"index ends with {self.index[-1]:g}; valid is 1, the air before the imager")
+        focal = self._paraxial.focal_length
+        if not (np.isfinite(focal) and focal > 0):
+            raise InvalidParameter(f"the surfaces have a focal length of {focal:g} mm; one above 0 is valid")
+        self._check_focus()
+        _ = self.field
+
+    @classmethod
+    def from_spec(cls, data: dict[str, Any], folder: Path | None) -> dict[str, Any]:
+        return read_lens_file(data, folder)
+
+    @property
+    def _paraxial(self) -> Paraxial:
+        return _traced_of(self).paraxial
+
+    @property
+    def focal_length_mm(self) -> float:  # type: ignore[override]  # a field of other lenses
+        """Of rays next to the axis, middle wavelength."""
+        return float(self._paraxial.focal_length)
+
+    @property
+    def principal_point_mm(self) -> float:
+        return -float(self._paraxial.front_principal)
+
+    @property
+    def pupil_from_principal(self) -> float:
+        return float(self._paraxial.front_principal - self._paraxial.entrance_pupil)
+
+    @property
+    def field(self) -> LensField:
+        return _traced_of(self).field
+
+    def _check_focus(self) -> None:
+        nearest = self.principal_point_mm + self.focal_length_mm
+        if self.focus_distance_mm <= nearest:
+            raise InvalidParameter(
+                f"focus_distance_mm = {self.focus_distance_mm:g} is nearer than the front focus; it is valid above "
+                f"{nearest:g}, from the first surface"
+            )
+
+    # -- real rays -----------------------------------------------------------------------------------------
+
+    def image_of(self, points: Array, directions: Array) -> Array:
+        """By tracing the rays through every surface; NaN for those that do not get through."""
+        shape = directions[..., :2].shape
+        slopes = (directions[..., :2] / directions[..., 2:]).reshape(-1, 2)
+        places = points[..., :2].reshape(-1, 2) - points[..., 2].reshape(-1, 1) * slopes
+        return self._landed(places, slopes).reshape(shape)
+
+    def rays(self, image: Array, pupil: Array) -> tuple[Array, Array]:
+        """Those through points of the pupil that land on the image points: from first-order rays, by Newton's rule."""
+        origins, directions = super().rays(image, pupil)
+        slopes = directions[:, :2] / directions[:, 2:]
+        chief = self.undistorted(image) / self.principal_distance
+        found = self.field.at(np.hypot(chief[:, 0], chief[:, 1]))
+        t, s = axes(chief)
+        for _ in range(AIMING_STEPS):
+            missed = image - self._landed(origins[:, :2] - origins[:, 2:] * slopes, slopes)
+            along, across = (np.einsum("ni,ni->n", missed, axis) for axis in (t, s))
+            step = (along / found.scale_t)[:, None] * t + (across / found.scale_s)[:, None] * s
+            slopes = slopes + step
+            if not (np.abs(missed) > LANDS_MM).any():
+                break
+        return origins, np.concatenate([slopes, np.ones((len(slopes), 1))], axis=1)
+
+    def _landed(self, places: Array, slopes: Array) -> Array:
+        """Image points (n, 2) mm of rays by places in the plane of the first vertex and slopes towards the mirror."""
+        traced = _traced_of(self).traced
+        return -traced.sequence.trace(places, -slopes, traced.to_imager).image
+
+
+class _TracedLens(NamedTuple):
+    """A lens ready for rays."""
+
+    paraxial: Paraxial
+    traced: Traced
+    lens: SurfaceLens
+
+    @property
+    def field(self) -> LensField:
+        return _field_of(self.lens)
+
+
+@lru_cache(maxsize=64)
+def _traced_of(lens: SurfaceLens) -> _TracedLens:
+    sequence = _sequence_of(lens)
+    paraxial = sequence.paraxial()
+    a, b, c, d = paraxial.back
+    distance = lens.focus_distance_mm
+    to_imager = -(a * distance + b) / (c * distance + d)
+    radius = paraxial.focal_length / lens.f_number / 2
+    traced = Traced(sequence, to_imager, -paraxial.entrance_pupil, radius, np.inf, distance)
+    return _TracedLens(paraxial, traced._replace(stop_radius=stop_radius(traced)), lens)
+
+
+@lru_cache(maxsize=64)
+def _field_of(lens: SurfaceLens) -> LensField:
+    """The functions of a lens's field, as focused."""
+    traced = _traced_of(lens).traced
+    end = field_end(traced, float(np.tan(np.radians(lens.field_max_deg))))
+    outer = None
+    if lens.index_short is not None and lens.index_long is not None:
+        outer = np.array([1.0, *lens.index_short]), np.array([1.0, *lens.index_long])
+    return LensField(traced_field(traced, end, outer), "the lens's field")
+
+
+def _sequence_of(lens: SurfaceLens) -> Sequence:
+    count = len(lens.curvature_per_mm)
+
+    def column(values: tuple[float, ...] | None, missing: float) -> Array:
+        found = np.zeros(count) if values is None else np.array(values)
+        return np.where(found == 0.0, missing, found) if missing else found
+
+    return Sequence(
+        np.array(lens.curvature_per_mm), column(lens.conic, 0.0),
+        np.zeros((count, 0)) if lens.aspheres is None else np.array(lens.aspheres),
+        np.array(lens.thickness_mm), np.array([1.0, *lens.index]), column(lens.edge_mm, np.inf),
+        column(lens.clear_mm, np.inf), int(lens.stop_surface) - 1,
+    )  # fmt: skip

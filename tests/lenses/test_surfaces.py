@@ -1,0 +1,284 @@
+"""A lens by its surfaces, against rays traced in the tests through glass and mirror by code that shares nothing."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+import omnimirror as om
+from omnimirror.errors import OmnimirrorError
+from omnimirror.lenses import SurfaceLens
+from omnimirror.lenses.prescription.glasses import Glass, glass_named, read_agf
+from omnimirror.lenses.prescription.sequence import Sequence
+from omnimirror.mirrors import Sphere
+from omnimirror.mirrors.pose import MirrorPose
+from omnimirror.simulate.radiometry import Radiometry
+from omnimirror.simulate.rendering.exposure import trace
+from omnimirror.simulate.rendering.samples import spread
+from omnimirror.specs.sensor_file import format_sensor
+from tests.lenses import prescriptions as own
+
+A, RIM, M = 50.0, 44.0, 182.0
+PITCH = 5.2e-3
+OMEGA = np.array([0.0, 20.0, 45.0, 70.0, 90.0, 110.0, 130.0])
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory):
+    path = tmp_path_factory.mktemp("lens") / "triplet.zmx"
+    path.write_text(own.zmx(), encoding="utf-16")
+    return path
+
+
+def lens_of(path, **more):
+    table = SurfaceLens.from_spec({"file": path.name, "focus_distance_mm": own.FOCUS, **more}, path.parent)
+    return SurfaceLens(**table)
+
+
+def sensor_with(lens, pose=None):
+    imager = om.load_sensor("paper-spherical").imager
+    return om.Sensor(
+        Sphere(A, RIM), lens, imager, mirror_distance_mm=M, mirror_pose=MirrorPose() if pose is None else pose
+    )
+
+
+@pytest.fixture(scope="module")
+def sensor(file):
+    return sensor_with(lens_of(file))
+
+
+def truth(omega_deg, stop_at=(0.0, 0.0), wavelength_um=0.5875618):
+    n = own.indices(wavelength_um)
+    to_imager = own.imager_place(own.indices())
+    return np.array(
+        [own.image_of_direction(np.radians(o), np.array(stop_at), n, A, M, to_imager) for o in np.atleast_1d(omega_deg)]
+    )
+
+
+def test_chief_rays_land_where_traced_ones_do(sensor):
+    """Within a thousandth of a pixel, from the axis to the rim."""
+    found = om.evaluate(sensor, OMEGA).h_px
+    assert np.abs(found - truth(OMEGA)[:, 0] / PITCH).max() < 1e-3
+    rate = (truth(90.001)[0, 0] - truth(89.999)[0, 0]) / PITCH / 0.002
+    assert om.evaluate(sensor, [90.0]).dh_domega_px_per_deg[0] == pytest.approx(rate, rel=1e-5)
+
+
+def test_the_pupil_moves_and_its_motion_shows(sensor):
+    """Or the test above would pass with one that stays."""
+    places = sensor.lens.field.nodes.pupil
+    assert np.ptp(places) > 0.1
+    fixed = replace(
+        om.load_sensor("paper-spherical").lens,
+        focal_length_mm=sensor.lens.focal_length_mm,
+        focus_distance_mm=own.FOCUS - sensor.lens.principal_point_mm,
+        entrance_pupil_mm=sensor.lens.pupil_from_principal,
+    )
+    still = replace(sensor, lens=fixed, mirror_distance_mm=M - sensor.lens.principal_point_mm)
+    away = om.evaluate(still, OMEGA).h_px - om.evaluate(sensor, OMEGA).h_px
+    assert 0.05 < np.abs(away).max() < 3
+
+
+def test_blur_is_that_of_thin_bundles_through_glass(file):
+    """Tangential and sagittal, by rays through the edges of a stop of F/400, which sees no spherical aberration."""
+    sensor = sensor_with(lens_of(file, f_number=400.0))
+    found = om.evaluate(sensor, OMEGA[1:])
+    # the stop's radius, from a ray to the edge of the entrance pupil, traced here
+    edge = sensor.lens.focal_length_mm / 800.0
+    pupil = sensor.lens.pupil.at_mm
+    towards = np.array([edge, 0.0, own.FOCUS - pupil])
+    r = own.through([0, 0, -own.FOCUS], towards, own.indices(), 0.0)[0][0]
+    for axis, blur in ((0, found.blur_t_px), (1, found.blur_s_px)):
+        ends = [truth(OMEGA[1:], np.eye(2)[axis] * s * r)[:, axis] for s in (1, -1)]
+        assert np.abs(blur) == pytest.approx(np.abs(ends[0] - ends[1]) / PITCH, rel=1e-3, abs=1e-5)
+
+
+def test_spots_are_those_of_rays_through_the_stop(sensor):
+    """At F/4: aberrations of the lens and of the mirror together, within 5 % of their size."""
+    edge, pupil = sensor.lens.aperture_radius, sensor.lens.pupil.at_mm
+    r = own.through([0, 0, -own.FOCUS], [edge, 0.0, own.FOCUS - pupil], own.indices(), 0.0)[0][0]
+    rings = [(np.sqrt((i + 0.5) / 8), t) for i in range(8) for t in (np.arange(8) + 0.5 * (i % 2)) * np.pi / 4]
+    stop = r * np.array([[q * np.cos(t), q * np.sin(t)] for q, t in rings])
+    for omega in (40.0, 120.0):
+        image = np.concatenate([truth(omega, at) for at in stop]) / PITCH
+        for axis, size in enumerate(om.spots(sensor, [omega]).rms_px()):
+            assert size[0, 0] == pytest.approx(image[:, axis].std(), rel=0.05)
+
+
+def test_three_wavelengths(sensor):
+    """Lateral colour, as the field's functions have it."""
+    found = om.evaluate(sensor, OMEGA[1:])
+    theta = np.tan(np.radians(found.theta_deg))
+    for name, wave in (("short", 0.4861327), ("long", 0.6562725)):
+        # the same object, seen by the same pupil, in another colour; its chief ray leaves at another angle by little
+        away = sensor.lens.field.odd(theta)[name]
+        traced = truth(OMEGA[1:], wavelength_um=wave)[:, 0] - truth(OMEGA[1:])[:, 0]
+        assert np.abs(away - traced).max() < 2e-5 + 0.05 * np.abs(traced).max()
+
+
+@pytest.mark.parametrize("pose", [MirrorPose(), MirrorPose(decentre_x_mm=0.7, displacement_mm=-1.0)])
+def test_pixels_come_back_and_apertures_agree(file, pose):
+    sensor = sensor_with(lens_of(file), pose)
+    rng = np.random.default_rng(3)
+    turn, r = rng.uniform(0, 2 * np.pi, 40), 460 * np.sqrt(rng.uniform(0, 1, 40))
+    pixels = 511.5 + (r * np.stack([np.cos(turn), np.sin(turn)])).T
+    rays = sensor.backproject(pixels)
+    assert rays.valid.all()
+    for found in (sensor.project(rays.origins + 120.0 * rays.directions), sensor.project_directions(rays.directions)):
+        assert np.abs(found.pixels - pixels).max() < 1e-3
+    chief = sensor.aperture_rays(pixels, np.zeros(2))
+    assert np.abs(np.degrees(chief.directions - rays.directions)).max() < 2e-4
+
+
+def test_every_ray_of_a_picture_lands_on_its_pixel(sensor):
+    """Rays of the simulation, sent back through the glass from where they left the mirror."""
+    plan = spread(8, True)
+    bundle = trace(sensor, plan, Radiometry(), slice(300, 301), slice(400, 420))
+    assert (bundle.fate == 1).all()
+    rng = np.random.default_rng(0)
+    image, pupil = rng.uniform(-2, 2, (50, 2)), 0.9 * rng.uniform(-0.7, 0.7, (50, 2))
+    origins, directions = sensor.lens.rays(image, pupil)
+    n, to_imager = own.indices(), own.imager_place(own.indices())
+    for k in range(50):
+        p, d = origins[k] * [1, 1, -1], directions[k] * [1, 1, -1]
+        landed = own.through(p - 100 * d, d if d[2] > 0 else -d, n, to_imager)[1]
+        if d[2] < 0:
+            landed = own.through(p + 100 * d, -d, n, to_imager)[1]
+        assert np.abs(-landed - image[k]).max() < 1e-8
+
+
+def test_focusing_breathes(file):
+    """The imager moves, the surfaces stay: heights of another focus, traced."""
+    near = sensor_with(lens_of(file).focused_at(150.0))
+    n = own.indices()
+    to_imager = own.imager_place(n, 150.0)
+    wanted = np.array([own.image_of_direction(np.radians(o), np.zeros(2), n, A, M, to_imager)[0] for o in OMEGA])
+    assert np.abs(om.evaluate(near, OMEGA).h_px - wanted / PITCH).max() < 1e-3
+
+
+def test_even_aspheres_meet_their_surface():
+    """A point found on the surface lies on it, and its slope is the sag's, by finite differences of mpmath's kind."""
+    c, k, a = 0.02, -0.7, np.array([[1e-4, -3e-6, 2e-8]])
+    one = Sequence(
+        np.array([c]), np.array([k]), a, np.zeros(1), np.array([1.0, 1.5]), np.full(1, np.inf), np.full(1, np.inf), 0
+    )
+
+    def sag(r):
+        return c * r**2 / (1 + np.sqrt(1 - (1 + k) * c**2 * r**2)) + a[0] @ [r**2, r**4, r**6]
+
+    start, slope, to_imager = 7.0, 0.1, 30.0
+    r = brentq(lambda r: start + slope * sag(r) - r, 6, 9)
+    steep = (sag(r + 1e-5) - sag(r - 1e-5)) / 2e-5
+    incidence = np.arctan(slope) + np.arctan(steep)
+    after = np.arcsin(np.sin(incidence) / 1.5) - np.arctan(steep)
+    landed = one.trace(np.array([[start, 0.0]]), np.array([[slope, 0.0]]), to_imager).image
+    assert landed[0, 0] == pytest.approx(r + (to_imager - sag(r)) * np.tan(after), abs=1e-8)
+
+
+def test_relative_illumination_falls_with_a_narrow_aperture(file, tmp_path):
+    """An aperture in front cuts off what a traced bundle loses there."""
+    text = own.zmx(per_surface={1: ["  CLAP 0 1.75 0"], 6: ["  CLAP 0 1.55 0"]})
+    (tmp_path / "cut.zmx").write_text(text)
+    whole, cut = lens_of(file).field.nodes, lens_of(tmp_path / "cut.zmx").field.nodes
+    assert cut.illumination[0] == pytest.approx(1.0)
+    i = len(cut.tangent) // 2
+    assert cut.width_t[i] < 0.97 * np.interp(cut.tangent[i], whole.tangent, whole.width_t)
+    assert cut.illumination[i] < 0.97 * np.interp(cut.tangent[i], whole.tangent, whole.illumination)
+
+
+# -- files -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("code", ["utf-8", "utf-16", "utf-8-sig", "latin-1"])
+def test_any_encoding_gives_the_same_lens(code, file, tmp_path):
+    (tmp_path / "triplet.zmx").write_bytes(own.zmx().replace("Cooke", "Cooké" * (code != "latin-1")).encode(code))
+    assert lens_of(tmp_path / "triplet.zmx") == lens_of(file)
+
+
+def test_inches(file, tmp_path):
+    text = own.zmx(radii=own.RADII / 25.4, gaps=own.GAPS / 25.4).replace("UNIT MM", "UNIT IN")
+    (tmp_path / "inches.zmx").write_text(text.replace(f"ENPD {11.6 / 4!r}", f"ENPD {11.6 / 4 / 25.4!r}"))
+    assert lens_of(tmp_path / "inches.zmx").focal_length_mm == pytest.approx(lens_of(file).focal_length_mm, rel=1e-12)
+
+
+def test_a_sensor_file_names_the_lens_and_keeps_it(file, sensor, tmp_path):
+    text = format_sensor(om.load_sensor("paper-spherical"))
+    head, rest = text.split("[lens]\n")
+    rest = rest[rest.index("[imager]") :]
+    path = tmp_path / "mine.toml"
+    (tmp_path / "triplet.zmx").write_bytes(file.read_bytes())
+    path.write_text(f'{head}[lens]\nkind = "surfaces"\nfile = "triplet.zmx"\nfocus_distance_mm = 212.0\n\n{rest}')
+    found = om.load_sensor(path)
+    assert found.lens == sensor.lens
+    assert om.parse_sensor(format_sensor(found)) == found
+    with pytest.raises(OmnimirrorError, match=r"lens\.file names another file"):
+        om.parse_sensor(path.read_text())
+
+
+BAD = {
+    "unknown glass": (own.zmx(glasses=["N-SK61", "", "F2", "", "N-SK16", ""]), "N-SK61.*did you mean N-SK16"),
+    "missing surfaces": ("MODE SEQ\nUNIT MM\nSURF 0\nSURF 1\n", "2 surfaces are no lens"),
+    "no stop": (own.zmx(stop=99), "0 surfaces are the stop"),
+    "wrong unit": (own.zmx().replace("UNIT MM", "UNIT FURLONG"), "UNIT FURLONG is not known; valid are MM"),
+    "several configurations": (own.zmx(head="MNUM 3 1"), "several configurations"),
+    "non-sequential": (own.zmx().replace("MODE SEQ", "MODE NSC"), "MODE NSC is not sequential"),
+    "a shape": (own.zmx().replace("TYPE STANDARD", "TYPE TOROIDAL"), "TYPE TOROIDAL is not known"),
+    "a mirror": (own.zmx(glasses=["MIRROR", "", "F2", "", "N-SK16", ""]), "a lens of mirrors"),
+    "not a number": (own.zmx().replace("DISZ INFINITY", "DISZ far"), "is not a line of a lens file"),
+    "vignettes all": (own.zmx(per_surface={3: ["  CLAP 0 1e-6 0"]}), "lets no chief ray through"),
+    "too wide": (own.zmx().replace(f"ENPD {11.6 / 4!r}", "ENPD 40"), "wider than the surfaces"),
+    "wavelength": (own.zmx().replace("WAVM 3 0.6562725", "WAVM 3 9.6"), "the index of N-SK16 is known from"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_files_say_what_is_wrong_in_one_sentence(case, tmp_path):
+    text, sentence = BAD[case]
+    (tmp_path / "bad.zmx").write_text(text)
+    with pytest.raises(OmnimirrorError, match=sentence) as found:
+        lens_of(tmp_path / "bad.zmx")
+    assert "\n" not in str(found.value)
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with pytest.raises(OmnimirrorError, match=r"nothing\.zmx cannot be read"):
+        lens_of(tmp_path / "nothing.zmx")
+
+
+# -- glasses ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "index", "abbe"),
+    [
+        ("N-BK7", 1.51680, 64.17), ("N-SF11", 1.78472, 25.68), ("F2", 1.62004, 36.37), ("N-SK16", 1.62041, 60.32),
+        ("S-BSL7", 1.51633, 64.14), ("S-TIH53", 1.84666, 23.78), ("H-K9L", 1.51680, 64.20), ("PMMA", 1.4914, 57.4),
+        ("POLYCARB", 1.5848, 29.9),
+    ],
+)  # fmt: skip
+def test_glasses_have_the_numbers_of_their_data_sheets(name, index, abbe):
+    glass = glass_named(name, (), None)
+    d, f, c = (glass.index(w) for w in (0.5875618, 0.4861327, 0.6562725))
+    assert d == pytest.approx(index, abs=1.5e-5 if name[0] != "P" else 2e-3)
+    assert (d - 1) / (f - c) == pytest.approx(abbe, abs=0.02 if name[0] != "P" else 5.0)
+
+
+def test_a_catalogue_file_counts_more(tmp_path):
+    lines = [
+        "CC test",
+        "NM N-SK16 2 0 1.5 60 0 1",
+        "CD 1.03961212 0.00600069867 0.231792344 0.0200179144 1.01046945 103.560653",
+    ]
+    (tmp_path / "mine.agf").write_text("\n".join([*lines, "LD 0.3 2.5"]))
+    found = glass_named("N-SK16", (), read_agf(tmp_path / "mine.agf"))
+    assert found.index(0.5875618) == pytest.approx(1.5168, abs=1e-5)
+    (tmp_path / "bad.agf").write_text("NM X\n")
+    with pytest.raises(OmnimirrorError, match="is not a line of a glass catalogue"):
+        read_agf(tmp_path / "bad.agf")
+
+
+def test_schotts_own_formula():
+    """n^2 = a0 + a1 l^2 + a2 l^-2 + .., coefficients of the old BK7 sheet."""
+    a = (2.2718929, -1.0108077e-2, 1.0592509e-2, 2.0816965e-4, -7.6472538e-6, 4.9240991e-7)
+    powers = (a[0], a[1], 2.0, a[2], -2.0, a[3], -4.0, a[4], -6.0, a[5], -8.0)
+    assert Glass("BK7", "powers", powers).index(0.5875618) == pytest.approx(1.5168, abs=1e-5)

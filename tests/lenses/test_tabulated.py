@@ -1,0 +1,186 @@
+"""A lens by its table: against the ordinary lens where it has no faults, and the lens that the table was made of."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.errors import OmnimirrorError
+from omnimirror.lenses import SurfaceLens, TabulatedLens
+from omnimirror.specs.sensor_file import format_sensor
+from tests.lenses import prescriptions as own
+
+ANGLES = np.linspace(0, 20, 41)
+OMEGA = np.linspace(0, 130, 27)
+
+
+def faultless(sensor, pupil=0.0):
+    """The sensor with its lens as a table, and with a fixed entrance pupil as the ordinary lens."""
+    lens = replace(sensor.lens, entrance_pupil_mm=pupil)
+    height = lens.principal_distance * np.tan(np.radians(ANGLES))
+    table = TabulatedLens(
+        lens.focal_length_mm, lens.f_number, lens.focus_distance_mm,
+        tuple(ANGLES), tuple(height), tuple(np.full(len(ANGLES), pupil)),
+    )  # fmt: skip
+    return replace(sensor, lens=lens), replace(sensor, lens=table)
+
+
+@pytest.mark.parametrize("pupil", [0.0, 6.0])
+def test_a_table_without_faults_is_the_ordinary_lens(pupil):
+    plain, table = faultless(om.load_sensor("paper-spherical"), pupil)
+    for focus in (None, 190.0):
+        ours, theirs = (om.evaluate(s, OMEGA, focus_mm=focus) for s in (table, plain))
+        for name in ("h_px", "dh_domega_px_per_deg", "viewpoint_z_mm", "distance_t_mm", "blur_t_px", "blur_s_px"):
+            assert getattr(ours, name) == pytest.approx(getattr(theirs, name), rel=1e-7, abs=1e-7), name
+    assert om.best_focus(table).focus_mm == pytest.approx(om.best_focus(plain).focus_mm, rel=1e-6)
+    pixels = np.array([[700.0, 600.0], [511.5, 200.0], [90.0, 400.0]])
+    pupils = np.array([[0.3, 0.4], [-0.9, 0.1], [0.0, 0.8]])
+    ours, theirs = (s.aperture_rays(pixels, pupils) for s in (table, plain))
+    assert np.abs(ours.directions - theirs.directions).max() < 1e-8
+    assert np.abs(table.project(ours.origins + 90 * ours.directions).pixels - plain.project(
+        ours.origins + 90 * ours.directions).pixels).max() < 1e-6  # fmt: skip
+    spot = [om.spots(s, [60.0]).rms_px() for s in (table, plain)]
+    assert np.abs(np.array(spot[0]) - np.array(spot[1])).max() < 1e-6
+
+
+@pytest.fixture(scope="module")
+def both(tmp_path_factory):
+    """A lens by its surfaces, and by the table that its own numbers make."""
+    path = tmp_path_factory.mktemp("lens") / "triplet.zmx"
+    path.write_text(own.zmx())
+    lens = SurfaceLens(**SurfaceLens.from_spec({"file": path.name, "focus_distance_mm": 212.0}, path.parent))
+    t = np.tan(np.radians(ANGLES))
+    pupil, height = lens.pupil.place(t), np.abs(lens.field.height(t)[0])
+    table = TabulatedLens(
+        lens.focal_length_mm, lens.f_number, 212.0, tuple(ANGLES), tuple(height), tuple(pupil),
+        principal_point_mm=lens.principal_point_mm,
+    )  # fmt: skip
+    imager = om.load_sensor("paper-spherical").imager
+    mirror = om.load_sensor("paper-spherical").mirror
+    return [om.Sensor(mirror, each, imager, mirror_distance_mm=182.0) for each in (lens, table)]
+
+
+def test_its_chief_rays_are_those_of_the_lens_it_was_made_of(both):
+    surfaces, table = (om.evaluate(s, OMEGA) for s in both)
+    assert np.abs(surfaces.h_px - table.h_px).max() < 2e-4
+    assert np.abs(surfaces.viewpoint_z_mm - table.viewpoint_z_mm).max() < 1e-4
+
+
+def test_field_curvature_of_the_imagers_side_is_that_of_the_objects(both):
+    """Defocus in mm behind the lens, found by moving the imager until thin bundles of real rays are sharp."""
+    surfaces, table = both
+    lens = surfaces.lens
+    t = np.tan(np.radians(ANGLES))
+    n, to_imager = own.indices(), own.imager_place(own.indices())
+    place, step = lens.pupil.place(t), 1e-4
+    curvature = {0: [], 1: []}
+    behind = []
+    for tangent, z in zip(t, place, strict=True):
+
+        def image(dx, dy, extra, tangent=tangent, z=z):
+            """Rays from one point in focus, by way of points next to the middle of the pupil."""
+            s0 = 212.0 - z
+            towards = np.array([-(tangent * s0) + dx, dy, s0])
+            start = np.array([tangent * s0, 0.0, -212.0])
+            return -own.through(start, towards, n, to_imager + extra)[1]
+
+        here, there = image(0, 0, 0.0), image(0, 0, 1.0)
+        behind.append(np.degrees(np.arctan(there[0] - here[0])))
+        for axis in (0, 1):
+            moves = step * np.eye(2)[axis]
+            at = [image(*moves, extra)[axis] - image(0, 0, extra)[axis] for extra in (0.0, 1.0)]
+            curvature[axis].append(at[0] / (at[0] - at[1]))
+    bent = replace(
+        table.lens, chief_ray_deg=tuple(behind),
+        field_curvature_t_mm=tuple(curvature[0]), field_curvature_s_mm=tuple(curvature[1]),
+    )  # fmt: skip
+    ours, theirs = (om.evaluate(s, OMEGA) for s in (replace(table, lens=bent), surfaces))
+    # but for pupils that grow with the angle, which the table does not tell
+    grown = lens.field.at(np.tan(np.radians(theirs.theta_deg)))
+    assert ours.blur_t_px * grown.width_t == pytest.approx(theirs.blur_t_px, abs=0.01, rel=2e-3)
+    assert ours.blur_s_px * grown.width_s == pytest.approx(theirs.blur_s_px, abs=0.01, rel=2e-3)
+    # and another focus: the imager moves along the chief rays
+    held = replace(bent, table_focus_mm=212.0).focused_at(150.0)
+    pairs = (table, held), (surfaces, lens.focused_at(150.0))
+    near = [om.evaluate(replace(s, lens=each), OMEGA).h_px for s, each in pairs]
+    assert np.abs(near[0] - near[1]).max() < 0.01
+
+
+def test_own_blur_and_illumination_are_in_the_floored_area_and_the_light():
+    _, table = faultless(om.load_sensor("paper-spherical"))
+    dull = replace(
+        table.lens, own_blur_t_mm=tuple(np.full(len(ANGLES), 0.0104)), own_blur_s_mm=tuple(np.zeros(len(ANGLES))),
+        relative_illumination=tuple(1 - ANGLES / 40),
+    )  # fmt: skip
+    clear, blurred = om.evaluate(table, OMEGA), om.evaluate(replace(table, lens=dull), OMEGA)
+    floor = 1 + clear.airy_px**2
+    wanted = np.sqrt((clear.blur_t_px**2 + floor + 4) * (clear.blur_s_px**2 + floor)) / clear.area_px2
+    assert blurred.floored_area_deg2 == pytest.approx(wanted, rel=1e-9)
+    light = [om.illumination(replace(table, lens=lens), [60.0]).relative[0] for lens in (table.lens, dull)]
+    theta = clear.theta_deg[np.searchsorted(OMEGA, 60.0)]
+    assert light[1] / light[0] == pytest.approx((1 - theta / 40) / np.cos(np.radians(theta)) ** 4, rel=0.02)
+
+
+def test_best_focus_counts_the_own_blur():
+    """The least floored area, found by brute force."""
+    _, table = faultless(om.load_sensor("paper-spherical"))
+    own_blur = tuple(0.02 * (ANGLES / 20) ** 2)
+    sensor = replace(table, lens=replace(table.lens, own_blur_t_mm=own_blur, own_blur_s_mm=own_blur))
+    best = om.best_focus(sensor)
+    tried = [om.evaluate(sensor, np.linspace(0, 135, 1001)[:-1], focus_mm=f).floored_area_deg2.max() for f in
+             best.focus_mm * np.array([0.97, 0.99, 1.01, 1.03])]  # fmt: skip
+    assert best.value <= min(tried) * (1 + 1e-6)
+
+
+def test_a_file_of_columns(tmp_path):
+    plain, table = faultless(om.load_sensor("paper-spherical"))
+    rows = zip(ANGLES, table.lens.image_height_mm, table.lens.entrance_pupil_mm, strict=True)
+    lines = ["# a lens", "field_deg, image_height_mm, entrance_pupil_mm"]
+    lines += [",".join(repr(float(v)) for v in row) for row in rows]
+    (tmp_path / "lens.csv").write_text("\n".join(lines))
+    text = format_sensor(plain)
+    head, rest = text.split("[lens]\n")
+    rest = rest[rest.index("[imager]") :]
+    lens = '[lens]\nkind = "table"\nfile = "lens.csv"\nfocal_length_mm = 11.6\nf_number = 4.0\n'
+    lens += "focus_distance_mm = 212.0\n\n"
+    (tmp_path / "mine.toml").write_text(head + lens + rest)
+    found = om.load_sensor(tmp_path / "mine.toml")
+    assert found.lens == replace(table.lens, focus_distance_mm=212.0)
+    assert om.parse_sensor(format_sensor(found)) == found
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("field_deg,hight\n0,0\n", "column 'hight' is not known; valid are field_deg"),
+        ("field_deg,image_height_mm,entrance_pupil_mm\n0,0,x\n", "is not 3 numbers"),
+        ("", "holds no line"),
+        ("field_deg,image_height_mm,entrance_pupil_mm\n0,0,0\n5,1,0\n10,2,0\n", "needs 4 or more"),
+        ("field_deg,image_height_mm,entrance_pupil_mm\n1,0,0\n5,1,0\n10,2,0\n15,3,0\n", "begins with 0 and grows"),
+        ("field_deg,image_height_mm,entrance_pupil_mm\n0,0,0\n5,1,0\n10,2,0\n15,1,0\n", "stop growing at"),
+        ("field_deg,image_height_mm,entrance_pupil_mm\n0,0,0\n5,1,0\n10,2,0\n15,3,400\n", "outside the|focus_distance"),
+    ],
+)
+def test_bad_tables_say_what_is_wrong(text, sentence, tmp_path):
+    (tmp_path / "lens.csv").write_text(text)
+    table = {"file": "lens.csv", "focal_length_mm": 11.6, "f_number": 4.0, "focus_distance_mm": 212.0}
+    with pytest.raises(OmnimirrorError, match=sentence):
+        TabulatedLens(**TabulatedLens.from_spec(table, tmp_path))
+
+
+def test_a_mirror_past_the_end_of_the_table_is_refused():
+    _, table = faultless(om.load_sensor("paper-spherical"))
+    short = replace(
+        table.lens, field_deg=table.lens.field_deg[:19], image_height_mm=table.lens.image_height_mm[:19],
+        entrance_pupil_mm=table.lens.entrance_pupil_mm[:19],
+    )  # fmt: skip
+    with pytest.raises(OmnimirrorError, match="known to 9 deg from its axis, and the mirror reaches"):
+        om.evaluate(replace(table, lens=short), OMEGA)
+
+
+def test_what_knows_ideal_lenses_only_says_so():
+    _, table = faultless(om.load_sensor("paper-spherical"))
+    for ask in (lambda: om.psf(table, 60.0), lambda: om.SensorModel(table), lambda: om.requirements_like(table)):
+        with pytest.raises(OmnimirrorError, match="is for perspective and orthographic lenses"):
+            ask()
