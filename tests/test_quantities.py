@@ -36,7 +36,7 @@ def test_a_name_ends_with_its_unit(name):
 def test_no_two_quantities_are_explained_alike():
     told = [(q.title, q.unit, q.meaning) for q in QUANTITIES.values()]
     assert len(set(told)) == len(told)
-    per_angle = (quantities.PER_ANGLE, quantities.OF_BOTH_SIDES, quantities.OF_A_CALIBRATION)
+    per_angle = (quantities.PER_ANGLE, quantities.OF_BOTH_SIDES, quantities.OF_LENS, quantities.OF_A_CALIBRATION)
     groups = (*per_angle, quantities.OF_THE_SENSOR, quantities.OF_THE_APERTURE, quantities.OVER_THE_FIELD)
     assert sum(map(len, groups)) == len(QUANTITIES)
 

@@ -67,6 +67,50 @@ class Quantity:
         return f"{value:{self.format}}"
 
 
+# -- of a real lens, at each field angle ---------------------------------------------------------------
+
+OF_LENS = (
+    Quantity(
+        "lens_blur_t_px",
+        "δ_t",
+        "px",
+        "Own blur T",
+        "tangential blur of the lens alone in its own focus, four standard deviations of its rays",
+        format=".3f",
+    ),
+    Quantity(
+        "lens_blur_s_px", "δ_s", "px", "Own blur S", "sagittal blur of the lens alone in its own focus", format=".3f"
+    ),
+    Quantity(
+        "lens_illumination",
+        "E/E_0",
+        "",
+        "Illumination by the lens",
+        "illumination of the imager by an even light, over that on the axis",
+        format=".3f",
+        head="light",
+    ),
+    Quantity(
+        "lateral_colour_px",
+        "Δh_λ",
+        "px",
+        "Lateral colour",
+        "image height in the shortest wavelength less that in the longest",
+        format=".3f",
+        head="colour",
+    ),
+    Quantity(
+        "entrance_pupil_mm",
+        "z_p",
+        "mm",
+        "Entrance pupil",
+        "where the chief ray aims, towards the mirror from the lens's reference point",
+        format=".3f",
+        head="pupil",
+    ),
+)
+"""What :attr:`omnimirror.analysis.evaluation.Evaluation.of_lens` holds."""
+
 # -- at each field angle ---------------------------------------------------------------------------
 
 PER_ANGLE = (
@@ -230,7 +274,9 @@ OF_THE_APERTURE = (
 )  # fmt: skip
 """What the whole aperture makes of a point, and what is made of that."""
 
-_ALONE = {q.name: q for q in (*PER_ANGLE, *OF_BOTH_SIDES, *OF_A_CALIBRATION, *OF_THE_SENSOR, *OF_THE_APERTURE)}
+_ALONE = {
+    q.name: q for q in (*PER_ANGLE, *OF_LENS, *OF_BOTH_SIDES, *OF_A_CALIBRATION, *OF_THE_SENSOR, *OF_THE_APERTURE)
+}
 
 
 def _over_the_field(prefix: str, which: str, how: str) -> Callable[..., Quantity]:

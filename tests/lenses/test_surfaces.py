@@ -17,6 +17,7 @@ from omnimirror.simulate.radiometry import Radiometry
 from omnimirror.simulate.rendering.exposure import trace
 from omnimirror.simulate.rendering.samples import spread
 from omnimirror.specs.sensor_file import format_sensor
+from tests.commands import omnimirror
 from tests.lenses import prescriptions as own
 
 A, RIM, M = 50.0, 44.0, 182.0
@@ -32,8 +33,7 @@ def file(tmp_path_factory):
 
 
 def lens_of(path, **more):
-    table = SurfaceLens.from_spec({"file": path.name, "focus_distance_mm": own.FOCUS, **more}, path.parent)
-    return SurfaceLens(**table)
+    return SurfaceLens.from_file(path, **{"focus_distance_mm": own.FOCUS, **more})
 
 
 def sensor_with(lens, pose=None):
@@ -184,6 +184,28 @@ def test_relative_illumination_falls_with_a_narrow_aperture(file, tmp_path):
     i = len(cut.tangent) // 2
     assert cut.width_t[i] < 0.97 * np.interp(cut.tangent[i], whole.tangent, whole.width_t)
     assert cut.illumination[i] < 0.97 * np.interp(cut.tangent[i], whole.tangent, whole.illumination)
+
+
+def test_an_evaluation_tells_what_the_lens_does_by_itself(file, sensor, tmp_path):
+    found = om.evaluate(sensor, [0.0, 90.0])
+    assert list(found.of_lens) == [
+        "lens_blur_t_px", "lens_blur_s_px", "lens_illumination", "lateral_colour_px", "entrance_pupil_mm"
+    ]  # fmt: skip
+    assert found.of_lens["lens_illumination"][0] == pytest.approx(1.0)
+    assert found.of_lens["lateral_colour_px"][0] == 0.0
+    found.to_csv(tmp_path / "table.csv")
+    assert (tmp_path / "table.csv").read_text().splitlines()[0].endswith("lateral_colour_px,entrance_pupil_mm")
+    assert om.evaluate(om.load_sensor("paper-spherical"), [0.0]).of_lens == {}
+
+
+def test_the_command_line_takes_a_lens(file):
+    found = omnimirror("evaluate", "paper-spherical", "--lens", file, "--omega-deg", "90")
+    assert found.returncode == 0, found.stderr
+    assert "surfaces lens" in found.stdout
+    assert "pupil" in found.stdout
+    missing = omnimirror("evaluate", "paper-spherical", "--lens", "nothing.zmx")
+    assert missing.returncode
+    assert "nothing.zmx cannot be read" in missing.stderr
 
 
 # -- files -----------------------------------------------------------------------------------------------------

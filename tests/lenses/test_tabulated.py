@@ -49,7 +49,7 @@ def both(tmp_path_factory):
     """A lens by its surfaces, and by the table that its own numbers make."""
     path = tmp_path_factory.mktemp("lens") / "triplet.zmx"
     path.write_text(own.zmx())
-    lens = SurfaceLens(**SurfaceLens.from_spec({"file": path.name, "focus_distance_mm": 212.0}, path.parent))
+    lens = SurfaceLens.from_file(path, focus_distance_mm=212.0)
     t = np.tan(np.radians(ANGLES))
     pupil, height = lens.pupil.place(t), np.abs(lens.field.height(t)[0])
     table = TabulatedLens(

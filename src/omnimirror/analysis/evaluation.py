@@ -17,7 +17,7 @@ from .. import quantities
 from ..arguments import LARGEST_RADIUS_PX, choice, number, numbers
 from ..errors import InvalidParameter
 from ..files import write_text
-from ..lenses import BLUR_MODES, BlurMode, DepthOfField, GaussianLens
+from ..lenses import BLUR_MODES, BlurMode, DepthOfField, FieldLens, GaussianLens
 from ..mirrors import Mirror
 from ..quantities import QUANTITIES, described
 from ..sensor import Sensor, check_sensor
@@ -107,12 +107,29 @@ class Evaluation:
         return self.sensor.lens.depth_of_field(self.tolerance_px * self.sensor.imager.pitch_mm, self.mode)
 
     def columns(self) -> dict[str, Array]:
-        """The columns of the table in their fixed order."""
-        return {name: getattr(self, name) for name in COLUMNS}
+        """The columns of the table in their fixed order; those of a real lens follow."""
+        return {name: getattr(self, name) for name in COLUMNS} | self.of_lens
+
+    @property
+    def of_lens(self) -> dict[str, Array]:
+        """What a real lens does by itself at each field angle, (n,) by the names of :data:`OF_LENS`; else nothing."""
+        lens, pitch = self.sensor.lens, self.sensor.imager.pitch_mm
+        if not isinstance(lens, FieldLens):
+            return {}
+        tangent = np.tan(np.radians(self.theta_deg))
+        t, s = lens.own_blur(lens.principal_distance * tangent)
+        colour = lens.field.odd(tangent)
+        found = (
+            t / pitch, s / pitch, lens.field.at(tangent).illumination, (colour["short"] - colour["long"]) / pitch,
+            lens.pupil.place(tangent),
+        )  # fmt: skip
+        return {q.name: column for q, column in zip(quantities.OF_LENS, found, strict=True)}
 
     def texts(self, names: Iterable[str] = READ_COLUMNS) -> dict[str, list[str]]:
         """The named columns as people read them, one list of cells each."""
-        return {name: [QUANTITIES[name].text(v) for v in getattr(self, name)] for name in names}
+        of_lens = self.of_lens
+        values = {name: of_lens[name] if name in of_lens else getattr(self, name) for name in names}
+        return {name: [QUANTITIES[name].text(v) for v in column] for name, column in values.items()}
 
     def summary(self) -> dict[str, Any]:
         """What holds for the whole table: focus, depth of field, diffraction, and how it was computed."""

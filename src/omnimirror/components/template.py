@@ -129,6 +129,9 @@ def _catalogue(parts: Mapping[str, type[Mirror] | type[Lens]]) -> str:
         if kind == "sampled":
             lines.append("#     or profile_csv: a file of two columns x_mm, z_mm beside this one; cloud_csv: x, y, z")
             lines.append("#     anywhere on the mirror; grid_sag: an OpticStudio grid")
+        if kind in ("table", "surfaces"):
+            file = "a CSV of these columns" if kind == "table" else "a .zmx file"
+            lines.append(f"#     or file: {file} beside this one")
         if kind == "tabulated-mapping":
             lines.append("#     or mapping_csv: a file of two columns omega_deg, height beside this one")
     return "\n".join(lines)

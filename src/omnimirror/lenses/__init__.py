@@ -1,6 +1,7 @@
 """Lenses: how a virtual image behind the mirror becomes a height and a blur on the imager."""
 
 from .base import BLUR_MODES, BlurMode, DepthOfField, Lens, ThroughFocus
+from .field_lens import FieldLens
 from .gaussian import GaussianLens
 from .orthographic import Orthographic
 from .perspective import Perspective
@@ -15,6 +16,7 @@ __all__ = [
     "LENSES",
     "BlurMode",
     "DepthOfField",
+    "FieldLens",
     "GaussianLens",
     "Lens",
     "Orthographic",

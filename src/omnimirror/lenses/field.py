@@ -183,7 +183,8 @@ class LensField:
 
     def odd(self, tangent: Array) -> dict[str, Array]:
         """The odd functions at tangents (k,), by name."""
-        return dict(zip(ODD, np.moveaxis(self._odd(np.minimum(tangent, self.end)), -1, 0), strict=True))
+        values = np.where(np.asarray(tangent)[..., None] == 0.0, 0.0, self._odd(np.minimum(tangent, self.end)))
+        return dict(zip(ODD, np.moveaxis(values, -1, 0), strict=True))
 
     def height(self, tangent: Array) -> tuple[Array, Array]:
         """Image heights (k,) mm and their derivatives by the tangent; straight on past the end of the field."""

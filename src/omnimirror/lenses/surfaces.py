@@ -53,8 +53,8 @@ class SurfaceLens(FieldLens):
     field_max_deg
         Largest viewing angle; as far as light passes, and 80 deg, by default.
     conic, edge_mm, clear_mm, index_short, index_long : (n,)
-    aspheres : (n, k)
-        Coefficients of r^2, r^4 .. in mm.
+    aspheres : (n k,)
+        Coefficients of r^2, r^4 .. in mm, as many of each surface; those of the first come first.
     wavelengths_nm
         Shortest, middle and longest; for people.
 
@@ -80,7 +80,7 @@ class SurfaceLens(FieldLens):
     stop_surface: int
     field_max_deg: float = 80.0
     conic: tuple[float, ...] | None = None
-    aspheres: tuple[tuple[float, ...], ...] | None = None
+    aspheres: tuple[float, ...] | None = None
     edge_mm: tuple[float, ...] | None = None
     clear_mm: tuple[float, ...] | None = None
     index_short: tuple[float, ...] | None = None
@@ -94,7 +94,7 @@ class SurfaceLens(FieldLens):
         **PER_SURFACE,
         "stop_surface": Parameter("", 1, 1000, "which surface is the stop, from 1"),
         "field_max_deg": Parameter("deg", 1.0, 80.0, "largest viewing angle"),
-        "aspheres": Parameter("", -1e9, 1e9, "coefficients of r^2, r^4 .. of each surface"),
+        "aspheres": Parameter("", -1e9, 1e9, "coefficients of r^2, r^4 .. of one surface after the other"),
         "wavelengths_nm": Parameter("nm", 100.0, 2e4, "shortest, middle and longest wavelength"),
     }
 
@@ -103,22 +103,20 @@ class SurfaceLens(FieldLens):
             value = getattr(self, f.name)
             if value is None:
                 continue
-            if f.name == "aspheres":
-                value = tuple(tuple(float(v) for v in row) for row in value)
-            elif isinstance(value, list | tuple):
-                value = tuple(float(v) for v in value)
-            object.__setattr__(self, f.name, value)
-            if f.name != "aspheres" or len({len(row) for row in value}) == 1:
-                self.PARAMETERS[f.name].check(f.name, value)
+            if isinstance(value, list | tuple):
+                object.__setattr__(self, f.name, tuple(float(v) for v in value))
+            self.PARAMETERS[f.name].check(f.name, value)
         count = len(self.curvature_per_mm)
-        for name in (*PER_SURFACE, "aspheres"):
+        for name in PER_SURFACE:
             column = getattr(self, name)
             if column is not None and len(column) != count:
                 raise InvalidParameter(
                     f"{name} has {len(column)} values for {count} surfaces; it is valid with one for each"
                 )
-        if self.aspheres is not None and len({len(row) for row in self.aspheres}) != 1:
-            raise InvalidParameter("aspheres is valid with as many coefficients for each surface; fill up with 0")
+        if self.aspheres is not None and len(self.aspheres) % count:
+            raise InvalidParameter(
+                f"aspheres has {len(self.aspheres)} values for {count} surfaces; it is valid with as many for each"
+            )
         if int(self.stop_surface) != self.stop_surface or not 1 <= self.stop_surface <= count:
             raise InvalidParameter(f"stop_surface = {self.stop_surface:g} is not one of the surfaces, 1 to {count}")
         if self.index[-1] != 1.0:
@@ -128,6 +126,36 @@ class SurfaceLens(FieldLens):
             raise InvalidParameter(f"the surfaces have a focal length of {focal:g} mm; one above 0 is valid")
         self._check_focus()
         _ = self.field
+
+    @classmethod
+    def from_file(cls, path: str | Path, **entries: Any) -> SurfaceLens:
+        """The lens of a .zmx file; ``entries`` count more than the file, and may name a ``glass_catalogue`` (.agf).
+
+        Parameters
+        ----------
+        path
+            The file.
+        entries
+            Such as ``focus_distance_mm``, ``f_number``, ``field_max_deg``.
+
+        Returns
+        -------
+        SurfaceLens
+            The lens, its imager where ``focus_distance_mm`` is in focus.
+
+        Raises
+        ------
+        OmnimirrorError
+            The file is missing or not such a lens: the error says why.
+
+        Examples
+        --------
+        >>> SurfaceLens.from_file("nothing.zmx")
+        Traceback (most recent call last):
+        ...
+        omnimirror.errors.SpecError: nothing.zmx cannot be read: No such file or directory
+        """
+        return cls(**read_lens_file({"file": str(path), **entries}, Path()))
 
     @classmethod
     def from_spec(cls, data: dict[str, Any], folder: Path | None) -> dict[str, Any]:
@@ -237,7 +265,7 @@ def _sequence_of(lens: SurfaceLens) -> Sequence:
 
     return Sequence(
         np.array(lens.curvature_per_mm), column(lens.conic, 0.0),
-        np.zeros((count, 0)) if lens.aspheres is None else np.array(lens.aspheres),
+        np.reshape(lens.aspheres or (), (count, -1)),
         np.array(lens.thickness_mm), np.array([1.0, *lens.index]), column(lens.edge_mm, np.inf),
         column(lens.clear_mm, np.inf), int(lens.stop_surface) - 1,
     )  # fmt: skip

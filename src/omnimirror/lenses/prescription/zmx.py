@@ -110,7 +110,7 @@ def read_zmx(path: Path, catalogue: GlassCatalogue | None = None) -> dict[str, A
     if terms:
         powers = range(1, terms + 1)
         table["aspheres"] = [
-            [s.terms.get(j, 0.0) * scale ** (1 - 2 * j) if s.is_asphere else 0.0 for j in powers] for s in lens
+            s.terms.get(j, 0.0) * scale ** (1 - 2 * j) if s.is_asphere else 0.0 for s in lens for j in powers
         ]
     for name, wave in (("index", middle), ("index_short", short), ("index_long", long)):
         table[name] = [_index(found, s, g, wave) for s, g in zip(lens, glasses, strict=True)]
@@ -122,9 +122,9 @@ def read_zmx(path: Path, catalogue: GlassCatalogue | None = None) -> dict[str, A
 def _opening(found: _File, table: dict[str, Any], scale: float) -> dict[str, Any]:
     """F-number and focus, of the file's aperture and of the place of its imager."""
     count = len(table["index"])
-    rows = table.get("aspheres", [[]] * count)
+    rows = np.reshape(table.get("aspheres", ()), (count, -1))
     sequence = Sequence(
-        np.array(table["curvature_per_mm"]), np.array(table["conic"]), np.array(rows), np.array(table["thickness_mm"]),
+        np.array(table["curvature_per_mm"]), np.array(table["conic"]), rows, np.array(table["thickness_mm"]),
         np.array([1.0, *table["index"]]), np.full(count, np.inf), np.full(count, np.inf), table["stop_surface"] - 1,
     )  # fmt: skip
     paraxial = sequence.paraxial()

@@ -14,7 +14,7 @@ from ...design.construct.families import FAMILIES
 from ...design.construct.fits import fit_mirror
 from ...design.construct.rim import MountedMirror, RimRay
 from ...errors import InvalidParameter, OmnimirrorError, SpecError
-from ...lenses import Orthographic, Perspective
+from ...lenses import LENSES, GaussianLens, Orthographic, Perspective, TabulatedLens
 from ...mirrors import MIRRORS, EvenPolynomial, Mirror, SampledProfile, SlopeSpline, TabulatedMapping
 from ...mirrors.generated import MAPPINGS
 from ...mirrors.generated.base import Mapped
@@ -28,6 +28,7 @@ ELLIPSOID_CONIC = -0.4
 NARROWER = 15.0  # degrees below the field angle that a mapping cannot reach
 AROUND = 10.0  # rim radii from the mirror to a plane or a cylinder
 FOCUS_DIGITS = 3  # of a millimetre, finer than a lens can be set
+TABLE_ROWS = 9
 THETA_DEG = 12.0  # where nothing says how wide the lens sees
 NAMED = re.compile(r"(\w+)(?:\[\d+\])? (?:=|has) ")
 """The entry that an error names first."""
@@ -199,6 +200,21 @@ AS_BEFORE: dict[type[Mirror], Callable[[Sensor, RimRay], Mirror]] = {
 """Kinds that can take any shape, and how they take that of the mirror before."""
 
 
+def _as_table(sensor: Sensor) -> TabulatedLens:
+    """The lens as a table, a little past the rim."""
+    lens = sensor.lens
+    if not isinstance(lens, GaussianLens):
+        raise InvalidParameter("a table is one of a lens at a distance; choose perspective first")
+    angles = np.linspace(0.0, min(1.1 * float(np.degrees(sensor.meridian.theta_max)), 80.0), TABLE_ROWS)
+    tangent = np.tan(np.radians(angles))
+    heights = np.abs(lens.distorted_height(lens.principal_distance * tangent))
+    return TabulatedLens(
+        lens.focal_length_mm, lens.f_number, lens.focus_distance_mm, tuple(np.round(angles, 6)),
+        tuple(np.round(heights, 6)), tuple(np.round(lens.pupil.place(tangent), 6)),
+        principal_point_mm=lens.principal_point_mm,
+    )  # fmt: skip
+
+
 def _with_lens(sensor: Sensor, kind: str) -> Sensor:
     """The other kind of lens, with the rim's image as large as before."""
     if kind == sensor.lens.KIND:
@@ -208,8 +224,12 @@ def _with_lens(sensor: Sensor, kind: str) -> Sensor:
     if kind == "orthographic":
         telecentric = Orthographic(round(height / M, 6), round(F, 3), 0.0)
         return replace(sensor, lens=telecentric, mirror=_for_theta(sensor.mirror, 0.0))
+    if kind == "table":
+        return replace(sensor, lens=_as_table(sensor))
+    if kind == "surfaces":
+        raise InvalidParameter("a lens by its surfaces comes from its .zmx file, named in a sensor file; open that")
     if kind != "perspective":
-        raise InvalidParameter(f"there is no lens {kind!r}; valid are perspective, orthographic")
+        raise InvalidParameter(f"there is no lens {kind!r}; valid are {', '.join(LENSES)}")
     mirror = _for_theta(sensor.mirror, THETA_DEG)
     distance = M / np.tan(np.radians(THETA_DEG)) - float(mirror.sag(M))
     focal = 1 / (np.tan(np.radians(THETA_DEG)) / height + 1 / distance)

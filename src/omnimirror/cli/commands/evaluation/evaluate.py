@@ -30,6 +30,7 @@ from ....specs import load_camera
 from ...options.common import NUMBER, distance, focus, pixel, values
 from ...options.declared import Options, flag, option, takes
 from ...options.housing import HousingOptions
+from ...options.lens import LensOptions
 from ...outputs import output_console, output_option, print_rows, say, say_written
 
 Array = NDArray[np.float64]
@@ -87,10 +88,12 @@ class EvaluationOptions(Options):
 )
 @output_option("--json", "json_file", help="Write summary and all columns.")
 @click.option("--figures", type=click.Path(path_type=Path), help="Draw the paper's figures into this folder.")
+@takes(LensOptions, "lens")
 @takes(HousingOptions, "housing")
 def command(
     sensor: str,
     asked: EvaluationOptions,
+    lens: LensOptions,
     housing: HousingOptions,
     csv_file: Path | None,
     json_file: Path | None,
@@ -108,12 +111,12 @@ def command(
     """
     camera, console = load_camera(sensor), output_console()
     if not isinstance(camera, Sensor) or not camera.is_axial:
-        _refuse_what_asks_for_optics(camera, asked, housing, figures)
+        _refuse_what_asks_for_optics(camera, (asked, lens, housing), figures)
         model = _in_space(camera) if isinstance(camera, Sensor) else camera
         result_in_space = evaluate_camera(model, asked.omega_deg)
         _show_mapping(console, sensor, result_in_space, csv_file, json_file)
         return
-    result = asked.evaluation(housing.on(camera))
+    result = asked.evaluation(housing.on(lens.on(camera)))
     if csv_file:
         result.to_csv(csv_file, deviations=True)
     if json_file:
@@ -130,11 +133,9 @@ def _in_space(sensor: Sensor) -> SensorModel:
     return SensorModel(sensor) if sensor.uncertainty is None else SensorModel(sensor, sensor.uncertainty.names)
 
 
-def _refuse_what_asks_for_optics(
-    camera: Any, asked: EvaluationOptions, housing: HousingOptions, figures: Path | None
-) -> None:
+def _refuse_what_asks_for_optics(camera: Any, asked: tuple[Options, ...], figures: Path | None) -> None:
     """Of a calibrated camera nothing is known but where rays go, and a misaligned mirror has no meridian."""
-    given = [_flag_of(name) for name in (*asked.changed, *housing.changed) if name != "omega_deg"]
+    given = [_flag_of(name) for options in asked for name in options.changed if name != "omega_deg"]
     if given := [*given, *(["--figures"] if figures else [])]:
         why = "asks for mirror and lens, of which a camera file says nothing"
         if isinstance(camera, Sensor):
@@ -177,9 +178,10 @@ def _show_mapping(
 
 def print_table(console: Console, result: Evaluation) -> None:
     """The columns that fit; a terminal too narrow for them gets fewer, never broken numbers."""
-    cells, width = result.texts(TERMINAL_COLUMNS), 0
+    columns = [*TERMINAL_COLUMNS, *result.of_lens]
+    cells, width = result.texts(columns), 0
     shown: list[str] = []
-    for name in TERMINAL_COLUMNS:
+    for name in columns:
         q = QUANTITIES[name]
         width += max(len(q.heading), len(q.unit), *map(len, cells[name])) + 2
         if console.is_terminal and width > console.width:
@@ -187,7 +189,7 @@ def print_table(console: Console, result: Evaluation) -> None:
         shown.append(name)
     heads = [(QUANTITIES[name].heading, QUANTITIES[name].unit) for name in shown]
     print_rows(console, heads, [cells[name] for name in shown])
-    hidden = len(TERMINAL_COLUMNS) - len(shown)
+    hidden = len(columns) - len(shown)
     if hidden:
         say((f"{hidden} more columns need a wider terminal; --csv holds all of them", "dim"), console=console)
 
