@@ -67,6 +67,21 @@ def test_a_misaligned_mirror_is_found_from_its_drawing():
     assert all(abs(p.value - true[p.name]) < 4 * p.sigma for p in found.parameters)
 
 
+@pytest.mark.parametrize("scale", [0.3, pytest.param(2.5, marks=pytest.mark.full)])
+def test_a_mirror_of_unknown_size_is_found_as_large_as_it_is(scale):
+    """Nobody says how large it is; how its viewpoint moves does, and far away it is then as right as at its boards."""
+    design = om.load_sensor("paper-spherical")
+    mirror, distance = design.mirror, scale * design.mirror_distance_mm
+    truth = replace(
+        design, mirror=replace(mirror, radius_mm=scale * mirror.radius_mm, rim_radius_mm=scale * mirror.rim_radius_mm),
+        mirror_distance_mm=distance, lens=replace(design.lens, focus_distance_mm=distance),
+    )  # fmt: skip
+    board = om.Board("chessboard", 11, 7, 60.0)
+    found = om.calibrate_camera(om.simulate_detections(truth, board, 12, seed=3), board, model="sensor")
+    assert found.held_out_rms_px < 1.1 * np.sqrt(2) * NOISE_PX
+    assert found.camera.mirror.vertex_radius_mm == pytest.approx(truth.mirror.radius_mm, rel=0.3)
+
+
 @pytest.mark.full
 @pytest.mark.parametrize(("name", "free"), CASES, ids=lambda case: "-".join(case) if isinstance(case, tuple) else case)
 def test_truth_lies_within_3_sigma_over_50_seeds(name, free):

@@ -293,5 +293,6 @@ def _viewpoint_notes(fit: Adjustment, wandering: Adjustment | None) -> list[str]
         f"{fit.model.KIND} has one viewpoint, and what the pictures show has several: it is right where the boards "
         f"stood, at {nearest / 1000:.2g} to {farthest / 1000:.2g} m. By {wandering.model.KIND} it is off by "
         f"{far.rms_px:.1f} px ({far.rms_deg:.2g} deg) rms far away and by {near.rms_px:.1f} px "
-        f"({near.rms_deg:.2g} deg) at {near.distance_mm / 1000:.2g} m. To look nearer or farther, {remedy}, and hold boards there."
+        f"({near.rms_deg:.2g} deg) at {near.distance_mm / 1000:.2g} m. To look nearer or farther, {remedy}, and hold "
+        "boards there."
     ]

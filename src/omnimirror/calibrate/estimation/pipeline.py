@@ -9,7 +9,9 @@ import numpy as np
 
 from ...camera_models.base import CameraModel
 from ...camera_models.spheres import Unified
+from ...camera_models.splines import ViewpointSpline
 from ...errors import InvalidParameter, OmnimirrorError
+from ..physical import SensorModel
 from .bundle.adjustment import Adjustment, Prior, shared_names
 from .bundle.board_shape import BoardShape
 from .bundle.observations import Motion, Sighting
@@ -17,7 +19,7 @@ from .bundle.steps import SETTLED
 from .checks import check_poses, check_still, without_strangers
 from .choice import TriedModel, chosen
 from .ladder.conversion import is_central
-from .ladder.models import JUDGES, KINDS, begun_as
+from .ladder.models import JUDGES, KINDS, begun_as, mirror_like
 from .ladder.rungs import ROUGHLY, begun, climbed, field_of
 from .leaving_out import HeldOut, held_out
 from .outliers import Outlier, frozen, without_outliers
@@ -155,7 +157,7 @@ def _all_climbed(base: Adjustment, plan: CalibrationPlan, watch: Watch, course: 
         kind = _kind(wanted)
         watch.at(f"fitting {kind}", 0.05 + 0.35 * number / len(ladder))
         try:
-            into = wanted if isinstance(wanted, CameraModel) else begun_as(wanted, unified, field_of(base))
+            into = wanted if isinstance(wanted, CameraModel) else _begun_as(wanted, unified, base, fits)
             fixed, priors = plan.known.of(into, plan.shape)
             fits[kind] = climbed(base, into, shape=plan.shape, fixed=fixed, priors=priors)
         except OmnimirrorError as e:
@@ -167,6 +169,14 @@ def _all_climbed(base: Adjustment, plan: CalibrationPlan, watch: Watch, course: 
     if len(failed) == len(plan.wanted):
         raise InvalidParameter("; ".join(failed))
     return fits
+
+
+def _begun_as(kind: str, unified: Unified, base: Adjustment, fits: dict[str, Adjustment]) -> CameraModel:
+    """A model of a kind to begin with; how large a mirror is the viewpoints that were found tell."""
+    wandering = fits.get(ViewpointSpline.KIND)
+    if kind == SensorModel.KIND and wandering is not None:
+        return mirror_like(unified, wandering, field_of(base))
+    return begun_as(kind, unified, field_of(base))
 
 
 def _order(wanted: str | CameraModel) -> int:

@@ -20,7 +20,7 @@ from ...sensor import Sensor, check_sensor
 from .covered_image import image_through_cover
 from .imaging import image_of_points
 from .names import NamedNumber, changed, place_of, value_of
-from .starting import fitted, radial_law, shaped_like, unknown_sensor
+from .starting import RIM_TO_DISTANCE, fitted, radial_law, shaped_like, unknown_sensor
 from .tolerances import USUAL, Tolerance, checked_priors, free_names, group_names, usual_priors
 
 Array = NDArray[np.float64]
@@ -156,6 +156,7 @@ class SensorModel(CameraModel):
         priors: Iterable[Tolerance] | None = None,
         omega_max_deg: float = 170.0,
         rim_radius_mm: float = 40.0,
+        distance_mm: float | None = None,
     ) -> Self:
         """A model of a sensor that shows distant things as a central model does: where an estimation can begin.
 
@@ -175,6 +176,8 @@ class SensorModel(CameraModel):
             Up to which field angle the central model has seen anything.
         rim_radius_mm
             Size of the unknown mirror: in what it sees of near things alone does it differ from a larger one.
+        distance_mm
+            From it to the lens; four rim radii by default.
 
         Returns
         -------
@@ -191,7 +194,8 @@ class SensorModel(CameraModel):
         True
         """
         law = radial_law(central, omega_max_deg)
-        known = unknown_sensor(central, law, rim_radius_mm) if sensor is None else sensor
+        distance = RIM_TO_DISTANCE * rim_radius_mm if distance_mm is None else distance_mm
+        known = unknown_sensor(central, law, rim_radius_mm, distance) if sensor is None else sensor
         words = tuple(free) if free is not None else USUAL if sensor is not None else ("shape", *USUAL)
         names = free_names(known, words)
         tolerances = usual_priors(known, names) if priors is None else tuple(priors)

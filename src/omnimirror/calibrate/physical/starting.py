@@ -36,6 +36,8 @@ STEPS = 30
 SETTLED = 1e-9
 RIM_TO_DISTANCE = 4.0
 """Distance of an unknown mirror in its rim radii: of most that are sold it is 3 to 5."""
+DISTANCES = (3.0, 3.5, 4.0, 4.5, 5.0)
+SIZES_MM = (4.0, 1000.0)  # rim radii of mirrors
 
 
 class RadialLaw(NamedTuple):
@@ -82,12 +84,12 @@ def ring_directions(central: CameraModel, omega_max_deg: float) -> tuple[Array, 
     return np.stack([np.sin(o) * np.cos(p), np.sin(o) * np.sin(p), forward * np.cos(o)], axis=-1), omega
 
 
-def unknown_sensor(central: CameraModel, law: RadialLaw, rim_radius_mm: float) -> Sensor:
-    """A sensor of which nothing is known but what a central model shows, and how large its mirror is.
+def unknown_sensor(central: CameraModel, law: RadialLaw, rim_radius_mm: float, distance_mm: float) -> Sensor:
+    """A sensor of which nothing is known but what a central model shows, how large its mirror is and how far away.
 
-    The lens is put at four rim radii; its focal length follows from the radius of the field in the picture.
+    The focal length follows from the radius of the field in the picture.
     """
-    distance, pitch_um = RIM_TO_DISTANCE * rim_radius_mm, 5.0
+    distance, pitch_um = distance_mm, 5.0
     depth = distance + 0.3 * rim_radius_mm  # to the rim, of most mirrors
     b0 = law.radius_px[-1] * pitch_um * 1e-3 * depth / rim_radius_mm
     width, height = central.image_size
@@ -101,6 +103,35 @@ def unknown_sensor(central: CameraModel, law: RadialLaw, rim_radius_mm: float) -
         distance,
         name="calibrated",
     )
+
+
+def guessed_size(central: CameraModel, omega_max_deg: float, omega: Array, viewpoint_mm: Array) -> tuple[float, float]:
+    """Rim radius and distance of the unknown mirror whose viewpoint moves most as one was seen to, mm.
+
+    A mirror that is to show what a central model shows has one shape for each distance in rim radii; then its viewpoint
+    moves along the axis in proportion to its size. What it moves by is all that pictures show of either.
+
+    Parameters
+    ----------
+    central
+        Of one viewpoint.
+    omega_max_deg
+        Up to which field angle it has seen anything.
+    omega, viewpoint_mm : (n,)
+        Field angles (radians), and how far along Z of the camera frame, from anywhere, their rays meet the axis.
+    """
+    law = radial_law(central, omega_max_deg)
+    wanted = viewpoint_mm - viewpoint_mm.mean()
+    guesses = []
+    for distance in DISTANCES:
+        sensor = shaped_like(law, unknown_sensor(central, law, 1.0, distance), rim_is_known=False)
+        x = np.linspace(0.02, 1.0, RINGS) * sensor.mirror.rim_radius_mm
+        rays = sensor.meridian.trace(x)
+        moved = np.interp(omega, rays.omega, rays.z + rays.viewpoint_offset())
+        moved -= moved.mean()
+        size = float(np.clip(moved @ wanted / max(moved @ moved, 1e-12), *SIZES_MM))
+        guesses.append((float(np.sum((wanted - size * moved) ** 2)), size, distance * size))
+    return min(guesses)[1:]
 
 
 def shaped_like(law: RadialLaw, sensor: Sensor, rim_is_known: bool) -> Sensor:

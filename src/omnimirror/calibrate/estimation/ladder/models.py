@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import numpy as np
+
 from ....arguments import choice, instance
 from ....camera_models import (
     DoubleSphere,
@@ -16,12 +18,11 @@ from ....camera_models import (
 )
 from ....camera_models.base import CameraModel
 from ...physical import SensorModel
+from ...physical.starting import guessed_size
+from ..bundle.adjustment import Adjustment
 
 Maker = Callable[[Unified, float], CameraModel]
 """Of a model that resembles a unified one as far as a field angle in deg."""
-
-RIM_RADIUS_MM = 40.0
-"""Of a mirror of which nothing is known: its size shows in how it sees near things, and hardly there."""
 
 
 def _unified(u: Unified, omega_max_deg: float) -> CameraModel:
@@ -56,7 +57,29 @@ def _viewpoint_spline(u: Unified, omega_max_deg: float) -> CameraModel:
 
 
 def _mirror(u: Unified, omega_max_deg: float) -> CameraModel:
-    return SensorModel.start_from(u, omega_max_deg=omega_max_deg, rim_radius_mm=RIM_RADIUS_MM)
+    return SensorModel.start_from(u, omega_max_deg=omega_max_deg)
+
+
+def mirror_like(central: Unified, fit: Adjustment, omega_max_deg: float) -> SensorModel:
+    """An unknown mirror to begin with, as large as a fitted spline of viewpoints shows it.
+
+    Parameters
+    ----------
+    central
+        What it shows of distant things.
+    fit
+        Of a :class:`~omnimirror.camera_models.ViewpointSpline`, where its corners are.
+    omega_max_deg
+        Up to which field angle anything was seen.
+    """
+    model = fit.model
+    assert isinstance(model, ViewpointSpline)
+    end = min(omega_max_deg, _degrees(central.model_end))
+    corners = np.concatenate([s.motion(s.points) for s in fit.sightings if s.motion is not None])
+    omega = np.arctan2(np.hypot(corners[:, 0], corners[:, 1]), -corners[:, 2])
+    omega = np.sort(omega[omega < np.radians(end)])[:: max(1, len(omega) // SOME)]
+    rim, distance = guessed_size(central, end, omega, -model._viewpoint_mm(omega))
+    return SensorModel.start_from(central, omega_max_deg=end, rim_radius_mm=rim, distance_mm=distance)
 
 
 KINDS: dict[str, Maker] = {
@@ -70,6 +93,7 @@ KINDS: dict[str, Maker] = {
     "sensor": _mirror,
 }
 """By their names in files and on the command line, the mirror sensor as physics has it last."""
+SOME = 300  # corners, by which a size is guessed
 JUDGES = ("radial-spline", "viewpoint-spline")
 """The most flexible kinds, by which outliers are told."""
 
