@@ -119,6 +119,17 @@ def test_a_picture_that_no_board_explains_is_named_and_left_out():
     assert found.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.1)
 
 
+@pytest.mark.parametrize("change", [lambda seen: moved(seen, {4}, [9.0, -4.0]), lambda seen: flipped(seen, {4})])
+def test_the_one_picture_in_which_the_mirror_had_moved_is_named_and_left_out(change):
+    """A pose takes up most of a shift; what it cannot take up tells."""
+    found = calibrated(change(detections()))
+    (left_out,) = [p for p in found.pictures if not p.used]
+    assert left_out.name == "picture 5"
+    assert "from that in the others: the mirror moved" in left_out.reason
+    assert found.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.1)
+    assert found.outliers == ()
+
+
 def test_the_file_of_results_has_what_it_promises(tmp_path):
     found = calibrated(detections(count=4))
     text = found.to_json(tmp_path / "calibration.json")

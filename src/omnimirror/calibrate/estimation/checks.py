@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ...errors import InvalidParameter
 from .bundle.adjustment import Adjustment, adjust
-from .bundle.observations import Sighting
+from .bundle.observations import Sighting, rms_px
 
 Array = NDArray[np.float64]
 
@@ -22,6 +22,11 @@ MOST_NAMED = 6
 SAME_TILT_DEG, SAME_PLACE = 4.0, 0.06
 """Boards that face directions so close, at places that differ by so much of their distance, are at the same pose."""
 MOVED_SIGMAS, MOVED_PX, ROUNDS = 8.0, 1.5, 6
+ODD = 1.5  # of the median error of pictures
+ALONE = (
+    "the mirror's centre in it lies {:.1f} px from that in the others: the mirror moved against the camera, or it is "
+    "flipped or cut"
+)
 MOVED_GAIN = 100.0  # in the sum of squares over the noise's, for each picture that moved
 WORST_MEDIAN = 0.01  # of the picture's larger side; a start that leaves more is none
 
@@ -120,18 +125,21 @@ def check_poses(sightings: Sequence[Sighting]) -> None:
         )
 
 
-def check_still(adjustment: Adjustment) -> None:
+def check_still(adjustment: Adjustment) -> dict[str, str]:
     """Whether the mirror stayed where it was: whether all pictures agree where its centre lies.
+
+    One picture that does not agree with the others is returned, name to reason; if there are more, nobody knows which
+    are right.
 
     Each picture is given a centre of its own, in turn with the camera that they share; if these fall into two groups
     that lie farther apart than they scatter, and explain the corners far better than one centre does, something moved,
     or some pictures are flipped.
     """
     if not {"cx", "cy"} <= set(adjustment.names) or len(adjustment.sightings) <= FEWEST_PICTURES:
-        return
+        return {}
     offsets = _own_centres(adjustment)
     if np.abs(offsets).max() < MOVED_PX:
-        return
+        return {}
     shared, total = adjustment, np.zeros_like(offsets)
     for _ in range(ROUNDS):
         total += offsets
@@ -140,32 +148,56 @@ def check_still(adjustment: Adjustment) -> None:
         offsets = _own_centres(shared)
     apart = two_groups(total)
     if apart is None:
-        return
+        return _odd_one_out(adjustment)
     second, distance = apart
     gain = np.sum(adjustment.residuals**2) - np.sum(shared.residuals**2)
     if gain < MOVED_GAIN * second.sum() * shared.question.noise_px**2:
-        return
+        return _odd_one_out(adjustment)
     moved = [s.name for s, far in zip(adjustment.sightings, second, strict=True) if far]
     others = [s.name for s, far in zip(adjustment.sightings, second, strict=True) if not far]
+    if len(moved) == 1:
+        return {moved[0]: ALONE.format(distance)}
     raise InvalidParameter(
         f"the mirror's centre in {listed(moved)} lies {distance:.1f} px from that in {listed(others)}: the mirror "
         "moved against the camera between them, or pictures are flipped or cut; calibrate them apart"
     )
 
 
+def _odd_one_out(adjustment: Adjustment) -> dict[str, str]:
+    """The picture that fits worst, if the others alone agree much better and see its mirror's centre elsewhere.
+
+    All together they may agree on something that is wrong for each.
+    """
+    errors = np.array([rms_px(adjustment.residuals_of(i)) for i in range(len(adjustment.sightings))])
+    worst = int(np.argmax(errors))
+    if len(errors) <= FEWEST_PICTURES + 1 or errors[worst] < ODD * np.median(errors):
+        return {}
+    odd = adjustment.sightings[worst]
+    alone = adjustment.again([s for s in adjustment.sightings if s is not odd], loss="cauchy", most_steps=30)
+    own = _with_own_centre(alone, odd)
+    distance = float(np.hypot(*(_centre(own) - _centre(alone))))
+    gain = (np.sum(adjustment.residuals**2) - np.sum(alone.residuals**2) - np.sum(own.residuals**2)) / alone.noise_px**2
+    return {odd.name: ALONE.format(distance)} if gain > MOVED_GAIN and distance > MOVED_PX else {}
+
+
 def _own_centres(adjustment: Adjustment) -> Array:
     """How far the centre (n, 2) of each picture lies from the middle one of all, px, if it alone were free."""
-    names = adjustment.names
-    fixed = tuple(n for n in names if n not in ("cx", "cy"))
-    at = [names.index("cx"), names.index("cy")]
-    centres = []
-    for sighting in adjustment.sightings:
-        own = adjust(
-            adjustment.model, [sighting], shape=adjustment.shape, fixed=fixed, loss="cauchy",
-            noise_px=adjustment.question.noise_px, most_steps=8,
-        )  # fmt: skip
-        centres.append([own.model.parameters[i].value for i in at])
-    return np.array(centres) - np.median(centres, axis=0)
+    centres = [_centre(_with_own_centre(adjustment, sighting)) for sighting in adjustment.sightings]
+    return np.asarray(centres - np.median(centres, axis=0))
+
+
+def _with_own_centre(adjustment: Adjustment, sighting: Sighting) -> Adjustment:
+    """A picture whose pose and centre alone are free."""
+    fixed = tuple(n for n in adjustment.names if n not in ("cx", "cy"))
+    return adjust(
+        adjustment.model, [sighting], shape=adjustment.shape, fixed=fixed, loss="cauchy",
+        noise_px=adjustment.question.noise_px, most_steps=8,
+    )  # fmt: skip
+
+
+def _centre(adjustment: Adjustment) -> Array:
+    values = {p.name: p.value for p in adjustment.model.parameters}
+    return np.array([values["cx"], values["cy"]])
 
 
 def two_groups(centres: Array) -> tuple[NDArray[np.bool_], float] | None:
@@ -184,8 +216,6 @@ def two_groups(centres: Array) -> tuple[NDArray[np.bool_], float] | None:
     gap = int(np.argmax(np.diff(along[order])))
     upper = np.zeros(len(along), dtype=bool)
     upper[order[gap + 1 :]] = True
-    if min(upper.sum(), (~upper).sum()) < 2:  # one picture alone may just be a bad one
-        return None
     distance = float(np.linalg.norm(centres[upper].mean(axis=0) - centres[~upper].mean(axis=0)))
     inside = np.concatenate([part - part.mean(axis=0) for part in (centres[upper], centres[~upper])])
     scatter = float(np.sqrt(np.sum(inside**2) / (2 * (len(along) - 2))))

@@ -117,10 +117,13 @@ def run(plan: CalibrationPlan, watch: Watch, course: Course) -> None:
     fits = _all_climbed(base, plan, watch, course)
     plan.known.check(fits.values())
     judge = min(fits.values(), key=lambda fit: fit.question.noise_px)
-    judge = _without_strangers(judge, course)
+    judge = robust = _without_strangers(judge, course)
     watch.at("looking for outliers", 0.4)
     judge, course.outliers = without_outliers(judge)
-    check_still(judge)
+    if moved := check_still(judge):
+        course.strangers |= moved
+        kept = [s for s in robust.sightings if s.name not in moved]
+        judge, course.outliers = without_outliers(robust.again(kept, loss="cauchy"))
     names = {_kind(w) for w in plan.wanted}
     wandering = [fit for fit in fits.values() if not is_central(fit.model)]
     if wandering:
