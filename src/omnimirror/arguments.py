@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+import types
+from collections.abc import Callable, Collection, Iterable, Sequence
+from dataclasses import fields
+from functools import cache, wraps
+from inspect import Parameter, signature
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Literal, ParamSpec, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,7 +18,9 @@ from .errors import InvalidParameter
 
 Array = NDArray[np.float64]
 T = TypeVar("T")
+P = ParamSpec("P")
 
+NUMBERS = (float, int)
 LONGEST = 60  # characters of a value that a message repeats
 LONGEST_PATH = 4096
 LARGEST_RADIUS_PX = 1e9  # that a picture is scaled to
@@ -38,7 +44,7 @@ def numbers(name: str, value: ArrayLike, shape: str = "of shape (n,)") -> Array:
         array = np.asarray(value)
         if array.dtype.kind not in "iufO":  # words that look like numbers, dates, truth values, complex numbers
             raise TypeError
-        if array.dtype.kind == "O" and any(isinstance(v, bool | str | None) for v in array.flat):
+        if (array.dtype.kind == "O" and not all(type(v) in NUMBERS for v in array.flat)) or np.ma.is_masked(value):
             raise TypeError
         array = array.astype(float)
     except (TypeError, ValueError, OverflowError):
@@ -96,6 +102,16 @@ def row(name: str, value: ArrayLike) -> Array:
     if array.ndim > 1:
         raise InvalidParameter(f"{name} has shape {array.shape}; it is valid as one number or a row of them, (n,)")
     return array
+
+
+def floats(name: str, value: ArrayLike) -> tuple[float, ...]:
+    """Numbers in a row, perhaps none, as parts keep them.
+
+    >>> floats("coefficients", [1, 2]), floats("coefficients", ())
+    ((1.0, 2.0), ())
+    """
+    is_empty = isinstance(value, list | tuple) and not value
+    return () if is_empty else tuple(row(name, value).tolist())
 
 
 def number(
@@ -176,10 +192,20 @@ def file_name(name: str, value: Any) -> Path:
     text = os.fspath(value) if isinstance(value, str | os.PathLike) else None
     if not isinstance(text, str):
         raise WrongKind(f"{name} = {shown(value)} is not a file name")
-    if not text or "\0" in text or len(text) > LONGEST_PATH:
-        why = "empty" if not text else "too long" if len(text) > LONGEST_PATH else "one with a null character"
+    if not text or "\0" in text or len(text) > LONGEST_PATH or not _can_be_stored(text):
+        why = (
+            "empty" if not text else "too long" if len(text) > LONGEST_PATH else "one with characters no file can have"
+        )
         raise InvalidParameter(f"{name} = {shown(text)} is not valid as a file name: it is {why}")
     return Path(text)
+
+
+def _can_be_stored(text: str) -> bool:
+    try:
+        os.fsencode(text)
+    except UnicodeEncodeError:  # half of a pair of surrogates
+        return False
+    return True
 
 
 def instance(name: str, value: Any, kind: type[T] | tuple[type[T], ...], what: str) -> T:
@@ -187,6 +213,125 @@ def instance(name: str, value: Any, kind: type[T] | tuple[type[T], ...], what: s
     if not isinstance(value, kind):
         raise WrongKind(f"{name} = {shown(value)} is not {what}")
     return value
+
+
+# -- kinds, by annotations -------------------------------------------------------------------------------
+
+
+def checked(function: Callable[P, T]) -> Callable[P, T]:
+    """Refuse arguments that are not of the kinds a public function's annotations name, before it begins.
+
+    Numbers have to be numbers, and no NaN; how large they may be, the function says. What an annotation leaves open
+    (``Any``, ``ArrayLike``) is left to the function too.
+
+    >>> @checked
+    ... def drawn(path: str | Path, count: int = 1) -> None: ...
+    >>> drawn("a.png", count="2")
+    Traceback (most recent call last):
+    omnimirror.arguments.WrongKind: count = '2' is not a whole number
+    """
+    told = signature(function)
+
+    @wraps(function)
+    def called(*args: P.args, **words: P.kwargs) -> T:
+        hints = kinds_of(function)
+        for name, value in told.bind(*args, **words).arguments.items():
+            if told.parameters[name].kind is Parameter.VAR_POSITIONAL:
+                for i, one in enumerate(value):
+                    _check_kind(f"{name}[{i}]", one, hints[name])
+            elif told.parameters[name].kind is not Parameter.VAR_KEYWORD:
+                _check_kind(name, value, hints[name])
+        return function(*args, **words)
+
+    return called
+
+
+def check_fields(thing: Any) -> None:
+    """The same of the fields of a dataclass, for its ``__post_init__``."""
+    hints = kinds_of(thing.__class__)
+    for field in fields(thing):
+        _check_kind(field.name, getattr(thing, field.name), hints[field.name])
+
+
+@cache
+def kinds_of(thing: Any) -> dict[str, Any]:
+    """The annotations of a function or class by the names of arguments or fields."""
+    return get_type_hints(thing)
+
+
+def _check_kind(name: str, value: Any, hint: Any) -> None:
+    if get_origin(hint) is Literal:
+        choice(name, value, get_args(hint))
+    elif not _fits(value, hint):
+        raise WrongKind(f"{name} = {shown(value)} is not {_described(hint)}")
+    elif Path in get_args(hint) and isinstance(value, str | Path):
+        file_name(name, value)
+
+
+def _fits(value: Any, hint: Any) -> bool:
+    """Whether a value is of the kind of an annotation, as far as that says."""
+    kind, inner = get_origin(hint) or hint, get_args(hint)
+    if kind in (Union, types.UnionType):
+        return set(get_args(ArrayLike)) <= set(inner) or any(_fits(value, part) for part in inner)
+    if kind is Literal:
+        return isinstance(value, str) and value in inner
+    if kind in NUMBERS:
+        return _is_number(value) and (kind is float or isinstance(value, int | np.integer))
+    if kind is bool:
+        return isinstance(value, bool | np.bool_)
+    if kind is tuple and Ellipsis not in inner:
+        return _is_row(value, Sequence) and len(value) == len(inner) and all(map(_fits, value, inner))
+    if kind in ROWS:
+        of = inner[0] if inner else Any
+        return _is_row(value, kind) and (not isinstance(value, Collection) or all(_fits(v, of) for v in value))
+    if hasattr(kind, "_fields"):  # of a named tuple; a plain one will do
+        return isinstance(value, tuple) and len(value) == len(kind._fields)
+    is_open = not isinstance(kind, type) or getattr(kind, "_is_runtime_protocol", None) is False
+    return is_open or isinstance(value, kind)
+
+
+ROWS = {tuple: Sequence, list: Sequence, Sequence: Sequence, Collection: Collection, Iterable: Iterable}
+"""Annotations of several things in a row, and what may stand for it: arrays do too."""
+
+
+def _is_number(value: Any) -> bool:
+    """A number with a size: no truth value, no NaN, and none too large for a float."""
+    if isinstance(value, np.ndarray):
+        return value.ndim == 0 and value.dtype.kind in "iuf" and not (np.ma.is_masked(value) or np.isnan(value))
+    if isinstance(value, bool) or not isinstance(value, float | int | np.integer | np.floating):
+        return False
+    try:
+        return not np.isnan(float(value))
+    except OverflowError:
+        return False
+
+
+def _is_row(value: Any, kind: Any) -> bool:
+    is_several = np.ndim(value) > 0 if isinstance(value, np.ndarray) else isinstance(value, ROWS.get(kind, kind))
+    return is_several and not isinstance(value, str | bytes | bytearray | memoryview | dict)
+
+
+def _described(hint: Any) -> str:
+    """The kinds of an annotation in words."""
+    kind, inner = get_origin(hint) or hint, get_args(hint)
+    if kind in (Union, types.UnionType):
+        return " or ".join(dict.fromkeys(_described(part) for part in inner))
+    if kind is Literal:
+        return " or ".join(map(repr, inner))
+    if kind is tuple and Ellipsis not in inner:
+        return f"{len(inner)} values in a row: {', '.join(_described(part) for part in inner)}"
+    if kind in ROWS:
+        return f"a row of things of which each is {_described(inner[0]) if inner else 'anything'}"
+    if kind in KINDS:
+        return KINDS[kind]
+    name = getattr(kind, "__name__", str(kind))
+    return f"{'an' if name[0] in 'AEIO' else 'a'} {name}"
+
+
+KINDS = {
+    float: "a number", int: "a whole number", bool: "True or False", str: "text", Path: "a file name",
+    type(None): "None", Callable: "a function", np.ndarray: "an array",
+}  # fmt: skip
 
 
 # -- messages ------------------------------------------------------------------------------------------

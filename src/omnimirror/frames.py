@@ -12,11 +12,12 @@ it right, and level where the sensor leans.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .arguments import check_fields
 from .errors import InvalidParameter
 
 Array = NDArray[np.float64]
@@ -70,10 +71,7 @@ class Mount:
     roll_deg: float = 0.0
 
     def __post_init__(self) -> None:
-        if self.camera_looks not in get_args(CameraLooks):
-            raise InvalidParameter(
-                f"camera_looks = {self.camera_looks!r} is not one of {', '.join(get_args(CameraLooks))}"
-            )
+        check_fields(self)
         if not np.isfinite(self.forward_azimuth_deg):
             raise InvalidParameter(f"forward_azimuth_deg = {self.forward_azimuth_deg} is not an angle in degrees")
         for name, value, most in (("pitch_deg", self.pitch_deg, 90), ("roll_deg", self.roll_deg, 180)):

@@ -23,3 +23,16 @@ def browser():
 def server():
     with serving(Studio()) as address:
         yield address
+
+
+@pytest.fixture(autouse=True)
+def _close_pages(request):
+    """A page that a failing test leaves open would go on drawing, on a core of its own, to the end of the run."""
+    if "browser" not in request.fixturenames:
+        yield
+        return
+    browser = request.getfixturevalue("browser")
+    before = set(browser.contexts)  # those of a whole module among them
+    yield
+    for context in set(browser.contexts) - before:
+        context.close()

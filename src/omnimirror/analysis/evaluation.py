@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import quantities
-from ..arguments import LARGEST_RADIUS_PX, choice, number, numbers
+from ..arguments import LARGEST_RADIUS_PX, checked, choice, number, numbers
 from ..errors import InvalidParameter
 from ..files import write_text
 from ..lenses import BLUR_MODES, BlurMode, DepthOfField, FieldLens, GaussianLens
@@ -340,6 +340,7 @@ def _columns_of_mirror(result: Evaluation, mirror: Mirror) -> dict[str, Array]:
     return found
 
 
+@checked
 def field_angles(sensor: Sensor, step_deg: float = 5.0) -> Array:
     """Every multiple of ``step_deg`` that the sensor sees, (n,) deg; and where it sees none, its two ends.
 
@@ -355,12 +356,18 @@ def field_angles(sensor: Sensor, step_deg: float = 5.0) -> Array:
     (n,) array
         deg
 
+    Raises
+    ------
+    InvalidParameter
+        A step that is not above 0.
+
     Examples
     --------
     >>> import omnimirror as om
     >>> om.field_angles(om.load_sensor("paper-spherical"), 45.0)
     array([  0.,  45.,  90., 135.])
     """
+    number("step_deg", step_deg, above=0.0, unit="deg")
     low, high = sensor.field_deg
     angles = step_deg * np.arange(np.ceil(low / step_deg - 1e-9), np.floor(high / step_deg + 1e-9) + 1) + 0.0  # no -0
     return angles if angles.size else np.array([low, high])

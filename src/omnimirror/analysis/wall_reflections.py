@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import row
+from ..arguments import checked, row
 from ..errors import InvalidParameter
 from ..sensor import Sensor, check_sensor
 from ..tracing.walls import let_out
@@ -44,6 +44,7 @@ class Ghosts:
         return {f.name: getattr(self, f.name) for f in fields(self)}
 
 
+@checked
 def ghosts(sensor: Sensor, omega_deg: ArrayLike | None = None) -> Ghosts:
     """The first ghost of a sensor in a tube or under a dome, at field angles.
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import finite, instance, number, vectors
+from ..arguments import checked, finite, instance, number, vectors
 from ..camera_models.base import CameraModel
 from ..camera_models.spread import direction_sigma_deg, larger_sigma, spread_at
 from ..errors import InvalidParameter
@@ -18,9 +18,11 @@ from .physical import SensorModel
 
 Array = NDArray[np.float64]
 
+HIGHEST_MM = 1e9  # of a camera over a floor
 FARTHEST_FLOOR = 100.0  # times the height: beyond, a ray is level for every purpose
 
 
+@checked
 def direction_uncertainty(
     camera: Sensor | CameraModel, pixels: ArrayLike, *, covariance: ArrayLike | Uncertainty | None = None
 ) -> Array:
@@ -62,6 +64,7 @@ def direction_uncertainty(
     return direction_sigma_deg(model, matrix, turned(rays.directions, model.mount.rotation()))
 
 
+@checked
 def floor_uncertainty(
     camera: Sensor | CameraModel,
     pixels: ArrayLike,
@@ -100,7 +103,7 @@ def floor_uncertainty(
     >>> om.floor_uncertainty(model, pixels, height_mm=1500.0, covariance=[[0.0116**2]]).round(1)
     array([ 2.1, 10.6,  nan])
     """
-    height = number("height_mm", height_mm)
+    height = number("height_mm", height_mm, low=-HIGHEST_MM, high=HIGHEST_MM, unit="mm")
     if height == 0:
         raise InvalidParameter("height_mm = 0 is no height over a floor; it is valid above 0, and below for a ceiling")
     model, matrix = _known(camera, covariance)
@@ -145,6 +148,7 @@ class UncertaintyMap:
         }
 
 
+@checked
 def uncertainty_map(
     camera: Sensor | CameraModel,
     *,

@@ -8,6 +8,7 @@ blur as 1/F and the Airy disk as F, and are added in quadrature. For a given foc
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 
 from ..analysis.meridional.coddington import virtual_images
 from ..analysis.meridional.focus import FocusStudy
+from ..arguments import checked
 from ..errors import InvalidParameter
 from ..lenses import BlurMode, Lens, Perspective
 from ..numerics.minimisation import lowest
@@ -49,6 +51,7 @@ class BestAperture:
     airy_px: float
 
 
+@checked
 def best_apertures(
     sensor: Sensor,
     f_number: float | tuple[float, float] = (0.5, 64.0),
@@ -98,7 +101,7 @@ def best_apertures(
     sagittal: F/8.5 at 241 mm leaves 3.27 px
     together: F/8.5 at 241 mm leaves 3.27 px
     """
-    low, high = f_number if isinstance(f_number, tuple) else (f_number, f_number)
+    low, high = f_number if isinstance(f_number, Sequence) else (f_number, f_number)
     if not 0 < low <= high:
         raise InvalidParameter(f"F-numbers {low:g} to {high:g} are no range; it needs 0 < low <= high")
     first, last = sensor.field_deg

@@ -9,7 +9,7 @@ from math import isfinite
 from pathlib import Path
 from typing import Any, ClassVar
 
-from ..arguments import float_of, shown
+from ..arguments import checked, float_of, shown
 from ..errors import InvalidParameter, OmnimirrorError
 from ..files import parse_toml, read_text
 from ..parameters import Parameter
@@ -128,6 +128,7 @@ class Catalogue:
     imagers: tuple[ImagerComponent, ...]
 
 
+@checked
 def read_catalogue(*paths: str | Path) -> Catalogue:
     """The parts of all files together: TOML files with ``[[lens]]`` and ``[[imager]]`` tables, and CSV files.
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..analysis import best_focus
+from ..arguments import checked
 from ..batch.best_focus import AreaModel, best_vergences
 from ..batch.optics import PerspectiveCamera, node_optics
 from ..errors import InvalidParameter
@@ -60,6 +61,7 @@ class Combination:
         return not self.reasons
 
 
+@checked
 def choose_parts(
     sensor: Sensor, catalogue: Catalogue, *, least_fill: float = 0.6, object_distance_mm: float = np.inf
 ) -> list[Combination]:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import tomli_w
 
-from ..arguments import instance
+from ..arguments import checked, instance
 from ..lenses import LENSES, Lens
 from ..mirrors import MIRRORS, Mirror, Secondary
 from ..mirrors.pose import MirrorPose
@@ -14,6 +14,7 @@ from ..parameters import Parameter
 from ..specs import HOUSING_PARTS
 
 
+@checked
 def sensor_template(name: str = "sensor") -> str:
     """A sensor file that works as it stands, every entry explained, every mirror, lens and housing listed.
 

@@ -12,7 +12,7 @@ from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
-from ..arguments import instance
+from ..arguments import check_fields, instance
 from ..errors import InvalidParameter
 from ..parameters import Parameter
 from .materials import NAMES, index_of
@@ -31,6 +31,7 @@ class HousingPart:
     PARAMETERS: ClassVar[dict[str, Parameter]]
 
     def __post_init__(self) -> None:
+        check_fields(self)
         for f in fields(self):  # type: ignore[arg-type]  # every part is a dataclass
             value = getattr(self, f.name)
             if value is not None:

@@ -214,7 +214,7 @@ class Lens(ABC):
 
     def _check(self) -> None:
         for f in fields(self):  # type: ignore[arg-type]
-            self.PARAMETERS[f.name].check(f.name, getattr(self, f.name))
+            self.PARAMETERS[f.name].check(f.name, number(f.name, getattr(self, f.name)))
 
 
 def cos4(tangent: Array) -> Array:

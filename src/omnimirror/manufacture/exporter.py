@@ -12,7 +12,7 @@ from shutil import copyfile
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
-from ..arguments import WrongKind, file_name, number, optional_number, shown, whole
+from ..arguments import WrongKind, checked, file_name, number, optional_number, shown, whole
 from ..errors import InvalidParameter, OmnimirrorError
 from ..files import replacing
 from ..housing import Housing
@@ -94,6 +94,7 @@ class Format:
     shows_sensor: bool = False
 
 
+@checked
 def export(
     sensor: Sensor,
     path: str | Path,

@@ -14,6 +14,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..arguments import floats
 from ..parameters import Parameter
 from .base import RIM_RADIUS, Array, Mirror
 from .conics import conic_profile, conic_reach
@@ -59,7 +60,7 @@ class EvenPolynomial(Mirror):
     }
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "coefficients", tuple(float(c) for c in self.coefficients))
+        object.__setattr__(self, "coefficients", floats("coefficients", self.coefficients))
         self._check()
 
     def profile(self, x_mm: ArrayLike) -> tuple[Array, Array, Array]:
@@ -94,7 +95,7 @@ class ConicAsphere(Mirror):
     }
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "coefficients", tuple(float(c) for c in self.coefficients))
+        object.__setattr__(self, "coefficients", floats("coefficients", self.coefficients))
         self._check()
 
     def profile(self, x_mm: ArrayLike) -> tuple[Array, Array, Array]:

@@ -16,6 +16,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arguments import check_fields
 from ..errors import OutsideMirror
 from ..parameters import Parameter
 from .measured.columns import ColumnFile
@@ -96,6 +97,7 @@ class Mirror(ABC):
 
     def _check(self) -> None:
         """Every parameter in its range, and a surface all the way to the rim."""
+        check_fields(self)
         for f in fields(self):  # type: ignore[arg-type]
             if (value := getattr(self, f.name)) is not None:
                 self.PARAMETERS[f.name].check(f.name, value)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..arguments import floats, number
 from ..errors import InvalidParameter
 from ..numerics.lazy import cached_property
 from ..parameters import Parameter
@@ -100,7 +101,7 @@ class SampledProfile(Mirror):
     }
 
     def __post_init__(self) -> None:
-        x, z = (tuple(float(v) for v in a) for a in (self.x_mm, self.z_mm))
+        x, z = floats("x_mm", self.x_mm), floats("z_mm", self.z_mm)
         if len(x) != len(z):
             raise InvalidParameter(f"x_mm has {len(x)} points and z_mm {len(z)}; they need the same number")
         if not np.isfinite([x, z]).all():
@@ -116,7 +117,7 @@ class SampledProfile(Mirror):
         object.__setattr__(self, "z_mm", z)
         rim: float | None = self.rim_radius_mm
         object.__setattr__(self, "rim_radius_mm", x[-1] if rim is None else rim)
-        if rim is not None and rim > x[-1]:
+        if rim is not None and number("rim_radius_mm", rim) > x[-1]:
             raise InvalidParameter(
                 f"rim_radius_mm = {rim:g} lies beyond the last point of the profile; it is valid up to {x[-1]:g}"
             )

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..arguments import floats
 from ..errors import InvalidParameter
 from ..numerics.lazy import cached_property
 from ..parameters import Parameter
@@ -69,7 +70,7 @@ class SlopeSpline(Mirror):
     }
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "slopes", tuple(float(s) for s in self.slopes))
+        object.__setattr__(self, "slopes", floats("slopes", self.slopes))
         if len(self.slopes) < FEWEST:
             raise InvalidParameter(f"slopes has {len(self.slopes)} numbers; it needs at least {FEWEST}")
         self._check()

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..analysis import Evaluation, best_focus, evaluate
 from ..analysis.evaluation import READ_COLUMNS
+from ..arguments import checked
 from ..dewarp import Dewarper, screens, views
 from ..figures import FIGURES, draw, render
 from ..files import write_text
@@ -24,6 +25,7 @@ FIGURES_SHOWN = ("fig5", "fig7", "fig10", "fig4", "fig9", "fig6")
 COLUMNS_SHOWN = [name for name in READ_COLUMNS if name not in ("blur_t_deg", "blur_s_deg")]
 
 
+@checked
 def write_demo(sensor: Sensor, out: str | Path = "omnimirror-demo", *, blur: bool = True) -> Path:
     """Evaluate a sensor, take its picture of the bundled room, straighten that twice, and report.
 

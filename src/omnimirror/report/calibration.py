@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from ..arguments import checked
 from ..calibrate.estimation.results import Calibration
 from ..figures import render, save_figure
 from ..figures.calibration import (
@@ -37,6 +38,7 @@ CAPTIONS = {
 }
 
 
+@checked
 def write_calibration_report(calibration: Calibration, path: str | Path, command: str = "") -> Path:
     """Write a calibration as a page with everything inside it.
 
@@ -75,6 +77,7 @@ def write_calibration_report(calibration: Calibration, path: str | Path, command
     return path
 
 
+@checked
 def write_calibration_figures(calibration: Calibration, folder: str | Path, kind: str = "svg") -> list[Path]:
     """Write the figures of a calibration into a folder.
 

@@ -13,6 +13,7 @@ from matplotlib import image
 from numpy.typing import NDArray
 
 from ..analysis import Comparison
+from ..arguments import checked
 from ..dewarp import Dewarper, views
 from ..dewarp.camera_field import field_of
 from ..errors import InvalidParameter
@@ -34,6 +35,7 @@ class Pictures(NamedTuple):
     panoramas: list[NDArray[Any]]
 
 
+@checked
 def write_comparison(comparison: Comparison, path: str | Path, scene: Scene | None = None) -> Path:
     """Write a comparison as one self-contained page (``.html``) or one picture (``.png``).
 

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from ..arguments import checked
 from ..errors import InvalidParameter
 from ..figures import FIGURES, PAPER, save_all, save_figure
 from . import blur, shapes, tables
@@ -91,6 +92,7 @@ def _figure_names(which: Iterable[str] | None) -> list[str]:
     return names
 
 
+@checked
 def reproduce_paper(
     out: str | Path = "reproduced",
     *,

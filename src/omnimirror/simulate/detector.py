@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arguments import check_fields
 from ..errors import InvalidParameter
 from ..parameters import Parameter
 from .colour import Light, srgb_from_linear
@@ -86,6 +87,7 @@ class Detector:
     }
 
     def __post_init__(self) -> None:
+        check_fields(self)
         for f in fields(self):
             value = getattr(self, f.name)
             if value is not None and not (f.name == "full_well_e" and value == np.inf):

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ..analysis import best_viewpoint
 from ..analysis.meridional.viewpoints import viewpoint_angle_error
+from ..arguments import checked
 from ..dewarp import Dewarper
 from ..dewarp.screens import Plane
 from ..errors import OutsideField
@@ -68,6 +69,7 @@ class RoundTrip:
         return float(1 - 10 ** ((self.blurred_db - self.exact_db) / 10))
 
 
+@checked
 def measure_round_trip(sensor: Sensor, samples: int = 16, texel_mm: float = 2.0) -> RoundTrip:
     """Simulate the room's wall 800 mm ahead, straighten it in four ways, and compare each with a pinhole's picture.
 

@@ -13,7 +13,7 @@ from typing import Annotated, Any, TypeAlias
 import tomli_w
 from pydantic import Field, create_model
 
-from ..arguments import file_name, instance
+from ..arguments import checked, file_name, instance
 from ..camera_models import CAMERAS, CalibratedCamera, RadialModel, parse_ocam
 from ..errors import OmnimirrorError, SpecError
 from ..files import parse_toml, read_text, write_text
@@ -78,6 +78,7 @@ def load_camera(name_or_path: str | Path) -> AnyCamera:
     return parse_camera(read_text(path, "camera file", SpecError, absent), str(path), path.parent)
 
 
+@checked
 def parse_camera(text: str, source: str = "camera file", folder: Path | None = None) -> AnyCamera:
     """A camera from the text of its file, as :func:`load_camera`.
 
@@ -171,6 +172,7 @@ def format_camera(camera: Sensor | RadialModel, notes: str = "") -> str:
     """
     kinds: tuple[type[Any], ...] = (Sensor, *CAMERAS.values())
     instance("camera", camera, kinds, f"a camera that a file holds, a sensor or one of {', '.join(CAMERAS)}")
+    instance("notes", notes, str, "text")
     comment = "".join(f"# {line}\n" for line in notes.splitlines())
     return comment + (format_sensor(camera) if isinstance(camera, Sensor) else tomli_w.dumps(camera_tables(camera)))
 

@@ -16,7 +16,7 @@ import numpy as np
 import tomli_w
 from pydantic import Field, create_model
 
-from ..arguments import file_name, shown
+from ..arguments import checked, file_name, shown
 from ..errors import SpecError
 from ..files import parse_toml, read_text, write_text
 from ..frames import Mount
@@ -87,6 +87,7 @@ def load_sensor(name_or_path: str | Path) -> Sensor:
     return parse_sensor(text, source=str(path), folder=path.parent)
 
 
+@checked
 def parse_sensor(text: str, source: str = "sensor file", folder: Path | None = None) -> Sensor:
     """A Sensor from the text of a sensor file.
 
@@ -196,6 +197,7 @@ def mount_table(mount: Mount) -> dict[str, Any]:
     return table
 
 
+@checked
 def save_sensor(sensor: Sensor, path: str | Path) -> None:
     """Write the sensor's file, whole or not at all.
 

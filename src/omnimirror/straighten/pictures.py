@@ -11,7 +11,7 @@ from threading import Lock
 
 import numpy as np
 
-from ..arguments import file_name
+from ..arguments import check_fields, checked, file_name
 from ..cameras import Camera
 from ..dewarp import Dewarper, views
 from ..dewarp.contracts import Border, Interpolation
@@ -56,6 +56,9 @@ class Restoration:
     noise: float | None = None
     object_distance_mm: float | None = None
     blur_px: ToldBlur | str | Path | None = None
+
+    def __post_init__(self) -> None:
+        check_fields(self)
 
     def restorer(self, camera: Camera) -> Restorer:
         """What sharpens the pictures of a camera.
@@ -184,6 +187,7 @@ class PictureStraightener:
         return Straightened(run_parallel(jobs, threads, progress), len(found) - len(pairs), self.left_out)
 
 
+@checked
 def dewarp_pictures(
     sources: str | Path | Iterable[str | Path],
     folder: str | Path,

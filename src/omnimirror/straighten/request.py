@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, TypeAlias, TypeVar
 
+from ..arguments import check_fields
 from ..cameras import Camera
 from ..dewarp import Dewarper, views
 from ..dewarp.contracts import Border, Interpolation
@@ -112,6 +113,9 @@ class Recording:
     keyframes: str | Path | None = None
     preview: bool = False
     skip_existing: bool = False
+
+    def __post_init__(self) -> None:
+        check_fields(self)
 
     def encoding(self) -> dict[str, Any]:
         """How files and streams are encoded, where it was said.

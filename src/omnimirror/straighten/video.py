@@ -8,10 +8,11 @@ from dataclasses import dataclass, fields, replace
 from fractions import Fraction
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import av
 
+from ..arguments import checked
 from ..cameras import Camera
 from ..dewarp import Dewarper, views
 from ..dewarp.contracts import Border, Interpolation
@@ -28,9 +29,10 @@ from ..media.live.sources import TICKS, LiveSource, is_live
 from ..media.pictures.images import can_be_panorama
 from ..media.video.display import DISPLAY_LOST, Display
 from ..media.video.formats import Kind, losses
+from ..media.video.frames import Colour
 from ..media.video.numbered import NumberedPictures, check_pattern, is_of_pictures
 from ..media.video.reader import Item, VideoReader
-from ..media.video.sequences import is_sequence, may_share_a_name, standard_input
+from ..media.video.sequences import is_sequence, may_share_a_name, numbered, numbers_of, standard_input
 from ..media.video.spherical import can_be_spherical
 from ..media.video.writer import Sink, VideoWriter
 from .border import AskedBorder, BorderColour
@@ -63,6 +65,7 @@ class Listener:
 SILENT = Listener()
 
 
+@checked
 def dewarp_video(
     source: str | Path,
     outputs: str | Path | Sequence[str | Path],
@@ -126,7 +129,9 @@ def dewarp_video(
     """
     colour = None if border is None else BorderColour.of(border)
     how = Straightening(camera, view, interpolation, viewpoint, colour, keep_lean)
-    names = [outputs] if isinstance(outputs, str | Path) else outputs
+    names = [outputs] if isinstance(outputs, str | Path) else list(outputs)
+    if not names:
+        raise InvalidParameter("outputs is empty; it is valid with one at least")
     return straighten_video(str(source), [str(name) for name in names], how, recording or Recording(), listener)
 
 
@@ -157,12 +162,14 @@ def _straighten_file(
         for note in reader.notes:
             listener.note(note)
         turn = Turning(how, reader.size, recording, reader.siting, reader.pixel_format)
-        sink = _sinks(outputs, turn, reader.frame_rate, reader, listener)
+        sink = _sinks(outputs, turn, Told(reader.frame_rate, reader.colour, reader.display), reader, listener)
         is_watched = not any(output == "-" or _is_file(output) for output in outputs)
         items = processing.in_real_time(reader.items()) if is_watched else reader.items()
         if isinstance(sink, NumberedPictures):
             items = sink.lacking(items)
-        return StraightenedVideo(turn.view, _run(items, sink, turn, reader.expected_frames, listener))
+        outcome = _run(items, sink, turn, reader.expected_frames, listener)
+        _tell_of_others(outputs, outcome.frames, recording, listener)
+        return StraightenedVideo(turn.view, outcome)
 
 
 def _straighten_live(
@@ -174,12 +181,25 @@ def _straighten_live(
     try:
         first = live.first()
         turn = Turning(how, (first.width, first.height), recording, live.siting, first.format.name)
-        sink = _sinks(outputs, turn, live.frame_rate or UNKNOWN_RATE, None, listener)
+        told = Told(live.frame_rate or UNKNOWN_RATE, Colour.told_by(first), Display.of(first.side_data))
+        sink = _sinks(outputs, turn, told, None, listener)
         outcome = _run(_until(live.frames(), recording.duration_s), sink, turn, None, listener, ahead=0)
     finally:
         live.close()
+    _tell_of_others(outputs, outcome.frames, recording, listener)
     summary = f"{live.received} frames received, {live.dropped} dropped, {live.reconnects} reconnects"
     return StraightenedVideo(turn.view, outcome, summary)
+
+
+def _tell_of_others(outputs: Sequence[str], count: int, recording: Recording, listener: Listener) -> None:
+    """Say what an earlier, longer run left of numbered pictures: who reads them by their pattern would go on to it."""
+    for output in outputs:
+        if recording.skip_existing or not (_is_file(output) and is_of_pictures(output)):
+            continue
+        pattern = Path(output)
+        if others := [number for number in numbers_of(pattern) if number > count]:
+            first, last = (numbered(pattern, number).name for number in (min(others), max(others)))
+            listener.note(f"{output}: what lies there of other runs, {first} to {last}, does not belong to this video")
 
 
 def _is_file(output: str) -> bool:
@@ -252,14 +272,20 @@ class Turning:
         return dewarp_frame(self._dewarper(view), frame, self.siting, to_siting)
 
 
-def _sinks(
-    outputs: Sequence[str], turn: Turning, rate: Fraction, source: VideoReader | None, listener: Listener
-) -> Sink:
+class Told(NamedTuple):
+    """What a source tells of all of its frames."""
+
+    rate: Fraction
+    colour: Colour
+    display: Display
+
+
+def _sinks(outputs: Sequence[str], turn: Turning, told: Told, source: VideoReader | None, listener: Listener) -> Sink:
     """All outputs as one; those that were opened are given up if one cannot be."""
     with ExitStack() as opened:
         sinks: list[Sink] = []
         for output in outputs:
-            sinks.append(_sink(output, turn, rate, source, listener))
+            sinks.append(_sink(output, turn, told, source, listener))
             opened.callback(sinks[-1].abort)
             for note in getattr(sinks[-1], "notes", ()):
                 listener.note(note)
@@ -269,9 +295,9 @@ def _sinks(
     return Tee(*sinks) if len(sinks) > 1 else sinks[0]
 
 
-def _sink(output: str, turn: Turning, rate: Fraction, source: VideoReader | None, listener: Listener) -> Sink:
-    size, recording = turn.view.size, turn.recording
-    if source is not None and source.display != Display() and not _is_film(output):
+def _sink(output: str, turn: Turning, told: Told, source: VideoReader | None, listener: Listener) -> Sink:
+    size, recording, rate = turn.view.size, turn.recording, told.rate
+    if told.display != Display() and not _is_film(output) and "://" not in output:
         listener.note(f"{output}: {DISPLAY_LOST}; a file by libx264 or libx265 keeps it")
     if output == "-":
         return PipeSink(recording.pipe_format or "y4m", rate, recording.pixel_format or "rgb24")
@@ -279,15 +305,16 @@ def _sink(output: str, turn: Turning, rate: Fraction, source: VideoReader | None
         return VirtualCamera(output, size, rate)
     if is_of_pictures(output) and "://" not in output:
         panorama = turn.panorama if can_be_panorama(output) and recording.keyframes is None else None
-        colour = None if source is None else source.colour
         return NumberedPictures(
-            output, size, turn.pixel_format, colour, panorama, skip_existing=recording.skip_existing
+            output, size, turn.pixel_format, told.colour, panorama, skip_existing=recording.skip_existing
         )  # fmt: skip
     encoding: dict[str, Any] = recording.encoding()
     # Streams, and files of what is live, are for any player, unless a pixel format was asked for.
     is_for_any = source is None or "://" in output
     if is_for_any and "pixel_format" not in encoding and (lost := losses(turn.pixel_format, Kind())):
         listener.note(f"{output}: {lost}; --pixel-format names another choice")
+    if is_for_any:  # in the range that players take for granted
+        encoding |= {"colour": replace(told.colour, range=min(told.colour.range, 1)), "display": told.display}
     if "://" in output:
         return StreamSink(output, size, rate, **encoding)
     if can_be_spherical(output) and recording.keyframes is None:

@@ -125,8 +125,16 @@ def test_the_optimiser_comes_near_it_and_not_below():
     assert 1 - 1e-9 < found.value / found.bound.blur_deg < 1.01
 
 
+def test_a_narrow_field_asks_for_no_blur():
+    """From the rim inwards a tangentially sharp mirror reaches 120 deg before it reaches the axis."""
+    told = [om.blur_bound(paper(), omega_min_deg=omega).blur_deg for omega in (80.0, 100.0, 120.0)]
+    assert told[0] > told[1] > told[2] == 0.0
+
+
 def test_what_has_no_bound_is_refused():
-    with pytest.raises(InvalidParameter, match="object_distance_mm = 0 is not valid"):
+    with pytest.raises(InvalidParameter, match="have no bound of blur between"):
+        om.blur_bound(paper(), 1e-6)
+    with pytest.raises(InvalidParameter, match="object_distance_mm = 0 is not a distance; it is valid above 0"):
         om.blur_bound(paper(), 0.0)
     with pytest.raises(InvalidParameter, match="omega_min_deg = 140 is not in the field of 0 to 135 deg"):
         om.blur_bound(paper(), omega_min_deg=140.0)
@@ -139,5 +147,5 @@ def test_what_has_no_bound_is_refused():
 
 @pytest.mark.parametrize("wrong", [{"mode": "Paper"}, {"image_radius_px": -5.0}, {"image_radius_px": np.nan}])
 def test_words_and_radii_that_mean_nothing_are_refused(wrong):
-    with pytest.raises(InvalidParameter, match=r"is not (known|valid)|finite"):
+    with pytest.raises(InvalidParameter, match=r"is not (known|valid|a number)|finite"):
         om.blur_bound(paper(), **wrong)

@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 from av.sidedata.sidedata import Type as SideData
 
+import omnimirror as om
 from omnimirror.media.processing import process
 from omnimirror.media.video.display import Display, dynamic_kinds
 from omnimirror.media.video.reader import VideoReader
 from omnimirror.media.video.writer import VideoWriter
+from omnimirror.straighten.video import Listener
 from tests.commands import omnimirror
 
 GRADED = "master-display=G(13250,34500)B(7500,3000)R(34000,16000)WP(15635,16450)L(10000000,1):max-cll=1000,400"
@@ -65,6 +67,22 @@ def test_what_cannot_be_kept_is_said(graded, tmp_path):
     beside = {SideData.DYNAMIC_HDR_PLUS: object(), SideData.DOVI_METADATA: object(), SideData.DOVI_RPU_BUFFER: 1}
     assert dynamic_kinds(beside) == "HDR10+ and Dolby Vision"
     assert not dynamic_kinds({SideData.CONTENT_LIGHT_LEVEL: object()})
+
+
+@pytest.mark.parametrize("pixel_format", [None, "yuv420p10le"])
+def test_a_stream_keeps_what_it_tells_of_colours_and_display(graded, tmp_path, pixel_format):
+    """A file by its address is read as a stream is."""
+    notes = []
+    om.dewarp_video(
+        graded.as_uri(), tmp_path / "out.mp4", camera=om.MirrorBall((63.5, 47.5), 40.0, 260.0, (128, 96)),
+        view=om.screens.Plane((64, 48), tilt_deg=-30.0), listener=Listener(note=notes.append),
+        recording=om.Recording(duration_s=0.01, pixel_format=pixel_format),
+    )  # fmt: skip
+    with av.open(str(tmp_path / "out.mp4")) as container:
+        frame = next(container.decode(video=0))
+    assert (frame.color_trc, frame.color_primaries, frame.colorspace) == (16, 9, 9)
+    assert struct.unpack("2I", bytes(frame.side_data.get(SideData.CONTENT_LIGHT_LEVEL))) == (1000, 400)
+    assert any("HDR, and 8 bits of it show steps" in note for note in notes) == (pixel_format is None)
 
 
 def test_half_of_it_is_told_where_it_can_be():

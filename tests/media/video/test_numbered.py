@@ -51,6 +51,17 @@ def test_every_frame_is_the_picture_of_its_number(film, tmp_path, suffix):
             assert np.abs(np.asarray(made) - expected)[2:-2, 2:-2].mean() < 3
 
 
+def test_what_a_longer_run_left_is_named(film, tmp_path):
+    for name in ("f0012.png", "f0013.png", "f0020.png", "f14.png"):
+        (tmp_path / name).write_bytes(b"older")
+    run = omnimirror("dewarp", film, *BALL, "-o", tmp_path / "f%04d.png")
+    assert run.returncode == 0, run.stderr
+    assert "of other runs, f0013.png to f0020.png, does not belong to this video" in run.stderr
+    assert (tmp_path / "f0013.png").read_bytes() == b"older"
+    again = omnimirror("dewarp", film, *BALL, "--skip-existing", "-o", tmp_path / "f%04d.png")
+    assert "other runs" not in again.stderr
+
+
 def test_what_is_there_is_skipped_and_the_rest_made(film, tmp_path):
     whole, part = tmp_path / "whole", tmp_path / "part"
     assert omnimirror("dewarp", film, *BALL, "-o", whole / "%d.png").returncode == 0

@@ -49,6 +49,15 @@ def test_a_bad_obj_is_refused_by_name_and_cause(tmp_path, text, words):
     assert str(path) in str(e.value)
 
 
+@pytest.mark.parametrize("corner", ["3", "1000", "-1"])
+def test_a_triangle_of_corners_that_are_not_there_is_refused(tmp_path, corner):
+    head = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+    head += "element face 2\nproperty list uchar int vertex_indices\nend_header\n"
+    path = written(tmp_path, "bad.ply", f"{head}1 -1 0\n1 1 0\n1 0 1\n3 0 1 2\n3 0 1 {corner}\n")
+    with pytest.raises(MediaError, match=f"1 triangles of corners that are not there, such as {corner}; it has 3"):
+        load_mesh(path)
+
+
 def test_indices_that_only_hold_a_zero_are_good(tmp_path):
     corners = "".join(f"v 1 {i % 3 - 1} {i // 3}\n" for i in range(12))
     path = written(tmp_path, "good.obj", f"# f 0 1 2\n{corners}f 10 1 5\nf -1 -2 -6\n")

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import choice, instance, optional_number, shown
+from ...arguments import checked, choice, instance, optional_number, shown
 from ...camera_models.base import CameraModel
 from ...camera_models.radial import RadialModel
 from ...camera_models.spheres import Unified
@@ -40,6 +40,7 @@ COSTLY = 2.0  # of the noise of corners; what one viewpoint costs below that is 
 OWN_RIM = "A physical mirror ends at its own rim; the rim at {rim:g} px is not in the camera."
 
 
+@checked
 def calibrate_camera(
     pictures: Sequence[Detection] | Sequence[Picture | str | Path],
     board: Board,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import number, whole
+from ...arguments import checked, finite, number, whole
 from ...cameras import Camera
 from ...errors import InvalidParameter
 from ..targets import Board, Detection
@@ -19,6 +19,7 @@ MOST_TILT = np.radians(45.0)
 DISTANCES = (0.9, 2.5)  # of the board's diagonal
 
 
+@checked
 def simulate_detections(
     camera: Camera,
     board: Board,
@@ -64,8 +65,8 @@ def simulate_detections(
     """
     whole("count", count, 1)
     number("noise_px", noise_px, low=0.0, unit="px")
-    random = np.random.default_rng(seed)
-    points = board.points_mm if points_mm is None else np.asarray(points_mm, dtype=float)
+    random = np.random.default_rng(whole("seed", seed))
+    points = board.points_mm if points_mm is None else finite("points_mm", points_mm, last=3)
     detections = []
     for i in range(count):
         for _ in range(TRIES):

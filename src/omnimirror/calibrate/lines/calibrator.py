@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import instance, number
+from ...arguments import checked, instance, number
 from ...camera_models import Unified
 from ...camera_models.base import CameraModel, Optics
 from ...errors import InvalidParameter
@@ -111,6 +111,7 @@ class LineCalibration:
         }
 
 
+@checked
 def calibrate_lines(
     pictures: Sequence[NDArray[Any]],
     *,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...arguments import finite, number
+from ...arguments import checked, finite, number
 from ...frames import Mount
 from ...imagers import Imager
 from ...lenses import Perspective
@@ -14,9 +14,11 @@ from ...sensor import Sensor
 from .sensor_model import SensorModel
 
 GRAZING = 1 - 1e-6  # of the outline's distance from the axis: there light only just arrives
+MOST_PX = 1e9
 PITCH_UM = 5.0  # any would do: a picture knows angles alone
 
 
+@checked
 def mirror_ball_model(
     image_size: tuple[int, int],
     centre_px: tuple[float, float],
@@ -65,9 +67,9 @@ def mirror_ball_model(
     >>> [p.name for p in model.parameters]
     ['mount.mirror_distance_mm', 'mirror_pose.decentre_x_mm', 'mirror_pose.decentre_y_mm']
     """
-    number("rim_radius_px", rim_radius_px, above=0.0)
-    number("focal_px", focal_px, above=0.0)
-    number("ball_radius_mm", ball_radius_mm, above=0.0)
+    number("rim_radius_px", rim_radius_px, low=1.0, high=MOST_PX)
+    number("focal_px", focal_px, low=1.0, high=MOST_PX)
+    number("ball_radius_mm", ball_radius_mm, low=1e-3, high=1e6)
     stand = Mount("forward") if mount is None else mount
     (width, height), (u, v) = finite("image_size", image_size, 1.0), finite("centre_px", centre_px)
     across = np.array([u - (width - 1) / 2, v - (height - 1) / 2])

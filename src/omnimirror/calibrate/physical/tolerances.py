@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import NamedTuple
 
-from ...arguments import number, shown
+from ...arguments import checked, number, shown
 from ...errors import InvalidParameter
 from ...sensor import Sensor
 from .names import DISTANCE, NAME, known_names, lens_names, place_of, shape_names, value_of
@@ -45,7 +45,8 @@ def group_names(sensor: Sensor, group: str) -> tuple[str, ...]:
     return tuple(names[group])
 
 
-def free_names(sensor: Sensor, free: Iterable[str]) -> tuple[str, ...]:
+@checked
+def free_names(sensor: Sensor, free: str | Iterable[str]) -> tuple[str, ...]:
     """Groups and names, as the names of parameters, each once.
 
     Raises
@@ -89,6 +90,7 @@ def usual_priors(sensor: Sensor, names: Iterable[str]) -> tuple[Tolerance, ...]:
     )
 
 
+@checked
 def checked_priors(names: tuple[str, ...], priors: Iterable[Tolerance]) -> tuple[Tolerance, ...]:
     """Priors of free parameters, each with a tolerance above 0."""
     checked = tuple(Tolerance(*prior) for prior in priors)

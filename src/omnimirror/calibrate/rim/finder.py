@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arguments import check_fields, checked
 from ...errors import InvalidParameter
 from .candidates import rings_of
 from .choice import confidence, odds
@@ -63,6 +64,9 @@ class FoundRim:
     """The camera's own image; None where none is seen."""
     pictures: tuple[FoundRim, ...] = ()
     """The rim in every single picture, of several that were looked at together."""
+
+    def __post_init__(self) -> None:
+        check_fields(self)
 
     @property
     def radius_px(self) -> float:
@@ -135,6 +139,7 @@ class _Seen:
         return max(near, key=lambda i: float(self.odds[i]), default=None)
 
 
+@checked
 def find_rim(pictures: Picture | Sequence[Picture]) -> FoundRim:
     """The rim of the mirror in a picture, or in several pictures of one sensor, to a part of a pixel.
 

@@ -8,7 +8,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from ...arguments import instance
+from ...arguments import checked, instance
 from ...camera_models import MirrorBall
 from ...errors import InvalidParameter, OmnimirrorError
 from ...frames import Mount
@@ -50,6 +50,7 @@ DEFAULT = "one-shot"
 off."""
 
 
+@checked
 def camera_from_rim(rim: FoundRim, mirror: str | Path | Sensor = DEFAULT, *, mount: Mount | None = None) -> FirstCamera:
     """A camera that straightens a picture whose rim is known, of a common mirror or a known sensor.
 
@@ -111,6 +112,7 @@ def check_sure(rim: FoundRim) -> None:
         )
 
 
+@checked
 def sensor_from_rim(rim: FoundRim, sensor: Sensor) -> Sensor:
     """A known sensor as one picture shows it: how large, how far beside the lens's axis, how much tilted.
 

@@ -8,7 +8,7 @@ from typing import Any, Literal, NamedTuple, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import choice, number, whole
+from ...arguments import check_fields, choice, number, whole
 from ...errors import InvalidParameter
 
 Array = NDArray[np.float64]
@@ -84,6 +84,7 @@ class Board:
     legacy: bool = False
 
     def __post_init__(self) -> None:
+        check_fields(self)
         choice("kind", self.kind, KINDS)
         whole("columns", self.columns, 2, LARGEST)
         whole("rows", self.rows, 2, LARGEST)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import file_name, instance, number, whole
+from ...arguments import checked, file_name, instance, number, whole
 from ...cameras import Camera
 from ...errors import MediaError
 from .boards import Board
@@ -33,6 +33,7 @@ BLURRED = 2.0  # times the usual blur
 QUICK_PX = 500  # longer side of the picture that sharpness is compared in
 
 
+@checked
 def choose_frames(
     video: str | Path,
     board: Board,

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import instance
+from ...arguments import checked, instance
 from ...cameras import Camera
 from ...errors import InvalidParameter, OmnimirrorError
 from .boards import Board
@@ -40,6 +40,7 @@ NOTHING = "no board was found"
 STOPPED = "the search was stopped before this picture"
 
 
+@checked
 def find_board(picture: Picture, board: Board, *, name: str = "", camera: Camera | None = None) -> Detection:
     """The board's corners in a picture, however a mirror or a fisheye bends it.
 
@@ -110,6 +111,7 @@ def _back_in_picture(values: Grey, seen: Detection, view: LocalView, board: Boar
     return _whole(part, board, name, size) if is_whole(part, board) else None
 
 
+@checked
 def find_boards(
     pictures: Iterable[Picture | str | Path],
     board: Board,

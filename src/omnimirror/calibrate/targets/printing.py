@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import choice, file_name, number
+from ...arguments import checked, choice, file_name, number
 from ...errors import InvalidParameter, MediaError
 from ...files import replacing
 from .boards import Board, dictionary
@@ -87,6 +87,7 @@ def words_of(board: Board) -> str:
     return f"omnimirror {board.kind} {size}{markers}{gaps}; the line is {RULER_MM:g} mm long"
 
 
+@checked
 def draw_board(board: Board, *, px_per_mm: float = 4.0, margin_mm: float | None = None) -> NDArray[np.uint8]:
     """A picture of a board, black on white.
 
@@ -113,9 +114,10 @@ def draw_board(board: Board, *, px_per_mm: float = 4.0, margin_mm: float | None 
     >>> draw_board(Board("chessboard", 11, 7, 30.0), px_per_mm=2.0).shape
     (600, 840)
     """
-    return _raster(sheet_of(board, margin_mm=margin_mm), number("px_per_mm", px_per_mm, above=0))
+    return _raster(sheet_of(board, margin_mm=margin_mm), number("px_per_mm", px_per_mm, above=0, high=1e4))
 
 
+@checked
 def write_board(
     board: Board,
     path: str | Path,

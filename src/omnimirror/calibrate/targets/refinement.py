@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arguments import checked
 from ...errors import InvalidParameter
 from .boards import Board
 from .detections import Detection
@@ -24,6 +25,7 @@ MODEL_PX = 0.01
 """What the bend of the edges, JPEG and the like leave besides noise: a hundredth of a pixel on rendered pictures."""
 
 
+@checked
 def refine_corners(picture: NDArray[Any], detection: Detection, board: Board, *, passes: int = PASSES) -> Detection:
     """Corners fitted to the pixels around each, with the edges bent as the corners about it say.
 

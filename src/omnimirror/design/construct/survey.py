@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from ...arguments import checked
 from ...errors import OmnimirrorError
 from ...mirrors.generated import MAPPINGS
 from .mappings import generated_mirror
 from .rim import MountedMirror, RimRay
 
 
+@checked
 def mappings(omega_max_deg: float = 75.0, theta_max_deg: float = 12.0) -> dict[str, MountedMirror | OmnimirrorError]:
     """The mirror that each mapping needs for a field and a lens, lengths in radii of the rim.
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from ...arguments import checked
 from ...lenses import Perspective
 from ...sensor import Sensor, check_sensor
 from ...specs import housing_tables
@@ -47,6 +48,7 @@ def lens_like(sensor: Sensor) -> dict[str, Any]:
     return table
 
 
+@checked
 def requirements_like(sensor: Sensor, **mirror: Any) -> Requirements:
     """Requirements with the field, rim, lens, imager and housing of a sensor, as ``omnimirror design --like`` has them.
 

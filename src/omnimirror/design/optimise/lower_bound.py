@@ -21,7 +21,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import LARGEST_RADIUS_PX, choice, number
+from ...arguments import LARGEST_RADIUS_PX, checked, choice, distances, number
 from ...batch.optics import PerspectiveCamera, TelecentricCamera
 from ...errors import InvalidParameter
 from ...lenses import BLUR_MODES, BlurMode, Orthographic, Perspective
@@ -65,6 +65,7 @@ class BlurBound:
         return bool(np.abs(self.s_deg).max() <= self.blur_deg * (1 + 1e-6))
 
 
+@checked
 def blur_bound(
     sensor: Sensor,
     object_distance_mm: float = np.inf,
@@ -119,8 +120,7 @@ def blur_bound(
     if image_radius_px is not None:
         number("image_radius_px", image_radius_px, above=0.0, high=LARGEST_RADIUS_PX, unit="px")
     sensor.check_one_mirror("the bound of blur")
-    if not object_distance_mm > 0:
-        raise InvalidParameter(f"object_distance_mm = {object_distance_mm:g} is not valid; it is above 0, or inf")
+    distances("object_distance_mm", object_distance_mm)
     low, high = sensor.field_deg
     if omega_min_deg is not None and not low <= omega_min_deg < high:
         raise InvalidParameter(f"omega_min_deg = {omega_min_deg:g} is not in the field of {low:.4g} to {high:.4g} deg")
@@ -276,9 +276,11 @@ def _followed(
         return float(state[0]) - omega_min
 
     begins.terminal = True  # type: ignore[attr-defined]
-    path = solve_ivp(
-        rates, (start, 0.0), state, method="DOP853", rtol=TOLERANCE, atol=TOLERANCE, events=begins, dense_output=True
-    )
+    with np.errstate(all="ignore"):  # a step that is tried may lead past the horizon, and is made shorter
+        path = solve_ivp(
+            rates, (start, 0.0), state, method="DOP853", rtol=TOLERANCE, atol=TOLERANCE, events=begins,
+            dense_output=True,
+        )  # fmt: skip
     return float(path.t[-1]), path.sol
 
 
@@ -286,6 +288,13 @@ def _least(too_steep: Callable[[float], float]) -> float:
     """The least blur (radians) that is not too steep; a blur that is allowed allows all larger ones too."""
     from scipy.optimize import brentq
 
+    if too_steep(0.0) <= 0:  # so narrow a field asks for none
+        return 0.0
+    if not too_steep(LEAST) > 0 or not too_steep(MOST) <= 0:
+        raise InvalidParameter(
+            f"this field, rim, lens and object distance have no bound of blur between {np.degrees(LEAST):.2g} and "
+            f"{np.degrees(MOST):.3g} deg"
+        )
     return float(brentq(too_steep, LEAST, MOST, xtol=1e-13, rtol=1e-12))
 
 

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from ...arguments import instance
+from ...arguments import check_fields, checked, instance, whole
 from ...files import json_plain
 from ...lenses import BlurMode
 from ...sensor import Sensor
@@ -102,7 +102,13 @@ class SearchOptions:
     mode: BlurMode = "exact"
     image_radius_px: float | None = None
 
+    def __post_init__(self) -> None:
+        check_fields(self)
+        whole("starts", self.starts, 1)
+        whole("seed", self.seed)
 
+
+@checked
 def design_sensor(
     requirements: Requirements, on_step: Callable[[str], None] | None = None, *, search: SearchOptions | None = None
 ) -> Design:

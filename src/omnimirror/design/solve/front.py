@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import file_name, instance
+from ...arguments import checked, file_name, instance
 from ...errors import InvalidParameter, OmnimirrorError
 from ...files import replacing
 from ...lenses import BlurMode
@@ -127,6 +127,7 @@ class Front:
         return design_of(judge(self.requirements, sensor), free_form_notes(self.space.problem, sensor))
 
 
+@checked
 def pareto(
     requirements: Requirements,
     merits: Sequence[str] = ("worst_floored_area_deg2", "inverse_area_ratio"),
@@ -227,6 +228,7 @@ def _front(space: FreeFormSpace, contest: Contest, alive: Generation, *, is_comp
 # -- files -----------------------------------------------------------------------------------------
 
 
+@checked
 def load_front(path: str | Path) -> Front:
     """The front of a file that :func:`pareto` wrote.
 

@@ -8,6 +8,7 @@ from typing import Literal, Self, get_args
 
 import numpy as np
 
+from ...arguments import check_fields
 from ...errors import InvalidParameter
 from .base import NOT_MOVED, Offset, ScreenPart, View, check_angle, check_choice, check_size, offset_words
 from .planes import Plane
@@ -69,6 +70,7 @@ class CubeMap:
     offset_mm: Offset = NOT_MOVED
 
     def __post_init__(self) -> None:
+        check_fields(self)
         check_size(self.size)
         check_choice("layout", self.layout, get_args(Layout))
         columns, rows = self.grid(self.layout)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ...arguments import checked
 from ...cameras import Camera
 from ...errors import InvalidParameter
 from ..camera_field import field_of, pole_of
@@ -35,6 +36,7 @@ PLAN_HEIGHTS = 4.0  # side of a plan in heights of the mirror over the ground: d
 VIEWS_IN_MOSAIC = 4
 
 
+@checked
 def panorama(
     camera: Camera,
     size: PartialSize = UNKNOWN_SIZE,
@@ -89,6 +91,7 @@ def panorama(
     return Cylinder(completed(size, natural), low, high, pan_deg, span_deg, rows, distance_mm, offset_mm)
 
 
+@checked
 def sphere(
     camera: Camera,
     size: PartialSize = UNKNOWN_SIZE,
@@ -152,6 +155,7 @@ def sphere(
     return Sphere(completed(size, natural), low, high, pan_deg, span_deg, distance_mm, offset_mm)
 
 
+@checked
 def perspective(
     size: PartialSize = UNKNOWN_SIZE,
     *,
@@ -195,6 +199,7 @@ def perspective(
     return Plane(completed(size, PERSPECTIVE_SIZE), pan_deg, tilt_deg, roll_deg, hfov_deg, distance_mm, offset_mm)
 
 
+@checked
 def dome(
     camera: Camera,
     size: PartialSize = UNKNOWN_SIZE,
@@ -243,6 +248,7 @@ def dome(
     return Dome(completed(size, (diameter, diameter)), last, pole, pan_deg, first, distance_mm, offset_mm)
 
 
+@checked
 def planet(
     camera: Camera,
     size: PartialSize = UNKNOWN_SIZE,
@@ -291,6 +297,7 @@ def planet(
     return LittlePlanet(completed(size, (diameter, diameter)), hfov, pole, pan_deg, distance_mm, offset_mm)
 
 
+@checked
 def ground(
     camera: Camera,
     height_mm: float,
@@ -334,6 +341,7 @@ def ground(
     return Ground(completed(size, (side, side)), height_mm, float(scale), pan_deg, offset_mm)
 
 
+@checked
 def cube(
     camera: Camera,
     size: PartialSize = UNKNOWN_SIZE,
@@ -377,6 +385,7 @@ def cube(
     return CubeMap(completed(size, (columns * face, rows * face)), layout, pan_deg, distance_mm, offset_mm)
 
 
+@checked
 def mosaic(
     camera: Camera,
     size: PartialSize = UNKNOWN_SIZE,

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...arguments import checked
 from ...errors import InvalidParameter
 from ..screens import (
     Cylinder,
@@ -38,6 +39,7 @@ since a flat screen never reaches 180 deg. Bent, its columns are linear in pan a
 """
 
 
+@checked
 def preset(
     name: str,
     size: PartialSize = UNKNOWN_SIZE,

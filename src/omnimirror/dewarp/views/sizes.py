@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...arguments import WrongKind, number, shown
+from ...arguments import WrongKind, checked, number, shown
 from ...cameras import Camera
 from ...errors import InvalidParameter
 from ..camera_field import FieldOfView
@@ -35,6 +35,7 @@ ROWS_EXAMINED = 65
 LARGEST_RATIO = 1e6  # of the sides of a picture
 
 
+@checked
 def resolution(camera: Camera, view: View) -> float:
     """Source pixels per output pixel, by length, where the view is seen next to its centre.
 
@@ -64,6 +65,7 @@ def resolution(camera: Camera, view: View) -> float:
     return float(min((r for r in found if np.isfinite(r)), default=np.nan))
 
 
+@checked
 def largest_zoom(camera: Camera, view: View) -> float:
     """The factor up to which a view can be zoomed within what the camera resolves, 1 or more.
 

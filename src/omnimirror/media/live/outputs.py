@@ -92,6 +92,8 @@ class StreamSink(SinkBase):
                 url, size, frame_rate, container_format=STREAM_FORMATS[scheme], is_live=True, **encoding
             )
         self.siting = siting_of(codec)
+        self.notes = [f"{url}: {self._encoder.lost}"] if self._encoder.lost else []
+        """What whoever asked for the stream should know of it, in sentences."""
         self._is_open = True
 
     def write(self, frame: av.VideoFrame) -> None:

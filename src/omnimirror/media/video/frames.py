@@ -63,6 +63,11 @@ class Colour:
         """The colour coding of a frame, or of a codec's context."""
         return cls(int(coded.color_range), int(coded.colorspace), int(coded.color_primaries), int(coded.color_trc))
 
+    @classmethod
+    def told_by(cls, frame: av.VideoFrame) -> Colour:
+        """That of a video with such frames; what is coded in red, green and blue becomes BT.709."""
+        return OF_RGB if frame.format.is_rgb or frame.format.has_palette else cls.of(frame)
+
     def put_on(self, coded: Any) -> None:
         """Say so on a frame, or on a codec's context."""
         coded.color_range = self.range

@@ -18,7 +18,7 @@ from av.video.stream import VideoStream
 
 from ...errors import InvalidParameter, MediaError
 from .display import Display, dynamic_kinds
-from .frames import OF_RGB, Colour, siting_of
+from .frames import Colour, siting_of
 from .interlace import Fields
 from .sequences import first_number, is_sequence
 from .timecode import later, timecode_of
@@ -110,7 +110,7 @@ class VideoReader:
         self.size: tuple[int, int] = (first.width, first.height)
         self.codec: str = stream.codec_context.codec.canonical_name
         self.pixel_format: str = first.format.name
-        self.colour = OF_RGB if first.format.is_rgb or first.format.has_palette else Colour.of(first)
+        self.colour = Colour.told_by(first)
         self.siting = siting_of(stream.codec_context.name)
         self.notes: list[str] = []
         """What whoever reads the file should know of it, in sentences."""

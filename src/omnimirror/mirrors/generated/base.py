@@ -9,6 +9,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ...arguments import check_fields
 from ...errors import InvalidParameter
 from ...numerics.lazy import cached_property
 from ...parameters import Parameter
@@ -92,6 +93,7 @@ class Generated(Mapped):
     """Field angle that the mapping cannot reach, whatever the lens."""
 
     def __post_init__(self) -> None:
+        check_fields(self)
         for name, parameter in self.PARAMETERS.items():
             parameter.check(name, getattr(self, name))
         self._check_reach(self.omega_max_deg)

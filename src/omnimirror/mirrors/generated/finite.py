@@ -18,6 +18,7 @@ import numpy as np
 from numpy.polynomial import Chebyshev, chebyshev
 from numpy.typing import ArrayLike, NDArray
 
+from ...arguments import check_fields
 from ...errors import InvalidParameter
 from ...numerics.lazy import cached_property
 from ...parameters import Parameter
@@ -213,6 +214,7 @@ class CylinderMapping(FiniteMapping):
     }
 
     def __post_init__(self) -> None:
+        check_fields(self)
         if self.cylinder_radius_mm <= self.rim_radius_mm:
             raise InvalidParameter(
                 f"cylinder_radius_mm = {self.cylinder_radius_mm:g} does not clear the mirror; it is valid above "

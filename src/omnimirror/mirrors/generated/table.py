@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ...arguments import check_fields, floats
 from ...errors import InvalidParameter
 from ...numerics.lazy import cached_property
 from ...parameters import Parameter
@@ -82,9 +83,10 @@ class TabulatedMapping(Mapped):
     }
 
     def __post_init__(self) -> None:
-        omega, height = (tuple(float(v) for v in a) for a in (self.omega_deg, self.height))
+        omega, height = floats("omega_deg", self.omega_deg), floats("height", self.height)
         object.__setattr__(self, "omega_deg", omega)
         object.__setattr__(self, "height", height)
+        check_fields(self)
         for name, parameter in self.PARAMETERS.items():
             parameter.check(name, getattr(self, name))
         check_rows(omega, height)

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arguments import checked, whole
 from ...errors import InvalidParameter
 from ...files import replacing, write_text
 from ...media import read_image, write_image
@@ -58,7 +59,7 @@ def view_poses(count: int, seed: int = 0) -> list[Pose]:
     """
     if not 1 <= count <= MOST_VIEWS:
         raise InvalidParameter(f"views = {count} is outside 1 to {MOST_VIEWS}")
-    chance = np.random.default_rng(seed)
+    chance = np.random.default_rng(whole("seed", seed))
     places = REACH_MM * chance.uniform(-1, 1, (count - 1, 3))
     turns = np.array([180.0, LEAN_DEG, LEAN_DEG]) * chance.uniform(-1, 1, (count - 1, 3))
     return [Pose(), *(Pose(*map(float, np.round(row, 3))) for row in np.concatenate([places, turns], axis=1))]
@@ -81,6 +82,7 @@ def seen_corners_px(sensor: Sensor, hall: Hall, pose: Pose) -> dict[str, Array]:
     return found
 
 
+@checked
 def write_calibration_set(
     sensor: Sensor,
     folder: str | Path,
@@ -175,6 +177,7 @@ def take_pictures(recipe: CalibrationRecipe, folder: Path) -> Iterator[Path]:
     yield folder / DESCRIPTION
 
 
+@checked
 def write_video_set(
     sensor: Sensor,
     scene: Scene | SceneSource,

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arguments import checked
 from ...cameras import Camera
 from ..colour import Light
 from ..radiometry import Radiometry
@@ -54,6 +55,7 @@ class Truth(NamedTuple):
         return {name: np.ascontiguousarray(plane, np.float32) for name, plane in planes.items()}
 
 
+@checked
 def ground_truth(camera: Camera, scene: Scene, radiometry: Radiometry | None = None) -> Truth:
     """What the centre of each pixel sees, by its chief ray.
 

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arguments import checked, number
 from ...cameras import Camera
 from ...errors import InvalidParameter, MediaError
 from ...media.keyframes import Keyframes
@@ -26,6 +27,7 @@ POSE_NAMES = tuple(f.name for f in fields(Pose))
 MOST_FRAMES = 100_000
 
 
+@checked
 def load_path(path: str | Path) -> Keyframes:
     """Poses over time, a CSV or TOML file with ``time_s`` and any of ``x_mm``, ``y_mm``, ``z_mm``, ``pan_deg``, ..
 
@@ -69,6 +71,7 @@ def frame_times(path: Keyframes, frame_rate: float, duration_s: float | None = N
     >>> frame_times(Keyframes({"x_mm": ((0.0, 0.0), (1.0, 500.0))}), 4.0)
     [0.0, 0.25, 0.5, 0.75, 1.0]
     """
+    number("frame_rate", frame_rate, above=0.0, high=1e6)
     if duration_s is None:
         duration_s = max(time for track in path.tracks.values() for time, _ in track)
     count = int(np.floor(duration_s * frame_rate + 1e-9)) + 1 if duration_s >= 0 and frame_rate > 0 else 0
@@ -111,6 +114,7 @@ class VideoFrame(NamedTuple):
     """(h, w, 3), linear."""
 
 
+@checked
 def write_video(
     camera: Camera,
     scene: Scene,
@@ -187,11 +191,11 @@ def write_video(
     times, detector = frame_times(path, frame_rate, duration_s), detector or Detector()
 
     def pictures() -> Iterator[NDArray[Any]]:
-        for number, time in enumerate(times):
-            light = frame_at(camera, scene, path, time, samples, blur, radiometry, seed + number)
-            yield detector.read(light, seed + number)
+        for i, time in enumerate(times):
+            light = frame_at(camera, scene, path, time, samples, blur, radiometry, seed + i)
+            yield detector.read(light, seed + i)
             if written is not None:
-                written(VideoFrame(number, time, Pose(**path.at(time)), light), len(times))
+                written(VideoFrame(i, time, Pose(**path.at(time)), light), len(times))
 
     encode(output, camera.image_size, frame_rate, pictures())
     return len(times)

@@ -12,7 +12,7 @@ from typing import NamedTuple, TypeGuard, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import instance, whole
+from ...arguments import checked, instance, whole
 from ...cameras import Camera
 from ...errors import InvalidParameter
 from ...frames import turned
@@ -53,6 +53,7 @@ class Bundle(NamedTuple):
     """``LOST``, ``REFLECTED``, ``DIRECT`` past the mirror, or ``HIDDEN`` by camera, rod or edge."""
 
 
+@checked
 def expose(
     camera: Camera,
     scene: Scene,

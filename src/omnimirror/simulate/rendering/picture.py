@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...arguments import checked
 from ...cameras import Camera
 from ...errors import InvalidParameter
 from ...imagers import Imager
@@ -145,6 +146,7 @@ def _low_passed(light: Light) -> Light:
     return np.ascontiguousarray(light, np.float32)
 
 
+@checked
 def pinhole_picture(scene: Scene, directions: ArrayLike, samples: int = 1) -> Picture:
     """The picture that an ideal camera at the world's origin takes: the truth for what was straightened.
 

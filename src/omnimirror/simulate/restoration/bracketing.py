@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...analysis.meridional.coddington import virtual_images
 from ...analysis.meridional.focus import FocusStudy
-from ...arguments import distances, instance, number, row
+from ...arguments import checked, distances, instance, number, row
 from ...dewarp.maps.pixels import PixelMap
 from ...dewarp.sampling.samplers import remap
 from ...errors import InvalidParameter
@@ -161,6 +161,7 @@ def focused_at(sensor: Sensor, focus_mm: float) -> Sensor:
     return replace(sensor, lens=sensor.lens.focused_at(focus_mm))
 
 
+@checked
 def merge_bracket(
     sensor: Sensor,
     pictures: Sequence[NDArray[Any]],

@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arguments import checked
 from ...errors import InvalidParameter
 from ...media.pictures.jpeg import BLOCK, coding_of
 from ..colour import Light
@@ -51,6 +52,7 @@ class Noise(NamedTuple):
         return self._replace(by_pixel=self.by_pixel[rows, columns])
 
 
+@checked
 def estimate_noise(picture: Picture, file: str | Path | None = None, *, where: Mask | None = None) -> Noise:
     """The noise of a picture, or the error that its coding made where that is larger.
 

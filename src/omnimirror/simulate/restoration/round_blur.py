@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -11,6 +11,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...arguments import numbers, shown
 from ...camera_models import RadialModel
 from ...cameras import Camera
 from ...errors import InvalidParameter, SpecError
@@ -109,13 +110,13 @@ def _sizes_of(told: ToldBlur) -> Callable[[Array], BlurSize]:
         function = told
 
         def sizes(radius: Array) -> BlurSize:
-            found = [np.broadcast_to(np.asarray(size, float), radius.shape) for size in function(radius)]
-            if len(found) != 2:
-                raise InvalidParameter(f"the function of the blur returns {len(found)} values; valid are two")
-            return _checked(BlurSize(*found))
+            found = function(radius)
+            if not isinstance(found, Sequence | np.ndarray) or len(found) != 2:
+                raise InvalidParameter(f"the function of the blur returns {shown(found)}; valid are two sizes")
+            return _checked(BlurSize(*(np.broadcast_to(numbers("blur", size), radius.shape) for size in found)))
 
         return sizes
-    table = np.asarray(told, dtype=float)
+    table = numbers("blur", told, "one, two, or (n, 3)")
     if table.ndim < 2 and table.size in (1, 2):
         tangential, sagittal = np.broadcast_to(table.ravel(), 2)
         _checked(BlurSize(tangential, sagittal))

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import instance
+from ...arguments import checked, instance
 from ...cameras import Camera
 from ...errors import InvalidParameter
 from ...numerics.lazy import cached_property
@@ -25,6 +25,7 @@ Picture = NDArray[Any]
 SHARP_PX = 0.25  # pixels with less blur stay as they are, and those with twice as much are all restored
 
 
+@checked
 def restore(
     camera: Camera,
     image: Picture,

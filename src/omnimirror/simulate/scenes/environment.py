@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...arguments import check_fields
 from ...dewarp.maps.pixels import PixelMap
 from ...dewarp.sampling.samplers import remap
 from ...errors import InvalidParameter, MediaError
@@ -55,6 +56,7 @@ class Environment:
     heading_deg: float = 0.0
 
     def __post_init__(self) -> None:
+        check_fields(self)
         if self.light.ndim != 3 or self.light.shape[2] != 3 or self.light.size == 0 or self.light.dtype != np.float32:
             raise InvalidParameter(
                 f"an environment is (height, width, 3) of float32, not {self.light.shape} of {self.light.dtype}"

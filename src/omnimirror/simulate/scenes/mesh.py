@@ -12,7 +12,7 @@ from ...errors import InvalidParameter, MediaError
 from ...frames import turned
 from ..colour import Light, linear_from_srgb
 from .contract import Array, Scene
-from .mesh_checks import check_corners, check_file
+from .mesh_checks import check_corners, check_faces, check_file
 from .surfaces import Surfaces, Texture
 from .triangles import combined, facets
 from .worlds.painted import Surroundings
@@ -63,6 +63,8 @@ def load_mesh(
     if not 0 < unit_mm < np.inf:
         raise InvalidParameter(f"unit_mm = {unit_mm:g} is no length; it is valid above 0")
     meshes, to_world = _meshes(path), unit_mm * TO_WORLD[up]
+    for mesh in meshes:
+        check_faces(path, np.asarray(mesh.faces), len(mesh.vertices))
     with np.errstate(all="ignore"):  # what overflows is refused
         corners = [turned(np.asarray(mesh.vertices)[mesh.faces], to_world.T) for mesh in meshes]
         check_corners(path, corners)

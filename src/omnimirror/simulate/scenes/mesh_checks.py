@@ -9,6 +9,7 @@ from typing import Any
 from urllib.parse import unquote
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...errors import MediaError
 from .contract import Array
@@ -32,6 +33,15 @@ def check_file(path: Path) -> None:
         with path.open("rb") as file:
             for name in TEXTURE.findall(file.read(HEAD)):
                 _check_there(path, "texture", _text(name))
+
+
+def check_faces(path: Path, faces: NDArray[np.integer], count: int) -> None:
+    """Raise MediaError if triangles (n, 3) name corners that a mesh does not have."""
+    if (wrong := (faces < 0) | (faces >= count)).any():
+        raise MediaError(
+            f"the mesh {path} has {int(wrong.any(axis=1).sum())} triangles of corners that are not there, such as "
+            f"{faces[wrong][0]}; it has {count}, from 0 on"
+        )
 
 
 def check_corners(path: Path, corners_mm: list[Array]) -> None:

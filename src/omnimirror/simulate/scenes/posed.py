@@ -7,6 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from ...arguments import check_fields
 from ...frames import turn_of, turned
 from ...parameters import Parameter
 from ..colour import Light
@@ -126,6 +127,9 @@ class PosedScene:
 
     scene: Scene
     pose: Pose
+
+    def __post_init__(self) -> None:
+        check_fields(self)
 
     def radiance(self, origins_mm: Array, directions: Array) -> Light:
         """Linear RGB (n, 3) of rays of the sensor's world.

@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from ...arguments import checked
 from ...errors import MediaError, OmnimirrorError
 from .contract import Scene
 from .environment import Environment
@@ -78,6 +79,7 @@ class SceneSource:
         )
 
 
+@checked
 def load_scene(
     name: str | Path,
     *,

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ....arguments import choice
+from ....arguments import checked, choice
 from ....camera_models.base import CameraModel
 from ....errors import InvalidParameter
 from .board_shape import NAMES, UNITS, BoardShape
@@ -132,6 +132,7 @@ def _mark_names(stack: Stack) -> tuple[str, ...]:
     return () if stack.marks is None else tuple(f"mark {i} {axis}" for i in stack.marks.ids for axis in "xy")
 
 
+@checked
 def adjust(
     model: CameraModel,
     sightings: Sequence[Sighting],

@@ -109,7 +109,8 @@ def print_merits(console: Console, best: Optimum) -> None:
     console.print(table)
     say((f"the sphere for the same field, at its best focus by {focus_by}", "dim"), console=console)
     least, blur = best.bound.blur_deg, after_all[list(DESIGN_MERITS).index("worst_blur_deg")]
-    console.print(
-        f"No mirror of this field, rim and lens has a worst single blur below {least:.4f} deg; "
-        f"this one's lies {blur / least - 1:.2%} above."
-    )
+    if least:
+        console.print(
+            f"No mirror of this field, rim and lens has a worst single blur below {least:.4f} deg; "
+            f"this one's lies {blur / least - 1:.2%} above."
+        )

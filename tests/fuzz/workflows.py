@@ -1,0 +1,145 @@
+"""Calls of public functions of calibration, design, simulation and media, right as they stand, for the fuzz."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import fields, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import av
+import numpy as np
+
+import omnimirror as om
+from omnimirror.components.catalogue import Catalogue, ImagerComponent, LensComponent
+from omnimirror.frames import Mount
+from omnimirror.housing import CameraBody, Dome, Housing, Rim, Rod, Tube
+from omnimirror.imagers import Imager
+from omnimirror.lenses import Orthographic, Perspective
+from omnimirror.media.keyframes import Keyframes
+from omnimirror.mirrors import Sphere
+from omnimirror.simulate import Radiometry, ground_truth
+from omnimirror.specs import format_camera
+from tests.conftest import MIRRORS
+
+CAMERA = om.Unified(0.9, (20.0, 20.0), (31.5, 31.5), (64, 64))
+COVARIANCE = np.eye(len(CAMERA.parameters)) * 1e-4
+BOARD = om.Board("chessboard", 7, 5, 25.0)
+SEEN = om.simulate_detections(CAMERA, BOARD, 3)
+SENSOR = om.Sensor(Sphere(50.0, 44.0), Perspective(11.6, 4.0, 218.0), Imager(32, 32, 166.4), mirror_distance_mm=185.93)
+RIM = om.FoundRim((16.0, 16.0), (14.0, 14.0), 0.0, 0.9, (32, 32))
+ROOM = om.Room(40.0)
+PICTURE = np.random.default_rng(0).integers(0, 255, (32, 32, 3), np.uint8)
+LARGER = np.zeros((64, 64, 3), np.uint8)
+PARTS = Catalogue((LensComponent("l", 8.0, 1.4, 16.0, 100.0),), (ImagerComponent("i", 1000, 1000, 5.0),))
+MOVES = Keyframes({"x_mm": ((0.0, 0.0), (1.0, 9.0))})
+VIEW = om.views.panorama(SENSOR, size=(36, 12))
+
+
+def write_files(folder: Path) -> None:
+    """What some of the calls read."""
+    om.write_image(folder / "a.png", PICTURE)
+    (folder / "poses.csv").write_text("time_s,x_mm,pan_deg\n0,0,0\n.2,100,10\n")
+    (folder / "parts.toml").write_text(
+        '[[imager]]\nname = "i"\nwidth_px = 9\nheight_px = 9\npixel_pitch_um = 5.0\n[[lens]]\nname = "l"\n'
+        "focal_length_mm = 8.0\nf_number_min = 1.4\nf_number_max = 16.0\nminimum_focus_mm = 100.0\n"
+    )
+    with av.open(str(folder / "v.mp4"), "w") as container:
+        stream = container.add_stream("libx264", rate=10)
+        stream.width, stream.height, stream.pix_fmt = 32, 32, "yuv420p"
+        for _ in range(2):
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(PICTURE)))
+        container.mux(stream.encode(None))
+
+
+CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
+    "field_angles": (om.field_angles, {"sensor": SENSOR, "step_deg": 5.0}),
+    "simulate_detections": (om.simulate_detections, {"camera": CAMERA, "board": BOARD, "count": 1, "noise_px": 0.1,
+                                                     "seed": 0, "points_mm": None}),
+    "calibrate_camera": (om.calibrate_camera, {"pictures": SEEN, "board": BOARD, "model": "unified", "mount": None,
+                                               "centre_px": None, "fixed": (), "priors": (), "seed": 0,
+                                               "board_shape": False, "optics": "mirror"}),
+    "direction_uncertainty": (om.direction_uncertainty, {"camera": CAMERA, "pixels": [[40.0, 40.0]],
+                                                         "covariance": COVARIANCE}),
+    "floor_uncertainty": (om.floor_uncertainty, {"camera": CAMERA, "pixels": [[40.0, 40.0]], "height_mm": 1000.0,
+                                                 "covariance": COVARIANCE}),
+    "uncertainty_map": (om.uncertainty_map, {"camera": CAMERA, "height_mm": None, "covariance": COVARIANCE,
+                                             "steps": 8}),
+    "Board": (om.Board, {"kind": "charuco", "columns": 7, "rows": 5, "square_mm": 30.0, "marker_mm": 20.0,
+                         "spacing": 0.3, "family": None, "legacy": False}),
+    "mirror_ball_model": (om.mirror_ball_model, {"image_size": (64, 64), "centre_px": (32.0, 32.0),
+                                                 "rim_radius_px": 28.0, "focal_px": 200.0, "ball_radius_mm": 40.0,
+                                                 "mount": None}),
+    "SensorModel": (om.SensorModel, {"sensor": SENSOR, "free": ("focal", "tilt"), "priors": None}),
+    "choose_frames": (om.choose_frames, {"video": "v.mp4", "board": BOARD, "count": 1, "every_s": 0.1,
+                                         "start_s": 0.0, "duration_s": None, "camera": None}),
+    "draw_board": (om.draw_board, {"board": BOARD, "px_per_mm": 1.0, "margin_mm": None}),
+    "find_board": (om.find_board, {"picture": PICTURE, "board": BOARD, "name": "a", "camera": None}),
+    "find_boards": (om.find_boards, {"pictures": ["a.png"], "board": BOARD, "names": None, "several": False}),
+    "refine_corners": (om.refine_corners, {"picture": LARGER, "detection": SEEN[0], "board": BOARD, "passes": 1}),
+    "camera_from_rim": (om.camera_from_rim, {"rim": RIM, "mirror": "one-shot", "mount": None}),
+    "find_rim": (om.find_rim, {"pictures": LARGER}),
+    "sensor_from_rim": (om.sensor_from_rim, {"rim": RIM, "sensor": SENSOR}),
+    "best_apertures": (om.best_apertures, {"sensor": SENSOR, "f_number": 4.0, "object_distance_mm": np.inf,
+                                           "wavelength_nm": 550.0, "omega_min_deg": 0.0}),
+    "read_catalogue": (lambda path: om.read_catalogue(path), {"path": "parts.toml"}),
+    "choose_parts": (om.choose_parts, {"sensor": SENSOR, "catalogue": PARTS, "least_fill": 0.1,
+                                       "object_distance_mm": np.inf}),
+    "blur_bound": (om.blur_bound, {"sensor": SENSOR, "object_distance_mm": np.inf, "omega_min_deg": None,
+                                   "image_radius_px": None}),
+    "SearchOptions": (om.SearchOptions, {"starts": 1, "seed": 0, "resume": None, "image_radius_px": None}),
+    "mappings": (om.mappings, {"omega_max_deg": 75.0, "theta_max_deg": 12.0}),
+    "export": (om.export, {"sensor": SENSOR, "path": "e", "formats": ["csv"], "chord_tolerance_um": 10.0,
+                           "step_mm": None, "digits": 6, "grid_points": 33, "sheet": "A3", "scale": None}),
+    "write_comparison": (om.write_comparison, {"comparison": om.compare([SENSOR]), "path": "c.html", "scene": ROOM}),
+    "Detector": (om.Detector, {"exposure": 1.0, "full_well_e": 1e4, "read_noise_e": 5.0, "bits": 8,
+                               "curve": "srgb", "bayer": "none", "black_level_dn": None}),
+    "Environment": (om.Environment, {"light": np.ones((8, 16, 3), np.float32), "heading_deg": 0.0}),
+    "estimate_noise": (om.estimate_noise, {"picture": PICTURE, "file": None, "where": None}),
+    "expose": (om.expose, {"camera": SENSOR, "scene": ROOM, "samples": 1, "blur": False, "distant": False,
+                           "radiometry": None, "seed": 0, "workers": 1}),
+    "ground_truth": (ground_truth, {"camera": SENSOR, "scene": ROOM, "radiometry": None}),
+    "merge_bracket": (om.merge_bracket, {"sensor": SENSOR, "pictures": [PICTURE, PICTURE],
+                                         "focus_mm": [200.0, 220.0], "object_distance_mm": np.inf}),
+    "PosedScene": (om.PosedScene, {"scene": ROOM, "pose": om.Pose()}),
+    "Pose": (om.Pose, {"x_mm": 0.0, "pan_deg": 0.0, "tilt_deg": 0.0}),
+    "restore": (om.restore, {"camera": SENSOR, "image": PICTURE, "noise": 0.01, "blur": None,
+                             "object_distance_mm": np.inf}),
+    "Room": (om.Room, {"texel_mm": 40.0, "elsewhere_mm": None}),
+    "Radiometry": (Radiometry, {f.name: getattr(Radiometry(), f.name) for f in fields(Radiometry)}),
+    "write_calibration_set": (lambda **words: list(om.write_calibration_set(**words)), {
+        "sensor": SENSOR, "folder": "set", "views": 1, "samples": 1, "blur": False, "detector": None, "seed": 0,
+        "hall": None, "truth": False}),
+    "load_path": (om.load_path, {"path": "poses.csv"}),
+    "write_video": (om.write_video, {"camera": SENSOR, "scene": ROOM, "path": MOVES, "output": "o.mp4",
+                                     "frame_rate": 5.0, "duration_s": 0.0, "samples": 1, "blur": False, "seed": 0}),
+    "load_scene": (om.load_scene, {"name": "room", "texel_mm": 40.0, "heading_deg": 0.0, "unit_mm": None,
+                                   "up": None, "background": None}),
+    "parse_camera": (om.parse_camera, {"text": format_camera(CAMERA), "source": "a", "folder": None}),
+    "parse_sensor": (om.parse_sensor, {"text": format_camera(SENSOR), "source": "a", "folder": None}),
+    "save_camera": (om.save_camera, {"camera": CAMERA, "path": "c2.toml", "notes": "x"}),
+    "save_sensor": (om.save_sensor, {"sensor": SENSOR, "path": "s2.toml"}),
+    "dewarp_pictures": (om.dewarp_pictures, {"sources": "a.png", "folder": "out", "camera": SENSOR, "view": VIEW,
+                                             "border": None, "transparent": None, "restoration": None,
+                                             "keep_lean": False, "skip_existing": False, "threads": 1}),
+    "dewarp_video": (partial(om.dewarp_video, view=VIEW), {"source": "v.mp4", "outputs": "dv.mp4", "camera": SENSOR,
+                                       "border": None, "keep_lean": False, "recording": None}),
+    "Recording": (om.Recording, {"start_s": 0.0, "codec": "libx264", "crf": 20, "keyframes": None,
+                                 "preview": False}),
+    "Restoration": (om.Restoration, {"noise": 0.01, "object_distance_mm": 500.0, "blur_px": None}),
+    "ghosts": (om.ghosts, {"sensor": replace(SENSOR, housing=Housing(shell=Dome(260.0))), "omega_deg": [60.0]}),
+    "Mount": (Mount, {"camera_looks": "up", "forward_azimuth_deg": -90.0, "pitch_deg": 0.0, "roll_deg": 1.0}),
+    "cube": (om.views.cube, {"camera": SENSOR, "size": (32, 24), "layout": "cross", "pan_deg": 0.0}),
+    "sphere": (om.views.sphere, {"camera": SENSOR, "size": (36, 18), "span_deg": 360.0,
+                                  "elevation_deg": (-90.0, 90.0)}),
+    "dome": (om.views.dome, {"camera": SENSOR, "size": (16, 16), "omega_deg": None}),
+    "resolution": (om.views.resolution, {"camera": SENSOR, "view": VIEW}),
+    "CubeMap": (om.screens.CubeMap, {"size": (48, 36), "layout": "cross", "pan_deg": 0.0}),
+}  # fmt: skip
+THINGS = [mirror for mirror, _ in MIRRORS.values()]
+THINGS += [Orthographic(0.1, 4.0, 50.0), Perspective(11.6, 4.0, 218.0), CameraBody(40.0, -30.0)]
+THINGS += [Rod(10.0), Tube(120.0), Dome(160.0), Rim(2.0)]
+for thing in THINGS:
+    words = {f.name: getattr(thing, f.name) for f in fields(thing) if f.init}
+    CALLS[f"{type(thing).__name__} as a part"] = (type(thing), words)
