@@ -71,15 +71,15 @@ def _run(line: str, folder: Path) -> None:
 
 
 def _calibrate(folder: Path) -> None:
-    """The page's calibrations: the one of its choice, and the mirror itself."""
-    if (folder / "built.toml").exists():
+    """The page's calibrations: the mirror itself, and a camera of one viewpoint."""
+    if (folder / "central.toml").exists():
         return
     board = om.Board("chessboard", 11, 7, 100.0)
     seen = om.find_boards(sorted((folder / "boards").glob("*.png")), board, several=True)
-    found = om.calibrate_camera(seen, board, rim_radius_px=375.4)
+    found = om.calibrate_camera(seen, board)
     found.save(folder / "camera.toml")
     om.write_calibration_figures(found, folder / "figures", kind="png")
-    om.calibrate_camera(seen, board, model="sensor").save(folder / "built.toml")
+    om.calibrate_camera(seen, board, model="kannala-brandt", rim_radius_px=375.4).save(folder / "central.toml")
 
 
 def _draw_truth(folder: Path) -> None:
@@ -94,8 +94,8 @@ def _draw_truth(folder: Path) -> None:
     true = truth.backproject(pixels[is_inside])
     figure = Figure(figsize=(11, 3.6), layout="constrained")
     axes = figure.subplots(1, 3)
-    cases = (("camera.toml", 2500.0, "one viewpoint, 2.5 m"), ("camera.toml", FAR_MM, "one viewpoint, far away"),
-             ("built.toml", FAR_MM, "the mirror itself, far away"))  # fmt: skip
+    cases = (("central.toml", 2500.0, "one viewpoint, 2.5 m"), ("central.toml", FAR_MM, "one viewpoint, far away"),
+             ("camera.toml", FAR_MM, "the mirror itself, far away"))  # fmt: skip
     for ax, (name, distance_mm, title) in zip(axes, cases, strict=True):
         seen = om.load_camera(folder / name).backproject(pixels[is_inside])
 
