@@ -14,7 +14,7 @@ from scipy.optimize import brentq, root
 import omnimirror as om
 from omnimirror.dewarp.maps.coordinates import source_pixels
 from omnimirror.errors import InvalidParameter, SelfObstruction
-from omnimirror.housing import MATERIALS, Dome, Housing, Tube
+from omnimirror.housing import MATERIALS, Dome, Housing, Tube, Window
 from omnimirror.mirrors.pose import MirrorPose
 from omnimirror.simulate.rendering.sight import sights
 
@@ -30,12 +30,19 @@ COVERS = {
     "high dome": (SPH, Dome(310.0, 5.0, centre_mm=-40.0)),
     "telecentric dome": (TELECENTRIC, Dome(130.0, 3.0, centre_mm=-20.0, medium_index=1.2)),
 }
+NARROW = replace(SPH, mirror=replace(SPH.mirror, rim_radius_mm=28.0))  # sees to 81 deg
+COVERS |= {
+    "window": (NARROW, Window(wall_mm=6.0, material="bk7")),
+    "window to water": (NARROW, Window(wall_mm=6.0, material="acrylic", medium="water", height_mm=-200.0)),
+}
 MISALIGNED = {
     "tilted tube": (SPH, Tube(110.0, 4.0, tilt_x_deg=1.5, decentre_y_mm=0.7), MirrorPose()),
     "tilted tube in water": (SPH, Tube(112.0, 4.0, medium="water", tilt_y_deg=-1.0), MirrorPose()),
     "decentred dome": (SPH, Dome(340.0, 5.0, inner_shift_mm=1.0, decentre_x_mm=3.0, tilt_y_deg=4.0), MirrorPose()),
+    "tilted window": (NARROW, Window(wall_mm=6.0, medium="sea_water", tilt_x_deg=2.0), MirrorPose(0.4)),
     "mirror out of place": (HYP, Dome(360.0, 6.0, medium="water"), MirrorPose(1.0, -0.6, 0.4, 0.5, -0.8)),
 }
+INNER_PIXELS = 511.5 + np.array([[0.0, 180.0], [210.0, -60.0], [-190.0, 130.0], [20.0, 260.0], [-150.0, -190.0]])
 PIXELS = 511.5 + np.array([[0.0, 180.0], [240.0, -60.0], [-310.0, 130.0], [20.0, 400.0], [-330.0, -330.0]])
 
 
@@ -69,6 +76,14 @@ def surfaces(sensor):
 
     lean = turning(shell.tilt_x_deg, shell.tilt_y_deg)
     shift = np.array([shell.decentre_x_mm, shell.decentre_y_mm, 0.0])
+    wall = MATERIALS[shell.material].index_d if shell.material else shell.refractive_index
+    around = MATERIALS[shell.medium].index_d if shell.medium else shell.medium_index
+
+    def pane(height):
+        return lambda p: height - (lean.T @ (p - shift))[2]
+
+    if isinstance(shell, Window):
+        return mirror, (pane(shell.height_mm), wall), (pane(shell.height_mm - shell.wall_mm), around)
     outer = shell.diameter_mm / 2
 
     def side(radius, centre):
@@ -80,8 +95,6 @@ def surfaces(sensor):
 
     centre = 0.0 if isinstance(shell, Tube) else shell.centre_mm
     raised = 0.0 if isinstance(shell, Tube) else shell.inner_shift_mm
-    wall = MATERIALS[shell.material].index_d if shell.material else shell.refractive_index
-    around = MATERIALS[shell.medium].index_d if shell.medium else shell.medium_index
     return mirror, (side(outer - shell.wall_mm, centre + raised), wall), (side(outer, centre), around)
 
 
@@ -126,9 +139,10 @@ def truth(sensor, pixel):
 def test_pixels_look_where_rays_through_every_surface_lead_and_points_come_back(name):
     sensor = covered(name)
     turn = sensor.mount.rotation()
-    origins, directions, valid = sensor.backproject(PIXELS)
+    pixels = INNER_PIXELS if "window" in name else PIXELS
+    origins, directions, valid = sensor.backproject(pixels)
     assert valid.all()
-    for pixel, origin, direction in zip(PIXELS, origins, directions, strict=True):
+    for pixel, origin, direction in zip(pixels, origins, directions, strict=True):
         place, way = truth(sensor, pixel)
         there, towards = turn.T @ origin, turn.T @ direction
         assert np.linalg.norm(towards - way) < 2e-9
@@ -140,12 +154,12 @@ def test_pixels_look_where_rays_through_every_surface_lead_and_points_come_back(
         assert np.abs(sensor.project_directions([turn @ way]).pixels - pixel).max() < 1e-5
 
 
-@pytest.mark.parametrize("name", ["tube in water", "dome", "dome in oil", "high dome"])
-@pytest.mark.parametrize("distance", [np.inf, 250.0])
+@pytest.mark.parametrize("name", ["tube in water", "dome", "dome in oil", "high dome", "window to water"])
+@pytest.mark.parametrize("distance", [np.inf, 500.0])
 def test_images_are_where_rays_of_one_object_cross_before_the_lens(name, distance):
     """Rays aimed from either side of the pupil, by the truth, at one object; tangential, then sagittal."""
     sensor = covered(name)
-    h = 330.0
+    h = 260.0 if "window" in name else 330.0
     table = om.evaluate(sensor, h_px=[h], object_distance_mm=distance)
     start, way = lens_ray(sensor, [511.5 + h, 511.5])
     place, out = traced(sensor, start, way)
@@ -206,6 +220,26 @@ def test_a_tube_in_water_begins_where_rays_pass_its_base():
     assert wall[0] == pytest.approx(-sensor.mirror_distance_mm, abs=1e-6)
     assert np.cos(np.radians(low)) == pytest.approx(np.cos(rays.reflected[0]) / MATERIALS["water"].index_d, abs=1e-12)
     assert high < SPH.field_deg[1]
+
+
+def test_a_window_shows_the_field_within_its_frame_and_before_the_horizon():
+    window = Window(120.0, medium="water")
+    sensor = replace(NARROW, housing=Housing(shell=window))
+    (ring,) = sensor.obscurations
+    assert ring.part == "window's frame"
+    assert ring.omega_deg[1] == pytest.approx(sensor.field_deg[1])
+    x = sensor.meridian.x_from_omega(np.radians([ring.omega_deg[0]]))
+    rays = sensor.meridian.trace(x)
+    inner = -sensor.mirror_distance_mm - 5.0
+    assert x[0] + (rays.z[0] - inner) * np.tan(rays.reflected[0]) == pytest.approx(60.0, abs=1e-6)
+    assert np.sin(rays.omega[0]) == pytest.approx(np.sin(rays.reflected[0]) / MATERIALS["water"].index_d, abs=1e-12)
+    white = om.Environment(np.ones((4, 8, 3), np.float32))
+    light = om.expose(sensor, white, samples=1)[512, 512:, 0]
+    assert (light > 0.5).sum() == pytest.approx(sensor.image_height_px(rays)[0], abs=1.5)
+    with pytest.raises(SelfObstruction, match="the window is passed only by rays that lead back past the lens"):
+        om.evaluate(replace(SPH, housing=Housing(shell=Window())))
+    with pytest.raises(InvalidParameter, match="puts the window between lens and mirror"):
+        om.evaluate(replace(NARROW, housing=Housing(shell=Window(height_mm=-50.0))))
 
 
 def test_what_a_cover_cannot_do_is_refused_in_a_sentence():

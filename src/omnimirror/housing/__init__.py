@@ -15,6 +15,7 @@ from .parts import (
     Rod,
     Shell,
     Tube,
+    Window,
 )
 
 __all__ = [
@@ -33,5 +34,6 @@ __all__ = [
     "Rod",
     "Shell",
     "Tube",
+    "Window",
     "index_of",
 ]

@@ -21,6 +21,8 @@ CLEARANCE_MM = 3.0
 """Between the rim and a tube or a dome, where its diameter is not given."""
 LENS_AT_RIMS = 2.5
 """How many rim radii before the vertex a telecentric lens is taken to stand; it may stand anywhere."""
+BEYOND_LENS_MM = 5.0
+"""From the lens to a window whose place is not given."""
 GAP_SHARE = 0.25
 """Of the mirror distance that a rod leaves to the lens, where its gap is not given."""
 
@@ -152,6 +154,10 @@ class ClearWall(HousingPart):
             raise InvalidParameter(
                 f"medium_index = {self.medium_index:g} and medium = {self.medium!r} were both given; give one of them"
             )
+        self._check_room()
+
+    def _check_room(self) -> None:
+        """Refuse a wall that leaves no room inside."""
         if self.diameter_mm is not None and not self.wall_mm < self.diameter_mm / 2:
             raise InvalidParameter(
                 f"wall_mm = {self.wall_mm:g} fills a {self.KIND} of {self.diameter_mm:g} mm; it is valid below "
@@ -338,9 +344,74 @@ class Dome(ClearWall):
         return replace(self, diameter_mm=diameter, centre_mm=centre)
 
 
-Shell = Tube | Dome
-SHELLS: dict[str, type[Tube] | type[Dome]] = {kind.KIND: kind for kind in (Tube, Dome)}
-"""Clear walls around a sensor, by the word that names them."""
+@dataclass(frozen=True)
+class Window(ClearWall):
+    """A flat clear pane beyond the lens, square to the axis, that all of the field is seen through; opaque around it.
+
+    Only rays that lead back past the lens come to it: the field ends before 90 deg.
+
+    Parameters
+    ----------
+    diameter_mm : optional
+        Of the clear opening; by default all that is seen through it passes.
+    wall_mm, refractive_index
+        Of the pane; acrylic by default.
+    height_mm : optional
+        Of its inner side over the mirror's vertex; by default 5 mm beyond the lens.
+    material, medium : optional
+        Names of :data:`~omnimirror.housing.MATERIALS`, of the pane instead of its index and of what is outside.
+    medium_index
+        Of what is outside; air by default.
+    decentre_x_mm, decentre_y_mm, tilt_x_deg, tilt_y_deg
+        How it sits out of place; see :class:`ClearWall`.
+
+    Raises
+    ------
+    InvalidParameter
+        A number outside its range, or an index given twice.
+    """
+
+    diameter_mm: float | None = None
+    wall_mm: float = 3.0
+    refractive_index: float = WALL_INDEX
+    height_mm: float | None = None
+    material: str | None = None
+    medium: str | None = None
+    medium_index: float = 1.0
+    decentre_x_mm: float = 0.0
+    decentre_y_mm: float = 0.0
+    tilt_x_deg: float = 0.0
+    tilt_y_deg: float = 0.0
+
+    KIND: ClassVar[str] = "window"
+    PARAMETERS: ClassVar[dict[str, Parameter]] = WALL | {
+        "diameter_mm": Parameter("mm", 1e-3, 1e5, "diameter of the clear opening"),
+        "height_mm": Parameter("mm", -1e5, 1e5, "height of the inner side over the mirror's vertex"),
+    }
+
+    def _check_room(self) -> None:
+        """A pane is as thick as it is."""
+
+    @property
+    def heights_mm(self) -> tuple[float, float]:
+        """Heights of the inner and of the outer side, of a window whose place is known."""
+        assert self.height_mm is not None, "a window that is not fitted yet"
+        return self.height_mm, self.height_mm - self.wall_mm
+
+    def fitted(self, envelope: Envelope) -> Window:
+        """The window with the place that it takes from the sensor."""
+        height = envelope.lens_mm - BEYOND_LENS_MM if self.height_mm is None else self.height_mm
+        if height > envelope.lens_mm:
+            raise InvalidParameter(
+                f"height_mm = {height:g} puts the window between lens and mirror, where the lens looks through it too; "
+                f"it is valid up to {envelope.lens_mm:g} mm, in the plane of the lens or beyond"
+            )
+        return replace(self, height_mm=height)
+
+
+Shell = Tube | Dome | Window
+SHELLS: dict[str, type[Tube] | type[Dome] | type[Window]] = {kind.KIND: kind for kind in (Tube, Dome, Window)}
+"""Clear walls around or before a sensor, by the word that names them."""
 
 
 @dataclass(frozen=True)
@@ -395,7 +466,7 @@ class Housing:
     ----------
     camera : CameraBody, optional
     rod : Rod, optional
-    shell : Tube or Dome, optional
+    shell : Tube, Dome or Window, optional
     rim, secondary_rim : Rim, optional
         Of the mirror and of a second one; without them the bodies have 5 mm and no edge.
 
@@ -423,7 +494,7 @@ class Housing:
 
     def __post_init__(self) -> None:
         kinds: dict[str, Any] = dict.fromkeys(("rim", "secondary_rim"), Rim)
-        kinds |= {"camera": CameraBody, "rod": Rod, "shell": (Tube, Dome)}
+        kinds |= {"camera": CameraBody, "rod": Rod, "shell": (Tube, Dome, Window)}
         for name, kind in kinds.items():
             if (part := getattr(self, name)) is not None:
                 instance(name, part, kind, f"a part such as omnimirror.housing.{_name_of(kind)} makes")
@@ -450,8 +521,10 @@ class Housing:
     def _check_beside_secondary(self) -> None:
         if self.rod is not None:
             raise InvalidParameter("a rod would stand in the view of the secondary; valid supports are tube and none")
-        if isinstance(self.shell, Dome):
-            raise InvalidParameter("a dome is for sensors of one mirror; beside a secondary valid are tube and none")
+        if isinstance(self.shell, Dome | Window):
+            raise InvalidParameter(
+                f"a {self.shell.KIND} is for sensors of one mirror; beside a secondary valid are tube and none"
+            )
         if self.camera is not None:
             raise InvalidParameter(
                 f"a camera of diameter_mm = {self.camera.diameter_mm:g} is for sensors of one mirror; beside a "

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..cameras import Camera
 from ..frames import turned
-from ..housing import Shell
+from ..housing import Shell, Window
 from ..sensor import Sensor
 from ..tracing.walls import Passage, passage
 from .colour import Light
@@ -22,7 +22,12 @@ LIFT_MM = 1e-6  # by which a ray starts off the surface that it leaves
 
 
 def meets_lid(shell: Shell, lids_mm: tuple[float, ...], points: Array, directions: Array) -> NDArray[np.bool_]:
-    """Which rays (n, 3), (n, 3) from inside meet one of the discs that close a shell at heights, before its wall."""
+    """Which rays (n, 3), (n, 3) from inside end at what is opaque about a shell, before they come to its wall.
+
+    Those are the discs that close it at heights; about a window, all but its opening.
+    """
+    if isinstance(shell, Window):
+        return ~_meets_disc(points, directions, shell.heights_mm[0], (shell.diameter_mm or np.inf) / 2)
     meets = np.zeros(len(points), dtype=bool)
     for height in lids_mm:
         meets |= _meets_disc(points, directions, height, shell.inner_radius_mm(height))

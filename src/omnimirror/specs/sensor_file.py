@@ -312,7 +312,7 @@ def housing_of(table: dict[str, Any], where: Places) -> Housing:
         if not isinstance(part, dict):
             raise where.error(("housing", name), f"housing.{name} = {shown(part)} is not a table [housing.{name}]")
     if len(shells := [name for name in SHELLS if name in table]) > 1:
-        raise where.error(("housing", shells[1]), "housing has both a tube and a dome; give one of them")
+        raise where.error(("housing", shells[1]), f"housing has both a {' and a '.join(shells)}; give one of them")
     parts = {name: _build(f"housing.{name}", HOUSING_PARTS[name], part, where) for name, part in table.items()}
     shell = next((parts.pop(name) for name in SHELLS if name in parts), None)
     return Housing(shell=shell, **parts)

@@ -185,8 +185,16 @@ class CoveredMirror:
         return _Ways(points, normals, to_pupils, reflected, left_at, outwards, before + time, inside, passes)
 
     def _miss(self, ways: _Ways, targets: Ends) -> Array:
-        """By how much (n, 3) unit vectors out of the cover are not those to the target."""
-        miss: Array = ways.outwards - self._wanted(ways, targets)
+        """By how much (n, 3) unit vectors outside miss distant targets, or rays near ones, as shares of the distance.
+
+        That is counted from the mirror, so that it stays above 0 however near to the cover a target is.
+        """
+        if targets.distant:
+            return ways.outwards - targets.xyz
+        way = targets.xyz - ways.left_at
+        along = np.einsum("ni,ni->n", way, ways.outwards)
+        distance = np.linalg.norm(targets.xyz - ways.points, axis=1)
+        miss: Array = (along[:, None] * ways.outwards - way) / distance[:, None]
         return miss
 
     @staticmethod
@@ -222,7 +230,7 @@ class CoveredMirror:
         for _ in range(MAX_STEPS):
             pupil, target, at = pupils[active], targets[active], xy[active]
             ways = self._ways(pupil, at)
-            e1, e2 = _across(self._wanted(ways, target))
+            e1, e2 = _across(ways.outwards)
             here = self._miss(ways, target)
             rates = [(self._miss(self._ways(pupil, at + step * e), target) - here) / step for e in np.eye(2)]
             (a, b), (c, d) = ([np.einsum("ni,ni->n", rate, e) for rate in rates] for e in (e1, e2))
@@ -241,7 +249,7 @@ class CoveredMirror:
     def _proven(self, pupils: Ends, targets: Ends, xy: Array) -> Specular:
         ways = self._ways(pupils, xy)
         faces = [np.einsum("ni,ni->n", way, ways.normals) > 0 for way in (ways.to_pupils, ways.reflected)]
-        leads = np.linalg.norm(self._miss(ways, targets), axis=1) <= REFLECTS
+        leads = np.linalg.norm(ways.outwards - self._wanted(ways, targets), axis=1) <= REFLECTS
         reflects = np.logical_and.reduce([*faces, leads, ways.passes])
         valid = reflects & (np.hypot(*xy.T) <= self.mirror.mirror.rim_radius_mm * (1 + RIM_SLACK))
         if targets.distant:

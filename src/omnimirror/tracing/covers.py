@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InvalidParameter, SelfObstruction
-from ..housing import Shell, Tube
+from ..housing import Dome, Shell, Tube, Window
 
 if TYPE_CHECKING:
     from .meridian import ChiefRays
@@ -110,7 +110,7 @@ class _Meeting(NamedTuple):
 
 @dataclass(frozen=True)
 class Cover:
-    """A tube or a dome of known size about the axis; heights in mm over the vertex of the mirror where it really sits.
+    """A tube, a dome or a window of known size about the axis; heights in mm over the vertex of the mirror as it sits.
 
     A tube reaches from ``base_mm`` to ``cap_mm``: rays that meet an end before its wall do not pass it.
 
@@ -128,8 +128,11 @@ class Cover:
 
     def moved(self, displacement_mm: float) -> Cover:
         """The same for a mirror that sits farther from the lens than it was meant to."""
-        centre = {} if isinstance(self.shell, Tube) else {"centre_mm": self.shell.centres_mm[1] - displacement_mm}
-        shell = replace(self.shell, **centre)  # type: ignore[arg-type]  # only a dome has one
+        shell = self.shell
+        if isinstance(shell, Dome):
+            shell = replace(shell, centre_mm=shell.centres_mm[1] - displacement_mm)
+        elif isinstance(shell, Window):
+            shell = replace(shell, height_mm=shell.heights_mm[0] - displacement_mm)
         return Cover(shell, self.base_mm - displacement_mm, self.cap_mm - displacement_mm)
 
     @property
@@ -144,8 +147,8 @@ class Cover:
         media = (1.0, self.shell.index, self.shell.outer_index)
         ray, refractions = start, []
         with np.errstate(all="ignore"):  # what does not meet the wall, or is not let out, is told apart below
-            for side, radius in enumerate(self.shell.radii_mm):
-                ray, refraction = _refracted(ray, self._meets(side, radius, ray), media[side], media[side + 1])
+            for side in (0, 1):
+                ray, refraction = _refracted(ray, self._meets(side, ray), media[side], media[side + 1])
                 refractions.append(refraction)
             inside = np.sum([r.way for r in refractions], axis=0)
             sin, cos = np.sin(ray.omega), np.cos(ray.omega)
@@ -214,6 +217,13 @@ class Cover:
         outside = rays.outside
         assert outside is not None
         caught = ~np.isfinite(rays.omega)
+        if caught.any() and isinstance(self.shell, Window):
+            i = int(np.argmax(caught))
+            raise SelfObstruction(
+                f"the window is passed only by rays that lead back past the lens, and those from x = {rays.x[i]:.5g} mm"
+                f" leave the mirror at {np.degrees(rays.reflected[i]):.5g} deg; a smaller rim_radius_mm is valid, or a "
+                "tube or a dome"
+            )
         if caught.any():
             raise SelfObstruction(
                 f"the {self.shell.KIND} keeps in rays from x = {rays.x[np.argmax(caught)]:.5g} mm on: they meet its "
@@ -227,8 +237,12 @@ class Cover:
                 "on, so that the mapping is not one to one; a wider or thinner one keeps them apart"
             )
 
-    def _meets(self, side: int, radius: float, ray: _Ray) -> _Meeting:
+    def _meets(self, side: int, ray: _Ray) -> _Meeting:
         sin, cos = np.sin(ray.omega), np.cos(ray.omega)
+        if isinstance(self.shell, Window):
+            normal = np.where(cos > 0, 0.0, np.nan)  # what rises never comes to it
+            return _Meeting((ray.z - self.shell.heights_mm[side]) / cos, normal, 0.0, 0.0)
+        radius = self.shell.radii_mm[side]
         if isinstance(self.shell, Tube):
             return _Meeting((radius - ray.x) / sin, np.full_like(ray.x, np.pi / 2), 0.0, 1 / radius)
         dz = ray.z - self.shell.centres_mm[side]

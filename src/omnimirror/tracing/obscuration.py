@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..housing import LENS_AT_RIMS, CameraBody, Envelope, Housing, Rim
+from ..housing import LENS_AT_RIMS, CameraBody, Envelope, Housing, Rim, Window
 from ..mirrors import Mirror, Secondary
 from ..mirrors.pose import MirrorPose
 from .covers import Cover
@@ -76,6 +76,25 @@ class Disc(NamedTuple):
         return meets, across
 
 
+class Frame(NamedTuple):
+    """What is opaque around a window: it stops rays that descend outside of the clear opening."""
+
+    part: str
+    height_mm: float
+    radius_mm: float
+
+    def clearance(self, rays: ChiefRays, shift_mm: float) -> Array:
+        """By how much (n,), mm, chief rays pass within it on their way into the world."""
+        cosine = np.cos(rays.reflected)
+        distance = rays.x * cosine + (rays.z + shift_mm - self.height_mm) * np.sin(rays.reflected)
+        return np.where(cosine > 0, self.radius_mm * cosine - distance, np.inf)
+
+    def met_by(self, points: Array, directions: Array) -> tuple[Mask, Array]:
+        """Which rays (n, 3), (n, 3) it stops, and where (n, 2), mm from the axis, they cross its plane."""
+        passing, across = Disc(self.part, self.height_mm, self.radius_mm).met_by(points, directions)
+        return (directions[:, 2] < 0) & (points[:, 2] > self.height_mm) & ~passing, across
+
+
 class TaperedRod(NamedTuple):
     """A rod, which may taper: a piece of a cone about the axis."""
 
@@ -128,7 +147,7 @@ class Obstructions:
 
     housing: Housing
     envelope: Envelope
-    discs: tuple[Disc, ...]
+    discs: tuple[Disc | Frame, ...]
     rod: TaperedRod | None
     rim: Disc | None
 
@@ -160,13 +179,15 @@ class Obstructions:
     def lids(self) -> tuple[Disc, ...]:
         """The discs that close a tube or a dome."""
         shell = self.housing.shell
-        return () if shell is None else tuple(disc for disc in self.discs if disc.part.startswith(shell.KIND))
+        if shell is None:
+            return ()
+        return tuple(disc for disc in self.discs if isinstance(disc, Disc) and disc.part.startswith(shell.KIND))
 
     @property
     def camera(self) -> Disc | None:
         """The disc that rays to the camera end at: its front, or the base that it stands on if that is wider."""
         lens = self.envelope.lens_mm
-        fronts = [disc for disc in self.discs if disc.part == "camera"]
+        fronts = [disc for disc in self.discs if isinstance(disc, Disc) and disc.part == "camera"]
         level = fronts[0].height_mm if fronts else lens
         fronts += [disc for disc in self.lids if disc.height_mm == level == lens]
         return max(fronts, key=lambda disc: disc.radius_mm, default=None)
@@ -247,11 +268,15 @@ def highest_mm(mirror: Mirror) -> float:
     return float(mirror.sag(np.linspace(0.0, mirror.rim_radius_mm, 513)).max())
 
 
-def _lids(housing: Housing, envelope: Envelope) -> tuple[Disc, ...]:
-    """What closes a tube or a dome."""
+def _lids(housing: Housing, envelope: Envelope) -> tuple[Disc | Frame, ...]:
+    """What closes a tube or a dome, and what is around a window."""
     shell = housing.shell
     if shell is None:
         return ()
+    if isinstance(shell, Window):
+        return (
+            () if shell.diameter_mm is None else (Frame("window's frame", shell.heights_mm[0], shell.diameter_mm / 2),)
+        )
     base = Disc(f"{shell.KIND}'s base", envelope.base_mm, shell.inner_radius_mm(envelope.base_mm))
     if shell.KIND == "dome":
         return (base,)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InvalidParameter
-from ..housing import Shell, Tube
+from ..housing import Shell, Tube, Window
 from ..mirrors.pose import MirrorPose
 
 Array = NDArray[np.float64]
@@ -93,11 +93,11 @@ def passage(shell: Shell, points: Array, directions: Array) -> Passage:
     InvalidParameter
         A ray starts outside.
     """
-    distances, radius = _from_middle(shell, points), shell.radii_mm[0]
-    if (distances > radius).any():
+    distances, reach = _from_middle(shell, points)
+    if (distances > reach).any():
         raise InvalidParameter(
             f"a ray starts {distances.max():.4g} mm from the {'axis' if isinstance(shell, Tube) else 'centre'} of the "
-            f"{shell.KIND}, and its inner radius is {radius:g} mm"
+            f"{shell.KIND}, and its inner radius is {reach:g} mm"
         )
     return let_out(shell, points, directions)
 
@@ -111,14 +111,16 @@ def let_out(shell: Shell, points: Array, directions: Array) -> Passage:
         return Passage(
             places(found.points), ways(found.directions), places(found.met), ways(found.thrown_back), found.passed
         )
-    inner, outer = shell.radii_mm
     indices = shell.index, shell.outer_index
+    if isinstance(shell, Window):
+        return through_window(points, directions, shell.heights_mm, *indices)
+    inner, outer = shell.radii_mm
     if isinstance(shell, Tube):
         found = through_tube(points, directions, AXIS, outer, shell.wall_mm, *indices)
     else:
         near, far = (AXIS * height for height in shell.centres_mm)
         found = through_dome(points, directions, (near, inner), (far, outer), *indices)
-    return found._replace(passed=np.where(_from_middle(shell, points) > inner, 0.0, found.passed))
+    return found._replace(passed=np.where(_from_middle(shell, points)[0] > inner, 0.0, found.passed))
 
 
 def pose_of(shell: Shell) -> MirrorPose:
@@ -126,13 +128,51 @@ def pose_of(shell: Shell) -> MirrorPose:
     return MirrorPose(shell.decentre_x_mm, shell.decentre_y_mm, 0.0, shell.tilt_x_deg, shell.tilt_y_deg)
 
 
-def _from_middle(shell: Shell, points: Array) -> Array:
-    """Distances (n,) of points from a tube's axis or the centre of a dome's inner side."""
+def _from_middle(shell: Shell, points: Array) -> tuple[Array, float]:
+    """Distances (n,) of points from a tube's axis or the centre of a dome's inner side, and how large they may be.
+
+    Before a window they are depths below its inner side.
+    """
     inside = points if shell.is_axial else pose_of(shell).to_mirror(points)
+    if isinstance(shell, Window):
+        return shell.heights_mm[0] - inside[:, 2], 0.0
     if isinstance(shell, Tube):
-        return np.hypot(inside[:, 0], inside[:, 1])
-    distances: Array = np.linalg.norm(inside - AXIS * shell.centres_mm[0], axis=1)
-    return distances
+        return np.hypot(inside[:, 0], inside[:, 1]), shell.radii_mm[0]
+    return np.linalg.norm(inside - AXIS * shell.centres_mm[0], axis=1), shell.radii_mm[0]
+
+
+def through_window(
+    points: Array, directions: Array, heights: tuple[float, float], refractive_index: float, medium_index: float = 1.0
+) -> Passage:
+    """Rays down through both sides of a pane square to the axis, by Snell's law; nothing passes of others.
+
+    Parameters
+    ----------
+    points, directions : (n, 3)
+    heights
+        Of the inner and of the outer side.
+    refractive_index, medium_index
+        Of the pane, and of what is outside.
+    """
+    d = directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    up = np.broadcast_to(AXIS, d.shape)
+    down, above = d[:, 2] < 0, points[:, 2] > heights[0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        met = points + ((heights[0] - points[:, 2]) / d[:, 2])[:, None] * d
+        inside = _refracted(d, up, 1 / refractive_index)
+        left = met + ((heights[1] - heights[0]) / inside[:, 2])[:, None] * inside
+        out = _refracted(inside, up, refractive_index / medium_index)
+    angles = (np.arccos(np.clip(-way[:, 2], 0, 1)) for way in (d, out))
+    passed = wall_transmission(next(angles), refractive_index, next(angles), medium_index)
+    passes = down & above
+    keep = passes[:, None]
+    return Passage(
+        np.where(keep, left, points),
+        np.where(keep, out, d),
+        np.where(keep, met, points),
+        np.where(keep, d * [1.0, 1.0, -1.0], d),
+        np.where(passes, passed, 0.0),
+    )
 
 
 def through_tube(

@@ -6,18 +6,20 @@ from dataclasses import dataclass, replace
 
 import click
 
-from ...housing import SHELLS, CameraBody, Housing, Rim, Rod, Shell
+from ...housing import MATERIALS, SHELLS, CameraBody, Housing, Rim, Rod, Shell, Window
 from ...sensor import Sensor
 from .common import NUMBER, distance, height
 from .declared import Options, flag, option
 
-SUPPORTS = ("rod", *SHELLS)
+SUPPORTS = ("rod", "tube", "dome")
 SIZES = {
     "support_diameter_mm": ("diameter_mm", SUPPORTS),
     "support_end_diameter_mm": ("end_diameter_mm", ("rod",)),
     "gap_mm": ("gap_mm", ("rod",)),
     "wall_mm": ("wall_mm", tuple(SHELLS)),
     "refractive_index": ("refractive_index", tuple(SHELLS)),
+    "wall_material": ("material", tuple(SHELLS)),
+    "medium": ("medium", tuple(SHELLS)),
     "dome_centre_mm": ("centre_mm", ("dome",)),
 }
 """The options that are sizes of a support: the entry of its table, and the supports that have it."""
@@ -43,6 +45,12 @@ class HousingOptions(Options):
     )
     wall_mm: float | None = option(type=NUMBER, metavar="MM", help="Of tube or dome.  [default: 3]")
     refractive_index: float | None = option(type=NUMBER, metavar="N", help="Of tube or dome.  [default: 1.49]")
+    wall_material: str | None = option(
+        type=click.Choice(list(MATERIALS)), help="Of tube, dome or window, instead of its index."
+    )
+    medium: str | None = option(
+        type=click.Choice(list(MATERIALS)), help="What is outside tube, dome or window.  [default: air]"
+    )
     dome_centre_mm: float | None = option(
         type=height, metavar="MM", help="Height of a dome's centre over the vertex.  [default: midway to the lens]"
     )
@@ -94,7 +102,8 @@ class HousingOptions(Options):
                 raise click.UsageError(f"{flag(name)} is a size of a --support, and there is none")
             fitting = [kind for kind in kinds if kind in SIZES[name][1]]
             if not fitting:
-                raise click.UsageError(f"{flag(name)} belongs to --support {' and '.join(SIZES[name][1])}")
+                held = [kind for kind in SIZES[name][1] if kind in SUPPORTS]
+                raise click.UsageError(f"{flag(name)} belongs to --support {' and '.join(held)}")
             if len(fitting) > 1:
                 raise click.UsageError(f"the sensor has a {' and a '.join(fitting)}; say which of them by --support")
             field = "rod" if fitting[0] == "rod" else "shell"
@@ -105,7 +114,7 @@ class HousingOptions(Options):
 def _supported(housing: Housing, kind: str) -> Housing:
     """The housing with a support of this kind and no other, as the housing has it or with all its sizes fitted."""
     rod: Rod | None = None
-    shell: Shell | None = None
+    shell: Shell | None = housing.shell if isinstance(housing.shell, Window) else None  # it holds nothing
     if kind == "rod":
         rod = housing.rod or Rod()
     elif kind in SHELLS:

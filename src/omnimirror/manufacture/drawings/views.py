@@ -84,8 +84,9 @@ class Assembly(NamedTuple):
             housing = replace(housing, shell=replace(housing.shell, centre_mm=housing.shell.centres_mm[1] - shift))
         back = body.back_mm(sensor.mirror)
         radii = [body.outer_radius_mm(sensor.mirror), housing.camera.diameter_mm / 2 if housing.camera else 0.0]
-        radii += [housing.shell.radii_mm[1]] if housing.shell else []
-        end = back if housing.shell is None else shell_end_mm(sensor, housing.shell, back)
+        wall = housing.shell if isinstance(housing.shell, Tube | Dome) else None
+        radii += [] if wall is None else [wall.radii_mm[1]]
+        end = back if wall is None else shell_end_mm(sensor, wall, back)
         return cls(sensor, body, housing, lens, lens - away, back, base, end, max(radii), secondary_body or Body())
 
     @property
@@ -101,7 +102,7 @@ def shell_end_mm(sensor: Sensor, shell: Tube | Dome, back: float) -> float:
     if isinstance(shell, Dome):
         return radius + shell.centres_mm[1]
     rim = sensor.meridian.trace(np.array(sensor.mirror.rim_radius_mm))
-    left = float(rim.z - (radius - rim.x) / np.tan(rim.omega)) if rim.omega > 0 else -np.inf
+    left = float(rim.z - (radius - rim.x) / np.tan(rim.reflected)) if rim.reflected > 0 else -np.inf
     return max(back, left)
 
 
