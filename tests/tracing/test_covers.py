@@ -14,9 +14,10 @@ from scipy.optimize import brentq, root
 import omnimirror as om
 from omnimirror.dewarp.maps.coordinates import source_pixels
 from omnimirror.errors import InvalidParameter, SelfObstruction
-from omnimirror.housing import MATERIALS, Dome, Housing, Tube, Window
+from omnimirror.housing import MATERIALS, Dome, FlatWindow, Housing, Tube
 from omnimirror.mirrors.pose import MirrorPose
 from omnimirror.simulate.rendering.sight import sights
+from omnimirror.tolerance.trials.states import states_of
 
 SPH = om.load_sensor("paper-spherical")
 HYP = om.load_sensor("paper-hyperboloidal")
@@ -32,14 +33,14 @@ COVERS = {
 }
 NARROW = replace(SPH, mirror=replace(SPH.mirror, rim_radius_mm=28.0))  # sees to 81 deg
 COVERS |= {
-    "window": (NARROW, Window(wall_mm=6.0, material="bk7")),
-    "window to water": (NARROW, Window(wall_mm=6.0, material="acrylic", medium="water", height_mm=-200.0)),
+    "window": (NARROW, FlatWindow(wall_mm=6.0, material="bk7")),
+    "window to water": (NARROW, FlatWindow(wall_mm=6.0, material="acrylic", medium="water", height_mm=-200.0)),
 }
 MISALIGNED = {
     "tilted tube": (SPH, Tube(110.0, 4.0, tilt_x_deg=1.5, decentre_y_mm=0.7), MirrorPose()),
     "tilted tube in water": (SPH, Tube(112.0, 4.0, medium="water", tilt_y_deg=-1.0), MirrorPose()),
     "decentred dome": (SPH, Dome(340.0, 5.0, inner_shift_mm=1.0, decentre_x_mm=3.0, tilt_y_deg=4.0), MirrorPose()),
-    "tilted window": (NARROW, Window(wall_mm=6.0, medium="sea_water", tilt_x_deg=2.0), MirrorPose(0.4)),
+    "tilted window": (NARROW, FlatWindow(wall_mm=6.0, medium="sea_water", tilt_x_deg=2.0), MirrorPose(0.4)),
     "mirror out of place": (HYP, Dome(360.0, 6.0, medium="water"), MirrorPose(1.0, -0.6, 0.4, 0.5, -0.8)),
 }
 INNER_PIXELS = 511.5 + np.array([[0.0, 180.0], [210.0, -60.0], [-190.0, 130.0], [20.0, 260.0], [-150.0, -190.0]])
@@ -82,7 +83,7 @@ def surfaces(sensor):
     def pane(height):
         return lambda p: height - (lean.T @ (p - shift))[2]
 
-    if isinstance(shell, Window):
+    if isinstance(shell, FlatWindow):
         return mirror, (pane(shell.height_mm), wall), (pane(shell.height_mm - shell.wall_mm), around)
     outer = shell.diameter_mm / 2
 
@@ -223,7 +224,7 @@ def test_a_tube_in_water_begins_where_rays_pass_its_base():
 
 
 def test_a_window_shows_the_field_within_its_frame_and_before_the_horizon():
-    window = Window(120.0, medium="water")
+    window = FlatWindow(120.0, medium="water")
     sensor = replace(NARROW, housing=Housing(shell=window))
     (ring,) = sensor.obscurations
     assert ring.part == "window's frame"
@@ -237,9 +238,9 @@ def test_a_window_shows_the_field_within_its_frame_and_before_the_horizon():
     light = om.expose(sensor, white, samples=1)[512, 512:, 0]
     assert (light > 0.5).sum() == pytest.approx(sensor.image_height_px(rays)[0], abs=1.5)
     with pytest.raises(SelfObstruction, match="the window is passed only by rays that lead back past the lens"):
-        om.evaluate(replace(SPH, housing=Housing(shell=Window())))
+        om.evaluate(replace(SPH, housing=Housing(shell=FlatWindow())))
     with pytest.raises(InvalidParameter, match="puts the window between lens and mirror"):
-        om.evaluate(replace(NARROW, housing=Housing(shell=Window(height_mm=-50.0))))
+        om.evaluate(replace(NARROW, housing=Housing(shell=FlatWindow(height_mm=-50.0))))
 
 
 def test_what_a_cover_cannot_do_is_refused_in_a_sentence():
@@ -251,6 +252,10 @@ def test_what_a_cover_cannot_do_is_refused_in_a_sentence():
         Tube(material="jelly")
     with pytest.raises(InvalidParameter, match=r"ends inside the cover; it is valid above \d"):
         om.evaluate(covered("dome"), [90.0], object_distance_mm=20.0)
+    with pytest.raises(
+        InvalidParameter, match="without a cover, and 'paper-hyperboloidal' has a dome; take it without"
+    ):
+        states_of(covered("dome"), {}, 1)
     with pytest.raises(InvalidParameter, match="the cover of 'paper-spherical' is decentred or tilted"):
         om.evaluate(covered("tilted tube"))
     kept_in = Dome(1040.0, 240.0, 2.4, centre_mm=-240.0, inner_shift_mm=235.0)  # 240/520 of its radius off, times 2.4

@@ -9,13 +9,13 @@ from .parts import (
     CameraBody,
     Dome,
     Envelope,
+    FlatWindow,
     Housing,
     HousingPart,
     Rim,
     Rod,
     Shell,
     Tube,
-    Window,
 )
 
 __all__ = [
@@ -27,6 +27,7 @@ __all__ = [
     "CameraBody",
     "Dome",
     "Envelope",
+    "FlatWindow",
     "Housing",
     "HousingPart",
     "Material",
@@ -34,6 +35,5 @@ __all__ = [
     "Rod",
     "Shell",
     "Tube",
-    "Window",
     "index_of",
 ]

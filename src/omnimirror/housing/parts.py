@@ -345,7 +345,7 @@ class Dome(ClearWall):
 
 
 @dataclass(frozen=True)
-class Window(ClearWall):
+class FlatWindow(ClearWall):
     """A flat clear pane beyond the lens, square to the axis, that all of the field is seen through; opaque around it.
 
     Only rays that lead back past the lens come to it: the field ends before 90 deg.
@@ -398,7 +398,7 @@ class Window(ClearWall):
         assert self.height_mm is not None, "a window that is not fitted yet"
         return self.height_mm, self.height_mm - self.wall_mm
 
-    def fitted(self, envelope: Envelope) -> Window:
+    def fitted(self, envelope: Envelope) -> FlatWindow:
         """The window with the place that it takes from the sensor."""
         height = envelope.lens_mm - BEYOND_LENS_MM if self.height_mm is None else self.height_mm
         if height > envelope.lens_mm:
@@ -409,8 +409,8 @@ class Window(ClearWall):
         return replace(self, height_mm=height)
 
 
-Shell = Tube | Dome | Window
-SHELLS: dict[str, type[Tube] | type[Dome] | type[Window]] = {kind.KIND: kind for kind in (Tube, Dome, Window)}
+Shell = Tube | Dome | FlatWindow
+SHELLS: dict[str, type[Tube] | type[Dome] | type[FlatWindow]] = {kind.KIND: kind for kind in (Tube, Dome, FlatWindow)}
 """Clear walls around or before a sensor, by the word that names them."""
 
 
@@ -466,7 +466,7 @@ class Housing:
     ----------
     camera : CameraBody, optional
     rod : Rod, optional
-    shell : Tube, Dome or Window, optional
+    shell : Tube, Dome or FlatWindow, optional
     rim, secondary_rim : Rim, optional
         Of the mirror and of a second one; without them the bodies have 5 mm and no edge.
 
@@ -494,7 +494,7 @@ class Housing:
 
     def __post_init__(self) -> None:
         kinds: dict[str, Any] = dict.fromkeys(("rim", "secondary_rim"), Rim)
-        kinds |= {"camera": CameraBody, "rod": Rod, "shell": (Tube, Dome, Window)}
+        kinds |= {"camera": CameraBody, "rod": Rod, "shell": (Tube, Dome, FlatWindow)}
         for name, kind in kinds.items():
             if (part := getattr(self, name)) is not None:
                 instance(name, part, kind, f"a part such as omnimirror.housing.{_name_of(kind)} makes")
@@ -521,7 +521,7 @@ class Housing:
     def _check_beside_secondary(self) -> None:
         if self.rod is not None:
             raise InvalidParameter("a rod would stand in the view of the secondary; valid supports are tube and none")
-        if isinstance(self.shell, Dome | Window):
+        if isinstance(self.shell, Dome | FlatWindow):
             raise InvalidParameter(
                 f"a {self.shell.KIND} is for sensors of one mirror; beside a secondary valid are tube and none"
             )

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InvalidParameter
-from ..housing import Housing, Tube, Window
+from ..housing import FlatWindow, Housing, Tube
 from ..lenses import GaussianLens
 from ..mirrors import Mirror
 from ..sensor import Sensor
@@ -72,7 +72,7 @@ def housed(parts: list[Part], housing: Housing | None = None) -> Sensor:
     """
     first, *second = parts
     housing = replace(housing or drawn_housing(first.sensor), rim=first.body.rim(first.mirror))
-    if isinstance(housing.shell, Window):  # a part of what the sensor is built into
+    if isinstance(housing.shell, FlatWindow):  # a part of what the sensor is built into
         housing = replace(housing, shell=None)
     if second:
         housing = replace(housing, secondary_rim=second[0].body.rim(second[0].mirror))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..cameras import Camera
 from ..frames import turned
-from ..housing import Shell, Window
+from ..housing import FlatWindow, Shell
 from ..sensor import Sensor
 from ..tracing.walls import Passage, passage
 from .colour import Light
@@ -26,7 +26,7 @@ def meets_lid(shell: Shell, lids_mm: tuple[float, ...], points: Array, direction
 
     Those are the discs that close it at heights; about a window, all but its opening.
     """
-    if isinstance(shell, Window):
+    if isinstance(shell, FlatWindow):
         return ~_meets_disc(points, directions, shell.heights_mm[0], (shell.diameter_mm or np.inf) / 2)
     meets = np.zeros(len(points), dtype=bool)
     for height in lids_mm:

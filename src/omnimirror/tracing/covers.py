@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InvalidParameter, SelfObstruction
-from ..housing import Dome, Shell, Tube, Window
+from ..housing import Dome, FlatWindow, Shell, Tube
 
 if TYPE_CHECKING:
     from .meridian import ChiefRays
@@ -131,7 +131,7 @@ class Cover:
         shell = self.shell
         if isinstance(shell, Dome):
             shell = replace(shell, centre_mm=shell.centres_mm[1] - displacement_mm)
-        elif isinstance(shell, Window):
+        elif isinstance(shell, FlatWindow):
             shell = replace(shell, height_mm=shell.heights_mm[0] - displacement_mm)
         return Cover(shell, self.base_mm - displacement_mm, self.cap_mm - displacement_mm)
 
@@ -217,7 +217,7 @@ class Cover:
         outside = rays.outside
         assert outside is not None
         caught = ~np.isfinite(rays.omega)
-        if caught.any() and isinstance(self.shell, Window):
+        if caught.any() and isinstance(self.shell, FlatWindow):
             i = int(np.argmax(caught))
             raise SelfObstruction(
                 f"the window is passed only by rays that lead back past the lens, and those from x = {rays.x[i]:.5g} mm"
@@ -239,7 +239,7 @@ class Cover:
 
     def _meets(self, side: int, ray: _Ray) -> _Meeting:
         sin, cos = np.sin(ray.omega), np.cos(ray.omega)
-        if isinstance(self.shell, Window):
+        if isinstance(self.shell, FlatWindow):
             normal = np.where(cos > 0, 0.0, np.nan)  # what rises never comes to it
             return _Meeting((ray.z - self.shell.heights_mm[side]) / cos, normal, 0.0, 0.0)
         radius = self.shell.radii_mm[side]

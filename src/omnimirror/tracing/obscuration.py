@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..housing import LENS_AT_RIMS, CameraBody, Envelope, Housing, Rim, Window
+from ..housing import LENS_AT_RIMS, CameraBody, Envelope, FlatWindow, Housing, Rim
 from ..mirrors import Mirror, Secondary
 from ..mirrors.pose import MirrorPose
 from .covers import Cover
@@ -76,7 +76,7 @@ class Disc(NamedTuple):
         return meets, across
 
 
-class Frame(NamedTuple):
+class WindowFrame(NamedTuple):
     """What is opaque around a window: it stops rays that descend outside of the clear opening."""
 
     part: str
@@ -147,7 +147,7 @@ class Obstructions:
 
     housing: Housing
     envelope: Envelope
-    discs: tuple[Disc | Frame, ...]
+    discs: tuple[Disc | WindowFrame, ...]
     rod: TaperedRod | None
     rim: Disc | None
 
@@ -268,14 +268,16 @@ def highest_mm(mirror: Mirror) -> float:
     return float(mirror.sag(np.linspace(0.0, mirror.rim_radius_mm, 513)).max())
 
 
-def _lids(housing: Housing, envelope: Envelope) -> tuple[Disc | Frame, ...]:
+def _lids(housing: Housing, envelope: Envelope) -> tuple[Disc | WindowFrame, ...]:
     """What closes a tube or a dome, and what is around a window."""
     shell = housing.shell
     if shell is None:
         return ()
-    if isinstance(shell, Window):
+    if isinstance(shell, FlatWindow):
         return (
-            () if shell.diameter_mm is None else (Frame("window's frame", shell.heights_mm[0], shell.diameter_mm / 2),)
+            ()
+            if shell.diameter_mm is None
+            else (WindowFrame("window's frame", shell.heights_mm[0], shell.diameter_mm / 2),)
         )
     base = Disc(f"{shell.KIND}'s base", envelope.base_mm, shell.inner_radius_mm(envelope.base_mm))
     if shell.KIND == "dome":

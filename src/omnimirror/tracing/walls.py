@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InvalidParameter
-from ..housing import Shell, Tube, Window
+from ..housing import FlatWindow, Shell, Tube
 from ..mirrors.pose import MirrorPose
 
 Array = NDArray[np.float64]
@@ -112,7 +112,7 @@ def let_out(shell: Shell, points: Array, directions: Array) -> Passage:
             places(found.points), ways(found.directions), places(found.met), ways(found.thrown_back), found.passed
         )
     indices = shell.index, shell.outer_index
-    if isinstance(shell, Window):
+    if isinstance(shell, FlatWindow):
         return through_window(points, directions, shell.heights_mm, *indices)
     inner, outer = shell.radii_mm
     if isinstance(shell, Tube):
@@ -134,7 +134,7 @@ def _from_middle(shell: Shell, points: Array) -> tuple[Array, float]:
     Before a window they are depths below its inner side.
     """
     inside = points if shell.is_axial else pose_of(shell).to_mirror(points)
-    if isinstance(shell, Window):
+    if isinstance(shell, FlatWindow):
         return shell.heights_mm[0] - inside[:, 2], 0.0
     if isinstance(shell, Tube):
         return np.hypot(inside[:, 0], inside[:, 1]), shell.radii_mm[0]

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import click
 
-from ...housing import MATERIALS, SHELLS, CameraBody, Housing, Rim, Rod, Shell, Window
+from ...housing import MATERIALS, SHELLS, CameraBody, FlatWindow, Housing, Rim, Rod, Shell
 from ...sensor import Sensor
 from .common import NUMBER, distance, height
 from .declared import Options, flag, option
@@ -114,7 +114,7 @@ class HousingOptions(Options):
 def _supported(housing: Housing, kind: str) -> Housing:
     """The housing with a support of this kind and no other, as the housing has it or with all its sizes fitted."""
     rod: Rod | None = None
-    shell: Shell | None = housing.shell if isinstance(housing.shell, Window) else None  # it holds nothing
+    shell: Shell | None = housing.shell if isinstance(housing.shell, FlatWindow) else None  # it holds nothing
     if kind == "rod":
         rod = housing.rod or Rod()
     elif kind in SHELLS:

@@ -98,6 +98,11 @@ class _Errors:
 
 def _check(sensor: Sensor) -> None:
     sensor.check_one_mirror("tolerances")
+    if sensor.housing.shell is not None:
+        raise InvalidParameter(
+            f"tolerances are computed of mirrors without a cover, and {sensor.name!r} has a "
+            f"{sensor.housing.shell.KIND}; take it without: replace(sensor, housing=Housing())"
+        )
     if not isinstance(sensor.lens, Perspective):
         raise InvalidParameter(
             f"tolerances are computed of perspective lenses, and that of {sensor.name!r} is {sensor.lens.KIND}; valid "
