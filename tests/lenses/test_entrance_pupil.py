@@ -191,6 +191,20 @@ def test_which_point_the_distance_counts_from_is_worth_eleven_pixels():
     assert 0.1 < np.abs(from_principal - h).max() < 0.3
 
 
+def test_lens_files_have_a_thin_lens_at_the_pupil(pair, tmp_path):
+    """Which is as far from the mirror as the pupil, and sends the same image points to the same plane in focus."""
+    sensor = sensor_of(pair)
+    [found] = om.export(sensor, tmp_path, formats=["zmx"])
+    lines = [line.split() for line in found.path.read_text(encoding="utf-16").splitlines()]
+    to_lens, to_mirror = [float(words[1]) for words in lines if words[0] == "DISZ"][:2]
+    focal = next(float(words[2]) for words in lines if words[:2] == ["PARM", "1"])
+    imager = 1 / (1 / pair.focal - 1 / FOCUS) + pair.principal_behind
+    _, slope = pair.out(np.array([[1.0, 0.0]]), np.zeros((1, 2)), imager)  # the chief ray of 1 mm off the axis
+    assert to_mirror == pytest.approx(180.0 - (pair.pupil - pair.principal), abs=1e-9)
+    assert 1 / to_lens == pytest.approx(abs(slope[0, 0]), rel=1e-9)
+    assert 1 / (1 / focal - 1 / to_lens) == pytest.approx(FOCUS - (pair.pupil - pair.principal), rel=1e-9)
+
+
 def test_it_is_kept_in_sensor_files():
     sensor = sensor_of(PAIRS["pupil behind it"])
     assert om.parse_sensor(format_sensor(sensor)) == sensor

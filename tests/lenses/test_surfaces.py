@@ -186,6 +186,17 @@ def test_relative_illumination_falls_with_a_narrow_aperture(file, tmp_path):
     assert cut.illumination[i] < 0.97 * np.interp(cut.tangent[i], whole.tangent, whole.illumination)
 
 
+def test_straightening_finds_its_pixels_through_the_glass(sensor):
+    """Distances from the picture's centre of distant targets, against traced rays."""
+    screen = om.screens.Cylinder((720, 270), tilt_min_deg=-60, tilt_max_deg=35)
+    coordinates = om.Dewarper(sensor, screen).coordinates()
+    rows, columns = np.array([5, 80, 150, 200, 260]), np.array([30, 200, 360, 500, 700])
+    towards = screen.targets_at(columns.astype(float), rows.astype(float))
+    omega = np.degrees(np.arccos(towards @ sensor.axis / np.linalg.norm(towards, axis=-1)))
+    radius = np.hypot(*(coordinates[rows, columns] - 511.5).T)
+    assert np.abs(radius - truth(omega)[:, 0] / PITCH).max() < 0.01
+
+
 def test_an_evaluation_tells_what_the_lens_does_by_itself(file, sensor, tmp_path):
     found = om.evaluate(sensor, [0.0, 90.0])
     assert list(found.of_lens) == [
@@ -304,3 +315,9 @@ def test_schotts_own_formula():
     a = (2.2718929, -1.0108077e-2, 1.0592509e-2, 2.0816965e-4, -7.6472538e-6, 4.9240991e-7)
     powers = (a[0], a[1], 2.0, a[2], -2.0, a[3], -4.0, a[4], -6.0, a[5], -8.0)
     assert Glass("BK7", "powers", powers).index(0.5875618) == pytest.approx(1.5168, abs=1e-5)
+
+
+def test_the_sensors_own_file_holds_an_ideal_lens_and_says_so(sensor, tmp_path):
+    [found] = om.export(sensor, tmp_path, formats=["zmx"])
+    text = found.path.read_text(encoding="utf-16")
+    assert "The lens is an ideal one of its focal length, entrance pupil and focus." in text

@@ -183,6 +183,17 @@ def test_another_lens_keeps_the_size_of_the_image(name, client):
     assert new.rim_radius_px == pytest.approx(sensor.rim_radius_px, rel=0.05)
 
 
+def test_a_lens_becomes_a_table_of_itself_and_one_of_surfaces_needs_its_file(client):
+    sensor, omega = om.load_sensor("paper-spherical"), [30.0, 90.0, 130.0]
+    asked = {"tables": tables_of(sensor), "what": "lens", "object_distance_mm": None}
+    made = parse_sensor(toml(post(client, "change", to="table", **asked).json()["tables"]))
+    assert made.lens.KIND == "table"
+    focus = made.lens.focus_distance_mm
+    assert om.evaluate(made, omega).h_px == pytest.approx(om.evaluate(sensor, omega, focus_mm=focus).h_px, abs=0.01)
+    refused = post(client, "change", to="surfaces", **asked)
+    assert "comes from its .zmx file" in refused.json()["detail"]
+
+
 def test_the_best_focus_is_that_of_the_evaluation(client):
     sensor = om.load_sensor("paper-spherical")
     asked = {"what": "focus", "to": "worst_blur_px", "object_distance_mm": 300.0}

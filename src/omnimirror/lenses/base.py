@@ -212,6 +212,10 @@ class Lens(ABC):
         """The lens table of a sensor file, files that it names followed; without a folder it may name none."""
         return data
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Pickle the parameters alone; what was computed from them is computed again."""
+        return {f.name: getattr(self, f.name) for f in fields(self)}  # type: ignore[arg-type]
+
     def _check(self) -> None:
         for f in fields(self):  # type: ignore[arg-type]
             self.PARAMETERS[f.name].check(f.name, number(f.name, getattr(self, f.name)))

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from ..arguments import choice
 from ..errors import InvalidParameter
+from ..numerics.lazy import cached_property
 from .base import BLUR_MODES, Array, BlurMode, DepthOfField, Lens, ThroughFocus
 
 
@@ -61,7 +62,7 @@ class GaussianLens(Lens):
         """Distance b0 (mm) from principal point to imager when focused (Eq. 25)."""
         return 1 / (1 / self.focal_length_mm - 1 / (self.focus_distance_mm - self.principal_point_mm))
 
-    @property
+    @cached_property
     def principal_distance(self) -> float:
         """Image height (mm) per tangent of the viewing angle, but for distortion: b0 where the pupil is in the lens."""
         return float(self.through_focus(1 / self.from_pupil).image_scale)

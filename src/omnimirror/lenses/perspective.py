@@ -8,6 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from ..errors import InvalidParameter
+from ..numerics.lazy import cached_property
 from ..parameters import Parameter
 from .base import F_NUMBER, FOCUS, Array, cos4, crossing
 from .distortion import Coefficients, distorted, distorted_radius, fold, shrinkage, undistorted, undistorted_radius
@@ -57,7 +58,7 @@ class Perspective(GaussianLens):
         self._check()
         self._check_focus()
 
-    @property
+    @cached_property
     def pupil(self) -> EntrancePupil:
         return EntrancePupil(self.entrance_pupil_mm)
 
@@ -95,6 +96,8 @@ class Perspective(GaussianLens):
         return self.principal_distance * undistorted_radius(h / self.principal_distance, self.brown[:3])
 
     def stretch(self, ideal: Array) -> tuple[Array, Array]:
+        if not any(self.brown[:3]):
+            return super().stretch(ideal)
         tangent = ideal / self.principal_distance
         radius, rate = distorted_radius(tangent, self.brown[:3])
         with np.errstate(invalid="ignore"):

@@ -10,6 +10,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from ..errors import InvalidParameter
+from ..numerics.lazy import cached_property
 from ..parameters import Parameter
 from .base import F_NUMBER, FOCUS, Array
 from .field import LensField
@@ -161,7 +162,7 @@ class SurfaceLens(FieldLens):
     def from_spec(cls, data: dict[str, Any], folder: Path | None) -> dict[str, Any]:
         return read_lens_file(data, folder)
 
-    @property
+    @cached_property
     def _paraxial(self) -> Paraxial:
         return _traced_of(self).paraxial
 
@@ -178,9 +179,9 @@ class SurfaceLens(FieldLens):
     def pupil_from_principal(self) -> float:
         return float(self._paraxial.front_principal - self._paraxial.entrance_pupil)
 
-    @property
+    @cached_property
     def field(self) -> LensField:
-        return _traced_of(self).field
+        return _field_of(self)
 
     def _check_focus(self) -> None:
         nearest = self.principal_point_mm + self.focal_length_mm
@@ -226,11 +227,6 @@ class _TracedLens(NamedTuple):
 
     paraxial: Paraxial
     traced: Traced
-    lens: SurfaceLens
-
-    @property
-    def field(self) -> LensField:
-        return _field_of(self.lens)
 
 
 @lru_cache(maxsize=64)
@@ -242,7 +238,7 @@ def _traced_of(lens: SurfaceLens) -> _TracedLens:
     to_imager = -(a * distance + b) / (c * distance + d)
     radius = paraxial.focal_length / lens.f_number / 2
     traced = Traced(sequence, to_imager, -paraxial.entrance_pupil, radius, np.inf, distance)
-    return _TracedLens(paraxial, traced._replace(stop_radius=stop_radius(traced)), lens)
+    return _TracedLens(paraxial, traced._replace(stop_radius=stop_radius(traced)))
 
 
 @lru_cache(maxsize=64)

@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ..errors import InvalidParameter
+from ..numerics.lazy import cached_property
 from ..parameters import Parameter
 from .base import F_NUMBER, FOCUS, Array
 from .field import LEAST_NODES, FieldNodes, LensField, even_spline, odd_spline
@@ -136,7 +137,7 @@ class TabulatedLens(FieldLens):
     def pupil_from_principal(self) -> float:
         return self.entrance_pupil_mm[0] - self.principal_point_mm
 
-    @property
+    @cached_property
     def field(self) -> LensField:
         return _field_of(self)
 

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ... import __version__
-from ...lenses import Orthographic, Perspective
+from ...lenses import GaussianLens, Orthographic
 from ...sensor import Sensor
 from ..forms import Asphere, asphere_of
 
@@ -91,7 +91,8 @@ def _notes(sensor: Sensor, aspheres: Sequence[Asphere]) -> list[str]:
         f"omnimirror {__version__}: {'; '.join(shapes)}.",
         f"Light runs backwards: object = imager, stop = lens, {way}, then directions into the world.",
         f"Omega = {'' if two else '180 deg - '}{direction}. Omega of the fields, deg: {angles}.",
-        *(["The distortion of the lens is left out."] if distorts else []),
+        *(["The distortion of the lens is left out."] if distorts and sensor.lens.IS_THIN else []),
+        *([] if sensor.lens.IS_THIN else ["The lens is an ideal one of its focal length, entrance pupil and focus."]),
     ]
 
 
@@ -109,7 +110,7 @@ def _system(sensor: Sensor) -> list[str]:
         aperture = f"OBNA {_number(np.sin(np.arctan(wide.aperture_slope)))} 0"
         heights = rays.first.x
     else:
-        aperture = f"ENPD {_number(2 * cast(Perspective, sensor.lens).aperture_radius)}"
+        aperture = f"ENPD {_number(2 * cast(GaussianLens, sensor.lens).aperture_radius)}"
         heights = -sensor.lens.ideal_height(
             rays.first.x, rays.first.w
         )  # the lens turns the image over, and does not distort
@@ -137,12 +138,11 @@ def _surfaces(sensor: Sensor, aspheres: Sequence[Asphere]) -> list[str]:
         first = ["  COMM plane in focus", *_flat(-(sensor.lens.focus_distance_mm + to_mirror), 0.0)]
         stop = ["  COMM telecentric lens", "  STOP", *_flat(to_mirror, seen.rim_radius_mm)]
     else:
-        sensor.check_thin_lens("export to .zmx")
-        lens = cast(Perspective, sensor.lens)
-        to_mirror = (m if second is None else m - second.distance_mm) - lens.entrance_pupil_mm
+        lens = cast(GaussianLens, sensor.lens)
+        to_mirror = (m if second is None else m - second.distance_mm) - lens.pupil.at_mm
         # seen from its entrance pupil it is a thin lens, which has that principal distance in focus there
         c, focal = lens.principal_distance, lens.focal_length_mm
-        if lens.entrance_pupil_mm:
+        if lens.pupil_from_principal:
             focal = 1 / (1 / c + 1 / lens.from_pupil)
         first = ["  COMM imager", *_flat(c, 0.0)]
         stop = ["  COMM lens", "  STOP", *_flat(to_mirror, lens.aperture_radius, "PARAXIAL")]
