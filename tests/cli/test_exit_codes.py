@@ -33,6 +33,10 @@ def place(tmp_path):
         ("dewarp", "a.png", *BALL, "-o", "b.png", "--codec", "h264"),
         ("dewarp", "a.png", *BALL, "-o", "b.png", "--view", "cylinder", "--wall-mm", "100:50"),
         ("dewarp", "a.png", *BALL, "-o", "b.png", "--pan-deg", "west"),
+        ("calibrate", "a.png"),  # no board
+        ("calibrate", "a.png", "--board", "7x5"),  # of no size
+        ("board", "-o", "b.pdf"),
+        ("bracket", "merge", "paper-spherical", "a.png", "-o", "m.png"),  # focused nowhere
         ("evaluate", "paper-spherical", "--object-distance-mm", "-1"),
         ("psf", "paper-spherical", "--omega-deg", "0:130:1", "-o", "p.png"),
         ("simulate", "paper-spherical", "-o", "p.jpg", "--bits", "12"),

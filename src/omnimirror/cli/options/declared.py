@@ -50,10 +50,9 @@ def takes(kind: type[Options], name: str) -> Callable[[Command], Command]:
         command: Any = gathered
         for f in reversed(fields(kind)):
             attributes: dict[str, Any] = {"show_default": f.default is not None, **f.metadata["attributes"]}
-            default = f"{f.default:g}" if isinstance(f.default, float) else f.default
-            command = click.option(*(f.metadata["flags"] or [flag(f.name)]), f.name, default=default, **attributes)(
-                command
-            )
+            if not attributes.get("required"):  # click takes a default of None for an answer, where one is required too
+                attributes["default"] = f"{f.default:g}" if isinstance(f.default, float) else f.default
+            command = click.option(*(f.metadata["flags"] or [flag(f.name)]), f.name, **attributes)(command)
         return command  # type: ignore[no-any-return]
 
     return decorate
