@@ -19,7 +19,7 @@ from .errors import InvalidParameter
 from .numerics.lazy import cached_property
 
 MOST_THREADS = 1024
-INTERFACE = 2  # of the kernels below; counted on with native/src/module.cpp whenever a name or an argument changes
+INTERFACE = 3  # of the kernels below; counted on with native/src/module.cpp whenever a name or an argument changes
 Array = NDArray[Any]
 Colour = float | Sequence[float]
 
@@ -135,7 +135,7 @@ class Kernels(Protocol):
     ) -> PackedMap: ...
     def AxialCamera(
         self, frame: Array, x: float, y: float, width: int, height: int,
-        first: float, last: float, radii: Array, origins: Array, eye: float,
+        first: float, last: float, radii: Array, origins: Array, viewpoint: float,
     ) -> AxialCamera: ...  # fmt: skip
     def remap(
         self, src: Array, coordinates: Array, dst: Array, interpolation: int, border: Colour, averages: object = None
@@ -165,7 +165,7 @@ class Kernels(Protocol):
     def Optics(self, **numbers: Any) -> object: ...
     def Environment(self, light: Array) -> object: ...
     def Surfaces(
-        self, places: Array, texel_places: Array, kinds: Array, sizes: Array, texels: Array
+        self, places: Array, texture_coordinates: Array, kinds: Array, sizes: Array, texels: Array
     ) -> CompiledSurfaces: ...
     def BlurKernels(
         self, width: int, height: int, fineness: int, firsts: Array, offsets: Array, weights: Array,

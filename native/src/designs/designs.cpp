@@ -18,12 +18,12 @@ constexpr int BLOCK = 16;  // designs per piece of work
 struct Scratch {
     explicit Scratch(int angles) : store(size_t(ARRAYS) * angles) {
         double** all[ARRAYS] = {&z,          &slope,      &curvature, &ray,    &magnification_t, &magnification_s,
-                                &vergence_t, &vergence_s, &density,   &squares};
+                                &vergence_t, &vergence_s, &density,   &areas};
         for (int i = 0; i < ARRAYS; ++i) *all[i] = store.data() + size_t(i) * angles;
     }
     static constexpr int ARRAYS = 10;
     std::vector<double> store;
-    double *z, *slope, *curvature, *ray, *magnification_t, *magnification_s, *vergence_t, *vergence_s, *density, *squares;
+    double *z, *slope, *curvature, *ray, *magnification_t, *magnification_s, *vergence_t, *vergence_s, *density, *areas;
 };
 
 // Over the vergence v in focus, the square of the floored area of a mirror point is
@@ -55,27 +55,27 @@ struct Worst {
     int angle;
 };
 
-// A^2 over D at all angles, to squares; the largest is returned.
-double fill_squares(double v, double r, int n, const Scratch& s) {
+// A^2 over D at all angles, to areas; the largest is returned.
+double fill_areas(double v, double r, int n, const Scratch& s) {
     const double *vergence_t = s.vergence_t, *vergence_s = s.vergence_s, *density = s.density;
-    double* squares = s.squares;
+    double* areas = s.areas;
     for (int j = 0; j < n; ++j) {
         const double t = v - vergence_t[j], u = v - vergence_s[j];
-        squares[j] = (t * t + r) * (u * u + r) * density[j];
+        areas[j] = (t * t + r) * (u * u + r) * density[j];
     }
-    double most[4] = {squares[0], squares[0], squares[0], squares[0]};  // four chains, which run beside each other
+    double most[4] = {areas[0], areas[0], areas[0], areas[0]};  // four chains, which run beside each other
     int j = 0;
     for (; j + 4 <= n; j += 4)
-        for (int k = 0; k < 4; ++k) most[k] = most[k] < squares[j + k] ? squares[j + k] : most[k];
-    for (; j < n; ++j) most[0] = most[0] < squares[j] ? squares[j] : most[0];
+        for (int k = 0; k < 4; ++k) most[k] = most[k] < areas[j + k] ? areas[j + k] : most[k];
+    for (; j < n; ++j) most[0] = most[0] < areas[j] ? areas[j] : most[0];
     return std::max(std::max(most[0], most[1]), std::max(most[2], most[3]));
 }
 
 // The largest A^2, its derivative by v, and at which angle it is.
 Worst worst_at(double v, int n, const AreaModel& model, const Scratch& s) {
     const AreaModel::At m = model.at(v);
-    const double most = fill_squares(v, m.r, n, s);
-    const int j = static_cast<int>(std::find(s.squares, s.squares + n, most) - s.squares) % n;
+    const double most = fill_areas(v, m.r, n, s);
+    const int j = static_cast<int>(std::find(s.areas, s.areas + n, most) - s.areas) % n;
     const double t = v - s.vergence_t[j], u = v - s.vergence_s[j], value = m.D * most;
     return {value, value * (m.d_log_D + (2 * t + m.dr) / (t * t + m.r) + (2 * u + m.dr) / (u * u + m.r)), j};
 }
@@ -267,7 +267,7 @@ void evaluate_one(const DesignJob& job, int i, const Scratch& s) {
     }
     const AreaModel::At at = model.at(v);
     job.focus[i] = camera.telecentric ? -v : 1 / v;
-    job.worst[i] = std::sqrt(at.D * fill_squares(v, at.r, n, s));
+    job.worst[i] = std::sqrt(at.D * fill_areas(v, at.r, n, s));
     job.valid[i] = valid;
 }
 

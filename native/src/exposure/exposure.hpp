@@ -37,7 +37,7 @@ struct Optics {
     float body_z = 0, body_radius = 0, lens_radius = 1;  // of the front ring of its lens, which can be made out
     float rod_z[2] = {0, 0}, rod_radius[2] = {0, 0};
     float edge_z = 0, edge_radius = 0;  // a dark edge about the rim, in the mirror's frame
-    float hardware_light[3] = {0, 0, 0};
+    float housing_light[3] = {0, 0, 0};
     bool sees_past = false;  // whether rays that miss the mirror see the world behind it, or nothing
     // from the camera frame to the world
     float rotation[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1}, shift[3] = {0, 0, 0};

@@ -371,7 +371,7 @@ void meet_edge(const Optics& o, Bundle& r) {
 
 // The camera and its rod, where mirrored rays meet them. The rod also hides the mirror: the chief ray is followed back,
 // along the axis under a telecentric lens.
-void stand_in_the_way(const Optics& o, Bundle& r) {
+void obscure(const Optics& o, Bundle& r) {
     if (o.rod_z[1] > o.rod_z[0]) {
         const float aside = o.telecentric ? 0 : -o.focus, down = o.telecentric ? -1 : -o.focus;
         OMNIMIRROR_EACH_LANE(i) {
@@ -420,7 +420,7 @@ bool trace(const Exposure& e, int row, int64_t first, Bundle& r) {
     reflect(o, r);
     const float past = o.sees_past ? DIRECT : LOST;
     OMNIMIRROR_EACH_LANE(i) r.fate[i] = r.fate[i] == LOST ? past : r.fate[i];
-    if (o.body_radius > 0 || o.rod_z[1] > o.rod_z[0]) stand_in_the_way(o, r);
+    if (o.body_radius > 0 || o.rod_z[1] > o.rod_z[0]) obscure(o, r);
     to_world(o, r);
     return true;
 }
@@ -469,7 +469,7 @@ void light_of_row(const Exposure& e, const Environment& world, int row, float* o
             if (any && (r.fate[i] == REFLECTED || r.fate[i] == DIRECT))
                 add_light(world, r.u[i], r.v[i], share * r.weight[i], sum);
             else if (any && r.fate[i] == HIDDEN)
-                for (int c = 0; c < 3; ++c) sum.rgb[c] += share * r.weight[i] * e.optics.hardware_light[c];
+                for (int c = 0; c < 3; ++c) sum.rgb[c] += share * r.weight[i] * e.optics.housing_light[c];
             if (--left) continue;
             for (int c = 0; c < 3; ++c) *out++ = sum.rgb[c];
             sum = {}, left = e.samples.count;

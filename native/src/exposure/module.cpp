@@ -31,7 +31,7 @@ OwnedOptics* make_optics(bool telecentric, Numbers<2> centre, Numbers<2> scale, 
                          float rim, const Floats& nodes, Numbers<8> reflectance, float natural_vignetting,
                          float body_z, float body_radius, float lens_radius, float edge_z, float edge_radius,
                          Numbers<2> rod_z, Numbers<2> rod_radius,
-                         Numbers<3> hardware_light, bool sees_past, Numbers<9> rotation, Numbers<3> shift) {
+                         Numbers<3> housing_light, bool sees_past, Numbers<9> rotation, Numbers<3> shift) {
     require(nodes.ndim() == 2 && nodes.shape(1) == 3 && nodes.shape(0) != 1 && nodes.shape(0) < (1u << 24),
             "nodes are (n, 3), none or at least two");
     require(rim > 0, "the rim's radius is above 0");
@@ -43,7 +43,7 @@ OwnedOptics* make_optics(bool telecentric, Numbers<2> centre, Numbers<2> scale, 
     o.edge_z = edge_z, o.edge_radius = edge_radius;
     copy(centre, o.centre), copy(scale, o.scale), copy(distortion, o.distortion), copy(vertex, o.vertex);
     copy(axes, o.axes), copy(reflectance, o.reflectance), copy(rod_z, o.rod_z), copy(rod_radius, o.rod_radius);
-    copy(hardware_light, o.hardware_light), copy(rotation, o.rotation), copy(shift, o.shift);
+    copy(housing_light, o.housing_light), copy(rotation, o.rotation), copy(shift, o.shift);
     for (size_t i = 0; i < nodes.shape(0); ++i)
         owned->nodes.push_back({nodes.data()[3 * i], nodes.data()[3 * i + 1], nodes.data()[3 * i + 2]});
     if (!owned->nodes.empty()) {
@@ -112,7 +112,7 @@ void add_exposure(nb::module_& m) {
         .def(nb::new_(&make_optics), nb::kw_only(), "telecentric"_a, "centre"_a, "scale"_a, "distortion"_a, "fold"_a,
              "focus"_a, "stop"_a, "vertex"_a, "axes"_a, "aligned"_a, "curvature"_a, "conic"_a, "rim"_a, "nodes"_a,
              "reflectance"_a, "natural_vignetting"_a, "body_z"_a, "body_radius"_a, "lens_radius"_a, "edge_z"_a, "edge_radius"_a, "rod_z"_a, "rod_radius"_a,
-             "hardware_light"_a, "sees_past"_a, "rotation"_a, "shift"_a);
+             "housing_light"_a, "sees_past"_a, "rotation"_a, "shift"_a);
     nb::class_<OwnedEnvironment>(m, "Environment").def(nb::new_(&make_environment), "light"_a);
     m.def("expose_environment", &expose_environment, "optics"_a, "environment"_a, "points"_a, "shifted"_a, "seed"_a,
           "left"_a, "top"_a, "light"_a);

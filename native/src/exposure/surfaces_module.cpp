@@ -23,18 +23,18 @@ std::vector<Texture> textures_of(const Ints& sizes, size_t texels) {
     return textures;
 }
 
-Surfaces* make_surfaces(const Floats& places, const Floats& texel_places, const Ints& kinds, const Ints& sizes,
+Surfaces* make_surfaces(const Floats& places, const Floats& texture_coordinates, const Ints& kinds, const Ints& sizes,
                         const Floats& texels) {
     const size_t count = kinds.ndim() == 2 ? kinds.shape(0) : 0;
     require(kinds.ndim() == 2 && kinds.shape(1) == 2, "kinds are (n, 2): texture, triangle");
-    require(places.size() == 9 * count && texel_places.size() == 6 * count,
+    require(places.size() == 9 * count && texture_coordinates.size() == 6 * count,
             "places are (n, 3, 3) and places on textures (n, 3, 2): corner and two sides");
     require(count < (1u << 28), "there are too many surfaces");
     std::vector<Texture> textures = textures_of(sizes, texels.size());
     std::vector<Surface> surfaces(count);
     for (size_t i = 0; i < count; ++i) {
         Surface& s = surfaces[i];
-        const float *p = places.data() + 9 * i, *t = texel_places.data() + 6 * i;
+        const float *p = places.data() + 9 * i, *t = texture_coordinates.data() + 6 * i;
         std::copy_n(p, 3, s.corner), std::copy_n(p + 3, 6, &s.side[0][0]);
         std::copy_n(t, 2, s.texel), std::copy_n(t + 2, 4, &s.texel_side[0][0]);
         s.texture = kinds.data()[2 * i], s.triangle = kinds.data()[2 * i + 1];
@@ -58,7 +58,7 @@ void radiance(const Surfaces& surfaces, const Floats& origins, const Floats& dir
 
 void add_surfaces(nb::module_& m) {
     nb::class_<Surfaces>(m, "Surfaces")
-        .def(nb::new_(&make_surfaces), "places"_a, "texel_places"_a, "kinds"_a, "sizes"_a, "texels"_a)
+        .def(nb::new_(&make_surfaces), "places"_a, "texture_coordinates"_a, "kinds"_a, "sizes"_a, "texels"_a)
         .def("radiance", &radiance, "origins"_a, "directions"_a, "light"_a, "distances"_a);
 }
 

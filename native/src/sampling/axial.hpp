@@ -17,7 +17,7 @@ struct Axial {
     int radii_last, origins_last;       // the last cell of each table
     const double* radii;                // of the image, px
     const double* origins;              // pairs: where rays start, from the axis and along it; nullptr: at the origin
-    double eye;                         // about where along the axis near things are seen from
+    double viewpoint;                   // about where along the axis near things are seen from
 };
 
 constexpr double EDGE_PX = 0.5 + 1e-9;  // see EDGE_SLACK of omnimirror.cameras

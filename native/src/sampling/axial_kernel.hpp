@@ -55,9 +55,9 @@ void find_cells(const Lane& q, double first, double per, int last, Cell& cell) {
 // at any root, so the root is unique. Without one, what comes out lies beyond the ends, or is NaN.
 void solve_points(const Axial& a, const Lane& across, const Lane& along, Lane& sought) {
     const double reach = a.last - a.first;
-    Lane q, low, high, sine, cosine, from_eye;
-    for (int i = 0; i < LANES; ++i) from_eye[i] = along[i] - a.eye;
-    half_angles(across, from_eye, q, cosine);
+    Lane q, low, high, sine, cosine, from_viewpoint;
+    for (int i = 0; i < LANES; ++i) from_viewpoint[i] = along[i] - a.viewpoint;
+    half_angles(across, from_viewpoint, q, cosine);
     for (int i = 0; i < LANES; ++i) {
         q[i] = q[i] > a.first ? q[i] : a.first;
         q[i] = q[i] < a.last ? q[i] : a.last;

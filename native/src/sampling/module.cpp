@@ -298,7 +298,7 @@ std::vector<double> copy_of(const Doubles& values) {
 }
 
 AxialCamera* make_axial(const Doubles& frame, double x, double y, int width, int height, double first, double last,
-                        const Doubles& radii, const Doubles& origins, double eye) {
+                        const Doubles& radii, const Doubles& origins, double viewpoint) {
     require(frame.ndim() == 2 && frame.shape(0) == 3 && frame.shape(1) == 3, "the frame is (3, 3)");
     require(first < last && last - first < 2, "the table has no length");  // false for NaN
     require(radii.ndim() == 1 && radii.size() >= 2 && radii.size() < (1u << 30), "radii are (n,), n from 2");
@@ -313,7 +313,7 @@ AxialCamera* make_axial(const Doubles& frame, double x, double y, int width, int
         camera.down[i] = frame.data()[6 + i];
     }
     camera.x = x, camera.y = y, camera.x_last = width - 1.0, camera.y_last = height - 1.0;
-    camera.first = first, camera.last = last, camera.eye = eye;
+    camera.first = first, camera.last = last, camera.viewpoint = viewpoint;
     return new AxialCamera(camera, copy_of(radii), copy_of(origins));
 }
 
@@ -352,7 +352,7 @@ void add_sampling(nb::module_& m) {
         .def_prop_ro("nbytes", &PackedMap::bytes);
     nb::class_<AxialCamera>(m, "AxialCamera")
         .def(nb::new_(&make_axial), "frame"_a, "x"_a, "y"_a, "width"_a, "height"_a, "first"_a, "last"_a, "radii"_a,
-             "origins"_a, "eye"_a)
+             "origins"_a, "viewpoint"_a)
         .def("project", &project_axial, "targets"_a, "is_near"_a, "pixels"_a, "excess"_a.none());
     m.def("instructions", [] { return std::string(kernels().name); });
     m.def(

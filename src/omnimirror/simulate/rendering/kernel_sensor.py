@@ -61,7 +61,7 @@ def native_optics(sensor: Sensor, radiometry: Radiometry, blur: bool, heading: t
         reflectance=tuple(reflectance_series(radiometry, steepest_incidence(sensor))),
         natural_vignetting=radiometry.vignetting,
         **_standing(sensor.obstructions, m),
-        hardware_light=(radiometry.grey,) * 3,
+        housing_light=(radiometry.grey,) * 3,
         sees_past=radiometry.sees_past,
         rotation=tuple((np.reshape(heading, (3, 3)) @ rotation).ravel()),
         shift=tuple(-m * rotation[:, 2]),

@@ -45,7 +45,7 @@ class Surfaces:
     ----------
     places : (n, 3, 3) array, mm
         Corner and the two sides, in the world frame.
-    texel_places : (n, 3, 2) array, texels
+    texture_coordinates : (n, 3, 2) array, texels
         Column and row of the corner in its texture, and what the sides add.
     texture_of : (n,) array
         Index of each surface's texture.
@@ -64,7 +64,7 @@ class Surfaces:
     """
 
     places: Array
-    texel_places: Array
+    texture_coordinates: Array
     texture_of: NDArray[Any]
     is_triangle: NDArray[np.bool_]
     textures: tuple[Texture, ...]
@@ -84,7 +84,7 @@ class Surfaces:
         sizes = [(t.texels.shape[1], t.texels.shape[0], t.repeats) for t in self.textures]
         return backend.kernels.Surfaces(
             np.ascontiguousarray(self.places, np.float32),
-            np.ascontiguousarray(self.texel_places, np.float32),
+            np.ascontiguousarray(self.texture_coordinates, np.float32),
             np.stack([self.texture_of, self.is_triangle], axis=-1).astype(np.int32),
             np.array(sizes, np.int32).reshape(-1, 3),
             np.concatenate([t.texels.reshape(-1, 4) for t in self.textures]).astype(np.float32, copy=False),
@@ -111,7 +111,7 @@ class Surfaces:
         light = np.zeros((len(origins), 4), np.float32)
         for number, texture in enumerate(self.textures):
             on = np.flatnonzero(hit & (self.texture_of[first] == number))
-            corner, along_a, along_b = np.moveaxis(self.texel_places[first[on]], 1, 0)
+            corner, along_a, along_b = np.moveaxis(self.texture_coordinates[first[on]], 1, 0)
             place = corner + a[on, first[on], None] * along_a + b[on, first[on], None] * along_b
             light[on] = _look_up(texture, place)
         return Seen(light[:, :3], light[:, 3], nearest.astype(np.float32))

@@ -41,7 +41,7 @@ def combined(parts: Sequence[Surfaces]) -> Surfaces:
     shifts = np.cumsum([0, *(len(part.textures) for part in parts)])
     return Surfaces(
         np.concatenate([part.places for part in parts]),
-        np.concatenate([part.texel_places for part in parts]),
+        np.concatenate([part.texture_coordinates for part in parts]),
         np.concatenate([part.texture_of + shift for part, shift in zip(parts, shifts, strict=False)]),
         np.concatenate([part.is_triangle for part in parts]),
         tuple(texture for part in parts for texture in part.textures),
