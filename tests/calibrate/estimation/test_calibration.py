@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 import omnimirror as om
+from omnimirror.calibrate.estimation.advice import advised, coverage
+from omnimirror.calibrate.estimation.bundle.observations import Sighting
 from omnimirror.camera_models.spread import direction_spread
 from omnimirror.errors import InvalidParameter
 from omnimirror.frames import Mount
@@ -222,3 +224,13 @@ def test_what_is_asked_for_is_checked():
         calibrated(detections(count=3), model="sensor", optics="fisheye")
     with pytest.raises(InvalidParameter, match=r"optics = 'lens' is not known; valid are mirror, fisheye"):
         calibrated(detections(count=3), optics="lens")
+
+
+def test_boards_whose_place_is_not_known_are_advised_on_by_their_corners_alone():
+    corners = np.stack(np.meshgrid(np.linspace(330, 460, 11), np.linspace(200, 280, 7)), axis=-1).reshape(-1, 2)
+    seen = coverage([Sighting("a", corners, BOARD.points_mm)], (320.0, 240.0), 200.0)
+    assert seen.counts.sum() == 77
+    said = advised(seen, 1)
+    assert said[0].startswith("Take more pictures: 1 is used")
+    assert any("lower left, left, upper left" in sentence for sentence in said[1:])
+    assert not any("Tilt" in sentence for sentence in said)

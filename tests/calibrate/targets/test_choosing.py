@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import omnimirror as om
+from omnimirror.calibrate.targets.choosing import why_not_new
 
 BOARD = om.Board("chessboard", 5, 4, 20.0)
 SIZE = (320, 240)
@@ -64,3 +65,17 @@ def test_ctrl_c_chooses_among_what_was_found(video):
     found = om.choose_frames(video, BOARD, progress=stop)
     assert len(found) == 4
     assert sum(d.used for d in found) == 2
+
+
+def test_a_picture_that_a_camera_takes_by_itself_is_sharp_and_new():
+    """As the same views are chosen from a video; a look that is quick finds what a thorough one does."""
+    taken = [om.find_board(frame(*place), BOARD, name=f"{place}") for place in PLACES[:3]]
+    quick = om.find_board(frame(*PLACES[3]), BOARD, quick=True)
+    np.testing.assert_array_equal(quick.corners_px, om.find_board(frame(*PLACES[3]), BOARD).corners_px)
+    assert why_not_new(quick, taken, BOARD) is None
+    nearly = om.find_board(frame(2, 1, 16), BOARD)
+    assert why_not_new(nearly, taken, BOARD) == f"it shows the board much as {PLACES[0]} does"
+    blurred = om.find_board(frame(*PLACES[4], blur=3.5), BOARD)
+    assert "blurred" in why_not_new(blurred, taken, BOARD)
+    nothing = om.find_board(np.full((240, 320), 90, np.uint8), BOARD, quick=True)
+    assert why_not_new(nothing, taken, BOARD) == "the picture is blank"

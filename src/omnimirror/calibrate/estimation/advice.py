@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...camera_models.base import CameraModel
 from .bundle.observations import Sighting
 
 Array = NDArray[np.float64]
@@ -31,13 +30,16 @@ class Coverage(NamedTuple):
     tilts_deg: Array
     """(m,) between each board's normal and the line of sight to its middle"""
     facing_deg: float
-    """the largest angle between the directions that two boards face"""
+    """the largest angle between the directions that two boards face; NaN where none is known"""
 
 
 def coverage(
     sightings: Sequence[Sighting], centre_px: tuple[float, float], outer_radius_px: float | None = None
 ) -> Coverage:
-    """How corners are spread; out to the rim, or to the farthest corner where it is not known."""
+    """How corners are spread; out to the rim, or to the farthest corner where it is not known.
+
+    Boards whose place is not known yet count with their corners alone.
+    """
     offsets = np.concatenate([s.pixels for s in sightings]) - centre_px
     radius, azimuth = np.hypot(*offsets.T), np.arctan2(offsets[:, 1], offsets[:, 0])
     outer = float(radius.max()) if outer_radius_px is None else outer_radius_px
@@ -46,21 +48,22 @@ def coverage(
     sector = np.round(azimuth / (2 * np.pi / SECTORS)).astype(int) % SECTORS
     counts = np.zeros((RINGS, SECTORS), dtype=np.int64)
     np.add.at(counts, (ring, sector), 1)
-    normals = np.array([s.motion.rotation[:, 2] for s in sightings if s.motion is not None])
-    middles = np.array([s.motion(s.points).mean(axis=0) for s in sightings if s.motion is not None])
+    placed = [(s.motion, s.points) for s in sightings if s.motion is not None]
+    normals = np.array([motion.rotation[:, 2] for motion, _ in placed]).reshape(-1, 3)
+    middles = np.array([motion(points).mean(axis=0) for motion, points in placed]).reshape(-1, 3)
     toward = np.sum(normals * middles, axis=1) / np.linalg.norm(middles, axis=1)
     cosines = np.clip(np.abs(normals @ normals.T), 0, 1)
-    facing = float(np.degrees(np.arccos(cosines.min())))
+    facing = float(np.degrees(np.arccos(cosines.min()))) if placed else float("nan")
     return Coverage(centre_px, radii, counts, np.degrees(np.arccos(np.clip(np.abs(toward), 0, 1))), facing)
 
 
-def advised(found: Coverage, model: CameraModel, sightings: Sequence[Sighting]) -> tuple[str, ...]:
-    """What to photograph next, most important first; nothing where the pictures are enough."""
+def advised(found: Coverage, pictures: int) -> tuple[str, ...]:
+    """What to photograph next, most important first, after so many pictures; nothing where they are enough."""
     sentences = []
-    if len(sightings) < ENOUGH_PICTURES:
+    if pictures < ENOUGH_PICTURES:
         sentences.append(
-            f"Take more pictures: {len(sightings)} are used, and {ENOUGH_PICTURES} to 20 with the board at different "
-            "places are usual."
+            f"Take more pictures: {pictures} {'is' if pictures == 1 else 'are'} used, and {ENOUGH_PICTURES} to 20 with "
+            "the board at different places are usual."
         )
     outer = np.flatnonzero(found.counts[-1] < ENOUGH)
     if len(outer):
@@ -76,7 +79,7 @@ def advised(found: Coverage, model: CameraModel, sightings: Sequence[Sighting]) 
         sentences.append(
             f"Hold the board nearer to the axis: few corners lie within {found.radii_px[1]:.0f} px of the centre."
         )
-    if len(sightings) > 1 and found.facing_deg < LEAST_TILT_DEG:
+    if pictures > 1 and found.facing_deg < LEAST_TILT_DEG:
         sentences.append(
             f"Tilt the board more: its directions in the pictures differ by {found.facing_deg:.0f} deg only."
         )

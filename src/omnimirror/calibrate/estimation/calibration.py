@@ -224,7 +224,7 @@ def _told(
         uncertainty=certain,
         candidates=course.candidates,
         notes=_notes(fit, course, certain, is_complete),
-        advice=advised(found, fit.model, fit.sightings),
+        advice=advised(found, len(fit.sightings)),
         coverage=found,
         adjustment=fit,
         held_out=course.held,

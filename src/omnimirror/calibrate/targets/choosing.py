@@ -15,7 +15,7 @@ from ...cameras import Camera
 from ...errors import MediaError
 from .boards import Board
 from .detections import Detection
-from .finding import compared, find_board
+from .finding import BLURRED_PX, compared, find_board
 from .search.greys import edge_blur_px, grey, scaled
 from .search.local_maps import maps_about
 
@@ -163,6 +163,40 @@ def chosen(detections: Sequence[Detection], board: Board, *, count: int = 30) ->
             like = usable[taken[int(np.argmin(np.linalg.norm(views[taken] - views[k], axis=1)))]]
             judged[i] = replace(judged[i], reason=f"it shows the board much as {judged[like].name} does")
     return judged
+
+
+def why_not_new(candidate: Detection, taken: Sequence[Detection], board: Board) -> str | None:
+    """Why a picture adds nothing to those that were taken already, one phrase; None where it adds something.
+
+    Parameters
+    ----------
+    candidate
+        What a camera sees now.
+    taken
+        Of the same camera; those that are not :attr:`~Detection.used` do not count.
+    board
+        The board in them.
+
+    Examples
+    --------
+    >>> board = Board("chessboard", 3, 3)
+    >>> here = Detection("here", (200, 100), np.arange(9), 10.0 * board.lattice + 20, blur_px=1.0)
+    >>> there = Detection("there", (200, 100), np.arange(9), 10.0 * board.lattice + [120, 30], blur_px=1.0)
+    >>> why_not_new(here, [here, there], board), why_not_new(here, [there], board)
+    ('it shows the board much as here does', None)
+    """
+    if not candidate.used:
+        return candidate.reason
+    before = [d for d in taken if d.used and d.image_size == candidate.image_size]
+    if candidate.blur_px > BLURRED_PX:
+        return f"it is blurred: its edges are spread over {candidate.blur_px:.1f} px"
+    if not before:
+        return None
+    apart = np.linalg.norm([_view(d, board) for d in before] - _view(candidate, board), axis=1)
+    covered: set[tuple[int, int]] = set().union(*map(_cells, before))
+    if min(float(apart.min()), 2.0) + CELL_GAIN * len(_cells(candidate) - covered) >= ENOUGH_NEW:
+        return None
+    return f"it shows the board much as {before[int(np.argmin(apart))].name} does"
 
 
 def _sharpest(reader: Any, every_s: float) -> Iterator[tuple[float, NDArray[Any]]]:

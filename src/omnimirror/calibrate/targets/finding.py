@@ -41,7 +41,9 @@ STOPPED = "the search was stopped before this picture"
 
 
 @checked
-def find_board(picture: Picture, board: Board, *, name: str = "", camera: Camera | None = None) -> Detection:
+def find_board(
+    picture: Picture, board: Board, *, name: str = "", camera: Camera | None = None, quick: bool = False
+) -> Detection:
     """The board's corners in a picture, however a mirror or a fisheye bends it.
 
     Corners of four squares are looked for all over the picture; from nine that fit together the lattice is grown,
@@ -58,6 +60,9 @@ def find_board(picture: Picture, board: Board, *, name: str = "", camera: Camera
         Of the picture, for tables and messages.
     camera
         Roughly known, such as a calibration from other pictures.
+    quick
+        Whether to look at one size of the picture alone, and without OpenCV's detectors, which take the longest where
+        there is no board: for pictures of a camera that runs.
 
     Returns
     -------
@@ -88,7 +93,7 @@ def find_board(picture: Picture, board: Board, *, name: str = "", camera: Camera
             f"{camera.image_size[0]} x {camera.image_size[1]} px"
         )
     look = _look_for_markers if board.has_markers else _look_for_squares
-    found = look(values, board, name)
+    found = look(values, board, name, is_quick=quick)
     if camera is not None and not found.used:
         for view in local_views(values, camera):
             seen = look(view.picture, board, "", is_quick=True)

@@ -32,6 +32,7 @@ STEPS = 12
 SIZES = (3, 4, 5, 7, 9, 11, 14)  # of windows, px from the middle: corners with about equal ones are fitted at once
 MARGIN_PX = 1.5  # within which blur carries over what stands beside the edges
 CLOSE_PX = 2e-3
+CLOSE_BLUR = 0.02  # of the usual blur, which converges more slowly than places where a picture is dull
 AT_ONCE = 400_000  # pixels
 
 
@@ -152,7 +153,7 @@ class _Fit:
             whole = square + np.eye(9) * (prior + 1e-4 * diagonal + 1e-12)[:, None, :]
             step = np.linalg.solve(whole, right[..., None])[..., 0]
             terms = terms + np.clip(step, -limits, limits)
-            if np.abs(step[:, 4:6]).max(initial=0) < CLOSE_PX:
+            if np.abs(step[:, 4:6]).max(initial=0) < CLOSE_PX and np.median(np.abs(step[:, 6])) < CLOSE_BLUR:
                 break
         variance = np.sum(residual**2, axis=1) / np.maximum(self.count - 9, 1)
         noise = np.linalg.inv(whole)[:, 4:6, 4:6]
