@@ -120,20 +120,22 @@ def test_a_tab_is_a_room_that_the_types_and_the_rules_of_rooms_allow(tmp_path):
     (web / "node_modules").symlink_to(WEB / "node_modules", target_is_directory=True)
     (web / "src" / "notes").mkdir()
     (web / "src" / "notes" / "begin.ts").write_text(BEGIN)
-    edit(web / "src" / "shared" / "state.ts", ('["look", "design"]', '["look", "design", "notes"]'))
+    edit(web / "src" / "shared" / "state.ts", ('"design", "calibrate"]', '"design", "calibrate", "notes"]'))
     edit(
         web / "src" / "tabs.ts",
         ('import { byId }', 'import { begin as beginNotes } from "./notes/begin";\nimport { byId }'),
-        ('byId("bench").hidden = tab !== "design";',
-         'byId("bench").hidden = tab !== "design";\n    byId("notes").hidden = tab !== "notes";\n'
-         '    if (tab === "notes" && !byId("notes").hasChildNodes()) beginNotes(byId("notes"), this.store);'),
+        ('calibrate: "calibrate" } as const', 'calibrate: "calibrate", notes: "notes" } as const'),
+        ('calibrate: "#calibrate .desk" }', 'calibrate: "#calibrate .desk", notes: "#notes" }'),
+        ('    const wanted = FETCHED[tab];',
+         '    if (tab === "notes" && !byId("notes").hasChildNodes()) beginNotes(byId("notes"), this.store);\n'
+         '    const wanted = FETCHED[tab];'),
     )  # fmt: skip
     edit(web / "index.html", ('<main id="look">', '<main id="notes" hidden></main>\n<main id="look">'))
     edit(
         web / "tests" / "rooms.test.ts",
         (
-            '"": ["", "look", "bench", "shared"]',
-            'notes: ["notes", "shared"], "": ["", "look", "bench", "notes", "shared"]',
+            '"": ["", "look", "bench", "calibrate", "shared"]',
+            'notes: ["notes", "shared"], "": ["", "look", "bench", "calibrate", "notes", "shared"]',
         ),
     )
     checked = run(["node", "node_modules/typescript/bin/tsc", "--noEmit"], web)

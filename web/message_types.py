@@ -11,9 +11,10 @@ from pydantic.json_schema import models_json_schema
 
 from omnimirror.studio import messages
 from omnimirror.studio.bench import messages as bench
+from omnimirror.studio.calibrate import messages as calibrate
 from omnimirror.studio.look import messages as look
 
-MODULES = (messages, look, bench)
+MODULES = (messages, look, bench, calibrate)
 WRITTEN = Path(__file__).parent / "src" / "shared" / "messages.ts"
 HEAD = "// Made by web/message_types.py from the server's messages; not to be edited.\n"
 SIMPLE = {"string": "string", "number": "number", "integer": "number", "boolean": "boolean", "null": "null"}

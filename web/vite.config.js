@@ -22,22 +22,24 @@ const inline = {
 const server = { proxy: { "/api": { target: "http://127.0.0.1:8765", ws: true }, "/health": "http://127.0.0.1:8765" } };
 const build = { outDir: "../src/omnimirror/studio/page", modulePreload: false, cssCodeSplit: false, target: "es2022" };
 
-/** The design bench is a script of its own, which the page fetches when it is wanted. */
-const bench = {
+/** Scripts of their own, which the page fetches when they are wanted. */
+const SCRIPTS = ["bench", "calibrate"];
+
+const script = (name) => ({
   base: "./",
   build: {
     ...build,
     emptyOutDir: false,
     rollupOptions: {
-      input: "src/bench/begin.ts",
+      input: `src/${name}/begin.ts`,
       preserveEntrySignatures: "strict",
-      output: { entryFileNames: "bench.js" },
+      output: { entryFileNames: `${name}.js` },
     },
   },
-};
+});
 
 const test = { include: ["tests/**/*.test.ts"] };
 
 export default defineConfig(({ mode }) =>
-  mode === "bench" ? bench : { base: "./", plugins: [inline], build: { ...build, emptyOutDir: true }, server, test },
+  SCRIPTS.includes(mode) ? script(mode) : { base: "./", plugins: [inline], build: { ...build, emptyOutDir: true }, server, test },
 );

@@ -1,27 +1,41 @@
-import type { begin } from "./bench/begin";
+import type { begin as beginBench } from "./bench/begin";
 import type { Bench } from "./bench/bench";
-import type { Host } from "./bench/host";
+import type { Host as BenchHost } from "./bench/host";
+import type { begin as beginCalibrate } from "./calibrate/begin";
+import type { Calibrate } from "./calibrate/calibrate";
+import type { Host as CalibrateHost } from "./calibrate/host";
 import type { Look } from "./look/look";
 import { byId } from "./shared/dom";
-import { banner, say } from "./shared/notices";
+import { banner, copy, say } from "./shared/notices";
 import type { State } from "./shared/state";
 import type { Store } from "./shared/store";
-import { UNFETCHED, WENT_WRONG } from "./shared/texts";
+import { unfetched, WENT_WRONG } from "./shared/texts";
 
-const BENCH = import.meta.env.DEV ? "/src/bench/begin.ts" : "./bench.js";
+type Fetched = "bench" | "calibrate";
 
-/** The two halves of the page; the bench is fetched when it is wanted first. */
+/** Tabs that are fetched when they are wanted first: where they stand, what they are called, and their scripts. */
+const FETCHED: Partial<Record<State["tab"], { place: Fetched; title: string }>> = {
+  design: { place: "bench", title: "The design bench" },
+  calibrate: { place: "calibrate", title: "The calibration" },
+};
+const PLACES = { look: "look", design: "bench", calibrate: "calibrate" } as const;
+const SHOWN = { look: "#stage", design: "#bench .desk", calibrate: "#calibrate .desk" } as const;
+
+const scriptOf = (name: Fetched): string => (import.meta.env.DEV ? `/src/${name}/begin.ts` : `./${name}.js`);
+
+/** The tabs of the page; all but the first are fetched when they are wanted. */
 export class Tabs {
   look: Look | null = null;
   bench: Bench | null = null;
-  private isFetching = false;
+  calibrate: Calibrate | null = null;
+  private readonly fetching = new Set<Fetched>();
 
   constructor(private readonly store: Store) {
     for (const button of document.querySelectorAll<HTMLButtonElement>("#tabs button"))
       button.addEventListener("click", () => store.set({ tab: button.value as State["tab"] }));
     document.querySelector(".skip")!.addEventListener("click", (e) => {
       e.preventDefault(); // the address is that of what is seen
-      document.querySelector<HTMLElement>(store.state.tab === "look" ? "#stage" : "#bench .desk")?.focus();
+      document.querySelector<HTMLElement>(SHOWN[store.state.tab])?.focus();
     });
     store.listen((s, changed) => {
       if (changed.has("tab")) this.show();
@@ -37,56 +51,70 @@ export class Tabs {
       if (button.value === tab) button.setAttribute("aria-current", "page");
       else button.removeAttribute("aria-current");
     }
-    document.querySelector(".skip")!.setAttribute("href", tab === "look" ? "#look" : "#bench");
-    byId("look").hidden = tab !== "look";
-    byId("bench").hidden = tab !== "design";
-    if (tab === "design" && !this.bench && !this.isFetching) void this.fetch();
+    document.querySelector(".skip")!.setAttribute("href", `#${PLACES[tab]}`);
+    for (const [name, place] of Object.entries(PLACES)) byId(place).hidden = name !== tab;
+    const wanted = FETCHED[tab];
+    if (wanted && !this[wanted.place] && !this.fetching.has(wanted.place)) void this.fetch(tab, wanted.place, wanted.title);
   }
 
-  private async fetch(): Promise<void> {
-    this.isFetching = true;
+  private async fetch(tab: State["tab"], place: Fetched, title: string): Promise<void> {
+    this.fetching.add(place);
     try {
-      const made = await (import(/* @vite-ignore */ BENCH) as Promise<{ begin: typeof begin }>).catch(() => null);
-      if (!made) return banner(UNFETCHED, "bench");
-      banner(null, "bench");
-      this.bench = await made.begin(this.host());
-      byId("bench-busy").hidden = true;
+      const made = await (import(/* @vite-ignore */ scriptOf(place)) as Promise<{ begin: typeof beginBench & typeof beginCalibrate }>).catch(() => null);
+      if (!made) return banner(unfetched(title), place);
+      banner(null, place);
+      if (place === "bench") this.bench = await made.begin(this.benchHost());
+      else this.calibrate = await made.begin(this.calibrateHost());
+      byId(`${place}-busy`).hidden = true;
     } catch (e) {
-      this.clear();
+      this.clear(tab, place);
       const isSaid = e instanceof Error && (e.name === "Refused" || e.name === "Away");
-      banner(isSaid ? e.message : WENT_WRONG, "bench");
+      banner(isSaid ? e.message : WENT_WRONG, place);
       if (!isSaid) throw e;
     } finally {
-      this.isFetching = false;
+      this.fetching.delete(place);
     }
   }
 
-  /** Leave nothing of a bench that could not be made: the next one begins in its place. */
-  private clear(): void {
-    const [place, busy] = [byId("bench"), byId("bench-busy")];
-    place.replaceChildren(busy);
-    for (const part of document.querySelectorAll('header [data-tab="design"]')) part.remove();
+  /** Leave nothing of a tab that could not be made: the next one begins in its place. */
+  private clear(tab: State["tab"], name: Fetched): void {
+    byId(name).replaceChildren(byId(`${name}-busy`));
+    for (const part of document.querySelectorAll(`header [data-tab="${tab}"]`)) part.remove();
   }
 
-  private host(): Host {
+  private hostOf(place: Fetched, tab: State["tab"]): Pick<BenchHost, "place" | "header" | "isShown" | "say"> & { banner: typeof banner } {
     return {
-      place: byId("bench"),
+      place: byId(place),
       header: document.querySelector("header .tools")!,
-      isShown: () => this.store.state.tab === "design",
-      address: () => this.store.state.design,
-      setAddress: (design) => this.store.set({ design }),
-      beforeLeaving: (act) => (this.store.leaving = act),
+      isShown: () => this.store.state.tab === tab,
       banner,
       say,
-      lookThrough: (file, name) => this.lookThrough(file, name),
     };
   }
 
-  /** Look through a design, at the picture of a room that it takes. */
-  private async lookThrough(file: Blob, name: string): Promise<void> {
+  private benchHost(): BenchHost {
+    return {
+      ...this.hostOf("bench", "design"),
+      address: () => this.store.state.design,
+      setAddress: (design) => this.store.set({ design }),
+      beforeLeaving: (act) => (this.store.leaving = act),
+      lookThrough: (file, name) => this.lookThrough(file, name, (look) => look.sources.openRoom(false)),
+    };
+  }
+
+  private calibrateHost(): CalibrateHost {
+    return {
+      ...this.hostOf("calibrate", "calibrate"),
+      copy: (command) => void copy(command, "Command"),
+      lookThrough: (file, name, picture, pictureName) => this.lookThrough(file, name, (look) => look.sources.openFile(picture, pictureName)),
+    };
+  }
+
+  /** Look through a camera that was made here, at something. */
+  private async lookThrough(file: Blob, name: string, open: (look: Look) => Promise<void>): Promise<void> {
     if (!this.look) return say("Looking needs WebGL2, which this browser does not offer.");
     this.store.set({ tab: "look", source: "" });
     await this.look.sensor.load(file, name, "mirror", true);
-    await this.look.sources.openRoom(false);
+    await open(this.look);
   }
 }

@@ -46,7 +46,7 @@ describe("what cannot be is left out, and said", () => {
     ["rim=1,2", "rim = 1,2 (valid are a centre and a radius, px: u,v,radius)"],
     ["rim=1,2,-3", "rim = 1,2,-3 (valid are a centre and a radius, px: u,v,radius)"],
     ["looks=sideways", "looks = sideways (valid are up, down, forward)"],
-    ["tab=calibrate", "tab = calibrate (valid are look, design)"],
+    ["tab=bake", "tab = bake (valid are look, design, calibrate)"],
     ["roll=181", "roll = 181 (valid from -180 to 180)"],
   ])("%s", (hash, said) => {
     const { state, trouble } = fromHash(`#${hash}&tilt=7`);

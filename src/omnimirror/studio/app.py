@@ -1,4 +1,4 @@
-"""The studio's server: the page, and behind it the routes of both tabs."""
+"""The studio's server: the page, and behind it the routes of its tabs."""
 
 from __future__ import annotations
 
@@ -14,18 +14,22 @@ from .. import __version__
 from ..errors import OmnimirrorError
 from .access import Guard, policy_of
 from .bench.routes import add_bench
-from .limits import LARGEST_PICTURE, Bounded, Busy
+from .calibrate.routes import add_calibrate
+from .limits import LARGEST_PICTURE, LARGEST_SET, Bounded, Busy
 from .look.routes import add_look
 from .messages import Health, Problem
-from .pages import PageFile, bench_text, page_text
+from .pages import SCRIPTS, PageFile, page_text, script_text
 from .schema import REFUSALS
 from .studio import Studio
+
+PICTURES = ("/api/pictures", "/api/rim", "/api/calibrate/look", "/api/calibrate/straight")
+"""Where pictures are handed up."""
 
 
 def create_app(studio: Studio | None = None) -> ASGIApp:
     """The server as an ASGI application, guarded; :func:`api` is what stands behind the guard."""
     studio = studio or Studio()
-    taken = Bounded(api(studio), dict.fromkeys(("/api/pictures", "/api/rim"), LARGEST_PICTURE))
+    taken = Bounded(api(studio), {**dict.fromkeys(PICTURES, LARGEST_PICTURE), "/api/calibrate/together": LARGEST_SET})
     return Guard(taken, studio.hosts, studio.token, policy_of(page_text()))
 
 
@@ -36,6 +40,7 @@ def api(studio: Studio) -> FastAPI:
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         yield
         studio.streams.close()
+        studio.lookers.close()
 
     app = FastAPI(
         title="omnimirror studio", version=__version__, lifespan=lifespan, docs_url=None, redoc_url=None,
@@ -62,6 +67,7 @@ def api(studio: Studio) -> FastAPI:
     _add_page(app)
     add_look(app, studio)
     add_bench(app, studio)
+    add_calibrate(app, studio)
     return app
 
 
@@ -70,17 +76,24 @@ def _problem(status: int, sentence: str) -> Response:
 
 
 def _add_page(app: FastAPI) -> None:
-    page_file, bench_file = PageFile(page_text(), "text/html"), PageFile(bench_text(), "text/javascript")
+    page_file = PageFile(page_text(), "text/html")
 
     @app.get("/", include_in_schema=False)
     async def page(request: Request) -> Response:
         return page_file.answer(request)
 
-    @app.get("/bench.js", include_in_schema=False)
-    async def bench(request: Request) -> Response:
-        return bench_file.answer(request)
+    for name in SCRIPTS:
+        _add_script(app, name)
 
     @app.get("/health")
     async def health() -> Health:
         """Whether the server is there."""
         return Health(version=__version__)
+
+
+def _add_script(app: FastAPI, name: str) -> None:
+    file = PageFile(script_text(name), "text/javascript")
+
+    @app.get(f"/{name}", include_in_schema=False)
+    async def script(request: Request) -> Response:
+        return file.answer(request)

@@ -17,6 +17,8 @@ T = TypeVar("T")
 LARGEST_MESSAGE = 1 << 20
 """Bytes of a question, a design or a calibration."""
 LARGEST_PICTURE = 128 << 20
+LARGEST_SET = 16 << 20
+"""Bytes of the corners in all pictures of a calibration."""
 MOST_HELD = 512 << 20
 """Bytes of all requests that are being handed up just now."""
 GRACE_S = 30.0

@@ -15,7 +15,8 @@ if TYPE_CHECKING:
     from starlette.responses import Response
 
 PAGE = Path(__file__).parent / "page" / "index.html"
-BENCH = PAGE.with_name("bench.js")
+SCRIPTS = ("bench.js", "calibrate.js")
+"""Of the tabs that the page fetches when they are wanted."""
 
 
 @cache
@@ -25,9 +26,9 @@ def page_text() -> str:
 
 
 @cache
-def bench_text() -> str:
-    """The script of the design bench, which the page fetches when it is wanted."""
-    return BENCH.read_text(encoding="utf-8")
+def script_text(name: str) -> str:
+    """One of :data:`SCRIPTS`."""
+    return PAGE.with_name(name).read_text(encoding="utf-8")
 
 
 class PageFile:

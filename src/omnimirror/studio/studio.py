@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from .calibrate.looking import Lookers
 from .limits import Turns
 from .look.cameras import Cameras, Known
 from .look.sources import Sources
@@ -34,4 +35,5 @@ class Studio:
     def __post_init__(self) -> None:
         self.cameras = Cameras(self.given)
         self.streams = Streams()
+        self.lookers = Lookers()
         self.simulated, self.unpacked, self.reported = Turns(), Turns(), Turns()

@@ -1,6 +1,7 @@
 import * as api from "../shared/api";
 import { byId } from "../shared/dom";
 import type { Source, StreamState } from "../shared/messages";
+import { isVideo } from "../shared/media";
 import { banner, busy, fail } from "../shared/notices";
 import type { State } from "../shared/state";
 import type { Store } from "../shared/store";
@@ -155,8 +156,7 @@ export class Sources {
   }
 
   private feedOf(file: Blob, name: string): Promise<Feed> {
-    const isVideo = file.type.startsWith("video/") || /\.(mp4|webm|mov|mkv|m4v|avi)$/i.test(name);
-    return isVideo ? videoFeed(file, name) : pictureFeed(file, name, this.hasServer);
+    return isVideo(file, name) ? videoFeed(file, name) : pictureFeed(file, name, this.hasServer);
   }
 
   private show(feed: Feed): void {

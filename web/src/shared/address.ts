@@ -5,7 +5,7 @@ export function toHash(s: State): string {
   const parts = new URLSearchParams();
   for (const [key, value] of Object.entries(s)) {
     const own = INITIAL[key as keyof State];
-    if (value === own || value === null || (key === "design" && s.tab === "look")) continue;
+    if (value === own || value === null || (key === "design" && s.tab !== "design")) continue;
     parts.set(key, Array.isArray(value) ? value.map((x) => +x.toFixed(3)).join(",") : String(value));
   }
   const text = parts.toString();

@@ -1,5 +1,5 @@
-import { unpack } from "./framing";
-import type { BenchSensor, BenchStart, CameraAsk, CameraShown, Change, Download, Opened, PictureAsk, RequirementFile, RimFound, SensorEntry, SensorFile, Start, Taken } from "./messages";
+import { pack, unpack } from "./framing";
+import type { BenchSensor, BenchStart, BoardLook, BoardSeen, CalibrateStart, CameraAsk, CameraShown, Change, Download, Opened, PictureAsk, RequirementFile, RimFound, SensorEntry, SensorFile, Start, StraightAsk, Taken, Together, TogetherAsk } from "./messages";
 import { AWAY } from "./texts";
 
 /** Something the server refused, in its own sentence. */
@@ -62,6 +62,13 @@ export async function taken(asked: PictureAsk): Promise<{ picture: Blob; panoram
   return { picture: jpeg(start, middle), panorama: jpeg(middle, middle + header.panorama_bytes) };
 }
 
+// -- calibrating ----------------------------------------------------------------------------------
+
+export const calibrateStart = (): Promise<CalibrateStart> => got("api/calibrate");
+export const look = async (picture: Blob, asked: BoardLook, signal: AbortSignal): Promise<BoardSeen> => (await ask(to("api/calibrate/look", { ...asked }), { method: "POST", body: picture, signal })).json();
+export const together = async (asked: TogetherAsk): Promise<Together> => (await posted("api/calibrate/together", asked)).json();
+export const straight = async (asked: StraightAsk, picture: Blob): Promise<Blob> => (await ask("api/calibrate/straight", { method: "POST", body: pack(asked, picture) })).blob();
+
 // -- how it is asked ------------------------------------------------------------------------------
 
 type Query = Record<string, unknown>;
@@ -79,7 +86,8 @@ function to(path: string, query: Query): string {
 
 /** Ask the server; what it refuses is thrown as its sentence. */
 async function ask(url: string, init?: RequestInit): Promise<Response> {
-  const answer = await fetch(url, init).catch(() => {
+  const answer = await fetch(url, init).catch((e: unknown) => {
+    if (e instanceof DOMException && e.name === "AbortError") throw e; // who asked does not want it any more
     throw new Away(AWAY);
   });
   if (answer.ok) return answer;

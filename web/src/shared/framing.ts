@@ -4,3 +4,11 @@ export function unpack<T>(data: ArrayBuffer): { header: T; start: number } {
   const header = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, length))) as T;
   return { header, start: 4 + length };
 }
+
+/** A binary message: a header in words, and a file behind it. */
+export function pack(header: unknown, file: Blob): Blob {
+  const text = new TextEncoder().encode(JSON.stringify(header));
+  const length = new Uint8Array(4);
+  new DataView(length.buffer).setUint32(0, text.length, true);
+  return new Blob([length, text, file]);
+}

@@ -63,6 +63,121 @@ export interface Block {
   rows: number;
 }
 
+/** A calibration board, as :class:`omnimirror.Board` takes it. */
+export interface BoardAsked {
+  kind: "chessboard" | "charuco" | "aprilgrid";
+  columns: number;
+  rows: number;
+  square_mm: number;
+  marker_mm: number | null;
+  spacing: number;
+  family: string | null;
+  legacy: boolean;
+}
+
+/** A question about one picture: where in it the board is. */
+export interface BoardLook {
+  kind: "chessboard" | "charuco" | "aprilgrid";
+  columns: number;
+  rows: number;
+  square_mm: number;
+  marker_mm: number | null;
+  spacing: number;
+  family: string | null;
+  legacy: boolean;
+  name: string;
+  /** as for pictures of a camera that runs */
+  quick: boolean;
+}
+
+/** Where a board stood: what a straightened picture of it is made from. */
+export interface BoardPlace {
+  picture: string;
+  /** from the board's frame to the world's */
+  rotation: number[];
+  shift_mm: [number, number, number];
+  /** the board's first corner */
+  low_mm: [number, number];
+  high_mm: [number, number];
+  /** how much is shown about the corners */
+  margin_mm: number;
+  /** as fine as the picture is there */
+  px_per_mm: number;
+  /** whether the board's Y points up */
+  is_upwards: boolean;
+}
+
+/** What was found of a board in a picture, or why nothing was. */
+export interface BoardSeen {
+  name: string;
+  image_size: [number, number];
+  ids: number[];
+  corners_px: [number, number][];
+  sigma_px: number[] | null;
+  reason: string | null;
+  blur_px: number | null;
+  is_reversed: boolean | null;
+  begins_white: boolean | null;
+  is_part: boolean;
+  /** of a frame of a video */
+  time_s: number | null;
+}
+
+/** What the tab is made from. */
+export interface CalibrateStart {
+  /** kinds that can be estimated, simple ones first */
+  models: string[];
+  /** those that no fisheye is */
+  mirrors_only: string[];
+  /** of markers */
+  families: string[];
+}
+
+/** A calibration to be made; what was found in its pictures follows, a message each. */
+export interface CalibrationAsk {
+  board: BoardAsked;
+  pictures: number;
+  model: string;
+  optics: "mirror" | "fisheye";
+  camera_looks: "up" | "down" | "forward";
+  image_flipped: boolean;
+  centre_px: [number, number] | null;
+  rim_radius_px: number | null;
+  flat_board: boolean;
+  /** that does the same, for the report */
+  command: string;
+}
+
+/** A camera measured from its pictures. */
+export interface CalibrationFound {
+  kind: string;
+  summary: string;
+  rms_px: number;
+  held_out_rms_px: number | null;
+  corners: number;
+  seconds: number;
+  is_complete: boolean;
+  image_size: [number, number];
+  pictures: PictureOutcome[];
+  parameters: ParameterFound[];
+  models: ModelTried[];
+  outliers: OutlierFound[];
+  notes: string[];
+  advice: string[];
+  coverage: CoverageShown;
+  places: BoardPlace[];
+  camera_file: string;
+}
+
+/** How a calibration is doing: on its way, the camera it ended with and then its report, or why there is none. */
+export interface CalibrationNews {
+  state: "running" | "done" | "reported" | "failed";
+  sentence: string;
+  share: number | null;
+  found: CalibrationFound | null;
+  report: string | null;
+}
+
 /** Which camera, and how it stands; what is not said is as its file has it. */
 export interface CameraAsk {
   id: string;
@@ -108,6 +223,15 @@ export interface Change {
   to: string;
   /** null: infinite */
   object_distance_mm: number | null;
+}
+
+/** How corners are spread over the picture: rings of equal areas, sectors from the right over the bottom. */
+export interface CoverageShown {
+  centre_px: [number, number];
+  radii_px: number[];
+  counts: number[][];
+  /** corners that a cell should have */
+  enough: number;
 }
 
 /** A file of a design. */
@@ -171,6 +295,15 @@ export interface JudgementOf {
   limit: number | null;
 }
 
+/** A model that was compared. */
+export interface ModelTried {
+  kind: string;
+  parameters: number;
+  rms_px: number;
+  held_out_rms_px: number | null;
+  why: string;
+}
+
 /** How a camera stands. */
 export interface MountOf {
   camera_looks: "up" | "down" | "forward";
@@ -195,6 +328,22 @@ export interface News {
 export interface Opened {
   sensor: BenchSensor | null;
   requirements: Record<string, any> | null;
+}
+
+/** A corner that was left out. */
+export interface OutlierFound {
+  picture: string;
+  corner: number;
+  residual_px: number;
+}
+
+/** A parameter of the camera or of the board. */
+export interface ParameterFound {
+  name: string;
+  value: number;
+  /** null: it was fixed */
+  sigma: number | null;
+  unit: string;
 }
 
 /** A parameter as a part describes it: what a slider, a number field and a tooltip need. */
@@ -223,6 +372,21 @@ export interface PictureAsk {
   tables: Record<string, any>;
   width_px: number;
   samples: number;
+}
+
+/** What became of a picture. */
+export interface PictureOutcome {
+  name: string;
+  found: number;
+  used: boolean;
+  reason: string | null;
+  rms_px: number | null;
+  /** in a fit that was made without it */
+  held_out_rms_px: number | null;
+  /** how far its corners lie off the lines of the straightened board */
+  off_straight_px: number | null;
+  /** corner u, v, and how far it lies off */
+  residuals: [number, number, number, number][];
 }
 
 /** Why something was refused, in a sentence. */
@@ -293,6 +457,13 @@ export interface Start {
   sensor: string | null;
 }
 
+/** A picture of a board to be straightened by a camera; the picture follows. */
+export interface StraightAsk {
+  camera_file: string;
+  place: BoardPlace;
+  name: string;
+}
+
 /** How a stream is doing; pictures come beside it, as binary messages. */
 export interface StreamState {
   state: "waiting" | "playing" | "lost" | "ended";
@@ -337,6 +508,28 @@ export interface Task {
   shape: string;
   terms: number;
   starts: number;
+}
+
+/** What pictures of one camera are together. */
+export interface Together {
+  /** why each of them is not used */
+  reasons: string | null[];
+  coverage: CoverageShown | null;
+  advice: string[];
+  /** why the candidate adds nothing; null where it does */
+  not_new: string | null;
+}
+
+/** A question about pictures of one camera: what they are together. */
+export interface TogetherAsk {
+  board: BoardAsked;
+  pictures: BoardSeen[];
+  /** of the field; null: the middle of the picture */
+  centre_px: [number, number] | null;
+  /** of the field; null: that of the farthest corner */
+  radius_px: number | null;
+  /** what a camera sees now */
+  candidate: BoardSeen | null;
 }
 
 /** Why something cannot be: the entry it is about, if it is about one, and a sentence. */

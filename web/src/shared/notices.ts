@@ -14,7 +14,7 @@ export function say(sentence: string): void {
 }
 
 /** What a sentence that stays is about; each subject has one at a time. */
-type Subject = "server" | "address" | "picture" | "sensor" | "bench" | "page";
+type Subject = "server" | "address" | "picture" | "sensor" | "bench" | "calibrate" | "page";
 
 const standing = new Map<Subject, string>();
 

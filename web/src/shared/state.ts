@@ -4,7 +4,7 @@ export const MODES = ["panorama", "perspective", "dome", "planet", "ground", "mo
 export type Mode = (typeof MODES)[number];
 export const LOOKS = ["up", "down", "forward"] as const;
 export type Looks = (typeof LOOKS)[number];
-export const TABS = ["look", "design"] as const;
+export const TABS = ["look", "design", "calibrate"] as const;
 
 /** Everything that says what is seen. It lives in the address: a link or a reload brings it back. */
 export interface State {

@@ -32,3 +32,30 @@ export function parsed(text: string): unknown {
     return undefined;
   }
 }
+const STORE = "kept";
+
+function open(): Promise<IDBDatabase> {
+  return new Promise((resolve, reject) => {
+    const request = indexedDB.open("omnimirror-studio", 1);
+    request.onupgradeneeded = () => request.result.createObjectStore(STORE);
+    request.onsuccess = () => resolve(request.result);
+    request.onerror = () => reject(request.error);
+  });
+}
+
+async function run<T>(mode: IDBTransactionMode, act: (store: IDBObjectStore) => IDBRequest<T>): Promise<T | undefined> {
+  try {
+    const base = await open();
+    const request = act(base.transaction(STORE, mode).objectStore(STORE));
+    return await new Promise((resolve) => {
+      request.onsuccess = () => resolve(request.result);
+      request.onerror = () => resolve(undefined);
+    });
+  } catch {
+    return undefined; // private windows keep nothing
+  }
+}
+
+export const shelved = <T>(key: string): Promise<T | undefined> => run("readonly", (store) => store.get(key) as IDBRequest<T>);
+export const shelve = (key: string, value: unknown): Promise<unknown> => run("readwrite", (store) => store.put(value, key));
+export const unshelve = (key: string): Promise<unknown> => run("readwrite", (store) => store.delete(key) as IDBRequest<undefined>);

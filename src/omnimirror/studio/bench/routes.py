@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from fastapi import FastAPI, Request, WebSocket, WebSocketDisconnect
 from fastapi.responses import PlainTextResponse, Response
@@ -13,21 +13,24 @@ from ...errors import OmnimirrorError
 from ...specs import load_sensor
 from ..schema import BYTES, FILE_BODY, FileName
 from ..uploads import collected, safe_name
+from ..workers import Workers, relay
 from .files import SLOW_KINDS, downloaded, opened, requirement_file, taken
 from .form import bench_start
 from .messages import Ask, BenchSensor, BenchStart, Change, Download, News, Opened, PictureAsk, RequirementFile, Task
 from .sensors import changed, on_bench, sensor_on_bench
-from .work import Workers
 
 if TYPE_CHECKING:
     from ..studio import Studio
+
+MOST_SEARCHES = 2
+"""At once."""
 
 
 def add_bench(app: FastAPI, studio: Studio) -> None:
     """Put the bench's routes into a server."""
     _add_questions(app)
     _add_files(app, studio)
-    _add_sockets(app, Workers())
+    _add_sockets(app, Workers("omnimirror.studio.bench.work", MOST_SEARCHES, "searches"))
 
 
 def _add_questions(app: FastAPI) -> None:
@@ -136,13 +139,9 @@ async def _listen(socket: WebSocket, waiting: dict[int, Ask], news: asyncio.Even
 async def _work(socket: WebSocket, workers: Workers) -> None:
     try:
         task = Task.model_validate_json(await socket.receive_text())
-        async with workers.at(task) as lines:
-            gone = asyncio.create_task(socket.receive())
-            try:
-                async for line in _until(gone, lines):
-                    await socket.send_text(line)
-            finally:
-                gone.cancel()
+        async with workers.one() as worker:
+            worker.tell(task.model_dump_json())
+            await relay(worker, socket, asyncio.create_task(socket.receive()))
     except ValidationError:
         await socket.close(1003, "that is no task")
         return
@@ -150,17 +149,3 @@ async def _work(socket: WebSocket, workers: Workers) -> None:
         failed = News(state="failed", sentence=str(e), share=None, value=None, sensor=None)
         await socket.send_text(failed.model_dump_json())
     await socket.close()
-
-
-async def _until(gone: asyncio.Task[Any], lines: Any) -> Any:
-    """Lines, until there are no more or the page has gone."""
-    while True:
-        line = asyncio.create_task(anext(lines))
-        await asyncio.wait({gone, line}, return_when=asyncio.FIRST_COMPLETED)
-        if not line.done():
-            line.cancel()
-            return
-        try:
-            yield line.result()
-        except StopAsyncIteration:
-            return

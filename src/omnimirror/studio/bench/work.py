@@ -1,17 +1,13 @@
-"""What takes time runs in a process of its own, which sliders do not feel and which can be ended at any moment.
+"""Searches: the best mirror by a merit, a sensor from requirements.
 
 Run as ``python -m omnimirror.studio.bench.work`` it reads one task from its input and writes its news, a line each.
 """
 
 from __future__ import annotations
 
-import asyncio
-import subprocess
 import sys
-from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
+from collections.abc import Callable
 from dataclasses import replace
-from typing import IO
 
 import numpy as np
 
@@ -26,8 +22,6 @@ from ...sensor import Sensor
 from .judging import requirements_for
 from .messages import News, Task, distance_of
 from .sensors import in_place, on_bench, sensor_on_bench, why_not_optimised
-
-MOST_AT_ONCE = 2
 
 Tell = Callable[[News], None]
 
@@ -100,52 +94,9 @@ def _news(
     return News(state=state, sentence=sentence, share=share, value=value, sensor=on)  # type: ignore[arg-type]
 
 
-# -- on the server's side --------------------------------------------------------------------------
-
-
-class Workers:
-    """Processes at work, never too many."""
-
-    def __init__(self) -> None:
-        self._running = 0
-
-    @asynccontextmanager
-    async def at(self, task: Task) -> AsyncIterator[AsyncIterator[str]]:
-        """The news of a task as JSON lines; leaving the block ends its process.
-
-        Raises
-        ------
-        InvalidParameter
-            Too many are at work.
-        """
-        if self._running >= MOST_AT_ONCE:
-            raise InvalidParameter(f"{MOST_AT_ONCE} searches are running already; wait for one of them, or cancel it")
-        self._running += 1
-        process = subprocess.Popen(
-            [sys.executable, "-m", __name__],
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True,
-        )  # fmt: skip
-        try:
-            assert process.stdin is not None
-            assert process.stdout is not None
-            process.stdin.write(task.model_dump_json().encode())
-            process.stdin.close()
-            yield _lines(process.stdout)
-        finally:
-            self._running -= 1
-            process.kill()
-            process.wait()  # which a killed process does not make long
-            process.stdout.close()  # type: ignore[union-attr]
-
-
-async def _lines(stream: IO[bytes]) -> AsyncIterator[str]:
-    while line := await asyncio.to_thread(stream.readline):
-        yield line.decode()
-
-
 def main() -> None:
     """Perform the task on the standard input."""
-    task = Task.model_validate_json(sys.stdin.buffer.read())
+    task = Task.model_validate_json(sys.stdin.buffer.readline())
     perform(task, lambda news: print(news.model_dump_json(), flush=True))
 
 

@@ -1,7 +1,7 @@
 import * as api from "../../shared/api";
 import type { StreamState } from "../../shared/messages";
+import { asStored, openedWebcam, started } from "../../shared/media";
 import type { Picture } from "../drawing/renderer";
-import { asStored } from "./jpeg";
 
 /** A picture or something that moves: what is looked at. */
 export interface Feed {
@@ -56,24 +56,8 @@ export async function addressFeed(address: string, name: string, after = (): voi
 
 /** A camera of this machine. */
 export async function webcamFeed(id: string, lost: (sentence: string) => void): Promise<Feed> {
-  if (!navigator.mediaDevices) throw new api.Refused("Browsers give cameras to pages of this machine, or over https, only.");
-  let stream: MediaStream;
-  try {
-    const exact = id ? { deviceId: { exact: id } } : {};
-    stream = await navigator.mediaDevices.getUserMedia({ video: { ...exact, width: { ideal: 1920 }, height: { ideal: 1080 } } });
-  } catch (e) {
-    const name = (e as DOMException).name;
-    if (name === "OverconstrainedError" && id) return webcamFeed("", lost); // one of another day
-    if (name === "NotAllowedError") throw new api.Refused("The camera was refused. Allow it for this page in the browser's address bar, and try again.");
-    if (name === "NotFoundError") throw new api.Refused("There is no camera at this machine.");
-    throw new api.Refused("The camera cannot be opened; another program may be using it.");
-  }
-  const video = Object.assign(document.createElement("video"), { srcObject: stream, muted: true, playsInline: true });
-  await started(video);
-  const track = stream.getVideoTracks()[0];
-  const name = track.label || "webcam";
-  track.onended = () => lost(`${name} is gone. Plug it in again, and choose Webcam.`);
-  return { ...ofVideo(video, name, () => track.stop()), device: track.getSettings().deviceId ?? "" };
+  const { video, name, device, close } = await openedWebcam(id, lost);
+  return { ...ofVideo(video, name, close), device };
 }
 
 /** A video, camera or stream of the server's: the newest frame whenever the last one is drawn. */
@@ -113,14 +97,6 @@ export function streamFeed(id: string, name: string, told: (state: StreamState |
       if (feed) (feed.picture as ImageBitmap).close();
     };
     connect();
-  });
-}
-
-function started(video: HTMLVideoElement): Promise<void> {
-  return new Promise((resolve, reject) => {
-    video.onloadeddata = () => resolve();
-    video.onerror = reject;
-    video.play().catch(reject);
   });
 }
 

@@ -1,4 +1,5 @@
 /** What the browser keeps, so that nothing is lost on reload: the last pictures, and calibrations that were loaded. */
+import { shelve, shelved, unshelve } from "../../shared/storage";
 
 export interface Kept {
   blob: Blob;
@@ -14,7 +15,6 @@ interface Identity {
   name: string;
 }
 
-const STORE = "kept";
 const PICTURES = "pictures";
 const MOST_PICTURES = 8;
 const MOST_BYTES = 1 << 29; // of all pictures but the last one
@@ -22,39 +22,17 @@ const WHOLE_BYTES = 1 << 26; // longer files are known by their length and by pi
 const PIECES = 16;
 const PIECE_BYTES = 1 << 20;
 
-function open(): Promise<IDBDatabase> {
-  return new Promise((resolve, reject) => {
-    const request = indexedDB.open("omnimirror-studio", 1);
-    request.onupgradeneeded = () => request.result.createObjectStore(STORE);
-    request.onsuccess = () => resolve(request.result);
-    request.onerror = () => reject(request.error);
-  });
-}
-
-async function run<T>(mode: IDBTransactionMode, act: (store: IDBObjectStore) => IDBRequest<T>): Promise<T | undefined> {
-  try {
-    const base = await open();
-    const request = act(base.transaction(STORE, mode).objectStore(STORE));
-    return await new Promise((resolve) => {
-      request.onsuccess = () => resolve(request.result);
-      request.onerror = () => resolve(undefined);
-    });
-  } catch {
-    return undefined; // private windows keep nothing
-  }
-}
-
-export const keep = (key: string, value: Kept): Promise<unknown> => run("readwrite", (store) => store.put(value, key));
-export const kept = (key: string): Promise<Kept | undefined> => run("readonly", (store) => store.get(key) as IDBRequest<Kept>);
+export const keep = (key: string, value: Kept): Promise<unknown> => shelve(key, value);
+export const kept = (key: string): Promise<Kept | undefined> => shelved<Kept>(key);
 
 /** Keep a picture under its identity; the oldest of many are forgotten. */
 export async function keepPicture({ id }: Identity, value: Kept): Promise<void> {
   type Listed = { id: string; bytes: number };
-  const before = ((await run("readonly", (store) => store.get(PICTURES) as IDBRequest<Listed[]>)) ?? []).filter((p) => p.id !== id);
+  const before = ((await shelved<Listed[]>(PICTURES)) ?? []).filter((p) => p.id !== id);
   const all = [...before, { id, bytes: value.blob.size }];
   const newest = all.slice(-MOST_PICTURES).filter((_, i, some) => i === some.length - 1 || some.slice(i).reduce((sum, q) => sum + q.bytes, 0) < MOST_BYTES);
-  for (const gone of all.filter((p) => !newest.includes(p))) await run("readwrite", (store) => store.delete(`picture ${gone.id}`) as IDBRequest<undefined>);
-  await run("readwrite", (store) => store.put(newest, PICTURES));
+  for (const gone of all.filter((p) => !newest.includes(p))) await unshelve(`picture ${gone.id}`);
+  await shelve(PICTURES, newest);
   await keep(`picture ${id}`, value);
 }
 

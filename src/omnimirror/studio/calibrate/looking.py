@@ -1,0 +1,129 @@
+"""Boards looked for in pictures that are handed up, by processes of their own: one picture may take seconds.
+
+Run as ``python -m omnimirror.studio.calibrate.looking`` it reads questions from its input, each a line of JSON, a line
+with the length of the picture, and the picture; to each it answers with a line.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import subprocess
+import sys
+from contextlib import suppress
+from typing import BinaryIO
+
+from fastapi import Request
+
+from ...errors import InvalidParameter, OmnimirrorError
+from ..limits import MOST_WAITING, Busy
+from ..messages import Problem
+from ..uploads import picture_in
+from ..workers import begun, ended
+from .detections import board_of, told
+from .messages import BoardLook, BoardSeen
+
+MOST_AT_ONCE = 2
+IDLE_S = 60.0
+"""After which a process that nobody needs is let go."""
+
+
+class Lookers:
+    """Processes that look for boards, each with one picture at a time; begun when they are needed first."""
+
+    def __init__(self) -> None:
+        self._turn = asyncio.Semaphore(MOST_AT_ONCE)
+        self._idle: list[subprocess.Popen[bytes]] = []
+        self._asked = 0
+        self._letting_go: asyncio.TimerHandle | None = None
+
+    async def look(self, ask: BoardLook, data: bytes, request: Request) -> BoardSeen:
+        """What is found in a picture; the search ends when who asked goes.
+
+        Raises
+        ------
+        Busy
+            Too many wait for their turn.
+        OmnimirrorError
+            It is no picture, or there is no such board.
+        """
+        if self._asked >= MOST_WAITING:
+            raise Busy("more pictures are looked at than can be waited for; try again in a while")
+        self._asked += 1
+        if self._letting_go is not None:
+            self._letting_go.cancel()
+        try:
+            async with self._turn:
+                answer = await self._answer(ask, data, request)
+        finally:
+            self._asked -= 1
+            if not self._asked:
+                self._letting_go = asyncio.get_running_loop().call_later(IDLE_S, self.close)
+        if answer.startswith(b'{"detail"'):
+            raise InvalidParameter(Problem.model_validate_json(answer).detail)
+        return BoardSeen.model_validate_json(answer)
+
+    def close(self) -> None:
+        """Let go of the processes that have nothing to do."""
+        while self._idle:
+            ended(self._idle.pop())
+
+    async def _answer(self, ask: BoardLook, data: bytes, request: Request) -> bytes:
+        looker = self._idle.pop() if self._idle else begun(__name__)
+        asked = asyncio.create_task(asyncio.to_thread(_asked, looker, ask, data))
+        gone = asyncio.create_task(_gone(request))
+        answer = b""
+        try:
+            await asyncio.wait({asked, gone}, return_when=asyncio.FIRST_COMPLETED)
+            answer = asked.result() if asked.done() else b""
+        finally:
+            gone.cancel()
+            if answer:
+                self._idle.append(looker)
+            else:
+                ended(looker)  # with it the thread that waits for its answer
+        if not answer:
+            raise InvalidParameter(f"looking at {ask.name} was cut off; try again")
+        return answer
+
+
+def _asked(looker: subprocess.Popen[bytes], ask: BoardLook, data: bytes) -> bytes:
+    assert looker.stdin is not None
+    assert looker.stdout is not None
+    with suppress(OSError, ValueError):  # it was ended meanwhile
+        looker.stdin.write(b"%s\n%d\n" % (ask.model_dump_json().encode(), len(data)))
+        looker.stdin.write(data)
+        looker.stdin.flush()
+        return looker.stdout.readline()
+    return b""
+
+
+async def _gone(request: Request) -> None:
+    """Wait until who asked has gone."""
+    while (await request.receive())["type"] != "http.disconnect":
+        continue
+
+
+# -- in a process of its own -----------------------------------------------------------------------
+
+
+def look(ask: BoardLook, data: bytes) -> BoardSeen | Problem:
+    """What is found in a picture, or why it cannot be looked at."""
+    from ...calibrate.targets import find_board
+
+    try:
+        return told(find_board(picture_in(data, ask.name), board_of(ask), name=ask.name, quick=ask.quick))
+    except OmnimirrorError as e:
+        return Problem(detail=str(e))
+    except MemoryError:
+        return Problem(detail=f"{ask.name} takes more memory than the server has")
+
+
+def answer_all(questions: BinaryIO) -> None:
+    """Answer questions until there are no more."""
+    while line := questions.readline():
+        data = questions.read(int(questions.readline()))
+        print(look(BoardLook.model_validate_json(line), data).model_dump_json(), flush=True)
+
+
+if __name__ == "__main__":
+    answer_all(sys.stdin.buffer)

@@ -1,0 +1,199 @@
+"""What the server and the tab Calibrate tell each other; the page's types are made from these.
+
+The page keeps the pictures and what was found in them, and hands it up with each question, so that nothing is lost when
+the server is started anew. Numbers that are not finite travel as null.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from ..messages import Message
+
+Pixel = tuple[float, float]
+STOP = "stop"
+"""What a page says to a calibration that is to end with what it has found."""
+MOST_PICTURES = 200
+"""Of one calibration; frames of a video count."""
+
+
+class BoardAsked(Message):
+    """A calibration board, as :class:`omnimirror.Board` takes it."""
+
+    kind: Literal["chessboard", "charuco", "aprilgrid"] = "chessboard"
+    columns: int
+    rows: int
+    square_mm: float
+    marker_mm: float | None = None
+    spacing: float = 0.3
+    family: str | None = Field(default=None, max_length=40)
+    legacy: bool = False
+
+
+class BoardLook(BoardAsked):
+    """A question about one picture: where in it the board is."""
+
+    name: str = Field(default="picture", max_length=200)
+    quick: bool = Field(default=False, description="as for pictures of a camera that runs")
+
+
+class BoardSeen(Message):
+    """What was found of a board in a picture, or why nothing was."""
+
+    name: str = Field(max_length=250)
+    image_size: tuple[int, int]
+    ids: tuple[int, ...]
+    corners_px: tuple[Pixel, ...]
+    sigma_px: tuple[float, ...] | None
+    reason: str | None = Field(max_length=1000)
+    blur_px: float | None
+    is_reversed: bool | None
+    begins_white: bool | None
+    is_part: bool
+    time_s: float | None = Field(description="of a frame of a video")
+
+
+class TogetherAsk(Message):
+    """A question about pictures of one camera: what they are together."""
+
+    board: BoardAsked
+    pictures: tuple[BoardSeen, ...] = Field(max_length=MOST_PICTURES)
+    centre_px: Pixel | None = Field(description="of the field; null: the middle of the picture")
+    radius_px: float | None = Field(gt=0, description="of the field; null: that of the farthest corner")
+    candidate: BoardSeen | None = Field(description="what a camera sees now")
+
+
+class CoverageShown(Message):
+    """How corners are spread over the picture: rings of equal areas, sectors from the right over the bottom."""
+
+    centre_px: Pixel
+    radii_px: tuple[float, ...]
+    counts: tuple[tuple[int, ...], ...]
+    enough: int = Field(description="corners that a cell should have")
+
+
+class Together(Message):
+    """What pictures of one camera are together."""
+
+    reasons: tuple[str | None, ...] = Field(description="why each of them is not used")
+    coverage: CoverageShown | None
+    advice: tuple[str, ...]
+    not_new: str | None = Field(description="why the candidate adds nothing; null where it does")
+
+
+class CalibrationAsk(Message):
+    """A calibration to be made; what was found in its pictures follows, a message each."""
+
+    board: BoardAsked
+    pictures: int = Field(ge=1, le=MOST_PICTURES)
+    model: str = Field(max_length=60)
+    optics: Literal["mirror", "fisheye"]
+    camera_looks: Literal["up", "down", "forward"]
+    image_flipped: bool
+    centre_px: Pixel | None
+    rim_radius_px: float | None = Field(gt=0)
+    flat_board: bool
+    command: str = Field(max_length=30_000, description="that does the same, for the report")
+
+
+class PictureOutcome(Message):
+    """What became of a picture."""
+
+    name: str
+    found: int
+    used: bool
+    reason: str | None
+    rms_px: float | None
+    held_out_rms_px: float | None = Field(description="in a fit that was made without it")
+    off_straight_px: float | None = Field(description="how far its corners lie off the lines of the straightened board")
+    residuals: tuple[tuple[float, float, float, float], ...] = Field(description="corner u, v, and how far it lies off")
+
+
+class ParameterFound(Message):
+    """A parameter of the camera or of the board."""
+
+    name: str
+    value: float
+    sigma: float | None = Field(description="null: it was fixed")
+    unit: str
+
+
+class ModelTried(Message):
+    """A model that was compared."""
+
+    kind: str
+    parameters: int
+    rms_px: float
+    held_out_rms_px: float | None
+    why: str
+
+
+class OutlierFound(Message):
+    """A corner that was left out."""
+
+    picture: str
+    corner: int
+    residual_px: float
+
+
+class BoardPlace(Message):
+    """Where a board stood: what a straightened picture of it is made from."""
+
+    picture: str
+    rotation: tuple[float, ...] = Field(min_length=9, max_length=9, description="from the board's frame to the world's")
+    shift_mm: tuple[float, float, float]
+    low_mm: tuple[float, float] = Field(description="the board's first corner")
+    high_mm: tuple[float, float]
+    margin_mm: float = Field(ge=0, description="how much is shown about the corners")
+    px_per_mm: float = Field(gt=0, description="as fine as the picture is there")
+    is_upwards: bool = Field(description="whether the board's Y points up")
+
+
+class CalibrationFound(Message):
+    """A camera measured from its pictures."""
+
+    kind: str
+    summary: str
+    rms_px: float
+    held_out_rms_px: float | None
+    corners: int
+    seconds: float
+    is_complete: bool
+    image_size: tuple[int, int]
+    pictures: tuple[PictureOutcome, ...]
+    parameters: tuple[ParameterFound, ...]
+    models: tuple[ModelTried, ...]
+    outliers: tuple[OutlierFound, ...]
+    notes: tuple[str, ...]
+    advice: tuple[str, ...]
+    coverage: CoverageShown
+    places: tuple[BoardPlace, ...]
+    camera_file: str = Field(max_length=1 << 20)
+
+
+class CalibrationNews(Message):
+    """How a calibration is doing: on its way, the camera it ended with and then its report, or why there is none."""
+
+    state: Literal["running", "done", "reported", "failed"]
+    sentence: str
+    share: float | None = None
+    found: CalibrationFound | None = None
+    report: str | None = None
+
+
+class StraightAsk(Message):
+    """A picture of a board to be straightened by a camera; the picture follows."""
+
+    camera_file: str = Field(max_length=1 << 20)
+    place: BoardPlace
+    name: str = Field(max_length=250)
+
+
+class CalibrateStart(Message):
+    """What the tab is made from."""
+
+    models: tuple[str, ...] = Field(description="kinds that can be estimated, simple ones first")
+    mirrors_only: tuple[str, ...] = Field(description="those that no fisheye is")
+    families: tuple[str, ...] = Field(description="of markers")

@@ -1,0 +1,110 @@
+"""The routes of calibrating: boards in pictures, pictures together, a calibration, straightened boards."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import TYPE_CHECKING, Annotated
+
+from fastapi import FastAPI, Query, Request, WebSocket, WebSocketDisconnect
+from fastapi.responses import Response
+from pydantic import ValidationError
+
+from ...errors import OmnimirrorError
+from ..framing import unframed
+from ..schema import BYTES, FILE_BODY
+from ..uploads import collected
+from ..workers import Worker, Workers, relay
+from .detections import together
+from .looking import Lookers
+from .messages import (
+    STOP,
+    BoardLook,
+    BoardSeen,
+    CalibrateStart,
+    CalibrationAsk,
+    CalibrationNews,
+    StraightAsk,
+    Together,
+    TogetherAsk,
+)
+
+if TYPE_CHECKING:
+    from ..studio import Studio
+
+MOST_CALIBRATIONS = 2
+"""At once."""
+
+
+def add_calibrate(app: FastAPI, studio: Studio) -> None:
+    """Put the routes of calibrating into a server."""
+    _add_questions(app, studio.lookers)
+    _add_straight(app, studio)
+    _add_socket(app, Workers("omnimirror.studio.calibrate.work", MOST_CALIBRATIONS, "calibrations"))
+
+
+def _add_questions(app: FastAPI, lookers: Lookers) -> None:
+    @app.get("/api/calibrate")
+    def start() -> CalibrateStart:
+        """What can be asked for."""
+        from ...calibrate.estimation.ladder.models import KINDS
+        from ...calibrate.physical import SensorModel
+        from ...calibrate.targets.boards import families
+
+        return CalibrateStart(models=tuple(KINDS), mirrors_only=(SensorModel.KIND,), families=tuple(families()))
+
+    @app.post("/api/calibrate/look", openapi_extra=FILE_BODY)
+    async def look(request: Request, ask: Annotated[BoardLook, Query()]) -> BoardSeen:
+        """The corners of a board in a picture, or why it is not found."""
+        data = await collected(request)
+        return await lookers.look(ask, data, request)
+
+    @app.post("/api/calibrate/together")
+    def pictures_together(ask: TogetherAsk) -> Together:
+        """Which pictures belong together, what of the field they cover, and which to take next."""
+        return together(ask)
+
+
+def _add_straight(app: FastAPI, studio: Studio) -> None:
+    @app.post("/api/calibrate/straight", openapi_extra=FILE_BODY, response_class=Response, responses={200: BYTES})
+    async def straight(request: Request) -> Response:
+        """A board straightened by a camera, as JPEG; what is asked stands before the picture."""
+        from .straight import straightened  # brings the dewarper with it
+
+        ask, picture = unframed(await collected(request), StraightAsk)
+        made = await studio.unpacked.do(request, lambda: straightened(ask, picture))
+        return Response(made, media_type="image/jpeg")
+
+
+def _add_socket(app: FastAPI, workers: Workers) -> None:
+    @app.websocket("/api/calibrate/work")
+    async def work(socket: WebSocket) -> None:
+        """One calibration: what is asked, each picture's board, then its news; closing the socket ends it."""
+        await socket.accept()
+        try:
+            await _work(socket, workers)
+        except (WebSocketDisconnect, RuntimeError, OSError):
+            return
+
+
+async def _work(socket: WebSocket, workers: Workers) -> None:
+    try:
+        ask = CalibrationAsk.model_validate_json(await socket.receive_text())
+        async with workers.one() as worker:
+            worker.tell(ask.model_dump_json())
+            for _ in range(ask.pictures):
+                seen = BoardSeen.model_validate_json(await socket.receive_text())
+                await asyncio.to_thread(worker.tell, seen.model_dump_json())
+            await relay(worker, socket, asyncio.create_task(_stopped(socket, worker)))
+    except ValidationError:
+        await socket.close(1003, "that is no calibration")
+        return
+    except OmnimirrorError as e:
+        await socket.send_text(CalibrationNews(state="failed", sentence=str(e)).model_dump_json())
+    await socket.close()
+
+
+async def _stopped(socket: WebSocket, worker: Worker) -> None:
+    """Hand on that it is to stop, until the page goes."""
+    while (message := await socket.receive())["type"] != "websocket.disconnect":
+        if message.get("text") == STOP:
+            worker.tell(STOP)

@@ -1,0 +1,14 @@
+import * as api from "../shared/api";
+import { Calibrate } from "./calibrate";
+import sheet from "./calibrate.css?inline";
+import type { Host } from "./host";
+
+/** Make the tab in its place, with the pictures of the last time. */
+export async function begin(host: Host): Promise<Calibrate> {
+  const made = new CSSStyleSheet();
+  made.replaceSync(sheet);
+  document.adoptedStyleSheets = [...document.adoptedStyleSheets, made];
+  const calibrate = new Calibrate(host, await api.calibrateStart());
+  await calibrate.begin();
+  return calibrate;
+}

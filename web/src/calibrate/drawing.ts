@@ -1,0 +1,73 @@
+/** Shapes of what is drawn over pictures and into plots: paths of SVG, in pixels of the picture. */
+import type { CoverageShown } from "../shared/messages";
+
+type Pair = readonly [number, number];
+
+const at = (u: number, v: number): string => `${+u.toFixed(2)} ${+v.toFixed(2)}`;
+
+/** A small cross at each corner. */
+export const crosses = (corners: readonly Pair[], size: number): string => corners.map(([u, v]) => `M${at(u - size, v)}h${+(2 * size).toFixed(2)}M${at(u, v - size)}v${+(2 * size).toFixed(2)}`).join("");
+
+/** A dot at each place, as strokes without length. */
+export const dots = (places: readonly Pair[]): string => places.map(([x, y]) => `M${at(x, y)}h0`).join("");
+
+/** Residuals (u, v, du, dv) so many times as long, each a line from its corner. */
+export const arrows = (residuals: readonly (readonly [number, number, number, number])[], times: number): string => residuals.map(([u, v, du, dv]) => `M${at(u, v)}L${at(u + times * du, v + times * dv)}`).join("");
+
+/** Residuals along and across the radius: (radius, along, across), px. */
+export function byRadius(residuals: readonly (readonly [number, number, number, number])[], [cu, cv]: Pair): [number, number, number][] {
+  return residuals.map(([u, v, du, dv]) => {
+    const [x, y] = [u - cu, v - cv];
+    const radius = Math.hypot(x, y);
+    const [ex, ey] = radius > 0 ? [x / radius, y / radius] : [1, 0];
+    return [radius, du * ex + dv * ey, dv * ex - du * ey];
+  });
+}
+
+/** One cell of the field, between two radii, a sector about its direction. */
+interface Cell {
+  ring: number;
+  sector: number;
+  count: number;
+  path: string;
+}
+
+/** The cells in which corners are counted; sectors turn from the right over the bottom. */
+export function cellsOf({ centre_px: [u, v], radii_px: radii, counts }: CoverageShown): Cell[] {
+  const half = Math.PI / counts[0].length;
+  const place = (radius: number, angle: number): string => at(u + radius * Math.cos(angle), v + radius * Math.sin(angle));
+  return counts.flatMap((row, ring) =>
+    row.map((count, sector) => {
+      const [from, to] = [2 * half * sector - half, 2 * half * sector + half];
+      const [inner, outer] = [radii[ring], radii[ring + 1]];
+      const back = inner > 0 ? `L${place(inner, to)}A${inner} ${inner} 0 0 0 ${place(inner, from)}` : `L${at(u, v)}`;
+      return { ring, sector, count, path: `M${place(inner, from)}L${place(outer, from)}A${outer} ${outer} 0 0 1 ${place(outer, to)}${back}Z` };
+    }),
+  );
+}
+
+/** How many cells hold corners enough, and how many there are. */
+export function coveredIn({ counts, enough }: CoverageShown): [number, number] {
+  const all = counts.flat();
+  return [all.filter((count) => count >= enough).length, all.length];
+}
+
+/** A round number of times at which residuals of a size are as long as so many pixels. */
+export function timesFor(rms: number, length: number): number {
+  if (!(rms > 0)) return 1;
+  const wanted = length / rms;
+  const power = 10 ** Math.floor(Math.log10(wanted));
+  return Math.max(1, power * ([5, 2, 1].find((m) => m * power <= wanted) ?? 1));
+}
+
+/** How far a board moved between two looks, as a share of the picture's longer side; Infinity where they show other corners. */
+export function movedBy(before: { ids: number[]; corners_px: Pair[] } | null, now: { ids: number[]; corners_px: Pair[]; image_size: Pair }): number {
+  if (!before) return Infinity;
+  const places = new Map(before.ids.map((id, i) => [id, before.corners_px[i]]));
+  const steps = now.ids.flatMap((id, i) => {
+    const was = places.get(id);
+    return was ? [Math.hypot(now.corners_px[i][0] - was[0], now.corners_px[i][1] - was[1])] : [];
+  });
+  if (steps.length < now.ids.length / 2 || !steps.length) return Infinity;
+  return steps.sort((a, b) => a - b)[Math.floor(steps.length / 2)] / Math.max(...now.image_size);
+}

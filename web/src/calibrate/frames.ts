@@ -1,0 +1,32 @@
+import { Refused } from "../shared/api";
+
+const EVERY_S = 0.5;
+
+/** Pictures of a video, each half a second or, of a long one, so many in all, with their times. */
+export async function framesOf(file: Blob, name: string, most: number, take: (picture: Blob, name: string, time: number) => Promise<boolean>): Promise<void> {
+  const address = URL.createObjectURL(file);
+  const video = Object.assign(document.createElement("video"), { src: address, muted: true, preload: "auto" });
+  try {
+    await event(video, "loadeddata", name);
+    const seconds = Number.isFinite(video.duration) ? video.duration : 0;
+    const step = Math.max(EVERY_S, seconds / most);
+    for (let time = step / 2; time < seconds || time === step / 2; time += step) {
+      video.currentTime = Math.min(time, seconds);
+      await event(video, "seeked", name);
+      const canvas = document.createElement("canvas");
+      [canvas.width, canvas.height] = [video.videoWidth, video.videoHeight];
+      canvas.getContext("2d")!.drawImage(video, 0, 0);
+      const picture = await new Promise<Blob | null>((resolve) => canvas.toBlob(resolve, "image/png"));
+      if (!picture || !(await take(picture, `${name} at ${time.toFixed(2)} s`, time))) return;
+    }
+  } finally {
+    URL.revokeObjectURL(address);
+  }
+}
+
+function event(video: HTMLVideoElement, kind: "loadeddata" | "seeked", name: string): Promise<void> {
+  return new Promise((resolve, reject) => {
+    video.addEventListener(kind, () => resolve(), { once: true });
+    video.addEventListener("error", () => reject(new Refused(`${name} is not a video that this browser plays; the command line takes it: omnimirror calibrate ${name}`)), { once: true });
+  });
+}

@@ -1,0 +1,87 @@
+import { h, unique } from "../../shared/dom";
+import type { CalibrateStart, CalibrationAsk } from "../../shared/messages";
+import { words } from "../../shared/numbers";
+import { modelsFor, modelWords } from "../words";
+
+type Sought = Pick<CalibrationAsk, "model" | "optics" | "camera_looks" | "image_flipped" | "centre_px" | "rim_radius_px" | "flat_board">;
+
+/** The rim that was found in the pictures. */
+export type Rim = { centre: [number, number]; radius: number };
+
+const OPTICS: [Sought["optics"], string][] = [["mirror", "A mirror"], ["fisheye", "A fisheye"]];
+const LOOKS: [Sought["camera_looks"], string][] = [["up", "up"], ["down", "down"], ["forward", "ahead"]];
+
+/** What is known of the camera beforehand. */
+export class CameraPanel {
+  private readonly optics = select(OPTICS);
+  private readonly model = select([]);
+  private readonly looks = select(LOOKS);
+  private readonly flipped = checkbox();
+  private readonly flat = checkbox();
+  private readonly useRim = checkbox();
+  private readonly rimRow: HTMLElement;
+  private readonly rimWords = h("p", { className: "words" });
+  rim: Rim | null = null;
+
+  constructor(place: HTMLElement, private readonly start: CalibrateStart, changed: () => void) {
+    this.rimRow = h("label", { className: "check" }, this.useRim, "Begin at the rim, and end the field there");
+    const more = h("details", { className: "more" }, h("summary", {}, "More about the camera"), h("div", {}, field("Camera looks", this.looks), h("label", { className: "check" }, this.flipped, "The driver reverses its pictures left to right"), h("label", { className: "check" }, this.flat, "Take the board as perfectly flat and square")));
+    place.append(field("Seen through", this.optics), field("Model", this.model), this.rimRow, this.rimWords, more);
+    this.offer();
+    this.showRim(null);
+    this.optics.addEventListener("change", () => this.offer());
+    for (const input of [this.optics, this.model, this.looks, this.flipped, this.flat, this.useRim]) input.addEventListener("change", changed);
+  }
+
+  get sought(): Sought {
+    const rim = this.rim && this.useRim.checked && this.isMirror ? this.rim : null;
+    return {
+      model: this.model.value,
+      optics: this.optics.value as Sought["optics"],
+      camera_looks: this.looks.value as Sought["camera_looks"],
+      image_flipped: this.flipped.checked,
+      centre_px: rim ? rim.centre : null,
+      rim_radius_px: rim ? rim.radius : null,
+      flat_board: this.flat.checked,
+    };
+  }
+
+  get isMirror(): boolean {
+    return this.optics.value === "mirror";
+  }
+
+  take(sought: Sought, rim: Rim | null): void {
+    this.optics.value = sought.optics;
+    this.offer();
+    this.model.value = sought.model;
+    this.looks.value = sought.camera_looks;
+    this.flipped.checked = sought.image_flipped;
+    this.flat.checked = sought.flat_board;
+    this.showRim(rim);
+    this.useRim.checked = sought.rim_radius_px !== null;
+  }
+
+  /** Offer the rim that was found; null where none was. */
+  showRim(rim: Rim | null, tried = 0): void {
+    const isNew = rim !== null && this.rim === null;
+    this.rim = rim;
+    if (isNew) this.useRim.checked = true;
+    this.rimRow.hidden = rim === null;
+    this.rimWords.textContent = rim ? `The mirror's rim: ${words(rim.radius)} px about ${words(rim.centre[0])}, ${words(rim.centre[1])}.` : tried ? "No rim of a mirror is seen for sure; the search begins in the middle of the picture." : "";
+  }
+
+  private offer(): void {
+    const before = this.model.value || "auto";
+    const kinds = modelsFor(this.start, this.optics.value as Sought["optics"]);
+    this.model.replaceChildren(...kinds.map((kind) => h("option", { value: kind }, modelWords(kind))));
+    this.model.value = kinds.includes(before) ? before : "auto";
+  }
+}
+
+const select = (all: [string, string][]): HTMLSelectElement => h("select", {}, ...all.map(([value, text]) => h("option", { value }, text))) as HTMLSelectElement;
+const checkbox = (): HTMLInputElement => h("input", { type: "checkbox" }) as HTMLInputElement;
+
+function field(title: string, input: HTMLElement): HTMLElement {
+  input.id = unique();
+  return h("div", { className: "field" }, h("label", { htmlFor: input.id }, title), input);
+}

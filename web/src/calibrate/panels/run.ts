@@ -1,0 +1,95 @@
+import { socketAddress } from "../../shared/api";
+import { h, unique } from "../../shared/dom";
+import type { BoardSeen, CalibrationAsk, CalibrationFound, CalibrationNews } from "../../shared/messages";
+
+const STOP = "stop";
+const STOPPING = "Ending with the best camera found until now…";
+
+/** What is calibrated from, and who is told. */
+interface Hands {
+  given: () => { ask: CalibrationAsk; pictures: BoardSeen[] } | null;
+  found: (found: CalibrationFound) => void;
+  reported: (report: string) => void;
+}
+
+/** Beginning a calibration, saying how far it is, and ending it early. */
+export class RunPanel {
+  private socket: WebSocket | null = null;
+  private hasFound = false;
+  private readonly reason = h("p", { className: "words", id: unique() });
+  private readonly begin = h("button", { type: "button", className: "primary", onclick: () => this.start() }, "Calibrate") as HTMLButtonElement;
+  private readonly enough = h("button", { type: "button", hidden: true, onclick: () => this.end() }, "Stop, and keep what is found") as HTMLButtonElement;
+  private readonly cancel = h("button", { type: "button", hidden: true, onclick: () => this.over("Cancelled.") }, "Cancel") as HTMLButtonElement;
+  private readonly bar = h("progress", { max: 1, hidden: true, "aria-label": "Calibration" }) as HTMLProgressElement;
+  private readonly said = h("p", { className: "words", role: "status" });
+
+  constructor(place: HTMLElement, private readonly hands: Hands) {
+    this.begin.setAttribute("aria-describedby", this.reason.id);
+    place.append(h("div", { className: "row" }, this.begin, this.enough, this.cancel), this.reason, this.bar, this.said);
+  }
+
+  /** Offer to begin, or say why not. */
+  show(reason: string | null): void {
+    this.reason.textContent = reason ?? "";
+    this.reason.hidden = reason === null;
+    this.begin.disabled = this.socket !== null || reason !== null;
+  }
+
+  /** What is under way belongs to pictures that are no more. */
+  forget(): void {
+    if (this.socket) this.over("The pictures changed; begin again.");
+    else this.said.textContent = "";
+  }
+
+  private start(): void {
+    const given = this.hands.given();
+    if (!given) return;
+    const socket = (this.socket = new WebSocket(socketAddress("api/calibrate/work")));
+    this.hasFound = false;
+    socket.onopen = () => {
+      for (const message of [given.ask, ...given.pictures]) socket.send(JSON.stringify(message));
+    };
+    socket.onmessage = (e: MessageEvent<string>) => this.told(JSON.parse(e.data) as CalibrationNews);
+    socket.onclose = () => this.socket === socket && this.over(this.hasFound ? "Done; the report could not be made." : "The calibration was cut off; begin again.");
+    this.running(true);
+    this.said.textContent = "Starting…";
+  }
+
+  private told(news: CalibrationNews): void {
+    if (news.state === "running") {
+      this.bar.value = news.share ?? 0;
+      if (!this.enough.disabled) this.said.textContent = `${news.sentence}…`;
+    } else if (news.state === "done") {
+      this.hasFound = true;
+      this.hands.found(news.found!);
+      this.enough.hidden = true;
+      this.bar.removeAttribute("value");
+      this.said.textContent = "Done. Writing the report…";
+    } else if (news.state === "reported") {
+      this.over("Done.");
+      this.hands.reported(news.report!);
+    } else this.over(`${news.sentence[0].toUpperCase()}${news.sentence.slice(1).replace(/\.?$/, ".")}`);
+  }
+
+  /** Have it end with what it has found. */
+  private end(): void {
+    this.socket?.send(STOP);
+    this.enough.disabled = true;
+    this.said.textContent = STOPPING;
+  }
+
+  private over(sentence: string): void {
+    const socket = this.socket;
+    this.socket = null;
+    socket?.close();
+    this.running(false);
+    this.said.textContent = sentence;
+  }
+
+  private running(isRunning: boolean): void {
+    this.begin.disabled = isRunning || !this.reason.hidden;
+    this.enough.hidden = this.cancel.hidden = this.bar.hidden = !isRunning;
+    this.enough.disabled = false;
+    this.bar.removeAttribute("value");
+  }
+}

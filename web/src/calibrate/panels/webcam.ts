@@ -1,0 +1,147 @@
+import * as api from "../../shared/api";
+import { h, svg } from "../../shared/dom";
+import type { BoardAsked, BoardSeen, Together } from "../../shared/messages";
+import { openedWebcam } from "../../shared/media";
+import { cellsOf, crosses, movedBy } from "../drawing";
+
+const STILL = 0.008; // of the picture's longer side, between two looks
+const REST_MS = 120; // between two looks
+const PAUSE_MS = 700; // after an answer that failed
+
+interface Hands {
+  board: () => BoardAsked | null;
+  /** What the pictures are together with what the camera sees now. */
+  together: (candidate: BoardSeen) => Promise<Together>;
+  take: (picture: Blob) => Promise<boolean>;
+  closed: () => void;
+  fail: (e: unknown) => void;
+}
+
+/** A camera that runs: what of the board it sees, where to hold it next, and pictures that it takes. */
+export class WebcamPane {
+  readonly element: HTMLElement;
+  private readonly stage = h("div", { className: "live" });
+  private readonly overlay = svg("svg", { "aria-hidden": "true" });
+  private readonly said = h("p", { className: "advice", role: "status" });
+  private readonly auto = h("input", { type: "checkbox", checked: true }) as HTMLInputElement;
+  private readonly which = h("select", { "aria-label": "Which webcam", hidden: true }) as HTMLSelectElement;
+  private video: HTMLVideoElement | null = null;
+  private close = (): void => {};
+  private before: BoardSeen | null = null;
+  private wanted = false;
+  private number = 0;
+
+  constructor(private readonly hands: Hands) {
+    const buttons = h("div", { className: "row" }, h("button", { type: "button", className: "primary", onclick: () => (this.wanted = true) }, "Take a picture"), h("button", { type: "button", onclick: () => this.stop() }, "Close the webcam"), this.which);
+    this.element = h("section", { className: "plot webcam", "aria-label": "Webcam", hidden: true }, this.stage, this.said, h("label", { className: "check" }, this.auto, "Take pictures by itself, when the board is sharp, still, and somewhere new"), buttons);
+    this.which.addEventListener("change", () => void this.open(this.which.value));
+  }
+
+  get isOpen(): boolean {
+    return this.video !== null;
+  }
+
+  async open(id = ""): Promise<void> {
+    this.stop();
+    const number = ++this.number;
+    this.element.hidden = false;
+    this.say("Waiting for the camera…");
+    try {
+      const { video, device, close } = await openedWebcam(id, (sentence) => {
+        this.stop();
+        this.hands.fail(new api.Refused(sentence));
+      });
+      if (number !== this.number) return close();
+      [this.video, this.close] = [video, close];
+      this.overlay.setAttribute("viewBox", `-0.5 -0.5 ${video.videoWidth} ${video.videoHeight}`);
+      this.stage.replaceChildren(video, this.overlay);
+      await this.offer(device);
+      this.say("Show it the board.");
+      void this.run(number);
+    } catch (e) {
+      this.stop();
+      this.hands.fail(e);
+    }
+  }
+
+  stop(): void {
+    this.number++;
+    this.close();
+    this.close = () => {};
+    this.video = this.before = null;
+    this.wanted = false;
+    this.stage.replaceChildren();
+    this.element.hidden = true;
+    this.hands.closed();
+  }
+
+  private async offer(device: string): Promise<void> {
+    const cameras = (await navigator.mediaDevices.enumerateDevices()).filter((d) => d.kind === "videoinput");
+    this.which.replaceChildren(...cameras.map((d, i) => new Option(d.label || `Camera ${i + 1}`, d.deviceId)));
+    this.which.value = device;
+    this.which.hidden = cameras.length < 2;
+  }
+
+  /** Look again and again, one frame at a time. */
+  private async run(number: number): Promise<void> {
+    while (number === this.number) {
+      try {
+        await this.look(number);
+        await rest(REST_MS);
+      } catch (e) {
+        if (number !== this.number) return;
+        this.say(e instanceof Error && (e instanceof api.Refused || e instanceof api.Away) ? e.message : "Something went wrong with this picture.");
+        await rest(PAUSE_MS);
+      }
+    }
+  }
+
+  private async look(number: number): Promise<void> {
+    const board = this.hands.board();
+    if (!board || document.hidden) return;
+    const frame = await frameOf(this.video!);
+    if (this.wanted) return this.take(frame, "Taken.");
+    const seen = await api.look(frame, { ...board, name: "the picture", quick: true }, new AbortController().signal);
+    const together = await this.hands.together(seen);
+    if (number !== this.number) return;
+    this.draw(seen, together);
+    const isStill = movedBy(this.before, seen) < STILL;
+    this.before = seen;
+    if (seen.reason !== null) return this.say(`${advice(together) || "Show it the board."} Now ${seen.reason}.`);
+    if (together.not_new !== null) return this.say(advice(together) || `Hold it elsewhere: ${together.not_new}.`);
+    if (!isStill) return this.say("Here; hold it still.");
+    if (this.auto.checked) return this.take(frame, "Taken. Now hold it elsewhere.");
+    this.say("This would be a good picture: take it.");
+  }
+
+  private async take(frame: Blob, words: string): Promise<void> {
+    this.wanted = false;
+    this.before = null;
+    this.say((await this.hands.take(frame)) ? words : "There are as many pictures as can be used.");
+  }
+
+  private draw(seen: BoardSeen, { coverage }: Together): void {
+    const [width, height] = seen.image_size;
+    this.overlay.setAttribute("viewBox", `-0.5 -0.5 ${width} ${height}`);
+    const size = Math.max(width, height) / 140;
+    const empty = coverage ? cellsOf(coverage).filter((cell) => cell.count < coverage.enough) : [];
+    this.overlay.replaceChildren(svg("path", { class: "wanted", d: empty.map((cell) => cell.path).join("") }), svg("path", { class: "corners", d: crosses(seen.corners_px, size) }));
+  }
+
+  private say(sentence: string): void {
+    if (this.said.textContent !== sentence) this.said.textContent = sentence;
+  }
+}
+
+/** Where to hold the board next. */
+const advice = ({ advice: all }: Together): string => all.find((sentence) => !sentence.startsWith("Take more")) ?? "";
+const rest = (ms: number): Promise<void> => new Promise((resolve) => setTimeout(resolve, ms));
+
+async function frameOf(video: HTMLVideoElement): Promise<Blob> {
+  const canvas = document.createElement("canvas");
+  [canvas.width, canvas.height] = [video.videoWidth, video.videoHeight];
+  canvas.getContext("2d")!.drawImage(video, 0, 0);
+  const frame = await new Promise<Blob | null>((resolve) => canvas.toBlob(resolve, "image/png"));
+  if (!frame) throw new api.Refused("The browser made no picture of the camera's.");
+  return frame;
+}

@@ -1,0 +1,160 @@
+import * as api from "../shared/api";
+import type { BoardAsked, BoardSeen } from "../shared/messages";
+import { shelve, shelved, unshelve } from "../shared/storage";
+import { asStored } from "../shared/media";
+import { unlike } from "./words";
+
+/** A picture of the board, and what is known of it. */
+export interface Shot {
+  key: string;
+  name: string;
+  blob: Blob;
+  /** Of a frame of a video, s. */
+  time: number | null;
+  /** A small picture of it; "" where the browser does not read it. */
+  thumbnail: string;
+  seen: BoardSeen | null;
+  /** Why it could not be looked at. */
+  trouble: string | null;
+  /** Why it is not used: by itself, and then beside the others, which may tell that a part of a board is one. */
+  reason: string | null;
+}
+
+type Listed = Pick<Shot, "key" | "name" | "time" | "seen">;
+
+export const MOST_SHOTS = 100;
+const AT_ONCE = 2;
+const THUMBNAIL_PX = 240;
+const LIST = "boards";
+
+interface Hands {
+  board: () => BoardAsked | null;
+  changed: () => void;
+  /** All that can be looked at was. */
+  settled: () => void;
+  fail: (e: unknown) => void;
+}
+
+/** The pictures, each looked at in its turn, and kept by the browser. */
+export class Shots {
+  all: Shot[] = [];
+  /** The board that was looked for last. */
+  private lookedFor = "";
+  private looking = new Map<Shot, AbortController>();
+
+  constructor(private readonly hands: Hands) {}
+
+  get found(): Shot[] {
+    return this.all.filter((s) => s.seen !== null && s.seen.ids.length > 0 && s.reason === null);
+  }
+
+  get waiting(): number {
+    return this.all.filter((s) => s.seen === null && s.trouble === null).length;
+  }
+
+  get bytes(): number {
+    return this.all.reduce((sum, s) => sum + s.blob.size, 0);
+  }
+
+  /** The pictures of the last time. */
+  async restore(): Promise<void> {
+    for (const listed of (await shelved<Listed[]>(LIST)) ?? []) {
+      const blob = await shelved<Blob>(`board ${listed.key}`);
+      if (blob) this.all.push({ ...listed, blob, trouble: null, reason: listed.seen?.reason ?? null, thumbnail: await thumbnailOf(blob, listed.name) });
+    }
+    this.hands.changed();
+    this.go();
+  }
+
+  /** Take a picture; false where there are enough. */
+  async add(blob: Blob, name: string, time: number | null = null): Promise<boolean> {
+    if (this.all.length >= MOST_SHOTS) return false;
+    const shot: Shot = { key: `${Date.now().toString(36)}-${Math.random().toString(36).slice(2, 8)}`, name: unlike(name, new Set(this.all.map((s) => s.name))), blob, time, thumbnail: "", seen: null, trouble: null, reason: null };
+    this.all.push(shot);
+    this.hands.changed();
+    void shelve(`board ${shot.key}`, blob);
+    shot.thumbnail = await thumbnailOf(blob, name);
+    this.hands.changed();
+    this.go();
+    return true;
+  }
+
+  remove(shot: Shot): void {
+    this.looking.get(shot)?.abort();
+    this.all = this.all.filter((s) => s !== shot);
+    URL.revokeObjectURL(shot.thumbnail);
+    void unshelve(`board ${shot.key}`);
+    this.told();
+  }
+
+  clear(): void {
+    for (const shot of [...this.all]) this.remove(shot);
+  }
+
+  /** Look at all of them anew, if the board is another one; whether it is. */
+  again(): boolean {
+    if (JSON.stringify(this.hands.board()) === this.lookedFor) return false;
+    for (const controller of this.looking.values()) controller.abort();
+    for (const shot of this.all) Object.assign(shot, { seen: null, trouble: null, reason: null });
+    this.told();
+    this.go();
+    return true;
+  }
+
+  /** Look again at one that could not be looked at. */
+  retry(shot: Shot): void {
+    Object.assign(shot, { seen: null, trouble: null });
+    this.told();
+    this.go();
+  }
+
+  /** Begin as many looks as may be under way. */
+  private go(): void {
+    const board = this.hands.board();
+    if (!board) return;
+    this.lookedFor = JSON.stringify(board);
+    for (const shot of this.all) {
+      if (this.looking.size >= AT_ONCE) return;
+      if (shot.seen === null && shot.trouble === null && !this.looking.has(shot)) void this.look(shot, board);
+    }
+  }
+
+  private async look(shot: Shot, board: BoardAsked): Promise<void> {
+    const controller = new AbortController();
+    this.looking.set(shot, controller);
+    this.hands.changed();
+    try {
+      shot.seen = { ...(await api.look(shot.blob, { ...board, name: shot.name, quick: false }, controller.signal)), time_s: shot.time };
+      shot.reason = shot.seen.reason;
+    } catch (e) {
+      if (e instanceof api.Refused) shot.trouble = e.message;
+      else if (e instanceof api.Away) shot.trouble = "The studio's server does not answer.";
+      else if (!controller.signal.aborted) this.hands.fail(e);
+    }
+    this.looking.delete(shot);
+    this.told();
+    if (!this.waiting) this.hands.settled();
+    this.go();
+  }
+
+  private told(): void {
+    const listed: Listed[] = this.all.map(({ key, name, time, seen }) => ({ key, name, time, seen }));
+    void shelve(LIST, listed);
+    this.hands.changed();
+  }
+}
+
+async function thumbnailOf(blob: Blob, name: string): Promise<string> {
+  try {
+    const bitmap = await createImageBitmap(await asStored(blob)).catch(async () => createImageBitmap(await api.convert(blob, name)));
+    const scale = Math.min(1, THUMBNAIL_PX / Math.max(bitmap.width, bitmap.height));
+    const canvas = document.createElement("canvas");
+    [canvas.width, canvas.height] = [bitmap.width, bitmap.height].map((side) => Math.max(1, Math.round(side * scale)));
+    canvas.getContext("2d")!.drawImage(bitmap, 0, 0, canvas.width, canvas.height);
+    bitmap.close();
+    const small = await new Promise<Blob | null>((resolve) => canvas.toBlob(resolve, "image/jpeg", 0.8));
+    return small ? URL.createObjectURL(small) : "";
+  } catch {
+    return ""; // the server says what is wrong with it
+  }
+}

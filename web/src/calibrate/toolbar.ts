@@ -1,0 +1,66 @@
+import { h, save } from "../shared/dom";
+import type { CalibrationFound } from "../shared/messages";
+import type { Host } from "./host";
+
+interface Hands {
+  add: (files: readonly File[]) => void;
+  webcam: () => void;
+  clear: () => void;
+  found: () => CalibrationFound | null;
+  report: () => string | null;
+  look: () => void;
+}
+
+/** What stands in the page's header while the tab is shown; files dropped then are the tab's. */
+export class Toolbar {
+  private readonly file = h("input", { type: "file", multiple: true, accept: "image/*,video/*,.tif,.tiff", hidden: true, "aria-label": "Pictures or a video of a board", id: "calibrate-files" }) as HTMLInputElement;
+  private readonly clear = h("button", { type: "button" }, "Clear") as HTMLButtonElement;
+  private readonly keep: HTMLElement;
+  private readonly report = h("button", { type: "button", title: "Everything on one page" }, "Report") as HTMLButtonElement;
+
+  constructor(private readonly host: Host, private readonly hands: Hands) {
+    this.file.addEventListener("change", () => {
+      hands.add([...(this.file.files ?? [])]);
+      this.file.value = "";
+    });
+    this.clear.addEventListener("click", () => hands.clear());
+    this.report.addEventListener("click", () => this.download(hands.report(), "calibration.html", "text/html"));
+    const camera = h("button", { type: "button", title: "The camera file, which every command takes", onclick: () => this.download(hands.found()?.camera_file ?? null, "camera.toml", "application/toml") }, "Camera file");
+    const look = h("button", { type: "button", className: "primary", onclick: () => hands.look() }, "Look through it");
+    this.keep = nav("Keep the camera", "keep", camera, this.report, look);
+    host.header.append(nav("Pictures of a board", "", h("button", { type: "button", onclick: () => this.open() }, "Add pictures…"), h("button", { type: "button", onclick: () => hands.webcam() }, "Webcam"), this.clear, this.file), this.keep);
+    this.bindDropping();
+  }
+
+  open(): void {
+    this.file.click();
+  }
+
+  show(hasPictures: boolean): void {
+    this.clear.hidden = !hasPictures;
+    this.keep.hidden = this.hands.found() === null;
+    const isMade = this.hands.report() !== null;
+    this.report.disabled = !isMade;
+    this.report.textContent = isMade ? "Report" : "Writing the report…";
+  }
+
+  private download(text: string | null, name: string, type: string): void {
+    if (text !== null) save(new Blob([text], { type }), name);
+  }
+
+  private bindDropping(): void {
+    document.addEventListener(
+      "drop",
+      (e) => {
+        const files = [...(e.dataTransfer?.files ?? [])];
+        if (!this.host.isShown() || !files.length) return;
+        e.preventDefault();
+        e.stopImmediatePropagation();
+        this.hands.add(files);
+      },
+      { capture: true },
+    );
+  }
+}
+
+const nav = (title: string, className: string, ...children: HTMLElement[]): HTMLElement => h("nav", { "aria-label": title, className, "data-tab": "calibrate" }, ...children);

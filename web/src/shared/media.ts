@@ -1,0 +1,58 @@
+/** Pictures as their files hold them, and what moves: videos and cameras. */
+import { Refused } from "./api";
+
+/** A camera of this machine that runs. */
+interface Webcam {
+  video: HTMLVideoElement;
+  name: string;
+  device: string;
+  close: () => void;
+}
+
+/** A camera of this machine; `lost` is told when it goes. */
+export async function openedWebcam(id: string, lost: (sentence: string) => void): Promise<Webcam> {
+  if (!navigator.mediaDevices) throw new Refused("Browsers give cameras to pages of this machine, or over https, only.");
+  let stream: MediaStream;
+  try {
+    const exact = id ? { deviceId: { exact: id } } : {};
+    stream = await navigator.mediaDevices.getUserMedia({ video: { ...exact, width: { ideal: 1920 }, height: { ideal: 1080 } } });
+  } catch (e) {
+    const name = (e as DOMException).name;
+    if (name === "OverconstrainedError" && id) return openedWebcam("", lost); // one of another day
+    if (name === "NotAllowedError") throw new Refused("The camera was refused. Allow it for this page in the browser's address bar, and try again.");
+    if (name === "NotFoundError") throw new Refused("There is no camera at this machine.");
+    throw new Refused("The camera cannot be opened; another program may be using it.");
+  }
+  const video = Object.assign(document.createElement("video"), { srcObject: stream, muted: true, playsInline: true });
+  await started(video);
+  const track = stream.getVideoTracks()[0];
+  const name = track.label || "webcam";
+  track.onended = () => lost(`${name} is gone. Plug it in again, and choose Webcam.`);
+  return { video, name, device: track.getSettings().deviceId ?? "", close: () => track.stop() };
+}
+
+/** Wait until a video shows something. */
+export function started(video: HTMLVideoElement): Promise<void> {
+  return new Promise((resolve, reject) => {
+    video.onloadeddata = () => resolve();
+    video.onerror = reject;
+    video.play().catch(reject);
+  });
+}
+
+export const isVideo = (file: Blob, name: string): boolean => file.type.startsWith("video/") || /\.(mp4|webm|mov|mkv|m4v|avi)$/i.test(name);
+
+/** The JPEG without what cameras note beside it: a calibration belongs to the pixels as stored, unturned. */
+export async function asStored(blob: Blob): Promise<Blob> {
+  const bytes = new Uint8Array(await blob.arrayBuffer());
+  if (bytes[0] !== 0xff || bytes[1] !== 0xd8) return blob;
+  const kept: Uint8Array<ArrayBuffer>[] = [bytes.slice(0, 2)];
+  let at = 2;
+  while (bytes[at] === 0xff && bytes[at + 1] !== 0xda) {
+    const end = at + 2 + bytes[at + 2] * 256 + bytes[at + 3];
+    if (bytes[at + 1] !== 0xe1) kept.push(bytes.slice(at, end));
+    if (!(end > at)) return blob;
+    at = end;
+  }
+  return new Blob([...kept, bytes.slice(at)], { type: "image/jpeg" });
+}
