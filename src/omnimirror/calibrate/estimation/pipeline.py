@@ -160,9 +160,8 @@ def _all_climbed(base: Adjustment, plan: CalibrationPlan, watch: Watch, course: 
         kind = _kind(wanted)
         watch.at(f"fitting {kind}", 0.05 + 0.35 * number / len(ladder))
         try:
-            into = wanted if isinstance(wanted, CameraModel) else _begun_as(wanted, unified, base, fits)
-            fixed, priors = plan.known.of(into, plan.shape)
-            fits[kind] = climbed(base, into, shape=plan.shape, fixed=fixed, priors=priors)
+            starts = [wanted] if isinstance(wanted, CameraModel) else _starts(wanted, unified, base, fits)
+            fits[kind] = _best_climbed(base, starts, plan)
         except OmnimirrorError as e:
             course.failures[kind] = str(e)
             continue
@@ -174,12 +173,24 @@ def _all_climbed(base: Adjustment, plan: CalibrationPlan, watch: Watch, course: 
     return fits
 
 
-def _begun_as(kind: str, unified: Unified, base: Adjustment, fits: dict[str, Adjustment]) -> CameraModel:
-    """A model of a kind to begin with; how large a mirror is the viewpoints that were found tell."""
-    wandering = fits.get(ViewpointSpline.KIND)
-    if kind == SensorModel.KIND and wandering is not None:
-        return mirror_like(unified, wandering, field_of(base))
-    return begun_as(kind, unified, field_of(base))
+def _starts(kind: str, unified: Unified, base: Adjustment, fits: dict[str, Adjustment]) -> list[CameraModel]:
+    """Models of a kind to begin with; how large a mirror is the viewpoints that were found may tell."""
+    usual, wandering = begun_as(kind, unified, field_of(base)), fits.get(ViewpointSpline.KIND)
+    if kind != SensorModel.KIND or wandering is None:
+        return [usual]
+    sized = mirror_like(unified, wandering, field_of(base))
+    return [usual] if sized is None else [sized, usual]
+
+
+def _best_climbed(base: Adjustment, starts: Sequence[CameraModel], plan: CalibrationPlan) -> Adjustment:
+    """From the first start that ends no worse than the unified model, or else from the best of all."""
+    tried: list[Adjustment] = []
+    for into in starts:
+        fixed, priors = plan.known.of(into, plan.shape)
+        tried.append(climbed(base, into, shape=plan.shape, fixed=fixed, priors=priors))
+        if tried[-1].question.noise_px <= base.question.noise_px:
+            break
+    return min(tried, key=lambda fit: fit.question.noise_px)
 
 
 def _order(wanted: str | CameraModel) -> int:

@@ -38,6 +38,7 @@ RIM_TO_DISTANCE = 4.0
 """Distance of an unknown mirror in its rim radii: of most that are sold it is 3 to 5."""
 DISTANCES = (3.0, 3.5, 4.0, 4.5, 5.0)
 SIZES_MM = (4.0, 1000.0)  # rim radii of mirrors
+UNLIKE = 0.9  # of how far a viewpoint moves: so much may be left that no size explains
 
 
 class RadialLaw(NamedTuple):
@@ -105,11 +106,14 @@ def unknown_sensor(central: CameraModel, law: RadialLaw, rim_radius_mm: float, d
     )
 
 
-def guessed_size(central: CameraModel, omega_max_deg: float, omega: Array, viewpoint_mm: Array) -> tuple[float, float]:
+def guessed_size(
+    central: CameraModel, omega_max_deg: float, omega: Array, viewpoint_mm: Array
+) -> tuple[float, float] | None:
     """Rim radius and distance of the unknown mirror whose viewpoint moves most as one was seen to, mm.
 
     A mirror that is to show what a central model shows has one shape for each distance in rim radii; then its viewpoint
-    moves along the axis in proportion to its size. What it moves by is all that pictures show of either.
+    moves along the axis in proportion to its size. What it moves by is all that pictures show of either; None where it
+    moves as no such mirror's does, as where it hardly moves at all.
 
     Parameters
     ----------
@@ -129,9 +133,11 @@ def guessed_size(central: CameraModel, omega_max_deg: float, omega: Array, viewp
         rays = sensor.meridian.trace(x)
         moved = np.interp(omega, rays.omega, rays.z + rays.viewpoint_offset())
         moved -= moved.mean()
-        size = float(np.clip(moved @ wanted / max(moved @ moved, 1e-12), *SIZES_MM))
+        size = float(moved @ wanted / max(moved @ moved, 1e-12))
         guesses.append((float(np.sum((wanted - size * moved) ** 2)), size, distance * size))
-    return min(guesses)[1:]
+    left, size, distance_mm = min(guesses)
+    is_known = SIZES_MM[0] < size < SIZES_MM[1] and left < UNLIKE**2 * float(wanted @ wanted)
+    return (size, distance_mm) if is_known else None
 
 
 def shaped_like(law: RadialLaw, sensor: Sensor, rim_is_known: bool) -> Sensor:

@@ -60,8 +60,8 @@ def _mirror(u: Unified, omega_max_deg: float) -> CameraModel:
     return SensorModel.start_from(u, omega_max_deg=omega_max_deg)
 
 
-def mirror_like(central: Unified, fit: Adjustment, omega_max_deg: float) -> SensorModel:
-    """An unknown mirror to begin with, as large as a fitted spline of viewpoints shows it.
+def mirror_like(central: Unified, fit: Adjustment, omega_max_deg: float) -> SensorModel | None:
+    """An unknown mirror to begin with, as large as a fitted spline of viewpoints shows it; None where it shows none.
 
     Parameters
     ----------
@@ -78,7 +78,10 @@ def mirror_like(central: Unified, fit: Adjustment, omega_max_deg: float) -> Sens
     corners = np.concatenate([s.motion(s.points) for s in fit.sightings if s.motion is not None])
     omega = np.arctan2(np.hypot(corners[:, 0], corners[:, 1]), -corners[:, 2])
     omega = np.sort(omega[omega < np.radians(end)])[:: max(1, len(omega) // SOME)]
-    rim, distance = guessed_size(central, end, omega, -model._viewpoint_mm(omega))
+    guess = guessed_size(central, end, omega, -model._viewpoint_mm(omega))
+    if guess is None:
+        return None
+    rim, distance = guess
     return SensorModel.start_from(central, omega_max_deg=end, rim_radius_mm=rim, distance_mm=distance)
 
 
@@ -94,8 +97,8 @@ KINDS: dict[str, Maker] = {
 }
 """By their names in files and on the command line, the mirror sensor as physics has it last."""
 SOME = 300  # corners, by which a size is guessed
-JUDGES = ("radial-spline", "viewpoint-spline")
-"""The most flexible kinds, by which outliers are told."""
+JUDGES = ("unified", "radial-spline", "viewpoint-spline")
+"""Kinds by which outliers are told: the most flexible ones, and one that no spline follows where radii grow fast."""
 
 
 def begun_as(kind: str, central: Unified, omega_max_deg: float) -> CameraModel:
