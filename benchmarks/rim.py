@@ -1,7 +1,7 @@
-"""How often the rim of a mirror is found, and how sure that is: photographs composed by seed, half to learn from.
+"""How often the rim of a mirror is found, and how sure that is: pictures made by seed in five ways, some of no mirror.
 
-The weights were learned from seeds below 1000, with `--learn`, which prints them; failures of the seeds 1000 to 1059
-were looked at while the finder was made, those from 5000 on never.
+The weights were learned from composed photographs with seeds below 1000, with `--learn`, which prints them; failures of
+the seeds 1000 to 1059 were looked at while the finder was made, those from 5000 on never.
 
     python benchmarks/rim.py --environments ../shared/data/environments --out out/benchmarks
     python benchmarks/rim.py --environments ../shared/data/environments --learn 240
@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 from mirror_photographs import Photograph, compose, error_of
+from mirror_pictures import WAYS, nothing
 from scipy.optimize import minimize
 
 import omnimirror as om
@@ -26,7 +27,7 @@ from omnimirror.calibrate.rim.cues import cues_of
 from omnimirror.calibrate.rim.edges import at_working_size, edges_of
 from omnimirror.files import write_text
 
-FIRST, MIRRORS, NONE = 5000, 200, 40
+FIRST, MIRRORS = 5000, 200
 RIGHT = 0.01  # of the radius
 NEARLY = 0.015  # at working size, from where it is placed in the full picture
 RIDGE = 0.06
@@ -51,23 +52,22 @@ def looked_at(seed: int, photograph: Photograph) -> Found:
     return Found(seed, error, rim.confidence, seconds, photograph.words)
 
 
-def table_of(mirrors: list[Found], none: list[Found]) -> str:
-    """The table, and what went wrong."""
-    right = [one for one in mirrors if one.error < RIGHT]
-    sure = [one for one in right if one.confidence >= SURE]
-    wrong = [one for one in (*mirrors, *none) if one.error >= RIGHT and one.confidence >= SURE]
-    rows = [
-        ("photographs with a mirror", len(mirrors)),
-        ("rim within 1 %", len(right)),
-        ("of these with a confidence of .6 and more", len(sure)),
-        ("photographs without a mirror", len(none)),
-        ("wrong, or found where none is, with a confidence of .6 and more", len(wrong)),
-        ("median error of the right ones, % of the radius", f"{100 * np.median([one.error for one in right]):.3f}"),
-        ("median seconds", f"{np.median([one.seconds for one in mirrors]):.2f}"),
-    ]
-    lines = ["| what | count |", "|---|---:|", *(f"| {what} | {count} |" for what, count in rows)]
-    odd = [one for one in (*mirrors, *none) if (one.error >= RIGHT) != (one.confidence < SURE and one.error == np.inf)]
-    told = [f"{one.seed}: error {100 * one.error:.1f} %, confidence {one.confidence:.2f} ({one.words})" for one in odd]
+def table_of(found: dict[str, list[Found]]) -> str:
+    """The table, way by way, and what went wrong."""
+    head = ("pictures", "count", "within 1 %", "of these sure", "wrong, but sure", "median error, %", "median seconds")
+    lines = ["| " + " | ".join(head) + " |", "|---|" + "---:|" * (len(head) - 1)]
+    for way, every in found.items():
+        right = [one for one in every if one.error < RIGHT]
+        sure = sum(one.confidence >= SURE for one in right)
+        wrong = sum(one.error >= RIGHT and one.confidence >= SURE for one in every)
+        error = f"{100 * np.median([one.error for one in right]):.3f}" if right else "-"
+        seconds = np.median([one.seconds for one in every])
+        lines.append(f"| {way} | {len(every)} | {len(right)} | {sure} | {wrong} | {error} | {seconds:.2f} |")
+    told = [
+        f"{way} {one.seed}: error {100 * one.error:.1f} %, confidence {one.confidence:.2f} ({one.words})"
+        for way, every in found.items() for one in every
+        if (one.error >= RIGHT) == (one.confidence >= SURE)
+    ]  # fmt: skip
     return "\n".join([*lines, "", *told]) + "\n"
 
 
@@ -112,7 +112,7 @@ def learned(examples: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--environments", type=Path, help="folder of the equirectangular pictures; else own scenes")
-    parser.add_argument("--count", type=int, default=MIRRORS)
+    parser.add_argument("--count", type=int, default=MIRRORS, help="pictures of mirrors, of all ways together")
     parser.add_argument("--learn", type=int, help="learn the weights from so many photographs, and a fifth without")
     parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
     arguments = parser.parse_args()
@@ -124,10 +124,13 @@ def main() -> None:
         print("WEIGHTS =", np.array2string(weights, precision=3, separator=", ", suppress_small=True))
         print(f"NONE = {none:.3f}")
         return
-    mirrors = [looked_at(FIRST + k, compose(FIRST + k, folder)) for k in range(arguments.count)]
-    none = [looked_at(FIRST + k, compose(FIRST + k, folder, mirror=False)) for k in range(min(NONE, arguments.count))]
-    table = table_of(mirrors, none)
-    write_text(arguments.out / "rim.md", "# The rim in composed photographs\n\n" + table)
+    each = -(-arguments.count // len(WAYS))
+    found = {
+        way: [looked_at(FIRST + k, make(FIRST + k, folder)) for k in range(each)]
+        for way, make in (WAYS | {"no mirror": nothing}).items()
+    }
+    table = table_of(found)
+    write_text(arguments.out / "rim.md", "# The rim in pictures made by seed\n\n" + table)
     print(table)
 
 

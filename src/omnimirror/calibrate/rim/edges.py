@@ -17,7 +17,7 @@ SMOOTHING_PX = 1.0
 LEAST_STEP = 3.0  # levels of 255 a pixel, below which nothing is an edge
 NOISE_TIMES = 4.0
 USUAL_STEP = 15.0  # levels a pixel; from here on an edge counts fully
-MOST_EDGES = 16_000
+MOST_EDGES, CROWD_PX = 16_000, 25  # when there are more, the crowded ones go
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,9 @@ def edges_of(working: Working) -> EdgePoints:
     found = (step > least) & (step >= ahead) & (step > behind)
     found[:2], found[-2:], found[:, :2], found[:, -2:] = False, False, False, False
     if found.sum() > MOST_EDGES:
-        found &= step >= np.partition(step[found], -MOST_EDGES)[-MOST_EDGES]
+        # among the edges beside it, so that a strong pattern in one part does not take the rim out of another
+        among = step / (cv2.blur(np.where(found, step, np.float32(0.0)), (CROWD_PX, CROWD_PX)) + np.float32(LEAST_STEP))
+        found &= among >= np.partition(among[found], -MOST_EDGES)[-MOST_EDGES]
     v, u = np.nonzero(found)
     before, here, after = behind[v, u], step[v, u], ahead[v, u]
     offset = np.clip((after - before) / np.maximum(2 * (2 * here - before - after), 1e-6), -0.5, 0.5)
