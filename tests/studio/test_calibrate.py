@@ -208,6 +208,16 @@ def test_what_is_no_question_with_a_picture_is_refused(client):
         )
 
 
+def test_a_board_without_an_extent_is_refused(client, news):
+    found = news[-2]["found"]
+    for high in ([-900.0, 10.0], [1e308, 1e308], [float("nan"), 1.0]):
+        place = found["places"][0] | {"high_mm": high}
+        header = json.dumps({"camera_file": found["camera_file"], "place": place, "name": "here.png"}).encode()
+        answer = client.post("/api/calibrate/straight", content=struct.pack("<I", len(header)) + header + png(0))
+        assert answer.status_code == 400
+        assert "0.png is none" in answer.json()["detail"]
+
+
 def performed(ask: dict, seen: list[BoardSeen], steps: int = 10**6) -> list:
     """The news of a calibration that is told to stop after some steps."""
     said = []

@@ -11,6 +11,7 @@ from ...calibrate.estimation.bundle.observations import Sighting
 from ...calibrate.targets import Board
 from ...camera_models.base import CameraModel
 from ...dewarp import Dewarper
+from ...errors import InvalidParameter
 from ...specs import parse_camera
 from ..uploads import eight_bits, encoded, picture_in
 from .messages import BoardPlace, StraightAsk
@@ -20,6 +21,7 @@ Array = NDArray[np.float64]
 MARGIN = 1.5  # squares
 FINER = 2.5  # pixels of the view for one of the picture
 LONGEST_PX = 1200
+LARGEST_MM = 1e5
 LEAST_OF_LINE = 3  # corners that say whether a line is straight
 
 
@@ -47,17 +49,18 @@ class BoardScreen:
     place: BoardPlace
 
     @property
-    def _sides_mm(self) -> Array:
+    def sides_mm(self) -> Array:
+        """Width and height of what is shown."""
         return np.subtract(self.place.high_mm, self.place.low_mm) + 2 * self.place.margin_mm
 
     @property
     def _px_per_mm(self) -> float:
-        return float(min(self.place.px_per_mm, (LONGEST_PX - 1) / self._sides_mm.max()))
+        return float(min(self.place.px_per_mm, (LONGEST_PX - 1) / self.sides_mm.max()))
 
     @property
     def size(self) -> tuple[int, int]:
         """(width, height) in pixels."""
-        width, height = np.ceil(self._sides_mm * self._px_per_mm).astype(int) + 1
+        width, height = np.ceil(self.sides_mm * self._px_per_mm).astype(int) + 1
         return max(int(width), 2), max(int(height), 2)
 
     is_distant = False
@@ -132,8 +135,14 @@ def straightened(ask: StraightAsk, data: bytes) -> bytes:
     Raises
     ------
     OmnimirrorError
-        It is no picture, no camera, or not a picture of that camera.
+        It is no picture, no camera, or not a picture of that camera; or there is no such board.
     """
+    screen = BoardScreen(ask.place)
+    if not np.all((screen.sides_mm > 0) & (screen.sides_mm < LARGEST_MM)):
+        raise InvalidParameter(
+            f"the board in {ask.place.picture} is none: its corners lie from {ask.place.low_mm} to "
+            f"{ask.place.high_mm} mm"
+        )
     picture = eight_bits(picture_in(data, ask.name))
     camera = parse_camera(ask.camera_file, source="the camera")
-    return encoded(Dewarper(camera, BoardScreen(ask.place))(picture), ".jpg")
+    return encoded(Dewarper(camera, screen)(picture), ".jpg")
