@@ -12,6 +12,7 @@ truth.
 
     python benchmarks/restoration_gain.py --environment museum.hdr lawn.jpg --out out/benchmarks
     python benchmarks/restoration_gain.py --tuning                # the scenes that weights were tuned on
+    python benchmarks/restoration_gain.py --pixels 512 --blur-told 0.85 1.15   # where the blur is told wrongly
 """
 
 from __future__ import annotations
@@ -136,20 +137,34 @@ def faster(sensor: om.Sensor, pixels: int, f_number: float) -> om.Sensor:
     return replace(sensor, imager=imager, lens=replace(sensor.lens, f_number=f_number))
 
 
-def table(sensors: Sequence[str], scenes: dict[str, Scene], out: Path, told: Sequence[float]) -> Iterator[str]:
+def table(
+    sensors: Sequence[str],
+    scenes: dict[str, Scene],
+    out: Path,
+    told: Sequence[float],
+    pixels: int,
+    wrong: Sequence[float],
+) -> Iterator[str]:
     """Lines of the table; the pictures are written."""
-    columns = (*COLUMNS, "best gain, dB") if told else COLUMNS
+    columns = [
+        *COLUMNS,
+        *["best gain, dB"][: len(told)],
+        *(f"worst tenth, {times:g} of the blur told" for times in wrong),
+    ]
     yield f"| {' | '.join(columns)} |"
     yield "|---" * len(columns) + "|"
     for name in sensors:
-        restorer = Restorer(om.load_sensor(name))
+        sensor = om.load_sensor(name)
+        restorer = Restorer(faster(sensor, pixels, sensor.lens.f_number * pixels / sensor.imager.width_px))
+        others = [Restorer(restorer.camera, told=restorer.known.scaled(times).sizes) for times in wrong]
         _ = restorer.problem.operator
         for scene, seen in scenes.items():
             found = gains(restorer, seen, told=told)
             pairs = (f"{rest:.1f} / {outer:.1f}" for rest, outer in (found.blurred_db, found.given_db))
             won, best = (f"{rest:+.2f} / {outer:+.2f}" for rest, outer in (found.gain_db, found.best_db))
             cells = [name, scene, *pairs, won, f"{found.tenths_db.min():+.1f}", f"{found.seconds:.1f}"]
-            yield f"| {' | '.join([*cells, best] if told else cells)} |"
+            cells += [best][: len(told)] + [f"{gains(other, seen).tenths_db.min():+.2f}" for other in others]
+            yield f"| {' | '.join(cells)} |"
             for kind, picture in zip(("sharp", "given", "restored"), found.pictures, strict=True):
                 om.write_image(out / f"{name}-{scene}-{kind}.png", picture)
 
@@ -164,12 +179,12 @@ def crops(out: Path) -> NDArray[np.uint8]:
     return np.vstack(rows)
 
 
-def circumstances() -> str:
+def circumstances(pixels: int) -> str:
     """What seconds were measured on."""
     load = os.getloadavg()[0] if hasattr(os, "getloadavg") else 0.0
     kernels = backend.name if backend.is_compiled else "no compiled"
     return (
-        f"`restoration_gain.py`: one picture of 1024 x 1024 px in colour, {backend.threads} threads on "
+        f"`restoration_gain.py`: one picture of {pixels} x {pixels} px in colour, {backend.threads} threads on "
         f"{os.cpu_count()} cores, {kernels} kernels, OpenCV {cv2.__version__}, NumPy {np.__version__}; "
         f"the load was {load:.0f} before. "
         "*Core s* are the seconds of all cores together. Pairs are the inner two thirds of the radius / the outer "
@@ -186,6 +201,8 @@ def main() -> None:
     parser.add_argument(
         "--best", action="store_true", help="also with other noises told, which takes five times as long"
     )
+    parser.add_argument("--pixels", type=int, default=1024, help="fewer and larger pixels, the blur as many of them")
+    parser.add_argument("--blur-told", type=float, nargs="*", default=[], help="shares of the blur told wrongly")
     parser.add_argument("--crops", type=Path, help="write parts of the pictures, side by side")
     arguments = parser.parse_args()
     if arguments.tuning:
@@ -193,8 +210,9 @@ def main() -> None:
     else:
         name, scenes = "restoration_gain", {"hall": Hall(), "dead leaves": dead_leaves()}
         scenes |= {p.stem: exposed(p) for p in arguments.environment}
-    lines = [circumstances()]
-    for line in table(arguments.sensor, scenes, arguments.out, TOLD if arguments.best else ()):
+    lines = [circumstances(arguments.pixels)]
+    told = TOLD if arguments.best else ()
+    for line in table(arguments.sensor, scenes, arguments.out, told, arguments.pixels, arguments.blur_told):
         print(line, flush=True)
         lines.append(line)
     write_text(arguments.out / f"{name}.md", "\n".join(lines) + "\n")

@@ -11,6 +11,7 @@ from benchmarks.restoration_gain import clouds, dead_leaves, exposed, faster, ga
 import omnimirror as om
 from omnimirror.errors import InvalidParameter
 from omnimirror.mirrors.pose import MirrorPose
+from omnimirror.simulate.colour import srgb_from_linear
 from omnimirror.simulate.restoration.sharpening import Restorer
 
 TARGETS = {"paper-spherical": (2.5, 3.0), "paper-equidistant": (2.5, 3.5), "paper-hyperboloidal": (3.0, 4.0)}
@@ -85,27 +86,40 @@ def test_sensors_of_the_paper_gain_what_was_promised(name: str, kind: str):
     assert found.tenths_db.min() > -0.2
 
 
-def test_a_scene_full_of_texture_loses_nothing(small: Restorer):
-    """Clouds, whose finest detail drowns in the noise, leave little to gain."""
-    found = gains(small, clouds(1024))
-    assert found.gain_db[0] > -0.1
+@pytest.mark.parametrize("times", [1.0, 1.15])
+def test_a_scene_full_of_texture_loses_nothing(small: Restorer, times: float):
+    """Clouds, whose finest detail drowns in the noise, leave little to gain, and do not show blur told too large."""
+    told = small if times == 1 else Restorer(small.camera, told=small.known.scaled(times).sizes)
+    found = gains(told, clouds(1024))
+    assert found.tenths_db.min() > -0.1
     assert found.gain_db[1] > 0.5
 
 
-def test_texture_is_not_harmed_by_blur_known_too_large(small: Restorer):
-    """15 % too large, which such a picture does not show."""
-    scene = clouds(1024)
-    assert gains(small, scene).tenths_db.min() > -0.1
-    told = Restorer(small.camera, told=small.known.scaled(1.15).sizes)
-    assert gains(told, scene).tenths_db.min() > -0.1
+def test_less_noise_leaves_more_to_gain(small: Restorer, scene: om.Environment):
+    """At .3 %, where the errors of the blur as it is known outweigh the noise, and must not be taken for picture."""
+    found = gains(small, scene, noise=0.003)
+    assert found.gain_db[0] > 2.5
+    assert found.gain_db[1] > 3.5
+    assert found.tenths_db.min() > 1
 
 
 @pytest.mark.parametrize("times", [1.0, 1.15])
-def test_a_photograph_with_bright_windows_is_not_harmed_at_the_rim(small: Restorer, shared_data: Path, times: float):
-    """They show every error of the blur, and what it leaves unexplained beside them stays as it is."""
+def test_a_photograph_with_bright_windows_gains_at_the_rim(small: Restorer, shared_data: Path, times: float):
+    """They show every error of the blur; and points far brighter than white would explain them, black between them."""
     photograph = shared_data / "environments" / "st_fagans_interior_1k.hdr"
-    told = Restorer(small.camera, told=small.known.scaled(times).sizes)
-    assert gains(told, exposed(photograph)).tenths_db.min() > -0.1
+    told = small if times == 1 else Restorer(small.camera, told=small.known.scaled(times).sizes)
+    found = gains(told, exposed(photograph))
+    assert found.tenths_db.min() > -0.1
+    assert found.gain_db[1] > 0.3
+
+
+def test_what_is_white_all_around_stays_white(smaller: Restorer):
+    """A pixel that saturates may have been anything brighter, and so may those about it."""
+    picture = np.random.default_rng(3).integers(40, 90, (160, 160, 3), dtype=np.uint8)
+    picture[:, 110:] = 255
+    restored = smaller(picture, 0.02, 1.0)
+    assert (restored[:, 115:] == 255).all()
+    assert (restored[:, :105] != picture[:, :105]).any()
 
 
 @pytest.mark.long
@@ -115,17 +129,17 @@ def test_near_things_are_blurred_otherwise(scene: om.Environment):
     near = Around(scene, 300.0)
     right, wrong = (gains(Restorer(sensor, distance), near).gain_db for distance in (300.0, np.inf))
     assert right[0] > wrong[0] + 0.1
-    assert right[1] > wrong[1] + 1
+    assert right[1] > wrong[1] + 2
     assert right.min() > 2.5
     assert wrong.min() > 0
 
 
 @pytest.mark.parametrize("level", [0.15, 0.5, 0.85])
-def test_noise_is_not_amplified(small: Restorer, level: float):
+def test_noise_is_not_amplified(smaller: Restorer, level: float):
     rng = np.random.default_rng(5)
-    noisy = np.rint(255 * np.clip(level + 0.01 * rng.standard_normal((256, 256)), 0, 1)).astype(np.uint8)
-    restored = small(noisy, 0.01)
-    where = small.share > 0.9
+    noisy = np.rint(255 * np.clip(level + 0.01 * rng.standard_normal((160, 160)), 0, 1)).astype(np.uint8)
+    restored = smaller(noisy, 0.01)
+    where = smaller.share > 0.9
     assert restored[where].std() < 0.5 * noisy[where].std()
     assert restored[where].mean() == pytest.approx(noisy[where].mean(), abs=0.5)
 
@@ -143,30 +157,23 @@ def test_edges_do_not_ring(small: Restorer):
     assert restored[where].min() > low - 0.03 * 255
 
 
-@pytest.mark.parametrize("kind", ["uint8", "uint16", "float32"])
-def test_kinds_of_pictures_agree(small: Restorer, scene: om.Environment, kind: str):
-    light = om.expose(small.camera, scene, samples=32, blur=True)
-    of_kind = {
-        "uint8": lambda: om.take_picture(small.camera, scene, samples=32, blur=True),
-        "uint16": lambda: om.take_picture(small.camera, scene, samples=32, blur=True) * np.uint16(257),
-        "float32": lambda: light,
-    }[kind]()
-    restored = small(of_kind, 0.01)
-    assert restored.dtype == of_kind.dtype
-    assert restored.shape == of_kind.shape
-    from omnimirror.simulate.colour import srgb_from_linear
-
-    full = {"uint8": 255, "uint16": 65535}.get(kind)
-    values = srgb_from_linear(restored) if full is None else restored / full
-    reference = small(om.take_picture(small.camera, scene, samples=32, blur=True), 0.01) / 255
-    assert np.sqrt(((values - reference) ** 2).mean()) < 0.006
+def test_kinds_of_pictures_agree(smaller: Restorer, scene: om.Environment):
+    byte = om.take_picture(smaller.camera, scene, samples=32, blur=True)
+    reference = smaller(byte, 0.01, 1.0) / 255
+    light = om.expose(smaller.camera, scene, samples=32, blur=True)
+    for picture in (byte * np.uint16(257), light):
+        restored = smaller(picture, 0.01, 1.0)
+        assert restored.dtype == picture.dtype
+        assert restored.shape == picture.shape
+        values = srgb_from_linear(restored) if picture is light else restored / 65535
+        assert np.sqrt(((values - reference) ** 2).mean()) < 0.006
 
 
-def test_alpha_and_what_is_outside_stay(small: Restorer):
-    picture = np.random.default_rng(0).integers(0, 255, (256, 256, 4), dtype=np.uint8)
-    restored = small(picture, 0.05)
+def test_alpha_and_what_is_outside_stay(smaller: Restorer):
+    picture = np.random.default_rng(0).integers(0, 255, (160, 160, 4), dtype=np.uint8)
+    restored = smaller(picture, 0.05)
     np.testing.assert_array_equal(restored[..., 3], picture[..., 3])
-    outside = small.share == 0
+    outside = smaller.share == 0
     np.testing.assert_array_equal(restored[outside], picture[outside])
     assert (restored[~outside] != picture[~outside]).any()
 
@@ -181,16 +188,16 @@ def test_a_flipped_picture_is_restored_flipped(smaller: Restorer, scene: om.Envi
     assert np.sqrt(((other - restored) ** 2).mean()) < 0.3 * np.sqrt(((picture - restored) ** 2).mean())
 
 
-def test_what_lies_beyond_the_rim_changes_nothing_within(small: Restorer, scene: om.Environment):
+def test_what_lies_beyond_the_rim_changes_nothing_within(smaller: Restorer, scene: om.Environment):
     """A wall, a window or a lamp behind the mirror: up to the last pixel that is restored."""
-    picture = om.take_picture(small.camera, scene, samples=32, blur=True)
-    beyond = small.radius > small.known.whole_radius_px
+    picture = om.take_picture(smaller.camera, scene, samples=32, blur=True)
+    beyond = smaller.radius > smaller.known.whole_radius_px
     others = [picture.copy(), picture.copy()]
     others[0][beyond] = 255
     others[1][beyond] = np.random.default_rng(1).integers(0, 255, (int(beyond.sum()), 3))
-    restored = small(picture, 0.01)
+    restored = smaller(picture, 0.01)
     for other in others:
-        np.testing.assert_array_equal(small(other, 0.01)[~beyond], restored[~beyond])
+        np.testing.assert_array_equal(smaller(other, 0.01)[~beyond], restored[~beyond])
     assert (restored[~beyond] != picture[~beyond]).any()
 
 

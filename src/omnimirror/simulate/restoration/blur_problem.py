@@ -20,8 +20,9 @@ TEXTURE_PX = 9  # in which what is left over is compared with the noise
 MEAN_OF_LOG = np.float32(np.exp(0.37))  # a mean of three squares over the geometric mean of such means
 BEYOND_PX = 5  # in which what is mirrored beyond the rim is made even, texture there being none of the picture's
 CODED = 0.35  # of the error of coding is there to be seen; the rest is texture that is gone already
-UNEXPLAINED = 1.5, 2.0  # what is left over, over the noise, from which doubt begins, and where nothing is believed
-LOST = 0.5  # of the power that blur takes from texture is not found again
+ERROR, ERROR_PX = 0.01, 0.5  # of large blur as it is known, in the root of light, and the widening at which it is half
+WRONG, WRONG_PX = 2.0, 0.5  # of the power of a small blur is wrongly known, and the widening at which a quarter of that
+DOUBT = 4.0  # how often power that is left over is that of an error
 COARSE = 0.25  # what coding leaves is coarse, and blur damps it less than noise: by this power
 
 
@@ -32,6 +33,7 @@ class BlurProblem:
         self.known = known
         self.sizes: BlurSize = known.by_pixel
         self.widening: Values = self.sizes.widening.astype(np.float32)
+        self.error: Values = np.float32(ERROR) * self.widening / (np.float32(ERROR_PX) + self.widening)
 
     @cached_property
     def blur(self) -> Blur:
@@ -51,12 +53,12 @@ class BlurProblem:
         left = self.left_over(roots, fine)
         share = self._texture(left, noise) / (1 + self.widening)
         restored = np.maximum(sharp + share[..., None] * left, 0)
-        counts = self._explained(left, noise) * (1 - self._given_share(fine, sharp - roots + left, noise))
+        counts = (1 - _saturated(roots)) * (1 - self._given_share(fine, sharp - roots + left, left, noise))
         return np.asarray(roots + counts[..., None] * (restored - roots), np.float32)
 
     def solved(self, roots: Values, noise: Noise, rounds: int = ROUNDS, steps: int = STEPS) -> Values:
         """Roots of the light of the sharp picture, on the fine grid."""
-        deviation = noise.by_pixel
+        deviation = noise.at_least(self.error).by_pixel
         if noise.kind == "JPEG":
             deviation = deviation * (1 + self.widening / np.float32(BLUR_PX)) ** np.float32(COARSE)
         return solve(self.operator, self.blur.pixels, self.widening, roots, deviation, rounds, steps)
@@ -78,24 +80,19 @@ class BlurProblem:
         smooth = cv2.blur(mirrored, (BEYOND_PX, BEYOND_PX)).reshape(roots.shape)
         return np.where((self.known.radius > self.known.whole_radius_px)[..., None], smooth, mirrored)
 
-    def _explained(self, left: Values, noise: Noise) -> Values:
-        """How far (h, w) the sharp picture explains the one given, 0 to 1: less where more than noise is left over.
-
-        There the blur is not the known one, as beside lamps that are far brighter than white, or larger than it is.
-        """
-        begins, ends = UNEXPLAINED
-        ratio = np.sqrt(_power(left, noise))
-        return np.asarray(np.clip((ends - ratio) / (ends - begins), 0, 1), np.float32)
-
-    def _given_share(self, fine: Values, removed: Values, noise: Noise) -> Values:
+    def _given_share(self, fine: Values, removed: Values, left: Values, noise: Noise) -> Values:
         """The share (h, w) of the picture given in the mean of both that errs least, their errors taken for unlike.
 
-        The one given errs by its noise and by the blur removed (h, w, channels); the sharp one by what it cannot know
-        of texture: in units of the noise, and of the blur.
+        All by their power in units of the noise. The one given errs by its noise and by the blur removed (h, w,
+        channels). The sharp one errs in texture as noise does, and by a share of the blur where that is small: kernels
+        on a grid widen every blur by as many square pixels. And what it leaves over beyond noise (h, w, channels) says
+        that the blur is not the known one: beside lamps far brighter than white, or where it is larger than it is.
         """
         blurred = _power(removed, noise)
-        lost = texture_of(fine, noise.by_pixel) * (1 + np.float32(LOST) * blurred)
-        return np.asarray(lost / (lost + 1 + blurred), np.float32)
+        wrong = WRONG / (1 + self.widening / WRONG_PX) ** 2
+        errs = texture_of(fine, noise.by_pixel) * (1 + wrong * blurred)
+        errs += DOUBT * np.maximum(_power(left, noise) - 1, 0)
+        return np.asarray(errs / (errs + 1 + blurred), np.float32)
 
     def _texture(self, left: Values, noise: Noise) -> Values:
         """The share (h, w) of what is left over that is no noise: texture that looked like it.
@@ -122,6 +119,12 @@ class BlurProblem:
         height, width = radius.shape
         found = np.clip(moved[0], 0, height - 1).astype(int), np.clip(moved[1], 0, width - 1).astype(int)
         return found
+
+
+def _saturated(roots: Values) -> Values:
+    """The share (h, w) of pixels about each that are saturated, and may have been anything brighter."""
+    saturated = (roots.max(axis=2) >= SATURATED).astype(np.float32)
+    return np.asarray(cv2.blur(saturated, (TEXTURE_PX, TEXTURE_PX)), np.float32)
 
 
 def _power(values: Values, noise: Noise) -> Values:

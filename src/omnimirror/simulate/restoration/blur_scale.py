@@ -26,6 +26,7 @@ BEND_AGAIN = 0.02  # it must be plain that even what was lowered once is too lar
 LEAST_SHARE = 0.3
 GROWTH, UNSEEN_SHARE = 0.08, 0.85  # of what is left over, from the least share to the most, under which none is seen
 ROUNDS, STEPS = 2, 4
+LEAST_NOISE = np.float32(0.007)  # blur as it is known errs as much, and less noise would show that instead
 BANDS = 5  # of the radius
 STRIP, LEAST_STRIP_PX, EDGE_PX = 1 / 16, 28, 9  # half its width, of the picture; what ends at its edge does not count
 
@@ -54,6 +55,7 @@ class BlurScale:
         Right to a tenth or two where there are edges; blur told up to a tenth too large is not seen. For a picture
         without edges, which shows none, 0.85.
         """
+        noise = noise.at_least(LEAST_NOISE)
         limit = BEND_OF_CODED if noise.kind == "JPEG" else BEND
         share = 1.0
         while share > LEAST_SHARE:

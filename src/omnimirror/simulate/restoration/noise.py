@@ -47,6 +47,10 @@ class Noise(NamedTuple):
     kind: str
     """``white``, ``demosaiced``, ``JPEG``, ``linear`` or ``told``."""
 
+    def at_least(self, by_pixel: Light | np.float32) -> Noise:
+        """With no less in any pixel (h, w)."""
+        return self._replace(by_pixel=np.maximum(self.by_pixel, by_pixel))
+
     def window(self, rows: slice, columns: slice) -> Noise:
         """That of a part of the picture."""
         return self._replace(by_pixel=self.by_pixel[rows, columns])
