@@ -199,6 +199,15 @@ def test_any_values_are_refused_with_a_sentence(name, data):
     call(name, {argument: data.draw(VALUES) for argument in names})
 
 
+@pytest.mark.parametrize(
+    ("name", "argument"), [("uncertainty_map", "steps"), ("simulate_detections", "count"), ("refine_corners", "passes")]
+)
+def test_counts_that_would_take_all_memory_or_for_ever_are_refused(name, argument):
+    function, words = CALLS[name]
+    with pytest.raises(OmnimirrorError, match=f"{argument} = 1000000000 is not valid; it is valid as a whole number"):
+        function(**words | {argument: 10**9})
+
+
 def test_messages_are_short_whatever_they_are_about():
     from omnimirror.arguments import shown
 

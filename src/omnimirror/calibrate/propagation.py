@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import checked, finite, instance, number, vectors
+from ..arguments import checked, finite, instance, number, vectors, whole
 from ..camera_models.base import CameraModel
 from ..camera_models.spread import direction_sigma_deg, larger_sigma, spread_at
 from ..errors import InvalidParameter
@@ -18,6 +18,7 @@ from .physical import SensorModel
 
 Array = NDArray[np.float64]
 
+MOST_STEPS = 2000  # of a map, whose rows are computed at once
 HIGHEST_MM = 1e9  # of a camera over a floor
 FARTHEST_FLOOR = 100.0  # times the height: beyond, a ray is level for every purpose
 
@@ -186,6 +187,7 @@ def uncertainty_map(
     >>> om.uncertainty_map(model, covariance=[[0.0116**2]], steps=16).summary()["median_deg"] < 0.2
     True
     """
+    whole("steps", steps, 1, MOST_STEPS)
     width, height = camera.image_size
     step = max(width, height) / steps
     columns, rows = (np.arange(step / 2 - 0.5, size - 0.5, step) for size in (width, height))

@@ -13,6 +13,7 @@ from .bundle.observations import rotation_of
 
 Array = NDArray[np.float64]
 
+MOST_PICTURES = 10_000
 TRIES = 200  # of a pose, before it is said that the camera sees no board
 SEEN = 0.8  # of the corners
 MOST_TILT = np.radians(45.0)
@@ -63,7 +64,7 @@ def simulate_detections(
     >>> [len(d.ids) > 50 for d in om.simulate_detections(camera, om.Board("chessboard", 11, 7, 30.0), 3)]
     [True, True, True]
     """
-    whole("count", count, 1)
+    whole("count", count, 1, MOST_PICTURES)
     number("noise_px", noise_px, low=0.0, unit="px")
     random = np.random.default_rng(whole("seed", seed))
     points = board.points_mm if points_mm is None else finite("points_mm", points_mm, last=3)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import checked
+from ...arguments import checked, whole
 from ...errors import InvalidParameter
 from .boards import Board
 from .detections import Detection
@@ -17,6 +17,7 @@ from .search.local_maps import maps_about
 from .search.saddles import fit_saddles
 
 PASSES = 2
+MOST_PASSES = 100
 """The maps by which the edges bend are better the second time."""
 FARTHEST = 0.3  # squares that a corner may move
 WORST_FIT = 0.9  # contrasts that may be left over, rms
@@ -66,6 +67,7 @@ def refine_corners(picture: NDArray[Any], detection: Detection, board: Board, *,
     >>> found.corners_px.round(2).tolist()[:2]
     [[14.5, 14.5], [29.5, 14.5]]
     """
+    whole("passes", passes, 1, MOST_PASSES)
     values = grey(picture)
     height, width = values.shape
     if (width, height) != tuple(detection.image_size):
