@@ -15,7 +15,7 @@ NB_MODULE(_native, m) {
     add_exposure(m);
     add_surfaces(m);
     add_deblurring(m);
-    add_tolerance(m);
+    add_tolerancing(m);
     m.def(
         "set_threads",
         [](int count) {

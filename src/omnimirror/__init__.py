@@ -124,6 +124,14 @@ if TYPE_CHECKING:
     from .straighten import Restoration as Restoration
     from .straighten import dewarp_pictures as dewarp_pictures
     from .straighten.video import dewarp_video as dewarp_video
+    from .tolerancing.analysis import ToleranceReport as ToleranceReport
+    from .tolerancing.analysis import tolerance as tolerance
+    from .tolerancing.errors import perturbed as perturbed
+    from .tolerancing.tolerance_file import TolerancePlan as TolerancePlan
+    from .tolerancing.tolerance_file import load_tolerances as load_tolerances
+    from .tolerancing.tolerance_file import tolerance_template as tolerance_template
+    from .tolerancing.tolerances import ErrorBound as ErrorBound
+    from .tolerancing.tolerances import Tolerances as Tolerances
 
 __version__ = "0.1.0"
 
@@ -245,6 +253,14 @@ _HOMES = {
     "Recording": "straighten",
     "Restoration": "straighten",
     "dewarp_video": "straighten.video",
+    "ErrorBound": "tolerancing.tolerances",
+    "load_tolerances": "tolerancing.tolerance_file",
+    "perturbed": "tolerancing.errors",
+    "tolerance": "tolerancing.analysis",
+    "tolerance_template": "tolerancing.tolerance_file",
+    "TolerancePlan": "tolerancing.tolerance_file",
+    "ToleranceReport": "tolerancing.analysis",
+    "Tolerances": "tolerancing.tolerances",
 }
 __all__ = ["__version__", *_HOMES]
 

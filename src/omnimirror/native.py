@@ -184,7 +184,7 @@ class Kernels(Protocol):
     ) -> float: ...
     def turn_direction(self, share: float, scale: Array, residual: Array, d: Array) -> None: ...
 
-    # -- sensors with errors: tolerance --------------------------------------------------------------
+    # -- sensors with errors: tolerancing ------------------------------------------------------------
 
     def judge_trials(
         self, numbers: Array, terms: int, is_conic: bool, rim: float, table: tuple[Array, float],

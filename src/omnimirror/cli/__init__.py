@@ -44,6 +44,7 @@ COMMANDS = {
     "convert": "Take a camera from one program's file to another's.",
     "apertures": "Find the F-number and focus with the least blur and diffraction.",
     "bracket": "Plan pictures at several focus distances, and merge them into a sharp one.",
+    "tolerance": "Say how well a sensor must be built, and how many will be good.",
     "parts": "Choose a lens and an imager that can be bought.",
     "reproduce": "Redraw the paper's figures and check its numbers.",
     "demo": "Evaluate, simulate and straighten, and write a report.",
@@ -52,7 +53,7 @@ COMMANDS = {
 ROOMS = {
     "calibration": {"board", "calibrate", "convert", "lines", "rim", "uncertainty"},
     "evaluation": {"compare", "evaluate", "illumination", "mtf", "psf", "reproduce", "sensors", "spots"},
-    "design": {"apertures", "design", "export", "init", "judge", "mappings", "parts"},
+    "design": {"apertures", "design", "export", "init", "judge", "mappings", "parts", "tolerance"},
     "pictures": {"bracket", "demo", "dewarp", "simulate", "studio", "view"},
 }
 """In which room of :mod:`omnimirror.cli.commands` the module of a command's name stands; it holds ``command``."""

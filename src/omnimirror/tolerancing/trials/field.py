@@ -58,7 +58,7 @@ class Field:
         return len(self.targets)
 
     def picture(self, values: Values, count: int | None = None, rim_slack: float = RIM_SLACK) -> Picture:
-        """The picture of sensors with errors; see :func:`~omnimirror.tolerance.trials.states.states_of`."""
+        """The picture of sensors with errors; see :func:`~omnimirror.tolerancing.trials.states.states_of`."""
         return pictured(states_of(self.sensor, values, count), self.seen(values, count, rim_slack))
 
     def seen(self, values: Values, count: int | None = None, rim_slack: float = RIM_SLACK) -> SeenObjects:

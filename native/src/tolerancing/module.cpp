@@ -1,4 +1,4 @@
-// The part of omnimirror._native that omnimirror.tolerance.trials calls.
+// The part of omnimirror._native that omnimirror.tolerancing.trials calls.
 
 #include <nanobind/stl/tuple.h>
 
@@ -73,7 +73,7 @@ void trials(const Doubles& numbers, int terms, bool is_conic, double rim, const 
 
 }  // namespace
 
-void add_tolerance(nb::module_& m) {
+void add_tolerancing(nb::module_& m) {
     m.def("judge_trials", &trials, "numbers"_a, "terms"_a, "is_conic"_a, "rim"_a, "table"_a, "objects"_a, "rows"_a,
           "search"_a, "refocus"_a, "floor"_a, "merits"_a, "moved"_a);
 }

@@ -96,7 +96,7 @@ class MirrorSurfaces:
     polynomial : (t, terms)
         p_i of (s/N^2)^i, i = 1, 2, .., mm.
     form : (t, powers)
-        f_ij, mm, in the order of :func:`omnimirror.tolerance.trials.zernike.power_place`; as many as whole orders have.
+        f_ij, mm, in the order of ``zernike.power_place``; as many as whole orders have.
     table : MeridianTable, optional
         What is one for all.
     """

@@ -37,6 +37,11 @@ class ErrorBound:
     ------
     InvalidParameter
         A value below 0, or a word that is no distribution.
+
+    Examples
+    --------
+    >>> ErrorBound(0.1, "normal")
+    ErrorBound(value=0.1, distribution='normal')
     """
 
     value: float
@@ -57,7 +62,7 @@ class Tolerances:
     sensor
         What is meant.
     errors
-        Tolerances by the names of errors (:func:`omnimirror.tolerance.errors.errors_of`).
+        Tolerances by the names of errors (:func:`omnimirror.tolerancing.errors.errors_of`).
     correlations
         Between pairs of errors, from -1 to 1; they are meant of the normal numbers behind each.
 
@@ -107,8 +112,21 @@ class Tolerances:
 
         Returns
         -------
-        dict
-            (count,) by name, in their units.
+        dict of (n,) arrays
+            Of n trials by name, in their units.
+
+        Raises
+        ------
+        InvalidParameter
+            More trials than a block has.
+
+        Examples
+        --------
+        >>> import omnimirror as om
+        >>> tolerances = Tolerances(om.load_sensor("paper-spherical"), {"lens.k1": ErrorBound(0.01)})
+        >>> again = [tolerances.drawn(seed=3, block=5, count=10)["lens.k1"] for _ in range(2)]
+        >>> bool((again[0] == again[1]).all())
+        True
         """
         if not 0 <= count <= BLOCK:
             raise InvalidParameter(f"a block has {BLOCK} trials, and {count} were asked for")
@@ -125,8 +143,15 @@ class Tolerances:
 
         Returns
         -------
-        dict
-            (t,) by name, in their units.
+        dict of (n,) arrays
+            Of n trials by name, in their units.
+
+        Examples
+        --------
+        >>> import omnimirror as om
+        >>> tolerances = Tolerances(om.load_sensor("paper-spherical"), {"lens.k1": ErrorBound(0.01)})
+        >>> tolerances.at(np.array([[0.5], [0.75]]))["lens.k1"]
+        array([0.   , 0.005])
         """
         if self.correlations:
             from scipy.special import ndtri

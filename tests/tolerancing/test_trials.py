@@ -8,16 +8,17 @@ from scipy.optimize import least_squares
 
 import omnimirror as om
 from omnimirror.errors import InvalidParameter
+from omnimirror.housing import Housing, Tube
 from omnimirror.native import backend
-from omnimirror.tolerance.errors import errors_of, perturbed
-from omnimirror.tolerance.trials import compiled
-from omnimirror.tolerance.trials import merits as merits_in_numpy
-from omnimirror.tolerance.trials.compensation import CALIBRATIONS, POSE
-from omnimirror.tolerance.trials.field import field_of
-from omnimirror.tolerance.trials.judge import Judge
-from omnimirror.tolerance.trials.merits import after, merit_names
-from omnimirror.tolerance.trials.picture import REFOCUS, largest_diameter
-from omnimirror.tolerance.trials.states import states_of
+from omnimirror.tolerancing.errors import errors_of, perturbed
+from omnimirror.tolerancing.trials import compiled
+from omnimirror.tolerancing.trials import merits as merits_in_numpy
+from omnimirror.tolerancing.trials.compensation import CALIBRATIONS, POSE
+from omnimirror.tolerancing.trials.field import field_of
+from omnimirror.tolerancing.trials.judge import Judge
+from omnimirror.tolerancing.trials.merits import after, merit_names
+from omnimirror.tolerancing.trials.picture import REFOCUS, largest_diameter
+from omnimirror.tolerancing.trials.states import states_of
 from tests.conftest import MIRRORS, sensor_of
 
 SENSORS = ("paper-spherical", "paper-hyperboloidal", "paper-equidistant", "exact-equidistant")
@@ -219,13 +220,25 @@ def test_what_is_lost_is_counted():  # a decentre takes the rim away from what w
     assert np.isnan(merits[1, :-1]).all()
 
 
+def test_what_is_no_sensor_sees_nothing():
+    judge = Judge.of(om.load_sensor("paper-spherical"))
+    n = len(judge.field)
+    for name, value in (
+        ("lens.f_number", -9.0),
+        ("lens.focus_distance_mm", -205.0),
+        ("mirror.vertex_radius_mm", -60.0),
+    ):
+        merits, moved = judge.judged_with_motions({name: np.array([0.0, value])})
+        assert merits[:, -1].tolist() == [0, n]
+        assert np.isnan(moved[1]).all()
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
         (lambda s: (om.load_sensor("folded-spherical"), {}), "second"),
         (lambda s: (om.load_sensor("paraboloid-telecentric"), {}), "orthographic"),
-        (lambda s: (s, {"lens.f_number": np.array([-9.0])}), "f_number comes to"),
-        (lambda s: (s, {"lens.focus_distance_mm": np.array([-205.0])}), "focus_distance_mm comes to"),
+        (lambda s: (replace(s, housing=Housing(shell=Tube())), {}), "has a tube"),
     ],
 )
 def test_what_cannot_be_traced_is_refused(change, words):

@@ -32,19 +32,19 @@ def states_of(sensor: Sensor, values: Values, count: int | None = None) -> State
     sensor
         Without errors; its lens a perspective one, before one mirror.
     values
-        Of each error by its name (:mod:`omnimirror.tolerance.errors`): (t,), in its unit, added to what is meant.
+        Of each error by its name (:mod:`omnimirror.tolerancing.errors`): (t,), in its unit, added to what is meant.
     count
         How many trials, if no error says so.
 
     Returns
     -------
     States
-        (t,)
+        (t,); with numbers that no sensor has, a focal length below 0 or a mirror that is hollow, it sees nothing.
 
     Raises
     ------
     InvalidParameter
-        A sensor that trials are not traced of, or a sum that no sensor can have.
+        A sensor that trials are not traced of.
     """
     _check(sensor)
     trials = next((len(v) for v in values.values()), 1) if count is None else count
@@ -55,18 +55,11 @@ def states_of(sensor: Sensor, values: Values, count: int | None = None) -> State
     focal = lens.focal_length_mm + error("lens.focal_length_mm")
     focus = lens.focus_distance_mm + error("lens.focus_distance_mm")
     f_number = lens.f_number + error("lens.f_number")
-    for name, value, least in (("focal_length_mm", focal, 0.0), ("f_number", f_number, 0.0)):
-        if (value <= least).any():
-            raise InvalidParameter(f"with its errors lens.{name} comes to {value.min():.4g}; it is valid above 0")
     at = lens.entrance_pupil_mm + error("lens.entrance_pupil_mm")
-    if (focus <= np.maximum(focal, at)).any():
-        raise InvalidParameter(
-            f"with its errors lens.focus_distance_mm comes to {focus.min():.4g}, within the focal length or before the "
-            "entrance pupil; make the errors of lens.focus_distance_mm smaller"
-        )
+    possible = (focal > 0) & (f_number > 0) & (focus > np.maximum(focal, at))
     brown = np.array(lens.brown) + error.columns(*(f"lens.{k}" for k in ("k1", "k2", "k3", "p1", "p2")))
     pupil = np.zeros((trials, 3))
-    pupil[:, 2] = at - sensor.mirror_distance_mm
+    pupil[:, 2] = np.where(possible, at - sensor.mirror_distance_mm, np.nan)  # what is no lens loses all rays
     vergence = 1 / (focus - at)
     principal_distance = focal / (1 - (focal - at) * vergence)
     return States(
@@ -101,7 +94,7 @@ def _check(sensor: Sensor) -> None:
     if sensor.housing.shell is not None:
         raise InvalidParameter(
             f"tolerances are computed of mirrors without a cover, and {sensor.name!r} has a "
-            f"{sensor.housing.shell.KIND}; take it without: replace(sensor, housing=Housing())"
+            f"{sensor.housing.shell.KIND}; take it out of [housing]"
         )
     if not isinstance(sensor.lens, Perspective):
         raise InvalidParameter(
@@ -124,9 +117,7 @@ def _surfaces(sensor: Sensor, error: _Errors) -> MirrorSurfaces:
         polynomial = _coefficients(mirror, error, first=1)
     else:
         table = MeridianTable.of(mirror)
-    if radius is not None and (radius <= 0).any():
-        raise InvalidParameter(f"with its errors mirror.vertex_radius_mm comes to {radius.min():.4g}; valid is above 0")
-    curvature = zero if radius is None else 1 / radius
+    curvature = zero if radius is None else 1 / np.where(radius > 0, radius, np.nan)  # what is no mirror, too
     return MirrorSurfaces(rim, curvature, conic, polynomial, _form(error), table)
 
 

@@ -1,0 +1,159 @@
+"""``omnimirror tolerance``: how well a sensor must be built, and how many of those built will be good."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import click
+from rich.console import Console
+
+from ....errors import InvalidParameter, OmnimirrorError
+from ....files import is_stream, json_plain, write_text
+from ....specs import load_sensor
+from ....tolerancing.analysis import ToleranceReport, tolerance
+from ....tolerancing.errors import GRADES
+from ....tolerancing.tolerance_file import load_tolerances, tolerance_template
+from ....tolerancing.trials.compensation import CALIBRATIONS
+from ....tolerancing.trials.merits import after
+from ...options.declared import Options, option, takes
+from ...outputs import output_console, output_option, plain_table, progress_bar, say, say_written
+
+INIT = "init"
+MOST_ROWS = 12
+
+
+@dataclass(frozen=True)
+class TrialOptions(Options):
+    """How trials are made, and what is looked for."""
+
+    trials: int = option(default=10_000, type=click.IntRange(1), help="How many sensors are built.")
+    seed: int = option(default=0, type=click.IntRange(0), help="Same seed, same sensors.")
+    wanted_yield: float | None = option(
+        "--yield", type=float, metavar="SHARE", help="Find the cheapest tolerances for it, 0.95 say."
+    )
+    merits: tuple[str, ...] = option(
+        "--merit", default=(), multiple=True, metavar="NAME=LIMIT", help="A limit, in place of the file's; repeat."
+    )
+
+    @property
+    def limits(self) -> dict[str, float] | None:
+        """In place of the file's."""
+        return dict(_limit(words) for words in self.merits) if self.merits else None
+
+
+@click.command()
+@click.argument("sensor")
+@click.argument("tolerances", required=False)
+@takes(TrialOptions, "asked")
+@click.option("--grade", type=click.Choice(GRADES), default="medium", show_default=True, help="Of the shop; with init.")
+@click.option("--force", is_flag=True, help="With init: replace a file that exists.")
+@click.option("--out", type=click.Path(path_type=Path, file_okay=False), help="Write charts and numbers there.")
+@output_option("--json", "json_file", help="Write all numbers.")
+def command(
+    sensor: str, tolerances: str | None, asked: TrialOptions, grade: str, force: bool, out: Path | None,
+    json_file: Path | None,
+) -> None:  # fmt: skip
+    """Build SENSOR many times with the errors of TOLERANCES, a TOML file, and count those that are good.
+
+    Says the yield, what each error does alone, and what calibrations take away again; with --yield, the cheapest
+    tolerances that reach it.
+
+    omnimirror tolerance init SENSOR writes a commented tolerance file to tolerances.toml.
+
+    Example: omnimirror tolerance paper-spherical tolerances.toml --trials 20000
+    """
+    if sensor == INIT:
+        return _init(tolerances, grade, force)
+    if tolerances is None:
+        raise click.UsageError(f"the file of tolerances is missing; omnimirror tolerance init {sensor} writes one")
+    meant = load_sensor(sensor)
+    plan = load_tolerances(tolerances, meant)
+    console = output_console()
+    with progress_bar(console) as bar:
+        task = bar.add_task("building sensors", total=asked.trials)
+        found = tolerance(
+            meant, plan, limits=asked.limits, trials=asked.trials, seed=asked.seed, wanted_yield=asked.wanted_yield,
+            progress=lambda done, _: bar.update(task, completed=done),
+        )  # fmt: skip
+    _print(console, found)
+    written = _write(found, out, json_file)
+    say_written(*written, console=console)
+
+
+def _init(name: str | None, grade: str, force: bool) -> None:
+    if name is None:
+        raise click.UsageError("a sensor is missing: omnimirror tolerance init SENSOR")
+    path = Path("tolerances.toml")
+    if path.exists() and not (force or is_stream(path)):
+        raise OmnimirrorError(f"{path} exists already; rename it or give --force to replace it")
+    write_text(path, tolerance_template(load_sensor(name), grade))
+    say(f"Wrote {path}; change it, then: omnimirror tolerance {name} {path}")
+
+
+def _limit(words: str) -> tuple[str, float]:
+    """``motion_px after pose=0.3``."""
+    name, _, value = words.rpartition("=")
+    try:
+        return name.strip(), float(value)
+    except ValueError:
+        raise InvalidParameter(f"--merit {words!r} is not NAME=LIMIT, such as 'motion_px after pose=0.3'") from None
+
+
+def _print(console: Console, found: ToleranceReport) -> None:
+    tally, of = found.tally, found.tally.yields
+    lost = f", {tally.lost} lose rays" if tally.lost else ""
+    console.print(f"{tally.trials} sensors built{lost}; seed {found.seed}\n")
+    table = plain_table("merit", "limit", "median", "95 %", "99 %", "good %")
+    for name in (*(after("motion_px", depth) for depth in CALIBRATIONS), "direction_error_deg", "blur_px"):
+        limit = tally.limits.get(name)
+        good = "" if limit is None else f"{100 * tally.passed_each[name] / tally.trials:.1f}"
+        values = [f"{tally.quantile(name, share):.3g}" for share in (0.5, 0.95, 0.99)]
+        table.add_row(name, "" if limit is None else f"{limit:g}", *values, good)
+    console.print(table)
+    console.print(f"\nyield {100 * of.value:.2f} %, between {100 * of.low:.2f} and {100 * of.high:.2f} %\n")
+    table = plain_table("error alone", "tolerance", "moves px", "left by affine", "left by pose", "may be alone")
+    ranked = sorted(found.sensitivities, key=lambda row: -row.merits["motion_px"])
+    for row in ranked[:MOST_ROWS]:
+        motions = [f"{row.merits[after('motion_px', depth)]:.3g}" for depth in ("none", "affine", "pose")]
+        alone = min(row.alone.values(), default=float("nan"))
+        table.add_row(row.name, f"{row.tolerance:.3g}", *motions, f"{alone:.3g}")
+    console.print(table)
+    if len(ranked) > MOST_ROWS:
+        console.print(f".. and {len(ranked) - MOST_ROWS} that do less; --json or --out tells all")
+    _print_allocation(console, found)
+
+
+def _print_allocation(console: Console, found: ToleranceReport) -> None:
+    if (cheapest := found.allocation) is None:
+        return
+    of = cheapest.reached
+    console.print(
+        f"\ncheapest tolerances: yield {100 * of.value:.2f} % ({100 * of.low:.2f} to {100 * of.high:.2f} %) of "
+        f"{cheapest.trials} other sensors\nprice {cheapest.price:.4g}; {cheapest.price_of_equal:.4g} if all are scaled "
+        "alike\n"
+    )
+    table = plain_table("error", "asked", "cheapest")
+    for name, value in cheapest.tolerances.items():
+        table.add_row(name, f"{found.plan.tolerances.errors[name].value:.3g}", f"{value:.3g}")
+    console.print(table)
+
+
+def _write(found: ToleranceReport, out: Path | None, json_file: Path | None) -> list[Path]:
+    text = json.dumps(json_plain(found.to_dict()), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    written = []
+    if out is not None:
+        from ....figures.style import save_figure, styled
+        from ....tolerancing.figures import curves, tornado
+
+        out.mkdir(parents=True, exist_ok=True)
+        write_text(out / "tolerance.json", text)
+        with styled():
+            save_figure(tornado(found.sensitivities), out / "tornado.svg")
+            save_figure(curves(found.tally), out / "yield.svg")
+        written += [out / name for name in ("tolerance.json", "tornado.svg", "yield.svg")]
+    if json_file is not None:
+        write_text(json_file, text)
+        written.append(json_file)
+    return written

@@ -1,0 +1,177 @@
+"""Everything that is asked of a sensor's tolerances, at once."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from ..errors import InvalidParameter
+from ..sensor import Sensor, check_sensor
+from .allocation import Allocation, allocate
+from .sensitivity import ErrorEffect, sensitivities
+from .tolerance_file import TolerancePlan
+from .tolerances import Tolerances
+from .trials.judge import Judge
+from .trials.merits import merit_names
+from .yields import Progress, Tally, monte_carlo
+
+QUANTILES = (0.05, 0.5, 0.95, 0.99)
+
+
+@dataclass(frozen=True)
+class ToleranceReport:
+    """What tolerances do to a sensor.
+
+    Attributes
+    ----------
+    sensor
+        What is meant.
+    plan
+        Its tolerances and limits.
+    seed
+        Of the trials.
+    tally
+        What became of them.
+    sensitivities
+        What each error does alone.
+    allocation
+        The cheapest tolerances for a yield, if one was asked for.
+    seconds
+        That it took.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> sensor = om.load_sensor("paper-spherical")
+    >>> found = om.tolerance(sensor, om.Tolerances(sensor, {"lens.k1": om.ErrorBound(0.01)}), trials=100)
+    >>> found.to_dict()["trials"]
+    100
+    """
+
+    sensor: Sensor
+    plan: TolerancePlan
+    seed: int
+    tally: Tally
+    sensitivities: list[ErrorEffect]
+    allocation: Allocation | None
+    seconds: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """As a file holds it.
+
+        Returns
+        -------
+        dict
+            ``trials``, ``yield``, ``yield_low``, ``yield_high``, ``merits`` with their quantiles, ``sensitivities``,
+            ``allocation`` and ``seconds``.
+        """
+        tally, found = self.tally, self.allocation
+        merits = {
+            name: {"mean": tally.mean(name)} | {f"q{round(100 * q):02}": tally.quantile(name, q) for q in QUANTILES}
+            for name in merit_names()[:-1]
+        }
+        cheapest = None if found is None else {
+            "tolerances": dict(found.tolerances), "price": found.price, "price_of_equal": found.price_of_equal,
+            "yield": found.reached.value, "yield_low": found.reached.low, "yield_high": found.reached.high,
+            "trials": found.trials,
+        }  # fmt: skip
+        return {
+            "sensor": self.sensor.name,
+            "trials": tally.trials,
+            "seed": self.seed,
+            "yield": tally.yields.value,
+            "yield_low": tally.yields.low,
+            "yield_high": tally.yields.high,
+            "lost": tally.lost,
+            "limits": [
+                {"merit": name, "at_most": limit, "passed": tally.passed_each[name] / tally.trials}
+                for name, limit in self.plan.limits.items()
+            ],
+            "merits": merits,
+            "sensitivities": [
+                {
+                    "name": row.name,
+                    "tolerance": row.tolerance,
+                    "motion_rate": row.motion_rate,
+                    "motion_bend": row.motion_bend,
+                    "left_rates": dict(row.left_rates),
+                    "merits": dict(row.merits),
+                    "alone": dict(row.alone),
+                }
+                for row in self.sensitivities
+            ],
+            "allocation": cheapest,
+            "seconds": self.seconds,
+        }
+
+
+def tolerance(
+    sensor: Sensor,
+    plan: TolerancePlan | Tolerances,
+    *,
+    limits: Mapping[str, float] | None = None,
+    trials: int = 10_000,
+    seed: int = 0,
+    wanted_yield: float | None = None,
+    progress: Progress | None = None,
+) -> ToleranceReport:
+    """Say how well a sensor must be built, and how many of those built will be good.
+
+    Parameters
+    ----------
+    sensor
+        What is meant: one mirror on the axis of a perspective lens.
+    plan
+        From :func:`omnimirror.load_tolerances`, or :class:`omnimirror.Tolerances` made in Python.
+    limits
+        In place of the plan's: largest values by names of merits, such as ``"motion_px after pose"``.
+    trials
+        How many sensors are built.
+    seed
+        Of the random numbers: the same seed, the same sensors.
+    wanted_yield
+        A share of good sensors, for which the cheapest tolerances are looked for.
+    progress
+        Called with the trials done and all of them.
+
+    Returns
+    -------
+    ToleranceReport
+        Yield, quantiles, what each error does alone, and the tolerances that were looked for.
+
+    Raises
+    ------
+    InvalidParameter
+        A sensor that cannot be traced with errors, limits or numbers that are none.
+
+    Examples
+    --------
+    A decentre is everything to a picture that was not calibrated, and nothing to one that was:
+
+    >>> import omnimirror as om
+    >>> sensor = om.load_sensor("paper-spherical")
+    >>> errors = {f"mirror.decentre_{axis}_mm": om.ErrorBound(0.1) for axis in "xy"}
+    >>> found = om.tolerance(sensor, om.Tolerances(sensor, errors), limits={"motion_px": 0.5}, trials=2000)
+    >>> 0.05 < found.tally.yields.value < 0.3
+    True
+    >>> found = om.tolerance(sensor, om.Tolerances(sensor, errors), limits={"motion_px after pose": 0.5}, trials=2000)
+    >>> found.tally.yields.value
+    1.0
+    """
+    check_sensor(sensor)
+    if isinstance(plan, Tolerances):
+        plan = TolerancePlan(plan)
+    if plan.tolerances.sensor != sensor:
+        raise InvalidParameter("the tolerances are those of another sensor; make them for this one")
+    if limits is not None:
+        plan = TolerancePlan(plan.tolerances, limits, plan.prices, plan.refocus, plan.judged)
+    begin = time.perf_counter()
+    judge = Judge.of(sensor, plan.refocus, **plan.judged)
+    tally = monte_carlo(judge, plan.tolerances, plan.limits, trials=trials, seed=seed, progress=progress)
+    alone = sensitivities(judge, plan.tolerances, plan.limits)
+    allocation = None
+    if wanted_yield is not None:
+        allocation = allocate(judge, plan.tolerances, plan.limits, wanted_yield, prices=plan.prices, seed=seed)
+    return ToleranceReport(sensor, plan, seed, tally, alone, allocation, time.perf_counter() - begin)

@@ -1,0 +1,86 @@
+"""Drawings of what tolerances do: a tornado chart of the errors, and cumulative curves of the sensors built."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from ..figures.style import GREY, INK, PAGE, PALETTE, new_figure
+from .sensitivity import ErrorEffect
+from .trials.compensation import CALIBRATIONS
+from .trials.merits import after
+from .yields import Tally
+
+MOST_BARS = 24
+ROW = 0.19  # inches of a bar
+SMALLEST = 1e-4
+"""Share of the widest bar under which none is drawn: scales are logarithmic."""
+
+
+def tornado(rows: Sequence[ErrorEffect]) -> Figure:
+    """How far each error alone moves the picture at its tolerance, and what calibrations leave; the worst on top.
+
+    Parameters
+    ----------
+    rows
+        Of the errors.
+
+    Returns
+    -------
+    Figure
+        A chart of bars.
+    """
+    ranked = sorted(rows, key=lambda row: -row.merits["motion_px"])[:MOST_BARS]
+    figure = new_figure(PAGE * 0.8, 0.9 + ROW * len(ranked))
+    ax = figure.subplots()
+    places = np.arange(len(ranked))
+    shown = [("none", PALETTE[0], 0.8), ("affine", PALETTE[4], 0.5), ("pose", PALETTE[1], 0.22)]
+    widest = max(row.merits["motion_px"] for row in ranked) or 1.0
+    for depth, colour, height in shown:
+        name = after("motion_px", depth)  # type: ignore[arg-type]  # one of them
+        sizes = [min(row.merits[name], 2 * widest) for row in ranked]
+        words = "as built" if depth == "none" else f"after a calibration: {depth}"
+        ax.barh(places, np.maximum(sizes, SMALLEST * widest), height, color=colour, label=words)
+    ax.set_yticks(places, [f"{row.name}  ±{row.tolerance:.3g}" for row in ranked])
+    ax.set(xscale="log", xlabel="largest motion of the picture, px")
+    ax.set_xlim(SMALLEST * widest, 1.3 * widest)
+    ax.invert_yaxis()
+    ax.grid(visible=False, axis="y")
+    ax.legend(frameon=False, loc="lower center", bbox_to_anchor=(0.4, 1.0), ncols=3)
+    return figure
+
+
+def curves(tally: Tally) -> Figure:
+    """How many of the sensors built stay under which motion and blur, with the limits.
+
+    Parameters
+    ----------
+    tally
+        What became of trials.
+
+    Returns
+    -------
+    Figure
+        Two plots.
+    """
+    figure = new_figure(PAGE, 2.9)
+    motion, blur = figure.subplots(1, 2, width_ratios=(2, 1), sharey=True)
+    for depth, colour in zip(CALIBRATIONS, PALETTE, strict=False):
+        name = after("motion_px", depth)
+        values, shares = tally.curve(name)
+        motion.plot(values, 100 * shares, color=colour, label="as built" if depth == "none" else depth)
+        if name in tally.limits:
+            motion.axvline(tally.limits[name], color=colour, linewidth=0.8, linestyle=":")
+    motion.set(xscale="log", xlabel="largest motion of the picture, px", ylabel="sensors under it, %")
+    motion.set_title("motion, and what calibrations leave")
+    figure.legend(*motion.get_legend_handles_labels(), frameon=False, loc="outside lower center", ncols=5)
+    values, shares = tally.curve("blur_px")
+    blur.plot(values, 100 * shares, color=INK)
+    if "blur_px" in tally.limits:
+        blur.axvline(tally.limits["blur_px"], color=GREY, linewidth=0.8, linestyle=":")
+    blur.set(xlabel="worst blur, px")
+    blur.set_title("blur")
+    blur.set_ylim(0, 101)
+    return figure

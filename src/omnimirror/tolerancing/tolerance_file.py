@@ -1,0 +1,253 @@
+"""The tolerance file: errors, what they cost, how they hang together, and what a good sensor stays within."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import Field
+
+from ..arguments import file_name
+from ..errors import SpecError
+from ..files import parse_toml, read_text
+from ..sensor import Sensor
+from ..specs import NoFile, Places, Table, check_entries, validated
+from .distributions import Distribution
+from .errors import GRADES, errors_of
+from .tolerances import ErrorBound, Tolerances
+from .trials.compensation import Calibration
+from .trials.judge import Judge
+from .trials.merits import after, merit_names
+from .trials.picture import Refocus
+from .yields import check_limits
+
+FORMAT = 1
+
+
+class ErrorTable(Table):
+    """An error and its tolerance."""
+
+    name: str
+    tolerance: Annotated[float, Field(ge=0, description="plus or minus, in the unit that the name ends with")]
+    distribution: Distribution = "uniform"
+    price: Annotated[float, Field(gt=0, description="of this tolerance; half of it costs twice as much")] = 1.0
+
+
+class CorrelationTable(Table):
+    """Two errors that come together."""
+
+    between: Annotated[list[str], Field(min_length=2, max_length=2, description="two names")]
+    value: Annotated[float, Field(ge=-1, le=1)]
+
+
+class BoundTable(Table):
+    """What a good sensor stays within."""
+
+    quantity: str
+    at_most: Annotated[float, Field(gt=0)]
+    after: Calibration = "none"
+
+
+class JudgedTable(Table):
+    """What is looked at."""
+
+    field_deg: Annotated[list[float], Field(min_length=2, max_length=2, description="[FROM, TO]")] | None = None
+    angles: Annotated[int, Field(ge=1, le=200)] = 8
+    azimuths: Annotated[int, Field(ge=3, le=720)] = 12
+    object_distance_mm: Annotated[float, Field(gt=0)] | None = None
+    refocus: Refocus = "none"
+
+
+@dataclass(frozen=True)
+class TolerancePlan:
+    """What a tolerance file says.
+
+    Attributes
+    ----------
+    tolerances
+        Of the errors.
+    limits
+        Largest values by names of merits.
+    prices
+        Of tolerances, by the names of errors.
+    refocus
+        Whether each sensor is focused.
+    judged
+        Field and number of objects, as :func:`omnimirror.tolerancing.trials.field.field_of` takes them.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> errors = {"lens.k1": om.ErrorBound(0.01)}
+    >>> plan = TolerancePlan(om.Tolerances(om.load_sensor("paper-spherical"), errors), {"motion_px": 1.0})
+    >>> plan.limits
+    {'motion_px': 1.0}
+    """
+
+    tolerances: Tolerances
+    limits: Mapping[str, float] = field(default_factory=dict)
+    prices: Mapping[str, float] = field(default_factory=dict)
+    refocus: Refocus = "none"
+    judged: Mapping[str, Any] = field(default_factory=dict)
+
+
+def load_tolerances(path: str | Path, sensor: Sensor) -> TolerancePlan:
+    """Read the tolerances of a sensor.
+
+    Parameters
+    ----------
+    path
+        Of a TOML file; ``omnimirror tolerance init`` writes one.
+    sensor
+        Whose they are.
+
+    Returns
+    -------
+    TolerancePlan
+        What it says.
+
+    Raises
+    ------
+    SpecError
+        No such file; not TOML; an unknown, missing or wrong entry, with file and line and what would be valid.
+
+    Examples
+    --------
+    >>> import tempfile, omnimirror as om
+    >>> sensor = om.load_sensor("paper-spherical")
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = f"{folder}/tolerances.toml"
+    ...     with open(path, "w") as file:
+    ...         _ = file.write(tolerance_template(sensor))
+    ...     plan = load_tolerances(path, sensor)
+    >>> plan.limits
+    {'motion_px after pose': 0.5, 'blur_px': 9.59}
+    """
+    path = file_name("path", path)
+    text = read_text(path, "tolerance file", SpecError, f"there is no tolerance file {str(path)!r}")
+    return parse_tolerances(text, sensor, str(path))
+
+
+def parse_tolerances(text: str, sensor: Sensor, source: str = "tolerances") -> TolerancePlan:
+    """Tolerances from the text of a file.
+
+    >>> import omnimirror as om
+    >>> text = '[[error]]\\nname = "mirror.tilt_x_deg"\\ntolerance = 0.1'
+    >>> parse_tolerances(text, om.load_sensor("paper-spherical")).tolerances.names
+    ('mirror.tilt_x_deg',)
+    """
+    text = text.removeprefix("\ufeff")
+    where: Places = Places(text, source) if text else NoFile()
+    data = parse_toml(text, source)
+    known: dict[str, type] = {"format": int, "judged": dict, "error": list, "correlation": list, "limit": list}
+    check_entries(data, known, FORMAT, where)
+    errors: dict[str, ErrorBound] = {}
+    prices: dict[str, float] = {}
+    known_errors = errors_of(sensor)
+    for i, table in enumerate(data.get("error", [])):
+        entry = validated(ErrorTable, f"error.{i}", table, where)
+        where.wrap((f"error.{i}", "name"), lambda name=entry.name: _new(name, errors, known_errors))  # type: ignore[misc]
+        errors[entry.name] = ErrorBound(entry.tolerance, entry.distribution)
+        prices[entry.name] = entry.price
+    correlations = {}
+    for i, table in enumerate(data.get("correlation", [])):
+        pair = validated(CorrelationTable, f"correlation.{i}", table, where)
+        correlations[pair.between[0], pair.between[1]] = pair.value
+    limits: dict[str, float] = {}
+    for i, table in enumerate(data.get("limit", [])):
+        bound = validated(BoundTable, f"limit.{i}", table, where)
+        name = after(bound.quantity, bound.after)
+        where.wrap((f"limit.{i}", "quantity"), lambda n=name, v=bound.at_most: check_limits({n: v}))  # type: ignore[misc]
+        limits[name] = bound.at_most
+    judged = validated(JudgedTable, "judged", data.get("judged", {}), where).model_dump()
+    refocus = judged.pop("refocus")
+    judged["object_distance_mm"] = judged["object_distance_mm"] or np.inf
+    tolerances = where.wrap((), lambda: Tolerances(sensor, errors, correlations))
+    return TolerancePlan(tolerances, limits, prices, refocus, judged)
+
+
+def _new(name: str, errors: Mapping[str, Any], known: Mapping[str, Any]) -> None:
+    """Refuse an error that is none, or that stands there already."""
+    from .errors import check_name
+
+    check_name(name, known)
+    if name in errors:
+        raise SpecError(f"{name} has a tolerance already; leave one out")
+
+
+def tolerance_template(sensor: Sensor, grade: str = "medium") -> str:
+    """A commented tolerance file to start from.
+
+    Parameters
+    ----------
+    sensor
+        Whose it is.
+    grade
+        Of the shop: one of :data:`~omnimirror.tolerancing.errors.GRADES`.
+
+    Returns
+    -------
+    str
+        TOML.
+
+    Raises
+    ------
+    InvalidParameter
+        A word that is no grade.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> print(tolerance_template(om.load_sensor("paper-spherical"), "fine").splitlines()[0])
+    # Tolerances of paper-spherical, as a shop of the grade fine holds them. Values are plus or minus.
+    """
+    from ..arguments import choice
+
+    choice("grade", grade, GRADES)
+    blur = float(Judge.of(sensor).judged({"mirror.tilt_x_deg": np.zeros(1)})[0, merit_names().index("blur_px")])
+    lines = [HEAD.format(name=sensor.name, grade=grade, blur=blur, most_blur=MORE_BLUR * blur)]
+    for kind in errors_of(sensor).values():
+        if kind.name.startswith("mirror.zernike") and int(kind.name.split("_")[1]) > LAST_ZERNIKE:
+            continue
+        usual = ", ".join(f"{g} {kind.usual[g]:.3g}" for g in GRADES)
+        unit = f" {kind.unit}" if kind.unit else ""
+        lines.append(
+            f'\n[[error]]  # {kind.meaning}; shops hold{unit}: {usual}\nname = "{kind.name}"\n'
+            f"tolerance = {float(f'{kind.usual[grade]:.3g}')!r}\n"
+        )
+    return "".join(lines)
+
+
+LAST_ZERNIKE = 11
+MORE_BLUR = 1.2  # times that of a sensor without errors, as a start
+HEAD = """\
+# Tolerances of {name}, as a shop of the grade {grade} holds them. Values are plus or minus.
+#   omnimirror tolerance SENSOR tolerances.toml
+format = 1
+
+[judged]
+# field_deg = [0, 120]     # from its smallest to .97 of its largest field angle by default
+angles = 8                 # circles of objects over the field
+azimuths = 12              # objects on each
+# object_distance_mm = 2000
+refocus = "none"           # or "rms", "worst": each sensor is focused anew
+
+# A good sensor stays within all of these. The picture moves against that of a sensor without errors:
+[[limit]]
+quantity = "motion_px"     # or motion_rms_px, direction_error_deg, direction_error_rms_deg
+after = "pose"             # what a calibration leaves of it: none, principal-point, affine, pose, radial
+at_most = 0.5
+
+[[limit]]
+quantity = "blur_px"       # or floored_area_deg2; without errors {blur:.3g}
+at_most = {most_blur:.3g}
+
+# Errors: distribution = "uniform" (default), "normal" (the tolerance is two sigma), "truncated", "end-heavy";
+# price = 1.0 of a tolerance as it stands, for --yield. Those that come together:
+#   [[correlation]]
+#   between = ["mirror.tilt_x_deg", "mirror.decentre_y_mm"]
+#   value = 0.7
+"""

@@ -1,0 +1,190 @@
+"""How many of the sensors built will be good: Monte Carlo trials, and what is kept of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import beta
+
+from ..arguments import shown
+from ..errors import InvalidParameter
+from .tolerances import BLOCK, Tolerances
+from .trials.judge import Judge
+from .trials.merits import merit_names
+
+Array = NDArray[np.float64]
+Progress = Callable[[int, int], None]
+
+CONFIDENCE = 0.95
+MOST_TRIALS = 10**10
+LOWEST, HIGHEST, BINS = 1e-9, 1e9, 36 * 256
+"""Range of merits in which they are counted by size, and into how many bins: quantiles are right to .23 %."""
+
+
+class Share(NamedTuple):
+    """A share of trials, and where that of all sensors lies with a confidence of .95 (Clopper and Pearson, 1934)."""
+
+    value: float
+    low: float
+    high: float
+
+
+def share_of(passed: int, trials: int) -> Share:
+    """Of trials that passed.
+
+    >>> [round(v, 3) for v in share_of(95, 100)]
+    [0.95, 0.887, 0.984]
+    """
+    tail = (1 - CONFIDENCE) / 2
+    low = 0.0 if passed == 0 else float(beta.ppf(tail, passed, trials - passed + 1))
+    high = 1.0 if passed == trials else float(beta.ppf(1 - tail, passed + 1, trials - passed))
+    return Share(passed / trials, low, high)
+
+
+def check_limits(limits: Mapping[str, float]) -> None:
+    """Refuse limits of what is no merit of trials, and those that nothing meets.
+
+    Parameters
+    ----------
+    limits
+        Largest values by names of merits.
+
+    Raises
+    ------
+    InvalidParameter
+        With what would be valid.
+    """
+    known = [name for name in merit_names() if name not in ("focus_distance_mm", "lost_rays")]
+    for name, limit in limits.items():
+        if name not in known:
+            raise InvalidParameter(f"{shown(name)} is nothing that trials are judged by; valid are {', '.join(known)}")
+        if not limit > 0:
+            raise InvalidParameter(f"the limit {name} at most {limit:g} is valid above 0")
+
+
+@dataclass
+class Tally:
+    """What is kept of any number of trials: sums and counts, which add up in any order.
+
+    Attributes
+    ----------
+    limits
+        Largest values by names of merits.
+    trials, lost, passed
+        How many there were, how many lost rays, how many are within all limits.
+    passed_each
+        How many are within each limit.
+    sums, squares : (m,)
+        Of merits of those that lost no ray.
+    counts : (m, bins)
+        How many of those have merits of which size, bins growing by a constant factor.
+    """
+
+    limits: Mapping[str, float]
+    trials: int = 0
+    lost: int = 0
+    passed: int = 0
+    passed_each: dict[str, int] = field(default_factory=dict)
+    sums: Array = field(default_factory=lambda: np.zeros(len(merit_names())))
+    squares: Array = field(default_factory=lambda: np.zeros(len(merit_names())))
+    counts: NDArray[np.int64] = field(default_factory=lambda: np.zeros((len(merit_names()), BINS), dtype=np.int64))
+
+    def add(self, merits: Array) -> None:
+        """Count trials by their merits (t, m)."""
+        whole = merits[:, -1] == 0
+        good = np.asarray(whole)
+        for name, limit in self.limits.items():
+            within = whole & (merits[:, merit_names().index(name)] <= limit)
+            self.passed_each[name] = self.passed_each.get(name, 0) + int(within.sum())
+            good = good & within
+        self.trials += len(merits)
+        self.lost += int((~whole).sum())
+        self.passed += int(good.sum())
+        kept = merits[whole]
+        self.sums += kept.sum(axis=0)
+        self.squares += (kept**2).sum(axis=0)
+        scale = BINS / np.log(HIGHEST / LOWEST)
+        place = (np.log(np.clip(kept, LOWEST, HIGHEST * 0.999) / LOWEST) * scale).astype(np.intp)
+        for row, places in zip(self.counts, place.T, strict=True):
+            row += np.bincount(places, minlength=BINS)
+
+    @property
+    def yields(self) -> Share:
+        """Of trials within all limits."""
+        return share_of(self.passed, self.trials)
+
+    def quantile(self, merit: str, share: float) -> float:
+        """The value under which a share of all trials stays; infinite where more lose rays."""
+        counts = np.cumsum(self.counts[merit_names().index(merit)])
+        wanted = share * self.trials
+        if wanted > counts[-1]:
+            return np.inf
+        place = int(np.searchsorted(counts, wanted))
+        value = LOWEST * (HIGHEST / LOWEST) ** ((place + 0.5) / BINS)
+        return 0.0 if place == 0 else float(value)
+
+    def curve(self, merit: str) -> tuple[Array, Array]:
+        """Values, and the share of all trials that stay under each."""
+        counts = np.cumsum(self.counts[merit_names().index(merit)])
+        used = np.flatnonzero(np.diff(counts, prepend=0))
+        if not used.size:
+            return np.zeros(0), np.zeros(0)
+        some = np.arange(used[0], used[-1] + 1)
+        return LOWEST * (HIGHEST / LOWEST) ** ((some + 1) / BINS), counts[some] / self.trials
+
+    def mean(self, merit: str) -> float:
+        """Of trials that lost no ray."""
+        kept = self.trials - self.lost
+        return float(self.sums[merit_names().index(merit)] / kept) if kept else np.nan
+
+
+def monte_carlo(
+    judge: Judge,
+    tolerances: Tolerances,
+    limits: Mapping[str, float],
+    *,
+    trials: int = 10_000,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> Tally:
+    """Build a sensor many times, with errors drawn from its tolerances.
+
+    Parameters
+    ----------
+    judge
+        Of the sensor.
+    tolerances
+        Of its errors.
+    limits
+        What a good sensor stays within, by names of merits.
+    trials
+        How many.
+    seed
+        Of the random numbers: the same seed, the same trials.
+    progress
+        Called with the trials done and all of them.
+
+    Returns
+    -------
+    Tally
+        What became of them.
+
+    Raises
+    ------
+    InvalidParameter
+        A number of trials that is none, or limits that are none.
+    """
+    check_limits(limits)
+    if not 1 <= trials <= MOST_TRIALS:
+        raise InvalidParameter(f"{trials} trials are not valid; valid are 1 to {MOST_TRIALS}")
+    tally = Tally(dict(limits))
+    for block in range(-(-trials // BLOCK)):
+        count = min(BLOCK, trials - block * BLOCK)
+        tally.add(judge.judged(tolerances.drawn(seed, block, count)))
+        if progress:
+            progress(tally.trials, trials)
+    return tally
