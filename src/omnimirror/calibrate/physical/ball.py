@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...arguments import checked, finite, number
+from ...errors import InvalidParameter
 from ...frames import Mount
 from ...imagers import Imager
 from ...lenses import Perspective
@@ -15,6 +16,7 @@ from .sensor_model import SensorModel
 
 GRAZING = 1 - 1e-6  # of the outline's distance from the axis: there light only just arrives
 MOST_PX = 1e9
+SMALLEST = 1e-6  # radians, of what a ball takes up
 PITCH_UM = 5.0  # any would do: a picture knows angles alone
 
 
@@ -78,6 +80,10 @@ def mirror_ball_model(
     off = float(np.hypot(*across))
     far, near = np.arctan((off + rim_radius_px) / focal_px), np.arctan((off - rim_radius_px) / focal_px)
     delta, alpha = (far + near) / 2, (far - near) / 2  # of the ball's centre; off the axis its outline is drawn out
+    if not alpha > SMALLEST:
+        raise InvalidParameter(
+            f"rim_radius_px = {rim_radius_px:g} is not valid with focal_px = {focal_px:g}: the ball would be a point"
+        )
     towards = np.append(np.sin(delta) * across / (off or 1.0), np.cos(delta))
     vertex = ball_radius_mm * (1 / np.sin(alpha) - 1) * towards
     distance, b0 = float(vertex[2]), focal_px * PITCH_UM * 1e-3

@@ -238,7 +238,7 @@ def _cells(black: NDArray[np.bool_], left: float, top: float, side: float) -> li
 
 
 def _raster(sheet: BoardSheet, px_per_mm: float) -> NDArray[np.uint8]:
-    width, height = (round(length * px_per_mm) for length in sheet.size_mm)
+    width, height = (round(min(length * px_per_mm, 1e9)) for length in sheet.size_mm)
     if not 1 <= min(width, height) <= max(width, height) <= MOST_PX:
         raise InvalidParameter(
             f"a picture of {width} x {height} px is not valid; it is valid from 1 to {MOST_PX} px a side"
