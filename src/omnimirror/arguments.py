@@ -122,6 +122,8 @@ def number(
     >>> number("width_px", 12, above=0)
     12.0
     """
+    if type(value) is float and -np.inf < value < np.inf and value > above and low <= value <= high:
+        return value  # as most come
     array = numbers(name, value, "(it takes one)")
     if array.ndim or not (np.isfinite(array) and array > above and low <= array <= high):
         if np.isinf(above):

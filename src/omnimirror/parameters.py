@@ -30,6 +30,8 @@ class Parameter:
             if not isinstance(value, str) or value not in self.choices:
                 raise InvalidParameter(f"{name} = {shown(value)} is not one of {', '.join(self.choices)}")
             return
+        if type(value) is float and self.low <= value <= self.high:
+            return  # as most come
         if isinstance(value, list | tuple) and not value:
             return  # how many there have to be is the part's own affair
         for i, number in enumerate(numbers(name, value).ravel()):
