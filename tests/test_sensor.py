@@ -142,7 +142,7 @@ def test_is_a_camera_and_tells_its_symmetry():
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: Mount("left"), "camera_looks = 'left' is not one of up, down, forward"),
+        (lambda: Mount("left"), "camera_looks = 'left' is not known; valid are up, down, forward"),
         (lambda: Mount("up", float("inf")), "forward_azimuth_deg = inf"),
         (lambda: Imager(0, 10, 5.0), "width_px = 0 px is outside 1 to"),
         (lambda: Imager(10, 10.5, 5.0), "height_px = 10.5 is not a whole number"),
