@@ -453,7 +453,7 @@ def test_places_that_cannot_be_are_refused(shape):
         (lambda: CubeMap((5, 5)), "the layout cross needs 4 n x 3 n px, such as 1024 x 768"),
         (lambda: CubeMap((8, 8), "3x2"), "the layout 3x2 needs 3 n x 2 n px"),
         (lambda: CubeMap((2, 1), "3x2"), "holds no square faces"),
-        (lambda: CubeMap((6, 1), "row"), "'row' is not one of cross, strip, 3x2"),
+        (lambda: CubeMap((6, 1), "row"), "layout = 'row' is not known; valid are cross, strip, 3x2"),
         (lambda: CubeMap((6, 1), "strip", offset_mm=(1.0, 0.0, 0.0)), "moves nothing"),
         (lambda: CubeMap((6, 1), "strip").face("top"), "'top' is not one of right, left, up, down, front, back"),
         (lambda: Mosaic((5, 5), ()), "at least one view"),

@@ -121,7 +121,8 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
 }  # fmt: skip
 ELSEWHERE = {
     "Body", "Calibration", "Detection", "FoundRim", "Front", "LineCalibration", "Motion", "Optimum", "Prior",
-    "RationalPinhole", "Sighting", "ThinPrismFisheye", "adjust", "bundled_sensors", "calibrate_lines",
+    "RationalPinhole", "Sighting", "ThinPrismFisheye", "ToleranceReport", "adjust", "bundled_sensors",
+    "calibrate_lines",
     "design_sensor", "load_front", "measure_round_trip", "pareto", "register_camera_format", "register_format",
     "register_mirror", "register_quantity", "register_view", "reproduce_paper", "requirements_like", "screens",
     "sensor_template", "views", "write_board", "write_calibration_figures", "write_calibration_report",

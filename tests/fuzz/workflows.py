@@ -34,12 +34,14 @@ PICTURE = np.random.default_rng(0).integers(0, 255, (32, 32, 3), np.uint8)
 LARGER = np.zeros((64, 64, 3), np.uint8)
 PARTS = Catalogue((LensComponent("l", 8.0, 1.4, 16.0, 100.0),), (ImagerComponent("i", 1000, 1000, 5.0),))
 MOVES = Keyframes({"x_mm": ((0.0, 0.0), (1.0, 9.0))})
+TOLERANCES = om.Tolerances(SENSOR, {"lens.k1": om.ErrorBound(0.01)})
 VIEW = om.views.panorama(SENSOR, size=(36, 12))
 
 
 def write_files(folder: Path) -> None:
     """What some of the calls read."""
     om.write_image(folder / "a.png", PICTURE)
+    (folder / "tolerances.toml").write_text(om.tolerance_template(SENSOR))
     (folder / "poses.csv").write_text("time_s,x_mm,pan_deg\n0,0,0\n.2,100,10\n")
     (folder / "parts.toml").write_text(
         '[[imager]]\nname = "i"\nwidth_px = 9\nheight_px = 9\npixel_pitch_um = 5.0\n[[lens]]\nname = "l"\n'
@@ -54,6 +56,14 @@ def write_files(folder: Path) -> None:
 
 
 CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
+    "ErrorBound": (om.ErrorBound, {"value": 0.1, "distribution": "normal"}),
+    "Tolerances": (om.Tolerances, {"sensor": SENSOR, "errors": {"lens.k1": om.ErrorBound(0.1)}, "correlations": {}}),
+    "TolerancePlan": (om.TolerancePlan, {"tolerances": TOLERANCES, "limits": {"blur_px": 20.0}, "refocus": "none"}),
+    "load_tolerances": (om.load_tolerances, {"path": "tolerances.toml", "sensor": SENSOR}),
+    "tolerance_template": (om.tolerance_template, {"sensor": SENSOR, "grade": "fine"}),
+    "perturbed": (om.perturbed, {"sensor": SENSOR, "values": {"lens.k1": 0.01}}),
+    "tolerance": (om.tolerance, {"sensor": SENSOR, "plan": TOLERANCES, "limits": {"blur_px": 20.0}, "trials": 20,
+                                 "seed": 0, "wanted_yield": None}),
     "field_angles": (om.field_angles, {"sensor": SENSOR, "step_deg": 5.0}),
     "simulate_detections": (om.simulate_detections, {"camera": CAMERA, "board": BOARD, "count": 1, "noise_px": 0.1,
                                                      "seed": 0, "points_mm": None}),

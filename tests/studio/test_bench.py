@@ -396,7 +396,7 @@ def test_a_misaligned_sensor_is_drawn_in_its_place_and_said_to_be_out_of_it(clie
     for kind in ("table", "report"):
         refused = post(client, "file", tables=tables_of(sensor), kind=kind, object_distance_mm=None)
         assert refused.status_code == 400
-        assert "in its place" in refused.json()["detail"]
+        assert "in their places" in refused.json()["detail"]
         assert "()" not in refused.json()["detail"]  # no Python
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import struct
+from concurrent.futures import ThreadPoolExecutor
 
 import cv2
 import numpy as np
@@ -110,7 +111,8 @@ def test_who_goes_ends_the_look_and_the_next_one_is_answered():
         finally:
             lookers.close()
 
-    assert asyncio.run(both()).reason == "the picture is blank"
+    with ThreadPoolExecutor(1) as apart:  # a thread of its own: tests of pages leave a loop running in theirs
+        assert apart.submit(asyncio.run, both()).result().reason == "the picture is blank"
 
 
 def test_pictures_together_are_those_of_one_camera_and_cover_the_field(seen):

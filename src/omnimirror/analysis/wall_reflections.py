@@ -80,7 +80,7 @@ def ghosts(sensor: Sensor, omega_deg: ArrayLike | None = None) -> Ghosts:
     >>> sensor = replace(om.load_sensor("paper-spherical"), housing=Housing(shell=Tube(120.0)))
     >>> found = ghosts(sensor, [60.0, 110.0])
     >>> found.ghost_omega_deg.round(1), found.ghost_percent.round(1)
-    (array([-60. ,  nan]), array([7.7, 0. ]))
+    (array([-60.,  nan]), array([7.7, 0. ]))
     """
     check_sensor(sensor)
     sensor.check_one_mirror("ghosts")

@@ -147,7 +147,7 @@ def draw(name: str, sensors: Sequence[Sensor], conditions: Conditions = EXACT) -
     >>> from omnimirror.specs import load_sensor
     >>> figure = draw("fig6", [load_sensor("paper-spherical")])
     >>> figure.axes[0].get_xlabel()
-    'Incident angle Ω (deg)'
+    'Field angle Ω (deg)'
     """
     if name not in FIGURES:
         raise InvalidParameter(f"figure {name!r} is not known; valid are {', '.join(FIGURES)}")

@@ -7,8 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from ..arguments import checked
 from ..errors import InvalidParameter
-from ..sensor import Sensor, check_sensor
+from ..sensor import Sensor
 from .allocation import Allocation, allocate
 from .sensitivity import ErrorEffect, sensitivities
 from .tolerance_file import TolerancePlan
@@ -107,6 +108,7 @@ class ToleranceReport:
         }
 
 
+@checked
 def tolerance(
     sensor: Sensor,
     plan: TolerancePlan | Tolerances,
@@ -160,7 +162,6 @@ def tolerance(
     >>> found.tally.yields.value
     1.0
     """
-    check_sensor(sensor)
     if isinstance(plan, Tolerances):
         plan = TolerancePlan(plan)
     if plan.tolerances.sensor != sensor:

@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, cast
 
+from ..arguments import checked
 from ..errors import InvalidParameter
 from ..lenses import Perspective
 from ..mirrors import ConicAsphere, EvenPolynomial, Mirror
@@ -136,6 +137,7 @@ def _of_lens(sensor: Sensor) -> list[ErrorKind]:
     ]
 
 
+@checked
 def perturbed(sensor: Sensor, values: Mapping[str, float]) -> Sensor:
     """A sensor with errors, as an ordinary sensor that a file can hold.
 

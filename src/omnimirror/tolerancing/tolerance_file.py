@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field
 
-from ..arguments import file_name
+from ..arguments import check_fields, checked, choice, file_name
 from ..errors import SpecError
 from ..files import parse_toml, read_text
 from ..sensor import Sensor
@@ -21,7 +21,7 @@ from .tolerances import ErrorBound, Tolerances
 from .trials.compensation import Calibration
 from .trials.judge import Judge
 from .trials.merits import after, merit_names
-from .trials.picture import Refocus
+from .trials.picture import REFOCUS, Refocus
 from .yields import check_limits
 
 FORMAT = 1
@@ -93,7 +93,13 @@ class TolerancePlan:
     refocus: Refocus = "none"
     judged: Mapping[str, Any] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        check_fields(self)
+        choice("refocus", self.refocus, REFOCUS)
+        check_limits(self.limits)
 
+
+@checked
 def load_tolerances(path: str | Path, sensor: Sensor) -> TolerancePlan:
     """Read the tolerances of a sensor.
 
@@ -178,6 +184,7 @@ def _new(name: str, errors: Mapping[str, Any], known: Mapping[str, Any]) -> None
         raise SpecError(f"{name} has a tolerance already; leave one out")
 
 
+@checked
 def tolerance_template(sensor: Sensor, grade: str = "medium") -> str:
     """A commented tolerance file to start from.
 
@@ -204,8 +211,6 @@ def tolerance_template(sensor: Sensor, grade: str = "medium") -> str:
     >>> print(tolerance_template(om.load_sensor("paper-spherical"), "fine").splitlines()[0])
     # Tolerances of paper-spherical, as a shop of the grade fine holds them. Values are plus or minus.
     """
-    from ..arguments import choice
-
     choice("grade", grade, GRADES)
     blur = float(Judge.of(sensor).judged({"mirror.tilt_x_deg": np.zeros(1)})[0, merit_names().index("blur_px")])
     lines = [HEAD.format(name=sensor.name, grade=grade, blur=blur, most_blur=MORE_BLUR * blur)]

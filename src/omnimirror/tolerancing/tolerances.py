@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from ..arguments import choice, number
+from ..arguments import check_fields, choice, number
 from ..errors import InvalidParameter
 from ..sensor import Sensor
 from .distributions import DISTRIBUTIONS, Distribution, drawn
@@ -48,6 +48,7 @@ class ErrorBound:
     distribution: Distribution = "uniform"
 
     def __post_init__(self) -> None:
+        check_fields(self)
         choice("distribution", self.distribution, DISTRIBUTIONS)
         if not 0 <= number("tolerance", self.value) < np.inf:
             raise InvalidParameter(f"tolerance = {self.value:g} is valid from 0")
@@ -86,6 +87,7 @@ class Tolerances:
     correlations: Mapping[tuple[str, str], float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        check_fields(self)
         known = errors_of(self.sensor)
         for name in self.errors:
             check_name(name, known)

@@ -17,6 +17,7 @@ from ....tolerancing.errors import GRADES
 from ....tolerancing.tolerance_file import load_tolerances, tolerance_template
 from ....tolerancing.trials.compensation import CALIBRATIONS
 from ....tolerancing.trials.merits import after
+from ...options.common import NUMBER, WholeRange
 from ...options.declared import Options, option, takes
 from ...outputs import output_console, output_option, plain_table, progress_bar, say, say_written
 
@@ -28,10 +29,10 @@ MOST_ROWS = 12
 class TrialOptions(Options):
     """How trials are made, and what is looked for."""
 
-    trials: int = option(default=10_000, type=click.IntRange(1), help="How many sensors are built.")
-    seed: int = option(default=0, type=click.IntRange(0), help="Same seed, same sensors.")
+    trials: int = option(default=10_000, type=WholeRange(1), help="How many sensors are built.")
+    seed: int = option(default=0, type=WholeRange(0), help="Same seed, same sensors.")
     wanted_yield: float | None = option(
-        "--yield", type=float, metavar="SHARE", help="Find the cheapest tolerances for it, 0.95 say."
+        "--yield", type=NUMBER, metavar="SHARE", help="Find the cheapest tolerances for it, 0.95 say."
     )
     merits: tuple[str, ...] = option(
         "--merit", default=(), multiple=True, metavar="NAME=LIMIT", help="A limit, in place of the file's; repeat."

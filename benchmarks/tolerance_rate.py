@@ -1,0 +1,78 @@
+"""What a trial of tolerances costs: a sensor with errors drawn, traced, blurred and calibrated in five depths.
+
+Errors are decentre, displacement and tilt of the mirror and twelve Zernike terms, drawn anew; 97 objects, exact motion
+of the picture, tangential and sagittal blur, each sensor focused for its least rms. The kernel on one thread and on
+two, and the same in NumPy, interleaved in one process; medians.
+
+    python benchmarks/tolerance_rate.py --out out/benchmarks
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import platform
+from collections.abc import Callable
+from pathlib import Path
+from unittest import mock
+
+import numpy as np
+from timing import interleaved
+
+import omnimirror as om
+from omnimirror.files import write_text
+from omnimirror.native import backend
+from omnimirror.tolerancing.trials.compensation import POSE
+from omnimirror.tolerancing.trials.judge import Judge
+
+SENSORS = ("paper-spherical", "paper-hyperboloidal", "paper-equidistant", "exact-equidistant")
+TRIALS, FEW, RUNS = 8192, 256, 9
+ERRORS = {name: om.ErrorBound(0.1) for name in POSE}
+ERRORS |= {f"mirror.zernike_{j}_um": om.ErrorBound(1.0) for j in range(4, 16)}
+
+
+def functions_of(name: str) -> dict[str, Callable[[], object]]:
+    """Judging trials of a sensor: compiled by threads, and in NumPy."""
+    sensor = om.load_sensor(name)
+    judge, tolerances = Judge.of(sensor, "rms"), om.Tolerances(sensor, ERRORS)
+
+    def compiled(threads: int) -> Callable[[], object]:
+        def run() -> object:
+            backend.set_threads(threads)
+            return judge.judged(tolerances.drawn(0, 0, TRIALS))
+
+        return run
+
+    def in_numpy() -> object:
+        with mock.patch.object(backend, "module", None):
+            return judge.judged(tolerances.drawn(0, 0, FEW))
+
+    return {"1": compiled(1), "2": compiled(2), "NumPy": in_numpy}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
+    arguments = parser.parse_args()
+    rows = []
+    for name in SENSORS:
+        medians = interleaved(functions_of(name), RUNS)
+        one, two, numpy = 1e3 * TRIALS / medians["1"], 1e3 * TRIALS / medians["2"], 1e3 * FEW / medians["NumPy"]
+        rows.append(f"| {name} | {one:,.0f} | {two:,.0f} | {numpy:,.0f} |")
+    cores = os.cpu_count() or 1
+    table = "\n".join(
+        [
+            f"Medians of {RUNS} interleaved runs, Python {platform.python_version()}, NumPy {np.__version__}, {cores} "
+            f"cores, {backend.name}. Trials a second, drawing included: 17 errors, 97 objects, five calibrations.",
+            "",
+            "| sensor | one thread | two threads | NumPy |",
+            "|---|---:|---:|---:|",
+            *rows,
+        ]
+    )
+    print(table)
+    write_text(arguments.out / "tolerance_rate.md", table + "\n")
+
+
+if __name__ == "__main__":
+    main()
