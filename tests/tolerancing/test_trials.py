@@ -19,6 +19,7 @@ from omnimirror.tolerancing.trials.judge import Judge
 from omnimirror.tolerancing.trials.merits import after, merit_names
 from omnimirror.tolerancing.trials.picture import REFOCUS, largest_diameter
 from omnimirror.tolerancing.trials.states import states_of
+from omnimirror.tolerancing.trials.tracing import seen
 from tests.conftest import MIRRORS, sensor_of
 
 SENSORS = ("paper-spherical", "paper-hyperboloidal", "paper-equidistant", "exact-equidistant")
@@ -94,7 +95,7 @@ def test_a_form_error_reflects_as_its_surface_does():
     sensor = om.load_sensor("paper-hyperboloidal")
     values = {"mirror.zernike_5_um": 40.0, "mirror.zernike_8_um": 30.0, "mirror.zernike_25_um": 20.0}
     field = field_of(sensor)
-    seen = field.seen(columns(values))
+    shown = seen(states_of(sensor, columns(values)), field.targets, field.distant, field.start)
     rim = sensor.mirror.rim_radius_mm
 
     def height(x, y):
@@ -103,7 +104,7 @@ def test_a_form_error_reflects_as_its_surface_does():
         form += 20.0 * np.sqrt(14) * (6 * r**6 - 5 * r**4) * np.sin(4 * phi)
         return sensor.mirror.sag(r * rim) + 1e-3 * form
 
-    x, y = seen.mirror_points[0].T
+    x, y = shown.mirror_points[0].T
     step = 1e-4
     normals = np.stack(
         [
@@ -118,7 +119,7 @@ def test_a_form_error_reflects_as_its_surface_does():
     towards /= np.linalg.norm(towards, axis=1, keepdims=True)
     reflected = towards - 2 * (towards * normals).sum(axis=1, keepdims=True) * normals
     assert np.abs(reflected - field.targets).max() < 1e-7
-    assert np.abs(seen.mirror_points[0] - field.start).max() > 1e-3
+    assert np.abs(shown.mirror_points[0] - field.start).max() > 1e-3
 
 
 def test_an_imager_leans_turns_and_moves_as_a_plane_does():

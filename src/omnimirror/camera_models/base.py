@@ -99,6 +99,14 @@ class CameraModel(ABC):
         ------
         InvalidParameter
             For what are no vectors (n, 3).
+
+        Examples
+        --------
+        >>> import omnimirror as om
+        >>> camera = om.Unified(0.0, (100.0, 100.0), (319.5, 239.5), (640, 480), optics="fisheye")  # a pinhole
+        >>> behind = [[0.0, 100.0, -50.0]]
+        >>> camera.image(behind).valid[0], camera.image_to_the_end(behind).valid[0]
+        (np.False_, np.True_)
         """
         return self.image(points_mm, distant=distant)
 

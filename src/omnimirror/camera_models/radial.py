@@ -215,35 +215,7 @@ class RadialModel(CameraModel):
         return self._image(vectors("points_mm", points_mm, 3), distant, is_clamped=False)
 
     def image_to_the_end(self, points_mm: ArrayLike, *, distant: bool = False) -> Image:
-        """The same, what lies past the end of the field shown at its end: so that an estimate can go on from there.
-
-        To first order nothing jumps there: a law ends where its radius stops growing.
-
-        Parameters
-        ----------
-        points_mm : (n, 3)
-            Points in mm, or directions, of the camera frame.
-        distant
-            They are directions.
-
-        Returns
-        -------
-        Image
-            Pixels (n, 2), where they are valid (n,), and derivatives (n, 2, 3) and (n, 2, p).
-
-        Raises
-        ------
-        InvalidParameter
-            For what are no vectors (n, 3).
-
-        Examples
-        --------
-        >>> import omnimirror as om
-        >>> camera = om.Unified(0.0, (100.0, 100.0), (319.5, 239.5), (640, 480), optics="fisheye")  # a pinhole
-        >>> behind = [[0.0, 100.0, -50.0]]
-        >>> camera.image(behind).valid[0], camera.image_to_the_end(behind).valid[0]
-        (np.False_, np.True_)
-        """
+        # To first order nothing jumps there: a law ends where its radius stops growing.
         return self._image(vectors("points_mm", points_mm, 3), distant, is_clamped=True)
 
     def _image(self, points: Array, distant: bool, *, is_clamped: bool) -> Image:

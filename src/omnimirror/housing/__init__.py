@@ -1,22 +1,9 @@
 """What stands around the mirror: camera, rod, tube or dome, and the rim of the mirror's body; of what it is made."""
 
+from .base import Envelope, HousingPart
 from .materials import MATERIALS, Material, index_of
-from .parts import (
-    CLEARANCE_MM,
-    GAP_SHARE,
-    LENS_AT_RIMS,
-    SHELLS,
-    CameraBody,
-    Dome,
-    Envelope,
-    FlatWindow,
-    Housing,
-    HousingPart,
-    Rim,
-    Rod,
-    Shell,
-    Tube,
-)
+from .parts import GAP_SHARE, LENS_AT_RIMS, CameraBody, Housing, Rim, Rod
+from .walls import CLEARANCE_MM, SHELLS, Dome, FlatWindow, Shell, Tube
 
 __all__ = [
     "CLEARANCE_MM",

@@ -8,11 +8,11 @@ from __future__ import annotations
 import asyncio
 import subprocess
 import sys
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager, suppress
 from typing import IO, Any
 
-from fastapi import WebSocket
+from fastapi import WebSocket, WebSocketDisconnect
 
 from ..errors import InvalidParameter
 
@@ -31,6 +31,13 @@ def ended(process: subprocess.Popen[bytes]) -> None:
     for stream in (process.stdin, process.stdout):
         with suppress(OSError):  # what it was told last may not have reached it
             stream.close()  # type: ignore[union-attr]
+
+
+async def while_open(socket: WebSocket, work: Callable[[WebSocket], Awaitable[None]]) -> None:
+    """Answer a socket until either end has had enough."""
+    await socket.accept()
+    with suppress(WebSocketDisconnect, RuntimeError, OSError):
+        await work(socket)
 
 
 class Worker:

@@ -190,19 +190,17 @@ def perturbed(sensor: Sensor, values: Mapping[str, float]) -> Sensor:
 
 def _shaped(mirror: Any, values: Mapping[str, float]) -> Mirror:
     """The mirror with errors of its shape."""
-    shaped: Mirror
     radius, conic = values.get("mirror.vertex_radius_mm", 0.0), values.get("mirror.conic", 0.0)
+    shaped: Mirror = mirror
     if isinstance(mirror, EvenPolynomial | ConicAsphere):
         new = tuple(c + values.get(f"mirror.coefficients[{i}]", 0.0) for i, c in enumerate(mirror.coefficients))
-        mirror = replace(mirror, coefficients=new)
-    if not (radius or conic):
-        shaped = mirror
-        return shaped
+        shaped = replace(mirror, coefficients=new)
+    if isinstance(shaped, ConicAsphere):
+        return replace(shaped, vertex_radius_mm=shaped.vertex_radius_mm + radius, conic=shaped.conic + conic)
     if isinstance(mirror, Sphere) and not conic:
         return replace(mirror, radius_mm=mirror.radius_mm + radius)
-    if isinstance(mirror, Conic):
+    if isinstance(mirror, Conic) and (radius or conic):  # what is left of it has no word of its own
         return ConicAsphere(mirror.vertex_radius + radius, mirror.conic + conic, mirror.rim_radius_mm)
-    shaped = replace(mirror, vertex_radius_mm=mirror.vertex_radius_mm + radius, conic=mirror.conic + conic)
     return shaped
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -14,9 +15,9 @@ from ..arguments import check_fields, checked, choice, file_name
 from ..errors import SpecError
 from ..files import parse_toml, read_text
 from ..sensor import Sensor
-from ..specs import NoFile, Places, Table, check_entries, validated
+from ..specs import Places, Table, check_entries, validated
 from .distributions import Distribution
-from .errors import GRADES, errors_of
+from .errors import GRADES, check_name, errors_of
 from .tolerances import ErrorBound, Tolerances
 from .trials.compensation import Calibration
 from .trials.judge import Judge
@@ -146,42 +147,51 @@ def parse_tolerances(text: str, sensor: Sensor, source: str = "tolerances") -> T
     ('mirror.tilt_x_deg',)
     """
     text = text.removeprefix("\ufeff")
-    where: Places = Places(text, source) if text else NoFile()
+    where = Places(text, source)
     data = parse_toml(text, source)
     known: dict[str, type] = {"format": int, "judged": dict, "error": list, "correlation": list, "limit": list}
     check_entries(data, known, FORMAT, where)
-    errors: dict[str, ErrorBound] = {}
-    prices: dict[str, float] = {}
-    known_errors = errors_of(sensor)
-    for i, table in enumerate(data.get("error", [])):
-        entry = validated(ErrorTable, f"error.{i}", table, where)
-        where.wrap((f"error.{i}", "name"), lambda name=entry.name: _new(name, errors, known_errors))  # type: ignore[misc]
-        errors[entry.name] = ErrorBound(entry.tolerance, entry.distribution)
-        prices[entry.name] = entry.price
-    correlations = {}
-    for i, table in enumerate(data.get("correlation", [])):
-        pair = validated(CorrelationTable, f"correlation.{i}", table, where)
-        correlations[pair.between[0], pair.between[1]] = pair.value
-    limits: dict[str, float] = {}
-    for i, table in enumerate(data.get("limit", [])):
-        bound = validated(BoundTable, f"limit.{i}", table, where)
-        name = after(bound.quantity, bound.after)
-        where.wrap((f"limit.{i}", "quantity"), lambda n=name, v=bound.at_most: check_limits({n: v}))  # type: ignore[misc]
-        limits[name] = bound.at_most
+    errors, prices = _errors(data.get("error", []), sensor, where)
+    pairs = [
+        validated(CorrelationTable, f"correlation.{i}", table, where)
+        for i, table in enumerate(data.get("correlation", []))
+    ]
+    correlations = {(pair.between[0], pair.between[1]): pair.value for pair in pairs}
     judged = validated(JudgedTable, "judged", data.get("judged", {}), where).model_dump()
     refocus = judged.pop("refocus")
     judged["object_distance_mm"] = judged["object_distance_mm"] or np.inf
     tolerances = where.wrap((), lambda: Tolerances(sensor, errors, correlations))
-    return TolerancePlan(tolerances, limits, prices, refocus, judged)
+    return TolerancePlan(tolerances, _limits(data.get("limit", []), where), prices, refocus, judged)
 
 
-def _new(name: str, errors: Mapping[str, Any], known: Mapping[str, Any]) -> None:
-    """Refuse an error that is none, or that stands there already."""
-    from .errors import check_name
+def _errors(
+    tables: list[dict[str, Any]], sensor: Sensor, where: Places
+) -> tuple[dict[str, ErrorBound], dict[str, float]]:
+    """Tolerances and prices by the names of errors."""
+    known, errors, prices = errors_of(sensor), dict[str, ErrorBound](), dict[str, float]()
 
-    check_name(name, known)
-    if name in errors:
-        raise SpecError(f"{name} has a tolerance already; leave one out")
+    def is_new(name: str) -> None:
+        check_name(name, known)
+        if name in errors:
+            raise SpecError(f"{name} has a tolerance already; leave one out")
+
+    for i, table in enumerate(tables):
+        entry = validated(ErrorTable, f"error.{i}", table, where)
+        where.wrap((f"error.{i}", "name"), partial(is_new, entry.name))
+        errors[entry.name] = ErrorBound(entry.tolerance, entry.distribution)
+        prices[entry.name] = entry.price
+    return errors, prices
+
+
+def _limits(tables: list[dict[str, Any]], where: Places) -> dict[str, float]:
+    """Largest values by the names of merits."""
+    limits: dict[str, float] = {}
+    for i, table in enumerate(tables):
+        bound = validated(BoundTable, f"limit.{i}", table, where)
+        name = after(bound.quantity, bound.after)
+        where.wrap((f"limit.{i}", "quantity"), partial(check_limits, {name: bound.at_most}))
+        limits[name] = bound.at_most
+    return limits
 
 
 @checked

@@ -78,7 +78,7 @@ class Tally:
         How many there were, how many lost rays, how many are within all limits.
     passed_each
         How many are within each limit.
-    sums, squares : (m,)
+    sums : (m,)
         Of merits of those that lost no ray.
     counts : (m, bins)
         How many of those have merits of which size, bins growing by a constant factor.
@@ -90,7 +90,6 @@ class Tally:
     passed: int = 0
     passed_each: dict[str, int] = field(default_factory=dict)
     sums: Array = field(default_factory=lambda: np.zeros(len(merit_names())))
-    squares: Array = field(default_factory=lambda: np.zeros(len(merit_names())))
     counts: NDArray[np.int64] = field(default_factory=lambda: np.zeros((len(merit_names()), BINS), dtype=np.int64))
 
     def add(self, merits: Array) -> None:
@@ -106,7 +105,6 @@ class Tally:
         self.passed += int(good.sum())
         kept = merits[whole]
         self.sums += kept.sum(axis=0)
-        self.squares += (kept**2).sum(axis=0)
         scale = BINS / np.log(HIGHEST / LOWEST)
         place = (np.log(np.clip(kept, LOWEST, HIGHEST * 0.999) / LOWEST) * scale).astype(np.intp)
         for row, places in zip(self.counts, place.T, strict=True):

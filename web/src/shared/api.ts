@@ -110,3 +110,31 @@ function sentenceOf(detail: unknown): string | null {
   const value = ["string", "number", "boolean"].includes(typeof first.input) ? ` = ${String(first.input).slice(0, 60)}` : "";
   return `${entry}${value} is not valid: ${first.msg.replace(/^Input should be/, "it should be")}.`;
 }
+
+/** Work that the server does for the page: its news come over a socket, and closing that ends it. */
+export class ServerTask<News> {
+  private socket: WebSocket | null = null;
+
+  get isUnderWay(): boolean {
+    return this.socket !== null;
+  }
+
+  /** Send what is asked, and hear of it until it ends; `cutOff` where the server has gone. */
+  begin(path: string, asked: unknown[], told: (news: News) => void, cutOff: () => void): void {
+    const socket = (this.socket = new WebSocket(socketAddress(path)));
+    socket.onopen = () => asked.forEach((message) => socket.send(JSON.stringify(message)));
+    socket.onmessage = (e: MessageEvent<string>) => told(JSON.parse(e.data) as News);
+    socket.onclose = () => this.socket === socket && cutOff();
+  }
+
+  /** Say a word to it. */
+  tell(word: string): void {
+    this.socket?.send(word);
+  }
+
+  end(): void {
+    const socket = this.socket;
+    this.socket = null;
+    socket?.close();
+  }
+}

@@ -13,7 +13,7 @@ from ...errors import OmnimirrorError
 from ...specs import load_sensor
 from ..schema import BYTES, FILE_BODY, FileName
 from ..uploads import collected, safe_name
-from ..workers import Workers, relay
+from ..workers import Workers, relay, while_open
 from .files import SLOW_KINDS, downloaded, opened, requirement_file, taken
 from .form import bench_start
 from .messages import Ask, BenchSensor, BenchStart, Change, Download, News, Opened, PictureAsk, RequirementFile, Task
@@ -91,11 +91,7 @@ def _add_sockets(app: FastAPI, workers: Workers) -> None:
     @app.websocket("/api/bench/work")
     async def work(socket: WebSocket) -> None:
         """One task, and its news; closing the socket ends it."""
-        await socket.accept()
-        try:
-            await _work(socket, workers)
-        except (WebSocketDisconnect, RuntimeError, OSError):
-            return
+        await while_open(socket, lambda socket: _work(socket, workers))
 
 
 async def _answer_newest(socket: WebSocket) -> None:

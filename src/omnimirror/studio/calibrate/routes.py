@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from typing import TYPE_CHECKING, Annotated
 
-from fastapi import FastAPI, Query, Request, WebSocket, WebSocketDisconnect
+from fastapi import FastAPI, Query, Request, WebSocket
 from fastapi.responses import Response
 from pydantic import ValidationError
 
@@ -13,7 +13,7 @@ from ...errors import OmnimirrorError
 from ..framing import unframed
 from ..schema import BYTES, FILE_BODY
 from ..uploads import collected
-from ..workers import Worker, Workers, relay
+from ..workers import Worker, Workers, relay, while_open
 from .detections import together
 from .looking import Lookers
 from .messages import (
@@ -79,11 +79,7 @@ def _add_socket(app: FastAPI, workers: Workers) -> None:
     @app.websocket("/api/calibrate/work")
     async def work(socket: WebSocket) -> None:
         """One calibration: what is asked, each picture's board, then its news; closing the socket ends it."""
-        await socket.accept()
-        try:
-            await _work(socket, workers)
-        except (WebSocketDisconnect, RuntimeError, OSError):
-            return
+        await while_open(socket, lambda socket: _work(socket, workers))
 
 
 async def _work(socket: WebSocket, workers: Workers) -> None:

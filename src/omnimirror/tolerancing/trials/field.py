@@ -14,7 +14,7 @@ from ...sensor import Sensor
 from ...tracing.reflection import RIM_SLACK
 from .picture import Picture, pictured
 from .states import Values, states_of
-from .tracing import SeenObjects, seen
+from .tracing import seen
 
 Array = NDArray[np.float64]
 
@@ -59,11 +59,8 @@ class Field:
 
     def picture(self, values: Values, count: int | None = None, rim_slack: float = RIM_SLACK) -> Picture:
         """The picture of sensors with errors; see :func:`~omnimirror.tolerancing.trials.states.states_of`."""
-        return pictured(states_of(self.sensor, values, count), self.seen(values, count, rim_slack))
-
-    def seen(self, values: Values, count: int | None = None, rim_slack: float = RIM_SLACK) -> SeenObjects:
-        """What sensors with errors see of it; their mirrors go on beyond the rim by a share of its radius."""
-        return seen(states_of(self.sensor, values, count), self.targets, self.distant, self.start, rim_slack)
+        states = states_of(self.sensor, values, count)
+        return pictured(states, seen(states, self.targets, self.distant, self.start, rim_slack))
 
 
 def field_of(

@@ -1,4 +1,4 @@
-import { socketAddress } from "../../shared/api";
+import { ServerTask } from "../../shared/api";
 import { h, unique } from "../../shared/dom";
 import type { BenchSensor, BenchStart, News, Task } from "../../shared/messages";
 import { words } from "../../shared/numbers";
@@ -12,7 +12,7 @@ interface Hands {
 
 /** Searches that take time: the best mirror by a merit, a sensor from requirements. */
 export class WorkPanel {
-  private socket: WebSocket | null = null;
+  private readonly task = new ServerTask<News>();
   private readonly merit: HTMLSelectElement;
   private readonly shape: HTMLSelectElement;
   private readonly terms = h("input", { type: "number", min: "3", max: "32", step: "1", value: "8" });
@@ -44,16 +44,14 @@ export class WorkPanel {
     this.design.hidden = !design.requirements?.mirror;
     this.reason.hidden = reason === null;
     this.reason.textContent = reason ?? "";
-    this.begin.disabled = this.socket !== null || reason !== null;
+    this.begin.disabled = this.task.isUnderWay || reason !== null;
   }
 
   private start(what: Task["what"]): void {
     const { tables, requirements, distance } = this.hands.now();
     const task: Task = { what, tables, requirements, object_distance_mm: distance, merit: this.merit.value, shape: this.shape.value, terms: Number(this.terms.value), starts: Number(this.starts.value) };
-    const socket = (this.socket = new WebSocket(socketAddress("api/bench/work")));
-    socket.onopen = () => socket.send(JSON.stringify(task));
-    socket.onmessage = (e: MessageEvent<string>) => this.told(JSON.parse(e.data) as News);
-    socket.onclose = () => this.socket === socket && this.stop("The search was cut off; the design is as it was.");
+    const cutOff = () => this.stop("The search was cut off; the design is as it was.");
+    this.task.begin("api/bench/work", [task], (news) => this.told(news), cutOff);
     this.running(true);
     this.said.textContent = "Starting…";
   }
@@ -72,9 +70,7 @@ export class WorkPanel {
   }
 
   private stop(sentence: string): void {
-    const socket = this.socket;
-    this.socket = null;
-    socket?.close();
+    this.task.end();
     this.running(false);
     this.said.textContent = sentence;
   }

@@ -1,4 +1,4 @@
-import { socketAddress } from "../../shared/api";
+import { ServerTask } from "../../shared/api";
 import { h, unique } from "../../shared/dom";
 import type { BoardSeen, CalibrationAsk, CalibrationFound, CalibrationNews } from "../../shared/messages";
 
@@ -14,7 +14,7 @@ interface Hands {
 
 /** Beginning a calibration, saying how far it is, and ending it early. */
 export class RunPanel {
-  private socket: WebSocket | null = null;
+  private readonly task = new ServerTask<CalibrationNews>();
   private hasFound = false;
   private readonly reason = h("p", { className: "words", id: unique() });
   private readonly begin = h("button", { type: "button", className: "primary", onclick: () => this.start() }, "Calibrate") as HTMLButtonElement;
@@ -32,25 +32,21 @@ export class RunPanel {
   show(reason: string | null): void {
     this.reason.textContent = reason ?? "";
     this.reason.hidden = reason === null;
-    this.begin.disabled = this.socket !== null || reason !== null;
+    this.begin.disabled = this.task.isUnderWay || reason !== null;
   }
 
   /** What is under way belongs to pictures that are no more. */
   forget(): void {
-    if (this.socket) this.over("The pictures changed; begin again.");
+    if (this.task.isUnderWay) this.over("The pictures changed; begin again.");
     else this.said.textContent = "";
   }
 
   private start(): void {
     const given = this.hands.given();
     if (!given) return;
-    const socket = (this.socket = new WebSocket(socketAddress("api/calibrate/work")));
     this.hasFound = false;
-    socket.onopen = () => {
-      for (const message of [given.ask, ...given.pictures]) socket.send(JSON.stringify(message));
-    };
-    socket.onmessage = (e: MessageEvent<string>) => this.told(JSON.parse(e.data) as CalibrationNews);
-    socket.onclose = () => this.socket === socket && this.over(this.hasFound ? "Done; the report could not be made." : "The calibration was cut off; begin again.");
+    const cutOff = () => this.over(this.hasFound ? "Done; the report could not be made." : "The calibration was cut off; begin again.");
+    this.task.begin("api/calibrate/work", [given.ask, ...given.pictures], (news) => this.told(news), cutOff);
     this.running(true);
     this.said.textContent = "Starting…";
   }
@@ -73,15 +69,13 @@ export class RunPanel {
 
   /** Have it end with what it has found. */
   private end(): void {
-    this.socket?.send(STOP);
+    this.task.tell(STOP);
     this.enough.disabled = true;
     this.said.textContent = STOPPING;
   }
 
   private over(sentence: string): void {
-    const socket = this.socket;
-    this.socket = null;
-    socket?.close();
+    this.task.end();
     this.running(false);
     this.said.textContent = sentence;
   }
