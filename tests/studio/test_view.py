@@ -115,7 +115,8 @@ def test_views_of_cameras_by_ocamcalib_are_those_of_the_command_line(optics, pag
     load(page, path)
     page.wait_for_selector("#optics-row:visible")
     if optics == "fisheye":
-        page.get_by_label("a fisheye").check()
+        # Not `check`, which reads the state at once: until the other camera is there, the page names the one shown.
+        page.get_by_label("a fisheye").click()
         page.wait_for_function("window.omnimirror.look.sensor.camera.model.options.includes('fisheye')")
         choose(page, page.evaluate("window.omnimirror.store.state.sensor"), looks="down")
     check(page, tmp_path, (800, 600))
