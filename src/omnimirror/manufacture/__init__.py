@@ -7,6 +7,7 @@ from .formats.gridsag import format_grid_sag
 from .formats.sag_tables import format_table, sag_table, table_points
 from .formats.zmx import format_zmx
 from .forms import Asphere, ProfileCurve, asphere_of, curve_of
+from .lathe import Tool, ToolPath, format_gcode, format_points, tool_path
 from .reference_sphere import BestSphere, best_sphere
 from .sensitivity import Sensitivity, sensitivities
 
@@ -22,16 +23,21 @@ __all__ = [
     "Format",
     "ProfileCurve",
     "Sensitivity",
+    "Tool",
+    "ToolPath",
     "asphere_of",
     "best_sphere",
     "curve_of",
     "draw_sheet",
     "export",
+    "format_gcode",
     "format_grid_sag",
+    "format_points",
     "format_table",
     "format_zmx",
     "register_format",
     "sag_table",
     "sensitivities",
     "table_points",
+    "tool_path",
 ]

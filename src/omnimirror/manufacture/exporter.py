@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib.util import find_spec
 from pathlib import Path
 from shutil import copyfile
@@ -24,6 +24,7 @@ from .drawings.sheet import scale_words
 from .formats.gridsag import write_grid_sag
 from .formats.sag_tables import format_table, table_points
 from .formats.zmx import write_zmx
+from .lathe import Tool, write_tool_path
 from .parts import Part, parts_of
 
 FOLLOWS_DEG = 0.01  # a lens file whose rays stay within this of the mirror's follows it
@@ -66,6 +67,7 @@ class Plan:
     grid_points: int = 257
     sheet: str = "A3"
     scale: float | None = None
+    tool: Tool = field(default_factory=Tool)
 
 
 class Content(NamedTuple):
@@ -110,6 +112,7 @@ def export(
     grid_points: int = 257,
     sheet: str = "A3",
     scale: float | None = None,
+    tool: Tool | None = None,
 ) -> list[Exported]:
     """Write CAD files, lens files, tables and the drawing of a sensor: all of them, or none.
 
@@ -118,7 +121,8 @@ def export(
     sensor
     path
         A folder, or one file whose suffix says the format: .step, .stl, .3mf, .dxf, .zmx, .dat (grid sag),
-        .csv (sag table), and .pdf, .svg or .png (drawing). The file of a second mirror stands beside it.
+        .csv (sag table), .pdf, .svg or .png (drawing), and .nc or .tsv (path of a tool). The file of a second mirror
+        stands beside it.
     formats : optional
         Of :data:`FORMATS`, for a folder; the first eight by default.
     body : optional
@@ -132,11 +136,13 @@ def export(
     chord_tolerance_um
         Of the triangles of STL and 3MF.
     step_mm, step_deg, digits
-        Step of the sag table along x or in field angle, and its decimals of a millimetre.
+        Step of the sag table along x or in field angle, and decimals of a millimetre of it and of a tool's path.
     grid_points
         Of the grid sag file, along each side.
     sheet, scale
         "A3" or "A4", and the scale of the drawing's first view; by default the largest standard one that fits.
+    tool : optional
+        What turns the mirror on a lathe, by default ``Tool()``.
 
     Returns
     -------
@@ -169,7 +175,7 @@ def export(
     scale = optional_number("scale", scale, above=0.0)
     plan = Plan(
         sensor, parts_of(sensor, body, secondary_body), housing, chord_tolerance_um, step_mm,
-        step_deg, digits, grid_points, sheet, scale,
+        step_deg, digits, grid_points, sheet, scale, tool or Tool(),
     )  # fmt: skip
     targets = _targets(plan, path, formats)
     _check_packages(list(dict.fromkeys(name for name, _ in targets.values())))
@@ -291,6 +297,12 @@ def _drawing(plan: Plan, part: Part, path: Path) -> Content:
     return Content(f"drawing, {plan.sheet}, {scale_words(drawing.sensor_scale)}", None)
 
 
+def _tool_path(plan: Plan, part: Part, path: Path) -> Content:
+    listed = path.suffix.lower() in OURS["points"].suffixes
+    way = write_tool_path(path, part.mirror, plan.tool, part.name, plan.digits, listed)
+    return Content(way.words, 1e-3 * way.deviation_nm)
+
+
 MESHES = ("trimesh", "lxml", "networkx")
 OURS = {
     "step": Format(_step, (".step", ".stp"), packages=("OCP",)),
@@ -303,6 +315,8 @@ OURS = {
     "pdf": Format(_drawing, (".pdf",), "-drawing", shows_sensor=True),
     "svg": Format(_drawing, (".svg",), "-drawing", shows_sensor=True),
     "png": Format(_drawing, (".png",), "-drawing", shows_sensor=True),
+    "gcode": Format(_tool_path, (".nc", ".ngc"), "-path"),
+    "points": Format(_tool_path, (".tsv",), "-path"),
 }
 
 

@@ -9,7 +9,7 @@ import click
 from rich.markup import escape
 
 from ....arguments import float_of
-from ....manufacture import DEFAULT_FORMATS, FORMATS, Body, Exported
+from ....manufacture import DEFAULT_FORMATS, FORMATS, Body, Exported, Tool
 from ....manufacture.body import TAP_DRILLS_MM
 from ....manufacture.drawings.sheet import SHEETS
 from ....manufacture.exporter import export
@@ -81,12 +81,31 @@ class FileOptions(Options):
     chord_tolerance_um: float = option(type=NUMBER, default=10.0, help="STL, 3MF: of the triangles.")
     step_mm: float | None = option(type=NUMBER, help="Table: step along x.  [default: a hundredth of the rim radius]")
     step_deg: float | None = option(type=NUMBER, help="Table: instead, step of the field angle.")
-    digits: int = option(type=WHOLE, default=6, help="Table: decimals of a millimetre.")
+    digits: int = option(type=WHOLE, default=6, help="Table, path of a tool: decimals of a millimetre.")
     grid_points: int = option(type=WHOLE, default=257, help="Grid sag: points along each side.")
     sheet: str = option(type=click.Choice(list(SHEETS)), default="A3", help="Drawing: paper.")
     scale: float | None = option(
         type=scale, metavar="1:N", help="Drawing: of the sensor.  [default: the largest that fits]"
     )
+
+
+@dataclass(frozen=True)
+class ToolOptions(Options):
+    """The tool of a lathe and how it is led."""
+
+    tool_radius_mm: float = option(type=NUMBER, default=0.5, help="Path of a tool: its nose radius.")
+    feed_um: float = option(type=NUMBER, default=2.0, help="Path: feed along the surface in a turn.")
+    path_tolerance_nm: float = option(type=NUMBER, default=5.0, help="Path: how far it may leave the mirror.")
+    spindle_rpm: float = option(type=NUMBER, default=1000.0, help="Path: turns a minute.")
+    clearance_mm: float = option(type=NUMBER, default=1.0, help="Path: between tool and work before and after.")
+    x_is_diameter: bool = option(is_flag=True, default=False, help="Path: the machine counts X as a diameter.")
+
+    def tool(self) -> Tool:
+        """The tool that is said."""
+        return Tool(
+            self.tool_radius_mm, self.feed_um, self.path_tolerance_nm, self.spindle_rpm, self.clearance_mm,
+            self.x_is_diameter,
+        )  # fmt: skip
 
 
 @click.command()
@@ -97,6 +116,7 @@ class FileOptions(Options):
               help=f"For a folder: of {', '.join(FORMATS)}.  [default: {','.join(DEFAULT_FORMATS)}]")  # fmt: skip
 @takes(BodyOptions, "solid")
 @takes(FileOptions, "files")
+@takes(ToolOptions, "lathe")
 @takes(HousingOptions, "housing")
 def command(
     sensor: str,
@@ -104,6 +124,7 @@ def command(
     formats: list[str] | None,
     solid: BodyOptions,
     files: FileOptions,
+    lathe: ToolOptions,
     housing: HousingOptions,
 ) -> None:
     """Write CAD files, lens files, tables and a drawing of SENSOR, a sensor file or a bundled sensor.
@@ -118,7 +139,7 @@ def command(
     with console.status("Writing"):
         written = export(
             camera, output, formats=formats, body=solid.body(camera), secondary_body=solid.secondary_body(),
-            housing=housing.of(drawn_housing(camera)), **files.given,
+            housing=housing.of(drawn_housing(camera)), tool=lathe.tool(), **files.given,
         )  # fmt: skip
     numbers = ("deviation from the mirror\num", "of its rays\ndeg")
     table = plain_table("file", "what", *numbers, words=("file", "what"))

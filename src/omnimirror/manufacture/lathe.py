@@ -1,0 +1,323 @@
+"""The path of a round-nosed tool that turns a mirror on a lathe, and the files that machines read of it.
+
+A tool of nose radius r that touches the surface at x has its centre r away along the surface's normal. A machine goes
+straight from point to point; how far its centre leaves the curve of all such centres is how far the surface it cuts
+lies from the mirror. Points are as close together as that asks for.
+
+The machine's frame: X is the distance from the spindle's axis, Z grows from the work towards the tool, and (0, 0) is
+where the tool touches the vertex. X and Z are those of the tool's lowest point, as lathes count them: of the centre,
+less r in Z.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import __version__
+from ..arguments import check_fields, whole
+from ..errors import InvalidParameter
+from ..mirrors import Mirror
+from ..parameters import Parameter
+
+Array = NDArray[np.float64]
+
+FINE = 8193  # points of the meridian by which steps are chosen
+SHARE = 0.8  # of the tolerance that steps may use; the rest is for rounding and for what curvature does within a step
+BETWEEN = np.linspace(0.0, 1.0, 9)[1:-1]  # places along each step where its distance is taken
+ROUNDS = 6  # of Newton's method, which has no more than rounding left after three
+
+
+@dataclass(frozen=True)
+class Tool:
+    """A round-nosed tool, and how it is led over the work.
+
+    Parameters
+    ----------
+    radius_mm
+        Of its nose.
+    feed_um
+        Along the surface in a turn of the spindle.
+    tolerance_nm
+        How far the path may leave the curve that makes the mirror.
+    spindle_rpm
+        Turns of the spindle a minute.
+    clearance_mm
+        Between tool and work before and after.
+    x_is_diameter
+        Whether the machine counts X as a diameter.
+
+    Raises
+    ------
+    InvalidParameter
+        A value outside its range.
+
+    Examples
+    --------
+    >>> Tool(0.5, feed_um=2.0).cusp_nm(0.0)
+    1.0
+    """
+
+    radius_mm: float = 0.5
+    feed_um: float = 2.0
+    tolerance_nm: float = 5.0
+    spindle_rpm: float = 1000.0
+    clearance_mm: float = 1.0
+    x_is_diameter: bool = False
+
+    PARAMETERS: ClassVar[dict[str, Parameter]] = {
+        "radius_mm": Parameter("mm", 1e-3, 100.0, "nose radius of the tool"),
+        "feed_um": Parameter("um", 1e-3, 1e3, "feed along the surface in a turn of the spindle"),
+        "tolerance_nm": Parameter("nm", 0.1, 1e5, "how far the path may leave the mirror"),
+        "spindle_rpm": Parameter("1/min", 1.0, 1e5, "turns of the spindle a minute"),
+        "clearance_mm": Parameter("mm", 0.0, 1e3, "between tool and work before and after"),
+    }
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        for name, parameter in self.PARAMETERS.items():
+            parameter.check(name, getattr(self, name))
+
+    def cusp_nm(self, curvature_per_mm: float) -> float:
+        """Height from crest to trough of what the nose leaves where the meridian bends so, f^2 / 8 (1/r + 1/R)."""
+        return 1e6 * (1e-3 * self.feed_um) ** 2 / 8 * (1 / self.radius_mm + curvature_per_mm)
+
+
+@dataclass(frozen=True)
+class ToolPath:
+    """Points of a tool's way from the rim to the axis, n of them.
+
+    Attributes
+    ----------
+    contact_mm : (n,)
+        Distances from the axis where it touches the mirror.
+    x_mm, z_mm : (n,)
+        The point of the tool that is lowest along Z, in the machine's frame.
+    deviation_nm : how far the surface that is cut lies from the mirror at most
+    edge_deg : (least, most) angle from Z of the nose where it cuts: as far round the edge must be good
+    cusp_nm : largest height from crest to trough that the feed leaves
+    length_mm : of the way over the surface
+    """
+
+    tool: Tool
+    contact_mm: Array
+    x_mm: Array
+    z_mm: Array
+    deviation_nm: float
+    edge_deg: tuple[float, float]
+    cusp_nm: float
+    length_mm: float
+
+    @property
+    def minutes(self) -> float:
+        """How long a cut takes."""
+        return self.length_mm / (1e-3 * self.tool.feed_um * self.tool.spindle_rpm)
+
+    @property
+    def words(self) -> str:
+        """What it is, for people."""
+        low, high = self.edge_deg
+        return (
+            f"{len(self.x_mm)} points of a tool of {self.tool.radius_mm:g} mm, edge from {low:.1f} to {high:.1f} deg, "
+            f"cusps of {self.cusp_nm:.2g} nm, {self.minutes:.0f} min a cut"
+        )
+
+
+def tool_path(mirror: Mirror, tool: Tool | None = None, digits: int = 6) -> ToolPath:
+    """The way of a tool's nose over a mirror, from the rim to the axis.
+
+    Parameters
+    ----------
+    mirror
+    tool : optional
+        By default ``Tool()``.
+    digits
+        Decimals of a millimetre that the machine is told.
+
+    Returns
+    -------
+    ToolPath
+
+    Raises
+    ------
+    InvalidParameter
+        A nose too round for a hollow of the mirror, or decimals too few for the tolerance.
+
+    Examples
+    --------
+    >>> from omnimirror.mirrors import Sphere
+    >>> path = tool_path(Sphere(50.0, 40.0), Tool(0.5))
+    >>> path.deviation_nm < 5, path.edge_deg
+    (True, (0.0, 53.13))
+    >>> bool(np.abs(np.hypot(path.x_mm, path.z_mm + 50.5) - 50.5).max() < 5e-6)  # centres on a sphere
+    True
+    """
+    tool, digits = tool or Tool(), whole("digits", digits, 3, 12)
+    rounding_nm = 1e6 * 10.0**-digits / np.sqrt(2)  # of X and Z together
+    if rounding_nm > (1 - SHARE) * tool.tolerance_nm:
+        raise InvalidParameter(
+            f"digits = {digits} rounds by up to {rounding_nm:.2g} nm, too coarse for tolerance_nm = "
+            f"{tool.tolerance_nm:g}; give more digits, or a tolerance of at least "
+            f"{rounding_nm / (1 - SHARE):.2g} nm"
+        )
+    fine = np.linspace(0.0, mirror.rim_radius_mm, FINE)
+    _, slope, bend = mirror.profile(fine)
+    curvature = bend / (1 + slope**2) ** 1.5
+    _check_hollows(tool, fine, curvature)
+    contact = _contacts(tool, fine, slope, curvature)[::-1]
+    x, z = (np.round(v, digits) for v in _lowest(mirror, tool.radius_mm, contact))
+    beta = np.degrees(np.arctan(slope))
+    return ToolPath(
+        tool,
+        contact,
+        x,
+        z,
+        _worst_nm(mirror, tool.radius_mm, contact, x, z),
+        (round(float(beta.min()), 2), round(float(beta.max()), 2)),
+        tool.cusp_nm(float(curvature.max())),
+        float(np.hypot(np.diff(x), np.diff(z)).sum()),
+    )
+
+
+def _check_hollows(tool: Tool, x: Array, curvature: Array) -> None:
+    """A nose fits everywhere if it fits each hollow by itself: it then bends away from the surface on both sides
+    faster than the surface can follow."""
+    deepest = int(np.argmin(curvature))
+    if curvature[deepest] < 0 and -curvature[deepest] * tool.radius_mm >= 1:
+        raise InvalidParameter(
+            f"radius_mm = {tool.radius_mm:g} mm is too round for the hollow at x = {x[deepest]:.4g} mm; it is valid "
+            f"below {-1 / curvature[deepest]:.4g} mm"
+        )
+
+
+def _contacts(tool: Tool, x: Array, slope: Array, curvature: Array) -> Array:
+    """Distances from the axis, growing, between which the tool's centre may go straight.
+
+    A chord c of a curve of radius R leaves it by c^2 / (8 R); the curve of the centres has the radius R + r, and its
+    arcs are (R + r) / R as long as those of the mirror. A pointed apex is a point of the path like others.
+    """
+    per_arc = np.sqrt(np.abs(curvature) * np.abs(1 + tool.radius_mm * curvature) / (8e-6 * SHARE * tool.tolerance_nm))
+    density = np.sqrt(1 + slope**2) * per_arc
+    count = np.concatenate([[0.0], np.cumsum((density[1:] + density[:-1]) / 2 * np.diff(x))])
+    total = max(int(np.ceil(count[-1])), 8)
+    floor = 1e-3 * max(count[-1], 1.0) * x / x[-1]  # keeps the count growing where the meridian is straight
+    share = (count + floor) / (count + floor)[-1]
+    steps: Array = np.interp(np.linspace(0.0, 1.0, total + 1), share, x)
+    return steps
+
+
+def _lowest(mirror: Mirror, radius: float, x: Array) -> tuple[Array, Array]:
+    """X and Z of the point of the tool that is lowest, where it touches the mirror at x (n,)."""
+    sag, slope, _ = mirror.profile(x)
+    up = 1 / np.sqrt(1 + slope**2)
+    return x + radius * slope * up, radius * (up - 1) - sag
+
+
+def _worst_nm(mirror: Mirror, radius: float, contact: Array, x: Array, z: Array) -> float:
+    """Largest distance of the straight pieces between points (n,) from the curve of the tool, nm.
+
+    Of each place the point of contact is sought whose normal goes through it.
+    """
+    along = np.concatenate([[0.0], BETWEEN, [1.0]])[:, None]
+    at_x, at_z = x[:-1] + along * np.diff(x), z[:-1] + along * np.diff(z) + radius
+    t = contact[:-1] + along * np.diff(contact)
+    for _ in range(ROUNDS):
+        sag, slope, bend = mirror.profile(t)
+        miss = (at_x - t) - (at_z + sag) * slope
+        t = np.clip(t + miss / (1 + slope**2 + (at_z + sag) * bend), 0.0, mirror.rim_radius_mm)
+    sag, slope, _ = mirror.profile(t)
+    up = 1 / np.sqrt(1 + slope**2)
+    return 1e6 * float(np.abs((at_x - t) * slope * up + (at_z + sag) * up - radius).max())
+
+
+# -- files -----------------------------------------------------------------------------------------------
+
+
+def format_gcode(path: ToolPath, name: str, digits: int = 6) -> str:
+    """The path as a program of G-code: in from the rim along its tangent, over the surface to the axis, and up.
+
+    Parameters
+    ----------
+    path
+    name
+        Of the part, for its head.
+    digits
+        Decimals of a millimetre.
+
+    Examples
+    --------
+    >>> from omnimirror.mirrors import Sphere
+    >>> lines = format_gcode(tool_path(Sphere(50.0, 40.0)), "ball (small)").splitlines()
+    >>> lines[1], lines[-5]
+    ('(omnimirror tool path of ball small)', 'G1 X0.000000 Z0.000000')
+    """
+    tool, twice = path.tool, 2 if path.tool.x_is_diameter else 1
+    inward = np.array([path.x_mm[1] - path.x_mm[0], path.z_mm[1] - path.z_mm[0]])
+    start = np.array([path.x_mm[0], path.z_mm[0]]) - tool.clearance_mm * inward / np.hypot(*inward)
+    top = tool.clearance_mm + max(path.z_mm.max(), start[1], 0.0)
+
+    def place(x: float, z: float) -> str:
+        return f"X{twice * x + 0.0:.{digits}f} Z{z + 0.0:.{digits}f}"
+
+    plain = re.sub(r"[^ -~]|[();%]", "", name).strip()
+    head = [
+        "%",
+        f"(omnimirror tool path of {plain})",
+        f"(omnimirror {__version__})",
+        f"(nose radius {tool.radius_mm:g} mm; X and Z of its lowest point; X is a {_counted(tool)})",
+        "(Z grows from the work towards the tool; 0 where the nose touches the vertex)",
+        f"(edge used from {path.edge_deg[0]:g} to {path.edge_deg[1]:g} deg from Z)",
+        f"(cut surface within {path.deviation_nm:.3g} nm of the mirror; cusps of {path.cusp_nm:.3g} nm)",
+        f"(one finishing cut of {path.minutes:.3g} min; no roughing, no tool wear, no spindle error in it)",
+        "G21 G18 G90",
+        f"G97 S{tool.spindle_rpm:g} M3",
+        f"G0 Z{top:.{digits}f}",
+        f"G0 X{twice * start[0]:.{digits}f}",
+        f"G0 Z{start[1]:.{digits}f}",
+        f"G95 F{1e-3 * tool.feed_um:.6f}",
+    ]
+    way = [f"G1 {place(x, z)}" for x, z in zip(path.x_mm, path.z_mm, strict=True)]
+    return "\n".join([*head, *way, f"G0 Z{top:.{digits}f}", "M5", "M30", "%"]) + "\n"
+
+
+def _counted(tool: Tool) -> str:
+    return "diameter" if tool.x_is_diameter else "radius"
+
+
+def format_points(path: ToolPath, name: str, digits: int = 6) -> str:
+    """The path as a list: where the tool touches the mirror, and its lowest point, with tabs between columns.
+
+    Parameters
+    ----------
+    path
+    name
+        Of the part, for its head.
+    digits
+        Decimals of a millimetre.
+
+    Examples
+    --------
+    >>> from omnimirror.mirrors import Sphere
+    >>> format_points(tool_path(Sphere(50.0, 40.0)), "ball").splitlines()[-1].split("\\t")
+    ['0.000000', '0.000000', '0.000000']
+    """
+    head = [
+        f"# omnimirror tool path of {re.sub(r'[^ -~]', '', name)}",
+        f"# nose radius {path.tool.radius_mm:g} mm, largest distance from the mirror {path.deviation_nm:.3g} nm",
+        "\t".join(("contact_mm", "tool_x_mm", "tool_z_mm")),
+    ]
+    rows = zip(path.contact_mm, path.x_mm, path.z_mm, strict=True)
+    return "\n".join([*head, *("\t".join(f"{v + 0.0:.{digits}f}" for v in row) for row in rows)]) + "\n"
+
+
+def write_tool_path(path: Path, mirror: Mirror, tool: Tool, name: str, digits: int, listed: bool) -> ToolPath:
+    """Write the program, or the list of points if ``listed``."""
+    way = tool_path(mirror, tool, digits)
+    text = (format_points if listed else format_gcode)(way, name, digits)
+    path.write_text(text, encoding="ascii", newline="")
+    return way
