@@ -78,6 +78,39 @@ class Mount:
             if not abs(value) <= most:
                 raise InvalidParameter(f"{name} = {value:g} is no lean; it is valid from -{most} to {most} deg")
 
+    def field_angles_deg(self, elevation_deg: tuple[float, float]) -> tuple[float, float]:
+        """From which to which field angle (deg) elevations, LOW to HIGH over the horizon, are seen.
+
+        Raises
+        ------
+        InvalidParameter
+            A mount under which an elevation is no one field angle.
+
+        Examples
+        --------
+        >>> Mount("up").field_angles_deg((-60.0, 20.0)), Mount("down").field_angles_deg((-60.0, 20.0))
+        ((30.0, 110.0), (70.0, 150.0))
+        """
+        if self.camera_looks == "forward" or self.leans:
+            how = "leans" if self.leans else "looks forward"
+            raise InvalidParameter(
+                f"the sensor {how}, and an elevation is not at one field angle then; elevations are valid for "
+                'camera_looks = "up" and "down" without pitch_deg and roll_deg, otherwise give field angles'
+            )
+        low, high = elevation_deg
+        return (90.0 + low, 90.0 + high) if self.camera_looks == "up" else (90.0 - high, 90.0 - low)
+
+    def elevations_deg(self, omega_deg: tuple[float, float]) -> tuple[float, float]:
+        """The elevations of field angles: the way back.
+
+        >>> Mount("down").elevations_deg((70.0, 150.0))
+        (-60.0, 20.0)
+        """
+        low, high = self.field_angles_deg((0.0, 0.0))
+        if self.camera_looks == "up":
+            return omega_deg[0] - low, omega_deg[1] - high
+        return low - omega_deg[1], high - omega_deg[0]
+
     @property
     def upright(self) -> Mount:
         """The same mount, plumb."""

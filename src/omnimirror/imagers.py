@@ -81,3 +81,13 @@ class Imager:
         """
         u, v = self.centre
         return min(u, v, self.width_px - 1 - u, self.height_px - 1 - v) + 0.5
+
+    @property
+    def long_radius_px(self) -> float:
+        """Radius of the largest circle about the optical axis that the array's long side holds, pixels.
+
+        >>> Imager(1920, 1080, 3.0).long_radius_px
+        960.0
+        """
+        u, v = self.centre
+        return max(min(u, self.width_px - 1 - u), min(v, self.height_px - 1 - v)) + 0.5

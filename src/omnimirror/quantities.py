@@ -262,6 +262,8 @@ OF_THE_APERTURE = (
     Quantity("lp_per_mm", "", "lp/mm", "Spatial frequency", "of waves on the imager, in mm", format=".4g"),
     Quantity("mtf_t", "MTF T", "", "MTF T", "contrast of waves that run along the image radius", format=".3f"),
     Quantity("mtf_s", "MTF S", "", "MTF S", "contrast of waves that run around the circle", format=".3f"),
+    Quantity("mtf", "MTF", "", "MTF", "smaller of tangential and sagittal MTF, by diffraction, defocus and the pixel",
+             format=".3f"),
     Quantity("irradiance_sr", "E / L", "sr", "Irradiance", "light on the imager, of the radiance of an even world",
              format=".5f"),
     Quantity("relative", "", "", "Relative illumination", "irradiance, of the largest over the field", format=".4f",

@@ -59,7 +59,7 @@ def node_optics(
     slope_over_x
         z'/x, and on the axis its limit z''.
     inverse_distance : 1/mm
-        1/p of the object; 0 for one at infinity.
+        1/p of the object, 0 for one at infinity; or a function of the field angle (radians) that gives it.
     """
     w = m + z
     steep = 1 + slope * slope
@@ -69,11 +69,13 @@ def node_optics(
     front = w - x * slope
     cos_gamma = front / (root * rho)
     sine = 2 * w * slope_over_x + 1 - slope * slope  # sin(Omega) steep rho / x
-    q_t = 1 / (2 * curvature / (steep * root * cos_gamma) + inverse_distance)
-    q_s = 1 / (2 * cos_gamma * slope_over_x / root + inverse_distance)
+    omega = 2 * np.arctan(slope) + np.arctan(x / w)
+    near = inverse_distance(omega) if callable(inverse_distance) else inverse_distance
+    q_t = 1 / (2 * curvature / (steep * root * cos_gamma) + near)
+    q_s = 1 / (2 * cos_gamma * slope_over_x / root + near)
     domega_dx = 2 * curvature / steep + front / to_lens
     return NodeOptics(
-        omega=2 * np.arctan(slope) + np.arctan(x / w),
+        omega=omega,
         ray=x / w,
         magnification_t=front / (w * w * domega_dx),
         magnification_s=rho * steep / (w * sine),
@@ -91,13 +93,15 @@ def telecentric_optics(
     """As :func:`node_optics` under a telecentric lens: the limit of a lens infinitely far away."""
     steep = 1 + slope * slope
     domega_dx = 2 * curvature / steep
+    omega = 2 * np.arctan(slope)
+    near = inverse_distance(omega) if callable(inverse_distance) else inverse_distance
     return NodeOptics(
-        omega=2 * np.arctan(slope),
+        omega=omega,
         ray=x + 0 * slope,
         magnification_t=1 / domega_dx,
         magnification_s=steep / (2 * slope_over_x),
-        vergence_t=-(z + 1 / (domega_dx + inverse_distance)),
-        vergence_s=-(z + 1 / (2 * slope_over_x / steep + inverse_distance)),
+        vergence_t=-(z + 1 / (domega_dx + near)),
+        vergence_s=-(z + 1 / (2 * slope_over_x / steep + near)),
         viewpoint_z=z + (1 - slope * slope) / (2 * slope_over_x),
         domega_dx=domega_dx,
         cos_incidence=1 / np.sqrt(steep),

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+import numpy as np
 
 from ...arguments import float_of
 from ...batch.bases import FREE_FORMS
@@ -26,16 +27,22 @@ from ...lenses import BlurMode
 from ...mirrors.generated import MAPPINGS
 from ...specs import Places, load_sensor
 from ..outputs import FIGURES, Output
-from .common import NUMBER, WHOLE, number_or_range
+from .common import NUMBER, WHOLE, angle_range, number_or_range
 from .declared import Options, option
 
 SECTIONS: dict[str, tuple[str, ...]] = {
-    "field": ("omega_max_deg", "omega_min_deg", "object_distance_mm"),
+    "field": (
+        "omega_max_deg", "omega_min_deg", "elevation_deg", "object_distance_mm", "object_plane_distance_mm",
+        "object_cylinder_radius_mm",
+    ),
+    "mount": ("camera_looks",),
     "mirror": (
         "mapping", "family", "optimise", "shape", "fit", "apex", "rim_radius_mm", "conic", "plane_distance_mm",
         "cylinder_radius_mm", "mapping_csv",
     ),
-    "lens": ("kind", "focal_length_mm", "theta_max_deg", "f_number", "focus_mm"),
+    "lens": (
+        "kind", "focal_length_mm", "theta_max_deg", "f_number", "focus_mm", "magnification", "fills", "image_circle_mm"
+    ),
     "imager": ("width_px", "height_px", "pixel_pitch_um"),
 }  # fmt: skip
 """The options that stand for entries of the requirement file, by their table."""
@@ -90,26 +97,44 @@ def distances(text: str) -> float | tuple[float, float]:
     return numbers[0] if len(numbers) == 1 else (numbers[0], numbers[1])
 
 
-AskedLimit = tuple[str, float, list[float] | None]
-"""A quantity, a number, and the part of the field if it is not all."""
+AskedLimit = tuple[str, float, dict[str, Any]]
+"""A quantity, a number, and what else the limit's table holds: the part of the field, the spatial frequency."""
 
 
 def limit(text: str) -> AskedLimit:
     """A quantity, a number, and the part of the field if it is not all: ``QUANTITY=NUMBER[@FROM:TO]``.
 
+    One angle may stand for both ends; a part may be given by elevations, an MTF has its frequency in cycles per pixel.
+
     >>> limit("total_blur_px=4"), limit("resolution_px_per_deg=3.5@30:120")
-    (('total_blur_px', 4.0, None), ('resolution_px_per_deg', 3.5, [30.0, 120.0]))
+    (('total_blur_px', 4.0, {}), ('resolution_px_per_deg', 3.5, {'omega_deg': [30.0, 120.0]}))
+    >>> limit("mtf:0.25=0.3@elevation=0")
+    ('mtf', 0.3, {'cycles_per_px': 0.25, 'elevation_deg': [0.0, 0.0]})
     """
-    match = re.fullmatch(r"\s*(\w+)\s*=\s*([^@]+)(?:@([^:]+):(.+))?", text)
+    match = re.fullmatch(r"\s*(\w+)(?::([^=]+))?\s*=\s*([^@]+)(?:@(elevation=)?([^:]+)(?::(.+))?)?", text)
     try:
         if match is None:
             raise ValueError
-        part = [float_of(match[3]), float_of(match[4])] if match[3] else None
-        return match[1], float_of(match[2]), part
+        entries: dict[str, Any] = {} if match[2] is None else {"cycles_per_px": float_of(match[2])}
+        if match[5]:
+            ends = [float_of(match[5]), float_of(match[6] or match[5])]
+            entries["elevation_deg" if match[4] else "omega_deg"] = ends
+        return match[1], float_of(match[3]), entries
     except ValueError:
         raise click.BadParameter(
-            f"{text!r} is not a limit QUANTITY=NUMBER or QUANTITY=NUMBER@FROM:TO, such as total_blur_px=4@20:120"
+            f"{text!r} is not a limit QUANTITY=NUMBER, QUANTITY=NUMBER@ANGLE or QUANTITY=NUMBER@FROM:TO, such as "
+            "total_blur_px=4@20:120"
         ) from None
+
+
+def focus_range(text: str) -> Range:
+    """A distance in mm, or ``LOW:HIGH``, whose HIGH may be ``inf``.
+
+    >>> focus_range("250:inf")
+    (250.0, inf)
+    """
+    low, colon, high = text.partition(":")
+    return (number_or_range(low), np.inf) if colon and high.strip() == "inf" else number_or_range(text)  # type: ignore[return-value]
 
 
 @dataclass(frozen=True)
@@ -132,11 +157,25 @@ class RequirementOptions(Options):
     )
     omega_max_deg: float | None = option(type=NUMBER, help="Field angle at the rim.")
     omega_min_deg: float | None = option(type=NUMBER, help="Where the field begins that matters.")
+    elevation_deg: tuple[float, float] | None = option(
+        type=angle_range,
+        metavar="LOW:HIGH",
+        help="Instead of both: elevations over the horizon, as the mount has them.",
+    )
+    camera_looks: str | None = option(
+        type=click.Choice(["up", "down", "forward"]), help="How the sensor stands; up by default."
+    )
     apex: str | None = option(
         type=click.Choice(["smooth", "pointed"]), help="pointed: the image centre shows omega-min-deg."
     )
     object_distance_mm: Range | None = option(
         type=distances, metavar="MM|NEAR:FAR", help="From the mirror; inf by default."
+    )
+    object_plane_distance_mm: float | None = option(
+        type=NUMBER, help="Instead: objects on a plane, from the mirror vertex to it."
+    )
+    object_cylinder_radius_mm: float | None = option(
+        type=NUMBER, help="Instead, or with it: objects on a cylinder around the axis."
     )
     rim_radius_mm: Range | None = option(type=number_or_range, metavar="MM|LOW:HIGH", help="Of the mirror.")
     conic: Range | None = option(
@@ -151,16 +190,25 @@ class RequirementOptions(Options):
     focal_length_mm: Range | None = option(type=number_or_range, metavar="MM|LOW:HIGH", help="Of the lens.")
     theta_max_deg: Range | None = option(type=number_or_range, metavar="DEG|LOW:HIGH", help="Viewing angle at the rim.")
     f_number: Range | None = option(type=number_or_range, metavar="F|LOW:HIGH", help="Of the lens; 4 by default.")
-    focus_mm: Range | None = option(type=number_or_range, metavar="MM|LOW:HIGH", help="In focus; the best by default.")
+    focus_mm: Range | None = option(
+        type=focus_range, metavar="MM|LOW:HIGH", help="In focus; the best by default. HIGH may be inf."
+    )
+    magnification: Range | None = option(
+        type=number_or_range, metavar="MU|LOW:HIGH", help="Of a telecentric lens; by default the rim fills the imager."
+    )
+    fills: str | None = option(
+        type=click.Choice(["short-side", "long-side"]), help="Which side of the imager the rim may fill."
+    )
+    image_circle_mm: float | None = option(type=NUMBER, help="Diameter of the image that the lens covers.")
     width_px: int | None = option(type=WHOLE, help="Of the imager; 1024 by default.")
     height_px: int | None = option(type=WHOLE, help="Of the imager; 1024 by default.")
     pixel_pitch_um: float | None = option(type=NUMBER, help="Of the imager; 5.2 by default.")
     at_most: tuple[AskedLimit, ...] = option(
-        type=limit, multiple=True, metavar="QUANTITY=NUMBER[@FROM:TO]", default=(), show_default=False,
+        type=limit, multiple=True, metavar="QUANTITY=NUMBER[@[FROM:]TO]", default=(), show_default=False,
         help="A limit, over a part of the field in degrees or all of it; may be repeated.",
     )  # fmt: skip
     at_least: tuple[AskedLimit, ...] = option(
-        type=limit, multiple=True, metavar="QUANTITY=NUMBER[@FROM:TO]", default=(), show_default=False,
+        type=limit, multiple=True, metavar="QUANTITY=NUMBER[@[FROM:]TO]", default=(), show_default=False,
         help="Likewise; may be repeated.",
     )  # fmt: skip
     name: str | None = option(help="Of the sensor.")
@@ -179,6 +227,8 @@ class RequirementOptions(Options):
         sides = (("at_most", self.at_most), ("at_least", self.at_least))
         limits = [_limit_table(*asked, side=side) for side, all_asked in sides for asked in all_asked]
         if file is not None:
+            if self.elevation_deg is not None:
+                changes["field"] |= {"omega_min_deg": None, "omega_max_deg": None}
             return load_requirements(file, _with_ways_aside(changes) | title, limits)
         if not changes and self.like is None:
             raise click.UsageError("give a requirement file, or a field and a mirror by options")
@@ -231,8 +281,8 @@ class SearchedOptions(Options):
         return SearchOptions(self.starts, self.seed, self.resume, on_progress, self.mode, self.image_radius_px)
 
 
-def _limit_table(quantity: str, number: float, part: list[float] | None, side: str) -> dict[str, Any]:
-    return {"quantity": quantity, side: number} | ({"omega_deg": part} if part else {})
+def _limit_table(quantity: str, number: float, entries: dict[str, Any], side: str) -> dict[str, Any]:
+    return {"quantity": quantity, side: number, **entries}
 
 
 def _with_ways_aside(changes: dict[str, Any]) -> dict[str, Any]:

@@ -8,6 +8,8 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from ...batch.bases import FreeForm
 from ...mirrors.generated import MAPPINGS
 from ...mirrors.generated.table import check_rows
@@ -24,6 +26,7 @@ if TYPE_CHECKING:
 
 WAYS = ("mapping", "family", "optimise")
 """Entries of ``[mirror]`` that say how it is made; it has one of them."""
+OF_PERSPECTIVE = ("focal_length_mm", "theta_max_deg")
 OF_MAPPINGS = ("plane_distance_mm", "cylinder_radius_mm", "omega_deg", "height")
 """Entries of ``[mirror]`` that some mappings need."""
 OF_CONIC = ("hyperboloid", "ellipsoid")
@@ -51,6 +54,7 @@ def check_consistency(requirements: Requirements) -> None:
     if mirror.mapping is not None:
         _check_mapping(mirror.mapping, mirror, field)
     _check_conic(mirror)
+    _check_objects(requirements)
     _check_lens(lens)
     _check_camera(requirements)
     _check_limits(requirements.limits, field)
@@ -156,12 +160,39 @@ def _check_camera(requirements: Requirements) -> None:
         )
 
 
+def _check_objects(requirements: Requirements) -> None:
+    """Objects at distances or on surfaces, which are outside of the mirror."""
+    field, mirror = requirements.field, requirements.mirror
+    if not field.has_surfaces:
+        return
+    if field.object_distance_mm != np.inf:
+        raise EntryError(
+            ("field", "object_distance_mm"),
+            "field has both object_distance_mm and a surface on which the objects are; give one of them",
+        )
+    if mirror.optimise is not None:
+        raise EntryError(
+            ("mirror", "optimise"),
+            "mirrors of free form are searched for objects at distances; objects on a surface are valid for a mapping "
+            "or a family",
+        )
+    radius, rim = field.object_cylinder_radius_mm, ends(mirror.rim_radius_mm)[1]
+    if radius is not None and radius <= rim:
+        raise EntryError(
+            ("field", "object_cylinder_radius_mm"),
+            f"object_cylinder_radius_mm = {radius:g} does not clear the mirror; it is valid above rim_radius_mm = "
+            f"{rim:g}",
+        )
+
+
 def _check_lens(lens: LensRequirements) -> None:
     if lens.is_telecentric:
-        for name in ("focal_length_mm", "theta_max_deg"):
+        for name in OF_PERSPECTIVE:
             if getattr(lens, name) is not None:
                 raise EntryError(("lens", name), f"lens.{name} does not apply to an orthographic lens")
         return
+    if lens.magnification is not None:
+        raise EntryError(("lens", "magnification"), "lens.magnification belongs to an orthographic lens")
     if lens.focal_length_mm is None and lens.theta_max_deg is None:
         raise EntryError(
             ("lens",), "lens has neither focal_length_mm nor theta_max_deg; give one of them, a number or a range"

@@ -11,7 +11,7 @@ stopped down far enough would pass as sharp.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -23,12 +23,15 @@ from ...numerics.registry import Registry
 from ...quantities import QUANTITIES, Quantity
 from ...specs import did_you_mean
 from .merits import FieldValues
+from .modulation import contrast
 
 Array = NDArray[Any]
 
 Takes = Literal["largest", "smallest", "spread", "ratio"]
 
 REFERENCES = 16
+FINEST = 10.0  # cycles per pixel
+SHARES = ("mtf", "mtf_t", "mtf_s", "lens_illumination")
 
 
 @dataclass(frozen=True)
@@ -50,6 +53,8 @@ class Limitable:
         Whether it is a blur with its Airy disk, and so depends on the F-number.
     is_scale
         Whether it grows with the image, whose scale follows from the focus too.
+    of_frequency
+        Parts by the spatial frequency in cycles per pixel, which limits of it have to name; None of all others.
     """
 
     quantity: Quantity
@@ -58,6 +63,7 @@ class Limitable:
     is_sharpness: bool = False
     is_blur: bool = False
     is_scale: bool = False
+    of_frequency: Callable[[float], Callable[[FieldValues], tuple[Array, ...]]] | None = None
     straight: Callable[[FieldValues], tuple[Array, ...]] = lambda field: ()
 
     @property
@@ -148,6 +154,15 @@ def _one(
     return Limitable(QUANTITIES[name], lambda f: (part(f),), takes, is_sharpness, is_scale=is_scale)
 
 
+def _mtf(name: str, *sides: Callable[[FieldValues], Array]) -> Limitable:
+    """Contrast at a frequency, of each blur."""
+
+    def of_frequency(cycles: float) -> Callable[[FieldValues], tuple[Array, ...]]:
+        return lambda f: tuple(contrast(side(f), f.airy_px, cycles) for side in sides)
+
+    return Limitable(QUANTITIES[name], of_frequency(0.0), "smallest", is_sharpness=True, of_frequency=of_frequency)
+
+
 T_PX: Disk = lambda f: (f.t_px, f.airy_px)  # noqa: E731 - a table of four
 S_PX: Disk = lambda f: (f.s_px, f.airy_px)  # noqa: E731
 T_DEG: Disk = lambda f: (f.t_deg, f.airy_px / f.dh)  # noqa: E731
@@ -170,6 +185,10 @@ _OURS: dict[str, Limitable] = {
         _one("aspect", "smallest", lambda f: f.dw / f.dh),
         _one("viewpoint_spread_mm", "spread", lambda f: f.viewpoint_z),
         _one("area_ratio", "ratio", lambda f: f.dh * f.dw),
+        _one("lens_illumination", "smallest", lambda f: f.light),
+        _mtf("mtf", lambda f: f.t_px, lambda f: f.s_px),
+        _mtf("mtf_t", lambda f: f.t_px),
+        _mtf("mtf_s", lambda f: f.s_px),
         _one("length_mm", "largest", lambda f: f.length),
         _one("sag_mm", "largest", lambda f: f.sag),
     )
@@ -224,6 +243,7 @@ NEVER_ABOVE = {
     "total_blur_t_deg": ("total_blur_deg",),
     "total_blur_s_deg": ("total_blur_deg",),
     "resolution_px_per_deg": ("dh_domega_px_per_deg", "width_px_per_deg"),
+    "mtf": ("mtf_t", "mtf_s"),
     "sag_mm": ("length_mm",),
 }
 """By a quantity those that it is never above, whatever the sensor: of whose parts it is one, or whose smaller it is."""
@@ -242,7 +262,9 @@ class Limit:
     at_least
         Valid from this, in the quantity's unit.
     omega_deg : (low, high), optional
-        The part of the field that counts, deg; all of it by default.
+        The part of the field that counts, deg, one angle given twice; all of it by default.
+    cycles_per_px
+        Spatial frequency on the imager, of limits of the MTF.
 
     Raises
     ------
@@ -253,12 +275,15 @@ class Limit:
     'total_blur_px'
     >>> Limit("aspect", at_least=0.8, omega_deg=(20.0, 100.0)).label
     'aspect, 20 to 100 deg'
+    >>> Limit("mtf", at_least=0.3, omega_deg=(90.0, 90.0), cycles_per_px=0.25).label
+    'mtf at 0.25 cycles/px, at 90 deg'
     """
 
     quantity: str
     at_most: float | None = None
     at_least: float | None = None
     omega_deg: tuple[float, float] | None = None
+    cycles_per_px: float | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.quantity, str) or self.quantity not in LIMITABLE:
@@ -268,6 +293,7 @@ class Limit:
             )
         if self.at_most is None and self.at_least is None:
             raise InvalidParameter(f"limit of {self.quantity} says neither at_most nor at_least")
+        self._check_frequency()
         for side in ("at_most", "at_least"):
             if (value := getattr(self, side)) is not None:
                 self._check_side(side, value)
@@ -281,6 +307,19 @@ class Limit:
                     f"limit.omega_deg = {list(self.omega_deg)} is no part of the field; it needs FROM up to TO"
                 )
 
+    def _check_frequency(self) -> None:
+        if LIMITABLE[self.quantity].of_frequency is None:
+            if self.cycles_per_px is not None:
+                raise InvalidParameter(
+                    f"limit of {self.quantity}: cycles_per_px does not apply to it; it belongs to mtf, mtf_t and mtf_s"
+                )
+        elif self.cycles_per_px is None:
+            raise InvalidParameter(
+                f"limit of {self.quantity} does not say at which spatial frequency; give cycles_per_px, such as 0.25"
+            )
+        else:
+            number("limit.cycles_per_px", self.cycles_per_px, above=0.0, high=FINEST)
+
     def _check_side(self, side: str, value: float) -> None:
         number(f"{side} of {self.quantity}", value)
         if value < 0:
@@ -293,10 +332,9 @@ class Limit:
                 f"limit of {self.quantity}: at_most = 0 is kept by no sensor, whose {self.quantity} is above 0; "
                 "it is valid above 0"
             )
-        if side == "at_least" and self.of.takes == "ratio" and value > 1:
-            raise InvalidParameter(
-                f"limit of {self.quantity}: at_least = {value:g} is above 1, which no ratio of smallest to largest is"
-            )
+        if side == "at_least" and value > 1 and (self.of.takes == "ratio" or self.quantity in SHARES):
+            what = "ratio of smallest to largest" if self.of.takes == "ratio" else self.quantity
+            raise InvalidParameter(f"limit of {self.quantity}: at_least = {value:g} is above 1, which no {what} is")
 
     def contradicts(self, other: Limit) -> str | None:
         """Why this limit and another cannot both be kept, if that is plain from their numbers.
@@ -316,6 +354,8 @@ class Limit:
                 continue
             if not (high.quantity in (low.quantity, *NEVER_ABOVE.get(low.quantity, ())) and _are_comparable(low, high)):
                 continue
+            if low.cycles_per_px != high.cycles_per_px:
+                continue
             if low.quantity == high.quantity:
                 return f"{low.quantity} at least {low.at_least:g} and at most {high.at_most:g}"
             return (
@@ -326,7 +366,10 @@ class Limit:
 
     @property
     def of(self) -> Limitable:
-        return LIMITABLE[self.quantity]
+        found = LIMITABLE[self.quantity]
+        if found.of_frequency is None or self.cycles_per_px is None:
+            return found
+        return replace(found, parts=found.of_frequency(self.cycles_per_px))
 
     @property
     def scale(self) -> float:
@@ -334,9 +377,14 @@ class Limit:
         return max(abs(v) for v in (self.at_least, self.at_most) if v is not None) or 1.0
 
     @property
+    def name(self) -> str:
+        """The quantity, with its spatial frequency."""
+        return self.quantity + (f" at {self.cycles_per_px:g} cycles/px" if self.cycles_per_px is not None else "")
+
+    @property
     def label(self) -> str:
         """The quantity, with the part of the field."""
-        return self.quantity + (f", {self.omega_deg[0]:g} to {self.omega_deg[1]:g} deg" if self.omega_deg else "")
+        return self.name + told_part(self.omega_deg)
 
     def missed(self, field: FieldValues) -> Array:
         """By what share (..) of what is asked fields (.., k) miss it at worst; below 0 by what share they keep it.
@@ -377,6 +425,13 @@ class Limit:
         if self.at_least is not None:
             rows.append(self.of.below(field, self.at_least))
         return np.concatenate(rows, axis=-1) / self.scale
+
+
+def told_part(part: tuple[float, float] | None) -> str:
+    """A part of the field, as it follows a name."""
+    if part is None:
+        return ""
+    return f", at {part[0]:g} deg" if part[0] == part[1] else f", {part[0]:g} to {part[1]:g} deg"
 
 
 def _are_comparable(low: Limit, high: Limit) -> bool:

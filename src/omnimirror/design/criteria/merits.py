@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...analysis import Evaluation
-from ...batch.optics import DEGREE, FocusedCamera, NodeOptics
+from ...batch.optics import DEGREE, FocusedCamera, NodeOptics, TelecentricCamera
 from ...errors import InvalidParameter
 from ...lenses import Perspective
 from ...quantities import QUANTITIES, Quantity
@@ -49,6 +49,8 @@ class FieldValues(NamedTuple):
     """Height of the mirror along the axis, mm."""
     airy_px: Array
     """Diameter of the Airy disk, px."""
+    light: Array
+    """Illumination of the imager by the lens, over that on the axis."""
 
     @property
     def t_deg(self) -> Array:
@@ -100,22 +102,29 @@ def values_at(o: NodeOptics, camera: FocusedCamera, v: Array, length: Array, sag
     floor = 1 + airy**2
     log_area = np.log((t * t + floor) * (s * s + floor)) / 2 - np.log(dh * dw)
     b0 = camera.image_distance(v)
-    return FieldValues(t, s, dh, dw, log_area, o.viewpoint_z, solid_angle(o.omega), b0, length, sag, airy)
+    light = light_of(o.ray, isinstance(camera, TelecentricCamera))
+    return FieldValues(t, s, dh, dw, log_area, o.viewpoint_z, solid_angle(o.omega), b0, length, sag, airy, light)
+
+
+def light_of(tangent: Array, is_telecentric: bool) -> Array:
+    """cos^4 of viewing angles, by their tangents; 1 under a telecentric lens, whose chief rays go along its axis."""
+    squared: Array = 0 * tangent if is_telecentric else tangent * tangent
+    return 1 / (1 + squared) ** 2
 
 
 def values_of(
-    result: Any, image_distance: ArrayLike, length: ArrayLike, sag: ArrayLike, airy_px: ArrayLike
+    result: Any, light: Array, image_distance: ArrayLike, length: ArrayLike, sag: ArrayLike, airy_px: ArrayLike
 ) -> FieldValues:
     """What merits look at, from the columns of an :class:`~omnimirror.analysis.Evaluation` or of a batch of designs.
 
-    Field angles have to grow along the last axis; the numbers (..) are those of :class:`Field`.
+    Field angles have to grow along the last axis; the numbers (..) are those of :class:`FieldValues`.
     """
     omega = np.radians(result.omega_deg)
-    numbers = (np.asarray(v, dtype=float)[..., None] for v in (image_distance, length, sag, airy_px))
+    b0, reach, height, airy = (np.asarray(v, dtype=float)[..., None] for v in (image_distance, length, sag, airy_px))
     with np.errstate(all="ignore"):
         return FieldValues(
             result.blur_t_px, result.blur_s_px, result.dh_domega_px_per_deg, result.width_px_per_deg,
-            np.log(result.floored_area_deg2), result.viewpoint_z_mm, solid_angle(omega), *numbers,
+            np.log(result.floored_area_deg2), result.viewpoint_z_mm, solid_angle(omega), b0, reach, height, airy, light,
         )  # fmt: skip
 
 
@@ -124,7 +133,9 @@ def values_of_evaluation(result: Evaluation) -> FieldValues:
     lens = result.sensor.lens
     (_, _), (bottom, top) = result.sensor.mirror.bounds
     b0 = lens.image_distance if isinstance(lens, Perspective) else 0.0
-    return values_of(result, b0, length_mm(result), top - bottom, result.airy_px)
+    own = result.of_lens.get("lens_illumination")  # of a real lens
+    light = light_of(np.tan(np.radians(result.theta_deg)), lens.TELECENTRIC) if own is None else own
+    return values_of(result, light, b0, length_mm(result), top - bottom, result.airy_px)
 
 
 def length_mm(result: Evaluation) -> float:

@@ -41,14 +41,19 @@ def is_free(value: Range | None) -> bool:
     return isinstance(value, tuple) and value[0] < value[1]
 
 
-def between(low: float, high: float) -> PlainValidator:
-    """An entry that takes a number or a pair that grows, between low and high; a pair of equals is a number."""
+def between(low: float, high: float, endless: bool = False) -> PlainValidator:
+    """An entry that takes a number or a pair that grows, between low and high; a pair of equals is a number.
+
+    ``endless`` takes inf for the high end.
+    """
 
     def check(value: Any) -> Range:
         try:
             first, last = np.broadcast_to(numbers("a range", value), 2).tolist()
         except ValueError:  # no numbers, or more than two
             first, last = np.nan, np.nan
+        if endless and last == np.inf:
+            last = high
         if not low <= first <= last <= high:
             raise PydanticCustomError("range", f"it should be a number from {low:g} to {high:g}, or such a [LOW, HIGH]")
         return first if first == last else (first, last)

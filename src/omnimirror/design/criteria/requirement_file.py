@@ -23,6 +23,7 @@ from .requirements import PAPER_IMAGER, FieldRequirements, LensRequirements, Mir
 FORMAT = 1
 
 Angle = Annotated[float, Field(ge=0, le=179)]
+Elevation = Annotated[float, Field(ge=-90, le=90)]
 
 
 class LimitTable(Table):
@@ -31,7 +32,15 @@ class LimitTable(Table):
     quantity: str
     at_most: float | None = None
     at_least: float | None = None
-    omega_deg: Annotated[list[Angle], Field(min_length=2, max_length=2, description="[FROM, TO], deg")] | None = None
+    omega_deg: Angle | Annotated[list[Angle], Field(min_length=2, max_length=2)] | None = None
+    elevation_deg: Elevation | Annotated[list[Elevation], Field(min_length=2, max_length=2)] | None = None
+    cycles_per_px: float | None = None
+
+
+class ElevationTable(Table):
+    """``[field]``'s elevations over the horizon, lowest and highest, in the stead of field angles."""
+
+    elevation_deg: Annotated[list[Elevation], Field(min_length=2, max_length=2, description="[LOW, HIGH], deg")]
 
 
 def load_requirements(
@@ -148,14 +157,15 @@ def requirements_of(data: dict[str, Any], where: Places | None = None, folder: P
     where = where or NoFile()
     _check_tables(data, where)
     mirror = where.wrap(("mirror", MAPPING_FILE.entry), lambda: MAPPING_FILE.followed(data["mirror"], folder))
+    mount = Mount(**validated(StandTable, "mount", data.get("mount", {}), where).model_dump())
     parts: dict[str, Any] = {
-        "field": FieldRequirements.read(data["field"], where),
+        "field": FieldRequirements.read(_by_field_angles(data["field"], mount, where), where),
         "mirror": MirrorRequirements.read(mirror, where),
         "lens": LensRequirements.read(data.get("lens", {}), where),
         "imager": _imager(data.get("imager", asdict(PAPER_IMAGER)), where),
-        "mount": Mount(**validated(StandTable, "mount", data.get("mount", {}), where).model_dump()),
+        "mount": mount,
         "housing": housing_of(data.get("housing", {}), where),
-        "limits": tuple(_limit(i, table, where) for i, table in enumerate(data.get("limit", []))),
+        "limits": tuple(_limit(i, table, mount, where) for i, table in enumerate(data.get("limit", []))),
     }
     names = {name: data[name] for name in ("name", "notes") if name in data}
     return where.wrap((), lambda: Requirements(**parts, **names))
@@ -179,11 +189,44 @@ def _imager(table: dict[str, Any], where: Places) -> Imager:
     return where.wrap(("imager",), lambda: Imager(**entries))
 
 
-def _limit(index: int, table: dict[str, Any], where: Places) -> Limit:
+def _by_field_angles(table: dict[str, Any], mount: Mount, where: Places) -> dict[str, Any]:
+    """The table of the field with field angles in the stead of elevations, if it has those."""
+    if "elevation_deg" not in table:
+        return table
+    if beside := [name for name in ("omega_min_deg", "omega_max_deg", "angles") if name in table]:
+        raise where.error(("field", beside[0]), f"field has both elevation_deg and {beside[0]}; give one of them")
+    entries = validated(ElevationTable, "field", {"elevation_deg": table["elevation_deg"]}, where).elevation_deg
+    low, high = _field_angles(("field", "elevation_deg"), entries, mount, where)
+    rest = {name: value for name, value in table.items() if name != "elevation_deg"}
+    return {"omega_min_deg": low, "omega_max_deg": high, "angles": "elevation", **rest}
+
+
+def _field_angles(
+    place: tuple[str, ...], elevation_deg: list[float], mount: Mount, where: Places
+) -> tuple[float, float]:
+    low, high = elevation_deg
+    if low > high:
+        raise where.error(
+            place, f"{'.'.join(place)} = {elevation_deg} is no part of the field; it needs LOW up to HIGH"
+        )
+    return where.wrap(place, lambda: mount.field_angles_deg((low, high)))
+
+
+def _limit(index: int, table: dict[str, Any], mount: Mount, where: Places) -> Limit:
     section = f"limit.{index}"
     entries = validated(LimitTable, section, table, where)
     place = (section, "quantity") if entries.quantity not in LIMITABLE else (section,)
-    part = None if entries.omega_deg is None else (entries.omega_deg[0], entries.omega_deg[1])
-    if part is not None and part[0] > part[1]:
+    part = _pair(entries.omega_deg)
+    if entries.elevation_deg is not None:
+        if part is not None:
+            raise where.error((section, "omega_deg"), "limit has both elevation_deg and omega_deg; give one of them")
+        part = _field_angles((section, "elevation_deg"), [*_pair(entries.elevation_deg)], mount, where)
+    elif part is not None and part[0] > part[1]:
         place = (section, "omega_deg")
-    return where.wrap(place, lambda: Limit(entries.quantity, entries.at_most, entries.at_least, part))
+    numbers = entries.at_most, entries.at_least, part, entries.cycles_per_px
+    return where.wrap(place, lambda: Limit(entries.quantity, *numbers))
+
+
+def _pair(part: float | list[float] | None) -> Any:
+    """Both ends of a part of the field; one angle is both."""
+    return None if part is None else (part[0], part[1]) if isinstance(part, list) else (part, part)

@@ -23,11 +23,15 @@ from .consistency import check_consistency
 from .limits import Limit
 from .ranges import Range, between
 
+FARTHEST_FOCUS = 1e7
+"""mm; what a focus at infinity stands for."""
 Radius = Annotated[Range, between(0.1, 1e5)]
 FocalLength = Annotated[Range, between(1e-2, 1e5)]
 Theta = Annotated[Range, between(0.1, 60.0)]
 FNumber = Annotated[Range, between(0.1, 1e3)]
-Focus = Annotated[Range, between(-1e6, 1e7)]
+Focus = Annotated[Range, between(-1e6, FARTHEST_FOCUS, endless=True)]
+Magnification = Annotated[Range, between(1e-5, 1e3)]
+Length = Annotated[float, Field(ge=1, le=1e7)]
 Distances = Annotated[Range, between(1.0, np.inf)]
 Conic = Annotated[Range, between(-1e3, 1e3)]
 
@@ -95,6 +99,11 @@ class FieldRequirements(Entries):
         Where the field begins that matters, 0 to 170; what lies inside is not judged.
     object_distance_mm
         From the mirror to the objects, or to the nearest and the farthest of them: both count.
+    object_plane_distance_mm, object_cylinder_radius_mm
+        Instead: objects on a plane across the axis, so far from the mirror's vertex towards the lens, on a cylinder
+        around the axis, or in a room of both, where the surface counts that a chief ray meets first.
+    angles
+        ``"elevation"``: tables and files tell angles as elevations, as the mount has them.
 
     Raises
     ------
@@ -113,6 +122,14 @@ class FieldRequirements(Entries):
     omega_max_deg: Annotated[float, Field(ge=1, le=179, description="field angle at the rim")]
     omega_min_deg: Annotated[float, Field(ge=0, le=170, description="where the field begins that matters")] = 0.0
     object_distance_mm: Distances = np.inf
+    object_plane_distance_mm: Length | None = None
+    object_cylinder_radius_mm: Length | None = None
+    angles: Literal["field", "elevation"] = "field"
+
+    @property
+    def has_surfaces(self) -> bool:
+        """Whether the objects are on surfaces, and their distances differ from angle to angle."""
+        return self.object_plane_distance_mm is not None or self.object_cylinder_radius_mm is not None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -185,7 +202,14 @@ class LensRequirements(Entries):
     f_number
         A number or a range; of a telecentric lens that on the imager's side.
     focus_mm
-        Where the lens is focused, a number or a range; the design chooses where there is none.
+        Where the lens is focused, a number or a range; the design chooses where there is none. The smallest focus
+        distance of a lens is the low end of a range: ``(250, inf)``.
+    magnification
+        Of a telecentric lens that is bought, a number or a range; by default what makes the rim fill the imager.
+    fills
+        Which side of the imager the rim's image may fill: ``"short-side"``, which holds all of it, or ``"long-side"``.
+    image_circle_mm
+        Diameter that the lens covers; the rim's image stays within it.
 
     Raises
     ------
@@ -206,6 +230,9 @@ class LensRequirements(Entries):
     theta_max_deg: Theta | None = None
     f_number: FNumber = 4.0
     focus_mm: Focus | None = None
+    magnification: Magnification | None = None
+    fills: Literal["short-side", "long-side"] = "short-side"
+    image_circle_mm: Annotated[float, Field(ge=0.1, le=1e3)] | None = None
 
     @property
     def is_telecentric(self) -> bool:
@@ -214,11 +241,14 @@ class LensRequirements(Entries):
     @property
     def fills_imager(self) -> bool:
         """Whether what is not given of the lens makes the rim fill the imager, wherever it is focused."""
+        if self.is_telecentric:
+            return self.magnification is None
         return self.theta_max_deg is None or self.focal_length_mm is None
 
 
 PAPER_IMAGER = Imager(1024, 1024, 5.2)
 """The paper's prototype's; taken where no imager is stated."""
+DIGITS = 12  # of elevations, so that 12.3 deg stays what it was
 UNNAMED = "design"
 """The name of a design where none is given."""
 UPRIGHT = Mount()
@@ -284,6 +314,25 @@ class Requirements:
             instance("limits", limit, Limit, "a list of limits")
         check_consistency(self)
 
+    @property
+    def largest_image_px(self) -> float:
+        """Largest radius of the rim's image that imager and lens allow, px.
+
+        >>> import omnimirror as om
+        >>> from omnimirror.imagers import Imager
+        >>> lens = om.LensRequirements(focal_length_mm=4, fills="long-side", image_circle_mm=5.0)
+        >>> om.Requirements(
+        ...     field=om.FieldRequirements(omega_max_deg=120),
+        ...     mirror=om.MirrorRequirements(family="sphere", rim_radius_mm=20),
+        ...     lens=lens,
+        ...     imager=Imager(1920, 1080, 3.0),
+        ... ).largest_image_px
+        833.3333333333334
+        """
+        lens, imager = self.lens, self.imager
+        side = imager.inscribed_radius_px if lens.fills == "short-side" else imager.long_radius_px
+        return side if lens.image_circle_mm is None else min(side, lens.image_circle_mm / 2 / imager.pitch_mm)
+
     def changed(self, **entries: Any) -> Requirements:
         """The same with other entries of field, mirror and lens.
 
@@ -327,10 +376,18 @@ class Requirements:
             Tables and entries, as a file holds them.
         """
         parts = {name: asdict(getattr(self, name)) for name in ("field", "mirror", "lens", "imager", "mount")}
+        if self.field.angles == "elevation":
+            parts["field"] = self._by_elevation(parts["field"])
         parts["housing"] = housing_tables(self.housing)
         data = {"name": self.name, "notes": self.notes, **parts, "limit": [asdict(limit) for limit in self.limits]}
         plain: dict[str, Any] = _plain(data)
         return plain
+
+    def _by_elevation(self, field: dict[str, Any]) -> dict[str, Any]:
+        """The table of the field with the elevations of its angles."""
+        omega = field.pop("omega_min_deg"), field.pop("omega_max_deg")
+        del field["angles"]
+        return {"elevation_deg": [round(v, DIGITS) for v in self.mount.elevations_deg(omega)], **field}
 
 
 NAMES = {

@@ -33,8 +33,12 @@ class DesignProblem:
         fill the imager.
     f_number
         Of a telecentric lens that on the imager's side.
+    magnification
+        Of a telecentric lens, where the imager is not to be filled.
     imager
         Pixels and their pitch.
+    largest_image_px
+        Largest radius of the rim's image; by default that of the largest circle that the imager holds.
     lens
         ``"perspective"`` or ``"orthographic"`` (telecentric, as wide as the mirror).
     omega_min_deg
@@ -70,8 +74,10 @@ class DesignProblem:
     theta_max_deg: Range | None = 12.0
     rim_radius_mm: Range = 43.9
     focal_length_mm: Range | None = 11.6
+    magnification: Range | None = None
     f_number: Range = 4.0
     imager: Imager = field(default_factory=lambda: Imager(1024, 1024, 5.2))
+    largest_image_px: float | None = None
     lens: str = "perspective"
     omega_min_deg: float = 0.0
     housing: Housing = field(default_factory=Housing)
@@ -112,13 +118,23 @@ class DesignProblem:
     @property
     def free(self) -> list[str]:
         """What is a range, and so left to the optimiser besides shape and focus."""
-        names = ("omega_max_deg", "theta_max_deg", "rim_radius_mm", "focal_length_mm", "f_number")
+        names = (
+            "omega_max_deg", "theta_max_deg", "rim_radius_mm", "focal_length_mm", "magnification", "f_number"
+        )  # fmt: skip
         return [n for n in names if (v := getattr(self, n)) is not None and ends(v)[0] < ends(v)[1]]
 
     @property
     def has_image_to_fit(self) -> bool:
         """Whether the rim's image can be kept on the imager by what is free."""
+        if self.is_telecentric:
+            return self.magnification is not None
         return None not in (self.theta_max_deg, self.focal_length_mm) and any(n in self.free for n in OF_LENS)
+
+    @property
+    def image_radius_mm(self) -> float:
+        """Largest radius of the rim's image."""
+        radius = self.imager.inscribed_radius_px if self.largest_image_px is None else self.largest_image_px
+        return radius * self.imager.pitch_mm
 
     @property
     def has_view_to_clear(self) -> bool:
@@ -126,7 +142,7 @@ class DesignProblem:
         return self.housing.camera is not None and self.omega_min_deg > 0 and not self.is_telecentric
 
     def _check_ranges(self) -> None:
-        for name in ("omega_max_deg", "theta_max_deg", "rim_radius_mm", "focal_length_mm", "f_number",
+        for name in ("omega_max_deg", "theta_max_deg", "rim_radius_mm", "focal_length_mm", "magnification", "f_number",
                      "object_distance_mm"):  # fmt: skip
             if (value := getattr(self, name)) is None:
                 continue

@@ -21,7 +21,7 @@ from ...mirrors.conics import conic_profile
 from ...numerics.lazy import cached_property
 from ...sensor import Sensor
 from ...tracing.obscuration import disc_clearance
-from ..criteria.merits import FieldValues, values_at, values_of
+from ..criteria.merits import FieldValues, light_of, values_at, values_of
 from ..criteria.ranges import ends
 from .problem import DesignProblem
 
@@ -138,7 +138,9 @@ class DesignSpace:
     def _given_telecentric(self, y: Array, omega_max: Array, M: Array, F: Array) -> Given:
         fixed = self._fixed(y, M)
         v = y[:, self.names.index("focus"), None] * M if fixed is None else fixed
-        return Given(omega_max, M, 0 * M, np.nan * M, self.imager_radius_mm / M, F, v)
+        asked = self.problem.magnification
+        magnification = self.imager_radius_mm / M if asked is None else self._number(y, "magnification")
+        return Given(omega_max, M, 0 * M, np.nan * M, magnification, F, v)
 
     def _place(self, focus_mm: float) -> float:
         return -focus_mm if self.problem.is_telecentric else 1 / focus_mm
@@ -161,7 +163,7 @@ class DesignSpace:
 
     @property
     def imager_radius_mm(self) -> float:
-        return self.problem.imager.inscribed_radius_px * self.problem.imager.pitch_mm
+        return self.problem.image_radius_mm
 
     def camera(self, g: Given) -> PerspectiveCamera | TelecentricCamera:
         """The lens and the pixels of some designs."""
@@ -300,12 +302,15 @@ class DesignSpace:
         reach = sag if self.problem.is_telecentric else g.M / g.tangent
         camera = self.camera(g)
         numbers = (camera.image_distance(g.focus), reach, sag, camera.airy_px(g.focus))
-        return values_of(result, *(v[:, 0] for v in numbers))
+        tangent = result.h_px / camera.px_per_ray(g.focus)
+        return values_of(result, light_of(tangent, self.problem.is_telecentric), *(v[:, 0] for v in numbers))
 
     def image(self, g: Given) -> Array:
         """Image of the rim over the largest that the imager holds (b, 1)."""
         rim_ray = g.M if self.problem.is_telecentric else g.tangent
-        image: Array = self.camera(g).px_per_ray(g.focus) * rim_ray / self.problem.imager.inscribed_radius_px
+        image: Array = (
+            self.camera(g).px_per_ray(g.focus) * rim_ray * (self.problem.imager.pitch_mm / self.imager_radius_mm)
+        )
         return image
 
     def at_best_focus(self, y: Array, angles: int) -> Array:

@@ -115,14 +115,16 @@ def mapping_deviation_px(settled: Requirements, sensor: Sensor) -> float | None:
 
 
 def _imager_radius_mm(settled: Requirements) -> float:
-    """Radius of the largest circle about the optical axis that the imager holds."""
-    return settled.imager.inscribed_radius_px * settled.imager.pitch_mm
+    """Largest radius of the rim's image that imager and lens allow."""
+    return settled.largest_image_px * settled.imager.pitch_mm
 
 
 def _telecentric(settled: Requirements) -> Candidate:
     mounted, rim = _mirror(settled, 0.0), ends(settled.mirror.rim_radius_mm)[0]
     focus = 0.0 if settled.lens.focus_mm is None else ends(settled.lens.focus_mm)[0]
-    lens = Orthographic(_imager_radius_mm(settled) / rim, ends(settled.lens.f_number)[0], focus)
+    asked = ends_or_none(settled.lens.magnification)
+    magnification = _imager_radius_mm(settled) / rim if asked is None else asked[0]
+    lens = Orthographic(magnification, ends(settled.lens.f_number)[0], focus)
     return _focused(settled, mounted, lens)
 
 
@@ -185,5 +187,5 @@ def _focused(settled: Requirements, mounted: MountedMirror, lens: Orthographic |
 
 def focusing(settled: Requirements, sensor: Sensor, points: int = POINTS) -> Focusing:
     """What a sensor for settled requirements does, wherever it is focused."""
-    radius = np.inf if settled.lens.fills_imager else settled.imager.inscribed_radius_px
+    radius = np.inf if settled.lens.fills_imager else settled.largest_image_px
     return Focusing(sensor, settled.field, settled.limits, radius, ends_or_none(settled.lens.focus_mm), points)

@@ -13,6 +13,7 @@ kept, the size of the image and the resolution, if there are any.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -25,7 +26,7 @@ from ...sensor import Sensor
 from ..criteria.field_angles import counted_field
 from ..criteria.limits import Limit
 from ..criteria.merits import FieldValues, values_at
-from ..criteria.ranges import ends
+from ..criteria.objects import distances_mm, inverse_distances
 from ..criteria.requirements import FieldRequirements
 
 Array = NDArray[np.float64]
@@ -137,14 +138,14 @@ class Focusing:
             asked |= {None: None}
         return {part: slice(i * self.points, (i + 1) * self.points) for i, part in enumerate(asked)}
 
-    @cached_property
-    def _distances_mm(self) -> tuple[float, ...]:
-        """Of the objects that count, each once."""
-        return tuple(sorted(set(ends(self.field.object_distance_mm))))
+    @property
+    def _rows(self) -> int:
+        """How many objects count at each field angle."""
+        return 1 if self.field.has_surfaces else len(distances_mm(self.field))
 
     @cached_property
     def _nodes(self) -> NodeOptics:
-        """The optics (d, k) of all points for each object distance."""
+        """The optics (d, k) of all points for each object that counts."""
         sensor, mirror = self.sensor, self.sensor.mirror
         counted = counted_field(self.field, sensor)
         omega = np.radians([counted.part(part)[:2] for part in self._parts])
@@ -152,7 +153,7 @@ class Focusing:
         x = (first[:, None] + (last - first)[:, None] * np.linspace(0.0, 1.0, self.points)).ravel()
         z, slope, curvature = mirror.profile(x)
         over_x = np.where(x > 0, slope / np.where(x > 0, x, 1.0), curvature)
-        near = 1 / np.array(self._distances_mm)[:, None]
+        near = partial(inverse_distances, self.field, x, z)
         with np.errstate(divide="ignore"):  # a cone has its tangential images at infinity
             if self._is_telecentric:
                 return telecentric_optics(x, z, slope, curvature, over_x, near)
@@ -161,7 +162,7 @@ class Focusing:
     @cached_property
     def _fields(self) -> dict[tuple[float, float] | None, NodeOptics]:
         """The optics (k,) of each part, for one object distance after the other."""
-        shape = (len(self._distances_mm), self.points * len(self._parts))
+        shape = (self._rows, self.points * len(self._parts))
         nodes = [np.broadcast_to(column, shape) for column in self._nodes]
         return {part: NodeOptics(*(n[:, where].ravel() for n in nodes)) for part, where in self._parts.items()}
 

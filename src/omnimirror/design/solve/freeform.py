@@ -36,7 +36,7 @@ from .verdict import judge
 Array = NDArray[np.float64]
 
 SHAPE = "spline"  # where none is asked for
-NUMBERS = ("omega_max_deg", "theta_max_deg", "rim_radius_mm", "focal_length_mm", "f_number")
+NUMBERS = ("omega_max_deg", "theta_max_deg", "rim_radius_mm", "focal_length_mm", "magnification", "f_number")
 
 
 def problem_of(
@@ -44,14 +44,16 @@ def problem_of(
 ) -> DesignProblem:
     """What an optimiser has to know of requirements; what they give as ranges is free."""
     field, mirror, lens = requirements.field, requirements.mirror, requirements.lens
-    shape = FreeForm.parse(mirror.shape or SHAPE)
+    shape, largest = FreeForm.parse(mirror.shape or SHAPE), requirements.largest_image_px
     return DesignProblem(
         omega_max_deg=field.omega_max_deg,
         theta_max_deg=lens.theta_max_deg,
         rim_radius_mm=mirror.rim_radius_mm,
         focal_length_mm=lens.focal_length_mm,
+        magnification=lens.magnification,
         f_number=lens.f_number,
         imager=requirements.imager,
+        largest_image_px=None if largest == requirements.imager.inscribed_radius_px else largest,
         lens=lens.kind,
         omega_min_deg=field.omega_min_deg,
         housing=requirements.housing,

@@ -62,6 +62,7 @@ def ranges_of(requirements: Requirements) -> dict[str, Span | None]:
         "theta_max_deg": theta,
         "focal_length_mm": focal,
         "f_number": ends(lens.f_number),
+        "magnification": ends_or_none(lens.magnification),
         "conic": conic,
     }
 

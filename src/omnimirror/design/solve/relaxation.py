@@ -36,6 +36,7 @@ RANGES = {
     "theta_max_deg": (0.1, 60.0),
     "omega_min_deg": (0.0, 170.0),
     "f_number": (0.1, 1e3),
+    "magnification": (1e-5, 1e3),
     "conic": (-1e3, 1e3),
 }
 LENGTHS = (1e-2, 1e5)  # mm
@@ -159,7 +160,7 @@ def relaxed(requirements: Requirements, given: Iterable[Relaxation]) -> Requirem
         if r.limit is not None:
             limits[r.limit] = _with_side(limits[r.limit], r.asked, r.needed)
         elif r.name == IMAGE:
-            more = ceil(r.needed - imager.inscribed_radius_px)
+            more = ceil(r.needed - requirements.largest_image_px)
             centre = imager.centre_px and (imager.centre_px[0] + more, imager.centre_px[1] + more)
             imager = replace(
                 imager, width_px=imager.width_px + 2 * more, height_px=imager.height_px + 2 * more, centre_px=centre

@@ -15,10 +15,12 @@ from ...files import json_plain
 from ...lenses import Perspective
 from ...sensor import Sensor, check_sensor
 from ..criteria.field_angles import JudgedRange, counted_field
-from ..criteria.limits import Limit
+from ..criteria.image_circle import cut_off
+from ..criteria.limits import Limit, told_part
 from ..criteria.merits import FieldValues, values_of_evaluation
+from ..criteria.objects import distances_of
 from ..criteria.ranges import ends, ends_or_none
-from ..criteria.requirements import Requirements
+from ..criteria.requirements import FARTHEST_FOCUS, Requirements
 
 Array = NDArray[np.float64]
 
@@ -87,8 +89,7 @@ class Judgement:
     @property
     def label(self) -> str:
         """Name, with the part of the field."""
-        part = f", {self.part_deg[0]:g} to {self.part_deg[1]:g} deg" if self.part_deg else ""
-        return f"{self.name}{part}"
+        return self.name + told_part(self.part_deg)
 
 
 @dataclass(frozen=True)
@@ -212,22 +213,25 @@ def _field_rows(requirements: Requirements, sensor: Sensor) -> list[Judgement]:
 
 def _part_rows(requirements: Requirements, sensor: Sensor) -> list[Judgement]:
     """What the requirements say of mirror, lens and imager."""
-    lens, largest = requirements.lens, requirements.imager.inscribed_radius_px
+    lens, largest = requirements.lens, requirements.largest_image_px
     rows = [
         Judgement("rim_radius_mm", "mm", *ends(requirements.mirror.rim_radius_mm), sensor.mirror.rim_radius_mm),
-        Judgement("image_radius_px", "px", None, largest, sensor.rim_radius_px, tolerance=EDGE_PX),
+        Judgement(
+            "image_radius_px", "px", None, largest, sensor.rim_radius_px, tolerance=EDGE_PX, remarks=cut_off(sensor)
+        ),
     ]
     optics = sensor.lens
     if isinstance(optics, Perspective):
         reached = {"focal_length_mm": optics.focal_length_mm, "f_number": optics.stop_number}
         reached["theta_max_deg"] = float(np.degrees(sensor.meridian.theta_max))
     else:
-        reached = {"f_number": optics.stop_number}
+        reached = {"f_number": optics.stop_number, "magnification": float(getattr(optics, "magnification", np.nan))}
     reached["focus_mm"] = optics.focus_distance_mm
     for name, value in reached.items():
         span = ends_or_none(getattr(lens, name))
         if span is not None:
-            rows.append(Judgement(name, unit_of(name), span[0], span[1], value))
+            most = None if span[0] < span[1] == FARTHEST_FOCUS else span[1]
+            rows.append(Judgement(name, unit_of(name), span[0], most, value))
     return rows
 
 
@@ -257,7 +261,7 @@ def _limit_row(limit: Limit, fields: list[tuple[FieldValues, Array]], remarks: t
         value, i, omega = (max if largest else min)(found, key=lambda v: v[0])
         at = None if i is None else float(omega[i])
         asked = (limit.at_least, limit.at_most)
-        rows.append(Judgement(limit.quantity, limit.of.unit, *asked, value, at, limit.omega_deg, True, remarks=remarks))
+        rows.append(Judgement(limit.name, limit.of.unit, *asked, value, at, limit.omega_deg, True, remarks=remarks))
     return min(rows, key=lambda row: row.margin)
 
 
@@ -280,8 +284,7 @@ def _diffraction(limit: Limit, fields: list[tuple[FieldValues, Array]], sensor: 
 
 
 def evaluations(requirements: Requirements, sensor: Sensor, omega_deg: Array) -> list[Evaluation]:
-    """The evaluation for the nearest and the farthest object."""
-    return [
-        evaluate(sensor, omega_deg, object_distance_mm=distance)
-        for distance in sorted(set(ends(requirements.field.object_distance_mm)))
-    ]
+    """The evaluation for the nearest and the farthest object, or for those on surfaces."""
+    field = requirements.field
+    rays = sensor.meridian.trace(sensor.meridian.x_from_omega(np.radians(omega_deg)))
+    return [evaluate(sensor, omega_deg, object_distance_mm=distance) for distance in distances_of(field, rays)]

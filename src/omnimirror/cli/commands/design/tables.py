@@ -11,7 +11,7 @@ from ....design.optimise.optimiser import Optimum
 from ....design.optimise.references import known_sensors, merit_values
 from ....design.solve.designer import Design
 from ....design.solve.relaxation import Conflict, Relaxation
-from ....design.solve.verdict import ROUNDING, Verdict
+from ....design.solve.verdict import ROUNDING, Judgement, Verdict
 from ....quantities import QUANTITIES
 from ...outputs import head, plain_table, say
 
@@ -34,18 +34,31 @@ def print_design(console: Console, design: Design) -> None:
 
 def print_verdict(console: Console, verdict: Verdict) -> None:
     """Requirement by requirement: what was asked, what is reached, and the margin."""
-    numbers = ("asked", "reached", "margin", f"at {QUANTITIES['omega_deg'].symbol}")
+    by_elevation = verdict.requirements.field.angles == "elevation"
+    numbers = ("asked", "reached", "margin", "at elevation" if by_elevation else f"at {QUANTITIES['omega_deg'].symbol}")
     table = plain_table("requirement", *numbers, "", words=("requirement", ""), tight=True)
     for row in verdict.rows:
-        at = "" if row.omega_deg is None else f"{row.omega_deg:.4g} deg"
+        at, label = _place_told(verdict, row) if by_elevation else (row.omega_deg, row.label)
         met = Text("met") if row.is_met else Text("missed", style="bold red")
         margin = 0.0 if abs(row.margin) <= ROUNDING * row.scale else row.margin
         asked = _asked(row.at_least, row.at_most, row.unit)
-        table.add_row(row.label, asked, _number(row.reached), _number(margin), at, met)
+        where = "" if at is None else f"{at:.4g} deg"
+        table.add_row(label, asked, _number(row.reached), _number(margin), where, met)
     console.print(table)
     for remark in dict.fromkeys(remark for row in verdict.rows for remark in row.remarks):
         names = ", ".join(row.label for row in verdict.rows if remark in row.remarks)
         console.print(f"  {names}: {remark}", highlight=False, soft_wrap=True)
+
+
+def _place_told(verdict: Verdict, row: Judgement) -> tuple[float | None, str]:
+    """The elevation where a row's worst value is, of an angle of the field itself that angle's; and its label."""
+    mount = verdict.requirements.mount
+    omega = row.reached if row.name in ("omega_max_deg", "omega_min_deg") else row.omega_deg
+    at = None if omega is None else mount.elevations_deg((omega, omega))[0] + 0.0  # no -0
+    if row.part_deg is None:
+        return at, row.label
+    low, high = (round(v, 9) + 0.0 for v in mount.elevations_deg(row.part_deg))
+    return at, row.name + (f", elevation {low:g} deg" if low == high else f", elevations {low:g} to {high:g} deg")
 
 
 def _asked(low: float | None, high: float | None, unit: str) -> str:

@@ -1,0 +1,59 @@
+"""Where the objects are: at distances from the mirror, or on surfaces that chief rays meet."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...tracing.meridian import ChiefRays
+from .ranges import ends
+from .requirements import FieldRequirements
+
+Array = NDArray[Any]
+
+
+def inverse_distances(field: FieldRequirements, x: Array, z: Array, omega: Array) -> Array:
+    """1/p (d, k), 1/mm, of the objects that count as mirror points (k,) see them at field angles (k,) in radians.
+
+    One row for each object distance; where objects are on surfaces one row, of the surface that a ray meets first. A
+    ray that meets none goes to infinity.
+
+    >>> room = FieldRequirements(omega_max_deg=120, object_plane_distance_mm=700, object_cylinder_radius_mm=2000)
+    >>> (1 / inverse_distances(room, np.zeros(3), np.zeros(3), np.radians([0.0, 60.0, 90.0]))).round(6)
+    array([[ 700., 1400., 2000.]])
+    """
+    if not field.has_surfaces:
+        return np.repeat(1 / np.array(distances_mm(field))[:, None], x.shape[-1], axis=1)
+    nearest = np.zeros_like(omega)
+    for inverse in _surfaces(field, x, z, omega):
+        nearest = np.where(inverse.real > nearest.real, inverse, nearest)
+    return np.atleast_2d(nearest)
+
+
+def distances_mm(field: FieldRequirements) -> tuple[float, ...]:
+    """The object distances that count, each once."""
+    return tuple(sorted(set(ends(field.object_distance_mm))))
+
+
+def distances_of(field: FieldRequirements, rays: ChiefRays) -> list[Any]:
+    """From the mirror points of chief rays (k,) to the objects, mm: a number, or (k,), for each distance that counts.
+
+    Behind a cover the way leads to its outer side first.
+    """
+    if not field.has_surfaces:
+        return list(distances_mm(field))
+    x, z = rays.last
+    with np.errstate(divide="ignore"):
+        return [1 / inverse_distances(field, x, z, rays.omega)[0] + np.hypot(x - rays.x, z - rays.z)]
+
+
+def _surfaces(field: FieldRequirements, x: Array, z: Array, omega: Array) -> list[Array]:
+    """1/p of each surface; not above 0 where a ray does not meet it."""
+    found = []
+    if field.object_plane_distance_mm is not None:
+        found.append(np.cos(omega) / (field.object_plane_distance_mm + z))
+    if field.object_cylinder_radius_mm is not None:
+        found.append(np.sin(omega) / (field.object_cylinder_radius_mm - x))
+    return found
