@@ -127,6 +127,7 @@ if TYPE_CHECKING:
     from .tolerancing.analysis import ToleranceReport as ToleranceReport
     from .tolerancing.analysis import tolerance as tolerance
     from .tolerancing.errors import perturbed as perturbed
+    from .tolerancing.sweeps import Sweep as Sweep
     from .tolerancing.tolerance_file import TolerancePlan as TolerancePlan
     from .tolerancing.tolerance_file import load_tolerances as load_tolerances
     from .tolerancing.tolerance_file import tolerance_template as tolerance_template
@@ -259,6 +260,7 @@ _HOMES = {
     "tolerance": "tolerancing.analysis",
     "tolerance_template": "tolerancing.tolerance_file",
     "TolerancePlan": "tolerancing.tolerance_file",
+    "Sweep": "tolerancing.sweeps",
     "ToleranceReport": "tolerancing.analysis",
     "Tolerances": "tolerancing.tolerances",
 }

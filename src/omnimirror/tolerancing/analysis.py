@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,12 +12,16 @@ from ..errors import InvalidParameter
 from ..sensor import Sensor
 from .allocation import Allocation, allocate
 from .sensitivity import ErrorEffect, sensitivities
+from .sweeps import Sweep, run_sweep
+from .sweeps.plans import SweepPlan
 from .tolerance_file import TolerancePlan
 from .tolerances import Tolerances
 from .trials.judge import Judge
 from .trials.merits import merit_names
+from .variance import VarianceShares, variance_shares
 from .yields import Progress, Tally, monte_carlo
 
+MERITS = ("motion_px",)
 QUANTILES = (0.05, 0.5, 0.95, 0.99)
 
 
@@ -39,6 +43,8 @@ class ToleranceReport:
         What each error does alone.
     allocation
         The cheapest tolerances for a yield, if one was asked for.
+    variance
+        What each error has of the variance of the limited merits, if it was asked for.
     seconds
         That it took.
 
@@ -57,6 +63,7 @@ class ToleranceReport:
     tally: Tally
     sensitivities: list[ErrorEffect]
     allocation: Allocation | None
+    variance: VarianceShares | None
     seconds: float
 
     def to_dict(self) -> dict[str, Any]:
@@ -66,7 +73,7 @@ class ToleranceReport:
         -------
         dict
             ``trials``, ``yield``, ``yield_low``, ``yield_high``, ``merits`` with their quantiles, ``sensitivities``,
-            ``allocation`` and ``seconds``.
+            ``allocation``, ``variance`` and ``seconds``.
         """
         tally, found = self.tally, self.allocation
         merits = {
@@ -104,6 +111,7 @@ class ToleranceReport:
                 for row in self.sensitivities
             ],
             "allocation": cheapest,
+            "variance": None if self.variance is None else _variance_table(self.variance),
             "seconds": self.seconds,
         }
 
@@ -117,7 +125,10 @@ def tolerance(
     trials: int = 10_000,
     seed: int = 0,
     wanted_yield: float | None = None,
+    shares: bool = False,
+    sweep: Sweep | None = None,
     progress: Progress | None = None,
+    say: Callable[[str], None] | None = None,
 ) -> ToleranceReport:
     """Say how well a sensor must be built, and how many of those built will be good.
 
@@ -135,8 +146,14 @@ def tolerance(
         Of the random numbers: the same seed, the same sensors.
     wanted_yield
         A share of good sensors, for which the cheapest tolerances are looked for.
+    shares
+        Whether to say what each error has of the variance of the merits with limits; of ``motion_px`` without any.
+    sweep
+        Keep the trials in shards in a folder, and go on with those that are there; nothing is kept by default.
     progress
         Called with the trials done and all of them.
+    say
+        Called with a sentence for each shard that is corrupt and made again.
 
     Returns
     -------
@@ -147,6 +164,8 @@ def tolerance(
     ------
     InvalidParameter
         A sensor that cannot be traced with errors, limits or numbers that are none.
+    OmnimirrorError
+        The folder of the sweep holds other trials or cannot be written, or its scheduler is gone.
 
     Examples
     --------
@@ -170,9 +189,23 @@ def tolerance(
         plan = TolerancePlan(plan.tolerances, limits, plan.prices, plan.refocus, plan.judged)
     begin = time.perf_counter()
     judge = Judge.of(sensor, plan.refocus, **plan.judged)
-    tally = monte_carlo(judge, plan.tolerances, plan.limits, trials=trials, seed=seed, progress=progress)
+    if sweep is None:
+        tally = monte_carlo(judge, plan.tolerances, plan.limits, trials=trials, seed=seed, progress=progress)
+    else:
+        kept = SweepPlan(plan.tolerances, plan.refocus, plan.judged, trials, seed, sweep.shard_trials)
+        tally = run_sweep(sweep, kept, plan.limits, progress=progress, say=say)
     alone = sensitivities(judge, plan.tolerances, plan.limits)
     allocation = None
     if wanted_yield is not None:
         allocation = allocate(judge, plan.tolerances, plan.limits, wanted_yield, prices=plan.prices, seed=seed)
-    return ToleranceReport(sensor, plan, seed, tally, alone, allocation, time.perf_counter() - begin)
+    variance = variance_shares(judge, plan.tolerances, tuple(plan.limits) or MERITS, seed=seed) if shares else None
+    return ToleranceReport(sensor, plan, seed, tally, alone, allocation, variance, time.perf_counter() - begin)
+
+
+def _variance_table(found: VarianceShares) -> dict[str, Any]:
+    shares = {merit: {name: share._asdict() for name, share in of.items()} for merit, of in found.shares.items()}
+    return {
+        "groups": {name: list(members) for name, members in found.groups.items()},
+        "shares": shares,
+        "lost": found.lost,
+    }

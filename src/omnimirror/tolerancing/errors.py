@@ -137,6 +137,29 @@ def _of_lens(sensor: Sensor) -> list[ErrorKind]:
     ]
 
 
+GROUPS = {
+    "mirror.decentre": "place of the mirror",
+    "mirror.displacement": "place of the mirror",
+    "mirror.tilt": "place of the mirror",
+    "mirror.zernike": "form of the mirror",
+    "mirror.": "shape of the mirror",
+    "lens.k": "distortion",
+    "lens.p": "distortion",
+    "lens.": "lens",
+    "imager.": "imager",
+}
+"""Of errors that belong together, by how their names begin; the first that fits."""
+
+
+def group_of(name: str) -> str:
+    """The group of an error.
+
+    >>> group_of("mirror.conic"), group_of("lens.k1")
+    ('shape of the mirror', 'distortion')
+    """
+    return next(group for start, group in GROUPS.items() if name.startswith(start))
+
+
 @checked
 def perturbed(sensor: Sensor, values: Mapping[str, float]) -> Sensor:
     """A sensor with errors, as an ordinary sensor that a file can hold.

@@ -11,10 +11,12 @@ from ..figures.style import GREY, INK, PAGE, PALETTE, new_figure
 from .sensitivity import ErrorEffect
 from .trials.compensation import CALIBRATIONS
 from .trials.merits import after
+from .variance import VarianceShares
 from .yields import Tally
 
 MOST_BARS = 24
 ROW = 0.19  # inches of a bar
+MOST_SHARES = 12
 SMALLEST = 1e-4
 """Share of the widest bar under which none is drawn: scales are logarithmic."""
 
@@ -84,3 +86,42 @@ def curves(tally: Tally) -> Figure:
     blur.set_title("blur")
     blur.set_ylim(0, 101)
     return figure
+
+
+def variance_chart(found: VarianceShares) -> Figure:
+    """What groups and single errors have of the variance of each merit: alone, and with all that they do together.
+
+    Parameters
+    ----------
+    found
+        Their shares.
+
+    Returns
+    -------
+    Figure
+        A plot for each merit.
+    """
+    merits = list(found.shares)
+    rows = min(MOST_SHARES, max(len(shares) for shares in found.shares.values()))
+    figure = new_figure(PAGE, 0.9 + len(merits) * (0.5 + ROW * rows))
+    for ax, merit in zip(np.ravel(figure.subplots(len(merits), 1, squeeze=False)), merits, strict=True):
+        ranked = sorted(found.shares[merit].items(), key=lambda item: -item[1].total)[:MOST_SHARES]
+        places = np.arange(len(ranked))
+        total, first = ([100 * getattr(share, what) for _, share in ranked] for what in ("total", "first"))
+        errors = [200 * share.total_error for _, share in ranked]
+        ax.barh(places, total, 0.8, color=PALETTE[5], label="with all that it does together with others", xerr=errors,
+                error_kw={"ecolor": GREY, "elinewidth": 0.8})  # fmt: skip
+        ax.barh(places, np.maximum(first, 0.0), 0.35, color=PALETTE[0], label="alone")
+        ax.set_yticks(places, [_told(name, found) for name, _ in ranked])
+        for label, (name, _) in zip(ax.get_yticklabels(), ranked, strict=True):
+            label.set_fontweight("bold" if name in found.groups else "normal")
+        ax.set_xlim(0.0, None)
+        ax.set_title(f"share of the variance of {merit}, %")
+        ax.invert_yaxis()
+        ax.grid(visible=False, axis="y")
+    figure.legend(*ax.get_legend_handles_labels(), frameon=False, loc="outside lower center", ncols=2)
+    return figure
+
+
+def _told(name: str, found: VarianceShares) -> str:
+    return f"{name} ({len(found.groups[name])})" if name in found.groups else name

@@ -163,7 +163,7 @@ class Tolerances:
         return {name: t.value * drawn(t.distribution, np.ascontiguousarray(share)) for (name, t), share in columns}
 
     def _mixing(self) -> Array:
-        """Root (n, n) of the correlations."""
+        """Root (n, n) of the correlations, the symmetric one: errors without any keep their own numbers."""
         matrix = np.eye(len(self.errors))
         for (first, second), value in self.correlations.items():
             for name in (first, second):
@@ -178,4 +178,4 @@ class Tolerances:
             raise InvalidParameter(
                 "the correlations contradict one another: no errors have all of them; make one smaller"
             )
-        return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
+        return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)) @ vectors.T)

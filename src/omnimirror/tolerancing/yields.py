@@ -66,6 +66,12 @@ def check_limits(limits: Mapping[str, float]) -> None:
             raise InvalidParameter(f"the limit {name} at most {limit:g} is valid above 0")
 
 
+def check_trials(trials: int) -> None:
+    """Refuse a number of trials that is none."""
+    if not 1 <= trials <= MOST_TRIALS:
+        raise InvalidParameter(f"{trials} trials are not valid; valid are 1 to {MOST_TRIALS}")
+
+
 @dataclass
 class Tally:
     """What is kept of any number of trials: sums and counts, which add up in any order.
@@ -93,7 +99,8 @@ class Tally:
     counts: NDArray[np.int64] = field(default_factory=lambda: np.zeros((len(merit_names()), BINS), dtype=np.int64))
 
     def add(self, merits: Array) -> None:
-        """Count trials by their merits (t, m)."""
+        """Count trials by their merits (t, m), in single precision, as shards keep them."""
+        merits = merits.astype(np.float32).astype(float)
         whole = merits[:, -1] == 0
         good = np.asarray(whole)
         for name, limit in self.limits.items():
@@ -177,8 +184,7 @@ def monte_carlo(
         A number of trials that is none, or limits that are none.
     """
     check_limits(limits)
-    if not 1 <= trials <= MOST_TRIALS:
-        raise InvalidParameter(f"{trials} trials are not valid; valid are 1 to {MOST_TRIALS}")
+    check_trials(trials)
     tally = Tally(dict(limits))
     for block in range(-(-trials // BLOCK)):
         count = min(BLOCK, trials - block * BLOCK)

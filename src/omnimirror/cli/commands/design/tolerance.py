@@ -14,14 +14,17 @@ from ....files import is_stream, json_plain, write_text
 from ....specs import load_sensor
 from ....tolerancing.analysis import ToleranceReport, tolerance
 from ....tolerancing.errors import GRADES
+from ....tolerancing.sweeps import SHARD_TRIALS, WHOLE, Sweep
 from ....tolerancing.tolerance_file import load_tolerances, tolerance_template
 from ....tolerancing.trials.compensation import CALIBRATIONS
 from ....tolerancing.trials.merits import after
 from ...options.common import NUMBER, WholeRange
-from ...options.declared import Options, option, takes
+from ...options.declared import Options, flag, option, takes
 from ...outputs import output_console, output_option, plain_table, progress_bar, say, say_written
 
 INIT = "init"
+SHARDS = "trials"
+"""Folder of them in that of --out."""
 MOST_ROWS = 12
 
 
@@ -38,23 +41,55 @@ class TrialOptions(Options):
         "--merit", default=(), multiple=True, metavar="NAME=LIMIT", help="A limit, in place of the file's; repeat."
     )
 
+    shares: bool = option(
+        default=False, is_flag=True, help="Say what each error has of the variance of what is limited."
+    )
+
     @property
     def limits(self) -> dict[str, float] | None:
         """In place of the file's."""
         return dict(_limit(words) for words in self.merits) if self.merits else None
 
 
+@dataclass(frozen=True)
+class SweepOptions(Options):
+    """How trials are kept in shards, and who makes them."""
+
+    part: str | None = option(metavar="I/N", help="Build the I-th of N parts only; the same without it sums up.")
+    scheduler: str | None = option(metavar="ADDRESS", help="Let the workers of this Dask scheduler build them.")
+    shard_trials: int | None = option(
+        type=WholeRange(1),
+        help=f"Trials of a shard of DIR/{SHARDS}; more than that are kept.  [default: {SHARD_TRIALS}]",
+    )
+
+    def of(self, trials: int, out: Path | None) -> Sweep | None:
+        """Where trials are kept; they are not where all fit into one shard, and nothing is asked for."""
+        size = self.shard_trials or SHARD_TRIALS
+        if out is None:
+            for name in self.changed:
+                raise click.UsageError(f"{flag(name)} needs --out, the folder that keeps the trials")
+            return None
+        if trials <= size and not self.changed:
+            return None
+        return Sweep(out / SHARDS, WHOLE if self.part is None else _part(self.part), self.scheduler, size)
+
+
 @click.command()
 @click.argument("sensor")
 @click.argument("tolerances", required=False)
 @takes(TrialOptions, "asked")
+@takes(SweepOptions, "kept")
 @click.option("--grade", type=click.Choice(GRADES), default="medium", show_default=True, help="Of the shop; with init.")
 @click.option("--force", is_flag=True, help="With init: replace a file that exists.")
-@click.option("--out", type=click.Path(path_type=Path, file_okay=False), help="Write charts and numbers there.")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, file_okay=False),
+    help="Write charts and numbers there, and keep the trials of long sweeps: the same command goes on with them.",
+)
 @output_option("--json", "json_file", help="Write all numbers.")
 def command(
-    sensor: str, tolerances: str | None, asked: TrialOptions, grade: str, force: bool, out: Path | None,
-    json_file: Path | None,
+    sensor: str, tolerances: str | None, asked: TrialOptions, kept: SweepOptions, grade: str, force: bool,
+    out: Path | None, json_file: Path | None,
 ) -> None:  # fmt: skip
     """Build SENSOR many times with the errors of TOLERANCES, a TOML file, and count those that are good.
 
@@ -71,14 +106,20 @@ def command(
         raise click.UsageError(f"the file of tolerances is missing; omnimirror tolerance init {sensor} writes one")
     meant = load_sensor(sensor)
     plan = load_tolerances(tolerances, meant)
-    console = output_console()
+    console, sweep = output_console(), kept.of(asked.trials, out)
     with progress_bar(console) as bar:
         task = bar.add_task("building sensors", total=asked.trials)
         found = tolerance(
             meant, plan, limits=asked.limits, trials=asked.trials, seed=asked.seed, wanted_yield=asked.wanted_yield,
-            progress=lambda done, _: bar.update(task, completed=done),
+            shares=asked.shares, sweep=sweep, progress=lambda done, all_: bar.update(task, completed=done, total=all_),
+            say=lambda sentence: say(sentence, console=console),
         )  # fmt: skip
     _print(console, found)
+    if sweep is not None:
+        say(f"\nTrials are in {sweep.folder}", console=console)
+        if not sweep.is_whole:  # charts are of all
+            say(f"This was part {kept.part}; when all are done, the same without --part sums up", console=console)
+            out = None
     written = _write(found, out, json_file)
     say_written(*written, console=console)
 
@@ -102,6 +143,15 @@ def _limit(words: str) -> tuple[str, float]:
         raise InvalidParameter(f"--merit {words!r} is not NAME=LIMIT, such as 'motion_px after pose=0.3'") from None
 
 
+def _part(words: str) -> tuple[int, int]:
+    """``2/8``."""
+    try:
+        i, n = (int(word) for word in words.split("/"))
+    except ValueError:
+        raise InvalidParameter(f"--part {words!r} is not I/N, such as 2/8") from None
+    return i, n
+
+
 def _print(console: Console, found: ToleranceReport) -> None:
     tally, of = found.tally, found.tally.yields
     lost = f", {tally.lost} lose rays" if tally.lost else ""
@@ -123,7 +173,20 @@ def _print(console: Console, found: ToleranceReport) -> None:
     console.print(table)
     if len(ranked) > MOST_ROWS:
         console.print(f".. and {len(ranked) - MOST_ROWS} that do less; --json or --out tells all")
+    _print_variance(console, found)
     _print_allocation(console, found)
+
+
+def _print_variance(console: Console, found: ToleranceReport) -> None:
+    if (variance := found.variance) is None:
+        return
+    for merit, shares in variance.shares.items():
+        console.print(f"\nshares of the variance of {merit}\n")
+        table = plain_table("error or group", "alone %", "in all %", "+-")
+        for name, share in sorted(shares.items(), key=lambda item: -item[1].total)[:MOST_ROWS]:
+            label = f"{name} ({len(variance.groups[name])})" if name in variance.groups else name
+            table.add_row(label, *(f"{100 * v:.1f}" for v in (share.first, share.total, 2 * share.total_error)))
+        console.print(table)
 
 
 def _print_allocation(console: Console, found: ToleranceReport) -> None:
@@ -146,14 +209,17 @@ def _write(found: ToleranceReport, out: Path | None, json_file: Path | None) -> 
     written = []
     if out is not None:
         from ....figures.style import save_figure, styled
-        from ....tolerancing.figures import curves, tornado
+        from ....tolerancing.figures import curves, tornado, variance_chart
 
         out.mkdir(parents=True, exist_ok=True)
         write_text(out / "tolerance.json", text)
         with styled():
             save_figure(tornado(found.sensitivities), out / "tornado.svg")
             save_figure(curves(found.tally), out / "yield.svg")
-        written += [out / name for name in ("tolerance.json", "tornado.svg", "yield.svg")]
+            if found.variance is not None:
+                save_figure(variance_chart(found.variance), out / "variance.svg")
+        charts = ("tornado.svg", "yield.svg", *(() if found.variance is None else ("variance.svg",)))
+        written += [out / name for name in ("tolerance.json", *charts)]
     if json_file is not None:
         write_text(json_file, text)
         written.append(json_file)
