@@ -80,3 +80,19 @@ def test_what_auto_refuses(folder, tmp_path):
     assert "presets of common mirrors are one-shot" in fails(
         "dewarp", folder / "room0.png", "--auto", "--mirror", "bal", "-o", view
     )
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (["--crf", "20"], "--crf belongs to videos"),
+        (["--noise", ".01"], "--noise belongs to --restore"),
+        (["--restore", "--blur-px", "1,2,3"], "has 3 numbers"),
+        (["-o", "view.xyz"], "pictures of kind '.xyz' are not known"),
+    ],
+)
+def test_what_auto_refuses_of_other_options_is_all_that_it_says(options, sentence, folder, tmp_path):
+    output = [] if "-o" in options else ["-o", tmp_path / "view.png"]
+    said = fails("dewarp", folder / "room0.png", "--auto", *options, *output)
+    assert sentence in said
+    assert "rim of" not in said

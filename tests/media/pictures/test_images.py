@@ -1,7 +1,9 @@
 """Picture files, in and out."""
 
+import struct
 import subprocess
 import sys
+import zlib
 
 import cv2
 import numpy as np
@@ -81,6 +83,41 @@ def test_a_picture_cut_short_is_refused(tmp_path, suffix, share, capfd):
         om.read_image(path)
     assert "\n" not in str(e.value)
     assert capfd.readouterr().err == ""
+
+
+def _with_header(data: bytes, **changed) -> bytes:
+    """A PNG whose header says something else, with a check sum that is right."""
+    names = ("width", "height", "depth", "colour", "packing", "filter", "interlace")
+    header = dict(zip(names, struct.unpack(">IIBBBBB", data[16:29]), strict=True)) | changed
+    chunk = b"IHDR" + struct.pack(">IIBBBBB", *header.values())
+    return data[:12] + chunk + zlib.crc32(chunk).to_bytes(4, "big") + data[33:]
+
+
+def test_a_png_whose_header_asks_for_more_than_it_can_hold_is_refused_before_it_is_unpacked(tmp_path, monkeypatch):
+    path = tmp_path / "a.png"
+    om.write_image(path, picture("uint16", 4, (40, 50)))
+    data = path.read_bytes()
+    assert _with_header(data) == data
+    monkeypatch.setattr(cv2, "imdecode", lambda *_: pytest.fail("it was unpacked"))
+    path.write_bytes(_with_header(data, width=20_000, height=17_000))
+    with pytest.raises(MediaError, match=rf"20000 x 17000 px, and {len(data)} bytes cannot hold so many"):
+        om.read_image(path)
+    for damaged in (data[:18] + b"\x40" + data[19:], data[:20] + data[21:]):
+        path.write_bytes(damaged)
+        with pytest.raises(MediaError, match="has a damaged header"):
+            om.read_image(path)
+
+
+def test_the_most_that_a_png_can_hold_is_read(tmp_path):
+    """An empty picture, one bit a pixel, packed as closely as deflate can."""
+    _, data = cv2.imencode(".png", np.zeros((4000, 8000), np.uint8), [cv2.IMWRITE_PNG_BILEVEL, 1])
+    packed = zlib.compress(bytes(4000 * 1001), 9)
+    chunk = b"IDAT" + packed
+    small = data.tobytes()[:33] + len(packed).to_bytes(4, "big") + chunk + zlib.crc32(chunk).to_bytes(4, "big")
+    path = tmp_path / "a.png"
+    path.write_bytes(small + b"\0\0\0\0IEND\xaeB`\x82")
+    assert 4000 * 1000 / path.stat().st_size > 950
+    assert not om.read_image(path).any()
 
 
 def test_a_jpeg_that_only_ends_its_thumbnail_is_cut_short(tmp_path):

@@ -11,7 +11,6 @@ import click
 from ...camera_models import MirrorBall
 from ...errors import InvalidParameter
 from ...sensor import Sensor
-from ...straighten import is_video
 from .camera import OPTIONS_OF_SOURCE, CameraOptions
 from .declared import Options, flag, option
 
@@ -47,6 +46,14 @@ class AutoOptions(Options):
             given = next(iter(camera.picked(*(n for name, names in owned.items() for n in (name, *names)))))
             raise click.UsageError(f"--auto finds the camera, and {flag(given)} tells it; leave out one of them")
 
+    def refuse_video(self, source: str) -> None:
+        """Refuse --auto for a video."""
+        if self.auto:
+            raise click.UsageError(
+                f"--auto looks for the rim in pictures, and {source} is none; 'omnimirror rim' finds it in one of its "
+                "frames, for --ball"
+            )
+
     def camera(self, sources: tuple[str, ...], options: CameraOptions) -> tuple[FoundCamera, str]:
         """The camera of pictures, standing as the options say; and a sentence that says what was found."""
         from ...calibrate.rim import DEFAULT, PRESETS, camera_from_rim
@@ -80,11 +87,6 @@ def _rim_in(sources: tuple[str, ...]) -> tuple[FoundRim, int]:
     from ...media import read_image
     from ...media.batch import expand_inputs
 
-    if is_video(sources[0]):
-        raise click.UsageError(
-            f"--auto looks for the rim in pictures, and {sources[0]} is none; 'omnimirror rim' finds it in one of its "
-            "frames, for --ball"
-        )
     pictures = [read_image(file) for file in expand_inputs(sources)[:LOOKED_AT]]
     alike = [picture for picture in pictures if picture.shape[:2] == pictures[0].shape[:2]]
     return find_rim(alike), len(alike)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ...arguments import file_name, instance
 from ...errors import MediaError, OmnimirrorError
 from ...files import read_bytes, replacing
-from . import exr, xmp
+from . import exr, png, xmp
 from .carried import CARRIERS, Carried, embed, read_carried
 from .panorama import GPano
 
@@ -164,6 +164,8 @@ def _decoded(path: Path, data: bytes) -> Image:
         return exr.read_exr(path, data)
     if _is_cut_short(data):
         raise MediaError(f"the picture {path} is cut short: its end is missing")
+    if data.startswith(png.SIGNATURE) and (damage := png.damage(data)):
+        raise MediaError(f"the picture {path} {damage}")
     try:
         with _quiet():
             decoded = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
@@ -280,7 +282,7 @@ def _red_and_blue_exchanged(image: Image) -> Image:
 
 def _is_cut_short(data: bytes) -> bool:
     """Whether a JPEG or PNG lacks its end mark; decoders may fill the rest with grey and say nothing."""
-    if data.startswith(b"\x89PNG\r\n\x1a\n"):
+    if data.startswith(png.SIGNATURE):
         return b"IEND\xaeB`\x82" not in data
     if data.startswith(b"\xff\xd8\xff"):
         return data.rfind(b"\xff\xd9") < _first_scan(data)  # a thumbnail before it has an end mark of its own

@@ -165,17 +165,21 @@ def command(
         click.echo(f"{', '.join(outputs)}: there already", err=True)
         return
     how = straightening(camera, view, sampling)
-    if auto.auto:
-        found, told = auto.camera(sources, camera)
-        click.echo(f"omnimirror: {told}", err=True)
-        how = replace(how, camera=found)
+    if is_video(sources[0]):
+        auto.refuse_video(sources[0])
     if len(sources) == 1 and is_video(sources[0]):
         _refuse_of_pictures(sources[0], pictures)
         recording = replace(video.recording(kind), skip_existing=bool(pictures.skip_existing))
         _video(sources[0], outputs, how, recording)
     else:
         _refuse_of_videos(sources[0], outputs, sampling, pictures, video)
-        _pictures(sources, outputs[0], how, pictures, kind, sampling.threads)
+        restoration, output = pictures.restoration(), _output(sources, outputs[0], kind)
+        told = ""
+        if auto.auto:  # once nothing of what was asked is refused
+            found, told = auto.camera(sources, camera)
+            how = replace(how, camera=found)
+        straightener = PictureStraightener(how, transparent=pictures.transparent, restoration=restoration)
+        _pictures(sources, output, straightener, bool(pictures.skip_existing), sampling.threads, told)
 
 
 def straightening(camera: CameraOptions, view: ViewOptions, sampling: SamplingOptions) -> Straightening:
@@ -207,27 +211,41 @@ def _refuse_of_videos(
         raise click.UsageError(f"{outputs[1]} is one output too many: several belong to videos")
 
 
+def _output(sources: tuple[str, ...], output: str, kind: str | None) -> tuple[Path, bool]:
+    """Where pictures go, and whether that is the file of one picture and not a folder."""
+    if len(sources) == 1 and is_one_picture(sources[0]) and not (Path(output).is_dir() or output.endswith("/")):
+        return _named(output, kind), True
+    return Path(output), False
+
+
 def _pictures(
     sources: tuple[str, ...],
-    output: str,
-    how: Straightening,
-    pictures: PictureOptions,
-    kind: str | None,
+    output: tuple[Path, bool],
+    straightener: PictureStraightener,
+    is_going_on: bool,
     threads: int | None,
+    told: str,
 ) -> None:
-    """One picture into a file, or many into a folder."""
-    straightener = PictureStraightener(how, transparent=pictures.transparent, restoration=pictures.restoration())
-    if len(sources) == 1 and is_one_picture(sources[0]) and not (Path(output).is_dir() or output.endswith("/")):
-        say(straightener(Path(sources[0]), _named(output, kind)))
+    """One picture into a file, or many into a folder; ``told`` is what was found of their camera."""
+    target, is_file = output
+    if is_file:
+        done = straightener(Path(sources[0]), target)
+        _say_found(told)
+        say(done)
         return
-    folder, is_going_on = Path(output), bool(pictures.skip_existing)
     with output_console().status("Straightening") as status:
         found = straightener.many(
-            sources, folder, skip_existing=is_going_on, threads=threads,
+            sources, target, skip_existing=is_going_on, threads=threads,
             progress=lambda done, of: status.update(f"Straightening: {done} of {of}"),
         )  # fmt: skip
-    _say_done(folder, found, is_going_on)
+    _say_found(told)
+    _say_done(target, found, is_going_on)
     sys.exit(found.results.exit_code)
+
+
+def _say_found(told: str) -> None:
+    if told:
+        click.echo(f"omnimirror: {told}", err=True)
 
 
 def _say_done(folder: Path, found: Straightened, is_going_on: bool) -> None:
