@@ -22,7 +22,10 @@ from omnimirror.studio.studio import Studio
 
 Result = TypeVar("Result")
 
-FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+FLAGS = [
+    *("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
+    "--disable-gpu-compositing",  # what is no WebGL, software WebGL would draw at three times the cost
+]
 FAKE_CAMERA = ["--use-fake-device-for-media-stream=device-count=2"]
 PATIENCE_MS = 300_000  # more than any machine needs
 BASE64 = """(values) => {

@@ -165,7 +165,7 @@ def test_why_it_cannot_begin_and_why_a_picture_is_not_used_is_said(page, files, 
 
 
 def test_one_that_is_cancelled_leaves_what_was_there_and_one_that_is_stopped_what_it_found(page, files):
-    add(page, files)
+    add(page, files[:4])
     press = """(name) => new MutationObserver((_, observer) => {
       const words = [...document.querySelectorAll("#calibrate aside .words")].map((e) => e.textContent);
       if (!words.some((text) => /^Fitting/.test(text))) return;
