@@ -288,7 +288,7 @@ def evaluate(
 def _columns(study: FocusStudy) -> dict[str, Array]:
     """Every column of an evaluation, (n,)."""
     rays, images, blur = study.rays, study.images, study.at(study.sensor.lens.focus_distance_mm)
-    L_t, L_s = study.distances()
+    L_t, L_s = study.distances
     return {
         "omega_deg": np.degrees(rays.omega),
         "x_mm": rays.x,

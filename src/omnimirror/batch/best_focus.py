@@ -110,14 +110,18 @@ def best_vergences(vergence_t: Array, vergence_s: Array, density: Array, model: 
         part = model if isinstance(rows, slice) else model.part(rows)
         return _worst(v, vergence_t[rows], vergence_s[rows], density[rows], part)
 
-    v = bottoms(a, b, close, worst)
+    def ends(v: Array, rows: Rows) -> Array:
+        return np.stack([v, *worst(v, rows)])
+
+    everywhere = slice(None)
+    v = bottoms(ends(a, everywhere), ends(b, everywhere), close, worst)
     least = _worst(v, vergence_t, vergence_s, density, model)[0]
     design, cell, cut = _other_valleys(value, rate, angle, step, k, least)
     if design.size:
         a, b = places[design, cell][:, None], places[design, cell + 1][:, None]
-        c = a + cut[:, None]
-        rises = worst(c, design)[1] > 0
-        a, b = np.where(rises, a, c), np.where(rises, c, b)
+        c = ends(a + cut[:, None], design)
+        rises = c[2] > 0
+        a, b = np.where(rises, ends(a, design), c), np.where(rises, c, ends(b, design))
         other = bottoms(a, b, close[design], lambda v, rows: worst(v, design[rows]))
         lower = worst(other, design)[0]
         for n in np.flatnonzero(lower < least[design]):

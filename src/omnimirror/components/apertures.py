@@ -116,7 +116,7 @@ def best_apertures(
 
 def _best(side: str, study: FocusStudy, f_range: tuple[float, float]) -> BestAperture:
     """One side's best, from a sensor whose F-number is 1."""
-    L_t, L_s = study.distances()
+    L_t, L_s = study.distances
     L = {"tangential": L_t, "sagittal": L_s, "together": np.concatenate([L_t, L_s])}[side]
     usable = L[np.isfinite(L) & (_nearest(study.sensor.lens) < L)]
     if not usable.size:

@@ -68,45 +68,53 @@ def lowest_with_slopes(worst: Slopes, low: float, high: float, scan: int = 65, c
     if not high > low:
         return low
     x = np.linspace(low, high, scan)
-    f, g, _ = worst(x)
-    a, b, fa, fb, ga, gb = x[:-1], x[1:], f[:-1], f[1:], g[:-1], g[1:]
+    seen = np.stack([x, *worst(x)])
+    a, b = seen[:, :-1], seen[:, 1:]
+    (xa, fa, ga, _), (xb, fb, gb, _) = a, b
     valleys = (ga < 0) & (gb > 0)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        meet = (fa * gb - fb * ga - ga * gb * (a - b)) / (gb - ga)  # height at which the tangents at both ends meet
-    valleys &= meet < f.min()
-    found = np.append(bottoms(a[valleys], b[valleys], close * (high - low), lambda v, _: worst(v)), x[f.argmin()])
+        meet = (fa * gb - fb * ga - ga * gb * (xa - xb)) / (gb - ga)  # height at which the tangents at both ends meet
+    lowest = int(seen[1].argmin())
+    valleys &= meet < seen[1, lowest]
+    a, b = a[:, valleys], b[:, valleys]
+    found = bottoms(a, b, close * (high - low), lambda v, _: worst(v))
+    if found.size == 1 and x[lowest] in (a[0, 0], b[0, 0]):  # the bottom lies below both ends of its bracket
+        return float(found[0])
+    found = np.append(found, x[lowest])
     return float(found[worst(found)[0].argmin()])
 
 
 def bottoms(a: Array, b: Array, close: float | Array, worst: Callable[[Array, Rows], Found]) -> Array:
-    """Where functions that fall at a and rise at b are least, to within ``close``; arrays of one shape.
+    """Where functions that fall at a and rise at b are least, to within ``close``.
 
-    ``worst`` is asked for some places and told of which rows they are: once few are left, of these only.
+    Both ends are (4, ...) arrays: places, and the value, derivative and index that ``worst`` found there. It is asked
+    for some places and told of which rows they are: once few are left, of these only.
 
     Each function is the largest of many smooth ones. Where the tangents at both ends meet is a good guess
     for the kink between two of them; where one is the largest at both ends, the zero of its derivative is.
     """
-    if not a.size:
-        return a
-    everywhere = slice(None)
-    (fa, ga, ja), (fb, gb, jb) = worst(a, everywhere), worst(b, everywhere)
     for step in range(1, MOST_STEPS + 1):
-        open_ = b - a > close
+        width = b[0] - a[0]
+        open_ = width > close
         if not open_.any():
             break
-        with np.errstate(divide="ignore", invalid="ignore"):
-            c = np.where(ja == jb, a - ga * (b - a) / (gb - ga), a + (fb - fa - gb * (b - a)) / (ga - gb))
-        middle = (a + b) / 2
-        edge = EDGE * (b - a)
-        good = np.isfinite(c) & (ga < 0) & (gb > 0) if step % HALVING else np.zeros_like(open_)
-        c = np.where(good, np.clip(c, a + edge, b - edge), middle)
+        c = _between(a, b, width) if step % HALVING else (a[0] + b[0]) / 2
         left = np.flatnonzero(open_)
-        if 2 * len(left) > len(a):
-            f, g, j = worst(c, everywhere)
+        if 2 * len(left) > len(c):
+            found = np.stack([c, *worst(c, slice(None))])
         else:
-            f, g, j = (np.zeros_like(old) for old in (fa, ga, ja))
-            f[left], g[left], j[left] = worst(c[left], left)
-        rises, falls = open_ & (g > 0), open_ & ~(g > 0)
-        a, fa, ga, ja = (np.where(falls, new, old) for new, old in ((c, a), (f, fa), (g, ga), (j, ja)))
-        b, fb, gb, jb = (np.where(rises, new, old) for new, old in ((c, b), (f, fb), (g, gb), (j, jb)))
-    return (a + b) / 2
+            found = np.zeros_like(a)
+            found[:, left] = c[left], *worst(c[left], left)
+        rises = found[2] > 0
+        a, b = np.where(open_ & ~rises, found, a), np.where(open_ & rises, found, b)
+    return np.asarray((a[0] + b[0]) / 2)
+
+
+def _between(a: Array, b: Array, width: Array) -> Array:
+    """The next places: where tangents meet, or cross zero, within their brackets; else the middle."""
+    (x, fa, ga, ja), (_, fb, gb, jb) = a, b
+    with np.errstate(divide="ignore", invalid="ignore"):
+        step = np.where(ja == jb, -ga * width, fb - fa - gb * width) / np.where(ja == jb, gb - ga, ga - gb)
+    good = np.isfinite(step) & (ga < 0) & (gb > 0)
+    edge = EDGE * width
+    return np.asarray(x + np.where(good, np.minimum(np.maximum(step, edge), width - edge), width / 2))

@@ -78,7 +78,11 @@ class ChiefRays:
 
     def domega_dx(self) -> Array:
         """dOmega/dx, 1/mm."""
-        return self.dreflected_dx() if self.outside is None else self.outside.rate
+        return self._rate if self.outside is None else self.outside.rate
+
+    @cached_property
+    def _rate(self) -> Array:
+        return self.dreflected_dx()
 
     @property
     def reflected(self) -> Array:
@@ -251,8 +255,20 @@ class Meridian:
             rays = self._rays(x)
             return rays.omega - omega, rays.domega_dx()
 
-        start = np.interp(omega, table.omega, table.x)
-        return increasing_root(difference, table.x[cell], table.x[cell + 1], start, rim)
+        a, b = table.x[cell], table.x[cell + 1]
+        return increasing_root(difference, a, b, self._between(omega, cell, a, b), rim)
+
+    def _between(self, omega: Array, cell: NDArray[np.intp], a: Array, b: Array) -> Array:
+        """Where an angle is between two nodes: by cubic pieces, from which one step of Newton's rule is enough."""
+        table = self._table
+        low = table.omega[cell]
+        width, step = table.omega[cell + 1] - low, b - a
+        t = (omega - low) / width
+        with np.errstate(divide="ignore", invalid="ignore"):
+            rate = width / table.domega_dx()[np.stack([cell, cell + 1])]
+            bent = t * (1 - t) * ((1 - t) * (rate[0] - step) + t * (step - rate[1]))
+        x: Array = a + t * step + np.where(np.isfinite(bent), bent, 0.0)  # not where a mapping starts square
+        return x
 
     def x_from_first(self, x_mm: ArrayLike) -> Array:
         """Mirror point (mm) that the lens sees by way of points (n,), mm from the axis, of the mirror it looks at."""

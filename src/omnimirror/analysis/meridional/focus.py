@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...arguments import LARGEST_RADIUS_PX, choice, distances, number, row
 from ...errors import InvalidParameter
 from ...lenses import BLUR_MODES, BlurMode, Lens
+from ...numerics.lazy import cached_property
 from ...numerics.minimisation import lowest_with_slopes
 from ...sensor import Sensor, check_sensor
 from ...tracing.meridian import ChiefRays
@@ -44,6 +45,7 @@ class FocusStudy:
         if self.image_radius_px is not None:
             number("image_radius_px", self.image_radius_px, above=0.0, high=LARGEST_RADIUS_PX, unit="px")
 
+    @cached_property
     def distances(self) -> tuple[Array, Array]:
         """L_t and L_s (n,), mm: image distances from the lens's reference point (Eqs. 34, 35)."""
         L_t, L_s = distances_from_lens(self.rays, self.images)
@@ -63,9 +65,15 @@ class FocusStudy:
         """By how much (n,), (n,) a lens as focused widens a blur off its axis; all but the same at any focus."""
         return lens.blur_stretch(self.ideal_height(lens))
 
+    def own_px(self, lens: Lens) -> tuple[Array, Array]:
+        """Blur (n,), (n,) px of the lens alone."""
+        pitch = self.sensor.imager.pitch_mm
+        t, s = lens.own_blur(self.ideal_height(lens))
+        return t / pitch, s / pitch
+
     def coordinates(self, lens: Lens) -> tuple[Array, Array]:
         """Focus coordinates (n,), (n,) of the images."""
-        return lens.image_coordinates(*self.distances(), self.ideal_height(lens))
+        return lens.image_coordinates(*self.distances, self.ideal_height(lens))
 
     def scales(self, middle: float, unit: float) -> Callable[[Any], Scales]:
         """What changes with the focus, of focus coordinates u that count from a middle in a unit."""
@@ -90,16 +98,8 @@ class FocusStudy:
         focused = lens.focus_coordinate(focus_mm)
         rate = lens.through_focus(focused, self.mode).blur_rate / pitch
         t, s = (w * rate * (focused - v) for w, v in zip(self.stretch(lens), self.coordinates(lens), strict=True))
-        own = lens.own_blur(self.ideal_height(lens))
-        return FocusedBlur(
-            t,
-            s,
-            imaging_characteristics(self.rays.omega, h, dh),
-            self.rays.omega,
-            lens.airy_diameter(self.wavelength_nm) / pitch,
-            own[0] / pitch,
-            own[1] / pitch,
-        )
+        imaging, airy = imaging_characteristics(self.rays.omega, h, dh), lens.airy_diameter(self.wavelength_nm) / pitch
+        return FocusedBlur(t, s, imaging, self.rays.omega, airy, *self.own_px(lens))
 
 
 class BestFocus(NamedTuple):
@@ -200,10 +200,10 @@ def focus_function(study: FocusStudy, merit: FocusMerit, middle: float, unit: fl
     """A merit as a function of :meth:`Lens.focus_coordinate`, counted from a middle in a unit."""
     sensor = study.sensor
     coordinates = np.stack(study.coordinates(sensor.lens))
-    own = study.at(sensor.lens.focus_distance_mm)
-    imaging = own.imaging
+    imaging = imaging_characteristics(study.rays.omega, *study.heights(sensor))
     t, s = (coordinates - middle) / unit
-    own2 = None if sensor.lens.IS_THIN else (np.asarray(own.own_t_px) ** 2, np.asarray(own.own_s_px) ** 2)
+    own_t, own_s = study.own_px(sensor.lens)
+    own2 = None if sensor.lens.IS_THIN else (own_t**2, own_s**2)
     sides = Sides(t, s, *study.stretch(sensor.lens), imaging.height, imaging.width, own2)
     return FocusFunction(merit, sides, study.rays.omega, study.scales(middle, unit))
 

@@ -204,6 +204,7 @@ FOCUS_MERITS: dict[str, FocusMerit] = {
 }
 """What a best focus can minimise over the field, by the names of the vocabulary."""
 
+MOST_OF_ONE_THREAD = 150_000  # multiplications
 STEP = 1e-100  # along the imaginary axis, whose derivatives lose no digit
 
 
@@ -229,9 +230,9 @@ class FocusFunction:
 
     def __call__(self, u: Array) -> tuple[Array, Array, NDArray[np.intp]]:
         """The merit (its square, if it is a worst one), its derivative, and which angle is the worst; (m,) each."""
-        moved = np.array([f + 0 * u for f in self.merit.functions(self.scales(u + 1j * STEP))])
+        moved = self._functions(u + 1j * STEP)
         functions, rates = moved.real.T.copy(), moved.imag.T / STEP
-        squares = _times(functions, self.coefficients)
+        squares = self._squares(functions)
         if self.merit.is_mean:
             roots = np.sqrt(squares)
             slope = _times(_times(rates, self.coefficients) / roots, self._shares[:, None])[:, 0] / 2
@@ -239,6 +240,20 @@ class FocusFunction:
         worst = squares.argmax(axis=1)
         slope = np.einsum("mt,tm->m", rates, self.coefficients[:, worst])
         return squares[np.arange(len(u)), worst], slope, worst
+
+    def _squares(self, functions: Array) -> Array:
+        """Of all angles, (m, k), a few focuses at a time: for more BLAS would wake its threads, which takes longer."""
+        squares = np.empty((len(functions), self.coefficients.shape[1]))
+        few = max(1, MOST_OF_ONE_THREAD // self.coefficients.size)
+        for i in range(0, len(functions), few):
+            np.matmul(functions[i : i + few], self.coefficients, out=squares[i : i + few])
+        return squares
+
+    def _functions(self, u: NDArray[Any]) -> NDArray[Any]:
+        """What the coefficients belong to, (terms, m); of one focus by plain numbers, which cost a third."""
+        at: Any = complex(u[0]) if len(u) == 1 else u
+        functions = [f + 0 * at for f in self.merit.functions(self.scales(at))]
+        return np.array(functions).reshape(-1, len(u))
 
 
 def _times(a: Array, b: Array) -> Array:

@@ -129,7 +129,7 @@ def _worst(study: FocusStudy, focus_mm: float) -> Array:
 
 def _candidates(sensor: Sensor, study: FocusStudy) -> Array:
     """Focus distances between the nearest and the farthest image, evenly spaced in blur."""
-    L = np.concatenate(study.distances())
+    L = np.concatenate(study.distances)
     low, high = float(L.min()), float(L.max())
     if sensor.lens.TELECENTRIC:
         return np.linspace(low, high, FOCUSES)
