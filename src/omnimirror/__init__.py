@@ -89,6 +89,11 @@ if TYPE_CHECKING:
     from .manufacture import register_format as register_format
     from .media import read_image as read_image
     from .media import write_image as write_image
+    from .metrology.effects import as_made as as_made
+    from .metrology.effects import form_effect as form_effect
+    from .metrology.form_errors import FormError as FormError
+    from .metrology.form_errors import form_error as form_error
+    from .metrology.readers import read_points as read_points
     from .mirrors import register_mirror as register_mirror
     from .report import write_demo as write_demo
     from .report.calibration import write_calibration_figures as write_calibration_figures
@@ -219,6 +224,11 @@ _HOMES = {
     "register_format": "manufacture",
     "read_image": "media",
     "write_image": "media",
+    "as_made": "metrology.effects",
+    "form_effect": "metrology.effects",
+    "form_error": "metrology.form_errors",
+    "FormError": "metrology.form_errors",
+    "read_points": "metrology.readers",
     "register_mirror": "mirrors",
     "write_calibration_figures": "report.calibration",
     "write_calibration_report": "report.calibration",

@@ -120,8 +120,8 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     **workflows.CALLS,
 }  # fmt: skip
 ELSEWHERE = {
-    "Body", "Calibration", "Detection", "FoundRim", "Front", "LineCalibration", "Motion", "Optimum", "Prior",
-    "RationalPinhole", "Sighting", "ThinPrismFisheye", "ToleranceReport", "adjust", "bundled_sensors",
+    "Body", "Calibration", "Detection", "FormError", "FoundRim", "Front", "LineCalibration", "Motion", "Optimum",
+    "Prior", "RationalPinhole", "Sighting", "ThinPrismFisheye", "ToleranceReport", "adjust", "bundled_sensors",
     "calibrate_lines",
     "design_sensor", "load_front", "measure_round_trip", "pareto", "register_camera_format", "register_format",
     "register_mirror", "register_quantity", "register_view", "reproduce_paper", "requirements_like", "screens",

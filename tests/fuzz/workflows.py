@@ -17,6 +17,7 @@ from omnimirror.frames import Mount
 from omnimirror.housing import CameraBody, Dome, Housing, Rim, Rod, Tube
 from omnimirror.imagers import Imager
 from omnimirror.lenses import Orthographic, Perspective
+from omnimirror.manufacture import Tool, tool_path
 from omnimirror.media.keyframes import Keyframes
 from omnimirror.mirrors import Sphere
 from omnimirror.simulate import Radiometry, ground_truth
@@ -36,11 +37,16 @@ PARTS = Catalogue((LensComponent("l", 8.0, 1.4, 16.0, 100.0),), (ImagerComponent
 MOVES = Keyframes({"x_mm": ((0.0, 0.0), (1.0, 9.0))})
 TOLERANCES = om.Tolerances(SENSOR, {"lens.k1": om.ErrorBound(0.01)})
 VIEW = om.views.panorama(SENSOR, size=(36, 12))
+ON_MIRROR = [
+    [x, y, float(SENSOR.mirror.sag((x * x + y * y) ** 0.5))] for x in range(-30, 31, 4) for y in range(-30, 31, 4)
+]
+FORM = om.form_error(SENSOR.mirror, ON_MIRROR)
 
 
 def write_files(folder: Path) -> None:
     """What some of the calls read."""
     om.write_image(folder / "a.png", PICTURE)
+    (folder / "cmm.csv").write_text("1,2,3\n4,5,6\n")
     (folder / "tolerances.toml").write_text(om.tolerance_template(SENSOR))
     (folder / "poses.csv").write_text("time_s,x_mm,pan_deg\n0,0,0\n.2,100,10\n")
     (folder / "parts.toml").write_text(
@@ -56,6 +62,15 @@ def write_files(folder: Path) -> None:
 
 
 CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
+    "read_points": (om.read_points, {"path": "cmm.csv", "unit": "mm"}),
+    "form_error": (om.form_error, {"mirror": SENSOR.mirror, "points_mm": ON_MIRROR, "order": None, "are_departures": False}),
+    "form_at": (FORM.at, {"x_mm": [1.0, 2.0], "y_mm": [0.0, 3.0]}),
+    "form_effect": (om.form_effect, {"sensor": SENSOR, "form": FORM}),
+    "as_made": (om.as_made, {"sensor": SENSOR, "form": FORM}),
+    "Sweep": (om.Sweep, {"folder": Path("trials"), "part": (1, 2), "scheduler": None, "shard_trials": 65536}),
+    "Tool": (Tool, {"radius_mm": 0.5, "feed_um": 2.0, "tolerance_nm": 5.0, "spindle_rpm": 1000.0, "clearance_mm": 1.0,
+                    "x_is_diameter": False}),
+    "tool_path": (tool_path, {"mirror": SENSOR.mirror, "tool": Tool(), "digits": 6}),
     "ErrorBound": (om.ErrorBound, {"value": 0.1, "distribution": "normal"}),
     "Tolerances": (om.Tolerances, {"sensor": SENSOR, "errors": {"lens.k1": om.ErrorBound(0.1)}, "correlations": {}}),
     "TolerancePlan": (om.TolerancePlan, {"tolerances": TOLERANCES, "limits": {"blur_px": 20.0}, "refocus": "none"}),

@@ -31,6 +31,7 @@ COMMANDS = {
     "psf": "Point-spread functions and encircled energy.",
     "mtf": "Tangential and sagittal MTF over the field.",
     "illumination": "Relative illumination over the field.",
+    "form": "Say what a mirror became, from points measured on it.",
     "compare": "Put up to six sensors side by side.",
     "simulate": "Take the pictures that a sensor would take of a scene.",
     "dewarp": "Straighten pictures and videos taken with a mirror or fisheye.",
@@ -52,7 +53,7 @@ COMMANDS = {
 """Every command with its one line of help."""
 ROOMS = {
     "calibration": {"board", "calibrate", "convert", "lines", "rim", "uncertainty"},
-    "evaluation": {"compare", "evaluate", "illumination", "mtf", "psf", "reproduce", "sensors", "spots"},
+    "evaluation": {"compare", "evaluate", "form", "illumination", "mtf", "psf", "reproduce", "sensors", "spots"},
     "design": {"apertures", "design", "export", "init", "judge", "mappings", "parts", "tolerance"},
     "pictures": {"bracket", "demo", "dewarp", "simulate", "studio", "view"},
 }

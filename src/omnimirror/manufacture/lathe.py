@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import __version__
-from ..arguments import check_fields, whole
+from ..arguments import check_fields, checked, whole
 from ..errors import InvalidParameter
 from ..mirrors import Mirror
 from ..parameters import Parameter
@@ -128,6 +128,7 @@ class ToolPath:
         )
 
 
+@checked
 def tool_path(mirror: Mirror, tool: Tool | None = None, digits: int = 6) -> ToolPath:
     """The way of a tool's nose over a mirror, from the rim to the axis.
 

@@ -32,12 +32,21 @@ UNITS_MM = (1.0, 10.0, 25.4, 1000.0)  # OpticStudio's unit flags: mm, cm, in, m
 
 def read_cloud(path: Path, noun: str = "cloud", names: str = "x, y, z in mm") -> Columns:
     """The profile of a CSV file of points x, y, z in mm, anywhere on the mirror; header and comments are skipped."""
-    points = _rows(path, read_text(path, noun), 3, names, header=True)
-    return profile_of(points[:, :3], str(path))
+    return profile_of(cloud_points(path, noun, names), str(path))
+
+
+def cloud_points(path: Path, noun: str = "points", names: str = "x, y, z in mm") -> Array:
+    """Points (n, 3) of a text file, a line each; header and comments are skipped."""
+    return _rows(path, read_text(path, noun), 3, names, header=True)[:, :3]
 
 
 def read_grid(path: Path, noun: str = "grid", names: str = "z and further columns") -> Columns:
-    """The profile of an OpticStudio grid sag file (.DAT): ``nx ny dx dy unit xdec ydec``, then a line per point.
+    """The profile of an OpticStudio grid sag file (.DAT)."""
+    return profile_of(grid_points(path, noun, names), str(path))
+
+
+def grid_points(path: Path, noun: str = "grid", names: str = "z and further columns") -> Array:
+    """Points (n, 3) mm of an OpticStudio grid sag file (.DAT): ``nx ny dx dy unit xdec ydec``, then a line per point.
 
     Points run from the corner at -x, +y, row by row; those whose fifth number is not 0 are no data.
     """
@@ -61,7 +70,7 @@ def read_grid(path: Path, noun: str = "grid", names: str = "z and further column
     valid = np.hypot(x, y) <= min((nx - 1) * dx, (ny - 1) * dy) / 2 * (1 + 1e-9)
     if rows.shape[1] >= 5:
         valid &= rows[:, 4] == 0
-    return profile_of(points[valid], str(path))
+    return np.asarray(points[valid])
 
 
 def _rows(path: Path, text: str, least: int, names: str, header: bool) -> Array:

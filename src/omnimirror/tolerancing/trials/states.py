@@ -12,10 +12,11 @@ from ...errors import InvalidParameter
 from ...lenses import Perspective
 from ...mirrors import ConicAsphere, EvenPolynomial
 from ...mirrors.conics import Conic
+from ...numerics.zernike import noll
 from ...sensor import Sensor
 from .surface import MeridianTable, MirrorSurfaces
 from .tracing import States
-from .zernike import TERMS, noll, zernike_powers
+from .zernike import TERMS, zernike_powers
 
 Array = NDArray[np.float64]
 Values = Mapping[str, Array]

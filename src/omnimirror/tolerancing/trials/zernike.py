@@ -8,23 +8,13 @@ from math import comb, factorial, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
+from ...numerics.zernike import noll, terms_of
+
 Array = NDArray[np.float64]
 
 LARGEST_ORDER = 6
-TERMS = (LARGEST_ORDER + 1) * (LARGEST_ORDER + 2) // 2
+TERMS = terms_of(LARGEST_ORDER)
 """How many Zernike terms there are up to the largest order, and powers ``x^i y^j``."""
-
-
-def noll(j: int) -> tuple[int, int]:
-    """Order n and signed frequency m of Noll's term j; cosines have m >= 0.
-
-    >>> [noll(j) for j in (1, 2, 3, 4, 5, 6, 11)]
-    [(0, 0), (1, 1), (1, -1), (2, 0), (2, -2), (2, 2), (4, 0)]
-    """
-    n = int((sqrt(8 * j - 7) - 1) // 2)
-    rest = j - n * (n + 1) // 2 - 1
-    m = (rest + 1) // 2 * 2 if n % 2 == 0 else rest // 2 * 2 + 1
-    return n, m if j % 2 == 0 or m == 0 else -m
 
 
 def power_place(i: int, j: int) -> int:

@@ -1,0 +1,144 @@
+"""``omnimirror form``: what a mirror that was made is, from points that were measured on it."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, cast
+
+import click
+import numpy as np
+from rich.console import Console
+
+from ....files import json_plain, write_text
+from ....metrology.effects import FormEffect, as_made, form_effect
+from ....metrology.form_errors import FormError, form_error
+from ....metrology.readers import MM, Unit, read_points
+from ....mirrors import Mirror
+from ....specs import load_sensor, save_sensor
+from ....tolerancing.trials.compensation import CALIBRATIONS
+from ....tolerancing.trials.merits import after
+from ...options.common import WHOLE
+from ...options.declared import Options, option, takes
+from ...outputs import FIGURES, output_console, output_option, plain_table, say_written
+
+MOST_TERMS = 12
+
+
+@dataclass(frozen=True)
+class PointOptions(Options):
+    """How the points are read and fitted."""
+
+    unit: str = option(type=click.Choice(list(MM)), default="mm", help="Of points by the line; other files say theirs.")
+    departures: bool = option(
+        is_flag=True, default=False, help="The third number is no height but the departure, along the normal."
+    )
+    order: int | None = option(
+        type=WHOLE, help="Largest order of the terms that are not about the axis.  [default: what the points ask for]"
+    )
+
+    def of(self, mirror: Mirror, path: Path) -> FormError:
+        """The form error."""
+        points = read_points(path, cast(Unit, self.unit))
+        return form_error(mirror, points, self.order, are_departures=self.departures)
+
+
+@click.command()
+@click.argument("sensor")
+@click.argument("points", type=click.Path(path_type=Path))
+@takes(PointOptions, "asked")
+@output_option("-o", "--output", formats=("toml",), help="Write the sensor with the mirror as it was made.")
+@output_option("--figure", formats=FIGURES, help="Draw the form, what is left, meridian and terms (PNG, SVG, PDF).")
+@output_option("--json", "json_file", help="Write all numbers.")
+def command(
+    sensor: str, points: Path, asked: PointOptions, output: Path | None, figure: Path | None, json_file: Path | None
+) -> None:
+    """Say what the mirror of SENSOR became, from POINTS that were measured on it.
+
+    Its place in the machine is taken away, noise is told from form, and what the form does to the picture is said, as
+    it is and after calibrations. POINTS: x, y, z by the line, an OpticStudio grid, .x3p, Zygo's .dat and .datx, ..
+
+    Example: omnimirror form paper-spherical cmm.csv --figure form.png -o as-made.toml
+    """
+    meant = load_sensor(sensor)
+    console = output_console()
+    with console.status("Fitting"):
+        form = asked.of(meant.mirror, points)
+        effect = form_effect(meant, form)
+    _print_form(console, form)
+    _print_effect(console, effect)
+    written = []
+    if output is not None:
+        save_sensor(as_made(meant, form), output)
+        written.append(output)
+    if figure is not None:
+        from ....figures.style import save_figure, styled
+        from ....metrology.figures import form_figure
+
+        with styled():
+            save_figure(form_figure(form), figure)
+        written.append(figure)
+    if json_file is not None:
+        text = json.dumps(json_plain(_numbers(form, effect)), indent=1, ensure_ascii=False, allow_nan=False)
+        write_text(json_file, text + "\n")
+        written.append(json_file)
+    say_written(*written, console=console)
+
+
+def _print_form(console: Console, form: FormError) -> None:
+    place, (least, most) = form.place, form.reach_mm
+    wrong = f", {form.wrong} left out as wrong" if form.wrong else ""
+    console.print(
+        f"{len(form.x_mm)} points{wrong}, {least:.3g} to {most:.4g} mm from the axis of a mirror of "
+        f"{form.mirror.rim_radius_mm:.4g} mm"
+    )
+    (x, y, z), (about_x, about_y) = place.vertex_mm, place.tilt_deg
+    over = "; turned over about x" if place.turned_over else ""
+    console.print(f"its place: vertex at {x:.4f}, {y:.4f}, {z:.4f} mm, tilt {about_x:.4f}, {about_y:.4f} deg{over}")
+    if len(place.free):
+        console.print("its points fit as well when it is turned about its centre: it was centred by its outline")
+    console.print(
+        f"\nform {form.peak_to_valley_um:.3g} um from peak to valley, {form.rms_um:.3g} um rms, of that "
+        f"{form.rotational_rms_um:.3g} um about the axis\nnoise of a point {form.noise_um:.2g} um, neither form nor "
+        f"noise {form.unexplained_um:.2g} um\n"
+    )
+    table = plain_table("term", "name", "um rms", "+-", words=("name",))
+    ranked = sorted((t for t in form.terms if t.noll > 1), key=lambda term: -abs(term.um))
+    for term in ranked[:MOST_TERMS]:
+        table.add_row(str(term.noll), term.name, f"{term.um:.4f}", f"{term.sigma_um:.4f}")
+    console.print(table)
+    if len(ranked) > MOST_TERMS:
+        console.print(f".. and {len(ranked) - MOST_TERMS} smaller ones; --json tells all")
+
+
+def _print_effect(console: Console, effect: FormEffect) -> None:
+    if effect.lost_rays:
+        console.print(f"\n{effect.lost_rays} of the objects in the field are not seen any more")
+        return
+    table = plain_table("the picture", "px", words=("the picture",))
+    for depth in CALIBRATIONS:
+        words = "moves" if depth == "none" else f"moves, after a calibration: {depth}"
+        table.add_row(words, f"{effect.made[after('motion_px', depth)]:.4f}")
+    table.add_row("is blurred, as meant", f"{effect.meant['blur_px']:.3f}")
+    table.add_row("is blurred, as made", f"{effect.made['blur_px']:.3f}")
+    console.print(table)
+    if effect.beyond_um > 0.0:
+        console.print(f"terms above order 6, {effect.beyond_um:.2g} um rms, are not in these")
+
+
+def _numbers(form: FormError, effect: FormEffect) -> dict[str, Any]:
+    return {
+        "points": len(form.x_mm),
+        "wrong": form.wrong,
+        "vertex_mm": np.asarray(form.place.vertex_mm).tolist(),
+        "tilt_deg": np.asarray(form.place.tilt_deg).tolist(),
+        "turned_over": form.place.turned_over,
+        "peak_to_valley_um": form.peak_to_valley_um,
+        "rms_um": form.rms_um,
+        "rotational_rms_um": form.rotational_rms_um,
+        "noise_um": form.noise_um,
+        "unexplained_um": form.unexplained_um,
+        "terms": [{"noll": t.noll, "name": t.name, "um": t.um, "sigma_um": t.sigma_um} for t in form.terms],
+        "picture": effect.to_dict(),
+    }

@@ -1,0 +1,430 @@
+"""What a measured mirror is, beside the one that was meant: its error of form, apart from its place and from noise.
+
+Heights along the axis over the mirror that was meant are fitted by Zernike terms over the disk of the rim: those about
+the axis as far as they explain anything, the others up to an order. What neighbouring points do not share is noise;
+what they share and the terms do not hold is said too. A shift or a tilt of the mirror is its place in the machine:
+what a motion explains as well as a form error is counted as the motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..arguments import checked, row, vectors, whole
+from ..errors import InvalidParameter, OmnimirrorError
+from ..mirrors import Mirror, SampledProfile
+from ..mirrors.measured.smoothing import NORMAL
+from ..numerics.lazy import cached_property
+from ..numerics.zernike import noll, terms_of, zernike_values
+from .alignment import Alignment, aligned, distances, outline_centre
+
+Array = NDArray[np.float64]
+
+FEWEST = 200  # points
+PER_TERM = 5  # points, at least
+ORDERS = (2, 4, 6, 8, 10, 12)
+ABOUT_AXIS = tuple(range(2, 42, 2))  # orders of rotational terms that are tried
+PATIENCE = 3  # orders that bring nothing end the search
+STEADY = 30.0  # condition of the terms at the points up to which they are told apart
+WRONG = 6.0  # scatters that a point must be off to be wrong
+LEAST_WRONG_MM = 1e-6  # off, to be wrong: no machine measures that
+ROUNDING = 1e-14  # of sums of squares
+CELLS = 12  # sectors, and half as many rings, of points whose errors may go together
+AT_A_TIME = 8192  # points
+PROFILE_POINTS = 401
+UM = 1e3
+
+
+@dataclass(frozen=True)
+class FormTerm:
+    """One Zernike term of a form error.
+
+    Attributes
+    ----------
+    noll : number, by Noll
+    um : rms over the disk, along the axis
+    sigma_um : standard uncertainty
+    """
+
+    noll: int
+    um: float
+    sigma_um: float
+
+    @property
+    def name(self) -> str:
+        """What opticians call it, or its order and frequency."""
+        n, m = noll(self.noll)
+        return NAMES.get((n, abs(m)), f"order {n}, {f'{abs(m)}-fold' if m else 'about the axis'}")
+
+
+NAMES = {
+    (0, 0): "piston", (1, 1): "tilt", (2, 0): "power", (2, 2): "astigmatism", (3, 1): "coma", (3, 3): "trefoil",
+    (4, 0): "spherical", (4, 2): "secondary astigmatism", (4, 4): "tetrafoil", (5, 1): "secondary coma",
+    (6, 0): "secondary spherical",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class FormError:
+    """The form error of a measured mirror.
+
+    Attributes
+    ----------
+    mirror
+        That was meant.
+    place
+        Where it stood in the machine.
+    terms : tuple of FormTerm
+        Those about the axis, and all others up to :attr:`order`.
+    order
+        Of the terms that are not about the axis.
+    wrong
+        How many points were left out as wrong.
+    noise_um
+        Standard deviation of what neighbouring points do not share, along the normal.
+    unexplained_um
+        Of what they share and the terms do not hold.
+    x_mm, y_mm, height_um, residual_um : (n,)
+        Of the points that were used: where, how far above the mirror that was meant (away from the lens, along the
+        axis), and how far above the terms.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> mirror = om.load_sensor("paper-spherical").mirror
+    >>> x, y = (v.ravel() for v in np.meshgrid(np.linspace(-30, 30, 31), np.linspace(-30, 30, 31)))
+    >>> form = om.form_error(mirror, np.stack([x, y, mirror.sag(np.hypot(x, y))], axis=-1))
+    >>> form.rms_um < 1e-6, form.wrong
+    (True, 0)
+    """
+
+    mirror: Mirror
+    place: Alignment
+    terms: tuple[FormTerm, ...]
+    order: int
+    wrong: int
+    noise_um: float
+    unexplained_um: float
+    x_mm: Array
+    y_mm: Array
+    height_um: Array
+    residual_um: Array
+
+    def at(self, x_mm: ArrayLike, y_mm: ArrayLike) -> Array:
+        """Form error along the axis at places of the mirror, by the terms.
+
+        Parameters
+        ----------
+        x_mm, y_mm : (n,)
+            Where, in the mirror's frame.
+
+        Returns
+        -------
+        (n,) array
+            um, positive away from the lens; NaN past the rim.
+
+        Raises
+        ------
+        InvalidParameter
+            Rows of different lengths.
+        """
+        rim = self.mirror.rim_radius_mm
+        x, y = (row(name, value) / rim for name, value in (("x_mm", x_mm), ("y_mm", y_mm)))
+        if len(x) != len(y):
+            raise InvalidParameter(f"x_mm has {len(x)} places and y_mm {len(y)}; they need the same number")
+        inside = np.hypot(x, y) <= 1 + 1e-9
+        values = zernike_values(x[inside], y[inside], [term.noll for term in self.terms])
+        form = np.full(len(x), np.nan)
+        form[inside] = values @ np.array([term.um for term in self.terms])
+        return form
+
+    @cached_property
+    def _map(self) -> tuple[Array, Array]:
+        """The form on a grid over the mirror, all of it and its part about the axis."""
+        axis = np.linspace(-1.0, 1.0, 201)
+        x, y = np.meshgrid(axis, axis)
+        inside = x**2 + y**2 <= 1
+        terms = [term.noll for term in self.terms]
+        values = zernike_values(x[inside], y[inside], terms) * np.array([term.um for term in self.terms])
+        about = np.array([noll(j)[1] == 0 for j in terms])
+        return values.sum(axis=1), values[:, about].sum(axis=1)
+
+    @property
+    def rms_um(self) -> float:
+        """Of the terms over the disk, less their mean."""
+        return float(self._map[0].std())
+
+    @property
+    def peak_to_valley_um(self) -> float:
+        """Of the terms over the disk."""
+        return float(np.ptp(self._map[0]))
+
+    @property
+    def rotational_rms_um(self) -> float:
+        """Of the terms about the axis."""
+        return float(self._map[1].std())
+
+    @property
+    def reach_mm(self) -> tuple[float, float]:
+        """Least and largest distance of a point from the axis."""
+        r = np.hypot(self.x_mm, self.y_mm)
+        return float(r.min()), float(r.max())
+
+    @property
+    def vertex_um(self) -> float:
+        """How far the vertex is from where it was meant, by the terms about the axis."""
+        about = [term for term in self.terms if noll(term.noll)[1] == 0]
+        return float((zernike_values([0.0], [0.0], [t.noll for t in about]) @ [t.um for t in about])[0])
+
+    def corrected(self) -> SampledProfile:
+        """The mirror as it is about its axis: the one that was meant and the rotational terms, as a sampled profile.
+
+        Its heights count from its own vertex, :attr:`vertex_um` from the one that was meant.
+
+        Returns
+        -------
+        SampledProfile
+            That meets its points exactly.
+        """
+        mirror, about = self.mirror, [term for term in self.terms if noll(term.noll)[1] == 0]
+        x = np.linspace(0.0, mirror.rim_radius_mm, PROFILE_POINTS)
+        values = zernike_values(x / mirror.rim_radius_mm, 0 * x, [t.noll for t in about]) @ [t.um for t in about]
+        z = mirror.sag(x) + (values - self.vertex_um) / UM
+        apex = "pointed" if mirror.is_pointed else "smooth"
+        return SampledProfile(tuple(map(float, x)), tuple(map(float, z)), apex=apex, uncertainty_um=0.0)
+
+
+@checked
+def form_error(
+    mirror: Mirror, points_mm: ArrayLike, order: int | None = None, are_departures: bool = False
+) -> FormError:
+    """The form error of a mirror that was measured point by point.
+
+    Parameters
+    ----------
+    mirror
+        That was meant.
+    points_mm : (n, 3)
+        Points of its surface, in the axes of the machine.
+    order : optional
+        Largest order of the Zernike terms that are not about the axis; by default what the points ask for, by
+        Schwarz's criterion, up to 12.
+    are_departures
+        Whether the third numbers are no heights but departures from the mirror that was meant along its normal, away
+        from the lens, as an interferometer's null test gives them; the middle of the points' outline is the axis then.
+
+    Returns
+    -------
+    FormError
+        Terms with their uncertainties, noise, and what is left.
+
+    Raises
+    ------
+    OmnimirrorError
+        Fewer than 200 points, points of something else, or holes that leave terms undetermined.
+
+    Examples
+    --------
+    Half a micrometre of astigmatism on a sphere, measured 2 mm off the machine's axis:
+
+    >>> from omnimirror.mirrors import Sphere
+    >>> rng, ball = np.random.default_rng(1), Sphere(50.0, 40.0)
+    >>> r, phi = 40 * np.sqrt(rng.uniform(0, 1, 4000)), rng.uniform(0, 2 * np.pi, 4000)
+    >>> x, y = r * np.cos(phi), r * np.sin(phi)
+    >>> bump = 0.5e-3 * np.sqrt(6) * (x**2 - y**2) / 40**2
+    >>> found = form_error(ball, np.stack([x + 2, y, ball.sag(r) + bump + 1e-4 * rng.normal(size=4000)], axis=-1))
+    >>> [(term.name, round(term.um, 2)) for term in found.terms if abs(term.um) > 0.02]
+    [('astigmatism', 0.5)]
+    """
+    points = vectors("points_mm", points_mm, 3)
+    points = points[np.isfinite(points).all(axis=-1)]
+    if order is not None:
+        order = whole("order", order, 2, ORDERS[-1])
+    if len(points) < FEWEST:
+        raise OmnimirrorError(f"the cloud has {len(points)} points; at least {FEWEST} are valid")
+    if are_departures:
+        points = _risen(mirror, points)
+    place = aligned(mirror, points)
+    everything = _Heights.of(mirror, place)
+    part = everything.those(np.isfinite(place.distance_mm))
+    inside, equations = len(part.x), _Gram.of(part)
+    while True:
+        fit = equations.chosen(order)
+        left = part.distance - part.modelled(fit.terms, fit.values)
+        far = np.abs(left) > max(WRONG * NORMAL * float(np.median(np.abs(left))), LEAST_WRONG_MM)
+        if not far.any():
+            break
+        equations, part = equations.less(_Gram.of(part.those(far))), part.those(~far)
+    noise, shared = _noise(part, left, len(fit.terms))
+    sigmas = _sigmas(part, fit, left, noise)
+    terms = tuple(FormTerm(*t) for t in zip(fit.terms, (UM * fit.values).tolist(), (UM * sigmas).tolist(), strict=True))
+    rim = mirror.rim_radius_mm
+    return FormError(
+        mirror, place, terms, fit.order, inside - len(part.x), UM * noise, UM * shared,
+        part.x * rim, part.y * rim, UM * part.distance / part.up, UM * left / part.up,
+    )  # fmt: skip
+
+
+def _risen(mirror: Mirror, departures: Array) -> Array:
+    """Points on the mirror, moved along its normal; a null test does not tell how far all of them have moved."""
+    points = departures - np.append(outline_centre(departures), departures[:, 2].mean())
+    r = np.hypot(points[:, 0], points[:, 1])
+    points = points[r <= mirror.rim_radius_mm]
+    sag, slope, _ = mirror.profile(np.hypot(points[:, 0], points[:, 1]))
+    heights = sag + points[:, 2] * np.sqrt(1 + slope**2)
+    return np.column_stack([points[:, :2], heights])
+
+
+# -- the fit ---------------------------------------------------------------------------------------------
+
+
+class _Heights(NamedTuple):
+    """Places (n,) in rim radii, distances along the normal mm, and the cosine of the surface's slope."""
+
+    x: Array
+    y: Array
+    distance: Array
+    up: Array
+
+    @classmethod
+    def of(cls, mirror: Mirror, place: Alignment) -> _Heights:
+        rim = mirror.rim_radius_mm
+        _, normal, _ = distances(mirror, place.points)
+        return cls(place.points[:, 0] / rim, place.points[:, 1] / rim, place.distance_mm, normal[:, 2])
+
+    def those(self, kept: NDArray[np.bool_]) -> _Heights:
+        return _Heights(*(column[kept] for column in self))
+
+    def bases(self, terms: list[int]) -> Iterator[tuple[slice, Array]]:
+        """What each term does to the distances, (m, t), of so many points at a time that they fit into the cache."""
+        for start in range(0, len(self.x), AT_A_TIME):
+            some = slice(start, start + AT_A_TIME)
+            yield some, self.up[some, None] * zernike_values(self.x[some], self.y[some], terms)
+
+    def modelled(self, terms: list[int], values: Array) -> Array:
+        """Distances (n,) that terms make."""
+        return np.concatenate([basis @ values for _, basis in self.bases(terms)])
+
+
+class _Fit(NamedTuple):
+    order: int
+    terms: list[int]
+    values: Array
+    inverse: Array
+    """Of the normal equations, (t, t)."""
+
+
+@dataclass(frozen=True)
+class _Gram:
+    """Normal equations of all terms that are tried; those of fewer terms are a part of them."""
+
+    terms: list[int]
+    matrix: Array
+    right: Array
+    squares: float
+    count: int
+
+    @classmethod
+    def of(cls, part: _Heights) -> _Gram:
+        terms = _terms(ORDERS[-1], ABOUT_AXIS[-1])
+        matrix, right = np.zeros((len(terms), len(terms))), np.zeros(len(terms))
+        for some, basis in part.bases(terms):
+            matrix += basis.T @ basis
+            right += basis.T @ part.distance[some]
+        return cls(terms, matrix, right, float(part.distance @ part.distance), len(part.x))
+
+    def less(self, other: _Gram) -> _Gram:
+        """Without some of the points."""
+        return _Gram(
+            self.terms,
+            self.matrix - other.matrix,
+            self.right - other.right,
+            self.squares - other.squares,
+            self.count - other.count,
+        )
+
+    def chosen(self, order: int | None) -> _Fit:
+        """The fit that Schwarz's criterion chooses, or that of an order with the terms about the axis that it chooses.
+
+        Raises
+        ------
+        OmnimirrorError
+            Terms that the points do not tell apart.
+        """
+        best = self._best((n, n) for n in (ORDERS if order is None else (order,)))
+        if best is None:
+            valid = [n for n in ORDERS if self._fit(n, n) is not None]
+            words = f"; order {valid[-1]} is valid" if valid else ", which leave too large holes"
+            raise OmnimirrorError(f"terms up to order {order or ORDERS[0]} are not told apart by the points{words}")
+        again = self._best((best.order, n) for n in ABOUT_AXIS if n >= best.order)
+        return again or best
+
+    def _best(self, orders: Iterable[tuple[int, int]]) -> _Fit | None:
+        found: list[tuple[float, _Fit]] = []
+        for order, about_axis in orders:
+            fit = self._fit(order, about_axis)
+            if fit is None:
+                break
+            found.append((self._price(fit), fit))
+            if len(found) - int(np.argmin([price for price, _ in found])) > PATIENCE:
+                break
+        return min(found, key=lambda one: one[0])[1] if found else None
+
+    def _fit(self, order: int, about_axis: int) -> _Fit | None:
+        """None if the points do not tell the terms apart."""
+        terms = _terms(order, about_axis)
+        if PER_TERM * len(terms) > self.count:
+            return None
+        at = np.searchsorted(self.terms, terms)
+        matrix = self.matrix[np.ix_(at, at)]
+        sizes = np.linalg.eigvalsh(matrix)
+        if sizes[-1] > STEADY**2 * sizes[0]:
+            return None
+        inverse = np.asarray(np.linalg.inv(matrix), dtype=float)
+        return _Fit(order, terms, inverse @ self.right[at], inverse)
+
+    def _price(self, fit: _Fit) -> float:
+        at = np.searchsorted(self.terms, fit.terms)
+        left = max(self.squares - float(fit.values @ self.right[at]), ROUNDING * self.squares, 1e-300)
+        return self.count * float(np.log(left)) + len(fit.terms) * float(np.log(self.count))
+
+
+def _terms(order: int, about_axis: int) -> list[int]:
+    """Noll's numbers of all terms up to an order, and of those about the axis up to another.
+
+    >>> _terms(2, 4)
+    [1, 2, 3, 4, 5, 6, 11]
+    """
+    return sorted({*range(1, terms_of(order) + 1), *(terms_of(n - 1) + 1 for n in range(2, about_axis + 1, 2))})
+
+
+def _noise(part: _Heights, left: Array, terms: int) -> tuple[float, float]:
+    """Standard deviations (mm) of what neighbouring points do not share of what is left, and of what they do."""
+    from scipy.spatial import KDTree
+
+    places = np.stack([part.x, part.y], axis=-1)
+    beside = KDTree(places).query(places, k=2)[1][:, 1]
+    noise = NORMAL * float(np.median(np.abs(left - left[beside]))) / np.sqrt(2)
+    whole_variance = float((left**2).sum()) / max(len(left) - terms, 1)
+    return float(noise), float(np.sqrt(max(whole_variance - noise**2, 0.0)))
+
+
+def _sigmas(part: _Heights, fit: _Fit, left: Array, noise: float) -> Array:
+    """Standard uncertainties (t,) mm of the terms.
+
+    Not all that is left is noise: errors of one cell of the mirror may go together, those of different ones do
+    not. A term is at least as uncertain as the noise makes it.
+    """
+    ring = np.minimum((part.x**2 + part.y**2) * CELLS / 2, CELLS / 2 - 1).astype(int)  # of equal areas
+    sector = (np.floor((np.arctan2(part.y, part.x) / (2 * np.pi)) * CELLS) % CELLS).astype(int)
+    cell = ring * CELLS + sector
+    scores = np.zeros((CELLS * CELLS // 2, len(fit.terms)))
+    for some, basis in part.bases(fit.terms):
+        np.add.at(scores, cell[some], basis * left[some, None])
+    together = (((scores @ fit.inverse) ** 2).sum(axis=0)) * len(scores) / (len(scores) - 1)
+    return np.asarray(np.sqrt(np.maximum(together, noise**2 * np.diag(fit.inverse))))

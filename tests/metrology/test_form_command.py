@@ -1,0 +1,52 @@
+"""``omnimirror form``: from the points of a measuring machine to a sensor as it was made."""
+
+from __future__ import annotations
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+import omnimirror as om
+from tests.commands import omnimirror
+
+from .clouds import in_machine, on
+
+
+def test_points_become_numbers_a_figure_and_a_sensor(tmp_path):
+    mirror = om.load_sensor("paper-hyperboloidal").mirror
+    points = in_machine(on(mirror, {6: 1.0, 11: 0.5}, 0.1, count=3000), above=True)
+    np.savetxt(tmp_path / "cmm.csv", 1e3 * points, delimiter=",", header="x,y,z", fmt="%.4f")
+    done = omnimirror(
+        "form", "paper-hyperboloidal", tmp_path / "cmm.csv", "--unit", "um", "-o", tmp_path / "made.toml",
+        "--figure", tmp_path / "form.png", "--json", tmp_path / "form.json",
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert "turned over about x" in done.stdout
+    numbers = json.loads((tmp_path / "form.json").read_text())
+    terms = {term["name"]: term for term in numbers["terms"] if abs(term["um"]) > 0.2}
+    assert set(terms) == {"astigmatism", "spherical"}
+    assert terms["spherical"]["um"] == pytest.approx(0.5, abs=3 * terms["spherical"]["sigma_um"] + 0.01)
+    assert numbers["noise_um"] == pytest.approx(0.1, rel=0.2)
+    assert numbers["picture"]["made"]["motion_px"] > numbers["picture"]["made"]["motion_px after pose"]
+    assert cv2.imread(str(tmp_path / "form.png")).std() > 20
+    sag = om.load_sensor(tmp_path / "made.toml").mirror.sag(40.0) - mirror.sag(40.0)
+    assert 1e3 * abs(sag) > 0.1
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (("missing.csv",), "missing.csv"),
+        (("few.csv",), "has 3 points; at least 200 are valid"),
+        (("few.csv", "--unit", "ell"), "ell"),
+        (("few.csv", "--order", "1"), "order = 1 is"),
+    ],
+)
+def test_bad_input_is_one_sentence_and_writes_nothing(words, sentence, tmp_path):
+    (tmp_path / "few.csv").write_text("1,2,3\n4,5,6\n7,8,9\n")
+    done = omnimirror("form", "paper-spherical", tmp_path / words[0], *words[1:], "-o", tmp_path / "made.toml")
+    assert done.returncode not in (0, 70)
+    assert sentence in done.stderr
+    assert not (tmp_path / "made.toml").exists()

@@ -1,0 +1,93 @@
+"""Files of machines: text of any unit, OpticStudio grids, and what SurfaceTopography reads where it is installed."""
+
+from __future__ import annotations
+
+import zipfile
+
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.errors import OmnimirrorError
+from omnimirror.manufacture import format_grid_sag
+from omnimirror.metrology import readers
+from omnimirror.mirrors import Sphere
+
+POINTS = np.array([[1.5, 2.0, -0.25], [3.0, -4.5, 0.125]])
+
+
+@pytest.mark.parametrize(("unit", "mm"), [("mm", 1.0), ("um", 1e-3), ("m", 1e3), ("inch", 25.4)])
+@pytest.mark.parametrize(("suffix", "between"), [(".csv", ","), (".xyz", " "), (".tsv", "\t")])
+def test_points_by_the_line(suffix, between, unit, mm, tmp_path):
+    lines = "\n".join(between.join(str(v) for v in point) for point in POINTS)
+    path = tmp_path / f"a{suffix}"
+    path.write_text(f"# probe 3\nx{between}y{between}z\n{lines}\n")
+    np.testing.assert_allclose(om.read_points(path, unit), mm * POINTS)
+
+
+def test_a_grid_sag_file_is_text(tmp_path):
+    path = tmp_path / "a.dat"
+    path.write_text(format_grid_sag(Sphere(50.0, 20.0), 33))
+    points = om.read_points(path)
+    r = np.hypot(points[:, 0], points[:, 1])
+    inside = r < 20.0
+    assert inside.sum() > 500
+    np.testing.assert_allclose(points[inside, 2], 50.0 - np.sqrt(2500.0 - r[inside] ** 2), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "sentence"),
+    [
+        ("a.stl", b"x", r"no file of points that is known; valid are \.csv"),
+        ("a.csv", None, "a.csv"),
+        ("a.dat", None, "a.dat"),
+        ("a.csv", b"x,y,z\n1,2,3\n1,2\n", r"line 3: '1,2' is not x, y, z in mm"),
+    ],
+)
+def test_what_is_no_cloud_is_one_sentence(name, content, sentence, tmp_path):
+    if content is not None:
+        (tmp_path / name).write_bytes(content)
+    with pytest.raises(OmnimirrorError, match=sentence):
+        om.read_points(tmp_path / name)
+
+
+def test_a_machines_file_without_its_package_says_what_to_install(tmp_path, monkeypatch):
+    monkeypatch.setattr(readers, "find_spec", lambda name: None)
+    (tmp_path / "a.dat").write_bytes(b"\x88\x1b\x03\x6f" + bytes(900))
+    with pytest.raises(
+        OmnimirrorError, match=r"\.dat files need SurfaceTopography: pip install 'omnimirror\[metrology\]'"
+    ):
+        om.read_points(tmp_path / "a.dat")
+
+
+X3P = """<?xml version="1.0" encoding="UTF-8"?>
+<p:ISO5436_2 xmlns:p="http://www.opengps.eu/2008/ISO5436_2">
+<Record1><Revision>ISO5436 - 2000</Revision><FeatureType>SUR</FeatureType><Axes>
+<CX><AxisType>I</AxisType><DataType>D</DataType><Increment>1e-3</Increment><Offset>0</Offset></CX>
+<CY><AxisType>I</AxisType><DataType>D</DataType><Increment>2e-3</Increment><Offset>0</Offset></CY>
+<CZ><AxisType>A</AxisType><DataType>D</DataType><Increment>1</Increment><Offset>0</Offset></CZ></Axes></Record1>
+<Record2><Date>2026-01-01T00:00:00</Date><Instrument><Manufacturer>a</Manufacturer><Model>b</Model><Serial>c</Serial>
+<Version>1</Version></Instrument><CalibrationDate>2026-01-01T00:00:00</CalibrationDate>
+<ProbingSystem><Type>NonContacting</Type><Identification>x</Identification></ProbingSystem></Record2>
+<Record3><MatrixDimension><SizeX>3</SizeX><SizeY>4</SizeY><SizeZ>1</SizeZ></MatrixDimension><DataLink>
+<PointDataLink>bindata/data.bin</PointDataLink><MD5ChecksumPointData>0</MD5ChecksumPointData></DataLink></Record3>
+<Record4><ChecksumFile>md5checksum.hex</ChecksumFile></Record4></p:ISO5436_2>"""
+
+
+@pytest.mark.full
+def test_a_profilers_file_gives_mm_and_leaves_out_what_was_not_measured(tmp_path):
+    pytest.importorskip("SurfaceTopography", reason="pip install 'omnimirror[metrology]'")
+    heights = np.arange(12.0).reshape(4, 3) * 1e-6  # m
+    heights[0, 0] = np.nan
+    with zipfile.ZipFile(tmp_path / "a.x3p", "w") as file:
+        file.writestr("main.xml", X3P)
+        file.writestr("bindata/data.bin", heights.astype("<f8").tobytes())
+        file.writestr("md5checksum.hex", "")
+    points = om.read_points(tmp_path / "a.x3p")
+    assert len(points) == 11
+    at = {(round(x), round(y)): z for x, y, z in points}
+    assert at[1, 0] == pytest.approx(1e-3)
+    assert at[2, 6] == pytest.approx(11e-3)
+    (tmp_path / "b.x3p").write_bytes(b"PK nothing")
+    with pytest.raises(OmnimirrorError, match=r"b\.x3p cannot be read: "):
+        om.read_points(tmp_path / "b.x3p")
