@@ -63,7 +63,8 @@ def write_files(folder: Path) -> None:
 
 CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "read_points": (om.read_points, {"path": "cmm.csv", "unit": "mm"}),
-    "form_error": (om.form_error, {"mirror": SENSOR.mirror, "points_mm": ON_MIRROR, "order": None, "are_departures": False}),
+    "form_error": (om.form_error, {"mirror": SENSOR.mirror, "points_mm": ON_MIRROR, "order": None,
+                                   "are_departures": False}),
     "form_at": (FORM.at, {"x_mm": [1.0, 2.0], "y_mm": [0.0, 3.0]}),
     "form_effect": (om.form_effect, {"sensor": SENSOR, "form": FORM}),
     "as_made": (om.as_made, {"sensor": SENSOR, "form": FORM}),
