@@ -22,10 +22,8 @@ from omnimirror.studio.studio import Studio
 
 Result = TypeVar("Result")
 
-FLAGS = [
-    *("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
-    "--disable-gpu-compositing",  # what is no WebGL, software WebGL would draw at three times the cost
-]
+FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+WITHOUT_VIEWS = [*FLAGS, "--disable-gpu-compositing"]  # where nothing is drawn by WebGL, pages cost a third
 FAKE_CAMERA = ["--use-fake-device-for-media-stream=device-count=2"]
 PATIENCE_MS = 300_000  # more than any machine needs
 BASE64 = """(values) => {

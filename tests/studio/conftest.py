@@ -1,4 +1,4 @@
-"""One browser and one server for all tests of the page in a process."""
+"""A browser or two, and one server, for all tests of the page in a process."""
 
 from __future__ import annotations
 
@@ -6,17 +6,31 @@ import pytest
 
 from omnimirror.studio.studio import Studio
 
-from .browser import FAKE_CAMERA, FLAGS, chromium, serving
+from .browser import FAKE_CAMERA, FLAGS, WITHOUT_VIEWS, chromium, serving
 
 
 @pytest.fixture(scope="session")
-def browser():
+def launched():
+    """Starts a browser with some flags."""
     sync_api = pytest.importorskip("playwright.sync_api", reason="the page is driven by Playwright, which is not here")
     executable = chromium()
     with sync_api.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=executable, args=FLAGS + FAKE_CAMERA)
-        yield browser
-        browser.close()
+        yield lambda flags: playwright.chromium.launch(executable_path=executable, args=flags + FAKE_CAMERA)
+
+
+@pytest.fixture(scope="session")
+def browser(launched):
+    browser = launched(FLAGS)
+    yield browser
+    browser.close()
+
+
+@pytest.fixture(scope="session")
+def browser_without_views(launched):
+    """For pages that show no view: modules take it for their ``browser``."""
+    browser = launched(WITHOUT_VIEWS)
+    yield browser
+    browser.close()
 
 
 @pytest.fixture(scope="session")
