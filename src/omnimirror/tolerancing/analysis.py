@@ -102,9 +102,7 @@ class ToleranceReport:
                 {
                     "name": row.name,
                     "tolerance": row.tolerance,
-                    "motion_rate": row.motion_rate,
-                    "motion_bend": row.motion_bend,
-                    "left_rates": dict(row.left_rates),
+                    "derivatives": {merit: list(rates) for merit, rates in row.rates.items()},
                     "merits": dict(row.merits),
                     "alone": dict(row.alone),
                 }

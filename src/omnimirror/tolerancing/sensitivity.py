@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from .derivatives import Rates, merit_rates
 from .tolerances import Tolerances
-from .trials.compensation import CALIBRATIONS
 from .trials.judge import Judge
 from .trials.merits import merit_names
 
@@ -33,12 +33,8 @@ class ErrorEffect:
         What was asked.
     merits : dict
         At the tolerance, the worse of plus and minus, by name.
-    motion_rate : float
-        Motion of the picture per unit of the error, px, rms over the field.
-    motion_bend : float
-        Second derivative of the motion, px per unit squared, rms over the field.
-    left_rates : dict
-        By the name of each calibration, what it leaves of that rate.
+    rates : dict
+        First and second derivatives of each merit by the error, as it grows from 0 to plus.
     alone : dict
         By the name of each limit, the tolerance at which this error alone comes to it.
     """
@@ -46,16 +42,12 @@ class ErrorEffect:
     name: str
     tolerance: float
     merits: Mapping[str, float]
-    motion_rate: float
-    motion_bend: float
-    left_rates: Mapping[str, float]
+    rates: Mapping[str, Rates]
     alone: Mapping[str, float]
 
 
 def sensitivities(judge: Judge, tolerances: Tolerances, limits: Mapping[str, float]) -> list[ErrorEffect]:
     """Of all errors, one by one.
-
-    Derivatives are central differences of fourth order of exactly traced motions.
 
     Parameters
     ----------
@@ -77,29 +69,16 @@ def sensitivities(judge: Judge, tolerances: Tolerances, limits: Mapping[str, flo
         size = bound.value
         at_ends = judge.judged({name: np.array([size, -size])})
         worst = np.where(np.isnan(at_ends).any(axis=0), np.inf, at_ends.max(axis=0))
-        rate, bend = _derivatives(judge, name, size)
-        left = judge.compensators.left(rate[None])[:, 0]
         rows.append(
             ErrorEffect(
                 name,
                 size,
                 dict(zip(names, worst.tolist(), strict=True)),
-                _rms(rate),
-                _rms(bend),
-                {depth: _rms(v) for depth, v in zip(CALIBRATIONS, left, strict=True)},
+                merit_rates(judge, name, STEP * size) if size else {},
                 {merit: _alone(judge, name, size, merit, limit) for merit, limit in limits.items()},
             )
         )
     return rows
-
-
-def _derivatives(judge: Judge, name: str, size: float) -> tuple[Array, Array]:
-    """First and second derivatives (2 n,) of the motion by an error."""
-    if size == 0:
-        return np.zeros(2 * len(judge.field)), np.zeros(2 * len(judge.field))
-    h = STEP * size
-    _, (m2, m1, p1, p2) = judge.judged_with_motions({name: np.array([-2 * h, -h, h, 2 * h])})
-    return (8 * (p1 - m1) - (p2 - m2)) / (12 * h), (16 * (p1 + m1) - (p2 + m2)) / (12 * h * h)
 
 
 def _alone(judge: Judge, name: str, size: float, merit: str, limit: float) -> float:
@@ -120,8 +99,3 @@ def _alone(judge: Judge, name: str, size: float, merit: str, limit: float) -> fl
             return 0.0
         sizes = np.linspace(low, high, LADDER)
     return low
-
-
-def _rms(vector: Array) -> float:
-    """Of a motion (2 n,): of its lengths."""
-    return float(np.sqrt((vector**2).sum() / (len(vector) / 2)))

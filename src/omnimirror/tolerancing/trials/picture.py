@@ -142,7 +142,13 @@ def largest_diameter(blur: Array) -> Array:
     >>> float(largest_diameter(np.array([[3.0, 0.0], [0.0, -4.0]])))
     4.0
     """
-    p, q = (blur[..., 0, 0] + blur[..., 1, 1]) / 2, (blur[..., 0, 0] - blur[..., 1, 1]) / 2
-    r, s = (blur[..., 1, 0] + blur[..., 0, 1]) / 2, (blur[..., 1, 0] - blur[..., 0, 1]) / 2
+    (p, s), (q, r) = diameter_parts(blur)
     diameter: Array = np.hypot(p, s) + np.hypot(q, r)
     return diameter
+
+
+def diameter_parts(blur: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    """Two vectors, the sum of whose lengths is the largest diameter: of what turns a circle, and what makes it oval."""
+    p, q = (blur[..., 0, 0] + blur[..., 1, 1]) / 2, (blur[..., 0, 0] - blur[..., 1, 1]) / 2
+    r, s = (blur[..., 1, 0] + blur[..., 0, 1]) / 2, (blur[..., 1, 0] - blur[..., 0, 1]) / 2
+    return (p, s), (q, r)

@@ -1,0 +1,130 @@
+"""What a Dask cluster costs beside the threads of one process: the same sweep by both, in processor time.
+
+Scheduler and workers, as many as cores, are started on the loopback interface and stand idle before; what all processes
+spend from then on is counted, the client's start and the workers' first import included. What 64 workers would reach
+follows from it: shards, the scheduler's time for each, what is written, and the sum at the end.
+
+    python benchmarks/tolerance_cluster.py --out out/benchmarks
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from contextlib import ExitStack
+from pathlib import Path
+
+from omnimirror.files import write_text
+from omnimirror.tolerancing.sweeps import SHARD_TRIALS
+
+SHARDS, WORKERS = 4, os.cpu_count() or 1
+MANY = 64
+TICK = os.sysconf("SC_CLK_TCK")
+RUN = """
+import sys, time
+from pathlib import Path
+import omnimirror as om
+sensor = om.load_sensor("paper-spherical")
+plan = om.load_tolerances(sys.argv[1], sensor)
+sweep = om.Sweep(Path(sys.argv[2]), scheduler=sys.argv[4] or None)
+found = om.tolerance(sensor, plan, trials=int(sys.argv[3]), sweep=sweep)
+print(found.tally.trials, found.tally.passed, time.process_time())
+"""
+
+
+def spent(pid: int) -> float:
+    """Processor time of a process so far, s."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / TICK
+
+
+def swept(folder: Path, name: str, address: str = "") -> tuple[str, float]:
+    """What a sweep found, and processor time of the process that asked for it."""
+    words = [folder / "tolerances.toml", folder / name, SHARDS * SHARD_TRIALS, address]
+    run = subprocess.run([sys.executable, "-c", RUN, *map(str, words)], capture_output=True, text=True, check=True)
+    trials, passed, seconds = run.stdout.split()
+    return f"{passed} of {trials}", float(seconds)
+
+
+def started(stack: ExitStack, *words: str) -> subprocess.Popen[bytes]:
+    program = Path(sys.executable).with_name("dask")
+    process = subprocess.Popen([program, *words], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    stack.callback(process.wait)
+    stack.callback(process.kill)
+    return process
+
+
+def cluster(stack: ExitStack, folder: Path) -> tuple[str, dict[str, list[int]]]:
+    """Address, and the processes by what they are."""
+    from distributed import Client
+
+    file = folder / "scheduler.json"
+    scheduler = started(
+        stack, "scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", str(file)
+    )
+    while not file.exists():
+        time.sleep(0.1)
+    words = ("worker", "--scheduler-file", str(file), "--host", "127.0.0.1", "--nthreads", "1", "--no-nanny")
+    workers = [started(stack, *words, "--no-dashboard") for _ in range(WORKERS)]
+    with Client(scheduler_file=str(file), set_as_default=False) as client:
+        client.wait_for_workers(WORKERS)
+        address = client.scheduler.address
+    return address, {"scheduler": [scheduler.pid], "workers": [worker.pid for worker in workers]}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
+    arguments = parser.parse_args()
+    with tempfile.TemporaryDirectory() as name, ExitStack() as stack:
+        folder = Path(name)
+        subprocess.run(
+            [sys.executable, "-m", "omnimirror", "tolerance", "init", "paper-spherical"], cwd=folder, check=True
+        )
+        of_threads, alone = swept(folder, "threads")
+        of_both, again = swept(folder, "threads")  # nothing to make: reading and summing up
+        address, processes = cluster(stack, folder)
+        before = {what: sum(map(spent, pids)) for what, pids in processes.items()}
+        begin = time.perf_counter()
+        of_cluster, client = swept(folder, "cluster", address)
+        wall = time.perf_counter() - begin
+        after = {what: sum(map(spent, pids)) - before[what] for what, pids in processes.items()}
+    assert of_threads == of_both == of_cluster
+    write(arguments.out, alone, again, client, after, wall)
+
+
+def write(out: Path, alone: float, again: float, client: float, spent: dict[str, float], wall: float) -> None:
+    whole = client + spent["scheduler"] + spent["workers"]
+    shard = (alone - again) / SHARDS
+    rows = [
+        f"| threads of one process | {alone:.1f} |",
+        f"| of that, start, reading and summing up | {again:.1f} |",
+        f"| cluster: the process that asks | {client:.1f} |",
+        f"| cluster: scheduler | {spent['scheduler']:.2f} |",
+        f"| cluster: {WORKERS} workers | {spent['workers']:.1f} |",
+        f"| cluster beyond threads | {100 * (whole / alone - 1):.1f} % |",
+    ]
+    text = "\n".join(
+        [
+            f"{SHARDS} shards of {SHARD_TRIALS:,} sensors, {shard:.1f} s of one core each; {wall:.0f} s by the clock.",
+            "",
+            "| processor time | s |",
+            "|---|---:|",
+            *rows,
+            "",
+            f"{MANY} workers, from these: {MANY / shard:.0f} shards a second, {MANY * SHARD_TRIALS / shard / 1e6:.1f} "
+            f"million sensors; {100 * (spent['scheduler'] / SHARDS) * MANY / shard:.0f} % of the scheduler's core, "
+            f"{MANY / shard * SHARD_TRIALS * 96 / 1e6:.0f} MB/s to the disk that they share; then "
+            f"{1e6 * again / (SHARDS * SHARD_TRIALS):.1f} s of one core for a million sensors that are summed up.",
+        ]
+    )
+    print(text)
+    write_text(out / "tolerance_cluster.md", text + "\n")
+
+
+if __name__ == "__main__":
+    main()
