@@ -3,6 +3,11 @@
 from __future__ import annotations
 
 import os
+
+# As in commands, and before NumPy reads it: processes share the cores already, and threads that wait for each other at
+# every small product would take three times as long for a calibration.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 from collections.abc import Callable
 from pathlib import Path
 
