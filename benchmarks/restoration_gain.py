@@ -13,6 +13,7 @@ truth.
     python benchmarks/restoration_gain.py --environment museum.hdr lawn.jpg --out out/benchmarks
     python benchmarks/restoration_gain.py --tuning                # the scenes that weights were tuned on
     python benchmarks/restoration_gain.py --pixels 512 --blur-told 0.85 1.15   # where the blur is told wrongly
+    python benchmarks/restoration_gain.py --pixels 256 --jpeg 60 75 92         # coded, and the noise estimated
 """
 
 from __future__ import annotations
@@ -104,15 +105,27 @@ class Gains(NamedTuple):
     """Without blur, as given, and restored."""
 
 
-def gains(restorer: Restorer, scene: Scene, noise: float = NOISE, seed: int = 1, told: Sequence[float] = ()) -> Gains:
-    """Take the picture with and without blur, add noise, restore, and compare; also where shares of it are told."""
+def gains(
+    restorer: Restorer,
+    scene: Scene,
+    noise: float = NOISE,
+    seed: int = 1,
+    told: Sequence[float] = (),
+    quality: int | None = None,
+) -> Gains:
+    """Take the picture with and without blur, add noise, restore, and compare; also where shares of it are told.
+
+    With a ``quality`` it is coded as JPEG, and what is told of its noise is nothing.
+    """
     sensor = restorer.camera
     sharp = srgb_from_linear(om.expose(sensor, scene, samples=16))
     blurred = srgb_from_linear(om.expose(sensor, scene, samples=64, blur=True))
     noisy = blurred + noise * np.random.default_rng(seed).standard_normal(blurred.shape)
     given = np.rint(255 * np.clip(noisy, 0, 1)).astype(np.uint8)
+    if quality is not None:
+        given = coded(given, quality)
     start = time.process_time()
-    restored = restorer(given, noise)
+    restored = restorer(given, noise if quality is None else None)
     seconds = time.process_time() - start
     radius = restorer.radius / sensor.rim_radius_px
 
@@ -131,6 +144,12 @@ def gains(restorer: Restorer, scene: Scene, noise: float = NOISE, seed: int = 1,
     )  # fmt: skip
 
 
+def coded(picture: NDArray[np.uint8], quality: int) -> NDArray[np.uint8]:
+    """Coded as JPEG, and decoded."""
+    data = cv2.imencode(".jpg", picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
+    return np.ascontiguousarray(np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR), np.uint8)[..., ::-1])
+
+
 def faster(sensor: om.Sensor, pixels: int, f_number: float) -> om.Sensor:
     """The sensor with fewer and larger pixels, and a lens that blurs as many of them."""
     imager = type(sensor.imager)(pixels, pixels, sensor.imager.pixel_pitch_um * sensor.imager.width_px / pixels)
@@ -144,12 +163,14 @@ def table(
     told: Sequence[float],
     pixels: int,
     wrong: Sequence[float],
+    qualities: Sequence[int],
 ) -> Iterator[str]:
     """Lines of the table; the pictures are written."""
     columns = [
         *COLUMNS,
         *["best gain, dB"][: len(told)],
         *(f"worst tenth, {times:g} of the blur told" for times in wrong),
+        *(f"worst tenth, JPEG {quality}" for quality in qualities),
     ]
     yield f"| {' | '.join(columns)} |"
     yield "|---" * len(columns) + "|"
@@ -164,6 +185,7 @@ def table(
             won, best = (f"{rest:+.2f} / {outer:+.2f}" for rest, outer in (found.gain_db, found.best_db))
             cells = [name, scene, *pairs, won, f"{found.tenths_db.min():+.1f}", f"{found.seconds:.1f}"]
             cells += [best][: len(told)] + [f"{gains(other, seen).tenths_db.min():+.2f}" for other in others]
+            cells += [f"{gains(restorer, seen, quality=q).tenths_db.min():+.2f}" for q in qualities]
             yield f"| {' | '.join(cells)} |"
             for kind, picture in zip(("sharp", "given", "restored"), found.pictures, strict=True):
                 om.write_image(out / f"{name}-{scene}-{kind}.png", picture)
@@ -203,6 +225,7 @@ def main() -> None:
     )
     parser.add_argument("--pixels", type=int, default=1024, help="fewer and larger pixels, the blur as many of them")
     parser.add_argument("--blur-told", type=float, nargs="*", default=[], help="shares of the blur told wrongly")
+    parser.add_argument("--jpeg", type=int, nargs="*", default=[], help="also coded in these qualities, unknown noise")
     parser.add_argument("--crops", type=Path, help="write parts of the pictures, side by side")
     arguments = parser.parse_args()
     if arguments.tuning:
@@ -212,7 +235,8 @@ def main() -> None:
         scenes |= {p.stem: exposed(p) for p in arguments.environment}
     lines = [circumstances(arguments.pixels)]
     told = TOLD if arguments.best else ()
-    for line in table(arguments.sensor, scenes, arguments.out, told, arguments.pixels, arguments.blur_told):
+    others = (arguments.blur_told, arguments.jpeg)
+    for line in table(arguments.sensor, scenes, arguments.out, told, arguments.pixels, *others):
         print(line, flush=True)
         lines.append(line)
     write_text(arguments.out / f"{name}.md", "\n".join(lines) + "\n")

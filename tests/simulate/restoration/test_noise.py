@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 import pytest
-from benchmarks.restoration_gain import dead_leaves, faster
+from benchmarks.restoration_gain import clouds, dead_leaves, faster
 
 import omnimirror as om
 from omnimirror.errors import InvalidParameter, MediaError
@@ -59,6 +59,24 @@ def test_what_coding_did_is_found_with_the_file_and_without(light, inside, tmp_p
         found = om.estimate_noise(picture, file, where=inside)
         assert found.kind == "JPEG"
         assert found.share == pytest.approx(truth, rel=0.25)
+
+
+@pytest.mark.parametrize("quality", [92, 75, 60])
+def test_texture_everywhere_is_not_noise_that_coding_left(inside, quality: int):
+    """Clouds have no plain blocks; what is left of them without their slope is texture."""
+    textured = om.expose(faster(om.load_sensor("paper-spherical"), 256, 1.0), clouds(1024), samples=32, blur=True)
+    for noise in (0.003, 0.03):
+        picture = as_jpeg(noisy(textured, noise), quality)[1]
+        truth = rms(picture, textured, inside)
+        assert om.estimate_noise(picture, where=inside).share == pytest.approx(truth, rel=0.25)
+
+
+def test_little_of_the_error_of_coding_is_visible(light, inside):
+    """None but noise that is finer than the steps: more, the finer they are."""
+    shares = [om.estimate_noise(as_jpeg(noisy(light, 0.01), q)[1], where=inside).visible_share for q in (60, 85, 95)]
+    assert shares[0] < 0.35
+    assert shares == sorted(shares)
+    assert om.estimate_noise(noisy(light, 0.01), where=inside).visible_share == 1
 
 
 @pytest.mark.parametrize("quality", [90, 75, 50])

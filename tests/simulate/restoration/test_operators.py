@@ -96,7 +96,9 @@ def test_compiled_kernels_and_matrices_agree(blur: Blur, channels: int):
 def test_pictures_solved_by_compiled_kernels_and_by_matrices_are_the_same(blur: Blur, channels: int):
     roots = np.random.default_rng(4).random((blur.size[1], blur.size[0], channels), np.float32)
     widening, noise = (np.full(roots.shape[:2], value, np.float32) for value in (2.0, 0.02))
-    one, other = (solve(kind(blur), blur.pixels, widening, roots, noise) for kind in (CompiledOperator, SparseOperator))
+    one, other = (
+        solve(kind(blur), blur.pixels, widening, roots, noise, noise) for kind in (CompiledOperator, SparseOperator)
+    )
     assert np.abs(one - other).max() < 0.01
     assert np.sqrt(((one - other) ** 2).mean()) < 2e-4
 

@@ -19,7 +19,7 @@ FINENESS = 2  # a picture blurred one way is aliased the other, and what aliasin
 TEXTURE_PX = 9  # in which what is left over is compared with the noise
 MEAN_OF_LOG = np.float32(np.exp(0.37))  # a mean of three squares over the geometric mean of such means
 BEYOND_PX = 5  # in which what is mirrored beyond the rim is made even, texture there being none of the picture's
-CODED = 0.35  # of the error of coding is there to be seen; the rest is texture that is gone already
+CURED = 0.35  # of the power of coding's error restoring can take away; texture that is gone is in no picture of both
 ERROR, ERROR_PX = 0.01, 0.5  # of large blur as it is known, in the root of light, and the widening at which it is half
 WRONG, WRONG_PX = 2.0, 0.5  # of the power of a small blur is wrongly known, and the widening at which a quarter of that
 DOUBT = 4.0  # how often power that is left over is that of an error
@@ -61,7 +61,8 @@ class BlurProblem:
         deviation = noise.at_least(self.error).by_pixel
         if noise.kind == "JPEG":
             deviation = deviation * (1 + self.widening / np.float32(BLUR_PX)) ** np.float32(COARSE)
-        return solve(self.operator, self.blur.pixels, self.widening, roots, deviation, rounds, steps)
+        visible = noise.visible_share * deviation
+        return solve(self.operator, self.blur.pixels, self.widening, roots, deviation, visible, rounds, steps)
 
     def left_over(self, roots: Values, fine: Values) -> Values:
         """What the sharp picture leaves unexplained of the one given (h, w, channels); 0 where nothing is known."""
@@ -83,16 +84,18 @@ class BlurProblem:
     def _given_share(self, fine: Values, removed: Values, left: Values, noise: Noise) -> Values:
         """The share (h, w) of the picture given in the mean of both that errs least, their errors taken for unlike.
 
-        All by their power in units of the noise. The one given errs by its noise and by the blur removed (h, w,
-        channels). The sharp one errs in texture as noise does, and by a share of the blur where that is small: kernels
-        on a grid widen every blur by as many square pixels. And what it leaves over beyond noise (h, w, channels) says
-        that the blur is not the known one: beside lamps far brighter than white, or where it is larger than it is.
+        All by their power in units of the noise. The one given errs by its noise, but for texture that coding took from
+        both, and by the blur removed (h, w, channels). The sharp one errs in texture as noise does, and by a share of
+        the blur where that is small: kernels on a grid widen every blur by as many square pixels. And what it leaves
+        over beyond noise (h, w, channels) says that the blur is not the known one: beside lamps far brighter than
+        white, or where it is larger than it is.
         """
         blurred = _power(removed, noise)
         wrong = WRONG / (1 + self.widening / WRONG_PX) ** 2
         errs = texture_of(fine, noise.by_pixel) * (1 + wrong * blurred)
         errs += DOUBT * np.maximum(_power(left, noise) - 1, 0)
-        return np.asarray(errs / (errs + 1 + blurred), np.float32)
+        own = 1 - np.float32(noise.missing_share * (1 - CURED))
+        return np.asarray(errs / (errs + own + blurred), np.float32)
 
     def _texture(self, left: Values, noise: Noise) -> Values:
         """The share (h, w) of what is left over that is no noise: texture that looked like it.
@@ -104,7 +107,7 @@ class BlurProblem:
         window = (TEXTURE_PX, TEXTURE_PX)
         logarithm = cv2.blur(np.log((left**2).mean(axis=2) + np.float32(1e-8)) * known, window)
         power = MEAN_OF_LOG * np.exp(logarithm / np.maximum(cv2.blur(known, window), np.float32(1e-3)))
-        expected = (CODED if noise.kind == "JPEG" else 1.0) * noise.by_pixel
+        expected = noise.visible_share * noise.by_pixel
         return np.asarray(np.clip(1 - expected**2 / power, 0, 1) * known, np.float32)
 
     @cached_property

@@ -44,6 +44,7 @@ def solve(
     widening_px: Values,
     roots: Values,
     noise: Values,
+    visible: Values,
     rounds: int = ROUNDS,
     steps: int = STEPS,
 ) -> Values:
@@ -61,6 +62,8 @@ def solve(
         Roots of the light of the blurred picture.
     noise : (h, w)
         Standard deviation of the roots.
+    visible : (h, w)
+        As much of it as the picture shows: differences over that are texture.
     rounds, steps
         Replacements by quadratic terms, and steps of conjugate gradients in each.
     """
@@ -70,7 +73,7 @@ def solve(
     fineness = operator.shape[1] // roots.shape[1]
     seen = roots.reshape(-1, roots.shape[2])[pixels]
     costs = _repeated((REGULARITY * noise / (1 + widening_px / BLUR_PX)).astype(np.float32), fineness)
-    texture = _repeated(TEXTURE * noise, fineness)
+    texture = _repeated(TEXTURE * visible, fineness)
     flat = _refined(roots, fineness).reshape(-1, roots.shape[2])
     for n in range(rounds):
         fine = flat.reshape(*operator.shape, -1)

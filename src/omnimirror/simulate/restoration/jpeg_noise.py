@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -25,7 +26,12 @@ POWERS, WIDTHS = np.linspace(0.5, 3, 11), np.geomspace(0.02, 400, 60)
 SHARED = 0.1  # how much all groups together count in the power of each
 SHADES = (1.0, (0.344136**2 + 1.772**2) / 3, (1.402**2 + 0.714136**2) / 3)
 """What a square error of Y, Cb and Cr is worth in the mean of red, green and blue."""
+FINE = np.add.outer(np.arange(BLOCK), np.arange(BLOCK)) >= BLOCK  # coefficients of fine detail
+PLAINEST, LEAST_PLAIN = 0.05, 10  # share of the blocks, and number, whose fine detail tells of noise
+DEVIATIONS, UNLIKELY = np.geomspace(0.3, 40, 80), 2.0  # of noise, 0 to 255; logarithm by which one is less likely
 FOLDED = 2.0  # colours coarser than pixels lose what is finer, and as much folds into what is left
+HELD = 2.0  # as much detail colours had before they were made coarser, and finer again, as is left of it
+WHOLE = 0.999  # mean of a mask where all of it counts
 
 STEPS, LOWEST = np.arange(2, 121), 9  # steps that are looked for in a picture, and up to which frequency
 STEPPED, LEAST_COUNT, LEAST_FOUND, MOST_BLOCKS = 0.7, 20, 4, 2000
@@ -73,11 +79,44 @@ def error_of(colours: Array, coding: JpegCoding, inside: Mask) -> float:
     total = 0.0
     for n, (plane, table) in enumerate(zip(planes, coding.tables, strict=False)):
         coarser = coding.coarser if n else (1, 1)
-        whole = blocks_of(_binned(inside.astype(float), coarser) > 0.999).all(axis=(2, 3))
+        held, counted = _binned(plane, coarser), _binned(inside.astype(float), coarser)
+        whole = blocks_of(counted > WHOLE).all(axis=(2, 3))
         if whole.any():
-            coefficients = coefficients_of(_binned(plane, coarser))[whole]
-            total += SHADES[n] * _error_of_plane(coefficients, table, coarser != (1, 1))
+            error, folded = _error_of_plane(coefficients_of(held)[whole], table)
+            total += SHADES[n] * error
+            if coarser != (1, 1):
+                total += SHADES[n] * max(folded, _lost_in_coarser(held, counted) * (np.array(coarser) > 1).mean())
     return total
+
+
+def most_noise(colours: Array, coding: JpegCoding, inside: Mask) -> float:
+    """The most variance of white noise that coding can have left, from 0 to 255 as the picture is.
+
+    Fine detail of the plainest blocks tells how much there can have been, by how many coefficients are not zero: what
+    looks like noise by the coarser ones, and shows no more than that, is texture. It is left in those not zero alone.
+
+    Parameters
+    ----------
+    colours : (h, w, 1 or 3)
+        The decoded picture, 0 to 255.
+    coding
+    inside : (h, w)
+        Pixels that count; blocks do that lie wholly among them.
+    """
+    from scipy.special import erfc
+
+    plane = colours[..., 0] if colours.shape[2] == 1 else _shades(colours)[0]
+    blocks = coefficients_of(plane)[blocks_of(inside).all(axis=(2, 3))]
+    if not len(blocks):
+        return np.inf
+    held = np.abs(blocks) >= coding.tables[0] / 2
+    coarse = (blocks**2)[:, ~FINE][:, 1:].sum(axis=1)  # noise of which is another than that of fine detail
+    plainest = np.argsort(coarse, kind="stable")[: max(LEAST_PLAIN, round(PLAINEST * len(blocks)))]
+    half, counts = coding.tables[0][FINE] / 2, held[:, FINE][plainest].sum(axis=0)
+    likely = np.clip(erfc(half / (np.sqrt(2) * DEVIATIONS[:, None])), 1e-300, 1 - 1e-12)
+    likelihood = (counts * np.log(likely) + (len(plainest) - counts) * np.log1p(-likely)).sum(axis=1)
+    most = DEVIATIONS[likelihood > likelihood.max() - UNLIKELY].max()
+    return float(most**2 * held.mean())
 
 
 def detected_coding(picture: NDArray[np.uint8], inside: Mask) -> JpegCoding | None:
@@ -148,22 +187,41 @@ def _step_of(sizes: Array) -> int:
     return 0
 
 
-def _error_of_plane(coefficients: Array, table: Array, is_coarse: bool) -> float:
-    """Mean square error of Y, Cb or Cr, from the coefficients (n, 8, 8) of its blocks."""
+def _lost_in_coarser(plane: Array, inside: Array) -> float:
+    """Mean square of what is lost of Cb or Cr where they are coarser than pixels, from what is held of them.
+
+    As much as is lost where they are made coarser once more, on the way from there to what is lost the next time: edges
+    and textures lose by the same ratio each time.
+    """
+    lost = []
+    for _ in range(2):
+        coarser = _binned(plane, (2, 2))
+        rows, columns = (2 * side for side in coarser.shape)
+        here = inside[:rows, :columns] > WHOLE
+        if not here.any():
+            return 0.0
+        again = cv2.resize(coarser, (columns, rows), interpolation=cv2.INTER_LINEAR)
+        lost.append(float(((plane[:rows, :columns] - again)[here] ** 2).mean()))
+        plane, inside = coarser, _binned(inside, (2, 2))
+    return HELD * lost[0] * min(1.0, lost[0] / max(lost[1], 1e-9))
+
+
+def _error_of_plane(coefficients: Array, table: Array) -> tuple[float, float]:
+    """Mean square errors of Y, Cb or Cr from the coefficients (n, 8, 8) of blocks: of them, and of finer ones."""
     zero = np.abs(coefficients) < table / 2
     order = np.argsort((~zero).sum(axis=(1, 2)), kind="stable")
     groups = [zero[part] for part in np.array_split(order, GROUPS) if len(part)]
     likelihoods = [_likelihoods(group, table) for group in groups]
     of_power = SHARED * np.sum([one.max(axis=1) for one in likelihoods], axis=0)
-    total = 0.0
+    total = finer = 0.0
     for group, likelihood in zip(groups, likelihoods, strict=True):
         power, width = np.unravel_index((likelihood + of_power[:, None]).argmax(), likelihood.shape)
         law = WIDTHS[width] * FREQUENCY ** -POWERS[power]
-        error = _error_of_zeros(group.mean(axis=0), len(group), law, table).mean()
-        if is_coarse:  # a mean of four has a quarter of their power; Laplace's is twice the width squared
-            error += FOLDED * 4 * 2 * ((WIDTHS[width] * FINER ** -POWERS[power]) ** 2).sum() / (2 * BLOCK) ** 2
-        total += error * len(group)
-    return float(total / len(zero))
+        total += _error_of_zeros(group.mean(axis=0), len(group), law, table).mean() * len(group)
+        # a mean of four has a quarter of their power; Laplace's is twice the width squared
+        of_finer = ((WIDTHS[width] * FINER ** -POWERS[power]) ** 2).sum() / (2 * BLOCK) ** 2
+        finer += FOLDED * 4 * 2 * of_finer * len(group)
+    return float(total / len(zero)), float(finer / len(zero))
 
 
 def _likelihoods(zero: Mask, table: Array) -> Array:

@@ -18,7 +18,7 @@ from ...arguments import checked
 from ...errors import InvalidParameter
 from ...media.pictures.jpeg import BLOCK, coding_of
 from ..colour import Light
-from .jpeg_noise import blocks_of, coefficients_of, detected_coding, error_of
+from .jpeg_noise import FINE, blocks_of, coefficients_of, detected_coding, error_of, most_noise
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -30,10 +30,10 @@ LEAST_OF_CODED = 5e-3  # what comes as a JPEG file was often coded, or scaled, b
 BLACK, WHITE = 0.03, 0.97  # levels beyond lack a part of their noise
 PLAINEST, FINEST = 0.05, 0.02  # share of the blocks that is plain, and that holds nothing but noise in fine detail
 LEVELS, PLAINEST_OF_LEVEL, LEAST_BLOCKS = 8, 0.1, 20
-FINE = np.add.outer(np.arange(BLOCK), np.arange(BLOCK)) >= BLOCK  # coefficients of fine detail
 RAMP = np.broadcast_to((np.arange(BLOCK) - 3.5) / np.sqrt(42 * BLOCK), (BLOCK, BLOCK))  # of slope 1, its square 1
 PLANE_FREEDOM, FINE_FREEDOM = BLOCK**2 - 3, int(FINE.sum())
 SITES = 1.15  # ratio of noise of the pixels of a colour filter's 2 x 2 sites: they were measured, or filled in
+VISIBLE_OF_CODED = 0.25  # of the deviation that coding made
 SURVIVING = 0.8  # share of what coding leaves of noise in plain blocks that it leaves in all
 
 
@@ -46,6 +46,13 @@ class Noise(NamedTuple):
     """(h, w) standard deviations of the root of the light, which is near to what sRGB holds."""
     kind: str
     """``white``, ``demosaiced``, ``JPEG``, ``linear`` or ``told``."""
+    missing_share: float = 0.0
+    """How much of its power is that of coding, which is not there to be seen for the most part: texture is gone."""
+
+    @property
+    def visible_share(self) -> float:
+        """How much of the deviation is there to be seen."""
+        return float(np.sqrt(1 - self.missing_share * (1 - VISIBLE_OF_CODED**2)))
 
     def at_least(self, by_pixel: Light | np.float32) -> Noise:
         """With no less in any pixel (h, w)."""
@@ -107,9 +114,13 @@ def estimate_noise(picture: Picture, file: str | Path | None = None, *, where: M
     if picture.dtype == np.uint8:
         coding = coding_of(file) if file is not None else None
         if coding := coding or detected_coding(picture, inside):
-            error = error_of(255 * colours.astype(float), coding, inside) / 255**2
-            variance = error + SURVIVING**2 * _white(colours, inside, True)
-            return _even(max(variance, LEAST_OF_CODED**2), inside.shape, "JPEG")
+            values = 255 * colours.astype(float)
+            like_noise = SURVIVING**2 * _white(colours, inside, True)
+            left = min(like_noise, most_noise(values, coding, inside) / 255**2)
+            variance = max(error_of(values, coding, inside) / 255**2 + left, LEAST_OF_CODED**2)
+            # where most of what is like noise is texture, the rest may be, too
+            visible = left * (left / max(like_noise, LEAST_NOISE**2)) ** 2
+            return _even(variance, inside.shape, "JPEG")._replace(missing_share=1 - visible / variance)
     demosaiced = _is_demosaiced(colours, inside)
     return _even(_white(colours, inside, demosaiced), inside.shape, "demosaiced" if demosaiced else "white")
 
