@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from .analysis import mtf as mtf
     from .analysis import psf as psf
     from .analysis import spots as spots
+    from .analysis.temperature import at_temperature as at_temperature
+    from .analysis.temperature import thermal_motion_px as thermal_motion_px
     from .calibrate.conversion import convert as convert
     from .calibrate.estimation import Calibration as Calibration
     from .calibrate.estimation import Motion as Motion
@@ -80,6 +82,7 @@ if TYPE_CHECKING:
     from .design import register_quantity as register_quantity
     from .design import requirements_like as requirements_like
     from .design.construct.survey import mappings as mappings
+    from .design.solve.temperatures import temperature_range as temperature_range
     from .dewarp import Dewarper as Dewarper
     from .dewarp import screens as screens
     from .dewarp import views as views
@@ -129,6 +132,7 @@ if TYPE_CHECKING:
     from .straighten import Restoration as Restoration
     from .straighten import dewarp_pictures as dewarp_pictures
     from .straighten.video import dewarp_video as dewarp_video
+    from .thermal import Thermal as Thermal
     from .tolerancing.analysis import ToleranceReport as ToleranceReport
     from .tolerancing.analysis import tolerance as tolerance
     from .tolerancing.errors import perturbed as perturbed
@@ -144,6 +148,10 @@ __version__ = "0.1.0"
 _HOMES = {
     "best_focus": "analysis",
     "best_viewpoint": "analysis",
+    "temperature_range": "design.solve.temperatures",
+    "at_temperature": "analysis.temperature",
+    "thermal_motion_px": "analysis.temperature",
+    "Thermal": "thermal",
     "check_blur": "analysis",
     "compare": "analysis",
     "evaluate": "analysis",

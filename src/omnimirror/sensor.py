@@ -19,6 +19,7 @@ from .mirrors import Mirror, Secondary
 from .mirrors.pose import MirrorPose
 from .numerics.lazy import cached_property
 from .parameters import Uncertainty
+from .thermal import Thermal
 from .tracing.covered import CoveredMirror
 from .tracing.covers import Cover
 from .tracing.folded import FoldedMirror
@@ -58,6 +59,8 @@ class Sensor:
         What stands around the mirror; nothing by default.
     uncertainty
         How well a calibration knows it; None of a design.
+    thermal
+        How temperature moves it; None if nothing is known of that.
 
     Raises
     ------
@@ -87,6 +90,7 @@ class Sensor:
     secondary: Secondary | None = None
     housing: Housing = field(default_factory=Housing)
     uncertainty: Uncertainty | None = None
+    thermal: Thermal | None = None
 
     def __post_init__(self) -> None:
         for name, kind in (("mirror", Mirror), ("lens", Lens), ("imager", Imager)):

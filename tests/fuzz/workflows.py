@@ -40,6 +40,12 @@ VIEW = om.views.panorama(SENSOR, size=(36, 12))
 ON_MIRROR = [
     [x, y, float(SENSOR.mirror.sag((x * x + y * y) ** 0.5))] for x in range(-30, 31, 4) for y in range(-30, 31, 4)
 ]
+WANTED = om.Requirements(
+    field=om.FieldRequirements(omega_max_deg=120.0),
+    mirror=om.MirrorRequirements(family="sphere", rim_radius_mm=43.9),
+    lens=om.LensRequirements(theta_max_deg=12.0),
+)
+WARM = replace(SENSOR, thermal=om.Thermal(mirror_material="acrylic"))
 FORM = om.form_error(SENSOR.mirror, ON_MIRROR)
 
 
@@ -68,6 +74,14 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "form_at": (FORM.at, {"x_mm": [1.0, 2.0], "y_mm": [0.0, 3.0]}),
     "form_effect": (om.form_effect, {"sensor": SENSOR, "form": FORM}),
     "as_made": (om.as_made, {"sensor": SENSOR, "form": FORM}),
+    "Thermal": (om.Thermal, {"reference_c": 20.0, "mirror_material": None, "mirror_ppm_per_k": 70.0,
+                             "spacer_material": "aluminium", "spacer_ppm_per_k": None, "mount_material": None,
+                             "mount_ppm_per_k": None, "focal_ppm_per_k": 1.0, "imager_ppm_per_k": 2.6,
+                             "held_at": "rim"}),
+    "at_temperature": (om.at_temperature, {"sensor": WARM, "temperature_c": 60.0}),
+    "thermal_motion_px": (om.thermal_motion_px, {"sensor": WARM, "temperature_c": 60.0, "omega_deg": [10.0, 90.0]}),
+    "temperature_range": (om.temperature_range, {"requirements": WANTED, "sensor": WARM, "coldest_c": 10.0,
+                                                 "warmest_c": 30.0}),
     "Sweep": (om.Sweep, {"folder": Path("trials"), "part": (1, 2), "scheduler": None, "shard_trials": 65536}),
     "Tool": (Tool, {"radius_mm": 0.5, "feed_um": 2.0, "tolerance_nm": 5.0, "spindle_rpm": 1000.0, "clearance_mm": 1.0,
                     "x_is_diameter": False}),

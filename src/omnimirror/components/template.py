@@ -12,6 +12,7 @@ from ..mirrors import MIRRORS, Mirror, Secondary
 from ..mirrors.pose import MirrorPose
 from ..parameters import Parameter
 from ..specs import HOUSING_PARTS
+from ..thermal import Thermal
 
 
 @checked
@@ -85,6 +86,8 @@ image_flipped = false  # true when the driver delivers the picture reversed left
 # [mirror_pose]  # where the mirror really sits, if it is out of place; camera frame, tilts about the vertex
 {_entries(MirrorPose.PARAMETERS)}
 
+{_thermal()}
+
 # What stands around the mirror; sizes that are left out are fitted to the sensor.
 {_housing()}
 '''
@@ -107,6 +110,14 @@ HOUSING = {
     "rim": {"width_mm": 1.5},
 }
 """A housing of the template's sensor that works as it stands; numbers that go without saying are those of its parts."""
+
+
+def _thermal() -> str:
+    """The commented table of what temperature moves."""
+    thermal = Thermal(mirror_material="acrylic", spacer_material="aluminium", mount_material="aluminium")
+    given = {name: v for name in thermal.PARAMETERS if (v := getattr(thermal, name)) is not None}
+    lines = [f"# {name} = {tomli_w.dumps({'v': v})[4:].strip()}" for name, v in given.items()]
+    return "\n".join(["# [thermal]  # what it is made of, for other temperatures", *lines])
 
 
 def _housing() -> str:

@@ -9,9 +9,9 @@ and tolerances read that description and need no code per mirror.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -72,6 +72,18 @@ class Mirror(ABC):
     def is_pointed(self) -> bool:
         """True for a mirror that ends in a point (a cone) and so has no tangent plane on the axis."""
         return bool(self.slope(0.0) != 0.0)
+
+    def scaled(self, factor: float) -> Self:
+        """The same shape grown evenly: what it has of lengths times a factor."""
+
+        def grown(name: str) -> Any:
+            value, unit = getattr(self, name), self.PARAMETERS[name].unit
+            power = {"mm": 1, "um": 1, "nm": 1, "1/mm": -1}.get(unit, 0)
+            if value is None or not power:
+                return value
+            return tuple(v * factor**power for v in value) if isinstance(value, tuple) else value * factor**power
+
+        return replace(self, **{name: grown(name) for name in self.PARAMETERS})  # type: ignore[type-var]  # each is one
 
     @property
     def bounds(self) -> tuple[tuple[float, float], tuple[float, float]]:

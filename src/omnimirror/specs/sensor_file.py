@@ -27,6 +27,7 @@ from ..mirrors import MIRRORS, SECONDARIES, Mirror, Secondary
 from ..mirrors.pose import MirrorPose
 from ..parameters import Uncertainty
 from ..sensor import Sensor, check_sensor
+from ..thermal import Thermal
 from .tables import Places, StandTable, Table, check_entries, class_of, did_you_mean, table_model, validated
 
 BUNDLED = Path(__file__).parents[1] / "sensors"
@@ -146,6 +147,7 @@ def sensor_of(data: dict[str, Any], where: Places, folder: Path | None = None) -
         notes=data.get("notes", ""),
         housing=housing_of(data.get("housing", {}), where),
         uncertainty=uncertainty_of(data["uncertainty"], where) if "uncertainty" in data else None,
+        thermal=_build("thermal", Thermal, data["thermal"], where) if "thermal" in data else None,
     )
     sensor = where.wrap(("mount", "mirror_distance_mm"), make)
     _check_fit(sensor, data.get("housing", {}), where)
@@ -186,6 +188,8 @@ def tables_of(sensor: Sensor) -> dict[str, Any]:
         data["housing"] = housing_tables(sensor.housing)
     if sensor.uncertainty is not None:
         data["uncertainty"] = uncertainty_table(sensor.uncertainty)
+    if sensor.thermal is not None:
+        data["thermal"] = _table(sensor.thermal)
     return data
 
 
@@ -239,7 +243,7 @@ def _table(part: Any) -> dict[str, Any]:
 
 def _check_table_names(data: dict[str, Any], where: Places) -> None:
     known: dict[str, type] = {"format": int, "name": str, "notes": str}
-    tables = ("mirror", "secondary", "lens", "imager", "mount", "mirror_pose", "housing", "uncertainty")
+    tables = ("mirror", "secondary", "lens", "imager", "mount", "mirror_pose", "housing", "uncertainty", "thermal")
     known |= dict.fromkeys(tables, dict)
     check_entries(data, known, FORMAT, where)
     for key in ("mirror", "lens", "imager"):

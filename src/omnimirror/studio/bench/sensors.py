@@ -122,7 +122,7 @@ def changed(change: Change) -> Sensor:
     else:
         changed_part = _with_lens(sensor, change.to) if change.what == "lens" else _with_mirror(sensor, change.to)
         made = _focused(changed_part, distance)
-    return replace(made, mirror_pose=stands.mirror_pose, housing=stands.housing)
+    return replace(made, mirror_pose=stands.mirror_pose, housing=stands.housing, thermal=stands.thermal)
 
 
 def _with_mirror(sensor: Sensor, kind: str) -> Sensor:

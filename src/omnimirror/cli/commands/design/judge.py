@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import json
+import math
 import sys
 from dataclasses import replace
 from pathlib import Path
 
 import click
 
+from ....arguments import float_of
 from ....design.criteria.requirement_file import load_requirements
+from ....design.solve.temperatures import TemperatureRange, temperature_range
 from ....design.solve.verdict import judge
-from ....files import write_text
+from ....files import json_plain, write_text
 from ....specs import load_sensor
 from ...options.declared import takes
 from ...options.housing import HousingOptions
@@ -19,12 +22,32 @@ from ...outputs import output_console, output_option, say_written
 from .tables import MISSED, print_verdict
 
 
+def temperatures(text: str) -> tuple[float, float]:
+    """Two temperatures, degrees Celsius.
+
+    >>> temperatures("-40:85")
+    (-40.0, 85.0)
+    """
+    try:
+        low, high = (float_of(word) for word in text.split(":"))
+    except ValueError:
+        raise click.BadParameter(f"{text!r} is not two temperatures, such as -40:85") from None
+    return low, high
+
+
 @click.command()
 @click.argument("requirements", type=click.Path(path_type=Path))
 @click.argument("sensor")
 @output_option("--json", "json_file", help="Write the table.")
+@click.option("--temperatures", type=temperatures, metavar="A:B", help="Say over which of these, in C, it is met.")
 @takes(HousingOptions, "housing")
-def command(requirements: Path, sensor: str, json_file: Path | None, housing: HousingOptions) -> None:
+def command(
+    requirements: Path,
+    sensor: str,
+    json_file: Path | None,
+    temperatures: tuple[float, float] | None,
+    housing: HousingOptions,
+) -> None:
     """Judge SENSOR by REQUIREMENTS, a TOML file as omnimirror design reads it.
 
     Prints what was asked, what is reached and the margins. What the sensor does is judged, as it is focused, and not
@@ -33,10 +56,25 @@ def command(requirements: Path, sensor: str, json_file: Path | None, housing: Ho
     Example: omnimirror judge panorama.toml paper-equidistant
     """
     asked = load_requirements(requirements)
-    verdict = judge(replace(asked, housing=housing.of(asked.housing)), housing.on(load_sensor(sensor)))
-    if json_file:
-        write_text(json_file, json.dumps(verdict.to_dict(), indent=1, ensure_ascii=False) + "\n")
+    asked, seen = replace(asked, housing=housing.of(asked.housing)), housing.on(load_sensor(sensor))
+    verdict = judge(asked, seen)
+    numbers = verdict.to_dict()
     console = output_console()
     print_verdict(console, verdict)
+    if temperatures is not None:
+        found = temperature_range(asked, seen, *temperatures)
+        numbers["temperatures"] = json_plain(found.to_dict())
+        console.print(_range_words(found))
+    if json_file:
+        write_text(json_file, json.dumps(numbers, indent=1, ensure_ascii=False) + "\n")
     say_written(json_file, console=console)
     sys.exit(0 if verdict.is_met else MISSED)
+
+
+def _range_words(found: TemperatureRange) -> str:
+    """A range of temperatures, and what ends it."""
+    if math.isnan(found.low_c):
+        return f"at no temperature: {', '.join(found.above)} is missed at the reference already"
+    sides = ((found.below, "below"), (found.above, "above"))
+    ends = [f"{', '.join(what)} is missed {where}" for what, where in sides if what]
+    return f"met from {found.low_c:g} to {found.high_c:g} C" + (f"; {'; '.join(ends)}" if ends else "")

@@ -21,6 +21,7 @@ from ....analysis import (
     evaluate_camera,
 )
 from ....analysis.evaluation import READ_COLUMNS
+from ....analysis.temperature import at_temperature, thermal_motion_px
 from ....calibrate.physical import SensorModel
 from ....lenses import BlurMode
 from ....mirrors import Cone, SampledProfile
@@ -72,10 +73,14 @@ class EvaluationOptions(Options):
     )
     wavelength_nm: float = option(type=NUMBER, default=550.0, help="Of the Airy disk.")
     tolerance_px: float = option(type=NUMBER, default=1.0, help="Permissible blur: depth of field.")
+    temperature_c: float | None = option(
+        type=NUMBER, metavar="C", help="Of the sensor, whose file says in [thermal] how it expands."
+    )
 
     def evaluation(self, sensor: Sensor) -> Evaluation:
         """The evaluation that is asked for."""
         asked = self.given | {"pixels": self.pixels or None}
+        asked.pop("temperature_c", None)
         mode: BlurMode = "paper" if asked.pop("paper_mode", False) else "exact"
         return evaluate(sensor, **asked, mode=mode)
 
@@ -116,7 +121,11 @@ def command(
         result_in_space = evaluate_camera(model, asked.omega_deg)
         _show_mapping(console, sensor, result_in_space, csv_file, json_file)
         return
-    result = asked.evaluation(housing.on(lens.on(camera)))
+    camera = housing.on(lens.on(camera))
+    if asked.temperature_c is not None:
+        _say_motion(console, camera, asked.temperature_c)
+        camera = at_temperature(camera, asked.temperature_c)
+    result = asked.evaluation(camera)
     if csv_file:
         result.to_csv(csv_file, deviations=True)
     if json_file:
@@ -126,6 +135,16 @@ def command(
     say_written(csv_file, json_file, console=console)
     if figures:
         _draw(console, result, figures)
+
+
+def _say_motion(console: Console, sensor: Sensor, temperature_c: float) -> None:
+    """How far the picture moves on the way to a temperature."""
+    motion = thermal_motion_px(sensor, temperature_c)
+    assert sensor.thermal is not None, "what moves says how"
+    console.print(
+        f"at {temperature_c:g} C the picture lies up to {motion:.3g} px from where it is at "
+        f"{sensor.thermal.reference_c:g} C"
+    )
 
 
 def _in_space(sensor: Sensor) -> SensorModel:

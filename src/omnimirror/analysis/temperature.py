@@ -1,0 +1,168 @@
+"""A sensor at another temperature: what expands, what the lens does, how walls refract."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..arguments import checked, number
+from ..errors import InvalidParameter
+from ..housing import Housing
+from ..lenses import Lens, Perspective
+from ..sensor import Sensor
+from ..thermal import EXPANSIONS_PPM, INDEX_RATES_PER_K, Thermal
+
+PPM = 1e-6
+
+
+@checked
+def at_temperature(sensor: Sensor, temperature_c: float) -> Sensor:
+    """A sensor as it is at a temperature, when all of it has that.
+
+    Parameters
+    ----------
+    sensor
+        With ``thermal``, the table [thermal] of its file.
+    temperature_c
+        Degrees Celsius.
+
+    Returns
+    -------
+    Sensor
+        An ordinary one: its mirror grown, farther from the lens, the lens focused where expansion leaves it, its
+        ``thermal`` with this temperature as the reference.
+
+    Raises
+    ------
+    InvalidParameter
+        Nothing is said of how temperature moves the sensor, or its lens cannot be changed so.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> sensor = replace(om.load_sensor("paper-spherical"), thermal=om.Thermal(spacer_material="aluminium"))
+    >>> warm = om.at_temperature(sensor, 60.0)
+    >>> round(warm.mirror_distance_mm - sensor.mirror_distance_mm, 3)
+    0.17
+    """
+    thermal = sensor.thermal
+    if thermal is None:
+        raise InvalidParameter(
+            f"nothing is said of how temperature moves {sensor.name!r}; its file needs a table [thermal], such as "
+            'mirror_material = "acrylic", spacer_material = "aluminium"'
+        )
+    warmer = number("temperature_c", temperature_c, low=-273.0, high=1000.0, unit="C") - thermal.reference_c
+    if not warmer:
+        return sensor
+    mirror_grows = 1 + PPM * thermal.expansion_ppm("mirror") * warmer
+    spacer_grows = 1 + PPM * thermal.expansion_ppm("spacer") * warmer
+    held = float(sensor.mirror.sag(sensor.mirror.rim_radius_mm)) if thermal.held_at == "rim" else 0.0
+    distance = (sensor.mirror_distance_mm + held) * spacer_grows - held * mirror_grows
+    pose = sensor.mirror_pose
+    shifts = ("decentre_x_mm", "decentre_y_mm", "displacement_mm")
+    lengths = {name: getattr(pose, name) * spacer_grows for name in shifts}
+    second = sensor.secondary
+    if second is not None:
+        second = replace(
+            second,
+            mirror=second.mirror.scaled(mirror_grows),
+            distance_mm=second.distance_mm * spacer_grows,
+            bore_radius_mm=second.bore_radius_mm * mirror_grows,
+        )
+    imager = sensor.imager
+    pitch = imager.pixel_pitch_um * (1 + PPM * thermal.imager_ppm_per_k * warmer)
+    return replace(
+        sensor,
+        mirror=sensor.mirror.scaled(mirror_grows),
+        lens=_lens(sensor.lens, thermal, warmer),
+        imager=replace(imager, pixel_pitch_um=pitch),
+        mirror_distance_mm=distance,
+        mirror_pose=replace(pose, **lengths),
+        secondary=second,
+        housing=_housing(sensor.housing, warmer),
+        thermal=replace(thermal, reference_c=thermal.reference_c + warmer),
+    )
+
+
+def _lens(lens: Lens, thermal: Thermal, warmer: float) -> Lens:
+    """The lens with its focal length changed and its imager moved: focused elsewhere, its picture another size."""
+    focal, mount = thermal.focal_ppm_per_k, thermal.expansion_ppm("mount")
+    if not (focal or mount):
+        return lens
+    if not isinstance(lens, Perspective):
+        raise InvalidParameter(
+            f"the focal length and the mount of a {lens.KIND} lens are not changed by temperature; leave "
+            "focal_ppm_per_k, mount_material and mount_ppm_per_k out of [thermal]"
+        )
+    f = lens.focal_length_mm * (1 + PPM * focal * warmer)
+    behind = lens.image_distance * (1 + PPM * mount * warmer)
+    if not behind > f:
+        raise InvalidParameter(
+            f"{warmer:+g} K bring the imager to {behind:.4f} mm behind a lens of {f:.4f} mm, where nothing is in "
+            "focus; the sensor is valid as long as it is farther away"
+        )
+    return replace(lens, focal_length_mm=f, focus_distance_mm=1 / (1 / f - 1 / behind))
+
+
+def _housing(housing: Housing, warmer: float) -> Housing:
+    """What stands around it, its clear wall of a named material grown and with the index that it has then."""
+    shell: Any = housing.shell
+    if shell is None:
+        return housing
+    changed: dict[str, Any] = {}
+    if shell.material is not None:
+        grows = 1 + PPM * EXPANSIONS_PPM.get(shell.material, 0.0) * warmer
+        changed |= {
+            name: getattr(shell, name) * grows
+            for name, parameter in shell.PARAMETERS.items()
+            if parameter.unit == "mm" and getattr(shell, name) is not None
+        }
+        index = shell.index + INDEX_RATES_PER_K.get(shell.material, 0.0) * warmer
+        changed |= {"material": None, "refractive_index": index}
+    if shell.medium is not None and shell.medium in INDEX_RATES_PER_K:
+        changed |= {"medium": None, "medium_index": shell.outer_index + INDEX_RATES_PER_K[shell.medium] * warmer}
+    return replace(housing, shell=replace(shell, **changed))
+
+
+@checked
+def thermal_motion_px(sensor: Sensor, temperature_c: float, omega_deg: ArrayLike | None = None) -> float:
+    """How far the picture moves at most when a sensor gets another temperature.
+
+    Parameters
+    ----------
+    sensor
+        With ``thermal``, its mirror on the axis.
+    temperature_c
+        Degrees Celsius.
+    omega_deg : (n,), optional
+        Field angles of distant objects, by default all over the field that both see.
+
+    Returns
+    -------
+    float
+        Pixels, along the meridian.
+
+    Raises
+    ------
+    InvalidParameter
+        As :func:`at_temperature`.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> thermal = om.Thermal(mirror_material="acrylic", spacer_material="aluminium")
+    >>> sensor = replace(om.load_sensor("paper-hyperboloidal"), thermal=thermal)
+    >>> 0.1 < om.thermal_motion_px(sensor, 60.0) < 2.0
+    True
+    """
+    from .evaluation import evaluate
+
+    moved = at_temperature(sensor, temperature_c)
+    if omega_deg is None:
+        low, high = (f(a, b) for f, a, b in zip((max, min), sensor.field_deg, moved.field_deg, strict=True))
+        omega_deg = np.linspace(low, high, 181)
+    before, after = (evaluate(each, omega_deg).h_px for each in (sensor, moved))
+    return float(np.nanmax(np.abs(after - before)))

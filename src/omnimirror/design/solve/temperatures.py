@@ -1,0 +1,123 @@
+"""Over which temperatures a sensor keeps its requirements."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ...analysis.temperature import at_temperature
+from ...arguments import checked
+from ...errors import InvalidParameter, OmnimirrorError
+from ...sensor import Sensor
+from ..criteria.requirements import Requirements
+from .verdict import judge
+
+STEP_K = 10.0  # between the temperatures that are tried before an end is sought between two of them
+CLOSE_K = 0.1
+
+
+@dataclass(frozen=True)
+class TemperatureRange:
+    """Temperatures about the reference at which every requirement is met.
+
+    Attributes
+    ----------
+    low_c, high_c
+        Its ends, to .1 K; NaN where requirements are missed at the reference already.
+    below, above
+        What is missed first past each end; empty where the end is that of what was asked for.
+    """
+
+    low_c: float
+    high_c: float
+    below: tuple[str, ...]
+    above: tuple[str, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON holds it."""
+        return {"low_c": self.low_c, "high_c": self.high_c, "below": list(self.below), "above": list(self.above)}
+
+
+@checked
+def temperature_range(
+    requirements: Requirements, sensor: Sensor, coldest_c: float = -40.0, warmest_c: float = 85.0
+) -> TemperatureRange:
+    """The temperatures at which a sensor keeps requirements.
+
+    Parameters
+    ----------
+    requirements
+        As :func:`omnimirror.judge` takes them.
+    sensor
+        With ``thermal``.
+    coldest_c, warmest_c
+        How far is looked, from the reference of ``thermal`` on.
+
+    Returns
+    -------
+    TemperatureRange
+        Without gaps about the reference.
+
+    Raises
+    ------
+    InvalidParameter
+        Nothing is said of how temperature moves the sensor, or a range without its reference.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> from dataclasses import replace
+    >>> wanted = om.Requirements(
+    ...     field=om.FieldRequirements(omega_max_deg=130.0),
+    ...     mirror=om.MirrorRequirements(family="sphere", rim_radius_mm=43.905),
+    ...     lens=om.LensRequirements(theta_max_deg=12.0),
+    ...     limits=(om.Limit("total_blur_px", at_most=7.9),),
+    ... )
+    >>> thermal = om.Thermal(mirror_material="acrylic", spacer_material="aluminium")
+    >>> found = temperature_range(wanted, replace(om.load_sensor("paper-spherical"), thermal=thermal))
+    >>> found.low_c, found.high_c, found.above
+    (-40.0, 48.9, ('total_blur_px',))
+    """
+    if sensor.thermal is None:
+        at_temperature(sensor, coldest_c)  # says what is missing
+    reference = sensor.thermal.reference_c  # type: ignore[union-attr]  # refused above
+    if not coldest_c <= reference <= warmest_c:
+        raise InvalidParameter(
+            f"temperatures from {coldest_c:g} to {warmest_c:g} C are not valid; they must hold the reference of the "
+            f"sensor's [thermal], {reference:g} C"
+        )
+    if missed := _missed(requirements, sensor, reference):
+        return TemperatureRange(np.nan, np.nan, missed, missed)
+    (low, below), (high, above) = (_end(requirements, sensor, reference, end) for end in (coldest_c, warmest_c))
+    return TemperatureRange(low, high, below, above)
+
+
+def _end(requirements: Requirements, sensor: Sensor, met: float, end: float) -> tuple[float, tuple[str, ...]]:
+    """How far towards an end all is met, and what is missed beyond."""
+    missed: tuple[str, ...] = ()
+    step = float(np.copysign(STEP_K, end - met))
+    while met != end:
+        tried = end if abs(end - met) <= STEP_K else met + step
+        if missed := _missed(requirements, sensor, tried):
+            break
+        met = tried
+    else:
+        return end, ()
+    while abs(tried - met) > CLOSE_K:
+        middle = (met + tried) / 2
+        if found := _missed(requirements, sensor, middle):
+            tried, missed = middle, found
+        else:
+            met = middle
+    return round(met, 1), missed
+
+
+def _missed(requirements: Requirements, sensor: Sensor, temperature_c: float) -> tuple[str, ...]:
+    """What is missed at a temperature. Sizes that were given (rim, focal length) say what is made, and may grow."""
+    try:
+        rows = judge(requirements, at_temperature(sensor, temperature_c)).rows
+    except OmnimirrorError as e:  # no sensor any more
+        return (str(e),)
+    return tuple(row.label for row in rows if not row.is_met and (row.is_limit or row.at_least != row.at_most))
