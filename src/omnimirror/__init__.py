@@ -142,6 +142,8 @@ if TYPE_CHECKING:
     from .tolerancing.tolerance_file import tolerance_template as tolerance_template
     from .tolerancing.tolerances import ErrorBound as ErrorBound
     from .tolerancing.tolerances import Tolerances as Tolerances
+    from .tolerancing.typical import TypicalSensor as TypicalSensor
+    from .tolerancing.typical import typical_sensors as typical_sensors
 
 __version__ = "0.1.0"
 
@@ -281,6 +283,8 @@ _HOMES = {
     "Sweep": "tolerancing.sweeps",
     "ToleranceReport": "tolerancing.analysis",
     "Tolerances": "tolerancing.tolerances",
+    "typical_sensors": "tolerancing.typical",
+    "TypicalSensor": "tolerancing.typical",
 }
 __all__ = ["__version__", *_HOMES]
 

@@ -61,6 +61,35 @@ def test_a_trial_shows_what_the_sensor_from_its_file_shows(sensor, distance):
     np.testing.assert_allclose(shown[found.valid], offsets[found.valid], atol=1e-8)
 
 
+def test_a_trial_shows_what_its_sensor_file_shows_with_the_imager_elsewhere(sensor, tmp_path):
+    """All errors that a file can hold, the imager shifted, turned and of another pitch, read back from the file."""
+    imager = {
+        "imager.shift_x_px": 6.0,
+        "imager.shift_y_px": -4.0,
+        "imager.rotation_deg": 0.8,
+        "imager.pitch_ppm": 200.0,
+    }
+    field, values = field_of(sensor), errors(sensor, seed=4) | imager
+    assert {name for name, kind in errors_of(sensor).items() if not kind.in_sensor_file} == {
+        *(f"mirror.zernike_{j}_um" for j in range(4, 29)),
+        "imager.tilt_x_deg",
+        "imager.tilt_y_deg",
+    }
+    om.save_sensor(perturbed(sensor, values), tmp_path / "built.toml")
+    built = om.load_sensor(tmp_path / "built.toml")
+    found = built.project_directions(world(sensor, field.targets))  # fixed in the world, as the mount says it
+    shown = field.picture(columns(values))
+    expected = shown.offsets_px[0] + sensor.imager.centre
+    assert found.valid.sum() > 80
+    np.testing.assert_allclose(found.pixels[found.valid], expected[found.valid], atol=1e-8)
+    blur = Judge.of(built.aligned()).field  # the same objects in the frame of the image
+    turn = np.radians(imager["imager.rotation_deg"])
+    back = np.array([[np.cos(turn), np.sin(turn), 0], [-np.sin(turn), np.cos(turn), 0], [0, 0, 1]])
+    same = replace(blur, sensor=built, targets=field.targets @ back.T, start=field.start @ back.T[:2, :2])
+    again = same.picture({}, count=1)
+    np.testing.assert_allclose(largest_diameter(again.blur_px), largest_diameter(shown.blur_px), rtol=1e-9, atol=1e-9)
+
+
 def test_without_errors_blurs_are_those_of_the_evaluation(sensor):
     field = field_of(sensor, azimuths=3)
     blur = field.picture({}, count=1).blur_px[0]

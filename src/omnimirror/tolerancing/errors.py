@@ -11,8 +11,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, cast
 
+import numpy as np
+
 from ..arguments import checked
 from ..errors import InvalidParameter
+from ..imagers import Imager
 from ..lenses import Perspective
 from ..mirrors import ConicAsphere, EvenPolynomial, Mirror
 from ..mirrors.conics import Conic, Sphere
@@ -70,13 +73,18 @@ _LENS = (
 )
 _IMAGER = (
     _kind(
-        "imager.shift_x_px", "px", "the imager's middle sits to the right of the lens's axis", 40.0, 20.0, 5.0, False
+        "imager.shift_x_px",
+        "px",
+        "the lens's axis meets the imager to the right of where it was meant",
+        40.0,
+        20.0,
+        5.0,
     ),
-    _kind("imager.shift_y_px", "px", "the imager's middle sits below the lens's axis", 40.0, 20.0, 5.0, False),
-    _kind("imager.rotation_deg", "deg", "the imager is turned in its plane", 1.0, 0.5, 0.1, False),
+    _kind("imager.shift_y_px", "px", "the lens's axis meets the imager below where it was meant", 40.0, 20.0, 5.0),
+    _kind("imager.rotation_deg", "deg", "the imager is turned in its plane", 1.0, 0.5, 0.1),
     _kind("imager.tilt_x_deg", "deg", "the imager leans about the image's X", 0.5, 0.2, 0.05, False),
     _kind("imager.tilt_y_deg", "deg", "the imager leans about the image's Y", 0.5, 0.2, 0.05, False),
-    _kind("imager.pitch_ppm", "ppm", "pixels are farther apart", 50.0, 20.0, 5.0, False),
+    _kind("imager.pitch_ppm", "ppm", "pixels are farther apart", 50.0, 20.0, 5.0),
 )
 FORM_SIZES = (5.0, 1.0, 0.15)
 """um rms of each Zernike term, by grade."""
@@ -179,7 +187,7 @@ def perturbed(sensor: Sensor, values: Mapping[str, float]) -> Sensor:
     Raises
     ------
     InvalidParameter
-        An error that it cannot have, or that a sensor file does not say: of form, and of the imager's place.
+        An error that it cannot have, or that a sensor file does not say: of form, and a tilt of the imager.
 
     Examples
     --------
@@ -203,11 +211,46 @@ def perturbed(sensor: Sensor, values: Mapping[str, float]) -> Sensor:
             lens[what] = getattr(sensor.lens, what) + value
         elif what in pose:
             pose[what] += value
-    return replace(
+    built = replace(
         sensor,
         mirror=_shaped(sensor.mirror, values),
         mirror_pose=replace(sensor.mirror_pose, **pose),
         lens=replace(cast(Perspective, sensor.lens), **lens),
+        imager=_placed(sensor.imager, values),
+    )
+    return _turned(built, values.get("imager.rotation_deg", 0.0))
+
+
+def _placed(imager: Imager, values: Mapping[str, float]) -> Imager:
+    """The imager with its pixels elsewhere, and farther apart."""
+    shift = [values.get(f"imager.shift_{axis}_px", 0.0) for axis in "xy"]
+    pitch = imager.pixel_pitch_um * (1 + 1e-6 * values.get("imager.pitch_ppm", 0.0))
+    if not any(shift):
+        return replace(imager, pixel_pitch_um=pitch)
+    (u, v), (x, y) = imager.centre, shift
+    return replace(imager, pixel_pitch_um=pitch, centre_px=(u + x, v + y))
+
+
+def _turned(sensor: Sensor, angle_deg: float) -> Sensor:
+    """A sensor whose imager is turned about the lens's axis: in the image's frame all others are turned back."""
+    if not angle_deg:
+        return sensor
+    pose, lens, angle = sensor.mirror_pose, cast(Perspective, sensor.lens), np.radians(angle_deg)
+    back = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+    axis = pose.turned_to_camera(np.array([[0.0, 0.0, 1.0]]))[0]
+    x, y = back @ axis[:2]
+    decentre, tangential = back @ pose.shift[:2], back @ [lens.p2, lens.p1]
+    return replace(
+        sensor,
+        mirror_pose=replace(
+            pose,
+            decentre_x_mm=float(decentre[0]),
+            decentre_y_mm=float(decentre[1]),
+            tilt_x_deg=float(np.degrees(-np.arcsin(y))),
+            tilt_y_deg=float(np.degrees(np.arctan2(x, axis[2]))),
+        ),
+        lens=replace(lens, p1=float(tangential[1]), p2=float(tangential[0])),
+        mount=replace(sensor.mount, forward_azimuth_deg=sensor.mount.forward_azimuth_deg - angle_deg),
     )
 
 

@@ -18,6 +18,7 @@ from ....tolerancing.sweeps import SHARD_TRIALS, WHOLE, Sweep
 from ....tolerancing.tolerance_file import load_tolerances, tolerance_template
 from ....tolerancing.trials.compensation import CALIBRATIONS
 from ....tolerancing.trials.merits import after
+from ....tolerancing.typical import TypicalSensor, typical_sensors
 from ...options.common import NUMBER, WholeRange
 from ...options.declared import Options, flag, option, takes
 from ...outputs import output_console, output_option, plain_table, progress_bar, say, say_written
@@ -86,10 +87,15 @@ class SweepOptions(Options):
     type=click.Path(path_type=Path, file_okay=False),
     help="Write charts and numbers there, and keep the trials of long sweeps: the same command goes on with them.",
 )
+@click.option(
+    "--save-trials",
+    is_flag=True,
+    help="Write the sensors at 5, 50 and 95 % of the first limit, or of motion_px, and their pictures to --out.",
+)
 @output_option("--json", "json_file", help="Write all numbers.")
 def command(
     sensor: str, tolerances: str | None, asked: TrialOptions, kept: SweepOptions, grade: str, force: bool,
-    out: Path | None, json_file: Path | None,
+    out: Path | None, save_trials: bool, json_file: Path | None,
 ) -> None:  # fmt: skip
     """Build SENSOR many times with the errors of TOLERANCES, a TOML file, and count those that are good.
 
@@ -106,6 +112,8 @@ def command(
         raise click.UsageError(f"the file of tolerances is missing; omnimirror tolerance init {sensor} writes one")
     meant = load_sensor(sensor)
     plan = load_tolerances(tolerances, meant)
+    if save_trials and out is None:
+        raise click.UsageError("--save-trials needs --out, the folder that they are written to")
     console, sweep = output_console(), kept.of(asked.trials, out)
     with progress_bar(console) as bar:
         task = bar.add_task("building sensors", total=asked.trials)
@@ -114,6 +122,8 @@ def command(
             shares=asked.shares, sweep=sweep, progress=lambda done, all_: bar.update(task, completed=done, total=all_),
             say=lambda sentence: say(sentence, console=console),
         )  # fmt: skip
+    merit = next(iter(found.plan.limits), "motion_px")
+    typical = typical_sensors(meant, found.plan, merit, trials=asked.trials, seed=asked.seed) if save_trials else []
     _print(console, found)
     if sweep is not None:
         say(f"\nTrials are in {sweep.folder}", console=console)
@@ -121,6 +131,8 @@ def command(
             say(f"This was part {kept.part}; when all are done, the same without --part sums up", console=console)
             out = None
     written = _write(found, out, json_file)
+    if typical and out is not None:
+        written += _write_typical(typical, merit, out, console)
     say_written(*written, console=console)
 
 
@@ -202,6 +214,28 @@ def _print_allocation(console: Console, found: ToleranceReport) -> None:
     for name, value in cheapest.tolerances.items():
         table.add_row(name, f"{found.plan.tolerances.errors[name].value:.3g}", f"{value:.3g}")
     console.print(table)
+
+
+def _write_typical(typical: list[TypicalSensor], merit: str, out: Path, console: Console) -> list[Path]:
+    from ....media.pictures.images import write_image
+    from ....simulate import Room, take_picture
+    from ....specs import save_sensor
+
+    written = []
+    for trial in typical:
+        name = f"{100 * trial.share:02.0f}"
+        files = [out / f"sensor-{name}.toml", out / f"picture-{name}.png"]
+        save_sensor(trial.sensor, files[0])
+        write_image(files[1], take_picture(trial.sensor, Room(), blur=True))
+        words = f"sensor {name} %: trial {trial.trial}, {merit} {trial.merit:.3g}"
+        if trial.left_out:
+            words += (
+                f"; {trial.merit_without:.3g} in its file, which cannot hold {len(trial.left_out)} of its errors: "
+                + ", ".join(trial.left_out)
+            )
+        say(words, console=console)
+        written += files
+    return written
 
 
 def _write(found: ToleranceReport, out: Path | None, json_file: Path | None) -> list[Path]:

@@ -1,0 +1,134 @@
+"""The sensors that are to be expected: those of the trials than which a share of all is better, as ordinary sensors."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..arguments import checked
+from ..errors import InvalidParameter
+from ..sensor import Sensor
+from .errors import errors_of, perturbed
+from .tolerance_file import TolerancePlan
+from .tolerances import BLOCK
+from .trials.judge import Judge
+from .trials.merits import merit_names
+from .yields import check_limits, check_trials
+
+SHARES = (0.05, 0.5, 0.95)
+
+
+@dataclass(frozen=True)
+class TypicalSensor:
+    """A trial as a sensor.
+
+    Attributes
+    ----------
+    share
+        Of all trials that are no worse.
+    trial
+        Its number.
+    values
+        Of its errors, by name.
+    sensor
+        With those errors that a sensor file can hold.
+    left_out
+        Names of the others.
+    merit
+        Of the trial, with all its errors.
+    merit_without
+        Of the sensor, without those that were left out.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> meant = om.load_sensor("paper-spherical")
+    >>> plan = om.TolerancePlan(om.Tolerances(meant, {"mirror.zernike_5_um": om.ErrorBound(1.0)}))
+    >>> om.typical_sensors(meant, plan, shares=(0.5,), trials=100)[0].left_out
+    ('mirror.zernike_5_um',)
+    """
+
+    share: float
+    trial: int
+    values: Mapping[str, float]
+    sensor: Sensor
+    left_out: tuple[str, ...]
+    merit: float
+    merit_without: float
+
+
+@checked
+def typical_sensors(
+    sensor: Sensor,
+    plan: TolerancePlan,
+    merit: str = "motion_px",
+    *,
+    shares: tuple[float, ...] = SHARES,
+    trials: int = BLOCK,
+    seed: int = 0,
+) -> list[TypicalSensor]:
+    """Trials than which given shares of all are better, by a merit.
+
+    Parameters
+    ----------
+    sensor
+        What is meant.
+    plan
+        Its tolerances.
+    merit
+        By which trials are ranked; one that loses rays is the worst.
+    shares
+        Of trials that are no worse, between 0 and 1.
+    trials, seed
+        As of :func:`omnimirror.tolerance`; up to 8192 are looked at.
+
+    Returns
+    -------
+    list of TypicalSensor
+        One for each share.
+
+    Raises
+    ------
+    InvalidParameter
+        A merit, a share or a number of trials that is none, or a share at which rays are lost.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> meant = om.load_sensor("paper-spherical")
+    >>> plan = om.TolerancePlan(om.Tolerances(meant, {"mirror.decentre_x_mm": om.ErrorBound(0.1)}))
+    >>> [round(abs(s.sensor.mirror_pose.decentre_x_mm), 2) for s in om.typical_sensors(meant, plan, trials=1000)]
+    [0.01, 0.05, 0.1]
+    """
+    check_limits({merit: 1.0})
+    check_trials(trials)
+    judge = Judge.of(sensor, plan.refocus, **plan.judged)
+    drawn = plan.tolerances.drawn(seed, 0, min(trials, BLOCK))
+    merits = judge.judged(drawn)[:, merit_names().index(merit)]
+    ranked = np.argsort(merits)  # what is NaN comes last
+    found = []
+    for share in shares:
+        if not 0 <= share <= 1:
+            raise InvalidParameter(f"a share of {share:g} is valid from 0 to 1")
+        trial = int(ranked[max(int(np.ceil(share * len(ranked))) - 1, 0)])
+        if np.isnan(merits[trial]):
+            raise InvalidParameter(
+                f"at a share of {share:g} sensors lose rays; make the share smaller, or the tolerances"
+            )
+        values = {name: float(of[trial]) for name, of in drawn.items()}
+        found.append(_typical(judge, sensor, values, merit, share, trial, float(merits[trial])))
+    return found
+
+
+def _typical(
+    judge: Judge, sensor: Sensor, values: dict[str, float], merit: str, share: float, trial: int, worth: float
+) -> TypicalSensor:
+    known = errors_of(sensor)
+    left_out = tuple(name for name, value in values.items() if value and not known[name].in_sensor_file)
+    kept = {name: value for name, value in values.items() if name not in left_out}
+    alone = {name: np.array([kept.get(name, 0.0)]) for name in values}
+    without = float(judge.judged(alone)[0, merit_names().index(merit)])
+    built = replace(perturbed(sensor, kept), name=f"{sensor.name}-{100 * share:g}")
+    return TypicalSensor(share, trial, values, built, left_out, worth, without)
