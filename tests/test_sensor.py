@@ -72,6 +72,10 @@ def test_mounts_are_rotations(looks, azimuth):
     np.testing.assert_allclose(R @ [c, s, 0], [0, 0, 1] if looks == "forward" else [1, 0, 0], atol=1e-12)
 
 
+def test_an_azimuth_is_any_whole_number_too():
+    assert (Mount("up", -360 * 2**90).rotation() == Mount("up", 0).rotation()).all()
+
+
 @given(pan=st.floats(-180, 180), tilt=st.floats(-90, 90), roll=st.floats(-180, 180))
 def test_view_axes_are_right_handed_and_look_where_they_say(pan, tilt, roll):
     f, r, d = view_axes(pan, tilt, roll)

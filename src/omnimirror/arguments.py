@@ -23,7 +23,8 @@ P = ParamSpec("P")
 NUMBERS = (float, int)
 LONGEST = 60  # characters of a value that a message repeats
 LONGEST_PATH = 4096
-LARGEST_RADIUS_PX = 1e9  # that a picture is scaled to
+LEAST_DISTANCE_MM = 1e-9
+LEAST_RADIUS_PX, LARGEST_RADIUS_PX = 1e-6, 1e9  # that a picture is scaled to
 WHOLE_LIMIT = 2**31 - 1
 
 
@@ -135,6 +136,11 @@ def number(
     return float(array)
 
 
+def image_radius(value: Any) -> float:
+    """The radius (px) that a picture's circle is scaled to."""
+    return number("image_radius_px", value, above=0.0, low=LEAST_RADIUS_PX, high=LARGEST_RADIUS_PX, unit="px")
+
+
 def whole(name: str, value: Any, low: int = 0, high: int = WHOLE_LIMIT) -> int:
     """One whole number between two bounds, which are valid themselves.
 
@@ -155,11 +161,14 @@ def optional_number(
 
 
 def distances(name: str, value: ArrayLike) -> Array:
-    """Distances above 0, infinity allowed."""
+    """Distances above 0, infinity allowed; what is nearer than anything can be has no finite inverse."""
     array = numbers(name, value)
-    if not np.all(array > 0):
-        bad = array[~(array > 0)].flat[0]
-        raise InvalidParameter(f"{name} = {bad:g} is not a distance; it is valid above 0, and inf")
+    near = ~(array >= LEAST_DISTANCE_MM)
+    if near.any():
+        bad = array[near].flat[0]
+        raise InvalidParameter(
+            f"{name} = {bad:g} is not a distance; it is valid above 0 (from {LEAST_DISTANCE_MM:g} mm), and inf"
+        )
     return array
 
 

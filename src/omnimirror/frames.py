@@ -17,7 +17,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .arguments import check_fields
+from .arguments import check_fields, number
 from .errors import InvalidParameter
 
 Array = NDArray[np.float64]
@@ -72,8 +72,7 @@ class Mount:
 
     def __post_init__(self) -> None:
         check_fields(self)
-        if not np.isfinite(self.forward_azimuth_deg):
-            raise InvalidParameter(f"forward_azimuth_deg = {self.forward_azimuth_deg} is not an angle in degrees")
+        number("forward_azimuth_deg", self.forward_azimuth_deg)
         for name, value, most in (("pitch_deg", self.pitch_deg, 90), ("roll_deg", self.roll_deg, 180)):
             if not abs(value) <= most:
                 raise InvalidParameter(f"{name} = {value:g} is no lean; it is valid from -{most} to {most} deg")

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import quantities
-from ..arguments import LARGEST_RADIUS_PX, checked, choice, number, numbers
+from ..arguments import checked, choice, image_radius, number, numbers
 from ..errors import InvalidParameter
 from ..files import write_text
 from ..lenses import BLUR_MODES, BlurMode, DepthOfField, FieldLens, GaussianLens
@@ -254,7 +254,7 @@ def evaluate(
     choice("mode", mode, BLUR_MODES)
     tolerance_px = number("tolerance_px", tolerance_px, above=0.0, unit="px")
     if image_radius_px is not None:
-        image_radius_px = number("image_radius_px", image_radius_px, above=0.0, high=LARGEST_RADIUS_PX, unit="px")
+        image_radius_px = image_radius(image_radius_px)
     if isinstance(focus_mm, str) and focus_mm == "auto":
         distance = _scalar_distance(object_distance_mm)
         focus_mm = best_focus(

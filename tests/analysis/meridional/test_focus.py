@@ -152,6 +152,7 @@ def test_a_mode_that_is_not_known_is_refused_everywhere(mode):
     [
         ({"image_radius_px": -5.0}, "image_radius_px = -5.0 is not valid; it is valid above 0 px"),
         ({"image_radius_px": 0}, "image_radius_px = 0 is not valid"),
+        ({"image_radius_px": 1e-165}, "image_radius_px = 1e-165 is not valid"),
         ({"image_radius_px": float("nan")}, "image_radius_px = nan is not valid"),
         ({"image_radius_px": "500"}, "image_radius_px = '500' cannot be read as numbers"),
         ({"omega_deg": []}, "omega_deg is empty"),
@@ -159,6 +160,7 @@ def test_a_mode_that_is_not_known_is_refused_everywhere(mode):
         ({"omega_deg": [10**400]}, "omega_deg = .* cannot be read as numbers"),
         ({"object_distance_mm": [100.0, 200.0]}, "object_distance_mm has 2 values for 1001 field angles"),
         ({"object_distance_mm": -1.0}, "object_distance_mm = -1 is not a distance"),
+        ({"object_distance_mm": 2e-309}, "object_distance_mm = 2e-309 is not a distance; it is valid above 0 "),
         ({"merit": "sharpest"}, "merit = 'sharpest' is not known; valid are worst_floored_area_deg2"),
     ],
 )

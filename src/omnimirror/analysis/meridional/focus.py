@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...arguments import LARGEST_RADIUS_PX, choice, distances, number, row
+from ...arguments import choice, distances, image_radius, row
 from ...errors import InvalidParameter
 from ...lenses import BLUR_MODES, BlurMode, Lens
 from ...numerics.lazy import cached_property
@@ -43,7 +43,7 @@ class FocusStudy:
     def __post_init__(self) -> None:
         choice("mode", self.mode, BLUR_MODES)
         if self.image_radius_px is not None:
-            number("image_radius_px", self.image_radius_px, above=0.0, high=LARGEST_RADIUS_PX, unit="px")
+            image_radius(self.image_radius_px)
 
     @cached_property
     def distances(self) -> tuple[Array, Array]:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...arguments import LARGEST_RADIUS_PX, number, row
+from ...arguments import image_radius, number, row
 from ...sensor import Sensor, check_sensor
 from ...tracing.meridian import ChiefRays
 
@@ -122,10 +122,7 @@ def best_viewpoint(
     omega = np.linspace(*sensor.field_deg, 1001) if omega_deg is None else row("omega_deg", omega_deg)
     scale = 1.0
     if image_radius_px is not None:
-        scale = (
-            number("image_radius_px", image_radius_px, above=0.0, high=LARGEST_RADIUS_PX, unit="px")
-            / sensor.rim_radius_px
-        )
+        scale = image_radius(image_radius_px) / sensor.rim_radius_px
     rays = sensor.meridian.trace(sensor.meridian.x_from_omega(np.radians(omega)))
     in_picture = _linearised(sensor, rays) if linearised else _displacement(sensor, rays)
 

@@ -21,7 +21,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import LARGEST_RADIUS_PX, checked, choice, distances, number
+from ...arguments import checked, choice, distances, image_radius
 from ...batch.optics import PerspectiveCamera, TelecentricCamera
 from ...errors import InvalidParameter
 from ...lenses import BLUR_MODES, BlurMode, Orthographic, Perspective
@@ -118,7 +118,7 @@ def blur_bound(
     """
     choice("mode", mode, BLUR_MODES)
     if image_radius_px is not None:
-        number("image_radius_px", image_radius_px, above=0.0, high=LARGEST_RADIUS_PX, unit="px")
+        image_radius(image_radius_px)
     sensor.check_one_mirror("the bound of blur")
     distances("object_distance_mm", object_distance_mm)
     low, high = sensor.field_deg

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ...arguments import LARGEST_RADIUS_PX, choice, number
+from ...arguments import choice, image_radius
 from ...batch.bases import family
 from ...errors import InvalidParameter
 from ...housing import Housing
@@ -100,7 +100,7 @@ class DesignProblem:
             raise InvalidParameter("a perspective lens needs theta_max_deg or focal_length_mm, a number or a range")
         choice("mode", self.mode, BLUR_MODES)
         if self.image_radius_px is not None:
-            number("image_radius_px", self.image_radius_px, above=0.0, high=LARGEST_RADIUS_PX, unit="px")
+            image_radius(self.image_radius_px)
         self._check_ranges()
         self._check_focus()
         self._check_field()
