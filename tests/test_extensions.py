@@ -64,7 +64,7 @@ def write(plan, part, path):
     np.savetxt(path, np.stack([x, part.mirror.sag(x)], axis=1), fmt="%.6f")
     return Content("three points", 5e-4)
 
-points = Format(write, (".points",))
+dots = Format(write, (".dots",))
 
 def centre_of(data, reading):
     u, v, width, height = map(float, data.split())
@@ -86,7 +86,7 @@ broken = bowls:NotThere
 [omnimirror.views]
 fan = bowls:fan
 [omnimirror.formats]
-points = bowls:points
+dots = bowls:dots
 [omnimirror.camera_formats]
 centre = bowls:centre
 [omnimirror.quantities]
@@ -228,9 +228,9 @@ def test_an_installed_package_brings_a_view_and_a_format(installed, tmp_path):
     assert om.read_image(tmp_path / "fan.png").shape == (80, 320, 3)
     run = omnimirror(installed, tmp_path, *look, "--roll-deg", "30", "-o", "no.png")
     assert "--roll-deg does not apply to --view fan" in run.stderr
-    run = omnimirror(installed, tmp_path, "export", "paper-spherical", "-o", "a.points")
+    run = omnimirror(installed, tmp_path, "export", "paper-spherical", "-o", "a.dots")
     assert run.returncode == 0, run.stderr
-    x, z = np.loadtxt(tmp_path / "a.points").T
+    x, z = np.loadtxt(tmp_path / "a.dots").T
     np.testing.assert_allclose(z, load_sensor("paper-spherical").mirror.sag(x), atol=1e-6)
 
 
