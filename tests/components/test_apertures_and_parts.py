@@ -144,3 +144,13 @@ def test_wrong_catalogues_are_refused_with_the_entry(tmp_path, text, sentence):
 def test_an_unknown_mode_of_blur_is_refused(mode):
     with pytest.raises(InvalidParameter, match="valid are exact, paper"):
         best_apertures(om.load_sensor("paper-spherical"), mode=mode)
+
+
+@pytest.mark.parametrize("distance", [0, 0.0, -5.0])
+def test_an_object_nowhere_is_refused(distance):
+    for ask in (
+        lambda **at: choose_parts(SPHERE, read_catalogue(EXAMPLE), **at),
+        lambda **at: best_apertures(SPHERE, **at),
+    ):
+        with pytest.raises(InvalidParameter, match=r"object_distance_mm = .* is not a distance; it is valid above 0"):
+            ask(object_distance_mm=distance)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ..analysis.meridional.coddington import virtual_images
 from ..analysis.meridional.focus import FocusStudy
-from ..arguments import checked
+from ..arguments import checked, distances
 from ..errors import InvalidParameter
 from ..lenses import BlurMode, Lens, Perspective
 from ..numerics.minimisation import lowest
@@ -110,7 +110,9 @@ def best_apertures(
     omega = np.radians(np.linspace(max(first, omega_min_deg), last, ANGLES))
     unit = replace(sensor, lens=_at_f_number(sensor.lens, 1.0))
     rays = unit.meridian.trace(unit.meridian.x_from_omega(omega))
-    study = FocusStudy(unit, rays, virtual_images(rays, object_distance_mm), mode, None, wavelength_nm)
+    study = FocusStudy(
+        unit, rays, virtual_images(rays, distances("object_distance_mm", object_distance_mm)), mode, None, wavelength_nm
+    )
     return [_best(side, study, (low, high)) for side in SIDES]
 
 

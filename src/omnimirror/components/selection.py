@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..analysis import best_focus
-from ..arguments import checked
+from ..arguments import checked, distances
 from ..batch.best_focus import AreaModel, best_vergences
 from ..batch.optics import PerspectiveCamera, node_optics
 from ..errors import InvalidParameter
@@ -100,6 +100,7 @@ def choose_parts(
     sensor.check_one_mirror("the choice of parts")
     if not 0 <= least_fill <= 1:
         raise InvalidParameter(f"least_fill = {least_fill:g} is not valid; it is a share from 0 to 1")
+    distances("object_distance_mm", object_distance_mm)
     found = [
         _combine(sensor, lens, imager, least_fill, object_distance_mm)
         for lens in catalogue.lenses
