@@ -45,12 +45,13 @@ def test_terms_too_fine_to_be_traced_are_said():
     assert effect.beyond_um == pytest.approx(1.0, rel=0.05)
 
 
-def test_the_sensor_as_made_is_a_sensor_as_any_other(tmp_path):
-    sensor = om.load_sensor("paper-spherical")
+@pytest.mark.parametrize("name", ["paper-spherical", "folded-spherical", "paraboloid-telecentric"])
+def test_the_sensor_as_made_is_a_sensor_as_any_other(name, tmp_path):
+    sensor = om.load_sensor(name)
     made = om.as_made(sensor, om.form_error(sensor.mirror, on(sensor.mirror, {11: 3.0}, 0.1)))
     om.save_sensor(made, tmp_path / "made.toml")
     again = om.load_sensor(tmp_path / "made.toml")
-    radii = [om.evaluate(each, np.linspace(10.0, 120.0, 9)).h_px for each in (sensor, made, again)]
+    radii = [om.evaluate(each, np.linspace(40.0, 75.0, 9)).h_px for each in (sensor, made, again)]
     np.testing.assert_allclose(radii[2], radii[1], rtol=1e-9)
     assert np.abs(radii[1] - radii[0]).max() > 0.02
 

@@ -127,6 +127,10 @@ def as_made(sensor: Sensor, form: FormError) -> Sensor:
     """
     if form.mirror != sensor.mirror:
         raise InvalidParameter(f"the form error is that of another mirror than {sensor.name!r} has")
-    pose = sensor.mirror_pose
-    moved = replace(pose, displacement_mm=pose.displacement_mm + 1e-3 * form.vertex_um)
+    away, pose, second = 1e-3 * form.vertex_um, sensor.mirror_pose, sensor.secondary
+    if second is not None:  # two mirrors stand where their distances say
+        farther = replace(second, distance_mm=second.distance_mm + away)
+        distance = sensor.mirror_distance_mm + away
+        return replace(sensor, mirror=form.corrected(), secondary=farther, mirror_distance_mm=distance)
+    moved = replace(pose, displacement_mm=pose.displacement_mm + away)
     return replace(sensor, mirror=form.corrected(), mirror_pose=moved)

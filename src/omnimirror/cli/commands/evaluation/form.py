@@ -11,11 +11,13 @@ import click
 import numpy as np
 from rich.console import Console
 
+from ....errors import InvalidParameter
 from ....files import json_plain, write_text
 from ....metrology.effects import FormEffect, as_made, form_effect
 from ....metrology.form_errors import FormError, form_error
 from ....metrology.readers import MM, Unit, read_points
 from ....mirrors import Mirror
+from ....sensor import Sensor
 from ....specs import load_sensor, save_sensor
 from ....tolerancing.trials.compensation import CALIBRATIONS
 from ....tolerancing.trials.merits import after
@@ -65,9 +67,12 @@ def command(
     console = output_console()
     with console.status("Fitting"):
         form = asked.of(meant.mirror, points)
-        effect = form_effect(meant, form)
+        effect, why_not = _effect(meant, form)
     _print_form(console, form)
-    _print_effect(console, effect)
+    if effect is not None:
+        _print_effect(console, effect)
+    else:
+        console.print(f"\nwhat it does to the picture is not known: {why_not}")
     written = []
     if output is not None:
         save_sensor(as_made(meant, form), output)
@@ -84,6 +89,14 @@ def command(
         write_text(json_file, text + "\n")
         written.append(json_file)
     say_written(*written, console=console)
+
+
+def _effect(sensor: Sensor, form: FormError) -> tuple[FormEffect | None, str]:
+    """What the form does, or why that is not known of a sensor of this kind."""
+    try:
+        return form_effect(sensor, form), ""
+    except InvalidParameter as e:
+        return None, str(e)
 
 
 def _print_form(console: Console, form: FormError) -> None:
@@ -127,7 +140,7 @@ def _print_effect(console: Console, effect: FormEffect) -> None:
         console.print(f"terms above order 6, {effect.beyond_um:.2g} um rms, are not in these")
 
 
-def _numbers(form: FormError, effect: FormEffect) -> dict[str, Any]:
+def _numbers(form: FormError, effect: FormEffect | None) -> dict[str, Any]:
     return {
         "points": len(form.x_mm),
         "wrong": form.wrong,
@@ -140,5 +153,5 @@ def _numbers(form: FormError, effect: FormEffect) -> dict[str, Any]:
         "noise_um": form.noise_um,
         "unexplained_um": form.unexplained_um,
         "terms": [{"noll": t.noll, "name": t.name, "um": t.um, "sigma_um": t.sigma_um} for t in form.terms],
-        "picture": effect.to_dict(),
+        "picture": None if effect is None else effect.to_dict(),
     }
