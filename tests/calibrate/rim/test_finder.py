@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 from benchmarks.mirror_photographs import Photograph, compose, error_of
+from benchmarks.mirror_surroundings import SURROUNDINGS, rings
 
 import omnimirror as om
 from omnimirror.errors import InvalidParameter
@@ -84,6 +85,19 @@ def test_composed_pictures(seed):
 @pytest.mark.parametrize("seed", range(2000, 2004))
 def test_what_is_behind_mirrors_is_none(seed):
     assert not om.find_rim(composed(seed, mirror=False).picture).is_sure
+
+
+@pytest.mark.parametrize("way", ["bare", "ball", "enclosed", "outdoors"])
+def test_mirrors_in_surroundings_of_other_kinds(way):
+    """Never confidently wrong; of seeds that were not learned from."""
+    photograph = SURROUNDINGS[way](3000, ENVIRONMENTS)
+    rim = om.find_rim(photograph.picture)
+    assert error_of(rim, photograph.rim) < 0.01 or not rim.is_sure
+
+
+@pytest.mark.parametrize("seed", [3000, 3001])
+def test_plates_and_frames_are_no_mirrors(seed):
+    assert not om.find_rim(rings(seed, ENVIRONMENTS).picture).is_sure
 
 
 @pytest.fixture(scope="module")

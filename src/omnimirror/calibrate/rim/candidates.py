@@ -9,17 +9,19 @@ from numpy.typing import NDArray
 
 from .cues import FAMILY_OFFSET, SAME_RING, SECTORS, Ring, ring_of
 from .edges import FINER_PX, EdgePoints, Working, at_working_size, edges_of
-from .ellipses import FLATTEST, NORMAL_SLACK, Ellipse, laid_through
+from .ellipses import FLATTEST, NORMAL_SLACK, Ellipse, Shift, laid_through, shifted
 from .votes import LEAST_RADIUS, circles
 
 Array = NDArray[np.float64]
 
 REACHES_PX = (6.0, 3.0, 1.5, 0.8)
-AGAIN_PX = (1.0, 0.7)
+AGAIN_PX, MOVED_PX = (1.0, 0.7), (2.0, 1.0, 0.7)
+SHIFT = Shift(reach_px=4.0, step_px=1.0, turns=72)  # of circles that were voted for, which edges beside them draw away
 FAMILIES, FINER_FAMILIES = 10, 3  # best rings about whose centres others are looked for
 PROFILE_PX = 0.5
 BESIDE, FINER = (0.5, 1.7), (0.8, 1.25)  # shares of a ring's radius between which others are looked for
 SAME_FINER = 0.003
+SAME_START = 0.005  # from where a ring that is known would be found again
 LEAST_FINER = 1.2  # scale, from which on a finer picture shows more
 LEAST_SHARE = 0.3  # of the way round, that a ring beside another must have edges
 
@@ -38,10 +40,13 @@ def rings(working: Working, edges: EdgePoints) -> list[Ring]:
     found: list[Ring] = []
     for circle in circles(edges, working.size):
         _add(found, working, edges, laid_through(edges, circle, REACHES_PX))
+        moved = shifted(edges.among(_along(edges, circle)), circle, SHIFT)
+        _add(found, working, edges, laid_through(edges, moved, MOVED_PX))
     best = sorted(found, key=lambda ring: -ring.support * ring.seen)[:FAMILIES]
     for ring in best:
         for ellipse in beside(edges, ring.ellipse):
-            _add(found, working, edges, laid_through(edges, ellipse, AGAIN_PX))
+            if not _is_known(found, ellipse):
+                _add(found, working, edges, laid_through(edges, ellipse, AGAIN_PX))
     return found
 
 
@@ -77,6 +82,20 @@ def _add(found: list[Ring], working: Working, edges: EdgePoints, ellipse: Ellips
         found.append(ring)
     elif all(ring.close > found[i].close for i in twins):
         found[twins[0]] = ring
+
+
+def _along(edges: EdgePoints, circle: Ellipse) -> NDArray[np.bool_]:
+    """Which edges lie near a circle and along it."""
+    away = edges.points - np.asarray(circle.centre)
+    length = np.hypot(away[:, 0], away[:, 1])
+    across = np.abs(np.einsum("ij,ij->i", away, edges.normals))
+    near = np.abs(length - circle.radius) < 2.5 * SHIFT.reach_px
+    return np.asarray(near & (across > np.cos(NORMAL_SLACK) * length))
+
+
+def _is_known(found: list[Ring], ellipse: Ellipse) -> bool:
+    """Whether an ellipse from which edges are looked for would lead to a ring that was found."""
+    return any(_is_same(ellipse, other.ellipse, SAME_START) for other in found)
 
 
 def _is_same(ellipse: Ellipse, other: Ellipse, same: float) -> bool:

@@ -17,7 +17,8 @@ Array = NDArray[np.float64]
 SECTORS = 72
 CLOSE_PX, NEAR_PX = 0.7, 1.6  # from the ring, of edges that are its own
 TURNS, PARTS = 216, 36  # samples once round, and the parts in which what crosses the ring is counted
-SHARES = np.arange(0.2, 1.44, 0.0125)  # of the ring's radius, at which the picture is sampled round it
+STEP_SHARE = 0.0125
+SHARES = np.round(np.arange(0.05, 1.44, STEP_SHARE), 4)  # of the radius, at which the picture is sampled round a ring
 LEAST_SUPPORT = 0.35
 SAME_RING = 0.012  # relative; rings closer than that are one
 FAMILY_OFFSET, FAMILY_STRETCH = 0.06, 0.03  # by which the centres and the shapes of a mirror's frames differ at most
@@ -83,13 +84,13 @@ class Ring:
 
     def band(self, low: float, high: float) -> float:
         """Mean texture between two shares of the radius; NaN where the picture does not reach."""
-        values = self.texture[:, _between(low, high)]
+        values = self.texture[:, between(low, high)]
         known = values[np.isfinite(values)]
         return float(known.mean()) if known.size >= 0.15 * values.size else np.nan
 
     def calm(self, low: float, high: float) -> float:
         """Share of the way round, as far as it is in the picture, with next to no texture in a band."""
-        values = self.texture[:, _between(low, high)]
+        values = self.texture[:, between(low, high)]
         known = np.isfinite(values)
         seen = known.any(axis=1)
         if not seen.any():
@@ -103,7 +104,7 @@ def ring_of(working: Working, edges: EdgePoints, ellipse: Ellipse) -> Ring | Non
     support, close, chance, seen = _support(edges, working.size, ellipse)
     if support < LEAST_SUPPORT:
         return None
-    polar, inside = _unrolled(working, ellipse)
+    polar, inside = unrolled(working, ellipse)
     texture = _texture(polar, inside, ellipse, working.noise)
     step, differs, continues = _across(polar, inside)
     return Ring(ellipse, support, close, chance, seen, step, differs, texture, continues)
@@ -129,7 +130,7 @@ def _log(texture: float) -> float:
     return float(np.log(FAINT + (0.0 if np.isnan(texture) else texture)))
 
 
-def _between(low: float, high: float) -> slice:
+def between(low: float, high: float) -> slice:
     """The shares of a band, at least one."""
     first, last = np.searchsorted(SHARES, [low, high])
     return slice(int(first), max(int(last), int(first) + 1))
@@ -181,7 +182,7 @@ def _support(edges: EdgePoints, size: tuple[int, int], ellipse: Ellipse) -> tupl
     )  # fmt: skip
 
 
-def _unrolled(working: Working, ellipse: Ellipse) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+def unrolled(working: Working, ellipse: Ellipse) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     """The picture (turns, shares, channels) round an ellipse, and where it is inside of the picture."""
     import cv2
 
@@ -215,7 +216,7 @@ def _across(polar: NDArray[np.float32], inside: NDArray[np.bool_]) -> tuple[floa
     step = float(np.median(strongest(np.abs(within - beyond))[near]))
     apart = float(np.median(strongest(np.abs(inner - outer))[wide]))
     spread = float((inner[wide].std(axis=0) + outer[wide].std(axis=0)).max() / 2)
-    a, b = (_detail(side)[near].ravel() for side in (within, beyond))
+    a, b = (detail(side)[near].ravel() for side in (within, beyond))
     norm = float(np.sqrt((a @ a + 1.0) * (b @ b + 1.0)))
     return step, float(np.log((apart + LEAST_STEP) / (spread + LEAST_STEP))), float(a @ b) / norm
 
@@ -224,12 +225,12 @@ def _sides(
     polar: NDArray[np.float32], inside: NDArray[np.bool_], within: tuple[float, float], beyond: tuple[float, float]
 ) -> tuple[list[NDArray[np.float32]], NDArray[np.bool_]]:
     """Means (turns, channels) of a band within the ring and of one beyond; and where both are in the picture."""
-    bands = [_between(*within), _between(*beyond)]
+    bands = [between(*within), between(*beyond)]
     known = np.asarray(inside[:, bands[0]].all(axis=1) & inside[:, bands[1]].all(axis=1))
     return [polar[:, band].mean(axis=1) for band in bands], known
 
 
-def _detail(side: NDArray[np.float32]) -> NDArray[np.float32]:
+def detail(side: NDArray[np.float32]) -> NDArray[np.float32]:
     """What changes within 30 deg along the way round, (turns, channels)."""
     width = TURNS // 12
     padded = np.concatenate([side[-width:], side, side[:width]])

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .edges import EdgePoints
+from .edges import EdgePoints, turns
 
 Array = NDArray[np.float64]
 
@@ -16,6 +16,7 @@ USUAL_STRETCH = 0.03  # as far as a mirror is mostly tilted; a prior, which deci
 NORMAL_SLACK = 0.26  # radians by which an edge may lean from the ellipse's own direction
 PARAMETERS = 5
 CUT = 2.0  # reaches beyond which an edge does not count
+SHIFT_COST = 0.02  # share of the way round that a working pixel of shift must gain
 
 
 @dataclass(frozen=True)
@@ -77,6 +78,53 @@ class Ellipse:
     def is_near(self, other: Ellipse, share: float) -> bool:
         """Whether radius and centre are the same but for a share of the radius."""
         return abs(other.radius / self.radius - 1) < share and self.offset_share(other) < share
+
+
+@dataclass(frozen=True)
+class Shift:
+    """How far and how finely an ellipse is moved and grown, working pixels; how many parts of its way round count."""
+
+    reach_px: float
+    step_px: float
+    turns: int
+
+
+def shifted(edges: EdgePoints, ring: Ellipse, shift: Shift, scale: float = 1.0) -> Ellipse:
+    """The ring moved and grown by a little to where most of the way round has an edge: what is beside it pulls nothing.
+
+    Parameters
+    ----------
+    edges
+        Of the ring's own direction.
+    ring
+    shift
+    scale
+        Working pixel in the pixels of edges and ring.
+
+    Returns
+    -------
+    Ellipse
+        Of the same stretch.
+    """
+    circle = ring.on_circle(edges.points)
+    away = (np.linalg.norm(circle, axis=1) - 1) * ring.radius / scale
+    turn = np.arctan2(circle[:, 1], circle[:, 0]) % (2 * np.pi)
+    cell = shift.step_px / 2
+    half = int(np.ceil(3 * shift.reach_px / cell))
+    there = np.zeros((shift.turns, 2 * half + 1))
+    at = np.clip(np.round(away / cell).astype(int) + half, 0, 2 * half)
+    sector = (turn * (shift.turns / (2 * np.pi))).astype(int) % shift.turns
+    np.maximum.at(there, (sector, at), edges.weights)
+    there = np.maximum(there, 0.6 * np.maximum(np.roll(there, 1, axis=1), np.roll(there, -1, axis=1)))
+    moves = np.arange(-shift.reach_px, shift.reach_px + 0.01, shift.step_px)
+    u, v, r = (a.ravel() for a in np.meshgrid(moves, moves, moves, indexing="ij"))
+    out = ring.outward(turns(shift.turns) + np.pi / shift.turns)
+    wanted = np.round((u[:, None] * out[:, 0] + v[:, None] * out[:, 1] + r[:, None]) / cell).astype(int) + half
+    known = max(int(np.count_nonzero(there.any(axis=1))), 1)
+    share = there[np.arange(shift.turns), wanted].sum(axis=1) / known
+    best = int(np.argmax(share - SHIFT_COST * np.sqrt(u**2 + v**2 + r**2)))
+    centre = ring.centre[0] + float(u[best]) * scale, ring.centre[1] + float(v[best]) * scale
+    return Ellipse(centre, ring.radius + float(r[best]) * scale, ring.stretch)
 
 
 def _stretched(points: Array, stretch: tuple[float, float]) -> Array:

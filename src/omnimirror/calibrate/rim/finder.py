@@ -144,8 +144,8 @@ def find_rim(pictures: Picture | Sequence[Picture]) -> FoundRim:
     """The rim of the mirror in a picture, or in several pictures of one sensor, to a part of a pixel.
 
     Edges vote for circles; an ellipse is laid through the edges of each; what speaks for each being the rim is
-    weighed (:mod:`omnimirror.calibrate.rim.cues`), and the best is placed in the full picture. The weights were learned
-    from simulated photographs; the confidence is by how much the best answer is more probable than the next.
+    weighed (:mod:`omnimirror.calibrate.rim.choice`), and the best is placed in the full picture. The weights were
+    learned from simulated photographs; the confidence is by how much the best answer is more probable than the next.
 
     Parameters
     ----------
@@ -211,7 +211,7 @@ def _seen(picture: Picture) -> _Seen:
     working = at_working_size(picture)
     edges = edges_of(working)
     found = rings_of(picture, working, edges)
-    return _Seen(picture, working, edges, found, odds(found, min(working.size)))
+    return _Seen(picture, working, edges, found, odds(found, working))
 
 
 def _agreed(seen: list[_Seen]) -> tuple[Ellipse, float]:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .edges import LEAST_STEP, USUAL_STEP, EdgePoints, turns
-from .ellipses import Ellipse, laid_through
+from .ellipses import Ellipse, Shift, laid_through, shifted
 
 Array = NDArray[np.float64]
 
@@ -14,12 +14,10 @@ PROFILES = 720
 REACH_PX = 5.0  # working pixels to both sides
 EDGE_PX = 1.5  # working pixels, from the picture's edge, from which on profiles say something
 SAMPLES = 4  # a working pixel, at most
-SHIFT_PX, SHIFT_STEP_PX = 1.5, 0.3  # working pixels by which centre and radius may be off, the rim beside another edge
-SHIFT_COST = 0.02  # share of the way round that a working pixel of shift must gain
+SHIFT = Shift(reach_px=1.5, step_px=0.3, turns=180)  # the rim beside another edge
 REACHES_PX = (0.8, 0.4)
 CLEAR = 0.5  # share of the way round, from which on a ring is where it was seen, and not beside
 CLOSE_PX = 0.4
-SHIFT_TURNS = 180
 STRETCH_COST = 8.0  # share of the way round that a stretch must gain: rims are mostly round
 LEAN = 0.08  # of an edge's direction from the ring's, which it has but for noise
 
@@ -50,38 +48,13 @@ def placed(levels: NDArray[np.number], ring: Ellipse, scale: float) -> tuple[Ell
         return best, share
     most = -np.inf
     for shape in sorted(shapes):
-        start = _shifted(edges, Ellipse(ring.centre, ring.radius, shape), scale)
+        start = shifted(edges, Ellipse(ring.centre, ring.radius, shape), SHIFT, scale)
         ellipse = laid_through(edges, start, reaches)
         close = _close(edges, ellipse, CLOSE_PX * scale)
         score = close - STRETCH_COST * float(np.hypot(*ellipse.stretch))
         if score > most:
             best, share, most = ellipse, close, score
     return best, share
-
-
-def _shifted(edges: EdgePoints, ring: Ellipse, scale: float) -> Ellipse:
-    """The ring moved and grown by a little to where most of the way round has an edge."""
-    circle = ring.on_circle(edges.points)
-    away = (np.linalg.norm(circle, axis=1) - 1) * ring.radius / scale
-    turn = np.arctan2(circle[:, 1], circle[:, 0]) % (2 * np.pi)
-    cell = SHIFT_STEP_PX / 2
-    half = int(np.ceil(3 * SHIFT_PX / cell))
-    there = np.zeros((SHIFT_TURNS, 2 * half + 1))
-    at = np.clip(np.round(away / cell).astype(int) + half, 0, 2 * half)
-    sector = (turn * (SHIFT_TURNS / (2 * np.pi))).astype(int) % SHIFT_TURNS
-    np.maximum.at(there, (sector, at), edges.weights)
-    there = np.maximum(there, 0.6 * np.maximum(np.roll(there, 1, axis=1), np.roll(there, -1, axis=1)))
-    moves = np.arange(-SHIFT_PX, SHIFT_PX + 0.01, SHIFT_STEP_PX)
-    u, v, r = (a.ravel() for a in np.meshgrid(moves, moves, moves, indexing="ij"))
-    angle = turns(SHIFT_TURNS) + np.pi / SHIFT_TURNS
-    out = ring.outward(angle)
-    wanted = np.round((u[:, None] * out[:, 0] + v[:, None] * out[:, 1] + r[:, None]) / cell).astype(int) + half
-    known = max(int(np.count_nonzero(there.any(axis=1))), 1)
-    share = there[np.arange(SHIFT_TURNS), wanted].sum(axis=1) / known
-    score = share - SHIFT_COST * np.sqrt(u**2 + v**2 + r**2)
-    best = int(np.argmax(score))
-    centre = ring.centre[0] + float(u[best]) * scale, ring.centre[1] + float(v[best]) * scale
-    return Ellipse(centre, ring.radius + float(r[best]) * scale, ring.stretch)
 
 
 def _edges_across(levels: NDArray[np.number], ring: Ellipse, scale: float) -> EdgePoints:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from .edges import EdgePoints
+from .edges import EdgePoints, turns
 from .ellipses import Ellipse
 
 Array = NDArray[np.float64]
@@ -16,6 +16,7 @@ CELL_PX = 2
 BLUR_PX, BLUR_SHARE = 1.5, 0.016  # of an edge's direction, by which the centre is missed
 PEAKS_A_RADIUS, PEAKS = 5, 50
 LEAST_SEEN = 0.35  # share of the way round that lies in the picture
+COARSE = 4
 
 
 def circles(edges: EdgePoints, size: tuple[int, int]) -> list[Ellipse]:
@@ -61,10 +62,16 @@ def peaks(edges: EdgePoints, size: tuple[int, int], radius: float) -> list[tuple
 
 
 def seen_share(size: tuple[int, int], radius: float) -> NDArray[np.float32]:
-    """Share (rows, columns) of circles about each pixel that lies in a picture of a size."""
-    width, height = size
-    turn = np.arange(48) * (2 * np.pi / 48)
-    u, v = np.arange(width)[:, None] + radius * np.cos(turn), np.arange(height)[:, None] + radius * np.sin(turn)
-    in_u, in_v = (u >= 0) & (u <= width - 1), (v >= 0) & (v <= height - 1)
-    seen: NDArray[np.float32] = in_v.astype(np.float32) @ in_u.astype(np.float32).T / np.float32(48)
+    """Share (rows, columns) of circles about each pixel that lies in a picture of a size; between every fourth one,
+    as it changes slowly."""
+    import cv2
+
+    columns, rows = (np.linspace(0, side - 1, side // COARSE + 2) for side in size)
+    turn = turns(48)
+    u, v = columns[:, None] + radius * np.cos(turn), rows[:, None] + radius * np.sin(turn)
+    in_u, in_v = (u >= 0) & (u <= size[0] - 1), (v >= 0) & (v <= size[1] - 1)
+    share = in_v.astype(np.float32) @ in_u.astype(np.float32).T / np.float32(len(turn))
+    at_u = np.linspace(0, len(columns) - 1, size[0], dtype=np.float32)
+    at_v = np.linspace(0, len(rows) - 1, size[1], dtype=np.float32)
+    seen: NDArray[np.float32] = cv2.remap(share, *np.meshgrid(at_u, at_v), cv2.INTER_LINEAR)  # type: ignore[assignment]
     return seen

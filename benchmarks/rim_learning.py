@@ -1,0 +1,179 @@
+"""The committee that chooses a mirror's rim among rings, learned from pictures made by seed.
+
+    python benchmarks/rim.py --environments ../shared/data/environments --learn 60 --jobs 2
+
+writes ``committee.json`` beside the finder. Every picture gives the rows of numbers of its short list and which of
+those rings, placed in the full picture, are the rim within 1 %. Members differ by their start and by the fifth of the
+pictures that each leaves out. How far their odds are believed is what makes pictures most probable whose seeds were
+left out.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from mirror_photographs import Photograph, Rim, error_of
+from numpy.typing import NDArray
+from scipy.optimize import minimize, minimize_scalar
+
+import omnimirror as om
+from omnimirror.calibrate.rim.candidates import rings_of
+from omnimirror.calibrate.rim.choice import FIRST, UNLISTED, Committee, Member, listed_rows
+from omnimirror.calibrate.rim.edges import at_working_size, edges_of, levels_of
+from omnimirror.calibrate.rim.ellipses import Ellipse
+from omnimirror.calibrate.rim.placing import placed
+
+Array = NDArray[np.float64]
+
+RIGHT = 0.01  # of the radius
+NEARLY = 0.04  # at working size, up to which a ring may be the rim once it is placed
+MEMBERS, BENDS = 5, 8
+RIDGE, START = 8.0, 0.15
+STEPS = 150
+FOLDS = 4
+FIRST_SHARE = 0.15  # of the first look's odds; with it, kinds of pictures that were left out surprise least
+WORDS = "numbers of rings to log odds; learned from pictures made by seed: "
+
+
+class Example(NamedTuple):
+    """What is learned from one picture."""
+
+    way: str
+    seed: int
+    rows: Array
+    """(n, count)"""
+    right: NDArray[np.bool_]
+    """Which of the rings (n,) are the rim."""
+
+
+def example(way: str, seed: int, photograph: Photograph) -> Example | None:
+    """Of a photograph; None where it has no ring."""
+    working = at_working_size(photograph.picture)
+    rings = rings_of(photograph.picture, working, edges_of(working))
+    if not rings:
+        return None
+    listed, rows = listed_rows(rings, working)
+    levels = levels_of(photograph.picture)
+    levels = levels.reshape(*levels.shape[:2], -1)
+    right = np.zeros(len(listed), dtype=bool)
+    for k, i in enumerate(listed):
+        ring = rings[i].ellipse.scaled(working.scale)
+        if photograph.rim is not None and _error(ring, photograph.rim) < NEARLY:
+            right[k] = _error(placed(levels, ring, working.scale)[0], photograph.rim) < RIGHT
+    return Example(way, seed, rows, right)
+
+
+def _error(ring: Ellipse, rim: Rim) -> float:
+    return error_of(om.FoundRim(ring.centre, ring.semi_axes, ring.angle_deg, 1.0, (0, 0)), rim)
+
+
+def _of_seed(seed: int, ways: dict[str, Any], folder: Path | None) -> list[Example]:
+    made = [example(way, seed, make(seed, folder)) for way, make in ways.items()]
+    return [one for one in made if one is not None]
+
+
+def learned(ways: dict[str, Any], folder: Path | None, seeds: Sequence[int], jobs: int) -> str:
+    """The file of the committee, from pictures of all ways and seeds."""
+    with ProcessPoolExecutor(jobs) as pool:
+        examples = [one for many in pool.map(partial(_of_seed, ways=ways, folder=folder), seeds) for one in many]
+    told = f"{WORDS}{', '.join(ways)}; seeds {seeds[0]} to {seeds[-1]}; benchmarks/rim_learning.py"
+    return as_json(with_trust(examples), told)
+
+
+def as_json(committee: Committee, told: str) -> str:
+    """As its file holds it, to four digits."""
+
+    def short(values: Array) -> Any:
+        return [short(v) for v in values] if values.ndim else float(f"{values:.4g}")
+
+    members = [{name: short(np.asarray(values)) for name, values in vars(one).items()} for one in committee.members]
+    lines = [
+        f'"made": {json.dumps(told)}', f'"trust": {committee.trust:.4g}', f'"first_share": {committee.first_share:.4g}',
+        f'"middle": {json.dumps(short(committee.middle))}', f'"spread": {json.dumps(short(committee.spread))}',
+        '"members": [\n' + ",\n".join(json.dumps(one) for one in members) + "\n]",
+    ]  # fmt: skip
+    return "{\n" + ",\n".join(lines) + "\n}\n"
+
+
+def with_trust(examples: list[Example]) -> Committee:
+    """The committee of all examples, its trust from those whose seeds were left out, part by part."""
+    judged: list[tuple[Example, Array]] = []
+    for part in range(FOLDS):
+        others = trained([one for one in examples if one.seed % FOLDS != part])
+        judged += [(one, others.judged(one.rows)) for one in examples if one.seed % FOLDS == part]
+
+    def surprise(trust: float) -> float:
+        chances = [
+            _probability(trust * mean + FIRST_SHARE * np.maximum(one.rows[:, FIRST], UNLISTED), one.right)
+            for one, mean in judged
+        ]
+        return -float(np.log(chances).sum())
+
+    trust = float(minimize_scalar(surprise, bounds=(0.1, 2.0), method="bounded").x)
+    return replace(trained(examples), trust=trust)
+
+
+def _probability(odds: Array, right: NDArray[np.bool_]) -> float:
+    """Of what is right, a ring or none of them."""
+    every = np.append(odds, 0.0)
+    weights = np.exp(every - every.max())
+    return max(float(weights[np.append(right, not right.any())].sum() / weights.sum()), 1e-12)
+
+
+def trained(examples: list[Example]) -> Committee:
+    """A committee that is believed as it is."""
+    rows = np.concatenate([one.rows for one in examples])
+    middle = np.nan_to_num(np.nanmedian(rows, axis=0))
+    low, high = np.nanpercentile(rows, [10, 90], axis=0)
+    spread = np.maximum((high - low) / 2.56, np.maximum(0.3 * np.nanstd(rows, axis=0), 1e-3))
+    empty = Committee(middle, spread, (), 1.0, FIRST_SHARE)
+    scaled = [one._replace(rows=empty.scaled(one.rows)) for one in examples]
+    return replace(empty, members=tuple(_member(scaled, seed) for seed in range(MEMBERS)))
+
+
+def _member(examples: list[Example], seed: int) -> Member:
+    """One that makes what is right most probable: odds of rings against none, as a conditional logit."""
+    rng = np.random.default_rng(seed)
+    chosen = [one for one in examples if rng.random() > 0.2]
+    rows = np.concatenate([one.rows for one in chosen])
+    right = np.concatenate([one.right for one in chosen])
+    which = np.repeat(np.arange(len(chosen)), [len(one.right) for one in chosen])
+    none = np.array([not one.right.any() for one in chosen])
+    width = rows.shape[1]
+    shapes = [(width,), (), (width, BENDS), (BENDS,), (BENDS,)]
+    sizes = [int(np.prod(shape)) for shape in shapes]
+    ends = np.cumsum(sizes)[:-1]
+
+    def parts(numbers: Array) -> list[Array]:
+        return [part.reshape(shape) for part, shape in zip(np.split(numbers, ends), shapes, strict=True)]
+
+    def loss(numbers: Array) -> tuple[float, Array]:
+        linear, bias, hidden, shift, out = parts(numbers)
+        bends = np.tanh(rows @ hidden + shift)
+        odds = rows @ linear + bias + bends @ out
+        top = np.zeros(len(chosen))
+        np.maximum.at(top, which, odds)
+        weights, nothing = np.exp(odds - top[which]), np.exp(-top)
+        total = nothing + np.bincount(which, weights, len(chosen))
+        p = weights / total[which]
+        good = np.maximum(np.bincount(which, p * right, len(chosen)) + none * nothing / total, 1e-12)
+        slope = p - p * right / good[which]
+        back = slope[:, None] * out * (1 - bends**2)
+        gradient = [rows.T @ slope, [slope.sum()], (rows.T @ back).ravel(), back.sum(axis=0), bends.T @ slope]
+        held = numbers.copy()
+        held[width] = 0.0  # the bias is free
+        return RIDGE * float(held @ held) - float(np.log(good).sum()), np.concatenate(gradient) + 2 * RIDGE * held
+
+    start = np.zeros(sum(sizes))
+    start[width + 1 :] = rng.normal(0, START, sum(sizes) - width - 1)
+    linear, bias, hidden, shift, out = parts(
+        minimize(loss, start, jac=True, method="L-BFGS-B", options={"maxiter": STEPS}).x
+    )
+    return Member(linear, float(bias), hidden, shift, out)
