@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from .calibrate.estimation import Sighting as Sighting
     from .calibrate.estimation import adjust as adjust
     from .calibrate.estimation import calibrate_camera as calibrate_camera
+    from .calibrate.estimation import read_surveys as read_surveys
     from .calibrate.estimation import simulate_detections as simulate_detections
     from .calibrate.formats import register_camera_format as register_camera_format
     from .calibrate.lines import LineCalibration as LineCalibration
@@ -166,6 +167,7 @@ _HOMES = {
     "spots": "analysis",
     "adjust": "calibrate.estimation",
     "calibrate_camera": "calibrate.estimation",
+    "read_surveys": "calibrate.estimation",
     "Calibration": "calibrate.estimation",
     "Motion": "calibrate.estimation",
     "Prior": "calibrate.estimation",

@@ -42,6 +42,21 @@ def test_points_on_a_ray_are_seen_by_it(distance_mm):
     np.testing.assert_allclose(found.pixels[:, 1] - 238.0, CAMERA.radius_from_omega(omega), atol=1e-9)
 
 
+@pytest.mark.parametrize("kind", [RadialSpline, ViewpointSpline])
+def test_a_spline_has_the_knots_that_it_takes(kind):
+    """A mirror of one viewpoint has radii that grow ever faster towards its rim; nearly even ones need few knots."""
+    steep = Unified(1.0, (400.0, 400.0), (511.5, 511.5), (1024, 1024))
+    even = Unified(4.0, (1500.0, 1500.0), (511.5, 511.5), (1024, 1024))
+    for camera, field, more in ((steep, 270.0, True), (even, 120.0, False)):
+        spline = kind.like(camera, field_deg=field)
+        omega = np.radians(np.linspace(0.1, field / 2, 500))
+        ways = np.stack([np.sin(omega), 0 * omega, -np.cos(omega)], axis=-1)
+        off = spline.image(ways, distant=True).pixels - camera.image(ways, distant=True).pixels
+        assert np.nanmax(np.abs(off)) < 0.5
+        assert (len(spline.radii_px) > 8) == more
+        assert len(kind.like(camera, 5, field).radii_px) == 5
+
+
 def test_what_is_nearer_than_the_rays_meet_is_not_seen():
     assert 1.0 < CAMERA.nearest_mm < 15.0
     for factor in (0.99, 1.01):

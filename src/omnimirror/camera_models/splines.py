@@ -23,6 +23,8 @@ Array = NDArray[np.float64]
 
 NODES_PER_CELL = 16  # of the table from which inversions start
 FEWEST_KNOTS = 3
+MOST_KNOTS, FOLLOWED_PX = 16, 0.5  # of a spline that follows another model, and by how much it may leave it
+PROBES = 2001
 LARGEST_MM = 1e6
 
 
@@ -101,14 +103,15 @@ class SplineModel(RadialModel):
         return omegas, self._spline(omegas)
 
 
-def _started(camera: RadialModel, knots: int, field_deg: float | None) -> dict[str, object]:
+def _started(camera: RadialModel, knots: int | None, fewest: int, field_deg: float | None) -> dict[str, object]:
     """What a spline takes over from another model: its radii, centre, stretch and the way it looks."""
-    whole("knots", knots, FEWEST_KNOTS)
     widest = float(np.degrees(2 * camera.model_end))
     field = number("field_deg", widest if field_deg is None else field_deg, above=0.0, high=360.0, unit="deg")
     if field > widest * (1 + 1e-9):
         raise InvalidParameter(f"field_deg = {field:g} is wider than the model's own, {widest:g} deg")
-    omega = np.minimum(np.arange(1, knots + 1) / knots * np.radians(field / 2), camera.model_end)
+    end = float(np.radians(field / 2))
+    count = _enough_knots(camera, fewest, end) if knots is None else whole("knots", knots, FEWEST_KNOTS)
+    omega = np.minimum(np.arange(1, count + 1) / count * end, camera.model_end)
     half = (camera.stretch + camera.stretch.T) / 2
     mean = half.trace() / 2
     return {
@@ -122,6 +125,20 @@ def _started(camera: RadialModel, knots: int, field_deg: float | None) -> dict[s
         "mount": camera.mount,
         "rim_radius_px": camera.rim_radius_px,
     }
+
+
+def _enough_knots(camera: RadialModel, fewest: int, end: float) -> int:
+    """As many even knots as it takes to follow the radii of a model up to an angle (radians), within reason.
+
+    A mirror that packs little along its rim has radii that grow ever faster there, and no few cubic pieces do.
+    """
+    omega = np.linspace(0.0, end, PROBES)
+    radii = camera.radius_from_omega(np.minimum(omega, camera.model_end))
+    for count in range(fewest, MOST_KNOTS):
+        spline = odd_basis(count, end).of(np.interp(np.arange(1, count + 1) / count * end, omega, radii))
+        if np.abs(spline(omega) - radii).max() <= FOLLOWED_PX:
+            return count
+    return MOST_KNOTS
 
 
 @dataclass(frozen=True)
@@ -185,7 +202,7 @@ class RadialSpline(SplineModel):
         self._check_splines()
 
     @classmethod
-    def like(cls, camera: RadialModel, knots: int = 6, field_deg: float | None = None) -> Self:
+    def like(cls, camera: RadialModel, knots: int | None = None, field_deg: float | None = None) -> Self:
         """A spline through another model's radii, to start from; distortion to one side is left out.
 
         Parameters
@@ -193,7 +210,7 @@ class RadialSpline(SplineModel):
         camera
             Any model of this room.
         knots
-            How many, 3 or more.
+            How many, 3 or more; by default 6, or as many as follow the other model to .5 px, 16 at most.
         field_deg : deg, optional
             Full angle of the field; as far as the other model goes by default.
 
@@ -207,7 +224,7 @@ class RadialSpline(SplineModel):
         InvalidParameter
             For a field wider than the other's.
         """
-        return cls(**_started(camera, knots, field_deg))  # type: ignore[arg-type]
+        return cls(**_started(camera, knots, 6, field_deg))  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True)
@@ -283,7 +300,7 @@ class ViewpointSpline(SplineModel):
             )
 
     @classmethod
-    def like(cls, camera: RadialModel, knots: int = 8, field_deg: float | None = None) -> Self:
+    def like(cls, camera: RadialModel, knots: int | None = None, field_deg: float | None = None) -> Self:
         """A spline through another model's radii and viewpoints, to start from.
 
         Parameters
@@ -291,7 +308,7 @@ class ViewpointSpline(SplineModel):
         camera
             Any model of this room; a central one's viewpoints are all 0.
         knots
-            How many, 3 or more.
+            How many, 3 or more; by default 8, or as many as follow the other model to .5 px, 16 at most.
         field_deg : deg, optional
             Full angle of the field; as far as the other model goes by default.
 
@@ -305,10 +322,11 @@ class ViewpointSpline(SplineModel):
         InvalidParameter
             For a field wider than the other's.
         """
-        start = _started(camera, knots, field_deg)
-        omega = np.radians(float(start["field_deg"]) / 2) * np.arange(1, knots + 1) / knots  # type: ignore[arg-type]
+        start = _started(camera, knots, 8, field_deg)
+        count = len(start["radii_px"])  # type: ignore[arg-type]
+        omega = np.radians(float(start["field_deg"]) / 2) * np.arange(1, count + 1) / count  # type: ignore[arg-type]
         inside = np.minimum(omega, camera.model_end)
-        heights = camera._heights(inside) if isinstance(camera, ViewpointSpline) else np.zeros(knots)
+        heights = camera._heights(inside) if isinstance(camera, ViewpointSpline) else np.zeros(count)
         start["viewpoints_mm"] = tuple(heights.tolist())
         return cls(**start)  # type: ignore[arg-type]
 

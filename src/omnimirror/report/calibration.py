@@ -161,13 +161,12 @@ def calibration_html(calibration: Calibration, command: str = "") -> str:
         name: figure_html(render(figure, "svg"), "svg+xml", CAPTIONS[name], css="plot")
         for name, figure in calibration_figures(calibration).items()
     }
-    used = sum(p.used for p in calibration.pictures)
     heading = f"Calibration: {calibration.model.KIND}"
     return page_html(
         heading,
         "calibration",
         heading=escape(heading),
-        lead=escape(f"From {used} of {len(calibration.pictures)} pictures of a board with {calibration.board}."),
+        lead=escape(_lead(calibration)),
         numbers=_numbers(calibration),
         notes="".join(f"<p>{escape(note)}</p>" for note in calibration.notes),
         coverage=drawn.pop("coverage"),
@@ -182,13 +181,19 @@ def calibration_html(calibration: Calibration, command: str = "") -> str:
     )
 
 
+def _lead(calibration: Calibration) -> str:
+    board = f" of a board with {calibration.board}" if calibration.board is not None else ""
+    used = sum(p.used for p in calibration.pictures)
+    return f"From {calibration.seen} in {used} of {len(calibration.pictures)} pictures{board}."
+
+
 def _numbers(calibration: Calibration) -> str:
     fit = calibration.adjustment
     entries = {
         "RMS": f"{calibration.rms_px:.3f} px",
         "RMS of pictures left out": f"{calibration.held_out_rms_px:.3f} px" if calibration.held_out else "-",
         "Noise of a coordinate": f"{fit.noise_px:.3f} px",
-        "Corners": f"{calibration.corners}, {len(calibration.outliers)} left out",
+        calibration.seen.capitalize(): f"{calibration.corners}, {len(calibration.outliers)} left out",
         "Pictures": f"{sum(p.used for p in calibration.pictures)} of {len(calibration.pictures)}",
         "Took": f"{calibration.seconds:.1f} s",
     }

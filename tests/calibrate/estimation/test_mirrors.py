@@ -88,6 +88,12 @@ def test_a_mirror_whose_viewpoint_hardly_moves_shows_no_size_and_is_found_all_th
     assert found.held_out_rms_px < 1.1 * np.sqrt(2) * NOISE_PX
 
 
+def test_splines_follow_a_mirror_that_packs_little_along_its_rim():
+    seen = om.simulate_detections(om.load_sensor("paper-hyperboloidal"), BOARD, 12, noise_px=NOISE_PX, seed=1)
+    found = om.calibrate_camera(seen, BOARD, model="radial-spline", board_shape=False)
+    assert found.held_out_rms_px < 1.1 * np.sqrt(2) * NOISE_PX
+
+
 @pytest.mark.full
 @pytest.mark.parametrize(("name", "free"), CASES, ids=lambda case: "-".join(case) if isinstance(case, tuple) else case)
 def test_truth_lies_within_3_sigma_over_50_seeds(name, free):

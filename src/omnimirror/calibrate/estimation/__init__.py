@@ -2,6 +2,7 @@
 
 from .bundle.adjustment import Adjustment, Prior, adjust
 from .bundle.observations import Motion, Sighting
+from .bundle.surveys import Surveys, read_surveys
 from .calibration import calibrate_camera
 from .results import Calibration
 from .simulated import simulate_detections
@@ -12,7 +13,9 @@ __all__ = [
     "Motion",
     "Prior",
     "Sighting",
+    "Surveys",
     "adjust",
     "calibrate_camera",
+    "read_surveys",
     "simulate_detections",
 ]

@@ -48,7 +48,7 @@ def coverage(
     sector = np.round(azimuth / (2 * np.pi / SECTORS)).astype(int) % SECTORS
     counts = np.zeros((RINGS, SECTORS), dtype=np.int64)
     np.add.at(counts, (ring, sector), 1)
-    placed = [(s.motion, s.points) for s in sightings if s.motion is not None]
+    placed = [(s.motion, s.points) for s in sightings if s.motion is not None and not s.is_surveyed]
     normals = np.array([motion.rotation[:, 2] for motion, _ in placed]).reshape(-1, 3)
     middles = np.array([motion(points).mean(axis=0) for motion, points in placed]).reshape(-1, 3)
     toward = np.sum(normals * middles, axis=1) / np.linalg.norm(middles, axis=1)

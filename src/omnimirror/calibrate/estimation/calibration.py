@@ -1,4 +1,4 @@
-"""From detected boards to a camera: the whole of a calibration, from no guess at all to what is handed over."""
+"""From boards and surveyed points to a camera: all of a calibration, from no guess to what is handed over."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from ...arguments import checked, choice, instance, optional_number, shown
 from ...camera_models.base import CameraModel
 from ...camera_models.radial import RadialModel
 from ...camera_models.spheres import Unified
+from ...camera_models.splines import ViewpointSpline
 from ...errors import InvalidParameter
 from ...frames import Mount
 from ...sensor import Sensor
@@ -24,7 +25,7 @@ from .advice import advised, coverage
 from .bundle.adjustment import Adjustment, Prior
 from .bundle.board_shape import NAMES, BoardShape
 from .bundle.observations import Sighting, rms_px
-from .checks import check_detections, is_used, listed, reason_of
+from .checks import FEWEST_PICTURES, FEWEST_POINTS, check_detections, is_used, listed, reason_of
 from .covariance import ParameterCovariance, uncertainty
 from .distances import has_several, viewpoint_costs
 from .ladder.conversion import is_central
@@ -42,9 +43,11 @@ OWN_RIM = "A physical mirror ends at its own rim; the rim at {rim:g} px is not i
 
 @checked
 def calibrate_camera(
-    pictures: Sequence[Detection] | Sequence[Picture | str | Path],
-    board: Board,
+    pictures: Sequence[Detection] | Sequence[Picture | str | Path] = (),
+    board: Board | None = None,
     *,
+    surveys: Sequence[Sighting] = (),
+    image_size: tuple[int, int] | None = None,
     model: str | CameraModel | Sensor = "auto",
     optics: str = "mirror",
     mount: Mount | None = None,
@@ -57,12 +60,12 @@ def calibrate_camera(
     progress: Callable[[str, float], None] | None = None,
     stop: Callable[[], bool] | None = None,
 ) -> Calibration:
-    """Find out what camera took pictures of a board, from the corners found in them.
+    """Find out what camera took pictures of a board, or of points and directions that are known, or of both.
 
-    Nothing needs to be known of the camera. Boards are placed with a stereographic camera whose focal length is
-    searched, a unified model is fitted robustly, and richer models from there. Corners that the best model cannot
-    explain are left out, 1 % at most, and named; the models are then compared by their error in pictures that were left
-    out of the fit.
+    Nothing needs to be known of the camera. Boards and surveys are placed with a stereographic camera whose focal
+    length is searched, a unified model is fitted robustly, and richer models from there. Corners that the best model
+    cannot explain are left out, 1 % at most, and named; the models are then compared by their error in pictures that
+    were left out of the fit.
 
     Parameters
     ----------
@@ -70,7 +73,12 @@ def calibrate_camera(
         Files, pictures (height, width, 3), or what was found in them (:func:`omnimirror.find_boards`), those without a
         board among it.
     board
-        That they show.
+        That they show; None where there are none.
+    surveys
+        Points of a room and directions of stars, each with its pixel, picture by picture
+        (:func:`omnimirror.read_surveys`); where the camera stood among them is found.
+    image_size : (width, height), px
+        Of the pictures, where no board is in them to tell it.
     model
         ``"auto"``, the name of a kind of model, a model of the kind to begin with, or a sensor as designed.
     optics
@@ -127,17 +135,19 @@ def calibrate_camera(
     mount = Mount() if mount is None else mount
     rim = optional_number("rim_radius_px", rim_radius_px, above=0.0, unit="px")
     detections = _with_names(_found(pictures, board))
-    size = check_detections(detections, board, is_reversed=(optics == "mirror") != mount.image_flipped)
+    surveys = _surveyed(surveys)
+    is_reversed = (optics == "mirror") != mount.image_flipped
+    size = _size(detections, board, surveys, image_size, is_reversed=is_reversed)
     known = Foreknown(tuple(fixed), tuple(Prior(*p) for p in priors))
     plan = CalibrationPlan(
-        sightings=tuple(_sighting(d, board) for d in detections if is_used(d)),
+        sightings=(*(_sighting(d, board) for d in detections if board is not None and is_used(d)), *surveys),
         image_size=size,
         centre_px=centre_px,
         empty=Unified(1.0, (100.0, 100.0), (0.0, 0.0), size, optics=optics, mount=mount),  # type: ignore[arg-type]
-        wanted=_wanted(model, size, optics),
+        wanted=_wanted(model, size, optics, is_near=bool(detections) or not all(s.distant.all() for s in surveys)),
         known=known,
-        shape=BoardShape.flat(board.points_mm) if board_shape else None,
-        is_mirrored_alike=board.kind == "chessboard",
+        shape=BoardShape.flat(board.points_mm) if board_shape and board is not None else None,
+        is_mirrored_alike=board is not None and board.kind == "chessboard",
         seed=seed,
     )
     course = Course()
@@ -151,17 +161,63 @@ def calibrate_camera(
     if rim is not None and course.fit is not None and isinstance(course.fit.model, RadialModel):
         with_rim: CameraModel = replace(course.fit.model, rim_radius_px=rim)  # type: ignore[type-var]
         course.fit = replace(course.fit, model=with_rim)
-    told = _told(course, detections, board, known, time.perf_counter() - started, is_complete)
+    told = _told(course, detections, surveys, board, known, time.perf_counter() - started, is_complete)
     if rim is not None and not isinstance(told.model, RadialModel):
         told = replace(told, notes=(*told.notes, OWN_RIM.format(rim=rim)))
     return told
 
 
-def _found(pictures: Sequence[Any], board: Board) -> Sequence[Detection]:
+def _found(pictures: Sequence[Any], board: Board | None) -> Sequence[Detection]:
     """Boards in pictures, unless they were looked for already."""
-    instance("board", board, Board, "a board")
     given = list(pictures)
+    if board is None:
+        if given:
+            raise InvalidParameter(f"{len(given)} pictures are given and not the board that they show")
+        return []
     return given if given and all(isinstance(p, Detection) for p in given) else find_boards(given, board)
+
+
+def _surveyed(surveys: Sequence[Sighting]) -> tuple[Sighting, ...]:
+    """Surveys as such, whose camera is placed anew."""
+    given = tuple(surveys)
+    for number, survey in enumerate(given):
+        instance(f"surveys[{number}]", survey, Sighting, "a Sighting")
+    names = [s.name for s in given]
+    if len(set(names)) < len(names):
+        raise InvalidParameter(
+            f"surveys have one name twice among {listed(names)}; what one picture shows is one of them"
+        )
+    return tuple(replace(s, is_surveyed=True) for s in given)
+
+
+def _size(
+    detections: Sequence[Detection],
+    board: Board | None,
+    surveys: Sequence[Sighting],
+    said: tuple[int, int] | None,
+    *,
+    is_reversed: bool,
+) -> tuple[int, int]:
+    """The pictures' size, by the boards in them or as it is said."""
+    size = said
+    if detections or not surveys:
+        fewest = 1 if surveys else FEWEST_PICTURES
+        size = check_detections(detections, board, is_reversed=is_reversed, fewest=fewest)
+        if said is not None and tuple(said) != tuple(size):
+            (w, h), (width, height) = said, size
+            raise InvalidParameter(
+                f"image_size is said to be {w} x {h} px, and the pictures have {width} x {height} px"
+            )
+    if size is None:
+        raise InvalidParameter("of surveyed points alone the pictures' size has to be said (image_size, --image-size)")
+    if not detections and (count := sum(map(len, surveys))) < FEWEST_POINTS:
+        raise InvalidParameter(f"{count} points are known, and {FEWEST_POINTS} are the fewest; 40 all around are usual")
+    for survey in surveys:
+        outside = np.any((survey.pixels < -0.5) | (survey.pixels > np.array(size) - 0.5), axis=1)
+        if outside.any():
+            (u, v), (width, height) = survey.pixels[outside][0], size
+            raise InvalidParameter(f"{survey.name}: pixel {u:g}, {v:g} lies outside of {width} x {height} px")
+    return size
 
 
 def _with_names(detections: Sequence[Detection]) -> list[Detection]:
@@ -179,10 +235,15 @@ def _sighting(detection: Detection, board: Board) -> Sighting:
     return Sighting(detection.name, detection.corners_px, board.points_mm[ids], ids=ids)
 
 
-def _wanted(model: str | CameraModel, size: tuple[int, int], optics: str) -> tuple[str | CameraModel, ...]:
-    """The kinds that are asked for, or a model to begin with."""
+def _wanted(
+    model: str | CameraModel, size: tuple[int, int], optics: str, *, is_near: bool
+) -> tuple[str | CameraModel, ...]:
+    """The kinds that are asked for, or a model to begin with; what is far away shows nothing of several viewpoints."""
     if model == "auto":
-        return tuple(kind for kind in KINDS if kind != SensorModel.KIND or optics == "mirror")
+        left = set() if is_near else {SensorModel.KIND, ViewpointSpline.KIND}
+        if optics != "mirror":
+            left.add(SensorModel.KIND)
+        return tuple(kind for kind in KINDS if kind not in left)
     if isinstance(model, str):
         choice("model", model, ("auto", *KINDS))
         if model == SensorModel.KIND and optics != "mirror":
@@ -200,14 +261,20 @@ def _wanted(model: str | CameraModel, size: tuple[int, int], optics: str) -> tup
 
 
 def _told(
-    course: Course, detections: Sequence[Detection], board: Board, known: Foreknown, seconds: float, is_complete: bool
+    course: Course,
+    detections: Sequence[Detection],
+    surveys: Sequence[Sighting],
+    board: Board | None,
+    known: Foreknown,
+    seconds: float,
+    is_complete: bool,
 ) -> Calibration:
     fit = course.fit
     assert fit is not None
     certain = uncertainty(fit)
     centre = _centre(fit)
     found = coverage(fit.sightings, centre, getattr(fit.model, "rim_radius_px", None))
-    pictures = _pictures(fit, course, detections)
+    pictures = _pictures(fit, course, detections, surveys)
     parameters = [p.value for p in fit.model.parameters] + list(fit.shape.values if fit.shape else ())
     return Calibration(
         model=fit.model,
@@ -224,7 +291,7 @@ def _told(
         uncertainty=certain,
         candidates=course.candidates,
         notes=_notes(fit, course, certain, is_complete),
-        advice=advised(found, len(fit.sightings)),
+        advice=advised(found, boards) if (boards := sum(not s.is_surveyed for s in fit.sightings)) else (),
         coverage=found,
         adjustment=fit,
         held_out=course.held,
@@ -244,7 +311,9 @@ def _centre(fit: Adjustment) -> tuple[float, float]:
     return (width - 1) / 2, (height - 1) / 2
 
 
-def _pictures(fit: Adjustment, course: Course, detections: Sequence[Detection]) -> tuple[PictureResult, ...]:
+def _pictures(
+    fit: Adjustment, course: Course, detections: Sequence[Detection], surveys: Sequence[Sighting]
+) -> tuple[PictureResult, ...]:
     errors = {s.name: rms_px(fit.residuals_of(i)) for i, s in enumerate(fit.sightings)}
     results = []
     for detection in detections:
@@ -252,6 +321,9 @@ def _pictures(fit: Adjustment, course: Course, detections: Sequence[Detection]) 
         reason = course.strangers.get(name) if is_used(detection) else reason_of(detection)
         used = name in errors and reason is None
         results.append(PictureResult(name, len(detection.ids), used, reason, errors[name] if used else None))
+    for survey in surveys:
+        reason, used = course.strangers.get(survey.name), survey.name in errors
+        results.append(PictureResult(survey.name, len(survey), used, reason, errors[survey.name] if used else None))
     return tuple(results)
 
 
@@ -260,7 +332,7 @@ def _notes(fit: Adjustment, course: Course, certain: ParameterCovariance, is_com
     notes = []
     if not is_complete:
         notes.append("It was stopped before the end: this is the best camera found until then.")
-    if len(fit.sightings) < FEW_PICTURES:
+    if len(fit.sightings) < FEW_PICTURES and not any(s.is_surveyed for s in fit.sightings):
         notes.append(
             f"{len(fit.sightings)} pictures fit easily and say little of others: see the error in pictures left out, "
             "and take more."

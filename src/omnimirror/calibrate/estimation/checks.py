@@ -28,6 +28,11 @@ ALONE = (
     "flipped or cut"
 )
 MOVED_GAIN = 100.0  # in the sum of squares over the noise's, for each picture that moved
+BOARD_REMEDY = "see whether the board is the one that was named, and flat"
+SURVEY_REMEDY = (
+    "see whether their axes are right-handed and their units those of the file, whether all of a picture were seen "
+    "from one place, and whether the pictures are mirror images, as --optics and --flipped say"
+)
 WORST_MEDIAN = 0.01  # of the picture's larger side; a start that leaves more is none
 
 
@@ -43,7 +48,7 @@ def listed(names: Sequence[str]) -> str:
     return shown[0] if len(shown) == 1 else f"{', '.join(shown[:-1])} and {shown[-1]}"
 
 
-def check_detections(detections: Sequence[Any], board: Any, *, is_reversed: bool) -> tuple[int, int]:
+def check_detections(detections: Sequence[Any], board: Any, *, is_reversed: bool, fewest: int) -> tuple[int, int]:
     """The pictures' size, if there are enough of them that belong together.
 
     Parameters
@@ -54,6 +59,8 @@ def check_detections(detections: Sequence[Any], board: Any, *, is_reversed: bool
         That was looked for.
     is_reversed
         Whether a camera such as this delivers mirror images.
+    fewest
+        Of pictures that show the board.
     """
     sizes = Counter(tuple(d.image_size) for d in detections if is_used(d))
     if len(sizes) > 1:
@@ -67,12 +74,13 @@ def check_detections(detections: Sequence[Any], board: Any, *, is_reversed: bool
     if not detections:
         raise InvalidParameter("there are no pictures; 10 or more of a board are usual")
     used = [d for d in detections if is_used(d)]
-    if len(used) < FEWEST_PICTURES:
+    if len(used) < fewest:
         missing = [d for d in detections if not is_used(d)]
         reasons = "; ".join(reason_of(d) for d in missing[:MOST_NAMED])
         raise InvalidParameter(
             f"the board ({board}) was found well enough in {len(used)} of {len(detections)} pictures, and "
-            f"{FEWEST_PICTURES} are the fewest, 10 or more are usual{': ' if reasons else ''}{reasons}"
+            f"{fewest} {'is' if fewest == 1 else 'are'} the fewest, 10 or more are usual"
+            f"{': ' if reasons else ''}{reasons}"
         )
     wrong = [d.name for d in used if d.is_reversed is not None and d.is_reversed != is_reversed]
     if wrong:
@@ -101,17 +109,20 @@ def reason_of(detection: Any) -> str:
     return detection.reason if detection.name in detection.reason else f"{detection.name}: {detection.reason}"
 
 
-def check_start(median_px: float, image_size: tuple[int, int]) -> None:
-    """Whether any camera explains the corners."""
+def check_start(median_px: float, image_size: tuple[int, int], *, boards: bool = True) -> None:
+    """Whether any camera explains the corners of boards, or surveyed points."""
     if not median_px < WORST_MEDIAN * max(image_size):
+        what, remedy = ("corners", BOARD_REMEDY) if boards else ("points and directions", SURVEY_REMEDY)
         raise InvalidParameter(
-            f"no camera explains the corners: with the best half of them lie more than {median_px:.1f} px from where "
-            "they should; see whether the board is the one that was named, and flat"
+            f"no camera explains the {what}: with the best half of them lie more than {median_px:.1f} px from where "
+            f"they should; {remedy}"
         )
 
 
 def check_poses(sightings: Sequence[Sighting]) -> None:
-    """Whether boards were held differently at all."""
+    """Whether boards were held differently at all, where nothing else is known."""
+    if any(s.is_surveyed for s in sightings):
+        return
     motions = [s.motion for s in sightings if s.motion is not None]
     normals = np.array([m.rotation[:, 2] for m in motions])
     middles = np.array([m(s.points).mean(axis=0) for m, s in zip(motions, sightings, strict=True)])

@@ -75,7 +75,7 @@ def has_several(central: Adjustment, other: Adjustment) -> bool:
 def _corners(fit: Adjustment, of: Adjustment) -> Array:
     """Corners (n, 3) of all boards of one fit, where another has them."""
     motions = {s.name: s.motion for s in fit.sightings}
-    return np.concatenate([m(s.points) for s in of.sightings if (m := motions.get(s.name)) is not None])
+    return np.concatenate([m(s.points[~s.distant]) for s in of.sightings if (m := motions.get(s.name)) is not None])
 
 
 def _between(points: Array, others: Array) -> Motion:

@@ -19,6 +19,8 @@ from .bundle.observations import Sighting
 Mask = NDArray[np.bool_]
 
 MOST_REJECTED = 0.01
+MOST_TAKEN_UP = 0.75  # of the noise by what is estimated
+DOUBT = 1.44  # two standard errors of the median of Rayleigh's distribution, relative, times the root of their number
 CHANCE = 0.02  # that a set without any gross error loses a corner
 LEAST_REJECTED_PX = 0.25  # a corner that is closer is never called wrong
 FEWEST_POINTS = 6  # that a picture keeps
@@ -35,8 +37,10 @@ class Outlier(NamedTuple):
 def outlier_limit_px(adjustment: Adjustment) -> float:
     """Residual above which a corner is wrong: beyond what noise, normal in both directions, shows by chance."""
     lengths = np.hypot(*adjustment.residuals[adjustment.seen].T)
-    noise = float(np.median(lengths)) / MEDIAN_OF_NOISE if len(lengths) else 0.0
-    return max(noise * float(np.sqrt(2 * np.log(max(len(lengths), 2) / CHANCE))), LEAST_REJECTED_PX)
+    taken_up = 1 - min(adjustment.unknowns / max(2 * len(lengths), 1), MOST_TAKEN_UP)  # what is estimated hides noise
+    noise = float(np.median(lengths)) / MEDIAN_OF_NOISE / np.sqrt(taken_up) if len(lengths) else 0.0
+    noise *= 1 + DOUBT / np.sqrt(max(len(lengths), 1))
+    return max(float(noise) * float(np.sqrt(2 * np.log(max(len(lengths), 2) / CHANCE))), LEAST_REJECTED_PX)
 
 
 def without_outliers(adjustment: Adjustment, *, most: int | None = None) -> tuple[Adjustment, tuple[Outlier, ...]]:
@@ -47,7 +51,7 @@ def without_outliers(adjustment: Adjustment, *, most: int | None = None) -> tupl
     adjustment
         Of all corners, robust or not.
     most
-        Corners that may be rejected; 1 % by default.
+        Corners that may be rejected; 1 % by default, and one of few.
 
     Returns
     -------
@@ -57,7 +61,7 @@ def without_outliers(adjustment: Adjustment, *, most: int | None = None) -> tupl
         What was rejected, the worst first.
     """
     count = len(adjustment.residuals)
-    left = int(MOST_REJECTED * count) if most is None else most
+    left = max(1, int(MOST_REJECTED * count)) if most is None else most
     found: list[Outlier] = []
     now = adjustment
     while True:

@@ -26,6 +26,7 @@ from .outliers import Outlier, frozen, without_outliers
 
 HOPELESS = 1.1  # a model whose fit is worse than another in pictures that were left out, by so much, is not compared
 FAR = 1.5  # of the noise of the best model: so much worse a model need not be settled to the last digit
+FREEDOM = 0.5  # of what was measured; a model with more unknowns follows wrong points too
 FEWEST_FOR_JUDGES = 5  # pictures; with fewer the most flexible models follow anything
 
 
@@ -116,7 +117,7 @@ def run(plan: CalibrationPlan, watch: Watch, course: Course) -> None:
     base = replace(low.fit, sightings=from_the_front(low.fit.sightings)) if plan.is_mirrored_alike else low.fit
     fits = _all_climbed(base, plan, watch, course)
     plan.known.check(fits.values())
-    judge = min(fits.values(), key=lambda fit: fit.question.noise_px)
+    judge = _judge(fits)
     judge = robust = _without_strangers(judge, course)
     watch.at("looking for outliers", 0.4)
     judge, course.outliers = without_outliers(judge)
@@ -207,6 +208,12 @@ def _without_strangers(fit: Adjustment, course: Course) -> Adjustment:
     return fit.again([s for s in fit.sightings if s.name not in found], loss="cauchy")
 
 
+def _judge(fits: dict[str, Adjustment]) -> Adjustment:
+    """The fit by which outliers are told: the best of those that the pictures determine well."""
+    sound = [fit for fit in fits.values() if fit.unknowns <= FREEDOM * fit.residuals.size]
+    return min(sound, key=lambda fit: fit.question.noise_px) if sound else min(fits.values(), key=lambda f: f.unknowns)
+
+
 def _frozen(fit: Adjustment, judge: Adjustment, course: Course) -> Adjustment:
     """A model by least squares on the corners that are left for all."""
     names = {s.name for s in judge.sightings}
@@ -221,11 +228,13 @@ def from_the_front(sightings: Sequence[Sighting]) -> tuple[Sighting, ...]:
     A mirror's picture is reversed, and a detector counts the corners in it as it finds them: the board is then seen
     as if from behind, which is harmless as long as it is flat, and turns a bulge inside out where it is not.
     """
-    low = np.min([s.points.min(axis=0) for s in sightings], axis=0)
-    high = np.max([s.points.max(axis=0) for s in sightings], axis=0)
+    boards = [s.points for s in sightings if not s.is_surveyed]
+    if not boards:
+        return tuple(sightings)
+    low, high = np.min([p.min(axis=0) for p in boards], axis=0), np.max([p.max(axis=0) for p in boards], axis=0)
     turned = []
     for sighting in sightings:
-        if sighting.motion is None or not _is_from_behind(sighting, sighting.motion):
+        if sighting.is_surveyed or sighting.motion is None or not _is_from_behind(sighting, sighting.motion):
             turned.append(sighting)
             continue
         rotation, shift = sighting.motion

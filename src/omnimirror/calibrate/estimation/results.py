@@ -62,7 +62,7 @@ class Calibration:
     model
         The camera.
     board
-        That the pictures show.
+        That the pictures show, None where there is none.
     shape
         How the board differs from a flat one with square fields; None where it was taken as such.
     rms_px
@@ -181,12 +181,19 @@ class Calibration:
         save_camera(self.camera, path, self.summary)  # type: ignore[arg-type]
 
     @property
+    def seen(self) -> str:
+        """What was seen, as a word: corners, points, or both."""
+        kinds = {"points" if s.is_surveyed else "corners" for s in self.adjustment.sightings}
+        return " and ".join(sorted(kinds))
+
+    @property
     def summary(self) -> str:
         """A line about it."""
         used = sum(p.used for p in self.pictures)
         held = f", {self.held_out_rms_px:.3f} px in pictures left out" if self.held_out else ""
         return (
-            f"Calibrated from {used} pictures and {self.corners - len(self.outliers)} corners: {self.rms_px:.3f} px RMS"
+            f"Calibrated from {used} {'picture' if used == 1 else 'pictures'} and {self.corners - len(self.outliers)} "
+            f"{self.seen}: {self.rms_px:.3f} px RMS"
             f"{held}."
         )
 

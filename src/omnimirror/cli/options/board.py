@@ -12,6 +12,9 @@ from ...calibrate.targets.boards import KINDS, Board
 from .common import NUMBER
 from .declared import Options, option
 
+SIZE = "Columns and rows: inner corners of a chessboard, squares of a ChArUco board, tags of an April grid."
+SQUARE = "Side of a square, or of a tag."
+
 
 def board_size(text: str) -> tuple[int, int]:
     """Columns and rows of a board.
@@ -26,16 +29,11 @@ def board_size(text: str) -> tuple[int, int]:
 
 
 @dataclass(frozen=True)
-class BoardOptions(Options):
-    """A calibration board, as :class:`omnimirror.Board` takes it."""
+class SoughtBoardOptions(Options):
+    """A calibration board, as :class:`omnimirror.Board` takes it, or none."""
 
-    board: tuple[int, int] = option(
-        type=board_size, metavar="CxR", required=True, show_default=False,
-        help="Columns and rows: inner corners of a chessboard, squares of a ChArUco board, tags of an April grid.",
-    )  # fmt: skip
-    square_mm: float = option(
-        type=NUMBER, required=True, show_default=False, metavar="MM", help="Side of a square, or of a tag."
-    )
+    board: tuple[int, int] | None = option(type=board_size, metavar="CxR", show_default=False, help=SIZE)
+    square_mm: float | None = option(type=NUMBER, show_default=False, metavar="MM", help=SQUARE)
     target: str = option(type=click.Choice(KINDS), default="chessboard", help="What kind of board it is.")
     marker_mm: float | None = option(
         type=NUMBER, metavar="MM", help="ChArUco: side of a marker.  [default: 3/4 of the square]"
@@ -48,8 +46,26 @@ class BoardOptions(Options):
     )
     legacy: bool = option("--legacy-board", is_flag=True, default=False, help="ChArUco: laid out as before OpenCV 4.6.")
 
-    def made(self) -> Board:
-        """The board itself."""
+    def made(self) -> Board | None:
+        """The board itself; None where nothing is said of one."""
+        if self.board is None or self.square_mm is None:
+            if self.changed:
+                raise click.UsageError("a board takes --board and --square-mm")
+            return None
         columns, rows = self.board
         more = self.picked("marker_mm", "spacing", "family")
         return Board(self.target, columns, rows, self.square_mm, legacy=self.legacy, **more)  # type: ignore[arg-type]
+
+
+@dataclass(frozen=True)
+class BoardOptions(SoughtBoardOptions):
+    """A calibration board, as :class:`omnimirror.Board` takes it."""
+
+    board: tuple[int, int] = option(type=board_size, metavar="CxR", required=True, show_default=False, help=SIZE)
+    square_mm: float = option(type=NUMBER, required=True, show_default=False, metavar="MM", help=SQUARE)
+
+    def made(self) -> Board:
+        """The board itself."""
+        made = super().made()
+        assert made is not None
+        return made

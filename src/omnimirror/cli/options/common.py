@@ -118,6 +118,18 @@ def picture_size(text: str) -> tuple[int | None, int | None]:
     return width, height
 
 
+def whole_size(text: str) -> tuple[int, int]:
+    """Width and height of a picture, both given.
+
+    >>> whole_size("1024x768")
+    (1024, 768)
+    """
+    width, height = picture_size(text)
+    if width is None or height is None:
+        raise click.BadParameter(f"{text!r} leaves a side out; give both, such as 1024x768")
+    return width, height
+
+
 def _numbers(text: str, count: int, separator: str, what: str) -> list[float]:
     """So many finite numbers with a separator between them."""
     try:

@@ -111,11 +111,17 @@ class Adjustment:
     @property
     def noise_px(self) -> float:
         """Noise of a coordinate, from the residuals and what they leave free."""
-        count = 2 * int(self.seen.sum()) - int(self.question.free.sum()) - 6 * int(self.question.moving.sum())
+        count = 2 * int(self.seen.sum()) - self.unknowns
         if self.question.stack.along is not None:
             count -= int(np.any(self.question.stack.along != 0, axis=1).sum())
         total = float(np.sum(self.residuals[self.seen] ** 2))
         return max(float(np.sqrt(total / max(count, 1))), LEAST_NOISE_PX)
+
+    @property
+    def unknowns(self) -> int:
+        """How many numbers were estimated: those that are shared, and how targets stand."""
+        moving = (s for s, m in zip(self.sightings, self.question.moving, strict=True) if m)
+        return int(self.question.free.sum()) + sum(3 if s.distant.all() else 6 for s in moving)
 
     def residuals_of(self, number: int) -> Array:
         """Residuals (n, 2) of a sighting."""
@@ -155,7 +161,8 @@ def adjust(
     sightings
         Each with a motion, known or to begin with; of points, directions, lines or marks on planes, mixed as they come.
     shape
-        Of the board that all near sightings show, to be estimated from here; None: they are as they say.
+        Of the board that all near sightings but surveyed ones show, to be estimated from here; None: they are as they
+        say.
     fixed
         Names of parameters that stay.
     priors

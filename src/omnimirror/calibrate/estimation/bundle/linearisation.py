@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ....camera_models.base import CameraModel
 from .board_shape import BoardShape
-from .observations import Motion, Stack
+from .observations import Motion, Sighting, Stack, stacked
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -93,7 +93,7 @@ def linearised(estimate: Estimate, stack: Stack) -> Linearised:
     d_shared = d_parameters
     if estimate.shape is not None:
         changes = estimate.shape.changes(stack.points)
-        changes[stack.distant] = 0.0
+        changes[~stack.shaped] = 0.0
         d_shared = np.concatenate([d_shared, (d_points @ rotations) @ changes], axis=2)
     if stack.marks is not None:
         d_shared = np.concatenate([d_shared, (d_points @ rotations) @ stack.marks.changes()], axis=2)
@@ -108,11 +108,18 @@ def linearised(estimate: Estimate, stack: Stack) -> Linearised:
     return Linearised(residuals, seen, d_shared, d_motion, d_slide)
 
 
+def as_placed(model: CameraModel, sightings: Sequence[Sighting]) -> Linearised:
+    """Residuals of points and directions, without any board's shape, where sightings have their targets."""
+    stack = stacked(sightings)
+    motions = tuple(s.motion or Motion.none() for s in sightings)
+    return linearised(Estimate(model, motions, None, np.zeros(len(stack.pixels)), np.zeros(0)), stack)
+
+
 def targets(estimate: Estimate, stack: Stack) -> Array:
     """Points (n, 3) in the frames of their targets, with the board's shape, and where they lie on lines and planes."""
     points = stack.points
     if estimate.shape is not None:
-        points = np.where(stack.distant[:, None], points, estimate.shape.applied(points))
+        points = np.where(stack.shaped[:, None], estimate.shape.applied(points), points)
     if stack.along is not None:
         points = points + estimate.slides[:, None] * stack.along
     if stack.marks is not None:

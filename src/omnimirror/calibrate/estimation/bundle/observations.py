@@ -103,7 +103,8 @@ class Sighting:
     is_known
         Whether ``motion`` is known, and is not estimated.
     is_distant
-        Whether what was seen is so far away that directions are all that counts, as stars and the sun.
+        Whether what was seen is so far away that directions are all that counts, as stars and the sun; of each (n,)
+        where a picture shows both.
     along : (n, 3), optional
         Where lines were seen: the directions of the lines through ``points``, on which the point that was seen may lie
         anywhere.
@@ -113,6 +114,8 @@ class Sighting:
         in ``ids``.
     ids : (n,), optional
         Numbers of the points, such as those of a board's corners; 0, 1, .. by default.
+    is_surveyed
+        Whether the points are where they are said to be, whatever the shape of the board that other pictures show.
 
     Raises
     ------
@@ -131,10 +134,11 @@ class Sighting:
     points: Array
     motion: Motion | None = None
     is_known: bool = False
-    is_distant: bool = False
+    is_distant: bool | Mask = False
     along: Array | None = None
     normals: Array | None = None
     ids: NDArray[np.int64] | None = None
+    is_surveyed: bool = False
 
     def __post_init__(self) -> None:
         pixels, points = finite("pixels", self.pixels, last=2), finite("points", self.points, last=3)
@@ -148,10 +152,14 @@ class Sighting:
         object.__setattr__(self, "points", points)
         ids = np.arange(len(pixels)) if self.ids is None else np.asarray(self.ids, dtype=np.int64)
         object.__setattr__(self, "ids", ids)
+        if np.ndim(self.is_distant) and np.shape(self.is_distant) != (len(pixels),):
+            raise InvalidParameter(
+                f"{self.name}: is_distant is one truth value, or one for each of {len(pixels)} points"
+            )
         for name in ("along", "normals"):
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, self._directions(name, len(pixels)))
-        if self.normals is not None and (self.along is not None or self.is_distant):
+        if self.normals is not None and (self.along is not None or self.distant.any()):
             raise InvalidParameter(f"{self.name}: normals belong to planes, not to lines or to what is far away")
 
     def _directions(self, name: str, count: int) -> Array:
@@ -164,6 +172,16 @@ class Sighting:
 
     def __len__(self) -> int:
         return len(self.pixels)
+
+    @property
+    def distant(self) -> Mask:
+        """Which of the points (n,) are directions."""
+        return np.broadcast_to(np.asarray(self.is_distant, dtype=bool), len(self.pixels))
+
+    def before(self, motion: Motion) -> Array:
+        """Points and directions (n, 3) in the camera frame, if the target stands where a motion takes it."""
+        turned: Array = self.points @ motion.rotation.T
+        return turned + np.where(self.distant[:, None], 0.0, motion.shift_mm)
 
     def only(self, kept: Mask | NDArray[np.int64]) -> Sighting:
         """The same with some of its points.
@@ -180,9 +198,11 @@ class Sighting:
         """
         assert self.ids is not None
         along, normals = (None if d is None else d[kept] for d in (self.along, self.normals))
+        distant = self.distant[kept] if np.ndim(self.is_distant) else self.is_distant
         return replace(
-            self, pixels=self.pixels[kept], points=self.points[kept], along=along, normals=normals, ids=self.ids[kept]
-        )
+            self, pixels=self.pixels[kept], points=self.points[kept], along=along, normals=normals, ids=self.ids[kept],
+            is_distant=distant,
+        )  # fmt: skip
 
     def moved(self, motion: Motion | None) -> Sighting:
         """The same with another motion.
@@ -230,6 +250,8 @@ class Stack(NamedTuple):
     """(n,) number of the sighting"""
     distant: Mask
     """(n,)"""
+    shaped: Mask
+    """(n,) which move with the board's shape"""
     along: Array | None
     """(n, 3); 0 where a point was seen; None where no line was"""
     slices: tuple[slice, ...]
@@ -253,7 +275,8 @@ def stacked(sightings: Sequence[Sighting]) -> Stack:
         np.concatenate([s.pixels for s in sightings]),
         np.concatenate([s.points for s in sightings]),
         np.repeat(np.arange(len(sightings)), counts),
-        np.repeat([s.is_distant for s in sightings], counts),
+        np.concatenate([s.distant for s in sightings]),
+        np.concatenate([~s.distant & (not s.is_surveyed) for s in sightings]),
         along,
         tuple(slice(int(e) - c, int(e)) for e, c in zip(ends, counts, strict=True)),
         np.concatenate([s.ids for s in sightings if s.ids is not None]),

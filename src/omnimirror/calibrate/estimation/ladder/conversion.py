@@ -16,8 +16,8 @@ from ....camera_models.base import CameraModel
 from ....cameras import inside_image
 from ....errors import InvalidParameter
 from ..bundle.adjustment import Adjustment, Prior, adjust
-from ..bundle.linearisation import Estimate, linearised
-from ..bundle.observations import Motion, Sighting, stacked
+from ..bundle.linearisation import as_placed
+from ..bundle.observations import Motion, Sighting
 
 Array = NDArray[np.float64]
 
@@ -81,7 +81,7 @@ def farthest_angle_deg(fit: Adjustment) -> float:
     forward = -1.0 if fit.model.optics == "mirror" else 1.0
     largest = 0.0
     for sighting in fit.sightings:
-        points = (sighting.motion or Motion.none())(sighting.points)
+        points = sighting.before(sighting.motion or Motion.none())
         ahead = forward * points[:, 2] / np.linalg.norm(points, axis=1)
         largest = max(largest, float(np.degrees(np.arccos(np.clip(ahead.min(), -1, 1)))))
     return largest
@@ -101,11 +101,9 @@ def shifted_to_viewpoint(model: CameraModel, sightings: Sequence[Sighting]) -> t
     What a central model takes for its viewpoint lies elsewhere in the frame of a mirror and its camera, often 100 mm
     from the origin; unless boards are moved by that first, no search of small steps arrives.
     """
-    stack = stacked(sightings)
     medians = []
     for shift in SHIFTS_MM:
-        motions = tuple(_along(s, shift).motion or Motion.none() for s in sightings)
-        found = linearised(Estimate(model, motions, None, np.zeros(len(stack.pixels)), np.zeros(0)), stack)
+        found = as_placed(model, [_along(s, shift) for s in sightings])
         lengths = np.where(found.seen, np.hypot(*found.residuals.T), np.inf)
         medians.append(float(np.median(lengths)))
     best = float(SHIFTS_MM[int(np.argmin(medians))])
@@ -113,8 +111,8 @@ def shifted_to_viewpoint(model: CameraModel, sightings: Sequence[Sighting]) -> t
 
 
 def _along(sighting: Sighting, shift_mm: float) -> Sighting:
-    """Moved along Z, unless it is distant or known."""
-    if sighting.is_known or sighting.is_distant or sighting.motion is None:
+    """Moved along Z, unless all of it is distant, or it is known."""
+    if sighting.is_known or sighting.distant.all() or sighting.motion is None:
         return sighting
     rotation, place = sighting.motion
     return sighting.moved(Motion(rotation, place + np.array([0.0, 0.0, shift_mm])))

@@ -75,7 +75,7 @@ def mirror_like(central: Unified, fit: Adjustment, omega_max_deg: float) -> Sens
     model = fit.model
     assert isinstance(model, ViewpointSpline)
     end = min(omega_max_deg, _degrees(central.model_end))
-    corners = np.concatenate([s.motion(s.points) for s in fit.sightings if s.motion is not None])
+    corners = np.concatenate([s.motion(s.points[~s.distant]) for s in fit.sightings if s.motion is not None])
     omega = np.arctan2(np.hypot(corners[:, 0], corners[:, 1]), -corners[:, 2])
     omega = np.sort(omega[omega < np.radians(end)])[:: max(1, len(omega) // SOME)]
     guess = guessed_size(central, end, omega, -model._viewpoint_mm(omega))

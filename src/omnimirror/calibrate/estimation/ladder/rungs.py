@@ -13,16 +13,23 @@ from ....errors import InvalidParameter
 from ....frames import Mount, turned
 from ..bundle.adjustment import Adjustment, Prior, adjust
 from ..bundle.board_shape import BoardShape
-from ..bundle.linearisation import UNSEEN_PX
+from ..bundle.linearisation import UNSEEN_PX, as_placed
 from ..bundle.observations import Motion, Sighting
 from ..checks import check_start, without_strangers
 from .conversion import converted, farthest_angle_deg, is_central, shifted_to_viewpoint
-from .start import board_motion, stereographic_start
+from .placing import placed
+from .start import stereographic_start
 
 FIRST_FREE = ("xi", "fx", "fy", "cx", "cy")
 ROUGHLY = 1e-4  # share of the sum below which a step is the last, where better models follow
 RADIUS_SIGMA = 0.02  # of the largest radius
 VIEWPOINT_SIGMA_MM = 30.0
+ROUGH_START = 10.0
+"""How much farther off than boards surveys may be: a board is placed to where a wrong camera sees it best."""
+UNPLACED = (
+    "what it shows cannot be placed before the camera: it takes 6 points that do not lie on a line, or 3 directions, "
+    "and not mirror images of them"
+)
 BEYOND = 1.03  # of the farthest corner: so far models are made to agree
 
 
@@ -45,7 +52,7 @@ def begun(
     fixed: tuple[str, ...] = (),
     priors: tuple[Prior, ...] = (),
 ) -> Begun:
-    """A unified model, robust, from boards that nobody has placed.
+    """A unified model, robust, from boards and surveyed points that nobody has placed.
 
     What is fixed keeps the value of a stereographic camera without distortion.
 
@@ -58,25 +65,32 @@ def begun(
     centre = centre_px or ((width - 1) / 2, (height - 1) / 2)
     model = Unified(1.0, (width / 4, width / 4), centre, image_size, optics=optics, mount=mount)  # type: ignore[arg-type]
     start = stereographic_start(sightings, image_size, centre, model._signs)
-    check_start(start.median_px, image_size)
+    boards = not all(s.is_surveyed for s in sightings)
+    check_start(start.median_px / (1 if boards else ROUGH_START), image_size, boards=boards)
     model = Unified(1.0, (start.focal_px,) * 2, centre, image_size, optics=optics, mount=mount)  # type: ignore[arg-type]
     strangers = {
-        s.name: "its corners lie on a line, or in one point"
+        s.name: UNPLACED if s.is_surveyed else "its corners lie on a line, or in one point"
         for s, motion in zip(sightings, start.motions, strict=True)
         if motion is None
     }
-    placed = [s.moved(m) for s, m in zip(sightings, start.motions, strict=True) if m is not None]
+    known = [s.moved(m) for s, m in zip(sightings, start.motions, strict=True) if m is not None]
     held = [p.name for p in model.parameters if p.name not in FIRST_FREE]
-    fit = adjust(model, placed, fixed=(*held, *fixed), priors=priors, loss="cauchy", settled=ROUGHLY)
+    fit = adjust(model, known, fixed=(*held, *fixed), priors=priors, loss="cauchy", settled=ROUGHLY)
     fit = adjust(fit.model, again_placed(fit), fixed=fixed, priors=priors, loss="cauchy", settled=ROUGHLY)
+    check_start(_median_of(fit), image_size, boards=boards)
     found = without_strangers(fit)
     if found:
         strangers |= found
         kept = [s for s in fit.sightings if s.name not in found]
-        if len(kept) < 2:
+        if len(kept) < min(2, len(sightings)):
             raise InvalidParameter("; ".join(f"{name}: {why}" for name, why in found.items()))
         fit = fit.again(kept, loss="cauchy", settled=ROUGHLY)
     return Begun(fit, strangers)
+
+
+def _median_of(fit: Adjustment) -> float:
+    """How far off what was seen is, px."""
+    return float(np.median(np.where(fit.seen, np.hypot(*fit.residuals.T), UNSEEN_PX)))
 
 
 def again_placed(fit: Adjustment) -> tuple[Sighting, ...]:
@@ -86,8 +100,8 @@ def again_placed(fit: Adjustment) -> tuple[Sighting, ...]:
     for number, sighting in enumerate(fit.sightings):
         rays = fit.model.backproject(sighting.pixels)
         other = None
-        if rays.valid.sum() >= len(sighting) / 2 and not sighting.is_known and not sighting.is_distant:
-            other = board_motion(turned(rays.directions[rays.valid], world), sighting.points[rays.valid])
+        if rays.valid.sum() >= len(sighting) / 2 and not sighting.is_known:
+            other = placed(sighting.only(rays.valid), turned(rays.directions[rays.valid], world))
         here = _median_px(fit.model, sighting, sighting.motion)
         result.append(sighting.moved(other) if _median_px(fit.model, sighting, other) < here else fit.sightings[number])
     return tuple(result)
@@ -96,9 +110,8 @@ def again_placed(fit: Adjustment) -> tuple[Sighting, ...]:
 def _median_px(model: CameraModel, sighting: Sighting, motion: Motion | None) -> float:
     if motion is None:
         return np.inf
-    image = model.image(motion(sighting.points))
-    pixels = np.where(image.valid[:, None], image.pixels, sighting.pixels + UNSEEN_PX)
-    return float(np.median(np.hypot(*(pixels - sighting.pixels).T)))
+    found = as_placed(model, [sighting.moved(motion)])
+    return float(np.median(np.where(found.seen, np.hypot(*found.residuals.T), UNSEEN_PX)))
 
 
 def field_of(fit: Adjustment) -> float:

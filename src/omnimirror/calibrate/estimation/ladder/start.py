@@ -1,10 +1,9 @@
 """Where a calibration begins when the user says nothing: centre of the picture, xi = 1, a searched focal length.
 
 With xi = 1 the unified model is the stereographic projection, ``r = f tan(Omega / 2)``, close enough to every mirror
-and fisheye to begin with. For each of a row of focal lengths the corners are lifted to the sphere, each board is
-placed by a linear homography, and the median of what is left in pixels is compared. (Angles on the sphere would not do:
-they
-are least where the focal length is so short that all corners fall on one point.)
+and fisheye to begin with. For each of a row of focal lengths the corners are lifted to the sphere, each target is
+placed by linear equations, and the median of what is left in pixels is compared. (Angles on the sphere would not do:
+they are least where the focal length is so short that all corners fall on one point.)
 """
 
 from __future__ import annotations
@@ -16,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..bundle.observations import Motion, Sighting
+from .placing import placed
 
 Array = NDArray[np.float64]
 
 FOCALS = 25
 FOCAL_RANGE = (0.08, 1.6)  # of the larger side of the picture
-LEAST_POINTS = 6  # of a board, below which a homography says nothing
 
 
 class StereographicStart(NamedTuple):
@@ -55,10 +54,10 @@ def _start_at(
     lengths = []
     for sighting in sightings:
         bearings = lifted(sighting.pixels, focal_px, centre_px, signs)
-        motion = None if len(sighting) < LEAST_POINTS else board_motion(bearings, sighting.points)
+        motion = placed(sighting, bearings)
         motions.append(motion)
         if motion is not None:
-            pixels = seen_at(motion(sighting.points), focal_px, centre_px, signs)
+            pixels = seen_at(sighting.before(motion), focal_px, centre_px, signs)
             lengths.append(np.hypot(*(pixels - sighting.pixels).T))
     median = float(np.median(np.concatenate(lengths))) if lengths else np.inf
     return StereographicStart(focal_px, centre_px, tuple(motions), median)
@@ -80,52 +79,3 @@ def seen_at(points: Array, focal_px: float, centre_px: tuple[float, float], sign
     right, down, forward = (points * signs).T
     denominator = np.maximum(np.linalg.norm(points, axis=1) + forward, 1e-9)
     return np.asarray(centre_px + focal_px * np.stack([right, down], axis=1) / denominator[:, None])
-
-
-def board_motion(bearings: Array, points_mm: Array) -> Motion | None:
-    """Where a flat board stands, from directions (n, 3) to its points (n, 3) with z = 0, by a linear homography.
-
-    ``b x (H p) = 0`` for all points; columns of H are two axes of the board and its place, up to one factor. Unlike
-    with pinholes the directions may be more than a right angle off the axis: the factor's sign is the one for which
-    points lie in the directions in which they are seen.
-
-    Parameters
-    ----------
-    bearings : (n, 3)
-        Unit vectors in the camera frame.
-    points_mm : (n, 3)
-        On the board.
-
-    Returns
-    -------
-    Motion or None
-        None where the points lie on a line, or all in one direction.
-    """
-    flat = points_mm[:, :2]
-    middle, size = flat.mean(axis=0), float(np.abs(flat - flat.mean(axis=0)).max())
-    if not size > 0:
-        return None
-    p = np.column_stack([(flat - middle) / size, np.ones(len(flat))])
-    zero = np.zeros_like(p)
-    bx, by, bz = bearings.T[:, :, None]
-    rows = np.concatenate(
-        [
-            np.concatenate([zero, -bz * p, by * p], axis=1),
-            np.concatenate([bz * p, zero, -bx * p], axis=1),
-            np.concatenate([-by * p, bx * p, zero], axis=1),
-        ]
-    )
-    _, values, vectors = np.linalg.svd(rows.T @ rows)
-    if not values[-2] > 1e-12 * values[0]:
-        return None
-    h = vectors[-1].reshape(3, 3)
-    if np.median(np.sum(bearings * (p @ h.T), axis=1)) < 0:
-        h = -h
-    a, b = np.linalg.norm(h[:, 0]), np.linalg.norm(h[:, 1])
-    if not min(a, b) > 0:
-        return None
-    u, _, vt = np.linalg.svd(np.column_stack([h[:, 0] / a, h[:, 1] / b]), full_matrices=False)
-    axes = u @ vt
-    rotation = np.column_stack([axes, np.cross(axes[:, 0], axes[:, 1])])
-    place = h[:, 2] * size * 2 / (a + b)
-    return Motion(rotation, place - rotation[:, :2] @ middle)

@@ -17,7 +17,7 @@ from rich.console import Console
 from rich.table import Table
 
 from ....arguments import float_of, shown
-from ....calibrate.estimation import Calibration, Prior, calibrate_camera
+from ....calibrate.estimation import Calibration, Prior, Surveys, calibrate_camera, read_surveys
 from ....calibrate.estimation.ladder.models import KINDS
 from ....calibrate.physical import SensorModel
 from ....calibrate.targets import Board, Detection, choose_frames
@@ -29,8 +29,8 @@ from ....media.batch import expand_inputs
 from ....sensor import Sensor
 from ....specs import load_camera
 from ....straighten.request import is_video
-from ...options.board import BoardOptions
-from ...options.common import NUMBER, WHOLE, angle, pixel
+from ...options.board import SoughtBoardOptions
+from ...options.common import NUMBER, WHOLE, angle, pixel, whole_size
 from ...options.declared import Options, option, takes
 from ...outputs import Output, output_console, plain_table, progress_bar, say, say_written
 
@@ -124,9 +124,27 @@ class EstimationOptions(Options):
         return {"fixed": self.fixed, "priors": self.priors, "board_shape": not self.flat_board, "seed": self.seed}
 
 
+@dataclass(frozen=True)
+class SurveyOptions(Options):
+    """What is known besides boards, as :func:`omnimirror.read_surveys` takes it."""
+
+    points: tuple[str, ...] = option(
+        default=(), multiple=True, metavar="FILE", show_default=False,
+        help="Known points, CSV: u_px,v_px,x_mm,y_mm,z_mm, and picture if there are several; may be repeated.",
+    )  # fmt: skip
+    directions: tuple[str, ...] = option(
+        default=(), multiple=True, metavar="FILE", show_default=False,
+        help="Stars, the sun or far towers, CSV: u_px,v_px and x,y,z or azimuth_deg,elevation_deg; may be repeated.",
+    )  # fmt: skip
+    image_size: tuple[int, int] | None = option(
+        type=whole_size, metavar="WxH", help="Of the pictures, where none with a board tells it."
+    )
+
+
 @click.command()
-@click.argument("pictures", nargs=-1, required=True)
-@takes(BoardOptions, "target")
+@click.argument("pictures", nargs=-1)
+@takes(SoughtBoardOptions, "target")
+@takes(SurveyOptions, "survey")
 @takes(SoughtCameraOptions, "camera")
 @takes(EstimationOptions, "estimation")
 @click.option("--several", is_flag=True, help="Pictures show several such chessboards at once; each is used.")
@@ -136,7 +154,8 @@ class EstimationOptions(Options):
 @click.option("--figures", type=click.Path(path_type=Path, file_okay=False), help="A folder for the figures, as SVG.")
 def command(
     pictures: tuple[str, ...],
-    target: BoardOptions,
+    target: SoughtBoardOptions,
+    survey: SurveyOptions,
     camera: SoughtCameraOptions,
     estimation: EstimationOptions,
     several: bool,
@@ -147,7 +166,8 @@ def command(
 ) -> None:
     """Find out what camera took PICTURES of a board, or one video; nothing needs to be known of it.
 
-    PICTURES are files, folders or patterns of them.
+    PICTURES are files, folders or patterns of them. With --points and --directions, pixels and what they are known to
+    show, the camera is found with boards or without.
 
     Hold the board at ten to twenty places all around, near the rim too, and tilted. Corners that no camera explains are
     left out and named, 1 % at most; models are compared by their error in pictures that were left out. Ctrl-C keeps the
@@ -155,23 +175,38 @@ def command(
 
     \b
     omnimirror calibrate *.jpg --board 11x7 --square-mm 30 -o camera.toml --report calibration.html
+    omnimirror calibrate --points room.csv --directions stars.csv --image-size 1920x1080 -o camera.toml
     """
     board, asked, console = target.made(), camera.asked(), output_console()
-    detections = _found(console, pictures, board, several)
+    _check_asked(pictures, board, survey)
+    known = read_surveys(survey.points, survey.directions)
+    detections = [] if board is None else _found(console, pictures, board, several)
     is_stopped = any(d.reason == STOPPED for d in detections)
     with _steps(console) as progress, interrupts.deferred():
         found = calibrate_camera(
-            detections, board, **asked, **estimation.asked(), progress=progress, stop=interrupts.is_pending
-        )
+            detections, board, surveys=known.sightings, image_size=survey.image_size, **asked, **estimation.asked(),
+            progress=progress, stop=interrupts.is_pending,
+        )  # fmt: skip
         code = interrupts.exit_code() or (interrupts.BY_SIGNAL + signal.SIGINT if is_stopped else 0)
         _write(found, output, json_path, report, figures)
-    _print(console, found)
+    _print(console, found, known)
     say_written(output, json_path, report, console=console)
     if figures:
         say("Figures in ", (str(figures), "bold"), console=console)
     if code:
         say("Stopped: this is what was found until then", console=console)
         sys.exit(code)
+
+
+def _check_asked(pictures: tuple[str, ...], board: Board | None, survey: SurveyOptions) -> None:
+    """Whether there is something to calibrate from, and nothing that belongs to nothing."""
+    if bool(pictures) != (board is not None):
+        what = (
+            "--board belongs to PICTURES of it" if board else "PICTURES show a board; say which: --board, --square-mm"
+        )
+        raise click.UsageError(f"{what}, and points and directions to --points and --directions")
+    if not (pictures or survey.points or survey.directions):
+        raise click.UsageError("there are no PICTURES of a board, and no --points or --directions")
 
 
 def _found(console: Console, pictures: tuple[str, ...], board: Board, several: bool) -> list[Detection]:
@@ -221,13 +256,13 @@ def _command_line() -> str:
 # -- what is printed -------------------------------------------------------------------------------------
 
 
-def _print(console: Console, found: Calibration) -> None:
-    used = sum(p.used for p in found.pictures)
+def _print(console: Console, found: Calibration, known: Surveys) -> None:
+    used, count = sum(p.used for p in found.pictures), len(found.pictures)
     held = f", {found.held_out_rms_px:.3f} px in pictures left out" if found.held_out else ""
     kept = found.corners - len(found.outliers)
     say(
-        (f"{found.model.KIND}", "bold"), f": {found.rms_px:.3f} px RMS over {kept} of {found.corners} corners in "
-        f"{used} of {len(found.pictures)} pictures{held}", console=console,
+        (f"{found.model.KIND}", "bold"), f": {found.rms_px:.3f} px RMS over {kept} of {found.corners} {found.seen} in "
+        f"{used} of {count} {'picture' if count == 1 else 'pictures'}{held}", console=console,
     )  # fmt: skip
     if len(found.candidates) > 1:
         console.print(_models(found))
@@ -236,15 +271,18 @@ def _print(console: Console, found: Calibration) -> None:
         if not picture.used:
             say(("Not used: ", "yellow"), picture.reason or picture.name, console=console)
     if found.outliers:
-        say(f"Left out as outliers: {_outliers(found)}", console=console)
+        say(f"Left out as outliers: {_outliers(found, known)}", console=console)
     for note in found.notes:
         say(("Note: ", "yellow"), note, console=console)
     for sentence in found.advice:
         say(("Next: ", "cyan"), sentence, console=console)
 
 
-def _outliers(found: Calibration) -> str:
-    shown = [f"{o.picture} corner {o.corner} ({o.residual_px:.2f} px)" for o in found.outliers[:FEW_SHOWN]]
+def _outliers(found: Calibration, known: Surveys) -> str:
+    def place(picture: str, corner: int) -> str:
+        return known.places[picture][corner] if picture in known.places else f"{picture} corner {corner}"
+
+    shown = [f"{place(o.picture, o.corner)} ({o.residual_px:.2f} px)" for o in found.outliers[:FEW_SHOWN]]
     more = len(found.outliers) - len(shown)
     return ", ".join(shown) + (f" and {more} more" if more else "")
 

@@ -14,21 +14,9 @@ from ....calibrate.conversion import DISTANCES_MM, Conversion, convert
 from ....calibrate.formats import FORMATS
 from ....camera_models.base import Optics
 from ....frames import CameraLooks, Mount
-from ...options.common import NUMBER, angle, distance, picture_size
+from ...options.common import NUMBER, angle, distance, whole_size
 from ...options.declared import Options, option, takes
 from ...outputs import Output, output_console, plain_table, say, say_written
-
-
-def whole_size(text: str) -> tuple[int, int]:
-    """Width and height of a picture, both given.
-
-    >>> whole_size("1024x768")
-    (1024, 768)
-    """
-    width, height = picture_size(text)
-    if width is None or height is None:
-        raise click.BadParameter(f"{text!r} leaves a side out; give both, such as 1024x768")
-    return width, height
 
 
 def distance_list(text: str) -> tuple[float, ...]:
