@@ -88,6 +88,37 @@ def test_a_mirror_whose_viewpoint_hardly_moves_shows_no_size_and_is_found_all_th
     assert found.held_out_rms_px < 1.1 * np.sqrt(2) * NOISE_PX
 
 
+def test_numbers_of_an_unknown_mirror_are_no_surer_than_they_are():
+    """Its distance and focal length were made up; what pictures do not say of them is told, and its sigma holds it."""
+    design = om.load_sensor("paper-spherical")
+    truth = replace(design, mirror_pose=MirrorPose(0.8, -0.5, 0.0, 0.6, 0.0))
+    board = om.Board("chessboard", 11, 7, 60.0)
+    seen = om.simulate_detections(truth, board, 14, noise_px=NOISE_PX, seed=2)
+    found = om.calibrate_camera(seen, board, model="sensor", board_shape=False)
+    assert found.held_out_rms_px < 1.15 * np.sqrt(2) * NOISE_PX
+    pitch = found.camera.imager.pixel_pitch_um / truth.imager.pixel_pitch_um  # which is made up, and scales the lens
+    true = {
+        "mirror.vertex_radius_mm": design.mirror.radius_mm,
+        "lens.focal_length_mm": pitch * design.lens.focal_length_mm,
+        "mount.mirror_distance_mm": design.mirror_distance_mm,
+    }
+    known = {p.name: p for p in found.parameters}
+    assert all(abs(known[name].value - value) < 3 * known[name].sigma for name, value in true.items())
+    (free,) = found.free
+    assert set(free.names) == {"lens.focal_length_mm", "mount.mirror_distance_mm"}
+    (note,) = [n for n in found.notes if n.startswith("The pictures do not tell")]
+    assert "mount.mirror_distance_mm larger by" in note
+    assert " mm (one standard deviation) shows nearly the same." in note
+
+
+def test_an_unknown_mirror_under_a_telecentric_lens_is_predicted_too():
+    pose = MirrorPose(1.0, -1.2, 0.0, 1.5, -0.8)
+    truth = replace(om.load_sensor("paraboloid-telecentric"), mirror_pose=pose)
+    seen = om.simulate_detections(truth, BOARD, 14, noise_px=NOISE_PX, seed=3)
+    found = om.calibrate_camera(seen, BOARD, model="sensor", board_shape=False)
+    assert found.held_out_rms_px < 1.1 * np.sqrt(2) * NOISE_PX
+
+
 def test_splines_follow_a_mirror_that_packs_little_along_its_rim():
     seen = om.simulate_detections(om.load_sensor("paper-hyperboloidal"), BOARD, 12, noise_px=NOISE_PX, seed=1)
     found = om.calibrate_camera(seen, BOARD, model="radial-spline", board_shape=False)

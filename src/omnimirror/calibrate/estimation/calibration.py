@@ -38,6 +38,10 @@ Picture = NDArray[Any]
 FEW_PICTURES = 6
 OVERFIT = 1.25  # held-out error over that of the fit
 COSTLY = 2.0  # of the noise of corners; what one viewpoint costs below that is not told
+TOGETHER = (
+    "Such numbers are not to be used one by one: they are those of one of many cameras that show the same. What is "
+    "well known is which way each pixel looks. A ruler or a drawing tells them apart: --prior NAME=VALUE+-SIGMA."
+)
 OWN_RIM = "A physical mirror ends at its own rim; the rim at {rim:g} px is not in the camera."
 
 
@@ -338,9 +342,12 @@ def _notes(fit: Adjustment, course: Course, certain: ParameterCovariance, is_com
             "and take more."
         )
     notes += [
-        f"The pictures do not determine {listed(free.names)} apart: {free}, together, change the picture by little."
+        f"The pictures do not tell {listed(free.names)}{' apart' if len(free.names) > 1 else ''}: a camera that has "
+        f"{free} (one standard deviation) shows nearly the same."
         for free in certain.free
     ]
+    if certain.free:
+        notes.append(TOGETHER)
     held = course.held.rms_px if course.held else float("nan")
     if held > OVERFIT * fit.rms_px:
         notes.append(

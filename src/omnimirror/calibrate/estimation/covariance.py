@@ -29,10 +29,20 @@ class FreeCombination(NamedTuple):
     """by how much they may be off together, each in its own unit: one sigma"""
     sigma_px: float
     """by how much the first might move the picture, were the others not to move it back"""
+    units: tuple[str, ...]
 
     def __str__(self) -> str:
-        parts = (f"{name} {part:+.3g}" for name, part in zip(self.names, self.parts, strict=True))
-        return ", ".join(parts)
+        """
+        >>> str(FreeCombination(("lens.focal_length_mm", "xi"), (3.79, -1164.2), 90.0, ("mm", "")))
+        'lens.focal_length_mm larger by 3.8 mm with xi smaller by 1200'
+        """
+        return " with ".join(map(_said, self.names, self.parts, self.units))
+
+
+def _said(name: str, part: float, unit: str) -> str:
+    """A change of a parameter in words, of two digits."""
+    size = f"{float(f'{abs(part):.2g}'):g}"
+    return f"{name} {'larger' if part > 0 else 'smaller'} by {size} {unit if unit != '1' else ''}".rstrip()
 
 
 @dataclass(frozen=True)
@@ -82,7 +92,7 @@ def uncertainty(adjustment: Adjustment) -> ParameterCovariance:
     covariance = np.zeros((len(names), len(names)))
     covariance[np.ix_(free, free)] = (vectors / values) @ vectors.T * scales[:, None] * scales
     limit = FREE_ABOVE * max(adjustment.model.image_size)
-    known = [n for n, f in zip(names, free, strict=True) if f]
+    known = [(n, u) for n, u, f in zip(names, adjustment.units, free, strict=True) if f]
     loose = [
         _combination(known, vectors[:, i], scales, float(values[i] ** -0.5))
         for i in range(len(values))
@@ -97,9 +107,10 @@ def _scales(derivatives: Array) -> Array:
     return np.asarray(1 / np.where(size > 0, size, 1.0))
 
 
-def _combination(names: list[str], vector: Array, scales: Array, sigma: float) -> FreeCombination:
+def _combination(named: list[tuple[str, str]], vector: Array, scales: Array, sigma: float) -> FreeCombination:
     order = [i for i in np.argsort(-np.abs(vector)) if abs(vector[i]) > NAMED_ABOVE * np.abs(vector).max()]
     vector = vector * np.sign(vector[order[0]])
     return FreeCombination(
-        tuple(names[i] for i in order), tuple(float(sigma * vector[i] * scales[i]) for i in order), sigma
-    )
+        tuple(named[i][0] for i in order), tuple(float(sigma * vector[i] * scales[i]) for i in order), sigma,
+        tuple(named[i][1] for i in order),
+    )  # fmt: skip

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -12,18 +13,20 @@ from ...camera_models.spheres import Unified
 from ...camera_models.splines import ViewpointSpline
 from ...errors import InvalidParameter, OmnimirrorError
 from ..physical import SensorModel
-from .bundle.adjustment import Adjustment, Prior, shared_names
+from .bundle.adjustment import CAUCHY, Adjustment, Prior, shared_names
 from .bundle.board_shape import BoardShape
+from .bundle.linearisation import UNSEEN_PX, Loss
 from .bundle.observations import Motion, Sighting
 from .bundle.steps import SETTLED
 from .checks import check_poses, check_still, without_strangers
 from .choice import TriedModel, chosen
 from .ladder.conversion import is_central
-from .ladder.models import JUDGES, KINDS, begun_as, mirror_like
+from .ladder.models import JUDGES, KINDS, begun_as, mirror_farther, mirror_like
 from .ladder.rungs import ROUGHLY, begun, climbed, field_of
 from .leaving_out import HeldOut, held_out
 from .outliers import Outlier, frozen, without_outliers
 
+THINNED, TRIAL_STEPS = 3, 25  # points and steps by which starts are compared
 HOPELESS = 1.1  # a model whose fit is worse than another in pictures that were left out, by so much, is not compared
 FAR = 1.5  # of the noise of the best model: so much worse a model need not be settled to the last digit
 FREEDOM = 0.5  # of what was measured; a model with more unknowns follows wrong points too
@@ -175,23 +178,34 @@ def _all_climbed(base: Adjustment, plan: CalibrationPlan, watch: Watch, course: 
 
 
 def _starts(kind: str, unified: Unified, base: Adjustment, fits: dict[str, Adjustment]) -> list[CameraModel]:
-    """Models of a kind to begin with; how large a mirror is the viewpoints that were found may tell."""
+    """Models of a kind to begin with; how large a mirror is the viewpoints that were found may tell.
+
+    Of an unknown mirror there are several: pictures that hardly tell its distance leave more than one valley, and only
+    one of them is the deepest.
+    """
     usual, wandering = begun_as(kind, unified, field_of(base)), fits.get(ViewpointSpline.KIND)
-    if kind != SensorModel.KIND or wandering is None:
+    if kind != SensorModel.KIND:
         return [usual]
-    sized = mirror_like(unified, wandering, field_of(base))
-    return [usual] if sized is None else [sized, usual]
+    sized = None if wandering is None else mirror_like(unified, wandering, field_of(base))
+    far = mirror_farther(unified, field_of(base))
+    return [usual, far] if sized is None else [sized, usual, far]
 
 
 def _best_climbed(base: Adjustment, starts: Sequence[CameraModel], plan: CalibrationPlan) -> Adjustment:
-    """From the first start that ends no worse than the unified model, or else from the best of all."""
-    tried: list[Adjustment] = []
-    for into in starts:
+    """From the start that leaves the least after some steps with some of the points, gross errors counted as such."""
+
+    def known(into: CameraModel) -> dict[str, Any]:
         fixed, priors = plan.known.of(into, plan.shape)
-        tried.append(climbed(base, into, shape=plan.shape, fixed=fixed, priors=priors))
-        if tried[-1].question.noise_px <= base.question.noise_px:
-            break
-    return min(tried, key=lambda fit: fit.question.noise_px)
+        return {"shape": plan.shape, "fixed": fixed, "priors": priors}
+
+    if len(starts) == 1:
+        return climbed(base, starts[0], **known(starts[0]))
+    some = replace(base, sightings=tuple(s.only(np.arange(0, len(s), THINNED)) for s in base.sightings))
+    tried = [climbed(some, into, **known(into), most_steps=TRIAL_STEPS) for into in starts]
+    loss = Loss("cauchy", CAUCHY * min(fit.question.noise_px for fit in tried))
+    best = min(tried, key=lambda fit: loss.sum(np.where(fit.seen[:, None], fit.residuals, UNSEEN_PX)))
+    placed = [s.moved(b.motion) for s, b in zip(base.sightings, best.sightings, strict=True)]
+    return best.again(placed, loss="cauchy", settled=ROUGHLY)
 
 
 def _order(wanted: str | CameraModel) -> int:

@@ -216,7 +216,9 @@ class Calibration:
             "model": self.model.KIND,
             "noise_px": self.adjustment.noise_px,
             "covariance": self.uncertainty.covariance,
-            "free": [{"parameters": c.names, "parts": c.parts, "sigma_px": c.sigma_px} for c in self.free],
+            "free": [
+                {"parameters": c.names, "parts": c.parts, "units": c.units, "sigma_px": c.sigma_px} for c in self.free
+            ],
             "candidates": [c._asdict() for c in self.candidates],
             "notes": self.notes,
             "advice": self.advice,

@@ -21,7 +21,7 @@ from .covered_image import image_through_cover
 from .imaging import image_of_points
 from .names import NamedNumber, changed, place_of, value_of
 from .starting import RIM_TO_DISTANCE, fitted, radial_law, shaped_like, unknown_sensor
-from .tolerances import USUAL, Tolerance, checked_priors, free_names, group_names, usual_priors
+from .tolerances import USUAL, Tolerance, checked_priors, free_names, group_names, guessed_priors, usual_priors
 
 Array = NDArray[np.float64]
 
@@ -198,7 +198,8 @@ class SensorModel(CameraModel):
         known = unknown_sensor(central, law, rim_radius_mm, distance) if sensor is None else sensor
         words = tuple(free) if free is not None else USUAL if sensor is not None else ("shape", *USUAL)
         names = free_names(known, words)
-        tolerances = usual_priors(known, names) if priors is None else tuple(priors)
+        typical = guessed_priors if sensor is None else usual_priors
+        tolerances = typical(known, names) if priors is None else tuple(priors)
         if set(group_names(known, "shape")) <= set(names):
             known = shaped_like(law, known, rim_is_known=sensor is not None)
         model = cls(known, names, tolerances)

@@ -16,6 +16,11 @@ USUAL = ("focal", "distance", "decentre", "tilt")
 """What is free unless said otherwise: the mirror is as drawn, and mounted as well as hands can."""
 
 
+MADE_UP = 0.5
+"""How far off numbers may be that were made up, relative."""
+ANY_CONIC, TERM = 10.0, 0.1  # standard deviations: of a conic constant; of its terms' sag at the rim, in rim radii
+
+
 class Tolerance(NamedTuple):
     """What is known of a parameter beforehand, from a drawing and its tolerance."""
 
@@ -88,6 +93,22 @@ def usual_priors(sensor: Sensor, names: Iterable[str]) -> tuple[Tolerance, ...]:
     return tuple(
         Tolerance(name, value_of(sensor, place_of(sensor, name)), sigma[name]) for name in names if name in sigma
     )
+
+
+def guessed_priors(sensor: Sensor, names: Iterable[str]) -> tuple[Tolerance, ...]:
+    """What is known of a mirror of which nothing is: that it sits as usual, but not how far away, nor by which lens.
+
+    Its focal length and its distance were made up to begin somewhere. What pictures do not say of them has to show as
+    not determined, and not as known to a workshop's tolerance. Its shape is some conic, with terms that are small
+    beside the mirror.
+    """
+    names = tuple(names)
+    sigma = {name: MADE_UP * value_of(sensor, place_of(sensor, name)) for name in (DISTANCE, "lens.focal_length_mm")}
+    sigma |= {"mirror.conic": ANY_CONIC}
+    sigma |= {name: TERM * sensor.mirror.rim_radius_mm for name in names if name.startswith("mirror.coefficients")}
+    mounted = (prior for prior in usual_priors(sensor, names) if prior.name not in sigma)
+    made_up = (Tolerance(n, value_of(sensor, place_of(sensor, n)), sigma[n]) for n in names if n in sigma)
+    return (*made_up, *mounted)
 
 
 @checked

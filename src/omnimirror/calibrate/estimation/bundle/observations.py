@@ -179,7 +179,18 @@ class Sighting:
         return np.broadcast_to(np.asarray(self.is_distant, dtype=bool), len(self.pixels))
 
     def before(self, motion: Motion) -> Array:
-        """Points and directions (n, 3) in the camera frame, if the target stands where a motion takes it."""
+        """What was seen, in the camera frame, if the target stands where a motion takes it.
+
+        Parameters
+        ----------
+        motion
+            From the target's frame to the camera's.
+
+        Returns
+        -------
+        (n, 3) array
+            Points, mm, and directions where they are distant.
+        """
         turned: Array = self.points @ motion.rotation.T
         return turned + np.where(self.distant[:, None], 0.0, motion.shift_mm)
 

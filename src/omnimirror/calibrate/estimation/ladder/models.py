@@ -96,6 +96,7 @@ KINDS: dict[str, Maker] = {
     "sensor": _mirror,
 }
 """By their names in files and on the command line, the mirror sensor as physics has it last."""
+RIM_MM, FARTHER = 40.0, 6.0  # of an unknown mirror, and its distance in rim radii where most have 3 to 5
 SOME = 300  # corners, by which a size is guessed
 JUDGES = ("unified", "radial-spline", "viewpoint-spline")
 """Kinds by which outliers are told: the most flexible ones, and one that no spline follows where radii grow fast."""
@@ -106,6 +107,12 @@ def begun_as(kind: str, central: Unified, omega_max_deg: float) -> CameraModel:
     choice("model", kind, KINDS)
     instance("central", central, Unified, "a unified model")
     return KINDS[kind](central, min(omega_max_deg, _degrees(central.model_end)))
+
+
+def mirror_farther(central: Unified, omega_max_deg: float) -> SensorModel:
+    """An unknown mirror to begin with that is farther from its lens than most."""
+    end = min(omega_max_deg, _degrees(central.model_end))
+    return SensorModel.start_from(central, omega_max_deg=end, distance_mm=FARTHER * RIM_MM, rim_radius_mm=RIM_MM)
 
 
 def _focal(u: Unified) -> tuple[float, float]:

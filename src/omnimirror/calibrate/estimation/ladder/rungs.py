@@ -11,7 +11,7 @@ from ....camera_models import RadialSpline, Unified, ViewpointSpline
 from ....camera_models.base import CameraModel
 from ....errors import InvalidParameter
 from ....frames import Mount, turned
-from ..bundle.adjustment import Adjustment, Prior, adjust
+from ..bundle.adjustment import MOST_STEPS, Adjustment, Prior, adjust
 from ..bundle.board_shape import BoardShape
 from ..bundle.linearisation import UNSEEN_PX, as_placed
 from ..bundle.observations import Motion, Sighting
@@ -126,6 +126,7 @@ def climbed(
     shape: BoardShape | None = None,
     fixed: tuple[str, ...] = (),
     priors: tuple[Prior, ...] = (),
+    most_steps: int = MOST_STEPS,
 ) -> Adjustment:
     """The next rung: another model, which first sees what the one below it sees, then is adjusted to the corners.
 
@@ -137,7 +138,7 @@ def climbed(
         A model of the kind that is wanted.
     shape
         Of the board, to be estimated from here.
-    fixed, priors
+    fixed, priors, most_steps
         As for :func:`~omnimirror.calibrate.estimation.bundle.adjustment.adjust`.
 
     Returns
@@ -156,7 +157,8 @@ def climbed(
     settled = adjust(model, sightings, fixed=[p.name for p in model.parameters], loss="cauchy", most_steps=20)
     supported = (*priors, *(p for p in supports(model) if p.name not in fixed))
     return adjust(
-        model, settled.sightings, shape=shape, fixed=fixed, priors=supported, loss="cauchy", settled=ROUGHLY
+        model, settled.sightings, shape=shape, fixed=fixed, priors=supported, loss="cauchy", settled=ROUGHLY,
+        most_steps=most_steps,
     )  # fmt: skip
 
 
