@@ -79,6 +79,15 @@ def test_little_of_the_error_of_coding_is_visible(light, inside):
     assert om.estimate_noise(noisy(light, 0.01), where=inside).visible_share == 1
 
 
+def test_what_a_file_lost_before_is_not_its_coding(tmp_path):
+    """One that is coded finely is taken for no better than most are, and that for noise that is visible."""
+    slope = np.repeat(np.linspace(40, 200, 256).astype(np.uint8)[None, :, None], 256, axis=0).repeat(3, axis=2)
+    (tmp_path / "a.jpg").write_bytes(as_jpeg(slope, 95)[0])
+    found = om.estimate_noise(slope, tmp_path / "a.jpg")
+    assert found.share == pytest.approx(0.005)
+    assert found.visible_share > 0.8
+
+
 @pytest.mark.parametrize("quality", [90, 75, 50])
 def test_grey_pictures_and_fine_colours(light, inside, quality: int):
     grey = noisy(light.mean(axis=2), 0.01)

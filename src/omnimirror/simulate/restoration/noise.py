@@ -117,10 +117,11 @@ def estimate_noise(picture: Picture, file: str | Path | None = None, *, where: M
             values = 255 * colours.astype(float)
             like_noise = SURVIVING**2 * _white(colours, inside, True)
             left = min(like_noise, most_noise(values, coding, inside) / 255**2)
-            variance = max(error_of(values, coding, inside) / 255**2 + left, LEAST_OF_CODED**2)
+            found = error_of(values, coding, inside) / 255**2 + left
             # where most of what is like noise is texture, the rest may be, too
             visible = left * (left / max(like_noise, LEAST_NOISE**2)) ** 2
-            return _even(variance, inside.shape, "JPEG")._replace(missing_share=1 - visible / variance)
+            variance = max(found, LEAST_OF_CODED**2)
+            return _even(variance, inside.shape, "JPEG")._replace(missing_share=(found - visible) / variance)
     demosaiced = _is_demosaiced(colours, inside)
     return _even(_white(colours, inside, demosaiced), inside.shape, "demosaiced" if demosaiced else "white")
 
