@@ -71,9 +71,11 @@ if TYPE_CHECKING:
     from .design import Limit as Limit
     from .design import MirrorRequirements as MirrorRequirements
     from .design import Optimum as Optimum
+    from .design import PartsRequirements as PartsRequirements
     from .design import Requirements as Requirements
     from .design import SearchOptions as SearchOptions
     from .design import blur_bound as blur_bound
+    from .design import design_from_parts as design_from_parts
     from .design import design_sensor as design_sensor
     from .design import format_requirements as format_requirements
     from .design import judge as judge
@@ -210,6 +212,7 @@ _HOMES = {
     "choose_parts": "components.selection",
     "sensor_template": "components.template",
     "blur_bound": "design",
+    "design_from_parts": "design",
     "design_sensor": "design",
     "FieldRequirements": "design",
     "format_requirements": "design",
@@ -220,6 +223,7 @@ _HOMES = {
     "load_front": "design",
     "load_requirements": "design",
     "MirrorRequirements": "design",
+    "PartsRequirements": "design",
     "Optimum": "design",
     "pareto": "design",
     "register_quantity": "design",

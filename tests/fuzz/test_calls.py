@@ -92,6 +92,8 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
                                                  "object_distance_mm": (500.0, np.inf)}),
     "MirrorRequirements": (om.MirrorRequirements, {"mapping": "equidistant", "rim_radius_mm": 40.0, "fit": None,
                                                    "omega_deg": None, "conic": None, "plane_distance_mm": None}),
+    "PartsRequirements": (om.PartsRequirements, {"catalogue": ("a.csv",), "mirror": "ball", "dome": True,
+                                                 "most_price": 100.0, "most_height_mm": 200.0}),
     "LensRequirements": (om.LensRequirements, {"kind": "perspective", "theta_max_deg": 12.0, "f_number": 4.0,
                                                "focus_mm": None}),
     "Requirements": (om.Requirements, {"field": WANTED.field, "mirror": WANTED.mirror, "lens": WANTED.lens,
@@ -122,7 +124,7 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
 ELSEWHERE = {
     "Body", "Calibration", "Detection", "FormError", "FoundRim", "Front", "LineCalibration", "Motion", "Optimum",
     "Prior", "RationalPinhole", "Sighting", "ThinPrismFisheye", "ToleranceReport", "adjust", "bundled_sensors",
-    "calibrate_lines",
+    "calibrate_lines", "design_from_parts",
     "design_sensor", "load_front", "measure_round_trip", "pareto", "register_camera_format", "register_format",
     "register_mirror", "register_quantity", "register_view", "reproduce_paper", "requirements_like", "screens",
     "sensor_template", "views", "write_board", "write_calibration_figures", "write_calibration_report",

@@ -20,7 +20,7 @@ from ..errors import InvalidParameter
 from ..imagers import Imager
 from ..lenses import Lens, Orthographic, Perspective
 from ..sensor import Sensor
-from .catalogue import Catalogue, ImagerComponent, LensComponent, TelecentricComponent
+from .catalogue import Catalogue, ImagerComponent, LensComponent, TelecentricComponent, mounts_fit
 
 Array = NDArray[np.float64]
 
@@ -122,7 +122,7 @@ def _combine(
     part = Imager(imager.width_px, imager.height_px, imager.pixel_pitch_um)
     best, area = _at_best_aperture(replace(sensor, imager=part), lens, distance)
     rim, half = best.rim_radius_px, min(part.size) / 2
-    reasons = []
+    reasons = [] if mounts_fit(lens, imager) else [f"its mount is {lens.mount}, the imager's {imager.mount}"]
     if rim > half:
         reasons.append(f"the rim's image of {rim:.0f} px overfills {half:g} px")
     if rim < least_fill * half:

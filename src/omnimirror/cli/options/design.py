@@ -13,6 +13,7 @@ import numpy as np
 
 from ...arguments import float_of
 from ...batch.bases import FREE_FORMS
+from ...components.catalogue import TYPICAL
 from ...design.construct.families import FAMILIES
 from ...design.criteria.consistency import WAYS
 from ...design.criteria.like import tables_like
@@ -44,6 +45,7 @@ SECTIONS: dict[str, tuple[str, ...]] = {
         "kind", "focal_length_mm", "theta_max_deg", "f_number", "focus_mm", "magnification", "fills", "image_circle_mm"
     ),
     "imager": ("width_px", "height_px", "pixel_pitch_um"),
+    "parts": ("catalogue", "most_price", "most_mass_g", "most_diameter_mm", "most_height_mm"),
 }  # fmt: skip
 """The options that stand for entries of the requirement file, by their table."""
 
@@ -211,6 +213,14 @@ class RequirementOptions(Options):
         type=limit, multiple=True, metavar="QUANTITY=NUMBER[@[FROM:]TO]", default=(), show_default=False,
         help="Likewise; may be repeated.",
     )  # fmt: skip
+    catalogue: tuple[Path, ...] = option(
+        "--parts", type=click.Path(path_type=Path), multiple=True, metavar="CATALOGUE", default=(), show_default=False,
+        help="Design with the lenses and imagers of these lists, or of 'typical'; may be repeated.",
+    )  # fmt: skip
+    most_price: float | None = option(type=NUMBER, help="Of the parts.")
+    most_mass_g: float | None = option(type=NUMBER, help="Of the whole.")
+    most_diameter_mm: float | None = option(type=NUMBER, help="Of the whole.")
+    most_height_mm: float | None = option(type=NUMBER, help="Of the whole.")
     name: str | None = option(help="Of the sensor.")
 
     def requirements(self, file: Path | None) -> Requirements:
@@ -218,10 +228,11 @@ class RequirementOptions(Options):
         if file is not None and self.like is not None:
             raise click.UsageError("give a requirement file or --like, not both")
         given = {k: list(v) if isinstance(v, tuple) else v for k, v in self.given.items()}
+        given["catalogue"] = [str(path) if str(path) == TYPICAL else str(path.absolute()) for path in self.catalogue]
         changes: dict[str, Any] = {
             section: found
             for section, names in SECTIONS.items()
-            if (found := {k: v for k, v in given.items() if k in names})
+            if (found := {k: v for k, v in given.items() if k in names and v != []})
         }
         title = {"name": self.name} if self.name else {}
         sides = (("at_most", self.at_most), ("at_least", self.at_least))

@@ -55,7 +55,8 @@ def check_consistency(requirements: Requirements) -> None:
         _check_mapping(mirror.mapping, mirror, field)
     _check_conic(mirror)
     _check_objects(requirements)
-    _check_lens(lens)
+    _check_parts(requirements)
+    _check_lens(lens, is_bought=requirements.parts is not None)
     _check_camera(requirements)
     _check_limits(requirements.limits, field)
 
@@ -185,7 +186,24 @@ def _check_objects(requirements: Requirements) -> None:
         )
 
 
-def _check_lens(lens: LensRequirements) -> None:
+def _check_parts(requirements: Requirements) -> None:
+    """What is bought beside what is made."""
+    parts, mirror, housing = requirements.parts, requirements.mirror, requirements.housing
+    if parts is None:
+        return
+    if mirror.optimise is not None:
+        raise EntryError(
+            ("mirror", "optimise"),
+            "mirrors of free form are not designed for each combination of parts; a mapping or a family is valid, and "
+            "free form for the parts that were chosen",
+        )
+    if parts.mirror == "ball" and (mirror.family != "sphere" or mirror.fit is not None):
+        raise EntryError(("parts", "mirror"), 'a ball is valid for mirror.family = "sphere" without a fit')
+    if parts.dome and housing.shell is not None:
+        raise EntryError(("parts", "dome"), "the housing has a cover already; leave it out, or parts.dome")
+
+
+def _check_lens(lens: LensRequirements, is_bought: bool = False) -> None:
     if lens.is_telecentric:
         for name in OF_PERSPECTIVE:
             if getattr(lens, name) is not None:
@@ -193,7 +211,7 @@ def _check_lens(lens: LensRequirements) -> None:
         return
     if lens.magnification is not None:
         raise EntryError(("lens", "magnification"), "lens.magnification belongs to an orthographic lens")
-    if lens.focal_length_mm is None and lens.theta_max_deg is None:
+    if lens.focal_length_mm is None and lens.theta_max_deg is None and not is_bought:
         raise EntryError(
             ("lens",), "lens has neither focal_length_mm nor theta_max_deg; give one of them, a number or a range"
         )

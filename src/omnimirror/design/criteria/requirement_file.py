@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -11,6 +11,7 @@ import tomli_w
 from pydantic import Field
 
 from ...arguments import file_name, instance
+from ...components.catalogue import TYPICAL
 from ...errors import SpecError
 from ...files import parse_toml, read_text
 from ...frames import Mount
@@ -18,9 +19,18 @@ from ...imagers import Imager
 from ...mirrors.measured.columns import MAPPING_FILE
 from ...specs import NoFile, Places, StandTable, Table, check_entries, housing_of, table_model, validated
 from .limits import LIMITABLE, Limit
-from .requirements import PAPER_IMAGER, FieldRequirements, LensRequirements, MirrorRequirements, Requirements
+from .requirements import (
+    PAPER_IMAGER,
+    FieldRequirements,
+    LensRequirements,
+    MirrorRequirements,
+    PartsRequirements,
+    Requirements,
+)
 
 FORMAT = 1
+ANY_F = (0.1, 1e3)
+"""The F-number where lenses are bought and none is asked for."""
 
 Angle = Annotated[float, Field(ge=0, le=179)]
 Elevation = Annotated[float, Field(ge=-90, le=90)]
@@ -167,6 +177,10 @@ def requirements_of(data: dict[str, Any], where: Places | None = None, folder: P
         "housing": housing_of(data.get("housing", {}), where),
         "limits": tuple(_limit(i, table, mount, where) for i, table in enumerate(data.get("limit", []))),
     }
+    if "parts" in data:
+        parts["parts"] = _parts(data["parts"], where, folder)
+        if "f_number" not in data.get("lens", {}):
+            parts["lens"] = replace(parts["lens"], f_number=ANY_F)
     names = {name: data[name] for name in ("name", "notes") if name in data}
     return where.wrap((), lambda: Requirements(**parts, **names))
 
@@ -174,12 +188,21 @@ def requirements_of(data: dict[str, Any], where: Places | None = None, folder: P
 def _check_tables(data: dict[str, Any], where: Places) -> None:
     known: dict[str, type] = {
         "format": int, "name": str, "notes": str, "field": dict, "mirror": dict, "lens": dict, "imager": dict,
-        "mount": dict, "housing": dict, "limit": list,
+        "mount": dict, "housing": dict, "limit": list, "parts": dict,
     }  # fmt: skip
     check_entries(data, known, FORMAT, where)
     for key in ("field", "mirror"):
         if key not in data:
             raise where.error((), f"there is no [{key}] table; a requirement file needs [field] and [mirror]")
+
+
+def _parts(table: dict[str, Any], where: Places, folder: Path | None) -> PartsRequirements:
+    """What is bought, its catalogues looked for beside the file."""
+    found = PartsRequirements.read(table, where)
+    if folder is None and any(name != TYPICAL for name in found.catalogue):
+        raise where.error(("parts", "catalogue"), "parts.catalogue names a file, which is valid in a file alone")
+    beside = folder or Path()
+    return replace(found, catalogue=tuple(n if n == TYPICAL else str(beside / n) for n in found.catalogue))
 
 
 def _imager(table: dict[str, Any], where: Places) -> Imager:

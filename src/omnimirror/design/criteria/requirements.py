@@ -43,6 +43,8 @@ def _row(value: Any) -> Any:
     return tuple(value) if isinstance(value, list) else value
 
 
+Most = Annotated[float, Field(gt=0, le=1e9)]
+Names = Annotated[tuple[str, ...], BeforeValidator(lambda value: (value,) if isinstance(value, str) else _row(value))]
 Column = Annotated[tuple[float, ...], BeforeValidator(_row)]
 
 
@@ -246,6 +248,47 @@ class LensRequirements(Entries):
         return self.theta_max_deg is None or self.focal_length_mm is None
 
 
+@dataclass(frozen=True, kw_only=True)
+class PartsRequirements(Entries):
+    """What is bought, and what the whole may be: ``[parts]``.
+
+    :func:`omnimirror.design_from_parts` designs with the lenses, imagers, balls and domes of the catalogue; the focal
+    length and the imager are theirs then.
+
+    Parameters
+    ----------
+    catalogue
+        Names of files; without any the catalogue that comes with the package.
+    mirror
+        ``"made"``, as ``[mirror]`` says; or ``"ball"``: one of the catalogue's, as large a cap of it as is needed.
+    dome
+        Whether the mirror stands in one of the catalogue's domes.
+    most_price, most_mass_g, most_diameter_mm, most_height_mm
+        Of the whole. Mirrors that are made cost nothing here, and weigh as much as aluminium.
+
+    Raises
+    ------
+    SpecError
+        An entry is wrong; the message says what would be valid.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> om.PartsRequirements(most_price=200).mirror
+    'made'
+    """
+
+    TABLE: ClassVar[str] = "parts"
+
+    catalogue: Names = ()
+    mirror: Literal["made", "ball"] = "made"
+    dome: bool = False
+    most_price: Most | None = None
+    most_mass_g: Most | None = None
+    most_diameter_mm: Most | None = None
+    most_height_mm: Most | None = None
+
+
 PAPER_IMAGER = Imager(1024, 1024, 5.2)
 """The paper's prototype's; taken where no imager is stated."""
 DIGITS = 12  # of elevations, so that 12.3 deg stays what it was
@@ -273,6 +316,8 @@ class Requirements:
         What stands around its mirror and hides the view; nothing by default.
     limits
         What has to be kept besides: the file's ``[[limit]]``.
+    parts
+        What is bought; nothing by default.
     name
         Of the sensor.
     notes
@@ -303,12 +348,15 @@ class Requirements:
     mount: Mount = UPRIGHT
     housing: Housing = BARE
     limits: tuple[Limit, ...] = ()
+    parts: PartsRequirements | None = None
     name: str = UNNAMED
     notes: str = ""
 
     def __post_init__(self) -> None:
         for name, kind in KINDS.items():
             instance(name, getattr(self, name), kind, f"of kind {kind.__name__}")
+        if self.parts is not None:
+            instance("parts", self.parts, PartsRequirements, "of kind PartsRequirements")
         object.__setattr__(self, "limits", tuple(instance("limits", self.limits, (list, tuple), "a list of limits")))
         for limit in self.limits:
             instance("limits", limit, Limit, "a list of limits")
@@ -379,6 +427,8 @@ class Requirements:
         if self.field.angles == "elevation":
             parts["field"] = self._by_elevation(parts["field"])
         parts["housing"] = housing_tables(self.housing)
+        if self.parts is not None:
+            parts["parts"] = asdict(self.parts)
         data = {"name": self.name, "notes": self.notes, **parts, "limit": [asdict(limit) for limit in self.limits]}
         plain: dict[str, Any] = _plain(data)
         return plain

@@ -120,12 +120,15 @@ def _imager_radius_mm(settled: Requirements) -> float:
 
 
 def _telecentric(settled: Requirements) -> Candidate:
-    mounted, rim = _mirror(settled, 0.0), ends(settled.mirror.rim_radius_mm)[0]
+    return _focused(settled, _mirror(settled, 0.0), _telecentric_lens(settled))
+
+
+def _telecentric_lens(settled: Requirements) -> Orthographic:
+    rim = ends(settled.mirror.rim_radius_mm)[0]
     focus = 0.0 if settled.lens.focus_mm is None else ends(settled.lens.focus_mm)[0]
     asked = ends_or_none(settled.lens.magnification)
     magnification = _imager_radius_mm(settled) / rim if asked is None else asked[0]
-    lens = Orthographic(magnification, ends(settled.lens.f_number)[0], focus)
-    return _focused(settled, mounted, lens)
+    return Orthographic(magnification, ends(settled.lens.f_number)[0], focus)
 
 
 def _perspective(settled: Requirements) -> Candidate:
@@ -152,7 +155,7 @@ def _next(steps: list[tuple[float, float]]) -> float:
     return x + off
 
 
-def _viewing(settled: Requirements, nearness: float) -> tuple[float, float]:
+def viewing(settled: Requirements, nearness: float) -> tuple[float, float]:
     """Theta (deg) and focal length (mm): as given, or so that the rim fills the imager at a focus 1/L0."""
     radius, lens = _imager_radius_mm(settled), settled.lens
     if lens.focal_length_mm is None:
@@ -165,21 +168,41 @@ def _viewing(settled: Requirements, nearness: float) -> tuple[float, float]:
     return float(np.degrees(np.arctan(radius * (1 / focal - nearness)))), focal
 
 
+def sketched(settled: Requirements, nearness: float) -> Sensor:
+    """The sensor of settled requirements before its lens is focused: its mirror is made for a focus 1/L0.
+
+    Raises
+    ------
+    OmnimirrorError
+        There is no such mirror, or it cannot be used.
+    """
+    if settled.lens.is_telecentric:
+        return _unfocused(settled, _mirror(settled, 0.0, fitted=False), _telecentric_lens(settled))
+    theta, focal = viewing(settled, nearness)
+    mounted = _mirror(settled, theta, fitted=False)
+    focus = max(mounted.distance_mm, 1.001 * focal)
+    return _unfocused(settled, mounted, Perspective(focal, ends(settled.lens.f_number)[0], focus))
+
+
 def _before_lens(settled: Requirements, nearness: float, fitted: bool) -> Candidate:
     """The mirror before the lens that it has if it is focused at 1/L0; focused as asked, or at its best."""
-    theta, focal = _viewing(settled, nearness)
+    theta, focal = viewing(settled, nearness)
     mounted = _mirror(settled, theta, fitted)
     asked = ends_or_none(settled.lens.focus_mm)
     focus = max(mounted.distance_mm, 1.001 * focal) if asked is None else asked[1]
     return _focused(settled, mounted, Perspective(focal, ends(settled.lens.f_number)[0], focus))
 
 
-def _focused(settled: Requirements, mounted: MountedMirror, lens: Orthographic | Perspective) -> Candidate:
-    """The sensor at its best focus, where the requirements leave one."""
-    sensor = Sensor(
+def _unfocused(settled: Requirements, mounted: MountedMirror, lens: Orthographic | Perspective) -> Sensor:
+    return Sensor(
         mounted.mirror, lens, settled.imager, settled.mount, mounted.distance_mm, settled.name, settled.notes,
         housing=settled.housing,
     )  # fmt: skip
+
+
+def _focused(settled: Requirements, mounted: MountedMirror, lens: Orthographic | Perspective) -> Candidate:
+    """The sensor at its best focus, where the requirements leave one."""
+    sensor = _unfocused(settled, mounted, lens)
     if settled.lens.focus_mm is None or is_free(settled.lens.focus_mm):
         sensor = sensor.with_lens(lens.focused_at(focusing(settled, sensor).best().focus_mm))
     return Candidate(settled, sensor, mounted.notes)

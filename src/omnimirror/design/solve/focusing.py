@@ -12,9 +12,9 @@ kept, the size of the image and the resolution, if there are any.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +33,7 @@ Array = NDArray[np.float64]
 
 POINTS = 181  # of the mirror, in each part of the field that is judged
 SCAN, AGAIN = 33, 9  # vergences at which a valley is looked for, and in each narrower look
+APERTURES, NARROWER = 7, 3  # F-numbers that are tried with each vergence, and how often in narrower looks
 CLOSE = 1e-7  # of the range of vergences: how narrow the last look is
 MARGIN = 0.05  # of the range of vergences, on either side
 KEPT = 1e-6  # a share this little missed is none
@@ -68,6 +69,27 @@ class Focusing:
     image_radius_px: float = np.inf
     span_mm: tuple[float, float] | None = None
     points: int = POINTS
+
+    def best_aperture(self, span: tuple[float, float]) -> tuple[float, Focus]:
+        """The F-number within a span, and the focus, of the least cost: a scan of both at once, then narrower ones."""
+        (low, high), (F_low, F_high) = self.range, (float(np.log(F)) for F in span)
+        steps = APERTURES if F_high > F_low else 1
+        for narrower in range(NARROWER + 1):
+            v, F = np.meshgrid(
+                np.linspace(low, high, SCAN if not narrower else AGAIN), np.linspace(F_low, F_high, steps)
+            )
+            looked = replace(self)
+            looked.__dict__.update(
+                _nodes=self._nodes, _fields=self._fields, _camera=self._with_apertures(np.exp(F.ravel())[:, None])
+            )
+            with np.errstate(all="ignore"):
+                cost = np.nan_to_num(looked._cost(v.ravel()[:, None], True), nan=np.inf)
+            i = int(cost.argmin())
+            half_v, half_F = (high - low) / (v.shape[1] - 1), (F_high - F_low) / max(steps - 1, 1)
+            best_v, best_F = float(v.ravel()[i]), float(F.ravel()[i])
+            low, high = max(low, best_v - half_v), min(high, best_v + half_v)
+            F_low, F_high = max(F_low, best_F - half_F), min(F_high, best_F + half_F)
+        return float(np.exp(best_F)), Focus(-best_v if self._is_telecentric else 1 / best_v, float(cost[i]))
 
     def best(self) -> Focus:
         """The best focus by the limits that depend on it."""
@@ -114,10 +136,14 @@ class Focusing:
 
     @cached_property
     def _camera(self) -> PerspectiveCamera | TelecentricCamera:
+        return self._with_apertures(self.sensor.lens.stop_number)
+
+    def _with_apertures(self, f_number: Any) -> PerspectiveCamera | TelecentricCamera:
+        """The lens and the pixels, with one F-number or several (b, 1)."""
         lens, pitch = self.sensor.lens, self.sensor.imager.pitch_mm
         if isinstance(lens, Perspective):
-            return PerspectiveCamera(lens.focal_length_mm, lens.f_number, self._rim_ray, pitch)
-        return TelecentricCamera(lens.magnification, lens.working_f_number, self._rim_ray, pitch)  # type: ignore[attr-defined]
+            return PerspectiveCamera(lens.focal_length_mm, f_number, self._rim_ray, pitch)
+        return TelecentricCamera(lens.magnification, f_number, self._rim_ray, pitch)  # type: ignore[attr-defined]
 
     @cached_property
     def _rim(self) -> tuple[float, float]:

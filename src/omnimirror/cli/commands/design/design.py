@@ -17,10 +17,12 @@ from ....design.solve.designer import Design, design_sensor
 from ....design.solve.freeform import SHAPE
 from ....files import write_text
 from ....specs import save_sensor
+from ...options.common import WHOLE
 from ...options.declared import refuse_other, takes
 from ...options.design import RequirementOptions, SearchedOptions, merit_list
 from ...options.housing import HousingOptions
 from ...outputs import FIGURES, format_option, output_console, output_option, progress_bar, say, say_written
+from .bought import buy
 from .front import check_pick, find_front
 from .tables import MISSED, print_convergence, print_design, print_merits
 
@@ -31,6 +33,7 @@ FOR_BOTH = ("seed", "resume", "paper_mode", "image_radius_px")
 ONLY = {
     "--optimise": ("starts", "terms", *FOR_BOTH),
     "--pareto": ("population", "generations", "figure", "pick", *FOR_BOTH),
+    "--parts": ("most", "front", "processes"),
 }
 
 
@@ -40,6 +43,9 @@ ONLY = {
 @click.option("--pareto", "merits", type=merit_list, metavar="MERIT,MERIT",
               help="Instead: what these cost each other, designs of which none is better by all.")  # fmt: skip
 @takes(SearchedOptions, "searched")
+@click.option("--most", type=WHOLE, default=10, help="With parts: after how many combinations that do to stop.")
+@click.option("--front", is_flag=True, help="With parts: instead those sharper than every cheaper one.")
+@click.option("--processes", type=WHOLE, default=1, help="With parts: that design at the same time.")
 @format_option(FIGURES)
 @output_option("-o", "--out", help="Write the sensor file.")
 @output_option("--json", "json_file", help="Write the table, and what conflicts.")
@@ -57,6 +63,9 @@ def command(
     json_file: Path | None,
     figures: Path | None,
     housing: HousingOptions,
+    most: int,
+    front: bool,
+    processes: int,
 ) -> None:
     """Design a sensor that meets REQUIREMENTS, a TOML file; or what the options say, which go before the file.
 
@@ -70,14 +79,17 @@ def command(
     asked = options.requirements(requirements)
     asked = replace(asked, housing=housing.of(asked.housing))
     way = "--pareto" if merits else "--optimise" if asked.mirror.optimise else "a mapping or a family"
+    way = "--parts" if asked.parts is not None else way
     given = [n for n in ctx.params if ctx.get_parameter_source(n) is click.core.ParameterSource.COMMANDLINE]
     refuse_other(given, ONLY, way)
     console = output_console()
+    if asked.parts is not None:
+        buy(console, asked, most, front, processes, out, json_file)
     if merits:
         check_pick(searched.pick, {"out": out, "json": json_file, "figures": figures})
-        front = find_front(console, asked, merits, searched)
-        design = None if searched.pick is None else front.design(searched.pick)
-        is_complete = front.is_complete
+        found = find_front(console, asked, merits, searched)
+        design = None if searched.pick is None else found.design(searched.pick)
+        is_complete = found.is_complete
     elif asked.mirror.optimise:
         design = _optimised(console, asked, searched)
         is_complete = design.optimum is None or design.optimum.is_complete

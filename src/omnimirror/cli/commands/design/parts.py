@@ -34,7 +34,7 @@ class SelectionOptions(Options):
 
 @click.command()
 @click.argument("sensor")
-@click.argument("catalogue", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.argument("catalogue", nargs=-1, type=click.Path(path_type=Path))
 @takes(SelectionOptions, "selection")
 @click.option("--best", is_flag=True, help="Only those that fit.")
 @output_option("-o", "--out", help="Write the best as a sensor file.")
@@ -43,7 +43,8 @@ def command(
 ) -> None:
     """Rank the lenses and imagers of CATALOGUE files before the mirror of SENSOR, and say why others do not fit.
 
-    The mirror stays where it is; a catalogue is TOML or CSV.
+    The mirror stays where it is; a catalogue is TOML or CSV. Without one, kinds of parts that are common are ranked.
+    omnimirror design --parts designs the mirror for each combination instead.
     """
     found = choose_parts(load_sensor(sensor), read_catalogue(*catalogue), **selection.given)
     fitting = [c for c in found if c.fits]

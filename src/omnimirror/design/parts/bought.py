@@ -1,0 +1,219 @@
+"""The sensor that is made of one combination of parts: its mirror, its aperture, its focus."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ...components.catalogue import BallComponent, LensComponent
+from ...components.selection import rings_for
+from ...components.whole import mass_g, whole_of
+from ...errors import InvalidParameter, OmnimirrorError
+from ...files import json_plain
+from ...sensor import Sensor
+from ..criteria.field_angles import counted_field
+from ..criteria.ranges import ends, is_free
+from ..criteria.requirements import PartsRequirements, Requirements
+from ..solve.candidates import Candidate, focusing, make, sketched, viewing
+from ..solve.designer import Design, design_of
+from ..solve.range_search import RangeSearch
+from ..solve.verdict import Judgement, Verdict, evaluations, judge
+from .combinations import PartsCombination, asked_of
+
+SCREENED = 31  # points of the mirror while an aperture is chosen
+BLURRED = "more blurred than a cheaper one"
+SLACK = 0.02  # share of a limit of blur that such a choice may miss and yet be looked at
+SEARCHED = 181  # field angles, before a sensor is judged as designs are
+BEYOND_RIM = 1.2  # times the distance to the rim: about where virtual images are
+SETTLED, ROUNDS = 1e-6, 12  # of the rim of a ball, which depends on the viewing angle
+
+
+@dataclass(frozen=True)
+class BoughtDesign:
+    """A combination with the sensor that is made of it.
+
+    Attributes
+    ----------
+    combination
+    design
+        Its sensor, and a row for each requirement, those of the whole last.
+    ring_mm
+        Thickness of the extension rings that the focus needs.
+    price, mass_g
+        Of the whole; None where that of a part is not known.
+    worst_floored_area_deg2
+        Over the field that counts.
+    """
+
+    combination: PartsCombination
+    design: Design
+    ring_mm: float
+    price: float | None
+    mass_g: float | None
+    worst_floored_area_deg2: float
+
+    @property
+    def is_met(self) -> bool:
+        """Whether every requirement is met."""
+        return self.design.is_met
+
+    def to_dict(self) -> dict[str, Any]:
+        """As plain data, for JSON."""
+        parts = {part.KIND: part.name for part in self.combination.parts}
+        numbers = {
+            "ring_mm": self.ring_mm, "price": self.price, "mass_g": self.mass_g,
+            "worst_floored_area_deg2": self.worst_floored_area_deg2,
+        }  # fmt: skip
+        data: dict[str, Any] = json_plain({**parts, **numbers, **self.design.to_dict()})
+        return data
+
+
+def design_bought(
+    asked: Requirements, combination: PartsCombination, most_area_deg2: float = np.inf
+) -> BoughtDesign | str:
+    """The best sensor of a combination; or what it misses, where that is plain before the mirror is settled.
+
+    Parameters
+    ----------
+    asked
+        With its ``parts``.
+    combination
+        One that no bound cuts.
+    most_area_deg2
+        Worst floored blur area of a cheaper one, that it has to stay below.
+    """
+    own = asked_of(asked, combination)
+    try:
+        made = _made(own, combination, most_area_deg2)
+        if isinstance(made, str):
+            return made
+        found = _judged(asked, own, combination, made.sensor, SEARCHED)
+        if not found.is_met:
+            return found
+        return _judged(asked, own, combination, made.sensor)
+    except OmnimirrorError:
+        return "no such mirror"
+
+
+def _judged(
+    asked: Requirements, own: Requirements, combination: PartsCombination, sensor: Sensor, angles: int | None = None
+) -> BoughtDesign:
+    verdict = judge(own, sensor) if angles is None else judge(own, sensor, angles=angles)
+    assert asked.parts is not None
+    ring, reasons = 0.0, list[str]()
+    if isinstance(combination.lens, LensComponent):
+        ring, reasons = rings_for(combination.lens, sensor.lens.focus_distance_mm)
+    mass = mass_g(sensor, combination.parts)
+    rows = [*verdict.rows, *whole_rows(asked.parts, combination, sensor, mass)]
+    if reasons:
+        nearest = combination.lens.minimum_focus_mm if isinstance(combination.lens, LensComponent) else 0.0
+        rows.append(
+            Judgement("minimum_focus_mm", "mm", nearest, None, sensor.lens.focus_distance_mm, remarks=tuple(reasons))
+        )
+    notes = (f"parts: {combination.name}", *((f"extension rings of {ring:g} mm",) if ring else ()))
+    design = design_of(Verdict(verdict.requirements, verdict.sensor, tuple(rows)), notes)
+    area = worst_area(own, sensor)
+    return BoughtDesign(combination, design, ring, combination.price, mass, area)
+
+
+def worst_area(own: Requirements, sensor: Sensor) -> float:
+    """Worst floored blur area, deg2, over the field and the objects that count."""
+    low, high, _ = counted_field(own.field, sensor).part()
+    results = evaluations(own, sensor, np.linspace(low, high, SEARCHED))
+    return max(float(result.floored_area_deg2.max()) for result in results)
+
+
+def whole_rows(
+    parts: PartsRequirements, combination: PartsCombination, sensor: Sensor, mass: float | None
+) -> list[Judgement]:
+    """What the whole may be, as rows of a table."""
+    size = whole_of(sensor, combination.parts)
+    reached = {
+        "price": (parts.most_price, combination.price, ""),
+        "mass_g": (parts.most_mass_g, mass, "g"),
+        "diameter_mm": (parts.most_diameter_mm, size.diameter_mm, "mm"),
+        "height_mm": (parts.most_height_mm, size.height_mm, "mm"),
+    }
+    return [
+        Judgement(f"whole, {name}", unit, None, most, np.nan if value is None else value)
+        for name, (most, value, unit) in reached.items()
+        if most is not None
+    ]
+
+
+# -- mirror, aperture, focus -----------------------------------------------------------------------
+
+
+def _made(own: Requirements, combination: PartsCombination, most_area_deg2: float) -> Candidate | str:
+    """The sensor at the aperture that keeps the limits of blur best; or what it misses."""
+    if combination.ball is None and set(RangeSearch(own).free) - {"f_number"}:
+        return RangeSearch(own).best().made
+    rough, span = _sketched(own, combination), ends(own.lens.f_number)
+    if np.isfinite(most_area_deg2):
+        sharpest = focusing(replace(own, limits=()), rough, SCREENED).best_aperture(span)[1]
+        if sharpest.cost > most_area_deg2 * (1 + SLACK):
+            return BLURRED
+    f_number, focus = focusing(own, rough, SCREENED).best_aperture(span)
+    if focus.cost > SLACK and any(limit.of.is_sharpness for limit in own.limits):
+        return "too blurred"
+    settled = own.changed(f_number=f_number)
+    return make(settled) if combination.ball is None else _of_ball(settled, combination.ball)
+
+
+def _sketched(own: Requirements, combination: PartsCombination) -> Sensor:
+    """The sensor but for its focus and aperture: the mirror for a focus about where the images are.
+
+    That is found twice, from a guess: what is left is small against the slack.
+    """
+    settled = own.changed(f_number=ends(own.lens.f_number)[1])
+    nearness = 0.0
+    if isinstance(combination.lens, LensComponent):
+        radius_mm, ball = own.largest_image_px * own.imager.pitch_mm, combination.ball
+        beyond = BEYOND_RIM * (ends(own.mirror.rim_radius_mm)[0] if ball is None else _rim_mm(own, 0.0, ball))
+        nearness = 1 / combination.lens.focal_length_mm / (1 + beyond / radius_mm)
+    for _ in range(2):
+        if combination.ball is not None:
+            theta = 0.0 if own.lens.is_telecentric else viewing(settled, nearness)[0]
+            settled = settled.changed(rim_radius_mm=_rim_mm(own, theta, combination.ball))
+        rough = sketched(settled, nearness)
+        if own.lens.is_telecentric or not own.lens.fills_imager:
+            break
+        nearness = 1 / focusing(settled, rough, SCREENED).best_aperture(ends(settled.lens.f_number))[1].focus_mm
+    return rough
+
+
+def _rim_mm(own: Requirements, theta_deg: float, ball: BallComponent) -> float:
+    """Rim of the cap of a ball that shows the field: ``M = R sin((Omega_max - Theta)/2)``, Eqs. 2 to 5."""
+    return ball.ball_diameter_mm / 2 * float(np.sin(np.radians((own.field.omega_max_deg - theta_deg) / 2)))
+
+
+def _of_ball(settled: Requirements, ball: BallComponent) -> Candidate | str:
+    """The cap of a ball that shows the field, its rim and the viewing angle settled together."""
+    low, high = ends(settled.mirror.rim_radius_mm)
+    theta = 0.0
+    for _ in range(ROUNDS):
+        rim = _rim_mm(settled, theta, ball)
+        made = make(settled.changed(rim_radius_mm=rim))
+        before, theta = theta, float(np.degrees(made.sensor.meridian.theta_max))
+        if abs(theta - before) < SETTLED:
+            break
+    if not low * (1 - SETTLED) <= rim <= high * (1 + SETTLED):
+        return "another rim radius"
+    return made
+
+
+def check_free(asked: Requirements) -> None:
+    """Refuse a ball beside ranges that would have to be searched.
+
+    Raises
+    ------
+    InvalidParameter
+        Such a range.
+    """
+    assert asked.parts is not None
+    if asked.parts.mirror == "ball" and is_free(asked.lens.theta_max_deg):
+        raise InvalidParameter(
+            "theta_max_deg of a bought ball follows from lens and imager; leave it out, or give a number"
+        )

@@ -1,0 +1,273 @@
+"""Combinations of parts: what each makes of the requirements, and what tells at once that it cannot keep them.
+
+A combination is cut where a necessary condition fails, whatever the mirror: each is a bound that follows from the
+paper's equations with the image of the rim as large as imager and lens allow (N pixels, radius r = N pitch):
+
+    viewing angle    tan(Theta) = r (1/f - 1/L0) < r/f                                    Eqs. 7, 25
+    size             lens to rim M/tan(Theta) > M f/r, and the imager is at least f behind the lens
+    resolution       the mean of dh/dOmega from a to b is at most N/(b - a); Dw = 2 pi h/(360 sin(Omega))     Eqs. 9, 10
+    diffraction      Airy >= 2.44 lambda F_min, which contrast and total blur only add to
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+
+from ...components.catalogue import (
+    BallComponent,
+    Catalogue,
+    Component,
+    DomeComponent,
+    ImagerComponent,
+    LensComponent,
+    TelecentricComponent,
+    mounts_fit,
+)
+from ...components.whole import price
+from ...housing.walls import Dome
+from ...imagers import Imager
+from ...numerics.lazy import cached_property
+from ..criteria.limits import Limit
+from ..criteria.modulation import contrast
+from ..criteria.ranges import Range, ends, ends_or_none
+from ..criteria.requirements import FARTHEST_FOCUS, Requirements
+
+AIRY_MM = 2.44 * 550e-6  # diameter of the disk over the F-number
+ROOM = 1 + 1e-9  # of bounds, for rounding
+
+
+@dataclass(frozen=True)
+class PartsCombination:
+    """A lens with an imager, and a ball and a dome if they are bought too."""
+
+    lens: LensComponent | TelecentricComponent
+    imager: ImagerComponent
+    ball: BallComponent | None = None
+    dome: DomeComponent | None = None
+
+    @property
+    def parts(self) -> tuple[Component, ...]:
+        return tuple(part for part in (self.lens, self.imager, self.ball, self.dome) if part is not None)
+
+    @property
+    def name(self) -> str:
+        """The names of its parts."""
+        return " + ".join(part.name for part in self.parts)
+
+    @cached_property
+    def price(self) -> float | None:
+        """Of all parts; None where that of one is not known."""
+        return price(self.parts)
+
+    @property
+    def f_numbers(self) -> tuple[float, float]:
+        return self.lens.f_number_min, self.lens.f_number_max
+
+
+def combinations_of(catalogue: Catalogue, asked: Requirements) -> list[PartsCombination]:
+    """All of them, the cheapest first; those of unknown price last."""
+    assert asked.parts is not None
+    balls = catalogue.balls if asked.parts.mirror == "ball" else (None,)
+    domes = catalogue.domes if asked.parts.dome else (None,)
+    found = [PartsCombination(*parts) for parts in product(catalogue.lenses, catalogue.imagers, balls, domes)]
+    return sorted(found, key=lambda c: (c.price is None, c.price or 0.0))
+
+
+def asked_of(asked: Requirements, combination: PartsCombination) -> Requirements:
+    """What is asked of the sensor that is made of a combination: its numbers in the place of ranges."""
+    lens, imager = combination.lens, combination.imager
+    given = asked.lens
+    circles = [mm for mm in (given.image_circle_mm, lens.image_circle_mm) if mm is not None]
+    apertures = _overlap(given.f_number, combination.f_numbers) or combination.f_numbers
+    table = replace(given, f_number=apertures, image_circle_mm=min(circles) if circles else None)
+    if isinstance(lens, TelecentricComponent):
+        table = replace(table, magnification=lens.magnification)
+    else:
+        focus = _overlap(given.focus_mm, (nearest_focus_mm(lens), FARTHEST_FOCUS)) or given.focus_mm
+        table = replace(table, focal_length_mm=lens.focal_length_mm, focus_mm=focus)
+    housing = asked.housing
+    if (dome := combination.dome) is not None:
+        shell = Dome(diameter_mm=dome.dome_diameter_mm, wall_mm=dome.wall_mm, material=dome.material)
+        housing = replace(housing, shell=shell)
+    return replace(
+        asked, lens=table, housing=housing, parts=None,
+        imager=Imager(imager.width_px, imager.height_px, imager.pixel_pitch_um),
+    )  # fmt: skip
+
+
+def nearest_focus_mm(lens: LensComponent) -> float:
+    """The nearest distance that a lens can be focused at with all of its rings: its own travel, and theirs.
+
+    >>> lens = LensComponent("12 mm", 12.0, 1.4, 16.0, 300.0, extension_rings_mm=(0.5, 1.0))
+    >>> round(nearest_focus_mm(lens), 2)
+    84.0
+    """
+    f = lens.focal_length_mm
+    return f + f * f / (f * f / (lens.minimum_focus_mm - f) + sum(lens.extension_rings_mm))
+
+
+def _overlap(asked: Range | None, there: tuple[float, float]) -> Range | None:
+    """What is common to a range that is asked for and one that a part has; None where nothing is."""
+    low, high = ends(asked) if asked is not None else there
+    low, high = max(low, there[0]), min(high, there[1])
+    return None if low > high else low if low == high else (low, high)
+
+
+# -- necessary conditions --------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class PartsBounds:
+    """What no mirror can pass, of a combination."""
+
+    asked: Requirements
+    combination: PartsCombination
+
+    @cached_property
+    def own(self) -> Requirements:
+        return asked_of(self.asked, self.combination)
+
+    @property
+    def image_px(self) -> float:
+        """Largest image of the rim."""
+        return self.own.largest_image_px
+
+    @property
+    def airy_px(self) -> float:
+        """Least Airy disk."""
+        return AIRY_MM * ends(self.own.lens.f_number)[0] / self.own.imager.pitch_mm
+
+    @property
+    def tangent(self) -> float:
+        """Largest tan(Theta)."""
+        lens = self.combination.lens
+        assert isinstance(lens, LensComponent)
+        filled = self.image_px * self.own.imager.pitch_mm / lens.focal_length_mm
+        theta = ends_or_none(self.own.lens.theta_max_deg)
+        return filled if theta is None else min(filled, float(np.tan(np.radians(theta[1]))))
+
+
+def _is_of_other_kind(b: PartsBounds) -> bool:
+    return isinstance(b.combination.lens, TelecentricComponent) != b.asked.lens.is_telecentric
+
+
+def _does_not_screw_on(b: PartsBounds) -> bool:
+    return not mounts_fit(b.combination.lens, b.combination.imager)
+
+
+def _is_too_dear(b: PartsBounds) -> bool:
+    assert b.asked.parts is not None
+    most, own = b.asked.parts.most_price, b.combination.price
+    return most is not None and (own is None or own > most)
+
+
+def _is_too_heavy(b: PartsBounds) -> bool:
+    assert b.asked.parts is not None
+    most = b.asked.parts.most_mass_g
+    masses = [part.mass_g for part in b.combination.parts]
+    return most is not None and (None in masses or sum(m or 0.0 for m in masses) > most)
+
+
+def _has_other_numbers(b: PartsBounds) -> bool:
+    """Focal length, magnification, aperture or focus that are not those asked for."""
+    lens, given = b.combination.lens, b.asked.lens
+    if _overlap(given.f_number, b.combination.f_numbers) is None:
+        return True
+    if isinstance(lens, TelecentricComponent):
+        return _overlap(given.magnification, (lens.magnification,) * 2) is None
+    if _overlap(given.focus_mm, (nearest_focus_mm(lens), FARTHEST_FOCUS)) is None:
+        return True
+    return _overlap(given.focal_length_mm, (lens.focal_length_mm,) * 2) is None
+
+
+def _has_no_such_angle(b: PartsBounds) -> bool:
+    """A viewing angle that the lens does not reach on this imager."""
+    theta = ends_or_none(b.asked.lens.theta_max_deg)
+    if theta is None or not isinstance(b.combination.lens, LensComponent):
+        return False
+    widest = b.image_px * b.own.imager.pitch_mm / b.combination.lens.focal_length_mm
+    return bool(widest * ROOM < np.tan(np.radians(theta[0])))
+
+
+def _is_too_large(b: PartsBounds) -> bool:
+    """Wider or longer than the whole may be, or than a limit of its length."""
+    assert b.asked.parts is not None
+    asked, least_rim = b.asked.parts, 0.0 if b.combination.ball else ends(b.asked.mirror.rim_radius_mm)[0]
+    width = max(2 * least_rim, *(part.diameter_mm or 0.0 for part in b.combination.parts))
+    if b.combination.dome is not None:
+        width = max(width, b.combination.dome.dome_diameter_mm)
+    if asked.most_diameter_mm is not None and width > asked.most_diameter_mm * ROOM:
+        return True
+    lens = b.combination.lens
+    if isinstance(lens, TelecentricComponent):
+        return lens.front_diameter_mm * ROOM < 2 * least_rim
+    length = least_rim / b.tangent
+    lengths = [limit.at_most for limit in b.asked.limits if limit.quantity == "length_mm" and limit.at_most is not None]
+    lengths += [] if asked.most_height_mm is None else [asked.most_height_mm - lens.focal_length_mm]
+    return bool(lengths) and length > min(lengths) * ROOM
+
+
+def _resolves_too_little(b: PartsBounds) -> bool:
+    return any(_has_too_few_pixels(limit, b.image_px, b.own) for limit in b.own.limits)
+
+
+def _has_too_few_pixels(limit: Limit, image_px: float, own: Requirements) -> bool:
+    if limit.at_least is None or limit.quantity not in (
+        "resolution_px_per_deg", "dh_domega_px_per_deg", "width_px_per_deg"
+    ):  # fmt: skip
+        return False
+    if not _judges_all(own):
+        return False
+    low, high = limit.omega_deg or (own.field.omega_min_deg, own.field.omega_max_deg)
+    if limit.quantity != "width_px_per_deg" and limit.at_least * (high - low) > image_px * ROOM:
+        return True
+    if limit.quantity == "dh_domega_px_per_deg":
+        return False
+    square = np.sin(np.radians(np.clip(90.0, low, high)))
+    return bool(limit.at_least > 2 * np.pi * image_px / 360 / square * ROOM)
+
+
+def _judges_all(own: Requirements) -> bool:
+    """Whether nothing around the mirror, nor a point, takes field angles away that limits are about."""
+    return own.housing.is_empty and not own.mirror.is_pointed
+
+
+def _diffracts_too_much(b: PartsBounds) -> bool:
+    return any(_is_lost_in_the_disk(limit, b.airy_px, b.image_px, b.own) for limit in b.own.limits)
+
+
+def _is_lost_in_the_disk(limit: Limit, airy_px: float, image_px: float, own: Requirements) -> bool:
+    if limit.at_most is not None and limit.of.is_blur:
+        if limit.of.unit == "px":
+            return airy_px > limit.at_most * ROOM
+        if not _judges_all(own):
+            return False
+        low, high = limit.omega_deg or (own.field.omega_min_deg, own.field.omega_max_deg)
+        return limit.quantity != "total_blur_s_deg" and airy_px * (high - low) > limit.at_most * image_px * ROOM
+    if limit.at_least is not None and limit.cycles_per_px is not None:
+        return limit.at_least > float(contrast(np.zeros(1), np.array([airy_px]), limit.cycles_per_px)[0]) * ROOM
+    return False
+
+
+CUTS: dict[str, Callable[[PartsBounds], bool]] = {
+    "another kind of lens": _is_of_other_kind,
+    "another mount": _does_not_screw_on,
+    "too dear, or of unknown price": _is_too_dear,
+    "too heavy, or of unknown mass": _is_too_heavy,
+    "another focal length, magnification, aperture or focus": _has_other_numbers,
+    "another viewing angle": _has_no_such_angle,
+    "too large": _is_too_large,
+    "too few pixels": _resolves_too_little,
+    "too much diffraction": _diffracts_too_much,
+}
+"""Why a combination is cut before any mirror is made, in this order."""
+
+
+def cut(asked: Requirements, combination: PartsCombination) -> str | None:
+    """Why a combination cannot keep the requirements, whatever the mirror; None where nothing tells."""
+    bounds = PartsBounds(asked, combination)
+    return next((name for name, fails in CUTS.items() if fails(bounds)), None)
