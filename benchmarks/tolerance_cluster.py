@@ -150,7 +150,7 @@ def write(
             "",
             f"{MANY} workers, from these: {MANY / shard:.0f} shards a second, {MANY * SHARD_TRIALS / shard / 1e6:.1f} "
             f"million sensors, {MANY / shard * SHARD_TRIALS * 96 / 1e6:.0f} MB/s to the disk that they share; then "
-            f"at most {1e6 * again / (SHARDS * SHARD_TRIALS):.1f} s of one core for a million sensors that are summed up.",
+            f"at most {1e6 * again / (SHARDS * SHARD_TRIALS):.1f} s of one core for each million that is summed up.",
         ]
     )
     print(text)
