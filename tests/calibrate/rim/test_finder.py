@@ -115,13 +115,13 @@ def two_hundred():
 @pytest.mark.timeout(1800)
 def test_most_of_two_hundred_composed_pictures_are_answered_rightly(two_hundred):
     right, sure = two_hundred
-    assert right.mean() >= 0.9
-    assert (~right & sure).mean() <= 0.05
+    assert right.mean() >= 0.95
+    assert (~right & sure).mean() <= 0.03
 
 
 @pytest.mark.full
 @pytest.mark.timeout(1800)
-@pytest.mark.xfail(reason="thin frames around a mirror still pull some rims outwards by 1 to 3 %", strict=True)
+@pytest.mark.xfail(reason="192 of 200, 4 wrong and sure: a frame taken for its mirror", strict=True)
 def test_two_hundred_composed_pictures_are_answered_as_is_aimed_at(two_hundred):
     right, sure = two_hundred
     assert right.mean() >= 0.99
