@@ -1,7 +1,8 @@
 """How often the rim of a mirror is found, and how sure that is: pictures made by seed, some of no mirror.
 
 The committee that chooses was learned from seeds below 1000 (``rim_learning.py``, with `--learn`); failures of those
-were looked at while the finder was made, and of 1000 to 1059. Those from 5000 on, which are counted, were not.
+were looked at while the finder was made, and of 1000 to 1059. Those from 5000 on, which are
+counted, were looked at once, when the finder was done.
 
     python benchmarks/rim.py --environments ../shared/data/environments --out out/benchmarks
     python benchmarks/rim.py --environments ../shared/data/environments --learn 60 --jobs 2

@@ -38,7 +38,7 @@ MEMBERS, BENDS = 5, 8
 RIDGE, START = 8.0, 0.15
 STEPS = 150
 FOLDS = 4
-FIRST_SHARE = 0.15  # of the first look's odds; with it, kinds of pictures that were left out surprise least
+FIRST_SHARE = 0.15  # of the first look's odds; photographs of a mirror in a housing are sure with it
 WORDS = "numbers of rings to log odds; learned from pictures made by seed: "
 
 

@@ -123,7 +123,8 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
 }  # fmt: skip
 ELSEWHERE = {
     "Body", "Calibration", "Detection", "FormError", "FoundRim", "Front", "LineCalibration", "Motion", "Optimum",
-    "Prior", "RationalPinhole", "Sighting", "ThinPrismFisheye", "ToleranceReport", "adjust", "bundled_sensors",
+    "Prior", "RationalPinhole", "Sighting", "ThinPrismFisheye", "ToleranceReport", "TypicalSensor", "adjust",
+    "bundled_sensors",
     "calibrate_lines", "design_from_parts",
     "design_sensor", "load_front", "measure_round_trip", "pareto", "register_camera_format", "register_format",
     "register_mirror", "register_quantity", "register_view", "reproduce_paper", "requirements_like", "screens",

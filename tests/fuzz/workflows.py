@@ -52,6 +52,8 @@ FORM = om.form_error(SENSOR.mirror, ON_MIRROR)
 def write_files(folder: Path) -> None:
     """What some of the calls read."""
     om.write_image(folder / "a.png", PICTURE)
+    (folder / "survey.csv").write_text("u_px,v_px,x_mm,y_mm,z_mm\n1,2,3,4,5\n")
+    (folder / "stars.csv").write_text("u_px,v_px,azimuth_deg,elevation_deg\n1,2,3,4\n")
     (folder / "cmm.csv").write_text("1,2,3\n4,5,6\n")
     (folder / "tolerances.toml").write_text(om.tolerance_template(SENSOR))
     (folder / "poses.csv").write_text("time_s,x_mm,pan_deg\n0,0,0\n.2,100,10\n")
@@ -74,6 +76,9 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "form_at": (FORM.at, {"x_mm": [1.0, 2.0], "y_mm": [0.0, 3.0]}),
     "form_effect": (om.form_effect, {"sensor": SENSOR, "form": FORM}),
     "as_made": (om.as_made, {"sensor": SENSOR, "form": FORM}),
+    "read_surveys": (om.read_surveys, {"points": ["survey.csv"], "directions": ["stars.csv"]}),
+    "typical_sensors": (om.typical_sensors, {"sensor": SENSOR, "plan": om.TolerancePlan(TOLERANCES),
+                                             "merit": "motion_px", "shares": (0.5,), "trials": 20, "seed": 0}),
     "Thermal": (om.Thermal, {"reference_c": 20.0, "mirror_material": None, "mirror_ppm_per_k": 70.0,
                              "spacer_material": "aluminium", "spacer_ppm_per_k": None, "mount_material": None,
                              "mount_ppm_per_k": None, "focal_ppm_per_k": 1.0, "imager_ppm_per_k": 2.6,

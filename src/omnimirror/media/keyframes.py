@@ -63,7 +63,7 @@ class Keyframes:
             No such file, or an entry that is missing, unknown or wrong; the message names the line.
         """
         path = Path(path)
-        text = files.read_text(path, "keyframes", MediaError, f"there are no keyframes {path}")
+        text = files.read_text(path, "keyframes", MediaError, f"there are no keyframes {shown(str(path))}")
         if path.suffix.lower() not in (".csv", ".toml"):
             raise MediaError(f"keyframes are read from .csv and .toml files, and {path} is neither")
         return (parse_csv if path.suffix.lower() == ".csv" else parse_toml)(text, str(path), names)

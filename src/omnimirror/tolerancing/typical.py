@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..arguments import checked
+from ..arguments import checked, whole
 from ..errors import InvalidParameter
 from ..sensor import Sensor
 from .errors import errors_of, perturbed
@@ -104,6 +104,7 @@ def typical_sensors(
     """
     check_limits({merit: 1.0})
     check_trials(trials)
+    seed = whole("seed", seed)
     judge = Judge.of(sensor, plan.refocus, **plan.judged)
     drawn = plan.tolerances.drawn(seed, 0, min(trials, BLOCK))
     merits = judge.judged(drawn)[:, merit_names().index(merit)]

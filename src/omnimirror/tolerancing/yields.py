@@ -13,6 +13,7 @@ from scipy.stats import beta
 from ..arguments import shown
 from ..errors import InvalidParameter
 from .tolerances import BLOCK, Tolerances
+from .trials.compensation import CALIBRATIONS
 from .trials.judge import Judge
 from .trials.merits import merit_names
 
@@ -61,7 +62,11 @@ def check_limits(limits: Mapping[str, float]) -> None:
     known = [name for name in merit_names() if name not in ("focus_distance_mm", "lost_rays")]
     for name, limit in limits.items():
         if name not in known:
-            raise InvalidParameter(f"{shown(name)} is nothing that trials are judged by; valid are {', '.join(known)}")
+            plain = ", ".join(each for each in known if " after " not in each)
+            raise InvalidParameter(
+                f"{shown(name)} is nothing that trials are judged by; valid are {plain}, and those of motions and "
+                f"directions with 'after' and one of {', '.join(CALIBRATIONS[1:])}, as in 'motion_px after affine'"
+            )
         if not limit > 0:
             raise InvalidParameter(f"the limit {name} at most {limit:g} is valid above 0")
 

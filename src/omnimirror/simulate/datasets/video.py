@@ -25,6 +25,7 @@ from ..scenes.posed import Pose, PosedScene
 
 POSE_NAMES = tuple(f.name for f in fields(Pose))
 MOST_FRAMES = 100_000
+SLOWEST = 1e-3  # frames a second
 
 
 @checked
@@ -71,7 +72,7 @@ def frame_times(path: Keyframes, frame_rate: float, duration_s: float | None = N
     >>> frame_times(Keyframes({"x_mm": ((0.0, 0.0), (1.0, 500.0))}), 4.0)
     [0.0, 0.25, 0.5, 0.75, 1.0]
     """
-    number("frame_rate", frame_rate, above=0.0, high=1e6)
+    number("frame_rate", frame_rate, low=SLOWEST, high=1e6)
     if duration_s is None:
         duration_s = max(time for track in path.tracks.values() for time, _ in track)
     count = int(np.floor(duration_s * frame_rate + 1e-9)) + 1 if duration_s >= 0 and frame_rate > 0 else 0
