@@ -134,7 +134,7 @@ def test_requirements_are_kept_over_a_range_whose_ends_are_where_they_are_missed
     )
     at_50 = next(row for row in om.judge(wanted, om.at_temperature(sensor, 50.0)).rows if row.is_limit)
     wanted = replace(wanted, limits=(om.Limit("total_blur_px", at_most=at_50.reached),))
-    found = om.temperature_range(wanted, sensor, -40.0, 85.0)
+    found = om.temperature_range(wanted, sensor, coldest_c=-40.0, warmest_c=85.0)
     assert found.high_c == pytest.approx(50.0, abs=0.15)
     for c, met in ((found.high_c - 0.2, True), (found.high_c + 0.2, False), (-39.0, True)):
         blur = next(row for row in om.judge(wanted, om.at_temperature(sensor, c)).rows if row.is_limit)
@@ -144,7 +144,7 @@ def test_requirements_are_kept_over_a_range_whose_ends_are_where_they_are_missed
     missed = om.temperature_range(replace(wanted, limits=(om.Limit("total_blur_px", at_most=1.0),)), sensor)
     assert np.isnan(missed.low_c)
     with pytest.raises(InvalidParameter, match=r"from 30 to 40 C are not valid; they must hold the reference .* 20 C"):
-        om.temperature_range(wanted, sensor, 30.0, 40.0)
+        om.temperature_range(wanted, sensor, coldest_c=30.0, warmest_c=40.0)
 
 
 def test_the_command_line_says_how_far_the_picture_moves(tmp_path):

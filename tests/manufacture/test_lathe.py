@@ -75,7 +75,7 @@ def test_a_nose_too_round_for_a_hollow_is_refused_with_what_fits():
     x = np.linspace(0.0, 24.0, 20001)
     slope = 0.02 * x - 3.2e-5 * x**3
     sharpest = ((9.6e-5 * x**2 - 0.02) / (1 + slope**2) ** 1.5).max()
-    assert tool_path(hollow, Tool(0.99 / sharpest), 8).deviation_nm < 5.0
+    assert tool_path(hollow, Tool(0.99 / sharpest), digits=8).deviation_nm < 5.0
     with pytest.raises(InvalidParameter, match=rf"radius_mm = .* too round .* below {1 / sharpest:.4g}"):
         tool_path(hollow, Tool(1.01 / sharpest))
 

@@ -128,7 +128,7 @@ def _housing(housing: Housing, warmer: float) -> Housing:
 
 
 @checked
-def thermal_motion_px(sensor: Sensor, temperature_c: float, omega_deg: ArrayLike | None = None) -> float:
+def thermal_motion_px(sensor: Sensor, temperature_c: float, *, omega_deg: ArrayLike | None = None) -> float:
     """How far the picture moves at most when a sensor gets another temperature.
 
     Parameters

@@ -378,14 +378,10 @@ def chords(mirror: Mirror, tolerance_um: float, start_mm: float = 0.0) -> Array:
     fine = np.linspace(start_mm, mirror.rim_radius_mm, 8193)
     _, slope, curvature = mirror.profile(fine)
     kappa = np.abs(curvature) / (1 + slope**2) ** 1.5
-    # points per mm of arc, from the local curvature; at least eight in all, for nearly straight meridians
-    density = np.sqrt(1 + slope**2) * np.sqrt(kappa / (8 * 0.9e-3 * tolerance_um))
-    count = np.concatenate([[0.0], np.cumsum((density[1:] + density[:-1]) / 2 * np.diff(fine))])
-    total = int(np.ceil(count[-1]))
+    # steps per mm of arc, from the local curvature; at least eight in all, for nearly straight meridians
+    total, share = steps_of(fine, np.sqrt(1 + slope**2) * np.sqrt(kappa / (8 * 0.9e-3 * tolerance_um)))
     if total <= 1 and not np.any(curvature):
         return fine[[0, -1]]
-    floor = np.linspace(0.0, 1e-3 * max(count[-1], 1.0), fine.size)  # keeps the count growing where it is flat
-    share = (count + floor) / (count + floor)[-1]
     total = max(total, 8)
     while True:
         points: Array = np.interp(np.linspace(0.0, 1.0, total + 1), share, fine)
@@ -393,6 +389,13 @@ def chords(mirror: Mirror, tolerance_um: float, start_mm: float = 0.0) -> Array:
         if worst <= tolerance_um or total >= fine.size:
             return points
         total = int(np.ceil(1.01 * total * np.sqrt(worst / tolerance_um)))  # a long step next to an inflection
+
+
+def steps_of(x: Array, density: Array) -> tuple[int, Array]:
+    """How many steps a density (n,) of them along x asks for, and the share of them before each x."""
+    count = np.concatenate([[0.0], np.cumsum((density[1:] + density[:-1]) / 2 * np.diff(x))])
+    floor = np.linspace(0.0, 1e-3 * max(count[-1], 1.0), x.size)  # keeps the count growing where there is none
+    return int(np.ceil(count[-1])), (count + floor) / (count + floor)[-1]
 
 
 def _worst_chord_um(mirror: Mirror, points: Array) -> float:

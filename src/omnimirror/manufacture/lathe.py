@@ -24,12 +24,14 @@ from ..arguments import check_fields, checked, whole
 from ..errors import InvalidParameter
 from ..mirrors import Mirror
 from ..parameters import Parameter
+from .forms import steps_of
 
 Array = NDArray[np.float64]
 
 FINE = 8193  # points of the meridian by which steps are chosen
 SHARE = 0.8  # of the tolerance that steps may use; the rest is for rounding and for what curvature does within a step
 BETWEEN = np.linspace(0.0, 1.0, 9)[1:-1]  # places along each step where its distance is taken
+LEAST_STEPS = 8
 ROUNDS = 6  # of Newton's method, which has no more than rounding left after three
 
 
@@ -129,7 +131,7 @@ class ToolPath:
 
 
 @checked
-def tool_path(mirror: Mirror, tool: Tool | None = None, digits: int = 6) -> ToolPath:
+def tool_path(mirror: Mirror, tool: Tool | None = None, *, digits: int = 6) -> ToolPath:
     """The way of a tool's nose over a mirror, from the rim to the axis.
 
     Parameters
@@ -203,12 +205,8 @@ def _contacts(tool: Tool, x: Array, slope: Array, curvature: Array) -> Array:
     arcs are (R + r) / R as long as those of the mirror. A pointed apex is a point of the path like others.
     """
     per_arc = np.sqrt(np.abs(curvature) * np.abs(1 + tool.radius_mm * curvature) / (8e-6 * SHARE * tool.tolerance_nm))
-    density = np.sqrt(1 + slope**2) * per_arc
-    count = np.concatenate([[0.0], np.cumsum((density[1:] + density[:-1]) / 2 * np.diff(x))])
-    total = max(int(np.ceil(count[-1])), 8)
-    floor = 1e-3 * max(count[-1], 1.0) * x / x[-1]  # keeps the count growing where the meridian is straight
-    share = (count + floor) / (count + floor)[-1]
-    steps: Array = np.interp(np.linspace(0.0, 1.0, total + 1), share, x)
+    total, share = steps_of(x, np.sqrt(1 + slope**2) * per_arc)
+    steps: Array = np.interp(np.linspace(0.0, 1.0, max(total, LEAST_STEPS) + 1), share, x)
     return steps
 
 
@@ -265,12 +263,12 @@ def format_gcode(path: ToolPath, name: str, digits: int = 6) -> str:
     def place(x: float, z: float) -> str:
         return f"X{twice * x + 0.0:.{digits}f} Z{z + 0.0:.{digits}f}"
 
-    plain = re.sub(r"[^ -~]|[();%]", "", name).strip()
+    counted = "diameter" if tool.x_is_diameter else "radius"
     head = [
         "%",
-        f"(omnimirror tool path of {plain})",
+        f"(omnimirror tool path of {_plain(name)})",
         f"(omnimirror {__version__})",
-        f"(nose radius {tool.radius_mm:g} mm; X and Z of its lowest point; X is a {_counted(tool)})",
+        f"(nose radius {tool.radius_mm:g} mm; X and Z of its lowest point; X is a {counted})",
         "(Z grows from the work towards the tool; 0 where the nose touches the vertex)",
         f"(edge used from {path.edge_deg[0]:g} to {path.edge_deg[1]:g} deg from Z)",
         f"(cut surface within {path.deviation_nm:.3g} nm of the mirror; cusps of {path.cusp_nm:.3g} nm)",
@@ -286,8 +284,9 @@ def format_gcode(path: ToolPath, name: str, digits: int = 6) -> str:
     return "\n".join([*head, *way, f"G0 Z{top:.{digits}f}", "M5", "M30", "%"]) + "\n"
 
 
-def _counted(tool: Tool) -> str:
-    return "diameter" if tool.x_is_diameter else "radius"
+def _plain(name: str) -> str:
+    """A name without what ends a comment or is no ASCII."""
+    return re.sub(r"[^ -~]|[();%]", "", name).strip()
 
 
 def format_points(path: ToolPath, name: str, digits: int = 6) -> str:
@@ -308,7 +307,7 @@ def format_points(path: ToolPath, name: str, digits: int = 6) -> str:
     ['0.000000', '0.000000', '0.000000']
     """
     head = [
-        f"# omnimirror tool path of {re.sub(r'[^ -~]', '', name)}",
+        f"# omnimirror tool path of {_plain(name)}",
         f"# nose radius {path.tool.radius_mm:g} mm, largest distance from the mirror {path.deviation_nm:.3g} nm",
         "\t".join(("contact_mm", "tool_x_mm", "tool_z_mm")),
     ]
@@ -318,7 +317,7 @@ def format_points(path: ToolPath, name: str, digits: int = 6) -> str:
 
 def write_tool_path(path: Path, mirror: Mirror, tool: Tool, name: str, digits: int, listed: bool) -> ToolPath:
     """Write the program, or the list of points if ``listed``."""
-    way = tool_path(mirror, tool, digits)
+    way = tool_path(mirror, tool, digits=digits)
     text = (format_points if listed else format_gcode)(way, name, digits)
     path.write_text(text, encoding="ascii", newline="")
     return way

@@ -81,8 +81,7 @@ def form_effect(sensor: Sensor, form: FormError) -> FormEffect:
     >>> effect.made["motion_px"] > effect.made["motion_px after affine"] > 0.0
     True
     """
-    if form.mirror != sensor.mirror:
-        raise InvalidParameter(f"the form error is that of another mirror than {sensor.name!r} has")
+    _check_its_mirror(sensor, form)
     judge, names = Judge.of(sensor), merit_names()
     amounts = {term.noll: term.um for term in form.terms}
     values = {f"mirror.zernike_{j}_um": np.array([0.0, amounts.get(j, 0.0)]) for j in range(1, TERMS + 1)}
@@ -125,8 +124,7 @@ def as_made(sensor: Sensor, form: FormError) -> Sensor:
     >>> made.mirror.KIND, bool(abs(made.mirror.sag(40.0) - sensor.mirror.sag(40.0)) < 1e-6)
     ('sampled', True)
     """
-    if form.mirror != sensor.mirror:
-        raise InvalidParameter(f"the form error is that of another mirror than {sensor.name!r} has")
+    _check_its_mirror(sensor, form)
     away, pose, second = 1e-3 * form.vertex_um, sensor.mirror_pose, sensor.secondary
     if second is not None:  # two mirrors stand where their distances say
         farther = replace(second, distance_mm=second.distance_mm + away)
@@ -134,3 +132,8 @@ def as_made(sensor: Sensor, form: FormError) -> Sensor:
         return replace(sensor, mirror=form.corrected(), secondary=farther, mirror_distance_mm=distance)
     moved = replace(pose, displacement_mm=pose.displacement_mm + away)
     return replace(sensor, mirror=form.corrected(), mirror_pose=moved)
+
+
+def _check_its_mirror(sensor: Sensor, form: FormError) -> None:
+    if form.mirror != sensor.mirror:
+        raise InvalidParameter(f"the form error is that of another mirror than {sensor.name!r} has")

@@ -201,7 +201,7 @@ class FormError:
 
 @checked
 def form_error(
-    mirror: Mirror, points_mm: ArrayLike, order: int | None = None, are_departures: bool = False
+    mirror: Mirror, points_mm: ArrayLike, *, order: int | None = None, are_departures: bool = False
 ) -> FormError:
     """The form error of a mirror that was measured point by point.
 

@@ -42,7 +42,7 @@ class TemperatureRange:
 
 @checked
 def temperature_range(
-    requirements: Requirements, sensor: Sensor, coldest_c: float = -40.0, warmest_c: float = 85.0
+    requirements: Requirements, sensor: Sensor, *, coldest_c: float = -40.0, warmest_c: float = 85.0
 ) -> TemperatureRange:
     """The temperatures at which a sensor keeps requirements.
 

@@ -62,7 +62,8 @@ def command(
     console = output_console()
     print_verdict(console, verdict)
     if temperatures is not None:
-        found = temperature_range(asked, seen, *temperatures)
+        coldest, warmest = temperatures
+        found = temperature_range(asked, seen, coldest_c=coldest, warmest_c=warmest)
         numbers["temperatures"] = json_plain(found.to_dict())
         console.print(_range_words(found))
     if json_file:

@@ -43,7 +43,7 @@ class PointOptions(Options):
     def of(self, mirror: Mirror, path: Path) -> FormError:
         """The form error."""
         points = read_points(path, cast(Unit, self.unit))
-        return form_error(mirror, points, self.order, are_departures=self.departures)
+        return form_error(mirror, points, order=self.order, are_departures=self.departures)
 
 
 @click.command()
