@@ -104,6 +104,49 @@ def test_why_a_board_was_not_found_is_told(picture, reason):
         assert any(part in found.reason for part in reason.split("|")), found.reason
 
 
+def tiles() -> np.ndarray:
+    """A tiled floor of which something hides all but 9 x 6 corners, and a third of the rows next to them."""
+    picture = picture_of(13, 10, size=(520, 400))
+    v, u = np.mgrid[:400, :520]
+    seen = (u > 88) & (u < 328) & (v > 88) & (v < 256)
+    seen |= ((u < 88) & (v > 100) & (v < 150)) | ((u > 328) & (v > 190) & (v < 240))
+    seen |= ((v < 88) & (u > 100) & (u < 190)) | ((v > 256) & (u > 220) & (u < 310))
+    return np.where(seen, picture, 110).astype(np.uint8)
+
+
+def test_tiles_of_which_as_many_corners_are_seen_are_no_board():
+    seen = tiles()
+    found = om.find_board(seen, BOARD)
+    assert not found.used
+    assert "squares were found that go on past 9 x 6 corners" in found.reason
+    margin = np.full_like(seen, 210)  # about them, and the same squares are a board
+    margin[88:256, 88:328] = seen[88:256, 88:328]
+    assert om.find_board(margin, BOARD).used
+
+
+def test_a_checked_cloth_is_no_board(shared_data):
+    """A mirror ball above it shows 11 x 7 of its corners whole, with others beside them."""
+    picture = cv2.imread(str(shared_data / "mirrorball" / "tisch.jpg"), cv2.IMREAD_REDUCED_GRAYSCALE_4)
+    for turned in (picture, np.rot90(picture), picture[:, ::-1]):
+        assert not om.find_board(np.ascontiguousarray(turned), om.Board("chessboard", 11, 7)).used
+
+
+def test_where_nothing_begins_slow_detectors_are_not_asked(monkeypatch):
+    """They take a second where there is no board; a board that they alone made whole began somewhere."""
+    from omnimirror.calibrate.targets.search import chessboards
+
+    asked = []
+    monkeypatch.setattr(chessboards, "_opencv_grids", lambda picture, board: asked.append(picture.shape) or iter(()))
+    texture = cv2.GaussianBlur(np.random.default_rng(0).normal(128, 60, (480, 640)).astype(np.float32), (0, 0), 3)
+    clutter = np.clip(128 + 6 * (texture - 128), 0, 255).astype(np.uint8)
+    assert om.find_board(clutter, BOARD).reason == "no board was found"
+    assert asked == []
+    part = picture_of(9, 6)
+    part[:, 180:] = 128
+    assert om.find_board(part, BOARD).is_part
+    assert asked
+
+
 def test_pictures_that_do_not_belong_together_are_told():
     whole, part = picture_of(9, 6), picture_of(9, 6)
     part[:, 230:] = 128  # 8 x 6 of its corners are left

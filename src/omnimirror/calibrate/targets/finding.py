@@ -21,7 +21,7 @@ from .refinement import refine_corners
 from .search.chessboards import find_chessboard, find_chessboards, is_whole, ordered, placed
 from .search.completion import completed
 from .search.greys import Grey, edge_blur_px, grey
-from .search.growing import LatticePart, coloured, grown, trimmed
+from .search.growing import LatticePart, coloured, goes_on, grown, trimmed
 from .search.local_maps import maps_about
 from .search.markers import find_by_markers, read_markers
 from .search.rectified import LocalView, local_views
@@ -37,6 +37,7 @@ LEAST_OF_MARKED = 4
 WHOLE_SHARE = 0.8
 """Of a chessboard's corners that must be measured."""
 NOTHING = "no board was found"
+TILES = "squares were found that go on past {board}, as tiles, a checked cloth or a larger board have them"
 STOPPED = "the search was stopped before this picture"
 
 
@@ -113,7 +114,8 @@ def _back_in_picture(values: Grey, seen: Detection, view: LocalView, board: Boar
         ids, pixels = completed(values, board, ids, pixels)
         return Detection(name, size, ids, pixels, is_reversed=_runs_backwards(board, ids, pixels))
     part = trimmed(grown(values, coloured(values, board.lattice[ids], pixels)))
-    return _whole(part, board, name, size) if is_whole(part, board) else None
+    is_board = is_whole(part, board) and not goes_on(values, part)
+    return _whole(part, board, name, size) if is_board else None
 
 
 @checked
@@ -245,6 +247,8 @@ def _look_for_squares(values: Grey, board: Board, name: str, *, is_quick: bool =
     size = (values.shape[1], values.shape[0])
     part = find_chessboard(values, board, is_quick=is_quick)
     if part is not None and is_whole(part, board):
+        if goes_on(values, part):
+            return Detection(name, size, reason=TILES.format(board=board), blur_px=edge_blur_px(values))
         return _whole(part, board, name, size)
     if part is None or len(part.places) < LEAST_PART:
         return Detection(name, size, reason=_why_nothing(values), blur_px=edge_blur_px(values))

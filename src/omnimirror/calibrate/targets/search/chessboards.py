@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..boards import Board
 from .greys import Grey, bytes_of, scaled, scales, unscaled_px, upwards
-from .growing import CHECKER, LatticePart, from_grid, grown, trimmed
+from .growing import CHECKER, LatticePart, from_grid, goes_on, grown, trimmed
 from .local_maps import maps_about
 from .saddles import fit_saddles
-from .seeds import MOST_SEEDS, find_seeds
+from .seeds import find_seeds
 
 Array = NDArray[np.float64]
 
@@ -36,8 +36,8 @@ def find_chessboard(picture: Grey, board: Board, *, is_quick: bool = False) -> L
         Whether to look at one size of the picture alone, and without OpenCV's detectors.
     """
     best: LatticePart | None = None
-    for part in _grown_parts(picture) if is_quick else _parts(picture, board):
-        if is_whole(part, board):
+    for part in _grown_parts(picture, find_seeds(picture)) if is_quick else _parts(picture, board):
+        if is_whole(part, board) and not goes_on(picture, part):
             return part
         if best is None or len(part.places) > len(best.places):
             best = part
@@ -58,7 +58,8 @@ def find_chessboards(picture: Grey, board: Board) -> list[LatticePart]:
     """
     for scale in scales(picture.shape):
         smaller = scaled(picture, scale)
-        whole = [part for part in _grown_parts(smaller, MOST_BOARDS) if is_whole(part, board)]
+        parts = _grown_parts(smaller, find_seeds(smaller, MOST_BOARDS))
+        whole = [part for part in parts if is_whole(part, board) and not goes_on(smaller, part)]
         if whole:
             return [_at_full_size(picture, part, scale) for part in whole]
     return []
@@ -82,10 +83,17 @@ def is_other(part: LatticePart, board: Board) -> bool:
 
 def _parts(picture: Grey, board: Board) -> Iterator[LatticePart]:
     """Lattices, each in pixels of the picture itself."""
+    has_seeds, most = False, 0
     for scale in scales(picture.shape):
         smaller = scaled(picture, scale)
-        for part in _grown_parts(smaller):
+        seeds = find_seeds(smaller)
+        has_seeds |= bool(seeds)
+        for part in _grown_parts(smaller, seeds):
+            most = max(most, len(part.places))
             yield _at_full_size(picture, part, scale)
+    # to find nothing takes OpenCV the longest: what it finds begins somewhere, and a part is to be made whole
+    if not has_seeds or most >= WHOLE * board.corner_count:
+        return
     for scale in scales(picture.shape)[:2]:
         if picture.size * scale**2 <= LARGEST_FOR_OPENCV:
             smaller = scaled(picture, scale)
@@ -95,10 +103,10 @@ def _parts(picture: Grey, board: Board) -> Iterator[LatticePart]:
                     yield _at_full_size(picture, trimmed(grown(smaller, part)), scale)
 
 
-def _grown_parts(picture: Grey, most: int = MOST_SEEDS) -> Iterator[LatticePart]:
+def _grown_parts(picture: Grey, seeds: Sequence[LatticePart]) -> Iterator[LatticePart]:
     """What grows from every seed that is not in an earlier part."""
     taken = np.empty((0, 2))
-    for seed in find_seeds(picture, most):
+    for seed in seeds:
         middle = seed.pixels.mean(axis=0)
         size = np.linalg.norm(np.ptp(seed.pixels, axis=0)) / 4
         if len(taken) and np.linalg.norm(taken - middle, axis=1).min() < size:

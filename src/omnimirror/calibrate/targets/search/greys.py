@@ -16,6 +16,7 @@ Grey = NDArray[np.float32]
 USUAL_PX = 900
 """Longer side of the picture in which a board is looked for first: squares have ten pixels or more in most."""
 SMALLEST_PX, LARGEST_PX = 200, 6000
+LARGEST_ENLARGED_PX = 3000  # of a picture that is looked at twice as large as it is, for squares of few pixels
 FULL = {"u": 255.0, "f": 1.0}
 
 
@@ -54,8 +55,9 @@ def scales(shape: tuple[int, ...]) -> list[float]:
     """Sizes of the picture in which a board is looked for, in turn."""
     longest = max(shape[:2])
     usual = min(1.0, 2.0 ** round(np.log2(USUAL_PX / longest)))
-    valid = [s for s in (usual, 2 * usual, usual / 2, 4 * usual) if s <= 2 and SMALLEST_PX <= s * longest <= LARGEST_PX]
-    return valid or [usual]
+    sizes = [s for s in (usual, 2 * usual, usual / 2, 4 * usual) if s <= 2]
+    largest = {True: LARGEST_ENLARGED_PX, False: LARGEST_PX}
+    return [s for s in sizes if SMALLEST_PX <= s * longest <= largest[s > 1]] or [usual]
 
 
 def scaled(picture: Grey, scale: float) -> Grey:

@@ -31,6 +31,8 @@ CLEARANCE = 0.25
 AWAY = 0.35
 """How far from its prediction a corner may be, in squares."""
 MISFIT = 0.75
+GOES_ON = 0.2
+"""Share of the places past a board's outer corners that look like corners: on a margin none does, on tiles half."""
 MOST_RINGS = 60
 ASTRAY = (0.2, 0.6)  # in squares, and px more: what lies farther from what its neighbours say is no corner of theirs
 
@@ -208,6 +210,31 @@ def _found(picture: Grey, part: LatticePart, candidates: Places) -> tuple[NDArra
     good &= (away < AWAY * 1.5) & (moved < AWAY / 2) & (fit.misfit < MISFIT)
     found[sane], pixels[sane] = good, fit.pixels
     return found, pixels
+
+
+def goes_on(picture: Grey, part: LatticePart) -> bool:
+    """Whether squares go on past a lattice, as those of tiles, of a checked cloth and of a larger board do.
+
+    Parameters
+    ----------
+    picture : (height, width)
+        Grey.
+    part
+        A lattice that may be a whole board: past that is its margin.
+    """
+    low, high = part.places.min(axis=0), part.places.max(axis=0)
+    beside = _neighbours(part, (MOST_RINGS, MOST_RINGS), {})
+    past = beside[np.any((beside < low) | (beside > high), axis=1)]
+    maps = maps_about(part.places.astype(float), part.pixels, past.astype(float))
+    spacing = maps.spacing()
+    reach = 0.3 * spacing[:, None]
+    within = np.all((maps.pixels > reach) & (maps.pixels < np.array(picture.shape[::-1]) - 1 - reach), axis=1)
+    within &= spacing > 2.0
+    if not within.any():
+        return False
+    polarity = part.polarity * (1 - 2 * (past[within].sum(axis=1) % 2))
+    like = likeness(picture, LocalMaps(*(field[within] for field in maps)), polarity)
+    return bool(np.mean((like.correlation > LIKENESS) & (like.clearance > CLEARANCE)) > GOES_ON)
 
 
 def _without_strays(part: LatticePart) -> LatticePart:
