@@ -97,8 +97,14 @@ def test_slow_commands_print_what_is_shown(page, tmp_path):
 
 
 @pytest.mark.parametrize("page", [p for p in PAGES if blocks(p, "toml")], ids=lambda p: p.name)
-def test_sensor_camera_and_requirement_files_are_valid(page):
+def test_sensor_camera_requirement_and_view_files_are_valid(page, tmp_path):
     for block in blocks(page, "toml"):
+        if block.startswith("# views.toml"):
+            (tmp_path / "views.toml").write_text(block)
+            assert all(
+                view(om.load_sensor("paper-spherical")) for view in om.load_views(tmp_path / "views.toml").values()
+            )
+            continue
         if "[field]" in block:
             assert parse_requirements(block).field.omega_max_deg > 0
             continue

@@ -90,6 +90,10 @@ if TYPE_CHECKING:
     from .dewarp import screens as screens
     from .dewarp import views as views
     from .dewarp.views import register_view as register_view
+    from .handoff.bags import DewarpedBag as DewarpedBag
+    from .handoff.bags import dewarp_bag as dewarp_bag
+    from .handoff.named_views import NamedView as NamedView
+    from .handoff.named_views import load_views as load_views
     from .manufacture import Body as Body
     from .manufacture import export as export
     from .manufacture import register_format as register_format
@@ -235,6 +239,10 @@ _HOMES = {
     "screens": "dewarp",
     "views": "dewarp",
     "register_view": "dewarp.views",
+    "dewarp_bag": "handoff.bags",
+    "DewarpedBag": "handoff.bags",
+    "load_views": "handoff.named_views",
+    "NamedView": "handoff.named_views",
     "Body": "manufacture",
     "export": "manufacture",
     "register_format": "manufacture",

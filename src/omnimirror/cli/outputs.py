@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Iterator
+from contextlib import contextmanager
 from functools import wraps
 from pathlib import Path
 from typing import Any, TypeVar
 
 import click
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 from rich.text import Text
 
 from ..files import is_standard_output
+from ..media.progress import FrameProgress
 from ..quantities import QUANTITIES
 
 FIGURES = ("png", "svg", "pdf")
@@ -159,6 +161,20 @@ def print_rows(console: Console, headings: Iterable[Iterable[str]], columns: Ite
     for numbers in zip(*cells, strict=True):
         stream.write(" ".join(word.rjust(width) for word, width in zip(numbers, widths, strict=True)) + "\n")
     stream.flush()
+
+
+@contextmanager
+def frame_bar() -> Iterator[Callable[[FrameProgress], None]]:
+    """A bar of frames and how many a second, on a terminal only; what is given tells it how far it is."""
+    console = Console(stderr=True)
+    bar = Progress(
+        TextColumn("Straightening"), BarColumn(), MofNCompleteColumn(),
+        TextColumn("{task.fields[rate]:.0f} frames/s"), TimeRemainingColumn(), console=console,
+        transient=True, disable=not console.is_terminal,
+    )  # fmt: skip
+    with bar:
+        task = bar.add_task("", total=None, rate=0.0)
+        yield lambda p: bar.update(task, completed=p.done, total=p.total, rate=p.rate)
 
 
 def progress_bar(console: Console) -> Progress:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import queue
 import threading
 import time
-from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from typing import Any, Literal, NamedTuple
@@ -14,6 +13,7 @@ import av
 
 from ..errors import MediaError
 from . import interrupts
+from .progress import FrameProgress, Meter
 from .video.frames import Image, Planes, as_frame, image_of_frame, planar, planes, workable
 from .video.reader import Item
 from .video.writer import Sink
@@ -25,22 +25,6 @@ PictureFunction = Callable[[Any, float], Made]
 
 Prepared = tuple[Item, Image | Planes | av.VideoFrame | None]
 """A frame with what the function takes, or a packet of sound with nothing."""
-
-REPORT_EVERY_S = 0.2
-RATE_OVER_S = 5.0  # the rate is that of the last few seconds
-
-
-class FrameProgress(NamedTuple):
-    """How far it is."""
-
-    done: int
-    """Frames."""
-    total: int | None
-    """Frames to expect; None where nobody knows."""
-    rate: float
-    """Frames a second, of late."""
-    elapsed_s: float
-    left_s: float | None
 
 
 class Outcome(NamedTuple):
@@ -107,7 +91,7 @@ def process(
         The source is damaged, after all that could be read has been written; or the sink cannot be
         written. Errors of the function are passed on, and give the sink up.
     """
-    meter = _Meter(progress, total)
+    meter = Meter(progress, total)
     with interrupts.deferred():
         source = _Reading(items, pixels, ahead) if ahead else (_prepared(item, pixels) for item in items)
         writing = _Writing(sink, max(1, ahead))
@@ -142,7 +126,7 @@ def in_real_time(items: Iterable[Item]) -> Iterator[Item]:
         yield item
 
 
-def _work(source: Iterable[Prepared], function: PictureFunction, writing: _Writing, meter: _Meter) -> None:
+def _work(source: Iterable[Prepared], function: PictureFunction, writing: _Writing, meter: Meter) -> None:
     """Everything from the source through the function to the writing thread, until it ends or is asked to."""
     for item, pixels_of_item in source:
         if isinstance(item, av.VideoFrame):
@@ -275,36 +259,3 @@ class _Writing:
         self._thread.join()
         self._is_over = True
         self._sink.abort()
-
-
-class _Meter:
-    """Counts frames, and reports now and then."""
-
-    def __init__(self, progress: Callable[[FrameProgress], None] | None, total: int | None) -> None:
-        self._progress, self._total = progress, total
-        self._start = self._reported = time.monotonic()
-        self._done = 0
-        self._recent: deque[tuple[float, int]] = deque([(self._start, 0)])
-
-    @property
-    def elapsed_s(self) -> float:
-        return time.monotonic() - self._start
-
-    def step(self) -> None:
-        self._done += 1
-        now = time.monotonic()
-        if now - self._reported >= REPORT_EVERY_S:
-            self._reported = now
-            self.report()
-
-    def report(self) -> None:
-        if self._progress is None:
-            return
-        now = time.monotonic()
-        self._recent.append((now, self._done))
-        while len(self._recent) > 2 and now - self._recent[0][0] > RATE_OVER_S:
-            self._recent.popleft()
-        since, before = self._recent[0]
-        rate = (self._done - before) / max(now - since, 1e-9)
-        left = None if self._total is None or rate <= 0 else max(0, self._total - self._done) / rate
-        self._progress(FrameProgress(self._done, self._total, rate, now - self._start, left))

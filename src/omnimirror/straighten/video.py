@@ -27,6 +27,7 @@ from ..media.keyframes import Keyframes
 from ..media.live.outputs import PipeSink, Preview, StreamSink, Tee, VirtualCamera
 from ..media.live.sources import TICKS, LiveSource, is_live
 from ..media.pictures.images import can_be_panorama
+from ..media.progress import FrameProgress
 from ..media.video.display import DISPLAY_LOST, Display
 from ..media.video.formats import Kind, losses
 from ..media.video.frames import Colour
@@ -58,7 +59,7 @@ class Listener:
 
     note: Callable[[str], None] = lambda sentence: None
     """Told in a sentence of what is lost or in doubt."""
-    progress: Callable[[processing.FrameProgress], None] = lambda progress: None
+    progress: Callable[[FrameProgress], None] = lambda progress: None
     """Told a few times a second how far it is."""
 
 

@@ -160,22 +160,31 @@ def _data_of(path: Path) -> bytes:
 
 
 def _decoded(path: Path, data: bytes) -> Image:
-    if data.startswith(exr.MAGIC):
-        return exr.read_exr(path, data)
+    return exr.read_exr(path, data) if data.startswith(exr.MAGIC) else decoded(path, data)
+
+
+def decoded(path: str | Path, data: bytes) -> Image:
+    """The picture in a file's bytes, other than OpenEXR's; ``path`` names it in messages.
+
+    Raises
+    ------
+    MediaError
+        They are cut short, damaged, or no picture.
+    """
     if _is_cut_short(data):
         raise MediaError(f"the picture {path} is cut short: its end is missing")
     if data.startswith(png.SIGNATURE) and (damage := png.damage(data)):
         raise MediaError(f"the picture {path} {damage}")
     try:
         with _quiet():
-            decoded = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+            image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error as e:
         raise MediaError(f"cannot read the picture {path}: {_reason(e)}") from None
-    if decoded is None:
+    if image is None:
         raise MediaError(f"{path} is not a picture that can be read, or is damaged or cut short")
-    if decoded.dtype.name not in FULL:
-        raise MediaError(f"the picture {path} holds {decoded.dtype.name} values; valid are {', '.join(FULL)}")
-    return _red_and_blue_exchanged(decoded)
+    if image.dtype.name not in FULL:
+        raise MediaError(f"the picture {path} holds {image.dtype.name} values; valid are {', '.join(FULL)}")
+    return _red_and_blue_exchanged(image)
 
 
 def write_image(

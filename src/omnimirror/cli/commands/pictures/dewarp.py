@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import get_args
 
 import click
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from ....handoff.bags.files import is_bag
 from ....native import backend
 from ....simulate.restoration.round_blur import ToldBlur
 from ....straighten import Recording, Restoration, Straightened, Straightening, is_video
@@ -22,7 +21,8 @@ from ...options.common import NUMBER, WHOLE, distance
 from ...options.declared import Options, flag, option, takes
 from ...options.sampling import SamplingOptions
 from ...options.view import ViewOptions
-from ...outputs import PICTURES, output_console, say, take_standard_output
+from ...outputs import PICTURES, frame_bar, output_console, say, take_standard_output
+from .bags import BagOptions, dewarp_recording
 from .viewer import is_one_picture, needs_pyav, write_viewer
 
 PIPE_FORMATS = get_args(PipeFormat)
@@ -113,6 +113,7 @@ class VideoOptions(Options):
 @takes(SamplingOptions, "sampling")
 @takes(PictureOptions, "pictures")
 @takes(VideoOptions, "video")
+@takes(BagOptions, "bag")
 @click.option(
     "--format",
     "kind",
@@ -135,16 +136,18 @@ def command(
     sampling: SamplingOptions,
     pictures: PictureOptions,
     video: VideoOptions,
+    bag: BagOptions,
     kind: str | None,
     viewer: Path | None,
 ) -> None:
     """Straighten each SOURCE, taken with a mirror sensor, a mirror ball or a fisheye.
 
     A SOURCE is a picture, a folder or pattern of pictures, a video file, a camera or stream
-    (/dev/video0, rtsp://..), numbered pictures as one video (f%04d.png), or a video on standard
-    input (-). Say which camera it was with one of --sensor, --ocam and --ball; or, where nobody
-    knows, with --auto, which looks for the mirror's rim. The result is drawn as seen from the
-    camera's place: never reversed, forward in the middle of a panorama and at the top of a dome.
+    (/dev/video0, rtsp://..), numbered pictures as one video (f%04d.png), a video on standard
+    input (-), or a recording of a robot (.mcap, .db3, .bag, or a folder of rosbag2). Say which
+    camera it was with one of --sensor, --ocam and --ball; or, where nobody knows, with --auto,
+    which looks for the mirror's rim. The result is drawn as seen from the camera's place: never
+    reversed, forward in the middle of a panorama and at the top of a dome.
     """
     auto.check(camera)
     for options in (view, pictures):
@@ -165,6 +168,11 @@ def command(
         click.echo(f"{', '.join(outputs)}: there already", err=True)
         return
     how = straightening(camera, view, sampling)
+    if is_bag(sources[0]):
+        _refuse_of_recordings(sources[0], auto, pictures, video, kind)
+        dewarp_recording(sources, outputs, how, view, bag)
+        return
+    bag.refuse(sources[0])
     if is_video(sources[0]):
         auto.refuse_video(sources[0])
     if len(sources) == 1 and is_video(sources[0]):
@@ -198,6 +206,17 @@ def _refuse_of_pictures(source: str, pictures: PictureOptions) -> None:
             f"--restore belongs to pictures, since it takes seconds for each, and {source} is a video; "
             "a folder of its frames can be restored"
         )
+
+
+def _refuse_of_recordings(
+    source: str, auto: AutoOptions, pictures: PictureOptions, video: VideoOptions, kind: str | None
+) -> None:
+    auto.refuse_video(source)
+    if kind is not None:
+        raise click.UsageError(f"--format says what '-' writes, and recordings such as {source} become files")
+    for options, of in ((pictures, "pictures"), (video, "videos")):
+        if options.changed:
+            raise click.UsageError(f"{flag(options.changed[0])} belongs to {of}, and {source} is a recording")
 
 
 def _refuse_of_videos(
@@ -289,21 +308,9 @@ def _video(source: str, outputs: tuple[str, ...], how: Straightening, recording:
         if e.name != "av":
             raise
         raise needs_pyav(source) from None
-    console = Console(stderr=True)
-    bar = Progress(
-        TextColumn("Straightening"), BarColumn(), MofNCompleteColumn(),
-        TextColumn("{task.fields[rate]:.0f} frames/s"), TimeRemainingColumn(), console=console,
-        transient=True, disable=not console.is_terminal,
-    )  # fmt: skip
-    with bar:
-        task = bar.add_task("", total=None, rate=0.0)
-        done = straighten_video(
-            source, outputs, how, recording,
-            Listener(
-                note=lambda sentence: click.echo(f"omnimirror: {sentence}", err=True),
-                progress=lambda p: bar.update(task, completed=p.done, total=p.total, rate=p.rate),
-            ),
-        )  # fmt: skip
+    with frame_bar() as progress:
+        listener = Listener(lambda sentence: click.echo(f"omnimirror: {sentence}", err=True), progress)
+        done = straighten_video(source, outputs, how, recording, listener)
     name = ", ".join("standard output" if output == "-" else output for output in outputs) or "preview"
     (width, height), outcome = done.view.size, done.outcome
     told = f"{width} x {height} px, {outcome.frames} frames, {outcome.rate:.0f} a second"

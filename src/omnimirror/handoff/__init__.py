@@ -1,0 +1,1 @@
+"""Sensors handed over to other programs: recordings of robots, and live views as ordinary cameras."""

@@ -1,0 +1,5 @@
+"""Recordings of robots (rosbag2, MCAP) straightened: views with their camera_info and their places in the TF tree."""
+
+from .dewarping import DewarpedBag, dewarp_bag
+
+__all__ = ["DewarpedBag", "dewarp_bag"]

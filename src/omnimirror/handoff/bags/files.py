@@ -1,0 +1,118 @@
+"""Bags as files: rosbag2 folders, single MCAP and SQLite files, and ROS 1 bags; read by the library ``rosbags``."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from ...errors import MediaError, OmnimirrorError
+from ...files import MARK
+
+STORAGES = {".mcap": "MCAP", ".db3": "SQLITE3"}
+"""Of single files, by suffix."""
+READABLE = (*STORAGES, ".bag")
+METADATA = "metadata.yaml"
+VERSION = 8  # of rosbag2's files: read by ROS 2 Iron and later, and by Humble's tools with a word of warning
+
+
+def is_bag(source: str | Path) -> bool:
+    """Whether a name is that of a recording of a robot.
+
+    >>> is_bag("ride.mcap"), is_bag("ride.bag"), is_bag("ride.mp4")
+    (True, True, False)
+    """
+    path = Path(source)
+    return path.suffix.lower() in READABLE or (path / METADATA).is_file()
+
+
+def rosbags() -> Any:
+    """The library.
+
+    Raises
+    ------
+    OmnimirrorError
+        It is not installed.
+    """
+    try:
+        import rosbags.highlevel
+        import rosbags.rosbag2
+        import rosbags.typesys
+    except ModuleNotFoundError as e:
+        if e.name is None or e.name.partition(".")[0] != "rosbags":
+            raise
+        raise OmnimirrorError("recordings of robots need rosbags: pip install 'omnimirror[robots]'") from None
+    return rosbags
+
+
+@contextmanager
+def reading(source: Path) -> Iterator[Any]:
+    """An open reader of a bag; what goes wrong in the block with the bag is a sentence.
+
+    Raises
+    ------
+    MediaError
+        There is no such bag, or it is damaged or cut short.
+    """
+    library = rosbags()
+    if not source.exists():
+        raise MediaError(f"there is no recording {source}")
+    if not is_bag(source):
+        raise MediaError(f"{source} is no recording; valid are {', '.join(READABLE)} and rosbag2's folders")
+    stores = library.typesys
+    known = stores.get_typestore(stores.Stores.ROS2_HUMBLE)  # bags of SQLite may hold no definitions
+    with damage_told(source), library.highlevel.AnyReader([source], default_typestore=known) as reader:
+        yield reader
+
+
+@contextmanager
+def damage_told(source: Path) -> Iterator[None]:
+    """What the library, and what it is made of, say of a damaged bag, as a sentence."""
+    try:
+        yield
+    except OmnimirrorError:
+        raise
+    except OSError as e:
+        raise MediaError(f"cannot read {source}: {e.strerror or e}") from None
+    except Exception as e:  # of rosbags, SQLite, zstd, lz4, struct and YAML, each its own
+        reason = (str(e).strip().splitlines() or [type(e).__name__])[0].rstrip(".")
+        advice = "; 'mcap recover' of the MCAP tools saves what is whole" if source.suffix.lower() == ".mcap" else ""
+        raise MediaError(f"cannot read {source}: it is damaged or cut short ({reason}){advice}") from None
+
+
+def is_sqlite(source: Path) -> bool:
+    """Whether a bag is stored by SQLite."""
+    return source.suffix.lower() == ".db3" or any(source.glob("*.db3*"))
+
+
+@contextmanager
+def writing(output: Path, source: Path) -> Iterator[Any]:
+    """An open writer of a bag, which takes its name once the block ends without an error.
+
+    A folder is stored as its source is: by SQLite where that is, and otherwise as MCAP.
+
+    Raises
+    ------
+    OmnimirrorError
+        The folder is there already, or nothing can be written there.
+    """
+    library = rosbags().rosbag2
+    storage = STORAGES.get(output.suffix.lower())
+    if output.suffix.lower() == ".bag":
+        raise MediaError(f"{output} is a bag of ROS 1, which is read and not written; write .mcap, .db3 or a folder")
+    if storage is None and output.exists():
+        raise MediaError(f"{output} is there already; recordings in folders are not written over")
+    target = Path(os.path.realpath(output))
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix=f".{target.stem}{MARK}", dir=target.parent) as folder:
+            made = Path(folder) / target.stem
+            plugin = library.StoragePlugin[storage or ("SQLITE3" if is_sqlite(source) else "MCAP")]
+            with library.Writer(made, version=VERSION, storage_plugin=plugin) as writer:
+                yield writer
+            os.replace(made / f"{made.name}{target.suffix.lower()}" if storage else made, target)
+    except OSError as e:
+        raise OmnimirrorError(f"cannot write {output}: {e.strerror or e}") from None

@@ -1,0 +1,60 @@
+"""How far it is: frames counted, and told now and then."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable
+from typing import NamedTuple
+
+REPORT_EVERY_S = 0.2
+RATE_OVER_S = 5.0  # the rate is that of the last few seconds
+
+
+class FrameProgress(NamedTuple):
+    """How far it is."""
+
+    done: int
+    """Frames."""
+    total: int | None
+    """Frames to expect; None where nobody knows."""
+    rate: float
+    """Frames a second, of late."""
+    elapsed_s: float
+    left_s: float | None
+
+
+class Meter:
+    """Counts frames, and reports now and then."""
+
+    def __init__(self, progress: Callable[[FrameProgress], None] | None, total: int | None) -> None:
+        self._progress, self._total = progress, total
+        self._start = self._reported = time.monotonic()
+        self.done = 0
+        self._recent: deque[tuple[float, int]] = deque([(self._start, 0)])
+
+    @property
+    def elapsed_s(self) -> float:
+        """Since it was made, s."""
+        return time.monotonic() - self._start
+
+    def step(self) -> None:
+        """One frame more."""
+        self.done += 1
+        now = time.monotonic()
+        if now - self._reported >= REPORT_EVERY_S:
+            self._reported = now
+            self.report()
+
+    def report(self) -> None:
+        """Tell how far it is."""
+        if self._progress is None:
+            return
+        now = time.monotonic()
+        self._recent.append((now, self.done))
+        while len(self._recent) > 2 and now - self._recent[0][0] > RATE_OVER_S:
+            self._recent.popleft()
+        since, before = self._recent[0]
+        rate = (self.done - before) / max(now - since, 1e-9)
+        left = None if self._total is None or rate <= 0 else max(0, self._total - self.done) / rate
+        self._progress(FrameProgress(self.done, self._total, rate, now - self._start, left))

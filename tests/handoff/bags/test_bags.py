@@ -1,0 +1,419 @@
+"""Recordings straightened: written and read back by rosbags, and by the mcap library, compared with the Dewarper."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from rosbags.highlevel import AnyReader
+from rosbags.rosbag1 import Writer as Writer1
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+from scipy.spatial.transform import Rotation
+
+import omnimirror as om
+from omnimirror.errors import InvalidParameter, MediaError
+from omnimirror.imagers import Imager
+from omnimirror.media import interrupts
+from tests.commands import fails, omnimirror
+
+STORE = get_typestore(Stores.ROS2_HUMBLE)
+SIZE = 240
+TOPIC = "/rover/cam/image_raw"
+STAMPS = (1_700_000_000_123_456_789, 1_700_000_000_163_456_788, 1_700_000_001_000_000_001)
+"""Of the messages; their headers are 7 ns older."""
+VIEWS = {
+    "front": om.screens.Plane((96, 72), pan_deg=20.0, tilt_deg=-10.0, hfov_deg=70.0),
+    "around": om.screens.Cylinder((180, 60), -60.0, 30.0),
+}
+
+
+@pytest.fixture(scope="module")
+def sensor():
+    full = om.load_sensor("paper-spherical")
+    return replace(full, imager=Imager(SIZE, SIZE, full.imager.pixel_pitch_um * full.image_size[0] / SIZE))
+
+
+@pytest.fixture(scope="module")
+def pictures(sensor):
+    """A robot on its way through the room."""
+    room = om.Room()
+    return [
+        om.take_picture(sensor, om.PosedScene(room, om.Pose(200.0 * i, pan_deg=10.0 * i)), samples=1)
+        for i in range(len(STAMPS))
+    ]
+
+
+def header(stamp_ns, frame="omni_optical_frame"):
+    time = STORE.types["builtin_interfaces/msg/Time"](*divmod(stamp_ns - 7, 10**9))
+    return STORE.types["std_msgs/msg/Header"](stamp=time, frame_id=frame)
+
+
+def raw(stamp_ns, encoding, values, *, padding=0, big=False):
+    """As cameras' drivers fill it, rows with something behind them perhaps."""
+    height, width = values.shape[:2]
+    rows = values.astype(values.dtype.newbyteorder(">" if big else "<")).reshape(height, -1).view(np.uint8)
+    rows = np.pad(rows, ((0, 0), (0, padding)), constant_values=77)
+    return STORE.types["sensor_msgs/msg/Image"](
+        header(stamp_ns), height, width, encoding, int(big), rows.shape[1], np.ascontiguousarray(rows).ravel()
+    )
+
+
+def compressed(stamp_ns, kind, picture):
+    done, data = cv2.imencode({"jpeg": ".jpg", "png": ".png"}[kind], picture[..., ::-1])
+    assert done
+    return STORE.types["sensor_msgs/msg/CompressedImage"](header(stamp_ns), f"rgb8; {kind} compressed bgr8", data)
+
+
+def write(path, topics, storage=StoragePlugin.MCAP, compression=CompressionMode.NONE):
+    """A folder of rosbag2, of messages by topic and in the order of STAMPS."""
+    with_compression = Writer(path, version=8, storage_plugin=storage)
+    with_compression.set_compression(compression, CompressionFormat.ZSTD)
+    with with_compression as writer:
+        for topic, messages in topics.items():
+            connection = writer.add_connection(topic, messages[0].__msgtype__, typestore=STORE)
+            for stamp_ns, message in zip(STAMPS, messages, strict=False):
+                writer.write(connection, stamp_ns, STORE.serialize_cdr(message, message.__msgtype__))
+    return path
+
+
+def single(folder, suffix=".mcap"):
+    return next(Path(folder).glob(f"*{suffix}"))
+
+
+def read(path):
+    """By topic, the times and messages."""
+    found = {}
+    with AnyReader([Path(path)]) as reader:
+        for connection, stamp_ns, data in reader.messages():
+            message = reader.deserialize(data, connection.msgtype)
+            found.setdefault(connection.topic, []).append((stamp_ns, message))
+    return found
+
+
+def values(message):
+    shape = (message.height, message.width, -1)
+    depth = np.uint16 if "16" in message.encoding else np.uint8
+    return message.data.view(depth).reshape(shape)
+
+
+@pytest.fixture(scope="module")
+def ride(pictures, tmp_path_factory):
+    """Pictures, and where the robot says that it is."""
+    odometry = [STORE.types["std_msgs/msg/String"](f"at {i}") for i in range(3)]
+    shown = [raw(s, "rgb8", p, padding=13) for s, p in zip(STAMPS, pictures, strict=True)]
+    return write(tmp_path_factory.mktemp("bags") / "ride", {TOPIC: shown, "/where": odometry})
+
+
+# -- what becomes of pictures ----------------------------------------------------------------------
+
+
+def test_views_are_the_dewarpers_and_times_are_exact(sensor, pictures, ride, tmp_path):
+    done = om.dewarp_bag(single(ride), tmp_path / "straight.mcap", camera=sensor, views=VIEWS, topic=TOPIC)
+    found = read(tmp_path / "straight.mcap")
+    assert set(found) == set(done.topics) == {
+        "/rover/cam/front/image_rect", "/rover/cam/front/camera_info", "/rover/cam/around/image_rect", "/tf_static",
+    }  # fmt: skip
+    for name, view in VIEWS.items():
+        dewarp = om.Dewarper(sensor, view, keep_map=True)
+        messages = found[f"/rover/cam/{name}/image_rect"]
+        assert tuple(stamp for stamp, _ in messages) == STAMPS
+        for (stamp_ns, message), picture in zip(messages, pictures, strict=True):
+            assert message.header.stamp.sec * 10**9 + message.header.stamp.nanosec == stamp_ns - 7
+            assert message.header.frame_id == f"omni_{name}_optical_frame"
+            assert np.array_equal(values(message), dewarp(picture))
+    assert [stamp for stamp, _ in found["/rover/cam/front/camera_info"]] == list(STAMPS)
+
+
+@pytest.mark.parametrize(
+    ("encoding", "of", "encoding_after", "back"),
+    [
+        ("bgr8", lambda p: p[..., ::-1], "bgr8", lambda p: p[..., ::-1]),
+        ("8UC3", lambda p: p[..., ::-1], "8UC3", lambda p: p[..., ::-1]),
+        ("mono8", lambda p: p[..., 1], "mono8", lambda p: p),
+        ("rgba8", lambda p: np.dstack([p, p[..., 0]]), "rgba8", lambda p: p),
+        ("mono16", lambda p: p[..., 1].astype(np.uint16) * 257, "mono16", lambda p: p),
+        ("bgr16", lambda p: p[..., ::-1].astype(np.uint16) * 257, "bgr16", lambda p: p[..., ::-1]),
+    ],
+)
+@pytest.mark.parametrize("big", [False, True])
+def test_encodings_stay_as_they_are(sensor, pictures, tmp_path, encoding, of, encoding_after, back, big):
+    bag = write(tmp_path / "ride", {TOPIC: [raw(STAMPS[0], encoding, of(pictures[0]), big=big)]})
+    om.dewarp_bag(bag, tmp_path / "out.mcap", camera=sensor, views=VIEWS)
+    (_, message), *_ = read(tmp_path / "out.mcap")["/rover/cam/front/image_rect"]
+    assert message.encoding == encoding_after
+    worked = np.ascontiguousarray(back(of(pictures[0])))
+    expected = back(om.Dewarper(sensor, VIEWS["front"], keep_map=True)(worked))
+    assert np.array_equal(values(message).squeeze(), expected)
+
+
+CELLS = {"rggb": "rggb", "bggr": "bggr", "gbrg": "gbrg", "grbg": "grbg"}
+
+
+@pytest.mark.parametrize("pattern", CELLS)
+def test_bayer_mosaics_become_rgb(sensor, pictures, tmp_path, pattern):
+    """Made from a picture by the letters of the pattern's name, and blurred so that interpolation finds it."""
+    smooth = cv2.GaussianBlur(pictures[0], (0, 0), 6)
+    mosaic = np.zeros((SIZE, SIZE), np.uint8)
+    for i, letter in enumerate(pattern):
+        rows, columns = slice(i // 2, None, 2), slice(i % 2, None, 2)
+        mosaic[rows, columns] = smooth[rows, columns, "rgb".index(letter)]
+    bag = write(tmp_path / "ride", {TOPIC: [raw(STAMPS[0], f"bayer_{pattern}8", mosaic)]})
+    om.dewarp_bag(bag, tmp_path / "out.mcap", camera=sensor, views=VIEWS)
+    (_, message), *_ = read(tmp_path / "out.mcap")["/rover/cam/front/image_rect"]
+    straight = om.Dewarper(sensor, VIEWS["front"])(smooth)
+    assert message.encoding == "rgb8"
+    assert np.abs(values(message).astype(int) - straight).mean() < 1.5
+
+
+@pytest.mark.parametrize(("encoding", "luma_first"), [("yuv422", False), ("yuv422_yuy2", True)])
+def test_yuv422_becomes_rgb(sensor, pictures, tmp_path, encoding, luma_first):
+    """Coded here by the formulas of BT.601 in limited range."""
+    smooth = cv2.GaussianBlur(pictures[0], (0, 0), 4)
+    r, g, b = np.moveaxis(smooth / 255.0, -1, 0)
+    y = 16 + 65.481 * r + 128.553 * g + 24.966 * b
+    u = 128 - 37.797 * r - 74.203 * g + 112.0 * b
+    v = 128 + 112.0 * r - 93.786 * g - 18.214 * b
+    colours = np.empty_like(y)
+    colours[:, ::2], colours[:, 1::2] = u[:, ::2], v[:, ::2]
+    pairs = np.rint(np.dstack([y, colours] if luma_first else [colours, y])).astype(np.uint8)
+    bag = write(tmp_path / "ride", {TOPIC: [raw(STAMPS[0], encoding, pairs)]})
+    om.dewarp_bag(bag, tmp_path / "out.mcap", camera=sensor, views=VIEWS)
+    (_, message), *_ = read(tmp_path / "out.mcap")["/rover/cam/front/image_rect"]
+    assert message.encoding == "rgb8"
+    straight = om.Dewarper(sensor, VIEWS["front"])(smooth)
+    assert np.abs(values(message).astype(int) - straight).mean() < 1.5
+
+
+@pytest.mark.parametrize(("kind", "off"), [("png", 0.0), ("jpeg", 1.5)])
+def test_compressed_pictures_stay_compressed(sensor, pictures, tmp_path, kind, off):
+    smooth = cv2.GaussianBlur(pictures[0], (0, 0), 3)  # JPEG halves the resolution of colours
+    bag = write(tmp_path / "ride", {f"{TOPIC}/compressed": [compressed(STAMPS[0], kind, smooth)]})
+    om.dewarp_bag(bag, tmp_path / "out.mcap", camera=sensor, views=VIEWS)
+    (stamp_ns, message), *_ = read(tmp_path / "out.mcap")["/rover/cam/front/image_rect/compressed"]
+    assert stamp_ns == STAMPS[0]
+    assert message.format == f"rgb8; {kind} compressed bgr8"
+    straight = om.Dewarper(sensor, VIEWS["front"], keep_map=True)(smooth)
+    found = cv2.imdecode(message.data, cv2.IMREAD_UNCHANGED)[..., ::-1]
+    assert np.abs(found.astype(int) - straight).mean() <= off
+
+
+# -- cameras and frames ----------------------------------------------------------------------------
+
+
+def matrix_of(transform):
+    q, t = transform.transform.rotation, transform.transform.translation
+    full = np.eye(4)
+    full[:3, :3] = Rotation.from_quat([q.x, q.y, q.z, q.w]).as_matrix()
+    full[:3, 3] = t.x, t.y, t.z
+    return full
+
+
+def test_camera_info_and_tf_lead_a_point_to_its_pixel(sensor, ride, tmp_path):
+    """From the optical frame of the real camera, through the tree, by P of the view, to where the map took it from."""
+    om.dewarp_bag(ride, tmp_path / "out.mcap", camera=sensor, views=VIEWS)
+    found = read(tmp_path / "out.mcap")
+    info = found["/rover/cam/front/camera_info"][0][1]
+    assert (info.distortion_model, info.d.tolist(), info.width, info.height) == ("plumb_bob", [0.0] * 5, 96, 72)
+    assert info.r.tolist() == np.eye(3).ravel().tolist()
+    tree = {t.child_frame_id: t for t in found["/tf_static"][0][1].transforms}
+    assert {child: t.header.frame_id for child, t in tree.items()} == {
+        "omni_optical_frame_mirror": "omni_optical_frame",
+        "omni_front_optical_frame": "omni_optical_frame_mirror",
+    }
+    mirror, front = (matrix_of(tree[name]) for name in ("omni_optical_frame_mirror", info.header.frame_id))
+    # the vertex is m before the lens, on its axis; what is forward is at the top of the picture
+    assert mirror[:3, 3] == pytest.approx([0, 0, sensor.mirror_distance_mm / 1000])
+    assert mirror[:3, :3] @ [1, 0, 0] == pytest.approx([0, -1, 0], abs=1e-12)
+    p, k = info.p.reshape(3, 4), info.k.reshape(3, 3)
+    assert np.array_equal(p[:, :3], k)
+    took = om.Dewarper(sensor, VIEWS["front"]).coordinates(exact=True)
+    for u, v in ((10, 10), (48, 36), (90, 65)):
+        far_m = 1e6 * np.linalg.solve(k, [u, v, 1.0])
+        world_mm = 1000 * (front @ [*far_m, 1.0])[:3]
+        seen = sensor.project(world_mm[None]).pixels[0]
+        assert seen == pytest.approx(took[v, u], abs=1e-3)
+
+
+def test_a_frame_of_the_robots_own_is_taken_and_not_made(sensor, ride, tmp_path):
+    om.dewarp_bag(ride, tmp_path / "out.mcap", camera=sensor, views=VIEWS, frame="mast")
+    (_, tree), *_ = read(tmp_path / "out.mcap")["/tf_static"]
+    assert [(t.header.frame_id, t.child_frame_id) for t in tree.transforms] == [("mast", "omni_front_optical_frame")]
+
+
+def test_what_is_lost_is_told(sensor, ride, tmp_path):
+    done = om.dewarp_bag(ride, tmp_path / "out.mcap", camera=sensor, views=VIEWS)
+    assert len(done.notes) == 2
+    assert "front: its camera_info is exact far away, and up to 0." in done.notes[0]
+    assert "around: no camera_info can express the panorama" in done.notes[1]
+
+
+# -- files -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("storage", list(StoragePlugin))
+@pytest.mark.parametrize("compression", [CompressionMode.NONE, CompressionMode.MESSAGE, CompressionMode.FILE])
+def test_both_storages_are_read_and_written(sensor, pictures, tmp_path, storage, compression):
+    messages = [raw(s, "rgb8", p) for s, p in zip(STAMPS, pictures, strict=True)]
+    bag = write(tmp_path / "ride", {TOPIC: messages}, storage, compression)
+    om.dewarp_bag(bag, tmp_path / "straight", camera=sensor, views=VIEWS)
+    suffix = {StoragePlugin.MCAP: "mcap", StoragePlugin.SQLITE3: "db3"}[storage]
+    assert {p.name for p in (tmp_path / "straight").iterdir()} == {"metadata.yaml", f"straight.{suffix}"}
+    assert [s for s, _ in read(tmp_path / "straight")["/rover/cam/around/image_rect"]] == list(STAMPS)
+    assert {p.name for p in tmp_path.iterdir()} == {"ride", "straight"}
+
+
+def test_a_bag_of_ros_1_is_read(sensor, pictures, tmp_path):
+    store = get_typestore(Stores.ROS1_NOETIC)
+    of = store.types
+    with Writer1(tmp_path / "ride.bag") as writer:
+        connection = writer.add_connection(TOPIC, "sensor_msgs/msg/Image", typestore=store)
+        for seq, (stamp_ns, picture) in enumerate(zip(STAMPS, pictures, strict=True)):
+            time = of["builtin_interfaces/msg/Time"](*divmod(stamp_ns - 7, 10**9))
+            head = of["std_msgs/msg/Header"](seq, time, "omni_optical_frame")
+            message = of["sensor_msgs/msg/Image"](head, SIZE, SIZE, "rgb8", 0, 3 * SIZE, picture.ravel())
+            writer.write(connection, stamp_ns, store.serialize_ros1(message, message.__msgtype__))
+    om.dewarp_bag(tmp_path / "ride.bag", tmp_path / "out.db3", camera=sensor, views=VIEWS)
+    messages = read(tmp_path / "out.db3")["/rover/cam/front/image_rect"]
+    dewarp = om.Dewarper(sensor, VIEWS["front"], keep_map=True)
+    assert [s for s, _ in messages] == list(STAMPS)
+    assert all(np.array_equal(values(m), dewarp(p)) for (_, m), p in zip(messages, pictures, strict=True))
+    with pytest.raises(InvalidParameter, match="is a bag of ROS 1, whose messages ROS 2 reads only converted"):
+        om.dewarp_bag(tmp_path / "ride.bag", tmp_path / "out.db3", camera=sensor, keep_topics=["*"])
+
+
+def test_other_topics_pass_through_byte_by_byte(sensor, ride, tmp_path):
+    done = om.dewarp_bag(ride, tmp_path / "out.mcap", camera=sensor, views=VIEWS, keep_topics=["/wh*", TOPIC])
+
+    def digests(path):
+        with AnyReader([path]) as reader:
+            kept = [c for c in reader.connections if c.topic in ("/where", TOPIC)]
+            return [(c.topic, s, hashlib.sha256(data).digest()) for c, s, data in reader.messages(connections=kept)]
+
+    assert sorted(digests(tmp_path / "out.mcap")) == sorted(digests(ride))
+    assert done.passed == 6
+
+
+def test_the_reader_of_mcap_finds_the_same(sensor, ride, tmp_path):
+    om.dewarp_bag(ride, tmp_path / "out.mcap", camera=sensor, views=VIEWS, keep_topics=["/where"])
+    with (tmp_path / "out.mcap").open("rb") as file:
+        reader = make_reader(file, validate_crcs=True)
+        found = [(channel.topic, schema.name, message.log_time) for schema, channel, message in reader.iter_messages()]
+    assert [t for topic, _, t in found if topic == "/where"] == list(STAMPS)
+    assert {schema for topic, schema, _ in found if topic.endswith("camera_info")} == {"sensor_msgs/msg/CameraInfo"}
+
+
+# -- when it does not go well ----------------------------------------------------------------------
+
+
+def test_ctrl_c_keeps_what_was_done(sensor, ride, tmp_path):
+    def stop(camera):
+        interrupts.request()
+        return VIEWS["front"]
+
+    done = om.dewarp_bag(ride, tmp_path / "out.mcap", camera=sensor, views={"front": stop})
+    assert (done.exit_code, done.pictures) == (130, 1)
+    assert [s for s, _ in read(tmp_path / "out.mcap")["/rover/cam/front/image_rect"]] == [STAMPS[0]]
+
+
+@pytest.mark.parametrize(
+    ("topic", "sentence"),
+    [
+        ("/nowhere", f"has no topic /nowhere; topics with pictures are {TOPIC}"),
+        (
+            "/where",
+            f"the topic /where of .* holds std_msgs/msg/String and no pictures; topics with pictures are {TOPIC}",
+        ),
+    ],
+)
+def test_topics_that_are_not_there_are_answered_with_those_that_are(sensor, ride, tmp_path, topic, sentence):
+    with pytest.raises(InvalidParameter, match=sentence):
+        om.dewarp_bag(ride, tmp_path / "out.mcap", camera=sensor, topic=topic)
+    with pytest.raises(InvalidParameter, match=f"no topic of .* is called /odd; there are {TOPIC}, /where"):
+        om.dewarp_bag(ride, tmp_path / "out.mcap", camera=sensor, keep_topics=["/odd"])
+
+
+def test_several_topics_of_pictures_have_to_be_chosen_from(sensor, pictures, tmp_path):
+    message = raw(STAMPS[0], "rgb8", pictures[0])
+    bag = write(tmp_path / "ride", {"/b/image": [message], "/a/image": [message]})
+    with pytest.raises(InvalidParameter, match=r"say which topic .*; topics with pictures are /a/image, /b/image"):
+        om.dewarp_bag(bag, tmp_path / "out.mcap", camera=sensor)
+
+
+@pytest.mark.parametrize(
+    ("encoding", "change", "sentence"),
+    [
+        ("32FC7", {}, "are encoded as '32FC7'; valid are mono8, mono16"),
+        ("rgb8", {"step": 100}, "240 x 240 px of rgb8 in rows of 100 bytes, and holds 172800 bytes"),
+        ("rgb8", {"height": 9}, "240 x 9 px of rgb8 in rows of 720 bytes, and holds 172800 bytes"),
+    ],
+)
+def test_pictures_that_are_none_are_refused_and_nothing_is_left(sensor, pictures, tmp_path, encoding, change, sentence):
+    message = replace(raw(STAMPS[0], encoding, pictures[0]), **change)
+    bag = write(tmp_path / "ride", {TOPIC: [message]})
+    with pytest.raises(MediaError, match=sentence):
+        om.dewarp_bag(bag, tmp_path / "out.mcap", camera=sensor)
+    assert [p.name for p in tmp_path.iterdir()] == ["ride"]
+
+
+def test_pictures_of_another_size_than_the_cameras_are_refused(ride, tmp_path):
+    with pytest.raises(InvalidParameter, match="240 x 240"):
+        om.dewarp_bag(ride, tmp_path / "out.mcap", camera=om.load_sensor("paper-spherical"))
+
+
+@pytest.mark.parametrize("storage", list(StoragePlugin))
+@pytest.mark.parametrize("share", [0.0, 0.2, 0.9])
+def test_a_bag_that_is_cut_short_is_one_sentence(sensor, pictures, tmp_path, storage, share):
+    suffix = {StoragePlugin.MCAP: ".mcap", StoragePlugin.SQLITE3: ".db3"}[storage]
+    messages = [raw(s, "rgb8", p) for s, p in zip(STAMPS, pictures, strict=True)]
+    whole = single(write(tmp_path / "ride", {TOPIC: messages}, storage), suffix).read_bytes()
+    cut = tmp_path / f"cut{suffix}"
+    cut.write_bytes(whole[: int(share * len(whole))])
+    with pytest.raises(MediaError, match=r"cut\.\w+: it is damaged or cut short"):
+        om.dewarp_bag(cut, tmp_path / "out.mcap", camera=sensor)
+    assert not (tmp_path / "out.mcap").exists()
+
+
+def test_the_recording_itself_is_not_written_over_and_no_folder_is(sensor, ride, tmp_path):
+    with pytest.raises(InvalidParameter, match="is the recording to straighten"):
+        om.dewarp_bag(single(ride), single(ride), camera=sensor)
+    with pytest.raises(MediaError, match="is there already"):
+        om.dewarp_bag(ride, tmp_path, camera=sensor)
+    with pytest.raises(MediaError, match="is a bag of ROS 1, which is read and not written"):
+        om.dewarp_bag(ride, tmp_path / "out.bag", camera=sensor)
+
+
+# -- the command -----------------------------------------------------------------------------------
+
+
+def test_the_command_does_the_same(sensor, ride, tmp_path):
+    om.save_sensor(sensor, tmp_path / "small.toml")
+    (tmp_path / "views.toml").write_text("[front]\npan_deg=20\ntilt_deg=-10\nhfov_deg=70\nsize=[96, 72]")
+    run = omnimirror(
+        "dewarp", single(ride), "--sensor", "small.toml", "--views", "views.toml", "-o", "out.mcap",
+        "--keep-topic", "/where", cwd=tmp_path,
+    )  # fmt: skip
+    assert run.returncode == 0, run.stderr
+    assert "out.mcap: 3 pictures of /rover/cam/image_raw, 3 other messages" in run.stdout
+    om.dewarp_bag(ride, tmp_path / "same.mcap", camera=sensor, views={"front": VIEWS["front"]})
+    ours, theirs = (read(tmp_path / name)["/rover/cam/front/image_rect"] for name in ("same.mcap", "out.mcap"))
+    assert all(np.array_equal(a[1].data, b[1].data) for a, b in zip(ours, theirs, strict=True))
+    run = omnimirror("dewarp", ride, "--sensor", "small.toml", "--view", "dome", "-o", "dome", cwd=tmp_path)
+    assert run.returncode == 0, run.stderr
+    assert "/rover/cam/dome/image_rect" in run.stdout
+
+
+def test_options_that_do_not_belong_are_refused(ride, tmp_path):
+    words = ("dewarp", ride, "--sensor", "paper-spherical", "-o", tmp_path / "out.mcap")
+    assert "--crf belongs to videos, and" in fails(*words, "--crf", "20")
+    assert "--restore belongs to pictures, and" in fails(*words, "--restore")
+    assert "--pan-deg is for one view" in fails(*words, "--views", "v.toml", "--pan-deg", "3")
+    assert "--topic belongs to recordings" in fails(
+        "dewarp", "a.png", "--sensor", "paper-spherical", "-o", "b.png", "--topic", "/a"
+    )
+    assert fails("dewarp", "nowhere.mcap", *words[2:]).endswith("there is no recording nowhere.mcap")
