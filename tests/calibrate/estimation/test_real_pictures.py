@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
 import subprocess
 import sys
+from contextlib import suppress
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -84,32 +88,39 @@ def test_a_pattern_or_a_folder_stands_for_its_pictures(tmp_path):
 
 
 @pytest.mark.full
-def test_ctrl_c_keeps_what_was_found(tmp_path):
-    """The signal comes while models are compared: boards were looked for, and a camera was found."""
-    words = ["calibrate", *map(str, PICTURES[:6]), "--board", "11x7", "--square-mm", "30", "-o", "camera.toml"]
-    run = subprocess.Popen(
-        [sys.executable, "-c", INTERRUPTED, *words],
-        cwd=tmp_path,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    told, errors = run.communicate()
-    assert run.returncode == 130, errors
-    assert "stopped before the end" in told
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no pseudoterminals")
+@pytest.mark.parametrize(
+    ("state", "model"),
+    [("looking for boards, 4 of 6", "unified"), ("fitting ocam", "auto"), ("comparing ", "auto")],
+)
+def test_ctrl_c_keeps_what_was_found(state, model, tmp_path):
+    """The signal comes when the bar on the terminal says how far it is."""
+    told, code = interrupted(
+        ["calibrate", *map(str, PICTURES[:6]), "--board", "11x7", "--square-mm", "30", "--model", model,
+         "-o", "camera.toml"], state, tmp_path,
+    )  # fmt: skip
+    assert code == 130, told
     assert "Stopped: this is what was found until then" in told
+    assert ("It was stopped before the end" in told) == (model == "auto")
+    assert ("the search was stopped before this picture" in told) == (model == "unified")
     om.load_camera(tmp_path / "camera.toml")
 
 
-INTERRUPTED = """
-import os, signal
-from omnimirror.calibrate.estimation import pipeline
-climbed = pipeline._all_climbed
-def interrupted(*args):
-    found = climbed(*args)
-    os.kill(os.getpid(), signal.SIGINT)
-    return found
-pipeline._all_climbed = interrupted
-from omnimirror.cli import main
-main()
-"""
+def interrupted(words: list[str], state: str, cwd: Path) -> tuple[str, int]:
+    """What a command writes to its terminal that gets SIGINT as soon as that shows a state, and its exit code."""
+    import pty
+
+    ours, its = pty.openpty()
+    environment = {**os.environ, "COLUMNS": "200", "TERM": "xterm"}
+    command = [sys.executable, "-m", "omnimirror", *words]
+    told, is_sent = "", False
+    with subprocess.Popen(command, cwd=cwd, stdin=its, stdout=its, stderr=its, env=environment) as run:
+        os.close(its)
+        with suppress(OSError):  # which Linux raises where the other side is closed
+            while more := os.read(ours, 65536):
+                told += more.decode(errors="replace")
+                if state in told and not is_sent:
+                    run.send_signal(signal.SIGINT)
+                    is_sent = True
+    os.close(ours)
+    return told, run.returncode

@@ -215,7 +215,8 @@ def _found(console: Console, pictures: tuple[str, ...], board: Board, several: b
         task = bar.add_task("looking for boards", total=None)
 
         def progress(done: int, count: int | None) -> None:
-            bar.update(task, completed=done, total=count)
+            what = "looking for boards" + (f", {done} of {count}" if count else "")
+            bar.update(task, description=what, completed=done, total=count)
 
         if len(pictures) == 1 and is_video(pictures[0]):
             return choose_frames(pictures[0], board, progress=progress)
