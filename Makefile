@@ -8,7 +8,7 @@ PICTURE ?=
 NATIVE := $(wildcard native/CMakeLists.txt native/src/*.* native/src/*/*)
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-full chromium node page lint format bench bench-page clean
+.PHONY: help demo test test-full programs chromium node page lint format bench bench-page clean
 
 help:  ## List the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -22,6 +22,11 @@ test: lint chromium node  ## Everything that must hold, in a few minutes
 test-full: lint chromium node $(VENV)/.full  ## Also long checks and other programs (1.6 GB more)
 	$(BIN)/python -m pytest -n auto --dist worksteal
 	native/sanitize.sh $(BIN)/python -q
+
+programs: $(BIN)/python  ## Blender and Newton beside the package, for tests of what is handed to them (1.4 GB)
+	for name in blender:bpy newton:newton; do \
+	  $(PYTHON) -m venv $(VENV)/$${name%%:*} && $(VENV)/$${name%%:*}/bin/python -m pip --quiet install $${name##*:} || exit 1; \
+	done
 
 lint: $(VENV)/.test
 	$(BIN)/ruff check .

@@ -94,6 +94,9 @@ if TYPE_CHECKING:
     from .handoff.bags import dewarp_bag as dewarp_bag
     from .handoff.named_views import NamedView as NamedView
     from .handoff.named_views import load_views as load_views
+    from .handoff.rays import RayTable as RayTable
+    from .handoff.rays import ray_table as ray_table
+    from .handoff.rays import write_rays as write_rays
     from .manufacture import Body as Body
     from .manufacture import export as export
     from .manufacture import register_format as register_format
@@ -243,6 +246,9 @@ _HOMES = {
     "DewarpedBag": "handoff.bags",
     "load_views": "handoff.named_views",
     "NamedView": "handoff.named_views",
+    "RayTable": "handoff.rays",
+    "ray_table": "handoff.rays",
+    "write_rays": "handoff.rays",
     "Body": "manufacture",
     "export": "manufacture",
     "register_format": "manufacture",

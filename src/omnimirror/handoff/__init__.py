@@ -1,1 +1,1 @@
-"""Sensors handed over to other programs: recordings of robots, and live views as ordinary cameras."""
+"""Sensors handed over to other programs: rays of pixels, maps of views, recordings of robots, live views."""

@@ -71,8 +71,10 @@ def write_exr(path: Path, image: Image) -> None:
     write_channels(path, {name: np.ascontiguousarray(image[..., i]) for i, name in enumerate(names)})
 
 
-def write_channels(path: Path, channels: Mapping[str, NDArray[np.float32]]) -> None:
-    """Write channels (h, w) of any names, without loss.
+def write_channels(
+    path: Path, channels: Mapping[str, NDArray[np.float32]], told: Mapping[str, str | int] | None = None
+) -> None:
+    """Write channels (h, w) of any names, without loss; the header holds what is ``told`` beside.
 
     Raises
     ------
@@ -82,7 +84,7 @@ def write_channels(path: Path, channels: Mapping[str, NDArray[np.float32]]) -> N
         The file cannot be written.
     """
     library = _library(path)
-    header = {"compression": library.ZIP_COMPRESSION, "type": library.scanlineimage}
+    header = {"compression": library.ZIP_COMPRESSION, "type": library.scanlineimage, **(told or {})}
     try:
         with library.File(header, dict(channels)) as file:
             file.write(str(path))

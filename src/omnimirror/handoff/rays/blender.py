@@ -1,0 +1,33 @@
+"""Blender Cycles: a custom camera in OSL that takes its rays from the table, and the script that sets it up."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from ...media.pictures.exr import write_exr
+from ..formats import Deviation, ProgramFormat, filled
+from .table import RayTable, deviation_between, in_axes
+
+AXES = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
+"""The frame of Cycles' cameras in ours: x right, y up, z where the camera looks."""
+
+
+def _write(table: RayTable, paths: tuple[Path, ...]) -> tuple[str, Deviation]:
+    script, shader, origin, direction = paths
+    origins, directions = in_axes(table, AXES)
+    write_exr(origin, np.concatenate([1e-3 * origins, table.weights[..., None]], axis=-1).astype(np.float32))
+    write_exr(direction, np.concatenate([directions, table.has_ray[..., None]], axis=-1).astype(np.float32))
+    width, height = table.image_size
+    columns, rows = table.size
+    places = {"width": width, "height": height, "step": table.step, "columns": columns, "rows": rows}
+    for path, template in ((script, "blender_camera.py.in"), (shader, "blender_camera.osl.in")):
+        names = {"shader": shader.name, "origin": origin.name, "direction": direction.name, "camera": table.name}
+        path.write_text(filled(template, **places, **names), encoding="utf-8")
+    return f"{columns} x {rows} rays, an OSL camera for them and the script that sets it up", deviation_between(table)
+
+
+BLENDER: ProgramFormat[RayTable] = ProgramFormat(
+    _write, (".py", ".osl", "-origin.exr", "-direction.exr"), "Blender 5, Cycles", ("OpenEXR",)
+)

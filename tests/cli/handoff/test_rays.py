@@ -1,0 +1,32 @@
+"""``omnimirror rays``."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tests.commands import fails, omnimirror
+
+
+def test_rays_of_a_sensor_and_of_a_camera_file(tmp_path):
+    run = omnimirror("rays", "paper-spherical", "-o", tmp_path / "rays.npz", "--step", 16)
+    assert run.returncode == 0, run.stderr
+    assert "64 x 64 rays" in run.stdout
+    assert "exact" in run.stdout
+    assert np.load(tmp_path / "rays.npz")["weights"].shape == (64, 64)
+
+
+def test_several_formats_go_to_a_folder(tmp_path):
+    run = omnimirror("rays", "paper-spherical", "-o", tmp_path, "--format", "npz,newton,mitsuba", "--step", 16)
+    assert run.returncode == 0, run.stderr
+    assert {p.name for p in tmp_path.iterdir()} == {
+        f"paper-spherical-{name}" for name in ("npz.npz", "newton.npy", "mitsuba.py", "mitsuba.npy")
+    }
+    assert "deg: directions between those of the table" in run.stdout
+
+
+def test_what_cannot_be(tmp_path):
+    assert "say which formats go there" in fails("rays", "paper-spherical", "-o", tmp_path)
+    assert "'obj' is not a format; valid are exr" in fails("rays", "paper-spherical", "-o", tmp_path, "--format", "obj")
+    assert "valid as a whole number, 1 to 1024" in fails(
+        "rays", "paper-spherical", "-o", tmp_path / "a.npz", "--step", 0
+    )
