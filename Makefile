@@ -5,10 +5,12 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet install -c constraints.txt
 DEMO_OUT ?= out/demo
 PICTURE ?=
+# The interpreters that a release is built for and tried with; one of 3.12 or later serves all that follow.
+RELEASE_PYTHONS ?= $(PYTHON)
 NATIVE := $(wildcard native/CMakeLists.txt native/src/*.* native/src/*/*)
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-full programs chromium node page lint format bench bench-page clean
+.PHONY: help demo test test-full programs chromium node page lint format bench bench-page docs release clean
 
 help:  ## List the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -73,6 +75,18 @@ bench: $(VENV)/.full  ## Measure against other programs; tables go to out/benchm
 
 bench-page: bench  ## The same, and put the tables into docs/benchmarks.md
 	$(BIN)/python benchmarks/tables_to_docs.py --tables out/benchmarks
+
+docs: $(VENV)/.core  ## Build the documentation's site into out/site
+	$(PYTHON) -m venv out/mkdocs
+	out/mkdocs/bin/python -m pip --disable-pip-version-check --quiet install -c constraints.txt -r docs/requirements.txt
+	$(PIP) -e '.[studio]'
+	$(BIN)/python docs/site_pages.py
+	out/mkdocs/bin/mkdocs build --strict
+
+release: | $(BIN)/python  ## Build the archive and the wheels, and try them; RELEASE_PYTHONS="python3.11 python3.12"
+	$(PYTHON) -m venv out/release
+	out/release/bin/python -m pip --disable-pip-version-check --quiet install -c constraints.txt -r release/requirements.txt
+	out/release/bin/python release/build.py $(foreach p,$(RELEASE_PYTHONS),--python $(p))
 
 clean:  ## Remove what was made, the virtual environment too
 	rm -rf $(VENV) out build web/node_modules dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache

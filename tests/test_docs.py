@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import re
 import shlex
 from pathlib import Path
@@ -114,7 +115,44 @@ def test_sensor_camera_requirement_and_view_files_are_valid(page, tmp_path):
         assert parse_sensor(block).aligned().field_deg[1] > 0
 
 
+def headings(page: Path) -> set[str]:
+    """The anchors of a page's headings, as hosts of repositories and MkDocs form them."""
+    text = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.M | re.S)
+    titles = re.findall(r"^#+ (.*)", text, flags=re.M)
+    return {re.sub(r"[^\w\- ]", "", title.lower()).strip().replace(" ", "-") for title in titles}
+
+
 def test_links_between_pages_lead_somewhere():
-    for page in PAGES:
-        for target in re.findall(r"\]\(([^)#:]+)\)", page.read_text(encoding="utf-8")):
+    for page in [
+        *PAGES,
+        ROOT / "CHANGELOG.md",
+        ROOT / "CONTRIBUTING.md",
+        ROOT / "SECURITY.md",
+        ROOT / "THIRD_PARTY.md",
+    ]:
+        for target, anchor in re.findall(r"\]\(([^)#:\s]*)(?:#([^)\s]*))?\)", page.read_text(encoding="utf-8")):
+            there = page.parent / target if target else page
+            assert there.exists(), f"{page.name} links to {target}"
+            if anchor:
+                assert anchor in headings(there), f"{page.name} links to {target}#{anchor}"
+
+
+def test_the_site_names_every_page_and_its_reference_every_public_name(tmp_path, monkeypatch):
+    spec = importlib.util.spec_from_file_location("site_pages", ROOT / "docs" / "site_pages.py")
+    site = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(site)
+    monkeypatch.setattr(site, "PAGES", tmp_path / "pages")
+    site.copied()
+    site.reference()
+    site.command_line()
+    order = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
+    pages = {p.relative_to(site.PAGES).as_posix() for p in site.PAGES.rglob("*.md")}
+    assert set(re.findall(r": (\S+\.md)$", order, flags=re.M)) == {
+        p for p in pages if not re.match(r"reference/(?!index|commands)", p)
+    }
+    reference = "".join(p.read_text(encoding="utf-8") for p in (site.PAGES / "reference").glob("*.md"))
+    public = [n for n in om.__all__ if not n.startswith("_")]
+    assert [n for n in public if f"## om.{n} " not in reference] == []
+    for page in site.PAGES.rglob("*.md"):
+        for target in re.findall(r"\]\(([^)#:\s]+\.md)(?:#[^)\s]*)?\)", page.read_text(encoding="utf-8")):
             assert (page.parent / target).exists(), f"{page.name} links to {target}"

@@ -155,7 +155,7 @@ if TYPE_CHECKING:
     from .tolerancing.typical import TypicalSensor as TypicalSensor
     from .tolerancing.typical import typical_sensors as typical_sensors
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 _HOMES = {
     "best_focus": "analysis",
