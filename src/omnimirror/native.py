@@ -19,7 +19,7 @@ from .errors import InvalidParameter
 from .numerics.lazy import cached_property
 
 MOST_THREADS = 1024
-INTERFACE = 3  # of the kernels below; counted on with native/src/module.cpp whenever a name or an argument changes
+INTERFACE = 4  # of the kernels below; counted on with native/src/module.cpp whenever a name or an argument changes
 Array = NDArray[Any]
 Colour = float | Sequence[float]
 
@@ -157,7 +157,8 @@ class Kernels(Protocol):
     def evaluate_designs(
         self, coefficients: Array, numbers: Array, basis: Array, fractions: Array, has_conic: bool, paper: bool,
         pitch: float, image_radius: float, wavelength: float, inverse_distance: Array, least_omega: float,
-        search: tuple[int, float, float, int, float, int], columns: Array, results: Array,
+        search: tuple[int, float, float, int, float, int], lens: Array, lens_numbers: tuple[float, ...], walls: Array,
+        wall: tuple[int, float, float], columns: Array, results: Array,
     ) -> None: ...  # fmt: skip
 
     # -- exposing and sharpening pictures: simulate --------------------------------------------------

@@ -8,6 +8,24 @@ namespace omnimirror {
 
 constexpr int DESIGN_COLUMNS = 10;
 constexpr int DESIGN_NUMBERS = 7;
+constexpr int LENS_ROWS = 27;    // of batch/lens_tables.py: place, motion, light, then eight by powers of the focus
+constexpr int WALL_NUMBERS = 7;  // of one design: radii, heights, ends, whether it fits
+
+// A real lens, tabulated: batch/lens_tables.py. Without values there is none.
+struct LensTable {
+    const double* values;  // (cells + 1, 2, LENS_ROWS)
+    int cells;
+    double end, f, f_number, e, pupil, least, most;  // least, most: vergences that it can be focused at
+};
+
+// The clear wall about one design: batch/built.py, Walls.
+struct Wall {
+    enum Kind { NONE, PLANE, CYLINDER, SPHERE };
+    Kind kind;
+    double inner_radius, outer_radius, inner_height, outer_height, base, cap;
+    bool fits;
+    double index, medium_index;
+};
 
 // How the best focus is looked for: numbers of batch/best_focus.py and numerics/minimisation.py, who say what they are.
 struct FocusSearch {
@@ -34,6 +52,11 @@ struct DesignJob {
     bool has_conic, paper;
     double pitch, image_radius, wavelength, least_omega;  // image_radius 0: the real one
     FocusSearch search;
+    LensTable lens;
+    // (designs, 7): walls, where there is one; which, and the indices of it and of what is outside
+    const double* walls;
+    Wall::Kind wall_kind;
+    double wall_index, medium_index;
     // (10, designs, angles), (designs), (designs), (designs)
     double* columns;
     double* focus;

@@ -14,12 +14,15 @@ of the scan hint at, where they meet nearly as low. The compiled evaluator goes 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..numerics.minimisation import EDGE, HALVING, MOST_STEPS, Found, Rows, bottoms
-from .optics import DEGREE, PerspectiveCamera, TelecentricCamera
+from .built import RealCamera
+from .lens_tables import focus_powers
+from .optics import DEGREE, NodeOptics, PerspectiveCamera, TelecentricCamera
 
 Array = NDArray[np.float64]
 
@@ -60,7 +63,7 @@ class AreaModel:
 
     @classmethod
     def _telecentric(cls, camera: TelecentricCamera, count: int) -> AreaModel:
-        nowhere = np.zeros(1)
+        nowhere = np.zeros((1, 1))
         blur, image = camera.px_per_vergence(nowhere), camera.px_per_ray(nowhere)
         r = (1 + camera.airy_px(nowhere) ** 2) / blur**2
         none, c, d = _columns((np.inf, r, (blur / (image * DEGREE)) ** 4), count)
@@ -84,38 +87,137 @@ class AreaModel:
 
 
 def _columns(values: tuple[Array | float, ...], count: int) -> list[Array]:
-    return [np.broadcast_to(np.asarray(v, dtype=float), count)[:, None] for v in values]
+    return [np.broadcast_to(np.asarray(v, dtype=float).reshape(-1), count)[:, None] for v in values]
 
 
-def best_vergences(vergence_t: Array, vergence_s: Array, density: Array, model: AreaModel) -> tuple[Array, Array]:
-    """Vergence (n,) in focus with the least worst floored area, and that area (n,), square degrees.
+@dataclass(frozen=True)
+class IdealAreas:
+    """The floored areas of designs with ideal lenses, at any focus.
 
-    Parameters
+    Attributes
     ----------
     vergence_t, vergence_s : (n, k)
         Of the images of k field angles of n designs.
     density : (n, k)
         (M_t M_s)^-2 of the same, 0 for angles that do not count.
     """
-    low, high = _range(vergence_t, vergence_s, model)
+
+    vergence_t: Array
+    vergence_s: Array
+    density: Array
+    model: AreaModel
+
+    def part(self, rows: Rows) -> IdealAreas:
+        """Of some of the designs."""
+        model = self.model if isinstance(rows, slice) else self.model.part(rows)
+        return IdealAreas(self.vergence_t[rows], self.vergence_s[rows], self.density[rows], model)
+
+    @property
+    def range(self) -> tuple[Array, Array]:
+        """Ends (n, 1) of the vergences worth a look."""
+        return _range(self.vergence_t, self.vergence_s, self.model.bounds)
+
+    def worst(self, v: Array) -> Found:
+        """Largest A^2 at vergences (n, 1), its derivative by v, and which angle has it; (n, 1) each."""
+        return _worst(v, self.vergence_t, self.vergence_s, self.density, self.model)
+
+
+@dataclass(frozen=True)
+class RealAreas:
+    """The floored areas of designs with one real lens, at any focus: all of it parabolas of its q.
+
+    Attributes
+    ----------
+    t, s, own_t, own_s, dh, dw : (3, n, k)
+        Signed and own blur, px, and resolution, px/deg, by powers of q (:mod:`.lens_tables`).
+    middle_t, middle_s : (n, k)
+        Vergences in focus at which single blurs are 0, nearly.
+    counts : (n, k)
+        1 for angles that count, 0 for others.
+    """
+
+    t: Array
+    s: Array
+    own_t: Array
+    own_s: Array
+    dh: Array
+    dw: Array
+    middle_t: Array
+    middle_s: Array
+    counts: Array
+    camera: RealCamera
+
+    @classmethod
+    def of(cls, o: NodeOptics, camera: RealCamera, counts: Array) -> RealAreas:
+        """Of mirror points (n, k)."""
+        lens = camera.tables
+        found = lens.at(o.ray)
+        _, _, far_t, spread_t, far_s, spread_s, own_t, own_s = (c / camera.pitch_mm for c in found[3:])
+        wide = lens.focal_length_mm / lens.f_number
+        guess = np.clip(np.nanmean(o.vergence_t + o.vergence_s, axis=1, keepdims=True) / 2, *camera.bounds)
+        q = lens.defocus(guess)
+        at_t, at_s = (
+            focus_powers(far, q) / focus_powers(spread, q) for far, spread in ((far_t, spread_t), (far_s, spread_s))
+        )
+        t, s = wide * (far_t - spread_t * o.vergence_t), wide * (far_s - spread_s * o.vergence_s)
+        dh, dw = camera.resolution(o, found)
+        return cls(
+            t, s, own_t, own_s, dh, dw, o.vergence_t - at_t + guess, o.vergence_s - at_s + guess, counts, camera
+        )  # fmt: skip
+
+    def part(self, rows: Rows) -> RealAreas:
+        """Of some of the designs."""
+        t, s, own_t, own_s, dh, dw = (c[:, rows] for c in (self.t, self.s, self.own_t, self.own_s, self.dh, self.dw))
+        rest = self.middle_t[rows], self.middle_s[rows], self.counts[rows], self.camera
+        return RealAreas(t, s, own_t, own_s, dh, dw, *rest)
+
+    @property
+    def range(self) -> tuple[Array, Array]:
+        """Ends (n, 1) of the vergences worth a look."""
+        return _range(self.middle_t, self.middle_s, self.camera.bounds)
+
+    def worst(self, v: Array) -> Found:
+        """As of ideal lenses."""
+        q, dq = self.camera.tables.defocus(v), self.camera.tables.defocus_rate(v)
+        floor, dfloor = self.camera.floor(q)
+        t, s, own_t, own_s, dh, dw = (
+            focus_powers(c, q) for c in (self.t, self.s, self.own_t, self.own_s, self.dh, self.dw)
+        )
+        areas = (t * t + own_t * own_t + floor) * (s * s + own_s * own_s + floor) / (dh * dw) ** 2 * self.counts
+        j = areas.argmax(axis=1)[:, None]
+        there = [
+            np.take_along_axis(c, j[None], axis=2) for c in (self.t, self.s, self.own_t, self.own_s, self.dh, self.dw)
+        ]
+        (t, dt), (s, ds), (own_t, down_t), (own_s, down_s), (dh, ddh), (dw, ddw) = (
+            (focus_powers(c, q), c[1] + 2 * q * c[2]) for c in there
+        )
+        side_t, side_s = t * t + own_t * own_t + floor, s * s + own_s * own_s + floor
+        rate = (2 * (t * dt + own_t * down_t) + dfloor) / side_t + (2 * (s * ds + own_s * down_s) + dfloor) / side_s
+        rate -= 2 * (ddh / dh + ddw / dw)
+        value = np.take_along_axis(areas, j, axis=1)
+        return value, value * rate * dq, j
+
+
+def best_vergences(areas: IdealAreas | RealAreas) -> tuple[Array, Array]:
+    """Vergence (n,) in focus with the least worst floored area, and that area (n,), square degrees."""
+    low, high = areas.range
     step = (high - low) / (SCAN - 1)
     places = low + step * np.arange(SCAN)
-    seen = [_worst(v[:, None], vergence_t, vergence_s, density, model) for v in places.T]
+    seen = [areas.worst(v[:, None]) for v in places.T]
     value, rate, angle = (np.hstack(found) for found in zip(*seen, strict=True))
     k = np.clip(value.argmin(axis=1), 1, SCAN - 2)[:, None]
     close = CLOSE * (high - low)
     a, b = low + (k - 1) * step, low + (k + 1) * step
 
     def worst(v: Array, rows: Rows) -> Found:
-        part = model if isinstance(rows, slice) else model.part(rows)
-        return _worst(v, vergence_t[rows], vergence_s[rows], density[rows], part)
+        return areas.part(rows).worst(v)
 
     def ends(v: Array, rows: Rows) -> Array:
         return np.stack([v, *worst(v, rows)])
 
     everywhere = slice(None)
     v = bottoms(ends(a, everywhere), ends(b, everywhere), close, worst)
-    least = _worst(v, vergence_t, vergence_s, density, model)[0]
+    least = areas.worst(v)[0]
     design, cell, cut = _other_valleys(value, rate, angle, step, k, least)
     if design.size:
         a, b = places[design, cell][:, None], places[design, cell + 1][:, None]
@@ -150,12 +252,12 @@ def _other_valleys(
     return design, cell, cut[design, cell]
 
 
-def _range(vergence_t: Array, vergence_s: Array, model: AreaModel) -> tuple[Array, Array]:
+def _range(vergence_t: Array, vergence_s: Array, bounds: tuple[Any, Any]) -> tuple[Array, Array]:
     """Ends (n, 1) of the vergences worth a look: those of the images, with a margin, in front of the lens."""
-    low = np.minimum(vergence_t.min(axis=1), vergence_s.min(axis=1))[:, None]
-    high = np.maximum(vergence_t.max(axis=1), vergence_s.max(axis=1))[:, None]
+    low = np.minimum(np.nanmin(vergence_t, axis=1), np.nanmin(vergence_s, axis=1))[:, None]
+    high = np.maximum(np.nanmax(vergence_t, axis=1), np.nanmax(vergence_s, axis=1))[:, None]
     margin = MARGIN * (high - low)
-    return np.clip(low - margin, *model.bounds), np.clip(high + margin, *model.bounds)
+    return np.clip(low - margin, *bounds), np.clip(high + margin, *bounds)
 
 
 def _worst(

@@ -7,26 +7,39 @@ same fractions of their rim radius, and only at what an optimiser weighs. Result
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InvalidParameter
+from ..housing import Housing
 from ..imagers import Imager
-from ..lenses import BlurMode, Lens, Orthographic, Perspective
+from ..lenses import BlurMode, FieldLens, Lens, Orthographic, Perspective
 from ..mirrors.conics import conic_profile
 from ..native import backend
+from ..numerics.lazy import cached_property
 from ..sensor import Sensor
 from .bases import Family
-from .best_focus import FOCUS_SEARCH, AreaModel, best_vergences
-from .optics import DEGREE, NodeOptics, PerspectiveCamera, TelecentricCamera, node_optics, telecentric_optics
+from .best_focus import FOCUS_SEARCH, AreaModel, IdealAreas, RealAreas, best_vergences
+from .built import RealCamera, Walls, aim_of, as_rim, built_optics, walls_of
+from .lens_tables import LensTables, tables_of
+from .optics import (
+    DEGREE,
+    FocusedCamera,
+    NodeOptics,
+    PerspectiveCamera,
+    TelecentricCamera,
+    node_optics,
+    telecentric_optics,
+)
 
 Array = NDArray[np.float64]
 Numbers = Any
 """One number, or an array with one per design; an array once it is in :class:`Designs`."""
 
+ROUNDING = 1e-12  # relative; a rim this little past the end of a lens's field is at it
 BLOCK = 256  # designs per block: their intermediate arrays of 100 angles stay in the cache
 BATCH_COLUMNS = (
     "omega_deg", "h_px", "dh_domega_px_per_deg", "width_px_per_deg", "viewpoint_z_mm", "distance_t_mm",
@@ -56,6 +69,10 @@ class Designs:
         From mirror to object; or one distance for each field angle.
     least_omega_deg
         Field angles below this do not count for the best focus.
+    lens
+        A real lens, by its table or its surfaces, which all designs have; distances count from its reference point.
+    housing
+        What stands around the mirrors: a tube, a dome or a window bends the rays of each.
     """
 
     family: Family
@@ -73,8 +90,11 @@ class Designs:
     wavelength_nm: float = 550.0
     object_distance_mm: float | Array = np.inf
     least_omega_deg: float = 0.0
+    lens: FieldLens | None = None
+    housing: Housing = field(default_factory=Housing)
 
     def __post_init__(self) -> None:
+        self._check_built()
         c = np.ascontiguousarray(np.atleast_2d(np.asarray(self.coefficients, dtype=float)))
         if c.ndim != 2 or c.shape[1] != self.family.terms:
             raise InvalidParameter(
@@ -95,6 +115,38 @@ class Designs:
         if not np.all(np.asarray(self.object_distance_mm) > 0):
             raise InvalidParameter(f"object_distance_mm = {self.object_distance_mm} is not valid; it must be above 0")
 
+    def _check_built(self) -> None:
+        """What a real lens says itself, and what there is no meridian for."""
+        shell = self.housing.shell
+        if shell is not None and not shell.is_axial:
+            raise InvalidParameter(
+                f"the {shell.KIND} is decentred or tilted; designs are evaluated in the meridian of an aligned one"
+            )
+        if self.lens is None:
+            return
+        if self.mode != "exact" or self.image_radius_px is not None or np.any(np.asarray(self.magnification) > 0):
+            raise InvalidParameter(
+                f"mode = {self.mode!r}, image_radius_px = {self.image_radius_px} or a magnification does not apply to "
+                'a lens known by its field; mode = "exact" alone is valid'
+            )
+        object.__setattr__(self, "focal_length_mm", self.lens.focal_length_mm)
+        object.__setattr__(self, "f_number", self.lens.f_number)
+
+    @property
+    def is_bare(self) -> bool:
+        """Whether an ideal lens looks at mirrors that nothing clear surrounds."""
+        return self.lens is None and self.housing.shell is None
+
+    @cached_property
+    def tables(self) -> LensTables | None:
+        """The real lens as tables."""
+        return None if self.lens is None else tables_of(self.lens)
+
+    def walls(self, rim_sag_mm: Array) -> Walls | None:
+        """The walls of designs whose rims are so high (n,), mm."""
+        m = np.full(len(self), np.inf) if self.is_telecentric else self.mirror_distance_mm
+        return walls_of(self.housing, m[:, None], rim_sag_mm[:, None], self.rim_radius_mm[:, None])
+
     def __len__(self) -> int:
         return len(self.coefficients)
 
@@ -107,30 +159,34 @@ class Designs:
     def is_telecentric(self) -> bool:
         return bool((self.magnification > 0).all())
 
-    def camera(self, rim_ray: Array) -> PerspectiveCamera | TelecentricCamera:
-        """The lenses and pixels, of designs whose rims stand at a ray coordinate ``rim_ray`` (n,)."""
+    def camera(self, rim_ray: Array) -> PerspectiveCamera | TelecentricCamera | RealCamera:
+        """Lenses and pixels in columns (n, 1); ``rim_ray`` (n, 1) is the ray coordinate of the rim."""
         pitch = self.pixel_pitch_um * 1e-3
+        mu, f, F = (v[:, None] for v in (self.magnification, self.focal_length_mm, self.f_number))
+        if self.tables is not None:
+            return RealCamera(self.tables, pitch, self.wavelength_nm)
         if self.is_telecentric:
-            return TelecentricCamera(
-                self.magnification, self.f_number, rim_ray, pitch, self.image_radius_px, self.wavelength_nm
-            )
-        return PerspectiveCamera(
-            self.focal_length_mm, self.f_number, rim_ray, pitch, self.mode, self.image_radius_px, self.wavelength_nm
-        )
+            return TelecentricCamera(mu, F, rim_ray, pitch, self.image_radius_px, self.wavelength_nm)
+        return PerspectiveCamera(f, F, rim_ray, pitch, self.mode, self.image_radius_px, self.wavelength_nm)
 
     def sensor(self, i: int, imager: Imager, focus_mm: float, name: str = "design") -> Sensor:
         """Design i as an ordinary sensor, focused at an object distance."""
         R, k = (float(v[i]) for v in (self.vertex_radius_mm, self.conic))
         mirror = self.family.mirror(self.coefficients[i], float(self.rim_radius_mm[i]), R, k)
         F = float(self.f_number[i])
-        lens: Lens = (
-            Perspective(float(self.focal_length_mm[i]), F, float(focus_mm))
-            if not self.is_telecentric
-            else (Orthographic(float(self.magnification[i]), F, float(focus_mm)))
-        )
-        return Sensor(mirror, lens, imager, mirror_distance_mm=float(self.mirror_distance_mm[i]), name=name)
+        lens: Lens
+        if self.lens is not None:
+            lens = self.lens.focused_at(float(focus_mm))
+        elif self.is_telecentric:
+            lens = Orthographic(float(self.magnification[i]), F, float(focus_mm))
+        else:
+            lens = Perspective(float(self.focal_length_mm[i]), F, float(focus_mm))
+        distance = float(self.mirror_distance_mm[i])
+        return Sensor(mirror, lens, imager, mirror_distance_mm=distance, name=name, housing=self.housing)
 
 
+WALL_KINDS = ("none", "plane", "cylinder", "sphere")
+"""As the compiled evaluator counts them."""
 _NUMBERS = (
     "mirror_distance_mm", "rim_radius_mm", "focal_length_mm", "f_number", "vertex_radius_mm", "conic", "magnification"
 )  # fmt: skip
@@ -223,6 +279,11 @@ def _profiles(d: Designs, u: Array) -> tuple[Array, ...]:
 def _optics(d: Designs, u: Array) -> NodeOptics:
     x, z, slope, curvature, slope_over_x = _profiles(d, u)
     near = 1 / np.asarray(d.object_distance_mm, dtype=float)
+    if not d.is_bare:
+        m = np.full((len(d), 1), np.inf) if d.is_telecentric else d.mirror_distance_mm[:, None]
+        rim_sag = _profiles(d, np.ones(1))[1][:, 0]
+        aim = aim_of(x, m + z, d.tables)
+        return as_rim(built_optics(x, z, slope, curvature, slope_over_x, aim, near, d.walls(rim_sag)))
     if d.is_telecentric:
         return telecentric_optics(x, z, slope, curvature, slope_over_x, near)
     return node_optics(x, z, slope, curvature, slope_over_x, d.mirror_distance_mm[:, None], near)
@@ -232,26 +293,34 @@ def _block(d: Designs, u: Array) -> BatchEvaluation:
     """As :func:`evaluate_designs`, in NumPy, for a few designs."""
     with np.errstate(all="ignore"):
         o = _optics(d, u)
-        camera = d.camera(o.ray[:, -1])
-        density = 1 / (o.magnification_t * o.magnification_s) ** 2
-        density[o.omega < d.least_omega_deg * DEGREE] = 0.0
-        valid: Any = ((o.domega_dx > 0) & (o.cos_incidence > 0) & (o.magnification_s > 0)).all(axis=1)
-        v, worst = best_vergences(o.vergence_t, o.vergence_s, density, AreaModel.of(camera, len(d)))
-        ray_px, vergence_px, airy = (
-            np.broadcast_to(part, len(d))[:, None]
-            for part in (camera.px_per_ray(v), camera.px_per_vergence(v), camera.airy_px(v))
-        )
-        v = v[:, None]
-        dh, dw = o.magnification_t * ray_px * DEGREE, o.magnification_s * ray_px * DEGREE
-        t, s = vergence_px * (v - o.vergence_t), vergence_px * (v - o.vergence_s)
-        floor = 1 + airy**2
-        area = np.sqrt((t * t + floor) * (s * s + floor)) / (dh * dw)
+        camera = d.camera(o.ray[:, -1:])
+        counts = np.broadcast_to(o.seen & (o.omega >= d.least_omega_deg * DEGREE), o.omega.shape)
+        known = d.tables is None or (o.ray <= d.tables.end * (1 + ROUNDING)).all(axis=1)
+        usable = (o.domega_dx > 0) & (o.cos_incidence > 0) & (o.magnification_s > 0)
+        valid: Any = (usable | ~np.broadcast_to(o.seen, usable.shape)).all(axis=1) & known
+        v, worst = best_vergences(_areas(d, o, camera, counts))
+        look, v = camera.at(o, v[:, None]), v[:, None]
+        floor = 1 + look.airy_px**2
+        sides = look.t_px**2 + look.own_t_px**2 + floor, look.s_px**2 + look.own_s_px**2 + floor
+        area = np.sqrt(sides[0] * sides[1]) / (look.dh * look.dw)
+        origin = 0.0 if d.tables is None else d.tables.at(o.ray).place
         distance: Any = np.negative if d.is_telecentric else np.reciprocal
         columns = (
-            o.omega / DEGREE, o.ray * ray_px, dh, dw, o.viewpoint_z, distance(o.vergence_t), distance(o.vergence_s),
-            t, s, area,
+            o.omega / DEGREE, camera.height_px(o.ray, v), look.dh, look.dw, o.viewpoint_z,
+            distance(o.vergence_t) + origin, distance(o.vergence_s) + origin, look.t_px, look.s_px, area,
         )  # fmt: skip
-        return BatchEvaluation(np.stack(columns), distance(v[:, 0]), worst, valid)
+        table = np.where(o.seen, np.stack(np.broadcast_arrays(*columns)), np.nan)
+        focus = distance(v[:, 0]) + (0.0 if d.tables is None else d.tables.pupil_mm)
+        return BatchEvaluation(table, focus, worst, valid)
+
+
+def _areas(d: Designs, o: NodeOptics, camera: FocusedCamera, counts: Array) -> IdealAreas | RealAreas:
+    """The floored areas of designs at any focus."""
+    if isinstance(camera, RealCamera):
+        return RealAreas.of(o, camera, counts)
+    assert isinstance(camera, PerspectiveCamera | TelecentricCamera)
+    density = np.where(counts, 1 / (o.magnification_t * o.magnification_s) ** 2, 0.0)
+    return IdealAreas(o.vergence_t, o.vergence_s, density, AreaModel.of(camera, len(d)))
 
 
 def _compiled(d: Designs, u: Array) -> BatchEvaluation:
@@ -263,7 +332,27 @@ def _compiled(d: Designs, u: Array) -> BatchEvaluation:
     backend.kernels.evaluate_designs(
         d.coefficients, numbers, basis, np.ascontiguousarray(u), d.family.has_conic, d.mode == "paper",
         d.pixel_pitch_um * 1e-3, d.image_radius_px or 0.0, d.wavelength_nm, near,
-        d.least_omega_deg * DEGREE, FOCUS_SEARCH, columns, results,
+        d.least_omega_deg * DEGREE, FOCUS_SEARCH, *_of_lens(d), *_of_walls(d), columns, results,
     )  # fmt: skip
     focus, worst, valid = results
     return BatchEvaluation(columns, focus, worst, valid > 0)
+
+
+def _of_lens(d: Designs) -> tuple[Array, tuple[float, ...]]:
+    """The real lens as the compiled evaluator takes it."""
+    if (t := d.tables) is None:
+        return np.empty((0, 2, 1)), (0.0,) * 7
+    numbers = t.end, t.focal_length_mm, t.f_number, t.pupil_from_principal_mm, t.pupil_mm
+    return t.values, (*numbers, *t.bounds)
+
+
+def _of_walls(d: Designs) -> tuple[Array, tuple[int, float, float]]:
+    """The walls as the compiled evaluator takes them."""
+    walls = None if d.housing.shell is None else d.walls(_profiles(d, np.ones(1))[1][:, 0])
+    if walls is None:
+        return np.empty((0, 1)), (0, 1.0, 1.0)
+    inner, outer = walls.sides
+    ends = (0.0, 0.0) if walls.ends is None else walls.ends
+    rows = (inner.radius, outer.radius, inner.height, outer.height, *ends, walls.fits)
+    numbers = np.hstack([np.broadcast_to(np.asarray(row, dtype=float), (len(d), 1)) for row in rows])
+    return np.ascontiguousarray(numbers), (WALL_KINDS.index(inner.kind), *walls.indices)

@@ -47,6 +47,26 @@ class NodeOptics(NamedTuple):
     """dOmega/dx, 1/mm (Eq. 8); above 0 where the mapping is one to one."""
     cos_incidence: Array
     """Cosine of the angle of incidence gamma (Eq. 3); above 0 where the lens sees the mirror's front."""
+    seen: Any = True
+    """Whether what is outside is seen there at all; not by way of the base of a tube before another medium."""
+
+
+class Look(NamedTuple):
+    """What a focused camera makes of mirror points; arrays (.., k), or (.., 1) where one number holds for all."""
+
+    t_px: Array
+    """Signed tangential blur (Eq. 28)."""
+    s_px: Array
+    dh: Array
+    """px per degree along the radius (Eq. 9)."""
+    dw: Array
+    """px per degree around the circle (Eq. 10)."""
+    airy_px: Array
+    own_t_px: Array
+    """Blur of the lens alone; 0 of an ideal one."""
+    own_s_px: Array
+    light: Array
+    """Illumination of the imager by the lens, over that on the axis."""
 
 
 def node_optics(
@@ -115,12 +135,12 @@ class FocusedCamera(Protocol):
         """From the lens to the imager, mm; 0 of a telecentric lens, whose length is its maker's affair."""
         ...
 
-    def px_per_ray(self, v: Array) -> Array:
-        """Image height over the ray coordinate, px (Eq. 7)."""
+    def height_px(self, ray: Array, v: Array) -> Array:
+        """Image heights of ray coordinates, px (Eq. 7)."""
         ...
 
-    def px_per_vergence(self, v: Array) -> Array:
-        """Blur over the difference of two vergences, px (Eqs. 28, 29)."""
+    def at(self, o: NodeOptics, v: Array) -> Look:
+        """What it makes of mirror points (.., k) when focused at vergences (.., 1)."""
         ...
 
     def airy_px(self, v: Array) -> Array:
@@ -128,8 +148,38 @@ class FocusedCamera(Protocol):
         ...
 
 
+class IdealCamera:
+    """What ideal lenses have in common: one scale of the image and one of blur, wherever a ray comes from."""
+
+    def px_per_ray(self, v: Array) -> Array:
+        """Image height over the ray coordinate, px (Eq. 7)."""
+        raise NotImplementedError
+
+    def px_per_vergence(self, v: Array) -> Array:
+        """Blur over the difference of two vergences, px (Eqs. 28, 29)."""
+        raise NotImplementedError
+
+    def airy_px(self, v: Array) -> Array:
+        raise NotImplementedError
+
+    def light(self, ray: Array) -> Array:
+        """Natural vignetting of rays: cos^4."""
+        raise NotImplementedError
+
+    def height_px(self, ray: Array, v: Array) -> Array:
+        height: Array = ray * self.px_per_ray(v)
+        return height
+
+    def at(self, o: NodeOptics, v: Array) -> Look:
+        ray_px, blur_px, none = self.px_per_ray(v), self.px_per_vergence(v), 0 * v
+        return Look(
+            blur_px * (v - o.vergence_t), blur_px * (v - o.vergence_s), o.magnification_t * ray_px * DEGREE,
+            o.magnification_s * ray_px * DEGREE, self.airy_px(v), none, none, self.light(o.ray),
+        )  # fmt: skip
+
+
 @dataclass(frozen=True)
-class PerspectiveCamera:
+class PerspectiveCamera(IdealCamera):
     """A perspective lens and its pixels; vergences are v = 1/L0 (1/mm).
 
     Attributes
@@ -168,9 +218,12 @@ class PerspectiveCamera:
         airy: Array = 2.44e-6 * self.wavelength_nm * working / self.pitch_mm
         return airy
 
+    def light(self, ray: Array) -> Array:
+        return light_of(ray)
+
 
 @dataclass(frozen=True)
-class TelecentricCamera:
+class TelecentricCamera(IdealCamera):
     """A telecentric lens and its pixels; in the stead of vergences stand -L0 (mm), L0 from the mirror vertex.
 
     Attributes
@@ -203,3 +256,12 @@ class TelecentricCamera:
     def airy_px(self, v: Array) -> Array:
         airy: Array = 2.44e-6 * self.wavelength_nm * self.f_number / self.pitch_mm + 0 * v
         return airy
+
+    def light(self, ray: Array) -> Array:
+        return light_of(0 * ray)
+
+
+def light_of(tangent: Array) -> Array:
+    """cos^4 of viewing angles, by their tangents."""
+    squared: Array = tangent * tangent
+    return 1 / (1 + squared) ** 2

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..analysis import best_focus
 from ..arguments import checked, distances
-from ..batch.best_focus import AreaModel, best_vergences
+from ..batch.best_focus import AreaModel, IdealAreas, best_vergences
 from ..batch.optics import PerspectiveCamera, node_optics
 from ..errors import InvalidParameter
 from ..imagers import Imager
@@ -186,5 +186,5 @@ def _foci(sensor: Sensor, focal_length_mm: float, stops: Array, distance: float)
     vergence_t, vergence_s, density = (
         np.repeat(a[None], len(stops), axis=0) for a in (o.vergence_t, o.vergence_s, density)
     )
-    v, area = best_vergences(vergence_t, vergence_s, density, AreaModel.of(camera, len(stops)))
+    v, area = best_vergences(IdealAreas(vergence_t, vergence_s, density, AreaModel.of(camera, len(stops))))
     return 1 / v, area

@@ -154,14 +154,19 @@ class Tube(ClearWall):
 
     def fitted(self, envelope: Envelope) -> Tube:
         """The tube with the sizes that it takes from the sensor."""
-        least = 2 * (envelope.outer_mm + self.wall_mm)
-        diameter = self.diameter_mm or float(np.ceil(least + 2 * CLEARANCE_MM))
+        least, usual = self.diameters(envelope.outer_mm)
+        diameter = self.diameter_mm or float(usual)
         if diameter < least:
             raise InvalidParameter(
                 f"a tube of {diameter:g} mm with a wall of {self.wall_mm:g} mm does not take in the mirror; its "
                 f"diameter is valid from {least:g} mm"
             )
         return replace(self, diameter_mm=diameter)
+
+    def diameters(self, outer_mm: Any) -> tuple[Any, Any]:
+        """Least and usual outer diameter around mirrors of some radii, numbers or arrays."""
+        least = 2 * (outer_mm + self.wall_mm)
+        return least, np.ceil(np.real(least) + 2 * CLEARANCE_MM)
 
 
 @dataclass(frozen=True)
@@ -235,10 +240,9 @@ class Dome(ClearWall):
     def fitted(self, envelope: Envelope) -> Dome:
         """The dome with the sizes that it takes from the sensor."""
         back, lens, rim = envelope.back_mm, envelope.lens_mm, envelope.outer_mm
-        centre = (back + lens) / 2 if self.centre_mm is None else self.centre_mm
-        farther = max(abs(back - centre), abs(lens - centre))
-        least = 2 * (float(np.hypot(rim, back - centre)) + self.wall_mm)
-        diameter = self.diameter_mm or float(np.ceil(2 * (np.hypot(rim + CLEARANCE_MM, farther) + self.wall_mm)))
+        centre = float(self.centre_between(lens, back))
+        least, usual = self.diameters(lens, back, rim)
+        diameter = self.diameter_mm or float(usual)
         if diameter < least:
             raise InvalidParameter(
                 f"a dome of {diameter:g} mm about a centre at {centre:.4g} mm, its wall {self.wall_mm:g} mm thick, "
@@ -250,6 +254,18 @@ class Dome(ClearWall):
                 f"{lens:.4g} mm; its diameter is valid above {2 * (abs(lens - centre) + self.wall_mm):.5g} mm"
             )
         return replace(self, diameter_mm=diameter, centre_mm=centre)
+
+    def centre_between(self, lens_mm: Any, back_mm: Any) -> Any:
+        """Height of the outer sphere's centre between lenses and the backs of mirrors, numbers or arrays."""
+        return (back_mm + lens_mm) / 2 if self.centre_mm is None else self.centre_mm
+
+    def diameters(self, lens_mm: Any, back_mm: Any, outer_mm: Any) -> tuple[Any, Any]:
+        """Least and usual outer diameter around mirrors, numbers or arrays."""
+        lens, back, rim = (np.real(v) for v in (lens_mm, back_mm, outer_mm))
+        centre = np.real(self.centre_between(lens, back))
+        farther = np.maximum(np.abs(back - centre), np.abs(lens - centre))
+        least = 2 * (np.hypot(rim, back - centre) + self.wall_mm)
+        return least, np.ceil(2 * (np.hypot(rim + CLEARANCE_MM, farther) + self.wall_mm))
 
 
 @dataclass(frozen=True)

@@ -176,6 +176,11 @@ class SurfaceLens(FieldLens):
         return -float(self._paraxial.front_principal)
 
     @property
+    def imager_mm(self) -> float:
+        """From the first surface to the imager, mm."""
+        return float(sum(self.thickness_mm[:-1]) + _traced_of(self).traced.to_imager)
+
+    @property
     def pupil_from_principal(self) -> float:
         return float(self._paraxial.front_principal - self._paraxial.entrance_pupil)
 

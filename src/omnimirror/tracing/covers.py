@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,14 +31,14 @@ ON_RAY = 1e-7  # relative; a point this near to a ray is on it
 class Refraction(NamedTuple):
     """What one surface does to wavefronts: ``after vergence' = before vergence + power``, (n,) each."""
 
-    way: Array
+    way: Any
     """From the surface before, mm."""
-    before_t: Array
-    after_t: Array
-    power_t: Array
-    before_s: Array
-    after_s: Array
-    power_s: Array
+    before_t: Any
+    after_t: Any
+    power_t: Any
+    before_s: Any
+    after_s: Any
+    power_s: Any
 
 
 @dataclass(frozen=True)
@@ -79,33 +79,105 @@ class Outside:
             raise InvalidParameter(
                 f"object_distance_mm = {p:g} ends inside the cover; it is valid above {self.inside[i]:.5g} mm there"
             )
-        vergence_t = vergence_s = -1 / behind
-        for r in reversed(self.refractions):
-            vergence_t = (r.after_t * vergence_t - r.power_t) / r.before_t
-            vergence_s = (r.after_s * vergence_s - r.power_s) / r.before_s
-            vergence_t, vergence_s = (v / (1 - r.way * v) for v in (vergence_t, vergence_s))
         with np.errstate(divide="ignore"):
-            return -1 / vergence_t, -1 / vergence_s
+            t, s = (1 / near for near in seen_inside(self.refractions, 1 / behind))
+        return t, s
 
 
-class _Ray(NamedTuple):
-    """A pencil of chief rays on its way."""
+def seen_inside(refractions: tuple[Refraction, ...], near: Any) -> tuple[Any, Any]:
+    """What 1/distance from the cover's outer side is as 1/distance from the mirror, tangential and sagittal, 1/mm."""
+    vergence_t = vergence_s = -near
+    for r in reversed(refractions):
+        vergence_t = (r.after_t * vergence_t - r.power_t) / r.before_t
+        vergence_s = (r.after_s * vergence_s - r.power_s) / r.before_s
+        vergence_t, vergence_s = (v / (1 - r.way * v) for v in (vergence_t, vergence_s))
+    return -vergence_t, -vergence_s
 
-    x: Array
-    z: Array
-    omega: Array
-    spread: Array
-    rate: Array
+
+class Pencil(NamedTuple):
+    """Chief rays on their way, and how far apart neighbours are and differ in angle, per mm of mirror."""
+
+    x: Any
+    z: Any
+    omega: Any
+    spread: Any
+    rate: Any
 
 
-class _Meeting(NamedTuple):
-    """Where rays meet a surface."""
+class Side(NamedTuple):
+    """One side of a wall about the axis; its numbers may be arrays, one for each of many sensors."""
 
-    way: Array
-    normal: Array
-    """Angle of its outward normal, counted as omega is."""
-    curvature_t: float
-    curvature_s: float
+    kind: Literal["plane", "cylinder", "sphere"]
+    radius: Any
+    """Of a plane not used."""
+    height: Any
+    """Of a plane, or of a sphere's centre, over the mirror's vertex; of a cylinder not used."""
+
+    def met_by(self, ray: Pencil) -> tuple[Any, Any]:
+        """How far rays go to it from inside, and the angle of its outward normal there, counted as omega is."""
+        sin, cos = np.sin(ray.omega), np.cos(ray.omega)
+        if self.kind == "plane":
+            return (ray.z - self.height) / cos, np.where(cos.real > 0, 0.0, np.nan)  # what rises never comes to it
+        if self.kind == "cylinder":
+            return (self.radius - ray.x) / sin, np.pi / 2 + 0 * ray.x
+        dz = ray.z - self.height
+        b, c = ray.x * sin - dz * cos, ray.x**2 + dz**2 - self.radius**2
+        way = -b + np.sqrt(b * b - c)
+        return way, _angle_of(ray.x + way * sin, way * cos - dz)
+
+    @property
+    def curvatures(self) -> tuple[Any, Any]:
+        """1/mm in the meridian and across it, along the normal to the axis."""
+        if self.kind == "plane":
+            return 0.0, 0.0
+        return (1 / self.radius if self.kind == "sphere" else 0.0), 1 / self.radius
+
+
+def _angle_of(sin: Any, cos: Any) -> Any:
+    """Angles of vectors of any length; their imaginary parts are derivatives."""
+    angle = np.arctan2(sin.real, cos.real)
+    if not np.iscomplexobj(sin):
+        return angle
+    return angle + 1j * (cos.real * sin.imag - sin.real * cos.imag) / (cos.real**2 + sin.real**2)
+
+
+def sides_of(shell: Shell) -> tuple[Side, Side]:
+    """Inner and outer side of a wall whose size is known."""
+    if isinstance(shell, FlatWindow):
+        inner, outer = (Side("plane", np.inf, height) for height in shell.heights_mm)
+    elif isinstance(shell, Tube):
+        inner, outer = (Side("cylinder", radius, 0.0) for radius in shell.radii_mm)
+    else:
+        inner, outer = (
+            Side("sphere", radius, centre) for radius, centre in zip(shell.radii_mm, shell.centres_mm, strict=True)
+        )
+    return inner, outer
+
+
+def through_sides(ray: Pencil, sides: tuple[Side, Side], indices: tuple[float, float]) -> Passed:
+    """Rays let out through both sides of a wall; ``indices`` are those of the wall and of what is outside.
+
+    What does not meet a side, or is not let out, is not finite. Complex numbers have derivatives in their imaginary
+    parts.
+    """
+    media, through = (1.0, *indices), list[Refraction]()
+    start = ray
+    for side, before, after in zip(sides, media, media[1:], strict=False):
+        ray, refraction = _refracted(ray, side, before, after)
+        through.append(refraction)
+    sin, cos = np.sin(ray.omega), np.cos(ray.omega)
+    reach = (ray.x - start.x) * sin - (ray.z - start.z) * cos
+    foot = Pencil(ray.x - reach * sin, ray.z + reach * cos, ray.omega, ray.spread - reach * ray.rate, ray.rate)
+    return Passed(foot, reach, through[0].way + through[1].way, tuple(through))
+
+
+class Passed(NamedTuple):
+    """Rays outside a wall, told from the points of their lines that are nearest to their mirror points."""
+
+    foot: Pencil
+    reach: Any
+    inside: Any
+    refractions: tuple[Refraction, ...]
 
 
 @dataclass(frozen=True)
@@ -142,23 +214,18 @@ class Cover:
 
     def left_by(self, rays: ChiefRays) -> ChiefRays:
         """Chief rays as they are outside."""
-        start = _Ray(rays.x, rays.z, rays.reflected, rays.spread(), rays.dreflected_dx())
+        start = Pencil(rays.x, rays.z, rays.reflected, rays.spread(), rays.dreflected_dx())
         crosses = self.crosses(rays) if self.in_air else np.ones(rays.x.shape, dtype=bool)
-        media = (1.0, self.shell.index, self.shell.outer_index)
-        ray, refractions = start, []
         with np.errstate(all="ignore"):  # what does not meet the wall, or is not let out, is told apart below
-            for side in (0, 1):
-                ray, refraction = _refracted(ray, self._meets(side, ray), media[side], media[side + 1])
-                refractions.append(refraction)
-            inside = np.sum([r.way for r in refractions], axis=0)
-            sin, cos = np.sin(ray.omega), np.cos(ray.omega)
-            reach = (ray.x - start.x) * sin - (ray.z - start.z) * cos
-            foot = ray.x - reach * sin, ray.z + reach * cos, ray.rate, ray.spread - reach * ray.rate, reach, inside
-        nothing = np.zeros_like(start.x)
-        blank = start.x, start.z, start.rate, start.spread, nothing, nothing
-        x, z, rate, spread, reach, inside = (np.where(crosses, new, old) for new, old in zip(foot, blank, strict=True))
-        omega = np.where(crosses, ray.omega, start.omega)
-        through = tuple(_only_where(crosses, r) for r in refractions)
+            passed = through_sides(start, sides_of(self.shell), (self.shell.index, self.shell.outer_index))
+        foot, through = passed.foot, passed.refractions
+        found: tuple[Array, ...] = (*foot, passed.reach, passed.inside)
+        if not crosses.all():
+            nothing = np.zeros_like(start.x)
+            bare = (*start, nothing, nothing)
+            found = tuple(np.where(crosses, new, old) for new, old in zip(found, bare, strict=True))
+            through = tuple(_only_where(crosses, r) for r in through)
+        x, z, omega, spread, rate, reach, inside = found
         return replace(rays, omega=omega, outside=Outside(x, z, rate, spread, reach, inside, through))
 
     def crosses(self, rays: ChiefRays) -> Mask:
@@ -237,42 +304,30 @@ class Cover:
                 "on, so that the mapping is not one to one; a wider or thinner one keeps them apart"
             )
 
-    def _meets(self, side: int, ray: _Ray) -> _Meeting:
-        sin, cos = np.sin(ray.omega), np.cos(ray.omega)
-        if isinstance(self.shell, FlatWindow):
-            normal = np.where(cos > 0, 0.0, np.nan)  # what rises never comes to it
-            return _Meeting((ray.z - self.shell.heights_mm[side]) / cos, normal, 0.0, 0.0)
-        radius = self.shell.radii_mm[side]
-        if isinstance(self.shell, Tube):
-            return _Meeting((radius - ray.x) / sin, np.full_like(ray.x, np.pi / 2), 0.0, 1 / radius)
-        dz = ray.z - self.shell.centres_mm[side]
-        b, c = ray.x * sin - dz * cos, ray.x**2 + dz**2 - radius**2
-        way = -b + np.sqrt(b * b - c)
-        normal = np.arctan2(ray.x + way * sin, way * cos - dz)
-        return _Meeting(way, normal, 1 / radius, 1 / radius)
 
-
-def _refracted(ray: _Ray, at: _Meeting, before: float, after: float) -> tuple[_Ray, Refraction]:
+def _refracted(ray: Pencil, side: Side, before: float, after: float) -> tuple[Pencil, Refraction]:
     """Rays just behind a surface, and what it did."""
     sin, cos = np.sin(ray.omega), np.cos(ray.omega)
-    i = ray.omega - at.normal
+    way, normal = side.met_by(ray)
+    curvature_t, curvature_s = side.curvatures
+    i = ray.omega - normal
     cos_i, sin_behind = np.cos(i), before / after * np.sin(i)
     behind = np.arcsin(sin_behind)
     cos_behind = np.cos(behind)
     gain = after * cos_behind - before * cos_i
-    along = (ray.spread + at.way * ray.rate) / cos_i  # how far apart neighbours meet the surface
-    turn = at.curvature_t * along
+    along = (ray.spread + way * ray.rate) / cos_i  # how far apart neighbours meet the surface
+    turn = curvature_t * along
     rate = turn + before * cos_i * (ray.rate - turn) / (after * cos_behind)
-    left = _Ray(ray.x + at.way * sin, ray.z - at.way * cos, at.normal + behind, cos_behind * along, rate)
+    left = Pencil(ray.x + way * sin, ray.z - way * cos, normal + behind, cos_behind * along, rate)
     one = np.ones_like(gain)
     return left, Refraction(
-        at.way,
+        way,
         before * cos_i**2,
         after * cos_behind**2,
-        gain * at.curvature_t,
+        gain * curvature_t,
         before * one,
         after * one,
-        gain * at.curvature_s,
+        gain * curvature_s,
     )
 
 

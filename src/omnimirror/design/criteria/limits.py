@@ -128,7 +128,7 @@ def _beside(rows: list[Array]) -> Array:
 
 
 Disk = Callable[[FieldValues], tuple[Array, Array]]
-"""A signed blur, and the Airy disk in the same unit."""
+"""A signed blur, and the Airy disk with the lens's own blur in the same unit."""
 
 
 def _in_quadrature(blur: Array, airy: Array) -> Array:
@@ -163,10 +163,10 @@ def _mtf(name: str, *sides: Callable[[FieldValues], Array]) -> Limitable:
     return Limitable(QUANTITIES[name], of_frequency(0.0), "smallest", is_sharpness=True, of_frequency=of_frequency)
 
 
-T_PX: Disk = lambda f: (f.t_px, f.airy_px)  # noqa: E731 - a table of four
-S_PX: Disk = lambda f: (f.s_px, f.airy_px)  # noqa: E731
-T_DEG: Disk = lambda f: (f.t_deg, f.airy_px / f.dh)  # noqa: E731
-S_DEG: Disk = lambda f: (f.s_deg, f.airy_px / f.dw)  # noqa: E731
+T_PX: Disk = lambda f: (f.t_px, f.disk_t_px)  # noqa: E731 - a table of four
+S_PX: Disk = lambda f: (f.s_px, f.disk_s_px)  # noqa: E731
+T_DEG: Disk = lambda f: (f.t_deg, f.disk_t_px / f.dh)  # noqa: E731
+S_DEG: Disk = lambda f: (f.s_deg, f.disk_s_px / f.dw)  # noqa: E731
 
 
 _OURS: dict[str, Limitable] = {
@@ -186,9 +186,9 @@ _OURS: dict[str, Limitable] = {
         _one("viewpoint_spread_mm", "spread", lambda f: f.viewpoint_z),
         _one("area_ratio", "ratio", lambda f: f.dh * f.dw),
         _one("lens_illumination", "smallest", lambda f: f.light),
-        _mtf("mtf", lambda f: f.t_px, lambda f: f.s_px),
-        _mtf("mtf_t", lambda f: f.t_px),
-        _mtf("mtf_s", lambda f: f.s_px),
+        _mtf("mtf", lambda f: f.blur_t_px, lambda f: f.blur_s_px),
+        _mtf("mtf_t", lambda f: f.blur_t_px),
+        _mtf("mtf_s", lambda f: f.blur_s_px),
         _one("length_mm", "largest", lambda f: f.length),
         _one("sag_mm", "largest", lambda f: f.sag),
     )

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...analysis import Evaluation
-from ...batch.optics import DEGREE, FocusedCamera, NodeOptics, TelecentricCamera
+from ...batch.optics import FocusedCamera, NodeOptics, light_of
 from ...errors import InvalidParameter
-from ...lenses import Perspective
+from ...lenses import FieldLens, Perspective
 from ...quantities import QUANTITIES, Quantity
 
 Array = NDArray[Any]
@@ -51,6 +51,9 @@ class FieldValues(NamedTuple):
     """Diameter of the Airy disk, px."""
     light: Array
     """Illumination of the imager by the lens, over that on the axis."""
+    own_t_px: Array
+    """Tangential blur of the lens alone, px; 0 of an ideal one."""
+    own_s_px: Array
 
     @property
     def t_deg(self) -> Array:
@@ -61,6 +64,24 @@ class FieldValues(NamedTuple):
     def s_deg(self) -> Array:
         """Signed sagittal blur (Eq. 37)."""
         return self.s_px / self.dw
+
+    @property
+    def disk_t_px(self) -> Array:
+        """What no focus takes away: the Airy disk, and the tangential blur of the lens alone."""
+        return _in_quadrature(self.airy_px, self.own_t_px)
+
+    @property
+    def disk_s_px(self) -> Array:
+        return _in_quadrature(self.airy_px, self.own_s_px)
+
+    @property
+    def blur_t_px(self) -> Array:
+        """Tangential blur, that of the lens alone included; signed where there is none of it."""
+        return _in_quadrature(self.t_px, self.own_t_px)
+
+    @property
+    def blur_s_px(self) -> Array:
+        return _in_quadrature(self.s_px, self.own_s_px)
 
     @property
     def log_density(self) -> Array:
@@ -94,30 +115,38 @@ def _like(which: NDArray[np.intp], values: Array) -> NDArray[np.intp]:
     return np.broadcast_to(which, values.shape[:-1] + which.shape[-1:])
 
 
+def _in_quadrature(blur: Array, own: Array) -> Array:
+    """Both together; what has no blur of its own stays as it is, with its sign and its derivatives."""
+    both: Array = np.where(np.real(own) > 0, np.sqrt(blur * blur + own * own), blur)
+    return both
+
+
 def values_at(o: NodeOptics, camera: FocusedCamera, v: Array, length: Array, sag: Array) -> FieldValues:
     """What merits look at, of mirror points (.., k) seen by a camera that is focused at vergences v (.., 1)."""
-    ray_px, blur_px, airy = camera.px_per_ray(v), camera.px_per_vergence(v), camera.airy_px(v)
-    dh, dw = o.magnification_t * ray_px * DEGREE, o.magnification_s * ray_px * DEGREE
-    t, s = blur_px * (v - o.vergence_t), blur_px * (v - o.vergence_s)
-    floor = 1 + airy**2
-    log_area = np.log((t * t + floor) * (s * s + floor)) / 2 - np.log(dh * dw)
+    look = camera.at(o, v)
+    floor = 1 + look.airy_px**2
+    t, s, own_t, own_s = look.t_px, look.s_px, look.own_t_px, look.own_s_px
+    log_area = np.log((t * t + own_t * own_t + floor) * (s * s + own_s * own_s + floor)) / 2 - np.log(look.dh * look.dw)
     b0 = camera.image_distance(v)
-    light = light_of(o.ray, isinstance(camera, TelecentricCamera))
-    return FieldValues(t, s, dh, dw, log_area, o.viewpoint_z, solid_angle(o.omega), b0, length, sag, airy, light)
-
-
-def light_of(tangent: Array, is_telecentric: bool) -> Array:
-    """cos^4 of viewing angles, by their tangents; 1 under a telecentric lens, whose chief rays go along its axis."""
-    squared: Array = 0 * tangent if is_telecentric else tangent * tangent
-    return 1 / (1 + squared) ** 2
+    return FieldValues(
+        t, s, look.dh, look.dw, log_area, o.viewpoint_z, solid_angle(o.omega), b0, length, sag, look.airy_px,
+        look.light, own_t, own_s,
+    )  # fmt: skip
 
 
 def values_of(
-    result: Any, light: Array, image_distance: ArrayLike, length: ArrayLike, sag: ArrayLike, airy_px: ArrayLike
+    result: Any,
+    light: Array,
+    image_distance: ArrayLike,
+    length: ArrayLike,
+    sag: ArrayLike,
+    airy_px: ArrayLike,
+    own_px: tuple[Array, Array] | None = None,
 ) -> FieldValues:
     """What merits look at, from the columns of an :class:`~omnimirror.analysis.Evaluation` or of a batch of designs.
 
-    Field angles have to grow along the last axis; the numbers (..) are those of :class:`FieldValues`.
+    Field angles have to grow along the last axis; the numbers (..) are those of :class:`FieldValues`; ``own_px``
+    (.., k) is the blur of a real lens alone.
     """
     omega = np.radians(result.omega_deg)
     b0, reach, height, airy = (np.asarray(v, dtype=float)[..., None] for v in (image_distance, length, sag, airy_px))
@@ -125,6 +154,7 @@ def values_of(
         return FieldValues(
             result.blur_t_px, result.blur_s_px, result.dh_domega_px_per_deg, result.width_px_per_deg,
             np.log(result.floored_area_deg2), result.viewpoint_z_mm, solid_angle(omega), b0, reach, height, airy, light,
+            *(own_px or (0 * airy, 0 * airy)),
         )  # fmt: skip
 
 
@@ -132,10 +162,14 @@ def values_of_evaluation(result: Evaluation) -> FieldValues:
     """What merits look at, of one evaluated sensor."""
     lens = result.sensor.lens
     (_, _), (bottom, top) = result.sensor.mirror.bounds
+    numbers = length_mm(result), top - bottom, result.airy_px
+    if isinstance(lens, FieldLens):
+        real = result.of_lens
+        own = real["lens_blur_t_px"], real["lens_blur_s_px"]
+        return values_of(result, real["lens_illumination"], lens.imager_mm, *numbers, own)
     b0 = lens.image_distance if isinstance(lens, Perspective) else 0.0
-    own = result.of_lens.get("lens_illumination")  # of a real lens
-    light = light_of(np.tan(np.radians(result.theta_deg)), lens.TELECENTRIC) if own is None else own
-    return values_of(result, light, b0, length_mm(result), top - bottom, result.airy_px)
+    tangent = np.tan(np.radians(result.theta_deg)) * (not lens.TELECENTRIC)
+    return values_of(result, light_of(tangent), b0, *numbers)
 
 
 def length_mm(result: Evaluation) -> float:

@@ -21,7 +21,7 @@ from ...mirrors.conics import conic_profile
 from ...numerics.lazy import cached_property
 from ...sensor import Sensor
 from ...tracing.obscuration import disc_clearance
-from ..criteria.merits import FieldValues, light_of, values_at, values_of
+from ..criteria.merits import FieldValues, values_at, values_of
 from ..criteria.ranges import ends
 from .problem import DesignProblem
 
@@ -302,8 +302,9 @@ class DesignSpace:
         reach = sag if self.problem.is_telecentric else g.M / g.tangent
         camera = self.camera(g)
         numbers = (camera.image_distance(g.focus), reach, sag, camera.airy_px(g.focus))
-        tangent = result.h_px / camera.px_per_ray(g.focus)
-        return values_of(result, light_of(tangent, self.problem.is_telecentric), *(v[:, 0] for v in numbers))
+        light = camera.light(result.h_px / camera.px_per_ray(g.focus))
+        b0, length, height, airy = (v[:, 0] for v in numbers)
+        return values_of(result, light, b0, length, height, airy)
 
     def image(self, g: Given) -> Array:
         """Image of the rim over the largest that the imager holds (b, 1)."""

@@ -279,7 +279,8 @@ def _diffraction(limit: Limit, fields: list[tuple[FieldValues, Array]], sensor: 
         return []
     sharp = (field._replace(t_px=0 * field.t_px, s_px=0 * field.s_px) for field, _ in fields)
     least = max(limit.of.extreme(field, True)[0] for field in sharp)
-    said = f"the Airy disk alone is {least:.4g} {limit.of.unit} at F/{sensor.lens.stop_number:.4g}"
+    real = "" if sensor.lens.IS_THIN else " with the lens's own blur"
+    said = f"the Airy disk{real} alone is {least:.4g} {limit.of.unit} at F/{sensor.lens.stop_number:.4g}"
     return [said] if least > limit.at_most else []
 
 

@@ -1,0 +1,168 @@
+// Designs as they are built: a lens by tables whose pupil moves, and a clear wall that bends rays. The formulas are
+// those of batch/built.py, batch/lens_tables.py and tracing/covers.py.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "designs.hpp"
+
+namespace omnimirror {
+
+// batch/lens_tables.py: cubic pieces over the tangent of the viewing angle.
+class Lens {
+public:
+    explicit Lens(const LensTable& table) : table_(table), step_(table.end / table.cells) {}
+
+    bool known() const { return table_.values != nullptr; }
+    const LensTable& table() const { return table_; }
+
+    // The first `count` rows at a tangent.
+    void at(double tangent, int count, double* rows) const {
+        const int cell = std::min(std::max(static_cast<int>(tangent / step_), 0), table_.cells - 1);
+        const double u = tangent / step_ - cell;
+        const double* a = table_.values + size_t(cell) * 2 * LENS_ROWS;
+        const double *da = a + LENS_ROWS, *b = da + LENS_ROWS, *db = b + LENS_ROWS;
+        for (int r = 0; r < count; ++r) {
+            const double bend = 3 * (b[r] - a[r]) - 2 * da[r] - db[r], twist = 2 * (a[r] - b[r]) + da[r] + db[r];
+            rows[r] = a[r] + u * (da[r] + u * (bend + u * twist));
+        }
+    }
+
+    // The tangent of the chief ray to a point at x from the axis, so far from the reference point.
+    double aimed(double x, double depth) const {
+        double tangent = x / (depth - table_.pupil), rows[2];
+        for (int i = 0; i < AIM_STEPS; ++i) {
+            at(tangent, 2, rows);
+            const double w = depth - rows[0];
+            tangent -= (w * tangent - x) / (w - rows[1] * tangent);
+        }
+        return tangent;
+    }
+
+    double defocus(double v) const { return table_.f * v / (1 - (table_.f - table_.e) * v); }
+    double defocus_rate(double v) const {
+        const double c = 1 - (table_.f - table_.e) * v;
+        return table_.f / (c * c);
+    }
+
+private:
+    static constexpr int AIM_STEPS = 6;
+    LensTable table_;
+    double step_;
+};
+
+// What a mirror point does, as NodeOptics of batch/optics.py.
+struct Node {
+    double omega, ray, magnification_t, magnification_s, vergence_t, vergence_s, viewpoint;
+    bool seen, usable;
+};
+
+struct Pencil {
+    double x, z, omega, spread, rate;
+};
+
+struct Refraction {
+    double way, before_t, after_t, power_t, before_s, after_s, power_s;
+};
+
+// A ray let through one side of a wall: tracing/covers.py, _refracted.
+inline Refraction refract(Pencil& ray, Wall::Kind kind, double radius, double height, double before, double after) {
+    const double sin = std::sin(ray.omega), cos = std::cos(ray.omega);
+    double way, normal, curvature_t = 0.0, curvature_s = 0.0;
+    if (kind == Wall::PLANE) {
+        way = (ray.z - height) / cos;
+        normal = cos > 0 ? 0.0 : std::numeric_limits<double>::quiet_NaN();
+    } else if (kind == Wall::CYLINDER) {
+        way = (radius - ray.x) / sin;
+        normal = 3.14159265358979323846 / 2;
+        curvature_s = 1 / radius;
+    } else {
+        const double dz = ray.z - height, b = ray.x * sin - dz * cos, c = ray.x * ray.x + dz * dz - radius * radius;
+        way = -b + std::sqrt(b * b - c);
+        normal = std::atan2(ray.x + way * sin, way * cos - dz);
+        curvature_t = curvature_s = 1 / radius;
+    }
+    const double i = ray.omega - normal, cos_i = std::cos(i), behind = std::asin(before / after * std::sin(i));
+    const double cos_behind = std::cos(behind), gain = after * cos_behind - before * cos_i;
+    const double along = (ray.spread + way * ray.rate) / cos_i, turn = curvature_t * along;
+    const double rate = turn + before * cos_i * (ray.rate - turn) / (after * cos_behind);
+    ray = {ray.x + way * sin, ray.z - way * cos, normal + behind, cos_behind * along, rate};
+    return {way,
+            before * cos_i * cos_i,
+            after * cos_behind * cos_behind,
+            gain * curvature_t,
+            before,
+            after,
+            gain * curvature_s};
+}
+
+// 1/distance behind a side as it is before it.
+inline double before_side(double after, double power, double before, double way, double vergence) {
+    const double v = (after * vergence - power) / before;
+    return v / (1 - way * v);
+}
+
+// A ray outside the wall, at the point of its line nearest to its mirror point, and what objects are as the mirror sees
+// them; batch/built.py, _outside. False where the wall does not let it out.
+inline bool let_out(const Wall& wall, Pencil& ray, double near, double& near_t, double& near_s, bool& seen) {
+    near_t = near_s = near;
+    seen = true;
+    if (wall.kind == Wall::NONE) return true;
+    const Pencil start = ray;
+    if (wall.kind == Wall::CYLINDER) {
+        const double height = start.z - (wall.inner_radius - start.x) / std::tan(start.omega);
+        if (wall.medium_index != 1.0) {
+            seen = height > wall.base;
+            if (!seen) return true;
+        } else if (!(height > wall.base && height < wall.cap)) {
+            return true;
+        }
+    }
+    const Refraction first = refract(ray, wall.kind, wall.inner_radius, wall.inner_height, 1.0, wall.index);
+    const Refraction second =
+        refract(ray, wall.kind, wall.outer_radius, wall.outer_height, wall.index, wall.medium_index);
+    const double inside = first.way + second.way, behind = near / (1 - near * inside);
+    double t = -behind, s = -behind;
+    for (const Refraction* r : {&second, &first}) {
+        t = before_side(r->after_t, r->power_t, r->before_t, r->way, t);
+        s = before_side(r->after_s, r->power_s, r->before_s, r->way, s);
+    }
+    near_t = -t, near_s = -s;
+    const bool apart = ray.rate > 0 && ray.spread > 0;  // neighbours, where they leave the wall
+    const double sin = std::sin(ray.omega), cos = std::cos(ray.omega);
+    const double reach = (ray.x - start.x) * sin - (ray.z - start.z) * cos;
+    ray = {ray.x - reach * sin, ray.z + reach * cos, ray.omega, ray.spread - reach * ray.rate, ray.rate};
+    return std::isfinite(ray.omega) && apart && wall.fits && near * inside < 1;
+}
+
+struct Aim {
+    double w, tangent, drift;  // w is infinite of a telecentric lens
+};
+
+// batch/built.py, built_optics.
+inline Node built_point(double x, double z, double slope, double curvature, double slope_over_x, double near, const Aim& aim,
+                        bool telecentric, const Wall& wall) {
+    const double t = aim.tangent, steep = 1 + slope * slope, root = std::sqrt(steep), cosine = 1 / std::sqrt(1 + t * t);
+    const double cos_gamma = (1 - t * slope) * cosine / root;
+    const double dtheta = telecentric ? 0.0 : (1 - t * slope) / (aim.w * (1 + t * t - aim.drift * t / aim.w));
+    Pencil ray{x, z, 2 * std::atan(slope) + std::atan(t), cos_gamma * root, 2 * curvature / steep + dtheta};
+    double near_t, near_s;
+    Node node;
+    const bool passes = let_out(wall, ray, near, near_t, near_s, node.seen);
+    const double q_t = 1 / (2 * curvature / (steep * root * cos_gamma) + near_t);
+    const double q_s = 1 / (2 * cos_gamma * slope_over_x / root + near_s);
+    const double dray = telecentric ? 1.0 : dtheta * (1 + t * t), sine = std::sin(ray.omega);
+    node.omega = ray.omega;
+    node.ray = telecentric ? x : t;
+    node.magnification_t = dray / ray.rate;
+    node.magnification_s = x == 0 ? node.magnification_t : node.ray / sine;
+    node.vergence_t = telecentric ? -(z + q_t) : 1 / (aim.w + q_t * cosine);
+    node.vergence_s = telecentric ? -(z + q_s) : 1 / (aim.w + q_s * cosine);
+    node.viewpoint = ray.z + (x == 0 ? ray.spread / ray.rate : ray.x * std::cos(ray.omega) / sine);
+    node.usable = !node.seen || (passes && ray.rate > 0 && cos_gamma > 0 && node.magnification_s > 0);
+    return node;
+}
+
+}  // namespace omnimirror
