@@ -1,8 +1,43 @@
 """The errors a user can cause, each a ``ValueError`` that names the value and what would be valid."""
 
+import re
+
+LONGEST_VALUE = 100
+"""Characters of a value that a message repeats."""
+LONGEST_SENTENCE = 1000
+TAIL = 40  # characters kept of the end, where the name of a file stands
+LONG_WORD = re.compile(rf"\S{{{LONGEST_VALUE + 1},}}")
+LONG_QUOTE = re.compile(rf"(?<!\w)(['\"])([^'\"]{{{LONGEST_VALUE + 1},}})\1(?!\w)")
+
+
+def shortened(text: str, most: int = LONGEST_VALUE) -> str:
+    """A value or the name of a file as a message repeats it: one line, without its middle where it is long.
+
+    >>> shortened("room\\n1.toml"), len(shortened("x" * 5000))
+    ('room 1.toml', 100)
+    """
+    text = "".join(c if c.isprintable() or c.isspace() or "\udc80" <= c <= "\udcff" else repr(c)[1:-1] for c in text)
+    text = " ".join(text.split())
+    return text if len(text) <= most else f"{text[: most - TAIL - 2]}..{text[-TAIL:]}"
+
+
+def one_line(text: str) -> str:
+    """A message as one line of bearable length, whatever stands in the names and values it holds.
+
+    >>> one_line("cannot read a\\nb.png: " + "7, " * 3 + "x" * 300)  # doctest: +ELLIPSIS
+    'cannot read a b.png: 7, 7, 7, xxx...xxx..xxx...xxx'
+    """
+    text = shortened(text, len(text))
+    text = LONG_WORD.sub(lambda word: shortened(word[0]), text)
+    text = LONG_QUOTE.sub(lambda quote: quote[1] + shortened(quote[2]) + quote[1], text)
+    return shortened(text, LONGEST_SENTENCE)
+
 
 class OmnimirrorError(ValueError):
-    """Base of every error the package raises on purpose; the command line prints it as one sentence."""
+    """Base of every error the package raises on purpose: one sentence, which the command line prints."""
+
+    def __init__(self, *sentence: object) -> None:
+        super().__init__(*(one_line(str(part)) for part in sentence))
 
 
 class InvalidParameter(OmnimirrorError):

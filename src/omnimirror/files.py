@@ -16,7 +16,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from .errors import OmnimirrorError, SpecError
+from .errors import OmnimirrorError, SpecError, shortened
 
 if sys.platform != "win32":  # there, what killed runs leave behind stays
     import fcntl
@@ -321,6 +321,7 @@ def parse_toml(text: str, source: str) -> dict[str, Any]:
         It is not valid TOML, is nested too deeply, or holds a whole number beyond 64 bits; the message begins with
         the source.
     """
+    source = shortened(source)
     try:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as e:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +15,14 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import omnimirror as om
-from omnimirror.camera_models import RadialModel
+from omnimirror.arguments import WrongKind
+from omnimirror.camera_models import RadialModel, parse_ocam
+from omnimirror.design import parse_requirements
 from omnimirror.errors import OmnimirrorError
 from omnimirror.frames import Mount
 from omnimirror.imagers import Imager
+from omnimirror.media import keyframes
+from omnimirror.tolerancing.tolerance_file import parse_tolerances
 
 from . import workflows
 
@@ -217,3 +222,25 @@ def test_messages_are_short_whatever_they_are_about():
 
     for value in (*ODD, [1.5] * 100_000, "x" * 100_000, 10**5000, np.zeros(10**6)):
         assert len(shown(value)) <= 60
+
+
+@pytest.mark.parametrize("name", ["x" * 5000, "a folder\n/" * 500])
+def test_messages_repeat_no_long_name_and_stay_on_one_line(name):
+    readers = (om.parse_camera, om.parse_sensor, keyframes.parse_csv, keyframes.parse_toml, parse_ocam,
+               parse_requirements, partial(parse_tolerances, sensor=SENSOR))  # fmt: skip
+    for read in readers:
+        for text in ("9 0", "a = [", "a = 1"):
+            with pytest.raises(OmnimirrorError) as said:
+                read(text=text, source=name)
+            assert len(str(said.value)) < 300
+            assert "\n" not in str(said.value)
+    for error in (OmnimirrorError, om.errors.SpecError, WrongKind):
+        assert len(str(error(f"there is no mirror {name!r} and no file {'/'.join(name.split())}"))) < 300
+
+
+def test_messages_keep_where_a_long_name_begins_and_ends():
+    path = "/home/someone/" + "pictures/" * 30 + "of the lab.png"
+    assert str(OmnimirrorError(f"there is no {path}")).startswith("there is no /home/someone/pictures/")
+    assert str(OmnimirrorError(f"there is no {path}")).endswith("/of the lab.png")
+    prose = "the mirror's rim is hidden, and " * 6 + "the camera's is 'not'"
+    assert str(OmnimirrorError(prose)) == prose

@@ -20,7 +20,7 @@ from numpy.polynomial.polynomial import polyadd, polyder, polymul, polyroots, po
 from numpy.typing import NDArray
 
 from ..arguments import file_name, finite, float_of, shown
-from ..errors import InvalidParameter, OmnimirrorError, SpecError
+from ..errors import InvalidParameter, OmnimirrorError, SpecError, shortened
 from ..files import read_text
 from ..frames import Mount
 from ..numerics.lazy import cached_property
@@ -249,7 +249,7 @@ def parse_ocam(
     try:
         model = OCam(direct, (column, row), size, (c, d, e))
     except OmnimirrorError as problem:
-        raise SpecError(f"{source}: {problem}") from None
+        raise SpecError(f"{lines.source}: {problem}") from None
     return replace(model, optics=optics, mount=Mount() if mount is None else mount, rim_radius_px=rim_radius_px)
 
 
@@ -257,7 +257,7 @@ class _Lines:
     """The file's lines that hold numbers, one after the other, and errors that name them."""
 
     def __init__(self, text: str, source: str) -> None:
-        self.source = source
+        self.source = shortened(source)
         self.number = 0
         stripped = ((i, line.split("#")[0].split()) for i, line in enumerate(text.splitlines(), start=1))
         self.lines = [(i, words) for i, words in stripped if words]

@@ -16,8 +16,8 @@ from typing import Any
 import click
 
 from .. import __version__
-from ..errors import InvalidParameter, OmnimirrorError
-from .streams import forget_output, one_line, prepare
+from ..errors import InvalidParameter, OmnimirrorError, one_line
+from .streams import forget_output, prepare
 
 COMMANDS = {
     "sensors": "List the sensors that come with omnimirror.",

@@ -14,10 +14,6 @@ from typing import TextIO
 
 SPELLED = {"–": "-", "—": "-", "−": "-", "×": "x", "…": "..", "·": ".", "°": " deg", "²": "2", "±": "+-", "→": "->"}
 """How a terminal that lacks a character shows it."""
-SENTENCE = 2000
-"""Characters of a message; a longer one is cut."""
-WORD = 255
-"""Characters of a word in it, such as a path or a list of numbers."""
 
 
 class Closed(io.TextIOBase):
@@ -92,15 +88,3 @@ def forget_output() -> None:
     with suppress(OSError, ValueError, AttributeError):
         os.dup2(nothing, sys.stdout.fileno())
     os.close(nothing)
-
-
-def one_line(text: str) -> str:
-    """A message as one line of bearable length, whatever stands in the names and values it holds.
-
-    >>> one_line("cannot read a\\nb.png: " + "7, " * 3 + "x" * 300)
-    'cannot read a b.png: 7, 7, 7, xxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxx..xxxxxxxxxxxxxxxxxxxx'
-    """
-    text = "".join(c if c.isprintable() or c.isspace() or "\udc80" <= c <= "\udcff" else repr(c)[1:-1] for c in text)
-    words = [word if len(word) <= WORD else f"{word[:40]}..{word[-20:]}" for word in text.split()]
-    line = " ".join(words)
-    return line if len(line) <= SENTENCE else f"{line[: SENTENCE - 200]} .. {line[-190:]}"

@@ -14,7 +14,7 @@ import numpy as np
 
 from .. import files
 from ..arguments import float_of, shown
-from ..errors import MediaError, SpecError
+from ..errors import MediaError, SpecError, shortened
 from ..numerics.lazy import cached_property
 
 Interpolation = Literal["smooth", "linear"]
@@ -132,6 +132,7 @@ def parse_csv(text: str, source: str = "keyframes", names: Sequence[str] = NAMES
     >>> parse_csv("time_s,pan_deg\\n0,0\\n2,90").at(1.0)
     {'pan_deg': 45.0}
     """
+    source = shortened(source)
     lines = [(number, line) for number, line in enumerate(text.splitlines(), 1) if line.strip() and line[0] != "#"]
     if not lines:
         raise MediaError(f"{source} holds no keyframes; its first line should be such as {TIME},{','.join(names[:2])}")
@@ -155,6 +156,7 @@ def parse_toml(text: str, source: str = "keyframes", names: Sequence[str] = NAME
     >>> parse_toml("[[keyframe]]\\ntime_s = 0\\npan_deg = 5").at(1.0)
     {'pan_deg': 5.0}
     """
+    source = shortened(source)
     try:
         data = files.parse_toml(text, source)
     except SpecError as e:

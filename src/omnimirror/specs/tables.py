@@ -18,7 +18,7 @@ from typing import Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
 
 from ..arguments import shown
-from ..errors import OmnimirrorError, SpecError
+from ..errors import OmnimirrorError, SpecError, shortened
 from ..frames import CameraLooks
 from ..parameters import Parameter
 
@@ -85,7 +85,7 @@ class Places:
     """Finds the line of an entry, and says errors as ``file line n: ..``."""
 
     def __init__(self, text: str, source: str) -> None:
-        self.source = source
+        self.source = shortened(source)
         self.lines = text.splitlines()
 
     def line(self, path: tuple[str, ...]) -> int | None:

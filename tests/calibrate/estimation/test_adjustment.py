@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -187,3 +190,25 @@ def test_what_cannot_be_adjusted_is_said(call, says):
     points = room()
     with pytest.raises(om.errors.InvalidParameter, match=says):
         call(known(TRUTH.image(points).pixels, points))
+
+
+ALONE = """
+import time
+import numpy as np
+from omnimirror.calibrate.estimation.bundle.normal_equations import assembled
+from omnimirror.calibrate.estimation.bundle.observations import Sighting, stacked
+points = np.random.default_rng(0).normal(size=(108, 3))
+stack = stacked([Sighting(str(i), points[:, :2], points) for i in range(17)])
+a, b = np.ones((len(stack.owner), 2, 18)), np.ones((len(stack.owner), 2, 6))
+others = time.thread_time() - time.process_time()
+for _ in range(300):
+    assembled(stack, a[..., 0], a, b, np.ones(len(a)), np.ones(17, bool))
+print(others + time.process_time() - time.thread_time())
+"""
+
+
+def test_normal_equations_wake_no_threads_of_blas():
+    """They would spin for longer than the products take, and on a busy machine all wait for one another."""
+    alone = {k: v for k, v in os.environ.items() if not k.endswith("_NUM_THREADS")}
+    told = subprocess.run([sys.executable, "-c", ALONE], env=alone, capture_output=True, text=True, check=True)
+    assert float(told.stdout) < 1e-3

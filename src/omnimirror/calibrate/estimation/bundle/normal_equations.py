@@ -16,6 +16,9 @@ from .observations import Stack
 
 Array = NDArray[np.float64]
 
+MOST_PRODUCTS = 1 << 16  # of two numbers in one product of matrices; OpenBLAS takes threads for more
+FEWEST_ROWS = 32  # at a time, whatever that comes to: of wide ones its threads are worth it
+
 
 class Blocks(NamedTuple):
     """Normal equations ``H d = -g`` with g shared parameters and m motions."""
@@ -36,21 +39,35 @@ def assembled(
     stack: Stack, residuals: Array, d_shared: Array, d_motion: Array, weights: Array, moving: NDArray[np.bool_]
 ) -> Blocks:
     """Blocks from residuals (n, 2), derivatives (n, 2, g) and (n, 2, 6), weights (n,); ``moving`` (m,) motions."""
-    root = np.sqrt(weights)[:, None]
-    e = (residuals * root).reshape(-1)
-    a = (d_shared * root[..., None]).reshape(len(e), -1)
-    b = (d_motion * root[..., None]).reshape(len(e), 6)
-    count, shared = len(stack.slices), a.shape[1]
-    cross, blocks, gradients = np.zeros((count, shared, 6)), np.zeros((count, 6, 6)), np.zeros((count, 6))
+    together = np.concatenate([d_shared, d_motion, residuals[..., None]], axis=2)
+    weighted = (together * weights[:, None, None]).reshape(2 * len(weights), -1)
+    together = together.reshape(weighted.shape)
+    count, g = len(stack.slices), d_shared.shape[2]
+    cross, blocks, gradients = np.zeros((count, g, 6)), np.zeros((count, 6, 6)), np.zeros((count, 6))
+    square, gradient = np.zeros((g, g)), np.zeros(g)
     for i, where in enumerate(stack.slices):
-        if not moving[i]:
-            blocks[i] = np.eye(6)
-            continue
         rows = slice(2 * where.start, 2 * where.stop)
-        cross[i] = a[rows].T @ b[rows]
-        blocks[i] = b[rows].T @ b[rows]
-        gradients[i] = b[rows].T @ e[rows]
-    return Blocks(a.T @ a, cross, blocks, a.T @ e, gradients)
+        product = _product(together[rows], weighted[rows])
+        square += product[:g, :g]
+        gradient += product[:g, -1]
+        if moving[i]:
+            cross[i], blocks[i], gradients[i] = product[:g, g:-1], product[g:-1, g:-1], product[g:-1, -1]
+        else:
+            blocks[i] = np.eye(6)
+    return Blocks(square, cross, blocks, gradient, gradients)
+
+
+def _product(one: Array, other: Array) -> Array:
+    """``one.T @ other`` of rows (n, k), a few at a time.
+
+    BLAS wakes its threads for so little already, which then spin for longer than it takes; for a matrix times itself
+    it does so from still fewer rows on, so that the weights go into one of the two.
+    """
+    most = max(MOST_PRODUCTS // one.shape[1] ** 2, FEWEST_ROWS)
+    total = np.zeros((one.shape[1], one.shape[1]))
+    for first in range(0, len(one), most):
+        total += one[first : first + most].T @ other[first : first + most]
+    return total
 
 
 def with_priors(blocks: Blocks, information: Array, pull: Array) -> Blocks:
