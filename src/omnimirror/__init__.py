@@ -92,6 +92,7 @@ if TYPE_CHECKING:
     from .dewarp.views import register_view as register_view
     from .handoff.bags import DewarpedBag as DewarpedBag
     from .handoff.bags import dewarp_bag as dewarp_bag
+    from .handoff.gateway.server import serve_views as serve_views
     from .handoff.named_views import NamedView as NamedView
     from .handoff.named_views import load_views as load_views
     from .handoff.rays import RayTable as RayTable
@@ -244,6 +245,7 @@ _HOMES = {
     "register_view": "dewarp.views",
     "dewarp_bag": "handoff.bags",
     "DewarpedBag": "handoff.bags",
+    "serve_views": "handoff.gateway.server",
     "load_views": "handoff.named_views",
     "NamedView": "handoff.named_views",
     "RayTable": "handoff.rays",

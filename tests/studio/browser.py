@@ -6,19 +6,18 @@ import asyncio
 import base64
 import os
 import shutil
-import threading
-import time
-from collections.abc import Coroutine, Iterator
+from collections.abc import Coroutine
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 import pytest
 
-from omnimirror.studio.server import Server, configured, listen
+from omnimirror.studio.app import create_app
 from omnimirror.studio.studio import Studio
+from tests.serving import served
 
 Result = TypeVar("Result")
 
@@ -41,20 +40,9 @@ def in_a_loop(coroutine: Coroutine[Any, Any, Result]) -> Result:
         return pool.submit(asyncio.run, coroutine).result()
 
 
-@contextmanager
-def serving(studio: Studio, port: int = 0) -> Iterator[str]:
-    """The address of a running server."""
-    server, listening = Server(configured(studio, "error")), listen("127.0.0.1", port)
-    thread = threading.Thread(target=server.run, kwargs={"sockets": [listening]}, daemon=True)
-    thread.start()
-    try:
-        while not server.started and thread.is_alive():
-            time.sleep(0.01)
-        yield f"http://127.0.0.1:{listening.getsockname()[1]}/"
-    finally:
-        time.sleep(0.2)  # its ends of the last connections close a moment after ours
-        server.should_exit = True
-        thread.join()
+def serving(studio: Studio, port: int = 0) -> AbstractContextManager[str]:
+    """The address of a running server of the studio."""
+    return served(create_app(studio), port)
 
 
 def chromium() -> str:

@@ -26,17 +26,18 @@ import omnimirror as om
 from omnimirror.errors import MediaError
 from omnimirror.imagers import Imager
 from omnimirror.mirrors import MIRRORS, SECONDARIES
+from omnimirror.serving import connections, limits
+from omnimirror.serving.access import is_loopback
+from omnimirror.serving.limits import LARGEST_MESSAGE
+from omnimirror.serving.server import names_of
 from omnimirror.specs import tables_of
-from omnimirror.studio import connections, limits, uploads
-from omnimirror.studio.access import is_loopback
+from omnimirror.studio import uploads
 from omnimirror.studio.app import create_app
 from omnimirror.studio.bench.files import coarser
 from omnimirror.studio.bench.messages import Task
 from omnimirror.studio.bench.work import perform
-from omnimirror.studio.limits import LARGEST_MESSAGE
 from omnimirror.studio.look import streams
 from omnimirror.studio.look.sources import Sources
-from omnimirror.studio.server import names_of
 from omnimirror.studio.studio import Studio
 
 from .browser import in_a_loop, open_page, serving

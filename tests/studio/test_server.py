@@ -23,9 +23,9 @@ from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 
 import omnimirror as om
-from omnimirror.studio.access import is_loopback
+from omnimirror.serving.access import is_loopback
+from omnimirror.serving.limits import LARGEST_MESSAGE
 from omnimirror.studio.app import create_app
-from omnimirror.studio.limits import LARGEST_MESSAGE
 from omnimirror.studio.look.sources import Sources
 from omnimirror.studio.look.streams import Streams
 from omnimirror.studio.studio import Studio

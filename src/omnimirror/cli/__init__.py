@@ -38,6 +38,7 @@ COMMANDS = {
     "dewarp": "Straighten pictures and videos taken with a mirror or fisheye.",
     "view": "Look around in a picture, video or stream, in the browser.",
     "studio": "Look through a sensor, and design one, in the browser.",
+    "serve": "Offer views of a camera or stream as ordinary network cameras.",
     "board": "Write a calibration board to print.",
     "calibrate": "Find out what camera took pictures of a board.",
     "rim": "Find the mirror's rim in its pictures.",
@@ -57,10 +58,10 @@ ROOMS = {
     "evaluation": {"compare", "evaluate", "form", "illumination", "mtf", "psf", "reproduce", "sensors", "spots"},
     "design": {"apertures", "design", "export", "init", "judge", "mappings", "parts", "tolerance"},
     "handoff": {"rays"},
-    "pictures": {"bracket", "demo", "dewarp", "simulate", "studio", "view"},
+    "pictures": {"bracket", "demo", "dewarp", "serve", "simulate", "studio", "view"},
 }
 """In which room of :mod:`omnimirror.cli.commands` the module of a command's name stands; it holds ``command``."""
-SERVERS = {"studio", "view"}
+SERVERS = {"serve", "studio", "view"}
 """What these and their processes say belongs on standard error as it is."""
 
 

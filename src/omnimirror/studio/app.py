@@ -12,10 +12,10 @@ from starlette.types import ASGIApp
 
 from .. import __version__
 from ..errors import OmnimirrorError
-from .access import Guard, policy_of
+from ..serving.access import Guard, policy_of
+from ..serving.limits import LARGEST_PICTURE, LARGEST_SET, Bounded, Busy
 from .bench.routes import add_bench
 from .calibrate.routes import add_calibrate
-from .limits import LARGEST_PICTURE, LARGEST_SET, Bounded, Busy
 from .look.routes import add_look
 from .messages import Health, Problem
 from .pages import SCRIPTS, PageFile, page_text, script_text

@@ -1,51 +1,16 @@
-"""Run the server until Ctrl-C."""
+"""Run the studio's server until Ctrl-C."""
 
 from __future__ import annotations
 
-import logging
 import secrets
-import signal
-import socket
 import threading
 import webbrowser
 from collections.abc import Callable
-from contextlib import suppress
-from types import FrameType
 
-import uvicorn
-
-from ..errors import OmnimirrorError
-from .access import is_loopback
+from ..serving.access import is_loopback
+from ..serving.server import listen, names_of, run
 from .app import create_app
-from .connections import Connection
-from .limits import LARGEST_MESSAGE
 from .studio import Studio
-
-EVERYWHERE = ("0.0.0.0", "::", "")
-"""Where a server listens that does not say where."""
-QUEUE = 256
-"""Connections that wait to be accepted."""
-AT_A_TIME = 8
-"""Connections that are accepted before the first of them is looked at; a flood of them would take all open files."""
-
-
-class Server(uvicorn.Server):
-    """Says nothing of what Ctrl-C cuts off, such as half an upload, and knows that it was Ctrl-C."""
-
-    interrupted = False
-
-    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
-        self.interrupted |= sig == signal.SIGINT
-        super().handle_exit(sig, frame)
-
-    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        await super().startup(sockets)
-        for listening in sockets or ():
-            listening.listen(QUEUE)  # which the event loop made as short as what it accepts at a time
-
-    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        logging.getLogger("uvicorn.error").setLevel(logging.CRITICAL)
-        await super().shutdown(sockets)
 
 
 def serve(studio: Studio, host: str, port: int, open_browser: bool, tell: Callable[[str], None]) -> None:
@@ -78,73 +43,4 @@ def serve(studio: Studio, host: str, port: int, open_browser: bool, tell: Callab
     tell(f"omnimirror studio at {' or '.join(addresses)} (Ctrl-C ends it)")
     if open_browser:
         threading.Timer(0.3, webbrowser.open, (addresses[-1],)).start()
-    server = Server(configured(studio))
-    try:
-        server.run(sockets=[listening])
-    finally:
-        listening.close()
-    if server.interrupted:  # a job that a script started ignores the signal that the server hands on
-        raise KeyboardInterrupt
-
-
-def configured(studio: Studio, log_level: str = "warning") -> uvicorn.Config:
-    """How the server runs, with its limits."""
-    return uvicorn.Config(
-        create_app(studio),
-        log_level=log_level,
-        http=Connection,
-        ws="websockets-sansio",
-        ws_max_size=LARGEST_MESSAGE,
-        backlog=AT_A_TIME,
-        timeout_graceful_shutdown=1,
-    )
-
-
-def names_of(host: str) -> list[str]:
-    """The names under which a server can be opened, in addresses; the last one from this machine.
-
-    One that listens everywhere has each of this machine's addresses, as far as they can be told.
-
-    >>> names_of("127.0.0.1"), names_of("::1")
-    (['127.0.0.1'], ['[::1]'])
-    """
-    if host not in EVERYWHERE:
-        return [f"[{host}]" if ":" in host else host]
-    found = {_towards(socket.AF_INET, "192.0.2.1")}
-    if host == "::":
-        found.add(_towards(socket.AF_INET6, "2001:db8::1"))
-    with suppress(OSError):
-        found |= {str(info[4][0]) for info in socket.getaddrinfo(socket.gethostname(), None, socket.AF_INET)}
-    real = sorted(address for address in found if address and not is_loopback(address))
-    return [f"[{a}]" if ":" in a else a for a in real] + ["127.0.0.1"]
-
-
-def _towards(family: socket.AddressFamily, documented: str) -> str | None:
-    """The address from which this machine would reach others; nothing is sent."""
-    with socket.socket(family, socket.SOCK_DGRAM) as probe:
-        try:
-            probe.connect((documented, 9))
-        except OSError:
-            return None
-        return str(probe.getsockname()[0])
-
-
-def listen(host: str, port: int) -> socket.socket:
-    """A socket whose address can be opened from here on; port 0 is any that is free.
-
-    Raises
-    ------
-    OmnimirrorError
-        The address cannot be listened on.
-    """
-    family = socket.AF_INET6 if ":" in host else socket.AF_INET
-    listening = socket.socket(family, socket.SOCK_STREAM)
-    try:
-        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        listening.bind((host, port))
-        listening.listen(QUEUE)
-    except (OSError, OverflowError) as e:
-        listening.close()
-        reason = getattr(e, "strerror", None) or str(e)
-        raise OmnimirrorError(f"cannot listen on {host}, port {port}: {reason}") from None
-    return listening
+    run(create_app(studio), listening)

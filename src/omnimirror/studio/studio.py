@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from ..serving.limits import Turns
 from .calibrate.looking import Lookers
-from .limits import Turns
 from .look.cameras import Cameras, Known
 from .look.sources import Sources
 from .look.streams import Streams

@@ -37,7 +37,14 @@ FAR_MM = 1000.0
 
 @dataclass(frozen=True)
 class DewarpedBag:
-    """What became of a recording."""
+    """What became of a recording.
+
+    Examples
+    --------
+    >>> done = DewarpedBag("/camera/image_raw", ("/camera/front/image_rect",), pictures=900, passed=0)
+    >>> done.exit_code
+    0
+    """
 
     topic: str
     """Whose pictures were straightened."""

@@ -8,7 +8,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import av
 from av.audio.stream import AudioStream
@@ -36,13 +36,21 @@ OF_THE_CONTAINER = ("major_brand", "minor_version", "compatible_brands", "encode
 """Metadata that describe the source's container and not what it holds."""
 
 
+class Writable(Protocol):
+    """What takes bytes."""
+
+    def write(self, data: bytes, /) -> int:
+        """Take some; how many."""
+        ...
+
+
 class Encoder:
     """Encodes frames and packs them with copied sound; what a file and a stream have in common.
 
     Parameters
     ----------
     target
-        A file name or an address.
+        A file name or an address; or what takes the bytes, with a method ``write``.
     size : (width, height) px
     frame_rate : frames a second
         The mean rate, which the encoder plans its bits by; every frame keeps its own time.
@@ -88,7 +96,7 @@ class Encoder:
 
     def __init__(
         self,
-        target: str,
+        target: str | Writable,
         size: tuple[int, int],
         frame_rate: Fraction | float,
         time_base: Fraction | None = None,
@@ -108,7 +116,7 @@ class Encoder:
         is_live: bool = False,
     ) -> None:
         self.size, self.frames_written, self._latest_pts = size, 0, -(2**62)
-        self.target, self.codec = target, codec
+        self.target, self.codec = target if isinstance(target, str) else "the stream", codec
         rate = Fraction(frame_rate).limit_denominator(1_000_000)
         encoder_options = _options(codec, crf, options or {})
         told = (display or Display()).options(codec)
@@ -141,15 +149,18 @@ class Encoder:
             self._audio = {stream.index: self._audio_stream(stream) for stream in audio}
             kept = {key: text for key, text in (metadata or {}).items() if key not in OF_THE_CONTAINER}
             self.container.metadata.update(kept)
-            with sentences(target):
+            with sentences(self.target):
                 context.open()
                 self._begin(audio)
         except BaseException:
             self.discard()
             raise
 
-    def encode(self, frame: av.VideoFrame) -> None:
-        """Encode a frame; its time and colour coding count, and a packed one is converted."""
+    def encode(self, frame: av.VideoFrame, is_key: bool = False) -> None:
+        """Encode a frame; its time and colour coding count, and a packed one is converted.
+
+        With ``is_key`` it is one that players can begin with, where the codec has such frames.
+        """
         if (frame.width, frame.height) != self.size:
             raise InvalidParameter(
                 f"a frame of {frame.width} x {frame.height} px does not fit into {self.target}, which has "
@@ -157,7 +168,8 @@ class Encoder:
             )
         frame = self._converted(frame)
         self._set_time(frame)
-        frame.pict_type = 0  # what was a key frame in the source need not be one here
+        # what was a key frame in the source need not be one here
+        frame.pict_type = av.video.frame.PictureType.I if is_key else av.video.frame.PictureType.NONE
         with sentences(self.target):
             self.container.mux(self._stream.encode(frame))
         self.frames_written += 1

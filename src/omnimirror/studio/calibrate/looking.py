@@ -15,7 +15,7 @@ from typing import BinaryIO
 from fastapi import Request
 
 from ...errors import InvalidParameter, OmnimirrorError
-from ..limits import MOST_WAITING, Busy
+from ...serving.limits import MOST_WAITING, Busy
 from ..messages import Problem
 from ..uploads import picture_in
 from ..workers import begun, ended

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import threading
-import time
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from typing import Literal
 
@@ -35,7 +34,10 @@ class Stream:
         self._newest: bytes | None = None
         self._loop = loop
         self._news = asyncio.Event()
-        self._stopping = threading.Event()
+        from ...media.live.playing import Playing
+
+        # what has played comes back some day; what never answered is none, and a reload asks again
+        self._playing = Playing(shown.place, shown.kind == "live", self._report, OPENING_S)
         self._thread = threading.Thread(target=self._run, name=f"studio {shown.name}", daemon=True)
         self._thread.start()
 
@@ -47,54 +49,22 @@ class Stream:
 
     def stop(self) -> None:
         """Let the source go."""
-        self._stopping.set()
+        self._playing.stop()
 
     # -- in the reading thread -------------------------------------------------------------------
 
     def _run(self) -> None:
+        from ...media.video.frames import image_of_frame
+
         try:
-            for jpeg in self._live() if self.shown.kind == "live" else self._video():
-                self._tell(jpeg, "playing", f"{self.shown.name} is playing")
-                if self._stopping.is_set():
-                    return
+            for frame in self._playing.frames():
+                self._tell(encoded(image_of_frame(frame), ".jpg"), "playing", f"{self.shown.name} is playing")
             self._tell(None, "ended", f"{self.shown.name} has ended")
         except OmnimirrorError as e:
             self._tell(None, "ended", str(e))
 
-    def _live(self) -> Iterator[bytes]:
-        from ...media.live.sources import LiveSource
-        from ...media.video.frames import image_of_frame
-
-        def report(sentence: str) -> None:
-            self._tell(None, "playing" if " is back " in sentence else "lost", sentence)
-
-        # what has played comes back some day; what never answered is none, and a reload asks again
-        with LiveSource(self.shown.place, patience_s=float("inf"), opening_s=OPENING_S, report=report) as source:
-
-            def close() -> None:
-                self._stopping.wait()
-                source.close()
-
-            threading.Thread(target=close, daemon=True).start()  # a stream that is silent is let go too
-            for frame in source.frames():
-                yield encoded(image_of_frame(frame), ".jpg")
-
-    def _video(self) -> Iterator[bytes]:
-        """The frames of a file at its own speed, again and again."""
-        from ...media.video.frames import image_of_frame
-        from ...media.video.reader import VideoReader
-
-        while not self._stopping.is_set():
-            reader = VideoReader(self.shown.place, with_sound=False)
-            begin, first = time.monotonic(), None
-            for frame in reader.frames():
-                shown_s = frame.time or 0.0
-                first = shown_s if first is None else first
-                self._stopping.wait(max(0.0, shown_s - first - (time.monotonic() - begin)))
-                if self._stopping.is_set():
-                    return
-                yield encoded(image_of_frame(frame), ".jpg")
-            self._stopping.wait(float(1 / reader.frame_rate))
+    def _report(self, sentence: str) -> None:
+        self._tell(None, "playing" if " is back " in sentence else "lost", sentence)
 
     def _tell(self, jpeg: bytes | None, state: State, sentence: str) -> None:
         if not self._loop.is_closed():

@@ -18,13 +18,19 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class ServerOptions(Options):
-    """How the page is served."""
+class ListenOptions(Options):
+    """Where a server listens."""
 
     host: str = option(default="127.0.0.1", help="Where to listen; beyond this machine, with a token.")
     port: int = option(
         type=WholeRange(0, 65535), default=0, show_default=False, help="Where to listen.  [default: any that is free]"
     )
+
+
+@dataclass(frozen=True)
+class ServerOptions(ListenOptions):
+    """How the page is served."""
+
     open_browser: bool = option(
         "--open/--no-open", default=True, show_default=False, help="Whether to open the page in the browser."
     )

@@ -17,6 +17,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 PAGE = "/"
 LOOPBACK = ("localhost", "127.0.0.1", "::1")
 REFUSED = 4403  # WebSockets close with numbers of their own
+WITHOUT_TOKEN = "this server asks for the token in the link that it printed when it started"
 HOST = re.compile(r"(\[[0-9a-f:.]+\]|[a-z0-9._-]+)(?::(\d{1,5}))?", re.I)
 OWN_SITES = ("same-origin", "none")
 """What browsers say of requests by our own pages, and of addresses that were typed."""
@@ -42,10 +43,15 @@ class Guard:
     A name that leads to this machine without being one of ``hosts`` is how pages of others reach servers at
     home (DNS rebinding). With a ``token`` any name will do. The link that holds it is answered by a cookie and the
     same address without it, so that it stays out of histories, screenshots and links that are passed on.
+
+    With ``for_programs`` the token is also a password: with any name of a user (Basic), as players of video send it
+    once they are asked, or as a Bearer's.
     """
 
-    def __init__(self, app: ASGIApp, hosts: Iterable[str], token: str | None, policy: str) -> None:
-        self.app, self.token = app, token
+    def __init__(
+        self, app: ASGIApp, hosts: Iterable[str], token: str | None, policy: str, for_programs: bool = False
+    ) -> None:
+        self.app, self.token, self.for_programs = app, token, for_programs
         self.hosts = {h.lower() for h in (*LOOPBACK, *hosts)}
         self.headers = [
             (b"content-security-policy", policy.encode()),
@@ -60,7 +66,7 @@ class Guard:
             return
         reason = self._reason(scope, _headers(scope))
         if reason is not None:
-            await _refuse(reason, scope, receive, send)
+            await _refuse(reason, scope, receive, send, self.for_programs and reason == WITHOUT_TOKEN)
             return
 
         async def with_headers(message: Message) -> None:
@@ -98,8 +104,10 @@ class Guard:
             return "pages of other sites may not use this server"
         if self.token is not None and scope["path"] != "/health":
             given = _query_token(scope) or _cookie_token(headers)
+            if given is None and self.for_programs:
+                given = _password(headers)
             if given is None or not hmac.compare_digest(given.encode(), self.token.encode()):
-                return "this server asks for the token in the link that it printed when it started"
+                return WITHOUT_TOKEN
         return None
 
 
@@ -175,9 +183,28 @@ def _cookie_token(headers: dict[str, str]) -> str | None:
     return cookie.value if cookie else None
 
 
-async def _refuse(reason: str, scope: Scope, receive: Receive, send: Send) -> None:
+def _password(headers: dict[str, str]) -> str | None:
+    """What a program sends as a user's password, or as a token of its own.
+
+    >>> _password({"authorization": "Basic bWU6c2VjcmV0"}), _password({"authorization": "Bearer secret"}), _password({})
+    ('secret', 'secret', None)
+    """
+    kind, _, given = headers.get("authorization", "").partition(" ")
+    if kind.lower() == "bearer":
+        return given.strip()
+    if kind.lower() != "basic":
+        return None
+    try:
+        return base64.b64decode(given, validate=True).decode("utf-8").partition(":")[2]
+    except ValueError:
+        return None
+
+
+async def _refuse(reason: str, scope: Scope, receive: Receive, send: Send, is_asking: bool) -> None:
     if scope["type"] == "websocket":
         await receive()
         await send({"type": "websocket.close", "code": REFUSED, "reason": reason})
         return
-    await JSONResponse({"detail": reason}, status_code=403)(scope, receive, send)
+    asking = {"www-authenticate": 'Basic realm="omnimirror"'}
+    answer = JSONResponse({"detail": reason}, 401, asking) if is_asking else JSONResponse({"detail": reason}, 403)
+    await answer(scope, receive, send)

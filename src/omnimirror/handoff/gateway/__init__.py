@@ -1,0 +1,1 @@
+"""One camera or stream in, each of its virtual views out, as ordinary cameras on the network."""

@@ -1,0 +1,189 @@
+"""What the gateway answers: pictures, streams, and a small interface by which views are found and steered."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import aclosing, asynccontextmanager
+from html import escape
+from typing import Any
+
+from fastapi import FastAPI, HTTPException, Request
+from fastapi.responses import HTMLResponse, JSONResponse, PlainTextResponse, Response, StreamingResponse
+from pydantic import BaseModel, ConfigDict
+from starlette.types import ASGIApp
+
+from ... import __version__
+from ...errors import OmnimirrorError
+from ...serving.access import Guard
+from ...serving.limits import Bounded
+from .gateway import Gateway
+from .live_view import STEERING, LiveView
+
+BOUNDARY = "frame"
+MOST_WATCHERS = 64
+"""Of all views together; more would have to wait too long."""
+PATIENCE_S = 15.0
+"""For which a picture or a playlist is waited for."""
+WAYS = {"mjpg": "MJPEG", "ts": "MPEG-TS", "m3u8": "HLS", "jpg": "a picture"}
+"""How a view is watched, by what is put behind its name."""
+
+
+class Steering(BaseModel):
+    """Where a view shall look; what is left out stays."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    pan_deg: float | None = None
+    tilt_deg: float | None = None
+    roll_deg: float | None = None
+    hfov_deg: float | None = None
+    zoom: float | None = None
+    relative: bool = False
+    """Whether the angles are added to what they are, and the zoom multiplies it."""
+
+
+def create_app(gateway: Gateway, token: str | None, publish_to: str | None = None) -> ASGIApp:
+    """The server as an ASGI application, guarded; views are pushed to ``publish_to``, too."""
+    return Guard(Bounded(api(gateway, publish_to), {}), (), token, "default-src 'none'", for_programs=True)
+
+
+def api(gateway: Gateway, publish_to: str | None = None) -> FastAPI:
+    """The routes."""
+
+    @asynccontextmanager
+    async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+        pushed = asyncio.create_task(gateway.publish(publish_to)) if publish_to else None
+        yield
+        if pushed is not None:
+            pushed.cancel()
+            await asyncio.wait([pushed])
+        gateway.close()
+
+    app = FastAPI(title="omnimirror gateway", version=__version__, lifespan=lifespan, docs_url=None, redoc_url=None)
+
+    @app.exception_handler(OmnimirrorError)
+    async def refused(request: Request, error: OmnimirrorError) -> Response:
+        return JSONResponse({"detail": str(error)}, 400)
+
+    @app.get("/health")
+    def health() -> dict[str, str]:
+        return {"status": "ok"}
+
+    @app.get("/", response_class=HTMLResponse)
+    def page() -> str:
+        return _page(gateway)
+
+    @app.get("/api/views")
+    def views() -> dict[str, Any]:
+        shown = [told(view) for view in gateway.views.values()]
+        return {"state": gateway.state, "received": gateway.received, "views": shown}
+
+    @app.get("/api/views/{name}")
+    def view(name: str) -> dict[str, Any]:
+        return told(_view(gateway, name))
+
+    @app.post("/api/views/{name}")
+    def steer(name: str, steering: Steering) -> dict[str, Any]:
+        steered = _view(gateway, name)
+        steered.steer(**wanted(steered, steering))
+        return told(steered)
+
+    _add_streams(app, gateway)
+    return app
+
+
+def _add_streams(app: FastAPI, gateway: Gateway) -> None:
+    @app.get("/{name}.mjpg")
+    async def mjpeg(name: str) -> StreamingResponse:
+        return StreamingResponse(
+            _parts(_watchable(gateway, name)), media_type=f"multipart/x-mixed-replace; boundary={BOUNDARY}"
+        )
+
+    @app.get("/{name}.ts")
+    async def transport(name: str) -> StreamingResponse:
+        return StreamingResponse(_watchable(gateway, name).transport.chunks(), media_type="video/mp2t")
+
+    @app.get("/{name}.jpg")
+    async def picture(name: str) -> Response:
+        async with _patience(gateway), aclosing(_watchable(gateway, name).jpeg.pictures()) as pictures:
+            return Response(await anext(pictures), media_type="image/jpeg")
+
+    @app.get("/{name}.m3u8")
+    async def playlist(name: str, request: Request) -> PlainTextResponse:
+        token = request.query_params.get("token")
+        async with _patience(gateway):
+            text = await _watchable(gateway, name).transport.playlist(name, f"?token={token}" if token else "")
+        return PlainTextResponse(text, media_type="application/vnd.apple.mpegurl")
+
+    @app.get("/{name}/{number}.ts")
+    async def segment(name: str, number: int) -> Response:
+        try:
+            return Response(_view(gateway, name).transport.segment(number), media_type="video/mp2t")
+        except KeyError:
+            raise HTTPException(404, f"segment {number} of {name} is there no more, or not yet") from None
+
+
+@asynccontextmanager
+async def _patience(gateway: Gateway) -> AsyncIterator[None]:
+    """Say how the source is where nothing comes of it."""
+    try:
+        async with asyncio.timeout(PATIENCE_S):
+            yield
+    except TimeoutError:
+        raise HTTPException(503, gateway.state) from None
+
+
+async def _parts(view: LiveView) -> AsyncIterator[bytes]:
+    """Pictures as parts of a document that replace each other."""
+    async for picture in view.jpeg.pictures():
+        head = f"--{BOUNDARY}\r\nContent-Type: image/jpeg\r\nContent-Length: {len(picture)}\r\n\r\n"
+        yield head.encode() + picture + b"\r\n"
+
+
+def _view(gateway: Gateway, name: str) -> LiveView:
+    try:
+        return gateway.views[name]
+    except KeyError:
+        raise HTTPException(404, f"there is no view {name!r}; there are {', '.join(gateway.views)}") from None
+
+
+def _watchable(gateway: Gateway, name: str) -> LiveView:
+    """A view, unless so many are watching already that no more can."""
+    watchers = sum(view.watchers for view in gateway.views.values())
+    if watchers >= MOST_WATCHERS:
+        raise HTTPException(503, f"{watchers} are watching already, and no more can")
+    return _view(gateway, name)
+
+
+def wanted(view: LiveView, steering: Steering) -> dict[str, float]:
+    """What is asked of a view, absolute."""
+    asked = steering.model_dump(exclude={"relative"}, exclude_none=True)
+    if steering.relative:
+        now = told(view)
+        asked = {k: now[k] * value if k == "zoom" else now[k] + value for k, value in asked.items() if k in now}
+    return asked
+
+
+def told(view: LiveView) -> dict[str, Any]:
+    """What the interface tells of a view."""
+    name, shown = view.named.name, view.view
+    about: dict[str, Any] = {
+        "name": name, "shows": str(shown), "size": list(view.size), "steered": view.named.steered,
+        "watchers": view.watchers,
+        "dewarped": view.dewarped, "dropped": view.dropped, "problem": view.problem,
+        "addresses": [f"/{name}.{suffix}" for suffix in WAYS],
+    }  # fmt: skip
+    if view.named.steered:
+        about |= {key: getattr(shown, key) for key in STEERING}
+        about["zoom"] = view.zoom
+    return about
+
+
+def _page(gateway: Gateway) -> str:
+    rows = "".join(
+        f"<li>{escape(name)}: {escape(str(view.view))}: "
+        + ", ".join(f'<a href="{name}.{suffix}">{way}</a>' for suffix, way in WAYS.items())
+        for name, view in gateway.views.items()
+    )
+    return f"<!doctype html><title>omnimirror</title><h1>{escape(gateway.state)}</h1><ul>{rows}</ul>"

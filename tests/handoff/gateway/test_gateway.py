@@ -1,0 +1,369 @@
+"""Views of a stream as ordinary cameras: what players, programs and people who steer get, and what nobody costs."""
+
+from __future__ import annotations
+
+import asyncio
+import re
+import signal
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+from dataclasses import replace
+
+import av
+import cv2
+import httpx
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.errors import InvalidParameter, OutsideField
+from omnimirror.handoff.gateway import outlets, routes
+from omnimirror.handoff.gateway.coders import Chunk
+from omnimirror.handoff.gateway.gateway import Gateway
+from omnimirror.handoff.gateway.live_view import LiveView
+from omnimirror.handoff.gateway.routes import create_app
+from omnimirror.imagers import Imager
+from omnimirror.media.live.sources import LiveSource
+from omnimirror.media.video.frames import frame_of_image, image_of_frame
+from omnimirror.media.video.reader import VideoReader
+from omnimirror.media.video.writer import VideoWriter
+from tests.commands import fails
+from tests.media.live.test_live import HEAD, free_port, paced
+from tests.media.live.test_live import server as streaming
+from tests.serving import served
+
+SIDE = 256
+VIEWS = {
+    "front": om.NamedView("front", options={"size": (160, 96), "hfov_deg": 70.0}),
+    "eye": om.NamedView("eye", options={"size": (128, 96), "hfov_deg": 60.0}, steered=True),
+    "around": om.NamedView("around", "panorama", {"size": (320, 64), "elevation_deg": (-50.0, 20.0)}),
+}
+PLAYERS = {"mjpg": "mpjpeg", "ts": "mpegts", "m3u8": "hls"}
+"""The formats by whose names FFmpeg knows them."""
+
+
+@pytest.fixture(scope="module")
+def camera():
+    full = om.load_sensor("paper-spherical")
+    return replace(full, imager=Imager(SIDE, SIDE, full.imager.pixel_pitch_um * full.image_size[0] / SIDE))
+
+
+@pytest.fixture(scope="module")
+def film(camera, tmp_path_factory):
+    """Two seconds of a room that does not change, smooth enough for what JPEG and H.264 do to colours."""
+    picture = cv2.GaussianBlur(om.take_picture(camera, om.Room(), samples=1), (0, 0), 3)
+    path = tmp_path_factory.mktemp("gateway") / "room.ts"
+    with VideoWriter(path, (SIDE, SIDE), 25, crf=8, options={"g": "10", "tune": "zerolatency"}) as video:
+        for _ in range(50):
+            video.write(frame_of_image(picture))
+    return path
+
+
+@pytest.fixture
+def gateway(film, camera):
+    return Gateway(str(film), False, camera, VIEWS, workers=2)
+
+
+def until(state) -> None:
+    """Wait for something to become true; a test that waits too long is ended from outside."""
+    while not state():
+        time.sleep(0.02)
+
+
+def picture_of(film) -> np.ndarray:
+    return image_of_frame(next(VideoReader(str(film), with_sound=False).frames()))
+
+
+def as_picture(jpeg: bytes) -> np.ndarray:
+    return cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
+
+
+def off(a: np.ndarray, b: np.ndarray) -> float:
+    return float(np.abs(a.astype(int) - b).mean())
+
+
+# -- what is seen --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", VIEWS)
+def test_a_picture_is_the_dewarpers(gateway, camera, film, name):
+    with served(create_app(gateway, None)) as address:
+        answer = httpx.get(f"{address}{name}.jpg", timeout=300)
+    assert answer.headers["content-type"] == "image/jpeg"
+    straight = om.Dewarper(camera, VIEWS[name](camera))(picture_of(film))
+    assert off(as_picture(answer.content), straight) < 2.5
+
+
+@pytest.mark.parametrize("suffix", PLAYERS)
+def test_players_open_every_address(gateway, camera, film, suffix):
+    straight = om.Dewarper(camera, VIEWS["front"](camera))(picture_of(film))
+    with served(create_app(gateway, None)) as address, av.open(f"{address}front.{suffix}", timeout=300) as player:
+        assert player.format.name.partition(",")[0] == PLAYERS[suffix]
+        frames = []
+        for frame in player.decode(video=0):
+            frames.append(frame)
+            if len(frames) == 30:
+                break
+        assert off(image_of_frame(frames[-1]), straight) < 2.5
+        if suffix != "mjpg":  # which tells no times
+            steps = np.diff([float(frame.pts * frame.time_base) for frame in frames])
+            assert steps.min() > 0
+            assert steps.mean() == pytest.approx(1 / 25, rel=0.5)
+
+
+def test_a_player_that_comes_late_begins_at_once(gateway):
+    """A key frame is made for it: it need not wait for the next second, nor see the stream's beginning."""
+    with served(create_app(gateway, None)) as address, httpx.stream("GET", f"{address}front.ts", timeout=300) as first:
+        chunks = first.iter_raw()
+        next(chunks)
+        for _ in range(3):
+            with av.open(f"{address}front.ts", timeout=300) as player:
+                assert next(player.demux(video=0)).is_keyframe
+
+
+def test_two_that_watch_one_view_share_its_work(gateway):
+    with (
+        served(create_app(gateway, None)) as address,
+        httpx.stream("GET", f"{address}front.mjpg", timeout=300) as one,
+        httpx.stream("GET", f"{address}front.mjpg", timeout=300) as other,
+    ):
+        view, readers = gateway.views["front"], [one.iter_raw(), other.iter_raw()]
+        for _ in range(10):
+            for reader in readers:
+                next(reader)
+        assert view.watchers == 2
+        assert view.dewarped <= gateway.received
+
+
+# -- what nobody watches -------------------------------------------------------------------------------
+
+
+def test_a_view_that_nobody_watches_is_not_drawn(gateway):
+    with served(create_app(gateway, None)) as address:
+        assert httpx.get(f"{address}api/views").json()["received"] == 0  # the source is not even opened
+        front, others = gateway.views["front"], [gateway.views["eye"], gateway.views["around"]]
+        with httpx.stream("GET", f"{address}front.mjpg", timeout=300):
+            until(lambda: front.dewarped >= 10)
+        until(lambda: front.watchers == 0)
+        received = gateway.received
+        until(lambda: gateway.received >= received + 3)  # what was under way is done
+        drawn, received = front.dewarped, gateway.received
+        until(lambda: gateway.received >= received + 20)
+        assert front.dewarped == drawn
+        assert [view.dewarped for view in others] == [0, 0]
+
+
+def test_the_source_is_let_go_when_nobody_watches_for_a_while(gateway, monkeypatch):
+    monkeypatch.setattr("omnimirror.handoff.gateway.gateway.LINGER_S", 0.0)
+    monkeypatch.setattr("omnimirror.handoff.gateway.gateway.CHECK_EVERY_S", 0.05)
+    with served(create_app(gateway, None)) as address:
+        for _ in range(2):  # and read again for who comes later
+            assert httpx.get(f"{address}front.jpg", timeout=300).status_code == 200
+            until(lambda: gateway.state.startswith("nobody watches"))
+            received = gateway.received
+            time.sleep(0.3)
+            assert gateway.received <= received + 1
+
+
+def test_who_asked_for_hls_watches_for_a_while(gateway, monkeypatch):
+    with served(create_app(gateway, None)) as address:
+        playlist = httpx.get(f"{address}front.m3u8", timeout=300).text
+        assert re.search(r"#EXTINF:\d\.\d+,\nfront/0\.ts\n", playlist)
+        assert httpx.get(f"{address}front/0.ts").content[0] == 0x47  # how packets of a transport stream begin
+        assert httpx.get(f"{address}front/99.ts").status_code == 404
+        assert gateway.views["front"].is_wanted
+        gateway.views["front"].transport._hls_until = 0.0
+        assert not gateway.views["front"].is_wanted
+
+
+# -- a source that is lost -----------------------------------------------------------------------------
+
+
+def test_a_source_that_is_lost_comes_back_and_watchers_stay(film, camera):
+    data, told = film.read_bytes(), []
+    plans = [HEAD, *paced(data, 2.0)], [], [HEAD, *paced(data, 2.0), *paced(data, 2.0), 60.0]
+    with streaming(*plans) as url:
+        gateway = Gateway(url, True, camera, VIEWS, tell=told.append)
+        with (
+            served(create_app(gateway, None)) as address,
+            httpx.stream("GET", f"{address}front.mjpg", timeout=300) as watched,
+        ):
+            pictures = watched.iter_raw()
+            while not any("is back after" in sentence for sentence in told):
+                next(pictures)
+            drawn = gateway.views["front"].dewarped
+            while gateway.views["front"].dewarped < drawn + 5:
+                next(pictures)
+    assert re.search(r"live\.ts is lost: .*; trying again in 0.25 s", told[0])
+
+
+def test_pictures_of_another_size_are_told_and_not_drawn(film):
+    told = []
+    gateway = Gateway(str(film), False, om.load_sensor("paper-spherical"), VIEWS, tell=told.append)
+    with served(create_app(gateway, None)) as address, httpx.stream("GET", f"{address}front.mjpg", timeout=300):
+        until(lambda: told)
+        assert "256 x 256 px, and the camera's have 1024 x 1024" in httpx.get(f"{address}api/views").json()["state"]
+
+
+# -- steering ------------------------------------------------------------------------------------------
+
+
+def test_a_view_is_steered_and_shows_what_is_there(gateway, camera, film):
+    with served(create_app(gateway, None)) as address:
+        eye = f"{address}api/views/eye"
+        told = httpx.post(eye, json={"pan_deg": 80.0, "tilt_deg": -20.0}).json()
+        assert (told["pan_deg"], told["tilt_deg"], told["hfov_deg"], told["zoom"]) == (80.0, -20.0, 60.0, 1.0)
+        straight = om.Dewarper(camera, om.screens.Plane((128, 96), 80.0, -20.0, hfov_deg=60.0))(picture_of(film))
+        assert off(as_picture(httpx.get(f"{address}eye.jpg", timeout=300).content), straight) < 2.5
+        told = httpx.post(eye, json={"pan_deg": 10.0, "zoom": 1.2, "relative": True}).json()
+        assert told["pan_deg"] == 90.0
+        assert np.tan(np.radians(30)) / np.tan(np.radians(told["hfov_deg"] / 2)) == pytest.approx(1.2)
+        assert httpx.get(eye).json() == told | {"watchers": 0, "dewarped": gateway.views["eye"].dewarped}
+
+
+@pytest.mark.parametrize(
+    ("name", "to", "status", "sentence"),
+    [
+        ("front", {"pan_deg": 3}, 400, "the view 'front' is not steered"),
+        ("eye", {"tilt_deg": 90, "hfov_deg": 20}, 400, "sees nothing of the camera's field"),
+        ("eye", {"hfov_deg": 200}, 400, "hfov_deg = 200 is valid above 0 and below 180 deg"),
+        ("eye", {"zoom": 50}, 400, "zoom = 50 goes past what the camera resolves; it is valid up to"),
+        ("eye", {"zoom": 2, "hfov_deg": 30}, 400, "zoom and hfov_deg say the same thing twice"),
+        ("eye", {"yaw": 2}, 422, "extra_forbidden"),
+        ("nose", {"pan_deg": 3}, 404, "there is no view 'nose'; there are front, eye, around"),
+    ],
+)
+def test_what_cannot_be_shown_is_refused_and_the_view_stays(gateway, name, to, status, sentence):
+    with served(create_app(gateway, None)) as address:
+        before = gateway.views["eye"].view
+        answer = httpx.post(f"{address}api/views/{name}", json=to)
+    assert answer.status_code == status
+    assert sentence in answer.text
+    assert gateway.views["eye"].view == before
+
+
+def test_views_of_odd_sizes_and_of_nothing_are_refused_at_the_start(camera):
+    odd, nothing = ({"size": (161, 96)}, {"size": (160, 96), "tilt_deg": 90.0, "hfov_deg": 20.0})
+    with pytest.raises(
+        InvalidParameter, match=r"'a' has 161 x 96 px.*valid are even sides, such as size = \[162, 96\]"
+    ):
+        LiveView(om.NamedView("a", options=odd), camera, "auto", print)
+    with pytest.raises(OutsideField, match="sees nothing"):
+        LiveView(om.NamedView("a", options=nothing), camera, "auto", print)
+
+
+# -- who may watch, and how many -----------------------------------------------------------------------
+
+
+def test_who_does_not_know_the_token_is_asked_for_it(gateway):
+    with served(create_app(gateway, "secret")) as address:
+        for path in ("", "api/views", "front.mjpg", "front.ts", "front.m3u8", "front.jpg", "front/0.ts"):
+            answer = httpx.get(address + path)
+            assert (answer.status_code, answer.headers["www-authenticate"]) == (401, 'Basic realm="omnimirror"')
+        assert httpx.get(f"{address}front.jpg", auth=("anyone", "wrong")).status_code == 401
+        assert httpx.get(f"{address}api/views", auth=("anyone", "secret")).status_code == 200
+        assert httpx.get(f"{address}api/views", headers={"authorization": "Bearer secret"}).status_code == 200
+        assert httpx.get(f"{address}api/views?token=secret").status_code == 200
+        foreign = httpx.post(
+            f"{address}api/views/eye", json={"pan_deg": 1}, auth=("a", "secret"), headers={"origin": "http://evil"}
+        )
+        assert foreign.status_code == 403
+        assert gateway.received == 0
+        inside = address.replace("http://", "http://viewer:secret@")
+        for url in (*(f"{inside}front.{suffix}" for suffix in PLAYERS), f"{address}front.m3u8?token=secret"):
+            with av.open(url, timeout=300) as player:
+                assert next(player.decode(video=0)).width == 160
+
+
+def test_more_than_can_be_served_are_turned_away(gateway, monkeypatch):
+    monkeypatch.setattr(routes, "MOST_WATCHERS", 1)
+    with served(create_app(gateway, None)) as address, httpx.stream("GET", f"{address}front.mjpg", timeout=300):
+        until(lambda: gateway.views["front"].watchers == 1)
+        answer = httpx.get(f"{address}eye.ts")
+        assert (answer.status_code, answer.json()["detail"]) == (503, "1 are watching already, and no more can")
+
+
+def test_a_watcher_that_is_slow_goes_on_with_a_key_frame():
+    async def watch():
+        outlet = outlets.TransportOutlet((64, 48), lambda: None)
+        stream = outlet.chunks()
+        coming = asyncio.ensure_future(anext(stream))
+        await asyncio.sleep(0)
+        outlet._publish(Chunk(b"early", False, 0.0))
+        outlet._publish(Chunk(b"key 1", True, 0.04))
+        first = await coming
+        for i in range(outlets.BEHIND + 5):  # it takes none of them
+            outlet._publish(Chunk(b"missed", False, 0.1 + 0.04 * i))
+        is_asked = outlet._key_is_asked
+        outlet._publish(Chunk(b"key 2", True, 9.0))
+        second = await anext(stream)
+        await stream.aclose()
+        return first, is_asked, second, outlet.watchers
+
+    assert asyncio.run(watch()) == (b"key 1", True, b"key 2", 0)
+
+
+# -- the command ---------------------------------------------------------------------------------------
+
+
+@contextmanager
+def command(film, camera, folder, *more):
+    om.save_sensor(camera, folder / "small.toml")
+    (folder / "views.toml").write_text(
+        "[front]\nsize = [160, 96]\nhfov_deg = 70\n[left]\nsize = [64, 48]\npan_deg = -90"
+    )
+    words = ("serve", film, "--sensor", "small.toml", "--views", "views.toml", *more)
+    with subprocess.Popen(
+        [sys.executable, "-m", "omnimirror", *map(str, words)],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=folder,
+    ) as process:  # fmt: skip
+        try:
+            yield process, re.search(r"http://\S+", process.stdout.readline())[0]
+        finally:
+            process.kill()
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, -signal.SIGTERM)])
+def test_the_command_serves_until_it_is_told_to_end(film, camera, tmp_path, number, code):
+    with command(film, camera, tmp_path) as (process, address):
+        with httpx.stream("GET", f"{address}front.mjpg", timeout=300) as watched:
+            pictures = watched.iter_raw()
+            next(pictures)
+            process.send_signal(number)
+            process.wait()
+        assert process.returncode == code
+
+
+def test_views_are_pushed_to_a_server(film, camera, tmp_path):
+    """FFmpeg's reader is the server here; it takes what is published, as MediaMTX does."""
+    port = free_port()
+    options = {"rtsp_flags": "listen", "listen_timeout": "300"}
+    address = f"rtsp://127.0.0.1:{port}/{{view}}"
+    with (
+        LiveSource(address.replace("{view}", "front"), 300, 300, 0.05, options=options) as server,
+        command(film, camera, tmp_path, "--publish", address),
+    ):
+        frames = server.frames()
+        assert {next(frames).width for _ in range(3)} < {160, 64}  # of the view that got there first
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["a.png"], "a.png is no camera, stream or video file"),
+        (["nowhere.mp4"], "nowhere.mp4 is no camera, stream or video file"),
+        (
+            ["0", "--publish", "rtsp://door/1"],
+            "rtsp://door/1 is one address for all views to be published; put {view} into it",
+        ),
+        (["0", "--publish", "gopher://{view}"], "cannot stream to 'gopher://{view}'"),
+        (["0", "--token", ""], "the token is empty"),
+        (["0"], "there are no views 'views.toml'"),
+    ],
+)
+def test_what_cannot_be_served_is_refused(words, sentence, tmp_path):
+    if len(words) > 1:
+        (tmp_path / "views.toml").write_text("[front]")
+    assert sentence in fails("serve", *words, "--views", "views.toml", "--sensor", "paper-spherical", cwd=tmp_path)
