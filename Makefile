@@ -64,6 +64,7 @@ bench: $(VENV)/.full  ## Measure against other programs; tables go to out/benchm
 	$(BIN)/python benchmarks/interpolation_quality.py --out out/benchmarks
 	$(BIN)/python benchmarks/video_rate.py --out out/benchmarks $(if $(PICTURE),--picture $(PICTURE))
 	$(BIN)/python benchmarks/live_delay.py --out out/benchmarks $(if $(PICTURE),--picture $(PICTURE))
+	$(BIN)/python benchmarks/gateway_load.py --out out/benchmarks $(if $(PICTURE),--picture $(PICTURE))
 	$(BIN)/python benchmarks/design_rate.py --out out/benchmarks
 	$(BIN)/python benchmarks/built_designs.py --out out/benchmarks
 	$(BIN)/python benchmarks/tolerance_rate.py --out out/benchmarks

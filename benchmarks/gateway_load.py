@@ -1,0 +1,225 @@
+"""Eight views of 640 x 360 px from one stream of 1920 x 1080 px at 25 frames a second: what the gateway costs.
+
+First each step by itself, one after the other: processor time, of all threads, for a frame of the source or of a view.
+Then the gateway as it runs: another process sends the stream over loopback at its own speed, a third takes all views;
+the gateway's processor time, the frames that it left out and how long after a decoded frame its view was on the way are
+counted. That delay is what comes on top of FFmpeg's own (``live_delay.py`` has that).
+
+    python benchmarks/gateway_load.py --out out/benchmarks --picture photograph.jpg
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import platform
+import resource
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import av
+import cv2
+import live_delay
+import numpy as np
+
+import omnimirror as om
+from omnimirror.dewarp.frames import dewarp_frame
+from omnimirror.files import write_text
+from omnimirror.handoff.gateway import outlets
+from omnimirror.handoff.gateway.coders import JpegCoder, TransportCoder
+from omnimirror.handoff.gateway.gateway import Gateway
+from omnimirror.handoff.gateway.routes import create_app
+from omnimirror.media.live.sources import TICKS
+from omnimirror.media.video.frames import frame_of_image
+from omnimirror.media.video.writer import VideoWriter
+from omnimirror.native import backend
+from omnimirror.serving.server import Server, configured, listen
+
+WIDTH, HEIGHT, RATE = 1920, 1080, 25
+CAMERA = om.MirrorBall(((WIDTH - 1) / 2, (HEIGHT - 1) / 2), 0.48 * HEIGHT, 270.0, (WIDTH, HEIGHT))
+VIEWS = {
+    f"view{i}": om.NamedView(
+        f"view{i}", options={"size": (640, 360), "pan_deg": 45.0 * i, "tilt_deg": -15.0, "hfov_deg": 80.0}
+    )
+    for i in range(8)
+}
+TARGET_CORES = 2
+
+
+def make_clip(path: Path, photograph: np.ndarray, frames: int) -> None:
+    """The photograph, turning, encoded as cameras do."""
+    middle = ((WIDTH - 1) / 2, (HEIGHT - 1) / 2)
+    side = round(0.96 * HEIGHT)
+    small = cv2.resize(photograph, (side, side), interpolation=cv2.INTER_AREA)
+    whole = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
+    top, left = (HEIGHT - side) // 2, (WIDTH - side) // 2
+    whole[top : top + side, left : left + side] = small
+    options = {"preset": "veryfast", "tune": "zerolatency", "g": str(RATE), "b": "8000000"}
+    with VideoWriter(path, (WIDTH, HEIGHT), RATE, options=options) as video:
+        for i in range(frames):
+            turn = cv2.getRotationMatrix2D(middle, 0.5 * i, 1.0)
+            video.write(frame_of_image(cv2.warpAffine(whole, turn, (WIDTH, HEIGHT))))
+
+
+# -- each step by itself -------------------------------------------------------------------------------
+
+
+def processor_ms(count: int, work: Callable[[], object]) -> float:
+    """Of the work, of all threads, for each of so many frames."""
+    start = time.process_time()
+    work()
+    return 1e3 * (time.process_time() - start) / count
+
+
+def steps(clip: Path, most: int) -> dict[str, float]:
+    """Processor time (ms) of each step, for a frame of the source or of a view."""
+    found, frames = {}, []
+
+    def decode() -> None:
+        with av.open(str(clip)) as container:
+            stream = container.streams.video[0]
+            stream.thread_type = "SLICE"
+            for frame in container.decode(stream):
+                frames.append(frame)
+                if len(frames) == most:
+                    return
+
+    found["decoding a frame of the source"] = processor_ms(most, decode)
+    dewarps = [om.Dewarper(CAMERA, view(CAMERA), keep_map=True) for view in VIEWS.values()]
+    for dewarp in dewarps:  # makes the maps
+        dewarp_frame(dewarp, frames[0])
+    drawn: list[av.VideoFrame] = []
+    count = len(VIEWS) * most
+    found["drawing a view"] = processor_ms(
+        count, lambda: drawn.extend(dewarp_frame(dewarp, frame) for dewarp in dewarps for frame in frames)
+    )
+    for i, frame in enumerate(drawn):
+        frame.time_base, frame.pts = TICKS, round(i / RATE / TICKS)
+    transport, jpeg = TransportCoder((640, 360), RATE), JpegCoder()
+    found["H.264 in MPEG-TS, of a view"] = processor_ms(count, lambda: [transport(frame) for frame in drawn])
+    found["JPEG, of a view"] = processor_ms(count, lambda: [jpeg(frame) for frame in drawn])
+    return found
+
+
+# -- as it runs ----------------------------------------------------------------------------------------
+
+WATCH = """
+import asyncio, sys, httpx
+async def watch(url):
+    async with httpx.AsyncClient(timeout=60) as client, client.stream("GET", url) as answer:
+        async for _ in answer.aiter_raw(): pass
+async def main():
+    tasks = [asyncio.create_task(watch(url)) for url in sys.argv[1:]]
+    await asyncio.wait(tasks)
+asyncio.run(main())
+"""
+
+
+class Delays:
+    """When each chunk or picture of a view left, after its frame had been decoded, s."""
+
+    def __init__(self, gateway: Gateway) -> None:
+        self.seconds: list[float] = []
+        for view in gateway.views.values():
+            for group in view.outlets.values():
+                for outlet in group:
+                    self._watch(gateway, outlet)
+
+    def _watch(self, gateway: Gateway, outlet: outlets.Outlet) -> None:
+        take = outlet.take
+
+        def timed(frame: av.VideoFrame) -> None:
+            arrived = gateway._start + float(frame.pts * TICKS)
+            take(frame)
+            self.seconds.append(time.monotonic() - arrived)
+
+        outlet.take = timed  # type: ignore[method-assign]
+
+
+def running(clip: Path, suffix: str, seconds: float) -> tuple[int, float, int, float, float, float]:
+    """Views drawn; cores; views left out; median and 95 % of the delay, ms; frames of the source a second."""
+    port = live_delay.free_port("HTTP")
+    url = f"http://127.0.0.1:{port}/live.ts"
+    words = [sys.executable, live_delay.__file__, "--send", clip, url, "HTTP", str(RATE), clip.with_name("sent.txt")]
+    gateway = Gateway(url, True, CAMERA, VIEWS)
+    delays = Delays(gateway)
+    server, listening = Server(configured(create_app(gateway, None), "error")), listen("127.0.0.1", 0)
+    thread = threading.Thread(target=server.run, kwargs={"sockets": [listening]}, daemon=True)
+    thread.start()
+    names = [f"http://127.0.0.1:{listening.getsockname()[1]}/{name}.{suffix}" for name in VIEWS]
+    with subprocess.Popen(words) as sender, subprocess.Popen([sys.executable, "-c", WATCH, *names]) as watcher:
+        while min(view.dewarped for view in gateway.views.values()) < RATE:  # the first second does not count
+            time.sleep(0.05)
+        before = resource.getrusage(resource.RUSAGE_SELF)
+        start, received = time.monotonic(), gateway.received
+        counted = sum(v.dewarped for v in gateway.views.values()), sum(v.dropped for v in gateway.views.values())
+        first = len(delays.seconds)
+        time.sleep(seconds)
+        after, lasted = resource.getrusage(resource.RUSAGE_SELF), time.monotonic() - start
+        drawn = sum(v.dewarped for v in gateway.views.values()) - counted[0]
+        dropped = sum(v.dropped for v in gateway.views.values()) - counted[1]
+        came = gateway.received - received
+        watcher.terminate()
+        server.should_exit = True
+        thread.join()
+        sender.terminate()
+    used = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    late_ms = 1e3 * np.array(delays.seconds[first:])
+    return drawn, used / lasted, dropped, float(np.median(late_ms)), float(np.percentile(late_ms, 95)), came / lasted
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
+    parser.add_argument("--picture", type=Path, help="a photograph; a drawn one without it")
+    parser.add_argument("--frames", type=int, default=50, help="for each step by itself")
+    parser.add_argument("--seconds", type=int, default=8)
+    arguments = parser.parse_args()
+    if arguments.picture:
+        photograph = om.read_image(arguments.picture)[..., :3]
+    else:
+        photograph = cv2.GaussianBlur(np.random.default_rng(0).integers(0, 255, (1000, 1000, 3), np.uint8), (0, 0), 4)
+    rows, live = [], []
+    with tempfile.TemporaryDirectory() as folder:
+        clip = Path(folder) / "clip.ts"
+        make_clip(clip, photograph, RATE * (arguments.seconds + 20))
+        found = steps(clip, arguments.frames)
+        decoding, drawing, h264, jpeg = found.values()
+        for name, ms in found.items():
+            times = 1 if name.startswith("decoding") else len(VIEWS)
+            rows.append(f"| {name} | {ms:.2f} | {times * ms * RATE / 1e3:.2f} |")
+        for name, coding in (("H.264", h264), ("JPEG", jpeg)):
+            cores = (decoding + len(VIEWS) * (drawing + coding)) * RATE / 1e3
+            rows.append(f"| all of it, {name} | | {cores:.2f} of {TARGET_CORES} |")
+        for suffix in ("ts", "mjpg"):
+            drawn, cores, dropped, median, late, rate = running(clip, suffix, arguments.seconds)
+            live.append(
+                f"| {suffix} | {rate:.1f} | {drawn} | {dropped} | {cores:.2f} | {median:.1f} | {late:.1f} | "
+                f"{late * RATE / 1e3:.2f} |"
+            )
+    lines = [
+        f"# Gateway: {len(VIEWS)} views of 640 x 360 px from {WIDTH} x {HEIGHT} px at {RATE} frames a second",
+        "",
+        f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores, {backend.name} samplers, PyAV "
+        f"{av.__version__}; {arguments.frames} frames of each step, {arguments.seconds} s as it runs.",
+        "",
+        "| step | processor time, ms | cores |",
+        "|---|---|---|",
+        *rows,
+        "",
+        "| watched as | frames/s of the source | views drawn | left out | cores | delay, ms | 95 % | frames |",
+        "|---|---|---|---|---|---|---|---|",
+        *live,
+    ]
+    print("\n".join(lines))
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    write_text(arguments.out / "gateway_load.md", "\n".join(lines) + "\n")
+
+
+if __name__ == "__main__":
+    main()
