@@ -96,9 +96,10 @@ class Truth:
     def out(self, y, tangent):
         """Mirror point and the angle from -z, of the ray that leaves the lens's first vertex at y."""
         ray = lambda s: np.array([y + s * tangent, -self.m + s])  # noqa: E731
-        s = brentq(lambda s: ray(s)[1] - float(self.mirror.sag(abs(ray(s)[0]))), self.m - 1, self.m + 60, xtol=1e-13)
+        end = (self.mirror.rim_radius_mm - 1e-8 - y) / tangent
+        s = brentq(lambda s: ray(s)[1] - float(self.mirror.sag(abs(ray(s)[0]))), self.m - 1, end, xtol=1e-13)
         p, d = ray(s), np.array([tangent, 1.0]) / np.hypot(tangent, 1)
-        h = 1e-5
+        h = min(1e-5, (self.mirror.rim_radius_mm - p[0]) / 2)
         slope = (float(self.mirror.sag(p[0] + h)) - float(self.mirror.sag(p[0] - h))) / (2 * h)
         normal = np.array([slope, -1.0]) / np.hypot(slope, 1)
         p, d = p, d - 2 * (d @ normal) * normal

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from ..housing import LENS_AT_RIMS, Dome, FlatWindow, Housing, Rim, Tube
 from ..housing.walls import BEYOND_LENS_MM
-from ..tracing.covers import Passed, Pencil, Side, seen_inside, through_sides
+from ..tracing.covers import Passed, Pencil, Side, seen_inside, sides_of, through_sides
+from ..tracing.obscuration import Obstructions
 from .lens_tables import LensColumns, LensTables, focus_powers
 from .optics import DEGREE, Look, NodeOptics
 
@@ -70,6 +71,15 @@ def walls_of(housing: Housing, m: Array, rim_sag: Array, M: Array) -> Walls | No
     return Walls(sides, indices, None, takes_in)
 
 
+def walls_around(obstructions: Obstructions) -> Walls | None:
+    """The wall of one sensor, whose size is known."""
+    shell, envelope = obstructions.housing.shell, obstructions.envelope
+    if shell is None:
+        return None
+    ends = (envelope.base_mm, envelope.back_mm) if isinstance(shell, Tube) else None
+    return Walls(sides_of(shell), (shell.index, shell.outer_index), ends, True)
+
+
 def aim_of(x: Array, depth: Array, tables: LensTables | None) -> Aim:
     """The chief rays of points at x from the axis, depth from the reference point of the lens (infinite: telecentric);
     an ideal lens has its pupil there."""
@@ -84,7 +94,7 @@ def built_optics(
     x: Array, z: Array, slope: Array, curvature: Array, slope_over_x: Array, aim: Aim, near: Any, walls: Walls | None
 ) -> NodeOptics:
     """The optics of mirror points, as :func:`.optics.node_optics` has them; under a telecentric lens ``aim.w`` is
-    infinite."""
+    infinite. Where ``near`` is a function of the field angle, objects are seen from the mirror points."""
     w, t, telecentric = aim.w, aim.tangent, bool(np.isinf(np.real(aim.w)).all())
     steep = 1 + slope * slope
     root, cosine = np.sqrt(steep), 1 / np.sqrt(1 + t * t)  # of the viewing angle
@@ -120,8 +130,10 @@ def _outside(start: Pencil, near: Any, walls: Walls | None) -> tuple[Pencil, Any
     """Rays outside the wall; 1/distance at which pencils of objects begin, as the mirror sees them; whether mirror
     points see what is outside, and whether the wall lets them out."""
     if walls is None:
+        near = near(start.omega) if callable(near) else near
         return start, near, near, True, True
     passed = through_sides(start, walls.sides, walls.indices)
+    near = near(passed.foot.omega) if callable(near) else near
     behind = near / (1 - near * passed.inside)
     near_t, near_s = seen_inside(passed.refractions, behind)
     outside = _let_out(passed) & walls.fits & (np.real(near * passed.inside) < 1)
@@ -194,6 +206,12 @@ class RealCamera:
         over_ray = np.where(centre, found.rate, found.height / np.where(centre, 1.0, o.ray))
         scale = DEGREE / self.pitch_mm
         return found.rate * o.magnification_t * scale, over_ray * o.magnification_s * scale
+
+    def focus_mm(self, v: float) -> float:
+        return 1 / v + self.tables.pupil_mm
+
+    def vergence(self, focus_mm: float) -> float:
+        return 1 / (focus_mm - self.tables.pupil_mm)
 
     def height_px(self, ray: Array, v: Array) -> Array:
         height: Array = focus_powers(self.tables.at(ray).height, self.tables.defocus(v)) / self.pitch_mm

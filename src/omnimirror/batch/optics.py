@@ -143,6 +143,14 @@ class FocusedCamera(Protocol):
         """What it makes of mirror points (.., k) when focused at vergences (.., 1)."""
         ...
 
+    def focus_mm(self, v: float) -> float:
+        """The object distance in focus at a vergence."""
+        ...
+
+    def vergence(self, focus_mm: float) -> float:
+        """The way back."""
+        ...
+
     def airy_px(self, v: Array) -> Array:
         """Diameter of the Airy disk, px."""
         ...
@@ -221,6 +229,12 @@ class PerspectiveCamera(IdealCamera):
     def light(self, ray: Array) -> Array:
         return light_of(ray)
 
+    def focus_mm(self, v: float) -> float:
+        return 1 / v
+
+    def vergence(self, focus_mm: float) -> float:
+        return 1 / focus_mm
+
 
 @dataclass(frozen=True)
 class TelecentricCamera(IdealCamera):
@@ -259,6 +273,12 @@ class TelecentricCamera(IdealCamera):
 
     def light(self, ray: Array) -> Array:
         return light_of(0 * ray)
+
+    def focus_mm(self, v: float) -> float:
+        return -v
+
+    def vergence(self, focus_mm: float) -> float:
+        return -focus_mm
 
 
 def light_of(tangent: Array) -> Array:

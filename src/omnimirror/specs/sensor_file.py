@@ -130,7 +130,7 @@ def sensor_of(data: dict[str, Any], where: Places, folder: Path | None = None) -
     _check_table_names(data, where)
     parts: dict[str, Any] = {
         "mirror": _part("mirror", data, MIRRORS, folder, where),
-        "lens": _part("lens", data, LENSES, folder, where),
+        "lens": lens_of(data["lens"], where, folder),
         "imager": _build("imager", Imager, data["imager"], where),
         "mirror_pose": _build("mirror_pose", MirrorPose, data.get("mirror_pose", {}), where),
     }
@@ -178,7 +178,7 @@ def tables_of(sensor: Sensor) -> dict[str, Any]:
     if (second := sensor.secondary) is not None:
         data["secondary"] = {"kind": second.mirror.KIND, **_table(second.mirror), **_table(second)}
     data |= {
-        "lens": {"kind": sensor.lens.KIND, **_table(sensor.lens)},
+        "lens": lens_table(sensor.lens),
         "imager": _table(sensor.imager),
         "mount": mount,
     }
@@ -255,6 +255,16 @@ def _part(section: str, data: dict[str, Any], registry: Mapping[str, type[T]], f
     """The part that a table describes."""
     part: T = _build(section, *_class_and_table(section, data, registry, folder, where), where)
     return part
+
+
+def lens_of(table: dict[str, Any], where: Places, folder: Path | None, section: str = "lens") -> Lens:
+    """The lens of a table such as ``[lens]`` of a sensor file; files that it names are looked for in a folder."""
+    return _part(section, {section: table}, LENSES, folder, where)
+
+
+def lens_table(lens: Lens) -> dict[str, Any]:
+    """The table ``[lens]`` of a lens, as plain data."""
+    return {"kind": lens.KIND, **_table(lens)}
 
 
 def _class_and_table(

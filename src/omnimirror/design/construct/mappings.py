@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...errors import InvalidParameter
 from ...mirrors import Conformal, CylinderMapping, Mirror, TabulatedMapping
 from ...mirrors.generated import MAPPINGS
+from ...mirrors.generated.base import Mapped
 from .rim import MountedMirror, RimRay
 
 OF_FIELD = ("omega_max_deg", "theta_max_deg", "rim_radius_mm")
@@ -56,6 +57,14 @@ def generated_mirror(
             mapping, rim.omega_max_deg, rim.theta_max_deg, rim.rim_radius_mm, omega_min_deg
         )
         return MountedMirror(made, made.design_distance)
+    mirror = mapped_mirror(mapping, rim, omega_min_deg, **entries)
+    if isinstance(mirror, Conformal):
+        return MountedMirror(mirror.surface, mirror.design_distance)
+    return MountedMirror(mirror, mirror.design_distance)
+
+
+def mapped_mirror(mapping: str, rim: RimRay, omega_min_deg: float = 0.0, **entries: object) -> Mapped:
+    """The mirror of a mapping by its name, which tells field angles of image heights; as :func:`generated_mirror`."""
     if mapping not in MAPPINGS:
         raise InvalidParameter(f"mapping = {mapping!r} is not known; valid are {', '.join(MAPPINGS)}")
     cls = MAPPINGS[mapping]
@@ -63,15 +72,13 @@ def generated_mirror(
     if omega_min_deg > 0 and cls is not TabulatedMapping:
         given["omega_min_deg"] = omega_min_deg
     check_entries(mapping, given)
-    mirror = cls(**given)
+    mirror: Mapped = cls(**given)
     if isinstance(mirror, TabulatedMapping) and abs(mirror.omega_deg[-1] - rim.omega_max_deg) > 1e-9:
         raise InvalidParameter(
             f"the table ends at {mirror.omega_deg[-1]:g} deg and the field at omega_max_deg = {rim.omega_max_deg:g}; "
             "they must agree"
         )
-    if isinstance(mirror, Conformal):
-        return MountedMirror(mirror.surface, mirror.design_distance)
-    return MountedMirror(mirror, mirror.design_distance)
+    return mirror
 
 
 def check_entries(mapping: str, given: Collection[str]) -> None:

@@ -56,6 +56,7 @@ def check_consistency(requirements: Requirements) -> None:
     _check_conic(mirror)
     _check_objects(requirements)
     _check_parts(requirements)
+    _check_optics(requirements)
     _check_lens(lens, is_bought=requirements.parts is not None)
     _check_camera(requirements)
     _check_limits(requirements.limits, field)
@@ -201,6 +202,22 @@ def _check_parts(requirements: Requirements) -> None:
         raise EntryError(("parts", "mirror"), 'a ball is valid for mirror.family = "sphere" without a fit')
     if parts.dome and housing.shell is not None:
         raise EntryError(("parts", "dome"), "the housing has a cover already; leave it out, or parts.dome")
+
+
+def _check_optics(requirements: Requirements) -> None:
+    """A real lens beside what has none."""
+    lens = requirements.lens
+    if lens.optics is None:
+        return
+    if lens.is_telecentric:
+        raise EntryError(("lens", "kind"), "lens.kind = 'orthographic' does not apply beside lens.optics, a real lens")
+    if requirements.parts is not None:
+        raise EntryError(("lens", "optics"), "lens.optics does not apply where lenses are chosen from a catalogue")
+    if requirements.mirror.optimise is not None:
+        raise EntryError(
+            ("lens", "optics"),
+            "mirrors of free form are searched for ideal lenses; lens.optics is valid for a mapping or a family",
+        )
 
 
 def _check_lens(lens: LensRequirements, is_bought: bool = False) -> None:

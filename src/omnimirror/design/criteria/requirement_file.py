@@ -17,7 +17,7 @@ from ...files import parse_toml, read_text
 from ...frames import Mount
 from ...imagers import Imager
 from ...mirrors.measured.columns import MAPPING_FILE
-from ...specs import NoFile, Places, StandTable, Table, check_entries, housing_of, table_model, validated
+from ...specs import NoFile, Places, StandTable, Table, check_entries, housing_of, lens_of, table_model, validated
 from .limits import LIMITABLE, Limit
 from .requirements import (
     PAPER_IMAGER,
@@ -171,7 +171,7 @@ def requirements_of(data: dict[str, Any], where: Places | None = None, folder: P
     parts: dict[str, Any] = {
         "field": FieldRequirements.read(_by_field_angles(data["field"], mount, where), where),
         "mirror": MirrorRequirements.read(mirror, where),
-        "lens": LensRequirements.read(data.get("lens", {}), where),
+        "lens": LensRequirements.read(_with_optics(data.get("lens", {}), where, folder), where),
         "imager": _imager(data.get("imager", asdict(PAPER_IMAGER)), where),
         "mount": mount,
         "housing": housing_of(data.get("housing", {}), where),
@@ -203,6 +203,23 @@ def _parts(table: dict[str, Any], where: Places, folder: Path | None) -> PartsRe
         raise where.error(("parts", "catalogue"), "parts.catalogue names a file, which is valid in a file alone")
     beside = folder or Path()
     return replace(found, catalogue=tuple(n if n == TYPICAL else str(beside / n) for n in found.catalogue))
+
+
+def _with_optics(table: dict[str, Any], where: Places, folder: Path | None) -> dict[str, Any]:
+    """The table of the lens with a real lens in the stead of the table that says which."""
+    optics = table.get("optics")
+    if not isinstance(optics, dict):
+        return table
+    if beside := [name for name in ("focal_length_mm", "f_number") if name in table]:
+        raise where.error(
+            ("lens", beside[0]), f"lens.{beside[0]} does not apply beside lens.optics, which have their own"
+        )
+    lens = lens_of(optics, where, folder, "lens.optics")
+    if lens.IS_THIN:
+        raise where.error(
+            ("lens.optics", "kind"), f"lens.optics.kind = {lens.KIND!r} is an ideal lens; valid are surfaces and table"
+        )
+    return {**table, "optics": lens}
 
 
 def _imager(table: dict[str, Any], where: Places) -> Imager:

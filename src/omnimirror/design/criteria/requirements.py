@@ -18,7 +18,8 @@ from ...arguments import instance
 from ...frames import Mount
 from ...housing import Housing
 from ...imagers import Imager
-from ...specs import NoFile, Places, Table, housing_tables, validated
+from ...lenses import FieldLens
+from ...specs import EntryError, NoFile, Places, Table, housing_tables, lens_table, validated
 from .consistency import check_consistency
 from .limits import Limit
 from .ranges import Range, between
@@ -212,6 +213,9 @@ class LensRequirements(Entries):
         Which side of the imager the rim's image may fill: ``"short-side"``, which holds all of it, or ``"long-side"``.
     image_circle_mm
         Diameter that the lens covers; the rim's image stays within it.
+    optics
+        A real lens, by its surfaces or its table, that the mirror is made for: ``[lens.optics]`` with the entries that
+        ``[lens]`` has in a sensor file. Focal length and F-number are its own.
 
     Raises
     ------
@@ -235,6 +239,21 @@ class LensRequirements(Entries):
     magnification: Magnification | None = None
     fills: Literal["short-side", "long-side"] = "short-side"
     image_circle_mm: Annotated[float, Field(ge=0.1, le=1e3)] | None = None
+    optics: Any = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.optics is None:
+            return
+        instance("optics", self.optics, FieldLens, "a lens by its surfaces or its table")
+        focal, F = self.optics.focal_length_mm, self.optics.f_number
+        if self.focal_length_mm not in (None, focal):
+            raise EntryError(
+                ("lens", "focal_length_mm"),
+                f"lens.focal_length_mm does not apply beside optics, which have {focal:.5g} mm",
+            )
+        object.__setattr__(self, "focal_length_mm", focal)
+        object.__setattr__(self, "f_number", F)
 
     @property
     def is_telecentric(self) -> bool:
@@ -423,7 +442,10 @@ class Requirements:
         dict
             Tables and entries, as a file holds them.
         """
-        parts = {name: asdict(getattr(self, name)) for name in ("field", "mirror", "lens", "imager", "mount")}
+        lens = dataclasses.replace(self.lens, optics=None)
+        parts = {name: asdict(part) for name, part in {**vars(self), "lens": lens}.items() if name in TABLES}
+        if (optics := self.lens.optics) is not None:
+            parts["lens"] |= {"optics": lens_table(optics), "focal_length_mm": None, "f_number": None}
         if self.field.angles == "elevation":
             parts["field"] = self._by_elevation(parts["field"])
         parts["housing"] = housing_tables(self.housing)
@@ -440,6 +462,7 @@ class Requirements:
         return {"elevation_deg": [round(v, DIGITS) for v in self.mount.elevations_deg(omega)], **field}
 
 
+TABLES = ("field", "mirror", "lens", "imager", "mount")
 NAMES = {
     cls.TABLE: {f.name for f in dataclasses.fields(cls)}
     for cls in (FieldRequirements, MirrorRequirements, LensRequirements)

@@ -14,16 +14,19 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from ...lenses import Orthographic, Perspective
+from ...lenses import Lens, Orthographic, Perspective
+from ...mirrors.generated.base import Mapped
+from ...mirrors.generated.finite import FiniteMapping
 from ...sensor import Sensor
 from ...tracing.meridian import Meridian
+from ..construct.built import LensAndCover, departure
 from ..construct.families import FAMILIES
 from ..construct.fits import fit_mirror
-from ..construct.mappings import generated_mirror
+from ..construct.mappings import generated_mirror, mapped_mirror
 from ..construct.rim import MountedMirror, RimRay
 from ..criteria.consistency import OF_MAPPINGS
 from ..criteria.ranges import ends, ends_or_none, is_free
-from ..criteria.requirements import MirrorRequirements, Requirements
+from ..criteria.requirements import FARTHEST_FOCUS, MirrorRequirements, Requirements
 from .focusing import POINTS, Focusing
 
 Array = NDArray[np.float64]
@@ -83,6 +86,62 @@ def _mirror(settled: Requirements, theta_max_deg: float, fitted: bool = True) ->
     return _kept(mirror if fitted else replace(mirror, fit=None), rim, field.omega_min_deg)
 
 
+def _mounted(settled: Requirements, theta_max_deg: float, nearness: float, fitted: bool = True) -> MountedMirror:
+    """The mirror for the lens, focused at 1/L0, and the cover that stand there; its distance is from the lens's
+    reference point."""
+    around = lens_and_cover(settled, _focus_at(settled, nearness))
+    if around.are_ideal:
+        return _mirror(settled, theta_max_deg, fitted)
+    field, mirror = settled.field, settled.mirror
+    rim = RimRay(field.omega_max_deg, theta_max_deg, ends(mirror.rim_radius_mm)[0])
+    return _kept_built(mirror, rim, field.omega_min_deg, around, fitted)
+
+
+@lru_cache(maxsize=128)
+def _kept_built(
+    mirror: MirrorRequirements, rim: RimRay, omega_min_deg: float, around: LensAndCover, fitted: bool
+) -> MountedMirror:
+    """A mirror for a lens and a cover, kept."""
+    plain = replace(mirror, fit=None)
+    if (exact := exact_mapping(mirror, rim, omega_min_deg)) is not None and around.keep_mapping:
+        made = around.made_for_mapping(exact, rim)
+    else:
+        made = around.made_for_rim(lambda inside: _kept(plain, inside, omega_min_deg), rim)
+    if mirror.fit is None or not fitted:
+        return made
+    place = around.mounted(MountedMirror(made.mirror, 0.0), rim.theta_max_deg).distance_mm
+    as_pinhole = MountedMirror(made.mirror, made.distance_mm - place, made.notes)
+    return around.mounted(fit_mirror(as_pinhole, mirror.fit).mounted, rim.theta_max_deg)
+
+
+def lens_and_cover(settled: Requirements, focus_mm: float) -> LensAndCover:
+    """The lens at a focus, and the housing; an ideal lens is a pinhole."""
+    optics = settled.lens.optics
+    ideal = PARALLEL if settled.lens.is_telecentric else PINHOLE
+    lens = ideal if optics is None else optics.focused_at(focus_mm)
+    return LensAndCover(lens, settled.housing)
+
+
+PINHOLE, PARALLEL = Perspective(1.0, 1.0, 10.0), Orthographic(1.0, 1.0, 0.0)
+
+
+def exact_mapping(mirror: MirrorRequirements, rim: RimRay, omega_min_deg: float) -> Mapped | None:
+    """The mirror that has a mapping of directions before a pinhole; None where another is asked for."""
+    if mirror.mapping is None:
+        return None
+    entries = {name: v for name in OF_MAPPINGS if (v := getattr(mirror, name)) is not None}
+    exact = mapped_mirror(mirror.mapping, rim, omega_min_deg if mirror.is_pointed else 0.0, **entries)
+    return None if isinstance(exact, FiniteMapping) else exact
+
+
+def _focus_at(settled: Requirements, nearness: float) -> float:
+    """A focus distance (mm) that the lens can have."""
+    optics = settled.lens.optics
+    if optics is None:
+        return 1 / nearness if nearness else FARTHEST_FOCUS
+    return float(np.clip(1 / nearness if nearness else np.inf, optics.nearest_focus_mm, FARTHEST_FOCUS))
+
+
 @lru_cache(maxsize=128)
 def _kept(mirror: MirrorRequirements, rim: RimRay, omega_min_deg: float) -> MountedMirror:
     """A mirror, kept: a search asks for the same one before many lenses."""
@@ -98,13 +157,20 @@ def mapping_deviation_px(settled: Requirements, sensor: Sensor) -> float | None:
     The mapping is taken with the viewing angle and the focused lens of the sensor as made.
     """
     mirror = settled.mirror
+    around = LensAndCover(sensor.lens, sensor.housing)
+    if not around.are_ideal and mirror.mapping is not None:
+        theta = 0.0 if sensor.lens.TELECENTRIC else float(np.degrees(sensor.meridian.theta_max))
+        rim = RimRay(settled.field.omega_max_deg, theta, sensor.mirror.rim_radius_mm)
+        exact = exact_mapping(mirror, rim, settled.field.omega_min_deg)
+        made = MountedMirror(sensor.mirror, sensor.mirror_distance_mm)
+        return None if exact is None else departure(around, made, exact, ANGLES) * sensor.rim_radius_px
     is_polynomial = mirror.family is not None and ":" in mirror.family
     if mirror.fit is None and not is_polynomial:
         return None
     if is_polynomial:
         settled = replace(settled, mirror=replace(mirror, mapping="equidistant", family=None))
-    exact = _mirror(settled, float(np.degrees(sensor.meridian.theta_max)), fitted=False)
-    target = Meridian(exact.mirror, exact.distance_mm)
+    pinhole = _mirror(settled, float(np.degrees(sensor.meridian.theta_max)), fitted=False)
+    target = Meridian(pinhole.mirror, pinhole.distance_mm)
     omega = np.radians(np.linspace(0.0, settled.field.omega_max_deg, ANGLES)[1:])
     ours, theirs = (m.trace(m.x_from_omega(np.minimum(omega, m.omega_max))) for m in (sensor.meridian, target))
     h = [sensor.lens.image_height(r.x, r.w) / sensor.imager.pitch_mm for r in (ours, theirs)]
@@ -120,7 +186,7 @@ def _imager_radius_mm(settled: Requirements) -> float:
 
 
 def _telecentric(settled: Requirements) -> Candidate:
-    return _focused(settled, _mirror(settled, 0.0), _telecentric_lens(settled))
+    return _focused(settled, _mounted(settled, 0.0, 0.0), _telecentric_lens(settled))
 
 
 def _telecentric_lens(settled: Requirements) -> Orthographic:
@@ -158,6 +224,11 @@ def _next(steps: list[tuple[float, float]]) -> float:
 def viewing(settled: Requirements, nearness: float) -> tuple[float, float]:
     """Theta (deg) and focal length (mm): as given, or so that the rim fills the imager at a focus 1/L0."""
     radius, lens = _imager_radius_mm(settled), settled.lens
+    if lens.optics is not None and lens.theta_max_deg is None:
+        field = lens.optics.focused_at(_focus_at(settled, nearness)).field
+        tangent = float(field.tangent_of(np.array([radius]))[0])
+        tangent = field.end if np.isnan(tangent) else tangent  # the imager is larger than what the lens shows
+        return float(np.degrees(np.arctan(tangent))), lens.optics.focal_length_mm
     if lens.focal_length_mm is None:
         assert lens.theta_max_deg is not None
         theta = ends(lens.theta_max_deg)[0]
@@ -177,30 +248,36 @@ def sketched(settled: Requirements, nearness: float) -> Sensor:
         There is no such mirror, or it cannot be used.
     """
     if settled.lens.is_telecentric:
-        return _unfocused(settled, _mirror(settled, 0.0, fitted=False), _telecentric_lens(settled))
+        return _unfocused(settled, _mounted(settled, 0.0, 0.0, fitted=False), _telecentric_lens(settled))
     theta, focal = viewing(settled, nearness)
-    mounted = _mirror(settled, theta, fitted=False)
-    focus = max(mounted.distance_mm, 1.001 * focal)
-    return _unfocused(settled, mounted, Perspective(focal, ends(settled.lens.f_number)[0], focus))
+    mounted = _mounted(settled, theta, nearness, fitted=False)
+    return _unfocused(settled, mounted, _lens(settled, focal, mounted.distance_mm))
 
 
 def _before_lens(settled: Requirements, nearness: float, fitted: bool) -> Candidate:
     """The mirror before the lens that it has if it is focused at 1/L0; focused as asked, or at its best."""
     theta, focal = viewing(settled, nearness)
-    mounted = _mirror(settled, theta, fitted)
+    mounted = _mounted(settled, theta, nearness, fitted)
     asked = ends_or_none(settled.lens.focus_mm)
-    focus = max(mounted.distance_mm, 1.001 * focal) if asked is None else asked[1]
-    return _focused(settled, mounted, Perspective(focal, ends(settled.lens.f_number)[0], focus))
+    return _focused(settled, mounted, _lens(settled, focal, mounted.distance_mm if asked is None else asked[1]))
 
 
-def _unfocused(settled: Requirements, mounted: MountedMirror, lens: Orthographic | Perspective) -> Sensor:
+def _lens(settled: Requirements, focal: float, focus_mm: float) -> Lens:
+    """The lens at a focus, or as near to it as it can be focused."""
+    if settled.lens.optics is not None:
+        lens: Lens = settled.lens.optics.focused_at(_focus_at(settled, 1 / focus_mm))
+        return lens
+    return Perspective(focal, ends(settled.lens.f_number)[0], max(focus_mm, 1.001 * focal))
+
+
+def _unfocused(settled: Requirements, mounted: MountedMirror, lens: Lens) -> Sensor:
     return Sensor(
         mounted.mirror, lens, settled.imager, settled.mount, mounted.distance_mm, settled.name, settled.notes,
         housing=settled.housing,
     )  # fmt: skip
 
 
-def _focused(settled: Requirements, mounted: MountedMirror, lens: Orthographic | Perspective) -> Candidate:
+def _focused(settled: Requirements, mounted: MountedMirror, lens: Lens) -> Candidate:
     """The sensor at its best focus, where the requirements leave one."""
     sensor = _unfocused(settled, mounted, lens)
     if settled.lens.focus_mm is None or is_free(settled.lens.focus_mm):

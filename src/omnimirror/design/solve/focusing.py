@@ -19,15 +19,18 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...batch.best_focus import RealAreas
+from ...batch.built import RealCamera, aim_of, built_optics, walls_around
+from ...batch.lens_tables import NEAREST, LensTables, tables_of
 from ...batch.optics import NodeOptics, PerspectiveCamera, TelecentricCamera, node_optics, telecentric_optics
-from ...lenses import Lens, Perspective
+from ...lenses import FieldLens, Lens, Perspective
 from ...numerics.lazy import cached_property
 from ...sensor import Sensor
 from ..criteria.field_angles import counted_field
 from ..criteria.limits import Limit
 from ..criteria.merits import FieldValues, values_at
 from ..criteria.objects import distances_mm, inverse_distances
-from ..criteria.requirements import FieldRequirements
+from ..criteria.requirements import FARTHEST_FOCUS, FieldRequirements
 
 Array = NDArray[np.float64]
 
@@ -80,7 +83,7 @@ class Focusing:
             )
             looked = replace(self)
             looked.__dict__.update(
-                _nodes=self._nodes, _fields=self._fields, _camera=self._with_apertures(np.exp(F.ravel())[:, None])
+                _nodes=self._nodes, _fields=self._fields, camera=self._with_apertures(np.exp(F.ravel())[:, None])
             )
             with np.errstate(all="ignore"):
                 cost = np.nan_to_num(looked._cost(v.ravel()[:, None], True), nan=np.inf)
@@ -89,7 +92,7 @@ class Focusing:
             best_v, best_F = float(v.ravel()[i]), float(F.ravel()[i])
             low, high = max(low, best_v - half_v), min(high, best_v + half_v)
             F_low, F_high = max(F_low, best_F - half_F), min(F_high, best_F + half_F)
-        return float(np.exp(best_F)), Focus(-best_v if self._is_telecentric else 1 / best_v, float(cost[i]))
+        return float(np.exp(best_F)), Focus(self.camera.focus_mm(best_v), float(cost[i]))
 
     def best(self) -> Focus:
         """The best focus by the limits that depend on it."""
@@ -105,7 +108,7 @@ class Focusing:
                     break
                 v = np.linspace(low, high, AGAIN)
         vergence = float(v[i])
-        return Focus(-vergence if self._is_telecentric else 1 / vergence, float(cost[i]))
+        return Focus(self.camera.focus_mm(vergence), float(cost[i]))
 
     def _cost(self, v: Array, keeping: bool) -> Array:
         """What is to be least (b,) at vergences v (b, 1); ``keeping`` what else can be kept."""
@@ -124,7 +127,7 @@ class Focusing:
         if np.isinf(self.image_radius_px):  # the rim fills the imager, and the image has one size
             return np.full(len(v), -1.0)
         others = [limit.missed(self.at(v, limit)) for limit in self.limits if limit.of.is_scale]
-        image = (self._camera.px_per_ray(v) * self._rim_ray)[:, 0] / self.image_radius_px - 1
+        image = self.camera.height_px(self._rim_ray, v)[:, 0] / self.image_radius_px - 1
         missed: Array = np.maximum.reduce([*others, image])
         return missed
 
@@ -135,8 +138,16 @@ class Focusing:
         return self.sensor.lens.TELECENTRIC
 
     @cached_property
-    def _camera(self) -> PerspectiveCamera | TelecentricCamera:
+    def camera(self) -> PerspectiveCamera | TelecentricCamera | RealCamera:
+        """The lens and the pixels."""
+        if self._tables is not None:
+            return RealCamera(self._tables, self.sensor.imager.pitch_mm)
         return self._with_apertures(self.sensor.lens.stop_number)
+
+    @cached_property
+    def _tables(self) -> LensTables | None:
+        lens = self.sensor.lens
+        return tables_of(lens) if isinstance(lens, FieldLens) else None
 
     def _with_apertures(self, f_number: Any) -> PerspectiveCamera | TelecentricCamera:
         """The lens and the pixels, with one F-number or several (b, 1)."""
@@ -152,9 +163,11 @@ class Focusing:
         return radius, float(self.sensor.mirror.sag(radius))
 
     @cached_property
-    def _rim_ray(self) -> float:
+    def _rim_ray(self) -> Array:
         radius, sag = self._rim
-        return radius if self._is_telecentric else radius / (self.sensor.mirror_distance_mm + sag)
+        if self._is_telecentric:
+            return np.array([[radius]])
+        return aim_of(np.array([[radius]]), np.array([[self.sensor.mirror_distance_mm + sag]]), self._tables).tangent
 
     @cached_property
     def _parts(self) -> dict[tuple[float, float] | None, slice]:
@@ -180,7 +193,11 @@ class Focusing:
         z, slope, curvature = mirror.profile(x)
         over_x = np.where(x > 0, slope / np.where(x > 0, x, 1.0), curvature)
         near = partial(inverse_distances, self.field, x, z)
-        with np.errstate(divide="ignore"):  # a cone has its tangential images at infinity
+        with np.errstate(divide="ignore", invalid="ignore"):  # a cone has its tangential images at infinity
+            if self._tables is not None or sensor.housing.shell is not None:
+                m = np.inf if self._is_telecentric else sensor.mirror_distance_mm
+                aim, walls = aim_of(x, m + z, self._tables), walls_around(sensor.obstructions)
+                return built_optics(x, z, slope, curvature, over_x, aim, near, walls)
             if self._is_telecentric:
                 return telecentric_optics(x, z, slope, curvature, over_x, near)
             return node_optics(x, z, slope, curvature, over_x, sensor.mirror_distance_mm, near)  # type: ignore[arg-type]
@@ -197,13 +214,14 @@ class Focusing:
         (_, sag), m = self._rim, self.sensor.mirror_distance_mm
         reach = np.array([sag if self._is_telecentric else m + sag])
         part = self._fields[None if limit is None else limit.omega_deg]
-        return values_at(part, self._camera, v, reach, np.array([sag]))
+        return values_at(part, self.camera, v, reach, np.array([sag]))
 
     @property
     def range(self) -> tuple[float, float]:
         """Vergences worth a look: those of the images that a lens can be focused at, and a little more."""
-        least, most = vergences_of(self.sensor.lens)
-        vergences = np.concatenate([self._nodes.vergence_t.ravel(), self._nodes.vergence_s.ravel()])
+        camera = self.camera
+        least, most = camera.bounds if isinstance(camera, RealCamera) else vergences_of(self.sensor.lens)
+        vergences = self._vergences
         vergences = vergences[np.isfinite(vergences)]
         within = vergences[vergences < most] if (vergences < most).any() else vergences
         within = np.clip(within, least, most)
@@ -211,9 +229,18 @@ class Focusing:
         low, high = max(float(within.min()) - margin, least), min(float(within.max()) + margin, most)
         if self.span_mm is None:
             return low, high
-        near, far = self.span_mm
-        span = (-far, -near) if self._is_telecentric else (1 / far, 1 / near)
+        span = sorted(np.clip([camera.vergence(min(mm, FARTHEST_FOCUS)) for mm in self.span_mm], least, most))
         return float(np.clip(low, *span)), float(np.clip(high, *span))
+
+    @property
+    def _vergences(self) -> Array:
+        """At which single blurs are 0, of a real lens nearly."""
+        o = self._nodes
+        if isinstance(self.camera, RealCamera):
+            rows = NodeOptics(*(np.atleast_2d(column) for column in o))
+            areas = RealAreas.of(rows, self.camera, np.ones_like(rows.omega))
+            return np.concatenate([areas.middle_t.ravel(), areas.middle_s.ravel()])
+        return np.concatenate([o.vergence_t.ravel(), o.vergence_s.ravel()])
 
 
 def vergences_of(lens: Lens) -> tuple[float, float]:
@@ -221,5 +248,5 @@ def vergences_of(lens: Lens) -> tuple[float, float]:
     limits = lens.PARAMETERS["focus_distance_mm"]
     if lens.TELECENTRIC:
         return -limits.high, -limits.low
-    assert isinstance(lens, Perspective)
-    return 1 / limits.high, 1 / max(limits.low, 1.0001 * lens.focal_length_mm)
+    nearest = NEAREST * lens.focal_length_mm if isinstance(lens, FieldLens) else lens.nearest_focus_mm
+    return 1 / limits.high, 1 / max(limits.low, nearest)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...batch.bases import FreeForm
-from ...lenses import BlurMode, Perspective
+from ...lenses import BlurMode, GaussianLens
 from ...numerics.lazy import cached_property
 from ...numerics.minimax import Minimum
 from ...sensor import Sensor
@@ -174,7 +174,7 @@ def free_form_notes(problem: DesignProblem, sensor: Sensor) -> tuple[str, ...]:
     """What an optimiser chose besides the shape, in words."""
     lens, notes = sensor.lens, []
     reached = {"rim_radius_mm": sensor.mirror.rim_radius_mm, "f_number": lens.stop_number}
-    if isinstance(lens, Perspective):
+    if isinstance(lens, GaussianLens):
         reached |= {
             "focal_length_mm": lens.focal_length_mm,
             "theta_max_deg": float(np.degrees(sensor.meridian.theta_max)),

@@ -210,7 +210,7 @@ class GeneratedSpace:
         settled, asked = self._settled(y)
         sensor = make(settled if fitted else unfitted(settled)).sensor
         looked: Focusing = focusing(settled, sensor, NODES)
-        v = np.full((1, 1), self._place(sensor.lens.focus_distance_mm))
+        v = np.full((1, 1), looked.camera.vergence(sensor.lens.focus_distance_mm))
         found: dict[Key, Array] = {}
         with np.errstate(all="ignore"):
             for i, limit in enumerate(self.requirements.limits):

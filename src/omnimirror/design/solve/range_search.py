@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...errors import OmnimirrorError
-from ...lenses import Perspective
+from ...lenses import GaussianLens
 from ...numerics.lazy import cached_property
 from ..criteria.field_angles import counted_field
 from ..criteria.ranges import is_free
@@ -153,7 +153,7 @@ def _notes(search: RangeSearch, made: Candidate) -> tuple[str, ...]:
     chosen = {**tables["field"], **tables["mirror"], **tables["lens"]}
     for name, (low, high) in search.free.items():
         notes.append(f"{name} = {chosen[name]:.6g}, chosen between {low:g} and {high:g}")
-    if isinstance(sensor.lens, Perspective):
+    if isinstance(sensor.lens, GaussianLens):
         if search.ranges["theta_max_deg"] is None:
             theta = float(np.degrees(sensor.meridian.theta_max))
             notes.append(f"theta_max_deg = {theta:.6g}, where the rim fills the imager")
@@ -165,7 +165,9 @@ def _notes(search: RangeSearch, made: Candidate) -> tuple[str, ...]:
         notes.append(f"focused at {sensor.lens.focus_distance_mm:.5g} mm, where {why}")
     deviation = mapping_deviation_px(made.settled, sensor)
     if deviation is not None:
-        notes.append(f"the fitted mirror departs from its mapping by up to {deviation:.3g} px")
+        mirror = requirements.mirror
+        who = "the mirror behind lens and cover" if mirror.mapping and not mirror.fit else "the fitted mirror"
+        notes.append(f"{who} departs from its mapping by up to {deviation:.3g} px")
     return tuple(notes)
 
 

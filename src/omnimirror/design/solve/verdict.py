@@ -12,7 +12,7 @@ from ...analysis import Evaluation, evaluate
 from ...arguments import instance, whole
 from ...errors import InvalidParameter
 from ...files import json_plain
-from ...lenses import Perspective
+from ...lenses import GaussianLens
 from ...sensor import Sensor, check_sensor
 from ..criteria.field_angles import JudgedRange, counted_field
 from ..criteria.image_circle import cut_off
@@ -221,7 +221,7 @@ def _part_rows(requirements: Requirements, sensor: Sensor) -> list[Judgement]:
         ),
     ]
     optics = sensor.lens
-    if isinstance(optics, Perspective):
+    if isinstance(optics, GaussianLens):
         reached = {"focal_length_mm": optics.focal_length_mm, "f_number": optics.stop_number}
         reached["theta_max_deg"] = float(np.degrees(sensor.meridian.theta_max))
     else:

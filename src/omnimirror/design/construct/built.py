@@ -1,0 +1,136 @@
+"""Mirrors made for the lens and the cover that stand there: a pupil that moves, distortion, walls that bend rays.
+
+A mirror of a family is made for the angle inside the cover whose ray leaves it at the angle asked for. A mirror of a
+mapping gets the mapping that comes out right behind lens and cover: at some mirror points the field angle is compared
+with what is asked at their image height, and the angle inside is put right by as much as it counts, until it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import InvalidParameter
+from ...housing import Housing, Tube
+from ...lenses import Lens
+from ...mirrors import TabulatedMapping
+from ...mirrors.generated.base import Mapped
+from ...tracing.meridian import ChiefRays, trace_chief_rays
+from ...tracing.obscuration import Obstructions, cover_of
+from .rim import MountedMirror, RimRay
+
+Array = NDArray[np.float64]
+
+NODES = 65  # mirror points at which a mapping is put right
+STEPS = 12
+CLOSE = 1e-10  # radians
+
+
+@dataclass(frozen=True)
+class LensAndCover:
+    """A lens as focused, and what stands around the mirror."""
+
+    lens: Lens
+    housing: Housing
+
+    @property
+    def are_ideal(self) -> bool:
+        """Whether mirrors are made for a pinhole and nothing else."""
+        return self.lens.IS_THIN and self.housing.shell is None
+
+    @property
+    def keep_mapping(self) -> bool:
+        """Whether behind them all field angles of a mapping can be had; next to the axis a tube before another medium
+        has none."""
+        shell = self.housing.shell
+        return not (isinstance(shell, Tube) and shell.outer_index != 1.0)
+
+    def mounted(self, made: MountedMirror, theta_max_deg: float) -> MountedMirror:
+        """A mirror made for a pinhole, its lens where it sees the rim as the pinhole did."""
+        place = float(self.lens.pupil.place(np.array([np.tan(np.radians(theta_max_deg))]))[0])
+        return MountedMirror(made.mirror, made.distance_mm + place, made.notes)
+
+    def rays(self, made: MountedMirror, x: Array) -> ChiefRays:
+        """Chief rays (n,) of mirror points, outside; what is not let out is not finite."""
+        with np.errstate(all="ignore"):
+            rays = trace_chief_rays(made.mirror, made.distance_mm, x, self.lens.pupil)
+            if self.housing.shell is None:
+                return rays
+            cover = cover_of(Obstructions.of(self.housing, made.mirror, None, made.distance_mm))
+            assert cover is not None
+            return cover.left_by(rays)
+
+    def heights(self, rays: ChiefRays) -> Array:
+        """Image heights (n,) over that of the last ray."""
+        h = self.lens.image_height(rays.x, rays.w)
+        share: Array = h / h[-1]
+        return share
+
+    def made_for_rim(self, make: Callable[[RimRay], MountedMirror], rim: RimRay) -> MountedMirror:
+        """The mirror of a way of making them whose rim shows the angle asked for, outside."""
+        inside = rim.omega_max_deg
+        for _ in range(STEPS):
+            own = RimRay(inside, rim.theta_max_deg, rim.rim_radius_mm)
+            found = self.mounted(make(own), rim.theta_max_deg)
+            if self.housing.shell is None:
+                return found
+            rays = self.rays(found, np.array([rim.rim_radius_mm]))
+            missed = rim.omega_max_deg - float(np.degrees(rays.omega[0]))
+            _check_out(missed, rim, self.housing)
+            if abs(missed) < np.degrees(CLOSE):
+                return found
+            inside += missed * float(_inside_rate(rays)[0])
+        return found
+
+    def made_for_mapping(self, exact: Mapped, rim: RimRay) -> MountedMirror:
+        """The mirror that has the mapping of an exact one behind lens and cover.
+
+        Raises
+        ------
+        InvalidParameter
+            The cover does not let its rays out.
+        """
+        x = rim.rim_radius_mm * np.linspace(0.0, 1.0, NODES)
+        mirror: Mapped = exact
+        inside: Array | None = None
+        for _ in range(STEPS):
+            made = MountedMirror(mirror, mirror.design_distance)
+            tau = x if rim.theta_max_deg == 0 else x / (made.distance_mm + np.asarray(mirror.sag(x)))
+            tau = tau / tau[-1]
+            inside = mirror.mapping(tau)[0]
+            found = self.mounted(made, rim.theta_max_deg)
+            rays = self.rays(found, x)
+            missed = exact.mapping(self.heights(rays))[0] - rays.omega
+            _check_out(float(np.abs(missed).max()), rim, self.housing)
+            if np.abs(missed).max() < CLOSE:
+                break
+            wanted = np.degrees(inside + missed * _inside_rate(rays))
+            mirror = TabulatedMapping(tuple(wanted), tuple(tau), rim.theta_max_deg, rim.rim_radius_mm)
+        return found
+
+
+def _inside_rate(rays: ChiefRays) -> Array:
+    """How much (n,) the angle inside a cover counts for that outside."""
+    return rays.dreflected_dx() / rays.domega_dx()
+
+
+def _check_out(missed: float, rim: RimRay, housing: Housing) -> None:
+    if not np.isfinite(missed):
+        kind = "cover" if housing.shell is None else housing.shell.KIND
+        raise InvalidParameter(
+            f"the {kind} does not let out rays of a mirror to omega_max_deg = {rim.omega_max_deg:g}; a smaller "
+            "field, or a wider or thinner wall is valid"
+        )
+
+
+def departure(lens_and_cover: LensAndCover, made: MountedMirror, exact: Mapped, angles: int) -> float:
+    """Largest difference of image heights from those of a mapping, over the height of the rim."""
+    x = made.mirror.rim_radius_mm * np.linspace(0.0, 1.0, angles)
+    rays = lens_and_cover.rays(made, x)
+    tau = lens_and_cover.heights(rays)
+    wanted, rate = exact.mapping(tau)
+    seen = np.isfinite(rays.omega) & (rate > 0)
+    return float(np.abs((rays.omega - wanted) / np.where(rate > 0, rate, 1.0))[seen].max())

@@ -1,0 +1,147 @@
+"""Designs for the lens and the cover that stand there: what is asked is reached behind them, by rays."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+import omnimirror as om
+from omnimirror.errors import SpecError
+from omnimirror.housing import Dome, Housing, Tube
+from omnimirror.lenses import SurfaceLens
+from tests.batch.test_built import Truth, from_stop
+from tests.commands import omnimirror
+from tests.lenses.prescriptions import imager_place, indices, zmx
+
+FILE = """\
+[field]
+omega_max_deg = 120
+[mirror]
+mapping = "equidistant"
+rim_radius_mm = 30
+[lens.optics]
+kind = "surfaces"
+file = "triplet.zmx"
+focus_distance_mm = 200
+f_number = 5.6
+[housing.dome]
+material = "acrylic"
+"""
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("built")
+    (folder / "triplet.zmx").write_text(zmx())
+    (folder / "asked.toml").write_text(FILE)
+    return folder / "asked.toml"
+
+
+@pytest.fixture(scope="module")
+def asked(file):
+    return om.load_requirements(file)
+
+
+def test_a_mapping_comes_out_right_behind_lens_and_dome(asked):
+    """Image heights of rays traced through the triplet, the mirror and both sides of the dome grow with the angle."""
+    design = om.design_sensor(asked)
+    sensor = design.sensor
+    assert design.is_met
+    assert sensor.lens == asked.lens.optics.focused_at(sensor.lens.focus_distance_mm)
+    assert sensor.rim_radius_px == pytest.approx(512, abs=0.02)
+    truth, to_imager = Truth(sensor), imager_place(indices(), sensor.lens.focus_distance_mm)
+
+    def ray(t):
+        y, height = from_stop(t, 0.0, to_imager)
+        x, omega = truth.out(y, t)
+        return x, omega, height / 5.2e-3
+
+    end = np.tan(sensor.meridian.theta_max)
+    rim = brentq(lambda t: ray(t)[0] - 30.0 * (1 - 1e-6), 0.9 * end, (1 - 1e-7) * end)
+    rays = np.array([ray(t)[1:] for t in np.linspace(0.1, 1.0, 7) * rim])
+    np.testing.assert_allclose(np.degrees(rays[-1, 0]), 120.0, atol=1e-3)
+    np.testing.assert_allclose(rays[:, 1], rays[-1, 1] * rays[:, 0] / rays[-1, 0], atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    "shell", [Dome(medium="water"), Tube(medium="water"), Tube()], ids=["dome in water", "tube in water", "tube"]
+)
+@pytest.mark.parametrize("optics", [True, False], ids=["triplet", "ideal lens"])
+def test_the_rim_of_a_family_sees_as_far_as_asked_outside(asked, shell, optics):
+    lens = asked.lens if optics else om.LensRequirements(focal_length_mm=11.6, focus_mm=160.0)
+    own = replace(asked.changed(mapping=None, family="sphere"), lens=lens, housing=Housing(shell=shell))
+    sensor = om.design_sensor(own.changed(omega_min_deg=50.0)).sensor
+    assert sensor.mirror.KIND == "sphere"
+    assert sensor.field_deg[1] == pytest.approx(120.0, abs=1e-7)
+
+
+def test_a_mapping_under_a_telecentric_lens_in_a_dome(asked):
+    lens = om.LensRequirements(kind="orthographic", focus_mm=30.0)
+    sensor = om.design_sensor(replace(asked, lens=lens)).sensor
+    omega = np.linspace(10.0, 120.0 - 1e-9, 12)
+    h = om.evaluate(sensor, omega).h_px
+    np.testing.assert_allclose(h, h[-1] * omega / omega[-1], atol=1e-4)
+
+
+def test_the_focus_is_the_best_of_the_real_lens(asked):
+    """Against om.best_focus, which looks at the sensor by itself."""
+    sensor = om.design_sensor(asked).sensor
+    omega = np.linspace(sensor.clear_field_deg[0], 120, 1001)
+    best = om.best_focus(sensor, omega_deg=omega)
+    found = om.evaluate(sensor, omega).floored_area_deg2.max()
+    assert found <= best.value * 1.002
+
+
+def test_limits_of_blur_count_what_the_lens_blurs_by_itself(asked):
+    limit = om.Limit("total_blur_px", at_most=1.0)
+    verdict = om.judge(replace(asked, limits=(limit,)), om.design_sensor(asked).sensor)
+    result = om.evaluate(verdict.sensor, np.linspace(verdict.sensor.clear_field_deg[0], 120, 1001))
+    own = result.of_lens
+    sides = (
+        np.sqrt(result.blur_t_px**2 + own["lens_blur_t_px"] ** 2 + result.airy_px**2),
+        np.sqrt(result.blur_s_px**2 + own["lens_blur_s_px"] ** 2 + result.airy_px**2),
+    )
+    assert verdict.limits[0].reached == pytest.approx(np.max(sides), rel=1e-9)
+    assert "with the lens's own blur alone" in verdict.limits[0].remarks[-1]
+
+
+def test_requirements_with_a_lens_are_written_and_read_again(asked, tmp_path):
+    (tmp_path / "again.toml").write_text(om.format_requirements(asked))  # surfaces as numbers: no file is needed
+    assert om.load_requirements(tmp_path / "again.toml") == asked
+
+
+def test_the_command_designs_with_it(file, tmp_path):
+    ran = omnimirror("design", file, "-o", tmp_path / "sensor.toml")
+    assert ran.returncode == 0, ran.stderr
+    assert "the mirror behind lens and cover departs from its mapping by up to" in ran.stdout
+    sensor = om.load_sensor(tmp_path / "sensor.toml")
+    assert isinstance(sensor.lens, SurfaceLens)
+    assert sensor.field_deg[1] == pytest.approx(120.0, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        ("lens.focal_length_mm = 8", "lens.focal_length_mm does not apply beside lens.optics"),
+        ('lens.kind = "orthographic"', "does not apply beside lens.optics, a real lens"),
+        ('lens.optics.kind = "perspective"', "'perspective' is an ideal lens; valid are surfaces and table"),
+    ],
+)
+def test_what_does_not_go_with_a_real_lens_is_refused(file, more, said):
+    name, value = (part.strip() for part in more.split("="))
+    *tables, entry = name.split(".")
+    plain = {"8": 8.0}.get(value, value.strip('"'))
+    lens = {entry: plain}
+    if len(tables) > 1:
+        lens = {"optics": {"kind": "perspective", "focal_length_mm": 8.0, "f_number": 2.0, "focus_distance_mm": 100.0}}
+    with pytest.raises(SpecError, match=said):
+        om.load_requirements(file, {"lens": lens})
+
+
+def test_free_form_with_a_real_lens_is_refused(asked):
+    mirror = om.MirrorRequirements(optimise="worst_blur_deg", rim_radius_mm=30)
+    with pytest.raises(SpecError, match="valid for a mapping or a family"):
+        replace(asked, mirror=mirror)
