@@ -11,6 +11,7 @@ import pytest
 
 import omnimirror as om
 from omnimirror.design import parse_requirements
+from omnimirror.manufacture.workshop import parse_workshop
 from omnimirror.specs import parse_sensor
 from tests.commands import omnimirror
 
@@ -108,6 +109,9 @@ def test_sensor_camera_requirement_and_view_files_are_valid(page, tmp_path):
             continue
         if "[field]" in block:
             assert parse_requirements(block).field.omega_max_deg > 0
+            continue
+        if "[title]" in block:
+            assert parse_workshop(block).mirror.density
             continue
         if "[camera]" in block:
             assert om.parse_camera(block).omega_max > 0

@@ -7,6 +7,7 @@ Each is what a command of omnimirror draws, scaled to the page; without names al
 
 from __future__ import annotations
 
+import re
 import shlex
 import subprocess
 import sys
@@ -33,8 +34,12 @@ COMMANDS: dict[str, tuple[str, ...]] = {
         f"simulate paper-spherical --scene street {STREET} --spp 16 -o street.png --panorama panorama.png",
         f"simulate paper-equidistant --scene hall {DOME} --spp 16 -o hall.png",
     ),
-    "drawing.png": ("export paper-spherical -o drawing.png",),
-    "folded-drawing.png": ("export folded-spherical -o drawing.png",),
+    "drawing.png": (
+        "tolerance init paper-spherical",
+        "export paper-spherical -o drawing.png --sheet A4 --thread M6 --bore-depth-mm 12 --workshop workshop.toml "
+        "--tolerances tolerances.toml",
+    ),
+    "folded-drawing.png": ("export folded-spherical -o drawing.png --sheet A4",),
     "mappings.png": ("mappings --figure mappings.png",),
     "front.png": (
         "design --pareto worst_floored_area_deg2,inverse_area_ratio --shape polynomial:6 --figure front.png",
@@ -43,14 +48,14 @@ COMMANDS: dict[str, tuple[str, ...]] = {
 ROWS: dict[str, tuple[tuple[str, ...], ...]] = {
     "room.jpg": (("circle.png", "panorama.png"),),
     "scenes.jpg": (("street.png", "hall.png"), ("panorama.png",)),
-    "drawing.png": (("drawing.png",),),
-    "folded-drawing.png": (("drawing.png",),),
+    "drawing.png": (("drawing.png", "drawing-mirror.png"),),
+    "folded-drawing.png": (("drawing.png", "drawing-mirror.png", "drawing-secondary.png"),),
     "mappings.png": (("mappings.png",),),
     "front.png": (("front.png",),),
 }
 """What stands beside each other and below each other."""
 WIDTHS = {
-    "room.jpg": 1650, "scenes.jpg": 1200, "drawing.png": 1984, "folded-drawing.png": 1191, "mappings.png": 1440,
+    "room.jpg": 1650, "scenes.jpg": 1200, "drawing.png": 1500, "folded-drawing.png": 1984, "mappings.png": 1440,
     "front.png": 1036,
 }  # fmt: skip
 
@@ -58,6 +63,8 @@ WIDTHS = {
 def make(name: str, folder: Path) -> None:
     """Run the commands of a picture in a folder, and put what they draw together."""
     program = Path(sys.executable).with_name("omnimirror")
+    text = (IMAGES.parent / "manufacture.md").read_text(encoding="utf-8")
+    (folder / "workshop.toml").write_text(re.search(r"```toml\n(# workshop.toml\n.*?)```", text, flags=re.S)[1])
     for command in COMMANDS[name]:
         subprocess.run([program, *shlex.split(command)], cwd=folder, check=True)
     rows = [[read_image(folder / part)[..., :3] for part in row] for row in ROWS[name]]

@@ -38,7 +38,7 @@ def make(folder: Path) -> None:
         for line in re.findall(r"^\$ omnimirror (.*)", block, flags=re.M):
             words = line.replace("--spp 1", "--spp 16").replace("zmx,csv,pdf", "png")
             subprocess.run([program, *shlex.split(words)], cwd=folder, check=True)
-    for drawing in folder.glob("*-workshop/*-drawing.png"):
+    for drawing in folder.glob("*-workshop/*[!r]-drawing.png"):  # of the sensor, not of its mirror
         drawing.rename(folder / drawing.name)
     for name, rows in PICTURES.items():
         page = np.concatenate([_row([read_image(folder / part)[..., :3] for part in row]) for row in rows])

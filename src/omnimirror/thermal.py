@@ -29,6 +29,26 @@ EXPANSIONS_PPM: dict[str, float] = {
     "titanium": 8.6,
 }
 """Linear expansion of materials near room temperature, 1e-6/K, as handbooks list it; plastics differ by a tenth."""
+DENSITIES_G_PER_CM3: dict[str, float] = {
+    "abs": 1.05,
+    "acrylic": 1.19,
+    "aluminium": 2.70,
+    "bk7": 2.51,
+    "brass": 8.50,
+    "carbon_fibre": 1.60,
+    "copper": 8.96,
+    "fused_silica": 2.20,
+    "invar": 8.05,
+    "nickel": 8.90,
+    "pla": 1.24,
+    "polyamide": 1.14,
+    "polycarbonate": 1.20,
+    "silicon": 2.33,
+    "stainless_steel": 7.95,
+    "steel": 7.85,
+    "titanium": 4.51,
+}
+"""Densities of the same materials, as handbooks list them; alloys and plastics differ by a few per cent."""
 INDEX_RATES_PER_K: dict[str, float] = {
     "acrylic": -1.05e-4,
     "polycarbonate": -1.07e-4,

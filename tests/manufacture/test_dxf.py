@@ -6,8 +6,12 @@ import ezdxf
 import numpy as np
 import pytest
 
+import omnimirror as om
+from omnimirror.manufacture import Body, Making, TitleBlock, Workshop, draw_sheets
 from omnimirror.manufacture.drawings.dxf import LAYERS, write_dxf
-from tests.conftest import MIRRORS
+from omnimirror.manufacture.drawings.sheet import SHEETS
+from omnimirror.manufacture.parts import Part, parts_of
+from tests.conftest import MIRRORS, sensor_of
 from tests.manufacture.test_step import BODIES
 
 
@@ -29,7 +33,7 @@ def surface_points(entity):
 @pytest.mark.parametrize("kind", sorted(MIRRORS))
 def test_the_section_is_the_mirror_and_the_file_is_clean(kind, body, tmp_path):
     mirror, _ = MIRRORS[kind]
-    curve = write_dxf(tmp_path / "mirror.dxf", mirror, body, kind)
+    curve = write_dxf(tmp_path / "mirror.dxf", Part(sensor_of(kind), body))
     doc = ezdxf.readfile(tmp_path / "mirror.dxf")
     audit = doc.audit()
     assert not audit.errors
@@ -53,7 +57,7 @@ def test_the_section_is_the_mirror_and_the_file_is_clean(kind, body, tmp_path):
 def test_dimensions_are_real_and_measure_the_part(name, extra, tmp_path):
     mirror, _ = MIRRORS["hyperboloid"]
     body = BODIES[name]
-    write_dxf(tmp_path / "mirror.dxf", mirror, body, "h")
+    write_dxf(tmp_path / "mirror.dxf", Part(sensor_of("hyperboloid"), body))
     page = ezdxf.readfile(tmp_path / "mirror.dxf").modelspace()
     edge = float(mirror.sag(43.9))
     expected = [87.8, edge, body.thickness_mm, edge + body.thickness_mm, *map(float, extra)]
@@ -65,7 +69,7 @@ def test_dimensions_are_real_and_measure_the_part(name, extra, tmp_path):
 
 def test_layers_hatch_and_centre_line_are_there(tmp_path):
     mirror, _ = MIRRORS["even-polynomial"]
-    write_dxf(tmp_path / "mirror.dxf", mirror, BODIES["tapped, with flange"], "E-DI")
+    write_dxf(tmp_path / "mirror.dxf", Part(sensor_of("even-polynomial"), BODIES["tapped, with flange"]))
     doc = ezdxf.readfile(tmp_path / "mirror.dxf")
     for layer in LAYERS:
         found = doc.layers.get(layer.name)
@@ -83,3 +87,37 @@ def test_layers_hatch_and_centre_line_are_there(tmp_path):
     notes = doc.modelspace().query("MTEXT[layer=='NOTES']")[0].plain_text()
     assert "quintic spline" in notes
     assert "M6 12 mm deep (drill 5 mm)" in notes
+
+
+@pytest.mark.parametrize("size", sorted(SHEETS))
+def test_the_layout_is_the_sheet(size, tmp_path):
+    """The same words at the same places as on the sheet, as large as letters have to be; lines within the paper."""
+    sensor, making = om.load_sensor("folded-hyperboloidal"), Making("brass", back_flatness_mm=0.005)
+    workshop = Workshop(TitleBlock("OM-1"), mirror=making)
+    parts = parts_of(sensor, Body())
+    write_dxf(tmp_path / "mirror.dxf", parts[0], workshop, sheet=size, place=(2, 3))
+    doc = ezdxf.readfile(tmp_path / "mirror.dxf")
+    assert not doc.audit().errors
+    layout = doc.layout(size)
+    figure = draw_sheets(sensor, Body(), sheet=size, workshop=workshop).figures[1]
+    wanted = sorted((t.get_text(), *t.get_position()) for t in figure.axes[0].texts)
+    texts = list(layout.query("TEXT"))
+    found = sorted((t.dxf.text, *list(t.get_placement()[-1] or t.get_placement()[1])[:2]) for t in texts)
+    assert [words for words, *_ in found] == [words for words, *_ in wanted]
+    np.testing.assert_allclose([at for _, *at in found], [at for _, *at in wanted], atol=1e-6)
+    assert min(t.dxf.height for t in texts) == pytest.approx(2.5)
+    points = np.concatenate([np.array(line.get_points("xy")) for line in layout.query("LWPOLYLINE")])
+    assert ((points >= 0) & (points <= SHEETS[size])).all()
+    assert (layout.dxf.paper_width, layout.dxf.paper_height) == SHEETS[size]
+
+
+def test_tolerances_and_a_counterbore_are_dimensions_too(tmp_path):
+    sensor = om.load_sensor("folded-hyperboloidal")
+    making = Making(diameter_tolerance_mm=0.02, thickness_tolerance_mm=0.05)
+    (part, _) = parts_of(sensor)
+    write_dxf(tmp_path / "mirror.dxf", part, Workshop(mirror=making))
+    page = ezdxf.readfile(tmp_path / "mirror.dxf").modelspace()
+    measured = [d.get_measurement() for d in page.query("DIMENSION")]
+    assert {14.0, 49.69, 6.0, 87.8} <= {round(float(m), 6) for m in measured}
+    shown = {t.plain_text() for d in page.query("DIMENSION") for t in d.virtual_entities() if t.dxftype() == "MTEXT"}
+    assert {"Ø87.8±0.02", "5±0.05"} <= {words.replace(" ", "").replace("\n", "") for words in shown}, shown

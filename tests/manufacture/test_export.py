@@ -39,9 +39,10 @@ def test_every_mirror_is_written_in_every_format(kind, tmp_path):
 
 def test_one_file_is_named_by_its_suffix(tmp_path):
     for suffix in (".stp", ".STEP", ".svg", ".png", ".dat", ".csv"):
-        (file,) = om.export(om.load_sensor("paper-spherical"), tmp_path / f"mirror{suffix}", grid_points=9)
+        file, *others = om.export(om.load_sensor("paper-spherical"), tmp_path / f"mirror{suffix}", grid_points=9)
         assert file.path == tmp_path / f"mirror{suffix}"
-        assert file.path.exists()
+        assert [other.path.name for other in others] == [f"mirror-mirror{suffix}"] * (suffix in (".svg", ".png"))
+        assert all(f.path.exists() for f in (file, *others))
 
 
 def test_a_name_that_is_no_file_name_is_made_one(tmp_path):

@@ -12,7 +12,9 @@ from omnimirror.cli import main
 from omnimirror.errors import InvalidParameter
 from omnimirror.housing import CameraBody, Housing, Rod, Tube
 from omnimirror.manufacture import Body, sag_table, sensitivities
+from omnimirror.manufacture.body import LEAST_WALL_MM
 from omnimirror.manufacture.formats.zmx import field_angles, write_zmx
+from omnimirror.manufacture.parts import parts_of
 from tests.analysis.meridional.test_two_mirrors import FOLDED, SENSORS, UNFOLDED
 from tests.manufacture.test_lens_files import parse_zmx, sag_of
 from tests.manufacture.test_step import read, volume
@@ -25,7 +27,8 @@ def test_both_mirrors_are_written_and_the_files_of_a_sensor_once(kind, tmp_path)
     files = om.export(SENSORS[kind], tmp_path, formats=QUICK, grid_points=33, chord_tolerance_um=50.0)
     names = [file.path.name.replace(SENSORS[kind].name, "s") for file in files]
     assert sorted(names) == [
-        "s-drawing.svg", "s-sag.csv", "s-secondary-sag.csv", "s-secondary.dat", "s-secondary.dxf", "s-secondary.stl",
+        "s-drawing.svg", "s-mirror-drawing.svg", "s-sag.csv", "s-secondary-drawing.svg", "s-secondary-sag.csv",
+        "s-secondary.dat", "s-secondary.dxf", "s-secondary.stl",
         "s.dat", "s.dxf", "s.stl", "s.zmx",
     ]  # fmt: skip
     assert all(file.path.stat().st_size > 500 for file in files)
@@ -38,7 +41,31 @@ def test_one_file_of_a_mirror_has_the_other_beside_it(tmp_path):
     assert volume(secondary) == pytest.approx(np.pi * 20.5**2 * 3, rel=1e-9)
     mirror, back = FOLDED.mirror, float(FOLDED.mirror.sag(43.905)) + 5
     pierced = quad(lambda x: 2 * np.pi * x * (back - float(mirror.sag(x))), 5.0, 43.905)[0]  # from the bore on
+    body = parts_of(FOLDED, secondary_body=Body(3.0))[0].body
+    pierced -= np.pi * ((body.counterbore_diameter_mm / 2) ** 2 - 5.0**2) * body.counterbore_depth_mm
     assert volume(primary) == pytest.approx(pierced, rel=1e-7)
+    assert volume(primary) == pytest.approx(body.volume_mm3(mirror), rel=1e-7)
+
+
+@pytest.mark.parametrize("name", ["folded-spherical", "folded-hyperboloidal"])
+def test_a_camera_looks_through_the_counterbore(name):
+    """Chief rays from the second mirror to the lens, and a lens of its size, pass the solid; and wall is left."""
+    sensor = om.load_sensor(name)
+    body, mirror = parts_of(sensor)[0].body, sensor.mirror
+    corners = body.outline(mirror)
+    lens = sensor.secondary.lens_height(sensor.mirror_distance_mm)
+    back = body.back_mm(mirror)
+    floor = back - body.counterbore_depth_mm
+    assert floor <= lens - 1.5  # the lens stands in the wide part
+    assert body.counterbore_diameter_mm >= 14.0
+    r = np.linspace(body.bore_mm / 2, body.counterbore_diameter_mm / 2, 50)
+    assert (floor - mirror.sag(r)).min() >= LEAST_WALL_MM - 1e-9
+    rays = sensor.meridian.trace(np.linspace(sensor.meridian.x_min, mirror.rim_radius_mm, 200))
+    x, z = rays.first.x, sensor.secondary.height(rays.first.x)
+    for radius, height in corners[corners[:, 0] < 0.9 * mirror.rim_radius_mm]:
+        if height < lens:
+            at = x * (lens - height) / (lens - z)  # on the way to the lens's middle
+            assert (at < radius).all()
 
 
 def test_the_section_of_a_flat_mirror_has_no_length_of_nothing(tmp_path):

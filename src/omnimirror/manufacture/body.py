@@ -32,6 +32,8 @@ DRILL_POINT = np.radians(59.0)
 LEAST_WALL_MM = 1.0
 """Material that must be left between a bore and the mirror surface."""
 
+POINTS = 64  # of Gauss's rule
+
 
 @dataclass(frozen=True)
 class Body:
@@ -51,6 +53,10 @@ class Body:
         How far a flange at the back stands out over the rim; none by default.
     flange_thickness_mm
         Of the flange, from the back forwards.
+    counterbore_diameter_mm : optional
+        Of a wider bore from the back, where a camera that looks through the mirror has its place; none by default.
+    counterbore_depth_mm
+        How deep that is.
 
     Raises
     ------
@@ -69,6 +75,8 @@ class Body:
     thread: str = ""
     flange_width_mm: float = 0.0
     flange_thickness_mm: float = 2.0
+    counterbore_diameter_mm: float = 0.0
+    counterbore_depth_mm: float = 5.0
 
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
         "thickness_mm": Parameter("mm", 1e-3, 1e4, "from the rim to the back"),
@@ -77,6 +85,8 @@ class Body:
         "thread": Parameter("", 0, 0, "ISO metric thread instead of a bore diameter", ("", *TAP_DRILLS_MM)),
         "flange_width_mm": Parameter("mm", 0.0, 1e4, "how far a flange at the back stands out over the rim"),
         "flange_thickness_mm": Parameter("mm", 1e-3, 1e4, "thickness of the flange"),
+        "counterbore_diameter_mm": Parameter("mm", 0.0, 1e4, "diameter of a wider bore for the camera, from the back"),
+        "counterbore_depth_mm": Parameter("mm", 1e-3, 1e4, "depth of the wider bore"),
     }
 
     def __post_init__(self) -> None:
@@ -91,6 +101,14 @@ class Body:
             raise InvalidParameter(
                 f"flange_thickness_mm = {self.flange_thickness_mm:g} reaches past the rim; it is valid up to "
                 f"thickness_mm = {self.thickness_mm:g}"
+            )
+
+        if self.counterbore_diameter_mm and not (
+            self.bore_goes_through and self.counterbore_diameter_mm > self.bore_mm
+        ):
+            raise InvalidParameter(
+                f"counterbore_diameter_mm = {self.counterbore_diameter_mm:g} widens a bore that goes through; it is "
+                "valid above the diameter of one with bore_depth_mm = inf"
             )
 
     @property
@@ -237,7 +255,8 @@ class Body:
                 f"a bore of {self.bore_mm:g} mm does not fit the mirror; its diameter is valid below {2 * rim:g} mm"
             )
         if self.bore_goes_through:
-            return [(radius, back), (radius, float(mirror.sag(radius)))]
+            edge = (radius, float(mirror.sag(radius)))
+            return [*self._counterbore(mirror, back), edge] if self.counterbore_diameter_mm else [(radius, back), edge]
         point = radius / np.tan(DRILL_POINT)
         r = np.linspace(0.0, radius, 129)
         bottom = back - self.bore_depth_mm - point * (1 - r / radius)
@@ -252,6 +271,52 @@ class Body:
             )
         depth = back - self.bore_depth_mm
         return [(radius, back), (radius, depth), (0.0, float(depth - point)), (0.0, 0.0)]
+
+    def _counterbore(self, mirror: Mirror, back: float) -> list[tuple[float, float]]:
+        wide = self.counterbore_diameter_mm / 2
+        deepest = deepest_counterbore_mm(self, mirror)
+        if not wide < mirror.rim_radius_mm or self.counterbore_depth_mm > deepest:
+            deep = f"; its depth is valid up to {np.floor(100 * deepest) / 100:g}" if deepest > 0 else ""
+            raise InvalidParameter(
+                f"a counterbore of {2 * wide:g} mm, {self.counterbore_depth_mm:g} mm deep, leaves less than "
+                f"{LEAST_WALL_MM:g} mm of wall to the mirror surface{deep}"
+            )
+        floor = back - self.counterbore_depth_mm
+        return [(wide, back), (wide, floor), (self.bore_mm / 2, floor)]
+
+    def volume_mm3(self, mirror: Mirror) -> float:
+        """Volume of the solid.
+
+        Parameters
+        ----------
+        mirror
+            Whose surface it carries.
+
+        Returns
+        -------
+        float
+            mm3
+
+        Examples
+        --------
+        A cone on a cylinder:
+
+        >>> from omnimirror.mirrors import Cone
+        >>> round(Body(thickness_mm=5.0).volume_mm3(Cone(45.0, 10.0)), 3)
+        2617.994
+        >>> round(np.pi * 100 * (5 + 10 / 3), 3)
+        2617.994
+        """
+        u, weight = np.polynomial.legendre.leggauss(POINTS)
+        start, rim = self.start_mm(), mirror.rim_radius_mm
+        x = start + (rim - start) * (u + 1) / 2
+        behind = (rim - start) / 2 * float((x * (float(mirror.sag(rim)) - mirror.sag(x)) * weight).sum())
+        # of the straight sides, by Green's theorem: the integral of x^2 / 2 along z
+        (x0, z0), (x1, z1) = (np.array(c) for c in (self.outline(mirror)[:-1].T, self.outline(mirror)[1:].T))
+        sides = float(((x0 * x0 + x0 * x1 + x1 * x1) / 6 * (z1 - z0)).sum())
+        # the meridian closes the outline, from where it begins to the rim
+        level = float(mirror.sag(rim)) - float(mirror.sag(start))
+        return 2 * np.pi * (sides + behind + start * start / 2 * level)
 
     def words(self) -> str:
         """What the solid is, in a few words.
@@ -273,4 +338,12 @@ class Body:
             depth = "through" if self.bore_goes_through else f"{self.bore_depth_mm:g} mm deep"
             hole = f"{self.thread} {depth} (drill {self.bore_mm:g} mm)" if self.thread else ""
             parts.append(hole or f"bore {self.bore_mm:g} mm, {depth}")
+        if self.counterbore_diameter_mm:
+            parts.append(f"counterbore {self.counterbore_diameter_mm:g} x {self.counterbore_depth_mm:g} mm")
         return ", ".join(parts)
+
+
+def deepest_counterbore_mm(body: Body, mirror: Mirror) -> float:
+    """How deep a body's counterbore may be: so much wall is left as by other bores, and the bore keeps its edge."""
+    r = np.linspace(body.bore_mm / 2, min(body.counterbore_diameter_mm / 2, mirror.rim_radius_mm), 129)
+    return body.back_mm(mirror) - float(mirror.sag(r).max()) - LEAST_WALL_MM

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib.util import find_spec
 from pathlib import Path
 from shutil import copyfile
@@ -19,14 +19,17 @@ from ..housing import Housing
 from ..numerics.registry import Registry
 from ..sensor import Sensor, check_sensor
 from .body import Body
-from .drawings.drawing import Drawing, draw_sheet, write_drawing
+from .drawings.drawing import Drawing, draw_sheets, write_drawing
 from .drawings.sheet import scale_words
+from .drawings.tables import DataFile, sag_text
 from .formats.gridsag import write_grid_sag
-from .formats.sag_tables import format_table, table_points
+from .formats.sag_tables import table_points
 from .formats.zmx import write_zmx
 from .lathe import Tool, write_tool_path
 from .parts import Part, parts_of
+from .workshop import Workshop
 
+SECONDARY_MARK, MIRROR_MARK = "-secondary", "-mirror"  # in names of files
 FOLLOWS_DEG = 0.01  # a lens file whose rays stay within this of the mirror's follows it
 
 
@@ -68,6 +71,21 @@ class Plan:
     sheet: str = "A3"
     scale: float | None = None
     tool: Tool = field(default_factory=Tool)
+    workshop: Workshop = field(default_factory=Workshop)
+    page: int = 0
+    """Which sheet of the drawing."""
+    drawn: list[Drawing] = field(default_factory=list)
+    """The drawing, once a file has asked for it."""
+
+    @property
+    def stem(self) -> str:
+        """What the names of files begin with."""
+        return re.sub(r"[^\w.+-]+", "-", self.sensor.name).strip("-.") or "sensor"
+
+    def data_file(self, part: Part) -> DataFile:
+        """The sag table of a mirror, as it is written beside the drawing."""
+        name = f"{self.stem}{SECONDARY_MARK if part.is_secondary else ''}-sag.csv"
+        return DataFile.of(part, name, self.step_mm, self.step_deg, self.digits)
 
 
 class Content(NamedTuple):
@@ -86,7 +104,8 @@ Writer = Callable[[Plan, Part, Path], Content]
 class Format:
     """How a format is written and named: ``suffixes`` it goes by, what is put after the sensor's name, its packages.
 
-    Of two mirrors there is a file each, unless a file shows the whole sensor.
+    Of two mirrors there is a file each, unless a file shows the whole sensor; of a drawing one of each sheet, where
+    files of its kind hold no more.
     """
 
     write: Writer
@@ -94,6 +113,7 @@ class Format:
     ending: str = ""
     packages: tuple[str, ...] = ()
     shows_sensor: bool = False
+    is_one_sheet: bool = False
 
 
 @checked
@@ -113,6 +133,7 @@ def export(
     sheet: str = "A3",
     scale: float | None = None,
     tool: Tool | None = None,
+    workshop: Workshop | None = None,
 ) -> list[Exported]:
     """Write CAD files, lens files, tables and the drawing of a sensor: all of them, or none.
 
@@ -143,6 +164,9 @@ def export(
         "A3" or "A4", and the scale of the drawing's first view; by default the largest standard one that fits.
     tool : optional
         What turns the mirror on a lathe, by default ``Tool()``.
+    workshop : optional
+        What the drawing says beside shapes: title block, material, texture, tolerances
+        (:func:`omnimirror.manufacture.load_workshop`).
 
     Returns
     -------
@@ -175,10 +199,10 @@ def export(
     scale = optional_number("scale", scale, above=0.0)
     plan = Plan(
         sensor, parts_of(sensor, body, secondary_body), housing, chord_tolerance_um, step_mm,
-        step_deg, digits, grid_points, sheet, scale, tool or Tool(),
+        step_deg, digits, grid_points, sheet, scale, tool or Tool(), workshop or Workshop(),
     )  # fmt: skip
     targets = _targets(plan, path, formats)
-    _check_packages(list(dict.fromkeys(name for name, _ in targets.values())))
+    _check_packages(list(dict.fromkeys(name for name, *_ in targets.values())))
     with TemporaryDirectory() as folder, ExitStack() as stack:
         made = {target: Path(folder) / _plain(target.name) for target in targets}
         written = [Exported(target, *_write(plan, *what, made[target], target)) for target, what in targets.items()]
@@ -192,16 +216,16 @@ def _plain(name: str) -> str:
     return name.encode("utf-8", "replace").decode()
 
 
-def _write(plan: Plan, name: str, part: Part, path: Path, target: Path) -> Content:
+def _write(plan: Plan, name: str, part: Part, page: int, path: Path, target: Path) -> Content:
     """Write one file where it can be thrown away; ``target`` is what the user knows it as."""
     try:
-        return FORMATS[name].write(plan, part, path)
+        return FORMATS[name].write(replace(plan, page=page), part, path)
     except OSError as e:
         raise OmnimirrorError(f"cannot write {target}: {e.strerror or e}") from None
 
 
-def _targets(plan: Plan, path: Path, formats: list[str] | None) -> dict[Path, tuple[str, Part]]:
-    """The files to write, each with its format and the mirror that it is of."""
+def _targets(plan: Plan, path: Path, formats: list[str] | None) -> dict[Path, tuple[str, Part, int]]:
+    """The files to write, each with its format, the mirror that it is of, and the sheet of the drawing."""
     for name in formats or ():
         if not isinstance(name, str) or name not in FORMATS:
             raise InvalidParameter(f"there is no format {shown(name)}; valid are {', '.join(FORMATS)}")
@@ -211,24 +235,28 @@ def _targets(plan: Plan, path: Path, formats: list[str] | None) -> dict[Path, tu
         name = by_suffix[suffix]
         if formats and formats != [name]:
             raise InvalidParameter(f"{path.name} is a {name} file; give a folder for {', '.join(formats)}")
-        return {path.with_stem(path.stem + mark): (name, part) for mark, part in _marked(plan, name)}
+        return {path.with_stem(path.stem + mark): (name, part, page) for mark, part, page in _marked(plan, name)}
     if suffix and formats is None and not path.is_dir():
         raise InvalidParameter(
             f"{path.name} has no suffix that is known; valid are {', '.join(by_suffix)}, or a folder"
         )
-    stem = re.sub(r"[^\w.+-]+", "-", plan.sensor.name).strip("-.") or "sensor"
     chosen = DEFAULT_FORMATS if formats is None else tuple(dict.fromkeys(formats))
     return {
-        path / f"{stem}{mark}{FORMATS[name].ending}{FORMATS[name].suffixes[0]}": (name, part)
+        path / f"{plan.stem}{mark}{FORMATS[name].ending}{FORMATS[name].suffixes[0]}": (name, part, page)
         for name in chosen
-        for mark, part in _marked(plan, name)
+        for mark, part, page in _marked(plan, name)
     }
 
 
-def _marked(plan: Plan, name: str) -> list[tuple[str, Part]]:
-    """The mirrors that a format has a file of, each with what its name ends in."""
-    parts = plan.parts[:1] if FORMATS[name].shows_sensor else plan.parts
-    return [("-secondary" if part.is_secondary else "", part) for part in parts]
+def _marked(plan: Plan, name: str) -> list[tuple[str, Part, int]]:
+    """The mirrors that a format has a file of, or the sheets, each with what its name ends in."""
+    kind = FORMATS[name]
+    marked = [(SECONDARY_MARK if part.is_secondary else "", part, 0) for part in plan.parts]
+    if kind.is_one_sheet:
+        marks = (MIRROR_MARK, SECONDARY_MARK)
+        sheets = [(mark, part, i) for i, (mark, part) in enumerate(zip(marks, plan.parts, strict=False), start=1)]
+        return [marked[0], *sheets]
+    return marked[:1] if kind.shows_sensor else marked
 
 
 def _check_packages(names: list[str]) -> None:
@@ -269,7 +297,10 @@ def _mesh(plan: Plan, part: Part, path: Path) -> Content:
 def _dxf(plan: Plan, part: Part, path: Path) -> Content:
     from .drawings.dxf import write_dxf
 
-    curve = write_dxf(path, part.mirror, part.body, part.name)
+    i = int(part.is_secondary)
+    curve = write_dxf(
+        path, part, plan.workshop, plan.data_file(part), sheet=plan.sheet, place=(i + 2, 1 + len(plan.parts))
+    )
     return Content(f"half-section with dimensions, {curve.words}", curve.deviation_um)
 
 
@@ -286,15 +317,21 @@ def _grid_sag(plan: Plan, part: Part, path: Path) -> Content:
 
 def _table(plan: Plan, part: Part, path: Path) -> Content:
     x = table_points(plan.sensor, plan.step_mm, plan.step_deg, part.is_secondary)
-    path.write_text(format_table(plan.sensor, x, plan.digits, part.is_secondary), encoding="utf-8", newline="")
+    path.write_text(sag_text(part, plan.step_mm, plan.step_deg, plan.digits), encoding="utf-8", newline="")
     return Content(f"sag table, {len(x)} points", 1e3 * 0.5 * 10.0**-plan.digits)
 
 
 def _drawing(plan: Plan, part: Part, path: Path) -> Content:
-    bodies = [p.body for p in plan.parts]
-    drawing: Drawing = draw_sheet(plan.sensor, bodies[0], plan.housing, plan.sheet, plan.scale, *bodies[1:])
-    write_drawing(path, drawing)
-    return Content(f"drawing, {plan.sheet}, {scale_words(drawing.sensor_scale)}", None)
+    if not plan.drawn:
+        bodies = [p.body for p in plan.parts]
+        plan.drawn.append(draw_sheets(
+            plan.sensor, bodies[0], plan.housing, plan.sheet, plan.scale, *bodies[1:], workshop=plan.workshop,
+            data_files=[plan.data_file(p) for p in plan.parts],
+        ))  # fmt: skip
+    (drawing,) = plan.drawn
+    write_drawing(path, drawing, plan.page)
+    shown = "drawing" if path.suffix.lower() == ".pdf" else f"drawing of the {drawing.names[plan.page]}"
+    return Content(f"{shown}, {plan.sheet}, {scale_words(drawing.scales[plan.page])}", None)
 
 
 def _tool_path(plan: Plan, part: Part, path: Path) -> Content:
@@ -313,8 +350,8 @@ OURS = {
     "gridsag": Format(_grid_sag, (".dat",)),
     "csv": Format(_table, (".csv",), "-sag"),
     "pdf": Format(_drawing, (".pdf",), "-drawing", shows_sensor=True),
-    "svg": Format(_drawing, (".svg",), "-drawing", shows_sensor=True),
-    "png": Format(_drawing, (".png",), "-drawing", shows_sensor=True),
+    "svg": Format(_drawing, (".svg",), "-drawing", shows_sensor=True, is_one_sheet=True),
+    "png": Format(_drawing, (".png",), "-drawing", shows_sensor=True, is_one_sheet=True),
     "gcode": Format(_tool_path, (".nc", ".ngc"), "-path"),
     "points": Format(_tool_path, (".tsv",), "-path"),
 }

@@ -14,9 +14,14 @@ from ..lenses import GaussianLens
 from ..mirrors import Mirror
 from ..sensor import Sensor
 from ..tracing.meridian import ROUNDING
-from .body import Body
+from .body import Body, deepest_counterbore_mm
 
 Array = NDArray[np.float64]
+
+LENS_HEAD_MM = 14.0
+"""Diameter of the head of an M12 lens, for which a counterbore has room unless it is said."""
+BEFORE_LENS_MM = 2.0
+"""How far before the lens's principal point its counterbore reaches, where there is wall."""
 
 
 @dataclass(frozen=True)
@@ -100,13 +105,25 @@ def bored(sensor: Sensor, body: Body) -> Body:
         return body
     needed = 2 * sensor.secondary.bore_radius_mm
     if not body.bore_mm:
-        return replace(body, bore_diameter_mm=needed, bore_depth_mm=np.inf)
+        return _counterbored(sensor, replace(body, bore_diameter_mm=needed, bore_depth_mm=np.inf), lens)
     if not body.bore_goes_through or body.bore_mm < needed:
         raise InvalidParameter(
             f"the camera of {sensor.name!r} looks through a bore of {needed:g} mm in its mirror; a bore is valid from "
             "that diameter and all the way through, or leave it out"
         )
     return body
+
+
+def _counterbored(sensor: Sensor, body: Body, lens: float) -> Body:
+    """The body with room for a lens that stands inside it at a height (mm), from a little before the lens backwards."""
+    if body.counterbore_diameter_mm or not lens < body.back_mm(sensor.mirror):
+        return body
+    imager = sensor.imager
+    diagonal = imager.pitch_mm * float(np.hypot(imager.width_px, imager.height_px))
+    wide = replace(body, counterbore_diameter_mm=max(LENS_HEAD_MM, body.bore_mm + 2, diagonal + 2))
+    depth = min(body.back_mm(sensor.mirror) - lens + BEFORE_LENS_MM, deepest_counterbore_mm(wide, sensor.mirror))
+    fits = depth > 0 and wide.counterbore_diameter_mm / 2 < sensor.mirror.rim_radius_mm
+    return replace(wide, counterbore_depth_mm=float(np.floor(100 * depth) / 100)) if fits else body
 
 
 def mirror_of(sensor: Sensor, secondary: bool = False) -> Mirror:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import partial
@@ -136,6 +137,56 @@ def load_tolerances(path: str | Path, sensor: Sensor) -> TolerancePlan:
     path = file_name("path", path)
     text = read_text(path, "tolerance file", SpecError, f"there is no tolerance file {str(path)!r}")
     return parse_tolerances(text, sensor, str(path))
+
+
+@checked
+def allocated_tolerances(path: str | Path, sensor: Sensor) -> dict[str, float]:
+    """Tolerances by the names of their errors, for a drawing.
+
+    Parameters
+    ----------
+    path
+        A tolerance file; or the JSON that ``omnimirror tolerance --json`` writes, whose allocated tolerances are taken
+        if a yield was asked for, and those that were tried otherwise.
+    sensor
+        Whose they are.
+
+    Returns
+    -------
+    dict
+        Plus and minus, in the units that the names end with.
+
+    Raises
+    ------
+    SpecError
+        A file that is neither, or names an error that the sensor cannot have.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile, omnimirror as om
+    >>> sensor = om.load_sensor("paper-spherical")
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder, "tolerances.toml")
+    ...     _ = path.write_text(tolerance_template(sensor))
+    ...     allocated_tolerances(path, sensor)["mirror.tilt_x_deg"]
+    0.1
+    """
+    path = file_name("path", path)
+    if path.suffix.lower() != ".json":
+        plan = load_tolerances(path, sensor)
+        return {name: bound.value for name, bound in plan.tolerances.errors.items()}
+    text = read_text(path, "tolerance file", SpecError, f"there is no tolerance file {str(path)!r}")
+    try:
+        data = json.loads(text)
+        found = data["allocation"]["tolerances"] if data["allocation"] else {
+            row["name"]: row["tolerance"] for row in data["sensitivities"]
+        }  # fmt: skip
+        tolerances = {str(name): float(value) for name, value in found.items()}
+    except (ValueError, KeyError, TypeError, AttributeError):
+        raise SpecError(f"{path} is not what omnimirror tolerance --json writes") from None
+    for name in tolerances:
+        check_name(name, errors_of(sensor))
+    return tolerances
 
 
 def parse_tolerances(text: str, sensor: Sensor, source: str = "tolerances") -> TolerancePlan:

@@ -1,7 +1,8 @@
 """DXF: the half-section of the mirror with dimensions, for CAD and for a lathe.
 
 The axis is drawn horizontally: X is our z (the lens lies to the left), Y the distance from the axis. The
-upper half is cut and hatched, the lower one seen from outside. All at full size, in mm.
+upper half is cut and hatched, the lower one seen from outside. All at full size, in mm. The layout beside it is the
+mirror's sheet of the drawing, as large as the paper.
 """
 
 from __future__ import annotations
@@ -15,6 +16,12 @@ from numpy.typing import NDArray
 from ...mirrors import Mirror
 from ..body import Body
 from ..forms import ProfileCurve, chords, conic_of, curve_of
+from ..parts import Part
+from ..workshop import Making, Workshop
+from .drawing import draw_part_sheet
+from .paper_space import add_layout
+from .sheet import Sheet
+from .tables import DataFile
 
 Array = NDArray[np.float64]
 
@@ -41,11 +48,24 @@ STYLE = "OMNIMIRROR"
 BY_LAYER = 256
 
 
-def write_dxf(path: Path, mirror: Mirror, body: Body, name: str) -> ProfileCurve:
-    """Write the half-section; the mirror surface is an exact arc, conic or line, or the spline of the STEP file."""
+def write_dxf(
+    path: Path,
+    part: Part,
+    workshop: Workshop | None = None,
+    file: DataFile | None = None,
+    *,
+    sheet: str = "A3",
+    place: tuple[int, int] = (2, 2),
+) -> ProfileCurve:
+    """Write the half-section; the mirror surface is an exact arc, conic or line, or the spline of the STEP file.
+
+    The layout is the part's sheet of the drawing, with what a workshop is told and the file of the surface's data.
+    """
     import ezdxf.filemanagement
     from ezdxf.units import MM
 
+    mirror, body, workshop = part.mirror, part.body, workshop or Workshop()
+    making = workshop.secondary if part.is_secondary else workshop.mirror
     curve = curve_of(mirror, body.start_mm())
     doc = ezdxf.filemanagement.new("R2010", setup=["linetypes", "styles"], units=MM)
     for layer in LAYERS:
@@ -59,8 +79,11 @@ def write_dxf(path: Path, mirror: Mirror, body: Body, name: str) -> ProfileCurve
     _draw_outline(page, curve, section)
     _draw_hatch(page, mirror, body, section, size)
     _draw_axis(page, mirror, body, size)
-    _draw_dimensions(page, mirror, body, size)
-    _draw_notes(page, mirror, body, curve, name, size)
+    _draw_dimensions(page, mirror, body, size, making)
+    _draw_notes(page, mirror, body, curve, part.name, size)
+    paper = Sheet(sheet)
+    draw_part_sheet(paper, part, workshop, file or DataFile.of(part, f"{part.name}-sag.csv"), place)
+    add_layout(doc, paper)
     doc.saveas(path)
     return curve
 
@@ -141,7 +164,7 @@ def _draw_axis(page: Any, mirror: Mirror, body: Body, size: float) -> None:
 # -- dimensions and notes --------------------------------------------------------------------------
 
 
-def _draw_dimensions(page: Any, mirror: Mirror, body: Body, size: float) -> None:
+def _draw_dimensions(page: Any, mirror: Mirror, body: Body, size: float, making: Making) -> None:
     rim, back = mirror.rim_radius_mm, body.back_mm(mirror)
     edge, outer = float(mirror.sag(rim)), body.outer_radius_mm(mirror)
     row = 2.6 * size
@@ -150,10 +173,10 @@ def _draw_dimensions(page: Any, mirror: Mirror, body: Body, size: float) -> None
         """A length along the axis, from (z0, x0) to (z1, x1), its line at the distance ``at`` from the axis."""
         _linear(page, (z0, at), (z0, x0), (z1, x1), 0.0, override)
 
-    def diameter(x: float, z: float, at: float) -> None:
-        _linear(page, (at, 0.0), (z, -x), (z, x), 90.0, {"dimpost": "Ø<>"})
+    def diameter(x: float, z: float, at: float, **override: Any) -> None:
+        _linear(page, (at, 0.0), (z, -x), (z, x), 90.0, {"dimpost": "Ø<>"} | override)
 
-    along(edge, back, -rim, -outer, -outer - 1.5 * row)
+    along(edge, back, -rim, -outer, -outer - 1.5 * row, **_allowed(making.thickness_tolerance_mm))
     if edge:  # a flat mirror is as thick everywhere
         along(0.0, edge, 0.0, -rim, -outer - 1.5 * row)
         along(0.0, back, 0.0, -outer, -outer - 2.5 * row)
@@ -163,11 +186,23 @@ def _draw_dimensions(page: Any, mirror: Mirror, body: Body, size: float) -> None
         diameter(body.bore_mm / 2, back, at)
         if not body.bore_goes_through:
             along(back - body.bore_depth_mm, back, body.bore_mm / 2, body.bore_mm / 2, outer + row)
+    if wide := body.counterbore_diameter_mm:
+        at += row
+        diameter(wide / 2, back, at)
+        along(back - body.counterbore_depth_mm, back, wide / 2, wide / 2, outer + row)
     if body.flange_width_mm:
         at += row if body.bore_mm else 2 * row
         diameter(outer, back, at)
         along(back - body.flange_thickness_mm, back, outer, outer, outer + 2 * row)
-    diameter(rim, edge, -2 * row)
+    diameter(rim, edge, -2 * row, **_allowed(making.diameter_tolerance_mm))
+
+
+def _allowed(tolerance: float | None) -> dict[str, Any]:
+    """What makes a dimension say plus and minus."""
+    if tolerance is None:
+        return {}
+    places = max(0, min(8, 1 - int(np.floor(np.log10(tolerance)))))
+    return {"dimtol": 1, "dimtp": tolerance, "dimtm": tolerance, "dimtdec": places, "dimtzin": 8}
 
 
 def _linear(page: Any, base: Any, p1: Any, p2: Any, angle: float, override: dict[str, Any]) -> None:

@@ -1,20 +1,20 @@
 """A sheet of drawing paper: lines, hatching, dimensions, text and tables, placed in millimetres of the paper.
 
-Line widths, dash patterns and arrows follow ISO 128 and 129; sizes are those of an A3 sheet and shrink with
-the paper, so that one layout serves A3 and A4.
+Line widths, dash patterns and arrows follow ISO 128 and 129, letters are 2.5 mm high at least (ISO 3098), on every
+sheet: A4 stands upright and A3 lies, so that both are as high and the title block is as wide as an A4 sheet's frame.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from functools import cache
+from itertools import pairwise
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.patches import PathPatch, Polygon
-from matplotlib.path import Path as Outline
-from matplotlib.textpath import TextPath
+from matplotlib.patches import Polygon
 from numpy.typing import ArrayLike, NDArray
 
 from ...errors import InvalidParameter
@@ -22,16 +22,26 @@ from ...figures.style import INK
 
 Array = NDArray[np.float64]
 
-SHEETS = {"A3": (420.0, 297.0), "A4": (297.0, 210.0)}
-"""Width and height in landscape, mm."""
+SHEETS = {"A3": (420.0, 297.0), "A4": (210.0, 297.0)}
+"""Width and height, mm (ISO 5457)."""
+MARGINS = (20.0, 10.0)
+"""From the edge of the paper to the frame, on the left and elsewhere, mm."""
+LETTERS = 2.5
+"""Height of the smallest letters, mm (ISO 3098)."""
 FRAME, THICK, THIN, FINE = 0.7, 0.5, 0.25, 0.18
-"""Line widths on A3, mm."""
+"""Line widths, mm."""
 CHAIN, DASHED, PHANTOM = (20, 4, 2, 4), (8, 4), (20, 4, 2, 4, 2, 4)
 """Dash patterns in line widths: centre lines, hidden edges, neighbouring parts."""
 ARROW = 2.5
-"""Length of an arrow on A3, mm; it is a third as wide."""
+"""Length of an arrow, mm; it is a third as wide."""
+TABLE_ROW, GUTTER = 4.8, 3.0
+"""Height of a table's row, and room between its columns, mm."""
+CLEAR = 0.5
+"""Between letters and the lines that make way for them, mm."""
 CAPITAL = 0.729
 """Height of capitals over font size, DejaVu Sans."""
+MEASURED_AT = 256.0
+"""Size of letters whose width is measured, in points."""
 POINT = 72 / 25.4
 SCALES = [10.0**n * a for n in range(2, -5, -1) for a in (5, 2, 1)]
 """Of ISO 5455, from 500:1 down."""
@@ -69,6 +79,90 @@ class View:
         return np.stack([self.x + self.scale * z, self.y + self.scale * x], axis=-1)
 
 
+class Region(NamedTuple):
+    """A rectangle of a sheet, mm."""
+
+    left: float
+    bottom: float
+    right: float
+    top: float
+
+
+def hatching(outline: Array, spacing: float, rising: bool = True) -> list[Array]:
+    """Lines at 45 degrees inside a closed outline (n, 2), each as its ends (2, 2).
+
+    They are counted from the sheet's corner, so that neighbouring areas of a part match.
+
+    >>> square = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]])
+    >>> [line.round(6).tolist() for line in hatching(square, 2.0 * np.sqrt(2))]
+    [[[0.0, 0.0], [4.0, 4.0]]]
+    """
+    turn = np.array([[1.0, 1.0], [-1.0, 1.0]] if rising else [[1.0, -1.0], [1.0, 1.0]]) / np.sqrt(2)
+    along, across = turn @ outline.T  # the lines run along the first
+    lines = []
+    for at in spacing * np.arange(np.ceil(across.min() / spacing), np.floor(across.max() / spacing) + 1):
+        above = across > at
+        cut = np.flatnonzero(above != np.roll(above, -1))
+        after = (cut + 1) % len(across)
+        share = (at - across[cut]) / (across[after] - across[cut])
+        ends = np.sort(along[cut] + share * (along[after] - along[cut]))
+        pairs = np.stack([ends, np.full_like(ends, at)], axis=-1).reshape(-1, 2, 2)
+        lines += [pair @ turn for pair in pairs if np.ptp(pair[:, 0]) > 0]
+    return lines
+
+
+@cache
+def _width_over_height(words: str, weight: str) -> float:
+    """Of words that are set, over the height of their capitals."""
+    from matplotlib.font_manager import FontProperties, findfont, get_font
+    from matplotlib.ft2font import LoadFlags
+
+    font = get_font(findfont(FontProperties(family="DejaVu Sans", weight=weight)))
+    font.set_size(MEASURED_AT, 72)
+    font.set_text(words, 0.0, flags=LoadFlags.NO_HINTING)
+    return float(font.get_width_height()[0]) / 64 / MEASURED_AT / CAPITAL
+
+
+def outside_of(points: Array, boxes: Sequence[Region]) -> list[Array] | None:
+    """The pieces of a line (n, 2) outside some boxes; None where it meets none.
+
+    >>> [piece.tolist() for piece in outside_of(np.array([[0.0, 0.0], [9.0, 0.0]]), [Region(2.0, -1.0, 4.0, 1.0)])]
+    [[[0.0, 0.0], [2.0, 0.0]], [[4.0, 0.0], [9.0, 0.0]]]
+    """
+    (x0, y0), (x1, y1) = points.min(axis=0), points.max(axis=0)
+    near = [b for b in boxes if b.left < x1 and b.right > x0 and b.bottom < y1 and b.top > y0]
+    segments = [np.stack(ends) for ends in pairwise(points)]
+    whole = len(segments)
+    for box in near:
+        segments = [piece for segment in segments for piece in _cut(segment, box)]
+    if len(segments) == whole and all(np.array_equal(s, points[i : i + 2]) for i, s in enumerate(segments)):
+        return None
+    joined: list[Array] = []
+    for segment in segments:
+        if joined and np.array_equal(joined[-1][-1], segment[0]):
+            joined[-1] = np.concatenate([joined[-1], segment[1:]])
+        else:
+            joined.append(segment)
+    return joined
+
+
+def _cut(segment: Array, box: Region) -> list[Array]:
+    """A straight line (2, 2) without what lies inside a box."""
+    start, along = segment[0], segment[1] - segment[0]
+    enter, leave = 0.0, 1.0
+    for i, (low, high) in enumerate(((box.left, box.right), (box.bottom, box.top))):
+        if along[i] == 0:
+            if not low < start[i] < high:
+                return [segment]
+            continue
+        ends = sorted(((low - start[i]) / along[i], (high - start[i]) / along[i]))
+        enter, leave = max(enter, ends[0]), min(leave, ends[1])
+    if enter >= leave:
+        return [segment]
+    pieces = [np.stack([start, start + enter * along])] if enter > 0 else []
+    return [*pieces, np.stack([start + leave * along, segment[1]])] if leave < 1 else pieces
+
+
 class Sheet:
     """A figure as large as the paper; every method draws in millimetres from its lower left corner."""
 
@@ -77,7 +171,6 @@ class Sheet:
             raise InvalidParameter(f"sheet = {size!r} is not one of {', '.join(SHEETS)}")
         self.size = size
         self.width, self.height = SHEETS[size]
-        self.k = self.width / SHEETS["A3"][0]
         self.figure = Figure(figsize=(self.width / 25.4, self.height / 25.4))
         self.ax = self.figure.add_axes((0, 0, 1, 1))
         self.ax.set_axis_off()
@@ -90,47 +183,65 @@ class Sheet:
         """An open line through points (n, 2)."""
         x, y = np.asarray(points, dtype=float).T
         look = {"color": INK, "solid_capstyle": "round", "dash_capstyle": "butt", **look}
-        (line,) = self.ax.plot(x, y, linewidth=width * self.k * POINT, **look)
+        (line,) = self.ax.plot(x, y, linewidth=width * POINT, **look)
         if dashes:
             line.set_dashes(dashes)
 
     def hatch(self, outline: ArrayLike, spacing: float = 3.0, rising: bool = True) -> None:
         """Hatching at 45 degrees inside a closed outline (n, 2)."""
-        outline = np.asarray(outline, dtype=float)
-        inside = PathPatch(Outline(outline, closed=False), facecolor="none", edgecolor="none")
-        self.ax.add_patch(inside)
-        (x0, y0), (x1, y1) = outline.min(axis=0), outline.max(axis=0)
-        step, tall = spacing * self.k * np.sqrt(2), y1 - y0
-        # counted from the sheet's corner, so that neighbouring areas of a part match
-        first = np.floor((x0 - tall - y0) / step) * step + y0
-        for start in np.arange(first - tall, x1 + tall, step):
-            ends = [(start, y0), (start + tall, y1)] if rising else [(start + tall, y0), (start, y1)]
-            (line,) = self.ax.plot(*zip(*ends, strict=True), color=INK, linewidth=FINE * self.k * POINT)
-            line.set_clip_path(inside)
+        for start, end in hatching(np.asarray(outline, dtype=float), spacing, rising):
+            self.line([start, end], FINE, solid_capstyle="butt")
 
     def arrow(self, tip: ArrayLike, direction: ArrayLike, color: str = INK) -> None:
         """A filled arrow head whose tip points along a direction."""
         tip, along = np.asarray(tip, dtype=float), np.asarray(direction, dtype=float)
-        along = along / np.hypot(*along) * ARROW * self.k
+        along = along / np.hypot(*along) * ARROW
         across = np.array([-along[1], along[0]]) / 6
         corners = [tip, tip - along + across, tip - along - across]
-        self.ax.add_patch(Polygon(corners, closed=True, facecolor=color, edgecolor="none", zorder=3))
+        self.fill(corners, color)
+
+    def fill(self, corners: Sequence[ArrayLike], color: str = INK) -> None:
+        """A filled area."""
+        self.ax.add_patch(Polygon(np.asarray(corners), closed=True, facecolor=color, edgecolor="none", zorder=3))
 
     # -- text ------------------------------------------------------------------------------------
 
-    def text(self, x: float, y: float, words: str, height: float = 2.5, **look: Any) -> None:
-        """Words whose capitals are so many mm high on A3."""
+    def text(self, x: float, y: float, words: str, height: float = LETTERS, **look: Any) -> None:
+        """Words whose capitals are so many mm high."""
         look = {"ha": "left", "va": "baseline", "color": INK, **look}
-        self.ax.text(x, y, words, fontsize=height * self.k / CAPITAL * POINT, parse_math=False, **look)
+        self.ax.text(x, y, words, fontsize=height / CAPITAL * POINT, parse_math=False, **look)
 
-    def text_width(self, words: str, height: float = 2.5, **look: Any) -> float:
+    def text_width(self, words: str, height: float = LETTERS, weight: Any = "normal") -> float:
         """How wide words would come out, mm."""
-        from matplotlib.font_manager import FontProperties
+        return _width_over_height(words, str(weight)) * height
 
-        font = FontProperties(family="DejaVu Sans", **look)
-        size = height * self.k / CAPITAL
-        words = words.replace("$", r"\$")  # a dollar is a dollar
-        return float(TextPath((0, 0), words, size=size, prop=font).get_extents().width) if words.strip() else 0.0
+    def words_boxes(self) -> list[Region]:
+        """Where letters stand, mm."""
+        boxes = []
+        for text in self.ax.texts:
+            (x, y), high = text.get_position(), float(text.get_fontsize()) / POINT * CAPITAL
+            wide = self.text_width(text.get_text(), high, text.get_fontweight())
+            before = {"left": 0.0, "center": 0.5, "right": 1.0}[text.get_horizontalalignment()]
+            if text.get_rotation():  # upright: right of its letters is the reader's lower side
+                boxes.append(Region(x - 1.4 * high, y - wide / 2, x, y + wide / 2))
+            else:
+                boxes.append(Region(x - before * wide, y, x + (1 - before) * wide, y + high))
+        return boxes
+
+    def interrupt_lines(self) -> None:
+        """Leave thin lines out where letters stand (ISO 129-1)."""
+        boxes = [Region(b.left - CLEAR, b.bottom - CLEAR, b.right + CLEAR, b.top + CLEAR) for b in self.words_boxes()]
+        for line in list(self.ax.lines):
+            if line.get_linewidth() > 1.01 * THIN * POINT:
+                continue
+            points = np.stack([line.get_xdata(), line.get_ydata()], axis=-1)
+            pieces = outside_of(points, boxes)
+            if pieces is None:
+                continue
+            for piece in pieces:
+                (copy,) = self.ax.plot(*piece.T)
+                copy.update_from(line)
+            line.remove()
 
     # -- dimensions ------------------------------------------------------------------------------
 
@@ -146,71 +257,67 @@ class Sheet:
         along = 1 if upright else 0
         if a[along] > b[along]:
             a, b = b, a
-        k, side = self.k, 1 - along
+        side = 1 - along
         room = b[along] - a[along]
 
         def place(position: float, across: float) -> Array:
             return np.array([across, position] if upright else [position, across])
 
         for point in (a, b):
-            if abs(at - point[side]) > 2 * k:
+            if abs(at - point[side]) > 2:
                 away = np.sign(at - point[side])
-                ends = (point[side] + away * k, at + away * 1.5 * k)
+                ends = (point[side] + away, at + away * 1.5)
                 self.line([place(point[along], e) for e in ends], FINE)
-        inside = room > 2.6 * ARROW * k
-        reach = 0.0 if inside else 2.2 * ARROW * k
+        inside = room > 2.6 * ARROW
+        reach = 0.0 if inside else 2.2 * ARROW
         width = self.text_width(words)
-        fits = width + 1.5 * k < room - (2 * ARROW * k if inside else 0)
+        fits = width + 1.5 < room - (2 * ARROW if inside else 0)
         low, high = a[along] - reach, b[along] + reach
         middle = (a[along] + b[along]) / 2
         if not fits and before:
-            low = a[along] - max(reach, ARROW * k) - width - 2 * k
-            middle = low + (width + k) / 2
+            low = a[along] - max(reach, ARROW) - width - 2
+            middle = low + (width + 1) / 2
         elif not fits:
-            high = b[along] + max(reach, ARROW * k) + width + 2 * k
-            middle = high - (width + k) / 2
+            high = b[along] + max(reach, ARROW) + width + 2
+            middle = high - (width + 1) / 2
         self.line([place(low, at), place(high, at)], FINE)
         towards = place(1.0, 0.0) if inside else place(-1.0, 0.0)
         self.arrow(place(a[along], at), -towards)
         self.arrow(place(b[along], at), towards)
-        x, y = place(middle, at - k if upright else at + k)
+        x, y = place(middle, at - 1 if upright else at + 1)
         self.text(x, y, words, ha="right" if upright else "center", va="center" if upright else "baseline",
                   rotation=90 if upright else 0)  # fmt: skip
 
     def leader(self, tip: ArrayLike, bend: ArrayLike, words: Sequence[str], rightwards: bool = True) -> None:
         """A line with an arrow from words to what they are about; the words stand on its level part."""
         tip, bend = np.asarray(tip, dtype=float), np.asarray(bend, dtype=float)
-        width = max(self.text_width(w) for w in words) + 2 * self.k
+        width = max(self.text_width(w) for w in words) + 2
         end = bend + np.array([width if rightwards else -width, 0.0])
         self.line([tip, bend, end], FINE)
         self.arrow(tip, tip - bend)
-        left = min(bend[0], end[0]) + self.k
+        left = min(bend[0], end[0]) + 1
         for i, line in enumerate(reversed(words)):
-            self.text(left, bend[1] + (1 + 4 * i) * self.k, line)
+            self.text(left, bend[1] + (1 + 4 * i), line)
 
     # -- tables ----------------------------------------------------------------------------------
 
     def table(
-        self,
-        x: float,
-        top: float,
-        widths: Sequence[float],
-        rows: Sequence[Sequence[str]],
-        title: str,
-        height: float = 2.0,
+        self, x: float, top: float, width: float, rows: Sequence[Sequence[str]], title: str, note: str = ""
     ) -> float:
         """A titled table from its upper left corner, all columns but the first to the right; its lower edge."""
-        k = self.k
-        row, total = 4.4 * k, sum(widths) * k
-        self.text(x, top - 3.0 * k, title, height=2.2, fontweight="bold")
-        y = top - 4.4 * k
-        self.line([(x, y), (x + total, y)], THIN)
-        for cells in rows:
-            right = x
-            for i, (cell, width) in enumerate(zip(cells, widths, strict=True)):
-                right += width * k
-                place = {"ha": "left"} if i == 0 else {"ha": "right"}
-                self.text(right - width * k if i == 0 else right - 0.6 * k, y - 3.2 * k, cell, height=height, **place)
-            y -= row
-            self.line([(x, y), (x + total, y)], FINE, color="#B0B0B0")
+        self.text(x, top - 3.4, title, fontweight="bold")
+        if note:
+            self.text(x + width - 0.6, top - 3.4, note, ha="right")
+        y = top - TABLE_ROW
+        self.line([(x, y), (x + width, y)], THIN)
+        columns = list(zip(*rows, strict=True))[1:]
+        widths = [max(self.text_width(cell) for cell in cells) + GUTTER for cells in columns]
+        rights = x + width - np.cumsum([0.0, *widths[:0:-1]])[::-1]
+        for first, *others in rows:
+            self.text(x, y - 3.5, first)
+            for cell, right in zip(others, rights, strict=True):
+                if cell:
+                    self.text(right - 0.6, y - 3.5, cell, ha="right")
+            y -= TABLE_ROW
+            self.line([(x, y), (x + width, y)], FINE, color="#B0B0B0")
         return y

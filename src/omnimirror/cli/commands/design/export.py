@@ -3,23 +3,27 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from datetime import date
 from pathlib import Path
 
 import click
 from rich.markup import escape
 
 from ....arguments import float_of
-from ....manufacture import DEFAULT_FORMATS, FORMATS, Body, Exported, Tool
+from ....manufacture import DEFAULT_FORMATS, FORMATS, Body, Exported, Tool, Workshop, load_workshop
 from ....manufacture.body import TAP_DRILLS_MM
 from ....manufacture.drawings.sheet import SHEETS
 from ....manufacture.exporter import export
 from ....manufacture.parts import drawn_housing
 from ....sensor import Sensor
 from ....specs import load_sensor
+from ....tolerancing.tolerance_file import allocated_tolerances
 from ...options.common import NUMBER, WHOLE
 from ...options.declared import Options, option, takes
 from ...options.housing import HousingOptions
 from ...outputs import output_console, output_option, plain_table
+
+DRAWN = (".pdf", ".svg", ".png", ".dxf")
 
 
 def formats(text: str) -> list[str]:
@@ -60,6 +64,10 @@ class BodyOptions(Options):
     bore_depth_mm: float | None = option(type=NUMBER, help="Of the bore; 'inf' goes through.  [default: 10]")
     flange_width_mm: float | None = option(type=NUMBER, help="Solid: a flange at the back, beyond the rim.")
     flange_thickness_mm: float | None = option(type=NUMBER, help="Of the flange.  [default: 2]")
+    counterbore_diameter_mm: float | None = option(
+        type=NUMBER, help="Solid: a wider bore from the back, for a camera that looks through it."
+    )
+    counterbore_depth_mm: float | None = option(type=NUMBER, help="Of the wider bore.  [default: 5]")
     secondary_thickness_mm: float | None = option(
         type=NUMBER, help="Solid of a second mirror: the same of it.  [default: 5]"
     )
@@ -114,6 +122,10 @@ class ToolOptions(Options):
                help="A folder, or one file whose suffix says what to write; - prints the sag table.")  # fmt: skip
 @click.option("--formats", type=formats, metavar="NAME,..",
               help=f"For a folder: of {', '.join(FORMATS)}.  [default: {','.join(DEFAULT_FORMATS)}]")  # fmt: skip
+@click.option("--workshop", metavar="FILE",
+              help="Drawing: title block, material, coating, texture, tolerances; a TOML file.")  # fmt: skip
+@click.option("--tolerances", metavar="FILE",
+              help="Drawing: those of 'omnimirror tolerance', from its TOML or JSON file.")  # fmt: skip
 @takes(BodyOptions, "solid")
 @takes(FileOptions, "files")
 @takes(ToolOptions, "lathe")
@@ -122,6 +134,8 @@ def command(
     sensor: str,
     output: Path,
     formats: list[str] | None,
+    workshop: str | None,
+    tolerances: str | None,
     solid: BodyOptions,
     files: FileOptions,
     lathe: ToolOptions,
@@ -135,23 +149,34 @@ def command(
     omnimirror export paper-spherical -o workshop --thread M6 --bore-depth-mm 12
     """
     camera = load_sensor(sensor)
+    told = _workshop(camera, workshop, tolerances)
     console = output_console()
     with console.status("Writing"):
         written = export(
             camera, output, formats=formats, body=solid.body(camera), secondary_body=solid.secondary_body(),
-            housing=housing.of(drawn_housing(camera)), tool=lathe.tool(), **files.given,
+            housing=housing.of(drawn_housing(camera)), tool=lathe.tool(), workshop=told, **files.given,
         )  # fmt: skip
     numbers = ("deviation from the mirror\num", "of its rays\ndeg")
     table = plain_table("file", "what", *numbers, words=("file", "what"))
     for file in written:
         table.add_row(str(file.path), file.what, deviation_words(file), ray_words(file))
     console.print(table)
+    parts = ("mirror",) if camera.secondary is None else ("mirror", "secondary")
+    if any(file.path.suffix.lower() in DRAWN for file in written) and (missing := told.missing(parts)):
+        console.print(f"A shop will ask for what the drawing does not say: {', '.join(missing)} (--workshop FILE)")
     for file in written:
         if not file.follows:
             console.print(
                 f"[yellow]{escape(file.path.name)} does not follow the mirror[/]: its rays are up to "
                 f"{ray_words(file)} deg off; no asphere does better, the grid sag (--formats gridsag) does"
             )
+
+
+def _workshop(sensor: Sensor, workshop: str | None, tolerances: str | None) -> Workshop:
+    """What the drawing is told; its date is today's unless it is said."""
+    told = Workshop() if workshop is None else load_workshop(workshop)
+    title = told.title if told.title.date else replace(told.title, date=date.today().isoformat())
+    return replace(told, title=title, tolerances={} if tolerances is None else allocated_tolerances(tolerances, sensor))
 
 
 def deviation_words(file: Exported) -> str:

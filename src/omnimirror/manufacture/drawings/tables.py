@@ -1,0 +1,283 @@
+"""What the sheets list in tables: surfaces, points of them, the sensor, what is hidden, and what may be off."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from hashlib import sha256
+from typing import Any, cast
+
+import numpy as np
+
+from ...housing import Tube
+from ...lenses import GaussianLens, Orthographic
+from ...mirrors import Mirror
+from ...sensor import Sensor
+from ...tracing.walls import tube_shift_mm, tube_transmission
+from ..formats.sag_tables import format_table, table_points
+from ..forms import conic_of
+from ..parts import Part, omega_of
+from ..reference_sphere import best_sphere
+from ..sensitivity import sensitivities
+from ..workshop import Making, TitleBlock
+from .mirror_view import length_words, plus_minus
+
+Rows = list[tuple[str, ...]]
+MOST_VALUES = 8
+"""Of a parameter, that are printed; more stand in the data file."""
+MOST_LETTERS = 34
+"""Of a file's name."""
+AS_AGREED, GENERAL = "as agreed", "ISO 10110-11"
+"""Of what was not said: what no standard gives, and what the standard of data without tolerances does."""
+FORMULAS = {
+    "even-polynomial": "z = N Σ c_i (x/N)^(2i), i = 1, 2, ..",
+    "conic-asphere": "conic + N Σ c_i (x/N)^(2i+2)",
+    "cone": "z = x tan(slope)",
+    "hyperboloid": "z = b (√(1 + x²/a²) - 1)",
+    "ellipsoid": "z = b (1 - √(1 - x²/a²))",
+    "paraboloid": "z = x²/(2R)",
+}
+
+
+@dataclass(frozen=True)
+class DataFile:
+    """The table of a surface that a sheet names."""
+
+    name: str
+    checksum: str
+    """SHA-256 of its bytes."""
+
+    @classmethod
+    def of(
+        cls, part: Part, name: str, step_mm: float | None = None, step_deg: float | None = None, digits: int = 6
+    ) -> DataFile:
+        """That of a part's sag table."""
+        text = sag_text(part, step_mm, step_deg, digits)
+        return cls(name, sha256(text.encode()).hexdigest())
+
+    def rows(self) -> Rows:
+        first, *others = (self.checksum[i : i + 16] for i in range(0, 64, 16))
+        name = self.name if len(self.name) <= MOST_LETTERS else f"{self.name[:12]}..{self.name[-20:]}"
+        return [("file", name), ("SHA-256", first), *(("", digits) for digits in others)]
+
+
+def sag_text(part: Part, step_mm: float | None, step_deg: float | None, digits: int) -> str:
+    """The sag table of a part, as its file holds it."""
+    x = table_points(part.sensor, step_mm, step_deg, part.is_secondary)
+    return format_table(part.sensor, x, digits, part.is_secondary)
+
+
+def mirror_rows(mirror: Mirror, tolerances: Mapping[str, float] | None = None) -> Rows:
+    """The mirror's own parameters with their tolerances, its formula, and the sphere nearest to it."""
+    told = tolerances or {}
+    rows: Rows = [("kind", mirror.KIND)]
+    if mirror.KIND in FORMULAS:
+        rows.append(("form", FORMULAS[mirror.KIND]))
+    for f in fields(cast(Any, mirror)):
+        value, p = getattr(mirror, f.name), mirror.PARAMETERS[f.name]
+        name = f.name.removesuffix("_mm").removesuffix("_deg").replace("_", " ")
+        name = "N" if f.name == "normalization_radius_mm" else name
+        if isinstance(value, tuple):
+            rows += _listed(name, value, told)
+        elif isinstance(value, str):
+            rows.append((name, value))
+        elif value is not None and not (name == "N" and value == 1.0):
+            rows.append((name, plus_minus(f"{value:.9g}", _tolerance_of(f.name, told)) + f" {p.unit}".rstrip()))
+    radius = float(mirror.radius_t(0.0))
+    if not mirror.is_pointed and np.isfinite(radius) and not _is_said(radius, mirror):
+        rows.append(("vertex radius R", plus_minus(f"{radius:.9g}", told.get("mirror.vertex_radius_mm")) + " mm"))
+    if "mirror.conic" in told and "conic" not in mirror.PARAMETERS and (conic := conic_of(mirror)):
+        rows.append(("conic constant k", plus_minus(f"{conic[1]:.6g}", told["mirror.conic"])))
+    sphere = best_sphere(mirror)
+    if sphere.peak_to_valley_um < 1e-3:
+        return rows
+    return [
+        *rows,
+        ("best-fit sphere, radius", f"{sphere.radius_mm:.4f} mm"),
+        ("departure from it, P-V", _departure_words(sphere.peak_to_valley_um)),
+        ("RMS", _departure_words(sphere.rms_um)),
+    ]
+
+
+def _tolerance_of(name: str, told: Mapping[str, float]) -> float | None:
+    """Of a parameter; a sphere's radius is its vertex radius."""
+    return told.get("mirror.vertex_radius_mm" if name == "radius_mm" else f"mirror.{name}")
+
+
+def _listed(name: str, values: tuple[float, ...], told: Mapping[str, float]) -> Rows:
+    if len(values) > MOST_VALUES:
+        return [(name, f"{len(values)} values, in the data file")]
+    tolerances = (told.get(f"mirror.{name}[{i}]") for i in range(len(values)))
+    label = "c" if name == "coefficients" else name
+    return [
+        (f"{label} {i}", plus_minus(f"{value:.9g}", tolerance))
+        for i, (value, tolerance) in enumerate(zip(values, tolerances, strict=True), start=1)
+    ]
+
+
+def _is_said(radius_mm: float, mirror: Mirror) -> bool:
+    """Whether one of the mirror's own parameters is its vertex radius."""
+    own = (getattr(mirror, name) for name in ("radius_mm", "vertex_radius_mm") if name in mirror.PARAMETERS)
+    return any(abs(value - radius_mm) < 1e-9 * radius_mm for value in own)
+
+
+def _departure_words(um: float) -> str:
+    return f"{um:.4g} µm" if um < 1000 else f"{um / 1000:.4g} mm"
+
+
+def sag_rows(part: Part, count: int) -> Rows:
+    """A few points of the surface, the rim among them, to check a part by."""
+    rim = part.mirror.rim_radius_mm
+    steps = (a * 10.0**n for n in range(-6, 6) for a in (1, 2, 5))
+    step = next(s for s in steps if rim / s <= max(count - 1, 1))
+    x = np.append(step * np.arange(int(np.ceil(rim / step - 0.2))), rim)  # none close to the rim
+    z, slope, _ = part.mirror.profile(x)
+    omega = omega_of(part.sensor, x, part.is_secondary)
+    rows = zip(x, z, np.degrees(np.arctan(slope)), np.degrees(omega), strict=True)
+    head = ("x mm", "z mm", "slope °", "Ω °")
+    return [
+        head,
+        *((length_words(a), f"{b:.4f}", f"{c:.3f}", f"{d:.2f}" if np.isfinite(d) else "hidden") for a, b, c, d in rows),
+    ]
+
+
+def sensor_rows(sensor: Sensor) -> Rows:
+    low, high = sensor.field_deg
+    if sensor.lens.TELECENTRIC:
+        wide = cast(Orthographic, sensor.lens)
+        lens = [("lens", f"telecentric, {wide.magnification:g} ×"), ("working F-number", f"{wide.working_f_number:g}")]
+        lens.append(("in focus, from the vertex", f"{wide.focus_distance_mm:g} mm"))
+    else:
+        near = cast(GaussianLens, sensor.lens)
+        lens = [("lens", f"f = {near.focal_length_mm:g} mm, F/{near.f_number:g}")]
+        lens.append(("focused at", f"{near.focus_distance_mm:g} mm from it"))
+    imager = sensor.imager
+    if sensor.secondary is not None:
+        lens.append(("bore that the beam needs", f"Ø{length_words(beam_in_bore_mm(sensor))}"))
+    return [
+        *lens,
+        ("imager", f"{imager.width_px} × {imager.height_px} of {imager.pixel_pitch_um:g} µm"),
+        ("field Ω from the axis", f"{low:.4g}° to {high:.6g}°"),
+        ("image of the rim, radius", f"{sensor.rim_radius_px:.1f} px"),
+    ]
+
+
+def hidden_rows(sensor: Sensor) -> Rows:
+    """What is hidden, and what a tube does to the rest."""
+    rows: Rows = [
+        (ring.part, f"Ω {ring.omega_deg[0]:.1f}° to {ring.omega_deg[1]:.1f}°", f"{ring.picture_percent:.2f} %")
+        for ring in sensor.obscurations
+    ]
+    rows.append(("in all, at every azimuth", "", f"{sum(ring.picture_percent for ring in sensor.obscured):.2f} %"))
+    if isinstance(tube := sensor.housing.shell, Tube):
+        for omega in sorted({min(90.0, sensor.field_deg[1]), sensor.field_deg[1]}):
+            passed = 100 * float(tube_transmission(omega, tube.refractive_index))
+            shift = float(tube_shift_mm(omega, tube.wall_mm, tube.refractive_index))
+            rows.append((f"tube at Ω = {omega:.4g}°", f"shift {shift:.2f} mm", f"{passed:.1f} %"))
+    return rows
+
+
+def tolerance_rows(sensor: Sensor) -> Rows:
+    """The errors that move the picture by half a pixel where it moves most."""
+    rows: Rows = [("", "", "at Ω")]
+    for s in sensitivities(sensor):
+        unit = {"um": "µm", "deg": "°"}.get(s.unit, s.unit)
+        if s.px_per_unit:
+            rows.append((s.name, f"± {s.tolerance(0.5):.3g} {unit}", f"{s.omega_deg:.0f}°"))
+        else:
+            rows.append((s.name, "no effect", ""))
+    return rows
+
+
+ERROR_WORDS = {
+    "mirror.decentre_x_mm": "mirror decentre x",
+    "mirror.decentre_y_mm": "mirror decentre y",
+    "mirror.displacement_mm": "mirror spacing",
+    "mirror.tilt_x_deg": "mirror tilt about x",
+    "mirror.tilt_y_deg": "mirror tilt about y",
+}
+UNITS = {"um": "µm", "deg": "°", "mm": "mm", "px": "px", "ppm": "ppm"}
+OF_PART = ("mirror.vertex_radius_mm", "mirror.conic", "mirror.coefficients", "mirror.zernike")
+"""Errors whose tolerances stand on the sheet of the mirror."""
+
+
+def allocated_rows(tolerances: Mapping[str, float]) -> Rows:
+    """Tolerances of place, lens and imager, plus and minus; those of the mirror's shape stand on its own sheet."""
+    rows: Rows = []
+    for name, value in tolerances.items():
+        if name.startswith(OF_PART) or not value:
+            continue
+        stem, _, unit = name.rpartition("_")
+        words = ERROR_WORDS.get(name) or (stem if unit in UNITS else name).replace(".", " ").replace("_", " ")
+        rows.append((words, f"± {value:.3g} {UNITS.get(unit, '')}".rstrip()))
+    return rows
+
+
+def form_rms_um(tolerances: Mapping[str, float]) -> float | None:
+    """RMS along the axis of mirrors whose Zernike terms are spread evenly within their tolerances.
+
+    >>> form_rms_um({"mirror.zernike_4_um": 0.3, "mirror.zernike_11_um": 0.4})
+    0.288...
+    """
+    terms = [value for name, value in tolerances.items() if name.startswith("mirror.zernike")]
+    return float(np.sqrt(sum(value * value for value in terms) / 3)) if any(terms) else None
+
+
+def indication_rows(part: Part, making: Making, tolerances: Mapping[str, float], title: TitleBlock) -> Rows:
+    """What ISO 10110 asks to be said of a surface, in its codes."""
+    mass = mass_words(part, making)
+    texture = making.surface_roughness_nm
+    return [
+        ("material", making.material or AS_AGREED),
+        *([("mass", mass)] if mass else []),
+        ("clear aperture", f"Øe {length_words(2 * part.mirror.rim_radius_mm)}"),
+        ("form", form_code(making, tolerances)),
+        ("centring to A, B", centring_code(making, tolerances)),
+        ("imperfections", f"5/{making.imperfections}" if making.imperfections else f"5/ {GENERAL}"),
+        ("texture", f"Rq {texture:g} nm" if texture is not None else AS_AGREED),
+        ("coating", making.coating or AS_AGREED),
+        ("edges broken", f"{making.chamfer_mm:g} × 45°"),
+        ("other sizes", title.general_tolerances),
+    ]
+
+
+def mass_words(part: Part, making: Making) -> str:
+    """Mass of a mirror; empty where its density is not known."""
+    density = making.density
+    return "" if density is None else f"{density * part.body.volume_mm3(part.mirror) / 1000:.3g} g"
+
+
+def form_code(making: Making, tolerances: Mapping[str, float]) -> str:
+    """Code 3/ of ISO 10110-5: P-V that was said, or the RMS of what was allocated."""
+    if making.form_um is not None:
+        return f"3/{1000 * making.form_um:.4g} nm"
+    rms = form_rms_um(tolerances)
+    return f"3/ {GENERAL}" if rms is None else f"3/- RMSt < {1000 * rms:.3g} nm"
+
+
+def centring_code(making: Making, tolerances: Mapping[str, float]) -> str:
+    """Code 4/ of ISO 10110-6: what was said, or half of what was allocated, the mount having the other half."""
+    tilt, away = making.centring_deg, making.centring_mm
+    tilt = _half(tolerances, "mirror.tilt_x_deg", "mirror.tilt_y_deg") if tilt is None else tilt
+    away = _half(tolerances, "mirror.decentre_x_mm", "mirror.decentre_y_mm") if away is None else away
+    if tilt is None and away is None:
+        return f"4/ {GENERAL}"
+    angle = "-" if tilt is None else f"{60 * tilt:.3g}'"
+    return f"4/{angle}" + ("" if away is None else f" ({away:.3g} mm)")
+
+
+def _half(tolerances: Mapping[str, float], *names: str) -> float | None:
+    told = [tolerances[name] for name in names if tolerances.get(name)]
+    return min(told) / 2 if told else None
+
+
+def beam_in_bore_mm(sensor: Sensor) -> float:
+    """Diameter of the light on its way to the lens where it enters the bore, the edge of the pupil with it."""
+    assert sensor.secondary is not None
+    bore = sensor.secondary.bore_radius_mm
+    lens = sensor.secondary.lens_height(sensor.mirror_distance_mm)
+    way = max(lens - float(sensor.mirror.sag(min(bore, sensor.mirror.rim_radius_mm))), 0.0)
+    if sensor.lens.TELECENTRIC:
+        return 2 * float(sensor.meridian.trace(np.array(sensor.mirror.rim_radius_mm)).first.x)
+    near = cast(GaussianLens, sensor.lens)
+    return 2 * way * float(np.tan(sensor.meridian.theta_max)) + near.focal_length_mm / near.f_number
