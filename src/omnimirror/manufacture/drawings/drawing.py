@@ -61,8 +61,8 @@ class SheetLayout:
 
 SENSOR_LAYOUTS = {
     "A3": SheetLayout(
-        Region(24.0, 135.0, 408.0, 284.0),
-        (Region(24, 13, 117, 132), Region(124, 13, 223, 132), Region(231, 53, 318, 132), Region(324, 53, 408, 132)),
+        Region(24.0, 129.0, 408.0, 284.0),
+        (Region(24, 13, 117, 126), Region(124, 13, 223, 126), Region(231, 53, 318, 126), Region(324, 53, 408, 126)),
     ),
     "A4": SheetLayout(Region(23.0, 175.0, 198.0, 284.0), (Region(23, 53, 107, 172), Region(113, 53, 198, 172))),
 }
