@@ -22,7 +22,8 @@ from ...dewarp.yuv.planes import Siting
 from ...errors import InvalidParameter, OmnimirrorError, OutsideField
 from ...media.video.frames import planar
 from ..named_views import NamedView
-from .outlets import JpegOutlet, Outlet, TransportOutlet
+from .coders import JpegCoder
+from .outlets import NewestOutlet, Outlet, TransportOutlet
 
 STEERING = ("pan_deg", "tilt_deg", "roll_deg", "hfov_deg")
 
@@ -54,8 +55,10 @@ class LiveView:
                 f"the view {named.name!r} has {width} x {height} px, and video halves the colours' resolution; valid "
                 f"are even sides, such as size = [{width + width % 2}, {height + height % 2}]"
             )
-        self.jpeg, self.transport = JpegOutlet(wake), TransportOutlet(self.size, wake)
-        self.outlets: dict[Siting, list[Outlet]] = {"center": [self.jpeg], "left": [self.transport]}
+        self.jpeg = NewestOutlet(wake, JpegCoder())
+        self.transport = TransportOutlet(self.size, wake)
+        self.frames = NewestOutlet(wake, lambda frame: frame)
+        self.outlets: dict[Siting, list[Outlet]] = {"center": [self.jpeg], "left": [self.transport, self.frames]}
         """By where they take colour samples to lie."""
         self.dewarped = self.dropped = 0
         self.problem = ""

@@ -11,11 +11,13 @@ from collections import deque
 from collections.abc import AsyncGenerator, Callable, Iterator
 from contextlib import contextmanager
 from fractions import Fraction
-from typing import NamedTuple
+from typing import Generic, NamedTuple, TypeVar
 
 import av
 
-from .coders import Chunk, JpegCoder, TransportCoder
+from .coders import Chunk, TransportCoder
+
+Item = TypeVar("Item")
 
 BEHIND = 50
 """Chunks that wait for a watcher of a transport stream; with more of them it goes on with the next key frame."""
@@ -76,27 +78,28 @@ class Outlet:
         self._news = asyncio.Event()
 
 
-class JpegOutlet(Outlet):
-    """Pictures, one after the other: to each watcher the newest."""
+class NewestOutlet(Outlet, Generic[Item]):
+    """One thing after the other: to each watcher the newest."""
 
-    def __init__(self, wake: Callable[[], None]) -> None:
+    def __init__(self, wake: Callable[[], None], code: Callable[[av.VideoFrame], Item]) -> None:
         super().__init__(wake)
-        self._code = JpegCoder()
-        self._newest, self._count = b"", 0
+        self._code = code
+        self._newest: Item | None = None
+        self._count = 0
 
     def take(self, frame: av.VideoFrame) -> None:
         """Code a frame."""
         self._tell(self._publish, self._code(frame))
 
-    def _publish(self, picture: bytes) -> None:
-        self._newest, self._count = picture, self._count + 1
+    def _publish(self, item: Item) -> None:
+        self._newest, self._count = item, self._count + 1
 
-    async def pictures(self) -> AsyncGenerator[bytes, None]:
-        """Each picture that is taken from now on, and that one comes to take."""
+    async def items(self) -> AsyncGenerator[Item, None]:
+        """Each that is made from now on, and that one comes to take."""
         with self.watched():
             seen = self._count
             while True:
-                while self._count == seen:
+                while self._count == seen or self._newest is None:
                     await self._news.wait()
                 seen = self._count
                 yield self._newest

@@ -19,6 +19,7 @@ from ...serving.access import Guard
 from ...serving.limits import Bounded
 from .gateway import Gateway
 from .live_view import STEERING, LiveView
+from .webrtc import Peers
 
 BOUNDARY = "frame"
 MOST_WATCHERS = 64
@@ -50,6 +51,7 @@ def create_app(gateway: Gateway, token: str | None, publish_to: str | None = Non
 
 def api(gateway: Gateway, publish_to: str | None = None) -> FastAPI:
     """The routes."""
+    peers = Peers()
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
@@ -58,6 +60,7 @@ def api(gateway: Gateway, publish_to: str | None = None) -> FastAPI:
         if pushed is not None:
             pushed.cancel()
             await asyncio.wait([pushed])
+        await peers.close()
         gateway.close()
 
     app = FastAPI(title="omnimirror gateway", version=__version__, lifespan=lifespan, docs_url=None, redoc_url=None)
@@ -90,6 +93,7 @@ def api(gateway: Gateway, publish_to: str | None = None) -> FastAPI:
         return told(steered)
 
     _add_streams(app, gateway)
+    _add_webrtc(app, peers, gateway)
     return app
 
 
@@ -106,7 +110,7 @@ def _add_streams(app: FastAPI, gateway: Gateway) -> None:
 
     @app.get("/{name}.jpg")
     async def picture(name: str) -> Response:
-        async with _patience(gateway), aclosing(_watchable(gateway, name).jpeg.pictures()) as pictures:
+        async with _patience(gateway), aclosing(_watchable(gateway, name).jpeg.items()) as pictures:
             return Response(await anext(pictures), media_type="image/jpeg")
 
     @app.get("/{name}.m3u8")
@@ -134,9 +138,25 @@ async def _patience(gateway: Gateway) -> AsyncIterator[None]:
         raise HTTPException(503, gateway.state) from None
 
 
+def _add_webrtc(app: FastAPI, peers: Peers, gateway: Gateway) -> None:
+    """WHEP, as players of WebRTC ask for a stream: an offer by POST, its answer, and DELETE at the end."""
+
+    @app.post("/{name}/whep")
+    async def answer(name: str, request: Request) -> Response:
+        view = _watchable(gateway, name)
+        offer = (await request.body()).decode("utf-8", "replace")
+        peer, sdp = await peers.answer(view, offer)
+        return Response(sdp, 201, {"location": f"/{name}/whep/{peer}"}, "application/sdp")
+
+    @app.delete("/{name}/whep/{peer}")
+    async def end(name: str, peer: str) -> Response:
+        await peers.end(peer)
+        return Response(status_code=200)
+
+
 async def _parts(view: LiveView) -> AsyncIterator[bytes]:
     """Pictures as parts of a document that replace each other."""
-    async for picture in view.jpeg.pictures():
+    async for picture in view.jpeg.items():
         head = f"--{BOUNDARY}\r\nContent-Type: image/jpeg\r\nContent-Length: {len(picture)}\r\n\r\n"
         yield head.encode() + picture + b"\r\n"
 
