@@ -23,7 +23,7 @@ FoundCamera = Callable[[tuple[int, int]], Sensor | MirrorBall]
 
 @dataclass(frozen=True)
 class AutoOptions(Options):
-    """That the camera is to be found, and which mirror it has."""
+    """A camera that nobody knows, and which mirror it has."""
 
     auto: bool | None = option(
         is_flag=True, help="The camera: find the mirror's rim in the pictures, and take it for that of --mirror."

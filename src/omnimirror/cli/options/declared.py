@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, fields
 from functools import wraps
 from typing import Any, TypeVar
 
 import click
+
+from ..help_pages import GroupedOption
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
@@ -52,10 +55,16 @@ def takes(kind: type[Options], name: str) -> Callable[[Command], Command]:
             attributes: dict[str, Any] = {"show_default": f.default is not None, **f.metadata["attributes"]}
             if not attributes.get("required"):  # click takes a default of None for an answer, where one is required too
                 attributes["default"] = f"{f.default:g}" if isinstance(f.default, float) else f.default
-            command = click.option(*(f.metadata["flags"] or [flag(f.name)]), f.name, **attributes)(command)
+            declarations = (*(f.metadata["flags"] or [flag(f.name)]), f.name)
+            command = click.option(*declarations, cls=GroupedOption, group=heading(kind), **attributes)(command)
         return command  # type: ignore[no-any-return]
 
     return decorate
+
+
+def heading(kind: type[Options]) -> str:
+    """What stands above a group in ``--help``: the beginning of what its docstring says, to the first comma or stop."""
+    return re.split("[,;.]", kind.__doc__ or kind.__name__, maxsplit=1)[0]
 
 
 def refuse_other(given: Iterable[str], options_of: dict[str, tuple[str, ...]], chosen: str) -> None:

@@ -27,7 +27,7 @@ SIZES = {
 
 @dataclass(frozen=True)
 class HousingOptions(Options):
-    """What the options say of the housing; None where they say nothing."""
+    """What stands around the mirror; None where the options say nothing."""
 
     support: str | None = option(
         type=click.Choice([*SUPPORTS, "none"]),

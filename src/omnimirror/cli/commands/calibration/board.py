@@ -9,6 +9,7 @@ import click
 
 from ....calibrate.targets.printing import PAPERS_MM, SUFFIXES, write_board
 from ....files import is_standard_output
+from ...help_pages import DocumentedCommand
 from ...options.board import BoardOptions
 from ...options.common import NUMBER
 from ...options.declared import Options, option, takes
@@ -24,7 +25,11 @@ class SheetOptions(Options):
     dpi: float = option(type=NUMBER, default=300.0, help="PNG: dots per inch.")
 
 
-@click.command()
+@click.command(
+    cls=DocumentedCommand,
+    page="calibrate",
+    examples=("omnimirror board --board 11x7 --square-mm 30 -o board.pdf",),
+)
 @output_option(
     "-o", "--output", required=True, formats=tuple(suffix[1:] for suffix in SUFFIXES),
     help="A .pdf, .svg or .png file.",
@@ -36,10 +41,7 @@ def command(output: Path, board: BoardOptions, sheet: SheetOptions) -> None:
     """Write a calibration board to print at true scale.
 
     Print it at 100 %, without fitting it to the page, and measure the line of 100 mm at its foot. Glue it to something
-    flat and stiff. Example:
-
-    \b
-    omnimirror board --board 11x7 --square-mm 30 -o board.pdf
+    flat and stiff.
     """
     made = board.made()
     written = write_board(made, output, margin_mm=sheet.margin_mm, paper=sheet.paper, dpi=sheet.dpi)

@@ -29,6 +29,7 @@ from ....media.batch import expand_inputs
 from ....sensor import Sensor
 from ....specs import load_camera
 from ....straighten.request import is_video
+from ...help_pages import DocumentedCommand
 from ...options.board import SoughtBoardOptions
 from ...options.common import NUMBER, WHOLE, angle, pixel, whole_size
 from ...options.declared import Options, option, takes
@@ -141,7 +142,14 @@ class SurveyOptions(Options):
     )
 
 
-@click.command()
+@click.command(
+    cls=DocumentedCommand,
+    page="calibrate",
+    examples=(
+        "omnimirror calibrate *.jpg --board 11x7 --square-mm 30 -o camera.toml --report calibration.html",
+        "omnimirror calibrate --points room.csv --directions stars.csv --image-size 1920x1080 -o camera.toml",
+    ),
+)
 @click.argument("pictures", nargs=-1)
 @takes(SoughtBoardOptions, "target")
 @takes(SurveyOptions, "survey")
@@ -171,11 +179,7 @@ def command(
 
     Hold the board at ten to twenty places all around, near the rim too, and tilted. Corners that no camera explains are
     left out and named, 1 % at most; models are compared by their error in pictures that were left out. Ctrl-C keeps the
-    best camera found until then. Example:
-
-    \b
-    omnimirror calibrate *.jpg --board 11x7 --square-mm 30 -o camera.toml --report calibration.html
-    omnimirror calibrate --points room.csv --directions stars.csv --image-size 1920x1080 -o camera.toml
+    best camera found until then.
     """
     board, asked, console = target.made(), camera.asked(), output_console()
     _check_asked(pictures, board, survey)

@@ -14,6 +14,7 @@ from ....calibrate.conversion import DISTANCES_MM, Conversion, convert
 from ....calibrate.formats import FORMATS
 from ....camera_models.base import Optics
 from ....frames import CameraLooks, Mount
+from ...help_pages import DocumentedCommand
 from ...options.common import NUMBER, angle, distance, whole_size
 from ...options.declared import Options, option, takes
 from ...outputs import Output, output_console, plain_table, say, say_written
@@ -73,7 +74,11 @@ class CostOptions(Options):
     field_deg: float | None = option(type=NUMBER, metavar="DEG", help="Fit no farther than this from the axis.")
 
 
-@click.command()
+@click.command(
+    cls=DocumentedCommand,
+    page="calibrate",
+    examples=("omnimirror convert calib_results.txt camera.yaml --to opencv-omnidir --tolerance-px 0.5",),
+)
 @click.argument("source", type=click.Path(path_type=Path))
 @click.argument("target", type=Output())
 @click.option("--from", "from_", type=click.Choice(list(FORMATS)), help="The format of SOURCE.  [default: recognised]")
@@ -92,13 +97,7 @@ def command(
     stands: MountOptions,
     cost: CostOptions,
 ) -> None:
-    """Write the camera of the file SOURCE as another program's file TARGET, and say what that costs.
-
-    Example:
-
-    \b
-    omnimirror convert calib_results.txt camera.yaml --to opencv-omnidir --tolerance-px 0.5
-    """
+    """Write the camera of the file SOURCE as another program's file TARGET, and say what that costs."""
     options: dict[str, Any] = {**unsaid.given, **cost.given}
     if stands.given:
         options["mount"] = Mount(**stands.given)

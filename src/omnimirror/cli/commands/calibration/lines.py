@@ -21,6 +21,7 @@ from ....frames import CameraLooks, Mount
 from ....media import read_image, write_image
 from ....sensor import Sensor
 from ....specs import load_camera, save_camera
+from ...help_pages import DocumentedCommand
 from ...options.common import NUMBER, distance
 from ...options.declared import Options, option, takes
 from ...outputs import output_console, output_option, say, say_written
@@ -63,7 +64,11 @@ class LineOptions(Options):
         )  # fmt: skip
 
 
-@click.command()
+@click.command(
+    cls=DocumentedCommand,
+    page="calibrate",
+    examples=("omnimirror lines room.jpg --camera mine.toml -o built.toml",),
+)
 @click.argument("images", nargs=-1, required=True, type=click.Path(path_type=Path))
 @takes(LineOptions, "asked")
 @output_option("-o", "--output", help="Write the camera, level and with its uncertainty.")
@@ -74,7 +79,7 @@ def command(
 ) -> None:
     """Refine a camera until straight edges in IMAGES are straight, and level it by what stands upright.
 
-    For rooms and streets, where there is no target. Example: omnimirror lines room.jpg --camera mine.toml -o built.toml
+    For rooms and streets, where there is no target.
     """
     pictures = [read_image(path) for path in images]
     console = output_console()

@@ -15,10 +15,15 @@ from ....calibrate.rim.edges import levels_of
 from ....files import write_text
 from ....media import read_image
 from ....media.batch import expand_inputs
+from ...help_pages import DocumentedCommand
 from ...outputs import FIGURES, output_console, output_option, plain_table, say, say_written
 
 
-@click.command()
+@click.command(
+    cls=DocumentedCommand,
+    page="calibrate",
+    examples=("omnimirror rim picture1.jpg picture2.jpg --figure rim.png --json rim.json",),
+)
 @click.argument("images", nargs=-1, required=True, metavar="IMAGE...")
 @click.option("--each", is_flag=True, help="The pictures are of different sensors: look at each by itself.")
 @output_option("--figure", formats=FIGURES, help="Draw what was found on the pictures (PNG, SVG, PDF).")

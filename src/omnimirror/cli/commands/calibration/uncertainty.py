@@ -10,11 +10,16 @@ import click
 from ....calibrate.propagation import uncertainty_map
 from ....files import write_text
 from ....specs import load_camera
+from ...help_pages import DocumentedCommand
 from ...options.common import NUMBER
 from ...outputs import FIGURES, format_option, output_console, output_option, say, say_written
 
 
-@click.command()
+@click.command(
+    cls=DocumentedCommand,
+    page="calibrate",
+    examples=("omnimirror uncertainty mine.toml --height-mm 1200 -o floor.png",),
+)
 @click.argument("camera")
 @click.option(
     "--height-mm",
@@ -29,7 +34,6 @@ def command(camera: str, height_mm: float | None, output: Path | None, json_file
     """Say how far directions that the calibrated CAMERA sees may be off, or points on the floor.
 
     One standard deviation, from the table [uncertainty] that a calibration has written into the camera's file.
-    Example: omnimirror uncertainty mine.toml --height-mm 1200 -o floor.png
     """
     seen_by = load_camera(camera)
     found = uncertainty_map(seen_by, height_mm=height_mm)

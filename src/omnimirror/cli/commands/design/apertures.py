@@ -11,6 +11,7 @@ from ....components.apertures import BestAperture, best_apertures
 from ....design.criteria.ranges import Range
 from ....sensor import Sensor
 from ....specs import load_sensor
+from ...help_pages import DocumentedCommand
 from ...options.common import NUMBER, distance, number_or_range
 from ...options.declared import Options, option, takes
 from ...outputs import head, output_console, plain_table
@@ -40,7 +41,11 @@ class ApertureOptions(Options):
         )  # fmt: skip
 
 
-@click.command()
+@click.command(
+    cls=DocumentedCommand,
+    page="optimisation",
+    examples=("omnimirror apertures paper-spherical",),
+)
 @click.argument("sensors", nargs=-1, required=True)
 @takes(ApertureOptions, "apertures")
 def command(sensors: tuple[str, ...], apertures: ApertureOptions) -> None:

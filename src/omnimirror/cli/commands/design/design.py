@@ -17,6 +17,7 @@ from ....design.solve.designer import Design, design_sensor
 from ....design.solve.freeform import SHAPE
 from ....files import write_text
 from ....specs import save_sensor
+from ...help_pages import DocumentedCommand
 from ...options.common import WHOLE
 from ...options.declared import refuse_other, takes
 from ...options.design import RequirementOptions, SearchedOptions, merit_list
@@ -37,7 +38,15 @@ ONLY = {
 }
 
 
-@click.command()
+@click.command(
+    cls=DocumentedCommand,
+    page="design",
+    examples=(
+        "omnimirror design panorama.toml -o sensor.toml",
+        "omnimirror design --mapping equidistant --omega-max-deg 135 --theta-max-deg 12 --rim-radius-mm 44 -o eq.toml",
+        "omnimirror design --like paper-spherical --optimise worst_floored_area_deg2 -o sharper.toml",
+    ),
+)
 @click.argument("requirements", required=False, type=click.Path(path_type=Path))
 @takes(RequirementOptions, "options")
 @click.option("--pareto", "merits", type=merit_list, metavar="MERIT,MERIT",
@@ -70,9 +79,7 @@ def command(
     """Design a sensor that meets REQUIREMENTS, a TOML file; or what the options say, which go before the file.
 
     Prints what was asked, what is reached and the margins, and where not all can be met what would have to give.
-    The exit code is then 3. Examples: omnimirror design --mapping equidistant --omega-max-deg 135 --theta-max-deg 12
-    --rim-radius-mm 43.9 -o sensor.toml; omnimirror design --like paper-spherical --optimise worst_floored_area_deg2
-    -o sharper.toml
+    The exit code is then 3.
     """
     if merits:
         options = replace(options, optimise=merits[0])

@@ -18,6 +18,7 @@ from ....manufacture.parts import drawn_housing
 from ....sensor import Sensor
 from ....specs import load_sensor
 from ....tolerancing.tolerance_file import allocated_tolerances
+from ...help_pages import DocumentedCommand
 from ...options.common import NUMBER, WHOLE
 from ...options.declared import Options, option, takes
 from ...options.housing import HousingOptions
@@ -116,7 +117,14 @@ class ToolOptions(Options):
         )  # fmt: skip
 
 
-@click.command()
+@click.command(
+    cls=DocumentedCommand,
+    page="manufacture",
+    examples=(
+        "omnimirror export paper-spherical -o workshop --thread M6 --bore-depth-mm 12",
+        "omnimirror export mine.toml -o mirror.step",
+    ),
+)
 @click.argument("sensor")
 @output_option("-o", "--output", required=True, formats=("csv",),
                help="A folder, or one file whose suffix says what to write; - prints the sag table.")  # fmt: skip
@@ -143,10 +151,7 @@ def command(
 ) -> None:
     """Write CAD files, lens files, tables and a drawing of SENSOR, a sensor file or a bundled sensor.
 
-    Every line of the table says how far the file's surface lies from the mirror. Example:
-
-    \b
-    omnimirror export paper-spherical -o workshop --thread M6 --bore-depth-mm 12
+    Every line of the table says how far the file's surface lies from the mirror.
     """
     camera = load_sensor(sensor)
     told = _workshop(camera, workshop, tolerances)

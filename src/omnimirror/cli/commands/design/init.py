@@ -9,10 +9,15 @@ import click
 from ....components.template import sensor_template
 from ....errors import OmnimirrorError
 from ....files import is_stream, write_text
+from ...help_pages import DocumentedCommand
 from ...outputs import Output, say
 
 
-@click.command()
+@click.command(
+    cls=DocumentedCommand,
+    page="sensor-file",
+    examples=("omnimirror init mine.toml",),
+)
 @click.argument("path", type=Output(), default="sensor.toml")
 @click.option("--force", is_flag=True, help="Replace a file that exists.")
 def command(path: Path, force: bool) -> None:

@@ -16,6 +16,7 @@ from ....design.solve.temperatures import TemperatureRange, temperature_range
 from ....design.solve.verdict import judge
 from ....files import json_plain, write_text
 from ....specs import load_sensor
+from ...help_pages import DocumentedCommand
 from ...options.declared import takes
 from ...options.housing import HousingOptions
 from ...outputs import output_console, output_option, say_written
@@ -35,7 +36,11 @@ def temperatures(text: str) -> tuple[float, float]:
     return low, high
 
 
-@click.command()
+@click.command(
+    cls=DocumentedCommand,
+    page="design",
+    examples=("omnimirror judge panorama.toml paper-equidistant",),
+)
 @click.argument("requirements", type=click.Path(path_type=Path))
 @click.argument("sensor")
 @output_option("--json", "json_file", help="Write the table.")
@@ -52,8 +57,6 @@ def command(
 
     Prints what was asked, what is reached and the margins. What the sensor does is judged, as it is focused, and not
     how its mirror came about. The exit code is 3 where a requirement is missed.
-
-    Example: omnimirror judge panorama.toml paper-equidistant
     """
     asked = load_requirements(requirements)
     asked, seen = replace(asked, housing=housing.of(asked.housing)), housing.on(load_sensor(sensor))

@@ -12,6 +12,7 @@ from ....design.construct.rim import MountedMirror
 from ....design.construct.survey import mappings
 from ....errors import OmnimirrorError
 from ....tracing.meridian import Meridian
+from ...help_pages import DocumentedCommand
 from ...options.common import NUMBER
 from ...options.declared import Options, option, takes
 from ...outputs import FIGURES, format_option, output_console, output_option, plain_table, say_written
@@ -29,14 +30,18 @@ class RimOptions(Options):
     )
 
 
-@click.command()
+@click.command(
+    cls=DocumentedCommand,
+    page="design",
+    examples=("omnimirror mappings --omega-max-deg 135 --figure mappings.png",),
+)
 @takes(RimOptions, "rim")
 @output_option("--figure", formats=FIGURES, help="Draw their sections and image heights: svg, png, pdf.")
 @format_option(FIGURES)
 def command(rim: RimOptions, figure: Path | None) -> None:
     """List the mappings of omnimirror design, with the mirror that each needs for a field and a lens.
 
-    Lengths are in rim radii M. Example: omnimirror mappings --omega-max-deg 135 --figure mappings.png
+    Lengths are in rim radii M.
     """
     console = output_console()
     table = plain_table("mapping", "m/M", "sag/M", "vertex radius/M", "", words=("mapping", ""), tight=True)

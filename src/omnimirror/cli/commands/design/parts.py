@@ -15,6 +15,7 @@ from ....errors import OmnimirrorError
 from ....lenses import Perspective
 from ....quantities import QUANTITIES
 from ....specs import load_sensor, save_sensor
+from ...help_pages import DocumentedCommand
 from ...options.common import NUMBER, distance
 from ...options.declared import Options, option, takes
 from ...outputs import head, output_console, output_option, plain_table, say_written
@@ -32,7 +33,14 @@ class SelectionOptions(Options):
     )
 
 
-@click.command()
+@click.command(
+    cls=DocumentedCommand,
+    page="optimisation",
+    examples=(
+        "omnimirror parts paper-spherical",
+        "omnimirror parts mine.toml catalogue.csv --best best.toml",
+    ),
+)
 @click.argument("sensor")
 @click.argument("catalogue", nargs=-1, type=click.Path(path_type=Path))
 @takes(SelectionOptions, "selection")

@@ -19,6 +19,7 @@ from ....tolerancing.tolerance_file import load_tolerances, tolerance_template
 from ....tolerancing.trials.compensation import CALIBRATIONS
 from ....tolerancing.trials.merits import after
 from ....tolerancing.typical import TypicalSensor, typical_sensors
+from ...help_pages import DocumentedCommand
 from ...options.common import NUMBER, WholeRange
 from ...options.declared import Options, flag, option, takes
 from ...outputs import output_console, output_option, plain_table, progress_bar, say, say_written
@@ -75,7 +76,14 @@ class SweepOptions(Options):
         return Sweep(out / SHARDS, WHOLE if self.part is None else _part(self.part), self.scheduler, size)
 
 
-@click.command()
+@click.command(
+    cls=DocumentedCommand,
+    page="tolerance",
+    examples=(
+        "omnimirror tolerance init paper-spherical",
+        "omnimirror tolerance paper-spherical tolerances.toml --trials 20000",
+    ),
+)
 @click.argument("sensor")
 @click.argument("tolerances", required=False)
 @takes(TrialOptions, "asked")
@@ -103,8 +111,6 @@ def command(
     tolerances that reach it.
 
     omnimirror tolerance init SENSOR writes a commented tolerance file to tolerances.toml.
-
-    Example: omnimirror tolerance paper-spherical tolerances.toml --trials 20000
     """
     if sensor == INIT:
         return _init(tolerances, grade, force)

@@ -11,12 +11,17 @@ from rich.text import Text
 
 from ....analysis import Comparison, compare
 from ....specs import load_sensor
+from ...help_pages import DocumentedCommand
 from ...outputs import format_option, output_console, output_option, say_written
 
 FORMATS = ("png", "html")
 
 
-@click.command()
+@click.command(
+    cls=DocumentedCommand,
+    page="compare",
+    examples=("omnimirror compare paper-spherical paper-hyperboloidal -o comparison.html",),
+)
 @click.argument("sensors", nargs=-1, required=True)
 @output_option("-o", "--output", formats=FORMATS,
                help="Write table, curves and pictures of one scene as one .html page or one .png.")  # fmt: skip
@@ -24,10 +29,7 @@ FORMATS = ("png", "html")
 @output_option("--csv", "csv_file", help="Write the table, 17 significant digits.")
 @output_option("--json", "json_file", help="Write the table, an object per sensor.")
 def command(sensors: tuple[str, ...], output: Path | None, csv_file: Path | None, json_file: Path | None) -> None:
-    """Put up to six SENSORS side by side, files or names of bundled ones; the best of each row is marked.
-
-    Example: omnimirror compare paper-spherical paper-hyperboloidal -o comparison.html
-    """
+    """Put up to six SENSORS side by side, files or names of bundled ones; the best of each row is marked."""
     console = output_console()
     comparison = compare([load_sensor(s) for s in sensors])
     print_comparison(console, comparison)

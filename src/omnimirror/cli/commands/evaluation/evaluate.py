@@ -28,6 +28,7 @@ from ....mirrors import Cone, SampledProfile
 from ....quantities import QUANTITIES
 from ....sensor import Sensor
 from ....specs import load_camera
+from ...help_pages import DocumentedCommand
 from ...options.common import NUMBER, distance, focus, pixel, values
 from ...options.declared import Options, flag, option, takes
 from ...options.housing import HousingOptions
@@ -85,7 +86,14 @@ class EvaluationOptions(Options):
         return evaluate(sensor, **asked, mode=mode)
 
 
-@click.command()
+@click.command(
+    cls=DocumentedCommand,
+    page="evaluation",
+    examples=(
+        "omnimirror evaluate paper-spherical --omega-deg 0:135:5",
+        "omnimirror evaluate mine.toml --focus-mm auto --csv mine.csv --figures figures",
+    ),
+)
 @click.argument("sensor")
 @takes(EvaluationOptions, "asked")
 @output_option(
@@ -111,8 +119,6 @@ def command(
     A calibrated camera, from its camera file or OCamCalib's, has a table of radius, resolution, viewpoint and, where
     its uncertainty is known, the error of directions; so has a sensor whose mirror is decentred or tilted, in the mean
     over the azimuths. How sure a calibrated camera is all over its picture says omnimirror uncertainty.
-
-    Example: omnimirror evaluate paper-spherical --omega-deg 0:135:5
     """
     camera, console = load_camera(sensor), output_console()
     if not isinstance(camera, Sensor) or not camera.is_axial:

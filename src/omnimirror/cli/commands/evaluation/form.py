@@ -21,6 +21,7 @@ from ....sensor import Sensor
 from ....specs import load_sensor, save_sensor
 from ....tolerancing.trials.compensation import CALIBRATIONS
 from ....tolerancing.trials.merits import after
+from ...help_pages import DocumentedCommand
 from ...options.common import WHOLE
 from ...options.declared import Options, option, takes
 from ...outputs import FIGURES, output_console, output_option, plain_table, say_written
@@ -46,7 +47,11 @@ class PointOptions(Options):
         return form_error(mirror, points, order=self.order, are_departures=self.departures)
 
 
-@click.command()
+@click.command(
+    cls=DocumentedCommand,
+    page="measured",
+    examples=("omnimirror form paper-spherical cmm.csv --figure form.png -o as-made.toml",),
+)
 @click.argument("sensor")
 @click.argument("points", type=click.Path(path_type=Path))
 @takes(PointOptions, "asked")
@@ -60,8 +65,6 @@ def command(
 
     Its place in the machine is taken away, noise is told from form, and what the form does to the picture is said, as
     it is and after calibrations. POINTS: x, y, z by the line, an OpticStudio grid, .x3p, Zygo's .dat and .datx, ..
-
-    Example: omnimirror form paper-spherical cmm.csv --figure form.png -o as-made.toml
     """
     meant = load_sensor(sensor)
     console = output_console()

@@ -14,6 +14,7 @@ from ....mirrors.reflectivity import METALS, Reflectivity
 from ....quantities import QUANTITIES
 from ....sensor import Sensor
 from ....specs import load_sensor
+from ...help_pages import DocumentedCommand
 from ...options.aperture import Array, angles_of
 from ...options.common import NUMBER, angle, values
 from ...options.declared import Options, option, takes
@@ -62,17 +63,18 @@ class LightOptions(Options):
         return illumination(sensor, omega_deg, **self.picked("azimuth_deg", "reflectivity", "transmission"))
 
 
-@click.command()
+@click.command(
+    cls=DocumentedCommand,
+    page="aperture",
+    examples=("omnimirror illumination paper-spherical --reflectivity aluminium -o illumination.png",),
+)
 @click.argument("sensor")
 @takes(LightOptions, "light")
 @output_option("-o", "--output", formats=FIGURES, help="Figure (PNG, SVG, PDF).")
 @format_option(FIGURES)
 @output_option("--csv", "csv_file", help="Write the table.")
 def command(sensor: str, light: LightOptions, output: Path | None, csv_file: Path | None) -> None:
-    """Compute the relative illumination of SENSOR over its field.
-
-    Example: omnimirror illumination paper-spherical --reflectivity aluminium -o illumination.png
-    """
+    """Compute the relative illumination of SENSOR over its field."""
     seen = load_sensor(sensor)
     found = light.of(seen, angles_of(seen, light.omega_deg))
     console = output_console()

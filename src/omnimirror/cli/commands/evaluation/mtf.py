@@ -12,6 +12,7 @@ import numpy as np
 from ....analysis import mtf
 from ....quantities import QUANTITIES
 from ....specs import load_sensor
+from ...help_pages import DocumentedCommand
 from ...options.aperture import Array, ImageOptions
 from ...options.common import values
 from ...options.declared import option, takes
@@ -38,17 +39,18 @@ class MtfOptions(ImageOptions):
         return np.linspace(0, 1, 51) if self.cycles_per_px is None else self.cycles_per_px
 
 
-@click.command()
+@click.command(
+    cls=DocumentedCommand,
+    page="aperture",
+    examples=("omnimirror mtf paper-spherical --omega-deg 0:120:30 -o mtf.png --csv mtf.csv",),
+)
 @click.argument("sensor")
 @takes(MtfOptions, "waves")
 @output_option("-o", "--output", formats=FIGURES, help="Figure (PNG, SVG, PDF).")
 @format_option(FIGURES)
 @output_option("--csv", "csv_file", help="Write it, in cycles/px, lp/mm and cycles/deg.")
 def command(sensor: str, waves: MtfOptions, output: Path | None, csv_file: Path | None) -> None:
-    """Compute the modulation transfer of SENSOR through its whole aperture.
-
-    Example: omnimirror mtf paper-spherical --omega-deg 0:120:30 -o mtf.png --csv mtf.csv
-    """
+    """Compute the modulation transfer of SENSOR through its whole aperture."""
     seen = load_sensor(sensor)
     nu, shown = waves.frequencies, np.array(SHOWN)
     found = mtf(

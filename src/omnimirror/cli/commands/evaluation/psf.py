@@ -10,6 +10,7 @@ import numpy as np
 
 from ....analysis import Psf, psf
 from ....specs import load_sensor
+from ...help_pages import DocumentedCommand
 from ...options.aperture import ImageOptions
 from ...options.common import NUMBER
 from ...options.declared import option, takes
@@ -26,17 +27,18 @@ class PsfOptions(ImageOptions):
     wavelength_nm: float = option(type=NUMBER, default=550.0, help="Of the light.")
 
 
-@click.command()
+@click.command(
+    cls=DocumentedCommand,
+    page="aperture",
+    examples=("omnimirror psf paper-spherical --omega-deg 0:120:30 -o psf.png --encircled energy.png",),
+)
 @click.argument("sensor")
 @takes(PsfOptions, "objects")
 @output_option("-o", "--output", formats=FIGURES, help="Figure of the PSFs (PNG, SVG, PDF).")
 @format_option(FIGURES)
 @output_option("--encircled", formats=FIGURES, help="Figure of the encircled energy.")
 def command(sensor: str, objects: PsfOptions, output: Path | None, encircled: Path | None) -> None:
-    """Compute the images of point objects through the whole aperture of SENSOR.
-
-    Example: omnimirror psf paper-spherical --omega-deg 0:120:30 -o psf.png --encircled energy.png
-    """
+    """Compute the images of point objects through the whole aperture of SENSOR."""
     seen = load_sensor(sensor)
     angles = np.asarray(objects.angles(seen))
     if len(angles) > MOST:

@@ -6,10 +6,15 @@ from pathlib import Path
 
 import click
 
+from ...help_pages import DocumentedCommand
 from ...outputs import output_console, say
 
 
-@click.command()
+@click.command(
+    cls=DocumentedCommand,
+    page="errata",
+    examples=("omnimirror reproduce --out paper --figures",),
+)
 @click.option("--out", type=click.Path(path_type=Path), default="reproduced", show_default=True,
               help="Folder for numbers.csv, numbers.md and the figures.")  # fmt: skip
 @click.option("--figures/--no-figures", default=True, show_default=True, help="Draw the figures, or numbers only.")

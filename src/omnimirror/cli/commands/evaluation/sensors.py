@@ -5,10 +5,15 @@ from __future__ import annotations
 import click
 
 from ....specs import bundled_sensors, load_sensor
+from ...help_pages import DocumentedCommand
 from ...outputs import output_console, plain_table
 
 
-@click.command()
+@click.command(
+    cls=DocumentedCommand,
+    page="sensor-file",
+    examples=("omnimirror sensors",),
+)
 def command() -> None:
     """List the bundled sensors; each name can stand wherever a command takes a SENSOR."""
     words = ("name", "mirror", "what it is")

@@ -14,6 +14,7 @@ from ....analysis.aperture.pupil import hexapolar
 from ....quantities import QUANTITIES
 from ....sensor import Sensor
 from ....specs import load_sensor
+from ...help_pages import DocumentedCommand
 from ...options.aperture import Array, ObjectOptions
 from ...options.common import WHOLE, values
 from ...options.declared import option, takes
@@ -42,17 +43,18 @@ class SpotOptions(ObjectOptions):
         )  # fmt: skip
 
 
-@click.command()
+@click.command(
+    cls=DocumentedCommand,
+    page="aperture",
+    examples=("omnimirror spots paper-spherical --omega-deg 0:120:30 --focus-mm 200:220:10 -o spots.png",),
+)
 @click.argument("sensor")
 @takes(SpotOptions, "asked")
 @output_option("-o", "--output", formats=FIGURES, help="Figure: angles by focuses (PNG, SVG, PDF).")
 @format_option(FIGURES)
 @output_option("--csv", "csv_file", help="Write widths, radii and centroids.")
 def command(sensor: str, asked: SpotOptions, output: Path | None, csv_file: Path | None) -> None:
-    """Trace real rays through the whole aperture of SENSOR and show where they land.
-
-    Example: omnimirror spots paper-spherical --omega-deg 0:120:30 --focus-mm 200:220:10 -o spots.png
-    """
+    """Trace real rays through the whole aperture of SENSOR and show where they land."""
     seen = load_sensor(sensor)
     console = output_console()
     if asked.f_numbers is not None:

@@ -8,12 +8,17 @@ import click
 
 from ....handoff.rays import RAY_FORMATS, write_rays
 from ....specs import load_camera
+from ...help_pages import DocumentedCommand
 from ...options.common import WHOLE
 from ...outputs import output_console
 from .common import format_names, say_handed_over
 
 
-@click.command()
+@click.command(
+    cls=DocumentedCommand,
+    page="handoff",
+    examples=("omnimirror rays paper-spherical -o rays.exr",),
+)
 @click.argument("camera", metavar="SENSOR|CAMERA")
 @click.option(
     "-o", "--output", required=True, type=click.Path(path_type=Path),
@@ -28,10 +33,7 @@ def command(camera: str, output: Path, formats: list[str] | None, step: int) -> 
     """Write where the ray of each pixel starts, where it goes and how much it weighs.
 
     Of a sensor file, a camera file or a bundled sensor. Lengths are mm, unless the program wants others; x is forward,
-    y left and z up, from the mirror's vertex. Example:
-
-    \b
-    omnimirror rays paper-spherical -o rays.exr
+    y left and z up, from the mirror's vertex.
     """
     console = output_console()
     with console.status("Tracing"):

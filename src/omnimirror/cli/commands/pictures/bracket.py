@@ -16,6 +16,7 @@ from ....media.pictures.images import format_of
 from ....simulate import Detector, Pose, PosedScene, expose
 from ....simulate.restoration.bracketing import Bracket, focused_at, merge_bracket, plan_bracket
 from ....specs import load_sensor
+from ...help_pages import DocumentedCommand
 from ...options.common import NUMBER, WHOLE, distance, values
 from ...options.declared import Options, option, takes
 from ...options.scene import SceneOptions, pose, rows_bar
@@ -68,14 +69,15 @@ def command() -> None:
     """Focus bracketing: a few pictures at planned distances, merged by radius into one that is sharp."""
 
 
-@command.command()
+@command.command(
+    cls=DocumentedCommand,
+    page="restoration",
+    examples=("omnimirror bracket plan paper-spherical --limit-px 2",),
+)
 @click.argument("sensors", nargs=-1, required=True)
 @takes(PlanOptions, "asked")
 def plan(sensors: tuple[str, ...], asked: PlanOptions) -> None:
-    """The fewest focus distances that keep the blur of SENSORS under a limit, and where astigmatism forbids it.
-
-    Example: omnimirror bracket plan paper-spherical --limit-px 2
-    """
+    """The fewest focus distances that keep the blur of SENSORS under a limit, and where astigmatism forbids it."""
     focus = head("focus_mm")
     numbers = ("pictures", "worst px\none focus", "worst px\nmerged", "astigmatic\ndeg", "least px\nthere")
     table = plain_table("sensor", *numbers, focus, words=("sensor", focus))
@@ -99,33 +101,35 @@ def _astigmatic(found: Bracket) -> tuple[str, str]:
     return f"{low:.0f} to {high:.0f}", f"{found.least_px.max():.2f}"
 
 
-@command.command()
+@command.command(
+    cls=DocumentedCommand,
+    page="restoration",
+    examples=("omnimirror bracket merge paper-spherical a.png b.png --focus-mm 212,228 -o merged.png",),
+)
 @click.argument("sensor")
 @click.argument("pictures", nargs=-1, required=True, type=click.Path(path_type=Path))
 @takes(MergeOptions, "taken")
 @output_option("-o", "--output", formats=PICTURES, required=True, help="The picture to write.")
 @format_option(PICTURES)
 def merge(sensor: str, pictures: tuple[Path, ...], taken: MergeOptions, output: Path) -> None:
-    """Merge PICTURES of SENSOR, focused at different distances, to the scale of its own focus.
-
-    Example: omnimirror bracket merge paper-spherical a.png b.png --focus-mm 212,228 -o merged.png
-    """
+    """Merge PICTURES of SENSOR, focused at different distances, to the scale of its own focus."""
     format_of(output)
     merged = merge_bracket(load_sensor(sensor), [read_image(p) for p in pictures], **taken.given)
     write_image(output, merged)
     say(f"{name_of(output)}: {len(pictures)} pictures merged")
 
 
-@command.command()
+@command.command(
+    cls=DocumentedCommand,
+    page="restoration",
+    examples=("omnimirror bracket take paper-spherical --scene street --focus-mm 212,228 -o bracket",),
+)
 @click.argument("sensor")
 @takes(SceneOptions, "scene")
 @takes(TakeOptions, "taking")
 @click.option("-o", "--output", type=click.Path(path_type=Path, file_okay=False), required=True, help="A folder.")
 def take(sensor: str, scene: SceneOptions, taking: TakeOptions, output: Path) -> None:
-    """Simulate the pictures that SENSOR takes of a scene at each focus.
-
-    Example: omnimirror bracket take paper-spherical --scene street --focus-mm 212,228 -o bracket
-    """
+    """Simulate the pictures that SENSOR takes of a scene at each focus."""
     seen, camera = PosedScene(scene.source().load(), taking.stands or Pose()), load_sensor(sensor)
     for focus in plan_bracket(camera).focus_mm if taking.focus_mm is None else taking.focus_mm:
         path = output / f"{focus:.1f}mm.png"

@@ -7,10 +7,15 @@ from pathlib import Path
 import click
 
 from ....specs import load_sensor
+from ...help_pages import DocumentedCommand
 from ...outputs import output_console, say
 
 
-@click.command()
+@click.command(
+    cls=DocumentedCommand,
+    page="evaluation",
+    examples=("omnimirror demo paper-spherical --out demo",),
+)
 @click.argument("sensor", default="paper-spherical")
 @click.option("--out", type=click.Path(path_type=Path), default="omnimirror-demo", show_default=True,
               help="Folder for pictures, table and report.")  # fmt: skip

@@ -15,6 +15,7 @@ from ....simulate.restoration.round_blur import ToldBlur
 from ....straighten import Recording, Restoration, Straightened, Straightening, is_video
 from ....straighten.pictures import PictureStraightener
 from ....straighten.request import PipeFormat
+from ...help_pages import DocumentedCommand
 from ...options.auto import AutoOptions
 from ...options.camera import CameraOptions
 from ...options.common import NUMBER, WHOLE, distance
@@ -97,7 +98,15 @@ class VideoOptions(Options):
         return Recording(**self.given, pipe_format=kind)  # type: ignore[arg-type]
 
 
-@click.command()
+@click.command(
+    cls=DocumentedCommand,
+    page="dewarp",
+    examples=(
+        "omnimirror dewarp picture.jpg --auto -o panorama.png",
+        "omnimirror dewarp picture.jpg --sensor mine.toml --view perspective --pan-deg 40 --hfov-deg 70 -o view.png",
+        "omnimirror dewarp ride.mp4 --sensor mine.toml --view panorama -o straight.mp4",
+    ),
+)
 @click.argument("sources", nargs=-1, required=True, metavar="SOURCE...")
 @click.option(
     "-o",

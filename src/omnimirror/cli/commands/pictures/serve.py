@@ -11,6 +11,7 @@ from ....dewarp.contracts import INTERPOLATIONS, Interpolation
 from ....errors import OmnimirrorError
 from ....handoff.named_views import load_views
 from ....native import MOST_THREADS
+from ...help_pages import DocumentedCommand
 from ...options.camera import CameraOptions
 from ...options.common import WholeRange
 from ...options.declared import option, takes
@@ -32,7 +33,11 @@ class GatewayOptions(ListenOptions):
     )
 
 
-@click.command()
+@click.command(
+    cls=DocumentedCommand,
+    page="gateway",
+    examples=("omnimirror serve rtsp://camera/1 --views views.toml --sensor mine.toml",),
+)
 @click.argument("source")
 @click.option(
     "--views", "views_file", required=True, type=click.Path(path_type=Path),

@@ -19,6 +19,7 @@ from ....sensor import Sensor
 from ....simulate import Detector, Distant, Pose, PosedScene, Scene, expose
 from ....simulate.colour import Light
 from ....specs import bundled_sensors, load_sensor
+from ...help_pages import DocumentedCommand
 from ...options.common import WHOLE
 from ...options.declared import Options, flag, option, takes
 from ...options.housing import HousingOptions
@@ -48,7 +49,15 @@ def command() -> None:
     """
 
 
-@command.command("picture")
+@command.command(
+    "picture",
+    cls=DocumentedCommand,
+    page="simulate",
+    examples=(
+        "omnimirror simulate paper-spherical --scene street --full-well-e 10000 -o circle.png",
+        "omnimirror simulate mine.toml --path walk.csv -o walk.mp4",
+    ),
+)
 @click.argument("sensor")
 @takes(SceneOptions, "scene")
 @click.option("--pose", "stands", type=pose, metavar="X,Y,Z,..",
@@ -168,7 +177,12 @@ def _stopped(output: Path, done: int, what: str) -> None:
     click.echo(f"omnimirror: {output} {held}", err=True)
 
 
-@command.command("dataset")
+@command.command(
+    "dataset",
+    cls=DocumentedCommand,
+    page="simulate",
+    examples=("omnimirror simulate dataset paper-spherical --views 20 --full-well-e 10000 -o boards",),
+)
 @click.argument("sensor", required=False)
 @click.option("-o", "--output", type=click.Path(path_type=Path, file_okay=False), required=True, help="A folder.")
 @click.option("--again", type=click.Path(path_type=Path), metavar="dataset.json",
@@ -200,8 +214,6 @@ def dataset(
 
     A set that was stopped or killed goes on where it was when the same is asked for again. dataset.json also holds all
     that --again needs to make the same files once more.
-
-    Example: omnimirror simulate dataset paper-spherical --views 20 --full-well-e 10000 -o boards
     """
     from ....simulate.datasets.recipe import VideoRecipe
 
@@ -307,7 +319,12 @@ class RoundTripOptions(Options):
     samples: int = option("--samples", "--spp", type=WHOLE, default=16, help="Rays per pixel.")
 
 
-@command.command("roundtrip")
+@command.command(
+    "roundtrip",
+    cls=DocumentedCommand,
+    page="simulate",
+    examples=("omnimirror simulate roundtrip paper-spherical paper-hyperboloidal",),
+)
 @click.argument("sensors", nargs=-1, metavar="[SENSOR...]")
 @takes(RoundTripOptions, "taking")
 def roundtrip(sensors: tuple[str, ...], taking: RoundTripOptions) -> None:

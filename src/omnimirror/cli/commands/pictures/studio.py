@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from ....errors import OmnimirrorError
+from ...help_pages import DocumentedCommand
 from ...options.common import WholeRange
 from ...options.declared import Options, option, takes
 
@@ -51,7 +52,11 @@ def run_studio(make: Callable[[], Studio], server: ServerOptions) -> None:
     serve(make(), server.host, server.port, server.open_browser, click.echo)
 
 
-@click.command()
+@click.command(
+    cls=DocumentedCommand,
+    page="studio",
+    examples=("omnimirror studio --folder pictures",),
+)
 @takes(ServerOptions, "server")
 def command(server: ServerOptions) -> None:
     """Open the studio in the browser: look through a sensor at pictures, videos and cameras, or design one.

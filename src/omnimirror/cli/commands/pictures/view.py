@@ -10,6 +10,7 @@ import click
 from ....errors import MediaError
 from ....media import read_image
 from ....straighten import is_video
+from ...help_pages import DocumentedCommand
 from ...options.camera import CameraOptions
 from ...options.declared import takes
 from .studio import ServerOptions, run_studio
@@ -19,7 +20,14 @@ if TYPE_CHECKING:
     from ....studio.studio import Studio
 
 
-@click.command()
+@click.command(
+    cls=DocumentedCommand,
+    page="studio",
+    examples=(
+        "omnimirror view /dev/video0 --sensor mine.toml",
+        "omnimirror view room.mp4 --sensor mine.toml",
+    ),
+)
 @click.argument("source")
 @takes(CameraOptions, "camera")
 @takes(ServerOptions, "server")
