@@ -93,6 +93,9 @@ if TYPE_CHECKING:
     from .handoff.bags import DewarpedBag as DewarpedBag
     from .handoff.bags import dewarp_bag as dewarp_bag
     from .handoff.gateway.server import serve_views as serve_views
+    from .handoff.maps import ViewMap as ViewMap
+    from .handoff.maps import view_map as view_map
+    from .handoff.maps import write_maps as write_maps
     from .handoff.named_views import NamedView as NamedView
     from .handoff.named_views import load_views as load_views
     from .handoff.rays import RayTable as RayTable
@@ -248,6 +251,9 @@ _HOMES = {
     "serve_views": "handoff.gateway.server",
     "load_views": "handoff.named_views",
     "NamedView": "handoff.named_views",
+    "ViewMap": "handoff.maps",
+    "view_map": "handoff.maps",
+    "write_maps": "handoff.maps",
     "RayTable": "handoff.rays",
     "ray_table": "handoff.rays",
     "write_rays": "handoff.rays",

@@ -28,6 +28,7 @@ COMMANDS = {
     "evaluate": "Evaluate a sensor: mapping, viewpoints, virtual images, blur.",
     "export": "Write CAD files, lens files, tables and a drawing of a sensor.",
     "rays": "Write each pixel's ray for Blender, Mitsuba and other renderers.",
+    "maps": "Write a view's map for compositors, OpenCV, ffmpeg, shaders and boards.",
     "spots": "Spot diagrams by real rays through the whole aperture.",
     "psf": "Point-spread functions and encircled energy.",
     "mtf": "Tangential and sagittal MTF over the field.",
@@ -57,7 +58,7 @@ ROOMS = {
     "calibration": {"board", "calibrate", "convert", "lines", "rim", "uncertainty"},
     "evaluation": {"compare", "evaluate", "form", "illumination", "mtf", "psf", "reproduce", "sensors", "spots"},
     "design": {"apertures", "design", "export", "init", "judge", "mappings", "parts", "tolerance"},
-    "handoff": {"rays"},
+    "handoff": {"maps", "rays"},
     "pictures": {"bracket", "demo", "dewarp", "serve", "simulate", "studio", "view"},
 }
 """In which room of :mod:`omnimirror.cli.commands` the module of a command's name stands; it holds ``command``."""

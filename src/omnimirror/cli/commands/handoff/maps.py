@@ -1,0 +1,42 @@
+"""``omnimirror maps``: where each pixel of a view lies in the picture, for programs that remap."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from ....handoff.maps import MAP_FORMATS, write_maps
+from ....specs import load_camera
+from ...options.declared import takes
+from ...options.view import ViewOptions
+from ...outputs import output_console
+from .common import format_names, say_handed_over
+
+
+@click.command()
+@click.argument("camera", metavar="SENSOR|CAMERA")
+@click.option(
+    "-o", "--output", required=True, type=click.Path(path_type=Path),
+    help="A file whose suffix says the format, or a folder.",
+)  # fmt: skip
+@click.option(
+    "--format", "--formats", "formats", type=format_names(MAP_FORMATS), metavar="NAME,..",
+    help=f"Of {', '.join(MAP_FORMATS)}.  [default: by the file's suffix]",
+)  # fmt: skip
+@takes(ViewOptions, "view")
+def command(camera: str, output: Path, formats: list[str] | None, view: ViewOptions) -> None:
+    """Write where in the camera's picture each pixel of a view lies.
+
+    Of a sensor file, a camera file or a bundled sensor; the view as of omnimirror dewarp. Example:
+
+    \b
+    omnimirror maps paper-spherical --view perspective --size 640x480 -o ahead --format stmap,opencv
+    """
+    view.check()
+    seen_by = load_camera(camera)
+    shown = view.of(seen_by)
+    console = output_console()
+    with console.status("Mapping"):
+        done = write_maps(seen_by, shown, output, formats=formats, viewpoint=view.viewpoint or "exact")
+    say_handed_over(done, console)

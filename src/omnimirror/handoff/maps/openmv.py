@@ -1,0 +1,46 @@
+"""A view for MicroPython, as on OpenMV: a small module, and tables that are read a few bytes at a time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from ..formats import Deviation, ProgramFormat, filled
+from .c99 import c_values, deviation_of
+from .fixed_views import ViewMap
+
+
+def _write(view: ViewMap, paths: tuple[Path, ...]) -> tuple[str, Deviation]:
+    script, tables = paths
+    values, lattice, rays = c_values(view)
+    scale = np.float32(str(values["origin_scale"]).rstrip("f"))
+    places = np.rint(lattice.nodes * 2.0 ** int(str(values["bits"]))).astype("<i4")
+    floor = np.rint(rays.nodes * np.repeat([scale, 16384.0], 3)).clip(-32768, 32767).astype("<i2")
+    seen = np.packbits(_mask(rays.spans, view.source_size[0]), axis=1)
+    tables.write_bytes(places.tobytes() + floor.tobytes() + seen.tobytes())
+    script.write_text(
+        filled(
+            "openmv_view.py.in", camera=view.name, view=view.view, tables=tables.name,
+            width=view.size[0], height=view.size[1],
+            source_width=view.source_size[0], source_height=view.source_size[1],
+            step=lattice.step, columns=lattice.nodes.shape[1], bits=values["bits"], rays_at=places.nbytes,
+            floor_step=rays.step, floor_columns=rays.nodes.shape[1], origin_scale=float(scale),
+            seen_at=places.nbytes + floor.nbytes, seen_bytes=seen.shape[1],
+        ),
+        encoding="utf-8",
+    )  # fmt: skip
+    what = "{} x {} px of {} x {}, {:.0f} KB".format(*view.size, *view.source_size, tables.stat().st_size / 1000)
+    return f"{what}; {values['floor_words']}", deviation_of(lattice)
+
+
+def _mask(spans: list[list[tuple[int, int]]], width: int) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
+    """(rows, width) True in the runs of each row."""
+    mask = np.zeros((len(spans), width), bool)
+    for row, runs in zip(mask, spans, strict=True):
+        for first, count in runs:
+            row[first : first + count] = True
+    return mask
+
+
+OPENMV: ProgramFormat[ViewMap] = ProgramFormat(_write, (".py", ".bin"), "MicroPython: OpenMV, ESP32")

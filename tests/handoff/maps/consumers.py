@@ -1,0 +1,142 @@
+"""Programs that take maps: a browser, ffmpeg and a compiled C file."""
+
+from __future__ import annotations
+
+import base64
+import ctypes
+import shutil
+import subprocess
+import sys
+from importlib.util import find_spec
+
+import numpy as np
+
+import omnimirror as om
+from tests.studio.browser import FLAGS, chromium
+
+DRAW = """
+async ([shader, table, pixels, size, source, tabled]) => {
+  const canvas = document.createElement("canvas");
+  [canvas.width, canvas.height] = size;
+  const gl = canvas.getContext("webgl2", { preserveDrawingBuffer: true });
+  const bytes = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
+  const program = gl.createProgram();
+  const vertex = `#version 300 es
+void main() { gl_Position = vec4(vec2[3](vec2(-1, -1), vec2(3, -1), vec2(-1, 3))[gl_VertexID], 0, 1); }`;
+  for (const [kind, text] of [[gl.VERTEX_SHADER, vertex], [gl.FRAGMENT_SHADER, shader]]) {
+    const part = gl.createShader(kind);
+    gl.shaderSource(part, text);
+    gl.compileShader(part);
+    if (!gl.getShaderParameter(part, gl.COMPILE_STATUS)) throw new Error(gl.getShaderInfoLog(part));
+    gl.attachShader(program, part);
+  }
+  gl.linkProgram(program);
+  gl.useProgram(program);
+  gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1);
+  const texture = (unit, filter, upload) => {
+    gl.activeTexture(gl.TEXTURE0 + unit);
+    gl.bindTexture(gl.TEXTURE_2D, gl.createTexture());
+    for (const name of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D, name, filter);
+    for (const name of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T]) gl.texParameteri(gl.TEXTURE_2D, name, gl.CLAMP_TO_EDGE);
+    upload();
+  };
+  texture(0, gl.LINEAR, () =>
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGB8, ...source, 0, gl.RGB, gl.UNSIGNED_BYTE, bytes(pixels)));
+  texture(1, gl.NEAREST, () =>
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RG32F, ...tabled, 0, gl.RG, gl.FLOAT, new Float32Array(bytes(table).buffer)));
+  const at = (name) => gl.getUniformLocation(program, name);
+  gl.uniform1i(at("picture"), 0);
+  gl.uniform1i(at("table"), 1);
+  gl.uniform2f(at("resolution"), ...size);
+  gl.uniform4f(at("border"), 0, 0, 0, 1);
+  gl.drawArrays(gl.TRIANGLES, 0, 3);
+  const out = new Uint8Array(4 * size[0] * size[1]);
+  gl.readPixels(0, 0, ...size, gl.RGBA, gl.UNSIGNED_BYTE, out);
+  let text = "";
+  for (let i = 0; i < out.length; i += 32768) text += String.fromCharCode(...out.subarray(i, i + 32768));
+  return btoa(text);
+}
+"""
+
+
+def drawn(page, paths, picture, size, table_size):
+    """What WebGL 2 draws in a page, its top row first."""
+    table, pixels = (base64.b64encode(b).decode() for b in (paths[1].read_bytes(), picture.tobytes()))
+    words = [paths[0].read_text(), table, pixels, list(size), list(picture.shape[1::-1]), list(table_size)]
+    read = np.frombuffer(base64.b64decode(page.evaluate(DRAW, words)), np.uint8)
+    return read.reshape(size[1], size[0], 4)[::-1, :, :3]
+
+
+def remapped(paths, picture):
+    """What ffmpeg's filter makes of a picture and two PGM files."""
+    import av
+
+    graph = av.filter.Graph()
+    frames = [av.VideoFrame.from_ndarray(picture, "rgb24")]
+    for path in paths:
+        with av.open(str(path)) as file:
+            frames.append(next(file.decode(video=0)).reformat(format="gray16le"))
+    ends = [graph.add_buffer(width=f.width, height=f.height, format=f.format, time_base=1) for f in frames]
+    remap, sink = graph.add("remap", "fill=black"), graph.add("buffersink")
+    for i, end in enumerate(ends):
+        end.link_to(remap, 0, i)
+    remap.link_to(sink)
+    graph.configure()
+    for end, frame in zip(ends, frames, strict=True):
+        frame.pts, frame.time_base = 0, 1
+        end.push(frame)
+        end.push(None)
+    return sink.pull().to_ndarray(format="rgb24")
+
+
+STRICT = ["-std=c99", "-Wall", "-Wextra", "-pedantic", "-Wconversion", "-Werror", "-O2"]
+
+
+def compilers():
+    found = [[name] for name in ("gcc", "clang") if shutil.which(name)]
+    return found + ([[sys.executable, "-m", "ziglang", "cc"]] if find_spec("ziglang") else [])
+
+
+def compiled(c_file):
+    """The C file as a shared library, compiled without a warning by whatever there is; None without any."""
+    built = c_file.with_suffix(".so")
+    for compiler in compilers():
+        run = subprocess.run(
+            [*compiler, *STRICT, "-shared", "-fPIC", c_file, "-o", built], capture_output=True, text=True
+        )
+        assert run.returncode == 0, run.stderr
+    return ctypes.CDLL(str(built)) if built.exists() else None
+
+
+def straightened(library, name, picture, view):
+    """By the C file, into an array that is there."""
+    dewarp = getattr(library, f"{name}_dewarp")
+    dewarp.argtypes = [ctypes.c_void_p, ctypes.c_size_t, ctypes.c_void_p, ctypes.c_size_t, ctypes.c_int]
+    dewarp(picture.ctypes.data, picture.strides[0], view.ctypes.data, view.strides[0], view.shape[2])
+    return view
+
+
+# -- a whole view by each, for the picture in the docs ---------------------------------------------------
+
+
+def in_c(sensor, view, picture, folder):
+    (done,) = om.write_maps(sensor, view, folder / "view.c", formats="c99")
+    width, height = view.size
+    return straightened(compiled(done.paths[0]), "view", picture, np.zeros((height, width, 3), np.uint8))
+
+
+def in_browser(sensor, view, picture, folder):
+    from playwright.sync_api import sync_playwright
+
+    (done,) = om.write_maps(sensor, view, folder / "view.frag", formats="glsl")
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=chromium(), args=FLAGS)
+        return drawn(browser.new_page(), done.paths, picture, view.size, view.size)
+
+
+def in_ffmpeg(sensor, view, picture, folder):
+    (done,) = om.write_maps(sensor, view, folder / "view.pgm", formats="ffmpeg")
+    return remapped(done.paths, picture)
+
+
+PROGRAMS = (in_c, in_browser, in_ffmpeg)
