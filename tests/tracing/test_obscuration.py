@@ -119,10 +119,13 @@ def test_the_pixels_of_an_aligned_sensor_are_those_of_the_rings(name):
         np.testing.assert_array_equal(hidden[clear], inside[clear])
 
 
-@pytest.mark.parametrize("name", HOUSINGS)
-def test_the_pixels_of_a_misaligned_sensor_are_what_marched_rays_meet(name):
+AWAY = MirrorPose(1.5, -1.0, 0.7, 0.4, -0.6)
+INTO_ROD = replace(AWAY, displacement_mm=-0.7)  # whose end the middle of the mirror then stands in
+
+
+@pytest.mark.parametrize(("name", "pose"), [*((name, AWAY) for name in HOUSINGS), ("wide rod", INTO_ROD)])
+def test_the_pixels_of_a_misaligned_sensor_are_what_marched_rays_meet(name, pose):
     aligned, discs, rods = housed(name)
-    pose = MirrorPose(1.5, -1.0, 0.7, 0.4, -0.6)
     sensor = replace(aligned, mirror_pose=pose)
     pixels = np.random.default_rng(1).uniform(40.0, 983.0, (150, 2))
     pixels = np.concatenate([pixels, 511.5 + np.random.default_rng(2).normal(0.0, 60.0, (100, 2))])
@@ -138,6 +141,16 @@ def test_the_pixels_of_a_misaligned_sensor_are_what_marched_rays_meet(name):
         assert {part for part, hidden in said.items() if hidden[i]} == found
         count += bool(found)
     assert count > 5
+
+
+@pytest.mark.parametrize("shift", [-0.7, 0.7])
+def test_the_ring_of_a_rod_on_a_displaced_mirror_ends_where_its_pixels_do(shift):
+    sensor = replace(housed("wide rod")[0], mirror_pose=MirrorPose(displacement_mm=shift))
+    ((_, (low, high), _),) = sensor.obscurations
+    edges = sensor.meridian.trace(sensor.meridian.x_from_omega(np.radians([high - 1e-6, high + 1e-6])))
+    pixels = [[511.5 + height, 511.5] for height in sensor.image_height_px(edges)]
+    assert low == 0.0
+    assert sensor.hidden_by(pixels)["rod"].tolist() == [True, False]
 
 
 def test_rings_that_overlap_are_merged():

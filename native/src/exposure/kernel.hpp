@@ -338,7 +338,7 @@ inline bool meets_end(const Optics& o, int end, float x, float y, float z, float
     return (t >= 0) & (px * px + py * py < o.rod_radius[end] * o.rod_radius[end]);
 }
 
-// Whether a ray meets the rod, on its side or its ends.
+// Whether a ray meets the rod, on its side or its ends, or begins in it: a mirror out of place may.
 inline bool meets_rod(const Optics& o, float x, float y, float z, float dx, float dy, float dz) {
     const float taper = (o.rod_radius[1] - o.rod_radius[0]) / (o.rod_z[1] - o.rod_z[0]);
     const float radius = o.rod_radius[0] + taper * (z - o.rod_z[0]), widening = taper * dz;
@@ -346,7 +346,8 @@ inline bool meets_rod(const Optics& o, float x, float y, float z, float dx, floa
     const float c = x * x + y * y - radius * radius, disc = b * b - a * c;
     const float t = (-b - root(disc)) / (a + 1e-20f), at = z + t * dz;
     const bool side = (disc > 0) & (t > 0) & (at >= o.rod_z[0]) & (at <= o.rod_z[1]);
-    return side | meets_end(o, 0, x, y, z, dx, dy, dz) | meets_end(o, 1, x, y, z, dx, dy, dz);
+    const bool inside = (c < 0) & (z > o.rod_z[0]) & (z < o.rod_z[1]);
+    return side | inside | meets_end(o, 0, x, y, z, dx, dy, dz) | meets_end(o, 1, x, y, z, dx, dy, dz);
 }
 
 // How light the camera's front is at a place, q in radii of its lens's front ring: glass with a glint, a bright ring,

@@ -108,6 +108,11 @@ class TaperedRod(NamedTuple):
         """Height and radius of either end."""
         return (self.foot_mm, self.foot_radius_mm), (self.top_mm, self.top_radius_mm)
 
+    @property
+    def taper(self) -> float:
+        """By how much its radius grows with height, mm/mm."""
+        return (self.top_radius_mm - self.foot_radius_mm) / (self.top_mm - self.foot_mm)
+
     def clearance(self, rays: ChiefRays, shift_mm: float) -> Array:
         """By how much (n,), mm, chief rays pass it between lens and mirror.
 
@@ -115,22 +120,25 @@ class TaperedRod(NamedTuple):
         farther from the axis at any height.
         """
         z, narrowing = rays.z + shift_mm, np.tan(rays.theta)
-        passes = [rays.x - narrowing * (z - height) - radius for height, radius in self.ends]
+        top = np.where(np.real(z) < self.top_mm, z, self.top_mm)  # what is beyond the mirror's surface hides nothing
+        ends = (self.ends[0], (top, self.top_radius_mm + self.taper * (top - self.top_mm)))
+        passes = [rays.x - narrowing * (z - height) - radius for height, radius in ends]
         clearance: Array = np.min(passes, axis=0)
         return clearance
 
     def met_by(self, points: Array, directions: Array) -> Mask:
-        """Which rays (n, 3), (n, 3) meet it, on its side or its ends."""
-        taper = (self.top_radius_mm - self.foot_radius_mm) / (self.top_mm - self.foot_mm)
+        """Which rays (n, 3), (n, 3) meet it, on its side or its ends, or begin in it: a mirror out of place may."""
         (x, y, z), (dx, dy, dz) = points.T, directions.T
-        radius, widening = self.foot_radius_mm + taper * (z - self.foot_mm), taper * dz
+        radius, widening = self.foot_radius_mm + self.taper * (z - self.foot_mm), self.taper * dz
         a = dx**2 + dy**2 - widening**2
         b = x * dx + y * dy - radius * widening
-        disc = b**2 - a * (x**2 + y**2 - radius**2)
+        beside = x**2 + y**2 - radius**2
+        disc = b**2 - a * beside
         with np.errstate(divide="ignore", invalid="ignore"):
             t = (-b - np.sqrt(np.maximum(disc, 0))) / a
             at = z + t * dz
             meets: Mask = (disc > 0) & (t > 0) & (at >= self.foot_mm) & (at <= self.top_mm)
+            meets |= (beside < 0) & (z > self.foot_mm) & (z < self.top_mm)
             for height, end in self.ends:
                 t = (height - z) / dz
                 meets |= (t >= 0) & ((x + t * dx) ** 2 + (y + t * dy) ** 2 < end**2)
