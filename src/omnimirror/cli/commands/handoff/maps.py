@@ -8,13 +8,21 @@ import click
 
 from ....handoff.maps import MAP_FORMATS, write_maps
 from ....specs import load_camera
+from ...help_pages import DocumentedCommand
 from ...options.declared import takes
 from ...options.view import ViewOptions
 from ...outputs import output_console
 from .common import format_names, say_handed_over
 
 
-@click.command()
+@click.command(
+    cls=DocumentedCommand,
+    page="handoff",
+    examples=(
+        "omnimirror maps paper-spherical --view perspective --size 640x480 -o ahead --format stmap,opencv",
+        "omnimirror maps paper-spherical --view ground --height-mm 800 --size 320x240 -o floor.c --format c99",
+    ),
+)
 @click.argument("camera", metavar="SENSOR|CAMERA")
 @click.option(
     "-o", "--output", required=True, type=click.Path(path_type=Path),
@@ -28,10 +36,7 @@ from .common import format_names, say_handed_over
 def command(camera: str, output: Path, formats: list[str] | None, view: ViewOptions) -> None:
     """Write where in the camera's picture each pixel of a view lies.
 
-    Of a sensor file, a camera file or a bundled sensor; the view as of omnimirror dewarp. Example:
-
-    \b
-    omnimirror maps paper-spherical --view perspective --size 640x480 -o ahead --format stmap,opencv
+    Of a sensor file, a camera file or a bundled sensor; the view as of omnimirror dewarp.
     """
     view.check()
     seen_by = load_camera(camera)
