@@ -10,6 +10,7 @@ import sys
 import time
 from contextlib import contextmanager
 from dataclasses import replace
+from pathlib import Path
 
 import av
 import cv2
@@ -110,7 +111,7 @@ def test_players_open_every_address(gateway, camera, film, suffix):
         if suffix != "mjpg":  # which tells no times
             steps = np.diff([float(frame.pts * frame.time_base) for frame in frames])
             assert steps.min() > 0
-            assert steps.mean() == pytest.approx(1 / 25, rel=0.5)
+            assert steps.mean() > 0.9 / 25  # as they come, or fewer where the machine is busy
 
 
 def test_a_player_that_comes_late_begins_at_once(gateway):
@@ -347,6 +348,66 @@ def test_views_are_pushed_to_a_server(film, camera, tmp_path):
     ):
         frames = server.frames()
         assert {next(frames).width for _ in range(3)} < {160, 64}  # of the view that got there first
+
+
+SYSTEM_PYTHON = Path("/usr/bin/python3")  # which has GStreamer's bindings, where anything does
+RTSP_SERVER = """
+import sys, gi
+gi.require_version("Gst", "1.0")
+gi.require_version("GstRtspServer", "1.0")
+from gi.repository import GLib, Gst, GstRtspServer
+Gst.init(None)
+if Gst.ElementFactory.find("rtph264depay") is None:
+    sys.exit(1)
+taken = []
+def take(sink, buffer, pad):
+    taken.append(buffer.get_size())
+    if len(taken) % 25 == 0:
+        print("frames", len(taken), flush=True)
+factory = GstRtspServer.RTSPMediaFactory()
+factory.set_transport_mode(GstRtspServer.RTSPTransportMode.RECORD)
+factory.set_launch("( rtph264depay name=depay0 ! fakesink name=sink signal-handoffs=true sync=false )")
+factory.connect("media-configure", lambda _, media: media.get_element().get_by_name("sink").connect("handoff", take))
+server = GstRtspServer.RTSPServer()
+server.set_service(sys.argv[1])
+server.get_mount_points().add_factory("/front", factory)
+server.attach(None)
+print("ready", flush=True)
+GLib.MainLoop().run()
+"""
+"""GStreamer's, which takes what is published at /front and counts it."""
+
+
+@pytest.fixture(scope="module")
+def rtsp_server():
+    """Starts GStreamer's RTSP server at a port, and waits until it listens."""
+    running = []
+
+    def start(port):
+        words = [SYSTEM_PYTHON, "-c", RTSP_SERVER, str(port)]
+        running.append(subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True))
+        if running[-1].stdout.readline() != "ready\n":
+            pytest.skip("there is no RTSP server: apt install gir1.2-gst-rtsp-server-1.0 gstreamer1.0-plugins-good")
+        return running[-1]
+
+    if not SYSTEM_PYTHON.exists():
+        pytest.skip("there is no Python of the system, which has GStreamer's bindings")
+    yield start
+    for process in running:
+        process.kill()
+        process.stdout.close()
+        process.wait()
+
+
+def test_a_server_that_is_killed_gets_the_view_again(film, camera, tmp_path, rtsp_server):
+    port = free_port()
+    server = rtsp_server(port)
+    with command(film, camera, tmp_path, "--publish", f"rtsp://127.0.0.1:{port}/{{view}}"):
+        assert server.stdout.readline() == "frames 25\n"
+        server.kill()
+        server.wait()
+        server = rtsp_server(port)
+        assert [server.stdout.readline() for _ in range(2)] == ["frames 25\n", "frames 50\n"]
 
 
 @pytest.mark.parametrize(
