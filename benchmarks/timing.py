@@ -7,7 +7,12 @@ import time
 from collections.abc import Callable
 
 
-def interleaved(functions: dict[str, Callable[[], object]], runs: int, in_a_row: int = 1) -> dict[str, float]:
+def interleaved(
+    functions: dict[str, Callable[[], object]],
+    runs: int,
+    in_a_row: int = 1,
+    clock: Callable[[], float] = time.perf_counter,
+) -> dict[str, float]:
     """Median milliseconds of a call of each function, so many calls of each in turn, after one to warm up."""
     times: dict[str, list[float]] = {name: [] for name in functions}
     for function in functions.values():
@@ -15,7 +20,7 @@ def interleaved(functions: dict[str, Callable[[], object]], runs: int, in_a_row:
     for _ in range(runs):
         for name, function in functions.items():
             for _ in range(in_a_row):
-                start = time.perf_counter()
+                start = clock()
                 function()
-                times[name].append(time.perf_counter() - start)
+                times[name].append(clock() - start)
     return {name: 1e3 * statistics.median(t) for name, t in times.items()}

@@ -106,8 +106,6 @@ if TYPE_CHECKING:
     from .manufacture import register_format as register_format
     from .media import read_image as read_image
     from .media import write_image as write_image
-    from .metrology.effects import as_made as as_made
-    from .metrology.effects import form_effect as form_effect
     from .metrology.form_errors import FormError as FormError
     from .metrology.form_errors import form_error as form_error
     from .metrology.readers import read_points as read_points
@@ -116,6 +114,7 @@ if TYPE_CHECKING:
     from .report.calibration import write_calibration_figures as write_calibration_figures
     from .report.calibration import write_calibration_report as write_calibration_report
     from .report.comparison import write_comparison as write_comparison
+    from .report.tolerances import write_tolerances as write_tolerances
     from .reproduce import reproduce_paper as reproduce_paper
     from .sensor import Sensor as Sensor
     from .simulate import Detector as Detector
@@ -150,6 +149,8 @@ if TYPE_CHECKING:
     from .tolerancing.analysis import ToleranceReport as ToleranceReport
     from .tolerancing.analysis import tolerance as tolerance
     from .tolerancing.errors import perturbed as perturbed
+    from .tolerancing.forms.effects import as_made as as_made
+    from .tolerancing.forms.effects import form_effect as form_effect
     from .tolerancing.sweeps import Sweep as Sweep
     from .tolerancing.tolerance_file import TolerancePlan as TolerancePlan
     from .tolerancing.tolerance_file import load_tolerances as load_tolerances
@@ -262,8 +263,8 @@ _HOMES = {
     "register_format": "manufacture",
     "read_image": "media",
     "write_image": "media",
-    "as_made": "metrology.effects",
-    "form_effect": "metrology.effects",
+    "as_made": "tolerancing.forms.effects",
+    "form_effect": "tolerancing.forms.effects",
     "form_error": "metrology.form_errors",
     "FormError": "metrology.form_errors",
     "read_points": "metrology.readers",
@@ -272,6 +273,7 @@ _HOMES = {
     "write_calibration_report": "report.calibration",
     "write_demo": "report",
     "write_comparison": "report.comparison",
+    "write_tolerances": "report.tolerances",
     "reproduce_paper": "reproduce",
     "Sensor": "sensor",
     "Detector": "simulate",

@@ -5,9 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from typing import ClassVar
 
+import numpy as np
+from numpy.typing import NDArray
+
 from .arguments import numbers
 from .errors import InvalidParameter
 from .parameters import Parameter
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -91,3 +96,82 @@ class Imager:
         """
         u, v = self.centre
         return max(min(u, self.width_px - 1 - u), min(v, self.height_px - 1 - v)) + 0.5
+
+
+@dataclass(frozen=True)
+class ImagerPose:
+    """How an imager leans against the lens; the default is square to the axis.
+
+    Turned in its own plane by ``rotation_deg``, then about the image's X and then about its Y, by the right-hand rule,
+    all through the point that the optical axis meets.
+
+    Parameters
+    ----------
+    tilt_x_deg, tilt_y_deg
+        Rotation about the image's X, then about its Y.
+    rotation_deg
+        In its plane, from image right towards image bottom.
+
+    Raises
+    ------
+    InvalidParameter
+        A number outside its range.
+
+    Examples
+    --------
+    >>> pose = ImagerPose(tilt_y_deg=1.0)
+    >>> flat, depth = pose.flat(np.array([[3.0, 0.0]]), 12.0)  # mm, of a lens whose principal distance is 12 mm
+    >>> flat.round(4), depth.round(4), pose.tilted(flat, 12.0).round(9)
+    (array([[3.0127, 0.    ]]), array([-0.0524]), array([[3., 0.]]))
+    """
+
+    tilt_x_deg: float = 0.0
+    tilt_y_deg: float = 0.0
+    rotation_deg: float = 0.0
+
+    PARAMETERS: ClassVar[dict[str, Parameter]] = {
+        "tilt_x_deg": Parameter("deg", -20.0, 20.0, "the imager leans about the image's X"),
+        "tilt_y_deg": Parameter("deg", -20.0, 20.0, "the imager leans about the image's Y"),
+        "rotation_deg": Parameter("deg", -360.0, 360.0, "the imager is turned in its plane; applied first"),
+    }
+
+    def __post_init__(self) -> None:
+        for f in fields(self):
+            self.PARAMETERS[f.name].check(f.name, getattr(self, f.name))
+
+    @property
+    def is_square(self) -> bool:
+        """Whether the imager stands square to the optical axis, perhaps turned in its plane."""
+        return not (self.tilt_x_deg or self.tilt_y_deg)
+
+    def _plane(self) -> Array:
+        """Directions (3, 2) of the imager's right and down."""
+        x, y, turn = np.radians([self.tilt_x_deg, self.tilt_y_deg, self.rotation_deg])
+        about_x = np.array([[1.0, 0.0, 0.0], [0.0, np.cos(x), -np.sin(x)], [0.0, np.sin(x), np.cos(x)]])
+        about_y = np.array([[np.cos(y), 0.0, np.sin(y)], [0.0, 1.0, 0.0], [-np.sin(y), 0.0, np.cos(y)]])
+        within = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)], [0.0, 0.0]])
+        plane: Array = about_y @ about_x @ within
+        return plane
+
+    def flat(self, offsets: Array, principal_distance: float) -> tuple[Array, Array]:
+        """Where rays to offsets (n, 2) would meet a square imager, and how far (n,) the true place is behind that.
+
+        All in one unit. The distance of a square imager does not matter.
+        """
+        moved = offsets @ self._plane().T
+        if self.is_square:
+            return moved[..., :2], np.zeros(moved.shape[:-1])
+        farther = 1 + moved[..., 2] / principal_distance
+        return moved[..., :2] / farther[..., None], moved[..., 2]
+
+    def tilted(self, flat: Array, principal_distance: float) -> Array:
+        """Offsets (n, 2) on the imager of rays that would meet a square one at places (n, 2)."""
+        plane = self._plane()
+        if self.is_square:
+            turned: Array = flat @ plane[:2]
+            return turned
+        basis = np.concatenate([plane, [[0.0], [0.0], [principal_distance]]], axis=1)
+        ahead = np.concatenate([flat, np.full((*flat.shape[:-1], 1), principal_distance)], axis=-1)
+        found = ahead @ np.linalg.inv(basis).T
+        offsets: Array = found[..., :2] / found[..., 2:]
+        return offsets

@@ -13,9 +13,10 @@ from .cameras import AxialSymmetry, Projection, Rays, inside_image
 from .errors import InvalidParameter
 from .frames import Mount, turned
 from .housing import Housing
-from .imagers import Imager
-from .lenses import GaussianLens, Lens
+from .imagers import Imager, ImagerPose
+from .lenses import GaussianLens, Lens, Perspective
 from .mirrors import Mirror, Secondary
+from .mirrors.form import MirrorForm
 from .mirrors.pose import MirrorPose
 from .numerics.lazy import cached_property
 from .parameters import Uncertainty
@@ -53,6 +54,10 @@ class Sensor:
     mirror_pose
         Where the mirror really sits, decentred, displaced or tilted against lens and imager; perfectly
         mounted by default. The world's origin stays where the vertex was meant to be.
+    mirror_form
+        What the mirror has beside its meridian: a form error over its disk; none by default.
+    imager_pose
+        How the imager leans and is turned against the lens; square to it by default.
     secondary
         A second mirror, in which the lens sees the first: flat, to fold the sensor, or curved.
     housing
@@ -91,6 +96,8 @@ class Sensor:
     housing: Housing = field(default_factory=Housing)
     uncertainty: Uncertainty | None = None
     thermal: Thermal | None = None
+    mirror_form: MirrorForm = field(default_factory=MirrorForm)
+    imager_pose: ImagerPose = field(default_factory=ImagerPose)
 
     def __post_init__(self) -> None:
         for name, kind in (("mirror", Mirror), ("lens", Lens), ("imager", Imager)):
@@ -109,6 +116,13 @@ class Sensor:
             raise InvalidParameter(
                 "mirror_pose is not valid beside a secondary: two mirrors are traced on one axis; leave one of them out"
             )
+        if self.secondary is not None and not self.mirror_form.is_empty:
+            raise InvalidParameter("mirror_form is not valid beside a secondary; leave one of them out")
+        if not self.imager_pose.is_square and (self.lens.TELECENTRIC or not self.lens.IS_THIN):
+            raise InvalidParameter(
+                f"imager_pose leans, which is valid behind a perspective lens; behind a {self.lens.KIND} one the "
+                "place of the exit pupil, about which pictures stretch, is not known: leave its tilts out"
+            )
 
     # -- in the meridian -----------------------------------------------------------------------
 
@@ -122,10 +136,9 @@ class Sensor:
             If the mirror is decentred or tilted: what holds in one meridian then holds in none.
         """
         if not self.is_axial:
-            part = "cover" if self.mirror_pose.is_axial else "mirror"
             raise InvalidParameter(
-                f"the {part} of {self.name!r} is decentred or tilted, and field angles from axis to rim belong to an "
-                "aligned one: take sensor.aligned(), which leaves its pose out, or what traces in space "
+                f"{self._out_of_axis} of {self.name!r} is decentred or tilted, and field angles from axis to rim "
+                "belong to an aligned one: take sensor.aligned(), which leaves its pose out, or what traces in space "
                 "(evaluation by om.evaluate_camera of its om.SensorModel, rays, pictures, spots, MTF)"
             )
         m = self.mirror_distance_mm + self.mirror_pose.displacement_mm
@@ -178,9 +191,64 @@ class Sensor:
 
     @property
     def is_axial(self) -> bool:
-        """Whether mirror, lens and cover share one axis."""
+        """Whether mirror, lens, imager and cover share one axis, and the mirror is round about it."""
+        return self._out_of_axis is None
+
+    @property
+    def _out_of_axis(self) -> str | None:
+        """What is not on the axis, as a sentence begins; None where all is."""
         shell = self.housing.shell
-        return self.mirror_pose.is_axial and (shell is None or shell.is_axial)
+        parts = {
+            "the mirror": self.mirror_pose.is_axial,
+            "the cover": shell is None or shell.is_axial,
+            "the form error of the mirror": self.mirror_form.is_empty,
+            "the imager": self.imager_pose == ImagerPose(),
+        }
+        return next((name for name, is_axial in parts.items() if not is_axial), None)
+
+    @property
+    def is_ideal_but_for_pose(self) -> bool:
+        """Whether nothing but the pose of its mirror and cover is out of order: no form error, no leaning imager."""
+        return self.mirror_form.is_empty and self.imager_pose == ImagerPose()
+
+    def check_ideal_but_for_pose(self, what: str) -> None:
+        """Raise InvalidParameter for form errors and leaning imagers, for what does not know of them.
+
+        Parameters
+        ----------
+        what
+            What cannot be done otherwise, for the message.
+
+        Raises
+        ------
+        InvalidParameter
+            The sensor has one.
+        """
+        if not self.is_ideal_but_for_pose:
+            raise InvalidParameter(
+                f"{what} is for sensors without [mirror_form] and [imager_pose], and {self.name!r} has one; rays, "
+                "pictures and straightening are valid for it, and what is asked here of sensor.aligned()"
+            )
+
+    def check_square_imager(self, what: str) -> None:
+        """Raise InvalidParameter for an imager that leans, for what does not know of its focus.
+
+        Parameters
+        ----------
+        what
+            What cannot be done otherwise, for the message.
+
+        Raises
+        ------
+        InvalidParameter
+            It leans.
+        """
+        if not self.imager_pose.is_square:
+            raise InvalidParameter(
+                f"{what} is for imagers square to the axis, and that of {self.name!r} leans by "
+                f"{self.imager_pose.tilt_x_deg:g} and {self.imager_pose.tilt_y_deg:g} deg; pictures and tolerances are "
+                "valid for it"
+            )
 
     def check_thin_lens(self, what: str) -> None:
         """Raise InvalidParameter for a lens known by its table or surfaces, for what knows of ideal ones only.
@@ -203,7 +271,7 @@ class Sensor:
             )
 
     def aligned(self) -> Sensor:
-        """The same sensor with its mirror, and its tube or dome, perfectly mounted.
+        """The same sensor with its mirror, its tube or dome and its imager perfectly made and mounted.
 
         Returns
         -------
@@ -212,7 +280,9 @@ class Sensor:
         """
         shell = self.housing.shell
         housing = self.housing if shell is None else replace(self.housing, shell=shell.centred())
-        return replace(self, mirror_pose=MirrorPose(), housing=housing)
+        return replace(
+            self, mirror_pose=MirrorPose(), housing=housing, mirror_form=MirrorForm(), imager_pose=ImagerPose()
+        )
 
     @property
     def field_deg(self) -> tuple[float, float]:
@@ -552,7 +622,7 @@ class Sensor:
         """
         if self.secondary is not None:
             return FoldedMirror(self.mirror, self.secondary, self.mirror_distance_mm, self.lens.pupil)
-        return PosedMirror(self.mirror, self.mirror_pose)
+        return PosedMirror(self.mirror, self.mirror_pose, self.mirror_form)
 
     @property
     def seen_mirror(self) -> PosedMirror | FoldedMirror | CoveredMirror:
@@ -570,7 +640,7 @@ class Sensor:
         assert standing.housing.shell is not None
         envelope = standing.envelope
         return CoveredMirror(
-            PosedMirror(self.mirror, self.mirror_pose),
+            PosedMirror(self.mirror, self.mirror_pose, self.mirror_form),
             standing.housing.shell,
             (envelope.base_mm, envelope.back_mm),
             self.mirror_distance_mm,
@@ -652,7 +722,32 @@ class Sensor:
         tuple of (n, 3) arrays
             Origins in mm and unit directions, in the camera's frame.
         """
-        return self.lens_rays_of_image(np.stack(self.from_centre_px(pixels), axis=-1) * self.imager.pitch_mm, pupil)
+        flat, depth = self._flat_mm(pixels)
+        origins, directions = self.lens_rays_of_image(flat, pupil)
+        if not self.imager_pose.is_square:  # each pixel is in focus at its own distance
+            assert isinstance(self.lens, Perspective)
+            lens = self.lens
+            behind, f = lens.image_distance + depth, lens.focal_length_mm
+            vergence = 1 / (f * behind / (behind - f) - lens.pupil.at_mm)
+            directions = directions.copy()
+            directions[..., :2] += origins[..., :2] * (1 / lens.from_pupil - vergence)[..., None]
+        return origins, directions
+
+    def _flat_mm(self, pixels: Array) -> tuple[Array, Array]:
+        """Pixels (n, 2) as places of a square imager, mm from the optical axis, and how far (n,) mm behind they are."""
+        u, v = self.imager.centre
+        columns = pixels[..., 0]
+        if self.mount.image_flipped:
+            columns = self.imager.width_px - 1 - columns
+        offsets = np.stack([columns - u, pixels[..., 1] - v], axis=-1) * self.imager.pitch_mm
+        if self.imager_pose == ImagerPose():
+            return offsets, np.zeros(offsets.shape[:-1])
+        return self.imager_pose.flat(offsets, self._principal_distance)
+
+    @property
+    def _principal_distance(self) -> float:
+        """From the exit pupil, as it were, to the imager, mm; of square imagers it does not matter."""
+        return self.lens.principal_distance if isinstance(self.lens, Perspective) else np.inf
 
     def lens_rays_of_image(self, image_mm: Array, pupil: Array) -> tuple[Array, Array]:
         """The same for image points (n, 2) mm from the optical axis, right and down in the unflipped picture.
@@ -731,7 +826,9 @@ class Sensor:
     # -- in the picture ------------------------------------------------------------------------
 
     def _in_picture(self, offsets: Array) -> Projection:
-        """Pixels at offsets (n, 2) px from the optical axis; NaN in, or outside the picture, is not valid."""
+        """Pixels at offsets (n, 2) px from the optical axis of a square imager; NaN, or outside, is not valid."""
+        if self.imager_pose != ImagerPose():
+            offsets = self.imager_pose.tilted(offsets, self._principal_distance / self.imager.pitch_mm)
         u, v = self.imager.centre
         columns = u + offsets[..., 0]
         if self.mount.image_flipped:
@@ -752,13 +849,10 @@ class Sensor:
         Returns
         -------
         tuple of (n,) arrays
-            px from the picture's centre.
+            px from the picture's centre, on an imager square to the axis.
         """
-        u, v = self.imager.centre
-        columns = pixels[..., 0]
-        if self.mount.image_flipped:
-            columns = self.imager.width_px - 1 - columns
-        return columns - u, pixels[..., 1] - v
+        flat = self._flat_mm(pixels)[0] / self.imager.pitch_mm
+        return flat[..., 0], flat[..., 1]
 
 
 def _unit(x: Array, y: Array) -> tuple[Array, Array, Array]:

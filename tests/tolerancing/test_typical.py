@@ -27,27 +27,17 @@ def test_a_share_of_all_trials_is_no_worse(sensor):
     for found in om.typical_sensors(sensor, plan, shares=(0.05, 0.5, 0.95), trials=2000, seed=3):
         assert (merits <= found.merit).mean() == pytest.approx(found.share, abs=1e-9)
         assert merits[found.trial] == pytest.approx(found.merit)
-        assert found.left_out == ()
-        assert found.merit_without == pytest.approx(found.merit)
 
 
 def test_the_file_of_a_sensor_shows_objects_as_far_away_as_its_merit_says(sensor, tmp_path):
-    plan = plan_of(sensor, mirror__decentre_x_mm=0.1, mirror__tilt_y_deg=0.1, imager__rotation_deg=0.2, lens__k1=0.01)
+    parts = {"mirror__decentre_x_mm": 0.1, "mirror__tilt_y_deg": 0.1, "mirror__zernike_8_um": 20.0, "lens__k1": 0.01}
+    plan = plan_of(sensor, **parts, imager__rotation_deg=0.2, imager__tilt_y_deg=0.5)
     (worst,) = om.typical_sensors(sensor, plan, shares=(0.95,), trials=500)
     om.save_sensor(worst.sensor, tmp_path / "worst.toml")
     built, field = om.load_sensor(tmp_path / "worst.toml"), Judge.of(sensor).field
     world = field.targets @ sensor._axes.T
     moved = built.project_directions(world).pixels - sensor.project_directions(world).pixels
     assert np.hypot(*moved.T).max() == pytest.approx(worst.merit, rel=1e-9)
-
-
-def test_what_a_file_cannot_hold_is_named_and_counted(sensor):
-    plan = plan_of(sensor, mirror__zernike_5_um=50.0, imager__tilt_x_deg=0.5, mirror__tilt_x_deg=0.1)
-    (found,) = om.typical_sensors(sensor, plan, shares=(0.5,), trials=100)
-    assert set(found.left_out) == {"mirror.zernike_5_um", "imager.tilt_x_deg"}
-    alone = {"mirror.tilt_x_deg": np.array([found.values["mirror.tilt_x_deg"]])}
-    assert found.merit_without == Judge.of(sensor).judged(alone)[0, merit_names().index("motion_px")]
-    assert found.merit_without != pytest.approx(found.merit, rel=0.01)
 
 
 @pytest.mark.parametrize(
@@ -77,8 +67,8 @@ def test_the_command_writes_sensors_and_pictures(tmp_path, monkeypatch):
     result = CliRunner().invoke(app, [*words, "--out", "o"], catch_exceptions=False)
     assert result.exit_code == 0
     assert "sensor 95 %: trial" in result.output
-    assert "which cannot hold 1 of its errors: imager.tilt_x_deg" in result.output
     for name in ("05", "50", "95"):
         built = om.load_sensor(tmp_path / "o" / f"sensor-{name}.toml")
         assert built.mirror_pose.tilt_x_deg != 0
+        assert built.imager_pose.tilt_x_deg != 0
         assert om.read_image(tmp_path / "o" / f"picture-{name}.png").shape == (128, 128, 3)

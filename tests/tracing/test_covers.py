@@ -17,7 +17,6 @@ from omnimirror.errors import InvalidParameter, SelfObstruction
 from omnimirror.housing import MATERIALS, Dome, FlatWindow, Housing, Tube
 from omnimirror.mirrors.pose import MirrorPose
 from omnimirror.simulate.rendering.sight import sights
-from omnimirror.tolerancing.trials.states import states_of
 
 SPH = om.load_sensor("paper-spherical")
 HYP = om.load_sensor("paper-hyperboloidal")
@@ -252,8 +251,6 @@ def test_what_a_cover_cannot_do_is_refused_in_a_sentence():
         Tube(material="jelly")
     with pytest.raises(InvalidParameter, match=r"ends inside the cover; it is valid above \d"):
         om.evaluate(covered("dome"), [90.0], object_distance_mm=20.0)
-    with pytest.raises(InvalidParameter, match="without a cover, and 'paper-hyperboloidal' has a dome; take it out of"):
-        states_of(covered("dome"), {}, 1)
     with pytest.raises(InvalidParameter, match="the cover of 'paper-spherical' is decentred or tilted"):
         om.evaluate(covered("tilted tube"))
     kept_in = Dome(1040.0, 240.0, 2.4, centre_mm=-240.0, inner_shift_mm=235.0)  # 240/520 of its radius off, times 2.4

@@ -195,7 +195,7 @@ int look(const TrialJob& job, const S& surface, const double* number, Workspace&
 
 // Offsets in px, and their derivatives by the tangents.
 struct Imaged {
-    double u, v, w00, w01, w10, w11;
+    double u, v, w00, w01, w10, w11, over;
 };
 
 inline Imaged imaged(const double* number, double breath, double x, double y) {
@@ -211,16 +211,30 @@ inline Imaged imaged(const double* number, double breath, double x, double y) {
     const double u = (h[0] * mx + h[1] * my + h[2]) * over, v = (h[3] * mx + h[4] * my + h[5]) * over;
     const double a = (h[0] - u * h[6]) * over, b = (h[1] - u * h[7]) * over;
     const double c = (h[3] - v * h[6]) * over, d = (h[4] - v * h[7]) * over;
-    return {u, v, a * xx + b * xy, a * xy + b * yy, c * xx + d * xy, c * xy + d * yy};
+    return {u, v, a * xx + b * xy, a * xy + b * yy, c * xx + d * xy, c * xy + d * yy, over};
+}
+
+// Vergence at which a tilted imager is in focus at a depth (mm) behind the lens, less that of its middle.
+inline double tilted_by(const double* number, double depth) {
+    const double f = number[FOCAL], at = f - number[BREATHING], v = number[VERGENCE];
+    const double middle = f / (1 - number[BREATHING] * v);
+    const double behind = middle * (1 + at * v) + depth - middle;
+    return 1 / (f * behind / (behind - f) - at) - v;
 }
 
 // Offsets, and squares and determinants of v W - W V as polynomials of v.
-inline void picture(const double* number, double breath, Workspace& w) {
+template <bool TILTED>
+void picture_on(const double* number, double breath, Workspace& w) {
     for (int k = 0; k < w.lanes; k += LANE) {
         OMNIMIRROR_LANES(i, k) {
             const Imaged m = imaged(number, breath, w.px[i], w.py[i]);
-            const double s00 = m.w00 * w.v00[i] + m.w01 * w.v10[i], s01 = m.w00 * w.v01[i] + m.w01 * w.v11[i];
-            const double s10 = m.w10 * w.v00[i] + m.w11 * w.v10[i], s11 = m.w10 * w.v01[i] + m.w11 * w.v11[i];
+            double v00 = w.v00[i], v11 = w.v11[i];
+            if constexpr (TILTED) {
+                const double more = tilted_by(number, m.over);
+                v00 -= more, v11 -= more;
+            }
+            const double s00 = m.w00 * v00 + m.w01 * w.v10[i], s01 = m.w00 * w.v01[i] + m.w01 * v11;
+            const double s10 = m.w10 * v00 + m.w11 * w.v10[i], s11 = m.w10 * w.v01[i] + m.w11 * v11;
             w.u[i] = m.u, w.v[i] = m.v;
             w.s0[i] = s00 * s00 + s01 * s01 + s10 * s10 + s11 * s11;
             w.s1[i] = -2 * (m.w00 * s00 + m.w01 * s01 + m.w10 * s10 + m.w11 * s11);
@@ -230,6 +244,14 @@ inline void picture(const double* number, double breath, Workspace& w) {
             w.d2[i] = m.w00 * m.w11 - m.w01 * m.w10;
         }
     }
+}
+
+inline void picture(const double* number, double breath, Workspace& w) {
+    const double* h = number + IMAGER;
+    if (h[6] != 0 || h[7] != 0)
+        picture_on<true>(number, breath, w);
+    else
+        picture_on<false>(number, breath, w);
 }
 
 // Twice the square of the worst blur's diameter, with the focus at a vergence.
@@ -447,7 +469,8 @@ template <class Shape>
 void judge_shape(const TrialJob& job, int first, int count) {
     if (job.powers == 1) return judge_all<Shape, 0>(job, first, count);
     if (job.powers == 15) return judge_all<Shape, 4>(job, first, count);
-    judge_all<Shape, 6>(job, first, count);
+    if (job.powers == 28) return judge_all<Shape, 6>(job, first, count);
+    judge_all<Shape, MOST_FORM_ORDER>(job, first, count);
 }
 
 void judge_some(const TrialJob& job, int first, int count) {

@@ -52,10 +52,10 @@ void trials(const Doubles& numbers, int terms, bool is_conic, double rim, const 
             const DoublesOut& moved) {
     const TrialField field = field_of(objects);
     const auto n = static_cast<size_t>(field.count);
-    require(numbers.ndim() == 2 && numbers.shape(1) > TRIAL_NUMBERS, "numbers are (trials, 34 + terms + powers)");
+    require(numbers.ndim() == 2 && numbers.shape(1) > TRIAL_NUMBERS, "numbers are (trials, 35 + terms + powers)");
     const int trials = count_of(numbers.shape(0)), powers = count_of(numbers.shape(1)) - TRIAL_NUMBERS - terms;
     require(is_valid_term_count(terms), "terms are 0, 4, 8 or 16");
-    require(is_valid_power_count(powers), "powers are 1, 15 or 28");
+    require(is_valid_power_count(powers), "powers are 1, 15, 28 or 91");
     require(rim > 0 && floor >= 0, "a rim is above 0, a floor not below");
     require(refocus >= NOT_REFOCUSED && refocus <= LEAST_WORST, "a focus is 0, 1 or 2");
     require(merits.ndim() == 2 && merits.shape(0) == numbers.shape(0) && merits.shape(1) == TRIAL_MERITS,

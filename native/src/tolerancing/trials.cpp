@@ -22,7 +22,7 @@ TrialKernel trial_kernel() {
 
 bool is_valid_term_count(int terms) { return terms == 0 || terms == 4 || terms == 8 || terms == 16; }
 
-bool is_valid_power_count(int powers) { return powers == 1 || powers == 15 || powers == 28; }
+bool is_valid_power_count(int powers) { return powers == 1 || powers == 15 || powers == 28 || powers == 91; }
 
 void judge_trials(const TrialJob& job) {
     TrialJob copy = job;

@@ -19,13 +19,14 @@ enum TrialNumber : int {
     BREATHING = 19,     // f - e, mm
     BROWN = 20,         // 5: k1, k2, k3, p1, p2
     IMAGER = 25,        // 9: from tangents to offsets in px, by rows
-    TRIAL_NUMBERS = 34
+    FOCAL = 34,         // mm
+    TRIAL_NUMBERS = 35
 };
 
 constexpr int CALIBRATION_DEPTHS = 5;
 constexpr int TRIAL_MERITS = 4 * CALIBRATION_DEPTHS + 4;
 constexpr int MOST_POSE = 5, MOST_BASIS = 20, MOST_ROWS = 16;
-constexpr int MOST_FORM_ORDER = 6;
+constexpr int MOST_FORM_ORDER = 12;
 
 enum Refocus : int { NOT_REFOCUSED = 0, LEAST_RMS = 1, LEAST_WORST = 2 };
 
@@ -81,7 +82,7 @@ struct TrialJob {
 
 // How many terms and powers a trial may have: kernels are compiled for these.
 bool is_valid_term_count(int terms);    // 0, 4, 8, 16
-bool is_valid_power_count(int powers);  // 1 (none), 15, 28
+bool is_valid_power_count(int powers);  // 1 (none), 15, 28, 91
 
 void judge_trials(const TrialJob& job);
 

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import tomli_w
 
 from ..arguments import checked, instance
+from ..imagers import ImagerPose
 from ..lenses import LENSES, Lens
 from ..mirrors import MIRRORS, Mirror, Secondary
 from ..mirrors.pose import MirrorPose
@@ -85,6 +86,13 @@ image_flipped = false  # true when the driver delivers the picture reversed left
 
 # [mirror_pose]  # where the mirror really sits, if it is out of place; camera frame, tilts about the vertex
 {_entries(MirrorPose.PARAMETERS)}
+
+# [mirror_form]  # a form error of the mirror: Zernike terms over the rim's disk, by Noll, and their um rms
+# zernike = [5, 8]
+# um = [0.3, -0.1]
+
+# [imager_pose]  # how the imager is turned in its plane, and then leans
+{_entries(ImagerPose.PARAMETERS)}
 
 {_thermal()}
 

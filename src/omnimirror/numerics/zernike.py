@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import sqrt
+from functools import lru_cache
+from math import comb, factorial, sqrt
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -54,3 +55,44 @@ def zernike_values(x: ArrayLike, y: ArrayLike, terms: Sequence[int]) -> Array:
             radial[n, k] = sqrt((n + 1) * (2 if k else 1)) * eval_jacobi((n - k) // 2, 0, k, argument)
         values[:, column] = radial[n, k] * (around[k].imag if m < 0 else around[k].real)
     return values
+
+
+def power_place(i: int, j: int) -> int:
+    """Where ``x^i y^j`` stands among the powers: those of one order after one another, y growing.
+
+    >>> [power_place(*ij) for ij in ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))]
+    [0, 1, 2, 3, 4, 5]
+    """
+    return (i + j) * (i + j + 1) // 2 + j
+
+
+@lru_cache(maxsize=4)
+def zernike_powers(order: int) -> Array:
+    """Coefficients (terms, terms) of the powers of x and y (columns) in each of Noll's terms (rows) up to an order.
+
+    >>> zernike_powers(4)[3, [0, 3, 5]].round(4)  # Z4 = sqrt(3) (2 r^2 - 1)
+    array([-1.7321,  3.4641,  3.4641])
+    """
+    terms = terms_of(order)
+    table = np.zeros((terms, terms))
+    for row in range(terms):
+        n, m = noll(row + 1)
+        scale = sqrt(n + 1) * (sqrt(2.0) if m else 1.0)
+        for s in range((n - abs(m)) // 2 + 1):
+            a = (-1) ** s * factorial(n - s) / factorial(s)
+            a /= factorial((n + abs(m)) // 2 - s) * factorial((n - abs(m)) // 2 - s)
+            _add_harmonic(table[row], scale * a, (n - abs(m)) // 2 - s, m)
+    return table
+
+
+def _add_harmonic(row: Array, factor: float, rings: int, m: int) -> None:
+    """Add ``factor r^(2 rings) r^|m| cos(m phi)``, or the sine of a negative m."""
+    for k in range(abs(m) + 1):  # (x + iy)^|m|
+        imaginary = k % 2 == 1
+        if imaginary != (m < 0):
+            continue
+        sign = (-1) ** (k // 2)
+        for r in range(rings + 1):  # (x^2 + y^2)^rings
+            row[power_place(abs(m) - k + 2 * (rings - r), k + 2 * r)] += (
+                factor * sign * comb(abs(m), k) * comb(rings, r)
+            )

@@ -21,9 +21,10 @@ from ..errors import SpecError
 from ..files import parse_toml, read_text, write_text
 from ..frames import Mount
 from ..housing import SHELLS, CameraBody, Housing, Rim, Rod
-from ..imagers import Imager
+from ..imagers import Imager, ImagerPose
 from ..lenses import LENSES, Lens
 from ..mirrors import MIRRORS, SECONDARIES, Mirror, Secondary
+from ..mirrors.form import MirrorForm
 from ..mirrors.pose import MirrorPose
 from ..parameters import Uncertainty
 from ..sensor import Sensor, check_sensor
@@ -133,7 +134,10 @@ def sensor_of(data: dict[str, Any], where: Places, folder: Path | None = None) -
         "lens": lens_of(data["lens"], where, folder),
         "imager": _build("imager", Imager, data["imager"], where),
         "mirror_pose": _build("mirror_pose", MirrorPose, data.get("mirror_pose", {}), where),
+        "imager_pose": _build("imager_pose", ImagerPose, data.get("imager_pose", {}), where),
     }
+    if "mirror_form" in data:
+        parts["mirror_form"] = _build("mirror_form", MirrorForm, data["mirror_form"], where)
     if "secondary" in data:
         parts["secondary"] = _secondary(data, folder, where)
     mount = validated(MountTable, "mount", data.get("mount", {}), where).model_dump()
@@ -184,6 +188,10 @@ def tables_of(sensor: Sensor) -> dict[str, Any]:
     }
     if sensor.mirror_pose != MirrorPose():
         data["mirror_pose"] = _table(sensor.mirror_pose)
+    if sensor.mirror_form != MirrorForm():
+        data["mirror_form"] = _table(sensor.mirror_form)
+    if sensor.imager_pose != ImagerPose():
+        data["imager_pose"] = _table(sensor.imager_pose)
     if not sensor.housing.is_empty:
         data["housing"] = housing_tables(sensor.housing)
     if sensor.uncertainty is not None:
@@ -243,7 +251,8 @@ def _table(part: Any) -> dict[str, Any]:
 
 def _check_table_names(data: dict[str, Any], where: Places) -> None:
     known: dict[str, type] = {"format": int, "name": str, "notes": str}
-    tables = ("mirror", "secondary", "lens", "imager", "mount", "mirror_pose", "housing", "uncertainty", "thermal")
+    parts = ("mirror", "secondary", "lens", "imager", "mount", "mirror_pose", "mirror_form", "imager_pose")
+    tables = (*parts, "housing", "uncertainty", "thermal")
     known |= dict.fromkeys(tables, dict)
     check_entries(data, known, FORMAT, where)
     for key in ("mirror", "lens", "imager"):

@@ -9,17 +9,17 @@ objects that are worst that counts which grows most.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .tolerances import Tolerances
 from .trials.compensation import CALIBRATIONS, motion
 from .trials.judge import Judge
 from .trials.merits import OF_MOTION, after
-from .trials.picture import Picture, diameter_parts, largest_diameter, pictured
-from .trials.states import states_of
-from .trials.tracing import seen
+from .trials.picture import Picture, diameter_parts, largest_diameter
 
 Array = NDArray[np.float64]
 
@@ -40,7 +40,7 @@ class Rates(NamedTuple):
     second: float
 
 
-def merit_rates(judge: Judge, name: str, step: float) -> dict[str, Rates]:
+def merit_rates(judge: Judge, name: str, step: float, tolerances: Tolerances | None = None) -> dict[str, Rates]:
     """Derivatives of all merits by an error that grows from 0.
 
     Parameters
@@ -51,6 +51,8 @@ def merit_rates(judge: Judge, name: str, step: float) -> dict[str, Rates]:
         Of the error.
     step
         Of the differences, in its unit.
+    tolerances
+        That know of measured forms.
 
     Returns
     -------
@@ -66,8 +68,10 @@ def merit_rates(judge: Judge, name: str, step: float) -> dict[str, Rates]:
     >>> round(rates["motion_px"].first, 9), round(rates["motion_px after principal-point"].first, 9)
     (1.0, 0.0)
     """
-    objects, states = judge.field, states_of(judge.field.sensor, {name: step * NODES})
-    shown = pictured(states, seen(states, objects.targets, objects.distant, objects.start), judge.refocus)
+    objects = judge.field
+    nodes: Mapping[str, Array] = {name: step * NODES}
+    values = nodes if tolerances is None else tolerances.spelt_out(nodes)
+    shown, _, focus_mm = objects.shown(values, refocus=judge.refocus)
     moved = motion(shown.offsets_px, judge.reference_px)
     left = judge.compensators.left(moved)
     vectors = np.stack(np.split(left, 2, axis=-1), axis=-1)  # (calibrations, nodes, n, 2)
@@ -81,7 +85,7 @@ def merit_rates(judge: Judge, name: str, step: float) -> dict[str, Rates]:
             rates[after(rms, depth)] = _of_rms(first, second, still)
             begins = np.zeros_like(first)
             rates[after(worst, depth)] = _largest(begins[:, 0], *_of_lengths(begins, first, second, still))
-    focus = _differences(1 / shown.vergence + states.pupil[:, 2], step)
+    focus = _differences(focus_mm, step)
     return rates | _of_blur(judge, shown, step) | {"focus_distance_mm": Rates(*map(float, focus))}
 
 

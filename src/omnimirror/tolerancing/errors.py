@@ -11,16 +11,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, cast
 
-import numpy as np
-
+from ..analysis.temperature import at_temperature
 from ..arguments import checked
 from ..errors import InvalidParameter
+from ..housing import Housing
 from ..imagers import Imager
 from ..lenses import Perspective
 from ..mirrors import ConicAsphere, EvenPolynomial, Mirror
 from ..mirrors.conics import Conic, Sphere
+from ..mirrors.form import TERMS, MirrorForm
 from ..sensor import Sensor
-from .trials.zernike import TERMS
 
 GRADES = ("coarse", "medium", "fine")
 """What a shop does: a printer or a file, a lathe, a diamond lathe with centring."""
@@ -40,21 +40,16 @@ class ErrorKind:
         In one line.
     usual
         Its tolerance by grade, plus or minus, as shops hold it.
-    in_sensor_file
-        Whether a sensor file can say it.
     """
 
     name: str
     unit: str
     meaning: str
     usual: Mapping[str, float]
-    in_sensor_file: bool = True
 
 
-def _kind(
-    name: str, unit: str, meaning: str, coarse: float, medium: float, fine: float, is_filed: bool = True
-) -> ErrorKind:
-    return ErrorKind(name, unit, meaning, dict(zip(GRADES, (coarse, medium, fine), strict=True)), is_filed)
+def _kind(name: str, unit: str, meaning: str, coarse: float, medium: float, fine: float) -> ErrorKind:
+    return ErrorKind(name, unit, meaning, dict(zip(GRADES, (coarse, medium, fine), strict=True)))
 
 
 _PLACE = (
@@ -64,7 +59,7 @@ _PLACE = (
     _kind("mirror.tilt_x_deg", "deg", "the mirror is turned about the image's X", 0.3, 0.1, 0.02),
     _kind("mirror.tilt_y_deg", "deg", "the mirror is turned about the image's Y", 0.3, 0.1, 0.02),
 )
-_LENS = (
+_DISTORTION = (
     _kind("lens.k1", "", "distortion of the lens, r^2", 0.02, 0.005, 0.001),
     _kind("lens.k2", "", "distortion of the lens, r^4", 0.02, 0.005, 0.001),
     _kind("lens.k3", "", "distortion of the lens, r^6", 0.02, 0.005, 0.001),
@@ -82,12 +77,32 @@ _IMAGER = (
     ),
     _kind("imager.shift_y_px", "px", "the lens's axis meets the imager below where it was meant", 40.0, 20.0, 5.0),
     _kind("imager.rotation_deg", "deg", "the imager is turned in its plane", 1.0, 0.5, 0.1),
-    _kind("imager.tilt_x_deg", "deg", "the imager leans about the image's X", 0.5, 0.2, 0.05, False),
-    _kind("imager.tilt_y_deg", "deg", "the imager leans about the image's Y", 0.5, 0.2, 0.05, False),
+    _kind("imager.tilt_x_deg", "deg", "the imager leans about the image's X", 0.5, 0.2, 0.05),
+    _kind("imager.tilt_y_deg", "deg", "the imager leans about the image's Y", 0.5, 0.2, 0.05),
     _kind("imager.pitch_ppm", "ppm", "pixels are farther apart", 50.0, 20.0, 5.0),
+)
+_SECONDARY = (
+    _kind(
+        "secondary.displacement_mm", "mm", "the second mirror sits farther from the first, on its axis", 0.3, 0.1, 0.02
+    ),
+)
+_WARMTH = (
+    _kind("temperature.warmer_k", "K", "all of it is warmer than [thermal] says its numbers are", 40.0, 20.0, 5.0),
 )
 FORM_SIZES = (5.0, 1.0, 0.15)
 """um rms of each Zernike term, by grade."""
+
+
+MEASURED = _kind("mirror.measured", "", "so many times a form that was measured", 1.0, 1.0, 1.0)
+
+
+def measured(name: str) -> str:
+    """The error of a form that was measured.
+
+    >>> measured("lathe")
+    'mirror.measured[lathe]'
+    """
+    return f"{MEASURED.name}[{name}]"
 
 
 def errors_of(sensor: Sensor) -> dict[str, ErrorKind]:
@@ -109,7 +124,13 @@ def errors_of(sensor: Sensor) -> dict[str, ErrorKind]:
     >>> [name for name in errors_of(om.load_sensor("paper-spherical")) if "radius" in name or "conic" in name]
     ['mirror.vertex_radius_mm', 'mirror.conic']
     """
-    kinds = (*_PLACE, *_shape(sensor.mirror), *_form(), *_of_lens(sensor), *_LENS, *_IMAGER)
+    lens, has_two = sensor.lens, sensor.secondary is not None
+    place = [kind for kind in _PLACE if kind.name == "mirror.displacement_mm"] if has_two else _PLACE
+    kinds = [*place, *(_SECONDARY if has_two else ()), *_shape(sensor.mirror), *(() if has_two else _form())]
+    kinds += [kind for kind in (*_of_lens(lens), *_DISTORTION) if kind.name.partition(".")[2] in lens.PARAMETERS]
+    leans = isinstance(lens, Perspective)
+    kinds += [kind for kind in _IMAGER if leans or not kind.name.startswith("imager.tilt")]
+    kinds += [*_of_cover(sensor), *(_WARMTH if sensor.thermal is not None else ())]
     return {kind.name: kind for kind in kinds}
 
 
@@ -132,17 +153,46 @@ def _shape(mirror: Any) -> list[ErrorKind]:
 
 def _form() -> list[ErrorKind]:
     words = "form error, Zernike term {} of Noll, rms"
-    return [_kind(f"mirror.zernike_{j}_um", "um", words.format(j), *FORM_SIZES, False) for j in range(4, TERMS + 1)]
+    return [_kind(f"mirror.zernike_{j}_um", "um", words.format(j), *FORM_SIZES) for j in range(4, TERMS + 1)]
 
 
-def _of_lens(sensor: Sensor) -> list[ErrorKind]:
-    f, L0, F = (getattr(sensor.lens, name, 1.0) for name in ("focal_length_mm", "focus_distance_mm", "f_number"))
+def _of_lens(lens: Any) -> list[ErrorKind]:
+    """Of the numbers that lenses of any kind have; a lens known by its surfaces has few of them."""
+
+    def size(name: str) -> float:
+        return abs(float(getattr(lens, name, None) or 1.0))
+
+    f, L0, F, Fw, mu = map(
+        size, ("focal_length_mm", "focus_distance_mm", "f_number", "working_f_number", "magnification")
+    )
     return [
         _kind("lens.focal_length_mm", "mm", "focal length", 0.03 * f, 0.01 * f, 0.002 * f),
+        _kind("lens.magnification", "", "magnification", 0.03 * mu, 0.01 * mu, 0.002 * mu),
         _kind("lens.focus_distance_mm", "mm", "distance that the lens is set to", 0.03 * L0, 0.01 * L0, 0.003 * L0),
         _kind("lens.entrance_pupil_mm", "mm", "the entrance pupil stands nearer to the mirror", 0.5, 0.2, 0.05),
         _kind("lens.f_number", "", "F-number", 0.1 * F, 0.05 * F, 0.02 * F),
+        _kind("lens.working_f_number", "", "F-number on the imager's side", 0.1 * Fw, 0.05 * Fw, 0.02 * Fw),
     ]
+
+
+def _of_cover(sensor: Sensor) -> list[ErrorKind]:
+    """Of the tube, dome or window."""
+    if sensor.housing.shell is None:
+        return []
+    shell = sensor.obstructions.housing.shell
+    kinds = [
+        _kind("cover.wall_mm", "mm", "the wall is thicker, inwards", 0.3, 0.1, 0.02),
+        _kind("cover.diameter_mm", "mm", "the cover is wider", 0.5, 0.2, 0.05),
+        _kind("cover.refractive_index", "", "refractive index of the wall", 2e-3, 1e-3, 5e-4),
+        _kind("cover.decentre_x_mm", "mm", "the cover sits to the right, in the image", 0.5, 0.2, 0.05),
+        _kind("cover.decentre_y_mm", "mm", "the cover sits down, in the image", 0.5, 0.2, 0.05),
+        _kind("cover.tilt_x_deg", "deg", "the cover is turned about the image's X", 0.5, 0.2, 0.05),
+        _kind("cover.tilt_y_deg", "deg", "the cover is turned about the image's Y", 0.5, 0.2, 0.05),
+        _kind("cover.centre_mm", "mm", "the dome sits higher", 0.5, 0.2, 0.05),
+        _kind("cover.height_mm", "mm", "the window sits higher", 0.5, 0.2, 0.05),
+        _kind("cover.inner_shift_mm", "mm", "the dome's inner sphere sits higher than the outer", 0.1, 0.05, 0.01),
+    ]
+    return [kind for kind in kinds if getattr(shell, kind.name.partition(".")[2], None) is not None]
 
 
 GROUPS = {
@@ -150,11 +200,15 @@ GROUPS = {
     "mirror.displacement": "place of the mirror",
     "mirror.tilt": "place of the mirror",
     "mirror.zernike": "form of the mirror",
+    "mirror.measured": "form of the mirror",
     "mirror.": "shape of the mirror",
     "lens.k": "distortion",
     "lens.p": "distortion",
     "lens.": "lens",
     "imager.": "imager",
+    "secondary.": "place of the second mirror",
+    "cover.": "cover",
+    "temperature.": "temperature",
 }
 """Of errors that belong together, by how their names begin; the first that fits."""
 
@@ -170,7 +224,7 @@ def group_of(name: str) -> str:
 
 @checked
 def perturbed(sensor: Sensor, values: Mapping[str, float]) -> Sensor:
-    """A sensor with errors, as an ordinary sensor that a file can hold.
+    """A sensor with errors, as an ordinary sensor that a file holds.
 
     Parameters
     ----------
@@ -182,12 +236,12 @@ def perturbed(sensor: Sensor, values: Mapping[str, float]) -> Sensor:
     Returns
     -------
     Sensor
-        With them.
+        With them, at the temperature that they say.
 
     Raises
     ------
     InvalidParameter
-        An error that it cannot have, or that a sensor file does not say: of form, and a tilt of the imager.
+        An error that it cannot have, or one so large that it is no sensor.
 
     Examples
     --------
@@ -197,28 +251,60 @@ def perturbed(sensor: Sensor, values: Mapping[str, float]) -> Sensor:
     (0.1, 0.01)
     """
     known = errors_of(sensor)
-    for name, value in values.items():
+    for name in values:
         check_name(name, known)
-        if value and not known[name].in_sensor_file:
-            raise InvalidParameter(
-                f"{name} = {value:g} has no place in a sensor file; leave it out of sensors to be written"
-            )
-    pose = {n: getattr(sensor.mirror_pose, n) for n in sensor.mirror_pose.PARAMETERS}
-    lens: dict[str, float] = {}
-    for name, value in values.items():
-        part, what = name.split(".", 1)
-        if part == "lens":
-            lens[what] = getattr(sensor.lens, what) + value
-        elif what in pose:
-            pose[what] += value
+    lens = _of_part(sensor.lens, "lens.", values)
     built = replace(
         sensor,
         mirror=_shaped(sensor.mirror, values),
-        mirror_pose=replace(sensor.mirror_pose, **pose),
-        lens=replace(cast(Perspective, sensor.lens), **lens),
+        mirror_form=_formed(sensor.mirror_form, values),
+        lens=replace(cast(Any, sensor.lens), **lens),
         imager=_placed(sensor.imager, values),
+        imager_pose=replace(sensor.imager_pose, **_of_part(sensor.imager_pose, "imager.", values)),
+        housing=_covered(sensor, values),
+        **_standing(sensor, values),
     )
-    return _turned(built, values.get("imager.rotation_deg", 0.0))
+    if warmer := values.get("temperature.warmer_k", 0.0):
+        assert sensor.thermal is not None, "no other has this error"
+        return at_temperature(built, sensor.thermal.reference_c + warmer)
+    return built
+
+
+def _of_part(part: Any, start: str, values: Mapping[str, float]) -> dict[str, float]:
+    """Those parameters of a part that err, with their errors."""
+    named = {name.removeprefix(start): value for name, value in values.items() if name.startswith(start)}
+    return {name: getattr(part, name) + value for name, value in named.items() if value and name in part.PARAMETERS}
+
+
+def _standing(sensor: Sensor, values: Mapping[str, float]) -> dict[str, Any]:
+    """Where its mirrors stand; the way from lens to mirror by a second one grows with both."""
+    if (second := sensor.secondary) is None:
+        return {"mirror_pose": replace(sensor.mirror_pose, **_of_part(sensor.mirror_pose, "mirror.", values))}
+    first, farther = values.get("mirror.displacement_mm", 0.0), values.get("secondary.displacement_mm", 0.0)
+    return {
+        "secondary": replace(second, distance_mm=second.distance_mm + first + farther),
+        "mirror_distance_mm": sensor.mirror_distance_mm + first + 2 * farther,
+    }
+
+
+def _covered(sensor: Sensor, values: Mapping[str, float]) -> Housing:
+    """The housing with errors of its cover, whose sizes are those that were fitted to the sensor that was meant."""
+    if sensor.housing.shell is None:
+        return sensor.housing
+    shell: Any = sensor.obstructions.housing.shell
+    if values.get("cover.refractive_index"):
+        shell = replace(shell, material=None, refractive_index=shell.index)
+    return replace(sensor.housing, shell=replace(shell, **_of_part(shell, "cover.", values)))
+
+
+def _formed(form: MirrorForm, values: Mapping[str, float]) -> MirrorForm:
+    """The form error of the mirror, and more of it."""
+    amounts = dict(zip(form.zernike, form.um, strict=True))
+    for name, value in values.items():
+        if value and name.startswith("mirror.zernike"):
+            term = int(name.split("_")[1])
+            amounts[term] = amounts.get(term, 0.0) + value
+    return MirrorForm(tuple(amounts), tuple(amounts.values()))
 
 
 def _placed(imager: Imager, values: Mapping[str, float]) -> Imager:
@@ -229,29 +315,6 @@ def _placed(imager: Imager, values: Mapping[str, float]) -> Imager:
         return replace(imager, pixel_pitch_um=pitch)
     (u, v), (x, y) = imager.centre, shift
     return replace(imager, pixel_pitch_um=pitch, centre_px=(u + x, v + y))
-
-
-def _turned(sensor: Sensor, angle_deg: float) -> Sensor:
-    """A sensor whose imager is turned about the lens's axis: in the image's frame all others are turned back."""
-    if not angle_deg:
-        return sensor
-    pose, lens, angle = sensor.mirror_pose, cast(Perspective, sensor.lens), np.radians(angle_deg)
-    back = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
-    axis = pose.turned_to_camera(np.array([[0.0, 0.0, 1.0]]))[0]
-    x, y = back @ axis[:2]
-    decentre, tangential = back @ pose.shift[:2], back @ [lens.p2, lens.p1]
-    return replace(
-        sensor,
-        mirror_pose=replace(
-            pose,
-            decentre_x_mm=float(decentre[0]),
-            decentre_y_mm=float(decentre[1]),
-            tilt_x_deg=float(np.degrees(-np.arcsin(y))),
-            tilt_y_deg=float(np.degrees(np.arctan2(x, axis[2]))),
-        ),
-        lens=replace(lens, p1=float(tangential[1]), p2=float(tangential[0])),
-        mount=replace(sensor.mount, forward_azimuth_deg=sensor.mount.forward_azimuth_deg - angle_deg),
-    )
 
 
 def _shaped(mirror: Any, values: Mapping[str, float]) -> Mirror:

@@ -39,7 +39,7 @@ def tornado(rows: Sequence[ErrorEffect]) -> Figure:
     ax = figure.subplots()
     places = np.arange(len(ranked))
     shown = [("none", PALETTE[0], 0.8), ("affine", PALETTE[4], 0.5), ("pose", PALETTE[1], 0.22)]
-    widest = max(row.merits["motion_px"] for row in ranked) or 1.0
+    widest = max((m for row in ranked if np.isfinite(m := row.merits["motion_px"])), default=0.0) or 1.0
     for depth, colour, height in shown:
         name = after("motion_px", depth)  # type: ignore[arg-type]  # one of them
         sizes = [min(row.merits[name], 2 * widest) for row in ranked]

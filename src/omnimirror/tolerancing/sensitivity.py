@@ -67,29 +67,30 @@ def sensitivities(judge: Judge, tolerances: Tolerances, limits: Mapping[str, flo
     rows = []
     for name, bound in tolerances.errors.items():
         size = bound.value
-        at_ends = judge.judged({name: np.array([size, -size])})
+        at_ends = judge.judged(tolerances.spelt_out({name: np.array([size, -size])}))
         worst = np.where(np.isnan(at_ends).any(axis=0), np.inf, at_ends.max(axis=0))
         rows.append(
             ErrorEffect(
                 name,
                 size,
                 dict(zip(names, worst.tolist(), strict=True)),
-                merit_rates(judge, name, STEP * size) if size else {},
-                {merit: _alone(judge, name, size, merit, limit) for merit, limit in limits.items()},
+                merit_rates(judge, name, STEP * size, tolerances) if size else {},
+                {merit: _alone(judge, tolerances, name, merit, limit) for merit, limit in limits.items()},
             )
         )
     return rows
 
 
-def _alone(judge: Judge, name: str, size: float, merit: str, limit: float) -> float:
+def _alone(judge: Judge, tolerances: Tolerances, name: str, merit: str, limit: float) -> float:
     """The largest tolerance of an error alone; infinite where any will do, 0 where none does."""
-    place = merit_names().index(merit)
+    place, size = merit_names().index(merit), tolerances.errors[name].value
     if size == 0:
         return np.nan
     sizes = size * np.geomspace(1 / REACH, REACH, LADDER)
     low, high = 0.0, np.inf
     for _ in range(2):  # a ladder, and one between two of its rungs
-        merits = np.maximum(*judge.judged({name: np.concatenate([sizes, -sizes])})[:, place].reshape(2, -1))
+        values = tolerances.spelt_out({name: np.concatenate([sizes, -sizes])})
+        merits = np.maximum(*judge.judged(values)[:, place].reshape(2, -1))
         bad = np.flatnonzero(~(merits <= limit))
         if not bad.size:
             return float(high)

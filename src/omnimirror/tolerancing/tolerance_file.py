@@ -15,10 +15,14 @@ from pydantic import Field
 from ..arguments import check_fields, checked, choice, file_name
 from ..errors import SpecError
 from ..files import parse_toml, read_text
+from ..metrology.readers import Unit
+from ..mirrors.form import LARGEST_ORDER, MirrorForm
 from ..sensor import Sensor
 from ..specs import Places, Table, check_entries, validated
 from .distributions import Distribution
-from .errors import GRADES, check_name, errors_of
+from .errors import GRADES, MEASURED, check_name, errors_of, measured
+from .forms.measured import measured_form
+from .forms.spectra import LOWEST_ORDER, RandomFigure, figure_of
 from .tolerances import ErrorBound, Tolerances
 from .trials.compensation import Calibration
 from .trials.judge import Judge
@@ -36,6 +40,28 @@ class ErrorTable(Table):
     tolerance: Annotated[float, Field(ge=0, description="plus or minus, in the unit that the name ends with")]
     distribution: Distribution = "uniform"
     price: Annotated[float, Field(gt=0, description="of this tolerance; half of it costs twice as much")] = 1.0
+
+
+class FigureTable(Table):
+    """A random figure of a power spectrum."""
+
+    exponent: Annotated[float, Field(ge=0, le=10, description="by which the spectral density falls")] = 2.5
+    orders: Annotated[list[int], Field(min_length=2, max_length=2, description="[FIRST, LAST]")] | None = None
+    rms_um: Annotated[float, Field(gt=0)] | None = None
+    peak_to_valley_um: Annotated[float, Field(gt=0)] | None = None
+    slope_mrad: Annotated[float, Field(gt=0)] | None = None
+    price: Annotated[float, Field(gt=0)] = 1.0
+
+
+class MeasuredTable(Table):
+    """A form that was measured on a mirror of this making."""
+
+    name: str
+    file: str
+    unit: Unit = "mm"
+    tolerance: Annotated[float, Field(ge=0, description="how many times the form")] = 1.0
+    distribution: Distribution = "always"
+    price: Annotated[float, Field(gt=0)] = 1.0
 
 
 class CorrelationTable(Table):
@@ -136,7 +162,7 @@ def load_tolerances(path: str | Path, sensor: Sensor) -> TolerancePlan:
     """
     path = file_name("path", path)
     text = read_text(path, "tolerance file", SpecError, f"there is no tolerance file {str(path)!r}")
-    return parse_tolerances(text, sensor, str(path))
+    return parse_tolerances(text, sensor, str(path), path.parent)
 
 
 @checked
@@ -185,12 +211,15 @@ def allocated_tolerances(path: str | Path, sensor: Sensor) -> dict[str, float]:
     except (ValueError, KeyError, TypeError, AttributeError):
         raise SpecError(f"{path} is not what omnimirror tolerance --json writes") from None
     for name in tolerances:
-        check_name(name, errors_of(sensor))
+        if not name.startswith(f"{MEASURED.name}["):
+            check_name(name, errors_of(sensor))
     return tolerances
 
 
-def parse_tolerances(text: str, sensor: Sensor, source: str = "tolerances") -> TolerancePlan:
-    """Tolerances from the text of a file.
+def parse_tolerances(
+    text: str, sensor: Sensor, source: str = "tolerances", folder: Path | None = None
+) -> TolerancePlan:
+    """Tolerances from the text of a file; ``folder`` is where those that it names are, without one it may name none.
 
     >>> import omnimirror as om
     >>> text = '[[error]]\\nname = "mirror.tilt_x_deg"\\ntolerance = 0.1'
@@ -201,8 +230,11 @@ def parse_tolerances(text: str, sensor: Sensor, source: str = "tolerances") -> T
     where = Places(text, source)
     data = parse_toml(text, source)
     known: dict[str, type] = {"format": int, "judged": dict, "error": list, "correlation": list, "limit": list}
+    known |= {"figure": list, "measured": list}
     check_entries(data, known, FORMAT, where)
     errors, prices = _errors(data.get("error", []), sensor, where)
+    _add_figures(data.get("figure", []), sensor, where, errors, prices)
+    forms = _add_measured(data.get("measured", []), sensor, where, folder, errors, prices)
     pairs = [
         validated(CorrelationTable, f"correlation.{i}", table, where)
         for i, table in enumerate(data.get("correlation", []))
@@ -211,7 +243,7 @@ def parse_tolerances(text: str, sensor: Sensor, source: str = "tolerances") -> T
     judged = validated(JudgedTable, "judged", data.get("judged", {}), where).model_dump()
     refocus = judged.pop("refocus")
     judged["object_distance_mm"] = judged["object_distance_mm"] or np.inf
-    tolerances = where.wrap((), lambda: Tolerances(sensor, errors, correlations))
+    tolerances = where.wrap((), lambda: Tolerances(sensor, errors, correlations, forms))
     return TolerancePlan(tolerances, _limits(data.get("limit", []), where), prices, refocus, judged)
 
 
@@ -232,6 +264,48 @@ def _errors(
         errors[entry.name] = ErrorBound(entry.tolerance, entry.distribution)
         prices[entry.name] = entry.price
     return errors, prices
+
+
+def _add_figures(
+    tables: list[dict[str, Any]], sensor: Sensor, where: Places, errors: dict[str, ErrorBound], prices: dict[str, float]
+) -> None:
+    """The Zernike terms of random figures, beside other errors."""
+    for i, table in enumerate(tables):
+        entry = validated(FigureTable, f"figure.{i}", table, where).model_dump()
+        price, orders = entry.pop("price"), tuple(entry.pop("orders") or (LOWEST_ORDER, LARGEST_ORDER))
+        figure = where.wrap((f"figure.{i}",), partial(RandomFigure, orders=orders, **entry))
+        for name, bound in figure_of(sensor.mirror, figure).items():
+            if name in errors:
+                raise where.error((f"figure.{i}",), f"{name} has a tolerance already; leave it out, or its order")
+            where.wrap((f"figure.{i}",), partial(check_name, name, errors_of(sensor)))
+            errors[name], prices[name] = ErrorBound(bound, "normal"), price
+
+
+def _add_measured(
+    tables: list[dict[str, Any]],
+    sensor: Sensor,
+    where: Places,
+    folder: Path | None,
+    errors: dict[str, ErrorBound],
+    prices: dict[str, float],
+) -> dict[str, MirrorForm]:
+    """Forms that were measured, by their names; their errors beside others."""
+    forms: dict[str, MirrorForm] = {}
+    for i, table in enumerate(tables):
+        entry = validated(MeasuredTable, f"measured.{i}", table, where)
+        if folder is None:
+            raise where.error((f"measured.{i}", "file"), "file names another file, and text from here may name none")
+        if sensor.secondary is not None:
+            raise where.error((f"measured.{i}",), "measured forms are errors of sensors of one mirror")
+        if entry.name in forms:
+            raise where.error(
+                (f"measured.{i}", "name"), f"there is a form {entry.name!r} already; give it another name"
+            )
+        read = partial(measured_form, sensor.mirror, folder / entry.file, entry.unit)
+        forms[entry.name] = where.wrap((f"measured.{i}", "file"), read)
+        name = measured(entry.name)
+        errors[name], prices[name] = ErrorBound(entry.tolerance, entry.distribution), entry.price
+    return forms
 
 
 def _limits(tables: list[dict[str, Any]], where: Places) -> dict[str, float]:
@@ -273,7 +347,9 @@ def tolerance_template(sensor: Sensor, grade: str = "medium") -> str:
     # Tolerances of paper-spherical, as a shop of the grade fine holds them. Values are plus or minus.
     """
     choice("grade", grade, GRADES)
-    blur = float(Judge.of(sensor).judged({"mirror.tilt_x_deg": np.zeros(1)})[0, merit_names().index("blur_px")])
+    blur = float(
+        Judge.of(sensor).judged({next(iter(errors_of(sensor))): np.zeros(1)})[0, merit_names().index("blur_px")]
+    )
     lines = [HEAD.format(name=sensor.name, grade=grade, blur=blur, most_blur=MORE_BLUR * blur)]
     for kind in errors_of(sensor).values():
         if kind.name.startswith("mirror.zernike") and int(kind.name.split("_")[1]) > LAST_ZERNIKE:
@@ -311,7 +387,16 @@ at_most = 0.5
 quantity = "blur_px"       # or floored_area_deg2; without errors {blur:.3g}
 at_most = {most_blur:.3g}
 
-# Errors: distribution = "uniform" (default), "normal" (the tolerance is two sigma), "truncated", "end-heavy";
+# Form errors of a power spectrum, and one that was measured on a mirror of this making (x, y, z by the line, in mm):
+#   [[figure]]
+#   rms_um = 0.3              # or peak_to_valley_um, or slope_mrad; of Zernike terms of these orders
+#   orders = [5, 12]
+#   exponent = 2.5
+#   [[measured]]
+#   name = "lathe"
+#   file = "cmm.csv"          # distribution = "always" by default: every sensor has it, tolerance = 1.0 times
+
+# Errors: distribution = "uniform" (default), "normal" (the tolerance is two sigma), "truncated", "end-heavy", "always";
 # price = 1.0 of a tolerance as it stands, for --yield. Those that come together:
 #   [[correlation]]
 #   between = ["mirror.tilt_x_deg", "mirror.decentre_y_mm"]

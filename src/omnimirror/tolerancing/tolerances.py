@@ -11,9 +11,10 @@ from scipy.special import ndtr
 
 from ..arguments import check_fields, choice, number
 from ..errors import InvalidParameter
+from ..mirrors.form import MirrorForm
 from ..sensor import Sensor
 from .distributions import DISTRIBUTIONS, Distribution, drawn
-from .errors import check_name, errors_of
+from .errors import MEASURED, check_name, errors_of, measured
 
 Array = NDArray[np.float64]
 
@@ -66,6 +67,8 @@ class Tolerances:
         Tolerances by the names of errors (:func:`omnimirror.tolerancing.errors.errors_of`).
     correlations
         Between pairs of errors, from -1 to 1; they are meant of the normal numbers behind each.
+    forms
+        Form errors by names: the error ``mirror.measured[NAME]`` is so many times that form.
 
     Raises
     ------
@@ -85,10 +88,11 @@ class Tolerances:
     sensor: Sensor
     errors: Mapping[str, ErrorBound]
     correlations: Mapping[tuple[str, str], float] = field(default_factory=dict)
+    forms: Mapping[str, MirrorForm] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         check_fields(self)
-        known = errors_of(self.sensor)
+        known = errors_of(self.sensor) | {measured(name): MEASURED for name in self.forms}
         for name in self.errors:
             check_name(name, known)
         if not self.errors:
@@ -160,7 +164,38 @@ class Tolerances:
 
             shares = ndtr(ndtri(shares) @ self._mixing().T)
         columns = zip(self.errors.items(), shares.T, strict=True)
-        return {name: t.value * drawn(t.distribution, np.ascontiguousarray(share)) for (name, t), share in columns}
+        drawn_ = {name: t.value * drawn(t.distribution, np.ascontiguousarray(share)) for (name, t), share in columns}
+        return self.spelt_out(drawn_)
+
+    def spelt_out(self, values: Mapping[str, Array]) -> dict[str, Array]:
+        """Values (n,) by the names of errors, measured forms as the Zernike terms that they have.
+
+        Parameters
+        ----------
+        values : dict of (n,) arrays
+            By the names of errors.
+
+        Returns
+        -------
+        dict of (n,) arrays
+            The same, with no measured form among them.
+
+        Examples
+        --------
+        >>> import omnimirror as om
+        >>> forms = {"lathe": om.mirrors.form.MirrorForm((5,), (0.3,))}
+        >>> errors = {"mirror.measured[lathe]": ErrorBound(1.0)}
+        >>> tolerances = Tolerances(om.load_sensor("paper-spherical"), errors, forms=forms)
+        >>> tolerances.spelt_out({"mirror.measured[lathe]": np.array([2.0])})
+        {'mirror.zernike_5_um': array([0.6])}
+        """
+        spelt = dict(values)
+        for name, form in self.forms.items():
+            amount = spelt.pop(measured(name), None)
+            for j, um in zip(form.zernike, form.um, strict=True) if amount is not None else ():
+                term = f"mirror.zernike_{int(j)}_um"
+                spelt[term] = spelt.get(term, 0.0) + um * np.asarray(amount)
+        return spelt
 
     def _mixing(self) -> Array:
         """Root (n, n) of the correlations, the symmetric one: errors without any keep their own numbers."""

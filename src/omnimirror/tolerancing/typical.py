@@ -10,7 +10,7 @@ import numpy as np
 from ..arguments import checked, whole
 from ..errors import InvalidParameter
 from ..sensor import Sensor
-from .errors import errors_of, perturbed
+from .errors import perturbed
 from .tolerance_file import TolerancePlan
 from .tolerances import BLOCK
 from .trials.judge import Judge
@@ -33,30 +33,24 @@ class TypicalSensor:
     values
         Of its errors, by name.
     sensor
-        With those errors that a sensor file can hold.
-    left_out
-        Names of the others.
+        With all its errors, as its file holds them.
     merit
-        Of the trial, with all its errors.
-    merit_without
-        Of the sensor, without those that were left out.
+        Of the trial.
 
     Examples
     --------
     >>> import omnimirror as om
     >>> meant = om.load_sensor("paper-spherical")
     >>> plan = om.TolerancePlan(om.Tolerances(meant, {"mirror.zernike_5_um": om.ErrorBound(1.0)}))
-    >>> om.typical_sensors(meant, plan, shares=(0.5,), trials=100)[0].left_out
-    ('mirror.zernike_5_um',)
+    >>> om.typical_sensors(meant, plan, shares=(0.5,), trials=100)[0].sensor.mirror_form.zernike
+    (5,)
     """
 
     share: float
     trial: int
     values: Mapping[str, float]
     sensor: Sensor
-    left_out: tuple[str, ...]
     merit: float
-    merit_without: float
 
 
 @checked
@@ -119,17 +113,6 @@ def typical_sensors(
                 f"at a share of {share:g} sensors lose rays; make the share smaller, or the tolerances"
             )
         values = {name: float(of[trial]) for name, of in drawn.items()}
-        found.append(_typical(judge, sensor, values, merit, share, trial, float(merits[trial])))
+        built = replace(perturbed(sensor, values), name=f"{sensor.name}-{100 * share:g}")
+        found.append(TypicalSensor(share, trial, values, built, float(merits[trial])))
     return found
-
-
-def _typical(
-    judge: Judge, sensor: Sensor, values: dict[str, float], merit: str, share: float, trial: int, worth: float
-) -> TypicalSensor:
-    known = errors_of(sensor)
-    left_out = tuple(name for name, value in values.items() if value and not known[name].in_sensor_file)
-    kept = {name: value for name, value in values.items() if name not in left_out}
-    alone = {name: np.array([kept.get(name, 0.0)]) for name in values}
-    without = float(judge.judged(alone)[0, merit_names().index(merit)])
-    built = replace(perturbed(sensor, kept), name=f"{sensor.name}-{100 * share:g}")
-    return TypicalSensor(share, trial, values, built, left_out, worth, without)

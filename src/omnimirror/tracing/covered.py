@@ -170,7 +170,7 @@ class CoveredMirror:
         return found.points, found.directions, first + self.shell.index * second, first + second, passes
 
     def _ways(self, pupils: Ends, xy: Array) -> _Ways:
-        surface = Surface(self.mirror.mirror, xy)
+        surface = Surface(self.mirror.mirror, xy, self.mirror.form)
         pose = self.mirror.pose
         points, normals = pose.to_camera(surface.points), pose.turned_to_camera(surface.normals)
         if pupils.distant:

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..mirrors import Mirror
+from ..mirrors.form import NO_FORM, MirrorForm
 from ..mirrors.pose import MirrorPose
-from . import reflection, space
+from . import formed, reflection
 from .reflection import RIM_SLACK, Ends, Specular
 from .space import Reflections
 
@@ -18,7 +19,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class PosedMirror:
-    """A mirror and its pose; the camera frame's origin is the vertex of the mirror as it was meant to sit.
+    """A mirror, its form error and its pose; the camera frame's origin is its vertex as that was meant to sit.
 
     >>> from omnimirror.mirrors import Sphere
     >>> posed = PosedMirror(Sphere(50.0, 44.0), MirrorPose(decentre_x_mm=1.0))
@@ -28,11 +29,12 @@ class PosedMirror:
 
     mirror: Mirror
     pose: MirrorPose
+    form: MirrorForm = NO_FORM
 
     def trace(self, origins: Array, directions: Array) -> Reflections:
         """Reflect rays (n, 3), (n, 3); see :func:`omnimirror.tracing.space.trace`."""
         turned = self.pose.turned_to_mirror(directions)
-        found = space.trace(self.mirror, self.pose.to_mirror(origins), turned)
+        found = formed.trace(self.mirror, self.form, self.pose.to_mirror(origins), turned)
         turn = self.pose.turned_to_camera
         return Reflections(self.pose.to_camera(found.points), turn(found.directions), turn(found.normals), found.valid)
 
@@ -42,7 +44,7 @@ class PosedMirror:
         ``start`` are points (n, 3) mm to begin from. Paths of distant ends count from the camera frame's origin.
         """
         begin = None if start is None else self.pose.to_mirror(start)[..., :2]
-        found = reflection.specular_points(self.mirror, self._ends(pupils), self._ends(targets), begin)
+        found = reflection.specular_points(self.mirror, self._ends(pupils), self._ends(targets), begin, self.form)
         turn = self.pose.turned_to_camera
         path = found.path
         for end in (pupils, targets):
@@ -65,7 +67,7 @@ class PosedMirror:
         """
         inside = found._replace(points=self.pose.to_mirror(found.points))
         area = reflection.footprint(
-            self.mirror, self._ends(pupils), self._ends(targets), inside, self.pose.turned_to_mirror(motion)
+            self.mirror, self._ends(pupils), self._ends(targets), inside, self.pose.turned_to_mirror(motion), self.form
         )
         upright = np.abs(self.pose.turned_to_mirror(found.normals)[:, 2])
         cos_incidence = np.einsum("ni,ni->n", found.normals, found.to_targets)

@@ -19,11 +19,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..mirrors import Mirror
+from ..mirrors.form import NO_FORM, FormHeights, MirrorForm
 from ..numerics.roots import NEWTON_CLOSE
 from .meridian import trace_chief_rays
 from .space import LIFT, hollowness, intersect
 
 Array = NDArray[np.float64]
+Shape = tuple[Mirror, MirrorForm]
 Mask = NDArray[np.bool_]
 
 CHUNK = 1 << 13  # pairs worked on at a time: their arrays stay in the cache
@@ -88,7 +90,9 @@ class Specular(NamedTuple):
         return slopes
 
 
-def specular_points(mirror: Mirror, pupils: Ends, targets: Ends, start: Array | None = None) -> Specular:
+def specular_points(
+    mirror: Mirror, pupils: Ends, targets: Ends, start: Array | None = None, form: MirrorForm = NO_FORM
+) -> Specular:
     """The mirror points in which pupils see targets.
 
     Parameters
@@ -97,6 +101,8 @@ def specular_points(mirror: Mirror, pupils: Ends, targets: Ends, start: Array | 
         Entrance-pupil points, and what they see.
     start : (n, 2) mm, optional
         Where to begin, (x, y) on the mirror; by default where an entrance pupil on the axis would see the target.
+    form
+        Its form error.
 
     Examples
     --------
@@ -115,10 +121,10 @@ def specular_points(mirror: Mirror, pupils: Ends, targets: Ends, start: Array | 
         first = guess(mirror, pupils, targets) if start is None else np.broadcast_to(start, (count, 2))
         for begin in range(0, count, CHUNK):
             part = slice(begin, begin + CHUNK)
-            xy[part] = _shortest(mirror, pupils[part], targets[part], first[part])
+            xy[part] = _shortest((mirror, form), pupils[part], targets[part], first[part])
         if mirror.is_pointed:
-            _leave_the_tip(mirror, pupils, targets, xy)
-        return _proven(mirror, pupils, targets, xy)
+            _leave_the_tip((mirror, form), pupils, targets, xy)
+        return _proven((mirror, form), pupils, targets, xy)
 
 
 def guess(mirror: Mirror, pupils: Ends, targets: Ends) -> Array:
@@ -151,7 +157,9 @@ def continued_profile(mirror: Mirror, x: Array) -> tuple[Array, Array, Array]:
     return sag + slope * beyond + bend * beyond**2 / 2, slope + bend * beyond, bend
 
 
-def footprint(mirror: Mirror, pupils: Ends, targets: Ends, found: Specular, motion: Array) -> Array:
+def footprint(
+    mirror: Mirror, pupils: Ends, targets: Ends, found: Specular, motion: Array, form: MirrorForm = NO_FORM
+) -> Array:
     """How fast (n,) mirror points move with their pupils: area (mm^2) on the plane z = 0 per unit of their motion.
 
     Parameters
@@ -160,6 +168,8 @@ def footprint(mirror: Mirror, pupils: Ends, targets: Ends, found: Specular, moti
         From :func:`specular_points` for the same ends.
     motion : (2, 3) or (n, 2, 3)
         Derivatives of an entrance pupil's ``xyz`` by the two numbers that move it.
+    form
+        The mirror's form error.
 
     Notes
     -----
@@ -169,7 +179,7 @@ def footprint(mirror: Mirror, pupils: Ends, targets: Ends, found: Specular, moti
     count = len(found.points)
     pupils, targets = pupils.spread(count), targets.spread(count)
     with np.errstate(all="ignore"):
-        surface = Surface(mirror, found.points[:, :2])
+        surface = Surface(mirror, found.points[:, :2], form)
         _, _, (a, b, c) = _path(surface, pupils, targets)
         motion = np.broadcast_to(motion, (count, 2, 3))
         if not pupils.distant:
@@ -185,7 +195,7 @@ def footprint(mirror: Mirror, pupils: Ends, targets: Ends, found: Specular, moti
 class Surface:
     """Points of the continued surface over (x, y) with first and second derivatives."""
 
-    def __init__(self, mirror: Mirror, xy: Array) -> None:
+    def __init__(self, mirror: Mirror, xy: Array, form: MirrorForm = NO_FORM) -> None:
         x, y = xy[:, 0], xy[:, 1]
         r = np.hypot(x, y)
         sag, slope, bend = continued_profile(mirror, r)
@@ -200,6 +210,14 @@ class Surface:
             (bend - hoop) * cos * sin,
             bend * sin * sin + hoop * cos * cos,
         )
+        if not form.is_empty:
+            self._add(form.heights(mirror.rim_radius_mm, xy))
+
+    def _add(self, form: FormHeights) -> None:
+        self.points[:, 2] += form.z
+        self.slopes += np.stack([form.gx, form.gy], axis=-1)
+        xx, xy, yy = self.second
+        self.second = xx + form.hxx, xy + form.hxy, yy + form.hyy
 
     @property
     def tangents(self) -> Array:
@@ -248,15 +266,15 @@ def _path(surface: Surface, pupils: Ends, targets: Ends) -> tuple[Array, Array, 
     return length, gradient, (xx + pull[:, 2] * a, xy + pull[:, 2] * b, yy + pull[:, 2] * c)
 
 
-def _shortest(mirror: Mirror, pupils: Ends, targets: Ends, start: Array) -> Array:
+def _shortest(shape: Shape, pupils: Ends, targets: Ends, start: Array) -> Array:
     """(x, y) (n, 2) of the shortest paths, going downhill from a start."""
-    rim, pointed = mirror.rim_radius_mm, mirror.is_pointed
+    rim, pointed = shape[0].rim_radius_mm, shape[0].is_pointed
     best = np.array(start)
     trial, step, length = best.copy(), np.zeros_like(best), np.full(len(best), np.inf)
     active = np.arange(len(best))
     for _ in range(MAX_STEPS):
         pupil, target = pupils[active], targets[active]
-        new_length, gradient, second = _path(Surface(mirror, trial[active]), pupil, target)
+        new_length, gradient, second = _path(Surface(shape[0], trial[active], shape[1]), pupil, target)
         down = new_length <= length[active] * (1 + UPHILL) + UPHILL * rim
         taken = active[down]
         best[taken], length[taken] = trial[taken], new_length[down]
@@ -273,14 +291,14 @@ def _shortest(mirror: Mirror, pupils: Ends, targets: Ends, start: Array) -> Arra
     return best
 
 
-def _leave_the_tip(mirror: Mirror, pupils: Ends, targets: Ends, xy: Array) -> None:
+def _leave_the_tip(shape: Shape, pupils: Ends, targets: Ends, xy: Array) -> None:
     """Try again, from all around, where the way down has ended at the tip, which reflects nothing."""
     for azimuth in np.arange(RESTARTS) * 2 * np.pi / RESTARTS:
-        lost = np.flatnonzero(~_proven(mirror, pupils, targets, xy).reflects)
+        lost = np.flatnonzero(~_proven(shape, pupils, targets, xy).reflects)
         if not lost.size:
             return
-        start = mirror.rim_radius_mm / 2 * np.array([np.cos(azimuth), np.sin(azimuth)])
-        xy[lost] = _shortest(mirror, pupils[lost], targets[lost], np.broadcast_to(start, (lost.size, 2)))
+        start = shape[0].rim_radius_mm / 2 * np.array([np.cos(azimuth), np.sin(azimuth)])
+        xy[lost] = _shortest(shape, pupils[lost], targets[lost], np.broadcast_to(start, (lost.size, 2)))
 
 
 def _downhill(gradient: Array, second: tuple[Array, ...], reach: Array | float) -> Array:
@@ -297,9 +315,9 @@ def _downhill(gradient: Array, second: tuple[Array, ...], reach: Array | float) 
     return limited
 
 
-def _proven(mirror: Mirror, pupils: Ends, targets: Ends, xy: Array) -> Specular:
+def _proven(shape: Shape, pupils: Ends, targets: Ends, xy: Array) -> Specular:
     """What stands behind a mirror point, and whether it is one."""
-    surface = Surface(mirror, xy)
+    mirror, surface = shape[0], Surface(shape[0], xy, shape[1])
     length, gradient, _ = _path(surface, pupils, targets)
     points, slopes, normals = surface.points, surface.slopes, surface.normals
     to_pupils, to_targets = (end.xyz if end.distant else _unit(end.xyz - points) for end in (pupils, targets))

@@ -120,7 +120,7 @@ def trace_bundles(
     OutsideField
         An object that the sensor does not see, or not through all of its aperture whatever the rim.
     InvalidParameter
-        A distance that is not above 0.
+        A distance that is not above 0, or an imager that leans.
 
     Examples
     --------
@@ -131,6 +131,7 @@ def trace_bundles(
     ((2, 37, 3), np.True_)
     """
     check_sensor(sensor)
+    sensor.check_square_imager("what is traced through all of the aperture (spots, PSF, MTF)")
     angles, azimuths = (
         finite("omega_deg", row("omega_deg", omega_deg)),
         finite("azimuth_deg", row("azimuth_deg", azimuth_deg)),

@@ -75,6 +75,7 @@ class SensorModel(CameraModel):
         check_sensor(self.sensor)
         self.sensor.check_one_mirror("a model with free parameters")
         self.sensor.check_thin_lens("a model with free parameters")
+        self.sensor.check_ideal_but_for_pose("a model with free parameters")
         if self.sensor.housing.shell is not None:  # it stays as it is while the sensor's numbers change
             object.__setattr__(self, "sensor", replace(self.sensor, housing=self.sensor.obstructions.housing))
         object.__setattr__(self, "free", free_names(self.sensor, self.free))

@@ -25,8 +25,8 @@ SAME_MM = 1e-9  # a conic that is the mirror, not one that is like it
 
 
 def is_for_kernels(sensor: Sensor) -> bool:
-    """Whether the compiled kernels are there, and know its lens: an ideal one, perhaps distorted."""
-    return backend.is_compiled and sensor.lens.IS_THIN
+    """Whether the compiled kernels are there, and know the sensor: an ideal lens, perhaps distorted, and poses."""
+    return backend.is_compiled and sensor.lens.IS_THIN and sensor.is_ideal_but_for_pose
 
 
 @lru_cache(maxsize=8)

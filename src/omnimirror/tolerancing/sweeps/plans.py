@@ -59,6 +59,7 @@ class SweepPlan:
             "sensor": tables_of(self.tolerances.sensor),
             "errors": errors,
             "correlations": [[*pair, value] for pair, value in self.tolerances.correlations.items()],
+            "forms": {name: [form.zernike, form.um] for name, form in self.tolerances.forms.items()},
             "refocus": self.refocus,
             "judged": dict(self.judged),
             "trials": self.trials,

@@ -15,7 +15,8 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from .field import Field
+from ..errors import errors_of
+from .field import BEYOND, Field
 
 Array = NDArray[np.float64]
 Calibration = Literal["none", "principal-point", "affine", "pose", "radial"]
@@ -31,7 +32,6 @@ POSE = (
 
 STEP = 0.02  # mm and deg, of the differences: third derivatives and rounding stay under 1e-6 of what they measure
 OUTSIDE = 1e-6  # share of a column outside the ones before it, below which it is the same once more
-BEYOND = 0.05  # of the rim radius: objects seen at the rim itself move beyond it in the differences
 RADIAL_POWERS = (2, 3, 4, 5, 6, 7)
 ROUNDS = 3
 """Of Gauss and Newton, in the few numbers of a pose; from .5 mm and .5 deg the fourth moves nothing."""
@@ -145,16 +145,17 @@ def _outside(rows: Array, vector: Array) -> Array:
 
 def _by_pose(field: Field) -> tuple[list[Array], dict[tuple[int, int], Array]]:
     """First derivatives of motion by each number of a pose, and the terms of second order by pairs of them."""
-    pairs = list(combinations_with_replacement(range(len(POSE)), 2))
+    pose = [name for name in POSE if name in errors_of(field.sensor)]  # two mirrors move along their axis alone
+    pairs = list(combinations_with_replacement(range(len(pose)), 2))
     steps = []
     for i, j in pairs:
         for a, b in ((1, 1), (-1, -1), (1, -1), (-1, 1)):
-            step = np.zeros(len(POSE))
+            step = np.zeros(len(pose))
             step[i] += a * STEP
             step[j] += b * STEP
             steps.append(step)
     poses = np.array(steps)
-    moved = motion(field.picture(dict(zip(POSE, poses.T, strict=True)), rim_slack=BEYOND).offsets_px, field.offsets_px)
+    moved = motion(field.picture(dict(zip(pose, poses.T, strict=True)), rim_slack=BEYOND).offsets_px, field.offsets_px)
     bent: dict[tuple[int, int], Array] = {}
     straight: list[Array] = []
     for k, (i, j) in enumerate(pairs):

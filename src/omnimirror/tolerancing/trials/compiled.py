@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 TERMS = (0, 4, 8, 16)
 """How many coefficients of a polynomial kernels are compiled for; others are filled up with 0."""
-POWERS = (1, 15, 28)
+POWERS = (1, 15, 28, 91)
 """How many powers of a form."""
 
 
@@ -51,6 +51,7 @@ def judged(reference: Reference, states: States) -> tuple[Array, Array]:
         merits,
         moved,
     )
+    merits[:, -2] += states.focal_mm - states.breathing_mm  # from the principal point, not from the pupil
     return merits, moved
 
 
@@ -67,6 +68,7 @@ def packed(states: States) -> tuple[Array, int]:
         np.stack(singles, axis=-1),
         states.brown,
         states.imager.reshape(count, 9),
+        states.focal_mm[:, None],
         polynomial,
         form,
     )

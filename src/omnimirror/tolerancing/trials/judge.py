@@ -12,9 +12,8 @@ from . import merits as merits_in_numpy
 from .compensation import compensators_of
 from .field import field_of
 from .merits import Reference
-from .picture import Refocus, pictured
-from .states import Values, states_of
-from .tracing import States, seen
+from .picture import Refocus
+from .states import Values, are_traced_together, states_of
 
 Array = NDArray[np.float64]
 
@@ -42,9 +41,7 @@ class Judge(Reference):
         """Of a sensor; further arguments are those of :func:`field_of`."""
         objects = field_of(sensor, **field)  # type: ignore[arg-type]  # passed on
         airy_px = sensor.lens.airy_diameter() / sensor.imager.pitch_mm
-        states = states_of(sensor, {}, 1)
-        found = seen(states, objects.targets, objects.distant, objects.start)
-        reference = pictured(states, found, refocus).offsets_px[0]
+        reference = objects.shown({}, 1, refocus=refocus)[0].offsets_px[0]
         return cls(objects, compensators_of(objects), reference, refocus, 1 + airy_px**2)
 
     def judged(self, values: Values) -> Array:
@@ -78,13 +75,12 @@ class Judge(Reference):
         count = len(next(iter(values.values())))
         chunk = COMPILED_CHUNK if backend.is_compiled else CHUNK
         parts = [slice(k, k + chunk) for k in range(0, count, chunk)]
-        both = [
-            self._of_states(states_of(self.field.sensor, {n: v[part] for n, v in values.items()})) for part in parts
-        ]
+        both = [self._of_some({name: of[part] for name, of in values.items()}) for part in parts]
         return np.concatenate([merits for merits, _ in both]), np.concatenate([moved for _, moved in both])
 
-    def _of_states(self, states: States) -> tuple[Array, Array]:
-        judged = compiled.judged if compiled.can_judge(states) else merits_in_numpy.judged
-        merits, moved = judged(self, states)
-        merits[:, -2] += states.pupil[:, 2] + self.field.sensor.mirror_distance_mm  # from the principal point
-        return merits, moved
+    def _of_some(self, values: Values) -> tuple[Array, Array]:
+        if backend.is_compiled and are_traced_together(self.field.sensor, values):
+            states = states_of(self.field.sensor, values)
+            if compiled.can_judge(states):
+                return compiled.judged(self, states)
+        return merits_in_numpy.judged(self, values)

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from .compensation import CALIBRATIONS, Calibration, Compensators, motion
 from .field import Field
-from .picture import Picture, Refocus, largest_diameter, pictured
-from .tracing import States, seen
+from .picture import Picture, Refocus, largest_diameter
+from .states import Values
 
 Array = NDArray[np.float64]
 
@@ -63,30 +63,29 @@ class Reference:
     floor_px2: float
 
 
-def judged(reference: Reference, states: States) -> tuple[Array, Array]:
+def judged(reference: Reference, values: Values) -> tuple[Array, Array]:
     """Merits (t, m) of trials, and motions (t, 2 n) px; NaN where rays are lost."""
-    found = seen(states, reference.field.targets, reference.field.distant, reference.field.start)
-    lost = found.lost.sum(axis=1)
-    merits = np.full((len(states), MERITS), np.nan)
-    merits[:, -1] = lost
     with np.errstate(all="ignore"):
-        shown = pictured(states, found, reference.refocus)
+        shown, are_lost, focus_mm = reference.field.shown(values, refocus=reference.refocus)
+        lost = are_lost.sum(axis=1)
+        merits = np.full((len(lost), MERITS), np.nan)
+        merits[:, -1] = lost
         moved = motion(shown.offsets_px, reference.reference_px)
         deg_per_px = np.asarray(np.linalg.inv(reference.field.px_per_deg), dtype=float)
         for k, left in enumerate(reference.compensators.left(np.nan_to_num(moved))):
             merits[:, 4 * k : 4 * k + 4] = _of_motion(left, deg_per_px)
         at = 4 * len(CALIBRATIONS)
-        merits[:, at : at + 3] = _of_blur(reference, shown)
+        merits[:, at : at + 3] = _of_blur(reference, shown, focus_mm)
         merits[lost > 0, :-1], moved[lost > 0] = np.nan, np.nan
     return merits, moved
 
 
-def _of_blur(reference: Reference, shown: Picture) -> Array:
+def _of_blur(reference: Reference, shown: Picture, focus_mm: Array) -> Array:
     blur, floor = shown.blur_px, reference.floor_px2
     squares = (blur**2).sum(axis=(-2, -1))
     area_px2 = np.sqrt(np.linalg.det(blur) ** 2 + floor * squares + floor**2)
     area = area_px2 / np.abs(np.linalg.det(reference.field.px_per_deg))
-    return np.stack([largest_diameter(blur).max(axis=1), area.max(axis=1), 1 / shown.vergence], axis=-1)
+    return np.stack([largest_diameter(blur).max(axis=1), area.max(axis=1), focus_mm], axis=-1)
 
 
 def _of_motion(left: Array, deg_per_px: Array) -> Array:

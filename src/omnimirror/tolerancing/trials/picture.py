@@ -51,20 +51,41 @@ def pictured(states: States, found: SeenObjects, refocus: Refocus = "none") -> P
     """
     with np.errstate(all="ignore"):
         tangents = np.where(found.lost[..., None], np.nan, found.tangents)
-        widen, _ = _imaged(states, tangents)
-        spread = widen @ found.vergences
-        vergence = states.vergence if refocus == "none" else _focused(states, widen, spread, refocus)
+        widen, _, depth = _imaged(states, tangents)
+        spread = widen @ _less(found.vergences, _tilted_by(states, depth))
+        vergence = states.vergence if refocus == "none" else best_vergences(widen, spread, refocus)
         f = states.breathing_mm
         breath = (1 - f * states.vergence) / (1 - f * vergence)
-        widen, offsets = _imaged(states, tangents, breath)
-        blur = states.aperture_mm[:, None, None, None] * (
-            vergence[:, None, None, None] * widen - widen @ found.vergences
-        )
+        widen, offsets, depth = _imaged(states, tangents, breath)
+        vergences = _less(found.vergences, _tilted_by(states, depth))
+        blur = states.aperture_mm[:, None, None, None] * (vergence[:, None, None, None] * widen - widen @ vergences)
         return Picture(offsets, blur, widen @ found.by_direction, vergence)
 
 
-def _imaged(states: States, tangents: Array, breath: Array | None = None) -> tuple[Array, Array]:
-    """Derivatives (t, n, 2, 2) px per unit of the tangents, and offsets (t, n, 2) px."""
+def _less(vergences: Array, part: Array) -> Array:
+    """Vergences (t, n, 2, 2) seen from an imager that is in focus at others by a part (t, n)."""
+    less: Array = vergences - part[..., None, None] * np.eye(2)
+    return less
+
+
+def _tilted_by(states: States, depth: Array) -> Array:
+    """By how much (t, n) the vergence in focus on a tilted imager is that of its middle and more, 1/mm.
+
+    The place of an object lies at a depth behind the lens, and the distance in focus follows from the lens equation.
+    """
+    tilted = (states.imager[:, 2, :2] != 0).any(axis=1)
+    if not tilted.any():
+        return np.zeros_like(depth)
+    f, v = states.focal_mm[:, None], states.vergence[:, None]
+    breathing = states.breathing_mm[:, None]
+    middle = f / (1 - breathing * v)
+    behind = middle * (1 + (f - breathing) * v) + depth - middle
+    part = 1 / (f * behind / (behind - f) - (f - breathing)) - v
+    return np.where(tilted[:, None], part, 0.0)
+
+
+def _imaged(states: States, tangents: Array, breath: Array | None = None) -> tuple[Array, Array, Array]:
+    """Derivatives (t, n, 2, 2) px per unit of tangents, offsets (t, n, 2) px, and depths (t, n) mm of their places."""
     moved, (xx, xy, yy) = _distorted(tangents, states.brown)
     if breath is not None:
         moved, xx, xy, yy = moved * breath[:, None, None], *(d * breath[:, None] for d in (xx, xy, yy))
@@ -74,7 +95,7 @@ def _imaged(states: States, tangents: Array, breath: Array | None = None) -> tup
     offsets = np.stack([u, v], axis=-1) / w[..., None]
     plane = (h[..., :2, :2] - offsets[..., None] * h[..., 2:, :2]) / w[..., None, None]
     lens = np.stack([np.stack([xx, xy], axis=-1), np.stack([xy, yy], axis=-1)], axis=-2)
-    return plane @ lens, offsets
+    return plane @ lens, offsets, 1 / w
 
 
 def _distorted(tangents: Array, brown: Array) -> tuple[Array, tuple[Array, Array, Array]]:
@@ -96,8 +117,8 @@ def _distorted(tangents: Array, brown: Array) -> tuple[Array, tuple[Array, Array
     return moved, (xx, xy, yy)
 
 
-def _focused(states: States, widen: Array, spread: Array, refocus: Refocus) -> Array:
-    """Vergences (t,) of the best focus.
+def best_vergences(widen: Array, spread: Array, refocus: Refocus) -> Array:
+    """Vergences (t,) of the best focus, of W and of W V (t, n, 2, 2).
 
     The blur ``v W - W V`` is a straight function of the vergence v: the sum of its squares is a parabola, and the worst
     of the blurs a convex function.

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
 from typing import Any, cast
 
 import numpy as np
@@ -12,17 +13,18 @@ from ...errors import InvalidParameter
 from ...lenses import Perspective
 from ...mirrors import ConicAsphere, EvenPolynomial
 from ...mirrors.conics import Conic
-from ...numerics.zernike import noll
+from ...mirrors.form import LARGEST_ORDER, MM_PER_UM, TERMS
+from ...numerics.zernike import noll, zernike_powers
 from ...sensor import Sensor
-from .surface import MeridianTable, MirrorSurfaces
+from ...thermal import Thermal
+from .surface import ORDERS, MeridianTable, MirrorSurfaces
 from .tracing import States
-from .zernike import TERMS, zernike_powers
 
 Array = NDArray[np.float64]
 Values = Mapping[str, Array]
 """Values (t,) of errors by their names, all of one length."""
 
-MM_PER_UM = 1e-3
+WARMER = "temperature.warmer_k"
 
 
 def states_of(sensor: Sensor, values: Values, count: int | None = None) -> States:
@@ -45,9 +47,10 @@ def states_of(sensor: Sensor, values: Values, count: int | None = None) -> State
     Raises
     ------
     InvalidParameter
-        A sensor that trials are not traced of.
+        A sensor that is traced by itself: :func:`are_traced_together` says which.
     """
-    _check(sensor)
+    if not are_traced_together(sensor, values):
+        raise InvalidParameter(f"sensors like {sensor.name!r} are traced one by one, with these errors")
     trials = next((len(v) for v in values.values()), 1) if count is None else count
     error = _Errors(values, trials)
     lens, pose = cast(Perspective, sensor.lens), sensor.mirror_pose
@@ -57,22 +60,27 @@ def states_of(sensor: Sensor, values: Values, count: int | None = None) -> State
     focus = lens.focus_distance_mm + error("lens.focus_distance_mm")
     f_number = lens.f_number + error("lens.f_number")
     at = lens.entrance_pupil_mm + error("lens.entrance_pupil_mm")
+    growth = _Growth.of(sensor, error)
+    focal, focus = growth.lens(focal, focus)
     possible = (focal > 0) & (f_number > 0) & (focus > np.maximum(focal, at))
     brown = np.array(lens.brown) + error.columns(*(f"lens.{k}" for k in ("k1", "k2", "k3", "p1", "p2")))
     pupil = np.zeros((trials, 3))
-    pupil[:, 2] = np.where(possible, at - sensor.mirror_distance_mm, np.nan)  # what is no lens loses all rays
+    surfaces = _surfaces(sensor, error)
+    distance = growth.distance(sensor, surfaces)
+    pupil[:, 2] = np.where(possible, at - distance, np.nan)  # what is no lens loses all rays
     vergence = 1 / (focus - at)
     principal_distance = focal / (1 - (focal - at) * vergence)
     return States(
-        _surfaces(sensor, error),
+        growth.grown(surfaces),
         _rotations(tilts),
-        shift,
+        shift * growth.spacer[:, None],
         pupil,
         focal / f_number,
         vergence,
         brown,
-        _imagers(principal_distance, sensor.imager.pitch_mm, error),
+        _imagers(principal_distance, sensor.imager.pitch_mm * growth.imager, error),
         focal - at,
+        focal,
     )
 
 
@@ -90,17 +98,78 @@ class _Errors:
         return np.stack([self(name) for name in names], axis=-1)
 
 
-def _check(sensor: Sensor) -> None:
-    sensor.check_one_mirror("tolerances")
-    if sensor.housing.shell is not None:
-        raise InvalidParameter(
-            f"tolerances are computed of mirrors without a cover, and {sensor.name!r} has a "
-            f"{sensor.housing.shell.KIND}; take it out of [housing]"
-        )
-    if not isinstance(sensor.lens, Perspective):
-        raise InvalidParameter(
-            f"tolerances are computed of perspective lenses, and that of {sensor.name!r} is {sensor.lens.KIND}; valid "
-            "is one of the same focal length and entrance pupil, and for a telecentric one a long one far away"
+def are_traced_together(sensor: Sensor, values: Collection[str] = ()) -> bool:
+    """Whether trials of a sensor with these errors are traced by the thousand: a perspective lens, one bare mirror.
+
+    A mirror known by a table grows with temperature as ordinary sensors do.
+
+    >>> import omnimirror as om
+    >>> are_traced_together(om.load_sensor("paper-spherical"))
+    True
+    """
+    is_plain = sensor.secondary is None and sensor.housing.shell is None and isinstance(sensor.lens, Perspective)
+    if WARMER not in values or not is_plain:
+        return is_plain and sensor.is_ideal_but_for_pose
+    assert sensor.thermal is not None, "no other has this error"
+    has_formula = isinstance(sensor.mirror, Conic | ConicAsphere | EvenPolynomial)
+    return sensor.is_ideal_but_for_pose and (has_formula or not sensor.thermal.expansion_ppm("mirror"))
+
+
+@dataclass(frozen=True)
+class _Growth:
+    """By how much trials (t,) are warmer and their parts larger; formulas of :mod:`omnimirror.analysis.temperature`."""
+
+    thermal: Thermal
+    warmer: Array
+
+    @classmethod
+    def of(cls, sensor: Sensor, error: _Errors) -> _Growth:
+        return cls(sensor.thermal or Thermal(), error(WARMER))
+
+    def _factor(self, ppm_per_k: float) -> Array:
+        return 1 + 1e-6 * ppm_per_k * self.warmer
+
+    @property
+    def spacer(self) -> Array:
+        return self._factor(self.thermal.expansion_ppm("spacer"))
+
+    @property
+    def mirror(self) -> Array:
+        return self._factor(self.thermal.expansion_ppm("mirror"))
+
+    @property
+    def imager(self) -> Array:
+        return self._factor(self.thermal.imager_ppm_per_k)
+
+    def lens(self, focal: Array, focus: Array) -> tuple[Array, Array]:
+        """Focal lengths, and distances that are in focus on imagers that their mounts have moved."""
+        by_focal, by_mount = self.thermal.focal_ppm_per_k, self.thermal.expansion_ppm("mount")
+        if not (by_focal or by_mount) or not self.warmer.any():
+            return focal, focus
+        behind = self._factor(by_mount) / (1 / focal - 1 / focus)
+        focal = focal * self._factor(by_focal)
+        return focal, 1 / (1 / focal - 1 / behind)
+
+    def distance(self, sensor: Sensor, surfaces: MirrorSurfaces) -> Array:
+        """From the lens to the vertex, mm; of a mirror held at its rim, to where its vertex then is."""
+        held = np.zeros(len(self.warmer))
+        if self.thermal.held_at == "rim" and self.warmer.any():
+            rim = np.full((1, 1), surfaces.rim_radius_mm)
+            held = surfaces.meridian(rim)[:, 0]
+        return (sensor.mirror_distance_mm + held) * self.spacer - held * self.mirror
+
+    def grown(self, surfaces: MirrorSurfaces) -> MirrorSurfaces:
+        """Shapes that have grown evenly, ``g z(x / g)``; form errors keep their heights, and the rim its number."""
+        g = self.mirror
+        if (g == 1).all():
+            return surfaces
+        powers = 1 - 2.0 * np.arange(1, surfaces.polynomial.shape[1] + 1)
+        orders = np.concatenate([np.full(k + 1, -k) for k in range(ORDERS[surfaces.form.shape[1]] + 1)])
+        return replace(
+            surfaces,
+            curvature=surfaces.curvature / g,
+            polynomial=surfaces.polynomial * g[:, None] ** powers,
+            form=surfaces.form * g[:, None] ** orders,
         )
 
 
@@ -139,7 +208,7 @@ def _form(error: _Errors) -> Array:
     powers = np.zeros((error.count, (order + 1) * (order + 2) // 2))
     for j in terms:
         amplitude = MM_PER_UM * error(f"mirror.zernike_{j}_um")
-        powers += amplitude[:, None] * zernike_powers()[j - 1, : powers.shape[1]]
+        powers += amplitude[:, None] * zernike_powers(LARGEST_ORDER)[j - 1, : powers.shape[1]]
     return powers
 
 
@@ -151,7 +220,7 @@ def _rotations(tilts_deg: Array) -> Array:
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=1)
 
 
-def _imagers(principal_distance: Array, pitch_mm: float, error: _Errors) -> Array:
+def _imagers(principal_distance: Array, pitch_mm: Array, error: _Errors) -> Array:
     """Homographies (t, 3, 3) from tangents to offsets in px.
 
     The imager's plane is turned about its centre by ``imager.tilt_x_deg``, ``imager.tilt_y_deg`` and
@@ -167,7 +236,7 @@ def _imagers(principal_distance: Array, pitch_mm: float, error: _Errors) -> Arra
     plane[:, :, 1] = tilt[:, :, 1] * cos[:, None] - tilt[:, :, 0] * sin[:, None]
     plane[:, 2, 2] = principal_distance
     offsets = np.asarray(np.linalg.inv(plane), dtype=float)
-    offsets[:, :2] /= pitch_mm * (1 + 1e-6 * error("imager.pitch_ppm"))[:, None, None]
+    offsets[:, :2] /= (pitch_mm * (1 + 1e-6 * error("imager.pitch_ppm")))[:, None, None]
     shift = error.columns("imager.shift_x_px", "imager.shift_y_px")
     offsets[:, :2] += shift[:, :, None] * offsets[:, 2:]
     return offsets

@@ -13,12 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...mirrors import Mirror
+from ...mirrors.form import LARGEST_ORDER
+from ...numerics.zernike import terms_of
 
 Array = NDArray[np.float64]
 
 NODES = 1024  # of the table; quintic pieces of .001 of a rim radius are exact to 1e-12 of it
 LEAST_RADIUS = 1e-9  # of the rim radius: on the axis, derivatives are taken so far beside it
-ORDERS = {1: 0, 3: 1, 6: 2, 10: 3, 15: 4, 21: 5, 28: 6}
+ORDERS = {terms_of(order): order for order in range(LARGEST_ORDER + 1)}
 """Order of a form by how many powers it has."""
 
 
@@ -96,7 +98,7 @@ class MirrorSurfaces:
     polynomial : (t, terms)
         p_i of (s/N^2)^i, i = 1, 2, .., mm.
     form : (t, powers)
-        f_ij, mm, in the order of ``zernike.power_place``; as many as whole orders have.
+        f_ij, mm, in the order of ``numerics.zernike.power_place``; as many as whole orders have.
     table : MeridianTable, optional
         What is one for all.
     """
@@ -110,12 +112,7 @@ class MirrorSurfaces:
 
     def heights(self, x: Array, y: Array) -> Heights:
         """Over points (t, n) mm; NaN where a conic has ended."""
-        s = x * x + y * y
-        c, k = self.curvature[:, None], self.conic[:, None]
-        root = np.sqrt(1 - (1 + k) * c * c * s)
-        value, first, second = c * s / (1 + root), c / (2 * root), (1 + k) * c**3 / (4 * root**3)
-        for part in (self._polynomial(s), self._of_table(s)):
-            value, first, second = value + part[0], first + part[1], second + part[2]
+        value, first, second = self._meridian(x * x + y * y)
         formed = self._form(x, y)
         return Heights(
             value + formed.z,
@@ -125,6 +122,19 @@ class MirrorSurfaces:
             4 * x * y * second + formed.hxy,
             2 * first + 4 * y * y * second + formed.hyy,
         )
+
+    def meridian(self, r: Array) -> Array:
+        """Heights (t, n) mm at distances (t, n) or (1, n) from the axis, without form errors."""
+        return self._meridian(np.broadcast_to(r * r, (len(self.curvature), r.shape[1])))[0]
+
+    def _meridian(self, s: Array) -> tuple[Array, Array, Array]:
+        """Value, first and second derivative by s = r^2."""
+        c, k = self.curvature[:, None], self.conic[:, None]
+        root = np.sqrt(1 - (1 + k) * c * c * s)
+        value, first, second = c * s / (1 + root), c / (2 * root), (1 + k) * c**3 / (4 * root**3)
+        for part in (self._polynomial(s), self._of_table(s)):
+            value, first, second = value + part[0], first + part[1], second + part[2]
+        return value, first, second
 
     def _polynomial(self, s: Array) -> tuple[Array, Array, Array]:
         """Value, first and second derivative by s."""

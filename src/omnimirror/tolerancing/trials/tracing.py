@@ -53,6 +53,8 @@ class States:
         tilted; the principal distance is in it.
     breathing_mm : (t,)
         f - e, of focal length and entrance pupil: the principal distance is ``f / (1 - (f - e) v)``.
+    focal_mm : (t,)
+        f.
     """
 
     surfaces: MirrorSurfaces
@@ -64,6 +66,7 @@ class States:
     brown: Array
     imager: Array
     breathing_mm: Array
+    focal_mm: Array
 
     def __len__(self) -> int:
         return len(self.shift)

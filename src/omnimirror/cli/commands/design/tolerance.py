@@ -100,10 +100,11 @@ class SweepOptions(Options):
     is_flag=True,
     help="Write the sensors at 5, 50 and 95 % of the first limit, or of motion_px, and their pictures to --out.",
 )
+@output_option("--report", "report_file", formats=("html",), help="Write a page to send with the order.")
 @output_option("--json", "json_file", help="Write all numbers.")
 def command(
     sensor: str, tolerances: str | None, asked: TrialOptions, kept: SweepOptions, grade: str, force: bool,
-    out: Path | None, save_trials: bool, json_file: Path | None,
+    out: Path | None, save_trials: bool, report_file: Path | None, json_file: Path | None,
 ) -> None:  # fmt: skip
     """Build SENSOR many times with the errors of TOLERANCES, a TOML file, and count those that are good.
 
@@ -137,6 +138,10 @@ def command(
             say(f"This was part {kept.part}; when all are done, the same without --part sums up", console=console)
             out = None
     written = _write(found, out, json_file)
+    if report_file is not None:
+        from ....report.tolerances import write_tolerances
+
+        written.append(write_tolerances(found, report_file))
     if typical and out is not None:
         written += _write_typical(typical, merit, out, console)
     say_written(*written, console=console)
@@ -234,11 +239,6 @@ def _write_typical(typical: list[TypicalSensor], merit: str, out: Path, console:
         save_sensor(trial.sensor, files[0])
         write_image(files[1], take_picture(trial.sensor, Room(), blur=True))
         words = f"sensor {name} %: trial {trial.trial}, {merit} {trial.merit:.3g}"
-        if trial.left_out:
-            words += (
-                f"; {trial.merit_without:.3g} in its file, which cannot hold {len(trial.left_out)} of its errors: "
-                + ", ".join(trial.left_out)
-            )
         say(words, console=console)
         written += files
     return written

@@ -13,12 +13,12 @@ from rich.console import Console
 
 from ....errors import InvalidParameter
 from ....files import json_plain, write_text
-from ....metrology.effects import FormEffect, as_made, form_effect
 from ....metrology.form_errors import FormError, form_error
 from ....metrology.readers import MM, Unit, read_points
 from ....mirrors import Mirror
 from ....sensor import Sensor
 from ....specs import load_sensor, save_sensor
+from ....tolerancing.forms.effects import FormEffect, as_made, form_effect
 from ....tolerancing.trials.compensation import CALIBRATIONS
 from ....tolerancing.trials.merits import after
 from ...help_pages import DocumentedCommand

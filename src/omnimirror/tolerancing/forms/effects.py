@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from ..arguments import checked
-from ..errors import InvalidParameter
-from ..sensor import Sensor
-from ..tolerancing.trials.judge import Judge
-from ..tolerancing.trials.merits import merit_names
-from ..tolerancing.trials.zernike import TERMS
-from .form_errors import FormError
+from ...arguments import checked
+from ...errors import InvalidParameter
+from ...metrology.form_errors import FormError
+from ...mirrors.form import TERMS
+from ...sensor import Sensor
+from ..trials.judge import Judge
+from ..trials.merits import merit_names
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class FormEffect:
     lost_rays
         How many objects of the field the one that was made does not show.
     beyond_um
-        rms of the terms that are too fine to be traced here (above order 6), along the axis.
+        rms of the terms that are too fine to be traced here (above order 12), along the axis.
     """
 
     meant: Mapping[str, float]

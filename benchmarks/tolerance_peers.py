@@ -1,0 +1,174 @@
+"""What a trial of tolerances costs here and in Optiland, on a case that both can do, with the same launched rays.
+
+A spherical mirror is decentred and tilted about two axes and moved along its axis, and rays from the lens come back
+from it. Four ways of Optiland: its tolerancing module, one Monte Carlo trial with a direction of each ray as an
+operand; the same with one operand; and, written by hand, perturbations and one vectorised call with all rays at once:
+of its tracer, and, as lean as can be, of the one surface of the mirror with rays that were launched before. Here a
+trial also finds where each fixed object is seen, focuses, blurs and calibrates in five depths. All are run in turn in
+one process, on one thread, in processor time; medians. First both are shown to trace the same rays: those that a
+perturbed sensor shows its objects on, launched in Optiland, leave its mirror towards these objects.
+
+    python benchmarks/tolerance_peers.py --out out/benchmarks
+"""
+
+from __future__ import annotations
+
+import argparse
+import platform
+import time
+import warnings
+from collections.abc import Callable
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from circumstances import processor
+from timing import interleaved
+
+import omnimirror as om
+from omnimirror.files import write_text
+from omnimirror.native import backend
+from omnimirror.tolerancing.trials.compensation import POSE
+from omnimirror.tolerancing.trials.judge import Judge
+from omnimirror.tolerancing.trials.states import states_of
+from omnimirror.tolerancing.trials.tracing import seen
+
+RUNS, TRIALS, OF_OPTILAND = 9, 2000, 3
+SIZES = dict(zip(POSE, (0.1, 0.1, 0.1, 0.1, 0.1), strict=True))
+
+
+def optiland_system(sensor: om.Sensor) -> Any:
+    """A point in the lens, and the mirror."""
+    from optiland.optic import Optic
+
+    system = Optic()
+    system.add_surface(index=0, thickness=sensor.mirror_distance_mm)
+    system.add_surface(index=1, thickness=-100.0, radius=sensor.mirror.vertex_radius, material="mirror", is_stop=True)
+    system.add_surface(index=2)
+    system.set_aperture("EPD", 2 * 0.9 * sensor.mirror.rim_radius_mm)
+    system.set_field_type("angle")
+    system.add_field(y=0)
+    system.add_wavelength(0.55, is_primary=True)
+    return system
+
+
+def perturb(system: Any, values: dict[str, float]) -> None:
+    """The mirror of the system where a trial has it: Optiland turns about X first, and then about Y, as we do."""
+    place = system.surface_group.surfaces[1].geometry.cs
+    place.x, place.y, place.z = (values[name] for name in POSE[:3])
+    place.rx, place.ry = np.radians(values[POSE[3]]), np.radians(values[POSE[4]])
+
+
+def launched(sensor: om.Sensor, tangents: np.ndarray) -> Any:
+    """Rays from the lens with these tangents."""
+    from optiland.rays import RealRays
+
+    n = len(tangents)
+    zero, one = np.zeros(n), np.ones(n)
+    way = np.column_stack([tangents, one]) / np.sqrt(1 + (tangents**2).sum(axis=1))[:, None]
+    return RealRays(zero, zero, np.full(n, -sensor.mirror_distance_mm), *way.T.copy(), one, 0.55 * one)
+
+
+def largest_angle_rad(sensor: om.Sensor, judge: Judge, values: dict[str, float]) -> float:
+    """Between where our trial looks and where Optiland's rays go, launched as our trial shows the objects."""
+    field = judge.field
+    states = states_of(field.sensor, {name: np.array([v]) for name, v in values.items()})
+    tangents = seen(states, field.targets, field.distant, field.start).tangents[0]
+    system, rays = optiland_system(sensor), launched(sensor, tangents)
+    perturb(system, values)
+    system.surface_group.surfaces[1].trace(rays)
+    found = np.column_stack([np.asarray(rays.L), np.asarray(rays.M), np.asarray(rays.N)])
+    return float(np.linalg.norm(np.cross(found, field.targets), axis=1).max())
+
+
+def tolerancing(system: Any, operands: int) -> Any:
+    """Optiland's Monte Carlo with so many rays, each an operand."""
+    from optiland.tolerancing.core import Tolerancing
+    from optiland.tolerancing.monte_carlo import MonteCarlo
+    from optiland.tolerancing.perturbation import DistributionSampler
+
+    asked = Tolerancing(system)
+    around = np.arange(operands) * 2.4  # golden angle
+    reach = np.sqrt((np.arange(operands) + 0.5) / operands)
+    for r, phi in zip(reach, around, strict=True):
+        at = {"optic": system, "surface_number": 1, "Hx": 0, "Hy": 0, "wavelength": 0.55}
+        asked.add_operand("real_M", input_data={**at, "Px": r * np.cos(phi), "Py": r * np.sin(phi)})
+    for kind, axes, size in (("decenter", "xy", 0.1), ("tilt", "xy", np.radians(0.1))):
+        for axis in axes:
+            sampler = DistributionSampler("normal", loc=0.0, scale=size)
+            asked.add_perturbation(kind, sampler, surface_number=1, axis=axis)
+    asked.add_perturbation(
+        "thickness",
+        DistributionSampler("normal", loc=system.surface_group.get_thickness(0)[0], scale=0.1),
+        surface_number=0,
+    )
+    return MonteCarlo(asked)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
+    arguments = parser.parse_args()
+    warnings.simplefilter("ignore")
+    backend.set_threads(1)
+    sensor = om.load_sensor("paper-spherical")
+    judge = Judge.of(sensor, "rms")
+    rng, n = np.random.default_rng(1), len(judge.field)
+    off = max(
+        largest_angle_rad(sensor, judge, {name: float(rng.normal() * size) for name, size in SIZES.items()})
+        for _ in range(5)
+    )
+    tolerances = om.Tolerances(sensor, {name: om.ErrorBound(2 * size, "normal") for name, size in SIZES.items()})
+    states = states_of(sensor, {}, 1)
+    tangents = seen(states, judge.field.targets, judge.field.distant, judge.field.start).tangents[0]
+    by_hand = optiland_system(sensor)
+
+    def one_call() -> None:
+        for values in ({name: rng.normal() * size for name, size in SIZES.items()} for _ in range(OF_OPTILAND)):
+            perturb(by_hand, values)
+            by_hand.surface_group.surfaces[1].trace(launched(sensor, tangents))
+
+    aims = np.random.default_rng(2).uniform(-0.6, 0.6, (2, n))
+
+    def one_call_aimed() -> None:
+        for values in ({name: rng.normal() * size for name, size in SIZES.items()} for _ in range(OF_OPTILAND)):
+            perturb(by_hand, values)
+            by_hand.trace_generic(0.0, 0.0, *aims, 0.55)
+
+    every, single = (tolerancing(optiland_system(sensor), count) for count in (n, 1))
+    functions: dict[str, Callable[[], object]] = {
+        "ours": lambda: judge.judged(tolerances.drawn(0, 0, TRIALS)),
+        "every": lambda: every.run(OF_OPTILAND),
+        "single": lambda: single.run(OF_OPTILAND),
+        "aimed": one_call_aimed,
+        "by hand": one_call,
+    }
+    medians = interleaved(functions, RUNS, clock=time.process_time)
+    ours = medians["ours"] / TRIALS
+    rows = [f"| omnimirror, all of it | {n} | {1e3 * ours:.2f} | |"]
+    for name, words, rays in (
+        ("every", "Optiland's tolerancing module", n),
+        ("single", "the same", 1),
+        ("aimed", "written by hand: perturbations, and one vectorised call of its tracer", n),
+        ("by hand", "written by hand: perturbations, and its mirror alone met by rays that are given", n),
+    ):
+        ms = medians[name] / OF_OPTILAND
+        rows.append(f"| {words} | {rays} | {1e3 * ms:,.0f} | {ms / rays / (ours / n):,.0f} |")
+    table = "\n".join(
+        [
+            f"Medians of {RUNS} interleaved runs, one thread, processor time. Python {platform.python_version()}, "
+            f"NumPy {np.__version__}, Optiland {version('optiland')}, {backend.name} ({processor()}). The same rays "
+            f"leave both mirrors in directions that differ by {off:.1e} rad at most.",
+            "",
+            "| a trial | rays | us | times ours, per ray |",
+            "|---|---:|---:|---:|",
+            *rows,
+        ]
+    )
+    print(table)
+    write_text(arguments.out / "tolerance_peers.md", table + "\n")
+
+
+if __name__ == "__main__":
+    main()

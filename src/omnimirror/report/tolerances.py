@@ -1,0 +1,244 @@
+"""Tolerances on one self-contained page, to be sent with an order: what to hold, what that costs, how many are good."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from html import escape
+from pathlib import Path
+
+import numpy as np
+
+from ..arguments import checked, file_name
+from ..errors import InvalidParameter
+from ..figures.style import render, styled
+from ..files import write_text
+from ..tolerancing.analysis import ToleranceReport
+from ..tolerancing.errors import MEASURED, errors_of, group_of
+from ..tolerancing.figures import curves, tornado
+from ..tolerancing.sensitivity import ErrorEffect, sensitivities
+from ..tolerancing.tolerances import Tolerances
+from ..tolerancing.trials.judge import Judge
+from ..tolerancing.yields import Share, Tally, monte_carlo
+from .pages import figure_html, page_html
+
+DISTRIBUTED = {
+    "uniform": "even",
+    "normal": "normal, two sigma",
+    "truncated": "normal, two sigma, nothing beyond",
+    "end-heavy": "towards the ends",
+    "always": "the same of all",
+}
+ARC_MINUTES = 60.0
+NM = 1e3
+
+
+@dataclass(frozen=True)
+class _Order:
+    """What the page says: tolerances to be held, and what becomes of sensors that hold them."""
+
+    report: ToleranceReport
+    tolerances: Tolerances
+    tally: Tally
+    effects: Sequence[ErrorEffect]
+    reached: Share
+
+    @classmethod
+    def of(cls, report: ToleranceReport) -> _Order:
+        """Those that were allocated, traced anew, or those that were tried."""
+        plan, found = report.plan, report.allocation
+        if found is None:
+            return cls(report, plan.tolerances, report.tally, report.sensitivities, report.tally.yields)
+        errors = {
+            name: replace(bound, value=found.tolerances.get(name, bound.value))
+            for name, bound in plan.tolerances.errors.items()
+        }
+        chosen = replace(plan.tolerances, errors=errors)
+        judge = Judge.of(report.sensor, plan.refocus, **plan.judged)
+        tally = monte_carlo(judge, chosen, plan.limits, trials=found.trials, seed=report.seed + 2)
+        return cls(report, chosen, tally, sensitivities(judge, chosen, plan.limits), found.reached)
+
+    def price(self, name: str) -> float:
+        """Of a tolerance as it is to be held."""
+        asked = self.report.plan.tolerances.errors[name].value
+        held = self.tolerances.errors[name].value
+        return self.report.plan.prices.get(name, 1.0) * (asked / held if held else 0.0)
+
+
+@checked
+def write_tolerances(report: ToleranceReport, path: str | Path) -> Path:
+    """Write tolerances as one self-contained page that a buyer sends with the order.
+
+    Parameters
+    ----------
+    report
+        From :func:`omnimirror.tolerance`; where a yield was asked for, the page shows the tolerances that reach it.
+    path
+        Ends in .html.
+
+    Returns
+    -------
+    Path
+        Of the file.
+
+    Raises
+    ------
+    InvalidParameter
+        Another ending.
+    OmnimirrorError
+        The file cannot be written.
+
+    Examples
+    --------
+    >>> import omnimirror as om, tempfile
+    >>> sensor = om.load_sensor("paper-spherical")
+    >>> plan = om.TolerancePlan(om.Tolerances(sensor, {"mirror.tilt_x_deg": om.ErrorBound(0.1)}), {"motion_px": 2.0})
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     om.write_tolerances(om.tolerance(sensor, plan, trials=100), f"{folder}/order.html").name
+    'order.html'
+    """
+    path = file_name("path", path)
+    if path.suffix.lower() != ".html":
+        raise InvalidParameter(f"tolerances are written as .html, and {path.name} ends otherwise")
+    write_text(path, tolerances_html(report))
+    return path
+
+
+def tolerances_html(report: ToleranceReport) -> str:
+    """The page with everything inside it."""
+    order, name = _Order.of(report), report.sensor.name
+    with styled():
+        bars, shares = (render(figure, "svg") for figure in (tornado(order.effects), curves(order.tally)))
+    wanted = "" if report.allocation is None else f" --yield {order.reached.value:.2f}"
+    return page_html(
+        f"Tolerances of {name}",
+        "tolerances",
+        heading=f"Tolerances of {escape(name)}",
+        lead=_lead(order),
+        numbers=_numbers(order),
+        errors=_table(
+            ("error", "plus or minus", "distributed", "price", "alone, px", "after calibration, px"), _errors(order)
+        ),
+        indications=_table(("", "ISO 10110", "that is"), indications(order.tolerances)),
+        limits=_table(("within", "good, %", "median", "95 %"), _limits(order)),
+        judged=_judged(order),
+        tornado=figure_html(bars, "svg+xml", "How far each error alone moves the picture at its tolerance.", "plot"),
+        curves=figure_html(shares, "svg+xml", f"Of {order.tally.trials} sensors built so.", "plot"),
+        command=escape(
+            f"omnimirror tolerance {name} tolerances.toml --trials {report.tally.trials} --seed {report.seed}{wanted} "
+            "--report order.html"
+        ),
+    )
+
+
+def _lead(order: _Order) -> str:
+    of = order.reached
+    return (
+        f"Of the sensors built within these tolerances {100 * of.value:.1f} % are good; with a confidence of 95 % "
+        f"between {100 * of.low:.1f} and {100 * of.high:.1f} %, by {order.tally.trials} sensors that were traced."
+    )
+
+
+def _numbers(order: _Order) -> str:
+    found, of = order.report.allocation, order.reached
+    numbers = {
+        "Good sensors": f"{100 * of.value:.2f} %",
+        "between": f"{100 * of.low:.2f} and {100 * of.high:.2f} %",
+        "Errors": str(sum(bound.value > 0 for bound in order.tolerances.errors.values())),
+        "Rays lost by": f"{order.tally.lost} of {order.tally.trials}",
+        "Price": f"{sum(order.price(name) for name in order.tolerances.names):.4g}",
+    }
+    if found is not None:
+        numbers["if all were scaled alike"] = f"{found.price_of_equal:.4g}"
+    return "".join(f"<div><dt>{escape(k)}</dt><dd>{escape(v)}</dd></div>" for k, v in numbers.items())
+
+
+def _errors(order: _Order) -> Iterable[tuple[str, ...]]:
+    """A row for each error, in groups, the dearest first."""
+    known, alone = errors_of(order.report.sensor), {row.name: row for row in order.effects}
+    groups: dict[str, list[str]] = {}
+    for name in sorted(order.tolerances.names, key=order.price, reverse=True):
+        if order.tolerances.errors[name].value > 0:
+            groups.setdefault(group_of(name), []).append(name)
+    for group, names in groups.items():
+        yield (f"**{group}",)
+        for name in names:
+            bound, kind, merits = order.tolerances.errors[name], known.get(name, MEASURED), alone[name].merits
+            yield (
+                f"{kind.meaning}|{name}",
+                f"± {bound.value:.3g} {kind.unit}".rstrip(),
+                DISTRIBUTED[bound.distribution],
+                f"{order.price(name):.3g}",
+                f"{merits['motion_px']:.3g}",
+                f"{merits['motion_px after pose']:.3g}",
+            )
+
+
+def indications(tolerances: Tolerances) -> list[tuple[str, str, str]]:
+    """What ISO 10110 has codes for, of the mirror: form (3/), and centring (4/).
+
+    Tolerances are of one error each; the mirror's surface as a whole has the root of the sum of the squares of its
+    Zernike terms, and stays within the smaller of the tolerances along X and along Y in whatever direction it leans.
+
+    >>> import omnimirror as om
+    >>> errors = {"mirror.zernike_5_um": om.ErrorBound(0.3), "mirror.tilt_x_deg": om.ErrorBound(0.1)}
+    >>> [code for _, code, _ in indications(om.Tolerances(om.load_sensor("paper-spherical"), errors))]
+    ["3/- RMSt < 300 nm", "4/6'"]
+    """
+    values = {name: bound.value for name, bound in tolerances.errors.items() if bound.value > 0}
+    rows = []
+    forms = [value for name, value in values.items() if name.startswith("mirror.zernike")]
+    for name, form in tolerances.forms.items():
+        forms += list(values.get(f"{MEASURED.name}[{name}]", 0.0) * np.abs(form.um))
+    if forms:
+        rms = NM * float(np.sqrt(np.square(forms).sum()))
+        rows.append(
+            ("surface form", f"3/- RMSt < {rms:.3g} nm", "rms of all form errors along the axis, at their tolerances")
+        )
+    tilt, decentre = (
+        [values[name] for axis in "xy" if (name := f"mirror.{what}_{axis}{unit}") in values]
+        for what, unit in (("tilt", "_deg"), ("decentre", "_mm"))
+    )
+    if tilt or decentre:
+        angle = f"{ARC_MINUTES * min(tilt):.3g}'" if tilt else "-"
+        away = f" ({min(decentre):.3g} mm)" if decentre else ""
+        rows.append(
+            ("centring, to the lens's axis", f"4/{angle}{away}", "tilt of the mirror's axis, and how far it is off")
+        )
+    named = {"mirror.vertex_radius_mm": "radius at the vertex", "mirror.conic": "conic constant"}
+    named |= {"mirror.displacement_mm": "distance from the lens"}
+    rows += [(words, f"± {values[name]:.3g}", name) for name, words in named.items() if name in values]
+    return rows
+
+
+def _limits(order: _Order) -> Iterable[tuple[str, ...]]:
+    tally = order.tally
+    for name, limit in tally.limits.items():
+        good = 100 * tally.passed_each.get(name, 0) / tally.trials
+        low, high = (f"{tally.quantile(name, share):.3g}" for share in (0.5, 0.95))
+        yield f"{name} ≤ {limit:g}", f"{good:.1f}", low, high
+
+
+def _judged(order: _Order) -> str:
+    plan = order.report.plan
+    focus = {"none": "as its file says", "rms": "anew, for the least rms of its blur"}
+    focused = focus.get(plan.refocus, "anew, for its least worst blur")
+    return (
+        "Judged by objects all over the field against a sensor without errors; motions are of the picture. Each sensor "
+        f"is focused {focused}. &ldquo;After&rdquo; is what a calibration of that depth leaves."
+    )
+
+
+def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A table; a row of one cell heads those below it, and what follows a bar is small."""
+    body = []
+    for row in rows:
+        if len(row) == 1:
+            body.append(f'<tr><th colspan="{len(head)}"><strong>{escape(row[0].lstrip("*"))}</strong></th></tr>')
+            continue
+        words, _, small = row[0].partition("|")
+        first = escape(words) + (f" <small>{escape(small)}</small>" if small else "")
+        cells = "".join(f"<td>{escape(cell)}</td>" for cell in row[1:])
+        body.append(f"<tr><th>{first}</th>{cells}</tr>")
+    names = "".join(f"<th>{escape(name)}</th>" for name in head)
+    return f"<table><thead><tr>{names}</tr></thead><tbody>{''.join(body)}</tbody></table>"
