@@ -72,6 +72,7 @@ bench: $(VENV)/.full  ## Measure against other programs; tables go to out/benchm
 	$(BIN)/python benchmarks/design_rate.py --out out/benchmarks
 	$(BIN)/python benchmarks/built_designs.py --out out/benchmarks
 	$(BIN)/python benchmarks/tolerance_rate.py --out out/benchmarks
+	$(BIN)/python benchmarks/tolerance_peers.py --out out/benchmarks
 	$(BIN)/python benchmarks/tolerance_cluster.py --out out/benchmarks
 	$(BIN)/python benchmarks/slider_to_plots.py --out out/benchmarks
 	$(BIN)/python benchmarks/restoration_gain.py --out out/benchmarks

@@ -117,7 +117,7 @@ def tolerances_html(report: ToleranceReport) -> str:
         lead=_lead(order),
         numbers=_numbers(order),
         errors=_table(
-            ("error", "plus or minus", "distributed", "price", "alone, px", "after calibration, px"), _errors(order)
+            ("error", "plus or minus", "distributed", "price", "alone, px", "after pose, px"), _errors(order)
         ),
         indications=_table(("", "ISO 10110", "that is"), indications(order.tolerances)),
         limits=_table(("within", "good, %", "median", "95 %"), _limits(order)),
@@ -193,7 +193,11 @@ def indications(tolerances: Tolerances) -> list[tuple[str, str, str]]:
     if forms:
         rms = NM * float(np.sqrt(np.square(forms).sum()))
         rows.append(
-            ("surface form", f"3/- RMSt < {rms:.3g} nm", "rms of all form errors along the axis, at their tolerances")
+            (
+                "surface form",
+                f"3/- RMSt < {float(f'{rms:.3g}'):g} nm",
+                "rms of all form errors along the axis, at their tolerances",
+            )
         )
     tilt, decentre = (
         [values[name] for axis in "xy" if (name := f"mirror.{what}_{axis}{unit}") in values]
