@@ -27,8 +27,8 @@ PLAN = om.TolerancePlan(om.Tolerances(SENSOR, ERRORS), {"motion_px after affine"
 
 def test_a_surface_is_indicated_as_iso_10110_does():
     rows = {name: code for name, code, _ in indications(PLAN.tolerances)}
-    assert rows["surface form"] == "3/- RMSt < 500 nm"  # of .3 and .4 um
-    assert rows["centring, to the lens's axis"] == "4/6' (0.05 mm)"
+    assert rows["surface form"] == "3/- RMSt < 289 nm"  # of .3 and .4 um, evenly spread
+    assert rows["centring"] == "4/3' (0.025 mm)"
     assert rows["conic constant"] == "± 0.005"
 
 

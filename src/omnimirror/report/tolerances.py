@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
 
-import numpy as np
-
 from ..arguments import checked, file_name
 from ..errors import InvalidParameter
 from ..figures.style import render, styled
 from ..files import write_text
+from ..manufacture.drawings.tables import centring_code, form_code
+from ..manufacture.workshop import Making
 from ..tolerancing.analysis import ToleranceReport
 from ..tolerancing.errors import MEASURED, errors_of, group_of
 from ..tolerancing.figures import curves, tornado
@@ -29,8 +29,6 @@ DISTRIBUTED = {
     "end-heavy": "towards the ends",
     "always": "the same of all",
 }
-ARC_MINUTES = 60.0
-NM = 1e3
 
 
 @dataclass(frozen=True)
@@ -175,44 +173,21 @@ def _errors(order: _Order) -> Iterable[tuple[str, ...]]:
 
 
 def indications(tolerances: Tolerances) -> list[tuple[str, str, str]]:
-    """What ISO 10110 has codes for, of the mirror: form (3/), and centring (4/).
-
-    Tolerances are of one error each; the mirror's surface as a whole has the root of the sum of the squares of its
-    Zernike terms, and stays within the smaller of the tolerances along X and along Y in whatever direction it leans.
+    """What ISO 10110 has codes for, of the mirror: form (3/), and centring (4/), as its drawing has them.
 
     >>> import omnimirror as om
     >>> errors = {"mirror.zernike_5_um": om.ErrorBound(0.3), "mirror.tilt_x_deg": om.ErrorBound(0.1)}
     >>> [code for _, code, _ in indications(om.Tolerances(om.load_sensor("paper-spherical"), errors))]
-    ["3/- RMSt < 300 nm", "4/6'"]
+    ['3/- RMSt < 173 nm', "4/3'"]
     """
     values = {name: bound.value for name, bound in tolerances.errors.items() if bound.value > 0}
-    rows = []
-    forms = [value for name, value in values.items() if name.startswith("mirror.zernike")]
-    for name, form in tolerances.forms.items():
-        forms += list(values.get(f"{MEASURED.name}[{name}]", 0.0) * np.abs(form.um))
-    if forms:
-        rms = NM * float(np.sqrt(np.square(forms).sum()))
-        rows.append(
-            (
-                "surface form",
-                f"3/- RMSt < {float(f'{rms:.3g}'):g} nm",
-                "rms of all form errors along the axis, at their tolerances",
-            )
-        )
-    tilt, decentre = (
-        [values[name] for axis in "xy" if (name := f"mirror.{what}_{axis}{unit}") in values]
-        for what, unit in (("tilt", "_deg"), ("decentre", "_mm"))
-    )
-    if tilt or decentre:
-        angle = f"{ARC_MINUTES * min(tilt):.3g}'" if tilt else "-"
-        away = f" ({min(decentre):.3g} mm)" if decentre else ""
-        rows.append(
-            ("centring, to the lens's axis", f"4/{angle}{away}", "tilt of the mirror's axis, and how far it is off")
-        )
-    named = {"mirror.vertex_radius_mm": "radius at the vertex", "mirror.conic": "conic constant"}
-    named |= {"mirror.displacement_mm": "distance from the lens"}
-    rows += [(words, f"± {values[name]:.3g}", name) for name, words in named.items() if name in values]
-    return rows
+    rows = [
+        ("surface form", form_code(Making(), values), "rms of all form errors along the axis, spread within theirs"),
+        ("centring", centring_code(Making(), values), "half of tilt and decentre; the mount has the other half"),
+    ]
+    named = {"mirror.vertex_radius_mm": "radius at the vertex, mm", "mirror.conic": "conic constant"}
+    named |= {"mirror.displacement_mm": "distance from the lens, mm"}
+    return rows + [(words, f"± {values[name]:.3g}", name) for name, words in named.items() if name in values]
 
 
 def _limits(order: _Order) -> Iterable[tuple[str, ...]]:
