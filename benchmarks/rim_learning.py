@@ -107,7 +107,7 @@ def with_trust(examples: list[Example]) -> Committee:
     judged: list[tuple[Example, Array]] = []
     for part in range(FOLDS):
         others = trained([one for one in examples if one.seed % FOLDS != part])
-        judged += [(one, others.judged(one.rows)) for one in examples if one.seed % FOLDS == part]
+        judged += [(one, others.judged(one.rows).mean(axis=0)) for one in examples if one.seed % FOLDS == part]
 
     def surprise(trust: float) -> float:
         chances = [

@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from .calibrate.rim import camera_from_rim as camera_from_rim
     from .calibrate.rim import find_rim as find_rim
     from .calibrate.rim import sensor_from_rim as sensor_from_rim
+    from .calibrate.rim import sensors_from_rim as sensors_from_rim
     from .calibrate.targets import Board as Board
     from .calibrate.targets import Detection as Detection
     from .calibrate.targets import choose_frames as choose_frames
@@ -210,6 +211,7 @@ _HOMES = {
     "camera_from_rim": "calibrate.rim",
     "find_rim": "calibrate.rim",
     "sensor_from_rim": "calibrate.rim",
+    "sensors_from_rim": "calibrate.rim",
     "FoundRim": "calibrate.rim",
     "load_ocam": "camera_models",
     "MirrorBall": "camera_models",

@@ -126,6 +126,7 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "camera_from_rim": (om.camera_from_rim, {"rim": RIM, "mirror": "one-shot", "mount": None}),
     "find_rim": (om.find_rim, {"pictures": LARGER}),
     "sensor_from_rim": (om.sensor_from_rim, {"rim": RIM, "sensor": SENSOR}),
+    "sensors_from_rim": (om.sensors_from_rim, {"rim": RIM, "sensor": SENSOR}),
     "best_apertures": (om.best_apertures, {"sensor": SENSOR, "f_number": 4.0, "object_distance_mm": np.inf,
                                            "wavelength_nm": 550.0, "omega_min_deg": 0.0}),
     "read_catalogue": (lambda path: om.read_catalogue(path), {"path": "parts.toml"}),

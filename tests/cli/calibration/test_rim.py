@@ -1,11 +1,14 @@
 """``omnimirror rim`` and ``omnimirror dewarp --auto``, as their users run them."""
 
 import json
+import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import omnimirror as om
+from omnimirror.mirrors.pose import MirrorPose
 from tests.commands import fails, omnimirror
 
 
@@ -69,6 +72,22 @@ def test_the_mirror_that_is_meant_is_said(folder, tmp_path):
     assert run.returncode == 0, run.stderr
     assert "taken for one-shot" in run.stderr
     assert "name another with --mirror" in run.stderr
+
+
+def test_a_tilt_of_which_the_rim_does_not_tell_the_side_is_said(tmp_path):
+    """Of a hyperboloid the camera sees itself at nearly the same place, to whichever side it is tilted."""
+    sensor = om.load_sensor("prototype-hyperboloidal")
+    imager = replace(sensor.imager, width_px=1100, height_px=1100, centre_px=None)
+    tilted = replace(sensor, imager=imager, mirror_pose=MirrorPose(0.5, 1.0, 0.0, -5.0, 2.0))
+    om.write_image(tmp_path / "tilted.png", om.take_picture(tilted, om.load_scene("room", texel_mm=20.0), samples=1))
+    run = omnimirror(
+        "dewarp", tmp_path / "tilted.png", "--auto", "--mirror", "prototype-hyperboloidal", "-o", tmp_path / "view.png"
+    )
+    assert run.returncode == 0, run.stderr
+    said = re.search(r"tilted by (\S+), (\S+) deg about x and y, or by (\S+), (\S+), which its rim", run.stderr)
+    assert said is not None, run.stderr
+    assert [float(said[k]) for k in (1, 2)] == [pytest.approx(-5.0, abs=0.4), pytest.approx(2.0, abs=0.4)]
+    assert float(said[3]) > 1.0
 
 
 def test_what_auto_refuses(folder, tmp_path):

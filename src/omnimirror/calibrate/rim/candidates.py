@@ -15,12 +15,13 @@ from .votes import LEAST_RADIUS, circles
 Array = NDArray[np.float64]
 
 REACHES_PX = (6.0, 3.0, 1.5, 0.8)
-AGAIN_PX, MOVED_PX = (1.0, 0.7), (2.0, 1.0, 0.7)
+AGAIN_PX, MOVED_PX, NARROW_PX = (1.0, 0.7), (2.0, 1.0, 0.7), (2.0, 1.5, 0.8)
 SHIFT = Shift(reach_px=4.0, step_px=1.0, turns=72)  # of circles that were voted for, which edges beside them draw away
 FAMILIES, FINER_FAMILIES = 10, 3  # best rings about whose centres others are looked for
 PROFILE_PX = 0.5
 BESIDE, FINER = (0.5, 1.7), (0.8, 1.25)  # shares of a ring's radius between which others are looked for
-SAME_FINER = 0.003
+SAME_FINER, SAME_FIT = 0.003, 0.0005
+SAME_FAMILY = 0.01  # of the radius, by which the centres of rings differ that have the same beside them
 SAME_START = 0.005  # from where a ring that is known would be found again
 LEAST_FINER = 1.2  # scale, from which on a finer picture shows more
 LEAST_SHARE = 0.3  # of the way round, that a ring beside another must have edges
@@ -39,11 +40,14 @@ def rings(working: Working, edges: EdgePoints) -> list[Ring]:
     """The rings of a picture, each once."""
     found: list[Ring] = []
     for circle in circles(edges, working.size):
-        _add(found, working, edges, laid_through(edges, circle, REACHES_PX))
+        laid = [laid_through(edges, circle, REACHES_PX)]
         moved = shifted(edges.among(_along(edges, circle)), circle, SHIFT)
-        _add(found, working, edges, laid_through(edges, moved, MOVED_PX))
-    best = sorted(found, key=lambda ring: -ring.support * ring.seen)[:FAMILIES]
-    for ring in best:
+        laid.append(laid_through(edges, moved, MOVED_PX))
+        if not any(circle.is_near(one, SAME_RING) for one in laid):  # both were drawn away
+            laid.append(laid_through(edges, circle, NARROW_PX))
+        for one in laid:
+            _add(found, working, edges, one)
+    for ring in _clearest(found, FAMILIES, SAME_FAMILY):
         for ellipse in beside(edges, ring.ellipse):
             if not _is_known(found, ellipse):
                 _add(found, working, edges, laid_through(edges, ellipse, AGAIN_PX))
@@ -54,16 +58,21 @@ def add_finer(found: list[Ring], coarse: tuple[Working, EdgePoints], fine: tuple
     """Add the rings about the clearest ones that are seen apart in a finer picture only, as thin frames are."""
     working, edges = coarse
     scale = working.scale / fine[0].scale
-    best: list[Ring] = []
-    for ring in sorted(found, key=lambda ring: -ring.close * ring.seen):
-        if all(other.ellipse.offset_share(ring.ellipse) > FAMILY_OFFSET for other in best):
-            best.append(ring)
-        if len(best) == FINER_FAMILIES:
-            break
-    for ring in best:
+    for ring in _clearest(found, FINER_FAMILIES, FAMILY_OFFSET):
         for ellipse in beside(fine[1], ring.ellipse.scaled(scale), FINER):
             placed = laid_through(fine[1], ellipse, AGAIN_PX)
             _add(found, working, edges, placed.scaled(1 / scale), SAME_FINER)
+
+
+def _clearest(found: list[Ring], count: int, apart: float) -> list[Ring]:
+    """The rings that are most there, and least by chance, each with another centre."""
+    best: list[Ring] = []
+    for ring in sorted(found, key=lambda ring: (ring.chance - ring.close) * ring.seen):
+        if all(other.ellipse.offset_share(ring.ellipse) > apart for other in best):
+            best.append(ring)
+        if len(best) == count:
+            break
+    return best
 
 
 def _add(found: list[Ring], working: Working, edges: EdgePoints, ellipse: Ellipse, same: float = SAME_RING) -> None:
@@ -74,14 +83,16 @@ def _add(found: list[Ring], working: Working, edges: EdgePoints, ellipse: Ellips
         return
     if np.hypot(*ellipse.stretch) > FLATTEST:
         return
-    twins = [i for i, other in enumerate(found) if _is_same(ellipse, other.ellipse, same)]
-    ring = ring_of(working, edges, ellipse)
+    twins = _twins(found, ellipse, same)
+    if len(_twins([found[i] for i in twins], ellipse, SAME_FIT)):
+        return
+    ring = ring_of(working, edges, ellipse, max((found[i].close for i in twins), default=-1.0))
     if ring is None:
         return
-    if not twins:
-        found.append(ring)
-    elif all(ring.close > found[i].close for i in twins):
+    if len(twins):
         found[twins[0]] = ring
+    else:
+        found.append(ring)
 
 
 def _along(edges: EdgePoints, circle: Ellipse) -> NDArray[np.bool_]:
@@ -95,12 +106,20 @@ def _along(edges: EdgePoints, circle: Ellipse) -> NDArray[np.bool_]:
 
 def _is_known(found: list[Ring], ellipse: Ellipse) -> bool:
     """Whether an ellipse from which edges are looked for would lead to a ring that was found."""
-    return any(_is_same(ellipse, other.ellipse, SAME_START) for other in found)
+    return len(_twins(found, ellipse, SAME_START)) > 0
 
 
-def _is_same(ellipse: Ellipse, other: Ellipse, same: float) -> bool:
-    share = min(same, 2.0 / other.radius)
-    return ellipse.is_near(other, share) and bool(np.hypot(*np.subtract(ellipse.stretch, other.stretch)) < share)
+def _twins(found: list[Ring], ellipse: Ellipse, same: float) -> NDArray[np.intp]:
+    """Which of the rings are an ellipse, but for a share of the radius and two pixels."""
+    if not found:
+        return np.empty(0, np.intp)
+    others = np.array([(*ring.ellipse.centre, ring.ellipse.radius, *ring.ellipse.stretch) for ring in found])
+    u, v, radius, p, q = others.T
+    share = np.minimum(same, 2.0 / radius)
+    away = np.hypot(u - ellipse.centre[0], v - ellipse.centre[1]) / ellipse.radius
+    stretch = np.hypot(p - ellipse.stretch[0], q - ellipse.stretch[1])
+    is_same = (np.abs(radius / ellipse.radius - 1) < share) & (away < share) & (stretch < share)
+    return np.nonzero(is_same)[0]
 
 
 def beside(edges: EdgePoints, ellipse: Ellipse, within: tuple[float, float] = BESIDE) -> list[Ellipse]:

@@ -80,13 +80,12 @@ class Committee:
         return found
 
     def judged(self, rows: Array) -> Array:
-        """Mean (n,) of what the members say of rows (n, count) of numbers."""
+        """What each of the members says (members, n) of rows (n, count) of numbers."""
         numbers = self.scaled(rows)
-        mean: Array = np.mean([member.odds(numbers) for member in self.members], axis=0)
-        return mean
+        return np.stack([member.odds(numbers) for member in self.members])
 
     def odds(self, rows: Array) -> Array:
-        """Logarithms (n,) of the odds of rows (n, count) of numbers against there being no rim."""
+        """Logarithms (members, n) of the odds of rows (n, count) of numbers against there being no rim."""
         return self.trust * self.judged(rows) + self.first_share * np.maximum(rows[:, FIRST], UNLISTED)
 
 
@@ -97,18 +96,19 @@ def committee() -> Committee:
 
 
 def odds(rings: Sequence[Ring], working: Working) -> Array:
-    """Logarithms (n,) of the odds of every ring against there being no rim among them."""
-    every = np.full(len(rings), UNLISTED)
+    """Logarithms (members, n) of the odds of every ring against there being no rim among them, by each of the
+    committee."""
+    every = np.full((len(committee().members), len(rings)), UNLISTED)
     if len(rings):
         listed, rows = listed_rows(list(rings), working)
-        every[listed] = np.maximum(committee().odds(rows), UNLISTED)
+        every[:, listed] = np.maximum(committee().odds(rows), UNLISTED)
     return every
 
 
 def listed_rows(rings: list[Ring], working: Working) -> tuple[NDArray[np.intp], Array]:
     """The rings of the short list, best first, and a row of numbers for each."""
     size = working.size
-    first = np.array([terms(cues_of(ring, rings, min(size))) for ring in rings])
+    first = np.array([terms(cues) for cues in cues_of(rings, min(size))])
     found = first @ FIRST_WEIGHTS - FIRST_NONE
     listed = np.argsort(-found, kind="stable")[:SHORT]
     rows = []
@@ -133,13 +133,14 @@ def terms(cues: Cues) -> Array:
 
 
 def confidence(odds: Array, same: NDArray[np.bool_]) -> float:
-    """By how much it is more probable that the rim is one of the rings marked as the same, than the next best answer.
+    """By how much it is more probable that the rim is one of the rings marked as the same (n,), than the next best
+    answer; of odds (members, n) what every member says at least: where they differ, nothing like it was learned from.
 
     Probabilities of all rings, and of none of them, add to 1. A difference is small both where another ring is as
     good, and where none is good.
     """
-    top = max(float(odds.max(initial=0.0)), 0.0)
-    weights = np.exp(odds - top)
-    none = float(np.exp(-top))
-    rival = max(float(weights[~same].max(initial=0.0)), none)
-    return max(0.0, (float(weights[same].sum()) - rival) / (float(weights.sum()) + none))
+    top = np.maximum(odds.max(axis=1, initial=0.0), 0.0)[:, None]
+    weights, none = np.exp(odds - top), np.exp(-top[:, 0])
+    rival = np.maximum(weights[:, ~same].max(axis=1, initial=0.0), none)
+    said = (weights[:, same].sum(axis=1) - rival) / (weights.sum(axis=1) + none)
+    return max(0.0, float(said.min()))

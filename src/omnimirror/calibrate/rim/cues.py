@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -99,10 +98,10 @@ class Ring:
         return float(np.mean(sums < CALM))
 
 
-def ring_of(working: Working, edges: EdgePoints, ellipse: Ellipse) -> Ring | None:
-    """What is seen on and round an ellipse; None where there are next to no edges on it."""
+def ring_of(working: Working, edges: EdgePoints, ellipse: Ellipse, least_close: float = -1.0) -> Ring | None:
+    """What is seen on and round an ellipse; None where there are next to no edges on it, or too few close to it."""
     support, close, chance, seen = _support(edges, working.size, ellipse)
-    if support < LEAST_SUPPORT:
+    if support < LEAST_SUPPORT or close <= least_close:
         return None
     polar, inside = unrolled(working, ellipse)
     texture = _texture(polar, inside, ellipse, working.noise)
@@ -110,12 +109,15 @@ def ring_of(working: Working, edges: EdgePoints, ellipse: Ellipse) -> Ring | Non
     return Ring(ellipse, support, close, chance, seen, step, differs, texture, continues)
 
 
-def cues_of(ring: Ring, rings: list[Ring], short_side: float) -> Cues:
-    """The cues of one of the rings of a picture."""
+def cues_of(rings: list[Ring], short_side: float) -> list[Cues]:
+    """The cues of the rings of a picture."""
+    return [_cues(ring, among, short_side) for ring, among in zip(rings, _frames(rings), strict=True)]
+
+
+def _cues(ring: Ring, among: Array, short_side: float) -> Cues:
+    framed, within, frames, about = (float(number) for number in among)
     inner, near = ring.band(0.6, 0.97), ring.band(0.9, 0.97)
     outer, beyond = ring.band(1.03, 1.4), ring.band(1.03, 1.1)
-    framed, within = _most(_frame(other, ring) for other in rings)
-    frames, about = _most(_frame(ring, other) for other in rings)
     return Cues(
         support=ring.support, close=ring.close, chance=ring.chance, step=float(np.log(ring.step / USUAL_STEP + 0.1)),
         differs=ring.differs, continues=ring.continues, seen=ring.seen,
@@ -136,23 +138,27 @@ def between(low: float, high: float) -> slice:
     return slice(int(first), max(int(last), int(first) + 1))
 
 
-def _most(frames: Iterable[tuple[float, float]]) -> tuple[float, float]:
-    """The most of either number."""
-    first, second = zip(*frames, strict=True)
-    return max(first), max(second)
-
-
-def _frame(inner: Ring, outer: Ring) -> tuple[float, float]:
-    """How much two rings look like a frame's: concentric, both clear, nothing between; and without the last."""
-    share = inner.ellipse.radius / outer.ellipse.radius
-    if not 0.5 < share < 1 - SAME_RING or inner.ellipse.offset_share(outer.ellipse) > FAMILY_OFFSET:
-        return 0.0, 0.0
-    if np.hypot(*np.subtract(inner.ellipse.stretch, outer.ellipse.stretch)) > FAMILY_STRETCH:
-        return 0.0, 0.0
-    gap = min(0.02, (1 / share - 1) / 3)
-    close = min(inner.close, outer.close)
-    framed = max(0.0, (close - 0.5) / 0.5) * inner.calm(1 + gap, 1 / share - gap) ** 2
-    return framed, max(0.0, (close - 0.7) / 0.3)
+def _frames(rings: list[Ring]) -> Array:
+    """How much rings look like a frame's, concentric, both clear and nothing between; and without the last: (n, 4) of
+    the most that each is with one within it, and with one about it."""
+    radius = np.array([ring.ellipse.radius for ring in rings])
+    centre = np.array([ring.ellipse.centre for ring in rings])
+    shape = np.array([ring.ellipse.stretch for ring in rings])
+    close = np.array([ring.close for ring in rings])
+    share = radius[:, None] / radius  # of the first within the second
+    offset = np.hypot(*(centre[:, None] - centre).transpose(2, 0, 1)) / radius[:, None]
+    bent = np.hypot(*(shape[:, None] - shape).transpose(2, 0, 1))
+    clear = np.minimum(close[:, None], close)
+    pairs = (share > 0.5) & (share < 1 - SAME_RING) & (offset <= FAMILY_OFFSET) & (bent <= FAMILY_STRETCH)
+    found = np.zeros((len(rings), 4))
+    for i, j in zip(*np.nonzero(pairs & (clear > 0.5)), strict=True):
+        grown = 1 / float(share[i, j])
+        gap = min(0.02, (grown - 1) / 3)
+        framed = (clear[i, j] - 0.5) / 0.5 * rings[i].calm(1 + gap, grown - gap) ** 2
+        seen = max(0.0, (clear[i, j] - 0.7) / 0.3)
+        found[j, :2] = np.maximum(found[j, :2], [framed, seen])
+        found[i, 2:] = np.maximum(found[i, 2:], [framed, seen])
+    return found
 
 
 def _support(edges: EdgePoints, size: tuple[int, int], ellipse: Ellipse) -> tuple[float, float, float, float]:
@@ -162,10 +168,9 @@ def _support(edges: EdgePoints, size: tuple[int, int], ellipse: Ellipse) -> tupl
     seen = ((points >= 3) & (points <= np.subtract(size, 4))).all(axis=1)
     if not seen.any():
         return 0.0, 0.0, 0.0, 0.0
-    away = ellipse.away(edges.points)
-    near = np.abs(away) < 12 * NEAR_PX
-    circle, away = ellipse.on_circle(edges.points[near]), away[near]
-    normals, weights = edges.normals[near], edges.weights[near]
+    near = ellipse.near(edges.points, 12 * NEAR_PX)
+    circle, normals, weights = ellipse.on_circle(edges.points[near]), edges.normals[near], edges.weights[near]
+    away = (np.hypot(circle[:, 0], circle[:, 1]) - 1) * ellipse.radius
     angle = np.arctan2(circle[:, 1], circle[:, 0])
     aligned = np.abs(np.einsum("ij,ij->i", ellipse.outward(angle), normals)) > np.cos(NORMAL_SLACK)
     sector = np.minimum((angle % (2 * np.pi)) * (SECTORS / (2 * np.pi)), SECTORS - 1).astype(int)

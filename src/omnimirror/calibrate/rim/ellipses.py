@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +16,9 @@ FLATTEST = 0.16  # of the two numbers that stretch a circle; axes of .73
 USUAL_STRETCH = 0.03  # as far as a mirror is mostly tilted; a prior, which decides where little of a rim is seen
 NORMAL_SLACK = 0.26  # radians by which an edge may lean from the ellipse's own direction
 PARAMETERS = 5
+SECTORS = 72
 CUT = 2.0  # reaches beyond which an edge does not count
+TURNED = 0.3  # radians by which an ellipse may turn against its edges while it is laid through them
 SHIFT_COST = 0.02  # share of the way round that a working pixel of shift must gain
 
 
@@ -65,6 +68,13 @@ class Ellipse:
         circle = _stretched(points - np.asarray(self.centre), (-self.stretch[0], -self.stretch[1]))
         distance: Array = np.hypot(circle[:, 0], circle[:, 1]) - self.radius
         return distance
+
+    def near(self, points: Array, reach: float) -> NDArray[np.intp]:
+        """Which of points (n, 2) may lie within so many px of it: of all that do, and of few others."""
+        away = points - np.asarray(self.centre)
+        square = np.einsum("ij,ij->i", away, away)
+        longer, shorter = self.semi_axes
+        return np.nonzero((square < (longer + reach) ** 2) & (square > max(0.0, shorter - reach) ** 2))[0]
 
     def outward(self, turn: Array) -> Array:
         """Unit normals (n, 2) at the angles (n,) of the circle that it was."""
@@ -130,14 +140,15 @@ def shifted(edges: EdgePoints, ring: Ellipse, shift: Shift, scale: float = 1.0) 
 def _stretched(points: Array, stretch: tuple[float, float]) -> Array:
     """Points (n, 2) times exp of the matrix ((p, q), (q, -p))."""
     p, q = stretch
-    size = float(np.hypot(p, q))
-    slope = np.sinh(size) / size if size > 0 else 1.0
-    matrix = np.cosh(size) * np.eye(2) + slope * np.array([[p, q], [q, -p]])
+    size = math.hypot(p, q)
+    slope = math.sinh(size) / size if size > 0 else 1.0
+    middle = math.cosh(size)
+    matrix = np.array([[middle + slope * p, slope * q], [slope * q, middle - slope * p]])
     turned: Array = points @ matrix
     return turned
 
 
-def laid_through(edges: EdgePoints, first: Ellipse, reaches: tuple[float, ...], *, may_stretch: bool = True) -> Ellipse:
+def laid_through(edges: EdgePoints, first: Ellipse, reaches: tuple[float, ...]) -> Ellipse:
     """The ellipse through the edges near a first one: Gauss-Newton, the farther an edge the less it counts.
 
     Parameters
@@ -145,9 +156,7 @@ def laid_through(edges: EdgePoints, first: Ellipse, reaches: tuple[float, ...], 
     edges
     first
     reaches : px
-        How far edges may lie, stage by stage; each is the Cauchy weight's width as well.
-    may_stretch
-        Otherwise the stretch stays the first one's.
+        How far edges may lie, step by step, the first and the last twice; each is the Cauchy weight's width as well.
 
     Returns
     -------
@@ -155,51 +164,52 @@ def laid_through(edges: EdgePoints, first: Ellipse, reaches: tuple[float, ...], 
         The first one where too few edges are near.
     """
     ellipse = first
-    near = np.abs(first.away(edges.points)) < CUT * reaches[0] + 3
-    points, normals, weights = edges.points[near], edges.normals[near], edges.weights[near]
-    for reach in reaches:
-        for _ in range(2):
-            step = _step(points, normals, weights, ellipse, reach, may_stretch)
-            if step is None:
-                return ellipse
-            u, v = ellipse.centre
-            p, q = (float(np.clip(s + d, -FLATTEST, FLATTEST)) for s, d in zip(ellipse.stretch, step[3:], strict=True))
-            radius = ellipse.radius * float(np.exp(np.clip(step[2], -0.1, 0.1)))
-            ellipse = Ellipse((u + float(step[0]), v + float(step[1])), radius, (p, q))
+    near = edges.among(_along(edges, first, CUT * reaches[0] + 3))
+    circle = first.on_circle(near.points)
+    sector = ((np.arctan2(circle[:, 1], circle[:, 0]) / (2 * np.pi) + 0.5) * SECTORS).astype(int) % SECTORS
+    for reach in (reaches[0], *reaches, reaches[-1]):
+        step = _step(near, sector, ellipse, reach)
+        if step is None:
+            return ellipse
+        u, v = ellipse.centre
+        p, q = (min(max(s + float(d), -FLATTEST), FLATTEST) for s, d in zip(ellipse.stretch, step[3:], strict=True))
+        radius = ellipse.radius * math.exp(min(max(float(step[2]), -0.1), 0.1))
+        ellipse = Ellipse((u + float(step[0]), v + float(step[1])), radius, (p, q))
     return ellipse
 
 
-def _step(
-    points: Array, normals: Array, weights: Array, ellipse: Ellipse, reach: float, may_stretch: bool
-) -> Array | None:
+def _along(edges: EdgePoints, ellipse: Ellipse, reach: float) -> NDArray[np.intp]:
+    """Which edges lie near an ellipse and may become its own while it moves and stretches."""
+    near = ellipse.near(edges.points, reach)
+    out = _stretched(ellipse.on_circle(edges.points[near]), (-ellipse.stretch[0], -ellipse.stretch[1]))
+    normals = edges.normals[near]
+    across = np.abs(out[:, 0] * normals[:, 0] + out[:, 1] * normals[:, 1])
+    chosen: NDArray[np.intp] = near[across > np.cos(NORMAL_SLACK + TURNED) * np.hypot(out[:, 0], out[:, 1])]
+    return chosen
+
+
+def _step(edges: EdgePoints, sector: NDArray[np.intp], ellipse: Ellipse, reach: float) -> Array | None:
     """A Gauss-Newton step (5,) of centre, log radius and stretch; None where there are too few edges."""
-    circle = ellipse.on_circle(points)
+    circle = ellipse.on_circle(edges.points)
     length = np.hypot(circle[:, 0], circle[:, 1])
-    residual = (length - 1) * ellipse.radius
-    near = np.abs(residual) < CUT * reach
-    residual, normals, weights = residual[near], normals[near], weights[near]
-    turn = np.arctan2(circle[near, 1], circle[near, 0])
-    out = ellipse.outward(turn)
-    used = np.abs(out[:, 0] * normals[:, 0] + out[:, 1] * normals[:, 1]) > np.cos(NORMAL_SLACK)
+    residual, r = (length - 1) * ellipse.radius, ellipse.radius
+    out = _stretched(circle, (-ellipse.stretch[0], -ellipse.stretch[1]))
+    out /= np.hypot(out[:, 0], out[:, 1])[:, None]
+    across = np.abs(out[:, 0] * edges.normals[:, 0] + out[:, 1] * edges.normals[:, 1])
+    used = (np.abs(residual) < CUT * reach) & (across > np.cos(NORMAL_SLACK))
     if used.sum() < 2 * PARAMETERS:
         return None
-    residual, turn, out = residual[used], turn[used], out[used]
-    weight = weights[used] / (1 + (residual / reach) ** 2)
-    sector = ((turn / (2 * np.pi) + 0.5) * 72).astype(int) % 72  # each direction counts the same, however crowded
-    total = np.bincount(sector, weight, 72)
+    weight = used * edges.weights / (1 + (residual / reach) ** 2)
+    total = np.bincount(sector, weight, SECTORS)  # each direction counts the same, however crowded
     weight = weight / np.maximum(total, 0.5)[sector]
-    r = ellipse.radius
-    columns = np.stack([out[:, 0], out[:, 1], np.full(len(turn), r), r * np.cos(2 * turn), r * np.sin(2 * turn)], 1)
-    if not may_stretch:
-        columns = columns[:, :3]
+    c, s = circle[:, 0] / length, circle[:, 1] / length
+    columns = np.stack([out[:, 0], out[:, 1], np.full(len(c), r), r * (c * c - s * s), r * (2 * c * s)], 1)
     normal = (columns * weight[:, None]).T @ columns
     right = (columns * weight[:, None]).T @ residual
-    if may_stretch:
-        pull = (reach / USUAL_STRETCH) ** 2 * 0.5
-        normal[3, 3] += pull
-        normal[4, 4] += pull
-        right[3:] -= pull * np.asarray(ellipse.stretch)
-    normal[np.diag_indices(len(normal))] += 1e-9 * np.trace(normal)
-    step = np.zeros(PARAMETERS)
-    step[: len(right)] = np.linalg.solve(normal, right)
+    pull = (reach / USUAL_STRETCH) ** 2 * 0.5
+    normal[3, 3] += pull
+    normal[4, 4] += pull
+    right[3:] -= pull * np.asarray(ellipse.stretch)
+    normal[np.diag_indices(PARAMETERS)] += 1e-9 * np.trace(normal)
+    step: Array = np.linalg.solve(normal, right)
     return step

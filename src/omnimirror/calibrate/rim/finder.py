@@ -11,20 +11,22 @@ from numpy.typing import NDArray
 
 from ...arguments import check_fields, checked
 from ...errors import InvalidParameter
+from ...numerics.lazy import cached_property
 from .candidates import rings_of
-from .choice import confidence, odds
+from .choice import UNLISTED, confidence, odds
 from .cues import Ring
 from .edges import EdgePoints, Working, at_working_size, edges_of, levels_of
 from .ellipses import Ellipse
 from .middle import camera_image
-from .placing import placed
+from .placing import clearness, placed
 
 Array = NDArray[np.float64]
 Picture = NDArray[Any]
 
 SURE = 0.6
 """Confidence from which a rim is taken for found."""
-SAME_RIM = 0.012  # of the radius, by which rings differ that are one rim
+SAME_RIM = 0.015  # of the radius, by which rings differ that are one rim
+CLOSE_ODDS = 2.0  # of the most probable one, from which on others of that rim are tried as well
 SAME_SENSOR = 0.03  # of the radius, by which a rim may move from picture to picture
 NOT_FOUND = -6.0  # log odds of a ring in a picture that does not show it
 LEAST_SIDE_PX = 48
@@ -132,11 +134,32 @@ class _Seen:
     edges: EdgePoints
     rings: list[Ring]
     odds: Array
+    """(members, n)"""
+
+    @cached_property
+    def mean(self) -> Array:
+        """Of the committee (n,)."""
+        return np.asarray(self.odds.mean(axis=0))
+
+    @cached_property
+    def places(self) -> Array:
+        """Centres and radii (n, 3) of its rings."""
+        return np.array([(*ring.ellipse.centre, ring.ellipse.radius) for ring in self.rings]).reshape(-1, 3)
+
+    def near(self, ellipse: Ellipse, share: float) -> NDArray[np.bool_]:
+        """Which of its rings (n,) are an ellipse but for a share of its radius, shape aside."""
+        away = np.abs(self.places - (*ellipse.centre, ellipse.radius)) / ellipse.radius
+        return np.asarray((np.hypot(away[:, 0], away[:, 1]) < share) & (away[:, 2] < share))
 
     def like(self, ellipse: Ellipse) -> int | None:
         """The most probable of its rings at the place of one in another picture."""
-        near = [i for i, ring in enumerate(self.rings) if ellipse.is_near(ring.ellipse, SAME_SENSOR)]
-        return max(near, key=lambda i: float(self.odds[i]), default=None)
+        near = np.nonzero(self.near(ellipse, SAME_SENSOR))[0]
+        return int(near[np.argmax(self.mean[near])]) if len(near) else None
+
+    def alike(self, k: int) -> NDArray[np.intp]:
+        """The rings that are the same as one, and about as probable: which of them is the rim, placing tells."""
+        near = self.near(self.rings[k].ellipse, SAME_RIM) & (self.mean > self.mean[k] - CLOSE_ODDS)
+        return np.nonzero(near)[0]
 
 
 @checked
@@ -145,7 +168,8 @@ def find_rim(pictures: Picture | Sequence[Picture]) -> FoundRim:
 
     Edges vote for circles; an ellipse is laid through the edges of each; what speaks for each being the rim is
     weighed (:mod:`omnimirror.calibrate.rim.choice`), and the best is placed in the full picture. The weights were
-    learned from simulated photographs; the confidence is by how much the best answer is more probable than the next.
+    learned from simulated photographs; the confidence is by how much the best answer is more probable than the next,
+    as every member of the committee says at least.
 
     Parameters
     ----------
@@ -184,9 +208,9 @@ def find_rim(pictures: Picture | Sequence[Picture]) -> FoundRim:
     singles = []
     for one in seen:
         k = one.like(ellipse)
-        start = ellipse if k is None else one.rings[k].ellipse
-        alone = 0.0 if k is None else confidence(one.odds, _near(one.rings, start))
-        singles.append((_rim(one, start, alone if len(seen) > 1 else together, size), k is not None))
+        starts = [ellipse] if k is None else [one.rings[i].ellipse for i in one.alike(k)]
+        alone = 0.0 if k is None else confidence(one.odds, one.near(one.rings[k].ellipse, SAME_RIM))
+        singles.append((_rim(one, starts, alone if len(seen) > 1 else together, size), k is not None))
     if len(singles) == 1:
         return singles[0][0]
     return _pooled([rim for rim, is_there in singles if is_there], [rim for rim, _ in singles], together)
@@ -221,36 +245,34 @@ def _agreed(seen: list[_Seen]) -> tuple[Ellipse, float]:
     """
     if len(seen) == 1:
         one = seen[0]
-        ellipse = one.rings[int(np.argmax(one.odds))].ellipse
-        return ellipse, confidence(one.odds, _near(one.rings, ellipse))
-    every = [ring.ellipse for one in seen for ring in one.rings]
-    sums = np.zeros(len(every))
+        ellipse = one.rings[int(np.argmax(one.mean))].ellipse
+        return ellipse, confidence(one.odds, one.near(ellipse, SAME_RIM))
+    every = [ring.ellipse for one in seen for i, ring in enumerate(one.rings) if one.mean[i] > UNLISTED]
+    sums = np.zeros((len(seen[0].odds), len(every)))
     for one in seen:
         for i, ellipse in enumerate(every):
             k = one.like(ellipse)
-            sums[i] += NOT_FOUND if k is None else max(float(one.odds[k]), NOT_FOUND)
+            sums[:, i] += NOT_FOUND if k is None else np.maximum(one.odds[:, k], NOT_FOUND)
     sums /= np.sqrt(len(seen))
-    best = int(np.argmax(sums))
+    mean = sums.mean(axis=0)
+    best = int(np.argmax(mean))
     taken = [one.like(every[best]) for one in seen]
     distinct = [best]
-    for i in np.argsort(-sums):
+    for i in np.argsort(-mean):
         is_best = any(k is not None and one.like(every[i]) == k for one, k in zip(seen, taken, strict=True))
         if not is_best and not any(every[j].is_near(every[i], SAME_SENSOR) for j in distinct):
             distinct.append(int(i))
-    return every[best], confidence(sums[distinct], np.arange(len(distinct)) == 0)
+    return every[best], confidence(sums[:, distinct], np.arange(len(distinct)) == 0)
 
 
-def _near(rings: list[Ring], ellipse: Ellipse) -> NDArray[np.bool_]:
-    """Which of the rings are the same but for how well they were laid."""
-    return np.array([ellipse.is_near(ring.ellipse, SAME_RIM) for ring in rings])
-
-
-def _rim(one: _Seen, start: Ellipse, confidence: float, size: tuple[int, int]) -> FoundRim:
-    """A ring placed in the full picture."""
+def _rim(one: _Seen, starts: list[Ellipse], confidence: float, size: tuple[int, int]) -> FoundRim:
+    """The clearest of rings placed in the full picture."""
     levels = levels_of(one.picture)
+    levels = levels.reshape(*levels.shape[:2], -1)
     scale = one.working.scale
-    ellipse, _ = placed(levels.reshape(*levels.shape[:2], -1), start.scaled(scale), scale)
-    disc = camera_image(one.working, one.edges, start)
+    tried = [placed(levels, start.scaled(scale), scale) for start in starts]
+    ellipse = max(tried, key=lambda one: clearness(*one))[0]
+    disc = camera_image(one.working, one.edges, ellipse.scaled(1 / scale))
     inner = None
     if disc is not None:
         large = disc.scaled(scale)

@@ -23,6 +23,7 @@ LEAST_DIFFERENCE_PX = 0.4
 """Of the semi-axes, below which an ellipse may be a circle."""
 FARTHEST_BESIDE = 0.25  # of the radius, by which a mirror is mounted off the axis; more is a crop
 RIM_POINTS = 24
+OWN_IMAGE = 0.02  # of the rim's radius, to which it is known where the camera sees itself; twice that tells
 SAME_ASPECT = 0.01  # of a picture and an imager, of which neither was cropped
 
 
@@ -121,7 +122,7 @@ def sensor_from_rim(rim: FoundRim, sensor: Sensor) -> Sensor:
     To first order the longer semi-axis a gives the scale, the centre's offset the place, and ``b / a = cos t`` the tilt
     t towards the shorter axis; off the axis perspective adds to it as much, so that the five are solved for exactly.
     Two tilts give the same ellipse, to both sides (Hartley and Zisserman, Multiple View Geometry, 8.3, have the cone of
-    rays behind it), and the one with the smaller decentre is taken.
+    rays behind it): this is the first that :func:`sensors_from_rim` gives.
 
     Parameters
     ----------
@@ -150,6 +151,42 @@ def sensor_from_rim(rim: FoundRim, sensor: Sensor) -> Sensor:
     >>> round(pose.decentre_x_mm, 2), round(pose.tilt_y_deg, 2)
     (0.75, 0.0)
     """
+    return sensors_from_rim(rim, sensor)[0]
+
+
+@checked
+def sensors_from_rim(rim: FoundRim, sensor: Sensor) -> tuple[Sensor, ...]:
+    """A known sensor in every pose in which it shows a rim: one, or two that are tilted to either side.
+
+    The camera's own image tells them apart: it lies where the mirror's normal goes through the lens, which is on the
+    side to which the mirror is tilted. Where it is not seen, or fits neither, both stay, the smaller decentre first.
+
+    Parameters
+    ----------
+    rim
+        As :func:`omnimirror.find_rim` gives it.
+    sensor
+        As :func:`sensor_from_rim` takes it.
+
+    Returns
+    -------
+    tuple of Sensor
+        One or two, the likelier first.
+
+    Raises
+    ------
+    InvalidParameter
+        The rim is not sure.
+
+    Examples
+    --------
+    An ellipse that is 2 % flatter than a circle is seen of a mirror tilted by about 11 deg, to one side or the other:
+
+    >>> import omnimirror as om
+    >>> rim = FoundRim((511.5, 511.5), (500.0, 490.0), 90.0, 0.99, (1024, 1024))
+    >>> sorted(round(one.mirror_pose.tilt_y_deg) for one in sensors_from_rim(rim, om.load_sensor("paper-spherical")))
+    [-11, 11]
+    """
     check_sure(rim)
     instance("sensor", sensor, Sensor, "a sensor, such as om.load_sensor gives")
     width, height = rim.image_size
@@ -158,13 +195,53 @@ def sensor_from_rim(rim: FoundRim, sensor: Sensor) -> Sensor:
     u, v = ((c + 0.5) * width / imager.width_px - 0.5 for c in imager.centre)
     beside = np.hypot(rim.centre_px[0] - u, rim.centre_px[1] - v) / rim.radius_px
     if abs(aspect - 1) > SAME_ASPECT or beside > FARTHEST_BESIDE or sensor.secondary is not None:
-        return _centred(rim, sensor)
+        return (_centred(rim, sensor),)
     pitch_um = sensor.aligned().rim_radius_px * imager.pixel_pitch_um / rim.semi_axes_px[0]
     own = replace(imager, width_px=width, height_px=height, pixel_pitch_um=pitch_um, centre_px=(u, v))
     sized = replace(sensor, imager=own)
     is_tilted = rim.semi_axes_px[0] - rim.semi_axes_px[1] > LEAST_DIFFERENCE_PX
     found = [_posed(sized, rim, side) for side in ((1, -1) if is_tilted else (0,))]
-    return min(found, key=lambda one: float(np.hypot(*one.mirror_pose.shift[:2])))
+    return _told_apart(sorted(found, key=lambda one: float(np.hypot(*one.mirror_pose.shift[:2]))), rim)
+
+
+def _told_apart(found: list[Sensor], rim: FoundRim) -> tuple[Sensor, ...]:
+    """Those of two sensors that show the camera where it is seen: one, or both where that does not tell."""
+    if len(found) < 2 or rim.inner is None:
+        return tuple(found)
+    seen = [np.stack(sensor.from_centre_px(np.array(rim.inner.centre_px))) for sensor in found]
+    away = [float(np.linalg.norm(place - _own_image(sensor))) for sensor, place in zip(found, seen, strict=True)]
+    fits = [k for k in (0, 1) if away[k] < OWN_IMAGE * rim.radius_px < 2 * OWN_IMAGE * rim.radius_px < away[1 - k]]
+    return tuple(found[k] for k in fits) or tuple(found)
+
+
+def _own_image(sensor: Sensor) -> Array:
+    """Place (2,) px from the picture's centre at which the mirror shows the lens; NaN where it does not.
+
+    There a ray from the lens meets the mirror along its normal and goes back to where it came from.
+    """
+    from scipy.optimize import least_squares
+
+    pose, mirror, rim_mm = sensor.mirror_pose, sensor.mirror, sensor.mirror.rim_radius_mm
+
+    def seen(place: Array) -> tuple[Array, Array]:
+        """A point (1, 3) of the mirror from the lens, and the direction (1, 3) from it towards the lens."""
+        height = mirror.sag(np.array([np.hypot(*place)]))
+        point = pose.to_camera(np.array([[*place, float(height[0])]])) - sensor.lens_offset
+        towards = np.array([[0.0, 0.0, -1.0]]) if sensor.lens.TELECENTRIC else -point
+        return point, towards / np.linalg.norm(towards)
+
+    def lean(place: Array) -> Array:
+        """How much (2,) the direction towards the lens leans from the normal, along two tangents."""
+        x, y = place
+        away = max(float(np.hypot(x, y)), 1e-9)
+        slope = float(mirror.slope(np.array([away]))[0]) / away
+        tangents = pose.turned_to_camera(np.array([[1.0, 0.0, slope * x], [0.0, 1.0, slope * y]]))
+        return np.asarray(tangents @ seen(place)[1][0])
+
+    found = least_squares(lean, np.zeros(2), x_scale=rim_mm)
+    if np.abs(found.fun).max() > 1e-6 or np.hypot(*found.x) > rim_mm:
+        return np.full(2, np.nan)
+    return np.asarray(sensor.lens.image_of(*seen(found.x))[0] / sensor.imager.pitch_mm)
 
 
 def _posed(sensor: Sensor, rim: FoundRim, side: int) -> Sensor:

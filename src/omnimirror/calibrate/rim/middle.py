@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from itertools import islice
+
 import numpy as np
 
 from .cues import ring_of
 from .edges import EdgePoints, Working
 from .ellipses import Ellipse, laid_through
-from .votes import peaks
+from .votes import circles_between
 
 LEAST, LARGEST = 0.04, 0.6  # of the rim's radius
 LEAST_PX = 5.0
 RADIUS_STEP = 1.06
-OFFSET = 0.12  # of the rim's radius, by which it may lie off its centre
+OFFSET, VOTED_OFFSET = 0.12, 0.15  # of the rim's radius, by which it and its circle may lie off its centre
+TRIED = 20  # circles
 SUPPORT, CALM = 0.45, 0.4  # share of the way round with an edge; texture inside over that outside
 BUSY = 0.08  # texture of a scene
 STRETCH_COST = 4.0  # share of the way round that a stretch must gain
@@ -25,14 +28,13 @@ def camera_image(working: Working, edges: EdgePoints, rim: Ellipse) -> Ellipse |
     inner = edges.among(away < LARGEST + OFFSET)
     if not len(inner.points):
         return None
+    radii = max(LEAST * rim.radius, LEAST_PX), LARGEST * rim.radius
+    voted = circles_between(inner, working.size, radii, RADIUS_STEP)
     best, most = None, SUPPORT
-    radius = LARGEST * rim.radius
-    while radius > max(LEAST * rim.radius, LEAST_PX):
-        for _, u, v, r in peaks(inner, working.size, radius):
-            disc = laid_through(inner, Ellipse((u, v), r), REACHES_PX)
-            if rim.offset_share(disc) < OFFSET and (clear := _clear(working, inner, disc)) > most:
-                best, most = disc, clear
-        radius /= RADIUS_STEP
+    for circle in islice((one for one in voted if rim.offset_share(one) < VOTED_OFFSET), TRIED):
+        disc = laid_through(inner, circle, REACHES_PX)
+        if rim.offset_share(disc) < OFFSET and (clear := _clear(working, inner, disc)) > most:
+            best, most = disc, clear
     return best
 
 

@@ -17,7 +17,7 @@ SAMPLES = 4  # a working pixel, at most
 SHIFT = Shift(reach_px=1.5, step_px=0.3, turns=180)  # the rim beside another edge
 REACHES_PX = (0.8, 0.4)
 CLEAR = 0.5  # share of the way round, from which on a ring is where it was seen, and not beside
-CLOSE_PX = 0.4
+CLOSE_PX, BESIDE_PX = 0.4, 1.5
 STRETCH_COST = 8.0  # share of the way round that a stretch must gain: rims are mostly round
 LEAN = 0.08  # of an edge's direction from the ring's, which it has but for noise
 
@@ -51,10 +51,15 @@ def placed(levels: NDArray[np.number], ring: Ellipse, scale: float) -> tuple[Ell
         start = shifted(edges, Ellipse(ring.centre, ring.radius, shape), SHIFT, scale)
         ellipse = laid_through(edges, start, reaches)
         close = _close(edges, ellipse, CLOSE_PX * scale)
-        score = close - STRETCH_COST * float(np.hypot(*ellipse.stretch))
+        score = clearness(ellipse, close)
         if score > most:
             best, share, most = ellipse, close, score
     return best, share
+
+
+def clearness(ellipse: Ellipse, share: float) -> float:
+    """How well an ellipse is seen that has close edges over a share of the way round; a stretch must gain some."""
+    return share - STRETCH_COST * float(np.hypot(*ellipse.stretch))
 
 
 def _edges_across(levels: NDArray[np.number], ring: Ellipse, scale: float) -> EdgePoints:
@@ -95,9 +100,10 @@ def _edges_across(levels: NDArray[np.number], ring: Ellipse, scale: float) -> Ed
     offset = np.clip((c - a) / np.maximum(2 * (2 * b - a - c), 1e-9), -0.5, 0.5)
     at = away[place + 1] + offset * step
     edge = on[which] + at[:, None] * out[which]
+    clear = b * np.exp(-((at / (BESIDE_PX * scale)) ** 2) / 2)  # a stronger edge farther away may be a frame's
     most = np.zeros(PROFILES)
-    np.maximum.at(most, which, b)
-    weights = (b / most[which]) ** 2 * np.minimum(b / USUAL_STEP, 1.0) / (1 + (lean[:, 1:-1][found] / LEAN) ** 2)
+    np.maximum.at(most, which, clear)
+    weights = (clear / most[which]) ** 2 * np.minimum(b / USUAL_STEP, 1.0) / (1 + (lean[:, 1:-1][found] / LEAN) ** 2)
     return EdgePoints(edge, out[which], b.astype(float), weights)
 
 

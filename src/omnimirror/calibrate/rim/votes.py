@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from itertools import islice
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,30 +18,37 @@ RADIUS_STEP = 1.016
 CELL_PX = 2
 BLUR_PX, BLUR_SHARE = 1.5, 0.016  # of an edge's direction, by which the centre is missed
 PEAKS_A_RADIUS, PEAKS = 5, 50
+SAME_CIRCLE = 0.035  # of the radius, by which circles differ that lead to one ring
 LEAST_SEEN = 0.35  # share of the way round that lies in the picture
 COARSE = 4
 
 
 def circles(edges: EdgePoints, size: tuple[int, int]) -> list[Ellipse]:
     """The circles that most edges vote for, of those of their size, best first."""
-    found: list[tuple[float, float, float, float]] = []
     short = min(size)
-    radius = LEAST_RADIUS * short
-    while radius < max(LARGEST_RADIUS * short, 0.52 * max(size)):
-        found += peaks(edges, size, radius)
-        radius *= RADIUS_STEP
-    found.sort(reverse=True)
+    largest = max(LARGEST_RADIUS * short, 0.52 * max(size))
+    found = circles_between(edges, size, (LEAST_RADIUS * short, largest), RADIUS_STEP)
+    return list(islice(found, PEAKS))
+
+
+def circles_between(
+    edges: EdgePoints, size: tuple[int, int], radii: tuple[float, float], step: float
+) -> Iterator[Ellipse]:
+    """Circles of radii between two, each so many times the last, of those of their size the most voted for first."""
+    found: list[tuple[float, float, float, float]] = []
+    radius, largest = radii
+    while radius < largest:
+        found += _peaks(edges, size, radius)
+        radius *= step
     kept: list[Ellipse] = []
-    for _, u, v, r in found:
+    for _, u, v, r in sorted(found, reverse=True):
         circle = Ellipse((u, v), r)
-        if not any(circle.is_near(other, 0.035) for other in kept):
+        if not any(circle.is_near(other, SAME_CIRCLE) for other in kept):
             kept.append(circle)
-        if len(kept) == PEAKS:
-            break
-    return kept
+            yield circle
 
 
-def peaks(edges: EdgePoints, size: tuple[int, int], radius: float) -> list[tuple[float, float, float, float]]:
+def _peaks(edges: EdgePoints, size: tuple[int, int], radius: float) -> list[tuple[float, float, float, float]]:
     """Votes, centre and radius of the best circles of one radius."""
     import cv2
 

@@ -76,9 +76,20 @@ class AutoOptions(Options):
         default = "" if self.mirror else "; name another with --mirror"
         told = (
             f"rim of {rim.radius_px:.1f} px about {u:.1f}, {v:.1f}{pictures}, confidence {rim.confidence:.2f}; "
-            f"taken for {name}{words}{default}"
+            f"taken for {name}{words}{default}{_other_tilt(rim, name)}"
         )
         return camera_of, told
+
+
+def _other_tilt(rim: FoundRim, mirror: str) -> str:
+    """What is said of a known sensor whose rim is that of a mirror tilted to one side or to the other."""
+    from ...calibrate.rim import PRESETS, sensors_from_rim
+    from ...specs import load_sensor
+
+    if mirror in PRESETS or len(found := sensors_from_rim(rim, load_sensor(mirror))) == 1:
+        return ""
+    taken, other = (f"{one.mirror_pose.tilt_x_deg:.1f}, {one.mirror_pose.tilt_y_deg:.1f}" for one in found)
+    return f"; tilted by {taken} deg about x and y, or by {other}, which its rim does not tell"
 
 
 def _rim_in(sources: tuple[str, ...]) -> tuple[FoundRim, int]:
