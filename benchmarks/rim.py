@@ -1,10 +1,11 @@
 """How often the rim of a mirror is found, and how sure that is: pictures made by seed, some of no mirror.
 
 The committee that chooses was learned from seeds below 1000 (``rim_learning.py``, with `--learn`); failures of those
-were looked at while the finder was made, and of 1000 to 1059. Those from 5000 on, which are
-counted, were looked at once, when the finder was done.
+were looked at while the finder was made, and of 1000 to 1059, 5000 to 5199 and 7000 to 7199. Those from 9100 on, which
+are counted, were looked at once, when the finder was done.
 
-    python benchmarks/rim.py --environments ../shared/data/environments --out out/benchmarks
+    python benchmarks/rim.py --environments ../shared/data/environments --ways composed --out out/benchmarks
+    python benchmarks/rim.py --environments ../shared/data/environments --first 5000 --out out/benchmarks
     python benchmarks/rim.py --environments ../shared/data/environments --learn 60 --jobs 2
 """
 
@@ -26,7 +27,7 @@ from omnimirror.calibrate.rim import SURE
 from omnimirror.calibrate.rim.choice import COMMITTEE
 from omnimirror.files import write_text
 
-FIRST, MIRRORS = 5000, 200
+FIRST, MIRRORS = 9100, 200
 RIGHT = 0.01  # of the radius
 MIRRORLESS = {"no mirror": nothing, "rings": rings}
 
@@ -73,6 +74,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--environments", type=Path, help="folder of the equirectangular pictures; else own scenes")
     parser.add_argument("--count", type=int, default=MIRRORS, help="pictures of mirrors, of all ways together")
+    parser.add_argument("--first", type=int, default=FIRST, help="the first seed")
     parser.add_argument("--ways", help="of making pictures, with commas between; all where it is not given")
     parser.add_argument("--learn", type=int, help="learn to choose from so many seeds, and keep what was learned")
     parser.add_argument("--jobs", type=int, default=1, help="processes that learning may use")
@@ -85,7 +87,8 @@ def main() -> None:
         return
     chosen = {way: every[way] for way in (arguments.ways.split(",") if arguments.ways else every)}
     each = -(-arguments.count // sum(way not in MIRRORLESS for way in chosen))
-    found = {way: [looked_at(FIRST + k, make(FIRST + k, folder)) for k in range(each)] for way, make in chosen.items()}
+    seeds = range(arguments.first, arguments.first + each)
+    found = {way: [looked_at(seed, make(seed, folder)) for seed in seeds] for way, make in chosen.items()}
     table = table_of(found)
     write_text(arguments.out / "rim.md", "# The rim in pictures made by seed\n\n" + table)
     print(table)

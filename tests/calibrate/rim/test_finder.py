@@ -116,12 +116,12 @@ def two_hundred():
 def test_most_of_two_hundred_composed_pictures_are_answered_rightly(two_hundred):
     right, sure = two_hundred
     assert right.mean() >= 0.95
-    assert (~right & sure).mean() <= 0.03
+    assert (~right & sure).mean() <= 0.02
 
 
 @pytest.mark.full
 @pytest.mark.timeout(1800)
-@pytest.mark.xfail(reason="192 of 200, 4 wrong and sure: a frame taken for its mirror", strict=True)
+@pytest.mark.xfail(reason="193 of 200, 3 wrong and sure: a frame taken for its mirror", strict=True)
 def test_two_hundred_composed_pictures_are_answered_as_is_aimed_at(two_hundred):
     right, sure = two_hundred
     assert right.mean() >= 0.99
