@@ -230,6 +230,10 @@ OF_THE_SENSOR = (
              "along the axis from the imager to the far end of the mirror; telecentric: from the vertex", format=".1f"),
     Quantity("mirror_diameter_mm", "2M", "mm", "Mirror diameter", "of the rim", format=".1f"),
     Quantity("sag_mm", "", "mm", "Mirror sag", "height of the mirror along its axis", format=".1f"),
+    Quantity("hidden_to_deg", "", "deg", "Middle hidden to",
+             "field angle up to which what stands around the mirror hides the view from the middle on", format=".1f"),
+    Quantity("hidden_percent", "", "%", "Picture hidden",
+             "share of the image circle in which what stands around the mirror hides the view", format=".1f"),
     Quantity("rim_slope_deg", "", "deg", "Slope at the rim", "slope of the mirror at its rim", format=".1f"),
 )  # fmt: skip
 """What holds for the sensor as a whole."""

@@ -411,6 +411,16 @@ class Sensor:
         """The field less what is hidden at its ends, degrees; both are the same angle where all is hidden."""
         return clear_field_deg(self.field_deg, self.obscured)
 
+    @property
+    def hidden_to_deg(self) -> float:
+        """Field angle, degrees, up to which the middle of the view is hidden; where the field begins, if nothing is."""
+        return self.clear_field_deg[0]
+
+    @property
+    def hidden_percent(self) -> float:
+        """Share of the image circle's area in which the view is hidden."""
+        return sum(ring.picture_percent for ring in self.obscured)
+
     def hidden_by(self, pixels: ArrayLike) -> dict[str, NDArray[np.bool_]]:
         """For each part of the housing, which pixels (n, 2) it hides: their chief rays, traced in space, end at it.
 

@@ -241,6 +241,8 @@ COMPARED: dict[str, tuple[Better, Value]] = {
     "field_from_deg": ("low", lambda s: s.sensor.field_deg[0]),
     "field_to_deg": ("high", lambda s: s.sensor.field_deg[1]),
     "share_of_sphere_percent": ("high", Study.share_of_sphere),
+    "hidden_to_deg": ("low", lambda s: s.sensor.hidden_to_deg),
+    "hidden_percent": ("low", lambda s: s.sensor.hidden_percent),
     "rim_radius_px": ("", lambda s: s.sensor.rim_radius_px),
     "nonlinearity_percent": ("low", Study.nonlinearity),
     "least_dh_domega_px_per_deg": ("high", _of(TANGENTIAL, np.min)),

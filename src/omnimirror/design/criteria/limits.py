@@ -31,6 +31,7 @@ Takes = Literal["largest", "smallest", "spread", "ratio"]
 
 REFERENCES = 16
 FINEST = 10.0  # cycles per pixel
+OF_WHAT_HIDES = ("hidden_to_deg", "hidden_percent")
 SHARES = ("mtf", "mtf_t", "mtf_s", "lens_illumination")
 
 
@@ -191,6 +192,8 @@ _OURS: dict[str, Limitable] = {
         _mtf("mtf_s", lambda f: f.blur_s_px),
         _one("length_mm", "largest", lambda f: f.length),
         _one("sag_mm", "largest", lambda f: f.sag),
+        _one("hidden_to_deg", "largest", lambda f: f.hidden_to_deg),
+        _one("hidden_percent", "largest", lambda f: f.hidden_percent),
     )
 }
 
@@ -299,6 +302,10 @@ class Limit:
                 self._check_side(side, value)
         if self.at_most is not None and self.at_least is not None and self.at_least > self.at_most:
             raise InvalidParameter(f"limit of {self.quantity}: at_least is above at_most")
+        if self.omega_deg is not None and self.quantity in OF_WHAT_HIDES:
+            raise InvalidParameter(
+                f"limit of {self.quantity}: omega_deg does not apply to it; it is of the whole picture"
+            )
         if self.omega_deg is not None:
             low, high = finite("limit.omega_deg", self.omega_deg, last=2)
             object.__setattr__(self, "omega_deg", (float(low), float(high)))
@@ -327,7 +334,7 @@ class Limit:
                 f"limit of {self.quantity}: {side} = {value:g} is below 0, which no {self.quantity} is; "
                 "it is valid from 0 up"
             )
-        if side == "at_most" and value == 0 and self.of.takes != "spread":
+        if side == "at_most" and value == 0 and self.of.takes != "spread" and self.quantity not in OF_WHAT_HIDES:
             raise InvalidParameter(
                 f"limit of {self.quantity}: at_most = 0 is kept by no sensor, whose {self.quantity} is above 0; "
                 "it is valid above 0"

@@ -18,10 +18,14 @@ from ...batch.optics import FocusedCamera, NodeOptics, light_of
 from ...errors import InvalidParameter
 from ...lenses import FieldLens, Perspective
 from ...quantities import QUANTITIES, Quantity
+from ...sensor import Sensor
 
 Array = NDArray[Any]
 
 PROJECTIONS = 8
+
+
+NOTHING: Array = np.zeros(1)
 
 
 class FieldValues(NamedTuple):
@@ -54,6 +58,10 @@ class FieldValues(NamedTuple):
     own_t_px: Array
     """Tangential blur of the lens alone, px; 0 of an ideal one."""
     own_s_px: Array
+    hidden_to_deg: Array = NOTHING
+    """Up to which field angle the view is hidden from the middle on; 0 while a search does not look at that."""
+    hidden_percent: Array = NOTHING
+    """Of the image circle."""
 
     @property
     def t_deg(self) -> Array:
@@ -115,6 +123,12 @@ def _like(which: NDArray[np.intp], values: Array) -> NDArray[np.intp]:
     return np.broadcast_to(which, values.shape[:-1] + which.shape[-1:])
 
 
+def with_hidden(field: FieldValues, sensor: Sensor) -> FieldValues:
+    """The same with what of a sensor's view is hidden."""
+    hidden = np.array([sensor.hidden_to_deg]), np.array([sensor.hidden_percent])
+    return field._replace(hidden_to_deg=hidden[0], hidden_percent=hidden[1])
+
+
 def _in_quadrature(blur: Array, own: Array) -> Array:
     """Both together; what has no blur of its own stays as it is, with its sign and its derivatives."""
     both: Array = np.where(np.real(own) > 0, np.sqrt(blur * blur + own * own), blur)
@@ -166,10 +180,12 @@ def values_of_evaluation(result: Evaluation) -> FieldValues:
     if isinstance(lens, FieldLens):
         real = result.of_lens
         own = real["lens_blur_t_px"], real["lens_blur_s_px"]
-        return values_of(result, real["lens_illumination"], lens.imager_mm, *numbers, own)
-    b0 = lens.image_distance if isinstance(lens, Perspective) else 0.0
-    tangent = np.tan(np.radians(result.theta_deg)) * (not lens.TELECENTRIC)
-    return values_of(result, light_of(tangent), b0, *numbers)
+        found = values_of(result, real["lens_illumination"], lens.imager_mm, *numbers, own)
+    else:
+        b0 = lens.image_distance if isinstance(lens, Perspective) else 0.0
+        tangent = np.tan(np.radians(result.theta_deg)) * (not lens.TELECENTRIC)
+        found = values_of(result, light_of(tangent), b0, *numbers)
+    return with_hidden(found, result.sensor)
 
 
 def length_mm(result: Evaluation) -> float:

@@ -27,8 +27,8 @@ from ...lenses import FieldLens, Lens, Perspective
 from ...numerics.lazy import cached_property
 from ...sensor import Sensor
 from ..criteria.field_angles import counted_field
-from ..criteria.limits import Limit
-from ..criteria.merits import FieldValues, values_at
+from ..criteria.limits import OF_WHAT_HIDES, Limit
+from ..criteria.merits import FieldValues, values_at, with_hidden
 from ..criteria.objects import distances_mm, inverse_distances
 from ..criteria.requirements import FARTHEST_FOCUS, FieldRequirements
 
@@ -214,7 +214,9 @@ class Focusing:
         (_, sag), m = self._rim, self.sensor.mirror_distance_mm
         reach = np.array([sag if self._is_telecentric else m + sag])
         part = self._fields[None if limit is None else limit.omega_deg]
-        return values_at(part, self.camera, v, reach, np.array([sag]))
+        found = values_at(part, self.camera, v, reach, np.array([sag]))
+        hides = limit is not None and limit.quantity in OF_WHAT_HIDES
+        return with_hidden(found, self.sensor) if hides else found
 
     @property
     def range(self) -> tuple[float, float]:

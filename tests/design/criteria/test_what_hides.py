@@ -1,0 +1,76 @@
+"""How much of the view may be hidden: in requirements, designs and comparisons, against single rays."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.errors import InvalidParameter
+from omnimirror.housing import CameraBody, Housing, Rim, Rod, Tube
+
+HOUSINGS = {
+    "camera": Housing(CameraBody(60.0, height_mm=20.0)),
+    "camera and rod": Housing(CameraBody(60.0), Rod(5.0)),
+    "tube and flange": Housing(shell=Tube(), rim=Rim(width_mm=4.0, setback_mm=1.0)),
+}
+
+
+def asked(*limits, rim=(20.0, 60.0), housing=None):
+    return om.Requirements(
+        field=om.FieldRequirements(omega_max_deg=120),
+        mirror=om.MirrorRequirements(family="sphere", rim_radius_mm=rim),
+        lens=om.LensRequirements(theta_max_deg=12, f_number=8),
+        housing=housing or HOUSINGS["camera"],
+        limits=limits,
+    )
+
+
+@pytest.mark.parametrize("name", HOUSINGS)
+def test_the_hidden_share_is_that_of_pixels_whose_rays_are_stopped(name):
+    """Chief rays of a grid of pixels, each traced in space to the parts that stop it."""
+    sensor = replace(om.load_sensor("paper-spherical"), housing=HOUSINGS[name])
+    side = np.linspace(-1, 1, 241) * sensor.rim_radius_px
+    u, v = np.meshgrid(side, side)
+    within = np.hypot(u, v) < sensor.rim_radius_px * (1 - 1e-9)
+    pixels = np.stack([u[within], v[within]], axis=-1) + sensor.imager.centre
+    hidden = np.any([*sensor.hidden_by(pixels).values()], axis=0)
+    limit = om.Limit("hidden_percent", at_most=50.0)
+    (row,) = om.judge(asked(limit, rim=43.9), sensor).limits
+    assert row.reached == pytest.approx(100 * hidden.mean(), abs=0.15)
+    assert row.reached == sensor.hidden_percent
+    rows = {row.quantity.name: row.values for row in om.compare([sensor]).rows}
+    assert rows["hidden_percent"] == (sensor.hidden_percent,)
+
+
+def test_the_middle_is_hidden_as_far_as_rays_say():
+    sensor = replace(om.load_sensor("paper-spherical"), housing=HOUSINGS["camera"])
+    h = om.evaluate(sensor, [sensor.hidden_to_deg - 0.01, sensor.hidden_to_deg + 0.01]).h_px
+    pixels = np.array(sensor.imager.centre) + np.array([[h[0], 0.0], [0.0, h[1]]])
+    assert sensor.hidden_by(pixels)["camera"].tolist() == [True, False]
+    bare = om.load_sensor("paper-spherical")
+    assert (bare.hidden_to_deg, bare.hidden_percent) == (0.0, 0)
+
+
+def test_a_design_keeps_what_may_be_hidden():
+    """Smaller mirrors are hidden more: a limit of length pulls to those, and that of hiding holds against it."""
+    short = om.Limit("length_mm", at_most=200.0)
+    most = om.design_sensor(asked(short)).sensor.hidden_percent
+    design = om.design_sensor(asked(short, om.Limit("hidden_percent", at_most=most / 2)))
+    assert design.is_met
+    assert design.sensor.hidden_percent <= most / 2 * (1 + 1e-6)
+    (_, row) = design.verdict.limits
+    assert row.reached == pytest.approx(design.sensor.hidden_percent, rel=1e-12)
+
+
+def test_nothing_hidden_can_be_asked_for():
+    limit = om.Limit("hidden_to_deg", at_most=0.0)
+    verdict = om.judge(asked(limit, rim=43.9, housing=Housing()), om.load_sensor("paper-spherical"))
+    assert verdict.limits[0].is_met
+
+
+def test_a_part_of_the_field_does_not_apply():
+    with pytest.raises(InvalidParameter, match="omega_deg does not apply to it"):
+        om.Limit("hidden_percent", at_most=3.0, omega_deg=(0.0, 20.0))
