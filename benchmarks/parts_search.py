@@ -1,0 +1,105 @@
+"""What the search among parts costs: 200 lenses with 50 imagers, a mirror of its own for each combination.
+
+The catalogue is drawn with a seed: focal lengths, F-numbers, circles, pixels, prices as such parts have them. Asked for
+are the ten cheapest that keep everything, and the whole front of price against blur.
+
+    python benchmarks/parts_search.py --processes 2 --out out/benchmarks
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from circumstances import other_load, processor
+
+import omnimirror as om
+from omnimirror.components.catalogue import Catalogue, ImagerComponent, LensComponent
+from omnimirror.files import write_text
+
+LENSES, IMAGERS = 200, 50
+
+
+def catalogue() -> Catalogue:
+    """Lenses and imagers, drawn."""
+    rng = np.random.default_rng(1)
+
+    def lens(i: int) -> LensComponent:
+        f = float(np.round(rng.uniform(2.5, 35), 1))
+        return LensComponent(
+            f"lens {i}",
+            f,
+            f_number_min=float(rng.choice([1.4, 1.8, 2.0, 2.8])),
+            f_number_max=16.0,
+            minimum_focus_mm=float(max(rng.uniform(20, 300), 1.2 * f)),
+            image_circle_mm=float(rng.choice([6.6, 8.0, 11.0, 16.0])),
+            extension_rings_mm=(0.5, 1.0) if i % 3 else (),
+            price=float(np.round(rng.uniform(8, 400))),
+            mass_g=60.0,
+        )
+
+    def imager(i: int) -> ImagerComponent:
+        width = int(rng.choice([1280, 1920, 2448, 3840]))
+        return ImagerComponent(
+            f"imager {i}",
+            width,
+            int(width * rng.choice([0.75, 0.5625, 0.8])),
+            float(rng.choice([1.12, 1.55, 2.0, 2.4, 2.9, 3.45, 5.2])),
+            price=float(np.round(rng.uniform(25, 600))),
+            mass_g=40.0,
+        )
+
+    return Catalogue(tuple(map(lens, range(LENSES))), tuple(map(imager, range(IMAGERS))))
+
+
+def asked(blur_deg: float) -> om.Requirements:
+    """A sphere of 60 mm that looks to 120 deg, with a limit of blur."""
+    return om.Requirements(
+        field=om.FieldRequirements(omega_max_deg=120, omega_min_deg=15),
+        mirror=om.MirrorRequirements(rim_radius_mm=30, family="sphere"),
+        lens=om.LensRequirements(f_number=(1, 16)),
+        limits=[om.Limit("total_blur_deg", at_most=blur_deg), om.Limit("resolution_px_per_deg", at_least=4.0)],
+        parts=om.PartsRequirements(most_height_mm=250.0),
+    )
+
+
+def row(parts: Catalogue, blur_deg: float, what: str, processes: int, **options: Any) -> str:
+    """One search, measured."""
+    start = time.perf_counter()
+    found = om.design_from_parts(asked(blur_deg), parts, processes=processes, **options)
+    seconds = time.perf_counter() - start
+    cheapest = f"{found.found[0].price:.0f}" if found.found else ""
+    return f"| {what} | {blur_deg:g} | {seconds:.1f} | {len(found.found)} | {cheapest} |"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
+    parser.add_argument("--processes", type=int, default=2)
+    arguments = parser.parse_args()
+    load, parts, processes = other_load(), catalogue(), arguments.processes
+    rows = [
+        row(parts, 1.2, "the ten cheapest", processes, most=10),
+        row(parts, 0.05, "the ten cheapest, which no combination is", processes, most=10),
+        row(parts, 1.2, "the front of price against blur", processes, front=True),
+    ]
+    table = "\n".join(
+        [
+            f"`parts_search.py` on {processor()}, {os.cpu_count()} cores, {processes} processes, NumPy "
+            f"{np.__version__}; {LENSES} x {IMAGERS} parts.{load}",
+            "",
+            "| asked for | blur at most, deg | s | found | cheapest |",
+            "|---|---|---|---|---|",
+            *rows,
+        ]
+    )
+    print(table)
+    write_text(arguments.out / "parts_search.md", table + "\n")
+
+
+if __name__ == "__main__":
+    main()
