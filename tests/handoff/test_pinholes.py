@@ -66,3 +66,12 @@ def test_the_place_is_the_best_one():
 def test_a_view_of_nothing_is_refused():
     with pytest.raises(OutsideField, match="sees nothing of the camera's field"):
         pinhole_of(om.load_sensor("paper-spherical"), om.screens.Plane((64, 48), tilt_deg=90.0, hfov_deg=30.0))
+
+
+def test_a_near_view_from_a_single_viewpoint_is_not_exact_and_says_so():
+    """By as much as its pixels differ from those of the view in which each point is seen where it is."""
+    sensor, view = om.load_sensor("paper-spherical"), om.screens.Plane((640, 480), distance_mm=300.0)
+    exact, single = (om.Dewarper(sensor, view, viewpoint=v).coordinates(exact=True) for v in ("exact", "single"))
+    rates = np.stack(np.gradient(exact, axis=(1, 0)), axis=-1)
+    off = np.linalg.norm(np.linalg.solve(rates, (single - exact)[..., None]), axis=(-1, -2))
+    assert pinhole_of(sensor, view, "single").error_px(300.0) == pytest.approx(np.nanmax(off), rel=0.1)

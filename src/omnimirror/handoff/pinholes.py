@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ..cameras import Camera
 from ..dewarp.screens import Plane
+from ..dewarp.viewpoints import Viewpoint, projection_of
 from ..errors import OutsideField
 from ..frames import view_axes
 
@@ -63,7 +64,7 @@ class Pinhole(NamedTuple):
         return float(np.linalg.norm(seen[:, :2] - pixels, axis=1).max())
 
 
-def pinhole_of(camera: Camera, view: Plane) -> Pinhole:
+def pinhole_of(camera: Camera, view: Plane, viewpoint: Viewpoint = "exact") -> Pinhole:
     """The pinhole camera that comes nearest to a perspective view.
 
     Parameters
@@ -72,6 +73,8 @@ def pinhole_of(camera: Camera, view: Plane) -> Pinhole:
         Which draws the view.
     view
         Distant, or at a distance.
+    viewpoint
+        From where the view is seen; as for :class:`omnimirror.Dewarper`.
 
     Returns
     -------
@@ -95,17 +98,16 @@ def pinhole_of(camera: Camera, view: Plane) -> Pinhole:
     forward, right, down = view_axes(view.pan_deg, view.tilt_deg, view.roll_deg)
     focal = view.focal_px
     matrix = np.array([[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1.0]])
-    rays = _rays(camera, view)
+    rays = _rays(camera, view, viewpoint)
     position = _nearest_point(*rays[1:]) if view.is_distant else np.array(view.offset_mm)
     return Pinhole(view.size, matrix, np.stack([right, down, forward], axis=1), position, rays)
 
 
-def _rays(camera: Camera, view: Plane) -> tuple[Array, Array, Array]:
+def _rays(camera: Camera, view: Plane, viewpoint: Viewpoint) -> tuple[Array, Array, Array]:
     """Pixels all over a view, as far as they are seen, and their rays; see :class:`Pinhole`."""
     width, height = view.size
     u, v = (side.ravel() for side in np.meshgrid(*(np.linspace(0, n - 1, SAMPLES) for n in (width, height))))
-    targets = view.targets_at(u, v)
-    seen = camera.project_directions(targets) if view.is_distant else camera.project(targets)
+    seen = projection_of(camera, view, viewpoint)(view.targets_at(u, v))
     rays = camera.backproject(seen.pixels)
     if not rays.valid.any():
         raise OutsideField(f"the {view} sees nothing of the camera's field")

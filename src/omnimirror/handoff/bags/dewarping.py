@@ -33,6 +33,7 @@ Views: TypeAlias = Mapping[str, View | Callable[[Camera], View]]
 PANORAMA: Views = {"panorama": makers.panorama}
 FAR_MM = 1000.0
 """At which the error of a distant view is told."""
+EXACT_PX = 0.005
 
 
 @dataclass(frozen=True)
@@ -318,7 +319,7 @@ class _Rig:
         for name, wanted in self.chosen.views.items():
             view = wanted(camera) if callable(wanted) else wanted
             dewarp = self.how.dewarper(camera, view, border, keep_map=True)
-            pinhole = pinhole_of(camera, view) if isinstance(view, Plane) else None
+            pinhole = pinhole_of(camera, view, self.how.viewpoint) if isinstance(view, Plane) else None
             self._cameras.append(_VirtualCamera(name, dewarp, pinhole))
             if pinhole is None:
                 self.notes.append(f"{name}: no camera_info can express the {view}, and it has none")
@@ -338,10 +339,11 @@ def _frame_of(optical: str, name: str) -> str:
 def _told(name: str, view: Any, pinhole: Pinhole) -> str:
     if view.is_distant:
         return f"{name}: its camera_info is exact far away, and up to {pinhole.error_px(FAR_MM):.2g} px off at 1 m"
-    far = 2 * view.distance_mm
+    at, far = view.distance_mm, 2 * view.distance_mm
+    off = pinhole.error_px(at)
+    there = "exact" if off < EXACT_PX else f"up to {off:.2g} px off"  # as where all is seen from a single viewpoint
     return (
-        f"{name}: its camera_info is exact at {view.distance_mm:g} mm, and up to {pinhole.error_px(far):.2g} px off at "
-        f"{far:g} mm"
+        f"{name}: its camera_info is {there} at {at:g} mm, and up to {pinhole.error_px(far):.2g} px off at {far:g} mm"
     )
 
 
