@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.errors import InvalidParameter
+from omnimirror.errors import InvalidParameter, SelfObstruction
 from omnimirror.housing import Dome, FlatWindow, Housing, Tube
 from omnimirror.imagers import ImagerPose
 from omnimirror.mirrors.form import MirrorForm
@@ -149,6 +149,19 @@ def test_a_cover_that_the_mirror_does_not_fit_in_is_a_bad_sensor():
     assert merits[0, -1] == 0
     assert merits[1, -1] > 0
     assert np.isnan(merits[1, 0])
+
+
+def test_two_mirrors_out_of_place_lose_their_rim_and_not_the_field():
+    """A fold that was made to show the whole mirror shows less of it, as the sensor's own proof says."""
+    sensor = OTHERS["two mirrors"]
+    values = {"mirror.displacement_mm": [-0.25], "secondary.displacement_mm": [-0.25], "mirror.conic": [-0.02]}
+    values = {name: np.array(of) for name, of in values.items()}
+    with pytest.raises(SelfObstruction, match="the secondary shows the mirror only to"):
+        _ = perturbed(sensor, one(values)).field_deg
+    field = field_of(sensor, angles=3, azimuths=4)
+    shown, lost, _ = field.shown(values)
+    assert not lost.any()
+    assert 0.5 < np.abs(shown.offsets_px[0] - field.offsets_px).max() < 20.0
 
 
 def test_warmth_moves_pictures_as_the_sensor_at_that_temperature_says():

@@ -3,18 +3,19 @@
 What :mod:`.tracing` traces by the thousand is a perspective lens before one bare mirror. Any other sensor, behind a
 tube or a dome, with a telecentric or a real lens or with two mirrors, is made with its errors as an ordinary one, and
 asked in space where it shows each object: by the chief ray, and by rays through four points of the aperture close to
-it, whose places on the imager are the blur's ellipse. A second traces some hundred trials.
+it, whose places on the imager are the blur's ellipse. A second traces fifty to some hundred.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import NamedTuple
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import OmnimirrorError
+from ...errors import OmnimirrorError, SelfObstruction
 from ...imagers import ImagerPose
 from ...lenses import Perspective
 from ...sensor import Sensor
@@ -27,6 +28,8 @@ Array = NDArray[np.float64]
 EDGE = 0.02
 """Of the aperture's radius, where rays beside the chief ray go through: aberrations add 4e-4 of theirs at its edge."""
 SIDES = EDGE * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+SEEN = 0.99
+"""Of the rim radius: so much a second mirror shows that was made to show all of it, whatever errs."""
 TANGENT = 1e-5  # steps of it tell how the picture widens
 
 
@@ -62,7 +65,7 @@ def pictured_one_by_one(
     for k in range(count):
         try:
             built = perturbed(sensor, {name: float(of[k]) for name, of in values.items()})
-            shown.append(shown_by(built, sensor, targets, refocus, rim_slack))
+            shown.append(_shown_within(built, sensor, targets, refocus, rim_slack))
         except OmnimirrorError:
             blank = np.full((n, 2), np.nan), np.full((n, 2, 2), np.nan), np.nan
             shown.append(ShownObjects(*blank, np.ones(n, dtype=bool)))
@@ -70,6 +73,18 @@ def pictured_one_by_one(
     focus = np.array([one.focus_mm for one in shown])
     by_direction = np.full((count, n, 2, 3), np.nan)
     return Picture(offsets, blur, by_direction, 1 / focus), np.stack([one.lost for one in shown]), focus
+
+
+def _shown_within(built: Sensor, meant: Sensor, targets: Ends, refocus: Refocus, rim_slack: float) -> ShownObjects:
+    """What a sensor shows; where a second mirror has come to show less than the whole first one, less its rim."""
+    try:
+        return shown_by(built, meant, targets, refocus, rim_slack)
+    except SelfObstruction:
+        if built.secondary is None:
+            raise
+        mirror: Any = built.mirror
+        within = replace(mirror, rim_radius_mm=SEEN * mirror.rim_radius_mm)
+        return shown_by(replace(built, mirror=within), meant, targets, refocus, rim_slack)
 
 
 def shown_by(
