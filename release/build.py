@@ -15,13 +15,14 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 TRIAL = ROOT / "release" / "trial.py"
 # Of each extra what does not work without it.
-COMMAND = "from omnimirror.cli import main; main({!r}.split(), standalone_mode=False)"
+COMMAND = "from omnimirror.cli import main; main({!r}.split())"
 EXTRAS = {
     "video": "import omnimirror.media.video, av",
     "exr": COMMAND.format("simulate paper-spherical --samples 1 -o picture.exr"),
@@ -29,6 +30,9 @@ EXTRAS = {
     "cluster": "import omnimirror.tolerancing.sweeps, distributed, pyarrow",
     "cad": COMMAND.format("export paper-spherical --formats step,stl,dxf -o workshop"),
     "metrology": "import omnimirror.metrology, SurfaceTopography",
+    "handoff": COMMAND.format("rays paper-spherical --step 64 -o rays.exr"),
+    "robots": "import omnimirror.handoff.bags, rosbags",
+    "webrtc": "import omnimirror.handoff.gateway.server, aiortc",
     "studio": "from omnimirror.studio.app import create_app; create_app()",
 }
 
@@ -91,6 +95,9 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=ROOT / "dist")
     parser.add_argument("--no-extras", action="store_true", help="do not try each extra (2 GB are fetched for them)")
     wanted = parser.parse_args()
+    declared = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    if untried := sorted(set(declared) - set(EXTRAS) - {"test", "full"}):
+        sys.exit(f"nothing here tries the extras {', '.join(untried)}")
     pythons = [shutil.which(p) or sys.exit(f"there is no interpreter {p}") for p in wanted.python or [sys.executable]]
     shutil.rmtree(wanted.out, ignore_errors=True)
     with tempfile.TemporaryDirectory() as folder:
