@@ -11,6 +11,7 @@ import pytest
 
 import omnimirror as om
 from omnimirror.errors import InvalidParameter
+from omnimirror.mirrors.pose import MirrorPose
 from tests.conftest import sensor_of
 
 NAMES = ("paper-spherical", "paper-equidistant", "paper-hyperboloidal", "folded-spherical", "paraboloid-telecentric")
@@ -80,6 +81,16 @@ def test_sensors_of_one_name_are_told_apart():
     cone = sensor_of("cone")
     table = om.compare([cone, SENSORS[0], replace(cone, mirror=SENSORS[0].mirror)])
     assert table.names == ["cone (1)", "paper-spherical", "cone (2)"]
+
+
+def test_a_sensor_as_it_was_built_is_compared_as_it_was_drawn_and_that_is_said():
+    built = replace(SENSORS[0], name="built", mirror_pose=MirrorPose(0.3, -0.4, 0.0, 0.0, 1.2))
+    table = om.compare([built, SENSORS[0]])
+    assert table.notes == (
+        "built: its mirror is decentred by 0.5 mm and tilted by 1.2 deg; it is compared as if it were in place.",
+    )
+    assert all(row.texts[0] == row.texts[1] for row in table.rows)
+    assert om.compare([SENSORS[0]]).notes == ()
 
 
 def test_too_many_or_unknown_is_refused():

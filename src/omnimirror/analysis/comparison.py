@@ -69,6 +69,8 @@ class Comparison:
 
     sensors: tuple[Sensor, ...]
     rows: tuple[Compared, ...]
+    notes: tuple[str, ...] = ()
+    """Of sensors that were compared otherwise than they are, in sentences."""
 
     @property
     def names(self) -> list[str]:
@@ -107,6 +109,9 @@ class Comparison:
 def compare(sensors: Sequence[Sensor]) -> Comparison:
     """Compare up to six sensors over their whole fields, for distant objects, each at its own F-number.
 
+    A sensor that is decentred or tilted, as a calibration finds it, is compared as if its mirror were in place, which
+    its note says: what differs over its picture is no number of a field angle (:func:`omnimirror.evaluate_camera`).
+
     Parameters
     ----------
     sensors
@@ -136,8 +141,21 @@ def compare(sensors: Sequence[Sensor]) -> Comparison:
         check_sensor(sensor, f"sensors[{i}]")
     if not 1 <= len(sensors) <= MOST:
         raise InvalidParameter(f"{len(sensors)} sensors do not fit side by side; 1 to {MOST} are valid")
-    studies = [Study(s) for s in _told_apart(sensors)]
-    return Comparison(tuple(s.sensor for s in studies), tuple(_compared(name, studies) for name in COMPARED))
+    named = _told_apart(sensors)
+    studies = [Study(s.aligned()) for s in named]
+    notes = [_note(s) for s in named if s.aligned() != s]
+    return Comparison(
+        tuple(s.sensor for s in studies), tuple(_compared(name, studies) for name in COMPARED), tuple(notes)
+    )
+
+
+def _note(sensor: Sensor) -> str:
+    """How a sensor differs from the one that is compared."""
+    pose = sensor.mirror_pose
+    return (
+        f"{sensor.name}: its mirror is decentred by {math.hypot(pose.decentre_x_mm, pose.decentre_y_mm):.2g} mm and "
+        f"tilted by {math.hypot(pose.tilt_x_deg, pose.tilt_y_deg):.2g} deg; it is compared as if it were in place."
+    )
 
 
 def _told_apart(sensors: Sequence[Sensor]) -> list[Sensor]:

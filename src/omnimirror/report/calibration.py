@@ -217,10 +217,12 @@ def _parameters(calibration: Calibration) -> str:
 
 def _pictures(calibration: Calibration) -> str:
     rows = [
-        (p.name, str(p.found), "-" if p.rms_px is None else f"{p.rms_px:.3f}", "used" if p.used else p.reason or "")
+        (p.name, str(p.found), "-" if p.rms_px is None else f"{p.rms_px:.3f}",
+         "-" if p.camera_at_mm is None else ", ".join(f"{x:.1f}" for x in p.camera_at_mm),
+         "used" if p.used else p.reason or "")
         for p in calibration.pictures
-    ]
-    return _table(("picture", "corners", "RMS px", ""), rows)
+    ]  # fmt: skip
+    return _table(("picture", "corners", "RMS px", "camera at mm", ""), rows)
 
 
 def _outliers(calibration: Calibration) -> str:

@@ -123,6 +123,11 @@ def parse_sensor(text: str, source: str = "sensor file", folder: Path | None = N
     """
     where = Places(text, source)
     data = parse_toml(text, source)
+    if "camera" in data and "mirror" not in data:
+        raise SpecError(
+            f"{source} is a camera file: it says which way pixels look, and neither mirror nor lens, which are needed "
+            "here; omnimirror calibrate --model sensor finds these"
+        )
     return sensor_of(data, where, folder)
 
 

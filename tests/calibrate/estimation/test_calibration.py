@@ -47,8 +47,9 @@ def test_true_directions_lie_within_three_sigma():
 
 
 @pytest.mark.full
-def test_true_directions_lie_within_three_sigma_over_50_seeds():
-    assert np.mean([within_3_sigma(seed) for seed in range(50)]) >= 0.95
+@pytest.mark.parametrize("part", range(5))
+def test_true_directions_lie_within_three_sigma_over_50_seeds(part):
+    assert np.mean([within_3_sigma(seed) for seed in range(10 * part, 10 * part + 10)]) >= 0.95
 
 
 def test_the_field_ends_at_the_rim_that_is_said():
@@ -139,7 +140,9 @@ def test_the_file_of_results_has_what_it_promises(tmp_path):
     told = json.loads(text)
     assert told["rms_px"] == found.rms_px
     assert told.keys() >= {"held_out_rms_px", "corners", "outliers", "pictures", "parameters", "seconds"}
-    assert told["pictures"][0].keys() == {"name", "found", "used", "reason", "rms_px"}
+    first = told["pictures"][0]
+    assert first.keys() == {"name", "found", "used", "reason", "rms_px", "rotation", "shift_mm", "camera_at_mm"}
+    np.testing.assert_allclose(np.array(first["rotation"]) @ first["camera_at_mm"], -np.array(first["shift_mm"]))
     assert told["parameters"][0].keys() == {"name", "value", "sigma", "unit"}
 
 

@@ -33,6 +33,7 @@ from .ladder.models import KINDS
 from .pipeline import CalibrationPlan, Course, Foreknown, Stopped, Watch, run
 from .results import Calibration, ParameterResult, PictureResult
 
+Array = NDArray[np.float64]
 Picture = NDArray[Any]
 
 FEW_PICTURES = 6
@@ -319,16 +320,23 @@ def _pictures(
     fit: Adjustment, course: Course, detections: Sequence[Detection], surveys: Sequence[Sighting]
 ) -> tuple[PictureResult, ...]:
     errors = {s.name: rms_px(fit.residuals_of(i)) for i, s in enumerate(fit.sightings)}
+    poses = {s.name: _pose_told(s) for s in fit.sightings}
+    reasons = {d.name: course.strangers.get(d.name) if is_used(d) else reason_of(d) for d in detections}
+    reasons |= {s.name: course.strangers.get(s.name) for s in surveys}
+    counts = {d.name: len(d.ids) for d in detections} | {s.name: len(s) for s in surveys}
     results = []
-    for detection in detections:
-        name = detection.name
-        reason = course.strangers.get(name) if is_used(detection) else reason_of(detection)
+    for name, reason in reasons.items():
         used = name in errors and reason is None
-        results.append(PictureResult(name, len(detection.ids), used, reason, errors[name] if used else None))
-    for survey in surveys:
-        reason, used = course.strangers.get(survey.name), survey.name in errors
-        results.append(PictureResult(survey.name, len(survey), used, reason, errors[survey.name] if used else None))
+        pose = poses[name] if used else (None, None)
+        results.append(PictureResult(name, counts[name], used, reason, errors[name] if used else None, *pose))
     return tuple(results)
+
+
+def _pose_told(sighting: Sighting) -> tuple[Array | None, Array | None]:
+    """Rotation and shift of what was seen; of stars alone it has no place."""
+    if sighting.motion is None:
+        return None, None
+    return sighting.motion.rotation, None if sighting.distant.all() else sighting.motion.shift_mm
 
 
 def _notes(fit: Adjustment, course: Course, certain: ParameterCovariance, is_complete: bool) -> tuple[str, ...]:

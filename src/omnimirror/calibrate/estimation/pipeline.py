@@ -13,7 +13,7 @@ from ...camera_models.spheres import Unified
 from ...camera_models.splines import ViewpointSpline
 from ...errors import InvalidParameter, OmnimirrorError
 from ..physical import SensorModel
-from .bundle.adjustment import CAUCHY, Adjustment, Prior, shared_names
+from .bundle.adjustment import CAUCHY, Adjustment, Prior, adjust, shared_names
 from .bundle.board_shape import BoardShape
 from .bundle.linearisation import UNSEEN_PX, Loss
 from .bundle.observations import Motion, Sighting
@@ -27,6 +27,8 @@ from .leaving_out import HeldOut, held_out
 from .outliers import Outlier, frozen, without_outliers
 
 THINNED, TRIAL_STEPS = 3, 25  # points and steps by which starts are compared
+ENOUGH = 200  # points, of which none is left out of that
+AXIS = ("imager.centre_px[0]", "imager.centre_px[1]")
 HOPELESS = 1.1  # a model whose fit is worse than another in pictures that were left out, by so much, is not compared
 FAR = 1.5  # of the noise of the best model: so much worse a model need not be settled to the last digit
 FREEDOM = 0.5  # of what was measured; a model with more unknowns follows wrong points too
@@ -200,12 +202,19 @@ def _best_climbed(base: Adjustment, starts: Sequence[CameraModel], plan: Calibra
 
     if len(starts) == 1:
         return climbed(base, starts[0], **known(starts[0]))
-    some = replace(base, sightings=tuple(s.only(np.arange(0, len(s), THINNED)) for s in base.sightings))
-    tried = [climbed(some, into, **known(into), most_steps=TRIAL_STEPS) for into in starts]
+    every = min(THINNED, max(1, sum(map(len, base.sightings)) // ENOUGH))
+    some = replace(base, sightings=tuple(s.only(np.arange(0, len(s), every)) for s in base.sightings))
+    # with its axis free from the start, an unknown mirror may slide into a valley far from any mirror there is
+    options = [known(into) for into in starts]
+    held = [o | {"fixed": (*o["fixed"], *AXIS)} for o in options]
+    tried = [climbed(some, into, **o, most_steps=TRIAL_STEPS) for into, o in zip(starts, held, strict=True)]
     loss = Loss("cauchy", CAUCHY * min(fit.question.noise_px for fit in tried))
-    best = min(tried, key=lambda fit: loss.sum(np.where(fit.seen[:, None], fit.residuals, UNSEEN_PX)))
+    sums = [loss.sum(np.where(fit.seen[:, None], fit.residuals, UNSEEN_PX)) for fit in tried]
+    number = int(np.argmin(sums))
+    best = tried[number]
     placed = [s.moved(b.motion) for s, b in zip(base.sightings, best.sightings, strict=True)]
-    return best.again(placed, loss="cauchy", settled=ROUGHLY)
+    best = best.again(placed, loss="cauchy", settled=ROUGHLY)
+    return adjust(best.model, best.sightings, **options[number] | {"shape": best.shape}, loss="cauchy", settled=ROUGHLY)
 
 
 def _order(wanted: str | CameraModel) -> int:

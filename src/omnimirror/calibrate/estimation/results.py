@@ -41,6 +41,15 @@ class PictureResult(NamedTuple):
     """why it was not used"""
     rms_px: float | None
     """of its corners but the outliers"""
+    rotation: Array | None = None
+    """(3, 3) from the frame of what it shows (board, survey) to the camera frame; None where it is not used"""
+    shift_mm: Array | None = None
+    """(3,) the same: ``X = rotation @ p + shift_mm``"""
+
+    @property
+    def camera_at_mm(self) -> Array | None:
+        """Where (3,) the camera frame has its origin in the frame of what the picture shows."""
+        return None if self.rotation is None or self.shift_mm is None else -self.rotation.T @ self.shift_mm
 
 
 class ParameterResult(NamedTuple):
@@ -210,7 +219,7 @@ class Calibration:
             "held_out_rms_px": self.held_out_rms_px,
             "corners": self.corners,
             "outliers": [o._asdict() for o in self.outliers],
-            "pictures": [p._asdict() for p in self.pictures],
+            "pictures": [p._asdict() | {"camera_at_mm": p.camera_at_mm} for p in self.pictures],
             "parameters": [p._asdict() for p in self.parameters],
             "seconds": self.seconds,
             "model": self.model.KIND,

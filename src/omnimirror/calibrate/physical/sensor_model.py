@@ -197,7 +197,7 @@ class SensorModel(CameraModel):
         law = radial_law(central, omega_max_deg)
         distance = RIM_TO_DISTANCE * rim_radius_mm if distance_mm is None else distance_mm
         known = unknown_sensor(central, law, rim_radius_mm, distance) if sensor is None else sensor
-        words = tuple(free) if free is not None else USUAL if sensor is not None else ("shape", *USUAL)
+        words = tuple(free) if free is not None else USUAL if sensor is not None else ("shape", *USUAL, "centre")
         names = free_names(known, words)
         typical = guessed_priors if sensor is None else usual_priors
         tolerances = typical(known, names) if priors is None else tuple(priors)

@@ -18,6 +18,8 @@ USUAL = ("focal", "distance", "decentre", "tilt")
 
 MADE_UP = 0.5
 """How far off numbers may be that were made up, relative."""
+OFF_AXIS = 0.05
+"""How far off the middle of what a lens shows its axis may be, in widths of the picture."""
 ANY_CONIC, TERM = 10.0, 0.1  # standard deviations: of a conic constant; of its terms' sag at the rim, in rim radii
 
 
@@ -99,12 +101,14 @@ def guessed_priors(sensor: Sensor, names: Iterable[str]) -> tuple[Tolerance, ...
     """What is known of a mirror of which nothing is: that it sits as usual, but not how far away, nor by which lens.
 
     Its focal length and its distance were made up to begin somewhere. What pictures do not say of them has to show as
-    not determined, and not as known to a workshop's tolerance. Its shape is some conic, with terms that are small
-    beside the mirror.
+    not determined, and not as known to a workshop's tolerance. Where the lens's axis meets the picture nobody knows
+    either: a mirror beside it looks much like one that is tilted, but not to its rim. Its shape is some conic, with
+    terms that are small beside the mirror.
     """
     names = tuple(names)
     sigma = {name: MADE_UP * value_of(sensor, place_of(sensor, name)) for name in (DISTANCE, "lens.focal_length_mm")}
     sigma |= {"mirror.conic": ANY_CONIC}
+    sigma |= {f"imager.centre_px[{i}]": OFF_AXIS * sensor.imager.width_px for i in (0, 1)}
     sigma |= {name: TERM * sensor.mirror.rim_radius_mm for name in names if name.startswith("mirror.coefficients")}
     mounted = (prior for prior in usual_priors(sensor, names) if prior.name not in sigma)
     made_up = (Tolerance(n, value_of(sensor, place_of(sensor, n)), sigma[n]) for n in names if n in sigma)

@@ -275,6 +275,9 @@ def _print(console: Console, found: Calibration, known: Surveys) -> None:
     for picture in found.pictures:
         if not picture.used:
             say(("Not used: ", "yellow"), picture.reason or picture.name, console=console)
+        elif picture.name in known.places and picture.camera_at_mm is not None:
+            place = ", ".join(f"{x:.1f}" for x in picture.camera_at_mm)
+            say(f"{picture.name}: the camera was at {place} mm", console=console)
     if found.outliers:
         say(f"Left out as outliers: {_outliers(found, known)}", console=console)
     for note in found.notes:

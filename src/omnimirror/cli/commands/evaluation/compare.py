@@ -12,7 +12,7 @@ from rich.text import Text
 from ....analysis import Comparison, compare
 from ....specs import load_sensor
 from ...help_pages import DocumentedCommand
-from ...outputs import format_option, output_console, output_option, say_written
+from ...outputs import format_option, output_console, output_option, say, say_written
 
 FORMATS = ("png", "html")
 
@@ -29,10 +29,15 @@ FORMATS = ("png", "html")
 @output_option("--csv", "csv_file", help="Write the table, 17 significant digits.")
 @output_option("--json", "json_file", help="Write the table, an object per sensor.")
 def command(sensors: tuple[str, ...], output: Path | None, csv_file: Path | None, json_file: Path | None) -> None:
-    """Put up to six SENSORS side by side, files or names of bundled ones; the best of each row is marked."""
+    """Put up to six SENSORS side by side, files or names of bundled ones; the best of each row is marked.
+
+    A sensor whose mirror is decentred or tilted is compared as if it were in place, and that is said.
+    """
     console = output_console()
     comparison = compare([load_sensor(s) for s in sensors])
     print_comparison(console, comparison)
+    for note in comparison.notes:
+        say(("Note: ", "yellow"), note, console=console)
     if csv_file:
         comparison.to_csv(csv_file)
     if json_file:
