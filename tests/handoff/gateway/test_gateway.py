@@ -208,6 +208,24 @@ def test_pictures_of_another_size_are_told_and_not_drawn(film):
         assert "256 x 256 px, and the camera's have 1024 x 1024" in httpx.get(f"{address}api/views").json()["state"]
 
 
+def test_a_frame_that_cannot_be_coded_does_not_end_the_view(gateway, monkeypatch):
+    view = gateway.views["front"]
+    code, failed, told = view.jpeg._code, [], []
+
+    def breaks_twice(frame):
+        if len(failed) < 2:
+            failed.append(frame)
+            raise av.error.InvalidDataError(0, "it is broken")
+        told.append(view.problem)
+        return code(frame)
+
+    monkeypatch.setattr(view.jpeg, "_code", breaks_twice)
+    with served(create_app(gateway, None)) as address:
+        assert httpx.get(f"{address}front.jpg", timeout=300).status_code == 200
+        until(lambda: not view.problem)
+    assert "it is broken" in told[0]
+
+
 # -- steering ------------------------------------------------------------------------------------------
 
 

@@ -16,6 +16,7 @@ from ...dewarp.contracts import Interpolation
 from ...errors import InvalidParameter, OmnimirrorError
 from ...media.live.playing import Playing
 from ...media.live.sources import TICKS, named
+from ...media.video.frames import planar
 from ..named_views import NamedView
 from .live_view import LiveView
 from .publishing import publish
@@ -140,6 +141,7 @@ class Gateway:
             )
         self.received += 1
         self.state = f"{named(self.source)} is playing"
+        frame = planar(frame)  # once for all views
         frame.time_base, frame.pts = TICKS, round((time.monotonic() - self._start) / TICKS)
         for view in self.views.values():
             if playing.frame_rate:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 from concurrent.futures import Executor
+from contextlib import suppress
 from dataclasses import replace
 from fractions import Fraction
 from typing import Any
@@ -19,8 +20,7 @@ from ...dewarp.frames import dewarp_frame
 from ...dewarp.screens import Plane, View
 from ...dewarp.views import largest_zoom, resolution
 from ...dewarp.yuv.planes import Siting
-from ...errors import InvalidParameter, OmnimirrorError, OutsideField
-from ...media.video.frames import planar
+from ...errors import InvalidParameter, OutsideField
 from ..named_views import NamedView
 from .coders import JpegCoder
 from .outlets import NewestOutlet, Outlet, TransportOutlet
@@ -137,7 +137,8 @@ class LiveView:
             if self._is_working:
                 return
             self._is_working = True
-        pool.submit(self._work)
+        with suppress(RuntimeError):  # the gateway is being closed
+            pool.submit(self._work)
 
     def rest(self) -> None:
         """Nobody has watched for a while."""
@@ -155,12 +156,12 @@ class LiveView:
             try:
                 self._draw(*given)
                 self.problem = ""
-            except OmnimirrorError as e:
-                self.problem = str(e)
+            except Exception as e:  # whatever it is, the next frame is tried
+                self.problem = str(e) or type(e).__name__
 
     def _draw(self, frame: av.VideoFrame, siting: Siting) -> None:
         """Once for each siting that somebody takes."""
-        dewarp, frame = self._dewarp, planar(frame)
+        dewarp = self._dewarp
         for to_siting, outlets in self.outlets.items():
             wanted = [outlet for outlet in outlets if outlet.is_wanted]
             if not wanted:
