@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -9,6 +10,9 @@ import pytest
 from scipy.optimize import brentq
 
 import omnimirror as om
+from omnimirror.design.optimise.optimiser import described, problem_from, start
+from omnimirror.design.optimise.variables import DesignSpace
+from omnimirror.design.solve.freeform import problem_of
 from omnimirror.errors import SpecError
 from omnimirror.housing import Dome, Housing, Tube
 from omnimirror.lenses import SurfaceLens
@@ -141,7 +145,41 @@ def test_what_does_not_go_with_a_real_lens_is_refused(file, more, said):
         om.load_requirements(file, {"lens": lens})
 
 
-def test_free_form_with_a_real_lens_is_refused(asked):
-    mirror = om.MirrorRequirements(optimise="worst_blur_deg", rim_radius_mm=30)
-    with pytest.raises(SpecError, match="valid for a mapping or a family"):
-        replace(asked, mirror=mirror)
+@pytest.mark.parametrize("medium", [None, "water"])
+def test_the_space_of_free_form_is_that_of_sensors_behind_lens_and_dome(asked, medium):
+    """Field, image and blur at a point of the space are those of its sensor, evaluated; derivatives those of steps."""
+    housing = Housing(shell=Dome(medium=medium))
+    mirror = om.MirrorRequirements(optimise="worst_blur_deg", shape="polynomial:3", rim_radius_mm=30)
+    space = DesignSpace(problem_of(replace(asked, mirror=mirror, housing=housing)))
+    _, y = start(space, 0, 0)
+    sensor, u = space.sensor(y), np.linspace(0, 1, 7)
+
+    def state(y):
+        return space.state(y[None], u, space.basis(u))
+
+    result, here = om.evaluate(sensor, x_mm=30 * u), state(y)
+    assert sensor.field_deg[1] == pytest.approx(120.0, abs=1e-9)
+    assert sensor.rim_radius_px == pytest.approx(512.0, abs=1e-6)
+    np.testing.assert_allclose(np.degrees(here.omega[0]), result.omega_deg, atol=1e-9)
+    np.testing.assert_allclose(here.field.dh[0], result.dh_domega_px_per_deg, rtol=1e-9)
+    np.testing.assert_allclose(here.field.t_px[0], result.blur_t_px, atol=2e-3)
+    for e in np.eye(space.dim):
+        by_steps = (state(y + 1e-6 * e).field.t_px - state(y - 1e-6 * e).field.t_px) / 2e-6
+        np.testing.assert_allclose(state(y + 1e-30j * e).field.t_px.imag / 1e-30, by_steps, rtol=1e-5, atol=1e-6)
+
+
+def test_a_mirror_of_free_form_is_the_best_behind_lens_and_dome(asked):
+    """Better than the sphere made for them; its merit is what the evaluation says."""
+    mirror = om.MirrorRequirements(optimise="worst_floored_area_deg2", shape="polynomial:3", rim_radius_mm=30)
+    design = om.design_sensor(replace(asked, mirror=mirror), search=om.SearchOptions(starts=1))
+    sphere = om.design_sensor(asked.changed(mapping=None, family="sphere")).sensor
+
+    def worst(sensor):
+        omega = np.linspace(sensor.clear_field_deg[0], 120 - 1e-9, 1001)
+        return om.evaluate(sensor, omega).floored_area_deg2.max()
+
+    assert design.is_met
+    assert design.sensor.lens.KIND == "surfaces"
+    assert worst(design.sensor) == pytest.approx(design.optimum.value, rel=2e-3)
+    assert worst(design.sensor) < 0.6 * worst(sphere)
+    assert problem_from(json.loads(json.dumps(described(design.optimum.problem)))) == design.optimum.problem

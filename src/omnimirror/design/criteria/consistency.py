@@ -213,11 +213,6 @@ def _check_optics(requirements: Requirements) -> None:
         raise EntryError(("lens", "kind"), "lens.kind = 'orthographic' does not apply beside lens.optics, a real lens")
     if requirements.parts is not None:
         raise EntryError(("lens", "optics"), "lens.optics does not apply where lenses are chosen from a catalogue")
-    if requirements.mirror.optimise is not None:
-        raise EntryError(
-            ("lens", "optics"),
-            "mirrors of free form are searched for ideal lenses; lens.optics is valid for a mapping or a family",
-        )
 
 
 def _check_lens(lens: LensRequirements, is_bought: bool = False) -> None:

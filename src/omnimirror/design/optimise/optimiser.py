@@ -23,7 +23,7 @@ from ...mirrors import Equidistant, Mirror, SlopeSpline, Sphere
 from ...numerics.lazy import cached_property
 from ...numerics.minimax import Minimum, minimise_mean, solve_minimax
 from ...sensor import Sensor
-from ...specs import NoFile, housing_of, housing_tables
+from ...specs import NoFile, housing_of, housing_tables, lens_of, lens_table
 from ..criteria.limits import Limit
 from ..criteria.merits import merit_named
 from ..criteria.ranges import ends
@@ -341,7 +341,9 @@ def _header(problem: DesignProblem, merit: str, seed: int) -> dict[str, Any]:
 
 def described(problem: DesignProblem) -> dict[str, Any]:
     """A problem as JSON can hold it; :func:`problem_from` reads it back."""
-    plain: dict[str, Any] = json_plain(asdict(problem) | {"housing": housing_tables(problem.housing)})
+    optics = None if problem.optics is None else lens_table(problem.optics)
+    parts = {"housing": housing_tables(problem.housing), "optics": optics}
+    plain: dict[str, Any] = json_plain(asdict(replace(problem, optics=None)) | parts)
     return plain
 
 
@@ -356,6 +358,8 @@ def problem_from(data: dict[str, Any]) -> DesignProblem:
     """
     values: dict[str, Any] = _read(data)
     parts = {"imager": Imager(**values["imager"]), "housing": housing_of(values["housing"], NoFile())}
+    if data.get("optics"):
+        parts["optics"] = lens_of(data["optics"], NoFile(), None)
     return DesignProblem(**values | parts | {"limits": tuple(Limit(**limit) for limit in values["limits"])})
 
 

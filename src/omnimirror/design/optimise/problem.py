@@ -11,7 +11,7 @@ from ...batch.bases import family
 from ...errors import InvalidParameter
 from ...housing import Housing
 from ...imagers import Imager
-from ...lenses import BLUR_MODES, BlurMode
+from ...lenses import BLUR_MODES, BlurMode, FieldLens
 from ..criteria.limits import Limit
 from ..criteria.ranges import Range, ends
 
@@ -58,6 +58,8 @@ class DesignProblem:
     limits
         What has to be kept besides. Where theta or the focal length is a range, the rim's image has to stay on the
         imager too.
+    optics
+        A real lens, whose focal length and F-number are its own.
 
     Raises
     ------
@@ -89,10 +91,19 @@ class DesignProblem:
     family: str = "slope-spline"
     terms: int = 12
     limits: tuple[Limit, ...] = ()
+    optics: FieldLens | None = None
 
     def __post_init__(self) -> None:
         if self.lens not in LENS_KINDS:
             raise InvalidParameter(f"lens = {self.lens!r} is not known; valid are {', '.join(LENS_KINDS)}")
+        if self.optics is not None:
+            object.__setattr__(self, "focal_length_mm", self.optics.focal_length_mm)
+            object.__setattr__(self, "f_number", self.optics.f_number)
+            if self.is_telecentric or self.mode != "exact" or self.image_radius_px is not None:
+                raise InvalidParameter(
+                    f"lens = {self.lens!r}, mode = {self.mode!r} or image_radius_px does not apply to a real lens; "
+                    'valid is lens = "perspective" and mode = "exact"'
+                )
         if self.is_telecentric:
             for name in OF_LENS:
                 object.__setattr__(self, name, None)

@@ -45,7 +45,14 @@ def known_sensors(problem: DesignProblem) -> dict[str, Sensor]:
     for name, make in _makers(rim):
         with suppress(OmnimirrorError):  # a mapping that such a field cannot have
             mounted = make()
-            found[name] = replace(first, mirror=mounted.mirror, mirror_distance_mm=mounted.distance_mm, name=name)
+            place = (
+                0.0
+                if problem.is_telecentric
+                else float(first.lens.pupil.place(np.array([np.tan(np.radians(theta))]))[0])
+            )
+            found[name] = replace(
+                first, mirror=mounted.mirror, mirror_distance_mm=mounted.distance_mm + place, name=name
+            )
     return found
 
 

@@ -15,17 +15,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...batch.bases import Basis, Family, family
+from ...batch.built import RealCamera, aim_of, built_optics, walls_of
 from ...batch.evaluate import BatchEvaluation, Designs, evaluate_designs
+from ...batch.lens_tables import LensTables, focus_powers, tables_of
 from ...batch.optics import DEGREE, PerspectiveCamera, TelecentricCamera, node_optics, telecentric_optics
+from ...housing import Housing, Tube
 from ...mirrors.conics import conic_profile
 from ...numerics.lazy import cached_property
 from ...sensor import Sensor
+from ...tracing.covers import Pencil, through_sides
 from ...tracing.obscuration import disc_clearance
 from ..criteria.merits import FieldValues, values_at, values_of
 from ..criteria.ranges import ends
 from .problem import DesignProblem
 
 Array = NDArray[Any]
+ROUNDS_OF_LENS = 10  # where a real lens or a cover is solved for; each takes what is left to a tenth or less
 ROUNDS = 6
 """Of lens and focus where they follow from each other; each brings a digit or two."""
 
@@ -43,7 +48,9 @@ class Given(NamedTuple):
     """Of a telecentric lens the magnification."""
     f_number: Array
     focus: Array
-    """The place that is in focus: 1/L0, or -L0 of a telecentric lens."""
+    """The place that is in focus: 1/L0 from the entrance pupil, or -L0 of a telecentric lens."""
+    inside_max: Array
+    """The angle at which rays leave the rim: omega_max, unless a cover bends them."""
 
 
 class State(NamedTuple):
@@ -119,8 +126,10 @@ class DesignSpace:
         """Field, rim and lens of designs (b, dim)."""
         omega_max, M, F = (self._number(y, n) for n in ("omega_max_deg", "rim_radius_mm", "f_number"))
         omega_max = omega_max * DEGREE
+        if self.tables is not None:
+            return self._inside(y, self._given_real(y, omega_max, M, F, self.tables))
         if self.problem.is_telecentric:
-            return self._given_telecentric(y, omega_max, M, F)
+            return self._inside(y, self._given_telecentric(y, omega_max, M, F))
         p, radius = self.problem, self.imager_radius_mm
         fixed = self._fixed(y, M)
         relative = 0 * M if fixed is not None else y[:, self.names.index("focus"), None]
@@ -133,23 +142,78 @@ class DesignSpace:
             theta = np.arctan(tangent)
         v = relative * tangent / M if fixed is None else fixed
         focal = self._number(y, "focal_length_mm") if p.focal_length_mm is not None else 1 / (tangent / radius + v)
-        return Given(omega_max, M, theta, tangent, focal, F, v)
+        return self._inside(y, Given(omega_max, M, theta, tangent, focal, F, v, omega_max))
+
+    def _given_real(self, y: Array, omega_max: Array, M: Array, F: Array, tables: LensTables) -> Given:
+        """As of a perspective lens; where the rim fills the imager, at the focus of each design."""
+        fixed = self._fixed(y, M)
+        relative = 0 * M if fixed is not None else y[:, self.names.index("focus"), None]
+        if self.problem.theta_max_deg is not None:
+            tangent = np.tan(self._number(y, "theta_max_deg") * DEGREE)
+        else:
+            tangent = self.imager_radius_mm / tables.focal_length_mm + 0 * M
+            for _ in range(ROUNDS_OF_LENS):
+                q = tables.defocus(relative * tangent / M if fixed is None else fixed)
+                found = tables.at(tangent)
+                missed = self.imager_radius_mm - focus_powers(found.height, q)
+                tangent = tangent + missed / focus_powers(found.rate, q)
+        v = relative * tangent / M if fixed is None else fixed
+        return Given(omega_max, M, np.arctan(tangent), tangent, tables.focal_length_mm + 0 * M, F, v, omega_max)
+
+    def _inside(self, y: Array, g: Given) -> Given:
+        """The same with the angle inside the cover whose ray leaves it at the field's angle."""
+        shell = self._bending.shell
+        if shell is None or (isinstance(shell, Tube) and shell.outer_index == 1.0):
+            return g
+        one = np.ones(1)
+        with np.errstate(all="ignore"):
+            for _ in range(ROUNDS_OF_LENS):
+                z = g.M * self._profile(y, g, one, self.basis(one))[0]
+                walls = walls_of(self._bending, self._reach(g) - z, z, g.M)
+                assert walls is not None
+                rim = Pencil(g.M, z, g.inside_max, 0 * z, 1 + 0 * z)  # rays that part in one point
+                out = through_sides(rim, walls.sides, walls.indices).foot
+                g = g._replace(inside_max=g.inside_max + (g.omega_max - out.omega) / out.rate)
+        return g
+
+    def _reach(self, g: Given) -> Array:
+        """From the lens's reference point to the rim along the axis, mm; infinite of a telecentric lens."""
+        if self.problem.is_telecentric:
+            return np.full(g.M.shape, np.inf)
+        place = 0.0 if self.tables is None else self.tables.at(g.tangent).place
+        reach: Array = g.M / g.tangent + place
+        return reach
+
+    @cached_property
+    def tables(self) -> LensTables | None:
+        """The real lens, if there is one."""
+        return None if self.problem.optics is None else tables_of(self.problem.optics)
+
+    @cached_property
+    def _bending(self) -> Housing:
+        """The cover that bends rays in the search; a tube before another medium, which shows nothing next to the axis,
+        is left to the verdict."""
+        shell = self.problem.housing.shell
+        left = shell is None or not shell.is_axial or (isinstance(shell, Tube) and shell.outer_index != 1.0)
+        return Housing() if left else Housing(shell=shell, rim=self.problem.housing.rim)
 
     def _given_telecentric(self, y: Array, omega_max: Array, M: Array, F: Array) -> Given:
         fixed = self._fixed(y, M)
         v = y[:, self.names.index("focus"), None] * M if fixed is None else fixed
         asked = self.problem.magnification
         magnification = self.imager_radius_mm / M if asked is None else self._number(y, "magnification")
-        return Given(omega_max, M, 0 * M, np.nan * M, magnification, F, v)
+        return Given(omega_max, M, 0 * M, np.nan * M, magnification, F, v, omega_max)
 
-    def _place(self, focus_mm: float) -> float:
-        return -focus_mm if self.problem.is_telecentric else 1 / focus_mm
+    def _place(self, focus_mm: Any) -> Any:
+        if self.problem.is_telecentric:
+            return -focus_mm
+        return 1 / (focus_mm - (0.0 if self.tables is None else self.tables.pupil_mm))
 
     @property
     def _focus_unit(self) -> float:
         """Of the coordinate of a focus that is given as a range: the size of the largest place in it."""
         assert isinstance(self.problem.focus_mm, tuple)
-        return max(abs(self._place(mm)) for mm in self.problem.focus_mm)
+        return float(max(abs(self._place(mm)) for mm in self.problem.focus_mm))
 
     def _fixed(self, y: Array, M: Array) -> Array | None:
         """The place in focus (b, 1) as the problem gives it, or as it is chosen from its range; None if it is free."""
@@ -165,9 +229,11 @@ class DesignSpace:
     def imager_radius_mm(self) -> float:
         return self.problem.image_radius_mm
 
-    def camera(self, g: Given) -> PerspectiveCamera | TelecentricCamera:
+    def camera(self, g: Given) -> PerspectiveCamera | TelecentricCamera | RealCamera:
         """The lens and the pixels of some designs."""
         p = self.problem
+        if self.tables is not None:
+            return RealCamera(self.tables, p.imager.pitch_mm, p.wavelength_nm)
         if p.is_telecentric:
             return TelecentricCamera(g.focal, g.f_number, g.M, p.imager.pitch_mm, p.image_radius_px, p.wavelength_nm)
         return PerspectiveCamera(
@@ -178,7 +244,7 @@ class DesignSpace:
 
     def _shapes(self, y: Array, g: Given) -> tuple[Array, Array, Array]:
         """Coefficients (b, terms), vertex radius over M and conic constant (b, 1)."""
-        rim = np.tan((g.omega_max - g.theta) / 2)
+        rim = np.tan((g.inside_max - g.theta) / 2)
         R, k = np.full_like(rim, np.inf), np.zeros_like(rim)
         count = max(self.family.terms - 1, 0)
         slopes = np.concatenate([y[:, :count], rim], axis=1)[:, : self.family.terms]
@@ -217,10 +283,14 @@ class DesignSpace:
         slope_over_x = np.where(u > 0, slope / np.where(u > 0, u, 1.0), curvature) / g.M
         rest = (u * g.M, z * g.M, slope, curvature / g.M, slope_over_x)
         rim = g.M * z[:, -1:]
-        if self.problem.is_telecentric:
-            o, reach = telecentric_optics(*rest, near), rim
+        reach = rim if self.problem.is_telecentric else self._reach(g)
+        if self.tables is not None or self._bending.shell is not None:
+            m = self._reach(g) - rim
+            aim, walls = aim_of(rest[0], m + rest[1], self.tables), walls_of(self._bending, m, rim, g.M)
+            o = built_optics(*rest, aim, near, walls)
+        elif self.problem.is_telecentric:
+            o = telecentric_optics(*rest, near)
         else:
-            reach = g.M / g.tangent
             o = node_optics(*rest, reach - rim, near)
         field = values_at(o, self.camera(g), g.focus, reach, rim)
         return State(field, o.omega, o.domega_dx * g.M, o.cos_incidence, self.hidden(field, o.omega), self.image(g))
@@ -281,12 +351,13 @@ class DesignSpace:
         g = self.given(y)
         coefficients, R, k = self._shapes(y, g)
         sag = self._profile(y, g, np.ones(1), self.basis(np.ones(1)))[0]
-        M, m, focal, mu = g.M[:, 0], (g.M * (1 / g.tangent - sag))[:, 0], g.focal[:, 0], np.zeros(len(y))
+        M, m, focal, mu = g.M[:, 0], (self._reach(g) - g.M * sag)[:, 0], g.focal[:, 0], np.zeros(len(y))
         if p.is_telecentric:
             m, focal, mu = np.full_like(mu, np.inf), np.full_like(mu, np.inf), focal
         return Designs(
             self.family, coefficients, m, M, focal, g.f_number[:, 0], p.imager.pixel_pitch_um, R[:, 0] * M, k[:, 0],
-            mu, p.mode, p.image_radius_px, p.wavelength_nm, p.distances_mm[-1], p.omega_min_deg,
+            mu, p.mode, p.image_radius_px, p.wavelength_nm, p.distances_mm[-1], p.omega_min_deg, p.optics,
+            self._bending,
         )  # fmt: skip
 
     def evaluate(self, y: Array, angles: int) -> BatchEvaluation:
@@ -299,19 +370,27 @@ class DesignSpace:
         """What merits and limits look at, of designs (b, dim) evaluated at their own focus."""
         g = self.given(y)
         sag = g.M * self._profile(y, g, np.ones(1), self.basis(np.ones(1)))[0]
-        reach = sag if self.problem.is_telecentric else g.M / g.tangent
+        reach = sag if self.problem.is_telecentric else self._reach(g)
         camera = self.camera(g)
         numbers = (camera.image_distance(g.focus), reach, sag, camera.airy_px(g.focus))
-        light = camera.light(result.h_px / camera.px_per_ray(g.focus))
         b0, length, height, airy = (v[:, 0] for v in numbers)
-        return values_of(result, light, b0, length, height, airy)
+        if not isinstance(camera, RealCamera):
+            light = camera.light(result.h_px / camera.px_per_ray(g.focus))
+            return values_of(result, light, b0, length, height, airy)
+        u = np.tile(np.linspace(0.0, 1.0, self._count(result.h_px)), len(self.problem.distances_mm))
+        z = g.M * self._profile(y, g, u, self.basis(u))[0]
+        found, q = (
+            camera.tables.at(aim_of(u * g.M, reach - sag + z, camera.tables).tangent),
+            camera.tables.defocus(g.focus),
+        )
+        own_t, own_s = (focus_powers(own, q) / camera.pitch_mm for own in (found.own_t, found.own_s))
+        return values_of(result, found.light, b0, length, height, airy, (own_t, own_s))
 
     def image(self, g: Given) -> Array:
         """Image of the rim over the largest that the imager holds (b, 1)."""
         rim_ray = g.M if self.problem.is_telecentric else g.tangent
-        image: Array = (
-            self.camera(g).px_per_ray(g.focus) * rim_ray * (self.problem.imager.pitch_mm / self.imager_radius_mm)
-        )
+        height = self.camera(g).height_px(rim_ray, g.focus)
+        image: Array = height * (self.problem.imager.pitch_mm / self.imager_radius_mm)
         return image
 
     def at_best_focus(self, y: Array, angles: int) -> Array:
@@ -325,18 +404,21 @@ class DesignSpace:
     def focus_mm(self, y: Array) -> Array:
         """The object distances L0 (b,) that points (b, dim) are focused at."""
         v = self.given(y).focus[:, 0]
-        return -v if self.problem.is_telecentric else 1 / v
+        if self.problem.is_telecentric:
+            return -v
+        return 1 / v + (0.0 if self.tables is None else self.tables.pupil_mm)
 
     def with_focus(self, y: Array, focus_mm: Array) -> Array:
         """The same points (b, dim) focused at L0 (b,)."""
         i, y = self.names.index("focus"), np.array(y)
         if isinstance(self.problem.focus_mm, tuple):
-            y[:, i] = (-focus_mm if self.problem.is_telecentric else 1 / focus_mm) / self._focus_unit
+            y[:, i] = self._place(focus_mm) / self._focus_unit
             y[:, i] = np.clip(y[:, i], *(ends_of[i] for ends_of in self.bounds))
             return y
         for _ in range(ROUNDS if self.problem.theta_max_deg is None else 1):  # theta may follow from the focus
             g = self.given(y)
-            y[:, i] = -focus_mm / g.M[:, 0] if self.problem.is_telecentric else (g.M / g.tangent)[:, 0] / focus_mm
+            place = self._place(focus_mm)
+            y[:, i] = place / g.M[:, 0] if self.problem.is_telecentric else (g.M / g.tangent)[:, 0] * place
         return y
 
     def sensor(self, y: Array, name: str = "design", notes: str = "") -> Sensor:

@@ -64,6 +64,7 @@ def problem_of(
         limits=requirements.limits,
         mode=mode,
         image_radius_px=image_radius_px,
+        optics=lens.optics,
     )
 
 

@@ -121,6 +121,8 @@ def print_merits(console: Console, best: Optimum) -> None:
     console.print()
     console.print(table)
     say((f"the sphere for the same field, at its best focus by {focus_by}", "dim"), console=console)
+    if best.problem.optics is not None:  # the bound is of ideal lenses
+        return
     least, blur = best.bound.blur_deg, after_all[list(DESIGN_MERITS).index("worst_blur_deg")]
     if least:
         console.print(
