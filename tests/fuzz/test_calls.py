@@ -128,7 +128,8 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
 }  # fmt: skip
 ELSEWHERE = {
     "Body", "Calibration", "Detection", "FormError", "FoundRim", "Front", "LineCalibration", "Motion", "Optimum",
-    "Prior", "RationalPinhole", "RayTable", "Sighting", "ThinPrismFisheye", "ToleranceReport", "TypicalSensor", "ViewMap", "adjust",
+    "Prior", "RationalPinhole", "RayTable", "Sighting", "ThinPrismFisheye", "ToleranceReport", "TypicalSensor",
+    "ViewMap", "adjust",
     "bundled_sensors",
     "calibrate_lines", "design_from_parts",
     "design_sensor", "load_front", "measure_round_trip", "pareto", "register_camera_format", "register_format",
