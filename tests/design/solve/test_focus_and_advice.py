@@ -350,6 +350,35 @@ def test_a_field_that_leaves_a_limit_behind_is_no_advice():
         relaxed(parse_requirements(SURVEY), [Relaxation("omega_max_deg", "deg", 110.0, 90.0)])
 
 
+BENT = """
+[field]
+omega_max_deg = 106.81
+omega_min_deg = 35.0
+object_distance_mm = [1470, inf]
+[mirror]
+family = "hyperboloid"
+rim_radius_mm = 53.88
+[lens]
+focal_length_mm = 6.37
+f_number = 8.0
+[imager]
+width_px = 1600
+height_px = 1200
+pixel_pitch_um = 4.5
+[[limit]]
+quantity = "total_blur_px"
+at_most = 2.533
+"""
+
+
+def test_a_number_gives_no_more_than_it_has_to_where_the_search_ends_early():
+    """Beyond 98 deg of the least field angle everything is met; 104.6 deg were asked for."""
+    wanted = parse_requirements(BENT)
+    told = next(r.needed for r in design_sensor(wanted).conflict.alone if r.name == "omega_min_deg")
+    assert best(wanted.changed(omega_min_deg=told)).is_met
+    assert not best(wanted.changed(omega_min_deg=told - 0.01 * (told - 35.0))).is_met
+
+
 def brute_force(wanted, name, values):
     """The first of some values at which everything is met, by designing each."""
     return next(v for v in values if best(wanted.changed(**{name: float(v)})).is_met)

@@ -30,6 +30,7 @@ ROOM = 0.45  # of the way to where the rim is seen edge-on, for each of two angl
 MORE = (0.0, 1e-4, 1e-3, 1e-2)  # shares by which advice is widened until it holds
 DIGITS = 5  # of advice
 STILL = 1e-6  # a share below this is none
+NEAR = 3e-3  # of the way to what is advised: how near to the threshold that is
 IDLE = 0.01  # a move that saves the others less than this share of theirs is none
 RANGES = {
     "omega_max_deg": (1.0, 179.0),
@@ -135,7 +136,8 @@ def find_conflict(space: Space, best: BestDesign, say: Say = lambda words: None)
         return None
     alone = []
     for advice, point in _alone(space, best, say):
-        alone.append(verified(advice, partial(_holds, space, point)))
+        holds = partial(_holds, space, point)
+        alone.append(nearest(verified(advice, holds), holds))
     alone.sort(key=lambda r: (r.needed is None, r.share or 0.0))
     say("everything")
     joint, share = _jointly(space, best, alone)
@@ -189,6 +191,17 @@ def verified(r: Relaxation, holds: Holds) -> Relaxation:
         return r
     wider = (r.widened(share) for share in MORE)
     return next((w for w in wider if holds([w])), replace(r, needed=None))
+
+
+def nearest(r: Relaxation, holds: Holds) -> Relaxation:
+    """The advice on a number, as near to what was asked as it holds: a search along a bent valley may end too early."""
+    near, far = 0.0, 1.0 - NEAR  # of the way
+    if not r.gives or r.limit is not None or not holds([r.giving(far)]):
+        return r
+    while far - near > NEAR:
+        middle = (near + far) / 2
+        near, far = (near, middle) if holds([r.giving(middle)]) else (middle, far)
+    return r.giving(far)
 
 
 def verified_together(given: Sequence[Relaxation], holds: Holds) -> tuple[Relaxation, ...]:
