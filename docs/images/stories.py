@@ -1,4 +1,4 @@
-"""Make the pictures of docs/stories.md: its own commands, with more rays to a pixel.
+"""Make the pictures of docs/stories.md, by its own commands with more rays to a pixel, and that of docs/bought.md.
 
 python docs/images/stories.py
 """
@@ -18,7 +18,7 @@ import numpy as np
 from omnimirror.media import read_image, write_image
 
 IMAGES = Path(__file__).parent
-PAGE = IMAGES.parent / "stories.md"
+PAGE, BOUGHT = IMAGES.parent / "stories.md", IMAGES.parent / "bought.md"
 PICTURES = {
     "robot.jpg": (("robot.jpg", "robot-plan.jpg"), ("robot-drawing.png",)),
     "ceiling.jpg": (("ceiling.jpg", "ceiling-drawing.png"), ("ceiling-panorama.jpg",)),
@@ -28,12 +28,35 @@ PICTURES = {
 WIDTH, GAP = 1200, 10
 
 
-def make(folder: Path) -> None:
-    """Run the commands in a folder, and put what they draw side by side."""
-    text = PAGE.read_text(encoding="utf-8")
+def _files_of(page: Path, folder: Path) -> str:
+    """Write the files that a page shows; its text."""
+    text = page.read_text(encoding="utf-8")
     for name, file in re.findall(r"^```toml\n# ([\w-]+\.toml)\n(.*?)^```", text, flags=re.M | re.S):
         (folder / name).write_text(file, encoding="utf-8")
-    program = Path(sys.executable).with_name("omnimirror")
+    return text
+
+
+def make_bought(folder: Path) -> None:
+    """Run the designs and the pictures of docs/bought.md."""
+    text, program = _files_of(BOUGHT, folder), Path(sys.executable).with_name("omnimirror")
+    for line in re.findall(r"^\$ omnimirror ((?:design \w+\.toml|simulate|dewarp) .*)", text, flags=re.M):
+        subprocess.run([program, *shlex.split(line)], cwd=folder, check=True)
+    names = ("hall", "pipe", "player", "sky")
+    rows = [_row([_square(read_image(folder / f"{name}.jpg")) for name in names])]
+    rows.append(_row([read_image(folder / "hall-panorama.jpg")]))
+    write_image(IMAGES / "bought.jpg", np.concatenate(rows))
+
+
+def _square(picture: np.ndarray) -> np.ndarray:
+    """The middle of a picture that is wider than high."""
+    side = picture.shape[0]
+    left = (picture.shape[1] - side) // 2
+    return picture[:, left : left + side]
+
+
+def make(folder: Path) -> None:
+    """Run the commands in a folder, and put what they draw side by side."""
+    text, program = _files_of(PAGE, folder), Path(sys.executable).with_name("omnimirror")
     for block in re.findall(r"^```console\n(.*?)^```", text, flags=re.M | re.S):
         for line in re.findall(r"^\$ omnimirror (.*)", block, flags=re.M):
             words = line.replace("--spp 1", "--spp 16").replace("zmx,csv,pdf", "png")
@@ -66,3 +89,4 @@ def _scaled(picture: np.ndarray, factor: float) -> np.ndarray:
 if __name__ == "__main__":
     with TemporaryDirectory() as temporary:
         make(Path(temporary))
+        make_bought(Path(temporary))
