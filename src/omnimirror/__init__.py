@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from .calibrate.formats import register_camera_format as register_camera_format
     from .calibrate.lines import LineCalibration as LineCalibration
     from .calibrate.lines import calibrate_lines as calibrate_lines
+    from .calibrate.lines import read_lines as read_lines
     from .calibrate.physical import SensorModel as SensorModel
     from .calibrate.physical import mirror_ball_model as mirror_ball_model
     from .calibrate.propagation import direction_uncertainty as direction_uncertainty
@@ -195,6 +196,7 @@ _HOMES = {
     "Detection": "calibrate.targets",
     "mirror_ball_model": "calibrate.physical",
     "calibrate_lines": "calibrate.lines",
+    "read_lines": "calibrate.lines",
     "LineCalibration": "calibrate.lines",
     "SensorModel": "calibrate.physical",
     "DoubleSphere": "camera_models",

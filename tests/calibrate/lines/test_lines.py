@@ -174,3 +174,58 @@ def test_a_photograph_of_a_room_tells_what_mirror_took_it(shared_data):
     error = np.degrees(np.arccos(np.clip((a * b).sum(axis=1), -1, 1)))
     assert np.sqrt((error**2).mean()) < 3.5
     assert (error < 3 * om.direction_uncertainty(found.camera, pixels)).all()
+
+
+def marked_edges(camera, count: int = 24, noise_px: float = 0.2) -> list[np.ndarray]:
+    """Points of straight edges of a room 2 to 4 m about a camera, a dozen on each, as someone marks them."""
+    random = np.random.default_rng(4)
+    edges: list[np.ndarray] = []
+    while len(edges) < count:
+        middle = random.normal(size=3)
+        middle *= random.uniform(2000, 4000) / np.linalg.norm(middle)
+        along = np.eye(3)[len(edges) % 3] if len(edges) % 2 else random.normal(size=3)
+        points = middle + np.linspace(-2500, 2500, 12)[:, None] * along / np.linalg.norm(along)
+        seen = camera.project(points)
+        if seen.valid.sum() >= 8:
+            edges.append(seen.pixels[seen.valid] + random.normal(0, noise_px, (seen.valid.sum(), 2)))
+    return edges
+
+
+def test_a_camera_is_refined_by_points_that_were_marked_on_straight_edges(tmp_path):
+    truth = scene()[0]
+    lens = truth.lens
+    drawn = replace(truth, lens=replace(lens, focal_length_mm=1.02 * lens.focal_length_mm))
+    edges = marked_edges(truth)
+    found = om.calibrate_lines(lines=[edges], image_size=truth.image_size, model=drawn, distance_mm=3000.0)
+    off, said = errors_deg(truth, found.camera)
+    before, _ = errors_deg(truth, replace(drawn, uncertainty=found.camera.uncertainty))
+    assert np.sqrt(np.mean(off**2)) < 0.5 * np.sqrt(np.mean(before**2))
+    assert np.mean(off < 3 * said) > 0.95
+    assert found.rms_px == pytest.approx(0.2, rel=0.25)
+    om.save_sensor(drawn, tmp_path / "drawn.toml")
+    rows = [f"{i},{u:.3f},{v:.3f}" for i, edge in enumerate(edges) for u, v in edge]
+    (tmp_path / "edges.csv").write_text("\n".join(["line,u_px,v_px", *rows]) + "\n")
+    width, height = truth.image_size
+    run = omnimirror(
+        "lines", "--lines", "edges.csv", "--image-size", f"{width}x{height}", "--camera", "drawn.toml",
+        "--distance-mm", "3000", "-o", "built.toml", cwd=tmp_path,
+    )  # fmt: skip
+    assert run.returncode == 0, run.stderr
+    built = om.load_camera(tmp_path / "built.toml")
+    assert built.lens.focal_length_mm == pytest.approx(found.camera.lens.focal_length_mm, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("line,u_px,v_px\na,1,2\na,2,3\n", "line a of picture has 2 points, and 3 are the fewest"),
+        ("line,u_px\na,1\n", "valid is line,u_px,v_px, and picture if several"),
+        ("line,u_px,v_px\na,1,x\n", "edges.csv line 2: v_px = 'x' is no number"),
+        ("line,u_px,v_px\na,1\n", "edges.csv line 2 has 2 values, and the first line names 3"),
+        ("", "holds no points; its first line should be line,u_px,v_px"),
+    ],
+)
+def test_tables_of_edges_that_will_not_do_are_told(text, says, tmp_path):
+    (tmp_path / "edges.csv").write_text(text)
+    with pytest.raises(InvalidParameter, match=re.escape(says)):
+        om.read_lines([tmp_path / "edges.csv"])

@@ -3,5 +3,6 @@
 from .calibrator import LineCalibration, calibrate_lines, drawn_edges
 from .chains import edge_chains
 from .levelling import Level, level_from
+from .marked import read_lines
 
-__all__ = ["Level", "LineCalibration", "calibrate_lines", "drawn_edges", "edge_chains", "level_from"]
+__all__ = ["Level", "LineCalibration", "calibrate_lines", "drawn_edges", "edge_chains", "level_from", "read_lines"]

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import zip_longest
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import checked, instance, number
+from ...arguments import checked, finite, instance, number
 from ...camera_models import Unified
 from ...camera_models.base import CameraModel, Optics
 from ...errors import InvalidParameter
@@ -21,6 +22,7 @@ from ..propagation import direction_uncertainty
 from .chains import edge_chains
 from .fitting import SCALE_PX, Edges, Knobs, LinesFit, edges_of, fitted_lines, gradients_of_chains, normal_equations
 from .levelling import Level, level_from
+from .marked import LEAST_POINTS
 
 Array = NDArray[np.float64]
 
@@ -113,8 +115,10 @@ class LineCalibration:
 
 @checked
 def calibrate_lines(
-    pictures: Sequence[NDArray[Any]],
+    pictures: Sequence[NDArray[Any]] = (),
     *,
+    lines: Sequence[Sequence[Array]] = (),
+    image_size: tuple[int, int] | None = None,
     model: Sensor | CameraModel | None = None,
     optics: Optics = "mirror",
     mount: Mount | None = None,
@@ -133,6 +137,11 @@ def calibrate_lines(
     ----------
     pictures
         One or several of the same camera, (height, width, 3) uint8 RGB or (height, width).
+    lines
+        Of each of the pictures, and of others after them, edges that were marked in it: points (n, 2) px, n from 3 on
+        (:func:`omnimirror.read_lines`). They count beside those that are followed.
+    image_size : (width, height), px
+        Where there are lines alone.
     model
         To be refined: a sensor or its :class:`omnimirror.SensorModel`, whose free parameters are estimated within
         their tolerances, or a camera model. By default nothing is known, and it is a unified one, right for
@@ -166,9 +175,9 @@ def calibrate_lines(
     Traceback (most recent call last):
     omnimirror.errors.InvalidParameter: 0 edges are too few to refine a camera; it takes 8, long and in all directions
     """
-    chains = _chains(pictures, centre_px, radius_px, inner_radius_px)
+    size = _size(pictures, lines, image_size)
+    chains = _chains(pictures, lines, centre_px, radius_px, inner_radius_px)
     edges = edges_of([chain for found in chains for chain in found])
-    size = pictures[0].shape[1], pictures[0].shape[0]
     number("distance_mm", distance_mm if np.isfinite(distance_mm) else 1.0, above=0.0)
     begun: CameraModel
     if model is None:
@@ -199,22 +208,46 @@ def calibrate_lines(
     return LineCalibration(camera, tuple(map(tuple, chains)), tuple(used), rms, free, tuple(levels), distance_mm)
 
 
-def _chains(
-    pictures: Sequence[NDArray[Any]], centre: tuple[float, float] | None, radius: float | None, inner: float
-) -> list[list[Array]]:
-    """Edges of each picture, enough in all."""
-    if not len(pictures):
+def _size(
+    pictures: Sequence[NDArray[Any]], lines: Sequence[Sequence[Array]], said: tuple[int, int] | None
+) -> tuple[int, int]:
+    """Width and height of all pictures."""
+    sizes = {(picture.shape[1], picture.shape[0]) for picture in pictures} | ({tuple(said)} if said else set())
+    if not pictures and not lines:
         raise InvalidParameter("there is no picture; it takes one at least")
-    sizes = {picture.shape[:2] for picture in pictures}
+    if not sizes:
+        raise InvalidParameter("of lines alone the pictures' size has to be said (image_size, --image-size)")
     if len(sizes) > 1:
         raise InvalidParameter(f"pictures are of {len(sizes)} different sizes; one camera takes all alike")
-    chains = [edge_chains(p, centre_px=centre, radius_px=radius, inner_radius_px=inner) for p in pictures]
+    ((width, height),) = sizes
+    return int(width), int(height)
+
+
+def _chains(
+    pictures: Sequence[NDArray[Any]],
+    lines: Sequence[Sequence[Array]],
+    centre: tuple[float, float] | None,
+    radius: float | None,
+    inner: float,
+) -> list[list[Array]]:
+    """Edges of each picture, followed and marked, enough in all."""
+    followed = [edge_chains(p, centre_px=centre, radius_px=radius, inner_radius_px=inner) for p in pictures]
+    marked = [[_marked(edge) for edge in edges] for edges in lines]
+    none: list[Array] = []
+    chains = [[*a, *b] for a, b in zip_longest(followed, marked, fillvalue=none)]
     count = sum(map(len, chains))
     if count < LEAST_CHAINS:
         raise InvalidParameter(
             f"{count} edges are too few to refine a camera; it takes {LEAST_CHAINS}, long and in all directions"
         )
     return chains
+
+
+def _marked(edge: Array) -> Array:
+    points = finite("lines", edge, last=2)
+    if points.ndim != 2 or len(points) < LEAST_POINTS:
+        raise InvalidParameter(f"an edge of shape {points.shape} is not valid; it is valid as (n, 2), n from 3 on")
+    return points
 
 
 def _begun(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -10,9 +9,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ....arguments import checked, float_of, shown
+from ....arguments import checked, shown
 from ....errors import InvalidParameter
 from ....files import read_text
+from ...tables import cells_of, number_of
 from .observations import Sighting
 
 Array = NDArray[np.float64]
@@ -101,7 +101,7 @@ def _rows(path: Path, valid: Sequence[tuple[str, ...]], *, is_distant: bool) -> 
     if len(lines) < 2:
         raise InvalidParameter(f"{path} holds no points; its first line should be {','.join((*PIXEL, *valid[0]))}")
     (number, head), *rest = lines
-    columns = _cells(head, f"line {number} of {path}")
+    columns = cells_of(head, f"line {number} of {path}")
     target = next((names for names in valid if set(columns) - {PICTURE} == {*PIXEL, *names}), None)
     if target is None or len(set(columns)) < len(columns):
         ways = " or ".join(",".join((*PIXEL, *names)) for names in valid)
@@ -112,12 +112,12 @@ def _rows(path: Path, valid: Sequence[tuple[str, ...]], *, is_distant: bool) -> 
 
 
 def _row(place: str, columns: list[str], line: str, target: tuple[str, ...], is_distant: bool) -> _Row:
-    cells = _cells(line, place)
+    cells = cells_of(line, place)
     if len(cells) != len(columns):
         raise InvalidParameter(f"{place} has {len(cells)} values, and the first line names {len(columns)}")
     entries = dict(zip(columns, cells, strict=True))
-    u, v = (_number(entries, name, place) for name in PIXEL)
-    numbers = [_number(entries, name, place) for name in target]
+    u, v = (number_of(entries, name, place) for name in PIXEL)
+    numbers = [number_of(entries, name, place) for name in target]
     if target == ANGLES:
         azimuth, elevation = np.radians(numbers)
         if abs(elevation) > np.pi / 2:
@@ -128,20 +128,3 @@ def _row(place: str, columns: list[str], line: str, target: tuple[str, ...], is_
         raise InvalidParameter(f"{place}: 0, 0, 0 is no direction")
     x, y, z = numbers
     return _Row(place, entries.get(PICTURE) or ONLY, (u, v), (float(x), float(y), float(z)), is_distant)
-
-
-def _cells(line: str, place: str) -> list[str]:
-    try:
-        return [cell.strip() for cell in next(csv.reader([line]))]
-    except csv.Error as e:
-        raise InvalidParameter(f"{place} is no line of a CSV file: {e}") from None
-
-
-def _number(entries: dict[str, str], name: str, place: str) -> float:
-    try:
-        value = float_of(entries[name])
-    except ValueError:
-        value = float("nan")
-    if not np.isfinite(value):
-        raise InvalidParameter(f"{place}: {name} = {shown(entries[name])} is no number")
-    return value

@@ -12,7 +12,8 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from ....calibrate.lines import Level, LineCalibration, calibrate_lines, drawn_edges
+from ....calibrate.lines import Level, LineCalibration, calibrate_lines, drawn_edges, read_lines
+from ....calibrate.lines.marked import ONLY
 from ....calibrate.rim import SURE, find_rim
 from ....camera_models.base import CameraModel, Optics
 from ....errors import InvalidParameter
@@ -22,9 +23,11 @@ from ....media import read_image, write_image
 from ....sensor import Sensor
 from ....specs import load_camera, save_camera
 from ...help_pages import DocumentedCommand
-from ...options.common import NUMBER, distance
+from ...options.common import NUMBER, distance, whole_size
 from ...options.declared import Options, option, takes
 from ...outputs import output_console, output_option, say, say_written
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -50,14 +53,25 @@ class LineOptions(Options):
         type=distance, metavar="MM", default=np.inf, help="Of the edges, for mirrors of many viewpoints."
     )
 
+    lines: tuple[str, ...] = option(
+        default=(), multiple=True, metavar="FILE", show_default=False,
+        help="Points marked on straight edges, CSV: line,u_px,v_px, and picture if there are several; may be repeated.",
+    )  # fmt: skip
+    image_size: tuple[int, int] | None = option(
+        type=whole_size, metavar="WxH", help="Of the pictures, where there are --lines alone."
+    )
+
     def model(self) -> Sensor | CameraModel | None:
         """The camera to be refined."""
         return None if self.camera is None else load_camera(self.camera)
 
-    def refined(self, pictures: Sequence[NDArray[Any]], model: Sensor | CameraModel | None) -> LineCalibration:
+    def refined(
+        self, pictures: Sequence[NDArray[Any]], lines: Sequence[Sequence[Array]], model: Sensor | CameraModel | None
+    ) -> LineCalibration:
         """What the edges of some pictures say of the camera."""
         return calibrate_lines(
-            pictures, model=model, optics=self.optics, mount=Mount(self.camera_looks),
+            pictures, lines=lines, image_size=self.image_size, model=model, optics=self.optics,
+            mount=Mount(self.camera_looks),
             centre_px=None if self.rim is None else self.rim[:2],
             radius_px=None if self.rim is None else self.rim[2],
             inner_radius_px=self.inner_radius_px or 0.0, distance_mm=self.distance_mm,
@@ -67,9 +81,12 @@ class LineOptions(Options):
 @click.command(
     cls=DocumentedCommand,
     page="calibrate",
-    examples=("omnimirror lines room.jpg --camera mine.toml -o built.toml",),
+    examples=(
+        "omnimirror lines room.jpg --camera mine.toml -o built.toml",
+        "omnimirror lines --lines edges.csv --image-size 1024x1024 --camera mine.toml -o built.toml",
+    ),
 )
-@click.argument("images", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.argument("images", nargs=-1, type=click.Path(path_type=Path))
 @takes(LineOptions, "asked")
 @output_option("-o", "--output", help="Write the camera, level and with its uncertainty.")
 @output_option("--json", "json_file", help="Write parameters, residuals and lean.")
@@ -79,19 +96,28 @@ def command(
 ) -> None:
     """Refine a camera until straight edges in IMAGES are straight, and level it by what stands upright.
 
-    For rooms and streets, where there is no target.
+    For rooms and streets, where there is no target. Edges that programs do not follow are marked by hand: --lines.
     """
-    pictures = [read_image(path) for path in images]
+    if not (images or asked.lines):
+        raise click.UsageError("there are no IMAGES, and no --lines that were marked in them")
+    if figure and not images:
+        raise click.UsageError("--figure is drawn on the first of IMAGES, and there is none")
+    pictures, marked = [read_image(path) for path in images], read_lines(asked.lines)
+    if len(images) == 1 and list(marked) == [ONLY]:
+        marked = {images[0].name: marked[ONLY]}
+    names = list(dict.fromkeys([*(path.name for path in images), *marked]))
+    lines = [marked.get(name, ()) for name in names]
     console = output_console()
     model = asked.model()
-    if asked.rim is None and (asked.optics if model is None else getattr(model, "optics", "mirror")) == "mirror":
+    optics = asked.optics if model is None else getattr(model, "optics", "mirror")
+    if pictures and asked.rim is None and optics == "mirror":
         (u, v, radius), inner = _found_rim(pictures)
         say(f"the rim lies about {u:.1f}, {v:.1f} px, with a radius of {radius:.1f} px", console=console)
         if asked.inner_radius_px is not None:
             inner = asked.inner_radius_px
         asked = replace(asked, rim=(u, v, radius), inner_radius_px=inner)
     with console.status("Following edges"):
-        found = asked.refined(pictures, model)
+        found = asked.refined(pictures, lines, model)
     told = found.to_dict()
     used, edges = (sum(p[key] for p in told["pictures"]) for key in ("used", "edges"))
     say(f"{used} of {edges} edges are straight within {found.rms_px:.2f} px rms", console=console)
@@ -99,8 +125,8 @@ def command(
         say((f"  {p['name']}", "bold"), f" {p['value']:.6g} +- {p['sigma']:.2g} {p['unit']}", console=console)
     for words in found.free:
         say(("not determined: ", "bold"), words, console=console)
-    for path, level in zip(images, found.levels, strict=True):
-        say((path.name, "bold"), f": {_lean(level)}", console=console)
+    for name, level in zip(names, found.levels, strict=True):
+        say((name, "bold"), f": {_lean(level)}", console=console)
     if output:
         save_camera(found.camera, output)  # type: ignore[arg-type]  # of the kinds that files hold
     if json_file:
