@@ -125,6 +125,18 @@ def test_ffmpeg_takes_the_nearest_pixel(picture, tmp_path):
     assert 0.5 < done.deviation.size <= np.sqrt(0.5)
 
 
+def test_ffmpeg_loses_half_as_much_in_a_view_twice_as_large_that_is_scaled_down(picture, seen, tmp_path):
+    pytest.importorskip("av")
+    ours = om.Dewarper(SENSOR, AHEAD)(picture).astype(float)
+    off = []
+    for times in (1, 2):
+        view = replace(AHEAD, size=(320 * times, 240 * times))
+        (done,) = om.write_maps(SENSOR, view, tmp_path / f"{times}.pgm", formats="ffmpeg")
+        theirs = cv2.resize(remapped(done.paths, picture), (320, 240), interpolation=cv2.INTER_AREA)
+        off.append(np.sqrt(np.mean((theirs - ours)[seen] ** 2)))
+    assert off[1] < 0.65 * off[0]
+
+
 def test_vpi_gets_a_place_for_each_pixel(picture, straight, seen, tmp_path):
     warp = np.load(written("vpi", tmp_path).paths[0])
     assert warp.dtype == np.float32
