@@ -15,6 +15,7 @@ import omnimirror as om
 from omnimirror.design.criteria.requirement_file import parse_requirements
 from omnimirror.imagers import Imager
 from omnimirror.mirrors import MIRRORS
+from omnimirror.mirrors.form import MirrorForm
 from omnimirror.mirrors.pose import MirrorPose
 from omnimirror.specs import bundled_sensors, format_sensor, parse_sensor, tables_of
 from omnimirror.studio.app import create_app
@@ -378,6 +379,16 @@ def test_a_requirement_file_carries_the_lens_of_its_sensor(name, client):
 def misaligned() -> om.Sensor:
     pose = MirrorPose(decentre_x_mm=1.7, decentre_y_mm=-0.9, displacement_mm=1.0, tilt_x_deg=0.8)
     return replace(om.load_sensor("paper-spherical"), mirror_pose=pose)
+
+
+def test_a_form_error_is_said_not_to_be_in_the_plots(client):
+    sensor = om.load_sensor("paper-spherical")
+    formed = replace(sensor, mirror_form=MirrorForm((5,), (0.5,)))
+    (header, blocks), (_, same) = ask(client, question(formed), question(sensor))
+    assert header["trouble"] is None
+    assert header["remark"].startswith("The file tells a form error of the mirror")
+    assert header["facts"]["not_optimised"].endswith("this sensor has a form error or an imager that leans.")
+    np.testing.assert_array_equal(blocks["curves"]["h_px"], same["curves"]["h_px"])
 
 
 def test_a_misaligned_sensor_is_drawn_in_its_place_and_said_to_be_out_of_it(client):

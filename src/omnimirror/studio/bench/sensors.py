@@ -75,8 +75,13 @@ def in_place(sensor: Sensor) -> Sensor:
 def remark_on(sensor: Sensor) -> str | None:
     """What of a sensor is not in its plots, in a sentence; None where all is."""
     pose = sensor.mirror_pose
-    if pose.is_axial:
+    if pose.is_axial and sensor.is_ideal_but_for_pose:
         return None
+    if pose.is_axial:
+        return (
+            "The file tells a form error of the mirror, or how the imager leans. The picture of the room is taken so; "
+            "cross-section, plots and requirements are those of the sensor without."
+        )
     shift, tilt = (
         f"{a:g} and {b:g}" for a, b in ((pose.decentre_x_mm, pose.decentre_y_mm), (pose.tilt_x_deg, pose.tilt_y_deg))
     )
@@ -92,6 +97,8 @@ def why_not_optimised(sensor: Sensor) -> str | None:
         return "Mirrors are optimised one at a time, and this sensor has two."
     if not sensor.mirror_pose.is_axial:
         return "Mirrors are optimised in their place, and this one is decentred or tilted."
+    if not sensor.is_ideal_but_for_pose:
+        return "Mirrors are optimised as they are meant, and this sensor has a form error or an imager that leans."
     return None
 
 
