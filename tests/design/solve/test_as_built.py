@@ -183,3 +183,17 @@ def test_a_mirror_of_free_form_is_the_best_behind_lens_and_dome(asked):
     assert worst(design.sensor) == pytest.approx(design.optimum.value, rel=2e-3)
     assert worst(design.sensor) < 0.6 * worst(sphere)
     assert problem_from(json.loads(json.dumps(described(design.optimum.problem)))) == design.optimum.problem
+
+
+@pytest.mark.parametrize("way", [{"family": "sphere"}, {"optimise": "worst_blur_deg", "shape": "polynomial:3"}])
+def test_what_cannot_be_kept_is_told_and_the_lens_stays(asked, way):
+    """Of a real lens nothing can give; the advice is about what else was asked."""
+    limits = (om.Limit("length_mm", at_most=60.0), om.Limit("hidden_percent", at_most=90.0))
+    mirror = om.MirrorRequirements(rim_radius_mm=30, **way)
+    own = replace(asked, mirror=mirror, limits=limits, lens=replace(asked.lens, theta_max_deg=12.0))
+    design = om.design_sensor(own, search=om.SearchOptions(starts=1))
+    assert "length_mm" in design.verdict.missed
+    assert design.conflict is not None
+    told = {change.name for change in (*design.conflict.alone, *design.conflict.joint)}
+    assert told
+    assert not told & {"focal_length_mm", "f_number"}

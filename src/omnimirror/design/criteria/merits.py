@@ -25,7 +25,7 @@ Array = NDArray[Any]
 PROJECTIONS = 8
 
 
-NOTHING: Array = np.zeros(1)
+NOTHING: Array = np.zeros((1, 1))
 
 
 class FieldValues(NamedTuple):

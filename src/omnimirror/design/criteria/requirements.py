@@ -462,6 +462,8 @@ class Requirements:
         return {"elevation_deg": [round(v, DIGITS) for v in self.mount.elevations_deg(omega)], **field}
 
 
+OF_OPTICS = ("focal_length_mm", "f_number")
+"""What a real lens says itself."""
 TABLES = ("field", "mirror", "lens", "imager", "mount")
 NAMES = {
     cls.TABLE: {f.name for f in dataclasses.fields(cls)}

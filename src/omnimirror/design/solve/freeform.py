@@ -15,7 +15,7 @@ from ...numerics.minimax import Minimum
 from ...sensor import Sensor
 from ..criteria.merits import merit_named
 from ..criteria.ranges import ends
-from ..criteria.requirements import Requirements
+from ..criteria.requirements import OF_OPTICS, Requirements
 from ..optimise.objective import Key, Objective, Slack
 from ..optimise.optimiser import (
     CLOSE,
@@ -82,7 +82,8 @@ class FreeFormSpace:
     @cached_property
     def numbers(self) -> dict[str, float]:
         """The numbers of the problem that are no ranges."""
-        given = {name: getattr(self.problem, name) for name in NUMBERS if name not in self.problem.free}
+        own = () if self.problem.optics is None else OF_OPTICS
+        given = {name: getattr(self.problem, name) for name in NUMBERS if name not in (*self.problem.free, *own)}
         return {name: ends(value)[0] for name, value in given.items() if value is not None}
 
     @cached_property

@@ -19,7 +19,7 @@ from ...numerics.lazy import cached_property
 from ...numerics.minimax import Minimum, ObjectiveValues, Rows, solve_minimax
 from ...sensor import Sensor
 from ..criteria.ranges import ends, ends_or_none, is_free
-from ..criteria.requirements import Requirements
+from ..criteria.requirements import OF_OPTICS, Requirements
 from ..optimise.objective import IMAGE, Key, Slack
 from ..optimise.problem import OF_LENS
 from .candidates import focusing, make
@@ -155,6 +155,8 @@ class GeneratedSpace:
         found = {n: span[0] for n, span in spans.items() if span is not None and not is_free(span) and span[0] != 0}
         if all(limit.omega_deg for limit in self.requirements.limits):
             found.pop("omega_min_deg", None)
+        if self.requirements.lens.optics is not None:
+            found = {name: value for name, value in found.items() if name not in OF_OPTICS}
         return found
 
     @cached_property
