@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from benchmarks.mirror_photographs import Photograph, compose, error_of
 from benchmarks.mirror_surroundings import SURROUNDINGS, rings
+from numpy.typing import NDArray
 
 import omnimirror as om
 from omnimirror.errors import InvalidParameter
@@ -59,6 +60,7 @@ def test_a_mirror_ball_as_its_box_was_set_by_hand(shared_data):
     radius = (right - left + bottom - top) / 4
     assert rim.radius_px == pytest.approx(radius, rel=0.01)
     assert np.hypot(rim.centre_px[0] - (left + right) / 2, rim.centre_px[1] - (top + bottom) / 2) < 0.01 * radius
+    assert rim.is_sure
 
 
 def test_a_rim_that_is_cut_by_the_picture(shared_data):
@@ -100,12 +102,12 @@ def test_plates_and_frames_are_no_mirrors(seed):
     assert not om.find_rim(rings(seed, ENVIRONMENTS).picture).is_sure
 
 
-@pytest.fixture(scope="module")
-def two_hundred():
+@cache
+def two_hundred(first: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Whether each of two hundred composed pictures is answered within 1 %, and whether the answer is sure."""
     right, sure = np.zeros(200, bool), np.zeros(200, bool)
     for i in range(200):
-        photograph = compose(5000 + i, ENVIRONMENTS)
+        photograph = compose(first + i, ENVIRONMENTS)
         rim = om.find_rim(photograph.picture)
         right[i], sure[i] = error_of(rim, photograph.rim) < 0.01, rim.is_sure
     return right, sure
@@ -113,17 +115,22 @@ def two_hundred():
 
 @pytest.mark.full
 @pytest.mark.timeout(1800)
-def test_most_of_two_hundred_composed_pictures_are_answered_rightly(two_hundred):
-    right, sure = two_hundred
-    assert right.mean() >= 0.95
+@pytest.mark.parametrize("first", [5000, 9100])
+def test_most_of_two_hundred_composed_pictures_are_answered_rightly(first):
+    right, sure = two_hundred(first)
+    assert right.mean() >= 0.96
     assert (~right & sure).mean() <= 0.02
+    assert sure.mean() >= 0.85
+
+
+WRONG_AND_SURE = pytest.mark.xfail(reason="193 of 200, 3 wrong and sure: a frame taken for its mirror", strict=True)
 
 
 @pytest.mark.full
 @pytest.mark.timeout(1800)
-@pytest.mark.xfail(reason="193 of 200, 3 wrong and sure: a frame taken for its mirror", strict=True)
-def test_two_hundred_composed_pictures_are_answered_as_is_aimed_at(two_hundred):
-    right, sure = two_hundred
+@pytest.mark.parametrize("first", [pytest.param(5000, marks=WRONG_AND_SURE), 9100])
+def test_two_hundred_composed_pictures_are_answered_as_is_aimed_at(first):
+    right, sure = two_hundred(first)
     assert right.mean() >= 0.99
     assert not (~right & sure).any()
 
