@@ -36,6 +36,7 @@ LARGER = np.zeros((64, 64, 3), np.uint8)
 PARTS = Catalogue((LensComponent("l", 8.0, 1.4, 16.0, 100.0),), (ImagerComponent("i", 1000, 1000, 5.0),))
 MOVES = Keyframes({"x_mm": ((0.0, 0.0), (1.0, 9.0))})
 TOLERANCES = om.Tolerances(SENSOR, {"lens.k1": om.ErrorBound(0.01)})
+REPORT = om.tolerance(SENSOR, om.TolerancePlan(TOLERANCES, {"blur_px": 20.0}), trials=20)
 VIEW = om.views.panorama(SENSOR, size=(36, 12))
 ON_MIRROR = [
     [x, y, float(SENSOR.mirror.sag((x * x + y * y) ** 0.5))] for x in range(-30, 31, 4) for y in range(-30, 31, 4)
@@ -55,6 +56,8 @@ def write_files(folder: Path) -> None:
     (folder / "survey.csv").write_text("u_px,v_px,x_mm,y_mm,z_mm\n1,2,3,4,5\n")
     (folder / "stars.csv").write_text("u_px,v_px,azimuth_deg,elevation_deg\n1,2,3,4\n")
     (folder / "cmm.csv").write_text("1,2,3\n4,5,6\n")
+    (folder / "edges.csv").write_text("line,u_px,v_px\n" + "".join(f"a,{100 + 9 * i},300\n" for i in range(9)))
+    (folder / "views.toml").write_text("[door]\npan_deg = 40\nsize = [64, 48]\n")
     (folder / "tolerances.toml").write_text(om.tolerance_template(SENSOR))
     (folder / "poses.csv").write_text("time_s,x_mm,pan_deg\n0,0,0\n.2,100,10\n")
     (folder / "parts.toml").write_text(
@@ -77,6 +80,10 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "form_effect": (om.form_effect, {"sensor": SENSOR, "form": FORM}),
     "as_made": (om.as_made, {"sensor": SENSOR, "form": FORM}),
     "read_surveys": (om.read_surveys, {"points": ["survey.csv"], "directions": ["stars.csv"]}),
+    "read_lines": (om.read_lines, {"paths": ["edges.csv"]}),
+    "load_views": (om.load_views, {"path": "views.toml"}),
+    "NamedView": (om.NamedView, {"name": "door", "kind": "panorama", "options": {"size": (64, 48)}, "steered": False}),
+    "write_tolerances": (om.write_tolerances, {"report": REPORT, "path": "order.html"}),
     "typical_sensors": (om.typical_sensors, {"sensor": SENSOR, "plan": om.TolerancePlan(TOLERANCES),
                                              "merit": "motion_px", "shares": (0.5,), "trials": 20, "seed": 0}),
     "Thermal": (om.Thermal, {"reference_c": 20.0, "mirror_material": None, "mirror_ppm_per_k": 70.0,

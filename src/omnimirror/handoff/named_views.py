@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ..arguments import file_name
+from ..arguments import check_fields, file_name
 from ..cameras import Camera
 from ..dewarp import views
 from ..dewarp.screens import View
@@ -59,6 +59,7 @@ class NamedView:
     steered: bool = False
 
     def __post_init__(self) -> None:
+        check_fields(self)
         check_name(self.name)
         if self.kind not in views.VIEWS:
             raise InvalidParameter(f"view = {self.kind!r} is not known; valid are {', '.join(views.VIEWS)}")
