@@ -222,7 +222,8 @@ def test_derivatives_of_every_merit_by_every_error_are_those_of_finite_rays(name
     for error, kind in errors_of(sensor).items():
         if "zernike" in error and int(error.split("_")[1]) > terms_of(6):
             continue  # the same sums; over finite rays' own aperture such fine terms bend
-        step = 0.2 * kind.usual["medium"]
+        share = 0.1 if error.startswith("imager.tilt") else 0.2  # beyond .16 deg another object is the worst one
+        step = share * kind.usual["medium"]
         rates = merit_rates(judge, error, step)
         assert set(rates) == set(merit_names()[:-1])
         found = merits_of(judge, Rays(sensor, error, step * NODES))
