@@ -205,9 +205,16 @@ def _best_climbed(base: Adjustment, starts: Sequence[CameraModel], plan: Calibra
     every = min(THINNED, max(1, sum(map(len, base.sightings)) // ENOUGH))
     some = replace(base, sightings=tuple(s.only(np.arange(0, len(s), every)) for s in base.sightings))
     # with its axis free from the start, an unknown mirror may slide into a valley far from any mirror there is
-    options = [known(into) for into in starts]
-    held = [o | {"fixed": (*o["fixed"], *AXIS)} for o in options]
-    tried = [climbed(some, into, **o, most_steps=TRIAL_STEPS) for into, o in zip(starts, held, strict=True)]
+    tried, options, failed = [], [], []
+    for into in starts:
+        own = known(into)
+        try:
+            tried.append(climbed(some, into, **own | {"fixed": (*own["fixed"], *AXIS)}, most_steps=TRIAL_STEPS))
+            options.append(own)
+        except OmnimirrorError as e:  # a start that leads to no mirror; another may
+            failed.append(e)
+    if not tried:
+        raise failed[0]
     loss = Loss("cauchy", CAUCHY * min(fit.question.noise_px for fit in tried))
     sums = [loss.sum(np.where(fit.seen[:, None], fit.residuals, UNSEEN_PX)) for fit in tried]
     number = int(np.argmin(sums))

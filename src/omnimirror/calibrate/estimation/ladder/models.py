@@ -17,6 +17,7 @@ from ....camera_models import (
     ViewpointSpline,
 )
 from ....camera_models.base import CameraModel
+from ....errors import OmnimirrorError
 from ...physical import SensorModel
 from ...physical.starting import guessed_size
 from ..bundle.adjustment import Adjustment
@@ -78,7 +79,10 @@ def mirror_like(central: Unified, fit: Adjustment, omega_max_deg: float) -> Sens
     corners = np.concatenate([s.motion(s.points[~s.distant]) for s in fit.sightings if s.motion is not None])
     omega = np.arctan2(np.hypot(corners[:, 0], corners[:, 1]), -corners[:, 2])
     omega = np.sort(omega[omega < np.radians(end)])[:: max(1, len(omega) // SOME)]
-    guess = guessed_size(central, end, omega, -model._viewpoint_mm(omega))
+    try:
+        guess = guessed_size(central, end, omega, -model._viewpoint_mm(omega))
+    except OmnimirrorError:  # a mirror of such a mapping would fold before its rim
+        return None
     if guess is None:
         return None
     rim, distance = guess
