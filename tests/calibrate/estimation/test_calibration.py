@@ -47,9 +47,8 @@ def test_true_directions_lie_within_three_sigma():
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("part", range(5))
-def test_true_directions_lie_within_three_sigma_over_50_seeds(part):
-    assert np.mean([within_3_sigma(seed) for seed in range(10 * part, 10 * part + 10)]) >= 0.95
+def test_true_directions_lie_within_three_sigma_over_50_seeds():
+    assert np.mean([within_3_sigma(seed) for seed in range(50)]) >= 0.95
 
 
 def test_the_field_ends_at_the_rim_that_is_said():

@@ -22,7 +22,7 @@ CASES = [
     ("paper-hyperboloidal", SHAPED),
     ("paper-equidistant", USUAL),
     ("prototype-spherical", SHAPED),
-    ("paraboloid-telecentric", ("shape", "focal", "decentre")),
+    ("paraboloid-telecentric", ("shape", "focal", "decentre", "tilt")),  # a distance it shows nothing of
 ]
 
 
@@ -182,10 +182,9 @@ def test_truth_lies_within_3_sigma_of_a_mirror_of_which_nothing_is_known(part, n
 
 @pytest.mark.full
 @pytest.mark.parametrize(("name", "free"), CASES, ids=lambda case: "-".join(case) if isinstance(case, tuple) else case)
-@pytest.mark.parametrize("part", range(5))
-def test_truth_lies_within_3_sigma_over_50_seeds(part, name, free):
+def test_truth_lies_within_3_sigma_over_50_seeds(name, free):
     shares, off = [], []
-    for seed in range(10 * part, 10 * part + 10):
+    for seed in range(50):
         truth, found, random = calibrated(om.load_sensor(name), free, seed)
         shares.append(shares_within_3_sigma(found.model, found.covariance, truth, random))
         true = {p.name: p.value for p in om.SensorModel(truth, free).parameters}

@@ -129,7 +129,12 @@ def _pictures(found: Calibration) -> tuple[PictureOutcome, ...]:
             off = finite(off_straight_px(sightings[picture.name], found.model, found.board))
             if found.held_out is not None:
                 held = finite(float(np.sqrt(np.mean(np.sum(found.held_out.residuals[where] ** 2, axis=1)))))
-        told.append(PictureOutcome(**picture._asdict(), held_out_rms_px=held, off_straight_px=off, residuals=rows))
+        told.append(
+            PictureOutcome(
+                name=picture.name, found=picture.found, used=picture.used, reason=picture.reason, rms_px=picture.rms_px,
+                held_out_rms_px=held, off_straight_px=off, residuals=rows,
+            )
+        )  # fmt: skip
     return tuple(told)
 
 
