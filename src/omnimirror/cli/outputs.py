@@ -65,6 +65,11 @@ def take_standard_output(option: str, kind: str, path: Path = Path("-"), ctx: cl
     return path.with_suffix(f".{kind}") if kind else path
 
 
+def write_standard_output_as(kind: str) -> None:
+    """Of which kind ``-`` is, where another option than ``--format`` of :func:`format_option` says so."""
+    click.get_current_context().meta[_FORMAT] = kind
+
+
 def output_option(*names: str, formats: tuple[str, ...] = (), **more: Any) -> Callable[[F], F]:
     """An option that names a file to write."""
     return click.option(*names, type=Output(formats), **more)

@@ -21,17 +21,18 @@ TERMS = terms_of(LARGEST_ORDER)
 MM_PER_UM = 1e-3
 
 
-class FormHeights(NamedTuple):
-    """A form over points (n,), with its derivatives."""
+class SurfaceHeights(NamedTuple):
+    """A surface, or its error of form, over points: arrays of one shape."""
 
     z: Array
     """mm"""
     gx: Array
     gy: Array
+    """first derivatives"""
     hxx: Array
     hxy: Array
     hyy: Array
-    """1/mm"""
+    """second derivatives, 1/mm"""
 
 
 @dataclass(frozen=True)
@@ -93,11 +94,11 @@ class MirrorForm:
                 square[i, j] = np.asarray(mixed)[power_place(i, j)]
         return square
 
-    def heights(self, rim_mm: float, xy: Array) -> FormHeights:
+    def heights(self, rim_mm: float, xy: Array) -> SurfaceHeights:
         """Heights over points (n, 2) mm of a mirror of this rim radius, and their derivatives."""
         count = len(xy)
         if self.is_empty:
-            return FormHeights(*np.zeros((6, count)))
+            return SurfaceHeights(*np.zeros((6, count)))
         u, v = (xy / rim_mm).T
         size = len(self._powers)
         powers = np.arange(size)
@@ -107,7 +108,7 @@ class MirrorForm:
             total: Array = np.einsum("ni,ij,nj->n", rows[a], self._powers, columns[b], optimize=True)
             return total / rim_mm ** (a + b)
 
-        return FormHeights(*(summed(a, b) for a, b in ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))))
+        return SurfaceHeights(*(summed(a, b) for a, b in ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))))
 
 
 def _derived(w: Array, powers: NDArray[np.intp], times: int) -> Array:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..mirrors import Mirror
-from ..mirrors.form import NO_FORM, FormHeights, MirrorForm
+from ..mirrors.form import NO_FORM, MirrorForm, SurfaceHeights
 from ..numerics.roots import NEWTON_CLOSE
 from .meridian import trace_chief_rays
 from .space import LIFT, hollowness, intersect
@@ -213,7 +213,7 @@ class Surface:
         if not form.is_empty:
             self._add(form.heights(mirror.rim_radius_mm, xy))
 
-    def _add(self, form: FormHeights) -> None:
+    def _add(self, form: SurfaceHeights) -> None:
         self.points[:, 2] += form.z
         self.slopes += np.stack([form.gx, form.gy], axis=-1)
         xx, xy, yy = self.second

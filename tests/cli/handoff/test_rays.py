@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from tests.commands import fails, omnimirror
 
@@ -30,3 +31,15 @@ def test_what_cannot_be(tmp_path):
     assert "valid as a whole number, 1 to 1024" in fails(
         "rays", "paper-spherical", "-o", tmp_path / "a.npz", "--step", 0
     )
+
+
+@pytest.mark.parametrize(("more", "begins"), [((), b"v/1\x01"), (("--format", "npz"), b"PK\x03\x04")])
+def test_a_table_goes_to_standard_output_as_its_format_is(more, begins):
+    run = omnimirror("rays", "paper-spherical", "--step", 64, "-o", "-", *more, text=False)
+    assert run.returncode == 0, run.stderr
+    assert run.stdout[:4] == begins
+
+
+def test_several_files_do_not_go_to_standard_output():
+    sentence = "blender are several files, and standard output takes one"
+    assert sentence in fails("rays", "paper-spherical", "-o", "-", "--format", "blender")

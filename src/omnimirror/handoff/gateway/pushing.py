@@ -12,7 +12,7 @@ from typing import BinaryIO
 import av
 
 from ...errors import MediaError
-from ...media.live.outputs import STREAM_FORMATS
+from ...media.live.outputs import stream_format
 from ...media.live.sources import LOW_DELAY
 from ...media.video.encoder import sentences
 
@@ -28,21 +28,15 @@ def push(source: BinaryIO, url: str) -> None:
         The scheme is not known, nobody answers, or the server has gone.
     """
     scheme = url.partition("://")[0].lower()
-    check_address(url)
+    packed_as = stream_format(url)
     with av.open(source, "r", format="mpegts", options=LOW_DELAY) as incoming, sentences(url):
         stream = incoming.streams.video[0]
-        with av.open(url, "w", format=STREAM_FORMATS[scheme], options=OF_SCHEME.get(scheme, {})) as outgoing:
+        with av.open(url, "w", format=packed_as, options=OF_SCHEME.get(scheme, {})) as outgoing:
             copied = outgoing.add_stream_from_template(stream)
             for packet in incoming.demux(stream):
                 if packet.dts is not None:
                     packet.stream = copied
                     outgoing.mux(packet)
-
-
-def check_address(url: str) -> None:
-    """Refuse what nothing can be pushed to."""
-    if "://" not in url or url.partition("://")[0].lower() not in STREAM_FORMATS:
-        raise MediaError(f"cannot stream to {url!r}; valid are addresses of {', '.join(STREAM_FORMATS)}")
 
 
 def main() -> None:

@@ -10,12 +10,12 @@ from ...arguments import checked
 from ...cameras import Camera
 from ...dewarp.contracts import Interpolation
 from ...errors import InvalidParameter, MediaError
+from ...media.live.outputs import stream_format
 from ...serving.access import is_loopback
 from ...serving.server import listen, names_of, run
 from ...straighten import is_video
 from ..named_views import NamedView
 from .gateway import Gateway
-from .pushing import check_address
 from .routes import create_app
 
 
@@ -89,7 +89,7 @@ def serve_views(
     if token == "":
         raise InvalidParameter("the token is empty; leave it out, or give a word")
     if publish_to is not None:
-        check_address(publish_to)
+        stream_format(publish_to)
         if "{view}" not in publish_to:
             raise InvalidParameter(f"{publish_to} is one address for all views to be published; put {{view}} into it")
     gateway = Gateway(source, not is_file, camera, views, interpolation, report or tell, threads)

@@ -31,6 +31,14 @@ KEY_FRAME_EVERY_S = 1.0  # whoever comes late sees nothing before the next one
 VIRTUAL_CAMERAS = Path("/sys/devices/virtual/video4linux")
 
 
+def stream_format(url: str) -> str:
+    """How a stream to an address is packed; an address to which nothing can be streamed is refused."""
+    scheme, separator, _ = url.partition("://")
+    if not separator or scheme.lower() not in STREAM_FORMATS:
+        raise MediaError(f"cannot stream to {url!r}; valid are addresses of {', '.join(STREAM_FORMATS)}")
+    return STREAM_FORMATS[scheme.lower()]
+
+
 class SinkBase:
     """What sinks have in common: leaving the block closes them, after an error too, and sound is forgotten."""
 
@@ -81,16 +89,12 @@ class StreamSink(SinkBase):
     """
 
     def __init__(self, url: str, size: tuple[int, int], frame_rate: Fraction | float, **encoding: Any) -> None:
-        scheme = url.partition("://")[0].lower()
-        if "://" not in url or scheme not in STREAM_FORMATS:
-            raise MediaError(f"cannot stream to {url!r}; valid are addresses of {', '.join(STREAM_FORMATS)}")
+        packed_as = stream_format(url)
         codec = encoding.setdefault("codec", DEFAULT_CODEC)
         key_frames = {"g": str(max(1, round(KEY_FRAME_EVERY_S * float(frame_rate))))}
         encoding["options"] = {**key_frames, **LIVE_OPTIONS.get(codec, {}), **encoding.get("options", {})}
         with sentences(url):
-            self._encoder = Encoder(
-                url, size, frame_rate, container_format=STREAM_FORMATS[scheme], is_live=True, **encoding
-            )
+            self._encoder = Encoder(url, size, frame_rate, container_format=packed_as, is_live=True, **encoding)
         self.siting = siting_of(codec)
         self.notes = [f"{url}: {self._encoder.lost}"] if self._encoder.lost else []
         """What whoever asked for the stream should know of it, in sentences."""

@@ -20,7 +20,7 @@ from ...imagers import ImagerPose
 from ...lenses import Perspective
 from ...sensor import Sensor
 from ...tracing.reflection import RIM_SLACK, Ends
-from ..errors import check_name, errors_of, perturbed
+from ..errors import check_built_with, perturbed
 from .picture import Picture, Refocus, best_vergences
 
 Array = NDArray[np.float64]
@@ -59,9 +59,8 @@ def pictured_one_by_one(
 
     A sensor that cannot be, its mirror in its tube for one, loses everything.
     """
-    n, shown, known = len(targets.xyz), [], errors_of(sensor)
-    for name in values:
-        check_name(name, known)
+    n, shown = len(targets.xyz), []
+    check_built_with(sensor, values)
     for k in range(count):
         try:
             built = perturbed(sensor, {name: float(of[k]) for name, of in values.items()})

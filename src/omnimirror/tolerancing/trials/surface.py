@@ -7,13 +7,12 @@ radius. Each trial has conic, polynomial and form of its own; the table, of mirr
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...mirrors import Mirror
-from ...mirrors.form import LARGEST_ORDER
+from ...mirrors.form import LARGEST_ORDER, SurfaceHeights
 from ...numerics.zernike import terms_of
 
 Array = NDArray[np.float64]
@@ -22,20 +21,6 @@ NODES = 1024  # of the table; quintic pieces of .001 of a rim radius are exact t
 LEAST_RADIUS = 1e-9  # of the rim radius: on the axis, derivatives are taken so far beside it
 ORDERS = {terms_of(order): order for order in range(LARGEST_ORDER + 1)}
 """Order of a form by how many powers it has."""
-
-
-class Heights(NamedTuple):
-    """A surface over points; each array of the points' shape."""
-
-    z: Array
-    """mm"""
-    gx: Array
-    gy: Array
-    """First derivatives."""
-    hxx: Array
-    hxy: Array
-    hyy: Array
-    """Second derivatives, 1/mm."""
 
 
 @dataclass(frozen=True)
@@ -110,11 +95,11 @@ class MirrorSurfaces:
     form: Array
     table: MeridianTable | None = None
 
-    def heights(self, x: Array, y: Array) -> Heights:
+    def heights(self, x: Array, y: Array) -> SurfaceHeights:
         """Over points (t, n) mm; NaN where a conic has ended."""
         value, first, second = self._meridian(x * x + y * y)
         formed = self._form(x, y)
-        return Heights(
+        return SurfaceHeights(
             value + formed.z,
             2 * x * first + formed.gx,
             2 * y * first + formed.gy,
@@ -155,7 +140,7 @@ class MirrorSurfaces:
         z, slope, bend = self.table.profile(r)
         return z, slope / (2 * r), (bend - slope / r) / (4 * r * r)
 
-    def _form(self, x: Array, y: Array) -> Heights:
+    def _form(self, x: Array, y: Array) -> SurfaceHeights:
         """By Horner's rule in y of polynomials in x."""
         order, unit = ORDERS[self.form.shape[1]], self.rim_radius_mm
         u, v = x / unit, y / unit
@@ -174,4 +159,4 @@ class MirrorSurfaces:
             by_xy = by_xy * v + by_x
             by_x = by_x * v + dq
             by_xx = by_xx * v + 2 * ddq
-        return Heights(z, by_x / unit, by_y / unit, by_xx / unit**2, by_xy / unit**2, 2 * by_yy / unit**2)
+        return SurfaceHeights(z, by_x / unit, by_y / unit, by_xx / unit**2, by_xy / unit**2, 2 * by_yy / unit**2)

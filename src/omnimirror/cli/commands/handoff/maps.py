@@ -11,8 +11,8 @@ from ....specs import load_camera
 from ...help_pages import DocumentedCommand
 from ...options.declared import takes
 from ...options.view import ViewOptions
-from ...outputs import output_console
-from .common import format_names, say_handed_over
+from ...outputs import output_console, output_option
+from .common import check_one_file, formats_option, say_handed_over
 
 
 @click.command(
@@ -24,14 +24,11 @@ from .common import format_names, say_handed_over
     ),
 )
 @click.argument("camera", metavar="SENSOR|CAMERA")
-@click.option(
-    "-o", "--output", required=True, type=click.Path(path_type=Path),
+@output_option(
+    "-o", "--output", required=True, formats=("npz", "exr"),
     help="A file whose suffix says the format, or a folder.",
 )  # fmt: skip
-@click.option(
-    "--format", "--formats", "formats", type=format_names(MAP_FORMATS), metavar="NAME,..",
-    help=f"Of {', '.join(MAP_FORMATS)}.  [default: by the file's suffix]",
-)  # fmt: skip
+@formats_option(MAP_FORMATS)
 @takes(ViewOptions, "view")
 def command(camera: str, output: Path, formats: list[str] | None, view: ViewOptions) -> None:
     """Write where in the camera's picture each pixel of a view lies.
@@ -41,6 +38,7 @@ def command(camera: str, output: Path, formats: list[str] | None, view: ViewOpti
     view.check()
     seen_by = load_camera(camera)
     shown = view.of(seen_by)
+    check_one_file(output, formats, MAP_FORMATS)
     console = output_console()
     with console.status("Mapping"):
         done = write_maps(seen_by, shown, output, formats=formats, viewpoint=view.viewpoint or "exact")

@@ -10,8 +10,8 @@ from ....handoff.rays import RAY_FORMATS, write_rays
 from ....specs import load_camera
 from ...help_pages import DocumentedCommand
 from ...options.common import WHOLE
-from ...outputs import output_console
-from .common import format_names, say_handed_over
+from ...outputs import output_console, output_option
+from .common import check_one_file, formats_option, say_handed_over
 
 
 @click.command(
@@ -20,14 +20,11 @@ from .common import format_names, say_handed_over
     examples=("omnimirror rays paper-spherical -o rays.exr",),
 )
 @click.argument("camera", metavar="SENSOR|CAMERA")
-@click.option(
-    "-o", "--output", required=True, type=click.Path(path_type=Path),
+@output_option(
+    "-o", "--output", required=True, formats=("exr", "npz"),
     help="A file whose suffix says the format, or a folder.",
 )  # fmt: skip
-@click.option(
-    "--format", "--formats", "formats", type=format_names(RAY_FORMATS), metavar="NAME,..",
-    help=f"Of {', '.join(RAY_FORMATS)}.  [default: by the file's suffix]",
-)  # fmt: skip
+@formats_option(RAY_FORMATS)
 @click.option("--step", type=WHOLE, default=1, show_default=True, help="Every n-th pixel only, across and down.")
 def command(camera: str, output: Path, formats: list[str] | None, step: int) -> None:
     """Write where the ray of each pixel starts, where it goes and how much it weighs.
@@ -35,6 +32,7 @@ def command(camera: str, output: Path, formats: list[str] | None, step: int) -> 
     Of a sensor file, a camera file or a bundled sensor. Lengths are mm, unless the program wants others; x is forward,
     y left and z up, from the mirror's vertex.
     """
+    check_one_file(output, formats, RAY_FORMATS)
     console = output_console()
     with console.status("Tracing"):
         done = write_rays(load_camera(camera), output, formats=formats, step=step)
