@@ -175,3 +175,42 @@ class ImagerPose:
         found = ahead @ np.linalg.inv(basis).T
         offsets: Array = found[..., :2] / found[..., 2:]
         return offsets
+
+
+@dataclass(frozen=True)
+class ImagePlane:
+    """An imager behind a lens: pixels as places on one that stands square to the optical axis, and back.
+
+    Places count in mm right of and below the optical axis, in the picture before it was ``flipped``. The
+    ``principal_distance`` (mm) of the lens matters to an imager that leans.
+
+    >>> plane = ImagePlane(Imager(1024, 1024, 5.2), ImagerPose(), flipped=True, principal_distance=np.inf)
+    >>> plane.flat_mm(np.array([[411.5, 511.5]]))[0].round(3)
+    array([[0.52, 0.  ]])
+    >>> plane.pixels(np.array([[0.52, 0.0]])).round(9)
+    array([[411.5, 511.5]])
+    """
+
+    imager: Imager
+    pose: ImagerPose
+    flipped: bool
+    principal_distance: float
+
+    def flat_mm(self, pixels: Array) -> tuple[Array, Array]:
+        """Places (n, 2) of pixels (n, 2), and how far (n,) mm behind them the pixels are."""
+        places = (self._unflipped(pixels) - self.imager.centre) * self.imager.pitch_mm
+        if self.pose == ImagerPose():
+            return places, np.zeros(places.shape[:-1])
+        return self.pose.flat(places, self.principal_distance)
+
+    def pixels(self, flat_mm: Array) -> Array:
+        """Pixels (n, 2) of places (n, 2), also beyond the array's edges."""
+        if self.pose != ImagerPose():
+            flat_mm = self.pose.tilted(flat_mm, self.principal_distance)
+        return self._unflipped(flat_mm / self.imager.pitch_mm + self.imager.centre)
+
+    def _unflipped(self, pixels: Array) -> Array:
+        """Pixels (n, 2) of the picture the other way round, where there are two."""
+        if not self.flipped:
+            return pixels
+        return np.stack([self.imager.width_px - 1 - pixels[..., 0], pixels[..., 1]], axis=-1)

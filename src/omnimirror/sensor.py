@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,7 +13,7 @@ from .cameras import AxialSymmetry, Projection, Rays, inside_image
 from .errors import InvalidParameter
 from .frames import Mount, turned
 from .housing import Housing
-from .imagers import Imager, ImagerPose
+from .imagers import ImagePlane, Imager, ImagerPose
 from .lenses import GaussianLens, Lens, Perspective
 from .mirrors import Mirror, Secondary
 from .mirrors.form import MirrorForm
@@ -21,19 +21,15 @@ from .mirrors.pose import MirrorPose
 from .numerics.lazy import cached_property
 from .parameters import Uncertainty
 from .thermal import Thermal
-from .tracing.covered import CoveredMirror
 from .tracing.covers import Cover
-from .tracing.folded import FoldedMirror
 from .tracing.meridian import ROUNDING, ChiefRays, Meridian
 from .tracing.obscuration import Obscuration, Obstructions, clear_field_deg, cover_of, obscured_rings
-from .tracing.posed import PosedMirror
-from .tracing.reflection import Ends, Specular
+from .tracing.optical_train import OpticalTrain
+from .tracing.reflection import Ends
 from .tracing.two_mirrors import TwoMirrorMeridian
 
 Array = NDArray[np.float64]
-
-PUPIL_STEPS = 12  # each takes what is left to a hundredth or less
-PUPIL_CLOSE = 1e-13
+Need = Literal["one mirror", "thin lens", "square imager", "ideal but for poses"]
 
 
 @dataclass(frozen=True)
@@ -170,25 +166,6 @@ class Sensor:
             other.__dict__["meridian"] = self.meridian
         return other
 
-    def check_one_mirror(self, what: str) -> None:
-        """Raise InvalidParameter if there is a second mirror, for what knows of one only.
-
-        Parameters
-        ----------
-        what
-            What cannot be done otherwise, for the message.
-
-        Raises
-        ------
-        InvalidParameter
-            There is a second mirror.
-        """
-        if self.secondary is not None:
-            raise InvalidParameter(
-                f"{what} is for sensors of one mirror, and the lens of {self.name!r} sees its mirror in a second one; "
-                "evaluation, spots, pictures and straightening are valid for both, and the sensor without its secondary"
-            )
-
     @property
     def is_axial(self) -> bool:
         """Whether mirror, lens, imager and cover share one axis, and the mirror is round about it."""
@@ -211,64 +188,49 @@ class Sensor:
         """Whether nothing but the pose of its mirror and cover is out of order: no form error, no leaning imager."""
         return self.mirror_form.is_empty and self.imager_pose == ImagerPose()
 
-    def check_ideal_but_for_pose(self, what: str) -> None:
-        """Raise InvalidParameter for form errors and leaning imagers, for what does not know of them.
+    def check(self, what: str, *needs: Need) -> None:
+        """Refuse a sensor of which something does not know.
 
         Parameters
         ----------
         what
             What cannot be done otherwise, for the message.
+        needs
+            ``"one mirror"``; ``"thin lens"``: not known by its table or surfaces; ``"square imager"``: none that leans;
+            ``"ideal but for poses"``: neither form error nor imager out of place.
 
         Raises
         ------
         InvalidParameter
-            The sensor has one.
+            It has what is not known of; the message says what is valid for it all the same.
         """
-        if not self.is_ideal_but_for_pose:
-            raise InvalidParameter(
-                f"{what} is for sensors without [mirror_form] and [imager_pose], and {self.name!r} has one; rays, "
-                "pictures and straightening are valid for it, and what is asked here of sensor.aligned()"
-            )
-
-    def check_square_imager(self, what: str) -> None:
-        """Raise InvalidParameter for an imager that leans, for what does not know of its focus.
-
-        Parameters
-        ----------
-        what
-            What cannot be done otherwise, for the message.
-
-        Raises
-        ------
-        InvalidParameter
-            It leans.
-        """
-        if not self.imager_pose.is_square:
-            raise InvalidParameter(
-                f"{what} is for imagers square to the axis, and that of {self.name!r} leans by "
-                f"{self.imager_pose.tilt_x_deg:g} and {self.imager_pose.tilt_y_deg:g} deg; pictures and tolerances are "
-                "valid for it"
-            )
-
-    def check_thin_lens(self, what: str) -> None:
-        """Raise InvalidParameter for a lens known by its table or surfaces, for what knows of ideal ones only.
-
-        Parameters
-        ----------
-        what
-            What cannot be done otherwise, for the message.
-
-        Raises
-        ------
-        InvalidParameter
-            The lens is a real one.
-        """
-        if not self.lens.IS_THIN:
-            raise InvalidParameter(
-                f"{what} is for perspective and orthographic lenses, and that of {self.name!r} is known by its "
-                f"{self.lens.KIND}; evaluation, focus, spots, illumination, pictures and straightening are valid for "
-                "it, and the sensor with a perspective lens of its focal length and entrance pupil"
-            )
+        lens, leans = self.lens, self.imager_pose
+        refusals: dict[Need, tuple[bool, str]] = {
+            "one mirror": (
+                self.secondary is None,
+                f"sensors of one mirror, and the lens of {self.name!r} sees its mirror in a second one; evaluation, "
+                "spots, pictures and straightening are valid for both, and the sensor without its secondary",
+            ),
+            "thin lens": (
+                lens.IS_THIN,
+                f"perspective and orthographic lenses, and that of {self.name!r} is known by its {lens.KIND}; "
+                "evaluation, focus, spots, illumination, pictures and straightening are valid for it, and the sensor "
+                "with a perspective lens of its focal length and entrance pupil",
+            ),
+            "square imager": (
+                leans.is_square,
+                f"imagers square to the axis, and that of {self.name!r} leans by {leans.tilt_x_deg:g} and "
+                f"{leans.tilt_y_deg:g} deg; pictures and tolerances are valid for it",
+            ),
+            "ideal but for poses": (
+                self.is_ideal_but_for_pose,
+                f"sensors without [mirror_form] and [imager_pose], and {self.name!r} has one; rays, pictures and "
+                "straightening are valid for it, and what is asked here of sensor.aligned()",
+            ),
+        }
+        for is_met, sentence in (refusals[need] for need in needs):
+            if not is_met:
+                raise InvalidParameter(f"{what} is for {sentence}")
 
     def aligned(self) -> Sensor:
         """The same sensor with its mirror, its tube or dome and its imager perfectly made and mounted.
@@ -358,10 +320,10 @@ class Sensor:
         (n,) array
             px
         """
-        image = np.stack(self.from_centre_px(pixels), axis=-1)
+        image, _ = self.image_plane.flat_mm(pixels)
         if self.lens.is_symmetric:
-            return np.hypot(image[..., 0], image[..., 1])
-        ideal = self.lens.undistorted(image * self.imager.pitch_mm)
+            return np.hypot(image[..., 0], image[..., 1]) / self.imager.pitch_mm
+        ideal = self.lens.undistorted(image)
         return self.lens.distorted_height(np.hypot(ideal[..., 0], ideal[..., 1])) / self.imager.pitch_mm
 
     @property
@@ -449,10 +411,10 @@ class Sensor:
         >>> sensor.hidden_by([[511.5, 511.5], [900.0, 511.5]])
         {'camera': array([ True, False])}
         """
-        self.check_one_mirror("what hides a pixel")
+        self.check("what hides a pixel", "one mirror")
         pixels = vectors("pixels", pixels, 2)
         start, towards = self.lens_rays(pixels.reshape(-1, 2), np.zeros(2))
-        found = self.posed_mirror.trace(start, towards)
+        found = self.optical_train.posed_mirror.trace(start, towards)
         hidden = self.obstructions.met_by(found.points, found.directions, -towards, self.mirror_pose)
         return {part: (mask & found.valid).reshape(pixels.shape[:-1]) for part, mask in hidden.items()}
 
@@ -542,7 +504,7 @@ class Sensor:
         pixels = vectors("pixels", pixels, 2)
         if not self.is_axial:
             return self.aperture_rays(pixels, np.zeros(2))
-        image = np.stack(self.from_centre_px(pixels), axis=-1) * self.imager.pitch_mm
+        image, _ = self.image_plane.flat_mm(pixels)
         radius, cos, sin = _unit(*np.moveaxis(self.lens.undistorted(image), -1, 0))
         inner, outer = self._edges_mm
         valid = inside_image(pixels, self.image_size)
@@ -614,106 +576,38 @@ class Sensor:
 
     def _image(self, x_mirror: Array, cos: Array, sin: Array) -> Projection:
         """Pixels of mirror points (n,) at azimuths; NaN in, not valid out."""
-        offsets = np.full((*x_mirror.shape, 2), np.nan)
+        image = np.full((*x_mirror.shape, 2), np.nan)
         seen = np.isfinite(x_mirror)
         first = self.meridian.trace(x_mirror[seen]).first
         radius = self.lens.ideal_height(first.x, first.w)
         ideal = np.stack([radius * cos[seen], radius * sin[seen]], axis=-1)
-        offsets[seen] = self.lens.distorted(ideal) / self.imager.pitch_mm
-        return self._in_picture(offsets)
+        image[seen] = self.lens.distorted(ideal)
+        return self._in_picture(image)
 
     # -- in space ------------------------------------------------------------------------------
 
-    @property
-    def posed_mirror(self) -> PosedMirror | FoldedMirror:
-        """The mirror where it sits in the camera frame, whose origin is the vertex as it was meant to be.
-
-        Where the lens sees it in a second mirror, the lens's side of that frame is the unfolded one.
-        """
-        if self.secondary is not None:
-            return FoldedMirror(self.mirror, self.secondary, self.mirror_distance_mm, self.lens.pupil)
-        return PosedMirror(self.mirror, self.mirror_pose, self.mirror_form)
-
-    @property
-    def seen_mirror(self) -> PosedMirror | FoldedMirror | CoveredMirror:
-        """The mirror as it is seen from outside: through the tube or the dome of the housing, if there is one.
+    @cached_property
+    def optical_train(self) -> OpticalTrain:
+        """Its mirrors and lens where they stand, as rays in space meet them.
 
         Raises
         ------
         InvalidParameter
             For two mirrors in a tube.
         """
-        if self.housing.shell is None:
-            return self.posed_mirror
-        self.check_one_mirror("tracing in space through a tube or a dome")
-        standing = self.obstructions
-        assert standing.housing.shell is not None
-        envelope = standing.envelope
-        return CoveredMirror(
-            PosedMirror(self.mirror, self.mirror_pose, self.mirror_form),
-            standing.housing.shell,
-            (envelope.base_mm, envelope.back_mm),
-            self.mirror_distance_mm,
-            self.lens.pupil,
+        cover = None
+        if self.housing.shell is not None:
+            self.check("tracing in space through a tube or a dome", "one mirror")
+            cover = self.obstructions
+        return OpticalTrain(
+            self.mirror, self.lens, self.mirror_distance_mm, self.mirror_pose, self.mirror_form, self.secondary, cover
         )
 
     @property
-    def lens_offset(self) -> Array:
-        """The lens's reference point (3,) mm in the camera frame."""
-        vertex = 0.0 if self.secondary is None else -self.secondary.distance_mm
-        return np.array([0.0, 0.0, vertex if self.lens.TELECENTRIC else -self.mirror_distance_mm])
-
-    @property
-    def pupil_offset(self) -> Array:
-        """The middle of the lens's entrance pupil (3,) mm in the camera frame, as rays near the axis see it."""
-        offset: Array = self.lens_offset + np.array([0.0, 0.0, self.lens.pupil.at_mm])
-        return offset
-
-    def chief_rays_to(self, targets: Ends) -> Specular:
-        """Where the middle of the lens's entrance pupil sees targets (n,) of the camera frame.
-
-        Where the pupil moves with the viewing angle, it and the mirror point are found in turn.
-
-        Parameters
-        ----------
-        targets
-            Points or directions.
-
-        Returns
-        -------
-        Specular
-            The points of the mirror, and the ways there.
-        """
-        mirror, middle = self.seen_mirror, np.zeros((1, 2))
-        found = mirror.specular(self.entrance_pupil_points(middle), targets)
-        if not self.lens.pupil.moves:
-            return found
-        for _ in range(PUPIL_STEPS):
-            slopes = found.chief_slopes
-            found = mirror.specular(self.entrance_pupil_points(middle, slopes), targets, found.points)
-            with np.errstate(invalid="ignore"):
-                if not (np.abs(found.chief_slopes - slopes) > PUPIL_CLOSE).any():
-                    break
-        return found
-
-    def entrance_pupil_points(self, pupil: Array, chief: Array | None = None) -> Ends:
-        """Where points (n, 2) of the unit disk of the aperture see from, in the camera frame.
-
-        Parameters
-        ----------
-        pupil : (n, 2)
-            Points of the entrance pupil, in its radii.
-        chief : (n, 2), optional
-            Slopes of the chief rays, where the pupil moves with them; those near the axis by default.
-
-        Returns
-        -------
-        Ends
-            Where rays of the pupil begin, mm.
-        """
-        if self.lens.TELECENTRIC:
-            return Ends(self.lens.entrance_pupil_points(pupil), distant=True)
-        return Ends(self.lens.entrance_pupil_points(pupil, chief) + self.lens_offset)
+    def image_plane(self) -> ImagePlane:
+        """Its pixels as places behind the lens, and back."""
+        distance = self.lens.principal_distance if isinstance(self.lens, Perspective) else np.inf
+        return ImagePlane(self.imager, self.imager_pose, self.mount.image_flipped, distance)
 
     def lens_rays(self, pixels: Array, pupil: Array) -> tuple[Array, Array]:
         """Origins and directions (n, 3) of rays from pixels (n, 2) through aperture points (n, 2) to the mirror.
@@ -732,8 +626,8 @@ class Sensor:
         tuple of (n, 3) arrays
             Origins in mm and unit directions, in the camera's frame.
         """
-        flat, depth = self._flat_mm(pixels)
-        origins, directions = self.lens_rays_of_image(flat, pupil)
+        flat, depth = self.image_plane.flat_mm(pixels)
+        origins, directions = self.optical_train.rays_of_image(flat, pupil)
         if not self.imager_pose.is_square:  # each pixel is in focus at its own distance
             assert isinstance(self.lens, Perspective)
             lens = self.lens
@@ -741,45 +635,6 @@ class Sensor:
             vergence = 1 / (f * behind / (behind - f) - lens.pupil.at_mm)
             directions = directions.copy()
             directions[..., :2] += origins[..., :2] * (1 / lens.from_pupil - vergence)[..., None]
-        return origins, directions
-
-    def _flat_mm(self, pixels: Array) -> tuple[Array, Array]:
-        """Pixels (n, 2) as places of a square imager, mm from the optical axis, and how far (n,) mm behind they are."""
-        u, v = self.imager.centre
-        columns = pixels[..., 0]
-        if self.mount.image_flipped:
-            columns = self.imager.width_px - 1 - columns
-        offsets = np.stack([columns - u, pixels[..., 1] - v], axis=-1) * self.imager.pitch_mm
-        if self.imager_pose == ImagerPose():
-            return offsets, np.zeros(offsets.shape[:-1])
-        return self.imager_pose.flat(offsets, self._principal_distance)
-
-    @property
-    def _principal_distance(self) -> float:
-        """From the exit pupil, as it were, to the imager, mm; of square imagers it does not matter."""
-        return self.lens.principal_distance if isinstance(self.lens, Perspective) else np.inf
-
-    def lens_rays_of_image(self, image_mm: Array, pupil: Array) -> tuple[Array, Array]:
-        """The same for image points (n, 2) mm from the optical axis, right and down in the unflipped picture.
-
-        Parameters
-        ----------
-        image_mm : (n, 2)
-            Points of the image, mm.
-        pupil : (n, 2)
-            Points of the entrance pupil, in its radii.
-
-        Returns
-        -------
-        tuple of (n, 3) arrays
-            Origins in mm and unit directions, in the camera's frame.
-        """
-        origins, directions = self.lens.rays(image_mm, np.broadcast_to(pupil, image_mm.shape))
-        origins = origins + self.lens_offset
-        if self.lens.TELECENTRIC:  # from the plane in focus back to where nothing of the mirror is
-            bound = np.linalg.norm(self.mirror_pose.shift) + self.mirror.rim_radius_mm + self.mirror.bounds[1][1]
-            bound += 2 * np.abs(self.lens_offset[2])
-            origins = origins - (bound + np.abs(origins[:, 2:])) * directions
         return origins, directions
 
     def aperture_rays(self, pixels: ArrayLike, pupil: ArrayLike) -> Rays:
@@ -818,7 +673,7 @@ class Sensor:
         pupil = np.broadcast_to(np.asarray(pupil, dtype=float), pixels.shape).reshape(-1, 2)
         valid = inside_image(flat, self.image_size)
         origins, directions = np.full((2, *flat.shape[:-1], 3), np.nan)
-        found = self.seen_mirror.trace(*self.lens_rays(flat[valid], pupil[valid]))
+        found = self.optical_train.seen_mirror.trace(*self.lens_rays(flat[valid], pupil[valid]))
         rotation = self._axes.T
         origins[valid] = turned(found.points, rotation)
         directions[valid] = turned(found.directions, rotation)
@@ -828,41 +683,15 @@ class Sensor:
 
     def _project_in_space(self, targets: Array, distant: bool) -> Projection:
         """Pixels of points or directions (n, 3) of the camera frame."""
-        found = self.chief_rays_to(Ends.of(targets.reshape(-1, 3), distant))
-        offsets = self.lens.image_of(found.seen_at - self.lens_offset, found.to_pupils) / self.imager.pitch_mm
-        offsets[~found.valid] = np.nan
-        return self._in_picture(offsets.reshape(*targets.shape[:-1], 2))
+        image = self.optical_train.image_of(Ends.of(targets.reshape(-1, 3), distant))
+        return self._in_picture(image.reshape(*targets.shape[:-1], 2))
 
-    # -- in the picture ------------------------------------------------------------------------
-
-    def _in_picture(self, offsets: Array) -> Projection:
-        """Pixels at offsets (n, 2) px from the optical axis of a square imager; NaN, or outside, is not valid."""
-        if self.imager_pose != ImagerPose():
-            offsets = self.imager_pose.tilted(offsets, self._principal_distance / self.imager.pitch_mm)
-        u, v = self.imager.centre
-        columns = u + offsets[..., 0]
-        if self.mount.image_flipped:
-            columns = self.imager.width_px - 1 - columns
-        pixels = np.stack([columns, v + offsets[..., 1]], axis=-1)
+    def _in_picture(self, image_mm: Array) -> Projection:
+        """Pixels of places (n, 2) mm on a square imager; NaN, or outside, is not valid."""
+        pixels = self.image_plane.pixels(image_mm)
         valid = inside_image(pixels, self.image_size)
         pixels[~valid] = np.nan
         return Projection(pixels, valid)
-
-    def from_centre_px(self, pixels: Array) -> tuple[Array, Array]:
-        """Offsets (n,), (n,) px of pixels (n, 2) from the optical axis, right and down in the unflipped picture.
-
-        Parameters
-        ----------
-        pixels : (n, 2)
-            Pixels (u, v), integers at their centres.
-
-        Returns
-        -------
-        tuple of (n,) arrays
-            px from the picture's centre, on an imager square to the axis.
-        """
-        flat = self._flat_mm(pixels)[0] / self.imager.pitch_mm
-        return flat[..., 0], flat[..., 1]
 
 
 def _unit(x: Array, y: Array) -> tuple[Array, Array, Array]:

@@ -98,7 +98,7 @@ def test_the_blur_on_a_leaning_imager_is_that_of_rays_through_a_thin_lens():
     targets, small = Ends(field.targets, True), 0.01
     places = []
     for pupil in small * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]]):
-        found = SPH.posed_mirror.specular(SPH.entrance_pupil_points(pupil[None]), targets)
+        found = SPH.optical_train.posed_mirror.specular(SPH.optical_train.entrance_pupil_points(pupil[None]), targets)
         slope, p = found.to_pupils[:, :2] / found.to_pupils[:, 2:], lens.aperture_radius * pupil
         # (b (a + p/f) - p) = plane[:2] e,  b = b0 + plane[2] e
         straight = slope + p / lens.focal_length_mm

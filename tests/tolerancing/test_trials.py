@@ -54,7 +54,7 @@ def test_a_trial_shows_what_the_sensor_from_its_file_shows(sensor, distance):
     built = perturbed(sensor, values)
     targets = world(built, field.targets)
     found = built.project_directions(targets) if field.distant else built.project(targets)
-    offsets = np.stack(built.from_centre_px(found.pixels), axis=-1)
+    offsets = built.image_plane.flat_mm(found.pixels)[0] / built.imager.pitch_mm
     shown = field.picture(columns(values)).offsets_px[0]
     assert found.valid.sum() > 80
     np.testing.assert_allclose(shown[found.valid], offsets[found.valid], atol=1e-8)
@@ -82,8 +82,11 @@ def test_blurs_are_those_of_finite_rays(sensor):
     pupil = np.stack([np.cos(around), np.sin(around)], axis=-1)
     for target, matrix in zip(field.targets, blur, strict=True):
         ends = om.tracing.reflection.Ends.of(np.broadcast_to(target, (16, 3)), distant=True)
-        found = built.posed_mirror.specular(built.entrance_pupil_points(pupil), ends)
-        points = built.lens.image_of(found.seen_at - built.lens_offset, found.to_pupils) / built.imager.pitch_mm
+        found = built.optical_train.posed_mirror.specular(built.optical_train.entrance_pupil_points(pupil), ends)
+        points = (
+            built.lens.image_of(found.seen_at - built.optical_train.lens_offset, found.to_pupils)
+            / built.imager.pitch_mm
+        )
         spread = points - points.mean(axis=0)
         expected = pupil @ matrix.T / 2
         assert np.abs(spread - expected).max() < 0.02 * np.abs(expected).max() + 1e-6
@@ -205,7 +208,7 @@ def test_mirrors_of_every_shape_have_trials(kind):
     values = {"mirror.decentre_x_mm": 0.05, "mirror.tilt_y_deg": 0.05}
     built = perturbed(sensor, values)
     found = built.project_directions(world(built, field.targets))
-    offsets = np.stack(built.from_centre_px(found.pixels), axis=-1)
+    offsets = built.image_plane.flat_mm(found.pixels)[0] / built.imager.pitch_mm
     shown = field.picture(columns(values)).offsets_px[0]
     assert np.abs(shown - offsets)[found.valid].max() < 1e-6
 

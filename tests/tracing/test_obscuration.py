@@ -130,7 +130,7 @@ def test_the_pixels_of_a_misaligned_sensor_are_what_marched_rays_meet(name, pose
     pixels = np.random.default_rng(1).uniform(40.0, 983.0, (150, 2))
     pixels = np.concatenate([pixels, 511.5 + np.random.default_rng(2).normal(0.0, 60.0, (100, 2))])
     start, towards = sensor.lens_rays(pixels, np.zeros(2))
-    rays = sensor.posed_mirror.trace(start, towards)
+    rays = sensor.optical_train.posed_mirror.trace(start, towards)
     said = sensor.hidden_by(pixels)
     count = 0
     for i in np.flatnonzero(rays.valid):

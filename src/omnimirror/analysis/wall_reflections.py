@@ -83,7 +83,7 @@ def ghosts(sensor: Sensor, omega_deg: ArrayLike | None = None) -> Ghosts:
     (array([-60.,  nan]), array([7.7, 0. ]))
     """
     check_sensor(sensor)
-    sensor.check_one_mirror("ghosts")
+    sensor.check("ghosts", "one mirror")
     standing = sensor.obstructions
     shell = standing.housing.shell
     if shell is None:
@@ -96,7 +96,7 @@ def ghosts(sensor: Sensor, omega_deg: ArrayLike | None = None) -> Ghosts:
     first = let_out(shell, points, np.stack([np.sin(rays.reflected), nothing, -np.cos(rays.reflected)], axis=-1))
 
     start, way = first.met + LIFT_MM * first.thrown_back, first.thrown_back
-    again = sensor.posed_mirror.trace(start, way)
+    again = sensor.optical_train.posed_mirror.trace(start, way)
     by_mirror = again.valid
     start = np.where(by_mirror[:, None], again.points + LIFT_MM * again.directions, start)
     way = np.where(by_mirror[:, None], again.directions, way)

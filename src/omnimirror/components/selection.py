@@ -97,7 +97,7 @@ def choose_parts(
     >>> best.fits, best.lens, round(best.sensor.lens.focus_distance_mm)
     (True, '8 mm', 246)
     """
-    sensor.check_one_mirror("the choice of parts")
+    sensor.check("the choice of parts", "one mirror")
     if not 0 <= least_fill <= 1:
         raise InvalidParameter(f"least_fill = {least_fill:g} is not valid; it is a share from 0 to 1")
     distances("object_distance_mm", object_distance_mm)

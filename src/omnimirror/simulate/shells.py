@@ -110,7 +110,7 @@ class ThroughShell:
 
     def _ghosts(self, passage: Passage) -> _Ghosts:
         """Where what was thrown back goes next."""
-        mirror = self.sensor.posed_mirror
+        mirror = self.sensor.optical_train.posed_mirror
         points, directions = passage.met + LIFT_MM * passage.thrown_back, passage.thrown_back
         again = mirror.trace(points, directions)
         points = np.where(again.valid[:, None], again.points + LIFT_MM * again.directions, points)

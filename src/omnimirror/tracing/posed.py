@@ -1,4 +1,4 @@
-"""A mirror where it really sits, traced in the camera frame."""
+"""A mirror as it was really made and where it really sits, traced in the camera frame."""
 
 from __future__ import annotations
 
@@ -10,11 +10,14 @@ from numpy.typing import NDArray
 from ..mirrors import Mirror
 from ..mirrors.form import NO_FORM, MirrorForm
 from ..mirrors.pose import MirrorPose
-from . import formed, reflection
-from .reflection import RIM_SLACK, Ends, Specular
-from .space import Reflections
+from . import reflection
+from .reflection import RIM_SLACK, Ends, Specular, Surface
+from .space import Reflections, reflect, trace
 
 Array = NDArray[np.float64]
+
+FORM_STEPS = 12
+FORM_CLOSE = 1e-12  # of the rim radius: a height over the surface that is rounding
 
 
 @dataclass(frozen=True)
@@ -34,7 +37,7 @@ class PosedMirror:
     def trace(self, origins: Array, directions: Array) -> Reflections:
         """Reflect rays (n, 3), (n, 3); see :func:`omnimirror.tracing.space.trace`."""
         turned = self.pose.turned_to_mirror(directions)
-        found = formed.trace(self.mirror, self.form, self.pose.to_mirror(origins), turned)
+        found = trace_formed(self.mirror, self.form, self.pose.to_mirror(origins), turned)
         turn = self.pose.turned_to_camera
         return Reflections(self.pose.to_camera(found.points), turn(found.directions), turn(found.normals), found.valid)
 
@@ -90,3 +93,43 @@ class PosedMirror:
     def _ends(self, ends: Ends) -> Ends:
         turn = self.pose.turned_to_mirror if ends.distant else self.pose.to_mirror
         return Ends(turn(ends.xyz), ends.distant)
+
+
+def trace_formed(mirror: Mirror, form: MirrorForm, origins: Array, directions: Array) -> Reflections:
+    """Reflect rays (n, 3), (n, 3) on a mirror with a form error; see :func:`omnimirror.tracing.space.trace`.
+
+    The form is a matter of micrometres, so that a few steps of Newton's rule along the ray come from the one surface
+    to the other. What misses the mirror without its form error is not valid; at the rim its meridian decides.
+
+    >>> from omnimirror.mirrors import Sphere
+    >>> higher = MirrorForm((1,), (2.0,))  # by 2 um, everywhere
+    >>> formed = trace_formed(Sphere(50.0, 44.0), higher, np.array([[30.0, 0.0, -100.0]]), np.array([[0.0, 0.0, 1.0]]))
+    >>> formed.points
+    array([[30.   ,  0.   , 10.002]])
+    """
+    found = trace(mirror, origins, directions)
+    if form.is_empty:
+        return found
+    valid = found.valid.copy()
+    points, outgoing, normals = found.points.copy(), found.directions.copy(), found.normals.copy()
+    way = np.broadcast_to(directions, points.shape)[valid]
+    way = way / np.linalg.norm(way, axis=1, keepdims=True)
+    at, surface, arrived = _met(mirror, form, points[valid], way)
+    points[valid], normals[valid], outgoing[valid] = at, surface.normals, reflect(way, surface.normals)
+    valid[valid] = arrived
+    points[~valid] = normals[~valid] = outgoing[~valid] = np.nan
+    return Reflections(points, outgoing, normals, valid)
+
+
+def _met(mirror: Mirror, form: MirrorForm, points: Array, way: Array) -> tuple[Array, Surface, NDArray[np.bool_]]:
+    """Points (n, 3) of the formed surface on rays through points close by, the surface there, and whether they are."""
+    close = FORM_CLOSE * mirror.rim_radius_mm
+    surface = Surface(mirror, points[:, :2], form)
+    for _ in range(FORM_STEPS):
+        over = points[:, 2] - surface.points[:, 2]
+        if not (np.abs(over) > close).any():
+            break
+        rate = way[:, 2] - (surface.slopes * way[:, :2]).sum(axis=1)
+        points = points - (over / rate)[:, None] * way
+        surface = Surface(mirror, points[:, :2], form)
+    return points, surface, np.abs(points[:, 2] - surface.points[:, 2]) <= 10 * close

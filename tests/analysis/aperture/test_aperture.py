@@ -75,7 +75,9 @@ def test_bundles_are_light_that_starts_at_the_object(kind, object_distance):
     found = trace_bundles(sensor, omega, pupil.hexapolar(3), 25.0, object_distance)
     image = found.image_mm(sensor)
     for i in range(len(found.omega_deg)):
-        back = sensor.posed_mirror.trace(*sensor.lens_rays_of_image(image[i], found.pupil.points))
+        back = sensor.optical_train.posed_mirror.trace(
+            *sensor.optical_train.rays_of_image(image[i], found.pupil.points)
+        )
         np.testing.assert_allclose(back.points, found.points[i], atol=1e-9)
         towards = found.chief.to_targets[i]
         if np.isfinite(object_distance):
@@ -138,7 +140,7 @@ def test_the_density_of_light_is_that_of_a_beam_of_parallel_rays():
     steps = np.linspace(-3, 3, 501)
     across = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
     starts = chief.points[0] + 200 * d + across @ [e1 / np.linalg.norm(e1), e2]
-    hits = sensor.posed_mirror.trace(starts, np.broadcast_to(-d, starts.shape))
+    hits = sensor.optical_train.posed_mirror.trace(starts, np.broadcast_to(-d, starts.shape))
     t = (-sensor.mirror_distance_mm - hits.points[:, 2]) / hits.directions[:, 2]
     places = (hits.points + t[:, None] * hits.directions)[:, :2] / sensor.lens.aperture_radius
     places = places[hits.valid & (np.hypot(*places.T) < 1)]

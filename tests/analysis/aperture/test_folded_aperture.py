@@ -72,8 +72,10 @@ def test_rays_found_from_objects_are_those_traced_from_pixels(kind):
     bundles = trace_bundles(sensor, np.linspace(low + 4, high - 4, 4), pupil, azimuth_deg=70.0)
     pixels = bundles.image_mm(sensor) / sensor.imager.pitch_mm
     aperture = np.broadcast_to(pupil.points, pixels.shape)
-    origins, directions = sensor.lens_rays_of_image(bundles.image_mm(sensor).reshape(-1, 2), aperture.reshape(-1, 2))
-    traced = sensor.posed_mirror.trace(origins, directions)
+    origins, directions = sensor.optical_train.rays_of_image(
+        bundles.image_mm(sensor).reshape(-1, 2), aperture.reshape(-1, 2)
+    )
+    traced = sensor.optical_train.posed_mirror.trace(origins, directions)
     passes = bundles.passes.ravel()
     np.testing.assert_array_equal(traced.valid, passes)
     assert passes.mean() > 0.9
@@ -117,18 +119,20 @@ def test_light_is_spread_over_the_aperture_as_its_footprint_moves(kind, distant)
     sensor, at, step = SENSORS[kind], np.array([[0.3, -0.5]]), 1e-4
     towards = np.array([[0.6, 0.5, -np.cos(1.0)]])
     target = Ends.of(towards if distant else 700.0 * towards, distant)
-    mirror = sensor.posed_mirror
+    mirror = sensor.optical_train.posed_mirror
 
     def met(pupil):
-        return mirror.specular(sensor.entrance_pupil_points(pupil), target).points[0, :2]
+        return mirror.specular(sensor.optical_train.entrance_pupil_points(pupil), target).points[0, :2]
 
     columns = [(met(at + step * e) - met(at - step * e)) / (2 * step) for e in np.eye(2)]
-    found = mirror.specular(sensor.entrance_pupil_points(at), target)
+    found = mirror.specular(sensor.optical_train.entrance_pupil_points(at), target)
     area = abs(np.linalg.det(np.stack(columns)))
     section = area * float(found.normals[0] @ found.to_targets[0]) / abs(found.normals[0, 2])
     if not distant:
         section /= float(np.sum((target.xyz - found.points) ** 2))
-    beam = mirror.beam(sensor.entrance_pupil_points(at), target, found, sensor.lens.entrance_pupil_motion(at))
+    beam = mirror.beam(
+        sensor.optical_train.entrance_pupil_points(at), target, found, sensor.lens.entrance_pupil_motion(at)
+    )
     assert float(beam[0]) == pytest.approx(section, rel=1e-6)
 
 

@@ -32,7 +32,7 @@ def monte_carlo(sensor, omega_deg, count=60_000):
     at = directions[:, :2] * (b0 / directions[:, 2:]) - [height, 0.0]
     open_ = np.hypot(*at.T) <= radius
     image = np.broadcast_to([height, 0.0], at.shape)
-    found = sensor.posed_mirror.trace(*sensor.lens_rays_of_image(image, at / radius))
+    found = sensor.optical_train.posed_mirror.trace(*sensor.optical_train.rays_of_image(image, at / radius))
     caught = open_ & found.valid
     return 2 * np.pi * (1 - np.cos(wide)) * np.mean(directions[:, 2] * caught), caught.sum()
 

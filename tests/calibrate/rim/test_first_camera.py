@@ -64,7 +64,7 @@ def seen_camera(sensor: om.Sensor) -> CameraImage:
     """Where a finite ray goes back to the lens, of those of every second pixel."""
     u, v = np.meshgrid(*(np.arange(c - 200, c + 200, 2.0) for c in sensor.imager.centre))
     rays = sensor.backproject(np.stack([u, v], axis=-1))
-    towards = sensor.lens_offset - rays.origins
+    towards = sensor.optical_train.lens_offset - rays.origins
     back = np.einsum("...i,...i->...", towards, rays.directions) / np.linalg.norm(towards, axis=-1)
     k = np.unravel_index(np.argmax(np.where(rays.valid, back, -1.0)), u.shape)
     return CameraImage((float(u[k]), float(v[k])), 40.0)

@@ -153,7 +153,7 @@ def test_the_camera_is_seen_in_the_middle():
     sensor = replace(om.load_sensor("paper-spherical"), housing=Housing(CameraBody(80.0)))
     white = Environment(np.ones((4, 8, 3), np.float32))
     light = expose(sensor, white, samples=1, radiometry=Radiometry(grey=0.0))[..., 0]
-    edge = sensor.project([[40.0, 0.0, sensor.lens_offset[2]]]).pixels[0]
+    edge = sensor.project([[40.0, 0.0, sensor.optical_train.lens_offset[2]]]).pixels[0]
     radius = sensor.radius_from_centre_px(edge[None])[0]
     dark = int((light == 0)[512, 256:768].sum())
     assert dark == pytest.approx(2 * radius, abs=2)

@@ -64,11 +64,11 @@ class Bundles:
 
     def image_mm(self, sensor: Sensor) -> Array:
         """Where (k, n, 2) rays land, mm from the optical axis, with the sensor as focused."""
-        return sensor.lens.image_of(self.seen_at - sensor.lens_offset, self.to_pupils)
+        return sensor.lens.image_of(self.seen_at - sensor.optical_train.lens_offset, self.to_pupils)
 
     def chief_mm(self, sensor: Sensor) -> Array:
         """Where (k, 2) the chief rays land, mm from the optical axis."""
-        return sensor.lens.image_of(self.chief.seen_at - sensor.lens_offset, self.chief.to_pupils)
+        return sensor.lens.image_of(self.chief.seen_at - sensor.optical_train.lens_offset, self.chief.to_pupils)
 
     def chief_path(self) -> Array:
         """Length (k,) of the chief ray's path of light, counted as :attr:`path` is."""
@@ -76,8 +76,8 @@ class Bundles:
         near = np.isfinite(self.object_distance_mm)
         if near.any():
             distances = np.where(near, self.object_distance_mm, NEAR)
-            objects = self.sensor.seen_mirror.objects_at(self.chief, distances)[near]
-            path[near] = self.sensor.chief_rays_to(Ends(objects)).path
+            objects = self.sensor.optical_train.seen_mirror.objects_at(self.chief, distances)[near]
+            path[near] = self.sensor.optical_train.chief_rays_to(Ends(objects)).path
         return path
 
     def axes(self) -> Array:
@@ -98,8 +98,8 @@ class Bundles:
         steps = (outwards, np.cross(towards, outwards))
         scales = []
         for step in steps:
-            ends = [self.sensor.chief_rays_to(Ends.of(towards + s * STEP * step, True)) for s in (1, -1)]
-            lens, offset = self.sensor.lens, self.sensor.lens_offset
+            ends = [self.sensor.optical_train.chief_rays_to(Ends.of(towards + s * STEP * step, True)) for s in (1, -1)]
+            lens, offset = self.sensor.lens, self.sensor.optical_train.lens_offset
             a, b = (lens.image_of(e.seen_at - offset, e.to_pupils) for e in ends)
             angle = np.degrees(2 * np.arctan(STEP))
             scales.append(np.hypot(*(a - b).T) / self.sensor.imager.pitch_mm / angle)
@@ -131,7 +131,7 @@ def trace_bundles(
     ((2, 37, 3), np.True_)
     """
     check_sensor(sensor)
-    sensor.check_square_imager("what is traced through all of the aperture (spots, PSF, MTF)")
+    sensor.check("what is traced through all of the aperture (spots, PSF, MTF)", "square imager")
     angles, azimuths = (
         finite("omega_deg", row("omega_deg", omega_deg)),
         finite("azimuth_deg", row("azimuth_deg", azimuth_deg)),
@@ -144,7 +144,7 @@ def trace_bundles(
         )
     omega, azimuth, p = np.broadcast_arrays(angles, azimuths, p)
     towards = camera_direction(np.radians(omega), np.radians(azimuth))
-    chief = sensor.chief_rays_to(Ends(towards, True))
+    chief = sensor.optical_train.chief_rays_to(Ends(towards, True))
     if not chief.valid.all():
         raise OutsideField(f"{_named(omega, azimuth, chief.valid)} is not seen by {sensor.name!r}")
     k, n = len(omega), len(pupil.points)
@@ -165,16 +165,17 @@ def trace_bundles(
 def _aperture(sensor: Sensor, pupil: Pupil, chief: Specular, towards: Array, p: Array) -> tuple[Specular, Array]:
     """Mirror points (k n,) and light (k, n) through the aperture, near and distant objects apart."""
     k, n = len(p), len(pupil.points)
+    train, mirror = sensor.optical_train, sensor.optical_train.seen_mirror
     parts: list[Specular] = []
     density = np.empty((k, n))
-    objects = sensor.seen_mirror.objects_at(chief, np.where(np.isfinite(p), p, NEAR))
+    objects = mirror.objects_at(chief, np.where(np.isfinite(p), p, NEAR))
     for i in range(k):
         target = Ends(towards[i : i + 1], True) if np.isinf(p[i]) else Ends(objects[i : i + 1])
         slopes = chief.chief_slopes[i : i + 1]
-        ends = sensor.entrance_pupil_points(pupil.points, slopes)
-        found = sensor.seen_mirror.specular(ends, target, chief.points[i])
+        ends = train.entrance_pupil_points(pupil.points, slopes)
+        found = mirror.specular(ends, target, chief.points[i])
         motion = sensor.lens.entrance_pupil_motion(pupil.points, slopes)
-        density[i] = sensor.seen_mirror.beam(ends, target, found, motion)
+        density[i] = mirror.beam(ends, target, found, motion)
         parts.append(found)
     return Specular(*(np.concatenate(columns) for columns in zip(*parts, strict=True))), density
 

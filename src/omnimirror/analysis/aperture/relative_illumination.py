@@ -98,7 +98,7 @@ def illumination(
     transmission = number("transmission", transmission)
     if not 0 < transmission <= 1:
         raise InvalidParameter(f"transmission = {transmission:g} is not a share; it is valid above 0, up to 1")
-    sensor.check_one_mirror("illumination")
+    sensor.check("illumination", "one mirror")
     normal = float(reflectance([0.0], reflectivity)[0])
     angles = field_angles(sensor) if omega_deg is None else omega_deg
     chief = trace_bundles(sensor, angles, CHIEF, azimuth_deg)
@@ -121,7 +121,7 @@ def _through(sensor: Sensor, height: Array, pupil: Pupil, reflectivity: Reflecti
     """Light, reflectance and share of the aperture (k,) that reach image points (k, 2) mm, each summed over it."""
     k, n = len(height), len(pupil.points)
     image, aperture = np.repeat(height, n, axis=0), np.tile(pupil.points, (k, 1))
-    found = sensor.posed_mirror.trace(*sensor.lens_rays_of_image(image, aperture))
+    found = sensor.optical_train.posed_mirror.trace(*sensor.optical_train.rays_of_image(image, aperture))
     cos_gamma = np.clip(np.einsum("ni,ni->n", found.directions, found.normals), -1, 1)
     gamma = np.where(found.valid, np.arccos(cos_gamma), 0.0)
     reflected = np.where(found.valid, reflectance(gamma, reflectivity), 0.0)

@@ -137,12 +137,12 @@ def wavefronts(bundles: Bundles, focus_mm: float) -> list[Wavefront]:
         If the mirror bends the wave too wildly for polynomials.
     """
     sensor = bundles.focused_at(focus_mm)
-    sensor.check_thin_lens("the wavefront (PSF and MTF)")
+    sensor.check("the wavefront (PSF and MTF)", "thin lens")
     turn = bundles.axes()
     chief = bundles.chief_mm(sensor)
     landing = np.einsum("knc,kac->kna", bundles.image_mm(sensor) - chief[:, None], turn)
     phase = _phase(bundles, sensor, chief)
-    beyond = sensor.seen_mirror.beyond_edge_mm(bundles.points, bundles.seen_at)
+    beyond = sensor.optical_train.seen_mirror.beyond_edge_mm(bundles.points, bundles.seen_at)
     found = []
     for i in range(len(chief)):
         columns = np.column_stack([phase[i], landing[i], beyond[i], bundles.density[i]])
@@ -174,9 +174,9 @@ def working_f_numbers(sensor: Sensor, height_mm: float) -> tuple[float, float]:
 
 def _phase(bundles: Bundles, sensor: Sensor, chief_mm: Array) -> Array:
     """W (k, n), mm: path to each point of the aperture less that from the point in focus that the chief ray aims at."""
-    in_focus = _conjugate(sensor, chief_mm) + sensor.lens_offset
-    pupil = sensor.entrance_pupil_points(bundles.pupil.points)
-    centre = sensor.entrance_pupil_points(np.zeros((1, 2)))
+    train = sensor.optical_train
+    in_focus = _conjugate(sensor, chief_mm) + train.lens_offset
+    pupil, centre = (train.entrance_pupil_points(points) for points in (bundles.pupil.points, np.zeros((1, 2))))
     if pupil.distant:
         ideal, middle = (-(in_focus @ e.xyz.T) for e in (pupil, centre))
     else:

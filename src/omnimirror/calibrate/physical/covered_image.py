@@ -28,11 +28,11 @@ STEP = 1e-5  # rim radii: a difference quotient over it errs by its square
 
 def image_through_cover(sensor: Sensor, points: Array, distant: bool, places: tuple[NamedNumber, ...]) -> Image:
     """As :func:`.imaging.image_of_points`, through the tube or the dome of the housing, which stays as it is."""
-    covered, rim = sensor.seen_mirror, sensor.mirror.rim_radius_mm
+    covered, rim = sensor.optical_train.seen_mirror, sensor.mirror.rim_radius_mm
     assert isinstance(covered, CoveredMirror)
     bare = replace(sensor, housing=Housing())
     with np.errstate(all="ignore"):  # what is not finite is not valid
-        pupil = sensor.entrance_pupil_points(np.zeros((1, 2)))
+        pupil = sensor.optical_train.entrance_pupil_points(np.zeros((1, 2)))
         found = covered.specular(pupil, Ends.of(points, distant))
         held = [found.points + share * rim * found.to_targets for share in (NEAR, FAR)]
         images = [image_of_points(bare, place, False, places) for place in held]

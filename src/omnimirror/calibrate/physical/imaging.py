@@ -99,7 +99,7 @@ def _ends(sensor: Sensor, pose: MirrorPose, points: Array, distant: bool) -> tup
     if sensor.lens.TELECENTRIC:
         pupils = Ends(pose.turned_to_mirror(np.array([[0.0, 0.0, -1.0]])), distant=True)
     else:
-        pupils = Ends(pose.to_mirror(sensor.pupil_offset[None]))
+        pupils = Ends(pose.to_mirror(sensor.optical_train.pupil_offset[None]))
     return pupils, Ends.of(pose.turned_to_mirror(points) if distant else pose.to_mirror(points), distant)
 
 
@@ -137,7 +137,7 @@ def _displaced(
     if place.name == DISTANCE:
         return way.by_pupil @ (rotation.T @ [0.0, 0.0, -1.0]), nothing
     turn, moved = _pose_rates(sensor.mirror_pose, place.key)
-    pupil = np.array([0.0, 0.0, -1.0]) if sensor.lens.TELECENTRIC else sensor.pupil_offset - shift
+    pupil = np.array([0.0, 0.0, -1.0]) if sensor.lens.TELECENTRIC else sensor.optical_train.pupil_offset - shift
     d_pupil = turn.T @ pupil - (0.0 if sensor.lens.TELECENTRIC else rotation.T @ moved)
     d_target = turned(points if distant else points - shift, turn) - (0.0 if distant else rotation.T @ moved)
     disturbance = way.by_pupil @ d_pupil + np.einsum("nij,nj->ni", way.by_target, d_target)

@@ -45,7 +45,7 @@ def lens_image(sensor: Sensor, seen_at: Array, places: tuple[NamedNumber, ...]) 
 def _perspective(sensor: Sensor, lens: Perspective, seen_at: Array) -> tuple[Array, Mask, Array, dict[str, Array]]:
     """Image points (n, 2) mm, derivatives (n, 2, 3) by the points seen and (n, 2) by each entry of lens and mount."""
     c, brown = lens.principal_distance, lens.brown
-    depth = seen_at[:, 2] - sensor.pupil_offset[2]
+    depth = seen_at[:, 2] - sensor.optical_train.pupil_offset[2]
     tangent = seen_at[:, :2] / depth[:, None]
     moved, by_tangent, by_term = distorted_rates(tangent, brown)
     lateral = np.zeros((len(tangent), 2, 3))

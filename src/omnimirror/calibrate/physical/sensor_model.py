@@ -73,9 +73,7 @@ class SensorModel(CameraModel):
 
     def __post_init__(self) -> None:
         check_sensor(self.sensor)
-        self.sensor.check_one_mirror("a model with free parameters")
-        self.sensor.check_thin_lens("a model with free parameters")
-        self.sensor.check_ideal_but_for_pose("a model with free parameters")
+        self.sensor.check("a model with free parameters", "one mirror", "thin lens", "ideal but for poses")
         if self.sensor.housing.shell is not None:  # it stays as it is while the sensor's numbers change
             object.__setattr__(self, "sensor", replace(self.sensor, housing=self.sensor.obstructions.housing))
         object.__setattr__(self, "free", free_names(self.sensor, self.free))

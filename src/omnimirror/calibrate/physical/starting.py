@@ -172,7 +172,7 @@ def without_fold(sensor: Sensor) -> Sensor:
     mirror = sensor.mirror
     if not isinstance(mirror, ConicAsphere):
         return sensor
-    distance = sensor.mirror_pose.displacement_mm - sensor.pupil_offset[2]
+    distance = sensor.mirror_pose.displacement_mm - sensor.optical_train.pupil_offset[2]
     x = np.linspace(0.0, mirror.rim_radius_mm, QUADRATURE)[1:]
     falls = np.flatnonzero(trace_chief_rays(mirror, distance, x).domega_dx() <= 0)
     if not len(falls) or falls[0] < 2:
@@ -192,7 +192,7 @@ def _wanted_slopes(law: RadialLaw, sensor: Sensor) -> tuple[Array, Array]:
     omega = np.interp(at, theta, wanted)
     rate = np.tan((omega + at) / 2)
     log_rho = np.concatenate([[0.0], np.cumsum((rate[1:] + rate[:-1]) / 2 * np.diff(at))])
-    x = -sensor.pupil_offset[2] * np.exp(log_rho) * np.sin(at)
+    x = -sensor.optical_train.pupil_offset[2] * np.exp(log_rho) * np.sin(at)
     return x, np.tan((omega - at) / 2)
 
 

@@ -208,7 +208,7 @@ def _told_apart(found: list[Sensor], rim: FoundRim) -> tuple[Sensor, ...]:
     """Those of two sensors that show the camera where it is seen: one, or both where that does not tell."""
     if len(found) < 2 or rim.inner is None:
         return tuple(found)
-    seen = [np.stack(sensor.from_centre_px(np.array(rim.inner.centre_px))) for sensor in found]
+    seen = [sensor.image_plane.flat_mm(np.array(rim.inner.centre_px))[0] / sensor.imager.pitch_mm for sensor in found]
     away = [float(np.linalg.norm(place - _own_image(sensor))) for sensor, place in zip(found, seen, strict=True)]
     fits = [k for k in (0, 1) if away[k] < OWN_IMAGE * rim.radius_px < 2 * OWN_IMAGE * rim.radius_px < away[1 - k]]
     return tuple(found[k] for k in fits) or tuple(found)
@@ -226,7 +226,7 @@ def _own_image(sensor: Sensor) -> Array:
     def seen(place: Array) -> tuple[Array, Array]:
         """A point (1, 3) of the mirror from the lens, and the direction (1, 3) from it towards the lens."""
         height = mirror.sag(np.array([np.hypot(*place)]))
-        point = pose.to_camera(np.array([[*place, float(height[0])]])) - sensor.lens_offset
+        point = pose.to_camera(np.array([[*place, float(height[0])]])) - sensor.optical_train.lens_offset
         towards = np.array([[0.0, 0.0, -1.0]]) if sensor.lens.TELECENTRIC else -point
         return point, towards / np.linalg.norm(towards)
 
@@ -249,7 +249,7 @@ def _posed(sensor: Sensor, rim: FoundRim, side: int) -> Sensor:
     from scipy.optimize import least_squares
 
     mirror, pitch_mm = sensor.mirror, sensor.imager.pitch_mm
-    image_mm = np.stack(sensor.from_centre_px(rim.points(RIM_POINTS)), axis=-1) * pitch_mm
+    image_mm = sensor.image_plane.flat_mm(rim.points(RIM_POINTS))[0]
     middle = image_mm.mean(axis=0)
     a, b = rim.semi_axes_px
     turn = np.radians(rim.angle_deg + 90)
@@ -267,7 +267,7 @@ def _posed(sensor: Sensor, rim: FoundRim, side: int) -> Sensor:
 
     def miss(numbers: Array) -> Array:
         """How far the points (n,) of the rim lie outside the ellipse, of an image enlarged by the first number."""
-        points = pose_of(numbers).to_camera(circle) - sensor.lens_offset
+        points = pose_of(numbers).to_camera(circle) - sensor.optical_train.lens_offset
         towards = np.broadcast_to([0.0, 0.0, -1.0], points.shape) if sensor.lens.TELECENTRIC else -points
         offsets: Array = numbers[0] * sensor.lens.image_of(points, towards) - middle
         return offsets

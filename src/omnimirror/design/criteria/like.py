@@ -19,7 +19,7 @@ PIXELS = ("width_px", "height_px", "pixel_pitch_um")
 def tables_like(sensor: Sensor) -> dict[str, Any]:
     """Field, rim, lens, imager and housing of a sensor of one mirror, as tables of a requirement file."""
     check_sensor(sensor)
-    sensor.check_one_mirror("designing one like it")
+    sensor.check("designing one like it", "one mirror")
     low, high = sensor.field_deg
     imager = sensor.imager
     return {
@@ -39,7 +39,7 @@ def lens_like(sensor: Sensor) -> dict[str, Any]:
     >>> lens_like(om.load_sensor("paraboloid-telecentric"))
     {'kind': 'orthographic', 'f_number': 4.0}
     """
-    sensor.check_thin_lens("a design like another sensor's")
+    sensor.check("a design like another sensor's", "thin lens")
     lens = sensor.lens
     table: dict[str, Any] = {"kind": lens.KIND, "f_number": lens.stop_number}
     if isinstance(lens, Perspective):

@@ -83,7 +83,7 @@ def merit_values(
 
     ``focus_by`` is one of the merits that :func:`omnimirror.best_focus` knows, or None for the sensor's own focus.
     """
-    sensor.check_one_mirror("comparing with a front")
+    sensor.check("comparing with a front", "one mirror")
     rim = sensor.mirror.rim_radius_mm
     least = float(sensor.meridian.x_from_omega(np.radians(max(problem.omega_min_deg, sensor.field_deg[0]))))
     common: dict[str, Any] = {

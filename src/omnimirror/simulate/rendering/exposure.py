@@ -274,7 +274,7 @@ def _trace_sensor(sensor: Sensor, plan: Samples, radiometry: Radiometry, rows: s
     points, directions, towards, hit, fate = follow(sensor, pixels, pupil, radiometry)
     along = np.einsum("ni,ni->n", towards, directions) / np.linalg.norm(towards, axis=1)
     gamma = np.pi / 2 - np.arccos(np.clip(along / np.linalg.norm(directions, axis=1), -1, 1)) / 2
-    image = np.stack(sensor.from_centre_px(pixels), axis=-1) * sensor.imager.pitch_mm
+    image = sensor.image_plane.flat_mm(pixels)[0]
     weight = 1 - radiometry.vignetting * (1 - sensor.lens.falloff(image))
     weight *= np.where(hit, radiometry.returned(gamma), 1.0)
     weight[hit] *= front_shade(sensor, points[hit], directions[hit], -sensor.lens_rays(pixels[hit], 0 * pupil[hit])[1])

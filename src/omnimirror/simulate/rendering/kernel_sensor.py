@@ -35,7 +35,7 @@ def native_optics(sensor: Sensor, radiometry: Radiometry, blur: bool, heading: t
 
     Their origin is the entrance pupil.
     """
-    mirror, pose, m = sensor.mirror, sensor.mirror_pose, -sensor.pupil_offset[2]
+    mirror, pose, m = sensor.mirror, sensor.mirror_pose, -sensor.optical_train.pupil_offset[2]
     curvature, conic, nodes = _surface(mirror)
     rotation = sensor.mount.rotation()
     brown = sensor.lens.brown if isinstance(sensor.lens, Perspective) else NO_DISTORTION
@@ -51,7 +51,7 @@ def native_optics(sensor: Sensor, radiometry: Radiometry, blur: bool, heading: t
         fold=min(fold(brown[:3]), FARTHEST),
         focus=sensor.lens.focus_distance_mm - sensor.lens.pupil.at_mm,
         stop=_stop(sensor.lens) if blur else 0.0,
-        vertex=tuple(pose.shift - sensor.pupil_offset),
+        vertex=tuple(pose.shift - sensor.optical_train.pupil_offset),
         axes=tuple(pose.rotation().T.ravel()),
         aligned=pose.is_axial,
         curvature=curvature,

@@ -42,7 +42,7 @@ class Followed(NamedTuple):
 def follow(sensor: Sensor, pixels: Array, pupil: Array, radiometry: Radiometry) -> Followed:
     """Rays of pixels (n, 2) through points (n, 2) of the aperture's unit disk, in double precision."""
     start, towards = sensor.lens_rays(pixels, pupil)
-    found = sensor.posed_mirror.trace(start, towards)
+    found = sensor.optical_train.posed_mirror.trace(start, towards)
     hit = found.valid
     points, directions = np.where(hit[:, None], found.points, start), np.where(hit[:, None], found.directions, towards)
     fate = np.where(hit, REFLECTED, DIRECT if radiometry.sees_past else LOST).astype(np.uint8)

@@ -101,7 +101,7 @@ def offsets_from_axis(sensor: Sensor) -> Array:
     InvalidParameter
         If the mirror is decentred or tilted, or there are two.
     """
-    sensor.check_one_mirror("restoring and merging pictures")
+    sensor.check("restoring and merging pictures", "one mirror")
     _ = sensor.meridian  # refuses mirrors out of place
     assert sensor.symmetry is not None
     width, height = sensor.image_size

@@ -90,16 +90,16 @@ def shown_by(
     built: Sensor, meant: Sensor, targets: Ends, refocus: Refocus = "none", rim_slack: float = RIM_SLACK
 ) -> ShownObjects:
     """What a sensor shows of targets, in pixels from the centre of the one that was meant."""
-    n, mirror = len(targets.xyz), built.seen_mirror
-    found = built.chief_rays_to(targets)
+    n, train = len(targets.xyz), built.optical_train
+    found = train.chief_rays_to(targets)
     lost = ~(found.valid if rim_slack <= RIM_SLACK else found.reflects)
-    pupils = built.entrance_pupil_points(np.tile(SIDES, (n, 1)), np.repeat(found.chief_slopes, 4, axis=0))
+    pupils = train.entrance_pupil_points(np.tile(SIDES, (n, 1)), np.repeat(found.chief_slopes, 4, axis=0))
     each = Ends(np.repeat(targets.spread(n).xyz, 4, axis=0), targets.distant)
-    beside = mirror.specular(pupils, each, np.repeat(found.points, 4, axis=0))
+    beside = train.seen_mirror.specular(pupils, each, np.repeat(found.points, 4, axis=0))
 
     def imaged(sensor: Sensor) -> tuple[Array, Array]:
         """Offsets (n, 2) px, and the blur's matrices (n, 2, 2)."""
-        lens, offset = sensor.lens, sensor.lens_offset
+        lens, offset = sensor.lens, sensor.optical_train.lens_offset
         flat = lens.image_of(found.seen_at - offset, found.to_pupils)
         round_about = lens.image_of(beside.seen_at - offset, beside.to_pupils).reshape(n, 4, 2)
         at, sides = _on_imager(sensor, flat), _on_imager(sensor, round_about)
