@@ -9,6 +9,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, Literal
 
 import numpy as np
@@ -22,8 +23,9 @@ from ..numerics.lazy import cached_property
 from ..quantities import QUANTITIES, Quantity
 from ..sensor import Sensor, check_sensor
 from .evaluation import Evaluation, evaluate
-from .meridional.focus import BestFocus, best_focus
+from .meridional.focus import best_focus
 from .meridional.viewpoints import best_viewpoint
+from .whole_picture import WholePicture
 
 Array = NDArray[np.float64]
 Better = Literal["high", "low", ""]
@@ -109,8 +111,9 @@ class Comparison:
 def compare(sensors: Sequence[Sensor]) -> Comparison:
     """Compare up to six sensors over their whole fields, for distant objects, each at its own F-number.
 
-    A sensor that is decentred or tilted, as a calibration finds it, is compared as if its mirror were in place, which
-    its note says: what differs over its picture is no number of a field angle (:func:`omnimirror.evaluate_camera`).
+    A sensor whose mirror is decentred or tilted, as a calibration finds it, is traced in space: what is least, largest
+    or worst is so over its whole picture, at all azimuths. With a real lens, a cover or a leaning imager it is compared
+    as if it were in place. Its note says which.
 
     Parameters
     ----------
@@ -142,19 +145,28 @@ def compare(sensors: Sequence[Sensor]) -> Comparison:
     if not 1 <= len(sensors) <= MOST:
         raise InvalidParameter(f"{len(sensors)} sensors do not fit side by side; 1 to {MOST} are valid")
     named = _told_apart(sensors)
-    studies = [Study(s.aligned()) for s in named]
-    notes = [_note(s) for s in named if s.aligned() != s]
-    return Comparison(
-        tuple(s.sensor for s in studies), tuple(_compared(name, studies) for name in COMPARED), tuple(notes)
-    )
+    studies = [_study(s) for s in named]
+    notes = [_note(study, s) for study, s in zip(studies, named, strict=True) if s.aligned() != s]
+    rows = tuple(_compared(name, studies) for name in COMPARED)
+    return Comparison(tuple(s.sensor for s in studies), rows, tuple(notes))
 
 
-def _note(sensor: Sensor) -> str:
-    """How a sensor differs from the one that is compared."""
-    pose = sensor.mirror_pose
+def _study(sensor: Sensor) -> Study:
+    """What the rows of a sensor are made from: of one that is out of its axis, in space as far as that is traced."""
+    if sensor.is_axial:
+        return Study(sensor)
+    is_traced = sensor.lens.IS_THIN and sensor.imager_pose.is_square
+    is_traced &= sensor.secondary is None and sensor.housing.shell is None
+    return StudyInSpace(sensor) if is_traced else Study(sensor.aligned())
+
+
+def _note(study: Study, sensor: Sensor) -> str:
+    """How a sensor differs from its drawing, and how it was compared."""
+    pose, is_in_place = sensor.mirror_pose, study.sensor != sensor
+    how = "as if it were in place" if is_in_place else "over its whole picture, at all azimuths"
     return (
         f"{sensor.name}: its mirror is decentred by {math.hypot(pose.decentre_x_mm, pose.decentre_y_mm):.2g} mm and "
-        f"tilted by {math.hypot(pose.tilt_x_deg, pose.tilt_y_deg):.2g} deg; it is compared as if it were in place."
+        f"tilted by {math.hypot(pose.tilt_x_deg, pose.tilt_y_deg):.2g} deg; it is compared {how}."
     )
 
 
@@ -177,13 +189,37 @@ class Study:
     sensor: Sensor
 
     @cached_property
-    def own(self) -> Evaluation:
-        """The whole field, focused as the sensor says."""
-        return evaluate(self.sensor, np.linspace(*self.sensor.field_deg, NODES))
+    def own(self) -> Any:
+        """Columns of the whole field, focused as the sensor says, by their names in an evaluation."""
+        return self.evaluation
 
     @cached_property
-    def best(self) -> BestFocus:
-        return best_focus(self.sensor)
+    def evaluation(self) -> Evaluation:
+        """Of the aligned sensor."""
+        aligned = self.sensor.aligned()
+        return evaluate(aligned, np.linspace(*aligned.field_deg, NODES))
+
+    @cached_property
+    def best(self) -> tuple[float, float]:
+        """The best focus, mm, and the worst floored blur area there."""
+        found = best_focus(self.sensor)
+        return found.focus_mm, found.value
+
+    @property
+    def field_deg(self) -> tuple[float, float]:
+        return self.sensor.field_deg
+
+    @property
+    def hidden(self) -> tuple[float, float]:
+        """Up to which angle (deg) the middle is hidden, and what share of the picture, %."""
+        return self.sensor.hidden_to_deg, self.sensor.hidden_percent
+
+    def rim_radius(self) -> float:
+        return self.sensor.rim_radius_px
+
+    def viewpoint_spread(self) -> float:
+        heights = self.own.viewpoint_z_mm
+        return float(np.ptp(heights[np.isfinite(heights)]))
 
     def share_of_sphere(self) -> float:
         """Percentage of all directions that is seen."""
@@ -210,11 +246,56 @@ class Study:
         sensor, second = self.sensor, self.sensor.secondary
         if sensor.lens.TELECENTRIC:
             return float("nan")
-        m = sensor.meridian.m
+        m = self.evaluation.sensor.meridian.m
         heights = [*sensor.mirror.bounds[1], -m if second is None else second.lens_height(m)]
         if second is not None:
             heights += list(second.height(np.linspace(0, second.mirror.rim_radius_mm, 129)))
         return float(max(heights) - min(heights))
+
+
+class StudyInSpace(Study):
+    """The same of a sensor that is out of its axis: at all azimuths."""
+
+    @cached_property
+    def picture(self) -> WholePicture:
+        return WholePicture(self.sensor)
+
+    @cached_property
+    def own(self) -> Any:
+        """Columns over the whole picture."""
+        blur = self.picture.own
+        return SimpleNamespace(
+            dh_domega_px_per_deg=blur.imaging.height, area_px2=blur.imaging.area, aspect=blur.imaging.aspect,
+            blur_t_px=blur.t_px, blur_s_px=blur.s_px, blur_t_deg=blur.t_deg, blur_s_deg=blur.s_deg,
+            floored_area_deg2=blur.floored_area(),
+        )  # fmt: skip
+
+    @cached_property
+    def best(self) -> tuple[float, float]:
+        return self.picture.best_focus()
+
+    @property
+    def field_deg(self) -> tuple[float, float]:
+        return self.picture.field_deg
+
+    @property
+    def hidden(self) -> tuple[float, float]:
+        return self.picture.hidden
+
+    def rim_radius(self) -> float:
+        return self.picture.rim_radius_px()
+
+    def viewpoint_spread(self) -> float:
+        return self.picture.viewpoint_spread()
+
+    def share_of_sphere(self) -> float:
+        return self.picture.share_of_sphere()
+
+    def nonlinearity(self) -> float:
+        return self.picture.nonlinearity()
+
+    def one_viewpoint_error(self) -> float:
+        return self.picture.one_viewpoint_error(NEAR_MM)
 
 
 def _of(column: str, reduce: Callable[[Array], Any]) -> Callable[[Study], float]:
@@ -256,36 +337,36 @@ COMPARED: dict[str, tuple[Better, Value]] = {
     "mirror": ("", lambda s: s.sensor.mirror.KIND),
     "secondary": ("", _secondary),
     "f_number": ("", _f_number),
-    "field_from_deg": ("low", lambda s: s.sensor.field_deg[0]),
-    "field_to_deg": ("high", lambda s: s.sensor.field_deg[1]),
-    "share_of_sphere_percent": ("high", Study.share_of_sphere),
-    "hidden_to_deg": ("low", lambda s: s.sensor.hidden_to_deg),
-    "hidden_percent": ("low", lambda s: s.sensor.hidden_percent),
-    "rim_radius_px": ("", lambda s: s.sensor.rim_radius_px),
-    "nonlinearity_percent": ("low", Study.nonlinearity),
+    "field_from_deg": ("low", lambda s: s.field_deg[0]),
+    "field_to_deg": ("high", lambda s: s.field_deg[1]),
+    "share_of_sphere_percent": ("high", lambda s: s.share_of_sphere()),
+    "hidden_to_deg": ("low", lambda s: s.hidden[0]),
+    "hidden_percent": ("low", lambda s: s.hidden[1]),
+    "rim_radius_px": ("", lambda s: s.rim_radius()),
+    "nonlinearity_percent": ("low", lambda s: s.nonlinearity()),
     "least_dh_domega_px_per_deg": ("high", _of(TANGENTIAL, np.min)),
     "largest_dh_domega_px_per_deg": ("", _of(TANGENTIAL, np.max)),
     "dh_domega_ratio": ("high", _ratio(TANGENTIAL)),
     "area_ratio": ("high", _ratio("area_px2")),
     "least_aspect": ("", _of("aspect", np.min)),
     "largest_aspect": ("", _of("aspect", np.max)),
-    "worst_aspect": ("low", Study.worst_aspect),
-    "viewpoint_spread_mm": ("low", _of("viewpoint_z_mm", np.ptp)),
-    "one_viewpoint_error_px": ("low", Study.one_viewpoint_error),
-    "focus_mm": ("", lambda s: s.own.focus_mm),
-    "depth_of_field_mm": ("high", lambda s: s.own.depth_of_field_mm.depth),
+    "worst_aspect": ("low", lambda s: s.worst_aspect()),
+    "viewpoint_spread_mm": ("low", lambda s: s.viewpoint_spread()),
+    "one_viewpoint_error_px": ("low", lambda s: s.one_viewpoint_error()),
+    "focus_mm": ("", lambda s: s.evaluation.focus_mm),
+    "depth_of_field_mm": ("high", lambda s: s.evaluation.depth_of_field_mm.depth),
     "worst_blur_t_px": ("low", _worst("blur_t_px")),
     "worst_blur_s_px": ("low", _worst("blur_s_px")),
     "worst_blur_t_deg": ("low", _worst("blur_t_deg")),
     "worst_blur_s_deg": ("low", _worst("blur_s_deg")),
     "worst_floored_area_deg2": ("low", _worst("floored_area_deg2")),
-    "best_focus_mm": ("", lambda s: s.best.focus_mm),
-    "best_focus_worst_floored_area_deg2": ("low", lambda s: s.best.value),
-    "airy_px": ("low", lambda s: s.own.airy_px),
-    "length_mm": ("low", Study.length),
+    "best_focus_mm": ("", lambda s: s.best[0]),
+    "best_focus_worst_floored_area_deg2": ("low", lambda s: s.best[1]),
+    "airy_px": ("low", lambda s: s.evaluation.airy_px),
+    "length_mm": ("low", lambda s: s.length()),
     "mirror_diameter_mm": ("low", lambda s: 2 * s.sensor.mirror.rim_radius_mm),
     "sag_mm": ("low", _sag),
-    "rim_slope_deg": ("low", lambda s: float(s.own.beta_deg[-1])),
+    "rim_slope_deg": ("low", lambda s: float(s.evaluation.beta_deg[-1])),
 }
 """What is better and the value of each quantity compared; pixels, blur and depth of field are each sensor's own."""
 

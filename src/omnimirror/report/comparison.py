@@ -21,6 +21,7 @@ from ..figures import picture_sheet, render, side_by_side, table_sheet
 from ..files import write_text
 from ..media import write_image
 from ..media.pictures.images import encoded
+from ..sensor import Sensor
 from ..simulate import Room, Scene, take_picture
 from ..simulate.rendering.picture import SHOWN_SAMPLES
 from .pages import figure_html, page_html
@@ -106,7 +107,7 @@ def comparison_html(comparison: Comparison, pictures: Pictures) -> str:
         count=len(comparison.sensors),
         table=_table(comparison),
         curves=figure_html(
-            render(side_by_side(comparison.sensors), "svg"),
+            render(side_by_side(_in_place(comparison)), "svg"),
             "svg+xml",
             "For distant objects, each sensor focused as its file says. Dots are lenses; the thin lines lead from the "
             "mirror's rim to them.",
@@ -123,11 +124,16 @@ def comparison_sheet(comparison: Comparison, pictures: Pictures) -> NDArray[np.u
     lines = [[r.quantity.title, r.quantity.unit, *r.texts] for r in comparison.rows]
     figures = (
         table_sheet(comparison.names, lines, [r.best for r in comparison.rows]),
-        side_by_side(comparison.sensors),
+        side_by_side(_in_place(comparison)),
         picture_sheet(comparison.names, pictures.circles, pictures.panoramas),
     )
     sheets = [image.imread(BytesIO(render(f, "png")), format="png")[..., :3] for f in figures]
     return np.round(255 * np.concatenate(sheets)).astype(np.uint8)
+
+
+def _in_place(comparison: Comparison) -> list[Sensor]:
+    """Its sensors as they were drawn: a curve over the field angle holds at all azimuths."""
+    return [sensor.aligned() for sensor in comparison.sensors]
 
 
 def _table(comparison: Comparison) -> str:

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.simulate import Pose, PosedScene, expose, ground_truth
+from omnimirror.simulate import Detector, Pose, PosedScene, expose, ground_truth
 from tests.commands import fails, omnimirror
 
 
@@ -203,3 +203,17 @@ def test_sigterm_keeps_the_frames_of_a_video_set_that_were_done(sensor_file, sky
     assert len((folder / "poses.csv").read_text().splitlines()) == 1 + count
     with av.open(str(folder / described["video"])) as container:
         assert sum(1 for _ in container.decode(video=0)) == count
+
+
+def test_a_calibrated_camera_takes_sharp_pictures_and_has_neither_blur_nor_housing(tmp_path):
+    """Each pixel shows the light that the scene sends along the camera's ray."""
+    camera = om.Unified(0.9, (33.0, 32.0), (41.0, 39.0), (80, 80), k1=-0.02, rim_radius_px=36.0)
+    om.save_camera(camera, tmp_path / "mine.toml")
+    done(tmp_path / "mine.toml", "--samples", 1, "-o", tmp_path / "picture.png")
+    rays, room = camera.backproject(np.argwhere(np.ones((80, 80)))[:, ::-1]), om.Room()
+    light = np.zeros((6400, 3), np.float32)
+    light[rays.valid] = room.radiance(rays.origins[rays.valid], rays.directions[rays.valid])
+    shown = om.read_image(tmp_path / "picture.png").reshape(-1, 3)
+    np.testing.assert_array_equal(shown, Detector().read(light.reshape(80, 80, 3)).reshape(-1, 3))
+    for option, words in (("--blur=on", "only a sensor has blur"), ("--support=rod", "belongs to a sensor's housing")):
+        assert words in fails("simulate", tmp_path / "mine.toml", option, "-o", tmp_path / "no.png")

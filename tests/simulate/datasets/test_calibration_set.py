@@ -12,6 +12,7 @@ import pytest
 import omnimirror as om
 from omnimirror.errors import InvalidParameter
 from omnimirror.media.keyframes import Keyframes
+from omnimirror.mirrors.pose import MirrorPose
 from omnimirror.simulate import Hall, Pose, Room
 from omnimirror.simulate.datasets.calibration_set import (
     seen_corners_px,
@@ -19,6 +20,7 @@ from omnimirror.simulate.datasets.calibration_set import (
     write_calibration_set,
     write_video_set,
 )
+from omnimirror.simulate.datasets.recipe import load_recipe
 
 
 @pytest.fixture(scope="module")
@@ -139,3 +141,41 @@ def test_the_command_writes_a_set(tmp_path):
     run = omnimirror("simulate", "dataset", "small.toml", "-o", "set", "--views", 1, "--spp", 1, cwd=tmp_path)
     assert run.returncode == 0, run.stderr
     assert sorted(p.name for p in (tmp_path / "set").iterdir()) == ["dataset.json", "sensor.toml", "view-000.png"]
+
+
+@pytest.mark.parametrize(
+    "camera",
+    [
+        om.Unified(0.9, (260.0, 262.0), (322.0, 315.0), (640, 640), k1=-0.02, p1=1e-3, rim_radius_px=300.0),
+        om.ViewpointSpline(
+            (70.0, 140.0, 205.0, 262.0, 310.0), (0.0, -2.0, -6.0, -12.0, -20.0), 260.0, (322.0, 315.0), (640, 640)
+        ),
+        replace(om.load_sensor("paper-equidistant"), mirror_pose=MirrorPose(1.0, -0.5, 0.0, 0.6, -0.8)),
+    ],
+    ids=["central", "non-central", "mirror out of place"],
+)
+def test_a_camera_as_it_was_calibrated_takes_a_set(camera, tmp_path):
+    """Its corners are where OpenCV finds them in its pictures, and its file is the camera."""
+    hall = Hall(texel_mm=12.5)
+    list(write_calibration_set(camera, tmp_path, views=1, samples=4, blur=False, hall=hall))
+    data = json.loads((tmp_path / "dataset.json").read_text())
+    assert om.load_camera(tmp_path / data["sensor"]) == camera
+    assert load_recipe(tmp_path / "dataset.json").recipe.sensor == camera
+    grey = cv2.cvtColor(om.read_image(tmp_path / "view-000.png"), cv2.COLOR_RGB2GRAY)
+    (view,) = data["views"]
+    true = np.array([c for board in view["corners_px"].values() for row in board for c in row if c is not None])
+    criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 50, 1e-4)
+    start = (true + np.array([0.5, -0.5])).astype(np.float32)
+    found = cv2.cornerSubPix(grey, start[:, None].copy(), (2, 2), (-1, -1), criteria)[:, 0]
+    off = np.hypot(*(found - true).T)
+    assert len(off) > 300
+    assert np.median(off) < 0.15
+    assert abs(np.median(found - true, axis=0)).max() < 0.03
+
+
+def test_a_calibrated_camera_is_sharp_unless_blur_is_asked_of_it_which_is_refused(tmp_path):
+    camera = om.Unified(0.9, (40.0, 40.0), (47.5, 47.5), (96, 96))
+    list(write_calibration_set(camera, tmp_path / "set", views=1, samples=1))
+    assert json.loads((tmp_path / "set/dataset.json").read_text())["recipe"]["blur"] is False
+    with pytest.raises(InvalidParameter, match="only a sensor has blur"):
+        list(write_calibration_set(camera, tmp_path / "other", views=1, samples=1, blur=True))

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import click
 
 from ...housing import MATERIALS, SHELLS, CameraBody, FlatWindow, Housing, Rim, Rod, Shell
 from ...sensor import Sensor
+from ...specs import AnyCamera
 from .common import NUMBER, distance, height
 from .declared import Options, flag, option
+
+Stood = TypeVar("Stood", bound=AnyCamera)
 
 SUPPORTS = ("rod", "tube", "dome")
 SIZES = {
@@ -65,9 +69,16 @@ class HousingOptions(Options):
         type=NUMBER, metavar="MM", help="A dark edge about the mirror's rim.  [default: as the sensor's housing says]"
     )
 
-    def on(self, sensor: Sensor) -> Sensor:
-        """The sensor with the options in place of what its file says."""
-        return replace(sensor, housing=self.of(sensor.housing)) if self.given else sensor
+    def on(self, camera: Stood) -> Stood:
+        """The sensor with the options in place of what its file says; of a calibrated camera no housing is known."""
+        if not self.given:
+            return camera
+        if not isinstance(camera, Sensor):
+            raise click.UsageError(
+                f"{flag(next(iter(self.given)))} belongs to a sensor's housing; of a calibrated camera nothing is "
+                "known but where its pixels look"
+            )
+        return replace(camera, housing=self.of(camera.housing))
 
     def of(self, housing: Housing) -> Housing:
         """A housing with the options in place of what it says.

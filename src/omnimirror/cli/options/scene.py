@@ -12,6 +12,8 @@ import click
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
+from ...cameras import Camera
+from ...sensor import Sensor
 from ...simulate import Detector, Pose, Radiometry
 from ...simulate.detector import BAYER, CURVES
 from ...simulate.scenes import BUNDLED
@@ -82,9 +84,10 @@ DETECTOR = ("exposure", "full_well_e", "read_noise_e", "black_level_dn", "bits",
 class TakingOptions(Options):
     """How pictures are taken."""
 
-    blur: str = option(
-        type=click.Choice(["on", "off"]), is_flag=False, flag_value="on", default="on",
-        help="Look through the whole aperture, or sharp.",
+    blur: str | None = option(
+        type=click.Choice(["on", "off"]), is_flag=False, flag_value="on",
+        help="Look through the whole aperture, or sharp.  [default: on; off for a calibrated camera, whose aperture "
+        "nobody knows]",
     )  # fmt: skip
     no_blur: bool | None = option(is_flag=True, help="The same as --blur off.")
     samples: int = option("--samples", "--spp", type=WHOLE, default=16, help="Rays per pixel.")
@@ -116,9 +119,15 @@ class TakingOptions(Options):
     )
 
     @property
-    def is_blurred(self) -> bool:
-        """Whether they are taken through the whole aperture."""
-        return self.blur == "on" and not self.no_blur
+    def wants_blur(self) -> bool | None:
+        """Whether to look through the whole aperture; None: where the camera has one."""
+        if self.no_blur:
+            return False
+        return None if self.blur is None else self.blur == "on"
+
+    def is_blurred(self, camera: Camera) -> bool:
+        """Whether a camera looks through its whole aperture."""
+        return isinstance(camera, Sensor) if self.wants_blur is None else self.wants_blur
 
     def radiometry(self) -> Radiometry | None:
         """How much light comes; None if the options say nothing."""

@@ -17,8 +17,7 @@ from ...files import replacing, write_text
 from ...media import read_image, write_image
 from ...media.keyframes import Keyframes
 from ...media.pictures.exr import check_exr_can_be_written
-from ...sensor import Sensor
-from ...specs import save_sensor
+from ...specs import AnyCamera, save_camera
 from ..colour import Light
 from ..detector import Detector
 from ..radiometry import Radiometry
@@ -65,7 +64,7 @@ def view_poses(count: int, seed: int = 0) -> list[Pose]:
     return [Pose(), *(Pose(*map(float, np.round(row, 3))) for row in np.concatenate([places, turns], axis=1))]
 
 
-def seen_corners_px(sensor: Sensor, hall: Hall, pose: Pose) -> dict[str, Array]:
+def seen_corners_px(sensor: AnyCamera, hall: Hall, pose: Pose) -> dict[str, Array]:
     """True pixels (7, 11, 2) of each board's corners, by the true reflection; NaN where a corner is not in view.
 
     In view is what its pixel's chief ray meets: past camera, rod and rim, through the wall of a tube or a dome.
@@ -84,12 +83,12 @@ def seen_corners_px(sensor: Sensor, hall: Hall, pose: Pose) -> dict[str, Array]:
 
 @checked
 def write_calibration_set(
-    sensor: Sensor,
+    sensor: AnyCamera,
     folder: str | Path,
     *,
     views: int = 12,
     samples: int = 16,
-    blur: bool = True,
+    blur: bool | None = None,
     radiometry: Radiometry | None = None,
     detector: Detector | None = None,
     seed: int = 0,
@@ -104,13 +103,15 @@ def write_calibration_set(
     Parameters
     ----------
     sensor
+        Or a calibrated camera.
     folder
-        Takes ``sensor.toml``, ``view-000.png``, .. and ``dataset.json``, which says how the set is made, and what of it
-        is there.
+        Takes ``sensor.toml`` (the camera's file), ``view-000.png``, .. and ``dataset.json``, which says how the set is
+        made, and what of it is there.
     views
         How many.
     samples, blur, radiometry, detector, seed, hall
-        Of the pictures; the seed is of the poses, too.
+        Of the pictures; the seed is of the poses, too. A sensor's pictures are blurred unless it is said; nothing
+        is known of a calibrated camera's aperture.
     truth
         Also write ``view-000.exr``, ..: light, depth, direction and origin of every pixel.
 
@@ -162,7 +163,12 @@ def take_pictures(recipe: CalibrationRecipe, folder: Path) -> Iterator[Path]:
             if not (files[0] in records and ledger.has(*files)):
                 scene = PosedScene(hall, pose)
                 light = expose(
-                    sensor, scene, samples=recipe.samples, blur=recipe.blur, radiometry=radiometry, seed=seed + number
+                    sensor,
+                    scene,
+                    samples=recipe.samples,
+                    blur=bool(recipe.blur),
+                    radiometry=radiometry,
+                    seed=seed + number,
                 )
                 if recipe.truth:
                     write_truth(folder / files[1], sensor, scene, light, radiometry)
@@ -179,7 +185,7 @@ def take_pictures(recipe: CalibrationRecipe, folder: Path) -> Iterator[Path]:
 
 @checked
 def write_video_set(
-    sensor: Sensor,
+    sensor: AnyCamera,
     scene: Scene | SceneSource,
     *,
     path: Keyframes,
@@ -187,7 +193,7 @@ def write_video_set(
     frame_rate: float = 25.0,
     duration_s: float | None = None,
     samples: int = 16,
-    blur: bool = True,
+    blur: bool | None = None,
     radiometry: Radiometry | None = None,
     detector: Detector | None = None,
     seed: int = 0,
@@ -202,7 +208,7 @@ def write_video_set(
     Parameters
     ----------
     sensor
-        Such as :func:`omnimirror.load_sensor` gives.
+        Such as :func:`omnimirror.load_sensor` gives, or a calibrated camera.
     scene
         Of a :class:`SceneSource`, or one of the project, ``dataset.json`` says how it is had again.
     path
@@ -217,7 +223,7 @@ def write_video_set(
     samples
         Rays per pixel.
     blur
-        Whether the lens's whole aperture blurs what is out of focus.
+        Whether the lens's whole aperture blurs what is out of focus; that of a sensor does by default.
     radiometry
         What the mirror reflects and the lens lets pass, and how the housing looks.
     detector
@@ -274,7 +280,7 @@ def take_frames(recipe: VideoRecipe, folder: Path, progress: Callable[[int, int]
 
     def expose_frame(number: int, picture: str, exr: str) -> None:
         time, radiometry, seed = times[number], recipe.radiometry, recipe.seed + number
-        light = frame_at(sensor, world, path, time, recipe.samples, recipe.blur, radiometry, seed)
+        light = frame_at(sensor, world, path, time, recipe.samples, bool(recipe.blur), radiometry, seed)
         if truth:
             write_truth(folder / exr, sensor, PosedScene(world, Pose(**path.at(time))), light, radiometry)
         write_image(folder / picture, recipe.detector.read(light, seed))
@@ -301,7 +307,7 @@ def take_frames(recipe: VideoRecipe, folder: Path, progress: Callable[[int, int]
     return len(times)
 
 
-def _join(ledger: Ledger, sensor: Sensor, path: Keyframes, times: list[float], frame_rate: float) -> None:
+def _join(ledger: Ledger, sensor: AnyCamera, path: Keyframes, times: list[float], frame_rate: float) -> None:
     """Write the video of the frames that are there, and their poses."""
     rows = [",".join(["time_s", *POSE_NAMES])]
     rows += [",".join(f"{v:.9g}" for v in (time, *asdict(Pose(**path.at(time))).values())) for time in times]
@@ -312,7 +318,9 @@ def _join(ledger: Ledger, sensor: Sensor, path: Keyframes, times: list[float], f
     ledger.add("poses.csv", "video.mp4")
 
 
-def write_truth(path: Path, sensor: Sensor, scene: Scene, light: Light, radiometry: Radiometry | None = None) -> None:
+def write_truth(
+    path: Path, sensor: AnyCamera, scene: Scene, light: Light, radiometry: Radiometry | None = None
+) -> None:
     """Write light and :func:`~omnimirror.simulate.ground_truth` as an EXR file."""
     from ...media.pictures.exr import write_channels
 
@@ -329,7 +337,7 @@ def _begin(folder: Path, recipe: Recipe, described: dict[str, Any]) -> Ledger:
     head = {"format": format_of(recipe.KIND), "sensor": "sensor.toml", "recipe": record}
     ledger = Ledger(folder, head | described)
     if not ledger.has("sensor.toml"):
-        save_sensor(recipe.sensor, folder / "sensor.toml")
+        save_camera(recipe.sensor, folder / "sensor.toml")
         ledger.add("sensor.toml")
     return ledger
 

@@ -14,7 +14,7 @@ from ...errors import MediaError
 from ...files import LARGEST_TEXT, read_bytes
 from ...media.keyframes import Keyframes
 from ...sensor import Sensor
-from ...specs import format_sensor, parse_sensor
+from ...specs import AnyCamera, format_camera, parse_camera
 from ..detector import Detector
 from ..radiometry import Radiometry
 from ..scenes.contract import Scene
@@ -30,13 +30,18 @@ class Recipe:
 
     KIND: ClassVar[str]
 
-    sensor: Sensor
+    sensor: AnyCamera
     samples: int = 16
-    blur: bool = True
+    blur: bool | None = None
+    """None: where the camera is a sensor, which has an aperture."""
     radiometry: Radiometry | None = None
     detector: Detector = field(default_factory=Detector)
     seed: int = 0
     truth: bool = False
+
+    def __post_init__(self) -> None:
+        if self.blur is None:
+            object.__setattr__(self, "blur", isinstance(self.sensor, Sensor))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,7 +79,7 @@ def format_of(kind: str) -> str:
 def record_of_recipe(recipe: Recipe) -> dict[str, Any]:
     """A recipe as JSON holds it."""
     encoders: dict[str, Any] = {
-        "sensor": format_sensor,
+        "sensor": format_camera,
         "hall": asdict,
         "radiometry": lambda r: r and asdict(r) | {"reflectivity": _reflectivity_text(r.reflectivity)},
         "detector": _detector_record,
@@ -95,7 +100,7 @@ def _recipe_of(record: dict[str, Any], folder: Path) -> CalibrationRecipe | Vide
     """The recipe of a record; files of scenes may lie in a folder."""
     given = {name: value for name, value in record.items() if name not in ("omnimirror", "kind")}
     decoders: dict[str, Any] = {
-        "sensor": parse_sensor,
+        "sensor": parse_camera,
         "hall": lambda r: Hall(**r),
         "radiometry": lambda r: r and Radiometry(**r | {"reflectivity": _reflectivity_of(r["reflectivity"])}),
         "detector": lambda r: Detector(**r | {"full_well_e": r["full_well_e"] or np.inf}),

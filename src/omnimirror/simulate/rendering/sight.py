@@ -161,8 +161,8 @@ def sights(camera: Camera, pixels: ArrayLike, radiometry: Radiometry | None = No
     return Sights(turned(points, rotation), turned(directions, rotation), valid, hidden)
 
 
-def seen_at(sensor: Sensor, points_mm: ArrayLike) -> Projection:
-    """Pixels (n, 2) in whose chief rays points (n, 3) mm of the sensor's world lie, by way of the mirror.
+def seen_at(camera: Camera, points_mm: ArrayLike) -> Projection:
+    """Pixels (n, 2) in whose chief rays points (n, 3) mm of the camera's world lie, of a sensor by way of its mirror.
 
     Not valid are points that the housing hides.
 
@@ -172,9 +172,9 @@ def seen_at(sensor: Sensor, points_mm: ArrayLike) -> Projection:
         As :func:`sights`.
     """
     points = np.asarray(points_mm, dtype=float)
-    pixels, valid = sensor.project(points)
-    if not sensor.housing.is_empty:
-        valid[valid] = ~sights(sensor, pixels[valid]).hidden
+    pixels, valid = camera.project(points)
+    if isinstance(camera, Sensor) and not camera.housing.is_empty:
+        valid[valid] = ~sights(camera, pixels[valid]).hidden
     pixels[~valid] = np.nan
     return Projection(pixels, valid)
 

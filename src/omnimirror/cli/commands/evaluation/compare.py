@@ -31,7 +31,7 @@ FORMATS = ("png", "html")
 def command(sensors: tuple[str, ...], output: Path | None, csv_file: Path | None, json_file: Path | None) -> None:
     """Put up to six SENSORS side by side, files or names of bundled ones; the best of each row is marked.
 
-    A sensor whose mirror is decentred or tilted is compared as if it were in place, and that is said.
+    A sensor whose mirror is decentred or tilted is compared over its whole picture, at all azimuths.
     """
     console = output_console()
     comparison = compare([load_sensor(s) for s in sensors])

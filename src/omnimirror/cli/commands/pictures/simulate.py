@@ -15,10 +15,9 @@ from ....errors import OutsideField
 from ....files import name_of
 from ....media import write_image
 from ....media.pictures.images import format_of
-from ....sensor import Sensor
 from ....simulate import Detector, Distant, Pose, PosedScene, Scene, expose
 from ....simulate.colour import Light
-from ....specs import bundled_sensors, load_sensor
+from ....specs import AnyCamera, bundled_sensors, load_camera, load_sensor
 from ...help_pages import DocumentedCommand
 from ...options.common import WHOLE
 from ...options.declared import Options, flag, option, takes
@@ -83,12 +82,14 @@ def picture(
 ) -> None:
     """Take the picture, or the video, that SENSOR would take of a scene.
 
+    SENSOR is a sensor, or a camera as it was calibrated, whose pictures are sharp.
+
     An EXR file holds linear light (R, G, B) and for the chief ray of each pixel's centre: whether it sees the scene
     (A), or camera, rod, rim or a lid hide it (H); the point where it leaves the mirror, or the outer side of its tube
     or dome (OX, OY, OZ, mm), its direction there (DX, DY, DZ) and the distance to what it sees (Z, mm), in the
     sensor's world frame.
     """
-    seen, camera = scene.source().load(), housing.on(load_sensor(sensor))
+    seen, camera = scene.source().load(), housing.on(load_camera(sensor))
     if film.path is not None:
         named = {"pose": stands, "panorama": panorama, **taking.picked("bits", "bayer"), "distant": distant or None}
         if asked := [name for name, value in named.items() if value is not None]:
@@ -105,7 +106,7 @@ def picture(
         _write_panorama(camera, Detector().read(light), panorama)
 
 
-def _photograph(camera: Sensor, scene: Scene, output: Path, taking: TakingOptions) -> Light:
+def _photograph(camera: AnyCamera, scene: Scene, output: Path, taking: TakingOptions) -> Light:
     """Take the picture, write it as its file's kind holds it, and give its light."""
     kind = format_of(output)
     is_light = "float32" in kind.depths and "uint8" not in kind.depths
@@ -122,8 +123,8 @@ def _photograph(camera: Sensor, scene: Scene, output: Path, taking: TakingOption
         check_exr_can_be_written(output)
     with rows_bar("Exposing") as progress:
         light = expose(
-            camera, scene, samples=taking.samples, blur=taking.is_blurred, radiometry=radiometry, seed=taking.seed,
-            progress=progress,
+            camera, scene, samples=taking.samples, blur=taking.is_blurred(camera), radiometry=radiometry,
+            seed=taking.seed, progress=progress,
         )  # fmt: skip
     exposed = detector.exposure * light
     if output.suffix.lower() == ".exr":
@@ -137,7 +138,7 @@ def _photograph(camera: Sensor, scene: Scene, output: Path, taking: TakingOption
     return exposed
 
 
-def _write_panorama(camera: Sensor, picture: Any, output: Path) -> None:
+def _write_panorama(camera: AnyCamera, picture: Any, output: Path) -> None:
     from ....dewarp import Dewarper, views
 
     dewarp = Dewarper(camera, views.panorama(camera), "cubic")
@@ -146,7 +147,7 @@ def _write_panorama(camera: Sensor, picture: Any, output: Path) -> None:
     say(f"{name_of(output)}: {dewarp.view}, {straight.shape[1]} x {straight.shape[0]} px")
 
 
-def _film(camera: Sensor, scene: Scene, output: Path, film: FilmOptions, taking: TakingOptions) -> None:
+def _film(camera: AnyCamera, scene: Scene, output: Path, film: FilmOptions, taking: TakingOptions) -> None:
     from ....simulate.datasets.video import load_path, write_video
 
     assert film.path is not None
@@ -161,7 +162,7 @@ def _film(camera: Sensor, scene: Scene, output: Path, film: FilmOptions, taking:
         try:
             write_video(
                 camera, scene, path=load_path(film.path), output=output, frame_rate=film.frame_rate,
-                duration_s=film.duration_s, samples=taking.samples, blur=taking.is_blurred,
+                duration_s=film.duration_s, samples=taking.samples, blur=taking.is_blurred(camera),
                 radiometry=taking.radiometry(), detector=taking.detector(), seed=taking.seed, written=written,
             )  # fmt: skip
         except KeyboardInterrupt:
@@ -222,7 +223,7 @@ def dataset(
     elif sensor is None:
         raise click.UsageError("a set is taken with a SENSOR, or made --again from a dataset.json")
     else:
-        recipe = _asked_for(lambda: housing.on(load_sensor(sensor)), views, film, truth, scene, taking)
+        recipe = _asked_for(lambda: housing.on(load_camera(sensor)), views, film, truth, scene, taking)
     if isinstance(recipe, VideoRecipe):
         _write_video_set(output, recipe)
     else:
@@ -248,7 +249,7 @@ def _made_before(again: Path) -> CalibrationRecipe | VideoRecipe:
 
 
 def _asked_for(
-    sensor: Callable[[], Sensor],
+    sensor: Callable[[], AnyCamera],
     views: int | None,
     film: FilmOptions,
     truth: bool,
@@ -259,7 +260,7 @@ def _asked_for(
     from ....simulate.datasets.recipe import CalibrationRecipe, VideoRecipe
 
     common: dict[str, Any] = {
-        "samples": taking.samples, "blur": taking.is_blurred, "seed": taking.seed, "radiometry": taking.radiometry(),
+        "samples": taking.samples, "blur": taking.wants_blur, "seed": taking.seed, "radiometry": taking.radiometry(),
         "detector": taking.detector(), "truth": truth,
     }  # fmt: skip
     if film.path is None:

@@ -1,0 +1,266 @@
+"""A sensor that is out of its axis, studied over its whole picture: all around, from the axis to the rim.
+
+One meridian tells all of an aligned sensor. One that was built differs from azimuth to azimuth, and is traced in space:
+chief rays to directions all around, and about each of them rays through the aperture next to its middle, whose images
+spread as the blur does, to first order as in Eqs. 28, 36 and 37.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..frames import camera_direction
+from ..lenses import Lens
+from ..numerics.lazy import cached_property
+from ..sensor import Sensor
+from ..tracing.reflection import Ends, Specular
+from .aperture.bundles import Bundles, trace_bundles
+from .aperture.pupil import Pupil
+from .meridional.coddington import virtual_images
+from .meridional.focus import FocusStudy
+from .meridional.focus_merits import FocusedBlur
+from .meridional.imaging import ImagingCharacteristics
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+RINGS, AZIMUTHS = 31, 24
+FINE_RINGS, FINE_AZIMUTHS = 181, 96  # for what is hidden
+SCANNED = np.radians(np.arange(0.25, 180.0, 0.5))
+HALVED = 30  # times, until an end of the field is known
+INSIDE = 1e-7  # of the field, by which the last ring stays within the rim
+NEXT_TO_AXIS = 1e-3  # radians, at which a ring still has azimuths
+STEP = 1e-4  # radians, of central differences
+NEXT_TO_MIDDLE = 0.01  # of the aperture's radius: there blur grows as it does to first order
+FOCUSES = 41
+BEYOND = 0.1  # of the range of the images' focus coordinates
+CLOSE = 1e-5  # of that range
+REFINED = 3  # times that the best viewpoint is found anew
+CROSS = Pupil(NEXT_TO_MIDDLE * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]]), np.full(4, 0.25))
+WAVELENGTH_NM = 550.0
+
+
+class Grid(NamedTuple):
+    """Directions all around, ring by ring, and the azimuths' ends of the field; radians."""
+
+    omega: Array
+    """(rings, azimuths)"""
+    phi: Array
+    """(rings, azimuths)"""
+
+
+@dataclass(frozen=True)
+class WholePicture:
+    """What a sensor with one mirror and an ideal lens does at RINGS x AZIMUTHS directions of its field.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> from dataclasses import replace
+    >>> from omnimirror.mirrors.pose import MirrorPose
+    >>> built = replace(om.load_sensor("paper-spherical"), mirror_pose=MirrorPose(decentre_x_mm=0.5))
+    >>> low, high = WholePicture(built).field_deg  # at some azimuth
+    >>> low, round(high, 1)
+    (0.0, 135.1)
+    """
+
+    sensor: Sensor
+
+    # -- where ------------------------------------------------------------------------------------
+
+    @cached_property
+    def grid(self) -> Grid:
+        return self._spread(RINGS, AZIMUTHS)
+
+    def _spread(self, rings: int, azimuths: int) -> Grid:
+        """Rings from where the field begins to where it ends, at each azimuth."""
+        phi = np.linspace(0.0, 2 * np.pi, azimuths, endpoint=False)
+        scanned = np.broadcast_to(SCANNED[:, None], (len(SCANNED), azimuths))
+        seen = self._sees(scanned, np.broadcast_to(phi, scanned.shape))
+        first, last = seen.argmax(axis=0), len(SCANNED) - 1 - seen[::-1].argmax(axis=0)
+        step = SCANNED[1] - SCANNED[0]
+        start = np.where(first == 0, NEXT_TO_AXIS, self._edge(SCANNED[first], SCANNED[first] - step, phi))
+        end = self._edge(SCANNED[last], SCANNED[last] + step, phi)
+        share = np.linspace(INSIDE, 1 - INSIDE, rings)[:, None]
+        omega = start + share * (end - start)
+        return Grid(omega, np.broadcast_to(phi, omega.shape))
+
+    def _edge(self, seen: Array, unseen: Array, phi: Array) -> Array:
+        """The last angles (azimuths,) seen on the way from some that are to others that are not."""
+        for _ in range(HALVED):
+            middle = (seen + unseen) / 2
+            sees = self._sees(middle, phi)
+            seen, unseen = np.where(sees, middle, seen), np.where(sees, unseen, middle)
+        return seen
+
+    def _sees(self, omega: Array, phi: Array) -> Mask:
+        towards = camera_direction(omega, phi).reshape(-1, 3)
+        return np.asarray(self.sensor.optical_train.chief_rays_to(Ends(towards, True)).valid.reshape(omega.shape))
+
+    @cached_property
+    def _axes(self) -> tuple[Array, Array, Array]:
+        """Directions (n, 3) of the grid, and unit vectors outwards and around."""
+        omega, phi = (a.ravel() for a in self.grid)
+        towards, outwards = camera_direction(omega, phi), camera_direction(omega + np.pi / 2, phi)
+        return towards, outwards, np.stack([-np.sin(phi), np.cos(phi), 0 * phi], axis=-1)
+
+    # -- what is traced ---------------------------------------------------------------------------
+
+    @cached_property
+    def bundles(self) -> Bundles:
+        """Rays of every direction through four points next to the middle of the aperture."""
+        omega, phi = (np.degrees(a.ravel()) for a in self.grid)
+        return trace_bundles(self.sensor, omega, CROSS, phi)
+
+    @cached_property
+    def _neighbours(self) -> tuple[tuple[Specular, Specular], ...]:
+        """Chief rays a step outwards and inwards, and a step around to either side."""
+        towards, *steps = self._axes
+        return tuple(
+            (self._chief(towards + STEP * step), self._chief(towards - STEP * step)) for step in steps
+        )  # fmt: skip
+
+    def _chief(self, towards: Array) -> Specular:
+        return self.sensor.optical_train.chief_rays_to(Ends.of(towards, True))
+
+    def _pixels(self, lens: Lens, found: Specular) -> Array:
+        """Where (n, 2) px from the lens's axis chief rays land."""
+        image = lens.image_of(found.seen_at - self.sensor.optical_train.lens_offset, found.to_pupils)
+        return np.asarray(image / self.sensor.imager.pitch_mm)
+
+    def _rates(self, lens: Lens) -> tuple[Array, Array]:
+        """Derivatives (n, 2), (n, 2) of pixels outwards and around, px per degree."""
+        angle = np.degrees(2 * np.arctan(STEP))
+        outwards, around = ((self._pixels(lens, a) - self._pixels(lens, b)) / angle for a, b in self._neighbours)
+        return outwards, around
+
+    # -- what follows -----------------------------------------------------------------------------
+
+    def at(self, focus_mm: float) -> FocusedBlur:
+        """Resolution and blur (n,) with the lens focused at an object distance."""
+        sensor = self.bundles.focused_at(focus_mm)
+        outwards, around = self._rates(sensor.lens)
+        height, width = np.linalg.norm(outwards, axis=1), np.linalg.norm(around, axis=1)
+        area = np.abs(outwards[:, 0] * around[:, 1] - outwards[:, 1] * around[:, 0])
+        pitch = sensor.imager.pitch_mm
+        images = self.bundles.image_mm(sensor) / pitch
+        spread = np.stack([images[:, 0] - images[:, 1], images[:, 2] - images[:, 3]], axis=2) / (2 * NEXT_TO_MIDDLE)
+        along = outwards / height[:, None]
+        across = np.stack([-along[:, 1], along[:, 0]], axis=-1)
+        t, s = (2 * np.linalg.norm(np.einsum("nij,ni->nj", spread, way), axis=1) for way in (along, across))
+        imaging = ImagingCharacteristics(height, width, area, width / height)
+        airy = sensor.lens.airy_diameter(WAVELENGTH_NM) / pitch
+        return FocusedBlur(t, s, imaging, self.grid.omega.ravel(), airy)
+
+    @cached_property
+    def own(self) -> FocusedBlur:
+        """Focused as the sensor says."""
+        return self.at(self.sensor.lens.focus_distance_mm)
+
+    def best_focus(self) -> tuple[float, float]:
+        """The focus (mm) whose largest floored blur area is least, and that area, square degrees."""
+        from scipy.optimize import minimize_scalar
+
+        lens, aligned = self.sensor.lens, self.sensor.aligned()
+        low, high = np.radians(aligned.field_deg)
+        rays = aligned.meridian.trace(aligned.meridian.x_from_omega(np.linspace(low, high, RINGS)))
+        images = virtual_images(rays, np.array(np.inf))
+        found = np.stack(FocusStudy(aligned, rays, images, "exact", None, WAVELENGTH_NM).coordinates(lens))
+        near, far = float(np.nanmin(found)), float(np.nanmax(found))
+        margin = BEYOND * (far - near)
+
+        def worst(coordinate: float) -> float:
+            area = self.at(float(lens.distance_of(coordinate))).floored_area()
+            return float(area[np.isfinite(area)].max())
+
+        tried = np.linspace(near - margin, far + margin, FOCUSES)
+        at = int(np.argmin([worst(c) for c in tried]))
+        bounds = tried[max(at - 1, 0)], tried[min(at + 1, FOCUSES - 1)]
+        best = minimize_scalar(worst, bounds=bounds, method="bounded", options={"xatol": CLOSE * (far - near)})
+        return float(lens.distance_of(best.x)), float(best.fun)
+
+    @cached_property
+    def hidden(self) -> tuple[float, float]:
+        """Up to which angle (deg) the middle is hidden at some azimuth, and what share of the picture's area, %."""
+        standing = self.sensor.obstructions
+        if standing.housing.is_empty:
+            return self.field_deg[0], 0.0
+        omega, phi = self._spread(FINE_RINGS, FINE_AZIMUTHS)
+        chief = self._chief(camera_direction(omega, phi).reshape(-1, 3))
+        parts = standing.met_by(chief.points, chief.to_targets, chief.to_pupils, self.sensor.mirror_pose)
+        hidden = np.logical_or.reduce(list(parts.values())).reshape(omega.shape)
+        run = np.logical_and.accumulate(hidden, axis=0)
+        pixels = self._pixels(self.sensor.lens, chief).reshape(*omega.shape, 2)
+        by_ring, by_turn = np.gradient(pixels, axis=0), np.roll(pixels, -1, axis=1) - np.roll(pixels, 1, axis=1)
+        area = np.abs(by_ring[..., 0] * by_turn[..., 1] - by_ring[..., 1] * by_turn[..., 0])
+        area[[0, -1]] /= 2
+        to = float(np.degrees(omega[run].max())) if run.any() else self.field_deg[0]
+        return to, float(100 * (area * hidden).sum() / area.sum())
+
+    @property
+    def field_deg(self) -> tuple[float, float]:
+        """Smallest and largest field angle at any azimuth; 0 where the axis is seen."""
+        omega = np.degrees(self.grid.omega)
+        low = float(omega[0].min())
+        return 0.0 if low < np.degrees(2 * NEXT_TO_AXIS) else low, float(omega[-1].max())
+
+    def share_of_sphere(self) -> float:
+        """Percentage of all directions that is seen."""
+        first, last = np.cos(self.grid.omega[0]), np.cos(self.grid.omega[-1])
+        return float(50 * np.mean(first - last))
+
+    def _rings(self) -> Array:
+        """Pixels (rings, azimuths, 2) from the lens's axis."""
+        pixels = self._pixels(self.sensor.lens, self.bundles.chief)
+        return pixels.reshape(*self.grid.omega.shape, 2)
+
+    def rim_radius_px(self) -> float:
+        """Mean distance of the rim's image from its middle."""
+        rim = self._rings()[-1]
+        return float(np.linalg.norm(rim - rim.mean(axis=0), axis=1).mean())
+
+    def nonlinearity(self) -> float:
+        """Largest departure of an image height from the line through centre and rim of its azimuth, % of the rim's."""
+        rings, omega = self._rings(), self.grid.omega
+        h = np.linalg.norm(rings - rings[0].mean(axis=0), axis=2)
+        return float(100 * np.abs(h / h[-1] - omega / omega[-1]).max())
+
+    def viewpoint_spread(self) -> float:
+        """Largest distance (mm) between the viewpoints of two rings: the points nearest to all their rays."""
+        chief, shape = self.bundles.chief, (*self.grid.omega.shape, 3)
+        points, ways = chief.points.reshape(shape), self._axes[0].reshape(shape)
+        across = np.eye(3) - ways[..., :, None] * ways[..., None, :]
+        sums, right = across.sum(axis=1), np.einsum("raij,raj->ri", across, points)
+        found = np.array([np.linalg.lstsq(a, b, rcond=None)[0] for a, b in zip(sums, right, strict=True)])
+        return float(np.linalg.norm(found[:, None] - found[None], axis=2).max())
+
+    def one_viewpoint_error(self, distance_mm: float) -> float:
+        """Largest error (px) of the best single viewpoint (in space) for objects at a distance from the mirror."""
+        from scipy.optimize import minimize
+
+        towards, outwards, around = self._axes
+        chief, lens = self.bundles.chief, self.sensor.lens
+        objects, here = chief.points + distance_mm * towards, self._pixels(lens, chief)
+        by_out, by_around = (np.degrees(rate) for rate in self._rates(lens))
+
+        def seen_from(viewpoint: Array) -> Array:
+            ways = objects - viewpoint
+            return np.asarray(ways / np.linalg.norm(ways, axis=1)[:, None])
+
+        def linear(ways: Array) -> Array:
+            off = ways - towards
+            moved = (off * outwards).sum(1)[:, None] * by_out + (off * around).sum(1)[:, None] * by_around
+            return np.asarray(moved)
+
+        at, rest = np.median(chief.points, axis=0), np.zeros_like(here)
+        for _ in range(REFINED):
+            worst = lambda v, rest=rest: float(np.linalg.norm(linear(seen_from(v)) + rest, axis=1).max())  # noqa: E731
+            at = minimize(worst, at, method="Nelder-Mead", options={"xatol": 1e-5, "fatol": 1e-9, "maxiter": 2000}).x
+            ways = seen_from(at)
+            true = self._pixels(lens, self._chief(ways)) - here
+            rest = true - linear(ways)
+        return float(np.linalg.norm(true, axis=1).max())
