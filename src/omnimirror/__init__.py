@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from .analysis import spots as spots
     from .analysis.temperature import at_temperature as at_temperature
     from .analysis.temperature import thermal_motion_px as thermal_motion_px
+    from .analysis.wavelength import at_wavelength as at_wavelength
     from .calibrate.conversion import convert as convert
     from .calibrate.estimation import Calibration as Calibration
     from .calibrate.estimation import Motion as Motion
@@ -169,6 +170,7 @@ _HOMES = {
     "best_viewpoint": "analysis",
     "temperature_range": "design.solve.temperatures",
     "at_temperature": "analysis.temperature",
+    "at_wavelength": "analysis.wavelength",
     "thermal_motion_px": "analysis.temperature",
     "Thermal": "thermal",
     "check_blur": "analysis",

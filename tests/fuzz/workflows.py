@@ -90,6 +90,7 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
                              "spacer_material": "aluminium", "spacer_ppm_per_k": None, "mount_material": None,
                              "mount_ppm_per_k": None, "focal_ppm_per_k": 1.0, "imager_ppm_per_k": 2.6,
                              "held_at": "rim"}),
+    "at_wavelength": (om.at_wavelength, {"sensor": WARM, "wavelength_nm": 450.0}),
     "at_temperature": (om.at_temperature, {"sensor": WARM, "temperature_c": 60.0}),
     "thermal_motion_px": (om.thermal_motion_px, {"sensor": WARM, "temperature_c": 60.0, "omega_deg": [10.0, 90.0]}),
     "temperature_range": (om.temperature_range, {"requirements": WANTED, "sensor": WARM, "coldest_c": 10.0,

@@ -116,6 +116,18 @@ def test_three_wavelengths(sensor):
         assert np.abs(away - traced).max() < 2e-5 + 0.05 * np.abs(traced).max()
 
 
+@pytest.mark.parametrize("nm", [486.1327, 546.07, 656.2725, 700.0])
+def test_at_another_wavelength_rays_land_where_that_light_does(sensor, nm):
+    """Its own indices, stop and imager where they are; between and beyond the lines of the file by Cauchy's formula."""
+    colour = om.at_wavelength(sensor, nm)
+    assert colour.lens.imager_mm == pytest.approx(sensor.lens.imager_mm, abs=1e-9)
+    assert colour.lens.aperture_radius == pytest.approx(sensor.lens.aperture_radius, rel=1e-12)
+    found = om.evaluate(colour, OMEGA).h_px
+    wanted = truth(OMEGA, wavelength_um=nm / 1e3)[:, 0] / PITCH
+    assert np.abs(found - wanted).max() < 5e-4
+    assert np.abs(wanted - om.evaluate(sensor, OMEGA).h_px).max() > 0.01
+
+
 @pytest.mark.parametrize("pose", [MirrorPose(), MirrorPose(decentre_x_mm=0.7, displacement_mm=-1.0)])
 def test_pixels_come_back_and_apertures_agree(file, pose):
     sensor = sensor_with(lens_of(file), pose)

@@ -181,6 +181,16 @@ def test_a_mirror_past_the_end_of_the_table_is_refused():
 
 def test_what_knows_ideal_lenses_only_says_so():
     _, table = faultless(om.load_sensor("paper-spherical"))
-    for ask in (lambda: om.psf(table, 60.0), lambda: om.SensorModel(table), lambda: om.requirements_like(table)):
+    for ask in (lambda: om.SensorModel(table), lambda: om.blur_bound(table)):
         with pytest.raises(OmnimirrorError, match="is for perspective and orthographic lenses"):
             ask()
+
+
+def test_a_design_like_another_sensors_has_its_real_lens():
+    ideal, table = faultless(om.load_sensor("paper-spherical"), pupil=6.0)
+    asked = om.requirements_like(table, family="sphere")
+    assert asked.lens.optics == table.lens
+    found = om.design_sensor(asked).sensor
+    assert found.field_deg[1] == pytest.approx(table.field_deg[1], abs=1e-6)
+    assert found.mirror.radius_mm == pytest.approx(table.mirror.radius_mm, rel=1e-4)
+    assert found.mirror_distance_mm == pytest.approx(ideal.mirror_distance_mm, rel=1e-4)

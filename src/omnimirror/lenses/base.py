@@ -201,6 +201,10 @@ class Lens(ABC):
         """The same lens focused elsewhere."""
         return replace(self, focus_distance_mm=focus_distance_mm)  # type: ignore[type-var]
 
+    def at_wavelength(self, wavelength_nm: float) -> Self:
+        """The lens as it is for light of a wavelength, its imager where it is; an ideal one is the same for all."""
+        return self
+
     def airy_diameter(self, wavelength_nm: float = 550.0) -> float:
         """Diameter of the Airy disk on the imager, mm: 2.44 lambda F_w."""
         if not 100.0 <= number("wavelength_nm", wavelength_nm) <= 20000.0:

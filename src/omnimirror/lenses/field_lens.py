@@ -114,19 +114,46 @@ class FieldLens(GaussianLens):
 
     def image_of(self, points: Array, directions: Array) -> Array:
         """By the chief ray that each ray belongs to: the one whose image point sends a ray this way."""
+        chief, _, _ = self._belonging(points, directions)
+        return self.distorted(self.principal_distance * chief).reshape(directions[..., :2].shape)
+
+    def image_cosines(self, points: Array, directions: Array) -> Array:
+        """Direction cosines (.., 2) at the imager of rays from the mirror, the picture upright; chief rays have 0.
+
+        To first order in the aperture: from the invariant of Lagrange, as :meth:`cone_f_numbers`.
+        """
+        chief, places, found = self._belonging(points, directions)
+        t, s = axes(chief)
+        cos = (1 + (chief**2).sum(axis=1)) ** -0.5
+        along, across = (np.einsum("ni,ni->n", places, axis) for axis in (t, s))
+        cosines: Array = (along * cos**3 / found.scale_t)[:, None] * t + (across * cos / found.scale_s)[:, None] * s
+        return cosines.reshape(directions[..., :2].shape)
+
+    def cone_f_numbers(self, height_mm: float) -> tuple[float, float]:
+        """Tangential and sagittal F-number of the cone of light at an image height.
+
+        ``dy cos^3(theta) du = dh dL`` and ``dy cos(theta) du = dh dL``: what a change of slope u through a point y of
+        the pupil moves the image by, a change of y turns the ray by at the imager.
+        """
+        tangent = self.field.tangent_of(np.array([height_mm]))
+        found, cos = self.field.at(tangent), (1 + tangent[0] ** 2) ** -0.5
+        wide_t, wide_s = (2 * self.aperture_radius * width[0] for width in (found.width_t, found.width_s))
+        return float(found.scale_t[0] / (wide_t * cos**3)), float(found.scale_s[0] / (wide_s * cos))
+
+    def _belonging(self, points: Array, directions: Array) -> tuple[Array, Array, LensValues]:
+        """Slopes (n, 2) of the chief rays that rays belong to, places (n, 2) mm in the pupil, and the field there."""
         slopes = directions[..., :2] / directions[..., 2:]
-        at_reference = points[..., :2] - points[..., 2:] * slopes
-        shape = slopes.shape
-        slopes, at_reference = slopes.reshape(-1, 2), at_reference.reshape(-1, 2)
+        at_reference = (points[..., :2] - points[..., 2:] * slopes).reshape(-1, 2)
+        slopes = slopes.reshape(-1, 2)
         chief = slopes
         for _ in range(STEPS):
             found = self.field.at(np.hypot(chief[:, 0], chief[:, 1]))
-            there = at_reference + found.pupil[:, None] * slopes
-            better = slopes + _focused(there, chief, found)
+            places = at_reference + found.pupil[:, None] * slopes
+            better = slopes + _focused(places, chief, found)
             step, chief = np.abs(better - chief), better
             if not (step > CLOSE).any():
                 break
-        return self.distorted(self.principal_distance * chief).reshape(shape)
+        return chief, places, found
 
 
 def axes(slopes: Array) -> tuple[Array, Array]:

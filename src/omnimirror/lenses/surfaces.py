@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
@@ -15,8 +15,9 @@ from ..parameters import Parameter
 from .base import F_NUMBER, FOCUS, Array
 from .field import LensField
 from .field_lens import FieldLens, axes
+from .prescription.dispersion import FRAUNHOFER_NM, through_three
 from .prescription.field_trace import Traced, field_end, stop_radius, traced_field
-from .prescription.sequence import Paraxial, Sequence
+from .prescription.sequence import Landed, Paraxial, Sequence
 from .prescription.zmx import read_lens_file
 
 AIMING_STEPS = 12
@@ -196,14 +197,41 @@ class SurfaceLens(FieldLens):
                 f"{nearest:g}, from the first surface"
             )
 
+    def at_wavelength(self, wavelength_nm: float) -> SurfaceLens:
+        """With the indices of a wavelength, by those of the three that it has; stop and imager stay where they are.
+
+        Raises
+        ------
+        InvalidParameter
+            Nothing is said of other wavelengths, or there is no image of such light before the imager.
+        """
+        known = (self.wavelengths_nm, self.index_short, self.index_long)
+        if any(column is None for column in known) or len(self.wavelengths_nm or ()) != len(FRAUNHOFER_NM):
+            raise InvalidParameter(
+                f"the indices of this lens at {wavelength_nm:g} nm are not known; it is valid with wavelengths_nm, "
+                "index_short and index_long, which a .zmx file brings"
+            )
+        rows = np.array([self.index_short, self.index, self.index_long])
+        index = through_three(wavelength_nm, np.array(self.wavelengths_nm), rows)
+        other = replace(self, index=tuple(index.tolist()), index_short=None, index_long=None, wavelengths_nm=None)
+        a, b, c, d = other._paraxial.back
+        to_imager = _traced_of(self).traced.to_imager
+        focal = other._paraxial.focal_length
+        return replace(
+            other,
+            focus_distance_mm=float(-(b + d * to_imager) / (a + c * to_imager)),
+            f_number=self.f_number * float(focal / self.focal_length_mm),
+        )
+
     # -- real rays -----------------------------------------------------------------------------------------
 
     def image_of(self, points: Array, directions: Array) -> Array:
         """By tracing the rays through every surface; NaN for those that do not get through."""
-        shape = directions[..., :2].shape
-        slopes = (directions[..., :2] / directions[..., 2:]).reshape(-1, 2)
-        places = points[..., :2].reshape(-1, 2) - points[..., 2].reshape(-1, 1) * slopes
-        return self._landed(places, slopes).reshape(shape)
+        return self._landed_from(points, directions).image.reshape(directions[..., :2].shape)
+
+    def image_cosines(self, points: Array, directions: Array) -> Array:
+        """By tracing the rays through every surface; NaN for those that do not get through."""
+        return self._landed_from(points, directions).cosines.reshape(directions[..., :2].shape)
 
     def rays(self, image: Array, pupil: Array) -> tuple[Array, Array]:
         """Those through points of the pupil that land on the image points: from first-order rays, by Newton's rule."""
@@ -213,7 +241,7 @@ class SurfaceLens(FieldLens):
         found = self.field.at(np.hypot(chief[:, 0], chief[:, 1]))
         t, s = axes(chief)
         for _ in range(AIMING_STEPS):
-            missed = image - self._landed(origins[:, :2] - origins[:, 2:] * slopes, slopes)
+            missed = image - self._landed(origins[:, :2] - origins[:, 2:] * slopes, slopes).image
             along, across = (np.einsum("ni,ni->n", missed, axis) for axis in (t, s))
             step = (along / found.scale_t)[:, None] * t + (across / found.scale_s)[:, None] * s
             slopes = slopes + step
@@ -221,10 +249,15 @@ class SurfaceLens(FieldLens):
                 break
         return origins, np.concatenate([slopes, np.ones((len(slopes), 1))], axis=1)
 
-    def _landed(self, places: Array, slopes: Array) -> Array:
-        """Image points (n, 2) mm of rays by places in the plane of the first vertex and slopes towards the mirror."""
+    def _landed_from(self, points: Array, directions: Array) -> Landed:
+        """Where rays (n,) from the mirror land, by points and directions on them of any shape."""
+        slopes = (directions[..., :2] / directions[..., 2:]).reshape(-1, 2)
+        return self._landed(points[..., :2].reshape(-1, 2) - points[..., 2].reshape(-1, 1) * slopes, slopes)
+
+    def _landed(self, places: Array, slopes: Array) -> Landed:
+        """Where rays land by places (n, 2) in the plane of the first vertex and slopes towards the mirror."""
         traced = _traced_of(self).traced
-        return -traced.sequence.trace(places, -slopes, traced.to_imager).image
+        return traced.sequence.trace(places, -slopes, traced.to_imager).upright()
 
 
 class _TracedLens(NamedTuple):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, ClassVar
@@ -15,6 +15,7 @@ from ..parameters import Parameter
 from .base import F_NUMBER, FOCUS, Array
 from .field import LEAST_NODES, FieldNodes, LensField, even_spline, odd_spline
 from .field_lens import FieldLens, ratio
+from .prescription.dispersion import FRAUNHOFER_NM, through_three
 from .prescription.tables import read_lens_table
 
 COLUMNS = {
@@ -140,6 +141,23 @@ class TabulatedLens(FieldLens):
     @cached_property
     def field(self) -> LensField:
         return _field_of(self)
+
+    def at_wavelength(self, wavelength_nm: float) -> TabulatedLens:
+        """With the image heights of a wavelength: a parabola in its inverse square, by what the table says of colours.
+
+        Those of the table are taken for the d line, blue and red for F and C.
+        """
+        if self.lateral_colour_short_mm is None and self.lateral_colour_long_mm is None:
+            return self
+        nothing = (0.0,) * len(self.field_deg)
+        shifts = np.array([self.lateral_colour_short_mm or nothing, nothing, self.lateral_colour_long_mm or nothing])
+        moved = through_three(wavelength_nm, FRAUNHOFER_NM, shifts)
+        return replace(
+            self,
+            image_height_mm=tuple((np.array(self.image_height_mm) + moved).tolist()),
+            lateral_colour_short_mm=None,
+            lateral_colour_long_mm=None,
+        )
 
     def _at_table(self) -> float:
         """How far (mm) the imager stands from where it stood for the table."""

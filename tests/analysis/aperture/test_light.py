@@ -129,3 +129,24 @@ def test_at_the_tip_of_a_cone_blur_across_is_infinite_whatever_the_focus():
         assert np.isinf(found.blur_s_deg[0])
         for name, column in found.columns().items():
             assert not np.isnan(column).any(), name
+
+
+@pytest.mark.parametrize("omega_deg", [40.0, 90.0, 130.0])
+def test_a_cover_takes_what_fresnel_says(omega_deg):
+    """A tube is met at 90 deg - Omega; through a narrow aperture all rays are the chief ray."""
+    from omnimirror.housing import Housing, Tube
+
+    narrow = replace(SPH, lens=replace(SPH.lens, f_number=200.0))
+    covered = replace(narrow, housing=Housing(shell=Tube(material="acrylic")))
+    bare, behind = (om.illumination(s, [omega_deg]).irradiance_sr[0] for s in (narrow, covered))
+    n = covered.obstructions.housing.shell.index
+    outside = abs(np.radians(90.0 - omega_deg))
+    inside = np.arcsin(np.sin(outside) / n)
+    if outside:
+        parts = (
+            (np.sin(outside - inside) / np.sin(outside + inside)) ** 2,
+            (np.tan(outside - inside) / np.tan(outside + inside)) ** 2,
+        )
+    else:
+        parts = (((n - 1) / (n + 1)) ** 2,) * 2
+    assert behind / bare == pytest.approx(np.mean([(1 - r) / (1 + r) for r in parts]), rel=1e-4)

@@ -13,7 +13,8 @@ from ...errors import InvalidParameter
 from ...sensor import Sensor, check_sensor
 from .bundles import trace_bundles
 from .pupil import fibonacci
-from .wavefront import FITTED, SOFT, Wavefront, wavefronts
+from .pupil_fit import FITTED
+from .wavefront import SOFT, Wavefront, wavefronts
 
 Array = NDArray[np.float64]
 Kind = Literal["diffraction", "geometric"]

@@ -13,6 +13,7 @@ from ...errors import InvalidParameter
 from ...files import write_text
 from ...mirrors.reflectivity import Reflectivity, reflectance
 from ...sensor import Sensor, check_sensor
+from ...tracing.walls import let_out
 from ..evaluation import field_angles
 from .bundles import trace_bundles
 from .pupil import Pupil, gaussian
@@ -62,7 +63,8 @@ def illumination(
     pixel outwards through every part of the aperture, a flat disk as everywhere here, and those that miss the mirror
     bring nothing. On the axis this is ``pi L T R sin^2(u)`` with ``tan(u) = 1/(2 F_w)``; a lens that obeys the sine
     condition has ``sin(u) = 1/(2 F_w)`` instead and gets 1/(4 F_w^2) of it more: 1.4 % at F/4, 11 % at F/1.4.
-    Radiance is conserved by mirrors, so the image area of a degree (the paper's Ds) does not enter.
+    Radiance is conserved by mirrors, so the image area of a degree (the paper's Ds) does not enter. What a cover throws
+    back (Fresnel's formulas, both sides) is lost.
 
     Parameters
     ----------
@@ -126,4 +128,7 @@ def _through(sensor: Sensor, height: Array, pupil: Pupil, reflectivity: Reflecti
     gamma = np.where(found.valid, np.arccos(cos_gamma), 0.0)
     reflected = np.where(found.valid, reflectance(gamma, reflectivity), 0.0)
     light = reflected * sensor.lens.falloff(image, aperture)
+    if (shell := sensor.obstructions.housing.shell) is not None:
+        hit = found.valid
+        light[hit] *= let_out(shell, found.points[hit], found.directions[hit]).passed
     return tuple(a.reshape(k, n) @ pupil.weights for a in (light, reflected, found.valid))  # type: ignore[return-value]

@@ -20,7 +20,8 @@ from ..evaluation import field_angles
 from .bundles import Bundles, trace_bundles
 from .point_spread import KINDS, Kind
 from .pupil import gaussian
-from .wavefront import FITTED, SOFT, Wavefront, wavefronts
+from .pupil_fit import FITTED
+from .wavefront import SOFT, Wavefront, wavefronts
 
 Array = NDArray[np.float64]
 

@@ -4,55 +4,30 @@ Rays through a few hundred points of the aperture are fitted with polynomials, s
 are, and from then on everything can be integrated exactly. The phase is the length of the path of light
 less that of a wave that would meet in the chief ray's image point (an ideal thin lens adds the same to
 both); its slopes are the ray's landing place: ``dW/d(rho) = -eps / (2 F)`` with the working F-number of
-that direction.
+that direction. Of a real lens these slopes are what is known, and the phase is their integral
+(:mod:`.lens_phase`).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InvalidParameter
-from ...lenses import GaussianLens
+from ...lenses import FieldLens, GaussianLens
 from ...numerics.lazy import cached_property
 from ...sensor import Sensor
 from .bundles import Bundles
-from .pupil import gaussian
+from .lens_phase import check_wave_is_known, phase_of_real_lens
+from .pupil_fit import DEGREE, FITTED, basis, fit, orders
 
 Array = NDArray[np.float64]
 
-RINGS = 12  # of the pupil that is fitted
-DEGREE = 10
 SOFT = 3.0  # distances of neighbouring nodes over which sums soften the shadow of the rim
 ROUGHEST = 0.02  # of a wavelength of 550 nm: an rms misfit of the phase beyond this is refused
 PHASE, LANDING, RIM, DENSITY = 0, (1, 2), 3, 4  # columns of what is fitted
-
-FITTED = gaussian(RINGS)
-"""The pupil whose rays are fitted."""
-
-
-def _basis(points: Array) -> Array:
-    """Products of Chebyshev polynomials (n, terms) up to :data:`DEGREE` at points (n, 2) of the disk."""
-    x, y = (np.polynomial.chebyshev.chebvander(c, DEGREE) for c in points.T)
-    i, j = _orders()
-    return x[:, i] * y[:, j]
-
-
-def _orders() -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    i, j = np.indices((DEGREE + 1, DEGREE + 1)).reshape(2, -1)
-    low = i + j <= DEGREE
-    return i[low], j[low]
-
-
-@cache
-def _fit() -> Array:
-    """What maps values at the fitted pupil to coefficients of least squares, (terms, n)."""
-    root = np.sqrt(FITTED.weights)
-    inverse = np.linalg.pinv(root[:, None] * _basis(FITTED.points)) * root
-    return inverse.astype(np.float64)
 
 
 @dataclass(frozen=True)
@@ -104,7 +79,7 @@ class Wavefront:
     def _value(self, column: int, x: Array, y: Array) -> Array:
         """A fitted function (n,) from the Chebyshev polynomials (n, orders) of both coordinates."""
         square = np.zeros((DEGREE + 1, DEGREE + 1))
-        square[_orders()] = self.coefficients[:, column]
+        square[orders()] = self.coefficients[:, column]
         # einsum, and no product of matrices: waking BLAS's threads for so little takes longer
         value: Array = np.einsum("nj,nj->n", np.einsum("ni,ij->nj", x, square), y)
         return value
@@ -112,19 +87,19 @@ class Wavefront:
     @property
     def _rim_slope(self) -> float:
         """How fast (mm) the distance from the rim changes over a radius of the aperture."""
-        i, j = _orders()
+        i, j = orders()
         return float(np.hypot(*self.coefficients[(i + j) == 1, RIM]))
 
     @cached_property
     def is_cut(self) -> bool:
         """Whether the rim cuts off some of the aperture."""
         edge = np.linspace(0, 2 * np.pi, 73)
-        beyond = _basis(np.stack([np.cos(edge), np.sin(edge)], axis=-1)) @ self.coefficients[:, RIM]
+        beyond = basis(np.stack([np.cos(edge), np.sin(edge)], axis=-1)) @ self.coefficients[:, RIM]
         return bool(beyond.max() > 0)
 
     def nodes(self, wavelength_mm: float) -> int:
         """Nodes per side that integrals over the disk need, for all the waves that cross it."""
-        phase = (_basis(FITTED.points) @ self.coefficients)[:, 0]
+        phase = (basis(FITTED.points) @ self.coefficients)[:, 0]
         return int(np.clip(24 + 2 * np.ptp(phase) / wavelength_mm, 96 if self.is_cut else 32, 400))
 
 
@@ -137,32 +112,45 @@ def wavefronts(bundles: Bundles, focus_mm: float) -> list[Wavefront]:
         If the mirror bends the wave too wildly for polynomials.
     """
     sensor = bundles.focused_at(focus_mm)
-    sensor.check("the wavefront (PSF and MTF)", "thin lens")
     turn = bundles.axes()
     chief = bundles.chief_mm(sensor)
-    landing = np.einsum("knc,kac->kna", bundles.image_mm(sensor) - chief[:, None], turn)
-    phase = _phase(bundles, sensor, chief)
+    strayed = bundles.image_mm(sensor) - chief[:, None]
+    landing = np.einsum("knc,kac->kna", strayed, turn)
     beyond = sensor.optical_train.seen_mirror.beyond_edge_mm(bundles.points, bundles.seen_at)
+    if isinstance(sensor.lens, FieldLens):
+        check_wave_is_known(sensor.lens)
+        phase, rough = phase_of_real_lens(bundles, sensor, strayed)
+    else:
+        phase = _phase(bundles, sensor, chief)
+        rough = _misfit(phase)
     found = []
     for i in range(len(chief)):
         columns = np.column_stack([phase[i], landing[i], beyond[i], bundles.density[i]])
-        coefficients = np.einsum("tn,nc->tc", _fit(), columns)
-        misfit = phase[i] - _basis(FITTED.points) @ coefficients[:, PHASE]
-        rough = float(np.sqrt(FITTED.weights @ misfit**2)) / 550e-6
-        if not rough <= ROUGHEST:
+        if not rough[i] <= ROUGHEST * 550e-6:
             raise InvalidParameter(
                 f"the wave from omega = {bundles.omega_deg[i]:.10g} deg is too rough for PSF and MTF: a polynomial of "
-                f"degree {DEGREE} misses it by {rough:.2g} waves; a smaller aperture or a smoother mirror is valid"
+                f"degree {DEGREE} misses it by {rough[i] / 550e-6:.2g} waves; a smaller aperture or a smoother mirror "
+                "is valid"
             )
-        found.append(Wavefront(coefficients, turn[i], working_f_numbers(sensor, float(np.hypot(*chief[i])))))
+        f_numbers = working_f_numbers(sensor, float(np.hypot(*chief[i])))
+        found.append(Wavefront(np.einsum("tn,nc->tc", fit(), columns), turn[i], f_numbers))
     return found
+
+
+def _misfit(phase: Array) -> Array:
+    """By how much (k,) mm rms polynomials miss phases (k, n)."""
+    misfit = phase - np.einsum("nt,tm,km->kn", basis(FITTED.points), fit(), phase, optimize=True)
+    return np.asarray(np.sqrt(misfit**2 @ FITTED.weights))
 
 
 def working_f_numbers(sensor: Sensor, height_mm: float) -> tuple[float, float]:
     """Tangential and sagittal F-number (F_w / cos^3, F_w / cos) of the cone of light at an image height.
 
-    Where distortion widens the picture it narrows the cone as much.
+    Where distortion widens the picture it narrows the cone as much; the cone of a real lens follows from the
+    invariant of Lagrange between a ray of its fan and the neighbouring chief ray.
     """
+    if isinstance(sensor.lens, FieldLens):
+        return sensor.lens.cone_f_numbers(height_mm)
     F = sensor.lens.image_f_number()
     if not isinstance(sensor.lens, GaussianLens):
         return F, F

@@ -48,6 +48,15 @@ def reflectivity(text: str) -> Any:
     return text.strip()
 
 
+def three_wavelengths(text: str) -> Any:
+    """Wavelengths of red, green and blue light, nm.
+
+    >>> three_wavelengths("610,540,465")
+    (610.0, 540.0, 465.0)
+    """
+    return tuple(_numbers(text, 3, ",", "three wavelengths R,G,B in nm, such as 610,540,465"))
+
+
 @dataclass(frozen=True)
 class SceneOptions(Options):
     """What is looked at."""
@@ -99,6 +108,11 @@ class TakingOptions(Options):
     )  # fmt: skip
     vignetting: bool | None = option(
         "--vignetting/--no-vignetting", help="The lens's natural one, cos^4.  [default: none]"
+    )
+    wavelengths_nm: tuple[float, float, float] | None = option(
+        type=three_wavelengths,
+        metavar="R,G,B",
+        help="Of the colours, which lens and cover refract each its own way.",
     )
     sees_past: bool | None = option("--sees-past/--black-past", help="What lies beside the mirror.  [default: black]")
     exposure: float | None = option(

@@ -9,7 +9,7 @@ import numpy as np
 from ...arguments import checked
 from ...lenses import Perspective
 from ...sensor import Sensor, check_sensor
-from ...specs import housing_tables
+from ...specs import housing_tables, lens_table
 from .requirement_file import requirements_of
 from .requirements import Requirements
 
@@ -39,13 +39,14 @@ def lens_like(sensor: Sensor) -> dict[str, Any]:
     >>> lens_like(om.load_sensor("paraboloid-telecentric"))
     {'kind': 'orthographic', 'f_number': 4.0}
     """
-    sensor.check("a design like another sensor's", "thin lens")
     lens = sensor.lens
-    table: dict[str, Any] = {"kind": lens.KIND, "f_number": lens.stop_number}
+    if lens.TELECENTRIC:
+        return {"kind": lens.KIND, "f_number": lens.stop_number}
+    theta = float(np.degrees(sensor.meridian.theta_max))
     if isinstance(lens, Perspective):
-        table["focal_length_mm"] = lens.focal_length_mm
-        table["theta_max_deg"] = float(np.degrees(sensor.meridian.theta_max))
-    return table
+        own = {"kind": lens.KIND, "f_number": lens.stop_number, "focal_length_mm": lens.focal_length_mm}
+        return {**own, "theta_max_deg": theta}
+    return {"optics": lens_table(lens), "theta_max_deg": theta}
 
 
 @checked

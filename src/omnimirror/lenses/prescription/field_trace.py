@@ -47,8 +47,7 @@ class Traced(NamedTuple):
         """Rays (n,) by tangents and heights at the first vertex, in the meridian and across it; picture upright."""
         t, y, x, u = np.broadcast_arrays(tangent, height, across, slope)
         places, slopes = np.stack([y, x], axis=-1), -np.stack([t, u], axis=-1)
-        found = self.sequence.trace(places, slopes, self.to_imager)
-        return found._replace(image=-found.image)
+        return self.sequence.trace(places, slopes, self.to_imager).upright()
 
 
 def stop_radius(traced: Traced) -> float:

@@ -41,6 +41,12 @@ class Landed(NamedTuple):
     """(n,) whether they pass all clear apertures."""
     on_glass: Mask
     """(n,) whether they pass within all surfaces' edges."""
+    cosines: Array
+    """(n, 2) direction cosines across the axis, at the imager."""
+
+    def upright(self) -> Landed:
+        """The same in a picture that is not upside down."""
+        return self._replace(image=-self.image, cosines=-self.cosines)
 
 
 @dataclass(frozen=True)
@@ -110,7 +116,7 @@ class Sequence:
                 p = p.copy()
                 p[:, 2] -= self.thickness[i] if i < len(self.curvature) - 1 else to_imager
             image = p[:, :2] - (p[:, 2] / d[:, 2])[:, None] * d[:, :2]
-        return Landed(image, stop, clear, on_glass)
+        return Landed(image, stop, clear, on_glass, d[:, :2])
 
     def _meet(self, i: int, p: Array, d: Array) -> tuple[Array, Array]:
         """Where (n, 3) rays meet a surface, in the frame of its vertex, and its normals (n, 3) there."""

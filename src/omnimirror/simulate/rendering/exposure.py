@@ -7,12 +7,13 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
-from typing import NamedTuple, TypeGuard, TypeVar
+from typing import Any, NamedTuple, TypeGuard, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import checked, instance, whole
+from ...analysis.wavelength import at_wavelength
+from ...arguments import checked, finite, instance, whole
 from ...cameras import Camera
 from ...errors import InvalidParameter
 from ...frames import turned
@@ -65,6 +66,7 @@ def expose(
     seed: int = 0,
     progress: Progress | None = None,
     workers: int | None = None,
+    wavelengths_nm: tuple[float, float, float] | None = None,
 ) -> Light:
     """Light (rows, columns, 3), linear RGB, that falls on the pixels of a camera.
 
@@ -87,6 +89,9 @@ def expose(
         Called in the calling thread, as rows get done.
     workers
         Number of threads; as many as there are processors by default.
+    wavelengths_nm
+        Of red, green and blue light, each of which lens and cover refract in its own way (:func:`om.at_wavelength`);
+        by default all colours alike, as in the middle of the spectrum.
 
     Returns
     -------
@@ -135,11 +140,11 @@ def expose(
             check_clear(camera, scene)
     plan = spread(samples, blur, seed)
     radiometry = radiometry or Radiometry()
-    if (coloured := radiometry.of_colours()) is not None:
+    cameras, coloured = _of_colours(camera, wavelengths_nm), radiometry.of_colours()
+    if cameras is not None or coloured is not None:
         plain = partial(
             expose,
-            camera,
-            scene,
+            scene=scene,
             samples=samples,
             blur=blur,
             distant=distant,
@@ -147,13 +152,25 @@ def expose(
             progress=progress,
             workers=workers,
         )
-        shares = [plain(radiometry=each) for each in coloured]
+        seen_by: list[Any] = [camera] * 3 if cameras is None else [*cameras]
+        each = zip(seen_by, coloured or [radiometry] * 3, strict=True)
+        shares = [plain(seen, radiometry=light) for seen, light in each]
         return np.stack([share[..., i] for i, share in enumerate(shares)], axis=-1)
     seen = seen_through(camera, _distant(scene) if distant else scene)
     far = _environment_of(seen)
     if _has_one_mirror(camera) and far is not None and is_for_kernels(camera):
         return _of_environment(camera, *far, plan, radiometry, progress)
     return _of_scene(camera, seen, plan, radiometry, progress, workers)
+
+
+def _of_colours(camera: Camera, wavelengths_nm: tuple[float, float, float] | None) -> list[Sensor] | None:
+    """The sensor in red, green and blue light; None where they are all alike."""
+    if wavelengths_nm is None:
+        return None
+    if not isinstance(camera, Sensor):
+        raise InvalidParameter("only a sensor has colours; a calibrated camera says nothing of its lens")
+    three = finite("wavelengths_nm", wavelengths_nm, last=3)
+    return [at_wavelength(camera, float(nm)) for nm in three]
 
 
 def _check_size(camera: Camera) -> None:

@@ -28,6 +28,7 @@ from ...outputs import PICTURES, format_option, output_console, output_option, p
 if TYPE_CHECKING:
     from ....simulate.datasets.recipe import CalibrationRecipe, VideoRecipe
 
+OF_PICTURES = ("bits", "bayer", "wavelengths_nm")
 VIDEOS = (".mp4", ".m4v", ".mov", ".mkv", ".webm", ".ts")
 
 
@@ -91,7 +92,7 @@ def picture(
     """
     seen, camera = scene.source().load(), housing.on(load_camera(sensor))
     if film.path is not None:
-        named = {"pose": stands, "panorama": panorama, **taking.picked("bits", "bayer"), "distant": distant or None}
+        named = {"pose": stands, "panorama": panorama, **taking.picked(*OF_PICTURES), "distant": distant or None}
         if asked := [name for name, value in named.items() if value is not None]:
             raise click.UsageError(f"{flag(asked[0])} belongs to pictures, not to a video along a --path")
         _film(camera, seen, output, film, taking)
@@ -124,7 +125,7 @@ def _photograph(camera: AnyCamera, scene: Scene, output: Path, taking: TakingOpt
     with rows_bar("Exposing") as progress:
         light = expose(
             camera, scene, samples=taking.samples, blur=taking.is_blurred(camera), radiometry=radiometry,
-            seed=taking.seed, progress=progress,
+            seed=taking.seed, progress=progress, wavelengths_nm=taking.wavelengths_nm,
         )  # fmt: skip
     exposed = detector.exposure * light
     if output.suffix.lower() == ".exr":
@@ -259,6 +260,8 @@ def _asked_for(
     """The recipe of the set that the options ask for."""
     from ....simulate.datasets.recipe import CalibrationRecipe, VideoRecipe
 
+    if taking.wavelengths_nm is not None:
+        raise click.UsageError("--wavelengths-nm belongs to pictures, not to a set")
     common: dict[str, Any] = {
         "samples": taking.samples, "blur": taking.wants_blur, "seed": taking.seed, "radiometry": taking.radiometry(),
         "detector": taking.detector(), "truth": truth,

@@ -1,0 +1,65 @@
+"""Functions of the aperture as polynomials: what few hundred rays through it are fitted with."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .pupil import gaussian
+
+Array = NDArray[np.float64]
+
+RINGS = 12  # of the pupil that is fitted
+DEGREE = 10
+
+FITTED = gaussian(RINGS)
+"""The pupil whose rays are fitted."""
+
+
+def basis(points: Array) -> Array:
+    """Products of Chebyshev polynomials (n, terms) up to :data:`DEGREE` at points (n, 2) of the disk."""
+    x, y = (np.polynomial.chebyshev.chebvander(c, DEGREE) for c in points.T)
+    i, j = orders()
+    return x[:, i] * y[:, j]
+
+
+def orders() -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Orders (terms,), (terms,) in x and y of the products."""
+    i, j = np.indices((DEGREE + 1, DEGREE + 1)).reshape(2, -1)
+    low = i + j <= DEGREE
+    return i[low], j[low]
+
+
+@cache
+def fit() -> Array:
+    """What maps values at the fitted pupil to coefficients of least squares, (terms, n)."""
+    root = np.sqrt(FITTED.weights)
+    inverse = np.linalg.pinv(root[:, None] * basis(FITTED.points)) * root
+    return inverse.astype(np.float64)
+
+
+@cache
+def slopes() -> tuple[Array, Array]:
+    """Derivatives (n, terms), (n, terms) of the products by x and by y at the fitted pupil."""
+    turned = np.polynomial.chebyshev.chebder(np.eye(DEGREE + 1))
+    (x, y), (dx, dy) = (
+        [make(c) for c in FITTED.points.T]
+        for make in (
+            lambda c: np.polynomial.chebyshev.chebvander(c, DEGREE),
+            lambda c: np.polynomial.chebyshev.chebvander(c, DEGREE - 1) @ turned,
+        )
+    )
+    i, j = orders()
+    by_x: Array = dx[:, i] * y[:, j]
+    by_y: Array = x[:, i] * dy[:, j]
+    return by_x, by_y
+
+
+@cache
+def integral() -> Array:
+    """What maps derivatives by x and by y at the fitted pupil, one after the other, to coefficients, (terms, 2 n)."""
+    root = np.tile(np.sqrt(FITTED.weights), 2)
+    inverse: Array = np.linalg.pinv(root[:, None] * np.concatenate(slopes())) * root
+    return inverse

@@ -1,0 +1,187 @@
+"""PSF and MTF of real lenses: against waves added up in the tests, ray by ray through mirror and glass."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+import omnimirror as om
+from omnimirror.errors import InvalidParameter
+from omnimirror.lenses import SurfaceLens, TabulatedLens
+from omnimirror.mirrors import Sphere
+from tests.lenses import prescriptions as own
+
+A, RIM, M = 50.0, 44.0, 182.0
+PITCH = 5.2e-3
+WAVE = 587.5618e-6  # mm
+
+
+@pytest.fixture(scope="module")
+def sensor(tmp_path_factory):
+    path = tmp_path_factory.mktemp("lens") / "triplet.zmx"
+    path.write_text(own.zmx())
+    lens = SurfaceLens.from_file(path, focus_distance_mm=own.FOCUS)
+    return om.Sensor(Sphere(A, RIM), lens, om.load_sensor("paper-spherical").imager, mirror_distance_mm=M)
+
+
+class Rays:
+    """Rays of a distant object by way of points of the ball through the triplet, with the length of their ways."""
+
+    def __init__(self, omega_deg, places, to_imager):
+        """``places`` (n, 2) are points of the ball across its axis, mm; the lens's frame, s towards the imager."""
+        n, omega = own.indices(), np.radians(omega_deg)
+        x, y = places.T
+        centre = np.array([0.0, 0.0, -M - A])
+        p = np.stack([x, y, centre[2] + np.sqrt(A**2 - x**2 - y**2)], axis=-1)
+        normal = (p - centre) / A
+        d = np.broadcast_to(-np.array([np.sin(omega), 0.0, np.cos(omega)]), p.shape)
+        cos = -(d * normal).sum(axis=1)
+        self.light = cos / normal[:, 2]  # through an area across the axis
+        path = (p * d).sum(axis=1)
+        d = d + 2 * cos[:, None] * normal
+        vertex = 0.0
+        for i, radius in enumerate(own.RADII):
+            to = p - np.array([0.0, 0.0, vertex + radius])
+            along = (to * d).sum(axis=1)
+            step = -along - np.sign(radius) * np.sqrt(along**2 - (to**2).sum(axis=1) + radius**2)
+            p, path = p + step[:, None] * d, path + n[i] * step
+            if i + 1 == own.STOP:
+                self.stop = p[:, :2]
+            normal = (np.array([0.0, 0.0, vertex + radius]) - p) / radius
+            along = (d * normal).sum(axis=1)[:, None]
+            across = n[i] / n[i + 1] * (d - along * normal)
+            d = across + np.sqrt(1 - (across**2).sum(axis=1))[:, None] * normal
+            vertex += own.GAPS[i] if i < len(own.RADII) - 1 else to_imager
+        step = (vertex - p[:, 2]) / d[:, 2]
+        self.image, self.cosines, self.path = (p + step[:, None] * d)[:, :2], d[:, :2], path + step
+
+
+def added_waves(sensor, omega_deg, side=161, grid=41, width_px=12.0):
+    """Density (grid, grid) per px^2 about the chief ray's image, the sum of plane waves, one for each ray.
+
+    A ray of flux w in a solid angle q has the amplitude sqrt(w/q); all of the light is lambda^2 sum(w).
+    """
+    to_imager = own.imager_place(own.indices())
+    radius = stop_radius(to_imager)
+    omega, step = np.radians(omega_deg), 1e-6
+
+    def passing(x):
+        """Height in a plane within the lens, as if there were no glass."""
+        p, d = own.off_sphere(omega, 0.0, (x, 0.0), A, M)
+        return (p + (2.5 - p[2]) / d[2] * d)[0]
+
+    middle = np.array([brentq(passing, *(A * np.sin(omega / 2 - np.radians([10.0, 0.0])))) if omega else 0.0, 0.0])
+    for _ in range(20):  # the ball's point that the middle of the stop sees
+        three = Rays(omega_deg, middle + np.array([[0, 0], [step, 0], [0, step]]), to_imager).stop
+        slopes = ((three[1:] - three[0]) / step).T
+        middle = middle - np.linalg.solve(slopes, three[0])
+    chief = Rays(omega_deg, middle[None], to_imager)
+    assert np.abs(chief.stop).max() < 1e-9
+    reach = 1.15 * radius * np.linalg.inv(slopes) @ np.eye(2)
+    u = (np.arange(side) + 0.5) / side * 2 - 1
+    disk = np.stack(np.meshgrid(u, u, indexing="ij"), axis=-1)
+    rays = Rays(omega_deg, (middle + disk @ reach.T).reshape(-1, 2), to_imager)
+    cosines = rays.cosines.reshape(side, side, 2)
+    by_u, by_v = np.gradient(cosines, axis=(0, 1))
+    solid = np.abs(by_u[..., 0] * by_v[..., 1] - by_u[..., 1] * by_v[..., 0]).ravel()
+    inside = np.hypot(*rays.stop.T) <= radius
+    assert inside.reshape(side, side)[[0, -1]].sum() == 0
+    light = rays.light * inside
+    x = np.linspace(-width_px / 2, width_px / 2, grid)
+    k = 2 * np.pi / WAVE
+    start = k * (rays.path - chief.path - (rays.cosines * (rays.image - chief.image)).sum(axis=1))
+    amplitude = np.sqrt(light * solid) * np.exp(1j * start)
+    # the picture is upright: what is outwards in it is the other way on the imager
+    t, s = (
+        np.exp(-1j * k * PITCH * np.outer(c - c0, x)) for c, c0 in zip(rays.cosines.T, chief.cosines[0], strict=True)
+    )
+    wave = np.einsum("n,nt,ns->st", amplitude[inside], t[inside], s[inside], optimize=True)
+    return x, np.abs(wave) ** 2 / (WAVE**2 * light.sum()) * PITCH**2, inside.sum()
+
+
+def stop_radius(to_imager):
+    """Where a ray from the middle of the object in focus through the edge of the entrance pupil meets the stop."""
+    h, focal = 1e-6, 11.6
+
+    def at_stop(height):
+        return own.through([0, 0, -own.FOCUS], [height, 0, own.FOCUS], own.indices(), to_imager)[0][0]
+
+    # the place of the pupil: rays that go through the middle of the stop aim at it
+    a, b = (own.through([y, 0, 0], [u, 0, 1.0], own.indices(), to_imager)[0][0] / h for y, u in ((h, 0.0), (0.0, h)))
+    pupil = b / a
+    return at_stop(focal / own.F_NUMBER / 2 * own.FOCUS / (own.FOCUS + pupil))
+
+
+@pytest.mark.parametrize("omega", [0.0, 60.0, 110.0])
+def test_the_psf_is_that_of_waves_added_up_through_the_glass(sensor, omega):
+    x, truth, rays = added_waves(sensor, omega)
+    assert rays > 10000
+    found = om.psf(sensor, omega, wavelength_nm=WAVE * 1e6, width_px=12.0, step_px=0.3)
+    np.testing.assert_allclose(found.offset_px, x, atol=1e-9)
+    # cosines at the imager are taken to be proportional to places in the pupil
+    np.testing.assert_allclose(found.density, truth, atol=0.03 * truth.max())
+    assert truth.max() < 0.7 * found.ideal_peak  # there is an aberration to be seen
+
+
+def test_the_mtf_is_the_transform_of_the_psf(sensor):
+    nu = np.array([0.0, 0.05, 0.1, 0.2, 0.3])
+    for omega in (0.0, 90.0):
+        spot = om.psf(sensor, omega, width_px=60.0, step_px=0.24)
+        found = om.mtf(sensor, [omega], cycles_per_px=nu, pixel=False)
+        for axis, mtf in ((0, found.tangential[0]), (1, found.sagittal[0])):
+            line = spot.density.sum(axis=axis) * 0.24**2
+            transform = np.abs(np.exp(-2j * np.pi * np.outer(nu, spot.offset_px)) @ line)
+            np.testing.assert_allclose(transform, mtf, atol=0.02)
+
+
+# -- tables ----------------------------------------------------------------------------------------------------
+
+
+ANGLES = np.linspace(0, 20, 41)
+
+
+def tabulated(lens, **columns):
+    """A lens as a table, without any fault but those of columns."""
+    height = lens.principal_distance * np.tan(np.radians(ANGLES))
+    return TabulatedLens(
+        lens.focal_length_mm, lens.f_number, lens.focus_distance_mm, tuple(ANGLES), tuple(height),
+        tuple(np.full(len(ANGLES), lens.entrance_pupil_mm)), **columns,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("pupil", [0.0, 6.0])
+def test_a_table_without_faults_has_the_waves_of_the_ordinary_lens(pupil):
+    sensor = om.load_sensor("paper-spherical")
+    sensor = replace(sensor, lens=replace(sensor.lens, entrance_pupil_mm=pupil))
+    table = replace(sensor, lens=tabulated(sensor.lens))
+    nu = np.linspace(0, 1, 21)
+    ours, theirs = (om.mtf(s, [0.0, 60.0, 120.0], cycles_per_px=nu) for s in (table, sensor))
+    np.testing.assert_allclose(ours.tangential, theirs.tangential, atol=4e-3)
+    np.testing.assert_allclose(ours.sagittal, theirs.sagittal, atol=4e-3)
+    spots = [om.psf(s, 120.0, width_px=20.0, step_px=0.5).density for s in (table, sensor)]
+    np.testing.assert_allclose(*spots, atol=0.02 * spots[1].max())
+
+
+def test_a_bent_field_is_a_lens_focused_elsewhere():
+    """An image that lies a little behind the imager all over the field."""
+    sensor = om.load_sensor("paper-spherical")
+    behind = 0.03
+    bent = tuple(np.full(len(ANGLES), behind))
+    table = replace(sensor, lens=tabulated(sensor.lens, field_curvature_t_mm=bent, field_curvature_s_mm=bent))
+    f = sensor.lens.focal_length_mm
+    farther = 1 / (1 / f - 1 / (sensor.lens.image_distance - behind))
+    nu = np.linspace(0, 0.6, 13)
+    ours = om.mtf(table, [30.0, 90.0], cycles_per_px=nu)
+    theirs = om.mtf(sensor, [30.0, 90.0], cycles_per_px=nu, focus_mm=farther)
+    flat = om.mtf(sensor, [30.0, 90.0], cycles_per_px=nu)
+    for name in ("tangential", "sagittal"):
+        np.testing.assert_allclose(getattr(ours, name), getattr(theirs, name), atol=0.01)
+        assert np.abs(getattr(ours, name) - getattr(flat, name)).max() > 0.1
+
+
+def test_own_blur_of_unknown_shape_has_no_wave():
+    sensor = om.load_sensor("paper-spherical")
+    table = replace(sensor, lens=tabulated(sensor.lens, own_blur_t_mm=tuple(np.full(len(ANGLES), 0.01))))
+    with pytest.raises(InvalidParameter, match="how large the lens's own blur is and not of what shape"):
+        om.mtf(table, [60.0])
