@@ -222,3 +222,25 @@ def test_the_command_draws_on_the_basis_of_its_table(tmp_path, monkeypatch):
     run = CliRunner().invoke(command, ["paper-spherical", *options.split(), "--figures", str(tmp_path)])
     assert run.exit_code == 0, run.output
     assert drawn == [Conditions("paper", 500.0, 50.0, 850.0, 2.0)]
+
+
+def test_what_is_hidden_is_drawn_where_it_is():
+    """Bands of the angles, rings of the picture, and nothing where nothing is hidden."""
+    from omnimirror.housing import CameraBody, Housing, Rod
+
+    bare = SENSORS[0]
+    sensor = replace(bare, housing=Housing(CameraBody(60.0), Rod(4.0)))
+    (ring,) = sensor.obscured
+    for name in ("fig5", "fig6", "fig7", "fig9", "fig15"):
+        for ax in draw(name, [sensor]).axes:
+            (band,) = [p for p in ax.patches if p.get_gid() == f"{sensor.name}:hidden"]
+            box = band.get_extents().transformed(ax.transData.inverted())
+            np.testing.assert_allclose([box.x0, box.x1], ring.omega_deg, atol=1e-6)
+    edge = float(om.evaluate(sensor, [ring.omega_deg[1]]).h_px[0])
+    for name, inside in (("fig3", -edge), ("fig8", 0.0), ("fig10", 0.0)):
+        (patch,) = [p for ax in draw(name, [sensor]).axes for p in ax.patches if p.get_gid() == f"{sensor.name}:hidden"]
+        box = patch.get_extents().transformed(patch.axes.transData.inverted())
+        np.testing.assert_allclose([box.x0, box.x1], [inside, edge], rtol=1e-3, atol=1e-6)
+    assert [t for t in texts(draw("fig11", [sensor])) if "hidden" in t] == ["0°, hidden", "15°, hidden"]
+    for name in FIGURES:
+        assert not [t for t in texts(draw(name, [bare])) if "hidden" in t]

@@ -86,3 +86,12 @@ def test_other_sensors_in_few_pixels(name, told, tmp_path):
 def test_a_folder_that_cannot_be_written_is_one_sentence(tmp_path):
     (tmp_path / "taken").write_text("a file")
     assert "cannot write" in fails("demo", "--out", tmp_path / "taken")
+
+
+def test_what_is_hidden_is_said(tmp_path):
+    from omnimirror.housing import CameraBody, Housing
+
+    sensor = om.load_sensor("paper-spherical")
+    small = replace(sensor, imager=replace(sensor.imager, width_px=64, height_px=64, pixel_pitch_um=83.2))
+    report = write_demo(replace(small, housing=Housing(CameraBody(60.0))), tmp_path, blur=False)
+    assert "<dt>Hidden</dt><dd>camera 0 to 8.435 deg; in all 0.71 % of the picture</dd>" in report.read_text()

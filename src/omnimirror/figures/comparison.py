@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..analysis.section import lens_height
 from ..quantities import QUANTITIES
 from ..sensor import Sensor
-from .curves import value_limits
+from .curves import hidden_bands, value_limits
 from .labels import axis_label
 from .style import PAGE, angle_axis, bare, new_figure, panel_title, styled, zero_line
 from .subjects import EXACT, Subject, subjects_of, widest
@@ -69,6 +69,7 @@ def _panel(ax: Axes, subjects: Sequence[Subject], column: str) -> None:
         ax.plot(s.curve.omega_deg, getattr(s.curve, column), color=s.colour, linestyle=dash, gid=f"{s.name}:{column}")
     value_limits(ax, [getattr(s.curve, column) for s in subjects])
     angle_axis(ax, widest(subjects), most_ticks=9)
+    hidden_bands(ax, subjects)
 
 
 def _cross_sections(ax: Axes, subjects: Sequence[Subject]) -> None:

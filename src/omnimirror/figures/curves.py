@@ -53,9 +53,23 @@ def _column_panels(subjects: Sequence[Subject], *columns: str) -> Figure:
         angle_axis(ax, widest(subjects))
         lines = [_line(ax, s, column) for s in subjects]
         _limits(ax, lines)
+        hidden_bands(ax, subjects)
         for line, s in zip(lines, subjects, strict=True):
             labels.of_line(ax, line, s.name)
     return labels.settle()
+
+
+def hidden_bands(ax: Axes, subjects: Sequence[Subject]) -> None:
+    """What of the field is hidden, a pale band of each sensor's colour."""
+    said = False
+    for s in subjects:
+        for low, high in s.hidden_deg:
+            ax.axvspan(low, high, color=s.colour, alpha=0.12, linewidth=0, zorder=0, gid=f"{s.name}:hidden")
+            if not said:
+                ax.text(
+                    low, 0.985, " hidden", transform=ax.get_xaxis_transform(), rotation=90, size=5, color=GREY, va="top"
+                )
+            said = True
 
 
 def _line(ax: Axes, subject: Subject, column: str, values: Array | None = None, **look: object) -> Line2D:
@@ -98,6 +112,7 @@ def blur(subjects: Sequence[Subject]) -> Figure:
     for i, title in enumerate(("Blur in the image", "Blur in object space", "Blur area in object space")):
         panel_title(axes[i], i, title if i else title + subjects[0].objects, 3)
         angle_axis(axes[i], widest(subjects))
+        hidden_bands(axes[i], subjects)
         axes[i].set_xlabel("" if i < 2 else axes[i].get_xlabel())
     return labels.settle()
 
@@ -238,6 +253,7 @@ def viewpoint_error(subjects: Sequence[Subject]) -> Figure:
     for i, (ax, s) in enumerate(zip(axes, subjects, strict=True)):
         panel_title(ax, i, s.name, len(subjects))
         angle_axis(ax, widest(subjects), most_ticks=10 if columns == 1 else 4)
+        hidden_bands(ax, [s])
         if i % columns == 0:
             ax.set_ylabel(axis_title("viewpoint_error_px"))
         for line in ax.get_lines():

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle, Ellipse, Polygon, Rectangle
+from matplotlib.patches import Annulus, Circle, Ellipse, Polygon, Rectangle
 from numpy.typing import NDArray
 
 from ..frames import camera_direction
@@ -140,9 +140,24 @@ def _draw_image_circle(ax: Axes, subject: Subject) -> None:
         patch = Polygon(points, facecolor=to_rgba(subject.colour, 0.75 if odd else 0.3), edgecolor=INK, linewidth=0.4)
         patch.set_gid(f"{subject.name}:object:{omega:g}:{phi:g}")
         ax.add_patch(patch)
+    for inside, outside in _hidden_px(subject):
+        ring = Annulus((0, 0), outside, outside - inside) if inside else Circle((0, 0), outside)
+        ring.set(facecolor=to_rgba(GREY, 0.55), edgecolor=INK, linewidth=0.4, gid=f"{subject.name}:hidden")
+        ax.add_patch(ring)
+        ax.text(0, -outside, "hidden", size=5, ha="center", va="bottom", color=INK, zorder=6)
     _scale_bar(ax, -0.71 * N, -1.17 * N, 0.2 * N)
     ax.set_xlim(-1.12 * N, 1.12 * N)
     ax.set_ylim(-1.22 * N, 1.25 * N)
+
+
+def _hidden_px(subject: Subject) -> list[tuple[float, float]]:
+    """Radii of the rings of the picture in which the view is hidden, px; two mirrors hide their middle."""
+    low, _ = subject.sensor.field_deg
+    rings = []
+    for inside, outside in subject.hidden_deg:
+        radii = subject.at([max(inside, low), max(outside, low)]).h_px
+        rings.append((0.0 if inside < low else float(radii[0]), float(radii[1])))
+    return rings
 
 
 def _scale_bar(ax: Axes, x: float, y: float, about: float) -> None:
@@ -200,6 +215,9 @@ def _strips(subjects: Sequence[Subject], draw: Callable[[Axes, Subject], None], 
         ax.spines["left"].set_visible(False)
         ax.set_yticks([])
         draw(ax, s)
+        for inside, outside in _hidden_px(s):
+            ax.axvspan(inside, outside, color=GREY, alpha=0.4, linewidth=0, zorder=4, gid=f"{s.name}:hidden")
+            ax.text(outside, -h * N, "hidden ", size=5.5, ha="right", va="bottom", rotation=90, zorder=5)
     axes[-1].set_xlabel(axis_label("h_px", titled=True))
     return figure
 
@@ -259,7 +277,8 @@ def blur_in_object_space(subjects: Sequence[Subject]) -> Figure:
         bare(ax)
         for j, omega in enumerate(s.marks.omega_deg):
             _draw_square(ax, s, j, (pitch * j, 0.0))
-            ax.text(pitch * j, 8.4, f"{omega:g}°", size=6, ha="center", va="bottom")
+            hidden = any(low <= omega < high for low, high in s.hidden_deg)
+            ax.text(pitch * j, 8.4, f"{omega:g}°{', hidden' if hidden else ''}", size=6, ha="center", va="bottom")
         _draw_mean_pixel(ax, s.mean_pixel_deg(), pitch * longest)
         ax.set_xlim(-pitch / 2, span - pitch / 2)
         ax.set_ylim(-13.5, 12.5)

@@ -96,6 +96,11 @@ class Subject:
         """The same mirror points as :attr:`curve`, for objects at a distance from the mirror."""
         return self._evaluated(None, self.curve.x_mm, object_distance_mm)
 
+    @property
+    def hidden_deg(self) -> tuple[tuple[float, float], ...]:
+        """Rings of the field that what stands around the mirror hides, from where to where."""
+        return tuple(ring.omega_deg for ring in self.sensor.obscured)
+
     def at(self, omega_deg: ArrayLike) -> Evaluation:
         """Evaluate field angles (n,), deg."""
         return self._evaluated(omega_deg, None, self.conditions.object_distance_mm)

@@ -18,6 +18,7 @@ from ..quantities import QUANTITIES, explained
 from ..sensor import Sensor
 from ..simulate import Room, take_picture
 from ..simulate.rendering.picture import SHOWN_SAMPLES
+from ..tracing.obscuration import hidden_words
 from .pages import figure_html, page_html
 
 VIEW = screens.Plane((960, 600))
@@ -112,6 +113,7 @@ def _numbers(result: Evaluation) -> str:
         "Depth of field": f"{near:.1f} to {far:.1f} mm",
         area.title: f"{area.text(result.floored_area_deg2.max())} {area.unit}",
         "Viewpoints": f"{np.ptp(result.viewpoint_z_mm):.3g} mm apart",
+        "Hidden": hidden_words(sensor.obscurations, sensor.hidden_percent),
     }
     return "".join(f"<div><dt>{k}</dt><dd>{escape(v)}</dd></div>" for k, v in entries.items())
 

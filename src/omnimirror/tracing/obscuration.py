@@ -319,6 +319,16 @@ class Obscuration(NamedTuple):
     """Its share of the image circle's area."""
 
 
+def hidden_words(rings: tuple[Obscuration, ...], percent: float) -> str:
+    """What is hidden of the field, ring by ring, and in all of the picture.
+
+    >>> hidden_words((Obscuration("camera", (0.0, 8.43), 0.71),), 0.71)
+    'camera 0 to 8.43 deg; in all 0.71 % of the picture'
+    """
+    told = [f"{ring.part} {ring.omega_deg[0]:.4g} to {ring.omega_deg[1]:.4g} deg" for ring in rings]
+    return f"{', '.join(told)}; in all {percent:.2f} % of the picture" if told else "nothing"
+
+
 def obscured_rings(
     meridian: Meridian,
     obstructions: Obstructions,

@@ -28,6 +28,7 @@ from ....mirrors import Cone, SampledProfile
 from ....quantities import QUANTITIES
 from ....sensor import Sensor
 from ....specs import load_camera
+from ....tracing.obscuration import hidden_words
 from ...help_pages import DocumentedCommand
 from ...options.common import NUMBER, distance, focus, pixel, values
 from ...options.declared import Options, flag, option, takes
@@ -236,7 +237,7 @@ def print_summary(console: Console, result: Evaluation, merit: str) -> None:
         f"best focus by {merit}: {best.focus_mm:.2f} mm, where it is {best.value:.4g} {QUANTITIES[merit].unit}",
     ]
     if not sensor.housing.is_empty:
-        lines.append(hidden_words(sensor))
+        lines.append(f"hidden at every azimuth: {hidden_words(sensor.obscurations, sensor.hidden_percent)}")
     if isinstance(sensor.mirror, Cone) and sensor.secondary is None:
         radius, z = sensor.mirror.pinhole_ring(sensor.meridian.m)
         lines.append(
@@ -252,15 +253,6 @@ def print_summary(console: Console, result: Evaluation, merit: str) -> None:
         lines += profile_lines(result, sensor.mirror)
     say((sensor.name, "bold"), "\n".join(lines), console=console)
     console.print()
-
-
-def hidden_words(sensor: Sensor) -> str:
-    """What the housing hides of the field, and what of the picture in all."""
-    rings = [f"{ring.part} {ring.omega_deg[0]:.4g} to {ring.omega_deg[1]:.4g} deg" for ring in sensor.obscurations]
-    if not rings:
-        return "the housing hides nothing"
-    percent = sum(ring.picture_percent for ring in sensor.obscured)
-    return f"hidden at every azimuth: {', '.join(rings)}; in all {percent:.2f} % of the picture"
 
 
 def profile_lines(result: Evaluation, mirror: SampledProfile) -> list[str]:
