@@ -234,6 +234,13 @@ OF_THE_SENSOR = (
              "field angle up to which what stands around the mirror hides the view from the middle on", format=".1f"),
     Quantity("hidden_percent", "", "%", "Picture hidden",
              "share of the image circle in which what stands around the mirror hides the view", format=".1f"),
+    Quantity("whole_diameter_mm", "", "mm", "Whole, diameter",
+             "largest diameter of the mirror, its rim, its cover and the camera's front", format=".1f"),
+    Quantity("whole_height_mm", "", "mm", "Whole, height",
+             "along the axis from the imager to the back of the mirror's body; telecentric: of the mirror's body",
+             format=".1f"),
+    Quantity("whole_mass_g", "", "g", "Mirror, mass",
+             "of the mirror's body, of the material that [thermal] says or else of aluminium", format=".1f"),
     Quantity("rim_slope_deg", "", "deg", "Slope at the rim", "slope of the mirror at its rim", format=".1f"),
 )  # fmt: skip
 """What holds for the sensor as a whole."""

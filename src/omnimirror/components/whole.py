@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..housing import Rim
 from ..lenses import GaussianLens
 from ..mirrors import Mirror
 from ..sensor import Sensor
+from ..thermal import DENSITIES_G_PER_CM3
 from .catalogue import BallComponent, Component
 
-DENSITY_G_PER_CM3 = 2.70
-"""Of the mirror's body: aluminium."""
+MATERIAL = "aluminium"
+"""Of the mirror's body, where nothing is said of it."""
 POINTS = 64  # of Gauss's rule
 
 
@@ -54,8 +57,8 @@ def whole_of(sensor: Sensor, parts: tuple[Component, ...] = ()) -> OuterSize:
     return OuterSize(float(max(widths)), float(height))
 
 
-def mirror_mass_g(mirror: Mirror, thickness_mm: float = Rim().thickness_mm) -> float:
-    """Mass of a mirror of aluminium, from its surface to a flat back that lies so far behind its highest point.
+def mirror_mass_g(mirror: Mirror, thickness_mm: float = Rim().thickness_mm, material: str = MATERIAL) -> float:
+    """Mass of a mirror, from its surface to a flat back that lies so far behind its highest point.
 
     Examples
     --------
@@ -65,21 +68,41 @@ def mirror_mass_g(mirror: Mirror, thickness_mm: float = Rim().thickness_mm) -> f
     >>> round(mirror_mass_g(Cone(45.0, 10.0), 5.0), 2), round(2.7e-3 * np.pi * 100 * (5 + 10 * 2 / 3 - 10 / 3), 2)
     (7.07, 7.07)
     """
-    u, weight = np.polynomial.legendre.leggauss(POINTS)
+    u, weight = _nodes()
     x = mirror.rim_radius_mm * (u + 1) / 2
     (_, _), (_, top) = mirror.bounds
     depth = top + thickness_mm - mirror.sag(x)
     volume = np.pi * mirror.rim_radius_mm * float((x * depth * weight).sum())
-    return DENSITY_G_PER_CM3 * volume / 1000
+    return DENSITIES_G_PER_CM3[material] * volume / 1000
+
+
+@cache
+def _nodes() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Places and weights of Gauss's rule."""
+    u, weight = np.polynomial.legendre.leggauss(POINTS)
+    return u, weight
+
+
+def body_mass_g(sensor: Sensor) -> float:
+    """Mass of a sensor's mirror, of the material that is said of it.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> round(body_mass_g(om.load_sensor("paper-spherical")))
+    321
+    """
+    thickness = (sensor.housing.rim or Rim()).thickness_mm
+    said = None if sensor.thermal is None else sensor.thermal.mirror_material
+    return mirror_mass_g(sensor.mirror, thickness, said or MATERIAL)
 
 
 def mass_g(sensor: Sensor, parts: tuple[Component, ...]) -> float | None:
     """Of the mirror and the parts, a ball in the mirror's stead; None where that of a part is not known."""
-    thickness = (sensor.housing.rim or Rim()).thickness_mm
     known = [part.mass_g for part in parts]
     if any(mass is None for mass in known):
         return None
-    made = 0.0 if any(isinstance(part, BallComponent) for part in parts) else mirror_mass_g(sensor.mirror, thickness)
+    made = 0.0 if any(isinstance(part, BallComponent) for part in parts) else body_mass_g(sensor)
     return made + sum(mass or 0.0 for mass in known)
 
 

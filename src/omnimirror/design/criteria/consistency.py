@@ -59,6 +59,7 @@ def check_consistency(requirements: Requirements) -> None:
     _check_optics(requirements)
     _check_lens(lens, is_bought=requirements.parts is not None)
     _check_camera(requirements)
+    _check_temperatures(requirements)
     _check_limits(requirements.limits, field)
 
 
@@ -160,6 +161,28 @@ def _check_camera(requirements: Requirements) -> None:
             f"housing.camera.diameter_mm = {camera.diameter_mm:g} is more than {WIDEST_CAMERA:g} times the diameter of "
             f"the mirror; it is valid up to {most:g}",
         )
+
+
+def _check_temperatures(requirements: Requirements) -> None:
+    """A range of temperatures about that at which the sensor's numbers hold, and how they move it."""
+    thermal, span = requirements.thermal, requirements.temperatures_c
+    if span is None:
+        return
+    if thermal is None:
+        raise EntryError(
+            ("thermal",),
+            "temperatures are asked for, and nothing is said of how they move the sensor; [thermal] needs a material, "
+            "such as mirror_material",
+        )
+    low, high = span
+    if not low <= thermal.reference_c <= high:
+        raise EntryError(
+            ("thermal", "range_c"),
+            f"thermal.range_c = [{low:g}, {high:g}] does not hold reference_c = {thermal.reference_c:g}, at which the "
+            "sensor is made; it is valid around that",
+        )
+    if not requirements.limits:
+        raise EntryError(("thermal", "range_c"), "thermal.range_c is about limits, and there is none; give a [[limit]]")
 
 
 def _check_objects(requirements: Requirements) -> None:

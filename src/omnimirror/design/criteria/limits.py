@@ -22,7 +22,7 @@ from ...errors import InvalidParameter
 from ...numerics.registry import Registry
 from ...quantities import QUANTITIES, Quantity
 from ...specs import did_you_mean
-from .merits import FieldValues
+from .merits import OF_THE_WHOLE, FieldValues
 from .modulation import contrast
 
 Array = NDArray[Any]
@@ -31,7 +31,7 @@ Takes = Literal["largest", "smallest", "spread", "ratio"]
 
 REFERENCES = 16
 FINEST = 10.0  # cycles per pixel
-OF_WHAT_HIDES = ("hidden_to_deg", "hidden_percent")
+MAY_BE_0 = ("hidden_to_deg", "hidden_percent")
 SHARES = ("mtf", "mtf_t", "mtf_s", "lens_illumination")
 
 
@@ -194,6 +194,9 @@ _OURS: dict[str, Limitable] = {
         _one("sag_mm", "largest", lambda f: f.sag),
         _one("hidden_to_deg", "largest", lambda f: f.hidden_to_deg),
         _one("hidden_percent", "largest", lambda f: f.hidden_percent),
+        _one("whole_diameter_mm", "largest", lambda f: f.whole_diameter_mm),
+        _one("whole_height_mm", "largest", lambda f: f.whole_height_mm),
+        _one("whole_mass_g", "largest", lambda f: f.whole_mass_g),
     )
 }
 
@@ -302,9 +305,9 @@ class Limit:
                 self._check_side(side, value)
         if self.at_most is not None and self.at_least is not None and self.at_least > self.at_most:
             raise InvalidParameter(f"limit of {self.quantity}: at_least is above at_most")
-        if self.omega_deg is not None and self.quantity in OF_WHAT_HIDES:
+        if self.omega_deg is not None and self.quantity in OF_THE_WHOLE:
             raise InvalidParameter(
-                f"limit of {self.quantity}: omega_deg does not apply to it; it is of the whole picture"
+                f"limit of {self.quantity}: omega_deg does not apply to it; it is of the whole sensor"
             )
         if self.omega_deg is not None:
             low, high = finite("limit.omega_deg", self.omega_deg, last=2)
@@ -334,7 +337,7 @@ class Limit:
                 f"limit of {self.quantity}: {side} = {value:g} is below 0, which no {self.quantity} is; "
                 "it is valid from 0 up"
             )
-        if side == "at_most" and value == 0 and self.of.takes != "spread" and self.quantity not in OF_WHAT_HIDES:
+        if side == "at_most" and value == 0 and self.of.takes != "spread" and self.quantity not in MAY_BE_0:
             raise InvalidParameter(
                 f"limit of {self.quantity}: at_most = 0 is kept by no sensor, whose {self.quantity} is above 0; "
                 "it is valid above 0"

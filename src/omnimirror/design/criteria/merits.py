@@ -6,7 +6,7 @@ programmes can press the largest one down; or their mean. All are the better the
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...analysis import Evaluation
 from ...batch.optics import FocusedCamera, NodeOptics, light_of
+from ...components.whole import body_mass_g, whole_of
 from ...errors import InvalidParameter
 from ...lenses import FieldLens, Perspective
 from ...quantities import QUANTITIES, Quantity
@@ -62,6 +63,10 @@ class FieldValues(NamedTuple):
     """Up to which field angle the view is hidden from the middle on; 0 while a search does not look at that."""
     hidden_percent: Array = NOTHING
     """Of the image circle."""
+    whole_diameter_mm: Array = NOTHING
+    """Of mirror and housing; 0 while a search does not look at that, as are those below."""
+    whole_height_mm: Array = NOTHING
+    whole_mass_g: Array = NOTHING
 
     @property
     def t_deg(self) -> Array:
@@ -123,10 +128,19 @@ def _like(which: NDArray[np.intp], values: Array) -> NDArray[np.intp]:
     return np.broadcast_to(which, values.shape[:-1] + which.shape[-1:])
 
 
-def with_hidden(field: FieldValues, sensor: Sensor) -> FieldValues:
-    """The same with what of a sensor's view is hidden."""
-    hidden = np.array([sensor.hidden_to_deg]), np.array([sensor.hidden_percent])
-    return field._replace(hidden_to_deg=hidden[0], hidden_percent=hidden[1])
+OF_THE_WHOLE: dict[str, Callable[[Sensor], float]] = {
+    "hidden_to_deg": lambda sensor: sensor.hidden_to_deg,
+    "hidden_percent": lambda sensor: sensor.hidden_percent,
+    "whole_diameter_mm": lambda sensor: whole_of(sensor).diameter_mm,
+    "whole_height_mm": lambda sensor: whole_of(sensor).height_mm,
+    "whole_mass_g": body_mass_g,
+}
+"""What holds for a sensor and not for its field angles, by quantity."""
+
+
+def with_whole(field: FieldValues, sensor: Sensor, names: Iterable[str] = tuple(OF_THE_WHOLE)) -> FieldValues:
+    """The same with what holds for the whole of a sensor, or some of that."""
+    return field._replace(**{name: np.array([OF_THE_WHOLE[name](sensor)]) for name in names})
 
 
 def _in_quadrature(blur: Array, own: Array) -> Array:
@@ -185,7 +199,7 @@ def values_of_evaluation(result: Evaluation) -> FieldValues:
         b0 = lens.image_distance if isinstance(lens, Perspective) else 0.0
         tangent = np.tan(np.radians(result.theta_deg)) * (not lens.TELECENTRIC)
         found = values_of(result, light_of(tangent), b0, *numbers)
-    return with_hidden(found, result.sensor)
+    return with_whole(found, result.sensor)
 
 
 def length_mm(result: Evaluation) -> float:

@@ -18,6 +18,7 @@ from ...frames import Mount
 from ...imagers import Imager
 from ...mirrors.measured.columns import MAPPING_FILE
 from ...specs import NoFile, Places, StandTable, Table, check_entries, housing_of, lens_of, table_model, validated
+from ...thermal import Thermal
 from .limits import LIMITABLE, Limit
 from .requirements import (
     PAPER_IMAGER,
@@ -177,6 +178,8 @@ def requirements_of(data: dict[str, Any], where: Places | None = None, folder: P
         "housing": housing_of(data.get("housing", {}), where),
         "limits": tuple(_limit(i, table, mount, where) for i, table in enumerate(data.get("limit", []))),
     }
+    if "thermal" in data:
+        parts |= _thermal(data["thermal"], where)
     if "parts" in data:
         parts["parts"] = _parts(data["parts"], where, folder)
         if "f_number" not in data.get("lens", {}):
@@ -188,12 +191,27 @@ def requirements_of(data: dict[str, Any], where: Places | None = None, folder: P
 def _check_tables(data: dict[str, Any], where: Places) -> None:
     known: dict[str, type] = {
         "format": int, "name": str, "notes": str, "field": dict, "mirror": dict, "lens": dict, "imager": dict,
-        "mount": dict, "housing": dict, "limit": list, "parts": dict,
+        "mount": dict, "housing": dict, "limit": list, "parts": dict, "thermal": dict,
     }  # fmt: skip
     check_entries(data, known, FORMAT, where)
     for key in ("field", "mirror"):
         if key not in data:
             raise where.error((), f"there is no [{key}] table; a requirement file needs [field] and [mirror]")
+
+
+class TemperatureTable(Table):
+    """Between which temperatures limits have to be kept."""
+
+    range_c: Annotated[list[float], Field(min_length=2, max_length=2, description="[LOW, HIGH], C")] | None = None
+
+
+def _thermal(table: dict[str, Any], where: Places) -> dict[str, Any]:
+    """How temperature moves the sensor, and between which temperatures limits have to be kept."""
+    span = validated(TemperatureTable, "thermal", {k: v for k, v in table.items() if k == "range_c"}, where).range_c
+    entries = {name: value for name, value in table.items() if name != "range_c"}
+    said = validated(table_model(Thermal), "thermal", entries, where).model_dump()
+    thermal = where.wrap(("thermal",), lambda: Thermal(**said))
+    return {"thermal": thermal, "temperatures_c": None if span is None else tuple(span)}
 
 
 def _parts(table: dict[str, Any], where: Places, folder: Path | None) -> PartsRequirements:

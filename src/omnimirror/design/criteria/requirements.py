@@ -14,12 +14,13 @@ from typing import Annotated, Any, ClassVar, Literal, Self, get_type_hints
 import numpy as np
 from pydantic import BeforeValidator, Field, create_model
 
-from ...arguments import instance
+from ...arguments import finite, instance
 from ...frames import Mount
 from ...housing import Housing
 from ...imagers import Imager
 from ...lenses import FieldLens
 from ...specs import EntryError, NoFile, Places, Table, housing_tables, lens_table, validated
+from ...thermal import Thermal
 from .consistency import check_consistency
 from .limits import Limit
 from .ranges import Range, between
@@ -337,6 +338,10 @@ class Requirements:
         What has to be kept besides: the file's ``[[limit]]``.
     parts
         What is bought; nothing by default.
+    thermal
+        How temperature moves the sensor: the file's ``[thermal]``, as in a sensor file; the sensor gets it.
+    temperatures_c
+        Lowest and highest temperature between which limits have to be kept, its ``range_c``.
     name
         Of the sensor.
     notes
@@ -368,6 +373,8 @@ class Requirements:
     housing: Housing = BARE
     limits: tuple[Limit, ...] = ()
     parts: PartsRequirements | None = None
+    thermal: Thermal | None = None
+    temperatures_c: tuple[float, float] | None = None
     name: str = UNNAMED
     notes: str = ""
 
@@ -379,6 +386,11 @@ class Requirements:
         object.__setattr__(self, "limits", tuple(instance("limits", self.limits, (list, tuple), "a list of limits")))
         for limit in self.limits:
             instance("limits", limit, Limit, "a list of limits")
+        if self.thermal is not None:
+            instance("thermal", self.thermal, Thermal, "of kind Thermal")
+        if self.temperatures_c is not None:
+            low, high = finite("temperatures_c", self.temperatures_c, -273.0, 1000.0, last=2)
+            object.__setattr__(self, "temperatures_c", (float(low), float(high)))
         check_consistency(self)
 
     @property
@@ -451,6 +463,8 @@ class Requirements:
         parts["housing"] = housing_tables(self.housing)
         if self.parts is not None:
             parts["parts"] = asdict(self.parts)
+        if self.thermal is not None:
+            parts["thermal"] = {**asdict(self.thermal), "range_c": self.temperatures_c}
         data = {"name": self.name, "notes": self.notes, **parts, "limit": [asdict(limit) for limit in self.limits]}
         plain: dict[str, Any] = _plain(data)
         return plain

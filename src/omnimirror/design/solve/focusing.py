@@ -27,8 +27,8 @@ from ...lenses import FieldLens, Lens, Perspective
 from ...numerics.lazy import cached_property
 from ...sensor import Sensor
 from ..criteria.field_angles import counted_field
-from ..criteria.limits import OF_WHAT_HIDES, Limit
-from ..criteria.merits import FieldValues, values_at, with_hidden
+from ..criteria.limits import Limit
+from ..criteria.merits import OF_THE_WHOLE, FieldValues, values_at, with_whole
 from ..criteria.objects import distances_mm, inverse_distances
 from ..criteria.requirements import FARTHEST_FOCUS, FieldRequirements
 
@@ -215,8 +215,9 @@ class Focusing:
         reach = np.array([sag if self._is_telecentric else m + sag])
         part = self._fields[None if limit is None else limit.omega_deg]
         found = values_at(part, self.camera, v, reach, np.array([sag]))
-        hides = limit is not None and limit.quantity in OF_WHAT_HIDES
-        return with_hidden(found, self.sensor) if hides else found
+        if limit is not None and limit.quantity in OF_THE_WHOLE:
+            return with_whole(found, self.sensor, (limit.quantity,))
+        return found
 
     @property
     def range(self) -> tuple[float, float]:

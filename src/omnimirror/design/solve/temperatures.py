@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -117,7 +117,7 @@ def _end(requirements: Requirements, sensor: Sensor, met: float, end: float) -> 
 def _missed(requirements: Requirements, sensor: Sensor, temperature_c: float) -> tuple[str, ...]:
     """What is missed at a temperature. Sizes that were given (rim, focal length) say what is made, and may grow."""
     try:
-        rows = judge(requirements, at_temperature(sensor, temperature_c)).rows
+        rows = judge(replace(requirements, temperatures_c=None), at_temperature(sensor, temperature_c)).rows
     except OmnimirrorError as e:  # no sensor any more
         return (str(e),)
     return tuple(row.label for row in rows if not row.is_met and (row.is_limit or row.at_least != row.at_most))

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...analysis import Evaluation, evaluate
+from ...analysis.temperature import at_temperature
 from ...arguments import instance, whole
 from ...errors import InvalidParameter
 from ...files import json_plain
@@ -150,7 +151,8 @@ def judge(requirements: Requirements, sensor: Sensor, *, angles: int = REPORTED)
     Parameters
     ----------
     requirements, sensor
-        What is asked, and of what; a sensor without a housing is judged in that of the requirements.
+        What is asked, and of what; a sensor without a housing, or of which nothing is said of temperatures, is judged
+        with those of the requirements.
     angles
         How many field angles, 2 to 100000, each limit is looked at, in each part of the field that limits name.
 
@@ -192,7 +194,9 @@ def judge(requirements: Requirements, sensor: Sensor, *, angles: int = REPORTED)
         )
     if sensor.housing.is_empty:
         sensor = replace(sensor, housing=requirements.housing)
-    rows = [*given_rows(requirements, sensor), *_limit_rows(requirements, sensor, angles)]
+    if sensor.thermal is None:
+        sensor = replace(sensor, thermal=requirements.thermal)
+    rows = [*given_rows(requirements, sensor), *_limits_over_temperatures(requirements, sensor, angles)]
     return Verdict(requirements, sensor, tuple(rows))
 
 
@@ -232,6 +236,19 @@ def _part_rows(requirements: Requirements, sensor: Sensor) -> list[Judgement]:
         if span is not None:
             most = None if span[0] < span[1] == FARTHEST_FOCUS else span[1]
             rows.append(Judgement(name, unit_of(name), span[0], most, value))
+    return rows
+
+
+def _limits_over_temperatures(requirements: Requirements, sensor: Sensor, angles: int) -> list[Judgement]:
+    """The limits, each where it is kept worst: as the sensor is made, or at an end of the range of temperatures."""
+    rows = _limit_rows(requirements, sensor, angles)
+    for temperature in requirements.temperatures_c or ():
+        there = _limit_rows(requirements, at_temperature(sensor, temperature), angles)
+        remark = f"worst at {temperature:g} C"
+        rows = [
+            replace(moved, remarks=(*moved.remarks, remark)) if moved.margin < row.margin else row
+            for row, moved in zip(rows, there, strict=True)
+        ]
     return rows
 
 
