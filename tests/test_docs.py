@@ -13,6 +13,7 @@ import omnimirror as om
 from omnimirror.design import parse_requirements
 from omnimirror.manufacture.workshop import parse_workshop
 from omnimirror.specs import parse_sensor
+from omnimirror.tolerancing.tolerance_file import parse_tolerances
 from tests.commands import omnimirror
 
 ROOT = Path(__file__).parents[1]
@@ -109,6 +110,9 @@ def test_sensor_camera_requirement_and_view_files_are_valid(page, tmp_path):
             continue
         if "[field]" in block:
             assert parse_requirements(block).field.omega_max_deg > 0
+            continue
+        if "[[error]]" in block:
+            assert parse_tolerances(block, om.load_sensor("paper-spherical")).limits
             continue
         if "[title]" in block:
             assert parse_workshop(block).mirror.density

@@ -37,7 +37,8 @@ def test_no_two_quantities_are_explained_alike():
     told = [(q.title, q.unit, q.meaning) for q in QUANTITIES.values()]
     assert len(set(told)) == len(told)
     per_angle = (quantities.PER_ANGLE, quantities.OF_BOTH_SIDES, quantities.OF_LENS, quantities.OF_A_CALIBRATION)
-    groups = (*per_angle, quantities.OF_THE_SENSOR, quantities.OF_THE_APERTURE, quantities.OVER_THE_FIELD)
+    of_sensors = (quantities.OF_THE_SENSOR, quantities.OF_THE_APERTURE, quantities.OF_BUILT_SENSORS)
+    groups = (*per_angle, *of_sensors, quantities.OVER_THE_FIELD)
     assert sum(map(len, groups)) == len(QUANTITIES)
 
 
@@ -80,7 +81,13 @@ def test_one_thing_has_one_value_wherever_it_is_asked_for():
 
 @pytest.mark.parametrize(
     ("page", "names"),
-    [("design", LIMITABLE), ("optimisation", DESIGN_MERITS), ("evaluation", FOCUS_MERITS), ("evaluation", COLUMNS)],
+    [
+        ("tolerance", [q.name for q in quantities.OF_BUILT_SENSORS]),
+        ("design", LIMITABLE),
+        ("optimisation", DESIGN_MERITS),
+        ("evaluation", FOCUS_MERITS),
+        ("evaluation", COLUMNS),
+    ],
 )
 def test_the_pages_name_every_quantity(page, names):
     text = (DOCS / f"{page}.md").read_text(encoding="utf-8")

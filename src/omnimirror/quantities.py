@@ -287,9 +287,30 @@ OF_THE_APERTURE = (
 )  # fmt: skip
 """What the whole aperture makes of a point, and what is made of that."""
 
+OF_BUILT_SENSORS = (
+    Quantity("motion_px", "", "px", "Motion of the picture",
+             "farthest that an object is shown from where a sensor without errors shows it"),
+    Quantity("motion_rms_px", "", "px", "Motion of the picture, rms", "the same, rms over the field"),
+    Quantity("direction_error_deg", "", "deg", "Error of direction",
+             "largest angle between an object and where a sensor without errors would look for it", format=".3f"),
+    Quantity("direction_error_rms_deg", "", "deg", "Error of direction, rms", "the same angle, rms over the field",
+             format=".3f"),
+    Quantity("straightness_deg", "", "deg", "Straightness",
+             "largest departure of straight lines of 60 deg from straight ones, in the straightened view",
+             format=".3f"),
+    Quantity("viewpoint_shift_mm", "", "mm", "Shift of the viewpoint",
+             "how far the point nearest to all chief rays is from that of a sensor without errors", format=".3f"),
+    Quantity("rim_reach_px", "", "px", "Reach of the image circle",
+             "from the middle of the imager to the farthest point of the rim's image", format=".1f"),
+)  # fmt: skip
+"""What a sensor with errors does, against the one that was meant."""
+
 _ALONE = {
-    q.name: q for q in (*PER_ANGLE, *OF_LENS, *OF_BOTH_SIDES, *OF_A_CALIBRATION, *OF_THE_SENSOR, *OF_THE_APERTURE)
-}
+    q.name: q
+    for q in (
+        *PER_ANGLE, *OF_LENS, *OF_BOTH_SIDES, *OF_A_CALIBRATION, *OF_THE_SENSOR, *OF_THE_APERTURE, *OF_BUILT_SENSORS
+    )
+}  # fmt: skip
 
 
 def _over_the_field(prefix: str, which: str, how: str) -> Callable[..., Quantity]:

@@ -17,6 +17,8 @@ VARIANCES = {"uniform": 1 / 3, "normal": 1 / 4, "end-heavy": 1 / 2}
 class Formula:
     """A judge of which a formula of the errors' values says the motion."""
 
+    names = merit_names()
+
     def __init__(self, formula):
         self.formula = formula
 

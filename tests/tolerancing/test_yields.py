@@ -151,6 +151,16 @@ def test_the_cheapest_shifts_are_those_of_the_integral(sensor, judge):
     assert found.price < found.price_of_equal
 
 
+def test_no_tolerance_becomes_wider_than_it_may_and_that_is_said(sensor, judge):
+    """Distortion of this size does nothing to the limit: it stays at what a coarse shop holds, or at what is said."""
+    errors = {"imager.shift_x_px": 2.0, "lens.k3": 1e-4, "lens.k2": 1e-4}
+    found = allocate(judge, of(sensor, errors), {"motion_px": 2.0}, 0.9, widest={"lens.k2": 3e-4}, trials=2000)
+    assert set(found.at_widest) == {"lens.k2", "lens.k3"}
+    assert found.tolerances["lens.k2"] == pytest.approx(3e-4)
+    assert found.tolerances["lens.k3"] == pytest.approx(0.02)
+    assert found.reached.low - 0.01 < 0.9 < found.reached.high + 0.01
+
+
 @pytest.mark.parametrize(
     ("call", "words"),
     [
@@ -179,6 +189,7 @@ def test_what_is_none_is_refused(sensor, judge, call, words):
         ("[[error]]\nname = 'lens.k1'\ntolerance = 1\n[[error]]\nname = 'lens.k1'\ntolerance = 1", "line 5: .*already"),
         ("[[error]]\nname = 'lens.k1'\ntolerance = 1\n[[limit]]\nquantity = 'blur'\nat_most = 1", "line 5: 'blur'"),
         ("[[errors]]\nname = 'lens.k1'", "did you mean error"),
+        ("[[error]]\nname = 'lens.k1'\ntolerance = 1\nwidest = 0.5", "line 4: widest = 0.5 is below the tolerance 1"),
         ("format = 2", "format = 2"),
         ("", "no error"),
     ],

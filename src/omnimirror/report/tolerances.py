@@ -19,7 +19,8 @@ from ..tolerancing.figures import curves, tornado
 from ..tolerancing.sensitivity import ErrorEffect, sensitivities
 from ..tolerancing.tolerances import Tolerances
 from ..tolerancing.trials.judge import Judge
-from ..tolerancing.yields import Share, Tally, monte_carlo
+from ..tolerancing.trials.required.names import required_of
+from ..tolerancing.yields import Share, Tally, monte_carlo, told
 from .pages import figure_html, page_html
 
 DISTRIBUTED = {
@@ -52,7 +53,7 @@ class _Order:
             for name, bound in plan.tolerances.errors.items()
         }
         chosen = replace(plan.tolerances, errors=errors)
-        judge = Judge.of(report.sensor, plan.refocus, **plan.judged)
+        judge = Judge.of(report.sensor, plan.refocus, required_of(plan.limits), **plan.judged)
         tally = monte_carlo(judge, chosen, plan.limits, trials=found.trials, seed=report.seed + 2)
         return cls(report, chosen, tally, sensitivities(judge, chosen, plan.limits), found.reached)
 
@@ -195,7 +196,7 @@ def _limits(order: _Order) -> Iterable[tuple[str, ...]]:
     for name, limit in tally.limits.items():
         good = 100 * tally.passed_each.get(name, 0) / tally.trials
         low, high = (f"{tally.quantile(name, share):.3g}" for share in (0.5, 0.95))
-        yield f"{name} ≤ {limit:g}", f"{good:.1f}", low, high
+        yield told(name, limit), f"{good:.1f}", low, high
 
 
 def _judged(order: _Order) -> str:

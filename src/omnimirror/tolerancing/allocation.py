@@ -15,10 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InvalidParameter
+from ..sensor import Sensor
+from .errors import GRADES, errors_of
 from .tolerances import BLOCK, Tolerances
 from .trials.judge import Judge
-from .trials.merits import merit_names
-from .yields import Share, check_limits, monte_carlo
+from .trials.required.names import is_least
+from .yields import Share, check_limits, monte_carlo, told
 
 Array = NDArray[np.float64]
 
@@ -28,8 +30,7 @@ SOFT = 0.08  # of a limit, over which the yield is smeared
 DAMPING = 1 / 3  # what errors do grows with the square of their tolerance, as a rule
 ROUNDS = 8
 LEAST = 1e-3  # of the largest effect, below which an effect is noise
-WIDEST = 20.0
-"""How many times wider than it was asked a tolerance may become."""
+ROUNDING = 1e-9
 HALVINGS = 12
 MOST = 1e6
 
@@ -50,6 +51,8 @@ class Allocation:
         Yield of traced trials that were not used on the way.
     trials
         How many those were.
+    at_widest
+        Names of errors whose tolerances would be wider still, but for how wide they may be.
     """
 
     tolerances: Mapping[str, float]
@@ -57,6 +60,7 @@ class Allocation:
     price_of_equal: float
     reached: Share
     trials: int
+    at_widest: tuple[str, ...] = ()
 
 
 def allocate(
@@ -66,6 +70,7 @@ def allocate(
     wanted: float,
     *,
     prices: Mapping[str, float] | None = None,
+    widest: Mapping[str, float] | None = None,
     seed: int = 0,
     trials: int = 20_000,
 ) -> Allocation:
@@ -83,6 +88,9 @@ def allocate(
         The yield, between 0 and 1.
     prices
         What each tolerance costs as it was asked; 1 by default.
+    widest
+        How wide each may become; by default as a coarse shop holds it unasked, or as it was asked where that is wider:
+        wider ones would save nothing.
     seed
         Of the trials.
     trials
@@ -103,21 +111,28 @@ def allocate(
         raise InvalidParameter(f"a yield of {wanted:g} is valid between 0 and 1")
     if not limits:
         raise InvalidParameter("there is no limit that a good sensor stays within; name one at least")
-    case = _Case(judge, tolerances, limits, seed)
-    asked = np.array([tolerances.errors[name].value for name in case.names])
+    names = [name for name, bound in tolerances.errors.items() if bound.value > 0]
+    asked = np.array([tolerances.errors[name].value for name in names])
+    most = np.array(
+        [
+            (widest or {}).get(name) or widest_of(judge.field.sensor, name, a)
+            for name, a in zip(names, asked, strict=True)
+        ]
+    )
+    case = _Case(judge, tolerances, limits, seed, names, most)
     price = np.array([(prices or {}).get(name, 1.0) for name in case.names])
     if not np.isfinite(case.excess(1e-6 * asked)).all() or case.good(1e-6 * asked) < 1:
         raise InvalidParameter(
-            "a sensor without errors misses the limits; make " + " or ".join(f"{n} = {v:g}" for n, v in limits.items())
-            + " larger, or design another"
-        )  # fmt: skip
+            f"a sensor without errors misses the limits {' and '.join(told(n, v) for n, v in limits.items())}; ease "
+            "them, or design another"
+        )
     equal = case.scaled(asked, wanted)
     sizes = equal
     for _ in range(ROUNDS):
         effect = case.effects(sizes)
         effect = np.maximum(effect, LEAST * effect.max())
         ratio = price * asked / sizes / effect
-        sizes = np.minimum(sizes * (ratio / np.exp(np.log(ratio).mean())) ** DAMPING, WIDEST * asked)
+        sizes = np.minimum(sizes * (ratio / np.exp(np.log(ratio).mean())) ** DAMPING, most)
         sizes = case.scaled(sizes, wanted)
     if (price * asked / sizes).sum() > (price * asked / equal).sum():
         sizes = equal
@@ -130,7 +145,19 @@ def allocate(
         float((price * asked / equal).sum()),
         confirmed.yields,
         confirmed.trials,
+        tuple(name for name, size, end in zip(names, sizes, most, strict=True) if size >= end * (1 - ROUNDING)),
     )
+
+
+def widest_of(sensor: Sensor, name: str, asked: float) -> float:
+    """How wide a tolerance may become where nothing is said: as a coarse shop holds it, but no less than was asked.
+
+    >>> import omnimirror as om
+    >>> widest_of(om.load_sensor("paper-spherical"), "mirror.decentre_x_mm", 0.01)
+    0.2
+    """
+    known = errors_of(sensor).get(name)
+    return max(asked, known.usual[GRADES[0]] if known else asked)
 
 
 @dataclass(frozen=True)
@@ -141,11 +168,10 @@ class _Case:
     tolerances: Tolerances
     limits: Mapping[str, float]
     seed: int
+    names: list[str]
+    most: Array
+    """(n,) of each tolerance."""
     draws: int = DRAWS
-
-    @property
-    def names(self) -> list[str]:
-        return [name for name, bound in self.tolerances.errors.items() if bound.value > 0]
 
     def with_sizes(self, sizes: Array) -> Tolerances:
         new = dict(zip(self.names, sizes, strict=True))
@@ -157,7 +183,10 @@ class _Case:
     def excess(self, sizes: Array) -> Array:
         """The largest (t,) of all merits in units of their limits; infinite where rays are lost."""
         merits = self.judge.judged(self.with_sizes(sizes).drawn(self.seed, 0, self.draws))
-        shares = [merits[:, merit_names().index(name)] / limit for name, limit in self.limits.items()]
+        columns = {name: merits[:, self.judge.names.index(name)] for name in self.limits}
+        shares = [
+            limit / columns[name] if is_least(name) else columns[name] / limit for name, limit in self.limits.items()
+        ]
         worst = np.max(shares, axis=0)
         return np.where(np.isnan(worst), np.inf, worst)
 
@@ -175,16 +204,20 @@ class _Case:
         return effect
 
     def scaled(self, sizes: Array, wanted: float) -> Array:
-        """The same proportions, as large as the yield allows."""
-        low = high = 1.0
-        while self.good(high * sizes) >= wanted and high < MOST:
+        """The same proportions, as large as the yield allows, and as each may be."""
+        low, high, end = 1.0, 1.0, max(float((self.most / sizes).max()), 1.0)
+
+        def at(times: float) -> Array:
+            return np.minimum(times * sizes, self.most)
+
+        while low < end and self.good(at(high)) >= wanted:
             low, high = high, 2 * high
-        while self.good(low * sizes) < wanted and low > 1 / MOST:
+        while self.good(at(low)) < wanted and low > 1 / MOST:
             low, high = low / 2, low
         for _ in range(HALVINGS):
             middle = float(np.sqrt(low * high))
-            low, high = (middle, high) if self.good(middle * sizes) >= wanted else (low, middle)
-        return low * sizes
+            low, high = (middle, high) if self.good(at(middle)) >= wanted else (low, middle)
+        return at(low)
 
 
 def _softened(excess: Array) -> float:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
-from ..arguments import checked
+from ..arguments import checked, instance
+from ..design.criteria.limits import Limit
 from ..errors import InvalidParameter
 from ..sensor import Sensor
 from .allocation import Allocation, allocate
@@ -17,7 +18,7 @@ from .sweeps.plans import SweepPlan
 from .tolerance_file import TolerancePlan
 from .tolerances import Tolerances
 from .trials.judge import Judge
-from .trials.merits import merit_names
+from .trials.required.names import is_least, names_of, required_of
 from .variance import VarianceShares, variance_shares
 from .yields import Progress, Tally, monte_carlo
 
@@ -78,12 +79,12 @@ class ToleranceReport:
         tally, found = self.tally, self.allocation
         merits = {
             name: {"mean": tally.mean(name)} | {f"q{round(100 * q):02}": tally.quantile(name, q) for q in QUANTILES}
-            for name in merit_names()[:-1]
+            for name in tally.names[:-1]
         }
         cheapest = None if found is None else {
             "tolerances": dict(found.tolerances), "price": found.price, "price_of_equal": found.price_of_equal,
             "yield": found.reached.value, "yield_low": found.reached.low, "yield_high": found.reached.high,
-            "trials": found.trials,
+            "trials": found.trials, "at_widest": list(found.at_widest),
         }  # fmt: skip
         return {
             "sensor": self.sensor.name,
@@ -94,7 +95,7 @@ class ToleranceReport:
             "yield_high": tally.yields.high,
             "lost": tally.lost,
             "limits": [
-                {"merit": name, "at_most": limit, "passed": tally.passed_each[name] / tally.trials}
+                {"merit": name, _side(name): limit, "passed": tally.passed_each[name] / tally.trials}
                 for name, limit in self.plan.limits.items()
             ],
             "merits": merits,
@@ -119,7 +120,7 @@ def tolerance(
     sensor: Sensor,
     plan: TolerancePlan | Tolerances,
     *,
-    limits: Mapping[str, float] | None = None,
+    limits: Mapping[str, float] | Sequence[Limit] | None = None,
     trials: int = 10_000,
     seed: int = 0,
     wanted_yield: float | None = None,
@@ -137,7 +138,8 @@ def tolerance(
     plan
         From :func:`omnimirror.load_tolerances`, or :class:`omnimirror.Tolerances` made in Python.
     limits
-        In place of the plan's: largest values by names of merits, such as ``"motion_px after pose"``.
+        In place of the plan's: largest values by names of merits, such as ``"motion_px after pose"``, and least ones,
+        such as ``"least resolution_px_per_deg"``; or limits of requirements.
     trials
         How many sensors are built.
     seed
@@ -184,20 +186,58 @@ def tolerance(
     if plan.tolerances.sensor != sensor:
         raise InvalidParameter("the tolerances are those of another sensor; make them for this one")
     if limits is not None:
-        plan = TolerancePlan(plan.tolerances, limits, plan.prices, plan.refocus, plan.judged)
+        limits = limits if isinstance(limits, Mapping) else limits_of(limits)
+        plan = replace(plan, limits=limits)
     begin = time.perf_counter()
-    judge = Judge.of(sensor, plan.refocus, **plan.judged)
+    required = required_of(plan.limits)
+    judge = Judge.of(sensor, plan.refocus, required, **plan.judged)
     if sweep is None:
         tally = monte_carlo(judge, plan.tolerances, plan.limits, trials=trials, seed=seed, progress=progress)
     else:
-        kept = SweepPlan(plan.tolerances, plan.refocus, plan.judged, trials, seed, sweep.shard_trials)
+        kept = SweepPlan(plan.tolerances, plan.refocus, plan.judged, trials, seed, sweep.shard_trials, required)
         tally = run_sweep(sweep, kept, plan.limits, progress=progress, say=say)
     alone = sensitivities(judge, plan.tolerances, plan.limits)
     allocation = None
     if wanted_yield is not None:
-        allocation = allocate(judge, plan.tolerances, plan.limits, wanted_yield, prices=plan.prices, seed=seed)
+        allocation = allocate(
+            judge, plan.tolerances, plan.limits, wanted_yield, prices=plan.prices, widest=plan.widest, seed=seed
+        )
     variance = variance_shares(judge, plan.tolerances, tuple(plan.limits) or MERITS, seed=seed) if shares else None
     return ToleranceReport(sensor, plan, seed, tally, alone, allocation, variance, time.perf_counter() - begin)
+
+
+def limits_of(limits: Sequence[Limit]) -> dict[str, float]:
+    """Limits of requirements by names of merits.
+
+    Parameters
+    ----------
+    limits
+        As :class:`omnimirror.Requirements` has them.
+
+    Returns
+    -------
+    dict
+        Largest values, and least ones of names that begin with ``least``.
+
+    Raises
+    ------
+    InvalidParameter
+        What is no limit.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> limits_of([om.Limit("resolution_px_per_deg", at_least=4.0, omega_deg=(20.0, 100.0))])
+    {'least resolution_px_per_deg, 20 to 100 deg': 4.0}
+    """
+    found: dict[str, float] = {}
+    for limit in limits:
+        found |= names_of(instance("limits", limit, Limit, "limits of requirements"))
+    return found
+
+
+def _side(name: str) -> str:
+    return "at_least" if is_least(name) else "at_most"
 
 
 def _variance_table(found: VarianceShares) -> dict[str, Any]:

@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 
 from .tolerances import Tolerances
 from .trials.compensation import CALIBRATIONS, motion
-from .trials.judge import Judge
+from .trials.judge import Judge, motions_of
 from .trials.merits import OF_MOTION, after
 from .trials.picture import Picture, diameter_parts, largest_diameter
+from .trials.required.merits import MeritRows
 
 Array = NDArray[np.float64]
 
@@ -86,7 +87,43 @@ def merit_rates(judge: Judge, name: str, step: float, tolerances: Tolerances | N
             begins = np.zeros_like(first)
             rates[after(worst, depth)] = _largest(begins[:, 0], *_of_lengths(begins, first, second, still))
     focus = _differences(focus_mm, step)
-    return rates | _of_blur(judge, shown, step) | {"focus_distance_mm": Rates(*map(float, focus))}
+    return (
+        rates
+        | _of_blur(judge, shown, step)
+        | {"focus_distance_mm": Rates(*map(float, focus))}
+        | _of_required(judge, values, step)
+    )
+
+
+def _of_required(judge: Judge, values: Mapping[str, Array], step: float) -> dict[str, Rates]:
+    """Of merits that limits ask for; NaN where rays are lost."""
+    if judge.required is None:
+        return {}
+    rows, _ = judge.required.rows(values, motions_of)
+    return {name: _of_rows(one, step) for name, one in rows.items()}
+
+
+def _of_rows(rows: MeritRows, step: float) -> Rates:
+    value, (first, second) = rows.values[2], _differences(rows.values, step)
+    if not np.isfinite(rows.values).all():
+        return Rates(np.nan, np.nan)
+    if rows.takes == "length":
+        (rate,), (bend,) = _of_lengths(0 * value[None], first[None], second[None], STILL / step)
+        return Rates(float(rate), float(bend))
+    if rows.takes == "departure":
+        begins = np.zeros_like(value)
+        return _largest(begins, *_of_lengths(begins[:, None], first[:, None], second[:, None], STILL / step))
+    high, low = _largest(value, first, second), _largest(-value, -first, -second)
+    fall, bend = -low.first, -low.second
+    if rows.takes == "largest":
+        return high
+    if rows.takes == "smallest":
+        return Rates(fall, bend)
+    if rows.takes == "spread":
+        return Rates(high.first - fall, high.second - bend)
+    top, ratio = value.max(), value.min() / value.max()
+    rate = (fall - ratio * high.first) / top
+    return Rates(float(rate), float((bend - 2 * rate * high.first - ratio * high.second) / top))
 
 
 def _differences(values: Array, step: float) -> tuple[Array, Array]:

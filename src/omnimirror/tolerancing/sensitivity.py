@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from .derivatives import Rates, merit_rates
 from .tolerances import Tolerances
 from .trials.judge import Judge
-from .trials.merits import merit_names
+from .trials.required.names import is_least
+from .yields import within
 
 Array = NDArray[np.float64]
 
@@ -63,17 +64,16 @@ def sensitivities(judge: Judge, tolerances: Tolerances, limits: Mapping[str, flo
     list of ErrorEffect
         In the order of the errors.
     """
-    names = merit_names()
     rows = []
     for name, bound in tolerances.errors.items():
         size = bound.value
         at_ends = judge.judged(tolerances.spelt_out({name: np.array([size, -size])}))
-        worst = np.where(np.isnan(at_ends).any(axis=0), np.inf, at_ends.max(axis=0))
+        worst = {merit: _worst(merit, values) for merit, values in zip(judge.names, at_ends.T, strict=True)}
         rows.append(
             ErrorEffect(
                 name,
                 size,
-                dict(zip(names, worst.tolist(), strict=True)),
+                worst,
                 merit_rates(judge, name, STEP * size, tolerances) if size else {},
                 {merit: _alone(judge, tolerances, name, merit, limit) for merit, limit in limits.items()},
             )
@@ -81,17 +81,24 @@ def sensitivities(judge: Judge, tolerances: Tolerances, limits: Mapping[str, flo
     return rows
 
 
+def _worst(merit: str, values: Array) -> float:
+    """Of a merit's values; where rays are lost, infinite, or 0 of what is to be large."""
+    if np.isnan(values).any():
+        return 0.0 if is_least(merit) else np.inf
+    return float(values.min() if is_least(merit) else values.max())
+
+
 def _alone(judge: Judge, tolerances: Tolerances, name: str, merit: str, limit: float) -> float:
     """The largest tolerance of an error alone; infinite where any will do, 0 where none does."""
-    place, size = merit_names().index(merit), tolerances.errors[name].value
+    place, size = judge.names.index(merit), tolerances.errors[name].value
     if size == 0:
         return np.nan
     sizes = size * np.geomspace(1 / REACH, REACH, LADDER)
     low, high = 0.0, np.inf
     for _ in range(2):  # a ladder, and one between two of its rungs
         values = tolerances.spelt_out({name: np.concatenate([sizes, -sizes])})
-        merits = np.maximum(*judge.judged(values)[:, place].reshape(2, -1))
-        bad = np.flatnonzero(~(merits <= limit))
+        good = within(judge.judged(values)[:, place], merit, limit).reshape(2, -1).all(axis=0)
+        bad = np.flatnonzero(~good)
         if not bad.size:
             return float(high)
         high = float(sizes[bad[0]])

@@ -13,6 +13,8 @@ import numpy as np
 from pydantic import Field
 
 from ..arguments import check_fields, checked, choice, file_name
+from ..design.criteria.limits import LIMITABLE
+from ..design.criteria.requirement_file import LimitTable, limit_of
 from ..errors import SpecError
 from ..files import parse_toml, read_text
 from ..metrology.readers import Unit
@@ -26,8 +28,9 @@ from .forms.spectra import LOWEST_ORDER, RandomFigure, figure_of
 from .tolerances import ErrorBound, Tolerances
 from .trials.compensation import Calibration
 from .trials.judge import Judge
-from .trials.merits import after, merit_names
+from .trials.merits import merit_names
 from .trials.picture import REFOCUS, Refocus
+from .trials.required.names import MeritName, names_of
 from .yields import check_limits
 
 FORMAT = 1
@@ -40,6 +43,7 @@ class ErrorTable(Table):
     tolerance: Annotated[float, Field(ge=0, description="plus or minus, in the unit that the name ends with")]
     distribution: Distribution = "uniform"
     price: Annotated[float, Field(gt=0, description="of this tolerance; half of it costs twice as much")] = 1.0
+    widest: Annotated[float, Field(gt=0, description="to which --yield may widen it")] | None = None
 
 
 class FigureTable(Table):
@@ -71,11 +75,9 @@ class CorrelationTable(Table):
     value: Annotated[float, Field(ge=-1, le=1)]
 
 
-class BoundTable(Table):
-    """What a good sensor stays within."""
+class BoundTable(LimitTable):
+    """What a good sensor stays within, as requirements have it; or what is left of a motion after a calibration."""
 
-    quantity: str
-    at_most: Annotated[float, Field(gt=0)]
     after: Calibration = "none"
 
 
@@ -105,6 +107,9 @@ class TolerancePlan:
         Whether each sensor is focused.
     judged
         Field and number of objects, as :func:`omnimirror.tolerancing.trials.field.field_of` takes them.
+    widest
+        How wide tolerances may become where a yield is wanted, by the names of errors; as a coarse shop holds them by
+        default.
 
     Examples
     --------
@@ -120,6 +125,7 @@ class TolerancePlan:
     prices: Mapping[str, float] = field(default_factory=dict)
     refocus: Refocus = "none"
     judged: Mapping[str, Any] = field(default_factory=dict)
+    widest: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -232,7 +238,7 @@ def parse_tolerances(
     known: dict[str, type] = {"format": int, "judged": dict, "error": list, "correlation": list, "limit": list}
     known |= {"figure": list, "measured": list}
     check_entries(data, known, FORMAT, where)
-    errors, prices = _errors(data.get("error", []), sensor, where)
+    errors, prices, widest = _errors(data.get("error", []), sensor, where)
     _add_figures(data.get("figure", []), sensor, where, errors, prices)
     forms = _add_measured(data.get("measured", []), sensor, where, folder, errors, prices)
     pairs = [
@@ -244,14 +250,14 @@ def parse_tolerances(
     refocus = judged.pop("refocus")
     judged["object_distance_mm"] = judged["object_distance_mm"] or np.inf
     tolerances = where.wrap((), lambda: Tolerances(sensor, errors, correlations, forms))
-    return TolerancePlan(tolerances, _limits(data.get("limit", []), where), prices, refocus, judged)
+    return TolerancePlan(tolerances, _limits(data.get("limit", []), sensor, where), prices, refocus, judged, widest)
 
 
 def _errors(
     tables: list[dict[str, Any]], sensor: Sensor, where: Places
-) -> tuple[dict[str, ErrorBound], dict[str, float]]:
-    """Tolerances and prices by the names of errors."""
-    known, errors, prices = errors_of(sensor), dict[str, ErrorBound](), dict[str, float]()
+) -> tuple[dict[str, ErrorBound], dict[str, float], dict[str, float]]:
+    """Tolerances, prices and how wide they may become, by the names of errors."""
+    known, errors, prices, widest = errors_of(sensor), dict[str, ErrorBound](), dict[str, float](), dict[str, float]()
 
     def is_new(name: str) -> None:
         check_name(name, known)
@@ -263,7 +269,14 @@ def _errors(
         where.wrap((f"error.{i}", "name"), partial(is_new, entry.name))
         errors[entry.name] = ErrorBound(entry.tolerance, entry.distribution)
         prices[entry.name] = entry.price
-    return errors, prices
+        if entry.widest is not None:
+            if entry.widest < entry.tolerance:
+                raise where.error(
+                    (f"error.{i}", "widest"),
+                    f"widest = {entry.widest:g} is below the tolerance {entry.tolerance:g}, which it is valid from",
+                )
+            widest[entry.name] = entry.widest
+    return errors, prices, widest
 
 
 def _add_figures(
@@ -308,15 +321,34 @@ def _add_measured(
     return forms
 
 
-def _limits(tables: list[dict[str, Any]], where: Places) -> dict[str, float]:
-    """Largest values by the names of merits."""
+def _limits(tables: list[dict[str, Any]], sensor: Sensor, where: Places) -> dict[str, float]:
+    """Largest values by the names of merits, and least ones."""
     limits: dict[str, float] = {}
     for i, table in enumerate(tables):
-        bound = validated(BoundTable, f"limit.{i}", table, where)
-        name = after(bound.quantity, bound.after)
-        where.wrap((f"limit.{i}", "quantity"), partial(check_limits, {name: bound.at_most}))
-        limits[name] = bound.at_most
+        section = f"limit.{i}"
+        bound = validated(BoundTable, section, table, where)
+        if bound.quantity in LIMITABLE and bound.after == "none":
+            asked = {name: value for name, value in table.items() if name != "after"}
+            found = names_of(limit_of(i, asked, sensor.mount, where))
+        else:
+            found = _limit_of_trials(bound, section, where)
+        where.wrap((section, "quantity"), partial(check_limits, found))
+        limits |= found
     return limits
+
+
+def _limit_of_trials(bound: BoundTable, section: str, where: Places) -> dict[str, float]:
+    """A limit of what sensors without errors have none of."""
+    for name in ("omega_deg", "elevation_deg", "cycles_per_px"):
+        if getattr(bound, name) is not None:
+            raise where.error(
+                (section, name), f"{name} does not apply to {bound.quantity}, which is of the whole picture"
+            )
+    sides = {True: bound.at_least, False: bound.at_most}
+    found = {MeritName(bound.quantity, least, after=bound.after).text: v for least, v in sides.items() if v is not None}
+    if not found:
+        raise where.error((section,), f"limit of {bound.quantity} says neither at_most nor at_least")
+    return found
 
 
 @checked
@@ -384,8 +416,18 @@ after = "pose"             # what a calibration leaves of it: none, principal-po
 at_most = 0.5
 
 [[limit]]
-quantity = "blur_px"       # or floored_area_deg2; without errors {blur:.3g}
+quantity = "blur_px"       # without errors {blur:.3g}
 at_most = {most_blur:.3g}
+
+# And of anything that requirements limit, in their words, over the whole picture; or of what is built alone:
+#   [[limit]]
+#   quantity = "resolution_px_per_deg"   # total_blur_px, aspect, viewpoint_spread_mm, mtf, ..
+#   at_least = 4.0
+#   omega_deg = [20, 100]
+#   [[limit]]
+#   quantity = "straightness_deg"        # or field_to_deg (at_least), rim_reach_px, viewpoint_shift_mm
+#   after = "affine"
+#   at_most = 0.1
 
 # Form errors of a power spectrum, and one that was measured on a mirror of this making (x, y, z by the line, in mm):
 #   [[figure]]
@@ -397,7 +439,8 @@ at_most = {most_blur:.3g}
 #   file = "cmm.csv"          # distribution = "always" by default: every sensor has it, tolerance = 1.0 times
 
 # Errors: distribution = "uniform" (default), "normal" (the tolerance is two sigma), "truncated", "end-heavy", "always";
-# price = 1.0 of a tolerance as it stands, for --yield. Those that come together:
+# price = 1.0 of a tolerance as it stands, for --yield; widest = how wide it may become then, as a coarse shop holds it
+# by default. Those that come together:
 #   [[correlation]]
 #   between = ["mirror.tilt_x_deg", "mirror.decentre_y_mm"]
 #   value = 0.7

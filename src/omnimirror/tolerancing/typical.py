@@ -14,7 +14,7 @@ from .errors import perturbed
 from .tolerance_file import TolerancePlan
 from .tolerances import BLOCK
 from .trials.judge import Judge
-from .trials.merits import merit_names
+from .trials.required.names import is_least, required_of
 from .yields import check_limits, check_trials
 
 SHARES = (0.05, 0.5, 0.95)
@@ -99,10 +99,10 @@ def typical_sensors(
     check_limits({merit: 1.0})
     check_trials(trials)
     seed = whole("seed", seed)
-    judge = Judge.of(sensor, plan.refocus, **plan.judged)
+    judge = Judge.of(sensor, plan.refocus, required_of([merit]), **plan.judged)
     drawn = plan.tolerances.drawn(seed, 0, min(trials, BLOCK))
-    merits = judge.judged(drawn)[:, merit_names().index(merit)]
-    ranked = np.argsort(merits)  # what is NaN comes last
+    merits = judge.judged(drawn)[:, judge.names.index(merit)]
+    ranked = np.argsort(-merits if is_least(merit) else merits)  # what is NaN comes last
     found = []
     for share in shares:
         if not 0 <= share <= 1:

@@ -21,7 +21,6 @@ from ..errors import InvalidParameter
 from .errors import group_of
 from .tolerances import LEAST_SHARE, Tolerances
 from .trials.judge import Judge
-from .trials.merits import merit_names
 
 Array = NDArray[np.float64]
 
@@ -97,7 +96,7 @@ def variance_shares(
     InvalidParameter
         Names of no merits, or more than half of the trials lose rays.
     """
-    known = merit_names()[:-1]
+    known = judge.names[:-1]
     for name in merits:
         if name not in known:
             raise InvalidParameter(f"{name!r} is no merit of trials; valid are {', '.join(known)}")

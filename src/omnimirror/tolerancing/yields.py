@@ -10,12 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import beta
 
-from ..arguments import shown
 from ..errors import InvalidParameter
 from .tolerances import BLOCK, Tolerances
-from .trials.compensation import CALIBRATIONS
 from .trials.judge import Judge
 from .trials.merits import merit_names
+from .trials.required.names import check_limit, is_least
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]
@@ -52,23 +51,34 @@ def check_limits(limits: Mapping[str, float]) -> None:
     Parameters
     ----------
     limits
-        Largest values by names of merits.
+        Largest values by names of merits, and least ones of those whose names begin with ``least``.
 
     Raises
     ------
     InvalidParameter
         With what would be valid.
     """
-    known = [name for name in merit_names() if name not in ("focus_distance_mm", "lost_rays")]
     for name, limit in limits.items():
-        if name not in known:
-            plain = ", ".join(each for each in known if " after " not in each)
-            raise InvalidParameter(
-                f"{shown(name)} is nothing that trials are judged by; valid are {plain}, and those of motions and "
-                f"directions with 'after' and one of {', '.join(CALIBRATIONS[1:])}, as in 'motion_px after affine'"
-            )
-        if not limit > 0:
-            raise InvalidParameter(f"the limit {name} at most {limit:g} is valid above 0")
+        check_limit(name, limit)
+
+
+def within(merits: Array, name: str, limit: float) -> NDArray[np.bool_]:
+    """Which merits (..) keep a limit; what is not a number keeps none.
+
+    >>> within(np.array([1.0, 3.0, np.nan]), "least aspect", 2.0)
+    array([False,  True, False])
+    """
+    kept: NDArray[np.bool_] = merits >= limit if is_least(name) else merits <= limit
+    return kept
+
+
+def told(name: str, limit: float) -> str:
+    """A limit as people read it.
+
+    >>> told("least field_to_deg", 120.0), told("motion_px after pose", 0.5)
+    ('least field_to_deg ≥ 120', 'motion_px after pose ≤ 0.5')
+    """
+    return f"{name} {'≥' if is_least(name) else '≤'} {limit:g}"
 
 
 def check_trials(trials: int) -> None:
@@ -84,7 +94,9 @@ class Tally:
     Attributes
     ----------
     limits
-        Largest values by names of merits.
+        Largest, or least, values by names of merits.
+    names
+        Of the merits.
     trials, lost, passed
         How many there were, how many lost rays, how many are within all limits.
     passed_each
@@ -96,12 +108,17 @@ class Tally:
     """
 
     limits: Mapping[str, float]
+    names: tuple[str, ...] = field(default_factory=merit_names)
     trials: int = 0
     lost: int = 0
     passed: int = 0
     passed_each: dict[str, int] = field(default_factory=dict)
-    sums: Array = field(default_factory=lambda: np.zeros(len(merit_names())))
-    counts: NDArray[np.int64] = field(default_factory=lambda: np.zeros((len(merit_names()), BINS), dtype=np.int64))
+    sums: Array = field(init=False)
+    counts: NDArray[np.int64] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.sums = np.zeros(len(self.names))
+        self.counts = np.zeros((len(self.names), BINS), dtype=np.int64)
 
     def add(self, merits: Array) -> None:
         """Count trials by their merits (t, m), in single precision, as shards keep them."""
@@ -109,16 +126,16 @@ class Tally:
         whole = merits[:, -1] == 0
         good = np.asarray(whole)
         for name, limit in self.limits.items():
-            within = whole & (merits[:, merit_names().index(name)] <= limit)
-            self.passed_each[name] = self.passed_each.get(name, 0) + int(within.sum())
-            good = good & within
+            kept = whole & within(merits[:, self.names.index(name)], name, limit)
+            self.passed_each[name] = self.passed_each.get(name, 0) + int(kept.sum())
+            good = good & kept
         self.trials += len(merits)
         self.lost += int((~whole).sum())
         self.passed += int(good.sum())
-        kept = merits[whole]
-        self.sums += kept.sum(axis=0)
+        of_whole = merits[whole]
+        self.sums += of_whole.sum(axis=0)
         scale = BINS / np.log(HIGHEST / LOWEST)
-        place = (np.log(np.clip(kept, LOWEST, HIGHEST * 0.999) / LOWEST) * scale).astype(np.intp)
+        place = (np.log(np.clip(of_whole, LOWEST, HIGHEST * 0.999) / LOWEST) * scale).astype(np.intp)
         for row, places in zip(self.counts, place.T, strict=True):
             row += np.bincount(places, minlength=BINS)
 
@@ -128,18 +145,23 @@ class Tally:
         return share_of(self.passed, self.trials)
 
     def quantile(self, merit: str, share: float) -> float:
-        """The value under which a share of all trials stays; infinite where more lose rays."""
-        counts = np.cumsum(self.counts[merit_names().index(merit)])
+        """The value under which a share of all trials stays; infinite where more lose rays.
+
+        Of merits that are to be large, the value over which a share stays; 0 where more lose rays.
+        """
+        counts = np.cumsum(self.counts[self.names.index(merit)])
         wanted = share * self.trials
         if wanted > counts[-1]:
-            return np.inf
+            return 0.0 if is_least(merit) else np.inf
+        if is_least(merit):
+            wanted = counts[-1] - wanted
         place = int(np.searchsorted(counts, wanted))
         value = LOWEST * (HIGHEST / LOWEST) ** ((place + 0.5) / BINS)
         return 0.0 if place == 0 else float(value)
 
     def curve(self, merit: str) -> tuple[Array, Array]:
         """Values, and the share of all trials that stay under each."""
-        counts = np.cumsum(self.counts[merit_names().index(merit)])
+        counts = np.cumsum(self.counts[self.names.index(merit)])
         used = np.flatnonzero(np.diff(counts, prepend=0))
         if not used.size:
             return np.zeros(0), np.zeros(0)
@@ -149,7 +171,7 @@ class Tally:
     def mean(self, merit: str) -> float:
         """Of trials that lost no ray."""
         kept = self.trials - self.lost
-        return float(self.sums[merit_names().index(merit)] / kept) if kept else np.nan
+        return float(self.sums[self.names.index(merit)] / kept) if kept else np.nan
 
 
 def monte_carlo(
@@ -190,7 +212,7 @@ def monte_carlo(
     """
     check_limits(limits)
     check_trials(trials)
-    tally = Tally(dict(limits))
+    tally = Tally(dict(limits), judge.names)
     for block in range(-(-trials // BLOCK)):
         count = min(BLOCK, trials - block * BLOCK)
         tally.add(judge.judged(tolerances.drawn(seed, block, count)))

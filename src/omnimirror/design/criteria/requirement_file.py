@@ -176,7 +176,7 @@ def requirements_of(data: dict[str, Any], where: Places | None = None, folder: P
         "imager": _imager(data.get("imager", asdict(PAPER_IMAGER)), where),
         "mount": mount,
         "housing": housing_of(data.get("housing", {}), where),
-        "limits": tuple(_limit(i, table, mount, where) for i, table in enumerate(data.get("limit", []))),
+        "limits": tuple(limit_of(i, table, mount, where) for i, table in enumerate(data.get("limit", []))),
     }
     if "thermal" in data:
         parts |= _thermal(data["thermal"], where)
@@ -270,7 +270,8 @@ def _field_angles(
     return where.wrap(place, lambda: mount.field_angles_deg((low, high)))
 
 
-def _limit(index: int, table: dict[str, Any], mount: Mount, where: Places) -> Limit:
+def limit_of(index: int, table: dict[str, Any], mount: Mount, where: Places) -> Limit:
+    """The limit of a ``[[limit]]`` table; ``where`` gives errors their place."""
     section = f"limit.{index}"
     entries = validated(LimitTable, section, table, where)
     place = (section, "quantity") if entries.quantity not in LIMITABLE else (section,)

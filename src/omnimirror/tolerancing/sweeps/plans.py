@@ -14,7 +14,7 @@ from ...files import json_plain, read_text, write_text
 from ...numerics.lazy import cached_property
 from ...specs import tables_of
 from ..tolerances import BLOCK, Tolerances
-from ..trials.merits import merit_names
+from ..trials.merits import LOST, merit_names
 from ..trials.picture import Refocus
 
 FORMAT = 1
@@ -36,6 +36,8 @@ class SweepPlan:
         How many sensors are built, from which random numbers.
     shard_trials
         How many of them a shard has: whole blocks.
+    required
+        Names of merits that are worked out because limits ask for them.
     """
 
     tolerances: Tolerances
@@ -44,11 +46,17 @@ class SweepPlan:
     trials: int
     seed: int
     shard_trials: int
+    required: tuple[str, ...] = ()
 
     @property
     def shards(self) -> int:
         """How many there are."""
         return -(-self.trials // self.shard_trials)
+
+    @property
+    def merits(self) -> tuple[str, ...]:
+        """Names of what each trial is judged by, in the order of columns."""
+        return (*merit_names()[:-1], *self.required, LOST)
 
     @cached_property
     def asked(self) -> dict[str, Any]:
@@ -66,7 +74,7 @@ class SweepPlan:
             "seed": self.seed,
             "shard_trials": self.shard_trials,
             "block": BLOCK,
-            "merits": merit_names(),
+            "merits": self.merits,
         }
         return dict(json.loads(json.dumps(json_plain(said))))
 

@@ -22,7 +22,6 @@ from ...errors import OmnimirrorError
 from ...files import replacing
 from ..tolerances import BLOCK
 from ..trials.judge import Judge
-from ..trials.merits import merit_names
 from .plans import MANIFEST, SweepPlan, is_asked
 
 Rows = NDArray[np.float32]
@@ -69,7 +68,7 @@ class Shard:
 
     def merits(self) -> Iterator[Rows]:
         """Merits (t, m) of its trials, block by block."""
-        judge = Judge.of(self.plan.tolerances.sensor, self.plan.refocus, **self.plan.judged)
+        judge = Judge.of(self.plan.tolerances.sensor, self.plan.refocus, self.plan.required, **self.plan.judged)
         for trial in range(self.first, self.first + self.count, BLOCK):
             count = min(BLOCK, self.first + self.count - trial)
             yield judge.judged(self.plan.tolerances.drawn(self.plan.seed, trial // BLOCK, count)).astype(np.float32)
@@ -88,7 +87,7 @@ class Shard:
                 "give a folder that all machines share"
             )
         pa, pq = _parquet()
-        types = [(TRIAL, pa.int64()), *((name, pa.float32()) for name in merit_names())]
+        types = [(TRIAL, pa.int64()), *((name, pa.float32()) for name in self.plan.merits)]
         digest, trial = _checksum(), self.first
         plain: Any = {"use_dictionary": False, "compression": "none", "write_statistics": False}
         with replacing(self.path) as temporary, pq.ParquetWriter(temporary, pa.schema(types), **plain) as writer:
@@ -133,7 +132,7 @@ class Shard:
         pa, pq = _parquet()
         try:
             with pq.ParquetFile(self.path) as file:
-                for batch in file.iter_batches(BLOCK, columns=list(merit_names())):
+                for batch in file.iter_batches(BLOCK, columns=list(self.plan.merits)):
                     rows = np.stack([column.to_numpy() for column in batch.columns], axis=-1)
                     digest.update(rows.tobytes())
                     count += len(rows)

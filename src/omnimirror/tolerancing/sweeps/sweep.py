@@ -114,7 +114,7 @@ def run_sweep(
     claim(sweep.folder, plan)
     for _ in range(ROUNDS):
         _make_missing(shards, sweep.scheduler, progress, say)
-        tally, checksums = Tally(dict(limits)), dict[str, str]()
+        tally, checksums = Tally(dict(limits), plan.merits), dict[str, str]()
         for shard in shards:
             try:
                 for rows in shard.rows():

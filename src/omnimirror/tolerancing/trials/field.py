@@ -139,22 +139,35 @@ def field_of(
     omega, azimuth = np.repeat(omega, azimuths), np.tile(around, angles)
     if on_axis:
         omega, azimuth = np.append(0.0, omega), np.append(0.0, azimuth)
-    return _field(sensor, omega, azimuth, object_distance_mm)
+    return field_at(sensor, omega, azimuth, object_distance_mm)
 
 
-def _field(sensor: Sensor, omega_deg: Array, azimuth_deg: Array, distance: float) -> Field:
+def directions_of(omega_deg: Array, azimuth_deg: Array) -> tuple[Array, Array]:
+    """Directions (n, 3), and unit vectors (n, 3, 2) by which they turn along the field angle and round about.
+
+    >>> [part.round(6).tolist() for part in directions_of(np.array([90.0]), np.array([0.0]))]
+    [[[1.0, 0.0, -0.0]], [[[0.0, -0.0], [0.0, 1.0], [1.0, 0.0]]]]
+    """
     omega, azimuth = np.radians(omega_deg), np.radians(azimuth_deg)
-    rays = sensor.meridian.trace(sensor.meridian.x_from_omega(omega))
     cos, sin = np.cos(azimuth), np.sin(azimuth)
     away = np.stack([np.sin(omega) * cos, np.sin(omega) * sin, -np.cos(omega)], axis=-1)
     tangential = np.stack([np.cos(omega) * cos, np.cos(omega) * sin, np.sin(omega)], axis=-1)
     sagittal = np.stack([-sin, cos, np.zeros_like(cos)], axis=-1)
+    return away, np.stack([tangential, sagittal], axis=-1)
+
+
+def field_at(sensor: Sensor, omega_deg: Array, azimuth_deg: Array, distance: float) -> Field:
+    """Objects (n,) at field angles and azimuths of a sensor without errors."""
+    away, turned = directions_of(omega_deg, azimuth_deg)  # a sensor without errors turns nothing: one frame for both
+    azimuth = np.radians(azimuth_deg)
+    cos, sin = np.cos(azimuth), np.sin(azimuth)
+    rays = sensor.meridian.trace(sensor.meridian.x_from_omega(np.radians(omega_deg)))
     x, z = rays.last  # where light leaves mirror or cover
     points = np.stack([x * cos, x * sin, z + sensor.mirror_pose.displacement_mm], axis=-1)
     start = np.stack([rays.x * cos, rays.x * sin], axis=-1)
     distant = bool(np.isinf(distance))
     targets = away if distant else points + distance * away
-    bare = Field(sensor, targets, distant, start, omega, omega, omega_deg, azimuth_deg)
+    bare = Field(sensor, targets, distant, start, omega_deg, omega_deg, omega_deg, azimuth_deg)
     shown, lost, _ = bare.shown({}, count=1)
     if lost.any():
         raise InvalidParameter(
@@ -162,7 +175,6 @@ def _field(sensor: Sensor, omega_deg: Array, azimuth_deg: Array, distance: float
             f"where nothing of its housing stands in the light, {sensor.clear_field_deg[0]:.4g} to "
             f"{sensor.clear_field_deg[1]:.4g} deg"
         )
-    turned = np.stack([tangential, sagittal], axis=-1)  # a sensor without errors turns nothing: one frame for both
     if are_traced_together(sensor):
         px_per_deg = np.radians(shown.by_direction[0] @ turned)
     else:

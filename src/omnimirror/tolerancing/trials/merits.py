@@ -16,6 +16,7 @@ Array = NDArray[np.float64]
 
 OF_MOTION = ("motion_rms_px", "motion_px", "direction_error_rms_deg", "direction_error_deg")
 OF_BLUR = ("blur_px", "floored_area_deg2", "focus_distance_mm")
+LOST = "lost_rays"
 MERITS = 4 * len(CALIBRATIONS) + len(OF_BLUR) + 1
 
 
@@ -26,7 +27,7 @@ def merit_names() -> tuple[str, ...]:
     (('motion_rms_px', 'motion_px'), ('blur_px', 'floored_area_deg2', 'focus_distance_mm', 'lost_rays'))
     """
     of_motion = (after(name, depth) for depth in CALIBRATIONS for name in OF_MOTION)
-    return (*of_motion, *OF_BLUR, "lost_rays")
+    return (*of_motion, *OF_BLUR, LOST)
 
 
 def after(name: str, calibration: Calibration) -> str:

@@ -64,7 +64,7 @@ def pictured_one_by_one(
     for k in range(count):
         try:
             built = perturbed(sensor, {name: float(of[k]) for name, of in values.items()})
-            shown.append(_shown_within(built, sensor, targets, refocus, rim_slack))
+            shown.append(shown_within(built, sensor, targets, refocus, rim_slack))
         except OmnimirrorError:
             blank = np.full((n, 2), np.nan), np.full((n, 2, 2), np.nan), np.nan
             shown.append(ShownObjects(*blank, np.ones(n, dtype=bool)))
@@ -74,7 +74,9 @@ def pictured_one_by_one(
     return Picture(offsets, blur, by_direction, 1 / focus), np.stack([one.lost for one in shown]), focus
 
 
-def _shown_within(built: Sensor, meant: Sensor, targets: Ends, refocus: Refocus, rim_slack: float) -> ShownObjects:
+def shown_within(
+    built: Sensor, meant: Sensor, targets: Ends, refocus: Refocus = "none", rim_slack: float = RIM_SLACK
+) -> ShownObjects:
     """What a sensor shows; where a second mirror has come to show less than the whole first one, less its rim."""
     try:
         return shown_by(built, meant, targets, refocus, rim_slack)

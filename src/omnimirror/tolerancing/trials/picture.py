@@ -62,6 +62,12 @@ def pictured(states: States, found: SeenObjects, refocus: Refocus = "none") -> P
         return Picture(offsets, blur, widen @ found.by_direction, vergence)
 
 
+def imaged_at(states: States, tangents: Array, vergence: Array) -> Array:
+    """Where (t, n, 2) px trials show what the lens sees under tangents (t, n, 2), focused at vergences (t,)."""
+    f = states.breathing_mm
+    return _imaged(states, tangents, (1 - f * states.vergence) / (1 - f * vergence))[1]
+
+
 def _less(vergences: Array, part: Array) -> Array:
     """Vergences (t, n, 2, 2) seen from an imager that is in focus at others by a part (t, n)."""
     less: Array = vergences - part[..., None, None] * np.eye(2)

@@ -70,6 +70,7 @@ def states_of(sensor: Sensor, values: Values, count: int | None = None) -> State
     pupil[:, 2] = np.where(possible, at - distance, np.nan)  # what is no lens loses all rays
     vergence = 1 / (focus - at)
     principal_distance = focal / (1 - (focal - at) * vergence)
+    pitch_mm = sensor.imager.pitch_mm * growth.imager * (1 + 1e-6 * error("imager.pitch_ppm"))
     return States(
         growth.grown(surfaces),
         _rotations(tilts),
@@ -78,9 +79,10 @@ def states_of(sensor: Sensor, values: Values, count: int | None = None) -> State
         focal / f_number,
         vergence,
         brown,
-        _imagers(principal_distance, sensor.imager.pitch_mm * growth.imager, error),
+        _imagers(principal_distance, pitch_mm, error),
         focal - at,
         focal,
+        pitch_mm,
     )
 
 
@@ -236,7 +238,7 @@ def _imagers(principal_distance: Array, pitch_mm: Array, error: _Errors) -> Arra
     plane[:, :, 1] = tilt[:, :, 1] * cos[:, None] - tilt[:, :, 0] * sin[:, None]
     plane[:, 2, 2] = principal_distance
     offsets = np.asarray(np.linalg.inv(plane), dtype=float)
-    offsets[:, :2] /= (pitch_mm * (1 + 1e-6 * error("imager.pitch_ppm")))[:, None, None]
+    offsets[:, :2] /= pitch_mm[:, None, None]
     shift = error.columns("imager.shift_x_px", "imager.shift_y_px")
     offsets[:, :2] += shift[:, :, None] * offsets[:, 2:]
     return offsets

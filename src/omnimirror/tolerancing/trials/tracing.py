@@ -55,6 +55,8 @@ class States:
         f - e, of focal length and entrance pupil: the principal distance is ``f / (1 - (f - e) v)``.
     focal_mm : (t,)
         f.
+    pitch_mm : (t,)
+        Of the pixels.
     """
 
     surfaces: MirrorSurfaces
@@ -67,6 +69,7 @@ class States:
     imager: Array
     breathing_mm: Array
     focal_mm: Array
+    pitch_mm: Array
 
     def __len__(self) -> int:
         return len(self.shift)

@@ -9,15 +9,17 @@ from pathlib import Path
 import click
 from rich.console import Console
 
+from ....design.criteria.requirement_file import load_requirements
 from ....errors import InvalidParameter, OmnimirrorError
 from ....files import is_stream, json_plain, write_text
 from ....specs import load_sensor
-from ....tolerancing.analysis import ToleranceReport, tolerance
+from ....tolerancing.analysis import ToleranceReport, limits_of, tolerance
 from ....tolerancing.errors import GRADES
 from ....tolerancing.sweeps import SHARD_TRIALS, WHOLE, Sweep
 from ....tolerancing.tolerance_file import load_tolerances, tolerance_template
 from ....tolerancing.trials.compensation import CALIBRATIONS
 from ....tolerancing.trials.merits import after
+from ....tolerancing.trials.required.names import is_least
 from ....tolerancing.typical import TypicalSensor, typical_sensors
 from ...help_pages import DocumentedCommand
 from ...options.common import NUMBER, WholeRange
@@ -40,7 +42,14 @@ class TrialOptions(Options):
         "--yield", type=NUMBER, metavar="SHARE", help="Find the cheapest tolerances for it, 0.95 say."
     )
     merits: tuple[str, ...] = option(
-        "--merit", default=(), multiple=True, metavar="NAME=LIMIT", help="A limit, in place of the file's; repeat."
+        "--merit",
+        default=(),
+        multiple=True,
+        metavar="NAME=LIMIT",
+        help="A limit in place of the file's, 'motion_px after pose=0.5' or 'least aspect, 20 to 90 deg=0.8'; repeat.",
+    )
+    requirements: str | None = option(
+        metavar="FILE", help="Judge by the limits of this requirement file, in place of the file's own."
     )
 
     shares: bool = option(
@@ -50,7 +59,10 @@ class TrialOptions(Options):
     @property
     def limits(self) -> dict[str, float] | None:
         """In place of the file's."""
-        return dict(_limit(words) for words in self.merits) if self.merits else None
+        asked = {} if self.requirements is None else limits_of(load_requirements(self.requirements).limits)
+        if self.requirements is not None and not asked:
+            raise InvalidParameter(f"{self.requirements} has no limits, by which sensors could be judged")
+        return (asked | dict(_limit(words) for words in self.merits)) or None
 
 
 @dataclass(frozen=True)
@@ -180,11 +192,13 @@ def _print(console: Console, found: ToleranceReport) -> None:
     lost = f", {tally.lost} lose rays" if tally.lost else ""
     console.print(f"{tally.trials} sensors built{lost}; seed {found.seed}\n")
     table = plain_table("merit", "limit", "median", "95 %", "99 %", "good %")
-    for name in (*(after("motion_px", depth) for depth in CALIBRATIONS), "direction_error_deg", "blur_px"):
+    usual = (*(after("motion_px", depth) for depth in CALIBRATIONS), "direction_error_deg", "blur_px")
+    for name in (*usual, *(name for name in tally.limits if name not in usual)):
         limit = tally.limits.get(name)
         good = "" if limit is None else f"{100 * tally.passed_each[name] / tally.trials:.1f}"
         values = [f"{tally.quantile(name, share):.3g}" for share in (0.5, 0.95, 0.99)]
-        table.add_row(name, "" if limit is None else f"{limit:g}", *values, good)
+        side = "" if limit is None else f"{'≥' if is_least(name) else '≤'} {limit:g}"
+        table.add_row(name, side, *values, good)
     console.print(table)
     console.print(f"\nyield {100 * of.value:.2f} %, between {100 * of.low:.2f} and {100 * of.high:.2f} %\n")
     table = plain_table("error alone", "tolerance", "moves px", "left by affine", "left by pose", "may be alone")
@@ -221,10 +235,15 @@ def _print_allocation(console: Console, found: ToleranceReport) -> None:
         f"{cheapest.trials} other sensors\nprice {cheapest.price:.4g}; {cheapest.price_of_equal:.4g} if all are scaled "
         "alike\n"
     )
-    table = plain_table("error", "asked", "cheapest")
+    table = plain_table("error", "asked", "cheapest", "times")
     for name, value in cheapest.tolerances.items():
-        table.add_row(name, f"{found.plan.tolerances.errors[name].value:.3g}", f"{value:.3g}")
+        asked = found.plan.tolerances.errors[name].value
+        table.add_row(name, f"{asked:.3g}", f"{value:.3g}", f"{value / asked:.2g}")
     console.print(table)
+    if cheapest.at_widest:
+        console.print(
+            f"\nas wide as they may be, by the file or as a coarse shop holds them: {', '.join(cheapest.at_widest)}"
+        )
 
 
 def _write_typical(typical: list[TypicalSensor], merit: str, out: Path, console: Console) -> list[Path]:
