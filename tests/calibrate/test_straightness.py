@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 import omnimirror as om
+from omnimirror.frames import Mount
 from omnimirror.mirrors.pose import MirrorPose
+from omnimirror.simulate import Distant, pinhole_picture
 from tests.conftest import SHARED
 
 BOARD = om.Board("chessboard", 11, 7, 30.0)
@@ -63,3 +65,50 @@ def test_lines_of_photographed_boards_are_straight():
     camera = om.calibrate_camera(detections[::2] + detections[1:4:2], BOARD, model="radial-spline").camera
     off = [off_straight_px(camera, d).max() for d in detections]
     assert max(off) < 1.0
+
+
+ROOM = om.Room(texel_mm=20.0)
+CENTRE, SIZE, RIM = (161.0, 157.0), (320, 320), 150.0
+DRAWN = om.load_sensor("paper-equidistant")
+CALIBRATED = {
+    "unified": om.Unified(0.9, (130.0, 131.0), CENTRE, SIZE, k1=-0.02, p1=1e-3, rim_radius_px=RIM),
+    "enhanced-unified": om.EnhancedUnified(0.55, 1.1, (60.0, 60.5), CENTRE, SIZE, rim_radius_px=RIM),
+    "double-sphere": om.DoubleSphere(0.1, 0.55, (60.0, 60.0), CENTRE, SIZE, rim_radius_px=RIM),
+    "kannala-brandt": om.KannalaBrandt((66.0, 66.5), CENTRE, SIZE, k1=-0.01, rim_radius_px=RIM),
+    "ocam": om.OCam((-80.0, 0.0, 0.002, 0.0, 1e-8), CENTRE, SIZE, rim_radius_px=RIM),
+    "radial-spline": om.RadialSpline((35.0, 72.0, 108.0, 140.0, 165.0), 270.0, CENTRE, SIZE, rim_radius_px=RIM),
+    "viewpoint-spline": om.ViewpointSpline(
+        (35.0, 72.0, 108.0, 140.0, 165.0), (0.0, -2.0, -5.0, -9.0, -14.0), 270.0, CENTRE, SIZE, rim_radius_px=RIM
+    ),
+    "a fisheye": om.KannalaBrandt(
+        (90.0, 90.0), CENTRE, SIZE, k1=0.01, optics="fisheye", mount=Mount("down"), rim_radius_px=RIM
+    ),
+    "sensor": replace(
+        DRAWN, mirror_pose=MirrorPose(0.8, -0.5, 0.0, 0.6, -0.5),
+        imager=replace(DRAWN.imager, width_px=320, height_px=320, pixel_pitch_um=3.2 * 5.2),
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", CALIBRATED)
+def test_every_view_of_a_calibrated_camera_shows_what_a_pinhole_sees(name):
+    """Its picture of far things, straightened, beside the scene itself in each direction of the view."""
+    camera, room = CALIBRATED[name], Distant(ROOM)
+    sizes = {"ground": (200, 200), "perspective": (320, 180)}
+    taken = om.take_picture(camera, room, samples=4)
+    for kind in sorted({*om.views.VIEWS} - {"cube", "mosaic"}):  # which are made of the others
+        options = {"height_mm": 800.0} if kind == "ground" else {}
+        options |= {"size": sizes[kind]} if kind in sizes else {}
+        screen = om.views.VIEWS[kind](camera, **options)
+        shown = om.Dewarper(camera, screen, "linear")(taken, transparent=True)
+        u, v = np.meshgrid(*(np.arange(n, dtype=float) for n in screen.size))
+        seen = np.isfinite(camera.project_directions(screen.targets_at(u, v).reshape(-1, 3)).pixels[:, 0])
+        if kind == "ground" and not screen.is_distant:  # points, which a mirror of several viewpoints sees elsewhere
+            seen &= name not in ("viewpoint-spline", "sensor")
+        seen = seen.reshape(u.shape) & (shown[..., 3] == 255)
+        true = pinhole_picture(room, screen.targets_at(u, v))
+        off = np.abs(shown[..., :3].astype(float) - true)[seen]
+        assert seen.any() or (kind == "ground" and name in ("viewpoint-spline", "sensor"))
+        if seen.any():
+            assert np.median(off) <= 3, kind
+            assert off.mean() < (11 if kind == "ground" else 7), kind

@@ -119,6 +119,12 @@ def test_whatever_holds_a_camera_is_read(tmp_path):
     assert om.load_camera(tmp_path / "sensor.toml") == om.load_sensor(tmp_path / "sensor.toml") == sensor
     (tmp_path / "calib.txt").write_text("# poly\n\n3 -100 0 2.5e-3\n2 100 50\n239.5 319.5\n1 0 0\n480 640\n")
     assert om.load_camera(tmp_path / "calib.txt") == om.load_ocam(tmp_path / "calib.txt")
+    (tmp_path / "camchain.yaml").write_text("cam0:\n  camera_model: ds\n")
+    with pytest.raises(SpecError, match=r"camchain.yaml is not valid TOML: .*omnimirror convert makes one of ours"):
+        om.load_camera(tmp_path / "camchain.yaml")
+    (tmp_path / "found.json").write_text('{"rms_px": 0.1, "held_out_rms_px": 0.1}')
+    with pytest.raises(SpecError, match=r"found.json .* holds the numbers of a calibration, .* the file of its -o$"):
+        om.load_camera(tmp_path / "found.json")
     with pytest.raises(SpecError, match=r"no sensor file, camera file or bundled sensor 'paper-sperical'; did"):
         om.load_camera("paper-sperical")
     with pytest.raises(InvalidParameter, match="is not a camera that a file holds"):

@@ -33,6 +33,7 @@ from .tables import Places, StandTable, Table, check_entries, class_of, did_you_
 AnyCamera: TypeAlias = Sensor | CalibratedCamera
 
 FORMAT = 1
+NUMBERS_OF_A_CALIBRATION = '"held_out_rms_px":'  # in its JSON
 APART = ("mount", "uncertainty")  # fields of a model that are tables of their own
 
 
@@ -109,8 +110,20 @@ def parse_camera(text: str, source: str = "camera file", folder: Path | None = N
     """
     if is_ocam_text(text):
         return parse_ocam(text, source)
-    data, where = parse_toml(text, source), Places(text, source)
+    try:
+        data, where = parse_toml(text, source), Places(text, source)
+    except SpecError as e:
+        raise SpecError(f"{e}{_hint(text, source)}") from None
     return camera_of(data, where) if "camera" in data else sensor_of(data, where, folder)
+
+
+def _hint(text: str, source: str) -> str:
+    """What to do with a file that is none of ours, as the end of a sentence."""
+    if NUMBERS_OF_A_CALIBRATION in text:
+        return "; it holds the numbers of a calibration, and not its camera, which is in the file of its -o"
+    if Path(source).suffix.lower() in ("", ".toml"):
+        return ""
+    return "; of another program's camera file omnimirror convert makes one of ours"
 
 
 def is_ocam_text(text: str) -> bool:

@@ -245,6 +245,7 @@ WRONG = [
         r"has no distortion_center, which is needed; did you mean distortion_centre",
     ),
     ("a.m", "x = 1;\ni = fisheyeIntrinsics([1 2 3], [4 4]);", r"line 2: fisheyeIntrinsics has 2 arguments in brackets"),
+    (JSON, '{"rms_px": 0.1, "held_out_rms_px": 0.1}', r"holds the numbers of a calibration, and not its camera"),
     ("a.txt", "what is this", r"is not recognised as a camera file"),
 ]
 

@@ -278,9 +278,10 @@ def _fitted(
         if made not in usable
     ]
     if not usable:
-        raise InvalidParameter(
-            f"this camera cannot be converted: {'; '.join(reasons)}; field_deg takes the middle of the field alone"
+        remedy = (
+            "; field_deg takes the middle of the field alone" if any(t.layout.kind in STARTS for t in targets) else ""
         )
+        raise InvalidParameter(f"this camera cannot be converted: {'; '.join(reasons)}{remedy}")
     best = min(usable, key=lambda made: made.largest_px)
     whole_field = [made for made in usable if made.target.layout.reach_deg > np.degrees(seen.omega.max())]
     if whole_field and allowed is not None:  # what serves the whole field goes before what comes closest

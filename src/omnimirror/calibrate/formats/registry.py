@@ -11,6 +11,7 @@ from ...arguments import WrongKind, choice, shown
 from ...errors import InvalidParameter, SpecError
 from ...files import LARGEST_TEXT, read_bytes
 from ...numerics.registry import Registry
+from ...specs.camera_file import NUMBERS_OF_A_CALIBRATION
 from . import colmap, kalibr, matlab, ocamcalib, opencv_fisheye, opencv_omnidir, own, py_ocamcalib, ros
 from .base import CameraFormat, Layout, Reading, Stored
 
@@ -103,6 +104,10 @@ def read_cameras(path: str | Path, reading: Reading, name: str | None = None) ->
         raise SpecError(f"cannot read the camera file {path}: {e.strerror or e}") from None
     if name is None:
         name = next((n for n, f in FORMATS.items() if f.recognises(Path(path).name, data)), None)
+    if name is None and NUMBERS_OF_A_CALIBRATION.encode() in data:
+        raise SpecError(
+            f"{path} holds the numbers of a calibration, and not its camera, which is in the file of its -o"
+        )
     if name is None:
         known = "; ".join(f"{n} ({f.title})" for n, f in FORMATS.items())
         raise SpecError(f"{path} is not recognised as a camera file; say which it is, of {known}")
