@@ -33,6 +33,7 @@ EXTRAS = {
     "handoff": COMMAND.format("rays paper-spherical --step 64 -o rays.exr"),
     "robots": "import omnimirror.handoff.bags, rosbags",
     "webrtc": "import omnimirror.handoff.gateway.server, aiortc",
+    "torch": "import omnimirror as om, omnimirror.torch as t; t.differentiable(om.load_sensor('paper-spherical'))",
     "studio": "from omnimirror.studio.app import create_app; create_app()",
 }
 

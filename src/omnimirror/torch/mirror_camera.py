@@ -1,0 +1,149 @@
+"""A sensor of one mirror and an ordinary lens, whose parts are tensors."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..calibrate.physical.names import DISTANCE, place_of
+from ..sensor import Sensor
+from .cameras import TorchCamera, TorchProjection, TorchRays, pieces_of
+from .distortion import distorted, undistorted
+from .library import Tensor, torch
+from .numbers import Numbers
+from .pieces import Pieces, rate_table
+from .reflection import Components, Learned, SurfaceTable, met_by, seen_by
+
+BROWN = ("lens.k1", "lens.k2", "lens.k3", "lens.p1", "lens.p2")
+EDGE = 0.5 + 1e-9
+
+
+class MirrorCamera(TorchCamera):
+    """Wherever its mirror sits, traced in space; see :func:`omnimirror.torch.differentiable`."""
+
+    def __init__(self, sensor: Sensor, free: dict[str, Tensor], dtype: object, device: object) -> None:
+        self.numbers, self.parameters = Numbers(sensor, free), free
+        self.image_size, self.dtype, self.device = sensor.image_size, dtype, device
+        self.axes = torch.as_tensor(np.ascontiguousarray(sensor._axes), dtype=dtype, device=device)
+        self._surface: tuple[Sensor, SurfaceTable] | None = None
+
+    @property
+    def sensor(self) -> Sensor:
+        """The sensor with its parameters as they are now."""
+        return self.numbers.present()
+
+    def project(self, points_mm: Tensor) -> TorchProjection:
+        return self._projected(points_mm, distant=False)
+
+    def project_directions(self, directions: Tensor) -> TorchProjection:
+        return self._projected(directions, distant=True)
+
+    def backproject(self, pixels: Tensor) -> TorchRays:
+        flat, surface = pixels.reshape(-1, 2), self._present_surface()
+        parts = [self._rays(surface, flat[piece]) for piece in pieces_of(len(flat), flat.device.type)]
+        origins, directions, valid = (torch.cat(part, dim=-1) for part in zip(*parts, strict=True))
+        shape = pixels.shape[:-1]
+        return TorchRays(origins.T.reshape(*shape, 3), directions.T.reshape(*shape, 3), valid.reshape(shape))
+
+    def _projected(self, targets: Tensor, distant: bool) -> TorchProjection:
+        flat, surface = targets.reshape(-1, 3), self._present_surface()
+        parts = [self._image(surface, flat[piece], distant) for piece in pieces_of(len(flat), flat.device.type)]
+        pixels, valid = (torch.cat(part, dim=-1) for part in zip(*parts, strict=True))
+        return TorchProjection(pixels.T.reshape(*targets.shape[:-1], 2), valid.reshape(targets.shape[:-1]))
+
+    def _present_surface(self) -> SurfaceTable:
+        """Tables of the mirror as it is now: made again only after its parameters have changed."""
+        sensor = self.sensor
+        if self._surface is None or self._surface[0] != sensor:
+            self._surface = sensor, self._tabulated(sensor)
+        return self._surface[1]
+
+    def _tabulated(self, sensor: Sensor) -> SurfaceTable:
+        distance = sensor.mirror_distance_mm + sensor.mirror_pose.displacement_mm - sensor.lens.pupil.at_mm
+        surface = SurfaceTable.of(sensor.mirror, distance, self.dtype, self.device)
+        learned = []
+        for name, value in self.parameters.items():
+            if name.startswith("mirror."):
+                rates = rate_table(sensor.mirror, place_of(sensor, name))
+                learned.append(Learned(value, Pieces(rates, self.dtype, self.device)))
+        return replace(surface, learned=tuple(learned))
+
+    # -- from pixels to rays -----------------------------------------------------------------------
+
+    def _rays(self, surface: SurfaceTable, pixels: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Origins (3, n), directions (3, n) and valid (n,) of pixels (n, 2)."""
+        u, v = pixels.unbind(-1)
+        valid = self._in_picture(u, v)
+        if not bool(valid.all()):
+            u, v = (torch.where(valid, a, b) for a, b in zip((u, v), self._middle, strict=True))
+        start, way = self._lens_rays(u, v)
+        met = met_by(surface, start, way)
+        (sx, sy), (x, y, z), valid = met.slopes, way, valid & met.valid
+        twice = 2 * (x * sx + y * sy - z) / (1 + sx * sx + sy * sy)
+        length = torch.rsqrt(x * x + y * y + z * z)
+        away = (x - twice * sx) * length, (y - twice * sy) * length, (z + twice) * length
+        origins = self.axes @ torch.stack(self.numbers.to_camera(met.points))
+        directions = self.axes @ torch.stack(self.numbers.to_camera(away, distant=True))
+        if not bool(valid.all()):
+            origins, directions = (torch.where(valid, part, 0.0) for part in (origins, directions))
+        return origins, directions, valid
+
+    @property
+    def _middle(self) -> tuple[float, float]:
+        """A pixel that sees something, in place of those outside the picture."""
+        width, height = self.image_size
+        return 0.25 * width, 0.5 * height
+
+    def _in_picture(self, u: Tensor, v: Tensor) -> Tensor:
+        width, height = self.image_size
+        return (u >= -EDGE) & (u <= width - 1 + EDGE) & (v >= -EDGE) & (v <= height - 1 + EDGE)
+
+    def _lens_rays(self, u: Tensor, v: Tensor) -> tuple[Components, Components]:
+        """Origins and directions from the lens, components in the mirror's frame."""
+        numbers, lens = self.numbers, self.numbers.sensor.lens
+        if numbers.sensor.mount.image_flipped:
+            u = self.image_size[0] - 1 - u
+        scale = numbers.pitch_mm / numbers.image_scale
+        x, y = ((a - numbers[f"imager.centre_px[{k}]"]) * scale for k, a in enumerate((u, v)))
+        if lens.TELECENTRIC:
+            ahead = tuple(-a for a in numbers.pupil)
+            before = -2 * numbers.sensor.mirror.rim_radius_mm
+            return numbers.to_mirror((x, y, before)), tuple(a + 0 * x for a in ahead)
+        if not numbers.fixed(*BROWN):
+            x, y = undistorted(x, y, [numbers[name] for name in BROWN])
+        return numbers.pupil, numbers.to_mirror((x, y, torch.ones_like(x)), distant=True)
+
+    # -- from the world to pixels ------------------------------------------------------------------
+
+    def _image(self, surface: SurfaceTable, targets: Tensor, distant: bool) -> tuple[Tensor, Tensor]:
+        """Pixels (2, n) and valid (n,) of targets (n, 3)."""
+        turned = self.axes.T @ targets.T
+        valid = torch.isfinite(turned.detach().sum(dim=0))
+        if distant:
+            valid = valid & (turned != 0).any(dim=0)
+        if not bool(valid.all()):
+            turned = self.axes.T @ torch.where(valid, targets.T, self.axes.new_tensor([[1e3], [1e3], [0.0]]))
+        components = turned.unbind(0)
+        if distant:
+            length = torch.rsqrt(sum(part * part for part in components))
+            components = tuple(part * length for part in components)
+        numbers, telecentric = self.numbers, self.numbers.sensor.lens.TELECENTRIC
+        met = seen_by(surface, numbers.pupil, numbers.to_mirror(components, distant), telecentric, distant)
+        u, v, before = self._lens_image(numbers.to_camera(met.points))
+        valid, pixels = valid & met.valid & before & self._in_picture(u, v), torch.stack([u, v])
+        return (pixels if bool(valid.all()) else torch.where(valid, pixels, 0.0)), valid
+
+    def _lens_image(self, point: Components) -> Components:
+        """Columns and rows of points of the camera frame, and whether they are before the lens."""
+        numbers, lens = self.numbers, self.numbers.sensor.lens
+        x, y, z = point
+        before = torch.ones_like(x, dtype=torch.bool)
+        if not lens.TELECENTRIC:
+            depth = z + numbers[DISTANCE] - lens.pupil.at_mm
+            x, y, before = x / depth, y / depth, depth > 0
+            if not numbers.fixed(*BROWN):
+                x, y = distorted(x, y, [numbers[name] for name in BROWN])
+        scale = numbers.image_scale / numbers.pitch_mm
+        u, v = (a * scale + numbers[f"imager.centre_px[{k}]"] for k, a in enumerate((x, y)))
+        return (self.image_size[0] - 1 - u if numbers.sensor.mount.image_flipped else u), v, before
