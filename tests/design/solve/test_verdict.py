@@ -87,3 +87,30 @@ def test_what_cannot_be_judged_is_said():
             om.judge(WANTED, odd)
         with pytest.raises(OmnimirrorError, match=r"^requirements = .* is not requirements"):
             om.judge(odd, SPHERE)
+
+
+@pytest.mark.parametrize(
+    ("focal", "theta", "radius_px", "image_px"),
+    [
+        (11.6, (8.0, 11.0), None, 11.0),  # the imager would be filled at 12.1 deg
+        (11.6, (8.0, 14.0), 512.0, None),
+        ((8.0, 10.0), 12.0, None, 10.0),  # and at 12 deg by a focal length of 11.7 mm
+        ((8.0, 20.0), 12.0, 512.0, None),
+    ],
+)
+def test_what_fills_the_imager_stays_within_its_range(focal, theta, radius_px, image_px):
+    asked = om.Requirements(
+        field=om.FieldRequirements(omega_max_deg=120),
+        mirror=om.MirrorRequirements(family="sphere", rim_radius_mm=40),
+        lens=om.LensRequirements(focal_length_mm=focal, theta_max_deg=theta, f_number=4),
+    )
+    found = om.design_sensor(asked)
+    assert found.is_met, found.verdict.missed
+    sensor = found.sensor
+    if radius_px is not None:
+        assert sensor.rim_radius_px == pytest.approx(radius_px, abs=0.02)
+        return
+    ends = {"theta": np.degrees(sensor.meridian.theta_max), "focal": sensor.lens.focal_length_mm}
+    assert ends["theta" if isinstance(theta, tuple) else "focal"] == pytest.approx(image_px, rel=1e-9)
+    assert sensor.rim_radius_px < 511
+    assert any("the imager is not filled" in note for note in found.notes)

@@ -23,7 +23,7 @@ from ...specs import EntryError, NoFile, Places, Table, housing_tables, lens_tab
 from ...thermal import Thermal
 from .consistency import check_consistency
 from .limits import Limit
-from .ranges import Range, between
+from .ranges import Range, between, is_free
 
 FARTHEST_FOCUS = 1e7
 """mm; what a focus at infinity stands for."""
@@ -262,10 +262,10 @@ class LensRequirements(Entries):
 
     @property
     def fills_imager(self) -> bool:
-        """Whether what is not given of the lens makes the rim fill the imager, wherever it is focused."""
+        """Whether what is not given of the lens makes the rim fill the imager, as far as its range allows."""
         if self.is_telecentric:
             return self.magnification is None
-        return self.theta_max_deg is None or self.focal_length_mm is None
+        return any(value is None or is_free(value) for value in (self.theta_max_deg, self.focal_length_mm))
 
 
 @dataclass(frozen=True, kw_only=True)

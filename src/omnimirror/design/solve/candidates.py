@@ -222,21 +222,27 @@ def _next(steps: list[tuple[float, float]]) -> float:
 
 
 def viewing(settled: Requirements, nearness: float) -> tuple[float, float]:
-    """Theta (deg) and focal length (mm): as given, or so that the rim fills the imager at a focus 1/L0."""
+    """Theta (deg) and focal length (mm): as given, or so that the rim fills the imager at a focus 1/L0.
+
+    What fills it and has a range goes no higher than that, so that the image is smaller; lower it may, where the image
+    would be too large, and is missed then.
+    """
     radius, lens = _imager_radius_mm(settled), settled.lens
-    if lens.optics is not None and lens.theta_max_deg is None:
+    theta, focal = ends_or_none(lens.theta_max_deg), ends_or_none(lens.focal_length_mm)
+    if focal is None or (is_free(focal) and not is_free(theta)):
+        assert theta is not None
+        filling = radius / (np.tan(np.radians(theta[0])) + radius * nearness)
+        return theta[0], float(filling if focal is None else min(filling, focal[1]))
+    if theta is not None and not is_free(theta):
+        return theta[0], focal[0]
+    if lens.optics is not None:
         field = lens.optics.focused_at(_focus_at(settled, nearness)).field
         tangent = float(field.tangent_of(np.array([radius]))[0])
         tangent = field.end if np.isnan(tangent) else tangent  # the imager is larger than what the lens shows
-        return float(np.degrees(np.arctan(tangent))), lens.optics.focal_length_mm
-    if lens.focal_length_mm is None:
-        assert lens.theta_max_deg is not None
-        theta = ends(lens.theta_max_deg)[0]
-        return theta, float(radius / (np.tan(np.radians(theta)) + radius * nearness))
-    focal = ends(lens.focal_length_mm)[0]
-    if lens.theta_max_deg is not None:
-        return ends(lens.theta_max_deg)[0], focal
-    return float(np.degrees(np.arctan(radius * (1 / focal - nearness)))), focal
+    else:
+        tangent = radius * (1 / focal[0] - nearness)
+    filling = float(np.degrees(np.arctan(tangent)))
+    return (filling if theta is None else min(filling, theta[1])), focal[0]
 
 
 def sketched(settled: Requirements, nearness: float) -> Sensor:

@@ -165,7 +165,7 @@ class GeneratedSpace:
         lens, settled = self.requirements.lens, self.settled.lens
         keys: list[Key] = [*range(len(self.requirements.limits)), "omega_min_deg"]
         keys += [] if settled.fills_imager else [IMAGE]
-        follow = (n for n in OF_LENS if getattr(settled, n) is None and getattr(lens, n) is not None)
+        follow = (n for n in OF_LENS if getattr(lens, n) is not None and ranges_of(self.requirements)[n] is None)
         return (*keys, *follow)
 
     def freed(self, ranges: dict[str, Span]) -> GeneratedSpace:

@@ -23,7 +23,7 @@ from ..optimise.objective import Key, Slack
 from .candidates import Candidate, make, mapping_deviation_px
 from .generated import AREA, SEARCHED, GeneratedSpace, free_of, ranges_of
 from .space import BestDesign, Say
-from .verdict import Verdict, evaluations, judge
+from .verdict import EDGE_PX, Verdict, evaluations, judge
 
 GRID = {1: 9, 2: 4, 3: 3, 4: 2, 5: 2}  # points per free number, by how many are free
 INFEASIBLE = 1e6  # deg2, more than any floored blur area: what misses something given comes after all that keep it
@@ -54,8 +54,8 @@ class RangeSearch:
         return free_of(self.ranges)
 
     def middle(self) -> Requirements:
-        """The requirements settled in the middle of all ranges."""
-        middles = {name: None if s is None else (s[0] + s[1]) / 2 for name, s in self.ranges.items()}
+        """The requirements settled in the middle of all ranges; what follows from the others keeps its range."""
+        middles = {name: (s[0] + s[1]) / 2 for name, s in self.ranges.items() if s is not None}
         return self.requirements.changed(**middles)
 
     def judged(self, settled: Requirements) -> Ranked:
@@ -154,11 +154,12 @@ def _notes(search: RangeSearch, made: Candidate) -> tuple[str, ...]:
     for name, (low, high) in search.free.items():
         notes.append(f"{name} = {chosen[name]:.6g}, chosen between {low:g} and {high:g}")
     if isinstance(sensor.lens, GaussianLens):
+        fills = sensor.rim_radius_px > requirements.largest_image_px - EDGE_PX
+        where = "where the rim fills the imager" if fills else "the end of its range, where the imager is not filled"
         if search.ranges["theta_max_deg"] is None:
-            theta = float(np.degrees(sensor.meridian.theta_max))
-            notes.append(f"theta_max_deg = {theta:.6g}, where the rim fills the imager")
+            notes.append(f"theta_max_deg = {float(np.degrees(sensor.meridian.theta_max)):.6g}, {where}")
         elif search.ranges["focal_length_mm"] is None:
-            notes.append(f"focal_length_mm = {sensor.lens.focal_length_mm:.6g}, where the rim fills the imager")
+            notes.append(f"focal_length_mm = {sensor.lens.focal_length_mm:.6g}, {where}")
     if requirements.lens.focus_mm is None or is_free(requirements.lens.focus_mm):
         is_sharpness = any(limit.of.is_sharpness for limit in requirements.limits)
         why = "the limits of blur are kept best" if is_sharpness else "the worst floored blur area is least"
