@@ -18,6 +18,7 @@ from tests.commands import omnimirror
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+RUN_ELSEWHERE = {"gallery.md"}  # tests/test_gallery.py
 
 
 def blocks(page: Path, language: str) -> list[str]:
@@ -25,7 +26,9 @@ def blocks(page: Path, language: str) -> list[str]:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("page", [p for p in PAGES if blocks(p, "python")], ids=lambda p: p.name)
+@pytest.mark.parametrize(
+    "page", [p for p in PAGES if blocks(p, "python") and p.name not in RUN_ELSEWHERE], ids=lambda p: p.name
+)
 def test_python_examples_run_in_order_and_print_what_is_shown(page, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     write_files(page, tmp_path)

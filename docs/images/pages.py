@@ -1,4 +1,4 @@
-"""Make the pictures of README.md and of the pages on simulating, mappings, drawings and trade-offs.
+"""Make the pictures of the pages on simulating, mappings, drawings and trade-offs.
 
 python docs/images/pages.py [NAME ...]
 
@@ -26,10 +26,6 @@ WHITE = (255, 255, 255)
 STREET = "--support rod --support-diameter-mm 3 --support-end-diameter-mm 6 --reflectivity aluminium"
 DOME = "--support dome --camera-diameter-mm 40"
 COMMANDS: dict[str, tuple[str, ...]] = {
-    "room.jpg": (
-        "simulate paper-spherical --scene room --spp 16 -o circle.png",
-        "dewarp circle.png --sensor paper-spherical --view panorama --size 1200x -o panorama.png",
-    ),
     "scenes.jpg": (
         f"simulate paper-spherical --scene street {STREET} --spp 16 -o street.png --panorama panorama.png",
         f"simulate paper-equidistant --scene hall {DOME} --spp 16 -o hall.png",
@@ -46,7 +42,6 @@ COMMANDS: dict[str, tuple[str, ...]] = {
     ),
 }
 ROWS: dict[str, tuple[tuple[str, ...], ...]] = {
-    "room.jpg": (("circle.png", "panorama.png"),),
     "scenes.jpg": (("street.png", "hall.png"), ("panorama.png",)),
     "drawing.png": (("drawing.png", "drawing-mirror.png"),),
     "folded-drawing.png": (("drawing.png", "drawing-mirror.png", "drawing-secondary.png"),),
@@ -55,7 +50,7 @@ ROWS: dict[str, tuple[tuple[str, ...], ...]] = {
 }
 """What stands beside each other and below each other."""
 WIDTHS = {
-    "room.jpg": 1650, "scenes.jpg": 1200, "drawing.png": 1500, "folded-drawing.png": 1984, "mappings.png": 1440,
+    "scenes.jpg": 1200, "drawing.png": 1500, "folded-drawing.png": 1984, "mappings.png": 1440,
     "front.png": 1036,
 }  # fmt: skip
 

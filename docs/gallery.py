@@ -1,0 +1,79 @@
+"""The gallery: its page, put together from the examples in gallery/, and their pictures.
+
+    python docs/gallery.py [NAME ...]
+
+Each example is a program of under thirty lines that writes a picture, named as it is, into the folder where it is run.
+Without names all pictures are made anew; the page always is.
+"""
+
+from __future__ import annotations
+
+import ast
+import os
+import subprocess
+import sys
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import cv2
+
+from omnimirror.media import read_image
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGE, PICTURES = ROOT / "docs" / "gallery.md", ROOT / "docs" / "images" / "gallery"
+SECTIONS = {
+    "evaluate": "Evaluate",
+    "design": "Design",
+    "simulate": "Simulate",
+    "straighten": "Straighten, and hand over",
+    "build": "Build, measure and calibrate",
+}
+WIDTH, QUALITY = 600, 80  # of pictures on the page: px and WebP's scale
+INTRODUCTION = """# Gallery
+
+Small programs, each with the picture that it writes. They stand in `gallery/`, and the tests run them; take
+one and change it: `python gallery/straighten/panorama.py`.
+"""
+
+
+def examples() -> list[Path]:
+    """The programs, in the order of the page."""
+    return [path for folder in SECTIONS for path in sorted((ROOT / "gallery" / folder).glob("*.py"))]
+
+
+def page() -> str:
+    """The page's text."""
+    parts, folder = [INTRODUCTION], ""
+    for path in examples():
+        if path.parent.name != folder:
+            folder = path.parent.name
+            parts.append(f"## {SECTIONS[folder]}\n")
+        source = path.read_text(encoding="utf-8")
+        title = (ast.get_docstring(ast.parse(source)) or "").rstrip(".")
+        code = source.split('"""\n', 2)[-1].strip()
+        name = path.stem.replace("_", " ").capitalize()
+        parts.append(
+            f"### {name}\n\n{title}:\n\n![{title}](images/gallery/{path.stem}.webp)\n\n```python\n{code}\n```\n"
+        )
+    return "\n".join(parts)
+
+
+def make_picture(example: Path) -> None:
+    """Run an example, and put its picture, scaled to the page, beside the others."""
+    with TemporaryDirectory() as folder:
+        drawn = {**os.environ, "MPLBACKEND": "Agg"}
+        subprocess.run([sys.executable, example], cwd=folder, check=True, env=drawn)
+        picture = read_image(Path(folder) / f"{example.stem}.png")[..., :3]
+    height, width = picture.shape[:2]
+    if width > WIDTH:
+        picture = cv2.resize(picture, (WIDTH, round(height * WIDTH / width)), interpolation=cv2.INTER_AREA)
+    PICTURES.mkdir(exist_ok=True)
+    _, data = cv2.imencode(".webp", picture[..., ::-1], [cv2.IMWRITE_WEBP_QUALITY, QUALITY])
+    (PICTURES / f"{example.stem}.webp").write_bytes(data.tobytes())
+
+
+if __name__ == "__main__":
+    for path in examples():
+        if path.stem in sys.argv[1:] or not sys.argv[1:]:
+            make_picture(path)
+    PAGE.write_text(page(), encoding="utf-8")

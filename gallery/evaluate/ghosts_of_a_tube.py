@@ -1,0 +1,16 @@
+"""What a glass tube adds: how much light it throws back into the picture, and where that comes from."""
+
+from dataclasses import replace
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+import omnimirror as om
+from omnimirror.housing import Housing, Tube
+
+sensor = replace(om.load_sensor("paper-spherical"), housing=Housing(shell=Tube(120.0)))
+found = om.ghosts(sensor, np.arange(20, 131, 2.0))
+figure, ax = plt.subplots(figsize=(7, 4))
+ax.plot(found.omega_deg, found.ghost_percent, "o-", ms=3)
+ax.set(xlabel="field angle of what is seen, deg", ylabel="light of the ghost that lies over it, %")
+figure.savefig("ghosts_of_a_tube.png", bbox_inches="tight")

@@ -1,0 +1,16 @@
+"""The picture of a star at three field angles, diffraction included (its light on a logarithmic scale)."""
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+import omnimirror as om
+
+sensor = om.load_sensor("paper-hyperboloidal")
+focus = om.best_focus(sensor).focus_mm
+figure, axes = plt.subplots(1, 3, figsize=(8, 3))
+for ax, omega in zip(axes, [20, 70, 120], strict=True):
+    star = om.psf(sensor, omega, focus_mm=focus, width_px=12)
+    ax.pcolormesh(star.offset_px, star.offset_px, np.log10(star.density / star.density.max() + 1e-4), cmap="inferno")
+    ax.set(title=f"{omega}°, Strehl {star.strehl:.2f}", aspect="equal")
+figure.supxlabel("px, away from the axis")
+figure.savefig("point_spread.png", bbox_inches="tight")

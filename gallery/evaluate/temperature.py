@@ -1,0 +1,20 @@
+"""A cold winter and a hot summer: how far the picture moves when mirror and spacer expand."""
+
+from dataclasses import replace
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+import omnimirror as om
+
+figure, ax = plt.subplots(figsize=(7, 4))
+degrees = np.arange(-20, 61, 10.0)
+for mirror, spacer in (("acrylic", "aluminium"), ("aluminium", "acrylic"), ("aluminium", "aluminium")):
+    parts = om.Thermal(mirror_material=mirror, spacer_material=spacer, mount_material="aluminium")
+    sensor = replace(om.load_sensor("paper-spherical"), thermal=parts)
+    ax.plot(
+        degrees, [om.thermal_motion_px(sensor, t) for t in degrees], "o-", label=f"{mirror} mirror, {spacer} spacer"
+    )
+ax.set(xlabel="temperature, °C", ylabel="largest motion in the picture, px")
+ax.legend()
+figure.savefig("temperature.png", bbox_inches="tight")

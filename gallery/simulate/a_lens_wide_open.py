@@ -1,0 +1,16 @@
+"""The same hall at F/16 and wide open at F/1.4: the sharp zone of a mirror is a ring."""
+
+from dataclasses import replace
+
+import numpy as np
+
+import omnimirror as om
+from omnimirror.imagers import Imager
+
+sensor = replace(om.load_sensor("paper-hyperboloidal"), imager=Imager(400, 400, 13.3))
+hall = om.load_scene("hall")
+halves = []
+for f_number in (16.0, 1.4):
+    built = replace(sensor, lens=replace(sensor.lens, f_number=f_number))
+    halves.append(om.take_picture(built, hall, samples=16, blur=True))
+om.write_image("a_lens_wide_open.png", np.hstack(halves))

@@ -1,0 +1,10 @@
+"""Six faces of a cube, as game engines want a surrounding."""
+
+from dataclasses import replace
+
+import omnimirror as om
+from omnimirror.imagers import Imager
+
+sensor = replace(om.load_sensor("paper-spherical"), imager=Imager(640, 640, 8.32))
+circle = om.take_picture(sensor, om.Room(), samples=8)
+om.write_image("cube_map.png", om.Dewarper(sensor, om.screens.CubeMap((800, 600)))(circle))

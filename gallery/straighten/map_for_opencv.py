@@ -1,0 +1,16 @@
+"""Hand a view to OpenCV: one map, and cv2.remap does the rest."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+
+import omnimirror as om
+from omnimirror.imagers import Imager
+
+sensor = replace(om.load_sensor("paper-spherical"), imager=Imager(640, 640, 8.32))
+circle = om.take_picture(sensor, om.Room(), samples=8)
+view = om.screens.Plane((600, 400), pan_deg=60, hfov_deg=80)
+x, y = np.moveaxis(om.view_map(sensor, view).straighten.astype(np.float32), -1, 0)
+straight = cv2.remap(circle, x, y, cv2.INTER_LINEAR)
+om.write_image("map_for_opencv.png", straight)

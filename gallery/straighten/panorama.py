@@ -1,0 +1,11 @@
+"""All around, straightened: the panorama of a mirror's picture."""
+
+from dataclasses import replace
+
+import omnimirror as om
+from omnimirror.imagers import Imager
+
+sensor = replace(om.load_sensor("paper-spherical"), imager=Imager(640, 640, 8.32))
+circle = om.take_picture(sensor, om.load_scene("street"), samples=4)
+around = om.Dewarper(sensor, om.views.panorama(sensor, (1200, None)))
+om.write_image("panorama.png", around(circle))

@@ -1,0 +1,11 @@
+"""The floor as a map: every pixel of the plan is 5 mm, by the mirror's true reflection."""
+
+from dataclasses import replace
+
+import omnimirror as om
+from omnimirror.imagers import Imager
+
+sensor = replace(om.load_sensor("paper-spherical"), imager=Imager(640, 640, 8.32))
+circle = om.take_picture(sensor, om.Room(), samples=8)
+plan = om.screens.Ground((600, 600), height_mm=1200, mm_per_px=5.0)
+om.write_image("plan_of_the_floor.png", om.Dewarper(sensor, plan)(circle))

@@ -1,0 +1,14 @@
+"""Out of focus at F/1.4, and sharper again: the blur of every place in the picture is known."""
+
+from dataclasses import replace
+
+import numpy as np
+
+import omnimirror as om
+from omnimirror.imagers import Imager
+
+sensor = replace(om.load_sensor("paper-spherical"), imager=Imager(320, 320, 16.64))
+sensor = replace(sensor, lens=replace(sensor.lens, f_number=1.4))
+blurred = om.take_picture(sensor, om.load_scene("hall"), samples=16, blur=True)
+look = om.Dewarper(sensor, om.screens.Plane((400, 300), pan_deg=20, tilt_deg=-15, hfov_deg=80))
+om.write_image("restored.png", np.hstack([look(blurred), look(om.restore(sensor, blurred))]))
