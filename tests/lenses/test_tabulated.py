@@ -194,3 +194,82 @@ def test_a_design_like_another_sensors_has_its_real_lens():
     assert found.field_deg[1] == pytest.approx(table.field_deg[1], abs=1e-6)
     assert found.mirror.radius_mm == pytest.approx(table.mirror.radius_mm, rel=1e-4)
     assert found.mirror_distance_mm == pytest.approx(ideal.mirror_distance_mm, rel=1e-4)
+
+
+# -- a barrel ------------------------------------------------------------------------------------------------------
+
+
+BARREL, AHEAD = 5.4, 12.0  # mm across, before the pupil
+SEEN = 31  # rows of the table, up to 15 deg
+
+
+def barrelled(sensor, **more):
+    _, whole = faultless(sensor, pupil=6.0)
+    columns = ("field_deg", "image_height_mm", "entrance_pupil_mm")
+    table = replace(whole, lens=replace(whole.lens, **{name: getattr(whole.lens, name)[:SEEN] for name in columns}))
+    given = {"barrel_diameter_mm": BARREL, "barrel_mm": 6.0 + AHEAD, **more}
+    return table, replace(table, lens=replace(table.lens, **given))
+
+
+def passing(lens, tangent, side=1201):
+    """Points (n, 2) of the pupil, in its radii, whose rays to a point in focus pass the barrel, and of how many."""
+    u = np.linspace(-1, 1, side)
+    disk = np.stack(np.meshgrid(u, u), axis=-1).reshape(-1, 2)
+    disk = disk[np.hypot(*disk.T) <= 1]
+    distance = lens.focus_distance_mm - 6.0
+    point = np.array([tangent * distance, 0.0])
+    start = disk * lens.aperture_radius
+    there = start + (point - start) * AHEAD / distance
+    return disk[np.hypot(*there.T) <= BARREL / 2], len(disk)
+
+
+def test_a_barrel_leaves_what_straight_rays_say():
+    bare, cut = barrelled(om.load_sensor("paper-spherical"))
+    angles = np.array([20.0, 60.0, 90.0, 120.0, 134.0])
+    theta = np.tan(np.radians(om.evaluate(bare, angles).theta_deg))
+    plain, dimmed = (om.evaluate(s, angles) for s in (bare, cut))
+    light = np.array([om.illumination(s, angles).relative for s in (bare, cut)])
+    shares = []
+    for k, tangent in enumerate(theta):
+        left, count = passing(cut.lens, tangent)
+        shares.append(len(left) / count)
+        widths = np.ptp(left, axis=0) / 2
+        assert dimmed.blur_t_px[k] / plain.blur_t_px[k] == pytest.approx(widths[0], abs=0.02)
+        assert dimmed.blur_s_px[k] / plain.blur_s_px[k] == pytest.approx(widths[1], abs=0.02)
+        points = cut.lens.entrance_pupil_points(np.array([[1.0, 0.0], [-1.0, 0.0]]), np.array([[tangent, 0.0]]))
+        ends = points[:, 0] / cut.lens.aperture_radius
+        assert ends == pytest.approx([left[:, 0].max(), left[:, 0].min()], abs=0.02)
+    assert light[1] / light[0] == pytest.approx(shares, abs=0.01)
+    assert shares[0] == 1.0
+    assert shares[-1] < 0.6  # it matters
+    narrow, wide = (om.spots(s, [130.0], focus_mm=190.0).extent_px()[0].item() for s in (cut, bare))
+    out_of_focus = [om.evaluate(s, [130.0], focus_mm=190.0).blur_t_px[0] for s in (cut, bare)]
+    assert narrow / wide == pytest.approx(out_of_focus[0] / out_of_focus[1], abs=0.02)
+    assert narrow / wide < 0.9
+
+
+def test_pictures_are_dimmed_by_it():
+    from omnimirror.simulate import Radiometry
+    from tests.simulate.rendering.test_wavelengths import Stripes
+
+    bare, cut = (
+        replace(s, imager=replace(s.imager, width_px=64, height_px=64, pixel_pitch_um=83.2))
+        for s in barrelled(om.load_sensor("paper-spherical"))
+    )
+    taken = [om.expose(s, Stripes(), samples=2, radiometry=Radiometry(vignetting=1.0))[32, :, 0] for s in (bare, cut)]
+    edge = slice(2, 5)
+    assert taken[1][edge].sum() < 0.75 * taken[0][edge].sum()
+    assert taken[1][32] == pytest.approx(taken[0][32], rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("entries", "sentence"),
+    [
+        ({"barrel_diameter_mm": 2.0}, "cuts the bundle on the axis"),
+        ({"barrel_mm": 60.0}, "lets no light through at"),
+        ({"barrel_mm": 300.0}, "cuts the bundle on the axis"),
+    ],
+)
+def test_barrels_that_cut_everything_off_are_refused(entries, sentence):
+    with pytest.raises(OmnimirrorError, match=sentence):
+        barrelled(om.load_sensor("paper-spherical"), **entries)

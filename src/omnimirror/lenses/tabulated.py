@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -57,6 +57,9 @@ class TabulatedLens(FieldLens):
         From the reference point towards the mirror; the reference point itself by default.
     table_focus_mm : mm
         Focus that the table holds at; that which the lens is made with by default.
+    barrel_diameter_mm, barrel_mm : mm
+        Clear diameter of a barrel or a hood that cuts bundles off, and the place of its front from the reference point
+        towards the mirror; none by default. Where ``relative_illumination`` is given it is in that already.
 
     Raises
     ------
@@ -90,6 +93,8 @@ class TabulatedLens(FieldLens):
     lateral_colour_long_mm: tuple[float, ...] | None = None
     principal_point_mm: float = 0.0
     table_focus_mm: float | None = None
+    barrel_diameter_mm: float | None = None
+    barrel_mm: float = 0.0
 
     KIND: ClassVar[str] = "table"
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
@@ -99,6 +104,8 @@ class TabulatedLens(FieldLens):
         **COLUMNS,
         "principal_point_mm": Parameter("mm", -1e4, 1e4, "from the reference point towards the mirror"),
         "table_focus_mm": Parameter("mm", 1e-3, 1e7, "focus that the table holds at, its own by default"),
+        "barrel_diameter_mm": Parameter("mm", 1e-3, 1e4, "clear diameter of a barrel or hood, none by default"),
+        "barrel_mm": Parameter("mm", -1e4, 1e4, "its front, from the reference point towards the mirror"),
     }  # fmt: skip
 
     def __post_init__(self) -> None:
@@ -187,16 +194,71 @@ def _field_of(lens: TabulatedLens) -> LensField:
     bend_t, bend_s = _of_defocus(tangent, behind, scale_t, scale_s)
     vergence_t = vergence - column["field_curvature_t_mm"] * bend_t
     vergence_s = vergence - column["field_curvature_s_mm"] * bend_s
-    light = (1 + tangent**2) ** -2 if lens.relative_illumination is None else np.array(lens.relative_illumination)
-    one = np.ones_like(tangent)
+    left = _left_by_barrel(lens, tangent, pupil, vergence)
+    light = (1 + tangent**2) ** -2 * left.area
+    if lens.relative_illumination is not None:
+        light = np.array(lens.relative_illumination)
     return LensField(
         FieldNodes(
             tangent, height, pupil, vergence_t, vergence_s, scale_t, scale_s,
-            one, one, nothing, light, column["own_blur_t_mm"], column["own_blur_s_mm"],
+            left.width_t, left.width_s, left.shift_t, light, column["own_blur_t_mm"], column["own_blur_s_mm"],
             column["lateral_colour_short_mm"], column["lateral_colour_long_mm"],
         ),
         "the lens's table",
     )  # fmt: skip
+
+
+class _Opening(NamedTuple):
+    """What a barrel leaves of the entrance pupil at n angles, over its radius on the axis and its area there."""
+
+    width_t: Array
+    width_s: Array
+    shift_t: Array
+    area: Array
+
+
+def _left_by_barrel(lens: TabulatedLens, tangent: Array, pupil: Array, vergence: Array) -> _Opening:
+    """The part of the pupil whose rays pass the barrel: what two circles have in common.
+
+    A ray of slope ``t - y v`` through a point y of the pupil crosses the barrel's front, a before the pupil, at
+    ``y (1 - a v) + a t``.
+
+    Raises
+    ------
+    InvalidParameter
+        The barrel is narrower than the pupil seen through it, or lets nothing through at an angle of the table.
+    """
+    one = np.ones_like(tangent)
+    if lens.barrel_diameter_mm is None:
+        return _Opening(one, one, 0 * one, one)
+    ahead = lens.barrel_mm - pupil
+    narrowing = 1 - ahead * vergence
+    radius = lens.barrel_diameter_mm / 2 / narrowing / lens.aperture_radius
+    centre = -ahead * tangent / narrowing / lens.aperture_radius
+    if not (narrowing > 0).all() or radius[0] < 1:
+        raise InvalidParameter(
+            f"barrel_diameter_mm = {lens.barrel_diameter_mm:g} at barrel_mm = {lens.barrel_mm:g} cuts the bundle on "
+            "the axis, which f_number says; a wider barrel, or one before what is in focus, is valid"
+        )
+    low, high = np.maximum(-1.0, centre - radius), np.minimum(1.0, centre + radius)
+    if (high <= low).any():
+        angle = lens.field_deg[int(np.argmax(high <= low))]
+        raise InvalidParameter(f"the barrel lets no light through at {angle:g} deg; the table is valid up to less")
+    distance = np.abs(centre)
+    whole = distance <= radius - 1
+    d = np.where(whole, 1.0, distance)
+    ours = np.clip((1 + d**2 - radius**2) / (2 * d), -1.0, 1.0)  # of the line through both crossings, from our centre
+    theirs = np.clip((d - ours) / radius, -1.0, 1.0)
+    chord = np.sqrt(1 - ours**2)
+    common = np.arccos(ours) - ours * chord + radius**2 * (np.arccos(theirs) - theirs * np.sqrt(1 - theirs**2))
+    # the widest across: of the whole circle if its middle is left, else of the common lens's edges
+    across = np.where(ours <= 0, 1.0, np.where(theirs <= 0, np.minimum(radius, 1.0), chord))
+    return _Opening(
+        (high - low) / 2,
+        np.where(whole, 1.0, across),
+        (high + low) / 2,
+        np.where(whole, 1.0, common / np.pi),
+    )
 
 
 def _of_defocus(tangent: Array, behind: Array, scale_t: Array, scale_s: Array) -> tuple[Array, Array]:
