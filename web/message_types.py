@@ -11,10 +11,11 @@ from pydantic.json_schema import models_json_schema
 
 from omnimirror.studio import messages
 from omnimirror.studio.bench import messages as bench
+from omnimirror.studio.bench import tolerance_messages as tolerances
 from omnimirror.studio.calibrate import messages as calibrate
 from omnimirror.studio.look import messages as look
 
-MODULES = (messages, look, bench, calibrate)
+MODULES = (messages, look, bench, tolerances, calibrate)
 WRITTEN = Path(__file__).parent / "src" / "shared" / "messages.ts"
 HEAD = "// Made by web/message_types.py from the server's messages; not to be edited.\n"
 SIMPLE = {"string": "string", "number": "number", "integer": "number", "boolean": "boolean", "null": "null"}
@@ -54,7 +55,8 @@ def _type(kind: dict[str, Any]) -> str:
     if kind["type"] == "array":
         if "prefixItems" in kind:
             return f"[{', '.join(_type(k) for k in kind['prefixItems'])}]"
-        return f"{_type(kind['items'])}[]"
+        items = _type(kind["items"])
+        return f"({items})[]" if " | " in items else f"{items}[]"
     return SIMPLE[kind["type"]]
 
 

@@ -5,12 +5,13 @@ import sheet from "./bench.css?inline";
 import { fromAddress } from "./designs/address";
 import { kept } from "./designs/kept";
 import type { Host } from "./host";
+import tolerancesSheet from "./tolerances/tolerances.css?inline";
 
 const FIRST = "paper-spherical";
 
 /** Make the bench in its place: with the design of the address, the one that was kept, or the paper's. */
 export async function begin(host: Host): Promise<Bench> {
-  for (const text of [uplotSheet, sheet]) {
+  for (const text of [uplotSheet, sheet, tolerancesSheet]) {
     const made = new CSSStyleSheet();
     made.replaceSync(text);
     document.adoptedStyleSheets = [...document.adoptedStyleSheets, made];

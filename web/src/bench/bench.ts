@@ -11,6 +11,7 @@ import { Form } from "./panels/form";
 import { RequirementsPanel } from "./panels/requirements";
 import { WorkPanel } from "./panels/work";
 import { Desk } from "./plots/desk";
+import { TolerancesPanel } from "./tolerances/panel";
 import { Toolbar } from "./toolbar";
 
 const OWN = "design";
@@ -29,6 +30,7 @@ export class Bench {
   private readonly form: Form;
   private readonly requirements: RequirementsPanel;
   private readonly work: WorkPanel;
+  private readonly tolerances: TolerancesPanel;
   private readonly toolbar: Toolbar;
 
   constructor(private readonly host: Host, private readonly parts: BenchStart, first: Design) {
@@ -52,7 +54,9 @@ export class Bench {
     this.form = new Form(panel("Sensor"), parts, hands);
     this.requirements = new RequirementsPanel(panel("Requirements"), parts, hands);
     this.work = new WorkPanel(panel("Optimise"), parts, { ...hands, take: (found) => this.takeFound(found) });
+    this.tolerances = new TolerancesPanel(panel("Tolerances"), () => this.history.now, (design) => this.desk.showPicture(design));
     this.desk = new Desk(host.place, parts.columns, { take: (i) => this.takePin(i), drop: (i) => this.dropPin(i) }, () => this.plotsChosen());
+    this.desk.lead(this.tolerances.charts.element);
     host.place.append(aside, this.desk.element);
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.draw());
     this.answers = new Answers((found) => this.answered(found), (isAway) => host.banner(isAway && host.isShown() ? AWAY : null, "server"));
@@ -216,7 +220,8 @@ export class Bench {
       this.form.show(complete);
     }
     this.requirements.judge(found.rows, found.requirements_trouble);
-    this.desk.showPicture(this.history.now);
+    this.desk.showPicture(this.tolerances.pictured(this.history.now));
+    this.tolerances.follow();
   }
 
   private draw(): void {

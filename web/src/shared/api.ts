@@ -1,5 +1,5 @@
 import { pack, unpack } from "./framing";
-import type { BenchSensor, BenchStart, BoardLook, BoardSeen, CalibrateStart, CameraAsk, CameraShown, Change, Download, Opened, PictureAsk, RequirementFile, RimFound, SensorEntry, SensorFile, Start, StraightAsk, Taken, Together, TogetherAsk } from "./messages";
+import type { BenchSensor, BenchStart, BoardLook, BoardSeen, Built, BuiltAsk, CalibrateStart, CameraAsk, CameraShown, Change, Download, ErrorsAsk, ErrorsOf, Opened, PictureAsk, RequirementFile, RimFound, SensorEntry, SensorFile, Start, StraightAsk, Taken, Together, TogetherAsk, YieldAsk, YieldOf } from "./messages";
 import { AWAY } from "./texts";
 
 /** Something the server refused, in its own sentence. */
@@ -60,6 +60,17 @@ export async function taken(asked: PictureAsk): Promise<{ picture: Blob; panoram
   const middle = start + header.picture_bytes;
   const jpeg = (from: number, to: number): Blob => new Blob([data.slice(from, to)], { type: "image/jpeg" });
   return { picture: jpeg(start, middle), panorama: jpeg(middle, middle + header.panorama_bytes) };
+}
+
+export const errors = async (asked: ErrorsAsk): Promise<ErrorsOf> => (await posted("api/bench/errors", asked)).json();
+export const yields = async (asked: YieldAsk): Promise<YieldOf> => (await posted("api/bench/yield", asked)).json();
+
+/** A sensor with errors: numbers, the places of objects, and by calibrations how far they have gone. */
+export async function built(asked: BuiltAsk): Promise<Built & { places: Float32Array; left: Float32Array[] }> {
+  const data = await (await posted("api/bench/built", asked)).arrayBuffer();
+  const { header, start } = unpack<Built>(data);
+  const pairs = (k: number): Float32Array => new Float32Array(data, start + 8 * header.objects * k, 2 * header.objects);
+  return { ...header, places: pairs(0), left: header.motion_px.map((_, k) => pairs(k + 1)) };
 }
 
 // -- calibrating ----------------------------------------------------------------------------------

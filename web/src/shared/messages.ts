@@ -123,6 +123,32 @@ export interface BoardSeen {
   time_s: number | null;
 }
 
+/** What errors do; float32 values follow: x, y px of objects, and by calibrations dx, dy px of what is left. */
+export interface Built {
+  objects: number;
+  /** objects that are not shown */
+  lost: number;
+  /** of the picture without errors */
+  radius_px: number;
+  /** the largest, by calibrations */
+  motion_px: (number | null)[];
+  direction_error_deg: (number | null)[];
+  straightness_deg: (number | null)[];
+  /** meant and built */
+  blur_px: [number | null, number | null];
+  /** meant and built */
+  focus_mm: [number | null, number | null];
+  /** the sensor with its errors, if there can be one */
+  tables: Record<string, any> | null;
+}
+
+/** A sensor with errors. */
+export interface BuiltAsk {
+  tables: Record<string, any>;
+  values: Record<string, any>;
+  refocus: "none" | "rms" | "worst";
+}
+
 /** What the tab is made from. */
 export interface CalibrateStart {
   /** kinds that can be estimated, simple ones first */
@@ -250,6 +276,38 @@ export interface Embedded {
   media: string;
   is_video: boolean;
   name: string;
+}
+
+/** What an error does alone at its tolerance: the largest motion in px by calibrations, and the limited merit. */
+export interface ErrorAlone {
+  name: string;
+  tolerance: number;
+  motion_px: (number | null)[];
+  merit: number | null;
+}
+
+/** An error that a sensor can have, and how shops hold it. */
+export interface ErrorOf {
+  name: string;
+  unit: string;
+  meaning: string;
+  group: string;
+  coarse: number;
+  medium: number;
+  fine: number;
+}
+
+/** Which errors a sensor can have. */
+export interface ErrorsAsk {
+  tables: Record<string, any>;
+}
+
+/** The errors of a sensor, and what calibrations are called. */
+export interface ErrorsOf {
+  errors: ErrorOf[];
+  calibrations: string[];
+  /** whether sensors are traced by the thousand */
+  is_quick: boolean;
 }
 
 /** What holds for the whole design. */
@@ -513,7 +571,7 @@ export interface Task {
 /** What pictures of one camera are together. */
 export interface Together {
   /** why each of them is not used */
-  reasons: string | null[];
+  reasons: (string | null)[];
   coverage: CoverageShown | null;
   advice: string[];
   /** why the candidate adds nothing; null where it does */
@@ -532,8 +590,39 @@ export interface TogetherAsk {
   candidate: BoardSeen | null;
 }
 
+/** An error and its tolerance. */
+export interface ToleranceOf {
+  name: string;
+  tolerance: number;
+}
+
 /** Why something cannot be: the entry it is about, if it is about one, and a sentence. */
 export interface Trouble {
   path: string[];
   sentence: string;
+}
+
+/** How many sensors will be good. */
+export interface YieldAsk {
+  tables: Record<string, any>;
+  errors: ToleranceOf[];
+  refocus: "none" | "rms" | "worst";
+  merit: string;
+  limit: number;
+  trials: number;
+  seed: number;
+}
+
+/** How many of the sensors built are good, with a confidence of .95. */
+export interface YieldOf {
+  trials: number;
+  lost: number;
+  share: number;
+  low: number;
+  high: number;
+  median: number | null;
+  /** within which 95 % stay */
+  most: number | null;
+  /** the worst first */
+  rows: ErrorAlone[];
 }

@@ -18,6 +18,7 @@ from .files import SLOW_KINDS, downloaded, opened, requirement_file, taken
 from .form import bench_start
 from .messages import Ask, BenchSensor, BenchStart, Change, Download, News, Opened, PictureAsk, RequirementFile, Task
 from .sensors import changed, on_bench, sensor_on_bench
+from .tolerance_messages import BuiltAsk, ErrorsAsk, ErrorsOf, YieldAsk, YieldOf
 
 if TYPE_CHECKING:
     from ..studio import Studio
@@ -30,6 +31,7 @@ def add_bench(app: FastAPI, studio: Studio) -> None:
     """Put the bench's routes into a server."""
     _add_questions(app)
     _add_files(app, studio)
+    _add_tolerances(app, studio)
     _add_sockets(app, Workers("omnimirror.studio.bench.work", MOST_SEARCHES, "searches"))
 
 
@@ -79,6 +81,30 @@ def _add_files(app: FastAPI, studio: Studio) -> None:
         """The simulated picture of a room and its panorama, two JPEG files after a header that has their lengths."""
         pictures = await studio.simulated.do(ask.model_dump_json(), lambda: taken(ask))
         return Response(pictures, media_type="application/octet-stream")
+
+
+def _add_tolerances(app: FastAPI, studio: Studio) -> None:
+    @app.post("/api/bench/errors")
+    def errors(asked: ErrorsAsk) -> ErrorsOf:
+        """The errors that a sensor can have when it is built."""
+        from .tolerances import errors_known  # brings trials with it, which not every studio needs
+
+        return errors_known(asked)
+
+    @app.post("/api/bench/built", response_class=Response, responses={200: BYTES})
+    async def as_built(asked: BuiltAsk) -> Response:
+        """A sensor with errors: what moves in its picture, as numbers after a header."""
+        from .tolerances import built
+
+        found = await studio.built.do(asked.model_dump_json(), lambda: built(asked))
+        return Response(found, media_type="application/octet-stream")
+
+    @app.post("/api/bench/yield")
+    async def yields(asked: YieldAsk) -> YieldOf:
+        """How many sensors will be good, and what each error does alone."""
+        from .tolerances import yielded
+
+        return await studio.toleranced.do(asked.model_dump_json(), lambda: yielded(asked))
 
 
 def _add_sockets(app: FastAPI, workers: Workers) -> None:

@@ -59,6 +59,11 @@ export class Desk {
     this.describing = window.setTimeout(() => [...this.charts, this.section, this.squares].forEach((view) => view.describe()), DESCRIBED_MS);
   }
 
+  /** Put a figure before all plots. */
+  lead(figure: HTMLElement): void {
+    this.element.querySelector(".plots")!.prepend(figure);
+  }
+
   /** Show the picture that the design takes. */
   showPicture(design: Design): void {
     if (this.shows("Picture")) this.picture.show(design);

@@ -1,0 +1,34 @@
+import * as api from "../../shared/api";
+
+/** One question on its way; of those that wait the newest is asked. */
+export class Newest<Asked, Found> {
+  private waiting: Asked | null = null;
+  private isAsking = false;
+
+  constructor(private readonly send: (asked: Asked) => Promise<Found>, private readonly answered: (found: Found, asked: Asked) => void, private readonly refused: (sentence: string) => void) {}
+
+  /** Whether nothing is on its way, and nothing waits. */
+  get isAtRest(): boolean {
+    return !this.isAsking && this.waiting === null;
+  }
+
+  ask(asked: Asked): void {
+    this.waiting = asked;
+    if (!this.isAsking) void this.next();
+  }
+
+  private async next(): Promise<void> {
+    this.isAsking = true;
+    while (this.waiting !== null) {
+      const asked = this.waiting;
+      this.waiting = null;
+      try {
+        this.answered(await this.send(asked), asked);
+      } catch (e) {
+        if (!(e instanceof api.Refused || e instanceof api.Away)) throw e;
+        this.refused(e.message);
+      }
+    }
+    this.isAsking = false;
+  }
+}

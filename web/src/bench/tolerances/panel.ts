@@ -1,0 +1,227 @@
+import * as api from "../../shared/api";
+import { h, unique } from "../../shared/dom";
+import type { BuiltAsk, ErrorOf, ErrorsAsk, ErrorsOf, YieldAsk, YieldOf } from "../../shared/messages";
+import { fixed, words } from "../../shared/numbers";
+import type { Design, Tables } from "../designs/design";
+import { type Moved, ToleranceCharts } from "./charts";
+import { Newest } from "./newest";
+import { ErrorRow } from "./rows";
+import { calibrationWords, capital, held, meritName, sizeWords } from "./words";
+
+const GRADES = ["coarse", "medium", "fine"] as const;
+const QUANTITIES: Record<string, string> = { motion_px: "Motion, px", direction_error_deg: "Direction, °", straightness_deg: "Straightness, °", blur_px: "Blur, px" };
+const USUAL: Record<string, number> = { motion_px: 0.5, direction_error_deg: 0.1, straightness_deg: 0.05 };
+const MORE_BLUR = 1.2; // times that without errors, as a start
+const FOCUS: Record<string, string> = { none: "as designed", rms: "anew, least rms", worst: "anew, least worst" };
+const TRIALS = 4096;
+const SEED = 0;
+
+/** Sliders of all errors that a sensor can have, and how many sensors will be good that keep tolerances. */
+export class TolerancesPanel {
+  readonly charts = new ToleranceCharts();
+  private readonly errors = new Newest((asked: ErrorsAsk) => api.errors(asked), (found, asked) => this.known(found, asked), (sentence) => this.fail(sentence));
+  private readonly built = new Newest((asked: BuiltAsk) => api.built(asked), (moved, asked) => this.moved(moved, asked), (sentence) => this.fail(sentence));
+  private readonly yields = new Newest((asked: YieldAsk) => api.yields(asked), (found) => this.good(found), (sentence) => this.fail(sentence));
+  private readonly begin = h("button", { type: "button", "aria-expanded": "false", onclick: () => this.toggle() }, "Try errors");
+  private readonly body = h("div", { className: "tolerance-body", hidden: true });
+  private readonly grade = select("Shop", GRADES.map((g) => [g, g]), () => this.grades());
+  private readonly after = select("Calibrated", [["none", calibrationWords("none")]], () => this.judged());
+  private readonly focus = select("Focused", Object.entries(FOCUS), () => this.asked());
+  private readonly quantity = select("A good one keeps", Object.entries(QUANTITIES), () => this.chosen());
+  private readonly limit = h("input", { type: "number", min: "0", step: "any", value: "0.5", "aria-label": "At most" });
+  private readonly verdict = h("p", { className: "verdict", role: "status" });
+  private readonly facts = h("ul", { className: "others" });
+  private readonly problem = h("p", { className: "problem", role: "alert", hidden: true });
+  private readonly groups = h("div", { className: "groups-of-errors" });
+  private all: ErrorsOf | null = null;
+  private tables: Tables | null = null;
+  private values = new Map<string, number>();
+  private tolerances = new Map<string, number>();
+  private rows = new Map<string, ErrorRow>();
+  private last: Moved | null = null;
+
+  /** `show` is told of the sensor with its errors, whose picture is wanted. */
+  constructor(place: HTMLElement, private readonly now: () => Design, private readonly show: (design: Design) => void) {
+    this.grade.input.value = "medium";
+    this.limit.addEventListener("change", () => this.judged());
+    const row = h("div", { className: "row" }, h("button", { type: "button", onclick: () => this.draw() }, "Build one"), h("button", { type: "button", onclick: () => this.none() }, "Without errors"));
+    const most = h("div", { className: "field" }, h("span", { className: "unit" }, "at most"), h("span", { className: "entry" }, this.limit));
+    this.body.append(this.grade.element, this.focus.element, this.after.element, this.quantity.element, most, this.verdict, this.facts, row, this.problem, this.groups);
+    place.append(h("div", { className: "row" }, this.begin), this.body);
+  }
+
+  private get isOpen(): boolean {
+    return !this.body.hidden;
+  }
+
+  /** Another design is on the bench, or the same. */
+  follow(): void {
+    const { tables } = this.now();
+    if (this.isOpen && tables !== this.tables) this.errors.ask({ tables });
+  }
+
+  /** The design whose picture is to be seen: with errors, where some are tried of this one. */
+  pictured(design: Design): Design {
+    const tables = this.isOpen && design.tables === this.tables ? this.last?.tables : null;
+    return tables ? { ...design, tables } : design;
+  }
+
+  private toggle(): void {
+    this.body.hidden = this.charts.element.hidden = this.isOpen;
+    this.begin.setAttribute("aria-expanded", String(this.isOpen));
+    this.begin.textContent = this.isOpen ? "Leave errors" : "Try errors";
+    if (this.isOpen) this.follow();
+    else this.tables = this.last = null;
+    if (!this.isOpen) this.show(this.now());
+  }
+
+  private known(found: ErrorsOf, { tables }: ErrorsAsk): void {
+    if (!this.isOpen) return;
+    const isOther = JSON.stringify(found.errors.map((e) => e.name)) !== JSON.stringify(this.all?.errors.map((e) => e.name));
+    const isFirst = this.all === null;
+    this.tables = tables;
+    this.all = found;
+    if (isOther) {
+      this.values = new Map(found.errors.map((e) => [e.name, this.values.get(e.name) ?? 0]));
+      this.tolerances = held(found.errors, this.gradeChosen);
+      this.after.offer(found.calibrations.map((name) => [name, calibrationWords(name)]), isFirst ? "pose" : this.after.input.value);
+      this.build(found.errors);
+    }
+    this.asked();
+  }
+
+  private get gradeChosen(): (typeof GRADES)[number] {
+    return this.grade.input.value as (typeof GRADES)[number];
+  }
+
+  private build(errors: readonly ErrorOf[]): void {
+    this.rows.clear();
+    const groups = new Map<string, HTMLElement>();
+    for (const error of errors) {
+      const row = new ErrorRow(error, this.numbersOf(error.name), { tried: (name, value) => this.tried(name, value), held: (name, tolerance) => this.held(name, tolerance) });
+      this.rows.set(error.name, row);
+      if (!groups.has(error.group)) groups.set(error.group, h("div", {}));
+      groups.get(error.group)!.append(row.element);
+    }
+    this.groups.replaceChildren(...[...groups].map(([group, rows], i) => h("details", { className: "more", open: i === 0 }, h("summary", {}, capital(group)), rows)));
+  }
+
+  private numbersOf = (name: string): { value: number; tolerance: number } => ({ value: this.values.get(name) ?? 0, tolerance: this.tolerances.get(name) ?? 0 });
+
+  private tried(name: string, value: number): void {
+    this.values.set(name, value);
+    this.askBuilt();
+  }
+
+  private held(name: string, tolerance: number): void {
+    this.tolerances.set(name, tolerance);
+    this.askYield();
+  }
+
+  private grades(): void {
+    if (!this.all) return;
+    this.tolerances = held(this.all.errors, this.gradeChosen);
+    this.showRows();
+    this.askYield();
+  }
+
+  /** A sensor as it might come from the shop. */
+  private draw(): void {
+    for (const [name, tolerance] of this.tolerances) this.values.set(name, (2 * Math.random() - 1) * tolerance);
+    this.showRows();
+    this.askBuilt();
+  }
+
+  private none(): void {
+    for (const name of this.values.keys()) this.values.set(name, 0);
+    this.showRows();
+    this.askBuilt();
+  }
+
+  private showRows(): void {
+    for (const [name, row] of this.rows) row.set(this.numbersOf(name));
+  }
+
+  /** Another quantity is limited: by what is usual of it. */
+  private chosen(): void {
+    const quantity = this.quantity.input.value;
+    const blur = this.last?.blur_px[0] ?? 10;
+    this.limit.value = String(USUAL[quantity] ?? Number((MORE_BLUR * blur).toPrecision(2)));
+    this.judged();
+  }
+
+  private judged(): void {
+    if (this.last) this.drawMoved(this.last);
+    this.askYield();
+  }
+
+  private asked(): void {
+    this.askBuilt();
+    this.askYield();
+  }
+
+  private get refocus(): BuiltAsk["refocus"] {
+    return this.focus.input.value as BuiltAsk["refocus"];
+  }
+
+  private askBuilt(): void {
+    if (this.tables) this.built.ask({ tables: this.tables, values: Object.fromEntries(this.values), refocus: this.refocus });
+  }
+
+  private askYield(): void {
+    const limit = Number(this.limit.value);
+    if (!this.tables || !(limit > 0)) return;
+    const errors = [...this.tolerances].filter(([, tolerance]) => tolerance > 0).map(([name, tolerance]) => ({ name, tolerance }));
+    const quantity = this.quantity.input.value;
+    const merit = meritName(quantity, quantity === "blur_px" ? "none" : this.after.input.value);
+    this.yields.ask({ tables: this.tables, errors, refocus: this.refocus, merit, limit, trials: TRIALS, seed: SEED });
+  }
+
+  private moved(moved: Moved, { tables }: BuiltAsk): void {
+    if (!this.isOpen || tables !== this.tables) return;
+    this.problem.hidden = true;
+    this.last = moved;
+    this.drawMoved(moved);
+    this.show(this.pictured(this.now()));
+  }
+
+  private drawMoved(moved: Moved): void {
+    const { calibrations } = this.all!;
+    this.charts.showMoved(moved, calibrations, this.after.input.value);
+    const depth = Math.max(calibrations.indexOf(this.after.input.value), 0);
+    const pair = (of: readonly (number | null)[], unit: string): string => `${sizeWords(of[0], unit)} as built${depth ? `, ${sizeWords(of[depth], unit)} calibrated` : ""}`;
+    const lines: [string, string][] = [
+      ["Motion", pair(moved.motion_px, " px")],
+      ["Direction", pair(moved.direction_error_deg, "°")],
+      ["Blur", `${words(moved.blur_px[1], 3)} px; ${words(moved.blur_px[0], 3)} without errors`],
+    ];
+    if (moved.straightness_deg.some((v) => v !== null)) lines.splice(2, 0, ["Straightness", pair(moved.straightness_deg, "°")]);
+    this.facts.replaceChildren(...lines.map(([name, text]) => h("li", {}, h("b", {}, name), h("span", {}, moved.lost ? "objects are lost" : text))));
+  }
+
+  private good(found: YieldOf): void {
+    if (!this.isOpen) return;
+    this.problem.hidden = true;
+    const percent = (share: number): string => fixed(100 * share, 1);
+    this.verdict.textContent = `${percent(found.share)} % good, ${percent(found.low)} to ${percent(found.high)} %, of ${found.trials} built`;
+    this.verdict.classList.toggle("missed", found.share < 0.5);
+    this.charts.showYield(found, this.all!.calibrations);
+  }
+
+  private fail(sentence: string): void {
+    this.problem.textContent = capital(sentence);
+    this.problem.hidden = false;
+  }
+}
+
+/** A choice with its title; `offer` offers others. */
+function select(title: string, all: readonly (readonly [string, string])[], chosen: () => void): { element: HTMLElement; input: HTMLSelectElement; offer: (all: readonly (readonly [string, string])[], value: string) => void } {
+  const input = h("select", { id: unique() });
+  const offer = (options: readonly (readonly [string, string])[], value: string): void => {
+    input.replaceChildren(...options.map(([name, text]) => h("option", { value: name }, text)));
+    input.value = value;
+  };
+  offer(all, all[0][0]);
+  input.addEventListener("change", chosen);
+  return { element: h("div", { className: "field" }, h("label", { htmlFor: input.id }, title), input), input, offer };
+}
