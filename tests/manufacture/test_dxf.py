@@ -121,3 +121,18 @@ def test_tolerances_and_a_counterbore_are_dimensions_too(tmp_path):
     assert {14.0, 49.69, 6.0, 87.8} <= {round(float(m), 6) for m in measured}
     shown = {t.plain_text() for d in page.query("DIMENSION") for t in d.virtual_entities() if t.dxftype() == "MTEXT"}
     assert {"Ø87.8±0.02", "5±0.05"} <= {words.replace(" ", "").replace("\n", "") for words in shown}, shown
+
+
+def test_upright_words_stand_where_the_sheet_has_them(tmp_path):
+    """Beside their dimension line, half way along it: by the extents that ezdxf measures of the turned letters."""
+    from ezdxf import bbox
+
+    write_dxf(tmp_path / "mirror.dxf", Part(sensor_of("cone"), Body()))
+    page = ezdxf.readfile(tmp_path / "mirror.dxf").layouts.get("A3")
+    upright = [text for text in page.query("TEXT") if text.dxf.rotation]
+    assert upright
+    lines = [np.array(line.get_points())[:, :2] for line in page.query("LWPOLYLINE")]
+    for text in upright:
+        box = bbox.extents([text])
+        beside = [p for p in lines if len(p) == 2 and 0.3 < p[0, 0] - box.extmax.x < 3 and np.ptp(p[:, 0]) < 1e-6]
+        assert any(abs(p[:, 1].mean() - box.center.y) < 0.6 for p in beside), text.dxf.text

@@ -13,6 +13,7 @@ from .sheet import CAPITAL, POINT, Sheet
 
 LAYER, STYLE = "SHEET", "OpenSans"
 ALIGNMENTS = {"left": "", "center": "CENTER", "right": "RIGHT"}
+UPRIGHT = {"baseline": "left", "bottom": "left", "center": "center", "top": "right"}
 WIDTHS = (18, 25, 35, 50, 70, 100)
 """Of lines that DXF files know, 1/100 mm."""
 
@@ -55,8 +56,11 @@ def _linetype(doc: Any, dashes: list[float]) -> str:
 def _add_text(layout: Any, text: Text) -> None:
     from ezdxf.enums import TextEntityAlignment
 
-    level = {"baseline": "", "center": "MIDDLE", "bottom": "BOTTOM", "top": "TOP"}[text.get_verticalalignment()]
-    side = ALIGNMENTS[text.get_horizontalalignment()]
+    across, along = text.get_horizontalalignment(), text.get_verticalalignment()
+    if text.get_rotation():  # a sheet aligns what comes out upright, DXF the words before they are turned
+        across, along = UPRIGHT[along], {"right": "bottom", "center": "center", "left": "top"}[across]
+    level = {"baseline": "", "center": "MIDDLE", "bottom": "BOTTOM", "top": "TOP"}[along]
+    side = ALIGNMENTS[across]
     name = f"{level}_{side or 'LEFT'}" if level else side or "LEFT"
     words = layout.add_text(
         text.get_text(), height=float(text.get_fontsize()) / POINT * CAPITAL, rotation=text.get_rotation(),
