@@ -134,9 +134,11 @@ def test_the_circle_is_found_with_one_click(browser, server, tmp_path):
     write_image(tmp_path / "off.png", disc.astype(np.uint8))
     page = open_page(browser, server, 1000, 900)
     drop(page, tmp_path / "off.png")
+    page.get_by_text("The mirror was found in it").wait_for()
+    look(page, rim=None)
     page.get_by_text("is a guess: fit the circle").wait_for()
     page.get_by_role("button", name="Find circle").click()
-    page.get_by_text("Circle found, confidence").wait_for()
+    page.get_by_text("Circle found, 9").wait_for()
     assert state(page)["rim"] == [pytest.approx(390, abs=0.5), pytest.approx(215, abs=0.5), pytest.approx(180, abs=0.5)]
     page.get_by_text("is a guess").wait_for(state="detached")
     page.context.close()

@@ -5,6 +5,7 @@ import * as api from "./shared/api";
 import { banner, fail, say } from "./shared/notices";
 import { Store } from "./shared/store";
 import { AWAY } from "./shared/texts";
+import { ProjectMenu } from "./project";
 import { Tabs } from "./tabs";
 
 const HEARTBEAT_MS = 3000;
@@ -35,7 +36,20 @@ function watchServer(look: Look, tabs: Tabs): void {
   setTimeout(() => void beat(), HEARTBEAT_MS);
 }
 
+/** A button that cannot be pressed says why. */
+function sayWhy(): void {
+  const refuse = (e: Event): void => {
+    const button = (e.target as Element).closest<HTMLElement>('button[aria-disabled="true"]');
+    if (!button) return;
+    e.stopImmediatePropagation();
+    e.preventDefault();
+    say(button.title);
+  };
+  document.addEventListener("click", refuse, true);
+}
+
 async function main(): Promise<void> {
+  sayWhy();
   const store = new Store();
   const tabs = new Tabs(store);
   let look: Look;
@@ -49,6 +63,7 @@ async function main(): Promise<void> {
   store.entered = () => banner(store.trouble, "address");
   store.entered();
   if (embedded()) return look.beginEmbedded();
+  new ProjectMenu(store, look);
   watchServer(look, tabs);
   await look.begin().catch(fail);
 }

@@ -107,6 +107,7 @@ export class Bench {
   take(sensor: BenchSensor, words: string): void {
     this.edit({ ...this.history.now, tables: sensor.tables, follows: sensor.follows });
     this.settle();
+    this.form.begin(this.history.now);
     if (words) this.host.say(words);
   }
 
@@ -115,8 +116,9 @@ export class Bench {
     const before = this.history.now;
     const isFull = this.pins.length >= MOST_PINS || this.pins.some((p) => p.design.tables === before.tables);
     if (!isFull) this.pins = [...this.pins, { name: `${nameOf(before)}, before`, design: before }];
-    this.take(sensor, isFull ? "Found" : "Found; what was before is pinned beside it");
+    this.take(sensor, isFull ? "Found" : "Found; what was before is pinned, and plots show the difference");
     this.pinsChanged();
+    this.desk.compareBy(!isFull);
   }
 
   takeDesign(design: Design): void {

@@ -44,15 +44,15 @@ function viewWords(s: State, camera: Camera, width: number, height: number): str
   const size = ["--size", `${width}x${height}`];
   switch (s.mode) {
     case "panorama": {
-      const range = elevations(s, camera).map((x) => plain(x)).join(":");
-      return [...words, "--span-deg", plain(spanOf(s)), "--elevation-deg", range, ...far, ...size];
+      const range = elevations(s, camera, width / height).map((x) => plain(x)).join(":");
+      return [...words, "--span-deg", plain(spanOf(s, camera, width / height)), "--elevation-deg", range, ...far, ...size];
     }
     case "perspective":
       return [...words, "--tilt-deg", plain(s.tilt), "--hfov-deg", plain(s.hfov), ...far, ...size];
     case "dome":
       return [...words, "--omega-deg", `0:${plain(domeEnd(s, camera))}`, "--pole", camera.model.pole, ...far, ...size];
     case "planet":
-      return [...words, "--hfov-deg", plain(planetWidth(s, camera)), "--pole", camera.model.pole, ...far, ...size];
+      return [...words, "--hfov-deg", plain(planetWidth(s, camera, width / height)), "--pole", camera.model.pole, ...far, ...size];
     case "ground":
       return [...words, "--height-mm", plain(s.height), "--mm-per-px", String(groundScale(s, width, height)), ...size];
     case "mosaic":

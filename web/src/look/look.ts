@@ -1,7 +1,7 @@
 import * as api from "../shared/api";
 import { byId, choices } from "../shared/dom";
 import { banner, say } from "../shared/notices";
-import { type Mode, MODES } from "../shared/state";
+import type { Mode } from "../shared/state";
 import type { Store } from "../shared/store";
 import { commandOf, fittedName, needsFile } from "./command";
 import { Renderer } from "./drawing/renderer";
@@ -10,25 +10,22 @@ import type { Feed } from "./feeds/feed";
 import { Recorder } from "./feeds/recorder";
 import { Camera } from "./geometry/camera";
 import { panTiltOf, type Pixel, type Vec3 } from "./geometry/vectors";
-import { aspectOf, targetIn, type View, viewOf } from "./geometry/views";
+import { targetIn, type View, viewOf } from "./geometry/views";
 import { CirclePane } from "./panels/circle";
+import { FirstLook } from "./panels/first";
 import { Gestures } from "./panels/gestures";
 import { LevelPanel } from "./panels/level";
 import { hasSize, RimPanel } from "./panels/rim";
 import { SensorPanel } from "./panels/sensor";
 import { bindSliders } from "./panels/sliders";
+import { KINDS, ViewsPanel } from "./panels/views";
+import { WaysPanel } from "./panels/ways";
+import { WipePanel } from "./panels/wipe";
 import { Sources } from "./sources";
+import { type Laid, lay, type Place } from "./stage";
+import { explainWords } from "./words";
 import { Toolbar } from "./toolbar";
 
-const TITLES: Record<Mode, string> = {
-  panorama: "Panorama",
-  perspective: "Perspective",
-  dome: "Dome",
-  planet: "Little planet",
-  ground: "Ground plan",
-  mosaic: "Mosaic",
-};
-const MOST_PIXELS = 2;
 const REST_MS = 120; // after which a view that moved is drawn with care
 
 /** Looking through a sensor: the picture, the camera and the view, and what changes them. */
@@ -41,6 +38,10 @@ export class Look {
   private readonly rim: RimPanel;
   private readonly level: LevelPanel;
   private readonly recorder: Recorder;
+  private readonly views: ViewsPanel;
+  private readonly first: FirstLook;
+  private readonly wipe: WipePanel;
+  private laid: Laid | null = null;
   private camera: Camera | null = null;
   private isDirty = false;
   private isPictureNew = false;
@@ -51,6 +52,9 @@ export class Look {
     this.renderer = new Renderer(this.canvas, () => this.refresh(true));
     this.circle = new CirclePane((pixel) => this.lookAtPixel(pixel), (c) => this.rim.set(c));
     this.rim = new RimPanel(store, (isFitting) => this.fitting(isFitting));
+    this.views = new ViewsPanel(store);
+    this.wipe = new WipePanel(store, () => this.restored());
+    new WaysPanel(store, () => this.placeCircle());
     this.sensor = new SensorPanel(store, {
       changed: () => this.refresh(true),
       prepare: (wanted) => this.sources.prepare(wanted),
@@ -58,17 +62,20 @@ export class Look {
     this.sources = new Sources(store, {
       largest: this.renderer.largestPicture,
       changed: () => this.sourceChanged(),
+      opened: (feed) => void this.first.look(feed),
       calibrated: (file, name) => this.sensor.load(file, name),
     });
+    this.first = new FirstLook(store, { rim: this.rim, sensor: () => this.sensor, feed: () => this.feed });
     this.level = new LevelPanel(store, () => this.sensor, () => this.refresh());
     this.recorder = new Recorder(this.canvas, () => this.refresh());
-    new Toolbar(store, { sources: this.sources, sensor: this.sensor, camera: () => this.camera, drawn: () => this.drawn() });
+    new Toolbar(store, { sources: this.sources, sensor: this.sensor, camera: () => this.camera, drawn: () => this.drawn(), commands: () => this.commands() });
     this.bindMoving();
     store.listen(() => {
       this.movedAt = performance.now();
       this.refresh();
     });
-    new ResizeObserver(() => this.refresh()).observe(byId("frame"));
+    this.placeCircle();
+    new ResizeObserver(() => this.refresh()).observe(byId("pane"));
     new ResizeObserver(() => this.refresh(true)).observe(byId("circle"));
   }
 
@@ -85,6 +92,7 @@ export class Look {
     const fresh = !location.hash;
     if (!this.store.state.source && start.source) this.store.set({ source: `server:${start.source}` }, false);
     if (fresh && start.sensor) this.store.set({ sensor: start.sensor }, false);
+    if (start.sensor) this.first.known();
     await this.sensor.want();
     await this.sources.begin();
   }
@@ -138,6 +146,7 @@ export class Look {
     if (problem) return null;
     this.renderer.setCamera(camera);
     if (this.isPictureNew) this.renderer.setPicture(feed.picture, feed.width, feed.height);
+    if (this.isPictureNew) this.renderer.setRestored(this.wipe.picture);
     this.isPictureNew = false;
     return camera;
   }
@@ -145,11 +154,13 @@ export class Look {
   private draw(): void {
     const camera = this.ready();
     if (!camera || !this.feed) return;
-    const view = this.sized();
-    this.renderer.draw(view, this.isRough());
+    const { view, places } = this.lay();
+    this.wipe.follow(camera, this.feed, this.canvas);
+    this.renderer.draw(view, this.isRough(), this.wipe.share);
     this.circle.drawView(camera, view);
-    byId("command-line").textContent = commandOf(this.store.state, camera, this.feed, view.width, view.height);
-    this.level.show(camera, this.canvas);
+    put("command-line", this.command(this.place));
+    this.level.show(camera, this.canvas, this.place);
+    this.views.label(places, this.canvas);
     this.showFiles(camera, this.feed);
     this.showDoubt(camera, this.feed);
   }
@@ -157,15 +168,29 @@ export class Look {
   /** The canvas, drawn anew with care; null where nothing is shown. */
   private drawn(): HTMLCanvasElement | null {
     if (!this.ready()) return null;
-    this.renderer.draw(this.sized());
+    this.renderer.draw(this.lay().view, false, this.wipe.share);
     return this.canvas;
+  }
+
+  private restored(): void {
+    this.renderer.setRestored(this.wipe.picture);
+    this.refresh();
+  }
+
+  private command({ state, view }: Place): string {
+    return commandOf(state, this.camera!, this.feed!, view.width, view.height);
+  }
+
+  /** The command lines of all views that are shown. */
+  private commands(): string {
+    return this.lay().places.map((place) => this.command(place)).join("\n");
   }
 
   /** Say where a picture is, and where nothing says how it lies in the circle. */
   private showDoubt(camera: Camera, feed: Feed): void {
     const isGuess = camera.isMoved && !this.store.state.rim;
     const doubt = isGuess ? ". Where the mirror lies in it is a guess: fit the circle, or choose the sensor that took it" : "";
-    put("picture-words", `${feed.name}, ${feed.width} × ${feed.height} px${doubt}`);
+    put("picture-words", `${feed.name}, ${feed.width} × ${feed.height} px${doubt || this.rim.words(feed)}`);
   }
 
   /** Offer the files that the command needs and no folder holds yet. */
@@ -187,17 +212,23 @@ export class Look {
     return rested < REST_MS;
   }
 
-  /** The view as large as the page has room for. */
-  private sized(): View {
-    const frame = byId("frame").getBoundingClientRect();
-    const dots = Math.min(devicePixelRatio, MOST_PIXELS);
-    const aspect = aspectOf(this.store.state, this.camera!) ?? frame.width / frame.height;
-    const width = Math.min(frame.width, frame.height * aspect);
-    const pixels = (side: number): number => Math.max(2, Math.floor(side * dots));
-    const view = viewOf(this.store.state, this.camera!, pixels(width), pixels(width / aspect));
-    this.canvas.style.width = `${view.width / dots}px`;
-    this.canvas.style.height = `${view.height / dots}px`;
-    return view;
+  /** The views as large as the page has room for. */
+  private lay(): Laid {
+    const { width, height } = byId("pane").getBoundingClientRect();
+    return (this.laid = lay(this.views.states(), this.camera!, this.canvas, { width, height }));
+  }
+
+  /** The view that is moved. */
+  private get place(): Place {
+    const { places } = this.laid ?? this.lay();
+    return places[Math.min(this.views.active, places.length - 1)];
+  }
+
+  /** Where it lies on the screen. */
+  private box(): DOMRect {
+    const { left, top } = this.canvas.getBoundingClientRect();
+    const { place } = this;
+    return new DOMRect(left + place.left, top + place.top, place.width, place.height);
   }
 
   // -- moving -------------------------------------------------------------------------------------
@@ -209,23 +240,35 @@ export class Look {
       drag: (from: PointerEvent, to: PointerEvent) => this.dragHorizon(from, to),
       settle: () => this.sensor.settleLean(),
     };
-    const gestures = new Gestures(this.canvas, store, () => this.camera, (x, y) => this.lookAtView(x, y), () => this.sources.playback.toggle(), horizon);
+    const shown = {
+      box: () => this.box(),
+      choose: (e: PointerEvent) => this.views.chooseAt(this.laid?.places ?? [], e.offsetX, e.offsetY),
+    };
+    const gestures = new Gestures(this.canvas, store, () => this.camera, (x, y) => this.lookAtView(x, y), () => this.sources.playback.toggle(), horizon, shown);
     const glide = byId<HTMLInputElement>("glide");
     glide.checked = gestures.glides;
     glide.addEventListener("change", () => (gestures.glides = glide.checked));
-    const show = choices<Mode>(byId("modes"), "mode", MODES.map((m) => [m, TITLES[m]] as const), (mode) => store.set({ mode }));
+    const show = choices<Mode>(byId("modes"), "mode", KINDS, (mode) => store.set({ mode }));
     show(store.state.mode);
     store.listen((s, changed) => changed.has("mode") && show(s.mode));
     bindSliders(store);
+    explainWords();
   }
 
   /** Show the picture's circle where it is large enough to aim at, or back in its place. */
   private fitting(isFitting: boolean): void {
     this.circle.isFitting = isFitting;
     document.body.classList.toggle("fitting", isFitting);
-    (isFitting ? byId("frame") : byId("raw-place")).append(byId("circle"));
+    this.placeCircle();
     if (isFitting) byId("frame").scrollIntoView({ block: "nearest" });
     this.refresh(true);
+  }
+
+  private placeCircle(): void {
+    const { beside } = this.store.state;
+    document.body.classList.toggle("beside", beside);
+    if (beside || this.circle.isFitting) byId("frame").prepend(byId("circle"));
+    else byId("raw-place").append(byId("circle"));
   }
 
   private lookAtPixel(pixel: Pixel): void {
@@ -242,7 +285,7 @@ export class Look {
   }
 
   private dragHorizon(...ends: [PointerEvent, PointerEvent]): void {
-    const box = this.canvas.getBoundingClientRect();
+    const box = this.box();
     const [from, to] = ends.map((e) => this.targetAt((e.clientX - box.left) / box.width, (e.clientY - box.top) / box.height));
     this.movedAt = performance.now();
     if (from && to) this.level.drag(from, to);
@@ -251,7 +294,7 @@ export class Look {
   /** What lies at a place of the view, given in parts of its width and height. */
   private targetAt(x: number, y: number): Vec3 | null {
     if (!this.camera) return null;
-    const view = this.sized();
+    const { view } = this.place;
     return targetIn(view, x * view.width - 0.5, y * view.height - 0.5);
   }
 }

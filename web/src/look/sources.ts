@@ -1,5 +1,5 @@
 import * as api from "../shared/api";
-import { byId } from "../shared/dom";
+import { allow, byId } from "../shared/dom";
 import type { Source, StreamState } from "../shared/messages";
 import { isVideo } from "../shared/media";
 import { banner, busy, fail } from "../shared/notices";
@@ -21,6 +21,8 @@ interface Hands {
   largest: number;
   /** There is another picture now, or none. */
   changed: () => void;
+  /** A picture was opened that nobody has seen here yet. */
+  opened: (feed: Feed) => void;
   /** A calibration was handed over in a picture's place. */
   calibrated: (file: Blob, name: string) => Promise<void>;
 }
@@ -31,6 +33,8 @@ export class Sources {
   /** The source that is shown, as the state names it; of a room also the sensor that took it. */
   shown = "";
   hasServer = true;
+  /** Who opens project files. */
+  projects: (file: Blob) => Promise<void> = async () => {};
   readonly playback = new Playback();
   private readonly webcams = new Webcams((id) => void this.openWebcam(id));
   private hasBegun = false;
@@ -71,6 +75,7 @@ export class Sources {
 
   /** Open a file that was handed to the page, or one that it kept. */
   async openFile(file: Blob, name: string, isNew = true): Promise<void> {
+    if (/\.omnimirror$/i.test(name)) return this.projects(file);
     if (/\.(toml|txt)$/i.test(name)) return this.hands.calibrated(file, name);
     const make = (): Promise<Feed> => this.feedOf(file, name);
     if (!isNew) return this.open(`Reading ${name}`, make, "", true);
@@ -148,6 +153,7 @@ export class Sources {
       banner(null, "picture");
       this.shown = nameOf(named, this.store.state.sensor);
       this.store.set({ ...(source && { source: named }), ...(!isAlike && { rim: null }) }, turns);
+      if (!isAsked && identityIn(named)) this.hands.opened(feed);
     } catch (e) {
       if (number === this.opened) fail(e);
     } finally {
@@ -193,7 +199,7 @@ export class Sources {
     document.body.classList.toggle("empty", !hasPicture);
     byId("empty").hidden = hasPicture;
     if (!hasPicture) byId("view").hidden = byId("command").hidden = true;
-    for (const element of document.querySelectorAll<HTMLButtonElement>("[data-needs]")) element.disabled = !hasPicture;
+    for (const element of document.querySelectorAll<HTMLButtonElement>("[data-needs]")) allow(element, hasPicture ? null : "Open a picture first.");
   }
 }
 

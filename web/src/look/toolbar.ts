@@ -17,6 +17,8 @@ interface Hands {
   camera: () => Camera | null;
   /** The canvas with the view as it is now; null where nothing is shown. */
   drawn: () => HTMLCanvasElement | null;
+  /** The command lines of what is shown, one a line. */
+  commands: () => string;
 }
 
 /** What opens pictures and keeps what is seen: in the page's header, beside the command, and by dropping files. */
@@ -68,7 +70,7 @@ export class Toolbar {
     if (!canvas) return;
     const png = await new Promise<Blob | null>((resolve) => canvas.toBlob(resolve, "image/png"));
     if (!png) return say("The browser made no picture.");
-    const texts = { Software: "omnimirror studio", Comment: byId("command-line").textContent ?? "", Source: this.hands.sources.feed?.name ?? "" };
+    const texts = { Software: "omnimirror studio", Comment: this.hands.commands(), Source: this.hands.sources.feed?.name ?? "" };
     save(await withTexts(png, texts), `${this.store.state.mode}.png`);
   }
 

@@ -1,4 +1,4 @@
-import { INITIAL, limited, LOOKS, MODES, RANGES, type State, TABS } from "./state";
+import { FITS, INITIAL, limited, LOOKS, MODES, RANGES, type State, TABS, viewsIn } from "./state";
 
 /** The part of an address after its #, with what of the state is not as at first; "" where all is. */
 export function toHash(s: State): string {
@@ -34,7 +34,9 @@ export function fromHash(hash: string): { state: State; trouble: string | null }
   take("tab", oneOf(TABS), `are ${TABS.join(", ")}`);
   take("mode", oneOf(MODES), `are ${MODES.join(", ")}`);
   take("looks", oneOf(LOOKS), `are ${LOOKS.join(", ")}`);
-  take("flipped", (text) => ({ true: true, false: false })[text], "are true, false");
+  take("fit", oneOf(FITS), `are ${FITS.join(", ")}`);
+  for (const key of ["flipped", "beside", "all"] as const) take(key, (text) => ({ true: true, false: false })[text], "are true, false");
+  take("views", (text) => (viewsIn(text) ? text : undefined), "are views that this page keeps");
   take("rim", circle, "are a centre and a radius, px: u,v,radius");
   for (const key of ["design", "source", "sensor"] as const) s[key] = parts.get(key) || s[key];
   const trouble = wrong.length ? `In the address, what cannot be was left out: ${wrong.join("; ")}.` : null;

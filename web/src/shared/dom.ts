@@ -23,6 +23,13 @@ export function svg(tag: string, attributes: Record<string, string | number>, ..
   return element;
 }
 
+/** Let a button be pressed, or have it say why it cannot be: to whoever points at it, presses it, or hears it. */
+export function allow(button: HTMLButtonElement, reason: string | null): void {
+  const does = (button.dataset.does ??= button.title);
+  button.title = reason ?? does;
+  button.setAttribute("aria-disabled", String(reason !== null));
+}
+
 let count = 0;
 
 /** A name for an element that no other has. */

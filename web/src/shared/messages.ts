@@ -468,6 +468,18 @@ export interface RequirementFile {
   tables: Record<string, any>;
 }
 
+/** A picture to be restored, which comes behind: through a sensor whose circle may have been moved to fit it. */
+export interface RestoreAsk {
+  id: string;
+  mount: MountOf;
+  image_size: [number, number];
+  centre_px: [number, number];
+  rim_radius_px: number;
+  name: string;
+  /** of what is seen; none: far away */
+  object_distance_mm: number | null;
+}
+
 /** The circle of a mirror, as it was found in a picture. */
 export interface RimFound {
   centre_px: [number, number];

@@ -1,10 +1,12 @@
 import { clamp, wrapped } from "./numbers";
+import { parsed } from "./storage";
 
 export const MODES = ["panorama", "perspective", "dome", "planet", "ground", "mosaic"] as const;
 export type Mode = (typeof MODES)[number];
 export const LOOKS = ["up", "down", "forward"] as const;
 export type Looks = (typeof LOOKS)[number];
 export const TABS = ["look", "design", "calibrate"] as const;
+export const FITS = ["whole", "fill"] as const;
 
 /** Everything that says what is seen. It lives in the address: a link or a reload brings it back. */
 export interface State {
@@ -18,6 +20,18 @@ export interface State {
   hfov: number;
   /** How far a panorama, dome, planet or plan is enlarged. */
   zoom: number;
+  /** Whether all of a view is shown, or so much as fills the stage; null as the page has room. */
+  fit: (typeof FITS)[number] | null;
+  /** Whether the picture stands beside the view, as large as it. */
+  beside: boolean;
+  /** Views that are kept, as {@link viewsIn} reads them. */
+  views: string;
+  /** Which of them is moved, where they are all shown; -1: none. */
+  view: number;
+  /** Whether all that are kept are shown at once. */
+  all: boolean;
+  /** Up to which part of its width the view is of the picture as it was given, beyond of it restored; null: all. */
+  wipe: number | null;
   /** Distance of the screen, mm; Infinity for far away. */
   distance: number;
   /** How high the mirror stands over the ground, mm. */
@@ -43,6 +57,12 @@ export const INITIAL: State = {
   tilt: 0,
   hfov: 90,
   zoom: 1,
+  fit: null,
+  beside: false,
+  views: "",
+  view: -1,
+  all: false,
+  wipe: null,
   distance: Infinity,
   height: 1200,
   rim: null,
@@ -56,7 +76,43 @@ export const INITIAL: State = {
 };
 
 /** Numbers of the address, and from where to where they are taken; beyond, the nearest is. */
-export const RANGES = { pan: [-Infinity, Infinity], tilt: [-90, 90], hfov: [2, 160], zoom: [1, 20], distance: [100, 1e6], height: [10, 1e5], forward: [-360, 360], pitch: [-90, 90], roll: [-180, 180] } as const;
+export const RANGES = { view: [-1, 15], wipe: [0, 1], pan: [-Infinity, Infinity], tilt: [-90, 90], hfov: [2, 160], zoom: [1, 20], distance: [100, 1e6], height: [10, 1e5], forward: [-360, 360], pitch: [-90, 90], roll: [-180, 180] } as const;
+
+/** What of the state says which view it is. */
+export const VIEW = ["mode", "pan", "tilt", "hfov", "zoom", "fit", "distance", "height"] as const;
+type ViewOf = Pick<State, (typeof VIEW)[number]>;
+
+/** A view that is kept under a name. */
+export interface KeptView extends ViewOf {
+  name: string;
+}
+
+const MOST_VIEWS = 16;
+const LONGEST_NAME = 40;
+
+/** The views of a text; null where it is none of views. */
+export function viewsIn(text: string): KeptView[] | null {
+  const found = text ? parsed(text) : [];
+  if (!Array.isArray(found) || found.length > MOST_VIEWS) return null;
+  const views = found.map((entry) => viewIn(entry as Record<string, unknown> | null));
+  return views.every((view) => view !== null) ? views : null;
+}
+
+function viewIn(entry: Record<string, unknown> | null): KeptView | null {
+  if (typeof entry?.name !== "string" || !entry.name || entry.name.length > LONGEST_NAME) return null;
+  const view = { ...INITIAL, ...entry } as KeptView & State;
+  const isGood = MODES.includes(view.mode) && (view.fit === null || FITS.includes(view.fit)) && VIEW.every((key) => typeof view[key] !== "number" || !Number.isNaN(view[key]));
+  const isKind = isGood && VIEW.every((key) => key === "fit" || typeof view[key] === typeof INITIAL[key]);
+  return isKind ? { name: entry.name, ...ofView(limited(view)) } : null;
+}
+
+/** The text of views, without what is as at first. */
+export function textOf(views: readonly KeptView[]): string {
+  const entry = (view: KeptView): object => Object.fromEntries(Object.entries(view).filter(([key, value]) => key === "name" || value !== INITIAL[key as keyof State]));
+  return views.length ? JSON.stringify(views.slice(0, MOST_VIEWS).map((view) => entry({ ...view, name: view.name.slice(0, LONGEST_NAME) }))) : "";
+}
+
+export const ofView = (s: ViewOf): ViewOf => Object.fromEntries(VIEW.map((key) => [key, s[key]])) as unknown as ViewOf;
 
 /** The state with every number in its range, and no finer than the command line tells it. */
 export function limited(s: State): State {
@@ -68,6 +124,7 @@ export function limited(s: State): State {
     tilt: within("tilt", s.tilt),
     hfov: within("hfov", s.hfov),
     zoom: within("zoom", s.zoom),
+    view: Math.round(within("view", s.view)),
     distance: s.distance === Infinity ? Infinity : within("distance", s.distance),
     height: within("height", s.height),
   };

@@ -114,10 +114,14 @@ class Cameras:
         InvalidParameter
             The camera has no sensor file, or its circle cannot be moved.
         """
+        return format_sensor(self.fitted(wanted))
+
+    def fitted(self, wanted: SensorFile) -> Sensor:
+        """The sensor whose circle was moved to fit a picture; refused as its file is."""
         camera = self.find(wanted.id).camera
         if not isinstance(camera, Sensor) or camera.symmetry is None:
             raise InvalidParameter(f"the circle of {wanted.id!r} cannot be moved; it can of aligned mirror sensors")
-        return format_sensor(fitted(camera, wanted))
+        return fitted(camera, wanted)
 
 
 def fitted(sensor: Sensor, wanted: SensorFile) -> Sensor:

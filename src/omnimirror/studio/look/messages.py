@@ -96,6 +96,13 @@ class SensorFile(Message):
     rim_radius_px: float = Field(gt=0)
 
 
+class RestoreAsk(SensorFile):
+    """A picture to be restored, which comes behind: through a sensor whose circle may have been moved to fit it."""
+
+    name: str
+    object_distance_mm: float | None = Field(gt=0, description="of what is seen; none: far away")
+
+
 class RimFound(Message):
     """The circle of a mirror, as it was found in a picture."""
 

@@ -5,11 +5,14 @@ from __future__ import annotations
 from functools import lru_cache
 from pathlib import Path
 
+import numpy as np
+
 from ...errors import OmnimirrorError
 from ...media import read_image
-from ..uploads import eight_bits, encoded, picture_in
+from ...sensor import Sensor
+from ..uploads import eight_bits, encoded, picture_in, safe_name
 from .cameras import Known
-from .messages import RimFound
+from .messages import RestoreAsk, RimFound
 
 MOST_PIXELS = 4096 * 4096
 """Of a simulated picture, which takes 60 bytes a pixel."""
@@ -26,6 +29,21 @@ def rim_in(data: bytes, name: str) -> RimFound:
 
     rim = find_rim(eight_bits(picture_in(data, name)))
     return RimFound(centre_px=rim.centre_px, radius_px=rim.radius_px, confidence=rim.confidence, is_sure=rim.is_sure)
+
+
+def restored_picture(sensor: Sensor, ask: RestoreAsk, data: bytes) -> bytes:
+    """A picture that was handed up without the blur that its sensor's optics left in it.
+
+    Raises
+    ------
+    OmnimirrorError
+        It is no picture, or none of that sensor.
+    """
+    from ...simulate import restore
+
+    picture = eight_bits(picture_in(data, safe_name(ask.name)))
+    distance = np.inf if ask.object_distance_mm is None else ask.object_distance_mm
+    return encoded(restore(sensor, picture, object_distance_mm=distance), ".png")
 
 
 @lru_cache(maxsize=8)

@@ -11,11 +11,12 @@ from fastapi.responses import PlainTextResponse, Response
 
 from ... import __version__
 from ...frames import Mount
+from ..framing import unframed
 from ..schema import BYTES, FILE_BODY, PNG, FileName
 from ..uploads import browser_picture, collected, safe_name
 from .cameras import Cameras, Known
-from .messages import CameraAsk, CameraShown, RimFound, SensorEntry, SensorFile, Start, StreamState
-from .pictures import rim_in, room_picture, shown_picture
+from .messages import CameraAsk, CameraShown, RestoreAsk, RimFound, SensorEntry, SensorFile, Start, StreamState
+from .pictures import restored_picture, rim_in, room_picture, shown_picture
 from .streams import Stream
 from .tables import camera_tables
 
@@ -107,6 +108,14 @@ def _add_pictures(app: FastAPI, studio: Studio) -> None:
         """The rim of the mirror in a picture, and how sure it is."""
         data = await collected(request)
         return await studio.unpacked.do(request, lambda: rim_in(data, safe_name(name)))
+
+    @app.post("/api/restore", openapi_extra=FILE_BODY, response_class=Response, responses={200: PNG})
+    async def restore(request: Request) -> Response:
+        """A picture without the blur of the sensor that took it; what is asked stands before the picture."""
+        ask, picture = unframed(await collected(request), RestoreAsk)
+        _known(studio.cameras, ask.id)
+        sensor = studio.cameras.fitted(ask)
+        return _png(await studio.simulated.do(request, lambda: restored_picture(sensor, ask, picture)))
 
 
 def _add_streams(app: FastAPI, studio: Studio) -> None:

@@ -11,6 +11,10 @@ export class Field {
   private readonly slider: HTMLInputElement;
   private readonly problem: HTMLElement;
   private readonly ends = [h("span", {}), h("span", {})];
+  private readonly back = h("button", { type: "button", className: "back", hidden: true }, "↺");
+  private readonly marks = h("span", { className: "marks", "aria-hidden": "true" });
+  /** The value with which the design came to the bench. */
+  private first: number;
   private scale: Scale;
 
   /** `changed` is told each value, `settled` when a slider is let go or a number is entered. */
@@ -21,13 +25,15 @@ export class Field {
     this.scale = scaleOf(p, value);
     this.number = h("input", { type: "number", id, step: p.is_whole ? "1" : "any", min: String(p.low), max: String(p.high), "aria-describedby": `${id}h ${id}p` });
     this.slider = h("input", { type: "range", min: "0", max: "1", step: "0.001", "aria-label": `${title}, slider` });
+    this.first = value;
+    this.back.addEventListener("click", () => this.goBack());
     this.problem = h("p", { id: `${id}p`, className: "problem", hidden: true });
     this.element = h(
       "div",
       { className: "field", title: `${p.description ? `${p.description}; ` : ""}${limits}` },
-      h("label", { htmlFor: id }, title),
+      h("span", { className: "what" }, h("label", { htmlFor: id }, title), this.back),
       h("span", { className: "entry" }, this.number, h("span", { className: "unit" }, unit)),
-      this.slider,
+      h("span", { className: "slide" }, this.marks, this.slider),
       h("span", { className: "ends", "aria-hidden": "true" }, ...this.ends),
       h("span", { id: `${id}h`, className: "hidden" }, `${p.description}; ${limits}`),
       this.problem,
@@ -45,6 +51,21 @@ export class Field {
     this.value = value;
     if (value < this.scale.low || value > this.scale.high) this.scale = scaleOf(this.p, value);
     this.show(value);
+  }
+
+  /** Take a value for the one to which the field leads back. */
+  begin(value: number): void {
+    this.first = value;
+    this.show(this.value);
+  }
+
+  private goBack(): void {
+    this.value = this.first;
+    if (this.value < this.scale.low || this.value > this.scale.high) this.scale = scaleOf(this.p, this.value);
+    this.show(this.value);
+    this.changed(this.value);
+    this.settled();
+    this.slider.focus();
   }
 
   /** Say why the value cannot be, beside it; null when it can. */
@@ -82,6 +103,21 @@ export class Field {
     if (from !== this.number) this.number.value = String(Number(value.toPrecision(6)));
     if (from !== this.slider) this.slider.value = String(this.scale.from(value));
     [this.scale.low, this.scale.high].forEach((end, i) => (this.ends[i].textContent = words(end, 3)));
+    this.mark();
     this.slider.setAttribute("aria-valuetext", `${words(value)} ${unitWords(this.p.unit)}`.trim());
+  }
+
+  /** Where the design began, what is usual, and the ends beyond which nothing is valid. */
+  private mark(): void {
+    const { low, high } = this.scale;
+    const all: [string, number][] = [["stop", this.p.low], ["stop", this.p.high], ["first", this.first]];
+    if (this.p.default !== null) all.push(["usual", this.p.default]);
+    const shown = all.filter(([, v]) => v >= low - 1e-9 * Math.abs(low) && v <= high + 1e-9 * Math.abs(high));
+    const spans = shown.map(([kind, v]) => h("span", { className: kind, style: `left: ${(100 * this.scale.from(v)).toFixed(2)}%` }));
+    this.marks.replaceChildren(...spans);
+    const isMoved = Math.abs(this.value - this.first) > 1e-6 * Math.max(Math.abs(this.first), 1e-3);
+    this.back.hidden = !isMoved;
+    this.back.title = `Back to ${words(this.first)}, as it came`;
+    this.back.setAttribute("aria-label", this.back.title);
   }
 }

@@ -40,6 +40,15 @@ export class Form {
     place.append(this.problem, this.body);
   }
 
+  /** Take a design for the one to which fields lead back. */
+  begin(design: Design): void {
+    this.show(design);
+    for (const [key, field] of this.fields) {
+      const value = valueAt(design, key) ?? this.defaults.get(key);
+      if (value !== undefined) field.begin(value);
+    }
+  }
+
   /** Show a design; fields are made anew only where there are others than before. */
   show(design: Design): void {
     const shape = this.shapeOf(design);

@@ -1,10 +1,11 @@
 import uPlot from "uplot";
-import { colour, h } from "../../shared/dom";
+import { colour, h, save } from "../../shared/dom";
 import type { QuantityOf } from "../../shared/messages";
 import { fixed, words } from "../../shared/numbers";
 import type { Found, Table } from "../answers";
 import { explained, symbolOf, unitWords } from "../labels";
 import { type Cursor, interpolated } from "./cursor";
+import { csvOf, svgOf } from "./export";
 
 /** One plot over the field angle: in which group, of which columns, with how many decimals. */
 interface Plot {
@@ -53,6 +54,16 @@ export interface Drawn {
   found: Found;
 }
 
+/** The curves of a design, one for each column; of a difference, by how much the design in hand exceeds it. */
+interface Curves {
+  of: Drawn;
+  omega: Float32Array;
+  values: Float32Array[];
+  /** Image heights, px, and the radius up to which there are any. */
+  heights: Float32Array;
+  rim: number;
+}
+
 const HEIGHT = 164;
 const [DASH, DOT, GAP, WIDE_GAP] = [12, 2, 2.5, 6]; // px
 const AXIS_FONT = "11px system-ui, sans-serif";
@@ -67,12 +78,14 @@ export class ChartView {
   private readonly place = h("div", { className: "chart", tabIndex: 0 });
   private plot: uPlot | null = null;
   private drawn: Drawn[] = [];
+  private curves: Curves[] = [];
+  private isDifference = false;
   private shape = "";
   private range: [number, number] = [0, 1];
 
   constructor(readonly chart: Chart, private readonly cursor: Cursor) {
     const title = chart.unit ? `${chart.title}, ${chart.unit}` : chart.title;
-    this.element = h("figure", { className: "plot" }, h("figcaption", { title: `${chart.title}: ${chart.hint}` }, h("span", {}, title), chart.columns.length > 1 ? h("span", { className: "quiet" }, chart.columns.map((c) => `${c.symbol} ${c.dashed ? "dashed" : "through"}`).join(", ")) : null), this.readout, this.place);
+    this.element = h("figure", { className: "plot" }, h("figcaption", { title: `${chart.title}: ${chart.hint}` }, h("span", {}, title), files(chart.title, (kind) => this.save(kind))), this.readout, this.place);
     this.place.setAttribute("role", "img");
     this.place.setAttribute("aria-label", `${chart.title} against field angle`);
     cursor.listen((omega, from) => this.point(omega, from));
@@ -80,9 +93,12 @@ export class ChartView {
     new ResizeObserver(() => this.plot?.setSize(this.size())).observe(this.place);
   }
 
-  show(drawn: Drawn[]): void {
+  /** Draw designs, or by how much the first differs from the others. */
+  show(drawn: Drawn[], isDifference: boolean): void {
     this.drawn = drawn;
-    const shape = drawn.map((d) => d.ink).join();
+    this.isDifference = isDifference && drawn.length > 1;
+    this.curves = this.isDifference ? this.differences() : drawn.map((d) => this.curvesOf(d));
+    const shape = `${drawn.map((d) => d.ink).join()} ${this.isDifference}`;
     const data = this.data();
     this.range = this.spread();
     if (this.plot && shape === this.shape) this.plot.setData(data);
@@ -97,32 +113,23 @@ export class ChartView {
 
   /** Say what is drawn to who does not see it. */
   describe(): void {
-    const [first] = this.drawn;
-    const table = first && curves(first);
-    if (!table) return;
-    const omega = table.column("omega_deg");
-    const parts = this.chart.columns.map(({ name, symbol }) => `${symbol} from ${words(table.column(name)[0])} at ${words(omega[0])}° to ${words(table.column(name)[table.rows - 1])} at ${words(omega[table.rows - 1])}°`);
-    this.place.setAttribute("aria-label", `${this.chart.title} against field angle${this.chart.unit ? ` in ${this.chart.unit}` : ""}: ${parts.join("; ")}. Arrow keys read values.`);
+    const [first] = this.curves;
+    if (!first) return;
+    const { omega, values } = first;
+    const last = omega.length - 1;
+    const parts = this.chart.columns.map(({ symbol }, i) => `${symbol} from ${words(values[i][0])} at ${words(omega[0])}° to ${words(values[i][last])} at ${words(omega[last])}°`);
+    this.place.setAttribute("aria-label", `${this.isDifference ? "Difference of " : ""}${this.chart.title} against field angle${this.chart.unit ? ` in ${this.chart.unit}` : ""}: ${parts.join("; ")}. Arrow keys read values.`);
   }
 
   private data(): uPlot.AlignedData {
-    const tables: uPlot.AlignedData[] = [];
-    for (const d of this.bottomUp()) {
-      const table = curves(d)!;
-      const x = Array.from(table.column("omega_deg"));
-      tables.push([x, ...this.chart.columns.map(({ name }) => Array.from(table.column(name), (v) => (Number.isFinite(v) ? v : null)))]);
-    }
+    const tables = this.bottomUp().map(({ omega, values }): uPlot.AlignedData => [Array.from(omega), ...values.map((column) => Array.from(column, (v) => (Number.isFinite(v) ? v : null)))]);
     return tables.length === 1 ? tables[0] : uPlot.join(tables);
   }
 
   /** Lowest and highest value, without what only the point of a mirror has. */
   private spread(): [number, number] {
     const of = (share: number): [number, number] => {
-      const values = this.drawn.flatMap((d) => {
-        const [table, least] = [curves(d)!, share * d.found.facts!.rim_radius_px];
-        const heights = table.column("h_px");
-        return this.chart.columns.flatMap(({ name }) => Array.from(table.column(name)).filter((v, i) => Number.isFinite(v) && heights[i] >= least));
-      });
+      const values = this.curves.flatMap((c) => c.values.flatMap((column) => Array.from(column).filter((v, i) => Number.isFinite(v) && c.heights[i] >= share * c.rim)));
       return [Math.min(...values), Math.max(...values)];
     };
     const [all, outside] = [of(0), of(POINT)];
@@ -131,7 +138,7 @@ export class ChartView {
   }
 
   private options(): uPlot.Options {
-    const series = this.bottomUp().flatMap((d) =>
+    const series = this.bottomUp().flatMap(({ of: d }) =>
       this.chart.columns.map(({ dashed }): uPlot.Series => ({ stroke: d.ink, width: d === this.drawn[0] ? 2 : 1.4, dash: dashes(d.dots, dashed), spanGaps: true, points: { show: false } })),
     );
     const axis = { stroke: colour("soft"), font: AXIS_FONT, grid: { stroke: colour("line"), width: 1 }, ticks: { show: false } };
@@ -148,13 +155,73 @@ export class ChartView {
       ],
       series: [{}, ...series],
       cursor: { y: false, points: { size: 6 }, drag: { x: false, y: false } },
-      hooks: { setCursor: [(u) => this.moved(u)] },
+      hooks: { setCursor: [(u) => this.moved(u)], draw: [(u) => this.label(u)] },
     };
   }
 
   /** Pinned designs first, so that the one in hand is drawn over them. */
-  private bottomUp(): Drawn[] {
-    return [...this.drawn].reverse();
+  private bottomUp(): Curves[] {
+    return [...this.curves].reverse();
+  }
+
+  private curvesOf(d: Drawn): Curves {
+    const table = curves(d)!;
+    return { of: d, omega: table.column("omega_deg"), values: this.chart.columns.map(({ name }) => table.column(name)), heights: table.column("h_px"), rim: d.found.facts!.rim_radius_px };
+  }
+
+  private differences(): Curves[] {
+    const [own, ...others] = this.drawn.map((d) => this.curvesOf(d));
+    return others.map((other) => ({
+      ...own,
+      of: other.of,
+      values: own.values.map((column, k) => column.map((value, i) => value - interpolated(other.omega, other.values[k], own.omega[i]))),
+    }));
+  }
+
+  /** The number of each pinned design where its curve ends, and no difference as a line. */
+  private label(u: uPlot): void {
+    const { ctx } = u;
+    const dots = devicePixelRatio;
+    ctx.save();
+    if (this.isDifference) {
+      const y = Math.round(u.valToPos(0, "y", true)) + 0.5;
+      ctx.strokeStyle = colour("soft");
+      ctx.lineWidth = dots;
+      ctx.beginPath();
+      ctx.moveTo(u.bbox.left, y);
+      ctx.lineTo(u.bbox.left + u.bbox.width, y);
+      ctx.stroke();
+    }
+    ctx.font = `600 ${11 * dots}px system-ui, sans-serif`;
+    ctx.textAlign = "right";
+    for (const { of: d, omega, values } of this.curves) {
+      if (!d.dots) continue;
+      const at = omega.length - 1 - Math.round((omega.length / 12) * d.dots);
+      const [x, y] = [u.valToPos(omega[at], "x", true), u.valToPos(values[0][at], "y", true)];
+      if (!(y > u.bbox.top && y < u.bbox.top + u.bbox.height)) continue;
+      ctx.lineWidth = 4 * dots;
+      ctx.strokeStyle = colour("panel");
+      ctx.fillStyle = d.ink;
+      ctx.strokeText(String(d.dots), x, y - 4 * dots);
+      ctx.fillText(String(d.dots), x, y - 4 * dots);
+    }
+    ctx.restore();
+  }
+
+  private save(kind: "svg" | "csv"): void {
+    const { title, unit, columns } = this.chart;
+    const text = kind === "csv" ? csvOf(columns.map((c) => c.name), this.curves.map((c) => ({ name: this.nameOf(c), rows: Array.from(c.omega, (omega, i) => [omega, ...c.values.map((column) => column[i])]) }))) : this.svg(title, unit);
+    save(new Blob([text], { type: kind === "csv" ? "text/csv" : "image/svg+xml" }), `${title.toLowerCase().replaceAll(" ", "-")}${this.isDifference ? "-difference" : ""}.${kind}`);
+  }
+
+  private svg(title: string, unit: string): string {
+    const lines = this.curves.flatMap((c) => this.chart.columns.map(({ symbol, dashed }, k) => ({ name: this.chart.columns.length > 1 ? `${this.nameOf(c)}, ${symbol}` : this.nameOf(c), ink: c.of.ink, dash: dashes(c.of.dots, dashed), x: c.omega, y: c.values[k] })));
+    const { min, max } = this.plot!.scales.y;
+    return svgOf(this.isDifference ? `Difference of ${title.toLowerCase()}` : title, unit, lines, [min ?? 0, max ?? 1]);
+  }
+
+  private nameOf({ of: d }: Curves): string {
+    return this.isDifference ? `${this.drawn[0].name} less ${d.name}` : d.name;
   }
 
   private moved(u: uPlot): void {
@@ -172,25 +239,30 @@ export class ChartView {
   }
 
   private read(omega: number | null): void {
-    if (omega === null) return this.readout.replaceChildren();
-    const values = this.drawn.map((d) => {
-      const table = curves(d)!;
-      const text = this.chart.columns.map(({ name }) => fixed(interpolated(table.column("omega_deg"), table.column(name), omega), this.chart.places));
+    if (omega === null) return this.readout.replaceChildren(h("span", { className: "quiet" }, this.note()));
+    const spans = this.curves.map(({ of: d, omega: places, values }) => {
+      const text = values.map((column) => fixed(interpolated(places, column, omega), this.chart.places));
       const span = h("b", {}, text.join(" · "));
       span.style.color = d.ink;
       return span;
     });
-    this.readout.replaceChildren(`${omega.toFixed(1)}°  `, ...values.flatMap((v) => [v, " "]));
+    this.readout.replaceChildren(`${omega.toFixed(1)}°  `, ...spans.flatMap((span) => [span, " "]));
     this.readout.title = this.readout.textContent ?? "";
+  }
+
+  /** Which line is which, while nothing is read. */
+  private note(): string {
+    const { columns } = this.chart;
+    const lines = columns.length > 1 ? columns.map((c) => `${c.symbol} ${c.dashed ? "dashed" : "through"}`) : [];
+    return [...(this.isDifference ? ["this less the pinned"] : []), ...lines].join(", ");
   }
 
   private key(e: KeyboardEvent): void {
     const step = { ArrowRight: STEP_DEG, ArrowLeft: -STEP_DEG }[e.key];
-    const table = this.drawn[0] && curves(this.drawn[0]);
-    if (!step || !table) return;
+    const omega = this.curves[0]?.omega;
+    if (!step || !omega) return;
     e.preventDefault();
-    const omega = table.column("omega_deg");
-    const [low, high] = [omega[0], omega[table.rows - 1]];
+    const [low, high] = [omega[0], omega[omega.length - 1]];
     const next = Math.min(high, Math.max(low, (this.cursor.omega ?? (low + high) / 2) + step));
     this.cursor.set(next, this.place);
   }
@@ -208,3 +280,8 @@ export function dashes(dots: number, isDashed = false): number[] | undefined {
 }
 
 const curves = (d: Drawn): Table | null => d.found.block("curves");
+
+/** Buttons that save a plot. */
+export function files(title: string, saved: (kind: "svg" | "csv") => void, kinds: readonly ("svg" | "csv")[] = ["svg", "csv"]): HTMLElement {
+  return h("span", { className: "files" }, ...kinds.map((kind) => h("button", { type: "button", "aria-label": `Save ${title} as ${kind.toUpperCase()}`, title: `Save as ${kind.toUpperCase()}`, onclick: () => saved(kind) }, kind.toUpperCase())));
+}

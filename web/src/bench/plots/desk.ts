@@ -20,6 +20,9 @@ const GROUPS = ["Section", ...new Set(PLOTS.map((p) => p.group)), "Squares", "Pi
 export class Desk {
   readonly element: HTMLElement;
   hidden: string[] = [];
+  /** Whether plots are of what the design in hand has more than the pinned ones. */
+  private isDifference = false;
+  private readonly difference = h("input", { type: "checkbox", name: "Difference" });
   private readonly cursor = new Cursor();
   private readonly compare: CompareTable;
   private readonly section = new SectionView(this.cursor);
@@ -52,7 +55,8 @@ export class Desk {
     this.drawn = names.flatMap((name, i) => (found[i] ? [{ name, ink: colour(INKS[i]), dots: i, found: found[i] }] : []));
     this.compare.show(this.drawn);
     this.place.classList.toggle("many", this.drawn.length > 1);
-    for (const chart of this.charts) if (this.shows(chart.chart.group)) chart.show(this.drawn);
+    for (const chart of this.charts) if (this.shows(chart.chart.group)) chart.show(this.drawn, this.isDifference);
+    this.difference.closest("label")!.hidden = this.drawn.length < 2;
     if (this.shows("Section")) this.section.show(this.drawn);
     if (this.shows("Squares")) this.squares.show(this.drawn);
     clearTimeout(this.describing);
@@ -88,7 +92,7 @@ export class Desk {
   /** Show the plots that are wanted, and no others. */
   showGroups(): void {
     for (const [group, element] of this.grouped()) element.hidden = !this.shows(group);
-    for (const box of this.element.querySelectorAll<HTMLInputElement>(".groups input")) box.checked = this.shows(box.name);
+    for (const box of this.element.querySelectorAll<HTMLInputElement>(".groups label:not(.difference) input")) box.checked = this.shows(box.name);
   }
 
   private grouped(): [string, HTMLElement][] {
@@ -106,6 +110,14 @@ export class Desk {
       });
       return h("label", {}, box, h("span", {}, group));
     });
-    return h("fieldset", { className: "groups" }, h("legend", { className: "hidden" }, "Plots shown"), ...boxes);
+    this.difference.addEventListener("change", () => this.compareBy(this.difference.checked));
+    const difference = h("label", { className: "difference", hidden: true, title: "Plot by how much the design in hand exceeds each pinned one" }, this.difference, h("span", {}, "Difference"));
+    return h("fieldset", { className: "groups" }, h("legend", { className: "hidden" }, "Plots shown"), ...boxes, difference);
+  }
+
+  /** Plot differences to the pinned designs, or all designs as they are. */
+  compareBy(isDifference: boolean): void {
+    this.isDifference = this.difference.checked = isDifference;
+    for (const chart of this.charts) if (this.drawn.length && this.shows(chart.chart.group)) chart.show(this.drawn, isDifference);
   }
 }

@@ -1,8 +1,9 @@
-import { h, svg } from "../../shared/dom";
+import { h, save, svg } from "../../shared/dom";
 import { words } from "../../shared/numbers";
 import { blocksLike, type Table } from "../answers";
-import { dashes, type Drawn } from "./charts";
+import { dashes, type Drawn, files } from "./charts";
 import { type Cursor, interpolated } from "./cursor";
+import { standalone } from "./export";
 
 type Point = [number, number];
 
@@ -15,7 +16,8 @@ interface Window {
 }
 
 const FAR_AWAY = 2.5; // virtual images farther than this from the vertex, in rim radii, are cut
-const [LABEL_GAP, LETTER] = [13, 6.5]; // px, of labels of 11 px
+const [LABEL_GAP, LETTER, BESIDE] = [13, 6.5, 3]; // px, of labels of 11 px
+const LABEL_ROWS = 3;
 const CURVES: [name: string, label: string][] = [["T∞", "T∞"], ["T5M", "T5M"], ["S∞", "S∞"], ["S5M", "S5M"]];
 
 /** The sensor in cross-section, its lens to the left: the whole of it, and the mirror with the virtual images. */
@@ -29,7 +31,7 @@ export class SectionView {
   private drawn: Drawn[] = [];
 
   constructor(private readonly cursor: Cursor) {
-    this.element = h("figure", { className: "plot wide" }, h("figcaption", {}, h("span", {}, "Cross-section"), this.note), this.readout, this.pair);
+    this.element = h("figure", { className: "plot wide" }, h("figcaption", {}, h("span", {}, "Cross-section"), this.note, files("the cross-section", () => this.save(), ["svg"])), this.readout, this.pair);
     cursor.listen(() => this.drawCursor());
     for (const place of [this.whole, this.close]) place.addEventListener("pointermove", (e) => this.moved(place, e as PointerEvent));
     new ResizeObserver(() => this.draw()).observe(this.element);
@@ -47,6 +49,10 @@ export class SectionView {
     const [near, far] = f.depth_of_field_mm;
     this.whole.setAttribute("aria-label", `Cross-section: mirror of rim radius ${words(f.rim_radius_mm)} mm, lens ${words(f.mirror_distance_mm)} mm away, chief rays every 15° up to ${words(f.field_deg[1])}°.`);
     this.close.setAttribute("aria-label", `Virtual images: tangential and sagittal, of objects at infinity and at five rim radii. Depth of field ${words(near)} to ${words(far)} mm about ${words(f.focus_mm)} mm.`);
+  }
+
+  private save(): void {
+    save(new Blob([standalone(this.whole)], { type: "image/svg+xml" }), "cross-section.svg");
   }
 
   /** Read at the mirror point that is as far from the axis as the pointer. */
@@ -211,16 +217,18 @@ class Frame {
     group.append(svg("circle", { cx: u, cy: v, r: 3.5 }), svg("text", text === "T" ? { x: u - 6, y: v + 4, "text-anchor": "end" } : { x: u + 6, y: v + 4 }, text));
   }
 
-  /** Words last, those that would lie on others left out. */
+  /** Words last, under others where they would lie on them, and left out where there is no room. */
   labels(): void {
     const taken: { left: number; right: number; v: number }[] = [];
     for (const { at, text, anchor } of this.texts) {
       const [u, v] = [Math.min(Math.max(at[0], 2), this.width - 2), Math.min(Math.max(at[1], 11), this.height - 3)];
       const width = LETTER * text.length;
       const left = Math.min(Math.max(2, u - { start: 0, middle: width / 2, end: width }[anchor]), this.width - 2 - width);
-      if (taken.some((t) => left < t.right && left + width > t.left && Math.abs(v - t.v) < LABEL_GAP)) continue;
-      taken.push({ left, right: left + width, v });
-      this.add("text", { x: left + width / 2, y: v, "text-anchor": "middle" }, text);
+      const isFree = (at: number): boolean => !taken.some((t) => left < t.right + BESIDE && left + width > t.left - BESIDE && Math.abs(at - t.v) < LABEL_GAP);
+      const row = Array.from({ length: LABEL_ROWS }, (_, i) => v + i * LABEL_GAP).find((at) => isFree(at) && at < this.height);
+      if (row === undefined) continue;
+      taken.push({ left, right: left + width, v: row });
+      this.add("text", { x: left + width / 2, y: row, "text-anchor": "middle" }, text);
     }
   }
 

@@ -1,7 +1,8 @@
-import { h, svg } from "../../shared/dom";
+import { h, save, svg } from "../../shared/dom";
 import { words } from "../../shared/numbers";
 import type { Table } from "../answers";
-import type { Drawn } from "./charts";
+import { type Drawn, files } from "./charts";
+import { standalone } from "./export";
 
 const OBJECT_DEG = 15;
 const ENLARGED = 10;
@@ -16,7 +17,7 @@ export class SquaresView {
   private first: Drawn | null = null;
 
   constructor() {
-    const caption = h("figcaption", {}, h("span", {}, "Squares of 15° with their blur"), h("span", { className: "quiet" }, "spots ten times enlarged; left in the image along its radius, right in object space, tangential × sagittal"));
+    const caption = h("figcaption", {}, h("span", {}, "Squares of 15° with their blur"), h("span", { className: "quiet" }, "spots ten times enlarged; left in the image along its radius, right in object space, tangential × sagittal"), files("the squares", () => this.save(), ["svg"]));
     this.element = h("figure", { className: "plot wide" }, caption, h("div", { className: "pair squares" }, this.image, this.object));
     new ResizeObserver(() => this.draw()).observe(this.element);
   }
@@ -33,6 +34,10 @@ export class SquaresView {
     const rows = Array.from(table.column("omega_deg"), (omega, i) => `${omega}°: ${at("blur_t_deg", i)} by ${at("blur_s_deg", i)} degrees`);
     this.image.setAttribute("aria-label", `Images of squares of 15° along the image radius of ${words(this.first!.found.facts!.rim_radius_px)} pixels, with their blur.`);
     this.object.setAttribute("aria-label", `Blur against squares of 15° in object space, tangential by sagittal: ${rows.join("; ")}.`);
+  }
+
+  private save(): void {
+    for (const [drawing, name] of [[this.image, "squares-image"], [this.object, "squares-object"]] as const) save(new Blob([standalone(drawing)], { type: "image/svg+xml" }), `${name}.svg`);
   }
 
   private draw(): void {

@@ -18,6 +18,7 @@ export class Renderer {
   private places = new Map<string, WebGLUniformLocation | null>();
   private camera: Camera | null = null;
   private pictureSize: [number, number] = [0, 0];
+  private restored: WebGLTexture | null = null;
 
   constructor(readonly canvas: HTMLCanvasElement, restored: () => void) {
     const gl = canvas.getContext("webgl2", { antialias: false, premultipliedAlpha: true, powerPreference: "high-performance" });
@@ -62,8 +63,23 @@ export class Renderer {
     gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, gl.RGBA, gl.UNSIGNED_BYTE, picture);
   }
 
-  /** Draw the view over the whole canvas, which becomes as large as it; roughly where it is soon drawn again. */
-  draw(view: View, isRough = false): void {
+  /** Have another picture of the same size and place, or none, beside the one that is drawn. */
+  setRestored(picture: ImageBitmap | null): void {
+    const { gl } = this;
+    if (!picture) {
+      gl.deleteTexture(this.restored);
+      this.restored = null;
+      return;
+    }
+    gl.activeTexture(gl.TEXTURE0);
+    this.restored ??= this.texture(gl.LINEAR);
+    gl.bindTexture(gl.TEXTURE_2D, this.restored);
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, gl.RGBA, gl.UNSIGNED_BYTE, picture);
+    gl.bindTexture(gl.TEXTURE_2D, this.textures.picture);
+  }
+
+  /** Draw the view over the whole canvas, which becomes as large as it; roughly where it is soon drawn again, and beyond a part of its width of the restored picture. */
+  draw(view: View, isRough = false, wipe: number | null = null): void {
     const { gl, canvas } = this;
     if (canvas.width !== view.width || canvas.height !== view.height) {
       canvas.width = view.width;
@@ -77,6 +93,11 @@ export class Renderer {
     this.gl.useProgram(this.program);
     gl.uniform1i(this.place("is_rough"), +isRough);
     this.drawParts(view, false);
+    if (wipe === null || !this.restored) return;
+    gl.activeTexture(gl.TEXTURE0);
+    gl.bindTexture(gl.TEXTURE_2D, this.restored);
+    this.drawParts(view, false, Math.round(wipe * view.width));
+    gl.bindTexture(gl.TEXTURE_2D, this.textures.picture);
   }
 
   /** Pixels of the picture that the view shows, (u, v, seen, 1) row by row from the top; what the tests measure. */
@@ -104,7 +125,8 @@ export class Renderer {
     return rows;
   }
 
-  private drawParts(view: View, wantsCoordinates: boolean): void {
+  /** Draw the parts of a view, as far as they lie right of a column. */
+  private drawParts(view: View, wantsCoordinates: boolean, from = 0): void {
     const { gl, camera } = this;
     if (!camera || !this.pictureSize[0]) return;
     gl.useProgram(this.program);
@@ -113,7 +135,9 @@ export class Renderer {
     gl.enable(gl.SCISSOR_TEST);
     for (const part of view.parts) {
       const bottom = view.height - part.top - part.height;
-      gl.scissor(part.left, bottom, part.width, part.height);
+      const left = Math.max(part.left, from);
+      if (left >= part.left + part.width) continue;
+      gl.scissor(left, bottom, part.left + part.width - left, part.height);
       this.describePart(part, bottom);
       gl.drawArrays(gl.TRIANGLES, 0, 3);
     }
@@ -161,20 +185,26 @@ export class Renderer {
       throw new NoWebGL(`The graphics driver refused the shader: ${logs.join(" ")}`);
     }
     this.places.clear();
-    this.camera = null;
+    this.camera = this.restored = null;
     gl.useProgram(this.program);
     gl.pixelStorei(gl.UNPACK_COLORSPACE_CONVERSION_WEBGL, gl.NONE);
     gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1);
     this.textures = {} as typeof this.textures;
     for (const [name, unit] of Object.entries(UNITS) as [keyof typeof UNITS, number][]) {
-      this.textures[name] = gl.createTexture();
       gl.activeTexture(gl.TEXTURE0 + unit);
-      gl.bindTexture(gl.TEXTURE_2D, this.textures[name]);
-      const filter = name === "picture" ? gl.LINEAR : gl.NEAREST;
-      for (const side of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D, side, filter);
-      for (const side of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T]) gl.texParameteri(gl.TEXTURE_2D, side, gl.CLAMP_TO_EDGE);
+      this.textures[name] = this.texture(name === "picture" ? gl.LINEAR : gl.NEAREST);
       gl.uniform1i(this.place(name), unit);
     }
+  }
+
+  /** A texture of the unit that is active. */
+  private texture(filter: number): WebGLTexture {
+    const { gl } = this;
+    const made = gl.createTexture();
+    gl.bindTexture(gl.TEXTURE_2D, made);
+    for (const side of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D, side, filter);
+    for (const side of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T]) gl.texParameteri(gl.TEXTURE_2D, side, gl.CLAMP_TO_EDGE);
+    return made;
   }
 
   private upload(name: keyof typeof UNITS, inside: number, outside: number, width: number, height: number, data: Float32Array): void {

@@ -100,6 +100,19 @@ export function streamFeed(id: string, name: string, told: (state: StreamState |
   });
 }
 
+/** What a feed shows now, as a file of at most so many pixels a side, and how many of the feed's each of them is. */
+export async function fileOf(feed: Feed, longest = Infinity): Promise<{ picture: Blob; scale: number }> {
+  const scale = Math.max(1, Math.max(feed.width, feed.height) / longest);
+  const canvas = document.createElement("canvas");
+  [canvas.width, canvas.height] = [feed.width, feed.height].map((side) => Math.max(1, Math.round(side / scale)));
+  const context = canvas.getContext("2d")!;
+  context.imageSmoothingQuality = "high";
+  context.drawImage(feed.picture, 0, 0, canvas.width, canvas.height);
+  const picture = await new Promise<Blob | null>((resolve) => canvas.toBlob(resolve, "image/png"));
+  if (!picture) throw new Error("The browser made no copy of the picture.");
+  return { picture, scale };
+}
+
 function ofVideo(video: HTMLVideoElement, name: string, after: () => void): Feed {
   const close = (): void => {
     video.pause();

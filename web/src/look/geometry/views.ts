@@ -30,31 +30,48 @@ const WIDEST_PLANET_DEG = 270;
 const PLAN_HEIGHTS = 4;
 const MOSAIC_VIEWS = 4;
 
-/** Elevations of a panorama, degrees: the camera's, or the part that its zoom leaves, moved to where it looks. */
-export function elevations(s: State, camera: Camera): [number, number] {
-  const { tilt_min_deg: low, tilt_max_deg: high } = camera.model;
-  const half = (high - low) / 2 / s.zoom;
-  const middle = s.zoom === 1 ? (low + high) / 2 : clamp(s.tilt, low + half, high - half);
-  const round = (x: number): number => Math.round(x * 1e4) / 1e4;
-  return [Math.max(-90, round(middle - half)), Math.min(90, round(middle + half))];
+const rounded4 = (x: number): number => Math.round(x * 1e4) / 1e4;
+
+/** Width over height of a panorama of all that a camera sees. */
+function wholeAspect({ model: { tilt_min_deg: low, tilt_max_deg: high } }: Camera): number {
+  return 360 / (high - low);
 }
 
-export const spanOf = (s: State): number => Math.round((360 / s.zoom) * 1e4) / 1e4;
+/** Degrees up and down that a panorama of some width over height shows: all, or so much as fills it without a gap. */
+function heightOf(s: State, camera: Camera, aspect: number): number {
+  const all = 360 / wholeAspect(camera);
+  return (s.fit === "fill" ? Math.min(all, 360 / aspect) : all) / s.zoom;
+}
+
+/** Elevations of a panorama, degrees: the camera's, or the part that is left of them, moved to where it looks. */
+export function elevations(s: State, camera: Camera, aspect: number): [number, number] {
+  const { tilt_min_deg: low, tilt_max_deg: high } = camera.model;
+  const half = heightOf(s, camera, aspect) / 2;
+  const middle = isAllHigh(s, camera, aspect) ? (low + high) / 2 : clamp(s.tilt, low + half, high - half);
+  return [Math.max(-90, rounded4(middle - half)), Math.min(90, rounded4(middle + half))];
+}
+
+/** Whether a panorama shows all from the lowest elevation to the highest, so that there is nothing to tilt to. */
+export const isAllHigh = (s: State, camera: Camera, aspect: number): boolean => heightOf(s, camera, aspect) > 360 / wholeAspect(camera) - 1e-9;
+
+/** Degrees around that a panorama shows. */
+export const spanOf = (s: State, camera: Camera, aspect: number): number => rounded4(s.fit === "fill" ? heightOf(s, camera, aspect) * aspect : 360 / s.zoom);
 
 /** Angle from the pole to the edge of a dome, degrees. */
 export function domeEnd(s: State, camera: Camera): number {
-  return Math.min(180, Math.round((poleEnd(camera) / s.zoom) * 1e4) / 1e4);
+  return Math.min(180, rounded4(poleEnd(camera) / s.zoom));
 }
 
-/** Angle from the left edge of a little planet to the right, degrees. */
-export function planetWidth(s: State, camera: Camera): number {
+/** Angle from the left edge of a little planet to the right, degrees; its longer side shows the whole. */
+export function planetWidth(s: State, camera: Camera, aspect: number): number {
   const widest = Math.min(2 * poleEnd(camera), WIDEST_PLANET_DEG);
-  return Math.round(((4 * Math.atan(Math.tan((widest * RAD) / 4) / s.zoom)) / RAD) * 1e4) / 1e4;
+  return rounded4((4 * Math.atan((Math.tan((widest * RAD) / 4) / s.zoom) * Math.min(1, aspect))) / RAD);
 }
 
 /** Scale of the plan of the ground, mm per pixel. */
 export function groundScale(s: State, width: number, height: number): number {
-  const scale = (PLAN_HEIGHTS * s.height) / s.zoom / Math.min(width, height);
+  const side = s.fit === "fill" ? Math.max(width, height) : Math.min(width, height);
+  const scale = (PLAN_HEIGHTS * s.height) / s.zoom / side;
   return Number(scale.toPrecision(8));
 }
 
@@ -65,12 +82,10 @@ function poleEnd(camera: Camera): number {
 
 /** Width over height that the mode asks for; null where any will do. */
 export function aspectOf(s: State, camera: Camera): number | null {
-  if (s.mode === "panorama" || s.mode === "mosaic") {
-    const { tilt_min_deg: low, tilt_max_deg: high } = camera.model;
-    const wide = 360 / (high - low);
-    return s.mode === "panorama" ? wide : 1 / (1 / wide + 3 / 4 / MOSAIC_VIEWS);
-  }
-  return s.mode === "perspective" ? null : 1;
+  if (s.mode === "mosaic") return 1 / (1 / wholeAspect(camera) + 3 / 4 / MOSAIC_VIEWS);
+  if (s.mode === "dome") return 1; // round, and cut off where it would be wider
+  if (s.mode === "perspective" || s.fit === "fill") return null;
+  return s.mode === "panorama" ? wholeAspect(camera) : 1;
 }
 
 /** The view of a state, so many pixels large. A mosaic's height follows from its width. */
@@ -79,7 +94,7 @@ export function viewOf(s: State, camera: Camera, width: number, height: number):
   const box = { left: 0, top: 0, width, height };
   switch (s.mode) {
     case "panorama":
-      return whole(width, height, { ...box, ...panorama(s.pan, spanOf(s), elevations(s, camera), distance) });
+      return whole(width, height, { ...box, ...panorama(s.pan, spanOf(s, camera, width / height), elevations(s, camera, width / height), distance) });
     case "perspective":
       return whole(width, height, { ...box, ...plane(s.pan, s.tilt, s.hfov, width, distance) });
     case "dome": {
@@ -88,7 +103,7 @@ export function viewOf(s: State, camera: Camera, width: number, height: number):
       return whole(width, height, { ...box, ...polar(SHAPES.polar, s.pan, camera, numbers, distance) });
     }
     case "planet": {
-      const perPixel = Math.tan((planetWidth(s, camera) * RAD) / 4) / (width / 2);
+      const perPixel = Math.tan((planetWidth(s, camera, width / height) * RAD) / 4) / (width / 2);
       return whole(width, height, { ...box, ...polar(SHAPES.planet, s.pan, camera, [perPixel, 0, 0, 0], distance) });
     }
     case "ground": {

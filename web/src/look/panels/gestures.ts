@@ -3,7 +3,8 @@ import { MODES, type State } from "../../shared/state";
 import type { Store } from "../../shared/store";
 import type { Camera } from "../geometry/camera";
 import { RAD } from "../geometry/vectors";
-import { elevations, spanOf } from "../geometry/views";
+import { elevations, isAllHigh, spanOf } from "../geometry/views";
+import { asShown } from "../stage";
 
 const KEY_STEP = 0.06; // of the width of the view
 const ZOOM_STEP = 1.15;
@@ -14,6 +15,12 @@ interface Horizon {
   isDragged: () => boolean;
   drag: (from: PointerEvent, to: PointerEvent) => void;
   settle: () => void;
+}
+
+/** Where the view lies that is moved, on the screen; `choose` makes it the one that a pointer is at. */
+interface Shown {
+  box: () => DOMRect;
+  choose: (e: PointerEvent) => void;
 }
 
 /** Dragging, wheel, pinch and keys on the view. */
@@ -30,13 +37,14 @@ export class Gestures {
     private readonly lookAt: (u: number, v: number) => void,
     private readonly stop: () => void,
     private readonly horizon: Horizon,
+    private readonly shown: Shown,
   ) {
     view.addEventListener("pointerdown", (e) => this.down(e));
     view.addEventListener("pointermove", (e) => this.move(e));
     for (const end of ["pointerup", "pointercancel"] as const) view.addEventListener(end, (e) => this.up(e));
     view.addEventListener("wheel", (e) => this.wheel(e), { passive: false });
     view.addEventListener("dblclick", (e) => {
-      const box = view.getBoundingClientRect();
+      const box = this.shown.box();
       this.lookAt((e.clientX - box.left) / box.width, (e.clientY - box.top) / box.height);
     });
     view.addEventListener("keydown", (e) => this.key(e));
@@ -44,6 +52,7 @@ export class Gestures {
 
   private down(e: PointerEvent): void {
     cancelAnimationFrame(this.gliding);
+    if (!this.pointers.size) this.shown.choose(e);
     this.view.setPointerCapture(e.pointerId);
     this.pointers.set(e.pointerId, e);
     this.view.classList.add("held");
@@ -93,7 +102,7 @@ export class Gestures {
     const { state: s } = this.store;
     const camera = this.camera();
     if (!camera) return;
-    const box = this.view.getBoundingClientRect();
+    const box = this.shown.box();
     if (s.mode === "dome" || s.mode === "planet" || s.mode === "ground") {
       const [x, y] = [at.clientX - box.left - box.width / 2, at.clientY - box.top - box.height / 2];
       const turn = (x * dy - y * dx) / Math.max(x * x + y * y, 400);
@@ -106,17 +115,18 @@ export class Gestures {
 
   /** Turn right and up by parts of the width of the view. */
   private turn(right: number, up: number): void {
-    const { state: s } = this.store;
+    const s = asShown(this.store.state);
     const camera = this.camera();
     if (!camera) return;
+    const { width, height } = this.shown.box();
     if (s.mode === "perspective") {
       const perWidth = (2 * Math.tan((s.hfov * RAD) / 2)) / RAD;
       const tilt = s.tilt + up * perWidth;
       this.store.set({ pan: s.pan + (right * perWidth) / Math.max(0.2, Math.cos(s.tilt * RAD)), tilt });
     } else if (s.mode === "panorama") {
-      const [low, high] = elevations(s, camera);
-      const middle = (low + high) / 2;
-      this.store.set({ pan: s.pan + right * spanOf(s), tilt: s.zoom === 1 ? s.tilt : middle + up * spanOf(s) });
+      const [low, high] = elevations(s, camera, width / height);
+      const [middle, span] = [(low + high) / 2, spanOf(s, camera, width / height)];
+      this.store.set({ pan: s.pan + right * span, tilt: isAllHigh(s, camera, width / height) ? s.tilt : middle + up * span });
     } else this.store.set({ pan: s.pan + right * 360, tilt: s.tilt + (s.mode === "mosaic" ? up * 360 : 0) });
   }
 

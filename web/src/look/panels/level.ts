@@ -5,6 +5,7 @@ import type { Camera } from "../geometry/camera";
 import { raised } from "../geometry/lean";
 import { panTiltOf, RAD, type Vec3 } from "../geometry/vectors";
 import { elevations } from "../geometry/views";
+import type { Place } from "../stage";
 import type { SensorPanel } from "./sensor";
 
 /** Levelling a sensor that leaned: what is taken hold of in the view goes up and down, to the line of the horizon. */
@@ -39,15 +40,15 @@ export class LevelPanel {
     this.sensor().lean(raised({ pitch: mount.pitch_deg, roll: mount.roll_deg }, pan, after.tilt - tilt));
   }
 
-  /** Show where the horizon belongs, over a view so large on the screen. */
-  show(camera: Camera | null, canvas: HTMLElement): void {
+  /** Show where the horizon belongs, over a view in its place on a canvas. */
+  show(camera: Camera | null, canvas: HTMLElement, place: Place): void {
     byId("plumb").hidden = !camera || (camera.model.mount.pitch_deg === 0 && camera.model.mount.roll_deg === 0);
     this.line.hidden = !camera || !this.isDragged();
     if (this.line.hidden || !camera) return;
-    const { offsetTop, offsetLeft, offsetWidth, offsetHeight } = canvas;
-    const share = heightOf(this.store.state, camera, offsetWidth / offsetHeight);
+    const { left, top, width, height, state } = place;
+    const share = heightOf(state, camera, width / height);
     this.line.hidden = !(share > 0 && share < 1);
-    Object.assign(this.line.style, { top: `${offsetTop + share * offsetHeight}px`, left: `${offsetLeft}px`, width: `${offsetWidth}px` });
+    Object.assign(this.line.style, { top: `${canvas.offsetTop + top + share * height}px`, left: `${canvas.offsetLeft + left}px`, width: `${width}px` });
   }
 }
 
@@ -56,6 +57,6 @@ const isLevelled = (s: State): boolean => s.mode === "panorama" || s.mode === "p
 /** How far down a view its horizon lies, as a part of its height. */
 function heightOf(s: State, camera: Camera, aspect: number): number {
   if (s.mode === "perspective") return 0.5 + (aspect / 2 / Math.tan((s.hfov * RAD) / 2)) * Math.tan(s.tilt * RAD);
-  const [low, high] = elevations(s, camera);
+  const [low, high] = elevations(s, camera, aspect);
   return high / (high - low);
 }

@@ -1,9 +1,9 @@
 import * as api from "../../shared/api";
 import { byId } from "../../shared/dom";
-import type { CameraShown } from "../../shared/messages";
+import type { CameraShown, RimFound } from "../../shared/messages";
 import { busy, fail, say } from "../../shared/notices";
 import type { Store } from "../../shared/store";
-import type { Feed } from "../feeds/feed";
+import { type Feed, fileOf } from "../feeds/feed";
 import { type Camera, type Circle, circleOf } from "../geometry/camera";
 
 const LOOKED_AT = 1440; // px of the longer side, in which a rim is found as well as in more
@@ -14,6 +14,7 @@ export class RimPanel {
   private readonly button = byId<HTMLButtonElement>("adjust");
   private readonly finder = byId<HTMLButtonElement>("find-rim");
   private feed: Feed | null = null;
+  private readonly found = new WeakMap<Feed, RimFound>();
   private readonly inputs = ["rim-u", "rim-v", "rim-radius"].map((id) => byId<HTMLInputElement>(id));
 
   constructor(private readonly store: Store, toggled: (isFitting: boolean) => void) {
@@ -23,7 +24,7 @@ export class RimPanel {
       byId("rim-numbers").hidden = !isFitting;
       toggled(isFitting);
     });
-    this.finder.addEventListener("click", () => void this.find());
+    this.finder.addEventListener("click", () => void this.findHere());
     byId("reset-rim").addEventListener("click", () => store.set({ rim: null }));
     for (const input of this.inputs)
       input.addEventListener("change", () => {
@@ -37,26 +38,38 @@ export class RimPanel {
     this.store.set({ rim: [round(u), round(v), round(radius)] });
   }
 
-  /** Have the server find the mirror in the picture that is shown, and take its circle. */
-  private async find(): Promise<void> {
-    const { feed } = this;
-    if (!feed) return say("Open a picture first.");
+  /** Have the server find the mirror in what is shown, and take its circle where that is sure; null where it could not look. */
+  async find(feed: Feed): Promise<RimFound | null> {
     this.finder.disabled = true;
     busy("Looking for the mirror…");
     try {
-      const { picture, scale } = await copied(feed);
-      const found = await api.rim(picture, feed.name);
-      if (feed !== this.feed) return;
-      const [u, v] = found.centre_px.map((c) => (c + 0.5) * scale - 0.5);
-      if (!found.is_sure) return say("No mirror was found for sure. Fit its circle by hand.");
-      this.set({ u, v, radius: found.radius_px * scale });
-      say(`Circle found, confidence ${found.confidence.toFixed(2)}`);
+      const found = (!feed.moves && this.found.get(feed)) || (await lookedAt(feed));
+      this.found.set(feed, found);
+      if (feed !== this.feed) return null;
+      const [u, v] = found.centre_px;
+      if (found.is_sure) this.set({ u, v, radius: found.radius_px });
+      return found;
     } catch (e) {
       fail(e);
+      return null;
     } finally {
       busy(null);
       this.finder.disabled = false;
     }
+  }
+
+  private async findHere(): Promise<void> {
+    if (!this.feed) return say("Open a picture first.");
+    const found = await this.find(this.feed);
+    if (found) say(found.is_sure ? `Circle found, ${percent(found.confidence)} sure` : "No mirror was found for sure. Fit its circle by hand.");
+  }
+
+  /** How the circle of a picture came about, in words. */
+  words(feed: Feed): string {
+    const { rim } = this.store.state;
+    const found = this.found.get(feed);
+    const isFound = found?.is_sure && rim && Math.hypot(rim[0] - found.centre_px[0], rim[1] - found.centre_px[1], rim[2] - found.radius_px) < 0.1;
+    return isFound ? `. The mirror was found by itself, ${percent(found.confidence)} sure` : "";
   }
 
   /** The camera with the circle that the state, or else the size of the picture, asks for. */
@@ -80,18 +93,15 @@ export class RimPanel {
   }
 }
 
-/** What a feed shows now, as a file of at most so many pixels, and how many of the feed's each of them is. */
-async function copied(feed: Feed): Promise<{ picture: Blob; scale: number }> {
-  const scale = Math.max(1, Math.max(feed.width, feed.height) / LOOKED_AT);
-  const canvas = document.createElement("canvas");
-  [canvas.width, canvas.height] = [feed.width, feed.height].map((side) => Math.max(1, Math.round(side / scale)));
-  const context = canvas.getContext("2d")!;
-  context.imageSmoothingQuality = "high";
-  context.drawImage(feed.picture, 0, 0, canvas.width, canvas.height);
-  const picture = await new Promise<Blob | null>((resolve) => canvas.toBlob(resolve, "image/png"));
-  if (!picture) throw new Error("The browser made no copy of the picture.");
-  return { picture, scale };
+/** The mirror in what a feed shows now, in its own pixels. */
+async function lookedAt(feed: Feed): Promise<RimFound> {
+  const { picture, scale } = await fileOf(feed, LOOKED_AT);
+  const found = await api.rim(picture, feed.name);
+  const [u, v] = found.centre_px.map((c) => (c + 0.5) * scale - 0.5);
+  return { ...found, centre_px: [u, v], radius_px: found.radius_px * scale };
 }
+
+export const percent = (share: number): string => `${Math.floor(100 * share)} %`;
 
 /** Whether a camera's pictures have a size. */
 export const hasSize = ({ image_size }: CameraShown, [w, h]: readonly [number, number]): boolean => image_size[0] === w && image_size[1] === h;

@@ -57,6 +57,11 @@ export class SensorPanel {
     store.listen((_, changed) => this.chosen && CHOSEN.some((key) => changed.has(key)) && void this.want());
   }
 
+  /** Take a sensor that stands as its own file says, its circle where it was found in the picture. */
+  async choose(sensor: string, rim: State["rim"]): Promise<void> {
+    await this.want({ sensor, ...AS_IN_FILE, rim });
+  }
+
   /** Offer what the server knows. */
   offer(entries: SensorEntry[]): void {
     this.select.replaceChildren(...entries.map((e) => this.option(e)));
@@ -153,7 +158,7 @@ export class SensorPanel {
   private show({ model }: Camera): void {
     byId("sensor-words").textContent = `${model.title.replace(/\.$/, "")}. Field ${model.tilt_min_deg.toFixed(0)}° to ${model.tilt_max_deg.toFixed(0)}° of elevation.`;
     this.select.value = model.id;
-    if (this.select.value !== model.id) this.choose(model);
+    if (this.select.value !== model.id) this.add(model);
     this.showLooks(model.mount.camera_looks);
     byId<HTMLInputElement>("forward").value = String(model.mount.forward_azimuth_deg);
     byId<HTMLInputElement>("flipped").checked = model.mount.image_flipped;
@@ -168,7 +173,7 @@ export class SensorPanel {
     if (kind === "ball") byId<HTMLInputElement>("ball-field").value = field;
   }
 
-  private choose(entry: { id: string; name: string; title: string; kind: SensorEntry["kind"] }): void {
+  private add(entry: { id: string; name: string; title: string; kind: SensorEntry["kind"] }): void {
     const group = entry.kind === "ball" ? [...this.select.options].find((o) => o.value.startsWith("ball:")) : null;
     if (group) group.replaceWith(this.option(entry));
     else if (![...this.select.options].some((o) => o.value === entry.id)) this.select.append(this.option(entry));

@@ -1,6 +1,7 @@
 import { byId } from "../../shared/dom";
 import type { State } from "../../shared/state";
 import type { Store } from "../../shared/store";
+import { asShown } from "../stage";
 
 interface Scale {
   key: "pan" | "tilt" | "hfov" | "zoom" | "height" | "distance";
@@ -46,7 +47,7 @@ export function bindSliders(store: Store): void {
       byId("sliders").querySelector(`output[for="${key}"]`)!.textContent = text;
     }
     for (const label of byId("sliders").querySelectorAll<HTMLElement>("label"))
-      label.hidden = !label.dataset.for!.split(" ").includes(s.mode) || (label.contains(byId("tilt")) && s.mode === "panorama" && s.zoom === 1);
+      label.hidden = !label.dataset.for!.split(" ").includes(s.mode) || (label.contains(byId("tilt")) && s.mode === "panorama" && s.zoom === 1 && asShown(s).fit === "whole");
   };
   for (const { key, to } of SCALES) {
     const input = byId<HTMLInputElement>(key);

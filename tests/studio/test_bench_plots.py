@@ -1,0 +1,74 @@
+"""The bench's plots as files and as differences, its sliders' marks, and what fits on the first screen."""
+
+from __future__ import annotations
+
+import csv
+import io
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+import omnimirror as om
+
+from .test_bench_page import bench, browser, enter, plotted, sensor_on, settled  # noqa: F401
+
+
+def saved(page, name: str) -> str:
+    """The text of a file that a plot's button saves."""
+    with page.expect_download() as download:
+        page.get_by_role("button", name=name).click()
+    return download.value.path().read_text()
+
+
+def test_differences_to_what_is_pinned_are_plotted_and_saved(bench):  # noqa: F811
+    first = sensor_on(bench)
+    assert bench.get_by_label("Difference").is_hidden()
+    bench.get_by_role("button", name="Pin", exact=True).click()
+    enter(bench, "Focal length", "12")
+    bench.locator(".compare tbody tr").nth(1).wait_for()
+    bench.locator(".groups label").filter(has_text="Difference").click()
+    omega, differs = plotted(bench, "Image height")
+    now, before = (om.evaluate(s, np.minimum(omega, s.field_deg[1])) for s in (sensor_on(bench), first))
+    np.testing.assert_allclose(differs, now.h_px - before.h_px, atol=2e-4 * now.h_px.max())
+    assert np.abs(differs).max() > 10
+    rows = list(csv.DictReader(io.StringIO(saved(bench, "Save Image height as CSV"))))
+    assert {row["design"] for row in rows} == {"design less paper-spherical"}
+    np.testing.assert_allclose([float(row["h_px"]) for row in rows], differs, rtol=1e-6)
+    drawing = ElementTree.fromstring(saved(bench, "Save Blur in the image as SVG"))
+    curves = [p for p in drawing.iter("{http://www.w3.org/2000/svg}path") if p.get("clip-path")]
+    assert len(curves) == 2  # T and S
+    assert len({p.get("stroke-dasharray") for p in curves}) == 2
+    assert "Difference of blur in the image, px" in "".join(drawing.itertext())
+    section = ElementTree.fromstring(saved(bench, "Save the cross-section as SVG"))
+    strokes = {p.get("stroke") for p in section.iter("{http://www.w3.org/2000/svg}path")}
+    assert "none" not in strokes  # without the page's style sheet too
+    bench.locator(".groups label").filter(has_text="Difference").click()
+    assert len(plotted(bench, "Image height")) == 3
+
+
+def test_a_slider_marks_where_it_began_and_leads_back(bench):  # noqa: F811
+    field = bench.locator(".field").filter(has=bench.get_by_label("Focal length", exact=True))
+    back = field.locator(".back")
+    assert back.is_hidden()
+    first = sensor_on(bench)
+    enter(bench, "Focal length", "15")
+    low, high = (float(text) for text in field.locator(".ends span").all_inner_texts())
+    share = np.log(first.lens.focal_length_mm / low) / np.log(high / low)
+    place = field.locator(".marks .first").evaluate("(mark) => parseFloat(mark.style.left)")
+    assert place == pytest.approx(100 * share, abs=0.5)
+    back.click()
+    settled(bench)
+    assert sensor_on(bench).lens == first.lens
+    assert back.is_hidden()
+    far = bench.locator(".field").filter(has=bench.get_by_label("F-number", exact=True))
+    enter(bench, "F-number", "0.1")
+    assert far.locator(".marks .stop").count() == 1 or far.locator(".problem").is_visible()
+
+
+def test_all_curves_stand_on_the_first_screen(bench):  # noqa: F811
+    bottoms = bench.evaluate(
+        "[...document.querySelectorAll('#bench .plot:has(.chart)')].map((f) => f.getBoundingClientRect().bottom)"
+    )
+    assert len(bottoms) == 8
+    assert max(bottoms) <= 800

@@ -1,0 +1,55 @@
+/** A place on the stage, px. */
+export interface Cell {
+  left: number;
+  top: number;
+  width: number;
+  height: number;
+}
+
+const WIDE = 1.9; // width over height from which a view has a row of its own
+const MOST_WIDE = 0.6; // of the height, for all such rows, where there are others
+const GAP = 6; // px
+
+/** The largest place of some width over height in the middle of another; null takes all of it. */
+export function within(aspect: number | null, { left, top, width, height }: Cell): Cell {
+  if (aspect === null) return { left, top, width, height };
+  const w = Math.min(width, height * aspect);
+  return { left: left + (width - w) / 2, top: top + (height - w / aspect) / 2, width: w, height: w / aspect };
+}
+
+/** Places of several views, as large as they can be together; of each its width over height, null where any will do. */
+export function arranged(aspects: readonly (number | null)[], width: number, height: number): Cell[] {
+  const area = (cells: Cell[]): number => cells.reduce((sum, c) => sum + c.width * c.height, 0);
+  const all = aspects.map((_, i) => inRows(rowsOf(aspects, i + 1), width, height));
+  return all.reduce((best, cells) => (area(cells) > area(best) * 1.001 ? cells : best));
+}
+
+const isWide = (aspect: number | null): boolean => aspect !== null && aspect > WIDE;
+
+/** The views in rows of so many, those that are wide in rows of their own. */
+function rowsOf(aspects: readonly (number | null)[], most: number): (number | null)[][] {
+  const rows: (number | null)[][] = [];
+  for (const aspect of aspects) {
+    const last = rows.at(-1);
+    if (!last || last.length >= most || isWide(aspect) || isWide(last[0])) rows.push([aspect]);
+    else last.push(aspect);
+  }
+  return rows;
+}
+
+function inRows(rows: (number | null)[][], width: number, height: number): Cell[] {
+  const room = height - GAP * (rows.length - 1);
+  const wide = rows.filter(([first]) => isWide(first));
+  const others = rows.length - wide.length;
+  const asked = wide.reduce((sum, [aspect]) => sum + width / aspect!, 0);
+  const less = Math.min(1, ((others ? MOST_WIDE : 1) * room) / (asked || 1));
+  const rest = others ? (room - less * asked) / others : 0;
+  let top = others ? 0 : (room - less * asked) / 2;
+  return rows.flatMap((row) => {
+    const high = isWide(row[0]) ? (less * width) / row[0]! : rest;
+    const side = (width - GAP * (row.length - 1)) / row.length;
+    const cells = row.map((aspect, i) => within(aspect, { left: i * (side + GAP), top, width: side, height: high }));
+    top += high + GAP;
+    return cells;
+  });
+}

@@ -1,0 +1,88 @@
+import { byId, h } from "../../shared/dom";
+import { INITIAL } from "../../shared/state";
+import type { Store } from "../../shared/store";
+import type { Feed } from "../feeds/feed";
+import type { Camera } from "../geometry/camera";
+import { hasSize, percent, type RimPanel } from "./rim";
+import type { SensorPanel } from "./sensor";
+
+/** What takes such pictures, in plain words: the answer, what it looks like, and the sensor that stands for it. */
+const TAKEN_BY: readonly (readonly [answer: string, looks: string, sensor: string])[] = [
+  ["A mirror ball", "a whole ball; who took it stands in the middle", "ball:340"],
+  ["Most of a ball", "as hangs under a shop's ceiling", "ball:260"],
+  ["A bulging mirror", "as at street corners and driveways", "ball:160"],
+  ["A panorama mirror", "screwed to a lens, a hole or the lens in its middle", "exact-equidistant"],
+];
+
+/** What the card needs of the tab. */
+interface Hands {
+  rim: RimPanel;
+  sensor: () => SensorPanel;
+  feed: () => Feed | null;
+}
+
+/** The first look at a picture: its mirror is found by itself, and who opened it is asked once what took it. */
+export class FirstLook {
+  private readonly card = byId("ask");
+  private isKnown: boolean;
+
+  constructor(private readonly store: Store, private readonly hands: Hands) {
+    this.isKnown = store.state.sensor !== INITIAL.sensor;
+    store.listen((_, changed) => {
+      if (!changed.has("sensor") && !changed.has("source")) return;
+      this.card.hidden = true;
+      if (changed.has("sensor")) this.isKnown = true;
+      const feed = hands.feed();
+      if (changed.has("sensor") && feed) void this.look(feed);
+    });
+  }
+
+  /** Say that the camera was told from the beginning. */
+  known(): void {
+    this.isKnown = true;
+  }
+
+  /** Find the mirror in a picture whose circle nobody has said. */
+  async look(feed: Feed): Promise<void> {
+    const { camera } = this.hands.sensor();
+    if (!camera || feed.moves || this.store.state.rim || !camera.model.is_adjustable || isOwn(camera, feed)) return;
+    const found = await this.hands.rim.find(feed);
+    if (found && feed === this.hands.feed() && !(this.isKnown && found.is_sure)) this.ask(found.is_sure, found.confidence);
+  }
+
+  private ask(isSure: boolean, confidence: number): void {
+    const close = h("button", { type: "button", className: "small", "aria-label": "Put this away", onclick: () => this.done() }, "×");
+    const where = isSure
+      ? h("p", {}, `The mirror was found in it, ${percent(confidence)} sure.`)
+      : h("p", {}, "Where the mirror ends is not clear in this picture. ", h("button", { type: "button", className: "small", onclick: () => this.byHand() }, "Set its edge by hand"));
+    const answers = TAKEN_BY.map(([answer, looks, sensor]) => h("button", { type: "button", onclick: () => void this.answered(sensor) }, answer, h("small", {}, looks)));
+    const file = h("button", { type: "button", onclick: () => this.fromFile() }, "A camera I have a file of", h("small", {}, "a sensor or calibration file"));
+    const question = this.isKnown ? [] : [h("h2", { id: "ask-title" }, "What took this picture?"), h("div", { className: "answers" }, ...answers, file)];
+    this.card.replaceChildren(close, where, ...question);
+    this.card.hidden = false;
+  }
+
+  private async answered(sensor: string): Promise<void> {
+    const { rim } = this.store.state;
+    this.done();
+    await this.hands.sensor().choose(sensor, rim);
+  }
+
+  private fromFile(): void {
+    this.done();
+    byId("load").click();
+  }
+
+  private byHand(): void {
+    this.card.hidden = true;
+    byId("adjust").click();
+  }
+
+  private done(): void {
+    this.isKnown = true;
+    this.card.hidden = true;
+  }
+}
+
+/** Whether a picture is of the size that a sensor's own pictures have; balls have none. */
+const isOwn = ({ model }: Camera, feed: Feed): boolean => model.kind !== "ball" && hasSize(model, [feed.width, feed.height]);

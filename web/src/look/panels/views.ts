@@ -1,0 +1,139 @@
+import { byId, h } from "../../shared/dom";
+import { type KeptView, MODES, ofView, type State, textOf, VIEW, viewsIn } from "../../shared/state";
+import type { Store } from "../../shared/store";
+import { asShown, type Place } from "../stage";
+
+/** The kinds of views, as people call them. */
+const TITLES: Record<State["mode"], string> = {
+  panorama: "Panorama",
+  perspective: "Perspective",
+  dome: "Dome",
+  planet: "Little planet",
+  ground: "Ground plan",
+  mosaic: "Mosaic",
+};
+export const KINDS = MODES.map((mode) => [mode, TITLES[mode]] as const);
+const AROUND = [["Ahead", 0], ["Right", 90], ["Behind", 180], ["Left", -90]] as const;
+
+/** Views that are kept under names: chosen one by one, or shown side by side and moved each by itself. */
+export class ViewsPanel {
+  private readonly list = byId("kept-views");
+  private readonly together = byId<HTMLButtonElement>("all-views");
+  private readonly cells = byId("cells");
+  private shape = "";
+
+  constructor(private readonly store: Store) {
+    byId("keep-view").addEventListener("click", () => this.keep());
+    this.together.addEventListener("click", () => this.showAll(!store.state.all));
+    store.listen((s, changed) => this.follow(s, changed));
+    this.show();
+  }
+
+  /** What is on the stage: the view, or all that are kept. */
+  states(): State[] {
+    const s = asShown(this.store.state);
+    const { kept } = this;
+    return s.all && kept.length ? kept.map((view, i) => (i === this.active ? s : asShown({ ...s, ...view }))) : [s];
+  }
+
+  /** Which of them is moved. */
+  get active(): number {
+    const { all, view } = this.store.state;
+    return all ? Math.min(Math.max(view, 0), Math.max(this.kept.length - 1, 0)) : 0;
+  }
+
+  /** Make the view the one that is moved which lies at a place of the canvas, px. */
+  chooseAt(places: readonly Place[], x: number, y: number): void {
+    const at = places.findIndex((p) => x >= p.left && y >= p.top && x < p.left + p.width && y < p.top + p.height);
+    if (at >= 0 && places.length > 1 && at !== this.active) this.go(at);
+  }
+
+  /** Say which view is which, where there are several. */
+  label(places: readonly Place[], canvas: HTMLElement): void {
+    const shown = places.length > 1 ? places : [];
+    while (this.cells.children.length > shown.length) this.cells.lastElementChild!.remove();
+    while (this.cells.children.length < shown.length) this.cells.append(h("div", {}, h("span", {})));
+    shown.forEach(({ left, top, width, height }, i) => {
+      const cell = this.cells.children[i] as HTMLElement;
+      cell.className = i === this.active ? "moved" : "";
+      Object.assign(cell.style, { left: `${canvas.offsetLeft + left}px`, top: `${canvas.offsetTop + top}px`, width: `${width}px`, height: `${height}px` });
+      cell.firstElementChild!.textContent = this.kept[i].name;
+    });
+  }
+
+  private get kept(): KeptView[] {
+    return viewsIn(this.store.state.views) ?? [];
+  }
+
+  /** The view that is shown, among those that are kept; -1 where it is none of them. */
+  private get current(): number {
+    const s = this.store.state;
+    return s.all ? this.active : this.kept.findIndex((view) => VIEW.every((key) => view[key] === s[key]));
+  }
+
+  private keep(): void {
+    const { kept } = this;
+    this.store.set({ views: textOf([...kept, { name: this.newName(), ...ofView(this.store.state) }]), ...(this.store.state.all && { view: kept.length }) });
+  }
+
+  private newName(): string {
+    const { mode, pan } = this.store.state;
+    const name = mode === "perspective" ? `${TITLES[mode]} ${Math.round(pan)}°` : TITLES[mode];
+    const alike = this.kept.filter((view) => view.name === name || view.name.startsWith(`${name} (`)).length;
+    return alike ? `${name} (${alike + 1})` : name;
+  }
+
+  private go(index: number): void {
+    const { name: _, ...view } = this.kept[index];
+    this.store.set({ ...view, view: index });
+  }
+
+  private drop(index: number): void {
+    const rest = this.kept.filter((_, i) => i !== index);
+    const isAll = this.store.state.all && rest.length > 0;
+    const next = Math.min(this.active, rest.length - 1);
+    const { name: _, ...view } = rest[next] ?? { name: "" };
+    this.store.set({ views: textOf(rest), all: isAll, view: isAll ? next : -1, ...(isAll && view) });
+  }
+
+  private rename(index: number, name: string): void {
+    const views = this.kept.map((view, i) => (i === index && name.trim() ? { ...view, name: name.trim() } : view));
+    this.store.set({ views: textOf(views) });
+    this.show();
+  }
+
+  /** Show all views at once; where none is kept, the one that is shown and four around. */
+  private showAll(all: boolean): void {
+    if (!all) return this.store.set({ all, view: -1 });
+    const s = this.store.state;
+    let { kept } = this;
+    let { current } = this;
+    if (!kept.length) kept = AROUND.map(([name, pan]) => ({ name, ...ofView({ ...s, mode: "perspective", pan, tilt: 0, hfov: 90, zoom: 1 }) }));
+    if (current < 0) kept = [{ name: this.newName(), ...ofView(s) }, ...kept];
+    current = Math.max(current, 0);
+    this.store.set({ views: textOf(kept), all, view: current });
+  }
+
+  /** What is moved where all are shown is kept as it is. */
+  private follow(s: State, changed: Set<keyof State>): void {
+    const isMoved = s.all && VIEW.some((key) => changed.has(key)) && !changed.has("view") && !changed.has("views");
+    if (isMoved) this.store.set({ views: textOf(this.kept.map((view, i) => (i === this.active ? { name: view.name, ...ofView(s) } : view))) });
+    if (isMoved || VIEW.some((key) => changed.has(key)) || (["views", "view", "all"] as const).some((key) => changed.has(key))) this.show();
+  }
+
+  private show(): void {
+    const { kept, current } = this;
+    this.together.setAttribute("aria-pressed", String(this.store.state.all));
+    const shape = JSON.stringify([kept.map((view) => view.name), current]);
+    if (shape === this.shape) return;
+    this.shape = shape;
+    this.list.replaceChildren(...kept.map((view, i) => this.chip(view, i, i === current)));
+  }
+
+  private chip({ name }: KeptView, i: number, isCurrent: boolean): HTMLElement {
+    if (!isCurrent) return h("li", {}, h("button", { type: "button", onclick: () => this.go(i) }, name));
+    const input = h("input", { type: "text", value: name, maxLength: 40, size: Math.max(4, name.length), spellcheck: false, "aria-label": "Name of this view" });
+    input.addEventListener("change", () => this.rename(i, input.value));
+    return h("li", { className: "current", "aria-current": "true" }, input, h("button", { type: "button", "aria-label": `Forget ${name}`, title: "Forget this view", onclick: () => this.drop(i) }, "×"));
+  }
+}

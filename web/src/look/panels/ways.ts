@@ -1,0 +1,35 @@
+import { allow, byId } from "../../shared/dom";
+import type { State } from "../../shared/state";
+import type { Store } from "../../shared/store";
+import { asShown } from "../stage";
+
+/** Why some kinds of views are as large as they are. */
+const ALWAYS: Partial<Record<State["mode"], string>> = {
+  perspective: "A perspective view always fills the stage.",
+  dome: "A dome is round: cut at the sides it would show less and fill no more.",
+  mosaic: "A mosaic shows all around, and has its own shape.",
+};
+
+/** How views are shown: whole or filling the stage, with or without the picture beside them. */
+export class WaysPanel {
+  private readonly fill = byId<HTMLButtonElement>("fill");
+  private readonly beside = byId<HTMLButtonElement>("beside");
+
+  constructor(private readonly store: Store, besides: () => void) {
+    this.fill.addEventListener("click", () => store.set({ fit: asShown(store.state).fit === "fill" ? "whole" : "fill" }));
+    this.beside.addEventListener("click", () => store.set({ beside: !store.state.beside }));
+    store.listen((_, changed) => {
+      this.show();
+      if (changed.has("beside")) besides();
+    });
+    addEventListener("resize", () => this.show());
+    this.show();
+  }
+
+  private show(): void {
+    const s = asShown(this.store.state);
+    this.fill.setAttribute("aria-pressed", String(s.fit === "fill"));
+    allow(this.fill, ALWAYS[s.mode] ?? null);
+    this.beside.setAttribute("aria-pressed", String(s.beside));
+  }
+}

@@ -1,0 +1,89 @@
+import * as api from "../../shared/api";
+import { allow, byId } from "../../shared/dom";
+import { busy, fail } from "../../shared/notices";
+import type { Store } from "../../shared/store";
+import { type Feed, fileOf } from "../feeds/feed";
+import type { Camera } from "../geometry/camera";
+
+const HALF = 0.5;
+
+/** The picture as it was given beside itself without the blur that mirror and lens left in it, and the line between them. */
+export class WipePanel {
+  private readonly button = byId<HTMLButtonElement>("restore");
+  private readonly place = byId("wiper");
+  private readonly line = byId("wipe-line");
+  private readonly slider = byId<HTMLInputElement>("wipe");
+  /** What was restored, or is being: of which picture, through which camera. */
+  private asked: { feed: Feed; by: string } | null = null;
+  picture: ImageBitmap | null = null;
+
+  constructor(private readonly store: Store, private readonly changed: () => void) {
+    this.button.addEventListener("click", () => store.set({ wipe: store.state.wipe === null ? HALF : null }));
+    this.slider.addEventListener("input", () => store.set({ wipe: Number(this.slider.value) }));
+  }
+
+  /** Where the line stands, as a share of the width; null where nothing is restored. */
+  get share(): number | null {
+    return this.picture ? this.store.state.wipe : null;
+  }
+
+  /** Follow what is shown: restore it where that is wanted, and lay the line over the canvas. */
+  follow(camera: Camera, feed: Feed, canvas: HTMLElement): void {
+    const { wipe } = this.store.state;
+    const reason = reasonAgainst(camera, feed);
+    allow(this.button, reason);
+    this.button.setAttribute("aria-pressed", String(wipe !== null));
+    const by = nameOf(camera, this.store.state.distance);
+    if (this.asked && (this.asked.feed !== feed || this.asked.by !== by || wipe === null || reason)) this.forget();
+    if (wipe !== null && !reason && !this.asked) void this.restore(camera, feed, by);
+    this.place.hidden = this.share === null;
+    if (wipe === null || this.place.hidden) return;
+    const { offsetTop, offsetLeft, offsetWidth, offsetHeight } = canvas;
+    Object.assign(this.place.style, { top: `${offsetTop}px`, left: `${offsetLeft}px`, width: `${offsetWidth}px`, height: `${offsetHeight}px` });
+    this.line.style.left = `${100 * wipe}%`;
+    if (document.activeElement !== this.slider) this.slider.value = String(wipe);
+    this.slider.setAttribute("aria-valuetext", `${Math.round(100 * wipe)} % as given`);
+  }
+
+  private forget(): void {
+    this.asked = null;
+    this.picture?.close();
+    this.picture = null;
+    this.changed();
+  }
+
+  private async restore(camera: Camera, feed: Feed, by: string): Promise<void> {
+    const asked = (this.asked = { feed, by });
+    busy("Taking the blur out of the picture…");
+    try {
+      const { model, circle, size } = camera;
+      const distance = this.store.state.distance;
+      const made = await api.restored({
+        id: model.id,
+        mount: model.mount,
+        image_size: [...size] as [number, number],
+        centre_px: [circle.u, circle.v],
+        rim_radius_px: circle.radius,
+        name: feed.name,
+        object_distance_mm: Number.isFinite(distance) ? distance : null,
+      }, (await fileOf(feed)).picture);
+      const picture = await createImageBitmap(made, { colorSpaceConversion: "none", premultiplyAlpha: "none" });
+      if (this.asked !== asked) return picture.close();
+      this.picture = picture;
+      this.changed();
+    } catch (e) {
+      if (this.asked === asked) this.store.set({ wipe: null });
+      fail(e);
+    } finally {
+      busy(null);
+    }
+  }
+}
+
+function reasonAgainst({ model }: Camera, feed: Feed): string | null {
+  if (feed.moves) return "Pictures are restored one at a time, not while they move.";
+  if (model.kind !== "sensor") return "What blur there is, is known of sensors whose mirror and lens are known; choose one.";
+  return model.tables.lattice ? "The mirror of this sensor is out of its place; only of one in its place is the blur known." : null;
+}
+
+const nameOf = ({ model, circle, size }: Camera, distance: number): string => JSON.stringify([model.id, model.mount.image_flipped, circle, size, distance]);
