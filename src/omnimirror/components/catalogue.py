@@ -14,6 +14,8 @@ from ..arguments import checked, float_of, shown
 from ..errors import InvalidParameter, OmnimirrorError
 from ..files import parse_toml, read_text
 from ..housing.materials import NAMES
+from ..lenses import SurfaceLens
+from ..numerics.lazy import cached_property
 from ..parameters import Parameter
 from ..specs import did_you_mean
 
@@ -80,6 +82,8 @@ class LensComponent(Component):
         Thicknesses of rings at hand, which move the whole lens out, each to be used once.
     mount
         Names of the mounts that it fits, parted by spaces: ``"C"``, ``"M12"``; nothing where it does not matter.
+    file
+        Its surfaces, a .zmx file; focal length and F-numbers are those of the file then, where they are not given.
     """
 
     name: str
@@ -90,6 +94,7 @@ class LensComponent(Component):
     image_circle_mm: float | None = None
     extension_rings_mm: tuple[float, ...] = ()
     mount: str = ""
+    file: str = ""
 
     KIND: ClassVar[str] = "lens"
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
@@ -109,6 +114,11 @@ class LensComponent(Component):
                 f"{self.name}: minimum_focus_mm = {self.minimum_focus_mm:g} is not beyond the focal length "
                 f"{self.focal_length_mm:g}"
             )
+
+    @cached_property
+    def optics(self) -> SurfaceLens | None:
+        """The lens by its surfaces, of a file."""
+        return SurfaceLens.from_file(self.file) if self.file else None
 
 
 @dataclass(frozen=True)
@@ -185,6 +195,23 @@ class DomeComponent(Component):
     }
 
 
+@dataclass(frozen=True)
+class ExtraComponent(Component):
+    """What is bought besides: a heater, an arm, a holder.
+
+    Parameters
+    ----------
+    use
+        What it is for, one word by which requirements ask for it: ``"heater"``.
+    """
+
+    name: str
+    use: str
+
+    KIND: ClassVar[str] = "extra"
+    PARAMETERS: ClassVar[dict[str, Parameter]] = {}
+
+
 def mounts_fit(lens: LensComponent | TelecentricComponent, imager: ImagerComponent) -> bool:
     """Whether a lens can be screwed on an imager, as far as both say.
 
@@ -208,6 +235,7 @@ class Catalogue:
     imagers: tuple[ImagerComponent, ...]
     balls: tuple[BallComponent, ...] = ()
     domes: tuple[DomeComponent, ...] = ()
+    extras: tuple[ExtraComponent, ...] = ()
 
 
 @checked
@@ -215,7 +243,8 @@ def read_catalogue(*paths: str | Path) -> Catalogue:
     """The parts of all files together: TOML files with ``[[lens]]``, ``[[imager]]`` .. tables, and CSV files.
 
     The filled cells of a line of CSV tell its kind: ``pixel_pitch_um`` is an imager's, ``magnification`` a telecentric
-    lens's, ``ball_diameter_mm`` a mirror ball's, ``dome_diameter_mm`` a dome's. Empty cells are left out;
+    lens's, ``ball_diameter_mm`` a mirror ball's, ``dome_diameter_mm`` a dome's, ``use`` that of a heater, an arm or a
+    holder. Empty cells are left out;
     ``extension_rings_mm`` holds thicknesses parted by spaces.
 
     Parameters
@@ -226,7 +255,7 @@ def read_catalogue(*paths: str | Path) -> Catalogue:
     Returns
     -------
     Catalogue
-        Its lenses and imagers, mirror balls and domes.
+        Its lenses and imagers, mirror balls and domes, and what is bought besides.
 
     Raises
     ------
@@ -261,19 +290,21 @@ def read_catalogue(*paths: str | Path) -> Catalogue:
         missing = "lens" if not lenses else "imager"
         raise OmnimirrorError(f"there is no {missing} in {', '.join(map(str, paths))}; at least one is needed")
     balls = tuple(p for p in parts if isinstance(p, BallComponent))
-    return Catalogue(lenses, imagers, balls, tuple(p for p in parts if isinstance(p, DomeComponent)))
+    domes = tuple(p for p in parts if isinstance(p, DomeComponent))
+    return Catalogue(lenses, imagers, balls, domes, tuple(p for p in parts if isinstance(p, ExtraComponent)))
 
 
 KINDS: dict[str, tuple[type[Component], ...]] = {
     "lens": (LensComponent, TelecentricComponent), "imager": (ImagerComponent,), "ball": (BallComponent,),
-    "dome": (DomeComponent,),
+    "dome": (DomeComponent,), "extra": (ExtraComponent,),
 }  # fmt: skip
 TELLING: dict[str, type[Component]] = {
     "magnification": TelecentricComponent, "pixel_pitch_um": ImagerComponent, "ball_diameter_mm": BallComponent,
-    "dome_diameter_mm": DomeComponent,
+    "dome_diameter_mm": DomeComponent, "use": ExtraComponent,
 }  # fmt: skip
 """Entries that tell a kind; a part without any of them is a lens."""
-WORDS = ("name", "source", "material", "mount")
+WORDS = ("name", "source", "material", "mount", "use", "file")
+SAME = 0.01  # a share that a focal length may differ from its file's and yet be meant
 TABLES = ", ".join(f"[[{kind}]]" for kind in KINDS)
 
 
@@ -291,7 +322,7 @@ def _read(path: Path) -> Iterable[tuple[str, Component]]:
             place = f"{path}, {kind} {number}"
             if not isinstance(entry, dict):
                 raise OmnimirrorError(f"{path}: {kind} {number} is no table; a catalogue has tables {TABLES}")
-            part = _part(place, "", entry, KINDS[kind][0])
+            part = _part(place, "", _with_file(place, entry, path.parent), KINDS[kind][0])
             if not isinstance(part, KINDS[kind]):
                 raise OmnimirrorError(f"{place} is a {part.KIND} by its entries; put it into a table [[{part.KIND}]]")
             yield place, part
@@ -314,7 +345,27 @@ def _read_csv(path: Path, text: str) -> Iterable[tuple[str, Component]]:
         if len(cells) > len(header):
             raise OmnimirrorError(f"{place} has {len(cells)} cells, and the header {len(header)} columns")
         named = zip(header, (cell.strip() for cell in cells), strict=False)
-        yield place, _part(place, "column ", {name: _number(name, cell) for name, cell in named if cell}, LensComponent)
+        entry = {name: _number(name, cell) for name, cell in named if cell}
+        yield place, _part(place, "column ", _with_file(place, entry, path.parent), LensComponent)
+
+
+def _with_file(where: str, entry: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """An entry with what the file of a lens says of it, where it names one."""
+    name = entry.get("file")
+    if not (isinstance(name, str) and name):
+        return entry
+    try:
+        optics = SurfaceLens.from_file(folder / name)
+    except OmnimirrorError as e:
+        raise OmnimirrorError(f"{where}: {e}") from None
+    stop = float(optics.f_number)
+    own = {"focal_length_mm": optics.focal_length_mm, "f_number_min": stop, "f_number_max": stop}
+    focal = entry.get("focal_length_mm", optics.focal_length_mm)
+    if _is_number(focal) and abs(focal / optics.focal_length_mm - 1) > SAME:
+        raise OmnimirrorError(
+            f"{where}: focal_length_mm = {focal:g} is not that of {name}, {optics.focal_length_mm:.5g}; leave it out"
+        )
+    return {**own, **entry, "focal_length_mm": optics.focal_length_mm, "file": str(folder / name)}
 
 
 def _is_number(value: Any) -> bool:

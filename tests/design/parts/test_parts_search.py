@@ -13,6 +13,7 @@ from omnimirror.components.catalogue import (
     BallComponent,
     Catalogue,
     DomeComponent,
+    ExtraComponent,
     ImagerComponent,
     LensComponent,
     TelecentricComponent,
@@ -25,8 +26,10 @@ from omnimirror.design.parts.bought import SLACK
 from omnimirror.design.parts.combinations import asked_of, combinations_of, cut, nearest_focus_mm
 from omnimirror.design.solve import range_search
 from omnimirror.errors import OmnimirrorError
+from omnimirror.lenses import SurfaceLens
 from omnimirror.mirrors import Sphere
 from tests.commands import fails, omnimirror
+from tests.lenses import prescriptions
 
 RINGS = (0.5, 1.0)
 LENSES = tuple(
@@ -368,3 +371,65 @@ def test_the_bundled_catalogue_says_where_its_numbers_come_from():
     parts = (*shelf.lenses, *shelf.imagers, *shelf.balls, *shelf.domes)
     assert all(part.source and part.price and part.mass_g for part in parts)
     assert read_catalogue("typical") == shelf
+
+
+# -- what is bought besides, and lenses by their surfaces ------------------------------------------------------------
+
+
+def test_what_is_bought_besides_counts_in_price_and_mass():
+    extras = (
+        ExtraComponent("mat", "heater", price=15.0, mass_g=12.0),
+        ExtraComponent("film", "heater", price=9.0, mass_g=20.0),
+        ExtraComponent("profile", "arm", price=10.0, mass_g=240.0),
+    )
+    shelf = replace(SMALL, extras=extras)
+    plain, more = (
+        om.design_from_parts(asked(BLUR, **given), shelf, most=1).found[0]
+        for given in ({}, {"extras": ("heater", "arm")})
+    )
+    assert more.price == plain.price + 19.0
+    assert more.mass_g == pytest.approx(plain.mass_g + 260.0)
+    assert more.to_dict()["extra"] == ["film", "profile"]
+    with pytest.raises(OmnimirrorError, match=r"no 'fan' in the catalogue, .* it has heater, arm"):
+        om.design_from_parts(asked(BLUR, extras=("fan",)), shelf)
+
+
+def test_the_bundled_catalogue_has_heater_arm_and_holder():
+    assert {part.use for part in read_catalogue().extras} == {"heater", "arm", "holder"}
+    assert all(part.source and part.price and part.mass_g for part in read_catalogue().extras)
+
+
+def test_a_lens_of_a_catalogue_may_be_a_file_of_its_surfaces(tmp_path):
+    """Its mirror is made for it: the field is kept behind the glass, where a thin lens of its numbers would miss it."""
+    (tmp_path / "triplet.zmx").write_text(prescriptions.zmx())
+    (tmp_path / "shelf.csv").write_text(
+        "name,file,minimum_focus_mm,f_number_max,price,mass_g,width_px,height_px,pixel_pitch_um\n"
+        "triplet,triplet.zmx,60,11,80,20,,,\n1 MP,,,,90,30,1024,1024,5.2\n"
+    )
+    shelf = read_catalogue(tmp_path / "shelf.csv")
+    (lens,) = shelf.lenses
+    assert lens.focal_length_mm == pytest.approx(11.6, rel=0.01)
+    assert (lens.f_number_min, lens.f_number_max) == (pytest.approx(4.0, rel=0.01), 11.0)
+    wanted = asked(om.Limit("total_blur_deg", at_most=2.0))
+    found = om.design_from_parts(wanted, shelf)
+    (design,) = found.found
+    sensor = design.design.sensor
+    assert isinstance(sensor.lens, SurfaceLens)
+    assert sensor.field_deg[1] == pytest.approx(120.0, abs=1e-6)
+    assert sensor.rim_radius_px == pytest.approx(512.0, abs=0.03)
+    alone = om.design_sensor(asked_of(wanted, design.combination)).sensor
+    assert sensor.mirror.radius_mm == pytest.approx(alone.mirror.radius_mm, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("line", "sentence"),
+    [
+        ("triplet,none.zmx,60,,", "line 2: .*none.zmx cannot be read"),
+        ("triplet,triplet.zmx,60,8,", "line 2: focal_length_mm = 8 is not that of triplet.zmx"),
+    ],
+)
+def test_wrong_files_of_lenses_are_named(line, sentence, tmp_path):
+    (tmp_path / "triplet.zmx").write_text(prescriptions.zmx())
+    (tmp_path / "shelf.csv").write_text(f"name,file,minimum_focus_mm,focal_length_mm,price\n{line}\n")
+    with pytest.raises(OmnimirrorError, match=sentence):
+        read_catalogue(tmp_path / "shelf.csv")

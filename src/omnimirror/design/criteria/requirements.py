@@ -283,6 +283,8 @@ class PartsRequirements(Entries):
         ``"made"``, as ``[mirror]`` says; or ``"ball"``: one of the catalogue's, as large a cap of it as is needed.
     dome
         Whether the mirror stands in one of the catalogue's domes.
+    extras
+        What is bought besides, by its use: ``("heater", "arm")``; the cheapest of each counts in price and mass.
     most_price, most_mass_g, most_diameter_mm, most_height_mm
         Of the whole. Mirrors that are made cost nothing here, and weigh as much as aluminium.
 
@@ -303,6 +305,7 @@ class PartsRequirements(Entries):
     catalogue: Names = ()
     mirror: Literal["made", "ball"] = "made"
     dome: bool = False
+    extras: Names = ()
     most_price: Most | None = None
     most_mass_g: Most | None = None
     most_diameter_mm: Most | None = None

@@ -61,7 +61,9 @@ class BoughtDesign:
 
     def to_dict(self) -> dict[str, Any]:
         """As plain data, for JSON."""
-        parts = {part.KIND: part.name for part in self.combination.parts}
+        parts: dict[str, Any] = {part.KIND: part.name for part in self.combination.parts}
+        if extras := self.combination.extras:
+            parts["extra"] = [part.name for part in extras]
         numbers = {
             "ring_mm": self.ring_mm, "price": self.price, "mass_g": self.mass_g,
             "worst_floored_area_deg2": self.worst_floored_area_deg2,

@@ -17,17 +17,20 @@ from itertools import product
 
 import numpy as np
 
+from ...arguments import shown
 from ...components.catalogue import (
     BallComponent,
     Catalogue,
     Component,
     DomeComponent,
+    ExtraComponent,
     ImagerComponent,
     LensComponent,
     TelecentricComponent,
     mounts_fit,
 )
 from ...components.whole import price
+from ...errors import InvalidParameter
 from ...housing.walls import Dome
 from ...imagers import Imager
 from ...numerics.lazy import cached_property
@@ -48,10 +51,11 @@ class PartsCombination:
     imager: ImagerComponent
     ball: BallComponent | None = None
     dome: DomeComponent | None = None
+    extras: tuple[ExtraComponent, ...] = ()
 
     @property
     def parts(self) -> tuple[Component, ...]:
-        return tuple(part for part in (self.lens, self.imager, self.ball, self.dome) if part is not None)
+        return tuple(p for p in (self.lens, self.imager, self.ball, self.dome, *self.extras) if p is not None)
 
     @property
     def name(self) -> str:
@@ -73,8 +77,20 @@ def combinations_of(catalogue: Catalogue, asked: Requirements) -> list[PartsComb
     assert asked.parts is not None
     balls = catalogue.balls if asked.parts.mirror == "ball" else (None,)
     domes = catalogue.domes if asked.parts.dome else (None,)
-    found = [PartsCombination(*parts) for parts in product(catalogue.lenses, catalogue.imagers, balls, domes)]
+    extras = tuple(_cheapest(catalogue, use) for use in asked.parts.extras)
+    found = [PartsCombination(*parts, extras) for parts in product(catalogue.lenses, catalogue.imagers, balls, domes)]
     return sorted(found, key=lambda c: (c.price is None, c.price or 0.0))
+
+
+def _cheapest(catalogue: Catalogue, use: str) -> ExtraComponent:
+    """The cheapest of the parts of a use; those of unknown price last."""
+    there = [part for part in catalogue.extras if part.use == use]
+    if not there:
+        known = ", ".join(dict.fromkeys(part.use for part in catalogue.extras)) or "nothing"
+        raise InvalidParameter(
+            f"there is no {shown(use)} in the catalogue, and parts.extras asks for one; it has {known}"
+        )
+    return min(there, key=lambda part: (part.price is None, part.price or 0.0))
 
 
 def asked_of(asked: Requirements, combination: PartsCombination) -> Requirements:
@@ -88,7 +104,12 @@ def asked_of(asked: Requirements, combination: PartsCombination) -> Requirements
         table = replace(table, magnification=lens.magnification)
     else:
         focus = _overlap(given.focus_mm, (nearest_focus_mm(lens), FARTHEST_FOCUS)) or given.focus_mm
-        table = replace(table, focal_length_mm=lens.focal_length_mm, focus_mm=focus)
+        optics = lens.optics
+        if optics is not None:  # at the aperture that it has, or the nearest to it that may be
+            low, high = ends(apertures)
+            optics = replace(optics, f_number=float(np.clip(optics.f_number, low, high)))
+        focal = lens.focal_length_mm if optics is None else None
+        table = replace(table, focal_length_mm=focal, focus_mm=focus, optics=optics)
     housing = asked.housing
     if (dome := combination.dome) is not None:
         shell = Dome(diameter_mm=dome.dome_diameter_mm, wall_mm=dome.wall_mm, material=dome.material)
@@ -146,7 +167,13 @@ class PartsBounds:
         """Largest tan(Theta)."""
         lens = self.combination.lens
         assert isinstance(lens, LensComponent)
-        filled = self.image_px * self.own.imager.pitch_mm / lens.focal_length_mm
+        radius = self.image_px * self.own.imager.pitch_mm
+        if (optics := lens.optics) is not None:  # distortion and focus may show more than f says
+            field = optics.focused_at(FARTHEST_FOCUS).field
+            shown = float(field.tangent_of(np.array([radius]))[0])
+            filled = field.end if np.isnan(shown) else max(shown, radius / lens.focal_length_mm)
+        else:
+            filled = radius / lens.focal_length_mm
         theta = ends_or_none(self.own.lens.theta_max_deg)
         return filled if theta is None else min(filled, float(np.tan(np.radians(theta[1]))))
 
@@ -189,8 +216,7 @@ def _has_no_such_angle(b: PartsBounds) -> bool:
     theta = ends_or_none(b.asked.lens.theta_max_deg)
     if theta is None or not isinstance(b.combination.lens, LensComponent):
         return False
-    widest = b.image_px * b.own.imager.pitch_mm / b.combination.lens.focal_length_mm
-    return bool(widest * ROOM < np.tan(np.radians(theta[0])))
+    return bool(b.tangent * ROOM < np.tan(np.radians(theta[0])))
 
 
 def _is_too_large(b: PartsBounds) -> bool:

@@ -74,7 +74,12 @@ class Focusing:
     points: int = POINTS
 
     def best_aperture(self, span: tuple[float, float]) -> tuple[float, Focus]:
-        """The F-number within a span, and the focus, of the least cost: a scan of both at once, then narrower ones."""
+        """The F-number within a span, and the focus, of the least cost: a scan of both at once, then narrower ones.
+
+        A real lens has one aperture, its own.
+        """
+        if isinstance(self.camera, RealCamera):
+            return self.sensor.lens.stop_number, self.best()
         (low, high), (F_low, F_high) = self.range, (float(np.log(F)) for F in span)
         steps = APERTURES if F_high > F_low else 1
         for narrower in range(NARROWER + 1):

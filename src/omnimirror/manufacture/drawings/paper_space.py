@@ -56,7 +56,8 @@ def _linetype(doc: Any, dashes: list[float]) -> str:
 def _add_text(layout: Any, text: Text) -> None:
     from ezdxf.enums import TextEntityAlignment
 
-    across, along = text.get_horizontalalignment(), text.get_verticalalignment()
+    across: str = text.get_horizontalalignment()
+    along: str = text.get_verticalalignment()
     if text.get_rotation():  # a sheet aligns what comes out upright, DXF the words before they are turned
         across, along = UPRIGHT[along], {"right": "bottom", "center": "center", "left": "top"}[across]
     level = {"baseline": "", "center": "MIDDLE", "bottom": "BOTTOM", "top": "TOP"}[along]
