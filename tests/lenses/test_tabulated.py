@@ -273,3 +273,56 @@ def test_pictures_are_dimmed_by_it():
 def test_barrels_that_cut_everything_off_are_refused(entries, sentence):
     with pytest.raises(OmnimirrorError, match=sentence):
         barrelled(om.load_sensor("paper-spherical"), **entries)
+
+
+# -- a pane between lens and mirror ----------------------------------------------------------------------------------
+
+
+PANE, GLASS, AT = 6.0, 1.5168, 40.0  # mm, index, mm before the pupil
+
+
+def behind_pane(points, slopes):
+    """Where rays (n, 2) behind the pane come from in the plane of the pupil: by Snell's law, face by face."""
+    u = np.hypot(*slopes.T)
+    inside = np.tan(np.arcsin(np.sin(np.arctan(u)) / GLASS))
+    way = slopes / np.where(u > 0, u, 1.0)[:, None]
+    met = points + AT * slopes
+    left = met + PANE * inside[:, None] * way
+    return left - (AT + PANE) * slopes
+
+
+def off_the_ball(start, slopes, pupil_z, radius):
+    """Directions (n, 3) of rays reflected on a ball with its vertex at 0, z from the lens on."""
+    p = np.column_stack([start, np.full(len(start), pupil_z)])
+    d = np.column_stack([slopes, np.ones(len(slopes))])
+    d /= np.linalg.norm(d, axis=1)[:, None]
+    to = p - [0.0, 0.0, radius]
+    along = (to * d).sum(1)
+    hit = p + (-along - np.sqrt(along**2 - (to**2).sum(1) + radius**2))[:, None] * d
+    normal = (hit - [0.0, 0.0, radius]) / radius
+    return d - 2 * (d * normal).sum(1)[:, None] * normal
+
+
+def test_a_pane_before_the_lens_is_that_of_rays_through_its_faces():
+    sensor = om.load_sensor("paper-spherical")
+    narrow = replace(sensor, lens=replace(sensor.lens, f_number=40.0))
+    ideal, bare = faultless(narrow, pupil=6.0)
+    paned = replace(bare, lens=replace(bare.lens, window_mm=PANE, window_index=GLASS))
+    lens, radius, z = ideal.lens, sensor.mirror.radius_mm, 6.0 - sensor.mirror_distance_mm
+    tangents = np.tan(np.radians([2.0, 5.0, 8.0, 11.0]))
+    for tangent in tangents:
+        y = lens.aperture_radius * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]])
+        point = np.array([tangent * lens.from_pupil, 0.0])
+        slopes = (point - y) / lens.from_pupil
+        out = off_the_ball(behind_pane(y, slopes), slopes, z, radius)
+        omega = np.degrees(np.arctan2(out[:, 0], -out[:, 2]))
+        found, without = (om.evaluate(s, [omega[0]]) for s in (paned, bare))
+        height = lens.principal_distance * tangent / sensor.imager.pitch_mm
+        assert found.h_px[0] == pytest.approx(height, abs=1e-4)
+        assert abs(without.h_px[0] - height) > 0.05
+        across = np.degrees(np.arccos(out[3] @ out[4]))
+        assert abs(found.blur_t_deg[0]) == pytest.approx(abs(omega[1] - omega[2]), abs=2e-4)
+        assert abs(found.blur_s_deg[0]) == pytest.approx(across, abs=2e-4)
+    spot, bundle = om.spots(paned, [90.0]).extent_px(), om.evaluate(paned, [90.0])
+    assert spot[0].item() == pytest.approx(abs(bundle.blur_t_px[0]), abs=0.01)
+    assert spot[1].item() == pytest.approx(abs(bundle.blur_s_px[0]), abs=0.01)

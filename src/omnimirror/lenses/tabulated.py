@@ -60,6 +60,9 @@ class TabulatedLens(FieldLens):
     barrel_diameter_mm, barrel_mm : mm
         Clear diameter of a barrel or a hood that cuts bundles off, and the place of its front from the reference point
         towards the mirror; none by default. Where ``relative_illumination`` is given it is in that already.
+    window_mm, window_index
+        Thickness (mm) and refractive index of a flat pane square to the axis between lens and mirror, which the table
+        does not have in it; where it stands does not matter. None by default.
 
     Raises
     ------
@@ -95,6 +98,8 @@ class TabulatedLens(FieldLens):
     table_focus_mm: float | None = None
     barrel_diameter_mm: float | None = None
     barrel_mm: float = 0.0
+    window_mm: float = 0.0
+    window_index: float = 1.5168
 
     KIND: ClassVar[str] = "table"
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
@@ -106,6 +111,8 @@ class TabulatedLens(FieldLens):
         "table_focus_mm": Parameter("mm", 1e-3, 1e7, "focus that the table holds at, its own by default"),
         "barrel_diameter_mm": Parameter("mm", 1e-3, 1e4, "clear diameter of a barrel or hood, none by default"),
         "barrel_mm": Parameter("mm", -1e4, 1e4, "its front, from the reference point towards the mirror"),
+        "window_mm": Parameter("mm", 0.0, 1e3, "thickness of a flat pane between lens and mirror, none by default"),
+        "window_index": Parameter("", 1.0, 5.0, "refractive index of that pane"),
     }  # fmt: skip
 
     def __post_init__(self) -> None:
@@ -198,14 +205,34 @@ def _field_of(lens: TabulatedLens) -> LensField:
     light = (1 + tangent**2) ** -2 * left.area
     if lens.relative_illumination is not None:
         light = np.array(lens.relative_illumination)
-    return LensField(
-        FieldNodes(
-            tangent, height, pupil, vergence_t, vergence_s, scale_t, scale_s,
-            left.width_t, left.width_s, left.shift_t, light, column["own_blur_t_mm"], column["own_blur_s_mm"],
-            column["lateral_colour_short_mm"], column["lateral_colour_long_mm"],
-        ),
-        "the lens's table",
+    nodes = FieldNodes(
+        tangent, height, pupil, vergence_t, vergence_s, scale_t, scale_s,
+        left.width_t, left.width_s, left.shift_t, light, column["own_blur_t_mm"], column["own_blur_s_mm"],
+        column["lateral_colour_short_mm"], column["lateral_colour_long_mm"],
     )  # fmt: skip
+    return LensField(_through_window(nodes, lens.window_mm, lens.window_index), "the lens's table")
+
+
+def _through_window(nodes: FieldNodes, thickness: float, index: float) -> FieldNodes:
+    """The same lens behind a flat pane.
+
+    A pane moves a ray of slope u along the axis by ``d(u) = a (1 - u'/u)``, u' being its slope inside, and does not
+    turn it: the pupil of an angle t stands d(t) nearer to the mirror. Another ray of its fan, of slope ``t - y v``
+    through y, comes from ``y (1 + t d'(t) v)`` there.
+    """
+    if not thickness:
+        return nodes
+    t = nodes.tangent
+    inside = np.sqrt(index**2 + (index**2 - 1) * t**2)  # u/u'
+    nearer = thickness * (1 - 1 / inside)
+    rate = thickness * (index**2 - 1) * t / inside**3
+    wider = 1 + t * rate * nodes.vergence_t
+    return nodes._replace(
+        pupil=nodes.pupil + nearer,
+        vergence_t=nodes.vergence_t / wider,
+        scale_t=nodes.scale_t * wider,
+        width_t=nodes.width_t * wider,
+    )
 
 
 class _Opening(NamedTuple):
