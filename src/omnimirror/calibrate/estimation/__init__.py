@@ -1,6 +1,7 @@
 """A camera model, the poses of its targets and their shape, estimated from what was seen in pictures."""
 
 from .bundle.adjustment import Adjustment, Prior, adjust
+from .bundle.edges import StraightEdges
 from .bundle.observations import Motion, Sighting
 from .bundle.surveys import Surveys, read_surveys
 from .calibration import calibrate_camera
@@ -13,6 +14,7 @@ __all__ = [
     "Motion",
     "Prior",
     "Sighting",
+    "StraightEdges",
     "Surveys",
     "adjust",
     "calibrate_camera",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -24,6 +24,7 @@ from ..targets import Board, Detection, find_boards
 from .advice import advised, coverage
 from .bundle.adjustment import Adjustment, Prior
 from .bundle.board_shape import NAMES, BoardShape
+from .bundle.edges import StraightEdges
 from .bundle.observations import Sighting, rms_px
 from .checks import FEWEST_PICTURES, FEWEST_POINTS, check_detections, is_used, listed, reason_of
 from .covariance import ParameterCovariance, uncertainty
@@ -31,7 +32,7 @@ from .distances import has_several, viewpoint_costs
 from .ladder.conversion import is_central
 from .ladder.models import KINDS
 from .pipeline import CalibrationPlan, Course, Foreknown, Stopped, Watch, run
-from .results import Calibration, ParameterResult, PictureResult
+from .results import Calibration, EdgeResult, ParameterResult, PictureResult
 
 Array = NDArray[np.float64]
 Picture = NDArray[Any]
@@ -52,6 +53,8 @@ def calibrate_camera(
     board: Board | None = None,
     *,
     surveys: Sequence[Sighting] = (),
+    lines: Mapping[str, Sequence[Array]] | None = None,
+    lines_distance_mm: float = np.inf,
     image_size: tuple[int, int] | None = None,
     model: str | CameraModel | Sensor = "auto",
     optics: str = "mirror",
@@ -82,6 +85,11 @@ def calibrate_camera(
     surveys
         Points of a room and directions of stars, each with its pixel, picture by picture
         (:func:`omnimirror.read_surveys`); where the camera stood among them is found.
+    lines
+        Of some pictures of the camera, by name, straight edges that were marked in them: points (n, 2) px
+        (:func:`omnimirror.read_lines`). They count beside boards and points, and reach where no board is held.
+    lines_distance_mm
+        How far away the edges are, which matters to mirrors of several viewpoints.
     image_size : (width, height), px
         Of the pictures, where no board is in them to tell it.
     model
@@ -154,6 +162,7 @@ def calibrate_camera(
         shape=BoardShape.flat(board.points_mm) if board_shape and board is not None else None,
         is_mirrored_alike=board is not None and board.kind == "chessboard",
         seed=seed,
+        edges=StraightEdges.of(lines, lines_distance_mm, size) if lines else None,
     )
     course = Course()
     is_complete = True
@@ -167,6 +176,8 @@ def calibrate_camera(
         with_rim: CameraModel = replace(course.fit.model, rim_radius_px=rim)  # type: ignore[type-var]
         course.fit = replace(course.fit, model=with_rim)
     told = _told(course, detections, surveys, board, known, time.perf_counter() - started, is_complete)
+    if plan.edges is not None and is_complete:
+        told = _with_edges(told, plan.edges)
     if rim is not None and not isinstance(told.model, RadialModel):
         told = replace(told, notes=(*told.notes, OWN_RIM.format(rim=rim)))
     return told
@@ -260,6 +271,26 @@ def _wanted(
         (w, h), (width, height) = model.image_size, size
         raise InvalidParameter(f"the pictures have {width} x {height} px, and the camera to begin with {w} x {h}")
     return (model,)
+
+
+def _with_edges(told: Calibration, edges: StraightEdges) -> Calibration:
+    """With what became of each edge."""
+    kept = told.adjustment.edges
+    straight = {edge.name for edge in kept.edges} if kept else set()
+    errors = edges.rms_px(told.model)
+    found = tuple(
+        EdgeResult(e.picture, e.number, len(e.pixels), e.name in straight and bool(np.isfinite(r)), float(r))
+        for e, r in zip(edges.edges, errors, strict=True)
+    )
+    used = np.array([edge.rms_px for edge in found if edge.used])
+    bent = [f"edge {e.edge} of {e.picture} ({_off(e.rms_px)})" for e in found if not e.used]
+    note = f"{len(used)} of {len(found)} marked edges are straight within {np.sqrt(np.mean(used**2)):.2f} px rms"
+    note += f"; not used: {listed(bent)}." if bent else "."
+    return replace(told, edges=found, notes=(*told.notes, note))
+
+
+def _off(rms_px: float) -> str:
+    return f"{rms_px:.2g} px off a straight line" if np.isfinite(rms_px) else "not seen"
 
 
 # -- what is handed over -------------------------------------------------------------------------------

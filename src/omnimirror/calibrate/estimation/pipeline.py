@@ -15,6 +15,7 @@ from ...errors import InvalidParameter, OmnimirrorError
 from ..physical import SensorModel
 from .bundle.adjustment import CAUCHY, Adjustment, Prior, adjust, shared_names
 from .bundle.board_shape import BoardShape
+from .bundle.edges import StraightEdges
 from .bundle.linearisation import UNSEEN_PX, Loss
 from .bundle.observations import Motion, Sighting
 from .bundle.steps import SETTLED
@@ -90,6 +91,8 @@ class Course:
     """the best fit of several viewpoints"""
     failures: dict[str, str] = field(default_factory=dict)
     """models that could not be fitted: kind and why"""
+    edges: StraightEdges | None = None
+    """those of the edges that the best model makes straight"""
 
 
 @dataclass(frozen=True)
@@ -108,6 +111,7 @@ class CalibrationPlan:
     is_mirrored_alike: bool
     """whether the board looks the same from behind, so that a detector may count its corners backwards"""
     seed: int
+    edges: StraightEdges | None = None
 
 
 def run(plan: CalibrationPlan, watch: Watch, course: Course) -> None:
@@ -130,6 +134,9 @@ def run(plan: CalibrationPlan, watch: Watch, course: Course) -> None:
         course.strangers |= moved
         kept = [s for s in robust.sightings if s.name not in moved]
         judge, course.outliers = without_outliers(robust.again(kept, loss="cauchy"))
+    if plan.edges is not None:
+        watch.at("straightening edges", 0.45)
+        course.edges = plan.edges.straight_for(judge.again(judge.sightings, edges=plan.edges).model)
     names = {_kind(w) for w in plan.wanted}
     wandering = [fit for fit in fits.values() if not is_central(fit.model)]
     if wandering:
@@ -249,7 +256,7 @@ def _frozen(fit: Adjustment, judge: Adjustment, course: Course) -> Adjustment:
     names = {s.name for s in judge.sightings}
     kept = frozen(tuple(s for s in fit.sightings if s.name in names), course.outliers)
     is_far = fit.question.noise_px > FAR * judge.question.noise_px
-    return fit.again(kept, settled=ROUGHLY if is_far else SETTLED)
+    return fit.again(kept, settled=ROUGHLY if is_far else SETTLED, edges=course.edges)
 
 
 def from_the_front(sightings: Sequence[Sighting]) -> tuple[Sighting, ...]:

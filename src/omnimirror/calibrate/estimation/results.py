@@ -62,6 +62,19 @@ class ParameterResult(NamedTuple):
     unit: str
 
 
+class EdgeResult(NamedTuple):
+    """What became of a straight edge that was marked."""
+
+    picture: str
+    edge: int
+    """in its picture, from 1"""
+    points: int
+    used: bool
+    """whether the camera makes it straight"""
+    rms_px: float
+    """how far its points are off the image of a straight line"""
+
+
 @dataclass(frozen=True)
 class Calibration:
     """A camera measured from its pictures.
@@ -102,6 +115,8 @@ class Calibration:
         It took.
     is_complete
         False where it was stopped before the end.
+    edges
+        Straight edges that were marked, and what became of each.
 
     Examples
     --------
@@ -131,6 +146,7 @@ class Calibration:
     held_out: HeldOut | None = field(default=None, repr=False)
     seconds: float = 0.0
     is_complete: bool = True
+    edges: tuple[EdgeResult, ...] = ()
 
     @property
     def held_out_rms_px(self) -> float:
@@ -232,6 +248,7 @@ class Calibration:
             "notes": self.notes,
             "advice": self.advice,
             "is_complete": self.is_complete,
+            "edges": [e._asdict() for e in self.edges],
         }
 
     def to_json(self, path: str | Path | None = None) -> str:

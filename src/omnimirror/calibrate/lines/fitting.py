@@ -26,7 +26,7 @@ NORMAL_STEPS = 3
 MOST_STEPS = 40
 SETTLED = 1e-7
 SCALE_PX = 0.5  # of residuals, beyond which an edge counts less
-LEAST_POINTS = 6
+LEAST_POINTS = 6  # of an edge that have to be seen, or all of one that has fewer
 UNSEEN_PX = 10.0
 
 
@@ -140,7 +140,7 @@ def _compared(model: CameraModel, edges: Edges, knobs: Knobs, values: Array, dis
     sizes = np.array([part.stop - part.start for part in edges.slices])
     owner, starts = np.repeat(np.arange(len(sizes)), sizes), np.concatenate([[0], np.cumsum(sizes)[:-1]])
     towards, to_angles, moved, seen = _seen(model, edges.pixels[at], distance_mm)
-    enough = np.add.reduceat(seen.astype(int), starts) >= LEAST_POINTS
+    enough = np.add.reduceat(seen.astype(int), starts) >= np.minimum(LEAST_POINTS, sizes)
     seen &= enough[owner]
     count = np.maximum(np.add.reduceat(seen.astype(int), starts), 1)
     e, j, change = (np.where(seen[(...,) + (None,) * (a.ndim - 1)], a, 0.0) for a in (towards, to_angles, moved))
@@ -219,4 +219,4 @@ def _across(directions: Array) -> Array:
 
 def _rms(residuals: Array) -> float:
     kept = residuals[np.isfinite(residuals)]
-    return float(np.sqrt((kept**2).mean())) if len(kept) >= LEAST_POINTS else np.inf
+    return float(np.sqrt((kept**2).mean())) if len(kept) >= min(LEAST_POINTS, len(residuals)) else np.inf

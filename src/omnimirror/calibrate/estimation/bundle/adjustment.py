@@ -17,6 +17,7 @@ from ....arguments import checked, choice
 from ....camera_models.base import CameraModel
 from ....errors import InvalidParameter
 from .board_shape import NAMES, UNITS, BoardShape
+from .edges import StraightEdges
 from .linearisation import UNSEEN_PX, Estimate, Linearised, Loss, linearised, targets
 from .observations import Sighting, Stack, rms_px, stacked
 from .steps import LEAST_NOISE_PX, SETTLED, Question, least
@@ -27,6 +28,8 @@ Mask = NDArray[np.bool_]
 MOST_STEPS = 80
 SCALES_ADJUSTED = 4  # times that the scale of robust weights is found anew
 CAUCHY = 2.385  # scale over noise at which Cauchy's weights lose 5 % where there are no gross errors
+EDGES_FORMED, EDGES_SETTLED = 6, 0.01
+"""Times that what edges say is formed anew, and the change (about pixels) below which it is what it was."""
 MEDIAN_OF_NOISE = 1.1774  # of the length of two-dimensional noise of 1 px a coordinate
 
 
@@ -65,7 +68,7 @@ class Adjustment:
         What was asked.
     estimate
         What was found, in the form of the arithmetic.
-    fixed, priors
+    fixed, priors, edges
         With which it was found.
     """
 
@@ -77,10 +80,12 @@ class Adjustment:
     estimate: Estimate
     fixed: tuple[str, ...] = ()
     priors: tuple[Prior, ...] = ()
+    edges: StraightEdges | None = None
 
     def again(self, sightings: Sequence[Sighting], **options: Any) -> Adjustment:
         """The same from here on with other sightings; options as of :func:`adjust`."""
-        return adjust(self.model, sightings, shape=self.shape, fixed=self.fixed, priors=self.priors, **options)
+        given = {"shape": self.shape, "fixed": self.fixed, "priors": self.priors, "edges": self.edges} | options
+        return adjust(self.model, sightings, **given)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -151,6 +156,7 @@ def adjust(
     most_steps: int = MOST_STEPS,
     settled: float = SETTLED,
     on_step: Callable[[float], None] | None = None,
+    edges: StraightEdges | None = None,
 ) -> Adjustment:
     """Adjust a camera model, the places of targets and the board's shape to what was seen.
 
@@ -178,6 +184,8 @@ def adjust(
         A step that makes the sum less by no more than this share of it is the last.
     on_step
         Called with the sum that is made least, after every step that makes it less.
+    edges
+        Straight edges that count beside what was seen.
 
     Returns
     -------
@@ -208,19 +216,40 @@ def adjust(
     fixed, priors = tuple(fixed), tuple(priors)
     question = _question(model, sightings, shape, fixed, priors)
     estimate = _start(model, sightings, shape, priors, question.stack)
+    for _ in range(1 if edges is None else EDGES_FORMED):
+        known = None if edges is None else edges.known(estimate.model)
+        before = estimate.model
+        estimate, question = _settled(
+            estimate, replace(question, edges=known), loss, noise_px, most_steps, settled, on_step
+        )  # fmt: skip
+        if _furthest(before, estimate.model) < EDGES_SETTLED:
+            break
+    found = _told(estimate, sightings, question, fixed, priors)
+    return replace(found, edges=edges)
+
+
+def _settled(
+    estimate: Estimate, question: Question, loss: str, noise_px: float | None, most_steps: int, settled: float,
+    on_step: Callable[[float], None] | None,
+) -> tuple[Estimate, Question]:  # fmt: skip
+    """The least sum, at the noise that is said, or that is found from the residuals."""
     if noise_px is not None:
         question = replace(question, noise_px=noise_px, loss=Loss(loss, CAUCHY * noise_px))
-        estimate = least(estimate, question, most_steps, settled, on_step)
-        return _told(estimate, sightings, question, fixed, priors)
-    for _ in range(1 if loss == "squares" and not question.information.any() else SCALES_ADJUSTED):
+        return least(estimate, question, most_steps, settled, on_step), question
+    for _ in range(1 if loss == "squares" and not question.has_priors else SCALES_ADJUSTED):
         noise = _noise(estimate, question, robust=loss != "squares")
         question = replace(question, noise_px=noise, loss=Loss(loss, CAUCHY * noise))
         estimate = least(estimate, question, most_steps, settled, on_step)
         now = _noise(estimate, question, robust=loss != "squares")
         if abs(now - noise) < 0.02 * noise:
             break
-    noise = _noise(estimate, question, robust=loss != "squares")
-    return _told(estimate, sightings, replace(question, noise_px=noise), fixed, priors)
+    return estimate, replace(question, noise_px=_noise(estimate, question, robust=loss != "squares"))
+
+
+def _furthest(before: CameraModel, after: CameraModel) -> float:
+    """The largest change of a parameter, in changes that move the picture by about a pixel."""
+    pairs = zip(before.parameters, after.parameters, strict=True)
+    return max((abs(b.value - a.value) / a.scale for a, b in pairs), default=0.0)
 
 
 def _told(

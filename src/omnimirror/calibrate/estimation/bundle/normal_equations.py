@@ -71,10 +71,8 @@ def _product(one: Array, other: Array) -> Array:
 
 
 def with_priors(blocks: Blocks, information: Array, pull: Array) -> Blocks:
-    """With priors on the shared parameters: information (g,) and information times how far they are off (g,)."""
-    return blocks._replace(
-        shared=blocks.shared + np.diag(information), shared_gradient=blocks.shared_gradient + information * pull
-    )
+    """With priors on the shared parameters: information (g, g) and information times how far they are off (g,)."""
+    return blocks._replace(shared=blocks.shared + information, shared_gradient=blocks.shared_gradient + pull)
 
 
 def solved(blocks: Blocks, damping: float, floor: Array) -> tuple[Array, Array]:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....errors import OmnimirrorError
+from .edges import Knowledge
 from .linearisation import UNSEEN_PX, Estimate, Linearised, Loss, linearised, slid, without_slides
 from .normal_equations import Blocks, assembled, solved, with_priors
 from .observations import Stack, moved
@@ -47,6 +48,37 @@ class Question:
     loss: Loss
     noise_px: float
     """of a coordinate; what priors are weighed with"""
+    edges: Knowledge | None = None
+    """what straight edges say of the model's parameters"""
+
+    @property
+    def has_priors(self) -> bool:
+        """Whether anything is known of the shared parameters beforehand, or by edges."""
+        return self.edges is not None or bool(self.information.any())
+
+    def prior(self, values: Array) -> Foreknowledge:
+        """What is known of the free ones among shared parameters (g,), where they are now."""
+        information, off = np.diag(self.information * self.free), (values - self.expected) * self.free
+        pull = information @ off
+        cost = float(off @ pull)
+        if self.edges is not None:
+            count = len(self.edges.expected)
+            of_edges = values[:count] - self.edges.expected
+            information[:count, :count] += self.edges.information
+            pull[:count] += self.edges.information @ of_edges
+            cost += float(of_edges @ self.edges.information @ of_edges)
+        return Foreknowledge(information[np.ix_(self.free, self.free)], pull[self.free], cost)
+
+
+class Foreknowledge(NamedTuple):
+    """What is known of f free shared parameters besides what was seen."""
+
+    information: Array
+    """(f, f)"""
+    pull: Array
+    """(f,) the information times how far they are off"""
+    cost: float
+    """squares of how far they are off, in standard deviations"""
 
 
 class Step(NamedTuple):
@@ -101,8 +133,7 @@ def least(
 
 def _cost(estimate: Estimate, found: Linearised, question: Question) -> float:
     unseen = UNSEEN_PX**2 * int((~found.seen).sum())  # whatever the loss: it was seen, so a camera has to see it
-    off = shared_values(estimate) - question.expected
-    known = question.noise_px**2 * float(np.sum(question.information[question.free] * off[question.free] ** 2))
+    known = question.noise_px**2 * question.prior(shared_values(estimate)).cost
     total = question.loss.sum(found.residuals) + unseen + known
     return total if np.isfinite(total) else np.inf
 
@@ -112,8 +143,8 @@ def _blocks(estimate: Estimate, found: Linearised, question: Question) -> Blocks
     blocks = assembled(
         question.stack, found.residuals, found.d_shared[:, :, question.free], found.d_motion, weights, question.moving
     )
-    off = (shared_values(estimate) - question.expected)[question.free]
-    return with_priors(blocks, question.noise_px**2 * question.information[question.free], off)
+    prior, scale = question.prior(shared_values(estimate)), question.noise_px**2
+    return with_priors(blocks, scale * prior.information, scale * prior.pull)
 
 
 def _tried(

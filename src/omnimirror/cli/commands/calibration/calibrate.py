@@ -19,6 +19,7 @@ from rich.table import Table
 from ....arguments import float_of, shown
 from ....calibrate.estimation import Calibration, Prior, Surveys, calibrate_camera, read_surveys
 from ....calibrate.estimation.ladder.models import KINDS
+from ....calibrate.lines import read_lines
 from ....calibrate.physical import SensorModel
 from ....calibrate.targets import Board, Detection, choose_frames
 from ....calibrate.targets.finding import STOPPED, find_boards
@@ -31,7 +32,7 @@ from ....specs import load_camera
 from ....straighten.request import is_video
 from ...help_pages import DocumentedCommand
 from ...options.board import SoughtBoardOptions
-from ...options.common import NUMBER, WHOLE, angle, pixel, whole_size
+from ...options.common import NUMBER, WHOLE, angle, distance, pixel, whole_size
 from ...options.declared import Options, option, takes
 from ...outputs import Output, output_console, plain_table, progress_bar, say, say_written
 
@@ -137,6 +138,13 @@ class SurveyOptions(Options):
         default=(), multiple=True, metavar="FILE", show_default=False,
         help="Stars, the sun or far towers, CSV: u_px,v_px and x,y,z or azimuth_deg,elevation_deg; may be repeated.",
     )  # fmt: skip
+    lines: tuple[str, ...] = option(
+        default=(), multiple=True, metavar="FILE", show_default=False,
+        help="Points marked on straight edges, CSV: line,u_px,v_px, and picture if there are several; may be repeated.",
+    )  # fmt: skip
+    lines_distance_mm: float = option(
+        type=distance, metavar="MM", default=np.inf, help="Of these edges, for mirrors of many viewpoints."
+    )
     image_size: tuple[int, int] | None = option(
         type=whole_size, metavar="WxH", help="Of the pictures, where none with a board tells it."
     )
@@ -175,7 +183,7 @@ def command(
     """Find out what camera took PICTURES of a board, or one video; nothing needs to be known of it.
 
     PICTURES are files, folders or patterns of them. With --points and --directions, pixels and what they are known to
-    show, the camera is found with boards or without.
+    show, the camera is found with boards or without. Straight edges (--lines) count beside either.
 
     Hold the board at ten to twenty places all around, near the rim too, and tilted. Corners that no camera explains are
     left out and named, 1 % at most; models are compared by their error in pictures that were left out. Ctrl-C keeps the
@@ -188,7 +196,8 @@ def command(
     is_stopped = any(d.reason == STOPPED for d in detections)
     with _steps(console) as progress, interrupts.deferred():
         found = calibrate_camera(
-            detections, board, surveys=known.sightings, image_size=survey.image_size, **asked, **estimation.asked(),
+            detections, board, surveys=known.sightings, lines=read_lines(survey.lines),
+            lines_distance_mm=survey.lines_distance_mm, image_size=survey.image_size, **asked, **estimation.asked(),
             progress=progress, stop=interrupts.is_pending,
         )  # fmt: skip
         code = interrupts.exit_code() or (interrupts.BY_SIGNAL + signal.SIGINT if is_stopped else 0)
@@ -210,7 +219,8 @@ def _check_asked(pictures: tuple[str, ...], board: Board | None, survey: SurveyO
         )
         raise click.UsageError(f"{what}, and points and directions to --points and --directions")
     if not (pictures or survey.points or survey.directions):
-        raise click.UsageError("there are no PICTURES of a board, and no --points or --directions")
+        alone = "; --lines alone refine a camera that is known: omnimirror lines" if survey.lines else ""
+        raise click.UsageError(f"there are no PICTURES of a board, and no --points or --directions{alone}")
 
 
 def _found(console: Console, pictures: tuple[str, ...], board: Board, several: bool) -> list[Detection]:
