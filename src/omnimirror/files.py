@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import json
 import math
 import os
 import re
@@ -80,6 +81,11 @@ def write_text(path: str | Path, text: str) -> None:
     """Write a text file whole, or leave an earlier one as it was."""
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8", newline="")
+
+
+def write_json(path: str | Path, data: Any) -> None:
+    """Write data as JSON, made fit for it by :func:`json_plain`, at once or not at all."""
+    write_text(path, json.dumps(json_plain(data), indent=1, ensure_ascii=False, allow_nan=False) + "\n")
 
 
 def json_plain(value: Any) -> Any:

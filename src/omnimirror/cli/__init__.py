@@ -8,6 +8,7 @@ import re
 import signal
 import sys
 import threading
+import time
 import traceback
 from importlib import import_module
 from types import FrameType
@@ -17,7 +18,7 @@ import click
 
 from .. import __version__
 from ..errors import InvalidParameter, OmnimirrorError, one_line
-from .streams import forget_output, prepare
+from .streams import be_quiet, forget_output, prepare
 
 COMMANDS = {
     "sensors": "List the sensors that come with omnimirror.",
@@ -103,7 +104,10 @@ class LazyGroup(click.Group):
 
 @click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="omnimirror")
-@click.option("--debug", is_flag=True, expose_value=False, help="Show where an error comes from; with any command.")
+@click.option("--quiet", is_flag=True, expose_value=False, callback=be_quiet, is_eager=True,
+              help="Say nothing but what went wrong; with any command, as those below.")  # fmt: skip
+@click.option("--verbose", is_flag=True, expose_value=False, help="Say what the run took, and by what it was done.")
+@click.option("--debug", is_flag=True, expose_value=False, help="Show where an error comes from.")
 def app() -> None:
     """Omnidirectional mirror sensors: design, evaluate, simulate and calibrate them, and straighten their pictures."""
 
@@ -113,10 +117,8 @@ def main(args: list[str] | None = None) -> None:
     os.environ.setdefault(
         "OPENBLAS_NUM_THREADS", "1"
     )  # see omnimirror.frames.turned; commands have threads of their own
-    words = list(sys.argv[1:] if args is None else args)
-    ours = words[: words.index("--")] if "--" in words else words
-    if is_debugged := "--debug" in ours:
-        words.remove("--debug")
+    began = time.perf_counter()
+    is_debugged, is_verbose, words = _everywhere(list(sys.argv[1:] if args is None else args))
     is_server = bool(SERVERS & set(words))  # which has an ending of its own
     prepare(is_quiet=not is_debugged and not is_server)
     try:
@@ -124,6 +126,8 @@ def main(args: list[str] | None = None) -> None:
             signal.signal(signal.SIGTERM, _terminate)
         app.main(args=words, prog_name="omnimirror", standalone_mode=False)
         sys.stdout.flush()
+        if is_verbose:
+            click.echo(_spent(time.perf_counter() - began), err=True)
     except Terminated:  # before the command has begun, or after its end
         click.echo("omnimirror: stopped", err=True)
         sys.exit(128 + signal.SIGTERM)
@@ -139,6 +143,27 @@ def main(args: list[str] | None = None) -> None:
         sentence, code = explained(e)
         click.echo(f"omnimirror: {one_line(sentence)}", err=True)
         sys.exit(code)
+
+
+def _everywhere(words: list[str]) -> tuple[bool, bool, list[str]]:
+    """Whether ``--debug`` and ``--verbose`` are among the words, and those without; ``--quiet`` goes to the front."""
+    end = words.index("--") if "--" in words else len(words)
+    ours, rest = words[:end], words[end:]
+    asked = [name in ours for name in ("--debug", "--verbose", "--quiet")]
+    kept = [word for word in ours if word not in ("--debug", "--verbose", "--quiet")]
+    return asked[0], asked[1], ["--quiet"] * asked[2] + kept + rest
+
+
+def _spent(seconds: float) -> str:
+    """What a run took, and by what it was done: a line for a report of a fault."""
+    import platform
+
+    import numpy as np
+
+    from ..native import backend
+
+    by = f"omnimirror {__version__}, Python {platform.python_version()}, NumPy {np.__version__}"
+    return f"{seconds:.2f} s, {time.process_time():.2f} s of processor time; {by}, samplers: {backend.name}"
 
 
 class Terminated(KeyboardInterrupt):

@@ -18,6 +18,7 @@ from rich.text import Text
 from ..files import is_standard_output
 from ..media.progress import FrameProgress
 from ..quantities import QUANTITIES
+from .streams import is_quiet
 
 FIGURES = ("png", "svg", "pdf")
 PICTURES = ("png", "jpg", "tif", "webp", "bmp", "hdr", "exr")
@@ -75,6 +76,11 @@ def output_option(*names: str, formats: tuple[str, ...] = (), **more: Any) -> Ca
     return click.option(*names, type=Output(formats), **more)
 
 
+def json_option(help: str = "Write the table.") -> Callable[[F], F]:
+    """The option ``--json``, for numbers as other programs read them."""
+    return output_option("--json", "json_file", help=help)
+
+
 def format_option(formats: tuple[str, ...]) -> Callable[[F], F]:
     """The option ``--format``, of what is written to standard output."""
 
@@ -118,12 +124,18 @@ def output_console() -> Console:
     """
     stream = sys.stderr if takes_standard_output() else sys.stdout
     width = None if stream.isatty() else 200
-    return Terminal(file=stream, width=width, markup=False, emoji=False, highlight=False)
+    return Terminal(file=stream, width=width, markup=False, emoji=False, highlight=False, quiet=is_quiet())
 
 
 def say(*parts: str | tuple[str, str], console: Console | None = None) -> None:
     """Print a line that is not wrapped, parts of it in a style: ``say("Wrote ", ("a.csv", "bold"))``."""
     (console or output_console()).print(Text.assemble(*parts), soft_wrap=True)
+
+
+def remark(text: str) -> None:
+    """Say on standard error what happened by the way, unless nothing is to be said."""
+    if not is_quiet():
+        click.echo(text, err=True)
 
 
 def say_written(*paths: Path | None, console: Console | None = None) -> None:
@@ -162,6 +174,8 @@ def print_rows(console: Console, headings: Iterable[Iterable[str]], columns: Ite
     for line in zip(*told, strict=True):
         row = " ".join(word.rjust(width) for word, width in zip(line, widths, strict=True))
         console.print(Text(row, style="bold"), soft_wrap=True)
+    if console.quiet:
+        return
     stream = console.file
     for numbers in zip(*cells, strict=True):
         stream.write(" ".join(word.rjust(width) for word, width in zip(numbers, widths, strict=True)) + "\n")
@@ -171,7 +185,7 @@ def print_rows(console: Console, headings: Iterable[Iterable[str]], columns: Ite
 @contextmanager
 def frame_bar() -> Iterator[Callable[[FrameProgress], None]]:
     """A bar of frames and how many a second, on a terminal only; what is given tells it how far it is."""
-    console = Console(stderr=True)
+    console = Console(stderr=True, quiet=is_quiet())
     bar = Progress(
         TextColumn("Straightening"), BarColumn(), MofNCompleteColumn(),
         TextColumn("{task.fields[rate]:.0f} frames/s"), TimeRemainingColumn(), console=console,

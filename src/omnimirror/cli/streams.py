@@ -12,6 +12,9 @@ import warnings
 from contextlib import suppress
 from typing import TextIO
 
+import click
+
+_QUIET = "omnimirror.quiet"
 SPELLED = {"–": "-", "—": "-", "−": "-", "×": "x", "…": "..", "·": ".", "°": " deg", "²": "2", "±": "+-", "→": "->"}
 """How a terminal that lacks a character shows it."""
 
@@ -88,3 +91,14 @@ def forget_output() -> None:
     with suppress(OSError, ValueError, AttributeError):
         os.dup2(nothing, sys.stdout.fileno())
     os.close(nothing)
+
+
+def be_quiet(ctx: click.Context, _: click.Parameter, value: bool) -> None:
+    """What the option ``--quiet`` does: tables, words and bars are left out; files, warnings and errors stay."""
+    ctx.meta[_QUIET] = value
+
+
+def is_quiet() -> bool:
+    """Whether nothing is said but what went wrong."""
+    context = click.get_current_context(silent=True)
+    return context is not None and bool(context.meta.get(_QUIET))

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...arguments import number
 from ...errors import InvalidParameter
-from ...files import write_text
 from ...mirrors.reflectivity import Reflectivity, reflectance
 from ...sensor import Sensor, check_sensor
 from ...tracing.walls import let_out
 from ..evaluation import field_angles
 from .bundles import trace_bundles
 from .pupil import Pupil, gaussian
+from .records import Recorded
 
 Array = NDArray[np.float64]
 
@@ -26,7 +25,7 @@ CHIEF = Pupil(np.zeros((1, 2)), np.ones(1))
 
 
 @dataclass(frozen=True)
-class Illumination:
+class Illumination(Recorded):
     """Illumination of the imager at k field angles, by an object of the same radiance everywhere."""
 
     omega_deg: Array
@@ -42,11 +41,11 @@ class Illumination:
     filled: Array
     """(k,) share of the aperture that the mirror fills; below 1 next to the rim."""
 
-    def to_csv(self, path: str | Path) -> None:
-        """Write one line per field angle."""
+    def records(self) -> list[dict[str, float]]:
+        """One record per field angle."""
         names = ("omega_deg", "azimuth_deg", "irradiance_sr", "relative", "reflectance", "filled")
-        rows = zip(*(getattr(self, name) for name in names), strict=True)
-        write_text(path, "\n".join([",".join(names), *(",".join(f"{v:.10g}" for v in row) for row in rows)]) + "\n")
+        rows = zip(*(getattr(self, name).tolist() for name in names), strict=True)
+        return [dict(zip(names, row, strict=True)) for row in rows]
 
 
 def illumination(

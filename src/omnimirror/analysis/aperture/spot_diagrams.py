@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...arguments import row
-from ...files import write_text
 from ...sensor import Sensor, check_sensor
 from ..evaluation import field_angles
 from .bundles import Bundles, trace_bundles
 from .pupil import Pupil, hexapolar
+from .records import Recorded
 
 Array = NDArray[np.float64]
 
@@ -21,7 +20,7 @@ RINGS = 12
 
 
 @dataclass(frozen=True)
-class Spots:
+class Spots(Recorded):
     """Spots of k objects at m focuses, n rays each, in pixels from where the chief ray lands.
 
     Tangential is away from the optical axis in the picture, sagittal across it; their signs are those of
@@ -87,18 +86,18 @@ class Spots:
         energy: Array = np.einsum("kn,kmnr->kmr", self.weights, within)
         return energy
 
-    def to_csv(self, path: str | Path) -> None:
-        """Write one line per object and focus: widths, radii and centroids."""
+    def records(self) -> list[dict[str, float]]:
+        """One record per object and focus: widths, radii and centroids."""
+        shape = len(self.omega_deg), len(self.focus_mm)
         (ct, cs), (rt, rs), (et, es) = self.centroid_px(), self.rms_px(), self.extent_px()
-        header = "omega_deg,azimuth_deg,focus_mm,chief_px,filled,centroid_t_px,centroid_s_px,rms_t_px,rms_s_px,"
-        lines = [f"{header}rms_radius_px,extent_t_px,extent_s_px"]
-        for i, omega in enumerate(self.omega_deg):
-            for j, focus in enumerate(self.focus_mm):
-                columns = (self.chief_px, None, ct, cs, rt, rs, self.rms_radius_px(), et, es)
-                numbers = [self.filled[i] if c is None else c[i, j] for c in columns]
-                row = [omega, self.bundles.azimuth_deg[i], focus, *numbers]
-                lines.append(",".join(f"{v:.10g}" for v in row))
-        write_text(path, "\n".join(lines) + "\n")
+        columns = {
+            "omega_deg": self.omega_deg[:, None], "azimuth_deg": self.bundles.azimuth_deg[:, None],
+            "focus_mm": self.focus_mm, "chief_px": self.chief_px, "filled": self.filled[:, None],
+            "centroid_t_px": ct, "centroid_s_px": cs, "rms_t_px": rt, "rms_s_px": rs,
+            "rms_radius_px": self.rms_radius_px(), "extent_t_px": et, "extent_s_px": es,
+        }  # fmt: skip
+        rows = zip(*(np.broadcast_to(c, shape).ravel().tolist() for c in columns.values()), strict=True)
+        return [dict(zip(columns, row, strict=True)) for row in rows]
 
     def _mean(self, values: Array) -> Array:
         mean: Array = np.einsum("kn,kmn->km", self.weights, values)

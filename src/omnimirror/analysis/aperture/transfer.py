@@ -7,20 +7,19 @@ transform of the spot. Both can be multiplied by the MTF of the square pixel.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...arguments import choice, finite, number, row
 from ...errors import InvalidParameter
-from ...files import write_text
 from ...sensor import Sensor, check_sensor
 from ..evaluation import field_angles
 from .bundles import Bundles, trace_bundles
 from .point_spread import KINDS, Kind
 from .pupil import gaussian
 from .pupil_fit import FITTED
+from .records import Recorded
 from .wavefront import SOFT, Wavefront, wavefronts
 
 Array = NDArray[np.float64]
@@ -30,7 +29,7 @@ FREQUENCIES = 51  # from 0 to 1 cycle per pixel, unless asked for otherwise
 
 
 @dataclass(frozen=True)
-class Mtf:
+class Mtf(Recorded):
     """Modulation transfer at k field angles and f spatial frequencies.
 
     Tangential: of a pattern that varies away from the optical axis in the picture; sagittal: across.
@@ -79,17 +78,16 @@ class Mtf:
             sagittal=self.sagittal[:, :count],
         )
 
-    def to_csv(self, path: str | Path) -> None:
-        """Write one line per field angle and frequency, in all three units of frequency."""
-        lines = ["omega_deg,azimuth_deg,cycles_per_px,lp_per_mm,cycles_per_deg_t,mtf_t,cycles_per_deg_s,mtf_s"]
-        for i, omega in enumerate(self.omega_deg):
-            columns = (
-                self.cycles_per_px, self.line_pairs_per_mm, self.cycles_per_deg_t[i], self.tangential[i],
-                self.cycles_per_deg_s[i], self.sagittal[i],
-            )  # fmt: skip
-            rows = ((omega, self.azimuth_deg[i], *row) for row in zip(*columns, strict=True))
-            lines += [",".join(f"{v:.10g}" for v in row) for row in rows]
-        write_text(path, "\n".join(lines) + "\n")
+    def records(self) -> list[dict[str, float]]:
+        """One record per field angle and frequency, in all three units of frequency."""
+        columns = {
+            "omega_deg": self.omega_deg[:, None], "azimuth_deg": self.azimuth_deg[:, None],
+            "cycles_per_px": self.cycles_per_px, "lp_per_mm": self.line_pairs_per_mm,
+            "cycles_per_deg_t": self.cycles_per_deg_t, "mtf_t": self.tangential,
+            "cycles_per_deg_s": self.cycles_per_deg_s, "mtf_s": self.sagittal,
+        }  # fmt: skip
+        rows = zip(*(np.broadcast_to(c, self.tangential.shape).ravel().tolist() for c in columns.values()), strict=True)
+        return [dict(zip(columns, row, strict=True)) for row in rows]
 
 
 def mtf(

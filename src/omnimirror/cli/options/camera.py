@@ -12,7 +12,7 @@ from ...camera_models import MirrorBall, load_ocam
 from ...camera_models.base import Optics
 from ...frames import CameraLooks, Mount
 from ...specs import AnyCamera, load_camera
-from .common import NUMBER, angle, ball, lean
+from .common import NUMBER, SENSOR, angle, ball, lean
 from .declared import Options, flag, option, refuse_other
 
 Source: TypeAlias = Literal["sensor", "ocam", "ball"]
@@ -25,7 +25,7 @@ class CameraOptions(Options):
     """Which camera it was, and how it stands."""
 
     sensor: str | None = option(
-        metavar="FILE|NAME", help="The camera: a sensor file, a camera file, or a bundled sensor."
+        type=SENSOR, metavar="FILE|NAME", help="The camera: a sensor file, a camera file, or a bundled sensor."
     )
     ocam: str | None = option(metavar="FILE", help="The camera: OCamCalib's calib_results.txt.")
     ball: tuple[float, float, float, float] | None = option(

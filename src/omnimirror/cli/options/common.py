@@ -7,9 +7,11 @@ from typing import Any
 
 import click
 import numpy as np
+from click.shell_completion import CompletionItem
 from numpy.typing import NDArray
 
 from ...arguments import float_of, shown
+from ...specs import bundled_sensors
 
 MOST_VALUES = 1_000_000
 
@@ -19,6 +21,17 @@ def _as_written(value: Any) -> Any:
     if isinstance(value, str) and (not value.isascii() or "_" in value):
         raise click.BadParameter(f"{shown(value)} is not a number")
     return value
+
+
+class SensorName(click.types.StringParamType):
+    """A sensor file, or the name of a sensor that comes with the package, which a shell completes."""
+
+    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        named = [CompletionItem(name) for name in bundled_sensors() if name.startswith(incomplete)]
+        return [*named, CompletionItem(incomplete, type="file")]
+
+
+SENSOR = SensorName()
 
 
 class Number(click.types.FloatParamType):

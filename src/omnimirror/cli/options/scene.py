@@ -18,6 +18,7 @@ from ...simulate import Detector, Pose, Radiometry
 from ...simulate.detector import BAYER, CURVES
 from ...simulate.scenes import BUNDLED
 from ...simulate.scenes.sources import SceneSource
+from ..streams import is_quiet
 from .common import NUMBER, WHOLE, _numbers, angle, distance, factor
 from .declared import Options, flag, option
 
@@ -174,7 +175,7 @@ class FilmOptions(Options):
 @contextmanager
 def rows_bar(what: str) -> Iterator[Callable[[int, int], None]]:
     """A progress bar on stderr, told of rows or frames done."""
-    console = Console(stderr=True)
+    console = Console(stderr=True, quiet=is_quiet())
     bar = Progress(
         TextColumn(what, markup=False), BarColumn(), TextColumn("{task.percentage:.0f} %"), TimeRemainingColumn(),
         console=console, transient=True, disable=not console.is_terminal,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +13,12 @@ from rich.table import Table
 from ....calibrate.conversion import DISTANCES_MM, Conversion, convert
 from ....calibrate.formats import FORMATS
 from ....camera_models.base import Optics
+from ....files import write_json
 from ....frames import CameraLooks, Mount
 from ...help_pages import DocumentedCommand
 from ...options.common import NUMBER, angle, distance, whole_size
 from ...options.declared import Options, option, takes
-from ...outputs import Output, output_console, plain_table, say, say_written
+from ...outputs import Output, json_option, output_console, plain_table, say, say_written
 
 
 def distance_list(text: str) -> tuple[float, ...]:
@@ -87,6 +88,7 @@ class CostOptions(Options):
 @takes(UnsaidOptions, "unsaid")
 @takes(MountOptions, "stands")
 @takes(CostOptions, "cost")
+@json_option("Write what it costs, in pixels and for each distance.")
 def command(
     source: Path,
     target: Path,
@@ -96,6 +98,7 @@ def command(
     unsaid: UnsaidOptions,
     stands: MountOptions,
     cost: CostOptions,
+    json_file: Path | None,
 ) -> None:
     """Write the camera of the file SOURCE as another program's file TARGET, and say what that costs."""
     options: dict[str, Any] = {**unsaid.given, **cost.given}
@@ -108,7 +111,11 @@ def command(
         console.print(_table(made))
     for note in made.notes:
         say(("Note: ", "yellow"), note, console=console)
-    say_written(target, console=console)
+    if json_file:
+        told = {"exact": made.exact, "rms_px": made.rms_px, "largest_px": made.largest_px}
+        costs = [asdict(one) for one in made.costs]
+        write_json(json_file, {"from": made.source, "to": made.target} | told | {"costs": costs, "notes": made.notes})
+    say_written(target, json_file, console=console)
 
 
 def words_of(made: Conversion) -> str:

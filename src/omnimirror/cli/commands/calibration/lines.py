@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,7 +16,7 @@ from ....calibrate.lines.marked import ONLY
 from ....calibrate.rim import SURE, find_rim
 from ....camera_models.base import CameraModel, Optics
 from ....errors import InvalidParameter
-from ....files import write_text
+from ....files import write_json
 from ....frames import CameraLooks, Mount
 from ....media import read_image, write_image
 from ....sensor import Sensor
@@ -25,7 +24,7 @@ from ....specs import load_camera, save_camera
 from ...help_pages import DocumentedCommand
 from ...options.common import NUMBER, distance, whole_size
 from ...options.declared import Options, option, takes
-from ...outputs import output_console, output_option, say, say_written
+from ...outputs import json_option, output_console, output_option, say, say_written
 
 Array = NDArray[np.float64]
 
@@ -89,7 +88,7 @@ class LineOptions(Options):
 @click.argument("images", nargs=-1, type=click.Path(path_type=Path))
 @takes(LineOptions, "asked")
 @output_option("-o", "--output", help="Write the camera, level and with its uncertainty.")
-@output_option("--json", "json_file", help="Write parameters, residuals and lean.")
+@json_option("Write parameters, residuals and lean.")
 @output_option("--figure", help="Draw the edges of the first picture: green where straight, red where not.")
 def command(
     images: tuple[Path, ...], asked: LineOptions, output: Path | None, json_file: Path | None, figure: Path | None
@@ -130,7 +129,7 @@ def command(
     if output:
         save_camera(found.camera, output)  # type: ignore[arg-type]  # of the kinds that files hold
     if json_file:
-        write_text(json_file, json.dumps(told, indent=1) + "\n")
+        write_json(json_file, told)
     if figure:
         write_image(figure, drawn_edges(np.asarray(pictures[0]), found.chains[0], found.used[0]))
     say_written(output, json_file, figure, console=console)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +11,11 @@ from numpy.typing import NDArray
 
 from ....calibrate.rim import SURE, FoundRim, find_rim
 from ....calibrate.rim.edges import levels_of
-from ....files import write_text
+from ....files import write_json
 from ....media import read_image
 from ....media.batch import expand_inputs
 from ...help_pages import DocumentedCommand
-from ...outputs import FIGURES, output_console, output_option, plain_table, say, say_written
+from ...outputs import FIGURES, json_option, output_console, output_option, plain_table, say, say_written
 
 
 @click.command(
@@ -27,7 +26,7 @@ from ...outputs import FIGURES, output_console, output_option, plain_table, say,
 @click.argument("images", nargs=-1, required=True, metavar="IMAGE...")
 @click.option("--each", is_flag=True, help="The pictures are of different sensors: look at each by itself.")
 @output_option("--figure", formats=FIGURES, help="Draw what was found on the pictures (PNG, SVG, PDF).")
-@output_option("--json", "json_file", help="Write what was found.")
+@json_option("Write what was found.")
 def command(images: tuple[str, ...], each: bool, figure: Path | None, json_file: Path | None) -> None:
     """Find the rim of the mirror in IMAGEs: pictures, folders or patterns of them.
 
@@ -55,7 +54,7 @@ def command(images: tuple[str, ...], each: bool, figure: Path | None, json_file:
         record = [rim.to_json() for rim in found]
         named = [{"name": file.name} | rim.to_json() for file, rim in zip(files, singles, strict=True)]
         whole = record[0] | {"pictures": named} if len(found) == 1 else {"pictures": named}
-        write_text(json_file, json.dumps(whole, indent=2) + "\n")
+        write_json(json_file, whole)
         say_written(json_file, console=console)
     if figure:
         say_written(_drawn(figure, files, pictures, singles), console=console)

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import click
 
 from ....calibrate.propagation import uncertainty_map
-from ....files import write_text
+from ....files import write_json
 from ....specs import load_camera
 from ...help_pages import DocumentedCommand
 from ...options.common import NUMBER
-from ...outputs import FIGURES, format_option, output_console, output_option, say, say_written
+from ...outputs import FIGURES, format_option, json_option, output_console, output_option, say, say_written
 
 
 @click.command(
@@ -29,7 +28,7 @@ from ...outputs import FIGURES, format_option, output_console, output_option, sa
 )
 @output_option("-o", "--output", formats=FIGURES, help="Map over the picture (PNG, SVG, PDF).")
 @format_option(FIGURES)
-@output_option("--json", "json_file", help="Write median, 95th percentile and largest error.")
+@json_option("Write median, 95th percentile and largest error.")
 def command(camera: str, height_mm: float | None, output: Path | None, json_file: Path | None) -> None:
     """Say how far directions that the calibrated CAMERA sees may be off, or points on the floor.
 
@@ -46,7 +45,7 @@ def command(camera: str, height_mm: float | None, output: Path | None, json_file
         words = f": standard deviation of {what}: median {median:.3g} {found.unit}, "
         say((Path(camera).stem, "bold"), words + f"95 % below {high:.3g}, largest {largest:.3g}", console=console)
     if json_file:
-        write_text(json_file, json.dumps(summary, indent=1) + "\n")
+        write_json(json_file, summary)
     if output:
         from ....figures import save_figure
         from ....figures.pictures import error_map

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
 
 import click
 import numpy as np
 
 from ....components.apertures import BestAperture, best_apertures
 from ....design.criteria.ranges import Range
+from ....files import write_json
 from ....sensor import Sensor
 from ....specs import load_sensor
 from ...help_pages import DocumentedCommand
-from ...options.common import NUMBER, distance, number_or_range
+from ...options.common import NUMBER, SENSOR, distance, number_or_range
 from ...options.declared import Options, option, takes
-from ...outputs import head, output_console, plain_table
+from ...outputs import head, json_option, output_console, plain_table, say_written
 
 
 @dataclass(frozen=True)
@@ -46,9 +49,10 @@ class ApertureOptions(Options):
     page="optimisation",
     examples=("omnimirror apertures paper-spherical",),
 )
-@click.argument("sensors", nargs=-1, required=True)
+@click.argument("sensors", type=SENSOR, nargs=-1, required=True)
 @takes(ApertureOptions, "apertures")
-def command(sensors: tuple[str, ...], apertures: ApertureOptions) -> None:
+@json_option()
+def command(sensors: tuple[str, ...], apertures: ApertureOptions, json_file: Path | None) -> None:
     """The best F-number and focus of each of SENSORS, tangentially, sagittally and for both together.
 
     A wide aperture blurs, a narrow one diffracts; what is least is the root of the squares of both, in pixels, at the
@@ -56,11 +60,17 @@ def command(sensors: tuple[str, ...], apertures: ApertureOptions) -> None:
     """
     numbers = (head("f_number"), head("focus_mm"), "worst\npx", "blur\npx", head("airy_px"))
     table = plain_table("sensor", "least", *numbers, words=("sensor", "least"))
+    console = output_console()
+    records: list[dict[str, Any]] = []
     for name in sensors:
         sensor = load_sensor(name)
         for b in apertures.best(sensor):
+            records.append({"sensor": sensor.name} | asdict(b))
             table.add_row(
                 sensor.name, b.side, f"{b.f_number:.2f}", f"{b.focus_mm:.2f}", f"{b.worst_px:.3f}", f"{b.blur_px:.3f}",
                 f"{b.airy_px:.3f}",
             )  # fmt: skip
-    output_console().print(table)
+    console.print(table)
+    if json_file:
+        write_json(json_file, records)
+        say_written(json_file, console=console)

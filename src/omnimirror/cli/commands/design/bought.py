@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from pathlib import Path
 from typing import NoReturn
@@ -15,7 +14,7 @@ from ....components.catalogue import Component
 from ....design.criteria.requirements import Requirements
 from ....design.parts.bought import BoughtDesign
 from ....design.parts.search import PartsSearch, design_from_parts
-from ....files import write_text
+from ....files import write_json
 from ....quantities import QUANTITIES
 from ....specs import save_sensor
 from ...outputs import head, plain_table, say_written
@@ -48,7 +47,7 @@ def buy(
     if out and best is not None:
         save_sensor(best.design.sensor, out)
     if json_file:
-        write_text(json_file, json.dumps(found.to_dict(), indent=1, ensure_ascii=False) + "\n")
+        write_json(json_file, found.to_dict())
     say_written(out if best is not None else None, json_file, console=console)
     sys.exit(0 if found.is_met else MISSED)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -15,14 +14,23 @@ from ....design.criteria.requirements import Requirements
 from ....design.optimise.optimiser import Progress
 from ....design.solve.designer import Design, design_sensor
 from ....design.solve.freeform import SHAPE
-from ....files import write_text
+from ....files import write_json
 from ....specs import save_sensor
 from ...help_pages import DocumentedCommand
 from ...options.common import WHOLE
 from ...options.declared import refuse_other, takes
 from ...options.design import RequirementOptions, SearchedOptions, merit_list
 from ...options.housing import HousingOptions
-from ...outputs import FIGURES, format_option, output_console, output_option, progress_bar, say, say_written
+from ...outputs import (
+    FIGURES,
+    format_option,
+    json_option,
+    output_console,
+    output_option,
+    progress_bar,
+    say,
+    say_written,
+)
 from .bought import buy
 from .front import check_pick, find_front
 from .tables import MISSED, print_convergence, print_design, print_merits
@@ -57,7 +65,7 @@ ONLY = {
 @click.option("--processes", type=WHOLE, default=1, help="With parts: that design at the same time.")
 @format_option(FIGURES)
 @output_option("-o", "--out", help="Write the sensor file.")
-@output_option("--json", "json_file", help="Write the table, and what conflicts.")
+@json_option("Write the table, and what conflicts.")
 @click.option("--figures", type=click.Path(path_type=Path), help="Draw the paper's figures into this folder.")
 @takes(HousingOptions, "housing")
 @click.pass_context
@@ -117,7 +125,7 @@ def _write(console: Console, design: Design, out: Path | None, json_file: Path |
     if out:
         save_sensor(design.sensor, out)
     if json_file:
-        write_text(json_file, json.dumps(design.to_dict(), indent=1, ensure_ascii=False) + "\n")
+        write_json(json_file, design.to_dict())
     print_design(console, design)
     if design.optimum:
         print_merits(console, design.optimum)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from datetime import date
 from pathlib import Path
 
@@ -10,6 +10,7 @@ import click
 from rich.markup import escape
 
 from ....arguments import float_of
+from ....files import write_json
 from ....manufacture import DEFAULT_FORMATS, FORMATS, Body, Exported, Tool, Workshop, load_workshop
 from ....manufacture.body import TAP_DRILLS_MM
 from ....manufacture.drawings.sheet import SHEETS
@@ -19,10 +20,10 @@ from ....sensor import Sensor
 from ....specs import load_sensor
 from ....tolerancing.tolerance_file import allocated_tolerances
 from ...help_pages import DocumentedCommand
-from ...options.common import NUMBER, WHOLE
+from ...options.common import NUMBER, SENSOR, WHOLE
 from ...options.declared import Options, option, takes
 from ...options.housing import HousingOptions
-from ...outputs import output_console, output_option, plain_table
+from ...outputs import json_option, output_console, output_option, plain_table, say_written
 
 DRAWN = (".pdf", ".svg", ".png", ".dxf")
 
@@ -125,7 +126,7 @@ class ToolOptions(Options):
         "omnimirror export mine.toml -o mirror.step",
     ),
 )
-@click.argument("sensor")
+@click.argument("sensor", type=SENSOR)
 @output_option("-o", "--output", required=True, formats=("csv",),
                help="A folder, or one file whose suffix says what to write; - prints the sag table.")  # fmt: skip
 @click.option("--formats", type=formats, metavar="NAME,..",
@@ -138,6 +139,7 @@ class ToolOptions(Options):
 @takes(FileOptions, "files")
 @takes(ToolOptions, "lathe")
 @takes(HousingOptions, "housing")
+@json_option("Write the table: each file, what it holds and how far it lies from the mirror.")
 def command(
     sensor: str,
     output: Path,
@@ -148,6 +150,7 @@ def command(
     files: FileOptions,
     lathe: ToolOptions,
     housing: HousingOptions,
+    json_file: Path | None,
 ) -> None:
     """Write CAD files, lens files, tables and a drawing of SENSOR, a sensor file or a bundled sensor.
 
@@ -166,6 +169,9 @@ def command(
     for file in written:
         table.add_row(str(file.path), file.what, deviation_words(file), ray_words(file))
     console.print(table)
+    if json_file:
+        write_json(json_file, [asdict(file) | {"path": str(file.path)} for file in written])
+        say_written(json_file, console=console)
     parts = ("mirror",) if camera.secondary is None else ("mirror", "secondary")
     if any(file.path.suffix.lower() in DRAWN for file in written) and (missing := told.missing(parts)):
         console.print(f"A shop will ask for what the drawing does not say: {', '.join(missing)} (--workshop FILE)")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import sys
 from dataclasses import replace
@@ -14,12 +13,13 @@ from ....arguments import float_of
 from ....design.criteria.requirement_file import load_requirements
 from ....design.solve.temperatures import TemperatureRange, temperature_range
 from ....design.solve.verdict import judge
-from ....files import json_plain, write_text
+from ....files import write_json
 from ....specs import load_sensor
 from ...help_pages import DocumentedCommand
+from ...options.common import SENSOR
 from ...options.declared import takes
 from ...options.housing import HousingOptions
-from ...outputs import output_console, output_option, say_written
+from ...outputs import json_option, output_console, say_written
 from .tables import MISSED, print_verdict
 
 
@@ -42,8 +42,8 @@ def temperatures(text: str) -> tuple[float, float]:
     examples=("omnimirror judge panorama.toml paper-equidistant",),
 )
 @click.argument("requirements", type=click.Path(path_type=Path))
-@click.argument("sensor")
-@output_option("--json", "json_file", help="Write the table.")
+@click.argument("sensor", type=SENSOR)
+@json_option()
 @click.option("--temperatures", type=temperatures, metavar="A:B", help="Say over which of these, in C, it is met.")
 @takes(HousingOptions, "housing")
 def command(
@@ -67,10 +67,10 @@ def command(
     if temperatures is not None:
         coldest, warmest = temperatures
         found = temperature_range(asked, seen, coldest_c=coldest, warmest_c=warmest)
-        numbers["temperatures"] = json_plain(found.to_dict())
+        numbers["temperatures"] = found.to_dict()
         console.print(_range_words(found))
     if json_file:
-        write_text(json_file, json.dumps(numbers, indent=1, ensure_ascii=False) + "\n")
+        write_json(json_file, numbers)
     say_written(json_file, console=console)
     sys.exit(0 if verdict.is_met else MISSED)
 

@@ -11,11 +11,12 @@ from rich.text import Text
 from ....design.construct.rim import MountedMirror
 from ....design.construct.survey import mappings
 from ....errors import OmnimirrorError
+from ....files import write_json
 from ....tracing.meridian import Meridian
 from ...help_pages import DocumentedCommand
 from ...options.common import NUMBER
 from ...options.declared import Options, option, takes
-from ...outputs import FIGURES, format_option, output_console, output_option, plain_table, say_written
+from ...outputs import FIGURES, format_option, json_option, output_console, output_option, plain_table, say_written
 
 MOST_DRAWN = 6
 
@@ -38,7 +39,8 @@ class RimOptions(Options):
 @takes(RimOptions, "rim")
 @output_option("--figure", formats=FIGURES, help="Draw their sections and image heights: svg, png, pdf.")
 @format_option(FIGURES)
-def command(rim: RimOptions, figure: Path | None) -> None:
+@json_option()
+def command(rim: RimOptions, figure: Path | None, json_file: Path | None) -> None:
     """List the mappings of omnimirror design, with the mirror that each needs for a field and a lens.
 
     Lengths are in rim radii M.
@@ -46,15 +48,22 @@ def command(rim: RimOptions, figure: Path | None) -> None:
     console = output_console()
     table = plain_table("mapping", "m/M", "sag/M", "vertex radius/M", "", words=("mapping", ""), tight=True)
     mounted: dict[str, MountedMirror] = {}
+    records: list[dict[str, float | str]] = []
     for name, found in mappings(**rim.given).items():
         if isinstance(found, OmnimirrorError):
             table.add_row(name, "", "", "", Text(str(found), style="dim"))
+            records.append({"mapping": name, "why_not": str(found)})
             continue
         mounted[name] = found
         mirror = found.mirror
         numbers = (found.distance_mm, mirror.sag(1.0), 1 / mirror.curvature(0.0))
+        told = {"distance": numbers[0], "sag": float(numbers[1]), "vertex_radius": float(numbers[2])}
+        records.append({"mapping": name, "mirror": mirror.KIND} | told)
         table.add_row(name, *(f"{v:.8g}" for v in numbers), "" if name == mirror.KIND else f"the {mirror.KIND}")
     console.print(table)
+    if json_file:
+        write_json(json_file, records)
+        say_written(json_file, console=console)
     if figure:
         _draw({name: Meridian(p.mirror, p.distance_mm) for name, p in list(mounted.items())[:MOST_DRAWN]}, figure)
         say_written(figure, console=console)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import click
 import numpy as np
@@ -12,13 +13,15 @@ from rich.table import Table
 from ....components.catalogue import read_catalogue
 from ....components.selection import Combination, choose_parts
 from ....errors import OmnimirrorError
+from ....files import write_json
 from ....lenses import Perspective
 from ....quantities import QUANTITIES
+from ....sensor import Sensor
 from ....specs import load_sensor, save_sensor
 from ...help_pages import DocumentedCommand
-from ...options.common import NUMBER, distance
+from ...options.common import NUMBER, SENSOR, distance
 from ...options.declared import Options, option, takes
-from ...outputs import head, output_console, output_option, plain_table, say_written
+from ...outputs import head, json_option, output_console, output_option, plain_table, say_written
 
 
 @dataclass(frozen=True)
@@ -41,14 +44,16 @@ class SelectionOptions(Options):
         "omnimirror parts mine.toml catalogue.csv --best best.toml",
     ),
 )
-@click.argument("sensor")
+@click.argument("sensor", type=SENSOR)
 @click.argument("catalogue", nargs=-1, type=click.Path(path_type=Path))
 @takes(SelectionOptions, "selection")
 @click.option("--best", is_flag=True, help="Only those that fit.")
 @output_option("-o", "--out", help="Write the best as a sensor file.")
+@json_option()
 def command(
-    sensor: str, catalogue: tuple[Path, ...], selection: SelectionOptions, best: bool, out: Path | None
-) -> None:
+    sensor: str, catalogue: tuple[Path, ...], selection: SelectionOptions, best: bool, out: Path | None,
+    json_file: Path | None,
+) -> None:  # fmt: skip
     """Rank the lenses and imagers of CATALOGUE files before the mirror of SENSOR, and say why others do not fit.
 
     The mirror stays where it is; a catalogue is TOML or CSV. Without one, kinds of parts that are common are ranked.
@@ -57,7 +62,11 @@ def command(
     found = choose_parts(load_sensor(sensor), read_catalogue(*catalogue), **selection.given)
     fitting = [c for c in found if c.fits]
     console = output_console()
-    console.print(_table(fitting if best else found))
+    shown = fitting if best else found
+    console.print(_table(shown))
+    if json_file:
+        write_json(json_file, list(map(_record, shown)))
+        say_written(json_file, console=console)
     if out:
         if not fitting or fitting[0].sensor is None:
             raise OmnimirrorError("no lens and imager of the catalogue fit, so there is no sensor to write")
@@ -72,11 +81,28 @@ def _table(combinations: list[Combination]) -> Table:
     for i, c in enumerate(combinations, start=1):
         cells = ["", "", "", "", "", ""]
         if c.sensor is not None:
-            lens = c.sensor.lens
-            F = lens.f_number if isinstance(lens, Perspective) else lens.image_f_number()
             cells = [
-                f"{100 * c.fill:.0f}", f"{c.rim_radius_px:.0f}", f"{F:.1f}", f"{lens.focus_distance_mm:.1f}",
-                f"{c.ring_mm:g}", area.text(c.worst_floored_area_deg2),
+                f"{100 * c.fill:.0f}", f"{c.rim_radius_px:.0f}", f"{_f_number(c.sensor):.1f}",
+                f"{c.sensor.lens.focus_distance_mm:.1f}", f"{c.ring_mm:g}", area.text(c.worst_floored_area_deg2),
             ]  # fmt: skip
         table.add_row(str(i) if c.fits else "-", c.lens, c.imager, *cells, "; ".join(c.reasons))
     return table
+
+
+def _record(c: Combination) -> dict[str, Any]:
+    """What the table tells of a lens with an imager, and the numbers that a lens of the wrong kind does not have."""
+    told = {"lens": c.lens, "imager": c.imager, "fits": c.fits, "reasons": c.reasons}
+    if c.sensor is None:
+        return told
+    lens = c.sensor.lens
+    return told | {
+        "fill": c.fill, "rim_radius_px": c.rim_radius_px, "f_number": _f_number(c.sensor),
+        "focus_mm": lens.focus_distance_mm, "ring_mm": c.ring_mm,
+        "worst_floored_area_deg2": c.worst_floored_area_deg2,
+    }  # fmt: skip
+
+
+def _f_number(sensor: Sensor) -> float:
+    """As it is engraved, of a telecentric lens that of the image."""
+    lens = sensor.lens
+    return lens.f_number if isinstance(lens, Perspective) else lens.image_f_number()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,7 +10,7 @@ from rich.console import Console
 
 from ....design.criteria.requirement_file import load_requirements
 from ....errors import InvalidParameter, OmnimirrorError
-from ....files import is_stream, json_plain, write_text
+from ....files import is_stream, write_json, write_text
 from ....specs import load_sensor
 from ....tolerancing.analysis import ToleranceReport, limits_of, tolerance
 from ....tolerancing.errors import GRADES
@@ -22,9 +21,9 @@ from ....tolerancing.trials.merits import after
 from ....tolerancing.trials.required.names import is_least
 from ....tolerancing.typical import TypicalSensor, typical_sensors
 from ...help_pages import DocumentedCommand
-from ...options.common import NUMBER, WholeRange
+from ...options.common import NUMBER, SENSOR, WholeRange
 from ...options.declared import Options, flag, option, takes
-from ...outputs import output_console, output_option, plain_table, progress_bar, say, say_written
+from ...outputs import json_option, output_console, output_option, plain_table, progress_bar, say, say_written
 
 INIT = "init"
 SHARDS = "trials"
@@ -96,7 +95,7 @@ class SweepOptions(Options):
         "omnimirror tolerance paper-spherical tolerances.toml --trials 20000",
     ),
 )
-@click.argument("sensor")
+@click.argument("sensor", type=SENSOR)
 @click.argument("tolerances", required=False)
 @takes(TrialOptions, "asked")
 @takes(SweepOptions, "kept")
@@ -113,7 +112,7 @@ class SweepOptions(Options):
     help="Write the sensors at 5, 50 and 95 % of the first limit, or of motion_px, and their pictures to --out.",
 )
 @output_option("--report", "report_file", formats=("html",), help="Write a page to send with the order.")
-@output_option("--json", "json_file", help="Write all numbers.")
+@json_option("Write all numbers.")
 def command(
     sensor: str, tolerances: str | None, asked: TrialOptions, kept: SweepOptions, grade: str, force: bool,
     out: Path | None, save_trials: bool, report_file: Path | None, json_file: Path | None,
@@ -264,14 +263,13 @@ def _write_typical(typical: list[TypicalSensor], merit: str, out: Path, console:
 
 
 def _write(found: ToleranceReport, out: Path | None, json_file: Path | None) -> list[Path]:
-    text = json.dumps(json_plain(found.to_dict()), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
     written = []
     if out is not None:
         from ....figures.style import save_figure, styled
         from ....tolerancing.figures import curves, tornado, variance_chart
 
         out.mkdir(parents=True, exist_ok=True)
-        write_text(out / "tolerance.json", text)
+        write_json(out / "tolerance.json", found.to_dict())
         with styled():
             save_figure(tornado(found.sensitivities), out / "tornado.svg")
             save_figure(curves(found.tally), out / "yield.svg")
@@ -280,6 +278,6 @@ def _write(found: ToleranceReport, out: Path | None, json_file: Path | None) -> 
         charts = ("tornado.svg", "yield.svg", *(() if found.variance is None else ("variance.svg",)))
         written += [out / name for name in ("tolerance.json", *charts)]
     if json_file is not None:
-        write_text(json_file, text)
+        write_json(json_file, found.to_dict())
         written.append(json_file)
     return written

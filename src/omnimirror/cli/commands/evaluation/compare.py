@@ -12,7 +12,8 @@ from rich.text import Text
 from ....analysis import Comparison, compare
 from ....specs import load_sensor
 from ...help_pages import DocumentedCommand
-from ...outputs import format_option, output_console, output_option, say, say_written
+from ...options.common import SENSOR
+from ...outputs import format_option, json_option, output_console, output_option, say, say_written
 
 FORMATS = ("png", "html")
 
@@ -22,12 +23,12 @@ FORMATS = ("png", "html")
     page="compare",
     examples=("omnimirror compare paper-spherical paper-hyperboloidal -o comparison.html",),
 )
-@click.argument("sensors", nargs=-1, required=True)
+@click.argument("sensors", type=SENSOR, nargs=-1, required=True)
 @output_option("-o", "--output", formats=FORMATS,
                help="Write table, curves and pictures of one scene as one .html page or one .png.")  # fmt: skip
 @format_option(FORMATS)
 @output_option("--csv", "csv_file", help="Write the table, 17 significant digits.")
-@output_option("--json", "json_file", help="Write the table, an object per sensor.")
+@json_option("Write the table, an object per sensor.")
 def command(sensors: tuple[str, ...], output: Path | None, csv_file: Path | None, json_file: Path | None) -> None:
     """Put up to six SENSORS side by side, files or names of bundled ones; the best of each row is marked.
 

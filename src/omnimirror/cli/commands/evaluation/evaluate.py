@@ -30,11 +30,11 @@ from ....sensor import Sensor
 from ....specs import load_camera
 from ....tracing.obscuration import hidden_words
 from ...help_pages import DocumentedCommand
-from ...options.common import NUMBER, distance, focus, pixel, values
+from ...options.common import NUMBER, SENSOR, distance, focus, pixel, values
 from ...options.declared import Options, flag, option, takes
 from ...options.housing import HousingOptions
 from ...options.lens import LensOptions
-from ...outputs import output_console, output_option, print_rows, say, say_written
+from ...outputs import json_option, output_console, output_option, print_rows, say, say_written
 
 Array = NDArray[np.float64]
 
@@ -95,12 +95,12 @@ class EvaluationOptions(Options):
         "omnimirror evaluate mine.toml --focus-mm auto --csv mine.csv --figures figures",
     ),
 )
-@click.argument("sensor")
+@click.argument("sensor", type=SENSOR)
 @takes(EvaluationOptions, "asked")
 @output_option(
     "--csv", "csv_file", help="Write all columns, 17 significant digits; of a measured mirror their deviations too."
 )
-@output_option("--json", "json_file", help="Write summary and all columns.")
+@json_option("Write summary and all columns.")
 @click.option("--figures", type=click.Path(path_type=Path), help="Draw the paper's figures into this folder.")
 @takes(LensOptions, "lens")
 @takes(HousingOptions, "housing")

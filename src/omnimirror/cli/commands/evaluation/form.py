@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
@@ -12,7 +11,7 @@ import numpy as np
 from rich.console import Console
 
 from ....errors import InvalidParameter
-from ....files import json_plain, write_text
+from ....files import write_json
 from ....metrology.form_errors import FormError, form_error
 from ....metrology.readers import MM, Unit, read_points
 from ....mirrors import Mirror
@@ -22,9 +21,9 @@ from ....tolerancing.forms.effects import FormEffect, as_made, form_effect
 from ....tolerancing.trials.compensation import CALIBRATIONS
 from ....tolerancing.trials.merits import after
 from ...help_pages import DocumentedCommand
-from ...options.common import WHOLE
+from ...options.common import SENSOR, WHOLE
 from ...options.declared import Options, option, takes
-from ...outputs import FIGURES, output_console, output_option, plain_table, say_written
+from ...outputs import FIGURES, json_option, output_console, output_option, plain_table, say_written
 
 MOST_TERMS = 12
 
@@ -52,12 +51,12 @@ class PointOptions(Options):
     page="measured",
     examples=("omnimirror form paper-spherical cmm.csv --figure form.png -o as-made.toml",),
 )
-@click.argument("sensor")
+@click.argument("sensor", type=SENSOR)
 @click.argument("points", type=click.Path(path_type=Path))
 @takes(PointOptions, "asked")
 @output_option("-o", "--output", formats=("toml",), help="Write the sensor with the mirror as it was made.")
 @output_option("--figure", formats=FIGURES, help="Draw the form, what is left, meridian and terms (PNG, SVG, PDF).")
-@output_option("--json", "json_file", help="Write all numbers.")
+@json_option("Write all numbers.")
 def command(
     sensor: str, points: Path, asked: PointOptions, output: Path | None, figure: Path | None, json_file: Path | None
 ) -> None:
@@ -88,8 +87,7 @@ def command(
             save_figure(form_figure(form), figure)
         written.append(figure)
     if json_file is not None:
-        text = json.dumps(json_plain(_numbers(form, effect)), indent=1, ensure_ascii=False, allow_nan=False)
-        write_text(json_file, text + "\n")
+        write_json(json_file, _numbers(form, effect))
         written.append(json_file)
     say_written(*written, console=console)
 

@@ -16,9 +16,18 @@ from ....sensor import Sensor
 from ....specs import load_sensor
 from ...help_pages import DocumentedCommand
 from ...options.aperture import Array, angles_of
-from ...options.common import NUMBER, angle, values
+from ...options.common import NUMBER, SENSOR, angle, values
 from ...options.declared import Options, option, takes
-from ...outputs import FIGURES, format_option, head, output_console, output_option, plain_table, say_written
+from ...outputs import (
+    FIGURES,
+    format_option,
+    head,
+    json_option,
+    output_console,
+    output_option,
+    plain_table,
+    say_written,
+)
 
 CURVE, RIM_DEG = 121, 1.5  # points of the curve, and of half as many more where the rim cuts the light off
 
@@ -68,12 +77,15 @@ class LightOptions(Options):
     page="aperture",
     examples=("omnimirror illumination paper-spherical --reflectivity aluminium -o illumination.png",),
 )
-@click.argument("sensor")
+@click.argument("sensor", type=SENSOR)
 @takes(LightOptions, "light")
 @output_option("-o", "--output", formats=FIGURES, help="Figure (PNG, SVG, PDF).")
 @format_option(FIGURES)
 @output_option("--csv", "csv_file", help="Write the table.")
-def command(sensor: str, light: LightOptions, output: Path | None, csv_file: Path | None) -> None:
+@json_option("Write what --csv does, as a list of objects.")
+def command(
+    sensor: str, light: LightOptions, output: Path | None, csv_file: Path | None, json_file: Path | None
+) -> None:
     """Compute the relative illumination of SENSOR over its field."""
     seen = load_sensor(sensor)
     found = light.of(seen, angles_of(seen, light.omega_deg))
@@ -87,7 +99,9 @@ def command(sensor: str, light: LightOptions, output: Path | None, csv_file: Pat
     console.print(table)
     if csv_file:
         found.to_csv(csv_file)
-        say_written(csv_file, console=console)
+    if json_file:
+        found.to_json(json_file)
+    say_written(csv_file, json_file, console=console)
     if output:
         from ....figures import save_figure
         from ....figures.aperture import illumination_curves

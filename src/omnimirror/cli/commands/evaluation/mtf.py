@@ -14,9 +14,18 @@ from ....quantities import QUANTITIES
 from ....specs import load_sensor
 from ...help_pages import DocumentedCommand
 from ...options.aperture import Array, ImageOptions
-from ...options.common import values
+from ...options.common import SENSOR, values
 from ...options.declared import option, takes
-from ...outputs import FIGURES, format_option, head, output_console, output_option, plain_table, say_written
+from ...outputs import (
+    FIGURES,
+    format_option,
+    head,
+    json_option,
+    output_console,
+    output_option,
+    plain_table,
+    say_written,
+)
 
 SHOWN = (0.125, 0.25, 0.5)  # cycles per pixel, on the terminal
 
@@ -44,12 +53,13 @@ class MtfOptions(ImageOptions):
     page="aperture",
     examples=("omnimirror mtf paper-spherical --omega-deg 0:120:30 -o mtf.png --csv mtf.csv",),
 )
-@click.argument("sensor")
+@click.argument("sensor", type=SENSOR)
 @takes(MtfOptions, "waves")
 @output_option("-o", "--output", formats=FIGURES, help="Figure (PNG, SVG, PDF).")
 @format_option(FIGURES)
 @output_option("--csv", "csv_file", help="Write it, in cycles/px, lp/mm and cycles/deg.")
-def command(sensor: str, waves: MtfOptions, output: Path | None, csv_file: Path | None) -> None:
+@json_option("Write what --csv does, as a list of objects.")
+def command(sensor: str, waves: MtfOptions, output: Path | None, csv_file: Path | None, json_file: Path | None) -> None:
     """Compute the modulation transfer of SENSOR through its whole aperture."""
     seen = load_sensor(sensor)
     nu, shown = waves.frequencies, np.array(SHOWN)
@@ -72,7 +82,9 @@ def command(sensor: str, waves: MtfOptions, output: Path | None, csv_file: Path 
     asked = found.first(len(nu))
     if csv_file:
         asked.to_csv(csv_file)
-        say_written(csv_file, console=console)
+    if json_file:
+        asked.to_json(json_file)
+    say_written(csv_file, json_file, console=console)
     if output:
         from ....figures import save_figure
         from ....figures.aperture import mtf_curves

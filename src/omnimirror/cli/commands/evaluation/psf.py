@@ -4,17 +4,28 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import click
 import numpy as np
 
 from ....analysis import Psf, psf
+from ....files import write_json
 from ....specs import load_sensor
 from ...help_pages import DocumentedCommand
 from ...options.aperture import ImageOptions
-from ...options.common import NUMBER
+from ...options.common import NUMBER, SENSOR
 from ...options.declared import option, takes
-from ...outputs import FIGURES, format_option, head, output_console, output_option, plain_table, say_written
+from ...outputs import (
+    FIGURES,
+    format_option,
+    head,
+    json_option,
+    output_console,
+    output_option,
+    plain_table,
+    say_written,
+)
 
 MOST = 15
 SHARES = (0.5, 0.8)  # of the light, whose radii are told
@@ -32,12 +43,15 @@ class PsfOptions(ImageOptions):
     page="aperture",
     examples=("omnimirror psf paper-spherical --omega-deg 0:120:30 -o psf.png --encircled energy.png",),
 )
-@click.argument("sensor")
+@click.argument("sensor", type=SENSOR)
 @takes(PsfOptions, "objects")
 @output_option("-o", "--output", formats=FIGURES, help="Figure of the PSFs (PNG, SVG, PDF).")
 @format_option(FIGURES)
 @output_option("--encircled", formats=FIGURES, help="Figure of the encircled energy.")
-def command(sensor: str, objects: PsfOptions, output: Path | None, encircled: Path | None) -> None:
+@json_option()
+def command(
+    sensor: str, objects: PsfOptions, output: Path | None, encircled: Path | None, json_file: Path | None
+) -> None:
     """Compute the images of point objects through the whole aperture of SENSOR."""
     seen = load_sensor(sensor)
     angles = np.asarray(objects.angles(seen))
@@ -56,13 +70,15 @@ def command(sensor: str, objects: PsfOptions, output: Path | None, encircled: Pa
         found = [compute(float(omega)) for omega in angles]
     radii = head("encircled_radius_px").replace("\n", " {:.0%}\n")
     table = plain_table(head("omega_deg"), head("strehl"), *map(radii.format, SHARES), head("ensquared_energy", "%"))
-    for p in found:
-        radius = np.linspace(0, float(p.offset_px[-1]), 2000)
-        within = (f"{r:.2f}" for r in np.interp(SHARES, p.encircled_energy(radius), radius))
-        best = 100 * float(p.on_pixels().max())
-        strehl = f"{p.strehl:.3g}" if p.kind == "diffraction" else "-"
-        table.add_row(f"{p.omega_deg:g}", strehl, *within, f"{best:.1f}")
+    records = list(map(_record, found))
+    for record in records:
+        omega, strehl, *within, best = record.values()
+        told = "-" if strehl is None else f"{strehl:.3g}"
+        table.add_row(f"{omega:g}", told, *(f"{radius:.2f}" for radius in within), f"{100 * best:.1f}")
     console.print(table)
+    if json_file:
+        write_json(json_file, records)
+        say_written(json_file, console=console)
     if output or encircled:
         from ....figures import save_figure
         from ....figures.aperture import encircled_energy, psf_pictures
@@ -72,3 +88,15 @@ def command(sensor: str, objects: PsfOptions, output: Path | None, encircled: Pa
         for path, draw in ((output, psf_pictures), (encircled, encircled_energy)):
             if path:
                 say_written(save_figure(draw(found), path), console=console)
+
+
+def _record(p: Psf) -> dict[str, Any]:
+    """What the table tells of a point-spread function; no Strehl ratio without waves."""
+    radius = np.linspace(0, float(p.offset_px[-1]), 2000)
+    radii = np.interp(SHARES, p.encircled_energy(radius), radius)
+    return {
+        "omega_deg": float(p.omega_deg),
+        "strehl": float(p.strehl) if p.kind == "diffraction" else None,
+        **{f"encircled_radius_px_{share:.0%}".rstrip("%"): float(r) for share, r in zip(SHARES, radii, strict=True)},
+        "ensquared_energy": float(p.on_pixels().max()),
+    }

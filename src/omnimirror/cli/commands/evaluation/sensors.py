@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import click
 
+from ....files import write_json
 from ....specs import bundled_sensors, load_sensor
 from ...help_pages import DocumentedCommand
-from ...outputs import output_console, plain_table
+from ...outputs import json_option, output_console, plain_table, say_written
 
 
 @click.command(
@@ -14,13 +17,23 @@ from ...outputs import output_console, plain_table
     page="sensor-file",
     examples=("omnimirror sensors",),
 )
-def command() -> None:
+@json_option()
+def command(json_file: Path | None) -> None:
     """List the bundled sensors; each name can stand wherever a command takes a SENSOR."""
     words = ("name", "mirror", "what it is")
+    console = output_console()
+    records = []
     table = plain_table("name", "mirror", "field\ndeg", "rim\nmm", "what it is", words=words)
     for name in bundled_sensors():
         sensor = load_sensor(name)
         low, high = sensor.field_deg
         title = sensor.notes.strip().splitlines()[0]
         table.add_row(name, sensor.mirror.KIND, f"{low:.3g}-{high:.4g}", f"{sensor.mirror.rim_radius_mm:g}", title)
-    output_console().print(table)
+        records.append({
+            "name": name, "mirror": sensor.mirror.KIND, "field_deg": [low, high],
+            "rim_radius_mm": sensor.mirror.rim_radius_mm, "what": title,
+        })  # fmt: skip
+    console.print(table)
+    if json_file:
+        write_json(json_file, records)
+        say_written(json_file, console=console)

@@ -16,9 +16,18 @@ from ....sensor import Sensor
 from ....specs import load_sensor
 from ...help_pages import DocumentedCommand
 from ...options.aperture import Array, ObjectOptions
-from ...options.common import WHOLE, values
+from ...options.common import SENSOR, WHOLE, values
 from ...options.declared import option, takes
-from ...outputs import FIGURES, format_option, head, output_console, output_option, plain_table, say_written
+from ...outputs import (
+    FIGURES,
+    format_option,
+    head,
+    json_option,
+    output_console,
+    output_option,
+    plain_table,
+    say_written,
+)
 
 MOST_FOCUSES = 15
 
@@ -48,18 +57,23 @@ class SpotOptions(ObjectOptions):
     page="aperture",
     examples=("omnimirror spots paper-spherical --omega-deg 0:120:30 --focus-mm 200:220:10 -o spots.png",),
 )
-@click.argument("sensor")
+@click.argument("sensor", type=SENSOR)
 @takes(SpotOptions, "asked")
 @output_option("-o", "--output", formats=FIGURES, help="Figure: angles by focuses (PNG, SVG, PDF).")
 @format_option(FIGURES)
 @output_option("--csv", "csv_file", help="Write widths, radii and centroids.")
-def command(sensor: str, asked: SpotOptions, output: Path | None, csv_file: Path | None) -> None:
+@json_option("Write what --csv does, as a list of objects.")
+def command(
+    sensor: str, asked: SpotOptions, output: Path | None, csv_file: Path | None, json_file: Path | None
+) -> None:
     """Trace real rays through the whole aperture of SENSOR and show where they land."""
     seen = load_sensor(sensor)
     console = output_console()
     if asked.f_numbers is not None:
-        if output or csv_file or asked.focus_mm is not None:
-            raise click.UsageError("--f-numbers prints a table of its own; leave out --output, --csv and --focus-mm")
+        if output or csv_file or json_file or asked.focus_mm is not None:
+            raise click.UsageError(
+                "--f-numbers prints a table of its own; leave out --output, --csv, --json and --focus-mm"
+            )
         _print_check(console, seen, asked.f_numbers, asked)
         return
     if asked.focus_mm is not None and (count := len(asked.focus_mm)) > MOST_FOCUSES:
@@ -68,7 +82,9 @@ def command(sensor: str, asked: SpotOptions, output: Path | None, csv_file: Path
     _print_spots(console, found)
     if csv_file:
         found.to_csv(csv_file)
-        say_written(csv_file, console=console)
+    if json_file:
+        found.to_json(json_file)
+    say_written(csv_file, json_file, console=console)
     if output:
         from ....figures import save_figure
         from ....figures.aperture import spot_matrix

@@ -9,6 +9,7 @@ import click
 from ....handoff.maps import MAP_FORMATS, write_maps
 from ....specs import load_camera
 from ...help_pages import DocumentedCommand
+from ...options.common import SENSOR
 from ...options.declared import takes
 from ...options.view import ViewOptions
 from ...outputs import output_console, output_option
@@ -23,7 +24,7 @@ from .common import check_one_file, formats_option, say_handed_over
         "omnimirror maps paper-spherical --view ground --height-mm 800 --size 320x240 -o floor.c --format c99",
     ),
 )
-@click.argument("camera", metavar="SENSOR|CAMERA")
+@click.argument("camera", type=SENSOR, metavar="SENSOR|CAMERA")
 @output_option(
     "-o", "--output", required=True, formats=("npz", "exr"),
     help="A file whose suffix says the format, or a folder.",

@@ -9,7 +9,7 @@ import click
 from ....handoff.rays import RAY_FORMATS, write_rays
 from ....specs import load_camera
 from ...help_pages import DocumentedCommand
-from ...options.common import WHOLE
+from ...options.common import SENSOR, WHOLE
 from ...outputs import output_console, output_option
 from .common import check_one_file, formats_option, say_handed_over
 
@@ -19,7 +19,7 @@ from .common import check_one_file, formats_option, say_handed_over
     page="handoff",
     examples=("omnimirror rays paper-spherical -o rays.exr",),
 )
-@click.argument("camera", metavar="SENSOR|CAMERA")
+@click.argument("camera", type=SENSOR, metavar="SENSOR|CAMERA")
 @output_option(
     "-o", "--output", required=True, formats=("exr", "npz"),
     help="A file whose suffix says the format, or a folder.",

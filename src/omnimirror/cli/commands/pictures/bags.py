@@ -13,7 +13,7 @@ from ....handoff.named_views import load_views
 from ....straighten import Straightening
 from ...options.declared import Options, flag, option
 from ...options.view import ViewOptions
-from ...outputs import frame_bar
+from ...outputs import frame_bar, say
 
 
 @dataclass(frozen=True)
@@ -56,9 +56,9 @@ def dewarp_recording(
     for note in done.notes:
         click.echo(f"omnimirror: {note}", err=True)
     passed = f", {done.passed} other messages" if done.passed else ""
-    click.echo(f"{outputs[0]}: {done.pictures} pictures of {done.topic}{passed}")
+    say(f"{outputs[0]}: {done.pictures} pictures of {done.topic}{passed}")
     for topic in done.topics:
-        click.echo(f"  {topic}")
+        say(f"  {topic}")
     if done.exit_code:
         click.echo(f"omnimirror: stopped; {outputs[0]} holds what was done", err=True)
         sys.exit(done.exit_code)

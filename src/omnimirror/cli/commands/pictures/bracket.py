@@ -4,23 +4,34 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import click
 import numpy as np
 from numpy.typing import NDArray
 
 from ....analysis import best_focus
-from ....files import name_of
+from ....files import name_of, write_json
 from ....media import read_image, write_image
 from ....media.pictures.images import format_of
 from ....simulate import Detector, Pose, PosedScene, expose
 from ....simulate.restoration.bracketing import Bracket, focused_at, merge_bracket, plan_bracket
 from ....specs import load_sensor
 from ...help_pages import DocumentedCommand
-from ...options.common import NUMBER, WHOLE, distance, values
+from ...options.common import NUMBER, SENSOR, WHOLE, distance, values
 from ...options.declared import Options, option, takes
 from ...options.scene import SceneOptions, pose, rows_bar
-from ...outputs import PICTURES, format_option, head, output_console, output_option, plain_table, say
+from ...outputs import (
+    PICTURES,
+    format_option,
+    head,
+    json_option,
+    output_console,
+    output_option,
+    plain_table,
+    say,
+    say_written,
+)
 
 Array = NDArray[np.float64]
 
@@ -74,23 +85,33 @@ def command() -> None:
     page="restoration",
     examples=("omnimirror bracket plan paper-spherical --limit-px 2",),
 )
-@click.argument("sensors", nargs=-1, required=True)
+@click.argument("sensors", type=SENSOR, nargs=-1, required=True)
 @takes(PlanOptions, "asked")
-def plan(sensors: tuple[str, ...], asked: PlanOptions) -> None:
+@json_option()
+def plan(sensors: tuple[str, ...], asked: PlanOptions, json_file: Path | None) -> None:
     """The fewest focus distances that keep the blur of SENSORS under a limit, and where astigmatism forbids it."""
     focus = head("focus_mm")
     numbers = ("pictures", "worst px\none focus", "worst px\nmerged", "astigmatic\ndeg", "least px\nthere")
     table = plain_table("sensor", *numbers, focus, words=("sensor", focus))
+    console = output_console()
+    records: list[dict[str, Any]] = []
     for name in sensors:
         sensor = load_sensor(name)
         found = plan_bracket(sensor, **asked.given)
         alone = best_focus(sensor, "worst_blur_px", object_distance_mm=asked.object_distance_mm).value
+        records.append({
+            "sensor": sensor.name, "focus_mm": found.focus_mm, "worst_px_one_focus": alone,
+            "worst_px_merged": found.blur_px.max(), "astigmatic_deg": found.omega_deg[found.astigmatic],
+        })  # fmt: skip
         focuses = ", ".join(f"{focus:.1f}" for focus in found.focus_mm)
         table.add_row(
             sensor.name, f"{len(found.focus_mm)}", f"{alone:.2f}", f"{found.blur_px.max():.2f}", *_astigmatic(found),
             focuses,
         )  # fmt: skip
-    output_console().print(table)
+    console.print(table)
+    if json_file:
+        write_json(json_file, records)
+        say_written(json_file, console=console)
 
 
 def _astigmatic(found: Bracket) -> tuple[str, str]:
@@ -106,7 +127,7 @@ def _astigmatic(found: Bracket) -> tuple[str, str]:
     page="restoration",
     examples=("omnimirror bracket merge paper-spherical a.png b.png --focus-mm 212,228 -o merged.png",),
 )
-@click.argument("sensor")
+@click.argument("sensor", type=SENSOR)
 @click.argument("pictures", nargs=-1, required=True, type=click.Path(path_type=Path))
 @takes(MergeOptions, "taken")
 @output_option("-o", "--output", formats=PICTURES, required=True, help="The picture to write.")
@@ -124,7 +145,7 @@ def merge(sensor: str, pictures: tuple[Path, ...], taken: MergeOptions, output: 
     page="restoration",
     examples=("omnimirror bracket take paper-spherical --scene street --focus-mm 212,228 -o bracket",),
 )
-@click.argument("sensor")
+@click.argument("sensor", type=SENSOR)
 @takes(SceneOptions, "scene")
 @takes(TakeOptions, "taking")
 @click.option("-o", "--output", type=click.Path(path_type=Path, file_okay=False), required=True, help="A folder.")
@@ -136,4 +157,4 @@ def take(sensor: str, scene: SceneOptions, taking: TakeOptions, output: Path) ->
         with rows_bar("Exposing") as progress:
             light = expose(focused_at(camera, float(focus)), seen, samples=taking.samples, blur=True, progress=progress)
         write_image(path, Detector().read(light))
-        click.echo(f"{path}: focused at {focus:.1f} mm")
+        say(f"{path}: focused at {focus:.1f} mm")

@@ -8,6 +8,7 @@ import click
 
 from ....specs import load_sensor
 from ...help_pages import DocumentedCommand
+from ...options.common import SENSOR
 from ...outputs import output_console, say
 
 
@@ -16,7 +17,7 @@ from ...outputs import output_console, say
     page="evaluation",
     examples=("omnimirror demo paper-spherical --out demo",),
 )
-@click.argument("sensor", default="paper-spherical")
+@click.argument("sensor", type=SENSOR, default="paper-spherical")
 @click.option("--out", type=click.Path(path_type=Path), default="omnimirror-demo", show_default=True,
               help="Folder for pictures, table and report.")  # fmt: skip
 @click.option("--blur/--no-blur", default=True, show_default=True, help="Look through the whole aperture, or sharp.")

@@ -22,7 +22,7 @@ from ...options.common import NUMBER, WHOLE, distance
 from ...options.declared import Options, flag, option, takes
 from ...options.sampling import SamplingOptions
 from ...options.view import ViewOptions
-from ...outputs import PICTURES, frame_bar, output_console, say, take_standard_output
+from ...outputs import PICTURES, frame_bar, output_console, remark, say, take_standard_output
 from .bags import BagOptions, dewarp_recording
 from .viewer import is_one_picture, needs_pyav, write_viewer
 
@@ -174,7 +174,7 @@ def command(
     if not outputs and not video.preview:
         raise click.UsageError("say what to write with -o or --viewer, or of a video ask for a --preview")
     if pictures.skip_existing and outputs and all(Path(output).is_file() for output in outputs):
-        click.echo(f"{', '.join(outputs)}: there already", err=True)
+        remark(f"{', '.join(outputs)}: there already")
         return
     how = straightening(camera, view, sampling)
     if is_bag(sources[0]):
@@ -273,7 +273,7 @@ def _pictures(
 
 def _say_found(told: str) -> None:
     if told:
-        click.echo(f"omnimirror: {told}", err=True)
+        remark(f"omnimirror: {told}")
 
 
 def _say_done(folder: Path, found: Straightened, is_going_on: bool) -> None:
@@ -282,9 +282,9 @@ def _say_done(folder: Path, found: Straightened, is_going_on: bool) -> None:
         click.echo(f"omnimirror: {name}: {sentence}", err=True)
     count = len(results.done) + len(results.failed) + len(results.not_begun)
     was_there = f", {found.was_there} were there" if is_going_on else ""
-    click.echo(f"{folder}: {len(results.done)} of {count} pictures straightened{was_there}")
+    say(f"{folder}: {len(results.done)} of {count} pictures straightened{was_there}")
     for why, how_many in found.left_out.items():
-        click.echo(f"{folder}: {how_many} of them {why}")
+        say(f"{folder}: {how_many} of them {why}")
 
 
 def _named(output: str, kind: str | None) -> Path:
@@ -323,9 +323,9 @@ def _video(source: str, outputs: tuple[str, ...], how: Straightening, recording:
     name = ", ".join("standard output" if output == "-" else output for output in outputs) or "preview"
     (width, height), outcome = done.view.size, done.outcome
     told = f"{width} x {height} px, {outcome.frames} frames, {outcome.rate:.0f} a second"
-    click.echo(f"{name}: {done.view}, {told}", err=True)
+    remark(f"{name}: {done.view}, {told}")
     if done.summary:
-        click.echo(f"{source}: {done.summary}", err=True)
+        remark(f"{source}: {done.summary}")
     if outcome.stopped and outputs:
         click.echo(f"omnimirror: stopped; {name} holds what was done", err=True)
         sys.exit(outcome.exit_code)

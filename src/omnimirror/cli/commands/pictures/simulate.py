@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,18 +12,27 @@ import numpy as np
 from rich.text import Text
 
 from ....errors import OutsideField
-from ....files import name_of
+from ....files import name_of, write_json
 from ....media import write_image
 from ....media.pictures.images import format_of
 from ....simulate import Detector, Distant, Pose, PosedScene, Scene, expose
 from ....simulate.colour import Light
 from ....specs import AnyCamera, bundled_sensors, load_camera, load_sensor
 from ...help_pages import DocumentedCommand
-from ...options.common import WHOLE
+from ...options.common import SENSOR, WHOLE
 from ...options.declared import Options, flag, option, takes
 from ...options.housing import HousingOptions
 from ...options.scene import DETECTOR, FilmOptions, SceneOptions, TakingOptions, pose, rows_bar
-from ...outputs import PICTURES, format_option, output_console, output_option, plain_table, say
+from ...outputs import (
+    PICTURES,
+    format_option,
+    json_option,
+    output_console,
+    output_option,
+    plain_table,
+    say,
+    say_written,
+)
 
 if TYPE_CHECKING:
     from ....simulate.datasets.recipe import CalibrationRecipe, VideoRecipe
@@ -58,7 +67,7 @@ def command() -> None:
         "omnimirror simulate mine.toml --path walk.csv -o walk.mp4",
     ),
 )
-@click.argument("sensor")
+@click.argument("sensor", type=SENSOR)
 @takes(SceneOptions, "scene")
 @click.option("--pose", "stands", type=pose, metavar="X,Y,Z,..",
               help="Where the mirror stands in the scene, mm, and pan, tilt, roll, deg.  [default: 0,0,0]")  # fmt: skip
@@ -170,7 +179,7 @@ def _film(camera: AnyCamera, scene: Scene, output: Path, film: FilmOptions, taki
             _stopped(output, done, "frames")
             raise
     width, height = camera.image_size
-    click.echo(f"{output}: {width} x {height} px, {done} frames")
+    say(f"{output}: {width} x {height} px, {done} frames")
 
 
 def _stopped(output: Path, done: int, what: str) -> None:
@@ -185,7 +194,7 @@ def _stopped(output: Path, done: int, what: str) -> None:
     page="simulate",
     examples=("omnimirror simulate dataset paper-spherical --views 20 --full-well-e 10000 -o boards",),
 )
-@click.argument("sensor", required=False)
+@click.argument("sensor", type=SENSOR, required=False)
 @click.option("-o", "--output", type=click.Path(path_type=Path, file_okay=False), required=True, help="A folder.")
 @click.option("--again", type=click.Path(path_type=Path), metavar="dataset.json",
               help="Make that set again: its sensor, its options, no others.")  # fmt: skip
@@ -294,7 +303,7 @@ def _write_calibration_set(output: Path, recipe: CalibrationRecipe) -> None:
         except KeyboardInterrupt:
             _stopped(output, done, "pictures")
             raise
-    click.echo(f"{output}: {views} pictures, sensor.toml and dataset.json")
+    say(f"{output}: {views} pictures, sensor.toml and dataset.json")
 
 
 def _write_video_set(output: Path, recipe: VideoRecipe) -> None:
@@ -313,7 +322,7 @@ def _write_video_set(output: Path, recipe: VideoRecipe) -> None:
         except KeyboardInterrupt:
             _stopped(output, done, "frames")
             raise
-    click.echo(f"{output}: {frames} frames, sensor.toml, video.mp4, poses.csv and dataset.json")
+    say(f"{output}: {frames} frames, sensor.toml, video.mp4, poses.csv and dataset.json")
 
 
 @dataclass(frozen=True)
@@ -329,9 +338,10 @@ class RoundTripOptions(Options):
     page="simulate",
     examples=("omnimirror simulate roundtrip paper-spherical paper-hyperboloidal",),
 )
-@click.argument("sensors", nargs=-1, metavar="[SENSOR...]")
+@click.argument("sensors", type=SENSOR, nargs=-1, metavar="[SENSOR...]")
 @takes(RoundTripOptions, "taking")
-def roundtrip(sensors: tuple[str, ...], taking: RoundTripOptions) -> None:
+@json_option()
+def roundtrip(sensors: tuple[str, ...], taking: RoundTripOptions, json_file: Path | None) -> None:
     """Simulate the room's wall at 800 mm, straighten it, and compare with what a pinhole sees: a table.
 
     Decibels (sRGB) of the sharp picture straightened exactly, with pixels of half the size, blurred by the aperture,
@@ -344,6 +354,7 @@ def roundtrip(sensors: tuple[str, ...], taking: RoundTripOptions) -> None:
     heads += [f"shift, {heading}\npx" for heading in ("exact", "single", "Eq. 23")]
     table = plain_table("sensor", *heads, words=("sensor",))
     console = output_console()
+    records: list[dict[str, Any]] = []
     for name in sensors or bundled_sensors():
         try:
             with console.status(Text(f"Simulating {name}")):
@@ -353,8 +364,12 @@ def roundtrip(sensors: tuple[str, ...], taking: RoundTripOptions) -> None:
                 raise
             click.echo(f"omnimirror: {e}", err=True)
             continue
+        records.append({"sensor": name, "blur_share": found.blur_share} | asdict(found))
         decibels = (found.exact_db, found.finer_db, found.blurred_db, found.single_db)
         numbers = [*(f"{d:.1f}" for d in decibels), f"{100 * found.blur_share:.0f}"]
         numbers += [f"{np.abs(s).max():.2f}" for s in (found.exact_px, found.single_px, found.predicted_px)]
         table.add_row(name, *("-" if number == "nan" else number for number in numbers))
     console.print(table)
+    if json_file:
+        write_json(json_file, records)
+        say_written(json_file, console=console)

@@ -11,6 +11,7 @@ from ....files import write_text
 from ....media import read_image
 from ....straighten import is_video
 from ...options.camera import CameraOptions
+from ...outputs import say
 
 
 def write_viewer(sources: tuple[str, ...], output: Path, options: CameraOptions) -> None:
@@ -31,7 +32,7 @@ def write_viewer(sources: tuple[str, ...], output: Path, options: CameraOptions)
         camera = options.drawing(options.camera((picture.shape[1], picture.shape[0])))
         text = viewer_of(camera, name, words, Path(sources[0]), picture)
     write_text(output, text)
-    click.echo(f"{output}: open it in a browser to look around in {sources[0]}")
+    say(f"{output}: open it in a browser to look around in {sources[0]}")
 
 
 def is_one_picture(source: str) -> bool:
