@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -113,7 +113,7 @@ def command(
         say(("Note: ", "yellow"), note, console=console)
     if json_file:
         told = {"exact": made.exact, "rms_px": made.rms_px, "largest_px": made.largest_px}
-        costs = [asdict(one) for one in made.costs]
+        costs = [one._asdict() for one in made.costs]
         write_json(json_file, {"from": made.source, "to": made.target} | told | {"costs": costs, "notes": made.notes})
     say_written(target, json_file, console=console)
 
