@@ -95,6 +95,8 @@ if TYPE_CHECKING:
     from .dewarp.views import register_view as register_view
     from .handoff.bags import DewarpedBag as DewarpedBag
     from .handoff.bags import dewarp_bag as dewarp_bag
+    from .handoff.colmap import ColmapProject as ColmapProject
+    from .handoff.colmap import write_colmap as write_colmap
     from .handoff.gateway.server import serve_views as serve_views
     from .handoff.maps import ViewMap as ViewMap
     from .handoff.maps import view_map as view_map
@@ -255,6 +257,8 @@ _HOMES = {
     "register_view": "dewarp.views",
     "dewarp_bag": "handoff.bags",
     "DewarpedBag": "handoff.bags",
+    "write_colmap": "handoff.colmap",
+    "ColmapProject": "handoff.colmap",
     "serve_views": "handoff.gateway.server",
     "load_views": "handoff.named_views",
     "NamedView": "handoff.named_views",

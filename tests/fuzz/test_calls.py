@@ -127,9 +127,9 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     **workflows.CALLS,
 }  # fmt: skip
 ELSEWHERE = {
-    "Body", "Calibration", "Detection", "DewarpedBag", "FormError", "FoundRim", "Front", "LineCalibration", "Motion",
-    "Optimum", "Prior", "RationalPinhole", "RayTable", "Sighting", "ThinPrismFisheye", "ToleranceReport",
-    "TypicalSensor", "ViewMap", "adjust",
+    "Body", "Calibration", "ColmapProject", "Detection", "DewarpedBag", "FormError", "FoundRim", "Front",
+    "LineCalibration", "Motion", "Optimum", "Prior", "RationalPinhole", "RayTable", "Sighting", "ThinPrismFisheye",
+    "ToleranceReport", "TypicalSensor", "ViewMap", "adjust",
     "bundled_sensors",
     "calibrate_lines", "design_from_parts", "dewarp_bag", "serve_views",
     "design_sensor", "load_front", "measure_round_trip", "pareto", "register_camera_format", "register_format",

@@ -30,6 +30,7 @@ COMMANDS = {
     "export": "Write CAD files, lens files, tables and a drawing of a sensor.",
     "rays": "Write each pixel's ray for Blender, Mitsuba and other renderers.",
     "maps": "Write a view's map for compositors, OpenCV, ffmpeg, shaders and boards.",
+    "colmap": "Write pictures as a project of COLMAP, with rig and masks.",
     "spots": "Spot diagrams by real rays through the whole aperture.",
     "psf": "Point-spread functions and encircled energy.",
     "mtf": "Tangential and sagittal MTF over the field.",
@@ -59,7 +60,7 @@ ROOMS = {
     "calibration": {"board", "calibrate", "convert", "lines", "rim", "uncertainty"},
     "evaluation": {"compare", "evaluate", "form", "illumination", "mtf", "psf", "reproduce", "sensors", "spots"},
     "design": {"apertures", "design", "export", "init", "judge", "mappings", "parts", "tolerance"},
-    "handoff": {"maps", "rays"},
+    "handoff": {"colmap", "maps", "rays"},
     "pictures": {"bracket", "demo", "dewarp", "serve", "simulate", "studio", "view"},
 }
 """In which room of :mod:`omnimirror.cli.commands` the module of a command's name stands; it holds ``command``."""

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..cameras import Camera
-from ..dewarp.screens import Plane
+from ..dewarp.screens import Plane, Screen
 from ..dewarp.viewpoints import Viewpoint, projection_of
 from ..errors import OutsideField
 from ..frames import view_axes
@@ -98,12 +98,12 @@ def pinhole_of(camera: Camera, view: Plane, viewpoint: Viewpoint = "exact") -> P
     forward, right, down = view_axes(view.pan_deg, view.tilt_deg, view.roll_deg)
     focal = view.focal_px
     matrix = np.array([[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1.0]])
-    rays = _rays(camera, view, viewpoint)
-    position = _nearest_point(*rays[1:]) if view.is_distant else np.array(view.offset_mm)
+    rays = view_rays(camera, view, viewpoint)
+    position = nearest_point(*rays[1:]) if view.is_distant else np.array(view.offset_mm)
     return Pinhole(view.size, matrix, np.stack([right, down, forward], axis=1), position, rays)
 
 
-def _rays(camera: Camera, view: Plane, viewpoint: Viewpoint) -> tuple[Array, Array, Array]:
+def view_rays(camera: Camera, view: Screen, viewpoint: Viewpoint = "exact") -> tuple[Array, Array, Array]:
     """Pixels all over a view, as far as they are seen, and their rays; see :class:`Pinhole`."""
     width, height = view.size
     u, v = (side.ravel() for side in np.meshgrid(*(np.linspace(0, n - 1, SAMPLES) for n in (width, height))))
@@ -114,7 +114,7 @@ def _rays(camera: Camera, view: Plane, viewpoint: Viewpoint) -> tuple[Array, Arr
     return np.stack([u, v], axis=1)[rays.valid], rays.origins[rays.valid], rays.directions[rays.valid]
 
 
-def _nearest_point(origins: Array, directions: Array) -> Array:
+def nearest_point(origins: Array, directions: Array) -> Array:
     """The point (3,) with the least sum of squared distances from lines."""
     across = np.eye(3) - directions[:, :, None] * directions[:, None, :]  # projections onto what is across each line
     a, b = across.sum(axis=0), np.einsum("nij,nj->i", across, origins)

@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arguments import instance, whole
-from ...cameras import Camera, Rays
+from ...cameras import Camera
 from ...errors import OutsideField
 from ...sensor import Sensor
 from ..formats import Deviation
+from ..hiding import hidden_pixels
 
 Array = NDArray[np.float64]
 
@@ -124,25 +125,9 @@ def _rays(camera: Camera, pixels: Array) -> tuple[Array, Array, Array]:
     rays = camera.backproject(pixels)
     weights = rays.valid.astype(float)
     if isinstance(camera, Sensor):
-        weights[_hidden(camera, pixels, rays)] = 0.0
+        weights[hidden_pixels(camera, pixels, rays)] = 0.0
     none = ~rays.valid[:, None]
     return np.where(none, 0.0, rays.origins), np.where(none, 0.0, rays.directions), weights
-
-
-def _hidden(sensor: Sensor, pixels: Array, rays: Rays) -> NDArray[np.bool_]:
-    """Before which pixels (n, 2) a part of the sensor itself stands; two mirrors share an axis, and hide rings."""
-    hidden = np.zeros(len(pixels), bool)
-    if sensor.secondary is None:
-        if not sensor.housing.is_empty:
-            for mask in sensor.hidden_by(pixels).values():
-                hidden |= mask
-        return hidden
-    with np.errstate(invalid="ignore"):
-        omega_deg = np.degrees(np.arccos(np.clip(rays.directions @ sensor.axis, -1.0, 1.0)))
-        for ring in sensor.obscured:
-            low, high = ring.omega_deg
-            hidden |= (omega_deg >= low) & (omega_deg <= high)
-    return hidden
 
 
 def between_rays_deg(table: RayTable) -> float:

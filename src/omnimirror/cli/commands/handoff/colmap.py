@@ -1,0 +1,83 @@
+"""``omnimirror colmap``: pictures as a project of COLMAP."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+import numpy as np
+
+from ....handoff.colmap import write_colmap
+from ....simulate import Pose
+from ....specs import load_camera
+from ...help_pages import DocumentedCommand
+from ...options.common import WHOLE, angle, distance
+from ...options.scene import rows_bar
+from ...outputs import output_console, plain_table
+
+
+@click.command(
+    cls=DocumentedCommand,
+    page="handoff",
+    examples=(
+        "omnimirror colmap paper-spherical walk -o project",
+        "omnimirror colmap mine.toml walk --poses poses.csv --gsplat -o project",
+    ),
+)
+@click.argument("camera", metavar="SENSOR|CAMERA")
+@click.argument("pictures", nargs=-1, required=True, metavar="PICTURES...")
+@click.option("-o", "--output", type=click.Path(path_type=Path, file_okay=False), required=True, help="A folder.")
+@click.option("--views", "views_around", type=WHOLE, default=6, show_default=True, help="Perspective views around.")
+@click.option("--hfov-deg", type=angle, default="75", show_default=True, metavar="DEG", help="Width of a view.")
+@click.option("--tilt-deg", type=angle, default="0", show_default=True, metavar="DEG", help="How far up views look.")
+@click.option("--size", type=WHOLE, metavar="PX", help="Of a view's sides, or a panorama's width.")
+@click.option("--distance-mm", type=distance, default="inf", show_default=True, metavar="MM",
+              help="Where views are exact.")  # fmt: skip
+@click.option("--panorama", "is_panorama", is_flag=True, help="One EQUIRECTANGULAR camera instead of views.")
+@click.option("--poses", type=click.Path(path_type=Path, dir_okay=False), metavar="CSV",
+              help="Where the sensor stood: a row for each picture, as video sets have them.")  # fmt: skip
+@click.option("--gsplat", is_flag=True, help="Also transforms.json, for Nerfstudio and gsplat; needs --poses.")
+def command(
+    camera: str,
+    pictures: tuple[str, ...],
+    output: Path,
+    views_around: int,
+    hfov_deg: float,
+    tilt_deg: float,
+    size: int | None,
+    distance_mm: float,
+    is_panorama: bool,
+    poses: Path | None,
+    gsplat: bool,
+) -> None:
+    """Straighten PICTURES, files or a folder, into a rig of pinhole cameras that COLMAP reconstructs from.
+
+    The folder takes images and masks of every view, database.db, rig_config.json, and with --gsplat transforms.json.
+    What is printed is by how much the pinholes are off, px, for things at several distances: a mirror's rays do not
+    meet in one point. Lengths are metres.
+    """
+    if gsplat != (poses is not None):
+        raise click.UsageError("--gsplat and --poses belong together: transforms.json says where pictures were taken")
+    with rows_bar("Straightening") as progress:
+        project = write_colmap(
+            load_camera(camera), pictures, output, views_around=views_around, hfov_deg=hfov_deg, tilt_deg=tilt_deg,
+            size=size, distance_mm=distance_mm, is_panorama=is_panorama,
+            poses=None if poses is None else _poses(poses), progress=progress,
+        )  # fmt: skip
+    table = plain_table(
+        "view", "size", *(f"off at {mm / 1000:g} m\npx" for mm in project.rig[0].errors_px), words=("view", "size")
+    )
+    for view in project.rig:
+        width, height = view.screen.size
+        table.add_row(view.name, f"{width} x {height}", *(f"{error:.2g}" for error in view.errors_px.values()))
+    output_console().print(table)
+    click.echo(f"{output}: {project.pictures} pictures, {len(project.rig)} views each")
+
+
+def _poses(path: Path) -> list[Pose]:
+    """A pose for each row of a file."""
+    from ....simulate.datasets.video import load_path
+
+    track = load_path(path)
+    times = np.unique([time for entries in track.tracks.values() for time, _ in entries])
+    return [Pose(**track.at(float(time))) for time in times]
