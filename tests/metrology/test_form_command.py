@@ -35,6 +35,46 @@ def test_points_become_numbers_a_figure_and_a_sensor(tmp_path):
     assert 1e3 * abs(sag) > 0.1
 
 
+def test_all_of_the_form_is_written_where_it_is_asked_for(tmp_path):
+    """The picture of the sensor that comes back is that of the one with the truth, within 5 % of what the form does."""
+    from dataclasses import replace
+
+    from omnimirror.mirrors.form import MirrorForm
+    from omnimirror.mirrors.pose import MirrorPose
+
+    meant = om.load_sensor("paper-hyperboloidal")
+    truth = replace(meant, mirror_form=MirrorForm((6, 9), (10.0, 4.0)))
+    np.savetxt(tmp_path / "cmm.csv", on(meant.mirror, {6: 10.0, 9: 4.0}, 0.1, count=4000), delimiter=",")
+    for name, more in (("about.toml", []), ("whole.toml", ["--whole"])):
+        done = omnimirror("form", "paper-hyperboloidal", tmp_path / "cmm.csv", "-o", tmp_path / name, *more)
+        assert done.returncode == 0, done.stderr
+    turn = np.radians(np.arange(0, 360, 15.0))
+    towards = np.concatenate(
+        [
+            np.stack([np.sin(o) * np.cos(turn), np.sin(o) * np.sin(turn), -np.cos(o) + 0 * turn], -1)
+            for o in (0.6, 1.4, 2.1)
+        ]
+    )
+    about, whole = (om.load_sensor(tmp_path / name) for name in ("about.toml", "whole.toml"))
+    seen = {s: c.project_directions(towards).pixels for s, c in
+            {"meant": meant, "truth": truth, "about": about, "whole": whole}.items()}  # fmt: skip
+    does = np.abs(seen["truth"] - seen["meant"]).max()
+    assert does > 0.2
+    # a machine does not tell where the mirror will stand: a little shift and tilt of it explain what they do
+    poses = [MirrorPose(**{name: 0.01}) for name in ("decentre_x_mm", "decentre_y_mm", "tilt_x_deg", "tilt_y_deg")]
+    moves = [replace(meant, mirror_pose=pose).project_directions(towards).pixels - seen["meant"] for pose in poses]
+    columns = np.stack([move.ravel() for move in moves], axis=1)
+
+    def left_of(name):
+        off = (seen[name] - seen["truth"]).ravel()
+        return np.abs(off - columns @ np.linalg.lstsq(columns, off, rcond=None)[0]).max()
+
+    assert left_of("whole") < 0.05 * does
+    assert left_of("about") > 0.5 * does
+    assert whole.mirror_form.zernike
+    assert "--whole belongs to -o" in omnimirror("form", "paper-hyperboloidal", tmp_path / "cmm.csv", "--whole").stderr
+
+
 def test_the_form_is_told_of_telecentric_sensors_too(tmp_path):
     mirror = om.load_sensor("paraboloid-telecentric").mirror
     np.savetxt(tmp_path / "cmm.xyz", on(mirror, {6: 1.0}, 0.1, count=2000))

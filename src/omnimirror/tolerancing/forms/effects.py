@@ -11,7 +11,8 @@ import numpy as np
 from ...arguments import checked
 from ...errors import InvalidParameter
 from ...metrology.form_errors import FormError
-from ...mirrors.form import TERMS
+from ...mirrors.form import TERMS, MirrorForm
+from ...numerics.zernike import noll
 from ...sensor import Sensor
 from ..trials.judge import Judge
 from ..trials.merits import merit_names
@@ -92,8 +93,8 @@ def form_effect(sensor: Sensor, form: FormError) -> FormEffect:
 
 
 @checked
-def as_made(sensor: Sensor, form: FormError) -> Sensor:
-    """The sensor with its mirror as it was made about its axis, to be saved, simulated and straightened with.
+def as_made(sensor: Sensor, form: FormError, *, whole: bool = False) -> Sensor:
+    """The sensor with its mirror as it was made, to be saved, simulated and straightened with.
 
     Parameters
     ----------
@@ -101,17 +102,19 @@ def as_made(sensor: Sensor, form: FormError) -> Sensor:
         With the mirror that was meant.
     form
         Of the one that was made.
+    whole
+        With what is not about the axis too, as its ``mirror_form``; such a sensor has no meridian any more, and rays,
+        pictures and straightening are valid for it. By default only with the part about the axis.
 
     Returns
     -------
     Sensor
-        Its mirror a sampled profile, its vertex as far away as the form says. What a form error has beside its
-        rotational part is not in it.
+        Its mirror a sampled profile, its vertex as far away as the form says.
 
     Raises
     ------
     InvalidParameter
-        The form error is that of another mirror.
+        The form error is that of another mirror; or the whole of it is asked of a sensor of two mirrors.
 
     Examples
     --------
@@ -125,6 +128,10 @@ def as_made(sensor: Sensor, form: FormError) -> Sensor:
     ('sampled', True)
     """
     _check_its_mirror(sensor, form)
+    if whole:
+        sensor.check("a mirror with all of its form error", "one mirror")
+        beside = {t.noll: t.um for t in form.terms if noll(t.noll)[1] and t.noll <= TERMS}
+        sensor = replace(sensor, mirror_form=MirrorForm(tuple(beside), tuple(beside.values())))
     away, pose, second = 1e-3 * form.vertex_um, sensor.mirror_pose, sensor.secondary
     if second is not None:  # two mirrors stand where their distances say
         farther = replace(second, distance_mm=second.distance_mm + away)

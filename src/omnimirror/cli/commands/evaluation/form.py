@@ -55,16 +55,25 @@ class PointOptions(Options):
 @click.argument("points", type=click.Path(path_type=Path))
 @takes(PointOptions, "asked")
 @output_option("-o", "--output", formats=("toml",), help="Write the sensor with the mirror as it was made.")
+@click.option("--whole", is_flag=True, help="With -o: also what is not about the axis, for pictures and straightening.")
 @output_option("--figure", formats=FIGURES, help="Draw the form, what is left, meridian and terms (PNG, SVG, PDF).")
 @json_option("Write all numbers.")
 def command(
-    sensor: str, points: Path, asked: PointOptions, output: Path | None, figure: Path | None, json_file: Path | None
+    sensor: str,
+    points: Path,
+    asked: PointOptions,
+    output: Path | None,
+    whole: bool,
+    figure: Path | None,
+    json_file: Path | None,
 ) -> None:
     """Say what the mirror of SENSOR became, from POINTS that were measured on it.
 
     Its place in the machine is taken away, noise is told from form, and what the form does to the picture is said, as
     it is and after calibrations. POINTS: x, y, z by the line, an OpticStudio grid, .x3p, Zygo's .dat and .datx, ..
     """
+    if whole and output is None:
+        raise click.UsageError("--whole belongs to -o, the sensor that is written")
     meant = load_sensor(sensor)
     console = output_console()
     with console.status("Fitting"):
@@ -77,7 +86,7 @@ def command(
         console.print(f"\nwhat it does to the picture is not known: {why_not}")
     written = []
     if output is not None:
-        save_sensor(as_made(meant, form), output)
+        save_sensor(as_made(meant, form, whole=whole), output)
         written.append(output)
     if figure is not None:
         from ....figures.style import save_figure, styled
