@@ -18,6 +18,7 @@ import socket
 import subprocess
 import sys
 import threading
+from collections.abc import Mapping
 from contextlib import suppress
 from functools import cache
 from importlib import import_module
@@ -38,10 +39,7 @@ def omnimirror(*args: object, cwd: Path | None = None, text: bool = True) -> sub
     words = [str(arg) for arg in args]
     if sys.platform != "linux":  # elsewhere graphics libraries do not live through a fork
         return subprocess.run([PROGRAM, *words], capture_output=True, text=text, cwd=cwd)
-    code, *streams = _forks().run(words, cwd or Path.cwd())
-    if text:
-        streams = [stream.decode().replace("\r\n", "\n") for stream in streams]
-    return subprocess.CompletedProcess(words, code, *streams)
+    return _forks().command(words, cwd or Path.cwd(), text)
 
 
 def fails(*args: object, cwd: Path | None = None) -> str:
@@ -55,22 +53,30 @@ def fails(*args: object, cwd: Path | None = None) -> str:
 
 
 class Forks:
-    """A process that has imported everything, and a line to it on which commands are asked for."""
+    """A process that has imported everything in an environment, and a line to it on which commands are asked for."""
 
-    def __init__(self) -> None:
+    def __init__(self, environment: Mapping[str, str] = os.environ) -> None:
+        self._environment = environment
         self._line, its = socket.socketpair()
         code = "import sys; from tests.commands import serve; serve(int(sys.argv[1]))"
         self._process = subprocess.Popen(
             [sys.executable, "-c", code, str(its.fileno())], pass_fds=[its.fileno()], cwd=Path(__file__).parents[1],
-            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, env={**environment, "OPENBLAS_NUM_THREADS": "1"},
             start_new_session=True,
         )  # fmt: skip
         its.close()
         atexit.register(self.kill)
 
-    def run(self, words: list[str], cwd: Path) -> tuple[int, bytes, bytes]:
-        """The exit code of a command, and what it wrote to its two streams."""
-        asked = json.dumps({"words": words, "cwd": str(cwd), "environment": dict(os.environ)}).encode()
+    def command(self, words: list[str], cwd: Path, text: bool = True) -> subprocess.CompletedProcess[Any]:
+        """A command run to its end."""
+        code, *streams = self._run(words, cwd)
+        if text:
+            streams = [stream.decode().replace("\r\n", "\n") for stream in streams]
+        return subprocess.CompletedProcess(words, code, *streams)
+
+    def _run(self, words: list[str], cwd: Path) -> tuple[int, bytes, bytes]:
+        """Its exit code, and what it wrote to its two streams."""
+        asked = json.dumps({"words": words, "cwd": str(cwd), "environment": dict(self._environment)}).encode()
         (out, its_out), (err, its_err) = os.pipe(), os.pipe()
         try:
             socket.send_fds(self._line, [len(asked).to_bytes(8, "big")], [its_out, its_err])
@@ -86,7 +92,8 @@ class Forks:
 
     def kill(self) -> None:
         """End it with all that it has split off."""
-        _forks.cache_clear()
+        if _forks.cache_info().currsize and _forks() is self:
+            _forks.cache_clear()
         with suppress(ProcessLookupError):
             os.killpg(self._process.pid, signal.SIGKILL)
         self._process.wait()

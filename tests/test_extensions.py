@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar
@@ -24,6 +25,7 @@ from omnimirror.parameters import Parameter
 from omnimirror.quantities import Quantity
 from omnimirror.specs import load_sensor, save_sensor, tables_of
 from omnimirror.testing import check_mirror
+from tests.commands import Forks
 
 PACKAGE = '''
 """A package that knows omnimirror, and that omnimirror does not know."""
@@ -123,8 +125,8 @@ def quartic():
 
 
 @pytest.fixture(scope="module")
-def installed(tmp_path_factory) -> dict[str, str]:
-    """The environment of a Python that has the package installed."""
+def environment(tmp_path_factory) -> dict[str, str]:
+    """Of a Python that has the package installed."""
     site = tmp_path_factory.mktemp("site")
     (site / "bowls.py").write_text(PACKAGE)
     (site / "bowls-1.0.dist-info").mkdir()
@@ -134,9 +136,16 @@ def installed(tmp_path_factory) -> dict[str, str]:
     return {**os.environ, "PYTHONPATH": os.pathsep.join([str(site), src])}
 
 
-def omnimirror(installed, folder: Path, *args) -> subprocess.CompletedProcess[str]:
-    words = [sys.executable, "-m", "omnimirror", *map(str, args)]
-    return subprocess.run(words, cwd=folder, env=installed, capture_output=True, text=True)
+@pytest.fixture(scope="module")
+def installed(environment) -> Iterator[Forks]:
+    """That Python, of which every command is a process of its own."""
+    forks = Forks(environment)
+    yield forks
+    forks.kill()
+
+
+def omnimirror(installed: Forks, folder: Path, *args) -> subprocess.CompletedProcess[str]:
+    return installed.command(list(map(str, args)), folder)
 
 
 def sensor_with(mirror: Mirror) -> om.Sensor:
@@ -207,14 +216,14 @@ def test_an_installed_package_brings_a_mirror(installed, tmp_path):
     assert "Traceback" not in run.stderr
 
 
-def test_what_cannot_be_used_is_named_and_left_out_of_lists(installed, tmp_path):
+def test_what_cannot_be_used_is_named_and_left_out_of_lists(installed, environment, tmp_path):
     run = omnimirror(installed, tmp_path, "init", "new.toml")
     assert run.returncode == 0, run.stderr
     assert "a mirror 'broken' of bowls (bowls:NotThere) cannot be used" in run.stderr
     assert len(run.stderr.splitlines()) == 1
     assert 'kind = "bowl"' in (tmp_path / "new.toml").read_text()
     form = "from omnimirror.studio.bench.form import bench_start; print([m.kind for m in bench_start().mirrors])"
-    run = subprocess.run([sys.executable, "-c", form], env=installed, capture_output=True, text=True)
+    run = subprocess.run([sys.executable, "-c", form], env=environment, capture_output=True, text=True)
     assert run.returncode == 0, run.stderr
     assert "'bowl'" in run.stdout
     assert "'broken'" not in run.stdout
