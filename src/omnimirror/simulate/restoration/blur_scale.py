@@ -4,8 +4,9 @@ Told too little blur, restoring gains less; told too much, it harms. Too much sh
 unexplained grows evenly with the blur that is taken out, up to that of the picture, and faster beyond. So a few shares
 of the blur are tried, on two strips through the axis and with few steps.
 
-Where it hardly grows at all, there is too little to be seen but noise and texture as faint: such a picture would not
-show that its blur was told too large, gains little by the right one, and is harmed by more. There less is taken out.
+Where it hardly grows at all and is more than noise, there is little to be seen but noise and texture as faint: such a
+picture would not show that its blur was told too large, gains little by the right one, and is harmed by more. There
+less is taken out. A plain picture does not show it either, but what is left is its noise: no texture could be harmed.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ BEND, BEND_OF_CODED = 0.012, 0.02  # second difference of what is left over, of 
 BEND_AGAIN = 0.02  # it must be plain that even what was lowered once is too large
 LEAST_SHARE = 0.3
 GROWTH, UNSEEN_SHARE = 0.08, 0.85  # of what is left over, from the least share to the most, under which none is seen
+EXPLAINED = 1.0  # of the noise, left over by the least share: there is no texture that was not found
 ROUNDS, STEPS = 2, 4
 LEAST_NOISE = np.float32(0.007)  # blur as it is known errs as much, and less noise would show that instead
 BANDS = 5  # of the radius
@@ -52,8 +54,8 @@ class BlurScale:
 
         Notes
         -----
-        Right to a tenth or two where there are edges; blur told up to a tenth too large is not seen. For a picture
-        without edges, which shows none, 0.85.
+        Right to a tenth or two where there are edges; blur told up to a tenth too large is not seen. For a picture full
+        of texture that hides it, 0.85.
         """
         noise = noise.at_least(LEAST_NOISE)
         limit = BEND_OF_CODED if noise.kind == "JPEG" else BEND
@@ -67,19 +69,21 @@ class BlurScale:
             first, second = np.diff(grown, 2)
             bends = np.array([first, second + min(first, 0)])  # a dip before is no bend
             if bends.max() < limit:
-                return UNSEEN_SHARE if share == 1 and grown[-1] < 1 + GROWTH else share
+                is_unseen = grown[-1] < 1 + GROWTH and (noise.kind == "JPEG" or left[0, seen].mean() > EXPLAINED)
+                return UNSEEN_SHARE if share == 1 and is_unseen else share
             share *= SHARES[1 + int(np.argmax(bends))]
             limit = max(limit, BEND_AGAIN)
         return share
 
     def _left_over(self, share: float, roots: Values, noise: Noise) -> Array:
-        """Root of the mean square (bands,) of what is left over in bands of the radius; 0 where none is seen."""
+        """Root of the mean square (bands,) of what is left over, over noise, by the radius; 0 where none is seen."""
         squares, counts = np.zeros(BANDS), np.zeros(BANDS)
         for strip, problem in zip(self._strips, self._problems(share), strict=True):
             if not len(problem.blur.pixels):
                 continue
             here = problem.within(roots[strip])
-            left = problem.left_over(here, problem.solved(here, noise.window(*strip), ROUNDS, STEPS))
+            of_strip = noise.window(*strip)
+            left = problem.left_over(here, problem.solved(here, of_strip, ROUNDS, STEPS)) / of_strip.by_pixel[..., None]
             whole = np.zeros(left.shape[:2], bool)
             whole.ravel()[problem.blur.pixels] = True
             whole &= np.abs(problem.known.offsets).min(axis=2) < self._half - EDGE_PX
