@@ -118,7 +118,7 @@ def test_no_function_stands_before_a_module_of_its_package():
     hidden = []
     for module in modules():
         package, _, name = module.__name__.rpartition(".")
-        if getattr(sys.modules[package], name) is not module:
+        if getattr(sys.modules[package], name, module) is not module:  # doctests leave packages that know it not yet
             hidden.append(module.__name__)
     assert not hidden
 

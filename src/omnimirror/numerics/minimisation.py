@@ -7,6 +7,7 @@ one valley.
 from __future__ import annotations
 
 from collections.abc import Callable
+from math import isfinite
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -18,6 +19,8 @@ Slopes = Callable[[Array], Found]
 """Of places: the largest of many smooth functions, its derivative, and which of them it is; all of the shape of the
 places."""
 Rows: TypeAlias = NDArray[np.intp] | slice
+End: TypeAlias = tuple[float, ...]
+"""Of a bracket: a place, and the value, derivative and index there."""
 
 MOST_STEPS = 60
 EDGE = 1e-3  # of a bracket, which every step cuts off at least
@@ -76,12 +79,31 @@ def lowest_with_slopes(worst: Slopes, low: float, high: float, scan: int = 65, c
         meet = (fa * gb - fb * ga - ga * gb * (xa - xb)) / (gb - ga)  # height at which the tangents at both ends meet
     lowest = int(seen[1].argmin())
     valleys &= meet < seen[1, lowest]
-    a, b = a[:, valleys], b[:, valleys]
-    found = bottoms(a, b, close * (high - low), lambda v, _: worst(v))
-    if found.size == 1 and x[lowest] in (a[0, 0], b[0, 0]):  # the bottom lies below both ends of its bracket
-        return float(found[0])
-    found = np.append(found, x[lowest])
-    return float(found[worst(found)[0].argmin()])
+    ends = [(tuple(map(float, a[:, i])), tuple(map(float, b[:, i]))) for i in np.flatnonzero(valleys)]
+    found = [_bottom(*both, close * (high - low), worst) for both in ends]
+    if len(ends) == 1 and x[lowest] in (ends[0][0][0], ends[0][1][0]):  # it lies below both ends of its bracket
+        return found[0]
+    tried = np.array([*found, x[lowest]])
+    return float(tried[worst(tried)[0].argmin()])
+
+
+def _bottom(a: End, b: End, close: float, worst: Slopes) -> float:
+    """As :func:`bottoms`, of one function: by plain numbers, which cost a fifth of arrays of one."""
+    for step in range(1, MOST_STEPS + 1):
+        (xa, fa, ga, ja), (xb, fb, gb, jb) = a, b
+        width = xb - xa
+        if width <= close:
+            break
+        c = xa + width / 2
+        if step % HALVING and ga < 0 < gb:
+            away = -ga * width / (gb - ga) if ja == jb else (fb - fa - gb * width) / (ga - gb)
+            c = xa + min(max(away, EDGE * width), width - EDGE * width) if isfinite(away) else c
+        f, g, j = (float(part[0]) for part in worst(np.array([c])))
+        if g > 0:
+            b = c, f, g, j
+        else:
+            a = c, f, g, j
+    return (a[0] + b[0]) / 2
 
 
 def bottoms(a: Array, b: Array, close: float | Array, worst: Callable[[Array, Rows], Found]) -> Array:

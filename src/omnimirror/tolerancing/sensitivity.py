@@ -19,6 +19,7 @@ Array = NDArray[np.float64]
 STEP = 0.05  # of the tolerance, of the differences that derivatives are made of
 LADDER = 48
 """Rungs between which the largest tolerance is looked for; each halves what is left of the search."""
+RUNGS_AT_ONCE = 8
 REACH = 1e4  # times its tolerance, beyond which an error alone is not asked for
 
 
@@ -90,20 +91,31 @@ def _worst(merit: str, values: Array) -> float:
 
 def _alone(judge: Judge, tolerances: Tolerances, name: str, merit: str, limit: float) -> float:
     """The largest tolerance of an error alone; infinite where any will do, 0 where none does."""
-    place, size = judge.names.index(merit), tolerances.errors[name].value
+    size = tolerances.errors[name].value
     if size == 0:
         return np.nan
     sizes = size * np.geomspace(1 / REACH, REACH, LADDER)
     low, high = 0.0, np.inf
     for _ in range(2):  # a ladder, and one between two of its rungs
-        values = tolerances.spelt_out({name: np.concatenate([sizes, -sizes])})
-        good = within(judge.judged(values)[:, place], merit, limit).reshape(2, -1).all(axis=0)
-        bad = np.flatnonzero(~good)
-        if not bad.size:
+        bad = _first_bad(judge, tolerances, name, merit, limit, sizes)
+        if bad is None:
             return float(high)
-        high = float(sizes[bad[0]])
-        low = float(sizes[bad[0] - 1]) if bad[0] else low
+        high = float(sizes[bad])
+        low = float(sizes[bad - 1]) if bad else low
         if not low:
             return 0.0
         sizes = np.linspace(low, high, LADDER)
     return low
+
+
+def _first_bad(judge: Judge, tolerances: Tolerances, name: str, merit: str, limit: float, sizes: Array) -> int | None:
+    """The first of rising sizes of an error that breaks a limit; those far beyond it are not asked for."""
+    place = judge.names.index(merit)
+    for start in range(0, len(sizes), RUNGS_AT_ONCE):
+        some = sizes[start : start + RUNGS_AT_ONCE]
+        values = tolerances.spelt_out({name: np.concatenate([some, -some])})
+        good = within(judge.judged(values)[:, place], merit, limit).reshape(2, -1).all(axis=0)
+        bad = np.flatnonzero(~good)
+        if bad.size:
+            return start + int(bad[0])
+    return None

@@ -7,7 +7,7 @@ Signed blur diameters are positive where the image lies beyond the focus. In ang
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -91,7 +91,7 @@ class FocusStudy:
 
     def at(self, focus_mm: float) -> FocusedBlur:
         """Blur with the lens focused at an object distance in mm."""
-        sensor = replace(self.sensor, lens=self.sensor.lens.focused_at(focus_mm))
+        sensor = self.sensor.with_lens(self.sensor.lens.focused_at(focus_mm))
         h, dh = self.heights(sensor)
         pitch = sensor.imager.pitch_mm
         lens = sensor.lens

@@ -127,14 +127,12 @@ class PerspectiveMeridian:
 
     def x(self, theta: Array) -> tuple[Array, Array]:
         """Distance from the axis and its derivative dx/dtheta."""
-        rho = self.distance * np.exp(self.log_rho(theta))
-        sin, cos = np.sin(theta), np.cos(theta)
-        return rho * sin, rho * (cos + np.tan((self.omega(theta) + theta) / 2) * sin)
+        return self._x(theta, self.log_rho(theta), self.omega(theta))
 
-    def z(self, theta: Array) -> Array:
-        # rho cos(theta) - m, without the cancellation near the axis
-        z: Array = np.expm1(self.log_rho(theta)) * np.cos(theta) - 2 * np.sin(theta / 2) ** 2
-        return self.distance * z
+    def _x(self, theta: Array, log_rho: Array, omega: Array) -> tuple[Array, Array]:
+        rho = self.distance * np.exp(log_rho)
+        sin, cos = np.sin(theta), np.cos(theta)
+        return rho * sin, rho * (cos + np.tan((omega + theta) / 2) * sin)
 
     def theta(self, x: Array) -> Array:
         """Viewing angle of the point at x, the inverse of :meth:`x`; exactly 0 on the axis."""
@@ -168,8 +166,12 @@ class PerspectiveMeridian:
 
     def profile(self, x: Array) -> tuple[Array, Array, Array]:
         theta = self.theta(x)
-        beta = (self.omega(theta) - theta) / 2
-        return self.z(theta), np.tan(beta), (self.domega(theta) - 1) / 2 / np.cos(beta) ** 2 / self.x(theta)[1]
+        log_rho, omega = self.log_rho(theta), self.omega(theta)
+        beta = (omega - theta) / 2
+        # rho cos(theta) - m, without the cancellation near the axis
+        z = np.expm1(log_rho) * np.cos(theta) - 2 * np.sin(theta / 2) ** 2
+        rate = self._x(theta, log_rho, omega)[1]
+        return self.distance * z, np.tan(beta), (self.domega(theta) - 1) / 2 / np.cos(beta) ** 2 / rate
 
 
 @dataclass(frozen=True)
