@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 
 # As in commands, and before NumPy reads it: processes share the cores already, and threads that wait for each other at
@@ -46,6 +47,10 @@ from omnimirror.specs import bundled_sensors
 # A shared machine stalls now and then, and a run must not fail for a case that the next run will not see.
 settings.register_profile("omnimirror", deadline=None, derandomize=True)
 settings.load_profile("omnimirror")
+
+# Collecting ten thousand tests makes objects by the million that all stay; looking through them again and again takes a
+# quarter of that time.
+gc.disable()
 
 SHARED = Path(__file__).parents[1].parent / "shared" / "data"
 M = 43.9
@@ -144,6 +149,14 @@ def shared_data() -> Path:
     if not SHARED.is_dir():
         pytest.skip(f"real photographs are not here: {SHARED}")
     return SHARED
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_finish() -> None:
+    """From here on what was collected is left alone, and what tests leave is found as ever."""
+    gc.collect()
+    gc.freeze()
+    gc.enable()
 
 
 def is_long(item: pytest.Item) -> bool:

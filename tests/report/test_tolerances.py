@@ -22,7 +22,9 @@ ERRORS = {
     "mirror.conic": om.ErrorBound(0.005),
     "lens.k1": om.ErrorBound(0.01),
 }
-PLAN = om.TolerancePlan(om.Tolerances(SENSOR, ERRORS), {"motion_px after affine": 0.3})
+PLAN = om.TolerancePlan(
+    om.Tolerances(SENSOR, ERRORS), {"motion_px after affine": 0.3}, judged={"angles": 4, "azimuths": 6}
+)
 
 
 def test_a_surface_is_indicated_as_iso_10110_does():
