@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, cast
 
@@ -12,6 +12,7 @@ from rich.console import Console
 
 from ....errors import InvalidParameter
 from ....files import write_json
+from ....metrology.forbes import ForbesAsphere, forbes_asphere
 from ....metrology.form_errors import FormError, form_error
 from ....metrology.readers import MM, Unit, read_points
 from ....mirrors import Mirror
@@ -80,6 +81,8 @@ def command(
         form = asked.of(meant.mirror, points)
         effect, why_not = _effect(meant, form)
     _print_form(console, form)
+    asphere, why_none = _asphere(form)
+    _print_asphere(console, asphere, why_none)
     if effect is not None:
         _print_effect(console, effect)
     else:
@@ -96,7 +99,7 @@ def command(
             save_figure(form_figure(form), figure)
         written.append(figure)
     if json_file is not None:
-        write_json(json_file, _numbers(form, effect))
+        write_json(json_file, _numbers(form, effect, asphere))
         written.append(json_file)
     say_written(*written, console=console)
 
@@ -107,6 +110,26 @@ def _effect(sensor: Sensor, form: FormError) -> tuple[FormEffect | None, str]:
         return form_effect(sensor, form), ""
     except InvalidParameter as e:
         return None, str(e)
+
+
+def _asphere(form: FormError) -> tuple[ForbesAsphere | None, str]:
+    """The mirror as made as an asphere of Forbes, or why it is none."""
+    try:
+        return forbes_asphere(form.corrected()), ""
+    except InvalidParameter as e:
+        return None, str(e)
+
+
+def _print_asphere(console: Console, asphere: ForbesAsphere | None, why_none: str) -> None:
+    if asphere is None:
+        console.print(f"\nabout its axis it is no asphere of Forbes: {why_none}", soft_wrap=True)
+        return
+    terms = ", ".join(f"{um:.4f}" for um in asphere.um)
+    console.print(
+        f"\nabout its axis an asphere of Forbes (Qbfs): R = {asphere.radius_mm:.6f} mm, a0 .. a{len(asphere.um) - 1} = "
+        f"{terms} um, which leaves {asphere.left_um:.2g} um rms",
+        soft_wrap=True,
+    )
 
 
 def _print_form(console: Console, form: FormError) -> None:
@@ -150,7 +173,7 @@ def _print_effect(console: Console, effect: FormEffect) -> None:
         console.print(f"terms above order 6, {effect.beyond_um:.2g} um rms, are not in these")
 
 
-def _numbers(form: FormError, effect: FormEffect | None) -> dict[str, Any]:
+def _numbers(form: FormError, effect: FormEffect | None, asphere: ForbesAsphere | None) -> dict[str, Any]:
     return {
         "points": len(form.x_mm),
         "wrong": form.wrong,
@@ -163,5 +186,6 @@ def _numbers(form: FormError, effect: FormEffect | None) -> dict[str, Any]:
         "noise_um": form.noise_um,
         "unexplained_um": form.unexplained_um,
         "terms": [{"noll": t.noll, "name": t.name, "um": t.um, "sigma_um": t.sigma_um} for t in form.terms],
+        "forbes_qbfs": None if asphere is None else asdict(asphere),
         "picture": None if effect is None else effect.to_dict(),
     }
