@@ -135,10 +135,12 @@ if TYPE_CHECKING:
     from .simulate import take_picture as take_picture
     from .simulate.datasets.calibration_set import write_calibration_set as write_calibration_set
     from .simulate.datasets.calibration_set import write_video_set as write_video_set
+    from .simulate.datasets.learning_set import write_learning_set as write_learning_set
     from .simulate.datasets.video import load_path as load_path
     from .simulate.datasets.video import write_video as write_video
     from .simulate.round_trip import measure_round_trip as measure_round_trip
     from .simulate.scenes.sources import load_scene as load_scene
+    from .simulate.scenes.worlds.bodies import MovingBox as MovingBox
     from .specs import bundled_sensors as bundled_sensors
     from .specs import load_camera as load_camera
     from .specs import load_sensor as load_sensor
@@ -299,6 +301,8 @@ _HOMES = {
     "take_picture": "simulate",
     "write_calibration_set": "simulate.datasets.calibration_set",
     "write_video_set": "simulate.datasets.calibration_set",
+    "write_learning_set": "simulate.datasets.learning_set",
+    "MovingBox": "simulate.scenes.worlds.bodies",
     "load_path": "simulate.datasets.video",
     "write_video": "simulate.datasets.video",
     "measure_round_trip": "simulate.round_trip",

@@ -168,6 +168,10 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "load_path": (om.load_path, {"path": "poses.csv"}),
     "write_video": (om.write_video, {"camera": SENSOR, "scene": ROOM, "path": MOVES, "output": "o.mp4",
                                      "frame_rate": 5.0, "duration_s": 0.0, "samples": 1, "blur": False, "seed": 0}),
+    "MovingBox": (om.MovingBox, {"size_mm": (90.0, 80.0, 70.0), "path": MOVES, "colour": "#aabbcc", "name": "cart"}),
+    "write_learning_set": (om.write_learning_set, {
+        "camera": SENSOR, "scene": ROOM, "path": MOVES, "folder": "learn", "bodies": (), "frame_rate": 5.0,
+        "duration_s": 0.0, "samples": 1, "blur": False, "seed": 0, "per_shard": 2}),
     "load_scene": (om.load_scene, {"name": "room", "texel_mm": 40.0, "heading_deg": 0.0, "unit_mm": None,
                                    "up": None, "background": None}),
     "parse_camera": (om.parse_camera, {"text": format_camera(CAMERA), "source": "a", "folder": None}),

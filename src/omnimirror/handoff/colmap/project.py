@@ -37,6 +37,13 @@ class ColmapProject:
         Its cameras, each with how far off it looks, px, for things at distances, mm.
     pictures
         How many were straightened, each into all views.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> project = ColmapProject(Path("project"), rig_of(om.load_sensor("paper-spherical"), 4, size=320), 12)
+    >>> project.pictures * len(project.rig)  # in its folder of images
+    48
     """
 
     folder: Path

@@ -130,6 +130,37 @@ class Room:
         return meet(ROOM, SOLIDS, origins, towards).distance * length
 
     @property
+    def label_names(self) -> tuple[str, ...]:
+        """What :meth:`labels` tells apart, from 1 on: the sides of the room, and what stands in it or hangs there."""
+        sides = ("wall behind", "wall ahead", "wall right", "wall left", "floor", "ceiling")
+        return sides + tuple(f"solid {number}" for number in range(1, len(SOLIDS) + 1))
+
+    def labels(self, origins_mm: ArrayLike, directions: ArrayLike) -> NDArray[np.int64]:
+        """What rays meet.
+
+        Parameters
+        ----------
+        origins_mm : (n, 3)
+            Where rays of light begin that are followed backwards, mm.
+        directions : (n, 3)
+            Where they lead, of any length.
+
+        Returns
+        -------
+        (n,) array
+            Of :attr:`label_names`, from 1 on.
+
+        Raises
+        ------
+        InvalidParameter
+            As :meth:`radiance`.
+        """
+        origins, towards = np.asarray(origins_mm, dtype=float), np.asarray(directions, dtype=float)
+        _check_rays(origins, towards)
+        box, side = divmod(meet(ROOM, SOLIDS, origins, towards).face.astype(np.int64), len(FACES))
+        return np.where(box == 0, 1 + side, len(FACES) + box)
+
+    @property
     def words(self) -> tuple[str, ...]:
         """The words on the walls."""
         return tuple(self._faces.signs)

@@ -1,0 +1,166 @@
+"""Sets to learn from: normals beside those of the room's boxes, flow beside rays that are traced anew."""
+
+from __future__ import annotations
+
+import io
+import json
+import tarfile
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.errors import InvalidParameter
+from omnimirror.housing import CameraBody, Housing
+from omnimirror.media.keyframes import Keyframes
+from omnimirror.simulate import Street
+from omnimirror.simulate.datasets.frame_truth import Moment, learning_truth
+from omnimirror.simulate.scenes.boxes import face_of, meet
+from omnimirror.simulate.scenes.worlds.bodies import SceneWithBodies
+from omnimirror.simulate.scenes.worlds.decor import ROOM
+from omnimirror.simulate.scenes.worlds.room import SOLIDS
+
+SPH = om.load_sensor("paper-spherical")
+SMALL = replace(
+    SPH, imager=replace(SPH.imager, width_px=96, height_px=96, pixel_pitch_um=5.2 * 1024 / 96),
+    housing=Housing(CameraBody(60.0)),
+)  # fmt: skip
+CART = om.MovingBox(
+    (300.0, 400.0, 500.0),
+    Keyframes({"x_mm": ((0.0, 900.0), (1.0, 1300.0)), "y_mm": ((0.0, -900.0), (1.0, 300.0)),
+               "pan_deg": ((0.0, 0.0), (1.0, 50.0))}, "linear"),
+    name="cart",
+)  # fmt: skip
+POSES = om.Pose(100.0, 50.0, 30.0, pan_deg=20.0, tilt_deg=4.0), om.Pose(190.0, 20.0, 40.0, pan_deg=31.0, roll_deg=2.0)
+
+
+@pytest.fixture(scope="module")
+def moments():
+    room = om.Room(texel_mm=40.0)
+    return [Moment(SceneWithBodies(room, (CART,), time), pose) for time, pose in zip((0.2, 0.35), POSES, strict=True)]
+
+
+@pytest.fixture(scope="module")
+def found(moments):
+    return learning_truth(SMALL, *moments)
+
+
+def in_scene(moment, truth, valid):
+    return moment.pose.to_scene(truth.origins_mm[valid]), truth.directions[valid] @ moment.pose.rotation().T
+
+
+def test_normals_are_those_of_the_faces_that_rays_meet(moments, found):
+    valid = np.isfinite(found.truth.depth_mm) & (found.labels <= 6 + len(SOLIDS))
+    origins, towards = in_scene(moments[0], found.truth, valid)
+    faces = meet(ROOM, SOLIDS, origins, towards).face
+    boxes = (ROOM, *SOLIDS)
+    normals = np.array([face_of(boxes[f // 6], f % 6, inside=f < 6).normal for f in faces])
+    right = normals @ moments[0].pose.rotation()
+    off = np.degrees(np.arccos(np.clip((right * found.normals[valid]).sum(axis=1), -1, 1)))
+    assert valid.sum() > 4000
+    assert np.quantile(off, 0.995) < 0.01  # the rest lies within a fifth of a millimetre of an edge
+
+
+def test_normals_of_a_body_are_those_of_its_sides(moments, found):
+    on = found.labels == 7 + len(SOLIDS)
+    assert on.sum() > 20
+    turn = CART.pose_at(0.2).rotation().T @ moments[0].pose.rotation()
+    own = np.abs(found.normals[on] @ turn.T)
+    np.testing.assert_allclose(own.max(axis=1), 1.0, atol=1e-6)
+    place = CART.pose_at(0.2).to_sensor(moments[0].pose.to_scene(found.truth.points_mm[on])) / (
+        np.array(CART.size_mm) / 2
+    )
+    np.testing.assert_allclose(np.abs(place).max(axis=1), 1.0, atol=1e-9)
+    assert (np.abs(place).argmax(axis=1) == own.argmax(axis=1)).all()
+
+
+def test_labels_are_what_the_scene_says_of_each_ray(moments, found):
+    names = ("nothing", *moments[0].scene.label_names)
+    assert names[-1] == "cart"
+    valid = np.isfinite(found.truth.depth_mm)
+    assert not found.labels[~valid].any()
+    seen = {names[label] for label in np.unique(found.labels)}
+    assert {"nothing", "wall ahead", "floor", "cart"} <= seen
+    points = moments[0].pose.to_scene(found.truth.points_mm[found.labels == names.index("floor")])
+    np.testing.assert_allclose(points[:, 2], ROOM.low[2], atol=1e-6)
+
+
+def test_where_flow_leads_the_next_frame_sees_the_same_point(moments, found):
+    """By the ray of that pixel, traced anew: what stands still at its place, and the body where it has moved to."""
+    v, u = np.nonzero(found.seen_again)
+    there = np.stack([u, v], axis=1) + found.flow_px[found.seen_again]
+    rays = SMALL.backproject(there)
+    after = moments[1]
+    reach = after.seen.distance_mm(rays.origins, rays.directions)
+    ends = after.pose.to_scene(rays.origins + reach[:, None] * rays.directions)
+    points = moments[0].pose.to_scene(found.truth.points_mm[found.seen_again])
+    on_body = found.labels[found.seen_again] == 7 + len(SOLIDS)
+    assert on_body.sum() > 10
+    points[on_body] = CART.pose_at(0.35).to_scene(CART.pose_at(0.2).to_sensor(points[on_body]))
+    assert np.linalg.norm(ends - points, axis=1).max() < 20.0  # of those that a ray grazes
+    assert np.quantile(np.linalg.norm(ends - points, axis=1), 0.99) < 1e-3
+    assert 0.7 < found.seen_again.sum() / np.isfinite(found.truth.depth_mm).sum() < 1.0
+
+
+def test_what_the_body_comes_to_stand_before_is_not_seen_again(moments, found):
+    """Pixels that lose their point in the next frame, by a body that is not there without it."""
+    empty = [Moment(SceneWithBodies(m.scene.scene, (), m.scene.time_s), m.pose) for m in moments]
+    without = learning_truth(SMALL, *empty)
+    lost = without.seen_again & ~found.seen_again & (found.labels == without.labels)
+    v, u = np.nonzero(lost)
+    rays = SMALL.backproject(np.stack([u, v], axis=1) + without.flow_px[lost])
+    labels = moments[1].scene.labels(
+        moments[1].pose.to_scene(rays.origins), rays.directions @ moments[1].pose.rotation().T
+    )
+    assert len(labels) > 10
+    assert (labels == 7 + len(SOLIDS)).mean() > 0.99
+
+
+def test_shards_hold_samples_a_card_and_the_same_bytes_again(tmp_path):
+    path = Keyframes({"x_mm": ((0.0, 0.0), (0.08, 100.0))}, "linear")
+    tiny = replace(SMALL, imager=replace(SPH.imager, width_px=32, height_px=32, pixel_pitch_um=5.2 * 32))
+    made = [
+        om.write_learning_set(
+            tiny, om.Room(texel_mm=40.0), path=path, folder=tmp_path / name, bodies=(CART,), samples=1, per_shard=2
+        )
+        for name in ("a", "b")
+    ]
+    assert [p.read_bytes() for p in made[0]] == [p.read_bytes() for p in made[1]]
+    names, samples = [], {}
+    for shard in made[0]:
+        with tarfile.open(shard) as tar:
+            for entry in tar:
+                names.append(entry.name)
+                samples[entry.name] = tar.extractfile(entry).read()
+    assert names == [f"{k:06d}.{ending}" for k in range(3) for ending in ("png", "npz", "json")]
+    (tmp_path / "0.png").write_bytes(samples["000000.png"])
+    assert om.read_image(tmp_path / "0.png").shape == (32, 32, 3)
+    arrays = np.load(io.BytesIO(samples["000002.npz"]))
+    assert arrays["normals"].shape == (32, 32, 3)
+    assert np.nanmax(np.abs(arrays["flow_px"])) < 1e-6  # the last frame leads nowhere
+    assert json.loads(samples["000001.json"])["pose"]["x_mm"] == pytest.approx(50.0)
+    card = (tmp_path / "a" / "README.md").read_text()
+    assert "3 frames of 32 x 32 px" in card
+    assert f"| {7 + len(SOLIDS)} | cart |" in card
+    with pytest.raises(InvalidParameter, match="holds a set already"):
+        om.write_learning_set(tiny, om.Room(texel_mm=40.0), path=path, folder=tmp_path / "a")
+
+
+def test_out_of_doors_the_sky_moves_as_directions_do():
+    street = Street(texel_mm=100.0)
+    first, second = (
+        Moment(SceneWithBodies(street, (), 0.0), pose) for pose in (om.Pose(), om.Pose(300.0, pan_deg=8.0))
+    )
+    found = learning_truth(SMALL, first, second)
+    sky = np.isinf(found.truth.depth_mm)
+    assert sky.sum() > 200
+    assert not found.labels[sky].any()
+    assert np.isnan(found.normals[sky]).all()
+    again = sky & found.seen_again
+    v, u = np.nonzero(again)
+    towards = SMALL.backproject(np.stack([u, v], axis=1) + found.flow_px[again]).directions
+    turned = found.truth.directions[again] @ second.pose.rotation()
+    np.testing.assert_allclose(towards, turned, atol=1e-9)
+    ground = np.isfinite(found.truth.depth_mm) & (found.truth.points_mm[..., 2] < -1000)
+    assert np.median(np.abs(found.normals[ground][:, 2])) > 0.999
