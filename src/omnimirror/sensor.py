@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import Any, Literal
 
 import numpy as np
@@ -366,7 +367,9 @@ class Sensor:
     @cached_property
     def obscured(self) -> tuple[Obscuration, ...]:
         """The same rings, those that overlap as one; their shares of the picture add up."""
-        return self._rings(merged=True)
+        rings = tuple(sorted(self.obscurations, key=lambda ring: ring.omega_deg))
+        apart = all(one.omega_deg[1] < other.omega_deg[0] for one, other in pairwise(rings))
+        return rings if apart else self._rings(merged=True)
 
     @property
     def clear_field_deg(self) -> tuple[float, float]:
