@@ -45,7 +45,7 @@ ROLE = re.compile(r":(?:class|func|meth|attr|data|mod|exc):`~?\.?([^`]+)`")
 def copied() -> None:
     """The pages as they stand, with links that lead where they are on the site."""
     shutil.rmtree(PAGES, ignore_errors=True)
-    shutil.copytree(ROOT / "docs", PAGES, ignore=shutil.ignore_patterns("*.py", "__pycache__"))
+    shutil.copytree(ROOT / "docs", PAGES, ignore=shutil.ignore_patterns("*.py", "*.txt", "__pycache__"))
     for page in PAGES.glob("*.md"):
         page.write_text(relinked(page.read_text(), ROOT / "docs"))
     for source, target in OUTSIDE.items():

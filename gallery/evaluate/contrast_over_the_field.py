@@ -14,4 +14,4 @@ for i, frequency in enumerate(found.cycles_per_px):
     ax.plot(omega, found.sagittal[:, i], f"C{i}--", label="sagittal")
 ax.set(xlabel="field angle, deg", ylabel="contrast left", ylim=(0, 1))
 ax.legend()
-figure.savefig("mtf_over_the_field.png", bbox_inches="tight")
+figure.savefig("contrast_over_the_field.png", bbox_inches="tight")
