@@ -95,3 +95,19 @@ def test_the_mappings_are_listed_and_drawn(tmp_path):
 
 def test_mappings_of_a_field_that_cannot_be_had():
     assert "cannot be reached" in fails("mappings", "--omega-max-deg", 175)
+
+
+def test_what_would_have_to_give_is_told_by_elevations_where_they_were_asked_for(tmp_path):
+    (tmp_path / "watch.toml").write_text(
+        '[mount]\ncamera_looks = "up"\n[field]\nelevation_deg = [-60, 20]\n[mirror]\nfamily = "sphere"\n'
+        "rim_radius_mm = 30.0\n[lens]\nfocal_length_mm = 11.6\n[[limit]]\n"
+        'quantity = "resolution_px_per_deg"\nat_least = 6.0\nelevation_deg = 0\n'
+    )
+    said = omnimirror("design", tmp_path / "watch.toml").stdout
+    assert "Not everything can be met: resolution_px_per_deg, elevation 0 deg." in said
+    told = said[said.index("Not everything") :]
+    assert "90 deg" not in told
+    assert "omega_" not in told
+    asked = [line for line in told.splitlines() if "elevation at the rim: " in line]
+    assert all(line.endswith("instead of 20 deg") for line in asked)
+    assert asked

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from rich.console import Console
 from rich.text import Text
 
@@ -15,6 +17,7 @@ from ....design.solve.verdict import ROUNDING, Judgement, Verdict
 from ....quantities import QUANTITIES
 from ...outputs import head, plain_table, say
 
+OF_ELEVATIONS = {"omega_max_deg": "elevation at the rim", "omega_min_deg": "elevation at the inner end"}
 MISSED = 3
 """Exit code where a sensor misses a requirement."""
 
@@ -29,7 +32,7 @@ def print_design(console: Console, design: Design) -> None:
     console.print()
     print_verdict(console, design.verdict)
     if design.conflict is not None:
-        _print_conflict(console, design.conflict)
+        _print_conflict(console, design.conflict, design.verdict)
 
 
 def print_verdict(console: Console, verdict: Verdict) -> None:
@@ -73,25 +76,36 @@ def _number(value: float | None) -> str:
     return "" if value is None else f"{value:.5g}"
 
 
-def _print_conflict(console: Console, conflict: Conflict) -> None:
-    console.print(f"\nNot everything can be met: {'; '.join(conflict.missed)}.", highlight=False, soft_wrap=True)
+def _print_conflict(console: Console, conflict: Conflict, verdict: Verdict) -> None:
+    labels = {}
+    if verdict.requirements.field.angles == "elevation":
+        labels = {row.label: _place_told(verdict, row)[1] for row in verdict.rows} | OF_ELEVATIONS
+    missed = "; ".join(labels.get(label, label) for label in conflict.missed)
+    console.print(f"\nNot everything can be met: {missed}.", highlight=False, soft_wrap=True)
     helpful = [r for r in conflict.alone if r.needed is not None and r.needed != r.asked]
     if helpful:
         console.print("All is met if one of these alone gives:", highlight=False)
         for r in helpful:
-            console.print(f"  {_change(r)}", highlight=False, soft_wrap=True)
+            console.print(f"  {_change(r, verdict, labels)}", highlight=False, soft_wrap=True)
     else:
         console.print("No single requirement that gives, within reason, would do.", highlight=False)
     if conflict.joint_share is not None:
         console.print(f"Or if these give at once by {conflict.joint_share:.2%}:", highlight=False)
         for r in conflict.joint:
-            console.print(f"  {_change(r)}", highlight=False, soft_wrap=True)
+            console.print(f"  {_change(r, verdict, labels)}", highlight=False, soft_wrap=True)
 
 
-def _change(r: Relaxation) -> str:
-    unit = f" {r.unit}" if r.unit else ""
+def _change(r: Relaxation, verdict: Verdict, labels: Mapping[str, str]) -> str:
+    """What one requirement would become; labels of its own words are by those of the requirements."""
+    unit, name = f" {r.unit}" if r.unit else "", labels.get(r.name, r.name)
     share = f" ({r.share:.2%})" if r.share is not None else ""
-    return f"{r.name}: {_number(r.needed)}{unit} instead of {_number(r.asked)}{unit}{share}"
+    needed, asked = r.needed, r.asked
+    if name in OF_ELEVATIONS.values() and needed is not None:
+        (asked, needed), share = (
+            (verdict.requirements.mount.elevations_deg((v, v))[0] + 0.0 for v in (asked, needed)),
+            "",
+        )
+    return f"{name}: {_number(needed)}{unit} instead of {_number(asked)}{unit}{share}"
 
 
 def print_convergence(console: Console, designs: dict[int, Design]) -> None:
