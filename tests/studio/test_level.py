@@ -117,3 +117,20 @@ def test_the_line_of_the_horizon_lies_where_the_horizon_is(page):
       const wanted = view.top + view.height / 2 + focal * Math.tan(Math.PI / 18);
       return line.width > 0 && Math.abs(line.top - wanted) < 2;
     }""")
+
+
+def test_the_level_is_found_by_what_stands_upright(page, tmp_path):
+    """A room taken by a sensor out of plumb: against the lean that it was simulated with."""
+    write_image(tmp_path / "leaned.png", om.take_picture(leaning(**LEAN), om.Room(texel_mm=15.0), samples=1))
+    drop(page, tmp_path / "leaned.png")
+    page.wait_for_function("window.omnimirror.look.level.seen?.feed.name === 'leaned.png'")
+    page.get_by_role("button", name="Find level").click()
+    page.wait_for_function("window.omnimirror.store.state.pitch !== null")
+    settled(page)
+    assert mount_of(page) == (pytest.approx(LEAN["pitch"], abs=0.3), pytest.approx(LEAN["roll"], abs=0.3))
+    page.get_by_role("status").filter(has_text="upright edges").wait_for()
+    look(page, sensor="paper-hyperboloidal")
+    drop(page, tmp_path / "picture.png")
+    page.wait_for_function("window.omnimirror.look.level.seen?.feed.name === 'picture.png'")
+    page.get_by_role("button", name="Find level").click()
+    page.get_by_role("status").filter(has_text="Too little stands upright").wait_for()

@@ -66,11 +66,11 @@ def test_given_and_restored_stand_beside_each_other(browser, server, picture, tm
     write_image(tmp_path / "p.png", picture)
     page = open_page(browser, server, 1000, 800, reduced_motion="reduce")
     restore = page.get_by_role("button", name="Restore")
-    assert restore.get_attribute("aria-disabled") == "true"
     page.set_input_files("#calibration", tmp_path / "small.toml")
     page.wait_for_function("window.omnimirror.look.sensor.camera.model.name === 'small'")
     drop(page, tmp_path / "p.png")
     look(page, mode="dome")
+    page.wait_for_selector("#restore[aria-disabled=false]")
     restore.click()
     page.locator("#wiper").wait_for(state="visible")
     page.get_by_label("Line between the picture").fill("0.25")

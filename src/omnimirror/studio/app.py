@@ -22,7 +22,7 @@ from .pages import SCRIPTS, PageFile, page_text, script_text
 from .schema import REFUSALS
 from .studio import Studio
 
-PICTURES = ("/api/pictures", "/api/rim", "/api/restore", "/api/calibrate/look", "/api/calibrate/straight")
+PICTURES = ("/api/pictures", "/api/rim", "/api/restore", "/api/level", "/api/calibrate/look", "/api/calibrate/straight")
 """Where pictures are handed up."""
 
 

@@ -1,5 +1,5 @@
 import * as api from "../shared/api";
-import { h, save } from "../shared/dom";
+import { allow, h, save } from "../shared/dom";
 import type { BenchSensor, Download } from "../shared/messages";
 import type { Design } from "./designs/design";
 import type { Host } from "./host";
@@ -52,8 +52,8 @@ export class Toolbar {
   }
 
   show(): void {
-    this.undo.disabled = !this.bench.history.canUndo;
-    this.redo.disabled = !this.bench.history.canRedo;
+    allow(this.undo, this.bench.history.canUndo ? null : "Nothing was changed yet that could be undone.");
+    allow(this.redo, this.bench.history.canRedo ? null : "Nothing was undone that could be done again.");
     this.requirements.hidden = this.bench.history.now.requirements === null;
   }
 

@@ -65,7 +65,7 @@ export class Look {
       opened: (feed) => void this.first.look(feed),
       calibrated: (file, name) => this.sensor.load(file, name),
     });
-    this.first = new FirstLook(store, { rim: this.rim, sensor: () => this.sensor, feed: () => this.feed });
+    this.first = new FirstLook(store, { rim: this.rim, sensor: () => this.sensor, feed: () => this.feed, level: () => this.level.find(false) });
     this.level = new LevelPanel(store, () => this.sensor, () => this.refresh());
     this.recorder = new Recorder(this.canvas, () => this.refresh());
     new Toolbar(store, { sources: this.sources, sensor: this.sensor, camera: () => this.camera, drawn: () => this.drawn(), commands: () => this.commands() });
@@ -159,6 +159,7 @@ export class Look {
     this.renderer.draw(view, this.isRough(), this.wipe.share);
     this.circle.drawView(camera, view);
     put("command-line", this.command(this.place));
+    this.level.follow(camera, this.feed);
     this.level.show(camera, this.canvas, this.place);
     this.views.label(places, this.canvas);
     this.showFiles(camera, this.feed);

@@ -1,5 +1,5 @@
 import { pack, unpack } from "./framing";
-import type { BenchSensor, BenchStart, BoardLook, BoardSeen, Built, BuiltAsk, CalibrateStart, CameraAsk, CameraShown, Change, Download, ErrorsAsk, ErrorsOf, Opened, PictureAsk, RequirementFile, RestoreAsk, RimFound, SensorEntry, SensorFile, Start, StraightAsk, Taken, Together, TogetherAsk, YieldAsk, YieldOf } from "./messages";
+import type { BenchSensor, BenchStart, BoardLook, BoardSeen, Built, BuiltAsk, CalibrateStart, CameraAsk, CameraShown, Change, Download, ErrorsAsk, ErrorsOf, LevelAsk, LevelFound, Opened, PictureAsk, RequirementFile, RestoreAsk, RimFound, SensorEntry, SensorFile, Start, StraightAsk, Taken, Together, TogetherAsk, YieldAsk, YieldOf } from "./messages";
 import { AWAY } from "./texts";
 
 /** Something the server refused, in its own sentence. */
@@ -36,6 +36,7 @@ export const room = async (id: string): Promise<Blob> => (await ask(to("api/room
 export const picture = async (id: string): Promise<Blob> => (await ask(to("api/picture", { id }))).blob();
 export const convert = async (file: Blob, name: string): Promise<Blob> => (await handedUp("api/pictures", file, { name })).blob();
 export const rim = async (picture: Blob, name: string): Promise<RimFound> => (await handedUp("api/rim", picture, { name })).json();
+export const level = async (asked: LevelAsk, picture: Blob): Promise<LevelFound | null> => (await ask("api/level", { method: "POST", body: pack(asked, picture) })).json();
 export const restored = async (asked: RestoreAsk, picture: Blob): Promise<Blob> => (await ask("api/restore", { method: "POST", body: pack(asked, picture) })).blob();
 export const loadSensor = async (file: Blob, name: string, optics = "mirror"): Promise<SensorEntry> => (await handedUp("api/sensors", file, { name, optics })).json();
 export const sensorFile = async (asked: SensorFile): Promise<string> => (await posted("api/sensor-file", asked)).text();

@@ -353,6 +353,26 @@ export interface JudgementOf {
   limit: number | null;
 }
 
+/** How the camera leaned is asked, of a picture that comes behind; its circle may have been moved to fit it. */
+export interface LevelAsk {
+  id: string;
+  mount: MountOf;
+  image_size: [number, number];
+  centre_px: [number, number];
+  rim_radius_px: number;
+  name: string;
+}
+
+/** How the camera leaned that took a picture, by the edges that stand upright in it. */
+export interface LevelFound {
+  pitch_deg: number;
+  roll_deg: number;
+  /** standard error of the plumb line */
+  sigma_deg: number;
+  /** edges that stand upright */
+  upright: number;
+}
+
 /** A model that was compared. */
 export interface ModelTried {
   kind: string;

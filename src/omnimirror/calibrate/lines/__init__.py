@@ -2,7 +2,16 @@
 
 from .calibrator import LineCalibration, calibrate_lines, drawn_edges
 from .chains import edge_chains
-from .levelling import Level, level_from
+from .levelling import Level, level_from, level_in
 from .marked import read_lines
 
-__all__ = ["Level", "LineCalibration", "calibrate_lines", "drawn_edges", "edge_chains", "level_from", "read_lines"]
+__all__ = [
+    "Level",
+    "LineCalibration",
+    "calibrate_lines",
+    "drawn_edges",
+    "edge_chains",
+    "level_from",
+    "level_in",
+    "read_lines",
+]

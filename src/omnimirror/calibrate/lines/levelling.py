@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...frames import Mount
+from ...cameras import Camera
+from ...frames import Mount, turned
+from .chains import edge_chains
 
 Array = NDArray[np.float64]
 
@@ -17,6 +19,8 @@ NEAR_DEG = 0.8  # of an upright edge's plane to the plumb line
 MOST_PAIRED = 80
 LEAST_UPRIGHT = 3
 REFINED = 4
+BENT_DEG = 0.25  # root mean square off its plane, beyond which an edge is not straight
+LEAST_EXTENT_DEG = 6.0
 
 
 class Level(NamedTuple):
@@ -32,6 +36,49 @@ class Level(NamedTuple):
     def on(self, mount: Mount) -> Mount:
         """The mount with this lean."""
         return replace(mount, pitch_deg=self.pitch_deg, roll_deg=self.roll_deg)
+
+
+def level_in(
+    picture: NDArray[Any], camera: Camera, mount: Mount, centre_px: tuple[float, float], radius_px: float
+) -> Level | None:
+    """How a camera leans that is known but for that, from one picture; None if too few edges stand upright in it.
+
+    Edges are followed, and those that the camera makes straight lie in planes of directions. A camera with several
+    viewpoints is taken to look at what is far against its mirror.
+
+    Parameters
+    ----------
+    picture : (height, width, 3) or (height, width), uint8
+        RGB.
+    camera
+        Which took it.
+    mount
+        Its mount.
+    centre_px, radius_px
+        Circle of the field.
+
+    Returns
+    -------
+    Level or None
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> ball = om.MirrorBall((99.5, 99.5), 90.0, 340.0, (200, 200))
+    >>> level_in(np.zeros((200, 200), np.uint8), ball, ball.mount, (99.5, 99.5), 90.0) is None
+    True
+    """
+    normals, lengths = [], []
+    for chain in edge_chains(picture, centre_px=centre_px, radius_px=radius_px):
+        rays = camera.backproject(chain)
+        seen = turned(rays.directions[rays.valid], mount.rotation())
+        if len(seen) < LEAST_UPRIGHT or seen[0] @ seen[-1] > np.cos(np.radians(LEAST_EXTENT_DEG)):
+            continue
+        moments, ways = np.linalg.eigh(seen.T @ seen / len(seen))
+        if moments[0] < np.radians(BENT_DEG) ** 2:
+            normals.append(ways[:, 0])
+            lengths.append(float(np.arccos(np.clip(seen[0] @ seen[-1], -1, 1))))
+    return level_from(np.reshape(normals, (-1, 3)), np.array(lengths), mount)
 
 
 def level_from(normals: Array, lengths: Array, mount: Mount) -> Level | None:

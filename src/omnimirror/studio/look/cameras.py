@@ -116,6 +116,14 @@ class Cameras:
         """
         return format_sensor(self.fitted(wanted))
 
+    def looking(self, wanted: SensorFile) -> Sensor | MirrorBall:
+        """The sensor or mirror ball whose circle was moved to fit a picture."""
+        camera = self.find(wanted.id).camera
+        if isinstance(camera, MirrorBall):
+            mount = Mount(**wanted.mount.model_dump())
+            return MirrorBall(wanted.centre_px, wanted.rim_radius_px, camera.field_deg, wanted.image_size, mount)
+        return self.fitted(wanted)
+
     def fitted(self, wanted: SensorFile) -> Sensor:
         """The sensor whose circle was moved to fit a picture; refused as its file is."""
         camera = self.find(wanted.id).camera

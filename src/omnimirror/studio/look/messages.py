@@ -96,6 +96,12 @@ class SensorFile(Message):
     rim_radius_px: float = Field(gt=0)
 
 
+class LevelAsk(SensorFile):
+    """How the camera leaned is asked, of a picture that comes behind; its circle may have been moved to fit it."""
+
+    name: str
+
+
 class RestoreAsk(SensorFile):
     """A picture to be restored, which comes behind: through a sensor whose circle may have been moved to fit it."""
 
@@ -110,6 +116,15 @@ class RimFound(Message):
     radius_px: float
     confidence: float
     is_sure: bool
+
+
+class LevelFound(Message):
+    """How the camera leaned that took a picture, by the edges that stand upright in it."""
+
+    pitch_deg: float
+    roll_deg: float
+    sigma_deg: float = Field(description="standard error of the plumb line")
+    upright: int = Field(description="edges that stand upright")
 
 
 class Source(Message):

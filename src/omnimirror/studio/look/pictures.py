@@ -7,12 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
+from ...camera_models import MirrorBall
 from ...errors import OmnimirrorError
 from ...media import read_image
 from ...sensor import Sensor
 from ..uploads import eight_bits, encoded, picture_in, safe_name
 from .cameras import Known
-from .messages import RestoreAsk, RimFound
+from .messages import LevelAsk, LevelFound, RestoreAsk, RimFound
 
 MOST_PIXELS = 4096 * 4096
 """Of a simulated picture, which takes 60 bytes a pixel."""
@@ -29,6 +30,16 @@ def rim_in(data: bytes, name: str) -> RimFound:
 
     rim = find_rim(eight_bits(picture_in(data, name)))
     return RimFound(centre_px=rim.centre_px, radius_px=rim.radius_px, confidence=rim.confidence, is_sure=rim.is_sure)
+
+
+def level_of(camera: Sensor | MirrorBall, ask: LevelAsk, data: bytes) -> LevelFound | None:
+    """How the camera leaned that took a picture which was handed up; None where too few edges stand upright in it."""
+    from ...calibrate.lines import level_in
+
+    picture = eight_bits(picture_in(data, safe_name(ask.name)))
+    picture = picture if picture.ndim == 2 else picture[..., :3]
+    level = level_in(picture, camera, camera.mount, ask.centre_px, ask.rim_radius_px)
+    return None if level is None else LevelFound(**level._asdict())
 
 
 def restored_picture(sensor: Sensor, ask: RestoreAsk, data: bytes) -> bytes:

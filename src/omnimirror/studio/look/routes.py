@@ -15,8 +15,19 @@ from ..framing import unframed
 from ..schema import BYTES, FILE_BODY, PNG, FileName
 from ..uploads import browser_picture, collected, safe_name
 from .cameras import Cameras, Known
-from .messages import CameraAsk, CameraShown, RestoreAsk, RimFound, SensorEntry, SensorFile, Start, StreamState
-from .pictures import restored_picture, rim_in, room_picture, shown_picture
+from .messages import (
+    CameraAsk,
+    CameraShown,
+    LevelAsk,
+    LevelFound,
+    RestoreAsk,
+    RimFound,
+    SensorEntry,
+    SensorFile,
+    Start,
+    StreamState,
+)
+from .pictures import level_of, restored_picture, rim_in, room_picture, shown_picture
 from .streams import Stream
 from .tables import camera_tables
 
@@ -108,6 +119,14 @@ def _add_pictures(app: FastAPI, studio: Studio) -> None:
         """The rim of the mirror in a picture, and how sure it is."""
         data = await collected(request)
         return await studio.unpacked.do(request, lambda: rim_in(data, safe_name(name)))
+
+    @app.post("/api/level", openapi_extra=FILE_BODY)
+    async def level(request: Request) -> LevelFound | None:
+        """How the camera leaned that took a picture, if that can be told; what is asked stands before the picture."""
+        ask, picture = unframed(await collected(request), LevelAsk)
+        _known(studio.cameras, ask.id)
+        camera = studio.cameras.looking(ask)
+        return await studio.unpacked.do(request, lambda: level_of(camera, ask, picture))
 
     @app.post("/api/restore", openapi_extra=FILE_BODY, response_class=Response, responses={200: PNG})
     async def restore(request: Request) -> Response:

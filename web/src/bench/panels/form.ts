@@ -135,7 +135,7 @@ export class Form {
     const set = (to: number[]): void => this.settled(withEntry(this.hands.now(), section, p.name, to));
     const now = (): number[] => this.hands.now().tables[section][p.name] as number[];
     const more = h("button", { type: "button", onclick: () => set([...now(), 0]) }, "Add a coefficient");
-    const less = h("button", { type: "button", disabled: values.length < 2, onclick: () => set(now().slice(0, -1)) }, "Remove the last");
+    const less = h("button", { type: "button", disabled: values.length < 2, title: values.length < 2 ? "One coefficient has to stay." : "", onclick: () => set(now().slice(0, -1)) }, "Remove the last");
     return [...fields, h("div", { className: "row" }, more, less)];
   }
 

@@ -183,6 +183,7 @@ export class ChartView {
     const { ctx } = u;
     const dots = devicePixelRatio;
     ctx.save();
+    ctx.setLineDash([]);
     if (this.isDifference) {
       const y = Math.round(u.valToPos(0, "y", true)) + 0.5;
       ctx.strokeStyle = colour("soft");

@@ -19,6 +19,8 @@ interface Hands {
   rim: RimPanel;
   sensor: () => SensorPanel;
   feed: () => Feed | null;
+  /** Have it stand plumb, if that can be told. */
+  level: () => Promise<void>;
 }
 
 /** The first look at a picture: its mirror is found by itself, and who opened it is asked once what took it. */
@@ -66,6 +68,7 @@ export class FirstLook {
     const { rim } = this.store.state;
     this.done();
     await this.hands.sensor().choose(sensor, rim);
+    if (rim) requestAnimationFrame(() => requestAnimationFrame(() => void this.hands.level())); // once it is drawn through the new camera
   }
 
   private fromFile(): void {

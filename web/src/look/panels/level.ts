@@ -1,6 +1,10 @@
-import { byId } from "../../shared/dom";
+import * as api from "../../shared/api";
+import { allow, byId } from "../../shared/dom";
+import { busy, fail, say } from "../../shared/notices";
+import { fixed } from "../../shared/numbers";
 import type { State } from "../../shared/state";
 import type { Store } from "../../shared/store";
+import { type Feed, fileOf } from "../feeds/feed";
 import type { Camera } from "../geometry/camera";
 import { raised } from "../geometry/lean";
 import { panTiltOf, RAD, type Vec3 } from "../geometry/vectors";
@@ -8,10 +12,15 @@ import { elevations } from "../geometry/views";
 import type { Place } from "../stage";
 import type { SensorPanel } from "./sensor";
 
+const LOOKED_AT = 1440; // px of the longer side
+const [SURE_DEG, SURE_EDGES] = [0.6, 8]; // a standard error, and upright edges, from which the level is taken unasked
+
 /** Levelling a sensor that leaned: what is taken hold of in the view goes up and down, to the line of the horizon. */
 export class LevelPanel {
   private readonly button = byId<HTMLButtonElement>("level");
   private readonly line = byId("horizon");
+  private readonly finder = byId<HTMLButtonElement>("find-level");
+  private seen: { camera: Camera; feed: Feed } | null = null;
 
   constructor(private readonly store: Store, private readonly sensor: () => SensorPanel, changed: () => void) {
     this.button.addEventListener("click", () => {
@@ -20,7 +29,35 @@ export class LevelPanel {
       if (isOn && !isLevelled(store.state)) store.set({ mode: "panorama" });
       changed();
     });
+    this.finder.addEventListener("click", () => void this.find());
     byId("plumb").addEventListener("click", () => void this.sensor().want({ pitch: 0, roll: 0 }));
+  }
+
+  /** What is looked at, and through what. */
+  follow(camera: Camera, feed: Feed): void {
+    this.seen = { camera, feed };
+    const isKnown = camera.model.kind === "ball" || (camera.model.kind === "sensor" && !camera.model.tables.lattice);
+    allow(this.finder, isKnown ? null : "Levels are found of mirror balls, and of sensors whose mirror is in its place; drag the horizon.");
+  }
+
+  /** Have upright edges of the picture tell how the sensor leaned; unasked only what is sure counts. */
+  async find(isAsked = true): Promise<void> {
+    if (!this.seen) return say("Open a picture first.");
+    const { camera, feed } = this.seen;
+    busy("Looking for what stands upright…");
+    try {
+      const { picture, scale } = await fileOf(feed, LOOKED_AT);
+      const found = await api.level(askOf(camera, feed.name, scale), picture);
+      if (feed !== this.seen?.feed) return;
+      const isSure = found && (isAsked || (found.sigma_deg < SURE_DEG && found.upright >= SURE_EDGES));
+      if (!found || !isSure) return isAsked ? say("Too little stands upright in it to tell; drag the horizon instead.") : undefined;
+      await this.sensor().want({ pitch: +found.pitch_deg.toFixed(2), roll: +found.roll_deg.toFixed(2) });
+      say(`It leaned ${fixed(found.pitch_deg, 1)}° and ${fixed(found.roll_deg, 1)}°, give or take ${fixed(Math.max(found.sigma_deg, 0.1), 1)}°, by ${found.upright} upright edges`);
+    } catch (e) {
+      if (isAsked) fail(e);
+    } finally {
+      busy(null);
+    }
   }
 
   get isOn(): boolean {
@@ -50,6 +87,19 @@ export class LevelPanel {
     this.line.hidden = !(share > 0 && share < 1);
     Object.assign(this.line.style, { top: `${canvas.offsetTop + top + share * height}px`, left: `${canvas.offsetLeft + left}px`, width: `${width}px` });
   }
+}
+
+/** The question about a picture that is so many times smaller than the one that is shown. */
+function askOf({ model, circle, size }: Camera, name: string, scale: number): Parameters<typeof api.level>[0] {
+  const at = (c: number): number => (c + 0.5) / scale - 0.5;
+  return {
+    id: model.id,
+    mount: { ...model.mount, pitch_deg: 0, roll_deg: 0 },
+    image_size: size.map((side) => Math.max(1, Math.round(side / scale))) as [number, number],
+    centre_px: [at(circle.u), at(circle.v)],
+    rim_radius_px: circle.radius / scale,
+    name,
+  };
 }
 
 const isLevelled = (s: State): boolean => s.mode === "panorama" || s.mode === "perspective";
