@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import beta
+from scipy.special import betaincinv
 
 from ..errors import InvalidParameter
 from .tolerances import BLOCK, Tolerances
@@ -40,8 +40,8 @@ def share_of(passed: int, trials: int) -> Share:
     [0.95, 0.887, 0.984]
     """
     tail = (1 - CONFIDENCE) / 2
-    low = 0.0 if passed == 0 else float(beta.ppf(tail, passed, trials - passed + 1))
-    high = 1.0 if passed == trials else float(beta.ppf(1 - tail, passed + 1, trials - passed))
+    low = 0.0 if passed == 0 else float(betaincinv(passed, trials - passed + 1, tail))
+    high = 1.0 if passed == trials else float(betaincinv(passed + 1, trials - passed, 1 - tail))
     return Share(passed / trials, low, high)
 
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +16,10 @@ from .compensation import compensators_of
 from .field import field_of
 from .merits import LOST, Reference
 from .picture import Refocus
-from .required.merits import RequiredMerits
 from .states import Values, are_traced_together, states_of
+
+if TYPE_CHECKING:
+    from .required.merits import RequiredMerits
 
 Array = NDArray[np.float64]
 
@@ -62,8 +64,12 @@ class Judge(Reference):
         reference = objects.shown({}, 1, refocus=refocus)[0].offsets_px[0]
         floor = 1 + airy_px**2
         distance = field.get("object_distance_mm", np.inf)
-        more = RequiredMerits.of(required, objects, refocus, distance, floor) if required else None
-        return cls(objects, compensators_of(objects), reference, refocus, floor, more)
+        judge = cls(objects, compensators_of(objects), reference, refocus, floor)
+        if not required:
+            return judge
+        from .required.merits import RequiredMerits  # brings all of design with it, which most trials do not need
+
+        return replace(judge, required=RequiredMerits.of(required, objects, refocus, distance, floor))
 
     def judged(self, values: Values) -> Array:
         """Merits (t, m) of trials, in the order of their names; NaN, but for their number, where rays are lost.

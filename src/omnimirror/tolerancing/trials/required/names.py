@@ -10,12 +10,15 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import TYPE_CHECKING, Any
 
 from ....arguments import shown
-from ....design.criteria.limits import LIMITABLE, Limit, told_part
 from ....errors import InvalidParameter
 from ..compensation import CALIBRATIONS
 from ..merits import after, merit_names
+
+if TYPE_CHECKING:
+    from ....design.criteria.limits import Limit
 
 LEAST = "least "
 STRAIGHTNESS = "straightness_deg"
@@ -28,6 +31,13 @@ WORDS = re.compile(
     rf"(?P<least>{LEAST})?(?P<quantity>\w+)(?: at {NUMBER} cycles/px)?(?:, (?:at {NUMBER}|{NUMBER} to {NUMBER}) deg)?"
     r"(?: after (?P<after>[-\w]+))?"
 )
+
+
+def _limits() -> Any:
+    """Of requirements; they bring all of design with them, which most trials do not need."""
+    from ....design.criteria import limits
+
+    return limits
 
 
 @dataclass(frozen=True)
@@ -62,13 +72,14 @@ class MeritName:
         'least resolution_px_per_deg, 20 to 100 deg'
         """
         frequency = "" if self.cycles_per_px is None else f" at {self.cycles_per_px:g} cycles/px"
-        words = f"{LEAST if self.is_least else ''}{self.quantity}{frequency}{told_part(self.omega_deg)}"
+        words = f"{LEAST if self.is_least else ''}{self.quantity}{frequency}{_limits().told_part(self.omega_deg)}"
         return after(words, self.after)  # type: ignore[arg-type]  # a word that is no calibration is refused
 
     def limit(self, value: float) -> Limit:
         """As requirements have it."""
         most, least = (None, value) if self.is_least else (value, None)
-        return Limit(self.quantity, most, least, self.omega_deg, self.cycles_per_px)
+        found: Limit = _limits().Limit(self.quantity, most, least, self.omega_deg, self.cycles_per_px)
+        return found
 
 
 @lru_cache(maxsize=1024)
@@ -106,7 +117,7 @@ def _check(merit: MeritName, name: str) -> None:
             return
         right = MeritName(merit.quantity, merit.quantity in OF_LEAST)
         raise InvalidParameter(f"{shown(name)} is not judged; {right.text!r} is, of the whole picture")
-    if merit.quantity not in LIMITABLE or merit.after != "none":
+    if merit.quantity not in _limits().LIMITABLE or merit.after != "none":
         raise _unknown(name)
 
 
@@ -147,7 +158,7 @@ def is_least(name: str) -> bool:
 def check_limit(name: str, value: float) -> None:
     """Refuse a limit of nothing, or one that nothing meets."""
     merit = named(name)
-    if merit.quantity in LIMITABLE and is_required(name):
+    if merit.quantity in _limits().LIMITABLE and is_required(name):
         merit.limit(value)
     elif not value > 0:
         raise InvalidParameter(
@@ -158,7 +169,8 @@ def check_limit(name: str, value: float) -> None:
 def names_of(limit: Limit) -> dict[str, float]:
     """A limit of requirements as limits of merits, a side each.
 
-    >>> names_of(Limit("aspect", at_least=0.8, at_most=1.2))
+    >>> import omnimirror as om
+    >>> names_of(om.Limit("aspect", at_least=0.8, at_most=1.2))
     {'aspect': 1.2, 'least aspect': 0.8}
     """
     sides = ((False, limit.at_most), (True, limit.at_least))
