@@ -202,6 +202,20 @@ def test_yields_of_limits_of_requirements():
     assert low < nominal < found.tally.quantile("least resolution_px_per_deg", 0.05)
 
 
+def test_what_hardly_varies_is_told_as_finely_as_it_varies():
+    """The end of the field moves by a hundredth of a degree for a hundredth of a degree of tilt, of 135."""
+    tolerances = om.Tolerances(SPH, {"mirror.tilt_x_deg": om.ErrorBound(0.005)})
+    limits = {"least field_to_deg": 134.99}
+    tally = om.tolerance(SPH, tolerances, limits=limits, trials=400).tally
+    judge = Judge.of(SPH, "none", tuple(limits))
+    values = judge.judged(tolerances.drawn(0, 0, 400))[:, judge.names.index("least field_to_deg")]
+    for share in (0.05, 0.5, 0.95):
+        assert tally.quantile("least field_to_deg", share) == pytest.approx(np.quantile(values, 1 - share), abs=2e-4)
+    found, shares = tally.curve("least field_to_deg")
+    assert np.interp(np.median(values), found, shares) == pytest.approx(0.5, abs=0.02)
+    assert tally.yields.value == pytest.approx((values >= 134.99).mean(), abs=0.01)
+
+
 FILE = '[[error]]\nname = "mirror.tilt_x_deg"\ntolerance = 0.1\n[[limit]]\n'
 
 

@@ -343,6 +343,15 @@ def check_built_with(sensor: Sensor, names: Iterable[str]) -> None:
             check_name(name, known)
 
 
+NEEDED = {
+    "temperature.": "no [thermal] in its file",
+    "cover.": "no tube, dome or window in [housing]",
+    "secondary.": "no second mirror",
+    "imager.tilt": "a lens whose exit pupil is not known",
+}
+"""What a sensor lacks that has no errors of some name."""
+
+
 def check_name(name: str, known: Mapping[str, ErrorKind]) -> None:
     """Refuse a name of no error, with those that come near."""
     if name not in known:
@@ -350,4 +359,7 @@ def check_name(name: str, known: Mapping[str, ErrorKind]) -> None:
 
         near = get_close_matches(name, known, 3)
         advice = f"did you mean {' or '.join(near)}?" if near else f"there are {', '.join(list(known)[:8])}, .."
+        for start, needed in NEEDED.items():
+            if name.startswith(start) and not any(other.startswith(start) for other in known):
+                advice = f"it has {needed}"
         raise InvalidParameter(f"{name!r} is no error that this sensor can have; {advice}")

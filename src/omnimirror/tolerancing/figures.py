@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ..figures.style import GREY, INK, PAGE, PALETTE, new_figure
 from .sensitivity import ErrorEffect
 from .trials.compensation import CALIBRATIONS
 from .trials.merits import after
+from .trials.required.names import is_least
 from .variance import VarianceShares
 from .yields import Tally
 
 MOST_BARS = 24
 ROW = 0.19  # inches of a bar
 MOST_SHARES = 12
+HEIGHT, ACROSS, NAME_LETTERS = 2.9, 3, 30
 SMALLEST = 1e-4
 """Share of the widest bar under which none is drawn: scales are logarithmic."""
 
@@ -55,7 +59,7 @@ def tornado(rows: Sequence[ErrorEffect]) -> Figure:
 
 
 def curves(tally: Tally) -> Figure:
-    """How many of the sensors built stay under which motion and blur, with the limits.
+    """How many of the sensors built stay under which motion and blur, and keep what else is limited, with the limits.
 
     Parameters
     ----------
@@ -65,10 +69,17 @@ def curves(tally: Tally) -> Figure:
     Returns
     -------
     Figure
-        Two plots.
+        A plot of motions, one of blur, and one of each other limit.
     """
-    figure = new_figure(PAGE, 2.9)
-    motion, blur = figure.subplots(1, 2, width_ratios=(2, 1), sharey=True)
+    others = [name for name in tally.limits if not name.startswith("motion_px") and name != "blur_px"]
+    rows = -(-len(others) // ACROSS)
+    figure = new_figure(PAGE, HEIGHT * (1 + 0.8 * rows))
+    grid = figure.add_gridspec(1 + rows, 2 * ACROSS)
+    motion = figure.add_subplot(grid[0, : 2 * ACROSS - 2])
+    blur = figure.add_subplot(grid[0, 2 * ACROSS - 2 :], sharey=motion)
+    for k, name in enumerate(others):
+        place = 2 * (k % ACROSS)
+        _kept(figure.add_subplot(grid[1 + k // ACROSS, place : place + 2], sharey=motion), tally, name)
     for depth, colour in zip(CALIBRATIONS, PALETTE, strict=False):
         name = after("motion_px", depth)
         values, shares = tally.curve(name)
@@ -77,6 +88,7 @@ def curves(tally: Tally) -> Figure:
             motion.axvline(tally.limits[name], color=colour, linewidth=0.8, linestyle=":")
     motion.set(xscale="log", xlabel="largest motion of the picture, px", ylabel="sensors under it, %")
     motion.set_title("motion, and what calibrations leave")
+    blur.tick_params(labelleft=False)
     figure.legend(*motion.get_legend_handles_labels(), frameon=False, loc="outside lower center", ncols=5)
     values, shares = tally.curve("blur_px")
     blur.plot(values, 100 * shares, color=INK)
@@ -86,6 +98,16 @@ def curves(tally: Tally) -> Figure:
     blur.set_title("blur")
     blur.set_ylim(0, 101)
     return figure
+
+
+def _kept(ax: Axes, tally: Tally, name: str) -> None:
+    """How many sensors keep which limit of a merit."""
+    values, shares = tally.curve(name)
+    kept = 1 - tally.lost / tally.trials - shares if is_least(name) else shares
+    ax.plot(values, 100 * kept, color=INK)
+    ax.axvline(tally.limits[name], color=GREY, linewidth=0.8, linestyle=":")
+    ax.set_xlabel(textwrap.fill(name, NAME_LETTERS))
+    ax.set_title("sensors above it, %" if is_least(name) else "sensors under it, %")
 
 
 def variance_chart(found: VarianceShares) -> Figure:

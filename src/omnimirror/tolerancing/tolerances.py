@@ -204,7 +204,9 @@ class Tolerances:
             for name in (first, second):
                 if name not in self.errors:
                     raise InvalidParameter(f"the correlation of {first} and {second}: {name} has no tolerance")
-            if first == second or not -1 <= value <= 1:
+            if first == second:
+                raise InvalidParameter(f"{first} always comes with itself; a correlation is valid of two errors")
+            if not -1 <= value <= 1:
                 raise InvalidParameter(f"the correlation of {first} and {second} = {value:g} is valid from -1 to 1")
             i, j = self.names.index(first), self.names.index(second)
             matrix[i, j] = matrix[j, i] = value

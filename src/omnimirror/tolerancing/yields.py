@@ -14,7 +14,7 @@ from ..errors import InvalidParameter
 from .tolerances import BLOCK, Tolerances
 from .trials.judge import Judge
 from .trials.merits import merit_names
-from .trials.required.names import check_limit, is_least
+from .trials.required.names import check_limit, is_least, is_required
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]
@@ -22,7 +22,11 @@ Progress = Callable[[int, int], None]
 CONFIDENCE = 0.95
 MOST_TRIALS = 10**10
 LOWEST, HIGHEST, BINS = 1e-9, 1e9, 36 * 256
-"""Range of merits in which they are counted by size, and into how many bins: quantiles are right to .23 %."""
+"""Range of merits in which they are counted by size, and into how many bins: quantiles are right to .23 %.
+
+Merits that are worked out because limits ask for them are counted by how far they are from their limits, on either
+side: many of them vary by less than that.
+"""
 
 
 class Share(NamedTuple):
@@ -103,8 +107,8 @@ class Tally:
         How many are within each limit.
     sums : (m,)
         Of merits of those that lost no ray.
-    counts : (m, bins)
-        How many of those have merits of which size, bins growing by a constant factor.
+    counts : (m, 2 bins)
+        How many of those are how far below and above what they are counted from, bins growing by a constant factor.
     """
 
     limits: Mapping[str, float]
@@ -118,7 +122,11 @@ class Tally:
 
     def __post_init__(self) -> None:
         self.sums = np.zeros(len(self.names))
-        self.counts = np.zeros((len(self.names), BINS), dtype=np.int64)
+        self.counts = np.zeros((len(self.names), 2 * BINS), dtype=np.int64)
+
+    def _origin(self, merit: str) -> float:
+        """What a merit is counted from."""
+        return self.limits.get(merit, 0.0) if is_required(merit) else 0.0
 
     def add(self, merits: Array) -> None:
         """Count trials by their merits (t, m), in single precision, as shards keep them."""
@@ -135,9 +143,11 @@ class Tally:
         of_whole = merits[whole]
         self.sums += of_whole.sum(axis=0)
         scale = BINS / np.log(HIGHEST / LOWEST)
-        place = (np.log(np.clip(of_whole, LOWEST, HIGHEST * 0.999) / LOWEST) * scale).astype(np.intp)
+        away = of_whole - np.array([self._origin(name) for name in self.names])
+        place = (np.log(np.clip(np.abs(away), LOWEST, HIGHEST * 0.999) / LOWEST) * scale).astype(np.intp)
+        place = np.where(away < 0, BINS - 1 - place, BINS + place)
         for row, places in zip(self.counts, place.T, strict=True):
-            row += np.bincount(places, minlength=BINS)
+            row += np.bincount(places, minlength=2 * BINS)
 
     @property
     def yields(self) -> Share:
@@ -156,8 +166,15 @@ class Tally:
         if is_least(merit):
             wanted = counts[-1] - wanted
         place = int(np.searchsorted(counts, wanted))
-        value = LOWEST * (HIGHEST / LOWEST) ** ((place + 0.5) / BINS)
-        return 0.0 if place == 0 else float(value)
+        return float(self._values(merit, np.array([place]), 0.5)[0])
+
+    def _values(self, merit: str, places: NDArray[np.intp], share: float) -> Array:
+        """Values (n,) in bins, at a share of each from its lower end; those that are next to nothing are nothing."""
+        above = places >= BINS
+        steps = np.where(above, places - BINS + share, BINS - places - share)
+        away = np.where(np.isin(places, (BINS - 1, BINS)), 0.0, LOWEST * (HIGHEST / LOWEST) ** (steps / BINS))
+        values: Array = self._origin(merit) + np.where(above, away, -away)
+        return values
 
     def curve(self, merit: str) -> tuple[Array, Array]:
         """Values, and the share of all trials that stay under each."""
@@ -166,7 +183,7 @@ class Tally:
         if not used.size:
             return np.zeros(0), np.zeros(0)
         some = np.arange(used[0], used[-1] + 1)
-        return LOWEST * (HIGHEST / LOWEST) ** ((some + 1) / BINS), counts[some] / self.trials
+        return self._values(merit, some, 1.0), counts[some] / self.trials
 
     def mean(self, merit: str) -> float:
         """Of trials that lost no ray."""

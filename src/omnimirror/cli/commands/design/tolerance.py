@@ -18,7 +18,7 @@ from ....tolerancing.sweeps import SHARD_TRIALS, WHOLE, Sweep
 from ....tolerancing.tolerance_file import load_tolerances, tolerance_template
 from ....tolerancing.trials.compensation import CALIBRATIONS
 from ....tolerancing.trials.merits import after
-from ....tolerancing.trials.required.names import is_least
+from ....tolerancing.trials.required.names import is_least, is_required
 from ....tolerancing.typical import TypicalSensor, typical_sensors
 from ...help_pages import DocumentedCommand
 from ...options.common import NUMBER, SENSOR, WholeRange
@@ -195,7 +195,8 @@ def _print(console: Console, found: ToleranceReport) -> None:
     for name in (*usual, *(name for name in tally.limits if name not in usual)):
         limit = tally.limits.get(name)
         good = "" if limit is None else f"{100 * tally.passed_each[name] / tally.trials:.1f}"
-        values = [f"{tally.quantile(name, share):.3g}" for share in (0.5, 0.95, 0.99)]
+        digits = 6 if is_required(name) else 3  # those may vary by little
+        values = [f"{tally.quantile(name, share):.{digits}g}" for share in (0.5, 0.95, 0.99)]
         side = "" if limit is None else f"{'≥' if is_least(name) else '≤'} {limit:g}"
         table.add_row(name, side, *values, good)
     console.print(table)
