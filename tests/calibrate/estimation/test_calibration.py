@@ -185,7 +185,7 @@ def one_pose(count: int) -> list[om.Detection]:
 @pytest.mark.parametrize(
     ("make", "says"),
     [
-        (lambda: detections(count=2), "in 2 of 2 pictures, and 3 are the fewest"),
+        (lambda: detections(count=2), r"in 2 of 2 pictures \(picture 1 and picture 2\), and 3 are the fewest"),
         (
             lambda: [om.Detection(f"{i}.png", SIZE, reason="no board was found; the picture is blurred") for i in "ab"],
             r"in 0 of 2 pictures.*a\.png: no board.*b\.png: no board.*blurred",

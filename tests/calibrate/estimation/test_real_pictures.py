@@ -8,12 +8,14 @@ import signal
 import subprocess
 import sys
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import omnimirror as om
+from omnimirror.errors import InvalidParameter
 from tests.commands import omnimirror
 from tests.conftest import SHARED
 
@@ -48,6 +50,30 @@ def test_without_the_shape_of_the_board_the_targets_hold_as_well():
     assert all(p.used for p in found.pictures)
     assert found.rms_px < 0.16
     assert found.held_out_rms_px < 0.18
+
+
+def shifted(first, shift):
+    """What is found in the pictures, from one on as if the mirror had moved."""
+    seen = om.find_boards(PICTURES, BOARD)
+    return [replace(d, corners_px=d.corners_px + shift) if i >= first else d for i, d in enumerate(seen)]
+
+
+@pytest.mark.long
+def test_a_mirror_that_moved_after_half_of_the_pictures_is_found_out():
+    """No picture's own centre says so at once: the common one is wrong for each."""
+    with pytest.raises(InvalidParameter, match="the mirror moved against the camera between them") as refused:
+        om.calibrate_camera(shifted(9, [9.0, 4.0]), BOARD, model="unified")
+    first, second = str(refused.value).split(" px from that in ")
+    assert PICTURES[9].name in first
+    assert PICTURES[0].name in second
+
+
+@pytest.mark.full
+def test_a_mirror_that_moved_a_little_or_before_the_last_picture_is_found_out():
+    with pytest.raises(InvalidParameter, match=r"in each lies elsewhere|between them"):
+        om.calibrate_camera(shifted(9, [3.0, 2.0]), BOARD, model="unified")
+    last = om.calibrate_camera(shifted(16, [9.0, 4.0]), BOARD, model="unified")
+    assert [p.name for p in last.pictures if not p.used] == [PICTURES[16].name]
 
 
 @pytest.mark.long

@@ -23,6 +23,12 @@ SAME_TILT_DEG, SAME_PLACE = 4.0, 0.06
 """Boards that face directions so close, at places that differ by so much of their distance, are at the same pose."""
 MOVED_SIGMAS, MOVED_PX, ROUNDS = 8.0, 1.5, 6
 ODD = 1.5  # of the median error of pictures
+HASTE = 1.5  # a centre moves by so much more than it says: poses follow it only in part
+EXPLAINED = 1.5  # times less error that two centres leave
+SEVERAL = (
+    "the mirror's centre in each lies elsewhere than in the other pictures: the mirror moved against the camera, or "
+    "pictures are flipped or cut; calibrate them apart"
+)
 ALONE = (
     "the mirror's centre in it lies {:.1f} px from that in the others: the mirror moved against the camera, or it is "
     "flipped or cut"
@@ -78,7 +84,8 @@ def check_detections(detections: Sequence[Any], board: Any, *, is_reversed: bool
         missing = [d for d in detections if not is_used(d)]
         reasons = "; ".join(reason_of(d) for d in missing[:MOST_NAMED])
         raise InvalidParameter(
-            f"the board ({board}) was found well enough in {len(used)} of {len(detections)} pictures, and "
+            f"the board ({board}) was found well enough in {len(used)} of {len(detections)} pictures"
+            f"{f' ({listed([d.name for d in used])})' if used else ''}, and "
             f"{fewest} {'is' if fewest == 1 else 'are'} the fewest, 10 or more are usual"
             f"{': ' if reasons else ''}{reasons}"
         )
@@ -158,12 +165,12 @@ def check_still(adjustment: Adjustment) -> dict[str, str]:
         shared = shared.again(back, loss="cauchy", most_steps=20)
         offsets = _own_centres(shared)
     apart = two_groups(total)
+    gain = np.sum(adjustment.residuals**2) - np.sum(shared.residuals**2)
+    if apart is None or gain < MOVED_GAIN * apart[0].sum() * shared.question.noise_px**2:
+        apart = _two_centres(adjustment, widest_gap(total))
     if apart is None:
         return _odd_one_out(adjustment)
     second, distance = apart
-    gain = np.sum(adjustment.residuals**2) - np.sum(shared.residuals**2)
-    if gain < MOVED_GAIN * second.sum() * shared.question.noise_px**2:
-        return _odd_one_out(adjustment)
     moved = [s.name for s, far in zip(adjustment.sightings, second, strict=True) if far]
     others = [s.name for s, far in zip(adjustment.sightings, second, strict=True) if not far]
     if len(moved) == 1:
@@ -172,6 +179,27 @@ def check_still(adjustment: Adjustment) -> dict[str, str]:
         f"the mirror's centre in {listed(moved)} lies {distance:.1f} px from that in {listed(others)}: the mirror "
         "moved against the camera between them, or pictures are flipped or cut; calibrate them apart"
     )
+
+
+def _two_centres(adjustment: Adjustment, second: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], float] | None:
+    """A group of pictures, and how far their centre lies from that of the others, if two centres explain far more.
+
+    Where many moved, a centre of its own for each scatters as far as they moved: poses make up for it.
+    """
+    if min(second.sum(), (~second).sum()) < 2:
+        return None
+    shared, apart = adjustment, np.zeros(2)
+    for _ in range(ROUNDS):
+        offsets = _own_centres(shared)
+        step = HASTE * (offsets[second].mean(axis=0) - offsets[~second].mean(axis=0))
+        apart += step
+        pictures = zip(shared.sightings, second, strict=True)
+        shared = shared.again(
+            [replace(s, pixels=s.pixels - step) if far else s for s, far in pictures], loss="cauchy", most_steps=20
+        )
+    distance = float(np.hypot(*apart))
+    explained = adjustment.rms_px / shared.rms_px
+    return (second, distance) if distance > MOVED_PX and explained > EXPLAINED else None
 
 
 def _odd_one_out(adjustment: Adjustment) -> dict[str, str]:
@@ -220,19 +248,24 @@ def two_groups(centres: Array) -> tuple[NDArray[np.bool_], float] | None:
     >>> two_groups(spread + np.array([[0.0, 0.0]] * 5 + [[6.0, 0.0]] * 3))[0].nonzero()[0]
     array([5, 6, 7])
     """
+    upper = widest_gap(centres)
+    distance = float(np.linalg.norm(centres[upper].mean(axis=0) - centres[~upper].mean(axis=0)))
+    inside = np.concatenate([part - part.mean(axis=0) for part in (centres[upper], centres[~upper])])
+    scatter = float(np.sqrt(np.sum(inside**2) / (2 * (len(centres) - 2))))
+    if distance < max(MOVED_SIGMAS * scatter, MOVED_PX):
+        return None
+    return (upper if upper.sum() <= (~upper).sum() else ~upper), distance
+
+
+def widest_gap(centres: Array) -> NDArray[np.bool_]:
+    """Which of centres (n, 2) lie beyond the widest gap, along the line on which they scatter most."""
     offsets = centres - np.median(centres, axis=0)
     _, _, axes = np.linalg.svd(offsets, full_matrices=False)
     along = offsets @ axes[0]
     order = np.argsort(along)
-    gap = int(np.argmax(np.diff(along[order])))
-    upper = np.zeros(len(along), dtype=bool)
-    upper[order[gap + 1 :]] = True
-    distance = float(np.linalg.norm(centres[upper].mean(axis=0) - centres[~upper].mean(axis=0)))
-    inside = np.concatenate([part - part.mean(axis=0) for part in (centres[upper], centres[~upper])])
-    scatter = float(np.sqrt(np.sum(inside**2) / (2 * (len(along) - 2))))
-    if distance < max(MOVED_SIGMAS * scatter, MOVED_PX):
-        return None
-    return (upper if upper.sum() <= (~upper).sum() else ~upper), distance
+    beyond = np.zeros(len(along), dtype=bool)
+    beyond[order[int(np.argmax(np.diff(along[order]))) + 1 :]] = True
+    return beyond
 
 
 def without_strangers(adjustment: Adjustment) -> dict[str, str]:

@@ -19,7 +19,7 @@ from .bundle.edges import StraightEdges
 from .bundle.linearisation import UNSEEN_PX, Loss
 from .bundle.observations import Motion, Sighting
 from .bundle.steps import SETTLED
-from .checks import check_poses, check_still, without_strangers
+from .checks import SEVERAL, check_poses, check_still, listed, without_strangers
 from .choice import TriedModel, chosen
 from .ladder.conversion import is_central
 from .ladder.models import JUDGES, KINDS, begun_as, mirror_farther, mirror_like
@@ -134,6 +134,8 @@ def run(plan: CalibrationPlan, watch: Watch, course: Course) -> None:
         course.strangers |= moved
         kept = [s for s in robust.sightings if s.name not in moved]
         judge, course.outliers = without_outliers(robust.again(kept, loss="cauchy"))
+        if more := check_still(judge):
+            raise InvalidParameter(f"{listed([*moved, *more])}: {SEVERAL}")
     if plan.edges is not None:
         watch.at("straightening edges", 0.45)
         course.edges = plan.edges.straight_for(judge.again(judge.sightings, edges=plan.edges).model)

@@ -252,7 +252,7 @@ def _look_for_squares(values: Grey, board: Board, name: str, *, is_quick: bool =
         return _whole(part, board, name, size)
     if part is None or len(part.places) < LEAST_PART:
         return Detection(name, size, reason=_why_nothing(values), blur_px=edge_blur_px(values))
-    reason = _other_size(part, board)
+    reason = _other_size(part, board, values)
     if (inside := placed(part, board)) is None:
         return Detection(name, size, reason=reason, blur_px=edge_blur_px(values))
     return Detection(name, size, *inside, reason=reason, is_part=True)
@@ -283,7 +283,9 @@ def _why_nothing(values: Grey) -> str:
     return NOTHING
 
 
-def _other_size(part: LatticePart, board: Board) -> str:
+def _other_size(part: LatticePart, board: Board, values: Grey) -> str:
+    blur = edge_blur_px(values)
+    blurred = f"; the picture is blurred: its edges are spread over {blur:.1f} px" if blur > BLURRED_PX else ""
     columns, rows = sorted(part.size, reverse=True)
     wanted = sorted(board.lattice_size, reverse=True)
     if [columns, rows] == wanted:
@@ -291,9 +293,9 @@ def _other_size(part: LatticePart, board: Board) -> str:
     if [columns + 1, rows + 1] == wanted:
         return (
             f"a board of {columns} x {rows} corners was found, and one of {board} was looked for; "
-            "what counts are the inner corners, not the squares"
+            f"what counts are the inner corners, not the squares{blurred}"
         )
-    return f"a board of {columns} x {rows} corners was found, and one of {board} was looked for"
+    return f"a board of {columns} x {rows} corners was found, and one of {board} was looked for{blurred}"
 
 
 def _measured(values: Grey, found: Detection, board: Board) -> Detection:

@@ -284,7 +284,8 @@ def _print(console: Console, found: Calibration, known: Surveys) -> None:
     console.print(_parameters(found))
     for picture in found.pictures:
         if not picture.used:
-            say(("Not used: ", "yellow"), picture.reason or picture.name, console=console)
+            why = picture.reason or ""
+            say(("Not used: ", "yellow"), why if picture.name in why else f"{picture.name}: {why}", console=console)
         elif picture.name in known.places and picture.camera_at_mm is not None:
             place = ", ".join(f"{x:.1f}" for x in picture.camera_at_mm)
             say(f"{picture.name}: the camera was at {place} mm", console=console)
