@@ -14,7 +14,7 @@ from ..dewarp.screens import Screen
 from ..errors import InvalidParameter
 from .library import Tensor, torch
 
-AT_ONCE = 1 << 15
+AT_ONCE = 1 << 16
 """Rays worked on at a time by a processor, whose cache holds their numbers."""
 OUTSIDE = -2.0
 """In a grid: outside the picture, whatever is sampled there."""

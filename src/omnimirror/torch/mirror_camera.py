@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
-
-import numpy as np
 
 from ..calibrate.physical.names import DISTANCE, place_of
 from ..sensor import Sensor
@@ -25,7 +24,7 @@ class MirrorCamera(TorchCamera):
     def __init__(self, sensor: Sensor, free: dict[str, Tensor], dtype: object, device: object) -> None:
         self.numbers, self.parameters = Numbers(sensor, free), free
         self.image_size, self.dtype, self.device = sensor.image_size, dtype, device
-        self.axes = torch.as_tensor(np.ascontiguousarray(sensor._axes), dtype=dtype, device=device)
+        self.axes: list[list[float]] = sensor._axes.tolist()
         self._surface: tuple[Sensor, SurfaceTable] | None = None
 
     @property
@@ -83,8 +82,8 @@ class MirrorCamera(TorchCamera):
         twice = 2 * (x * sx + y * sy - z) / (1 + sx * sx + sy * sy)
         length = torch.rsqrt(x * x + y * y + z * z)
         away = (x - twice * sx) * length, (y - twice * sy) * length, (z + twice) * length
-        origins = self.axes @ torch.stack(self.numbers.to_camera(met.points))
-        directions = self.axes @ torch.stack(self.numbers.to_camera(away, distant=True))
+        origins = torch.stack(_turned(self.numbers.to_camera(met.points), self.axes))
+        directions = torch.stack(_turned(self.numbers.to_camera(away, distant=True), self.axes))
         if not bool(valid.all()):
             origins, directions = (torch.where(valid, part, 0.0) for part in (origins, directions))
         return origins, directions, valid
@@ -112,19 +111,18 @@ class MirrorCamera(TorchCamera):
             return numbers.to_mirror((x, y, before)), tuple(a + 0 * x for a in ahead)
         if not numbers.fixed(*BROWN):
             x, y = undistorted(x, y, [numbers[name] for name in BROWN])
-        return numbers.pupil, numbers.to_mirror((x, y, torch.ones_like(x)), distant=True)
+        return numbers.pupil, numbers.to_mirror((x, y, 1.0), distant=True)
 
     # -- from the world to pixels ------------------------------------------------------------------
 
     def _image(self, surface: SurfaceTable, targets: Tensor, distant: bool) -> tuple[Tensor, Tensor]:
         """Pixels (2, n) and valid (n,) of targets (n, 3)."""
-        turned = self.axes.T @ targets.T
-        valid = torch.isfinite(turned.detach().sum(dim=0))
+        valid = torch.isfinite(targets.detach().sum(dim=1))
         if distant:
-            valid = valid & (turned != 0).any(dim=0)
+            valid = valid & (targets != 0).any(dim=1)
         if not bool(valid.all()):
-            turned = self.axes.T @ torch.where(valid, targets.T, self.axes.new_tensor([[1e3], [1e3], [0.0]]))
-        components = turned.unbind(0)
+            targets = torch.where(valid[:, None], targets, targets.new_tensor([1e3, 1e3, 0.0]))
+        components = _turned(targets.unbind(-1), list(zip(*self.axes, strict=True)))
         if distant:
             length = torch.rsqrt(sum(part * part for part in components))
             components = tuple(part * length for part in components)
@@ -147,3 +145,13 @@ class MirrorCamera(TorchCamera):
         scale = numbers.image_scale / numbers.pitch_mm
         u, v = (a * scale + numbers[f"imager.centre_px[{k}]"] for k, a in enumerate((x, y)))
         return (self.image_size[0] - 1 - u if numbers.sensor.mount.image_flipped else u), v, before
+
+
+def _turned(xyz: Components, rows: Sequence[Sequence[float]]) -> Components:
+    """Vectors, by components, turned by a matrix; mounts mostly exchange axes, so that zeros are left out."""
+
+    def sum_of(row: Sequence[float]) -> Tensor:
+        return sum(part if share == 1.0 else share * part for share, part in zip(row, xyz, strict=True) if share)
+
+    x, y, z = map(sum_of, rows)
+    return x, y, z

@@ -168,10 +168,12 @@ def met_by(surface: SurfaceTable, start: Components, way: Components) -> Met:
         valid = close & (closing > 0) & (t > 0)
         if not bool(valid.all()):  # what is finite has gradients of 0
             t, closing, step = (torch.where(valid, a, b) for a, b in ((t, 0.0), (closing, 1.0), (step, 0.0)))
-    if torch.is_grad_enabled():
-        x, y, z = (a + t * b for a, b in zip(start, way, strict=True))
-        step = (z - surface.sag(x, y)) / closing
-    x, y, z = (a + (t - step) * b for a, b in zip(start, way, strict=True))
+    if not torch.is_grad_enabled():  # the last step is too short to turn the surface
+        x, y, z = (a + (t - step) * b for a, b in zip(start, way, strict=True))
+        return Met((x, y, z), (sx, sy), valid & surface.inside(x, y))
+    x, y, z = (a + t * b for a, b in zip(start, way, strict=True))
+    t = t - (z - surface.sag(x, y)) / closing
+    x, y, z = (a + t * b for a, b in zip(start, way, strict=True))
     return Met((x, y, z), surface.slopes(x, y), valid & surface.inside(x, y))
 
 
