@@ -25,7 +25,7 @@ demo: $(VENV)/.core  ## Evaluate, simulate and straighten a picture, and write a
 test: lint chromium node  ## Everything that must hold, in a few minutes
 	$(BIN)/python -m pytest -n auto --dist worksteal -m "not full"
 
-test-full: lint chromium node $(VENV)/.full  ## Also long checks and other programs (1.6 GB more)
+test-full: lint chromium node $(VENV)/.full  ## Also long checks and other programs (2.6 GB more, with PyTorch for processors alone)
 	$(BIN)/python -m pytest -n auto --dist worksteal
 	native/sanitize.sh $(BIN)/python -q
 
