@@ -30,7 +30,8 @@ SOFT = 0.08  # of a limit, over which the yield is smeared
 DAMPING = 1 / 3  # what errors do grows with the square of their tolerance, as a rule
 ROUNDS = 8
 LEAST = 1e-3  # of the largest effect, below which an effect is noise
-ROUNDING = 1e-9
+NEAR = 0.95
+"""Of how wide a tolerance may be, from which it is said to be as wide as that."""
 HALVINGS = 12
 MOST = 1e6
 
@@ -52,7 +53,7 @@ class Allocation:
     trials
         How many those were.
     at_widest
-        Names of errors whose tolerances would be wider still, but for how wide they may be.
+        Names of errors whose tolerances are as wide as they may be, or nearly.
     """
 
     tolerances: Mapping[str, float]
@@ -145,7 +146,7 @@ def allocate(
         float((price * asked / equal).sum()),
         confirmed.yields,
         confirmed.trials,
-        tuple(name for name, size, end in zip(names, sizes, most, strict=True) if size >= end * (1 - ROUNDING)),
+        tuple(name for name, size, end in zip(names, sizes, most, strict=True) if size >= NEAR * end),
     )
 
 
