@@ -152,6 +152,8 @@ if TYPE_CHECKING:
     from .straighten import Restoration as Restoration
     from .straighten import dewarp_pictures as dewarp_pictures
     from .straighten.video import dewarp_video as dewarp_video
+    from .studio.notebook import LookAround as LookAround
+    from .studio.notebook import show as show
     from .thermal import Thermal as Thermal
     from .tolerancing.analysis import ToleranceReport as ToleranceReport
     from .tolerancing.analysis import tolerance as tolerance
@@ -318,6 +320,8 @@ _HOMES = {
     "Recording": "straighten",
     "Restoration": "straighten",
     "dewarp_video": "straighten.video",
+    "LookAround": "studio.notebook",
+    "show": "studio.notebook",
     "ErrorBound": "tolerancing.tolerances",
     "load_tolerances": "tolerancing.tolerance_file",
     "perturbed": "tolerancing.errors",

@@ -123,12 +123,14 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
                              "to": "kalibr-ds", "camera": 0, "optics": "mirror", "mount": None, "image_size": None,
                              "rim_radius_px": None, "flip": False, "tolerance_px": 50.0, "distance_mm": [500.0],
                              "field_deg": 90.0}),
+    "show": (om.show, {"picture": PICTURE, "camera": SMALL, "height_px": 300}),
     "Imager": (Imager, {"width_px": 32, "height_px": 32, "pixel_pitch_um": 5.0}),
     **workflows.CALLS,
 }  # fmt: skip
 ELSEWHERE = {
     "Body", "Calibration", "ColmapProject", "Detection", "DewarpedBag", "FormError", "FoundRim", "Front",
-    "LineCalibration", "Motion", "Optimum", "Prior", "RationalPinhole", "RayTable", "Sighting", "ThinPrismFisheye",
+    "LineCalibration", "LookAround",
+    "Motion", "Optimum", "Prior", "RationalPinhole", "RayTable", "Sighting", "ThinPrismFisheye",
     "ToleranceReport", "TypicalSensor", "ViewMap", "adjust",
     "bundled_sensors",
     "calibrate_lines", "design_from_parts", "dewarp_bag", "serve_views",

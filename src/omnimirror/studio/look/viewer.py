@@ -27,7 +27,9 @@ LARGEST_INSIDE = 64 << 20
 """Bytes of a video that goes into the page; a larger one stays beside it."""
 
 
-def viewer_of(camera: AnyCamera, name: str, options: tuple[str, ...], path: Path, image: NDArray[np.generic]) -> str:
+def viewer_of(
+    camera: AnyCamera, name: str, options: tuple[str, ...], path: Path | None, image: NDArray[np.generic]
+) -> str:
     """The text of a page that shows one picture, with the picture and its camera inside.
 
     Parameters
@@ -38,7 +40,7 @@ def viewer_of(camera: AnyCamera, name: str, options: tuple[str, ...], path: Path
     options
         What names the camera on the command line, which the page shows.
     path
-        Where the picture came from. A PNG or JPEG goes in as it is, anything else as PNG of 8 bits.
+        Where the picture came from, if it was a file. A PNG or JPEG goes in as it is, anything else as PNG of 8 bits.
     image : (h, w) or (h, w, 3) or (h, w, 4) array
         The picture, read.
 
@@ -48,11 +50,12 @@ def viewer_of(camera: AnyCamera, name: str, options: tuple[str, ...], path: Path
         The picture is not of the camera's size.
     """
     _check_size(camera, (image.shape[1], image.shape[0]), "picture")
-    kind = KINDS.get(path.suffix.lower())
-    as_it_is = kind is not None and image.dtype == np.uint8
-    data = path.read_bytes() if as_it_is else encoded(eight_bits(image), ".png")
-    media = _inside(data, kind if as_it_is and kind else "image/png")
-    return _page_with(camera, name, options, media, path.name, is_video=False)
+    kind = KINDS.get(path.suffix.lower()) if path is not None else None
+    if path is not None and kind is not None and image.dtype == np.uint8:
+        media = _inside(path.read_bytes(), kind)
+    else:
+        media = _inside(encoded(eight_bits(image), ".png"), "image/png")
+    return _page_with(camera, name, options, media, path.name if path else "picture.png", is_video=False)
 
 
 def video_viewer_of(camera: AnyCamera, name: str, options: tuple[str, ...], path: Path, page: Path) -> str:
