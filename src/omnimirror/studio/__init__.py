@@ -1,6 +1,7 @@
 """The studio: look through a sensor in the browser, and the page that does without a server.
 
-Needs the extra ``omnimirror[studio]``; :func:`show` and :func:`viewer_of` do not, :func:`video_viewer_of` only ``[video]``.
+Needs the extra ``omnimirror[studio]``; :func:`show` and :func:`viewer_of` do not, :func:`video_viewer_of` needs
+``[video]`` only.
 """
 
 from .look.viewer import video_viewer_of, viewer_of
