@@ -81,7 +81,7 @@ def test_rays_of_a_pixel_fill_it_and_the_aperture_evenly():
     assert np.abs(pixels[0] - pixels[1] + [1, 0]).max() > 0.1  # each pixel has a shift of its own
 
 
-@needs_native  # 270 million rays
+@needs_native  # 67 million rays
 def test_blur_spreads_a_point_over_the_disk_that_the_evaluation_says():
     """A small far lamp becomes a spot: its extent across is the evaluation's sagittal blur and a pixel's width."""
     sensor = om.load_sensor("paper-spherical")
@@ -90,7 +90,7 @@ def test_blur_spreads_a_point_over_the_disk_that_the_evaluation_says():
     (u, v) = sensor.project_directions([[np.sin(np.radians(omega)), 0.0, -np.cos(np.radians(omega))]]).pixels[0]
     world = np.zeros((1800, 3600, 3), np.float32)
     world[1800 - 1000 - 1 : 1800 - 1000 + 1, 1799:1801] = 1.0  # .2 deg about pan 0 and 10 deg up
-    light = expose(sensor, Environment(world), samples=256, blur=True)[..., 0]
+    light = expose(sensor, Environment(world), samples=64, blur=True)[..., 0]
     _, columns = np.nonzero(light > 1e-3 * light.max())
     assert abs(light.sum(axis=1) @ np.arange(1024) / light.sum() - v) < 0.3
     blur = om.evaluate(sensor, omega_deg=[omega])
