@@ -1,4 +1,4 @@
-"""Take the pictures of the design bench that the docs show: in light and dark.
+"""Take the pictures of the design bench that the docs show: what is designed, in light and dark, and its tolerances.
 
 python web/screenshots_bench.py --out docs/images
 """
@@ -20,9 +20,12 @@ from omnimirror.studio.app import create_app
 from omnimirror.studio.studio import Studio
 
 FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
-SCHEMES = ("light", "dark")
-SIZE = {"width": 1280, "height": 1120}
-SETTLING_MS = 2500
+SETTLING_MS = 3500
+VALUES = {"Mirror decentre x": "0.06", "Mirror tilt y": "0.1"}
+AT_REST = """() => {
+  const t = window.omnimirror.tabs.bench.tolerances;
+  return t.all && t.last && t.errors.isAtRest && t.built.isAtRest && t.yields.isAtRest;
+}"""
 
 
 def compare_two(page: Any) -> None:
@@ -41,6 +44,29 @@ def compare_two(page: Any) -> None:
     page.wait_for_timeout(SETTLING_MS)
     page.evaluate("window.omnimirror.tabs.bench.desk.cursor.set(75, null)")
     page.wait_for_function("!document.querySelector('#said').classList.contains('shown')")
+    page.evaluate("document.activeElement.blur()")
+    page.locator("#bench aside").evaluate("(aside) => aside.scrollTo(0, 0)")
+    page.wait_for_timeout(300)
+
+
+def try_errors(page: Any) -> None:
+    """Put the mirror out of its place, with what a calibration of its pose leaves beside it."""
+    page.get_by_role("button", name="Try errors").click()
+    page.wait_for_function(AT_REST)
+    for name, value in VALUES.items():
+        page.get_by_label(name, exact=True).fill(value)
+    page.evaluate("document.activeElement.blur()")
+    page.wait_for_function(AT_REST)
+    page.locator("#bench aside").evaluate("(a) => a.scrollTo(0, a.querySelector('.groups-of-errors').offsetTop - 460)")
+    page.wait_for_timeout(SETTLING_MS)
+
+
+PICTURES = {
+    "studio-design-light": (compare_two, "light", 1120),
+    "studio-design-dark": (compare_two, "dark", 1120),
+    "studio-tolerances-light": (try_errors, "light", 1000),
+}
+"""What is done to the bench, in which colours, and how high (px) the window is."""
 
 
 def main() -> None:
@@ -55,15 +81,13 @@ def main() -> None:
     chromium = os.environ.get("CHROMIUM") or shutil.which("chromium") or shutil.which("google-chrome")
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=chromium, args=FLAGS)
-        for scheme in SCHEMES:
-            page = browser.new_context(viewport=SIZE, color_scheme=scheme, bypass_csp=True).new_page()
+        for name, (prepare, scheme, height) in PICTURES.items():
+            size = {"width": 1280, "height": height}
+            page = browser.new_context(viewport=size, color_scheme=scheme, bypass_csp=True).new_page()
             page.goto(address)
             page.wait_for_selector("#bench .compare tbody td")
-            compare_two(page)
-            page.evaluate("document.activeElement.blur()")
-            page.locator("#bench aside").evaluate("(aside) => aside.scrollTo(0, 0)")
-            page.wait_for_timeout(300)
-            page.screenshot(path=out / f"studio-design-{scheme}.png")
+            prepare(page)
+            page.screenshot(path=out / f"{name}.png")
             page.context.close()
         browser.close()
     server.should_exit = True

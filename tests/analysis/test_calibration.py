@@ -72,6 +72,20 @@ def test_a_sensor_in_space_is_the_same_as_in_its_meridian():
     assert table.field_deg == pytest.approx(sensor.field_deg[1], abs=1e-4)
 
 
+def test_what_was_estimated_of_a_sensor_is_free_in_its_model():
+    """More than is usual, or less: the error of a direction is that of the uncertainty in its file."""
+    usual = om.SensorModel(om.load_sensor("paper-spherical")).parameters
+    sensor = misaligned()
+    names = (*sensor.uncertainty.names, "mirror.radius_mm")
+    known = Uncertainty(names, np.diag([1e-4, 1e-4, 1e-6]))
+    built = replace(sensor, uncertainty=known)
+    assert [p.name for p in om.SensorModel(built).parameters] == list(names)
+    assert set(names) != {p.name for p in usual}
+    table = om.evaluate_camera(om.SensorModel(built), [60.0, 100.0])
+    fewer = om.evaluate_camera(om.SensorModel(sensor), [60.0, 100.0])
+    assert (table.direction_sigma_deg > fewer.direction_sigma_deg).all()
+
+
 def misaligned():
     """Known as well as a calibration would know it."""
     pose = MirrorPose(0.4, -0.3, tilt_x_deg=0.5, tilt_y_deg=-0.6)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 from collections.abc import Iterator
 from pathlib import Path
@@ -45,12 +46,31 @@ def test_every_command_has_a_page_and_an_example_of_its_own(words):
 def test_examples_are_understood(example, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "pictures").mkdir()
-    first, name, *words = shlex.split(example)
+    understand(example)
+
+
+def understand(line: str) -> None:
+    """Refuse a command line with unknown options or values of a wrong kind; it is not run."""
+    first, name, *words = shlex.split(line)
     assert first == "omnimirror"
     if name in ("simulate", "bracket", "tolerance") and f"{name} {words[0]}" in COMMANDS:
         name = f"{name} {words.pop(0)}"
     command = COMMANDS["simulate picture" if name == "simulate" else name]
-    command.make_context("command", words)  # refuses unknown options and values of a wrong kind
+    command.make_context("command", words)
+
+
+SHOWN = {
+    f"{page.name}: {line}": line
+    for page in [DOCS.parent / "README.md", *sorted(DOCS.glob("*.md"))]
+    for line in re.findall(r"^    (omnimirror .*)$", page.read_text(encoding="utf-8"), flags=re.M)
+}
+"""Commands of the documentation that are shown and not run: they need cameras, films, or half an hour."""
+
+
+@pytest.mark.parametrize("line", SHOWN.values(), ids=SHOWN)
+def test_commands_that_pages_only_show_are_understood(line, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    understand(re.split(r" [|>] ", line)[0])
 
 
 def test_options_stand_in_their_groups_and_each_once():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Literal, Self
+from typing import Any, ClassVar, Literal, Self, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -44,7 +44,8 @@ class SensorModel(CameraModel):
     free
         Names of parameters as the sensor file has them (``"lens.focal_length_mm"``, ``"mirror.coefficients[0]"``), or
         groups of them: ``"shape"`` of the mirror, ``"focal"`` length, ``"centre"`` of the picture, ``"distortion"``
-        of the lens, ``"distance"`` of the mirror, its ``"decentre"`` and ``"tilt"``.
+        of the lens, ``"distance"`` of the mirror, its ``"decentre"`` and ``"tilt"``. By default what was estimated of a
+        calibrated sensor; of any other focal length, distance, decentre and tilt.
     priors
         What is known of free parameters from the drawing: name, value, standard deviation. By default the tolerances
         of an ordinary workshop for those that pictures hardly tell apart.
@@ -66,7 +67,7 @@ class SensorModel(CameraModel):
     """
 
     sensor: Sensor
-    free: tuple[str, ...] = USUAL
+    free: tuple[str, ...] = None  # type: ignore[assignment]  # None only until they are chosen
     priors: tuple[Tolerance, ...] = None  # type: ignore[assignment]  # None only until they are made
 
     KIND: ClassVar[str] = "sensor"
@@ -76,7 +77,9 @@ class SensorModel(CameraModel):
         self.sensor.check("a model with free parameters", "one mirror", "thin lens", "ideal but for poses")
         if self.sensor.housing.shell is not None:  # it stays as it is while the sensor's numbers change
             object.__setattr__(self, "sensor", replace(self.sensor, housing=self.sensor.obstructions.housing))
-        object.__setattr__(self, "free", free_names(self.sensor, self.free))
+        known, asked = self.sensor.uncertainty, cast("tuple[str, ...] | None", self.free)
+        free = asked if asked is not None else USUAL if known is None else known.names
+        object.__setattr__(self, "free", free_names(self.sensor, free))
         given: tuple[Tolerance, ...] | None = self.priors
         priors = usual_priors(self.sensor, self.free) if given is None else checked_priors(self.free, given)
         object.__setattr__(self, "priors", priors)

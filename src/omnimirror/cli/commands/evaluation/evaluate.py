@@ -124,7 +124,7 @@ def command(
     camera, console = load_camera(sensor), output_console()
     if not isinstance(camera, Sensor) or not camera.is_axial:
         _refuse_what_asks_for_optics(camera, (asked, lens, housing), figures)
-        model = _in_space(camera) if isinstance(camera, Sensor) else camera
+        model = SensorModel(camera) if isinstance(camera, Sensor) else camera
         result_in_space = evaluate_camera(model, asked.omega_deg)
         _show_mapping(console, sensor, result_in_space, csv_file, json_file)
         return
@@ -152,11 +152,6 @@ def _say_motion(console: Console, sensor: Sensor, temperature_c: float) -> None:
         f"at {temperature_c:g} C the picture lies up to {motion:.3g} px from where it is at "
         f"{sensor.thermal.reference_c:g} C"
     )
-
-
-def _in_space(sensor: Sensor) -> SensorModel:
-    """The sensor with what was estimated of it."""
-    return SensorModel(sensor) if sensor.uncertainty is None else SensorModel(sensor, sensor.uncertainty.names)
 
 
 def _refuse_what_asks_for_optics(camera: Any, asked: tuple[Options, ...], figures: Path | None) -> None:
