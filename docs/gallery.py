@@ -26,7 +26,7 @@ SECTIONS = {
     "design": "Design",
     "simulate": "Simulate",
     "straighten": "Straighten, and hand over",
-    "build": "Build, measure and calibrate",
+    "measure": "Build, measure and calibrate",
 }
 WIDTH, QUALITY = 600, 80  # of pictures on the page: px and WebP's scale
 INTRODUCTION = """# Gallery

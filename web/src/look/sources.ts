@@ -81,8 +81,12 @@ export class Sources {
     if (!isNew) return this.open(`Reading ${name}`, make, "", true);
     const identity = await identityOf(file, name);
     const isWanted = identityIn(this.store.state.source)?.id === identity.id; // as of a link that came without it
-    await this.open(`Reading ${name}`, make, sourceOf(identity), isWanted);
-    if (this.shown === sourceOf(identity)) await keepPicture(identity, { blob: file, name });
+    const makeAndKeep = async (): Promise<Feed> => {
+      const feed = await make();
+      await keepPicture(identity, { blob: file, name }); // before the address names it: a reload at any moment finds it
+      return feed;
+    };
+    await this.open(`Reading ${name}`, makeAndKeep, sourceOf(identity), isWanted);
   }
 
   async openRoom(turns = true): Promise<void> {

@@ -46,10 +46,11 @@ function open(): Promise<IDBDatabase> {
 async function run<T>(mode: IDBTransactionMode, act: (store: IDBObjectStore) => IDBRequest<T>): Promise<T | undefined> {
   try {
     const base = await open();
-    const request = act(base.transaction(STORE, mode).objectStore(STORE));
+    const transaction = base.transaction(STORE, mode);
+    const request = act(transaction.objectStore(STORE));
     return await new Promise((resolve) => {
-      request.onsuccess = () => resolve(request.result);
-      request.onerror = () => resolve(undefined);
+      transaction.oncomplete = () => resolve(request.result); // a page that is left before forgets what was written
+      transaction.onabort = () => resolve(undefined);
     });
   } catch {
     return undefined; // private windows keep nothing

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
 import numpy as np
 
+from ....files import write_json
 from ....handoff.colmap import write_colmap
+from ....handoff.colmap.rig import RigView
 from ....simulate import Pose
 from ....specs import load_camera
 from ...help_pages import DocumentedCommand
-from ...options.common import WHOLE, angle, distance
+from ...options.common import SENSOR, WHOLE, angle, distance
 from ...options.scene import rows_bar
-from ...outputs import output_console, plain_table
+from ...outputs import json_option, output_console, plain_table, say, say_written
 
 
 @click.command(
@@ -24,7 +27,7 @@ from ...outputs import output_console, plain_table
         "omnimirror colmap mine.toml walk --poses poses.csv --gsplat -o project",
     ),
 )
-@click.argument("camera", metavar="SENSOR|CAMERA")
+@click.argument("camera", type=SENSOR, metavar="SENSOR|CAMERA")
 @click.argument("pictures", nargs=-1, required=True, metavar="PICTURES...")
 @click.option("-o", "--output", type=click.Path(path_type=Path, file_okay=False), required=True, help="A folder.")
 @click.option("--views", "views_around", type=WHOLE, default=6, show_default=True, help="Perspective views around.")
@@ -37,6 +40,7 @@ from ...outputs import output_console, plain_table
 @click.option("--poses", type=click.Path(path_type=Path, dir_okay=False), metavar="CSV",
               help="Where the sensor stood: a row for each picture, as video sets have them.")  # fmt: skip
 @click.option("--gsplat", is_flag=True, help="Also transforms.json, for Nerfstudio and gsplat; needs --poses.")
+@json_option("Write the table: views, their sizes, and by how much they are off at each distance.")
 def command(
     camera: str,
     pictures: tuple[str, ...],
@@ -49,6 +53,7 @@ def command(
     is_panorama: bool,
     poses: Path | None,
     gsplat: bool,
+    json_file: Path | None,
 ) -> None:
     """Straighten PICTURES, files or a folder, into a rig of pinhole cameras that COLMAP reconstructs from.
 
@@ -70,8 +75,18 @@ def command(
     for view in project.rig:
         width, height = view.screen.size
         table.add_row(view.name, f"{width} x {height}", *(f"{error:.2g}" for error in view.errors_px.values()))
-    output_console().print(table)
-    click.echo(f"{output}: {project.pictures} pictures, {len(project.rig)} views each")
+    console = output_console()
+    console.print(table)
+    if json_file:
+        write_json(json_file, [_record(view) for view in project.rig])
+        say_written(json_file, console=console)
+    say(f"{output}: {project.pictures} pictures, {len(project.rig)} views each", console=console)
+
+
+def _record(view: RigView) -> dict[str, Any]:
+    """What the table tells of a view."""
+    errors = [{"distance_mm": mm, "error_px": error} for mm, error in view.errors_px.items()]
+    return {"view": view.name, "size": view.screen.size, "errors": errors}
 
 
 def _poses(path: Path) -> list[Pose]:

@@ -1,0 +1,16 @@
+"""Calibrate a camera by seven boards, and see what is left at each corner, 100 times enlarged."""
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+import omnimirror as om
+
+camera = om.Unified(0.95, (160.0, 160.0), (319.5, 239.5), (640, 480))
+board = om.Board("chessboard", 11, 7, 30.0)
+found = om.calibrate_camera(om.simulate_detections(camera, board, 7, noise_px=0.1), board, model="unified")
+pixels = np.concatenate([sighting.pixels for sighting in found.adjustment.sightings])
+left = found.adjustment.residuals
+figure, ax = plt.subplots(figsize=(6, 4.5))
+ax.quiver(*pixels.T, *left.T, angles="xy", scale_units="xy", scale=1 / 100, width=0.002)
+ax.set(xlim=(0, 639), ylim=(479, 0), aspect="equal", title=f"rms {found.rms_px:.2f} px at {found.corners} corners")
+figure.savefig("calibrated_by_boards.png", bbox_inches="tight")
