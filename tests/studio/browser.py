@@ -22,7 +22,7 @@ from tests.serving import served
 Result = TypeVar("Result")
 
 FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
-FLAGS += ["--disable-gpu-compositing"]  # pages cost a third, and those with views nine tenths: there is no GPU
+WITHOUT_VIEWS = [*FLAGS, "--disable-gpu-compositing"]  # where nothing is drawn by WebGL, pages cost a third
 FAKE_CAMERA = ["--use-fake-device-for-media-stream=device-count=2"]
 PATIENCE_MS = 300_000  # more than any machine needs
 BASE64 = """(values) => {

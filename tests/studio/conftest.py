@@ -1,4 +1,4 @@
-"""A browser and a server, for all tests of the page in a process."""
+"""A browser or two, and one server, for all tests of the page in a process."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import pytest
 
 from omnimirror.studio.studio import Studio
 
-from .browser import FAKE_CAMERA, FLAGS, chromium, serving
+from .browser import FAKE_CAMERA, FLAGS, WITHOUT_VIEWS, chromium, serving
 
 
 @pytest.fixture(scope="session")
@@ -21,6 +21,14 @@ def launched():
 @pytest.fixture(scope="session")
 def browser(launched):
     browser = launched(FLAGS)
+    yield browser
+    browser.close()
+
+
+@pytest.fixture(scope="session")
+def browser_without_views(launched):
+    """For pages that show no view: modules take it for their ``browser``."""
+    browser = launched(WITHOUT_VIEWS)
     yield browser
     browser.close()
 

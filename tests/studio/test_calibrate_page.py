@@ -36,6 +36,11 @@ CAMERA_OF_PICTURES = """
 """
 
 
+@pytest.fixture(scope="session")
+def browser(browser_without_views):
+    return browser_without_views
+
+
 @pytest.fixture
 def files(tmp_path) -> list[Path]:
     """The photographs, as files."""
