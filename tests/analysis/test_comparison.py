@@ -12,6 +12,7 @@ import pytest
 import omnimirror as om
 from omnimirror.errors import InvalidParameter
 from omnimirror.imagers import ImagerPose
+from omnimirror.mirrors.form import MirrorForm
 from omnimirror.mirrors.pose import MirrorPose
 from tests.conftest import sensor_of
 
@@ -148,11 +149,19 @@ def test_what_is_hidden_of_one_that_was_built_askew_is_what_its_pixels_show():
     assert percent == pytest.approx(100 * hidden.sum() / (hidden | seen).sum(), rel=0.02)
 
 
+def test_a_note_says_what_is_out_of_order_and_nothing_else():
+    bent = replace(SENSORS[0], name="bent", mirror_form=MirrorForm((5,), (2.0,)))
+    forward = replace(SENSORS[0], mirror_pose=MirrorPose(displacement_mm=0.5))  # is on the axis still
+    assert om.compare([bent, forward]).notes == (
+        "bent: its mirror has a form error; it is compared over its whole picture, at all azimuths.",
+    )
+
+
 def test_one_that_cannot_be_traced_all_around_is_compared_as_it_was_drawn_and_that_is_said():
     drawn = SENSORS[0]
     leaning = replace(drawn, name="leaning", imager_pose=ImagerPose(tilt_x_deg=0.5))
     table = om.compare([leaning, drawn])
-    assert table.notes[0].endswith("it is compared as if it were in place.")
+    assert table.notes == ("leaning: its imager leans or is turned; it is compared as if it were in place.",)
     assert all(row.texts[0] == row.texts[1] for row in table.rows)
 
 

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from ..arguments import instance
 from ..errors import InvalidParameter
 from ..files import write_text
+from ..imagers import ImagerPose
 from ..lenses import GaussianLens
 from ..numerics.lazy import cached_property
 from ..quantities import QUANTITIES, Quantity
@@ -146,7 +147,7 @@ def compare(sensors: Sequence[Sensor]) -> Comparison:
         raise InvalidParameter(f"{len(sensors)} sensors do not fit side by side; 1 to {MOST} are valid")
     named = _told_apart(sensors)
     studies = [_study(s) for s in named]
-    notes = [_note(study, s) for study, s in zip(studies, named, strict=True) if s.aligned() != s]
+    notes = [_note(study, s) for study, s in zip(studies, named, strict=True) if not s.is_axial]
     rows = tuple(_compared(name, studies) for name in COMPARED)
     return Comparison(tuple(s.sensor for s in studies), rows, tuple(notes))
 
@@ -162,12 +163,16 @@ def _study(sensor: Sensor) -> Study:
 
 def _note(study: Study, sensor: Sensor) -> str:
     """How a sensor differs from its drawing, and how it was compared."""
-    pose, is_in_place = sensor.mirror_pose, study.sensor != sensor
+    pose, shell, is_in_place = sensor.mirror_pose, sensor.housing.shell, study.sensor != sensor
     how = "as if it were in place" if is_in_place else "over its whole picture, at all azimuths"
-    return (
-        f"{sensor.name}: its mirror is decentred by {math.hypot(pose.decentre_x_mm, pose.decentre_y_mm):.2g} mm and "
-        f"tilted by {math.hypot(pose.tilt_x_deg, pose.tilt_y_deg):.2g} deg; it is compared {how}."
-    )
+    differs = {
+        f"its mirror is decentred by {math.hypot(pose.decentre_x_mm, pose.decentre_y_mm):.2g} mm and "
+        f"tilted by {math.hypot(pose.tilt_x_deg, pose.tilt_y_deg):.2g} deg": not pose.is_axial,
+        "its mirror has a form error": not sensor.mirror_form.is_empty,
+        "its imager leans or is turned": sensor.imager_pose != ImagerPose(),
+        "its cover is out of place": shell is not None and not shell.is_axial,
+    }
+    return f"{sensor.name}: {', '.join(what for what, is_so in differs.items() if is_so)}; it is compared {how}."
 
 
 def _told_apart(sensors: Sequence[Sensor]) -> list[Sensor]:

@@ -124,6 +124,8 @@ def command(
     camera, console = load_camera(sensor), output_console()
     if not isinstance(camera, Sensor) or not camera.is_axial:
         _refuse_what_asks_for_optics(camera, (asked, lens, housing), figures)
+        if isinstance(camera, Sensor):
+            camera.check("evaluation of what is out of its axis", "one mirror", "thin lens", "ideal but for poses")
         model = SensorModel(camera) if isinstance(camera, Sensor) else camera
         result_in_space = evaluate_camera(model, asked.omega_deg)
         _show_mapping(console, sensor, result_in_space, csv_file, json_file)
