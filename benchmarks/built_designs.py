@@ -11,8 +11,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import statistics
-import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -20,6 +18,7 @@ from typing import Any
 
 import numpy as np
 from circumstances import other_load, processor
+from timing import measured
 
 import omnimirror as om
 from omnimirror.batch.bases import family
@@ -89,19 +88,6 @@ def evaluations() -> dict[str, Callable[[], object]]:
         "triplet and dome": lambda: om.evaluate(built, omega),
         "triplet and dome, a new sensor each time": lambda: om.evaluate(replace(refocused, name="new"), omega),
     }
-
-
-def measured(functions: dict[str, Callable[[], object]], runs: int) -> dict[str, tuple[float, float]]:
-    """Median milliseconds of a call of each, in turn: by the clock, and of the processors."""
-    times: dict[str, list[tuple[float, float]]] = {name: [] for name in functions}
-    for function in functions.values():
-        function()
-    for _ in range(runs):
-        for name, function in functions.items():
-            wall, cpu = time.perf_counter(), time.process_time()
-            function()
-            times[name].append((time.perf_counter() - wall, time.process_time() - cpu))
-    return {name: tuple(1e3 * statistics.median(t) for t in zip(*all_, strict=True)) for name, all_ in times.items()}
 
 
 def main() -> None:

@@ -6,6 +6,8 @@ import argparse
 import os
 import platform
 import sys
+import time
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -36,12 +38,18 @@ def set_threads(count: int) -> None:
     cv2.setNumThreads(count)
 
 
-def circumstances(runs: int, in_a_row: int = 1) -> str:
+def clock_of(threads: int) -> Callable[[], float]:
+    """One thread by the processor time it takes, whatever else the machine does; several by the clock on the wall."""
+    return time.thread_time if threads == 1 else time.perf_counter
+
+
+def circumstances(runs: int, in_a_row: int = 1, by_processor_time: bool = False) -> str:
     """How and on what was measured, in one paragraph."""
     row = f" of {in_a_row} in a row" if in_a_row > 1 else ""
+    clock = ", one thread by its processor time" if by_processor_time else ""
     return (
         f"`{Path(sys.argv[0]).name}` on {processor()}, {os.cpu_count()} cores, {backend.name} samplers, OpenCV "
-        f"{cv2.__version__}, NumPy {np.__version__}; medians of {runs} interleaved runs{row}.{other_load()}"
+        f"{cv2.__version__}, NumPy {np.__version__}; medians of {runs} interleaved runs{row}{clock}.{other_load()}"
     )
 
 

@@ -178,7 +178,7 @@ def table(
         sensor = om.load_sensor(name)
         restorer = Restorer(faster(sensor, pixels, sensor.lens.f_number * pixels / sensor.imager.width_px))
         others = [Restorer(restorer.camera, told=restorer.known.scaled(times).sizes) for times in wrong]
-        _ = restorer.problem.operator
+        _ = restorer.problem.deblurring
         for scene, seen in scenes.items():
             found = gains(restorer, seen, told=told)
             pairs = (f"{rest:.1f} / {outer:.1f}" for rest, outer in (found.blurred_db, found.given_db))

@@ -13,14 +13,8 @@ command -v "$python" > /dev/null || { echo "there is no $python; make .venv firs
 compiler=${CXX:-c++}
 
 mkdir -p "$build"
-flags="-std=c++20 -O1 -g -fsanitize=address,undefined -fno-sanitize-recover=undefined -fno-omit-frame-pointer"
-kernels=native/src/sampling/kernels_plain.cpp
-case $(uname -m) in
-  x86_64 | amd64) flags="$flags -DOMNIMIRROR_AVX2 -mavx2 -mfma" kernels="$kernels native/src/sampling/kernels_avx2.cpp" ;;
-  aarch64 | arm64) flags="$flags -DOMNIMIRROR_NEON" kernels="$kernels native/src/sampling/kernels_neon.cpp" ;;
-esac
-# shellcheck disable=SC2086
-"$compiler" $flags native/test/agreement.cpp -I native/src native/src/{pool,sampling/{axial,sample,packed,sides}}.cpp $kernels -o "$build/agreement" -pthread
+flags="-O1 -g -fsanitize=address,undefined -fno-sanitize-recover=undefined -fno-omit-frame-pointer"
+CXX=$compiler native/agreement.sh "$build" $flags
 "$build/agreement" 2000
 
 cmake=$("$python" -c 'import shutil, sys, os; print(shutil.which("cmake", path=os.path.dirname(sys.executable)) or "cmake")')
@@ -50,5 +44,5 @@ PYTHON
 export ASAN_OPTIONS=detect_leaks=0:abort_on_error=0 UBSAN_OPTIONS=print_stacktrace=1
 libraries=$("$compiler" -print-file-name=libasan.so):$("$compiler" -print-file-name=libubsan.so)
 LD_PRELOAD=$libraries "$python" "$build/run.py" -p no:cacheprovider \
-  tests/contracts/test_samplers.py tests/dewarp/sampling/test_kernels.py tests/dewarp/sampling/test_footprints.py tests/dewarp/test_dewarper.py tests/batch/test_evaluate.py tests/tolerancing/test_trials.py \
-  tests/simulate/scenes/test_scenes.py tests/simulate/restoration/test_operators.py "$@"
+  tests/contracts/test_samplers.py tests/dewarp/sampling/test_kernels.py tests/dewarp/sampling/test_footprints.py tests/dewarp/test_dewarper.py tests/batch tests/tolerancing/test_trials.py \
+  tests/simulate/scenes/test_scenes.py tests/simulate/restoration/test_sharp_picture.py "$@"

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from omnimirror import cameras
-from omnimirror.batch import evaluate
+from omnimirror.batch import best_focus, evaluate
 from omnimirror.dewarp.maps import radial_table
 from omnimirror.dewarp.sampling import footprints
 from omnimirror.simulate.rendering import sight
@@ -27,8 +27,9 @@ SHARED = {
     "designs/designs.hpp": {
         "DESIGN_COLUMNS": len(evaluate.BATCH_COLUMNS), "DESIGN_NUMBERS": len(evaluate._NUMBERS),
     },
-    "designs/designs.cpp": {"DEGREE": np.pi / 180},
-    "exposure/surfaces.cpp": {"BESIDE": surfaces.BESIDE},
+    "designs/workspace.hpp": {"DEGREE": np.pi / 180},
+    "designs/focus.hpp": {"HOPE": best_focus.HOPE},
+    "exposure/packets.hpp": {"BESIDE": surfaces.BESIDE},
     "exposure/exposure.hpp": {
         "LOST": sight.LOST, "REFLECTED": sight.REFLECTED, "DIRECT": sight.DIRECT, "HIDDEN": sight.HIDDEN,
     },

@@ -1,4 +1,4 @@
-"""Take the pictures of the design bench that the docs show: what is designed, in light and dark, and its tolerances.
+"""Take the pictures of the design bench that the docs show: a design in light, in dark and in space; its tolerances.
 
 python web/screenshots_bench.py --out docs/images
 """
@@ -8,20 +8,26 @@ from __future__ import annotations
 import argparse
 import os
 import shutil
+import tempfile
 import threading
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import uvicorn
 from playwright.sync_api import sync_playwright
 
+import omnimirror as om
+from omnimirror.housing import CameraBody, Dome, Housing, Rim, Rod
+from omnimirror.specs import save_sensor
 from omnimirror.studio.app import create_app
 from omnimirror.studio.studio import Studio
 
 FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 SETTLING_MS = 3500
 VALUES = {"Mirror decentre x": "0.06", "Mirror tilt y": "0.1"}
+SPACE = "window.omnimirror.tabs.bench.desk.space.view"
 AT_REST = """() => {
   const t = window.omnimirror.tabs.bench.tolerances;
   return t.all && t.last && t.errors.isAtRest && t.built.isAtRest && t.yields.isAtRest;
@@ -61,9 +67,25 @@ def try_errors(page: Any) -> None:
     page.wait_for_timeout(SETTLING_MS)
 
 
+def look_in_space(page: Any) -> None:
+    """Put a dome over the paper's sphere, and read a ray of it."""
+    housing = Housing(CameraBody(50.0), Rod(4.0), Dome(), Rim(3.0))
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "sphere-in-dome.toml"
+        save_sensor(replace(om.load_sensor("paper-spherical"), name="sphere-in-dome", housing=housing), file)
+        page.set_input_files("#bench-file", file)
+        page.wait_for_function("window.omnimirror.tabs.bench.history.now.tables.name === 'sphere-in-dome'")
+    page.locator(".groups label").filter(has_text="In space").click()
+    page.wait_for_function(f"{SPACE}?.rays.length > 0")
+    page.evaluate(f"{SPACE}.read({SPACE}.rays.find((ray) => ray.index === 7))")
+    page.wait_for_function("!document.querySelector('#said').classList.contains('shown')")
+    page.wait_for_timeout(SETTLING_MS)
+
+
 PICTURES = {
     "studio-design-light": (compare_two, "light", 1120),
     "studio-design-dark": (compare_two, "dark", 1120),
+    "studio-space-light": (look_in_space, "light", 800),
     "studio-tolerances-light": (try_errors, "light", 1000),
 }
 """What is done to the bench, in which colours, and how high (px) the window is."""
@@ -72,22 +94,24 @@ PICTURES = {
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("docs/images"))
-    out = parser.parse_args().out
+    parser.add_argument("--only", choices=PICTURES, nargs="+", default=list(PICTURES))
+    args = parser.parse_args()
     server = uvicorn.Server(uvicorn.Config(create_app(Studio()), port=0, log_level="error", ws="websockets-sansio"))
     threading.Thread(target=server.run, daemon=True).start()
     while not server.started:
         time.sleep(0.01)
     address = f"http://127.0.0.1:{server.servers[0].sockets[0].getsockname()[1]}/#tab=design"
-    chromium = os.environ.get("CHROMIUM") or shutil.which("chromium") or shutil.which("google-chrome")
+    chromium = os.environ.get("CHROMIUM") or shutil.which("chromium") or shutil.which("chromium-headless-shell")
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=chromium, args=FLAGS)
-        for name, (prepare, scheme, height) in PICTURES.items():
+        for name in args.only:
+            prepare, scheme, height = PICTURES[name]
             size = {"width": 1280, "height": height}
             page = browser.new_context(viewport=size, color_scheme=scheme, bypass_csp=True).new_page()
             page.goto(address)
             page.wait_for_selector("#bench .compare tbody td")
             prepare(page)
-            page.screenshot(path=out / f"{name}.png")
+            page.screenshot(path=args.out / f"{name}.png")
             page.context.close()
         browser.close()
     server.should_exit = True

@@ -23,7 +23,7 @@ const server = { proxy: { "/api": { target: "http://127.0.0.1:8765", ws: true },
 const build = { outDir: "../src/omnimirror/studio/page", modulePreload: false, cssCodeSplit: false, target: "es2022" };
 
 /** Scripts of their own, which the page fetches when they are wanted. */
-const SCRIPTS = ["bench", "calibrate"];
+const SCRIPTS = ["bench", "space", "calibrate"];
 
 const script = (name) => ({
   base: "./",

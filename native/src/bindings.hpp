@@ -23,6 +23,7 @@ using FloatsOut = Array<float>;
 using Doubles = Array<const double>;
 using DoublesOut = Array<double>;
 using Ints = Array<const int32_t>;
+using IntsOut = Array<int32_t>;
 using BytesOut = Array<uint8_t>;
 
 inline void require(bool condition, const char* message) {

@@ -41,18 +41,22 @@ def numbers(name: str, value: ArrayLike, shape: str = "of shape (n,)") -> Array:
     >>> numbers("omega_deg", [0, 90])
     array([ 0., 90.])
     """
-    try:
-        array = np.asarray(value)
-        if array.dtype.kind not in "iufO":  # words that look like numbers, dates, truth values, complex numbers
-            raise TypeError
-        if (array.dtype.kind == "O" and not all(type(v) in NUMBERS for v in array.flat)) or np.ma.is_masked(value):
-            raise TypeError
-        array = array.astype(float)
-    except (TypeError, ValueError, OverflowError):
-        raise WrongKind(f"{name} = {shown(value)} cannot be read as numbers {shape}") from None
+    array = _real(name, value, shape)
     if not array.size:
         raise InvalidParameter(f"{name} is empty; it is valid with at least one number")
     return array
+
+
+def _real(name: str, value: ArrayLike, shape: str) -> Array:
+    """Real numbers, perhaps none: no words that look like numbers, no dates, truth values or complex numbers."""
+    try:
+        array = np.asarray(value)
+        is_mixed = array.dtype.kind == "O" and not all(type(v) in NUMBERS for v in array.flat)
+        if array.dtype.kind not in "iufO" or is_mixed or np.ma.is_masked(value):
+            raise TypeError
+        return array.astype(float, copy=False)
+    except (TypeError, ValueError, OverflowError):
+        raise WrongKind(f"{name} = {shown(value)} cannot be read as numbers {shape}") from None
 
 
 def finite(
@@ -81,17 +85,16 @@ def finite(
     return array
 
 
-def vectors(name: str, value: ArrayLike, length: int) -> Array:
+def vectors(name: str, value: ArrayLike, length: int, *, is_list: bool = False) -> Array:
     """Vectors (.., n, length), perhaps none; what is infinite becomes NaN, which nothing computes further with.
+
+    ``is_list`` takes (n, length) alone.
 
     >>> vectors("pixels", [[1, np.inf]], 2)
     array([[ 1., nan]])
     """
-    try:
-        array = np.asarray(value, dtype=float)
-    except (TypeError, ValueError, OverflowError):
-        raise WrongKind(f"{name} = {shown(value)} cannot be read as numbers of shape (n, {length})") from None
-    if array.ndim < 2 or array.shape[-1] != length:
+    array = _real(name, value, f"of shape (n, {length})")
+    if array.ndim < 2 or (is_list and array.ndim > 2) or array.shape[-1] != length:
         raise InvalidParameter(f"{name} has shape {array.shape}; it is valid as (n, {length})")
     known = np.isfinite(array)
     return array if known.all() else np.where(known, array, np.nan)

@@ -318,6 +318,24 @@ def read_text(
         raise error(f"cannot read the {noun} {path}: it is not a text file") from None
 
 
+def parse_json(text: str | bytes) -> Any:
+    """What a JSON text holds.
+
+    >>> parse_json("[" * 5000)
+    Traceback (most recent call last):
+    ValueError: it is nested too deeply
+
+    Raises
+    ------
+    ValueError
+        It is not valid JSON, or is nested too deeply.
+    """
+    try:
+        return json.loads(text)
+    except RecursionError:
+        raise ValueError("it is nested too deeply") from None
+
+
 def parse_toml(text: str, source: str) -> dict[str, Any]:
     """The tables of a TOML text.
 

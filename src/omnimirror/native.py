@@ -1,8 +1,8 @@
 """The only door to the compiled part: whether it is there, its instructions, its threads, its kernels.
 
-The environment variable ``OMNIMIRROR_NATIVE`` set to ``0`` leaves it alone; set to ``plain``, ``avx2`` or
-``neon`` it chooses the samplers' instructions instead of the machine's best. What is compiled, from which formulas
-and how it is tested, is told in native/README.md.
+The environment variable ``OMNIMIRROR_NATIVE`` set to ``0`` leaves it alone; set to ``plain``, ``avx2``,
+``avx512`` or ``neon`` it chooses the samplers' instructions instead of the machine's best. What is compiled, from
+which formulas and how it is tested, is told in native/README.md.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from .errors import InvalidParameter
 from .numerics.lazy import cached_property
 
 MOST_THREADS = 1024
-INTERFACE = 4  # of the kernels below; counted on with native/src/module.cpp whenever a name or an argument changes
+INTERFACE = 6  # of the kernels below; counted on with native/src/module.cpp whenever a name or an argument changes
 Array = NDArray[Any]
 Colour = float | Sequence[float]
 
@@ -32,7 +32,7 @@ class Backend:
 
     Examples
     --------
-    >>> backend.name in ("avx2", "neon", "plain", "opencv")
+    >>> backend.name in ("avx512", "avx2", "neon", "plain", "opencv")
     True
     """
 
@@ -83,7 +83,7 @@ class Backend:
 
     @property
     def name(self) -> str:
-        """Who samples pictures: ``"avx2"``, ``"neon"`` or ``"plain"`` kernels, or ``"opencv"``."""
+        """Who samples pictures: ``"avx512"``, ``"avx2"``, ``"neon"`` or ``"plain"`` kernels, or ``"opencv"``."""
         return self.module.instructions() if self.module is not None else "opencv"
 
     @property
@@ -170,8 +170,9 @@ class Kernels(Protocol):
     ) -> CompiledSurfaces: ...
     def BlurKernels(
         self, width: int, height: int, fineness: int, firsts: Array, offsets: Array, weights: Array,
-        pixels: Array, kernels: Array,
-    ) -> BlurKernels: ...  # fmt: skip
+        pixels: Array, kernels: Array, spans: Array,
+    ) -> object: ...  # fmt: skip
+    def Sharpening(self, kernels: object, roots: Array) -> Sharpening: ...
     def expose_environment(
         self, optics: object, environment: object, points: Array, shifted: bool, seed: int, left: int, top: int,
         light: Array,
@@ -180,10 +181,10 @@ class Kernels(Protocol):
         self, optics: object, points: Array, shifted: bool, seed: int, left: int, top: int,
         origins: Array, directions: Array, weights: Array, fates: Array,
     ) -> None: ...  # fmt: skip
-    def advance_solution(
-        self, step: float, d: Array, product: Array, scale: Array, x: Array, residual: Array
-    ) -> float: ...
-    def turn_direction(self, share: float, scale: Array, residual: Array, d: Array) -> None: ...
+    def expose_surfaces(
+        self, optics: object, surfaces: CompiledSurfaces, points: Array, shifted: bool, seed: int, left: int, top: int,
+        light: Array, open_pixels: Array, open_rays: Array,
+    ) -> int: ...  # fmt: skip
 
     # -- sensors with errors: tolerancing ------------------------------------------------------------
 
@@ -223,11 +224,10 @@ class CompiledSurfaces(Protocol):
     def radiance(self, origins: Array, directions: Array, light: Array, distances: Array) -> None: ...
 
 
-class BlurKernels(Protocol):
-    """The products of a known blur, for conjugate gradients."""
+class Sharpening(Protocol):
+    """The sharp picture that is looked for."""
 
-    def blur(self, fine: Array, blurred: Array) -> None: ...
-    def spread(self, blurred: Array, fine: Array) -> None: ...
-    def curvature_times(
-        self, fine: Array, slope2: Array, stiffness: Array, d: Array, product: Array, scratch: Array
-    ) -> float: ...
+    def improve(self, costs: Array, steps: int) -> None: ...
+    def log_steepness(self, logarithms: Array) -> None: ...
+    def blurred(self, light: Array) -> None: ...
+    def light(self, light: Array) -> None: ...

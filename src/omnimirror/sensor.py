@@ -233,6 +233,12 @@ class Sensor:
             if not is_met:
                 raise InvalidParameter(f"{what} is for {sentence}")
 
+    def _repr_html_(self) -> str:
+        """A card of it, as notebooks ask for it."""
+        from .cards import sensor_card  # which scripts do without
+
+        return sensor_card(self)
+
     def aligned(self) -> Sensor:
         """The same sensor with its mirror, its tube or dome and its imager perfectly made and mounted.
 

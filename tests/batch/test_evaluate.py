@@ -13,6 +13,7 @@ from omnimirror.batch.evaluate import BATCH_COLUMNS, Designs, evaluate_designs
 from omnimirror.errors import InvalidParameter, NotOneToOne, OmnimirrorError
 from omnimirror.imagers import Imager
 from omnimirror.native import backend
+from tests.samplers import instructions
 
 M = 43.9
 IMAGER = Imager(1024, 1024, 5.2)
@@ -150,6 +151,31 @@ def test_the_compiled_evaluator_gives_the_numbers_of_numpy(name, mode, radius, m
             a, b = 1 / a, 1 / b
         scale = np.abs(b[ok]).max(axis=1, keepdims=True)
         assert (np.abs(a[ok] - b[ok]) / scale).max() < 1e-10, column
+
+
+@pytest.fixture(params=instructions())
+def each_instruction_set(request):
+    before = backend.kernels.instructions()
+    backend.kernels.use_instructions(request.param)
+    yield
+    backend.kernels.use_instructions(before)
+
+
+@pytest.mark.usefixtures("each_instruction_set")
+@pytest.mark.parametrize("angles", [1, 2, 7, 8, 9, 100])
+def test_every_instruction_set_gives_the_numbers_of_numpy(angles):
+    """However many lanes are left over, and for slopes of all three pieces of the arctangent: up to 4 at the rim."""
+    steep = [[0.6409, 0.155, -0.01], [1.0, 0.2, 0.0], [1.2, 0.4, 0.0], [0.2, 0.05, 0.0]]
+    designs = Designs(family("even-polynomial", 3), steep, 250.0, M, 11.6, 4.0, 5.2, object_distance_mm=500.0)
+    u = np.linspace(1.0 / angles, 1.0, angles)
+    fast, plain = (evaluate_designs(designs, u, native=native) for native in (True, False))
+    assert plain.valid.all()
+    assert fast.valid.all()
+    assert (plain.omega_deg[:, -1] > 90).sum() == 3
+    np.testing.assert_allclose(fast.focus_mm, plain.focus_mm, rtol=1e-10)
+    for column, a, b in zip(BATCH_COLUMNS, fast.columns, plain.columns, strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-10, atol=1e-9 * np.abs(b).max(), err_msg=column)
+    np.testing.assert_allclose(fast.omega_deg, plain.omega_deg, rtol=4e-16)
 
 
 def test_designs_that_cannot_be_used_are_marked():

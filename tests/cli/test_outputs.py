@@ -96,3 +96,28 @@ def test_every_command_that_writes_tables_or_pictures_knows_standard_output():
                 is_folder = getattr(parameter.type, "file_okay", True) is False or path in ("reproduce", "demo")
                 if parameter.name in writes and not is_folder:
                     assert isinstance(parameter.type, Output), f"{path} {parameter.opts}"
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        ("rim a.png --figure ./a.png", "--figure would be written over a.png, which is read; name another file"),
+        ("evaluate s.toml --omega-deg 0 --csv link.toml", "--csv would be written over link.toml, which is read"),
+        ("convert s.toml s.toml", "target would be written over s.toml, which is read"),
+        ("evaluate s.toml --omega-deg 0 --csv x --json ./x", "--csv and --json would both be written to x"),
+    ],
+)
+def test_nothing_is_written_over_what_is_read_or_over_another_output(words, sentence, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    cv2.imwrite("a.png", np.zeros((64, 64, 3), np.uint8))
+    main(["init", "s.toml"])
+    (tmp_path / "link.toml").symlink_to("s.toml")
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    with pytest.raises(SystemExit):
+        main(words.split())
+    assert sentence in capsys.readouterr().err
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+def test_two_outputs_may_go_to_one_device():
+    run("evaluate", "paper-spherical", *FEW, "--csv", "/dev/null", "--json", "/dev/null")

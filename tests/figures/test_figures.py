@@ -5,11 +5,13 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from functools import cache
+from io import BytesIO
 from itertools import pairwise
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse, Rectangle
 from matplotlib.text import Text
 
@@ -18,7 +20,7 @@ from omnimirror.cli.commands.evaluation.evaluate import command
 from omnimirror.errors import InvalidParameter
 from omnimirror.figures import FIGURES, PAPER, Conditions, draw, render, save_all
 from omnimirror.figures.labels import spread
-from omnimirror.figures.style import PALETTE, save_figure
+from omnimirror.figures.style import FORMATS, PALETTE, save_figure, styled
 from omnimirror.reproduce import paper_sensors
 from omnimirror.specs import bundled_sensors
 from tests.conftest import sensor_of
@@ -244,3 +246,16 @@ def test_what_is_hidden_is_drawn_where_it_is():
     assert [t for t in texts(draw("fig11", [sensor])) if "hidden" in t] == ["0°, hidden", "15°, hidden"]
     for name in FIGURES:
         assert not [t for t in texts(draw(name, [bare])) if "hidden" in t]
+
+
+@pytest.mark.parametrize("kind", FORMATS)
+def test_a_figure_is_laid_out_and_drawn_once_and_as_matplotlib_saves_it(kind, monkeypatch):
+    sensors, saved, drawn = [om.load_sensor("paper-spherical")], BytesIO(), []
+    undated = {"svg": {"Date": None}, "pdf": {"CreationDate": None}, "png": {}}[kind]
+    with styled():
+        draw("fig9", sensors).savefig(saved, format=kind, metadata=undated)
+    figure, whole = draw("fig9", sensors), Figure.draw
+    monkeypatch.setattr(Figure, "draw", lambda self, renderer: drawn.append(self) or whole(self, renderer))
+    assert render(figure, kind) == saved.getvalue()
+    assert drawn == [figure]
+    assert figure.get_layout_engine() is not None  # for the next format

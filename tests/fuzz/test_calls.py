@@ -182,7 +182,9 @@ def call(name: str, changed: dict[str, Any]) -> None:
 @pytest.mark.parametrize("name", CALLS)
 def test_the_calls_are_right_as_they_stand(name):
     function, words = CALLS[name]
-    function(**words)
+    found = function(**words)
+    if not isinstance(found, str | list):
+        assert len(repr(found)) < 15_000  # what a console shows of a result: its numbers, not its thousand angles
 
 
 def test_every_public_name_is_called():
@@ -218,6 +220,39 @@ def test_counts_that_would_take_all_memory_or_for_ever_are_refused(name, argumen
     function, words = CALLS[name]
     with pytest.raises(OmnimirrorError, match=f"{argument} = 1000000000 is not valid; it is valid as a whole number"):
         function(**words | {argument: 10**9})
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("image", {"points_mm": np.zeros((1, 3), complex)}),
+        ("image", {"points_mm": np.ones((1, 2, 3))}),
+        ("form_error", {"points_mm": np.ones((9, 9, 3))}),
+        ("project", {"points_mm": [["1", "2", "3"]]}),
+        ("project_directions", {"directions": [[True, False, False]]}),
+        ("Tolerances", {"correlations": {"x": 1.0}}),
+        ("perturbed", {"values": {1: 2.0}}),
+        ("calibrate_camera", {"priors": (each for each in (1,))}),
+        ("SensorModel", {"priors": (each for each in (1,))}),
+        ("field_angles", {"step_deg": 1e-9}),
+        ("Dewarper", {"view": Path("a.png")}),
+        ("write_colmap", {"folder": "wanted.toml"}),
+        ("write_learning_set", {"folder": "wanted.toml"}),
+        ("dewarp_video", {"camera": lambda size: size}),
+    ],
+)
+def test_numbers_lists_pairs_and_cameras_that_are_none(name, words):
+    function, usual = CALLS[name]
+    with pytest.raises(OmnimirrorError):
+        function(**usual | words)
+
+
+def test_a_double_sphere_whose_middle_is_at_its_pole_has_a_law_on_the_axis():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        camera = om.DoubleSphere(-1.0, 0.6, **FOCAL)
+        near, on = (camera.image([[x, 0.0, -100.0]]).d_points for x in (1e-6, 0.0))
+    np.testing.assert_allclose(on, near, rtol=1e-6, atol=1e-9)
 
 
 def test_messages_are_short_whatever_they_are_about():

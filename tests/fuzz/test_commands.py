@@ -157,8 +157,11 @@ def _folder(tmp_path, monkeypatch):
     Path("parts.toml").write_text(PARTS.format(a="8.0", b="1.4", c="1000", d="5.0", e=""))
 
 
-def answer(words: list[str], capsysbinary: pytest.CaptureFixture[bytes]) -> None:
-    """Run a command in this process; what it says of an error is one line, and nothing half done stays behind."""
+def answer(words: list[str], capsysbinary: pytest.CaptureFixture[bytes]) -> int:
+    """Run a command in this process; what it says of an error is one line, and nothing half done stays behind.
+
+    Its exit code is returned.
+    """
     before = {path.name for path in Path().iterdir()}
     code = 0
     try:
@@ -176,6 +179,7 @@ def answer(words: list[str], capsysbinary: pytest.CaptureFixture[bytes]) -> None
         assert len(said) < 3000
     new = {path.name for path in Path().iterdir()} - before
     assert not [name for name in new if ".omnimirror-" in name]
+    return code
 
 
 @pytest.mark.parametrize("command", FILES)
@@ -205,6 +209,15 @@ def test_odd_words(command, capsysbinary):
 @given(word=st.one_of(st.sampled_from(ODD_WORDS), st.text(st.characters(exclude_characters="\0/"), max_size=12)))
 def test_any_words(command, word, capsysbinary):
     answer([part.replace("{}", word) for part in command.split()], capsysbinary)
+
+
+def test_files_of_other_commands_that_are_none(capsysbinary):
+    """Points that are all one, brackets within brackets, and no name at all."""
+    Path("one.csv").write_text("u_px,v_px,x_mm,y_mm,z_mm\n" + "1,1,1,1,1\n" * 9)
+    Path("deep.json").write_text('{"a":' * 3000)
+    for command in ("calibrate --points one.csv --image-size 64x64 --model unified", "rim {}",
+                    "export paper-spherical --tolerances deep.json -o a.pdf"):  # fmt: skip
+        assert answer([word.replace("{}", "") for word in command.split()], capsysbinary) in (1, 2)
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "latin-1"])

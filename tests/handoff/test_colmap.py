@@ -154,3 +154,7 @@ def test_the_command_takes_poses_of_a_video_set_and_says_what_is_lost(pictures, 
     run = omnimirror("colmap", "paper-spherical", str(pictures), "--gsplat", "-o", "other", cwd=tmp_path)
     assert run.returncode != 0
     assert "--gsplat and --poses belong together" in run.stderr
+    run = omnimirror(
+        "colmap", "paper-spherical", str(pictures), "--panorama", "--hfov-deg", 60, "-o", "o", cwd=tmp_path
+    )
+    assert "--hfov-deg belongs to views" in run.stderr

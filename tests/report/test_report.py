@@ -88,10 +88,18 @@ def test_a_folder_that_cannot_be_written_is_one_sentence(tmp_path):
     assert "cannot write" in fails("demo", "--out", tmp_path / "taken")
 
 
-def test_what_is_hidden_is_said(tmp_path):
+def test_what_is_hidden_is_said_and_how_far_a_report_is(tmp_path):
     from omnimirror.housing import CameraBody, Housing
 
     sensor = om.load_sensor("paper-spherical")
     small = replace(sensor, imager=replace(sensor.imager, width_px=64, height_px=64, pixel_pitch_um=83.2))
-    report = write_demo(replace(small, housing=Housing(CameraBody(60.0))), tmp_path, blur=False)
+    told = []
+    report = write_demo(
+        replace(small, housing=Housing(CameraBody(60.0))), tmp_path, blur=False, progress=lambda *now: told.append(now)
+    )
+    shares = [share for _, share in told]
+    assert shares == sorted(shares)
+    assert shares[0] == 0
+    assert 0.8 < shares[-1] < 1
+    assert {what for what, _ in told} == {"Taking the picture", "Drawing the figures"}
     assert "<dt>Hidden</dt><dd>camera 0 to 8.435 deg; in all 0.71 % of the picture</dd>" in report.read_text()

@@ -23,7 +23,7 @@ ERRORS = {
     "lens.k1": om.ErrorBound(0.01),
 }
 PLAN = om.TolerancePlan(
-    om.Tolerances(SENSOR, ERRORS), {"motion_px after affine": 0.3}, judged={"angles": 4, "azimuths": 6}
+    om.Tolerances(SENSOR, ERRORS), {"motion_px after affine": 0.3}, judged={"angles": 2, "azimuths": 6}
 )
 
 

@@ -19,6 +19,7 @@ from omnimirror.imagers import Imager
 from omnimirror.lenses import Perspective
 from omnimirror.mirrors import EvenPolynomial
 from omnimirror.specs import bundled_sensors, format_sensor, load_sensor, parse_sensor
+from omnimirror.specs.tables import Places
 from tests.conftest import M
 
 GOOD = """
@@ -293,3 +294,41 @@ def test_saving_leaves_an_earlier_file_when_the_disk_refuses(tmp_path):
     replaced = replace(load_sensor("paper-spherical"), name="second")
     om.save_sensor(replaced, tmp_path / "s.toml")
     assert [p.name for p in tmp_path.iterdir() if p.name.startswith(".")] == []
+
+
+@pytest.mark.parametrize(
+    ("path", "line"),
+    [
+        (("mirror", "radius_mm"), 8),
+        (("mirror", "missing"), 7),
+        (("lens", "kind"), 10),
+        (("limit", "1", "at_most"), 18),
+        (("limit", "1", "field", "in_a_line"), 19),
+        (("imager", "width_px"), 21),
+        (("nothing",), None),
+    ],
+)
+def test_lines_are_those_of_dotted_and_quoted_keys_and_not_of_what_stands_in_texts(path, line):
+    text = """# a comment with ''' in it
+name = "x # [lens]"
+notes = '''a
+[mirror]
+radius_mm = 3
+'''
+mirror.kind = 'sphere'
+mirror . "radius_mm" = 50.0
+[lens]
+kind = "a"
+list = [
+  1,
+]
+[[limit]]
+quantity = "a"
+[[ limit ]]
+quantity = "b"
+at_most = 3
+field = {omega_max_deg = 9}
+["imager"]
+width_px = 3
+"""
+    assert Places(text, "a.toml").line(path) == line

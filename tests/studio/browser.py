@@ -23,7 +23,9 @@ Result = TypeVar("Result")
 
 FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 WITHOUT_VIEWS = [*FLAGS, "--disable-gpu-compositing"]  # where nothing is drawn by WebGL, pages cost a third
-FAKE_CAMERA = ["--use-fake-device-for-media-stream=device-count=2"]
+BROWSERS = ("chromium-headless-shell", "chromium", "google-chrome")  # the first takes half of the others' time
+FAKE_CAMERA = ["--use-fake-device-for-media-stream=device-count=2", "--use-fake-ui-for-media-stream"]  # granted
+REFUSED_CAMERA = [FAKE_CAMERA[0], "--use-fake-ui-for-media-stream=deny"]
 PATIENCE_MS = 300_000  # more than any machine needs
 BASE64 = """(values) => {
   let text = "";
@@ -47,7 +49,7 @@ def serving(studio: Studio, port: int = 0) -> AbstractContextManager[str]:
 
 def chromium() -> str:
     """Where the browser is, or a skip that says so."""
-    found = os.environ.get("CHROMIUM") or shutil.which("chromium") or shutil.which("google-chrome")
+    found = os.environ.get("CHROMIUM") or next(filter(None, map(shutil.which, BROWSERS)), None)
     if not found:
         pytest.skip("there is no chromium here, which the tests of the page drive")
     return found

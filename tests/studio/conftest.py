@@ -6,7 +6,7 @@ import pytest
 
 from omnimirror.studio.studio import Studio
 
-from .browser import FAKE_CAMERA, FLAGS, WITHOUT_VIEWS, chromium, serving
+from .browser import FAKE_CAMERA, FLAGS, REFUSED_CAMERA, WITHOUT_VIEWS, chromium, serving
 
 
 @pytest.fixture(scope="session")
@@ -15,7 +15,9 @@ def launched():
     sync_api = pytest.importorskip("playwright.sync_api", reason="the page is driven by Playwright, which is not here")
     executable = chromium()
     with sync_api.sync_playwright() as playwright:
-        yield lambda flags: playwright.chromium.launch(executable_path=executable, args=flags + FAKE_CAMERA)
+        yield lambda flags, camera=FAKE_CAMERA: playwright.chromium.launch(
+            executable_path=executable, args=flags + camera
+        )
 
 
 @pytest.fixture(scope="session")
@@ -29,6 +31,14 @@ def browser(launched):
 def browser_without_views(launched):
     """For pages that show no view: modules take it for their ``browser``."""
     browser = launched(WITHOUT_VIEWS)
+    yield browser
+    browser.close()
+
+
+@pytest.fixture
+def browser_without_camera(launched):
+    """Whose user refuses the camera."""
+    browser = launched(FLAGS, REFUSED_CAMERA)
     yield browser
     browser.close()
 

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import json
+import threading
 import tomllib
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -12,6 +15,7 @@ import pytest
 from starlette.testclient import TestClient
 
 import omnimirror as om
+from omnimirror import report
 from omnimirror.design.criteria.requirement_file import parse_requirements
 from omnimirror.imagers import Imager
 from omnimirror.mirrors import MIRRORS
@@ -431,3 +435,28 @@ def test_a_sensor_is_designed_from_requirements(client):
     assert news["sentence"] == "Everything is met."
     assert news["sensor"]["tables"]["mirror"]["kind"] == "equidistant"
     assert tomllib.loads(toml(news["sensor"]["tables"]))["mirror"]["omega_max_deg"] == 130.0
+
+
+def test_how_far_a_report_is_can_be_asked_while_it_is_made(client, monkeypatch):
+    reached, go_on = threading.Event(), threading.Event()
+
+    def slowly(sensor, folder, progress):
+        progress("Taking the picture", 0.25)
+        reached.set()
+        assert go_on.wait(60)
+        (path := Path(folder) / "report.html").write_text("made")
+        return path
+
+    monkeypatch.setattr(report, "write_demo", slowly)
+    asked = {"tables": tables_of(om.load_sensor("paper-spherical")), "kind": "report", "object_distance_mm": None}
+    assert client.post("/api/bench/making", json=asked).json() is None
+    with ThreadPoolExecutor() as pool:
+        made = pool.submit(client.post, "/api/bench/file", json=asked)
+        assert reached.wait(60)
+        told = client.post("/api/bench/making", json=asked).json()
+        other = client.post("/api/bench/making", json={**asked, "kind": "drawing"}).json()
+        go_on.set()
+        assert made.result().text == "made"
+    assert told == {"sentence": "Taking the picture", "share": 0.25}
+    assert other is None
+    assert client.post("/api/bench/making", json=asked).json() is None

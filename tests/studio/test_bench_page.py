@@ -19,7 +19,7 @@ from .browser import PATIENCE_MS, serving
 from .test_page import AXE
 
 PAGE = Path(om.__file__).parent / "studio" / "page"
-EMPTY = '{ "design": null, "past": [], "future": [], "pins": [], "hidden": ["Picture"] }'
+EMPTY = '{ "design": null, "past": [], "future": [], "pins": [], "switched": ["Picture"] }'
 WITHOUT_PICTURES = f"""
 if (!localStorage.getItem("omnimirror-bench")) localStorage.setItem("omnimirror-bench", '{EMPTY}');
 """  # they are simulated, which takes all processors

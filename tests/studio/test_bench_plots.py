@@ -66,9 +66,42 @@ def test_a_slider_marks_where_it_began_and_leads_back(bench):  # noqa: F811
     assert far.locator(".marks .stop").count() == 1 or far.locator(".problem").is_visible()
 
 
-def test_all_curves_stand_on_the_first_screen(bench):  # noqa: F811
+@pytest.mark.parametrize("pins", [0, 1, 4])
+def test_all_curves_stand_on_the_first_screen(pins, bench):  # noqa: F811
+    for number in range(pins):
+        bench.get_by_role("button", name="Pin", exact=True).click()
+        enter(bench, "Focal length", str(12 + number))
+        bench.locator(".compare tbody tr").nth(number + 1).wait_for()
     bottoms = bench.evaluate(
         "[...document.querySelectorAll('#bench .plot:has(.chart)')].map((f) => f.getBoundingClientRect().bottom)"
     )
     assert len(bottoms) == 8
     assert max(bottoms) <= 800
+
+
+MOVED = """async (count) => {
+  const { bench } = window.omnimirror.tabs;
+  const slider = document.querySelector("#bench input[type=range]");
+  const frame = () => new Promise((done) => requestAnimationFrame(done));
+  for (let i = 0; i < count; i++) {
+    const before = bench.latencies;
+    slider.value = String(0.5 + 0.02 * Math.sin(i));
+    slider.dispatchEvent(new Event("input", { bubbles: true }));
+    while (bench.latencies === before) await frame();
+    await frame();
+  }
+}"""
+
+
+def test_the_page_is_laid_out_once_for_a_slider_and_once_for_all_plots(bench):  # noqa: F811
+    """Whoever asks how large something is between two plots has it laid out there and then, five times a change."""
+    told = bench.context.new_cdp_session(bench)
+    told.send("Performance.enable")
+
+    def layouts() -> int:
+        return next(m["value"] for m in told.send("Performance.getMetrics")["metrics"] if m["name"] == "LayoutCount")
+
+    bench.evaluate(MOVED, 5)
+    before = layouts()
+    bench.evaluate(MOVED, 20)
+    assert layouts() - before <= 2 * 20 + 5

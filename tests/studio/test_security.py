@@ -359,7 +359,7 @@ def test_a_browser_is_led_to_an_address_without_the_token(browser):
 # -- how often the page is sent --------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("path", ["/", "/bench.js", "/calibrate.js"])
+@pytest.mark.parametrize("path", ["/", "/bench.js", "/space.js", "/calibrate.js"])
 def test_the_page_is_sent_once_and_squeezed(path, client):
     whole = client.get(path, headers={"accept-encoding": "identity"})
     squeezed = client.get(path, headers={"accept-encoding": "gzip"})

@@ -26,10 +26,11 @@ import omnimirror as om
 from omnimirror.serving.access import is_loopback
 from omnimirror.serving.limits import LARGEST_MESSAGE
 from omnimirror.studio.app import create_app
+from omnimirror.studio.look import streams
 from omnimirror.studio.look.sources import Sources
 from omnimirror.studio.look.streams import Streams
 from omnimirror.studio.studio import Studio
-from omnimirror.studio.uploads import browser_picture
+from omnimirror.studio.uploads import browser_picture, encoded
 
 from .browser import serving
 from .pictures import video_of
@@ -262,9 +263,11 @@ def test_only_files_of_the_folders_given_are_shown(tmp_path):
             assert client.get("/api/picture", params={"id": id}).status_code == 404
 
 
-def test_twenty_pages_share_one_stream_and_the_slow_ones_slow_nobody(tmp_path):
+def test_twenty_pages_share_one_stream_and_the_slow_ones_slow_nobody(tmp_path, monkeypatch):
     """Pages that ask all the time, one that asks once, and one that never does."""
     shown = Sources(str(video_of(tmp_path / "ride.mp4"))).given
+    coded = []
+    monkeypatch.setattr(streams, "encoded", lambda *what: coded.append(1) or encoded(*what))
 
     async def eager(stream, frames: int) -> list[int]:
         seen, state = [0], None
@@ -282,11 +285,12 @@ def test_twenty_pages_share_one_stream_and_the_slow_ones_slow_nobody(tmp_path):
         return first, (await stream.after(first, state))[0]
 
     async def all_of_them():
-        streams = Streams()
-        async with streams.watch(shown) as stream, streams.watch(shown) as same:
+        watched = Streams()
+        async with watched.watch(shown) as stream, watched.watch(shown) as same:
             assert same is stream  # read once
             found = await asyncio.gather(slow(stream), *(eager(stream, 12) for _ in range(19)))
-        streams.close()
+            assert stream.count <= len(coded) <= stream.count + 2  # of which some may be on their way
+        watched.close()
         return found
 
     with ThreadPoolExecutor() as pool:  # with a loop of its own
@@ -421,6 +425,7 @@ def test_twenty_real_clients_share_a_stream_and_one_that_never_reads_holds_up_no
 
     async def eager(url: str, frames: int) -> list[int]:
         async with connect(url, max_queue=1) as socket:
+            assert not socket.protocol.extensions  # compressed again for nobody, though every page offers that
             await socket.send("next")
             seen: list[int] = []
             async for message in socket:

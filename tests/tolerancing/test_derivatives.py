@@ -71,11 +71,13 @@ class Rays:
         return z
 
     def slopes(self, x, y, h=0.15):
-        def along(dx, dy):
-            at = [self.height(x + k * dx, y + k * dy) - self.height(x - k * dx, y - k * dy) for k in (1, 2, 3)]
+        steps = h * np.array([1, 2, 3, -1, -2, -3])[:, None, None, None]
+
+        def along(heights):
+            at = heights[:3] - heights[3:]
             return (45 * at[0] - 9 * at[1] + at[2]) / (60 * h)
 
-        return along(h, 0.0), along(0.0, h)
+        return along(self.height(x + steps, y)), along(self.height(x, y + steps))
 
     def tilted(self, part):
         a, b = (np.radians(self.of(f"{part}.tilt_{axis}_deg")) for axis in "xy")
@@ -98,7 +100,10 @@ class Rays:
         for _ in range(12):
             x, y, z = np.moveaxis(start + s[..., None] * d, -1, 0)
             gx, gy = self.slopes(x, y)
-            s = s - (z - self.height(x, y)) / (d[..., 2] - gx * d[..., 0] - gy * d[..., 1])
+            step = (z - self.height(x, y)) / (d[..., 2] - gx * d[..., 0] - gy * d[..., 1])
+            s = s - step
+            if np.abs(step).max() < 1e-9:  # mm; the next one would be its square
+                break
         x, y, _ = np.moveaxis(start + s[..., None] * d, -1, 0)
         gx, gy = self.slopes(x, y)
         normal = np.stack([gx, gy, -np.ones_like(gx)], -1) / np.sqrt(1 + gx * gx + gy * gy)[..., None]
@@ -117,6 +122,8 @@ class Rays:
 
         for _ in range(7):
             here, h = miss(t), 1e-6
+            if np.abs(here).max() < 1e-14:
+                break
             rate = np.stack([(miss(t + step) - here) / h for step in h * np.eye(2)], -1)
             t -= np.linalg.solve(rate, here[..., None])[..., 0]
         assert np.abs(miss(t)).max() < 1e-12

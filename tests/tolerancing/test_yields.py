@@ -1,6 +1,7 @@
 """Yields, what errors do alone and allocations against laws that can be written down."""
 
 import json
+import math
 
 import numpy as np
 import pytest
@@ -32,7 +33,8 @@ def sensor():
 
 @pytest.fixture(scope="module")
 def judge(sensor):
-    return Judge.of(sensor)
+    """Of few objects: the laws below hold for any."""
+    return Judge.of(sensor, angles=3, azimuths=6)
 
 
 def of(sensor, errors, correlations=None, distribution="normal"):
@@ -137,8 +139,12 @@ def test_the_cheapest_shifts_are_those_of_the_integral(sensor, judge):
     found = allocate(judge, of(sensor, dict.fromkeys(SHIFTS, 2.0)), {"motion_px": 2.0}, 0.9, prices=prices)
 
     def good(x, y):
-        inner = quad(lambda u: stats.norm.pdf(u / x) / x * (2 * stats.norm.cdf(np.sqrt(4 - u * u) / y) - 1), -2, 2)
-        return inner[0]
+        def inner(u):
+            return (
+                math.exp(-((u / x) ** 2) / 2) / (x * math.sqrt(2 * math.pi)) * math.erf(math.sqrt((4 - u * u) / 2) / y)
+            )
+
+        return quad(inner, -2, 2)[0]
 
     def price(log_ratio):
         ratio = np.exp(log_ratio)
@@ -230,6 +236,9 @@ def test_the_command_says_what_python_says(tmp_path, monkeypatch):
         (["init"], "a sensor is missing"),
         (["paper-spherical", "t.toml", "--merit", "blur_px"], "NAME=LIMIT"),
         (["paper-spherical", "t.toml", "--trials", "0"], "0 is not in the range"),
+        # before as many are built
+        (["paper-spherical", "t.toml", "--trials", "2000000000", "--report", "a.pdf"], "a.pdf ends otherwise"),
+        (["paper-spherical", "t.toml", "--trials", "2000000000", "--merit", "blur_px=9", "--yield", "1"], "yield of 1"),
     ],
 )
 def test_the_command_refuses_in_a_sentence(tmp_path, monkeypatch, words, sentence):

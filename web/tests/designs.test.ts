@@ -148,7 +148,7 @@ describe("what the browser keeps", () => {
     history.now = withEntry(DESIGN, "mirror", "radius_mm", 30);
     history.settle();
     keep(history, [{ name: "pinned", design: DESIGN }], ["Picture"]);
-    expect(kept(PARTS)).toEqual({ design: history.now, past: [DESIGN], future: [], pins: [{ name: "pinned", design: DESIGN }], hidden: ["Picture"] });
+    expect(kept(PARTS)).toEqual({ design: history.now, past: [DESIGN], future: [], pins: [{ name: "pinned", design: DESIGN }], switched: ["Picture"] });
     vi.stubGlobal("sessionStorage", shelf());
     keep(new History(DESIGN), [], []);
     vi.stubGlobal("localStorage", shelf());
@@ -156,8 +156,8 @@ describe("what the browser keeps", () => {
   });
 
   test("without what is no design", () => {
-    sessionStorage.setItem("omnimirror-bench", JSON.stringify({ design: {}, past: [DESIGN, 3], pins: [{ name: "a", design: DESIGN }, { name: 3 }, null], hidden: "all" }));
-    expect(kept(PARTS)).toEqual({ design: null, past: [], future: [], pins: [{ name: "a", design: DESIGN }], hidden: [] });
+    sessionStorage.setItem("omnimirror-bench", JSON.stringify({ design: {}, past: [DESIGN, 3], pins: [{ name: "a", design: DESIGN }, { name: 3 }, null], switched: "all" }));
+    expect(kept(PARTS)).toEqual({ design: null, past: [], future: [], pins: [{ name: "a", design: DESIGN }], switched: [] });
     sessionStorage.setItem("omnimirror-bench", "{cut o");
     expect(kept(PARTS)).toBeNull();
   });

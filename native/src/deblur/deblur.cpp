@@ -1,213 +1,94 @@
 #include "deblur.hpp"
 
 #include <algorithm>
-#include <utility>
+#include <cstdlib>
+#include <new>
 
-#include "pool.hpp"
+#include "sampling/sample.hpp"
 
 namespace omnimirror {
 namespace {
 
-constexpr int64_t PLACES_AT_ONCE = 1 << 14;  // so that sums do not depend on the number of threads
+constexpr int LINE = 16;  // floats
 
-template <class F>
-void in_parallel(int count, F f) {
-    parallel_for(count, [](void* context, int i) { (*static_cast<F*>(context))(i); }, &f);
-}
+int64_t stride_of(int across) { return int64_t{LINE} * (((across + LINE - 1) / LINE + 2 * Sharpening::ROOM / LINE) | 1); }
 
-template <class F>
-double sum_in_parallel(int64_t places, F f) {
-    const int count = static_cast<int>((places + PLACES_AT_ONCE - 1) / PLACES_AT_ONCE);
-    std::vector<double> sums(static_cast<size_t>(count));
-    in_parallel(count, [&](int i) {
-        const int64_t begin = PLACES_AT_ONCE * i;
-        sums[static_cast<size_t>(i)] = f(begin, std::min(begin + PLACES_AT_ONCE, places));
-    });
-    double sum = 0;
-    for (const double part : sums) sum += part;
-    return sum;
-}
-
-// Calls f(place on the fine grid, weights, count) for the runs of a pixel; what would lie outside the picture is
-// taken from its edge, one by one.
-template <class F>
-void for_runs(const BlurKernels& k, int64_t i, F f) {
-    const int pixel = k.pixels[static_cast<size_t>(i)], kernel = k.kernels[static_cast<size_t>(i)];
-    const int across = k.width * k.fineness, deep = k.height * k.fineness;
-    const int y = pixel / k.width * k.fineness, x = pixel % k.width * k.fineness;
-    const bool inside = y + k.least_down >= 0 && y + k.most_down < deep && x + k.least_right >= 0 &&
-                        x + k.most_right < across;
-    const Run* const end = k.runs.data() + k.first_runs[static_cast<size_t>(kernel) + 1];
-    for (const Run* run = k.runs.data() + k.first_runs[static_cast<size_t>(kernel)]; run < end; ++run) {
-        const float* weights = k.weights.data() + run->weight;
-        if (inside) {
-            f(int64_t{y + run->down} * across + x + run->right, weights, run->count);
-            continue;
-        }
-        const int64_t row = int64_t{std::clamp(y + run->down, 0, deep - 1)} * across;
-        for (int j = 0; j < run->count; ++j) f(row + std::clamp(x + run->right + j, 0, across - 1), weights + j, 1);
-    }
-}
-
-// b_i = sum_j A_ij f_j of one pixel i: f the fine values, A its kernel.
-template <int C>
-void blur_pixel(const BlurKernels& k, int64_t i, const float* fine, float* blurred) {
-    float sums[4 * C] = {};  // of every fourth value, so that none waits for the last
-    for_runs(k, i, [&](int64_t place, const float* weights, int count) {
-        const float* values = fine + C * place;
-        int j = 0;
-        for (; j + 4 <= count; j += 4)
-            for (int n = 0; n < 4; ++n)
-                for (int c = 0; c < C; ++c) sums[C * n + c] += weights[j + n] * values[C * (j + n) + c];
-        for (; j < count; ++j)
-            for (int c = 0; c < C; ++c) sums[C * (j & 3) + c] += weights[j] * values[C * j + c];
-    });
-    for (int c = 0; c < C; ++c) blurred[C * i + c] = (sums[c] + sums[C + c]) + (sums[2 * C + c] + sums[3 * C + c]);
-}
-
-// f_j += A_ij b_i of one pixel i, the transpose.
-template <int C>
-void spread_pixel(const BlurKernels& k, int64_t i, const float* blurred, float* fine) {
-    float value[C];
-    std::copy_n(blurred + C * i, C, value);
-    for_runs(k, i, [&](int64_t place, const float* weights, int count) {
-        float* values = fine + C * place;
-        for (int j = 0; j < count; ++j)
-            for (int c = 0; c < C; ++c) values[C * j + c] += weights[j] * value[c];
-    });
-}
-
-// The pixels of rows [top, top + count) as [begin, end) in the list.
-std::pair<int64_t, int64_t> pixels_of_rows(const BlurKernels& k, int64_t top, int64_t count) {
-    const auto at = [&](int64_t row) {
-        const auto first = static_cast<int32_t>(std::min<int64_t>(row, k.height) * k.width);
-        return std::lower_bound(k.pixels.begin(), k.pixels.end(), first) - k.pixels.begin();
-    };
-    return {at(top), at(top + count)};
-}
-
-template <int C>
-void blur_all(const BlurKernels& k, const float* fine, float* blurred, const float* factor) {
-    in_parallel(k.height, [&](int row) {
-        const auto [begin, end] = pixels_of_rows(k, row, 1);
-        for (int64_t i = begin; i < end; ++i) {
-            blur_pixel<C>(k, i, fine, blurred);
-            if (factor)
-                for (int c = 0; c < C; ++c) blurred[C * i + c] *= factor[C * i + c];
-        }
-    });
-}
-
-// Every second band of rows at a time: these do not touch each other's values, and the order of sums is fixed.
-template <int C>
-void spread_all(const BlurKernels& k, const float* blurred, float* fine) {
-    const int across = k.width * k.fineness, deep = k.height * k.fineness;
-    in_parallel(deep, [&](int row) { std::fill_n(fine + int64_t{C} * across * row, int64_t{C} * across, 0.0f); });
-    const int reach = std::max(k.most_down, -k.least_down);
-    const int rows = std::max(16, 2 * reach / k.fineness + 2), bands = (k.height + rows - 1) / rows;
-    for (int odd = 0; odd < 2; ++odd)
-        in_parallel((bands + 1 - odd) / 2, [&](int i) {
-            const auto [begin, end] = pixels_of_rows(k, int64_t{rows} * (2 * i + odd), rows);
-            for (int64_t pixel = begin; pixel < end; ++pixel) spread_pixel<C>(k, pixel, blurred, fine);
-        });
-}
-
-// product = fine product + the smoothness of d, in one row of the fine grid; returns its scalar product with d.
-template <int C>
-double smoothness_of_row(const Curvature& q, int row, const float* d, float* product) {
-    const int across = q.kernels.width * q.kernels.fineness, deep = q.kernels.height * q.kernels.fineness;
-    const int64_t line = int64_t{C} * across;
-    const float *here = d + line * row, *stiffness = q.stiffness + int64_t{across} * row, *fine = q.fine + line * row;
-    // beyond the picture its values go on, and differences vanish
-    const float *above = row > 0 ? here - line : here, *below = row + 1 < deep ? here + line : here;
-    const float* stiffness_above = row > 0 ? stiffness - across : stiffness;
-    float* out = product + line * row;
-    float sums[C] = {};
-    const auto place = [&](int x, int left, int right) {
-        const float s = stiffness[x], of_left = stiffness[x - left], of_above = stiffness_above[x];
-        for (int c = 0; c < C; ++c) {
-            const int i = C * x + c;
-            const float smooth = of_left * (here[i] - here[i - C * left]) + s * (here[i] - here[i + C * right]) +
-                                 of_above * (here[i] - above[i]) + s * (here[i] - below[i]);
-            out[i] = fine[i] * out[i] + smooth;
-            sums[c] += out[i] * here[i];
-        }
-    };
-    place(0, 0, across > 1);
-    for (int x = 1; x + 1 < across; ++x) place(x, 1, 1);
-    if (across > 1) place(across - 1, 1, 0);
-    double sum = 0;
-    for (const float part : sums) sum += part;
-    return sum;
-}
-
-template <int C>
-double times_all(const Curvature& q, const float* d, float* product, float* scratch) {
-    const BlurKernels& k = q.kernels;
-    const int64_t line = int64_t{C} * k.width * k.fineness;
-    const int deep = k.height * k.fineness;
-    in_parallel(deep, [&](int row) {
-        for (int64_t i = line * row; i < line * (row + 1); ++i) product[i] = q.fine[i] * d[i];
-    });
-    blur_all<C>(k, product, scratch, q.slope2);
-    spread_all<C>(k, scratch, product);
-    std::vector<double> sums(static_cast<size_t>(deep));
-    in_parallel(deep, [&](int row) { sums[static_cast<size_t>(row)] = smoothness_of_row<C>(q, row, d, product); });
-    double sum = 0;
-    for (const double part : sums) sum += part;
-    return sum;
-}
-
-template <int C>
-double advance_all(int64_t places, float step, const float* d, const float* product, const float* scale, float* x,
-                   float* residual) {
-    return sum_in_parallel(places, [&](int64_t begin, int64_t end) {
-        double sum = 0;
-        for (int64_t p = begin; p < end; ++p) {
-            float power = 0;
-            for (int64_t i = C * p; i < C * (p + 1); ++i) {
-                x[i] += step * d[i];
-                residual[i] -= step * product[i];
-                power += residual[i] * residual[i];
-            }
-            sum += power * scale[p];
-        }
-        return sum;
-    });
-}
-
-template <int C>
-void turn_all(int64_t places, float share, const float* scale, const float* residual, float* d) {
-    sum_in_parallel(places, [&](int64_t begin, int64_t end) {
-        for (int64_t p = begin; p < end; ++p)
-            for (int64_t i = C * p; i < C * (p + 1); ++i) d[i] = scale[p] * residual[i] + share * d[i];
-        return 0.0;
-    });
-}
+// Patches whose windows lie in the first cache, unless kernels are larger.
+constexpr int PATCH_ROWS = 16, PATCH_COLUMNS = 32;
+// Places of a row that are visited in turn: what the last pixel stored is on its way, and loading it has to wait.
+constexpr int PLACES = 4;
 
 }  // namespace
 
-void blur(const BlurKernels& kernels, int channels, const float* fine, float* blurred) {
-    channels == 1 ? blur_all<1>(kernels, fine, blurred, nullptr) : blur_all<4>(kernels, fine, blurred, nullptr);
+void arrange(BlurKernels& blur, const int32_t* pixels, const int32_t* kernels, int64_t count) {
+    const int down = std::max(blur.most_down, -blur.least_down), right = std::max(blur.most_right, -blur.least_right);
+    const int rows = std::max(PATCH_ROWS, 2 * down / blur.fineness + 2);
+    const int columns = std::max(PATCH_COLUMNS, (2 * right + RUN_LANES) / blur.fineness + 2);
+    for (int colour = 0; colour < COLOURS; ++colour) {
+        blur.first_patches[colour] = static_cast<int>(blur.patches.size());
+        for (int top = rows * (colour / 2); top < blur.height; top += 2 * rows)
+            for (int left = columns * (colour % 2); left < blur.width; left += 2 * columns) {
+                const auto begin = static_cast<int32_t>(blur.visits.size());
+                for (int row = top; row < std::min(top + rows, blur.height); ++row) {
+                    const int32_t* first = std::lower_bound(pixels, pixels + count, row * blur.width + left);
+                    const int32_t* end = std::lower_bound(
+                        first, pixels + count, row * blur.width + std::min(left + columns, blur.width));
+                    const int64_t part = (end - first + PLACES - 1) / PLACES;
+                    for (int64_t n = 0; n < part; ++n)
+                        for (const int32_t* pixel = first + n; pixel < end; pixel += part)
+                            blur.visits.push_back({row, *pixel - row * blur.width, kernels[pixel - pixels],
+                                                   static_cast<int32_t>(pixel - pixels)});
+                }
+                const auto end = static_cast<int32_t>(blur.visits.size());
+                if (end > begin) blur.patches.push_back({begin, end});
+            }
+    }
+    blur.first_patches[COLOURS] = static_cast<int>(blur.patches.size());
 }
 
-void spread(const BlurKernels& kernels, int channels, const float* blurred, float* fine) {
-    channels == 1 ? spread_all<1>(kernels, blurred, fine) : spread_all<4>(kernels, blurred, fine);
+void Sharpening::Free::operator()(void* memory) const { std::free(memory); }
+
+Sharpening::Sharpening(const BlurKernels& blur, int channels, const float* roots)
+    : blur(blur), channels(channels), stride(stride_of(blur.across())), sums(static_cast<size_t>(blur.deep())) {
+    const int64_t plane = stride * channels * blur.deep(), pixels = static_cast<int64_t>(blur.visits.size());
+    const int64_t size = 6 * plane + stride * blur.deep() + 2 * channels * pixels + 2 * ROOM;
+    memory_.reset(static_cast<float*>(std::calloc(static_cast<size_t>(size), sizeof(float))));
+    if (!memory_) throw std::bad_alloc();
+    float* next = memory_.get() + ROOM;
+    for (float** array : {&fine, &d, &product, &image, &x, &residual}) *array = next, next += plane;
+    stiffness = next, next += stride * blur.deep();
+    seen = next, slope2 = next + channels * pixels;
+    for (int64_t i = 0; i < pixels; ++i) {
+        const Visit& visit = blur.visits[static_cast<size_t>(i)];
+        const float* values = roots + channels * (int64_t{blur.width} * visit.row + visit.column);
+        for (int c = 0; c < channels; ++c) seen[c * pixels + i] = values[c];
+    }
+    // without the stairs of pixels, which would be taken for edges
+    const int f = blur.fineness;
+    std::vector<int> columns(static_cast<size_t>(blur.across() + f));
+    for (int i = 0; i < blur.across() + f; ++i) columns[static_cast<size_t>(i)] = std::clamp(i - f / 2, 0, blur.across() - 1) / f * channels;
+    std::vector<float> mean(static_cast<size_t>(blur.width * channels));
+    for (int row = 0; row < blur.deep(); ++row) {
+        std::fill(mean.begin(), mean.end(), 0.0f);
+        for (int n = 0; n < f; ++n) {
+            const float* line = roots + int64_t{channels} * blur.width * (std::clamp(row + n - f / 2, 0, blur.deep() - 1) / f);
+            for (size_t i = 0; i < mean.size(); ++i) mean[i] += line[i] / static_cast<float>(f * f);
+        }
+        for (int c = 0; c < channels; ++c) {
+            float* out = fine + (int64_t{channels} * row + c) * stride;
+            for (int n = 0; n < f; ++n)
+                for (int i = 0; i < blur.across(); ++i) out[i] += mean[static_cast<size_t>(columns[static_cast<size_t>(i + n)] + c)];
+            out[blur.across()] = out[blur.across() - 1];  // beyond the picture its values go on
+        }
+    }
 }
 
-double times(const Curvature& curvature, const float* d, float* product, float* scratch) {
-    return curvature.channels == 1 ? times_all<1>(curvature, d, product, scratch)
-                                   : times_all<4>(curvature, d, product, scratch);
-}
-
-double advance(int64_t places, int channels, float step, const float* d, const float* product, const float* scale,
-               float* x, float* residual) {
-    return channels == 1 ? advance_all<1>(places, step, d, product, scale, x, residual)
-                         : advance_all<4>(places, step, d, product, scale, x, residual);
-}
-
-void turn(int64_t places, int channels, float share, const float* scale, const float* residual, float* d) {
-    channels == 1 ? turn_all<1>(places, share, scale, residual, d) : turn_all<4>(places, share, scale, residual, d);
+// The samplers choose the instructions; those without a kernel here take the plain one.
+const SharpeningKernel& sharpening_kernel() {
+#if defined(OMNIMIRROR_AVX2)
+    if (kernels().has_avx2) return avx2_sharpening;
+#endif
+    return plain_sharpening;
 }
 
 }  // namespace omnimirror

@@ -1,4 +1,4 @@
-// The part of omnimirror._native that omnimirror.simulate.restoration.operators calls.
+// The part of omnimirror._native that omnimirror.simulate.restoration.sharp_picture calls.
 
 #include <algorithm>
 #include <memory>
@@ -23,19 +23,36 @@ void add_runs(BlurKernels& k, const Ints& firsts, const Ints& offsets, const Flo
             require(std::abs(down) < (1 << 12) && std::abs(right) < (1 << 12), "a kernel reaches too far");
             const bool adjoins = i > first[kernel] && k.runs.back().down == down &&
                                  k.runs.back().right + k.runs.back().count == right;
-            if (adjoins)
+            if (adjoins) {
                 ++k.runs.back().count;
-            else
-                k.runs.push_back({down, right, 1, i});
+            } else {
+                k.weights.resize((k.weights.size() + RUN_LANES - 1) / RUN_LANES * RUN_LANES);
+                require(k.weights.size() < (1u << 30), "there are too many weights");
+                k.runs.push_back({down, right, 1, static_cast<int32_t>(k.weights.size())});
+            }
+            k.weights.push_back(weights.data()[i]);
             k.least_down = std::min(k.least_down, down), k.most_down = std::max(k.most_down, down);
             k.least_right = std::min(k.least_right, right), k.most_right = std::max(k.most_right, right);
         }
     }
     k.first_runs.push_back(static_cast<int32_t>(k.runs.size()));
+    k.weights.resize((k.weights.size() + RUN_LANES - 1) / RUN_LANES * RUN_LANES);
+}
+
+void add_pixels(BlurKernels& k, const Ints& pixels, const Ints& kernels) {
+    const auto count = static_cast<int32_t>(k.first_runs.size()) - 1;
+    int32_t before = -1;
+    for (size_t i = 0; i < pixels.size(); ++i) {
+        const int32_t pixel = pixels.data()[i], kernel = kernels.data()[i];
+        require(pixel > before && pixel < k.width * k.height, "pixels ascend and lie in the picture");
+        require(kernel >= 0 && kernel < count, "there is no such kernel");
+        before = pixel;
+    }
+    arrange(k, pixels.data(), kernels.data(), static_cast<int64_t>(pixels.size()));
 }
 
 BlurKernels* make_kernels(int width, int height, int fineness, const Ints& firsts, const Ints& offsets,
-                          const Floats& weights, const Ints& pixels, const Ints& kernels) {
+                          const Floats& weights, const Ints& pixels, const Ints& kernels, const Ints& spans) {
     require(width > 0 && height > 0 && width <= (1 << 14) && height <= (1 << 14), "valid are sides up to 16384");
     require(fineness >= 1 && fineness <= 4, "the fineness is 1 to 4");
     require(firsts.size() >= 1 && offsets.size() == 2 * weights.size() && weights.size() < (1u << 30),
@@ -44,74 +61,59 @@ BlurKernels* make_kernels(int width, int height, int fineness, const Ints& first
     auto k = std::make_unique<BlurKernels>();
     k->width = width, k->height = height, k->fineness = fineness;
     add_runs(*k, firsts, offsets, weights);
-    k->weights.assign(weights.data(), weights.data() + weights.size());
-    k->pixels.assign(pixels.data(), pixels.data() + pixels.size());
-    k->kernels.assign(kernels.data(), kernels.data() + kernels.size());
-    int32_t before = -1;
-    for (size_t i = 0; i < k->pixels.size(); ++i) {
-        require(k->pixels[i] > before && k->pixels[i] < width * height, "pixels ascend and lie in the picture");
-        require(k->kernels[i] >= 0 && k->kernels[i] + 1 < static_cast<int32_t>(firsts.size()), "there is no such kernel");
-        before = k->pixels[i];
+    add_pixels(*k, pixels, kernels);
+    require(spans.size() == 2 * static_cast<size_t>(k->deep()), "every row of the fine grid has a span");
+    for (size_t row = 0; row < spans.size() / 2; ++row) {
+        const Span span{spans.data()[2 * row], spans.data()[2 * row + 1]};
+        require(0 <= span.begin && span.begin <= span.end && span.end <= k->across(), "a span leaves the picture");
+        k->spans.push_back(span);
     }
     return k.release();
 }
 
+void start(Sharpening* sharp, const BlurKernels& k, const Floats& roots) {
+    require(roots.ndim() == 3 && roots.shape(0) == static_cast<size_t>(k.height) &&
+                roots.shape(1) == static_cast<size_t>(k.width) && (roots.shape(2) == 1 || roots.shape(2) == 3),
+            "roots are (height, width, 1 or 3)");
+    nb::gil_scoped_release released;
+    new (sharp) Sharpening(k, static_cast<int>(roots.shape(2)), roots.data());
+}
+
 template <class A>
-int channels_of(const A& array, size_t places) {
-    require(array.ndim() == 2 && array.shape(0) == places && (array.shape(1) == 1 || array.shape(1) == 4),
-            "values are (places, 1 or 4)");
-    return static_cast<int>(array.shape(1));
+void require_pixels(const Sharpening& s, const A& array) {
+    require(array.ndim() == 2 && array.shape(0) == static_cast<size_t>(s.blur.height) &&
+                array.shape(1) == static_cast<size_t>(s.blur.width),
+            "values are (height, width)");
 }
 
-size_t places_of(const BlurKernels& k) {
-    return size_t{1} * static_cast<size_t>(k.width) * static_cast<size_t>(k.height) *
-           static_cast<size_t>(k.fineness * k.fineness);
-}
-
-void blur_values(const BlurKernels& k, const Floats& fine, const FloatsOut& blurred) {
-    const int channels = channels_of(fine, places_of(k));
-    require(channels_of(blurred, k.pixels.size()) == channels, "the arrays differ in channels");
+void improve_sharp(Sharpening& s, const Floats& costs, int steps) {
+    require_pixels(s, costs);
+    require(steps >= 1, "there is a step at least");
     nb::gil_scoped_release released;
-    blur(k, channels, fine.data(), blurred.data());
+    sharpening_kernel().improve(s, costs.data(), steps);
 }
 
-void spread_values(const BlurKernels& k, const Floats& blurred, const FloatsOut& fine) {
-    const int channels = channels_of(fine, places_of(k));
-    require(channels_of(blurred, k.pixels.size()) == channels, "the arrays differ in channels");
+void log_steepness_of(const Sharpening& s, const FloatsOut& logarithms) {
+    require_pixels(s, logarithms);
     nb::gil_scoped_release released;
-    spread(k, channels, blurred.data(), fine.data());
+    sharpening_kernel().log_steepness(s, logarithms.data());
 }
 
-double curvature_times(const BlurKernels& k, const Floats& fine, const Floats& slope2, const Floats& stiffness,
-                       const Floats& d, const FloatsOut& product, const FloatsOut& scratch) {
-    const size_t places = places_of(k);
-    const int channels = channels_of(fine, places);
-    require(channels_of(slope2, k.pixels.size()) == channels && channels_of(d, places) == channels &&
-                channels_of(product, places) == channels && channels_of(scratch, k.pixels.size()) == channels,
-            "the arrays differ in channels");
-    require(stiffness.size() == places, "the stiffness is one of each place");
+void blurred_of(Sharpening& s, const FloatsOut& light) {
+    require(light.ndim() == 2 && light.shape(0) == s.blur.visits.size() &&
+                light.shape(1) == static_cast<size_t>(s.channels),
+            "values are (pixels, channels)");
     nb::gil_scoped_release released;
-    return times({k, channels, fine.data(), slope2.data(), stiffness.data()}, d.data(), product.data(), scratch.data());
+    sharpening_kernel().blurred(s, light.data());
 }
 
-double advance_solution(float step, const Floats& d, const Floats& product, const Floats& scale, const FloatsOut& x,
-                        const FloatsOut& residual) {
-    const size_t places = scale.size();
-    const int channels = channels_of(d, places);
-    require(channels_of(product, places) == channels && channels_of(x, places) == channels &&
-                channels_of(residual, places) == channels,
-            "the arrays differ in channels");
+void light_of(const Sharpening& s, const FloatsOut& light) {
+    require(light.ndim() == 3 && light.shape(0) == static_cast<size_t>(s.blur.height) &&
+                light.shape(1) == static_cast<size_t>(s.blur.width) &&
+                light.shape(2) == static_cast<size_t>(s.channels),
+            "values are (height, width, channels)");
     nb::gil_scoped_release released;
-    return advance(static_cast<int64_t>(places), channels, step, d.data(), product.data(), scale.data(), x.data(),
-                   residual.data());
-}
-
-void turn_direction(float share, const Floats& scale, const Floats& residual, const FloatsOut& d) {
-    const size_t places = scale.size();
-    const int channels = channels_of(d, places);
-    require(channels_of(residual, places) == channels, "the arrays differ in channels");
-    nb::gil_scoped_release released;
-    turn(static_cast<int64_t>(places), channels, share, scale.data(), residual.data(), d.data());
+    sharpening_kernel().light(s, light.data());
 }
 
 }  // namespace
@@ -119,12 +121,13 @@ void turn_direction(float share, const Floats& scale, const Floats& residual, co
 void add_deblurring(nb::module_& m) {
     nb::class_<BlurKernels>(m, "BlurKernels")
         .def(nb::new_(&make_kernels), "width"_a, "height"_a, "fineness"_a, "firsts"_a, "offsets"_a, "weights"_a,
-             "pixels"_a, "kernels"_a)
-        .def("blur", &blur_values, "fine"_a, "blurred"_a)
-        .def("spread", &spread_values, "blurred"_a, "fine"_a)
-        .def("curvature_times", &curvature_times, "fine"_a, "slope2"_a, "stiffness"_a, "d"_a, "product"_a, "scratch"_a);
-    m.def("advance_solution", &advance_solution, "step"_a, "d"_a, "product"_a, "scale"_a, "x"_a, "residual"_a);
-    m.def("turn_direction", &turn_direction, "share"_a, "scale"_a, "residual"_a, "d"_a);
+             "pixels"_a, "kernels"_a, "spans"_a);
+    nb::class_<Sharpening>(m, "Sharpening")
+        .def("__init__", &start, "kernels"_a, "roots"_a, nb::keep_alive<1, 2>())
+        .def("improve", &improve_sharp, "costs"_a, "steps"_a)
+        .def("log_steepness", &log_steepness_of, "logarithms"_a)
+        .def("blurred", &blurred_of, "light"_a)
+        .def("light", &light_of, "light"_a);
 }
 
 }  // namespace omnimirror

@@ -2,13 +2,14 @@
 // those of batch/built.py, batch/lens_tables.py and tracing/covers.py.
 #pragma once
 
-#include <algorithm>
 #include <cmath>
+#include <initializer_list>
 #include <limits>
 
 #include "designs.hpp"
 
 namespace omnimirror {
+namespace {
 
 // batch/lens_tables.py: cubic pieces over the tangent of the viewing angle.
 class Lens {
@@ -20,9 +21,10 @@ public:
 
     // The first `count` rows at a tangent.
     void at(double tangent, int count, double* rows) const {
-        const int cell = std::min(std::max(static_cast<int>(tangent / step_), 0), table_.cells - 1);
+        const int place = static_cast<int>(tangent / step_), last = table_.cells - 1;
+        const int cell = place < 0 ? 0 : place > last ? last : place;
         const double u = tangent / step_ - cell;
-        const double* a = table_.values + size_t(cell) * 2 * LENS_ROWS;
+        const double* a = table_.values + static_cast<std::size_t>(cell) * 2 * LENS_ROWS;
         const double *da = a + LENS_ROWS, *b = da + LENS_ROWS, *db = b + LENS_ROWS;
         for (int r = 0; r < count; ++r) {
             const double bend = 3 * (b[r] - a[r]) - 2 * da[r] - db[r], twist = 2 * (a[r] - b[r]) + da[r] + db[r];
@@ -165,4 +167,5 @@ inline Node built_point(double x, double z, double slope, double curvature, doub
     return node;
 }
 
+}  // namespace
 }  // namespace omnimirror

@@ -9,6 +9,7 @@ namespace omnimirror {
 constexpr int DESIGN_COLUMNS = 10;
 constexpr int DESIGN_NUMBERS = 7;
 constexpr int LENS_ROWS = 27;    // of batch/lens_tables.py: place, motion, light, then eight by powers of the focus
+constexpr int MOST_SCAN = 64;    // places that a focus is looked for at
 constexpr int WALL_NUMBERS = 7;  // of one design: radii, heights, ends, whether it fits
 
 // A real lens, tabulated: batch/lens_tables.py. Without values there is none.
@@ -65,5 +66,12 @@ struct DesignJob {
 };
 
 void evaluate_designs(const DesignJob& job);
+
+// Designs first to first + count.
+using DesignKernel = void (*)(const DesignJob& job, int first, int count);
+extern const DesignKernel plain_designs;
+#if defined(OMNIMIRROR_AVX2)
+extern const DesignKernel avx2_designs;
+#endif
 
 }  // namespace omnimirror

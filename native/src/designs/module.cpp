@@ -41,7 +41,8 @@ void design_batch(const Doubles& coefficients, const Doubles& numbers, const Dou
             "columns are (10, designs, angles)");
     require(results.ndim() == 2 && results.shape(0) == 3 && results.shape(1) == designs, "results are (3, designs)");
     const auto [scan, margin, close, most_steps, edge, halving] = search;
-    require(scan >= 3 && most_steps >= 0 && halving >= 1, "the search scans 3 places at least, and halves at times");
+    require(scan >= 3 && scan <= MOST_SCAN && most_steps >= 0 && halving >= 1,
+            "the search scans 3 to 64 places, and halves at times");
     const auto [kind, wall_index, medium_index] = wall;
     require(kind >= Wall::NONE && kind <= Wall::SPHERE, "a wall is none, a plane, a cylinder or a sphere");
     require(kind == Wall::NONE ||

@@ -1,6 +1,6 @@
 #include "exposure.hpp"
 
-#include <cstring>
+#include <algorithm>
 
 #include "pool.hpp"
 #include "sampling/sample.hpp"
@@ -11,7 +11,7 @@ namespace {
 // The samplers choose the instructions; those without kernels here take the plain ones.
 const ExposureKernels& exposure_kernels() {
 #if defined(OMNIMIRROR_AVX2)
-    if (!std::strcmp(kernels().name, avx2_exposure.name)) return avx2_exposure;
+    if (kernels().has_avx2) return avx2_exposure;
 #endif
     return plain_exposure;
 }
@@ -27,6 +27,61 @@ struct RayWork {
     const Exposure& exposure;
     int top;
     RayOut out;
+};
+
+// The light of a row's rays, summed by pixel, and those that see what is behind all surfaces.
+class Painter {
+  public:
+    Painter(const Exposure& e, const SurfaceTree& tree, const OpenRays& open)
+        : e_(e), tree_(tree), open_(open), share_(1 / static_cast<float>(e.samples.count)) {}
+
+    void fill(int row, int32_t first_pixel, float* light) {
+        RayBlock block;
+        std::fill_n(light, int64_t{3} * e_.width, 0.f);
+        const int64_t count = int64_t{e_.width} * e_.samples.count;
+        for (int64_t first = 0; first < count; first += BLOCK) {
+            if (!exposure_kernels().block(e_, row, first, block)) continue;
+            for (int k = 0; k < BLOCK / PACKET && first + PACKET * k < count; ++k)
+                add(block, k, first + PACKET * k, first_pixel, light);
+        }
+    }
+
+    int64_t opened = 0;
+
+  private:
+    // Light of a packet, whose first ray has number `first` in the row.
+    void add(const RayBlock& block, int k, int64_t first, int32_t first_pixel, float* light) {
+        const Packet& rays = block.packets[k];
+        Hits hits;
+        packet_kernels().see(tree_, rays, hits);
+        int32_t pixel = static_cast<int32_t>(first / e_.samples.count);
+        int left = e_.samples.count - static_cast<int>(first % e_.samples.count);
+        for (int i = 0; i < PACKET; ++i) {
+            const float weight = share_ * block.weights[PACKET * k + i], fate = block.fates[PACKET * k + i];
+            float* sum = light + int64_t{3} * pixel;
+            if (rays.limit[i] > 0) {
+                for (int c = 0; c < 3; ++c) sum[c] += weight * hits.light[i][c];
+                const float clear = hits.surface[i] < 0 ? 1 : hits.light[i][3];
+                if (open_.wanted && clear > 0) leave(rays, i, first_pixel + pixel, weight * clear);
+            } else if (fate == HIDDEN) {
+                for (int c = 0; c < 3; ++c) sum[c] += weight * e_.optics.housing_light[c];
+            }
+            if (!--left) left = e_.samples.count, ++pixel;
+        }
+    }
+
+    void leave(const Packet& rays, int i, int32_t pixel, float share) {
+        open_.pixels[opened] = pixel;
+        float* out = open_.rays + 7 * opened++;
+        *out++ = share;
+        for (int c = 0; c < 3; ++c) *out++ = rays.origin[c][i];
+        for (int c = 0; c < 3; ++c) *out++ = rays.direction[c][i];
+    }
+
+    const Exposure& e_;
+    const SurfaceTree& tree_;
+    const OpenRays& open_;
+    float share_;
 };
 
 }  // namespace
@@ -54,6 +109,13 @@ void expose(const Exposure& exposure, int top, int count, const RayOut& out) {
                                      w.out.fates + n});
         },
         &work);
+}
+
+int64_t expose(const Exposure& exposure, const SurfaceTree& tree, int top, int count, float* light,
+               const OpenRays& open) {
+    Painter painter(exposure, tree, open);
+    for (int i = 0; i < count; ++i) painter.fill(top + i, i * exposure.width, light + int64_t{3} * exposure.width * i);
+    return painter.opened;
 }
 
 }  // namespace omnimirror

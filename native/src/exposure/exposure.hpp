@@ -7,6 +7,8 @@
 
 #include <cstdint>
 
+#include "surfaces.hpp"
+
 namespace omnimirror {
 
 // One node of a mirror's meridian.
@@ -41,6 +43,7 @@ struct Optics {
     bool sees_past = false;  // whether rays that miss the mirror see the world behind it, or nothing
     // from the camera frame to the world
     float rotation[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1}, shift[3] = {0, 0, 0};
+    bool distant = false;  // the world is infinitely far away: all rays start at the shift
 };
 
 // Points of all samples of a pixel, (count, 4) in [0, 1): place on the pixel, place on the aperture. Each pixel
@@ -67,6 +70,20 @@ struct RayOut {
     uint8_t* fates;                         // (n)
 };
 
+// Rays of a row, one after the other, as surfaces are asked for them; those that see nothing have no limit.
+constexpr int BLOCK = 64;
+struct alignas(64) RayBlock {
+    Packet packets[BLOCK / PACKET];
+    float weights[BLOCK], fates[BLOCK];
+};
+
+// Rays that see what is behind all surfaces: the pixel, counted through the rows, that each adds its share of light to.
+struct OpenRays {
+    int32_t* pixels;
+    float* rays;  // (n, 7): share, origin, direction
+    bool wanted;
+};
+
 struct Exposure {
     Optics optics;
     Samples samples;
@@ -74,11 +91,12 @@ struct Exposure {
 };
 
 struct ExposureKernels {
-    const char* name;
     // Mean light (width, 3) of the pixels of a row.
     void (*light)(const Exposure&, const Environment&, int row, float* out);
     // All rays of the pixels of a row.
     void (*rays)(const Exposure&, int row, const RayOut& out);
+    // Rays of a row from number `first` on; whether any of them got anywhere.
+    bool (*block)(const Exposure&, int row, int64_t first, RayBlock& out);
 };
 
 extern const ExposureKernels plain_exposure;
@@ -89,5 +107,7 @@ extern const ExposureKernels avx2_exposure;
 // Rows [top, top + count) of a picture, on the pool; light is (count, width, 3).
 void expose(const Exposure&, const Environment&, int top, int count, float* light);
 void expose(const Exposure&, int top, int count, const RayOut& out);
+// The same of surfaces, on the calling thread alone; how many rays are open.
+int64_t expose(const Exposure&, const SurfaceTree&, int top, int count, float* light, const OpenRays& open);
 
 }  // namespace omnimirror

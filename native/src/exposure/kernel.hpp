@@ -1,4 +1,4 @@
-// The kernels of exposure.hpp. Compiled once per instruction set, so everything here has internal linkage.
+// The rays of exposure.hpp, from the imager into the world. Compiled once per instruction set, so everything here has internal linkage.
 //
 // Rays go through in blocks: each step is a loop over a block's lanes without branches, which compilers vectorise.
 #pragma once
@@ -10,14 +10,15 @@
 namespace omnimirror {
 namespace {
 
-constexpr int LANES = 64;
+constexpr int LANES = BLOCK;
 using Lane = float[LANES];
 
 #if defined(__GNUC__) && !defined(__clang__)
-#define OMNIMIRROR_EACH_LANE(i) _Pragma("GCC ivdep") for (int i = 0; i < LANES; ++i)
+#define OMNIMIRROR_SOME_LANES(i, begin, end) _Pragma("GCC ivdep") for (int i = begin; i < end; ++i)
 #else
-#define OMNIMIRROR_EACH_LANE(i) for (int i = 0; i < LANES; ++i)
+#define OMNIMIRROR_SOME_LANES(i, begin, end) for (int i = begin; i < end; ++i)
 #endif
+#define OMNIMIRROR_EACH_LANE(i) OMNIMIRROR_SOME_LANES(i, 0, LANES)
 
 struct alignas(64) Bundle {
     Lane u, v, a, b;                 // pixel, and place on the aperture in [0, 1)
@@ -81,24 +82,30 @@ inline Shifts shifts_of(const Samples& samples, int column, int row) {
 inline float wrapped(float x) { return x - (x >= 1 ? 1.f : 0.f); }
 
 // -- the steps of a ray ----------------------------------------------------------------------------
+//
+// Loops are vectorised where nothing that is fetched depends on a lane: optics come by value, since what lies in an
+// array of somebody else's could only be fetched where a branch asks for it.
 
-// The lanes' samples: those from number `first` of the row's on.
+// The lanes' samples: those from number `first` of the row's on, pixel by pixel.
 void place(const Exposure& e, int row, int64_t first, Bundle& r) {
     const Samples& s = e.samples;
-    int column = static_cast<int>(first / s.count), sample = static_cast<int>(first % s.count);
-    Shifts shifts = shifts_of(s, e.left + column, row);
-    for (int i = 0; i < LANES; ++i) {
-        const float* p = s.points + 4 * sample;
-        r.u[i] = static_cast<float>(e.left + column) + wrapped(p[0] + shifts.of[0]) - 0.5f;
-        r.v[i] = static_cast<float>(row) + wrapped(p[1] + shifts.of[1]) - 0.5f;
-        r.a[i] = wrapped(p[2] + shifts.of[2]), r.b[i] = wrapped(p[3] + shifts.of[3]);
-        if (++sample == s.count) sample = 0, shifts = shifts_of(s, e.left + ++column, row);
+    int column = e.left + static_cast<int>(first / s.count), sample = static_cast<int>(first % s.count);
+    for (int begin = 0, end; begin < LANES; begin = end, sample = 0, ++column) {
+        end = LANES - begin < s.count - sample ? LANES : begin + s.count - sample;
+        const Shifts shifts = shifts_of(s, column, row);
+        const float across = shifts.of[0], down = shifts.of[1], out = shifts.of[2], about = shifts.of[3];
+        const float left = static_cast<float>(column), top = static_cast<float>(row);
+        OMNIMIRROR_SOME_LANES(i, begin, end) {
+            const float* p = s.points + 4 * (sample + i - begin);
+            r.u[i] = left + wrapped(p[0] + across) - 0.5f, r.v[i] = top + wrapped(p[1] + down) - 0.5f;
+            r.a[i] = wrapped(p[2] + out), r.b[i] = wrapped(p[3] + about);
+        }
     }
 }
 
 // Takes the lens's distortion away from tangents, and keeps how it crowds light: by Newton's rule, first along
 // the radius, where the fold bounds it, then in both coordinates. What no ray is sent to is put far away, dark.
-void undistort(const Optics& o, Bundle& r) {
+void undistort(const Optics o, Bundle& r) {
     const float k1 = o.distortion[0], k2 = o.distortion[1], k3 = o.distortion[2];
     const float p1 = o.distortion[3], p2 = o.distortion[4];
     OMNIMIRROR_EACH_LANE(i) {
@@ -131,7 +138,7 @@ void undistort(const Optics& o, Bundle& r) {
 
 // From the pixel through the aperture towards the point in focus: with the tangents T of the chief ray and a place s on
 // the stop, origin s and direction (T focus - s, focus). Light falls with cos^4 of the chief ray's angle where wanted.
-void through_lens(const Optics& o, Bundle& r) {
+void through_lens(const Optics o, Bundle& r) {
     const float perspective = o.telecentric ? 0.f : 1.f;
     OMNIMIRROR_EACH_LANE(i) {
         r.tx[i] = o.scale[0] * (r.u[i] - o.centre[0]), r.ty[i] = o.scale[1] * (r.v[i] - o.centre[1]);
@@ -155,28 +162,30 @@ void through_lens(const Optics& o, Bundle& r) {
     }
 }
 
+// Vectors in axes that are the rows of m.
+void turn(const float (&m)[9], Lane& x, Lane& y, Lane& z) {
+    const float xx = m[0], xy = m[1], xz = m[2], yx = m[3], yy = m[4], yz = m[5], zx = m[6], zy = m[7], zz = m[8];
+    OMNIMIRROR_EACH_LANE(i) {
+        const float a = x[i], b = y[i], c = z[i];
+        x[i] = xx * a + xy * b + xz * c, y[i] = yx * a + yy * b + yz * c, z[i] = zx * a + zy * b + zz * c;
+    }
+}
+
 // To the mirror's frame, and to its vertex plane, where little is left to cancel.
 void to_mirror(const Optics& o, Bundle& r) {
-    const float *t = o.vertex, *m = o.axes;
+    const float tx = o.vertex[0], ty = o.vertex[1], tz = o.vertex[2];
+    OMNIMIRROR_EACH_LANE(i) r.ox[i] -= tx, r.oy[i] -= ty, r.oz[i] -= tz;
+    if (!o.aligned) turn(o.axes, r.ox, r.oy, r.oz), turn(o.axes, r.dx, r.dy, r.dz);
     OMNIMIRROR_EACH_LANE(i) {
-        float x = r.ox[i] - t[0], y = r.oy[i] - t[1], z = r.oz[i] - t[2];
-        float dx = r.dx[i], dy = r.dy[i], dz = r.dz[i];
-        if (!o.aligned) {
-            const float x1 = m[0] * x + m[1] * y + m[2] * z, y1 = m[3] * x + m[4] * y + m[5] * z;
-            z = m[6] * x + m[7] * y + m[8] * z, x = x1, y = y1;
-            const float dx1 = m[0] * dx + m[1] * dy + m[2] * dz, dy1 = m[3] * dx + m[4] * dy + m[5] * dz;
-            dz = m[6] * dx + m[7] * dy + m[8] * dz, dx = dx1, dy = dy1;
-        }
-        const float s = -z / dz;
-        r.ox[i] = x + s * dx, r.oy[i] = y + s * dy;
-        r.dx[i] = dx, r.dy[i] = dy, r.dz[i] = dz;
+        const float s = -r.oz[i] / r.dz[i];
+        r.ox[i] += s * r.dx[i], r.oy[i] += s * r.dy[i];
     }
 }
 
 // Where the ray meets the conic's sheet at the vertex, coming from the lens: the root of
 //   c (x^2 + y^2 + (1 + k) z^2) = 2 z, c the curvature, k the conic constant,
 // that is 0 at the vertex; t counts from the vertex plane.
-void meet_conic(const Optics& o, Bundle& r) {
+void meet_conic(const Optics o, Bundle& r) {
     const float c = o.curvature, k1 = 1 + o.conic;
     OMNIMIRROR_EACH_LANE(i) {
         const float x = r.ox[i], y = r.oy[i], dx = r.dx[i], dy = r.dy[i], dz = r.dz[i];
@@ -284,7 +293,7 @@ constexpr float NEAR_MM = 5e-5f;  // moves the normal by 1e-6
 constexpr int MOST_STEPS = 16;    // a few do, but for rays that graze the rim
 
 // A meridian given by nodes: from the conic that is most like it.
-void meet_nodes(const Optics& o, Bundle& r) {
+void meet_nodes(const Optics o, Bundle& r) {
     meet_conic(o, r);
     OMNIMIRROR_EACH_LANE(i) {  // the conic may be missed where the mirror is not
         const bool usable = r.px[i] * r.px[i] + r.py[i] * r.py[i] < 2 * o.rim * o.rim;
@@ -302,12 +311,12 @@ void meet_nodes(const Optics& o, Bundle& r) {
 
 // Off the mirror, and back to the camera frame; rays that missed go straight on. What rises past the rim may meet the
 // dark edge about it.
-void reflect(const Optics& o, Bundle& r) {
-    const float *t = o.vertex, *m = o.axes;
-    const float *w = o.reflectance;
+void reflect(const Optics o, Bundle& r) {
+    const float* w = o.reflectance;
     OMNIMIRROR_EACH_LANE(i) {
         const bool hit = r.fate[i] == REFLECTED;
-        float x = hit ? r.px[i] : r.ox[i], y = hit ? r.py[i] : r.oy[i], z = hit ? r.pz[i] : 0;
+        const float px = r.px[i], py = r.py[i], pz = r.pz[i], ox = r.ox[i], oy = r.oy[i];
+        float x = hit ? px : ox, y = hit ? py : oy, z = hit ? pz : 0;
         float dx = r.dx[i], dy = r.dy[i], dz = r.dz[i];
         const float nx = r.nx[i], ny = r.ny[i], n2 = 1 + nx * nx + ny * ny;
         const float along = dx * nx + dy * ny + dz;
@@ -321,15 +330,16 @@ void reflect(const Optics& o, Bundle& r) {
         const float up = (o.edge_z - z) / (dz + 1e-30f), ex = x + up * dx, ey = y + up * dy, e2 = ex * ex + ey * ey;
         const bool edge = hit & (up > 0) & (e2 > o.rim * o.rim) & (e2 < o.edge_radius * o.edge_radius);
         r.fate[i] = edge ? HIDDEN : r.fate[i];
-        if (!o.aligned) {
-            const float x1 = m[0] * x + m[3] * y + m[6] * z, y1 = m[1] * x + m[4] * y + m[7] * z;
-            z = m[2] * x + m[5] * y + m[8] * z, x = x1, y = y1;
-            const float dx1 = m[0] * dx + m[3] * dy + m[6] * dz, dy1 = m[1] * dx + m[4] * dy + m[7] * dz;
-            dz = m[2] * dx + m[5] * dy + m[8] * dz, dx = dx1, dy = dy1;
-        }
-        r.px[i] = x + t[0], r.py[i] = y + t[1], r.pz[i] = z + t[2];
+        r.px[i] = x, r.py[i] = y, r.pz[i] = z;
         r.dx[i] = dx, r.dy[i] = dy, r.dz[i] = dz;
     }
+    if (!o.aligned) {
+        const float* m = o.axes;
+        const float back[9] = {m[0], m[3], m[6], m[1], m[4], m[7], m[2], m[5], m[8]};
+        turn(back, r.px, r.py, r.pz), turn(back, r.dx, r.dy, r.dz);
+    }
+    const float tx = o.vertex[0], ty = o.vertex[1], tz = o.vertex[2];
+    OMNIMIRROR_EACH_LANE(i) r.px[i] += tx, r.py[i] += ty, r.pz[i] += tz;
 }
 
 // Whether a ray meets one of the rod's ends.
@@ -362,7 +372,7 @@ inline float front_of(float x, float y, float q) {
 }
 
 // A dark edge about the mirror's rim, in the mirror's frame: what passes the mirror may meet it.
-void meet_edge(const Optics& o, Bundle& r) {
+void meet_edge(const Optics o, Bundle& r) {
     OMNIMIRROR_EACH_LANE(i) {
         const float t = o.edge_z / r.dz[i], x = r.ox[i] + t * r.dx[i], y = r.oy[i] + t * r.dy[i];
         const bool on = (r.fate[i] == LOST) & (x * x + y * y < o.edge_radius * o.edge_radius) & (r.weight[i] > 0);
@@ -372,7 +382,7 @@ void meet_edge(const Optics& o, Bundle& r) {
 
 // The camera and its rod, where mirrored rays meet them. The rod also hides the mirror: the chief ray is followed back,
 // along the axis under a telecentric lens.
-void obscure(const Optics& o, Bundle& r) {
+void obscure(const Optics o, Bundle& r) {
     if (o.rod_z[1] > o.rod_z[0]) {
         const float aside = o.telecentric ? 0 : -o.focus, down = o.telecentric ? -1 : -o.focus;
         OMNIMIRROR_EACH_LANE(i) {
@@ -390,17 +400,6 @@ void obscure(const Optics& o, Bundle& r) {
         const float qx = x / o.lens_radius, qy = y / o.lens_radius;
         r.weight[i] *= seen ? front_of(qx, qy, root(qx * qx + qy * qy)) : 1;
         r.fate[i] = seen ? HIDDEN : r.fate[i];
-    }
-}
-
-// Directions to the world's, in dx, dy, dz.
-void to_world(const Optics& o, Bundle& r) {
-    const float* m = o.rotation;
-    OMNIMIRROR_EACH_LANE(i) {
-        const float x = r.dx[i], y = r.dy[i], z = r.dz[i];
-        r.dx[i] = m[0] * x + m[1] * y + m[2] * z;
-        r.dy[i] = m[3] * x + m[4] * y + m[5] * z;
-        r.dz[i] = m[6] * x + m[7] * y + m[8] * z;
     }
 }
 
@@ -422,79 +421,8 @@ bool trace(const Exposure& e, int row, int64_t first, Bundle& r) {
     const float past = o.sees_past ? DIRECT : LOST;
     OMNIMIRROR_EACH_LANE(i) r.fate[i] = r.fate[i] == LOST ? past : r.fate[i];
     if (o.body_radius > 0 || o.rod_z[1] > o.rod_z[0]) obscure(o, r);
-    to_world(o, r);
+    turn(o.rotation, r.dx, r.dy, r.dz);  // to the world's
     return true;
-}
-
-// -- light -----------------------------------------------------------------------------------------
-
-// Places of directions on the environment, px: columns in u, rows in v.
-void look_up(const Environment& world, Bundle& r) {
-    const float across = static_cast<float>(world.width) / 6.28318531f, middle = 0.5f * static_cast<float>(world.width);
-    const float down = static_cast<float>(world.height) / 3.14159265f;
-    const float lowest = static_cast<float>(world.height) - 1;
-    OMNIMIRROR_EACH_LANE(i) {
-        const float x = r.dx[i], y = r.dy[i], z = r.dz[i];
-        const float u = middle - across * angle_of(y, x) - 0.5f;
-        const float v = down * angle_of(root(x * x + y * y), z) - 0.5f;
-        r.u[i] = u < 0 ? u + static_cast<float>(world.width) : u;
-        r.v[i] = v < 0 ? 0 : v > lowest ? lowest : v;
-    }
-}
-
-struct Sum {
-    float rgb[4];
-};
-
-void add_light(const Environment& world, float u, float v, float weight, Sum& sum) {
-    const int column = static_cast<int>(u), above = static_cast<int>(v);
-    const int below = above + 1 < world.height ? above + 1 : above;
-    const int64_t pitch = 4 * (int64_t{world.width} + 2);
-    const float *a = world.texels + above * pitch + 4 * column, *b = world.texels + below * pitch + 4 * column;
-    const float fu = u - static_cast<float>(column), fv = weight * (v - static_cast<float>(above));
-    const float w10 = fv - fv * fu, w11 = fv * fu, w01 = weight * fu - w11, w00 = weight - w01 - fv;
-    for (int c = 0; c < 4; ++c) sum.rgb[c] += w00 * a[c] + w01 * a[c + 4] + w10 * b[c] + w11 * b[c + 4];
-}
-
-void light_of_row(const Exposure& e, const Environment& world, int row, float* out) {
-    Bundle r;
-    const int64_t count = int64_t{e.width} * e.samples.count;
-    const float share = 1 / static_cast<float>(e.samples.count);
-    Sum sum{};
-    int left = e.samples.count;
-    for (int64_t first = 0; first < count; first += LANES) {
-        const bool any = trace(e, row, first, r);
-        if (any) look_up(world, r);
-        const int lanes = count - first < LANES ? static_cast<int>(count - first) : LANES;
-        for (int i = 0; i < lanes; ++i) {
-            if (any && (r.fate[i] == REFLECTED || r.fate[i] == DIRECT))
-                add_light(world, r.u[i], r.v[i], share * r.weight[i], sum);
-            else if (any && r.fate[i] == HIDDEN)
-                for (int c = 0; c < 3; ++c) sum.rgb[c] += share * r.weight[i] * e.optics.housing_light[c];
-            if (--left) continue;
-            for (int c = 0; c < 3; ++c) *out++ = sum.rgb[c];
-            sum = {}, left = e.samples.count;
-        }
-    }
-}
-
-void rays_of_row(const Exposure& e, int row, const RayOut& out) {
-    Bundle r;
-    const int64_t count = int64_t{e.width} * e.samples.count;
-    const float *m = e.optics.rotation, *shift = e.optics.shift;
-    for (int64_t first = 0; first < count; first += LANES) {
-        const bool any = trace(e, row, first, r);
-        const int lanes = count - first < LANES ? static_cast<int>(count - first) : LANES;
-        for (int i = 0; i < lanes; ++i) {
-            const int64_t n = first + i;
-            const float x = r.px[i], y = r.py[i], z = r.pz[i];
-            out.fates[n] = any ? static_cast<uint8_t>(r.fate[i]) : uint8_t{0};
-            out.weights[n] = r.weight[i];
-            for (int c = 0; c < 3; ++c)
-                out.origins[3 * n + c] = m[3 * c] * x + m[3 * c + 1] * y + m[3 * c + 2] * z + shift[c];
-            out.directions[3 * n] = r.dx[i], out.directions[3 * n + 1] = r.dy[i], out.directions[3 * n + 2] = r.dz[i];
-        }
-    }
 }
 
 }  // namespace

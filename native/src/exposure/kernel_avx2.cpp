@@ -1,7 +1,7 @@
-#include "kernel.hpp"
+#include "rows.hpp"
 
 namespace omnimirror {
 
-const ExposureKernels avx2_exposure{"avx2", &light_of_row, &rays_of_row};
+const ExposureKernels avx2_exposure{&light_of_row, &rays_of_row, &rays_of_block};
 
 }  // namespace omnimirror

@@ -1,7 +1,7 @@
-#include "kernel.hpp"
+#include "rows.hpp"
 
 namespace omnimirror {
 
-const ExposureKernels plain_exposure{"plain", &light_of_row, &rays_of_row};
+const ExposureKernels plain_exposure{&light_of_row, &rays_of_row, &rays_of_block};
 
 }  // namespace omnimirror

@@ -31,7 +31,8 @@ OwnedOptics* make_optics(bool telecentric, Numbers<2> centre, Numbers<2> scale, 
                          float rim, const Floats& nodes, Numbers<8> reflectance, float natural_vignetting,
                          float body_z, float body_radius, float lens_radius, float edge_z, float edge_radius,
                          Numbers<2> rod_z, Numbers<2> rod_radius,
-                         Numbers<3> housing_light, bool sees_past, Numbers<9> rotation, Numbers<3> shift) {
+                         Numbers<3> housing_light, bool sees_past, Numbers<9> rotation, Numbers<3> shift,
+                         bool distant) {
     require(nodes.ndim() == 2 && nodes.shape(1) == 3 && nodes.shape(0) != 1 && nodes.shape(0) < (1u << 24),
             "nodes are (n, 3), none or at least two");
     require(rim > 0, "the rim's radius is above 0");
@@ -40,7 +41,7 @@ OwnedOptics* make_optics(bool telecentric, Numbers<2> centre, Numbers<2> scale, 
     o.telecentric = telecentric, o.focus = focus, o.fold = fold, o.stop = stop, o.aligned = aligned;
     o.curvature = curvature, o.conic = conic, o.rim = rim, o.natural_vignetting = natural_vignetting;
     o.body_z = body_z, o.body_radius = body_radius, o.lens_radius = lens_radius, o.sees_past = sees_past;
-    o.edge_z = edge_z, o.edge_radius = edge_radius;
+    o.edge_z = edge_z, o.edge_radius = edge_radius, o.distant = distant;
     copy(centre, o.centre), copy(scale, o.scale), copy(distortion, o.distortion), copy(vertex, o.vertex);
     copy(axes, o.axes), copy(reflectance, o.reflectance), copy(rod_z, o.rod_z), copy(rod_radius, o.rod_radius);
     copy(housing_light, o.housing_light), copy(rotation, o.rotation), copy(shift, o.shift);
@@ -105,6 +106,22 @@ void expose_rays(const OwnedOptics& optics, const Floats& points, bool shifted, 
     expose(exposure, top, static_cast<int>(rows), {origins.data(), directions.data(), weights.data(), fates.data()});
 }
 
+int64_t expose_surfaces(const OwnedOptics& optics, const Surfaces& surfaces, const Floats& points, bool shifted,
+                        uint32_t seed, int left, int top, const FloatsOut& light, const IntsOut& open_pixels,
+                        const FloatsOut& open_rays) {
+    require(light.ndim() == 3 && light.shape(2) == 3, "light is (rows, columns, 3)");
+    const int64_t rows = static_cast<int64_t>(light.shape(0)), columns = static_cast<int64_t>(light.shape(1));
+    const Exposure exposure = exposure_of(optics, points, shifted, seed, left, columns, top, rows);
+    require(rows * columns <= (1 << 28), "the part of the picture is too large");
+    const bool wanted = open_pixels.size() > 0;
+    require(!wanted || static_cast<int64_t>(open_pixels.size()) >= rows * columns * exposure.samples.count,
+            "there is no room for all rays that may be open");
+    require(open_rays.size() == 7 * open_pixels.size(), "the arrays differ in size");
+    nb::gil_scoped_release released;
+    return expose(exposure, surfaces.tree(), top, static_cast<int>(rows), light.data(),
+                  {open_pixels.data(), open_rays.data(), wanted});
+}
+
 }  // namespace
 
 void add_exposure(nb::module_& m) {
@@ -112,12 +129,14 @@ void add_exposure(nb::module_& m) {
         .def(nb::new_(&make_optics), nb::kw_only(), "telecentric"_a, "centre"_a, "scale"_a, "distortion"_a, "fold"_a,
              "focus"_a, "stop"_a, "vertex"_a, "axes"_a, "aligned"_a, "curvature"_a, "conic"_a, "rim"_a, "nodes"_a,
              "reflectance"_a, "natural_vignetting"_a, "body_z"_a, "body_radius"_a, "lens_radius"_a, "edge_z"_a, "edge_radius"_a, "rod_z"_a, "rod_radius"_a,
-             "housing_light"_a, "sees_past"_a, "rotation"_a, "shift"_a);
+             "housing_light"_a, "sees_past"_a, "rotation"_a, "shift"_a, "distant"_a);
     nb::class_<OwnedEnvironment>(m, "Environment").def(nb::new_(&make_environment), "light"_a);
     m.def("expose_environment", &expose_environment, "optics"_a, "environment"_a, "points"_a, "shifted"_a, "seed"_a,
           "left"_a, "top"_a, "light"_a);
     m.def("expose_rays", &expose_rays, "optics"_a, "points"_a, "shifted"_a, "seed"_a, "left"_a, "top"_a, "origins"_a,
           "directions"_a, "weights"_a, "fates"_a);
+    m.def("expose_surfaces", &expose_surfaces, "optics"_a, "surfaces"_a, "points"_a, "shifted"_a, "seed"_a, "left"_a,
+          "top"_a, "light"_a, "open_pixels"_a, "open_rays"_a);
 }
 
 }  // namespace omnimirror

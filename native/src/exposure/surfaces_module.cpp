@@ -1,5 +1,6 @@
 // Textured surfaces as omnimirror.simulate.scenes.surfaces calls them.
 #include <algorithm>
+#include <cmath>
 #include <memory>
 #include <vector>
 
@@ -29,7 +30,11 @@ Surfaces* make_surfaces(const Floats& places, const Floats& texture_coordinates,
     require(kinds.ndim() == 2 && kinds.shape(1) == 2, "kinds are (n, 2): texture, triangle");
     require(places.size() == 9 * count && texture_coordinates.size() == 6 * count,
             "places are (n, 3, 3) and places on textures (n, 3, 2): corner and two sides");
-    require(count < (1u << 28), "there are too many surfaces");
+    require(count < (1u << 27), "there are too many surfaces");
+    const auto is_number = [](float x) { return std::fabs(x) < 1e15f; };
+    require(std::all_of(places.data(), places.data() + places.size(), is_number) &&
+                std::all_of(texture_coordinates.data(), texture_coordinates.data() + texture_coordinates.size(), is_number),
+            "a place is no number, or too far away");
     std::vector<Texture> textures = textures_of(sizes, texels.size());
     std::vector<Surface> surfaces(count);
     for (size_t i = 0; i < count; ++i) {
@@ -37,11 +42,12 @@ Surfaces* make_surfaces(const Floats& places, const Floats& texture_coordinates,
         const float *p = places.data() + 9 * i, *t = texture_coordinates.data() + 6 * i;
         std::copy_n(p, 3, s.corner), std::copy_n(p + 3, 6, &s.side[0][0]);
         std::copy_n(t, 2, s.texel), std::copy_n(t + 2, 4, &s.texel_side[0][0]);
-        s.texture = kinds.data()[2 * i], s.triangle = kinds.data()[2 * i + 1];
-        require(s.texture >= 0 && s.texture < static_cast<int32_t>(textures.size()), "there is no such texture");
+        const int32_t texture = kinds.data()[2 * i];
+        require(texture >= 0 && texture < static_cast<int32_t>(textures.size()), "there is no such texture");
+        s.texture = texture, s.triangle = kinds.data()[2 * i + 1] != 0;
     }
-    return new Surfaces(std::move(surfaces), std::move(textures),
-                        std::vector<float>(texels.data(), texels.data() + texels.size()));
+    std::shared_ptr<const float> shared(texels.data(), [kept = texels](const float*) {});
+    return new Surfaces(std::move(surfaces), std::move(textures), std::move(shared));
 }
 
 void radiance(const Surfaces& surfaces, const Floats& origins, const Floats& directions, const FloatsOut& light,

@@ -18,7 +18,7 @@ void store16(uint8_t* p, __m128i v) { _mm_storeu_si128(reinterpret_cast<__m128i*
 // for every 8 pixels, through general registers, which costs a fifth of the time.
 template <class V>
 V kept(V v) {
-    asm("" : "+x"(v));
+    asm("" : "+v"(v));
     return v;
 }
 

@@ -7,8 +7,21 @@
 
 namespace omnimirror {
 
+#if defined(OMNIMIRROR_AVX512)
+// Exactly what kernels_avx512.cpp is compiled with. The compiler's library says yes only where the system keeps these
+// registers as well (XGETBV).
+inline bool has_avx512() {
+    return __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") &&
+           __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl") &&
+           __builtin_cpu_supports("avx512vbmi") && __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma");
+}
+#endif
+
 // The kernels of that name, or nullptr where the machine or the build has none.
 inline const Kernels* kernels_named(const char* name) {
+#if defined(OMNIMIRROR_AVX512)
+    if (!std::strcmp(name, "avx512") && has_avx512()) return &avx512_kernels;
+#endif
 #if defined(OMNIMIRROR_AVX2)
     if (!std::strcmp(name, "avx2") && __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma"))
         return &avx2_kernels;
@@ -20,7 +33,7 @@ inline const Kernels* kernels_named(const char* name) {
 }
 
 inline const Kernels* best_kernels() {
-    for (const char* name : {"avx2", "neon"})
+    for (const char* name : {"avx512", "avx2", "neon"})
         if (const Kernels* kernels = kernels_named(name)) return kernels;
     return &plain_kernels;
 }

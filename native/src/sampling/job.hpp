@@ -149,6 +149,7 @@ inline int size_of(Depth depth) { return depth == Depth::u8 ? 1 : depth == Depth
 // What each instruction set implements, in a translation unit of its own.
 struct Kernels {
     const char* name;
+    bool has_avx2;  // that much at least: what rooms without wider kernels go by
     void (*sample)(const Job&, const Tile&);
     void (*average)(const Job&, const Tile&);  // the same where there are footprints
     void (*pack)(const Packing&, int top, int bottom);
@@ -157,6 +158,7 @@ struct Kernels {
 
 extern const Kernels plain_kernels;
 extern const Kernels avx2_kernels;
+extern const Kernels avx512_kernels;
 extern const Kernels neon_kernels;
 
 }  // namespace omnimirror

@@ -13,15 +13,6 @@
 namespace omnimirror {
 namespace {
 
-constexpr int LANE = 8;  // objects are padded to a multiple of it, and sums have so many parts
-
-#if defined(__GNUC__) && !defined(__clang__)
-#define OMNIMIRROR_LANES(i, k) _Pragma("GCC ivdep") for (int i = (k); i < (k) + LANE; ++i)
-#else
-#define OMNIMIRROR_LANES(i, k) for (int i = (k); i < (k) + LANE; ++i)
-#endif
-#define OMNIMIRROR_RESTRICT __restrict__
-
 struct Sum {
     double part[LANE] = {};
     double total() const {
@@ -50,7 +41,7 @@ struct Workspace {
     double* left;  // residual: x of all, then y
     double* rows;  // of compensators: affine, basis, radial
 
-    explicit Workspace(const TrialJob& job) : lanes((job.field.count + LANE - 1) / LANE * LANE) {
+    explicit Workspace(const TrialJob& job) : lanes(padded(job.field.count)) {
         const auto& c = job.compensators;
         const int all = c.affine_rows + c.basis_rows + c.radial_rows;
         double** const arrays[] = {&tx, &ty, &tz, &x,  &y,  &px, &py, &v00, &v01, &v10, &v11, &s0, &s1, &s2, &d0, &d1,

@@ -1,15 +1,11 @@
 // Heights of a mirror with errors over (x, y): surface.py, formula for formula. Everything has internal linkage.
 #pragma once
 
+#include "lanes.hpp"
 #include "trials.hpp"
 
 namespace omnimirror {
 namespace {
-
-inline double root_of(double x) { return __builtin_sqrt(x); }
-inline double larger(double a, double b) { return a > b ? a : b; }
-inline double smaller(double a, double b) { return a < b ? a : b; }
-inline double size_of(double a) { return a < 0 ? -a : a; }
 
 struct Heights {
     double z, gx, gy, hxx, hxy, hyy;

@@ -1,6 +1,5 @@
 #include "trials.hpp"
 
-#include <cstring>
 
 #include "pool.hpp"
 #include "sampling/sample.hpp"
@@ -13,7 +12,7 @@ constexpr int TRIALS_A_PIECE = 64;
 // The samplers choose the instructions; those without a kernel here take the plain one.
 TrialKernel trial_kernel() {
 #if defined(OMNIMIRROR_AVX2)
-    if (!std::strcmp(kernels().name, "avx2")) return avx2_trials;
+    if (kernels().has_avx2) return avx2_trials;
 #endif
     return plain_trials;
 }

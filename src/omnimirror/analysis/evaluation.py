@@ -29,6 +29,7 @@ from .uncertainty import standard_deviations
 Array = NDArray[np.float64]
 
 
+LEAST_STEP_DEG = 1e-5  # which makes some ten million field angles
 COLUMNS = tuple(q.name for q in quantities.PER_ANGLE if q.name != "floored_area_deg2")
 """The columns of files, in order: ``omega_deg`` to ``blur_area_deg2``."""
 UNCERTAIN = (*COLUMNS, "floored_area_deg2")
@@ -359,7 +360,7 @@ def field_angles(sensor: Sensor, step_deg: float = 5.0) -> Array:
     Raises
     ------
     InvalidParameter
-        A step that is not above 0.
+        A step below :data:`LEAST_STEP_DEG`.
 
     Examples
     --------
@@ -367,7 +368,7 @@ def field_angles(sensor: Sensor, step_deg: float = 5.0) -> Array:
     >>> om.field_angles(om.load_sensor("paper-spherical"), 45.0)
     array([  0.,  45.,  90., 135.])
     """
-    number("step_deg", step_deg, above=0.0, unit="deg")
+    number("step_deg", step_deg, low=LEAST_STEP_DEG, unit="deg")
     low, high = sensor.field_deg
     angles = step_deg * np.arange(np.ceil(low / step_deg - 1e-9), np.floor(high / step_deg + 1e-9) + 1) + 0.0  # no -0
     return angles if angles.size else np.array([low, high])

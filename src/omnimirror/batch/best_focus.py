@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 
 SCAN = 17  # vergences at which valleys are looked for
 MARGIN = 0.05  # of the range of vergences, on either side
-HOPE = 0.02  # by which tangents may meet above the bottom that is known, areas not being convex; designs.cpp has it too
+HOPE = 0.02  # by which tangents may meet above the bottom that is known, areas not being convex; focus.hpp has it too
 CLOSE = 1e-12  # of the scanned range: a bracket so narrow holds the focus
 FOCUS_SEARCH = (SCAN, MARGIN, CLOSE, MOST_STEPS, EDGE, HALVING)
 """The same numbers as the compiled evaluator takes them."""

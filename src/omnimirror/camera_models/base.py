@@ -110,6 +110,12 @@ class CameraModel(ABC):
         """
         return self.image(points_mm, distant=distant)
 
+    def _repr_html_(self) -> str:
+        """A card of it, as notebooks ask for it."""
+        from ..cards import model_card  # which scripts do without
+
+        return model_card(self)
+
     # -- the Camera contract, in the world frame --------------------------------------------------
 
     @property

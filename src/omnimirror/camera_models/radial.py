@@ -137,7 +137,7 @@ class RadialModel(CameraModel):
 
     # -- parameters --------------------------------------------------------------------------------
 
-    @property
+    @cached_property
     def parameters(self) -> tuple[ModelParameter, ...]:
         """What an estimator may change: of the law, the matrix, the centre and the distortion."""
         return tuple(ModelParameter(p.name, float(self._at(p)), p.unit, p.scale) for p in self._all_places)
@@ -212,11 +212,11 @@ class RadialModel(CameraModel):
         InvalidParameter
             For what are no vectors (n, 3).
         """
-        return self._image(vectors("points_mm", points_mm, 3), distant, is_clamped=False)
+        return self._image(vectors("points_mm", points_mm, 3, is_list=True), distant, is_clamped=False)
 
     def image_to_the_end(self, points_mm: ArrayLike, *, distant: bool = False) -> Image:
         # To first order nothing jumps there: a law ends where its radius stops growing.
-        return self._image(vectors("points_mm", points_mm, 3), distant, is_clamped=True)
+        return self._image(vectors("points_mm", points_mm, 3, is_list=True), distant, is_clamped=True)
 
     def _image(self, points: Array, distant: bool, *, is_clamped: bool) -> Image:
         """Image of points (n, 3), those past the end of the field at its end, if they are to be valid."""
@@ -244,7 +244,8 @@ class RadialModel(CameraModel):
             along = signs[2] * law.rate * angle.z
             step.put(d_points, 2, along * ux, along * uy)
             d_parameters = self._parameter_derivatives(step, (rx, ry), (at.x, at.y), (ux, uy), law, angle)
-        pixels = turned(np.stack([at.x, at.y], axis=-1), matrix.T) + self.centre_px
+            pixels = turned(np.stack([at.x, at.y], axis=-1), matrix.T) + self.centre_px
+        valid = valid & np.isfinite(pixels).all(axis=-1)  # at a pole of a rational law is no pixel
         pixels[~valid], d_points[~valid], d_parameters[~valid] = np.nan, np.nan, np.nan
         return Image(pixels, valid, d_points, d_parameters)
 

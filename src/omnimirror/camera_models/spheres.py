@@ -293,7 +293,7 @@ class DoubleSphere(FocalModel):
         xi, a, sin, cos = self.xi, self.alpha, np.sin(omega), np.cos(omega)
         d = np.sqrt(1 + 2 * xi * cos + xi * xi)
         depth = a * d + (1 - a) * (xi + cos)
-        growth = a * (xi + cos) / d + 1 - a
+        growth = a * np.divide(xi + cos, d, out=np.zeros_like(d), where=d > 0) + 1 - a
         terms = np.stack([-sin * growth, -sin * (d - xi - cos)], axis=-1) / depth[:, None] ** 2
         return Law(sin / depth, (1 + xi * cos) * growth / depth**2, terms)
 

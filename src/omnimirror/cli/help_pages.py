@@ -1,10 +1,12 @@
-"""What ``--help`` of a command shows: its options in groups, examples, and the page that tells more."""
+"""What every command has: help with options in groups, examples and a page that tells more; no output on an input."""
 
 from __future__ import annotations
 
 from typing import Any
 
 import click
+
+from .outputs import refuse_losses
 
 
 class GroupedOption(click.Option):
@@ -29,6 +31,10 @@ class DocumentedCommand(click.Command):
     def __init__(self, *args: Any, page: str, examples: tuple[str, ...], **attributes: Any) -> None:
         super().__init__(*args, **attributes)
         self.page, self.examples = page, examples
+
+    def invoke(self, ctx: click.Context) -> Any:
+        refuse_losses(ctx)
+        return super().invoke(ctx)
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         groups: dict[str, list[tuple[str, str]]] = {"Options": []}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager
@@ -15,7 +16,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 from rich.text import Text
 
-from ..files import is_standard_output
+from ..files import is_same_file, is_standard_output
 from ..media.progress import FrameProgress
 from ..quantities import QUANTITIES
 from .streams import is_quiet
@@ -64,6 +65,39 @@ def take_standard_output(option: str, kind: str, path: Path = Path("-"), ctx: cl
     if kind and kind != "csv" and sys.stdout.isatty():
         raise click.UsageError("a picture is not shown on a terminal; send it to a file or another program")
     return path.with_suffix(f".{kind}") if kind else path
+
+
+def refuse_losses(ctx: click.Context) -> None:
+    """Refuse two outputs in one file, and one in a file that the command is given to read.
+
+    Raises
+    ------
+    click.UsageError
+        What would be written last would be all that is left.
+    """
+    written: dict[Path, str] = {}
+    read: list[Path] = []
+    for parameter in ctx.command.get_params(ctx):
+        paths = _paths(ctx.params.get(parameter.name or ""))
+        if not isinstance(parameter.type, Output):
+            read += paths
+            continue
+        name = parameter.opts[0] if isinstance(parameter, click.Argument) else max(parameter.opts, key=len)
+        for path in paths:
+            if os.path.exists(path) and not os.path.isfile(path):  # devices and pipes take all that comes
+                continue
+            if written.setdefault(path.absolute(), name) != name:
+                raise click.UsageError(f"{written[path.absolute()]} and {name} would both be written to {path}")
+    for path, name in written.items():
+        if os.path.isfile(path) and any(os.path.isfile(other) and is_same_file(path, other) for other in read):
+            raise click.UsageError(f"{name} would be written over {path.name}, which is read; name another file")
+
+
+def _paths(value: Any) -> list[Path]:
+    """What may name files among the values of an option or argument, any text: ``os.path`` answers for all of it."""
+    if isinstance(value, tuple | list):
+        return [path for part in value for path in _paths(part)]
+    return [Path(value)] if isinstance(value, str | Path) else []
 
 
 def write_standard_output_as(kind: str) -> None:

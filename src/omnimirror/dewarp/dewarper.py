@@ -103,7 +103,8 @@ class Dewarper:
 
     def __post_init__(self) -> None:
         instance("camera", self.camera, Camera, "a camera, such as om.load_sensor gives")
-        if not (hasattr(self.view, "targets_at") or hasattr(self.view, "parts")):
+        has_parts = hasattr(self.view, "targets_at") or hasattr(self.view, "parts")  # so has the name of a file
+        if not (has_parts and hasattr(self.view, "size")):
             raise WrongKind(f"view = {shown(self.view)} is not one of om.screens or om.views")
         if not isinstance(self.interpolation, str) or self.interpolation not in INTERPOLATIONS:
             known = ", ".join(INTERPOLATIONS)
@@ -233,9 +234,9 @@ class Dewarper:
 
     @property
     def valid(self) -> Mask:
-        """(height, width), False outside the field."""
-        valid: Mask = ~np.isnan(self._pixel_map.pixels()[..., 0])
-        return valid
+        """(height, width), False outside the field: seen of a picture of ones, an eighth of a map in memory."""
+        width, height = self.camera.image_size
+        return remap(np.ones((height, width), np.uint8), self._map, "nearest").view(np.bool_)
 
     @cached_property
     def _map(self) -> Map:

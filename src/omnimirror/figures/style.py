@@ -6,7 +6,8 @@ global changes and a server may draw in any thread.
 
 from __future__ import annotations
 
-from contextlib import AbstractContextManager
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager
 from io import BytesIO
 from pathlib import Path
 from typing import Any, cast
@@ -14,6 +15,8 @@ from typing import Any, cast
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.backend_bases import FigureCanvasBase, get_registered_canvas_class
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from ..errors import InvalidParameter
@@ -66,12 +69,15 @@ STYLE: dict[str, Any] = {
     "axes.unicode_minus": True,
 }
 
-FORMATS = ("svg", "png", "pdf")
+FORMATS = {"svg": 72, "png": STYLE["savefig.dpi"], "pdf": 72}
+"""What figures are written as, and at how many dots to the inch texts are measured there."""
 
 
 def new_figure(width: float, height: float) -> Figure:
     """An empty figure, inches, whose layout keeps labels from being cut off."""
-    return Figure(figsize=(width, height), layout="constrained")
+    figure = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(figure)  # whose renderer stays, with all texts that it has measured
+    return figure
 
 
 def grid_of_axes(figure: Figure, rows: int, columns: int, count: int, **options: Any) -> list[Axes]:
@@ -122,9 +128,29 @@ def render(figure: Figure, kind: str = "svg") -> bytes:
         raise InvalidParameter(f"figures are written as {', '.join(FORMATS)}, not as {kind or 'nothing'}")
     undated: dict[str, dict[str, Any]] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}, "png": {}}
     data = BytesIO()
-    with styled():
-        figure.savefig(data, format=kind, metadata=undated[kind])
+    with styled(), _laid_out(figure, kind) as canvas:
+        getattr(canvas, f"print_{kind}")(data, metadata=undated[kind])
     return data.getvalue()
+
+
+@contextmanager
+def _laid_out(figure: Figure, kind: str) -> Iterator[FigureCanvasBase]:
+    """The canvas of a format, its figure laid out for the widths that texts have there.
+
+    ``figure.savefig`` would draw all of it twice for that.
+    """
+    layout, before, dpi = figure.get_layout_engine(), figure.canvas, figure.dpi
+    canvas = get_registered_canvas_class(kind)(figure)
+    try:
+        if layout is not None:
+            figure.dpi = FORMATS[kind]
+            layout.execute(figure)
+            figure.set_layout_engine("none")
+        figure.dpi = STYLE["savefig.dpi"]
+        yield canvas
+    finally:
+        figure.set_layout_engine(layout)
+        figure.dpi, figure.canvas = dpi, before
 
 
 def save_figure(figure: Figure, path: str | Path) -> Path:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
+from ..arguments import file_name
 from ..errors import MediaError, OmnimirrorError
 from ..files import is_same_file
 from . import interrupts
@@ -57,7 +58,7 @@ def expand_inputs(patterns: Iterable[str | Path], suffixes: Sequence[str] = PICT
     """
     found: dict[Path, None] = {}
     for pattern in patterns:
-        path = Path(pattern)
+        path = file_name("source", pattern)
         if path.is_dir():
             matches = sorted(child for child in path.iterdir() if child.suffix.lower() in suffixes)
             if not matches:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -44,12 +44,12 @@ class Alignment:
         Motions that the points say nothing of, such as the turning of a sphere about its centre; they were left out.
     """
 
-    points: Array
-    distance_mm: Array
+    points: Array = field(repr=False)
+    distance_mm: Array = field(repr=False)
     turned_over: bool
     vertex_mm: Array
     tilt_deg: Array
-    free: Array
+    free: Array = field(repr=False)
 
 
 def aligned(mirror: Mirror, points: Array, source: str = "the cloud") -> Alignment:

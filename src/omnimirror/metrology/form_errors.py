@@ -9,7 +9,7 @@ what a motion explains as well as a form error is counted as the motion.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -110,10 +110,10 @@ class FormError:
     wrong: int
     noise_um: float
     unexplained_um: float
-    x_mm: Array
-    y_mm: Array
-    height_um: Array
-    residual_um: Array
+    x_mm: Array = field(repr=False)
+    y_mm: Array = field(repr=False)
+    height_um: Array = field(repr=False)
+    residual_um: Array = field(repr=False)
 
     def at(self, x_mm: ArrayLike, y_mm: ArrayLike) -> Array:
         """Form error along the axis at places of the mirror, by the terms.
@@ -241,7 +241,7 @@ def form_error(
     >>> [(term.name, round(term.um, 2)) for term in found.terms if abs(term.um) > 0.02]
     [('astigmatism', 0.5)]
     """
-    points = vectors("points_mm", points_mm, 3)
+    points = vectors("points_mm", points_mm, 3, is_list=True)
     points = points[np.isfinite(points).all(axis=-1)]
     if order is not None:
         order = whole("order", order, 2, ORDERS[-1])

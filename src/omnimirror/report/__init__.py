@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from html import escape
 from pathlib import Path
 
@@ -22,12 +23,17 @@ from ..tracing.obscuration import hidden_words
 from .pages import figure_html, page_html
 
 VIEW = screens.Plane((960, 600))
+Told = Callable[[str, float], None]
+"""Called with what is being made, and the share of everything that is done."""
+BY_PICTURE = 0.6  # the share that taking the picture has
 FIGURES_SHOWN = ("fig5", "fig7", "fig10", "fig4", "fig9", "fig6")
 COLUMNS_SHOWN = [name for name in READ_COLUMNS if name not in ("blur_t_deg", "blur_s_deg")]
 
 
 @checked
-def write_demo(sensor: Sensor, out: str | Path = "omnimirror-demo", *, blur: bool = True) -> Path:
+def write_demo(
+    sensor: Sensor, out: str | Path = "omnimirror-demo", *, blur: bool = True, progress: Told | None = None
+) -> Path:
     """Evaluate a sensor, take its picture of the bundled room, straighten that twice, and report.
 
     What ``omnimirror demo`` does.
@@ -41,6 +47,8 @@ def write_demo(sensor: Sensor, out: str | Path = "omnimirror-demo", *, blur: boo
     blur
         Whether the picture is taken through the lens's whole aperture, as far as one mirror is all there is: by way of
         a second one it is sharp.
+    progress
+        Called with what is being made, and the share (0 to 1) of everything that is done.
 
     Returns
     -------
@@ -67,8 +75,15 @@ def write_demo(sensor: Sensor, out: str | Path = "omnimirror-demo", *, blur: boo
     folder = Path(out)
     result = evaluate(sensor)
     result.to_csv(folder / "evaluation.csv")  # first, so that a folder that takes nothing is refused at once
-    blur = blur and sensor.secondary is None
-    circle = take_picture(sensor, Room(), samples=SHOWN_SAMPLES, blur=blur)
+    tell = progress or (lambda what, share: None)
+    tell("Taking the picture", 0.0)
+    circle = take_picture(
+        sensor,
+        Room(),
+        samples=SHOWN_SAMPLES,
+        blur=blur and sensor.secondary is None,
+        progress=lambda done, rows: tell("Taking the picture", BY_PICTURE * done / rows),
+    )
     pictures = {
         "circle": circle,
         "panorama": Dewarper(sensor, views.panorama(sensor), interpolation="cubic")(circle),
@@ -76,11 +91,11 @@ def write_demo(sensor: Sensor, out: str | Path = "omnimirror-demo", *, blur: boo
     }
     for name, picture in pictures.items():
         write_image(folder / f"{name}.png", picture)
-    write_text(folder / "report.html", report_html(result, folder))
+    write_text(folder / "report.html", report_html(result, folder, tell))
     return folder / "report.html"
 
 
-def report_html(result: Evaluation, folder: Path) -> str:
+def report_html(result: Evaluation, folder: Path, tell: Told) -> str:
     """The page with everything inside it, the pictures of ``folder`` included."""
     sensor = result.sensor
     lead = (sensor.notes.strip().splitlines() or [""])[0]
@@ -91,7 +106,7 @@ def report_html(result: Evaluation, folder: Path) -> str:
         lead=escape(lead),
         numbers=_numbers(result),
         pictures=_pictures(folder),
-        figures=_figures(sensor),
+        figures=_figures(sensor, tell),
         table=_table(result),
         commands=escape(_commands(sensor.name)),
     )
@@ -133,11 +148,12 @@ def _picture(path: Path, caption: str) -> str:
     return figure_html(path.read_bytes(), "png", caption)
 
 
-def _figures(sensor: Sensor) -> str:
+def _figures(sensor: Sensor, tell: Told) -> str:
     """Wide figures one below the other, then the upright ones side by side."""
     wide: list[str] = []
     upright: list[str] = []
-    for name in FIGURES_SHOWN:
+    for i, name in enumerate(FIGURES_SHOWN):
+        tell("Drawing the figures", BY_PICTURE + (1 - BY_PICTURE) * i / len(FIGURES_SHOWN))
         figure = draw(name, [sensor])
         place = wide if figure.get_figwidth() > 1.5 * figure.get_figheight() else upright
         place.append(figure_html(render(figure, "svg"), "svg+xml", FIGURES[name].title, css="plot"))

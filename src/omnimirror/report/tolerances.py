@@ -96,10 +96,16 @@ def write_tolerances(report: ToleranceReport, path: str | Path) -> Path:
     ...     om.write_tolerances(om.tolerance(sensor, plan, trials=100), f"{folder}/order.html").name
     'order.html'
     """
+    path = page_name(path)
+    write_text(path, tolerances_html(report))
+    return path
+
+
+def page_name(path: str | Path) -> Path:
+    """The name of a page of tolerances; InvalidParameter for another ending."""
     path = file_name("path", path)
     if path.suffix.lower() != ".html":
         raise InvalidParameter(f"tolerances are written as .html, and {path.name} ends otherwise")
-    write_text(path, tolerances_html(report))
     return path
 
 

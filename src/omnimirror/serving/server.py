@@ -68,6 +68,7 @@ def configured(app: ASGIApp, log_level: str = "warning") -> uvicorn.Config:
         http=Connection,
         ws="websockets-sansio",
         ws_max_size=LARGEST_MESSAGE,
+        ws_per_message_deflate=False,  # pictures are coded already, and would be once more for every page that watches
         backlog=AT_A_TIME,
         timeout_graceful_shutdown=1,
     )

@@ -11,8 +11,9 @@ import re
 import types
 import typing
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import cache
+from itertools import takewhile
 from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
@@ -81,33 +82,55 @@ class EntryError(SpecError):
         self.path = path
 
 
+KEY = r"""(?:[\w-]+|"[^"\n]*"|'[^'\n]*')"""
+ENTRY = re.compile(rf"\s*(\[\[?)?\s*({KEY}(?:\s*\.\s*{KEY})*)\s*(?(1)\]|=)")
+STRING_OR_COMMENT = re.compile(
+    r"""\"{3}(?:\\.|[^\\])*?\"{3,5}|'{3}.*?'{3,5}|"(?:\\.|[^"\\\n])*"|'[^'\n]*'|\#[^\n]*""", re.S
+)
+
+
+def _entries(text: str) -> Iterator[tuple[int, list[str]]]:
+    """Line numbers of a TOML text's tables and keys, with their names from the outermost in."""
+    plain = STRING_OR_COMMENT.sub(lambda m: m[0] if "\n" not in m[0] else "''" + "\n" * m[0].count("\n"), text)
+    table: list[str] = []
+    counts: Counter[str] = Counter()
+    for number, line in enumerate(plain.splitlines(), start=1):
+        if (entry := ENTRY.match(line)) is None:
+            continue
+        names = [name.strip("\"'") for name in re.findall(KEY, entry[2])]
+        if entry[1] is None:
+            yield number, [*table, *names]
+            continue
+        table = names
+        if entry[1] == "[[":
+            counts[entry[2]] += 1
+            table = [*names, str(counts[entry[2]] - 1)]
+        yield number, table
+
+
 class Places:
     """Finds the line of an entry, and says errors as ``file line n: ..``."""
 
     def __init__(self, text: str, source: str) -> None:
         self.source = shortened(source)
-        self.lines = text.splitlines()
+        self.entries = list(_entries(text))
 
     def line(self, path: tuple[str, ...]) -> int | None:
         """Line number of an entry (or else of its table), None if there is neither.
 
-        The tables of a list, ``[[limit]]``, are ``limit.0``, ``limit.1`` and so on.
+        The tables of a list, ``[[limit]]``, are ``limit.0``, ``limit.1`` and so on. The first of the lines that share
+        the longest beginning with the path is its own, or where its table begins, be it by a key with dots.
+
+        >>> Places('notes = "a"\\nmirror.kind = "cone"', "a.toml").line(("mirror", "kind"))
+        2
         """
-        table, found, whole = "", None, ".".join(path)
-        counts: Counter[str] = Counter()
-        for number, line in enumerate(self.lines, start=1):
-            if header := re.match(r"\s*(\[\[?)\s*([\w.-]+)\s*\]", line):
-                table = header[2]
-                if header[1] == "[[":
-                    counts[header[2]] += 1
-                    table = f"{table}.{counts[header[2]] - 1}"
-                if whole == table or whole.startswith(f"{table}."):
-                    found = number
-                continue
-            key = re.match(r"\s*[\"']?([\w-]+)[\"']?\s*=", line)
-            if key and whole == (f"{table}.{key[1]}" if table else key[1]):
-                return number
-        return found
+        wanted = ".".join(path).split(".")
+        shared = [
+            (len(list(takewhile(lambda pair: pair[0] == pair[1], zip(wanted, entry, strict=False)))), -number)
+            for number, entry in self.entries
+        ]
+        most, line = max(shared, default=(0, 0))
+        return -line if most else None
 
     def error(self, path: tuple[str, ...], message: str) -> SpecError:
         line = self.line(path)

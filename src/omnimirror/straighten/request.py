@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, TypeAlias, TypeVar
 
-from ..arguments import check_fields
+from ..arguments import check_fields, instance
 from ..cameras import Camera
 from ..dewarp import Dewarper, views
 from ..dewarp.contracts import Border, Interpolation
@@ -52,7 +52,8 @@ class Straightening:
 
     def camera_of(self, size: Size) -> Camera:
         """The camera of pictures of a size (width, height), standing as it really does."""
-        return self.camera if isinstance(self.camera, Camera) else self.camera(size)
+        found = self.camera if isinstance(self.camera, Camera) else self.camera(size)
+        return instance("the camera of the pictures", found, Camera, "a camera")
 
     def drawing(self, camera: Camera) -> Camera:
         """The camera that draws the view: plumb, however it really leans, where the lean is kept."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -38,7 +38,7 @@ class LookAround:
     '<iframe srcdoc="&lt;p&gt;" style="width: 100%; height: 300px; border: 0" allow="fullscreen; gyroscope"></iframe>'
     """
 
-    page: str
+    page: str = field(repr=False)
     height_px: int
 
     def _repr_html_(self) -> str:

@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from starlette.responses import Response
 
 PAGE = Path(__file__).parent / "page" / "index.html"
-SCRIPTS = ("bench.js", "calibrate.js")
-"""Of the tabs that the page fetches when they are wanted."""
+SCRIPTS = ("bench.js", "space.js", "calibrate.js")
+"""Of the tabs and the 3-D view, which the page fetches when they are wanted."""
 
 
 @cache

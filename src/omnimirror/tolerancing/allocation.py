@@ -107,11 +107,7 @@ def allocate(
     InvalidParameter
         A yield that is none, or limits that a sensor without errors misses.
     """
-    check_limits(limits)
-    if not 0 < wanted < 1:
-        raise InvalidParameter(f"a yield of {wanted:g} is valid between 0 and 1")
-    if not limits:
-        raise InvalidParameter("there is no limit that a good sensor stays within; name one at least")
+    check_wanted(wanted, limits)
     names = [name for name, bound in tolerances.errors.items() if bound.value > 0]
     asked = np.array([tolerances.errors[name].value for name in names])
     most = np.array(
@@ -148,6 +144,15 @@ def allocate(
         confirmed.trials,
         tuple(name for name, size, end in zip(names, sizes, most, strict=True) if size >= NEAR * end),
     )
+
+
+def check_wanted(wanted: float, limits: Mapping[str, float]) -> None:
+    """Refuse a yield that is none, and limits that it cannot be of."""
+    check_limits(limits)
+    if not 0 < wanted < 1:
+        raise InvalidParameter(f"a yield of {wanted:g} is valid between 0 and 1")
+    if not limits:
+        raise InvalidParameter("there is no limit that a good sensor stays within; name one at least")
 
 
 def widest_of(sensor: Sensor, name: str, asked: float) -> float:

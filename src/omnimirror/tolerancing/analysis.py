@@ -11,7 +11,7 @@ from ..arguments import checked, instance
 from ..design.criteria.limits import Limit
 from ..errors import InvalidParameter
 from ..sensor import Sensor
-from .allocation import Allocation, allocate
+from .allocation import Allocation, allocate, check_wanted
 from .sensitivity import ErrorEffect, sensitivities
 from .sweeps import Sweep, run_sweep
 from .sweeps.plans import SweepPlan
@@ -188,6 +188,8 @@ def tolerance(
     if limits is not None:
         limits = limits if isinstance(limits, Mapping) else limits_of(limits)
         plan = replace(plan, limits=limits)
+    if wanted_yield is not None:  # before anything is built
+        check_wanted(wanted_yield, plan.limits)
     begin = time.perf_counter()
     required = required_of(plan.limits)
     judge = Judge.of(sensor, plan.refocus, required, **plan.judged)

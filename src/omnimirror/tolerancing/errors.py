@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Any, cast
 
 from ..analysis.temperature import at_temperature
-from ..arguments import checked
+from ..arguments import WrongKind, checked, shown
 from ..errors import InvalidParameter
 from ..housing import Housing
 from ..imagers import Imager
@@ -354,6 +354,8 @@ NEEDED = {
 
 def check_name(name: str, known: Mapping[str, ErrorKind]) -> None:
     """Refuse a name of no error, with those that come near."""
+    if not isinstance(name, str):
+        raise WrongKind(f"{shown(name)} is not the name of an error")
     if name not in known:
         from difflib import get_close_matches
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import partial
@@ -16,7 +15,7 @@ from ..arguments import check_fields, checked, choice, file_name
 from ..design.criteria.limits import LIMITABLE
 from ..design.criteria.requirement_file import LimitTable, limit_of
 from ..errors import SpecError
-from ..files import parse_toml, read_text
+from ..files import parse_json, parse_toml, read_text
 from ..metrology.readers import Unit
 from ..mirrors.form import LARGEST_ORDER, MirrorForm
 from ..sensor import Sensor
@@ -209,7 +208,7 @@ def allocated_tolerances(path: str | Path, sensor: Sensor) -> dict[str, float]:
         return {name: bound.value for name, bound in plan.tolerances.errors.items()}
     text = read_text(path, "tolerance file", SpecError, f"there is no tolerance file {str(path)!r}")
     try:
-        data = json.loads(text)
+        data = parse_json(text)
         found = data["allocation"]["tolerances"] if data["allocation"] else {
             row["name"]: row["tolerance"] for row in data["sensitivities"]
         }  # fmt: skip

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from ..arguments import check_fields, choice, number
+from ..arguments import check_fields, choice, number, shown
 from ..errors import InvalidParameter
 from ..mirrors.form import MirrorForm
 from ..sensor import Sensor
@@ -200,7 +200,10 @@ class Tolerances:
     def _mixing(self) -> Array:
         """Root (n, n) of the correlations, the symmetric one: errors without any keep their own numbers."""
         matrix = np.eye(len(self.errors))
-        for (first, second), value in self.correlations.items():
+        for pair, value in self.correlations.items():
+            if not (isinstance(pair, tuple) and len(pair) == 2):
+                raise InvalidParameter(f"correlations holds {shown(pair)}; valid are pairs of names of errors")
+            first, second = pair
             for name in (first, second):
                 if name not in self.errors:
                     raise InvalidParameter(f"the correlation of {first} and {second}: {name} has no tolerance")

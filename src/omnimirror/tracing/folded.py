@@ -65,8 +65,7 @@ class FoldedMirror:
 
     def trace(self, origins: Array, directions: Array) -> Reflections:
         """Reflect rays (n, 3), (n, 3) of the lens's side on both mirrors, out into the world."""
-        first = space.trace(self.secondary.mirror, origins - self._vertex, directions)
-        start, towards = first.points * OVER + self._vertex, first.directions * OVER
+        start, towards = self.off_secondary(origins, directions)
         found = space.trace(self.mirror, start, towards)
         unit = directions / np.linalg.norm(directions, axis=-1, keepdims=True)
         valid = found.valid & self._is_clear(unit * OVER, start, found.points, found.directions)
@@ -74,6 +73,16 @@ class FoldedMirror:
             np.where(valid[:, None], a, np.nan) for a in (found.points, found.directions, found.normals)
         )
         return Reflections(points, outgoing, normals, valid)
+
+    def off_secondary(self, origins: Array, directions: Array) -> tuple[Array, Array]:
+        """Where rays (n, 3), (n, 3) of the lens's side leave the secondary, and whereto, in the world's frame."""
+        first = space.trace(self.secondary.mirror, origins - self._vertex, directions)
+        return first.points * OVER + self._vertex, first.directions * OVER
+
+    def over(self, points: Array) -> Array:
+        """Points (n, 3) of the unfolded side in the world's frame, and back."""
+        there: Array = (points - self._vertex) * OVER + self._vertex
+        return there
 
     def _is_clear(self, from_lens: Array, second: Array, first: Array, outgoing: Array) -> Mask:
         """Whether rays (n,) pass bore and camera on their way between both mirrors, and the secondary outside."""
@@ -256,7 +265,7 @@ class FoldedMirror:
         """How far (...,) points of the primary, or those of the secondary, lie beyond their rims or inside the bore."""
         pairs = ((points, self.mirror), (seen_at, self.secondary.mirror))
         excess = [np.hypot(p[..., 0], p[..., 1]) - m.rim_radius_mm * (1 + RIM_SLACK) for p, m in pairs]
-        second = (seen_at - self._vertex) * OVER + self._vertex
+        second = self.over(seen_at)
         bore = self.secondary.bore_radius_mm * (1 - RIM_SLACK) - self._at_camera(points, second)
         return np.maximum(bore, np.maximum(*excess))
 

@@ -265,6 +265,8 @@ def test_what_cannot_be_shown_is_refused_and_the_view_stays(gateway, name, to, s
 
 
 def test_views_of_odd_sizes_and_of_nothing_are_refused_at_the_start(camera):
+    with pytest.raises(InvalidParameter, match="'a' has 100000 x 50000 px; video is valid up to 8192 a side"):
+        LiveView(om.NamedView("a", options={"size": (100_000, 50_000)}), camera, "auto", print)
     odd, nothing = ({"size": (161, 96)}, {"size": (160, 96), "tilt_deg": 90.0, "hfov_deg": 20.0})
     with pytest.raises(
         InvalidParameter, match=r"'a' has 161 x 96 px.*valid are even sides, such as size = \[162, 96\]"
@@ -443,9 +445,11 @@ def test_a_server_that_is_killed_gets_the_view_again(film, camera, tmp_path, rts
         (["0", "--publish", "gopher://{view}"], "cannot stream to 'gopher://{view}'"),
         (["0", "--token", ""], "the token is empty"),
         (["0"], "there are no views 'views.toml'"),
+        (["cut.mp4"], "cannot read the video cut.mp4"),
     ],
 )
 def test_what_cannot_be_served_is_refused(words, sentence, tmp_path):
     if len(words) > 1:
         (tmp_path / "views.toml").write_text("[front]")
+    (tmp_path / "cut.mp4").write_bytes(b"\0\0\0 ftypisom")
     assert sentence in fails("serve", *words, "--views", "views.toml", "--sensor", "paper-spherical", cwd=tmp_path)

@@ -13,7 +13,12 @@ from omnimirror.mirrors.reflectivity import METALS
 from omnimirror.native import backend
 from omnimirror.simulate import Environment, Radiometry, expose
 from omnimirror.simulate.rendering import exposure as rays
+from omnimirror.simulate.rendering.compiled import compiled_light
 from omnimirror.simulate.rendering.samples import places, spread
+from omnimirror.simulate.scenes import Distant, Hall, Pose, PosedScene, Street
+from omnimirror.simulate.scenes.triangles import facets
+from omnimirror.simulate.scenes.worlds.painted import Surroundings
+from omnimirror.simulate.scenes.worlds.streetside import HOUSES
 from omnimirror.specs import bundled_sensors
 
 needs_native = pytest.mark.skipif(not backend.is_compiled, reason="nothing was compiled here")
@@ -67,6 +72,57 @@ def test_an_environment_is_the_same_in_the_kernels_and_ray_by_ray(housing, dim):
     slow = rays.gather(bundle, world, dim).mean(axis=2)
     assert np.abs(fast - slow).max() < 2e-3
     assert np.abs(fast - slow).mean() < 1e-5
+
+
+def meadow() -> Surroundings:
+    """Leaves that let some light through, before a sky."""
+    rng = np.random.default_rng(8)
+    away = rng.normal(size=(300, 1, 3))
+    away *= rng.uniform(300, 900, (300, 1, 1)) / np.linalg.norm(away, axis=2, keepdims=True)
+    leaves = facets(away + 60 * rng.normal(size=(300, 3, 3)), rng.uniform(0, 1, (300, 3, 3)).astype(np.float32))
+    leaves.textures[0].texels[..., 3] = 0.25
+    return Surroundings(leaves, steps(64, 128))
+
+
+SCENES = {
+    "room": om.Room(texel_mm=40.0),
+    "room, turned": PosedScene(om.Room(texel_mm=40.0), Pose(700.0, -300.0, 100.0, 40.0, 10.0, -20.0)),
+    "hall, far": PosedScene(Distant(Hall(texel_mm=50.0)), Pose(0.0, 0.0, 0.0, 40.0)),
+    "far street": Distant(PosedScene(Street(texel_mm=100.0), Pose(5000.0, 0.0, 0.0, 40.0))),
+    "leaves": meadow(),
+}
+
+
+@needs_native
+@pytest.mark.parametrize(("housing", "dim"), [(Housing(), Radiometry()), (HOUSED, Radiometry(0.8, vignetting=1.0))])
+@pytest.mark.parametrize("name", SCENES)
+def test_surfaces_are_the_same_in_the_kernels_and_ray_by_ray(name, housing, dim, monkeypatch):
+    sensor, scene = small("paper-equidistant", housing=housing), SCENES[name]
+    fast = expose(sensor, scene, samples=9, blur=True, radiometry=dim, seed=5)
+    assert compiled_light(sensor, scene, spread(9, True, 5), dim, workers=1).tobytes() == fast.tobytes()
+    bundle = rays.trace(sensor, spread(9, blur=True, seed=5), dim, slice(0, 100), slice(0, 100))
+    slow = rays.gather(bundle, scene, dim).mean(axis=2)
+    assert np.ptp(slow) > 0.3
+    assert np.mean(np.abs(fast - slow) > 1e-4) < 1e-3  # rays that graze an edge
+    assert np.abs(fast - slow).mean() < 1e-5
+
+
+@needs_native
+def test_the_kernels_leave_rays_alone_that_may_not_start_where_they_do():
+    sensor, dim, plan = small("paper-spherical"), Radiometry(), spread(1, blur=False)
+    house, road = HOUSES[0].box.low, Pose(5000.0, 0.0, -1620.0)
+    cases = (
+        (om.Room(40.0), Pose(3400.0)),
+        (Hall(50.0), Pose(5200.0)),
+        (Street(100.0), Pose(*house)),
+        (Street(100.0), road),
+    )
+    for scene, outside in cases:
+        assert compiled_light(sensor, scene, plan, dim) is not None
+        posed = PosedScene(scene, outside)
+        assert compiled_light(sensor, posed, plan, dim) is None
+        with pytest.raises(InvalidParameter, match=r"a ray starts at|the mirror stands in"):
+            expose(sensor, posed, samples=1)
 
 
 def test_rays_of_a_pixel_fill_it_and_the_aperture_evenly():

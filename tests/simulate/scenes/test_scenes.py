@@ -1,5 +1,8 @@
 """Environments and textured surfaces: against closed forms, and the compiled search against all pairs."""
 
+import gc
+import weakref
+
 import numpy as np
 import pytest
 
@@ -8,6 +11,8 @@ from omnimirror.frames import pan_tilt_direction
 from omnimirror.native import backend
 from omnimirror.simulate import Environment
 from omnimirror.simulate.scenes.surfaces import Surfaces, Texture
+from omnimirror.simulate.scenes.triangles import facets
+from tests.samplers import instructions
 
 needs_native = pytest.mark.skipif(not backend.is_compiled, reason="nothing was compiled here")
 
@@ -43,6 +48,15 @@ def clutter(count: int, rng: np.random.Generator) -> Surfaces:
     return Surfaces(places, texels, rng.integers(0, 2, count), rng.random(count) < 0.5, textures)
 
 
+@pytest.fixture(params=instructions())
+def every_instruction(request):
+    before = backend.name
+    backend.kernels.use_instructions(request.param)
+    yield
+    backend.kernels.use_instructions(before)
+
+
+@pytest.mark.usefixtures("every_instruction")
 @needs_native
 @pytest.mark.parametrize("count", [0, 1, 2, 3, 50, 400])
 def test_the_first_surface_met_is_the_nearest_of_all(count):
@@ -60,6 +74,73 @@ def test_the_first_surface_met_is_the_nearest_of_all(count):
     met = same & np.isfinite(slow.distance)
     assert count < 50 or met.mean() > 0.15
     assert np.quantile(np.abs(fast.light - slow.light)[met], 0.99) < 2e-3
+
+
+def ball(rings: int) -> np.ndarray:
+    """Triangles (n, 3, 3) all around the origin, which leave no gap."""
+    polar, turn = np.meshgrid(np.linspace(0, np.pi, rings + 1), np.linspace(0, 2 * np.pi, 2 * rings + 1), indexing="ij")
+    radius = 3000 * (1 + 0.05 * np.sin(9 * turn) * np.sin(7 * polar) * np.sin(polar))
+    across, up = radius * np.sin(polar), radius * np.cos(polar)
+    points = np.stack([across * np.cos(turn), across * np.sin(turn), up], axis=-1)
+    a, b, c, d = points[:-1, :-1], points[1:, :-1], points[1:, 1:], points[:-1, 1:]
+    return np.concatenate([np.stack(corners, axis=-2).reshape(-1, 3, 3) for corners in ((a, b, c), (a, c, d))])
+
+
+@pytest.mark.usefixtures("every_instruction")
+@needs_native
+def test_what_a_ray_meets_does_not_depend_on_those_beside_it():
+    rng = np.random.default_rng(3)
+    triangles = ball(60)
+    scene = facets(triangles, rng.uniform(0, 1, (len(triangles), 3, 3)).astype(np.float32))
+    origins, directions = rng.uniform(-50, 50, (20_005, 3)), rng.normal(size=(20_005, 3))
+    directions[:9000] = triangles.mean(axis=1)[rng.integers(len(triangles), size=9000)] - origins[:9000]
+    directions[9000:12000] = triangles[rng.integers(len(triangles), size=3000), 1] - origins[9000:12000]  # at corners
+    seen, order = scene.seen(origins, directions), rng.permutation(len(origins))
+    assert np.isinf(seen.distance).mean() < 1e-3  # between triangles
+    for alone, together in zip(scene.seen(origins[order], directions[order]), seen, strict=True):
+        np.testing.assert_array_equal(alone, together[order])
+
+
+@needs_native
+def test_many_surfaces_at_one_place_are_met():
+    wall = np.array([[5.0, 1, -1], [0, -2, 0], [0, 0, 2]])
+    count = 5000  # which no plane divides
+    scene = Surfaces(
+        np.tile(wall, (count, 1, 1)),
+        np.zeros((count, 3, 2)),
+        np.zeros(count, int),
+        np.zeros(count, bool),
+        (Texture(np.full((1, 1, 4), 0.5, np.float32)),),
+    )
+    seen = scene.seen(np.zeros((2, 3)), np.array([[1.0, 0, 0], [-1.0, 0, 0]]))
+    assert seen.distance.tolist() == [5.0, np.inf]
+
+
+@needs_native
+def test_kernels_share_texels_and_keep_them():
+    scene = facets(ball(20), np.full((1600, 3, 3), 0.25, np.float32))
+    texels = scene.textures[0].texels
+    native, kept = scene.native, weakref.ref(texels if texels.base is None else texels.base)
+    del scene, texels
+    gc.collect()
+    assert kept() is not None
+    light, distance = np.empty((1, 4), np.float32), np.empty(1, np.float32)
+    native.radiance(np.zeros((1, 3), np.float32), np.ones((1, 3), np.float32), light, distance)
+    np.testing.assert_allclose(light[0, :3], 0.25, rtol=1e-5)
+    del native
+    gc.collect()
+    assert kept() is None
+
+
+@needs_native
+@pytest.mark.parametrize("bad", [np.nan, np.inf, 1e20])
+def test_places_that_are_no_numbers_are_refused(bad):
+    wall = np.array([[[5.0, 1, -1], [0, -2, 0], [0, 0, bad]]])
+    scene = Surfaces(
+        wall, np.zeros((1, 3, 2)), np.zeros(1, int), np.zeros(1, bool), (Texture(np.ones((1, 1, 4), np.float32)),)
+    )
+    with pytest.raises(ValueError, match="no number"):
+        scene.seen(np.zeros((1, 3)), np.ones((1, 3)))
 
 
 def test_a_texture_lies_on_its_surface_as_one_reads_it():

@@ -106,13 +106,12 @@ export class Answers {
 /** The answer where there is none. */
 const NOTHING: Omit<Found, "slot" | "asked"> = { number: 0, trouble: { path: [], sentence: UNANSWERABLE }, remark: null, facts: null, rows: [], requirements_trouble: null, blocks: [], block: () => null };
 
-/** The question about a design. */
-export const wishOf = (design: Design, section: boolean, squares: boolean): Wish => ({
+/** The question about a design, and which plots need more than the curves. */
+export const wishOf = (design: Design, plots: Pick<Ask, "section" | "squares" | "space">): Wish => ({
   tables: design.tables,
   follows: design.follows,
   object_distance_mm: design.distance,
-  section,
-  squares,
+  ...plots,
   requirements: design.requirements,
 });
 

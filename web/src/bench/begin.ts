@@ -24,7 +24,7 @@ export async function begin(host: Host): Promise<Bench> {
   const bench = new Bench(host, parts, design);
   if (before) {
     bench.pins = before.pins;
-    bench.desk.hidden = before.hidden;
+    bench.desk.switched = before.switched;
     if (JSON.stringify(before.design) === JSON.stringify(design)) bench.history.restore(before);
   }
   bench.desk.showGroups();

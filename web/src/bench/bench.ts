@@ -58,7 +58,10 @@ export class Bench {
     this.desk = new Desk(host.place, parts.columns, { take: (i) => this.takePin(i), drop: (i) => this.dropPin(i) }, () => this.plotsChosen());
     this.desk.lead(this.tolerances.charts.element);
     host.place.append(aside, this.desk.element);
-    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.draw());
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
+      this.desk.recolour();
+      this.draw();
+    });
     this.answers = new Answers((found) => this.answered(found), (isAway) => host.banner(isAway && host.isShown() ? AWAY : null, "server"));
     host.beforeLeaving(() => this.settle()); // as a number that was typed and not yet entered
     this.bindKeys();
@@ -174,7 +177,7 @@ export class Bench {
   }
 
   private pinsChanged(): void {
-    this.pins.forEach((pin, i) => this.answers.ask(i + 1, wishOf({ ...pin.design, requirements: null }, true, false)));
+    this.pins.forEach((pin, i) => this.answers.ask(i + 1, wishOf({ ...pin.design, requirements: null }, { section: true, squares: false, space: false })));
     this.kept();
     this.draw();
     this.toolbar.show();
@@ -183,7 +186,8 @@ export class Bench {
   // -- questions and answers ------------------------------------------------------------------------
 
   ask(): void {
-    this.answers.ask(0, wishOf(this.history.now, this.desk.shows("Section"), this.desk.shows("Squares")));
+    const { desk } = this;
+    this.answers.ask(0, wishOf(this.history.now, { section: desk.shows("Section"), squares: desk.shows("Squares"), space: desk.shows("In space") }));
   }
 
   /** Begin, or begin anew with what the address holds. */
@@ -242,7 +246,7 @@ export class Bench {
   // -- keeping ----------------------------------------------------------------------------------------
 
   kept(): void {
-    keep(this.history, this.pins, this.desk.hidden);
+    keep(this.history, this.pins, this.desk.switched);
     this.host.setAddress(inAddress(this.history.now));
   }
 

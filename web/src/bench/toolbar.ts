@@ -4,6 +4,7 @@ import type { BenchSensor, Download } from "../shared/messages";
 import type { Design } from "./designs/design";
 import type { Host } from "./host";
 
+const ASKED_EVERY_MS = 400; // how far a file is
 const FILES: [Download["kind"], string][] = [
   ["sensor", "Sensor file (TOML)"],
   ["report", "Report (HTML)"],
@@ -72,18 +73,32 @@ export class Toolbar {
     this.menu.open = false;
     const { tables, distance } = this.bench.history.now;
     if (this.summary.getAttribute("aria-busy") === "true") return this.host.say("One file at a time; the last one is still being made");
-    this.making(true);
+    const asked: Download = { tables, kind, object_distance_mm: distance };
+    const stop = this.telling(asked);
     await this.try(async () => {
-      const { blob, name } = await api.download({ tables, kind, object_distance_mm: distance });
+      const { blob, name } = await api.download(asked);
       save(blob, name);
     });
-    this.making(false);
+    stop();
   }
 
-  /** Say that a file is being made: a report takes many seconds. */
-  private making(isMaking: boolean): void {
-    this.summary.textContent = isMaking ? "Making the file…" : "Download";
-    this.summary.setAttribute("aria-busy", String(isMaking));
+  /** Say how far a file is, until it is there: a report takes some seconds. */
+  private telling(asked: Download): () => void {
+    const busy = (isBusy: boolean, words: string, title = ""): void => {
+      Object.assign(this.summary, { textContent: words, title });
+      this.summary.setAttribute("aria-busy", String(isBusy));
+    };
+    let isMade = false;
+    busy(true, "Making the file…");
+    const timer = setInterval(async () => {
+      const now = await api.making(asked).catch(() => null);
+      if (now && !isMade) busy(true, `Making it: ${Math.round(100 * now.share)} %`, now.sentence);
+    }, ASKED_EVERY_MS);
+    return () => {
+      isMade = true;
+      clearInterval(timer);
+      busy(false, "Download");
+    };
   }
 
   private async downloadRequirements(): Promise<void> {

@@ -14,6 +14,7 @@ import { targetIn, type View, viewOf } from "./geometry/views";
 import { CirclePane } from "./panels/circle";
 import { FirstLook } from "./panels/first";
 import { Gestures } from "./panels/gestures";
+import { GyroscopePanel } from "./panels/gyroscope";
 import { LevelPanel } from "./panels/level";
 import { hasSize, RimPanel } from "./panels/rim";
 import { SensorPanel } from "./panels/sensor";
@@ -55,6 +56,7 @@ export class Look {
     this.views = new ViewsPanel(store);
     this.wipe = new WipePanel(store, () => this.restored());
     new WaysPanel(store, () => this.placeCircle());
+    new GyroscopePanel(store);
     this.sensor = new SensorPanel(store, {
       changed: () => this.refresh(true),
       prepare: (wanted) => this.sources.prepare(wanted),

@@ -1,5 +1,5 @@
 import { pack, unpack } from "./framing";
-import type { BenchSensor, BenchStart, BoardLook, BoardSeen, Built, BuiltAsk, CalibrateStart, CameraAsk, CameraShown, Change, Download, ErrorsAsk, ErrorsOf, LevelAsk, LevelFound, Opened, PictureAsk, RequirementFile, RestoreAsk, RimFound, SensorEntry, SensorFile, Start, StraightAsk, Taken, Together, TogetherAsk, YieldAsk, YieldOf } from "./messages";
+import type { BenchSensor, BenchStart, BoardLook, BoardSeen, Built, BuiltAsk, CalibrateStart, CameraAsk, CameraShown, Change, Download, ErrorsAsk, ErrorsOf, FileUnderWay, LevelAsk, LevelFound, Opened, PictureAsk, RequirementFile, RestoreAsk, RimFound, SensorEntry, SensorFile, Start, StraightAsk, Taken, Together, TogetherAsk, YieldAsk, YieldOf } from "./messages";
 import { AWAY } from "./texts";
 
 /** Something the server refused, in its own sentence. */
@@ -54,6 +54,9 @@ export async function download(asked: Download): Promise<{ blob: Blob; name: str
   const name = /filename="(.*)"/.exec(answer.headers.get("content-disposition") ?? "")?.[1] ?? "design";
   return { blob: await answer.blob(), name };
 }
+
+/** How far such a file is; null before it is begun, and when it is there. */
+export const making = async (asked: Download): Promise<FileUnderWay | null> => (await posted("api/bench/making", asked)).json();
 
 /** The picture that a design takes of a room, and its panorama. */
 export async function taken(asked: PictureAsk): Promise<{ picture: Blob; panorama: Blob }> {

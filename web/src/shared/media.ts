@@ -1,5 +1,6 @@
 /** Pictures as their files hold them, and what moves: videos and cameras. */
 import { Refused } from "./api";
+import { locals, parsed, put, taken } from "./storage";
 
 /** A camera of this machine that runs. */
 interface Webcam {
@@ -8,6 +9,9 @@ interface Webcam {
   device: string;
   close: () => void;
 }
+
+const NAMES = "omnimirror-webcams"; // the last cameras: what each was called
+const LAST = 20;
 
 /** A camera of this machine; `lost` is told when it goes. */
 export async function openedWebcam(id: string, lost: (sentence: string) => void): Promise<Webcam> {
@@ -18,7 +22,7 @@ export async function openedWebcam(id: string, lost: (sentence: string) => void)
     stream = await navigator.mediaDevices.getUserMedia({ video: { ...exact, width: { ideal: 1920 }, height: { ideal: 1080 } } });
   } catch (e) {
     const name = (e as DOMException).name;
-    if (name === "OverconstrainedError" && id) return openedWebcam("", lost); // one of another day
+    if (name === "OverconstrainedError" && id) return openedAgain(id, lost);
     if (name === "NotAllowedError") throw new Refused("The camera was refused. Allow it for this page in the browser's address bar, and try again.");
     if (name === "NotFoundError") throw new Refused("There is no camera at this machine.");
     throw new Refused("The camera cannot be opened; another program may be using it.");
@@ -28,7 +32,22 @@ export async function openedWebcam(id: string, lost: (sentence: string) => void)
   const track = stream.getVideoTracks()[0];
   const name = track.label || "webcam";
   track.onended = () => lost(`${name} is gone. Plug it in again, and choose Webcam.`);
-  return { video, name, device: track.getSettings().deviceId ?? "", close: () => track.stop() };
+  const device = track.getSettings().deviceId ?? "";
+  put([locals], NAMES, JSON.stringify([[device, name], ...named().filter(([other]) => other !== device)].slice(0, LAST)));
+  return { video, name, device, close: () => track.stop() };
+}
+
+const named = (): [string, string][] => (parsed(taken(locals, NAMES) ?? "[]") as [string, string][] | undefined) ?? [];
+
+/** The camera of another day: browsers give new identities, some at every reload, but a camera keeps its name. */
+async function openedAgain(id: string, lost: (sentence: string) => void): Promise<Webcam> {
+  const name = named().find(([device]) => device === id)?.[1];
+  const any = await openedWebcam("", lost); // once one is allowed, all are called by their names
+  const cameras = await navigator.mediaDevices.enumerateDevices();
+  const same = cameras.find((d) => d.kind === "videoinput" && d.label === name);
+  if (!same || same.deviceId === any.device) return any;
+  any.close();
+  return openedWebcam(same.deviceId, lost);
 }
 
 /** Wait until a video shows something. */

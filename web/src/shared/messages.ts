@@ -24,6 +24,8 @@ export interface Ask {
   object_distance_mm: number | null;
   section: boolean;
   squares: boolean;
+  /** its parts and rays in three dimensions */
+  space: boolean;
   requirements: Record<string, any> | null;
 }
 
@@ -329,6 +331,13 @@ export interface Facts {
   resolution_px_per_deg: [number, number | null];
   /** why its mirror cannot be optimised, if it cannot */
   not_optimised: string | null;
+}
+
+/** How far a file is that takes long. */
+export interface FileUnderWay {
+  sentence: string;
+  /** how much is done */
+  share: number;
 }
 
 /** That the server is there. */

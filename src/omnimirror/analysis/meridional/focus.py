@@ -75,6 +75,11 @@ class FocusStudy:
         """Focus coordinates (n,), (n,) of the images."""
         return lens.image_coordinates(*self.distances, self.ideal_height(lens))
 
+    @cached_property
+    def own_coordinates(self) -> Array:
+        """Focus coordinates (2, n) of the images under the lens as it is focused."""
+        return np.stack(self.coordinates(self.sensor.lens))
+
     def scales(self, middle: float, unit: float) -> Callable[[Any], Scales]:
         """What changes with the focus, of focus coordinates u that count from a middle in a unit."""
         lens, pitch = self.sensor.lens, self.sensor.imager.pitch_mm
@@ -182,7 +187,7 @@ def distance_per_angle(object_distance_mm: ArrayLike, angles: Array) -> Array:
 def _lowest(study: FocusStudy, merit: FocusMerit) -> float:
     """The focus (mm) that makes a merit least."""
     lens = study.sensor.lens
-    low, high = _searched(lens, np.stack(study.coordinates(lens)))
+    low, high = _searched(lens, study.own_coordinates)
     middle, half = (low + high) / 2, (high - low) / 2 or 1.0
     function = focus_function(study, merit, middle, half)
     if not np.isfinite(function.coefficients).all():
@@ -199,9 +204,8 @@ def _lowest(study: FocusStudy, merit: FocusMerit) -> float:
 def focus_function(study: FocusStudy, merit: FocusMerit, middle: float, unit: float) -> FocusFunction:
     """A merit as a function of :meth:`Lens.focus_coordinate`, counted from a middle in a unit."""
     sensor = study.sensor
-    coordinates = np.stack(study.coordinates(sensor.lens))
     imaging = imaging_characteristics(study.rays.omega, *study.heights(sensor))
-    t, s = (coordinates - middle) / unit
+    t, s = (study.own_coordinates - middle) / unit
     own_t, own_s = study.own_px(sensor.lens)
     own2 = None if sensor.lens.IS_THIN else (own_t**2, own_s**2)
     sides = Sides(t, s, *study.stretch(sensor.lens), imaging.height, imaging.width, own2)

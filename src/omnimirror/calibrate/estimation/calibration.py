@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import checked, choice, instance, optional_number, shown
+from ...arguments import WrongKind, checked, choice, instance, optional_number, shown
 from ...camera_models.base import CameraModel
 from ...camera_models.radial import RadialModel
 from ...camera_models.spheres import Unified
@@ -151,7 +151,7 @@ def calibrate_camera(
     surveys = _surveyed(surveys)
     is_reversed = (optics == "mirror") != mount.image_flipped
     size = _size(detections, board, surveys, image_size, is_reversed=is_reversed)
-    known = Foreknown(tuple(fixed), tuple(Prior(*p) for p in priors))
+    known = Foreknown(tuple(fixed), tuple(_prior(p) for p in priors))
     plan = CalibrationPlan(
         sightings=(*(_sighting(d, board) for d in detections if board is not None and is_used(d)), *surveys),
         image_size=size,
@@ -244,6 +244,12 @@ def _with_names(detections: Sequence[Detection]) -> list[Detection]:
         count = names[detection.name] = names.get(detection.name, 0) + 1
         renamed.append(replace(detection, name=f"{detection.name} ({count})") if count > 1 else detection)
     return renamed
+
+
+def _prior(given: Any) -> Prior:
+    if not (isinstance(given, tuple) and len(given) == len(Prior._fields)):
+        raise WrongKind(f"{shown(given)} among the priors is not a name, a value and its standard deviation")
+    return Prior(*given)
 
 
 def _sighting(detection: Detection, board: Board) -> Sighting:

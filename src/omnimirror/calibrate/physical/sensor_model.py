@@ -91,7 +91,7 @@ class SensorModel(CameraModel):
         """``"mirror"``: the centre of the picture looks back past the lens."""
         return "mirror"
 
-    @property
+    @cached_property
     def parameters(self) -> tuple[ModelParameter, ...]:
         """The free parameters: name, value, unit, and the change that moves the picture by about a pixel."""
         return tuple(
@@ -120,8 +120,10 @@ class SensorModel(CameraModel):
         wanted = np.asarray(values, dtype=float)
         if wanted.shape != (len(self.free),) or not np.isfinite(wanted).all():
             raise InvalidParameter(f"values has shape {wanted.shape}; it is valid as ({len(self.free)},), all finite")
-        other = type(self)(changed(self.sensor, self._places, wanted), self.free, self.priors)
-        other.__dict__["_scales"] = self._scales  # the same for a whole estimation
+        other = object.__new__(type(self))  # what is free, and its priors, have been checked
+        other.__dict__["sensor"] = changed(self.sensor, self._places, wanted)
+        for kept in ("free", "priors", "_places", "_scales"):  # the same for a whole estimation
+            other.__dict__[kept] = getattr(self, kept)
         return other
 
     def image(self, points_mm: ArrayLike, *, distant: bool = False) -> Image:
@@ -146,7 +148,7 @@ class SensorModel(CameraModel):
             Points of another shape.
         """
         image_of = image_of_points if self.sensor.housing.shell is None else image_through_cover
-        return image_of(self.sensor, vectors("points_mm", points_mm, 3), distant, self._places)
+        return image_of(self.sensor, vectors("points_mm", points_mm, 3, is_list=True), distant, self._places)
 
     @classmethod
     def start_from(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import NamedTuple
 
-from ...arguments import checked, number, shown
+from ...arguments import WrongKind, checked, number, shown
 from ...errors import InvalidParameter
 from ...sensor import Sensor
 from .names import DISTANCE, NAME, known_names, lens_names, place_of, shape_names, value_of
@@ -118,7 +118,11 @@ def guessed_priors(sensor: Sensor, names: Iterable[str]) -> tuple[Tolerance, ...
 @checked
 def checked_priors(names: tuple[str, ...], priors: Iterable[Tolerance]) -> tuple[Tolerance, ...]:
     """Priors of free parameters, each with a tolerance above 0."""
-    checked = tuple(Tolerance(*prior) for prior in priors)
+    given = tuple(priors)
+    for prior in given:
+        if not (isinstance(prior, tuple) and len(prior) == len(Tolerance._fields)):
+            raise WrongKind(f"{shown(prior)} among the priors is not a name, a value and its standard deviation")
+    checked = tuple(Tolerance(*prior) for prior in given)
     for prior in checked:
         if prior.name not in names:
             raise InvalidParameter(f"a prior on {shown(prior.name)} needs it free; free are {', '.join(names)}")

@@ -108,7 +108,9 @@ class LensAndCover:
             if np.abs(missed).max() < CLOSE:
                 break
             wanted = np.degrees(inside + missed * _inside_rate(rays))
-            mirror = TabulatedMapping(tuple(wanted), tuple(tau), rim.theta_max_deg, rim.rim_radius_mm)
+            mirror = TabulatedMapping.sketched(wanted, tau, rim.theta_max_deg, rim.rim_radius_mm)
+        if isinstance(found.mirror, TabulatedMapping):
+            found.mirror.checked()
         return found
 
 

@@ -15,7 +15,7 @@ the axis. If the steepest mapping does not come down to where the field begins, 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
@@ -52,12 +52,12 @@ class BlurBound:
 
     blur_deg: float
     focus_mm: float
-    x_mm: Array
-    z_mm: Array
-    slope: Array
-    omega_deg: Array
-    t_deg: Array
-    s_deg: Array
+    x_mm: Array = field(repr=False)
+    z_mm: Array = field(repr=False)
+    slope: Array = field(repr=False)
+    omega_deg: Array = field(repr=False)
+    t_deg: Array = field(repr=False)
+    s_deg: Array = field(repr=False)
 
     @property
     def is_reached(self) -> bool:

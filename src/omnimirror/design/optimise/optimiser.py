@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InvalidParameter, OmnimirrorError
-from ...files import LARGEST_TEXT, json_plain, read_bytes, write_text
+from ...files import LARGEST_TEXT, json_plain, parse_json, read_bytes, write_text
 from ...imagers import Imager
 from ...mirrors import Equidistant, Mirror, SlopeSpline, Sphere
 from ...numerics.lazy import cached_property
@@ -377,9 +377,9 @@ def _finished(resume: str | Path | None, header: dict[str, Any]) -> list[Run]:
     if resume is None or not Path(resume).exists():
         return []
     try:
-        data = json.loads(read_bytes(resume, LARGEST_TEXT))
+        data = parse_json(read_bytes(resume, LARGEST_TEXT))
         runs = [Run(r["start"], tuple(r["y"]), r["value"], r["kept"], tuple(r["history"])) for r in data.pop("runs")]
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+    except (OSError, ValueError, KeyError, TypeError):
         raise OmnimirrorError(f"{resume} is not a search that omnimirror kept; name another file") from None
     if data != header:
         changed = ", ".join(k for k in header if data.get(k) != header[k])

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ...arguments import checked, file_name, instance
 from ...errors import InvalidParameter, OmnimirrorError
-from ...files import replacing
+from ...files import parse_json, replacing
 from ...lenses import BlurMode
 from ...sensor import Sensor
 from ..criteria.merits import merit_named
@@ -290,7 +290,7 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[str, Any], Generation]:
 
     try:
         table = pq.read_table(path)
-        about = json.loads(table.schema.metadata[b"omnimirror"])
+        about = parse_json(table.schema.metadata[b"omnimirror"])
         tables = about.pop("requirements")
         y = np.column_stack([table[n].to_numpy() for n in table.column_names if n.startswith("y")])
         alive = Generation(about.pop("generation"), y, np.array(about.pop("box")))

@@ -64,6 +64,8 @@ class PolarMap:
 
     def shows_something(self) -> bool:
         """Whether something of the picture is seen; False also where only a closer look would tell."""
+        if self._lies_within:
+            return bool(np.isfinite(self.radii).any())
         return bool(np.isfinite(self._of_columns(self.angles[::EVERY_COLUMN])).any())
 
     def averages(self, interpolation: Interpolation) -> Averages | None:

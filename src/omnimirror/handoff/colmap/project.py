@@ -125,8 +125,8 @@ def write_colmap(
     for done, (file, name) in enumerate(zip(files, names, strict=True), start=1):
         picture = read_image(file)
         for view, dewarp in drawn:
-            _write(folder / "images" / view.name / name, dewarp(picture))
-            _write(folder / "masks" / view.name / f"{name}.png", masks[view.name])
+            write_image(folder / "images" / view.name / name, dewarp(picture))
+            write_image(folder / "masks" / view.name / f"{name}.png", masks[view.name])
         if progress is not None:
             progress(done, len(files))
     write_text(folder / "rig_config.json", json.dumps(rig_config(rig), indent=1) + "\n")
@@ -141,11 +141,6 @@ def _names(files: Sequence[Path]) -> list[str]:
     if twice := next((name for name in names if names.count(name) > 1), None):
         raise InvalidParameter(f"two pictures would both be named {twice}; rename one")
     return names
-
-
-def _write(path: Path, picture: Any) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_image(path, picture)
 
 
 def rig_config(rig: Sequence[RigView]) -> list[dict[str, Any]]:

@@ -25,6 +25,7 @@ from ..named_views import NamedView
 from .coders import JpegCoder
 from .outlets import NewestOutlet, Outlet, TransportOutlet
 
+LARGEST_SIDE = 8192  # that players of H.264 show
 STEERING = ("pan_deg", "tilt_deg", "roll_deg", "hfov_deg")
 
 
@@ -50,6 +51,10 @@ class LiveView:
         self._dewarp = self._dewarper(named(camera))
         self.beginning = self._dewarp.view
         width, height = self.size
+        if max(width, height) > LARGEST_SIDE:
+            raise InvalidParameter(
+                f"the view {named.name!r} has {width} x {height} px; video is valid up to {LARGEST_SIDE} a side"
+            )
         if width % 2 or height % 2:
             raise InvalidParameter(
                 f"the view {named.name!r} has {width} x {height} px, and video halves the colours' resolution; valid "

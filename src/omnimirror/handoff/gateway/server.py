@@ -11,6 +11,7 @@ from ...cameras import Camera
 from ...dewarp.contracts import Interpolation
 from ...errors import InvalidParameter, MediaError
 from ...media.live.outputs import stream_format
+from ...media.live.playing import size_of
 from ...serving.access import is_loopback
 from ...serving.server import listen, names_of, run
 from ...straighten import is_video
@@ -105,7 +106,9 @@ def serve_views(
 
 
 def check_source(source: str) -> None:
-    """Refuse what cannot be a camera, stream or video file."""
+    """Refuse what cannot be a camera, stream or video file, and a file that cannot be read as one."""
     is_place = "://" in source or source.startswith("/dev/") or source.isdigit()
     if source == "-" or not is_video(source) or not (is_place or Path(source).is_file()):
         raise MediaError(f"{source} is no camera, stream or video file")
+    if not is_place:
+        size_of(source, is_live=False)

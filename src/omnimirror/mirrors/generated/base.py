@@ -34,6 +34,14 @@ class Mapped(Mirror):
     def mapping(self, tau: ArrayLike) -> tuple[Array, Array]:
         """Field angle (radians) and its derivative for image heights tau (n,) from 0 to 1."""
 
+    def angles(self, tau: Array) -> Array:
+        """Field angles (n,), radians, alone."""
+        return self.mapping(tau)[0]
+
+    def rates(self, tau: Array) -> Array:
+        """Their derivatives (n,) alone."""
+        return self.mapping(tau)[1]
+
     @property
     def design_distance(self) -> float:
         """Distance m from lens to vertex, mm, for which the mapping is exact; infinite if orthographic."""
@@ -53,17 +61,17 @@ class Mapped(Mirror):
     @cached_property
     def _meridian(self) -> GeneratedMeridian:
         if self.theta_max_deg == 0:
-            return OrthographicMeridian.solve(lambda x: self.mapping(x)[0], lambda x: self.mapping(x)[1])
+            return OrthographicMeridian.solve(self.angles, self.rates)
         return PerspectiveMeridian.solve(self._omega, self._domega, self._theta_max)
 
     def _omega(self, theta: Array) -> Array:
         """Field angle of viewing angles, radians."""
-        return self.mapping(np.tan(theta) / np.tan(self._theta_max))[0]
+        return self.angles(np.tan(theta) / np.tan(self._theta_max))
 
     def _domega(self, theta: Array) -> Array:
         """dOmega/dtheta."""
         unit = np.tan(self._theta_max)
-        rate: Array = self.mapping(np.tan(theta) / unit)[1] / (np.cos(theta) ** 2 * unit)
+        rate: Array = self.rates(np.tan(theta) / unit) / (np.cos(theta) ** 2 * unit)
         return rate
 
     def _check_reach(self, omega_max_deg: float) -> None:

@@ -13,7 +13,7 @@ from ...arguments import check_fields, floats
 from ...errors import InvalidParameter
 from ...numerics.lazy import cached_property
 from ...parameters import Parameter
-from ..base import RIM_RADIUS, Array, near_apex
+from ..base import APEX, RIM_RADIUS, Array, near_apex
 from ..measured.columns import MAPPING_FILE
 from .base import THETA_MAX, Mapped
 
@@ -83,15 +83,33 @@ class TabulatedMapping(Mapped):
     }
 
     def __post_init__(self) -> None:
-        omega, height = floats("omega_deg", self.omega_deg), floats("height", self.height)
-        object.__setattr__(self, "omega_deg", omega)
-        object.__setattr__(self, "height", height)
+        self._take_columns(self.omega_deg, self.height)
         check_fields(self)
         for name, parameter in self.PARAMETERS.items():
             parameter.check(name, getattr(self, name))
-        check_rows(omega, height)
-        self._check_reach(omega[-1])
+        check_rows(self.omega_deg, self.height)
+        self._check_reach(self.omega_deg[-1])
         self._check()
+
+    def _take_columns(self, omega_deg: ArrayLike, height: ArrayLike) -> None:
+        object.__setattr__(self, "omega_deg", floats("omega_deg", omega_deg))
+        object.__setattr__(self, "height", floats("height", height))
+
+    @classmethod
+    def sketched(cls, omega_deg: Array, height: Array, theta_max_deg: float, rim_radius_mm: float) -> TabulatedMapping:
+        """A mirror on the way to one, its surface not looked at to the rim, which is much of the work."""
+        mirror = object.__new__(cls)
+        mirror._take_columns(omega_deg, height)
+        object.__setattr__(mirror, "theta_max_deg", theta_max_deg)
+        object.__setattr__(mirror, "rim_radius_mm", rim_radius_mm)
+        check_rows(mirror.omega_deg, mirror.height)
+        mirror._check_reach(mirror.omega_deg[-1])
+        return mirror
+
+    def checked(self) -> TabulatedMapping:
+        """The same, once its surface reaches the rim."""
+        self._check()
+        return self
 
     @classmethod
     def from_function(
@@ -152,7 +170,13 @@ class TabulatedMapping(Mapped):
 
     def mapping(self, tau: ArrayLike) -> tuple[Array, Array]:
         tau = np.asarray(tau, dtype=float)
-        omega, rate = (np.asarray(s(tau)) for s in self._splines)
-        if self.omega_deg[0] == 0.0:
-            omega = near_apex(tau, tau * rate, omega)
-        return omega, rate
+        return self.angles(tau), self.rates(tau)
+
+    def angles(self, tau: Array) -> Array:
+        omega = np.asarray(self._splines[0](tau))
+        if self.omega_deg[0] == 0.0 and (np.abs(tau) < APEX).any():
+            omega = near_apex(tau, tau * self.rates(tau), omega)
+        return omega
+
+    def rates(self, tau: Array) -> Array:
+        return np.asarray(self._splines[1](tau))

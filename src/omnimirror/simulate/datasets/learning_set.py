@@ -114,7 +114,6 @@ def write_learning_set(
             progress(number + 1, len(times))
         return {"png": picture, "npz": _arrays(found), "json": _record(now, times[number], number + 1 == len(times))}
 
-    folder.mkdir(parents=True, exist_ok=True)
     shards = []
     for number, first in enumerate(range(0, len(times), per_shard)):
         shards.append(folder / f"set-{number:06d}.tar")

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import InvalidParameter, MediaError
-from ...files import LARGEST_TEXT, read_bytes, write_text
+from ...files import LARGEST_TEXT, parse_json, read_bytes, write_text
 from ..scenes.sources import sha256_of
 
 DESCRIPTION = "dataset.json"
@@ -105,10 +105,10 @@ def _remove_leftovers(folder: Path) -> None:
 
 def _description(folder: Path) -> dict[str, Any] | None:
     try:
-        found = json.loads(read_bytes(folder / DESCRIPTION, 16 * LARGEST_TEXT))
+        found = parse_json(read_bytes(folder / DESCRIPTION, 16 * LARGEST_TEXT))
     except FileNotFoundError:
         return None
-    except (OSError, ValueError, RecursionError) as e:
+    except (OSError, ValueError) as e:
         raise MediaError(f"{folder / DESCRIPTION} cannot be read, and is not written over: {e}") from None
     return found if isinstance(found, dict) else {}
 

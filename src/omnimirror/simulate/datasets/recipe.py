@@ -11,7 +11,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from ...errors import MediaError
-from ...files import LARGEST_TEXT, read_bytes
+from ...files import LARGEST_TEXT, parse_json, read_bytes
 from ...media.keyframes import Keyframes
 from ...sensor import Sensor
 from ...specs import AnyCamera, format_camera, parse_camera
@@ -138,12 +138,12 @@ def load_recipe(path: str | Path) -> KeptRecipe:
 def _record_in(path: str | Path) -> dict[str, Any]:
     """The recipe in a dataset.json of this format, as JSON."""
     try:
-        data = json.loads(read_bytes(path, 16 * LARGEST_TEXT))
+        data = parse_json(read_bytes(path, 16 * LARGEST_TEXT))
         record = data["recipe"]
         kind, told = record["kind"], data.get("format")
     except OSError as e:
         raise MediaError(f"cannot read {path}: {e.strerror}") from None
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+    except (ValueError, KeyError, TypeError, AttributeError):
         raise MediaError(f"{path} does not say how a set is made; dataset.json of this release's sets does") from None
     if kind not in KINDS:
         raise MediaError(f"{path} is of a set of kind {kind!r}; valid are {', '.join(KINDS)}")

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
-from typing import Any, NamedTuple, TypeGuard, TypeVar
+from typing import Any, NamedTuple, TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,23 +19,15 @@ from ...sensor import Sensor
 from ..colour import Light
 from ..radiometry import Radiometry
 from ..scenes.contract import Distant, Scene
-from ..scenes.environment import Environment
-from ..scenes.posed import PosedScene
 from ..shells import ThroughShell, seen_through
+from .compiled import compiled_light
 from .kernel_sensor import is_for_kernels, native_optics
 from .samples import Samples, places, spread
 from .sight import DIRECT, HIDDEN, LOST, REFLECTED, check_clear, check_housing_is_shown, follow, front_shade
+from .tiles import Progress, Tile, picture_of_tiles
 
 Array = NDArray[np.float64]
-Progress = Callable[[int, int], None]
-"""Called with the number of rows done and of all rows."""
-
-T = TypeVar("T")
-R = TypeVar("R")
-
-RAYS_PER_TILE = 1 << 16  # larger tiles fall out of the cache, smaller ones keep threads waiting for each other
 MOST_ACROSS = 1 << 15  # pixels of a side of the largest square picture, whose light takes 12 GB
-ROWS_AT_ONCE = 64  # of an environment, between two reports of progress
 
 
 class Bundle(NamedTuple):
@@ -157,9 +146,10 @@ def expose(
         shares = [plain(seen, radiometry=light) for seen, light in each]
         return np.stack([share[..., i] for i, share in enumerate(shares)], axis=-1)
     seen = seen_through(camera, _distant(scene) if distant else scene)
-    far = _environment_of(seen)
-    if _has_one_mirror(camera) and far is not None and is_for_kernels(camera):
-        return _of_environment(camera, *far, plan, radiometry, progress)
+    if _has_one_mirror(camera) and is_for_kernels(camera):
+        light = compiled_light(camera, seen, plan, radiometry, progress, workers)
+        if light is not None:
+            return light
     return _of_scene(camera, seen, plan, radiometry, progress, workers)
 
 
@@ -191,59 +181,14 @@ def _has_one_mirror(camera: Camera) -> TypeGuard[Sensor]:
     return isinstance(camera, Sensor) and camera.secondary is None
 
 
-def _environment_of(scene: Scene) -> tuple[Environment, Array] | None:
-    """The environment that is all of a scene, and the rotation (3, 3) of the world's directions into its picture's."""
-    if isinstance(scene, Environment):
-        return scene, scene.heading()
-    if isinstance(scene, Distant | PosedScene):
-        inner = _environment_of(scene.scene)
-        if inner is not None:
-            turn = scene.pose.rotation() if isinstance(scene, PosedScene) else np.eye(3)
-            return inner[0], turned(inner[1], turn)
-    return None
-
-
-def _of_environment(
-    sensor: Sensor, scene: Environment, heading: Array, plan: Samples, radiometry: Radiometry, progress: Progress | None
-) -> Light:
-    """All in the compiled kernels: no ray is ever stored."""
-    optics = native_optics(sensor, radiometry, plan.blur, tuple(heading.ravel()))
-    width, height = sensor.image_size
-    light = np.empty((height, width, 3), np.float32)
-    for top in range(0, height, ROWS_AT_ONCE):
-        rows = light[top : top + ROWS_AT_ONCE]
-        backend.kernels.expose_environment(optics, scene.native, plan.points, plan.blur, plan.seed, 0, top, rows)
-        if progress is not None:
-            progress(top + len(rows), height)
-    return light
-
-
 def _of_scene(
     camera: Camera, scene: Scene, plan: Samples, radiometry: Radiometry, progress: Progress | None, workers: int | None
 ) -> Light:
-    width, height = camera.image_size
-    light = np.empty((height, width, 3), np.float32)
-    tiles = list(_tiles(width, height, len(plan.points)))
+    def light_of(tile: Tile) -> Light:
+        light: Light = gather(trace(camera, plan, radiometry, *tile), scene, radiometry).mean(axis=2)
+        return light
 
-    def fill(tile: tuple[slice, slice]) -> int:
-        bundle = trace(camera, plan, radiometry, *tile)
-        light[tile] = gather(bundle, scene, radiometry).mean(axis=2)
-        return int(tile[0].stop)
-
-    fill((slice(height // 2, height // 2 + 1), slice(0, 1)))  # all prepare themselves once, not once per thread
-    for done in on_threads(fill, tiles, workers):
-        if progress is not None:
-            progress(done, height)
-    return light
-
-
-def _tiles(width: int, height: int, samples: int) -> Iterator[tuple[slice, slice]]:
-    """Rows and columns of parts of a picture that fill a cache with their rays."""
-    across = min(width, max(1, RAYS_PER_TILE // samples))
-    down = max(1, RAYS_PER_TILE // (across * samples))
-    for top in range(0, height, down):
-        for left in range(0, width, across):
-            yield slice(top, min(top + down, height)), slice(left, min(left + across, width))
+    return picture_of_tiles(light_of, camera.image_size, len(plan.points), progress, workers)
 
 
 def gather(bundle: Bundle, scene: Scene, radiometry: Radiometry) -> Light:
@@ -276,7 +221,7 @@ def _trace_natively(sensor: Sensor, plan: Samples, radiometry: Radiometry, rows:
     shape = (rows.stop - rows.start, columns.stop - columns.start, len(plan.points))
     origins, directions = np.empty((2, *shape, 3), np.float32)
     weight, fate = np.empty(shape, np.float32), np.empty(shape, np.uint8)
-    optics = native_optics(sensor, radiometry, plan.blur, tuple(np.eye(3).ravel()))
+    optics = native_optics(sensor, radiometry, plan.blur)
     backend.kernels.expose_rays(
         optics, plan.points, plan.blur, plan.seed, columns.start, rows.start, origins, directions, weight, fate
     )
@@ -303,9 +248,3 @@ def _trace_sensor(sensor: Sensor, plan: Samples, radiometry: Radiometry, rows: s
         weight.reshape(shape),
         fate.reshape(shape),
     )
-
-
-def on_threads(function: Callable[[T], R], items: list[T], workers: int | None) -> Iterator[R]:
-    """Results in order; NumPy and the compiled kernels let go of the interpreter lock, so threads run side by side."""
-    with ThreadPoolExecutor(workers or os.cpu_count()) as pool:
-        yield from pool.map(function, items)

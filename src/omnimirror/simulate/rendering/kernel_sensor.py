@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,15 +29,26 @@ def is_for_kernels(sensor: Sensor) -> bool:
     return backend.is_compiled and sensor.lens.IS_THIN and sensor.is_ideal_but_for_pose
 
 
+class SceneFrame(NamedTuple):
+    """How a scene lies about the sensor's world."""
+
+    turn: tuple[float, ...] = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+    """Rotation (9,) from the world, row by row."""
+    shift_mm: tuple[float, ...] = (0.0, 0.0, 0.0)
+    """Of the world's origin (3,), mm."""
+    distant: bool = False
+    """Whether all rays start there: the scene is infinitely far away."""
+
+
 @lru_cache(maxsize=8)
-def native_optics(sensor: Sensor, radiometry: Radiometry, blur: bool, heading: tuple[float, ...]) -> object:
-    """The compiled optics of a sensor; ``heading`` is a rotation (9,) of the world's directions, row by row.
+def native_optics(sensor: Sensor, radiometry: Radiometry, blur: bool, frame: SceneFrame = SceneFrame()) -> object:  # noqa: B008
+    """The compiled optics of a sensor, whose rays end up in the frame of a scene.
 
     Their origin is the entrance pupil.
     """
     mirror, pose, m = sensor.mirror, sensor.mirror_pose, -sensor.optical_train.pupil_offset[2]
     curvature, conic, nodes = _surface(mirror)
-    rotation = sensor.mount.rotation()
+    rotation = np.reshape(frame.turn, (3, 3)) @ sensor.mount.rotation()
     brown = sensor.lens.brown if isinstance(sensor.lens, Perspective) else NO_DISTORTION
     scale = sensor.imager.pitch_mm * _object_scale(sensor.lens)
     u, v = sensor.imager.centre
@@ -63,8 +74,9 @@ def native_optics(sensor: Sensor, radiometry: Radiometry, blur: bool, heading: t
         **_standing(sensor.obstructions, m),
         housing_light=(radiometry.grey,) * 3,
         sees_past=radiometry.sees_past,
-        rotation=tuple((np.reshape(heading, (3, 3)) @ rotation).ravel()),
-        shift=tuple(-m * rotation[:, 2]),
+        rotation=tuple(rotation.ravel()),
+        shift=tuple(np.array(frame.shift_mm) - (0.0 if frame.distant else m) * rotation[:, 2]),
+        distant=frame.distant,
     )
 
 

@@ -19,7 +19,8 @@ from ...sensor import Sensor
 from ..colour import Light, Picture, srgb_bytes
 from ..radiometry import Radiometry
 from ..scenes.contract import Scene
-from .exposure import Progress, expose
+from .exposure import expose
+from .tiles import Progress
 
 Array = NDArray[np.float64]
 

@@ -74,6 +74,18 @@ def check_housing_is_shown(sensor: Sensor) -> None:
         )
 
 
+def mirror_net(sensor: Sensor) -> Array:
+    """Points (lines from the vertex, lines around, 3) of the mirror in the world, mm, the rim's among them."""
+    x = np.linspace(0.0, sensor.mirror.rim_radius_mm, LINES // 2 + 1)
+    turn = np.linspace(0, 2 * np.pi, LINES + 1)
+    across = np.stack([x[:, None] * np.cos(turn), x[:, None] * np.sin(turn)], axis=-1)
+    sag = np.broadcast_to(sensor.mirror.sag(x)[:, None, None], (*across.shape[:2], 1))
+    rotation = sensor.mount.rotation()
+    points = sensor.mirror_pose.to_camera(np.concatenate([across, sag], axis=-1).reshape(-1, 3))
+    points[:, 2] *= np.sign(-sensor.axis @ rotation[:, 2])  # a lens that sees it in a second mirror looks the other way
+    return turned(points, rotation.T).reshape(*across.shape[:2], 3)
+
+
 def check_clear(sensor: Sensor, scene: Scene) -> None:
     """Raise InvalidParameter if something of a scene cuts the mirror: lines from its vertex to its rim, and around.
 
@@ -82,14 +94,7 @@ def check_clear(sensor: Sensor, scene: Scene) -> None:
     scene = scene.scene if isinstance(scene, ThroughShell) else scene
     if not isinstance(scene, Measured):
         return
-    x = np.linspace(0.0, sensor.mirror.rim_radius_mm, LINES // 2 + 1)
-    turn = np.linspace(0, 2 * np.pi, LINES + 1)
-    across = np.stack([x[:, None] * np.cos(turn), x[:, None] * np.sin(turn)], axis=-1)
-    sag = np.broadcast_to(sensor.mirror.sag(x)[:, None, None], (*across.shape[:2], 1))
-    rotation = sensor.mount.rotation()
-    points = sensor.mirror_pose.to_camera(np.concatenate([across, sag], axis=-1).reshape(-1, 3))
-    points[:, 2] *= np.sign(-sensor.axis @ rotation[:, 2])  # a lens that sees it in a second mirror looks the other way
-    net = turned(points, rotation.T).reshape(*across.shape[:2], 3)
+    net = mirror_net(sensor)
     start = np.concatenate([net[:-1].reshape(-1, 3), net[1:, :-1].reshape(-1, 3)])
     end = np.concatenate([net[1:].reshape(-1, 3), net[1:, 1:].reshape(-1, 3)])
     if (scene.distance_mm(start, end - start) < np.linalg.norm(end - start, axis=1)).any():

@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 from ...numerics.lazy import cached_property
 from .blurring import Blur, BlurSize, blur_kernels
-from .deconvolution import BLUR_PX, DARK, ROUNDS, SATURATED, STEPS, solve, texture_of
+from .deconvolution import BLUR_PX, LARGE, LARGE_PX, SMALL, solve, texture_of
 from .noise import Noise
-from .operators import Operator, operator_of
 from .round_blur import RoundBlur
+from .sharp_picture import DARK, SATURATED, Deblurring, SharpPicture, deblurring_of
 
 Values = NDArray[np.float32]
 
@@ -41,34 +41,38 @@ class BlurProblem:
         return blur_kernels(self.known.offsets, self.known.whole_radius_px, self.known.sizes, FINENESS)
 
     @cached_property
-    def operator(self) -> Operator:
-        """Products with the blur."""
-        return operator_of(self.blur)
+    def deblurring(self) -> Deblurring:
+        """What takes it out."""
+        return deblurring_of(self.blur)
+
+    @property
+    def effort(self) -> tuple[int, int]:
+        """Rounds, and steps in each, that pay."""
+        return LARGE if self.widening.ravel()[self.blur.pixels].max(initial=0) > LARGE_PX else SMALL
 
     def sharp_roots(self, roots: Values, noise: Noise) -> Values:
         """Roots (h, w, channels) of the light of the sharp picture."""
         roots = self.within(roots)
-        fine = self.solved(roots, noise)
-        sharp = np.sqrt(_binned(fine, FINENESS))
-        left = self.left_over(roots, fine)
+        found = self.solved(roots, noise, *self.effort)
+        sharp = np.sqrt(found.light())
+        left = self.left_over(roots, found)
         share = self._texture(left, noise) / (1 + self.widening)
         restored = np.maximum(sharp + share[..., None] * left, 0)
-        counts = (1 - _saturated(roots)) * (1 - self._given_share(fine, sharp - roots + left, left, noise))
+        counts = (1 - _saturated(roots)) * (1 - self._given_share(found, sharp - roots + left, left, noise))
         return np.asarray(roots + counts[..., None] * (restored - roots), np.float32)
 
-    def solved(self, roots: Values, noise: Noise, rounds: int = ROUNDS, steps: int = STEPS) -> Values:
-        """Roots of the light of the sharp picture, on the fine grid."""
+    def solved(self, roots: Values, noise: Noise, rounds: int, steps: int) -> SharpPicture:
+        """The sharp picture on the fine grid."""
         deviation = noise.at_least(self.error).by_pixel
         if noise.kind == "JPEG":
             deviation = deviation * (1 + self.widening / np.float32(BLUR_PX)) ** np.float32(COARSE)
         visible = noise.visible_share * deviation
-        return solve(self.operator, self.blur.pixels, self.widening, roots, deviation, visible, rounds, steps)
+        return solve(self.deblurring, self.widening, roots, deviation, visible, rounds, steps)
 
-    def left_over(self, roots: Values, fine: Values) -> Values:
+    def left_over(self, roots: Values, sharp: SharpPicture) -> Values:
         """What the sharp picture leaves unexplained of the one given (h, w, channels); 0 where nothing is known."""
         channels = roots.shape[2]
-        flat = fine.reshape(-1, channels) if channels == 1 else np.pad(fine, ((0, 0), (0, 0), (0, 1))).reshape(-1, 4)
-        level = np.sqrt(np.maximum(self.operator.blur(np.ascontiguousarray(flat) ** 2)[:, :channels], DARK))
+        level = np.sqrt(np.maximum(sharp.blurred(), DARK))
         seen = roots.reshape(-1, channels)[self.blur.pixels]
         left = np.zeros_like(roots)
         left.reshape(-1, channels)[self.blur.pixels] = np.where((seen < SATURATED) | (level < seen), seen - level, 0)
@@ -81,7 +85,7 @@ class BlurProblem:
         smooth = cv2.blur(mirrored, (BEYOND_PX, BEYOND_PX)).reshape(roots.shape)
         return np.where((self.known.radius > self.known.whole_radius_px)[..., None], smooth, mirrored)
 
-    def _given_share(self, fine: Values, removed: Values, left: Values, noise: Noise) -> Values:
+    def _given_share(self, sharp: SharpPicture, removed: Values, left: Values, noise: Noise) -> Values:
         """The share (h, w) of the picture given in the mean of both that errs least, their errors taken for unlike.
 
         All by their power in units of the noise. The one given errs by its noise, but for texture that coding took from
@@ -92,7 +96,7 @@ class BlurProblem:
         """
         blurred = _power(removed, noise)
         wrong = WRONG / (1 + self.widening / WRONG_PX) ** 2
-        errs = texture_of(fine, noise.by_pixel) * (1 + wrong * blurred)
+        errs = texture_of(sharp, noise.by_pixel) * (1 + wrong * blurred)
         errs += DOUBT * np.maximum(_power(left, noise) - 1, 0)
         own = 1 - np.float32(noise.missing_share * (1 - CURED))
         return np.asarray(errs / (errs + own + blurred), np.float32)
@@ -134,11 +138,3 @@ def _power(values: Values, noise: Noise) -> Values:
     """Mean squares (h, w) of values (h, w, channels) about each pixel, over those of the noise."""
     squares = cv2.blur((values**2).mean(axis=2) / noise.by_pixel**2, (TEXTURE_PX, TEXTURE_PX))
     return np.asarray(np.maximum(squares, 0), np.float32)  # running sums of zeros come out below 0
-
-
-def _binned(fine: Values, fineness: int) -> Values:
-    """Light of the pixels of a picture from its roots on a fine grid."""
-    rows, columns, channels = fine.shape
-    light = (fine**2).reshape(rows // fineness, fineness, columns // fineness, fineness, channels)
-    binned: Values = light.mean(axis=(1, 3))
-    return binned

@@ -63,6 +63,23 @@ class Blur(NamedTuple):
     weights: NDArray[np.float32]
     """(m,), adding up to 1 in every kernel."""
 
+    @property
+    def spans(self) -> Whole:
+        """(fine rows, 2) columns of the fine grid that known pixels may depend on: the first, and the end."""
+        width, height = self.size
+        across, deep = width * self.fineness, height * self.fineness
+        known = np.zeros((height, width), bool)
+        known.ravel()[self.pixels] = True
+        rows = np.flatnonzero(known.any(axis=1))
+        first, last = known[rows].argmax(axis=1), width - 1 - known[rows, ::-1].argmax(axis=1)
+        (up, left), (down, right) = self.offsets.min(axis=0), self.offsets.max(axis=0)
+        begins, ends = np.full(deep, across), np.zeros(deep, int)
+        for reached in range(up, down + 1):
+            at = np.clip(self.fineness * rows + reached, 0, deep - 1)
+            np.minimum.at(begins, at, np.clip(self.fineness * first + left, 0, across))
+            np.maximum.at(ends, at, np.clip(self.fineness * last + right + 1, 0, across))
+        return _whole(np.stack([np.minimum(begins, ends), ends], axis=-1))
+
     def matrix(self) -> csr_matrix:
         """``matrix @ sharp.reshape(-1, channels)`` are the blurred values of ``pixels``; beyond its edge the picture
         goes on as it ends."""
@@ -138,12 +155,13 @@ def blur_kernels(offsets: Array, whole_radius_px: float, sizes: Callable[[Array]
     turn = np.arctan2(offsets[..., 1], offsets[..., 0]).ravel()[pixels] / np.pi * TURNS
     of_ring = sizes((np.arange(ring.max(initial=0) + 1) + 0.5) * RING_PX)
     groups, kernels = np.unique(ring * TURNS + np.rint(turn).astype(int) % TURNS, return_inverse=True)
+    rings, turns = np.divmod(groups, TURNS)
     found = [
-        _kernel(of_ring.tangential[r], of_ring.sagittal[r], np.pi * k / TURNS, fineness)
-        for r, k in zip(*np.divmod(groups, TURNS), strict=True)
+        _kernels(of_ring.tangential[r], of_ring.sagittal[r], np.pi / TURNS * turns[rings == r], fineness)
+        for r in np.unique(rings)
     ]
-    firsts = np.r_[0, np.cumsum([len(weights) for _, weights in found])]
-    reached, weights = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    counts, reached, weights = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    firsts = np.r_[0, np.cumsum(counts)]
     size = (offsets.shape[1], offsets.shape[0])
     return Blur(size, fineness, _whole(pixels), _whole(kernels), _whole(firsts), _whole(reached), weights)
 
@@ -152,29 +170,33 @@ def _whole(numbers: NDArray[Any]) -> Whole:
     return np.ascontiguousarray(numbers, np.int32)
 
 
-def _kernel(
-    tangential: float, sagittal: float, turn: float, fineness: int
-) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
-    """Offsets (m, 2) down and right on the fine grid, row by row, and weights (m,): a disk, widened by the pixel."""
+def _kernels(
+    tangential: float, sagittal: float, turns: Array, fineness: int
+) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float32]]:
+    """Of a disk turned so far (n,), widened by the pixel: how many offsets each has, offsets (m, 2) down and right on
+    the fine grid, row by row, and weights (m,)."""
     count = max(32, int(np.ceil(POINTS_PER_PX2 * tangential * sagittal)))
     along, across = (_sunflower(count) * [tangential / 2, sagittal / 2]).T * fineness
-    c, s = np.cos(turn), np.sin(turn)
+    c, s = np.cos(turns)[:, None], np.sin(turns)[:, None]
     reach = int(np.ceil(max(tangential, sagittal) / 2 * fineness)) + 1
     x, y = along * c - across * s + reach, along * s + across * c + reach
     side = 2 * reach + 2
     left, top = np.floor(x).astype(int), np.floor(y).astype(int)
     fx, fy = x - left, y - top
-    grid = np.zeros(side * side)
+    place = (np.arange(len(turns))[:, None] * side + top) * side + left
+    grid = np.zeros(len(turns) * side * side)
     for dy, wy in ((0, 1 - fy), (1, fy)):
         for dx, wx in ((0, 1 - fx), (1, fx)):
-            grid += np.bincount((top + dy) * side + left + dx, wy * wx, side * side)
-    wide = np.zeros((side + fineness - 1,) * 2)
+            grid += np.bincount((place + dy * side + dx).ravel(), (wy * wx).ravel(), len(grid))
+    wide = np.zeros((len(turns), side + fineness - 1, side + fineness - 1))
     for dy in range(fineness):
         for dx in range(fineness):
-            wide[dy : dy + side, dx : dx + side] += grid.reshape(side, side)
-    down, right = np.nonzero(wide > 1e-4 * wide.max())
-    weight = wide[down, right]
-    return np.stack([down, right], axis=-1) - reach, (weight / weight.sum()).astype(np.float32)
+            wide[:, dy : dy + side, dx : dx + side] += grid.reshape(-1, side, side)
+    wide[wide <= 1e-4 * wide.max(axis=(1, 2), keepdims=True)] = 0
+    wide /= wide.sum(axis=(1, 2), keepdims=True)
+    kernel, down, right = np.nonzero(wide)
+    counts = np.bincount(kernel, minlength=len(turns))
+    return counts, np.stack([down, right], axis=-1) - reach, wide[kernel, down, right].astype(np.float32)
 
 
 def _sunflower(count: int) -> Array:

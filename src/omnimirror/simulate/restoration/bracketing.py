@@ -7,7 +7,7 @@ sharpness. Where tangential and sagittal image lie far apart no focus serves bot
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -48,9 +48,9 @@ class Bracket:
     """
 
     focus_mm: Array
-    omega_deg: Array
-    blur_px: Array
-    least_px: Array
+    omega_deg: Array = field(repr=False)
+    blur_px: Array = field(repr=False)
+    least_px: Array = field(repr=False)
     limit_px: float
 
     @property

@@ -90,8 +90,9 @@ def meet(room: Box, solids: Sequence[Box], origins_mm: Array, directions: Array)
     rays = np.arange(axis.size)
     distance = exits[axis, rays]
     box = np.zeros(axis.size, dtype=np.int32)
+    by_axes = _by_axes(origins_mm, inverse)
     for number, solid in enumerate(solids, start=1):
-        near, far = _passage(solid, origins_mm, inverse)
+        near, far = _passage(solid, *by_axes)
         near = np.maximum(near, 0)
         first = (near < far) & (near < distance)
         distance[first], box[first] = near[first], number
@@ -106,10 +107,10 @@ def meet(room: Box, solids: Sequence[Box], origins_mm: Array, directions: Array)
 
 def blocked(solids: Sequence[Box], origins_mm: Array, segments: Array) -> NDArray[np.bool_]:
     """Which straight ways (n, 3), from origins along segments and no farther, lead through a solid."""
-    inverse = 1 / _without_zeros(segments)
+    origins, inverse = _by_axes(origins_mm, 1 / _without_zeros(segments))
     through = np.zeros(len(origins_mm), dtype=bool)
     for solid in solids:
-        near, far = _passage(solid, origins_mm, inverse)
+        near, far = _passage(solid, origins, inverse)
         through |= np.maximum(near, 0) < np.minimum(far, 1)
     return through
 
@@ -118,17 +119,21 @@ def _without_zeros(directions: Array) -> Array:
     return np.where(directions == 0, TINY, directions)
 
 
+def _by_axes(origins_mm: Array, inverse: Array) -> tuple[Array, Array]:
+    """Rays (n, 3) as rows (3, n) that lie together in memory."""
+    return np.ascontiguousarray(np.transpose(origins_mm)), np.ascontiguousarray(inverse.T)
+
+
 def _crossings(corners: Array, origins: Array, inverse: Array) -> Array:
     """Distances (3, n) to the three planes through a corner."""
     return np.ascontiguousarray(((corners - origins) * inverse).T)
 
 
 def _passage(box: Box, origins: Array, inverse: Array) -> tuple[Array, Array]:
-    """Where rays enter and leave a box; they miss it where they would leave before they enter."""
-    near, far = np.full((2, len(origins)), [[-np.inf], [np.inf]])
-    for axis in range(3):
-        a = (box.low[axis] - origins[:, axis]) * inverse[:, axis]
-        b = (box.high[axis] - origins[:, axis]) * inverse[:, axis]
+    """Where rays (3, n) enter and leave a box; they miss it where they would leave before they enter."""
+    near, far = np.full((2, origins.shape[1]), [[-np.inf], [np.inf]])
+    for low, high, start, per_mm in zip(box.low, box.high, origins, inverse, strict=True):
+        a, b = (low - start) * per_mm, (high - start) * per_mm
         np.maximum(near, np.minimum(a, b), out=near)
         np.minimum(far, np.maximum(a, b), out=far)
     return near, far

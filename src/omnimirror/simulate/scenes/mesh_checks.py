@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import MediaError
+from ...files import parse_json
 from .contract import Array
 
 SMALLEST_MM, LARGEST_MM = 0.01, 1e9
@@ -81,9 +81,9 @@ def _check_obj(path: Path) -> None:
 
 def _check_gltf(path: Path) -> None:
     try:
-        data: Any = json.loads(path.read_bytes())
+        data: Any = parse_json(path.read_bytes())
         parts = [(what, each.get("uri")) for what in ("images", "buffers") for each in data.get(what, [])]
-    except (ValueError, AttributeError, RecursionError):
+    except (ValueError, AttributeError):
         return  # the reader says what is wrong
     for what, uri in parts:
         if isinstance(uri, str) and not uri.startswith("data:"):

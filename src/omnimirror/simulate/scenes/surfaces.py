@@ -76,18 +76,20 @@ class Surfaces:
         count = len(origins_mm)
         light, distance = np.empty((count, 4), np.float32), np.empty(count, np.float32)
         origins, towards = (np.ascontiguousarray(a, np.float32) for a in (origins_mm, directions))
-        self._native.radiance(origins, towards, light, distance)
+        self.native.radiance(origins, towards, light, distance)
         return Seen(light[:, :3], light[:, 3], distance)
 
     @cached_property
-    def _native(self) -> CompiledSurfaces:
+    def native(self) -> CompiledSurfaces:
+        """The compiled surfaces."""
+        texels = [t.texels.reshape(-1, 4) for t in self.textures]
         sizes = [(t.texels.shape[1], t.texels.shape[0], t.repeats) for t in self.textures]
         return backend.kernels.Surfaces(
             np.ascontiguousarray(self.places, np.float32),
             np.ascontiguousarray(self.texture_coordinates, np.float32),
             np.stack([self.texture_of, self.is_triangle], axis=-1).astype(np.int32),
             np.array(sizes, np.int32).reshape(-1, 3),
-            np.concatenate([t.texels.reshape(-1, 4) for t in self.textures]).astype(np.float32, copy=False),
+            np.ascontiguousarray(texels[0] if len(texels) == 1 else np.concatenate(texels), np.float32),
         )
 
     # -- without anything compiled ---------------------------------------------------------------

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,8 +25,9 @@ from ...errors import OmnimirrorError
 from ...sensor import Sensor
 from ..framing import framed
 from .judging import verdict_rows
-from .messages import Answer, Ask, Block, Facts, distance_of
+from .messages import Answer, Ask, BlockValues, Facts, columns_of, distance_of
 from .sensors import in_place, remark_on, sensor_on_bench, trouble_of, why_not_optimised
+from .space import space_blocks
 
 Array = NDArray[np.float64]
 
@@ -43,13 +43,6 @@ SQUARES = (
 NODES = 361  # of a curve
 PROFILE = 121  # points of a mirror, from axis to rim
 IMAGE_NODES = 3  # every third field angle is enough for the curves of virtual images
-
-
-class BlockValues(NamedTuple):
-    """A block and its values, (columns, rows)."""
-
-    block: Block
-    values: Array
 
 
 @dataclass(frozen=True)
@@ -73,6 +66,7 @@ def answer(ask: Ask) -> bytes:
         blocks = [_block("curves", CURVES, design.curve)]
         blocks += _section(design) if ask.section else []
         blocks += [_block("squares", SQUARES, design.marks)] if ask.squares else []
+        blocks += space_blocks(stands, design.marks.h_px) if ask.space else []
     except OmnimirrorError as e:
         return framed(_answer(ask, trouble=trouble_of(e)))
     rows, requirements_trouble = verdict_rows(ask.requirements, sensor) if ask.requirements is not None else ((), None)
@@ -100,8 +94,7 @@ def _evaluated(sensor: Sensor, object_distance_mm: float) -> EvaluatedSensor:
 
 
 def _block(name: str, columns: tuple[str, ...], result: Evaluation) -> BlockValues:
-    values = np.stack([getattr(result, column) for column in columns])
-    return BlockValues(Block(name=name, columns=columns, rows=values.shape[1]), values)
+    return columns_of(name, columns, np.stack([getattr(result, column) for column in columns]))
 
 
 def _facts(design: EvaluatedSensor, not_optimised: str | None) -> Facts:
@@ -165,4 +158,4 @@ def _rays(marks: Evaluation) -> list[BlockValues]:
 
 
 def _lines(name: str, curve: SectionCurve) -> BlockValues:
-    return BlockValues(Block(name=name, columns=("x_mm", "z_mm"), rows=len(curve.x)), np.stack(curve))
+    return columns_of(name, ("x_mm", "z_mm"), np.stack(curve))

@@ -97,8 +97,10 @@ def requirement_file(tables: dict[str, Any], sensor: Sensor) -> str:
 # -- handed down -----------------------------------------------------------------------------------
 
 
-def downloaded(asked: Download) -> File:
+def downloaded(asked: Download, tell: Callable[[str, float], None] = lambda what, share: None) -> File:
     """A file of a design: what ``omnimirror evaluate``, ``export`` and ``demo`` write of it.
+
+    A report tells what of it is being made, and the share that is done.
 
     Raises
     ------
@@ -111,7 +113,7 @@ def downloaded(asked: Download) -> File:
         raise InvalidParameter(
             f"{what} is of a mirror and a cover in their places, and of these one is decentred or tilted; put it there"
         )
-    return KINDS[asked.kind](sensor, asked)
+    return _report(sensor, tell) if asked.kind == "report" else KINDS[asked.kind](sensor, asked)
 
 
 def _sensor_file(sensor: Sensor, asked: Download) -> File:
@@ -132,7 +134,7 @@ def _drawing(sensor: Sensor, asked: Download) -> File:
     return _exported(sensor, f"{_stem(sensor)}.pdf", "application/pdf")
 
 
-def _report(sensor: Sensor, asked: Download) -> File:
+def _report(sensor: Sensor, tell: Callable[[str, float], None]) -> File:
     from ...report import write_demo
 
     width, height = sensor.imager.size
@@ -142,7 +144,7 @@ def _report(sensor: Sensor, asked: Download) -> File:
             "and omnimirror demo makes larger ones"
         )
     with tempfile.TemporaryDirectory() as folder:
-        data = write_demo(sensor, folder).read_bytes()
+        data = write_demo(sensor, folder, progress=tell).read_bytes()
     return File(f"{_stem(sensor)}-report.html", "text/html", data)
 
 
@@ -151,7 +153,6 @@ KINDS: dict[str, Callable[[Sensor, Download], File]] = {
     "table": _table,
     "sag": _sag,
     "drawing": _drawing,
-    "report": _report,
 }
 SLOW_KINDS = ("drawing", "report")
 

@@ -7,11 +7,15 @@ Numbers that are not finite travel as null.
 from __future__ import annotations
 
 import math
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from pydantic import ConfigDict, Field
 
 from ..messages import Message
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 Tables = dict[str, Any]
 Part = Literal["mirror", "lens"]
@@ -107,6 +111,7 @@ class Ask(Message):
     object_distance_mm: float | None = Field(gt=0, description="null: infinite")
     section: bool
     squares: bool
+    space: bool = Field(default=False, description="its parts and rays in three dimensions")
     requirements: Tables | None
 
 
@@ -153,6 +158,18 @@ class Block(Message):
     rows: int
 
 
+class BlockValues(NamedTuple):
+    """A block and its values, (columns, rows)."""
+
+    block: Block
+    values: NDArray[np.float64]
+
+
+def columns_of(name: str, columns: tuple[str, ...], values: NDArray[np.float64]) -> BlockValues:
+    """A block of values (columns, rows)."""
+    return BlockValues(Block(name=name, columns=columns, rows=values.shape[1]), values)
+
+
 class Answer(Message):
     """What a design does; float32 values follow, block by block, not finite where there is nothing."""
 
@@ -187,6 +204,13 @@ class Download(Message):
     tables: Tables
     kind: Literal["sensor", "table", "sag", "drawing", "report"]
     object_distance_mm: float | None = Field(gt=0)
+
+
+class FileUnderWay(Message):
+    """How far a file is that takes long."""
+
+    sentence: str
+    share: float = Field(description="how much is done")
 
 
 class RequirementFile(Message):

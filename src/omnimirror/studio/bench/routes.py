@@ -14,9 +14,21 @@ from ...specs import load_sensor
 from ..schema import BYTES, FILE_BODY, FileName
 from ..uploads import collected, safe_name
 from ..workers import Workers, relay, while_open
-from .files import SLOW_KINDS, downloaded, opened, requirement_file, taken
+from .files import SLOW_KINDS, File, downloaded, opened, requirement_file, taken
 from .form import bench_start
-from .messages import Ask, BenchSensor, BenchStart, Change, Download, News, Opened, PictureAsk, RequirementFile, Task
+from .messages import (
+    Ask,
+    BenchSensor,
+    BenchStart,
+    Change,
+    Download,
+    FileUnderWay,
+    News,
+    Opened,
+    PictureAsk,
+    RequirementFile,
+    Task,
+)
 from .sensors import changed, on_bench, sensor_on_bench
 from .tolerance_messages import BuiltAsk, ErrorsAsk, ErrorsOf, YieldAsk, YieldOf
 
@@ -61,11 +73,28 @@ def _add_questions(app: FastAPI) -> None:
 
 
 def _add_files(app: FastAPI, studio: Studio) -> None:
+    under_way: dict[str, FileUnderWay] = {}
+
+    def made_slowly(asked: Download, key: str) -> File:
+        def tell(sentence: str, share: float) -> None:
+            under_way[key] = FileUnderWay(sentence=sentence, share=share)
+
+        try:
+            return downloaded(asked, tell)
+        finally:
+            under_way.pop(key, None)
+
+    @app.post("/api/bench/making")
+    async def making(asked: Download) -> FileUnderWay | None:
+        """How far a file is that was asked for."""
+        return under_way.get(asked.model_dump_json())
+
     @app.post("/api/bench/file", response_class=Response, responses={200: BYTES})
     async def file(asked: Download) -> Response:
         """A file of a design: its sensor file, tables, drawing or report."""
         if asked.kind in SLOW_KINDS:
-            made = await studio.reported.do(asked.model_dump_json(), lambda: downloaded(asked))
+            key = asked.model_dump_json()
+            made = await studio.reported.do(key, lambda: made_slowly(asked, key))
         else:
             made = await asyncio.to_thread(downloaded, asked)
         headers = {"content-disposition": f'attachment; filename="{made.name}"'}

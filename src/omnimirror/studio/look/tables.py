@@ -8,7 +8,6 @@ looks much like the picture itself, a table of where the field ends and, of a mi
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -21,6 +20,7 @@ from ...dewarp.maps.radial_table import tables_of
 from ...frames import Mount, turned
 from ...sensor import Sensor
 from ...specs import AnyCamera
+from .lattices import Exact, continued, lattice_of
 from .messages import CameraShown, Kind, MountOf, TableLayout
 
 Array = NDArray[np.float64]
@@ -29,7 +29,6 @@ ENTRIES = 2048  # what every WebGL2 texture can be wide
 LATTICE = 513
 LIMITS = 1024
 HALVINGS = 24
-BEYOND = 4  # nodes past the field, so that cubic interpolation reaches its end
 MARGIN = 1.02
 
 
@@ -142,46 +141,64 @@ def _lattice_tables(camera: AnyCamera) -> CameraTables:
     project = _projection(camera)
     limits = _limits(project)
     end = min(1.0, MARGIN * float(limits.max()))
-    side = np.linspace(-end, end, LATTICE)
-    nodes = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
-    pixels = project(nodes).reshape(LATTICE, LATTICE, 2)
-    starts = _starts(camera, pixels) if isinstance(camera, Sensor | ViewpointSpline) else np.empty((0, 0, 3))
+    ask = _with_starts(camera, project) if isinstance(camera, Sensor | ViewpointSpline) else project
+    ask = _within(limits, 2 * end / (LATTICE - 1), ask)
+    found = continued(lattice_of(ask, np.linspace(-end, end, LATTICE)))
+    pixels, starts = np.nan_to_num(found[..., :2], nan=-1e6), np.nan_to_num(found[..., 2:])
     layout = TableLayout(
-        first=0.0, last=end, eye_mm=0.0, radii=0, origins=0, lattice=LATTICE, limits=LIMITS, starts=len(starts)
-    )
-    values = [np.nan_to_num(_continued(pixels), nan=-1e6), limits, starts]
-    return CameraTables(layout, np.concatenate([np.ravel(v) for v in values]).astype(np.float32))
+        first=0.0, last=end, eye_mm=0.0, radii=0, origins=0, lattice=LATTICE, limits=LIMITS,
+        starts=LATTICE if starts.size else 0,
+    )  # fmt: skip
+    return CameraTables(layout, np.concatenate([np.ravel(v) for v in (pixels, limits, starts)]).astype(np.float32))
 
 
-def _starts(camera: Sensor | ViewpointSpline, pixels: Array) -> Array:
-    """Where the rays of a lattice of pixels start (n, n, 3), mm along axis, right and down; 0 far outside the field."""
-    seen = np.isfinite(pixels[..., 0])
-    origins = np.full((*seen.shape, 3), np.nan)
-    origins[seen] = turned(camera.backproject(pixels[seen]).origins, np.stack(frame_of(camera), axis=-1))
-    return np.nan_to_num(_continued(origins))
+def _within(limits: Array, margin: float, ask: Exact) -> Exact:
+    """The same, without asking about places (n, 2) that lie farther than a margin beyond the end of the field."""
+
+    def asked(places: Array) -> Array:
+        end = np.interp(np.arctan2(*places.T[::-1]) % (2 * np.pi), _azimuths(), np.append(limits, limits[0]))
+        near = np.hypot(*places.T) <= end + margin
+        found = ask(places[near])
+        values = np.full((len(places), found.shape[1]), np.nan)
+        values[near] = found
+        return values
+
+    return asked
 
 
-def _projection(camera: AnyCamera) -> Callable[[Array], Array]:
+def _with_starts(camera: Sensor | ViewpointSpline, project: Exact) -> Exact:
+    """Pixels of places, and where (n, 3) their rays start, mm along axis, right and down; NaN outside the field."""
+    axes = np.stack(frame_of(camera), axis=-1)
+
+    def traced(places: Array) -> Array:
+        pixels = project(places)
+        seen = np.isfinite(pixels[:, 0])
+        starts = np.full((len(places), 3), np.nan)
+        starts[seen] = turned(camera.backproject(pixels[seen]).origins, axes)
+        return np.concatenate([pixels, starts], axis=1)
+
+    return traced
+
+
+def _projection(camera: AnyCamera) -> Exact:
     """Pixels (n, 2) of places (n, 2) in the disk; NaN outside the field."""
-    axis, right, down = frame_of(camera)
+    frame = np.stack(frame_of(camera))
 
     def project(places: Array) -> Array:
-        x, y = places.T
-        sine2 = x * x + y * y  # of half the angle
+        sine2 = np.einsum("ni,ni->n", places, places)  # of half the angle
         inside = sine2 <= 1
         pixels = np.full((len(places), 2), np.nan)
-        x, y, sine2 = x[inside], y[inside], sine2[inside]
-        cosine = np.sqrt(1 - sine2)
-        directions = np.outer(1 - 2 * sine2, axis) + np.outer(2 * cosine * x, right) + np.outer(2 * cosine * y, down)
+        across = 2 * np.sqrt(1 - sine2[inside, None]) * places[inside]
+        directions = np.concatenate([1 - 2 * sine2[inside, None], across], axis=1) @ frame
         pixels[inside] = camera.project_directions(directions).pixels
         return pixels
 
     return project
 
 
-def _limits(project: Callable[[Array], Array]) -> Array:
+def _limits(project: Exact) -> Array:
     """Where the field ends, sin(Omega/2), in even steps of the azimuth."""
-    phi = np.arange(LIMITS) * (2 * np.pi / LIMITS)
+    phi = _azimuths()[:-1]
     towards = np.stack([np.cos(phi), np.sin(phi)], axis=-1)
     low, high = np.zeros(LIMITS), np.ones(LIMITS)
     for _ in range(HALVINGS):
@@ -191,27 +208,9 @@ def _limits(project: Callable[[Array], Array]) -> Array:
     return low
 
 
-def _continued(values: Array) -> Array:
-    """A lattice with some more nodes around the field."""
-    for _ in range(BEYOND):
-        values = _extended(values)
-    return values
-
-
-def _extended(values: Array) -> Array:
-    """One more node all around, as the third differences go on."""
-    side = len(values)
-    padded = np.pad(values, ((4, 4), (4, 4), (0, 0)), constant_values=np.nan)
-
-    def shifted(k: int, dx: int, dy: int) -> Array:
-        return padded[4 + k * dy : 4 + k * dy + side, 4 + k * dx : 4 + k * dx + side]
-
-    around = [(dx, dy) for dx in (-1, 0, 1) for dy in (-1, 0, 1) if dx or dy]
-    guesses = np.stack([4 * shifted(1, *d) - 6 * shifted(2, *d) + 4 * shifted(3, *d) - shifted(4, *d) for d in around])
-    known = np.isfinite(guesses)
-    mean = np.where(known, guesses, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
-    guess = np.where(known.any(axis=0), mean, np.nan)
-    return np.where(np.isfinite(values), values, guess)
+def _azimuths() -> Array:
+    """Of the ends of the field, once around."""
+    return np.linspace(0.0, 2 * np.pi, LIMITS + 1)
 
 
 def _circle(camera: AnyCamera) -> tuple[tuple[float, float], float]:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import OmnimirrorError
-from ...files import json_plain, read_text, write_text
+from ...files import json_plain, parse_json, read_text, write_text
 from ...numerics.lazy import cached_property
 from ...specs import tables_of
 from ..tolerances import BLOCK, Tolerances
@@ -114,6 +114,6 @@ def write_manifest(folder: Path, plan: SweepPlan, checksums: Mapping[str, str]) 
 
 def _asked_in(path: Path) -> dict[str, Any]:
     try:
-        return dict(json.loads(read_text(path, "manifest"))["asked"])
+        return dict(parse_json(read_text(path, "manifest"))["asked"])
     except (ValueError, KeyError, TypeError):
         raise OmnimirrorError(f"{path} is not a manifest that omnimirror wrote; name another folder") from None

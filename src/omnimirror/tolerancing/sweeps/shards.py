@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import OmnimirrorError
-from ...files import replacing
+from ...files import parse_json, replacing
 from ..tolerances import BLOCK
 from ..trials.judge import Judge
 from .plans import MANIFEST, SweepPlan, is_asked
@@ -112,7 +112,7 @@ class Shard:
             return None
         pa, pq = _parquet()
         try:
-            about = json.loads(pq.read_metadata(self.path).metadata[KEY.encode()])
+            about = parse_json(pq.read_metadata(self.path).metadata[KEY.encode()])
             checksum = str(about.pop("checksum"))
         except (OSError, ValueError, KeyError, TypeError, AttributeError, pa.ArrowException):
             raise CorruptShard(f"{self.path} is corrupt") from None

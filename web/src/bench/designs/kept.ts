@@ -9,7 +9,7 @@ interface Kept {
   past: Design[];
   future: Design[];
   pins: Pin[];
-  hidden: string[];
+  switched: string[];
 }
 
 const KEY = "omnimirror-bench";
@@ -33,12 +33,12 @@ function whole(found: Partial<Kept>, parts: BenchStart): Kept {
     past: isGood ? past : [],
     future: isGood ? future : [],
     pins: list(found.pins).filter((p) => typeof p?.name === "string" && isWhole(p.design)),
-    hidden: list(found.hidden).filter((group) => typeof group === "string"),
+    switched: list(found.switched).filter((group) => typeof group === "string"),
   };
 }
 
 /** Keep all of it for this tab, and for the next one that is opened. */
-export function keep(history: History, pins: Pin[], hidden: string[]): void {
-  const all: Kept = { design: history.now, ...history.kept(), pins, hidden };
+export function keep(history: History, pins: Pin[], switched: string[]): void {
+  const all: Kept = { design: history.now, ...history.kept(), pins, switched };
   put([sessions, locals], KEY, JSON.stringify(all));
 }

@@ -82,6 +82,7 @@ export class ChartView {
   private isDifference = false;
   private shape = "";
   private range: [number, number] = [0, 1];
+  private resting: string | null = null;
 
   constructor(readonly chart: Chart, private readonly cursor: Cursor) {
     const title = chart.unit ? `${chart.title}, ${chart.unit}` : chart.title;
@@ -240,7 +241,8 @@ export class ChartView {
   }
 
   private read(omega: number | null): void {
-    if (omega === null) return this.readout.replaceChildren(h("span", { className: "quiet" }, this.note()));
+    if (omega === null) return this.rest();
+    this.resting = null;
     const spans = this.curves.map(({ of: d, omega: places, values }) => {
       const text = values.map((column) => fixed(interpolated(places, column, omega), this.chart.places));
       const span = h("b", {}, text.join(" · "));
@@ -249,6 +251,13 @@ export class ChartView {
     });
     this.readout.replaceChildren(`${omega.toFixed(1)}°  `, ...spans.flatMap((span) => [span, " "]));
     this.readout.title = this.readout.textContent ?? "";
+  }
+
+  /** Say what is said while nothing is read, if that is not said already. */
+  private rest(): void {
+    const note = this.note();
+    if (note !== this.resting) this.readout.replaceChildren(h("span", { className: "quiet" }, note));
+    this.resting = note;
   }
 
   /** Which line is which, while nothing is read. */

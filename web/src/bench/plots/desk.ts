@@ -8,29 +8,34 @@ import { CompareTable, type PinHands } from "./compare";
 import { Cursor } from "./cursor";
 import { PictureView } from "./picture";
 import { SectionView } from "./section";
+import { SpacePlot } from "./space";
 import { SquaresView } from "./squares";
 
 const INKS = ["accent", "pin1", "pin2", "pin3", "pin4"];
 const DESCRIBED_MS = 400; // after which charts that rest are put into words
 
 /** Kinds of plots, each shown or not. */
-const GROUPS = ["Section", ...new Set(PLOTS.map((p) => p.group)), "Squares", "Picture"];
+const GROUPS = ["In space", "Section", ...new Set(PLOTS.map((p) => p.group)), "Squares", "Picture"];
+const CLOSED = ["In space"]; // until they are opened
 
 /** What lies on the bench's desk: the table of designs, and the plots of what they do. */
 export class Desk {
   readonly element: HTMLElement;
-  hidden: string[] = [];
+  /** Kinds of plots that are not as they are at first. */
+  switched: string[] = [];
   /** Whether plots are of what the design in hand has more than the pinned ones. */
   private isDifference = false;
   private readonly difference = h("input", { type: "checkbox", name: "Difference" });
   private readonly cursor = new Cursor();
   private readonly compare: CompareTable;
+  private readonly space = new SpacePlot(this.cursor);
   private readonly section = new SectionView(this.cursor);
   private readonly squares = new SquaresView();
   private readonly picture = new PictureView();
   private readonly charts: ChartView[];
   private readonly trouble = h("p", { className: "trouble", role: "alert", hidden: true });
   private readonly remark = h("p", { className: "remark", role: "status", hidden: true });
+  private inks = INKS.map(colour);
   private drawn: Drawn[] = [];
   private describing = 0;
 
@@ -46,21 +51,28 @@ export class Desk {
   }
 
   shows(group: string): boolean {
-    return !this.hidden.includes(group);
+    return this.switched.includes(group) === CLOSED.includes(group);
   }
 
   /** Draw the design in hand and the pinned ones, as far as they have been answered. */
   show(design: Design, pins: readonly Pin[], found: readonly (Found | null)[]): void {
     const names = [nameOf(design), ...pins.map((pin) => pin.name)];
-    this.drawn = names.flatMap((name, i) => (found[i] ? [{ name, ink: colour(INKS[i]), dots: i, found: found[i] }] : []));
+    this.drawn = names.flatMap((name, i) => (found[i] ? [{ name, ink: this.inks[i], dots: i, found: found[i] }] : []));
     this.compare.show(this.drawn);
     this.place.classList.toggle("many", this.drawn.length > 1);
+    this.place.style.setProperty("--pinned", String(this.drawn.length - 1)); // lines of the table, for which plots make room
     for (const chart of this.charts) if (this.shows(chart.chart.group)) chart.show(this.drawn, this.isDifference);
     this.difference.closest("label")!.hidden = this.drawn.length < 2;
+    if (this.shows("In space")) this.space.show(this.drawn);
     if (this.shows("Section")) this.section.show(this.drawn);
     if (this.shows("Squares")) this.squares.show(this.drawn);
     clearTimeout(this.describing);
-    this.describing = window.setTimeout(() => [...this.charts, this.section, this.squares].forEach((view) => view.describe()), DESCRIBED_MS);
+    this.describing = window.setTimeout(() => [...this.charts, this.space, this.section, this.squares].forEach((view) => view.describe()), DESCRIBED_MS);
+  }
+
+  /** Take the page's colours, which are others in the dark. */
+  recolour(): void {
+    this.inks = INKS.map(colour);
   }
 
   /** Put a figure before all plots. */
@@ -97,14 +109,15 @@ export class Desk {
 
   private grouped(): [string, HTMLElement][] {
     const charts = this.charts.map((c): [string, HTMLElement] => [c.chart.group, c.element]);
-    return [["Section", this.section.element], ...charts, ["Squares", this.squares.element], ["Picture", this.picture.element]];
+    return [["In space", this.space.element], ["Section", this.section.element], ...charts, ["Squares", this.squares.element], ["Picture", this.picture.element]];
   }
 
   private choice(): HTMLElement {
     const boxes = GROUPS.map((group) => {
-      const box = h("input", { type: "checkbox", checked: true, name: group });
+      const box = h("input", { type: "checkbox", checked: this.shows(group), name: group });
       box.addEventListener("change", () => {
-        this.hidden = box.checked ? this.hidden.filter((g) => g !== group) : [...this.hidden, group];
+        const others = this.switched.filter((g) => g !== group);
+        this.switched = box.checked === CLOSED.includes(group) ? [...others, group] : others;
         this.showGroups();
         this.chosen();
       });

@@ -4,6 +4,7 @@ import { blocksLike, type Table } from "../answers";
 import { dashes, type Drawn, files } from "./charts";
 import { type Cursor, interpolated } from "./cursor";
 import { standalone } from "./export";
+import { Sizes } from "./sizes";
 
 type Point = [number, number];
 
@@ -28,13 +29,14 @@ export class SectionView {
   private readonly readout = h("output", { className: "readout" });
   private readonly note = h("span", { className: "quiet" });
   private readonly pair = h("div", { className: "pair" }, this.whole, this.close);
+  private readonly sizes: Sizes;
   private drawn: Drawn[] = [];
 
   constructor(private readonly cursor: Cursor) {
     this.element = h("figure", { className: "plot wide" }, h("figcaption", {}, h("span", {}, "Cross-section"), this.note, files("the cross-section", () => this.save(), ["svg"])), this.readout, this.pair);
     cursor.listen(() => this.drawCursor());
     for (const place of [this.whole, this.close]) place.addEventListener("pointermove", (e) => this.moved(place, e as PointerEvent));
-    new ResizeObserver(() => this.draw()).observe(this.element);
+    this.sizes = new Sizes([this.whole, this.close], true, () => this.draw());
   }
 
   show(drawn: Drawn[]): void {
@@ -70,7 +72,8 @@ export class SectionView {
     this.drawWhole(first);
     this.drawClose(first);
     const [near, far] = first.found.facts!.depth_of_field_mm;
-    this.note.textContent = `chief rays; virtual images T and S of objects at infinity and at 5 rim radii (fine); depth of field ${words(near)} to ${words(far)} mm from the lens`;
+    const note = `chief rays; virtual images T and S of objects at infinity and at 5 rim radii (fine); depth of field ${words(near)} to ${words(far)} mm from the lens`;
+    if (note !== this.note.textContent) this.note.textContent = note;
     this.drawCursor();
   }
 
@@ -81,7 +84,7 @@ export class SectionView {
     const widest = Math.max(...this.drawn.map((d) => d.found.facts!.rim_radius_mm));
     const band = first.found.block("focus")?.column("z_mm");
     const top = Math.max(high, Math.min(band ? band[0] : high, FAR_AWAY * M));
-    const frame = new Frame(this.whole, { z: [low - 0.2 * M, top + 0.35 * M], x: [-1.25 * widest, 1.75 * widest] });
+    const frame = new Frame(this.whole, this.sizes.of(this.whole), { z: [low - 0.2 * M, top + 0.35 * M], x: [-1.25 * widest, 1.75 * widest] });
     frame.axis();
     if (band) frame.band(band);
     for (const d of [...this.drawn].reverse()) {
@@ -101,7 +104,7 @@ export class SectionView {
     if (!hasImages || !band) return;
     const heights = [...images.flatMap((t) => (t ? [...t.column("z_mm")] : [])), ...first.found.block("mirror")!.column("z_mm"), ...band];
     const [low, high] = extent(heights.filter((z) => Math.abs(z) < FAR_AWAY * M));
-    const frame = new Frame(this.close, { z: [low - 0.1 * M, high + 0.18 * M], x: [-1.35 * M, 1.35 * M] });
+    const frame = new Frame(this.close, this.sizes.of(this.close), { z: [low - 0.1 * M, high + 0.18 * M], x: [-1.35 * M, 1.35 * M] });
     frame.axis();
     frame.band(band);
     for (const d of this.drawn.slice(1)) frame.curve(d.found.block("mirror"), d.ink, "other", d.dots);
@@ -140,8 +143,7 @@ class Frame {
   private readonly height: number;
   private readonly texts: { at: Point; text: string; anchor: Anchor }[] = [];
 
-  constructor(private readonly place: SVGElement, private readonly window: Window) {
-    const box = place.getBoundingClientRect();
+  constructor(private readonly place: SVGElement, box: { width: number; height: number }, private readonly window: Window) {
     this.width = Math.max(100, box.width);
     const [w, t] = [window.z[1] - window.z[0], window.x[1] - window.x[0]];
     this.height = Math.max(100, box.height);

@@ -3,6 +3,7 @@ import { words } from "../../shared/numbers";
 import type { Table } from "../answers";
 import { type Drawn, files } from "./charts";
 import { standalone } from "./export";
+import { Sizes } from "./sizes";
 
 const OBJECT_DEG = 15;
 const ENLARGED = 10;
@@ -14,12 +15,13 @@ export class SquaresView {
   readonly element: HTMLElement;
   private readonly image = svg("svg", { class: "strip", role: "img", "aria-label": "Images of squares" });
   private readonly object = svg("svg", { class: "strip", role: "img", "aria-label": "Blur of squares" });
+  private readonly sizes: Sizes;
   private first: Drawn | null = null;
 
   constructor() {
     const caption = h("figcaption", {}, h("span", {}, "Squares of 15° with their blur"), h("span", { className: "quiet" }, "spots ten times enlarged; left in the image along its radius, right in object space, tangential × sagittal"), files("the squares", () => this.save(), ["svg"]));
     this.element = h("figure", { className: "plot wide" }, caption, h("div", { className: "pair squares" }, this.image, this.object));
-    new ResizeObserver(() => this.draw()).observe(this.element);
+    this.sizes = new Sizes([this.image, this.object], false, () => this.draw());
   }
 
   show(drawn: Drawn[]): void {
@@ -48,7 +50,7 @@ export class SquaresView {
   }
 
   private drawImage(table: Table): void {
-    const width = Math.max(200, this.image.getBoundingClientRect().width);
+    const width = Math.max(200, this.sizes.of(this.image).width);
     const radius = this.first!.found.facts!.rim_radius_px;
     const [h_px, dh, dw] = ["h_px", "dh_domega_px_per_deg", "width_px_per_deg"].map((n) => table.column(n));
     const half = (i: number): number => (OBJECT_DEG * dh[i]) / 2;
@@ -76,7 +78,7 @@ export class SquaresView {
   }
 
   private drawObject(table: Table): void {
-    const width = Math.max(200, this.object.getBoundingClientRect().width);
+    const width = Math.max(200, this.sizes.of(this.object).width);
     const columns = Math.min(table.rows, Math.max(4, Math.floor(width / 66)));
     const pitch = Math.min(width / columns, 104);
     const side = 0.74 * pitch;

@@ -154,15 +154,15 @@ def _tried(
     step = _solved(estimate, blocks, question, damping)
     if step is None:
         return None
-    if _moved(estimate, raw, question, step) is None:
+    straight = _moved(estimate, raw, question, step)
+    if straight is None:
         stopped = _stopped(estimate, step)
         step = _solved(estimate, blocks, question, damping, stopped) if stopped.any() else None
         return None if step is None else _moved(estimate, raw, question, step)
-    if is_bent and raw.d_slide is None:
-        bend = _bend(estimate, raw, blocks, question, damping, step)
-        if bend is not None:
-            step = Step(step.shared + bend.shared / 2, step.motions + bend.motions / 2)
-    return _moved(estimate, raw, question, step)
+    bend = _bend(estimate, raw, blocks, question, damping, step) if is_bent and raw.d_slide is None else None
+    if bend is None:
+        return straight
+    return _moved(estimate, raw, question, Step(step.shared + bend.shared / 2, step.motions + bend.motions / 2))
 
 
 def _bend(

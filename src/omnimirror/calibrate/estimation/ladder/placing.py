@@ -58,7 +58,7 @@ def _among_points(bearings: Array, points_mm: Array) -> Motion | None:
     """Where points in space stand: ``b x (P p) = 0``, or a homography where they lie in a plane."""
     middle = points_mm.mean(axis=0)
     _, extents, axes = np.linalg.svd(points_mm - middle, full_matrices=False)
-    if extents[2] < FLAT * extents[0]:
+    if not extents[2] > FLAT * extents[0]:
         frame = np.stack([axes[0], axes[1], np.cross(axes[0], axes[1])])
         flat = board_motion(bearings, (points_mm - middle) @ frame.T)
         return None if flat is None else Motion(flat.rotation @ frame, flat.shift_mm - flat.rotation @ frame @ middle)

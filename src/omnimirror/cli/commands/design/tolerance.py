@@ -132,6 +132,10 @@ def command(
     plan = load_tolerances(tolerances, meant)
     if save_trials and out is None:
         raise click.UsageError("--save-trials needs --out, the folder that they are written to")
+    if report_file is not None:  # before anything is built
+        from ....report.tolerances import page_name
+
+        page_name(report_file)
     console, sweep = output_console(), kept.of(asked.trials, out)
     with progress_bar(console) as bar:
         task = bar.add_task("building sensors", total=asked.trials)

@@ -7,6 +7,7 @@ from typing import Any
 
 import click
 import numpy as np
+from click.core import ParameterSource
 
 from ....files import write_json
 from ....handoff.colmap import write_colmap
@@ -61,6 +62,7 @@ def command(
     What is printed is by how much the pinholes are off, px, for things at several distances: a mirror's rays do not
     meet in one point. Lengths are metres.
     """
+    _check_views(is_panorama)
     if gsplat != (poses is not None):
         raise click.UsageError("--gsplat and --poses belong together: transforms.json says where pictures were taken")
     with rows_bar("Straightening") as progress:
@@ -81,6 +83,15 @@ def command(
         write_json(json_file, [_record(view) for view in project.rig])
         say_written(json_file, console=console)
     say(f"{output}: {project.pictures} pictures, {len(project.rig)} views each", console=console)
+
+
+def _check_views(is_panorama: bool) -> None:
+    """Refuse what says how views are laid out where there are none."""
+    context = click.get_current_context()
+    for name in ("views_around", "hfov_deg", "tilt_deg", "distance_mm"):
+        if is_panorama and context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
+            option = "views" if name == "views_around" else name.replace("_", "-")
+            raise click.UsageError(f"--{option} belongs to views; --panorama is all there is to see")
 
 
 def _record(view: RigView) -> dict[str, Any]:

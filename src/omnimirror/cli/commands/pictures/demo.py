@@ -26,6 +26,8 @@ def command(sensor: str, out: Path, blur: bool) -> None:
     from ....report import write_demo
 
     console = output_console()
-    with console.status("Evaluating, simulating, straightening"):
-        report = write_demo(load_sensor(sensor), out, blur=blur)
+    with console.status("Evaluating") as status:
+        report = write_demo(
+            load_sensor(sensor), out, blur=blur, progress=lambda what, share: status.update(f"{what}: {share:.0%}")
+        )
     say(f"Wrote {report.resolve()}", console=console)

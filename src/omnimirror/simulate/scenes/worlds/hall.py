@@ -108,6 +108,11 @@ class Hall:
         """
         return self._inside(origins_mm).radiance(origins_mm, directions)
 
+    def surroundings_from(self, low_mm: Array, high_mm: Array) -> Surroundings | None:
+        """What rays see that start in a box between corners (3,), (3,) mm; None where it is not inside the hall."""
+        inside = (np.array(HALL.low) <= low_mm).all() and (np.array(HALL.high) >= high_mm).all()
+        return _painted(self.texel_mm) if inside else None
+
     def distance_mm(self, origins_mm: ArrayLike, directions: ArrayLike) -> Array:
         """How far (n,) rays go.
 

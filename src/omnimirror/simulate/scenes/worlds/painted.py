@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -64,6 +65,19 @@ class Surroundings:
         # of unit directions, so that single precision has all its digits
         distance: Array = self.surfaces.seen(origins, towards / length[:, None]).distance.astype(float)
         return distance
+
+    def surroundings_from(self, low_mm: Array, high_mm: Array) -> Surroundings:
+        """Themselves, whatever box (3,), (3,) mm rays start in."""
+        return self
+
+
+@runtime_checkable
+class Painted(Protocol):
+    """A scene that is nothing but surfaces and what is behind them, so that kernels see it by themselves."""
+
+    def surroundings_from(self, low_mm: Array, high_mm: Array) -> Surroundings | None:
+        """What rays see that start in a box between corners (3,), (3,) mm; None if some may not start there."""
+        ...
 
 
 class Landscape:

@@ -104,6 +104,22 @@ class Room:
         light[outside] += clear[outside, None] * landscape_light(towards[outside])
         return light
 
+    def surroundings_from(self, low_mm: Array, high_mm: Array) -> Surroundings | None:
+        """What rays see that start in a box between two corners.
+
+        Parameters
+        ----------
+        low_mm, high_mm : (3,)
+            The corners, mm.
+
+        Returns
+        -------
+        Surroundings
+            The room; None where the box is not inside it.
+        """
+        inside = (np.array(ROOM.low) <= low_mm).all() and (np.array(ROOM.high) >= high_mm).all()
+        return self._faces.surroundings if inside else None
+
     def distance_mm(self, origins_mm: ArrayLike, directions: ArrayLike) -> Array:
         """How far (n,) rays go to a wall or a piece of furniture; window panes count as wall.
 

@@ -48,7 +48,7 @@ class Street:
     Examples
     --------
     >>> street = Street(texel_mm=100.0)
-    >>> street.distance_mm(np.zeros((2, 3)), np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]]))
+    >>> street.distance_mm(np.zeros((2, 3)), np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]])).round(2)
     array([1600.,   inf])
     """
 
@@ -67,6 +67,11 @@ class Street:
         """
         _check_outside(origins_mm)
         return _painted(self.texel_mm).radiance(origins_mm, directions)
+
+    def surroundings_from(self, low_mm: Array, high_mm: Array) -> Surroundings | None:
+        """What rays see that start in a box between corners (3,), (3,) mm; None where it reaches into something."""
+        is_free = low_mm[2] >= GROUND_MM and not any(_overlap(box, low_mm, high_mm) for _, box in _solids())
+        return _painted(self.texel_mm) if is_free else None
 
     def distance_mm(self, origins_mm: ArrayLike, directions: ArrayLike) -> Array:
         """How far (n,) rays go; infinite to the sky.
@@ -89,15 +94,24 @@ def _check_outside(origins_mm: ArrayLike) -> None:
         raise InvalidParameter(
             f"a ray starts at z = {low[2]:.6g} mm, under the ground of the street, which lies at {GROUND_MM:g} mm"
         )
-    boxes = {"a house": [house.box for house in HOUSES], "a car": [box for car in CARS for box in car.boxes]}
-    for what, box in ((name, box) for name, kind in boxes.items() for box in kind):
-        if (low < box.high).all() and (high > box.low).all():
+    for what, box in _solids():
+        if _overlap(box, low, high):
             inside = ((origins > box.low) & (origins < box.high)).all(axis=1)
             if inside.any():
                 raise InvalidParameter(
                     f"a ray starts at {origins[inside][0].round(3).tolist()} mm, in {what} that reaches from "
                     f"{list(box.low)} to {list(box.high)} mm"
                 )
+
+
+def _solids() -> Iterator[tuple[str, Box]]:
+    """What rays may not start in, and its name."""
+    yield from (("a house", house.box) for house in HOUSES)
+    yield from (("a car", box) for car in CARS for box in car.boxes)
+
+
+def _overlap(box: Box, low_mm: Array, high_mm: Array) -> bool:
+    return bool((low_mm < np.array(box.high)).all() and (high_mm > np.array(box.low)).all())
 
 
 @lru_cache(maxsize=2)

@@ -1,0 +1,74 @@
+"""What it takes until the studio shows a sensor that is out of its axis: its tables, and what the page is told of it.
+
+Processor time, which a busy machine leaves as it is.
+
+    python benchmarks/misaligned_tables.py --out out/benchmarks
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from circumstances import other_load, processor
+
+import omnimirror as om
+from omnimirror.files import write_text
+from omnimirror.housing import Dome, Housing, Tube
+from omnimirror.mirrors.pose import MirrorPose
+from omnimirror.studio.look.tables import camera_model, camera_tables
+
+POSE = MirrorPose(0.7, -0.4, 0.5, 0.8, -0.5)
+
+
+def sensors() -> dict[str, om.Sensor]:
+    """Of the kinds that differ in what they take."""
+    sphere, hyperboloid, equidistant = (
+        om.load_sensor(f"paper-{name}") for name in ("spherical", "hyperboloidal", "equidistant")
+    )
+    built = replace(sphere, mirror_pose=POSE)
+    return {
+        "sphere, decentred": replace(sphere, mirror_pose=MirrorPose(0.7, -0.4)),
+        "sphere, tilted": replace(sphere, mirror_pose=MirrorPose(tilt_x_deg=0.8, tilt_y_deg=-0.5)),
+        "sphere, both": built,
+        "hyperboloid, both": replace(hyperboloid, mirror_pose=POSE),
+        "even polynomial, both": replace(equidistant, mirror_pose=POSE),
+        "sphere, both, lens distortion": replace(built, lens=replace(sphere.lens, k1=-0.2, p1=1e-3, p2=-1e-3)),
+        "sphere, in place, lens distortion that leans": replace(sphere, lens=replace(sphere.lens, k1=-0.2, p1=1e-3)),
+        "sphere, both, dome": replace(built, housing=Housing(shell=Dome())),
+        "sphere, both, tube": replace(built, housing=Housing(shell=Tube(120.0))),
+    }
+
+
+def seconds(sensor: om.Sensor, runs: int) -> float:
+    """Median of the processor time, all caches empty."""
+    times = []
+    for _ in range(runs):
+        camera_tables.cache_clear()
+        camera_model.cache_clear()
+        begin = time.process_time()
+        camera_model("id", "name", "title", (), replace(sensor))
+        times.append(time.process_time() - begin)
+    return float(np.median(times))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
+    parser.add_argument("--runs", type=int, default=5)
+    arguments = parser.parse_args()
+    said = f"{processor()}, {os.cpu_count()} cores, NumPy {np.__version__}; medians of {arguments.runs}.{other_load()}"
+    rows = []
+    for name, sensor in sensors().items():
+        rows.append(f"| {name} | {seconds(sensor, arguments.runs):.2f} |")
+        print(rows[-1], flush=True)
+    lines = ["# Tables of sensors out of their axis", "", f"`{Path(__file__).name}` on {said}", "", "| sensor | s |"]
+    write_text(arguments.out / "misaligned_tables.md", "\n".join([*lines, "|---|---|", *rows, ""]))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,119 @@
+"""How many rays of a picture meet triangles in a core second, and what pictures of the bundled scenes cost.
+
+Bumpy balls of triangles around the sensor, seen by the mirror of `paper-spherical` at 512 x 512 px: 16 rays a pixel
+through the aperture, or the chief ray; one thread. Pictures are whole: 1000 x 1000 px, 16 rays a pixel, all cores.
+Seconds are of the processor, which a busy machine disturbs less than the clock's. Bytes are what the process grows by,
+with the arrays that the triangles are given in; of few triangles that is not to be seen.
+
+    python benchmarks/scene_rate.py --out out/benchmarks
+"""
+
+from __future__ import annotations
+
+import argparse
+import gc
+import statistics
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from circumstances import circumstances
+
+import omnimirror as om
+from omnimirror.files import write_text
+from omnimirror.native import backend
+from omnimirror.simulate import Radiometry, expose
+from omnimirror.simulate.rendering.exposure import REFLECTED, trace
+from omnimirror.simulate.rendering.samples import spread
+from omnimirror.simulate.scenes import Hall, Street
+from omnimirror.simulate.scenes.triangles import facets
+
+RINGS = (36, 143, 570)  # of balls of 5 000, 82 000 and 1.3 million triangles
+TRACED, PIXELS, RAYS = 512, 1000, 16
+
+
+def sensor_of(pixels: int) -> om.Sensor:
+    sensor = om.load_sensor("paper-spherical")
+    pitch = sensor.imager.pixel_pitch_um * sensor.imager.width_px / pixels
+    return replace(sensor, imager=replace(sensor.imager, width_px=pixels, height_px=pixels, pixel_pitch_um=pitch))
+
+
+def ball(rings: int) -> np.ndarray:
+    """Triangles (n, 3, 3) around the origin, mm."""
+    polar, turn = np.meshgrid(np.linspace(0, np.pi, rings + 1), np.linspace(0, 2 * np.pi, 2 * rings + 1), indexing="ij")
+    radius = 3000 * (1 + 0.05 * np.sin(9 * turn) * np.sin(7 * polar) * np.sin(polar))
+    across, up = radius * np.sin(polar), radius * np.cos(polar)
+    points = np.stack([across * np.cos(turn), across * np.sin(turn), up], axis=-1)
+    a, b, c, d = points[:-1, :-1], points[1:, :-1], points[1:, 1:], points[:-1, 1:]
+    return np.concatenate([np.stack(corners, axis=-2).reshape(-1, 3, 3) for corners in ((a, b, c), (a, c, d))])
+
+
+def rays_of(samples: int, blur: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Origins and directions (n, 3) of the rays that the mirror reflects, pixel by pixel."""
+    bundle = trace(sensor_of(TRACED), spread(samples, blur), Radiometry(), slice(0, TRACED), slice(0, TRACED))
+    seeing = bundle.fate == REFLECTED
+    return bundle.origins[seeing], bundle.directions[seeing]
+
+
+def seconds(function: Callable[[], object]) -> float:
+    start = time.process_time()
+    function()
+    return time.process_time() - start
+
+
+def resident() -> int:
+    """Bytes of memory that the process holds; 0 where the system does not tell."""
+    gc.collect()
+    try:
+        return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1]) * 4096
+    except OSError:
+        return 0
+
+
+def of_triangles(rings: int, kinds: list[tuple[np.ndarray, np.ndarray]], runs: int) -> str:
+    triangles = ball(rings)
+    colours = np.random.default_rng(1).uniform(0, 1, (len(triangles), 3, 3)).astype(np.float32)
+    before = resident()
+    scene = facets(triangles, colours)
+    build = seconds(lambda: scene.native)
+    size = (resident() - before) / len(triangles)
+    rates = [
+        len(origins) / statistics.median(seconds(lambda o=origins, d=directions: scene.seen(o, d)) for _ in range(runs))
+        for origins, directions in kinds
+    ]
+    row = [f"{len(triangles)}", f"{build:.2f}", f"{size:.0f}" if rings == RINGS[-1] else ""]
+    return f"| {' | '.join(row + [f'{rate / 1e6:.1f}' for rate in rates])} |"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
+    parser.add_argument("--runs", type=int, default=5)
+    arguments = parser.parse_args()
+    lines = ["# Scenes of surfaces", "", circumstances(arguments.runs).replace(" interleaved", ""), ""]
+    lines += ["| triangles | tree, s | bytes each | aperture, Mrays/s | chief rays, Mrays/s |", "|---|---|---|---|---|"]
+    threads = backend.threads
+    backend.set_threads(1)
+    kinds = [rays_of(RAYS, True), rays_of(1, False)]
+    lines += [of_triangles(rings, kinds, arguments.runs) for rings in RINGS]
+    backend.set_threads(threads)
+    lines += ["", f"| {PIXELS} x {PIXELS} px, {RAYS} rays each | core s | of the aperture |", "|---|---|---|"]
+    sensor = sensor_of(PIXELS)
+    for name, scene in {"room": om.Room(), "hall": Hall(), "street": Street()}.items():
+        expose(sensor, scene, samples=1)
+        sharp, blurred = (
+            statistics.median(
+                seconds(lambda b=blur, s=scene: expose(sensor, s, samples=RAYS, blur=b)) for _ in range(arguments.runs)
+            )
+            for blur in (False, True)
+        )
+        lines.append(f"| {name} | {sharp:.2f} | {blurred:.2f} |")
+    print("\n".join(lines))
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    write_text(arguments.out / "scene_rate.md", "\n".join(lines) + "\n")
+
+
+if __name__ == "__main__":
+    main()

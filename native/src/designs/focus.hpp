@@ -1,0 +1,255 @@
+// The best focus of one design, in the steps of batch/best_focus.py.
+//
+// Over the vergence v in focus, the square of the floored area of a mirror point is
+//   A^2 = D(v) ((v - v_t)^2 + r(v)) ((v - v_s)^2 + r(v)) / (M_t M_s)^2,
+// v_t, v_s the vergences of its images, M_t, M_s its angular magnifications; with b = 1/f - v
+//   r = scale (b^2 + airy^2), over b^2 in the paper's mode, and D = delta b^(4 power).
+#pragma once
+
+#include <limits>
+
+#include "built.hpp"
+#include "workspace.hpp"
+
+namespace omnimirror {
+namespace {
+
+constexpr double ENDLESS = std::numeric_limits<double>::infinity();
+constexpr double HOPE = 0.02;  // of batch/best_focus.py
+
+// The camera as a function of the vergence v that it is focused at: batch/best_focus.py, AreaModel.
+struct AreaModel {
+    double inverse_f, airy2, scale, delta;
+    bool paper;
+    int power;
+    double least, most;  // vergences that the lens can be focused at
+
+    struct At {
+        double r, dr, D, d_log_D;
+    };
+
+    At at(double v) const {
+        const double b = inverse_f - v, over = 1 / b, b2 = b * b, over2 = over * over;
+        const double r = paper ? scale * (1 + airy2 * over2) : scale * (b2 + airy2);
+        const double dr = paper ? 2 * scale * airy2 * (over2 * over) : -2 * scale * b;
+        const double D = power == 0 ? delta : power > 0 ? delta * (b2 * b2) : delta * (over2 * over2);
+        return {r, dr, D, -4 * power * over};
+    }
+};
+
+struct Worst {
+    double value, rate;
+    int angle;
+};
+
+// The largest of what is seen, lane by lane, and the first place where it is.
+struct Most {
+    double value[LANE], from[LANE];
+
+    Most() {
+        for (int l = 0; l < LANE; ++l) value[l] = -ENDLESS, from[l] = 0.0;
+    }
+
+    void see(int l, double k, double seen) {
+        const bool more = seen > value[l];
+        from[l] = more ? k : from[l];
+        value[l] = more ? seen : value[l];
+    }
+
+    // NaN is never the largest.
+    int place() const {
+        double most = value[0];
+        for (double v : value) most = larger(v, most);
+        double first = ENDLESS;
+        for (int l = 0; l < LANE; ++l) first = value[l] == most ? smaller(first, from[l] + l) : first;
+        return static_cast<int>(first);
+    }
+};
+
+// Ends of the vergences worth a look: those of the images, with a margin, in front of the lens.
+struct Range {
+    double low, high;
+};
+
+inline Range range_of(const double* OMNIMIRROR_RESTRICT t, const double* OMNIMIRROR_RESTRICT s, int lanes, double margin,
+                      double least, double most) {
+    double lows[LANE], highs[LANE], low = ENDLESS, high = -ENDLESS;
+    for (int l = 0; l < LANE; ++l) lows[l] = ENDLESS, highs[l] = -ENDLESS;
+    for (int k = 0; k < lanes; k += LANE) {
+        OMNIMIRROR_LANES(i, k) {
+            lows[i - k] = smaller(t[i], smaller(s[i], lows[i - k]));
+            highs[i - k] = larger(t[i], larger(s[i], highs[i - k]));
+        }
+    }
+    for (int l = 0; l < LANE; ++l) low = smaller(lows[l], low), high = larger(highs[l], high);
+    const double more = margin * (high - low);
+    return {smaller(larger(low - more, least), most), smaller(larger(high + more, least), most)};
+}
+
+// The floored areas of a design with an ideal lens, wherever it is focused.
+class IdealAreas {
+  public:
+    IdealAreas(const AreaModel& model, const Workspace& w) : model_(model), w_(w) {}
+
+    Range range(double margin) const {
+        return range_of(w_.vergence_t, w_.vergence_s, w_.lanes, margin, model_.least, model_.most);
+    }
+
+    // The largest A^2, its derivative by v, and at which angle it is.
+    Worst worst(double v) const {
+        const AreaModel::At m = model_.at(v);
+        const double r = m.r;
+        const double* OMNIMIRROR_RESTRICT vergence_t = w_.vergence_t;
+        const double* OMNIMIRROR_RESTRICT vergence_s = w_.vergence_s;
+        const double* OMNIMIRROR_RESTRICT density = w_.density;
+        Most most;
+        for (int k = 0; k < w_.lanes; k += LANE) {
+            OMNIMIRROR_LANES(i, k) {
+                const double t = v - vergence_t[i], u = v - vergence_s[i];
+                most.see(i - k, k, (t * t + r) * (u * u + r) * density[i]);
+            }
+        }
+        const int j = most.place();
+        const double t = v - vergence_t[j], u = v - vergence_s[j], side_t = t * t + r, side_s = u * u + r;
+        const double value = m.D * side_t * side_s * density[j];
+        const double rate = ((2 * t + m.dr) * side_s + (2 * u + m.dr) * side_t) / (side_t * side_s);
+        return {value, value * (m.d_log_D + rate), j};
+    }
+
+  private:
+    AreaModel model_;
+    const Workspace& w_;
+};
+
+// The floored areas of a design with a real lens: signed and own blur (px) and resolution (px/deg) are parabolas of the
+// lens's q at each angle; batch/best_focus.py, RealAreas.
+class RealAreas {
+  public:
+    enum Side { T, S, OWN_T, OWN_S, DH_OF, DW_OF };
+
+    RealAreas(const Lens& lens, double airy, const Workspace& w)
+        : lens_(lens), airy_(airy), airy_slope_(airy * (1 - lens.table().e / lens.table().f)), w_(w) {}
+
+    double* power(int side, int i) const { return w_.parabolas + (3 * side + i) * w_.lanes; }
+
+    double at(int side, int j, double q) const {
+        return power(side, 0)[j] + q * (power(side, 1)[j] + q * power(side, 2)[j]);
+    }
+
+    double airy(double q) const { return airy_ + airy_slope_ * q; }
+
+    // Of the vergences at which single blurs are 0, nearly: fill_parabolas leaves them in z and slope.
+    Range range(double margin) const {
+        return range_of(w_.z, w_.slope, w_.lanes, margin, lens_.table().least, lens_.table().most);
+    }
+
+    Worst worst(double v) const {
+        const double q = lens_.defocus(v), disk = airy(q), floor = 1 + disk * disk;
+        const double* OMNIMIRROR_RESTRICT p = w_.parabolas;
+        const double* OMNIMIRROR_RESTRICT counts = w_.density;
+        const int n = w_.lanes;
+        const auto parabola = [p, n, q](int side, int j) {
+            const double* c = p + 3 * side * n + j;
+            return c[0] + q * (c[n] + q * c[2 * n]);
+        };
+        Most most;
+        for (int k = 0; k < n; k += LANE) {
+            OMNIMIRROR_LANES(j, k) {
+                const double t = parabola(T, j), u = parabola(S, j), own_t = parabola(OWN_T, j), own_s = parabola(OWN_S, j);
+                const double scale = parabola(DH_OF, j) * parabola(DW_OF, j);
+                const double sides = (t * t + own_t * own_t + floor) * (u * u + own_s * own_s + floor);
+                most.see(j - k, k, sides / (scale * scale) * counts[j]);
+            }
+        }
+        const int j = most.place();
+        const double dfloor = 2 * disk * airy_slope_, scale = at(DH_OF, j, q) * at(DW_OF, j, q);
+        const double side_t = side(T, j, q, floor), side_s = side(S, j, q, floor);
+        const double value = side_t * side_s / (scale * scale) * counts[j];
+        const double d = (side_rate(T, j, q) + dfloor) / side_t + (side_rate(S, j, q) + dfloor) / side_s -
+                         2 * (rate(DH_OF, j, q) / at(DH_OF, j, q) + rate(DW_OF, j, q) / at(DW_OF, j, q));
+        return {value, value * d * lens_.defocus_rate(v), j};
+    }
+
+    // Blur, own blur and floor together, px^2.
+    double side(int of, int j, double q, double floor) const {
+        const double blur = at(of, j, q), own = at(of + 2, j, q);
+        return blur * blur + own * own + floor;
+    }
+
+  private:
+    double rate(int side, int j, double q) const { return power(side, 1)[j] + 2 * q * power(side, 2)[j]; }
+
+    double side_rate(int of, int j, double q) const {
+        return 2 * (at(of, j, q) * rate(of, j, q) + at(of + 2, j, q) * rate(of + 2, j, q));
+    }
+
+    Lens lens_;
+    double airy_, airy_slope_;
+    const Workspace& w_;
+};
+
+// A vergence with the worst area there.
+struct End {
+    double v;
+    Worst worst;
+};
+
+// Where the worst area, which falls at a and rises at b, is least, to within `close`: the bracket is cut where the
+// tangents at both ends meet or, where one angle is the worst at both, at the zero of the chord of its derivatives.
+template <class Areas>
+double bottom(End a, End b, double close, const FocusSearch& search, const Areas& areas) {
+    for (int step = 1; step <= search.most_steps && b.v - a.v > close; ++step) {
+        const double width = b.v - a.v, edge = search.edge * width, fall = a.worst.rate, rise = b.worst.rate;
+        const double cut = a.worst.angle == b.worst.angle
+                               ? a.v - fall * width / (rise - fall)
+                               : a.v + (b.worst.value - a.worst.value - rise * width) / (fall - rise);
+        const bool good = size_of(cut) < ENDLESS && fall < 0 && rise > 0 && step % search.halving;
+        const double c = good ? smaller(larger(cut, a.v + edge), b.v - edge) : (a.v + b.v) / 2;
+        const End at_c{c, areas.worst(c)};
+        (at_c.worst.rate > 0 ? b : a) = at_c;
+    }
+    return (a.v + b.v) / 2;
+}
+
+// The least of the worst areas between two places of the scan where tangents hint at a valley: _other_valleys.
+// `known` is the valley below place `best`, whose bottom is known.
+template <class Areas>
+End other_valley(const End& a, const End& b, bool is_known, double known, double close, const FocusSearch& search,
+                 const Areas& areas) {
+    const End none{a.v, {ENDLESS, 0.0, 0}};
+    const double fall = a.worst.rate, rise = b.worst.rate, step = b.v - a.v;
+    const double cut = (b.worst.value - a.worst.value - rise * step) / (fall - rise);
+    if (!(cut > 0 && cut < step && a.worst.value + fall * cut < known * (1 + HOPE))) return none;
+    const bool between = fall < 0 && rise > 0, hidden = a.worst.angle != b.worst.angle && fall * rise > 0;
+    if (!(between || hidden) || (between && is_known)) return none;
+    const End middle{a.v + cut, areas.worst(a.v + cut)};
+    const double v = middle.worst.rate > 0 ? bottom(a, middle, close, search, areas) : bottom(middle, b, close, search, areas);
+    return {v, areas.worst(v)};
+}
+
+// The vergence in focus with the least worst area, and that area.
+template <class Areas>
+End best_vergence(const FocusSearch& search, const Areas& areas) {
+    const auto [low, high] = areas.range(search.margin);
+    const double step = (high - low) / (search.scan - 1);
+    End seen[MOST_SCAN];
+    int best = 0;
+    for (int i = 0; i < search.scan; ++i) {
+        seen[i] = {low + i * step, areas.worst(low + i * step)};
+        if (seen[i].worst.value < seen[best].worst.value) best = i;
+    }
+    best = best < 1 ? 1 : best > search.scan - 2 ? search.scan - 2 : best;
+    const double close = search.close * (high - low);
+    const double v = bottom(seen[best - 1], seen[best + 1], close, search, areas);
+    End least{v, areas.worst(v)};
+    const double known = least.worst.value;
+    for (int i = 0; i + 1 < search.scan; ++i) {
+        const bool is_known = i == best - 1 || i == best;
+        const End other = other_valley(seen[i], seen[i + 1], is_known, known, close, search, areas);
+        if (other.worst.value < least.worst.value) least = other;
+    }
+    return least;
+}
+
+}  // namespace
+}  // namespace omnimirror

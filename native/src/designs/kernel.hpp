@@ -1,0 +1,98 @@
+// The kernel of designs.hpp. Compiled once per instruction set, so everything here has internal linkage.
+#pragma once
+
+#include "focus.hpp"
+#include "points.hpp"
+#include "real.hpp"
+
+namespace omnimirror {
+namespace {
+
+// What an ideal lens and its pixels make of vergences and ray coordinates.
+struct Camera {
+    double f, mu, blur, image, airy;  // airy: per mm of image distance; of a telecentric lens the disk itself
+    bool telecentric, scaled, paper;
+
+    Camera(const DesignJob& job, const double* number, double rim_ray)
+        : f(number[2]), mu(number[6]), telecentric(number[6] > 0), scaled(job.image_radius > 0), paper(job.paper) {
+        const double F = number[3], disk = 2.44e-6 * job.wavelength * F / job.pitch;
+        blur = telecentric ? mu * mu / (F * job.pitch) : f / (F * job.pitch) * (paper ? f : 1.0);
+        image = scaled ? job.image_radius / rim_ray : (telecentric ? mu : 1.0) / job.pitch;
+        airy = telecentric ? disk : disk / f;
+    }
+
+    AreaModel model() const {
+        const double ratio = blur / (image * DEGREE), delta = ratio * ratio * ratio * ratio, per_blur = 1 / (blur * blur);
+        if (telecentric) return {ENDLESS, 0.0, (1 + airy * airy) * per_blur, delta, true, 0, -ENDLESS, ENDLESS};
+        return {1 / f, airy * airy, per_blur, delta, paper, int(paper) - int(scaled), 1e-7 / f, 0.999 / f};
+    }
+};
+
+// Columns of a design with an ideal lens at its best focus, from what its mirror points do.
+void finish_ideal(const DesignJob& job, int design, const Workspace& w) {
+    const Camera camera(job, job.numbers + static_cast<std::size_t>(design) * DESIGN_NUMBERS, w.ray[job.angles - 1]);
+    const End best = best_vergence(job.search, IdealAreas(camera.model(), w));
+    const double v = best.v, b = camera.telecentric ? 1.0 : 1 / (1 / camera.f - v);
+    const double ray_px = camera.image * (camera.scaled ? 1.0 : b), field_px = ray_px * DEGREE;
+    const double vergence_px = camera.blur * (camera.paper ? 1.0 : b);
+    const double airy = camera.airy * b, floor = 1 + airy * airy, per_area = 1 / (field_px * field_px);
+    double* OMNIMIRROR_RESTRICT out = w.columns;
+    const int n = w.lanes;
+    for (int k = 0; k < n; k += LANE) {
+        OMNIMIRROR_LANES(j, k) {
+            const double t = vergence_px * (v - w.vergence_t[j]), s = vergence_px * (v - w.vergence_s[j]);
+            out[OMEGA * n + j] *= 1 / DEGREE;
+            out[HEIGHT * n + j] = w.ray[j] * ray_px;
+            out[DH * n + j] = w.magnification_t[j] * field_px;
+            out[DW * n + j] = w.magnification_s[j] * field_px;
+            out[DISTANCE_T * n + j] = camera.telecentric ? -w.vergence_t[j] : 1 / w.vergence_t[j];
+            out[DISTANCE_S * n + j] = camera.telecentric ? -w.vergence_s[j] : 1 / w.vergence_s[j];
+            out[BLUR_T * n + j] = t;
+            out[BLUR_S * n + j] = s;
+            out[AREA * n + j] = root_of((t * t + floor) * (s * s + floor)) * (w.shrinking[j] * per_area);
+        }
+    }
+    job.focus[design] = camera.telecentric ? -v : 1 / v;
+    job.worst[design] = root_of(best.worst.value);
+}
+
+// To where they are wanted, without the lanes beyond the last.
+void hand_over(const DesignJob& job, int design, const Workspace& w) {
+    for (int c = 0; c < DESIGN_COLUMNS; ++c) {
+        double* to = job.columns + (static_cast<std::size_t>(c) * job.designs + design) * job.angles;
+        __builtin_memcpy(to, w.column(c), static_cast<std::size_t>(job.angles) * sizeof(double));
+    }
+}
+
+void evaluate_one(const DesignJob& job, const Lens& lens, int design, const Workspace& w) {
+    const double* number = job.numbers + static_cast<std::size_t>(design) * DESIGN_NUMBERS;
+    const double m = number[0], M = number[1];
+    const bool is_telecentric = number[6] > 0;
+    if (job.has_conic)
+        fill_profile<true>(job, design, w);
+    else
+        fill_profile<false>(job, design, w);
+    bool valid;
+    if (lens.known() || job.wall_kind != Wall::NONE)
+        valid = fill_built(job, design, lens, w);
+    else if (is_telecentric)
+        valid = fill_points(Telecentric{}, M, job.least_omega, w);
+    else
+        valid = fill_points(Perspective{m}, M, job.least_omega, w);
+    if (lens.known())
+        finish_real(job, design, lens, w);
+    else
+        finish_ideal(job, design, w);
+    if (job.wall_kind != Wall::NONE) blank_unseen(w);
+    job.valid[design] = valid;
+    hand_over(job, design, w);
+}
+
+void evaluate_some(const DesignJob& job, int first, int count) {
+    const Workspace workspace(job);
+    const Lens lens(job.lens);
+    for (int i = first; i < first + count; ++i) evaluate_one(job, lens, i, workspace);
+}
+
+}  // namespace
+}  // namespace omnimirror

@@ -1,0 +1,183 @@
+// The kernels of surfaces.hpp. Compiled once per instruction set, so everything here has internal linkage.
+//
+// A packet's rays fill vectors; a box or a surface is fetched once and compared with all of them.
+#pragma once
+
+#include <cmath>
+#include <cstring>
+#if defined(__AVX2__)
+#include <immintrin.h>
+#endif
+
+#include "surfaces.hpp"
+
+namespace omnimirror {
+namespace {
+
+#if defined(__AVX512F__)
+constexpr int WIDTH = 16;
+#elif defined(__AVX2__)
+constexpr int WIDTH = 8;
+#else
+constexpr int WIDTH = 4;
+#endif
+constexpr int PARTS = PACKET / WIDTH;
+using Wide = float __attribute__((vector_size(4 * WIDTH)));
+using Mask = int32_t __attribute__((vector_size(4 * WIDTH)));
+using Four = float __attribute__((vector_size(16)));
+
+constexpr float BESIDE = 1e-6f;  // of a side: neighbours that share an edge leave no gap
+constexpr float LEVEL = 1e-18f;  // stands for smaller components of a direction, whose inverse would be infinite
+
+inline bool any(Mask mask) {
+#if defined(__AVX512F__)
+    return _mm512_test_epi32_mask((__m512i)mask, (__m512i)mask) != 0;
+#elif defined(__AVX2__)
+    return _mm256_movemask_ps((__m256)mask) != 0;
+#else
+    int64_t halves[2];
+    std::memcpy(halves, &mask, sizeof mask);
+    return (halves[0] | halves[1]) != 0;
+#endif
+}
+
+inline Wide least(Wide a, Wide b) { return a < b ? a : b; }
+inline Wide most(Wide a, Wide b) { return a > b ? a : b; }
+inline Wide all(float x) { return Wide{} + x; }
+inline Wide load(const float* from) {
+    Wide x;
+    std::memcpy(&x, from, sizeof x);
+    return x;
+}
+template <class T>
+void store(T* to, const void* x) {
+    std::memcpy(to, x, sizeof(Wide));
+}
+
+// The rays of a part of a packet, and the nearest that each has met.
+struct Rays {
+    Wide origin[3], direction[3];
+    Wide inverse[3], start[3];  // of the direction; and the origin times it
+    Wide distance, a, b;
+    Mask surface;
+};
+
+Rays rays_of(const Packet& packet, int part) {
+    Rays r{};
+    for (int c = 0; c < 3; ++c) {
+        r.origin[c] = load(packet.origin[c] + WIDTH * part), r.direction[c] = load(packet.direction[c] + WIDTH * part);
+        const Wide d = r.direction[c], size = most(d, -d);
+        r.inverse[c] = 1 / (size < LEVEL ? all(LEVEL) : d);
+        r.start[c] = r.origin[c] * r.inverse[c];
+    }
+    r.distance = load(packet.limit + WIDTH * part);
+    r.surface -= 1;
+    return r;
+}
+
+// Whether rays enter a box before the nearest that they have met.
+inline Mask enter(const Node& box, const Rays& r) {
+    Wide in{}, out = r.distance;
+    for (int c = 0; c < 3; ++c) {
+        const Wide a = box.low[c] * r.inverse[c] - r.start[c], b = box.high[c] * r.inverse[c] - r.start[c];
+        in = most(least(a, b), in), out = least(most(a, b), out);
+    }
+    return in <= out;
+}
+
+struct Three {
+    Wide x, y, z;
+};
+inline Three cross(const Three& a, const Three& b) {
+    return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
+}
+inline Wide dot(const Three& a, const Three& b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
+inline Three three(const Wide* v) { return {v[0], v[1], v[2]}; }
+inline Three three(const float* v) { return {all(v[0]), all(v[1]), all(v[2])}; }
+
+// Where o + t d = corner + a side0 + b side1, by Cramer's rule (Moeller and Trumbore, 1997); met where a and b are in
+// [0, 1], of a triangle a + b <= 1 too, and t is above 0 and below what was met before. Of several at one distance the
+// first is met, in whatever order they come.
+inline void meet(const Surface& s, int32_t index, Rays& r) {
+    const Three side = three(s.side[0]), other = three(s.side[1]), direction = three(r.direction);
+    const Three p = cross(direction, other);
+    const Wide inverse = 1 / dot(side, p);  // infinite along the surface, where a and b are in no range
+    const Three from = {r.origin[0] - s.corner[0], r.origin[1] - s.corner[1], r.origin[2] - s.corner[2]};
+    const Three q = cross(from, side);
+    const Wide a = dot(from, p) * inverse, b = dot(direction, q) * inverse, t = dot(other, q) * inverse;
+    const Wide end = s.triangle ? a + b : most(a, b);
+    const Mask nearer = (t < r.distance) | ((t == r.distance) & (index < r.surface));
+    const Mask met = (a >= -BESIDE) & (b >= -BESIDE) & (end <= 1 + BESIDE) & (t > 0) & nearer;
+    if (!any(met)) return;
+    r.distance = met ? t : r.distance, r.a = met ? a : r.a, r.b = met ? b : r.b;
+    r.surface = met ? Mask{} + index : r.surface;
+}
+
+void find(const SurfaceTree& tree, Rays (&rays)[PARTS]) {
+    bool backwards[3];  // most rays, along each axis
+    for (int c = 0; c < 3; ++c) {
+        float sum = 0;
+        for (const Rays& r : rays)
+            for (int i = 0; i < WIDTH; ++i) sum += r.direction[c][i];
+        backwards[c] = sum < 0;
+    }
+    int32_t waiting[DEEPEST + 1];
+    int depth = 0;
+    waiting[depth++] = 0;
+    while (depth) {
+        const Node& node = tree.nodes[waiting[--depth]];
+        Mask entered = enter(node, rays[0]);
+        for (int part = 1; part < PARTS; ++part) entered |= enter(node, rays[part]);
+        if (!any(entered)) continue;
+        for (int i = node.first; i < node.first + node.count; ++i)
+            for (Rays& r : rays) meet(tree.surfaces[i], i, r);
+        if (node.count) continue;
+        const int32_t near = node.first + backwards[node.axis];
+        waiting[depth++] = 2 * node.first + 1 - near, waiting[depth++] = near;
+    }
+}
+
+inline int around(int i, int n) { return i >= 0 && i < n ? i : ((i % n) + n) % n; }
+inline float between(float x, float low, float high) { return x > low ? (x < high ? x : high) : low; }
+
+// Light and clear share at a place on a surface: between texels linear.
+Four look_up(const SurfaceTree& tree, const Surface& s, float a, float b) {
+    const Texture& t = tree.textures[s.texture];
+    float u = s.texel[0] + a * s.texel_side[0][0] + b * s.texel_side[1][0];
+    float v = s.texel[1] + a * s.texel_side[0][1] + b * s.texel_side[1][1];
+    const float far = 1e9f;  // whole numbers go no farther
+    u = t.repeats ? between(u, -far, far) : between(u, 0, static_cast<float>(t.width - 1));
+    v = t.repeats ? between(v, -far, far) : between(v, 0, static_cast<float>(t.height - 1));
+    const float left = std::floor(u), top = std::floor(v), fu = u - left, fv = v - top;
+    int x0 = static_cast<int>(left), y0 = static_cast<int>(top), x1 = x0 + 1, y1 = y0 + 1;
+    if (t.repeats) {
+        x0 = around(x0, t.width), x1 = around(x1, t.width), y0 = around(y0, t.height), y1 = around(y1, t.height);
+    } else {
+        x1 = x1 < t.width ? x1 : x0, y1 = y1 < t.height ? y1 : y0;
+    }
+    const auto texel = [&](int x, int y) {
+        Four value;
+        std::memcpy(&value, tree.texels + 4 * (t.first + int64_t{y} * t.width + x), sizeof value);
+        return value;
+    };
+    const float w11 = fu * fv, w01 = fu - w11, w10 = fv - w11, w00 = 1 - fu - w10;
+    return w00 * texel(x0, y0) + w01 * texel(x1, y0) + w10 * texel(x0, y1) + w11 * texel(x1, y1);
+}
+
+void see(const SurfaceTree& tree, const Packet& packet, Hits& hits) {
+    Rays rays[PARTS];
+    for (int part = 0; part < PARTS; ++part) rays[part] = rays_of(packet, part);
+    if (tree.nodes) find(tree, rays);
+    for (int part = 0; part < PARTS; ++part) {
+        store(hits.distance + WIDTH * part, &rays[part].distance), store(hits.surface + WIDTH * part, &rays[part].surface);
+        store(hits.a + WIDTH * part, &rays[part].a), store(hits.b + WIDTH * part, &rays[part].b);
+    }
+    for (int i = 0; i < PACKET; ++i) {
+        const int32_t surface = hits.surface[i];
+        const Four light = surface < 0 ? Four{} : look_up(tree, tree.surfaces[surface], hits.a[i], hits.b[i]);
+        std::memcpy(hits.light[i], &light, sizeof light);
+    }
+}
+
+}  // namespace
+}  // namespace omnimirror

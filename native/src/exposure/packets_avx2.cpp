@@ -1,0 +1,7 @@
+#include "packets.hpp"
+
+namespace omnimirror {
+
+const PacketKernels avx2_packets{&see};
+
+}  // namespace omnimirror

@@ -1,0 +1,7 @@
+#include "packets.hpp"
+
+namespace omnimirror {
+
+const PacketKernels plain_packets{&see};
+
+}  // namespace omnimirror

@@ -1,0 +1,25 @@
+// Loops over many alike, a few beside each other, which compilers vectorise. Everything has internal linkage, since
+// kernels are compiled once per instruction set.
+#pragma once
+
+namespace omnimirror {
+namespace {
+
+constexpr int LANE = 8;  // arrays are padded to a multiple of it, and sums have so many parts
+
+#if defined(__GNUC__) && !defined(__clang__)
+#define OMNIMIRROR_LANES(i, k) _Pragma("GCC ivdep") _Pragma("GCC unroll 1") for (int i = (k); i < (k) + LANE; ++i)
+#else
+#define OMNIMIRROR_LANES(i, k) for (int i = (k); i < (k) + LANE; ++i)
+#endif
+#define OMNIMIRROR_RESTRICT __restrict__
+
+constexpr int padded(int count) { return (count + LANE - 1) / LANE * LANE; }
+
+inline double root_of(double x) { return __builtin_sqrt(x); }
+inline double larger(double a, double b) { return a > b ? a : b; }
+inline double smaller(double a, double b) { return a < b ? a : b; }
+inline double size_of(double a) { return a < 0 ? -a : a; }
+
+}  // namespace
+}  // namespace omnimirror

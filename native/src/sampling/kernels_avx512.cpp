@@ -1,0 +1,61 @@
+// The kernels for x86 with AVX-512, the byte shuffles of VBMI included: bilinear samples and the places that inner
+// cells and rings look at. What 64 bytes at a time gain nothing for is as with AVX2, compiled for more registers.
+#include "avx2_strips.hpp"
+#include "avx512_linear.hpp"
+#include "avx512_locate.hpp"
+#include "axial_kernel.hpp"
+
+namespace omnimirror {
+namespace {
+
+template <class Kernel, int C>
+void sample_by_16(const Job& job, const Strip<uint8_t>& s) {
+    const Kernel kernel(job.source);
+    const __m512i last = kept(_mm512_set1_epi32(static_cast<int>(kernel.last)));
+    for (int i = 0; i < s.count; i += 16) {
+        const Block<uint8_t>* blocks = s.blocks + i / 8;
+        const Block<uint8_t>* ahead = s.ahead ? s.ahead + i / 8 : nullptr;
+        const int left = s.count - i;
+        _mm_prefetch(reinterpret_cast<const char*>(blocks) + 2048, _MM_HINT_T0);  // a packed map goes on there
+        _mm_prefetch(reinterpret_cast<const char*>(blocks) + 2048 + 64, _MM_HINT_T0);
+        if (__builtin_expect(left < 16 || _mm512_cmpgt_epu32_mask(offsets_of(blocks), last), 0)) {
+            sample_by_8<Linear<C>, Interpolation::linear, C>(job, {blocks, smaller(left, 16), s.out + i * C, ahead});
+            continue;
+        }
+        if (ahead) fetch_ahead(kernel.data, ahead[0].offsets), fetch_ahead(kernel.data, ahead[1].offsets);
+        kernel.sample_16(blocks, s.out + i * C);
+    }
+}
+
+struct Avx512 : Avx2 {
+    template <Interpolation I, class F>
+    static void locate_inner_cells(const Nodes& n, const RowOfCells& r, const Geometry& g, Block<F>* blocks) {
+        if constexpr (has_fractions_of_8<I, F>) {
+            if (is_narrow(g) && r.step == 16) return locate_wide_cells(n.weights, r, g, blocks);
+        }
+        Avx2::locate_inner_cells<I>(n, r, g, blocks);
+    }
+
+    template <Interpolation I, class F>
+    static void locate_inner_ring(const Polar& p, int row, int column, int count, const Geometry& g, Block<F>* blocks) {
+        if constexpr (has_fractions_of_8<I, F>) {
+            if (is_narrow(g)) return locate_wide_ring(p, row, column, count, g, blocks);
+        }
+        Avx2::locate_inner_ring<I>(p, row, column, count, g, blocks);
+    }
+
+    template <Interpolation I, int C, class T>
+    static void sample_strip(const Job& job, const Strip<Fraction<T>>& s) {
+        if constexpr (sizeof(T) == 1 && I == Interpolation::linear)
+            sample_by_16<WideLinear<C>, C>(job, s);
+        else
+            Avx2::sample_strip<I, C, T>(job, s);
+    }
+};
+
+}  // namespace
+
+const Kernels avx512_kernels{
+    "avx512", true, &sample<Avx512>, &average<Avx512, Avx2Sums>, &pack<Avx512>, &project_targets};
+
+}  // namespace omnimirror

@@ -1,0 +1,139 @@
+"""Functions on a square lattice that few exact values are enough for, and that go on beyond where they end."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Exact = Callable[[Array], Array]
+"""Values (n, m) at places (n, 2); NaN in all of them where there are none."""
+
+STEP = 4  # nodes from one exact value to the next
+TAPS = 6  # exact values that are interpolated between, in each direction
+OFF_MIDDLE = np.array([2, 1]) / STEP  # of a cell: where two errors cancel, in the next cell they do not
+AROUND = [(dx, dy) for dx in (-1, 0, 1) for dy in (-1, 0, 1) if dx or dy]
+AHEAD = (4, -6, 4, -1)  # of the nodes in a line, the next one of which a cubic through them comes to
+BEYOND = 4  # nodes past the end, so that cubic interpolation reaches it
+
+
+def lattice_of(exact: Exact, side: Array) -> Array:
+    """Values (n, n, m) at ``(side[column], side[row])``, each right to the rounding of float32.
+
+    Every fourth node is exact, and Lagrange's polynomials of six of them lie between: where all of these are known, and
+    where a further exact value in the cell or in those about it agrees. All others are exact too.
+
+    Parameters
+    ----------
+    exact
+        What is wanted. Cells of STEP nodes are looked into where it is known next to them.
+    side : (n,)
+        Evenly spaced; n - 1 is a multiple of STEP.
+
+    Examples
+    --------
+    >>> asked = []
+    >>> def waves(at):
+    ...     asked.append(len(at))
+    ...     return np.where(np.hypot(*at.T) < 1, np.sin(at.sum(axis=1)), np.nan)[:, None]
+    >>> found = lattice_of(waves, np.linspace(-1.1, 1.1, 257))
+    >>> found.shape, bool(abs(found[100, 130, 0] - np.sin((230 - 256) * 2.2 / 256)) < 1e-8)
+    ((257, 257, 1), True)
+    >>> sum(asked) < 257**2 / 3
+    True
+    """
+    coarse = _at(exact, side[::STEP], side[::STEP])
+    known: Mask = np.asarray(np.isfinite(coarse).all(axis=2))
+    values, smooth = _interpolated(coarse, known, side, exact)
+    reached = _windows(np.logical_or, np.pad(known, 1), 4)
+    mine = _nodes_of(reached & ~smooth)
+    mine[::STEP, ::STEP] = False
+    values[~_nodes_of(smooth)] = np.nan
+    values[::STEP, ::STEP] = coarse
+    row, column = np.nonzero(mine)
+    values[row, column] = exact(np.stack([side[column], side[row]], axis=-1))
+    return values
+
+
+def _interpolated(coarse: Array, known: Mask, side: Array, exact: Exact) -> tuple[Array, Mask]:
+    """Values (n, n, m) between exact ones, and the cells (k, k) in which they hold."""
+    cells = len(coarse) - 1
+    weights = _weights(len(side), cells)
+    filled = np.where(known[..., None], coarse, 0.0)
+    values = np.einsum("ik,klm->ilm", weights, filled, optimize=True)
+    values = np.einsum("jl,ilm->ijm", weights, values, optimize=True)
+    first = np.clip(np.arange(cells) - TAPS // 2 + 1, 0, cells + 1 - TAPS)
+    smooth: Mask = _windows(np.logical_and, known, TAPS)[np.ix_(first, first)]
+
+    row, column = np.nonzero(smooth)
+    swapped = (row + column) % 2 == 1
+    right, down = (np.where(swapped, a, b) for a, b in (OFF_MIDDLE, OFF_MIDDLE[::-1]))
+    at_row, at_column = (STEP * (row + down)).astype(int), (STEP * (column + right)).astype(int)
+    true = exact(np.stack([side[at_column], side[at_row]], axis=-1))
+    rounding = np.spacing(np.nanmax(np.abs(filled), axis=(0, 1)).astype(np.float32))
+    rough = np.zeros_like(smooth)
+    rough[row, column] = ~(np.abs(values[at_row, at_column] - true) <= rounding).all(axis=1)
+    smooth &= ~_windows(np.logical_or, np.pad(rough, 1), 3)
+    return values, smooth
+
+
+def _weights(nodes: int, cells: int) -> Array:
+    """Of the exact values (cells + 1) in each of the nodes (nodes, cells + 1), along one direction."""
+    at = np.arange(nodes) / STEP
+    first = np.clip(np.floor(at).astype(int) - TAPS // 2 + 1, 0, cells + 1 - TAPS)
+    weights = np.zeros((nodes, cells + 1))
+    for k in range(TAPS):
+        others = [j for j in range(TAPS) if j != k]
+        weights[np.arange(nodes), first + k] = np.prod([(at - first - j) / (k - j) for j in others], axis=0)
+    return weights
+
+
+def _at(exact: Exact, x: Array, y: Array) -> Array:
+    """Values (len(y), len(x), m) over all pairs."""
+    found = exact(np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))
+    return found.reshape(len(y), len(x), -1)
+
+
+def _nodes_of(cells: Mask) -> Mask:
+    """The nodes (n, n) in and around cells (k, k)."""
+    count = STEP * len(cells) + 1
+    nodes = np.zeros((count, count), np.bool_)
+    wide = cells.repeat(STEP, axis=0).repeat(STEP, axis=1)
+    for dx in (0, 1):
+        for dy in (0, 1):
+            nodes[dy : count - 1 + dy, dx : count - 1 + dx] |= wide
+    return nodes
+
+
+def _windows(combine: np.ufunc, values: Mask, side: int) -> Mask:
+    """Every ``side`` x ``side`` values combined to one."""
+    for _ in range(2):
+        values = combine.reduce([values[i : len(values) - side + 1 + i] for i in range(side)]).T
+    return values
+
+
+def continued(values: Array) -> Array:
+    """A lattice (n, n, m) with some more nodes around where it is known, as its third differences go on."""
+    rim = len(AHEAD)
+    values = np.pad(values, ((rim, rim), (rim, rim), (0, 0)), constant_values=np.nan)
+    known = np.logical_and.reduce([np.isfinite(channel) for channel in np.moveaxis(values, -1, 0)])
+    for _ in range(BEYOND):
+        beside = np.logical_or.reduce([np.roll(known, (-dy, -dx), (0, 1)) for dx, dy in AROUND])
+        row, column = np.nonzero(beside[rim:-rim, rim:-rim] & ~known[rim:-rim, rim:-rim])
+        values[row + rim, column + rim] = found = _next(values, row + rim, column + rim)
+        known[row + rim, column + rim] = np.isfinite(found).all(axis=1)
+    return values[rim:-rim, rim:-rim]
+
+
+def _next(values: Array, row: NDArray[np.intp], column: NDArray[np.intp]) -> Array:
+    """Values (k, m) of nodes: those that they have, or the mean of what the lines of nodes around them come to."""
+    guesses = np.stack([
+        sum(a * values[row + k * dy, column + k * dx] for k, a in enumerate(AHEAD, 1)) for dx, dy in AROUND
+    ])  # fmt: skip
+    told = np.isfinite(guesses)
+    mean = np.where(told, guesses, 0.0).sum(axis=0) / np.maximum(told.sum(axis=0), 1)
+    old = values[row, column]
+    return np.where(np.isnan(old), np.where(told.any(axis=0), mean, np.nan), old)

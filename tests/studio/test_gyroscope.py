@@ -1,0 +1,111 @@
+"""The view turns as a telephone is turned: told by events as a telephone would send them."""
+
+from __future__ import annotations
+
+import pytest
+
+from .browser import drop, open_page
+from .test_stage import folder  # noqa: F401
+
+PAN_TILT = "[window.omnimirror.store.state.pan, window.omnimirror.store.state.tilt]"
+TELL = "(how) => dispatchEvent(new DeviceOrientationEvent('deviceorientation', how))"
+PRESS = f"""async (how) => {{
+  document.querySelector("#gyroscope").click();
+  await new Promise((done) => setTimeout(done));
+  ({TELL})(how);
+}}"""
+ASKED = """
+window.asked = 0;
+window.answer = 'granted';
+DeviceOrientationEvent.requestPermission = () => { window.asked++; return Promise.resolve(window.answer); };
+"""
+NAME = "Turn the phone"
+
+
+def turned(page, alpha: float, beta: float, gamma: float) -> list[float]:
+    """Pan and tilt after a phone has told how it stands."""
+    page.evaluate(TELL, {"alpha": alpha, "beta": beta, "gamma": gamma})
+    return page.evaluate(PAN_TILT)
+
+
+def pressed(page, alpha: float, beta: float, gamma: float) -> None:
+    """Press the button, on a phone that stands so: it is waited for its first word for a moment only."""
+    page.evaluate(PRESS, {"alpha": alpha, "beta": beta, "gamma": gamma})
+    assert page.get_by_role("button", name=NAME).get_attribute("aria-pressed") == "true"
+
+
+@pytest.fixture
+def phone(browser, server, folder):  # noqa: F811
+    pages = []
+
+    def opened(prepare: str = ASKED):
+        page = open_page(browser, f"{server}#sensor=ball:280&mode=perspective&pan=30", 390, 760, has_touch=True)
+        page.add_init_script(prepare)
+        page.reload()
+        page.wait_for_function("window.omnimirror?.look.sensor.camera")
+        drop(page, folder / "picture.png")
+        pages.append(page)
+        return page
+
+    yield opened
+    for page in pages:
+        assert page.problems == []
+        page.context.close()
+
+
+def test_the_view_turns_with_the_phone_until_it_is_pressed_again(phone):
+    page = phone()
+    button = page.get_by_role("button", name=NAME)
+    assert turned(page, 0, 100, 0) == [30, 0]  # not before it is asked
+    pressed(page, 350, 90, 0)
+    assert page.evaluate(PAN_TILT) == pytest.approx([30, 0])  # where it begins is where one looks
+    assert turned(page, 330, 110, 0) == pytest.approx([50, 20])  # 20 deg to the right, and up
+    assert turned(page, 10, 60, 0) == pytest.approx([10, -30])  # over north
+    page.evaluate("window.omnimirror.store.set({ pan: 100 })")  # dragged meanwhile
+    assert turned(page, 20, 90, 0) == pytest.approx([90, 0])
+    assert turned(page, 200, 0.01, 0)[0] == pytest.approx(90)  # laid down
+    assert turned(page, 200, 90, 0) == pytest.approx([90, 0])
+    button.click()
+    assert turned(page, 100, 120, 0) == pytest.approx([90, 0])
+
+
+def test_safari_is_asked_and_may_refuse(phone):
+    page = phone(f"{ASKED} window.answer = 'denied';")
+    button = page.get_by_role("button", name=NAME)
+    button.click()
+    page.get_by_text("Motion was refused.").wait_for()
+    assert button.get_attribute("aria-pressed") == "false"
+    page.evaluate("window.answer = 'granted'")
+    pressed(page, 0, 120, 0)
+    assert page.evaluate("window.asked") == 2
+    assert page.evaluate(PAN_TILT) == pytest.approx([30, 30])
+
+
+@pytest.mark.parametrize(
+    ("prepare", "reason"),
+    [
+        ("delete window.DeviceOrientationEvent;", "This device does not tell how it is turned."),
+        ("Object.defineProperty(window, 'isSecureContext', { value: false });", "or over https, only."),
+    ],
+)
+def test_it_says_why_it_cannot(prepare, reason, phone):
+    page = phone(prepare)
+    button = page.get_by_role("button", name=NAME)
+    assert button.get_attribute("aria-disabled") == "true"
+    assert reason in button.get_attribute("title")
+    button.click(force=True)
+    page.locator("#said.shown").filter(has_text=reason).wait_for()
+    assert button.get_attribute("aria-pressed") == "false"
+
+
+def test_a_device_that_tells_nothing_is_given_up(phone):
+    page = phone()
+    page.get_by_role("button", name=NAME).click()
+    page.wait_for_selector("#gyroscope[aria-disabled=true]")
+    assert page.evaluate(PAN_TILT) == [30, 0]
+
+
+def test_without_fingers_it_is_not_offered(browser, server):
+    page = open_page(browser, server)
+    assert page.get_by_role("button", name=NAME).is_hidden()
+    page.context.close()

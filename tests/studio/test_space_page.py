@@ -1,0 +1,235 @@
+"""The 3-D view of the bench: fetched when it is opened, what is drawn, what is read, by mouse, fingers and keys."""
+
+from __future__ import annotations
+
+import base64
+import re
+
+import numpy as np
+import pytest
+
+import omnimirror as om
+
+from .browser import BASE64, PATIENCE_MS
+from .test_bench_page import PAGE, WITHOUT_PICTURES, drawn, enter, settled
+from .test_page import AXE
+
+VIEW = "window.omnimirror.tabs.bench.desk.space.view"
+PIXELS = f"""() => {{
+  const {{ canvas }} = {VIEW};
+  {VIEW}.draw();
+  const copy = new OffscreenCanvas(canvas.width, canvas.height).getContext("2d");
+  copy.drawImage(canvas, 0, 0);
+  const {{ data }} = copy.getImageData(0, 0, canvas.width, canvas.height);
+  return {{ size: [canvas.width, canvas.height], values: ({BASE64})(data) }};
+}}"""
+ORBIT = f"JSON.stringify({VIEW}.orbit)"
+MOST_IN_ALL = 300_000  # bytes, compressed, without the 3-D view
+
+
+@pytest.fixture
+def bench(browser, server):
+    context = browser.new_context(viewport={"width": 1280, "height": 900}, bypass_csp=True, has_touch=True)
+    context.add_init_script(WITHOUT_PICTURES)
+    page = context.new_page()
+    page.set_default_timeout(PATIENCE_MS)
+    page.problems, page.fetched = [], []
+    page.on("pageerror", lambda e: page.problems.append(str(e)))
+    page.on("request", lambda r: page.fetched.append(r.url))
+    page.goto(f"{server}#tab=design")
+    drawn(page)
+    yield page
+    context.close()
+    assert page.problems == []
+
+
+def opened(page) -> None:
+    page.locator(".groups label").filter(has_text="In space").click()
+    page.wait_for_function(f"{VIEW}?.frames > 0 && {VIEW}.rays.length > 0")
+    settled(page)
+
+
+def pixels(page) -> np.ndarray:
+    found = page.evaluate(PIXELS)
+    width, height = found["size"]
+    return np.frombuffer(base64.b64decode(found["values"]), np.uint8).reshape(height, width, 4)[..., :3].astype(int)
+
+
+def place_on(page, node: str) -> tuple[float, float]:
+    """Where a place of a ray lies on the screen, px from the view's corner; `node` is what leads to it."""
+    return page.evaluate(
+        f"""() => {{
+          const view = {VIEW}, place = {node}, o = view.orbit;
+          const level = Math.cos(o.above);
+          const back = [level * Math.cos(o.around), level * Math.sin(o.around), Math.sin(o.above)];
+          const right = [-Math.sin(o.around), Math.cos(o.around), 0];
+          const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+          const up = [-back[2] * right[1], back[2] * right[0], back[0] * right[1] - back[1] * right[0]];
+          const from = place.map((c, i) => c - o.target[i]);
+          const {{ clientWidth: w, clientHeight: h }} = view.canvas;
+          const zoom = h / 2 / Math.tan((17 * Math.PI) / 180) / (o.distance - dot(from, back));
+          return [w / 2 + zoom * dot(from, right), h / 2 - zoom * dot(from, up)];
+        }}"""
+    )  # fmt: skip
+
+
+def test_it_is_fetched_when_it_is_opened_and_kept_open(bench):
+    assert not any("space" in url for url in bench.fetched)
+    opened(bench)
+    assert sum(url.endswith("/space.js") for url in bench.fetched) == 1
+    bench.locator('.space canvas[aria-label*="mirror, body, lens"][aria-label*="from 0° to 135.0°"]').wait_for()
+    bench.reload()
+    drawn(bench)
+    bench.wait_for_function(f"{VIEW}?.frames > 0 && {VIEW}.rays.length > 0")
+    bench.locator(".groups label").filter(has_text="In space").click()
+    assert bench.locator(".space").is_hidden()
+
+
+def test_parts_rays_and_ground_have_their_colours(bench):
+    bench.emulate_media(color_scheme="light")
+    opened(bench)
+    light = pixels(bench)
+    np.testing.assert_array_equal(light[2, 2], [255, 255, 255])
+    x, y = place_on(bench, f"{VIEW}.rays[0].nodes[1].map((c, i) => c + (i === 2 ? 9 : 0))")  # over the vertex
+    mirror = light[round(y), round(x)]
+    assert np.ptp(mirror) < 40  # grey
+    assert mirror.max() < 240
+    green = (light[..., 1] > light[..., 0] + 40) & (light[..., 1] > light[..., 2])
+    assert green.sum() > 1000  # rays
+    bench.emulate_media(color_scheme="dark")
+    bench.wait_for_function(
+        "getComputedStyle(document.documentElement).getPropertyValue('--panel').includes('#1c1f20')"
+    )
+    np.testing.assert_array_equal(pixels(bench)[2, 2], [0x1C, 0x1F, 0x20])
+
+
+def test_a_ray_is_clicked_and_read_in_all_plots(bench):
+    opened(bench)
+    index = bench.evaluate(f"{VIEW}.rays.findIndex((r) => Math.abs(r.omega - 75) < 1e-3)")
+    x, y = place_on(
+        bench, f"{VIEW}.rays[{index}].nodes[1].map((c, i) => c + 0.012 * ({VIEW}.rays[{index}].nodes[2][i] - c))"
+    )
+    bench.locator(".space canvas").click(position={"x": x, "y": y})
+    words = bench.locator(".space output").inner_text()
+    sensor = om.load_sensor("paper-spherical")
+    e = om.evaluate(sensor, [75.0])
+    assert words.startswith("Field angle 75.0°")
+    found = re.search(r"x (\S+), y (\S+), z (\S+) mm · angle of incidence (\S+)° · pixel (\S+), (\S+)", words)
+    mx, my, mz, incidence, u, v = (float(text.replace("−", "-")) for text in found.groups())
+    assert np.hypot(mx, my) == pytest.approx(e.x_mm[0], abs=0.01)
+    assert mz == pytest.approx(e.z_mm[0], abs=0.01)
+    assert incidence == pytest.approx((75 + e.theta_deg[0]) / 2, abs=0.01)  # about the normal, halfway
+    assert np.hypot(u - 511.5, v - 511.5) == pytest.approx(e.h_px[0], abs=0.1)
+    assert bench.evaluate("window.omnimirror.tabs.bench.desk.cursor.omega") == pytest.approx(75, abs=1e-3)
+    bench.locator(".space canvas").click(position={"x": 3, "y": 3})
+    assert bench.locator(".space output").inner_text().startswith("Click a ray")
+
+
+def test_it_follows_the_sliders_and_keeps_what_is_read(bench):
+    opened(bench)
+    bench.get_by_role("button", name="Ray ›").click()
+    bench.get_by_role("button", name="Ray ›").click()
+    before, orbit = bench.locator(".space output").inner_text(), bench.evaluate(ORBIT)
+    lens = bench.evaluate(f"{VIEW}.rays[0].nodes[0][2]")
+    enter(bench, "Distance", "200")
+    bench.wait_for_function(f"{VIEW}.rays[0].nodes[0][2] !== {lens}")
+    assert bench.evaluate(f"{VIEW}.rays[0].nodes[0][2]") == pytest.approx(-200)
+    assert bench.locator(".space output").inner_text() != before
+    assert bench.evaluate(ORBIT) == orbit
+    upright = bench.evaluate(f"{VIEW}.rays.length")
+    bench.get_by_label("Rays all round").check()
+    assert bench.evaluate(f"{VIEW}.rays.length") == 6 * upright
+    bench.get_by_label("Start from a bundled sensor").select_option("folded-hyperboloidal")
+    bench.wait_for_function(f"{VIEW}.rays[0].nodes.length === 4")  # by way of the second mirror
+    assert bench.evaluate(ORBIT) != orbit  # it is looked at anew
+
+
+def test_it_turns_moves_and_enlarges_by_mouse_fingers_and_keys(bench):
+    opened(bench)
+    canvas = bench.locator(".space canvas")
+    canvas.scroll_into_view_if_needed()
+    box = canvas.bounding_box()
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    orbit = lambda: bench.evaluate(f"{VIEW}.orbit")  # noqa: E731
+    first = orbit()
+
+    def drag(by: tuple[float, float]) -> None:
+        bench.mouse.move(x, y)
+        bench.mouse.down()
+        bench.mouse.move(x + by[0], y + by[1], steps=4)
+        bench.mouse.up()
+
+    drag((60, 30))
+    turned = orbit()
+    assert turned["around"] < first["around"]
+    assert turned["above"] > first["above"]
+    assert turned["target"] == first["target"]
+    bench.keyboard.down("Shift")
+    drag((50, 0))
+    bench.keyboard.up("Shift")
+    moved = orbit()
+    assert moved["target"] != first["target"]
+    assert moved["around"] == turned["around"]
+    canvas.focus()
+    bench.mouse.move(x, y)
+    bench.mouse.wheel(0, -300)
+    bench.wait_for_function(f"{VIEW}.orbit.distance < {moved['distance']}")
+    bench.keyboard.press("Home")
+    fitted = orbit()["distance"]
+    for key, changes in (
+        ("ArrowLeft", "around"),
+        ("ArrowUp", "above"),
+        ("+", "distance"),
+        ("Shift+ArrowRight", "target"),
+    ):
+        before = orbit()
+        bench.keyboard.press(key)
+        assert orbit()[changes] != before[changes], key
+    bench.keyboard.press("PageDown")
+    assert bench.locator(".space output").inner_text().startswith("Field angle")
+    bench.keyboard.press("Home")
+    assert orbit()["distance"] == pytest.approx(fitted)
+    touch = """([dx, distance]) => {
+      const canvas = document.querySelector(".space canvas"), box = canvas.getBoundingClientRect();
+      const send = (type, id, x) => canvas.dispatchEvent(new PointerEvent(type, { pointerId: id, pointerType: "touch",
+        clientX: box.left + x, clientY: box.top + 100, buttons: 1 }));
+      canvas.setPointerCapture = () => {};
+      send("pointerdown", 1, 100); send("pointerdown", 2, 200);
+      send("pointermove", 2, 300); send("pointerup", 1, 100); send("pointerup", 2, 300);
+    }"""
+    bench.evaluate(touch, [0, 0])
+    assert orbit()["distance"] == pytest.approx(fitted / 2)
+
+
+@pytest.mark.parametrize(("width", "scheme"), [(1280, "light"), (360, "dark")])
+def test_axe_finds_nothing_serious_in_space(width, scheme, bench):
+    if not AXE.exists():
+        pytest.skip("axe-core is not here: `npm ci` in web/, or `make node`, fetches it")
+    bench.set_viewport_size({"width": width, "height": 800})
+    bench.emulate_media(color_scheme=scheme)
+    opened(bench)
+    bench.get_by_role("button", name="Ray ›").click()
+    bench.add_script_tag(path=AXE)
+    found = bench.evaluate(
+        "axe.run('.space', { rules: { 'target-size': { enabled: true } } }).then((r) => r.violations)"
+    )
+    assert [v["id"] for v in found if v["impact"] in ("serious", "critical")] == []
+    assert bench.evaluate("document.scrollingElement.scrollWidth") <= width
+
+
+def test_a_browser_without_webgl2_is_told_so(browser, server):
+    context = browser.new_context(bypass_csp=True)
+    context.add_init_script(WITHOUT_PICTURES + "HTMLCanvasElement.prototype.getContext = () => null;")
+    page = context.new_page()
+    page.goto(f"{server}#tab=design")
+    drawn(page)
+    page.locator(".groups label").filter(has_text="In space").click()
+    page.get_by_text("The 3-D view needs WebGL2, which this browser does not offer.").wait_for()
+    context.close()
+
+
+def test_the_page_is_light_without_it():
+    import gzip
+
+    parts = [path for path in PAGE.iterdir() if path.name != "space.js"]
+    assert sum(len(gzip.compress(path.read_bytes(), 9)) for path in parts) < MOST_IN_ALL

@@ -1,0 +1,105 @@
+"""What calls cost, counted: evaluations, mirrors, bytes. Times differ from machine to machine; these do not."""
+
+from __future__ import annotations
+
+import tracemalloc
+from collections import Counter
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.analysis.meridional.focus_merits import FocusFunction
+from omnimirror.batch.bases import family
+from omnimirror.batch.evaluate import Designs, evaluate_designs
+from omnimirror.design.construct.built import LensAndCover
+from omnimirror.design.construct.rim import RimRay
+from omnimirror.housing import Dome, Housing
+from omnimirror.lenses import Perspective
+from omnimirror.mirrors import TabulatedMapping
+from omnimirror.mirrors.base import Mirror
+from omnimirror.native import backend
+from omnimirror.tracing.meridian import Meridian
+
+
+@pytest.fixture
+def counted(monkeypatch):
+    """Counts calls of methods, by their names."""
+    counts: Counter[str] = Counter()
+
+    def count(owner: type, name: str) -> None:
+        method = getattr(owner, name)
+
+        def once_more(*args, **options):
+            counts[name] += 1
+            return method(*args, **options)
+
+        monkeypatch.setattr(owner, name, once_more)
+
+    counts.calls_of = count
+    return counts
+
+
+@contextmanager
+def most_bytes(allowed: float):
+    """Fails where more than so many bytes are held at once, beyond those before."""
+    tracemalloc.start()
+    try:
+        yield
+        held = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert held <= allowed, f"{held:,} bytes at once, {allowed:,.0f} are enough"
+
+
+@pytest.mark.parametrize("name", ["paper-spherical", "paper-hyperboloidal", "paper-equidistant"])
+def test_a_best_focus_traces_its_rays_twice_and_looks_at_few_focuses(counted, name):
+    """Once to find the mirror points, from where one step of Newton's rule is enough, and once there."""
+    sensor = om.load_sensor(name)
+    om.best_focus(sensor)  # tables are kept
+    counted.calls_of(Meridian, "_rays")
+    counted.calls_of(FocusFunction, "__call__")
+    om.best_focus(sensor)
+    assert counted["_rays"] <= 2
+    assert counted["__call__"] <= 25  # the scan is one
+
+
+@pytest.mark.skipif(not backend.is_compiled, reason="not built")
+def test_designs_by_the_thousand_hold_their_columns_and_hardly_more():
+    c = [0.6409, 0.155, -0.01] * np.ones((2000, 1))
+    designs = Designs(family("even-polynomial", 3), c, 172.0, 43.9, 11.6, 4.0, 5.2)
+    evaluate_designs(designs, native=True)
+    with most_bytes(1.05 * 10 * 2000 * 100 * 8):
+        evaluate_designs(designs, native=True)
+
+
+def test_a_dewarper_that_is_given_its_picture_holds_no_other():
+    sensor = om.load_sensor("paper-spherical")
+    dewarp = om.Dewarper(sensor, om.screens.Plane((640, 480), tilt_deg=-20))
+    picture = np.zeros((1024, 1024, 3), np.uint8)
+    out = dewarp(picture)
+    with most_bytes(out.nbytes / 4):
+        dewarp(picture, out=out)
+
+
+def test_what_lies_in_the_field_is_found_without_a_map_of_all_pixels():
+    sensor = om.load_sensor("paper-spherical")
+    dewarp = om.Dewarper(sensor, om.screens.Plane((1280, 960), tilt_deg=40.0, hfov_deg=100.0))
+    inside = np.isfinite(dewarp.coordinates()[..., 0])
+    dewarp(np.zeros((1024, 1024), np.uint8))  # what it prepares for pictures
+    with most_bytes(1024 * 1024 + 1.1 * inside.nbytes):
+        found = dewarp.valid
+    np.testing.assert_array_equal(found, inside)
+    assert 0.3 < found.mean() < 0.9
+
+
+def test_a_mirror_behind_a_dome_is_looked_at_to_the_rim_only_once_it_is_found(counted):
+    """Of those on the way to it the surface is not checked: that took most of the time."""
+    rim = RimRay(120.0, 12.0, 30.0)
+    exact = TabulatedMapping.from_function(lambda omega: omega, 120.0, 12.0, 30.0)
+    around = LensAndCover(Perspective(1.0, 1.0, 10.0), Housing(shell=Dome(material="acrylic")))
+    counted.calls_of(Mirror, "_check")
+    found = around.made_for_mapping(exact, rim).mirror
+    assert found is not exact
+    assert counted["_check"] == 1

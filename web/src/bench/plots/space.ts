@@ -1,0 +1,43 @@
+import { h } from "../../shared/dom";
+import { unfetched } from "../../shared/texts";
+import type { begin } from "../../space/begin";
+import type { SpaceView } from "../../space/view";
+import type { Drawn } from "./charts";
+import type { Cursor } from "./cursor";
+
+const SCRIPT = import.meta.env.DEV ? "/src/space/begin.ts" : "./space.js";
+const WITHOUT = "The 3-D view needs WebGL2, which this browser does not offer.";
+
+/** The design in hand in space: a script of its own, which is fetched when it is wanted first. */
+export class SpacePlot {
+  readonly element: HTMLElement;
+  view: SpaceView | null = null;
+  private readonly place = h("div", { className: "space" });
+  private isFetching = false;
+  private first: Drawn | null = null;
+
+  constructor(private readonly cursor: Cursor) {
+    this.element = h("figure", { className: "plot wide" }, h("figcaption", {}, h("span", {}, "In space"), h("span", { className: "quiet" }, "chief rays every 15° of the field, in the room of the picture")), this.place);
+  }
+
+  show(drawn: Drawn[]): void {
+    this.first = drawn[0]?.found.block("rays") ? drawn[0] : null;
+    if (!this.view) void this.fetch();
+    else if (this.first) this.view.show(this.first.found);
+  }
+
+  describe(): void {
+    this.view?.describe();
+  }
+
+  private async fetch(): Promise<void> {
+    if (this.isFetching) return;
+    this.isFetching = true;
+    const made = await (import(/* @vite-ignore */ SCRIPT) as Promise<{ begin: typeof begin }>).catch(() => null);
+    this.view = made?.begin({ place: this.place, read: (omega) => this.cursor.set(omega, this) }) ?? null;
+    if (!this.view) this.place.replaceChildren(h("p", { className: "quiet", role: "status" }, made ? WITHOUT : unfetched("The 3-D view")));
+    else if (this.first) this.view.show(this.first.found);
+    this.view?.describe();
+    this.isFetching = made !== null && !this.view; // what the browser lacks it will not have later
+  }
+}

@@ -1,0 +1,68 @@
+import { allow, byId } from "../../shared/dom";
+import { say } from "../../shared/notices";
+import { wrapped } from "../../shared/numbers";
+import type { Store } from "../../shared/store";
+import { aimOf, type Orientation } from "../geometry/turning";
+
+const WAIT_MS = 1500; // for the first word of a device that can tell
+const STEEP_DEG = 80; // from which it does not turn sideways: a device that lies flat has no direction there
+const NOT_TOLD = "This device does not tell how it is turned.";
+const REFUSED = "Motion was refused. Allow it for this page in the browser's settings, and try again.";
+const NOT_SAFE = "Browsers tell how a device is turned to pages of this machine, or over https, only.";
+
+/** Safari asks, and only if somebody pressed something. */
+type Asking = { requestPermission?: () => Promise<"granted" | "denied"> };
+
+/** The view turns as the phone in the hand is turned. */
+export class GyroscopePanel {
+  private readonly button = byId<HTMLButtonElement>("gyroscope");
+  private last: number | null = null;
+  private waiting = 0;
+  private readonly told = (e: DeviceOrientationEvent): void => this.follow(e);
+
+  constructor(private readonly store: Store) {
+    this.button.hidden = !matchMedia("(any-pointer: coarse)").matches;
+    this.button.addEventListener("click", () => void (this.isOn ? this.stop() : this.start()));
+    if (!isSecureContext) allow(this.button, NOT_SAFE);
+    else allow(this.button, "DeviceOrientationEvent" in window ? null : NOT_TOLD);
+  }
+
+  private get isOn(): boolean {
+    return this.button.getAttribute("aria-pressed") === "true";
+  }
+
+  private async start(): Promise<void> {
+    if (this.button.getAttribute("aria-disabled") === "true") return say(this.button.title);
+    const { requestPermission } = DeviceOrientationEvent as unknown as Asking;
+    const answer = requestPermission ? await requestPermission.call(DeviceOrientationEvent).catch(() => "denied") : "granted";
+    if (answer !== "granted") return say(REFUSED);
+    this.button.setAttribute("aria-pressed", "true");
+    this.last = null;
+    addEventListener("deviceorientation", this.told);
+    this.waiting = window.setTimeout(() => this.give(), WAIT_MS);
+  }
+
+  private stop(): void {
+    clearTimeout(this.waiting);
+    removeEventListener("deviceorientation", this.told);
+    this.button.setAttribute("aria-pressed", "false");
+  }
+
+  /** Nothing was told: it is no device that is turned. */
+  private give(): void {
+    this.stop();
+    allow(this.button, NOT_TOLD);
+    say(NOT_TOLD);
+  }
+
+  /** Sideways as far as it was turned, so that one may drag too; up and down as it stands. */
+  private follow({ alpha, beta, gamma }: DeviceOrientationEvent): void {
+    if (alpha === null || beta === null || gamma === null) return;
+    clearTimeout(this.waiting);
+    const { heading, tilt } = aimOf({ alpha, beta, gamma } satisfies Orientation);
+    const isSteep = Math.abs(tilt) > STEEP_DEG;
+    const turned = this.last === null || isSteep ? 0 : wrapped(heading - this.last);
+    this.last = isSteep ? null : heading;
+    this.store.set({ pan: this.store.state.pan + turned, tilt });
+  }
+}

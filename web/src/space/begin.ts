@@ -1,0 +1,12 @@
+import type { Host } from "./host";
+import sheet from "./space.css?inline";
+import { SpaceView } from "./view";
+
+/** Make the 3-D view in its place; null where the browser has no WebGL2. */
+export function begin(host: Host): SpaceView | null {
+  const made = new CSSStyleSheet();
+  made.replaceSync(sheet);
+  document.adoptedStyleSheets = [...document.adoptedStyleSheets, made];
+  const gl = document.createElement("canvas").getContext("webgl2", { alpha: false, antialias: true });
+  return gl && new SpaceView(host, gl);
+}

@@ -1,0 +1,73 @@
+import { clamp } from "../shared/numbers";
+import { add, cross, dot, type Matrix, unit, type Vec3 } from "./vectors";
+
+const FIELD = (34 * Math.PI) / 180; // of the view, upright
+const STEEPEST = (89.5 * Math.PI) / 180;
+const [NEAREST, FARTHEST] = [1e-3, 1e7]; // mm
+const NEAR_SHARE = 0.02; // of the distance, before which nothing is drawn
+const BEYOND = 20_000; // mm behind what is looked at, to which all of a room is drawn
+const UP: Vec3 = [0, 0, 1];
+
+/** From where something is looked at, turning about it; up is up. */
+export interface Orbit {
+  target: Vec3;
+  distance: number;
+  /** Radians: around, from forward to the left, and above the horizon. */
+  around: number;
+  above: number;
+}
+
+/** How the screen lies in space. */
+interface Axes {
+  eye: Vec3;
+  right: Vec3;
+  up: Vec3;
+  forward: Vec3;
+}
+
+export function axesOf({ target, distance, around, above }: Orbit): Axes {
+  const back: Vec3 = [Math.cos(above) * Math.cos(around), Math.cos(above) * Math.sin(around), Math.sin(above)];
+  const forward = unit([-back[0], -back[1], -back[2]]);
+  const right = unit(cross(forward, UP));
+  return { eye: add(target, back, distance), right, up: cross(right, forward), forward };
+}
+
+/** Before this, mm, nothing is drawn. */
+export const nearOf = (orbit: Orbit): number => NEAR_SHARE * orbit.distance;
+
+/** From points in space to places on a screen of this aspect. */
+export function matrixOf(orbit: Orbit, aspect: number): Matrix {
+  const { eye, right, up, forward } = axesOf(orbit);
+  const zoom = 1 / Math.tan(FIELD / 2);
+  const [near, far] = [nearOf(orbit), orbit.distance + BEYOND];
+  const [a, b] = [(far + near) / (far - near), (-2 * far * near) / (far - near)];
+  const rows = [
+    scaled(right, zoom / aspect, eye),
+    scaled(up, zoom, eye),
+    [...forward.map((c) => a * c), b - a * dot(forward, eye)],
+    [...forward, -dot(forward, eye)],
+  ];
+  return Float32Array.from({ length: 16 }, (_, i) => rows[i % 4][Math.floor(i / 4)]);
+}
+
+const scaled = (axis: Vec3, by: number, eye: Vec3): number[] => [...axis.map((c) => by * c), -by * dot(axis, eye)];
+
+/** Turn about what is looked at, radians. */
+export const turned = (o: Orbit, around: number, above: number): Orbit => ({ ...o, around: o.around + around, above: clamp(o.above + above, -STEEPEST, STEEPEST) });
+
+export const nearer = (o: Orbit, times: number): Orbit => ({ ...o, distance: clamp(o.distance / times, NEAREST, FARTHEST) });
+
+/** Move what is looked at to the right and up, in heights of the screen. */
+export function moved(o: Orbit, right: number, up: number): Orbit {
+  const axes = axesOf(o);
+  const height = 2 * Math.tan(FIELD / 2) * o.distance;
+  return { ...o, target: add(add(o.target, axes.right, right * height), axes.up, up * height) };
+}
+
+/** Look at a box from where all of it is seen. */
+export function fitting(o: Orbit, low: Vec3, high: Vec3, aspect: number): Orbit {
+  const above = clamp(o.above, -STEEPEST, STEEPEST);
+  const target: Vec3 = [(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, (low[2] + high[2]) / 2];
+  const radius = Math.hypot(...add(high, low, -1)) / 2;
+  return { ...o, above, target, distance: radius / Math.sin(FIELD / 2) / Math.min(1, aspect) };
+}

@@ -1,0 +1,77 @@
+import { fixed, words } from "../shared/numbers";
+import type { Columns } from "./host";
+import { type Matrix, transformed, type Vec3 } from "./vectors";
+
+const NODES = ["lens", "second", "mirror", "wall", "end"] as const;
+const HALF_TURN = 180;
+
+/** A ray: the places that it goes by, and what is read of it. */
+export interface Ray {
+  /** Which of those that were answered. */
+  index: number;
+  nodes: Vec3[];
+  /** Which of the places is on the mirror. */
+  mirror: number;
+  omega: number;
+  isHidden: boolean;
+  /** Whether it runs in the upright plane that looks forward. */
+  isForward: boolean;
+  words: string;
+}
+
+export function raysOf(table: Columns): Ray[] {
+  const columns = NODES.map((node) => ["x", "y", "z"].map((axis) => table.column(`${node}_${axis}`)));
+  const at = (name: string, i: number): number => table.column(name)[i];
+  return Array.from({ length: table.rows }, (_, index): Ray => {
+    const all = columns.map((c): Vec3 => [c[0][index], c[1][index], c[2][index]]);
+    const met = all.map((p) => p.every(Number.isFinite));
+    const isHidden = at("is_hidden", index) > 0;
+    return {
+      index,
+      nodes: all.filter((_, i) => met[i]),
+      mirror: met.slice(0, NODES.indexOf("mirror")).filter(Boolean).length,
+      omega: at("omega_deg", index),
+      isHidden,
+      isForward: at("turn_deg", index) % HALF_TURN === 0,
+      words: `Field angle ${fixed(at("omega_deg", index), 1)}° · meets the mirror at ${["x", "y", "z"].map((axis) => `${axis} ${words(near0(at(`${axis}_mm`, index)), 4)}`).join(", ")} mm · angle of incidence ${fixed(at("incidence_deg", index), 2)}° · pixel ${fixed(at("u_px", index), 1)}, ${fixed(at("v_px", index), 1)}${isHidden ? " · hidden by the housing" : ""}`,
+    };
+  }).filter((ray) => Number.isFinite(ray.omega) && ray.nodes.length > 1);
+}
+
+const near0 = (mm: number): number => (Math.abs(mm) < 1e-6 ? 0 : mm);
+
+/** The ray that passes nearest to a place on the screen, px, if one does within some px. */
+export function nearest(rays: Ray[], matrix: Matrix, [width, height]: readonly [number, number], [x, y]: readonly [number, number], within: number): Ray | null {
+  let [best, found]: [number, Ray | null] = [within, null];
+  for (const ray of rays) {
+    const places = ray.nodes.map((node) => transformed(matrix, node));
+    for (let i = 0; i + 1 < places.length; i++) {
+      const ends = inFront(places[i], places[i + 1]);
+      if (!ends) continue;
+      const [a, b] = ends.map(([u, v, , w]) => [(u / w + 1) * (width / 2), (1 - v / w) * (height / 2)]);
+      const distance = apart([x, y], a, b);
+      if (distance < best) [best, found] = [distance, ray];
+    }
+  }
+  return found;
+}
+
+type Place = [number, number, number, number];
+
+/** The part of a line that lies before the eye. */
+function inFront(a: Place, b: Place): [Place, Place] | null {
+  const least = 1e-6 * (Math.abs(a[3]) + Math.abs(b[3]));
+  if (a[3] < least && b[3] < least) return null;
+  const cut = (from: Place, to: Place): Place => {
+    const t = (least - from[3]) / (to[3] - from[3]);
+    return from.map((c, i) => c + t * (to[i] - c)) as Place;
+  };
+  return [a[3] < least ? cut(a, b) : a, b[3] < least ? cut(b, a) : b];
+}
+
+/** How far a place is from a line between two others. */
+function apart([x, y]: readonly number[], [ax, ay]: number[], [bx, by]: number[]): number {
+  const [dx, dy] = [bx - ax, by - ay];
+  const t = Math.min(1, Math.max(0, ((x - ax) * dx + (y - ay) * dy) / (dx * dx + dy * dy || 1)));
+  return Math.hypot(x - ax - t * dx, y - ay - t * dy);
+}

@@ -1,0 +1,191 @@
+import { colour, h } from "../shared/dom";
+import { words } from "../shared/numbers";
+import { type Body, Drawing, type Ink, type Line } from "./drawing";
+import { Gestures } from "./gestures";
+import type { Answered, Host } from "./host";
+import { axesOf, fitting, matrixOf, nearOf, type Orbit } from "./orbit";
+import { nearest, type Ray, raysOf } from "./rays";
+import { boundsOf, edgesOf, frameOf, revolved } from "./shapes";
+import { add, type Vec3 } from "./vectors";
+
+/** What a part looks like: a colour of the page, how opaque it is, how it shines. */
+const LOOKS: Record<string, readonly [ink: string, alpha: number, shine: number]> = {
+  mirror: ["mirror", 1, 1],
+  "second mirror": ["mirror", 1, 1],
+  body: ["soft", 1, 0],
+  barrel: ["soft", 0.6, 0],
+  lens: ["accent", 0.35, 0],
+  tube: ["accent", 0.04, 0],
+  dome: ["accent", 0.04, 0],
+  window: ["accent", 0.04, 0],
+};
+const STANDING = ["soft", 0.4, 0] as const; // what holds or hides: camera, rod, lids, rims
+const [REACH, TOUCH_REACH] = [9, 18]; // px within which a ray is picked
+const [GROWN, AWAY] = [1.7, 0.3]; // a sensor that is so many times as large or small, or this share of it away, is looked at anew
+const FIRST: Orbit = { target: [0, 0, 0], distance: 400, around: -1.15, above: -0.14 };
+const [SIDE, ABOVE] = [{ around: -Math.PI / 2, above: 0 }, { around: -Math.PI / 2, above: Math.PI / 2 }];
+const ROOM_ABOVE = 0.32; // radians from which a room is seen at least
+const ROOM_SHARE = 0.62; // of the distance from which all of a room is seen: its near walls may be cut
+const KEYS = "Arrow keys turn it, with Shift they move it; plus and minus enlarge it; Page Up and Page Down read rays.";
+
+/** A sensor in space: its parts, its rays, and the room around it; drawn when something has changed. */
+export class SpaceView {
+  orbit = FIRST;
+  rays: Ray[] = [];
+  picked: Ray | null = null;
+  /** How often it was drawn, for whoever measures. */
+  frames = 0;
+  readonly canvas: HTMLCanvasElement;
+  private readonly drawing: Drawing;
+  private readonly readout = h("output", { className: "readout" });
+  private readonly around = h("input", { type: "checkbox", name: "Rays all round" });
+  private found: Answered | null = null;
+  private bounds: [Vec3, Vec3] = [[0, 0, 0], [0, 0, 0]];
+  private isDue = false;
+
+  constructor(private readonly host: Host, gl: WebGL2RenderingContext) {
+    this.canvas = gl.canvas as HTMLCanvasElement;
+    this.canvas.tabIndex = 0;
+    this.canvas.setAttribute("role", "img");
+    this.canvas.setAttribute("aria-label", `The sensor in space. ${KEYS}`);
+    this.drawing = new Drawing(gl);
+    const look = { orbit: () => this.orbit, look: (from: Orbit) => this.look(from), fit: () => this.fit() };
+    new Gestures(this.canvas, { ...look, pick: (x, y, isTouch) => this.pick(x, y, isTouch), step: (by) => this.step(by) });
+    this.around.addEventListener("change", () => this.show(this.found!));
+    const button = (text: string, title: string, act: () => void): HTMLElement => h("button", { type: "button", className: "small", title, onclick: act }, text);
+    const buttons = [
+      button("Sensor", "All of the sensor (Home)", () => this.fit()),
+      button("From the side", "Level with it", () => this.fit(SIDE)),
+      button("From above", "Straight down on it", () => this.fit(ABOVE)),
+      button("Room", "All of the room around it", () => this.fitRoom()),
+      h("label", { className: "check" }, this.around, " Rays all round"),
+      button("‹ Ray", "Read the ray before (Page Up)", () => this.step(-1)),
+      button("Ray ›", "Read the next ray (Page Down)", () => this.step(1)),
+    ];
+    host.place.replaceChildren(this.canvas, this.readout, h("div", { className: "row", role: "group", "aria-label": "How it is looked at" }, ...buttons));
+    new ResizeObserver(() => this.due()).observe(this.canvas);
+  }
+
+  /** Draw what was answered of a design. */
+  show(found: Answered): void {
+    const room = found.block("room");
+    const table = found.block("rays");
+    if (!room || !table) return;
+    this.found = found;
+    const bodies = bodiesOf(found);
+    this.drawing.setBodies(bodies);
+    this.measure(boundsOf(bodies.map((b) => b.mesh)));
+    this.rays = raysOf(table).filter((ray) => this.around.checked || ray.isForward);
+    if (this.picked) this.picked = this.rays.find((ray) => ray.index === this.picked!.index) ?? null;
+    this.drawLines();
+  }
+
+  /** Say what is seen to who does not see it. */
+  describe(): void {
+    if (!this.found) return;
+    const names = partsOf(this.found).map(({ name }) => name);
+    const [low, high] = this.bounds;
+    const angles = this.rays.map((ray) => ray.omega);
+    this.canvas.setAttribute("aria-label", `The sensor in space: ${names.join(", ")}, ${add(high, low, -1).map((mm) => words(mm, 3)).join(" by ")} mm, with ${this.rays.length} rays of field angles from ${words(Math.min(...angles), 3)}° to ${words(Math.max(...angles), 4)}°. ${KEYS}`);
+  }
+
+  look(from: Orbit): void {
+    this.orbit = from;
+    this.due();
+  }
+
+  /** Look at all of the sensor. */
+  fit(from: Partial<Orbit> = {}): void {
+    this.look(fitting({ ...this.orbit, ...from }, ...this.bounds, this.aspect()));
+  }
+
+  private fitRoom(): void {
+    const room = this.found?.block("room");
+    if (!room) return;
+    const corner = (end: string): Vec3 => [room.column(`x${end}`)[0], room.column(`y${end}`)[0], room.column(`z${end}`)[0]];
+    const orbit = { ...this.orbit, above: Math.max(ROOM_ABOVE, this.orbit.above) };
+    const whole = fitting(orbit, corner("0"), corner("1"), this.aspect());
+    this.look({ ...whole, distance: ROOM_SHARE * whole.distance });
+  }
+
+  /** Look at it anew if it is of quite another size. */
+  private measure(bounds: [Vec3, Vec3]): void {
+    const size = ([low, high]: [Vec3, Vec3]): number => Math.hypot(...add(high, low, -1));
+    const grown = size(bounds) / size(this.bounds);
+    const away = Math.hypot(...add(add(...bounds), add(...this.bounds), -1)) / 2;
+    const isAsBefore = grown < GROWN && grown > 1 / GROWN && away < AWAY * size(bounds);
+    this.bounds = bounds;
+    if (!isAsBefore) this.fit();
+  }
+
+  private pick(x: number, y: number, isTouch: boolean): void {
+    const { clientWidth, clientHeight } = this.canvas;
+    this.read(nearest(this.rays, matrixOf(this.orbit, this.aspect()), [clientWidth, clientHeight], [x, y], isTouch ? TOUCH_REACH : REACH));
+  }
+
+  private step(by: number): void {
+    const now = this.picked ? this.rays.indexOf(this.picked) + by : by > 0 ? 0 : -1;
+    this.read(this.rays.at(now % this.rays.length) ?? null);
+  }
+
+  private read(ray: Ray | null): void {
+    this.picked = ray;
+    this.drawLines();
+    this.host.read(ray?.omega ?? null);
+  }
+
+  private drawLines(): void {
+    this.readout.textContent = this.picked?.words ?? "Click a ray to read it; drag to turn, with Shift to move.";
+    const [hidden, ray, ink, soft] = ["bad", "accent", "ink", "soft"].map((name) => inkOf(name));
+    const of = (each: Ray): Line[] => {
+      const isPicked = each === this.picked;
+      const look = { ink: isPicked ? ink : faded(each.isHidden ? hidden : ray, 0.75), width: isPicked ? 2.6 : 1.3 };
+      return each.nodes.slice(1).map((to, i) => ({ from: each.nodes[i], to, ...look }));
+    };
+    const boxes = edgesOf(this.found!.block("room")!).flatMap((edges, i) => edges.map(([from, to]): Line => ({ from, to, ink: faded(soft, i ? 0.4 : 0.8), width: 1 })));
+    const met = this.picked?.nodes[this.picked.mirror];
+    this.drawing.setLines([...boxes, ...this.rays.flatMap(of), ...(this.picked ? of(this.picked) : []), ...(met ? [{ from: met, to: met, ink, width: 8 }] : [])]);
+    this.due();
+  }
+
+  private aspect(): number {
+    return this.canvas.clientWidth / Math.max(1, this.canvas.clientHeight);
+  }
+
+  /** Draw with the next frame of the screen, once. */
+  private due(): void {
+    if (this.isDue) return;
+    this.isDue = true;
+    requestAnimationFrame(() => {
+      this.isDue = false;
+      this.draw();
+    });
+  }
+
+  draw(): void {
+    const { canvas, orbit } = this;
+    const dots = devicePixelRatio;
+    const [width, height] = [canvas.clientWidth, canvas.clientHeight].map((px) => Math.max(1, Math.round(px * dots)));
+    if (canvas.width !== width || canvas.height !== height) [canvas.width, canvas.height] = [width, height];
+    this.drawing.draw({ matrix: matrixOf(orbit, this.aspect()), eye: axesOf(orbit).eye, near: nearOf(orbit), ground: inkOf("panel"), dots });
+    this.frames++;
+  }
+}
+
+/** The parts of an answer: their names, and their profiles. */
+const partsOf = (found: Answered): { name: string; block: string }[] => found.blocks.filter((b) => b.name.startsWith("part ")).map(({ name }) => ({ name: name.slice(5), block: name }));
+
+const bodiesOf = (found: Answered): Body[] =>
+  partsOf(found).map(({ name, block }) => {
+    const [ink, alpha, shine] = LOOKS[name] ?? STANDING;
+    return { mesh: revolved(found.block(block)!, frameOf(found.block(`frame ${name}`)!)), ink: faded(inkOf(ink), alpha), shine };
+  });
+
+const faded = ([r, g, b]: Ink, alpha: number): Ink => [r, g, b, alpha];
+
+/** A colour of the page, #rrggbb or #rgb. */
+function inkOf(name: string): Ink {
+  const digits = colour(name).slice(1);
+  const value = Number.parseInt(digits.length === 3 ? digits.replace(/./g, "$&$&") : digits, 16);
+  return [((value >> 16) & 255) / 255, ((value >> 8) & 255) / 255, (value & 255) / 255, 1];
+}
