@@ -29,8 +29,9 @@ from circumstances import circumstances
 import omnimirror as om
 from omnimirror.files import write_text
 from omnimirror.mirrors.pose import MirrorPose
-from omnimirror.simulate import Environment, expose
 from omnimirror.simulate.colour import srgb_from_linear
+from omnimirror.simulate.rendering.exposure import expose
+from omnimirror.simulate.scenes.environment import Environment
 
 PIXELS, RAYS = 1000, 64
 SENSORS = {"sphere": "paper-spherical", "asphere": "paper-equidistant"}

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 import omnimirror as om
 from omnimirror.frames import pan_tilt_direction
 from omnimirror.media import read_image
-from omnimirror.simulate import pinhole_picture
+from omnimirror.simulate.rendering.picture import pinhole_picture
 
 Picture = NDArray[np.uint8]
 Floats = NDArray[np.float64]

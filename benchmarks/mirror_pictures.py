@@ -23,7 +23,7 @@ import omnimirror as om
 from omnimirror.housing import CameraBody, Housing, Rod
 from omnimirror.imagers import Imager
 from omnimirror.mirrors.pose import MirrorPose
-from omnimirror.simulate import Radiometry
+from omnimirror.simulate.radiometry import Radiometry
 
 SIZES = ((640, 480), (640, 640), (960, 720), (1280, 720), (1024, 1024), (1280, 960))
 STANDING = (

@@ -36,7 +36,9 @@ from omnimirror.files import write_text
 from omnimirror.native import backend
 from omnimirror.simulate.colour import linear_from_srgb, srgb_from_linear
 from omnimirror.simulate.restoration.sharpening import Restorer
-from omnimirror.simulate.scenes import Hall, Scene, Street
+from omnimirror.simulate.scenes.contract import Scene
+from omnimirror.simulate.scenes.worlds.hall import Hall
+from omnimirror.simulate.scenes.worlds.street import Street
 
 NOISE = 0.01
 SENSORS = ("paper-spherical", "paper-equidistant", "paper-hyperboloidal")

@@ -24,11 +24,12 @@ from circumstances import circumstances
 import omnimirror as om
 from omnimirror.files import write_text
 from omnimirror.native import backend
-from omnimirror.simulate import Radiometry, expose
-from omnimirror.simulate.rendering.exposure import REFLECTED, trace
+from omnimirror.simulate.radiometry import Radiometry
+from omnimirror.simulate.rendering.exposure import REFLECTED, expose, trace
 from omnimirror.simulate.rendering.samples import spread
-from omnimirror.simulate.scenes import Hall, Street
 from omnimirror.simulate.scenes.triangles import facets
+from omnimirror.simulate.scenes.worlds.hall import Hall
+from omnimirror.simulate.scenes.worlds.street import Street
 
 RINGS = (36, 143, 570)  # of balls of 5 000, 82 000 and 1.3 million triangles
 TRACED, PIXELS, RAYS = 512, 1000, 16

@@ -13,8 +13,10 @@ from omnimirror.housing import CameraBody, Dome, Housing, Rod, Tube
 from omnimirror.imagers import Imager
 from omnimirror.manufacture.parts import housed, parts_of
 from omnimirror.mirrors.pose import MirrorPose
-from omnimirror.simulate import Environment, Radiometry, expose
+from omnimirror.simulate.radiometry import Radiometry
+from omnimirror.simulate.rendering.exposure import expose
 from omnimirror.simulate.rendering.sight import sights
+from omnimirror.simulate.scenes.environment import Environment
 
 SPH = om.load_sensor("paper-spherical")
 TELECENTRIC = om.load_sensor("paraboloid-telecentric")

@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 
 import omnimirror as om
-from omnimirror.simulate import expose
 from omnimirror.simulate.colour import srgb_bytes
+from omnimirror.simulate.rendering.exposure import expose
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]

@@ -6,10 +6,9 @@ import matplotlib.pyplot as plt
 
 import omnimirror as om
 from omnimirror.imagers import Imager
-from omnimirror.simulate import ground_truth
 
 sensor = replace(om.load_sensor("paper-spherical"), imager=Imager(400, 400, 13.3))
-truth = ground_truth(sensor, om.Room())
+truth = om.ground_truth(sensor, om.Room())
 figure, ax = plt.subplots(figsize=(5, 4))
 colours = ax.imshow(truth.depth_mm / 1000, cmap="magma_r")
 figure.colorbar(colours, label="m")

@@ -7,20 +7,20 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .analysis import best_focus as best_focus
-    from .analysis import best_viewpoint as best_viewpoint
-    from .analysis import check_blur as check_blur
-    from .analysis import compare as compare
-    from .analysis import evaluate as evaluate
-    from .analysis import evaluate_camera as evaluate_camera
-    from .analysis import field_angles as field_angles
-    from .analysis import ghosts as ghosts
-    from .analysis import illumination as illumination
-    from .analysis import mtf as mtf
-    from .analysis import psf as psf
-    from .analysis import spots as spots
+    from .analysis.aperture.blur_check import check_blur as check_blur
+    from .analysis.aperture.point_spread import psf as psf
+    from .analysis.aperture.relative_illumination import illumination as illumination
+    from .analysis.aperture.spot_diagrams import spots as spots
+    from .analysis.aperture.transfer import mtf as mtf
+    from .analysis.calibration import evaluate_camera as evaluate_camera
+    from .analysis.comparison import compare as compare
+    from .analysis.evaluation import evaluate as evaluate
+    from .analysis.evaluation import field_angles as field_angles
+    from .analysis.meridional.focus import best_focus as best_focus
+    from .analysis.meridional.viewpoints import best_viewpoint as best_viewpoint
     from .analysis.temperature import at_temperature as at_temperature
     from .analysis.temperature import thermal_motion_px as thermal_motion_px
+    from .analysis.wall_reflections import ghosts as ghosts
     from .analysis.wavelength import at_wavelength as at_wavelength
     from .calibrate.conversion import convert as convert
     from .calibrate.estimation import Calibration as Calibration
@@ -122,25 +122,29 @@ if TYPE_CHECKING:
     from .report.tolerances import write_tolerances as write_tolerances
     from .reproduce import reproduce_paper as reproduce_paper
     from .sensor import Sensor as Sensor
-    from .simulate import Detector as Detector
-    from .simulate import Environment as Environment
-    from .simulate import Pose as Pose
-    from .simulate import PosedScene as PosedScene
-    from .simulate import Room as Room
-    from .simulate import estimate_noise as estimate_noise
-    from .simulate import expose as expose
-    from .simulate import merge_bracket as merge_bracket
-    from .simulate import plan_bracket as plan_bracket
-    from .simulate import restore as restore
-    from .simulate import take_picture as take_picture
     from .simulate.datasets.calibration_set import write_calibration_set as write_calibration_set
     from .simulate.datasets.calibration_set import write_video_set as write_video_set
     from .simulate.datasets.learning_set import write_learning_set as write_learning_set
+    from .simulate.datasets.truth import ground_truth as ground_truth
     from .simulate.datasets.video import load_path as load_path
     from .simulate.datasets.video import write_video as write_video
+    from .simulate.detector import Detector as Detector
+    from .simulate.radiometry import Radiometry as Radiometry
+    from .simulate.rendering.exposure import expose as expose
+    from .simulate.rendering.picture import take_picture as take_picture
+    from .simulate.restoration.bracketing import merge_bracket as merge_bracket
+    from .simulate.restoration.bracketing import plan_bracket as plan_bracket
+    from .simulate.restoration.noise import estimate_noise as estimate_noise
+    from .simulate.restoration.sharpening import restore as restore
     from .simulate.round_trip import measure_round_trip as measure_round_trip
+    from .simulate.scenes.environment import Environment as Environment
+    from .simulate.scenes.posed import Pose as Pose
+    from .simulate.scenes.posed import PosedScene as PosedScene
     from .simulate.scenes.sources import load_scene as load_scene
     from .simulate.scenes.worlds.bodies import MovingBox as MovingBox
+    from .simulate.scenes.worlds.hall import Hall as Hall
+    from .simulate.scenes.worlds.room import Room as Room
+    from .simulate.scenes.worlds.street import Street as Street
     from .specs import bundled_sensors as bundled_sensors
     from .specs import load_camera as load_camera
     from .specs import load_sensor as load_sensor
@@ -172,23 +176,23 @@ if TYPE_CHECKING:
 __version__ = "0.2.0"
 
 _HOMES = {
-    "best_focus": "analysis",
-    "best_viewpoint": "analysis",
+    "best_focus": "analysis.meridional.focus",
+    "best_viewpoint": "analysis.meridional.viewpoints",
     "temperature_range": "design.solve.temperatures",
     "at_temperature": "analysis.temperature",
     "at_wavelength": "analysis.wavelength",
     "thermal_motion_px": "analysis.temperature",
     "Thermal": "thermal",
-    "check_blur": "analysis",
-    "compare": "analysis",
-    "evaluate": "analysis",
-    "evaluate_camera": "analysis",
-    "field_angles": "analysis",
-    "ghosts": "analysis",
-    "illumination": "analysis",
-    "mtf": "analysis",
-    "psf": "analysis",
-    "spots": "analysis",
+    "check_blur": "analysis.aperture.blur_check",
+    "compare": "analysis.comparison",
+    "evaluate": "analysis.evaluation",
+    "evaluate_camera": "analysis.calibration",
+    "field_angles": "analysis.evaluation",
+    "ghosts": "analysis.wall_reflections",
+    "illumination": "analysis.aperture.relative_illumination",
+    "mtf": "analysis.aperture.transfer",
+    "psf": "analysis.aperture.point_spread",
+    "spots": "analysis.aperture.spot_diagrams",
     "adjust": "calibrate.estimation",
     "calibrate_camera": "calibrate.estimation",
     "read_surveys": "calibrate.estimation",
@@ -290,17 +294,21 @@ _HOMES = {
     "write_tolerances": "report.tolerances",
     "reproduce_paper": "reproduce",
     "Sensor": "sensor",
-    "Detector": "simulate",
-    "Environment": "simulate",
-    "estimate_noise": "simulate",
-    "expose": "simulate",
-    "merge_bracket": "simulate",
-    "PosedScene": "simulate",
-    "plan_bracket": "simulate",
-    "Pose": "simulate",
-    "restore": "simulate",
-    "Room": "simulate",
-    "take_picture": "simulate",
+    "Detector": "simulate.detector",
+    "Environment": "simulate.scenes.environment",
+    "estimate_noise": "simulate.restoration.noise",
+    "expose": "simulate.rendering.exposure",
+    "merge_bracket": "simulate.restoration.bracketing",
+    "PosedScene": "simulate.scenes.posed",
+    "plan_bracket": "simulate.restoration.bracketing",
+    "Pose": "simulate.scenes.posed",
+    "restore": "simulate.restoration.sharpening",
+    "Room": "simulate.scenes.worlds.room",
+    "Hall": "simulate.scenes.worlds.hall",
+    "Street": "simulate.scenes.worlds.street",
+    "Radiometry": "simulate.radiometry",
+    "ground_truth": "simulate.datasets.truth",
+    "take_picture": "simulate.rendering.picture",
     "write_calibration_set": "simulate.datasets.calibration_set",
     "write_video_set": "simulate.datasets.calibration_set",
     "write_learning_set": "simulate.datasets.learning_set",

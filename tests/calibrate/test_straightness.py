@@ -10,7 +10,8 @@ import pytest
 import omnimirror as om
 from omnimirror.frames import Mount
 from omnimirror.mirrors.pose import MirrorPose
-from omnimirror.simulate import Distant, pinhole_picture
+from omnimirror.simulate.rendering.picture import pinhole_picture
+from omnimirror.simulate.scenes.contract import Distant
 from tests.conftest import SHARED
 
 BOARD = om.Board("chessboard", 11, 7, 30.0)

@@ -20,7 +20,8 @@ from omnimirror.lenses import Orthographic, Perspective
 from omnimirror.manufacture import Tool, tool_path
 from omnimirror.media.keyframes import Keyframes
 from omnimirror.mirrors import Sphere
-from omnimirror.simulate import Radiometry, ground_truth
+from omnimirror.simulate.datasets.truth import ground_truth
+from omnimirror.simulate.radiometry import Radiometry
 from omnimirror.specs import format_camera
 from tests.conftest import MIRRORS
 
@@ -161,6 +162,8 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "restore": (om.restore, {"camera": SENSOR, "image": PICTURE, "noise": 0.01, "blur": None,
                              "object_distance_mm": np.inf}),
     "Room": (om.Room, {"texel_mm": 40.0, "elsewhere_mm": None}),
+    "Hall": (om.Hall, {"texel_mm": 40.0}),
+    "Street": (om.Street, {"texel_mm": 80.0}),
     "Radiometry": (Radiometry, {f.name: getattr(Radiometry(), f.name) for f in fields(Radiometry)}),
     "write_calibration_set": (lambda **words: list(om.write_calibration_set(**words)), {
         "sensor": SENSOR, "folder": "set", "views": 1, "samples": 1, "blur": False, "detector": None, "seed": 0,

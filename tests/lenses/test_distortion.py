@@ -16,10 +16,12 @@ from omnimirror.errors import InvalidParameter
 from omnimirror.lenses.distortion import distorted, fold, undistorted
 from omnimirror.mirrors.pose import MirrorPose
 from omnimirror.native import backend
-from omnimirror.simulate import Environment, Radiometry, expose
 from omnimirror.simulate.colour import srgb_from_linear
+from omnimirror.simulate.radiometry import Radiometry
 from omnimirror.simulate.rendering import exposure as rays
+from omnimirror.simulate.rendering.exposure import expose
 from omnimirror.simulate.rendering.samples import spread
+from omnimirror.simulate.scenes.environment import Environment
 from omnimirror.specs import format_sensor, parse_sensor
 
 BARREL = {"k1": -1.5, "k2": 2.0, "k3": -0.3}

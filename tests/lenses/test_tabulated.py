@@ -249,7 +249,7 @@ def test_a_barrel_leaves_what_straight_rays_say():
 
 
 def test_pictures_are_dimmed_by_it():
-    from omnimirror.simulate import Radiometry
+    from omnimirror.simulate.radiometry import Radiometry
     from tests.simulate.rendering.test_wavelengths import Stripes
 
     bare, cut = (

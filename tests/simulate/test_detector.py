@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from omnimirror.errors import InvalidParameter
-from omnimirror.simulate import Detector
 from omnimirror.simulate.colour import srgb_bytes
+from omnimirror.simulate.detector import Detector
 
 
 def test_without_noise_it_writes_srgb():

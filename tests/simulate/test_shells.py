@@ -11,7 +11,8 @@ import omnimirror as om
 from omnimirror.errors import InvalidParameter
 from omnimirror.housing import Dome, Housing, Rod, Tube
 from omnimirror.mirrors.pose import MirrorPose
-from omnimirror.simulate import Environment, expose
+from omnimirror.simulate.rendering.exposure import expose
+from omnimirror.simulate.scenes.environment import Environment
 from omnimirror.simulate.shells import ThroughShell
 from omnimirror.tracing.walls import passage as passage_of
 from omnimirror.tracing.walls import through_dome, through_tube, tube_shift_mm, wall_transmission

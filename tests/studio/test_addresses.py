@@ -11,7 +11,8 @@ import pytest
 
 import omnimirror as om
 from omnimirror.media import write_image
-from omnimirror.simulate import Room, take_picture
+from omnimirror.simulate.rendering.picture import take_picture
+from omnimirror.simulate.scenes.worlds.room import Room
 from omnimirror.studio.look import routes
 from omnimirror.studio.studio import Studio
 from omnimirror.studio.uploads import encoded

@@ -26,6 +26,7 @@ FEWEST_KNOTS = 3
 MOST_KNOTS, FOLLOWED_PX = 16, 0.5  # of a spline that follows another model, and by how much it may leave it
 PROBES = 2001
 LARGEST_MM = 1e6
+LEAST_FIELD_DEG = 1e-3  # a star tracker sees degrees; rates of what is narrower still are past all numbers
 
 
 class SplineModel(RadialModel):
@@ -43,7 +44,7 @@ class SplineModel(RadialModel):
 
     def _check_splines(self) -> None:
         self._check_radial()
-        number("field_deg", self.field_deg, above=0.0, high=360.0, unit="deg")
+        number("field_deg", self.field_deg, low=LEAST_FIELD_DEG, high=360.0, unit="deg")
         radii = finite("radii_px", self.radii_px, high=LARGEST_PX, unit="px")
         if radii.ndim != 1 or len(radii) < FEWEST_KNOTS or not (np.diff(radii, prepend=0.0) > 0).all():
             raise InvalidParameter(
@@ -106,7 +107,7 @@ class SplineModel(RadialModel):
 def _started(camera: RadialModel, knots: int | None, fewest: int, field_deg: float | None) -> dict[str, object]:
     """What a spline takes over from another model: its radii, centre, stretch and the way it looks."""
     widest = float(np.degrees(2 * camera.model_end))
-    field = number("field_deg", widest if field_deg is None else field_deg, above=0.0, high=360.0, unit="deg")
+    field = number("field_deg", widest if field_deg is None else field_deg, low=LEAST_FIELD_DEG, high=360.0, unit="deg")
     if field > widest * (1 + 1e-9):
         raise InvalidParameter(f"field_deg = {field:g} is wider than the model's own, {widest:g} deg")
     end = float(np.radians(field / 2))

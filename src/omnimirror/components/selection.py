@@ -12,7 +12,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..analysis import best_focus
+from ..analysis.meridional.focus import best_focus
 from ..arguments import checked, distances
 from ..batch.best_focus import AreaModel, IdealAreas, best_vergences
 from ..batch.optics import PerspectiveCamera, node_optics

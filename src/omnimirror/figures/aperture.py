@@ -10,7 +10,10 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
-from ..analysis import Illumination, Mtf, Psf, Spots
+from ..analysis.aperture.point_spread import Psf
+from ..analysis.aperture.relative_illumination import Illumination
+from ..analysis.aperture.spot_diagrams import Spots
+from ..analysis.aperture.transfer import Mtf
 from ..quantities import QUANTITIES
 from .labels import EndLabels, axis_title
 from .style import COLUMN, GREY, INK, PAGE, PALETTE, angle_axis, grid_of_axes, new_figure, styled

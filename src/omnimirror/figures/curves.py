@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from ..analysis import best_viewpoint
+from ..analysis.meridional.viewpoints import best_viewpoint
 from ..lenses import Lens, Orthographic, Perspective
 from ..mirrors import Sphere
 from ..quantities import QUANTITIES

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Arc, Circle, Polygon, Rectangle
 from numpy.typing import NDArray
 
-from ..analysis import evaluate
+from ..analysis.evaluation import evaluate
 from ..housing import Dome, Housing
 from ..sensor import Sensor
 from .style import GREY, INK, PAGE, PALE, PALETTE, bare, new_figure, panel_title, styled

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..analysis import Evaluation, evaluate, field_angles
+from ..analysis.evaluation import Evaluation, evaluate, field_angles
 from ..errors import InvalidParameter
 from ..lenses import BlurMode
 from ..numerics.lazy import cached_property

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..analysis import Evaluation, best_focus, evaluate
-from ..analysis.evaluation import READ_COLUMNS
+from ..analysis.evaluation import READ_COLUMNS, Evaluation, evaluate
+from ..analysis.meridional.focus import best_focus
 from ..arguments import checked
 from ..dewarp import Dewarper, screens, views
 from ..figures import FIGURES, draw, render
@@ -17,8 +17,8 @@ from ..files import write_text
 from ..media import write_image
 from ..quantities import QUANTITIES, explained
 from ..sensor import Sensor
-from ..simulate import Room, take_picture
-from ..simulate.rendering.picture import SHOWN_SAMPLES
+from ..simulate.rendering.picture import SHOWN_SAMPLES, take_picture
+from ..simulate.scenes.worlds.room import Room
 from ..tracing.obscuration import hidden_words
 from .pages import figure_html, page_html
 

@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib import image
 from numpy.typing import NDArray
 
-from ..analysis import Comparison
+from ..analysis.comparison import Comparison
 from ..arguments import checked
 from ..dewarp import Dewarper, views
 from ..dewarp.camera_field import field_of
@@ -22,8 +22,9 @@ from ..files import write_text
 from ..media import write_image
 from ..media.pictures.images import encoded
 from ..sensor import Sensor
-from ..simulate import Room, Scene, take_picture
-from ..simulate.rendering.picture import SHOWN_SAMPLES
+from ..simulate.rendering.picture import SHOWN_SAMPLES, take_picture
+from ..simulate.scenes.contract import Scene
+from ..simulate.scenes.worlds.room import Room
 from .pages import figure_html, page_html
 
 PANORAMA_PX = 1440  # width of every panorama

@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..analysis import Evaluation, SingleViewpoint, best_focus, best_viewpoint, evaluate
-from ..analysis.meridional.focus import BestFocus
+from ..analysis.evaluation import Evaluation, evaluate
+from ..analysis.meridional.focus import BestFocus, best_focus
+from ..analysis.meridional.viewpoints import SingleViewpoint, best_viewpoint
 from ..figures.curves import sphere_for
 from ..figures.subjects import EXACT, PAPER, Conditions
 from ..lenses import Orthographic, Perspective

@@ -11,14 +11,14 @@ from functools import cache
 
 from matplotlib.figure import Figure
 
-from ..analysis import best_viewpoint
+from ..analysis.meridional.viewpoints import best_viewpoint
 from ..dewarp import Dewarper, views
 from ..figures import diagrams, three_pictures
 from ..figures.diagrams import Picture, Prototype
 from ..housing import CameraBody, Dome, Housing, Rod, Tube
 from ..sensor import Sensor
-from ..simulate import Room, take_picture
-from ..simulate.rendering.picture import SHOWN_SAMPLES
+from ..simulate.rendering.picture import SHOWN_SAMPLES, take_picture
+from ..simulate.scenes.worlds.room import Room
 from ..simulate.shells import ThroughShell
 from .paper import M, paper_sensors
 

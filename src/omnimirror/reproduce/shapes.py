@@ -8,7 +8,7 @@ import numpy as np
 from scipy.integrate import quad, solve_ivp
 from scipy.optimize import brentq
 
-from ..analysis import evaluate
+from ..analysis.evaluation import evaluate
 from ..figures import draw
 from ..figures.curves import sphere_for
 from ..mirrors import Equidistant

@@ -62,12 +62,28 @@ class Radiometry:
             reflectance(0.0, each)
 
     def returned(self, gamma: Array) -> Array:
-        """Share (n,) of the light that the mirror returns at angles of incidence (n,), radians; of one colour."""
+        """Share of the light that the mirror returns; of one colour.
+
+        Parameters
+        ----------
+        gamma : (n,)
+            Angles of incidence, radians.
+
+        Returns
+        -------
+        (n,) array
+        """
         assert not isinstance(self.reflectivity, tuple)
         return reflectance(gamma, self.reflectivity)
 
     def of_colours(self) -> tuple[Radiometry, Radiometry, Radiometry] | None:
-        """The same as red, green and blue light meet it; None where that is all the same."""
+        """The same as red, green and blue light meet it.
+
+        Returns
+        -------
+        tuple of three Radiometry
+            None where all colours are alike.
+        """
         if not isinstance(self.reflectivity, tuple):
             return None
         red, green, blue = (replace(self, reflectivity=each) for each in self.reflectivity)

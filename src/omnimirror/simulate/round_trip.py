@@ -8,8 +8,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from ..analysis import best_viewpoint
-from ..analysis.meridional.viewpoints import viewpoint_angle_error
+from ..analysis.meridional.viewpoints import best_viewpoint, viewpoint_angle_error
 from ..arguments import checked
 from ..dewarp import Dewarper
 from ..dewarp.screens import Plane
@@ -18,7 +17,9 @@ from ..sensor import Sensor
 from .colour import srgb_from_linear
 from .rendering.exposure import expose
 from .rendering.picture import pinhole_picture
-from .scenes import Pose, PosedScene, Room, Scene
+from .scenes.contract import Scene
+from .scenes.posed import Pose, PosedScene
+from .scenes.worlds.room import Room
 
 Array = NDArray[np.float64]
 

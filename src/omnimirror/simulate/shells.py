@@ -74,7 +74,7 @@ class ThroughShell:
     --------
     >>> import omnimirror as om
     >>> from omnimirror.housing import Tube
-    >>> from omnimirror.simulate import Environment
+    >>> from omnimirror import Environment
     >>> sensor = om.load_sensor("paper-spherical")
     >>> white = ThroughShell(Environment(np.ones((4, 8, 3), np.float32)), Tube(120.0), sensor)
     >>> white.radiance(np.array([[0, 0, -20.0]]), np.array([[1.0, 0, 0]])).round(4)  # all but a ghost's ghost's ghost

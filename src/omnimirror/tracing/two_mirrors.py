@@ -12,7 +12,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.optimize import brentq
 
 from ..errors import NotOneToOne, SelfObstruction
 from ..mirrors import Secondary
@@ -98,6 +97,8 @@ class TwoMirrorMeridian(Meridian):
 
     def _first_clear(self, x: Array, clearance: Callable[[ChiefRays], Array]) -> float:
         """Least mirror point from which a clearance (n,), mm, is kept to the rim; the rim if nowhere."""
+        from scipy.optimize import brentq
+
         blocked = np.flatnonzero(clearance(self._rays(x)) < 0)
         if not blocked.size:
             return float(x[0])
@@ -149,6 +150,8 @@ class TwoMirrorMeridian(Meridian):
 
     def _check_bore(self, rays: ChiefRays) -> None:
         """Refuse a bore too small for the view of the camera behind it, chief rays alone."""
+        from scipy.optimize import brentq
+
         second, bore = rays.first, self.secondary.bore_radius_mm
         lens = self.secondary.lens_height(self.m)
         widest = float(second.x[-1])

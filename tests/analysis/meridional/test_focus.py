@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.analysis import FOCUS_MERITS
 from omnimirror.analysis.meridional.coddington import virtual_images
 from omnimirror.analysis.meridional.focus import FocusStudy, focus_function
+from omnimirror.analysis.meridional.focus_merits import FOCUS_MERITS
 from omnimirror.components.apertures import best_apertures
 from omnimirror.design import RimRay, generated_mirror
 from omnimirror.errors import InvalidParameter

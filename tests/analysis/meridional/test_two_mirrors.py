@@ -15,7 +15,7 @@ from omnimirror.errors import InvalidParameter, NotOneToOne, OutsideField, Outsi
 from omnimirror.lenses import Orthographic
 from omnimirror.mirrors import EvenPolynomial, Flat, Paraboloid, Secondary, Sphere
 from omnimirror.mirrors.pose import MirrorPose
-from omnimirror.simulate import Radiometry
+from omnimirror.simulate.radiometry import Radiometry
 from tests.conftest import M
 
 WEIGHTS = np.array([4 / 5, -1 / 5, 4 / 105, -1 / 280])  # eighth-order central difference

@@ -14,7 +14,10 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.simulate import Detector, Pose, PosedScene, expose, ground_truth
+from omnimirror.simulate.datasets.truth import ground_truth
+from omnimirror.simulate.detector import Detector
+from omnimirror.simulate.rendering.exposure import expose
+from omnimirror.simulate.scenes.posed import Pose, PosedScene
 from tests.commands import fails, omnimirror
 
 

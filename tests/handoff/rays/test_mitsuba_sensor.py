@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.simulate import expose
+from omnimirror.simulate.rendering.exposure import expose
 from tests.handoff.rays.box import CENTRE_MM, Box, texture, walls
 from tests.simulate.rendering.test_mitsuba_pictures import MISALIGNED, compared, small
 from tests.tracing.test_mitsuba import mi  # noqa: F401 - a fixture

@@ -15,7 +15,7 @@ import pytest
 
 import omnimirror as om
 from omnimirror.mirrors.pose import MirrorPose
-from omnimirror.simulate import expose
+from omnimirror.simulate.rendering.exposure import expose
 from tests.handoff.rays.box import Box, first_hits
 from tests.simulate.rendering.test_mitsuba_pictures import MISALIGNED, compared, small
 

@@ -19,7 +19,6 @@ import omnimirror as om
 from omnimirror.errors import InvalidParameter, MediaError
 from omnimirror.housing import CameraBody, Dome, Housing, Rim, Rod, Tube
 from omnimirror.media.keyframes import Keyframes
-from omnimirror.simulate import Detector, Hall, Radiometry, Room
 from omnimirror.simulate.datasets.calibration_set import (
     take_pictures,
     write_calibration_set,
@@ -32,7 +31,11 @@ from omnimirror.simulate.datasets.recipe import (
     load_recipe,
     record_of_recipe,
 )
+from omnimirror.simulate.detector import Detector
+from omnimirror.simulate.radiometry import Radiometry
 from omnimirror.simulate.scenes.sources import SceneSource
+from omnimirror.simulate.scenes.worlds.hall import Hall
+from omnimirror.simulate.scenes.worlds.room import Room
 from tests.commands import fails, omnimirror
 from tests.simulate.datasets.test_calibration_set import PATH, small
 

@@ -13,7 +13,6 @@ import omnimirror as om
 from omnimirror.errors import InvalidParameter
 from omnimirror.media.keyframes import Keyframes
 from omnimirror.mirrors.pose import MirrorPose
-from omnimirror.simulate import Hall, Pose, Room
 from omnimirror.simulate.datasets.calibration_set import (
     seen_corners_px,
     view_poses,
@@ -21,6 +20,9 @@ from omnimirror.simulate.datasets.calibration_set import (
     write_video_set,
 )
 from omnimirror.simulate.datasets.recipe import load_recipe
+from omnimirror.simulate.scenes.posed import Pose
+from omnimirror.simulate.scenes.worlds.hall import Hall
+from omnimirror.simulate.scenes.worlds.room import Room
 
 
 @pytest.fixture(scope="module")

@@ -14,12 +14,12 @@ import omnimirror as om
 from omnimirror.errors import InvalidParameter
 from omnimirror.housing import CameraBody, Housing
 from omnimirror.media.keyframes import Keyframes
-from omnimirror.simulate import Street
 from omnimirror.simulate.datasets.frame_truth import Moment, learning_truth
 from omnimirror.simulate.scenes.boxes import face_of, meet
 from omnimirror.simulate.scenes.worlds.bodies import SceneWithBodies
 from omnimirror.simulate.scenes.worlds.decor import ROOM
 from omnimirror.simulate.scenes.worlds.room import SOLIDS
+from omnimirror.simulate.scenes.worlds.street import Street
 
 SPH = om.load_sensor("paper-spherical")
 SMALL = replace(

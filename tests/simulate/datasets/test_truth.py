@@ -14,9 +14,14 @@ import omnimirror as om
 from omnimirror.errors import InvalidParameter
 from omnimirror.housing import CameraBody, Dome, Housing, Rim, Rod, Tube
 from omnimirror.mirrors.pose import MirrorPose
-from omnimirror.simulate import Environment, Hall, Pose, Radiometry, expose, ground_truth
 from omnimirror.simulate.datasets.calibration_set import seen_corners_px
+from omnimirror.simulate.datasets.truth import ground_truth
+from omnimirror.simulate.radiometry import Radiometry
+from omnimirror.simulate.rendering.exposure import expose
 from omnimirror.simulate.rendering.sight import seen_at
+from omnimirror.simulate.scenes.environment import Environment
+from omnimirror.simulate.scenes.posed import Pose
+from omnimirror.simulate.scenes.worlds.hall import Hall
 
 SIZE = 96
 FULL = Housing(CameraBody(60.0, height_mm=4.0), Rod(12.0, 4.0, gap_mm=45.0), rim=Rim(1.5))

@@ -11,13 +11,18 @@ from omnimirror.housing import CameraBody, Housing, Rim, Rod
 from omnimirror.mirrors.pose import MirrorPose
 from omnimirror.mirrors.reflectivity import METALS
 from omnimirror.native import backend
-from omnimirror.simulate import Environment, Radiometry, expose
+from omnimirror.simulate.radiometry import Radiometry
 from omnimirror.simulate.rendering import exposure as rays
 from omnimirror.simulate.rendering.compiled import compiled_light
+from omnimirror.simulate.rendering.exposure import expose
 from omnimirror.simulate.rendering.samples import places, spread
-from omnimirror.simulate.scenes import Distant, Hall, Pose, PosedScene, Street
+from omnimirror.simulate.scenes.contract import Distant
+from omnimirror.simulate.scenes.environment import Environment
+from omnimirror.simulate.scenes.posed import Pose, PosedScene
 from omnimirror.simulate.scenes.triangles import facets
+from omnimirror.simulate.scenes.worlds.hall import Hall
 from omnimirror.simulate.scenes.worlds.painted import Surroundings
+from omnimirror.simulate.scenes.worlds.street import Street
 from omnimirror.simulate.scenes.worlds.streetside import HOUSES
 from omnimirror.specs import bundled_sensors
 

@@ -11,8 +11,9 @@ from scipy.ndimage import binary_erosion
 import omnimirror as om
 from omnimirror.frames import pan_tilt_direction
 from omnimirror.mirrors.pose import MirrorPose
-from omnimirror.simulate import Environment, expose
 from omnimirror.simulate.colour import srgb_from_linear
+from omnimirror.simulate.rendering.exposure import expose
+from omnimirror.simulate.scenes.environment import Environment
 from tests.tracing.test_mitsuba import meshed, mi  # noqa: F401 - a fixture
 
 MISALIGNED = MirrorPose(1.0, -0.7, 0.5, 1.0, -1.5)

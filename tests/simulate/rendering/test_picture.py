@@ -10,9 +10,9 @@ import pytest
 import omnimirror as om
 from omnimirror.errors import InvalidParameter
 from omnimirror.frames import pan_tilt_direction
-from omnimirror.simulate import expose, pinhole_picture
 from omnimirror.simulate.colour import srgb_bytes
-from omnimirror.simulate.rendering.picture import _finer, _low_passed
+from omnimirror.simulate.rendering.exposure import expose
+from omnimirror.simulate.rendering.picture import _finer, _low_passed, pinhole_picture
 
 ORANGE = np.array([1.0, 0.4, 0.0], dtype=np.float32)
 

@@ -8,9 +8,9 @@ from benchmarks.restoration_gain import clouds, dead_leaves, faster
 import omnimirror as om
 from omnimirror.errors import InvalidParameter, MediaError
 from omnimirror.media.pictures.jpeg import coding_of, jpeg_coding
-from omnimirror.simulate import Hall
 from omnimirror.simulate.colour import linear_from_srgb, srgb_from_linear
 from omnimirror.simulate.restoration.jpeg_noise import detected_coding, standard_tables
+from omnimirror.simulate.scenes.worlds.hall import Hall
 
 
 @pytest.fixture(scope="module")

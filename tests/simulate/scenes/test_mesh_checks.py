@@ -9,8 +9,11 @@ import pytest
 
 import omnimirror as om
 from omnimirror.errors import InvalidParameter, MediaError
-from omnimirror.simulate import Environment, Pose, PosedScene, Street, expose
+from omnimirror.simulate.rendering.exposure import expose
+from omnimirror.simulate.scenes.environment import Environment
 from omnimirror.simulate.scenes.mesh import load_mesh
+from omnimirror.simulate.scenes.posed import Pose, PosedScene
+from omnimirror.simulate.scenes.worlds.street import Street
 
 trimesh = pytest.importorskip("trimesh")
 

@@ -11,8 +11,11 @@ import omnimirror as om
 from omnimirror.errors import InvalidParameter
 from omnimirror.frames import pan_tilt_direction
 from omnimirror.media.keyframes import Keyframes
-from omnimirror.simulate import Environment, Pose, PosedScene, expose, ground_truth
+from omnimirror.simulate.datasets.truth import ground_truth
 from omnimirror.simulate.datasets.video import frame_at, frame_times
+from omnimirror.simulate.rendering.exposure import expose
+from omnimirror.simulate.scenes.environment import Environment
+from omnimirror.simulate.scenes.posed import Pose, PosedScene
 from omnimirror.simulate.scenes.worlds.decor import ROOM
 
 

@@ -9,8 +9,9 @@ import pytest
 
 import omnimirror as om
 from omnimirror.errors import InvalidParameter
-from omnimirror.simulate import Distant, Scene, pinhole_picture
+from omnimirror.simulate.rendering.picture import pinhole_picture
 from omnimirror.simulate.scenes.boxes import blocked
+from omnimirror.simulate.scenes.contract import Distant, Scene
 from omnimirror.simulate.scenes.lettering import lettering
 from omnimirror.simulate.scenes.worlds.decor import PIECES, ROOM
 

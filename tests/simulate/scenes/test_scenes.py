@@ -9,7 +9,7 @@ import pytest
 from omnimirror.errors import InvalidParameter
 from omnimirror.frames import pan_tilt_direction
 from omnimirror.native import backend
-from omnimirror.simulate import Environment
+from omnimirror.simulate.scenes.environment import Environment
 from omnimirror.simulate.scenes.surfaces import Surfaces, Texture
 from omnimirror.simulate.scenes.triangles import facets
 from tests.samplers import instructions

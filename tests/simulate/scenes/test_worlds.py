@@ -8,8 +8,12 @@ import pytest
 import omnimirror as om
 from omnimirror.errors import InvalidParameter, MediaError
 from omnimirror.native import backend
-from omnimirror.simulate import Environment, Hall, Scene, Street, pinhole_picture
+from omnimirror.simulate.rendering.picture import pinhole_picture
+from omnimirror.simulate.scenes.contract import Scene
+from omnimirror.simulate.scenes.environment import Environment
 from omnimirror.simulate.scenes.triangles import facets
+from omnimirror.simulate.scenes.worlds.hall import Hall
+from omnimirror.simulate.scenes.worlds.street import Street
 
 needs_native = pytest.mark.skipif(not backend.is_compiled, reason="nothing was compiled here")
 

@@ -8,8 +8,9 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from ...analysis import best_focus, field_angles
 from ...analysis.aperture.point_spread import KINDS, Kind
+from ...analysis.evaluation import field_angles
+from ...analysis.meridional.focus import best_focus
 from ...sensor import Sensor
 from .common import angle, distance, focus, values
 from .declared import Options, option

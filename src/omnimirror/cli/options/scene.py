@@ -14,10 +14,11 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from ...cameras import Camera
 from ...sensor import Sensor
-from ...simulate import Detector, Pose, Radiometry
-from ...simulate.detector import BAYER, CURVES
-from ...simulate.scenes import BUNDLED
+from ...simulate.detector import BAYER, CURVES, Detector
+from ...simulate.radiometry import Radiometry
+from ...simulate.scenes.posed import Pose
 from ...simulate.scenes.sources import SceneSource
+from ...simulate.scenes.worlds.bundled import BUNDLED
 from ..streams import is_quiet
 from .common import NUMBER, WHOLE, _numbers, angle, distance, factor
 from .declared import Options, flag, option

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...analysis import Evaluation
+from ...analysis.evaluation import Evaluation
 from ...batch.optics import FocusedCamera, NodeOptics, light_of
 from ...components.whole import body_mass_g, whole_of
 from ...errors import InvalidParameter

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...analysis import best_focus, evaluate
+from ...analysis.evaluation import evaluate
+from ...analysis.meridional.focus import best_focus
 from ...errors import OmnimirrorError
 from ...sensor import Sensor
 from ...specs import load_sensor

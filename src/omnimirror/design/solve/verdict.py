@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...analysis import Evaluation, evaluate
+from ...analysis.evaluation import Evaluation, evaluate
 from ...analysis.temperature import at_temperature
 from ...arguments import instance, whole
 from ...errors import InvalidParameter

@@ -17,7 +17,7 @@ from ...errors import InvalidParameter
 from ...files import write_text
 from ...media import read_image, write_image
 from ...media.batch import expand_inputs
-from ...simulate import Pose
+from ...simulate.scenes.posed import Pose
 from .database import quaternion, write_database
 from .rig import RigView, mask_of, rig_of, sensor_from_rig
 

@@ -123,7 +123,7 @@ def write_calibration_set(
     Raises
     ------
     InvalidParameter
-        As :func:`view_poses` and :func:`~omnimirror.simulate.expose`; or the folder holds another set.
+        As :func:`view_poses` and :func:`~omnimirror.expose`; or the folder holds another set.
     MediaError
         OpenEXR is not installed, which truth needs.
 
@@ -321,7 +321,7 @@ def _join(ledger: Ledger, sensor: AnyCamera, path: Keyframes, times: list[float]
 def write_truth(
     path: Path, sensor: AnyCamera, scene: Scene, light: Light, radiometry: Radiometry | None = None
 ) -> None:
-    """Write light and :func:`~omnimirror.simulate.ground_truth` as an EXR file."""
+    """Write light and :func:`~omnimirror.ground_truth` as an EXR file."""
     from ...media.pictures.exr import write_channels
 
     truth = ground_truth(sensor, scene, radiometry)

@@ -64,7 +64,12 @@ def ground_truth(camera: Camera, scene: Scene, radiometry: Radiometry | None = N
     camera
     scene
     radiometry
-        As for :func:`~omnimirror.simulate.expose`: whether a sensor sees past its mirror.
+        As for :func:`~omnimirror.expose`: whether a sensor sees past its mirror.
+
+    Returns
+    -------
+    Truth
+        Of each pixel: where its ray begins and leads, how far it goes, and whether something hides what it would see.
 
     Raises
     ------
@@ -74,7 +79,7 @@ def ground_truth(camera: Camera, scene: Scene, radiometry: Radiometry | None = N
     Examples
     --------
     >>> import omnimirror as om
-    >>> truth = ground_truth(om.load_sensor("paper-spherical"), om.Room(texel_mm=40.0))
+    >>> truth = om.ground_truth(om.load_sensor("paper-spherical"), om.Room(texel_mm=40.0))
     >>> truth.points_mm[11, 512].round()  # ahead and 44 deg up: a beam under the ceiling
     array([1840.,    2., 1773.])
     """

@@ -99,7 +99,7 @@ def frame_at(
     Raises
     ------
     InvalidParameter
-        As :func:`~omnimirror.simulate.expose`, or if the path leads where a sensor cannot be.
+        As :func:`~omnimirror.expose`, or if the path leads where a sensor cannot be.
     """
     seen = PosedScene(scene, Pose(**path.at(time_s)))
     return expose(camera, seen, samples=samples, blur=blur, radiometry=radiometry, seed=seed, progress=progress)

@@ -47,7 +47,7 @@ def take_picture(
     Without ``blur`` it is perfectly sharp: chief rays only, so neither focus nor diffraction blurs it. Each
     pixel is the mean of ``samples`` rays in linear light; where the camera sees nothing it is black, and a pixel
     cut by the rim is dimmed by the share that is cut off. The parameters are those of
-    :func:`~omnimirror.simulate.expose`, which gives the linear light.
+    :func:`~omnimirror.expose`, which gives the linear light.
 
     With ``low_pass`` there is an optical low-pass filter before the imager, as in most cameras: each pixel gathers
     light from a tent of twice its width. Pixels that stand side by side without one turn edges and thin lines into
@@ -84,7 +84,7 @@ def take_picture(
     Raises
     ------
     InvalidParameter
-        As :func:`~omnimirror.simulate.expose`; or a low-pass filter before a camera that is no sensor.
+        As :func:`~omnimirror.expose`; or a low-pass filter before a camera that is no sensor.
 
     Examples
     --------
@@ -171,7 +171,7 @@ def pinhole_picture(scene: Scene, directions: ArrayLike, samples: int = 1) -> Pi
     Examples
     --------
     >>> from omnimirror.frames import pan_tilt_direction
-    >>> from omnimirror.simulate.scenes import Room
+    >>> from omnimirror import Room
     >>> pan, tilt = np.meshgrid(np.radians(np.arange(-60, 60, 2)), np.radians(np.arange(30, -30, -2)))
     >>> pinhole_picture(Room(texel_mm=40.0), pan_tilt_direction(pan, tilt)).shape
     (30, 60, 3)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...analysis import evaluate
+from ...analysis.evaluation import evaluate
 from ...sensor import Sensor
 
 if TYPE_CHECKING:

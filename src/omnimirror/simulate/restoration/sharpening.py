@@ -47,7 +47,7 @@ def restore(
         sRGB in uint8 or uint16, or linear light in float32; RGB or grey, a fourth channel is left as it is.
     noise
         Standard deviation in the sRGB picture, as a share of full scale (0.01 is 2.6 of 255), or what
-        :func:`~omnimirror.simulate.estimate_noise` found; estimated from the picture by default.
+        :func:`~omnimirror.estimate_noise` found; estimated from the picture by default.
     object_distance_mm
         From a sensor's mirror to what is seen.
     blur
@@ -118,7 +118,7 @@ class Restorer:
         return restored
 
     def estimate_noise(self, image: Picture, file: str | Path | None = None) -> Noise:
-        """The noise of a picture within the rim, as :func:`~omnimirror.simulate.estimate_noise` finds it."""
+        """The noise of a picture within the rim, as :func:`~omnimirror.estimate_noise` finds it."""
         self._check(image)
         return estimate_noise(image, file, where=self.radius < self.known.whole_radius_px)
 

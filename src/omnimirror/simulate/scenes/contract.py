@@ -54,7 +54,7 @@ class Distant:
 
     So a camera's picture of it has no parallax, whatever viewpoints the mirror has.
 
-    >>> from omnimirror.simulate.scenes import Room
+    >>> from omnimirror import Room
     >>> room = Distant(Room(texel_mm=40.0))
     >>> towards = np.array([[1.0, 0.2, 0.1]])
     >>> bool(np.all(room.radiance(np.full((1, 3), 999.0), towards) == room.radiance(np.zeros((1, 3)), towards)))

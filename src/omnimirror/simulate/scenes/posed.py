@@ -117,7 +117,7 @@ class PosedScene:
 
     Examples
     --------
-    >>> from omnimirror.simulate.scenes import Room
+    >>> from omnimirror import Room
     >>> room, pose = Room(texel_mm=40.0), Pose(500.0, 0.0, 0.0, pan_deg=30.0)
     >>> wall = np.array([[3400.0, 0.0, 0.0]])
     >>> towards = pose.to_sensor(wall)

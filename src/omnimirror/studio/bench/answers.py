@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...analysis import Evaluation, evaluate, field_angles
+from ...analysis.evaluation import Evaluation, evaluate, field_angles
 from ...analysis.section import (
     NEAR_OBJECTS,
     SectionCurve,

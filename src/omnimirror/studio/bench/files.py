@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import tomli_w
 
-from ...analysis import evaluate
+from ...analysis.evaluation import evaluate
 from ...errors import InvalidParameter, SpecError
 from ...imagers import Imager
 from ...sensor import Sensor
@@ -191,7 +191,8 @@ def taken(ask: PictureAsk) -> bytes:
         The sensor cannot be.
     """
     from ...dewarp import Dewarper, views
-    from ...simulate import Room, take_picture
+    from ...simulate.rendering.picture import take_picture
+    from ...simulate.scenes.worlds.room import Room
 
     sensor = coarser(sensor_on_bench(ask.tables), ask.width_px)
     picture = take_picture(sensor, Room(), samples=ask.samples)

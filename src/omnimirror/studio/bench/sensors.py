@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ...analysis import best_focus
+from ...analysis.meridional.focus import best_focus
 from ...design.construct.families import FAMILIES
 from ...design.construct.fits import fit_mirror
 from ...design.construct.rim import MountedMirror, RimRay

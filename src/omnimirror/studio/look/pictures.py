@@ -50,7 +50,7 @@ def restored_picture(sensor: Sensor, ask: RestoreAsk, data: bytes) -> bytes:
     OmnimirrorError
         It is no picture, or none of that sensor.
     """
-    from ...simulate import restore
+    from ...simulate.restoration.sharpening import restore
 
     picture = eight_bits(picture_in(data, safe_name(ask.name)))
     distance = np.inf if ask.object_distance_mm is None else ask.object_distance_mm
@@ -66,8 +66,8 @@ def room_picture(known: Known) -> bytes:
     OmnimirrorError
         It would be too large.
     """
-    from ...simulate import Room, take_picture
-    from ...simulate.rendering.picture import SHOWN_SAMPLES
+    from ...simulate.rendering.picture import SHOWN_SAMPLES, take_picture
+    from ...simulate.scenes.worlds.room import Room
 
     width, height = known.camera.image_size
     if width * height > MOST_PIXELS:

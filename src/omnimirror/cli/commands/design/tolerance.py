@@ -252,7 +252,8 @@ def _print_allocation(console: Console, found: ToleranceReport) -> None:
 
 def _write_typical(typical: list[TypicalSensor], merit: str, out: Path, console: Console) -> list[Path]:
     from ....media.pictures.images import write_image
-    from ....simulate import Room, take_picture
+    from ....simulate.rendering.picture import take_picture
+    from ....simulate.scenes.worlds.room import Room
     from ....specs import save_sensor
 
     written = []

@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from ....analysis import Comparison, compare
+from ....analysis.comparison import Comparison, compare
 from ....specs import load_sensor
 from ...help_pages import DocumentedCommand
 from ...options.common import SENSOR

@@ -11,16 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
 
-from ....analysis import (
-    FOCUS_MERITS,
-    CameraMapping,
-    Evaluation,
-    best_focus,
-    best_viewpoint,
-    evaluate,
-    evaluate_camera,
-)
-from ....analysis.evaluation import READ_COLUMNS
+from ....analysis.calibration import CameraMapping, evaluate_camera
+from ....analysis.evaluation import READ_COLUMNS, Evaluation, evaluate
+from ....analysis.meridional.focus import best_focus
+from ....analysis.meridional.focus_merits import FOCUS_MERITS
+from ....analysis.meridional.viewpoints import best_viewpoint
 from ....analysis.temperature import at_temperature, thermal_motion_px
 from ....calibrate.physical import SensorModel
 from ....lenses import BlurMode

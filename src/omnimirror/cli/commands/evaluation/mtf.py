@@ -9,7 +9,7 @@ from typing import Any
 import click
 import numpy as np
 
-from ....analysis import mtf
+from ....analysis.aperture.transfer import mtf
 from ....quantities import QUANTITIES
 from ....specs import load_sensor
 from ...help_pages import DocumentedCommand

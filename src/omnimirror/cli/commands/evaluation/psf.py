@@ -9,7 +9,7 @@ from typing import Any
 import click
 import numpy as np
 
-from ....analysis import Psf, psf
+from ....analysis.aperture.point_spread import Psf, psf
 from ....files import write_json
 from ....specs import load_sensor
 from ...help_pages import DocumentedCommand

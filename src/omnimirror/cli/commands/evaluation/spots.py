@@ -9,8 +9,9 @@ import click
 import numpy as np
 from rich.console import Console
 
-from ....analysis import Spots, check_blur, spots
+from ....analysis.aperture.blur_check import check_blur
 from ....analysis.aperture.pupil import hexapolar
+from ....analysis.aperture.spot_diagrams import Spots, spots
 from ....quantities import QUANTITIES
 from ....sensor import Sensor
 from ....specs import load_sensor

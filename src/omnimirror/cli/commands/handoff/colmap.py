@@ -12,7 +12,7 @@ from click.core import ParameterSource
 from ....files import write_json
 from ....handoff.colmap import write_colmap
 from ....handoff.colmap.rig import RigView
-from ....simulate import Pose
+from ....simulate.scenes.posed import Pose
 from ....specs import load_camera
 from ...help_pages import DocumentedCommand
 from ...options.common import SENSOR, WHOLE, angle, distance

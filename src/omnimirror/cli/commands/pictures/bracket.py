@@ -10,12 +10,14 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from ....analysis import best_focus
+from ....analysis.meridional.focus import best_focus
 from ....files import name_of, write_json
 from ....media import read_image, write_image
 from ....media.pictures.images import format_of
-from ....simulate import Detector, Pose, PosedScene, expose
+from ....simulate.detector import Detector
+from ....simulate.rendering.exposure import expose
 from ....simulate.restoration.bracketing import Bracket, focused_at, merge_bracket, plan_bracket
+from ....simulate.scenes.posed import Pose, PosedScene
 from ....specs import load_sensor
 from ...help_pages import DocumentedCommand
 from ...options.common import NUMBER, SENSOR, WHOLE, distance, values

@@ -15,8 +15,11 @@ from ....errors import OutsideField
 from ....files import name_of, write_json
 from ....media import write_image
 from ....media.pictures.images import format_of
-from ....simulate import Detector, Distant, Pose, PosedScene, Scene, expose
 from ....simulate.colour import Light
+from ....simulate.detector import Detector
+from ....simulate.rendering.exposure import expose
+from ....simulate.scenes.contract import Distant, Scene
+from ....simulate.scenes.posed import Pose, PosedScene
 from ....specs import AnyCamera, bundled_sensors, load_camera, load_sensor
 from ...help_pages import DocumentedCommand
 from ...options.common import SENSOR, WHOLE

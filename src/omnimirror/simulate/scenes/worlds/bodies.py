@@ -103,7 +103,7 @@ class SceneWithBodies:
 
     Examples
     --------
-    >>> from omnimirror.simulate.scenes import Room
+    >>> from omnimirror import Room
     >>> ball = MovingBox((200.0, 200.0, 200.0), Keyframes({"x_mm": ((0.0, 1000.0), (1.0, 2000.0))}, "linear"))
     >>> scene = SceneWithBodies(Room(texel_mm=40.0), (ball,), 0.5)
     >>> scene.distance_mm(np.zeros((1, 3)), np.array([[1.0, 0.0, 0.0]]))

@@ -88,6 +88,16 @@ class Hall:
     def board_corners_mm(self, name: str) -> Array:
         """The inner corners (7, 11, 3) of a board, mm: rows from its top, columns from its left, as one reads it.
 
+        Parameters
+        ----------
+        name
+            One of :attr:`boards`.
+
+        Returns
+        -------
+        (7, 11, 3) array
+            mm.
+
         Raises
         ------
         InvalidParameter
@@ -101,6 +111,18 @@ class Hall:
     def radiance(self, origins_mm: ArrayLike, directions: ArrayLike) -> Light:
         """Linear RGB (n, 3) of rays from origins (n, 3) mm in directions (n, 3) of any length but 0.
 
+        Parameters
+        ----------
+        origins_mm : (n, 3)
+            Where rays of light begin that are followed backwards, mm.
+        directions : (n, 3)
+            Where they lead, of any length but 0.
+
+        Returns
+        -------
+        (n, 3) array, float32
+            Linear RGB.
+
         Raises
         ------
         InvalidParameter
@@ -109,12 +131,35 @@ class Hall:
         return self._inside(origins_mm).radiance(origins_mm, directions)
 
     def surroundings_from(self, low_mm: Array, high_mm: Array) -> Surroundings | None:
-        """What rays see that start in a box between corners (3,), (3,) mm; None where it is not inside the hall."""
+        """What rays see that start in a box between two corners.
+
+        Parameters
+        ----------
+        low_mm, high_mm : (3,)
+            The corners, mm.
+
+        Returns
+        -------
+        Surroundings
+            The hall; None where the box is not inside it.
+        """
         inside = (np.array(HALL.low) <= low_mm).all() and (np.array(HALL.high) >= high_mm).all()
         return _painted(self.texel_mm) if inside else None
 
     def distance_mm(self, origins_mm: ArrayLike, directions: ArrayLike) -> Array:
         """How far (n,) rays go.
+
+        Parameters
+        ----------
+        origins_mm : (n, 3)
+            Where rays of light begin that are followed backwards, mm.
+        directions : (n, 3)
+            Where they lead, of any length but 0.
+
+        Returns
+        -------
+        (n,) array
+            mm.
 
         Raises
         ------

@@ -60,6 +60,18 @@ class Street:
     def radiance(self, origins_mm: ArrayLike, directions: ArrayLike) -> Light:
         """Linear RGB (n, 3) of rays from origins (n, 3) mm in directions (n, 3) of any length but 0.
 
+        Parameters
+        ----------
+        origins_mm : (n, 3)
+            Where rays of light begin that are followed backwards, mm.
+        directions : (n, 3)
+            Where they lead, of any length but 0.
+
+        Returns
+        -------
+        (n, 3) array, float32
+            Linear RGB.
+
         Raises
         ------
         InvalidParameter
@@ -69,12 +81,35 @@ class Street:
         return _painted(self.texel_mm).radiance(origins_mm, directions)
 
     def surroundings_from(self, low_mm: Array, high_mm: Array) -> Surroundings | None:
-        """What rays see that start in a box between corners (3,), (3,) mm; None where it reaches into something."""
+        """What rays see that start in a box between two corners.
+
+        Parameters
+        ----------
+        low_mm, high_mm : (3,)
+            The corners, mm.
+
+        Returns
+        -------
+        Surroundings
+            The street; None where the box reaches into something.
+        """
         is_free = low_mm[2] >= GROUND_MM and not any(_overlap(box, low_mm, high_mm) for _, box in _solids())
         return _painted(self.texel_mm) if is_free else None
 
     def distance_mm(self, origins_mm: ArrayLike, directions: ArrayLike) -> Array:
         """How far (n,) rays go; infinite to the sky.
+
+        Parameters
+        ----------
+        origins_mm : (n, 3)
+            Where rays of light begin that are followed backwards, mm.
+        directions : (n, 3)
+            Where they lead, of any length but 0.
+
+        Returns
+        -------
+        (n,) array
+            mm; infinite to the sky.
 
         Raises
         ------
