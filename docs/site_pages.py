@@ -22,6 +22,7 @@ from typing import Any
 import click
 
 import omnimirror as om
+from omnimirror import studio
 from omnimirror.cli import app as program
 
 ROOT = Path(__file__).parents[1]
@@ -193,8 +194,14 @@ def command_line() -> None:
     (PAGES / "reference" / "commands.md").write_text("\n".join(lines))
 
 
+def page_alone() -> None:
+    """The studio without a server, which pages embed."""
+    (PAGES / "straighten.html").write_text(studio.page_alone(), encoding="utf-8")
+
+
 if __name__ == "__main__":
     copied()
+    page_alone()
     reference()
     command_line()
     print(f"{len(list(PAGES.rglob('*.md')))} pages in {PAGES.relative_to(ROOT)}")

@@ -21,9 +21,12 @@ WEB, NATIVE = CHECKOUT / "web", CHECKOUT / "native"
 
 
 # An editable installation finds the package by a hook that goes before any path.
-RUN_THE_COPY = """
-import runpy, sys
+OF_THE_COPY = """
+import sys
 sys.meta_path[:] = [f for f in sys.meta_path if not type(f).__name__.startswith("ScikitBuild")]
+"""
+RUN_THE_COPY = f"""{OF_THE_COPY}
+import runpy
 runpy.run_module("omnimirror", run_name="__main__", alter_sys=True)
 """
 
@@ -190,7 +193,7 @@ void add_twice(nb::module_& m) {
 
 }  // namespace omnimirror
 """
-CALLS = """
+CALLS = f"""{OF_THE_COPY}
 import numpy as np
 from omnimirror.native import backend
 values, out = np.arange(5.0), np.zeros(5)

@@ -214,6 +214,27 @@ def test_any_values_are_refused_with_a_sentence(name, data):
 
 
 @pytest.mark.parametrize(
+    ("name", "argument", "value"),
+    [
+        ("UnitAspect as a part", "theta_max_deg", 5e-324),
+        ("GroundPlane as a part", "theta_max_deg", 5e-297),
+        ("ViewpointSpline", "field_deg", 2e-281),
+        ("direction_uncertainty", "pixels", np.zeros((2, 2, 2))),
+        ("floor_uncertainty", "pixels", np.zeros((2, 2, 2))),
+        ("tolerance", "seed", -1),
+    ],
+)
+def test_values_that_no_sensor_has_are_refused_with_a_sentence(name, argument, value):
+    function, words = CALLS[name]
+    with pytest.raises(OmnimirrorError, match=rf"{argument} .* it is valid"):
+        function(**words | {argument: value})
+
+
+def test_a_whole_number_may_be_longer_than_numpys():
+    assert om.screens.Cylinder((36, 10), -20.0, 20.0, distance_mm=2**64)._place == ", at 1.84467e+19 mm"
+
+
+@pytest.mark.parametrize(
     ("name", "argument"), [("uncertainty_map", "steps"), ("simulate_detections", "count"), ("refine_corners", "passes")]
 )
 def test_counts_that_would_take_all_memory_or_for_ever_are_refused(name, argument):

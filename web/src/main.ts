@@ -1,6 +1,7 @@
 import { NoWebGL } from "./look/drawing/renderer";
 import { embedded } from "./look/embedded";
 import { Look } from "./look/look";
+import { alone } from "./look/supply";
 import * as api from "./shared/api";
 import { banner, fail, say } from "./shared/notices";
 import { Store } from "./shared/store";
@@ -63,8 +64,10 @@ async function main(): Promise<void> {
   store.entered = () => banner(store.trouble, "address");
   store.entered();
   if (embedded()) return look.beginEmbedded();
-  new ProjectMenu(store, look);
-  watchServer(look, tabs);
+  if (!alone) {
+    new ProjectMenu(store, look);
+    watchServer(look, tabs);
+  }
   await look.begin().catch(fail);
 }
 

@@ -61,7 +61,7 @@ def direction_uncertainty(
     array([0.078, 0.189])
     """
     model, matrix = _known(camera, covariance)
-    rays = model.backproject(vectors("pixels", pixels, 2))
+    rays = model.backproject(vectors("pixels", pixels, 2, is_list=True))
     return direction_sigma_deg(model, matrix, turned(rays.directions, model.mount.rotation()))
 
 
@@ -108,7 +108,7 @@ def floor_uncertainty(
     if height == 0:
         raise InvalidParameter("height_mm = 0 is no height over a floor; it is valid above 0, and below for a ceiling")
     model, matrix = _known(camera, covariance)
-    rays = model.backproject(vectors("pixels", pixels, 2))
+    rays = model.backproject(vectors("pixels", pixels, 2, is_list=True))
     with np.errstate(divide="ignore", invalid="ignore"):
         along = (-height - rays.origins[:, 2]) / rays.directions[:, 2]
         along = np.where((along > 0) & (along < FARTHEST_FLOOR * abs(height)), along, np.nan)

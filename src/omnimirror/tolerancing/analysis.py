@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from ..arguments import checked, instance
+from ..arguments import checked, instance, whole
 from ..design.criteria.limits import Limit
 from ..errors import InvalidParameter
 from ..sensor import Sensor
@@ -181,6 +181,7 @@ def tolerance(
     >>> found.tally.yields.value
     1.0
     """
+    seed = whole("seed", seed)
     if isinstance(plan, Tolerances):
         plan = TolerancePlan(plan)
     if plan.tolerances.sensor != sensor:

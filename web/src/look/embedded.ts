@@ -1,10 +1,13 @@
 import type { Embedded } from "../shared/messages";
 
-/** What a page from disk holds; null in a page of a server. */
-export function embedded(): Embedded | null {
-  const found = document.getElementById("embedded")?.textContent;
-  return found ? (JSON.parse(found) as Embedded) : null;
+/** What a page holds under a name; null where it does not. */
+export function heldBy<Held>(name: string): Held | null {
+  const found = document.getElementById(name)?.textContent;
+  return found ? (JSON.parse(found) as Held) : null;
 }
+
+/** What a page of one picture holds; null in any other. */
+export const embedded = (): Embedded | null => heldBy("embedded");
 
 const bytesOf = (base64: string): Uint8Array<ArrayBuffer> => Uint8Array.from(atob(base64), (c) => c.charCodeAt(0));
 

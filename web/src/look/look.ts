@@ -1,4 +1,3 @@
-import * as api from "../shared/api";
 import { byId, choices } from "../shared/dom";
 import { banner, say } from "../shared/notices";
 import type { Mode } from "../shared/state";
@@ -24,6 +23,7 @@ import { WaysPanel } from "./panels/ways";
 import { WipePanel } from "./panels/wipe";
 import { Sources } from "./sources";
 import { type Laid, lay, type Place } from "./stage";
+import * as supply from "./supply";
 import { explainWords } from "./words";
 import { Toolbar } from "./toolbar";
 
@@ -88,7 +88,11 @@ export class Look {
 
   /** Begin with what the server offers, and what the address asks for. */
   async begin(): Promise<void> {
-    const start = await api.start();
+    if (supply.alone) {
+      for (const element of document.querySelectorAll<HTMLElement>("[data-computes]")) element.hidden = true;
+      byId("alone-words").hidden = false;
+    }
+    const start = await supply.start();
     this.sensor.offer(start.sensors);
     this.sources.offer(start.sources);
     const fresh = !location.hash;

@@ -11,6 +11,7 @@ import { addressFeed, type Feed, pictureFeed, streamFeed, videoFeed } from "./fe
 import { identityIn, identityOf, keepPicture, keptPicture, sourceOf } from "./feeds/kept";
 import { Playback } from "./feeds/playback";
 import { Webcams } from "./feeds/webcams";
+import * as supply from "./supply";
 
 const INVITATION = "Drop a picture or video here";
 const INVITATION_MORE = "One taken with a curved mirror, a mirror ball or a fisheye. It stays on this machine.";
@@ -32,7 +33,7 @@ export class Sources {
   feed: Feed | null = null;
   /** The source that is shown, as the state names it; of a room also the sensor that took it. */
   shown = "";
-  hasServer = true;
+  hasServer = !supply.alone;
   /** Who opens project files. */
   projects: (file: Blob) => Promise<void> = async () => {};
   readonly playback = new Playback();
@@ -208,8 +209,8 @@ export class Sources {
 }
 
 async function roomOf(sensor: string): Promise<Feed> {
-  const made = await api.room(sensor);
-  return { ...(await pictureFeed(made, "circle.png", true)), made };
+  const made = await supply.room(sensor);
+  return { ...(await pictureFeed(made, supply.alone ? "circle.jpg" : "circle.png", true)), made };
 }
 
 const nameOf = (source: string, sensor: string): string => (source === "room" ? `room of ${sensor}` : source);

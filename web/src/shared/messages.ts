@@ -1,5 +1,11 @@
 // Made by web/message_types.py from the server's messages; not to be edited.
 
+/** What a page for any picture holds that no server helps. */
+export interface Alone {
+  version: string;
+  cameras: CameraAlone[];
+}
+
 /** What a design does; float32 values follow, block by block, not finite where there is nothing. */
 export interface Answer {
   slot: number;
@@ -204,6 +210,17 @@ export interface CalibrationNews {
   share: number | null;
   found: CalibrationFound | null;
   report: string | null;
+}
+
+/** A camera of a page that no server helps, however it stands. */
+export interface CameraAlone {
+  entry: SensorEntry;
+  /** plumb, with the top of the picture forward: each way to look, reversed left to right and not */
+  standing: CameraShown[];
+  /** float32 values, little-endian, in base64 */
+  tables: string;
+  /** the picture that it takes of a room, in its address; none if empty */
+  room: string;
 }
 
 /** Which camera, and how it stands; what is not said is as its file has it. */

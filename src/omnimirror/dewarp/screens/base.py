@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from typing import NamedTuple, Protocol, TypeAlias, runtime_checkable
 
@@ -123,7 +124,7 @@ class CentredScreen(ABC):
     @property
     def is_distant(self) -> bool:
         """Whether it is infinitely far away."""
-        return bool(np.isinf(self.distance_mm))
+        return math.isinf(self.distance_mm)  # NumPy's takes no whole numbers above 2^64
 
     def targets(self, first_row: int, last_row: int) -> Array:
         """Points (rows, width, 3) in mm, or directions where the screen is infinitely far away."""

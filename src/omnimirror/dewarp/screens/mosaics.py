@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, Self, get_args
@@ -122,7 +123,7 @@ class CubeMap:
 
     def __str__(self) -> str:
         turned = f"pan {self.pan_deg:g} deg, " if self.pan_deg else ""
-        place = "" if np.isinf(self.distance_mm) else f", at {self.distance_mm:g} mm{offset_words(self.offset_mm)}"
+        place = "" if math.isinf(self.distance_mm) else f", at {self.distance_mm:g} mm{offset_words(self.offset_mm)}"
         return f"cube map ({turned}{self.layout} of {self.face_px} px faces{place})"
 
 

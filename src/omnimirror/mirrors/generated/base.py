@@ -18,6 +18,7 @@ from .meridian import GeneratedMeridian, OrthographicMeridian, PerspectiveMeridi
 
 OMEGA_MAX = Parameter("deg", 1.0, 179.0, "field angle at the rim")
 OMEGA_MIN = Parameter("deg", 0.0, 170.0, "field angle at the image centre; above 0 the mirror is pointed")
+LEAST_THETA_DEG = 1e-3  # whoever means less means an orthographic lens; equations of smaller angles lose their digits
 THETA_MAX = Parameter("deg", 0.0, 60.0, "viewing angle of the lens at the rim; 0 for an orthographic lens")
 
 
@@ -77,6 +78,11 @@ class Mapped(Mirror):
     def _check_reach(self, omega_max_deg: float) -> None:
         """The lens must see the rim, and its chief rays must turn outwards there."""
         theta = self.theta_max_deg
+        if 0 < theta < LEAST_THETA_DEG:
+            raise InvalidParameter(
+                f"theta_max_deg = {theta:g} is too small for a lens at a distance; it is valid from "
+                f"{LEAST_THETA_DEG:g}, or 0 for an orthographic lens"
+            )
         if not theta < omega_max_deg < 180 - theta:
             raise InvalidParameter(
                 f"omega_max_deg = {omega_max_deg:g} cannot be reached with theta_max_deg = {theta:g}; it is valid "

@@ -161,3 +161,21 @@ class Embedded(Message):
     media: str = Field(description="address of the picture or video: with it inside, or of a file beside the page")
     is_video: bool
     name: str
+
+
+class CameraAlone(Message):
+    """A camera of a page that no server helps, however it stands."""
+
+    entry: SensorEntry
+    standing: tuple[CameraShown, ...] = Field(
+        description="plumb, with the top of the picture forward: each way to look, reversed left to right and not"
+    )
+    tables: str = Field(description="float32 values, little-endian, in base64")
+    room: str = Field(description="the picture that it takes of a room, in its address; none if empty")
+
+
+class Alone(Message):
+    """What a page for any picture holds that no server helps."""
+
+    version: str
+    cameras: tuple[CameraAlone, ...]

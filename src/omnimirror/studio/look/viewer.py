@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ...errors import InvalidParameter, MediaError
 from ...specs import AnyCamera
+from ..messages import Message
 from ..pages import page_text
 from ..uploads import eight_bits, encoded
 from .messages import Embedded
@@ -52,9 +53,9 @@ def viewer_of(
     _check_size(camera, (image.shape[1], image.shape[0]), "picture")
     kind = KINDS.get(path.suffix.lower()) if path is not None else None
     if path is not None and kind is not None and image.dtype == np.uint8:
-        media = _inside(path.read_bytes(), kind)
+        media = inside(path.read_bytes(), kind)
     else:
-        media = _inside(encoded(eight_bits(image), ".png"), "image/png")
+        media = inside(encoded(eight_bits(image), ".png"), "image/png")
     return _page_with(camera, name, options, media, path.name if path else "picture.png", is_video=False)
 
 
@@ -92,7 +93,7 @@ def video_viewer_of(camera: AnyCamera, name: str, options: tuple[str, ...], path
         raise MediaError(f"{path} is noted to be turned by {video.rotation_deg} degrees, and browsers do turn it")
     _check_size(camera, video.size, "video")
     is_small = path.stat().st_size <= LARGEST_INSIDE
-    media = _inside(path.read_bytes(), kind) if is_small else _beside(path, page)
+    media = inside(path.read_bytes(), kind) if is_small else _beside(path, page)
     return _page_with(camera, name, options, media, path.name, is_video=True)
 
 
@@ -111,21 +112,28 @@ def _beside(path: Path, page: Path) -> str:
     return quote(Path(relative).as_posix())
 
 
-def _inside(data: bytes, kind: str) -> str:
-    return f"data:{kind};base64,{_base64(data)}"
-
-
 def _page_with(camera: AnyCamera, name: str, options: tuple[str, ...], media: str, file: str, is_video: bool) -> str:
-    inside = Embedded(
+    shown = Embedded(
         camera=camera_model(name, name, title_of(camera), options, camera),
-        tables=_base64(camera_tables(camera).values.astype("<f4").tobytes()),
+        tables=base64_of(camera_tables(camera).values.astype("<f4").tobytes()),
         media=media,
         is_video=is_video,
         name=file,
     )
-    json = inside.model_dump_json().replace("<", "\\u003c")  # no text in it can end the script
-    return page_text().replace(PLACE, f'<script type="application/json" id="embedded">{json}</script>')
+    return page_holding(shown, "embedded")
 
 
-def _base64(data: bytes) -> str:
+def page_holding(message: Message, id: str) -> str:
+    """The page with a message inside, for the part of it that looks for that name."""
+    json = message.model_dump_json().replace("<", "\\u003c")  # no text in it can end the script
+    return page_text().replace(PLACE, f'<script type="application/json" id="{id}">{json}</script>')
+
+
+def inside(data: bytes, kind: str) -> str:
+    """An address that holds what it leads to."""
+    return f"data:{kind};base64,{base64_of(data)}"
+
+
+def base64_of(data: bytes) -> str:
+    """Bytes as text."""
     return base64.b64encode(data).decode()

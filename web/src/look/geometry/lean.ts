@@ -29,8 +29,8 @@ export function raised(lean: Lean, panDeg: number, upDeg: number): Lean {
   return { pitch: Math.asin(clamp(forward[2], -1, 1)) / RAD, roll: Math.atan2(left[2], up[2]) / RAD };
 }
 
-/** A vector turned about a unit vector. */
-function turned(v: Vec3, about: Vec3, angle: number): Vec3 {
+/** A vector turned about a unit vector, radians. */
+export function turned(v: Vec3, about: Vec3, angle: number): Vec3 {
   const [c, s] = [Math.cos(angle), Math.sin(angle)];
   return sum(times(c, v), times(s, cross(about, v)), times((1 - c) * dot(about, v), about));
 }

@@ -1,8 +1,10 @@
 import { byId, h } from "../../shared/dom";
 import { INITIAL } from "../../shared/state";
 import type { Store } from "../../shared/store";
+import type { RimFound } from "../../shared/messages";
 import type { Feed } from "../feeds/feed";
 import type { Camera } from "../geometry/camera";
+import { alone } from "../supply";
 import { hasSize, percent, type RimPanel } from "./rim";
 import type { SensorPanel } from "./sensor";
 
@@ -48,18 +50,19 @@ export class FirstLook {
   async look(feed: Feed): Promise<void> {
     const { camera } = this.hands.sensor();
     if (!camera || feed.moves || this.store.state.rim || !camera.model.is_adjustable || isOwn(camera, feed)) return;
+    if (alone) return this.ask(null);
     const found = await this.hands.rim.find(feed);
-    if (found && feed === this.hands.feed() && !(this.isKnown && found.is_sure)) this.ask(found.is_sure, found.confidence);
+    if (found && feed === this.hands.feed() && !(this.isKnown && found.is_sure)) this.ask(found);
   }
 
-  private ask(isSure: boolean, confidence: number): void {
+  private ask(found: RimFound | null): void {
     const close = h("button", { type: "button", className: "small", "aria-label": "Put this away", onclick: () => this.done() }, "×");
-    const where = isSure
-      ? h("p", {}, `The mirror was found in it, ${percent(confidence)} sure.`)
-      : h("p", {}, "Where the mirror ends is not clear in this picture. ", h("button", { type: "button", className: "small", onclick: () => this.byHand() }, "Set its edge by hand"));
+    const where = found?.is_sure
+      ? h("p", {}, `The mirror was found in it, ${percent(found.confidence)} sure.`)
+      : h("p", {}, found ? "Where the mirror ends is not clear in this picture. " : "Where the mirror ends is a guess so far. ", h("button", { type: "button", className: "small", onclick: () => this.byHand() }, "Set its edge by hand"));
     const answers = TAKEN_BY.map(([answer, looks, sensor]) => h("button", { type: "button", onclick: () => void this.answered(sensor) }, answer, h("small", {}, looks)));
     const file = h("button", { type: "button", onclick: () => this.fromFile() }, "A camera I have a file of", h("small", {}, "a sensor or calibration file"));
-    const question = this.isKnown ? [] : [h("h2", { id: "ask-title" }, "What took this picture?"), h("div", { className: "answers" }, ...answers, file)];
+    const question = this.isKnown ? [] : [h("h2", { id: "ask-title" }, "What took this picture?"), h("div", { className: "answers" }, ...answers, ...(alone ? [] : [file]))];
     this.card.replaceChildren(close, where, ...question);
     this.card.hidden = false;
   }
@@ -68,7 +71,7 @@ export class FirstLook {
     const { rim } = this.store.state;
     this.done();
     await this.hands.sensor().choose(sensor, rim);
-    if (rim) requestAnimationFrame(() => requestAnimationFrame(() => void this.hands.level())); // once it is drawn through the new camera
+    if (rim && !alone) requestAnimationFrame(() => requestAnimationFrame(() => void this.hands.level())); // once it is drawn through the new camera
   }
 
   private fromFile(): void {

@@ -7,6 +7,7 @@ import type { Store } from "../../shared/store";
 import { keep, kept, type Kept } from "../feeds/kept";
 import { Camera } from "../geometry/camera";
 import type { Lean } from "../geometry/lean";
+import * as supply from "../supply";
 
 /** What of the state says which camera it is, and how it stands. */
 type Chosen = Pick<State, (typeof CHOSEN)[number]>;
@@ -125,9 +126,9 @@ export class SensorPanel {
 
   private async fetch({ sensor, looks, forward, flipped, pitch, roll }: Chosen): Promise<Camera> {
     const asked = { id: sensor, camera_looks: looks, forward_azimuth_deg: forward, image_flipped: flipped, pitch_deg: pitch, roll_deg: roll };
-    const { model, tables } = await api.camera(asked).catch(async (e: unknown) => {
+    const { model, tables } = await supply.camera(asked).catch(async (e: unknown) => {
       const file = await kept(sensor);
-      if (!(e instanceof api.Refused)) throw e;
+      if (!(e instanceof api.Refused) || supply.alone) throw e;
       if (!file) throw sensor.startsWith("file:") ? new api.Refused(ELSEWHERE) : e;
       await api.loadSensor(file.blob, file.name, file.optics); // the server was started anew
       return api.camera(asked);
@@ -169,7 +170,7 @@ export class SensorPanel {
     const [kind, field] = model.id.split(":");
     byId("optics-row").hidden = model.kind !== "ocam" || !model.id.startsWith("file:");
     if (model.kind === "ocam") this.showOptics(model.options.includes("fisheye") ? "fisheye" : "mirror");
-    byId("ball-row").hidden = kind !== "ball";
+    byId("ball-row").hidden = kind !== "ball" || supply.alone !== null;
     if (kind === "ball") byId<HTMLInputElement>("ball-field").value = field;
   }
 

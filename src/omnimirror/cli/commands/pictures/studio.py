@@ -10,9 +10,12 @@ from typing import TYPE_CHECKING
 import click
 
 from ....errors import OmnimirrorError
+from ....files import write_text
 from ...help_pages import DocumentedCommand
 from ...options.common import WholeRange
 from ...options.declared import Options, option, takes
+from ...outputs import progress_bar, say
+from ...streams import is_quiet
 
 if TYPE_CHECKING:
     from ....studio.studio import Studio
@@ -41,6 +44,16 @@ class ServerOptions(ListenOptions):
     )  # fmt: skip
 
 
+@dataclass(frozen=True)
+class PageOptions(Options):
+    """A page in the server's place."""
+
+    page: Path | None = option(
+        "--page", type=click.Path(dir_okay=False, path_type=Path),
+        help="Write a page instead that looks through the bundled sensors at any picture, without a server.",
+    )  # fmt: skip
+
+
 def run_studio(make: Callable[[], Studio], server: ServerOptions) -> None:
     """Serve until Ctrl-C, or say what is missing."""
     try:
@@ -55,14 +68,17 @@ def run_studio(make: Callable[[], Studio], server: ServerOptions) -> None:
 @click.command(
     cls=DocumentedCommand,
     page="studio",
-    examples=("omnimirror studio --folder pictures",),
+    examples=("omnimirror studio --folder pictures", "omnimirror studio --page look.html"),
 )
+@takes(PageOptions, "written")
 @takes(ServerOptions, "server")
-def command(server: ServerOptions) -> None:
+def command(server: ServerOptions, written: PageOptions) -> None:
     """Open the studio in the browser: look through a sensor at pictures, videos and cameras, or design one.
 
     It listens on this machine alone unless --host says otherwise.
     """
+    if written.page is not None:
+        return _write_page(written.page)
 
     def make() -> Studio:
         from ....studio.look.sources import Sources
@@ -71,3 +87,18 @@ def command(server: ServerOptions) -> None:
         return Studio(Sources(folders=server.folders))
 
     run_studio(make, server)
+
+
+def _write_page(path: Path) -> None:
+    """The page that needs no server."""
+    from rich.console import Console
+
+    from ....studio import page_alone
+
+    if path.suffix.lower() not in (".html", ".htm"):
+        raise click.UsageError(f"--page writes an HTML file, such as {path.stem or 'look'}.html, and no {path}")
+    with progress_bar(Console(stderr=True, quiet=is_quiet())) as bar:
+        task = bar.add_task("simulating rooms", total=None)
+        text = page_alone(progress=lambda done, all_: bar.update(task, completed=done, total=all_))
+    write_text(path, text)
+    say(f"{path}: open it in a browser, or put it on a web server, and drop pictures on it")
