@@ -109,10 +109,17 @@ def test_what_no_known_pixel_depends_on_stays(blur: Blur, kind):
     assert moved[reached].mean() > 0.95
 
 
+# What rounding to float32 comes to, in light: over twenty such pictures the two ways differ at worst by 2.7e-6 and
+# 1.2e-7 rms after one round of three steps, with every set of instructions, less than the sparse way does from itself
+# where every root is moved by its last bit (1.1e-5, 2.4e-7). Rounds of eight steps carry that further, in single values
+# most (6e-3, 5.4e-5 rms; by the last bit 9e-4, 1.9e-5). Limits are twice the worst.
 @needs_compiled
+@pytest.mark.parametrize(("schedule", "most", "most_rms"), [((1, 3), 2.2e-5, 4.8e-7), ((6, 8), 1.2e-2, 1.1e-4)])
 @pytest.mark.parametrize("instructions", ["plain", "best"])
 @pytest.mark.parametrize("channels", [1, 3])
-def test_pictures_solved_by_compiled_kernels_and_by_matrices_are_the_same(blur: Blur, channels: int, instructions: str):
+def test_pictures_solved_by_compiled_kernels_and_by_matrices_are_the_same(
+    blur: Blur, channels: int, instructions: str, schedule: tuple[int, int], most: float, most_rms: float
+):
     roots = random_roots(blur, channels)
     widening, noise = (np.full(roots.shape[:2], value, np.float32) for value in (2.0, 0.02))
     before = backend.name
@@ -120,11 +127,12 @@ def test_pictures_solved_by_compiled_kernels_and_by_matrices_are_the_same(blur: 
         backend.kernels.use_instructions("plain")
     try:
         one, other = (
-            solve(kind(blur), widening, roots, noise, noise, 6, 8) for kind in (CompiledDeblurring, SparseDeblurring)
+            solve(kind(blur), widening, roots, noise, noise, *schedule)
+            for kind in (CompiledDeblurring, SparseDeblurring)
         )
         for got, wanted in ((one.light(), other.light()), (one.blurred(), other.blurred())):
-            assert np.abs(got - wanted).max() < 0.02
-            assert np.sqrt(((got - wanted) ** 2).mean()) < 4e-4
+            assert np.abs(got - wanted).max() < most
+            assert np.sqrt(((got - wanted) ** 2).mean()) < most_rms
     finally:
         backend.kernels.use_instructions(before)
 
