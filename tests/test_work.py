@@ -20,6 +20,7 @@ from omnimirror.lenses import Perspective
 from omnimirror.mirrors import TabulatedMapping
 from omnimirror.mirrors.base import Mirror
 from omnimirror.native import backend
+from omnimirror.simulate.colour import srgb_bytes
 from omnimirror.tracing.meridian import Meridian
 
 
@@ -92,6 +93,19 @@ def test_what_lies_in_the_field_is_found_without_a_map_of_all_pixels():
         found = dewarp.valid
     np.testing.assert_array_equal(found, inside)
     assert 0.3 < found.mean() < 0.9
+
+
+@pytest.mark.parametrize(
+    ("detector", "allowed"), [(om.Detector(), 0.5), (om.Detector(full_well_e=1e4, read_noise_e=4.0), 1.5)]
+)
+def test_light_is_read_out_without_copies_of_the_whole_picture(detector, allowed):
+    """Of light: a quarter is the picture itself; the electrons take as much as light once, until they are numbers."""
+    light = np.full((1000, 1000, 3), 0.3, np.float32)
+    detector.read(light[:2])
+    with most_bytes(allowed * light.nbytes):
+        detector.read(light)
+    with most_bytes(0.5 * light.nbytes):
+        srgb_bytes(light)
 
 
 def test_a_mirror_behind_a_dome_is_looked_at_to_the_rim_only_once_it_is_found(counted):

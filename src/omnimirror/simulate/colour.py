@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,6 +12,7 @@ from ..errors import InvalidParameter
 
 Light = NDArray[np.float32]
 Picture = NDArray[np.uint8]
+STRETCH = 1 << 16  # values worked on at a time: they stay in the cache, and pictures need no second copy as floats
 
 
 def linear_from_srgb(srgb: ArrayLike) -> Light:
@@ -29,8 +31,22 @@ def srgb_bytes(linear: ArrayLike) -> Picture:
     >>> srgb_bytes([0.0, 0.214, 1.0, 7.0])
     array([  0, 127, 255, 255], dtype=uint8)
     """
-    picture: Picture = np.rint(255 * srgb_from_linear(linear)).astype(np.uint8)
+    light = np.asarray(linear)
+    picture = np.empty(light.shape, np.uint8)
+    values, numbers = light.reshape(-1), picture.reshape(-1)
+    for part in stretches(light.size):
+        numbers[part] = np.rint(255 * srgb_from_linear(values[part]))
     return picture
+
+
+def stretches(count: int) -> Iterator[slice]:
+    """So many values in parts of at most ``STRETCH``.
+
+    >>> [part.stop for part in stretches(100_000)]
+    [65536, 100000]
+    """
+    for start in range(0, count, STRETCH):
+        yield slice(start, min(start + STRETCH, count))
 
 
 def srgb_from_linear(linear: ArrayLike) -> Light:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ..arguments import check_fields
 from ..errors import InvalidParameter
 from ..parameters import Parameter
-from .colour import Light, srgb_from_linear
+from .colour import Light, srgb_from_linear, stretches
 
 BAYER = ("none", "RGGB", "BGGR", "GRBG", "GBRG")
 CURVES = ("srgb", "linear")
@@ -147,12 +147,17 @@ class Detector:
             For light that is no picture or holds NaN, or a seed that is no whole number from 0 on.
         """
         light = _checked(light)
-        signal = self.exposure * (light if self.bayer == "none" else mosaic(light, self.bayer))
+        kept = light if self.bayer == "none" else mosaic(light, self.bayer)
+        factor = self.exposure
         if np.isfinite(self.full_well_e):
-            signal = noisy(signal, self.full_well_e, self.read_noise_e, seed)
-        shown = srgb_from_linear(signal) if self.curve == "srgb" else signal
-        values = np.rint(self.largest_dn * shown + np.float32(self.offset_dn))
-        numbers: NDArray[Any] = np.clip(values, 0, self.largest_dn).astype(np.uint8 if self.bits == 8 else np.uint16)
+            kept, factor = noisy(kept, self.full_well_e, self.read_noise_e, seed, factor), 1.0
+        numbers: NDArray[Any] = np.empty(kept.shape, np.uint8 if self.bits == 8 else np.uint16)
+        signals, read = kept.reshape(-1), numbers.reshape(-1)
+        for part in stretches(kept.size):
+            signal = factor * signals[part]
+            shown = srgb_from_linear(signal) if self.curve == "srgb" else signal
+            values = np.rint(self.largest_dn * shown + np.float32(self.offset_dn))
+            read[part] = np.clip(values, 0, self.largest_dn)
         return numbers
 
 
@@ -160,13 +165,13 @@ def _checked(light: Light) -> Light:
     light = np.asarray(light)
     if light.ndim != 3 or light.shape[2] != 3 or light.dtype.kind not in "fiu":
         raise InvalidParameter(f"light is numbers (rows, columns, 3), not {light.shape} of {light.dtype}")
-    if np.isnan(light).any():
+    if any(np.isnan(row).any() for row in light):
         raise InvalidParameter("light holds NaN; it is valid from 0 on")
     return light
 
 
-def noisy(light: Light, full_well_e: float, read_noise_e: float, seed: int) -> Light:
-    """Light as electrons count it, white at 1: their number is Poisson's, and reading adds Gauss's noise.
+def noisy(light: Light, full_well_e: float, read_noise_e: float, seed: int, exposure: float) -> Light:
+    """Exposed light as electrons count it, white at 1: their number is Poisson's, and reading adds Gauss's noise.
 
     What is far beyond white is counted as if it were less far, which no value shows.
     """
@@ -174,9 +179,15 @@ def noisy(light: Light, full_well_e: float, read_noise_e: float, seed: int) -> L
         raise InvalidParameter(f"seed = {seed} is not a whole number from 0 on")
     chance = np.random.default_rng(int(seed))
     most = full_well_e + BEYOND * (np.sqrt(full_well_e) + read_noise_e + 1)
-    electrons = chance.poisson(np.clip(light.astype(float) * full_well_e, 0, most)).astype(float)
-    electrons += read_noise_e * chance.standard_normal(electrons.shape)
-    counted: Light = (electrons / full_well_e).astype(np.float32)
+    electrons = np.empty(light.shape, np.uint32)  # as many bytes as light has: it takes their place
+    counted: Light = electrons.view(np.float32)
+    values, numbers, shares = light.reshape(-1), electrons.reshape(-1), counted.reshape(-1)
+    for part in stretches(light.size):
+        exposed = (exposure * values[part]).astype(float)
+        numbers[part] = chance.poisson(np.clip(exposed * full_well_e, 0, most))
+    for part in stretches(light.size):  # after all photons: the order in which a seed's numbers are drawn
+        noise = read_noise_e * chance.standard_normal(part.stop - part.start)
+        shares[part] = (numbers[part] + noise) / full_well_e
     return counted
 
 

@@ -120,7 +120,7 @@ def picture(
 
 
 def _photograph(camera: AnyCamera, scene: Scene, output: Path, taking: TakingOptions) -> Light:
-    """Take the picture, write it as its file's kind holds it, and give its light."""
+    """Take the picture, write it as its file's kind holds it, and give its light, exposed in place."""
     kind = format_of(output)
     is_light = "float32" in kind.depths and "uint8" not in kind.depths
     if is_light and (asked := [name for name in taking.picked(*DETECTOR) if name != "exposure"]):
@@ -139,16 +139,20 @@ def _photograph(camera: AnyCamera, scene: Scene, output: Path, taking: TakingOpt
             camera, scene, samples=taking.samples, blur=taking.is_blurred(camera), radiometry=radiometry,
             seed=taking.seed, progress=progress, wavelengths_nm=taking.wavelengths_nm,
         )  # fmt: skip
-    exposed = detector.exposure * light
     if output.suffix.lower() == ".exr":
         from ....simulate.datasets.calibration_set import write_truth
 
-        write_truth(output, camera, scene, exposed, radiometry)
+        light *= detector.exposure
+        write_truth(output, camera, scene, light, radiometry)
+    elif is_light:
+        light *= detector.exposure
+        write_image(output, light)
     else:
-        write_image(output, exposed if is_light else detector.read(light, taking.seed))
+        write_image(output, detector.read(light, taking.seed))
+        light *= detector.exposure
     width, height = camera.image_size
     say(f"{name_of(output)}: {width} x {height} px, {taking.samples} rays a pixel")
-    return exposed
+    return light
 
 
 def _write_panorama(camera: AnyCamera, picture: Any, output: Path) -> None:
