@@ -108,6 +108,7 @@ class PictureStraightener:
         self.how, self.restoration = how, restoration
         self.transparent = False if how.border else transparent
         self.dewarper = cache(self._dewarper)
+        self.inside = cache(self._inside)
         self.restorer = cache(self._restorer)
         self.alone = Lock()  # it needs a lot of memory
         self.left_out: Counter[str] = Counter()
@@ -118,6 +119,10 @@ class PictureStraightener:
         camera = self.how.drawing(stands)
         view = self.how.view_of(camera)
         return self.how.dewarper(camera, view, border), self.how.panorama_of(stands, view)
+
+    def _inside(self, size: Size, border: Border) -> str:
+        """How much of the view lies inside the field of pictures of a size: the same for all of them."""
+        return _percent(self.dewarper(size, border)[0])
 
     def _restorer(self, camera: Camera) -> Restorer:
         assert self.restoration is not None
@@ -148,7 +153,8 @@ class PictureStraightener:
             )
         picture, carried = read_picture(source)
         border = self.how.border.of_picture(picture) if self.how.border else 0
-        dewarp, panorama = self.dewarper((picture.shape[1], picture.shape[0]), border)
+        same = (picture.shape[1], picture.shape[0]), border  # for all such pictures
+        dewarp, panorama = self.dewarper(*same)
         check_size(output, dewarp.view.size)
         restored = ""
         if self.restoration is not None:
@@ -164,7 +170,7 @@ class PictureStraightener:
             told += f", {left_out}"
             self.left_out[left_out] += 1
         size = f"{width} x {height} px"
-        return f"{name_of(output)}: {dewarp.view}, {size}, {_percent(dewarp)} of it inside the field{told}{restored}"
+        return f"{name_of(output)}: {dewarp.view}, {size}, {self.inside(*same)} of it inside the field{told}{restored}"
 
     def many(
         self,
