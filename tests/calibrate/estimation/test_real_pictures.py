@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import signal
 import subprocess
 import sys
 from contextlib import suppress
@@ -120,7 +119,7 @@ def test_a_pattern_or_a_folder_stands_for_its_pictures(tmp_path):
     [("looking for boards, 4 of 6", "unified"), ("fitting ocam", "auto"), ("comparing ", "auto")],
 )
 def test_ctrl_c_keeps_what_was_found(state, model, tmp_path):
-    """The signal comes when the bar on the terminal says how far it is."""
+    """The signal comes when the bar is told how far it is; drawn now and then, it may never show that."""
     told, code = interrupted(
         ["calibrate", *map(str, PICTURES[:6]), "--board", "11x7", "--square-mm", "30", "--model", model,
          "-o", "camera.toml"], state, tmp_path,
@@ -132,21 +131,38 @@ def test_ctrl_c_keeps_what_was_found(state, model, tmp_path):
     om.load_camera(tmp_path / "camera.toml")
 
 
+INTERRUPTED = """
+import os, signal, sys
+from rich.progress import Progress
+
+state, *words = sys.argv[1:]
+update, sent = Progress.update, []
+
+def told(self, *args, description=None, **more):
+    update(self, *args, description=description, **more)
+    if state in (description or "") and not sent:
+        sent.append(state)
+        os.kill(os.getpid(), signal.SIGINT)
+
+Progress.update = told
+sys.argv = ["omnimirror", *words]
+from omnimirror.cli import main
+main()
+"""
+
+
 def interrupted(words: list[str], state: str, cwd: Path) -> tuple[str, int]:
-    """What a command writes to its terminal that gets SIGINT as soon as that shows a state, and its exit code."""
+    """What a command writes to its terminal that gets SIGINT as soon as it says a state, and its exit code."""
     import pty
 
     ours, its = pty.openpty()
     environment = {**os.environ, "COLUMNS": "200", "TERM": "xterm"}
-    command = [sys.executable, "-m", "omnimirror", *words]
-    told, is_sent = "", False
+    command = [sys.executable, "-c", INTERRUPTED, state, *words]
+    told = ""
     with subprocess.Popen(command, cwd=cwd, stdin=its, stdout=its, stderr=its, env=environment) as run:
         os.close(its)
         with suppress(OSError):  # which Linux raises where the other side is closed
             while more := os.read(ours, 65536):
                 told += more.decode(errors="replace")
-                if state in told and not is_sent:
-                    run.send_signal(signal.SIGINT)
-                    is_sent = True
     os.close(ours)
     return told, run.returncode

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -28,6 +29,7 @@ from .leaving_out import HeldOut, held_out
 from .outliers import Outlier, frozen, without_outliers
 
 THINNED, TRIAL_STEPS = 3, 25  # points and steps by which starts are compared
+TERMS = "mirror.coefficients"
 ENOUGH = 200  # points, of which none is left out of that
 AXIS = ("imager.centre_px[0]", "imager.centre_px[1]")
 HOPELESS = 1.1  # a model whose fit is worse than another in pictures that were left out, by so much, is not compared
@@ -213,12 +215,11 @@ def _best_climbed(base: Adjustment, starts: Sequence[CameraModel], plan: Calibra
         return climbed(base, starts[0], **known(starts[0]))
     every = min(THINNED, max(1, sum(map(len, base.sightings)) // ENOUGH))
     some = replace(base, sightings=tuple(s.only(np.arange(0, len(s), every)) for s in base.sightings))
-    # with its axis free from the start, an unknown mirror may slide into a valley far from any mirror there is
     tried, options, failed = [], [], []
-    for into in starts:
+    for into, is_conic_first in product(starts, (False, True)):
         own = known(into)
         try:
-            tried.append(climbed(some, into, **own | {"fixed": (*own["fixed"], *AXIS)}, most_steps=TRIAL_STEPS))
+            tried.append(_trial(some, into, own, is_conic_first))
             options.append(own)
         except OmnimirrorError as e:  # a start that leads to no mirror; another may
             failed.append(e)
@@ -231,6 +232,20 @@ def _best_climbed(base: Adjustment, starts: Sequence[CameraModel], plan: Calibra
     placed = [s.moved(b.motion) for s, b in zip(base.sightings, best.sightings, strict=True)]
     best = best.again(placed, loss="cauchy", settled=ROUGHLY)
     return adjust(best.model, best.sightings, **options[number] | {"shape": best.shape}, loss="cauchy", settled=ROUGHLY)
+
+
+def _trial(some: Adjustment, into: CameraModel, known: dict[str, Any], is_conic_first: bool) -> Adjustment:
+    """Some steps from a start; with a mirror's aspheric terms free at once, or once the conic fits.
+
+    With its axis free from the start, an unknown mirror may slide into a valley far from any mirror there is; with its
+    terms free, into one where they make up for a conic of the wrong size.
+    """
+    terms = tuple(p.name for p in into.parameters if p.name.startswith(TERMS)) if is_conic_first else ()
+    fit = climbed(some, into, **known | {"fixed": (*known["fixed"], *AXIS, *terms)}, most_steps=TRIAL_STEPS)
+    if not terms:
+        return fit
+    freed = known | {"fixed": (*known["fixed"], *AXIS), "shape": fit.shape}
+    return adjust(fit.model, fit.sightings, **freed, loss="cauchy", settled=ROUGHLY, most_steps=TRIAL_STEPS)
 
 
 def _order(wanted: str | CameraModel) -> int:
