@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -22,7 +21,7 @@ from ....calibrate.estimation.ladder.models import KINDS
 from ....calibrate.lines import read_lines
 from ....calibrate.physical import SensorModel
 from ....calibrate.targets import Board, Detection, choose_frames
-from ....calibrate.targets.finding import STOPPED, find_boards
+from ....calibrate.targets.finding import find_boards
 from ....camera_models.base import CameraModel, Optics
 from ....frames import CameraLooks, Mount
 from ....media import interrupts
@@ -192,15 +191,14 @@ def command(
     board, asked, console = target.made(), camera.asked(), output_console()
     _check_asked(pictures, board, survey)
     known = read_surveys(survey.points, survey.directions)
-    detections = [] if board is None else _found(console, pictures, board, several)
-    is_stopped = any(d.reason == STOPPED for d in detections)
+    detections, stopped_by = ([], 0) if board is None else _found(console, pictures, board, several)
     with _steps(console) as progress, interrupts.deferred():
         found = calibrate_camera(
             detections, board, surveys=known.sightings, lines=read_lines(survey.lines),
             lines_distance_mm=survey.lines_distance_mm, image_size=survey.image_size, **asked, **estimation.asked(),
             progress=progress, stop=interrupts.is_pending,
         )  # fmt: skip
-        code = interrupts.exit_code() or (interrupts.BY_SIGNAL + signal.SIGINT if is_stopped else 0)
+        code = interrupts.exit_code() or stopped_by
         _write(found, output, json_path, report, figures)
     _print(console, found, known)
     say_written(output, json_path, report, console=console)
@@ -223,18 +221,22 @@ def _check_asked(pictures: tuple[str, ...], board: Board | None, survey: SurveyO
         raise click.UsageError(f"there are no PICTURES of a board, and no --points or --directions{alone}")
 
 
-def _found(console: Console, pictures: tuple[str, ...], board: Board, several: bool) -> list[Detection]:
-    """Boards in pictures, or in the frames of a video."""
-    with progress_bar(console) as bar:
+def _found(console: Console, pictures: tuple[str, ...], board: Board, several: bool) -> tuple[list[Detection], int]:
+    """Boards in pictures, or in the frames of a video; and the exit code of who stopped the search, 0 if nobody did."""
+    with progress_bar(console) as bar, interrupts.deferred():
         task = bar.add_task("looking for boards", total=None)
 
         def progress(done: int, count: int | None) -> None:
             what = "looking for boards" + (f", {done} of {count}" if count else "")
             bar.update(task, description=what, completed=done, total=count)
+            if interrupts.is_pending():  # between two pictures, where nothing of one is lost
+                raise KeyboardInterrupt
 
         if len(pictures) == 1 and is_video(pictures[0]):
-            return choose_frames(pictures[0], board, progress=progress)
-        return find_boards(expand_inputs(pictures), board, several=several, progress=progress)
+            found = choose_frames(pictures[0], board, progress=progress)
+        else:
+            found = find_boards(expand_inputs(pictures), board, several=several, progress=progress)
+        return found, interrupts.exit_code()
 
 
 @contextmanager
