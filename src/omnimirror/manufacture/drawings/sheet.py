@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 from numpy.typing import ArrayLike, NDArray
 
@@ -183,9 +184,10 @@ class Sheet:
         """An open line through points (n, 2)."""
         x, y = np.asarray(points, dtype=float).T
         look = {"color": INK, "solid_capstyle": "round", "dash_capstyle": "butt", **look}
-        (line,) = self.ax.plot(x, y, linewidth=width * POINT, **look)
+        line = Line2D(x, y, linewidth=width * POINT, **look)
         if dashes:
             line.set_dashes(dashes)
+        self.ax.add_artist(line)  # not plot: the paper's limits stand, no line moves them
 
     def hatch(self, outline: ArrayLike, spacing: float = 3.0, rising: bool = True) -> None:
         """Hatching at 45 degrees inside a closed outline (n, 2)."""
@@ -202,7 +204,7 @@ class Sheet:
 
     def fill(self, corners: Sequence[ArrayLike], color: str = INK) -> None:
         """A filled area."""
-        self.ax.add_patch(Polygon(np.asarray(corners), closed=True, facecolor=color, edgecolor="none", zorder=3))
+        self.ax.add_artist(Polygon(np.asarray(corners), closed=True, facecolor=color, edgecolor="none", zorder=3))
 
     # -- text ------------------------------------------------------------------------------------
 
