@@ -25,8 +25,9 @@ demo: $(VENV)/.core  ## Evaluate, simulate and straighten a picture, and write a
 test: lint chromium node  ## Everything that must hold, in a few minutes
 	$(BIN)/python -m pytest -n auto --dist worksteal -m "not full"
 
+# Dozens of seeds in one test, and searches to their end, take longer than any test of every day may.
 test-full: lint chromium node $(VENV)/.full  ## Also long checks and other programs (2.6 GB more, with PyTorch for processors alone)
-	$(BIN)/python -m pytest -n auto --dist worksteal
+	$(BIN)/python -m pytest -n auto --dist worksteal --timeout 3600 -o faulthandler_timeout=3900
 	native/sanitize.sh $(BIN)/python -q
 
 programs: $(BIN)/python  ## Blender and Newton beside the package, for tests of what is handed to them (1.4 GB)

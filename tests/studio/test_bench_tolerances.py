@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from contextlib import closing
 from dataclasses import replace
 
 import numpy as np
@@ -19,7 +21,8 @@ from omnimirror.tolerancing.trials.compensation import CALIBRATIONS
 from omnimirror.tolerancing.trials.judge import Judge
 from omnimirror.tolerancing.trials.merits import after
 
-from .test_bench_page import AXE, bench, browser  # noqa: F401 - fixtures
+from .browser import PATIENCE_MS
+from .test_bench_page import AXE, WITHOUT_PICTURES, bench, browser  # noqa: F401 - fixtures
 
 LOCAL = "http://127.0.0.1"
 SPH = om.load_sensor("paper-spherical")
@@ -165,6 +168,49 @@ def test_errors_follow_the_design_and_leave_with_the_panel(bench):  # noqa: F811
     assert bench.get_by_label("Mirror coefficients[1]", exact=True).count() == 1
     bench.get_by_role("button", name="Leave errors").click()
     assert bench.locator("figure.tolerances").is_hidden()
+
+
+def tried(page):
+    """What the panel shows: its choices, numbers and verdict."""
+    page.wait_for_function(AT_REST)
+    return page.evaluate("""() => {
+      const body = document.querySelector(".tolerance-body");
+      const values = [...body.querySelectorAll("select, input")].map((e) => e.value);
+      return [...values, body.querySelector(".verdict").textContent];
+    }""")
+
+
+def test_a_link_holds_the_errors_that_are_tried(bench, browser):  # noqa: F811
+    opened(bench)
+    at_first = tried(bench)
+    for title, choice in (("Shop", "fine"), ("Calibrated", "affine"), ("Focused", "rms")):
+        bench.get_by_label(title, exact=True).select_option(choice)
+    bench.get_by_role("spinbutton", name="At most").fill("0.75")
+    bench.get_by_label("Mirror tilt x", exact=True).fill("0.123")
+    tolerance = bench.get_by_label(re.compile("Tolerance of Mirror tilt x"))
+    tolerance.fill("0.3")
+    tolerance.press("Tab")
+    shown = tried(bench)
+    assert shown != at_first
+    bench.wait_for_function("location.hash.includes('0.123')")
+    link = bench.url
+    with closing(browser.new_context(viewport={"width": 1280, "height": 800}, bypass_csp=True)) as context:
+        page = context.new_page()
+        page.set_default_timeout(PATIENCE_MS)
+        page.add_init_script(WITHOUT_PICTURES)
+        page.goto(link)
+        page.wait_for_function("window.omnimirror?.tabs?.bench")
+        assert tried(page) == shown
+        page.reload()
+        page.wait_for_function("window.omnimirror?.tabs?.bench")
+        assert tried(page) == shown
+        page.evaluate("location.hash = location.hash.replace('mirror.tilt_x_deg', 'mirror.nonsense')")
+        page.get_by_text("cannot have the error Mirror nonsense").wait_for()
+        assert page.get_by_label("Mirror tilt x", exact=True).input_value() == "0"
+        page.evaluate("location.hash = location.hash.replace('fine', 'finest')")
+        page.get_by_text("The errors of the address cannot be read").wait_for()
+        page.get_by_role("button", name="Leave errors").click()
+        page.wait_for_function("!location.hash.includes('errors')")
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])

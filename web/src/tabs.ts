@@ -40,6 +40,7 @@ export class Tabs {
     store.listen((s, changed) => {
       if (changed.has("tab")) this.show();
       if (changed.has("design")) this.bench?.goTo(s.design);
+      if (changed.has("errors")) this.bench?.tryErrors(s.errors);
     });
     this.show();
   }
@@ -97,6 +98,8 @@ export class Tabs {
       ...this.hostOf("bench", "design"),
       address: () => this.store.state.design,
       setAddress: (design) => this.store.set({ design }),
+      errors: () => this.store.state.errors,
+      setErrors: (errors) => this.store.set({ errors }),
       beforeLeaving: (act) => (this.store.leaving = act),
       lookThrough: (file, name) => this.lookThrough(file, name, (look) => look.sources.openRoom(false)),
     };

@@ -30,5 +30,6 @@ export async function begin(host: Host): Promise<Bench> {
   bench.desk.showGroups();
   bench.begin();
   if (typeof asked === "string") bench.misled(asked);
+  bench.tryErrors(host.errors());
   return bench;
 }

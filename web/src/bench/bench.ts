@@ -54,7 +54,8 @@ export class Bench {
     this.form = new Form(panel("Sensor"), parts, hands);
     this.requirements = new RequirementsPanel(panel("Requirements"), parts, hands);
     this.work = new WorkPanel(panel("Optimise"), parts, { ...hands, take: (found) => this.takeFound(found) });
-    this.tolerances = new TolerancesPanel(panel("Tolerances"), () => this.history.now, (design) => this.desk.showPicture(design));
+    const trying = { now: hands.now, show: (design: Design) => this.desk.showPicture(design), keep: (text: string) => host.setErrors(text), say: host.say };
+    this.tolerances = new TolerancesPanel(panel("Tolerances"), trying);
     this.desk = new Desk(host.place, parts.columns, { take: (i) => this.takePin(i), drop: (i) => this.dropPin(i) }, () => this.plotsChosen());
     this.desk.lead(this.tolerances.charts.element);
     host.place.append(aside, this.desk.element);
@@ -84,6 +85,11 @@ export class Bench {
     if (typeof found === "string") return this.misled(found);
     this.host.banner(null, "bench");
     this.takeDesign(found);
+  }
+
+  /** Try the errors of an address; "" is none. */
+  tryErrors(text: string): void {
+    if (!this.tolerances.goTo(text)) this.host.banner("The errors of the address cannot be read: they are cut off or changed.", "bench");
   }
 
   /** Say that the address is none of a design, and have that of what is shown. */

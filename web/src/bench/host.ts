@@ -5,6 +5,9 @@ export interface Host {
   isShown: () => boolean;
   address: () => string;
   setAddress: (design: string) => void;
+  /** The errors that are tried, as the address has them. */
+  errors: () => string;
+  setErrors: (errors: string) => void;
   beforeLeaving: (act: () => void) => void;
   banner: (sentence: string | null, about: "server" | "address" | "bench") => void;
   say: (sentence: string) => void;

@@ -5,7 +5,7 @@ export function toHash(s: State): string {
   const parts = new URLSearchParams();
   for (const [key, value] of Object.entries(s)) {
     const own = INITIAL[key as keyof State];
-    if (value === own || value === null || (key === "design" && s.tab !== "design")) continue;
+    if (value === own || value === null || ((key === "design" || key === "errors") && s.tab !== "design")) continue;
     parts.set(key, Array.isArray(value) ? value.map((x) => +x.toFixed(3)).join(",") : String(value));
   }
   const text = parts.toString();
@@ -38,7 +38,7 @@ export function fromHash(hash: string): { state: State; trouble: string | null }
   for (const key of ["flipped", "beside", "all"] as const) take(key, (text) => ({ true: true, false: false })[text], "are true, false");
   take("views", (text) => (viewsIn(text) ? text : undefined), "are views that this page keeps");
   take("rim", circle, "are a centre and a radius, px: u,v,radius");
-  for (const key of ["design", "source", "sensor"] as const) s[key] = parts.get(key) || s[key];
+  for (const key of ["design", "errors", "source", "sensor"] as const) s[key] = parts.get(key) || s[key];
   const trouble = wrong.length ? `In the address, what cannot be was left out: ${wrong.join("; ")}.` : null;
   return { state: limited(s), trouble };
 }

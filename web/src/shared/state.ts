@@ -47,6 +47,8 @@ export interface State {
   tab: (typeof TABS)[number];
   /** The design on the bench, as the bench writes it. */
   design: string;
+  /** Errors that are tried of it, as the bench writes them; "" where none are. */
+  errors: string;
 }
 
 export const INITIAL: State = {
@@ -73,6 +75,7 @@ export const INITIAL: State = {
   roll: null,
   tab: "look",
   design: "",
+  errors: "",
 };
 
 /** Numbers of the address, and from where to where they are taken; beyond, the nearest is. */

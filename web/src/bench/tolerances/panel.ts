@@ -6,15 +6,26 @@ import type { Design, Tables } from "../designs/design";
 import { type Moved, ToleranceCharts } from "./charts";
 import { Newest } from "./newest";
 import { ErrorRow } from "./rows";
-import { calibrationWords, capital, held, meritName, sizeWords } from "./words";
+import { FOCUSES, GRADES, MEASURES, textOf, type Trying, tryingIn } from "./trying";
+import { calibrationWords, capital, errorWords, held, meritName, sizeWords } from "./words";
 
-const GRADES = ["coarse", "medium", "fine"] as const;
-const QUANTITIES: Record<string, string> = { motion_px: "Motion, px", direction_error_deg: "Direction, °", straightness_deg: "Straightness, °", blur_px: "Blur, px" };
+const QUANTITIES: Record<(typeof MEASURES)[number], string> = { motion_px: "Motion, px", direction_error_deg: "Direction, °", straightness_deg: "Straightness, °", blur_px: "Blur, px" };
 const USUAL: Record<string, number> = { motion_px: 0.5, direction_error_deg: 0.1, straightness_deg: 0.05 };
 const MORE_BLUR = 1.2; // times that without errors, as a start
-const FOCUS: Record<string, string> = { none: "as designed", rms: "anew, least rms", worst: "anew, least worst" };
+const FOCUS: Record<(typeof FOCUSES)[number], string> = { none: "as designed", rms: "anew, least rms", worst: "anew, least worst" };
 const TRIALS = 4096;
 const SEED = 0;
+const DIGITS = 4; // of an error that chance draws: so many stand in the address too
+
+/** What the panel needs of the bench. */
+interface Hands {
+  now: () => Design;
+  /** Show the sensor with its errors, whose picture is wanted. */
+  show: (design: Design) => void;
+  /** Keep what is tried, as a text; "" where nothing is. */
+  keep: (text: string) => void;
+  say: (sentence: string) => void;
+}
 
 /** Sliders of all errors that a sensor can have, and how many sensors will be good that keep tolerances. */
 export class TolerancesPanel {
@@ -39,9 +50,10 @@ export class TolerancesPanel {
   private tolerances = new Map<string, number>();
   private rows = new Map<string, ErrorRow>();
   private last: Moved | null = null;
+  /** What is to be tried as soon as the errors are known. */
+  private wanted: Trying | null = null;
 
-  /** `show` is told of the sensor with its errors, whose picture is wanted. */
-  constructor(place: HTMLElement, private readonly now: () => Design, private readonly show: (design: Design) => void) {
+  constructor(place: HTMLElement, private readonly hands: Hands) {
     this.grade.input.value = "medium";
     this.limit.addEventListener("change", () => this.judged());
     const row = h("div", { className: "row" }, h("button", { type: "button", onclick: () => this.draw() }, "Build one"), h("button", { type: "button", onclick: () => this.none() }, "Without errors"));
@@ -56,7 +68,7 @@ export class TolerancesPanel {
 
   /** Another design is on the bench, or the same. */
   follow(): void {
-    const { tables } = this.now();
+    const { tables } = this.hands.now();
     if (this.isOpen && tables !== this.tables) this.errors.ask({ tables });
   }
 
@@ -66,13 +78,60 @@ export class TolerancesPanel {
     return tables ? { ...design, tables } : design;
   }
 
+  /** Try what a text of the address says; "" leaves errors. Tells whether the text is one of errors. */
+  goTo(text: string): boolean {
+    if (text === this.text) return true;
+    const trying = text ? tryingIn(text) : null;
+    if (text && !trying) return false;
+    this.wanted = trying;
+    if (!trying === this.isOpen) this.toggle();
+    else if (this.all) this.known(this.all, { tables: this.tables! });
+    return true;
+  }
+
+  /** What is tried, as a text for the address. */
+  private get text(): string {
+    if (!this.isOpen || !this.all) return "";
+    const usual = held(this.all.errors, this.gradeChosen);
+    const [values, tolerances] = [[...this.values].filter(([, value]) => value !== 0), [...this.tolerances].filter(([name, tolerance]) => tolerance !== usual.get(name))];
+    return textOf({
+      grade: this.gradeChosen,
+      focus: this.refocus,
+      after: this.after.input.value,
+      quantity: this.quantity.input.value as Trying["quantity"],
+      limit: Number(this.limit.value) || 0,
+      values: Object.fromEntries(values),
+      tolerances: Object.fromEntries(tolerances),
+    });
+  }
+
+  /** Take what is wanted, as far as the sensor on the bench can have these errors. */
+  private take(trying: Trying): void {
+    this.wanted = null;
+    const { calibrations, errors } = this.all!;
+    const strange = Object.keys({ ...trying.values, ...trying.tolerances }).filter((name) => !this.values.has(name));
+    if (strange.length) this.hands.say(`This sensor cannot have the error ${strange.map(errorWords).join(", ")}: left out.`);
+    this.grade.input.value = trying.grade;
+    this.focus.input.value = trying.focus;
+    this.after.input.value = calibrations.includes(trying.after) ? trying.after : calibrations[0];
+    this.quantity.input.value = trying.quantity;
+    this.limit.value = String(trying.limit || USUAL[trying.quantity] || "");
+    this.tolerances = held(errors, trying.grade);
+    for (const name of this.values.keys()) {
+      this.values.set(name, trying.values[name] ?? 0);
+      if (name in trying.tolerances) this.tolerances.set(name, trying.tolerances[name]);
+    }
+    this.showRows();
+  }
+
   private toggle(): void {
     this.body.hidden = this.charts.element.hidden = this.isOpen;
     this.begin.setAttribute("aria-expanded", String(this.isOpen));
     this.begin.textContent = this.isOpen ? "Leave errors" : "Try errors";
-    if (this.isOpen) this.follow();
-    else this.tables = this.last = null;
-    if (!this.isOpen) this.show(this.now());
+    if (this.isOpen) return this.follow();
+    this.tables = this.last = null;
+    this.hands.keep("");
+    this.hands.show(this.hands.now());
   }
 
   private known(found: ErrorsOf, { tables }: ErrorsAsk): void {
@@ -87,11 +146,12 @@ export class TolerancesPanel {
       this.after.offer(found.calibrations.map((name) => [name, calibrationWords(name)]), isFirst ? "pose" : this.after.input.value);
       this.build(found.errors);
     }
+    if (this.wanted) this.take(this.wanted);
     this.asked();
   }
 
-  private get gradeChosen(): (typeof GRADES)[number] {
-    return this.grade.input.value as (typeof GRADES)[number];
+  private get gradeChosen(): Trying["grade"] {
+    return this.grade.input.value as Trying["grade"];
   }
 
   private build(errors: readonly ErrorOf[]): void {
@@ -127,7 +187,7 @@ export class TolerancesPanel {
 
   /** A sensor as it might come from the shop. */
   private draw(): void {
-    for (const [name, tolerance] of this.tolerances) this.values.set(name, (2 * Math.random() - 1) * tolerance);
+    for (const [name, tolerance] of this.tolerances) this.values.set(name, Number(((2 * Math.random() - 1) * tolerance).toPrecision(DIGITS)));
     this.showRows();
     this.askBuilt();
   }
@@ -165,10 +225,12 @@ export class TolerancesPanel {
   }
 
   private askBuilt(): void {
+    this.hands.keep(this.text);
     if (this.tables) this.built.ask({ tables: this.tables, values: Object.fromEntries(this.values), refocus: this.refocus });
   }
 
   private askYield(): void {
+    this.hands.keep(this.text);
     const limit = Number(this.limit.value);
     if (!this.tables || !(limit > 0)) return;
     const errors = [...this.tolerances].filter(([, tolerance]) => tolerance > 0).map(([name, tolerance]) => ({ name, tolerance }));
@@ -182,7 +244,7 @@ export class TolerancesPanel {
     this.problem.hidden = true;
     this.last = moved;
     this.drawMoved(moved);
-    this.show(this.pictured(this.now()));
+    this.hands.show(this.pictured(this.hands.now()));
   }
 
   private drawMoved(moved: Moved): void {
