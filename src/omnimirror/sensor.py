@@ -24,12 +24,21 @@ from .parameters import Uncertainty
 from .thermal import Thermal
 from .tracing.covers import Cover
 from .tracing.meridian import ROUNDING, ChiefRays, Meridian
-from .tracing.obscuration import Obscuration, Obstructions, clear_field_deg, cover_of, obscured_rings
+from .tracing.obscuration import (
+    HiddenPart,
+    Obscuration,
+    Obstructions,
+    clear_field_deg,
+    cover_of,
+    hidden_parts,
+    obscured_rings,
+)
 from .tracing.optical_train import OpticalTrain
 from .tracing.reflection import Ends
 from .tracing.two_mirrors import TwoMirrorMeridian
 
 Array = NDArray[np.float64]
+OF_THE_MIRROR = ("meridian", "_hidden", "_hidden_merged")  # what a lens of the same pupil does not change
 Need = Literal["one mirror", "thin lens", "square imager", "ideal but for poses"]
 
 
@@ -163,8 +172,8 @@ class Sensor:
             The same but for the lens.
         """
         other = replace(self, lens=lens)
-        if "meridian" in self.__dict__ and lens.pupil == self.lens.pupil:
-            other.__dict__["meridian"] = self.meridian
+        if lens.pupil == self.lens.pupil:
+            other.__dict__.update((name, self.__dict__[name]) for name in OF_THE_MIRROR if name in self.__dict__)
         return other
 
     @property
@@ -368,14 +377,24 @@ class Sensor:
         InvalidParameter
             If the mirror is decentred or tilted: :meth:`hidden_by` says what is hidden of single pixels.
         """
-        return self._rings(merged=False)
+        if self.housing.is_empty and self.secondary is None:
+            return ()
+        return obscured_rings(self.meridian, self._hidden, self._image_share)
+
+    @cached_property
+    def _hidden(self) -> tuple[HiddenPart, ...]:
+        return self._in_the_way(merged=False)
+
+    @cached_property
+    def _hidden_merged(self) -> tuple[HiddenPart, ...]:
+        return self._in_the_way(merged=True)
 
     @cached_property
     def obscured(self) -> tuple[Obscuration, ...]:
         """The same rings, those that overlap as one; their shares of the picture add up."""
         rings = tuple(sorted(self.obscurations, key=lambda ring: ring.omega_deg))
         apart = all(one.omega_deg[1] < other.omega_deg[0] for one, other in pairwise(rings))
-        return rings if apart else self._rings(merged=True)
+        return rings if apart else obscured_rings(self.meridian, self._hidden_merged, self._image_share)
 
     @property
     def clear_field_deg(self) -> tuple[float, float]:
@@ -427,11 +446,8 @@ class Sensor:
         hidden = self.obstructions.met_by(found.points, found.directions, -towards, self.mirror_pose)
         return {part: (mask & found.valid).reshape(pixels.shape[:-1]) for part, mask in hidden.items()}
 
-    def _rings(self, merged: bool) -> tuple[Obscuration, ...]:
-        if self.housing.is_empty and self.secondary is None:
-            return ()
-        shift = self.mirror_pose.displacement_mm
-        return obscured_rings(self.meridian, self.obstructions, self._image_share, shift, merged=merged)
+    def _in_the_way(self, merged: bool) -> tuple[HiddenPart, ...]:
+        return hidden_parts(self.meridian, self.obstructions, self.mirror_pose.displacement_mm, merged=merged)
 
     def _image_share(self, rays: ChiefRays) -> Array:
         """Share (n,) of the image circle's area within chief rays."""

@@ -1,7 +1,7 @@
 """What of the field is hidden, and by what: the one answer that drawing, picture, evaluation and requirements share.
 
 What counts is the chief ray: near the edge of what is hidden the picture fades over the width of the lens's aperture.
-What stands about the axis of an aligned sensor hides rings of field angle at every azimuth (:func:`obscured_rings`); of
+What stands about the axis of an aligned sensor hides rings of field angle at every azimuth (:func:`hidden_parts`); of
 any sensor it stops rays in space (:meth:`Obstructions.met_by`).
 """
 
@@ -329,23 +329,24 @@ def hidden_words(rings: tuple[Obscuration, ...], percent: float) -> str:
     return f"{', '.join(told)}; in all {percent:.2f} % of the picture" if told else "nothing"
 
 
-def obscured_rings(
-    meridian: Meridian,
-    obstructions: Obstructions,
-    share: Callable[[ChiefRays], Array],
-    shift_mm: float = 0.0,
-    *,
-    merged: bool = False,
-) -> tuple[Obscuration, ...]:
-    """Rings of the field that each part hides; they may overlap unless they are merged into those of anything.
+class HiddenPart(NamedTuple):
+    """A ring of the mirror in which a part is in the way."""
+
+    part: str
+    x_mm: tuple[float, float]
+    """From where to where on the mirror, from the axis."""
+
+
+def hidden_parts(
+    meridian: Meridian, obstructions: Obstructions, shift_mm: float = 0.0, *, merged: bool = False
+) -> tuple[HiddenPart, ...]:
+    """Rings of the mirror in which each part is in the way; they may overlap unless merged into those of anything.
 
     Parameters
     ----------
     meridian
         Of the mirror at its real distance.
     obstructions
-    share
-        Share (n,) of the image circle's area within chief rays.
     shift_mm
         How far the mirror sits from where it is meant to be along the axis.
     """
@@ -358,12 +359,22 @@ def obscured_rings(
         return clearances(x)[part]
 
     x = np.linspace(meridian.x_min, meridian.mirror.rim_radius_mm, PLACES)
+    return tuple(
+        HiddenPart(part, ends)
+        for part, clear in clearances(x).items()
+        for ends in _hidden_between(x, clear, partial(clearance, part))
+    )
+
+
+def obscured_rings(
+    meridian: Meridian, hidden: tuple[HiddenPart, ...], share: Callable[[ChiefRays], Array]
+) -> tuple[Obscuration, ...]:
+    """Rings of the field that parts hide, and the share (n,) of the image circle's area within chief rays."""
     rings = [_middle(meridian, share)] if meridian.x_min > 0 else []
-    for part, clear in clearances(x).items():
-        for ends in _hidden_between(x, clear, partial(clearance, part)):
-            rays = meridian.trace(np.array(ends))
-            (low, high), (inner, outer) = np.degrees(rays.omega), share(rays)
-            rings.append(Obscuration(part, (float(low), float(high)), float(100 * (outer - inner))))
+    for part, ends in hidden:
+        rays = meridian.trace(np.array(ends))
+        (low, high), (inner, outer) = np.degrees(rays.omega), share(rays)
+        rings.append(Obscuration(part, (float(low), float(high)), float(100 * (outer - inner))))
     return tuple(rings)
 
 

@@ -80,11 +80,11 @@ class Equiangular(Generated):
         if Theta == 0:
             return _straight_line(low, self._omega_max)
         alpha = (self._omega_max - low) / Theta
-        return PerspectiveMeridian(
+        return PerspectiveMeridian.of(
             lambda theta: low + alpha * theta,
             lambda theta: np.full_like(theta, alpha),
-            Theta,
             lambda theta: -2 / (alpha + 1) * _log_cosine_ratio(low / 2, (alpha + 1) / 2 * theta),
+            Theta,
         )
 
 
@@ -194,7 +194,7 @@ class UnitAspect(Generated):
             value: Array = np.log1p(v) + (1 / c - 1) * np.log1p(-c * v)
             return value
 
-        return PerspectiveMeridian(self._omega, self._domega, self._theta_max, log_rho)
+        return PerspectiveMeridian.of(self._omega, self._domega, log_rho, self._theta_max)
 
 
 @dataclass(frozen=True)

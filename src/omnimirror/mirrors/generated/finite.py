@@ -113,18 +113,26 @@ class FiniteMapping(Generated):
 
     def _field(self, t: Array) -> tuple[Array, Array]:
         """Field angle and dOmega/dt, the meridian's own bend included."""
+        return self._course(t)[:2]
+
+    def _course(self, t: Array) -> tuple[Array, Array, Array]:
+        """The same, and the height y."""
         y, rim_z = self._solution.y(t), self._solution.rim_z
         law = self._law(t, y, rim_z)
         dx, dz = self._ray(t + 1j * STEP, y + 1j * STEP * law, rim_z)
         omega = np.arctan2(dx.real, dz.real)
-        return omega, (dx.imag * dz.real - dz.imag * dx.real) / (dx.real**2 + dz.real**2) / STEP
+        return omega, (dx.imag * dz.real - dz.imag * dx.real) / (dx.real**2 + dz.real**2) / STEP, y
+
+    def _place(self, t: Array) -> tuple[Array, Array]:
+        """Field angle and height y."""
+        y = self._solution.y(t)
+        return np.arctan2(*self._ray(t, y, self._solution.rim_z)), y
 
     @cached_property
     def _meridian(self) -> GeneratedMeridian:
-        omega, domega, y = lambda t: self._field(t)[0], lambda t: self._field(t)[1], self._solution.y
         if self.theta_max_deg == 0:
-            return OrthographicMeridian(omega, domega, y)
-        return PerspectiveMeridian(omega, domega, self._theta_max, y)
+            return OrthographicMeridian(lambda x: self._place(x)[0], lambda x: self._field(x)[1], self._solution.y)
+        return PerspectiveMeridian(self._place, self._course, self._theta_max)
 
     # -- the differential equation -----------------------------------------------------------------
 

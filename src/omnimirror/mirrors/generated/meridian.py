@@ -101,35 +101,39 @@ class PerspectiveMeridian:
 
     Attributes
     ----------
-    omega, domega : callables
-        Field angle and its derivative for an array of viewing angles, all in radians.
+    place : callable
+        Field angle, and ln(rho/m) that is 0 on the axis, for an array of viewing angles, all in radians.
+    course : callable
+        Field angle, its derivative and ln(rho/m): at once, since what they share is most of the work.
     theta_max : radians
-    log_rho : callable
-        ln(rho/m) of an array of viewing angles; 0 on the axis.
     """
 
-    omega: Curve
-    domega: Curve
+    place: Callable[[Array], tuple[Array, Array]]
+    course: Callable[[Array], tuple[Array, Array, Array]]
     theta_max: float
-    log_rho: Curve
+
+    @classmethod
+    def of(cls, omega: Curve, domega: Curve, log_rho: Curve, theta_max: float) -> PerspectiveMeridian:
+        """Of curves that share nothing."""
+        return cls(lambda t: (omega(t), log_rho(t)), lambda t: (omega(t), domega(t), log_rho(t)), theta_max)
 
     @classmethod
     def solve(cls, omega: Curve, domega: Curve, theta_max: float) -> PerspectiveMeridian:
         """Integrate the mapping from the axis to the rim."""
         log_rho = Primitive.of(lambda theta: np.tan((omega(theta) + theta) / 2), theta_max)
-        return cls(omega, domega, theta_max, log_rho)
+        return cls.of(omega, domega, log_rho, theta_max)
 
     @cached_property
     def distance(self) -> float:
         """Lens to vertex; it scales the rim to 1."""
         end = np.array(self.theta_max)
-        return float(np.exp(-self.log_rho(end)) / np.sin(end))
+        return float(np.exp(-self.place(end)[1]) / np.sin(end))
 
     def x(self, theta: Array) -> tuple[Array, Array]:
         """Distance from the axis and its derivative dx/dtheta."""
-        return self._x(theta, self.log_rho(theta), self.omega(theta))
+        return self._x(theta, *self.place(theta))
 
-    def _x(self, theta: Array, log_rho: Array, omega: Array) -> tuple[Array, Array]:
+    def _x(self, theta: Array, omega: Array, log_rho: Array) -> tuple[Array, Array]:
         rho = self.distance * np.exp(log_rho)
         sin, cos = np.sin(theta), np.cos(theta)
         return rho * sin, rho * (cos + np.tan((omega + theta) / 2) * sin)
@@ -166,12 +170,12 @@ class PerspectiveMeridian:
 
     def profile(self, x: Array) -> tuple[Array, Array, Array]:
         theta = self.theta(x)
-        log_rho, omega = self.log_rho(theta), self.omega(theta)
+        omega, domega, log_rho = self.course(theta)
         beta = (omega - theta) / 2
         # rho cos(theta) - m, without the cancellation near the axis
         z = np.expm1(log_rho) * np.cos(theta) - 2 * np.sin(theta / 2) ** 2
-        rate = self._x(theta, log_rho, omega)[1]
-        return self.distance * z, np.tan(beta), (self.domega(theta) - 1) / 2 / np.cos(beta) ** 2 / rate
+        rate = self._x(theta, omega, log_rho)[1]
+        return self.distance * z, np.tan(beta), (domega - 1) / 2 / np.cos(beta) ** 2 / rate
 
 
 @dataclass(frozen=True)
