@@ -20,7 +20,7 @@ from ..tolerancing.sensitivity import ErrorEffect, sensitivities
 from ..tolerancing.tolerances import Tolerances
 from ..tolerancing.trials.judge import Judge
 from ..tolerancing.trials.required.names import required_of
-from ..tolerancing.yields import Share, Tally, monte_carlo, told
+from ..tolerancing.yields import Share, Tally, monte_carlo, motion_words, told
 from .pages import figure_html, page_html
 
 DISTRIBUTED = {
@@ -174,8 +174,8 @@ def _errors(order: _Order) -> Iterable[tuple[str, ...]]:
                 f"± {bound.value:.3g} {kind.unit}".rstrip(),
                 DISTRIBUTED[bound.distribution],
                 f"{order.price(name):.3g}",
-                f"{merits['motion_px']:.3g}",
-                f"{merits['motion_px after pose']:.3g}",
+                motion_words(merits["motion_px"]),
+                motion_words(merits["motion_px after pose"]),
             )
 
 
@@ -186,6 +186,8 @@ def indications(tolerances: Tolerances) -> list[tuple[str, str, str]]:
     >>> errors = {"mirror.zernike_5_um": om.ErrorBound(0.3), "mirror.tilt_x_deg": om.ErrorBound(0.1)}
     >>> [code for _, code, _ in indications(om.Tolerances(om.load_sensor("paper-spherical"), errors))]
     ['3/- RMSt < 173 nm', "4/3'"]
+    >>> indications(om.Tolerances(om.load_sensor("paper-spherical"), {"mirror.zernike_5_um": om.ErrorBound(8.0)}))[0][1]
+    '3/- RMSt < 4619 nm'
     """
     values = {name: bound.value for name, bound in tolerances.errors.items() if bound.value > 0}
     rows = [

@@ -85,6 +85,19 @@ def told(name: str, limit: float) -> str:
     return f"{name} {'≥' if is_least(name) else '≤'} {limit:g}"
 
 
+NOTHING = 5e-4
+"""Of a motion, px: what is less is rounding, or matters to nobody."""
+
+
+def motion_words(px: float) -> str:
+    """A motion as far as it matters.
+
+    >>> motion_words(0.4251), motion_words(1.8e-13)
+    ('0.425', '< 0.001')
+    """
+    return "< 0.001" if px < NOTHING else f"{px:.3g}"
+
+
 def check_trials(trials: int) -> None:
     """Refuse a number of trials that is none."""
     if not 1 <= trials <= MOST_TRIALS:

@@ -244,7 +244,12 @@ def indication_rows(part: Part, making: Making, tolerances: Mapping[str, float],
 def mass_words(part: Part, making: Making) -> str:
     """Mass of a mirror; empty where its density is not known."""
     density = making.density
-    return "" if density is None else f"{density * part.body.volume_mm3(part.mirror) / 1000:.3g} g"
+    return "" if density is None else f"{_written(density * part.body.volume_mm3(part.mirror) / 1000)} g"
+
+
+def _written(value: float) -> str:
+    """Three digits, and all those before the point: nobody writes 4.1e+03 on a drawing."""
+    return f"{value:.3g}" if value < 1000 else f"{value:.0f}"
 
 
 def form_code(making: Making, tolerances: Mapping[str, float]) -> str:
@@ -252,7 +257,7 @@ def form_code(making: Making, tolerances: Mapping[str, float]) -> str:
     if making.form_um is not None:
         return f"3/{1000 * making.form_um:.4g} nm"
     rms = form_rms_um(tolerances)
-    return f"3/ {GENERAL}" if rms is None else f"3/- RMSt < {1000 * rms:.3g} nm"
+    return f"3/ {GENERAL}" if rms is None else f"3/- RMSt < {_written(1000 * rms)} nm"
 
 
 def centring_code(making: Making, tolerances: Mapping[str, float]) -> str:

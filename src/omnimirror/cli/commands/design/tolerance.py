@@ -20,6 +20,7 @@ from ....tolerancing.trials.compensation import CALIBRATIONS
 from ....tolerancing.trials.merits import after
 from ....tolerancing.trials.required.names import is_least, is_required
 from ....tolerancing.typical import TypicalSensor, typical_sensors
+from ....tolerancing.yields import motion_words
 from ...help_pages import DocumentedCommand
 from ...options.common import NUMBER, SENSOR, WholeRange
 from ...options.declared import Options, flag, option, takes
@@ -208,9 +209,9 @@ def _print(console: Console, found: ToleranceReport) -> None:
     table = plain_table("error alone", "tolerance", "moves px", "left by affine", "left by pose", "may be alone")
     ranked = sorted(found.sensitivities, key=lambda row: -row.merits["motion_px"])
     for row in ranked[:MOST_ROWS]:
-        motions = [f"{row.merits[after('motion_px', depth)]:.3g}" for depth in ("none", "affine", "pose")]
+        motions = [motion_words(row.merits[after("motion_px", depth)]) for depth in ("none", "affine", "pose")]
         alone = min(row.alone.values(), default=float("nan"))
-        table.add_row(row.name, f"{row.tolerance:.3g}", *motions, f"{alone:.3g}")
+        table.add_row(row.name, f"{row.tolerance:.3g}", *motions, "any" if alone == float("inf") else f"{alone:.3g}")
     console.print(table)
     if len(ranked) > MOST_ROWS:
         console.print(f".. and {len(ranked) - MOST_ROWS} that do less; --json or --out tells all")
