@@ -89,6 +89,7 @@ if TYPE_CHECKING:
     from .design import requirements_like as requirements_like
     from .design.construct.survey import mappings as mappings
     from .design.solve.temperatures import temperature_range as temperature_range
+    from .dewarp import ColourDewarper as ColourDewarper
     from .dewarp import Dewarper as Dewarper
     from .dewarp import screens as screens
     from .dewarp import views as views
@@ -259,6 +260,7 @@ _HOMES = {
     "requirements_like": "design",
     "SearchOptions": "design",
     "mappings": "design.construct.survey",
+    "ColourDewarper": "dewarp",
     "Dewarper": "dewarp",
     "screens": "dewarp",
     "views": "dewarp",

@@ -108,6 +108,9 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "Dewarper": (lambda **words: om.Dewarper(**words)(PICTURE), {
         "camera": SMALL, "view": om.screens.Cylinder((36, 12), -40.0, 20.0), "interpolation": "linear",
         "viewpoint": "exact", "border": 0}),
+    "ColourDewarper": (lambda **words: om.ColourDewarper(**words)(PICTURE), {
+        "cameras": (SMALL,) * 3, "view": om.screens.Cylinder((36, 12), -40.0, 20.0), "interpolation": "linear",
+        "viewpoint": "exact", "border": 0}),
     "picture": (om.Dewarper(SMALL, om.screens.Cylinder((36, 12), -40.0, 20.0)), {"image": PICTURE}),
     "Cylinder": (om.screens.Cylinder, {"size": (36, 10), "tilt_min_deg": -20.0, "tilt_max_deg": 20.0, "pan_deg": 0.0,
                                        "span_deg": 360.0, "distance_mm": np.inf}),

@@ -11,9 +11,10 @@ from threading import Lock
 
 import numpy as np
 
+from ..analysis.wavelength import at_wavelength
 from ..arguments import check_fields, checked, file_name
 from ..cameras import Camera
-from ..dewarp import Dewarper, views
+from ..dewarp import ColourDewarper, Dewarper, views
 from ..dewarp.contracts import Border, Interpolation
 from ..dewarp.screens import View
 from ..dewarp.viewpoints import Viewpoint
@@ -103,9 +104,14 @@ class PictureStraightener:
     """Straightens pictures from file to file; those of one size share their map."""
 
     def __init__(
-        self, how: Straightening, *, transparent: bool | None = None, restoration: Restoration | None = None
+        self,
+        how: Straightening,
+        *,
+        transparent: bool | None = None,
+        restoration: Restoration | None = None,
+        wavelengths_nm: tuple[float, float, float] | None = None,
     ) -> None:
-        self.how, self.restoration = how, restoration
+        self.how, self.restoration, self.wavelengths_nm = how, restoration, wavelengths_nm
         self.transparent = False if how.border else transparent
         self.dewarper = cache(self._dewarper)
         self.inside = cache(self._inside)
@@ -113,12 +119,27 @@ class PictureStraightener:
         self.alone = Lock()  # it needs a lot of memory
         self.left_out: Counter[str] = Counter()
 
-    def _dewarper(self, size: Size, border: Border) -> tuple[Dewarper, GPano | None]:
+    def _dewarper(self, size: Size, border: Border) -> tuple[Dewarper | ColourDewarper, GPano | None]:
         """What straightens pictures of a size, and what its panoramas say of themselves."""
         stands = self.how.camera_of(size)
         camera = self.how.drawing(stands)
         view = self.how.view_of(camera)
-        return self.how.dewarper(camera, view, border), self.how.panorama_of(stands, view)
+        panorama = self.how.panorama_of(stands, view)
+        if self.wavelengths_nm is None:
+            return self.how.dewarper(camera, view, border), panorama
+        how = (view, self.how.interpolation, self.how.viewpoint, border)
+        return ColourDewarper(self._colours(camera), *how), panorama
+
+    def _colours(self, camera: Camera) -> tuple[Sensor, Sensor, Sensor]:
+        """The camera in red, green and blue light."""
+        assert self.wavelengths_nm is not None
+        if not isinstance(camera, Sensor):
+            raise InvalidParameter(
+                "what parts the colours is known of a sensor with a lens and a cover; straighten the pictures of this "
+                "camera without wavelengths_nm, or by an om.ColourDewarper of three calibrations"
+            )
+        red, green, blue = (at_wavelength(camera, nm) for nm in self.wavelengths_nm)
+        return red, green, blue
 
     def _inside(self, size: Size, border: Border) -> str:
         """How much of the view lies inside the field of pictures of a size: the same for all of them."""
@@ -206,6 +227,7 @@ def dewarp_pictures(
     transparent: bool | None = None,
     restoration: Restoration | None = None,
     keep_lean: bool = False,
+    wavelengths_nm: tuple[float, float, float] | None = None,
     skip_existing: bool = False,
     threads: int | None = None,
     progress: Callable[[int, int], None] | None = None,
@@ -235,6 +257,8 @@ def dewarp_pictures(
         How pictures are sharpened first; not at all by default.
     keep_lean
         Draw the view as the camera leans, not level.
+    wavelengths_nm
+        Of red, green and blue light, where each is to be straightened as a sensor's lens and cover refract it.
     skip_existing
         Leave out what has been written already.
     threads
@@ -270,7 +294,9 @@ def dewarp_pictures(
     colour = None if border is None else BorderColour.of(border)
     how = Straightening(camera, view, interpolation, viewpoint, colour, keep_lean)
     names = [sources] if isinstance(sources, str | Path) else list(sources)
-    straightener = PictureStraightener(how, transparent=transparent, restoration=restoration)
+    straightener = PictureStraightener(
+        how, transparent=transparent, restoration=restoration, wavelengths_nm=wavelengths_nm
+    )
     return straightener.many(
         names, file_name("folder", folder), skip_existing=skip_existing, threads=threads, progress=progress
     )
@@ -282,6 +308,6 @@ def _change_of_depth(had: str, has: str) -> str:
     return "" if had == has else f", {words[had]} written as {words[has]}"
 
 
-def _percent(dewarp: Dewarper) -> str:
+def _percent(dewarp: Dewarper | ColourDewarper) -> str:
     share = 100 * dewarp.valid.mean()
     return "all" if share == 100 else f"{share:.3g} %"

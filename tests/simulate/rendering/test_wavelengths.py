@@ -10,7 +10,7 @@ import pytest
 import omnimirror as om
 from omnimirror.errors import InvalidParameter
 from omnimirror.housing import Dome, Housing
-from tests.commands import fails
+from tests.commands import fails, omnimirror
 
 WAVES = (650.0, 550.0, 440.0)
 
@@ -47,13 +47,58 @@ class Stripes:
 def test_straightened_by_their_own_colours_they_lie_on_each_other(domed):
     view = om.views.panorama(domed, (256, None), elevation_deg=(-30.0, 30.0))
     taken = om.expose(domed, Stripes(), samples=4, wavelengths_nm=WAVES)
-    alike, own = [domed] * 3, [om.at_wavelength(domed, nm) for nm in WAVES]
+    own = tuple(om.at_wavelength(domed, nm) for nm in WAVES)
     fringes = []
-    for cameras in (alike, own):
-        red, _, blue = (om.Dewarper(c, view)(np.stack([taken[..., i]] * 3, -1)) for i, c in enumerate(cameras))
+    for dewarp in (om.Dewarper(domed, view), om.ColourDewarper(own, view)):
+        red, _, blue = np.moveaxis(dewarp(taken), -1, 0)
         fringes.append(float(np.sqrt(np.mean((red - blue) ** 2))))
     assert fringes[0] > 0.02
     assert fringes[1] < 0.3 * fringes[0]
+
+
+@pytest.mark.parametrize("channels", [3, 4])
+@pytest.mark.parametrize("transparent", [False, True])
+def test_each_colour_is_straightened_as_it_was_seen(domed, channels, transparent):
+    view = om.views.panorama(domed, (200, None), elevation_deg=(-60.0, 60.0))  # reaches beyond the field
+    own = tuple(om.at_wavelength(domed, nm) for nm in WAVES)
+    picture = np.random.default_rng(5).integers(0, 256, (256, 256, channels), np.uint8)
+    border = (9, 8, 7, 0)[:channels]
+    out = np.empty((view.size[1], view.size[0], 4 if transparent else channels), np.uint8)
+    dewarp = om.ColourDewarper(own, view, border=border)
+    assert dewarp(picture, transparent, out) is out
+    whole = [om.Dewarper(camera, view, border=border)(picture, transparent) for camera in own]
+    for channel, of in enumerate((0, 1, 2, 1)[: out.shape[2]]):
+        np.testing.assert_array_equal(out[..., channel], whole[of][..., channel])
+    np.testing.assert_array_equal(dewarp.valid, om.Dewarper(own[1], view).valid)
+    assert not dewarp.valid.all()
+
+
+def test_on_the_command_line_colours_lie_on_each_other(domed, tmp_path):
+    om.save_sensor(domed, tmp_path / "domed.toml")
+    light = om.expose(domed, Stripes(), samples=4, wavelengths_nm=WAVES)
+    om.write_image(tmp_path / "rings.png", np.round(255 * np.clip(light, 0, 1)).astype(np.uint8))
+    fringes = []
+    for i, asked in enumerate([(), ("--wavelengths-nm", ",".join(map(str, WAVES)))]):
+        words = ("rings.png", "--sensor", "domed.toml", "--elevation-deg=-30:30", "--size", "256x", "--black")
+        done = omnimirror("dewarp", *words, *asked, "-o", f"{i}.png", cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+        straight = om.read_image(tmp_path / f"{i}.png").astype(float)
+        fringes.append(float(np.sqrt(np.mean((straight[..., 0] - straight[..., 2]) ** 2))))
+    assert fringes[1] < 0.4 * fringes[0]
+
+
+def test_colours_are_told_apart_where_something_is_known_of_them(domed, tmp_path):
+    view = om.views.panorama(domed, (64, None))
+    with pytest.raises(InvalidParameter, match="has no colours"):
+        om.ColourDewarper((domed,) * 3, view)(np.zeros((256, 256), np.uint8))
+    with pytest.raises(InvalidParameter, match="are not three"):
+        om.ColourDewarper((domed, domed), view)
+    with pytest.raises(InvalidParameter, match="valid is one size"):
+        om.ColourDewarper((domed, domed, om.load_sensor("paper-spherical")), view)
+    om.write_image(tmp_path / "a.png", np.zeros((128, 128, 3), np.uint8))
+    words = ("--wavelengths-nm", "610,540,465", "-o", tmp_path / "b.png")
+    assert "known of a sensor" in fails("dewarp", tmp_path / "a.png", "--ball", "63.5,63.5,50,250", *words)
+    assert "belongs to pictures" in fails("dewarp", "ride.mp4", "--sensor", "paper-spherical", *words)
 
 
 def test_what_has_no_colours_is_refused(domed, tmp_path):

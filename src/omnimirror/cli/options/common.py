@@ -143,6 +143,15 @@ def whole_size(text: str) -> tuple[int, int]:
     return width, height
 
 
+def three_wavelengths(text: str) -> Any:
+    """Wavelengths of red, green and blue light, nm.
+
+    >>> three_wavelengths("610,540,465")
+    (610.0, 540.0, 465.0)
+    """
+    return tuple(_numbers(text, 3, ",", "three wavelengths R,G,B in nm, such as 610,540,465"))
+
+
 def _numbers(text: str, count: int, separator: str, what: str) -> list[float]:
     """So many finite numbers with a separator between them."""
     try:

@@ -20,7 +20,7 @@ from ...simulate.scenes.posed import Pose
 from ...simulate.scenes.sources import SceneSource
 from ...simulate.scenes.worlds.bundled import BUNDLED
 from ..streams import is_quiet
-from .common import NUMBER, WHOLE, _numbers, angle, distance, factor
+from .common import NUMBER, WHOLE, _numbers, angle, distance, factor, three_wavelengths
 from .declared import Options, flag, option
 
 
@@ -48,15 +48,6 @@ def reflectivity(text: str) -> Any:
         except ValueError:
             continue
     return text.strip()
-
-
-def three_wavelengths(text: str) -> Any:
-    """Wavelengths of red, green and blue light, nm.
-
-    >>> three_wavelengths("610,540,465")
-    (610.0, 540.0, 465.0)
-    """
-    return tuple(_numbers(text, 3, ",", "three wavelengths R,G,B in nm, such as 610,540,465"))
 
 
 @dataclass(frozen=True)

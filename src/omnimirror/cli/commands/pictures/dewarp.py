@@ -18,7 +18,7 @@ from ....straighten.request import PipeFormat
 from ...help_pages import DocumentedCommand
 from ...options.auto import AutoOptions
 from ...options.camera import CameraOptions
-from ...options.common import NUMBER, WHOLE, distance
+from ...options.common import NUMBER, WHOLE, distance, three_wavelengths
 from ...options.declared import Options, flag, option, takes
 from ...options.sampling import SamplingOptions
 from ...options.view import ViewOptions
@@ -54,6 +54,12 @@ class PictureOptions(Options):
         metavar="PX|T,S|FILE",
         help="With --restore, of any camera: blur diameter, tangential and sagittal ones, or a CSV file of radius_px "
         "or omega_deg, t_px and s_px.  [default: the sensor's]",
+    )
+
+    wavelengths_nm: tuple[float, float, float] | None = option(
+        type=three_wavelengths,
+        metavar="R,G,B",
+        help="Pictures of a --sensor: straighten each colour as lens and cover refract it.",
     )
 
     def check(self) -> None:
@@ -195,7 +201,9 @@ def command(
         if auto.auto:  # once nothing of what was asked is refused
             found, told = auto.camera(sources, camera)
             how = replace(how, camera=found)
-        straightener = PictureStraightener(how, transparent=pictures.transparent, restoration=restoration)
+        straightener = PictureStraightener(
+            how, transparent=pictures.transparent, restoration=restoration, wavelengths_nm=pictures.wavelengths_nm
+        )
         _pictures(sources, output, straightener, bool(pictures.skip_existing), sampling.threads, told)
 
 
@@ -210,6 +218,11 @@ def straightening(camera: CameraOptions, view: ViewOptions, sampling: SamplingOp
 def _refuse_of_pictures(source: str, pictures: PictureOptions) -> None:
     if pictures.transparent is not None:
         raise click.UsageError("--transparent and --black belong to pictures; videos have a --border")
+    if pictures.wavelengths_nm is not None:
+        raise click.UsageError(
+            f"--wavelengths-nm belongs to pictures, and {source} is a video, whose colours are coded together; "
+            "a folder of its frames can be straightened so"
+        )
     if pictures.restore:
         raise click.UsageError(
             f"--restore belongs to pictures, since it takes seconds for each, and {source} is a video; "
