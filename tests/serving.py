@@ -1,15 +1,26 @@
-"""A server that runs in a thread, for as long as a test asks it something."""
+"""A server that runs in a thread for as long as a test asks it something, and loops for who asks."""
 
 from __future__ import annotations
 
+import asyncio
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Coroutine, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from typing import Any, TypeVar
 
 from starlette.types import ASGIApp
 
 from omnimirror.serving.server import Server, configured, listen
+
+Result = TypeVar("Result")
+
+
+def in_a_loop(coroutine: Coroutine[Any, Any, Result]) -> Result:
+    """What a coroutine gives, in a thread of its own: a browser that runs has a loop in this one."""
+    with ThreadPoolExecutor(1) as pool:
+        return pool.submit(asyncio.run, coroutine).result()
 
 
 @contextmanager

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import asyncio
 import base64
 import os
 import shutil
-from collections.abc import Coroutine
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Any, TypeVar
 
 import numpy as np
 import pytest
@@ -18,8 +14,6 @@ import pytest
 from omnimirror.studio.app import create_app
 from omnimirror.studio.studio import Studio
 from tests.serving import served
-
-Result = TypeVar("Result")
 
 FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 WITHOUT_VIEWS = [*FLAGS, "--disable-gpu-compositing"]  # where nothing is drawn by WebGL, pages cost a third
@@ -34,12 +28,6 @@ BASE64 = """(values) => {
   return btoa(text);
 }"""
 """Thousands of numbers as one string: Playwright takes half a second for as many by themselves."""
-
-
-def in_a_loop(coroutine: Coroutine[Any, Any, Result]) -> Result:
-    """What a coroutine gives, in a thread of its own: a browser that runs has a loop in this one."""
-    with ThreadPoolExecutor(1) as pool:
-        return pool.submit(asyncio.run, coroutine).result()
 
 
 def serving(studio: Studio, port: int = 0) -> AbstractContextManager[str]:

@@ -39,8 +39,9 @@ from omnimirror.studio.bench.work import perform
 from omnimirror.studio.look import streams
 from omnimirror.studio.look.sources import Sources
 from omnimirror.studio.studio import Studio
+from tests.serving import in_a_loop
 
-from .browser import in_a_loop, open_page, serving
+from .browser import open_page, serving
 
 LOCAL = "http://127.0.0.1"
 SECRET = "1.25, 2.5"

@@ -13,7 +13,7 @@ from omnimirror.handoff.gateway import webrtc
 from omnimirror.handoff.gateway.gateway import Gateway
 from omnimirror.handoff.gateway.routes import create_app
 from omnimirror.media.video.frames import image_of_frame
-from tests.serving import served
+from tests.serving import in_a_loop, served
 
 from .test_gateway import VIEWS, camera, film, off, picture_of, until
 
@@ -48,7 +48,7 @@ async def watched(address: str, frames: int) -> tuple[np.ndarray, httpx.Response
 
 def test_a_player_sees_the_view_and_is_let_go(gateway, camera, film):
     with served(create_app(gateway, None)) as address:
-        seen, end = asyncio.run(watched(address, 20))
+        seen, end = in_a_loop(watched(address, 20))
         assert end.status_code == 200
         until(lambda: gateway.views["front"].watchers == 0)
     straight = om.Dewarper(camera, VIEWS["front"](camera))(picture_of(film))

@@ -79,7 +79,7 @@ def test_a_scene_never_tuned_on_gains(small: Restorer, scene: om.Environment):
 @pytest.mark.parametrize("kind", ["dead leaves", "hall"])
 def test_sensors_of_the_paper_gain_what_was_promised(name: str, kind: str):
     """On two kinds of scene that nothing was tuned on."""
-    found = gains(Restorer(om.load_sensor(name)), dead_leaves() if kind == "dead leaves" else om.simulate.Hall())
+    found = gains(Restorer(om.load_sensor(name)), dead_leaves() if kind == "dead leaves" else om.Hall())
     assert found.gain_db[0] > TARGETS[name][0]
     assert found.gain_db[1] > (5.5 if (name, kind) == ("paper-spherical", "hall") else TARGETS[name][1])
     assert found.tenths_db.min() > -0.2
