@@ -321,7 +321,7 @@ def read_text(
 def parse_json(text: str | bytes) -> Any:
     """What a JSON text holds.
 
-    >>> parse_json("[" * 5000)
+    >>> parse_json("[" * 100_000)
     Traceback (most recent call last):
     ValueError: it is nested too deeply
 
