@@ -143,6 +143,8 @@ def test_every_mirror_can_be_supported(kind):
         (Dome, {"diameter_mm": 200.0, "centre_mm": 30.0}, "does not reach the plane of the lens"),
         (Dome, {"inner_shift_mm": 3.0}, "breaks through a wall of 3 mm"),
         (Rod, {"gap_mm": 200.0}, "valid below 180.429 mm"),
+        (Rod, {"diameter_mm": 95.0}, "diameter_mm = 95 makes a rod wider than the mirror .* up to 87.81 mm"),
+        (Rod, {"end_diameter_mm": 87.9}, "end_diameter_mm = 87.9 makes a rod wider than the mirror"),
         (Tube, {"diameter_mm": 5.0}, "fills a tube of 5 mm; it is valid below 2.5 mm"),
         (Tube, {"refractive_index": 0.9}, "outside 1 to 4"),
     ],

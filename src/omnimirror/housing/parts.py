@@ -87,6 +87,12 @@ class Rod(HousingPart):
         if not gap < -envelope.lens_mm:
             raise InvalidParameter(f"gap_mm = {gap:g} leaves no rod; it is valid below {-envelope.lens_mm:g} mm")
         end = self.diameter_mm if self.end_diameter_mm is None else self.end_diameter_mm
+        if end > 2 * envelope.outer_mm:
+            entry = "diameter_mm" if self.end_diameter_mm is None else "end_diameter_mm"
+            raise InvalidParameter(
+                f"{entry} = {end:g} makes a rod wider than the mirror that it holds; there it is valid up to "
+                f"{2 * envelope.outer_mm:g} mm"
+            )
         return replace(self, end_diameter_mm=end, gap_mm=gap)
 
 
@@ -173,7 +179,7 @@ class Housing:
         ------
         InvalidParameter
             A tube or a dome that the mirror does not fit in, a dome that does not reach the lens, a rod's foot beyond
-            the mirror, or what a second mirror rules out.
+            the mirror or its end wider than that, or what a second mirror rules out.
         """
         if envelope.has_secondary:
             self._check_beside_secondary()
