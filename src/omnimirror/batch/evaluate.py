@@ -204,7 +204,8 @@ class BatchEvaluation:
     focus_mm, worst_floored_area_deg2 : (n,)
         Focus with the least worst floored blur area, and that area.
     valid : (n,)
-        Whether a design has a surface that the lens sees from in front, and a mapping that is one to one.
+        Whether a design has a surface that the lens sees from in front, and a mapping that is one to one from
+        node to node: what a rough spline does between two of them, :func:`omnimirror.evaluate` finds.
         The numbers of those that have not mean nothing.
     """
 
