@@ -47,17 +47,17 @@ def whole_of(sensor: Sensor, parts: tuple[Component, ...] = ()) -> OuterSize:
     if housing.shell is not None:
         shell = sensor.obstructions.housing.shell
         assert shell is not None
-        widths.append(2 * shell.radii_mm[1])
+        widths.append(shell.diameter_mm or 0.0)  # a window may have no edge
     behind = sum(part.length_mm or 0.0 for part in parts if part.KIND == "imager")
     height = top + rim.thickness_mm + behind
     if isinstance(lens, GaussianLens):
-        height += sensor.mirror_distance_mm + lens.principal_point_mm + lens.image_distance
+        height += sensor.mirror_distance_mm + lens.imager_mm
     else:
         height += sum(part.length_mm or 0.0 for part in parts if part.KIND == "lens")
     return OuterSize(float(max(widths)), float(height))
 
 
-def mirror_mass_g(mirror: Mirror, thickness_mm: float = Rim().thickness_mm, material: str = MATERIAL) -> float:
+def mirror_mass_g(mirror: Mirror, thickness_mm: float = Rim().thickness_mm, material: str | None = None) -> float:
     """Mass of a mirror, from its surface to a flat back that lies so far behind its highest point.
 
     Examples
@@ -68,17 +68,22 @@ def mirror_mass_g(mirror: Mirror, thickness_mm: float = Rim().thickness_mm, mate
     >>> round(mirror_mass_g(Cone(45.0, 10.0), 5.0), 2), round(2.7e-3 * np.pi * 100 * (5 + 10 * 2 / 3 - 10 / 3), 2)
     (7.07, 7.07)
     """
-    u, weight = _nodes()
+    u, weight = gauss_nodes()
     x = mirror.rim_radius_mm * (u + 1) / 2
     (_, _), (_, top) = mirror.bounds
     depth = top + thickness_mm - mirror.sag(x)
     volume = np.pi * mirror.rim_radius_mm * float((x * depth * weight).sum())
-    return DENSITIES_G_PER_CM3[material] * volume / 1000
+    return density_of(material) * volume / 1000
+
+
+def density_of(material: str | None) -> float:
+    """Of a mirror's body, g/cm3; of the usual one where nothing is said."""
+    return DENSITIES_G_PER_CM3[material or MATERIAL]
 
 
 @cache
-def _nodes() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Places and weights of Gauss's rule."""
+def gauss_nodes() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Places (n,) in (-1, 1) and weights of Gauss's rule, by which bodies are weighed."""
     u, weight = np.polynomial.legendre.leggauss(POINTS)
     return u, weight
 
@@ -94,7 +99,7 @@ def body_mass_g(sensor: Sensor) -> float:
     """
     thickness = (sensor.housing.rim or Rim()).thickness_mm
     said = None if sensor.thermal is None else sensor.thermal.mirror_material
-    return mirror_mass_g(sensor.mirror, thickness, said or MATERIAL)
+    return mirror_mass_g(sensor.mirror, thickness, said)
 
 
 def mass_g(sensor: Sensor, parts: tuple[Component, ...]) -> float | None:

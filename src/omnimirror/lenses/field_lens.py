@@ -34,11 +34,6 @@ class FieldLens(GaussianLens):
     def pupil(self) -> EntrancePupil:
         return self.field.entrance_pupil
 
-    @property
-    def imager_mm(self) -> float:
-        """From the reference point back to the imager, mm; of a lens without thickness, if no more is known."""
-        return self.image_distance - self.principal_point_mm
-
     # -- the picture --------------------------------------------------------------------------------------
 
     def distorted_height(self, ideal: Array) -> Array:

@@ -62,6 +62,11 @@ class GaussianLens(Lens):
         """Distance b0 (mm) from principal point to imager when focused (Eq. 25)."""
         return 1 / (1 / self.focal_length_mm - 1 / (self.focus_distance_mm - self.principal_point_mm))
 
+    @property
+    def imager_mm(self) -> float:
+        """From the reference point back to the imager, mm; of a lens without thickness, if no more is known."""
+        return self.image_distance - self.principal_point_mm
+
     @cached_property
     def principal_distance(self) -> float:
         """Image height (mm) per tangent of the viewing angle, but for distortion: b0 where the pupil is in the lens."""

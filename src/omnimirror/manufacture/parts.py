@@ -100,7 +100,7 @@ def bored(sensor: Sensor, body: Body) -> Body:
     if sensor.secondary is None:
         return body
     lens = sensor.secondary.lens_height(sensor.mirror_distance_mm)
-    to_imager = 0.0 if sensor.lens.TELECENTRIC else cast(GaussianLens, sensor.lens).image_distance
+    to_imager = 0.0 if sensor.lens.TELECENTRIC else cast(GaussianLens, sensor.lens).imager_mm
     if not lens + to_imager > 0:  # the camera stands before the mirror
         return body
     needed = 2 * sensor.secondary.bore_radius_mm

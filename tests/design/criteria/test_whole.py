@@ -11,7 +11,9 @@ import omnimirror as om
 from omnimirror.components.whole import whole_of
 from omnimirror.design.criteria.requirement_file import parse_requirements
 from omnimirror.errors import OmnimirrorError
-from omnimirror.housing import Dome, Housing
+from omnimirror.housing import Dome, FlatWindow, Housing
+from omnimirror.lenses import SurfaceLens
+from tests.lenses import prescriptions
 
 TEXT = """
 [field]
@@ -52,6 +54,8 @@ def test_sizes_and_mass_are_those_of_solids():
     assert rows(asked, acrylic)["whole_mass_g"] == pytest.approx(1.19e-3 * body, rel=1e-6)
     domed = replace(sensor, housing=Housing(shell=Dome(diameter_mm=320.0)))
     assert rows(asked, domed)["whole_diameter_mm"] == pytest.approx(320.0)
+    behind_a_window = replace(sensor, housing=Housing(shell=FlatWindow()))
+    assert whole_of(behind_a_window).diameter_mm == pytest.approx(2 * M)
 
 
 @pytest.mark.parametrize(("quantity", "most"), [("whole_mass_g", 40.0), ("whole_height_mm", 120.0)])
@@ -64,6 +68,17 @@ def test_a_design_keeps_them(quantity, most):
     found = om.design_sensor(asked)
     assert found.is_met
     assert found.sensor.mirror.rim_radius_mm < free.mirror.rim_radius_mm
+
+
+def test_the_height_begins_at_the_imager_of_a_lens_of_surfaces(tmp_path):
+    """Its principal points lie inside, and so far apart as its glasses make them."""
+    (tmp_path / "triplet.zmx").write_text(prescriptions.zmx())
+    lens = SurfaceLens.from_file(tmp_path / "triplet.zmx", focus_distance_mm=200.0)
+    sensor = replace(om.load_sensor("paper-spherical"), lens=lens)
+    _, (_, top) = sensor.mirror.bounds
+    to_imager = prescriptions.imager_place(prescriptions.indices(), 200.0)
+    expected = sensor.mirror_distance_mm + sum(prescriptions.GAPS[:-1]) + to_imager + top + 5
+    assert whole_of(sensor).height_mm == pytest.approx(expected, abs=1e-6)
 
 
 def test_they_belong_to_no_part_of_the_field():

@@ -10,11 +10,13 @@ import pytest
 from scipy.optimize import brentq
 
 import omnimirror as om
+from omnimirror.components.whole import body_mass_g, whole_of
 from omnimirror.design.optimise.optimiser import described, problem_from, start
 from omnimirror.design.optimise.variables import DesignSpace
 from omnimirror.design.solve.freeform import problem_of
 from omnimirror.errors import SpecError
-from omnimirror.housing import Dome, Housing, Tube
+from omnimirror.housing import CameraBody, Dome, Housing, Rim, Tube
+from omnimirror.imagers import Imager
 from omnimirror.lenses import SurfaceLens
 from tests.batch.test_built import Truth, from_stop
 from tests.commands import omnimirror
@@ -166,6 +168,46 @@ def test_the_space_of_free_form_is_that_of_sensors_behind_lens_and_dome(asked, m
     for e in np.eye(space.dim):
         by_steps = (state(y + 1e-6 * e).field.t_px - state(y - 1e-6 * e).field.t_px) / 2e-6
         np.testing.assert_allclose(state(y + 1e-30j * e).field.t_px.imag / 1e-30, by_steps, rtol=1e-5, atol=1e-6)
+
+
+SIZES = ("whole_diameter_mm", "whole_height_mm", "whole_mass_g")
+
+
+@pytest.mark.parametrize("kind", ["perspective", "telecentric", "triplet in a dome"])
+def test_the_space_of_free_form_knows_the_whole(asked, kind):
+    """Size and mass at its points, searched and in thousands, are those of their sensors."""
+    limits = tuple(om.Limit(name, at_most=1e3) for name in SIZES)
+    mirror = om.MirrorRequirements(optimise="worst_blur_deg", shape="polynomial:3", rim_radius_mm=(20, 40))
+    plain = om.LensRequirements(focal_length_mm=8.0, f_number=8.0)
+    telecentric = om.LensRequirements(kind="orthographic", f_number=8.0)
+    lens = {"perspective": plain, "telecentric": telecentric}.get(kind, asked.lens)
+    rimmed = Housing(CameraBody(70.0), rim=Rim(width_mm=2.0, thickness_mm=8.0))
+    housing = {"perspective": rimmed, "telecentric": replace(rimmed, camera=None)}.get(kind, asked.housing)
+    thermal = om.Thermal(mirror_material="acrylic")
+    wanted = replace(asked, mirror=mirror, lens=lens, limits=limits, housing=housing, thermal=thermal)
+    space = DesignSpace(problem_of(wanted))
+    _, y = start(space, 0, 0)
+    sensor = replace(space.sensor(y), thermal=thermal)
+    expected = [*whole_of(sensor), body_mass_g(sensor)]
+    u = np.linspace(0, 1, 7)
+    searched = space.state(y[None], u, space.basis(u)).field
+    many = space.field(y[None], space.evaluate(y[None], 7))
+    for field in (searched, many):
+        np.testing.assert_allclose([getattr(field, name).item() for name in SIZES], expected, rtol=1e-9)
+
+
+def test_a_whole_that_is_kept_shrinks_the_mirror_of_free_form():
+    """Larger mirrors blur less, and this one is as large as the height allows."""
+    field, imager = om.FieldRequirements(omega_max_deg=110.0), Imager(1600, 1200, 4.5)
+    mirror = om.MirrorRequirements(optimise="worst_blur_deg", shape="polynomial:3", rim_radius_mm=(20, 40))
+    lens = om.LensRequirements(focal_length_mm=8.0, f_number=8.0)
+    asked = om.Requirements(field=field, mirror=mirror, lens=lens, imager=imager)
+    once = om.SearchOptions(starts=1)
+    free = om.design_sensor(asked, search=once).sensor
+    held = om.design_sensor(replace(asked, limits=(om.Limit("whole_height_mm", at_most=120.0),)), search=once)
+    assert whole_of(free).height_mm > 135
+    assert held.is_met
+    assert whole_of(held.sensor).height_mm == pytest.approx(120.0, rel=2e-3)
 
 
 def test_a_mirror_of_free_form_is_the_best_behind_lens_and_dome(asked):

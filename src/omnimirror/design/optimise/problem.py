@@ -58,6 +58,8 @@ class DesignProblem:
     limits
         What has to be kept besides. Where theta or the focal length is a range, the rim's image has to stay on the
         imager too.
+    mirror_material
+        Of the mirror's body, where a limit asks for its mass; aluminium by default.
     optics
         A real lens, whose focal length and F-number are its own.
 
@@ -91,6 +93,7 @@ class DesignProblem:
     family: str = "slope-spline"
     terms: int = 12
     limits: tuple[Limit, ...] = ()
+    mirror_material: str | None = None
     optics: FieldLens | None = None
 
     def __post_init__(self) -> None:

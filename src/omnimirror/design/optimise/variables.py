@@ -28,6 +28,7 @@ from ...tracing.obscuration import disc_clearance
 from ..criteria.merits import FieldValues, values_at, values_of
 from ..criteria.ranges import ends
 from .problem import DesignProblem
+from .size import with_size
 
 Array = NDArray[Any]
 ROUNDS_OF_LENS = 10  # where a real lens or a cover is solved for; each takes what is left to a tenth or less
@@ -168,15 +169,15 @@ class DesignSpace:
         one = np.ones(1)
         with np.errstate(all="ignore"):
             for _ in range(ROUNDS_OF_LENS):
-                z = g.M * self._profile(y, g, one, self.basis(one))[0]
-                walls = walls_of(self._bending, self._reach(g) - z, z, g.M)
+                z = g.M * self.sags(y, g, one)
+                walls = walls_of(self._bending, self.reach(g) - z, z, g.M)
                 assert walls is not None
                 rim = Pencil(g.M, z, g.inside_max, 0 * z, 1 + 0 * z)  # rays that part in one point
                 out = through_sides(rim, walls.sides, walls.indices).foot
                 g = g._replace(inside_max=g.inside_max + (g.omega_max - out.omega) / out.rate)
         return g
 
-    def _reach(self, g: Given) -> Array:
+    def reach(self, g: Given) -> Array:
         """From the lens's reference point to the rim along the axis, mm; infinite of a telecentric lens."""
         if self.problem.is_telecentric:
             return np.full(g.M.shape, np.inf)
@@ -264,6 +265,10 @@ class DesignSpace:
             parts = tuple(a + b for a, b in zip(parts, conic_profile(u, R, k), strict=True))
         return parts
 
+    def sags(self, y: Array, g: Given, u: Array) -> Array:
+        """Sag/M (b, k) at fractions u (k,) of the rim radius."""
+        return self._profile(y, g, u, self.basis(u))[0]
+
     def basis(self, u: Array) -> Basis:
         """The family's terms at fractions of the rim radius; the last has to be 1, the rim."""
         return self.family.basis(u)
@@ -283,16 +288,16 @@ class DesignSpace:
         slope_over_x = np.where(u > 0, slope / np.where(u > 0, u, 1.0), curvature) / g.M
         rest = (u * g.M, z * g.M, slope, curvature / g.M, slope_over_x)
         rim = g.M * z[:, -1:]
-        reach = rim if self.problem.is_telecentric else self._reach(g)
+        reach = rim if self.problem.is_telecentric else self.reach(g)
         if self.tables is not None or self._bending.shell is not None:
-            m = self._reach(g) - rim
+            m = self.reach(g) - rim
             aim, walls = aim_of(rest[0], m + rest[1], self.tables), walls_of(self._bending, m, rim, g.M)
             o = built_optics(*rest, aim, near, walls)
         elif self.problem.is_telecentric:
             o = telecentric_optics(*rest, near)
         else:
             o = node_optics(*rest, reach - rim, near)
-        field = values_at(o, self.camera(g), g.focus, reach, rim)
+        field = with_size(values_at(o, self.camera(g), g.focus, reach, rim), self, y, g)
         return State(field, o.omega, o.domega_dx * g.M, o.cos_incidence, self.hidden(field, o.omega), self.image(g))
 
     def hidden(self, field: FieldValues, omega: Array) -> Array:
@@ -350,8 +355,8 @@ class DesignSpace:
         p, y = self.problem, np.atleast_2d(y)
         g = self.given(y)
         coefficients, R, k = self._shapes(y, g)
-        sag = self._profile(y, g, np.ones(1), self.basis(np.ones(1)))[0]
-        M, m, focal, mu = g.M[:, 0], (self._reach(g) - g.M * sag)[:, 0], g.focal[:, 0], np.zeros(len(y))
+        sag = self.sags(y, g, np.ones(1))
+        M, m, focal, mu = g.M[:, 0], (self.reach(g) - g.M * sag)[:, 0], g.focal[:, 0], np.zeros(len(y))
         if p.is_telecentric:
             m, focal, mu = np.full_like(mu, np.inf), np.full_like(mu, np.inf), focal
         return Designs(
@@ -369,22 +374,23 @@ class DesignSpace:
     def field(self, y: Array, result: BatchEvaluation) -> FieldValues:
         """What merits and limits look at, of designs (b, dim) evaluated at their own focus."""
         g = self.given(y)
-        sag = g.M * self._profile(y, g, np.ones(1), self.basis(np.ones(1)))[0]
-        reach = sag if self.problem.is_telecentric else self._reach(g)
+        sag = g.M * self.sags(y, g, np.ones(1))
+        reach = sag if self.problem.is_telecentric else self.reach(g)
         camera = self.camera(g)
         numbers = (camera.image_distance(g.focus), reach, sag, camera.airy_px(g.focus))
         b0, length, height, airy = (v[:, 0] for v in numbers)
         if not isinstance(camera, RealCamera):
             light = camera.light(result.h_px / camera.px_per_ray(g.focus))
-            return values_of(result, light, b0, length, height, airy)
+            return with_size(values_of(result, light, b0, length, height, airy), self, y, g)
         u = np.tile(np.linspace(0.0, 1.0, self._count(result.h_px)), len(self.problem.distances_mm))
-        z = g.M * self._profile(y, g, u, self.basis(u))[0]
+        z = g.M * self.sags(y, g, u)
         found, q = (
             camera.tables.at(aim_of(u * g.M, reach - sag + z, camera.tables).tangent),
             camera.tables.defocus(g.focus),
         )
         own_t, own_s = (focus_powers(own, q) / camera.pitch_mm for own in (found.own_t, found.own_s))
-        return values_of(result, found.light, b0, length, height, airy, (own_t, own_s))
+        field = values_of(result, found.light, b0, length, height, airy, (own_t, own_s))
+        return with_size(field, self, y, g)
 
     def image(self, g: Given) -> Array:
         """Image of the rim over the largest that the imager holds (b, 1)."""

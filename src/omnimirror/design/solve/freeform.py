@@ -64,6 +64,7 @@ def problem_of(
         limits=requirements.limits,
         mode=mode,
         image_radius_px=image_radius_px,
+        mirror_material=None if requirements.thermal is None else requirements.thermal.mirror_material,
         optics=lens.optics,
     )
 

@@ -52,7 +52,7 @@ class Assembly(NamedTuple):
     def of(cls, sensor: Sensor, body: Body, secondary_body: Body | None = None) -> Assembly:
         standing, shift = sensor.obstructions, sensor.mirror_pose.displacement_mm
         housing, lens, base = standing.housing, standing.envelope.lens_mm - shift, standing.envelope.base_mm - shift
-        away = 0.0 if sensor.lens.TELECENTRIC else cast(GaussianLens, sensor.lens).image_distance
+        away = 0.0 if sensor.lens.TELECENTRIC else cast(GaussianLens, sensor.lens).imager_mm
         if sensor.secondary is not None:  # the camera looks the other way
             away = -away
             lens = -lens if sensor.lens.TELECENTRIC else sensor.secondary.lens_height(sensor.mirror_distance_mm)
