@@ -6,6 +6,7 @@ Mirrors, cameras, screens, quantities and formats are added from outside the pac
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -29,6 +30,19 @@ RUN_THE_COPY = f"""{OF_THE_COPY}
 import runpy
 runpy.run_module("omnimirror", run_name="__main__", alter_sys=True)
 """
+
+
+PROGRAM = re.compile(r"(?<![\w/.-])[\w/]+/\w+\.(?:sh|py|cpp)\b")
+NAMED_IN = ("Makefile", "README.md", "CONTRIBUTING.md", "native/README.md", "native/sanitize.sh", "web/README.md")
+UNDER = ("", "native", "web", "src", "src/omnimirror")
+
+
+@pytest.mark.parametrize("page", NAMED_IN)
+def test_programs_that_are_named_are_there(page):
+    """In a clone, so that what is used and ignored by git is found out."""
+    named = {name for name in PROGRAM.findall((CHECKOUT / page).read_text()) if not re.search("[A-Z]{3}|^build/", name)}
+    assert named
+    assert {name for name in named if not any((CHECKOUT / under / name).is_file() for under in UNDER)} == set()
 
 
 def edit(file: Path, *changes: tuple[str, str]) -> None:

@@ -22,7 +22,7 @@ from .trials.required.names import is_least, names_of, required_of
 from .variance import VarianceShares, variance_shares
 from .yields import Progress, Tally, monte_carlo
 
-MERITS = ("motion_px",)
+RANKED_BY = ("motion_px",)
 QUANTILES = (0.05, 0.5, 0.95, 0.99)
 
 
@@ -205,7 +205,7 @@ def tolerance(
         allocation = allocate(
             judge, plan.tolerances, plan.limits, wanted_yield, prices=plan.prices, widest=plan.widest, seed=seed
         )
-    variance = variance_shares(judge, plan.tolerances, tuple(plan.limits) or MERITS, seed=seed) if shares else None
+    variance = variance_shares(judge, plan.tolerances, tuple(plan.limits) or RANKED_BY, seed=seed) if shares else None
     return ToleranceReport(sensor, plan, seed, tally, alone, allocation, variance, time.perf_counter() - begin)
 
 

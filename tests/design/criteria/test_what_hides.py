@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 import omnimirror as om
 from omnimirror.errors import InvalidParameter
 from omnimirror.housing import CameraBody, Housing, Rim, Rod, Tube
+from tests.commands import omnimirror
 
 HOUSINGS = {
     "camera": Housing(CameraBody(60.0, height_mm=20.0)),
@@ -74,3 +77,25 @@ def test_nothing_hidden_can_be_asked_for():
 def test_a_part_of_the_field_does_not_apply():
     with pytest.raises(InvalidParameter, match="omega_deg does not apply to it"):
         om.Limit("hidden_percent", at_most=3.0, omega_deg=(0.0, 20.0))
+
+
+def test_a_design_without_limits_says_what_its_camera_hides():
+    """The disc around the lens is met by the light from there on: by rays of the sphere that was designed."""
+    words = ("--mirror", "sphere", "--omega-max-deg", 110, "--rim-radius-mm", 30, "--focal-length-mm", 8)
+    said = omnimirror("design", *words, "--f-number", 4, "--camera-diameter-mm", 120).stdout
+    assert "hidden: camera 0 to " in said
+    told = float(re.search(r"camera 0 to ([\d.]+) deg", said)[1])
+    distance = float(re.search(r"lens ([\d.]+) mm", said)[1])
+    theta = float(re.search(r"theta_max_deg = ([\d.]+)", said)[1])
+    slope_deg = (110 - theta) / 2  # of the rim: the normal halves the angle
+    radius = 30 / np.sin(np.radians(slope_deg))
+
+    def point(a):
+        return radius * np.sin(a), radius * (1 - np.cos(a))
+
+    def omega(a):
+        x, z = point(a)
+        return 2 * a + np.arctan2(x, distance + z)
+
+    x, z = point(brentq(lambda a: omega(a) - np.radians(told), 0, 1.2))
+    assert x + (distance + z) * np.tan(np.radians(told)) == pytest.approx(60, rel=2e-3)

@@ -15,6 +15,7 @@ from ....design.solve.designer import Design
 from ....design.solve.relaxation import Conflict, Relaxation
 from ....design.solve.verdict import ROUNDING, Judgement, Verdict
 from ....quantities import QUANTITIES
+from ....tracing.obscuration import hidden_words
 from ...outputs import head, plain_table, say
 
 OF_ELEVATIONS = {"omega_max_deg": "elevation at the rim", "omega_min_deg": "elevation at the inner end"}
@@ -48,9 +49,14 @@ def print_verdict(console: Console, verdict: Verdict) -> None:
         where = "" if at is None else f"{at:.4g} deg"
         table.add_row(label, asked, _number(row.reached), _number(margin), where, met)
     console.print(table)
-    for remark in dict.fromkeys(remark for row in verdict.rows for remark in row.remarks):
+    remarks = list(dict.fromkeys(remark for row in verdict.rows for remark in row.remarks))
+    for remark in remarks:
         names = ", ".join(row.label for row in verdict.rows if remark in row.remarks)
         console.print(f"  {names}: {remark}", highlight=False, soft_wrap=True)
+    sensor = verdict.sensor
+    if sensor.obscured and not any("hides it" in remark for remark in remarks):  # no limit has told it
+        told = hidden_words(sensor.obscured, sensor.hidden_percent)
+        console.print(f"  hidden: {told}", highlight=False, soft_wrap=True)
 
 
 def _place_told(verdict: Verdict, row: Judgement) -> tuple[float | None, str]:
