@@ -47,6 +47,35 @@ def test_differences_to_what_is_pinned_are_plotted_and_saved(bench):  # noqa: F8
     assert len(plotted(bench, "Image height")) == 3
 
 
+COVERED = """() => {
+  const said = document.querySelector("#said").getBoundingClientRect();
+  const meets = (box) => box.width && box.left < said.right && said.left < box.right && box.top < said.bottom && said.top < box.bottom;
+  const plots = [...document.querySelectorAll("#bench .plot")];
+  return plots.filter((plot) => meets(plot.getBoundingClientRect())).map((plot) => plot.innerText);
+}"""
+
+
+def test_what_a_search_found_is_plotted_against_what_was_before_and_no_word_lies_over_it(bench):  # noqa: F811
+    first = sensor_on(bench)
+    bench.get_by_label("Make least").select_option("worst_blur_deg")
+    bench.get_by_label("Free form").select_option("polynomial")
+    bench.get_by_label("Terms", exact=True).fill("3")
+    bench.get_by_label("Starts").fill("1")
+    bench.get_by_role("button", name="Optimise").click()
+    bench.locator("#said", has_text="what was before is pinned").wait_for()
+    for width in (900, 1280, 2560):
+        bench.set_viewport_size({"width": width, "height": 800})
+        assert bench.evaluate(COVERED) == []
+    bench.locator(".compare tbody tr").nth(1).wait_for()
+    settled(bench)
+    assert bench.get_by_label("Difference").is_checked()
+    assert bench.get_by_role("button", name="Unpin paper-spherical, before").is_visible()
+    omega, differs = plotted(bench, "Image height")
+    now, before = (om.evaluate(s, np.minimum(omega, s.field_deg[1])) for s in (sensor_on(bench), first))
+    np.testing.assert_allclose(differs, now.h_px - before.h_px, atol=2e-4 * now.h_px.max())
+    assert np.abs(differs).max() > 1
+
+
 def test_a_slider_marks_where_it_began_and_leads_back(bench):  # noqa: F811
     field = bench.locator(".field").filter(has=bench.get_by_label("Focal length", exact=True))
     back = field.locator(".back")
