@@ -150,6 +150,26 @@ def test_a_reload_keeps_pictures_and_result_and_what_changes_forgets_the_result(
     page.get_by_text("Drop pictures of a board here").wait_for()
 
 
+SLOW = """indexedDB.open = new Proxy(indexedDB.open, { apply: () => ({}) });"""  # it never answers
+
+
+def test_a_reload_that_comes_before_the_browser_has_kept_a_change_finds_it_all_the_same(page, files):
+    add(page, files[:3])
+    kept = page.evaluate(f"{TAB}.shots.all.map((s) => s.key)")
+    page.reload()
+    page.wait_for_function(f"{TAB}?.shots.found.length === 3")
+    page.evaluate(SLOW)
+    page.get_by_label("Square, mm").fill("31")
+    page.locator("#calibrate .shots button").first.click()
+    button(page, "Take it out").click()
+    page.set_input_files("#calibrate-files", files[5])
+    page.wait_for_function(f"{TAB}.shots.all.length === 3")
+    page.reload()
+    page.get_by_text(f"The page was left before the browser had kept {files[5].name}; add it again.").wait_for()
+    assert page.evaluate(f"{TAB}.shots.all.map((s) => s.key)") == kept[1:]
+    assert page.get_by_label("Square, mm").input_value() == "31"
+
+
 def test_why_it_cannot_begin_and_why_a_picture_is_not_used_is_said(page, files, tmp_path):
     assert begin(page).is_disabled()
     reason = page.locator(f"#{begin(page).get_attribute('aria-describedby')}")

@@ -2,10 +2,10 @@ import * as api from "../shared/api";
 import { h } from "../shared/dom";
 import type { BoardSeen, CalibrateStart, CalibrationAsk, CalibrationFound, Together } from "../shared/messages";
 import { isVideo } from "../shared/media";
-import { shelve, shelved } from "../shared/storage";
 import { WENT_WRONG } from "../shared/texts";
 import { framesOf } from "./frames";
 import type { Host } from "./host";
+import { keepResult, keepSettings, keptResult, keptSettings } from "./kept";
 import { BoardPanel } from "./panels/board";
 import { CameraPanel, type Rim } from "./panels/camera";
 import { RunPanel } from "./panels/run";
@@ -18,16 +18,13 @@ import { MOST_SHOTS, type Shot, Shots } from "./shots";
 import { Toolbar } from "./toolbar";
 import { calibrateCommand, rimOf, whyNot } from "./words";
 
-/** What the browser keeps besides the pictures. */
-interface Kept {
+/** What the browser keeps of the panels. */
+interface Settings {
   board: NonNullable<BoardPanel["board"]>;
   sought: CameraPanel["sought"];
   rim: Rim | null;
-  found: CalibrationFound | null;
-  report: string | null;
 }
 
-const KEPT = "calibration";
 const LOOKED_AT_FOR_RIM = 3; // pictures
 const TOGETHER_MS = 150;
 
@@ -78,13 +75,15 @@ export class Calibrate {
 
   /** Begin with what the browser kept. */
   async begin(): Promise<void> {
-    const kept = await shelved<Kept>(KEPT);
-    if (kept) {
+    const kept = keptSettings<Settings>();
+    if (kept?.board && kept.sought) {
       this.board.take(kept.board);
-      this.camera.take(kept.sought, kept.rim);
+      this.camera.take(kept.sought, kept.rim ?? null);
     }
-    await this.shots.restore();
-    if (kept?.found && this.shots.all.length) [this.found, this.report] = [kept.found, kept.report];
+    const lost = await this.shots.restore();
+    if (lost.length) this.host.banner(`The page was left before the browser had kept ${lost.join(", ")}; add ${lost.length > 1 ? "them" : "it"} again.`, "calibrate");
+    const result = await keptResult(this.keys);
+    if (result) [this.found, this.report] = [result.found, result.report];
     this.drawResults();
     this.show();
   }
@@ -292,10 +291,14 @@ export class Calibrate {
     );
   }
 
+  private get keys(): string[] {
+    return this.shots.all.map((s) => s.key);
+  }
+
   private keep(): void {
     const { board } = this.board;
-    const kept: Kept | null = board && { board, sought: this.camera.sought, rim: this.camera.rim, found: this.found, report: this.report };
-    if (kept) void shelve(KEPT, kept);
+    if (board) keepSettings({ board, sought: this.camera.sought, rim: this.camera.rim } satisfies Settings);
+    void keepResult(this.keys, this.found, this.report);
   }
 
   private fail(e: unknown): void {

@@ -1,16 +1,12 @@
 import * as api from "../shared/api";
 import type { BoardAsked, BoardSeen } from "../shared/messages";
-import { shelve, shelved, unshelve } from "../shared/storage";
 import { asStored } from "../shared/media";
+import { forget, keepList, keepPicture, keepSeen, keptList, keptPicture, keptSeen, type Listed } from "./kept";
 import { unlike } from "./words";
 
 /** A picture of the board, and what is known of it. */
-export interface Shot {
-  key: string;
-  name: string;
+export interface Shot extends Listed {
   blob: Blob;
-  /** Of a frame of a video, s. */
-  time: number | null;
   /** A small picture of it; "" where the browser does not read it. */
   thumbnail: string;
   seen: BoardSeen | null;
@@ -20,12 +16,9 @@ export interface Shot {
   reason: string | null;
 }
 
-type Listed = Pick<Shot, "key" | "name" | "time" | "seen">;
-
 export const MOST_SHOTS = 100;
 const AT_ONCE = 2;
 const THUMBNAIL_PX = 240;
-const LIST = "boards";
 
 interface Hands {
   board: () => BoardAsked | null;
@@ -41,6 +34,8 @@ export class Shots {
   /** The board that was looked for last. */
   private lookedFor = "";
   private looking = new Map<Shot, AbortController>();
+  /** What the browser kept and has not given back yet. */
+  private coming: Listed[] = [];
 
   constructor(private readonly hands: Hands) {}
 
@@ -56,14 +51,20 @@ export class Shots {
     return this.all.reduce((sum, s) => sum + s.blob.size, 0);
   }
 
-  /** The pictures of the last time. */
-  async restore(): Promise<void> {
-    for (const listed of (await shelved<Listed[]>(LIST)) ?? []) {
-      const blob = await shelved<Blob>(`board ${listed.key}`);
-      if (blob) this.all.push({ ...listed, blob, trouble: null, reason: listed.seen?.reason ?? null, thumbnail: await thumbnailOf(blob, listed.name) });
+  /** The pictures of the last time; the names of those that the page was left too soon after to be kept. */
+  async restore(): Promise<string[]> {
+    const lost: string[] = [];
+    this.coming = keptList();
+    while (this.coming.length) {
+      const [listed] = this.coming;
+      const [blob, seen = null] = await Promise.all([keptPicture(listed.key), keptSeen(listed.key)]);
+      if (blob) this.all.push({ ...listed, blob, seen, trouble: null, reason: seen?.reason ?? null, thumbnail: await thumbnailOf(blob, listed.name) });
+      else lost.push(listed.name);
+      this.coming.shift();
     }
-    this.hands.changed();
+    this.told();
     this.go();
+    return lost;
   }
 
   /** Take a picture; false where there are enough. */
@@ -71,8 +72,8 @@ export class Shots {
     if (this.all.length >= MOST_SHOTS) return false;
     const shot: Shot = { key: `${Date.now().toString(36)}-${Math.random().toString(36).slice(2, 8)}`, name: unlike(name, new Set(this.all.map((s) => s.name))), blob, time, thumbnail: "", seen: null, trouble: null, reason: null };
     this.all.push(shot);
-    this.hands.changed();
-    void shelve(`board ${shot.key}`, blob);
+    this.told();
+    void keepPicture(shot.key, blob);
     shot.thumbnail = await thumbnailOf(blob, name);
     this.hands.changed();
     this.go();
@@ -83,7 +84,7 @@ export class Shots {
     this.looking.get(shot)?.abort();
     this.all = this.all.filter((s) => s !== shot);
     URL.revokeObjectURL(shot.thumbnail);
-    void unshelve(`board ${shot.key}`);
+    void forget(shot.key);
     this.told();
   }
 
@@ -126,6 +127,7 @@ export class Shots {
     try {
       shot.seen = { ...(await api.look(shot.blob, { ...board, name: shot.name, quick: false }, controller.signal)), time_s: shot.time };
       shot.reason = shot.seen.reason;
+      if (this.all.includes(shot)) void keepSeen(shot.key, shot.seen);
     } catch (e) {
       if (e instanceof api.Refused) shot.trouble = e.message;
       else if (e instanceof api.Away) shot.trouble = "The studio's server does not answer.";
@@ -138,8 +140,7 @@ export class Shots {
   }
 
   private told(): void {
-    const listed: Listed[] = this.all.map(({ key, name, time, seen }) => ({ key, name, time, seen }));
-    void shelve(LIST, listed);
+    keepList([...this.coming, ...this.all]);
     this.hands.changed();
   }
 }

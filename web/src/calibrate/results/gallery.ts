@@ -3,10 +3,17 @@ import { crosses } from "../drawing";
 import type { Shot } from "../shots";
 import { stateWords } from "../words";
 
+interface Item {
+  item: HTMLElement;
+  button: HTMLElement;
+  /** What it shows. */
+  shown: string;
+}
+
 /** All pictures, small, each with what was found in it. */
 export class Gallery {
   readonly element = h("ul", { className: "shots", "aria-label": "Pictures" });
-  private readonly items = new Map<Shot, { item: HTMLElement; shown: string }>();
+  private readonly items = new Map<Shot, Item>();
 
   constructor(private readonly choose: (shot: Shot) => void) {}
 
@@ -17,26 +24,31 @@ export class Gallery {
       this.items.delete(shot);
     }
     for (const shot of shots) {
-      const known = this.items.get(shot);
+      const known = this.items.get(shot) ?? this.begun(shot);
       const shown = JSON.stringify([shot.thumbnail, shot.seen?.ids.length, shot.trouble, shot.reason, shot === chosen]);
-      if (known?.shown === shown) continue;
-      const item = this.item(shot, shot === chosen);
-      if (known) {
-        const hasFocus = known.item.contains(document.activeElement);
-        known.item.replaceWith(item);
-        if (hasFocus) item.querySelector("button")!.focus();
-      } else this.element.append(item);
-      this.items.set(shot, { item, shown });
+      if (known.shown === shown) continue;
+      fill(known.button, shot, shot === chosen);
+      known.shown = shown;
     }
   }
 
-  private item(shot: Shot, isChosen: boolean): HTMLElement {
-    const reason = shot.trouble ?? shot.reason;
-    const words = shot.trouble ?? (shot.seen ? stateWords(shot.seen, reason) : "Looking…");
-    const picture = h("span", { className: "thumbnail" }, shot.thumbnail ? h("img", { src: shot.thumbnail, alt: "" }) : null, cornersOf(shot));
-    const button = h("button", { type: "button", "aria-pressed": String(isChosen), title: `${shot.name}: ${words}`, onclick: () => this.choose(shot) }, picture, h("b", {}, shot.name), h("small", { className: reason ? "missed" : "" }, words));
-    return h("li", {}, button);
+  /** One button for as long as the picture is there: a press while it changes would be lost with it. */
+  private begun(shot: Shot): Item {
+    const button = h("button", { type: "button", onclick: () => this.choose(shot) });
+    const begun = { item: h("li", {}, button), button, shown: "" };
+    this.element.append(begun.item);
+    this.items.set(shot, begun);
+    return begun;
   }
+}
+
+function fill(button: HTMLElement, shot: Shot, isChosen: boolean): void {
+  const reason = shot.trouble ?? shot.reason;
+  const words = shot.trouble ?? (shot.seen ? stateWords(shot.seen, reason) : "Looking…");
+  const picture = h("span", { className: "thumbnail" }, shot.thumbnail ? h("img", { src: shot.thumbnail, alt: "" }) : null, cornersOf(shot));
+  button.setAttribute("aria-pressed", String(isChosen));
+  button.title = `${shot.name}: ${words}`;
+  button.replaceChildren(picture, h("b", {}, shot.name), h("small", { className: reason ? "missed" : "" }, words));
 }
 
 /** The corners found in a picture, over it. */

@@ -1,0 +1,66 @@
+/**
+ * What the browser keeps of the tab. What is small is kept at once, so that a reload at any moment finds it. Pictures,
+ * what was seen in them and the camera are large and take their time: they count beside the list that names them alone.
+ */
+import type { BoardSeen, CalibrationFound } from "../shared/messages";
+import { locals, parsed, put, sessions, shelve, shelved, taken, unshelve } from "../shared/storage";
+
+/** A picture, by the key that it is kept under. */
+export interface Listed {
+  key: string;
+  name: string;
+  /** Of a frame of a video, s. */
+  time: number | null;
+}
+
+/** A camera, and the pictures that told it. */
+interface Result {
+  of: string[];
+  found: CalibrationFound;
+  report: string | null;
+}
+
+const SETTINGS = "omnimirror-calibrate";
+const LIST = "omnimirror-boards";
+const PARTS = ["", " seen", " result"] as const;
+const name = (key: string, part: (typeof PARTS)[number]): string => `board ${key}${part}`;
+
+/** What this tab kept, or else the last one that kept anything. */
+function found(key: string): unknown {
+  return parsed(taken(sessions, key) ?? taken(locals, key) ?? "null");
+}
+
+export function keptSettings<T extends object>(): Partial<T> | null {
+  const settings = found(SETTINGS);
+  return settings && typeof settings === "object" ? settings : null;
+}
+
+export const keepSettings = (settings: object): void => put([sessions, locals], SETTINGS, JSON.stringify(settings));
+
+export function keptList(): Listed[] {
+  const list = found(LIST);
+  const isListed = (l: Partial<Listed> | null): boolean => typeof l?.key === "string" && typeof l.name === "string" && (l.time === null || typeof l.time === "number");
+  return Array.isArray(list) ? (list as Listed[]).filter(isListed) : [];
+}
+
+export const keepList = (list: Listed[]): void => put([sessions, locals], LIST, JSON.stringify(list.map(({ key, name, time }) => ({ key, name, time }))));
+
+export const keptPicture = (key: string): Promise<Blob | undefined> => shelved(name(key, ""));
+export const keepPicture = (key: string, picture: Blob): Promise<unknown> => shelve(name(key, ""), picture);
+export const keptSeen = (key: string): Promise<BoardSeen | undefined> => shelved(name(key, " seen"));
+export const keepSeen = (key: string, seen: BoardSeen): Promise<unknown> => shelve(name(key, " seen"), seen);
+
+/** The camera that these very pictures told; kept beside the first of them. */
+export async function keptResult(keys: string[]): Promise<Result | null> {
+  const result = keys.length ? await shelved<Result>(name(keys[0], " result")) : undefined;
+  return result && JSON.stringify(result.of) === JSON.stringify(keys) ? result : null;
+}
+
+export async function keepResult(keys: string[], camera: CalibrationFound | null, report: string | null): Promise<void> {
+  if (keys.length) await (camera ? shelve(name(keys[0], " result"), { of: keys, found: camera, report } satisfies Result) : unshelve(name(keys[0], " result")));
+}
+
+/** Forget a picture, and what lies beside it. */
+export async function forget(key: string): Promise<void> {
+  await Promise.all(PARTS.map((part) => unshelve(name(key, part))));
+}
