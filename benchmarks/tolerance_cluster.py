@@ -20,6 +20,8 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 
+from circumstances import other_load, processor
+
 from omnimirror.files import write_text
 from omnimirror.tolerancing.sweeps import SHARD_TRIALS
 
@@ -86,6 +88,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
     arguments = parser.parse_args()
+    loaded = other_load()
     with tempfile.TemporaryDirectory() as name, ExitStack() as stack:
         folder = Path(name)
         subprocess.run(
@@ -99,7 +102,7 @@ def main() -> None:
         busy, wall = during(processes, lambda: found.append(swept(folder, "cluster", address)))
     (of_cluster, client), standing = found[0], {what: seconds / IDLE_S for what, seconds in idle.items()}
     assert of_threads == of_both == of_cluster
-    write(arguments.out, alone, again, client, busy, standing, wall)
+    write(arguments.out, alone, again, client, busy, standing, wall, loaded)
 
 
 def during(processes: dict[str, list[int]], act: Callable[[], object]) -> tuple[dict[str, float], float]:
@@ -119,6 +122,7 @@ def write(
     spent: dict[str, float],
     standing: dict[str, float],
     wall: float,
+    busy: str,
 ) -> None:
     whole, shard = client + sum(spent.values()), (alone - again) / SHARDS
     quiet = again + (alone - again) / WORKERS
@@ -137,7 +141,8 @@ def write(
     ]
     text = "\n".join(
         [
-            f"{SHARDS} shards of {SHARD_TRIALS:,} sensors, {shard:.1f} s of one core each; {wall:.0f} s by the clock.",
+            f"{SHARDS} shards of {SHARD_TRIALS:,} sensors, {shard:.1f} s of one core each; {wall:.0f} s by the clock. "
+            f"{processor()}, {WORKERS} cores.{busy}",
             "",
             "| processor time | s |",
             "|---|---:|",
