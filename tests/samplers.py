@@ -14,7 +14,7 @@ def instructions() -> list[str]:
     if not backend.is_compiled:
         return []
     known, before = [], backend.name
-    for name in ("plain", "avx2", "avx512", "neon"):
+    for name in ("plain", "avx2", "avx512", "avx512-gather", "neon"):
         try:
             backend.kernels.use_instructions(name)
         except ValueError:

@@ -136,7 +136,7 @@ int main(int argc, char** argv) {
     std::mt19937 random(1);
     const int channels[] = {1, 2, 3, 4};
     std::vector<const char*> names;
-    for (const char* name : {"avx2", "avx512", "neon"})
+    for (const char* name : {"avx2", "avx512", "avx512-gather", "neon"})
         if (use_kernels(name)) names.push_back(name);
     long differing = 0, worst = 0;
     for (int i = 0; i < cases; ++i) {

@@ -1,8 +1,8 @@
 """The only door to the compiled part: whether it is there, its instructions, its threads, its kernels.
 
 The environment variable ``OMNIMIRROR_NATIVE`` set to ``0`` leaves it alone; set to ``plain``, ``avx2``,
-``avx512`` or ``neon`` it chooses the samplers' instructions instead of the machine's best. What is compiled, from
-which formulas and how it is tested, is told in native/README.md.
+``avx512``, ``avx512-gather`` or ``neon`` it chooses the samplers' instructions instead of the machine's best. What is
+compiled, from which formulas and how it is tested, is told in native/README.md.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class Backend:
 
     Examples
     --------
-    >>> backend.name in ("avx512", "avx2", "neon", "plain", "opencv")
+    >>> backend.name in ("avx512", "avx512-gather", "avx2", "neon", "plain", "opencv")
     True
     """
 
@@ -83,7 +83,7 @@ class Backend:
 
     @property
     def name(self) -> str:
-        """Who samples pictures: ``"avx512"``, ``"avx2"``, ``"neon"`` or ``"plain"`` kernels, or ``"opencv"``."""
+        """Who samples: ``"avx512"``, ``"avx512-gather"``, ``"avx2"``, ``"neon"``, ``"plain"`` or ``"opencv"``."""
         return self.module.instructions() if self.module is not None else "opencv"
 
     @property

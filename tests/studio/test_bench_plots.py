@@ -49,7 +49,8 @@ def test_differences_to_what_is_pinned_are_plotted_and_saved(bench):  # noqa: F8
 
 COVERED = """() => {
   const said = document.querySelector("#said").getBoundingClientRect();
-  const meets = (box) => box.width && box.left < said.right && said.left < box.right && box.top < said.bottom && said.top < box.bottom;
+  const meets = ({ left, right, top, bottom, width }) =>
+    width && left < said.right && said.left < right && top < said.bottom && said.top < bottom;
   const plots = [...document.querySelectorAll("#bench .plot")];
   return plots.filter((plot) => meets(plot.getBoundingClientRect())).map((plot) => plot.innerText);
 }"""
@@ -68,7 +69,7 @@ def test_what_a_search_found_is_plotted_against_what_was_before_and_no_word_lies
         assert bench.evaluate(COVERED) == []
     bench.locator(".compare tbody tr").nth(1).wait_for()
     settled(bench)
-    assert bench.get_by_label("Difference").is_checked()
+    assert bench.get_by_role("checkbox", name="Difference").is_checked()
     assert bench.get_by_role("button", name="Unpin paper-spherical, before").is_visible()
     omega, differs = plotted(bench, "Image height")
     now, before = (om.evaluate(s, np.minimum(omega, s.field_deg[1])) for s in (sensor_on(bench), first))

@@ -39,8 +39,24 @@ __m512i offsets_of(const Block<uint8_t>* b) {
     return _mm512_inserti64x4(_mm512_castsi256_si512(load32(b[0].offsets)), load32(b[1].offsets), 1);
 }
 
+// 8 bytes of each of 8 places, by one instruction. On Intel's processors it takes less than loads one by one.
+struct Gathered {
+    static __m512i eights(const uint8_t* row, const uint32_t* offsets) {
+        return _mm512_i32gather_epi64(load32(offsets), row, 1);
+    }
+};
+
+// The same by loads, which on AMD's take half of the time.
+struct Loaded {
+    static __m512i eights(const uint8_t* row, const uint32_t* o) {
+        const auto two = [&](int i) { return load_pair(row + o[i], row + o[i + 1]); };
+        const __m256i first = _mm256_set_m128i(two(2), two(0)), second = _mm256_set_m128i(two(6), two(4));
+        return _mm512_inserti64x4(_mm512_castsi256_si512(first), second, 1);
+    }
+};
+
 // Colour: 8 bytes are fetched a pixel and row.
-template <int C>
+template <class Fetch, int C>
 struct WideLinear {
     const uint8_t* data;
     ptrdiff_t row_step;
@@ -58,16 +74,15 @@ struct WideLinear {
     explicit WideLinear(const Source& s)
         : data(s.data), row_step(s.geometry.row_step), last(static_cast<uint32_t>(s.elements - row_step - 8)) {}
 
-    __m512i values(const uint8_t* row, __m256i offsets) const {
-        return _mm512_shuffle_epi8(_mm512_i32gather_epi64(offsets, row, 1), pairs);
+    __m512i values(const uint8_t* row, const uint32_t* offsets) const {
+        return _mm512_shuffle_epi8(Fetch::eights(row, offsets), pairs);
     }
 
     __m512i sample_8(const Block<uint8_t>& b) const {
-        const __m256i offsets = load32(b.offsets);
         const __m512i fractions = _mm512_castsi128_si512(load16(b.fx));
         const __m512i x = _mm512_permutexvar_epi8(x_places, fractions);
         const __m512i y = _mm512_maskz_permutexvar_epi8(ODD_BYTES, y_places, fractions);
-        return bilinear.mixed(x, y, values(data, offsets), values(data + row_step, offsets));
+        return bilinear.mixed(x, y, values(data, b.offsets), values(data + row_step, b.offsets));
     }
 
     void sample_16(const Block<uint8_t>* b, uint8_t* out) const {
@@ -81,9 +96,9 @@ struct WideLinear {
     }
 };
 
-// Two channels: both neighbours of a pixel are 4 bytes.
+// Two channels: both neighbours of a pixel are 4 bytes. These and grey are worth 64 bytes at a time where they are gathered.
 template <>
-struct WideLinear<2> {
+struct WideLinear<Gathered, 2> {
     const uint8_t* data;
     ptrdiff_t row_step;
     uint32_t last;
@@ -112,7 +127,7 @@ struct WideLinear<2> {
 
 // Grey: the four neighbours of a pixel are 4 bytes, two of each row.
 template <>
-struct WideLinear<1> {
+struct WideLinear<Gathered, 1> {
     const uint8_t* data;
     ptrdiff_t row_step;
     uint32_t last;

@@ -21,6 +21,7 @@ inline bool has_avx512() {
 inline const Kernels* kernels_named(const char* name) {
 #if defined(OMNIMIRROR_AVX512)
     if (!std::strcmp(name, "avx512") && has_avx512()) return &avx512_kernels;
+    if (!std::strcmp(name, "avx512-gather") && has_avx512()) return &avx512_gather_kernels;
 #endif
 #if defined(OMNIMIRROR_AVX2)
     if (!std::strcmp(name, "avx2") && __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma"))
@@ -33,6 +34,9 @@ inline const Kernels* kernels_named(const char* name) {
 }
 
 inline const Kernels* best_kernels() {
+#if defined(OMNIMIRROR_AVX512)
+    if (__builtin_cpu_is("intel") && has_avx512()) return &avx512_gather_kernels;
+#endif
     for (const char* name : {"avx512", "avx2", "neon"})
         if (const Kernels* kernels = kernels_named(name)) return kernels;
     return &plain_kernels;

@@ -159,6 +159,7 @@ struct Kernels {
 extern const Kernels plain_kernels;
 extern const Kernels avx2_kernels;
 extern const Kernels avx512_kernels;
+extern const Kernels avx512_gather_kernels;
 extern const Kernels neon_kernels;
 
 }  // namespace omnimirror

@@ -1,5 +1,7 @@
 // The kernels for x86 with AVX-512, the byte shuffles of VBMI included: bilinear samples and the places that inner
 // cells and rings look at. What 64 bytes at a time gain nothing for is as with AVX2, compiled for more registers.
+#include <type_traits>
+
 #include "avx2_strips.hpp"
 #include "avx512_linear.hpp"
 #include "avx512_locate.hpp"
@@ -27,6 +29,7 @@ void sample_by_16(const Job& job, const Strip<uint8_t>& s) {
     }
 }
 
+template <class Fetch>
 struct Avx512 : Avx2 {
     template <Interpolation I, class F>
     static void locate_inner_cells(const Nodes& n, const RowOfCells& r, const Geometry& g, Block<F>* blocks) {
@@ -46,8 +49,9 @@ struct Avx512 : Avx2 {
 
     template <Interpolation I, int C, class T>
     static void sample_strip(const Job& job, const Strip<Fraction<T>>& s) {
-        if constexpr (sizeof(T) == 1 && I == Interpolation::linear)
-            sample_by_16<WideLinear<C>, C>(job, s);
+        constexpr bool is_wide = C > 2 || std::is_same_v<Fetch, Gathered>;
+        if constexpr (sizeof(T) == 1 && I == Interpolation::linear && is_wide)
+            sample_by_16<WideLinear<Fetch, C>, C>(job, s);
         else
             Avx2::sample_strip<I, C, T>(job, s);
     }
@@ -55,7 +59,14 @@ struct Avx512 : Avx2 {
 
 }  // namespace
 
-const Kernels avx512_kernels{
-    "avx512", true, &sample<Avx512>, &average<Avx512, Avx2Sums>, &pack<Avx512>, &project_targets};
+const Kernels avx512_kernels{"avx512",      true, &sample<Avx512<Loaded>>, &average<Avx512<Loaded>, Avx2Sums>,
+                             &pack<Avx512<Loaded>>, &project_targets};
+// They differ in what samples alone.
+const Kernels avx512_gather_kernels{"avx512-gather",
+                                    true,
+                                    &sample<Avx512<Gathered>>,
+                                    &average<Avx512<Loaded>, Avx2Sums>,
+                                    &pack<Avx512<Loaded>>,
+                                    &project_targets};
 
 }  // namespace omnimirror
