@@ -1,15 +1,33 @@
 // The kernels for 64-bit ARM. To the last bit the arithmetic of linear_pixel and cubic_sum.
 #include <arm_neon.h>
 
+#include <type_traits>
+
 #include "axial_kernel.hpp"
 #include "footprint.hpp"
+#include "neon_narrow.hpp"
 
 namespace omnimirror {
 namespace {
 
+// 4 pixels of 4 bytes, of which the first C are written.
+template <int C>
+void store_4(uint8x16_t pixels, uint8_t* out) {
+    if constexpr (C == 4) {
+        vst1q_u8(out, pixels);
+    } else {
+        static const uint8_t order[16] = {0, 1, 2, 4, 5, 6, 8, 9, 10, 12, 13, 14, 255, 255, 255, 255};
+        const uint8x16_t whole = vqtbl1q_u8(pixels, vld1q_u8(order));
+        vst1_u8(out, vget_low_u8(whole));
+        const uint32_t end = vgetq_lane_u32(vreinterpretq_u32_u8(whole), 2);
+        std::memcpy(out + 8, &end, 4);
+    }
+}
+
 // Fetching reads 8 or 16 bytes of a row; offsets up to last allow it.
 template <int C>
 struct Linear {
+    static constexpr int AT_ONCE = 4;
     const uint8_t* data;
     ptrdiff_t row_step;
     uint32_t last;
@@ -39,13 +57,14 @@ struct Linear {
         return vqmovun_s16(rounded);
     }
 
-    uint8x16_t four(const uint32_t* offsets, const uint8_t* fx, const uint8_t* fy) const {
-        return vcombine_u8(two(offsets, fx, fy), two(offsets + 2, fx + 2, fy + 2));
+    void sample(const uint32_t* o, const uint8_t* fx, const uint8_t* fy, uint8_t* out) const {
+        store_4<C>(vcombine_u8(two(o, fx, fy), two(o + 2, fx + 2, fy + 2)), out);
     }
 };
 
 template <int C>
 struct Cubic {
+    static constexpr int AT_ONCE = 4;
     const uint8_t* data;
     ptrdiff_t row_step;
     uint32_t last;
@@ -98,38 +117,27 @@ struct Cubic {
         }
     }
 
-    uint8x16_t four(const uint32_t* offsets, const uint8_t* fx, const uint8_t* fy) const {
+    void sample(const uint32_t* offsets, const uint8_t* fx, const uint8_t* fy, uint8_t* out) const {
         const auto at = [&](int i) {
             return vqmovn_s32(vshrq_n_s32(sum(data + offsets[i], row_step, fx[i], fy[i], 1 << 19), 20));
         };
-        return vcombine_u8(vqmovun_s16(vcombine_s16(at(0), at(1))), vqmovun_s16(vcombine_s16(at(2), at(3))));
+        const uint8x8_t first = vqmovun_s16(vcombine_s16(at(0), at(1))), second = vqmovun_s16(vcombine_s16(at(2), at(3)));
+        store_4<C>(vcombine_u8(first, second), out);
     }
 };
 
-// 4 pixels of 4 bytes, of which the first C are written.
-template <int C>
-void store_4(uint8x16_t pixels, uint8_t* out) {
-    if constexpr (C == 4) {
-        vst1q_u8(out, pixels);
-    } else {
-        static const uint8_t order[16] = {0, 1, 2, 4, 5, 6, 8, 9, 10, 12, 13, 14, 255, 255, 255, 255};
-        const uint8x16_t whole = vqtbl1q_u8(pixels, vld1q_u8(order));
-        vst1_u8(out, vget_low_u8(whole));
-        const uint32_t end = vgetq_lane_u32(vreinterpretq_u32_u8(whole), 2);
-        std::memcpy(out + 8, &end, 4);
-    }
-}
-
 template <class Kernel, Interpolation I, int C>
-void sample_by_4(const Job& job, const Strip<uint8_t>& s) {
+void sample_by_kernel(const Job& job, const Strip<uint8_t>& s) {
+    constexpr int AT_ONCE = Kernel::AT_ONCE;
     const Kernel kernel(job.source);
-    const uint32_t last = kernel.last;
-    for (int i = 0; i < s.count; i += 4) {
+    const uint32x4_t last = vdupq_n_u32(kernel.last);
+    for (int i = 0; i < s.count; i += AT_ONCE) {
         const Block<uint8_t>& b = s.blocks[i / 8];
-        const int half = i % 8, count = smaller(4, s.count - i);
+        const int half = i % 8, count = smaller(AT_ONCE, s.count - i);
         const uint32_t* o = b.offsets + half;
-        if ((count == 4) & (o[0] <= last) & (o[1] <= last) & (o[2] <= last) & (o[3] <= last)) {
-            store_4<C>(kernel.four(o, b.fx + half, b.fy + half), s.out + i * C);
+        const uint32x4_t most = vmaxq_u32(vld1q_u32(o), vld1q_u32(o + AT_ONCE - 4));
+        if (count == AT_ONCE && !vmaxvq_u32(vcgtq_u32(most, last))) {
+            kernel.sample(o, b.fx + half, b.fy + half, s.out + i * C);
         } else {
             for (int k = 0; k < count; ++k)
                 sample_pixel<I, C>(job, o[k], b.fx[half + k], b.fy[half + k], s.out + (i + k) * C);
@@ -137,13 +145,18 @@ void sample_by_4(const Job& job, const Strip<uint8_t>& s) {
     }
 }
 
+template <int C>
+using LinearOf = std::conditional_t<(C > 2), Linear<C>, NarrowLinear<C>>;
+template <int C>
+using CubicOf = std::conditional_t<(C > 2), Cubic<C>, NarrowCubic<C>>;
+
 struct Neon : Plain {
     template <Interpolation I, int C, class T>
     static void sample_strip(const Job& job, const Strip<Fraction<T>>& s) {
-        if constexpr (sizeof(T) == 1 && C > 2 && I == Interpolation::linear)
-            sample_by_4<Linear<C>, I, C>(job, s);
-        else if constexpr (sizeof(T) == 1 && C > 2 && I == Interpolation::cubic)
-            sample_by_4<Cubic<C>, I, C>(job, s);
+        if constexpr (sizeof(T) == 1 && I == Interpolation::linear)
+            sample_by_kernel<LinearOf<C>, I, C>(job, s);
+        else if constexpr (sizeof(T) == 1 && I == Interpolation::cubic)
+            sample_by_kernel<CubicOf<C>, I, C>(job, s);
         else
             Plain::sample_strip<I, C, T>(job, s);
     }
@@ -153,8 +166,8 @@ struct NeonSums : PlainSums {
     template <int C, class T>
     static void add_taps(const Source& source, const Block<Fraction<T>>* blocks, int count, Sum<T>* sums,
                          uint16_t* inside) {
-        if constexpr (sizeof(T) == 1 && C > 2) {
-            const Cubic<C> kernel(source);
+        if constexpr (sizeof(T) == 1) {
+            const CubicOf<C> kernel(source);
             const uint32x4_t last = vdupq_n_u32(kernel.last);
             for (int i = 0; i < count; i += 8) {
                 const Block<uint8_t>& b = blocks[i / 8];
