@@ -43,6 +43,19 @@ def test_points_on_a_ray_are_seen_by_it(distance_mm):
 
 
 @pytest.mark.parametrize("kind", [RadialSpline, ViewpointSpline])
+@pytest.mark.parametrize("xi", [0.0, 0.5, 0.95, 1.0])
+def test_of_radii_without_end_it_takes_what_the_picture_shows(xi, kind):
+    camera = Unified(xi, (200.0, 200.0), (320.0, 240.0), (640, 480))
+    m = np.hypot(320.5, 240.5) / 200.0  # of the corner: sin / (cos + xi)
+    shown = np.degrees(np.arctan(m) + np.arcsin(xi * m / np.hypot(1, m)))
+    spline = kind.like(camera)
+    assert spline.field_deg / 2 == pytest.approx(shown, abs=0.5)
+    omega = np.radians(np.linspace(0.1, 0.95 * shown, 50))
+    ways = np.stack([np.sin(omega), 0 * omega, -np.cos(omega)], axis=-1)
+    assert np.abs(spline.image(ways, distant=True).pixels - camera.image(ways, distant=True).pixels).max() < 0.6
+
+
+@pytest.mark.parametrize("kind", [RadialSpline, ViewpointSpline])
 def test_a_spline_has_the_knots_that_it_takes(kind):
     """A mirror of one viewpoint has radii that grow ever faster towards its rim; nearly even ones need few knots."""
     steep = Unified(1.0, (400.0, 400.0), (511.5, 511.5), (1024, 1024))

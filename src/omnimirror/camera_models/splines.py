@@ -107,7 +107,10 @@ class SplineModel(RadialModel):
 def _started(camera: RadialModel, knots: int | None, fewest: int, field_deg: float | None) -> dict[str, object]:
     """What a spline takes over from another model: its radii, centre, stretch and the way it looks."""
     widest = float(np.degrees(2 * camera.model_end))
-    field = number("field_deg", widest if field_deg is None else field_deg, low=LEAST_FIELD_DEG, high=360.0, unit="deg")
+    if field_deg is None:  # some models' radii grow without end; what the picture shows has one
+        is_endless = not float(camera.radius_from_omega(np.array([camera.model_end]))[0]) <= LARGEST_PX
+        field_deg = float(np.degrees(2 * camera.omega_max)) if is_endless else widest
+    field = number("field_deg", field_deg, low=LEAST_FIELD_DEG, high=360.0, unit="deg")
     if field > widest * (1 + 1e-9):
         raise InvalidParameter(f"field_deg = {field:g} is wider than the model's own, {widest:g} deg")
     end = float(np.radians(field / 2))
@@ -213,7 +216,8 @@ class RadialSpline(SplineModel):
         knots
             How many, 3 or more; by default 6, or as many as follow the other model to .5 px, 16 at most.
         field_deg : deg, optional
-            Full angle of the field; as far as the other model goes by default.
+            Full angle of the field; by default as far as the other model goes, or as its picture shows where its radii
+            grow without end.
 
         Returns
         -------
@@ -311,7 +315,8 @@ class ViewpointSpline(SplineModel):
         knots
             How many, 3 or more; by default 8, or as many as follow the other model to .5 px, 16 at most.
         field_deg : deg, optional
-            Full angle of the field; as far as the other model goes by default.
+            Full angle of the field; by default as far as the other model goes, or as its picture shows where its radii
+            grow without end.
 
         Returns
         -------
