@@ -397,7 +397,7 @@ def _notes(fit: Adjustment, course: Course, certain: ParameterCovariance, is_com
     if held > OVERFIT * fit.rms_px:
         notes.append(
             f"The error in pictures left out, {held:.3f} px, is well above that of the fit, {fit.rms_px:.3f} px: the "
-            "model has more freedom than these pictures determine."
+            "model has more freedom than these pictures determine, or takes up that the mirror moved between them."
         )
     notes += _viewpoint_notes(fit, course.wandering)
     notes += [f"{kind} could not be fitted: {why}" for kind, why in course.failures.items()]
