@@ -160,6 +160,8 @@ def test_a_reload_that_comes_before_the_browser_has_kept_a_change_finds_it_all_t
     page.wait_for_function(f"{TAB}?.shots.found.length === 3")
     page.evaluate(SLOW)
     page.get_by_label("Square, mm").fill("31")
+    page.get_by_label("Square, mm").blur()
+    page.wait_for_function(f"{TAB}.shots.waiting === 0")
     page.locator("#calibrate .shots button").first.click()
     button(page, "Take it out").click()
     page.set_input_files("#calibrate-files", files[5])
@@ -168,6 +170,26 @@ def test_a_reload_that_comes_before_the_browser_has_kept_a_change_finds_it_all_t
     page.get_by_text(f"The page was left before the browser had kept {files[5].name}; add it again.").wait_for()
     assert page.evaluate(f"{TAB}.shots.all.map((s) => s.key)") == kept[1:]
     assert page.get_by_label("Square, mm").input_value() == "31"
+
+
+CHANGED = """() => {
+  const picture = document.querySelector("#calibrate .shots button");
+  const square = [...document.querySelectorAll("#calibrate label")].find((l) => l.innerText.includes("Square")).control;
+  const before = picture.getBoundingClientRect();
+  square.value = "31";
+  square.dispatchEvent(new Event("change"));
+  const after = picture.getBoundingClientRect();
+  return [after.left - before.left, after.top - before.top];
+}"""
+
+
+def test_a_picture_stays_under_the_pointer_that_leaves_a_changed_field_to_press_it(page, files):
+    """Leaving the field has all pictures looked at anew, between the press and its end."""
+    add(page, files[:3])
+    page.wait_for_function(f"{TAB}.together !== null")
+    page.locator("#calibrate .state").wait_for()
+    assert page.evaluate(CHANGED) == [0, 0]
+    page.wait_for_function(f"{TAB}.shots.found.length === 3")
 
 
 def test_why_it_cannot_begin_and_why_a_picture_is_not_used_is_said(page, files, tmp_path):

@@ -134,10 +134,7 @@ export class Calibrate {
 
   private boardChanged(): void {
     if (!this.board.board) return this.show();
-    if (this.shots.again()) {
-      this.drop();
-      this.together = null;
-    }
+    if (this.shots.again()) this.drop();
     this.keep();
     this.show();
   }
@@ -168,7 +165,7 @@ export class Calibrate {
     const looked = this.shots.all.filter((s) => s.seen !== null);
     const number = ++this.asked;
     if (!looked.length || !this.board.board) {
-      this.together = null;
+      if (!this.shots.waiting) this.together = null;
       return this.show();
     }
     try {
@@ -257,6 +254,7 @@ export class Calibrate {
   private drawCoverage(): void {
     const shown = this.found?.coverage ?? this.together?.coverage ?? null;
     const used = this.shots.found;
+    if (!used.length && this.shots.waiting) return; // they are looked at anew; were this to go, a press below would miss its picture
     this.coverage.hidden = !shown || !used.length;
     if (shown && used.length) this.coverage.replaceChildren(coveragePlot(shown, used[0].seen!.image_size, used.flatMap((s) => s.seen!.corners_px), this.camera.isMirror ? this.camera.rim : null));
     const advice = used.length ? (this.found?.advice ?? this.together?.advice ?? []) : [];
