@@ -34,6 +34,5 @@ def served(app: ASGIApp, port: int = 0) -> Iterator[str]:
             time.sleep(0.01)
         yield f"http://127.0.0.1:{listening.getsockname()[1]}/"
     finally:
-        time.sleep(0.2)  # its ends of the last connections close a moment after ours
         server.should_exit = True
         thread.join()

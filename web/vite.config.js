@@ -38,7 +38,7 @@ const script = (name) => ({
   },
 });
 
-const test = { include: ["tests/**/*.test.ts"] };
+const test = { include: ["tests/**/*.test.ts"], testTimeout: 300_000 }; // ms: of a test that hangs, on the busiest machine
 
 export default defineConfig(({ mode }) =>
   SCRIPTS.includes(mode) ? script(mode) : { base: "./", plugins: [inline], build: { ...build, emptyOutDir: true }, server, test },

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import re
 import signal
@@ -9,12 +10,15 @@ import socket
 import subprocess
 import sys
 import time
+import warnings
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 import omnimirror as om
 from omnimirror.specs import tables_of
+from tests.serving import served
 
 from .pictures import video_of
 
@@ -88,3 +92,25 @@ def test_sigterm_ends_the_server_and_its_searches():
     assert server.returncode in (-signal.SIGTERM, 128 + signal.SIGTERM)
     assert said == ("", "")
     assert not any(map(is_running, searches))
+
+
+def test_what_does_not_end_is_cut_off_and_leaves_no_socket_open():
+    """A client that reads nothing of a long answer keeps its connection for longer than a server waits at its end."""
+
+    async def endless(scope: Any, receive: Any, send: Any) -> None:
+        if scope["type"] != "http":
+            return
+        await send({"type": "http.response.start", "status": 200, "headers": []})
+        while True:
+            await send({"type": "http.response.body", "body": bytes(1 << 20), "more_body": True})
+
+    gc.collect()
+    with warnings.catch_warnings(record=True) as caught, socket.socket() as client:
+        warnings.simplefilter("always", ResourceWarning)
+        with served(endless) as address:
+            host, port = address.removeprefix("http://").rstrip("/").split(":")
+            client.connect((host, int(port)))
+            client.sendall(f"GET / HTTP/1.1\r\nHost: {host}:{port}\r\n\r\n".encode())
+            assert client.recv(12) == b"HTTP/1.1 200"
+        gc.collect()
+    assert [str(w.message) for w in caught if issubclass(w.category, ResourceWarning)] == []

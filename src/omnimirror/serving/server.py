@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import signal
 import socket
@@ -24,8 +25,15 @@ AT_A_TIME = 8
 """Connections that are accepted before the first of them is looked at; a flood of them would take all open files."""
 
 
+LAST_ROUNDS = 3
+"""Of the event loop, in which connections that were just being accepted come to light."""
+
+
 class Server(uvicorn.Server):
-    """Says nothing of what Ctrl-C cuts off, such as half an upload, and knows that it was Ctrl-C."""
+    """Says nothing of what Ctrl-C cuts off, such as half an upload, and knows that it was Ctrl-C.
+
+    Connections that do not end in time are cut off: their sockets would stay open in a process that goes on.
+    """
 
     interrupted = False
 
@@ -41,6 +49,10 @@ class Server(uvicorn.Server):
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         logging.getLogger("uvicorn.error").setLevel(logging.CRITICAL)
         await super().shutdown(sockets)
+        for _ in range(LAST_ROUNDS):
+            for connection in list(self.server_state.connections):
+                connection.transport.abort()
+            await asyncio.sleep(0)
 
 
 def run(app: ASGIApp, listening: socket.socket) -> None:
