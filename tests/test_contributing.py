@@ -140,7 +140,7 @@ def test_a_tab_is_a_room_that_the_types_and_the_rules_of_rooms_allow(tmp_path):
     edit(web / "src" / "shared" / "state.ts", ('"design", "calibrate"]', '"design", "calibrate", "notes"]'))
     edit(
         web / "src" / "tabs.ts",
-        ('import { byId }', 'import { begin as beginNotes } from "./notes/begin";\nimport { byId }'),
+        ('import { byId, heldBy }', 'import { begin as beginNotes } from "./notes/begin";\nimport { byId, heldBy }'),
         ('calibrate: "calibrate" } as const', 'calibrate: "calibrate", notes: "notes" } as const'),
         ('calibrate: "#calibrate .desk" }', 'calibrate: "#calibrate .desk", notes: "#notes" }'),
         ('    const wanted = FETCHED[tab];',

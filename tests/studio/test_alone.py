@@ -54,7 +54,7 @@ def test_the_demo_room_from_disk_is_what_the_command_line_straightens(browser, a
 def test_a_picture_of_ones_own_is_asked_about_and_nothing_is_offered_that_needs_a_server(browser, address, tmp_path):
     write_image(tmp_path / "mine.png", np.full((300, 400, 3), 90, np.uint8))
     page = open_page(browser, address)
-    for name in ("Design", "Calibrate", "Restore", "Find circle", "Find level", "Load…"):
+    for name in ("Calibrate", "Restore", "Find circle", "Find level", "Load…"):
         assert not page.get_by_role("button", name=name, exact=True).is_visible(), name
     assert page.get_by_text("pip install omnimirror").is_visible()
     drop(page, tmp_path / "mine.png")

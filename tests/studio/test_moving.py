@@ -226,7 +226,7 @@ def test_a_stream_that_breaks_is_said_to_be_lost_and_comes_back(browser, tmp_pat
     half = transport[: len(transport) // 2]
     with (
         streaming([HEAD, *paced(half, 1.5)], [], [], [], [HEAD, *paced(transport, 4.0), 20.0]) as url,
-        serving(Studio(Sources(url, is_live=True))) as address,
+        serving(Studio(Sources([url], live=[url]))) as address,
     ):
         page = open_page(browser, f"{address}#sensor=ball:280")
         shows(page, url)
@@ -239,7 +239,7 @@ def test_a_stream_that_breaks_is_said_to_be_lost_and_comes_back(browser, tmp_pat
 
 
 def test_a_video_of_the_server_plays_and_comes_back_when_the_server_does(browser, tmp_path):
-    studio = Studio(Sources(str(video_of(tmp_path / "ride.mp4", 100))))
+    studio = Studio(Sources([str(video_of(tmp_path / "ride.mp4", 100))]))
     with serving(studio) as address:
         page = open_page(browser, address)
         page.wait_for_function("window.omnimirror.look.feed?.name === 'ride.mp4'")

@@ -201,13 +201,28 @@ def test_a_picture_that_the_server_shows_is_named_from_where_it_was_started(brow
     (tmp_path / "room").mkdir()
     write_image(tmp_path / "room" / "circle.png", pattern((1024, 1024)))
     monkeypatch.chdir(tmp_path)
-    with serving(Studio(Sources("room/circle.png", [tmp_path / "room"]))) as address:
+    with serving(Studio(Sources(["room/circle.png"], [tmp_path / "room"]))) as address:
         page = open_page(browser, address)
         page.wait_for_selector("#command:visible")
         assert shlex.split(command(page, 96, 72))[2] == "room/circle.png"
         page.locator("#sources").select_option("0/circle.png")
         page.wait_for_function("window.omnimirror.store.state.source === 'server:0/circle.png'")
         assert shlex.split(command(page, 96, 72))[2] == "room/circle.png"
+        page.context.close()
+
+
+def test_several_cameras_of_a_server_are_looked_at_in_turn_and_one_that_is_shown_is_linked_to(browser, tmp_path):
+    pictures = [str(tmp_path / f"{name}.png") for name in ("door", "yard", "hall")]
+    for grey, path in zip((60, 120, 180), pictures, strict=True):
+        write_image(path, np.full((300, 300, 3), grey, np.uint8))
+    with serving(Studio(Sources([*pictures, pictures[0]]))) as address:
+        page = open_page(browser, f"{address}#sensor=ball:280")
+        page.wait_for_function("window.omnimirror.look.feed?.name === 'door.png'")
+        assert page.locator("#sources option").all_inner_texts()[-3:] == ["door.png", "yard.png", "hall.png"]
+        page.locator("#sources").select_option(label="hall.png")
+        page.wait_for_function("window.omnimirror.look.feed?.name === 'hall.png'")
+        page.reload()
+        page.wait_for_function("window.omnimirror?.look.feed?.name === 'hall.png'")
         page.context.close()
 
 

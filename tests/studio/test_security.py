@@ -426,11 +426,11 @@ def test_the_number_of_connections_leaves_files_to_be_opened(files, monkeypatch)
 @pytest.mark.parametrize("source", ["http://", "rtsp://", "udp://door", "file:///no/such.ts"])
 def test_what_can_be_no_stream_is_refused_before_a_page_opens(source):
     with pytest.raises(MediaError, match=r"names|no file"):
-        Sources(source, is_live=True)
+        Sources([source], live=[source])
 
 
 def test_pages_are_told_no_password_of_a_stream():
-    studio = Studio(Sources("rtsp://me:secret@127.0.0.1:9/live", is_live=True))
+    studio = Studio(Sources(["rtsp://me:secret@127.0.0.1:9/live"], live=["rtsp://me:secret@127.0.0.1:9/live"]))
     with TestClient(create_app(studio), base_url=LOCAL) as client:
         assert client.get("/api/start").json()["sources"][0]["name"] == "rtsp://127.0.0.1:9/live"
 
@@ -440,7 +440,7 @@ def test_a_stream_that_never_answers_ends_with_a_sentence(monkeypatch):
     with socket.socket() as nobody:
         nobody.bind(("127.0.0.1", 0))  # and never listens
         address = f"http://127.0.0.1:{nobody.getsockname()[1]}/live.ts"
-        studio = Studio(Sources(address, is_live=True))
+        studio = Studio(Sources([address], live=[address]))
         with (
             TestClient(create_app(studio), base_url=LOCAL) as client,
             client.websocket_connect("ws://127.0.0.1/api/stream?id=source") as page,

@@ -265,7 +265,7 @@ def test_only_files_of_the_folders_given_are_shown(tmp_path):
 
 def test_twenty_pages_share_one_stream_and_the_slow_ones_slow_nobody(tmp_path, monkeypatch):
     """Pages that ask all the time, one that asks once, and one that never does."""
-    shown = Sources(str(video_of(tmp_path / "ride.mp4"))).given
+    shown = Sources([str(video_of(tmp_path / "ride.mp4"))]).given[0]
     coded = []
     monkeypatch.setattr(streams, "encoded", lambda *what: coded.append(1) or encoded(*what))
 
@@ -301,7 +301,7 @@ def test_twenty_pages_share_one_stream_and_the_slow_ones_slow_nobody(tmp_path, m
 
 
 def test_a_page_gets_the_state_of_a_stream_and_its_frames(tmp_path):
-    studio = Studio(Sources(str(video_of(tmp_path / "ride.mp4"))))
+    studio = Studio(Sources([str(video_of(tmp_path / "ride.mp4"))]))
     with (
         TestClient(create_app(studio), base_url=LOCAL) as client,
         client.websocket_connect("ws://127.0.0.1/api/stream?id=source") as socket,
@@ -319,7 +319,7 @@ def test_a_page_gets_the_state_of_a_stream_and_its_frames(tmp_path):
 
 def test_a_broken_video_ends_with_a_sentence(tmp_path):
     (tmp_path / "bad.mp4").write_bytes(b"no video")
-    studio = Studio(Sources(str(tmp_path / "bad.mp4")))
+    studio = Studio(Sources([str(tmp_path / "bad.mp4")]))
     with (
         TestClient(create_app(studio), base_url=LOCAL) as client,
         client.websocket_connect("ws://127.0.0.1/api/stream?id=source") as socket,
@@ -453,7 +453,7 @@ def test_twenty_real_clients_share_a_stream_and_one_that_never_reads_holds_up_no
         await asyncio.wait([stuck])
         return seen
 
-    with serving(Studio(Sources(str(busy_video(tmp_path / "noise.avi"))))) as address:
+    with serving(Studio(Sources([str(busy_video(tmp_path / "noise.avi"))]))) as address:
         url = f"{address.replace('http', 'ws')}api/stream?id=source"
         with ThreadPoolExecutor() as pool:  # with a loop of its own
             seen = pool.submit(lambda: asyncio.run(asyncio.wait_for(all_of_them(url), 600))).result()

@@ -5,7 +5,8 @@ import type { begin as beginCalibrate } from "./calibrate/begin";
 import type { Calibrate } from "./calibrate/calibrate";
 import type { Host as CalibrateHost } from "./calibrate/host";
 import type { Look } from "./look/look";
-import { byId } from "./shared/dom";
+import { byId, heldBy } from "./shared/dom";
+import type { BenchAlone } from "./shared/messages";
 import { banner, copy, say } from "./shared/notices";
 import type { State } from "./shared/state";
 import type { Store } from "./shared/store";
@@ -21,7 +22,12 @@ const FETCHED: Partial<Record<State["tab"], { place: Fetched; title: string }>> 
 const PLACES = { look: "look", design: "bench", calibrate: "calibrate" } as const;
 const SHOWN = { look: "#stage", design: "#bench .desk", calibrate: "#calibrate .desk" } as const;
 
-const scriptOf = (name: Fetched): string => (import.meta.env.DEV ? `/src/${name}/begin.ts` : `./${name}.js`);
+/** Where a script is; a page that does without a server holds that of the bench itself. */
+function scriptOf(name: Fetched): string {
+  const held = name === "bench" ? heldBy<BenchAlone>("bench-alone")?.script : null;
+  if (held) return URL.createObjectURL(new Blob([held], { type: "text/javascript" }));
+  return import.meta.env.DEV ? `/src/${name}/begin.ts` : `./${name}.js`;
+}
 
 /** The tabs of the page; all but the first are fetched when they are wanted. */
 export class Tabs {

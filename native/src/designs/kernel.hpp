@@ -28,11 +28,9 @@ struct Camera {
     }
 };
 
-// Columns of a design with an ideal lens at its best focus, from what its mirror points do.
-void finish_ideal(const DesignJob& job, int design, const Workspace& w) {
-    const Camera camera(job, job.numbers + static_cast<std::size_t>(design) * DESIGN_NUMBERS, w.ray[job.angles - 1]);
-    const End best = best_vergence(job.search, IdealAreas(camera.model(), w));
-    const double v = best.v, b = camera.telecentric ? 1.0 : 1 / (1 / camera.f - v);
+// Columns of a design with an ideal lens focused at a vergence, from what its mirror points do.
+void fill_ideal(const Camera& camera, double v, const Workspace& w) {
+    const double b = camera.telecentric ? 1.0 : 1 / (1 / camera.f - v);
     const double ray_px = camera.image * (camera.scaled ? 1.0 : b), field_px = ray_px * DEGREE;
     const double vergence_px = camera.blur * (camera.paper ? 1.0 : b);
     const double airy = camera.airy * b, floor = 1 + airy * airy, per_area = 1 / (field_px * field_px);
@@ -52,7 +50,14 @@ void finish_ideal(const DesignJob& job, int design, const Workspace& w) {
             out[AREA * n + j] = root_of((t * t + floor) * (s * s + floor)) * (w.shrinking[j] * per_area);
         }
     }
-    job.focus[design] = camera.telecentric ? -v : 1 / v;
+}
+
+// The same at its best focus.
+void finish_ideal(const DesignJob& job, int design, const Workspace& w) {
+    const Camera camera(job, job.numbers + static_cast<std::size_t>(design) * DESIGN_NUMBERS, w.ray[job.angles - 1]);
+    const End best = best_vergence(job.search, IdealAreas(camera.model(), w));
+    fill_ideal(camera, best.v, w);
+    job.focus[design] = camera.telecentric ? -best.v : 1 / best.v;
     job.worst[design] = root_of(best.worst.value);
 }
 
@@ -64,21 +69,22 @@ void hand_over(const DesignJob& job, int design, const Workspace& w) {
     }
 }
 
-void evaluate_one(const DesignJob& job, const Lens& lens, int design, const Workspace& w) {
+// What the mirror points of a design with an ideal lens do; whether it can be used.
+bool fill_bare(const DesignJob& job, int design, const Workspace& w) {
     const double* number = job.numbers + static_cast<std::size_t>(design) * DESIGN_NUMBERS;
     const double m = number[0], M = number[1];
     const bool is_telecentric = number[6] > 0;
+    return is_telecentric ? fill_points(Telecentric{}, M, job.least_omega, w)
+                          : fill_points(Perspective{m}, M, job.least_omega, w);
+}
+
+void evaluate_one(const DesignJob& job, const Lens& lens, int design, const Workspace& w) {
     if (job.has_conic)
         fill_profile<true>(job, design, w);
     else
         fill_profile<false>(job, design, w);
-    bool valid;
-    if (lens.known() || job.wall_kind != Wall::NONE)
-        valid = fill_built(job, design, lens, w);
-    else if (is_telecentric)
-        valid = fill_points(Telecentric{}, M, job.least_omega, w);
-    else
-        valid = fill_points(Perspective{m}, M, job.least_omega, w);
+    const bool is_built = lens.known() || job.wall_kind != Wall::NONE;
+    const bool valid = is_built ? fill_built(job, design, lens, w) : fill_bare(job, design, w);
     if (lens.known())
         finish_real(job, design, lens, w);
     else

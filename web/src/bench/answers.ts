@@ -1,23 +1,7 @@
 import { socketAddress } from "../shared/api";
 import { unpack } from "../shared/framing";
 import type { Answer, Ask } from "../shared/messages";
-import type { Design } from "./designs/design";
-
-/** What the server answered about a design: words, and blocks of numbers by their names. */
-export interface Found extends Answer {
-  block: (name: string) => Table | null;
-  /** When the question was asked, for whoever measures. */
-  asked: number;
-}
-
-/** Named columns of numbers; not a number where there is nothing. */
-export interface Table {
-  name: string;
-  rows: number;
-  column: (name: string) => Float32Array;
-}
-
-type Wish = Omit<Ask, "number" | "slot">;
+import type { Found, Table, Wish } from "./found";
 
 /** A question, when it was asked first, and how often a connection ended over it. */
 interface Question {
@@ -106,15 +90,6 @@ export class Answers {
 /** The answer where there is none. */
 const NOTHING: Omit<Found, "slot" | "asked"> = { number: 0, trouble: { path: [], sentence: UNANSWERABLE }, remark: null, facts: null, rows: [], requirements_trouble: null, blocks: [], block: () => null };
 
-/** The question about a design, and which plots need more than the curves. */
-export const wishOf = (design: Design, plots: Pick<Ask, "section" | "squares" | "space">): Wish => ({
-  tables: design.tables,
-  follows: design.follows,
-  object_distance_mm: design.distance,
-  ...plots,
-  requirements: design.requirements,
-});
-
 function read(data: ArrayBuffer, asked: number): Found {
   const { header, start } = unpack<Answer>(data);
   const tables = new Map<string, Table>();
@@ -129,7 +104,3 @@ function read(data: ArrayBuffer, asked: number): Found {
   }
   return { ...header, asked, block: (name) => tables.get(name) ?? null };
 }
-
-/** Blocks whose names begin so. */
-export const blocksLike = (found: Found, start: string): Table[] =>
-  found.blocks.filter((b) => b.name.startsWith(start)).map((b) => found.block(b.name)!);

@@ -1,10 +1,10 @@
 import uplotSheet from "uplot/dist/uPlot.min.css?inline";
-import * as api from "../shared/api";
 import { Bench } from "./bench";
 import sheet from "./bench.css?inline";
 import { fromAddress } from "./designs/address";
 import { kept } from "./designs/kept";
 import type { Host } from "./host";
+import * as supply from "./supply";
 import tolerancesSheet from "./tolerances/tolerances.css?inline";
 
 const FIRST = "paper-spherical";
@@ -16,11 +16,11 @@ export async function begin(host: Host): Promise<Bench> {
     made.replaceSync(text);
     document.adoptedStyleSheets = [...document.adoptedStyleSheets, made];
   }
-  const parts = await api.benchStart();
+  const parts = await supply.benchStart();
   const before = kept(parts);
   const asked = host.address() ? fromAddress(host.address(), parts) : null;
   const given = typeof asked === "string" ? null : asked;
-  const design = given ?? before?.design ?? { ...(await api.bundled(FIRST)), distance: null, requirements: null };
+  const design = given ?? before?.design ?? { ...(await supply.bundled(FIRST)), distance: null, requirements: null };
   const bench = new Bench(host, parts, design);
   if (before) {
     bench.pins = before.pins;

@@ -1,16 +1,17 @@
 import * as api from "../shared/api";
-import { h } from "../shared/dom";
+import { h, hideComputed } from "../shared/dom";
 import type { BenchSensor, BenchStart } from "../shared/messages";
 import { AWAY } from "../shared/texts";
-import { Answers, type Found, wishOf } from "./answers";
 import { fromAddress, inAddress } from "./designs/address";
 import { type Design, History, nameOf, type Pin, placed } from "./designs/design";
 import { keep } from "./designs/kept";
+import { type Found, wishOf } from "./found";
 import type { Host } from "./host";
 import { Form } from "./panels/form";
 import { RequirementsPanel } from "./panels/requirements";
 import { WorkPanel } from "./panels/work";
 import { Desk } from "./plots/desk";
+import * as supply from "./supply";
 import { TolerancesPanel } from "./tolerances/panel";
 import { Toolbar } from "./toolbar";
 
@@ -26,7 +27,7 @@ export class Bench {
   /** How long after its change each of the last designs was drawn, ms: for whoever measures. */
   latencies: number[] = [];
   private found: (Found | null)[] = [];
-  private readonly answers: Answers;
+  private readonly answers: ReturnType<typeof supply.answers>;
   private readonly form: Form;
   private readonly requirements: RequirementsPanel;
   private readonly work: WorkPanel;
@@ -38,7 +39,7 @@ export class Bench {
     this.sensors = parts.sensors;
     const aside = h("aside", { "aria-label": "Design" });
     const panel = (title: string): HTMLElement => {
-      const body = h("section", { className: "panel", "aria-label": title }, h("h2", {}, title));
+      const body = h("section", { className: "panel", "aria-label": title, ...(title === "Sensor" ? {} : { "data-computes": "" }) }, h("h2", {}, title));
       aside.append(body);
       return body;
     };
@@ -59,11 +60,12 @@ export class Bench {
     this.desk = new Desk(host.place, parts.columns, { take: (i) => this.takePin(i), drop: (i) => this.dropPin(i) }, () => this.plotsChosen());
     this.desk.lead(this.tolerances.charts.element);
     host.place.append(aside, this.desk.element);
+    if (supply.alone) [host.place, host.header].forEach(hideComputed);
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
       this.desk.recolour();
       this.draw();
     });
-    this.answers = new Answers((found) => this.answered(found), (isAway) => host.banner(isAway && host.isShown() ? AWAY : null, "server"));
+    this.answers = supply.answers((found) => this.answered(found), (isAway) => host.banner(isAway && host.isShown() ? AWAY : null, "server"));
     host.beforeLeaving(() => this.settle()); // as a number that was typed and not yet entered
     this.bindKeys();
   }
@@ -149,7 +151,7 @@ export class Bench {
 
   async change(what: "mirror" | "lens" | "focus", to: string): Promise<void> {
     try {
-      this.take(await api.change({ tables: this.history.now.tables, what, to, object_distance_mm: this.history.now.distance }), "");
+      this.take(await supply.change({ tables: this.history.now.tables, what, to, object_distance_mm: this.history.now.distance }), "");
     } catch (e) {
       this.fail(e);
       this.form.show(this.history.now);

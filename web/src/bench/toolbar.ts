@@ -3,6 +3,7 @@ import { allow, h, save } from "../shared/dom";
 import type { BenchSensor, Download } from "../shared/messages";
 import type { Design } from "./designs/design";
 import type { Host } from "./host";
+import * as supply from "./supply";
 
 const ASKED_EVERY_MS = 400; // how far a file is
 const FILES: [Download["kind"], string][] = [
@@ -30,7 +31,7 @@ export class Toolbar {
   private readonly undo = h("button", { type: "button", title: "Undo (Ctrl+Z)", "aria-label": "Undo", className: "undo", onclick: () => this.bench.undo() });
   private readonly redo = h("button", { type: "button", title: "Redo (Ctrl+Shift+Z)", "aria-label": "Redo", className: "redo", onclick: () => this.bench.redo() });
   private readonly file = h("input", { type: "file", accept: ".toml", hidden: true, "aria-label": "Sensor or requirement file", id: "bench-file" });
-  private readonly menu = h("details", { className: "menu" });
+  private readonly menu = h("details", { className: "menu", "data-computes": "" });
   private readonly summary = h("summary", { role: "button" }, "Download");
   private readonly requirements = h("button", { type: "button", onclick: () => void this.downloadRequirements() }, "Requirements (TOML)");
 
@@ -44,8 +45,8 @@ export class Toolbar {
     this.menu.append(this.summary, h("div", { className: "items" }, ...items, this.requirements));
     const nav = (title: string, className: string, ...children: (Node | string)[]): HTMLElement => h("nav", { "aria-label": title, className, "data-tab": "design" }, ...children);
     host.header.append(
-      nav("Design", "", this.undo, this.redo, h("button", { type: "button", title: "A sensor file, or a requirement file", onclick: () => this.file.click() }, "Open sensor…"), this.starts(), this.file),
-      nav("Keep the design", "keep", h("button", { type: "button", onclick: () => bench.pin() }, "Pin"), this.menu, h("button", { type: "button", className: "primary", onclick: () => void this.look() }, "Look through it")),
+      nav("Design", "", this.undo, this.redo, h("button", { type: "button", title: "A sensor file, or a requirement file", "data-computes": "", onclick: () => this.file.click() }, "Open sensor…"), this.starts(), this.file),
+      nav("Keep the design", "keep", h("button", { type: "button", onclick: () => bench.pin() }, "Pin"), this.menu, h("button", { type: "button", className: "primary", "data-computes": "", onclick: () => void this.look() }, "Look through it")),
     );
     document.addEventListener("click", (e) => !this.menu.contains(e.target as Node) && (this.menu.open = false));
     this.menu.addEventListener("keydown", (e) => e.key === "Escape" && (this.menu.open = false));
@@ -61,7 +62,7 @@ export class Toolbar {
   /** Open a sensor file, or a requirement file. */
   async open(file: Blob, name: string): Promise<void> {
     await this.try(async () => {
-      const { sensor, requirements } = await api.openFile(file, name);
+      const { sensor, requirements } = await supply.openFile(file, name);
       if (sensor) this.bench.take(sensor, `${name} is on the bench`);
       if (!requirements) return;
       this.bench.takeDesign({ ...this.bench.history.now, requirements });
@@ -76,7 +77,7 @@ export class Toolbar {
     const asked: Download = { tables, kind, object_distance_mm: distance };
     const stop = this.telling(asked);
     await this.try(async () => {
-      const { blob, name } = await api.download(asked);
+      const { blob, name } = await supply.download(asked);
       save(blob, name);
     });
     stop();
@@ -110,7 +111,7 @@ export class Toolbar {
   private async look(): Promise<void> {
     const { tables, distance } = this.bench.history.now;
     await this.try(async () => {
-      const { blob, name } = await api.download({ tables, kind: "sensor", object_distance_mm: distance });
+      const { blob, name } = await supply.download({ tables, kind: "sensor", object_distance_mm: distance });
       await this.host.lookThrough(blob, name);
     });
   }
@@ -120,7 +121,7 @@ export class Toolbar {
     select.addEventListener("change", () => {
       const name = select.value;
       select.value = "";
-      void this.try(async () => this.bench.take(await api.bundled(name), ""));
+      void this.try(async () => this.bench.take(await supply.bundled(name), ""));
     });
     return select;
   }

@@ -1,10 +1,5 @@
+import { heldBy } from "../shared/dom";
 import type { Embedded } from "../shared/messages";
-
-/** What a page holds under a name; null where it does not. */
-export function heldBy<Held>(name: string): Held | null {
-  const found = document.getElementById(name)?.textContent;
-  return found ? (JSON.parse(found) as Held) : null;
-}
 
 /** What a page of one picture holds; null in any other. */
 export const embedded = (): Embedded | null => heldBy("embedded");

@@ -1,4 +1,4 @@
-import { byId, choices } from "../shared/dom";
+import { byId, choices, hideComputed } from "../shared/dom";
 import { banner, say } from "../shared/notices";
 import type { Mode } from "../shared/state";
 import type { Store } from "../shared/store";
@@ -89,7 +89,7 @@ export class Look {
   /** Begin with what the server offers, and what the address asks for. */
   async begin(): Promise<void> {
     if (supply.alone) {
-      for (const element of document.querySelectorAll<HTMLElement>("[data-computes]")) element.hidden = true;
+      hideComputed(document);
       byId("alone-words").hidden = false;
     }
     const start = await supply.start();

@@ -1,7 +1,8 @@
 /** Where cameras and rooms come from: the server, or the page itself where it does without. */
 import * as api from "../shared/api";
+import { heldBy } from "../shared/dom";
 import type { Alone, CameraAlone, CameraAsk, CameraShown, Start } from "../shared/messages";
-import { blob, floats, heldBy } from "./embedded";
+import { blob, floats } from "./embedded";
 import { standing } from "./geometry/mounts";
 
 /** What the page holds of all that a server would be asked for; null where there is one. */

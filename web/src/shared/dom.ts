@@ -30,6 +30,17 @@ export function allow(button: HTMLButtonElement, reason: string | null): void {
   button.setAttribute("aria-disabled", String(reason !== null));
 }
 
+/** Hide what takes the studio's server, in a page that does without. */
+export function hideComputed(place: ParentNode): void {
+  for (const element of place.querySelectorAll<HTMLElement>("[data-computes]")) element.hidden = true;
+}
+
+/** What a page holds under a name; null where it does not. */
+export function heldBy<Held>(name: string): Held | null {
+  const found = document.getElementById(name)?.textContent;
+  return found ? (JSON.parse(found) as Held) : null;
+}
+
 let count = 0;
 
 /** A name for an element that no other has. */

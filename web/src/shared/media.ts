@@ -73,5 +73,16 @@ export async function asStored(blob: Blob): Promise<Blob> {
     if (!(end > at)) return blob;
     at = end;
   }
-  return new Blob([...kept, bytes.slice(at)], { type: "image/jpeg" });
+  return new Blob([joined([...kept, bytes.slice(at)])], { type: "image/jpeg" });
+}
+
+/** In one piece: of a picture in several, Firefox says that it cannot be decoded. */
+function joined(parts: Uint8Array<ArrayBuffer>[]): Uint8Array<ArrayBuffer> {
+  const whole = new Uint8Array(parts.reduce((sum, part) => sum + part.length, 0));
+  let at = 0;
+  for (const part of parts) {
+    whole.set(part, at);
+    at += part.length;
+  }
+  return whole;
 }

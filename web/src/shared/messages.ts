@@ -35,6 +35,19 @@ export interface Ask {
   requirements: Record<string, any> | null;
 }
 
+/** What a page holds of the bench that no server helps. */
+export interface BenchAlone {
+  start: BenchStart;
+  /** in the order of their names in start */
+  sensors: BenchSensor[];
+  /** how a best focus is looked for, as the compiled evaluator takes it */
+  search: number[];
+  /** the compiled evaluator, WebAssembly in base64 */
+  kernel: string;
+  /** of the bench */
+  script: string;
+}
+
 /** A sensor on the bench. */
 export interface BenchSensor {
   tables: Record<string, any>;

@@ -85,6 +85,16 @@ class BenchSensor(Message):
     follows: bool = Field(description="whether the lens stands where the mirror's mapping needs it")
 
 
+class BenchAlone(Message):
+    """What a page holds of the bench that no server helps."""
+
+    start: BenchStart
+    sensors: tuple[BenchSensor, ...] = Field(description="in the order of their names in start")
+    search: tuple[float, ...] = Field(description="how a best focus is looked for, as the compiled evaluator takes it")
+    kernel: str = Field(description="the compiled evaluator, WebAssembly in base64")
+    script: str = Field(description="of the bench")
+
+
 class Opened(Message):
     """A file that was opened: a sensor, or requirements."""
 

@@ -11,6 +11,7 @@ from ...errors import InvalidParameter
 from ...frames import CameraLooks, Mount
 from ...simulate.rendering.picture import SHOWN_SAMPLES, take_picture
 from ...simulate.scenes.worlds.room import Room
+from ..bench.alone import bench_alone
 from ..uploads import encoded
 from .cameras import Cameras, Known
 from .messages import Alone, CameraAlone
@@ -25,8 +26,9 @@ JPEG_QUALITY = 85
 def page_alone(sensors: Sequence[str] | None = None, progress: Callable[[int, int], None] | None = None) -> str:
     """The text of a page that straightens pictures which are dropped on it, and needs nothing else.
 
-    It knows the bundled sensors and mirror balls, with a picture of a room for each sensor. Circles are fitted by
-    hand; what is computed from pictures (their rims, levels, restoration), designs and calibrations need the server.
+    It knows the bundled sensors and mirror balls, with a picture of a room for each sensor, and has the design bench
+    for mirrors by a formula before ideal lenses. Circles are fitted by hand; what is computed from pictures (their
+    rims, levels, restoration), searches, tolerances and calibrations need the server.
 
     Parameters
     ----------
@@ -57,7 +59,7 @@ def page_alone(sensors: Sequence[str] | None = None, progress: Callable[[int, in
         cameras.append(_alone(each))
         if progress is not None:
             progress(number + 1, len(known))
-    return page_holding(Alone(version=__version__, cameras=tuple(cameras)), "alone")
+    return page_holding(alone=Alone(version=__version__, cameras=tuple(cameras)), bench_alone=bench_alone())
 
 
 def _cameras(sensors: Sequence[str] | None) -> list[Known]:

@@ -48,12 +48,12 @@ def _add_start(app: FastAPI, studio: Studio) -> None:
     @app.get("/api/start")
     def start() -> Start:
         """What there is to look at, and through what."""
-        given = studio.sources.given
+        first = next(iter(studio.sources.given), None)
         return Start(
             version=__version__,
             sources=tuple(shown.message for shown in studio.sources.list()),
             sensors=tuple(studio.cameras.entries()),
-            source=given.id if given else None,
+            source=first.id if first else None,
             sensor=studio.given.id if studio.given else None,
         )
 

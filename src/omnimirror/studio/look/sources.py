@@ -1,8 +1,8 @@
-"""What the server may show: the source it was started with, and the files of the folders it was given."""
+"""What the server may show: the sources it was started with, and the files of the folders it was given."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Container, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -38,19 +38,30 @@ class Shown:
 class Sources:
     """What can be shown. A page chooses from the list and never names a path.
 
+    Parameters
+    ----------
+    given
+        Pictures, videos, cameras and streams; the page opens with the first.
+    folders
+        Whose pictures and videos are offered too.
+    live
+        Those of the given that are cameras or streams.
+
     Raises
     ------
     MediaError
         What is given is live, and there can be no such camera or stream.
     """
 
-    def __init__(self, given: str | None = None, folders: Iterable[Path] = (), is_live: bool = False) -> None:
-        self.given = _shown("source", given, is_live) if given is not None else None
+    def __init__(self, given: Sequence[str] = (), folders: Iterable[Path] = (), live: Container[str] = ()) -> None:
+        places = list(dict.fromkeys(given))
+        ids = ["source", *(f"source-{number}" for number in range(2, len(places) + 1))]
+        self.given = [_shown(id, place, place in live) for id, place in zip(ids, places, strict=False)]
         self._folders = [folder.resolve() for folder in folders]
 
     def list(self) -> list[Shown]:
         """All sources there are just now."""
-        found = [] if self.given is None else [self.given]
+        found = list(self.given)
         for number, folder in enumerate(self._folders):
             for path in sorted(folder.iterdir()):
                 inside = path.resolve().is_relative_to(folder)  # a link may lead out

@@ -120,13 +120,21 @@ def _page_with(camera: AnyCamera, name: str, options: tuple[str, ...], media: st
         is_video=is_video,
         name=file,
     )
-    return page_holding(shown, "embedded")
+    return page_holding(embedded=shown)
 
 
-def page_holding(message: Message, id: str) -> str:
-    """The page with a message inside, for the part of it that looks for that name."""
-    json = message.model_dump_json().replace("<", "\\u003c")  # no text in it can end the script
-    return page_text().replace(PLACE, f'<script type="application/json" id="{id}">{json}</script>')
+def page_holding(**messages: Message) -> str:
+    """The page with messages inside, each for the part of it that looks for its name (with hyphens)."""
+    held = "".join(
+        f'<script type="application/json" id="{name.replace("_", "-")}">{_unending(message)}</script>'
+        for name, message in messages.items()
+    )
+    return page_text().replace(PLACE, held)
+
+
+def _unending(message: Message) -> str:
+    """A message as a text in which nothing can end a script."""
+    return message.model_dump_json().replace("<", "\\u003c")
 
 
 def inside(data: bytes, kind: str) -> str:

@@ -2,6 +2,7 @@ import { h, unique } from "../../shared/dom";
 import type { BenchStart, ParameterOf, PartOf, Trouble } from "../../shared/messages";
 import { type Design, nameOf, type Tables, withEntry } from "../designs/design";
 import { label } from "../labels";
+import { alone } from "../supply";
 import { Field } from "./field";
 
 /** What the form needs of the bench. */
@@ -35,6 +36,7 @@ export class Form {
     this.lens = choice(parts.lenses.map((p) => p.kind), (kind) => hands.change("lens", kind));
     this.mirror.setAttribute("aria-label", "Kind of mirror");
     this.lens.setAttribute("aria-label", "Kind of lens");
+    if (alone) for (const kind of [this.mirror, this.lens]) Object.assign(kind, { disabled: true, title: "Another kind for the same rim takes the program; here, start from a sensor that has it." });
     this.follows.addEventListener("change", () => this.settled({ ...hands.now(), follows: this.follows.checked }));
     this.infinite.addEventListener("change", () => this.settled({ ...hands.now(), distance: this.infinite.checked ? null : 10 * this.rim() }));
     place.append(this.problem, this.body);

@@ -2,7 +2,7 @@ import uPlot from "uplot";
 import { colour, h, save } from "../../shared/dom";
 import type { QuantityOf } from "../../shared/messages";
 import { fixed, words } from "../../shared/numbers";
-import type { Found, Table } from "../answers";
+import type { Found, Table } from "../found";
 import { explained, symbolOf, unitWords } from "../labels";
 import { type Cursor, interpolated } from "./cursor";
 import { csvOf, svgOf } from "./export";

@@ -1,8 +1,9 @@
 import { colour, h } from "../../shared/dom";
 import type { QuantityOf } from "../../shared/messages";
-import type { Found } from "../answers";
+import type { Found } from "../found";
 import { type Design, nameOf, type Pin } from "../designs/design";
 import { glossary } from "../glossary";
+import { alone } from "../supply";
 import { chartsOf, ChartView, type Drawn, PLOTS } from "./charts";
 import { CompareTable, type PinHands } from "./compare";
 import { Cursor } from "./cursor";
@@ -15,7 +16,8 @@ const INKS = ["accent", "pin1", "pin2", "pin3", "pin4"];
 const DESCRIBED_MS = 400; // after which charts that rest are put into words
 
 /** Kinds of plots, each shown or not. */
-const GROUPS = ["In space", "Section", ...new Set(PLOTS.map((p) => p.group)), "Squares", "Picture"];
+const COMPUTED = ["In space", "Picture"]; // by the server alone
+const GROUPS = ["In space", "Section", ...new Set(PLOTS.map((p) => p.group)), "Squares", "Picture"].filter((group) => !(alone && COMPUTED.includes(group)));
 const CLOSED = ["In space"]; // until they are opened
 
 /** What lies on the bench's desk: the table of designs, and the plots of what they do. */
@@ -51,7 +53,7 @@ export class Desk {
   }
 
   shows(group: string): boolean {
-    return this.switched.includes(group) === CLOSED.includes(group);
+    return GROUPS.includes(group) && this.switched.includes(group) === CLOSED.includes(group);
   }
 
   /** Draw the design in hand and the pinned ones, as far as they have been answered. */

@@ -1,6 +1,6 @@
 import { h, save, svg } from "../../shared/dom";
 import { words } from "../../shared/numbers";
-import { blocksLike, type Table } from "../answers";
+import { blocksLike, type Table } from "../found";
 import { dashes, type Drawn, files } from "./charts";
 import { type Cursor, interpolated } from "./cursor";
 import { standalone } from "./export";

@@ -1,6 +1,6 @@
 import { h, save, svg } from "../../shared/dom";
 import { words } from "../../shared/numbers";
-import type { Table } from "../answers";
+import type { Table } from "../found";
 import { type Drawn, files } from "./charts";
 import { standalone } from "./export";
 import { Sizes } from "./sizes";

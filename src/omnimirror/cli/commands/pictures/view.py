@@ -1,4 +1,4 @@
-"""``omnimirror view``: the studio, opened on a picture, video, camera or stream."""
+"""``omnimirror view``: the studio, opened on pictures, videos, cameras or streams."""
 
 from __future__ import annotations
 
@@ -26,16 +26,17 @@ if TYPE_CHECKING:
     examples=(
         "omnimirror view /dev/video0 --sensor mine.toml",
         "omnimirror view room.mp4 --sensor mine.toml",
+        "omnimirror view rtsp://door/1 rtsp://yard/1 --sensor mine.toml",
     ),
 )
-@click.argument("source")
+@click.argument("sources", nargs=-1, required=True, metavar="SOURCE...")
 @takes(CameraOptions, "camera")
 @takes(ServerOptions, "server")
-def command(source: str, camera: CameraOptions, server: ServerOptions) -> None:
-    """Look around in SOURCE, in the browser.
+def command(sources: tuple[str, ...], camera: CameraOptions, server: ServerOptions) -> None:
+    """Look around in each SOURCE, in the browser.
 
-    SOURCE is a picture, a video file, or a camera or stream (/dev/video0, rtsp://..). Say which camera it
-    was with one of --sensor, --ocam and --ball, or choose it in the page.
+    SOURCE is a picture, a video file, or a camera or stream (/dev/video0, rtsp://..); the page opens with the first
+    and offers the others. Say which camera took them with one of --sensor, --ocam and --ball, or choose it in the page.
     """
     if camera.given:
         camera.check()
@@ -44,8 +45,9 @@ def command(source: str, camera: CameraOptions, server: ServerOptions) -> None:
         from ....studio.look.sources import Sources
         from ....studio.studio import Studio
 
-        known = _known(source, camera) if camera.given else None
-        return Studio(Sources(source, server.folders, _is_live(source)), known)
+        live = [source for source in sources if _is_live(source)]
+        known = _known(sources[0], camera) if camera.given else None
+        return Studio(Sources(sources, server.folders, live), known)
 
     run_studio(make, server)
 

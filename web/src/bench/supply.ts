@@ -1,0 +1,44 @@
+/** What the bench asks: of the server, or of the page itself where it does without. */
+import * as api from "../shared/api";
+import { heldBy } from "../shared/dom";
+import type { BenchAlone, BenchSensor, BenchStart, Change, Download, Opened } from "../shared/messages";
+import { Answerer } from "./alone/answer";
+import { AnswersAlone } from "./alone/answers";
+import { Answers } from "./answers";
+import type { Found, Wish } from "./found";
+
+/** What the page holds of all that a server would be asked for; null where there is one. */
+export const alone = heldBy<BenchAlone>("bench-alone");
+const answerer = alone && new Answerer(alone);
+
+const WITH_THE_PROGRAM = "takes the program: pip install omnimirror.";
+
+export const benchStart = async (): Promise<BenchStart> => (alone ? alone.start : api.benchStart());
+
+export async function bundled(name: string): Promise<BenchSensor> {
+  if (!alone) return api.bundled(name);
+  const found = alone.start.sensors.indexOf(name);
+  if (found < 0) throw new api.Refused(`This page, which does without a server, holds no ${name}; it holds ${alone.start.sensors.join(", ")}.`);
+  return alone.sensors[found];
+}
+
+/** Another kind of part, or another focus; a page that does without a server offers the focus alone. */
+export async function change(asked: Change): Promise<BenchSensor> {
+  if (!answerer) return api.change(asked);
+  const focus = Math.round(1000 * answerer.bestFocus(asked.tables, asked.object_distance_mm)) / 1000; // finer than a lens can be set
+  return { tables: { ...asked.tables, lens: { ...asked.tables.lens, focus_distance_mm: focus } }, follows: false };
+}
+
+export async function openFile(file: Blob, name: string): Promise<Opened> {
+  if (alone) throw new api.Refused(`Opening ${name} ${WITH_THE_PROGRAM}`);
+  return api.openFile(file, name);
+}
+
+export async function download(asked: Download): Promise<{ blob: Blob; name: string }> {
+  if (alone) throw new api.Refused(`Files of a design: that ${WITH_THE_PROGRAM}`);
+  return api.download(asked);
+}
+
+/** Who answers about designs. */
+export const answers = (answered: (found: Found) => void, away: (isAway: boolean) => void): { ask: (slot: number, wish: Wish) => void } =>
+  answerer ? new AnswersAlone(answerer, answered) : new Answers(answered, away);
