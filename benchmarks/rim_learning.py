@@ -1,6 +1,6 @@
 """The committee that chooses a mirror's rim among rings, learned from pictures made by seed.
 
-    python benchmarks/rim.py --environments ../shared/data/environments --learn 60 --jobs 2
+    python benchmarks/rim.py --environments ../shared/data/environments --learn 260 --jobs 2
 
 writes ``committee.json`` beside the finder. Every picture gives the rows of numbers of its short list and which of
 those rings, placed in the full picture, are the rim within 1 %. Members differ by their start and by the fifth of the
@@ -34,8 +34,8 @@ Array = NDArray[np.float64]
 
 RIGHT = 0.01  # of the radius
 NEARLY = 0.04  # at working size, up to which a ring may be the rim once it is placed
-MEMBERS, BENDS = 5, 8
-RIDGE, START = 8.0, 0.15
+MEMBERS, BENDS = 7, 16
+RIDGE, START = 4.0, 0.15
 STEPS = 150
 FOLDS = 4
 FIRST_SHARE = 0.15  # of the first look's odds; photographs of a mirror in a housing are sure with it

@@ -123,12 +123,12 @@ def two_hundred(first: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
 @pytest.mark.parametrize("first", [5000, 9100])
 def test_most_of_two_hundred_composed_pictures_are_answered_rightly(first):
     right, sure = two_hundred(first)
-    assert right.mean() >= 0.96
-    assert (~right & sure).mean() <= 0.02
+    assert right.mean() >= 0.97
+    assert (~right & sure).mean() <= 0.01
     assert sure.mean() >= 0.85
 
 
-WRONG_AND_SURE = pytest.mark.xfail(reason="193 of 200, 3 wrong and sure: a frame taken for its mirror", strict=True)
+WRONG_AND_SURE = pytest.mark.xfail(reason="195 of 200, 1 wrong and sure: a frame taken for its rim", strict=True)
 
 
 @pytest.mark.full
