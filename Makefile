@@ -14,7 +14,7 @@ NATIVE := $(wildcard native/CMakeLists.txt native/src/*.* native/src/*/*)
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-full programs chromium node page lint format bench bench-page docs release clean
+.PHONY: help demo test test-full programs chromium firefox node page lint format bench bench-page docs release clean
 
 help:  ## List the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -26,7 +26,7 @@ test: lint chromium node  ## Everything that must hold, in a few minutes
 	$(BIN)/python -m pytest -n auto --dist worksteal -m "not full"
 
 # Dozens of seeds in one test, and searches to their end, take longer than any test of every day may.
-test-full: lint chromium node $(VENV)/.full  ## Also long checks and other programs (2.6 GB more, with PyTorch for processors alone)
+test-full: lint chromium firefox node $(VENV)/.full  ## Also long checks and other programs (2.6 GB more, with PyTorch for processors alone)
 	$(BIN)/python -m pytest -n auto --dist worksteal --timeout 3600 -o faulthandler_timeout=3900
 	native/sanitize.sh $(BIN)/python -q
 
@@ -47,6 +47,12 @@ chromium:
 	  apt-get -qq update && { apt-get -qq install -y chromium-headless-shell || apt-get -qq install -y chromium; } >/dev/null; } || \
 	  command -v chromium >/dev/null || command -v google-chrome >/dev/null || \
 	  echo "there is no chromium here: the tests of the studio's page are skipped"
+
+# The other browser, of 270 MB: tests of every day drive it where it is.
+firefox:
+	@command -v firefox-esr >/dev/null || command -v firefox >/dev/null || { [ "$$(id -u)" = 0 ] && \
+	  command -v apt-get >/dev/null && apt-get -qq update && apt-get -qq install -y firefox-esr >/dev/null; } || \
+	  echo "there is no firefox here: the tests of the studio's page in it are skipped"
 
 # What builds the studio's page, and examines it: for the tests of its sources, and its own unit tests.
 node:

@@ -1,6 +1,39 @@
-"""Examples of differentiable cameras run where PyTorch is, which `make test-full` installs."""
+"""Examples of differentiable cameras run where PyTorch is; comparisons with other programs become a page."""
+
+from __future__ import annotations
 
 from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+
+from tests.cross_validation import Compare, Compared, version_of, write
 
 TORCH = "src/omnimirror/torch"
 collect_ignore = [] if find_spec("torch") else [f"{TORCH}/cameras.py", f"{TORCH}/differentiable_camera.py"]
+OPTION, PROPERTY = "--cross-validation", "compared"
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption(OPTION, type=Path, metavar="FILE", help="write what was compared with other programs as a page")
+
+
+@pytest.fixture
+def beside(record_property) -> Compare:
+    """Says by how much something differs from what another program makes of it, which must be within a bound."""
+
+    def compare(program: str, what: str, off: float, within: float, unit: str, version: str | None = None) -> None:
+        version = version_of(program) if version is None else version
+        record_property(PROPERTY, tuple(Compared(program, what, float(off), float(within), unit, version)))
+        assert off <= within, f"{program}, {what}: off by {off:g} {unit}, and {within:g} is let pass"
+
+    return compare
+
+
+def pytest_terminal_summary(terminalreporter) -> None:
+    """Put the page together, once, where it is asked for."""
+    path = terminalreporter.config.getoption(OPTION)
+    if path is None:
+        return
+    properties = [p for report in terminalreporter.stats.get("passed", []) for p in report.user_properties]
+    write(path, [Compared(*value) for name, value in properties if name == PROPERTY])

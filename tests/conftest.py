@@ -179,3 +179,16 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         few = max(0, piece - len(long[k::processes]))
         items += long[k::processes] + short[:few]
         del short[:few]
+
+
+@pytest.fixture(scope="session")
+def launched():
+    """Starts a browser with some flags; one Playwright for all tests in a process, which holds no two."""
+    from tests.studio.browser import FAKE_CAMERA, chromium
+
+    sync_api = pytest.importorskip("playwright.sync_api", reason="pages are driven by Playwright, which is not here")
+    executable = chromium()
+    with sync_api.sync_playwright() as playwright:
+        yield lambda flags, camera=FAKE_CAMERA: playwright.chromium.launch(
+            executable_path=executable, args=flags + camera
+        )

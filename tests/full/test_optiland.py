@@ -34,7 +34,7 @@ def surface_of(sensor):
 
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("sensor", [SPH, EDI, SVP], ids=["SPH", "E-DI", "SVP"])
-def test_rays_from_the_lens_leave_the_mirror_at_the_field_angle(sensor, optiland):
+def test_rays_from_the_lens_leave_the_mirror_at_the_field_angle(sensor, optiland, beside):
     optic, rays = optiland
     system = optic.Optic()
     system.add_surface(index=0, thickness=np.inf)
@@ -53,4 +53,5 @@ def test_rays_from_the_lens_leave_the_mirror_at_the_field_angle(sensor, optiland
     np.testing.assert_allclose(fan.y, result.x_mm, rtol=1e-7)
     np.testing.assert_allclose(fan.z, result.z_mm, atol=1e-6)  # its iteration stops at 1e-6 mm for aspheres
     omega = np.degrees(np.arctan2(np.asarray(fan.M), -np.asarray(fan.N)))
-    np.testing.assert_allclose(omega, result.omega_deg, atol=1e-6)
+    off = np.abs(omega - result.omega_deg).max()
+    beside("Optiland", "field angles at which rays from the lens leave the mirror, 15 to 135 deg", off, 1e-6, "deg")

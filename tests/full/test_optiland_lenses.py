@@ -91,15 +91,16 @@ def test_gaussian_numbers(pair):
     assert -sensor.lens.pupil.at_mm == pytest.approx(float(paraxial.EPL()), abs=1e-9)
 
 
-def test_chief_rays_over_the_field(pair):
+def test_chief_rays_over_the_field(pair, beside):
     """Within .01 px, as was asked; it is less than a tenth of that."""
     sensor, traced = pair
     found = om.evaluate(sensor, OMEGA)
     image = aimed(traced, np.radians(OMEGA), np.zeros((len(OMEGA), 2)), np.radians(found.theta_deg))
-    assert np.abs(found.h_px - image[:, 1] / PITCH).max() < 1e-3
+    off = np.abs(found.h_px - image[:, 1] / PITCH).max()
+    beside("Optiland", "image heights over the field with real lenses", off, 1e-3, "px")
 
 
-def test_spots(pair):
+def test_spots(pair, beside):
     """Within 5 %, tangential and sagittal."""
     sensor, traced = pair
     edge = sensor.lens.aperture_radius
@@ -113,5 +114,6 @@ def test_spots(pair):
     theta = np.radians(om.evaluate(sensor, angles).theta_deg)
     for k, omega in enumerate(angles):
         image = aimed(traced, np.full(len(stop), np.radians(omega)), stop, np.full(len(stop), theta[k])) / PITCH
-        assert t[k, 0] == pytest.approx(image[:, 1].std(), rel=0.05)
-        assert s[k, 0] == pytest.approx(image[:, 0].std(), rel=0.05)
+        for name, ours, theirs in (("tangential", t, image[:, 1]), ("sagittal", s, image[:, 0])):
+            off = abs(100 * (ours[k, 0] / theirs.std() - 1))
+            beside("Optiland", f"{name} spots of a mirror before real lenses, rms", off, 5.0, "%")

@@ -15,14 +15,13 @@ CLOSE_RAD = 1e-12
 
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("field_deg", [(0.0, 90.0), (0.0, 130.0)])
-def test_a_sensor_out_of_place_shows_objects_where_optiland_reflects_to_them(field_deg):
+def test_a_sensor_out_of_place_shows_objects_where_optiland_reflects_to_them(field_deg, beside):
     pytest.importorskip("optiland", reason="Optiland is installed by `make test-full` only")
     from tolerance_peers import largest_angle_rad
 
     sensor = om.load_sensor("paper-spherical")
     judge, rng = Judge.of(sensor, field_deg=field_deg), np.random.default_rng(5)
-    for name in POSE:
-        assert largest_angle_rad(sensor, judge, dict.fromkeys(POSE, 0.0) | {name: 0.1}) < CLOSE_RAD
-    for _ in range(5):
-        values = {name: float(rng.normal() * 0.3) for name in POSE}
-        assert largest_angle_rad(sensor, judge, values) < CLOSE_RAD
+    errors = [dict.fromkeys(POSE, 0.0) | {name: 0.1} for name in POSE]
+    errors += [{name: float(rng.normal() * 0.3) for name in POSE} for _ in range(5)]
+    off = max(largest_angle_rad(sensor, judge, values) for values in errors)
+    beside("Optiland", "rays of sensors with their mirrors out of place", off, CLOSE_RAD, "rad")

@@ -6,18 +6,7 @@ import pytest
 
 from omnimirror.studio.studio import Studio
 
-from .browser import FAKE_CAMERA, FLAGS, REFUSED_CAMERA, WITHOUT_VIEWS, chromium, serving
-
-
-@pytest.fixture(scope="session")
-def launched():
-    """Starts a browser with some flags."""
-    sync_api = pytest.importorskip("playwright.sync_api", reason="the page is driven by Playwright, which is not here")
-    executable = chromium()
-    with sync_api.sync_playwright() as playwright:
-        yield lambda flags, camera=FAKE_CAMERA: playwright.chromium.launch(
-            executable_path=executable, args=flags + camera
-        )
+from .browser import FLAGS, REFUSED_CAMERA, WITHOUT_VIEWS, serving
 
 
 @pytest.fixture(scope="session")

@@ -51,6 +51,7 @@ def main(script, picture, samples):
     scene.render.image_settings.file_format, scene.render.image_settings.color_depth = "OPEN_EXR", "32"
     scene.render.filepath = picture
     bpy.ops.render.render(write_still=True)
+    Path(picture).with_name("version.txt").write_text(bpy.app.version_string)
 
 
 main(*sys.argv[1:])

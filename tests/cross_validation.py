@@ -1,0 +1,84 @@
+"""What tests found beside other programs, as a page: docs/cross-validation.md, which `make test-full` writes."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable
+from datetime import UTC, datetime
+from importlib import metadata
+from pathlib import Path
+from typing import NamedTuple
+
+PROGRAMS = {
+    "Optiland": "optiland", "Mitsuba 3": "mitsuba", "OpenCV": "opencv-contrib-python-headless", "FFmpeg": "av",
+    "COLMAP": "pycolmap", "Blender": "bpy",
+}  # fmt: skip
+"""In the order of the page, and what each is installed as."""
+HEAD = """# Cross-validation
+
+What omnimirror computes beside what other programs compute of the same, each with code of its own. The full tests
+write this page (`make test-full`, with `make programs` before it for Blender): no number in it was entered by hand.
+*Off by* is the most of all cases; the tests fail where it is over *within*.
+
+"""
+SECTION = re.compile(r"^## (.+?)\n(.*?)(?=^## |\Z)", re.MULTILINE | re.DOTALL)
+
+
+class Compared(NamedTuple):
+    """One comparison: by how much both differ, and how much is let pass."""
+
+    program: str
+    what: str
+    off: float
+    within: float
+    unit: str
+    version: str
+
+
+Compare = Callable[..., None]
+
+
+def version_of(program: str) -> str:
+    """Of a program that is installed beside the tests."""
+    if program == "FFmpeg":
+        import av
+
+        return str(av.ffmpeg_version_info)
+    for name in (PROGRAMS[program], "opencv-python-headless"):
+        try:
+            return metadata.version(name)
+        except metadata.PackageNotFoundError:
+            continue
+    return "?"
+
+
+def page(found: Iterable[Compared], before: str) -> str:
+    """The page; programs that nothing was compared with keep what stands in the page before."""
+    kept = dict(SECTION.findall(before))
+    by_program: dict[str, list[Compared]] = {}
+    for one in found:
+        by_program.setdefault(one.program, []).append(one)
+    for program, rows in by_program.items():
+        kept[program] = section(rows)
+    return HEAD + "\n".join(f"## {name}\n{kept[name].rstrip()}\n" for name in PROGRAMS if name in kept)
+
+
+def section(rows: list[Compared]) -> str:
+    """A table of comparisons with one program, each with the worst of its cases."""
+    lines = [
+        f"\nVersion {rows[0].version}, {datetime.now(UTC):%d %B %Y}.\n",
+        "| compared | cases | off by | within |", "|---|--:|--:|--:|",
+    ]  # fmt: skip
+    for what in dict.fromkeys(row.what for row in rows):
+        cases = [row for row in rows if row.what == what]
+        worst = max(cases, key=lambda row: row.off / row.within)
+        unit = f" {worst.unit}" if worst.unit else ""
+        lines.append(f"| {what} | {len(cases)} | {worst.off:.2g}{unit} | {worst.within:.3g}{unit} |")
+    return "\n".join(lines) + "\n"
+
+
+def write(path: Path, found: Iterable[Compared]) -> None:
+    """Write the page, where anything was compared."""
+    rows = list(found)
+    if rows:
+        path.write_text(page(rows, path.read_text() if path.exists() else ""))

@@ -1,0 +1,165 @@
+"""Firefox as Debian has it, driven over WebDriver BiDi: a socket to its remote agent, and a few of its commands."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+import pytest
+from websockets.sync.client import ClientConnection, connect
+
+NAMES = ("firefox-esr", "firefox")
+PATIENCE_S = 300.0  # more than any machine needs
+PREFERENCES = {
+    "webgl.force-enabled": True,
+    "gfx.webrender.software": True,
+    "browser.shell.checkDefaultBrowser": False,
+    "datareporting.policy.dataSubmissionEnabled": False,
+    "app.update.enabled": False,
+    "toolkit.telemetry.enabled": False,
+}
+SOFTWARE = {"LIBGL_ALWAYS_SOFTWARE": "1", "MOZ_WEBGL_FORCE_EGL": "1"}
+"""WebGL without a graphics card."""
+READY = re.compile(r"WebDriver BiDi listening on (ws://\S+)\n")
+POLL = """new Promise((done) => {{
+  const look = () => {{
+    let found = null;
+    try {{ found = ({condition}); }} catch {{ }}
+    found ? done(true) : setTimeout(look, 50);
+  }};
+  look();
+}})"""
+
+
+def firefox() -> str:
+    """Where it is, or a skip that says so."""
+    found = os.environ.get("FIREFOX") or next(filter(None, map(shutil.which, NAMES)), None)
+    if not found:
+        pytest.skip("there is no firefox here (apt-get install firefox-esr)")
+    return found
+
+
+@contextmanager
+def running(folder: Path) -> Iterator[Firefox]:
+    """A browser without windows; its profile is in a folder."""
+    lines = [f"user_pref({json.dumps(name)}, {json.dumps(value)});" for name, value in PREFERENCES.items()]
+    (folder / "user.js").write_text("\n".join(lines))
+    command = [firefox(), "--headless", "--no-remote", "--remote-debugging-port=0", "--profile", str(folder)]
+    environment, told = {**os.environ, **SOFTWARE, "HOME": str(folder)}, folder / "told.txt"
+    with (
+        told.open("w") as out,
+        subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=out, env=environment) as process,
+    ):
+        try:
+            address = _listening(process, told)
+            with connect(f"{address}/session", max_size=None, open_timeout=PATIENCE_S) as socket:
+                page = Firefox(socket)
+                yield page
+                page.tell("browser.close")
+        finally:
+            process.terminate()
+
+
+def _listening(process: subprocess.Popen[bytes], told: Path) -> str:
+    """Where it says it listens."""
+    while process.poll() is None:
+        if found := READY.search(told.read_text()):
+            return found[1]
+        time.sleep(0.05)
+    raise AssertionError(f"firefox ended before it listened: {told.read_text()}")
+
+
+class Firefox:
+    """A browser with one page."""
+
+    def __init__(self, socket: ClientConnection) -> None:
+        self._socket = socket
+        self._numbers = count(1)
+        self.problems: list[str] = []
+        self.tell("session.new", capabilities={})
+        self.tell("session.subscribe", events=["log.entryAdded"])
+        self.context = self.tell("browsingContext.getTree")["contexts"][0]["context"]
+
+    def tell(self, method: str, **parameters: Any) -> Any:
+        """A command, and its result; what the page says in between is kept if it is an error."""
+        number = next(self._numbers)
+        self._socket.send(json.dumps({"id": number, "method": method, "params": parameters}))
+        while True:
+            message = json.loads(self._socket.recv(timeout=PATIENCE_S))
+            if message.get("method") == "log.entryAdded":
+                entry = message["params"]
+                if entry["type"] == "javascript" and entry["level"] == "error":
+                    self.problems.append(entry["text"])
+            elif message.get("id") == number:
+                assert message["type"] == "success", f"{method}: {message}"
+                return message["result"]
+
+    def go(self, url: str) -> None:
+        """Open an address, to where all of it is loaded."""
+        self.tell("browsingContext.navigate", context=self.context, url=url, wait="complete")
+
+    def size(self, width: int, height: int) -> None:
+        """Of the page, px."""
+        viewport = {"width": width, "height": height}
+        self.tell("browsingContext.setViewport", context=self.context, viewport=viewport)
+
+    def evaluate(self, script: str, *given: Any) -> Any:
+        """What a script comes to, as JSON has it; of a function, what it makes of the one thing that it is given."""
+        called = f"({script})({json.dumps(given[0])})" if given else script
+        text = f"Promise.resolve({called}).then((value) => JSON.stringify(value ?? null))"
+        asked = {"expression": text, "target": {"context": self.context}, "awaitPromise": True}
+        found = self.tell("script.evaluate", **asked)
+        assert found["type"] == "success", found["exceptionDetails"]["text"]
+        return json.loads(found["result"]["value"])
+
+    def wait(self, condition: str) -> None:
+        """Until a condition holds in the page."""
+        self.evaluate(POLL.format(condition=condition))
+
+    def press(self, selector: str) -> None:
+        """A click by the mouse in the middle of an element."""
+        place = f"document.querySelector({json.dumps(selector)})"
+        box = self.evaluate(
+            f"(({place}).scrollIntoView({{ block: 'center' }}), ({place}).getBoundingClientRect().toJSON())"
+        )
+        at = {"x": round(box["x"] + box["width"] / 2), "y": round(box["y"] + box["height"] / 2)}
+        steps = [
+            {"type": "pointerMove", **at},
+            {"type": "pointerDown", "button": 0},
+            {"type": "pointerUp", "button": 0},
+        ]
+        mouse = {"type": "pointer", "id": "mouse", "parameters": {"pointerType": "mouse"}, "actions": steps}
+        self.tell("input.performActions", context=self.context, actions=[mouse])
+
+    def keys(self, *strokes: str) -> None:
+        """Keys, one after the other; in a stroke that begins with a control key all of them are held until U+E000."""
+        actions: list[dict[str, Any]] = []
+        for stroke in strokes:
+            held = []
+            for key in stroke:
+                if key == "\ue000":
+                    actions += [{"type": "keyUp", "value": one} for one in reversed(held)]
+                    held = []
+                elif stroke.endswith("\ue000"):
+                    actions.append({"type": "keyDown", "value": key})
+                    held.append(key)
+                else:
+                    actions += [{"type": "keyDown", "value": key}, {"type": "keyUp", "value": key}]
+        keyboard = {"type": "key", "id": "keyboard", "actions": actions}
+        self.tell("input.performActions", context=self.context, actions=[keyboard])
+
+    def choose(self, selector: str, path: Path) -> None:
+        """Give a file to an input."""
+        asked = {"expression": f"document.querySelector({json.dumps(selector)})", "target": {"context": self.context}}
+        found = self.tell("script.evaluate", awaitPromise=False, **asked)["result"]
+        element = {"sharedId": found["sharedId"]}
+        self.tell("input.setFiles", context=self.context, element=element, files=[str(path)])
