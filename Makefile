@@ -27,7 +27,7 @@ test: lint chromium node  ## Everything that must hold, in a few minutes
 
 # Dozens of seeds in one test, and searches to their end, take longer than any test of every day may.
 test-full: lint chromium firefox node $(VENV)/.full  ## Also long checks and other programs (2.6 GB more, with PyTorch for processors alone)
-	$(BIN)/python -m pytest -n auto --dist worksteal --timeout 3600 -o faulthandler_timeout=3900
+	$(BIN)/python -m pytest -n auto --dist worksteal --timeout 3600 -o faulthandler_timeout=3900 --cross-validation docs/cross-validation.md
 	native/sanitize.sh $(BIN)/python -q
 
 programs: $(BIN)/python  ## Blender and Newton beside the package, for tests of what is handed to them (1.4 GB)

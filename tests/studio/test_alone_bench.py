@@ -16,6 +16,7 @@ from omnimirror.studio.bench.messages import Ask
 from omnimirror.studio.look import alone
 
 from .browser import open_page
+from .test_axe import ASK, AXE
 
 BENCH = "window.omnimirror.tabs.bench"
 ASKED = """(ask) => {
@@ -170,6 +171,18 @@ def test_a_slider_a_pin_and_the_best_focus_without_a_server(browser, address):
     page.reload()
     page.wait_for_function(f"{BENCH}?.found?.[0]?.facts.mirror_distance_mm === null")
     assert page.problems == []
+    page.context.close()
+
+
+@pytest.mark.parametrize("width", [360, 1280])
+def test_axe_finds_nothing_serious_on_it(browser, address, width):
+    if not AXE.exists():
+        pytest.skip("axe-core is not here: `npm ci` in web/, or `make node`, fetches it")
+    page = open_page(browser, f"{address}#tab=design", width, 800, reduced_motion="reduce")
+    page.wait_for_function(f"{BENCH}?.found?.[0]")
+    page.add_script_tag(path=AXE)
+    serious = {v["id"]: v["nodes"][0]["html"] for v in page.evaluate(ASK) if v["impact"] in ("serious", "critical")}
+    assert serious == {}
     page.context.close()
 
 
