@@ -29,7 +29,7 @@ struct Camera {
 };
 
 // Columns of a design with an ideal lens focused at a vergence, from what its mirror points do.
-void fill_ideal(const Camera& camera, double v, const Workspace& w) {
+inline void fill_ideal(const Camera camera, double v, const Workspace& w) {
     const double b = camera.telecentric ? 1.0 : 1 / (1 / camera.f - v);
     const double ray_px = camera.image * (camera.scaled ? 1.0 : b), field_px = ray_px * DEGREE;
     const double vergence_px = camera.blur * (camera.paper ? 1.0 : b);
@@ -70,7 +70,7 @@ void hand_over(const DesignJob& job, int design, const Workspace& w) {
 }
 
 // What the mirror points of a design with an ideal lens do; whether it can be used.
-bool fill_bare(const DesignJob& job, int design, const Workspace& w) {
+inline bool fill_bare(const DesignJob& job, int design, const Workspace& w) {
     const double* number = job.numbers + static_cast<std::size_t>(design) * DESIGN_NUMBERS;
     const double m = number[0], M = number[1];
     const bool is_telecentric = number[6] > 0;
