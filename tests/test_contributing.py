@@ -37,12 +37,21 @@ NAMED_IN = ("Makefile", "README.md", "CONTRIBUTING.md", "native/README.md", "nat
 UNDER = ("", "native", "web", "src", "src/omnimirror")
 
 
+def ignored(files: list[Path]) -> set[str]:
+    """Which of the files git leaves out of a clone; none where the checkout is not under git."""
+    words = ["git", "check-ignore", "--stdin"]
+    found = subprocess.run(words, input="\n".join(map(str, files)), cwd=CHECKOUT, capture_output=True, text=True)
+    return set(found.stdout.split())
+
+
 @pytest.mark.parametrize("page", NAMED_IN)
 def test_programs_that_are_named_are_there(page):
-    """In a clone, so that what is used and ignored by git is found out."""
+    """There, and in a clone too."""
     named = {name for name in PROGRAM.findall((CHECKOUT / page).read_text()) if not re.search("[A-Z]{3}|^build/", name)}
     assert named
-    assert {name for name in named if not any((CHECKOUT / under / name).is_file() for under in UNDER)} == set()
+    there = {name: CHECKOUT / under / name for name in named for under in UNDER if (CHECKOUT / under / name).is_file()}
+    assert named - set(there) == set()
+    assert ignored(list(there.values())) == set()
 
 
 def edit(file: Path, *changes: tuple[str, str]) -> None:
