@@ -20,7 +20,7 @@ from ...sensor import Sensor
 from ..physical import SensorModel
 from ..propagation import direction_uncertainty
 from .chains import edge_chains
-from .fitting import SCALE_PX, Edges, Knobs, LinesFit, edges_of, fitted_lines, gradients_of_chains, normal_equations
+from .fitting import SCALE_PX, Edges, Knobs, LinesFit, edges_of, fitted_lines, gradients_left_out, normal_equations
 from .levelling import Level, level_from
 from .marked import LEAST_POINTS
 
@@ -350,12 +350,14 @@ def _certainty(fit: LinesFit, edges: Edges, knobs: Knobs) -> tuple[Array, tuple[
     """Covariance (p, p) of the model's parameters, and what is not determined.
 
     Points of one edge are wrong together, where it is not quite straight or lies near. So each edge counts as one
-    observation, whatever its length: the covariance is ``H^-1 (sum g g^T) H^-1`` of the edges' gradients g.
+    observation, whatever its length: the covariance is ``H^-1 (sum g g^T) H^-1`` of the edges' gradients g, each as
+    the model without this edge has it (Bell and McCaffrey, Survey Methodology 28 (2002)): few edges are fitted closer
+    than they are straight.
     """
     matrix, _ = normal_equations(fit, edges, knobs, knobs.prior)
-    gradients = gradients_of_chains(fit, edges)
-    count, free = len(gradients), len(knobs.names)
-    scatter = gradients.T @ gradients * count / max(count - free, 1) + np.diag(knobs.information) * SCALE_PX**2
+    gradients = gradients_left_out(fit, edges, matrix)
+    count = len(gradients)
+    scatter = gradients.T @ gradients * (count - 1) / count + np.diag(knobs.information) * SCALE_PX**2
     sizes = np.outer(knobs.scales, knobs.scales)
     inverse = np.linalg.pinv(matrix * sizes, hermitian=True)
     scaled = inverse @ (scatter * sizes) @ inverse

@@ -124,14 +124,17 @@ def normal_equations(fit: LinesFit, edges: Edges, knobs: Knobs, values: Array) -
     return matrix, gradient
 
 
-def gradients_of_chains(fit: LinesFit, edges: Edges) -> Array:
-    """Gradients (chains, q) of each chain's weighted squares."""
-    return np.array(
-        [
-            w * np.nan_to_num(fit.rates[part]).T @ np.nan_to_num(fit.residuals[part])
-            for part, w in zip(edges.slices, fit.weights, strict=True)
-        ]
-    )
+def gradients_left_out(fit: LinesFit, edges: Edges, matrix: Array) -> Array:
+    """Gradients (chains, q) of each chain's weighted squares at the model that the others make without it."""
+    scale = np.sqrt(np.diag(matrix))
+    inverse = np.linalg.pinv(matrix / np.outer(scale, scale), hermitian=True)
+    found = []
+    for part, weight in zip(edges.slices, fit.weights, strict=True):
+        rates = np.nan_to_num(fit.rates[part]) / scale
+        own = weight * rates.T @ rates @ inverse
+        gradient = weight * rates.T @ np.nan_to_num(fit.residuals[part])
+        found.append(np.linalg.lstsq(np.eye(len(own)) - own, gradient, rcond=None)[0] * scale)
+    return np.array(found)
 
 
 def _compared(model: CameraModel, edges: Edges, knobs: Knobs, values: Array, distance_mm: float) -> LinesFit:
