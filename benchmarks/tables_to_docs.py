@@ -1,4 +1,4 @@
-"""Puts the tables that the benchmarks wrote into docs/benchmarks.md, between the marks that name them.
+"""Puts the tables that the benchmarks wrote into the pages of docs, between the marks that name them.
 
 A table that was not measured stays as it is.
 
@@ -13,7 +13,7 @@ from pathlib import Path
 
 from omnimirror.files import write_text
 
-PAGE = Path(__file__).parents[1] / "docs" / "benchmarks.md"
+DOCS = Path(__file__).parents[1] / "docs"
 
 
 def filled(page: str, tables: Path) -> str:
@@ -33,7 +33,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--tables", type=Path, default=Path("out/benchmarks"))
     arguments = parser.parse_args()
-    write_text(PAGE, filled(PAGE.read_text(encoding="utf-8"), arguments.tables))
+    for path in sorted(DOCS.glob("*.md")):
+        page = path.read_text(encoding="utf-8")
+        if (new := filled(page, arguments.tables)) != page:
+            write_text(path, new)
 
 
 if __name__ == "__main__":
