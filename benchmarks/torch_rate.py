@@ -23,6 +23,7 @@ from circumstances import circumstances
 import omnimirror as om
 from omnimirror.files import write_text
 from omnimirror.mirrors.pose import MirrorPose
+from omnimirror.native import backend
 from omnimirror.torch import TorchCamera, differentiable
 
 RAYS = 1 << 20
@@ -63,6 +64,7 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=5)
     arguments = parser.parse_args()
     torch.set_num_threads(1)
+    backend.set_threads(1)
     lines = [
         "# Rays in PyTorch",
         "",

@@ -44,5 +44,5 @@ PYTHON
 export ASAN_OPTIONS=detect_leaks=0:abort_on_error=0 UBSAN_OPTIONS=print_stacktrace=1
 libraries=$("$compiler" -print-file-name=libasan.so):$("$compiler" -print-file-name=libubsan.so)
 LD_PRELOAD=$libraries "$python" "$build/run.py" -p no:cacheprovider \
-  tests/contracts/test_samplers.py tests/dewarp/sampling/test_kernels.py tests/dewarp/sampling/test_footprints.py tests/dewarp/test_dewarper.py tests/batch tests/tolerancing/test_trials.py \
+  tests/contracts/test_samplers.py tests/dewarp/sampling/test_kernels.py tests/dewarp/sampling/test_footprints.py tests/dewarp/test_dewarper.py tests/batch tests/tolerancing/test_trials.py tests/test_torch_tables.py \
   tests/simulate/scenes/test_scenes.py tests/simulate/restoration/test_sharp_picture.py "$@"

@@ -1,4 +1,4 @@
-"""Tables of mirrors, without PyTorch: their cubic pieces are the mirror and its derivatives."""
+"""Tables of mirrors, without PyTorch: their cubic pieces are the mirror and its derivatives; kernels that use them."""
 
 from __future__ import annotations
 
@@ -12,15 +12,21 @@ import omnimirror as om
 from omnimirror.calibrate.physical.names import place_of, shape_names
 from omnimirror.calibrate.physical.shape_rates import profile_rates
 from omnimirror.errors import InvalidParameter, OmnimirrorError
+from omnimirror.native import backend
 from omnimirror.torch import differentiable
+from omnimirror.torch.compiled import NOT_SETTLED, SEEN, SETTLED
 from omnimirror.torch.pieces import CELLS, meridian_table, rate_table
+from omnimirror.torch.reflection import CLOSE, SEARCH
+from omnimirror.torch.tables import Tables
+from omnimirror.tracing.reflection import Ends, specular_points
 from tests.conftest import MIRRORS, sensor_of
+from tests.samplers import instructions
 
 
 def at(table, position):
-    cell = np.clip(position.astype(int), 0, table.shape[1] - 1)
+    cell = np.clip(position.astype(int), 0, len(table) - 1)
     t = position - cell
-    return [sum(table[k + i, cell] * t**i for i in range(4)) for k in (0, 4)]
+    return [sum(table[cell, k + i] * t**i for i in range(4)) for k in (0, 4)]
 
 
 @pytest.mark.parametrize("kind", sorted(MIRRORS))
@@ -41,6 +47,103 @@ def test_so_are_its_derivatives_by_a_parameter(kind):
     truth = profile_rates(sensor.mirror, x, (place,))[..., 0]
     for found, right in zip((sag, slope), truth, strict=False):
         np.testing.assert_allclose(found, right, rtol=0, atol=1e-5 * np.abs(right).max())  # at a spline's knots
+
+
+@pytest.fixture(params=[name for name in instructions() if name in ("plain", "avx2")])
+def kernels(request):
+    before = backend.name
+    backend.kernels.use_instructions(request.param)
+    yield backend.kernels
+    backend.kernels.use_instructions(before)
+
+
+PUPIL = (4.0, -2.5)  # mm beside the axis
+
+
+def looked_for(kernels, tables, telecentric, distant, targets):
+    """What kernels find of targets (n, 3), and how."""
+    rows, states = np.full((8, len(targets)), np.nan), np.zeros(len(targets), np.uint8)
+    pupil = (0.02, -0.01, -np.sqrt(1 - 5e-4)) if telecentric else (*PUPIL, -180.0)
+    surface, search, columns = tables.surface(pupil, telecentric), SEARCH.until(SETTLED, 0.03), targets.T.copy()
+    kernels.find_reflections(
+        surface, search, tables.by_omega, tables.omegas, tables.middle_mm, distant, columns, rows, states
+    )
+    return np.array(pupil), rows, states
+
+
+@pytest.mark.parametrize("distant", [False, True], ids=["near", "distant"])
+@pytest.mark.parametrize(
+    ("kind", "lens"),
+    [(k, n) for k in sorted(MIRRORS) for n in ("perspective", "telecentric") if (k, n) != ("cone", "telecentric")],
+)  # which sees one field angle
+def test_kernels_find_the_reflection_points_that_numpy_proves(kind, lens, distant, kernels):
+    """In blocks of which the last is not full, with targets all around, some of them out of sight."""
+    mirror, telecentric = MIRRORS[kind][0], lens == "telecentric"
+    towards = np.random.default_rng(3).normal(size=(203, 3))
+    towards /= np.linalg.norm(towards, axis=1)[:, None]
+    targets = towards if distant else towards * np.random.default_rng(4).uniform(300, 5000, (203, 1))
+    tables = Tables.of(mirror, np.inf if telecentric else 180.0)
+    pupil, rows, states = looked_for(kernels, tables, telecentric, distant, targets)
+    right = specular_points(mirror, Ends.of(pupil, telecentric), Ends.of(targets, distant))
+    settled = states != NOT_SETTLED
+    assert settled[right.valid].mean() > 0.95
+    np.testing.assert_array_equal((states == SEEN)[settled], right.valid[settled])
+    seen = states == SEEN
+    assert seen.sum() > 10
+    np.testing.assert_allclose(rows[:3, seen].T, right.points[seen], rtol=0, atol=1e-7)
+    slope = mirror.slope(np.hypot(*rows[:2, seen]))
+    np.testing.assert_allclose(np.hypot(*rows[3:5, seen]), np.abs(slope), rtol=0, atol=1e-8)
+
+
+@pytest.mark.parametrize("kind", sorted(MIRRORS))
+def test_kernels_meet_the_mirror_where_its_formula_says(kind, kernels):
+    mirror = MIRRORS[kind][0]
+    tables = Tables.of(mirror, 180.0)
+    at = np.random.default_rng(5).uniform(-1, 1, (2, 333)) * mirror.rim_radius_mm
+    radius = np.hypot(*at)
+    on = radius <= mirror.rim_radius_mm
+    points = np.array([*at, mirror.sag(np.where(on, radius, 0.0))])
+    pupil = np.array([*PUPIL, -180.0])
+    ways = (points - pupil[:, None]) / (points[2] + 180.0)
+    rows, states = np.zeros((6, 333)), np.zeros(333, np.uint8)
+    kernels.meet_mirror(
+        tables.surface(tuple(pupil), False), SEARCH.until(CLOSE), tables.depth, tables.most_tangent, ways, rows, states
+    )
+    assert (states == SEEN)[on].all()
+    np.testing.assert_allclose(rows[:3, on], points[:, on], rtol=0, atol=1e-7)
+    np.testing.assert_allclose(rows[5, on], points[2, on] + 180.0, rtol=0, atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"targets": np.zeros((2, 9))}, "targets and ways are"),
+        ({"rows": np.zeros((8, 8))}, "rows are as long as what is asked"),
+        ({"rows": np.zeros((7, 9))}, "rows are as long as what is asked"),
+        ({"states": np.zeros(8, np.uint8)}, "states are as many as what is asked"),
+        ({"by_omega": np.zeros((0, 4))}, r"tables are \(pieces, 4\)"),
+        ({"by_omega": np.zeros((9, 3))}, r"tables are \(pieces, 4\)"),
+        ({"omegas": (1.0, 0.9)}, "field angles do not fall"),
+    ],
+)
+def test_kernels_refuse_what_would_leave_memory(change, says, kernels):
+    tables = Tables.of(MIRRORS["sphere"][0], 180.0)
+    arguments = {
+        "surface": tables.surface((0.0, 0.0, -180.0), False), "search": SEARCH.until(SETTLED), "distant": False,
+        "by_omega": tables.by_omega, "omegas": tables.omegas, "middle": tables.middle_mm,
+        "targets": np.ones((3, 9)), "rows": np.zeros((8, 9)), "states": np.zeros(9, np.uint8), **change,
+    }  # fmt: skip
+    with pytest.raises(ValueError, match=says):
+        kernels.find_reflections(**arguments)
+
+
+def test_what_is_no_number_is_not_settled(kernels):
+    tables = Tables.of(MIRRORS["sphere"][0], 180.0)
+    targets = np.array([[np.nan, 1.0, 2.0], [np.inf, 0.0, 0.0], [500.0, 0.0, -100.0]])
+    _, rows, states = looked_for(kernels, tables, False, False, targets)
+    assert states.tolist()[:2] == [NOT_SETTLED] * 2
+    assert states[2] == SEEN
+    assert np.isfinite(rows[:, 2]).all()
 
 
 def test_without_pytorch_one_is_told_what_to_install(monkeypatch):

@@ -9,13 +9,14 @@ NB_MODULE(_native, m) {
     nb::set_leak_warnings(false);
 #endif
     m.doc() = "The compiled kernels of omnimirror; see native/README.md.";
-    m.attr("INTERFACE") = 6;  // one more when a name or an argument changes; omnimirror.native asks for the same
+    m.attr("INTERFACE") = 7;  // one more when a name or an argument changes; omnimirror.native asks for the same
     add_sampling(m);
     add_designs(m);
     add_exposure(m);
     add_surfaces(m);
     add_deblurring(m);
     add_tolerancing(m);
+    add_reflection(m);
     m.def(
         "set_threads",
         [](int count) {

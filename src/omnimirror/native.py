@@ -19,7 +19,7 @@ from .errors import InvalidParameter
 from .numerics.lazy import cached_property
 
 MOST_THREADS = 1024
-INTERFACE = 6  # of the kernels below; counted on with native/src/module.cpp whenever a name or an argument changes
+INTERFACE = 7  # of the kernels below; counted on with native/src/module.cpp whenever a name or an argument changes
 Array = NDArray[Any]
 Colour = float | Sequence[float]
 
@@ -192,6 +192,17 @@ class Kernels(Protocol):
         self, numbers: Array, terms: int, is_conic: bool, rim: float, table: tuple[Array, float],
         objects: tuple[Array | bool, ...], rows: tuple[Array | int, ...], search: tuple[int, float, float, float, int],
         refocus: int, floor: float, merits: Array, moved: Array,
+    ) -> None: ...  # fmt: skip
+
+    # -- reflection points: torch --------------------------------------------------------------------
+
+    def find_reflections(
+        self, surface: tuple[Any, ...], search: tuple[Any, ...], by_omega: Array, omegas: tuple[float, float],
+        middle: float, distant: bool, targets: Array, rows: Array, states: Array,
+    ) -> None: ...  # fmt: skip
+    def meet_mirror(
+        self, surface: tuple[Any, ...], search: tuple[Any, ...], depth: Array, most_tangent: float, ways: Array,
+        rows: Array, states: Array,
     ) -> None: ...  # fmt: skip
 
     # -- all of them ---------------------------------------------------------------------------------

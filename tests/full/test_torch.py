@@ -76,6 +76,34 @@ def test_so_it_is_through_a_lens_that_distorts_in_a_sensor_that_leans_and_delive
         compare(differentiable(replace(sensor, mirror_pose=pose)), replace(sensor, mirror_pose=pose))
 
 
+@pytest.mark.parametrize("pose", [MirrorPose(), POSE], ids=["aligned", "misaligned"])
+def test_kernels_and_pytorch_alone_give_the_same_values_and_gradients(pose, monkeypatch):
+    """Compiled, where that is, and by tensors alone, as on graphics cards; single precision too."""
+    sensor = replace(SPH, mirror_pose=pose)
+    found = {}
+    for way in ("as here", "by tensors"):
+        if way == "by tensors":
+            monkeypatch.setattr("omnimirror.torch.reflection.serves", lambda like: False)
+        for dtype in (torch.float64, torch.float32):
+            camera = differentiable(sensor, ("focal", "tilt", "shape"), dtype=dtype)
+            for name, what in asked(sensor, 500).items():
+                there = torch.from_numpy(what[getattr(sensor, name)(what).valid][:200]).to(dtype).requires_grad_()
+                with torch.no_grad():
+                    silent = getattr(camera, name)(there)[:-1]
+                recorded = getattr(camera, name)(there)[:-1]
+                sum(part.sum() for part in recorded).backward()
+                values = [*silent, *recorded, there.grad, *(number.grad for number in camera.parameters.values())]
+                found[way, dtype, name] = [value.detach().double().clone() for value in values]
+                for number in camera.parameters.values():
+                    number.grad = None
+    for (way, dtype, name), values in found.items():
+        for ours, theirs in zip(values, found["by tensors", dtype, name], strict=True):
+            limit = 1e-8 if dtype is torch.float64 else 1e-3
+            np.testing.assert_allclose(
+                ours, theirs, rtol=limit, atol=limit * float(theirs.abs().max()), err_msg=f"{way} {name}"
+            )
+
+
 def others() -> list[Camera]:
     tube = replace(SPH, housing=Housing(shell=Tube()))
     return [

@@ -23,42 +23,42 @@ def radii(mirror: Mirror) -> Array:
 
 
 def meridian_table(mirror: Mirror) -> Array:
-    """Cubic pieces (8, n) of sag and slope between the nodes, four coefficients each.
+    """Cubic pieces (n, 8) of sag and slope between the nodes, four coefficients each.
 
     >>> from omnimirror.mirrors import Sphere
     >>> table = meridian_table(Sphere(50.0, 40.0))
-    >>> table.shape, table[[0, 4], 768]  # at 30 mm: sag 10 mm, slope .75
-    ((8, 1280), array([10.  ,  0.75]))
+    >>> table.shape, table[768, [0, 4]]  # at 30 mm: sag 10 mm, slope .75
+    ((1280, 8), array([10.  ,  0.75]))
     """
     sag, slope, curvature = continued_profile(mirror, radii(mirror))
     step = mirror.rim_radius_mm / CELLS
-    return np.concatenate([cubic_pieces(sag, slope * step), cubic_pieces(slope, curvature * step)])
+    return np.concatenate([cubic_pieces(sag, slope * step), cubic_pieces(slope, curvature * step)], axis=1)
 
 
 def rate_table(mirror: Mirror, place: NamedNumber) -> Array:
-    """The same (8, n) of the derivatives of sag and slope by one of the mirror's parameters."""
+    """The same (n, 8) of the derivatives of sag and slope by one of the mirror's parameters."""
     sag, slope, curvature = profile_rates(mirror, radii(mirror), (place,))[..., 0]
     step = mirror.rim_radius_mm / CELLS
-    return np.concatenate([cubic_pieces(sag, slope * step), cubic_pieces(slope, curvature * step)])
+    return np.concatenate([cubic_pieces(sag, slope * step), cubic_pieces(slope, curvature * step)], axis=1)
 
 
 def cubic_pieces(values: Array, rates: Array) -> Array:
-    """Coefficients (4, n) of Hermite's cubics between n + 1 nodes, rates per cell.
+    """Coefficients (n, 4) of Hermite's cubics between n + 1 nodes, rates per cell.
 
-    >>> cubic_pieces(np.array([0.0, 1.0, 8.0]), np.array([0.0, 3.0, 12.0]))[:, 1]  # t^3 about 1
+    >>> cubic_pieces(np.array([0.0, 1.0, 8.0]), np.array([0.0, 3.0, 12.0]))[1]  # t^3 about 1
     array([1., 3., 3., 1.])
     """
     rise = np.diff(values)
     low, high = rates[:-1], rates[1:]
-    return np.stack([values[:-1], low, 3 * rise - 2 * low - high, low + high - 2 * rise])
+    return np.stack([values[:-1], low, 3 * rise - 2 * low - high, low + high - 2 * rise], axis=1)
 
 
 class Pieces:
-    """A table (4 k, n) on a device: k functions of a place in cells; beyond its ends the last pieces go on."""
+    """A table (n, 4 k) on a device: k functions of a place in cells; beyond its ends the last pieces go on."""
 
     def __init__(self, table: Array, dtype: object, device: object) -> None:
-        self.rows = torch.as_tensor(table, dtype=dtype, device=device).unbind(0)
-        self.last = table.shape[1] - 1
+        self.rows = torch.as_tensor(table.T.copy(), dtype=dtype, device=device).unbind(0)
+        self.last = len(table) - 1
 
     def place(self, position: Tensor) -> tuple[Tensor, Tensor]:
         """Which cells (n,), and how far in these."""

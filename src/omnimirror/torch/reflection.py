@@ -10,15 +10,17 @@ across the surface (Fermat; see :mod:`omnimirror.tracing.reflection`).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
 from ..mirrors import Mirror
-from ..tracing.meridian import trace_chief_rays
 from ..tracing.reflection import LONGEST_STEP, REFLECTS, RIM_SLACK, Ends, specular_points
+from .compiled import Reflections, Search, meetings, reflections, serves
 from .library import Tensor, torch
-from .pieces import BEYOND, CELLS, Pieces, cubic_pieces, meridian_table
+from .pieces import BEYOND, CELLS, Pieces
+from .tables import Tables
 
 Components = tuple[Tensor, Tensor, Tensor]
 
@@ -27,6 +29,7 @@ CLOSE = 1e-9  # of the rim radius: the step that is recorded leaves its square
 FIRST_CLOSE = 3e-5  # the step after it is as small as that
 AXIS = 1e-24  # mm^2, added to squared distances from the axis: there they have a derivative then
 REACH = (CELLS + BEYOND) / CELLS
+SEARCH = Search(STEPS, FIRST_STEPS, FIRST_CLOSE, REACH)
 
 
 class Met(NamedTuple):
@@ -54,42 +57,28 @@ class SurfaceTable:
     """A mirror's surface on a device, with where to begin to look for reflection points."""
 
     mirror: Mirror
+    tables: Tables
+    """From which the others are made."""
     pieces: Pieces
     """Sag and slope by the distance from the axis."""
     depth: Pieces | None
     """How far (mm) before the lens, along the axis, what it sees under a tangent lies, were the mirror in line."""
-    most_tangent: float
     by_omega: Pieces
-    """Distance from the axis (mm), were the lens on it, by the field angle about ``middle_mm``."""
-    omegas: tuple[float, float]
-    middle_mm: float
+    """Distance from the axis (mm), were the lens on it, by the field angle."""
     learned: tuple[Learned, ...] = ()
 
     @classmethod
     def of(cls, mirror: Mirror, pupil_distance: float, dtype: object, device: object) -> SurfaceTable:
         """A mirror as a lens sees it whose entrance pupil is so far (mm) from its vertex, infinitely if telecentric."""
-        x = np.linspace(0.0, mirror.rim_radius_mm, 4 * CELLS + 1)
-        rays = trace_chief_rays(mirror, pupil_distance, x)
-        middle = float(rays.z[2 * CELLS] + rays.viewpoint_offset()[2 * CELLS])
-        even = np.interp(np.linspace(rays.omega[0], rays.omega[-1], CELLS + 1), rays.omega, x)
-        depth, most = None, 0.0
-        if np.isfinite(pupil_distance):
-            most = float(x[-1] / rays.w[-1])
-            depth = Pieces(_depths(mirror, pupil_distance, np.linspace(0.0, most, CELLS + 1), x, rays.w), dtype, device)
-        return cls(
-            mirror,
-            Pieces(meridian_table(mirror), dtype, device),
-            depth,
-            most,
-            Pieces(cubic_pieces(even, np.gradient(even)), dtype, device),
-            (float(rays.omega[0]), float(rays.omega[-1])),
-            middle,
-        )
+        tables = Tables.of(mirror, pupil_distance)
+        on = partial(Pieces, dtype=dtype, device=device)
+        depth = None if tables.depth is None else on(tables.depth)
+        return cls(mirror, tables, on(tables.meridian), depth, on(tables.by_omega))
 
     @property
     def cell_mm(self) -> float:
         """Width of the pieces of its meridian."""
-        return self.mirror.rim_radius_mm / CELLS
+        return self.tables.cell_mm
 
     def sag(self, x: Tensor, y: Tensor) -> Tensor:
         """Height (n,) over places (n,) mm, with gradients by these and by what is learned."""
@@ -126,6 +115,11 @@ class SurfaceTable:
         sag = self.pieces.at(place, SAG)
         return sag, slope * cos, slope * sin, hoop + across * cos, across * sin, hoop + along * sin
 
+    def records(self, *parts: Tensor) -> bool:
+        """Whether gradients by these or by what is learned are wanted."""
+        numbers = (*parts, *(number.value for number in self.learned))
+        return bool(torch.is_grad_enabled()) and any(getattr(number, "requires_grad", False) for number in numbers)
+
     def inside(self, x: Tensor, y: Tensor) -> Tensor:
         """Whether places are within the rim."""
         return x * x + y * y <= (self.mirror.rim_radius_mm * (1 + RIM_SLACK)) ** 2
@@ -135,23 +129,14 @@ def _radius(x: Tensor, y: Tensor) -> Tensor:
     return torch.sqrt(x * x + y * y + AXIS)
 
 
-def _depths(mirror: Mirror, distance: float, tangents: np.ndarray, x: np.ndarray, w: np.ndarray) -> np.ndarray:
-    """Pieces (4, n) of how far before the lens the mirror lies under tangents, found from pairs x and depth w."""
-    r = np.interp(tangents, x / w, x)
-    for _ in range(4):
-        sag, slope, _ = mirror.profile(r)
-        r = np.clip(r - (r - (distance + sag) * tangents) / (1 - slope * tangents), 0.0, mirror.rim_radius_mm)
-    sag, slope, _ = mirror.profile(r)
-    growth = slope * (distance + sag) / (1 - slope * tangents)
-    return cubic_pieces(distance + sag, growth * (tangents[1] - tangents[0]))
-
-
 # -- along a ray from the lens ------------------------------------------------------------------------
 
 
 def met_by(surface: SurfaceTable, start: Components, way: Components) -> Met:
     """Where rays from the lens, components of origins and directions in the mirror's frame, meet the mirror."""
     rim = surface.mirror.rim_radius_mm
+    if surface.depth is not None and serves(way[0]) and not surface.records(*start, *way):
+        return Met(*meetings(surface.tables, SEARCH, start, way, CLOSE))
     with torch.no_grad():
         t = _first_reach(surface, start, way)
         for _ in range(STEPS):
@@ -184,7 +169,7 @@ def _first_reach(surface: SurfaceTable, start: Components, way: Components) -> T
         sag = surface.pieces.at(surface.pieces.place(r * (1 / surface.cell_mm)), SAG)
         return (sag - start[2]) / way[2]
     tangent = torch.sqrt(way[0] * way[0] + way[1] * way[1]) / way[2]
-    position = (tangent * (CELLS / surface.most_tangent)).clamp(0, CELLS)
+    position = (tangent * (CELLS / surface.tables.most_tangent)).clamp(0, CELLS)
     return surface.depth.at(surface.depth.place(position)) / way[2]
 
 
@@ -194,8 +179,11 @@ def _first_reach(surface: SurfaceTable, start: Components, way: Components) -> T
 def seen_by(surface: SurfaceTable, pupil: Components, target: Components, telecentric: bool, distant: bool) -> Met:
     """Where the lens sees targets, components (n,) in the mirror's frame: points, or unit vectors if distant."""
     ends = (pupil, telecentric), (target, distant)
+    seen = reflections(surface.tables, SEARCH, *ends[0], *ends[1]) if serves(target[0]) else None
+    if seen and not bool(seen.is_open.any()) and not surface.records(*pupil, *target):
+        return Met(seen.points, seen.slopes, seen.valid)
     with torch.no_grad():
-        x, y, inverse = _found(surface, ends)
+        x, y, inverse = _found(surface, ends) if seen is None else _completed(surface, seen, ends)
     sag, (sx, sy) = surface.sag(x, y), surface.slopes(x, y)
     gx, gy = _gradient(x, y, (sag, sx, sy), ends)
     a, b, c = inverse
@@ -248,7 +236,19 @@ def _newton(surface: SurfaceTable, x: Tensor, y: Tensor, ends: Two) -> tuple[Ten
     return gx + sx * gz, gy + sy * gz, c / det, -b / det, a / det
 
 
-def _found(surface: SurfaceTable, ends: Two) -> tuple[Tensor, Tensor, tuple[Tensor, Tensor, Tensor]]:
+Found = tuple[Tensor, Tensor, tuple[Tensor, Tensor, Tensor]]
+
+
+def _completed(surface: SurfaceTable, seen: Reflections, ends: Two) -> Found:
+    """What kernels found, and NumPy where these did not settle."""
+    x, y, _ = seen.points
+    if not bool(seen.is_open.any()):
+        return x, y, seen.inverse
+    _settle(surface, x, y, ends, seen.is_open)
+    return _finite(surface, x, y, _newton(surface, x, y, ends)[2:])
+
+
+def _found(surface: SurfaceTable, ends: Two) -> Found:
     """Reflection points, and the inverse of the second derivatives there."""
     x, y = _first_place(surface, ends)
     rim = surface.mirror.rim_radius_mm
@@ -267,20 +267,25 @@ def _found(surface: SurfaceTable, ends: Two) -> tuple[Tensor, Tensor, tuple[Tens
     else:
         _settle(surface, x, y, ends, ~(size <= close))
         *_, a, b, c = _newton(surface, x, y, ends)
-    found = torch.isfinite(a + b + c)  # elsewhere gradients are 0, which what is not finite would spoil
-    a, b, c = (torch.where(found, part, 0.0) for part in (a, b, c))
-    return torch.where(found, x, rim / 2), torch.where(found, y, 0.0), (a, b, c)
+    return _finite(surface, x, y, (a, b, c))
+
+
+def _finite(surface: SurfaceTable, x: Tensor, y: Tensor, inverse: Components) -> Found:
+    """Something finite where there is nothing: gradients are 0 there, which what is not finite would spoil."""
+    found = torch.isfinite(sum(inverse))
+    a, b, c = (torch.where(found, part, 0.0) for part in inverse)
+    return torch.where(found, x, surface.mirror.rim_radius_mm / 2), torch.where(found, y, 0.0), (a, b, c)
 
 
 def _first_place(surface: SurfaceTable, ends: Two) -> tuple[Tensor, Tensor]:
     """Where the lens would see targets if the mirror were in line: what light does in their meridian."""
     ((_, _, pupil_z), telecentric), ((tx, ty, tz), distant) = ends
     across = torch.sqrt(tx * tx + ty * ty + AXIS)
-    omega = torch.atan2(across, (0.0 if distant else surface.middle_mm) - tz)
-    low, high = surface.omegas
+    omega = torch.atan2(across, (0.0 if distant else surface.tables.middle_mm) - tz)
+    low, high = surface.tables.omegas
     r = surface.by_omega.at(surface.by_omega.place(((omega - low) * (CELLS / (high - low))).clamp(0, CELLS)))
     rim = surface.mirror.rim_radius_mm
-    floor = 1e-3 * rim if surface.mirror.is_pointed else 0.0
+    floor = surface.tables.least_mm
     pupil = (0.0, 0.0, pupil_z), telecentric
     target = (across, 0.0, tz), distant
     if not distant:

@@ -1,0 +1,266 @@
+// The kernel of reflection.hpp. Compiled once per instruction set, so everything here has internal linkage.
+//
+// Rays go through in blocks: each step is a loop over all of a block without branches, which compilers vectorise, and a
+// block ends when the last of its rays has settled.
+#pragma once
+
+#include "lanes.hpp"
+#include "reflection.hpp"
+
+namespace omnimirror {
+namespace {
+
+constexpr int BLOCK = 64;
+constexpr double ON_AXIS = 1e-24;  // mm^2, added to squared distances from the axis
+constexpr double PI = 3.14159265358979323846;
+
+#define OMNIMIRROR_BLOCK(i)            \
+    for (int k = 0; k < BLOCK; k += LANE) \
+    OMNIMIRROR_LANES(i, k)
+
+struct Lanes {
+    double at[BLOCK];
+    double& operator[](int i) { return at[i]; }
+    double operator[](int i) const { return at[i]; }
+    double largest() const {
+        double parts[LANE] = {};
+        OMNIMIRROR_BLOCK(i) parts[i - k] = larger(at[i], parts[i - k]);
+        double most = parts[0];
+        for (double part : parts) most = larger(most, part);
+        return most;
+    }
+};
+
+// arctan(y / x) for y >= 0, from 0 to pi, to 1e-5: only where a search begins.
+inline double rough_angle(double y, double x) {
+    const double across = size_of(x), low = smaller(y, across), high = larger(y, across);
+    const double t = low / larger(high, 1e-300), s = t * t;
+    const double p = 0.99997726 + s * (-0.33262347 + s * (0.19354346 + s * (-0.11643287 + s * (0.05265332 - 0.01172120 * s))));
+    const double inner = t * p, first = y > across ? PI / 2 - inner : inner;
+    return x < 0 ? PI - first : first;
+}
+
+inline double clamped(double x, double low, double high) { return smaller(larger(x, low), high); }
+
+struct Cubic {
+    double value, rate;
+};
+
+// Of coefficients that begin there: named by the table and a number, which compilers gather.
+inline Cubic cubic(const double* table, int at, double t) {
+    const double b = table[at + 1], c = table[at + 2], d = table[at + 3];
+    return {table[at] + t * (b + t * (c + t * d)), b + t * (2 * c + t * (3 * d))};
+}
+
+struct Curve {
+    const double* pieces;
+    double last;
+
+    explicit Curve(const CubicPieces& table) : pieces(table.coefficients), last(table.pieces - 1.0) {}
+
+    double at(double position) const {
+        const int piece = static_cast<int>(clamped(position, 0.0, last));
+        return cubic(pieces, 4 * piece, position - piece).value;
+    }
+};
+
+struct Meridian {
+    double sag, slope, bend;
+};
+
+struct Profile {
+    const double* pieces;
+    double last, per_mm;
+
+    explicit Profile(const ReflectionSurface& s)
+        : pieces(s.meridian.coefficients), last(s.meridian.pieces - 1.0), per_mm(1 / s.cell) {}
+
+    Meridian at(double r) const {
+        const double position = r * per_mm;
+        const int piece = static_cast<int>(clamped(position, 0.0, last));
+        const double t = position - piece;
+        const Cubic slope = cubic(pieces, 8 * piece + 4, t);
+        return {cubic(pieces, 8 * piece, t).value, slope.value, slope.rate * per_mm};
+    }
+};
+
+// Unit vector from an end to a point, and one over the distance.
+struct Pull {
+    double x, y, z, near;
+};
+
+template <bool DISTANT>
+inline Pull pull(double x, double y, double z, double ex, double ey, double ez) {
+    if constexpr (DISTANT) return {-ex, -ey, -ez, 0.0};
+    const double dx = x - ex, dy = y - ey, dz = z - ez;
+    const double near = 1 / root_of(dx * dx + dy * dy + dz * dz);
+    return {dx * near, dy * near, dz * near, near};
+}
+
+struct Block {
+    Lanes x, y, z, sx, sy, a, b, c, size;
+};
+
+// In the meridian of each target: distances from the axis.
+template <bool TELECENTRIC, bool DISTANT>
+void begin(const SeenJob& job, const Lanes* target, Block& block) {
+    const ReflectionSurface& s = job.surface;
+    const Profile profile(s);
+    const Curve by_omega(job.by_omega);
+    const double first_omega = job.omegas[0], angles = job.by_omega.pieces, least = s.least;
+    const double breadth = job.omegas[1] - job.omegas[0], per_omega = breadth > 0 ? angles / breadth : 0.0;  // a cone's: 0
+    const double middle = DISTANT ? 0.0 : job.middle;
+    const double longest = job.search.longest * s.rim, farthest = job.search.reach * s.rim, pupil = s.pupil[2];
+    Lanes across, r;
+    OMNIMIRROR_BLOCK(i) {
+        across[i] = root_of(target[0][i] * target[0][i] + target[1][i] * target[1][i] + ON_AXIS);
+        const double omega = rough_angle(across[i], middle - target[2][i]);
+        r[i] = by_omega.at(clamped((omega - first_omega) * per_omega, 0.0, angles));
+    }
+    for (int step = 0; step < job.search.first_steps; ++step) {
+        OMNIMIRROR_BLOCK(i) {
+            const Meridian m = profile.at(r[i]);
+            const Pull p = pull<TELECENTRIC>(r[i], 0.0, m.sag, 0.0, 0.0, pupil);
+            const Pull t = pull<DISTANT>(r[i], 0.0, m.sag, across[i], 0.0, target[2][i]);
+            const double by_p = p.x + m.slope * p.z, by_t = t.x + m.slope * t.z, steep = 1 + m.slope * m.slope;
+            const double bend = (steep - by_p * by_p) * p.near + (steep - by_t * by_t) * t.near + (p.z + t.z) * m.bend;
+            const double move = clamped((by_p + by_t) / bend, -longest, longest);
+            r[i] = clamped(r[i] - move, least, farthest);
+            block.size[i] = size_of(move);
+        }
+        if (!(block.size.largest() > job.search.first_close * s.rim)) break;
+    }
+    OMNIMIRROR_BLOCK(i) {
+        const double share = larger(r[i], least) / across[i];
+        block.x[i] = share * target[0][i], block.y[i] = share * target[1][i];
+    }
+}
+
+// Steps that are too long are shortened, and what would leave the surface stays at its end: seldom, so in a loop of its own.
+inline void hold_back(Block& block, const Lanes& x, const Lanes& y, double longest, double farthest) {
+    OMNIMIRROR_BLOCK(i) {
+        const double size = root_of(block.size[i]), part = size > longest ? longest / size : 1.0;
+        const double nx = x[i] + part * (block.x[i] - x[i]), ny = y[i] + part * (block.y[i] - y[i]);
+        const double out = root_of(nx * nx + ny * ny + ON_AXIS), back = out > farthest ? farthest / out : 1.0;
+        block.x[i] = nx * back, block.y[i] = ny * back;
+    }
+}
+
+// One step of Newton's rule for all; sizes are squares of its lengths.
+template <bool TELECENTRIC, bool DISTANT>
+void improve(const SeenJob& job, const Lanes* target, Block& block) {
+    const ReflectionSurface& s = job.surface;
+    const Profile profile(s);
+    const double longest = job.search.longest * s.rim, farthest = job.search.reach * s.rim;
+    const double px = s.pupil[0], py = s.pupil[1], pz = s.pupil[2];
+    const Lanes before_x = block.x, before_y = block.y;
+    Lanes far;
+    OMNIMIRROR_BLOCK(i) {
+        const double x = block.x[i], y = block.y[i], r = root_of(x * x + y * y + ON_AXIS), over = 1 / r;
+        const Meridian m = profile.at(r);
+        const double hoop = m.slope * over, cos = x * over, sin = y * over, sx = m.slope * cos, sy = m.slope * sin;
+        const double across = (m.bend - hoop) * cos, along = (m.bend - hoop) * sin;
+        const Pull p = pull<TELECENTRIC>(x, y, m.sag, px, py, pz);
+        const Pull t = pull<DISTANT>(x, y, m.sag, target[0][i], target[1][i], target[2][i]);
+        const double ux = p.x + sx * p.z, uy = p.y + sy * p.z, vx = t.x + sx * t.z, vy = t.y + sy * t.z, gz = p.z + t.z;
+        const double gx = ux + vx, gy = uy + vy;
+        const double a = (1 + sx * sx - ux * ux) * p.near + (1 + sx * sx - vx * vx) * t.near + gz * (hoop + across * cos);
+        const double b = (sx * sy - ux * uy) * p.near + (sx * sy - vx * vy) * t.near + gz * across * sin;
+        const double c = (1 + sy * sy - uy * uy) * p.near + (1 + sy * sy - vy * vy) * t.near + gz * (hoop + along * sin);
+        const double det = 1 / (a * c - b * b), ia = c * det, ib = -b * det, ic = a * det;
+        const double dx = ia * gx + ib * gy, dy = ib * gx + ic * gy, nx = x - dx, ny = y - dy;
+        block.x[i] = nx, block.y[i] = ny, block.size[i] = dx * dx + dy * dy;
+        far[i] = nx * nx + ny * ny;
+        block.a[i] = ia, block.b[i] = ib, block.c[i] = ic;
+    }
+    if (!(block.size.largest() <= longest * longest) | !(far.largest() <= farthest * farthest))
+        hold_back(block, before_x, before_y, longest, farthest);
+}
+
+template <bool TELECENTRIC, bool DISTANT>
+void find_block(const SeenJob& job, long first, int count) {
+    const ReflectionSurface& s = job.surface;
+    const Profile profile(s);
+    Lanes target[3];
+    for (int axis = 0; axis < 3; ++axis)  // beyond the last target it is repeated
+        for (int i = 0; i < BLOCK; ++i) target[axis][i] = job.targets[axis][first + (i < count ? i : count - 1)];
+    Block block;
+    begin<TELECENTRIC, DISTANT>(job, target, block);
+    const double rim = s.rim * (1 + job.search.rim_slack), close = job.search.close * s.rim;
+    for (int step = 0; step < job.search.steps; ++step) {
+        improve<TELECENTRIC, DISTANT>(job, target, block);
+        if (!(block.size.largest() > close * close)) break;
+    }
+    const double px = s.pupil[0], py = s.pupil[1], pz = s.pupil[2];
+    Lanes state;
+    OMNIMIRROR_BLOCK(i) {
+        const double x = block.x[i], y = block.y[i];
+        const double r = root_of(x * x + y * y + ON_AXIS);
+        const Meridian m = profile.at(r);
+        const double tilt = m.slope / r;
+        block.z[i] = m.sag;
+        const Pull p = pull<TELECENTRIC>(x, y, m.sag, px, py, pz);
+        const Pull t = pull<DISTANT>(x, y, m.sag, target[0][i], target[1][i], target[2][i]);
+        const double sx = tilt * x, sy = tilt * y;
+        const double facing = smaller(p.z - sx * p.x - sy * p.y, t.z - sx * t.x - sy * t.y);
+        const double seen = ((facing > 0) & (x * x + y * y <= rim * rim)) ? 1.0 : 0.0;
+        block.sx[i] = sx, block.sy[i] = sy;
+        state[i] = block.size[i] <= close * close ? seen : 2.0;  // as of what is no number
+    }
+    const Lanes* const rows[SEEN_ROWS] = {&block.x, &block.y, &block.z, &block.sx, &block.sy, &block.a, &block.b, &block.c};
+    for (int row = 0; row < SEEN_ROWS; ++row)
+        for (int i = 0; i < count; ++i) job.rows[row][first + i] = (*rows[row])[i];
+    for (int i = 0; i < count; ++i) job.states[first + i] = static_cast<std::uint8_t>(state[i]);
+}
+
+void meet_block(const MetJob& job, long first, int count) {
+    const ReflectionSurface& s = job.surface;
+    const Profile profile(s);
+    Lanes way[3], t, size, closing, x, y, z, sx, sy, state;
+    for (int axis = 0; axis < 3; ++axis)
+        for (int i = 0; i < BLOCK; ++i) way[axis][i] = job.ways[axis][first + (i < count ? i : count - 1)];
+    const Curve depth(job.depth);
+    const double tangents = job.depth.pieces, per_tangent = tangents / job.most_tangent;
+    const double px = s.pupil[0], py = s.pupil[1], pz = s.pupil[2];
+    OMNIMIRROR_BLOCK(i) {
+        const double tangent = root_of(way[0][i] * way[0][i] + way[1][i] * way[1][i]) / way[2][i];
+        t[i] = depth.at(clamped(tangent * per_tangent, 0.0, tangents)) / way[2][i];
+    }
+    for (int step = 0; step < job.search.steps; ++step) {
+        OMNIMIRROR_BLOCK(i) {
+            x[i] = px + t[i] * way[0][i], y[i] = py + t[i] * way[1][i], z[i] = pz + t[i] * way[2][i];
+            const double r = root_of(x[i] * x[i] + y[i] * y[i] + ON_AXIS);
+            const Meridian m = profile.at(r);
+            const double tilt = m.slope / r;
+            sx[i] = tilt * x[i], sy[i] = tilt * y[i];
+            closing[i] = way[2][i] - sx[i] * way[0][i] - sy[i] * way[1][i];
+            const double move = (z[i] - m.sag) / closing[i];
+            t[i] -= move, size[i] = size_of(move);
+        }
+        if (!(size.largest() > job.search.close * s.rim)) break;
+    }
+    const double rim = s.rim * (1 + job.search.rim_slack), close = job.search.close * s.rim;
+    OMNIMIRROR_BLOCK(i) {
+        x[i] = px + t[i] * way[0][i], y[i] = py + t[i] * way[1][i], z[i] = pz + t[i] * way[2][i];
+        const double ahead = smaller(closing[i], t[i]), square = x[i] * x[i] + y[i] * y[i];
+        state[i] = ((size[i] <= close) & (ahead > 0) & (square <= rim * rim)) ? 1.0 : 0.0;
+    }
+    const Lanes* const rows[MET_ROWS] = {&x, &y, &z, &sx, &sy, &t};
+    for (int row = 0; row < MET_ROWS; ++row)
+        for (int i = 0; i < count; ++i) job.rows[row][first + i] = (*rows[row])[i];
+    for (int i = 0; i < count; ++i) job.states[first + i] = static_cast<std::uint8_t>(state[i]);
+}
+
+void find_some(const SeenJob& job, long first, int count) {
+    using Find = void (*)(const SeenJob&, long, int);
+    constexpr Find finds[2][2] = {{find_block<false, false>, find_block<false, true>}, {find_block<true, false>, find_block<true, true>}};
+    const Find find = finds[job.surface.telecentric][job.distant];
+    for (int at = 0; at < count; at += BLOCK) find(job, first + at, count - at < BLOCK ? count - at : BLOCK);
+}
+
+void meet_some(const MetJob& job, long first, int count) {
+    for (int at = 0; at < count; at += BLOCK) meet_block(job, first + at, count - at < BLOCK ? count - at : BLOCK);
+}
+
+}  // namespace
+}  // namespace omnimirror

@@ -1,0 +1,79 @@
+// The part of omnimirror._native that omnimirror.torch.reflection calls.
+
+#include <nanobind/stl/tuple.h>
+
+#include <cmath>
+#include <tuple>
+
+#include "bindings.hpp"
+#include "reflection.hpp"
+
+namespace omnimirror {
+namespace {
+
+using Surface = std::tuple<Doubles, double, double, double, double, double, double, bool>;
+using Search = std::tuple<int, int, double, double, double, double, double>;
+
+CubicPieces pieces_of(const Doubles& table, size_t columns) {
+    require(table.ndim() == 2 && table.shape(0) > 0 && table.shape(1) == columns, "tables are (pieces, 4), a meridian's (pieces, 8)");
+    return {table.data(), count_of(table.shape(0))};
+}
+
+ReflectionSurface surface_of(const Surface& said) {
+    const auto& [meridian, cell, rim, least, x, y, z, telecentric] = said;
+    require(cell > 0 && rim > 0 && least >= 0, "a cell and a rim are above 0, the least distance is not below");
+    return {pieces_of(meridian, 8), cell, rim, least, {x, y, z}, telecentric};
+}
+
+ReflectionSearch search_of(const Search& said) {
+    const auto& [steps, first_steps, close, first_close, longest, reach, rim_slack] = said;
+    require(steps > 0 && first_steps >= 0 && close > 0, "there is one step at least, and close is above 0");
+    return {steps, first_steps, close, first_close, longest, reach, rim_slack};
+}
+
+// Rows (k, n), each as long as the arrays that they go with.
+template <class Job>
+void set_rows(Job& job, const DoublesOut& rows, const BytesOut& states, size_t count, size_t wanted) {
+    require(rows.ndim() == 2 && rows.shape(0) == wanted && rows.shape(1) == count, "rows are as long as what is asked");
+    require(states.ndim() == 1 && states.shape(0) == count, "states are as many as what is asked");
+    for (size_t row = 0; row < wanted; ++row) job.rows[row] = rows.data() + row * count;
+    job.states = states.data();
+    job.count = count_of(count);
+}
+
+void set_asked(const double* (&parts)[3], const Doubles& asked) {
+    require(asked.ndim() == 2 && asked.shape(0) == 3, "targets and ways are (3, n)");
+    for (size_t axis = 0; axis < 3; ++axis) parts[axis] = asked.data() + axis * asked.shape(1);
+}
+
+void seen(const Surface& surface, const Search& search, const Doubles& by_omega, std::tuple<double, double> omegas,
+          double middle, bool distant, const Doubles& targets, const DoublesOut& rows, const BytesOut& states) {
+    const auto [low, high] = omegas;
+    require(high >= low, "field angles do not fall");
+    SeenJob job{surface_of(surface), search_of(search), pieces_of(by_omega, 4), {low, high}, middle, distant, {}, 0, {}, nullptr};
+    set_asked(job.targets, targets);
+    set_rows(job, rows, states, targets.shape(1), SEEN_ROWS);
+    nb::gil_scoped_release released;
+    find_reflections(job);
+}
+
+void met(const Surface& surface, const Search& search, const Doubles& depth, double most_tangent, const Doubles& ways,
+         const DoublesOut& rows, const BytesOut& states) {
+    require(most_tangent > 0, "the steepest ray has a tangent above 0");
+    MetJob job{surface_of(surface), search_of(search), pieces_of(depth, 4), most_tangent, {}, 0, {}, nullptr};
+    require(!job.surface.telecentric, "rays of a telecentric lens do not start at a pupil");
+    set_asked(job.ways, ways);
+    set_rows(job, rows, states, ways.shape(1), MET_ROWS);
+    nb::gil_scoped_release released;
+    meet_mirror(job);
+}
+
+}  // namespace
+
+void add_reflection(nb::module_& m) {
+    m.def("find_reflections", &seen, "surface"_a, "search"_a, "by_omega"_a, "omegas"_a, "middle"_a, "distant"_a, "targets"_a,
+          "rows"_a, "states"_a);
+    m.def("meet_mirror", &met, "surface"_a, "search"_a, "depth"_a, "most_tangent"_a, "ways"_a, "rows"_a, "states"_a);
+}
+
+}  // namespace omnimirror

@@ -1,0 +1,112 @@
+"""Reflection points by compiled kernels: of tensors that a processor holds, where the package was compiled.
+
+They search as :mod:`omnimirror.torch.reflection` does, by the same tables, in double precision whatever the tensors
+are. What they find carries no gradient; the step that records one is taken there.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..native import backend
+from ..tracing.reflection import LONGEST_STEP, RIM_SLACK
+from .library import Tensor, torch
+from .tables import Tables
+
+Array = NDArray[np.float64]
+
+SETTLED = 1e-7  # of the rim radius: the step after it is as small as its square
+NOT_SEEN, SEEN, NOT_SETTLED = 0, 1, 2
+
+
+class Search(NamedTuple):
+    """How long is searched: steps of Newton's rule, and of it in the meridian, what ends these, how far out."""
+
+    steps: int
+    first_steps: int
+    first_close: float
+    reach: float
+
+    def until(self, close: float, aside: float = 0.0) -> tuple[float, ...]:
+        """As kernels take it; in the meridian no closer than a lens that is seen aside of the axis leaves it."""
+        return (self.steps, self.first_steps, close, max(self.first_close, aside), LONGEST_STEP, self.reach, RIM_SLACK)
+
+
+def serves(like: Tensor) -> bool:
+    """Whether kernels take such tensors.
+
+    >>> serves(torch.zeros(3)) == backend.is_compiled
+    True
+    """
+    return backend.is_compiled and like.device.type == "cpu"
+
+
+class Reflections(NamedTuple):
+    """Where targets are seen."""
+
+    points: tuple[Tensor, Tensor, Tensor]
+    slopes: tuple[Tensor, Tensor]
+    inverse: tuple[Tensor, Tensor, Tensor]
+    """(xx, xy, yy) of the inverse of the way's second derivatives."""
+    valid: Tensor
+    is_open: Tensor
+    """Not settled: whether there is a reflection has to be found out otherwise."""
+
+
+def reflections(
+    tables: Tables,
+    search: Search,
+    pupil: tuple[Tensor, ...],
+    telecentric: bool,
+    target: tuple[Tensor, ...],
+    distant: bool,
+) -> Reflections:
+    """Where the lens sees targets, components (n,) in the mirror's frame: points, or unit vectors if distant."""
+    asked = _columns(target)
+    rows, states = np.empty((8, asked.shape[1])), np.empty(asked.shape[1], np.uint8)
+    surface = tables.surface(pupil, telecentric)
+    x, y, z = surface[4:7]
+    until = search.until(SETTLED, float(np.hypot(x, y)) / abs(z))
+    backend.kernels.find_reflections(
+        surface, until, tables.by_omega, tables.omegas, tables.middle_mm, distant, asked, rows, states
+    )
+    x, y, z, sx, sy, a, b, c = _tensors(rows, target[0])
+    state = torch.from_numpy(states)
+    return Reflections((x, y, z), (sx, sy), (a, b, c), state == SEEN, state == NOT_SETTLED)
+
+
+class Meetings(NamedTuple):
+    """Where rays meet the mirror."""
+
+    points: tuple[Tensor, Tensor, Tensor]
+    slopes: tuple[Tensor, Tensor]
+    valid: Tensor
+
+
+def meetings(
+    tables: Tables, search: Search, pupil: tuple[Tensor, ...], way: tuple[Tensor, ...], close: float
+) -> Meetings:
+    """Where rays from the pupil meet the mirror, components (n,) of their ways in its frame."""
+    assert tables.depth is not None  # of a telecentric lens rays do not come from a pupil
+    asked = _columns(way)
+    rows, states = np.empty((6, asked.shape[1])), np.empty(asked.shape[1], np.uint8)
+    surface = tables.surface(pupil, False)
+    backend.kernels.meet_mirror(surface, search.until(close), tables.depth, tables.most_tangent, asked, rows, states)
+    x, y, z, sx, sy, _ = _tensors(rows, way[0])
+    return Meetings((x, y, z), (sx, sy), torch.from_numpy(states) == SEEN)
+
+
+def _columns(parts: tuple[Tensor, ...]) -> Array:
+    """Components, of which some may be numbers that all share, as an array (3, n)."""
+    columns = np.empty((3, len(parts[0])))
+    for column, part in zip(columns, parts, strict=True):
+        column[:] = part.detach().numpy() if isinstance(part, torch.Tensor) else part
+    return columns
+
+
+def _tensors(rows: Array, like: Tensor) -> tuple[Tensor, ...]:
+    """Rows as tensors of the same type."""
+    return tuple(torch.from_numpy(rows).to(like.dtype).unbind(0))
